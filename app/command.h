@@ -1,0 +1,57 @@
+#pragma once
+#include <CLI/CLI.hpp>
+#include <nlohmann/json.hpp>
+
+#include <atomic>
+#include <functional>
+#include <map>
+#include <string>
+
+#include "base/progress.h"
+#include "image/layers.h"
+
+namespace brume::app {
+
+/// Set by Ctrl-C; every long computation looks at it.
+extern std::atomic<bool> interrupted;
+
+/// Options that every command has.
+struct Common {
+  int threads = 0;
+  bool quiet = false;
+  std::string progress = "auto";  ///< auto, bar, lines, json, none
+  bool json = false;
+};
+
+enum ExitStatus { kDone = 0, kThresholdFailed = 1, kBadInput = 2, kInterrupted = 3 };
+
+/// A verb: its subcommand on the command line, and what it does once parsed.
+using Commands = std::map<const CLI::App*, std::function<int()>>;
+
+void add_info(CLI::App& app, Common& common, Commands& commands);
+void add_generate(CLI::App& app, Common& common, Commands& commands);
+void add_render(CLI::App& app, Common& common, Commands& commands);
+void add_denoise(CLI::App& app, Common& common, Commands& commands);
+void add_compare(CLI::App& app, Common& common, Commands& commands);
+void add_evaluate(CLI::App& app, Common& common, Commands& commands);
+void add_filters(CLI::App& app, Common& common, Commands& commands);
+void add_docs(CLI::App& app, Common& common, Commands& commands);
+
+/// Adds a verb with the options that every command has.
+CLI::App* add_command(CLI::App& app, Common& common, const std::string& name, const std::string& description);
+
+/// A task on the chosen threads that reports to the terminal and stops at Ctrl-C.
+Task make_task(const Common& common, const std::string& label);
+
+/// To stderr, unless --quiet.
+void log(const Common& common, const std::string& text);
+/// To stderr, always.
+void warn(const std::string& text);
+/// To stdout.
+void print(const std::string& text);
+
+/// Software, version, commit.
+void stamp(Layers& layers);
+std::string version_text();
+
+}  // namespace brume::app

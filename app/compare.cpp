@@ -1,0 +1,4 @@
+#include "app/command.h"
+namespace brume::app {
+void add_compare(CLI::App&, Common&, Commands&) {}
+}

@@ -1,0 +1,78 @@
+#include <fmt/format.h>
+
+#include <csignal>
+#include <iostream>
+
+#include "app/command.h"
+#include "base/error.h"
+#include "base/text.h"
+#include "commit.h"
+
+namespace brume::app {
+
+std::string version_text() { return fmt::format("brume {} ({})", BRUME_VERSION, BRUME_COMMIT); }
+
+void stamp(Layers& layers) {
+  layers.header["software"] = std::string("brume");
+  layers.header["version"] = std::string(BRUME_VERSION);
+  layers.header["commit"] = std::string(BRUME_COMMIT);
+}
+
+namespace {
+
+// The first Ctrl-C asks for an orderly end, the second is the system's.
+void on_interrupt(int) {
+  interrupted = true;
+  std::signal(SIGINT, SIG_DFL);
+}
+
+int parse_error(const CLI::App& app, const CLI::ParseError& error, int argc, char** argv) {
+  if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
+  std::string message = error.what();
+  std::vector<std::string> verbs;
+  for (const CLI::App* command : app.get_subcommands({})) verbs.push_back(command->get_name());
+  if (argc > 1 && app.get_subcommands().empty() && argv[1][0] != '-') message = fmt::format("no command '{}'{}", argv[1], suggestion(argv[1], verbs));
+  warn(message + "\nRun with --help for what there is.");
+  return kBadInput;
+}
+
+int run(int argc, char** argv) {
+  CLI::App app("Renders OpenVDB smoke and clouds without bias, and removes Monte Carlo noise from media passes.", "brume");
+  app.set_version_flag("--version", version_text());
+  app.require_subcommand(1);
+  app.get_formatter()->column_width(36);
+  Common common;
+  Commands commands;
+  add_info(app, common, commands);
+  add_generate(app, common, commands);
+  add_render(app, common, commands);
+  add_denoise(app, common, commands);
+  add_compare(app, common, commands);
+  add_evaluate(app, common, commands);
+  add_filters(app, common, commands);
+  add_docs(app, common, commands);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return parse_error(app, error, argc, argv);
+  }
+  std::signal(SIGINT, on_interrupt);
+  std::signal(SIGTERM, on_interrupt);
+  try {
+    return commands.at(app.get_subcommands().front())();
+  } catch (const InputError& error) {
+    warn(error.what());
+    return kBadInput;
+  } catch (const Interrupted&) {
+    warn("interrupted; nothing was written");
+    return kInterrupted;
+  } catch (const std::bad_alloc&) {
+    warn("not enough memory for this; try a smaller picture or volume");
+    return kBadInput;
+  }
+}
+
+}  // namespace
+}  // namespace brume::app
+
+int main(int argc, char** argv) { return brume::app::run(argc, argv); }

@@ -1,0 +1,49 @@
+#include "base/output_file.h"
+
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+#include <fstream>
+
+#include "base/error.h"
+
+namespace brume {
+namespace fs = std::filesystem;
+
+void check_writable(const fs::path& path) {
+  const fs::path folder = path.parent_path().empty() ? fs::path(".") : path.parent_path();
+  std::error_code ignored;
+  if (path.filename().empty() || fs::is_directory(path, ignored))
+    throw InputError(fmt::format("{}: is a folder, expected the name of a file to write", path.string()));
+  if (!fs::is_directory(folder, ignored))
+    throw InputError(fmt::format("{}: cannot be written: there is no folder {}", path.string(), folder.string()));
+  if (access(folder.c_str(), W_OK) != 0)
+    throw InputError(fmt::format("{}: cannot be written: {}: {}", path.string(), folder.string(), std::strerror(errno)));
+}
+
+OutputFile::OutputFile(fs::path path) : path_(std::move(path)), part_(path_.string() + ".part") { check_writable(path_); }
+
+OutputFile::~OutputFile() {
+  std::error_code ignored;
+  if (!committed_) fs::remove(part_, ignored);
+}
+
+void OutputFile::commit() {
+  std::error_code error;
+  fs::rename(part_, path_, error);
+  if (error) throw InputError(fmt::format("{}: cannot be written: {}", path_.string(), error.message()));
+  committed_ = true;
+}
+
+void write_text(const fs::path& path, std::string_view text) {
+  OutputFile file(path);
+  std::ofstream stream(file.part(), std::ios::binary);
+  stream.write(text.data(), static_cast<std::streamsize>(text.size()));
+  stream.close();
+  if (!stream) throw InputError(fmt::format("{}: cannot be written: {}", path.string(), std::strerror(errno)));
+  file.commit();
+}
+
+}  // namespace brume

@@ -1,0 +1,33 @@
+#pragma once
+#include <filesystem>
+#include <string>
+#include <string_view>
+
+namespace brume {
+
+/// A file that appears whole or not at all: written under `PATH.part`, renamed by commit(), removed if that never comes.
+class OutputFile {
+ public:
+  /// @throws InputError when the folder is missing or cannot be written to
+  explicit OutputFile(std::filesystem::path path);
+  ~OutputFile();
+  OutputFile(const OutputFile&) = delete;
+  OutputFile& operator=(const OutputFile&) = delete;
+
+  /// Where to write until commit().
+  const std::filesystem::path& part() const { return part_; }
+  /// @throws InputError when the rename fails
+  void commit();
+
+ private:
+  std::filesystem::path path_, part_;
+  bool committed_ = false;
+};
+
+/// Writes a whole text file atomically. @throws InputError
+void write_text(const std::filesystem::path& path, std::string_view text);
+
+/// Throws the error that OutputFile would, before hours of work are spent on what cannot be written.
+void check_writable(const std::filesystem::path& path);
+
+}  // namespace brume

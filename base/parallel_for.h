@@ -1,0 +1,41 @@
+#pragma once
+#include <tbb/parallel_for.h>
+#include <tbb/task_arena.h>
+
+#include <atomic>
+#include <mutex>
+
+#include "base/progress.h"
+
+namespace brume {
+
+/// Calls body(i) for i in [0, count), each once, on the task's threads, reporting progress and stopping when cancelled.
+/// The bodies must not depend on one another: then the result does not depend on the number of threads.
+/// @throws Interrupted when the task was cancelled; whatever a body throws, once
+template <class Body>
+void parallel_for(int count, const Task& task, const Body& body) {
+  std::atomic<int> done{0};
+  std::mutex reporting;
+  int reported = 0;
+  const auto one = [&](int i) {
+    if (task.cancelled()) return;
+    body(i);
+    const int finished = ++done;
+    if (!task.progress) return;
+    const std::unique_lock lock(reporting, std::try_to_lock);
+    if (lock && finished > reported) {
+      reported = finished;
+      task.report(static_cast<double>(finished) / count);
+    }
+  };
+  if (task.threads == 1) {
+    for (int i = 0; i < count; ++i) one(i);
+  } else {
+    tbb::task_arena arena(task.threads > 0 ? task.threads : tbb::task_arena::automatic);
+    arena.execute([&] { tbb::parallel_for(0, count, one); });
+  }
+  task.check();
+  if (count > 0 && reported < count) task.report(1.0);
+}
+
+}  // namespace brume

@@ -1,0 +1,18 @@
+#pragma once
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace brume {
+
+/// The candidate that is fewest edits away from `word`; empty when none is close enough to be meant.
+std::string nearest_name(std::string_view word, std::span<const std::string> candidates);
+
+/// "; did you mean X? Known: A, B, C", for the end of an error message.
+std::string suggestion(std::string_view word, std::span<const std::string> candidates);
+
+std::string join(std::span<const std::string> words, std::string_view separator = ", ");
+std::vector<std::string> split(std::string_view text, char separator);
+
+}  // namespace brume

@@ -1,0 +1,43 @@
+# Every library brume uses, each with the Debian package that brings it. A missing one stops the configuration with the
+# command that installs it.
+
+function(brume_missing library package)
+  message(FATAL_ERROR "brume needs ${library}, which was not found. Install it with: apt-get install ${package}")
+endfunction()
+
+macro(brume_package name package)
+  find_package(${name} CONFIG QUIET)
+  if(NOT ${name}_FOUND)
+    brume_missing(${name} ${package})
+  endif()
+endmacro()
+
+brume_package(TBB libtbb-dev)
+brume_package(OpenEXR libopenexr-dev)
+brume_package(glm libglm-dev)
+brume_package(hwy libhwy-dev)
+brume_package(toml11 libtoml11-dev)
+brume_package(CLI11 libcli11-dev)
+brume_package(fmt libfmt-dev)
+brume_package(nlohmann_json nlohmann-json3-dev)
+if(BRUME_TESTS)
+  brume_package(GTest libgtest-dev)
+endif()
+if(BRUME_BENCH)
+  brume_package(benchmark libbenchmark-dev)
+endif()
+
+find_path(STB_INCLUDE_DIR stb_image.h PATH_SUFFIXES stb)
+if(NOT STB_INCLUDE_DIR)
+  brume_missing(stb libstb-dev)
+endif()
+
+# Debian's FindOpenVDB pulls in every optional component; the loader needs the library and its headers only.
+find_path(OPENVDB_INCLUDE_DIR openvdb/openvdb.h)
+find_library(OPENVDB_LIBRARY openvdb)
+if(NOT OPENVDB_INCLUDE_DIR OR NOT OPENVDB_LIBRARY)
+  brume_missing(OpenVDB "libopenvdb-dev libblosc-dev")
+endif()
+add_library(brume_openvdb INTERFACE)
+target_include_directories(brume_openvdb SYSTEM INTERFACE ${OPENVDB_INCLUDE_DIR})
+target_link_libraries(brume_openvdb INTERFACE ${OPENVDB_LIBRARY} TBB::tbb)

@@ -1,0 +1,31 @@
+# One static library per folder, built with warnings as errors.
+
+set(CMAKE_CXX_STANDARD 20)
+set(CMAKE_CXX_STANDARD_REQUIRED ON)
+set(CMAKE_CXX_EXTENSIONS OFF)
+set(CMAKE_CXX_FLAGS_RELEASE "-O3")
+
+add_library(brume_options INTERFACE)
+target_include_directories(brume_options INTERFACE ${PROJECT_SOURCE_DIR})
+target_compile_options(brume_options INTERFACE -Wall -Wextra -Wpedantic -Wshadow -Wconversion -Wno-sign-conversion -Werror
+  # GCC 12 sees overlapping copies in its own std::string.
+  $<$<CXX_COMPILER_ID:GNU>:-Wno-restrict>
+  # Errors of math functions are read from their results, never from errno; NaN and infinity keep their meaning.
+  -fno-math-errno
+  # The same bits on every machine of one build: no contraction behind the code's back.
+  -ffp-contract=off)
+if(BRUME_SANITIZE)
+  target_compile_options(brume_options INTERFACE -fsanitize=${BRUME_SANITIZE} -fno-omit-frame-pointer -fno-sanitize-recover=undefined)
+  target_link_options(brume_options INTERFACE -fsanitize=${BRUME_SANITIZE})
+endif()
+
+function(brume_library name)
+  cmake_parse_arguments(ARG "OBJECT" "" "SOURCES;LINK;PRIVATE_LINK" ${ARGN})
+  if(ARG_OBJECT)
+    add_library(brume_${name} OBJECT ${ARG_SOURCES})
+  else()
+    add_library(brume_${name} STATIC ${ARG_SOURCES})
+  endif()
+  target_link_libraries(brume_${name} PUBLIC ${ARG_LINK} PRIVATE brume_options ${ARG_PRIVATE_LINK})
+  target_include_directories(brume_${name} PUBLIC ${PROJECT_SOURCE_DIR})
+endfunction()

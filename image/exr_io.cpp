@@ -1,0 +1,177 @@
+#include "image/exr_io.h"
+
+#include <ImfChannelList.h>
+#include <ImfCompression.h>
+#include <ImfFloatAttribute.h>
+#include <ImfFrameBuffer.h>
+#include <ImfHeader.h>
+#include <ImfInputPart.h>
+#include <ImfIntAttribute.h>
+#include <ImfMatrixAttribute.h>
+#include <ImfMultiPartInputFile.h>
+#include <ImfOutputFile.h>
+#include <ImfPartType.h>
+#include <ImfStringAttribute.h>
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include "base/error.h"
+#include "base/output_file.h"
+
+namespace brume {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Written by the library itself or describing the pixels' packing: not ours to copy.
+bool is_structural(const std::string& name) {
+  static const char* const names[] = {"channels", "compression", "dataWindow", "displayWindow", "lineOrder", "type",
+                                      "pixelAspectRatio", "screenWindowCenter", "screenWindowWidth", "tiles", "chunkCount"};
+  return std::any_of(std::begin(names), std::end(names), [&](const char* n) { return name == n; });
+}
+
+std::map<std::string, Attribute> attributes(const Imf::Header& header) {
+  std::map<std::string, Attribute> result;
+  for (auto it = header.begin(); it != header.end(); ++it) {
+    const std::string name = it.name();
+    if (is_structural(name)) continue;
+    const Imf::Attribute& attribute = it.attribute();
+    if (const auto* s = dynamic_cast<const Imf::StringAttribute*>(&attribute)) result[name] = s->value();
+    if (const auto* i = dynamic_cast<const Imf::IntAttribute*>(&attribute)) result[name] = i->value();
+    if (const auto* f = dynamic_cast<const Imf::FloatAttribute*>(&attribute)) result[name] = f->value();
+    if (const auto* m = dynamic_cast<const Imf::M44fAttribute*>(&attribute)) {
+      std::array<float, 16> values;
+      for (size_t i = 0; i < 16; ++i) values[i] = m->value()[static_cast<int>(i / 4)][i % 4];
+      result[name] = values;
+    }
+  }
+  return result;
+}
+
+void insert_attribute(Imf::Header& header, const std::string& name, const Attribute& value) {
+  if (const auto* s = std::get_if<std::string>(&value)) header.insert(name, Imf::StringAttribute(*s));
+  if (const auto* i = std::get_if<int>(&value)) header.insert(name, Imf::IntAttribute(*i));
+  if (const auto* f = std::get_if<float>(&value)) header.insert(name, Imf::FloatAttribute(*f));
+  if (const auto* m = std::get_if<std::array<float, 16>>(&value)) {
+    Imath::M44f matrix;
+    for (size_t k = 0; k < 16; ++k) matrix[static_cast<int>(k / 4)][k % 4] = (*m)[k];
+    header.insert(name, Imf::M44fAttribute(matrix));
+  }
+}
+
+const char* pixel_type_name(Imf::PixelType type) {
+  return type == Imf::HALF ? "half" : type == Imf::FLOAT ? "float" : "uint";
+}
+
+const char* compression_name(Imf::Compression c) {
+  static const char* const names[] = {"none", "RLE", "ZIPS", "ZIP", "PIZ", "PXR24", "B44", "B44A", "DWAA", "DWAB"};
+  return c >= 0 && c < Imf::NUM_COMPRESSION_METHODS ? names[c] : "unknown";
+}
+
+Imf::MultiPartInputFile open(const fs::path& path) {
+  std::error_code ignored;
+  if (!fs::exists(path, ignored)) throw InputError(fmt::format("{}: no such file", path.string()));
+  if (fs::is_directory(path, ignored)) throw InputError(fmt::format("{}: is a folder, expected an OpenEXR file", path.string()));
+  try {
+    return Imf::MultiPartInputFile(path.c_str());
+  } catch (const std::exception& error) {
+    throw InputError(fmt::format("{}: not a readable OpenEXR file: {}", path.string(), error.what()));
+  }
+}
+
+std::string prefixed(const Imf::MultiPartInputFile& file, int part, const std::string& channel) {
+  const Imf::Header& header = file.header(part);
+  if (file.parts() < 2 || !header.hasName() || channel.starts_with(header.name() + ".")) return channel;
+  return header.name() + "." + channel;
+}
+
+}  // namespace
+
+ExrInfo read_exr_info(const fs::path& path) {
+  Imf::MultiPartInputFile file = open(path);
+  ExrInfo info;
+  for (int part = 0; part < file.parts(); ++part) {
+    const Imf::Header& header = file.header(part);
+    const Imath::Box2i window = header.displayWindow();
+    info.width = window.max.x - window.min.x + 1;
+    info.height = window.max.y - window.min.y + 1;
+    info.compression = compression_name(header.compression());
+    for (auto c = header.channels().begin(); c != header.channels().end(); ++c)
+      info.channels.push_back({prefixed(file, part, c.name()), pixel_type_name(c.channel().type)});
+    info.header.merge(attributes(header));
+  }
+  return info;
+}
+
+Layers read_exr(const fs::path& path, const std::function<bool(const std::string&)>& wanted) {
+  Imf::MultiPartInputFile file = open(path);
+  const Imath::Box2i display = file.header(0).displayWindow();
+  Layers layers(display.max.x - display.min.x + 1, display.max.y - display.min.y + 1);
+  for (int part = 0; part < file.parts(); ++part) {
+    const Imf::Header& header = file.header(part);
+    if (header.hasType() && Imf::isDeepData(header.type()))
+      throw InputError(fmt::format("{}: holds deep pixels; brume reads flat images", path.string()));
+    if (header.displayWindow() != display)
+      throw InputError(fmt::format("{}: its parts differ in size; expected one size", path.string()));
+    layers.header.merge(attributes(header));
+
+    const Imath::Box2i data = header.dataWindow();
+    const int width = data.max.x - data.min.x + 1, height = data.max.y - data.min.y + 1;
+    Imf::FrameBuffer frame;
+    std::map<std::string, Plane> planes;
+    for (auto c = header.channels().begin(); c != header.channels().end(); ++c) {
+      const std::string name = prefixed(file, part, c.name());
+      if (wanted && !wanted(name)) continue;
+      if (c.channel().xSampling != 1 || c.channel().ySampling != 1)
+        throw InputError(fmt::format("{}: channel {} is subsampled; brume reads full resolution only", path.string(), name));
+      Plane& plane = planes.try_emplace(name, width, height).first->second;
+      char* base = reinterpret_cast<char*>(plane.row(0));
+      const std::ptrdiff_t shift = static_cast<std::ptrdiff_t>(sizeof(float)) * data.min.x +
+                                   static_cast<std::ptrdiff_t>(plane.stride() * sizeof(float)) * data.min.y;
+      frame.insert(c.name(), Imf::Slice(Imf::FLOAT, base - shift, sizeof(float), plane.stride() * sizeof(float)));
+    }
+    if (planes.empty()) continue;
+    try {
+      Imf::InputPart input(file, part);
+      input.setFrameBuffer(frame);
+      input.readPixels(data.min.y, data.max.y);
+    } catch (const std::exception& error) {
+      throw InputError(fmt::format("{}: truncated or damaged: {}", path.string(), error.what()));
+    }
+    const int dx = data.min.x - display.min.x, dy = data.min.y - display.min.y;
+    for (auto& [name, plane] : planes) {
+      if (data == display) {
+        layers.set(name, std::move(plane));
+        continue;
+      }
+      Plane& whole = layers.add(name);
+      for (int y = std::max(0, -dy); y < std::min(height, layers.height() - dy); ++y)
+        for (int x = std::max(0, -dx); x < std::min(width, layers.width() - dx); ++x) whole(x + dx, y + dy) = plane(x, y);
+    }
+  }
+  return layers;
+}
+
+void write_exr(const fs::path& path, const Layers& layers) {
+  OutputFile output(path);
+  try {
+    Imf::Header header(layers.width(), layers.height());
+    header.compression() = Imf::ZIP_COMPRESSION;
+    for (const auto& [name, value] : layers.header) insert_attribute(header, name, value);
+    Imf::FrameBuffer frame;
+    for (const auto& [name, plane] : layers.channels()) {
+      header.channels().insert(name, Imf::Channel(Imf::FLOAT));
+      char* base = reinterpret_cast<char*>(const_cast<float*>(plane.row(0)));
+      frame.insert(name, Imf::Slice(Imf::FLOAT, base, sizeof(float), plane.stride() * sizeof(float)));
+    }
+    Imf::OutputFile file(output.part().c_str(), header);
+    file.setFrameBuffer(frame);
+    file.writePixels(layers.height());
+  } catch (const std::exception& error) {
+    throw InputError(fmt::format("{}: cannot be written: {}", path.string(), error.what()));
+  }
+  output.commit();
+}
+
+}  // namespace brume

@@ -1,0 +1,33 @@
+#pragma once
+#include <filesystem>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "image/layers.h"
+
+namespace brume {
+
+/// What an EXR holds, without its pixels.
+struct ExrInfo {
+  struct Channel {
+    std::string name, type;
+  };
+  int width = 0, height = 0;  ///< of the display window
+  std::string compression;
+  std::vector<Channel> channels;
+  std::map<std::string, Attribute> header;
+};
+
+/// @throws InputError: missing, not an EXR, truncated
+ExrInfo read_exr_info(const std::filesystem::path& path);
+
+/// Reads the channels that `wanted` accepts (all without it) as float, over the display window; what the data window does
+/// not cover is 0. Several parts become one frame, their channels prefixed with the part's name where it is missing.
+/// @throws InputError: missing, not an EXR, truncated, deep, subsampled, parts of different sizes
+Layers read_exr(const std::filesystem::path& path, const std::function<bool(const std::string&)>& wanted = {});
+
+/// Writes float32 scan lines, ZIP, single part. The file appears whole or not at all. @throws InputError
+void write_exr(const std::filesystem::path& path, const Layers& layers);
+
+}  // namespace brume

@@ -1,0 +1,88 @@
+#include "image/layers.h"
+
+#include <fmt/format.h>
+
+#include <cmath>
+#include <stdexcept>
+#include <utility>
+
+#include "base/text.h"
+
+namespace brume {
+
+std::string LayerName::channel_of(std::string_view statistic, size_t index) const {
+  std::string full(name);
+  for (const std::string_view part : {statistic, channels.substr(index, 1)})
+    if (!part.empty()) full += (full.empty() ? "" : ".") + std::string(part);
+  return full;
+}
+
+Plane& Layers::add(const std::string& name, float value) {
+  return channels_.try_emplace(name, width_, height_, value).first->second;
+}
+
+void Layers::set(const std::string& name, Plane plane) {
+  if (plane.width() != width_ || plane.height() != height_)
+    throw std::logic_error(fmt::format("channel {} is {} x {}, the frame is {} x {}", name, plane.width(), plane.height(),
+                                       width_, height_));
+  channels_.insert_or_assign(name, std::move(plane));
+}
+
+const Plane* Layers::find(const std::string& name) const {
+  const auto it = channels_.find(name);
+  return it == channels_.end() ? nullptr : &it->second;
+}
+
+Plane* Layers::find(const std::string& name) { return const_cast<Plane*>(std::as_const(*this).find(name)); }
+
+const Plane& Layers::at(const std::string& name) const {
+  if (const Plane* plane = find(name)) return *plane;
+  throw std::logic_error(fmt::format("no channel {}; there are: {}", name, join(names())));
+}
+
+bool Layers::has(const LayerName& layer, std::string_view statistic) const {
+  for (size_t i = 0; i < layer.channels.size(); ++i)
+    if (!find(layer.channel_of(statistic, i))) return false;
+  return true;
+}
+
+std::array<const Plane*, 3> Layers::rgb(const LayerName& layer, std::string_view statistic) const {
+  std::array<const Plane*, 3> planes;
+  for (size_t i = 0; i < 3; ++i) planes[i] = &at(layer.channel_of(statistic, i));
+  return planes;
+}
+
+std::array<Plane*, 3> Layers::add_rgb(const LayerName& layer, std::string_view statistic) {
+  std::array<Plane*, 3> planes;
+  for (size_t i = 0; i < 3; ++i) planes[i] = &add(layer.channel_of(statistic, i));
+  return planes;
+}
+
+std::vector<std::string> Layers::names() const {
+  std::vector<std::string> names;
+  for (const auto& [name, plane] : channels_) names.push_back(name);
+  return names;
+}
+
+std::string Layers::text(const std::string& key, const std::string& otherwise) const {
+  const auto it = header.find(key);
+  const auto* text = it == header.end() ? nullptr : std::get_if<std::string>(&it->second);
+  return text ? *text : otherwise;
+}
+
+std::optional<double> Layers::number(const std::string& key) const {
+  const auto it = header.find(key);
+  if (it == header.end()) return std::nullopt;
+  if (const int* i = std::get_if<int>(&it->second)) return *i;
+  if (const float* f = std::get_if<float>(&it->second)) return *f;
+  return std::nullopt;
+}
+
+size_t count_not_finite(const Plane& plane) {
+  size_t count = 0;
+  for (int y = 0; y < plane.height(); ++y)
+    for (const float value : plane.pixels(y)) count += !std::isfinite(value);
+  return count;
+}
+
+}  // namespace brume

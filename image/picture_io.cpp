@@ -1,0 +1,84 @@
+#include "image/picture_io.h"
+
+#include <fmt/format.h>
+
+#include <cmath>
+#include <fstream>
+#include <memory>
+
+#include "base/error.h"
+#include "base/output_file.h"
+#include "image/color.h"
+
+#define STB_IMAGE_IMPLEMENTATION
+#define STB_IMAGE_STATIC
+#define STBI_ONLY_HDR
+#define STB_IMAGE_WRITE_IMPLEMENTATION
+#define STB_IMAGE_WRITE_STATIC
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wunused-function"
+#pragma GCC diagnostic ignored "-Wmissing-field-initializers"
+#include <stb_image.h>
+#include <stb_image_write.h>
+#pragma GCC diagnostic pop
+
+namespace brume {
+namespace fs = std::filesystem;
+
+Picture::Picture(int w, int h, std::array<uint8_t, 3> colour) : width(w), height(h), rgb(static_cast<size_t>(w) * h * 3) {
+  for (size_t i = 0; i < rgb.size(); ++i) rgb[i] = colour[i % 3];
+}
+
+void Picture::set(int x, int y, std::array<uint8_t, 3> colour) {
+  if (x < 0 || y < 0 || x >= width || y >= height) return;
+  std::copy(colour.begin(), colour.end(), rgb.begin() + (static_cast<std::ptrdiff_t>(y) * width + x) * 3);
+}
+
+void Picture::paste(const Picture& other, int x0, int y0) {
+  for (int y = 0; y < other.height; ++y)
+    for (int x = 0; x < other.width; ++x) {
+      const uint8_t* p = &other.rgb[(static_cast<size_t>(y) * other.width + x) * 3];
+      set(x0 + x, y0 + y, {p[0], p[1], p[2]});
+    }
+}
+
+Picture to_picture(const std::array<const Plane*, 3>& rgb, double exposure) {
+  Picture picture(rgb[0]->width(), rgb[0]->height());
+  for (int y = 0; y < picture.height; ++y)
+    for (int x = 0; x < picture.width; ++x) {
+      std::array<uint8_t, 3> colour;
+      bool finite = true;
+      for (size_t c = 0; c < 3; ++c) {
+        const double v = (*rgb[c])(x, y) * exposure;
+        finite = finite && std::isfinite(v);
+        colour[c] = finite ? static_cast<uint8_t>(255.0 * srgb_encode(v) + 0.5) : uint8_t{0};
+      }
+      picture.set(x, y, finite ? colour : std::array<uint8_t, 3>{255, 0, 255});
+    }
+  return picture;
+}
+
+void write_png(const fs::path& path, const Picture& picture) {
+  std::string bytes;
+  const auto append = [](void* to, void* data, int size) {
+    static_cast<std::string*>(to)->append(static_cast<const char*>(data), static_cast<size_t>(size));
+  };
+  stbi_write_png_to_func(append, &bytes, picture.width, picture.height, 3, picture.rgb.data(), picture.width * 3);
+  write_text(path, bytes);
+}
+
+Layers read_hdr(const fs::path& path) {
+  std::error_code ignored;
+  if (!fs::exists(path, ignored)) throw InputError(fmt::format("{}: no such file", path.string()));
+  int width = 0, height = 0, channels = 0;
+  const std::unique_ptr<float, void (*)(void*)> data(stbi_loadf(path.c_str(), &width, &height, &channels, 3), stbi_image_free);
+  if (!data) throw InputError(fmt::format("{}: not a readable Radiance HDR file: {}", path.string(), stbi_failure_reason()));
+  Layers layers(width, height);
+  const auto rgb = layers.add_rgb(layer::beauty);
+  for (int y = 0; y < height; ++y)
+    for (int x = 0; x < width; ++x)
+      for (size_t c = 0; c < 3; ++c) (*rgb[c])(x, y) = data.get()[(static_cast<size_t>(y) * width + x) * 3 + c];
+  return layers;
+}
+
+}  // namespace brume

@@ -1,0 +1,31 @@
+#pragma once
+#include <array>
+#include <cstdint>
+#include <filesystem>
+#include <vector>
+
+#include "image/layers.h"
+
+namespace brume {
+
+/// An 8-bit RGB picture, for people to look at.
+struct Picture {
+  int width = 0, height = 0;
+  std::vector<uint8_t> rgb;
+
+  Picture(int w, int h, std::array<uint8_t, 3> colour = {255, 255, 255});
+  void set(int x, int y, std::array<uint8_t, 3> colour);
+  /// Copies `other` with its top left corner at (x, y); what falls outside is cut.
+  void paste(const Picture& other, int x, int y);
+};
+
+/// Linear RGB times `exposure`, sRGB-encoded and clipped. Non-finite pixels become magenta: visible, not hidden.
+Picture to_picture(const std::array<const Plane*, 3>& rgb, double exposure = 1.0);
+
+/// @throws InputError
+void write_png(const std::filesystem::path& path, const Picture& picture);
+
+/// Radiance HDR (.hdr, .pic) as linear RGB on top. @throws InputError
+Layers read_hdr(const std::filesystem::path& path);
+
+}  // namespace brume

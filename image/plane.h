@@ -1,0 +1,63 @@
+#pragma once
+#include <cstddef>
+#include <cstring>
+#include <memory>
+#include <new>
+#include <span>
+
+namespace brume {
+
+/// One channel of an image: float rows, each aligned to a cache line and padded to a whole number of lines, so that SIMD
+/// code may load and store past the last pixel. Row 0 is the top.
+class Plane {
+ public:
+  static constexpr size_t kAlignment = 64, kLine = kAlignment / sizeof(float);
+
+  Plane() = default;
+  Plane(int width, int height, float value = 0.0f)
+      : width_(width), height_(height), stride_((static_cast<size_t>(width) + kLine - 1) / kLine * kLine), data_(allocate(size())) {
+    fill(value);
+  }
+  Plane(const Plane& other) : width_(other.width_), height_(other.height_), stride_(other.stride_), data_(allocate(size())) {
+    if (size() != 0) std::memcpy(data_.get(), other.data_.get(), size() * sizeof(float));
+  }
+  Plane(Plane&&) noexcept = default;
+  Plane& operator=(Plane other) noexcept {
+    width_ = other.width_, height_ = other.height_, stride_ = other.stride_;
+    data_.swap(other.data_);
+    return *this;
+  }
+
+  int width() const { return width_; }
+  int height() const { return height_; }
+  size_t stride() const { return stride_; }
+  bool empty() const { return width_ == 0 || height_ == 0; }
+
+  float* row(int y) { return data_.get() + static_cast<size_t>(y) * stride_; }
+  const float* row(int y) const { return data_.get() + static_cast<size_t>(y) * stride_; }
+  float& operator()(int x, int y) { return row(y)[x]; }
+  float operator()(int x, int y) const { return row(y)[x]; }
+  /// The pixels of a row, without the padding.
+  std::span<float> pixels(int y) { return {row(y), static_cast<size_t>(width_)}; }
+  std::span<const float> pixels(int y) const { return {row(y), static_cast<size_t>(width_)}; }
+
+  void fill(float value) {
+    for (size_t i = 0; i < size(); ++i) data_[i] = value;
+  }
+
+ private:
+  struct Free {
+    void operator()(float* p) const { ::operator delete[](p, std::align_val_t{kAlignment}); }
+  };
+  using Storage = std::unique_ptr<float[], Free>;
+  static Storage allocate(size_t count) {
+    return Storage(static_cast<float*>(::operator new[](count * sizeof(float), std::align_val_t{kAlignment})));
+  }
+  size_t size() const { return stride_ * static_cast<size_t>(height_); }
+
+  int width_ = 0, height_ = 0;
+  size_t stride_ = 0;
+  Storage data_;
+};
+
+}  // namespace brume

@@ -1,0 +1,206 @@
+#include "volume/brick_grid.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <unordered_map>
+
+#include "base/error.h"
+#include "base/parallel_for.h"
+
+namespace brume {
+namespace {
+
+int floor_to_cell(int v) { return static_cast<int>(std::floor(v / static_cast<double>(BrickGrid::kCell))) * BrickGrid::kCell; }
+
+// The products of cell counts can pass 2^63 for hostile files, so they are taken in double.
+double product(const ivec3& v) { return static_cast<double>(v.x) * v.y * v.z; }
+
+}  // namespace
+
+BrickGrid BrickGrid::build(const VoxelBox& box, const std::vector<ivec3>& blocks, const Sampler& sample, const Task& task) {
+  BrickGrid grid;
+  if (box.empty()) return grid;
+  for (int a = 0; a < 3; ++a) {
+    if (box.lo[a] < -(1 << 29) || box.hi[a] > (1 << 29))
+      throw InputError(fmt::format("voxel coordinates reach {} .. {}; expected them within +-2^29", box.lo[a], box.hi[a]));
+    grid.origin_[a] = floor_to_cell(box.lo[a] - 1);
+    grid.cell_count_[a] = (box.hi[a] + 1 - grid.origin_[a]) / kCell + 1;
+  }
+  grid.support_lo_ = dvec3(box.lo - grid.origin_) - 1.0;
+  grid.support_hi_ = dvec3(box.hi - grid.origin_) + 1.0;
+
+  // Wider nodes keep the top level small when a few leaves are scattered over an enormous box.
+  const auto node_count = [&](int bits) { return (grid.cell_count_ + ((1 << bits) - 1)) / (1 << bits); };
+  while (grid.node_bits_ < 7 && product(node_count(grid.node_bits_)) > 1 << 23) ++grid.node_bits_;
+  grid.node_count_ = node_count(grid.node_bits_);
+  constexpr double kLimit = 8.0 * (1 << 30);
+  const auto check_size = [&](double bytes) {
+    if (bytes > kLimit)
+      throw InputError(fmt::format("a grid of {} x {} x {} voxels needs {:.1f} GiB for its index alone; the limit is 8 GiB",
+                                   box.hi.x - box.lo.x + 1, box.hi.y - box.lo.y + 1, box.hi.z - box.lo.z + 1, bytes / (1 << 30)));
+  };
+  check_size(product(grid.node_count_) * sizeof(int32_t));
+  grid.nodes_.assign(static_cast<size_t>(product(grid.node_count_)), -1);
+
+  const std::vector<ivec3> candidates = grid.cells_touched_by(blocks);
+  task.check();
+
+  // Sampled in batches, so that the values exist once: bricks that turn out empty or uniform are not kept.
+  constexpr size_t kBatch = 4096;
+  std::vector<float> batch(std::min(kBatch, candidates.size()) * kBrick);
+  std::unordered_map<uint32_t, uint32_t> uniform;  // bits of the value -> brick
+  int32_t node_total = 0;
+  for (size_t first = 0; first < candidates.size(); first += kBatch) {
+    const size_t count = std::min(kBatch, candidates.size() - first);
+    parallel_for(static_cast<int>(count), {task.threads, {}, task.cancel},
+                 [&](int i) { sample(grid.origin_ + candidates[first + i] * kCell, batch.data() + static_cast<size_t>(i) * kBrick); });
+    for (size_t i = 0; i < count; ++i) {
+      const float* values = batch.data() + i * kBrick;
+      const auto [low, high] = std::minmax_element(values, values + kBrick);
+      if (*high == 0.0f && *low == 0.0f) continue;
+      int32_t& node = grid.nodes_[grid.node_index(candidates[first + i])];
+      if (node < 0) {
+        node = node_total++;
+        const size_t size = static_cast<size_t>(node_total) << (3 * grid.node_bits_);
+        check_size(static_cast<double>(size) * sizeof(Cell));
+        grid.cells_.resize(size);
+      }
+      Cell& cell = grid.cells_[(static_cast<size_t>(node) << (3 * grid.node_bits_)) + grid.in_node(candidates[first + i])];
+      cell.majorant = *high;
+      grid.maximum_ = std::max(grid.maximum_, *high);
+      uint32_t* shared = *low == *high ? &uniform[std::bit_cast<uint32_t>(*low)] : nullptr;
+      if (shared && *shared) {
+        cell.brick = *shared;
+        continue;
+      }
+      grid.bricks_.insert(grid.bricks_.end(), values, values + kBrick);
+      cell.brick = static_cast<uint32_t>(grid.bricks_.size() / kBrick);
+      if (shared) *shared = cell.brick;
+    }
+    task.report(static_cast<double>(first + count) / static_cast<double>(candidates.size()));
+  }
+  grid.bricks_.shrink_to_fit();
+  grid.cells_.shrink_to_fit();
+  return grid;
+}
+
+// A block lends its lowest faces to the aprons of the seven cells below it.
+std::vector<ivec3> BrickGrid::cells_touched_by(const std::vector<ivec3>& blocks) const {
+  std::vector<ivec3> cells;
+  cells.reserve(blocks.size() * 2);
+  std::vector<uint8_t> seen;  // one bit per cell of a node, made when the node is first touched
+  std::unordered_map<size_t, size_t> node_offset;
+  const size_t node_bytes = ((size_t{1} << (3 * node_bits_)) + 7) / 8;
+  for (const ivec3& block : blocks)
+    for (int corner = 0; corner < 8; ++corner) {
+      const ivec3 c = ((block - origin_) >> 3) - ivec3(corner & 1, corner >> 1 & 1, corner >> 2);
+      if (glm::any(glm::lessThan(c, ivec3(0))) || glm::any(glm::greaterThanEqual(c, cell_count_))) continue;
+      const auto [it, inserted] = node_offset.try_emplace(node_index(c), seen.size());
+      if (inserted) seen.resize(seen.size() + node_bytes);
+      const size_t bit = in_node(c);
+      uint8_t& byte = seen[it->second + bit / 8];
+      const auto mask = static_cast<uint8_t>(1u << (bit % 8));
+      if (byte & mask) continue;
+      byte |= mask;
+      cells.push_back(c);
+    }
+  return cells;
+}
+
+float BrickGrid::voxel(const ivec3& v) const {
+  const ivec3 c = v >> 3;
+  for (int a = 0; a < 3; ++a)
+    if (v[a] < 0 || c[a] >= cell_count_[a]) return 0.0f;
+  const Cell& found = cell(c);
+  if (found.brick == 0) return 0.0f;
+  const ivec3 i = v & 7;
+  return brick(found)[(i.x * kStored + i.y) * kStored + i.z];
+}
+
+float BrickGrid::lookup(const dvec3& p) const {
+  ivec3 c;
+  for (int a = 0; a < 3; ++a) {
+    if (!(p[a] > support_lo_[a] && p[a] < support_hi_[a])) return 0.0f;
+    c[a] = static_cast<int>(p[a]) / kCell;
+  }
+  const Cell& found = cell(c);
+  return found.brick == 0 ? 0.0f : lookup_in(found, c, p);
+}
+
+MajorantWalk::MajorantWalk(const BrickGrid& grid, const Ray& ray, double t_min, double t_max)
+    : grid_(grid), ray_(ray), t_(t_min), end_(t_max) {
+  if (grid.empty()) {
+    end_ = -1, t_ = 0;
+    return;
+  }
+  for (int a = 0; a < 3; ++a) {
+    const bool parallel = std::abs(ray.d[a]) < 1e-20;
+    inverse_[a] = parallel ? 0.0 : 1.0 / ray.d[a];
+    step_[a] = parallel ? 0 : ray.d[a] > 0 ? 1 : -1;
+    const double lo = grid.support_lo()[a], hi = grid.support_hi()[a];
+    if (parallel) {
+      if (ray.o[a] < lo || ray.o[a] > hi) end_ = -1, t_ = 0;
+    } else {
+      const double ta = (lo - ray.o[a]) * inverse_[a], tb = (hi - ray.o[a]) * inverse_[a];
+      t_ = std::max(t_, std::min(ta, tb));
+      end_ = std::min(end_, std::max(ta, tb));
+    }
+  }
+  if (!(t_ < end_)) return;
+  const dvec3 p = ray_.at(t_);
+  for (int a = 0; a < 3; ++a) {
+    // A start on a face belongs to the cell the ray is about to enter.
+    const double q = p[a] / BrickGrid::kCell, f = std::floor(q);
+    const int c = static_cast<int>(f) - (q == f && step_[a] < 0);
+    cell_[a] = std::clamp(c, 0, grid_.cells()[a] - 1);
+  }
+}
+
+bool MajorantWalk::next(Segment& segment) {
+  while (t_ < end_) {
+    // Either one cell is crossed or, where it is empty, the whole node.
+    const bool skip = grid_.node_empty(cell_);
+    const int width = skip ? grid_.node_cells() : 1;
+    ivec3 first;
+    double exit = end_;
+    int exit_axis = -1;
+    for (int a = 0; a < 3; ++a) {
+      first[a] = cell_[a] & ~(width - 1);
+      if (step_[a] == 0) continue;
+      const double t = plane_time(a, step_[a] > 0 ? first[a] + width : first[a]);
+      if (t < exit) exit = t, exit_axis = a;  // equal times: the lowest axis first
+    }
+    const double start = t_;
+    const ivec3 here = cell_;
+    const BrickGrid::Cell* cell = skip ? nullptr : &grid_.cell(here);
+    if (exit_axis < 0) {
+      t_ = end_;
+    } else {
+      t_ = std::max(t_, exit);
+      if (skip) {
+        const dvec3 p = ray_.at(t_);
+        for (int a = 0; a < 3; ++a)
+          if (step_[a] != 0) {
+            // Within the node, and never against the direction: rounding cannot make the walk go back.
+            const int c = std::clamp(static_cast<int>(std::floor(p[a] / BrickGrid::kCell)), first[a], first[a] + width - 1);
+            cell_[a] = step_[a] > 0 ? std::max(c, cell_[a]) : std::min(c, cell_[a]);
+          }
+        cell_[exit_axis] = step_[exit_axis] > 0 ? first[exit_axis] + width : first[exit_axis] - 1;
+      } else {
+        cell_[exit_axis] += step_[exit_axis];
+      }
+      if (cell_[exit_axis] < 0 || cell_[exit_axis] >= grid_.cells()[exit_axis]) end_ = t_;
+      for (int a = 0; a < 3; ++a) cell_[a] = std::clamp(cell_[a], 0, grid_.cells()[a] - 1);
+    }
+    if (cell && cell->brick != 0 && cell->majorant > 0 && t_ > start) {
+      segment = {start, t_, cell->majorant, cell, here};
+      return true;
+    }
+  }
+  return false;
+}
+
+}  // namespace brume

@@ -1,0 +1,69 @@
+#pragma once
+#include <filesystem>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "base/progress.h"
+#include "volume/brick_grid.h"
+
+namespace brume {
+
+/// What one grid of a file is, for people and for error messages.
+struct GridSummary {
+  std::string name;
+  std::string type;         ///< OpenVDB's name: float, double, vec3s, ...
+  std::string grid_class;   ///< fog volume, level set, staggered, unknown
+  std::string compression;  ///< of this grid: none, zip, blosc, active mask
+  bool half = false;        ///< saved with 16 bits
+  bool linear = true;       ///< false for frustum and other non-affine transforms
+  uint64_t active_voxels = 0, active_tiles = 0;
+  VoxelBox box;  ///< of the active voxels; empty() for an empty grid
+  dvec3 voxel_size{0};
+  dmat4 world_from_index{1};  ///< meaningful where linear
+  bool has_range = false;     ///< scalar and not empty
+  double minimum = 0, maximum = 0, background = 0;
+  uint64_t nan_count = 0, infinite_count = 0, negative_count = 0;  ///< over stored values, scalars only
+  std::map<std::string, std::string> metadata;
+};
+
+struct VdbSummary {
+  std::string format_version, library_version;
+  uint64_t bytes = 0;
+  std::map<std::string, std::string> metadata;
+  std::vector<GridSummary> grids;
+};
+
+/// @throws InputError: missing, not a VDB, truncated
+VdbSummary read_vdb_info(const std::filesystem::path& path);
+
+struct DensityOptions {
+  std::string grid;                ///< empty: "density", or else the one grid whose name begins so
+  bool convert_level_set = false;  ///< take a level set's inside as fog
+};
+
+/// A density field as the renderer walks it, and what was found on the way.
+struct DensityField {
+  BrickGrid bricks;
+  dmat4 world_from_index{1};
+  GridSummary summary;
+  std::vector<std::string> notes;  ///< sanitised voxels, dropped background, empty grid: one line each
+};
+
+/// Loads a scalar fog volume: any affine transform, float or double, saved as half or not, with active tiles.
+/// NaN and negative voxels become 0, infinite ones the largest finite value, all counted in the notes. A background other
+/// than 0 counts inside the active bounding box and is dropped outside. An empty grid is no error: the medium is absent.
+/// @throws InputError: as read_vdb_info, and: no such grid (lists those that exist), not scalar, level set, points,
+///         frustum, singular transform
+DensityField load_density(const std::filesystem::path& path, const DensityOptions& options, const Task& task = {});
+
+/// Writes a fog volume "density" whose voxels sit at voxel_size * (i, j, k). @throws InputError
+/// @param sample  density at a voxel; values <= 0 are left inactive
+void write_density(const std::filesystem::path& path, const VoxelBox& box, double voxel_size,
+                   const std::function<float(const ivec3&)>& sample, bool half, const Task& task = {});
+
+/// Writes a copy of a grid at half the resolution, each voxel the mean of the 2 x 2 x 2 it replaces, saved as half.
+/// @return active voxels written   @throws InputError
+uint64_t write_halved_density(const std::filesystem::path& from, const std::string& grid, const std::filesystem::path& to);
+
+}  // namespace brume
