@@ -30,6 +30,7 @@ using Commands = std::map<const CLI::App*, std::function<int()>>;
 
 void add_info(CLI::App& app, Common& common, Commands& commands);
 void add_generate(CLI::App& app, Common& common, Commands& commands);
+void add_halve(CLI::App& app, Common& common, Commands& commands);
 void add_render(CLI::App& app, Common& common, Commands& commands);
 void add_denoise(CLI::App& app, Common& common, Commands& commands);
 void add_compare(CLI::App& app, Common& common, Commands& commands);

@@ -1,4 +1,109 @@
+#include <fmt/format.h>
+
+#include <filesystem>
+
 #include "app/command.h"
+#include "app/frame.h"
+#include "base/error.h"
+#include "base/output_file.h"
+#include "base/text.h"
+#include "filters/apply.h"
+#include "filters/registry.h"
+#include "image/exr_io.h"
+#include "image/picture_io.h"
+
 namespace brume::app {
-void add_denoise(CLI::App&, Common&, Commands&) {}
+namespace {
+
+struct Options {
+  std::string input, output, preview, component = "indirect", background = "bilateral", exposure = "header";
+  std::vector<std::string> filters;
+} o;
+
+/// "--sigma-range 20" after the known options: a parameter of every filter that was asked for.
+void set_parameters(std::vector<FilterSettings>& filters, const std::vector<std::string>& words) {
+  for (size_t i = 0; i < words.size(); ++i) {
+    std::string name = words[i], value;
+    if (!name.starts_with("--")) throw InputError(fmt::format("'{}' is not an option; expected --PARAMETER VALUE of a filter", name));
+    name.erase(0, 2);
+    if (const size_t equals = name.find('='); equals != std::string::npos) {
+      value = name.substr(equals + 1);
+      name.erase(equals);
+    } else if (i + 1 < words.size()) {
+      value = words[++i];
+    } else {
+      throw InputError(fmt::format("--{} has no value", name));
+    }
+    for (FilterSettings& filter : filters) filter.set(name, value);
+  }
 }
+
+/// OUT.exr for one filter, OUT.FILTER.exr for several.
+std::filesystem::path output_for(const std::string& path, const std::vector<FilterSettings>& filters, size_t i) {
+  std::filesystem::path p(path);
+  if (filters.size() == 1) return p;
+  return p.parent_path() / fmt::format("{}.{}{}", p.stem().string(), filters[i].entry().name, p.extension().string());
+}
+
+int run(const Common& common, const std::vector<std::string>& extras) {
+  std::vector<FilterSettings> filters;
+  for (const std::string& text : o.filters) filters.push_back(parse_filter(text));
+  set_parameters(filters, extras);
+  for (size_t i = 0; i < filters.size(); ++i) check_writable(output_for(o.output, filters, i));
+  std::string note;
+  const Layers frame = read_frame(o.input, &note);
+  if (!note.empty()) log(common, "note: " + note);
+  ApplyOptions options;
+  options.component = o.component == "all" ? Component::kAll : Component::kIndirect;
+  options.background = o.background == "filter" ? BackgroundRule::kFilter : BackgroundRule::kBilateral;
+  options.exposure = choose_exposure(o.exposure, frame);
+  for (size_t i = 0; i < filters.size(); ++i) {
+    ApplyReport report;
+    Layers clean = [&] {
+      try {
+        return apply_filter(filters[i], frame, options, make_task(common, filters[i].entry().name), &report);
+      } catch (const InputError& error) {
+        throw InputError(fmt::format("{}: {}", o.input, error.what()));
+      }
+    }();
+    for (const std::string& line : report.notes) warn("note: " + line);
+    stamp(clean);
+    const auto path = output_for(o.output, filters, i);
+    write_exr(path, clean);
+    if (!o.preview.empty()) write_png(output_for(o.preview, filters, i), to_picture(clean.rgb(layer::beauty), options.exposure));
+    log(common, fmt::format("{} ({}): {:.1f} ms", filters[i].entry().name, filters[i].text(), 1e3 * report.seconds));
+    print(path.string() + "\n");
+  }
+  return kDone;
+}
+
+std::string filter_help() {
+  std::string text = "Filters and their parameters:\n";
+  for (const FilterEntry* e : all_filters()) {
+    text += fmt::format("  {}: {}\n", e->name, e->summary);
+    const FilterSettings settings(*e);
+    for (const Parameter& p : e->parameters)
+      text += fmt::format("    --{:<20} {} ({}; default {})\n", p.name, p.help, p.range(), Parameter::text(settings.get(p)));
+  }
+  return text;
+}
+
+}  // namespace
+
+void add_denoise(CLI::App& app, Common& common, Commands& commands) {
+  CLI::App* command = add_command(app, common, "denoise", "clean a frame with one filter or several");
+  command->add_option("frame", o.input, "EXR with layers, by brume or another renderer")->required();
+  command->add_option("-f,--filter", o.filters, "NAME or NAME:parameter=value,...; repeat for several")->required()->allow_extra_args(false);
+  command->add_option("-o,--output", o.output, "EXR to write; with several filters OUT.FILTER.exr each")->required();
+  command->add_option("--png", o.preview, "also write a PNG");
+  command->add_option("--component", o.component, "what to clean: the indirect layer, direct being added back, or all")
+      ->check(CLI::IsMember({"indirect", "all"}))->capture_default_str();
+  command->add_option("--background", o.background, "pixels without coverage: the bilateral filter, or the filter like the rest")
+      ->check(CLI::IsMember({"bilateral", "filter"}))->capture_default_str();
+  command->add_option("--exposure", o.exposure, "from radiance to display: a number, header, or auto")->capture_default_str();
+  command->allow_extras();
+  command->footer(filter_help);
+  commands[command] = [&common, command] { return run(common, command->remaining()); };
+}
+
+}  // namespace brume::app

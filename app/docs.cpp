@@ -1,4 +1,5 @@
 #include "app/command.h"
+#include "filters/registry.h"
 #include "render/scene_io.h"
 
 namespace brume::app {
@@ -8,7 +9,7 @@ void add_docs(CLI::App& app, Common& common, Commands& commands) {
   CLI::App* command = add_command(app, common, "docs", "print a reference page, as Markdown");
   command->add_option("page", page, "scene or filters")->required()->check(CLI::IsMember({"scene", "filters"}));
   commands[command] = [] {
-    print(scene_reference());
+    print(page == "scene" ? scene_reference() : filters_reference());
     return static_cast<int>(kDone);
   };
 }

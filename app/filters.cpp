@@ -1,4 +1,56 @@
+#include "filters/registry.h"
+
+#include <fmt/format.h>
+
 #include "app/command.h"
+
 namespace brume::app {
-void add_filters(CLI::App&, Common&, Commands&) {}
+namespace {
+
+nlohmann::json to_json(const Parameter::Value& v) {
+  return std::visit([](const auto& x) -> nlohmann::json { return x; }, v);
 }
+
+nlohmann::json to_json(const FilterEntry& e) {
+  nlohmann::json parameters = nlohmann::json::array();
+  const FilterSettings settings(e);
+  for (const Parameter& p : e.parameters) {
+    nlohmann::json j = {{"name", p.name}, {"default", to_json(settings.get(p))}, {"unit", p.unit}, {"help", p.help}};
+    if (p.choices.empty()) j["range"] = {p.lowest, p.highest};
+    else j["choices"] = p.choices;
+    parameters.push_back(j);
+  }
+  nlohmann::json needs = nlohmann::json::array(), can_use = nlohmann::json::array();
+  for (const LayerName& l : e.needs) needs.push_back(l.label());
+  for (const LayerName& l : e.can_use) can_use.push_back(l.label());
+  return {{"name", e.name}, {"summary", e.summary}, {"source", e.source}, {"needs", needs}, {"can_use", can_use}, {"parameters", parameters}};
+}
+
+}  // namespace
+
+void add_filters(CLI::App& app, Common& common, Commands& commands) {
+  static std::string name;
+  CLI::App* command = add_command(app, common, "filters", "the filters, their parameters, layers and sources");
+  command->add_option("name", name, "one of them");
+  command->add_flag("--json", common.json, "as one JSON object");
+  commands[command] = [&common] {
+    std::vector<const FilterEntry*> entries = all_filters();
+    if (!name.empty()) entries = {&find_filter(name)};
+    nlohmann::json list = nlohmann::json::array();
+    std::string text;
+    for (const FilterEntry* e : entries) {
+      list.push_back(to_json(*e));
+      text += fmt::format("{}\n  {}\n  source: {}\n", e->name, e->summary, e->source);
+      for (const auto& [label, layers] : {std::pair("needs", &e->needs), {"can use", &e->can_use}})
+        for (const LayerName& l : *layers) text += fmt::format("  {}: {} ({})\n", label, l.label(), l.meaning);
+      const FilterSettings settings(*e);
+      for (const Parameter& p : e->parameters)
+        text += fmt::format("  --{:<18} {:<8} {}; {}\n", p.name, Parameter::text(settings.get(p)), p.help, p.range());
+      text += "\n";
+    }
+    print(common.json ? nlohmann::json{{"filters", list}}.dump(2) + "\n" : text);
+    return static_cast<int>(kDone);
+  };
+}
+
+}  // namespace brume::app

@@ -45,6 +45,7 @@ int run(int argc, char** argv) {
   Commands commands;
   add_info(app, common, commands);
   add_generate(app, common, commands);
+  add_halve(app, common, commands);
   add_render(app, common, commands);
   add_denoise(app, common, commands);
   add_compare(app, common, commands);

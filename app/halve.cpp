@@ -1,0 +1,21 @@
+#include <fmt/format.h>
+
+#include "app/command.h"
+#include "volume/vdb_io.h"
+
+namespace brume::app {
+
+void add_halve(CLI::App& app, Common& common, Commands& commands) {
+  static std::string input, output, grid;
+  CLI::App* command = add_command(app, common, "halve", "write a volume at half its resolution");
+  command->add_option("file", input, "OpenVDB file")->required();
+  command->add_option("-o,--output", output, "VDB file to write; grid density, saved as half")->required();
+  command->add_option("--grid", grid, "density grid; without it as in a scene");
+  commands[command] = [] {
+    const uint64_t voxels = write_halved_density(input, grid, output);
+    print(fmt::format("{}: {} active voxels\n", output, voxels));
+    return static_cast<int>(kDone);
+  };
+}
+
+}  // namespace brume::app

@@ -1,0 +1,200 @@
+#include "evaluate/protocol.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <fstream>
+#include <set>
+#include <thread>
+
+#include "base/error.h"
+#include "evaluate/tuning.h"
+
+namespace brume {
+namespace {
+
+// Seeds: two references, one frame to tune on, then the frames that are reported. None is shared.
+constexpr int64_t kReferenceSeed = 1000001, kTuningSeed = 2000001, kNoisySeed = 1;
+
+/// One scene's frames while the protocol runs.
+struct Frames {
+  TimedFrame reference[2];
+  std::vector<TimedFrame> tuning;                 // by spp
+  std::vector<std::vector<TimedFrame>> noisy;     // by spp, seed
+  std::vector<std::vector<std::vector<double>>> searches;  // by filter, spp: squared error of each setting
+};
+
+double median(std::vector<double> values) {
+  std::sort(values.begin(), values.end());
+  const size_t n = values.size();
+  return n % 2 ? values[n / 2] : 0.5 * (values[n / 2 - 1] + values[n / 2]);
+}
+
+/// Runs `filter` (null: none) over a scene's noisy frames of one spp and measures.
+MethodResult measure(const std::vector<TimedFrame>& noisy, const FilterSettings* filter, const ApplyOptions& options, const SceneResult& scene,
+                     const Frames& frames, const Task& task) {
+  MethodResult result;
+  std::vector<double> whole, medium, rel, bias, filter_seconds, render_seconds;
+  const RgbPlanes r1 = frames.reference[0].layers.rgb(layer::beauty), r2 = frames.reference[1].layers.rgb(layer::beauty);
+  for (size_t seed = 0; seed < noisy.size(); ++seed) {
+    Layers clean;
+    if (filter) {
+      ApplyReport report;
+      if (seed == 0) clean = apply_filter(*filter, noisy[seed].layers, options, task);  // warms caches and threads
+      clean = apply_filter(*filter, noisy[seed].layers, options, task, &report);
+      filter_seconds.push_back(report.seconds);
+    } else {
+      clean = noisy[seed].layers;
+    }
+    const RgbPlanes x = clean.rgb(layer::beauty);
+    const Errors all = compare(x, r1, scene.policy, {}, &r2), inside = compare(x, r1, scene.policy, scene.mask, &r2);
+    whole.push_back(all.lab_rms);
+    medium.push_back(inside.lab_rms);
+    rel.push_back(inside.rel_mse);
+    bias.push_back(inside.relative_bias);
+    render_seconds.push_back(noisy[seed].seconds);
+    if (seed == 0) {
+      result.example = Layers(clean.width(), clean.height());
+      result.example.header = clean.header;
+      for (size_t c = 0; c < 3; ++c) result.example.set(layer::beauty.channel(c), *x[c]);
+    }
+  }
+  result.whole = mean_interval(whole);
+  result.medium = mean_interval(medium);
+  result.rel_mse_medium = mean_interval(rel);
+  result.relative_bias = mean_interval(bias).mean;
+  result.render_seconds = median(render_seconds);
+  result.filter_seconds = filter ? median(filter_seconds) : 0.0;
+  result.whole_by_seed = whole;
+  if (filter) result.filter = filter->entry().name, result.parameters = filter->text();
+  return result;
+}
+
+SceneResult describe_scene(const EvaluationScene& scene, const EvaluationSettings& settings, const Frames& frames) {
+  const Layers &a = frames.reference[0].layers, &b = frames.reference[1].layers;
+  SceneResult result;
+  result.name = scene.name;
+  result.policy = {scene.exposure, true};
+  result.width = a.width(), result.height = a.height();
+  result.reference_spp = settings.reference_spp;
+  result.reference_seconds = frames.reference[0].seconds + frames.reference[1].seconds;
+  result.reference = Layers(a.width(), a.height());
+  for (const LayerName& l : {layer::beauty, layer::coverage})
+    for (size_t c = 0; c < l.channels.size(); ++c) {
+      Plane mean = a.at(l.channel(c));
+      const Plane& other = b.at(l.channel(c));
+      for (int y = 0; y < mean.height(); ++y)
+        for (int x = 0; x < mean.width(); ++x) mean(x, y) = 0.5f * (mean(x, y) + other(x, y));
+      result.reference.set(l.channel(c), std::move(mean));
+    }
+  result.mask = medium_mask(result.reference);
+  for (const uint8_t m : result.mask) result.medium_share += m / static_cast<double>(result.mask.size());
+  // The difference of two references carries the noise of both.
+  result.reference_rms = compare(a.rgb(layer::beauty), b.rgb(layer::beauty), result.policy).lab_rms / std::sqrt(2.0);
+  return result;
+}
+
+}  // namespace
+
+const char* tuning_name(Tuning tuning) {
+  switch (tuning) {
+    case Tuning::kPaper: return "paper";
+    case Tuning::kSearched: return "searched";
+    case Tuning::kTransfer: return "transfer";
+    default: return "-";
+  }
+}
+
+const MethodResult* SceneResult::find(const std::string& filter, Tuning tuning, int spp) const {
+  for (const MethodResult& m : methods)
+    if (m.filter == filter && m.tuning == tuning && m.spp == spp) return &m;
+  return nullptr;
+}
+
+std::vector<std::string> layers_to_record(const EvaluationSettings& settings) {
+  std::set<std::string> names = {"coverage"};  // the mask of medium pixels
+  for (const FilterEntry* filter : settings.filters) {
+    for (const LayerName& l : required_layers(*filter, {settings.component, settings.background, 1.0}))
+      if (!l.name.empty()) names.insert(std::string(l.name));
+    for (const LayerName& l : filter->can_use)
+      if (!l.name.empty()) names.insert(std::string(l.name));
+  }
+  return {names.begin(), names.end()};
+}
+
+std::string machine_name() {
+  std::ifstream info("/proc/cpuinfo");
+  std::string processor = "unknown processor";
+  for (std::string line; std::getline(info, line);)
+    if (line.starts_with("model name")) {
+      processor = line.substr(line.find(':') + 2);
+      break;
+    }
+  return fmt::format("{}, {} threads", processor, std::thread::hardware_concurrency());
+}
+
+Evaluation evaluate(const std::vector<EvaluationScene>& scenes, const EvaluationSettings& settings, const std::function<Task(const std::string&)>& stage) {
+  Evaluation result{settings, {}, machine_name()};
+  std::vector<Frames> all(scenes.size());
+  for (size_t s = 0; s < scenes.size(); ++s) {
+    const EvaluationScene& scene = scenes[s];
+    Frames& frames = all[s];
+    for (int r = 0; r < 2; ++r)
+      frames.reference[r] = scene.render(settings.reference_spp, kReferenceSeed + r, stage(fmt::format("{}: reference {} of 2", scene.name, r + 1)));
+    for (const int spp : settings.spp) {
+      if (settings.tune) frames.tuning.push_back(scene.render(spp, kTuningSeed, stage(fmt::format("{}: {} spp to tune on", scene.name, spp))));
+      auto& noisy = frames.noisy.emplace_back();
+      for (int seed = 0; seed < settings.seeds; ++seed)
+        noisy.push_back(scene.render(spp, kNoisySeed + seed, stage(fmt::format("{}: {} spp, seed {} of {}", scene.name, spp, seed + 1, settings.seeds))));
+    }
+    result.scenes.push_back(describe_scene(scene, settings, frames));
+  }
+
+  const auto options = [&](size_t s) { return ApplyOptions{settings.component, settings.background, scenes[s].exposure}; };
+  std::vector<std::vector<FilterSettings>> grids;
+  for (const FilterEntry* filter : settings.filters) grids.push_back(search_grid(*filter));
+  if (settings.tune)
+    for (size_t s = 0; s < scenes.size(); ++s) {
+      const RgbPlanes r1 = all[s].reference[0].layers.rgb(layer::beauty), r2 = all[s].reference[1].layers.rgb(layer::beauty);
+      const LabRms metric(r1, &r2, result.scenes[s].policy, {});
+      for (size_t f = 0; f < grids.size(); ++f) {
+        auto& by_spp = all[s].searches.emplace_back();
+        for (size_t k = 0; k < settings.spp.size(); ++k)
+          by_spp.push_back(search(grids[f], all[s].tuning[k].layers, options(s), metric,
+                                  stage(fmt::format("{}: tune {}, {} spp", scenes[s].name, settings.filters[f]->name, settings.spp[k]))));
+      }
+    }
+
+  for (size_t s = 0; s < scenes.size(); ++s) {
+    SceneResult& scene = result.scenes[s];
+    const Task task = stage(fmt::format("{}: filter and measure", scene.name));
+    const Task quiet{task.threads, {}, task.cancel};
+    size_t done = 0;
+    const size_t total = settings.spp.size() * (1 + settings.filters.size());
+    for (size_t k = 0; k < settings.spp.size(); ++k) {
+      const auto add = [&](const FilterSettings* filter, Tuning tuning) {
+        scene.methods.push_back(measure(all[s].noisy[k], filter, options(s), scene, all[s], quiet));
+        scene.methods.back().spp = settings.spp[k];
+        scene.methods.back().tuning = tuning;
+      };
+      add(nullptr, Tuning::kNone);
+      task.report(static_cast<double>(++done) / static_cast<double>(total));
+      for (size_t f = 0; f < grids.size(); ++f) {
+        const FilterSettings paper(*settings.filters[f]);
+        add(&paper, Tuning::kPaper);
+        if (settings.tune) {
+          add(&grids[f][best_setting({&all[s].searches[f][k]})], Tuning::kSearched);
+          std::vector<const std::vector<double>*> others;
+          for (size_t o = 0; o < scenes.size(); ++o)
+            if (o != s) others.push_back(&all[o].searches[f][k]);
+          if (!others.empty()) add(&grids[f][best_setting(others)], Tuning::kTransfer);
+        }
+        task.report(static_cast<double>(++done) / static_cast<double>(total));
+      }
+    }
+  }
+  return result;
+}
+
+}  // namespace brume

@@ -1,0 +1,87 @@
+#pragma once
+#include <functional>
+#include <optional>
+
+#include "evaluate/metric.h"
+#include "filters/apply.h"
+#include "filters/registry.h"
+
+namespace brume {
+
+/// A rendered frame and what it cost.
+struct TimedFrame {
+  Layers layers;
+  double seconds = 0;
+};
+
+/// One scene to evaluate. The protocol does not know who renders it.
+struct EvaluationScene {
+  std::string name;
+  double exposure = 1.0;
+  std::function<TimedFrame(int spp, int64_t seed, const Task& task)> render;
+};
+
+struct EvaluationSettings {
+  std::vector<int> spp = {16, 36, 64};
+  int seeds = 5;
+  int reference_spp = 4096;  ///< of each of the two references
+  bool tune = true;
+  std::vector<const FilterEntry*> filters;
+  BackgroundRule background = BackgroundRule::kBilateral;
+  Component component = Component::kIndirect;
+};
+
+/// How a method's parameters came about.
+enum class Tuning {
+  kNone,      ///< unfiltered path tracing
+  kPaper,     ///< the defaults, which are the paper's where it gives them
+  kSearched,  ///< best of the exhaustive search on a separate noisy frame of the same scene and spp
+  kTransfer,  ///< best of the same search on the other scenes of this run
+};
+const char* tuning_name(Tuning tuning);
+
+/// One line of the table: a method at one spp.
+struct MethodResult {
+  std::string filter;  ///< empty: unfiltered
+  Tuning tuning = Tuning::kNone;
+  int spp = 0;
+  std::string parameters;
+  MeanInterval whole, medium;     ///< Lab RMS over the seeds; reference noise removed
+  MeanInterval rel_mse_medium;
+  double relative_bias = 0;       ///< over the medium, mean of the seeds
+  double render_seconds = 0, filter_seconds = 0;
+  std::vector<double> whole_by_seed;  ///< for paired comparisons
+  Layers example;                 ///< of the first seed: R G B
+  std::string label() const { return filter.empty() ? "path tracing" : filter; }
+};
+
+struct SceneResult {
+  std::string name;
+  LabPolicy policy;
+  int width = 0, height = 0;
+  double medium_share = 0;        ///< of the frame's pixels
+  int reference_spp = 0;
+  double reference_rms = 0;       ///< Lab RMS noise of one reference, whole frame
+  double reference_seconds = 0;
+  Layers reference;               ///< mean of the two, R G B and coverage
+  Mask mask;
+  std::vector<MethodResult> methods;
+  const MethodResult* find(const std::string& filter, Tuning tuning, int spp) const;
+};
+
+struct Evaluation {
+  EvaluationSettings settings;
+  std::vector<SceneResult> scenes;
+  std::string machine;
+};
+
+/// The layers that references and noisy frames must hold for these settings.
+std::vector<std::string> layers_to_record(const EvaluationSettings& settings);
+
+/// Runs the protocol of the gradient-kernel paper's Table 1. `stage(name)` gives each step its own task.
+Evaluation evaluate(const std::vector<EvaluationScene>& scenes, const EvaluationSettings& settings, const std::function<Task(const std::string&)>& stage);
+
+/// Processor and thread count, for tables.
+std::string machine_name();
+
+}  // namespace brume

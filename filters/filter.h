@@ -1,0 +1,136 @@
+#pragma once
+#include <any>
+#include <concepts>
+#include <functional>
+#include <map>
+#include <string>
+#include <string_view>
+#include <variant>
+#include <vector>
+
+#include "base/progress.h"
+#include "image/layers.h"
+
+namespace brume {
+
+/// What a filter is given: one signal to clean, and the layers it declared. Everything finite, all of one size.
+struct FilterFrame {
+  std::array<const Plane*, 3> signal;  ///< linear RGB
+  const Layers& layers;
+  double exposure = 1.0;  ///< from radiance to display; perceptual filters work on signal * exposure
+  /// Coverage, where the rest of the picture is to be treated as background: pixels at 0 get the bilateral filter with the
+  /// gradient-kernel paper's settings. Null: the filter treats every pixel.
+  const Plane* medium = nullptr;
+
+  int width() const { return signal[0]->width(); }
+  int height() const { return signal[0]->height(); }
+};
+
+using FilterOutput = std::array<Plane*, 3>;
+
+/// One parameter, as the command line, the documentation, the tests and the tuning see it.
+struct Parameter {
+  using Value = std::variant<double, std::string>;
+  std::string name, unit, help;
+  double lowest = 0, highest = 0;          ///< of a number
+  bool integer = false;
+  std::vector<std::string> choices;        ///< not empty for a choice
+  std::vector<Value> candidates;           ///< what an exhaustive search tries; empty: left at its default
+  std::function<Value(const std::any&)> get;
+  std::function<void(std::any&, const Value&)> set;
+
+  /// "in 0 .. 8 px" or "one of a, b".
+  std::string range() const;
+  static std::string text(const Value& value);
+};
+
+/// A filter: what it is called, where it comes from, what it reads, and what it does.
+struct FilterEntry {
+  std::string name, summary, source, notes;
+  std::vector<LayerName> needs, can_use;
+  std::vector<Parameter> parameters;
+  std::any defaults;
+  std::function<int(const std::any&)> apron;  ///< pixels read beyond a tile
+  std::function<void(const std::any&, const FilterFrame&, const FilterOutput&, const Task&)> run;
+
+  const Parameter* find(std::string_view parameter) const;
+};
+
+/// A filter with its parameters set.
+class FilterSettings {
+ public:
+  FilterSettings(const FilterEntry& entry) : entry_(&entry), parameters_(entry.defaults) {}
+  /// @throws InputError: no such parameter (nearest one), not a number, outside its range
+  void set(const std::string& parameter, const std::string& text);
+  void set(const Parameter& parameter, const Parameter::Value& value) { parameter.set(parameters_, value); }
+  const FilterEntry& entry() const { return *entry_; }
+  Parameter::Value get(const Parameter& parameter) const { return parameter.get(parameters_); }
+  /// "sigma-domain=2 sigma-range=20"
+  std::string text() const;
+  int apron() const { return entry_->apron(parameters_); }
+  void run(const FilterFrame& frame, const FilterOutput& out, const Task& task) const { entry_->run(parameters_, frame, out, task); }
+
+ private:
+  const FilterEntry* entry_;
+  std::any parameters_;
+};
+
+/// Builds the declaration of a filter whose parameters are the struct P; P's initialisers are the only defaults.
+template <class P>
+class Declaration {
+ public:
+  Declaration(std::string name, std::string summary) {
+    entry_.name = std::move(name);
+    entry_.summary = std::move(summary);
+    entry_.defaults = P{};
+  }
+  Declaration& source(std::string text) { return entry_.source = std::move(text), *this; }
+  Declaration& notes(std::string text) { return entry_.notes = std::move(text), *this; }
+  template <class... Layer>
+  Declaration& needs(const Layer&... layers) { return (entry_.needs.push_back(layers), ...), *this; }
+  template <class... Layer>
+  Declaration& can_use(const Layer&... layers) { return (entry_.can_use.push_back(layers), ...), *this; }
+
+  struct Range {
+    double lowest, highest;
+  };
+  /// A number. `candidates` are what an exhaustive search tries.
+  template <class Number>
+    requires std::is_arithmetic_v<Number>
+  Declaration& param(std::string name, Number P::*member, Range range, std::string unit, std::string help, std::vector<double> candidates = {}) {
+    Parameter p{std::move(name), std::move(unit), std::move(help), range.lowest, range.highest, std::integral<Number>, {}, {}, {}, {}};
+    p.candidates.assign(candidates.begin(), candidates.end());
+    p.get = [member](const std::any& a) { return Parameter::Value(static_cast<double>(std::any_cast<const P&>(a).*member)); };
+    p.set = [member](std::any& a, const Parameter::Value& v) { std::any_cast<P&>(a).*member = static_cast<Number>(std::get<double>(v)); };
+    return entry_.parameters.push_back(std::move(p)), *this;
+  }
+  /// A choice between names: an enumeration whose values count from 0 in the order of `choices`.
+  template <class Enum>
+    requires std::is_enum_v<Enum>
+  Declaration& param(std::string name, Enum P::*member, std::vector<std::string> choices, std::string help, std::vector<std::string> candidates = {}) {
+    Parameter p{std::move(name), "", std::move(help), 0, 0, false, choices, {}, {}, {}};
+    p.candidates.assign(candidates.begin(), candidates.end());
+    p.get = [member, choices](const std::any& a) { return Parameter::Value(choices[static_cast<size_t>(std::any_cast<const P&>(a).*member)]); };
+    p.set = [member, choices](std::any& a, const Parameter::Value& v) {
+      for (size_t i = 0; i < choices.size(); ++i)
+        if (choices[i] == std::get<std::string>(v)) std::any_cast<P&>(a).*member = static_cast<Enum>(i);
+    };
+    return entry_.parameters.push_back(std::move(p)), *this;
+  }
+  Declaration& apron(int (*pixels)(const P&)) {
+    entry_.apron = [pixels](const std::any& a) { return pixels(std::any_cast<const P&>(a)); };
+    return *this;
+  }
+  FilterEntry run(void (*function)(const P&, const FilterFrame&, const FilterOutput&, const Task&)) {
+    entry_.run = [function](const std::any& a, const FilterFrame& f, const FilterOutput& o, const Task& t) { function(std::any_cast<const P&>(a), f, o, t); };
+    return entry_;
+  }
+
+ private:
+  FilterEntry entry_;
+};
+
+template <class P>
+Declaration<P> declare(std::string name, std::string summary) { return {std::move(name), std::move(summary)}; }
+
+}  // namespace brume
