@@ -1,4 +1,5 @@
 #pragma once
+#include <tbb/global_control.h>
 #include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
 
@@ -31,7 +32,10 @@ void parallel_for(int count, const Task& task, const Body& body) {
   if (task.threads == 1) {
     for (int i = 0; i < count; ++i) one(i);
   } else {
-    tbb::task_arena arena(task.threads > 0 ? task.threads : tbb::task_arena::automatic);
+    const int threads = task.threads > 0 ? task.threads : tbb::this_task_arena::max_concurrency();
+    // More threads than processors are asked for by tests of determinism; TBB wants to be told.
+    const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, static_cast<size_t>(threads));
+    tbb::task_arena arena(threads);
     arena.execute([&] { tbb::parallel_for(0, count, one); });
   }
   task.check();

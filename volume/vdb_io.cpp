@@ -59,6 +59,22 @@ class Contents : openvdb::io::Archive {
 
 [[noreturn]] void fail(const fs::path& path, const std::string& what) { throw InputError(fmt::format("{}: {}", path.string(), what)); }
 
+/// Runs `read`, turning whatever OpenVDB throws over damaged contents into an InputError.
+template <class Read>
+auto guarded(const fs::path& path, const Read& read) {
+  try {
+    return read();
+  } catch (const InputError&) {
+    throw;
+  } catch (const Interrupted&) {
+    throw;
+  } catch (const std::ios::failure&) {
+    fail(path, "truncated or damaged: the file ends where its contents go on");
+  } catch (const std::exception& exception) {
+    fail(path, fmt::format("damaged, or not readable by OpenVDB {}: {}", openvdb::getLibraryVersionString(), exception.what()));
+  }
+}
+
 /// Opens a file whose table of contents has been checked against its length.
 std::unique_ptr<openvdb::io::File> open(const fs::path& path) {
   initialize();
@@ -69,19 +85,16 @@ std::unique_ptr<openvdb::io::File> open(const fs::path& path) {
   char magic[4] = {};
   std::ifstream(path, std::ios::binary).read(magic, 4);
   if (std::string_view(magic, 4) != std::string_view(" BDV", 4)) fail(path, "not an OpenVDB file (its first bytes are not the format's)");
+  uint64_t end = 0;
   try {
-    if (const uint64_t end = Contents(path).end(); end > size)
-      fail(path, fmt::format("truncated: its last grid ends at byte {}, the file at byte {}", end, size));
-    auto file = std::make_unique<openvdb::io::File>(path.string());
-    file->open(/*delayLoad=*/false);
-    return file;
-  } catch (const InputError&) {
-    throw;
+    end = Contents(path).end();
   } catch (const std::ios::failure&) {
     fail(path, fmt::format("truncated: the file ends at byte {}, before the end of its table of contents", size));
-  } catch (const std::exception& exception) {
-    fail(path, fmt::format("not readable by OpenVDB {}: {}", openvdb::getLibraryVersionString(), exception.what()));
   }
+  if (end > size) fail(path, fmt::format("truncated: its last grid ends at byte {}, the file at byte {}", end, size));
+  auto file = std::make_unique<openvdb::io::File>(path.string());
+  file->open(/*delayLoad=*/false);
+  return file;
 }
 
 std::string class_name(const openvdb::GridBase& grid) {
@@ -256,30 +269,20 @@ void build_bricks(const Grid& grid, DensityField& field, const Task& task) {
   if (field.bricks.empty()) field.notes.push_back(fmt::format("grid '{}' holds no positive density: the medium is absent", s.name));
 }
 
-openvdb::GridBase::Ptr read_grid(openvdb::io::File& file, const fs::path& path, const std::string& name) {
-  try {
-    return file.readGrid(name);
-  } catch (const std::exception& error) {
-    fail(path, fmt::format("grid '{}' is damaged or unreadable by OpenVDB {}: {}", name, openvdb::getLibraryVersionString(), error.what()));
-  }
-}
-
-}  // namespace
-
-VdbSummary read_vdb_info(const fs::path& path) {
+VdbSummary read_summary(const fs::path& path) {
   const auto file = open(path);
   VdbSummary summary;
   summary.bytes = fs::file_size(path);
   summary.library_version = file->version();
   if (const auto meta = file->getMetadata()) summary.metadata = texts(*meta);
-  for (auto it = file->beginName(); it != file->endName(); ++it) summary.grids.push_back(summarize(*read_grid(*file, path, *it)));
+  for (auto it = file->beginName(); it != file->endName(); ++it) summary.grids.push_back(summarize(*file->readGrid(*it)));
   return summary;
 }
 
-DensityField load_density(const fs::path& path, const DensityOptions& options, const Task& task) {
+DensityField read_density(const fs::path& path, const DensityOptions& options, const Task& task) {
   const auto file = open(path);
   DensityField field;
-  openvdb::GridBase::Ptr grid = read_grid(*file, path, choose_grid(*file, path, options.grid, field.notes));
+  openvdb::GridBase::Ptr grid = file->readGrid(choose_grid(*file, path, options.grid, field.notes));
   field.summary = summarize(*grid);
   const GridSummary& s = field.summary;
   if (s.grid_class == "points")
@@ -312,8 +315,6 @@ DensityField load_density(const fs::path& path, const DensityOptions& options, c
   return field;
 }
 
-namespace {
-
 void write_grid(const fs::path& path, const openvdb::FloatGrid::Ptr& grid) {
   OutputFile output(path);
   try {
@@ -330,6 +331,14 @@ void write_grid(const fs::path& path, const openvdb::FloatGrid::Ptr& grid) {
 }
 
 }  // namespace
+
+VdbSummary read_vdb_info(const fs::path& path) {
+  return guarded(path, [&] { return read_summary(path); });
+}
+
+DensityField load_density(const fs::path& path, const DensityOptions& options, const Task& task) {
+  return guarded(path, [&] { return read_density(path, options, task); });
+}
 
 void write_density(const fs::path& path, const VoxelBox& box, double voxel_size, const std::function<float(const ivec3&)>& sample,
                    bool half, const Task& task) {
@@ -359,9 +368,12 @@ void write_density(const fs::path& path, const VoxelBox& box, double voxel_size,
 }
 
 uint64_t write_halved_density(const fs::path& from_path, const std::string& name, const fs::path& to) {
-  const auto file = open(from_path);
   std::vector<std::string> notes;
-  const auto source = openvdb::gridPtrCast<openvdb::FloatGrid>(read_grid(*file, from_path, choose_grid(*file, from_path, name, notes)));
+  const auto base = guarded(from_path, [&] {
+    const auto file = open(from_path);
+    return file->readGrid(choose_grid(*file, from_path, name, notes));
+  });
+  const auto source = openvdb::gridPtrCast<openvdb::FloatGrid>(base);
   if (!source) fail(from_path, fmt::format("grid '{}' is not a float grid", name));
   auto grid = openvdb::FloatGrid::create(0.0f);
   grid->setName("density");

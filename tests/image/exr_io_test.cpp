@@ -1,0 +1,102 @@
+#include "image/exr_io.h"
+
+#include <gtest/gtest.h>
+
+#include <limits>
+
+#include "base/error.h"
+#include "image/foreign.h"
+#include "image/picture_io.h"
+#include "tests/support/files.h"
+
+namespace brume {
+namespace {
+
+Layers sample_frame() {
+  Layers frame(37, 11);
+  Plane& red = frame.add("R");
+  Plane& deep = frame.add("indirect.mean_variance.G");
+  for (int y = 0; y < 11; ++y)
+    for (int x = 0; x < 37; ++x) red(x, y) = static_cast<float>(x) - 1e20f * static_cast<float>(y), deep(x, y) = 1e-30f * static_cast<float>(x * y);
+  red(3, 4) = std::numeric_limits<float>::quiet_NaN();
+  red(5, 6) = -std::numeric_limits<float>::infinity();
+  frame.header["scene"] = std::string("x");
+  frame.header["samplesPerPixel"] = 16;
+  frame.header["exposure"] = 0.5f;
+  frame.header["worldToCamera"] = std::array<float, 16>{1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16};
+  return frame;
+}
+
+TEST(Exr, EveryValueAndAttributeSurvives) {
+  const test::TemporaryFolder folder;
+  const Layers frame = sample_frame();
+  write_exr(folder / "a.exr", frame);
+  const Layers back = read_exr(folder / "a.exr");
+  ASSERT_EQ(back.names(), frame.names());
+  for (const auto& [name, plane] : frame.channels())
+    for (int y = 0; y < 11; ++y)
+      for (int x = 0; x < 37; ++x) EXPECT_EQ(std::bit_cast<uint32_t>(plane(x, y)), std::bit_cast<uint32_t>(back.at(name)(x, y)));
+  for (const auto& [key, value] : frame.header) EXPECT_EQ(back.header.at(key), value) << key;
+  EXPECT_EQ(read_exr_info(folder / "a.exr").channels.size(), 2u);
+}
+
+TEST(Exr, ReadsOnlyWhatIsWanted) {
+  const test::TemporaryFolder folder;
+  write_exr(folder / "a.exr", sample_frame());
+  EXPECT_EQ(read_exr(folder / "a.exr", [](const std::string& n) { return n == "R"; }).names(), std::vector<std::string>{"R"});
+}
+
+void expect_input_error(const std::filesystem::path& path, const std::string& part) {
+  try {
+    read_exr(path);
+    FAIL() << path << " was read";
+  } catch (const InputError& error) {
+    EXPECT_NE(std::string(error.what()).find(part), std::string::npos) << error.what();
+    EXPECT_NE(std::string(error.what()).find(path.string()), std::string::npos) << "the message does not name the file";
+  }
+}
+
+TEST(Exr, BadFilesSayWhatIsWrong) {
+  const test::TemporaryFolder folder;
+  expect_input_error(folder / "missing.exr", "no such file");
+  expect_input_error(folder.path(), "is a folder");
+  test::write_file(folder / "text.exr", "this is no image");
+  expect_input_error(folder / "text.exr", "not a readable OpenEXR file");
+  write_exr(folder / "whole.exr", sample_frame());
+  const std::string bytes = test::read_file(folder / "whole.exr");
+  test::write_file(folder / "cut.exr", bytes.substr(0, bytes.size() * 2 / 3));
+  expect_input_error(folder / "cut.exr", "truncated");
+}
+
+TEST(Exr, NothingIsLeftWhenTheFolderIsMissing) {
+  const test::TemporaryFolder folder;
+  EXPECT_THROW(write_exr(folder / "no/a.exr", sample_frame()), InputError);
+  EXPECT_TRUE(std::filesystem::is_empty(folder.path()));
+}
+
+TEST(Foreign, CyclesMultilayerIsRecognisedWhateverItsLayerIsCalled) {
+  const auto path = test::shared("references/cycles/odd/allpasses_half_64.exr");
+  if (path.empty()) GTEST_SKIP() << "no reference frames beside the project";
+  Layers frame = read_exr(path);
+  EXPECT_NE(adopt_foreign_layers(frame).find("My Layer"), std::string::npos);
+  ASSERT_TRUE(frame.has(layer::beauty));
+  ASSERT_TRUE(frame.has(layer::indirect));
+  for (size_t c = 0; c < 3; ++c)
+    for (int y = 0; y < frame.height(); ++y)
+      for (int x = 0; x < frame.width(); ++x) {
+        const float beauty = (*frame.rgb(layer::beauty)[c])(x, y);
+        EXPECT_NEAR((*frame.rgb(layer::direct)[c])(x, y) + (*frame.rgb(layer::indirect)[c])(x, y), beauty, 1e-6f * std::abs(beauty) + 1e-7f);
+      }
+}
+
+TEST(Picture, NonFinitePixelsAreVisible) {
+  Plane p(2, 1, 0.5f);
+  p(1, 0) = std::numeric_limits<float>::quiet_NaN();
+  const Picture picture = to_picture({&p, &p, &p});
+  EXPECT_EQ(picture.rgb[3], 255);
+  EXPECT_EQ(picture.rgb[4], 0);
+  EXPECT_EQ(picture.rgb[5], 255);
+}
+
+}  // namespace
+}  // namespace brume

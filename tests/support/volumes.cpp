@@ -1,0 +1,123 @@
+#include "tests/support/volumes.h"
+
+#include <openvdb/openvdb.h>
+
+#include <cmath>
+
+namespace brume::test {
+
+BrickGrid make_bricks(const VoxelBox& box, const std::function<float(const ivec3&)>& density) {
+  std::vector<ivec3> blocks;
+  for (int x = box.lo.x & ~7; x <= box.hi.x; x += 8)
+    for (int y = box.lo.y & ~7; y <= box.hi.y; y += 8)
+      for (int z = box.lo.z & ~7; z <= box.hi.z; z += 8) blocks.emplace_back(x, y, z);
+  return BrickGrid::build(box, blocks, [&](const ivec3& lo, float* values) {
+    for (int x = 0; x <= 8; ++x)
+      for (int y = 0; y <= 8; ++y)
+        for (int z = 0; z <= 8; ++z) {
+          const ivec3 v = lo + ivec3(x, y, z);
+          const bool inside = glm::all(glm::greaterThanEqual(v, box.lo)) && glm::all(glm::lessThanEqual(v, box.hi));
+          *values++ = inside ? density(v) : 0.0f;
+        }
+  });
+}
+
+BrickGrid constant_box(const ivec3& lo, const ivec3& hi, float density) {
+  return make_bricks({lo, hi}, [density](const ivec3&) { return density; });
+}
+
+dmat4 translation(const dvec3& t) {
+  dmat4 m(1.0);
+  m[3] = glm::dvec4(t, 1.0);
+  return m;
+}
+
+dmat4 scaling(const dvec3& s) {
+  dmat4 m(1.0);
+  for (int a = 0; a < 3; ++a) m[a][a] = s[a];
+  return m;
+}
+
+dvec3 random_direction(Rng& rng) {
+  const double z = 2 * rng.uniform() - 1, r = std::sqrt(1 - z * z);
+  const SinCos phi = portable_sincos_2pi(rng.uniform());
+  return {r * phi.cos, r * phi.sin, z};
+}
+
+dvec3 random_point(Rng& rng, const dvec3& lo, const dvec3& hi) {
+  return lo + (hi - lo) * dvec3(rng.uniform(), rng.uniform(), rng.uniform());
+}
+
+dmat4 random_affine(Rng& rng) {
+  for (;;) {
+    const Frame frame(random_direction(rng));
+    dmat3 m(frame.x, frame.y, frame.z);
+    dmat3 stretch(1.0);
+    for (int a = 0; a < 3; ++a) stretch[a][a] = std::exp(2 * rng.uniform() - 1);
+    dmat3 shear(1.0);
+    shear[1][0] = rng.uniform() - 0.5;
+    shear[2][1] = rng.uniform() - 0.5;
+    if (rng.uniform() < 0.5) stretch[0][0] *= -1;
+    m = m * stretch * shear;
+    if (std::abs(glm::determinant(m)) < 0.02) continue;
+    dmat4 result(m);
+    result[3] = glm::dvec4(random_point(rng, dvec3(-5), dvec3(5)), 1.0);
+    return result;
+  }
+}
+
+void write_affine_vdb(const std::filesystem::path& path, const VoxelBox& box, const dmat4& world_from_index, const std::function<float(const ivec3&)>& density) {
+  openvdb::initialize();
+  auto grid = openvdb::FloatGrid::create(0.0f);
+  grid->setName("density");
+  grid->setGridClass(openvdb::GRID_FOG_VOLUME);
+  auto accessor = grid->getAccessor();
+  ivec3 v;
+  for (v.x = box.lo.x; v.x <= box.hi.x; ++v.x)
+    for (v.y = box.lo.y; v.y <= box.hi.y; ++v.y)
+      for (v.z = box.lo.z; v.z <= box.hi.z; ++v.z)
+        if (const float value = density(v); value != 0) accessor.setValue({v.x, v.y, v.z}, value);
+  openvdb::math::Mat4d m;
+  for (int i = 0; i < 4; ++i)
+    for (int j = 0; j < 4; ++j) m(i, j) = world_from_index[i][j];
+  grid->setTransform(openvdb::math::Transform::createLinearTransform(m));
+  openvdb::io::File file(path.string());
+  file.write(openvdb::GridCPtrVec{grid});
+  file.close();
+}
+
+Mean mean_radiance(const Layers& frame, const LayerName& layer) {
+  Mean mean;
+  const double pixels = static_cast<double>(frame.width()) * frame.height();
+  for (int c = 0; c < 3; ++c) {
+    const Plane& value = frame.at(layer.channel(static_cast<size_t>(c)));
+    const Plane& variance = frame.at(layer.channel_of(statistic::mean_variance, static_cast<size_t>(c)));
+    for (int y = 0; y < frame.height(); ++y)
+      for (int x = 0; x < frame.width(); ++x) {
+        mean.value[c] += value(x, y) / pixels;
+        mean.error[c] += variance(x, y) / (pixels * pixels);
+      }
+    mean.error[c] = std::sqrt(mean.error[c]);
+  }
+  return mean;
+}
+
+Scene scene_of(const std::filesystem::path& volume, double sigma_t, double albedo, double g) {
+  Scene scene;
+  scene.name = volume.stem().string();
+  scene.film.width = scene.film.height = 24;
+  scene.volumes.emplace_back();
+  scene.volumes[0].file = volume;
+  scene.volumes[0].sigma_t = sigma_t;
+  scene.volumes[0].albedo = dvec3(albedo);
+  scene.volumes[0].g = g;
+  const DensityField field = load_density(volume, {});
+  const Medium medium(field.bricks, field.world_from_index, sigma_t, dvec3(albedo), g);
+  const Medium::Sphere sphere = medium.bounding_sphere();
+  scene.camera.look_at = sphere.centre;
+  scene.camera.position = sphere.centre + dvec3(0.3, -3, 0.8) * sphere.radius;
+  scene.camera.fov = 30;
+  return scene;
+}
+
+}  // namespace brume::test

@@ -1,0 +1,35 @@
+#pragma once
+#include <filesystem>
+#include <functional>
+
+#include "base/rng.h"
+#include "render/renderer.h"
+#include "volume/medium.h"
+
+namespace brume::test {
+
+/// Bricks of a function on a lattice.
+BrickGrid make_bricks(const VoxelBox& box, const std::function<float(const ivec3&)>& density);
+/// Density 1 on every voxel of a box.
+BrickGrid constant_box(const ivec3& lo, const ivec3& hi, float density = 1.0f);
+
+dmat4 translation(const dvec3& t);
+dmat4 scaling(const dvec3& s);
+/// A random affine map: rotated, scaled, sheared, mirrored in half of the cases.
+dmat4 random_affine(Rng& rng);
+dvec3 random_direction(Rng& rng);
+dvec3 random_point(Rng& rng, const dvec3& lo, const dvec3& hi);
+
+/// Writes bricks' function as a VDB with any affine transform.
+void write_affine_vdb(const std::filesystem::path& path, const VoxelBox& box, const dmat4& world_from_index, const std::function<float(const ivec3&)>& density);
+
+/// Mean radiance of a picture over all its pixels, and the standard error of that mean from the samples' variance.
+struct Mean {
+  dvec3 value{0}, error{0};
+};
+Mean mean_radiance(const Layers& frame, const LayerName& layer = layer::beauty);
+
+/// A scene that looks at the whole of a volume file from `distance` bounding radii away.
+Scene scene_of(const std::filesystem::path& volume, double sigma_t, double albedo, double g);
+
+}  // namespace brume::test

@@ -1,0 +1,264 @@
+#include "volume/vdb_io.h"
+
+#include <gtest/gtest.h>
+#include <openvdb/openvdb.h>
+#include <openvdb/points/PointConversion.h>
+#include <openvdb/tools/LevelSetSphere.h>
+
+#include <cmath>
+#include <limits>
+
+#include "base/error.h"
+#include "tests/support/files.h"
+#include "tests/support/volumes.h"
+#include "volume/medium.h"
+#include "volume/procedural.h"
+
+namespace brume {
+namespace {
+
+namespace fs = std::filesystem;
+
+void write(const fs::path& path, const openvdb::GridPtrVec& grids) {
+  openvdb::io::File file(path.string());
+  file.write(grids);
+  file.close();
+}
+
+template <class Grid>
+typename Grid::Ptr small_grid(const std::string& name) {
+  openvdb::initialize();
+  auto grid = Grid::create();
+  grid->setName(name);
+  grid->setGridClass(openvdb::GRID_FOG_VOLUME);
+  for (int i = 0; i < 5; ++i) grid->tree().setValue(openvdb::Coord(i, 0, 0), typename Grid::ValueType(i + 1));
+  return grid;
+}
+
+std::string load_error(const fs::path& path, const DensityOptions& options = {}) {
+  try {
+    load_density(path, options);
+  } catch (const InputError& error) {
+    return error.what();
+  }
+  return "";
+}
+
+bool holds(const std::string& text, const std::string& part) { return text.find(part) != std::string::npos; }
+
+TEST(LoadDensity, TransformsOfEveryAffineKind) {
+  const test::TemporaryFolder folder;
+  Rng rng(1);
+  for (int i = 0; i < 8; ++i) {
+    const dmat4 m = test::random_affine(rng);
+    test::write_affine_vdb(folder / "a.vdb", {{-3, 2, 5}, {9, 8, 7}}, m, [](const ivec3& v) { return 0.1f * static_cast<float>(v.x + 4) + static_cast<float>(v.z); });
+    const DensityField field = load_density(folder / "a.vdb", {});
+    for (int c = 0; c < 4; ++c)
+      for (int r = 0; r < 4; ++r) EXPECT_NEAR(field.world_from_index[c][r], m[c][r], 1e-12);
+    const Medium medium(field.bricks, field.world_from_index, 1, dvec3(1), 0);
+    const dvec3 world = dvec3(m * glm::dvec4(2.5, 4, 6, 1));  // between voxels (2, 4, 6) and (3, 4, 6)
+    EXPECT_NEAR(medium.sigma_t(medium.to_local(world)), 0.1 * 6.5 + 6, 1e-5);
+  }
+}
+
+TEST(LoadDensity, FloatDoubleAndHalfAgree) {
+  const test::TemporaryFolder folder;
+  auto floats = small_grid<openvdb::FloatGrid>("density"), halves = small_grid<openvdb::FloatGrid>("density");
+  auto doubles = small_grid<openvdb::DoubleGrid>("density");
+  halves->setSaveFloatAsHalf(true);
+  write(folder / "f.vdb", {floats}), write(folder / "h.vdb", {halves}), write(folder / "d.vdb", {doubles});
+  for (const char* name : {"f.vdb", "h.vdb", "d.vdb"}) {
+    const DensityField field = load_density(folder / name, {});
+    for (int i = 0; i < 5; ++i) EXPECT_EQ(field.bricks.voxel(ivec3(i, 0, 0) - field.bricks.origin()), static_cast<float>(i + 1)) << name;
+  }
+}
+
+TEST(LoadDensity, TilesAndBackgroundCount) {
+  openvdb::initialize();
+  const test::TemporaryFolder folder;
+  auto grid = openvdb::FloatGrid::create(0.25f);
+  grid->setName("density");
+  grid->sparseFill(openvdb::CoordBBox({0, 0, 0}, {255, 127, 127}), 2.0f);
+  grid->tree().setValue({300, 64, 64}, 5.0f);
+  ASSERT_GT(grid->tree().activeTileCount(), 0u);
+  write(folder / "t.vdb", {grid});
+  const DensityField field = load_density(folder / "t.vdb", {});
+  const auto at = [&](int x, int y, int z) { return field.bricks.voxel(ivec3(x, y, z) - field.bricks.origin()); };
+  EXPECT_EQ(at(100, 100, 100), 2.0f);
+  EXPECT_EQ(at(300, 64, 64), 5.0f);
+  EXPECT_EQ(at(280, 10, 10), 0.25f) << "the background inside the active box";
+  EXPECT_EQ(at(301, 64, 64), 0.0f) << "the background outside";
+  ASSERT_FALSE(field.notes.empty());
+  EXPECT_TRUE(holds(field.notes[0], "background 0.25"));
+}
+
+TEST(LoadDensity, OddValuesAreCountedAndSanitised) {
+  openvdb::initialize();
+  const test::TemporaryFolder folder;
+  auto grid = openvdb::FloatGrid::create();
+  grid->setName("density");
+  const float values[] = {1, std::numeric_limits<float>::quiet_NaN(), -2, std::numeric_limits<float>::infinity(), 3, std::numeric_limits<float>::denorm_min()};
+  for (int i = 0; i < 6; ++i) grid->tree().setValue(openvdb::Coord(i, 0, 0), values[i]);
+  write(folder / "n.vdb", {grid});
+  const DensityField field = load_density(folder / "n.vdb", {});
+  const float expected[] = {1, 0, 0, 3, 3, std::numeric_limits<float>::denorm_min()};
+  for (int i = 0; i < 6; ++i) EXPECT_EQ(field.bricks.voxel(ivec3(i, 0, 0) - field.bricks.origin()), expected[i]);
+  std::string notes;
+  for (const std::string& n : field.notes) notes += n + "\n";
+  EXPECT_TRUE(holds(notes, "1 NaN voxels became 0")) << notes;
+  EXPECT_TRUE(holds(notes, "1 negative voxels became 0"));
+  EXPECT_TRUE(holds(notes, "1 infinite voxels became the largest finite value, 3"));
+}
+
+TEST(LoadDensity, ChoosesTheGridThatIsMeant) {
+  const test::TemporaryFolder folder;
+  write(folder / "a.vdb", {small_grid<openvdb::FloatGrid>("shadow"), small_grid<openvdb::FloatGrid>("density_noise"), small_grid<openvdb::Vec3SGrid>("velocity")});
+  EXPECT_EQ(load_density(folder / "a.vdb", {}).summary.name, "density_noise");
+  EXPECT_EQ(load_density(folder / "a.vdb", {"shadow", false}).summary.name, "shadow");
+  const std::string missing = load_error(folder / "a.vdb", {"smoke", false});
+  EXPECT_TRUE(holds(missing, "no grid 'smoke'") && holds(missing, "shadow (float)") && holds(missing, "velocity (vec3s)")) << missing;
+  EXPECT_TRUE(holds(load_error(folder / "a.vdb", {"velocity", false}), "of type vec3s; expected float or double"));
+  write(folder / "two.vdb", {small_grid<openvdb::FloatGrid>("density"), small_grid<openvdb::FloatGrid>("density")});
+  EXPECT_EQ(load_density(folder / "two.vdb", {}).summary.active_voxels, 5u);
+}
+
+TEST(LoadDensity, AnEmptyGridIsAnAbsentMedium) {
+  openvdb::initialize();
+  const test::TemporaryFolder folder;
+  auto grid = openvdb::FloatGrid::create();
+  grid->setName("density");
+  write(folder / "e.vdb", {grid});
+  const DensityField field = load_density(folder / "e.vdb", {});
+  EXPECT_TRUE(field.bricks.empty());
+  ASSERT_EQ(field.notes.size(), 1u);
+  EXPECT_TRUE(holds(field.notes[0], "empty: the medium is absent"));
+}
+
+TEST(LoadDensity, LevelSetsPointsAndFrustumsAreRefusedWithAWayOut) {
+  openvdb::initialize();
+  const test::TemporaryFolder folder;
+  auto sphere = openvdb::tools::createLevelSetSphere<openvdb::FloatGrid>(5.0f, openvdb::Vec3f(0), 0.5f);
+  sphere->setName("density");
+  write(folder / "ls.vdb", {sphere});
+  EXPECT_TRUE(holds(load_error(folder / "ls.vdb"), "is a level set") && holds(load_error(folder / "ls.vdb"), "convert_level_set = true"));
+  const DensityField fog = load_density(folder / "ls.vdb", {"", true});
+  EXPECT_EQ(fog.bricks.voxel(ivec3(0, 0, 0) - fog.bricks.origin()), 1.0f);
+  EXPECT_EQ(fog.bricks.voxel(ivec3(14, 0, 0) - fog.bricks.origin()), 0.0f);
+
+  std::vector<openvdb::Vec3R> positions = {{0, 0, 0}, {1, 1, 1}};
+  auto points = openvdb::points::createPointDataGrid<openvdb::points::NullCodec, openvdb::points::PointDataGrid>(positions, *openvdb::math::Transform::createLinearTransform(1.0));
+  points->setName("density");
+  write(folder / "p.vdb", {points});
+  EXPECT_TRUE(holds(load_error(folder / "p.vdb"), "holds points")) << load_error(folder / "p.vdb");
+
+  auto frustum = small_grid<openvdb::FloatGrid>("density");
+  frustum->setTransform(openvdb::math::Transform::createFrustumTransform(openvdb::BBoxd(openvdb::Vec3d(0), openvdb::Vec3d(10)), 0.5, 10.0, 1.0));
+  write(folder / "fr.vdb", {frustum});
+  EXPECT_TRUE(holds(load_error(folder / "fr.vdb"), "frustum or other non-affine transform")) << load_error(folder / "fr.vdb");
+}
+
+TEST(LoadDensity, BrokenFilesSayWhatIsWrong) {
+  const test::TemporaryFolder folder;
+  EXPECT_TRUE(holds(load_error(folder / "missing.vdb"), "no such file"));
+  test::write_file(folder / "text.vdb", "hello");
+  EXPECT_TRUE(holds(load_error(folder / "text.vdb"), "not an OpenVDB file"));
+  test::write_file(folder / "empty.vdb", "");
+  EXPECT_TRUE(holds(load_error(folder / "empty.vdb"), "not an OpenVDB file"));
+  const std::string bytes = test::read_file(test::source("data/volumes/cloud.vdb"));
+  for (const size_t size : {size_t{5}, size_t{40}, size_t{150}, bytes.size() / 3, bytes.size() / 2, bytes.size() - 1}) {
+    test::write_file(folder / "cut.vdb", bytes.substr(0, size));
+    EXPECT_TRUE(holds(load_error(folder / "cut.vdb"), "truncated")) << size << ": " << load_error(folder / "cut.vdb");
+  }
+}
+
+TEST(LoadDensity, DamagedBytesNeverCrash) {
+  const test::TemporaryFolder folder;
+  write(folder / "a.vdb", {small_grid<openvdb::FloatGrid>("density")});
+  const std::string bytes = test::read_file(folder / "a.vdb");
+  int refused = 0;
+  Rng rng(9);
+  for (int i = 0; i < 150; ++i) {
+    std::string damaged = bytes;
+    damaged[static_cast<size_t>(rng.uniform() * static_cast<double>(bytes.size()))] ^= static_cast<char>(1 + rng.bits() % 255);
+    test::write_file(folder / "d.vdb", damaged);
+    refused += !load_error(folder / "d.vdb").empty();
+  }
+  EXPECT_GT(refused, 5);
+}
+
+// DESIGN: a 300^3 cloud needs at most twice its active voxels as float.
+TEST(LoadDensity, ACloudNeedsAtMostTwiceItsActiveVoxels) {
+  const auto path = test::shared("volumes/cloud.vdb");
+  if (path.empty()) GTEST_SKIP() << "no volumes beside the project";
+  const DensityField field = load_density(path, {});
+  EXPECT_EQ(field.summary.active_voxels, 5276200u);
+  EXPECT_LE(field.bricks.bytes(), 2 * 4 * field.summary.active_voxels);
+}
+
+TEST(LoadDensity, EverySharedVolumeLoadsOrIsRefusedWithTheRightWords) {
+  const auto folder = test::shared("volumes");
+  if (folder.empty()) GTEST_SKIP() << "no volumes beside the project";
+  int loaded = 0;
+  for (const auto& entry : fs::recursive_directory_iterator(folder)) {
+    if (entry.path().extension() != ".vdb") continue;
+    const std::string error = load_error(entry.path());
+    if (entry.path().filename() == "types_nodensity.vdb") {
+      EXPECT_TRUE(holds(error, "no grid 'density'") && holds(error, "Cd (vec3s)") && holds(error, "mask (bool)")) << error;
+    } else {
+      EXPECT_EQ(error, "") << entry.path();
+      const DensityField field = load_density(entry.path(), {});
+      EXPECT_FALSE(field.bricks.empty()) << entry.path();
+      EXPECT_TRUE(field.summary.name.starts_with("density"));
+      ++loaded;
+    }
+  }
+  EXPECT_GE(loaded, 23);
+  EXPECT_EQ(load_density(folder / "smoke_plume.vdb", {}).bricks.maximum(), 1.951171875f);
+  EXPECT_TRUE(load_density(folder / "smoke_plume.vdb", {"flame_noise", false}).bricks.empty());
+  const DensityField decoy = load_density(folder / "fire.vdb", {"shadow", false});
+  EXPECT_TRUE(decoy.bricks.empty()) << "-1 everywhere is no density";
+}
+
+TEST(HalvedDensity, KeepsMassAndPlace) {
+  const auto path = test::shared("volumes/cloud.vdb");
+  if (path.empty()) GTEST_SKIP() << "no volumes beside the project";
+  const auto moments = [](const fs::path& p) {
+    const DensityField f = load_density(p, {});
+    const Medium m(f.bricks, f.world_from_index, 1, dvec3(1), 0);
+    double mass = 0;
+    dvec3 centre(0);
+    ivec3 v;
+    const ivec3 end(f.bricks.support_hi());
+    for (v.x = 0; v.x <= end.x; ++v.x)
+      for (v.y = 0; v.y <= end.y; ++v.y)
+        for (v.z = 0; v.z <= end.z; ++v.z) {
+          const double d = f.bricks.voxel(v);
+          mass += d;
+          centre += d * m.to_world(dvec3(v));
+        }
+    return std::pair(mass * m.voxel_volume(), centre / mass);
+  };
+  const auto [mass, centre] = moments(path);
+  const auto [half_mass, half_centre] = moments(test::source("data/volumes/cloud.vdb"));
+  EXPECT_NEAR(half_mass / mass, 1.0, 1e-3);
+  EXPECT_LT(glm::distance(half_centre, centre), 1e-4);
+}
+
+TEST(WriteDensity, ProceduralVolumesDependOnTheirSeedAlone) {
+  const test::TemporaryFolder folder;
+  for (const bool cloud : {true, false}) {
+    const auto make = [&](uint64_t seed, int threads, const char* name) {
+      const ProceduralVolume v = cloud ? procedural_cloud(40, seed) : procedural_smoke(40, seed);
+      write_density(folder / name, v.box, v.voxel_size, v.density, false, {threads, {}, nullptr});
+      return load_density(folder / name, {});
+    };
+    const DensityField a = make(3, 1, "a.vdb"), b = make(3, 7, "b.vdb"), c = make(4, 2, "c.vdb");
+    EXPECT_GT(a.summary.active_voxels, 500u);
+    EXPECT_EQ(a.summary.active_voxels, b.summary.active_voxels);
+    EXPECT_EQ(a.summary.maximum, b.summary.maximum);
+    EXPECT_NE(a.summary.active_voxels, c.summary.active_voxels);
+  }
+}
+
+}  // namespace
+}  // namespace brume
