@@ -80,10 +80,10 @@ RenderResult PreparedScene::render(int spp, int64_t seed, const Task& task) cons
     const int x0 = tile % tiles.x * kTile, y0 = tile / tiles.x * kTile;
     for (int y = y0; y < std::min(y0 + kTile, height); ++y)
       for (int x = x0; x < std::min(x0 + kTile, width); ++x) {
-        if (task.cancelled()) return;
         Film::Pixel pixel;
         uint32_t invalid = 0;
         for (uint32_t s = 0; s < static_cast<uint32_t>(spp); ++s) {
+          if (s % 64 == 0 && task.cancelled()) return;
           const PathSample sample = take_sample(context_, trace, camera, key_of(scene_, seed, x, y, s), x, y, report.counters);
           if (Film::add(pixel, sample, s & 1u)) continue;
           ++invalid;

@@ -1,1 +1,157 @@
+// What a person gets wrong, and what the program answers: one message that says where, what was found and what would be
+// right, exit status 2, and nothing left behind.
+
 #include <gtest/gtest.h>
+#include <openvdb/openvdb.h>
+
+#include <limits>
+
+#include "image/exr_io.h"
+#include "tests/support/files.h"
+#include "tests/support/volumes.h"
+
+namespace brume {
+namespace {
+
+using test::run_brume;
+
+const std::string kScene = test::source("data/scenes/smoke.toml").string();
+const std::string kCloud = test::source("data/volumes/cloud.vdb").string();
+
+/// Exit status 2, and every part in the message.
+void expect_refused(const std::string& arguments, const std::vector<std::string>& parts) {
+  const auto r = run_brume(arguments);
+  EXPECT_EQ(r.status, 2) << arguments << "\n" << r.err;
+  EXPECT_EQ(r.out, "") << arguments;
+  for (const std::string& part : parts) EXPECT_NE(r.err.find(part), std::string::npos) << arguments << "\nexpected: " << part << "\ngot: " << r.err;
+}
+
+class BadInput : public ::testing::Test {
+ protected:
+  std::string path(const std::string& name) const { return (folder_ / name).string(); }
+  std::string scene(const std::string& volume, const std::string& more = "") {
+    test::write_file(folder_ / "scene.toml", "[camera]\nposition = [0, -5, 0]\nlook_at = [0, 0, 0]\n[film]\nwidth = 8\nheight = 8\n[render]\nspp = 1\n[environment]\nradiance = 1\n[[volumes]]\nfile = \"" +
+                                                 volume + "\"\n" + more);
+    return path("scene.toml");
+  }
+  std::string frame(const std::string& layers, const std::string& name = "frame.exr") {
+    EXPECT_EQ(run_brume("render " + kScene + " -q -D film.width=16 -D film.height=16 --spp 2 --layers " + layers + " -o " + path(name)).status, 0);
+    return path(name);
+  }
+  void expect_nothing_written() const {
+    for (const auto& entry : std::filesystem::directory_iterator(folder_.path())) {
+      EXPECT_NE(entry.path().filename(), "out.exr");
+      EXPECT_NE(entry.path().extension(), ".part") << entry.path();
+    }
+  }
+  test::TemporaryFolder folder_;
+};
+
+TEST_F(BadInput, CommandLine) {
+  expect_refused("rendr x", {"no command 'rendr'; did you mean 'render'?"});
+  expect_refused("", {"subcommand"});
+  expect_refused("render", {"scene is required"});
+  expect_refused("render " + kScene, {"no output; expected -o FILE.exr"});
+  expect_refused("render " + kScene + " --spp 0 -o " + path("out.exr"), {"--spp"});
+  expect_refused("render " + kScene + " --layers normals -o " + path("out.exr"), {"no layer 'normals' to record", "gradient"});
+  expect_refused("info " + path("none.vdb"), {"none.vdb: no such file"});
+  expect_refused("evaluate " + kScene + " --spp 16,x -o " + path("e"), {"expected sample counts such as 16,36,64"});
+  expect_refused("evaluate " + kScene + " -f bilat -o " + path("e"), {"no filter 'bilat'"});
+  expect_nothing_written();
+}
+
+TEST_F(BadInput, Scenes) {
+  expect_refused("render " + path("none.toml") + " -o " + path("out.exr"), {"none.toml: no such file"});
+  expect_refused("render " + folder_.path().string() + " -o " + path("out.exr"), {"is a folder, expected a scene file"});
+  expect_refused("render " + scene(kCloud, "sigma = 3\n") + " -o " + path("out.exr"), {"unknown key 'sigma'", "did you mean", "scene.toml", "sigma = 3"});
+  expect_refused("render " + scene(kCloud, "albedo = \"white\"\n") + " -o " + path("out.exr"), {"'albedo' is text", "albedo = \"white\""});
+  expect_refused("render " + scene(kCloud, "g = 1.5\n") + " -o " + path("out.exr"), {"'g' is out of range", "-0.999 .. 0.999"});
+  expect_refused("render " + scene(kCloud, "object_to_world = [[1,0,0,0],[0,1,0,0],[0,0,0,0],[0,0,0,1]]\n") + " -o " + path("out.exr"), {"object_to_world is singular"});
+  expect_refused("render " + scene("none.vdb") + " -o " + path("out.exr"), {"none.vdb: no such file"});
+  expect_refused("render " + scene(kCloud) + " -D camera.look_at=[0,-5,0] -o " + path("out.exr"), {"position and look_at are the same point"});
+  expect_nothing_written();
+}
+
+TEST_F(BadInput, Volumes) {
+  const std::string bytes = test::read_file(kCloud);
+  test::write_file(folder_ / "cut.vdb", bytes.substr(0, bytes.size() / 2));
+  test::write_file(folder_ / "text.vdb", "hello there");
+  expect_refused("render " + scene("cut.vdb") + " -o " + path("out.exr"), {"cut.vdb: truncated: its last grid ends at byte"});
+  expect_refused("info " + path("cut.vdb"), {"truncated"});
+  expect_refused("render " + scene("text.vdb") + " -o " + path("out.exr"), {"text.vdb: not an OpenVDB file"});
+  expect_refused("render " + scene(kCloud, "grid = \"smoke\"\n") + " -o " + path("out.exr"), {"no grid 'smoke'; the file has: density (float)"});
+
+  openvdb::initialize();
+  auto set = openvdb::FloatGrid::create(3.0f);
+  set->setName("density");
+  set->setGridClass(openvdb::GRID_LEVEL_SET);
+  set->tree().setValue({0, 0, 0}, -1.0f);
+  openvdb::io::File file(path("set.vdb"));
+  file.write(openvdb::GridPtrVec{set});
+  file.close();
+  expect_refused("render " + scene("set.vdb") + " -o " + path("out.exr"), {"is a level set; expected a fog volume", "convert_level_set = true"});
+  expect_nothing_written();
+}
+
+TEST_F(BadInput, OddVoxelsAndEmptyGridsAreNotedNotRefused) {
+  test::write_affine_vdb(folder_ / "odd.vdb", {{0, 0, 0}, {3, 0, 0}}, dmat4(1.0), [](const ivec3& v) {
+    return std::array{1.0f, std::numeric_limits<float>::quiet_NaN(), -1.0f, std::numeric_limits<float>::infinity()}[static_cast<size_t>(v.x)];
+  });
+  const auto odd = run_brume("render " + scene("odd.vdb") + " -q -o " + path("odd.exr"));
+  EXPECT_EQ(odd.status, 0) << odd.err;
+  for (const char* part : {"1 NaN voxels became 0", "1 negative voxels became 0", "1 infinite voxels became"}) EXPECT_NE(odd.err.find(part), std::string::npos) << odd.err;
+  const auto empty = run_brume("render " + kScene + " -q -D volumes.0.grid=flame_noise -D film.width=8 -D film.height=8 --spp 1 -o " + path("empty.exr"));
+  EXPECT_EQ(empty.status, 0) << empty.err;
+  EXPECT_NE(empty.err.find("grid 'flame_noise' is empty: the medium is absent"), std::string::npos) << empty.err;
+}
+
+TEST_F(BadInput, Frames) {
+  const std::string plain = frame("none");
+  expect_refused("denoise " + plain + " -f gradient_kernel -o " + path("out.exr"),
+                 {"filter gradient_kernel needs the layers 'direct', 'indirect', 'gradient'", "brume render SCENE -o OUT.exr --layers direct,indirect,gradient", "frame.exr"});
+  expect_refused("denoise " + plain + " -f bilatera -o " + path("out.exr"), {"no filter 'bilatera'; did you mean 'bilateral'?"});
+  expect_refused("denoise " + plain + " -f bilateral --sigma-rnge 3 -o " + path("out.exr"), {"no parameter 'sigma-rnge'; did you mean 'sigma-range'?"});
+  expect_refused("denoise " + plain + " -f bilateral --sigma-range 1e9 -o " + path("out.exr"), {"expected a number in 0 .. 1000"});
+  expect_refused("denoise " + path("none.exr") + " -f bilateral -o " + path("out.exr"), {"none.exr: no such file"});
+  expect_refused("denoise " + plain + " -f bilateral --exposure dark -o " + path("out.exr"), {"expected header, auto or a number above 0"});
+  const std::string bytes = test::read_file(plain);
+  test::write_file(folder_ / "cut.exr", bytes.substr(0, bytes.size() / 2));
+  expect_refused("denoise " + path("cut.exr") + " -f bilateral -o " + path("out.exr"), {"cut.exr: truncated or damaged"});
+  expect_refused("compare " + plain + " " + plain + " --layer indirect", {"has no layer 'indirect'; it has: beauty"});
+  expect_nothing_written();
+}
+
+TEST_F(BadInput, SizesAndNonFinitePixels) {
+  Layers a(8, 8), b(9, 8), nan(8, 8);
+  for (Layers* f : {&a, &b, &nan})
+    for (const LayerName& l : {layer::beauty, layer::direct, layer::indirect}) f->add_rgb(l);
+  (*nan.add_rgb(layer::beauty)[0])(3, 3) = std::numeric_limits<float>::quiet_NaN();
+  (*nan.add_rgb(layer::indirect)[0])(3, 3) = std::numeric_limits<float>::quiet_NaN();
+  write_exr(folder_ / "a.exr", a), write_exr(folder_ / "b.exr", b), write_exr(folder_ / "nan.exr", nan);
+  expect_refused("compare " + path("a.exr") + " " + path("b.exr"), {"a.exr is 8 x 8", "b.exr is 9 x 8"});
+  expect_refused("compare " + path("nan.exr") + " " + path("a.exr"), {"1 pixels are NaN or infinite"});
+  const auto cleaned = run_brume("denoise " + path("nan.exr") + " -q -f bilateral -o " + path("clean.exr"));
+  EXPECT_EQ(cleaned.status, 0);
+  EXPECT_NE(cleaned.err.find("1 pixels were NaN or infinite"), std::string::npos) << cleaned.err;
+}
+
+TEST_F(BadInput, UnwritableOutputIsFoundBeforeTheWork) {
+  expect_refused("render " + kScene + " --spp 100000 -o " + path("no/such/out.exr"), {"out.exr: cannot be written: there is no folder"});
+  expect_refused("render " + kScene + " --spp 100000 -o " + folder_.path().string(), {"is a folder, expected the name of a file to write"});
+  expect_refused("generate cloud -o " + path("no/out.vdb"), {"there is no folder"});
+}
+
+TEST_F(BadInput, CtrlCLeavesNothingHalfWritten) {
+  const std::string program = BRUME_PROGRAM;
+  for (const std::string& command : {program + " render " + kScene + " --spp 100000 --progress none -o " + path("out.exr"),
+                                     program + " evaluate " + kScene + " --reference-spp 100000 --progress none -o " + path("out")}) {
+    const int status = std::system(("timeout --preserve-status -s INT 2 " + command + " 2>" + path("err")).c_str());
+    EXPECT_EQ(WEXITSTATUS(status), 3) << test::read_file(folder_ / "err");
+    EXPECT_NE(test::read_file(folder_ / "err").find("interrupted; nothing was written"), std::string::npos);
+    expect_nothing_written();
+    EXPECT_FALSE(std::filesystem::exists(folder_ / "out"));
+  }
+}
+
+}  // namespace
+}  // namespace brume
