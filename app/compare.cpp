@@ -19,7 +19,8 @@ struct Options {
 
 RgbPlanes planes(const Layers& frame, const std::string& path) {
   const LayerName name{o.layer, "RGB", ""};
-  if (!frame.has(name)) throw InputError(fmt::format("{}: has no layer '{}'; it has: {}", path, name.label(), join(layer_names(frame))));
+  if (!frame.has(name))
+    throw InputError(fmt::format("{}: has no layer '{}'; it has: {}", path, name.label(), join(layer_names(frame))));
   return frame.rgb(name);
 }
 
@@ -39,10 +40,12 @@ std::vector<std::string> exceeded(const Errors& e) {
     const size_t equals = limit.find('=');
     char* end = nullptr;
     const double bound = equals == std::string::npos ? 0 : std::strtod(limit.c_str() + equals + 1, &end);
-    if (!end || *end || end == limit.c_str() + equals + 1) throw InputError(fmt::format("--max {}: expected METRIC=NUMBER", limit));
+    if (!end || *end || end == limit.c_str() + equals + 1)
+      throw InputError(fmt::format("--max {}: expected METRIC=NUMBER", limit));
     const std::string name = limit.substr(0, equals);
     const auto it = std::find(names.begin(), names.end(), name);
-    if (it == names.end()) throw InputError(fmt::format("--max {}: no metric '{}'{}", limit, name, suggestion(name, names)));
+    if (it == names.end())
+      throw InputError(fmt::format("--max {}: no metric '{}'{}", limit, name, suggestion(name, names)));
     const double value = values[static_cast<size_t>(it - names.begin())].second;
     if (!(std::abs(value) <= bound)) failures.push_back(fmt::format("{} is {:.6g}, above {:.6g}", name, value, bound));
   }
@@ -52,15 +55,15 @@ std::vector<std::string> exceeded(const Errors& e) {
 int run(const Common& common) {
   const Layers picture = read_frame(o.picture), reference = read_frame(o.reference);
   if (picture.width() != reference.width() || picture.height() != reference.height())
-    throw InputError(fmt::format("{} is {} x {}, {} is {} x {}; expected one size", o.picture, picture.width(), picture.height(), o.reference,
-                                 reference.width(), reference.height()));
+    throw InputError(fmt::format("{} is {} x {}, {} is {} x {}; expected one size", o.picture, picture.width(),
+                                 picture.height(), o.reference, reference.width(), reference.height()));
   Layers second;
   RgbPlanes second_planes{};
   if (!o.second.empty()) {
     second = read_frame(o.second);
     if (second.width() != reference.width() || second.height() != reference.height())
-      throw InputError(fmt::format("{} is {} x {}, {} is {} x {}; expected one size", o.second, second.width(), second.height(), o.reference,
-                                   reference.width(), reference.height()));
+      throw InputError(fmt::format("{} is {} x {}, {} is {} x {}; expected one size", o.second, second.width(),
+                                   second.height(), o.reference, reference.width(), reference.height()));
     second_planes = planes(second, o.second);
   }
   LabPolicy policy{choose_exposure(o.exposure, reference), !o.no_clip};
@@ -71,15 +74,22 @@ int run(const Common& common) {
   const Errors medium = mask.empty() ? Errors{} : compare(x, r, policy, mask, r2);
 
   if (common.json) {
-    nlohmann::json j = {{"picture", o.picture}, {"reference", o.reference}, {"policy", policy.text()},
-                        {"reference_noise_removed", r2 != nullptr}, {"metrics", to_json(whole)}};
+    nlohmann::json j = {{"picture", o.picture},
+                        {"reference", o.reference},
+                        {"policy", policy.text()},
+                        {"reference_noise_removed", r2 != nullptr},
+                        {"metrics", to_json(whole)}};
     if (!mask.empty()) j["medium"] = to_json(medium);
     print(j.dump(2) + "\n");
   } else {
-    std::string text = fmt::format("{:<20}{:>14}{}\n", "", "whole frame", mask.empty() ? "" : fmt::format("{:>14}", "medium"));
+    std::string text =
+        fmt::format("{:<20}{:>14}{}\n", "", "whole frame", mask.empty() ? "" : fmt::format("{:>14}", "medium"));
     const auto a = listed(whole), b = listed(medium);
-    for (size_t i = 0; i < a.size(); ++i) text += fmt::format("{:<20}{:>14.6g}{}\n", a[i].first, a[i].second, mask.empty() ? "" : fmt::format("{:>14.6g}", b[i].second));
-    text += fmt::format("{:<20}{:>14}{}\nLab: {}{}\n", "pixels", whole.pixels, mask.empty() ? "" : fmt::format("{:>14}", medium.pixels), policy.text(),
+    for (size_t i = 0; i < a.size(); ++i)
+      text += fmt::format("{:<20}{:>14.6g}{}\n", a[i].first, a[i].second,
+                          mask.empty() ? "" : fmt::format("{:>14.6g}", b[i].second));
+    text += fmt::format("{:<20}{:>14}{}\nLab: {}{}\n", "pixels", whole.pixels,
+                        mask.empty() ? "" : fmt::format("{:>14}", medium.pixels), policy.text(),
                         r2 ? "; reference noise removed by two references" : "");
     print(text);
   }
@@ -96,9 +106,13 @@ void add_compare(CLI::App& app, Common& common, Commands& commands) {
   command->add_option("reference", o.reference, "EXR it should equal")->required();
   command->add_option("--second-reference", o.second, "an independent reference, to take the references' noise off");
   command->add_option("--layer", o.layer, "layer to compare; the beauty without it");
-  command->add_option("--exposure", o.exposure, "number, header, or auto: the reference's 99th luminance percentile becomes 1")->capture_default_str();
+  command
+      ->add_option("--exposure", o.exposure,
+                   "number, header, or auto: the reference's 99th luminance percentile becomes 1")
+      ->capture_default_str();
   command->add_flag("--no-clip", o.no_clip, "do not clip to [0, 1] before CIE-Lab");
-  command->add_option("--max", o.limits, "fail with exit status 1 above a limit: --max lab_rms=0.5")->allow_extra_args(false);
+  command->add_option("--max", o.limits, "fail with exit status 1 above a limit: --max lab_rms=0.5")
+      ->allow_extra_args(false);
   command->add_flag("--json", common.json, "as one JSON object");
   commands[command] = [&common] { return run(common); };
 }

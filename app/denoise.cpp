@@ -24,7 +24,8 @@ struct Options {
 void set_parameters(std::vector<FilterSettings>& filters, const std::vector<std::string>& words) {
   for (size_t i = 0; i < words.size(); ++i) {
     std::string name = words[i], value;
-    if (!name.starts_with("--")) throw InputError(fmt::format("'{}' is not an option; expected --PARAMETER VALUE of a filter", name));
+    if (!name.starts_with("--"))
+      throw InputError(fmt::format("'{}' is not an option; expected --PARAMETER VALUE of a filter", name));
     name.erase(0, 2);
     if (const size_t equals = name.find('='); equals != std::string::npos) {
       value = name.substr(equals + 1);
@@ -45,17 +46,27 @@ std::filesystem::path output_for(const std::string& path, const std::vector<Filt
   return p.parent_path() / fmt::format("{}.{}{}", p.stem().string(), filters[i].entry().name, p.extension().string());
 }
 
+/// What the filters declare, what the component rule reads, and what the result keeps.
+std::vector<LayerName> layers_to_load(const std::vector<FilterSettings>& filters, const ApplyOptions& options) {
+  std::vector<LayerName> layers = {layer::beauty, layer::alpha, layer::coverage};
+  for (const FilterSettings& filter : filters) {
+    for (const LayerName& l : required_layers(filter.entry(), options)) layers.push_back(l);
+    for (const LayerName& l : filter.entry().can_use) layers.push_back(l);
+  }
+  return layers;
+}
+
 int run(const Common& common, const std::vector<std::string>& extras) {
   std::vector<FilterSettings> filters;
   for (const std::string& text : o.filters) filters.push_back(parse_filter(text));
   set_parameters(filters, extras);
   for (size_t i = 0; i < filters.size(); ++i) check_writable(output_for(o.output, filters, i));
-  std::string note;
-  const Layers frame = read_frame(o.input, &note);
-  if (!note.empty()) log(common, "note: " + note);
   ApplyOptions options;
   options.component = o.component == "all" ? Component::kAll : Component::kIndirect;
   options.background = o.background == "filter" ? BackgroundRule::kFilter : BackgroundRule::kBilateral;
+  std::string note;
+  const Layers frame = read_frame(o.input, layers_to_load(filters, options), &note);
+  if (!note.empty()) log(common, "note: " + note);
   options.exposure = choose_exposure(o.exposure, frame);
   for (size_t i = 0; i < filters.size(); ++i) {
     ApplyReport report;
@@ -70,7 +81,8 @@ int run(const Common& common, const std::vector<std::string>& extras) {
     stamp(clean);
     const auto path = output_for(o.output, filters, i);
     write_exr(path, clean);
-    if (!o.preview.empty()) write_png(output_for(o.preview, filters, i), to_picture(clean.rgb(layer::beauty), options.exposure));
+    if (!o.preview.empty())
+      write_png(output_for(o.preview, filters, i), to_picture(clean.rgb(layer::beauty), options.exposure));
     log(common, fmt::format("{} ({}): {:.1f} ms", filters[i].entry().name, filters[i].text(), 1e3 * report.seconds));
     print(path.string() + "\n");
   }
@@ -83,7 +95,8 @@ std::string filter_help() {
     text += fmt::format("  {}: {}\n", e->name, e->summary);
     const FilterSettings settings(*e);
     for (const Parameter& p : e->parameters)
-      text += fmt::format("    --{:<20} {} ({}; default {})\n", p.name, p.help, p.range(), Parameter::text(settings.get(p)));
+      text += fmt::format("    --{:<20} {} ({}; default {})\n", p.name, p.help, p.range(),
+                          Parameter::text(settings.get(p)));
   }
   return text;
 }
@@ -93,14 +106,21 @@ std::string filter_help() {
 void add_denoise(CLI::App& app, Common& common, Commands& commands) {
   CLI::App* command = add_command(app, common, "denoise", "clean a frame with one filter or several");
   command->add_option("frame", o.input, "EXR with layers, by brume or another renderer")->required();
-  command->add_option("-f,--filter", o.filters, "NAME or NAME:parameter=value,...; repeat for several")->required()->allow_extra_args(false);
+  command->add_option("-f,--filter", o.filters, "NAME or NAME:parameter=value,...; repeat for several")
+      ->required()
+      ->allow_extra_args(false);
   command->add_option("-o,--output", o.output, "EXR to write; with several filters OUT.FILTER.exr each")->required();
   command->add_option("--png", o.preview, "also write a PNG");
   command->add_option("--component", o.component, "what to clean: the indirect layer, direct being added back, or all")
-      ->check(CLI::IsMember({"indirect", "all"}))->capture_default_str();
-  command->add_option("--background", o.background, "pixels without coverage: the bilateral filter, or the filter like the rest")
-      ->check(CLI::IsMember({"bilateral", "filter"}))->capture_default_str();
-  command->add_option("--exposure", o.exposure, "from radiance to display: a number, header, or auto")->capture_default_str();
+      ->check(CLI::IsMember({"indirect", "all"}))
+      ->capture_default_str();
+  command
+      ->add_option("--background", o.background,
+                   "pixels without coverage: the bilateral filter, or the filter like the rest")
+      ->check(CLI::IsMember({"bilateral", "filter"}))
+      ->capture_default_str();
+  command->add_option("--exposure", o.exposure, "from radiance to display: a number, header, or auto")
+      ->capture_default_str();
   command->allow_extras();
   command->footer(filter_help);
   commands[command] = [&common, command] { return run(common, command->remaining()); };

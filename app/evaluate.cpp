@@ -25,7 +25,8 @@ std::vector<int> parse_spp(const std::string& text) {
   for (const std::string& word : split(text, ',')) {
     char* end = nullptr;
     const long value = std::strtol(word.c_str(), &end, 10);
-    if (word.empty() || *end || value < 1 || value > 1 << 20) throw InputError(fmt::format("--spp {}: expected sample counts such as 16,36,64", text));
+    if (word.empty() || *end || value < 1 || value > 1 << 20)
+      throw InputError(fmt::format("--spp {}: expected sample counts such as 16,36,64", text));
     result.push_back(static_cast<int>(value));
   }
   return result;
@@ -39,7 +40,9 @@ class OutputFolder {
     std::filesystem::remove_all(part_, error);
     std::filesystem::create_directories(part_, error);
     if (error) throw InputError(fmt::format("{}: cannot be made: {}", path, error.message()));
-    if (std::filesystem::exists(path_) && !(std::filesystem::is_directory(path_) && (std::filesystem::is_empty(path_) || std::filesystem::exists(path_ / "table.md"))))
+    if (std::filesystem::exists(path_) &&
+        !(std::filesystem::is_directory(path_) &&
+          (std::filesystem::is_empty(path_) || std::filesystem::exists(path_ / "table.md"))))
       throw InputError(fmt::format("{}: exists and is no folder of an earlier evaluation; name another", path));
   }
   ~OutputFolder() {
@@ -82,16 +85,19 @@ int run(const Common& common) {
     for (const std::string& note : prepared.back()->notes()) warn("note: " + note);
     const PreparedScene* p = prepared.back().get();
     for (const EvaluationScene& other : scenes)
-      if (other.name == p->scene().name) throw InputError(fmt::format("two scenes are named '{}'; give each its own name", other.name));
+      if (other.name == p->scene().name)
+        throw InputError(fmt::format("two scenes are named '{}'; give each its own name", other.name));
     scenes.push_back({p->scene().name, p->scene().film.exposure, [p](int spp, int64_t seed, const Task& task) {
                         RenderResult r = p->render(spp, seed, task);
                         stamp(r.layers);
-                        if (r.report.invalid_samples || r.report.counters.capped_paths) warn("note: " + r.report.summary());
+                        if (r.report.invalid_samples || r.report.counters.capped_paths)
+                          warn("note: " + r.report.summary());
                         return TimedFrame{std::move(r.layers), r.report.seconds};
                       }});
   }
   OutputFolder folder(o.output);
-  const Evaluation result = evaluate(scenes, settings, [&](const std::string& name) { return make_task(common, name); });
+  const Evaluation result =
+      evaluate(scenes, settings, [&](const std::string& name) { return make_task(common, name); });
   write_report(result, folder.part());
   folder.commit();
   print(common.json ? json_report(result) : markdown_report(result));
@@ -102,18 +108,27 @@ int run(const Common& common) {
 }  // namespace
 
 void add_evaluate(CLI::App& app, Common& common, Commands& commands) {
-  CLI::App* command = add_command(app, common, "evaluate", "compare the filters: references, noisy frames, tuning, tables, strips, plots");
-  command->add_option("scenes", o.scenes, "scene files; with several, parameters are also transferred between them")->required();
+  CLI::App* command = add_command(app, common, "evaluate",
+                                  "compare the filters: references, noisy frames, tuning, tables, strips, plots");
+  command->add_option("scenes", o.scenes, "scene files; with several, parameters are also transferred between them")
+      ->required();
   command->add_option("-o,--output", o.output, "folder to write")->required();
   command->add_option("--spp", o.spp, "sample counts of the noisy frames")->capture_default_str();
-  command->add_option("--seeds", o.seeds, "noisy frames per sample count")->check(CLI::Range(1, 1000))->capture_default_str();
-  command->add_option("--reference-spp", o.reference_spp, "of each of the two references")->check(CLI::Range(1, 1 << 24))->capture_default_str();
+  command->add_option("--seeds", o.seeds, "noisy frames per sample count")
+      ->check(CLI::Range(1, 1000))
+      ->capture_default_str();
+  command->add_option("--reference-spp", o.reference_spp, "of each of the two references")
+      ->check(CLI::Range(1, 1 << 24))
+      ->capture_default_str();
   command->add_option("--size", o.size, "width in pixels instead of the scenes'")->check(CLI::Range(1, 65536));
   command->add_option("-D", o.overrides, "set a key of every scene")->allow_extra_args(false);
   command->add_option("-f,--filter", o.filters, "compare only these")->allow_extra_args(false);
-  command->add_option("--component", o.component, "what to clean: indirect, or all")->check(CLI::IsMember({"indirect", "all"}))->capture_default_str();
+  command->add_option("--component", o.component, "what to clean: indirect, or all")
+      ->check(CLI::IsMember({"indirect", "all"}))
+      ->capture_default_str();
   command->add_option("--background", o.background, "pixels without coverage: bilateral, or filter")
-      ->check(CLI::IsMember({"bilateral", "filter"}))->capture_default_str();
+      ->check(CLI::IsMember({"bilateral", "filter"}))
+      ->capture_default_str();
   command->add_flag("--no-tuning", o.no_tuning, "published parameters only");
   command->add_flag("--json", common.json, "the table as JSON on stdout");
   commands[command] = [&common] { return run(common); };

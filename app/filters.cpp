@@ -1,8 +1,7 @@
-#include "filters/registry.h"
-
 #include <fmt/format.h>
 
 #include "app/command.h"
+#include "filters/registry.h"
 
 namespace brume::app {
 namespace {
@@ -16,14 +15,17 @@ nlohmann::json to_json(const FilterEntry& e) {
   const FilterSettings settings(e);
   for (const Parameter& p : e.parameters) {
     nlohmann::json j = {{"name", p.name}, {"default", to_json(settings.get(p))}, {"unit", p.unit}, {"help", p.help}};
-    if (p.choices.empty()) j["range"] = {p.lowest, p.highest};
-    else j["choices"] = p.choices;
+    if (p.choices.empty())
+      j["range"] = {p.lowest, p.highest};
+    else
+      j["choices"] = p.choices;
     parameters.push_back(j);
   }
   nlohmann::json needs = nlohmann::json::array(), can_use = nlohmann::json::array();
   for (const LayerName& l : e.needs) needs.push_back(l.label());
   for (const LayerName& l : e.can_use) can_use.push_back(l.label());
-  return {{"name", e.name}, {"summary", e.summary}, {"source", e.source}, {"needs", needs}, {"can_use", can_use}, {"parameters", parameters}};
+  return {{"name", e.name}, {"summary", e.summary}, {"source", e.source},
+          {"needs", needs}, {"can_use", can_use},   {"parameters", parameters}};
 }
 
 }  // namespace

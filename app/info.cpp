@@ -12,31 +12,44 @@ namespace {
 
 using nlohmann::json;
 
-json to_json(const dvec3& v) { return {v.x, v.y, v.z}; }
-json to_json(const ivec3& v) { return {v.x, v.y, v.z}; }
+json to_json(const dvec3& v) {
+  return {v.x, v.y, v.z};
+}
+json to_json(const ivec3& v) {
+  return {v.x, v.y, v.z};
+}
 
 std::string format_transform(const dmat4& m) {
   std::string text;
-  for (int row = 0; row < 3; ++row) text += fmt::format("    {:>12.6g} {:>12.6g} {:>12.6g} {:>12.6g}\n", m[0][row], m[1][row], m[2][row], m[3][row]);
+  for (int row = 0; row < 3; ++row)
+    text += fmt::format("    {:>12.6g} {:>12.6g} {:>12.6g} {:>12.6g}\n", m[0][row], m[1][row], m[2][row], m[3][row]);
   return text;
 }
 
 int info_vdb(const std::string& path, bool as_json) {
   const VdbSummary s = read_vdb_info(path);
   json grids = json::array();
-  std::string text = fmt::format("{}: OpenVDB {}, {:.2f} MB, {} grids\n", path, s.library_version, static_cast<double>(s.bytes) / 1e6, s.grids.size());
+  std::string text = fmt::format("{}: OpenVDB {}, {:.2f} MB, {} grids\n", path, s.library_version,
+                                 static_cast<double>(s.bytes) / 1e6, s.grids.size());
   for (const auto& [key, value] : s.metadata) text += fmt::format("  {} = {}\n", key, value);
   for (const GridSummary& g : s.grids) {
-    json j = {{"name", g.name}, {"type", g.type}, {"class", g.grid_class}, {"compression", g.compression}, {"half", g.half},
-              {"linear_transform", g.linear}, {"active_voxels", g.active_voxels}, {"active_tiles", g.active_tiles},
-              {"voxel_size", to_json(g.voxel_size)}, {"metadata", g.metadata}};
-    text += fmt::format("\n{}\n  type          {}{}, {}{}\n", g.name, g.type, g.half ? " saved as half" : "", g.grid_class,
-                        g.compression.empty() ? "" : ", " + g.compression);
+    json j = {{"name", g.name},
+              {"type", g.type},
+              {"class", g.grid_class},
+              {"compression", g.compression},
+              {"half", g.half},
+              {"linear_transform", g.linear},
+              {"active_voxels", g.active_voxels},
+              {"active_tiles", g.active_tiles},
+              {"voxel_size", to_json(g.voxel_size)},
+              {"metadata", g.metadata}};
+    text += fmt::format("\n{}\n  type          {}{}, {}{}\n", g.name, g.type, g.half ? " saved as half" : "",
+                        g.grid_class, g.compression.empty() ? "" : ", " + g.compression);
     if (g.box.empty()) {
       text += "  active        none: an empty grid\n";
     } else {
-      text += fmt::format("  active        {} voxels, {} tiles, box [{} {} {}] .. [{} {} {}]\n", g.active_voxels, g.active_tiles, g.box.lo.x,
-                          g.box.lo.y, g.box.lo.z, g.box.hi.x, g.box.hi.y, g.box.hi.z);
+      text += fmt::format("  active        {} voxels, {} tiles, box [{} {} {}] .. [{} {} {}]\n", g.active_voxels,
+                          g.active_tiles, g.box.lo.x, g.box.lo.y, g.box.lo.z, g.box.hi.x, g.box.hi.y, g.box.hi.z);
       j["box"] = {to_json(g.box.lo), to_json(g.box.hi)};
     }
     text += fmt::format("  voxel size    {:.6g} {:.6g} {:.6g}\n", g.voxel_size.x, g.voxel_size.y, g.voxel_size.z);
@@ -45,18 +58,29 @@ int info_vdb(const std::string& path, bool as_json) {
       j["minimum"] = g.minimum, j["maximum"] = g.maximum, j["background"] = g.background;
     }
     if (g.nan_count || g.infinite_count || g.negative_count) {
-      text += fmt::format("  odd values    {} NaN, {} infinite, {} negative\n", g.nan_count, g.infinite_count, g.negative_count);
+      text += fmt::format("  odd values    {} NaN, {} infinite, {} negative\n", g.nan_count, g.infinite_count,
+                          g.negative_count);
       j["nan"] = g.nan_count, j["infinite"] = g.infinite_count, j["negative"] = g.negative_count;
     }
-    text += g.linear ? "  world from index\n" + format_transform(g.world_from_index) : "  transform     not affine (frustum)\n";
+    text += g.linear ? "  world from index\n" + format_transform(g.world_from_index)
+                     : "  transform     not affine (frustum)\n";
     if (g.linear) {
       json rows = json::array();
-      for (int row = 0; row < 4; ++row) rows.push_back({g.world_from_index[0][row], g.world_from_index[1][row], g.world_from_index[2][row], g.world_from_index[3][row]});
+      for (int row = 0; row < 4; ++row)
+        rows.push_back({g.world_from_index[0][row], g.world_from_index[1][row], g.world_from_index[2][row],
+                        g.world_from_index[3][row]});
       j["world_from_index"] = rows;
     }
     grids.push_back(j);
   }
-  print(as_json ? json{{"file", path}, {"kind", "vdb"}, {"library_version", s.library_version}, {"metadata", s.metadata}, {"grids", grids}}.dump(2) + "\n" : text);
+  print(as_json ? json{{"file", path},
+                       {"kind", "vdb"},
+                       {"library_version", s.library_version},
+                       {"metadata", s.metadata},
+                       {"grids", grids}}
+                          .dump(2) +
+                      "\n"
+                : text);
   return kDone;
 }
 
@@ -67,17 +91,27 @@ json to_json(const Attribute& a) {
 int info_exr(const std::string& path, bool as_json) {
   const ExrInfo info = read_exr_info(path);
   json channels = json::array(), header;
-  std::string text = fmt::format("{}: OpenEXR, {} x {}, {}, {} channels\n", path, info.width, info.height, info.compression, info.channels.size());
+  std::string text = fmt::format("{}: OpenEXR, {} x {}, {}, {} channels\n", path, info.width, info.height,
+                                 info.compression, info.channels.size());
   for (const auto& [name, value] : info.header) {
     header[name] = to_json(value);
-    text += fmt::format("  {} = {}\n", name, header[name].is_string() ? header[name].get<std::string>() : header[name].dump());
+    text += fmt::format("  {} = {}\n", name,
+                        header[name].is_string() ? header[name].get<std::string>() : header[name].dump());
   }
   text += "\n";
   for (const ExrInfo::Channel& c : info.channels) {
     channels.push_back({{"name", c.name}, {"type", c.type}});
     text += fmt::format("  {:<36} {}\n", c.name, c.type);
   }
-  print(as_json ? json{{"file", path}, {"kind", "exr"}, {"width", info.width}, {"height", info.height}, {"channels", channels}, {"header", header}}.dump(2) + "\n" : text);
+  print(as_json ? json{{"file", path},
+                       {"kind", "exr"},
+                       {"width", info.width},
+                       {"height", info.height},
+                       {"channels", channels},
+                       {"header", header}}
+                          .dump(2) +
+                      "\n"
+                : text);
   return kDone;
 }
 

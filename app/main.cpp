@@ -10,7 +10,9 @@
 
 namespace brume::app {
 
-std::string version_text() { return fmt::format("brume {} ({})", BRUME_VERSION, BRUME_COMMIT); }
+std::string version_text() {
+  return fmt::format("brume {} ({})", BRUME_VERSION, BRUME_COMMIT);
+}
 
 void stamp(Layers& layers) {
   layers.header["software"] = std::string("brume");
@@ -20,10 +22,12 @@ void stamp(Layers& layers) {
 
 namespace {
 
-// The first Ctrl-C asks for an orderly end, the second is the system's.
-void on_interrupt(int) {
+// Ctrl-C asks for an orderly end; the third is the system's, for when that takes too long.
+void on_interrupt(int signal) {
+  static volatile std::sig_atomic_t count = 0;
   interrupted = true;
-  std::signal(SIGINT, SIG_DFL);
+  count = count + 1;
+  if (count == 2) std::signal(signal, SIG_DFL);
 }
 
 int parse_error(const CLI::App& app, const CLI::ParseError& error, int argc, char** argv) {
@@ -31,13 +35,15 @@ int parse_error(const CLI::App& app, const CLI::ParseError& error, int argc, cha
   std::string message = error.what();
   std::vector<std::string> verbs;
   for (const CLI::App* command : app.get_subcommands({})) verbs.push_back(command->get_name());
-  if (argc > 1 && app.get_subcommands().empty() && argv[1][0] != '-') message = fmt::format("no command '{}'{}", argv[1], suggestion(argv[1], verbs));
+  if (argc > 1 && app.get_subcommands().empty() && argv[1][0] != '-')
+    message = fmt::format("no command '{}'{}", argv[1], suggestion(argv[1], verbs));
   warn(message + "\nRun with --help for what there is.");
   return kBadInput;
 }
 
 int run(int argc, char** argv) {
-  CLI::App app("Renders OpenVDB smoke and clouds without bias, and removes Monte Carlo noise from media passes.", "brume");
+  CLI::App app("Renders OpenVDB smoke and clouds without bias, and removes Monte Carlo noise from media passes.",
+               "brume");
   app.set_version_flag("--version", version_text());
   app.require_subcommand(1);
   app.get_formatter()->column_width(36);
@@ -76,4 +82,6 @@ int run(int argc, char** argv) {
 }  // namespace
 }  // namespace brume::app
 
-int main(int argc, char** argv) { return brume::app::run(argc, argv); }
+int main(int argc, char** argv) {
+  return brume::app::run(argc, argv);
+}

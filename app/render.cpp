@@ -26,8 +26,9 @@ int replay(const PreparedScene& scene, int64_t seed) {
   if (parts.size() != 3 || std::sscanf(o.replay.c_str(), "%d,%d,%d", v, v + 1, v + 2) != 3)
     throw InputError(fmt::format("--replay {}: expected x,y,sample", o.replay));
   const PathSample s = scene.replay(seed, v[0], v[1], static_cast<uint32_t>(v[2]));
-  print(fmt::format("direct {} {} {}\nindirect {} {} {}\ngradient {} {} {}\ncoverage {}\ntransmittance {}\n", s.direct.x, s.direct.y, s.direct.z,
-                    s.indirect.x, s.indirect.y, s.indirect.z, s.gradient.x, s.gradient.y, s.gradient.z, s.coverage, s.transmittance));
+  print(fmt::format("direct {} {} {}\nindirect {} {} {}\ngradient {} {} {}\ncoverage {}\ntransmittance {}\n",
+                    s.direct.x, s.direct.y, s.direct.z, s.indirect.x, s.indirect.y, s.indirect.z, s.gradient.x,
+                    s.gradient.y, s.gradient.z, s.coverage, s.transmittance));
   return kDone;
 }
 
@@ -37,7 +38,8 @@ int run(const Common& common) {
   Scene scene = read_scene(o.scene, o.overrides);
   if (o.spp > 0) scene.render.spp = o.spp;
   if (o.seed >= 0) scene.render.seed = o.seed;
-  const LayerRequest layers = LayerRequest::of(o.layers.empty() || o.layers == "none" ? std::vector<std::string>{} : split(o.layers, ','), !o.no_statistics);
+  const LayerRequest layers = LayerRequest::of(
+      o.layers.empty() || o.layers == "none" ? std::vector<std::string>{} : split(o.layers, ','), !o.no_statistics);
   const PreparedScene prepared(scene, layers, {common.threads, {}, &interrupted});
   for (const std::string& note : prepared.notes()) warn("note: " + note);
   if (o.explain) {

@@ -22,21 +22,34 @@ class ProgressLine {
     if (style_ == "json") {
       if (fraction < 1 && elapsed - last_ < 0.2) return;
       last_ = elapsed;
-      std::fputs((nlohmann::json{{"stage", label_}, {"progress", fraction}, {"seconds", elapsed},
-                                 {"seconds_left", fraction > 0 ? elapsed * (1 - fraction) / fraction : 0.0}}.dump() + "\n").c_str(), stderr);
+      std::fputs((nlohmann::json{{"stage", label_},
+                                 {"progress", fraction},
+                                 {"seconds", elapsed},
+                                 {"seconds_left", fraction > 0 ? elapsed * (1 - fraction) / fraction : 0.0}}
+                      .dump() +
+                  "\n")
+                     .c_str(),
+                 stderr);
     } else if (style_ == "bar") {
       if (fraction < 1 && elapsed - last_ < 0.1) return;
       last_ = elapsed;
       constexpr int kWidth = 30;
       const int filled = static_cast<int>(fraction * kWidth);
       const std::string tail = fraction >= 1 ? format_duration(elapsed) : left.empty() ? "" : left + " left";
-      std::fputs(fmt::format("\r{:<28} [{:#<{}}{:.<{}}] {:3.0f} %  {:<16}{}", label_, "", filled, "", kWidth - filled, 100 * fraction, tail,
-                             fraction >= 1 ? "\n" : "").c_str(), stderr);
+      std::fputs(fmt::format("\r{:<28} [{:#<{}}{:.<{}}] {:3.0f} %  {:<16}{}", label_, "", filled, "", kWidth - filled,
+                             100 * fraction, tail, fraction >= 1 ? "\n" : "")
+                     .c_str(),
+                 stderr);
     } else if (style_ == "lines") {
       const int tenth = static_cast<int>(std::floor(fraction * 10 + 1e-9));
       if (tenth <= tenth_ || (elapsed < 2 && fraction < 1)) return;
       tenth_ = tenth;
-      std::fputs(fmt::format("{}: {} %{}\n", label_, tenth * 10, fraction >= 1 ? ", " + format_duration(elapsed) : left.empty() ? "" : ", " + left + " left").c_str(), stderr);
+      std::fputs(fmt::format("{}: {} %{}\n", label_, tenth * 10,
+                             fraction >= 1  ? ", " + format_duration(elapsed)
+                             : left.empty() ? ""
+                                            : ", " + left + " left")
+                     .c_str(),
+                 stderr);
     }
     std::fflush(stderr);
   }
@@ -55,23 +68,31 @@ std::atomic<bool> interrupted{false};
 Task make_task(const Common& common, const std::string& label) {
   Task task{common.threads, {}, &interrupted};
   const bool silent = common.progress == "none" || (common.quiet && common.progress == "auto");
-  if (!silent) task.progress = [line = std::make_shared<ProgressLine>(label, common.progress)](double f) { line->update(f); };
+  if (!silent)
+    task.progress = [line = std::make_shared<ProgressLine>(label, common.progress)](double f) { line->update(f); };
   return task;
 }
 
 CLI::App* add_command(CLI::App& app, Common& common, const std::string& name, const std::string& description) {
   CLI::App* command = app.add_subcommand(name, description);
-  command->add_option("--threads", common.threads, "threads to use; 0: all")->check(CLI::Range(0, 4096))->group("Common");
+  command->add_option("--threads", common.threads, "threads to use; 0: all")
+      ->check(CLI::Range(0, 4096))
+      ->group("Common");
   command->add_flag("-q,--quiet", common.quiet, "errors and warnings only on stderr")->group("Common");
   command->add_option("--progress", common.progress, "progress on stderr")
-      ->check(CLI::IsMember({"auto", "bar", "lines", "json", "none"}))->group("Common");
+      ->check(CLI::IsMember({"auto", "bar", "lines", "json", "none"}))
+      ->group("Common");
   return command;
 }
 
 void log(const Common& common, const std::string& text) {
   if (!common.quiet) std::fputs((text + "\n").c_str(), stderr);
 }
-void warn(const std::string& text) { std::fputs(("brume: " + text + "\n").c_str(), stderr); }
-void print(const std::string& text) { std::fputs(text.c_str(), stdout); }
+void warn(const std::string& text) {
+  std::fputs(("brume: " + text + "\n").c_str(), stderr);
+}
+void print(const std::string& text) {
+  std::fputs(text.c_str(), stdout);
+}
 
 }  // namespace brume::app

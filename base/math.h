@@ -20,7 +20,8 @@ inline double portable_log(double x) {
   const double m = std::bit_cast<double>(bits - (static_cast<uint64_t>(static_cast<int64_t>(e)) << 52));
   const double s = (m - 1.0) / (m + 1.0), z = s * s;
   const double p =
-      2.0 + z * (2.0 / 3 + z * (2.0 / 5 + z * (2.0 / 7 + z * (2.0 / 9 + z * (2.0 / 11 + z * (2.0 / 13 + z * (2.0 / 15)))))));
+      2.0 +
+      z * (2.0 / 3 + z * (2.0 / 5 + z * (2.0 / 7 + z * (2.0 / 9 + z * (2.0 / 11 + z * (2.0 / 13 + z * (2.0 / 15)))))));
   return e * std::numbers::ln2 + s * p;
 }
 
@@ -32,13 +33,19 @@ struct SinCos {
 inline SinCos portable_sincos_2pi(double u) {
   const double quadrant = std::floor(4.0 * u + 0.5);
   const double a = (u - 0.25 * quadrant) * (2.0 * kPi), z = a * a;
-  const double s = a * (1.0 + z * (-1.0 / 6 + z * (1.0 / 120 + z * (-1.0 / 5040 + z * (1.0 / 362880 + z * (-1.0 / 39916800))))));
-  const double c = 1.0 + z * (-0.5 + z * (1.0 / 24 + z * (-1.0 / 720 + z * (1.0 / 40320 + z * (-1.0 / 3628800 + z / 479001600.0)))));
+  const double s =
+      a * (1.0 + z * (-1.0 / 6 + z * (1.0 / 120 + z * (-1.0 / 5040 + z * (1.0 / 362880 + z * (-1.0 / 39916800))))));
+  const double c =
+      1.0 + z * (-0.5 + z * (1.0 / 24 + z * (-1.0 / 720 + z * (1.0 / 40320 + z * (-1.0 / 3628800 + z / 479001600.0)))));
   switch (static_cast<int>(quadrant) & 3) {
-    case 0: return {s, c};
-    case 1: return {c, -s};
-    case 2: return {-s, -c};
-    default: return {-c, s};
+    case 0:
+      return {s, c};
+    case 1:
+      return {c, -s};
+    case 2:
+      return {-s, -c};
+    default:
+      return {-c, s};
   }
 }
 

@@ -20,10 +20,13 @@ void check_writable(const fs::path& path) {
   if (!fs::is_directory(folder, ignored))
     throw InputError(fmt::format("{}: cannot be written: there is no folder {}", path.string(), folder.string()));
   if (access(folder.c_str(), W_OK) != 0)
-    throw InputError(fmt::format("{}: cannot be written: {}: {}", path.string(), folder.string(), std::strerror(errno)));
+    throw InputError(
+        fmt::format("{}: cannot be written: {}: {}", path.string(), folder.string(), std::strerror(errno)));
 }
 
-OutputFile::OutputFile(fs::path path) : path_(std::move(path)), part_(path_.string() + ".part") { check_writable(path_); }
+OutputFile::OutputFile(fs::path path) : path_(std::move(path)), part_(path_.string() + ".part") {
+  check_writable(path_);
+}
 
 OutputFile::~OutputFile() {
   std::error_code ignored;

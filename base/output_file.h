@@ -5,7 +5,8 @@
 
 namespace brume {
 
-/// A file that appears whole or not at all: written under `PATH.part`, renamed by commit(), removed if that never comes.
+/// A file that appears whole or not at all: written under `PATH.part`, renamed by commit(), removed if that never
+/// comes.
 class OutputFile {
  public:
   /// @throws InputError when the folder is missing or cannot be written to

@@ -15,7 +15,9 @@ inline uint64_t mix64(uint64_t x) {
   return x ^ (x >> 31);
 }
 
-inline uint64_t hash_combine(uint64_t seed, uint64_t value) { return mix64(seed ^ (value + 0x9e3779b97f4a7c15ull)); }
+inline uint64_t hash_combine(uint64_t seed, uint64_t value) {
+  return mix64(seed ^ (value + 0x9e3779b97f4a7c15ull));
+}
 
 /// What one pixel sample's random numbers depend on, and nothing else: not the thread, not the tile order.
 struct SampleKey {
@@ -55,7 +57,8 @@ class Rng {
 /// Source: Burley 2020, Practical Hash-based Owen Scrambling; Laine and Karras 2011 for the hash.
 class Sobol {
  public:
-  explicit Sobol(const SampleKey& key) : index_(key.sample >> 1), seed_(hash_combine(key.pixel_hash(), key.sample & 1u)) {}
+  explicit Sobol(const SampleKey& key)
+      : index_(key.sample >> 1), seed_(hash_combine(key.pixel_hash(), key.sample & 1u)) {}
 
   /// Point of the pair `pair` in [0, 1)^2.
   dvec2 pair(uint32_t pair) const {

@@ -15,8 +15,12 @@ using dvec3 = glm::dvec3;
 using dmat3 = glm::dmat3;
 using dmat4 = glm::dmat4;
 
-inline double max_component(const dvec3& v) { return glm::max(v.x, glm::max(v.y, v.z)); }
-inline float max_component(const vec3& v) { return glm::max(v.x, glm::max(v.y, v.z)); }
+inline double max_component(const dvec3& v) {
+  return glm::max(v.x, glm::max(v.y, v.z));
+}
+inline float max_component(const vec3& v) {
+  return glm::max(v.x, glm::max(v.y, v.z));
+}
 
 /// Rec. 709 luminance of linear RGB.
 template <class V>

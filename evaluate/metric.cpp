@@ -13,7 +13,9 @@
 namespace brume {
 namespace {
 
-dvec3 pixel(const RgbPlanes& p, int x, int y) { return {(*p[0])(x, y), (*p[1])(x, y), (*p[2])(x, y)}; }
+dvec3 pixel(const RgbPlanes& p, int x, int y) {
+  return {(*p[0])(x, y), (*p[1])(x, y), (*p[2])(x, y)};
+}
 
 dvec3 display_lab(dvec3 rgb, const LabPolicy& policy) {
   rgb *= policy.exposure;
@@ -24,14 +26,18 @@ void check(const RgbPlanes& x, const RgbPlanes& reference) {
   for (const RgbPlanes* p : {&x, &reference})
     for (const Plane* plane : *p) {
       if (plane->width() != reference[0]->width() || plane->height() != reference[0]->height())
-        throw std::logic_error(fmt::format("pictures of {} x {} and {} x {} cannot be compared", plane->width(), plane->height(),
-                                           reference[0]->width(), reference[0]->height()));
+        throw std::logic_error(fmt::format("pictures of {} x {} and {} x {} cannot be compared", plane->width(),
+                                           plane->height(), reference[0]->width(), reference[0]->height()));
       if (const size_t bad = count_not_finite(*plane))
-        throw InputError(fmt::format("{} pixels are NaN or infinite in a picture to compare; an error measure over them would mean nothing", bad));
+        throw InputError(fmt::format(
+            "{} pixels are NaN or infinite in a picture to compare; an error measure over them would mean nothing",
+            bad));
     }
 }
 
-double log_luminance(const dvec3& c) { return std::log(std::max(0.265 * c.x + 0.670 * c.y + 0.065 * c.z, 1e-4)); }
+double log_luminance(const dvec3& c) {
+  return std::log(std::max(0.265 * c.x + 0.670 * c.y + 0.065 * c.z, 1e-4));
+}
 
 }  // namespace
 
@@ -50,7 +56,8 @@ Mask medium_mask(const Layers& reference) {
   return mask;
 }
 
-Errors compare(const RgbPlanes& x, const RgbPlanes& r1, const LabPolicy& policy, const Mask& mask, const RgbPlanes* second) {
+Errors compare(const RgbPlanes& x, const RgbPlanes& r1, const LabPolicy& policy, const Mask& mask,
+               const RgbPlanes* second) {
   check(x, r1);
   if (second) check(*second, r1);
   const RgbPlanes& r2 = second ? *second : r1;
@@ -92,11 +99,17 @@ Errors compare(const RgbPlanes& x, const RgbPlanes& r1, const LabPolicy& policy,
 }
 
 std::vector<std::pair<std::string, double>> listed(const Errors& e) {
-  return {{"lab_rms", e.lab_rms}, {"lab_rms_unclipped", e.lab_rms_unclipped}, {"mse", e.mse}, {"rel_mse", e.rel_mse},
-          {"rel_mse_trimmed", e.rel_mse_trimmed}, {"log_luminance_mse", e.log_luminance_mse}, {"relative_bias", e.relative_bias}};
+  return {{"lab_rms", e.lab_rms},
+          {"lab_rms_unclipped", e.lab_rms_unclipped},
+          {"mse", e.mse},
+          {"rel_mse", e.rel_mse},
+          {"rel_mse_trimmed", e.rel_mse_trimmed},
+          {"log_luminance_mse", e.log_luminance_mse},
+          {"relative_bias", e.relative_bias}};
 }
 
-LabRms::LabRms(const RgbPlanes& reference, const RgbPlanes* second, const LabPolicy& policy, const Mask& mask) : policy_(policy), mask_(mask) {
+LabRms::LabRms(const RgbPlanes& reference, const RgbPlanes* second, const LabPolicy& policy, const Mask& mask)
+    : policy_(policy), mask_(mask) {
   check(reference, reference);
   first_ = to_lab(reference);
   if (second) check(*second, reference);
@@ -113,7 +126,8 @@ std::array<Plane, 3> LabRms::to_lab(const RgbPlanes& rgb) const {
     if (policy_.clip)
       for (Plane& plane : lab)
         for (float& v : plane.pixels(y)) v = std::clamp(v, 0.0f, top);
-    kernels::lab_from_rgb_row({lab[0].row(y), lab[1].row(y), lab[2].row(y)}, static_cast<float>(policy_.exposure), {lab[0].row(y), lab[1].row(y), lab[2].row(y)}, width);
+    kernels::lab_from_rgb_row({lab[0].row(y), lab[1].row(y), lab[2].row(y)}, static_cast<float>(policy_.exposure),
+                              {lab[0].row(y), lab[1].row(y), lab[2].row(y)}, width);
   }
   return lab;
 }
@@ -135,7 +149,9 @@ double LabRms::squared(const RgbPlanes& x) const {
   return pixels_ ? sum / static_cast<double>(pixels_) : 0.0;
 }
 
-double LabRms::operator()(const RgbPlanes& x) const { return std::sqrt(std::max(0.0, squared(x))); }
+double LabRms::operator()(const RgbPlanes& x) const {
+  return std::sqrt(std::max(0.0, squared(x)));
+}
 
 Plane LabRms::error_map(const RgbPlanes& x) const {
   const std::array<Plane, 3> lab = to_lab(x);
@@ -158,7 +174,8 @@ double student_t_975(size_t dof) {
   if (dof == 0) return std::numeric_limits<double>::infinity();
   if (dof <= std::size(kTable)) return kTable[dof - 1];
   const double z = 1.959964, n = static_cast<double>(dof), z3 = z * z * z, z5 = z3 * z * z, z7 = z5 * z * z;
-  return z + (z3 + z) / (4 * n) + (5 * z5 + 16 * z3 + 3 * z) / (96 * n * n) + (3 * z7 + 19 * z5 + 17 * z3 - 15 * z) / (384 * n * n * n);
+  return z + (z3 + z) / (4 * n) + (5 * z5 + 16 * z3 + 3 * z) / (96 * n * n) +
+         (3 * z7 + 19 * z5 + 17 * z3 - 15 * z) / (384 * n * n * n);
 }
 
 MeanInterval mean_interval(const std::vector<double>& values) {

@@ -24,7 +24,8 @@ struct LabPolicy {
 
 /// Errors of a picture against a reference, over the pixels of a mask.
 struct Errors {
-  double lab_rms = 0;            ///< clipped as LabPolicy says: sqrt(mean dL^2 + da^2 + db^2), equation 3 of the gradient-kernel paper
+  double lab_rms =
+      0;  ///< clipped as LabPolicy says: sqrt(mean dL^2 + da^2 + db^2), equation 3 of the gradient-kernel paper
   double lab_rms_unclipped = 0;
   double mse = 0;                ///< channel mean
   double rel_mse = 0;            ///< mean (x - r)^2 / (r^2 + 0.01), channel mean
@@ -34,7 +35,8 @@ struct Errors {
   size_t pixels = 0;
 };
 
-/// @param second  another, independent reference: the squared errors become products (x - r1)(x - r2), whose expectation
+/// @param second  another, independent reference: the squared errors become products (x - r1)(x - r2), whose
+/// expectation
 ///                is free of the references' noise; an estimate below zero is reported as 0
 /// @throws std::logic_error for other sizes; InputError when a picture has NaN or infinite pixels
 Errors compare(const RgbPlanes& x, const RgbPlanes& reference, const LabPolicy& policy, const Mask& mask = {},

@@ -16,14 +16,16 @@ constexpr const char* kColours[] = {"#000000", "#E69F00", "#56B4E9", "#009E73", 
 /// A logarithmic axis in pixels.
 struct Axis {
   double lo, hi, start, end;
-  Axis(double low, double high, double from, double to) : lo(std::log10(low)), hi(std::log10(high)), start(from), end(to) {}
+  Axis(double low, double high, double from, double to)
+      : lo(std::log10(low)), hi(std::log10(high)), start(from), end(to) {}
   double at(double v) const { return start + (std::log10(v) - lo) / (hi - lo) * (end - start); }
   /// 1, 2, 5 of each decade inside.
   std::vector<double> ticks() const {
     std::vector<double> result;
     for (int decade = static_cast<int>(std::floor(lo)); decade <= static_cast<int>(hi) + 1; ++decade)
       for (const double m : {1.0, 2.0, 5.0})
-        if (const double v = m * std::pow(10.0, decade); std::log10(v) >= lo && std::log10(v) <= hi) result.push_back(v);
+        if (const double v = m * std::pow(10.0, decade); std::log10(v) >= lo && std::log10(v) <= hi)
+          result.push_back(v);
     return result;
   }
 };
@@ -55,17 +57,26 @@ std::string error_seconds_plot(const SceneResult& scene) {
   }
   const Axis x(x_lo / 1.2, x_hi * 1.2, kLeft, kWidth - kRight), y(y_lo / 1.2, y_hi * 1.2, kHeight - kBottom, kTop);
   std::string svg = fmt::format(
-      "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {0} {1}\" width=\"{0}\" height=\"{1}\" font-family=\"sans-serif\" font-size=\"12\">\n"
-      "<rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n<text x=\"{2}\" y=\"24\" font-size=\"15\">{3}: error against seconds</text>\n",
+      "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {0} {1}\" width=\"{0}\" height=\"{1}\" "
+      "font-family=\"sans-serif\" font-size=\"12\">\n"
+      "<rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n<text x=\"{2}\" y=\"24\" font-size=\"15\">{3}: error "
+      "against seconds</text>\n",
       kWidth, kHeight, kLeft, scene.name);
   for (const double t : x.ticks())
-    svg += fmt::format("<line x1=\"{0:.1f}\" x2=\"{0:.1f}\" y1=\"{1}\" y2=\"{2}\" stroke=\"#ddd\"/><text x=\"{0:.1f}\" y=\"{3}\" text-anchor=\"middle\">{4:g}</text>\n", x.at(t),
-                       kTop, kHeight - kBottom, kHeight - kBottom + 18, t);
+    svg += fmt::format(
+        "<line x1=\"{0:.1f}\" x2=\"{0:.1f}\" y1=\"{1}\" y2=\"{2}\" stroke=\"#ddd\"/><text x=\"{0:.1f}\" y=\"{3}\" "
+        "text-anchor=\"middle\">{4:g}</text>\n",
+        x.at(t), kTop, kHeight - kBottom, kHeight - kBottom + 18, t);
   for (const double t : y.ticks())
-    svg += fmt::format("<line x1=\"{0}\" x2=\"{1}\" y1=\"{2:.1f}\" y2=\"{2:.1f}\" stroke=\"#ddd\"/><text x=\"{3}\" y=\"{4:.1f}\" text-anchor=\"end\">{5:g}</text>\n", kLeft,
-                       kWidth - kRight, y.at(t), kLeft - 6, y.at(t) + 4, t);
-  svg += fmt::format("<text x=\"{}\" y=\"{}\" text-anchor=\"middle\">render + filter [s]</text>\n", (kLeft + kWidth - kRight) / 2, kHeight - 18);
-  svg += fmt::format("<text transform=\"translate(20 {}) rotate(-90)\" text-anchor=\"middle\">Lab RMS, whole frame</text>\n", (kTop + kHeight - kBottom) / 2);
+    svg += fmt::format(
+        "<line x1=\"{0}\" x2=\"{1}\" y1=\"{2:.1f}\" y2=\"{2:.1f}\" stroke=\"#ddd\"/><text x=\"{3}\" y=\"{4:.1f}\" "
+        "text-anchor=\"end\">{5:g}</text>\n",
+        kLeft, kWidth - kRight, y.at(t), kLeft - 6, y.at(t) + 4, t);
+  svg += fmt::format("<text x=\"{}\" y=\"{}\" text-anchor=\"middle\">render + filter [s]</text>\n",
+                     (kLeft + kWidth - kRight) / 2, kHeight - 18);
+  svg += fmt::format(
+      "<text transform=\"translate(20 {}) rotate(-90)\" text-anchor=\"middle\">Lab RMS, whole frame</text>\n",
+      (kTop + kHeight - kBottom) / 2);
   double legend = kTop + 6;
   for (const Series& s : series) {
     const std::string base = s.dotted ? s.name.substr(0, s.name.size() - 8) : s.name;
@@ -74,9 +85,13 @@ std::string error_seconds_plot(const SceneResult& scene) {
     for (const auto& [px, py] : s.points) path += fmt::format("{:.1f},{:.1f} ", x.at(px), y.at(py));
     const char* dash = s.dotted ? " stroke-dasharray=\"3 4\" opacity=\"0.7\"" : "";
     svg += fmt::format("<polyline points=\"{}\" fill=\"none\" stroke=\"{}\" stroke-width=\"2\"{}/>\n", path, c, dash);
-    for (const auto& [px, py] : s.points) svg += fmt::format("<circle cx=\"{:.1f}\" cy=\"{:.1f}\" r=\"3.5\" fill=\"{}\"/>\n", x.at(px), y.at(py), s.dotted ? "white" : c);
-    svg += fmt::format("<line x1=\"{0}\" x2=\"{1}\" y1=\"{2}\" y2=\"{2}\" stroke=\"{3}\" stroke-width=\"2\"{4}/><text x=\"{5}\" y=\"{6}\">{7}</text>\n", kWidth - kRight + 12,
-                       kWidth - kRight + 36, legend, c, dash, kWidth - kRight + 42, legend + 4, s.name);
+    for (const auto& [px, py] : s.points)
+      svg += fmt::format("<circle cx=\"{:.1f}\" cy=\"{:.1f}\" r=\"3.5\" fill=\"{}\"/>\n", x.at(px), y.at(py),
+                         s.dotted ? "white" : c);
+    svg += fmt::format(
+        "<line x1=\"{0}\" x2=\"{1}\" y1=\"{2}\" y2=\"{2}\" stroke=\"{3}\" stroke-width=\"2\"{4}/><text x=\"{5}\" "
+        "y=\"{6}\">{7}</text>\n",
+        kWidth - kRight + 12, kWidth - kRight + 36, legend, c, dash, kWidth - kRight + 42, legend + 4, s.name);
     legend += 20;
   }
   return svg + "</svg>\n";

@@ -20,8 +20,8 @@ constexpr int64_t kReferenceSeed = 1000001, kTuningSeed = 2000001, kNoisySeed = 
 /// One scene's frames while the protocol runs.
 struct Frames {
   TimedFrame reference[2];
-  std::vector<TimedFrame> tuning;                 // by spp
-  std::vector<std::vector<TimedFrame>> noisy;     // by spp, seed
+  std::vector<TimedFrame> tuning;                          // by spp
+  std::vector<std::vector<TimedFrame>> noisy;              // by spp, seed
   std::vector<std::vector<std::vector<double>>> searches;  // by filter, spp: squared error of each setting
 };
 
@@ -32,11 +32,12 @@ double median(std::vector<double> values) {
 }
 
 /// Runs `filter` (null: none) over a scene's noisy frames of one spp and measures.
-MethodResult measure(const std::vector<TimedFrame>& noisy, const FilterSettings* filter, const ApplyOptions& options, const SceneResult& scene,
-                     const Frames& frames, const Task& task) {
+MethodResult measure(const std::vector<TimedFrame>& noisy, const FilterSettings* filter, const ApplyOptions& options,
+                     const SceneResult& scene, const Frames& frames, const Task& task) {
   MethodResult result;
   std::vector<double> whole, medium, rel, bias, filter_seconds, render_seconds;
-  const RgbPlanes r1 = frames.reference[0].layers.rgb(layer::beauty), r2 = frames.reference[1].layers.rgb(layer::beauty);
+  const RgbPlanes r1 = frames.reference[0].layers.rgb(layer::beauty),
+                  r2 = frames.reference[1].layers.rgb(layer::beauty);
   for (size_t seed = 0; seed < noisy.size(); ++seed) {
     Layers clean;
     if (filter) {
@@ -99,10 +100,14 @@ SceneResult describe_scene(const EvaluationScene& scene, const EvaluationSetting
 
 const char* tuning_name(Tuning tuning) {
   switch (tuning) {
-    case Tuning::kPaper: return "paper";
-    case Tuning::kSearched: return "searched";
-    case Tuning::kTransfer: return "transfer";
-    default: return "-";
+    case Tuning::kPaper:
+      return "paper";
+    case Tuning::kSearched:
+      return "searched";
+    case Tuning::kTransfer:
+      return "transfer";
+    default:
+      return "-";
   }
 }
 
@@ -134,35 +139,45 @@ std::string machine_name() {
   return fmt::format("{}, {} threads", processor, std::thread::hardware_concurrency());
 }
 
-Evaluation evaluate(const std::vector<EvaluationScene>& scenes, const EvaluationSettings& settings, const std::function<Task(const std::string&)>& stage) {
+Evaluation evaluate(const std::vector<EvaluationScene>& scenes, const EvaluationSettings& settings,
+                    const std::function<Task(const std::string&)>& stage) {
   Evaluation result{settings, {}, machine_name()};
   std::vector<Frames> all(scenes.size());
   for (size_t s = 0; s < scenes.size(); ++s) {
     const EvaluationScene& scene = scenes[s];
     Frames& frames = all[s];
     for (int r = 0; r < 2; ++r)
-      frames.reference[r] = scene.render(settings.reference_spp, kReferenceSeed + r, stage(fmt::format("{}: reference {} of 2", scene.name, r + 1)));
+      frames.reference[r] = scene.render(settings.reference_spp, kReferenceSeed + r,
+                                         stage(fmt::format("{}: reference {} of 2", scene.name, r + 1)));
     for (const int spp : settings.spp) {
-      if (settings.tune) frames.tuning.push_back(scene.render(spp, kTuningSeed, stage(fmt::format("{}: {} spp to tune on", scene.name, spp))));
+      if (settings.tune)
+        frames.tuning.push_back(
+            scene.render(spp, kTuningSeed, stage(fmt::format("{}: {} spp to tune on", scene.name, spp))));
       auto& noisy = frames.noisy.emplace_back();
       for (int seed = 0; seed < settings.seeds; ++seed)
-        noisy.push_back(scene.render(spp, kNoisySeed + seed, stage(fmt::format("{}: {} spp, seed {} of {}", scene.name, spp, seed + 1, settings.seeds))));
+        noisy.push_back(
+            scene.render(spp, kNoisySeed + seed,
+                         stage(fmt::format("{}: {} spp, seed {} of {}", scene.name, spp, seed + 1, settings.seeds))));
     }
     result.scenes.push_back(describe_scene(scene, settings, frames));
   }
 
-  const auto options = [&](size_t s) { return ApplyOptions{settings.component, settings.background, scenes[s].exposure}; };
+  const auto options = [&](size_t s) {
+    return ApplyOptions{settings.component, settings.background, scenes[s].exposure};
+  };
   std::vector<std::vector<FilterSettings>> grids;
   for (const FilterEntry* filter : settings.filters) grids.push_back(search_grid(*filter));
   if (settings.tune)
     for (size_t s = 0; s < scenes.size(); ++s) {
-      const RgbPlanes r1 = all[s].reference[0].layers.rgb(layer::beauty), r2 = all[s].reference[1].layers.rgb(layer::beauty);
+      const RgbPlanes r1 = all[s].reference[0].layers.rgb(layer::beauty),
+                      r2 = all[s].reference[1].layers.rgb(layer::beauty);
       const LabRms metric(r1, &r2, result.scenes[s].policy, {});
       for (size_t f = 0; f < grids.size(); ++f) {
         auto& by_spp = all[s].searches.emplace_back();
         for (size_t k = 0; k < settings.spp.size(); ++k)
-          by_spp.push_back(search(grids[f], all[s].tuning[k].layers, options(s), metric,
-                                  stage(fmt::format("{}: tune {}, {} spp", scenes[s].name, settings.filters[f]->name, settings.spp[k]))));
+          by_spp.push_back(search(
+              grids[f], all[s].tuning[k].layers, options(s), metric,
+              stage(fmt::format("{}: tune {}, {} spp", scenes[s].name, settings.filters[f]->name, settings.spp[k]))));
       }
     }
 

@@ -46,12 +46,12 @@ struct MethodResult {
   Tuning tuning = Tuning::kNone;
   int spp = 0;
   std::string parameters;
-  MeanInterval whole, medium;     ///< Lab RMS over the seeds; reference noise removed
+  MeanInterval whole, medium;  ///< Lab RMS over the seeds; reference noise removed
   MeanInterval rel_mse_medium;
-  double relative_bias = 0;       ///< over the medium, mean of the seeds
+  double relative_bias = 0;  ///< over the medium, mean of the seeds
   double render_seconds = 0, filter_seconds = 0;
   std::vector<double> whole_by_seed;  ///< for paired comparisons
-  Layers example;                 ///< of the first seed: R G B
+  Layers example;                     ///< of the first seed: R G B
   std::string label() const { return filter.empty() ? "path tracing" : filter; }
 };
 
@@ -59,11 +59,11 @@ struct SceneResult {
   std::string name;
   LabPolicy policy;
   int width = 0, height = 0;
-  double medium_share = 0;        ///< of the frame's pixels
+  double medium_share = 0;  ///< of the frame's pixels
   int reference_spp = 0;
-  double reference_rms = 0;       ///< Lab RMS noise of one reference, whole frame
+  double reference_rms = 0;  ///< Lab RMS noise of one reference, whole frame
   double reference_seconds = 0;
-  Layers reference;               ///< mean of the two, R G B and coverage
+  Layers reference;  ///< mean of the two, R G B and coverage
   Mask mask;
   std::vector<MethodResult> methods;
   const MethodResult* find(const std::string& filter, Tuning tuning, int spp) const;
@@ -79,7 +79,8 @@ struct Evaluation {
 std::vector<std::string> layers_to_record(const EvaluationSettings& settings);
 
 /// Runs the protocol of the gradient-kernel paper's Table 1. `stage(name)` gives each step its own task.
-Evaluation evaluate(const std::vector<EvaluationScene>& scenes, const EvaluationSettings& settings, const std::function<Task(const std::string&)>& stage);
+Evaluation evaluate(const std::vector<EvaluationScene>& scenes, const EvaluationSettings& settings,
+                    const std::function<Task(const std::string&)>& stage);
 
 /// Processor and thread count, for tables.
 std::string machine_name();

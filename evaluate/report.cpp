@@ -40,7 +40,9 @@ constexpr PaperRow kPaperTable[] = {
     {"gradient_kernel", 64, {1.21, 75}, {1.47, 79}},
 };
 
-std::string interval(const MeanInterval& m) { return m.count > 1 ? fmt::format("{:.3f} ± {:.3f}", m.mean, m.half_width) : fmt::format("{:.3f}", m.mean); }
+std::string interval(const MeanInterval& m) {
+  return m.count > 1 ? fmt::format("{:.3f} ± {:.3f}", m.mean, m.half_width) : fmt::format("{:.3f}", m.mean);
+}
 
 /// How many times longer plain path tracing would take for this method's error, its error falling as 1 / sqrt(spp).
 double speed_up(const MethodResult& m, const MethodResult& plain) {
@@ -50,20 +52,27 @@ double speed_up(const MethodResult& m, const MethodResult& plain) {
 
 std::string scene_table(const SceneResult& scene, const Evaluation& e) {
   std::string text = fmt::format(
-      "\n## {}\n\n{} x {}, {:.1f} % of the pixels show the medium. Two independent references of {} spp each ({:.0f} s in all), each with a Lab RMS "
+      "\n## {}\n\n{} x {}, {:.1f} % of the pixels show the medium. Two independent references of {} spp each ({:.0f} s "
+      "in all), each with a Lab RMS "
       "noise of {:.3f}; their noise is taken off by multiplying the differences to the two. {}.\n\n"
-      "| spp | method | parameters | Lab RMS, frame | Lab RMS, medium | bias, medium | filter [ms] | render + filter [s] | times faster than path tracing at equal RMS | paper: RMS | paper: time [s] |\n"
+      "| spp | method | parameters | Lab RMS, frame | Lab RMS, medium | bias, medium | filter [ms] | render + filter "
+      "[s] | times faster than path tracing at equal RMS | paper: RMS | paper: time [s] |\n"
       "|---:|---|---|---:|---:|---:|---:|---:|---:|---:|---:|\n",
-      scene.name, scene.width, scene.height, 100 * scene.medium_share, scene.reference_spp, scene.reference_seconds, scene.reference_rms, scene.policy.text());
+      scene.name, scene.width, scene.height, 100 * scene.medium_share, scene.reference_spp, scene.reference_seconds,
+      scene.reference_rms, scene.policy.text());
   for (const int spp : e.settings.spp)
     for (const MethodResult& m : scene.methods) {
       if (m.spp != spp) continue;
-      const auto paper = m.tuning == Tuning::kNone || m.tuning == Tuning::kPaper ? paper_numbers(scene.name, m.filter, spp) : std::nullopt;
-      text += fmt::format("| {} | {} | {} | {} | {} | {:+.2f} % | {} | {:.3f} | {} | {} | {} |\n", spp, m.label(), tuning_name(m.tuning), interval(m.whole),
-                          interval(m.medium), 100 * m.relative_bias, m.filter.empty() ? "" : fmt::format("{:.1f}", 1e3 * m.filter_seconds),
-                          m.render_seconds + m.filter_seconds,
-                          m.filter.empty() ? "1" : fmt::format("{:.1f}", speed_up(m, *scene.find("", Tuning::kNone, spp))),
-                          paper ? fmt::format("{:.2f}", paper->rms) : "", paper && paper->seconds > 0 ? fmt::format("{:.0f}", paper->seconds) : "");
+      const auto paper = m.tuning == Tuning::kNone || m.tuning == Tuning::kPaper
+                             ? paper_numbers(scene.name, m.filter, spp)
+                             : std::nullopt;
+      text += fmt::format(
+          "| {} | {} | {} | {} | {} | {:+.2f} % | {} | {:.3f} | {} | {} | {} |\n", spp, m.label(),
+          tuning_name(m.tuning), interval(m.whole), interval(m.medium), 100 * m.relative_bias,
+          m.filter.empty() ? "" : fmt::format("{:.1f}", 1e3 * m.filter_seconds), m.render_seconds + m.filter_seconds,
+          m.filter.empty() ? "1" : fmt::format("{:.1f}", speed_up(m, *scene.find("", Tuning::kNone, spp))),
+          paper ? fmt::format("{:.2f}", paper->rms) : "",
+          paper && paper->seconds > 0 ? fmt::format("{:.0f}", paper->seconds) : "");
     }
   return text;
 }
@@ -76,16 +85,21 @@ std::string winners(const SceneResult& scene, const Evaluation& e) {
       const MethodResult *first = nullptr, *second = nullptr;
       for (const MethodResult& m : scene.methods) {
         if (m.spp != spp || m.tuning != tuning) continue;
-        if (!first || m.whole.mean < first->whole.mean) second = first, first = &m;
-        else if (!second || m.whole.mean < second->whole.mean) second = &m;
+        if (!first || m.whole.mean < first->whole.mean)
+          second = first, first = &m;
+        else if (!second || m.whole.mean < second->whole.mean)
+          second = &m;
       }
       if (!first || !second) continue;
       std::vector<double> lead;
-      for (size_t i = 0; i < first->whole_by_seed.size(); ++i) lead.push_back(second->whole_by_seed[i] - first->whole_by_seed[i]);
+      for (size_t i = 0; i < first->whole_by_seed.size(); ++i)
+        lead.push_back(second->whole_by_seed[i] - first->whole_by_seed[i]);
       const MeanInterval d = mean_interval(lead);
-      text += fmt::format("| {} | {} | {} | {} ({:.3f}) | {} ({:.3f}) | {} |\n", scene.name, tuning_name(tuning), spp, first->label(), first->whole.mean,
-                          second->label(), second->whole.mean,
-                          d.count > 1 ? fmt::format("{:.4f} ± {:.4f}{}", d.mean, d.half_width, d.mean > d.half_width ? "" : " (not significant)") : fmt::format("{:.4f}", d.mean));
+      text += fmt::format("| {} | {} | {} | {} ({:.3f}) | {} ({:.3f}) | {} |\n", scene.name, tuning_name(tuning), spp,
+                          first->label(), first->whole.mean, second->label(), second->whole.mean,
+                          d.count > 1 ? fmt::format("{:.4f} ± {:.4f}{}", d.mean, d.half_width,
+                                                    d.mean > d.half_width ? "" : " (not significant)")
+                                      : fmt::format("{:.4f}", d.mean));
     }
   return text;
 }
@@ -101,17 +115,20 @@ std::string claims(const SceneResult& scene, const Evaluation& e) {
         const MethodResult* r = scene.find(rival, tuning, spp);
         if (!r) continue;
         std::vector<double> difference;
-        for (size_t i = 0; i < own->whole_by_seed.size(); ++i) difference.push_back(own->whole_by_seed[i] - r->whole_by_seed[i]);
+        for (size_t i = 0; i < own->whole_by_seed.size(); ++i)
+          difference.push_back(own->whole_by_seed[i] - r->whole_by_seed[i]);
         const MeanInterval d = mean_interval(difference);
         const char* verdict = d.mean < -d.half_width ? "yes" : d.mean > d.half_width ? "no" : "level";
-        text += fmt::format("| {} | {} | {} | {} | {:+.4f} ± {:.4f} | {} | {:.2f} |\n", scene.name, tuning_name(tuning), spp, rival, d.mean, d.half_width, verdict,
-                            own->filter_seconds / r->filter_seconds);
+        text += fmt::format("| {} | {} | {} | {} | {:+.4f} ± {:.4f} | {} | {:.2f} |\n", scene.name, tuning_name(tuning),
+                            spp, rival, d.mean, d.half_width, verdict, own->filter_seconds / r->filter_seconds);
       }
     }
   return text;
 }
 
-json to_json(const MeanInterval& m) { return {{"mean", m.mean}, {"half_width_95", m.half_width}, {"count", m.count}}; }
+json to_json(const MeanInterval& m) {
+  return {{"mean", m.mean}, {"half_width_95", m.half_width}, {"count", m.count}};
+}
 
 }  // namespace
 
@@ -127,43 +144,61 @@ std::optional<PaperNumbers> paper_numbers(const std::string& scene, const std::s
 std::string markdown_report(const Evaluation& e) {
   std::string text = fmt::format(
       "# Filters on media passes\n\n"
-      "The protocol of Table 1 of Xu et al. 2011: each filter cleans the {} of path-traced frames and is judged by the RMS in CIE-Lab (their equation "
-      "3). `paper` parameters are the published ones; `searched` are the best of an exhaustive search on a separate noisy frame of the same scene and spp, "
-      "which is how the paper tuned the rivals; `transfer` are the best of that search on the other scenes. Pixels without coverage {}. "
-      "Errors are means over {} seeds with the half width of a 95 % interval. Times were taken on {}; the paper's on a 2 GHz Pentium E2180, and its scenes are "
+      "The protocol of Table 1 of Xu et al. 2011: each filter cleans the {} of path-traced frames and is judged by the "
+      "RMS in CIE-Lab (their equation "
+      "3). `paper` parameters are the published ones; `searched` are the best of an exhaustive search on a separate "
+      "noisy frame of the same scene and spp, "
+      "which is how the paper tuned the rivals; `transfer` are the best of that search on the other scenes. Pixels "
+      "without coverage {}. "
+      "Errors are means over {} seeds with the half width of a 95 % interval. Times were taken on {}; the paper's on a "
+      "2 GHz Pentium E2180, and its scenes are "
       "not these, so its numbers stand beside ours for the order, not for the size.\n",
       e.settings.component == Component::kIndirect ? "indirect component" : "whole picture",
-      e.settings.background == BackgroundRule::kBilateral ? "get the bilateral filter, as there" : "are filtered like the rest", e.settings.seeds, e.machine);
+      e.settings.background == BackgroundRule::kBilateral ? "get the bilateral filter, as there"
+                                                          : "are filtered like the rest",
+      e.settings.seeds, e.machine);
   for (const SceneResult& scene : e.scenes) text += scene_table(scene, e);
-  text += "\n## Which filter wins\n\n| scene | parameters | spp | best (Lab RMS) | second | lead, paired over seeds |\n|---|---|---:|---|---|---|\n";
+  text +=
+      "\n## Which filter wins\n\n| scene | parameters | spp | best (Lab RMS) | second | lead, paired over seeds "
+      "|\n|---|---|---:|---|---|---|\n";
   for (const SceneResult& scene : e.scenes) text += winners(scene, e);
   text +=
-      "\n## Does the paper's order hold?\n\nIt finds its gradient-kernel filter below the bilateral and extended bilateral at every spp, close to the "
-      "trilateral, at under a sixth of the trilateral's time. Differences of Lab RMS are paired over seeds; below zero the gradient kernel is better.\n\n"
-      "| scene | parameters | spp | against | RMS difference | gradient kernel better? | its time / theirs |\n|---|---|---:|---|---:|---|---:|\n";
+      "\n## Does the paper's order hold?\n\nIt finds its gradient-kernel filter below the bilateral and extended "
+      "bilateral at every spp, close to the "
+      "trilateral, at under a sixth of the trilateral's time. Differences of Lab RMS are paired over seeds; below zero "
+      "the gradient kernel is better.\n\n"
+      "| scene | parameters | spp | against | RMS difference | gradient kernel better? | its time / theirs "
+      "|\n|---|---|---:|---|---:|---|---:|\n";
   for (const SceneResult& scene : e.scenes) text += claims(scene, e);
   text += "\n## Parameters\n\n| scene | spp | filter | parameters | |\n|---|---:|---|---|---|\n";
   for (const SceneResult& scene : e.scenes)
     for (const MethodResult& m : scene.methods)
-      if (!m.filter.empty()) text += fmt::format("| {} | {} | {} | {} | `{}` |\n", scene.name, m.spp, m.filter, tuning_name(m.tuning), m.parameters);
+      if (!m.filter.empty())
+        text += fmt::format("| {} | {} | {} | {} | `{}` |\n", scene.name, m.spp, m.filter, tuning_name(m.tuning),
+                            m.parameters);
   text += "\n## Pictures\n\n";
   for (const SceneResult& scene : e.scenes) {
     text += fmt::format("![{0}: error against seconds]({0}_error_seconds.svg)\n\n", scene.name);
-    for (const int spp : e.settings.spp) text += fmt::format("![{0}, {1} spp]({0}_{1}spp_{2}.png)\n\n", scene.name, spp, e.settings.tune ? "searched" : "paper");
+    for (const int spp : e.settings.spp)
+      text += fmt::format("![{0}, {1} spp]({0}_{1}spp_{2}.png)\n\n", scene.name, spp,
+                          e.settings.tune ? "searched" : "paper");
   }
   return text;
 }
 
 std::string csv_report(const Evaluation& e) {
   std::string text =
-      "scene,spp,method,tuning,lab_rms,lab_rms_ci95,lab_rms_medium,lab_rms_medium_ci95,rel_mse_medium,bias_medium,render_seconds,filter_seconds,"
+      "scene,spp,method,tuning,lab_rms,lab_rms_ci95,lab_rms_medium,lab_rms_medium_ci95,rel_mse_medium,bias_medium,"
+      "render_seconds,filter_seconds,"
       "speed_up_equal_rms,paper_rms,paper_seconds,parameters\n";
   for (const SceneResult& scene : e.scenes)
     for (const MethodResult& m : scene.methods) {
       const auto paper = paper_numbers(scene.name, m.filter, m.spp);
-      text += fmt::format("{},{},{},{},{:.6g},{:.6g},{:.6g},{:.6g},{:.6g},{:.6g},{:.6g},{:.6g},{:.6g},{},{},{}\n", scene.name, m.spp, m.label(), tuning_name(m.tuning),
-                          m.whole.mean, m.whole.half_width, m.medium.mean, m.medium.half_width, m.rel_mse_medium.mean, m.relative_bias, m.render_seconds,
-                          m.filter_seconds, speed_up(m, *scene.find("", Tuning::kNone, m.spp)), paper ? fmt::format("{}", paper->rms) : "",
+      text += fmt::format("{},{},{},{},{:.6g},{:.6g},{:.6g},{:.6g},{:.6g},{:.6g},{:.6g},{:.6g},{:.6g},{},{},{}\n",
+                          scene.name, m.spp, m.label(), tuning_name(m.tuning), m.whole.mean, m.whole.half_width,
+                          m.medium.mean, m.medium.half_width, m.rel_mse_medium.mean, m.relative_bias, m.render_seconds,
+                          m.filter_seconds, speed_up(m, *scene.find("", Tuning::kNone, m.spp)),
+                          paper ? fmt::format("{}", paper->rms) : "",
                           paper && paper->seconds > 0 ? fmt::format("{}", paper->seconds) : "", m.parameters);
     }
   return text;
@@ -174,16 +209,31 @@ std::string json_report(const Evaluation& e) {
   for (const SceneResult& scene : e.scenes) {
     json methods = json::array();
     for (const MethodResult& m : scene.methods) {
-      json j = {{"spp", m.spp}, {"method", m.label()}, {"tuning", tuning_name(m.tuning)}, {"parameters", m.parameters}, {"lab_rms", to_json(m.whole)},
-                {"lab_rms_medium", to_json(m.medium)}, {"rel_mse_medium", to_json(m.rel_mse_medium)}, {"bias_medium", m.relative_bias},
-                {"render_seconds", m.render_seconds}, {"filter_seconds", m.filter_seconds}, {"lab_rms_by_seed", m.whole_by_seed},
+      json j = {{"spp", m.spp},
+                {"method", m.label()},
+                {"tuning", tuning_name(m.tuning)},
+                {"parameters", m.parameters},
+                {"lab_rms", to_json(m.whole)},
+                {"lab_rms_medium", to_json(m.medium)},
+                {"rel_mse_medium", to_json(m.rel_mse_medium)},
+                {"bias_medium", m.relative_bias},
+                {"render_seconds", m.render_seconds},
+                {"filter_seconds", m.filter_seconds},
+                {"lab_rms_by_seed", m.whole_by_seed},
                 {"speed_up_equal_rms", speed_up(m, *scene.find("", Tuning::kNone, m.spp))}};
-      if (const auto paper = paper_numbers(scene.name, m.filter, m.spp)) j["paper"] = {{"rms", paper->rms}, {"seconds", paper->seconds}};
+      if (const auto paper = paper_numbers(scene.name, m.filter, m.spp))
+        j["paper"] = {{"rms", paper->rms}, {"seconds", paper->seconds}};
       methods.push_back(j);
     }
-    scenes.push_back({{"name", scene.name}, {"width", scene.width}, {"height", scene.height}, {"medium_share", scene.medium_share},
-                      {"reference_spp", scene.reference_spp}, {"reference_rms", scene.reference_rms}, {"exposure", scene.policy.exposure},
-                      {"policy", scene.policy.text()}, {"methods", methods}});
+    scenes.push_back({{"name", scene.name},
+                      {"width", scene.width},
+                      {"height", scene.height},
+                      {"medium_share", scene.medium_share},
+                      {"reference_spp", scene.reference_spp},
+                      {"reference_rms", scene.reference_rms},
+                      {"exposure", scene.policy.exposure},
+                      {"policy", scene.policy.text()},
+                      {"methods", methods}});
   }
   return json{{"machine", e.machine}, {"seeds", e.settings.seeds}, {"scenes", scenes}}.dump(1) + "\n";
 }
@@ -197,10 +247,13 @@ void write_report(const Evaluation& e, const std::filesystem::path& folder) {
     write_exr(folder / fmt::format("{}_reference.exr", scene.name), scene.reference);
     for (const int spp : e.settings.spp)
       for (const Tuning tuning : {Tuning::kPaper, Tuning::kSearched, Tuning::kTransfer}) {
-        if (const auto strip = comparison_strip(scene, spp, tuning)) write_png(folder / fmt::format("{}_{}spp_{}.png", scene.name, spp, tuning_name(tuning)), *strip);
+        if (const auto strip = comparison_strip(scene, spp, tuning))
+          write_png(folder / fmt::format("{}_{}spp_{}.png", scene.name, spp, tuning_name(tuning)), *strip);
       }
     for (const MethodResult& m : scene.methods)
-      write_exr(folder / fmt::format("{}_{}spp_{}.exr", scene.name, m.spp, m.filter.empty() ? "noisy" : m.filter + "_" + tuning_name(m.tuning)), m.example);
+      write_exr(folder / fmt::format("{}_{}spp_{}.exr", scene.name, m.spp,
+                                     m.filter.empty() ? "noisy" : m.filter + "_" + tuning_name(m.tuning)),
+                m.example);
   }
 }
 

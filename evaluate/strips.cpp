@@ -32,11 +32,13 @@ void draw_text(Picture& picture, int x, int y, const std::string& text, int scal
   };
   std::vector<Vertex> vertices(text.size() * 100 + 100);
   std::string copy = text;
-  const int quads = stb_easy_font_print(0, 0, copy.data(), nullptr, vertices.data(), static_cast<int>(vertices.size() * sizeof(Vertex)));
+  const int quads = stb_easy_font_print(0, 0, copy.data(), nullptr, vertices.data(),
+                                        static_cast<int>(vertices.size() * sizeof(Vertex)));
   for (int q = 0; q < quads; ++q) {
     const Vertex &a = vertices[static_cast<size_t>(4 * q)], &c = vertices[static_cast<size_t>(4 * q + 2)];
     for (int py = static_cast<int>(a.y) * scale; py < static_cast<int>(c.y) * scale; ++py)
-      for (int px = static_cast<int>(a.x) * scale; px < static_cast<int>(c.x) * scale; ++px) picture.set(x + px, y + py, {0, 0, 0});
+      for (int px = static_cast<int>(a.x) * scale; px < static_cast<int>(c.x) * scale; ++px)
+        picture.set(x + px, y + py, {0, 0, 0});
   }
 }
 
@@ -45,7 +47,9 @@ Picture error_picture(const Plane& error, double full) {
   for (int y = 0; y < error.height(); ++y)
     for (int x = 0; x < error.width(); ++x) {
       const double v = std::clamp(error(x, y) / full, 0.0, 1.0);
-      const auto channel = [&](double start) { return static_cast<uint8_t>(255.0 * std::clamp(3.0 * v - start, 0.0, 1.0)); };
+      const auto channel = [&](double start) {
+        return static_cast<uint8_t>(255.0 * std::clamp(3.0 * v - start, 0.0, 1.0));
+      };
       picture.set(x, y, {channel(0), channel(1), channel(2)});
     }
   return picture;
@@ -55,7 +59,8 @@ std::optional<Picture> comparison_strip(const SceneResult& scene, int spp, Tunin
   const MethodResult* noisy = scene.find("", Tuning::kNone, spp);
   std::vector<Column> columns = {{fmt::format("{} spp  {:.2f}", spp, noisy->whole.mean), &noisy->example}};
   for (const MethodResult& m : scene.methods)
-    if (m.spp == spp && m.tuning == tuning) columns.push_back({fmt::format("{}  {:.2f}", m.filter, m.whole.mean), &m.example});
+    if (m.spp == spp && m.tuning == tuning)
+      columns.push_back({fmt::format("{}  {:.2f}", m.filter, m.whole.mean), &m.example});
   if (columns.size() == 1) return std::nullopt;
   columns.push_back({fmt::format("reference {} spp", 2 * scene.reference_spp), &scene.reference});
 
@@ -67,7 +72,9 @@ std::optional<Picture> comparison_strip(const SceneResult& scene, int spp, Tunin
     const int x = static_cast<int>(i) * (w + kGap);
     draw_text(strip, x + 4, 6, columns[i].caption, scale);
     strip.paste(to_picture(columns[i].frame->rgb(layer::beauty), scene.policy.exposure), x, kCaption);
-    if (i + 1 < columns.size()) strip.paste(error_picture(metric.error_map(columns[i].frame->rgb(layer::beauty)), kFullScale), x, kCaption + h + kGap);
+    if (i + 1 < columns.size())
+      strip.paste(error_picture(metric.error_map(columns[i].frame->rgb(layer::beauty)), kFullScale), x,
+                  kCaption + h + kGap);
   }
   // A key to the error maps, under the reference.
   const int x0 = static_cast<int>(columns.size() - 1) * (w + kGap), y0 = kCaption + h + kGap;

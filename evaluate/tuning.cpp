@@ -22,7 +22,8 @@ std::vector<FilterSettings> search_grid(const FilterEntry& filter) {
   return grid;
 }
 
-std::vector<double> search(const std::vector<FilterSettings>& grid, const Layers& frame, const ApplyOptions& options, const LabRms& metric, const Task& task) {
+std::vector<double> search(const std::vector<FilterSettings>& grid, const Layers& frame, const ApplyOptions& options,
+                           const LabRms& metric, const Task& task) {
   std::vector<double> squared(grid.size());
   parallel_for(static_cast<int>(grid.size()), task, [&](int i) {
     const Layers clean = apply_filter(grid[static_cast<size_t>(i)], frame, options, {1, {}, task.cancel});

@@ -43,24 +43,30 @@ void check_layers(const FilterEntry& filter, const Layers& frame, const ApplyOpt
     }
   if (missing.empty()) return;
   for (const LayerName& l : {layer::direct, layer::indirect, layer::gradient, layer::coverage, layer::transmittance})
-    if (frame.has(l) && std::find(record.begin(), record.end(), l.name) == record.end()) record.push_back(std::string(l.name));
-  throw InputError(fmt::format("filter {} needs the layer{} {}, which the frame does not have. Record it with: brume render SCENE -o OUT.exr --layers {}{}",
-                               filter.name, missing.size() > 1 ? "s" : "", join(missing), join(record, ","),
-                               options.component == Component::kIndirect ? "; or clean the whole picture with --component all" : ""));
+    if (frame.has(l) && std::find(record.begin(), record.end(), l.name) == record.end())
+      record.push_back(std::string(l.name));
+  throw InputError(fmt::format(
+      "filter {} needs the layer{} {}, which the frame does not have. Record it with: brume render SCENE -o OUT.exr "
+      "--layers {}{}",
+      filter.name, missing.size() > 1 ? "s" : "", join(missing), join(record, ","),
+      options.component == Component::kIndirect ? "; or clean the whole picture with --component all" : ""));
 }
 
 }  // namespace
 
 std::vector<LayerName> required_layers(const FilterEntry& filter, const ApplyOptions& options) {
   std::vector<LayerName> layers;
-  if (options.component == Component::kIndirect) layers = {layer::direct, layer::indirect};
-  else layers = {layer::beauty};
+  if (options.component == Component::kIndirect)
+    layers = {layer::direct, layer::indirect};
+  else
+    layers = {layer::beauty};
   for (const LayerName& l : filter.needs)
     if (std::find(layers.begin(), layers.end(), l) == layers.end()) layers.push_back(l);
   return layers;
 }
 
-Layers apply_filter(const FilterSettings& filter, const Layers& frame, const ApplyOptions& options, const Task& task, ApplyReport* report) {
+Layers apply_filter(const FilterSettings& filter, const Layers& frame, const ApplyOptions& options, const Task& task,
+                    ApplyReport* report) {
   check_layers(filter.entry(), frame, options);
   ApplyReport local;
   ApplyReport& r = report ? *report : local;
@@ -75,17 +81,20 @@ Layers apply_filter(const FilterSettings& filter, const Layers& frame, const App
   if (frame.has(layer::coverage)) used.push_back(layer::coverage);
   for (const LayerName& l : used)
     for (size_t c = 0; c < l.channels.size(); ++c)
-      if (const Plane& plane = frame.at(l.channel(c)); count_not_finite(plane)) fixed.set(l.channel(c), repaired(plane, bad));
+      if (const Plane& plane = frame.at(l.channel(c)); count_not_finite(plane))
+        fixed.set(l.channel(c), repaired(plane, bad));
   r.repaired_pixels = bad.size();
   const bool any_fixed = !bad.empty();
   if (any_fixed) {
     for (const auto& [name, plane] : frame.channels())
       if (!fixed.find(name)) fixed.set(name, plane);
-    r.notes.push_back(fmt::format("{} pixels were NaN or infinite and were replaced by the median of their neighbours", bad.size()));
+    r.notes.push_back(
+        fmt::format("{} pixels were NaN or infinite and were replaced by the median of their neighbours", bad.size()));
   }
   const Layers& source = any_fixed ? fixed : frame;
 
-  FilterFrame input{source.rgb(options.component == Component::kIndirect ? layer::indirect : layer::beauty), source, options.exposure, nullptr};
+  FilterFrame input{source.rgb(options.component == Component::kIndirect ? layer::indirect : layer::beauty), source,
+                    options.exposure, nullptr};
   if (options.background == BackgroundRule::kBilateral) {
     input.medium = source.find(layer::coverage.channel(0));
     if (!input.medium) r.notes.push_back("no coverage layer: every pixel is filtered as medium");
@@ -102,19 +111,23 @@ Layers apply_filter(const FilterSettings& filter, const Layers& frame, const App
   const auto direct = add_direct ? source.rgb(layer::direct) : input.signal;
   for (int y = 0; y < result.height(); ++y)
     for (int x = 0; x < result.width(); ++x) {
-      const bool finite = std::isfinite((*out[0])(x, y)) && std::isfinite((*out[1])(x, y)) && std::isfinite((*out[2])(x, y));
+      const bool finite =
+          std::isfinite((*out[0])(x, y)) && std::isfinite((*out[1])(x, y)) && std::isfinite((*out[2])(x, y));
       r.not_finite_results += !finite;
       for (size_t c = 0; c < 3; ++c) {
         if (!finite) (*out[c])(x, y) = (*input.signal[c])(x, y);
         if (add_direct) (*out[c])(x, y) += (*direct[c])(x, y);
       }
     }
-  if (r.not_finite_results) r.notes.push_back(fmt::format("{} pixels were out of the filter's range and kept their input", r.not_finite_results));
+  if (r.not_finite_results)
+    r.notes.push_back(
+        fmt::format("{} pixels were out of the filter's range and kept their input", r.not_finite_results));
   if (const Plane* alpha = source.find(layer::alpha.channel(0))) result.set(layer::alpha.channel(0), *alpha);
   result.header["filter"] = filter.entry().name;
   result.header["filterParameters"] = filter.text();
   result.header["filterComponent"] = std::string(add_direct ? "indirect; direct added back" : "all");
-  result.header["filterBackground"] = std::string(input.medium ? "bilateral sigma-domain=2 sigma-range=20" : "as the medium");
+  result.header["filterBackground"] =
+      std::string(input.medium ? "bilateral sigma-domain=2 sigma-range=20" : "as the medium");
   result.header["filterExposure"] = static_cast<float>(options.exposure);
   result.header["filterSeconds"] = static_cast<float>(r.seconds);
   result.header["filterSource"] = filter.entry().source;

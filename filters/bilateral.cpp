@@ -18,14 +18,15 @@ void run(const BilateralFilter& p, const FilterFrame& frame, const FilterOutput&
 }
 
 const FilterEntry entry =
-    declare<BilateralFilter>("bilateral", "Bilateral filter on CIE-Lab: averages neighbours that are near in place and in colour.")
+    declare<BilateralFilter>("bilateral",
+                             "Bilateral filter on CIE-Lab: averages neighbours that are near in place and in colour.")
         .source("Tomasi and Manduchi 1998; parameters of Xu et al. 2011, section 3")
         .notes("Keeps isolated spikes as they are. Not consistent: a converged picture is still blurred.")
         .param("radius", &BilateralFilter::radius, {0, 32}, "px", "half width of the window")
-        .param("sigma-domain", &BilateralFilter::sigma_domain, {0, 100}, "px", "of the kernel over distance; 0 switches it off",
-               {0.5, 0.75, 1, 1.5, 2, 3, 4})
-        .param("sigma-range", &BilateralFilter::sigma_range, {0, 1000}, "Lab units", "of the kernel over colour difference; 0 switches it off",
-               {2.5, 5, 10, 20, 40, 80})
+        .param("sigma-domain", &BilateralFilter::sigma_domain, {0, 100}, "px",
+               "of the kernel over distance; 0 switches it off", {0.5, 0.75, 1, 1.5, 2, 3, 4})
+        .param("sigma-range", &BilateralFilter::sigma_range, {0, 1000}, "Lab units",
+               "of the kernel over colour difference; 0 switches it off", {2.5, 5, 10, 20, 40, 80})
         .param("average", &BilateralFilter::average, kAverageNames, kAverageHelp, kAverageNames)
         .apron([](const BilateralFilter& p) { return p.radius; })
         .run(run);

@@ -22,7 +22,12 @@ struct ExtendedBilateral {
 
 kernels::Bilateral weights(const ExtendedBilateral& p) {
   const bool lab = p.domain == Domain::kLab;
-  return {p.sigma_domain > 0 ? p.sigma_domain : lab ? 3.0f : 2.0f, p.sigma_range > 0 ? p.sigma_range : lab ? 10.0f : 0.4f};
+  return {p.sigma_domain > 0 ? p.sigma_domain
+          : lab              ? 3.0f
+                             : 2.0f,
+          p.sigma_range > 0 ? p.sigma_range
+          : lab             ? 10.0f
+                            : 0.4f};
 }
 
 void run_lab(const ExtendedBilateral& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
@@ -30,12 +35,15 @@ void run_lab(const ExtendedBilateral& p, const FilterFrame& frame, const FilterO
   const kernels::WindowInput in = window.input();
   WorkImage prefiltered = gaussian(window.guide(), p.radius, weights(p).sigma_domain, task);
   if (in.values != in.guide)
-    for (PaddedPlane& channel : gaussian(window.values(), p.radius, weights(p).sigma_domain, task).channels) prefiltered.channels.push_back(std::move(channel));
+    for (PaddedPlane& channel : gaussian(window.values(), p.radius, weights(p).sigma_domain, task).channels)
+      prefiltered.channels.push_back(std::move(channel));
   for_each_row(frame.height(), task, [&](int y) { kernels::extended_bilateral_row(in, weights(p), prefiltered, y); });
   window.finish(out, task);
 }
 
-double radiance_luminance(double r, double g, double b) { return 0.265 * r + 0.670 * g + 0.065 * b; }
+double radiance_luminance(double r, double g, double b) {
+  return 0.265 * r + 0.670 * g + 0.065 * b;
+}
 
 /// The paper's own mode: the logarithm of Radiance's luminance is filtered, colour follows.
 void run_log(const ExtendedBilateral& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
@@ -54,14 +62,16 @@ void run_log(const ExtendedBilateral& p, const FilterFrame& frame, const FilterO
     return;
   }
   for (int y = 0; y < height; ++y)
-    for (int x = 0; x < width; ++x) logarithms(x, y) = static_cast<float>(std::log(std::max<double>(luminances(x, y), lowest)) / unit);
+    for (int x = 0; x < width; ++x)
+      logarithms(x, y) = static_cast<float>(std::log(std::max<double>(luminances(x, y), lowest)) / unit);
 
   const Plane* guide_plane[] = {&logarithms};
   const Plane* value_planes[] = {&logarithms, frame.signal[0], frame.signal[1], frame.signal[2]};
   const WorkImage guide = padded(guide_plane, p.radius), values = padded(value_planes, p.radius);
   WorkImage result(width, height, p.radius, 4);
   WorkImage prefiltered = gaussian(guide, p.radius, weights(p).sigma_domain, task);
-  for (PaddedPlane& channel : gaussian(values, p.radius, weights(p).sigma_domain, task).channels) prefiltered.channels.push_back(std::move(channel));
+  for (PaddedPlane& channel : gaussian(values, p.radius, weights(p).sigma_domain, task).channels)
+    prefiltered.channels.push_back(std::move(channel));
   kernels::WindowInput in{p.radius, &guide, &values, &result, nullptr, {}, {}};
   PaddedPlane medium;
   if (frame.medium) {
@@ -99,20 +109,29 @@ void run(const ExtendedBilateral& p, const FilterFrame& frame, const FilterOutpu
 }
 
 const FilterEntry entry =
-    declare<ExtendedBilateral>("extended_bilateral", "Bilateral filter whose range kernel is centred on a Gaussian-prefiltered value, so that outliers do not vouch for themselves.")
+    declare<ExtendedBilateral>("extended_bilateral",
+                               "Bilateral filter whose range kernel is centred on a Gaussian-prefiltered value, so "
+                               "that outliers do not vouch for themselves.")
         .source("Xu and Pattanaik 2005, equations 5 and 6; Lab settings of Xu et al. 2011, section 3")
-        .notes("The paper prints sigma_r = 2, sigma_d = 0.4; taken literally they do nothing, because 0.4 px leaves 84 % of the "
-               "weight on the centre. Swapped (2 px, 0.4 in log luminance) they span the 13 x 13 window the comparisons use, and are "
-               "the default of `log-luminance`; the literal pair is `sigma-domain=0.4 sigma-range=2`.")
-        .param("domain", &ExtendedBilateral::domain, {"lab", "log-luminance"}, "what is compared: CIE-Lab, or the logarithm of luminance as published")
+        .notes(
+            "The paper prints sigma_r = 2, sigma_d = 0.4; taken literally they do nothing, because 0.4 px leaves 84 % "
+            "of the "
+            "weight on the centre. Swapped (2 px, 0.4 in log luminance) they span the 13 x 13 window the comparisons "
+            "use, and are "
+            "the default of `log-luminance`; the literal pair is `sigma-domain=0.4 sigma-range=2`.")
+        .param("domain", &ExtendedBilateral::domain, {"lab", "log-luminance"},
+               "what is compared: CIE-Lab, or the logarithm of luminance as published")
         .param("radius", &ExtendedBilateral::radius, {0, 32}, "px", "half width of the window")
-        .param("sigma-domain", &ExtendedBilateral::sigma_domain, {0, 100}, "px", "of the kernel over distance and the prefilter; 0: 3 (lab), 2 (log-luminance)",
+        .param("sigma-domain", &ExtendedBilateral::sigma_domain, {0, 100}, "px",
+               "of the kernel over distance and the prefilter; 0: 3 (lab), 2 (log-luminance)",
                {0.5, 0.75, 1, 1.5, 2, 3, 4})
-        .param("sigma-range", &ExtendedBilateral::sigma_range, {0, 1000}, "domain units", "of the kernel over difference; 0: 10 (lab), 0.4 (log-luminance)",
-               {2.5, 5, 10, 20, 40, 80})
+        .param("sigma-range", &ExtendedBilateral::sigma_range, {0, 1000}, "domain units",
+               "of the kernel over difference; 0: 10 (lab), 0.4 (log-luminance)", {2.5, 5, 10, 20, 40, 80})
         .param("average", &ExtendedBilateral::average, kAverageNames, kAverageHelp, kAverageNames)
-        .param("hue", &ExtendedBilateral::hue, {"window", "own"}, "log-luminance: colour of the weighted window, or of the noisy pixel as published")
-        .param("logarithm", &ExtendedBilateral::logarithm, {"natural", "decimal"}, "log-luminance: base, which the paper does not give")
+        .param("hue", &ExtendedBilateral::hue, {"window", "own"},
+               "log-luminance: colour of the weighted window, or of the noisy pixel as published")
+        .param("logarithm", &ExtendedBilateral::logarithm, {"natural", "decimal"},
+               "log-luminance: base, which the paper does not give")
         .apron([](const ExtendedBilateral& p) { return 2 * p.radius; })
         .run(run);
 const Registration registration(entry);

@@ -18,8 +18,8 @@ struct FilterFrame {
   std::array<const Plane*, 3> signal;  ///< linear RGB
   const Layers& layers;
   double exposure = 1.0;  ///< from radiance to display; perceptual filters work on signal * exposure
-  /// Coverage, where the rest of the picture is to be treated as background: pixels at 0 get the bilateral filter with the
-  /// gradient-kernel paper's settings. Null: the filter treats every pixel.
+  /// Coverage, where the rest of the picture is to be treated as background: pixels at 0 get the bilateral filter with
+  /// the gradient-kernel paper's settings. Null: the filter treats every pixel.
   const Plane* medium = nullptr;
 
   int width() const { return signal[0]->width(); }
@@ -32,10 +32,10 @@ using FilterOutput = std::array<Plane*, 3>;
 struct Parameter {
   using Value = std::variant<double, std::string>;
   std::string name, unit, help;
-  double lowest = 0, highest = 0;          ///< of a number
+  double lowest = 0, highest = 0;  ///< of a number
   bool integer = false;
-  std::vector<std::string> choices;        ///< not empty for a choice
-  std::vector<Value> candidates;           ///< what an exhaustive search tries; empty: left at its default
+  std::vector<std::string> choices;  ///< not empty for a choice
+  std::vector<Value> candidates;     ///< what an exhaustive search tries; empty: left at its default
   std::function<Value(const std::any&)> get;
   std::function<void(std::any&, const Value&)> set;
 
@@ -68,7 +68,9 @@ class FilterSettings {
   /// "sigma-domain=2 sigma-range=20"
   std::string text() const;
   int apron() const { return entry_->apron(parameters_); }
-  void run(const FilterFrame& frame, const FilterOutput& out, const Task& task) const { entry_->run(parameters_, frame, out, task); }
+  void run(const FilterFrame& frame, const FilterOutput& out, const Task& task) const {
+    entry_->run(parameters_, frame, out, task);
+  }
 
  private:
   const FilterEntry* entry_;
@@ -87,30 +89,50 @@ class Declaration {
   Declaration& source(std::string text) { return entry_.source = std::move(text), *this; }
   Declaration& notes(std::string text) { return entry_.notes = std::move(text), *this; }
   template <class... Layer>
-  Declaration& needs(const Layer&... layers) { return (entry_.needs.push_back(layers), ...), *this; }
+  Declaration& needs(const Layer&... layers) {
+    return (entry_.needs.push_back(layers), ...), *this;
+  }
   template <class... Layer>
-  Declaration& can_use(const Layer&... layers) { return (entry_.can_use.push_back(layers), ...), *this; }
+  Declaration& can_use(const Layer&... layers) {
+    return (entry_.can_use.push_back(layers), ...), *this;
+  }
 
   struct Range {
     double lowest, highest;
   };
   /// A number. `candidates` are what an exhaustive search tries.
   template <class Number>
-    requires std::is_arithmetic_v<Number>
-  Declaration& param(std::string name, Number P::*member, Range range, std::string unit, std::string help, std::vector<double> candidates = {}) {
-    Parameter p{std::move(name), std::move(unit), std::move(help), range.lowest, range.highest, std::integral<Number>, {}, {}, {}, {}};
+  requires std::is_arithmetic_v<Number> Declaration& param(std::string name, Number P::*member, Range range,
+                                                           std::string unit, std::string help,
+                                                           std::vector<double> candidates = {}) {
+    Parameter p{std::move(name),
+                std::move(unit),
+                std::move(help),
+                range.lowest,
+                range.highest,
+                std::integral<Number>,
+                {},
+                {},
+                {},
+                {}};
     p.candidates.assign(candidates.begin(), candidates.end());
-    p.get = [member](const std::any& a) { return Parameter::Value(static_cast<double>(std::any_cast<const P&>(a).*member)); };
-    p.set = [member](std::any& a, const Parameter::Value& v) { std::any_cast<P&>(a).*member = static_cast<Number>(std::get<double>(v)); };
+    p.get = [member](const std::any& a) {
+      return Parameter::Value(static_cast<double>(std::any_cast<const P&>(a).*member));
+    };
+    p.set = [member](std::any& a, const Parameter::Value& v) {
+      std::any_cast<P&>(a).*member = static_cast<Number>(std::get<double>(v));
+    };
     return entry_.parameters.push_back(std::move(p)), *this;
   }
   /// A choice between names: an enumeration whose values count from 0 in the order of `choices`.
   template <class Enum>
-    requires std::is_enum_v<Enum>
-  Declaration& param(std::string name, Enum P::*member, std::vector<std::string> choices, std::string help, std::vector<std::string> candidates = {}) {
+  requires std::is_enum_v<Enum> Declaration& param(std::string name, Enum P::*member, std::vector<std::string> choices,
+                                                   std::string help, std::vector<std::string> candidates = {}) {
     Parameter p{std::move(name), "", std::move(help), 0, 0, false, choices, {}, {}, {}};
     p.candidates.assign(candidates.begin(), candidates.end());
-    p.get = [member, choices](const std::any& a) { return Parameter::Value(choices[static_cast<size_t>(std::any_cast<const P&>(a).*member)]); };
+    p.get = [member, choices](const std::any& a) {
+      return Parameter::Value(choices[static_cast<size_t>(std::any_cast<const P&>(a).*member)]);
+    };
     p.set = [member, choices](std::any& a, const Parameter::Value& v) {
       for (size_t i = 0; i < choices.size(); ++i)
         if (choices[i] == std::get<std::string>(v)) std::any_cast<P&>(a).*member = static_cast<Enum>(i);
@@ -122,7 +144,9 @@ class Declaration {
     return *this;
   }
   FilterEntry run(void (*function)(const P&, const FilterFrame&, const FilterOutput&, const Task&)) {
-    entry_.run = [function](const std::any& a, const FilterFrame& f, const FilterOutput& o, const Task& t) { function(std::any_cast<const P&>(a), f, o, t); };
+    entry_.run = [function](const std::any& a, const FilterFrame& f, const FilterOutput& o, const Task& t) {
+      function(std::any_cast<const P&>(a), f, o, t);
+    };
     return entry_;
   }
 
@@ -131,6 +155,8 @@ class Declaration {
 };
 
 template <class P>
-Declaration<P> declare(std::string name, std::string summary) { return {std::move(name), std::move(summary)}; }
+Declaration<P> declare(std::string name, std::string summary) {
+  return {std::move(name), std::move(summary)};
+}
 
 }  // namespace brume

@@ -19,7 +19,8 @@ void run(const GaussianFilter& p, const FilterFrame& frame, const FilterOutput& 
 }
 
 const FilterEntry entry =
-    declare<GaussianFilter>("gaussian", "Plain Gaussian blur, the honest baseline: on smooth volumes a tuned one is hard to beat.")
+    declare<GaussianFilter>("gaussian",
+                            "Plain Gaussian blur, the honest baseline: on smooth volumes a tuned one is hard to beat.")
         .source("textbook; measured level with the best tuned bilateral on smooth volumes")
         .notes("Averages in linear light by default, where a blur belongs.")
         .param("radius", &GaussianFilter::radius, {0, 32}, "px", "half width of the window")

@@ -26,7 +26,9 @@ kernels::GradientWeights weights(const GradientKernel& p) {
   kernels::GradientWeights w;
   w.bilateral = {p.sigma_domain, p.sigma_range > 0 ? p.sigma_range : multiply ? 30.0f : 10.0f};
   w.sigma_gradient = p.sigma_gradient > 0 ? p.sigma_gradient : paper ? 3.0f : 0.2f;
-  w.variant = multiply ? kernels::GradientVariant::kMultiply : p.variant == Variant::kGate ? kernels::GradientVariant::kGate : kernels::GradientVariant::kAdd;
+  w.variant = multiply                      ? kernels::GradientVariant::kMultiply
+              : p.variant == Variant::kGate ? kernels::GradientVariant::kGate
+                                            : kernels::GradientVariant::kAdd;
   w.gate_strength = p.gate_strength;
   return w;
 }
@@ -51,7 +53,9 @@ WorkImage directions(const FilterFrame& frame, int radius, const Task& task) {
 
 void run(const GradientKernel& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
   if (p.variant == Variant::kGate && !frame.layers.has(layer::alpha))
-    throw InputError("filter gradient_kernel: variant=gate compares opacity and needs the channel 'A', which the frame does not have");
+    throw InputError(
+        "filter gradient_kernel: variant=gate compares opacity and needs the channel 'A', which the frame does not "
+        "have");
   LabWindow window(frame, p.radius, p.average, task);
   const WorkImage gradient = directions(frame, p.radius, task);
   WorkImage opacity;
@@ -66,19 +70,28 @@ void run(const GradientKernel& p, const FilterFrame& frame, const FilterOutput& 
 }
 
 const FilterEntry entry =
-    declare<GradientKernel>("gradient_kernel", "Bilateral filter with a kernel over the direction of the density gradient where the pixel's paths meet the medium.")
+    declare<GradientKernel>("gradient_kernel",
+                            "Bilateral filter with a kernel over the direction of the density gradient where the "
+                            "pixel's paths meet the medium.")
         .source("Xu, Liu, Zhang, Bao, Scopigno, Sbert 2011, equations 1 and 2")
-        .notes("`paper` adds w_G to the range kernel; at its sigma_G = 3 the weight never falls below 0.8, so the published filter is close to a fixed "
-               "cross-fade of a bilateral filter and a Gaussian blur. `add-sharp` makes w_G a real gate on orientation, `mul` multiplies it to the "
-               "others, `gate` weighs it by how equal the opacities are. Pixels without a direction are filtered by the range kernel alone.")
+        .notes(
+            "`paper` adds w_G to the range kernel; at its sigma_G = 3 the weight never falls below 0.8, so the "
+            "published filter is close to a fixed "
+            "cross-fade of a bilateral filter and a Gaussian blur. `add-sharp` makes w_G a real gate on orientation, "
+            "`mul` multiplies it to the "
+            "others, `gate` weighs it by how equal the opacities are. Pixels without a direction are filtered by the "
+            "range kernel alone.")
         .needs(layer::gradient)
         .can_use(layer::alpha)
-        .param("variant", &GradientKernel::variant, {"paper", "add-sharp", "mul", "gate"}, "how the gradient kernel joins the others",
-               {"paper", "mul", "gate"})
+        .param("variant", &GradientKernel::variant, {"paper", "add-sharp", "mul", "gate"},
+               "how the gradient kernel joins the others", {"paper", "mul", "gate"})
         .param("radius", &GradientKernel::radius, {0, 32}, "px", "half width of the window")
-        .param("sigma-domain", &GradientKernel::sigma_domain, {0, 100}, "px", "sigma_D, of distance", {0.5, 0.75, 1, 1.5, 2, 3})
-        .param("sigma-range", &GradientKernel::sigma_range, {0, 1000}, "Lab units", "sigma_L, of colour difference; 0: 10, for mul 30", {5, 10, 20, 40})
-        .param("sigma-gradient", &GradientKernel::sigma_gradient, {0, 100}, "1", "sigma_G, of 1 - cos of the angle; 0: 3 for paper, else 0.2", {0.1, 0.3, 3})
+        .param("sigma-domain", &GradientKernel::sigma_domain, {0, 100}, "px", "sigma_D, of distance",
+               {0.5, 0.75, 1, 1.5, 2, 3})
+        .param("sigma-range", &GradientKernel::sigma_range, {0, 1000}, "Lab units",
+               "sigma_L, of colour difference; 0: 10, for mul 30", {5, 10, 20, 40})
+        .param("sigma-gradient", &GradientKernel::sigma_gradient, {0, 100}, "1",
+               "sigma_G, of 1 - cos of the angle; 0: 3 for paper, else 0.2", {0.1, 0.3, 3})
         .param("gate-strength", &GradientKernel::gate_strength, {0, 100}, "1", "gamma of the gate variant")
         .param("average", &GradientKernel::average, kAverageNames, kAverageHelp, kAverageNames)
         .apron([](const GradientKernel& p) { return p.radius; })

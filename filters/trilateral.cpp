@@ -17,11 +17,13 @@ void run(const Trilateral& p, const FilterFrame& frame, const FilterOutput& out,
   PaddedPlane road(frame.width(), frame.height(), p.radius);
   for (int pass = 0; pass < p.passes; ++pass) {
     if (pass > 0) window.use_result_as_guide(task);
-    for_each_row(frame.height(), {task.threads, {}, task.cancel}, [&](int y) { kernels::road_row(window.guide(), road, y); });
+    for_each_row(frame.height(), {task.threads, {}, task.cancel},
+                 [&](int y) { kernels::road_row(window.guide(), road, y); });
     kernels::WindowInput in = window.input();
     // The background had its bilateral filter in the first pass.
     if (pass > 0) in.background = kernels::WindowInput::Background::kCopy;
-    const kernels::TrilateralWeights weights{{pass == 0 ? p.sigma_spatial : p.sigma_spatial_2, p.sigma_range}, p.sigma_impulse, p.sigma_joint};
+    const kernels::TrilateralWeights weights{
+        {pass == 0 ? p.sigma_spatial : p.sigma_spatial_2, p.sigma_range}, p.sigma_impulse, p.sigma_joint};
     Task part = task;
     if (task.progress) part.progress = [&](double f) { task.report((pass + f) / p.passes); };
     for_each_row(frame.height(), part, [&](int y) { kernels::trilateral_row(in, weights, road, y); });
@@ -30,17 +32,24 @@ void run(const Trilateral& p, const FilterFrame& frame, const FilterOutput& out,
 }
 
 const FilterEntry entry =
-    declare<Trilateral>("trilateral", "Bilateral filter with an impulse detector: pixels unlike their four most similar neighbours (ROAD) count less, and are rebuilt from the rest.")
+    declare<Trilateral>("trilateral",
+                        "Bilateral filter with an impulse detector: pixels unlike their four most similar neighbours "
+                        "(ROAD) count less, and are rebuilt from the rest.")
         .source("Garnett et al. 2005; sigma_S, sigma_I, sigma_J of Xu et al. 2011, section 3")
-        .notes("sigma_R is given by neither source for this use; 10 Lab units by default, searched when tuned. The published sigma_I and "
-               "sigma_J were meant for 0..255 grey levels and are looser in Lab.")
+        .notes(
+            "sigma_R is given by neither source for this use; 10 Lab units by default, searched when tuned. The "
+            "published sigma_I and "
+            "sigma_J were meant for 0..255 grey levels and are looser in Lab.")
         .param("radius", &Trilateral::radius, {0, 32}, "px", "half width of the window")
         .param("passes", &Trilateral::passes, {1, 8}, "", "ROAD is computed anew on each pass's input")
-        .param("sigma-spatial", &Trilateral::sigma_spatial, {0, 100}, "px", "sigma_S of the first pass", {0.75, 1, 1.5, 2, 3})
+        .param("sigma-spatial", &Trilateral::sigma_spatial, {0, 100}, "px", "sigma_S of the first pass",
+               {0.75, 1, 1.5, 2, 3})
         .param("sigma-spatial-2", &Trilateral::sigma_spatial_2, {0, 100}, "px", "sigma_S of later passes", {1, 2.236})
-        .param("sigma-range", &Trilateral::sigma_range, {0, 1000}, "Lab units", "sigma_R, of colour difference", {5, 10, 20})
+        .param("sigma-range", &Trilateral::sigma_range, {0, 1000}, "Lab units", "sigma_R, of colour difference",
+               {5, 10, 20})
         .param("sigma-impulse", &Trilateral::sigma_impulse, {0, 1000}, "Lab units", "sigma_I, of ROAD", {40})
-        .param("sigma-joint", &Trilateral::sigma_joint, {0, 1000}, "Lab units", "sigma_J, where impulse weights take over", {25, 50, 100})
+        .param("sigma-joint", &Trilateral::sigma_joint, {0, 1000}, "Lab units",
+               "sigma_J, where impulse weights take over", {25, 50, 100})
         .param("average", &Trilateral::average, kAverageNames, kAverageHelp, kAverageNames)
         .apron([](const Trilateral& p) { return p.passes * (p.radius + 1); })
         .run(run);

@@ -8,8 +8,12 @@ namespace {
 
 constexpr double kThreshold = 216.0 / 24389.0, kKappa = 24389.0 / 27.0;
 
-double forward(double t) { return t > kThreshold ? std::cbrt(t) : (kKappa * t + 16.0) / 116.0; }
-double backward(double f) { return f > 6.0 / 29.0 ? f * f * f : (116.0 * f - 16.0) / kKappa; }
+double forward(double t) {
+  return t > kThreshold ? std::cbrt(t) : (kKappa * t + 16.0) / 116.0;
+}
+double backward(double f) {
+  return f > 6.0 / 29.0 ? f * f * f : (116.0 * f - 16.0) / kKappa;
+}
 
 dmat3 white_relative_xyz() {
   dmat3 m;

@@ -26,8 +26,9 @@ namespace fs = std::filesystem;
 
 // Written by the library itself or describing the pixels' packing: not ours to copy.
 bool is_structural(const std::string& name) {
-  static const char* const names[] = {"channels", "compression", "dataWindow", "displayWindow", "lineOrder", "type",
-                                      "pixelAspectRatio", "screenWindowCenter", "screenWindowWidth", "tiles", "chunkCount"};
+  static const char* const names[] = {"channels",          "compression", "dataWindow",       "displayWindow",
+                                      "lineOrder",         "type",        "pixelAspectRatio", "screenWindowCenter",
+                                      "screenWindowWidth", "tiles",       "chunkCount"};
   return std::any_of(std::begin(names), std::end(names), [&](const char* n) { return name == n; });
 }
 
@@ -72,7 +73,8 @@ const char* compression_name(Imf::Compression c) {
 Imf::MultiPartInputFile open(const fs::path& path) {
   std::error_code ignored;
   if (!fs::exists(path, ignored)) throw InputError(fmt::format("{}: no such file", path.string()));
-  if (fs::is_directory(path, ignored)) throw InputError(fmt::format("{}: is a folder, expected an OpenEXR file", path.string()));
+  if (fs::is_directory(path, ignored))
+    throw InputError(fmt::format("{}: is a folder, expected an OpenEXR file", path.string()));
   try {
     return Imf::MultiPartInputFile(path.c_str());
   } catch (const std::exception& error) {
@@ -124,7 +126,8 @@ Layers read_exr(const fs::path& path, const std::function<bool(const std::string
       const std::string name = prefixed(file, part, c.name());
       if (wanted && !wanted(name)) continue;
       if (c.channel().xSampling != 1 || c.channel().ySampling != 1)
-        throw InputError(fmt::format("{}: channel {} is subsampled; brume reads full resolution only", path.string(), name));
+        throw InputError(
+            fmt::format("{}: channel {} is subsampled; brume reads full resolution only", path.string(), name));
       Plane& plane = planes.try_emplace(name, width, height).first->second;
       char* base = reinterpret_cast<char*>(plane.row(0));
       const std::ptrdiff_t shift = static_cast<std::ptrdiff_t>(sizeof(float)) * data.min.x +
@@ -147,7 +150,8 @@ Layers read_exr(const fs::path& path, const std::function<bool(const std::string
       }
       Plane& whole = layers.add(name);
       for (int y = std::max(0, -dy); y < std::min(height, layers.height() - dy); ++y)
-        for (int x = std::max(0, -dx); x < std::min(width, layers.width() - dx); ++x) whole(x + dx, y + dy) = plane(x, y);
+        for (int x = std::max(0, -dx); x < std::min(width, layers.width() - dx); ++x)
+          whole(x + dx, y + dy) = plane(x, y);
     }
   }
   return layers;

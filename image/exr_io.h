@@ -22,8 +22,9 @@ struct ExrInfo {
 /// @throws InputError: missing, not an EXR, truncated
 ExrInfo read_exr_info(const std::filesystem::path& path);
 
-/// Reads the channels that `wanted` accepts (all without it) as float, over the display window; what the data window does
-/// not cover is 0. Several parts become one frame, their channels prefixed with the part's name where it is missing.
+/// Reads the channels that `wanted` accepts (all without it) as float, over the display window; what the data window
+/// does not cover is 0. Several parts become one frame, their channels prefixed with the part's name where it is
+/// missing.
 /// @throws InputError: missing, not an EXR, truncated, deep, subsampled, parts of different sizes
 Layers read_exr(const std::filesystem::path& path, const std::function<bool(const std::string&)>& wanted = {});
 

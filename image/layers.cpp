@@ -23,8 +23,8 @@ Plane& Layers::add(const std::string& name, float value) {
 
 void Layers::set(const std::string& name, Plane plane) {
   if (plane.width() != width_ || plane.height() != height_)
-    throw std::logic_error(fmt::format("channel {} is {} x {}, the frame is {} x {}", name, plane.width(), plane.height(),
-                                       width_, height_));
+    throw std::logic_error(fmt::format("channel {} is {} x {}, the frame is {} x {}", name, plane.width(),
+                                       plane.height(), width_, height_));
   channels_.insert_or_assign(name, std::move(plane));
 }
 
@@ -33,7 +33,9 @@ const Plane* Layers::find(const std::string& name) const {
   return it == channels_.end() ? nullptr : &it->second;
 }
 
-Plane* Layers::find(const std::string& name) { return const_cast<Plane*>(std::as_const(*this).find(name)); }
+Plane* Layers::find(const std::string& name) {
+  return const_cast<Plane*>(std::as_const(*this).find(name));
+}
 
 const Plane& Layers::at(const std::string& name) const {
   if (const Plane* plane = find(name)) return *plane;

@@ -22,7 +22,9 @@ struct LayerName {
   /// "NAME.STATISTIC.C", where the statistic is mean_variance, half_a or half_b.
   std::string channel_of(std::string_view statistic, size_t index) const;
   std::string label() const { return name.empty() ? "beauty" : std::string(name); }
-  friend bool operator==(const LayerName& a, const LayerName& b) { return a.name == b.name && a.channels == b.channels; }
+  friend bool operator==(const LayerName& a, const LayerName& b) {
+    return a.name == b.name && a.channels == b.channels;
+  }
 };
 
 /// The layers brume records and its filters read (DESIGN.md section 3).

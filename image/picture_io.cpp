@@ -25,7 +25,8 @@
 namespace brume {
 namespace fs = std::filesystem;
 
-Picture::Picture(int w, int h, std::array<uint8_t, 3> colour) : width(w), height(h), rgb(static_cast<size_t>(w) * h * 3) {
+Picture::Picture(int w, int h, std::array<uint8_t, 3> colour)
+    : width(w), height(h), rgb(static_cast<size_t>(w) * h * 3) {
   for (size_t i = 0; i < rgb.size(); ++i) rgb[i] = colour[i % 3];
 }
 
@@ -71,8 +72,10 @@ Layers read_hdr(const fs::path& path) {
   std::error_code ignored;
   if (!fs::exists(path, ignored)) throw InputError(fmt::format("{}: no such file", path.string()));
   int width = 0, height = 0, channels = 0;
-  const std::unique_ptr<float, void (*)(void*)> data(stbi_loadf(path.c_str(), &width, &height, &channels, 3), stbi_image_free);
-  if (!data) throw InputError(fmt::format("{}: not a readable Radiance HDR file: {}", path.string(), stbi_failure_reason()));
+  const std::unique_ptr<float, void (*)(void*)> data(stbi_loadf(path.c_str(), &width, &height, &channels, 3),
+                                                     stbi_image_free);
+  if (!data)
+    throw InputError(fmt::format("{}: not a readable Radiance HDR file: {}", path.string(), stbi_failure_reason()));
   Layers layers(width, height);
   const auto rgb = layers.add_rgb(layer::beauty);
   for (int y = 0; y < height; ++y)

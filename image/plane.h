@@ -7,18 +7,22 @@
 
 namespace brume {
 
-/// One channel of an image: float rows, each aligned to a cache line and padded to a whole number of lines, so that SIMD
-/// code may load and store past the last pixel. Row 0 is the top.
+/// One channel of an image: float rows, each aligned to a cache line and padded to a whole number of lines, so that
+/// SIMD code may load and store past the last pixel. Row 0 is the top.
 class Plane {
  public:
   static constexpr size_t kAlignment = 64, kLine = kAlignment / sizeof(float);
 
   Plane() = default;
   Plane(int width, int height, float value = 0.0f)
-      : width_(width), height_(height), stride_((static_cast<size_t>(width) + kLine - 1) / kLine * kLine), data_(allocate(size())) {
+      : width_(width),
+        height_(height),
+        stride_((static_cast<size_t>(width) + kLine - 1) / kLine * kLine),
+        data_(allocate(size())) {
     fill(value);
   }
-  Plane(const Plane& other) : width_(other.width_), height_(other.height_), stride_(other.stride_), data_(allocate(size())) {
+  Plane(const Plane& other)
+      : width_(other.width_), height_(other.height_), stride_(other.stride_), data_(allocate(size())) {
     if (size() != 0) std::memcpy(data_.get(), other.data_.get(), size() * sizeof(float));
   }
   Plane(Plane&&) noexcept = default;

@@ -10,10 +10,12 @@ namespace brume {
 Camera::Camera(const CameraSettings& s, int width, int height, const dvec3& world_shift)
     : position_(s.position - world_shift), world_position_(s.position), width_(width), height_(height) {
   const dvec3 view = s.look_at - s.position;
-  if (!(glm::length(view) > 0)) throw InputError("camera: position and look_at are the same point; expected a direction to look in");
+  if (!(glm::length(view) > 0))
+    throw InputError("camera: position and look_at are the same point; expected a direction to look in");
   forward_ = glm::normalize(view);
   const dvec3 side = glm::cross(forward_, s.up);
-  if (!(glm::length(side) > 1e-9 * glm::length(s.up))) throw InputError("camera: up is zero or parallel to the view; expected another direction");
+  if (!(glm::length(side) > 1e-9 * glm::length(s.up)))
+    throw InputError("camera: up is zero or parallel to the view; expected another direction");
   right_ = glm::normalize(side);
   up_ = glm::cross(right_, forward_);
   const double extent = std::tan(0.5 * s.fov * kPi / 180.0);

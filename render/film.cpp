@@ -24,18 +24,21 @@ Film::Film(int width, int height, const LayerRequest& request) : layers_(width, 
 
 void Film::record(const LayerName& name, size_t first_value, bool statistics, bool complement) {
   for (size_t i = 0; i < name.channels.size(); ++i) {
-    const auto plane = [&](std::string_view which) { return statistics ? &layers_.add(name.channel_of(which, i)) : nullptr; };
+    const auto plane = [&](std::string_view which) {
+      return statistics ? &layers_.add(name.channel_of(which, i)) : nullptr;
+    };
     // Extinction is grey, so one number fills the three channels of the transmittance.
     const size_t value = first_value == kTransmittance ? first_value : first_value + i;
-    targets_.push_back({&layers_.add(name.channel(i)), plane(statistic::mean_variance), plane(statistic::half_a), plane(statistic::half_b),
-                        value, complement});
+    targets_.push_back({&layers_.add(name.channel(i)), plane(statistic::mean_variance), plane(statistic::half_a),
+                        plane(statistic::half_b), value, complement});
   }
 }
 
 bool Film::add(Pixel& pixel, const PathSample& s, size_t half) {
   const dvec3 beauty = s.direct + s.indirect;
-  const std::array<double, kValues> values = {beauty.x,     beauty.y,     beauty.z,     s.direct.x,   s.direct.y, s.direct.z,      s.indirect.x,
-                                              s.indirect.y, s.indirect.z, s.gradient.x, s.gradient.y, s.gradient.z, s.coverage, s.transmittance};
+  const std::array<double, kValues> values = {beauty.x,     beauty.y,     beauty.z,     s.direct.x,     s.direct.y,
+                                              s.direct.z,   s.indirect.x, s.indirect.y, s.indirect.z,   s.gradient.x,
+                                              s.gradient.y, s.gradient.z, s.coverage,   s.transmittance};
   for (const double v : values)
     if (!std::isfinite(v)) return false;
   pixel.add(values, half);

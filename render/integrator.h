@@ -10,10 +10,10 @@ namespace brume {
 
 /// What one path tells about its pixel. Every member is an unbiased sample of an expectation.
 struct PathSample {
-  dvec3 direct{0};        ///< background through the medium, and light scattered once
-  dvec3 indirect{0};      ///< light scattered twice or more
-  dvec3 gradient{0};      ///< unit direction of the density gradient where the ray meets the surface; 0 where undefined
-  double coverage = 0;    ///< 1 where the ray meets the medium's surface
+  dvec3 direct{0};      ///< background through the medium, and light scattered once
+  dvec3 indirect{0};    ///< light scattered twice or more
+  dvec3 gradient{0};    ///< unit direction of the density gradient where the ray meets the surface; 0 where undefined
+  double coverage = 0;  ///< 1 where the ray meets the medium's surface
   double transmittance = 0;  ///< 1 where the path never scattered
 };
 
@@ -21,9 +21,9 @@ struct PathSample {
 struct PathCounters {
   TrackingCounters tracking;
   uint64_t paths = 0;
-  uint64_t capped_paths = 0;       ///< cut at max_events
-  double capped_throughput = 0;    ///< what they still carried, summed
-  uint64_t longest = 0;            ///< most scatterings of a path
+  uint64_t capped_paths = 0;     ///< cut at max_events
+  double capped_throughput = 0;  ///< what they still carried, summed
+  uint64_t longest = 0;          ///< most scatterings of a path
   void merge(const PathCounters& other);
 };
 

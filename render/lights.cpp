@@ -26,7 +26,10 @@ dvec3 sample_cone(const dvec3& axis, double one_minus_cos, const dvec2& u) {
 }  // namespace
 
 Sun::Sun(const LightSettings& s)
-    : axis_(glm::normalize(s.direction)), irradiance_(s.irradiance), delta_(s.angular_diameter == 0), visible_(s.visible_to_camera) {
+    : axis_(glm::normalize(s.direction)),
+      irradiance_(s.irradiance),
+      delta_(s.angular_diameter == 0),
+      visible_(s.visible_to_camera) {
   const double radius = 0.5 * s.angular_diameter * kPi / 180.0, half = std::sin(0.5 * radius);
   one_minus_cos_ = 2.0 * half * half;
   // The disc's projected solid angle is pi sin^2: then a facing plane gets exactly the irradiance asked for.
@@ -70,13 +73,17 @@ double SphereLight::intersect(const Ray& ray) const {
   return length2 > radius_ * radius_ ? -b - root : -b + root;
 }
 
-Environment::Environment(const EnvironmentSettings& s) : radiance_(s.radiance), mean_(s.radiance), visible_(s.visible_to_camera) {
+Environment::Environment(const EnvironmentSettings& s)
+    : radiance_(s.radiance), mean_(s.radiance), visible_(s.visible_to_camera) {
   if (s.file.empty()) return;
   Layers picture;
   const std::string name = s.file.string();
-  if (name.ends_with(".hdr") || name.ends_with(".pic")) picture = read_hdr(s.file);
-  else picture = read_exr(s.file, [](const std::string& c) { return c == "R" || c == "G" || c == "B"; });
-  if (!picture.has(layer::beauty)) throw InputError(fmt::format("{}: has no channels R, G, B; expected a lat-long picture", name));
+  if (name.ends_with(".hdr") || name.ends_with(".pic"))
+    picture = read_hdr(s.file);
+  else
+    picture = read_exr(s.file, [](const std::string& c) { return c == "R" || c == "G" || c == "B"; });
+  if (!picture.has(layer::beauty))
+    throw InputError(fmt::format("{}: has no channels R, G, B; expected a lat-long picture", name));
   width_ = picture.width(), height_ = picture.height();
   const auto rgb = picture.rgb(layer::beauty);
   picture_.resize(static_cast<size_t>(width_) * height_);
@@ -86,7 +93,8 @@ Environment::Environment(const EnvironmentSettings& s) : radiance_(s.radiance), 
       for (int c = 0; c < 3; ++c) {
         const float v = (*rgb[static_cast<size_t>(c)])(x, y);
         if (!std::isfinite(v) || v < 0)
-          throw InputError(fmt::format("{}: texel ({}, {}) is {}; expected finite radiance, not negative", name, x, y, v));
+          throw InputError(
+              fmt::format("{}: texel ({}, {}) is {}; expected finite radiance, not negative", name, x, y, v));
         texel[c] = static_cast<float>(v * s.radiance[c]);
       }
     }
@@ -157,13 +165,15 @@ dvec3 Environment::radiance(const dvec3& d) const {
   const int x0 = (static_cast<int>(std::floor(x)) + width_) % width_, x1 = (x0 + 1) % width_;
   const int y0 = static_cast<int>(y), y1 = std::min(y0 + 1, height_ - 1);
   const auto texel = [&](int tx, int ty) { return dvec3(picture_[static_cast<size_t>(ty) * width_ + tx]); };
-  return (texel(x0, y0) * (1 - fx) + texel(x1, y0) * fx) * (1 - fy) + (texel(x0, y1) * (1 - fx) + texel(x1, y1) * fx) * fy;
+  return (texel(x0, y0) * (1 - fx) + texel(x1, y0) * fx) * (1 - fy) +
+         (texel(x0, y1) * (1 - fx) + texel(x1, y1) * fx) * fy;
 }
 
 double Environment::pdf(const dvec3& d) const {
   if (picture_.empty()) return 1.0 / (4.0 * kPi);
   const dvec2 uv = to_picture(d);
-  const int x = std::min(static_cast<int>(uv.x * width_), width_ - 1), y = std::min(static_cast<int>(uv.y * height_), height_ - 1);
+  const int x = std::min(static_cast<int>(uv.x * width_), width_ - 1),
+            y = std::min(static_cast<int>(uv.y * height_), height_ - 1);
   const double* row = &cdf_[static_cast<size_t>(y) * width_];
   const double p_row = row_cdf_[static_cast<size_t>(y)] - (y > 0 ? row_cdf_[static_cast<size_t>(y) - 1] : 0.0);
   const double p_texel = row[x] - (x > 0 ? row[x - 1] : 0.0);
@@ -193,10 +203,13 @@ LightSample Environment::sample(const dvec2& u) const {
   return {d, radiance(d), pdf(d), kFar, false};
 }
 
-Lights::Lights(const Scene& scene, const Medium::Sphere& near, const dvec3& world_shift) : environment(scene.environment) {
+Lights::Lights(const Scene& scene, const Medium::Sphere& near, const dvec3& world_shift)
+    : environment(scene.environment) {
   for (const LightSettings& light : scene.lights) {
-    if (light.type == "sun") suns.emplace_back(light);
-    else spheres.emplace_back(light, world_shift);
+    if (light.type == "sun")
+      suns.emplace_back(light);
+    else
+      spheres.emplace_back(light, world_shift);
   }
   sun_share_.assign(suns.size(), 0.0);
   sphere_share_.assign(spheres.size(), 0.0);
@@ -229,7 +242,9 @@ LightSample Lights::sample(const dvec3& p, double choice, const dvec2& u) const 
   size_t i = 0;
   while (i + 1 < choice_.size() && choice >= choice_[i].end) ++i;
   const Choice& c = choice_[i];
-  LightSample s = c.kind == 0 ? environment.sample(u) : c.kind == 1 ? suns[c.index].sample(u) : spheres[c.index].sample(p, u);
+  LightSample s = c.kind == 0   ? environment.sample(u)
+                  : c.kind == 1 ? suns[c.index].sample(u)
+                                : spheres[c.index].sample(p, u);
   s.pdf *= c.kind == 0 ? environment_share_ : c.kind == 1 ? sun_share_[c.index] : sphere_share_[c.index];
   return s;
 }

@@ -10,7 +10,7 @@ namespace brume {
 
 /// A direction from a point towards a light.
 struct LightSample {
-  dvec3 wi{0};       ///< unit
+  dvec3 wi{0};        ///< unit
   dvec3 radiance{0};  ///< that arrives from there in empty space
   double pdf = 0;     ///< [1/sr]; meaningless where delta
   double distance = 0;

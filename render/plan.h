@@ -19,10 +19,10 @@ struct LayerRequest {
 
 /// What exists in this render, decided once: the inner loop is instantiated for it and models nothing else.
 struct Plan {
-  bool medium = false;           ///< a volume with any density in it
-  bool light_sampling = false;   ///< next-event estimation towards at least one light
-  bool finite_lights = false;    ///< sphere lights, which rays can end on
-  bool surface = false;          ///< the medium's surface is looked for, once per path
+  bool medium = false;          ///< a volume with any density in it
+  bool light_sampling = false;  ///< next-event estimation towards at least one light
+  bool finite_lights = false;   ///< sphere lights, which rays can end on
+  bool surface = false;         ///< the medium's surface is looked for, once per path
   LayerRequest layers;
 
   /// The plan and what each part costs in memory, for a person.

@@ -20,10 +20,12 @@ dmat4 translation(const dvec3& t) {
 }
 
 SampleKey key_of(const Scene& scene, int64_t seed, int x, int y, uint32_t sample) {
-  return {static_cast<uint64_t>(seed), static_cast<uint32_t>(scene.render.frame), static_cast<uint32_t>(y * scene.film.width + x), sample};
+  return {static_cast<uint64_t>(seed), static_cast<uint32_t>(scene.render.frame),
+          static_cast<uint32_t>(y * scene.film.width + x), sample};
 }
 
-PathSample take_sample(const PathContext& context, TracePath trace, const Camera& camera, const SampleKey& key, int x, int y, PathCounters& counters) {
+PathSample take_sample(const PathContext& context, TracePath trace, const Camera& camera, const SampleKey& key, int x,
+                       int y, PathCounters& counters) {
   const Sobol sobol(key);
   Rng rng(key);
   return trace(context, camera.ray(dvec2(x, y) + sobol.pair(0)), sobol, rng, counters);
@@ -41,7 +43,8 @@ PreparedScene::PreparedScene(Scene scene, const LayerRequest& layers, const Task
     const dmat4 world_from_index = v.object_to_world * field_->world_from_index * translation(v.index_offset);
     // All positions are kept relative to the volume, so that far from the world's origin nothing is lost.
     if (!field_->bricks.empty()) {
-      const dvec3 middle = 0.5 * (field_->bricks.support_lo() + field_->bricks.support_hi()) + dvec3(field_->bricks.origin());
+      const dvec3 middle =
+          0.5 * (field_->bricks.support_lo() + field_->bricks.support_hi()) + dvec3(field_->bricks.origin());
       world_shift_ = dvec3(world_from_index * glm::dvec4(middle, 1.0));
     }
     medium_.emplace(field_->bricks, translation(-world_shift_) * world_from_index, v.sigma_t, v.albedo, v.g);
@@ -51,7 +54,8 @@ PreparedScene::PreparedScene(Scene scene, const LayerRequest& layers, const Task
   if (scene_.render.light_sampling == "none")
     for (const LightSettings& light : scene_.lights)
       if (light.type == "sun" && light.angular_diameter == 0)
-        throw InputError("light_sampling = \"none\" cannot find exactly parallel light; give the sun an angular_diameter above 0");
+        throw InputError(
+            "light_sampling = \"none\" cannot find exactly parallel light; give the sun an angular_diameter above 0");
   context_.medium = medium();
   context_.lights = &lights_;
   context_.plan = make_plan(lights_, medium(), layers);
@@ -84,7 +88,8 @@ RenderResult PreparedScene::render(int spp, int64_t seed, const Task& task) cons
         uint32_t invalid = 0;
         for (uint32_t s = 0; s < static_cast<uint32_t>(spp); ++s) {
           if (s % 64 == 0 && task.cancelled()) return;
-          const PathSample sample = take_sample(context_, trace, camera, key_of(scene_, seed, x, y, s), x, y, report.counters);
+          const PathSample sample =
+              take_sample(context_, trace, camera, key_of(scene_, seed, x, y, s), x, y, report.counters);
           if (Film::add(pixel, sample, s & 1u)) continue;
           ++invalid;
           if (!report.first_invalid) report.first_invalid = {x, y, s};
@@ -128,22 +133,26 @@ RenderResult PreparedScene::render(int spp, int64_t seed, const Task& task) cons
 PathSample PreparedScene::replay(int64_t seed, int x, int y, uint32_t sample) const {
   const Camera camera(scene_.camera, scene_.film.width, scene_.film.height, world_shift_);
   PathCounters counters;
-  return take_sample(context_, select_path_tracer(context_.plan), camera, key_of(scene_, seed, x, y, sample), x, y, counters);
+  return take_sample(context_, select_path_tracer(context_.plan), camera, key_of(scene_, seed, x, y, sample), x, y,
+                     counters);
 }
 
 std::string RenderReport::summary() const {
   const double paths = static_cast<double>(counters.paths), lookups = static_cast<double>(counters.tracking.lookups);
-  std::string text = fmt::format("{:.3g} paths in {} ({} of processor time): {:.3g} paths/s, {:.3g} look-ups/s, {:.1f} scatterings per path, longest {}\n",
-                                 paths, format_duration(seconds), format_duration(cpu_seconds), paths / seconds, lookups / seconds,
-                                 static_cast<double>(counters.tracking.collisions) / paths, counters.longest);
+  std::string text = fmt::format(
+      "{:.3g} paths in {} ({} of processor time): {:.3g} paths/s, {:.3g} look-ups/s, {:.1f} scatterings per path, "
+      "longest {}\n",
+      paths, format_duration(seconds), format_duration(cpu_seconds), paths / seconds, lookups / seconds,
+      static_cast<double>(counters.tracking.collisions) / paths, counters.longest);
   if (counters.capped_paths)
-    text += fmt::format("warning: {} paths were cut at max_events, carrying {:.3g} of the throughput of all paths\n", counters.capped_paths,
-                        counters.capped_throughput / paths);
+    text += fmt::format("warning: {} paths were cut at max_events, carrying {:.3g} of the throughput of all paths\n",
+                        counters.capped_paths, counters.capped_throughput / paths);
   if (invalid_samples)
-    text += fmt::format("warning: {} samples were not finite and were left out; the first: --replay {},{},{}\n", invalid_samples,
-                        first_invalid->x, first_invalid->y, first_invalid->sample);
+    text += fmt::format("warning: {} samples were not finite and were left out; the first: --replay {},{},{}\n",
+                        invalid_samples, first_invalid->x, first_invalid->y, first_invalid->sample);
   if (counters.tracking.majorant_violations)
-    text += fmt::format("warning: {} look-ups passed their majorant: a bug, please report it\n", counters.tracking.majorant_violations);
+    text += fmt::format("warning: {} look-ups passed their majorant: a bug, please report it\n",
+                        counters.tracking.majorant_violations);
   return text;
 }
 

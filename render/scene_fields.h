@@ -31,7 +31,8 @@ void describe(Visitor& v, FilmSettings& f) {
   v({"width", "px", "columns", 1, 65536}, f.width);
   v({"height", "px", "rows", 1, 65536}, f.height);
   v({"exposure", "1",
-     "factor from radiance to display, 1 being white; written into the header, where the filters and metrics find it", 1e-12, 1e12},
+     "factor from radiance to display, 1 being white; written into the header, where the filters and metrics find it",
+     1e-12, 1e12},
     f.exposure);
 }
 
@@ -42,19 +43,27 @@ void describe(Visitor& v, RenderSettings& r) {
   v({"frame", "", "number of the frame, mixed into the random numbers", 0, 1 << 30}, r.frame);
   v({"max_events", "", "scatterings after which a path is cut; cuts are counted and reported", 1, 1e9}, r.max_events);
   v({"roulette_start", "", "scatterings after which Russian roulette begins", 1, 1e9}, r.roulette_start);
-  v({"light_sampling", "",
+  v({"light_sampling",
+     "",
      "auto: next-event estimation towards all lights but a constant environment, which phase sampling finds without "
      "noise; all: that one too; none: phase sampling only",
-     0, 0, false, {"auto", "all", "none"}},
+     0,
+     0,
+     false,
+     {"auto", "all", "none"}},
     r.light_sampling);
-  v({"surface_density", "of the maximum", "density at which the medium's surface lies, for the gradient and coverage layers", 1e-9, 1},
+  v({"surface_density", "of the maximum",
+     "density at which the medium's surface lies, for the gradient and coverage layers", 1e-9, 1},
     r.surface_density);
 }
 
 template <class Visitor>
 void describe(Visitor& v, EnvironmentSettings& e) {
-  v({"radiance", "W/(m^2 sr)", "constant radiance from everywhere; a factor on the picture where file is set", 0}, e.radiance);
-  v({"file", "", "lat-long picture, EXR or Radiance HDR; its top is up, its middle faces +y where up is z, -z where up is y"}, e.file);
+  v({"radiance", "W/(m^2 sr)", "constant radiance from everywhere; a factor on the picture where file is set", 0},
+    e.radiance);
+  v({"file", "",
+     "lat-long picture, EXR or Radiance HDR; its top is up, its middle faces +y where up is z, -z where up is y"},
+    e.file);
   v({"rotation", "degrees", "turns the picture about up, counter-clockwise seen from above"}, e.rotation);
   v({"up", "", "the direction of the picture's top edge"}, e.up);
   v({"visible_to_camera", "", "whether rays that never scatter see it"}, e.visible_to_camera);
@@ -67,14 +76,24 @@ void describe(Visitor& v, VolumeSettings& s) {
   v({"sigma_t", "1 / scene unit", "extinction per density", 0}, s.sigma_t);
   v({"albedo", "1", "single-scattering albedo, grey or RGB", 0, 1}, s.albedo);
   v({"g", "1", "mean cosine of the Henyey-Greenstein phase function, positive forward", -0.999, 0.999}, s.g);
-  v({"object_to_world", "", "4 x 4, rows first, applied after the file's own transform; points are columns"}, s.object_to_world);
-  v({"index_offset", "voxels", "added to voxel coordinates; 0.5 matches Blender Cycles, which samples half a voxel off"}, s.index_offset);
+  v({"object_to_world", "", "4 x 4, rows first, applied after the file's own transform; points are columns"},
+    s.object_to_world);
+  v({"index_offset", "voxels",
+     "added to voxel coordinates; 0.5 matches Blender Cycles, which samples half a voxel off"},
+    s.index_offset);
   v({"convert_level_set", "", "fill a level set's inside with fog instead of refusing it"}, s.convert_level_set);
 }
 
 template <class Visitor>
 void describe(Visitor& v, LightSettings& l) {
-  v({"type", "", "sun: parallel light from a disc; sphere: a ball that emits, and that rays end on", 0, 0, true, {"sun", "sphere"}}, l.type);
+  v({"type",
+     "",
+     "sun: parallel light from a disc; sphere: a ball that emits, and that rays end on",
+     0,
+     0,
+     true,
+     {"sun", "sphere"}},
+    l.type);
   v({"direction", "", "sun: towards the light"}, l.direction);
   v({"irradiance", "W/m^2", "sun: on a plane that faces it", 0}, l.irradiance);
   v({"angular_diameter", "degrees", "sun: of its disc; 0 is exactly parallel light", 0, 180}, l.angular_diameter);

@@ -25,13 +25,20 @@ namespace fs = std::filesystem;
 
 const char* type_name(const toml::value& v) {
   switch (v.type()) {
-    case toml::value_t::boolean: return "a boolean";
-    case toml::value_t::integer: return "an integer";
-    case toml::value_t::floating: return "a number";
-    case toml::value_t::string: return "text";
-    case toml::value_t::array: return "an array";
-    case toml::value_t::table: return "a table";
-    default: return "a date or time";
+    case toml::value_t::boolean:
+      return "a boolean";
+    case toml::value_t::integer:
+      return "an integer";
+    case toml::value_t::floating:
+      return "a number";
+    case toml::value_t::string:
+      return "text";
+    case toml::value_t::array:
+      return "an array";
+    case toml::value_t::table:
+      return "a table";
+    default:
+      return "a date or time";
   }
 }
 
@@ -44,7 +51,8 @@ std::string range_text(const Field& field) {
 /// Reads one table's keys into their targets.
 class Parser {
  public:
-  Parser(const toml::value& table, std::string where, const fs::path& folder) : table_(table), where_(std::move(where)), folder_(folder) {
+  Parser(const toml::value& table, std::string where, const fs::path& folder)
+      : table_(table), where_(std::move(where)), folder_(folder) {
     if (!table.is_table()) fail(where_ + " is " + type_name(table), table, "expected a table");
   }
 
@@ -56,7 +64,8 @@ class Parser {
     if (it != entries.end()) {
       read(field, it->second, target);
     } else if (field.required) {
-      fail(fmt::format("{} has no '{}'", where_, field.key), table_, fmt::format("add {} = ... here: {}", field.key, field.help));
+      fail(fmt::format("{} has no '{}'", where_, field.key), table_,
+           fmt::format("add {} = ... here: {}", field.key, field.help));
     }
   }
 
@@ -65,24 +74,29 @@ class Parser {
   void reject_unknown() const {
     for (const auto& [key, value] : table_.as_table())
       if (std::find(known_.begin(), known_.end(), key) == known_.end())
-        fail(fmt::format("unknown key '{}' in {}{}", key, where_, suggestion(key, known_)), value, "not a key of " + where_);
+        fail(fmt::format("unknown key '{}' in {}{}", key, where_, suggestion(key, known_)), value,
+             "not a key of " + where_);
   }
 
  private:
   static double number(const Field& field, const toml::value& v) {
     double x;
-    if (v.is_integer()) x = static_cast<double>(v.as_integer());
-    else if (v.is_floating()) x = v.as_floating();
-    else fail(fmt::format("'{}' is {}", field.key, type_name(v)), v, "expected a number" + range_text(field));
+    if (v.is_integer())
+      x = static_cast<double>(v.as_integer());
+    else if (v.is_floating())
+      x = v.as_floating();
+    else
+      fail(fmt::format("'{}' is {}", field.key, type_name(v)), v, "expected a number" + range_text(field));
     if (!(x >= field.lowest && x <= field.highest) || !std::isfinite(x))
       fail(fmt::format("'{}' is out of range", field.key), v, "expected a finite number" + range_text(field));
     return x;
   }
   static void read(const Field& field, const toml::value& v, double& target) { target = number(field, v); }
   template <class Integer>
-    requires std::is_integral_v<Integer>
+  requires std::is_integral_v<Integer>
   static void read(const Field& field, const toml::value& v, Integer& target) {
-    if (!v.is_integer()) fail(fmt::format("'{}' is {}", field.key, type_name(v)), v, "expected an integer" + range_text(field));
+    if (!v.is_integer())
+      fail(fmt::format("'{}' is {}", field.key, type_name(v)), v, "expected an integer" + range_text(field));
     number(field, v);
     target = static_cast<Integer>(v.as_integer());
   }
@@ -94,7 +108,8 @@ class Parser {
     if (!v.is_string()) fail(fmt::format("'{}' is {}", field.key, type_name(v)), v, "expected text in quotes");
     target = v.as_string().str;
     if (!field.choices.empty() && std::find(field.choices.begin(), field.choices.end(), target) == field.choices.end())
-      fail(fmt::format("'{}' cannot be '{}'{}", field.key, target, suggestion(target, field.choices)), v, "expected one of these");
+      fail(fmt::format("'{}' cannot be '{}'{}", field.key, target, suggestion(target, field.choices)), v,
+           "expected one of these");
   }
   void read(const Field& field, const toml::value& v, fs::path& target) const {
     std::string text;
@@ -104,21 +119,27 @@ class Parser {
   static void read(const Field& field, const toml::value& v, dvec3& target) {
     const std::string expected = "expected [x, y, z]" + range_text(field);
     if (v.is_integer() || v.is_floating()) {
-      if (std::string(field.unit).empty() || std::string(field.unit) == "scene units") fail(fmt::format("'{}' is a number", field.key), v, expected);
+      if (std::string(field.unit).empty() || std::string(field.unit) == "scene units")
+        fail(fmt::format("'{}' is a number", field.key), v, expected);
       target = dvec3(number(field, v));  // a grey colour
       return;
     }
     if (!v.is_array() || v.as_array().size() != 3)
-      fail(fmt::format("'{}' is {}", field.key, v.is_array() ? fmt::format("an array of {}", v.as_array().size()) : type_name(v)), v, expected);
+      fail(fmt::format("'{}' is {}", field.key,
+                       v.is_array() ? fmt::format("an array of {}", v.as_array().size()) : type_name(v)),
+           v, expected);
     for (int i = 0; i < 3; ++i) target[i] = number(field, v.as_array()[static_cast<size_t>(i)]);
   }
   static void read(const Field& field, const toml::value& v, dmat4& target) {
     const std::string expected = "expected four rows of four numbers";
-    if (!v.is_array() || v.as_array().size() != 4) fail(fmt::format("'{}' is not a 4 x 4 matrix", field.key), v, expected);
+    if (!v.is_array() || v.as_array().size() != 4)
+      fail(fmt::format("'{}' is not a 4 x 4 matrix", field.key), v, expected);
     for (int row = 0; row < 4; ++row) {
       const toml::value& line = v.as_array()[static_cast<size_t>(row)];
-      if (!line.is_array() || line.as_array().size() != 4) fail(fmt::format("'{}' has a row that is not four numbers", field.key), line, expected);
-      for (int column = 0; column < 4; ++column) target[column][row] = number(field, line.as_array()[static_cast<size_t>(column)]);
+      if (!line.is_array() || line.as_array().size() != 4)
+        fail(fmt::format("'{}' has a row that is not four numbers", field.key), line, expected);
+      for (int column = 0; column < 4; ++column)
+        target[column][row] = number(field, line.as_array()[static_cast<size_t>(column)]);
     }
   }
 
@@ -143,7 +164,8 @@ toml::value parse(std::istream& stream, const std::string& name) {
 void apply_override(toml::value& root, const std::string& assignment) {
   const std::string source = "-D " + assignment;
   const size_t equals = assignment.find('=');
-  if (equals == std::string::npos || equals == 0) throw InputError(fmt::format("{}: expected -D table.key=value", source));
+  if (equals == std::string::npos || equals == 0)
+    throw InputError(fmt::format("{}: expected -D table.key=value", source));
   const std::string text = assignment.substr(equals + 1);
   toml::value value;
   try {
@@ -159,7 +181,8 @@ void apply_override(toml::value& root, const std::string& assignment) {
       char* end = nullptr;
       const size_t index = std::strtoul(key.c_str(), &end, 10);
       if (*end != '\0' || key.empty() || index >= at->as_array().size())
-        throw InputError(fmt::format("{}: '{}' is not one of the {} entries, counted from 0", source, key, at->as_array().size()));
+        throw InputError(
+            fmt::format("{}: '{}' is not one of the {} entries, counted from 0", source, key, at->as_array().size()));
       at = &at->as_array()[index];
     } else if (at->is_table()) {
       at = &at->as_table().try_emplace(key, toml::table()).first->second;
@@ -199,7 +222,9 @@ class Fingerprint {
   }
   void append(const fs::path&) {}  // by content, not by name
   template <class T>
-  void append(const T& value) { text_ += fmt::format("{};", value); }
+  void append(const T& value) {
+    text_ += fmt::format("{};", value);
+  }
   std::string text_;
 };
 
@@ -219,11 +244,13 @@ std::string fingerprint(Scene scene) {
 
 void check_light(Parser& parser, const LightSettings& light, const toml::value& table) {
   const auto need = [&](const char* key) {
-    if (!parser.has(key)) fail(fmt::format("a {} light has no '{}'", light.type, key), table, fmt::format("add {} = ... here", key));
+    if (!parser.has(key))
+      fail(fmt::format("a {} light has no '{}'", light.type, key), table, fmt::format("add {} = ... here", key));
   };
   if (light.type == "sun") {
     need("direction"), need("irradiance");
-    if (light.direction == dvec3(0)) fail("a sun's direction is zero", table.at("direction"), "expected the direction towards the sun");
+    if (light.direction == dvec3(0))
+      fail("a sun's direction is zero", table.at("direction"), "expected the direction towards the sun");
   } else {
     need("position"), need("radius"), need("radiance");
     if (!(light.radius > 0)) fail("a sphere light's radius is zero", table.at("radius"), "expected a length above 0");
@@ -235,7 +262,8 @@ void check_light(Parser& parser, const LightSettings& light, const toml::value& 
 Scene read_scene(const fs::path& path, std::span<const std::string> overrides) {
   std::error_code ignored;
   if (!fs::exists(path, ignored)) throw InputError(fmt::format("{}: no such file", path.string()));
-  if (fs::is_directory(path, ignored)) throw InputError(fmt::format("{}: is a folder, expected a scene file (TOML)", path.string()));
+  if (fs::is_directory(path, ignored))
+    throw InputError(fmt::format("{}: is a folder, expected a scene file (TOML)", path.string()));
   std::ifstream stream(path, std::ios::binary);
   toml::value root = parse(stream, path.string());
   for (const std::string& assignment : overrides) apply_override(root, assignment);
@@ -256,7 +284,8 @@ Scene read_scene(const fs::path& path, std::span<const std::string> overrides) {
     sections.push_back(name);
     if (!root.contains(name)) return;
     const toml::value& entries = root.at(name);
-    if (!entries.is_array()) fail(fmt::format("'{}' is {}", name, type_name(entries)), entries, fmt::format("expected [[{}]]", name));
+    if (!entries.is_array())
+      fail(fmt::format("'{}' is {}", name, type_name(entries)), entries, fmt::format("expected [[{}]]", name));
     for (const toml::value& entry : entries.as_array()) {
       Parser parser(entry, fmt::format("[[{}]]", name), folder);
       describe(parser, target.emplace_back());
@@ -278,11 +307,14 @@ Scene read_scene(const fs::path& path, std::span<const std::string> overrides) {
     if (std::find(sections.begin(), sections.end(), key) == sections.end())
       fail(fmt::format("unknown key '{}'{}", key, suggestion(key, sections)), value, "not part of a scene");
 
-  if (!root.contains("camera")) throw InputError(fmt::format("{}: has no [camera]; expected position, look_at and fov", path.string()));
+  if (!root.contains("camera"))
+    throw InputError(fmt::format("{}: has no [camera]; expected position, look_at and fov", path.string()));
   if (scene.volumes.size() > 1)
-    fail(fmt::format("{} volumes; this version renders one", scene.volumes.size()), root.at("volumes"), "keep one of them");
+    fail(fmt::format("{} volumes; this version renders one", scene.volumes.size()), root.at("volumes"),
+         "keep one of them");
   // A picture with no factor set is taken as it is.
-  if (!scene.environment.file.empty() && !root.at("environment").contains("radiance")) scene.environment.radiance = dvec3(1);
+  if (!scene.environment.file.empty() && !root.at("environment").contains("radiance"))
+    scene.environment.radiance = dvec3(1);
   scene.hash = fingerprint(scene);
   return scene;
 }
@@ -298,11 +330,13 @@ class Reference {
     if (limits.starts_with(", ")) limits.erase(0, 2);
     if (limits.starts_with(" in ")) limits.erase(0, 4);
     if (!field.choices.empty()) limits = join(field.choices, " \\| ");
-    text += fmt::format("| `{}` | {} | {} | {} | {} |\n", field.key, field.required ? "required" : show(value), field.unit, limits, field.help);
+    text += fmt::format("| `{}` | {} | {} | {} | {} |\n", field.key, field.required ? "required" : show(value),
+                        field.unit, limits, field.help);
   }
   template <class Settings>
   void table(const char* heading, const char* about, Settings settings) {
-    text += fmt::format("\n## `{}`\n\n{}\n\n| key | default | unit | range | meaning |\n|---|---|---|---|---|\n", heading, about);
+    text += fmt::format("\n## `{}`\n\n{}\n\n| key | default | unit | range | meaning |\n|---|---|---|---|---|\n",
+                        heading, about);
     describe(*this, settings);
   }
   std::string text;
@@ -313,7 +347,9 @@ class Reference {
   static std::string show(const fs::path&) { return "none"; }
   static std::string show(const std::string& s) { return "`\"" + s + "\"`"; }
   template <class T>
-  static std::string show(const T& value) { return fmt::format("`{}`", value); }
+  static std::string show(const T& value) {
+    return fmt::format("`{}`", value);
+  }
 };
 
 }  // namespace
@@ -322,15 +358,19 @@ std::string scene_reference() {
   Reference reference;
   reference.text =
       "# Scenes\n\n"
-      "A scene is a TOML file. Paths in it start at its own folder. Unknown keys are errors. Any key can be set from the\n"
-      "command line: `-D camera.fov=30`, `-D volumes.0.sigma_t=5`. Colours are linear Rec. 709, `[r, g, b]` or one grey\n"
+      "A scene is a TOML file. Paths in it start at its own folder. Unknown keys are errors. Any key can be set from "
+      "the\n"
+      "command line: `-D camera.fov=30`, `-D volumes.0.sigma_t=5`. Colours are linear Rec. 709, `[r, g, b]` or one "
+      "grey\n"
       "number. Lengths are in scene units, whichever the volumes use.\n\n"
       "This page is written by `brume docs scene`; a test keeps it in step with the parser.\n";
   reference.table("[camera]", "A pinhole camera, box filter of one pixel, row 0 on top.", CameraSettings{});
   reference.table("[film]", "The picture.", FilmSettings{});
-  reference.table("[render]", "The estimator. No setting here but max_events changes the expected picture.", RenderSettings{});
+  reference.table("[render]", "The estimator. No setting here but max_events changes the expected picture.",
+                  RenderSettings{});
   reference.table("[environment]", "Light from infinitely far away.", EnvironmentSettings{});
-  reference.table("[[volumes]]", "A fog volume and its coefficients: sigma_t(x) = sigma_t * density(x), sigma_s = albedo * sigma_t.",
+  reference.table("[[volumes]]",
+                  "A fog volume and its coefficients: sigma_t(x) = sigma_t * density(x), sigma_s = albedo * sigma_t.",
                   VolumeSettings{});
   reference.table("[[lights]]", "Lights of finite size or parallel light.", LightSettings{});
   return reference.text;

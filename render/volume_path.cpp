@@ -1,7 +1,7 @@
+#include <algorithm>
+
 #include "render/integrator.h"
 #include "volume/gradient.h"
-
-#include <algorithm>
 
 namespace brume {
 namespace {
@@ -10,7 +10,9 @@ constexpr double kFar = std::numeric_limits<double>::infinity();
 // Pairs of Sobol dimensions: 0 is the film, then two per event (phase, light) for the first events.
 constexpr uint64_t kSobolEvents = 6;
 
-double balance(double a, double b) { return a / (a + b); }
+double balance(double a, double b) {
+  return a / (a + b);
+}
 
 void record_surface(const PathContext& context, const Ray& ray, PathSample& sample) {
   const Medium& medium = *context.medium;
@@ -28,11 +30,14 @@ void record_surface(const PathContext& context, const Ray& ray, PathSample& samp
 template <bool kLightSampling>
 dvec3 escaped_radiance(const PathContext& context, const dvec3& d, double pdf_phase, bool from_camera) {
   const Lights& lights = *context.lights;
-  const auto weight = [&](double pdf_light) { return !kLightSampling || from_camera ? 1.0 : balance(pdf_phase, pdf_light); };
+  const auto weight = [&](double pdf_light) {
+    return !kLightSampling || from_camera ? 1.0 : balance(pdf_phase, pdf_light);
+  };
   dvec3 sum(0);
   if (!lights.environment.black() && (!from_camera || lights.environment.visible())) {
     const double share = lights.choice_of_environment();
-    sum += lights.environment.radiance(d) * weight(kLightSampling && share > 0 ? share * lights.environment.pdf(d) : 0.0);
+    sum +=
+        lights.environment.radiance(d) * weight(kLightSampling && share > 0 ? share * lights.environment.pdf(d) : 0.0);
   }
   for (size_t i = 0; i < lights.suns.size(); ++i)
     if (lights.suns[i].contains(d) && (!from_camera || lights.suns[i].visible()))
@@ -62,7 +67,8 @@ dvec3 sampled_light(const PathContext& context, const dvec3& p, const dvec3& d, 
 }
 
 template <bool kMedium, bool kLightSampling, bool kFiniteLights>
-PathSample trace_path(const PathContext& context, const Ray& camera_ray, const Sobol& sobol, Rng& rng, PathCounters& counters) {
+PathSample trace_path(const PathContext& context, const Ray& camera_ray, const Sobol& sobol, Rng& rng,
+                      PathCounters& counters) {
   PathSample sample;
   ++counters.paths;
   if (kMedium && context.plan.surface) record_surface(context, camera_ray, sample);
@@ -72,7 +78,9 @@ PathSample trace_path(const PathContext& context, const Ray& camera_ray, const S
   double pdf_phase = 1;
   for (uint64_t events = 0;; ++events) {
     // Light that is met after fewer than two scatterings is direct (TRANSPORT.md section 11).
-    const auto deposit = [&](const dvec3& radiance, uint64_t e) { (e < 2 ? sample.direct : sample.indirect) += throughput * radiance; };
+    const auto deposit = [&](const dvec3& radiance, uint64_t e) {
+      (e < 2 ? sample.direct : sample.indirect) += throughput * radiance;
+    };
 
     double t_max = kFar;
     const SphereLight* hit = nullptr;
@@ -86,7 +94,8 @@ PathSample trace_path(const PathContext& context, const Ray& camera_ray, const S
       }
 
     double t = -1;
-    if constexpr (kMedium) t = sample_collision(*context.medium, context.medium->to_local(ray), t_max, rng, counters.tracking);
+    if constexpr (kMedium)
+      t = sample_collision(*context.medium, context.medium->to_local(ray), t_max, rng, counters.tracking);
     if (t < 0) {
       if (events == 0) sample.transmittance = 1;
       if (hit) {
@@ -103,7 +112,10 @@ PathSample trace_path(const PathContext& context, const Ray& camera_ray, const S
       const Medium& medium = *context.medium;
       ray.o = ray.at(t);
       throughput *= medium.albedo();  // absorption by weight, not by chance
-      const auto pair = [&](uint32_t i) { return events < kSobolEvents ? sobol.pair(static_cast<uint32_t>(1 + 2 * events) + i) : dvec2(rng.uniform(), rng.uniform()); };
+      const auto pair = [&](uint32_t i) {
+        return events < kSobolEvents ? sobol.pair(static_cast<uint32_t>(1 + 2 * events) + i)
+                                     : dvec2(rng.uniform(), rng.uniform());
+      };
       if constexpr (kLightSampling) {
         const double choice = rng.uniform();
         deposit(sampled_light<kFiniteLights>(context, ray.o, ray.d, choice, pair(1), rng, counters), events + 1);

@@ -13,19 +13,25 @@
 namespace brume {
 namespace {
 
-int floor_to_cell(int v) { return static_cast<int>(std::floor(v / static_cast<double>(BrickGrid::kCell))) * BrickGrid::kCell; }
+int floor_to_cell(int v) {
+  return static_cast<int>(std::floor(v / static_cast<double>(BrickGrid::kCell))) * BrickGrid::kCell;
+}
 
 // The products of cell counts can pass 2^63 for hostile files, so they are taken in double.
-double product(const ivec3& v) { return static_cast<double>(v.x) * v.y * v.z; }
+double product(const ivec3& v) {
+  return static_cast<double>(v.x) * v.y * v.z;
+}
 
 }  // namespace
 
-BrickGrid BrickGrid::build(const VoxelBox& box, const std::vector<ivec3>& blocks, const Sampler& sample, const Task& task) {
+BrickGrid BrickGrid::build(const VoxelBox& box, const std::vector<ivec3>& blocks, const Sampler& sample,
+                           const Task& task) {
   BrickGrid grid;
   if (box.empty()) return grid;
   for (int a = 0; a < 3; ++a) {
     if (box.lo[a] < -(1 << 29) || box.hi[a] > (1 << 29))
-      throw InputError(fmt::format("voxel coordinates reach {} .. {}; expected them within +-2^29", box.lo[a], box.hi[a]));
+      throw InputError(
+          fmt::format("voxel coordinates reach {} .. {}; expected them within +-2^29", box.lo[a], box.hi[a]));
     grid.origin_[a] = floor_to_cell(box.lo[a] - 1);
     grid.cell_count_[a] = (box.hi[a] + 1 - grid.origin_[a]) / kCell + 1;
   }
@@ -39,8 +45,9 @@ BrickGrid BrickGrid::build(const VoxelBox& box, const std::vector<ivec3>& blocks
   constexpr double kLimit = 8.0 * (1 << 30);
   const auto check_size = [&](double bytes) {
     if (bytes > kLimit)
-      throw InputError(fmt::format("a grid of {} x {} x {} voxels needs {:.1f} GiB for its index alone; the limit is 8 GiB",
-                                   box.hi.x - box.lo.x + 1, box.hi.y - box.lo.y + 1, box.hi.z - box.lo.z + 1, bytes / (1 << 30)));
+      throw InputError(
+          fmt::format("a grid of {} x {} x {} voxels needs {:.1f} GiB for its index alone; the limit is 8 GiB",
+                      box.hi.x - box.lo.x + 1, box.hi.y - box.lo.y + 1, box.hi.z - box.lo.z + 1, bytes / (1 << 30)));
   };
   check_size(product(grid.node_count_) * sizeof(int32_t));
   grid.nodes_.assign(static_cast<size_t>(product(grid.node_count_)), -1);
@@ -55,8 +62,9 @@ BrickGrid BrickGrid::build(const VoxelBox& box, const std::vector<ivec3>& blocks
   int32_t node_total = 0;
   for (size_t first = 0; first < candidates.size(); first += kBatch) {
     const size_t count = std::min(kBatch, candidates.size() - first);
-    parallel_for(static_cast<int>(count), {task.threads, {}, task.cancel},
-                 [&](int i) { sample(grid.origin_ + candidates[first + i] * kCell, batch.data() + static_cast<size_t>(i) * kBrick); });
+    parallel_for(static_cast<int>(count), {task.threads, {}, task.cancel}, [&](int i) {
+      sample(grid.origin_ + candidates[first + i] * kCell, batch.data() + static_cast<size_t>(i) * kBrick);
+    });
     for (size_t i = 0; i < count; ++i) {
       const float* values = batch.data() + i * kBrick;
       const auto [low, high] = std::minmax_element(values, values + kBrick);
@@ -68,7 +76,8 @@ BrickGrid BrickGrid::build(const VoxelBox& box, const std::vector<ivec3>& blocks
         check_size(static_cast<double>(size) * sizeof(Cell));
         grid.cells_.resize(size);
       }
-      Cell& cell = grid.cells_[(static_cast<size_t>(node) << (3 * grid.node_bits_)) + grid.in_node(candidates[first + i])];
+      Cell& cell =
+          grid.cells_[(static_cast<size_t>(node) << (3 * grid.node_bits_)) + grid.in_node(candidates[first + i])];
       cell.majorant = *high;
       grid.maximum_ = std::max(grid.maximum_, *high);
       uint32_t* shared = *low == *high ? &uniform[std::bit_cast<uint32_t>(*low)] : nullptr;
@@ -185,7 +194,8 @@ bool MajorantWalk::next(Segment& segment) {
         for (int a = 0; a < 3; ++a)
           if (step_[a] != 0) {
             // Within the node, and never against the direction: rounding cannot make the walk go back.
-            const int c = std::clamp(static_cast<int>(std::floor(p[a] / BrickGrid::kCell)), first[a], first[a] + width - 1);
+            const int c =
+                std::clamp(static_cast<int>(std::floor(p[a] / BrickGrid::kCell)), first[a], first[a] + width - 1);
             cell_[a] = step_[a] > 0 ? std::max(c, cell_[a]) : std::min(c, cell_[a]);
           }
         cell_[exit_axis] = step_[exit_axis] > 0 ? first[exit_axis] + width : first[exit_axis] - 1;

@@ -17,11 +17,11 @@ struct VoxelBox {
 /// A sparse scalar field on a voxel lattice, laid out for ray tracing.
 ///
 /// The value of voxel (i, j, k) sits at the integer point (i, j, k) (OpenVDB's convention) and the field between is
-/// trilinear. Space is cut into cells of 8 x 8 x 8; a cell that is not identically zero owns a brick of 9 x 9 x 9 values,
-/// the far faces being those of its neighbours (the apron), so that each look-up stays inside one brick. The maximum over
-/// a brick bounds the interpolated field over its cell exactly, because no other value takes part: the cells are the
-/// majorant grid. Bricks that hold one value everywhere are shared. Cells are grouped into nodes, so that empty space
-/// costs one entry per node and is crossed in one step.
+/// trilinear. Space is cut into cells of 8 x 8 x 8; a cell that is not identically zero owns a brick of 9 x 9 x 9
+/// values, the far faces being those of its neighbours (the apron), so that each look-up stays inside one brick. The
+/// maximum over a brick bounds the interpolated field over its cell exactly, because no other value takes part: the
+/// cells are the majorant grid. Bricks that hold one value everywhere are shared. Cells are grouped into nodes, so that
+/// empty space costs one entry per node and is crossed in one step.
 ///
 /// Local coordinates: index space shifted by origin(), so that the field lies in [0, extent()].
 class BrickGrid {
@@ -38,7 +38,8 @@ class BrickGrid {
   /// @param blocks  lowest corners of the 8 x 8 x 8 blocks that may hold anything but zeros, multiples of 8 in index
   ///                space, in any order, repeated or not
   /// @throws InputError when the index alone would need more than 8 GiB
-  static BrickGrid build(const VoxelBox& box, const std::vector<ivec3>& blocks, const Sampler& sample, const Task& task = {});
+  static BrickGrid build(const VoxelBox& box, const std::vector<ivec3>& blocks, const Sampler& sample,
+                         const Task& task = {});
 
   bool empty() const { return bricks_.empty(); }
   /// Index coordinates of the local origin.
@@ -48,7 +49,9 @@ class BrickGrid {
   const dvec3& support_hi() const { return support_hi_; }
   float maximum() const { return maximum_; }
   size_t brick_count() const { return bricks_.size() / kBrick; }
-  size_t bytes() const { return bricks_.size() * sizeof(float) + nodes_.size() * sizeof(int32_t) + cells_.size() * sizeof(Cell); }
+  size_t bytes() const {
+    return bricks_.size() * sizeof(float) + nodes_.size() * sizeof(int32_t) + cells_.size() * sizeof(Cell);
+  }
 
   /// The trilinear field at a local point; 0 outside.
   float lookup(const dvec3& p) const;
@@ -56,7 +59,7 @@ class BrickGrid {
   float voxel(const ivec3& v) const;
 
   struct Cell {
-    uint32_t brick = 0;    ///< 1 + its number; 0: the field is zero in this cell
+    uint32_t brick = 0;     ///< 1 + its number; 0: the field is zero in this cell
     float majorant = 0.0f;  ///< of the field over the closed cell
   };
   /// The cell with the coordinates c (local / 8), which must lie inside.
@@ -90,11 +93,13 @@ class BrickGrid {
     return i < 0 ? 0 : i > kCell - 1 ? kCell - 1 : i;
   }
   size_t node_index(const ivec3& c) const {
-    return (static_cast<size_t>(c.x >> node_bits_) * node_count_.y + (c.y >> node_bits_)) * node_count_.z + (c.z >> node_bits_);
+    return (static_cast<size_t>(c.x >> node_bits_) * node_count_.y + (c.y >> node_bits_)) * node_count_.z +
+           (c.z >> node_bits_);
   }
   size_t in_node(const ivec3& c) const {
     const int mask = node_cells() - 1;
-    return (static_cast<size_t>(c.x & mask) << (2 * node_bits_)) | (static_cast<size_t>(c.y & mask) << node_bits_) | (c.z & mask);
+    return (static_cast<size_t>(c.x & mask) << (2 * node_bits_)) | (static_cast<size_t>(c.y & mask) << node_bits_) |
+           (c.z & mask);
   }
 
   ivec3 origin_{0}, cell_count_{0}, node_count_{0};
@@ -130,7 +135,9 @@ class MajorantWalk {
   bool next(Segment& segment);
 
  private:
-  double plane_time(int axis, int plane) const { return (static_cast<double>(plane) * BrickGrid::kCell - ray_.o[axis]) * inverse_[axis]; }
+  double plane_time(int axis, int plane) const {
+    return (static_cast<double>(plane) * BrickGrid::kCell - ray_.o[axis]) * inverse_[axis];
+  }
 
   const BrickGrid& grid_;
   Ray ray_;

@@ -78,7 +78,9 @@ double optical_depth(const Medium& medium, const Ray& ray, double t_max) {
       }
       if (!(next > t)) next = std::nextafter(t, std::numeric_limits<double>::infinity());
       const double centre = 0.5 * (t + next), half = 0.5 * (next - t), x = half * std::sqrt(0.6);
-      const auto density = [&](double at) { return static_cast<double>(bricks.lookup_in(*s.cell, s.coordinates, ray.at(at))); };
+      const auto density = [&](double at) {
+        return static_cast<double>(bricks.lookup_in(*s.cell, s.coordinates, ray.at(at)));
+      };
       sum += half * (8.0 / 9 * density(centre) + 5.0 / 9 * (density(centre - x) + density(centre + x)));
       t = next;
     }

@@ -17,10 +17,11 @@ void check_transform(const dmat4& m, const char* what) {
   const double determinant = glm::determinant(linear);
   // Relative to the edges' lengths, so that voxels of 1e-6 and of 1e6 are judged alike.
   if (!finite || !(std::abs(determinant) > 1e-12 * lengths))
-    throw InputError(fmt::format("{} is singular (determinant {}); expected an invertible affine map", what, determinant));
+    throw InputError(
+        fmt::format("{} is singular (determinant {}); expected an invertible affine map", what, determinant));
   if (m[0][3] != 0 || m[1][3] != 0 || m[2][3] != 0 || m[3][3] != 1)
-    throw InputError(fmt::format("{} is not affine: its last row is ({}, {}, {}, {}); expected (0, 0, 0, 1)", what, m[0][3], m[1][3],
-                                 m[2][3], m[3][3]));
+    throw InputError(fmt::format("{} is not affine: its last row is ({}, {}, {}, {}); expected (0, 0, 0, 1)", what,
+                                 m[0][3], m[1][3], m[2][3], m[3][3]));
 }
 
 Medium::Medium(const BrickGrid& bricks, const dmat4& world_from_index, double sigma_t, const dvec3& albedo, double g)
@@ -33,7 +34,8 @@ Medium::Medium(const BrickGrid& bricks, const dmat4& world_from_index, double si
 }
 
 double Medium::voxel_size() const {
-  return glm::min(glm::length(world_from_local_[0]), glm::min(glm::length(world_from_local_[1]), glm::length(world_from_local_[2])));
+  return glm::min(glm::length(world_from_local_[0]),
+                  glm::min(glm::length(world_from_local_[1]), glm::length(world_from_local_[2])));
 }
 
 Medium::Sphere Medium::bounding_sphere() const {

@@ -81,7 +81,8 @@ ProceduralVolume procedural_smoke(int resolution, uint64_t seed) {
     const dvec3 p = dvec3(v) * voxel;
     const double h = p.z + 1.0;  // height over the source, 0 .. 2
     const dvec3 drift(0, 0, -1.5);
-    const dvec3 warp{noise.fractal(p * 2.0 + drift, 4), noise.fractal(p * 2.0 + drift + 31.0, 4), noise.fractal(p * 2.0 + drift + 67.0, 4)};
+    const dvec3 warp{noise.fractal(p * 2.0 + drift, 4), noise.fractal(p * 2.0 + drift + 31.0, 4),
+                     noise.fractal(p * 2.0 + drift + 67.0, 4)};
     const dvec3 q = p + warp * (0.03 + 0.1 * h);
     const dvec2 axis{0.12 * std::sin(2.1 * h), 0.08 * std::cos(1.7 * h) - 0.08};
     const double away = glm::length(dvec2(q) - axis) / (0.07 + 0.14 * h);

@@ -24,7 +24,8 @@ inline constexpr double kMajorantMargin = 1.0 + 1e-6;
 /// @param ray  local coordinates of `medium`, parametrised by world distance; from t = 0
 /// @return     the ray parameter, or a negative number where the ray leaves the medium or passes t_max uncollided
 /// Source: Woodcock 1965; the walk carries one optical depth across cells.  Proof: tests/volume/tracking_test.cpp
-inline double sample_collision(const Medium& medium, const Ray& ray, double t_max, Rng& rng, TrackingCounters& counters) {
+inline double sample_collision(const Medium& medium, const Ray& ray, double t_max, Rng& rng,
+                               TrackingCounters& counters) {
   const double k = medium.extinction_per_density();
   MajorantWalk walk(medium.bricks(), ray, 0.0, t_max);
   MajorantWalk::Segment segment;
@@ -58,7 +59,8 @@ inline double sample_collision(const Medium& medium, const Ray& ray, double t_ma
 /// @param ray  as in sample_collision
 /// @return     in [0, 1] but for surviving roulette, at most 0.1; exactly 1 where the ray misses the medium
 /// Source: Novak, Selle, Jarosz 2014.  Proof: tests/volume/tracking_test.cpp
-inline double estimate_transmittance(const Medium& medium, const Ray& ray, double t_max, Rng& rng, TrackingCounters& counters) {
+inline double estimate_transmittance(const Medium& medium, const Ray& ray, double t_max, Rng& rng,
+                                     TrackingCounters& counters) {
   const double k = medium.extinction_per_density();
   MajorantWalk walk(medium.bricks(), ray, 0.0, t_max);
   MajorantWalk::Segment segment;

@@ -30,8 +30,8 @@ void initialize() {
   std::call_once(once, [] { openvdb::initialize(); });
 }
 
-/// Reads a file's table of contents, which OpenVDB's own reader does not show: where each grid ends. A truncated file is
-/// found here, before the reader runs past its end.
+/// Reads a file's table of contents, which OpenVDB's own reader does not show: where each grid ends. A truncated file
+/// is found here, before the reader runs past its end.
 class Contents : openvdb::io::Archive {
  public:
   explicit Contents(const fs::path& path) {
@@ -57,7 +57,9 @@ class Contents : openvdb::io::Archive {
   uint64_t end_ = 0;
 };
 
-[[noreturn]] void fail(const fs::path& path, const std::string& what) { throw InputError(fmt::format("{}: {}", path.string(), what)); }
+[[noreturn]] void fail(const fs::path& path, const std::string& what) {
+  throw InputError(fmt::format("{}: {}", path.string(), what));
+}
 
 /// Runs `read`, turning whatever OpenVDB throws over damaged contents into an InputError.
 template <class Read>
@@ -71,7 +73,8 @@ auto guarded(const fs::path& path, const Read& read) {
   } catch (const std::ios::failure&) {
     fail(path, "truncated or damaged: the file ends where its contents go on");
   } catch (const std::exception& exception) {
-    fail(path, fmt::format("damaged, or not readable by OpenVDB {}: {}", openvdb::getLibraryVersionString(), exception.what()));
+    fail(path, fmt::format("damaged, or not readable by OpenVDB {}: {}", openvdb::getLibraryVersionString(),
+                           exception.what()));
   }
 }
 
@@ -84,7 +87,8 @@ std::unique_ptr<openvdb::io::File> open(const fs::path& path) {
   const uint64_t size = fs::file_size(path, error);
   char magic[4] = {};
   std::ifstream(path, std::ios::binary).read(magic, 4);
-  if (std::string_view(magic, 4) != std::string_view(" BDV", 4)) fail(path, "not an OpenVDB file (its first bytes are not the format's)");
+  if (std::string_view(magic, 4) != std::string_view(" BDV", 4))
+    fail(path, "not an OpenVDB file (its first bytes are not the format's)");
   uint64_t end = 0;
   try {
     end = Contents(path).end();
@@ -99,10 +103,14 @@ std::unique_ptr<openvdb::io::File> open(const fs::path& path) {
 
 std::string class_name(const openvdb::GridBase& grid) {
   switch (grid.getGridClass()) {
-    case openvdb::GRID_FOG_VOLUME: return "fog volume";
-    case openvdb::GRID_LEVEL_SET: return "level set";
-    case openvdb::GRID_STAGGERED: return "staggered";
-    default: return "unknown";
+    case openvdb::GRID_FOG_VOLUME:
+      return "fog volume";
+    case openvdb::GRID_LEVEL_SET:
+      return "level set";
+    case openvdb::GRID_STAGGERED:
+      return "staggered";
+    default:
+      return "unknown";
   }
 }
 
@@ -113,7 +121,9 @@ std::map<std::string, std::string> texts(const openvdb::MetaMap& meta) {
   return result;
 }
 
-ivec3 from(const Coord& c) { return {c.x(), c.y(), c.z()}; }
+ivec3 from(const Coord& c) {
+  return {c.x(), c.y(), c.z()};
+}
 
 /// What the stored values of a scalar tree are like.
 struct ValueScan {
@@ -121,8 +131,10 @@ struct ValueScan {
   uint64_t nans = 0, infinities = 0, negatives = 0;
 
   void add(double v, uint64_t count = 1) {
-    if (std::isnan(v)) nans += count;
-    else if (std::isinf(v)) infinities += count;
+    if (std::isnan(v))
+      nans += count;
+    else if (std::isinf(v))
+      infinities += count;
     else {
       negatives += v < 0 ? count : 0;
       minimum = std::min(minimum, v);
@@ -178,7 +190,8 @@ GridSummary summarize(const openvdb::GridBase& grid) {
     s.maximum = s.has_range ? scan.maximum : 0.0;
     s.nan_count = scan.nans, s.infinite_count = scan.infinities, s.negative_count = scan.negatives;
   };
-  grid.apply<openvdb::TypeList<openvdb::FloatGrid, openvdb::DoubleGrid, openvdb::Int32Grid, openvdb::Int64Grid>>(scalar);
+  grid.apply<openvdb::TypeList<openvdb::FloatGrid, openvdb::DoubleGrid, openvdb::Int32Grid, openvdb::Int64Grid>>(
+      scalar);
   return s;
 }
 
@@ -189,7 +202,8 @@ std::string list_grids(openvdb::io::File& file) {
   return lines.empty() ? "none" : join(lines);
 }
 
-std::string choose_grid(openvdb::io::File& file, const fs::path& path, const std::string& wanted, std::vector<std::string>& notes) {
+std::string choose_grid(openvdb::io::File& file, const fs::path& path, const std::string& wanted,
+                        std::vector<std::string>& notes) {
   std::vector<std::string> names, beginning;
   for (auto it = file.beginName(); it != file.endName(); ++it) names.push_back(*it);
   const std::string name = wanted.empty() ? "density" : wanted;
@@ -212,7 +226,8 @@ std::string choose_grid(openvdb::io::File& file, const fs::path& path, const std
 void append_blocks(const CoordBBox& box, std::vector<ivec3>& blocks) {
   const double count = (box.dim().x() / 8.0 + 1) * (box.dim().y() / 8.0 + 1) * (box.dim().z() / 8.0 + 1);
   if (count + static_cast<double>(blocks.size()) > 1u << 28)
-    throw InputError(fmt::format("active tiles or background fill {:.1e} blocks of 8^3 voxels; the limit is 2.7e8", count));
+    throw InputError(
+        fmt::format("active tiles or background fill {:.1e} blocks of 8^3 voxels; the limit is 2.7e8", count));
   const Coord lo = box.min() & ~7, hi = box.max();
   for (int x = lo.x(); x <= hi.x(); x += 8)
     for (int y = lo.y(); y <= hi.y(); y += 8)
@@ -250,7 +265,8 @@ void build_bricks(const Grid& grid, DensityField& field, const Task& task) {
   note(s.negative_count, "negative", "0");
   note(s.infinite_count, "infinite", fmt::format("the largest finite value, {}", largest));
   if (grid.background() != 0)
-    field.notes.push_back(fmt::format("grid '{}': background {} counts inside the active bounding box and is 0 outside", s.name, s.background));
+    field.notes.push_back(fmt::format("grid '{}': background {} counts inside the active bounding box and is 0 outside",
+                                      s.name, s.background));
   const auto clean = [largest](double v) {
     if (std::isinf(v)) return v > 0 ? largest : 0.0f;
     return v > 0 ? std::min(static_cast<float>(v), std::numeric_limits<float>::max()) : 0.0f;  // false for NaN too
@@ -266,7 +282,8 @@ void build_bricks(const Grid& grid, DensityField& field, const Task& task) {
         }
   };
   field.bricks = BrickGrid::build({from(box.min()), from(box.max())}, occupied_blocks(grid, box), sample, task);
-  if (field.bricks.empty()) field.notes.push_back(fmt::format("grid '{}' holds no positive density: the medium is absent", s.name));
+  if (field.bricks.empty())
+    field.notes.push_back(fmt::format("grid '{}' holds no positive density: the medium is absent", s.name));
 }
 
 VdbSummary read_summary(const fs::path& path) {
@@ -275,7 +292,8 @@ VdbSummary read_summary(const fs::path& path) {
   summary.bytes = fs::file_size(path);
   summary.library_version = file->version();
   if (const auto meta = file->getMetadata()) summary.metadata = texts(*meta);
-  for (auto it = file->beginName(); it != file->endName(); ++it) summary.grids.push_back(summarize(*file->readGrid(*it)));
+  for (auto it = file->beginName(); it != file->endName(); ++it)
+    summary.grids.push_back(summarize(*file->readGrid(*it)));
   return summary;
 }
 
@@ -286,14 +304,20 @@ DensityField read_density(const fs::path& path, const DensityOptions& options, c
   field.summary = summarize(*grid);
   const GridSummary& s = field.summary;
   if (s.grid_class == "points")
-    fail(path, fmt::format("grid '{}' holds points; expected a fog volume. Rasterise the points to a density grid first", s.name));
+    fail(path,
+         fmt::format("grid '{}' holds points; expected a fog volume. Rasterise the points to a density grid first",
+                     s.name));
   if (s.type != "float" && s.type != "double")
-    fail(path, fmt::format("grid '{}' is of type {}; expected float or double. The file has: {}", s.name, s.type, list_grids(*file)));
+    fail(path, fmt::format("grid '{}' is of type {}; expected float or double. The file has: {}", s.name, s.type,
+                           list_grids(*file)));
   if (!s.linear)
-    fail(path, fmt::format("grid '{}' has a frustum or other non-affine transform; resample it to a uniform grid first", s.name));
+    fail(path, fmt::format("grid '{}' has a frustum or other non-affine transform; resample it to a uniform grid first",
+                           s.name));
   if (s.grid_class == "level set") {
     if (!options.convert_level_set)
-      fail(path, fmt::format("grid '{}' is a level set; expected a fog volume. Set convert_level_set = true to fill its inside", s.name));
+      fail(path, fmt::format(
+                     "grid '{}' is a level set; expected a fog volume. Set convert_level_set = true to fill its inside",
+                     s.name));
     if (auto typed = openvdb::gridPtrCast<openvdb::FloatGrid>(grid)) openvdb::tools::sdfToFogVolume(*typed);
     if (auto typed = openvdb::gridPtrCast<openvdb::DoubleGrid>(grid)) openvdb::tools::sdfToFogVolume(*typed);
     field.summary = summarize(*grid);
@@ -340,8 +364,8 @@ DensityField load_density(const fs::path& path, const DensityOptions& options, c
   return guarded(path, [&] { return read_density(path, options, task); });
 }
 
-void write_density(const fs::path& path, const VoxelBox& box, double voxel_size, const std::function<float(const ivec3&)>& sample,
-                   bool half, const Task& task) {
+void write_density(const fs::path& path, const VoxelBox& box, double voxel_size,
+                   const std::function<float(const ivec3&)>& sample, bool half, const Task& task) {
   initialize();
   check_writable(path);
   auto grid = openvdb::FloatGrid::create(0.0f);

@@ -51,8 +51,9 @@ struct DensityField {
 };
 
 /// Loads a scalar fog volume: any affine transform, float or double, saved as half or not, with active tiles.
-/// NaN and negative voxels become 0, infinite ones the largest finite value, all counted in the notes. A background other
-/// than 0 counts inside the active bounding box and is dropped outside. An empty grid is no error: the medium is absent.
+/// NaN and negative voxels become 0, infinite ones the largest finite value, all counted in the notes. A background
+/// other than 0 counts inside the active bounding box and is dropped outside. An empty grid is no error: the medium is
+/// absent.
 /// @throws InputError: as read_vdb_info, and: no such grid (lists those that exist), not scalar, level set, points,
 ///         frustum, singular transform
 DensityField load_density(const std::filesystem::path& path, const DensityOptions& options, const Task& task = {});
@@ -64,6 +65,7 @@ void write_density(const std::filesystem::path& path, const VoxelBox& box, doubl
 
 /// Writes a copy of a grid at half the resolution, each voxel the mean of the 2 x 2 x 2 it replaces, saved as half.
 /// @return active voxels written   @throws InputError
-uint64_t write_halved_density(const std::filesystem::path& from, const std::string& grid, const std::filesystem::path& to);
+uint64_t write_halved_density(const std::filesystem::path& from, const std::string& grid,
+                              const std::filesystem::path& to);
 
 }  // namespace brume

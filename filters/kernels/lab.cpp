@@ -1,9 +1,10 @@
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "filters/kernels/lab.cpp"
+#include "filters/kernels/lab.h"
+
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 
-#include "filters/kernels/lab.h"
 #include "image/color.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -15,7 +16,8 @@ using V = hn::Vec<D>;
 
 constexpr float kThreshold = 216.0f / 24389.0f, kSlope = 24389.0f / 27.0f / 116.0f, kOffset = 16.0f / 116.0f;
 
-// Cube root of a positive number: a guess from the exponent, then Newton on x^-1/3, which needs no division until the end.
+// Cube root of a positive number: a guess from the exponent, then Newton on x^-1/3, which needs no division until the
+// end.
 V cube_root(D d, V x) {
   const hn::RebindToUnsigned<D> du;
   // 0x54a21d2a - bits / 3 guesses x^-1/3 within 3 %; the division by 3 is done in float.
@@ -35,7 +37,8 @@ V cube_root(D d, V x) {
 
 V forward(D d, V t) {
   const V safe = hn::Max(t, hn::Set(d, kThreshold));
-  return hn::IfThenElse(hn::Gt(t, hn::Set(d, kThreshold)), cube_root(d, safe), hn::MulAdd(t, hn::Set(d, kSlope), hn::Set(d, kOffset)));
+  return hn::IfThenElse(hn::Gt(t, hn::Set(d, kThreshold)), cube_root(d, safe),
+                        hn::MulAdd(t, hn::Set(d, kSlope), hn::Set(d, kOffset)));
 }
 
 V backward(D d, V f) {
@@ -48,11 +51,13 @@ V product(D d, const double (&m)[3], V a, V b, V c) {
   return hn::MulAdd(c, k(2), hn::MulAdd(b, k(1), hn::Mul(a, k(0))));
 }
 
-void LabFromRgbRow(const std::array<const float*, 3>& rgb, float exposure, const std::array<float*, 3>& lab, int width) {
+void LabFromRgbRow(const std::array<const float*, 3>& rgb, float exposure, const std::array<float*, 3>& lab,
+                   int width) {
   const D d;
   const V e = hn::Set(d, exposure);
   for (int x = 0; x < width; x += static_cast<int>(hn::Lanes(d))) {
-    const V r = hn::Mul(hn::LoadU(d, rgb[0] + x), e), g = hn::Mul(hn::LoadU(d, rgb[1] + x), e), b = hn::Mul(hn::LoadU(d, rgb[2] + x), e);
+    const V r = hn::Mul(hn::LoadU(d, rgb[0] + x), e), g = hn::Mul(hn::LoadU(d, rgb[1] + x), e),
+            b = hn::Mul(hn::LoadU(d, rgb[2] + x), e);
     const V fx = forward(d, product(d, LabMatrices::xyz_from_rgb[0], r, g, b));
     const V fy = forward(d, product(d, LabMatrices::xyz_from_rgb[1], r, g, b));
     const V fz = forward(d, product(d, LabMatrices::xyz_from_rgb[2], r, g, b));
@@ -62,7 +67,8 @@ void LabFromRgbRow(const std::array<const float*, 3>& rgb, float exposure, const
   }
 }
 
-void RgbFromLabRow(const std::array<const float*, 3>& lab, float exposure, const double (&m)[3][3], const std::array<float*, 3>& rgb, int width) {
+void RgbFromLabRow(const std::array<const float*, 3>& lab, float exposure, const double (&m)[3][3],
+                   const std::array<float*, 3>& rgb, int width) {
   const D d;
   const V scale = hn::Set(d, 1.0f / exposure);
   for (int x = 0; x < width; x += static_cast<int>(hn::Lanes(d))) {
@@ -82,11 +88,13 @@ namespace brume::kernels {
 HWY_EXPORT(LabFromRgbRow);
 HWY_EXPORT(RgbFromLabRow);
 
-void lab_from_rgb_row(const std::array<const float*, 3>& rgb, float exposure, const std::array<float*, 3>& lab, int width) {
+void lab_from_rgb_row(const std::array<const float*, 3>& rgb, float exposure, const std::array<float*, 3>& lab,
+                      int width) {
   HWY_DYNAMIC_DISPATCH(LabFromRgbRow)(rgb, exposure, lab, width);
 }
 
-void rgb_from_lab_row(const std::array<const float*, 3>& lab, float exposure, const std::array<float*, 3>& rgb, int width) {
+void rgb_from_lab_row(const std::array<const float*, 3>& lab, float exposure, const std::array<float*, 3>& rgb,
+                      int width) {
   struct Inverse {
     double m[3][3];
     Inverse() {

@@ -7,12 +7,13 @@
 
 namespace brume::kernels {
 
-/// The scalar definition of the window filters, in double and written to be read: what the vector code is tested against.
+/// The scalar definition of the window filters, in double and written to be read: what the vector code is tested
+/// against.
 struct ReferenceImage {
   int width = 0, height = 0;
-  std::vector<dvec3> value;      ///< the guide and the values at once, row by row
-  std::vector<dvec3> gradient;   ///< unit, or zero where undefined; may be empty
-  std::vector<double> opacity;   ///< may be empty
+  std::vector<dvec3> value;     ///< the guide and the values at once, row by row
+  std::vector<dvec3> gradient;  ///< unit, or zero where undefined; may be empty
+  std::vector<double> opacity;  ///< may be empty
   const dvec3& at(int x, int y) const { return value[static_cast<size_t>(y) * width + x]; }
 };
 

@@ -1,5 +1,7 @@
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "filters/kernels/window.cpp"
+#include "filters/kernels/window.h"
+
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 
@@ -7,8 +9,6 @@
 #include <cmath>
 #include <numbers>
 #include <vector>
-
-#include "filters/kernels/window.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace brume::kernels::HWY_NAMESPACE {
@@ -93,7 +93,8 @@ struct Sums {
   void finish(D d, V threshold, const Pixels<CV>& otherwise, Pixels<CV>& result) const {
     const M enough = hn::Gt(weight, threshold);
     const V inverse = hn::Div(hn::Set(d, 1.0f), hn::IfThenElse(enough, weight, hn::Set(d, 1.0f)));
-    for (size_t c = 0; c < CV; ++c) result.v[c] = hn::IfThenElse(enough, hn::MulAdd(value.v[c], inverse, centre.v[c]), otherwise.v[c]);
+    for (size_t c = 0; c < CV; ++c)
+      result.v[c] = hn::IfThenElse(enough, hn::MulAdd(value.v[c], inverse, centre.v[c]), otherwise.v[c]);
   }
 };
 
@@ -117,7 +118,8 @@ HWY_INLINE Sums<CV> sum_window(D d, const WindowInput& in, int x, int y, float d
         w = hn::IfThenElseZero(valid, w);
       }
       s.weight = hn::Add(s.weight, w);
-      for (size_t c = 0; c < CV; ++c) s.value.v[c] = hn::MulAdd(w, hn::Sub(hn::LoadU(d, rows[c] + x + dx), s.centre.v[c]), s.value.v[c]);
+      for (size_t c = 0; c < CV; ++c)
+        s.value.v[c] = hn::MulAdd(w, hn::Sub(hn::LoadU(d, rows[c] + x + dx), s.centre.v[c]), s.value.v[c]);
     }
   }
   return s;
@@ -128,14 +130,15 @@ template <size_t C>
 struct WindowRows {
   std::array<std::array<const float*, C>, 2 * 32 + 1> rows;
   WindowRows(const WorkImage& image, int y, int radius) {
-    for (int ty = std::max(0, y - radius); ty <= std::min(image.height() - 1, y + radius); ++ty) rows[static_cast<size_t>(ty - y + radius)] = rows_at<C>(image, ty);
+    for (int ty = std::max(0, y - radius); ty <= std::min(image.height() - 1, y + radius); ++ty)
+      rows[static_cast<size_t>(ty - y + radius)] = rows_at<C>(image, ty);
   }
   const std::array<const float*, C>& operator[](int row) const { return rows[static_cast<size_t>(row)]; }
 };
 
 template <size_t CG, size_t CV>
-HWY_INLINE void bilateral_block(D d, const WindowInput& in, const WindowRows<CG>& guide, const Pixels<CG>& centre, float domain, float range, int x, int y,
-                                Pixels<CV>& result) {
+HWY_INLINE void bilateral_block(D d, const WindowInput& in, const WindowRows<CG>& guide, const Pixels<CG>& centre,
+                                float domain, float range, int x, int y, Pixels<CV>& result) {
   const V k = hn::Set(d, range);
   const Sums<CV> s = sum_window<CV>(d, in, x, y, domain, [&](const Tap& tap) HWY_ATTR {
     const V distance = squared_distance(load(d, guide[tap.row], tap.x), centre);
@@ -148,7 +151,8 @@ HWY_INLINE void bilateral_block(D d, const WindowInput& in, const WindowRows<CG>
 template <size_t CG, size_t CV, class Block>
 HWY_INLINE void run_row(D d, const WindowInput& in, const WindowRows<CG>& guide, int y, const Block& block) {
   const int width = in.values->width(), lanes = static_cast<int>(hn::Lanes(d));
-  const float domain = exponent_factor(in.background_weights.sigma_domain), range = exponent_factor(in.background_weights.sigma_range);
+  const float domain = exponent_factor(in.background_weights.sigma_domain),
+              range = exponent_factor(in.background_weights.sigma_range);
   for (int x = 0; x < width; x += lanes) {
     Pixels<CV> result;
     M background = hn::MaskFromVec(hn::Zero(d));
@@ -158,7 +162,8 @@ HWY_INLINE void run_row(D d, const WindowInput& in, const WindowRows<CG>& guide,
       Pixels<CV> other = load(d, rows_at<CV>(*in.values, y), x);
       if (in.background == WindowInput::Background::kBilateral)
         bilateral_block<CG, CV>(d, in, guide, load(d, rows_at<CG>(*in.guide, y), x), domain, range, x, y, other);
-      for (size_t c = 0; c < CV; ++c) result.v[c] = hn::AllTrue(d, background) ? other.v[c] : hn::IfThenElse(background, other.v[c], result.v[c]);
+      for (size_t c = 0; c < CV; ++c)
+        result.v[c] = hn::AllTrue(d, background) ? other.v[c] : hn::IfThenElse(background, other.v[c], result.v[c]);
     }
     for (size_t c = 0; c < CV; ++c) hn::StoreU(result.v[c], d, in.out->channels[c].row(y) + x);
   }
@@ -189,7 +194,8 @@ void extended(const WindowInput& in, const Bilateral& weights, const WorkImage& 
   run_row<CG, CV>(d, in, guide, y, [&](int x, Pixels<CV>& result) HWY_ATTR {
     const Pixels<CG> centre = load(d, rows_at<CG>(prefiltered, y), x);
     const Sums<CV> s = sum_window<CV>(d, in, x, y, domain, [&](const Tap& tap) HWY_ATTR {
-      return exp2_negative(d, hn::MulAdd(squared_distance(load(d, guide[tap.row], tap.x), centre), k, hn::Set(d, tap.domain)));
+      return exp2_negative(
+          d, hn::MulAdd(squared_distance(load(d, guide[tap.row], tap.x), centre), k, hn::Set(d, tap.domain)));
     });
     Pixels<CV> otherwise;
     for (size_t c = 0; c < CV; ++c) otherwise.v[c] = hn::LoadU(d, prefiltered.channels[first + c].row(y) + x);
@@ -198,12 +204,14 @@ void extended(const WindowInput& in, const Bilateral& weights, const WorkImage& 
 }
 
 template <GradientVariant kVariant>
-void gradient_kernel(const WindowInput& in, const GradientWeights& weights, const WorkImage& gradient, const PaddedPlane* opacity, int y) {
+void gradient_kernel(const WindowInput& in, const GradientWeights& weights, const WorkImage& gradient,
+                     const PaddedPlane* opacity, int y) {
   const D d;
   const WindowRows<3> guide(*in.guide, y, in.radius);
   const WindowRows<4> directions(gradient, y, in.radius);
   const float domain = exponent_factor(weights.bilateral.sigma_domain);
-  const V range = hn::Set(d, exponent_factor(weights.bilateral.sigma_range)), angle = hn::Set(d, exponent_factor(weights.sigma_gradient));
+  const V range = hn::Set(d, exponent_factor(weights.bilateral.sigma_range)),
+          angle = hn::Set(d, exponent_factor(weights.sigma_gradient));
   const V one = hn::Set(d, 1.0f);
   run_row<3, 3>(d, in, guide, y, [&](int x, Pixels<3>& result) HWY_ATTR {
     const Pixels<3> centre = load(d, rows_at<3>(*in.guide, y), x);
@@ -213,7 +221,8 @@ void gradient_kernel(const WindowInput& in, const GradientWeights& weights, cons
     const Sums<3> s = sum_window<3>(d, in, x, y, domain, [&](const Tap& tap) HWY_ATTR {
       const V distance = squared_distance(load(d, guide[tap.row], tap.x), centre);
       const Pixels<4> other = load(d, directions[tap.row], tap.x);
-      V cosine = hn::MulAdd(direction.v[2], other.v[2], hn::MulAdd(direction.v[1], other.v[1], hn::Mul(direction.v[0], other.v[0])));
+      V cosine = hn::MulAdd(direction.v[2], other.v[2],
+                            hn::MulAdd(direction.v[1], other.v[1], hn::Mul(direction.v[0], other.v[0])));
       cosine = hn::Max(hn::Min(cosine, one), hn::Set(d, -1.0f));
       const V apart = hn::Sub(one, cosine);
       const V turned = hn::Mul(hn::Mul(apart, apart), angle);
@@ -243,22 +252,27 @@ HWY_INLINE void order(V& a, V& b) {
 }
 
 // Five comparators sort four.
-HWY_INLINE void sort4(V& a, V& b, V& c, V& e) { order(a, b), order(c, e), order(a, c), order(b, e), order(b, c); }
+HWY_INLINE void sort4(V& a, V& b, V& c, V& e) {
+  order(a, b), order(c, e), order(a, c), order(b, e), order(b, c);
+}
 
 void RoadRow(const WorkImage& guide, PaddedPlane& road, int y) {
   const D d;
   const int height = guide.height();
   std::array<std::array<const float*, 3>, 3> rows;
-  for (int dy = -1; dy <= 1; ++dy) rows[static_cast<size_t>(dy + 1)] = rows_at<3>(guide, std::clamp(y + dy, 0, height - 1));
+  for (int dy = -1; dy <= 1; ++dy)
+    rows[static_cast<size_t>(dy + 1)] = rows_at<3>(guide, std::clamp(y + dy, 0, height - 1));
   for (int x = 0; x < guide.width(); x += static_cast<int>(hn::Lanes(d))) {
     const Pixels<3> centre = load(d, rows[1], x);
-    const auto distance = [&](int dx, size_t row) HWY_ATTR { return hn::Sqrt(squared_distance(load(d, rows[row], x + dx), centre)); };
+    const auto distance = [&](int dx, size_t row)
+                              HWY_ATTR { return hn::Sqrt(squared_distance(load(d, rows[row], x + dx), centre)); };
     V a = distance(-1, 0), b = distance(0, 0), c = distance(1, 0), e = distance(-1, 1);
     V f = distance(1, 1), g = distance(-1, 2), h = distance(0, 2), i = distance(1, 2);
     sort4(a, b, c, e);
     sort4(f, g, h, i);
     // Of two sorted fours, the four smallest are the smaller of each pair taken from opposite ends.
-    hn::StoreU(hn::Add(hn::Add(hn::Min(a, i), hn::Min(b, h)), hn::Add(hn::Min(c, g), hn::Min(e, f))), d, road.row(y) + x);
+    hn::StoreU(hn::Add(hn::Add(hn::Min(a, i), hn::Min(b, h)), hn::Add(hn::Min(c, g), hn::Min(e, f))), d,
+               road.row(y) + x);
   }
   road.extend_row(y);
 }
@@ -267,7 +281,8 @@ void TrilateralRow(const WindowInput& in, const TrilateralWeights& weights, cons
   const D d;
   const WindowRows<3> guide(*in.guide, y, in.radius);
   const float domain = exponent_factor(weights.bilateral.sigma_domain);
-  const V range = hn::Set(d, exponent_factor(weights.bilateral.sigma_range)), impulse = hn::Set(d, exponent_factor(weights.sigma_impulse));
+  const V range = hn::Set(d, exponent_factor(weights.bilateral.sigma_range)),
+          impulse = hn::Set(d, exponent_factor(weights.sigma_impulse));
   const V joint = hn::Set(d, 0.25f * exponent_factor(weights.sigma_joint));  // of ((ROAD(x) + ROAD(y)) / 2)^2
   const V one = hn::Set(d, 1.0f);
   run_row<3, 3>(d, in, guide, y, [&](int x, Pixels<3>& result) HWY_ATTR {
@@ -280,7 +295,8 @@ void TrilateralRow(const WindowInput& in, const TrilateralWeights& weights, cons
       const V clean = exp2_negative(d, hn::Mul(hn::Mul(both, both), joint));  // 1 - J
       const V spread = hn::Mul(distance, range), noisy = hn::Mul(hn::Mul(other, other), impulse);
       // One exponent: (1 - J) of the range term and J of the impulse term.
-      return exp2_negative(d, hn::MulAdd(clean, spread, hn::MulAdd(hn::Sub(one, clean), noisy, hn::Set(d, tap.domain))));
+      return exp2_negative(d,
+                           hn::MulAdd(clean, spread, hn::MulAdd(hn::Sub(one, clean), noisy, hn::Set(d, tap.domain))));
     });
     s.finish(d, hn::Set(d, 1e-30f), s.centre, result);
   });
@@ -301,7 +317,8 @@ void GaussianHorizontalRow(const WorkImage& in, WorkImage& out, int radius, floa
         V w = hn::Set(d, std::exp2(k * static_cast<float>(dx * dx)));
         if (!inside) {
           const V column = hn::Add(lane, hn::Set(d, static_cast<float>(dx)));
-          w = hn::IfThenElseZero(hn::And(hn::Ge(column, hn::Zero(d)), hn::Lt(column, hn::Set(d, static_cast<float>(width)))), w);
+          w = hn::IfThenElseZero(
+              hn::And(hn::Ge(column, hn::Zero(d)), hn::Lt(column, hn::Set(d, static_cast<float>(width)))), w);
         }
         total = hn::Add(total, w);
         sum = hn::MulAdd(w, hn::Sub(hn::LoadU(d, row + x + dx), centre), sum);
@@ -328,7 +345,8 @@ void GaussianVerticalRow(const WorkImage& in, WorkImage& out, int radius, float 
       const V centre = hn::LoadU(d, in.channels[c].row(y) + x);
       V sum = hn::Zero(d);
       for (int ty = first; ty <= last; ++ty)
-        sum = hn::MulAdd(hn::Set(d, taps[static_cast<size_t>(ty - first)]), hn::Sub(hn::LoadU(d, in.channels[c].row(ty) + x), centre), sum);
+        sum = hn::MulAdd(hn::Set(d, taps[static_cast<size_t>(ty - first)]),
+                         hn::Sub(hn::LoadU(d, in.channels[c].row(ty) + x), centre), sum);
       hn::StoreU(hn::MulAdd(sum, inverse, centre), d, out.channels[c].row(y) + x);
     }
 }
@@ -340,20 +358,27 @@ void BackgroundRow(const WindowInput& in, const WorkImage& image, int y) {
 }
 
 void BilateralRow(const WindowInput& in, const Bilateral& weights, int y) {
-  if (in.guide->channels.size() == 1) return in.values->channels.size() == 3 ? bilateral<1, 3>(in, weights, y) : bilateral<1, 4>(in, weights, y);
+  if (in.guide->channels.size() == 1)
+    return in.values->channels.size() == 3 ? bilateral<1, 3>(in, weights, y) : bilateral<1, 4>(in, weights, y);
   return bilateral<3, 3>(in, weights, y);
 }
 
 void ExtendedBilateralRow(const WindowInput& in, const Bilateral& weights, const WorkImage& prefiltered, int y) {
-  if (in.guide->channels.size() == 1) return in.values->channels.size() == 3 ? extended<1, 3>(in, weights, prefiltered, y) : extended<1, 4>(in, weights, prefiltered, y);
+  if (in.guide->channels.size() == 1)
+    return in.values->channels.size() == 3 ? extended<1, 3>(in, weights, prefiltered, y)
+                                           : extended<1, 4>(in, weights, prefiltered, y);
   return extended<3, 3>(in, weights, prefiltered, y);
 }
 
-void GradientKernelRow(const WindowInput& in, const GradientWeights& weights, const WorkImage& gradient, const PaddedPlane* opacity, int y) {
+void GradientKernelRow(const WindowInput& in, const GradientWeights& weights, const WorkImage& gradient,
+                       const PaddedPlane* opacity, int y) {
   switch (weights.variant) {
-    case GradientVariant::kAdd: return gradient_kernel<GradientVariant::kAdd>(in, weights, gradient, opacity, y);
-    case GradientVariant::kMultiply: return gradient_kernel<GradientVariant::kMultiply>(in, weights, gradient, opacity, y);
-    case GradientVariant::kGate: return gradient_kernel<GradientVariant::kGate>(in, weights, gradient, opacity, y);
+    case GradientVariant::kAdd:
+      return gradient_kernel<GradientVariant::kAdd>(in, weights, gradient, opacity, y);
+    case GradientVariant::kMultiply:
+      return gradient_kernel<GradientVariant::kMultiply>(in, weights, gradient, opacity, y);
+    case GradientVariant::kGate:
+      return gradient_kernel<GradientVariant::kGate>(in, weights, gradient, opacity, y);
   }
 }
 
@@ -371,15 +396,22 @@ HWY_EXPORT(TrilateralRow);
 HWY_EXPORT(GaussianHorizontalRow);
 HWY_EXPORT(GaussianVerticalRow);
 
-void background_row(const WindowInput& in, const WorkImage& image, int y) { HWY_DYNAMIC_DISPATCH(BackgroundRow)(in, image, y); }
-void bilateral_row(const WindowInput& in, const Bilateral& weights, int y) { HWY_DYNAMIC_DISPATCH(BilateralRow)(in, weights, y); }
+void background_row(const WindowInput& in, const WorkImage& image, int y) {
+  HWY_DYNAMIC_DISPATCH(BackgroundRow)(in, image, y);
+}
+void bilateral_row(const WindowInput& in, const Bilateral& weights, int y) {
+  HWY_DYNAMIC_DISPATCH(BilateralRow)(in, weights, y);
+}
 void extended_bilateral_row(const WindowInput& in, const Bilateral& weights, const WorkImage& prefiltered, int y) {
   HWY_DYNAMIC_DISPATCH(ExtendedBilateralRow)(in, weights, prefiltered, y);
 }
-void gradient_kernel_row(const WindowInput& in, const GradientWeights& weights, const WorkImage& gradient, const PaddedPlane* opacity, int y) {
+void gradient_kernel_row(const WindowInput& in, const GradientWeights& weights, const WorkImage& gradient,
+                         const PaddedPlane* opacity, int y) {
   HWY_DYNAMIC_DISPATCH(GradientKernelRow)(in, weights, gradient, opacity, y);
 }
-void road_row(const WorkImage& guide, PaddedPlane& road, int y) { HWY_DYNAMIC_DISPATCH(RoadRow)(guide, road, y); }
+void road_row(const WorkImage& guide, PaddedPlane& road, int y) {
+  HWY_DYNAMIC_DISPATCH(RoadRow)(guide, road, y);
+}
 void trilateral_row(const WindowInput& in, const TrilateralWeights& weights, const PaddedPlane& road, int y) {
   HWY_DYNAMIC_DISPATCH(TrilateralRow)(in, weights, road, y);
 }

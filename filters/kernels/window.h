@@ -5,9 +5,9 @@
 
 namespace brume::kernels {
 
-// Weighted averages over a square window, out(p) = sum w(p, q) v(q) / sum w(p, q), clipped to the image and renormalised.
-// The weights' scalar definitions are in reference.h; these are the same sums in vectors along x, for every instruction
-// set, chosen at run time. A row depends on nothing but the inputs, so threads may take any rows.
+// Weighted averages over a square window, out(p) = sum w(p, q) v(q) / sum w(p, q), clipped to the image and
+// renormalised. The weights' scalar definitions are in reference.h; these are the same sums in vectors along x, for
+// every instruction set, chosen at run time. A row depends on nothing but the inputs, so threads may take any rows.
 
 /// exp(-r^2 / (2 sigma^2)) in the two forms that bilateral weights need. A sigma <= 0 switches its term off.
 struct Bilateral {
@@ -47,10 +47,12 @@ struct GradientWeights {
 };
 
 /// Add: w_D (w_L + w_G).  Multiply: w_D w_L w_G.  Gate: w_D (w_L + gamma w_G w_A), w_A comparing opacity.
-/// @param gradient  unit x, y, z and a fourth channel that is 1 where the direction is defined, else 0. Between two pixels
+/// @param gradient  unit x, y, z and a fourth channel that is 1 where the direction is defined, else 0. Between two
+/// pixels
 ///                  of which one is undefined w_G = 0; a pixel whose own is undefined gets w_D w_L in every variant
 /// @param opacity   for the gate only
-void gradient_kernel_row(const WindowInput& in, const GradientWeights& weights, const WorkImage& gradient, const PaddedPlane* opacity, int y);
+void gradient_kernel_row(const WindowInput& in, const GradientWeights& weights, const WorkImage& gradient,
+                         const PaddedPlane* opacity, int y);
 
 struct TrilateralWeights {
   Bilateral bilateral;

@@ -13,7 +13,10 @@ class PaddedPlane {
   PaddedPlane() = default;
   /// @param radius  widest reach of a window
   PaddedPlane(int width, int height, int radius)
-      : width_(width), height_(height), pad_((radius + kVector + kVector - 1) / kVector * kVector), plane_(width + 2 * pad_, height) {}
+      : width_(width),
+        height_(height),
+        pad_((radius + kVector + kVector - 1) / kVector * kVector),
+        plane_(width + 2 * pad_, height) {}
 
   int width() const { return width_; }
   int height() const { return height_; }

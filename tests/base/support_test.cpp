@@ -36,7 +36,8 @@ TEST(ParallelFor, CallsEachIndexOnceReportsToOneAndStops) {
   for (const int threads : {1, 2, 7}) {
     std::vector<std::atomic<int>> calls(1000);
     std::atomic<double> last{0};
-    parallel_for(1000, {threads, [&](double f) { last = f; }, nullptr}, [&](int i) { ++calls[static_cast<size_t>(i)]; });
+    parallel_for(1000, {threads, [&](double f) { last = f; }, nullptr},
+                 [&](int i) { ++calls[static_cast<size_t>(i)]; });
     for (const auto& c : calls) ASSERT_EQ(c, 1);
     EXPECT_EQ(last, 1.0);
   }

@@ -30,18 +30,23 @@ TEST(Architecture, EachRoomIncludesOnlyWhatItMayKnow) {
     for (const auto& entry : fs::recursive_directory_iterator(test::source(room))) {
       if (entry.path().extension() != ".h" && entry.path().extension() != ".cpp") continue;
       const std::string text = test::read_file(entry.path());
-      for (auto it = std::sregex_iterator(text.begin(), text.end(), include); it != std::sregex_iterator(); ++it, ++seen)
+      for (auto it = std::sregex_iterator(text.begin(), text.end(), include); it != std::sregex_iterator();
+           ++it, ++seen)
         EXPECT_TRUE(allowed.contains((*it)[1])) << entry.path() << " includes " << (*it)[0];
     }
   EXPECT_GT(seen, 100);
 }
 
 TEST(Architecture, EachLibraryIsKnownToItsOneFile) {
-  const std::pair<const char*, const char*> doors[] = {{"<openvdb/", "volume/vdb_io.cpp"}, {"<Imf", "image/exr_io.cpp"}, {"<toml.hpp>", "render/scene_io.cpp"}, {"<embree", ""}};
+  const std::pair<const char*, const char*> doors[] = {{"<openvdb/", "volume/vdb_io.cpp"},
+                                                       {"<Imf", "image/exr_io.cpp"},
+                                                       {"<toml.hpp>", "render/scene_io.cpp"},
+                                                       {"<embree", ""}};
   for (const auto& [library, door] : doors)
     for (const auto& [room, allowed] : kMayInclude)
       for (const auto& entry : fs::recursive_directory_iterator(test::source(room)))
-        if (entry.is_regular_file() && test::read_file(entry.path()).find(std::string("#include ") + library) != std::string::npos) {
+        if (entry.is_regular_file() &&
+            test::read_file(entry.path()).find(std::string("#include ") + library) != std::string::npos) {
           EXPECT_EQ(fs::relative(entry.path(), test::source(".")).string(), door);
         }
 }

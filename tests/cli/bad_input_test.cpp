@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 #include <openvdb/openvdb.h>
+#include <openvdb/points/PointConversion.h>
 
 #include <limits>
 
@@ -23,19 +24,25 @@ void expect_refused(const std::string& arguments, const std::vector<std::string>
   const auto r = run_brume(arguments);
   EXPECT_EQ(r.status, 2) << arguments << "\n" << r.err;
   EXPECT_EQ(r.out, "") << arguments;
-  for (const std::string& part : parts) EXPECT_NE(r.err.find(part), std::string::npos) << arguments << "\nexpected: " << part << "\ngot: " << r.err;
+  for (const std::string& part : parts)
+    EXPECT_NE(r.err.find(part), std::string::npos) << arguments << "\nexpected: " << part << "\ngot: " << r.err;
 }
 
 class BadInput : public ::testing::Test {
  protected:
   std::string path(const std::string& name) const { return (folder_ / name).string(); }
   std::string scene(const std::string& volume, const std::string& more = "") {
-    test::write_file(folder_ / "scene.toml", "[camera]\nposition = [0, -5, 0]\nlook_at = [0, 0, 0]\n[film]\nwidth = 8\nheight = 8\n[render]\nspp = 1\n[environment]\nradiance = 1\n[[volumes]]\nfile = \"" +
-                                                 volume + "\"\n" + more);
+    test::write_file(folder_ / "scene.toml",
+                     "[camera]\nposition = [0, -5, 0]\nlook_at = [0, 0, 0]\n[film]\nwidth = 8\nheight = "
+                     "8\n[render]\nspp = 1\n[environment]\nradiance = 1\n[[volumes]]\nfile = \"" +
+                         volume + "\"\n" + more);
     return path("scene.toml");
   }
   std::string frame(const std::string& layers, const std::string& name = "frame.exr") {
-    EXPECT_EQ(run_brume("render " + kScene + " -q -D film.width=16 -D film.height=16 --spp 2 --layers " + layers + " -o " + path(name)).status, 0);
+    EXPECT_EQ(run_brume("render " + kScene + " -q -D film.width=16 -D film.height=16 --spp 2 --layers " + layers +
+                        " -o " + path(name))
+                  .status,
+              0);
     return path(name);
   }
   void expect_nothing_written() const {
@@ -53,7 +60,8 @@ TEST_F(BadInput, CommandLine) {
   expect_refused("render", {"scene is required"});
   expect_refused("render " + kScene, {"no output; expected -o FILE.exr"});
   expect_refused("render " + kScene + " --spp 0 -o " + path("out.exr"), {"--spp"});
-  expect_refused("render " + kScene + " --layers normals -o " + path("out.exr"), {"no layer 'normals' to record", "gradient"});
+  expect_refused("render " + kScene + " --layers normals -o " + path("out.exr"),
+                 {"no layer 'normals' to record", "gradient"});
   expect_refused("info " + path("none.vdb"), {"none.vdb: no such file"});
   expect_refused("evaluate " + kScene + " --spp 16,x -o " + path("e"), {"expected sample counts such as 16,36,64"});
   expect_refused("evaluate " + kScene + " -f bilat -o " + path("e"), {"no filter 'bilat'"});
@@ -62,13 +70,20 @@ TEST_F(BadInput, CommandLine) {
 
 TEST_F(BadInput, Scenes) {
   expect_refused("render " + path("none.toml") + " -o " + path("out.exr"), {"none.toml: no such file"});
-  expect_refused("render " + folder_.path().string() + " -o " + path("out.exr"), {"is a folder, expected a scene file"});
-  expect_refused("render " + scene(kCloud, "sigma = 3\n") + " -o " + path("out.exr"), {"unknown key 'sigma'", "did you mean", "scene.toml", "sigma = 3"});
-  expect_refused("render " + scene(kCloud, "albedo = \"white\"\n") + " -o " + path("out.exr"), {"'albedo' is text", "albedo = \"white\""});
-  expect_refused("render " + scene(kCloud, "g = 1.5\n") + " -o " + path("out.exr"), {"'g' is out of range", "-0.999 .. 0.999"});
-  expect_refused("render " + scene(kCloud, "object_to_world = [[1,0,0,0],[0,1,0,0],[0,0,0,0],[0,0,0,1]]\n") + " -o " + path("out.exr"), {"object_to_world is singular"});
+  expect_refused("render " + folder_.path().string() + " -o " + path("out.exr"),
+                 {"is a folder, expected a scene file"});
+  expect_refused("render " + scene(kCloud, "sigma = 3\n") + " -o " + path("out.exr"),
+                 {"unknown key 'sigma'", "did you mean", "scene.toml", "sigma = 3"});
+  expect_refused("render " + scene(kCloud, "albedo = \"white\"\n") + " -o " + path("out.exr"),
+                 {"'albedo' is text", "albedo = \"white\""});
+  expect_refused("render " + scene(kCloud, "g = 1.5\n") + " -o " + path("out.exr"),
+                 {"'g' is out of range", "-0.999 .. 0.999"});
+  expect_refused("render " + scene(kCloud, "object_to_world = [[1,0,0,0],[0,1,0,0],[0,0,0,0],[0,0,0,1]]\n") + " -o " +
+                     path("out.exr"),
+                 {"object_to_world is singular"});
   expect_refused("render " + scene("none.vdb") + " -o " + path("out.exr"), {"none.vdb: no such file"});
-  expect_refused("render " + scene(kCloud) + " -D camera.look_at=[0,-5,0] -o " + path("out.exr"), {"position and look_at are the same point"});
+  expect_refused("render " + scene(kCloud) + " -D camera.look_at=[0,-5,0] -o " + path("out.exr"),
+                 {"position and look_at are the same point"});
   expect_nothing_written();
 }
 
@@ -76,10 +91,12 @@ TEST_F(BadInput, Volumes) {
   const std::string bytes = test::read_file(kCloud);
   test::write_file(folder_ / "cut.vdb", bytes.substr(0, bytes.size() / 2));
   test::write_file(folder_ / "text.vdb", "hello there");
-  expect_refused("render " + scene("cut.vdb") + " -o " + path("out.exr"), {"cut.vdb: truncated: its last grid ends at byte"});
+  expect_refused("render " + scene("cut.vdb") + " -o " + path("out.exr"),
+                 {"cut.vdb: truncated: its last grid ends at byte"});
   expect_refused("info " + path("cut.vdb"), {"truncated"});
   expect_refused("render " + scene("text.vdb") + " -o " + path("out.exr"), {"text.vdb: not an OpenVDB file"});
-  expect_refused("render " + scene(kCloud, "grid = \"smoke\"\n") + " -o " + path("out.exr"), {"no grid 'smoke'; the file has: density (float)"});
+  expect_refused("render " + scene(kCloud, "grid = \"smoke\"\n") + " -o " + path("out.exr"),
+                 {"no grid 'smoke'; the file has: density (float)"});
 
   openvdb::initialize();
   auto set = openvdb::FloatGrid::create(3.0f);
@@ -89,18 +106,45 @@ TEST_F(BadInput, Volumes) {
   openvdb::io::File file(path("set.vdb"));
   file.write(openvdb::GridPtrVec{set});
   file.close();
-  expect_refused("render " + scene("set.vdb") + " -o " + path("out.exr"), {"is a level set; expected a fog volume", "convert_level_set = true"});
+  expect_refused("render " + scene("set.vdb") + " -o " + path("out.exr"),
+                 {"is a level set; expected a fog volume", "convert_level_set = true"});
+  expect_nothing_written();
+}
+
+TEST_F(BadInput, PointsAndFrustums) {
+  openvdb::initialize();
+  const auto write = [&](const std::string& name, const openvdb::GridBase::Ptr& grid) {
+    grid->setName("density");
+    openvdb::io::File file(path(name));
+    file.write(openvdb::GridPtrVec{grid});
+    file.close();
+  };
+  std::vector<openvdb::Vec3R> positions = {{0, 0, 0}, {1, 1, 1}};
+  write("points.vdb", openvdb::points::createPointDataGrid<openvdb::points::NullCodec, openvdb::points::PointDataGrid>(
+                          positions, *openvdb::math::Transform::createLinearTransform(1.0)));
+  auto frustum = openvdb::FloatGrid::create();
+  frustum->tree().setValue({0, 0, 0}, 1.0f);
+  frustum->setTransform(openvdb::math::Transform::createFrustumTransform(
+      openvdb::BBoxd(openvdb::Vec3d(0), openvdb::Vec3d(10)), 0.5, 10.0, 1.0));
+  write("frustum.vdb", frustum);
+  expect_refused("render " + scene("points.vdb") + " -o " + path("out.exr"), {"holds points; expected a fog volume"});
+  expect_refused("render " + scene("frustum.vdb") + " -o " + path("out.exr"),
+                 {"frustum or other non-affine transform; resample it"});
   expect_nothing_written();
 }
 
 TEST_F(BadInput, OddVoxelsAndEmptyGridsAreNotedNotRefused) {
   test::write_affine_vdb(folder_ / "odd.vdb", {{0, 0, 0}, {3, 0, 0}}, dmat4(1.0), [](const ivec3& v) {
-    return std::array{1.0f, std::numeric_limits<float>::quiet_NaN(), -1.0f, std::numeric_limits<float>::infinity()}[static_cast<size_t>(v.x)];
+    return std::array{1.0f, std::numeric_limits<float>::quiet_NaN(), -1.0f,
+                      std::numeric_limits<float>::infinity()}[static_cast<size_t>(v.x)];
   });
   const auto odd = run_brume("render " + scene("odd.vdb") + " -q -o " + path("odd.exr"));
   EXPECT_EQ(odd.status, 0) << odd.err;
-  for (const char* part : {"1 NaN voxels became 0", "1 negative voxels became 0", "1 infinite voxels became"}) EXPECT_NE(odd.err.find(part), std::string::npos) << odd.err;
-  const auto empty = run_brume("render " + kScene + " -q -D volumes.0.grid=flame_noise -D film.width=8 -D film.height=8 --spp 1 -o " + path("empty.exr"));
+  for (const char* part : {"1 NaN voxels became 0", "1 negative voxels became 0", "1 infinite voxels became"})
+    EXPECT_NE(odd.err.find(part), std::string::npos) << odd.err;
+  const auto empty =
+      run_brume("render " + kScene + " -q -D volumes.0.grid=flame_noise -D film.width=8 -D film.height=8 --spp 1 -o " +
+                path("empty.exr"));
   EXPECT_EQ(empty.status, 0) << empty.err;
   EXPECT_NE(empty.err.find("grid 'flame_noise' is empty: the medium is absent"), std::string::npos) << empty.err;
 }
@@ -108,15 +152,21 @@ TEST_F(BadInput, OddVoxelsAndEmptyGridsAreNotedNotRefused) {
 TEST_F(BadInput, Frames) {
   const std::string plain = frame("none");
   expect_refused("denoise " + plain + " -f gradient_kernel -o " + path("out.exr"),
-                 {"filter gradient_kernel needs the layers 'direct', 'indirect', 'gradient'", "brume render SCENE -o OUT.exr --layers direct,indirect,gradient", "frame.exr"});
-  expect_refused("denoise " + plain + " -f bilatera -o " + path("out.exr"), {"no filter 'bilatera'; did you mean 'bilateral'?"});
-  expect_refused("denoise " + plain + " -f bilateral --sigma-rnge 3 -o " + path("out.exr"), {"no parameter 'sigma-rnge'; did you mean 'sigma-range'?"});
-  expect_refused("denoise " + plain + " -f bilateral --sigma-range 1e9 -o " + path("out.exr"), {"expected a number in 0 .. 1000"});
+                 {"filter gradient_kernel needs the layers 'direct', 'indirect', 'gradient'",
+                  "brume render SCENE -o OUT.exr --layers direct,indirect,gradient", "frame.exr"});
+  expect_refused("denoise " + plain + " -f bilatera -o " + path("out.exr"),
+                 {"no filter 'bilatera'; did you mean 'bilateral'?"});
+  expect_refused("denoise " + plain + " -f bilateral --sigma-rnge 3 -o " + path("out.exr"),
+                 {"no parameter 'sigma-rnge'; did you mean 'sigma-range'?"});
+  expect_refused("denoise " + plain + " -f bilateral --sigma-range 1e9 -o " + path("out.exr"),
+                 {"expected a number in 0 .. 1000"});
   expect_refused("denoise " + path("none.exr") + " -f bilateral -o " + path("out.exr"), {"none.exr: no such file"});
-  expect_refused("denoise " + plain + " -f bilateral --exposure dark -o " + path("out.exr"), {"expected header, auto or a number above 0"});
+  expect_refused("denoise " + plain + " -f bilateral --exposure dark -o " + path("out.exr"),
+                 {"expected header, auto or a number above 0"});
   const std::string bytes = test::read_file(plain);
   test::write_file(folder_ / "cut.exr", bytes.substr(0, bytes.size() / 2));
-  expect_refused("denoise " + path("cut.exr") + " -f bilateral -o " + path("out.exr"), {"cut.exr: truncated or damaged"});
+  expect_refused("denoise " + path("cut.exr") + " -f bilateral -o " + path("out.exr"),
+                 {"cut.exr: truncated or damaged"});
   expect_refused("compare " + plain + " " + plain + " --layer indirect", {"has no layer 'indirect'; it has: beauty"});
   expect_nothing_written();
 }
@@ -136,15 +186,18 @@ TEST_F(BadInput, SizesAndNonFinitePixels) {
 }
 
 TEST_F(BadInput, UnwritableOutputIsFoundBeforeTheWork) {
-  expect_refused("render " + kScene + " --spp 100000 -o " + path("no/such/out.exr"), {"out.exr: cannot be written: there is no folder"});
-  expect_refused("render " + kScene + " --spp 100000 -o " + folder_.path().string(), {"is a folder, expected the name of a file to write"});
+  expect_refused("render " + kScene + " --spp 100000 -o " + path("no/such/out.exr"),
+                 {"out.exr: cannot be written: there is no folder"});
+  expect_refused("render " + kScene + " --spp 100000 -o " + folder_.path().string(),
+                 {"is a folder, expected the name of a file to write"});
   expect_refused("generate cloud -o " + path("no/out.vdb"), {"there is no folder"});
 }
 
 TEST_F(BadInput, CtrlCLeavesNothingHalfWritten) {
   const std::string program = BRUME_PROGRAM;
-  for (const std::string& command : {program + " render " + kScene + " --spp 100000 --progress none -o " + path("out.exr"),
-                                     program + " evaluate " + kScene + " --reference-spp 100000 --progress none -o " + path("out")}) {
+  for (const std::string& command :
+       {program + " render " + kScene + " --spp 100000 --progress none -o " + path("out.exr"),
+        program + " evaluate " + kScene + " --reference-spp 100000 --progress none -o " + path("out")}) {
     const int status = std::system(("timeout --preserve-status -s INT 2 " + command + " 2>" + path("err")).c_str());
     EXPECT_EQ(WEXITSTATUS(status), 3) << test::read_file(folder_ / "err");
     EXPECT_NE(test::read_file(folder_ / "err").find("interrupted; nothing was written"), std::string::npos);

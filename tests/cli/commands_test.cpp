@@ -19,12 +19,14 @@ const std::string kSmall = " -D film.width=32 -D film.height=24 --spp 4 -q";
 TEST(Commands, HelpAndVersion) {
   EXPECT_EQ(run_brume("--help").status, 0);
   EXPECT_TRUE(run_brume("--version").out.starts_with("brume 0."));
-  for (const char* verb : {"info", "generate", "halve", "render", "denoise", "compare", "evaluate", "filters", "docs"}) {
+  for (const char* verb :
+       {"info", "generate", "halve", "render", "denoise", "compare", "evaluate", "filters", "docs"}) {
     const auto r = run_brume(std::string(verb) + " --help");
     EXPECT_EQ(r.status, 0) << verb;
     EXPECT_NE(r.out.find("--threads"), std::string::npos) << verb;
   }
-  EXPECT_NE(run_brume("denoise --help").out.find("--sigma-gradient"), std::string::npos) << "the filters' parameters are in the help";
+  EXPECT_NE(run_brume("denoise --help").out.find("--sigma-gradient"), std::string::npos)
+      << "the filters' parameters are in the help";
 }
 
 TEST(Commands, InfoOfAVolume) {
@@ -39,8 +41,10 @@ TEST(Commands, InfoOfAVolume) {
 
 TEST(Commands, RenderDenoiseCompareGoTogether) {
   const test::TemporaryFolder folder;
-  const std::string frame = (folder / "frame.exr").string(), clean = (folder / "clean.exr").string(), other = (folder / "other.exr").string();
-  const auto render = run_brume("render " + kScene + kSmall + " -o " + frame + " --png " + (folder / "frame.png").string());
+  const std::string frame = (folder / "frame.exr").string(), clean = (folder / "clean.exr").string(),
+                    other = (folder / "other.exr").string();
+  const auto render =
+      run_brume("render " + kScene + kSmall + " -o " + frame + " --png " + (folder / "frame.png").string());
   ASSERT_EQ(render.status, 0) << render.err;
   EXPECT_EQ(render.out, frame + "\n") << "results go to stdout";
   EXPECT_EQ(render.err, "") << "--quiet";
@@ -48,8 +52,9 @@ TEST(Commands, RenderDenoiseCompareGoTogether) {
 
   const ExrInfo info = read_exr_info(frame);
   EXPECT_EQ(info.width, 32);
-  for (const char* key : {"software", "version", "commit", "scene", "sceneHash", "seed", "samplesPerPixel", "renderTimeSeconds", "cpuSeconds", "worldToCamera", "worldToNDC",
-                          "estimators", "biased", "invalidSampleCount", "varianceConvention", "exposure"})
+  for (const char* key : {"software", "version", "commit", "scene", "sceneHash", "seed", "samplesPerPixel",
+                          "renderTimeSeconds", "cpuSeconds", "worldToCamera", "worldToNDC", "estimators", "biased",
+                          "invalidSampleCount", "varianceConvention", "exposure"})
     EXPECT_TRUE(info.header.contains(key)) << key;
 
   const auto denoise = run_brume("denoise " + frame + " -f gradient_kernel --sigma-range 15 -o " + clean);
@@ -71,7 +76,8 @@ TEST(Commands, SeveralFiltersWriteSeveralFiles) {
   const test::TemporaryFolder folder;
   const std::string frame = (folder / "frame.exr").string();
   ASSERT_EQ(run_brume("render " + kScene + kSmall + " --layers direct,indirect -o " + frame).status, 0);
-  const auto r = run_brume("denoise " + frame + " -q -f bilateral:sigma-range=5 -f gaussian -o " + (folder / "out.exr").string());
+  const auto r =
+      run_brume("denoise " + frame + " -q -f bilateral:sigma-range=5 -f gaussian -o " + (folder / "out.exr").string());
   EXPECT_EQ(r.status, 0) << r.err;
   EXPECT_TRUE(std::filesystem::exists(folder / "out.bilateral.exr"));
   EXPECT_TRUE(std::filesystem::exists(folder / "out.gaussian.exr"));
@@ -81,11 +87,14 @@ TEST(Commands, FramesOfOtherRenderersAreCleaned) {
   const auto cycles = test::shared("references/cycles/smoke/smoke_400_spp0016.exr");
   if (cycles.empty()) GTEST_SKIP() << "no reference frames beside the project";
   const test::TemporaryFolder folder;
-  const std::string clean = (folder / "clean.exr").string(), reference = test::shared("references/cycles/smoke/smoke_400_ref_1.exr").string(),
+  const std::string clean = (folder / "clean.exr").string(),
+                    reference = test::shared("references/cycles/smoke/smoke_400_ref_1.exr").string(),
                     second = test::shared("references/cycles/smoke/smoke_400_ref_3.exr").string();
   ASSERT_EQ(run_brume("denoise " + cycles.string() + " -q -f gaussian:sigma=0.8 -o " + clean).status, 0);
   const auto error = [&](const std::string& picture) {
-    return json::parse(run_brume("compare --json " + picture + " " + reference + " --second-reference " + second).out)["metrics"]["lab_rms"].get<double>();
+    return json::parse(run_brume("compare --json " + picture + " " + reference + " --second-reference " + second)
+                           .out)["metrics"]["lab_rms"]
+        .get<double>();
   };
   // Measured elsewhere: 1.73 for the noisy frame, the reference's own noise taken off.
   EXPECT_NEAR(error(cycles.string()), 1.73, 0.02);
@@ -98,7 +107,8 @@ TEST(Commands, GenerateInfoHalve) {
     const std::string path = (folder / kind).string() + ".vdb", half = (folder / kind).string() + "_half.vdb";
     ASSERT_EQ(run_brume(std::string("generate ") + kind + " -q --resolution 48 --seed 3 -o " + path).status, 0);
     ASSERT_EQ(run_brume("halve -q " + path + " -o " + half).status, 0);
-    const json a = json::parse(run_brume("info --json " + path).out)["grids"][0], b = json::parse(run_brume("info --json " + half).out)["grids"][0];
+    const json a = json::parse(run_brume("info --json " + path).out)["grids"][0],
+               b = json::parse(run_brume("info --json " + half).out)["grids"][0];
     EXPECT_EQ(a["class"], "fog volume");
     EXPECT_GT(a["active_voxels"].get<int>(), 1000);
     EXPECT_NEAR(b["voxel_size"][0].get<double>(), 2 * a["voxel_size"][0].get<double>(), 1e-9);
@@ -108,7 +118,8 @@ TEST(Commands, GenerateInfoHalve) {
 TEST(Commands, ExplainAndReplay) {
   const auto explain = run_brume("render " + kScene + " --explain");
   EXPECT_EQ(explain.status, 0);
-  for (const char* part : {"bricks", "majorant", "Embree is not touched", "emission        none", "film"}) EXPECT_NE(explain.out.find(part), std::string::npos) << part;
+  for (const char* part : {"bricks", "majorant", "Embree is not touched", "emission        none", "film"})
+    EXPECT_NE(explain.out.find(part), std::string::npos) << part;
   EXPECT_NE(run_brume("render " + kScene + " --replay 200,200,0").out.find("coverage 1"), std::string::npos);
 }
 
@@ -120,14 +131,18 @@ TEST(Commands, FiltersAsJson) {
 
 TEST(Commands, ProgressForMachines) {
   const test::TemporaryFolder folder;
-  const auto r = run_brume("render " + kScene + " -D film.width=32 -D film.height=24 --spp 4 --progress json -o " + (folder / "a.exr").string());
+  const auto r = run_brume("render " + kScene + " -D film.width=32 -D film.height=24 --spp 4 --progress json -o " +
+                           (folder / "a.exr").string());
   const std::string last = r.err.substr(0, r.err.find("paths in"));
   EXPECT_NE(last.find("\"progress\":1.0"), std::string::npos) << r.err;
 }
 
 TEST(Commands, EvaluateWritesItsFolder) {
   const test::TemporaryFolder folder;
-  const auto r = run_brume("evaluate " + kScene + " --size 24 --spp 2,4 --seeds 2 --reference-spp 8 -f bilateral -f gradient_kernel --no-tuning -q -o " + (folder / "out").string());
+  const auto r =
+      run_brume("evaluate " + kScene +
+                " --size 24 --spp 2,4 --seeds 2 --reference-spp 8 -f bilateral -f gradient_kernel --no-tuning -q -o " +
+                (folder / "out").string());
   ASSERT_EQ(r.status, 0) << r.err;
   EXPECT_TRUE(r.out.starts_with("# Filters on media passes"));
   EXPECT_TRUE(std::filesystem::exists(folder / "out/table.csv"));

@@ -89,8 +89,10 @@ TEST(LabRmsForTuning, AgreesWithTheMetric) {
   for (size_t i = 0; i < mask.size(); ++i) mask[i] = i % 3 != 0;
   const RgbPlanes second = b.view();
   for (const Mask& m : {Mask{}, mask}) {
-    EXPECT_NEAR(LabRms(a.view(), nullptr, {0.8, true}, m)(x.view()), compare(x.view(), a.view(), {0.8, true}, m).lab_rms, 1e-3);
-    EXPECT_NEAR(LabRms(a.view(), &second, {0.8, true}, m)(x.view()), compare(x.view(), a.view(), {0.8, true}, m, &second).lab_rms, 1e-3);
+    EXPECT_NEAR(LabRms(a.view(), nullptr, {0.8, true}, m)(x.view()),
+                compare(x.view(), a.view(), {0.8, true}, m).lab_rms, 1e-3);
+    EXPECT_NEAR(LabRms(a.view(), &second, {0.8, true}, m)(x.view()),
+                compare(x.view(), a.view(), {0.8, true}, m, &second).lab_rms, 1e-3);
   }
 }
 

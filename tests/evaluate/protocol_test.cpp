@@ -42,10 +42,13 @@ Evaluation run(bool tune) {
   settings.seeds = 5;
   settings.reference_spp = 4000;
   settings.tune = tune;
-  settings.filters = {&find_filter("bilateral"), &find_filter("gaussian"), &find_filter("gradient_kernel"), &find_filter("extended_bilateral"), &find_filter("trilateral")};
+  settings.filters = {&find_filter("bilateral"), &find_filter("gaussian"), &find_filter("gradient_kernel"),
+                      &find_filter("extended_bilateral"), &find_filter("trilateral")};
   std::vector<EvaluationScene> scenes;
   for (const char* name : {"cloud", "smoke"})
-    scenes.push_back({name, 1.0, [name](int spp, int64_t seed, const Task&) { return synthetic(spp, seed + (std::string(name) == "cloud" ? 0 : 77)); }});
+    scenes.push_back({name, 1.0, [name](int spp, int64_t seed, const Task&) {
+                        return synthetic(spp, seed + (std::string(name) == "cloud" ? 0 : 77));
+                      }});
   return evaluate(scenes, settings, [](const std::string&) { return Task{2, {}, nullptr}; });
 }
 
@@ -63,7 +66,8 @@ TEST(Evaluate, FillsEveryLineWithWhatItMeasured) {
       EXPECT_NEAR(plain->medium.mean / plain->whole.mean, 1 / std::sqrt(0.75), 0.01) << "the background has no error";
       EXPECT_DOUBLE_EQ(plain->render_seconds, spp * 0.01);
       for (const FilterEntry* f : e.settings.filters) {
-        const MethodResult *paper = scene.find(f->name, Tuning::kPaper, spp), *best = scene.find(f->name, Tuning::kSearched, spp);
+        const MethodResult *paper = scene.find(f->name, Tuning::kPaper, spp),
+                           *best = scene.find(f->name, Tuning::kSearched, spp);
         EXPECT_LT(paper->whole.mean, plain->whole.mean) << f->name;
         // Searched on another frame, so it may lose to the default by a hair where that is not among the candidates.
         EXPECT_LT(best->whole.mean, 1.1 * paper->whole.mean) << f->name;
@@ -71,7 +75,8 @@ TEST(Evaluate, FillsEveryLineWithWhatItMeasured) {
         EXPECT_FALSE(best->parameters.empty());
       }
     }
-    EXPECT_NEAR(scene.find("", Tuning::kNone, 16)->whole.mean / scene.find("", Tuning::kNone, 64)->whole.mean, 2.0, 0.15);
+    EXPECT_NEAR(scene.find("", Tuning::kNone, 16)->whole.mean / scene.find("", Tuning::kNone, 64)->whole.mean, 2.0,
+                0.15);
   }
 }
 
@@ -98,8 +103,9 @@ TEST(Evaluate, WritesTablesStripsPlotsAndFrames) {
   const test::TemporaryFolder folder;
   const Evaluation e = run(false);
   write_report(e, folder.path());
-  for (const char* name : {"table.md", "table.csv", "table.json", "cloud_error_seconds.svg", "smoke_error_seconds.svg", "cloud_16spp_paper.png", "smoke_64spp_paper.png",
-                           "cloud_reference.exr", "cloud_16spp_noisy.exr", "smoke_64spp_gradient_kernel_paper.exr"})
+  for (const char* name : {"table.md", "table.csv", "table.json", "cloud_error_seconds.svg", "smoke_error_seconds.svg",
+                           "cloud_16spp_paper.png", "smoke_64spp_paper.png", "cloud_reference.exr",
+                           "cloud_16spp_noisy.exr", "smoke_64spp_gradient_kernel_paper.exr"})
     EXPECT_TRUE(std::filesystem::exists(folder / name)) << name;
   // Every picture the table shows is there.
   const std::string md = test::read_file(folder / "table.md");

@@ -31,7 +31,9 @@ std::vector<FilterSettings> every_filter() {
   return list;
 }
 
-std::string label(const FilterSettings& f) { return f.entry().name + " " + f.text(); }
+std::string label(const FilterSettings& f) {
+  return f.entry().name + " " + f.text();
+}
 
 Layers frame_of(int width, int height, const std::function<float(int, int, size_t)>& indirect) {
   Layers frame(width, height);
@@ -44,7 +46,9 @@ Layers frame_of(int width, int height, const std::function<float(int, int, size_
   };
   put(layer::indirect, indirect);
   put(layer::direct, [](int x, int y, size_t) { return 0.01f * static_cast<float>(x + y); });
-  put(layer::gradient, [](int x, int y, size_t c) { return std::array{0.6f, 0.8f * (x % 2 ? 1.0f : -1.0f), y % 5 ? 0.1f : 0.0f}[c]; });
+  put(layer::gradient, [](int x, int y, size_t c) {
+    return std::array{0.6f, 0.8f * (x % 2 ? 1.0f : -1.0f), y % 5 ? 0.1f : 0.0f}[c];
+  });
   put(layer::coverage, [](int x, int, size_t) { return x % 7 == 0 ? 0.0f : 1.0f; });
   put(layer::alpha, [](int x, int, size_t) { return x % 7 == 0 ? 0.0f : 0.5f; });
   put(layer::beauty, [&](int x, int y, size_t c) { return indirect(x, y, c) + 0.01f * static_cast<float>(x + y); });
@@ -55,7 +59,9 @@ Layers noisy_frame(int width, int height, uint64_t seed) {
   std::vector<float> noise;
   Rng rng(seed);
   for (int i = 0; i < width * height * 3; ++i) noise.push_back(static_cast<float>(0.2 + 0.4 * rng.uniform()));
-  return frame_of(width, height, [&](int x, int y, size_t c) { return noise[static_cast<size_t>(y * width + x) * 3 + c] + (x > width / 2 ? 0.5f : 0.0f); });
+  return frame_of(width, height, [&](int x, int y, size_t c) {
+    return noise[static_cast<size_t>(y * width + x) * 3 + c] + (x > width / 2 ? 0.5f : 0.0f);
+  });
 }
 
 void expect_all_finite(const Layers& out, const std::string& what) {
@@ -65,22 +71,28 @@ void expect_all_finite(const Layers& out, const std::string& what) {
 TEST(EveryFilter, LeavesConstantsAlone) {
   for (const FilterSettings& f : every_filter())
     for (const float value : {0.0f, 0.3f, 50.0f}) {
-      const Layers frame = frame_of(30, 20, [value](int, int, size_t c) { return value * (1.0f + 0.2f * static_cast<float>(c)); });
+      const Layers frame =
+          frame_of(30, 20, [value](int, int, size_t c) { return value * (1.0f + 0.2f * static_cast<float>(c)); });
       const Layers out = apply_filter(f, frame, {}, {});
       for (size_t c = 0; c < 3; ++c)
         for (int y = 0; y < 20; ++y)
-          for (int x = 0; x < 30; ++x) ASSERT_NEAR((*out.rgb(layer::beauty)[c])(x, y), (*frame.rgb(layer::beauty)[c])(x, y), 2e-5f * std::max(1.0f, value)) << label(f);
+          for (int x = 0; x < 30; ++x)
+            ASSERT_NEAR((*out.rgb(layer::beauty)[c])(x, y), (*frame.rgb(layer::beauty)[c])(x, y),
+                        2e-5f * std::max(1.0f, value))
+                << label(f);
     }
 }
 
 TEST(EveryFilter, RunsOnAnySize) {
   for (const FilterSettings& f : every_filter())
-    for (const auto& [w, h] : {std::pair(1, 1), {1, 9}, {9, 1}, {2, 2}, {13, 1}, {17, 5}, {31, 33}}) expect_all_finite(apply_filter(f, noisy_frame(w, h, 1), {}, {}), label(f));
+    for (const auto& [w, h] : {std::pair(1, 1), {1, 9}, {9, 1}, {2, 2}, {13, 1}, {17, 5}, {31, 33}})
+      expect_all_finite(apply_filter(f, noisy_frame(w, h, 1), {}, {}), label(f));
 }
 
 TEST(EveryFilter, OneBadPixelStaysWithinTheWindowAndIsCounted) {
   for (const FilterSettings& f : every_filter())
-    for (const float bad : {std::numeric_limits<float>::quiet_NaN(), std::numeric_limits<float>::infinity(), -1.0f, 1e30f}) {
+    for (const float bad :
+         {std::numeric_limits<float>::quiet_NaN(), std::numeric_limits<float>::infinity(), -1.0f, 1e30f}) {
       Layers frame = noisy_frame(64, 48, 2);
       const Layers clean = apply_filter(f, frame, {}, {});
       (*frame.add_rgb(layer::indirect)[1])(20, 24) = bad;
@@ -95,7 +107,8 @@ TEST(EveryFilter, OneBadPixelStaysWithinTheWindowAndIsCounted) {
         for (int y = 0; y < 48; ++y)
           for (int x = 0; x < 64; ++x)
             if (std::abs(x - 20) > reach || std::abs(y - 24) > reach) {
-              ASSERT_EQ((*out.rgb(layer::beauty)[c])(x, y), (*clean.rgb(layer::beauty)[c])(x, y)) << label(f) << " reach " << reach << " at " << x << " " << y << " value " << bad;
+              ASSERT_EQ((*out.rgb(layer::beauty)[c])(x, y), (*clean.rgb(layer::beauty)[c])(x, y))
+                  << label(f) << " reach " << reach << " at " << x << " " << y << " value " << bad;
             }
     }
 }
@@ -118,7 +131,9 @@ TEST(EveryFilter, TheSameBitsForAnyNumberOfThreads) {
       for (size_t c = 0; c < 3; ++c)
         for (int y = 0; y < 55; ++y)
           for (int x = 0; x < 70; ++x)
-            ASSERT_EQ(std::bit_cast<uint32_t>((*one.rgb(layer::beauty)[c])(x, y)), std::bit_cast<uint32_t>((*many.rgb(layer::beauty)[c])(x, y))) << label(f);
+            ASSERT_EQ(std::bit_cast<uint32_t>((*one.rgb(layer::beauty)[c])(x, y)),
+                      std::bit_cast<uint32_t>((*many.rgb(layer::beauty)[c])(x, y)))
+                << label(f);
     }
   }
 }
@@ -140,11 +155,13 @@ TEST(EveryFilter, FollowsMirrorsAndQuarterTurns) {
   for (const FilterSettings& f : every_filter()) {
     const Layers frame = noisy_frame(37, 26, 4), out = apply_filter(f, frame, {}, {});
     for (const auto& [transpose, mirror] : {std::pair(false, true), {true, false}, {true, true}}) {
-      const Layers other = apply_filter(f, transformed(frame, transpose, mirror), {}, {}), expected = transformed(out, transpose, mirror);
+      const Layers other = apply_filter(f, transformed(frame, transpose, mirror), {}, {}),
+                   expected = transformed(out, transpose, mirror);
       for (size_t c = 0; c < 3; ++c)
         for (int y = 0; y < other.height(); ++y)
           for (int x = 0; x < other.width(); ++x)
-            ASSERT_NEAR((*other.rgb(layer::beauty)[c])(x, y), (*expected.rgb(layer::beauty)[c])(x, y), 3e-5f) << label(f);
+            ASSERT_NEAR((*other.rgb(layer::beauty)[c])(x, y), (*expected.rgb(layer::beauty)[c])(x, y), 3e-5f)
+                << label(f);
     }
   }
 }
@@ -152,10 +169,13 @@ TEST(EveryFilter, FollowsMirrorsAndQuarterTurns) {
 TEST(EveryFilter, ReportsToOneAndStopsWhenCancelled) {
   for (const FilterSettings& f : every_filter()) {
     double last = 0;
-    apply_filter(f, noisy_frame(40, 60, 5), {}, {1, [&](double v) {
-      EXPECT_GE(v, last);
-      last = v;
-    }, nullptr});
+    apply_filter(f, noisy_frame(40, 60, 5), {},
+                 {1,
+                  [&](double v) {
+                    EXPECT_GE(v, last);
+                    last = v;
+                  },
+                  nullptr});
     EXPECT_EQ(last, 1.0) << label(f);
     std::atomic<bool> cancel{true};
     EXPECT_THROW(apply_filter(f, noisy_frame(40, 60, 5), {}, {2, {}, &cancel}), Interrupted) << label(f);
@@ -183,7 +203,8 @@ TEST(EveryFilter, NeverMakesFlatNoiseWorse) {
     Rng rng(8);
     std::vector<float> noise;
     for (int i = 0; i < 64 * 64 * 3; ++i) noise.push_back(static_cast<float>(0.35 + 0.1 * rng.uniform()));
-    const Layers frame = frame_of(64, 64, [&](int x, int y, size_t c) { return noise[static_cast<size_t>(y * 64 + x) * 3 + c]; });
+    const Layers frame =
+        frame_of(64, 64, [&](int x, int y, size_t c) { return noise[static_cast<size_t>(y * 64 + x) * 3 + c]; });
     const Layers out = apply_filter(f, frame, {}, {});
     double before = 0, after = 0;
     for (int y = 0; y < 64; ++y)

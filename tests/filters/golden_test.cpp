@@ -1,4 +1,5 @@
-// Values computed independently of this code, in double precision (FILTERS.md A1 item 3), and identities that hold exactly.
+// Values computed independently of this code, in double precision (FILTERS.md A1 item 3), and identities that hold
+// exactly.
 
 #include <gtest/gtest.h>
 
@@ -33,9 +34,15 @@ ReferenceImage spike(double height) {
 
 const GradientWeights kPaper{{2, 10}, 3, GradientVariant::kAdd, 1, 0.1f};
 const Bilateral kBilateral{2, 20}, kExtended{3, 10};
-double left_of_edge(const std::vector<dvec3>& out) { return out[kMiddle * kSize + kMiddle - 1].x - 20; }
-double at_spike(const std::vector<dvec3>& out) { return out[kMiddle * kSize + kMiddle].x - 60; }
-double beside_spike(const std::vector<dvec3>& out) { return out[kMiddle * kSize + kMiddle + 1].x - 60; }
+double left_of_edge(const std::vector<dvec3>& out) {
+  return out[kMiddle * kSize + kMiddle - 1].x - 20;
+}
+double at_spike(const std::vector<dvec3>& out) {
+  return out[kMiddle * kSize + kMiddle].x - 60;
+}
+double beside_spike(const std::vector<dvec3>& out) {
+  return out[kMiddle * kSize + kMiddle + 1].x - 60;
+}
 
 TEST(Golden, StepOf60) {
   EXPECT_NEAR(left_of_edge(reference_gradient_kernel(step(60), kRadius, kPaper)), 15.01, 0.006);
@@ -45,7 +52,8 @@ TEST(Golden, StepOf60) {
   // w_G = 0.8 everywhere, its lowest value at sigma_G = 3: the gate variant with equal opacities says so.
   ReferenceImage image = step(60);
   image.opacity.assign(kSize * kSize, 1.0);
-  EXPECT_NEAR(left_of_edge(reference_gradient_kernel(image, kRadius, {{2, 10}, 3, GradientVariant::kGate, 0.8f, 0.1f})), 13.72, 0.006);
+  EXPECT_NEAR(left_of_edge(reference_gradient_kernel(image, kRadius, {{2, 10}, 3, GradientVariant::kGate, 0.8f, 0.1f})),
+              13.72, 0.006);
 }
 
 TEST(Golden, StepOf30) {
@@ -80,11 +88,13 @@ double noise_out(const std::vector<dvec3>& out) {
 }
 
 TEST(Golden, FlatNoise) {
-  for (const auto& [rms, expected] : {std::pair(8.60, std::array{1.43, 0.90, 1.46, 1.23}), {4.32, std::array{.63, .44, .65, .62}}}) {
+  for (const auto& [rms, expected] :
+       {std::pair(8.60, std::array{1.43, 0.90, 1.46, 1.23}), {4.32, std::array{.63, .44, .65, .62}}}) {
     ReferenceImage image{120, 120, {}, {}, {}};
     Rng rng(12);
     const auto normal = [&] { return std::sqrt(2 * rng.exponential()) * portable_sincos_2pi(rng.uniform()).cos; };
-    for (int i = 0; i < 120 * 120; ++i) image.value.push_back(dvec3(60, 0, 0) + dvec3(normal(), normal(), normal()) * (rms / std::sqrt(3.0)));
+    for (int i = 0; i < 120 * 120; ++i)
+      image.value.push_back(dvec3(60, 0, 0) + dvec3(normal(), normal(), normal()) * (rms / std::sqrt(3.0)));
     image.gradient.assign(120 * 120, dvec3(0, 0, 1));
     // The estimate's own scatter on 104 x 104 correlated pixels is about 3 %.
     EXPECT_NEAR(noise_out(reference_bilateral(image, kRadius, kBilateral)), expected[0], 0.1 * expected[0]);
@@ -99,7 +109,8 @@ ReferenceImage noisy_cloud(bool gradients) {
   ReferenceImage image{kSize, kSize, {}, {}, {}};
   for (int i = 0; i < kSize * kSize; ++i) {
     image.value.push_back({60 + 30 * rng.uniform(), 20 * rng.uniform(), 10 * rng.uniform()});
-    image.gradient.push_back(gradients ? glm::normalize(dvec3(rng.uniform() - .5, rng.uniform() - .5, rng.uniform())) : dvec3(0));
+    image.gradient.push_back(gradients ? glm::normalize(dvec3(rng.uniform() - .5, rng.uniform() - .5, rng.uniform()))
+                                       : dvec3(0));
   }
   return image;
 }
@@ -119,13 +130,16 @@ TEST(GradientKernel, SplitsIntoBilateralAndGradientWeightedBlur) {
             const double w_d = std::exp(-((x - qx) * (x - qx) + (y - qy) * (y - qy)) / 8.0);
             const dvec3 d = image.at(x, y) - image.at(qx, qy);
             const double w_l = std::exp(-glm::dot(d, d) / 200.0);
-            const double apart = 1 - glm::dot(image.gradient[static_cast<size_t>(y * kSize + x)], image.gradient[static_cast<size_t>(qy * kSize + qx)]);
+            const double apart = 1 - glm::dot(image.gradient[static_cast<size_t>(y * kSize + x)],
+                                              image.gradient[static_cast<size_t>(qy * kSize + qx)]);
             const double w_g = std::exp(-apart * apart / (2.0 * sigma * sigma));
             b += w_d * w_l * image.at(qx, qy), sum_b += w_d * w_l;
             s += w_d * w_g * image.at(qx, qy), sum_s += w_d * w_g;
           }
         const double lambda = sum_b / (sum_b + sum_s);
-        EXPECT_LT(glm::distance(out[static_cast<size_t>(y * kSize + x)], lambda * (b / sum_b) + (1 - lambda) * (s / sum_s)), 1e-6);
+        EXPECT_LT(
+            glm::distance(out[static_cast<size_t>(y * kSize + x)], lambda * (b / sum_b) + (1 - lambda) * (s / sum_s)),
+            1e-6);
       }
   }
 }
@@ -145,14 +159,16 @@ TEST(GradientKernel, WithoutDirectionsItIsTheBilateralBitForBit) {
   WorkImage guide(kSize, kSize, kRadius, 3), gradient(kSize, kSize, kRadius, 4), a(kSize, kSize, kRadius, 3), b = a;
   for (int y = 0; y < kSize; ++y) {
     for (int x = 0; x < kSize; ++x)
-      for (int c = 0; c < 3; ++c) guide.channels[static_cast<size_t>(c)].row(y)[x] = static_cast<float>(image.at(x, y)[c]);
+      for (int c = 0; c < 3; ++c)
+        guide.channels[static_cast<size_t>(c)].row(y)[x] = static_cast<float>(image.at(x, y)[c]);
     guide.extend_row(y);
     gradient.extend_row(y);
   }
   for (const GradientVariant variant : {GradientVariant::kAdd, GradientVariant::kMultiply}) {
     for (int y = 0; y < kSize; ++y) {
       bilateral_row({kRadius, &guide, &guide, &a, nullptr, {}, {}}, {2, 10}, y);
-      gradient_kernel_row({kRadius, &guide, &guide, &b, nullptr, {}, {}}, {{2, 10}, 3, variant, 1, 0.1f}, gradient, nullptr, y);
+      gradient_kernel_row({kRadius, &guide, &guide, &b, nullptr, {}, {}}, {{2, 10}, 3, variant, 1, 0.1f}, gradient,
+                          nullptr, y);
     }
     for (size_t c = 0; c < 3; ++c)
       for (int y = 0; y < kSize; ++y)

@@ -76,7 +76,8 @@ double difference(const WorkImage& out, const std::vector<dvec3>& reference) {
   for (int y = 0; y < out.height(); ++y)
     for (int x = 0; x < out.width(); ++x)
       for (int c = 0; c < 3; ++c) {
-        const double d = out.channels[static_cast<size_t>(c)].row(y)[x] - reference[static_cast<size_t>(y) * out.width() + x][c];
+        const double d =
+            out.channels[static_cast<size_t>(c)].row(y)[x] - reference[static_cast<size_t>(y) * out.width() + x][c];
         worst = std::max(worst, std::isnan(d) ? INFINITY : std::abs(d));
       }
   return worst;
@@ -95,7 +96,8 @@ TEST_P(EveryTarget, BilateralIsItsDefinition) {
       WorkImage out(w, h, radius, 3);
       for (const Bilateral s : {Bilateral{2, 20}, {0.5f, 3}, {3, 0}, {0, 10}, {2, 1e-7f}}) {
         for (int y = 0; y < h; ++y) bilateral_row({radius, &guide, &guide, &out, nullptr, {}, {}}, s, y);
-        EXPECT_LT(difference(out, reference_bilateral(image, radius, s)), kBound) << w << " x " << h << " radius " << radius;
+        EXPECT_LT(difference(out, reference_bilateral(image, radius, s)), kBound)
+            << w << " x " << h << " radius " << radius;
       }
     }
 }
@@ -104,7 +106,9 @@ TEST_P(EveryTarget, GaussianIsItsDefinition) {
   for (const auto& [w, h] : kSizes)
     for (const float sigma : {0.5f, 2.0f, 0.0f}) {
       const ReferenceImage image = make_image(w, h, 2);
-      EXPECT_LT(difference(gaussian(work_image(image, 6), 6, sigma, {1, {}, nullptr}), reference_gaussian(image, 6, sigma)), kBound);
+      EXPECT_LT(
+          difference(gaussian(work_image(image, 6), 6, sigma, {1, {}, nullptr}), reference_gaussian(image, 6, sigma)),
+          kBound);
     }
 }
 
@@ -132,8 +136,10 @@ TEST_P(EveryTarget, GradientKernelIsItsDefinition) {
     for (const GradientVariant variant : {GradientVariant::kAdd, GradientVariant::kMultiply, GradientVariant::kGate})
       for (const float sigma : {3.0f, 0.2f}) {
         const GradientWeights s{{2, 10}, sigma, variant, 1.5f, 0.1f};
-        for (int y = 0; y < h; ++y) gradient_kernel_row({6, &guide, &guide, &out, nullptr, {}, {}}, s, gradient, &opacity, y);
-        EXPECT_LT(difference(out, reference_gradient_kernel(image, 6, s)), kBound) << w << " x " << h << " variant " << static_cast<int>(variant);
+        for (int y = 0; y < h; ++y)
+          gradient_kernel_row({6, &guide, &guide, &out, nullptr, {}, {}}, s, gradient, &opacity, y);
+        EXPECT_LT(difference(out, reference_gradient_kernel(image, 6, s)), kBound)
+            << w << " x " << h << " variant " << static_cast<int>(variant);
       }
   }
 }
@@ -164,7 +170,8 @@ TEST_P(EveryTarget, BackgroundPixelsGetTheBilateralFilter) {
     medium.extend_row(y);
   }
   WorkImage out(40, 12, 6, 3);
-  for (int y = 0; y < 12; ++y) bilateral_row({6, &guide, &guide, &out, &medium, WindowInput::Background::kBilateral, {2, 20}}, {1, 5}, y);
+  for (int y = 0; y < 12; ++y)
+    bilateral_row({6, &guide, &guide, &out, &medium, WindowInput::Background::kBilateral, {2, 20}}, {1, 5}, y);
   const auto inside = reference_bilateral(image, 6, {1, 5}), outside = reference_bilateral(image, 6, {2, 20});
   std::vector<dvec3> expected;
   for (size_t i = 0; i < inside.size(); ++i) expected.push_back(i % 40 % 3 == 0 ? outside[i] : inside[i]);
@@ -186,7 +193,8 @@ TEST_P(EveryTarget, LabIsItsDefinitionAndInverts) {
       const double size = std::max(100.0, glm::length(exact));
       for (int c = 0; c < 3; ++c) {
         worst_lab = std::max(worst_lab, std::abs(lab[c][x] - exact[c]) / size);
-        worst_back = std::max(worst_back, std::abs(static_cast<double>(back[c][x]) - rgb[c][x]) / std::max(scale, 1e-3));
+        worst_back =
+            std::max(worst_back, std::abs(static_cast<double>(back[c][x]) - rgb[c][x]) / std::max(scale, 1e-3));
       }
     }
   }

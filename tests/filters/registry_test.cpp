@@ -17,12 +17,15 @@ std::string error_of(const std::string& filter) {
   return "";
 }
 
-bool holds(const std::string& text, const std::string& part) { return text.find(part) != std::string::npos; }
+bool holds(const std::string& text, const std::string& part) {
+  return text.find(part) != std::string::npos;
+}
 
 TEST(Registry, HoldsEveryFilterThatIsLinked) {
   std::vector<std::string> names;
   for (const FilterEntry* e : all_filters()) names.push_back(e->name);
-  EXPECT_EQ(names, (std::vector<std::string>{"bilateral", "extended_bilateral", "gaussian", "gradient_kernel", "trilateral"}));
+  EXPECT_EQ(names,
+            (std::vector<std::string>{"bilateral", "extended_bilateral", "gaussian", "gradient_kernel", "trilateral"}));
 }
 
 TEST(Registry, ParametersAreSetAndChecked) {
@@ -52,7 +55,10 @@ TEST(Registry, EveryDeclarationIsComplete) {
   }
 }
 
-TEST(Registry, DocsAreInStep) { EXPECT_EQ(test::read_file(test::source("docs/filters.md")), filters_reference()) << "run: brume docs filters > docs/filters.md"; }
+TEST(Registry, DocsAreInStep) {
+  EXPECT_EQ(test::read_file(test::source("docs/filters.md")), filters_reference())
+      << "run: brume docs filters > docs/filters.md";
+}
 
 }  // namespace
 }  // namespace brume

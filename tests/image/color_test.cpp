@@ -7,7 +7,8 @@ namespace {
 
 void expect_lab(const dvec3& rgb, const dvec3& lab) {
   const dvec3 got = lab_from_rgb(rgb);
-  for (int c = 0; c < 3; ++c) EXPECT_NEAR(got[c], lab[c], 0.01) << "channel " << c << " of " << rgb.x << " " << rgb.y << " " << rgb.z;
+  for (int c = 0; c < 3; ++c)
+    EXPECT_NEAR(got[c], lab[c], 0.01) << "channel " << c << " of " << rgb.x << " " << rgb.y << " " << rgb.z;
 }
 
 // FILTERS.md section D.

@@ -17,7 +17,9 @@ Layers sample_frame() {
   Plane& red = frame.add("R");
   Plane& deep = frame.add("indirect.mean_variance.G");
   for (int y = 0; y < 11; ++y)
-    for (int x = 0; x < 37; ++x) red(x, y) = static_cast<float>(x) - 1e20f * static_cast<float>(y), deep(x, y) = 1e-30f * static_cast<float>(x * y);
+    for (int x = 0; x < 37; ++x)
+      red(x, y) = static_cast<float>(x) - 1e20f * static_cast<float>(y),
+             deep(x, y) = 1e-30f * static_cast<float>(x * y);
   red(3, 4) = std::numeric_limits<float>::quiet_NaN();
   red(5, 6) = -std::numeric_limits<float>::infinity();
   frame.header["scene"] = std::string("x");
@@ -35,7 +37,8 @@ TEST(Exr, EveryValueAndAttributeSurvives) {
   ASSERT_EQ(back.names(), frame.names());
   for (const auto& [name, plane] : frame.channels())
     for (int y = 0; y < 11; ++y)
-      for (int x = 0; x < 37; ++x) EXPECT_EQ(std::bit_cast<uint32_t>(plane(x, y)), std::bit_cast<uint32_t>(back.at(name)(x, y)));
+      for (int x = 0; x < 37; ++x)
+        EXPECT_EQ(std::bit_cast<uint32_t>(plane(x, y)), std::bit_cast<uint32_t>(back.at(name)(x, y)));
   for (const auto& [key, value] : frame.header) EXPECT_EQ(back.header.at(key), value) << key;
   EXPECT_EQ(read_exr_info(folder / "a.exr").channels.size(), 2u);
 }
@@ -43,7 +46,8 @@ TEST(Exr, EveryValueAndAttributeSurvives) {
 TEST(Exr, ReadsOnlyWhatIsWanted) {
   const test::TemporaryFolder folder;
   write_exr(folder / "a.exr", sample_frame());
-  EXPECT_EQ(read_exr(folder / "a.exr", [](const std::string& n) { return n == "R"; }).names(), std::vector<std::string>{"R"});
+  EXPECT_EQ(read_exr(folder / "a.exr", [](const std::string& n) { return n == "R"; }).names(),
+            std::vector<std::string>{"R"});
 }
 
 void expect_input_error(const std::filesystem::path& path, const std::string& part) {
@@ -85,7 +89,8 @@ TEST(Foreign, CyclesMultilayerIsRecognisedWhateverItsLayerIsCalled) {
     for (int y = 0; y < frame.height(); ++y)
       for (int x = 0; x < frame.width(); ++x) {
         const float beauty = (*frame.rgb(layer::beauty)[c])(x, y);
-        EXPECT_NEAR((*frame.rgb(layer::direct)[c])(x, y) + (*frame.rgb(layer::indirect)[c])(x, y), beauty, 1e-6f * std::abs(beauty) + 1e-7f);
+        EXPECT_NEAR((*frame.rgb(layer::direct)[c])(x, y) + (*frame.rgb(layer::indirect)[c])(x, y), beauty,
+                    1e-6f * std::abs(beauty) + 1e-7f);
       }
 }
 

@@ -1,5 +1,6 @@
 // A second opinion: an analogue tracer that shares no code with the renderer's estimators but the density look-up. It
-// takes tiny absorption by chance, one global majorant, no next-event estimation, no Sobol points, its own phase sampling.
+// takes tiny absorption by chance, one global majorant, no next-event estimation, no Sobol points, its own phase
+// sampling.
 
 #include <gtest/gtest.h>
 
@@ -23,7 +24,9 @@ struct Analogue {
   std::mt19937_64 generator{42};
   std::uniform_real_distribution<double> uniform{0.0, 1.0};
 
-  double radiance(const dvec3& d, bool seen) const { return sky + (!seen && glm::dot(d, sun_axis) >= sun_cosine ? sun_radiance : 0.0); }
+  double radiance(const dvec3& d, bool seen) const {
+    return sky + (!seen && glm::dot(d, sun_axis) >= sun_cosine ? sun_radiance : 0.0);
+  }
 
   std::pair<double, int> trace(dvec3 o, dvec3 d) {
     const double majorant = medium.extinction_per_density() * medium.bricks().maximum();
@@ -38,7 +41,8 @@ struct Analogue {
       const double t = (1 - g * g) / (1 - g + 2 * g * uniform(generator)), c = (1 + g * g - t * t) / (2 * g);
       const dvec3 side = glm::normalize(glm::cross(d, std::abs(d.x) < 0.5 ? dvec3(1, 0, 0) : dvec3(0, 1, 0)));
       const double phi = 2 * kPi * uniform(generator);
-      d = glm::normalize(c * d + std::sqrt(std::max(0.0, 1 - c * c)) * (std::cos(phi) * side + std::sin(phi) * glm::cross(d, side)));
+      d = glm::normalize(c * d + std::sqrt(std::max(0.0, 1 - c * c)) *
+                                     (std::cos(phi) * side + std::sin(phi) * glm::cross(d, side)));
       ++events;
     }
   }
@@ -60,16 +64,26 @@ TEST(Analogue, TheTracerAgreesWithIt) {
     scene.camera.fov = 12;
     const PreparedScene prepared(scene, {});
     const RenderResult r = prepared.render(600, 3, {});
-    const test::Mean direct = test::mean_radiance(r.layers, layer::direct), indirect = test::mean_radiance(r.layers, layer::indirect);
+    const test::Mean direct = test::mean_radiance(r.layers, layer::direct),
+                     indirect = test::mean_radiance(r.layers, layer::indirect);
 
     const double half_angle = 30 * kPi / 180;
-    Analogue analogue{*prepared.medium(), scene.volumes[0].albedo.x, scene.volumes[0].g, glm::normalize(sun.direction), std::cos(half_angle),
-                      2 / (kPi * std::sin(half_angle) * std::sin(half_angle)), 0.3};
+    Analogue analogue{*prepared.medium(),
+                      scene.volumes[0].albedo.x,
+                      scene.volumes[0].g,
+                      glm::normalize(sun.direction),
+                      std::cos(half_angle),
+                      2 / (kPi * std::sin(half_angle) * std::sin(half_angle)),
+                      0.3};
     const Camera camera(scene.camera, scene.film.width, scene.film.height, prepared.world_shift());
     RunningStatistics d, i;
     for (int n = 0; n < 1000000; ++n) {
-      const Ray ray = camera.ray({analogue.uniform(analogue.generator) * scene.film.width, analogue.uniform(analogue.generator) * scene.film.height});
-      const auto [radiance, events] = analogue.trace(ray.o + ray.d * (glm::distance(ray.o, prepared.medium()->bounding_sphere().centre) - prepared.medium()->bounding_sphere().radius), ray.d);
+      const Ray ray = camera.ray({analogue.uniform(analogue.generator) * scene.film.width,
+                                  analogue.uniform(analogue.generator) * scene.film.height});
+      const auto [radiance, events] =
+          analogue.trace(ray.o + ray.d * (glm::distance(ray.o, prepared.medium()->bounding_sphere().centre) -
+                                          prepared.medium()->bounding_sphere().radius),
+                         ray.d);
       d.add(events < 2 ? radiance : 0.0);
       i.add(events < 2 ? 0.0 : radiance);
     }

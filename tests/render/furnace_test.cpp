@@ -41,8 +41,23 @@ TEST(WhiteFurnace, EveryPathIsExactlyOneWithoutLightSampling) {
   }
 }
 
-// 1e6 paths: with light sampling of a constant sky and of a lat-long picture of ones. Deviations above 5 standard errors
-// (about 0.2 %) would be found.
+// Optical depth 100 and no absorption: walks of thousands of events, none of them cut, each exactly 1.
+TEST(WhiteFurnace, PathsOfThousandsOfEventsEndWhole) {
+  const test::TemporaryFolder folder;
+  test::write_affine_vdb(folder / "slab.vdb", {{-8, -8, -10}, {8, 8, 10}}, test::scaling(dvec3(1e5, 1e5, 0.05)),
+                         [](const ivec3&) { return 1.0f; });
+  Scene scene = furnace(folder / "slab.vdb", 0.0);
+  scene.volumes[0].sigma_t = 100 / 1.05;
+  scene.camera.position = dvec3(0, 0, 50), scene.camera.look_at = dvec3(0), scene.camera.up = dvec3(0, 1, 0);
+  const RenderResult r = PreparedScene(scene, {}).render(16, 1, {});
+  EXPECT_GT(r.report.counters.longest, 3000u);
+  EXPECT_EQ(r.report.counters.capped_paths, 0u);
+  for (int y = 0; y < 32; ++y)
+    for (int x = 0; x < 32; ++x) ASSERT_NEAR(r.layers.at("R")(x, y), 1.0f, 2e-7f);
+}
+
+// 1e6 paths: with light sampling of a constant sky and of a lat-long picture of ones. Deviations above 5 standard
+// errors (about 0.2 %) would be found.
 TEST(WhiteFurnace, IsOneWithLightSampling) {
   const test::TemporaryFolder folder;
   Layers ones(16, 8);
@@ -81,7 +96,8 @@ TEST(CollisionCount, IsFourTimesTheMassOverTheSurface) {
     const double expected = 4 * mass / (4 * kPi * sphere.radius * sphere.radius);
 
     Lights lights;
-    PathContext context{&medium, &lights, make_plan(lights, &medium, {false, false, false, false, false, false}), 1000000, 1000000, 0};
+    PathContext context{&medium, &lights, make_plan(lights, &medium, {false, false, false, false, false, false}),
+                        1000000, 1000000, 0};
     const TracePath trace = select_path_tracer(context.plan);
     RunningStatistics count;
     for (uint32_t i = 0; i < 400000; ++i) {

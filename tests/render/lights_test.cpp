@@ -56,7 +56,8 @@ TEST(SphereLight, IrradianceIsTheClosedForm) {
     for (int i = 0; i < 100000; ++i) {
       const LightSample l = light.sample(dvec3(0), {rng.uniform(), rng.uniform()});
       EXPECT_NEAR(l.pdf, light.pdf(dvec3(0)), 1e-12 * l.pdf);
-      EXPECT_NEAR(l.distance, light.intersect({dvec3(0), l.wi}) > 0 ? light.intersect({dvec3(0), l.wi}) : l.distance, 1e-6 * distance);
+      EXPECT_NEAR(l.distance, light.intersect({dvec3(0), l.wi}) > 0 ? light.intersect({dvec3(0), l.wi}) : l.distance,
+                  1e-6 * distance);
       e.add(l.radiance.x * std::max(0.0, l.wi.z) / l.pdf);
     }
     EXPECT_NEAR(e.mean / exact, 1.0, 5 * std::sqrt(e.mean_variance()) / exact + 1e-7) << distance;
@@ -71,7 +72,8 @@ TEST(SphereLight, IrradianceIsTheClosedForm) {
 
 class LatLong : public ::testing::Test {
  protected:
-  Environment load(int width, int height, const std::function<dvec3(int, int)>& texel, double rotation = 0, const dvec3& up = {0, 0, 1}) {
+  Environment load(int width, int height, const std::function<dvec3(int, int)>& texel, double rotation = 0,
+                   const dvec3& up = {0, 0, 1}) {
     Layers picture(width, height);
     const auto rgb = picture.add_rgb(layer::beauty);
     for (int y = 0; y < height; ++y)
@@ -95,7 +97,8 @@ TEST_F(LatLong, OrientationIsAsDocumented) {
   EXPECT_NEAR(at(env, {0, 0, -1}).y, 31, 0.5);
   EXPECT_NEAR(at(env, {0, 1, 0}).x, 31.5, 0.01) << "the middle faces +y";
   EXPECT_NEAR(at(env, {1, 0, 0}).x, 47.5, 0.01) << "right of the middle is +x";
-  const Environment turned = load(64, 32, [](int x, int y) { return dvec3(x, y, 1); }, 90);
+  const Environment turned = load(
+      64, 32, [](int x, int y) { return dvec3(x, y, 1); }, 90);
   EXPECT_NEAR(at(turned, {-1, 0, 0}).x, 31.5, 0.01) << "a quarter turn counter-clockwise brings the middle to -x";
   const Environment y_up = load(64, 32, [](int x, int y) { return dvec3(x, y, 1); }, 0, {0, 1, 0});
   EXPECT_NEAR(at(y_up, {0, 0, -1}).x, 31.5, 0.01);
@@ -104,7 +107,11 @@ TEST_F(LatLong, OrientationIsAsDocumented) {
 
 TEST_F(LatLong, SamplesFollowTheDensityAndIntegrateTheLight) {
   // A dim sky, a bright spot over the seam, one black band.
-  const Environment env = load(32, 16, [](int x, int y) { return y == 9 ? dvec3(0) : x == 31 && y == 4 ? dvec3(500, 400, 300) : dvec3(1, 2, 3); }, 33);
+  const Environment env = load(
+      32, 16,
+      [](int x, int y) { return y == 9              ? dvec3(0)
+                                : x == 31 && y == 4 ? dvec3(500, 400, 300)
+                                                    : dvec3(1, 2, 3); }, 33);
   Rng rng(3);
   RunningStatistics light, uniform, mass;
   for (int i = 0; i < 400000; ++i) {

@@ -1,5 +1,5 @@
-// Pictures of the same scenes by other renderers: Blender Cycles (ray marching, its own bias about 0.06 % in the mean and
-// 0.15 % rms in blocks) and pbrt-v4. Conventions that had to be matched are in docs/agreement.md.
+// Pictures of the same scenes by other renderers: Blender Cycles (ray marching, its own bias about 0.06 % in the mean
+// and 0.15 % rms in blocks) and pbrt-v4. Conventions that had to be matched are in docs/agreement.md.
 
 #include <gtest/gtest.h>
 
@@ -72,7 +72,8 @@ void expect_agreement(const Layers& ours, const Reference& other, double own_bia
       for (int bx = 0; bx < mean.width(); bx += kBlock) {
         double a = 0, b = 0, v = 0;
         for (int y = by; y < by + kBlock; ++y)
-          for (int x = bx; x < bx + kBlock; ++x) a += mean(x, y), b += other.mean[c](x, y), v += variance(x, y) + other.variance[c](x, y);
+          for (int x = bx; x < bx + kBlock; ++x)
+            a += mean(x, y), b += other.mean[c](x, y), v += variance(x, y) + other.variance[c](x, y);
         total += a, total_other += b, total_variance += v;
         const double error2 = v + std::pow(own_bias * b, 2) + 1e-12;
         if (v < 1e-9) {
@@ -83,8 +84,8 @@ void expect_agreement(const Layers& ours, const Reference& other, double own_bia
         chi2 += (a - b) * (a - b) / error2;
         worst = std::max(worst, std::abs(a - b) / std::sqrt(error2));
       }
-    std::printf("  channel %zu: mean ratio %.5f (noise %.5f), chi2 / blocks %.3f over %d blocks, worst %.2f\n", c, total / total_other,
-                std::sqrt(total_variance) / total_other, chi2 / blocks, blocks, worst);
+    std::printf("  channel %zu: mean ratio %.5f (noise %.5f), chi2 / blocks %.3f over %d blocks, worst %.2f\n", c,
+                total / total_other, std::sqrt(total_variance) / total_other, chi2 / blocks, blocks, worst);
     EXPECT_NEAR(total / total_other, 1.0, 0.003);
     EXPECT_GT(blocks, 30);
     EXPECT_LT(chi2 / blocks, 1 + 5 * std::sqrt(2.0 / blocks));
@@ -102,7 +103,9 @@ TEST(ReferenceFrames, CyclesCloud) {
   s.lights.push_back(sun({-0.6, -0.5, 0.7}, dvec3(3), 0.53));
   s.render.max_events = 64;  // its volume bounces
   expect_agreement(PreparedScene(s, LayerRequest::of({}, true)).render(32, 1, {}).layers,
-                   average({folder / "cloud_400_ref_1.exr", folder / "cloud_400_ref_2.exr", folder / "cloud_400_ref_3.exr", folder / "cloud_400_ref_4.exr"}), 0.0015);
+                   average({folder / "cloud_400_ref_1.exr", folder / "cloud_400_ref_2.exr",
+                            folder / "cloud_400_ref_3.exr", folder / "cloud_400_ref_4.exr"}),
+                   0.0015);
 }
 
 TEST(ReferenceFrames, CyclesSmoke) {
@@ -116,7 +119,8 @@ TEST(ReferenceFrames, CyclesSmoke) {
   s.environment.radiance = dvec3(0.2);
   s.lights.push_back(sun({-0.7, -0.5, 0.6}, dvec3(6), 0.53));
   s.render.max_events = 64;
-  expect_agreement(PreparedScene(s, LayerRequest::of({}, true)).render(64, 1, {}).layers, average({folder / "smoke_400_ref_1.exr", folder / "smoke_400_ref_3.exr"}), 0.0015);
+  expect_agreement(PreparedScene(s, LayerRequest::of({}, true)).render(64, 1, {}).layers,
+                   average({folder / "smoke_400_ref_1.exr", folder / "smoke_400_ref_3.exr"}), 0.0015);
 }
 
 TEST(ReferenceFrames, PbrtPlume) {

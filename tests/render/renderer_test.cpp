@@ -24,7 +24,9 @@ void expect_same_bits(const Layers& a, const Layers& b) {
   ASSERT_EQ(a.names(), b.names());
   for (const auto& [name, plane] : a.channels())
     for (int y = 0; y < a.height(); ++y)
-      for (int x = 0; x < a.width(); ++x) ASSERT_EQ(std::bit_cast<uint32_t>(plane(x, y)), std::bit_cast<uint32_t>(b.at(name)(x, y))) << name << " " << x << " " << y;
+      for (int x = 0; x < a.width(); ++x)
+        ASSERT_EQ(std::bit_cast<uint32_t>(plane(x, y)), std::bit_cast<uint32_t>(b.at(name)(x, y)))
+            << name << " " << x << " " << y;
 }
 
 TEST(Renderer, TheSameBitsForAnyNumberOfThreads) {
@@ -32,7 +34,8 @@ TEST(Renderer, TheSameBitsForAnyNumberOfThreads) {
     const PreparedScene scene(small_scene(name), {});
     const RenderResult one = scene.render(6, 3, {1, {}, nullptr});
     for (const int threads : {2, 7}) expect_same_bits(one.layers, scene.render(6, 3, {threads, {}, nullptr}).layers);
-    EXPECT_NE(one.layers.at("R")(20, 15), scene.render(6, 4, {}).layers.at("R")(20, 15)) << "another seed, the same noise";
+    EXPECT_NE(one.layers.at("R")(20, 15), scene.render(6, 4, {}).layers.at("R")(20, 15))
+        << "another seed, the same noise";
   }
 }
 
@@ -42,20 +45,22 @@ TEST(Renderer, LayersAddUpExactly) {
   for (size_t c = 0; c < 3; ++c)
     for (int y = 0; y < f.height(); ++y)
       for (int x = 0; x < f.width(); ++x) {
-        EXPECT_EQ((*f.rgb(layer::beauty)[c])(x, y), (*f.rgb(layer::direct)[c])(x, y) + (*f.rgb(layer::indirect)[c])(x, y));
+        EXPECT_EQ((*f.rgb(layer::beauty)[c])(x, y),
+                  (*f.rgb(layer::direct)[c])(x, y) + (*f.rgb(layer::indirect)[c])(x, y));
         EXPECT_NEAR(f.at("A")(x, y), 1 - (*f.rgb(layer::transmittance)[c])(x, y), 1e-6);
         EXPECT_LE(f.at("coverage.A")(x, y), 1.0f);
         EXPECT_EQ(f.at("sample_count.Y")(x, y), 9.0f);
         EXPECT_EQ(f.at("invalid_count.Y")(x, y), 0.0f);
         const vec3 g(f.at("gradient.X")(x, y), f.at("gradient.Y")(x, y), f.at("gradient.Z")(x, y));
-        EXPECT_LE(glm::length(g), f.at("coverage.A")(x, y) + 1e-5f) << "a mean of unit vectors over the paths that met the surface";
+        EXPECT_LE(glm::length(g), f.at("coverage.A")(x, y) + 1e-5f)
+            << "a mean of unit vectors over the paths that met the surface";
       }
   EXPECT_EQ(f.text("biased"), "false");
   EXPECT_EQ(f.number("samplesPerPixel"), 9.0);
 }
 
-// The halves are independent and each unbiased: Var((A - B) / 2) is the variance of the mean. Over 1200 pixels the ratio
-// is known to a few per cent; low-discrepancy samples may only make it smaller.
+// The halves are independent and each unbiased: Var((A - B) / 2) is the variance of the mean. Over 1200 pixels the
+// ratio is known to a few per cent; low-discrepancy samples may only make it smaller.
 TEST(Renderer, HalvesAndVarianceTellTheSameNoise) {
   const RenderResult r = PreparedScene(small_scene(), {}).render(64, 1, {});
   const Layers& f = r.layers;
@@ -78,7 +83,8 @@ TEST(Renderer, HalvesAndVarianceTellTheSameNoise) {
 
 TEST(Renderer, RecordsOnlyWhatIsAskedFor) {
   const PreparedScene scene(small_scene(), LayerRequest::of({"indirect"}, false));
-  const std::vector<std::string> expected = {"A", "B", "G", "R", "indirect.B", "indirect.G", "indirect.R", "invalid_count.Y", "sample_count.Y"};
+  const std::vector<std::string> expected = {
+      "A", "B", "G", "R", "indirect.B", "indirect.G", "indirect.R", "invalid_count.Y", "sample_count.Y"};
   EXPECT_EQ(scene.render(1, 1, {}).layers.names(), expected);
   EXPECT_FALSE(scene.plan().surface) << "nobody asked for the medium's surface";
   EXPECT_THROW(LayerRequest::of({"normals"}, true), InputError);
@@ -95,7 +101,8 @@ TEST(Renderer, ThePlanModelsWhatTheSceneHas) {
   EXPECT_FALSE(absent.plan().medium);
   EXPECT_EQ(absent.notes().size(), 1u);
   const RenderResult r = absent.render(2, 1, {});
-  EXPECT_EQ(r.layers.at("R")(5, 5), static_cast<float>(empty.environment.radiance.x)) << "without a medium one sees the sky";
+  EXPECT_EQ(r.layers.at("R")(5, 5), static_cast<float>(empty.environment.radiance.x))
+      << "without a medium one sees the sky";
   EXPECT_EQ(r.layers.at("A")(5, 5), 0.0f);
 }
 
@@ -119,7 +126,8 @@ TEST(Renderer, RouletteDoesNotChangeTheMean) {
   EXPECT_NEAR(early.value.x, late.value.x, 4 * std::hypot(early.error.x, late.error.x));
 }
 
-// World times 10, coefficients over 10, everything turned and mirrored: the same picture, up to the noise of other paths.
+// World times 10, coefficients over 10, everything turned and mirrored: the same picture, up to the noise of other
+// paths.
 TEST(Renderer, ScaleAndRigidMotionOfTheWorldDoNotMatter) {
   Scene a = small_scene(), b = a;
   dmat4 m(dmat3(dvec3(0, 10, 0), dvec3(-10, 0, 0), dvec3(0, 0, 10)));
@@ -129,7 +137,8 @@ TEST(Renderer, ScaleAndRigidMotionOfTheWorldDoNotMatter) {
   b.volumes[0].sigma_t /= 10;
   b.camera.position = point(b.camera.position), b.camera.look_at = point(b.camera.look_at);
   b.lights[0].direction = dmat3(m) * b.lights[0].direction;
-  const test::Mean x = test::mean_radiance(PreparedScene(a, {}).render(100, 1, {}).layers), y = test::mean_radiance(PreparedScene(b, {}).render(100, 1, {}).layers);
+  const test::Mean x = test::mean_radiance(PreparedScene(a, {}).render(100, 1, {}).layers),
+                   y = test::mean_radiance(PreparedScene(b, {}).render(100, 1, {}).layers);
   for (int c = 0; c < 3; ++c) EXPECT_NEAR(x.value[c], y.value[c], 4 * std::hypot(x.error[c], y.error[c]));
 }
 
@@ -146,19 +155,33 @@ TEST(Renderer, HardCasesEndFiniteWithNothingHidden) {
       {"g = 1e-4", [](Scene& s) { s.volumes[0].g = 1e-4; }},
       {"black", [](Scene& s) { s.volumes[0].albedo = dvec3(0); }},
       {"one channel white", [](Scene& s) { s.volumes[0].albedo = dvec3(1, 0, 0.5); }},
-      {"camera inside", [](Scene& s) { s.camera.position = dvec3(0, 0, 1.5), s.camera.look_at = dvec3(0, 0, 2); s.camera.up = dvec3(0, 1, 0); }},
-      {"along an axis and an edge", [](Scene& s) { s.camera.position = dvec3(0, -7, 1), s.camera.look_at = dvec3(0, 0, 1); s.camera.fov = 1e-3; }},
-      {"world of 1e-6", [](Scene& s) {
+      {"camera inside",
+       [](Scene& s) {
+         s.camera.position = dvec3(0, 0, 1.5), s.camera.look_at = dvec3(0, 0, 2);
+         s.camera.up = dvec3(0, 1, 0);
+       }},
+      {"along an axis and an edge",
+       [](Scene& s) {
+         s.camera.position = dvec3(0, -7, 1), s.camera.look_at = dvec3(0, 0, 1);
+         s.camera.fov = 1e-3;
+       }},
+      {"world of 1e-6",
+       [](Scene& s) {
          s.volumes[0].object_to_world = test::scaling(dvec3(1e-6)) * s.volumes[0].object_to_world;
          s.volumes[0].sigma_t *= 1e6, s.camera.position *= 1e-6, s.camera.look_at *= 1e-6;
        }},
-      {"world of 1e7, far away", [](Scene& s) {
-         s.volumes[0].object_to_world = test::translation(dvec3(1e12)) * test::scaling(dvec3(1e7)) * s.volumes[0].object_to_world;
-         s.volumes[0].sigma_t *= 1e-7, s.camera.position = s.camera.position * 1e7 + 1e12, s.camera.look_at = s.camera.look_at * 1e7 + 1e12;
+      {"world of 1e7, far away",
+       [](Scene& s) {
+         s.volumes[0].object_to_world =
+             test::translation(dvec3(1e12)) * test::scaling(dvec3(1e7)) * s.volumes[0].object_to_world;
+         s.volumes[0].sigma_t *= 1e-7, s.camera.position = s.camera.position * 1e7 + 1e12,
+                                       s.camera.look_at = s.camera.look_at * 1e7 + 1e12;
        }},
-      {"sphere light inside", [](Scene& s) {
+      {"sphere light inside",
+       [](Scene& s) {
          s.lights[0] = LightSettings{};
-         s.lights[0].type = "sphere", s.lights[0].position = dvec3(0, 0, 1.6), s.lights[0].radius = 0.01, s.lights[0].radiance = dvec3(1e4);
+         s.lights[0].type = "sphere", s.lights[0].position = dvec3(0, 0, 1.6), s.lights[0].radius = 0.01,
+         s.lights[0].radiance = dvec3(1e4);
        }},
       {"black sun and sky", [](Scene& s) { s.lights[0].irradiance = dvec3(0), s.environment.radiance = dvec3(0); }},
       {"one pixel", [](Scene& s) { s.film.width = s.film.height = 1; }},
@@ -170,7 +193,8 @@ TEST(Renderer, HardCasesEndFiniteWithNothingHidden) {
     EXPECT_EQ(r.report.invalid_samples, 0u) << c.name;
     EXPECT_EQ(r.report.counters.tracking.majorant_violations, 0u) << c.name;
     EXPECT_EQ(r.report.counters.capped_paths, 0u) << c.name;
-    for (const auto& [name, plane] : r.layers.channels()) EXPECT_EQ(count_not_finite(plane), 0u) << c.name << " " << name;
+    for (const auto& [name, plane] : r.layers.channels())
+      EXPECT_EQ(count_not_finite(plane), 0u) << c.name << " " << name;
   }
 }
 

@@ -21,7 +21,9 @@ std::string error_of(const std::string& text, const std::vector<std::string>& ov
   return "";
 }
 
-bool holds(const std::string& text, const std::string& part) { return text.find(part) != std::string::npos; }
+bool holds(const std::string& text, const std::string& part) {
+  return text.find(part) != std::string::npos;
+}
 
 TEST(ReadScene, ReadsTheDemoScenes) {
   const Scene cloud = read_scene(test::source("data/scenes/cloud.toml"));
@@ -40,7 +42,8 @@ TEST(ReadScene, ErrorsUnderlineTheLineAndSayWhatIsExpected) {
   EXPECT_TRUE(holds(unknown, "s.toml") && holds(unknown, "4 | fovv = 30") && holds(unknown, "~~"));
   const std::string missing = error_of("[camera]\nposition = [0, 0, 1]\n");
   EXPECT_TRUE(holds(missing, "[camera] has no 'look_at'") && holds(missing, "add look_at")) << missing;
-  EXPECT_TRUE(holds(error_of(std::string(kCamera) + "fov = \"wide\"\n"), "'fov' is text")) << error_of(std::string(kCamera) + "fov = \"wide\"\n");
+  EXPECT_TRUE(holds(error_of(std::string(kCamera) + "fov = \"wide\"\n"), "'fov' is text"))
+      << error_of(std::string(kCamera) + "fov = \"wide\"\n");
   EXPECT_TRUE(holds(error_of(std::string(kCamera) + "fov = 200\n"), "'fov' is out of range"));
   EXPECT_TRUE(holds(error_of(std::string(kCamera) + "fov = nan\n"), "'fov' is out of range"));
   EXPECT_TRUE(holds(error_of(std::string(kCamera) + "up = [1, 2]\n"), "'up' is an array of 2"));
@@ -48,15 +51,20 @@ TEST(ReadScene, ErrorsUnderlineTheLineAndSayWhatIsExpected) {
   EXPECT_TRUE(holds(error_of(std::string(kCamera) + "[film]\nwidth = 12.5\n"), "'width' is a number"));
   EXPECT_TRUE(holds(error_of(std::string(kCamera) + "[cameras]\n"), "unknown key 'cameras'; did you mean 'camera'?"));
   EXPECT_TRUE(holds(error_of(std::string(kCamera) + "[[volumes]]\nsigma_t = 1\n"), "[[volumes]] has no 'file'"));
-  EXPECT_TRUE(holds(error_of(std::string(kCamera) + "[[lights]]\ntype = \"sun\"\nirradiance = 1\n"), "a sun light has no 'direction'"));
+  EXPECT_TRUE(holds(error_of(std::string(kCamera) + "[[lights]]\ntype = \"sun\"\nirradiance = 1\n"),
+                    "a sun light has no 'direction'"));
   EXPECT_TRUE(holds(error_of(std::string(kCamera) + "[[lights]]\ntype = \"spot\"\n"), "'type' cannot be 'spot'"));
+  EXPECT_TRUE(holds(error_of(std::string(kCamera) + "fov =\n"), "4 | fov ="))
+      << "a missing value: " << error_of(std::string(kCamera) + "fov =\n");
   EXPECT_TRUE(holds(error_of("[camera\n"), "s.toml")) << "syntax errors name the file too";
   EXPECT_TRUE(holds(error_of("name = \"x\"\n"), "has no [camera]"));
-  EXPECT_TRUE(holds(error_of(std::string(kCamera) + "[[volumes]]\nfile=\"a\"\n[[volumes]]\nfile=\"b\"\n"), "2 volumes; this version renders one"));
+  EXPECT_TRUE(holds(error_of(std::string(kCamera) + "[[volumes]]\nfile=\"a\"\n[[volumes]]\nfile=\"b\"\n"),
+                    "2 volumes; this version renders one"));
 }
 
 TEST(ReadScene, OverridesReachEveryKey) {
-  const std::vector<std::string> overrides = {"camera.fov=12.5", "volumes.0.sigma_t=7", "name=other", "render.light_sampling=all"};
+  const std::vector<std::string> overrides = {"camera.fov=12.5", "volumes.0.sigma_t=7", "name=other",
+                                              "render.light_sampling=all"};
   const Scene scene = read_scene(test::source("data/scenes/cloud.toml"), overrides);
   EXPECT_EQ(scene.camera.fov, 12.5);
   EXPECT_EQ(scene.volumes[0].sigma_t, 7);
@@ -64,17 +72,23 @@ TEST(ReadScene, OverridesReachEveryKey) {
   EXPECT_EQ(scene.render.light_sampling, "all");
   EXPECT_TRUE(holds(error_of(kCamera, {"camera.fovv=3"}), "unknown key 'fovv'"));
   EXPECT_TRUE(holds(error_of(kCamera, {"camera.fov"}), "expected -D table.key=value"));
-  EXPECT_TRUE(holds(error_of(std::string(kCamera) + "[[volumes]]\nfile=\"a\"\n", {"volumes.3.g=0"}), "not one of the 1 entries"));
+  EXPECT_TRUE(holds(error_of(std::string(kCamera) + "[[volumes]]\nfile=\"a\"\n", {"volumes.3.g=0"}),
+                    "not one of the 1 entries"));
 }
 
 TEST(ReadScene, TheHashFollowsWhatDecidesThePicture) {
-  const auto hash = [](std::vector<std::string> overrides) { return read_scene(test::source("data/scenes/cloud.toml"), overrides).hash; };
+  const auto hash = [](std::vector<std::string> overrides) {
+    return read_scene(test::source("data/scenes/cloud.toml"), overrides).hash;
+  };
   EXPECT_EQ(hash({}), hash({"render.spp=3", "render.seed=9"}));
   EXPECT_NE(hash({}), hash({"camera.fov=12"}));
   EXPECT_NE(hash({}), hash({"volumes.0.g=0.1"}));
 }
 
-TEST(SceneReference, DocsAreInStep) { EXPECT_EQ(test::read_file(test::source("docs/scene.md")), scene_reference()) << "run: brume docs scene > docs/scene.md"; }
+TEST(SceneReference, DocsAreInStep) {
+  EXPECT_EQ(test::read_file(test::source("docs/scene.md")), scene_reference())
+      << "run: brume docs scene > docs/scene.md";
+}
 
 }  // namespace
 }  // namespace brume

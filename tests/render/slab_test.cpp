@@ -1,6 +1,6 @@
-// Finite isotropic slabs against the closed-form values of TRANSPORT.md section 13.7. By reciprocity a camera that looks
-// straight down at a slab under a uniform upper sky sees the plane albedo R for normal incidence; from below it sees what
-// is transmitted.
+// Finite isotropic slabs against the closed-form values of TRANSPORT.md section 13.7. By reciprocity a camera that
+// looks straight down at a slab under a uniform upper sky sees the plane albedo R for normal incidence; from below it
+// sees what is transmitted.
 
 #include <gtest/gtest.h>
 
@@ -61,8 +61,8 @@ class SlabTest : public ::testing::Test {
   test::TemporaryFolder folder_;
 };
 
-// 256 x 2000 paths: 3 standard errors are below 0.6 % of R; so a bias of 0.6 % would be found with probability one half,
-// one of 1 % almost surely.
+// 256 x 2000 paths: 3 standard errors are below 0.6 % of R; so a bias of 0.6 % would be found with probability one
+// half, one of 1 % almost surely.
 TEST_F(SlabTest, PlaneAlbedoAndTransmittanceUnderAUniformSky) {
   for (const Slab& slab : kSlabs) {
     Scene above = scene(slab, true), below = scene(slab, false);
@@ -70,7 +70,8 @@ TEST_F(SlabTest, PlaneAlbedoAndTransmittanceUnderAUniformSky) {
     const test::Mean r = render(above, 2000), t = render(below, 2000);
     EXPECT_NEAR(r.value.x, slab.reflected, 3 * r.error.x + 3e-4) << "tau " << slab.tau << " albedo " << slab.albedo;
     EXPECT_LT(3 * r.error.x, 0.01 * slab.reflected);
-    EXPECT_NEAR(t.value.x, slab.diffuse + slab.direct, 3 * t.error.x + 3e-4) << "tau " << slab.tau << " albedo " << slab.albedo;
+    EXPECT_NEAR(t.value.x, slab.diffuse + slab.direct, 3 * t.error.x + 3e-4)
+        << "tau " << slab.tau << " albedo " << slab.albedo;
   }
 }
 
@@ -88,7 +89,8 @@ TEST_F(SlabTest, RadianceUnderAZenithSun) {
         sun.angular_diameter = diameter;
         s.lights.push_back(sun);
         const test::Mean m = render(s, 600);
-        EXPECT_NEAR(m.value.x, from_above ? slab.up : slab.down, 3 * m.error.x + 2e-5) << "tau " << slab.tau << " albedo " << slab.albedo << " above " << from_above;
+        EXPECT_NEAR(m.value.x, from_above ? slab.up : slab.down, 3 * m.error.x + 2e-5)
+            << "tau " << slab.tau << " albedo " << slab.albedo << " above " << from_above;
         EXPECT_LT(3 * m.error.x, 0.04 * (from_above ? slab.up : slab.down));
       }
     }

@@ -1,14 +1,14 @@
-// Single scattering in a homogeneous sphere against the values of TRANSPORT.md section 13.4, and other closed forms that
-// need a camera, a light and a medium together.
+// Single scattering in a homogeneous sphere against the values of TRANSPORT.md section 13.4, and other closed forms
+// that need a camera, a light and a medium together.
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 
 #include "render/renderer.h"
-#include "volume/tracking.h"
 #include "tests/support/files.h"
 #include "tests/support/volumes.h"
+#include "volume/tracking.h"
 
 namespace brume {
 namespace {
@@ -18,9 +18,9 @@ constexpr int kRadius = 48;  // voxels; the sphere's rim is one voxel wide
 class SphereTest : public ::testing::Test {
  protected:
   SphereTest() {
-    test::write_affine_vdb(folder_ / "sphere.vdb", {ivec3(-kRadius - 1), ivec3(kRadius + 1)}, test::scaling(dvec3(1.0 / kRadius)), [](const ivec3& v) {
-      return static_cast<float>(std::clamp(kRadius + 0.5 - glm::length(dvec3(v)), 0.0, 1.0));
-    });
+    test::write_affine_vdb(
+        folder_ / "sphere.vdb", {ivec3(-kRadius - 1), ivec3(kRadius + 1)}, test::scaling(dvec3(1.0 / kRadius)),
+        [](const ivec3& v) { return static_cast<float>(std::clamp(kRadius + 0.5 - glm::length(dvec3(v)), 0.0, 1.0)); });
   }
   /// Looks along +y through the centre; the light comes from `to_light`.
   Scene scene(double optical_radius, const dvec3& to_light, double g) {
@@ -45,7 +45,8 @@ class SphereTest : public ::testing::Test {
   test::TemporaryFolder folder_;
 };
 
-/// Single scattering along the middle ray of the voxelised sphere, by quadrature over exact optical depths: no chance in it.
+/// Single scattering along the middle ray of the voxelised sphere, by quadrature over exact optical depths: no chance
+/// in it.
 double single_scattering(const PreparedScene& prepared, const dvec3& to_light) {
   const Medium& medium = *prepared.medium();
   const dvec3 shift = prepared.world_shift(), d(0, 1, 0);
@@ -55,27 +56,36 @@ double single_scattering(const PreparedScene& prepared, const dvec3& to_light) {
     const dvec3 p = dvec3(0, -1.03 + 2.06 * (i + 0.5) / n, 0) - shift;
     const double sigma = medium.sigma_t(medium.to_local(p));
     if (sigma == 0) continue;
-    const double tau = optical_depth(medium, medium.to_local(Ray{p, -d}), 10) + optical_depth(medium, medium.to_local(Ray{p, glm::normalize(to_light)}), 10);
+    const double tau = optical_depth(medium, medium.to_local(Ray{p, -d}), 10) +
+                       optical_depth(medium, medium.to_local(Ray{p, glm::normalize(to_light)}), 10);
     sum += sigma * std::exp(-tau) * 2.06 / n;
   }
   return sum * medium.phase().value(to_light.y);
 }
 
-// The tracer against quadrature of the same voxels (64 x 4000 paths, 4.5 standard errors: a bias of 1 % would be found, at
-// a = 5 of 2 %), and the quadrature against the closed forms, from which voxels of radius / 48 may differ by their rim.
+// The tracer against quadrature of the same voxels (64 x 4000 paths, 4.5 standard errors: a bias of 1 % would be found,
+// at a = 5 of 2 %), and the quadrature against the closed forms, from which voxels of radius / 48 may differ by their
+// rim.
 TEST_F(SphereTest, SingleScatteringIsTheDirectLayer) {
   struct Row {
     double a, side, back, forward, rim;
   };
-  for (const Row& row : {Row{.5, .034331, .034404, .029275, .01}, {1, .033304, .039060, .021539, .01}, {2, .022542, .039775, .005830, .02}, {5, .011159, .039789, .000036, .08}}) {
-    for (const auto& [direction, exact] : {std::pair(dvec3(0, 0, 1), row.side), {dvec3(0, -1, 0), row.back}, {dvec3(0, 1, 0), row.forward}}) {
+  for (const Row& row : {Row{.5, .034331, .034404, .029275, .01},
+                         {1, .033304, .039060, .021539, .01},
+                         {2, .022542, .039775, .005830, .02},
+                         {5, .011159, .039789, .000036, .08}}) {
+    for (const auto& [direction, exact] :
+         {std::pair(dvec3(0, 0, 1), row.side), {dvec3(0, -1, 0), row.back}, {dvec3(0, 1, 0), row.forward}}) {
       for (const double g : {0.0, 0.5}) {
         const PreparedScene prepared(scene(row.a, direction, g), {});
         const test::Mean m = test::mean_radiance(prepared.render(4000, 2, {}).layers, layer::direct);
         // cos between propagation directions: light travels along -direction, then along -y to the eye.
-        const double phase = 4 * kPi * HenyeyGreenstein{g}.value(direction.y), voxels = single_scattering(prepared, direction);
-        EXPECT_NEAR(m.value.x, voxels, 4.5 * m.error.x + 1e-3 * voxels) << "a " << row.a << " light " << direction.y << " g " << g;
-        EXPECT_NEAR(voxels, exact * phase, row.rim * exact * phase) << "a " << row.a << " light " << direction.y << " g " << g;
+        const double phase = 4 * kPi * HenyeyGreenstein{g}.value(direction.y),
+                     voxels = single_scattering(prepared, direction);
+        EXPECT_NEAR(m.value.x, voxels, 4.5 * m.error.x + 1e-3 * voxels)
+            << "a " << row.a << " light " << direction.y << " g " << g;
+        EXPECT_NEAR(voxels, exact * phase, row.rim * exact * phase)
+            << "a " << row.a << " light " << direction.y << " g " << g;
       }
     }
   }
@@ -116,8 +126,10 @@ TEST_F(SphereTest, LightSamplingAndPhaseSamplingAgreeOnEveryLight) {
       };
       const test::Mean a = mean("auto"), b = mean("none"), c = mean("all");
       for (int k = 0; k < 3; ++k) {
-        EXPECT_NEAR(a.value[k], b.value[k], 4.5 * std::hypot(a.error[k], b.error[k])) << "g " << g << " inside " << inside;
-        EXPECT_NEAR(c.value[k], b.value[k], 4.5 * std::hypot(c.error[k], b.error[k])) << "g " << g << " inside " << inside;
+        EXPECT_NEAR(a.value[k], b.value[k], 4.5 * std::hypot(a.error[k], b.error[k]))
+            << "g " << g << " inside " << inside;
+        EXPECT_NEAR(c.value[k], b.value[k], 4.5 * std::hypot(c.error[k], b.error[k]))
+            << "g " << g << " inside " << inside;
         EXPECT_LT(4.5 * std::hypot(a.error[k], b.error[k]), 0.05 * a.value[k]);
       }
     }

@@ -21,7 +21,9 @@ TemporaryFolder::~TemporaryFolder() {
   fs::remove_all(path_, ignored);
 }
 
-fs::path source(const std::string& relative) { return fs::path(BRUME_SOURCE) / relative; }
+fs::path source(const std::string& relative) {
+  return fs::path(BRUME_SOURCE) / relative;
+}
 
 fs::path shared(const std::string& relative) {
   const fs::path path = fs::path(BRUME_SOURCE) / ".." / "shared" / relative;
@@ -35,13 +37,17 @@ std::string read_file(const fs::path& path) {
   return text.str();
 }
 
-void write_file(const fs::path& path, const std::string& text) { std::ofstream(path, std::ios::binary) << text; }
+void write_file(const fs::path& path, const std::string& text) {
+  std::ofstream(path, std::ios::binary) << text;
+}
 
 ProgramResult run_brume(const std::string& arguments) {
   const TemporaryFolder folder;
-  const std::string command = std::string(BRUME_PROGRAM) + " " + arguments + " >" + (folder / "out").string() + " 2>" + (folder / "err").string();
+  const std::string command = std::string(BRUME_PROGRAM) + " " + arguments + " >" + (folder / "out").string() + " 2>" +
+                              (folder / "err").string();
   const int status = std::system(command.c_str());
-  return {WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status), read_file(folder / "out"), read_file(folder / "err")};
+  return {WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status), read_file(folder / "out"),
+          read_file(folder / "err")};
 }
 
 }  // namespace brume::test

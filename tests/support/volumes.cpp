@@ -66,7 +66,8 @@ dmat4 random_affine(Rng& rng) {
   }
 }
 
-void write_affine_vdb(const std::filesystem::path& path, const VoxelBox& box, const dmat4& world_from_index, const std::function<float(const ivec3&)>& density) {
+void write_affine_vdb(const std::filesystem::path& path, const VoxelBox& box, const dmat4& world_from_index,
+                      const std::function<float(const ivec3&)>& density) {
   openvdb::initialize();
   auto grid = openvdb::FloatGrid::create(0.0f);
   grid->setName("density");

@@ -21,7 +21,8 @@ dvec3 random_direction(Rng& rng);
 dvec3 random_point(Rng& rng, const dvec3& lo, const dvec3& hi);
 
 /// Writes bricks' function as a VDB with any affine transform.
-void write_affine_vdb(const std::filesystem::path& path, const VoxelBox& box, const dmat4& world_from_index, const std::function<float(const ivec3&)>& density);
+void write_affine_vdb(const std::filesystem::path& path, const VoxelBox& box, const dmat4& world_from_index,
+                      const std::function<float(const ivec3&)>& density);
 
 /// Mean radiance of a picture over all its pixels, and the standard error of that mean from the samples' variance.
 struct Mean {

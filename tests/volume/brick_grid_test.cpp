@@ -15,7 +15,8 @@ using test::make_bricks;
 
 /// Values that change from voxel to voxel, half of them zero, so that bricks, aprons and gaps all occur.
 float rough(const ivec3& v) {
-  Rng rng(hash_combine(hash_combine(static_cast<uint64_t>(v.x + 1000), static_cast<uint64_t>(v.y + 1000)), static_cast<uint64_t>(v.z + 1000)));
+  Rng rng(hash_combine(hash_combine(static_cast<uint64_t>(v.x + 1000), static_cast<uint64_t>(v.y + 1000)),
+                       static_cast<uint64_t>(v.z + 1000)));
   const bool hole = ((v.x >> 4) + (v.y >> 4) + (v.z >> 4)) % 2 != 0;
   return hole ? 0.0f : static_cast<float>(rng.uniform());
 }
@@ -43,7 +44,8 @@ TEST(BrickGrid, LookUpIsTheTrilinearFieldEverywhere) {
   Rng rng(1);
   for (int i = 0; i < 20000; ++i) {
     const dvec3 p = test::random_point(rng, dvec3(kBox.lo) - 3.0, dvec3(kBox.hi) + 3.0);
-    ASSERT_NEAR(grid.lookup(p - dvec3(grid.origin())), trilinear(rough_or_zero, p), 2e-6) << p.x << " " << p.y << " " << p.z;
+    ASSERT_NEAR(grid.lookup(p - dvec3(grid.origin())), trilinear(rough_or_zero, p), 2e-6)
+        << p.x << " " << p.y << " " << p.z;
   }
   for (int i = 0; i < 2000; ++i) {
     const ivec3 v(test::random_point(rng, dvec3(kBox.lo) - 3.0, dvec3(kBox.hi) + 3.0));
@@ -58,7 +60,8 @@ TEST(BrickGrid, OneVoxelIsATentOfItsOwnVolume) {
   const int n = 40;
   for (int x = 0; x < n; ++x)
     for (int y = 0; y < n; ++y)
-      for (int z = 0; z < n; ++z) sum += grid.lookup(dvec3(7) + (dvec3(x, y, z) + 0.5) * (2.0 / n) - dvec3(grid.origin()));
+      for (int z = 0; z < n; ++z)
+        sum += grid.lookup(dvec3(7) + (dvec3(x, y, z) + 0.5) * (2.0 / n) - dvec3(grid.origin()));
   EXPECT_NEAR(sum * std::pow(2.0 / n, 3), 2.0, 1e-3);
   EXPECT_EQ(grid.brick_count(), 8u);  // the voxel sits on a corner of eight cells' supports
 }
@@ -71,7 +74,8 @@ TEST(BrickGrid, UniformBricksAreShared) {
 
 TEST(BrickGrid, AHugeSparseGridNeedsLittle) {
   std::vector<ivec3> blocks = {{0, 0, 0}, {99992, 99992, 99992}, {50000, 16, 99992}};
-  const BrickGrid grid = BrickGrid::build({{0, 0, 0}, {99999, 99999, 99999}}, blocks, [](const ivec3&, float* v) { std::fill_n(v, BrickGrid::kBrick, 1.0f); });
+  const BrickGrid grid = BrickGrid::build({{0, 0, 0}, {99999, 99999, 99999}}, blocks,
+                                          [](const ivec3&, float* v) { std::fill_n(v, BrickGrid::kBrick, 1.0f); });
   EXPECT_LT(grid.bytes(), 300e6);
   Ray ray{dvec3(-10), glm::normalize(dvec3(1))};
   MajorantWalk walk(grid, ray, 0, 1e9);
@@ -108,7 +112,8 @@ void check_walk(const BrickGrid& grid, const Ray& ray, double t_max, Rng& rng) {
   }
   for (int i = 0; i < 200; ++i) {
     const double t = std::min(t_max, 400.0) * rng.uniform();
-    const bool covered = std::any_of(segments.begin(), segments.end(), [&](const auto& g) { return t >= g.t0 - 1e-9 && t <= g.t1 + 1e-9; });
+    const bool covered = std::any_of(segments.begin(), segments.end(),
+                                     [&](const auto& g) { return t >= g.t0 - 1e-9 && t <= g.t1 + 1e-9; });
     if (!covered) {
       ASSERT_LT(grid.lookup(ray.at(t)), 1e-6f) << "a gap in the walk holds density";
     }
@@ -128,9 +133,11 @@ TEST(MajorantWalk, SegmentsCoverTheFieldAndBoundIt) {
 TEST(MajorantWalk, SurvivesAxesFacesEdgesAndCorners) {
   const BrickGrid grid = make_bricks(kBox, rough);
   Rng rng(3);
-  const dvec3 directions[] = {{1, 0, 0}, {0, -1, 0}, {0, 0, 1}, {1, 1, 0}, {-1, 0, 1}, {1, 1, 1}, {-1, -1, -1}, {1, 1e-25, 0}, {1, 1e-14, -1e-14}, {-0.0, 1, -0.0}};
+  const dvec3 directions[] = {{1, 0, 0}, {0, -1, 0},   {0, 0, 1},     {1, 1, 0},          {-1, 0, 1},
+                              {1, 1, 1}, {-1, -1, -1}, {1, 1e-25, 0}, {1, 1e-14, -1e-14}, {-0.0, 1, -0.0}};
   for (const dvec3& d : directions)
-    for (const dvec3& start : {dvec3(8, 16, 24), dvec3(8.5, 16, 24), dvec3(0, 0, 0), dvec3(40, 40, 40), dvec3(39.5, 8, 8)}) {
+    for (const dvec3& start :
+         {dvec3(8, 16, 24), dvec3(8.5, 16, 24), dvec3(0, 0, 0), dvec3(40, 40, 40), dvec3(39.5, 8, 8)}) {
       check_walk(grid, {start, d}, 1e9, rng);
       check_walk(grid, {start - 200.0 * d, d}, 1e9, rng);
     }

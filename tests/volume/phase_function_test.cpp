@@ -18,7 +18,8 @@ TEST(HenyeyGreenstein, IntegratesToOneWithMeanCosineG) {
     double integral = 0, mean = 0;
     const int n = 200000;
     for (int i = 0; i < n; ++i) {
-      const double a = phase.sample_cosine(static_cast<double>(i) / n), b = phase.sample_cosine((i + 1.0) / n), c = phase.sample_cosine((i + 0.5) / n);
+      const double a = phase.sample_cosine(static_cast<double>(i) / n), b = phase.sample_cosine((i + 1.0) / n),
+                   c = phase.sample_cosine((i + 0.5) / n);
       integral += 2 * kPi * (b - a) * (phase.value(a) + 4 * phase.value(c) + phase.value(b)) / 6;
       mean += c / n;
     }
@@ -37,7 +38,8 @@ TEST(HenyeyGreenstein, PeakAndIsotropy) {
 TEST(HenyeyGreenstein, TheTwoSamplingFormsMeet) {
   for (double xi = 0.01; xi < 1; xi += 0.07)
     for (const double sign : {-1.0, 1.0})
-      EXPECT_NEAR(HenyeyGreenstein{sign * 0.4999999999}.sample_cosine(xi), HenyeyGreenstein{sign * 0.5}.sample_cosine(xi), 1e-8);
+      EXPECT_NEAR(HenyeyGreenstein{sign * 0.4999999999}.sample_cosine(xi),
+                  HenyeyGreenstein{sign * 0.5}.sample_cosine(xi), 1e-8);
 }
 
 // Chi-square over 32 x 8 bins of equal probability, 256000 draws per g, Sidak-corrected to 1e-4 over all: a bin whose
@@ -55,7 +57,8 @@ TEST(HenyeyGreenstein, SampledDirectionsFollowTheDensity) {
     for (int i = 0; i < n; ++i) {
       const dvec3 d = phase.sample(forward, {rng.uniform(), rng.uniform()});
       ASSERT_NEAR(glm::length(d), 1.0, 1e-12);
-      const double c = glm::dot(d, forward), phi = std::atan2(glm::dot(d, frame.y), glm::dot(d, frame.x)) / (2 * kPi) + 0.5;
+      const double c = glm::dot(d, forward),
+                   phi = std::atan2(glm::dot(d, frame.y), glm::dot(d, frame.x)) / (2 * kPi) + 0.5;
       const auto row = std::upper_bound(edges.begin() + 1, edges.end() - 1, c) - edges.begin() - 1;
       ++bins[static_cast<size_t>(row * 8 + std::min(7, static_cast<int>(phi * 8)))];
     }

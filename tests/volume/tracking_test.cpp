@@ -14,7 +14,8 @@ constexpr double kFar = std::numeric_limits<double>::infinity();
 
 /// Density rising along x: 0.2 + 0.05 x, so that a chord's optical depth is a polynomial.
 BrickGrid ramp() {
-  return test::make_bricks({{0, 0, 0}, {40, 20, 20}}, [](const ivec3& v) { return 0.2f + 0.05f * static_cast<float>(v.x); });
+  return test::make_bricks({{0, 0, 0}, {40, 20, 20}},
+                           [](const ivec3& v) { return 0.2f + 0.05f * static_cast<float>(v.x); });
 }
 
 TEST(OpticalDepth, IsExactOnARamp) {
@@ -27,7 +28,9 @@ TEST(OpticalDepth, IsExactOnARamp) {
 }
 
 TEST(OpticalDepth, IsExactOnAnyLineThroughTrilinearDensity) {
-  const BrickGrid grid = test::make_bricks({{0, 0, 0}, {23, 23, 23}}, [](const ivec3& v) { return static_cast<float>((v.x * 7 + v.y * 3 + v.z * 5) % 11) / 11.0f; });
+  const BrickGrid grid = test::make_bricks({{0, 0, 0}, {23, 23, 23}}, [](const ivec3& v) {
+    return static_cast<float>((v.x * 7 + v.y * 3 + v.z * 5) % 11) / 11.0f;
+  });
   Rng rng(3);
   for (int i = 0; i < 20; ++i) {
     const Medium medium(grid, test::random_affine(rng), 0.3, dvec3(1), 0);
@@ -64,11 +67,14 @@ TEST(RatioTracking, MeanIsBeerLambert) {
   }
 }
 
-// One majorant over the whole segment: E[w^2] = exp(-int (2 sigma_t - sigma_t^2 / m)), the closed form for ratio tracking.
+// One majorant over the whole segment: E[w^2] = exp(-int (2 sigma_t - sigma_t^2 / m)), the closed form for ratio
+// tracking.
 TEST(RatioTracking, VarianceIsTheClosedForm) {
-  const BrickGrid grid = test::make_bricks({{1, 0, 0}, {6, 7, 7}}, [](const ivec3& v) { return v.x == 6 ? 1.0f : 0.4f; });
+  const BrickGrid grid =
+      test::make_bricks({{1, 0, 0}, {6, 7, 7}}, [](const ivec3& v) { return v.x == 6 ? 1.0f : 0.4f; });
   const Medium medium(grid, dmat4(1.0), 0.25, dvec3(1), 0);
-  const double length = 3;  // within one cell and one constant stretch, sigma_t = 0.1, majorant 0.25: weights stay above roulette mostly
+  const double length =
+      3;  // within one cell and one constant stretch, sigma_t = 0.1, majorant 0.25: weights stay above roulette mostly
   const Ray ray{medium.to_local(dvec3(1.5, 3, 3)), dvec3(1, 0, 0)};
   RunningStatistics s;
   Rng rng(2);
@@ -103,7 +109,8 @@ TEST(DeltaTracking, FreeFlightsFollowTheirDistribution) {
   const double escape = 1 - std::exp(-optical_depth(medium, ray, kFar));
   double worst = 0;
   for (int i = 0; i < n; ++i)
-    if (cdf[static_cast<size_t>(i)] < 0.98 * escape) worst = std::max(worst, std::abs(cdf[static_cast<size_t>(i)] - (i + 0.5) / n));
+    if (cdf[static_cast<size_t>(i)] < 0.98 * escape)
+      worst = std::max(worst, std::abs(cdf[static_cast<size_t>(i)] - (i + 0.5) / n));
   EXPECT_LT(worst, 2.23 / std::sqrt(n));
 }
 
@@ -133,7 +140,8 @@ TEST(Tracking, HardCasesEndFinite) {
         const Medium medium(grid, test::translation(shift) * test::scaling(dvec3(scale)), sigma_t / scale, dvec3(1), 0);
         for (const dvec3& d : {dvec3(1, 0, 0), dvec3(0, -1, 0), glm::normalize(dvec3(1, 1, 1e-12))}) {
           const Ray ray = medium.to_local(Ray{medium.to_world(dvec3(20, 10, 10)) - d * (100 * scale), d});
-          const double t = sample_collision(medium, ray, kFar, rng, counters), w = estimate_transmittance(medium, ray, kFar, rng, counters);
+          const double t = sample_collision(medium, ray, kFar, rng, counters),
+                       w = estimate_transmittance(medium, ray, kFar, rng, counters);
           EXPECT_TRUE(std::isfinite(t) && std::isfinite(w));
           EXPECT_GE(w, 0);
           EXPECT_LE(w, 1);

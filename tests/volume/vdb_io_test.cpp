@@ -44,14 +44,17 @@ std::string load_error(const fs::path& path, const DensityOptions& options = {})
   return "";
 }
 
-bool holds(const std::string& text, const std::string& part) { return text.find(part) != std::string::npos; }
+bool holds(const std::string& text, const std::string& part) {
+  return text.find(part) != std::string::npos;
+}
 
 TEST(LoadDensity, TransformsOfEveryAffineKind) {
   const test::TemporaryFolder folder;
   Rng rng(1);
   for (int i = 0; i < 8; ++i) {
     const dmat4 m = test::random_affine(rng);
-    test::write_affine_vdb(folder / "a.vdb", {{-3, 2, 5}, {9, 8, 7}}, m, [](const ivec3& v) { return 0.1f * static_cast<float>(v.x + 4) + static_cast<float>(v.z); });
+    test::write_affine_vdb(folder / "a.vdb", {{-3, 2, 5}, {9, 8, 7}}, m,
+                           [](const ivec3& v) { return 0.1f * static_cast<float>(v.x + 4) + static_cast<float>(v.z); });
     const DensityField field = load_density(folder / "a.vdb", {});
     for (int c = 0; c < 4; ++c)
       for (int r = 0; r < 4; ++r) EXPECT_NEAR(field.world_from_index[c][r], m[c][r], 1e-12);
@@ -69,7 +72,8 @@ TEST(LoadDensity, FloatDoubleAndHalfAgree) {
   write(folder / "f.vdb", {floats}), write(folder / "h.vdb", {halves}), write(folder / "d.vdb", {doubles});
   for (const char* name : {"f.vdb", "h.vdb", "d.vdb"}) {
     const DensityField field = load_density(folder / name, {});
-    for (int i = 0; i < 5; ++i) EXPECT_EQ(field.bricks.voxel(ivec3(i, 0, 0) - field.bricks.origin()), static_cast<float>(i + 1)) << name;
+    for (int i = 0; i < 5; ++i)
+      EXPECT_EQ(field.bricks.voxel(ivec3(i, 0, 0) - field.bricks.origin()), static_cast<float>(i + 1)) << name;
   }
 }
 
@@ -97,7 +101,8 @@ TEST(LoadDensity, OddValuesAreCountedAndSanitised) {
   const test::TemporaryFolder folder;
   auto grid = openvdb::FloatGrid::create();
   grid->setName("density");
-  const float values[] = {1, std::numeric_limits<float>::quiet_NaN(), -2, std::numeric_limits<float>::infinity(), 3, std::numeric_limits<float>::denorm_min()};
+  const float values[] = {1, std::numeric_limits<float>::quiet_NaN(), -2, std::numeric_limits<float>::infinity(),
+                          3, std::numeric_limits<float>::denorm_min()};
   for (int i = 0; i < 6; ++i) grid->tree().setValue(openvdb::Coord(i, 0, 0), values[i]);
   write(folder / "n.vdb", {grid});
   const DensityField field = load_density(folder / "n.vdb", {});
@@ -112,11 +117,14 @@ TEST(LoadDensity, OddValuesAreCountedAndSanitised) {
 
 TEST(LoadDensity, ChoosesTheGridThatIsMeant) {
   const test::TemporaryFolder folder;
-  write(folder / "a.vdb", {small_grid<openvdb::FloatGrid>("shadow"), small_grid<openvdb::FloatGrid>("density_noise"), small_grid<openvdb::Vec3SGrid>("velocity")});
+  write(folder / "a.vdb", {small_grid<openvdb::FloatGrid>("shadow"), small_grid<openvdb::FloatGrid>("density_noise"),
+                           small_grid<openvdb::Vec3SGrid>("velocity")});
   EXPECT_EQ(load_density(folder / "a.vdb", {}).summary.name, "density_noise");
   EXPECT_EQ(load_density(folder / "a.vdb", {"shadow", false}).summary.name, "shadow");
   const std::string missing = load_error(folder / "a.vdb", {"smoke", false});
-  EXPECT_TRUE(holds(missing, "no grid 'smoke'") && holds(missing, "shadow (float)") && holds(missing, "velocity (vec3s)")) << missing;
+  EXPECT_TRUE(holds(missing, "no grid 'smoke'") && holds(missing, "shadow (float)") &&
+              holds(missing, "velocity (vec3s)"))
+      << missing;
   EXPECT_TRUE(holds(load_error(folder / "a.vdb", {"velocity", false}), "of type vec3s; expected float or double"));
   write(folder / "two.vdb", {small_grid<openvdb::FloatGrid>("density"), small_grid<openvdb::FloatGrid>("density")});
   EXPECT_EQ(load_density(folder / "two.vdb", {}).summary.active_voxels, 5u);
@@ -140,21 +148,25 @@ TEST(LoadDensity, LevelSetsPointsAndFrustumsAreRefusedWithAWayOut) {
   auto sphere = openvdb::tools::createLevelSetSphere<openvdb::FloatGrid>(5.0f, openvdb::Vec3f(0), 0.5f);
   sphere->setName("density");
   write(folder / "ls.vdb", {sphere});
-  EXPECT_TRUE(holds(load_error(folder / "ls.vdb"), "is a level set") && holds(load_error(folder / "ls.vdb"), "convert_level_set = true"));
+  EXPECT_TRUE(holds(load_error(folder / "ls.vdb"), "is a level set") &&
+              holds(load_error(folder / "ls.vdb"), "convert_level_set = true"));
   const DensityField fog = load_density(folder / "ls.vdb", {"", true});
   EXPECT_EQ(fog.bricks.voxel(ivec3(0, 0, 0) - fog.bricks.origin()), 1.0f);
   EXPECT_EQ(fog.bricks.voxel(ivec3(14, 0, 0) - fog.bricks.origin()), 0.0f);
 
   std::vector<openvdb::Vec3R> positions = {{0, 0, 0}, {1, 1, 1}};
-  auto points = openvdb::points::createPointDataGrid<openvdb::points::NullCodec, openvdb::points::PointDataGrid>(positions, *openvdb::math::Transform::createLinearTransform(1.0));
+  auto points = openvdb::points::createPointDataGrid<openvdb::points::NullCodec, openvdb::points::PointDataGrid>(
+      positions, *openvdb::math::Transform::createLinearTransform(1.0));
   points->setName("density");
   write(folder / "p.vdb", {points});
   EXPECT_TRUE(holds(load_error(folder / "p.vdb"), "holds points")) << load_error(folder / "p.vdb");
 
   auto frustum = small_grid<openvdb::FloatGrid>("density");
-  frustum->setTransform(openvdb::math::Transform::createFrustumTransform(openvdb::BBoxd(openvdb::Vec3d(0), openvdb::Vec3d(10)), 0.5, 10.0, 1.0));
+  frustum->setTransform(openvdb::math::Transform::createFrustumTransform(
+      openvdb::BBoxd(openvdb::Vec3d(0), openvdb::Vec3d(10)), 0.5, 10.0, 1.0));
   write(folder / "fr.vdb", {frustum});
-  EXPECT_TRUE(holds(load_error(folder / "fr.vdb"), "frustum or other non-affine transform")) << load_error(folder / "fr.vdb");
+  EXPECT_TRUE(holds(load_error(folder / "fr.vdb"), "frustum or other non-affine transform"))
+      << load_error(folder / "fr.vdb");
 }
 
 TEST(LoadDensity, BrokenFilesSayWhatIsWrong) {
@@ -179,7 +191,8 @@ TEST(LoadDensity, DamagedBytesNeverCrash) {
   Rng rng(9);
   for (int i = 0; i < 150; ++i) {
     std::string damaged = bytes;
-    damaged[static_cast<size_t>(rng.uniform() * static_cast<double>(bytes.size()))] ^= static_cast<char>(1 + rng.bits() % 255);
+    damaged[static_cast<size_t>(rng.uniform() * static_cast<double>(bytes.size()))] ^=
+        static_cast<char>(1 + rng.bits() % 255);
     test::write_file(folder / "d.vdb", damaged);
     refused += !load_error(folder / "d.vdb").empty();
   }
@@ -203,7 +216,8 @@ TEST(LoadDensity, EverySharedVolumeLoadsOrIsRefusedWithTheRightWords) {
     if (entry.path().extension() != ".vdb") continue;
     const std::string error = load_error(entry.path());
     if (entry.path().filename() == "types_nodensity.vdb") {
-      EXPECT_TRUE(holds(error, "no grid 'density'") && holds(error, "Cd (vec3s)") && holds(error, "mask (bool)")) << error;
+      EXPECT_TRUE(holds(error, "no grid 'density'") && holds(error, "Cd (vec3s)") && holds(error, "mask (bool)"))
+          << error;
     } else {
       EXPECT_EQ(error, "") << entry.path();
       const DensityField field = load_density(entry.path(), {});
