@@ -80,7 +80,7 @@ int run(const Common& common) {
                         {"reference_noise_removed", r2 != nullptr},
                         {"metrics", to_json(whole)}};
     if (!mask.empty()) j["medium"] = to_json(medium);
-    print(j.dump(2) + "\n");
+    print(j.dump(2, ' ', false, nlohmann::json::error_handler_t::replace) + "\n");
   } else {
     std::string text =
         fmt::format("{:<20}{:>14}{}\n", "", "whole frame", mask.empty() ? "" : fmt::format("{:>14}", "medium"));

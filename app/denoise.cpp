@@ -15,6 +15,8 @@
 namespace brume::app {
 namespace {
 
+namespace fs = std::filesystem;
+
 struct Options {
   std::string input, output, preview, component = "indirect", background = "bilateral", exposure = "header";
   std::vector<std::string> filters;
@@ -39,11 +41,15 @@ void set_parameters(std::vector<FilterSettings>& filters, const std::vector<std:
   }
 }
 
-/// OUT.exr for one filter, OUT.FILTER.exr for several.
-std::filesystem::path output_for(const std::string& path, const std::vector<FilterSettings>& filters, size_t i) {
-  std::filesystem::path p(path);
+/// OUT.exr for one filter, OUT.FILTER.exr for several, OUT.FILTER.2.exr for the second of one name.
+fs::path output_for(const std::string& path, const std::vector<FilterSettings>& filters, size_t i) {
+  const fs::path p(path);
   if (filters.size() == 1) return p;
-  return p.parent_path() / fmt::format("{}.{}{}", p.stem().string(), filters[i].entry().name, p.extension().string());
+  const std::string& name = filters[i].entry().name;
+  size_t same = 1;
+  for (size_t k = 0; k < i; ++k) same += filters[k].entry().name == name;
+  return p.parent_path() /
+         (p.stem().string() + "." + name + (same > 1 ? "." + std::to_string(same) : "") + p.extension().string());
 }
 
 /// What the filters declare, what the component rule reads, and what the result keeps.
@@ -60,7 +66,9 @@ int run(const Common& common, const std::vector<std::string>& extras) {
   std::vector<FilterSettings> filters;
   for (const std::string& text : o.filters) filters.push_back(parse_filter(text));
   set_parameters(filters, extras);
-  for (size_t i = 0; i < filters.size(); ++i) check_writable(output_for(o.output, filters, i));
+  for (size_t i = 0; i < filters.size(); ++i)
+    for (const std::string& path : {o.output, o.preview})
+      if (!path.empty()) check_writable(output_for(path, filters, i));
   ApplyOptions options;
   options.component = o.component == "all" ? Component::kAll : Component::kIndirect;
   options.background = o.background == "filter" ? BackgroundRule::kFilter : BackgroundRule::kBilateral;

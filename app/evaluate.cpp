@@ -13,6 +13,8 @@
 namespace brume::app {
 namespace {
 
+namespace fs = std::filesystem;
+
 struct Options {
   std::vector<std::string> scenes, overrides, filters;
   std::string output, spp = "16,36,64", component = "indirect", background = "bilateral";
@@ -32,33 +34,36 @@ std::vector<int> parse_spp(const std::string& text) {
   return result;
 }
 
-/// The folder is filled under another name and renamed when it is whole.
+/// Results are written beside the target under another name and moved in when they are whole. What else lies in the
+/// target stays; files of an earlier evaluation are replaced.
 class OutputFolder {
  public:
-  explicit OutputFolder(const std::string& path) : path_(path), part_(path + ".part") {
+  explicit OutputFolder(const std::string& path)
+      : path_(fs::absolute(path + "/x").lexically_normal().parent_path()), part_(path_.string() + ".part") {
     std::error_code error;
-    std::filesystem::remove_all(part_, error);
-    std::filesystem::create_directories(part_, error);
-    if (error) throw InputError(fmt::format("{}: cannot be made: {}", path, error.message()));
-    if (std::filesystem::exists(path_) &&
-        !(std::filesystem::is_directory(path_) &&
-          (std::filesystem::is_empty(path_) || std::filesystem::exists(path_ / "table.md"))))
-      throw InputError(fmt::format("{}: exists and is no folder of an earlier evaluation; name another", path));
+    if (fs::exists(path_) && !fs::is_directory(path_))
+      throw InputError(fmt::format("{}: is a file, expected the name of a folder to write", path));
+    if (fs::exists(part_))
+      throw InputError(fmt::format("{}: exists, left by another run or still in use; remove it first", part_.string()));
+    fs::create_directories(part_, error);
+    if (error) throw InputError(fmt::format("{}: cannot be made: {}", part_.string(), error.message()));
   }
   ~OutputFolder() {
     std::error_code ignored;
-    std::filesystem::remove_all(part_, ignored);
+    fs::remove_all(part_, ignored);
   }
-  const std::filesystem::path& part() const { return part_; }
+  const fs::path& part() const { return part_; }
   void commit() {
     std::error_code error;
-    std::filesystem::remove_all(path_, error);
-    std::filesystem::rename(part_, path_, error);
-    if (error) throw InputError(fmt::format("{}: cannot be written: {}", path_.string(), error.message()));
+    fs::create_directories(path_, error);
+    for (const auto& entry : fs::directory_iterator(part_)) {
+      fs::rename(entry.path(), path_ / entry.path().filename(), error);
+      if (error) throw InputError(fmt::format("{}: cannot be written: {}", path_.string(), error.message()));
+    }
   }
 
  private:
-  std::filesystem::path path_, part_;
+  fs::path path_, part_;
 };
 
 int run(const Common& common) {
@@ -69,8 +74,10 @@ int run(const Common& common) {
   settings.tune = !o.no_tuning;
   settings.component = o.component == "all" ? Component::kAll : Component::kIndirect;
   settings.background = o.background == "filter" ? BackgroundRule::kFilter : BackgroundRule::kBilateral;
-  if (o.filters.empty()) settings.filters = all_filters();
-  for (const std::string& name : o.filters) settings.filters.push_back(&find_filter(name));
+  if (o.filters.empty()) settings.contenders = all_contenders();
+  for (const std::string& text : o.filters) settings.contenders.push_back(parse_contender(text));
+
+  OutputFolder folder(o.output);
 
   const LayerRequest layers = LayerRequest::of(layers_to_record(settings), /*statistics=*/false);
   std::vector<std::unique_ptr<PreparedScene>> prepared;
@@ -95,7 +102,6 @@ int run(const Common& common) {
                         return TimedFrame{std::move(r.layers), r.report.seconds};
                       }});
   }
-  OutputFolder folder(o.output);
   const Evaluation result =
       evaluate(scenes, settings, [&](const std::string& name) { return make_task(common, name); });
   write_report(result, folder.part());
@@ -122,7 +128,9 @@ void add_evaluate(CLI::App& app, Common& common, Commands& commands) {
       ->capture_default_str();
   command->add_option("--size", o.size, "width in pixels instead of the scenes'")->check(CLI::Range(1, 65536));
   command->add_option("-D", o.overrides, "set a key of every scene")->allow_extra_args(false);
-  command->add_option("-f,--filter", o.filters, "compare only these")->allow_extra_args(false);
+  command
+      ->add_option("-f,--filter", o.filters, "compare only these: NAME, or NAME:parameter=value,... to fix parameters")
+      ->allow_extra_args(false);
   command->add_option("--component", o.component, "what to clean: indirect, or all")
       ->check(CLI::IsMember({"indirect", "all"}))
       ->capture_default_str();

@@ -50,7 +50,9 @@ void add_filters(CLI::App& app, Common& common, Commands& commands) {
         text += fmt::format("  --{:<18} {:<8} {}; {}\n", p.name, Parameter::text(settings.get(p)), p.help, p.range());
       text += "\n";
     }
-    print(common.json ? nlohmann::json{{"filters", list}}.dump(2) + "\n" : text);
+    print(common.json
+              ? nlohmann::json{{"filters", list}}.dump(2, ' ', false, nlohmann::json::error_handler_t::replace) + "\n"
+              : text);
     return static_cast<int>(kDone);
   };
 }

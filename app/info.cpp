@@ -78,7 +78,7 @@ int info_vdb(const std::string& path, bool as_json) {
                        {"library_version", s.library_version},
                        {"metadata", s.metadata},
                        {"grids", grids}}
-                          .dump(2) +
+                          .dump(2, ' ', false, nlohmann::json::error_handler_t::replace) +
                       "\n"
                 : text);
   return kDone;
@@ -109,7 +109,7 @@ int info_exr(const std::string& path, bool as_json) {
                        {"height", info.height},
                        {"channels", channels},
                        {"header", header}}
-                          .dump(2) +
+                          .dump(2, ' ', false, nlohmann::json::error_handler_t::replace) +
                       "\n"
                 : text);
   return kDone;

@@ -71,10 +71,13 @@ int run(int argc, char** argv) {
     warn(error.what());
     return kBadInput;
   } catch (const Interrupted&) {
-    warn("interrupted; nothing was written");
+    warn("interrupted; no file was left half-written");
     return kInterrupted;
   } catch (const std::bad_alloc&) {
     warn("not enough memory for this; try a smaller picture or volume");
+    return kBadInput;
+  } catch (const std::exception& error) {
+    warn(fmt::format("{}. This should have been caught earlier; please report it", error.what()));
     return kBadInput;
   }
 }

@@ -9,7 +9,6 @@
 #include <thread>
 
 #include "base/error.h"
-#include "evaluate/tuning.h"
 
 namespace brume {
 namespace {
@@ -68,7 +67,7 @@ MethodResult measure(const std::vector<TimedFrame>& noisy, const FilterSettings*
   result.render_seconds = median(render_seconds);
   result.filter_seconds = filter ? median(filter_seconds) : 0.0;
   result.whole_by_seed = whole;
-  if (filter) result.filter = filter->entry().name, result.parameters = filter->text();
+  if (filter) result.parameters = filter->text();
   return result;
 }
 
@@ -119,7 +118,8 @@ const MethodResult* SceneResult::find(const std::string& filter, Tuning tuning, 
 
 std::vector<std::string> layers_to_record(const EvaluationSettings& settings) {
   std::set<std::string> names = {"coverage"};  // the mask of medium pixels
-  for (const FilterEntry* filter : settings.filters) {
+  for (const Contender& contender : settings.contenders) {
+    const FilterEntry* filter = &contender.settings.entry();
     for (const LayerName& l : required_layers(*filter, {settings.component, settings.background, 1.0}))
       if (!l.name.empty()) names.insert(std::string(l.name));
     for (const LayerName& l : filter->can_use)
@@ -166,7 +166,7 @@ Evaluation evaluate(const std::vector<EvaluationScene>& scenes, const Evaluation
     return ApplyOptions{settings.component, settings.background, scenes[s].exposure};
   };
   std::vector<std::vector<FilterSettings>> grids;
-  for (const FilterEntry* filter : settings.filters) grids.push_back(search_grid(*filter));
+  for (const Contender& contender : settings.contenders) grids.push_back(search_grid(contender));
   if (settings.tune)
     for (size_t s = 0; s < scenes.size(); ++s) {
       const RgbPlanes r1 = all[s].reference[0].layers.rgb(layer::beauty),
@@ -175,9 +175,9 @@ Evaluation evaluate(const std::vector<EvaluationScene>& scenes, const Evaluation
       for (size_t f = 0; f < grids.size(); ++f) {
         auto& by_spp = all[s].searches.emplace_back();
         for (size_t k = 0; k < settings.spp.size(); ++k)
-          by_spp.push_back(search(
-              grids[f], all[s].tuning[k].layers, options(s), metric,
-              stage(fmt::format("{}: tune {}, {} spp", scenes[s].name, settings.filters[f]->name, settings.spp[k]))));
+          by_spp.push_back(search(grids[f], all[s].tuning[k].layers, options(s), metric,
+                                  stage(fmt::format("{}: tune {}, {} spp", scenes[s].name, settings.contenders[f].label,
+                                                    settings.spp[k]))));
       }
     }
 
@@ -186,24 +186,28 @@ Evaluation evaluate(const std::vector<EvaluationScene>& scenes, const Evaluation
     const Task task = stage(fmt::format("{}: filter and measure", scene.name));
     const Task quiet{task.threads, {}, task.cancel};
     size_t done = 0;
-    const size_t total = settings.spp.size() * (1 + settings.filters.size());
+    const size_t total = settings.spp.size() * (1 + settings.contenders.size());
     for (size_t k = 0; k < settings.spp.size(); ++k) {
-      const auto add = [&](const FilterSettings* filter, Tuning tuning) {
+      const auto add = [&](const FilterSettings* filter, Tuning tuning) -> MethodResult& {
         scene.methods.push_back(measure(all[s].noisy[k], filter, options(s), scene, all[s], quiet));
         scene.methods.back().spp = settings.spp[k];
         scene.methods.back().tuning = tuning;
+        return scene.methods.back();
       };
       add(nullptr, Tuning::kNone);
       task.report(static_cast<double>(++done) / static_cast<double>(total));
       for (size_t f = 0; f < grids.size(); ++f) {
-        const FilterSettings paper(*settings.filters[f]);
-        add(&paper, Tuning::kPaper);
+        const Contender& contender = settings.contenders[f];
+        add(&contender.settings, Tuning::kPaper).filter = contender.label;
         if (settings.tune) {
-          add(&grids[f][best_setting({&all[s].searches[f][k]})], Tuning::kSearched);
+          const FilterSettings& best = grids[f][best_setting({&all[s].searches[f][k]})];
+          MethodResult& searched = add(&best, Tuning::kSearched);
+          searched.filter = contender.label;
+          searched.edges = on_the_edge(contender, best);
           std::vector<const std::vector<double>*> others;
           for (size_t o = 0; o < scenes.size(); ++o)
             if (o != s) others.push_back(&all[o].searches[f][k]);
-          if (!others.empty()) add(&grids[f][best_setting(others)], Tuning::kTransfer);
+          if (!others.empty()) add(&grids[f][best_setting(others)], Tuning::kTransfer).filter = contender.label;
         }
         task.report(static_cast<double>(++done) / static_cast<double>(total));
       }

@@ -3,8 +3,7 @@
 #include <optional>
 
 #include "evaluate/metric.h"
-#include "filters/apply.h"
-#include "filters/registry.h"
+#include "evaluate/tuning.h"
 
 namespace brume {
 
@@ -26,7 +25,7 @@ struct EvaluationSettings {
   int seeds = 5;
   int reference_spp = 4096;  ///< of each of the two references
   bool tune = true;
-  std::vector<const FilterEntry*> filters;
+  std::vector<Contender> contenders;
   BackgroundRule background = BackgroundRule::kBilateral;
   Component component = Component::kIndirect;
 };
@@ -42,11 +41,12 @@ const char* tuning_name(Tuning tuning);
 
 /// One line of the table: a method at one spp.
 struct MethodResult {
-  std::string filter;  ///< empty: unfiltered
+  std::string filter;  ///< the contender's label; empty: unfiltered
   Tuning tuning = Tuning::kNone;
   int spp = 0;
   std::string parameters;
-  MeanInterval whole, medium;  ///< Lab RMS over the seeds; reference noise removed
+  std::vector<std::string> edges;  ///< searched parameters that ended on the edge of their candidates
+  MeanInterval whole, medium;      ///< Lab RMS over the seeds; reference noise removed
   MeanInterval rel_mse_medium;
   double relative_bias = 0;  ///< over the medium, mean of the seeds
   double render_seconds = 0, filter_seconds = 0;

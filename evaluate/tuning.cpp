@@ -4,13 +4,56 @@
 #include <cmath>
 
 #include "base/parallel_for.h"
+#include "base/text.h"
+#include "filters/registry.h"
 
 namespace brume {
 
-std::vector<FilterSettings> search_grid(const FilterEntry& filter) {
-  std::vector<FilterSettings> grid = {FilterSettings(filter)};
-  for (const Parameter& p : filter.parameters) {
-    if (p.candidates.empty()) continue;
+Contender parse_contender(const std::string& text) {
+  Contender contender{parse_filter(text), {}, ""};
+  const FilterEntry& filter = contender.settings.entry();
+  contender.label = filter.name;
+  if (const size_t colon = text.find(':'); colon != std::string::npos)
+    for (const std::string& assignment : split(text.substr(colon + 1), ',')) {
+      const std::string name = assignment.substr(0, assignment.find('='));
+      contender.fixed.push_back(name);
+      contender.label += " " + (filter.find(name)->choices.empty() ? assignment : assignment.substr(name.size() + 1));
+    }
+  return contender;
+}
+
+std::vector<Contender> all_contenders() {
+  std::vector<Contender> contenders;
+  for (const FilterEntry* filter : all_filters()) {
+    contenders.push_back(parse_contender(filter->name));
+    for (const std::string& setting : filter->also_compare)
+      contenders.push_back(parse_contender(filter->name + ":" + setting));
+  }
+  return contenders;
+}
+
+namespace {
+
+bool is_searched(const Contender& contender, const Parameter& p) {
+  return !p.candidates.empty() &&
+         std::find(contender.fixed.begin(), contender.fixed.end(), p.name) == contender.fixed.end();
+}
+
+}  // namespace
+
+std::vector<std::string> on_the_edge(const Contender& contender, const FilterSettings& found) {
+  std::vector<std::string> names;
+  for (const Parameter& p : contender.settings.entry().parameters)
+    if (is_searched(contender, p) && p.choices.empty() &&
+        (found.get(p) == p.candidates.front() || found.get(p) == p.candidates.back()))
+      names.push_back(p.name);
+  return names;
+}
+
+std::vector<FilterSettings> search_grid(const Contender& contender) {
+  std::vector<FilterSettings> grid = {contender.settings};
+  for (const Parameter& p : contender.settings.entry().parameters) {
+    if (!is_searched(contender, p)) continue;
     std::vector<FilterSettings> wider;
     for (const FilterSettings& settings : grid)
       for (const Parameter::Value& value : p.candidates) {

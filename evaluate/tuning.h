@@ -4,8 +4,24 @@
 
 namespace brume {
 
-/// Every combination of a filter's candidate values, the rest at their defaults, in a fixed order.
-std::vector<FilterSettings> search_grid(const FilterEntry& filter);
+/// One line of a comparison: a filter, and the parameters that make it this line rather than another of the same
+/// filter.
+struct Contender {
+  FilterSettings settings;
+  std::vector<std::string> fixed;  ///< parameters that the search leaves alone
+  std::string label;               ///< "gradient_kernel", "gradient_kernel mul"
+};
+
+/// "NAME" or "NAME:parameter=value,...". @throws InputError
+Contender parse_contender(const std::string& text);
+/// Every filter at its defaults, and what its declaration also compares.
+std::vector<Contender> all_contenders();
+
+/// Every combination of a contender's candidate values, the rest as it has them, in a fixed order.
+std::vector<FilterSettings> search_grid(const Contender& contender);
+
+/// The parameters of a search's result that lie on the edge of their candidates: there the optimum may be further out.
+std::vector<std::string> on_the_edge(const Contender& contender, const FilterSettings& found);
 
 /// The squared Lab error of each setting on one frame, in the grid's order. Settings run in parallel, each on one
 /// thread.

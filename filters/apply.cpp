@@ -78,7 +78,8 @@ Layers apply_filter(const FilterSettings& filter, const Layers& frame, const App
   std::vector<LayerName> used = required_layers(filter.entry(), options);
   for (const LayerName& optional : filter.entry().can_use)
     if (frame.has(optional)) used.push_back(optional);
-  if (frame.has(layer::coverage)) used.push_back(layer::coverage);
+  for (const LayerName& kept : {layer::coverage, layer::alpha})
+    if (frame.has(kept)) used.push_back(kept);
   for (const LayerName& l : used)
     for (size_t c = 0; c < l.channels.size(); ++c)
       if (const Plane& plane = frame.at(l.channel(c)); count_not_finite(plane))

@@ -48,6 +48,7 @@ struct Parameter {
 struct FilterEntry {
   std::string name, summary, source, notes;
   std::vector<LayerName> needs, can_use;
+  std::vector<std::string> also_compare;  ///< "parameter=value": settings that comparisons list beside the defaults
   std::vector<Parameter> parameters;
   std::any defaults;
   std::function<int(const std::any&)> apron;  ///< pixels read beyond a tile
@@ -95,6 +96,11 @@ class Declaration {
   template <class... Layer>
   Declaration& can_use(const Layer&... layers) {
     return (entry_.can_use.push_back(layers), ...), *this;
+  }
+
+  Declaration& also_compare(std::vector<std::string> settings) {
+    entry_.also_compare = std::move(settings);
+    return *this;
   }
 
   struct Range {

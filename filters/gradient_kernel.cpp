@@ -82,9 +82,10 @@ const FilterEntry entry =
             "others, `gate` weighs it by how equal the opacities are. Pixels without a direction are filtered by the "
             "range kernel alone.")
         .needs(layer::gradient)
+        .also_compare({"variant=mul", "variant=gate"})
         .can_use(layer::alpha)
         .param("variant", &GradientKernel::variant, {"paper", "add-sharp", "mul", "gate"},
-               "how the gradient kernel joins the others", {"paper", "mul", "gate"})
+               "how the gradient kernel joins the others")
         .param("radius", &GradientKernel::radius, {0, 32}, "px", "half width of the window")
         .param("sigma-domain", &GradientKernel::sigma_domain, {0, 100}, "px", "sigma_D, of distance",
                {0.5, 0.75, 1, 1.5, 2, 3})

@@ -43,11 +43,11 @@ const FilterEntry entry =
         .param("radius", &Trilateral::radius, {0, 32}, "px", "half width of the window")
         .param("passes", &Trilateral::passes, {1, 8}, "", "ROAD is computed anew on each pass's input")
         .param("sigma-spatial", &Trilateral::sigma_spatial, {0, 100}, "px", "sigma_S of the first pass",
-               {0.75, 1, 1.5, 2, 3})
+               {0.5, 1, 1.5, 2, 3})
         .param("sigma-spatial-2", &Trilateral::sigma_spatial_2, {0, 100}, "px", "sigma_S of later passes", {1, 2.236})
         .param("sigma-range", &Trilateral::sigma_range, {0, 1000}, "Lab units", "sigma_R, of colour difference",
-               {5, 10, 20})
-        .param("sigma-impulse", &Trilateral::sigma_impulse, {0, 1000}, "Lab units", "sigma_I, of ROAD", {40})
+               {2.5, 5, 10, 20, 40, 80})
+        .param("sigma-impulse", &Trilateral::sigma_impulse, {0, 1000}, "Lab units", "sigma_I, of ROAD", {20, 40, 80})
         .param("sigma-joint", &Trilateral::sigma_joint, {0, 1000}, "Lab units",
                "sigma_J, where impulse weights take over", {25, 50, 100})
         .param("average", &Trilateral::average, kAverageNames, kAverageHelp, kAverageNames)

@@ -39,7 +39,7 @@ struct PathContext {
 /// Follows one path from the eye. Unbiased but for max_events.
 ///
 /// Sources: TRANSPORT.md sections 1, 6, 7, 11; Veach 1997 for the balance heuristic.
-/// Proof: tests/render/volume_path_test.cpp and analogue_test.cpp
+/// Proof: tests/render/furnace_test.cpp, slab_test.cpp, sphere_test.cpp and analogue_test.cpp
 using TracePath = PathSample (*)(const PathContext&, const Ray&, const Sobol&, Rng&, PathCounters&);
 
 /// The instantiation of the loop that models what the plan needs and nothing else.

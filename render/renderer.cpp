@@ -122,7 +122,10 @@ RenderResult PreparedScene::render(int spp, int64_t seed, const Task& task) cons
   header["renderTimeSeconds"] = static_cast<float>(total.seconds);
   header["cpuSeconds"] = static_cast<float>(total.cpu_seconds);
   header["invalidSampleCount"] = static_cast<int>(std::min<uint64_t>(total.invalid_samples, INT32_MAX));
-  header["estimators"] = std::string("delta tracking; ratio tracking; next-event estimation with balance heuristic");
+  header["estimators"] = std::string(
+      !context_.plan.medium           ? "no medium"
+      : !context_.plan.light_sampling ? "delta tracking; phase sampling only"
+                                      : "delta tracking; ratio tracking; next-event estimation with balance heuristic");
   header["biased"] = std::string(total.counters.capped_paths ? "true: paths were cut at max_events" : "false");
   header["varianceConvention"] = std::string("mean_variance is the variance of the pixel mean: sample variance / n");
   header["worldToCamera"] = camera.world_to_camera();

@@ -297,22 +297,27 @@ VdbSummary read_summary(const fs::path& path) {
   return summary;
 }
 
-DensityField read_density(const fs::path& path, const DensityOptions& options, const Task& task) {
-  const auto file = open(path);
-  DensityField field;
-  openvdb::GridBase::Ptr grid = file->readGrid(choose_grid(*file, path, options.grid, field.notes));
-  field.summary = summarize(*grid);
-  const GridSummary& s = field.summary;
+/// Refuses what no density can be read from, with what to do instead.
+void check_scalar_field(const fs::path& path, const GridSummary& s, openvdb::io::File& file) {
   if (s.grid_class == "points")
     fail(path,
          fmt::format("grid '{}' holds points; expected a fog volume. Rasterise the points to a density grid first",
                      s.name));
   if (s.type != "float" && s.type != "double")
     fail(path, fmt::format("grid '{}' is of type {}; expected float or double. The file has: {}", s.name, s.type,
-                           list_grids(*file)));
+                           list_grids(file)));
   if (!s.linear)
     fail(path, fmt::format("grid '{}' has a frustum or other non-affine transform; resample it to a uniform grid first",
                            s.name));
+}
+
+DensityField read_density(const fs::path& path, const DensityOptions& options, const Task& task) {
+  const auto file = open(path);
+  DensityField field;
+  openvdb::GridBase::Ptr grid = file->readGrid(choose_grid(*file, path, options.grid, field.notes));
+  field.summary = summarize(*grid);
+  const GridSummary& s = field.summary;
+  check_scalar_field(path, s, *file);
   if (s.grid_class == "level set") {
     if (!options.convert_level_set)
       fail(path, fmt::format(
@@ -395,10 +400,18 @@ uint64_t write_halved_density(const fs::path& from_path, const std::string& name
   std::vector<std::string> notes;
   const auto base = guarded(from_path, [&] {
     const auto file = open(from_path);
-    return file->readGrid(choose_grid(*file, from_path, name, notes));
+    const auto grid = file->readGrid(choose_grid(*file, from_path, name, notes));
+    const GridSummary s = summarize(*grid);
+    check_scalar_field(from_path, s, *file);
+    if (s.grid_class == "level set" || s.nan_count || s.infinite_count || s.negative_count)
+      fail(from_path,
+           fmt::format("grid '{}' is a level set or holds NaN, infinite or negative voxels; expected a clean fog "
+                       "volume to average",
+                       s.name));
+    return grid;
   });
   const auto source = openvdb::gridPtrCast<openvdb::FloatGrid>(base);
-  if (!source) fail(from_path, fmt::format("grid '{}' is not a float grid", name));
+  if (!source) fail(from_path, fmt::format("grid '{}' is of type double; halving takes float grids", base->getName()));
   auto grid = openvdb::FloatGrid::create(0.0f);
   grid->setName("density");
   grid->setGridClass(openvdb::GRID_FOG_VOLUME);

@@ -63,6 +63,9 @@ TEST_F(BadInput, CommandLine) {
   expect_refused("render " + kScene + " --layers normals -o " + path("out.exr"),
                  {"no layer 'normals' to record", "gradient"});
   expect_refused("info " + path("none.vdb"), {"none.vdb: no such file"});
+  expect_refused("render " + kScene + " --replay 5000,0,0",
+                 {"--replay 5000,0,0: expected x,y,sample with x below 400"});
+  expect_refused("render " + kScene + " --replay 1x,2,3", {"expected x,y,sample"});
   expect_refused("evaluate " + kScene + " --spp 16,x -o " + path("e"), {"expected sample counts such as 16,36,64"});
   expect_refused("evaluate " + kScene + " -f bilat -o " + path("e"), {"no filter 'bilat'"});
   expect_nothing_written();
@@ -128,6 +131,12 @@ TEST_F(BadInput, PointsAndFrustums) {
       openvdb::BBoxd(openvdb::Vec3d(0), openvdb::Vec3d(10)), 0.5, 10.0, 1.0));
   write("frustum.vdb", frustum);
   expect_refused("render " + scene("points.vdb") + " -o " + path("out.exr"), {"holds points; expected a fog volume"});
+  auto vectors = openvdb::Vec3SGrid::create();
+  vectors->tree().setValue({0, 0, 0}, openvdb::Vec3s(1));
+  write("vectors.vdb", vectors);
+  expect_refused("render " + scene("vectors.vdb") + " -o " + path("out.exr"),
+                 {"of type vec3s; expected float or double"});
+  expect_refused("halve " + path("frustum.vdb") + " -o " + path("h.vdb"), {"frustum or other non-affine transform"});
   expect_refused("render " + scene("frustum.vdb") + " -o " + path("out.exr"),
                  {"frustum or other non-affine transform; resample it"});
   expect_nothing_written();
@@ -191,6 +200,10 @@ TEST_F(BadInput, UnwritableOutputIsFoundBeforeTheWork) {
   expect_refused("render " + kScene + " --spp 100000 -o " + folder_.path().string(),
                  {"is a folder, expected the name of a file to write"});
   expect_refused("generate cloud -o " + path("no/out.vdb"), {"there is no folder"});
+  expect_refused(
+      "denoise " + frame("direct,indirect") + " -f bilateral -o " + path("out.exr") + " --png " + path("no/out.png"),
+      {"there is no folder"});
+  expect_nothing_written();
 }
 
 TEST_F(BadInput, CtrlCLeavesNothingHalfWritten) {
@@ -200,7 +213,7 @@ TEST_F(BadInput, CtrlCLeavesNothingHalfWritten) {
         program + " evaluate " + kScene + " --reference-spp 100000 --progress none -o " + path("out")}) {
     const int status = std::system(("timeout --preserve-status -s INT 2 " + command + " 2>" + path("err")).c_str());
     EXPECT_EQ(WEXITSTATUS(status), 3) << test::read_file(folder_ / "err");
-    EXPECT_NE(test::read_file(folder_ / "err").find("interrupted; nothing was written"), std::string::npos);
+    EXPECT_NE(test::read_file(folder_ / "err").find("interrupted; no file was left half-written"), std::string::npos);
     expect_nothing_written();
     EXPECT_FALSE(std::filesystem::exists(folder_ / "out"));
   }

@@ -81,6 +81,11 @@ TEST(Commands, SeveralFiltersWriteSeveralFiles) {
   EXPECT_EQ(r.status, 0) << r.err;
   EXPECT_TRUE(std::filesystem::exists(folder / "out.bilateral.exr"));
   EXPECT_TRUE(std::filesystem::exists(folder / "out.gaussian.exr"));
+  const auto twice =
+      run_brume("denoise " + frame + " -q -f gaussian:sigma=1 -f gaussian:sigma=2 -o " + (folder / "t.exr").string());
+  EXPECT_EQ(twice.status, 0) << twice.err;
+  EXPECT_NE(read_exr(folder / "t.gaussian.exr").text("filterParameters"),
+            read_exr(folder / "t.gaussian.2.exr").text("filterParameters"));
 }
 
 TEST(Commands, FramesOfOtherRenderersAreCleaned) {
@@ -148,6 +153,16 @@ TEST(Commands, EvaluateWritesItsFolder) {
   EXPECT_TRUE(std::filesystem::exists(folder / "out/table.csv"));
   EXPECT_TRUE(std::filesystem::exists(folder / "out/smoke_4spp_paper.png"));
   EXPECT_FALSE(std::filesystem::exists(folder / "out.part"));
+  // Again into the same folder, named with a slash: results are replaced, what else lies there stays.
+  test::write_file(folder / "out/mine.txt", "keep");
+  const auto again =
+      run_brume("evaluate " + kScene +
+                " --size 24 --spp 2 --seeds 1 --reference-spp 8 -f bilateral -f gradient_kernel --no-tuning -q -o " +
+                (folder / "out/").string());
+  ASSERT_EQ(again.status, 0) << again.err;
+  EXPECT_NE(again.out.find("one seed: cannot tell"), std::string::npos) << "a single seed proves nothing";
+  EXPECT_EQ(test::read_file(folder / "out/mine.txt"), "keep");
+  EXPECT_TRUE(std::filesystem::exists(folder / "out/table.csv"));
 }
 
 }  // namespace

@@ -42,8 +42,9 @@ Evaluation run(bool tune) {
   settings.seeds = 5;
   settings.reference_spp = 4000;
   settings.tune = tune;
-  settings.filters = {&find_filter("bilateral"), &find_filter("gaussian"), &find_filter("gradient_kernel"),
-                      &find_filter("extended_bilateral"), &find_filter("trilateral")};
+  for (const char* name :
+       {"bilateral", "gaussian", "gradient_kernel:variant=mul", "extended_bilateral", "gradient_kernel"})
+    settings.contenders.push_back(parse_contender(name));
   std::vector<EvaluationScene> scenes;
   for (const char* name : {"cloud", "smoke"})
     scenes.push_back({name, 1.0, [name](int spp, int64_t seed, const Task&) {
@@ -65,12 +66,12 @@ TEST(Evaluate, FillsEveryLineWithWhatItMeasured) {
       EXPECT_EQ(plain->whole.count, 5u);
       EXPECT_NEAR(plain->medium.mean / plain->whole.mean, 1 / std::sqrt(0.75), 0.01) << "the background has no error";
       EXPECT_DOUBLE_EQ(plain->render_seconds, spp * 0.01);
-      for (const FilterEntry* f : e.settings.filters) {
-        const MethodResult *paper = scene.find(f->name, Tuning::kPaper, spp),
-                           *best = scene.find(f->name, Tuning::kSearched, spp);
-        EXPECT_LT(paper->whole.mean, plain->whole.mean) << f->name;
+      for (const Contender& f : e.settings.contenders) {
+        const MethodResult *paper = scene.find(f.label, Tuning::kPaper, spp),
+                           *best = scene.find(f.label, Tuning::kSearched, spp);
+        EXPECT_LT(paper->whole.mean, plain->whole.mean) << f.label;
         // Searched on another frame, so it may lose to the default by a hair where that is not among the candidates.
-        EXPECT_LT(best->whole.mean, 1.1 * paper->whole.mean) << f->name;
+        EXPECT_LT(best->whole.mean, 1.1 * paper->whole.mean) << f.label;
         EXPECT_GT(paper->filter_seconds, 0);
         EXPECT_FALSE(best->parameters.empty());
       }
@@ -120,7 +121,7 @@ TEST(Evaluate, WritesTablesStripsPlotsAndFrames) {
 TEST(Tuning, FindsThePlantedBest) {
   const TimedFrame noisy = synthetic(16, 5), reference = synthetic(1 << 20, 6);
   const LabRms metric(reference.layers.rgb(layer::beauty), nullptr, {}, {});
-  const auto grid = search_grid(find_filter("gaussian"));
+  const auto grid = search_grid(parse_contender("gaussian"));
   EXPECT_EQ(grid.size(), 28u);
   const std::vector<double> errors = search(grid, noisy.layers, {}, metric, {});
   const size_t best = best_setting({&errors});
@@ -129,11 +130,24 @@ TEST(Tuning, FindsThePlantedBest) {
   EXPECT_NE(grid[best].text().find("sigma=4"), std::string::npos) << grid[best].text();
 }
 
+TEST(Contenders, AreEveryFilterAndTheSettingsItDeclares) {
+  std::vector<std::string> labels;
+  for (const Contender& c : all_contenders()) labels.push_back(c.label);
+  EXPECT_EQ(labels, (std::vector<std::string>{"bilateral", "extended_bilateral", "gaussian", "gradient_kernel",
+                                              "gradient_kernel mul", "gradient_kernel gate", "trilateral"}));
+  // What makes the line is not searched.
+  for (const FilterSettings& f : search_grid(parse_contender("gradient_kernel:variant=gate")))
+    EXPECT_NE(f.text().find("variant=gate"), std::string::npos);
+  const Contender bilateral = parse_contender("bilateral:sigma-range=80,sigma-domain=1.5");
+  EXPECT_EQ(search_grid(bilateral).size(), 2u) << "only the average is left";
+  EXPECT_EQ(on_the_edge(parse_contender("bilateral"), bilateral.settings), std::vector<std::string>{"sigma-range"});
+}
+
 TEST(Protocol, RecordsTheUnionOfTheLayersThatTheFiltersDeclare) {
   EvaluationSettings settings;
-  settings.filters = {&find_filter("bilateral")};
+  settings.contenders = {parse_contender("bilateral")};
   EXPECT_EQ(layers_to_record(settings), (std::vector<std::string>{"coverage", "direct", "indirect"}));
-  settings.filters.push_back(&find_filter("gradient_kernel"));
+  settings.contenders.push_back(parse_contender("gradient_kernel"));
   EXPECT_EQ(layers_to_record(settings), (std::vector<std::string>{"coverage", "direct", "gradient", "indirect"}));
 }
 

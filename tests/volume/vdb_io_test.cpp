@@ -208,6 +208,15 @@ TEST(LoadDensity, ACloudNeedsAtMostTwiceItsActiveVoxels) {
   EXPECT_LE(field.bricks.bytes(), 2 * 4 * field.summary.active_voxels);
 }
 
+TEST(LoadDensity, AProceduralCloudNeedsAtMostTwiceItsActiveVoxelsToo) {
+  const test::TemporaryFolder folder;
+  const ProceduralVolume v = procedural_cloud(300, 1);
+  write_density(folder / "cloud.vdb", v.box, v.voxel_size, v.density, false, {});
+  const DensityField field = load_density(folder / "cloud.vdb", {});
+  EXPECT_GT(field.summary.active_voxels, 1000000u);
+  EXPECT_LE(field.bricks.bytes(), 2 * 4 * field.summary.active_voxels);
+}
+
 TEST(LoadDensity, EverySharedVolumeLoadsOrIsRefusedWithTheRightWords) {
   const auto folder = test::shared("volumes");
   if (folder.empty()) GTEST_SKIP() << "no volumes beside the project";
