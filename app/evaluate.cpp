@@ -102,8 +102,11 @@ int run(const Common& common) {
                         return TimedFrame{std::move(r.layers), r.report.seconds};
                       }});
   }
-  const Evaluation result =
-      evaluate(scenes, settings, [&](const std::string& name) { return make_task(common, name); });
+  size_t stage = 0;
+  const size_t stages = stage_count(settings, scenes.size());
+  const Evaluation result = evaluate(scenes, settings, [&](const std::string& name) {
+    return make_task(common, fmt::format("[{}/{}] {}", ++stage, stages, name));
+  });
   write_report(result, folder.part());
   folder.commit();
   print(common.json ? json_report(result) : markdown_report(result));

@@ -36,7 +36,7 @@ class ProgressLine {
       constexpr int kWidth = 30;
       const int filled = static_cast<int>(fraction * kWidth);
       const std::string tail = fraction >= 1 ? format_duration(elapsed) : left.empty() ? "" : left + " left";
-      std::fputs(fmt::format("\r{:<28} [{:#<{}}{:.<{}}] {:3.0f} %  {:<16}{}", label_, "", filled, "", kWidth - filled,
+      std::fputs(fmt::format("\r{:<44} [{:#<{}}{:.<{}}] {:3.0f} %  {:<16}{}", label_, "", filled, "", kWidth - filled,
                              100 * fraction, tail, fraction >= 1 ? "\n" : "")
                      .c_str(),
                  stderr);

@@ -128,6 +128,12 @@ std::vector<std::string> layers_to_record(const EvaluationSettings& settings) {
   return {names.begin(), names.end()};
 }
 
+size_t stage_count(const EvaluationSettings& settings, size_t scenes) {
+  const size_t spp = settings.spp.size(), tune = settings.tune ? 1 : 0;
+  const size_t frames = 2 + spp * (tune + static_cast<size_t>(settings.seeds));
+  return scenes * (frames + tune * spp * settings.contenders.size() + 1);
+}
+
 std::string machine_name() {
   std::ifstream info("/proc/cpuinfo");
   std::string processor = "unknown processor";

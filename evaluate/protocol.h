@@ -75,6 +75,9 @@ struct Evaluation {
   std::string machine;
 };
 
+/// How many stages evaluate() will announce.
+size_t stage_count(const EvaluationSettings& settings, size_t scenes);
+
 /// The layers that references and noisy frames must hold for these settings.
 std::vector<std::string> layers_to_record(const EvaluationSettings& settings);
 

@@ -76,7 +76,8 @@ PathSample trace_path(const PathContext& context, const Ray& camera_ray, const S
   Ray ray = camera_ray;
   dvec3 throughput(1);
   double pdf_phase = 1;
-  for (uint64_t events = 0;; ++events) {
+  uint64_t events = 0;  // real scatterings so far; null collisions are none
+  for (;; ++events) {
     // Light that is met after fewer than two scatterings is direct (TRANSPORT.md section 11).
     const auto deposit = [&](const dvec3& radiance, uint64_t e) {
       (e < 2 ? sample.direct : sample.indirect) += throughput * radiance;
@@ -104,8 +105,7 @@ PathSample trace_path(const PathContext& context, const Ray& camera_ray, const S
       } else {
         deposit(escaped_radiance<kLightSampling>(context, ray.d, pdf_phase, events == 0), events);
       }
-      counters.longest = std::max(counters.longest, events);
-      return sample;
+      break;
     }
 
     if constexpr (kMedium) {
@@ -114,7 +114,7 @@ PathSample trace_path(const PathContext& context, const Ray& camera_ray, const S
       throughput *= medium.albedo();  // absorption by weight, not by chance
       const auto pair = [&](uint32_t i) {
         return events < kSobolEvents ? sobol.pair(static_cast<uint32_t>(1 + 2 * events) + i)
-                                     : dvec2(rng.uniform(), rng.uniform());
+                                     : dvec2{rng.uniform(), rng.uniform()};
       };
       if constexpr (kLightSampling) {
         const double choice = rng.uniform();
@@ -137,6 +137,7 @@ PathSample trace_path(const PathContext& context, const Ray& camera_ray, const S
       ray.d = d;
     }
   }
+  counters.longest = std::max(counters.longest, events);
   return sample;
 }
 

@@ -50,7 +50,13 @@ Evaluation run(bool tune) {
     scenes.push_back({name, 1.0, [name](int spp, int64_t seed, const Task&) {
                         return synthetic(spp, seed + (std::string(name) == "cloud" ? 0 : 77));
                       }});
-  return evaluate(scenes, settings, [](const std::string&) { return Task{2, {}, nullptr}; });
+  size_t stages = 0;
+  const Evaluation result = evaluate(scenes, settings, [&](const std::string&) {
+    ++stages;
+    return Task{2, {}, nullptr};
+  });
+  EXPECT_EQ(stages, stage_count(settings, scenes.size()));
+  return result;
 }
 
 TEST(Evaluate, FillsEveryLineWithWhatItMeasured) {
