@@ -19,17 +19,16 @@ struct TrackingCounters {
 // Interpolation rounds, so the bound is widened by more than a float's rounding and by less than anyone can measure.
 inline constexpr double kMajorantMargin = 1.0 + 1e-6;
 
-/// The distance to the next real collision, by delta tracking through the majorant grid: density sigma_t exp(-tau).
-///
+/// Calls visit(t, density, majorant) at the points of a Poisson process whose rate is the majorant of the extinction,
+/// in order along a ray, until it returns true or the ray leaves the medium or passes t_max.
 /// @param ray  local coordinates of `medium`, parametrised by world distance; from t = 0
-/// @return     the ray parameter, or a negative number where the ray leaves the medium or passes t_max uncollided
-/// Source: Woodcock 1965; the walk carries one optical depth across cells.  Proof: tests/volume/tracking_test.cpp
-inline double sample_collision(const Medium& medium, const Ray& ray, double t_max, Rng& rng,
-                               TrackingCounters& counters) {
+template <class Visit>
+void visit_tentative_collisions(const Medium& medium, const Ray& ray, double t_max, Rng& rng,
+                                TrackingCounters& counters, const Visit& visit) {
   const double k = medium.extinction_per_density();
   MajorantWalk walk(medium.bricks(), ray, 0.0, t_max);
   MajorantWalk::Segment segment;
-  double tau = rng.exponential();
+  double tau = rng.exponential();  // carried across cells: the same process as drawing anew in each, for less
   while (walk.next(segment)) {
     const double majorant = segment.majorant * kMajorantMargin, sigma_maj = k * majorant;
     double t = segment.t0;
@@ -43,50 +42,45 @@ inline double sample_collision(const Medium& medium, const Ray& ray, double t_ma
       const double density = medium.bricks().lookup_in(*segment.cell, segment.coordinates, ray.at(t));
       ++counters.lookups;
       counters.majorant_violations += density > majorant;
-      if (rng.uniform() * majorant < density) {
-        ++counters.collisions;
-        return t;
-      }
+      if (visit(t, density, majorant)) return;
       tau = rng.exponential();
     }
   }
-  return -1.0;
+}
+
+/// The distance to the next real collision, by delta tracking through the majorant grid: density sigma_t exp(-tau).
+///
+/// @param ray  as in visit_tentative_collisions
+/// @return     the ray parameter, or a negative number where the ray leaves the medium or passes t_max uncollided
+/// Source: Woodcock 1965.  Proof: tests/volume/tracking_test.cpp
+inline double sample_collision(const Medium& medium, const Ray& ray, double t_max, Rng& rng,
+                               TrackingCounters& counters) {
+  double hit = -1.0;
+  visit_tentative_collisions(medium, ray, t_max, rng, counters, [&](double t, double density, double majorant) {
+    if (!(rng.uniform() * majorant < density)) return false;
+    ++counters.collisions;
+    hit = t;
+    return true;
+  });
+  return hit;
 }
 
 /// Unbiased transmittance along a ray, by ratio tracking: each tentative collision multiplies the weight by the null
 /// share 1 - sigma_t / sigma_maj. Below 0.05 the weight plays roulette.
 ///
-/// @param ray  as in sample_collision
-/// @return     in [0, 1] but for surviving roulette, at most 0.1; exactly 1 where the ray misses the medium
+/// @param ray  as in visit_tentative_collisions
+/// @return     in [0, 1]; exactly 1 where the ray misses the medium
 /// Source: Novak, Selle, Jarosz 2014.  Proof: tests/volume/tracking_test.cpp
 inline double estimate_transmittance(const Medium& medium, const Ray& ray, double t_max, Rng& rng,
                                      TrackingCounters& counters) {
-  const double k = medium.extinction_per_density();
-  MajorantWalk walk(medium.bricks(), ray, 0.0, t_max);
-  MajorantWalk::Segment segment;
-  double weight = 1.0, tau = rng.exponential();
-  while (walk.next(segment)) {
-    const double majorant = segment.majorant * kMajorantMargin, sigma_maj = k * majorant;
-    double t = segment.t0;
-    for (;;) {
-      const double remaining = (segment.t1 - t) * sigma_maj;
-      if (tau >= remaining) {
-        tau -= remaining;
-        break;
-      }
-      t += tau / sigma_maj;
-      const double density = medium.bricks().lookup_in(*segment.cell, segment.coordinates, ray.at(t));
-      ++counters.lookups;
-      counters.majorant_violations += density > majorant;
-      weight *= 1.0 - density / majorant;
-      if (weight < 0.05) {
-        const double survival = weight / 0.1;
-        if (rng.uniform() >= survival) return 0.0;
-        weight = 0.1;
-      }
-      tau = rng.exponential();
-    }
-  }
+  double weight = 1.0;
+  visit_tentative_collisions(medium, ray, t_max, rng, counters, [&](double, double density, double majorant) {
+    weight *= 1.0 - density / majorant;
+    if (weight >= 0.05) return false;
+    const bool survives = rng.uniform() < weight / 0.1;
+    weight = survives ? 0.1 : 0.0;
+    return !survives;
+  });
   return weight;
 }
 
