@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 #include <sys/resource.h>
+#include <unistd.h>
 
 namespace brume {
 
@@ -15,6 +16,10 @@ std::string format_duration(double seconds) {
 std::string time_left(double fraction, double elapsed_seconds) {
   if (fraction < 0.005 || elapsed_seconds < 0.5) return "";
   return format_duration(elapsed_seconds * (1.0 - fraction) / fraction);
+}
+
+double physical_memory() {
+  return static_cast<double>(sysconf(_SC_PHYS_PAGES)) * static_cast<double>(sysconf(_SC_PAGESIZE));
 }
 
 double cpu_seconds() {

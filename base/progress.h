@@ -37,6 +37,9 @@ class Stopwatch {
   std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
 };
 
+/// Bytes of memory that the machine has.
+double physical_memory();
+
 /// Processor seconds of this process, all threads together.
 double cpu_seconds();
 

@@ -31,6 +31,13 @@ Plan make_plan(const Lights& lights, const Medium* medium, const LayerRequest& l
   return plan;
 }
 
+double Plan::film_bytes(int width, int height) const {
+  // Beauty and alpha, the layers asked for, each with three statistics or none, and two counts.
+  const double channels =
+      4.0 + 3 * (layers.direct + layers.indirect + layers.gradient + layers.transmittance) + layers.coverage;
+  return (channels * (layers.statistics ? 4 : 1) + 2) * sizeof(float) * width * height;
+}
+
 std::string Plan::explain(const Scene& scene, const Lights& lights, const Medium* m) const {
   std::string text;
   const auto line = [&](std::string_view what, std::string_view how) {
@@ -82,11 +89,8 @@ std::string Plan::explain(const Scene& scene, const Lights& lights, const Medium
                                  {layers.transmittance, "transmittance"}})
     if (on) recorded.push_back(name);
   line("layers", join(recorded) + (layers.statistics ? ", each with mean_variance, half_a, half_b" : ""));
-  const double channels =
-      6.0 + 3 * (layers.direct + layers.indirect + layers.gradient + layers.transmittance) + layers.coverage;
-  const double planes = channels * (layers.statistics ? 4 : 1);
   line("film", fmt::format("{} x {}, {:.1f} MB", scene.film.width, scene.film.height,
-                           planes * 4e-6 * scene.film.width * scene.film.height));
+                           film_bytes(scene.film.width, scene.film.height) / 1e6));
   return text;
 }
 

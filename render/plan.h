@@ -25,6 +25,9 @@ struct Plan {
   bool surface = false;         ///< the medium's surface is looked for, once per path
   LayerRequest layers;
 
+  /// Memory of the recorded layers.
+  double film_bytes(int width, int height) const;
+
   /// The plan and what each part costs in memory, for a person.
   std::string explain(const Scene& scene, const Lights& lights, const Medium* medium) const;
 };

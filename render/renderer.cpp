@@ -66,6 +66,12 @@ PreparedScene::PreparedScene(Scene scene, const LayerRequest& layers, const Task
 
 RenderResult PreparedScene::render(int spp, int64_t seed, const Task& task) const {
   const int width = scene_.film.width, height = scene_.film.height;
+  const double needed = context_.plan.film_bytes(width, height), available = physical_memory();
+  if (needed > 0.8 * available)
+    throw InputError(
+        fmt::format("a film of {} x {} needs {:.1f} GB for its layers, this machine has {:.1f} GB; make it smaller, "
+                    "or record fewer layers or no statistics",
+                    width, height, needed / 1e9, available / 1e9));
   const Camera camera(scene_.camera, width, height, world_shift_);
   const TracePath trace = select_path_tracer(context_.plan);
   Film film(width, height, context_.plan.layers);

@@ -84,6 +84,8 @@ TEST_F(BadInput, Scenes) {
   expect_refused("render " + scene(kCloud, "object_to_world = [[1,0,0,0],[0,1,0,0],[0,0,0,0],[0,0,0,1]]\n") + " -o " +
                      path("out.exr"),
                  {"object_to_world is singular"});
+  expect_refused("render " + kScene + " -D film.width=65536 -D film.height=65536 -o " + path("out.exr"),
+                 {"a film of 65536 x 65536 needs", "make it smaller"});
   expect_refused("render " + scene("none.vdb") + " -o " + path("out.exr"), {"none.vdb: no such file"});
   expect_refused("render " + scene(kCloud) + " -D camera.look_at=[0,-5,0] -o " + path("out.exr"),
                  {"position and look_at are the same point"});
