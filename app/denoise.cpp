@@ -66,9 +66,11 @@ int run(const Common& common, const std::vector<std::string>& extras) {
   std::vector<FilterSettings> filters;
   for (const std::string& text : o.filters) filters.push_back(parse_filter(text));
   set_parameters(filters, extras);
-  for (size_t i = 0; i < filters.size(); ++i)
-    for (const std::string& path : {o.output, o.preview})
-      if (!path.empty()) check_writable(output_for(path, filters, i));
+  const fs::path inputs[] = {o.input};
+  for (size_t i = 0; i < filters.size(); ++i) {
+    check_writable(output_for(o.output, filters, i), inputs, ".exr");
+    if (!o.preview.empty()) check_writable(output_for(o.preview, filters, i), inputs, ".png");
+  }
   ApplyOptions options;
   options.component = o.component == "all" ? Component::kAll : Component::kIndirect;
   options.background = o.background == "filter" ? BackgroundRule::kFilter : BackgroundRule::kBilateral;

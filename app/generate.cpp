@@ -3,6 +3,7 @@
 #include <filesystem>
 
 #include "app/command.h"
+#include "base/output_file.h"
 #include "volume/procedural.h"
 #include "volume/vdb_io.h"
 
@@ -25,6 +26,7 @@ void add_generate(CLI::App& app, Common& common, Commands& commands) {
   command->add_option("--seed", o.seed, "another seed, another volume")->capture_default_str();
   command->add_flag("--half", o.half, "save 16-bit values");
   commands[command] = [&common] {
+    check_writable(o.output, {}, ".vdb");
     const ProceduralVolume v =
         o.kind == "cloud" ? procedural_cloud(o.resolution, o.seed) : procedural_smoke(o.resolution, o.seed);
     write_density(o.output, v.box, v.voxel_size, v.density, o.half, make_task(common, "generate " + o.kind));

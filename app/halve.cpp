@@ -1,6 +1,9 @@
 #include <fmt/format.h>
 
+#include <filesystem>
+
 #include "app/command.h"
+#include "base/output_file.h"
 #include "volume/vdb_io.h"
 
 namespace brume::app {
@@ -12,6 +15,8 @@ void add_halve(CLI::App& app, Common& common, Commands& commands) {
   command->add_option("-o,--output", output, "VDB file to write; grid density, saved as half")->required();
   command->add_option("--grid", grid, "density grid; without it as in a scene");
   commands[command] = [] {
+    const std::filesystem::path inputs[] = {input};
+    check_writable(output, inputs, ".vdb");
     const uint64_t voxels = write_halved_density(input, grid, output);
     print(fmt::format("{}: {} active voxels\n", output, voxels));
     return static_cast<int>(kDone);

@@ -1,5 +1,7 @@
 #include <fmt/format.h>
 
+#include <filesystem>
+
 #include "app/command.h"
 #include "base/error.h"
 #include "base/output_file.h"
@@ -36,9 +38,11 @@ int replay(const PreparedScene& scene, int64_t seed) {
 }
 
 int run(const Common& common) {
-  if (!o.output.empty()) check_writable(o.output);
-  if (!o.preview.empty()) check_writable(o.preview);
   Scene scene = read_scene(o.scene, o.overrides);
+  std::vector<std::filesystem::path> inputs = {o.scene, scene.environment.file};
+  for (const VolumeSettings& volume : scene.volumes) inputs.push_back(volume.file);
+  if (!o.output.empty()) check_writable(o.output, inputs, ".exr");
+  if (!o.preview.empty()) check_writable(o.preview, inputs, ".png");
   if (o.spp > 0) scene.render.spp = o.spp;
   if (o.seed >= 0) scene.render.seed = o.seed;
   const LayerRequest layers = LayerRequest::of(

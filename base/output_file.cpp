@@ -12,9 +12,16 @@
 namespace brume {
 namespace fs = std::filesystem;
 
-void check_writable(const fs::path& path) {
+void check_writable(const fs::path& path, std::span<const fs::path> inputs, std::string_view extension) {
   const fs::path folder = path.parent_path().empty() ? fs::path(".") : path.parent_path();
   std::error_code ignored;
+  if (!extension.empty() && path.extension() != extension && !fs::is_directory(path, ignored))
+    throw InputError(
+        fmt::format("{}: its name should end in {}, which is what would be written", path.string(), extension));
+  for (const fs::path& input : inputs)
+    if (fs::equivalent(path, input, ignored))
+      throw InputError(
+          fmt::format("{}: is read by this command and would be destroyed; name another output", path.string()));
   if (path.filename().empty() || fs::is_directory(path, ignored))
     throw InputError(fmt::format("{}: is a folder, expected the name of a file to write", path.string()));
   if (!fs::is_directory(folder, ignored))

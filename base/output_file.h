@@ -1,5 +1,6 @@
 #pragma once
 #include <filesystem>
+#include <span>
 #include <string>
 #include <string_view>
 
@@ -29,6 +30,9 @@ class OutputFile {
 void write_text(const std::filesystem::path& path, std::string_view text);
 
 /// Throws the error that OutputFile would, before hours of work are spent on what cannot be written.
-void check_writable(const std::filesystem::path& path);
+/// @param inputs     files that are read: writing over one would destroy it
+/// @param extension  what the file's name must end in, with the dot; empty: anything
+void check_writable(const std::filesystem::path& path, std::span<const std::filesystem::path> inputs = {},
+                    std::string_view extension = "");
 
 }  // namespace brume

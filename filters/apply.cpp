@@ -124,6 +124,7 @@ Layers apply_filter(const FilterSettings& filter, const Layers& frame, const App
     r.notes.push_back(
         fmt::format("{} pixels were out of the filter's range and kept their input", r.not_finite_results));
   if (const Plane* alpha = source.find(layer::alpha.channel(0))) result.set(layer::alpha.channel(0), *alpha);
+  result.header["biased"] = "true: filtered by " + filter.entry().name;
   result.header["filter"] = filter.entry().name;
   result.header["filterParameters"] = filter.text();
   result.header["filterComponent"] = std::string(add_direct ? "indirect; direct added back" : "all");

@@ -35,6 +35,7 @@ std::string adopt_foreign_layers(Layers& layers) {
     split = split && indirect;
     layers.set(layer::beauty.channel(c), *combined);
   }
+  if (const Plane* alpha = layers.find(prefix + "Combined.A")) layers.set(layer::alpha.channel(0), *alpha);
   return fmt::format("read as Blender Cycles multilayer '{}': Combined{}", prefix.substr(0, prefix.size() - 1),
                      split ? ", VolumeInd as indirect, the rest as direct" : " only; no VolumeInd pass to split off");
 }

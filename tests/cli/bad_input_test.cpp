@@ -196,6 +196,16 @@ TEST_F(BadInput, SizesAndNonFinitePixels) {
   EXPECT_NE(cleaned.err.find("1 pixels were NaN or infinite"), std::string::npos) << cleaned.err;
 }
 
+TEST_F(BadInput, NoCommandDestroysWhatItReads) {
+  const std::string s = scene(kCloud), text = test::read_file(s), input = frame("direct,indirect");
+  expect_refused("render " + s + " -o " + s, {"its name should end in .exr"});
+  expect_refused("render " + s + " -o " + path("a.exr") + " --png " + s, {"its name should end in .png"});
+  expect_refused("denoise " + input + " -f bilateral -o " + input, {"is read by this command and would be destroyed"});
+  std::filesystem::copy_file(kCloud, path("c.vdb"));
+  expect_refused("halve " + path("c.vdb") + " -o " + path("c.vdb"), {"is read by this command and would be destroyed"});
+  EXPECT_EQ(test::read_file(s), text);
+}
+
 TEST_F(BadInput, UnwritableOutputIsFoundBeforeTheWork) {
   expect_refused("render " + kScene + " --spp 100000 -o " + path("no/such/out.exr"),
                  {"out.exr: cannot be written: there is no folder"});
