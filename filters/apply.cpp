@@ -45,11 +45,17 @@ void check_layers(const FilterEntry& filter, const Layers& frame, const ApplyOpt
   for (const LayerName& l : {layer::direct, layer::indirect, layer::gradient, layer::coverage, layer::transmittance})
     if (frame.has(l) && std::find(record.begin(), record.end(), l.name) == record.end())
       record.push_back(std::string(l.name));
+  // --component all helps only where nothing but the split is missing.
+  const bool only_split =
+      std::all_of(filter.needs.begin(), filter.needs.end(), [&](const LayerName& l) { return frame.has(l); });
+  const std::string way_out =
+      !only_split ? "; other renderers do not record what it needs: take another filter for their frames"
+      : options.component == Component::kIndirect ? "; or clean the whole picture with --component all"
+                                                  : "";
   throw InputError(fmt::format(
       "filter {} needs the layer{} {}, which the frame does not have. Record it with: brume render SCENE -o OUT.exr "
       "--layers {}{}",
-      filter.name, missing.size() > 1 ? "s" : "", join(missing), join(record, ","),
-      options.component == Component::kIndirect ? "; or clean the whole picture with --component all" : ""));
+      filter.name, missing.size() > 1 ? "s" : "", join(missing), join(record, ","), way_out));
 }
 
 }  // namespace

@@ -56,6 +56,9 @@ PreparedScene::PreparedScene(Scene scene, const LayerRequest& layers, const Task
       if (light.type == "sun" && light.angular_diameter == 0)
         throw InputError(
             "light_sampling = \"none\" cannot find exactly parallel light; give the sun an angular_diameter above 0");
+  if (scene_.volumes.empty()) notes_.push_back("the scene has no [[volumes]]: there is nothing to scatter light");
+  if (lights_.environment.black() && scene_.lights.empty())
+    notes_.push_back("the scene has no light: the picture will be black");
   context_.medium = medium();
   context_.lights = &lights_;
   context_.plan = make_plan(lights_, medium(), layers);
