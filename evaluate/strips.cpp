@@ -16,7 +16,11 @@ namespace brume {
 namespace {
 
 constexpr double kFullScale = 10.0;  // Lab units at the top of the error maps' colours
-constexpr int kCaption = 26, kGap = 4;
+constexpr int kCaption = 26, kGap = 4, kKeyWidth = 200;
+
+int text_width(std::string text) {
+  return stb_easy_font_width(text.data());
+}
 
 struct Column {
   std::string caption;
@@ -64,10 +68,12 @@ std::optional<Picture> comparison_strip(const SceneResult& scene, int spp, Tunin
   if (columns.size() == 1) return std::nullopt;
   columns.push_back({fmt::format("reference {} spp", 2 * scene.reference_spp), &scene.reference});
 
-  const int w = scene.width, h = scene.height;
+  // Cells are as wide as the widest caption asks for; small pictures leave room.
+  const int h = scene.height, scale = scene.width >= 300 ? 2 : 1;
+  int w = std::max(scene.width, kKeyWidth);
+  for (const Column& column : columns) w = std::max(w, 8 + scale * text_width(column.caption));
   Picture strip(static_cast<int>(columns.size()) * (w + kGap) - kGap, 2 * h + kGap + 2 * kCaption);
   const LabRms metric(scene.reference.rgb(layer::beauty), nullptr, scene.policy, {});
-  const int scale = w >= 300 ? 2 : 1;
   for (size_t i = 0; i < columns.size(); ++i) {
     const int x = static_cast<int>(i) * (w + kGap);
     draw_text(strip, x + 4, 6, columns[i].caption, scale);
