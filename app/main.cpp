@@ -53,6 +53,7 @@ int run(int argc, char** argv) {
   add_generate(app, common, commands);
   add_halve(app, common, commands);
   add_render(app, common, commands);
+  add_merge(app, common, commands);
   add_denoise(app, common, commands);
   add_compare(app, common, commands);
   add_evaluate(app, common, commands);
@@ -70,8 +71,8 @@ int run(int argc, char** argv) {
   } catch (const InputError& error) {
     warn(error.what());
     return kBadInput;
-  } catch (const Interrupted&) {
-    warn("interrupted; no file was left half-written");
+  } catch (const Interrupted& error) {
+    warn(error.what());
     return kInterrupted;
   } catch (const std::bad_alloc&) {
     warn("not enough memory for this; try a smaller picture or volume");

@@ -1,8 +1,10 @@
 #include <fmt/format.h>
 
 #include <filesystem>
+#include <memory>
 
 #include "app/command.h"
+#include "app/tev.h"
 #include "base/error.h"
 #include "base/output_file.h"
 #include "base/text.h"
@@ -16,10 +18,12 @@ namespace {
 
 struct Options {
   std::string scene, output, preview, layers = "direct,indirect,gradient,coverage,transmittance", replay;
+  std::string part, crop, time, checkpoint, resume, tev;
   std::vector<std::string> overrides;
   int spp = 0;
   int64_t seed = -1;
-  bool no_statistics = false, explain = false, require_valid = false;
+  double target_error = 0, checkpoint_every = 300;
+  bool no_statistics = false, buckets = false, explain = false, require_valid = false;
 } o;
 
 int replay(const PreparedScene& scene, int64_t seed) {
@@ -31,22 +35,89 @@ int replay(const PreparedScene& scene, int64_t seed) {
     throw InputError(fmt::format("--replay {}: expected x,y,sample with x below {}, y below {}, sample from 0",
                                  o.replay, film.width, film.height));
   const PathSample s = scene.replay(seed, v[0], v[1], static_cast<uint32_t>(v[2]));
-  print(fmt::format("direct {} {} {}\nindirect {} {} {}\ngradient {} {} {}\ncoverage {}\ntransmittance {}\n",
-                    s.direct.x, s.direct.y, s.direct.z, s.indirect.x, s.indirect.y, s.indirect.z, s.gradient.x,
-                    s.gradient.y, s.gradient.z, s.coverage, s.transmittance));
+  for (const RecordedLayer& l : recordable_layers()) {
+    std::string line(l.name.name);
+    for (size_t c = 0; c < l.name.channels.size(); ++c) line += fmt::format(" {}", s.values()[l.offset + c]);
+    print(line + "\n");
+  }
   return kDone;
+}
+
+void parse_part(RenderJob& job) {
+  if (o.part.empty()) return;
+  int used = 0;
+  if (std::sscanf(o.part.c_str(), "%d/%d%n", &job.part, &job.parts, &used) != 2 ||
+      static_cast<size_t>(used) != o.part.size() || job.part < 1 || job.part > job.parts)
+    throw InputError(fmt::format("--part {}: expected i/N, for example 2/4, with i from 1 to N", o.part));
+  if (job.parts > job.spp)
+    throw InputError(
+        fmt::format("--part {}: {} samples per pixel cannot be shared by {} parts", o.part, job.spp, job.parts));
+  job.keep_state = true;
+}
+
+void parse_crop(RenderJob& job, const FilmSettings& film) {
+  if (o.crop.empty()) return;
+  RenderJob::Crop c{};
+  int used = 0;
+  if (std::sscanf(o.crop.c_str(), "%d,%d,%d,%d%n", &c.x0, &c.y0, &c.x1, &c.y1, &used) != 4 ||
+      static_cast<size_t>(used) != o.crop.size() || c.x0 < 0 || c.y0 < 0 || c.x1 <= c.x0 || c.y1 <= c.y0 ||
+      c.x1 > film.width || c.y1 > film.height)
+    throw InputError(fmt::format("--crop {}: expected x0,y0,x1,y1 inside 0,0,{},{}, the last two exclusive", o.crop,
+                                 film.width, film.height));
+  job.crop = c;
+}
+
+double parse_time() {
+  if (o.time.empty()) return 0;
+  double total = 0;
+  const char* at = o.time.c_str();
+  while (*at) {
+    char* end = nullptr;
+    const double value = std::strtod(at, &end);
+    const char unit = *end;
+    const double factor = unit == 'h' ? 3600 : unit == 'm' ? 60 : unit == 's' || unit == '\0' ? 1 : 0;
+    if (end == at || factor == 0 || !(value >= 0)) {
+      total = 0;
+      break;
+    }
+    total += value * factor;
+    at = unit ? end + 1 : end;
+  }
+  if (!(total > 0)) throw InputError(fmt::format("--time {}: expected a duration such as 90s, 10m or 1h30m", o.time));
+  return total;
 }
 
 int run(const Common& common) {
   Scene scene = read_scene(o.scene, o.overrides);
-  std::vector<std::filesystem::path> inputs = {o.scene, scene.environment.file};
+  std::vector<std::filesystem::path> inputs = {o.scene, scene.environment.file, scene.camera.from_exr};
   for (const VolumeSettings& volume : scene.volumes) inputs.push_back(volume.file);
+  for (const SurfaceSettings& surface : scene.surfaces)
+    inputs.insert(inputs.end(), {surface.file, surface.albedo_texture});
   if (!o.output.empty()) check_writable(o.output, inputs, ".exr");
   if (!o.preview.empty()) check_writable(o.preview, inputs, ".png");
+  if (!o.checkpoint.empty()) check_writable(o.checkpoint, inputs, ".exr");
+  const bool open_ended = o.spp == 0 && (!o.time.empty() || o.target_error > 0);
   if (o.spp > 0) scene.render.spp = o.spp;
+  if (open_ended) scene.render.spp = 1 << 20;  // as many as the time or the error asks for
   if (o.seed >= 0) scene.render.seed = o.seed;
-  const LayerRequest layers = LayerRequest::of(
-      o.layers.empty() || o.layers == "none" ? std::vector<std::string>{} : split(o.layers, ','), !o.no_statistics);
+  const LayerRequest layers =
+      LayerRequest::of(o.layers.empty() || o.layers == "none" ? std::vector<std::string>{} : split(o.layers, ','),
+                       !o.no_statistics, o.buckets);
+
+  RenderJob job;
+  job.spp = scene.render.spp, job.seed = scene.render.seed;
+  parse_part(job);
+  parse_crop(job, scene.film);
+  job.time_limit = parse_time();
+  job.target_error = o.target_error;
+  job.checkpoint = o.checkpoint;
+  job.checkpoint_seconds = o.checkpoint_every;
+  job.resume = o.resume;
+  // A checkpoint that is resumed is also where to go on checkpointing.
+  if (!o.resume.empty() && o.checkpoint.empty()) job.checkpoint = o.resume;
+  job.program = version_text();
+  job.stamp = [](Layers& frame) { stamp(frame); };
+
   const PreparedScene prepared(scene, layers, {common.threads, {}, &interrupted});
   for (const std::string& note : prepared.notes()) warn("note: " + note);
   if (o.explain) {
@@ -55,11 +126,17 @@ int run(const Common& common) {
   }
   if (!o.replay.empty()) return replay(prepared, scene.render.seed);
   if (o.output.empty()) throw InputError("no output; expected -o FILE.exr (or --explain)");
-  RenderResult result = prepared.render(scene.render.spp, scene.render.seed, make_task(common, "render " + scene.name));
-  stamp(result.layers);
+  std::unique_ptr<TevViewer> viewer;
+  if (!o.tev.empty()) {
+    const RenderJob::Crop c = job.crop.value_or(RenderJob::Crop{0, 0, scene.film.width, scene.film.height});
+    viewer = std::make_unique<TevViewer>(o.tev == "default" ? "" : o.tev, scene.name, c.x1 - c.x0, c.y1 - c.y0);
+    job.watch = [&](const Film& film, int tile) { viewer->update(film, tile); };
+  }
+  RenderResult result = prepared.render(job, make_task(common, "render " + scene.name));
   write_exr(o.output, result.layers);
   if (!o.preview.empty()) write_png(o.preview, to_picture(result.layers.rgb(layer::beauty), scene.film.exposure));
   log(common, result.report.summary());
+  if (open_ended) log(common, fmt::format("{} samples per pixel", result.report.samples_per_pixel));
   print(o.output + "\n");
   // One bad sample in a million is reported; more is a failure (TRANSPORT.md section 10).
   const double allowed = o.require_valid ? 0.0 : 1e-6 * static_cast<double>(result.report.counters.paths);
@@ -76,8 +153,25 @@ void add_render(CLI::App& app, Common& common, Commands& commands) {
   command->add_option("--spp", o.spp, "paths per pixel instead of the scene's")->check(CLI::Range(1, 1 << 24));
   command->add_option("--seed", o.seed, "seed instead of the scene's")->check(CLI::NonNegativeNumber);
   command->add_option("-D", o.overrides, "set a key of the scene: -D camera.fov=30")->allow_extra_args(false);
-  command->add_option("--layers", o.layers, "layers to record, or none")->capture_default_str();
+  command->add_option("--layers", o.layers, "layers to record, none, or all")->capture_default_str();
   command->add_flag("--no-statistics", o.no_statistics, "leave out mean_variance, half_a and half_b");
+  command->add_flag("--buckets", o.buckets, "record eight bucket means of each layer too");
+  command->add_option("--crop", o.crop,
+                      "render only x0,y0,x1,y1 [px, the last two exclusive], same pixels as in the whole");
+  command->add_option("--time", o.time, "stop after this long, at a whole pass: 90s, 10m, 1h30m");
+  command
+      ->add_option("--target-error", o.target_error,
+                   "stop at this estimated relative error: root of the mean of variance / (mean^2 + 0.01 white^2)")
+      ->check(CLI::PositiveNumber);
+  command->add_option("--checkpoint", o.checkpoint, "EXR to keep the state in, while rendering and after");
+  command->add_option("--checkpoint-every", o.checkpoint_every, "seconds between checkpoints")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  command->add_option("--resume", o.resume, "go on from a checkpoint, also with more --spp; same picture as in one go");
+  command->add_option("--part", o.part, "i/N: the i-th of N shares of the samples, to be joined by brume merge");
+  command->add_option("--tev", o.tev, "show the picture in tev as it grows: host:port, or default for 127.0.0.1:14158")
+      ->expected(0, 1)
+      ->default_str("default");
   command->add_flag("--explain", o.explain, "print what would be modelled and what it costs, and stop");
   command->add_flag("--require-valid", o.require_valid,
                     "exit with 1 when any sample was not finite (else above one in a million)");

@@ -12,7 +12,8 @@ struct InputError : std::runtime_error {
 
 /// The user asked to stop. Nothing half-written is left behind; exit status 3.
 struct Interrupted : std::runtime_error {
-  Interrupted() : std::runtime_error("interrupted") {}
+  explicit Interrupted(const std::string& what_is_left = "no file was left half-written")
+      : std::runtime_error("interrupted; " + what_is_left) {}
 };
 
 }  // namespace brume

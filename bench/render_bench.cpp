@@ -25,7 +25,7 @@ void render(benchmark::State& state, const char* name, int threads, const LayerR
   state.counters["lookups/scattering"] = lookups / scatterings;
 }
 
-const LayerRequest kBeautyOnly{false, false, false, false, false, false};
+const LayerRequest kBeautyOnly{{}, false};
 
 BENCHMARK_CAPTURE(render, cloud_all_threads, "cloud", 0, LayerRequest{})->Unit(benchmark::kMillisecond)->UseRealTime();
 BENCHMARK_CAPTURE(render, cloud_1_thread, "cloud", 1, LayerRequest{})->Unit(benchmark::kMillisecond)->UseRealTime();

@@ -37,6 +37,10 @@ dvec3 rgb_from_lab(const dvec3& lab) {
   return rgb_from_xyz * dvec3(backward(fy + lab.y / 500.0), backward(fy), backward(fy - lab.z / 200.0));
 }
 
+double srgb_decode(double encoded) {
+  return encoded <= 0.04045 ? encoded / 12.92 : std::pow((encoded + 0.055) / 1.055, 2.4);
+}
+
 double srgb_encode(double linear) {
   const double v = std::clamp(linear, 0.0, 1.0);
   return v <= 0.0031308 ? 12.92 * v : 1.055 * std::pow(v, 1.0 / 2.4) - 0.055;

@@ -10,6 +10,8 @@ dvec3 rgb_from_lab(const dvec3& lab);
 
 /// The sRGB transfer curve of a linear value, clipped to [0, 1].
 double srgb_encode(double linear);
+/// Its inverse on [0, 1].
+double srgb_decode(double encoded);
 
 /// The matrix both the double and the SIMD conversion use.
 struct LabMatrices {

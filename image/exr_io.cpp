@@ -82,6 +82,13 @@ Imf::MultiPartInputFile open(const fs::path& path) {
   }
 }
 
+/// A channel of 32-bit values whose first one is the data window's top left.
+Imf::Slice slice(Imf::PixelType type, void* first, size_t stride, const Imath::Box2i& data) {
+  const auto row = static_cast<std::ptrdiff_t>(stride * 4);
+  char* const base = static_cast<char*>(first) - 4 * static_cast<std::ptrdiff_t>(data.min.x) - row * data.min.y;
+  return {type, base, 4, static_cast<size_t>(row)};
+}
+
 std::string prefixed(const Imf::MultiPartInputFile& file, int part, const std::string& channel) {
   const Imf::Header& header = file.header(part);
   if (file.parts() < 2 || !header.hasName() || channel.starts_with(header.name() + ".")) return channel;
@@ -128,11 +135,11 @@ Layers read_exr(const fs::path& path, const std::function<bool(const std::string
       if (c.channel().xSampling != 1 || c.channel().ySampling != 1)
         throw InputError(
             fmt::format("{}: channel {} is subsampled; brume reads full resolution only", path.string(), name));
+      if (name.starts_with("state.") && c.channel().type == Imf::UINT) {
+        continue;  // large, and for read_exr_state() alone
+      }
       Plane& plane = planes.try_emplace(name, width, height).first->second;
-      char* base = reinterpret_cast<char*>(plane.row(0));
-      const std::ptrdiff_t shift = static_cast<std::ptrdiff_t>(sizeof(float)) * data.min.x +
-                                   static_cast<std::ptrdiff_t>(plane.stride() * sizeof(float)) * data.min.y;
-      frame.insert(c.name(), Imf::Slice(Imf::FLOAT, base - shift, sizeof(float), plane.stride() * sizeof(float)));
+      frame.insert(c.name(), slice(Imf::FLOAT, plane.row(0), plane.stride(), data));
     }
     if (planes.empty()) continue;
     try {
@@ -157,17 +164,51 @@ Layers read_exr(const fs::path& path, const std::function<bool(const std::string
   return layers;
 }
 
+Layers read_exr_state(const fs::path& path) {
+  Imf::MultiPartInputFile file = open(path);
+  const Imf::Header& header = file.header(0);
+  const Imath::Box2i data = header.dataWindow(), display = header.displayWindow();
+  Layers layers(data.max.x - data.min.x + 1, data.max.y - data.min.y + 1);
+  layers.header = attributes(header);
+  if (data != display) {
+    layers.origin = {data.min.x, data.min.y};
+    layers.display = {display.max.x + 1, display.max.y + 1};
+  }
+  Imf::FrameBuffer frame;
+  for (auto c = header.channels().begin(); c != header.channels().end(); ++c)
+    if (std::string_view(c.name()).starts_with("state.") && c.channel().type == Imf::UINT)
+      frame.insert(c.name(),
+                   slice(Imf::UINT, layers.add_words(c.name()).data(), static_cast<size_t>(layers.width()), data));
+  if (layers.words().empty()) return layers;
+  try {
+    Imf::InputPart input(file, 0);
+    input.setFrameBuffer(frame);
+    input.readPixels(data.min.y, data.max.y);
+  } catch (const std::exception& error) {
+    throw InputError(fmt::format("{}: truncated or damaged: {}", path.string(), error.what()));
+  }
+  return layers;
+}
+
 void write_exr(const fs::path& path, const Layers& layers) {
   OutputFile output(path);
   try {
-    Imf::Header header(layers.width(), layers.height());
+    const bool crop = layers.display != ivec2(0);
+    const Imath::V2i first(layers.origin.x, layers.origin.y);
+    const Imath::Box2i data(first, first + Imath::V2i(layers.width() - 1, layers.height() - 1));
+    const Imath::Box2i display(Imath::V2i(0), Imath::V2i(layers.display.x - 1, layers.display.y - 1));
+    Imf::Header header(crop ? display : data, data);
     header.compression() = Imf::ZIP_COMPRESSION;
     for (const auto& [name, value] : layers.header) insert_attribute(header, name, value);
     Imf::FrameBuffer frame;
     for (const auto& [name, plane] : layers.channels()) {
       header.channels().insert(name, Imf::Channel(Imf::FLOAT));
-      char* base = reinterpret_cast<char*>(const_cast<float*>(plane.row(0)));
-      frame.insert(name, Imf::Slice(Imf::FLOAT, base, sizeof(float), plane.stride() * sizeof(float)));
+      frame.insert(name, slice(Imf::FLOAT, const_cast<float*>(plane.row(0)), plane.stride(), data));
+    }
+    for (const auto& [name, words] : layers.words()) {
+      header.channels().insert(name, Imf::Channel(Imf::UINT));
+      frame.insert(name,
+                   slice(Imf::UINT, const_cast<uint32_t*>(words.data()), static_cast<size_t>(layers.width()), data));
     }
     Imf::OutputFile file(output.part().c_str(), header);
     file.setFrameBuffer(frame);

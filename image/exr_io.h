@@ -28,6 +28,10 @@ ExrInfo read_exr_info(const std::filesystem::path& path);
 /// @throws InputError: missing, not an EXR, truncated, deep, subsampled, parts of different sizes
 Layers read_exr(const std::filesystem::path& path, const std::function<bool(const std::string&)>& wanted = {});
 
+/// Reads the words that Layers::words() held, over the data window, with the header and nothing else; no words where
+/// the frame was written without. @throws InputError: missing, not an EXR, truncated
+Layers read_exr_state(const std::filesystem::path& path);
+
 /// Writes float32 scan lines, ZIP, single part. The file appears whole or not at all. @throws InputError
 void write_exr(const std::filesystem::path& path, const Layers& layers);
 

@@ -42,6 +42,17 @@ const Plane& Layers::at(const std::string& name) const {
   throw std::logic_error(fmt::format("no channel {}; there are: {}", name, join(names())));
 }
 
+std::vector<uint32_t>& Layers::add_words(const std::string& name) {
+  std::vector<uint32_t>& words = words_[name];
+  words.resize(static_cast<size_t>(width_) * height_);
+  return words;
+}
+
+const std::vector<uint32_t>* Layers::find_words(const std::string& name) const {
+  const auto it = words_.find(name);
+  return it == words_.end() ? nullptr : &it->second;
+}
+
 bool Layers::has(const LayerName& layer, std::string_view statistic) const {
   for (size_t i = 0; i < layer.channels.size(); ++i)
     if (!find(layer.channel_of(statistic, i))) return false;

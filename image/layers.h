@@ -31,13 +31,38 @@ struct LayerName {
 namespace layer {
 inline constexpr LayerName beauty{"", "RGB", "radiance: direct + indirect, exactly"};
 inline constexpr LayerName alpha{"", "A", "1 - mean transmittance to the background"};
-inline constexpr LayerName direct{"direct", "RGB", "background seen through the medium and light scattered once"};
+inline constexpr LayerName direct{"direct", "RGB", "background, emission, surfaces lit directly, light scattered once"};
 inline constexpr LayerName indirect{"indirect", "RGB", "light scattered twice or more"};
+inline constexpr LayerName background{"background", "RGB", "part of direct: lights and sky seen through the medium"};
+inline constexpr LayerName emission{"emission", "RGB", "part of direct: the medium's own glow"};
+inline constexpr LayerName single{"single", "RGB", "part of direct: light scattered once by a medium"};
+inline constexpr LayerName surface{"surface", "RGB", "part of direct: surfaces that emit or are lit directly"};
 inline constexpr LayerName gradient{"gradient", "XYZ",
                                     "mean over the paths of the unit direction of the density gradient, world space, "
                                     "where the path meets the medium's surface"};
+inline constexpr LayerName gradient_first_scatter{"gradient_first_scatter", "XYZ",
+                                                  "the same where the path scatters first; 0 for paths that do not"};
+inline constexpr LayerName gradient_transmittance_weighted{
+    "gradient_transmittance_weighted", "XYZ",
+    "the same over the camera ray, weighted by transmittance times extinction: the expectation of "
+    "gradient_first_scatter "
+    "without its noise"};
 inline constexpr LayerName coverage{"coverage", "A", "fraction of the paths that met the medium's surface"};
 inline constexpr LayerName transmittance{"transmittance", "RGB", "mean transmittance to the background"};
+inline constexpr LayerName scatter_depth{
+    "scatter_depth", "Z", "distance to the first scattering; divide by the scattered share, scatter_share"};
+inline constexpr LayerName scatter_position{"scatter_position", "XYZ", "where that is, world space; divide likewise"};
+inline constexpr LayerName scatter_density{"scatter_density", "Y", "density there; divide likewise"};
+inline constexpr LayerName scatter_share{"scatter_share", "A",
+                                         "fraction of the paths whose first event is in a medium"};
+inline constexpr LayerName optical_depth{"optical_depth", "Y", "of the camera ray, marched, clamped at 50"};
+inline constexpr LayerName albedo{"albedo", "RGB", "at the first event: single-scattering albedo, or the surface's"};
+inline constexpr LayerName normal{"normal", "XYZ", "of the first surface, where it is the first event"};
+inline constexpr LayerName depth{"depth", "Z", "distance to that surface"};
+inline constexpr LayerName position{"position", "XYZ", "where that is, world space"};
+inline constexpr LayerName flash{"flash", "RGB", "virtual flash image, media version: direct plus a lamp at the eye"};
+inline constexpr LayerName catcher{"catcher", "RGB", "light that shadow catchers reflect to the camera"};
+inline constexpr LayerName catcher_unshadowed{"catcher_unshadowed", "RGB", "the same if nothing cast a shadow"};
 inline constexpr LayerName sample_count{"sample_count", "Y", "samples taken"};
 inline constexpr LayerName invalid_count{"invalid_count", "Y", "samples rejected as not finite"};
 }  // namespace layer
@@ -75,6 +100,17 @@ class Layers {
   std::array<Plane*, 3> add_rgb(const LayerName& layer, std::string_view statistic = "");
 
   const std::map<std::string, Plane>& channels() const { return channels_; }
+
+  /// Channels of raw 32-bit words, row by row: state that must survive a file bit for bit.
+  std::vector<uint32_t>& add_words(const std::string& name);
+  const std::vector<uint32_t>* find_words(const std::string& name) const;
+  const std::map<std::string, std::vector<uint32_t>>& words() const { return words_; }
+  void drop_words() { words_.clear(); }
+
+  /// Where the picture lies in a larger one: a crop of `display` whose top left corner is `origin`. A frame of its own
+  /// has no display.
+  ivec2 origin{0}, display{0};
+
   std::vector<std::string> names() const;
 
   std::map<std::string, Attribute> header;
@@ -85,6 +121,7 @@ class Layers {
  private:
   int width_ = 0, height_ = 0;
   std::map<std::string, Plane> channels_;
+  std::map<std::string, std::vector<uint32_t>> words_;
 };
 
 /// How many values of the plane are NaN or infinite.

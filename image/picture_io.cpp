@@ -9,10 +9,10 @@
 #include "base/error.h"
 #include "base/output_file.h"
 #include "image/color.h"
+#include "image/exr_io.h"
 
 #define STB_IMAGE_IMPLEMENTATION
 #define STB_IMAGE_STATIC
-#define STBI_ONLY_HDR
 #define STB_IMAGE_WRITE_IMPLEMENTATION
 #define STB_IMAGE_WRITE_STATIC
 #pragma GCC diagnostic push
@@ -24,6 +24,25 @@
 
 namespace brume {
 namespace fs = std::filesystem;
+
+namespace {
+
+void check_exists(const fs::path& path) {
+  std::error_code ignored;
+  if (!fs::exists(path, ignored)) throw InputError(fmt::format("{}: no such file", path.string()));
+}
+
+template <class T, class Decode>
+Layers from_interleaved(const T* rgb, int width, int height, const Decode& decode) {
+  Layers layers(width, height);
+  const auto planes = layers.add_rgb(layer::beauty);
+  for (int y = 0; y < height; ++y)
+    for (int x = 0; x < width; ++x)
+      for (size_t c = 0; c < 3; ++c) (*planes[c])(x, y) = decode(rgb[(static_cast<size_t>(y) * width + x) * 3 + c]);
+  return layers;
+}
+
+}  // namespace
 
 Picture::Picture(int w, int h, std::array<uint8_t, 3> colour)
     : width(w), height(h), rgb(static_cast<size_t>(w) * h * 3) {
@@ -69,19 +88,30 @@ void write_png(const fs::path& path, const Picture& picture) {
 }
 
 Layers read_hdr(const fs::path& path) {
-  std::error_code ignored;
-  if (!fs::exists(path, ignored)) throw InputError(fmt::format("{}: no such file", path.string()));
+  check_exists(path);
   int width = 0, height = 0, channels = 0;
   const std::unique_ptr<float, void (*)(void*)> data(stbi_loadf(path.c_str(), &width, &height, &channels, 3),
                                                      stbi_image_free);
   if (!data)
     throw InputError(fmt::format("{}: not a readable Radiance HDR file: {}", path.string(), stbi_failure_reason()));
-  Layers layers(width, height);
-  const auto rgb = layers.add_rgb(layer::beauty);
-  for (int y = 0; y < height; ++y)
-    for (int x = 0; x < width; ++x)
-      for (size_t c = 0; c < 3; ++c) (*rgb[c])(x, y) = data.get()[(static_cast<size_t>(y) * width + x) * 3 + c];
-  return layers;
+  return from_interleaved(data.get(), width, height, [](float v) { return v; });
+}
+
+Layers read_any_picture(const fs::path& path) {
+  check_exists(path);
+  if (stbi_is_hdr(path.c_str())) return read_hdr(path);
+  if (path.extension() == ".exr") {
+    Layers picture = read_exr(path, [](const std::string& c) { return c == "R" || c == "G" || c == "B"; });
+    if (!picture.has(layer::beauty))
+      throw InputError(fmt::format("{}: has no channels R, G, B; expected a colour picture", path.string()));
+    return picture;
+  }
+  int width = 0, height = 0, channels = 0;
+  const std::unique_ptr<uint8_t, void (*)(void*)> data(stbi_load(path.c_str(), &width, &height, &channels, 3),
+                                                       stbi_image_free);
+  if (!data) throw InputError(fmt::format("{}: not a readable picture: {}", path.string(), stbi_failure_reason()));
+  return from_interleaved(data.get(), width, height,
+                          [](uint8_t v) { return static_cast<float>(srgb_decode(v / 255.0)); });
 }
 
 }  // namespace brume

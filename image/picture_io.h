@@ -25,6 +25,10 @@ Picture to_picture(const std::array<const Plane*, 3>& rgb, double exposure = 1.0
 /// @throws InputError
 void write_png(const std::filesystem::path& path, const Picture& picture);
 
+/// Any picture a texture can be: EXR and Radiance HDR as linear RGB, PNG, JPEG and the like decoded from sRGB.
+/// @throws InputError
+Layers read_any_picture(const std::filesystem::path& path);
+
 /// Radiance HDR (.hdr, .pic) as linear RGB on top. @throws InputError
 Layers read_hdr(const std::filesystem::path& path);
 

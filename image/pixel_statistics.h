@@ -1,37 +1,79 @@
 #pragma once
-#include <array>
+#include <cmath>
 #include <cstddef>
-
-#include "base/running_statistics.h"
+#include <cstdint>
+#include <span>
+#include <vector>
 
 namespace brume {
 
-/// Running statistics of a pixel's channels: mean, variance of the mean and two half means. Double throughout, so a
-/// million samples lose nothing.
-template <size_t N>
-struct PixelStatistics {
-  uint64_t count = 0;
-  std::array<uint64_t, 2> half_count{};
-  std::array<double, N> mean{}, m2{};
-  std::array<std::array<double, N>, 2> half_sum{};
+/// Sums of a pixel's sampled values that do not depend on the order in which they were taken: each is an unevaluated
+/// sum of two doubles, 106 bits wide, and each value is rounded to float first, so that adding loses nothing while the
+/// values' binary exponents span less than about 60. Any split of the samples over threads or machines gives the same
+/// bits.
+///
+/// Layout for one pixel, as plain doubles, so that a tile's state can be saved and merged: for each of `groups` sums
+/// the high parts of all values, then their low parts; after those, where squares are kept, the same of the squares.
+/// Samples go to the group index % groups: 1 for a plain mean, 2 for half images, 8 for bucket means.
+class PixelSums {
+ public:
+  PixelSums(size_t values, size_t groups, bool squares) : values_(values), groups_(groups), squares_(squares) {}
 
-  /// @param half  which half image the sample belongs to: its index's parity
-  void add(const std::array<double, N>& x, size_t half) {
-    const double inverse = 1.0 / static_cast<double>(++count);
-    ++half_count[half];
-    for (size_t i = 0; i < N; ++i) {
-      const double delta = x[i] - mean[i];
-      mean[i] += delta * inverse;
-      m2[i] += delta * (x[i] - mean[i]);
-      half_sum[half][i] += x[i];
+  size_t doubles() const { return 2 * values_ * (groups_ + squares_); }
+  size_t values() const { return values_; }
+  size_t groups() const { return groups_; }
+  bool squares() const { return squares_; }
+
+  void add(double* state, const float* x, size_t group) const {
+    double* const high = state + 2 * values_ * group;
+    for (size_t i = 0; i < values_; ++i) accumulate(high[i], high[values_ + i], x[i]);
+    if (!squares_) return;
+    double* const square = state + 2 * values_ * groups_;
+    for (size_t i = 0; i < values_; ++i)
+      accumulate(square[i], square[values_ + i], static_cast<double>(x[i]) * x[i]);  // exact: 48 bits
+  }
+  void merge(double* state, const double* other) const {
+    for (size_t block = 0; block < groups_ + squares_; ++block) {
+      const size_t at = 2 * values_ * block;
+      for (size_t i = at; i < at + values_; ++i) {
+        accumulate(state[i], state[i + values_], other[i]);
+        accumulate(state[i], state[i + values_], other[i + values_]);
+      }
     }
   }
-  double mean_variance(size_t i) const {
-    return count > 1 ? m2[i] / (static_cast<double>(count) * static_cast<double>(count - 1)) : 0.0;
+
+  /// Sum of a value over some of the groups.
+  long double sum(const double* state, size_t value, size_t first_group, size_t step) const {
+    long double total = 0;
+    for (size_t g = first_group; g < groups_; g += step) {
+      const double* const high = state + 2 * values_ * g;
+      total += static_cast<long double>(high[value]) + high[values_ + value];
+    }
+    return total;
   }
-  double half_mean(size_t half, size_t i) const {
-    return half_count[half] ? half_sum[half][i] / static_cast<double>(half_count[half]) : 0.0;
+  /// Variance of the mean over n samples: sample variance / n. 0 with fewer than two.
+  double mean_variance(const double* state, size_t value, uint64_t n) const {
+    if (n < 2) return 0;
+    const double* const square = state + 2 * values_ * groups_;
+    const long double total = sum(state, value, 0, 1), count = static_cast<long double>(n);
+    const long double squared = static_cast<long double>(square[value]) + square[values_ + value];
+    const long double deviation = squared - total * total / count;
+    // What is left of equal values is rounding.
+    if (!(deviation > 1e-17L * squared)) return 0;
+    return static_cast<double>(deviation / (count * (count - 1)));
   }
+
+ private:
+  // Adds x to high + low without error (Knuth's two-sum), and normalises.
+  static void accumulate(double& high, double& low, double x) {
+    const double s = high + x, b = s - high;
+    const double error = (high - (s - b)) + (x - b), l = low + error;
+    high = s + l;
+    low = l - (high - s);
+  }
+
+  size_t values_, groups_;
+  bool squares_;
 };
 
 }  // namespace brume

@@ -1,54 +1,156 @@
 #include "render/camera.h"
 
+#include <fmt/format.h>
+
 #include <cmath>
 
 #include "base/error.h"
 #include "base/math.h"
+#include "image/exr_io.h"
 
 namespace brume {
+namespace {
 
-Camera::Camera(const CameraSettings& s, int width, int height, const dvec3& world_shift)
-    : position_(s.position - world_shift), world_position_(s.position), width_(width), height_(height) {
-  const dvec3 view = s.look_at - s.position;
-  if (!(glm::length(view) > 0))
-    throw InputError("camera: position and look_at are the same point; expected a direction to look in");
-  forward_ = glm::normalize(view);
-  const dvec3 side = glm::cross(forward_, s.up);
-  if (!(glm::length(side) > 1e-9 * glm::length(s.up)))
-    throw InputError("camera: up is zero or parallel to the view; expected another direction");
-  right_ = glm::normalize(side);
-  up_ = glm::cross(right_, forward_);
-  const double extent = std::tan(0.5 * s.fov * kPi / 180.0);
-  const bool along_x = s.fov_axis == "x" || (s.fov_axis == "shorter" && width <= height);
-  const double aspect = static_cast<double>(width) / height;
-  half_ = along_x ? dvec2(extent, extent / aspect) : dvec2(extent * aspect, extent);
+/// Position, view and angles from the two matrices of an EXR's header (row vectors, camera looking along -z).
+void adopt_exr(CameraSettings& s, dvec2& half) {
+  const std::string name = s.from_exr.string();
+  const ExrInfo info = read_exr_info(s.from_exr);
+  const auto matrix = [&](const char* key) {
+    const auto it = info.header.find(key);
+    const auto* m = it == info.header.end() ? nullptr : std::get_if<std::array<float, 16>>(&it->second);
+    if (!m)
+      throw InputError(
+          fmt::format("{}: its header has no matrix {}; expected worldToCamera and worldToNDC", name, key));
+    return *m;
+  };
+  const std::array<float, 16> c = matrix("worldToCamera"), n = matrix("worldToNDC");
+  // camera = world * M: the columns of the upper 3 x 3 are the camera's axes, the last row its shift.
+  dvec3 axes[3];
+  for (int column = 0; column < 3; ++column)
+    for (int row = 0; row < 3; ++row) axes[column][row] = c[static_cast<size_t>(row * 4 + column)];
+  const dvec3 shift(c[12], c[13], c[14]);
+  const double scale = glm::length(axes[2]);
+  if (!(scale > 0)) throw InputError(fmt::format("{}: worldToCamera is singular", name));
+  const dmat3 world_from_camera = glm::inverse(glm::transpose(dmat3(axes[0], axes[1], axes[2])));
+  s.position = -(world_from_camera * shift);
+  s.look_at = s.position - axes[2] / scale;
+  s.up = axes[1];
+  // NDC x = clip x / clip w; at camera depth 1, x changes by 1 / half.x.
+  const auto project = [&](const dvec3& p) {
+    double h[4] = {};
+    for (size_t k = 0; k < 4; ++k) h[k] = p.x * n[k] + p.y * n[4 + k] + p.z * n[8 + k] + n[12 + k];
+    return dvec2(h[0] / h[3], h[1] / h[3]);
+  };
+  const dvec3 ahead = s.position - axes[2] / scale;
+  const dvec2 centre = project(ahead), right = project(ahead + glm::normalize(axes[0])),
+              above = project(ahead + glm::normalize(axes[1]));
+  half = {1.0 / (right.x - centre.x), 1.0 / (above.y - centre.y)};
+  if (!(half.x > 0) || !(half.y > 0) || !std::isfinite(half.x) || !std::isfinite(half.y))
+    throw InputError(fmt::format("{}: worldToNDC is not a perspective projection of that camera", name));
 }
 
-Ray Camera::ray(const dvec2& film) const {
+dvec3 three(const std::vector<double>& v, const dvec3& otherwise) {
+  return v.empty() ? otherwise : dvec3(v[0], v[1], v[2]);
+}
+
+}  // namespace
+
+Camera::Camera(const CameraSettings& settings, int width, int height, const dvec3& world_shift)
+    : world_shift_(world_shift), width_(width), height_(height) {
+  CameraSettings s = settings;
+  const double aspect = static_cast<double>(width) / height;
+  const bool along_x = s.fov_axis == "x" || (s.fov_axis == "shorter" && width <= height);
+  orthographic_ = s.type == "orthographic";
+  const double extent = orthographic_ ? 0.5 * s.width : std::tan(0.5 * s.fov * kPi / 180.0);
+  half_ = along_x ? dvec2(extent, extent / aspect) : dvec2(extent * aspect, extent);
+  if (!s.from_exr.empty()) adopt_exr(s, half_);
+  look_at_ = s.look_at, up_ = s.up;
+  open_ = pose(s.position, s.look_at, s.up);
+  moves_ = !s.position_end.empty() || !s.look_at_end.empty();
+  position_end_ = three(s.position_end, s.position);
+  look_at_end_ = three(s.look_at_end, s.look_at);
+  if (moves_) pose(position_end_, look_at_end_, up_);
+  lens_radius_ = s.lens_radius;
+  focus_distance_ = s.focus_distance > 0 ? s.focus_distance : glm::distance(s.position, s.look_at);
+  blades_ = s.blades;
+  blade_rotation_ = s.blade_rotation / 360.0;
+}
+
+Camera::Pose Camera::pose(const dvec3& position, const dvec3& look_at, const dvec3& up) {
+  const dvec3 view = look_at - position;
+  if (!(glm::length(view) > 0))
+    throw InputError("camera: position and look_at are the same point; expected a direction to look in");
+  Pose p;
+  p.position = position;
+  p.forward = glm::normalize(view);
+  const dvec3 side = glm::cross(p.forward, up);
+  if (!(glm::length(side) > 1e-9 * glm::length(up)))
+    throw InputError("camera: up is zero or parallel to the view; expected another direction");
+  p.right = glm::normalize(side);
+  p.up = glm::cross(p.right, p.forward);
+  return p;
+}
+
+Camera::Pose Camera::at(double time) const {
+  if (!moves_ || time == 0) return open_;
+  return pose(glm::mix(open_.position, position_end_, time), glm::mix(look_at_, look_at_end_, time), up_);
+}
+
+dvec2 Camera::lens_point(const dvec2& u) const {
+  if (blades_ == 0) {
+    const double r = std::sqrt(u.x);
+    const SinCos phi = portable_sincos_2pi(u.y);
+    return {r * phi.cos, r * phi.sin};
+  }
+  // One triangle of the polygon, then a point in it.
+  const double sector = std::floor(u.x * blades_), within = u.x * blades_ - sector, root = std::sqrt(within);
+  const auto corner = [&](double k) {
+    double turn = k / blades_ + blade_rotation_;
+    turn -= std::floor(turn);
+    const SinCos phi = portable_sincos_2pi(turn);
+    return dvec2(phi.cos, phi.sin);
+  };
+  return root * ((1.0 - u.y) * corner(sector) + u.y * corner(sector + 1));
+}
+
+Ray Camera::ray(const dvec2& film, const dvec2& lens, double time) const {
   const double x = (2.0 * film.x / width_ - 1.0) * half_.x, y = (1.0 - 2.0 * film.y / height_) * half_.y;
-  return {position_, glm::normalize(forward_ + x * right_ + y * up_)};
+  const Pose p = at(time);
+  const dvec3 eye = p.position - world_shift_;
+  if (lens_radius_ == 0) {
+    if (orthographic_) return {eye + x * p.right + y * p.up, p.forward};
+    return {eye, glm::normalize(p.forward + x * p.right + y * p.up)};
+  }
+  const dvec2 l = lens_radius_ * lens_point(lens);
+  const dvec3 offset = l.x * p.right + l.y * p.up;
+  if (orthographic_) {
+    const dvec3 start = eye + x * p.right + y * p.up;
+    return {start + offset, glm::normalize(focus_distance_ * p.forward - offset)};
+  }
+  return {eye + offset, glm::normalize(focus_distance_ * (p.forward + x * p.right + y * p.up) - offset)};
 }
 
 std::array<float, 16> Camera::world_to_camera() const {
   std::array<float, 16> m{};
-  const dvec3 axes[3] = {right_, up_, -forward_};
+  const dvec3 axes[3] = {open_.right, open_.up, -open_.forward};
   for (size_t column = 0; column < 3; ++column) {
     for (size_t row = 0; row < 3; ++row) m[row * 4 + column] = static_cast<float>(axes[column][static_cast<int>(row)]);
-    m[12 + column] = static_cast<float>(-glm::dot(axes[column], world_position_));
+    m[12 + column] = static_cast<float>(-glm::dot(axes[column], open_.position));
   }
   m[15] = 1;
   return m;
 }
 
 std::array<float, 16> Camera::world_to_ndc() const {
-  // x_ndc = x / (-z half.x): columns of the camera matrix, with the homogeneous coordinate taken from -z.
+  // x_ndc = x / (-z half.x): columns of the camera matrix, with the homogeneous coordinate taken from -z; an
+  // orthographic picture keeps its last column.
   const std::array<float, 16> c = world_to_camera();
   std::array<float, 16> m{};
   for (size_t row = 0; row < 4; ++row) {
     m[row * 4 + 0] = static_cast<float>(c[row * 4 + 0] / half_.x);
     m[row * 4 + 1] = static_cast<float>(c[row * 4 + 1] / half_.y);
     m[row * 4 + 2] = -c[row * 4 + 2];
-    m[row * 4 + 3] = -c[row * 4 + 2];
+    m[row * 4 + 3] = orthographic_ ? c[row * 4 + 3] : -c[row * 4 + 2];
   }
   return m;
 }

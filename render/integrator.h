@@ -1,21 +1,12 @@
 #pragma once
-#include <optional>
+#include <span>
 
 #include "base/rng.h"
-#include "render/lights.h"
 #include "render/plan.h"
+#include "render/surfaces.h"
 #include "volume/tracking.h"
 
 namespace brume {
-
-/// What one path tells about its pixel. Every member is an unbiased sample of an expectation.
-struct PathSample {
-  dvec3 direct{0};      ///< background through the medium, and light scattered once
-  dvec3 indirect{0};    ///< light scattered twice or more
-  dvec3 gradient{0};    ///< unit direction of the density gradient where the ray meets the surface; 0 where undefined
-  double coverage = 0;  ///< 1 where the ray meets the medium's surface
-  double transmittance = 0;  ///< 1 where the path never scattered
-};
 
 /// Counted per thread and summed.
 struct PathCounters {
@@ -27,22 +18,41 @@ struct PathCounters {
   void merge(const PathCounters& other);
 };
 
-/// The scene as the inner loop sees it.
-struct PathContext {
-  const Medium* medium = nullptr;
-  const Lights* lights = nullptr;
-  Plan plan;
-  int max_events = 100000, roulette_start = 16;
-  float surface_density = 0;  ///< absolute
+/// The lamp at the eye of the virtual flash image (FILTERS.md A4).
+struct FlashLamp {
+  double intensity = 0;         ///< makes up for the indirect light that the image leaves out
+  double typical_gradient = 0;  ///< density per scene unit: half of the relief's weight
+  double distance = 1;          ///< to the middle of the media: there the lamp's falloff is 1
 };
 
-/// Follows one path from the eye. Unbiased but for max_events.
+/// The scene as the inner loop sees it.
+struct PathContext {
+  std::span<const Medium> media;
+  std::span<const EmissionField> emissions;
+  const Lights* lights = nullptr;
+  const Surfaces* surfaces = nullptr;
+  Plan plan;
+  int max_events = 100000, roulette_start = 16;
+  double surface_density = 0;  ///< share of each medium's maximum
+  FlashLamp flash;
+  dvec3 world_shift{0};
+};
+
+/// One camera ray to follow.
+struct PathRequest {
+  Ray ray;
+  double time = 0;  ///< in [0, 1] of the shutter
+  SampleKey key;
+};
+
+/// Follows a batch of paths from the eye; samples[i] belongs to requests[i] and depends on it alone. Unbiased but for
+/// max_events.
 ///
-/// Sources: TRANSPORT.md sections 1, 6, 7, 11; Veach 1997 for the balance heuristic.
-/// Proof: tests/render/furnace_test.cpp, slab_test.cpp, sphere_test.cpp and analogue_test.cpp
-using TracePath = PathSample (*)(const PathContext&, const Ray&, const Sobol&, Rng&, PathCounters&);
+/// Sources: TRANSPORT.md sections 1, 4, 6, 7, 9, 11; Veach 1997 for the balance heuristic.
+/// Proof: tests/render/furnace_test.cpp, slab_test.cpp, sphere_test.cpp, analogue_test.cpp
+using TracePaths = void (*)(const PathContext&, std::span<const PathRequest>, std::span<PathSample>, PathCounters&);
 
 /// The instantiation of the loop that models what the plan needs and nothing else.
-TracePath select_path_tracer(const Plan& plan);
+TracePaths select_path_tracer(const Plan& plan);
 
 }  // namespace brume

@@ -10,6 +10,8 @@
 #include "base/text.h"
 #include "image/exr_io.h"
 #include "image/picture_io.h"
+#include "render/mesh.h"
+#include "render/sky.h"
 
 namespace brume {
 namespace {
@@ -26,10 +28,10 @@ dvec3 sample_cone(const dvec3& axis, double one_minus_cos, const dvec2& u) {
 }  // namespace
 
 Sun::Sun(const LightSettings& s)
-    : axis_(glm::normalize(s.direction)),
+    : InfiniteLight(s.visible_to_camera),
+      axis_(glm::normalize(s.direction)),
       irradiance_(s.irradiance),
-      delta_(s.angular_diameter == 0),
-      visible_(s.visible_to_camera) {
+      delta_(s.angular_diameter == 0) {
   const double radius = 0.5 * s.angular_diameter * kPi / 180.0, half = std::sin(0.5 * radius);
   one_minus_cos_ = 2.0 * half * half;
   // The disc's projected solid angle is pi sin^2: then a facing plane gets exactly the irradiance asked for.
@@ -38,11 +40,17 @@ Sun::Sun(const LightSettings& s)
 
 LightSample Sun::sample(const dvec2& u) const {
   if (delta_) return {axis_, irradiance_, 1.0, kFar, true};
-  return {sample_cone(axis_, one_minus_cos_, u), radiance_, pdf(), kFar, false};
+  return {sample_cone(axis_, one_minus_cos_, u), radiance_, 1.0 / (2.0 * kPi * one_minus_cos_), kFar, false};
 }
 
 SphereLight::SphereLight(const LightSettings& s, const dvec3& world_shift)
-    : centre_(s.position - world_shift), radiance_(s.radiance), radius_(s.radius), visible_(s.visible_to_camera) {}
+    : FiniteLight(s.visible_to_camera), centre_(s.position - world_shift), radiance_(s.radiance), radius_(s.radius) {}
+
+double SphereLight::importance(const dvec3& p) const {
+  // Inside or near, as strong as at its own surface.
+  const dvec3 to = centre_ - p;
+  return kPi * luminance(radiance_) * std::min(1.0, radius_ * radius_ / glm::dot(to, to));
+}
 
 double SphereLight::pdf(const dvec3& p) const {
   const dvec3 to = centre_ - p;
@@ -73,8 +81,116 @@ double SphereLight::intersect(const Ray& ray) const {
   return length2 > radius_ * radius_ ? -b - root : -b + root;
 }
 
+RectangleLight::RectangleLight(const LightSettings& s, const dvec3& world_shift)
+    : FiniteLight(s.visible_to_camera),
+      corner_(s.position - world_shift - 0.5 * (s.edge_x + s.edge_y)),
+      x_(s.edge_x),
+      y_(s.edge_y),
+      radiance_(s.radiance),
+      two_sided_(s.two_sided) {
+  const dvec3 n = glm::cross(x_, y_);
+  area_ = glm::length(n);
+  normal_ = n / area_;
+}
+
+LightSample RectangleLight::sample(const dvec3& p, const dvec2& u) const {
+  const dvec3 to = corner_ + u.x * x_ + u.y * y_ - p;
+  const double distance = glm::length(to);
+  if (!(distance > 0)) return {};
+  const dvec3 wi = to / distance;
+  const Ray ray{p, wi};
+  if (!(std::abs(glm::dot(wi, normal_)) > 0)) return {};
+  return {wi, radiance(ray, distance), pdf(ray, distance), distance, false};
+}
+
+double RectangleLight::intersect(const Ray& ray) const {
+  const double facing = glm::dot(ray.d, normal_);
+  if (facing == 0) return -1;
+  const double t = glm::dot(corner_ - ray.o, normal_) / facing;
+  if (!(t > 0)) return -1;
+  // Coordinates along the edges, which need not be perpendicular.
+  const dvec3 q = ray.at(t) - corner_;
+  const double a = glm::dot(glm::cross(q, y_), normal_) / area_, b = glm::dot(glm::cross(x_, q), normal_) / area_;
+  return a >= 0 && a <= 1 && b >= 0 && b <= 1 ? t : -1;
+}
+
+double RectangleLight::importance(const dvec3& p) const {
+  const dvec3 to = corner_ + 0.5 * (x_ + y_) - p;
+  return luminance(radiance_) * kPi * std::min(1.0, area_ / (kPi * glm::dot(to, to)));
+}
+
+PointLight::PointLight(const LightSettings& s, const dvec3& world_shift)
+    : position_(s.position - world_shift), intensity_(s.intensity) {
+  if (s.type != "spot") return;
+  axis_ = glm::normalize(s.direction);
+  cos_outer_ = std::cos(0.5 * s.cone_angle * kPi / 180.0);
+  cos_inner_ = std::cos(0.5 * s.cone_angle * (1.0 - s.cone_softness) * kPi / 180.0);
+}
+
+dvec3 PointLight::intensity_towards(const dvec3& d) const {
+  if (cos_outer_ < -1) return intensity_;
+  const double c = glm::dot(d, axis_);
+  if (c <= cos_outer_) return dvec3(0);
+  if (c >= cos_inner_) return intensity_;
+  const double f = (c - cos_outer_) / (cos_inner_ - cos_outer_);
+  return intensity_ * (f * f * (3.0 - 2.0 * f));
+}
+
+LightSample PointLight::sample(const dvec3& p, const dvec2&) const {
+  const dvec3 to = position_ - p;
+  const double distance = glm::length(to);
+  if (!(distance > 0)) return {};
+  const dvec3 wi = to / distance;
+  return {wi, intensity_towards(-wi) / (distance * distance), 1.0, distance, true};
+}
+
+double PointLight::importance(const dvec3& p) const {
+  const dvec3 to = position_ - p;
+  const double d2 = glm::dot(to, to);
+  // A spot keeps a share outside of its cone too, so that the choice never rests on rounding.
+  const double shape = cos_outer_ < -1 || glm::dot(-to, axis_) >= cos_outer_ * std::sqrt(d2) ? 1.0 : 1e-3;
+  return d2 > 0 ? shape * luminance(intensity_) / d2 : 0.0;
+}
+
+MeshLight::MeshLight(const TriangleMesh& mesh, const dvec3& radiance) : mesh_(&mesh), radiance_(radiance) {
+  cdf_.reserve(mesh.triangles.size());
+  for (size_t i = 0; i < mesh.triangles.size(); ++i) {
+    area_ += mesh.area(i);
+    cdf_.push_back(area_);
+  }
+  for (double& c : cdf_) c /= area_;
+  for (const vec3& v : mesh.positions) centre_ += dvec3(v);
+  centre_ /= static_cast<double>(mesh.positions.size());
+  for (const vec3& v : mesh.positions) reach_ = std::max(reach_, glm::distance(centre_, dvec3(v)));
+}
+
+LightSample MeshLight::sample(const dvec3& p, const dvec2& u) const {
+  const size_t i =
+      std::min(static_cast<size_t>(std::upper_bound(cdf_.begin(), cdf_.end(), u.x) - cdf_.begin()), cdf_.size() - 1);
+  const double before = i > 0 ? cdf_[i - 1] : 0.0;
+  const double within = std::clamp((u.x - before) / (cdf_[i] - before), 0.0, 1.0), root = std::sqrt(within);
+  const auto [a, b, c] = mesh_->corners(i);
+  const dvec3 at = a * (1.0 - root) + b * (root * (1.0 - u.y)) + c * (root * u.y);
+  const dvec3 to = at - p;
+  const double distance = glm::length(to);
+  if (!(distance > 0)) return {};
+  const dvec3 wi = to / distance;
+  const double cos_theta = glm::dot(wi, mesh_->normal(i));
+  if (cos_theta == 0) return {};
+  return {wi, cos_theta < 0 ? radiance_ : dvec3(0), pdf(distance, cos_theta), distance, false};
+}
+
+double MeshLight::importance(const dvec3& p) const {
+  const double d = std::max(glm::distance(p, centre_), reach_);
+  return luminance(radiance_) * area_ / (d * d);
+}
+
 Environment::Environment(const EnvironmentSettings& s)
-    : radiance_(s.radiance), mean_(s.radiance), visible_(s.visible_to_camera) {
+    : InfiniteLight(s.visible_to_camera), radiance_(s.radiance), mean_(s.radiance) {
+  if (s.sky == "preetham") {
+    set_picture(preetham_sky(s.turbidity, s.sun_direction, s.up, s.ground_albedo), s);
+    return;
+  }
   if (s.file.empty()) return;
   Layers picture;
   const std::string name = s.file.string();
@@ -84,7 +200,15 @@ Environment::Environment(const EnvironmentSettings& s)
     picture = read_exr(s.file, [](const std::string& c) { return c == "R" || c == "G" || c == "B"; });
   if (!picture.has(layer::beauty))
     throw InputError(fmt::format("{}: has no channels R, G, B; expected a lat-long picture", name));
+  if (picture.width() != 2 * picture.height())
+    notes_.push_back(fmt::format("{}: is {} x {}; a lat-long picture is twice as wide as high", name, picture.width(),
+                                 picture.height()));
+  set_picture(picture, s);
+}
+
+void Environment::set_picture(const Layers& picture, const EnvironmentSettings& s) {
   width_ = picture.width(), height_ = picture.height();
+  const std::string name = s.file.string();
   const auto rgb = picture.rgb(layer::beauty);
   picture_.resize(static_cast<size_t>(width_) * height_);
   for (int y = 0; y < height_; ++y)
@@ -105,7 +229,7 @@ Environment::Environment(const EnvironmentSettings& s)
   const dvec3 reference = std::abs(up.z) > 0.5 ? dvec3(0, 1, 0) : dvec3(0, 0, -1);
   const dvec3 right = glm::normalize(glm::cross(reference, up)), forward = glm::cross(up, right);
   picture_from_world_ = glm::transpose(dmat3(right, forward, up));
-  rotation_ = s.rotation / 360.0;
+  rotation_ = s.sky == "none" ? s.rotation / 360.0 : 0.0;  // a sky is where its sun is
 
   // Texels weighted by the largest neighbour, because the look-up is bilinear and sampling should not miss its slopes.
   cdf_.resize(picture_.size());
@@ -136,6 +260,14 @@ Environment::Environment(const EnvironmentSettings& s)
     row_cdf_[static_cast<size_t>(y)] = total;
   }
   mean_ /= solid_angle;
+  const vec3* brightest = &*std::max_element(picture_.begin(), picture_.end(),
+                                             [](const vec3& a, const vec3& b) { return luminance(a) < luminance(b); });
+  const auto row_of = static_cast<int>((brightest - picture_.data()) / width_);
+  const double band_of = std::cos(kPi * row_of / height_) - std::cos(kPi * (row_of + 1) / height_);
+  const double share = luminance(dvec3(*brightest)) * band_of / (solid_angle * luminance(mean_));
+  if (share > 0.5 && width_ * height_ > 64)
+    notes_.push_back(fmt::format("{}: one texel holds {:.0f} % of the light; a [[lights]] sun in its place is exact",
+                                 name, 100 * share));
   for (double& value : row_cdf_) value = total > 0 ? value / total : 1.0;
   if (!(total > 0)) {
     picture_.clear();  // a black picture lights nothing
@@ -203,50 +335,110 @@ LightSample Environment::sample(const dvec2& u) const {
   return {d, radiance(d), pdf(d), kFar, false};
 }
 
-Lights::Lights(const Scene& scene, const Medium::Sphere& near, const dvec3& world_shift)
-    : environment(scene.environment) {
-  for (const LightSettings& light : scene.lights) {
-    if (light.type == "sun")
-      suns.emplace_back(light);
-    else
-      spheres.emplace_back(light, world_shift);
+Lights::Lights(const Scene& scene, const dvec3& world_shift) {
+  auto environment = std::make_unique<Environment>(scene.environment);
+  environment_ = environment.get();
+  if (!environment->black()) {
+    infinite_.push_back(environment_);
+    all_.push_back(std::move(environment));
+  } else {
+    all_.push_back(std::move(environment));
   }
-  sun_share_.assign(suns.size(), 0.0);
-  sphere_share_.assign(spheres.size(), 0.0);
-  const std::string& mode = scene.render.light_sampling;
-  if (mode == "none") return;
+  std::vector<LightSettings> settings = scene.lights;
+  if (scene.environment.sky == "preetham" && scene.environment.sky_sun)
+    settings.push_back(preetham_sun(scene.environment));
+  for (const LightSettings& s : settings) {
+    if (s.type == "sun") {
+      auto light = std::make_unique<Sun>(s);
+      suns_.push_back(light.get());
+      infinite_.push_back(light.get());
+      all_.push_back(std::move(light));
+    } else if (s.type == "sphere" || s.type == "rectangle") {
+      std::unique_ptr<FiniteLight> light;
+      if (s.type == "sphere")
+        light = std::make_unique<SphereLight>(s, world_shift);
+      else
+        light = std::make_unique<RectangleLight>(s, world_shift);
+      finite_.push_back(light.get());
+      all_.push_back(std::move(light));
+    } else {
+      auto light = std::make_unique<PointLight>(s, world_shift);
+      points_.push_back(light.get());
+      all_.push_back(std::move(light));
+    }
+  }
+}
 
+size_t Lights::add_mesh(const TriangleMesh& mesh, const dvec3& radiance) {
+  auto light = std::make_unique<MeshLight>(mesh, radiance);
+  meshes_.push_back(light.get());
+  all_.push_back(std::move(light));
+  return meshes_.size() - 1;
+}
+
+void Lights::finish(const std::string& mode) {
+  if (mode == "none") return;
+  for (const auto& light : all_) {
+    const bool sky = light.get() == environment_;
+    // Phase sampling finds a constant sky without noise; a shadow ray per event would only cost.
+    if (sky && (environment_->black() || (environment_->constant() && mode != "all"))) continue;
+    if (!(light->importance(dvec3(0)) > 0) && !(light->importance(dvec3(1)) > 0)) continue;  // of zero power
+    sampled_.push_back(light.get());
+    same_everywhere_ = same_everywhere_ && dynamic_cast<const InfiniteLight*>(light.get()) != nullptr;
+  }
+  if (!same_everywhere_) return;
   double total = 0;
-  const auto add = [&](double power, int kind, size_t index) {
-    if (!(power > 0)) return;
-    total += power;
-    choice_.push_back({total, kind, index});
-  };
-  // Irradiance-like power at the medium; a light inside it is as strong as at its own surface.
-  if (!environment.constant() || mode == "all") add(kPi * luminance(environment.mean_radiance()), 0, 0);
-  for (size_t i = 0; i < suns.size(); ++i) add(luminance(suns[i].irradiance()), 1, i);
-  for (size_t i = 0; i < spheres.size(); ++i) {
-    const double d = std::max(glm::distance(spheres[i].centre(), near.centre) - near.radius, spheres[i].radius());
-    add(kPi * luminance(spheres[i].radiance()) * spheres[i].radius() * spheres[i].radius() / (d * d), 2, i);
-  }
-  double before = 0;
-  for (Choice& c : choice_) {
-    c.end /= total;
-    (c.kind == 0 ? environment_share_ : c.kind == 1 ? sun_share_[c.index] : sphere_share_[c.index]) = c.end - before;
-    before = c.end;
-  }
-  if (!choice_.empty()) choice_.back().end = 1.0;
+  for (const Light* light : sampled_) total += light->importance(dvec3(0));
+  for (const Light* light : sampled_) share_.push_back(light->importance(dvec3(0)) / total);
+}
+
+bool Lights::any_delta() const {
+  return std::any_of(all_.begin(), all_.end(), [](const auto& light) { return light->delta(); });
 }
 
 LightSample Lights::sample(const dvec3& p, double choice, const dvec2& u) const {
   size_t i = 0;
-  while (i + 1 < choice_.size() && choice >= choice_[i].end) ++i;
-  const Choice& c = choice_[i];
-  LightSample s = c.kind == 0   ? environment.sample(u)
-                  : c.kind == 1 ? suns[c.index].sample(u)
-                                : spheres[c.index].sample(p, u);
-  s.pdf *= c.kind == 0 ? environment_share_ : c.kind == 1 ? sun_share_[c.index] : sphere_share_[c.index];
+  double share = 1;
+  if (same_everywhere_) {
+    while (i + 1 < share_.size() && choice >= share_[i]) choice -= share_[i++];
+    share = share_[i];
+  } else {
+    double total = 0;
+    for (const Light* light : sampled_) total += light->importance(p);
+    double left = choice * total, importance = 0;
+    for (; i < sampled_.size(); ++i) {
+      importance = sampled_[i]->importance(p);
+      if (left < importance || i + 1 == sampled_.size()) break;
+      left -= importance;
+    }
+    share = importance / total;
+  }
+  LightSample s = sampled_[i]->sample(p, u);
+  s.pdf *= share;
   return s;
+}
+
+double Lights::choice_probability(const Light& light, const dvec3& p) const {
+  double total = 0, own = 0;
+  for (size_t i = 0; i < sampled_.size(); ++i) {
+    if (same_everywhere_) {
+      if (sampled_[i] == &light) return share_[i];
+      continue;
+    }
+    const double importance = sampled_[i]->importance(p);
+    total += importance;
+    if (sampled_[i] == &light) own = importance;
+  }
+  return total > 0 ? own / total : 0.0;
+}
+
+std::vector<std::string> Lights::notes() const {
+  std::vector<std::string> notes = environment_->notes();
+  for (size_t i = 1; i < all_.size(); ++i)
+    if (!(all_[i]->importance(dvec3(0)) > 0) && !(all_[i]->importance(dvec3(1)) > 0))
+      notes.push_back(fmt::format("light {} has no power: it lights nothing", i - 1));
+  if (environment_->black() && all_.size() == 1) notes.push_back("the scene has no light");
+  return notes;
 }
 
 }  // namespace brume

@@ -2,95 +2,134 @@
 
 #include <fmt/format.h>
 
-#include "base/error.h"
+#include <algorithm>
+
 #include "base/text.h"
+#include "render/camera.h"
+#include "render/film.h"
+#include "render/surfaces.h"
 #include "volume/tracking.h"
 
 namespace brume {
 
-LayerRequest LayerRequest::of(const std::vector<std::string>& names, bool statistics) {
-  LayerRequest request{false, false, false, false, false, statistics};
-  const std::vector<std::string> known = {"direct", "indirect", "gradient", "coverage", "transmittance"};
-  bool* const flags[] = {&request.direct, &request.indirect, &request.gradient, &request.coverage,
-                         &request.transmittance};
-  for (const std::string& name : names) {
-    const auto it = std::find(known.begin(), known.end(), name);
-    if (it == known.end()) throw InputError(fmt::format("no layer '{}' to record{}", name, suggestion(name, known)));
-    *flags[it - known.begin()] = true;
-  }
-  return request;
-}
-
-Plan make_plan(const Lights& lights, const Medium* medium, const LayerRequest& layers) {
+Plan make_plan(const SceneMedia& media, const Lights& lights, const Surfaces* surfaces, const Camera& camera,
+               const LayerRequest& layers) {
   Plan plan;
-  plan.medium = medium && !medium->bricks().empty() && medium->extinction_per_density() > 0;
-  plan.light_sampling = plan.medium && lights.any_sampled();
-  plan.finite_lights = !lights.spheres.empty();
-  plan.surface = plan.medium && (layers.gradient || layers.coverage);
+  const auto& all = media.media();
+  if (std::any_of(all.begin(), all.end(), [](const Medium& m) { return m.chromatic(); }))
+    plan.media = Plan::Media::kChromatic;
+  else if (!all.empty())
+    plan.media = all.size() == 1 ? Plan::Media::kOneGrey : Plan::Media::kManyGrey;
+  plan.moving_media = std::any_of(all.begin(), all.end(), [](const Medium& m) { return m.moves(); });
+  plan.surfaces = surfaces != nullptr;
+  plan.light_sampling = (plan.has_media() || plan.surfaces) && lights.any_sampled();
+  plan.finite_lights = !lights.finite().empty();
+  plan.emission = !media.emissions().empty();
+  plan.lens = camera.has_lens();
+  plan.shutter = camera.moves() || plan.moving_media;
+  if (plan.has_media()) {
+    plan.medium_surface = layers.has(layer::gradient) || layers.has(layer::coverage);
+    plan.flash = layers.has(layer::flash);
+    plan.first_scatter_gradient = layers.has(layer::gradient_first_scatter) || plan.flash;
+    plan.weighted_gradient = layers.has(layer::gradient_transmittance_weighted);
+    plan.optical_depth = layers.has(layer::optical_depth);
+  }
   plan.layers = layers;
   return plan;
 }
 
-double Plan::film_bytes(int width, int height) const {
-  // Beauty and alpha, the layers asked for, each with three statistics or none, and two counts.
-  const double channels =
-      4.0 + 3 * (layers.direct + layers.indirect + layers.gradient + layers.transmittance) + layers.coverage;
-  return (channels * (layers.statistics ? 4 : 1) + 2) * sizeof(float) * width * height;
+namespace {
+
+double megabytes(double bytes) {
+  return bytes / 1e6;
 }
 
-std::string Plan::explain(const Scene& scene, const Lights& lights, const Medium* m) const {
+std::string phase_text(const PhaseFunction& p) {
+  if (p.isotropic()) return "isotropic";
+  if (p.is_henyey_greenstein()) return fmt::format("Henyey-Greenstein, g = {}", p.first.g);
+  if (p.second.alpha == 0)
+    return fmt::format("two Henyey-Greenstein lobes, g = {} and {} ({:.3g})", p.first.g, p.second.g, p.second_weight);
+  return fmt::format("Mie fit: Henyey-Greenstein g = {:.4g} and Draine g = {:.4g}, alpha = {:.4g} ({:.3g})", p.first.g,
+                     p.second.g, p.second.alpha, p.second_weight);
+}
+
+// What a ray through the middle meets, along each axis: a sanity check on units.
+std::string depth_text(const Medium& m) {
+  const auto [lo, hi] = m.support();
+  const dvec3 middle = 0.5 * (lo + hi);
+  double tau[3];
+  for (int a = 0; a < 3; ++a) {
+    dvec3 start = middle, end = middle;
+    start[a] = lo[a], end[a] = hi[a];
+    const double length = glm::distance(m.to_world(start), m.to_world(end));
+    tau[a] = optical_depth(m, Ray{start, (end - start) / length}, length);
+  }
+  return fmt::format("optical depth {:.3g}, {:.3g}, {:.3g} through the middle along its axes", tau[0], tau[1], tau[2]);
+}
+
+std::string medium_text(const Medium& m) {
   std::string text;
+  if (m.solid()) {
+    text = m.solid()->shape == Solid::Shape::kBox ? "homogeneous box" : "homogeneous sphere";
+  } else {
+    const BrickGrid& b = m.bricks();
+    text = fmt::format("{} bricks of 9^3, {} x {} x {} cells, maximum density {:.4g}", b.brick_count(), b.cells().x,
+                       b.cells().y, b.cells().z, b.maximum());
+  }
+  text += m.chromatic() ? ", chromatic" : ", grey";
+  if (m.coloured()) text += ", albedo from a colour grid";
+  if (m.displacement()) text += ", blurred by its velocity";
+  return text + "; " + phase_text(m.phase()) + "; " + depth_text(m);
+}
+
+}  // namespace
+
+std::string explain(const Plan& plan, const Scene& scene, const SceneMedia& media, const Lights& lights,
+                    const Surfaces* surfaces) {
+  std::string text = "plan\n";
   const auto line = [&](std::string_view what, std::string_view how) {
     text += fmt::format("  {:<16}{}\n", what, how);
   };
-  const auto yes = [&](bool b, std::string_view on, std::string_view off) { return std::string(b ? on : off); };
-  text += "plan\n";
-  if (m) {
-    const BrickGrid& b = m->bricks();
-    line("medium", medium ? fmt::format("{} bricks of 9^3, {} x {} x {} cells, {:.1f} MB; maximum density {:.4g}",
-                                        b.brick_count(), b.cells().x, b.cells().y, b.cells().z,
-                                        static_cast<double>(b.bytes()) / 1e6, b.maximum())
-                          : "absent (no density): T = 1");
-  } else {
-    line("medium", "none");
+  if (!plan.has_media()) line("media", "none: nothing scatters in space");
+  for (const Medium& m : media.media()) line("medium", medium_text(m));
+  for (const SceneMedia::Part& part : media.parts())
+    line("  memory", fmt::format("{}: {:.1f} MB", part.name, megabytes(static_cast<double>(part.bytes))));
+  static const char* const flights[] = {
+      "none", "delta tracking through the majorant grid",
+      "delta tracking in each medium, the first collision of all is the path's",
+      "merged tentative collisions; spectral multiple importance sampling over a hero channel"};
+  if (plan.has_media()) {
+    line("flight", flights[static_cast<int>(plan.media)]);
+    line("motion", plan.moving_media ? "media are placed anew for each path's time" : "none");
   }
-  if (medium) {
-    line("flight", "delta tracking through the majorant grid (unbiased)");
-    // A sanity check on units: what a ray through the middle meets, along each axis of the grid.
-    const dvec3 middle = 0.5 * (m->bricks().support_lo() + m->bricks().support_hi());
-    double tau[3];
-    for (int a = 0; a < 3; ++a) {
-      dvec3 start = middle, end = middle;
-      start[a] = m->bricks().support_lo()[a], end[a] = m->bricks().support_hi()[a];
-      const double length = glm::distance(m->to_world(start), m->to_world(end));
-      tau[a] = optical_depth(*m, Ray{start, (end - start) / length}, length);
-    }
-    line("optical depth",
-         fmt::format("{:.3g}, {:.3g}, {:.3g} through the middle along the grid's axes", tau[0], tau[1], tau[2]));
-    line("phase", m->phase().g == 0 ? "isotropic" : fmt::format("Henyey-Greenstein, g = {}", m->phase().g));
-  }
-  line("light sampling",
-       yes(light_sampling, "next-event estimation, ratio tracking, balance heuristic against phase sampling",
-           "none: phase sampling only"));
+  line("emission",
+       plan.emission ? "stratified along each flight, one look-up per voxel (four after a scattering)" : "none");
+  line("light sampling", plan.light_sampling
+                             ? "next-event estimation, ratio tracking, balance heuristic against direction sampling"
+                             : "none: direction sampling only");
+  if (lights.sampled_count() > 1) line("  choice", "one light by its estimated irradiance at the vertex");
   line("environment",
-       lights.environment.black() ? "black"
-       : lights.environment.constant()
+       lights.environment()->black() ? "black"
+       : lights.environment()->constant()
            ? "constant"
-           : fmt::format("lat-long picture, {:.1f} MB", static_cast<double>(lights.environment.bytes()) / 1e6));
-  line("lights", fmt::format("{} sun, {} sphere", lights.suns.size(), lights.spheres.size()));
-  line("surfaces", "none: Embree is not touched");
-  line("emission", "none");
-  line("medium surface", yes(surface, "looked for once per path, for gradient and coverage", "not looked for"));
-  std::vector<std::string> recorded = {"beauty", "alpha", "sample_count", "invalid_count"};
-  for (const auto& [on, name] : {std::pair(layers.direct, "direct"),
-                                 {layers.indirect, "indirect"},
-                                 {layers.gradient, "gradient"},
-                                 {layers.coverage, "coverage"},
-                                 {layers.transmittance, "transmittance"}})
-    if (on) recorded.push_back(name);
-  line("layers", join(recorded) + (layers.statistics ? ", each with mean_variance, half_a, half_b" : ""));
-  line("film", fmt::format("{} x {}, {:.1f} MB", scene.film.width, scene.film.height,
-                           film_bytes(scene.film.width, scene.film.height) / 1e6));
+           : fmt::format("lat-long picture, {:.1f} MB", megabytes(static_cast<double>(lights.environment()->bytes()))));
+  line("lights", fmt::format("{} sun, {} sphere or rectangle, {} point or spot", lights.suns().size(),
+                             lights.finite().size(), lights.points().size()));
+  line("surfaces", surfaces ? fmt::format("{} meshes through Embree, about {:.1f} MB", surfaces->count(),
+                                          megabytes(static_cast<double>(surfaces->bytes())))
+                            : "none: Embree is not touched");
+  line("camera", std::string(plan.lens ? "thin lens" : "pinhole") + (plan.shutter ? ", motion over the shutter" : ""));
+  line("medium surface",
+       plan.medium_surface ? "looked for once per path, for gradient and coverage" : "not looked for");
+  if (plan.weighted_gradient || plan.optical_depth) line("marched layers", "once per path, in half voxels");
+  line("layers", "beauty, alpha, sample_count, invalid_count" + std::string(plan.layers.names.empty() ? "" : ", ") +
+                     join(plan.layers.names) +
+                     (plan.layers.statistics ? "; each with mean_variance, half_a, half_b" : "") +
+                     (plan.layers.buckets ? ", bucket_0 .. bucket_7" : ""));
+  const int w = scene.film.width, h = scene.film.height;
+  line("film",
+       fmt::format("{} x {}: layers {:.1f} MB; sums {:.1f} MB while all tiles are kept", w, h,
+                   megabytes(Film::layer_bytes(w, h, plan.layers)), megabytes(Film::state_bytes(w, h, plan.layers))));
   return text;
 }
 

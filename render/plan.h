@@ -1,37 +1,42 @@
 #pragma once
 #include <string>
 
-#include "image/layers.h"
 #include "render/lights.h"
-#include "render/scene.h"
+#include "render/media.h"
+#include "render/path_sample.h"
 
 namespace brume {
 
-/// Which layers a render records, and whether each with its variance and half images.
-struct LayerRequest {
-  bool direct = true, indirect = true, gradient = true, coverage = true, transmittance = true;
-  bool statistics = true;
-
-  /// Names as in the EXR: direct, indirect, gradient, coverage, transmittance; the beauty and the counts always come.
-  /// @throws InputError for a name brume does not record
-  static LayerRequest of(const std::vector<std::string>& names, bool statistics);
-};
+class Camera;
+class Surfaces;
 
 /// What exists in this render, decided once: the inner loop is instantiated for it and models nothing else.
 struct Plan {
-  bool medium = false;          ///< a volume with any density in it
+  enum class Media { kNone, kOneGrey, kManyGrey, kChromatic } media = Media::kNone;
+  bool moving_media = false;    ///< some change over the shutter
   bool light_sampling = false;  ///< next-event estimation towards at least one light
-  bool finite_lights = false;   ///< sphere lights, which rays can end on
-  bool surface = false;         ///< the medium's surface is looked for, once per path
+  bool finite_lights = false;   ///< analytic lights that rays can end on
+  bool surfaces = false;        ///< triangle meshes
+  bool emission = false;        ///< a medium that glows
+  bool lens = false, shutter = false;
+
+  // Recorded beyond what the path computes anyway.
+  bool medium_surface = false;  ///< looked for once per path
+  bool first_scatter_gradient = false;
+  bool weighted_gradient = false;  ///< marched once per path
+  bool optical_depth = false;      ///< marched once per path
+  bool flash = false;
+
   LayerRequest layers;
 
-  /// Memory of the recorded layers.
-  double film_bytes(int width, int height) const;
-
-  /// The plan and what each part costs in memory, for a person.
-  std::string explain(const Scene& scene, const Lights& lights, const Medium* medium) const;
+  bool has_media() const { return media != Media::kNone; }
 };
 
-Plan make_plan(const Lights& lights, const Medium* medium, const LayerRequest& layers);
+Plan make_plan(const SceneMedia& media, const Lights& lights, const Surfaces* surfaces, const Camera& camera,
+               const LayerRequest& layers);
+
+/// The plan and what each part costs in memory, for a person.
+std::string explain(const Plan& plan, const Scene& scene, const SceneMedia& media, const Lights& lights,
+                    const Surfaces* surfaces);
 
 }  // namespace brume

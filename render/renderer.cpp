@@ -3,150 +3,337 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <mutex>
 
 #include "base/error.h"
 #include "base/parallel_for.h"
-#include "render/film.h"
+#include "base/text.h"
+#include "image/exr_io.h"
+#include "render/render_state.h"
+#include "volume/gradient.h"
 
 namespace brume {
 namespace {
 
-constexpr int kTile = 16;
+// Paths traced together: many enough to fill the lanes, few enough that their samples stay in the cache.
+constexpr int kBatch = 1024;
 
-dmat4 translation(const dvec3& t) {
-  dmat4 m(1.0);
-  m[3] = glm::dvec4(t, 1.0);
-  return m;
-}
-
-SampleKey key_of(const Scene& scene, int64_t seed, int x, int y, uint32_t sample) {
-  return {static_cast<uint64_t>(seed), static_cast<uint32_t>(scene.render.frame),
-          static_cast<uint32_t>(y * scene.film.width + x), sample};
-}
-
-PathSample take_sample(const PathContext& context, TracePath trace, const Camera& camera, const SampleKey& key, int x,
-                       int y, PathCounters& counters) {
-  const Sobol sobol(key);
-  Rng rng(key);
-  return trace(context, camera.ray(dvec2(x, y) + sobol.pair(0)), sobol, rng, counters);
+void check_memory(double bytes, const std::string& what, const std::string& advice) {
+  const double available = physical_memory();
+  if (bytes > 0.8 * available)
+    throw InputError(
+        fmt::format("{} needs {:.1f} GB, this machine has {:.1f} GB; {}", what, bytes / 1e9, available / 1e9, advice));
 }
 
 }  // namespace
 
-PreparedScene::PreparedScene(Scene scene, const LayerRequest& layers, const Task& task) : scene_(std::move(scene)) {
-  Medium::Sphere bounds{scene_.camera.look_at, 1.0};
-  if (!scene_.volumes.empty()) {
-    const VolumeSettings& v = scene_.volumes[0];
-    field_ = std::make_unique<DensityField>(load_density(v.file, {v.grid, v.convert_level_set}, task));
-    notes_ = field_->notes;
-    check_transform(v.object_to_world, "object_to_world");
-    const dmat4 world_from_index = v.object_to_world * field_->world_from_index * translation(v.index_offset);
-    // All positions are kept relative to the volume, so that far from the world's origin nothing is lost.
-    if (!field_->bricks.empty()) {
-      const dvec3 middle =
-          0.5 * (field_->bricks.support_lo() + field_->bricks.support_hi()) + dvec3(field_->bricks.origin());
-      world_shift_ = dvec3(world_from_index * glm::dvec4(middle, 1.0));
+PreparedScene::PreparedScene(Scene scene, const LayerRequest& layers, const Task& task)
+    : scene_(std::move(scene)), media_(scene_, task), lights_(scene_, media_.world_shift()) {
+  notes_ = media_.notes();
+  bool catcher = false;
+  if (!scene_.surfaces.empty()) {
+    surfaces_ = std::make_unique<Surfaces>(scene_.surfaces, media_.world_shift());
+    const std::vector<std::string> notes = surfaces_->notes();
+    notes_.insert(notes_.end(), notes.begin(), notes.end());
+    for (uint32_t i = 0; i < surfaces_->count(); ++i) {
+      if (scene_.surfaces[i].radiance != dvec3(0)) lights_.add_mesh(surfaces_->mesh(i), scene_.surfaces[i].radiance);
+      catcher = catcher || scene_.surfaces[i].role == "shadow_catcher";
     }
-    medium_.emplace(field_->bricks, translation(-world_shift_) * world_from_index, v.sigma_t, v.albedo, v.g);
-    if (!field_->bricks.empty()) bounds = medium_->bounding_sphere();
   }
-  lights_ = Lights(scene_, bounds, world_shift_);
-  if (scene_.render.light_sampling == "none")
-    for (const LightSettings& light : scene_.lights)
-      if (light.type == "sun" && light.angular_diameter == 0)
-        throw InputError(
-            "light_sampling = \"none\" cannot find exactly parallel light; give the sun an angular_diameter above 0");
-  if (scene_.volumes.empty()) notes_.push_back("the scene has no [[volumes]]: there is nothing to scatter light");
-  if (lights_.environment.black() && scene_.lights.empty())
-    notes_.push_back("the scene has no light: the picture will be black");
-  context_.medium = medium();
+  const std::string& sampling = scene_.render.light_sampling;
+  // A shadow catcher gathers light by light sampling alone, so the constant sky takes part in it.
+  lights_.finish(catcher && sampling == "auto" ? "all" : sampling);
+  if (sampling == "none" && lights_.any_delta())
+    throw InputError(
+        "light_sampling = \"none\" cannot find exactly parallel light or points; give the sun an angular_diameter "
+        "above 0, "
+        "or use spheres");
+  if (scene_.volumes.empty() && scene_.surfaces.empty())
+    notes_.push_back("the scene has no [[volumes]]: there is nothing to scatter light");
+  for (const std::string& note : lights_.notes())
+    if (note != "the scene has no light" || media_.emissions().empty())
+      notes_.push_back(note == "the scene has no light" ? note + ": the picture will be black" : note);
+  const Camera camera(scene_.camera, scene_.film.width, scene_.film.height, media_.world_shift());
+  context_.media = media_.media();
+  context_.emissions = media_.emissions();
   context_.lights = &lights_;
-  context_.plan = make_plan(lights_, medium(), layers);
+  context_.surfaces = surfaces_.get();
+  context_.plan = make_plan(media_, lights_, surfaces_.get(), camera, layers);
   context_.max_events = scene_.render.max_events;
   context_.roulette_start = scene_.render.roulette_start;
-  if (medium_) context_.surface_density = static_cast<float>(scene_.render.surface_density * field_->bricks.maximum());
+  context_.surface_density = scene_.render.surface_density;
+  context_.world_shift = media_.world_shift();
+  if (context_.plan.flash) calibrate_flash();
+}
+
+PathRequest PreparedScene::request(const Camera& camera, int64_t seed, int x, int y, uint32_t sample) const {
+  PathRequest r;
+  r.key = {static_cast<uint64_t>(seed), static_cast<uint32_t>(scene_.render.frame),
+           static_cast<uint32_t>(y * scene_.film.width + x), sample};
+  const Sobol sobol(r.key);
+  const Plan& plan = context_.plan;
+  if (plan.shutter) r.time = sobol.pair(2).x;
+  r.ray = camera.ray(dvec2(x, y) + sobol.pair(0), plan.lens ? sobol.pair(1) : dvec2(0.5), r.time);
+  return r;
+}
+
+// The lamp's strength replaces the indirect light that the flash image leaves out: estimated once, from a coarse grid
+// of pixels with a seed of their own, so that it is a constant of the scene.
+void PreparedScene::calibrate_flash() {
+  const Medium& medium = *this->medium();
+  const Camera camera(scene_.camera, scene_.film.width, scene_.film.height, world_shift());
+  FlashLamp& lamp = context_.flash;
+  lamp.distance =
+      glm::distance(camera.ray({0.5 * scene_.film.width, 0.5 * scene_.film.height}).o, media_.bounds().centre);
+  if (!(lamp.distance > 0)) lamp.distance = 1;
+  lamp.intensity = 1;
+
+  constexpr int kGrid = 48;
+  std::vector<PathRequest> requests;
+  std::vector<double> steepness;
+  for (int j = 0; j < kGrid; ++j)
+    for (int i = 0; i < kGrid; ++i) {
+      const int x = (2 * i + 1) * scene_.film.width / (2 * kGrid), y = (2 * j + 1) * scene_.film.height / (2 * kGrid);
+      for (uint32_t s = 0; s < 4; ++s) requests.push_back(request(camera, 0x5eedf1a5, x, y, s));
+      const Ray local = medium.to_local(requests.back().ray);
+      const auto t =
+          find_surface(medium, local, static_cast<float>(context_.surface_density * medium.maximum_density()));
+      if (!t) continue;
+      if (const auto g = density_gradient(medium, local.at(*t + 0.5 / glm::length(local.d))))
+        steepness.push_back(glm::length(*g));
+    }
+  if (!steepness.empty()) {
+    const auto middle = steepness.begin() + static_cast<std::ptrdiff_t>(steepness.size() / 2);
+    std::nth_element(steepness.begin(), middle, steepness.end());
+    lamp.typical_gradient = *middle;
+  }
+  std::vector<PathSample> samples(requests.size());
+  PathCounters counters;
+  select_path_tracer(context_.plan)(context_, requests, samples, counters);
+  double indirect = 0, flash = 0;
+  for (const PathSample& s : samples) indirect += luminance(s.indirect), flash += luminance(s.flash - s.direct);
+  lamp.intensity = flash > 0 ? indirect / flash : 0.0;
 }
 
 RenderResult PreparedScene::render(int spp, int64_t seed, const Task& task) const {
-  const int width = scene_.film.width, height = scene_.film.height;
-  const double needed = context_.plan.film_bytes(width, height), available = physical_memory();
-  if (needed > 0.8 * available)
-    throw InputError(
-        fmt::format("a film of {} x {} needs {:.1f} GB for its layers, this machine has {:.1f} GB; make it smaller, "
-                    "or record fewer layers or no statistics",
-                    width, height, needed / 1e9, available / 1e9));
-  const Camera camera(scene_.camera, width, height, world_shift_);
-  const TracePath trace = select_path_tracer(context_.plan);
-  Film film(width, height, context_.plan.layers);
+  RenderJob job;
+  job.spp = spp, job.seed = seed;
+  return render(job, task);
+}
 
-  const ivec2 tiles{(width + kTile - 1) / kTile, (height + kTile - 1) / kTile};
+RenderResult PreparedScene::render(const RenderJob& job, const Task& task) const {
+  const RenderJob::Crop window = job.crop.value_or(RenderJob::Crop{0, 0, scene_.film.width, scene_.film.height});
+  const int width = window.x1 - window.x0, height = window.y1 - window.y0;
+  const bool progressive =
+      job.time_limit > 0 || job.target_error > 0 || !job.checkpoint.empty() || job.watch != nullptr;
+  const bool keep = progressive || job.keep_state || !job.resume.empty();
+  if (job.target_error > 0 && !context_.plan.layers.statistics)
+    throw InputError("a target error needs statistics: without them no error is estimated");
+  const LayerRequest& layers = context_.plan.layers;
+  check_memory(Film::layer_bytes(width, height, layers) + (keep ? Film::state_bytes(width, height, layers) : 0.0),
+               fmt::format("a film of {} x {}", width, height),
+               "make it smaller, or record fewer layers or no statistics");
+
+  const int first = static_cast<int>(static_cast<int64_t>(job.spp) * (job.part - 1) / job.parts);
+  const int end = static_cast<int>(static_cast<int64_t>(job.spp) * job.part / job.parts);
+  const Camera camera(scene_.camera, scene_.film.width, scene_.film.height, world_shift());
+  const TracePaths trace = select_path_tracer(context_.plan);
+  Film film(width, height, layers);
+  RenderResult result;
+  RenderReport& report = result.report;
+  double seconds_before = 0, cpu_before = 0;
+  const auto window_origin = ivec2(window.x0, window.y0), full = ivec2(scene_.film.width, scene_.film.height);
+  if (!job.resume.empty()) {
+    const Layers saved = read_exr_state(job.resume);
+    Layers expected(width, height);
+    describe(expected, camera, job, first, end, report);
+    if (job.crop) expected.origin = window_origin, expected.display = full;
+    check_same_render(saved, job.resume.string(), expected, "this render", /*same_samples=*/true);
+    film.merge_state(saved, job.resume.string());
+    for (int tile = 0; tile < film.tile_count(); ++tile) film.develop(tile);
+    seconds_before = saved.number("renderTimeSeconds").value_or(0.0);
+    cpu_before = saved.number("cpuSeconds").value_or(0.0);
+    report.counters.capped_paths = static_cast<uint64_t>(saved.number("cappedPaths").value_or(0.0));
+  }
+
   struct TileReport {
     PathCounters counters;
     uint64_t invalid = 0;
     std::optional<RenderReport::Where> first_invalid;
   };
-  std::vector<TileReport> reports(static_cast<size_t>(tiles.x) * tiles.y);
+  std::vector<TileReport> reports(static_cast<size_t>(film.tile_count()));
+  std::mutex watching;
   const Stopwatch wall;
   const double cpu_start = cpu_seconds();
-  parallel_for(tiles.x * tiles.y, task, [&](int tile) {
-    TileReport& report = reports[static_cast<size_t>(tile)];
-    const int x0 = tile % tiles.x * kTile, y0 = tile / tiles.x * kTile;
-    for (int y = y0; y < std::min(y0 + kTile, height); ++y)
-      for (int x = x0; x < std::min(x0 + kTile, width); ++x) {
-        Film::Pixel pixel;
-        uint32_t invalid = 0;
-        for (uint32_t s = 0; s < static_cast<uint32_t>(spp); ++s) {
-          if (s % 64 == 0 && task.cancelled()) return;
-          const PathSample sample =
-              take_sample(context_, trace, camera, key_of(scene_, seed, x, y, s), x, y, report.counters);
-          if (Film::add(pixel, sample, s & 1u)) continue;
-          ++invalid;
-          if (!report.first_invalid) report.first_invalid = {x, y, s};
-        }
-        report.invalid += invalid;
-        film.store(x, y, pixel, invalid);
-      }
-  });
+  const auto elapsed = [&] { return seconds_before + wall.seconds(); };
 
-  RenderResult result;
-  RenderReport& total = result.report;
-  total.seconds = wall.seconds();
-  total.cpu_seconds = cpu_seconds() - cpu_start;
-  for (const TileReport& r : reports) {  // in tile order: the sums do not depend on the threads
-    total.counters.merge(r.counters);
-    total.invalid_samples += r.invalid;
-    if (!total.first_invalid) total.first_invalid = r.first_invalid;
+  // One pass: every tile up to `goal` samples of each pixel.
+  const auto pass = [&](uint32_t goal, const Task& pass_task) {
+    parallel_for(film.tile_count(), pass_task, [&](int tile) {
+      TileReport& r = reports[static_cast<size_t>(tile)];
+      const Film::Bounds b = film.bounds(tile);
+      static thread_local std::vector<PathRequest> requests;
+      static thread_local std::vector<PathSample> samples;
+      const bool had_work = film.taken(tile) < goal;
+      while (film.taken(tile) < goal) {
+        if (pass_task.cancelled()) return;
+        const uint32_t start = film.taken(tile);
+        const uint32_t count = std::min(goal - start, static_cast<uint32_t>(std::max(1, kBatch / b.pixels())));
+        requests.clear();
+        for (int y = b.y0; y < b.y1; ++y)
+          for (int x = b.x0; x < b.x1; ++x)
+            for (uint32_t s = start; s < start + count; ++s)
+              requests.push_back(
+                  request(camera, job.seed, window.x0 + x, window.y0 + y, static_cast<uint32_t>(first) + s));
+        samples.resize(requests.size());
+        trace(context_, requests, samples, r.counters);
+        for (size_t i = 0; i < requests.size(); ++i) {
+          const int pixel = static_cast<int>(i / count);
+          if (film.add(tile, pixel, samples[i], requests[i].key.sample)) continue;
+          ++r.invalid;
+          if (!r.first_invalid)
+            r.first_invalid = {window.x0 + b.x0 + pixel % b.width(), window.y0 + b.y0 + pixel / b.width(),
+                               requests[i].key.sample};
+        }
+        film.set_taken(tile, start + count);
+      }
+      if (!had_work) return;
+      film.develop(tile);
+      if (!keep) film.drop(tile);
+      if (job.watch) {
+        const std::lock_guard lock(watching);
+        job.watch(film, tile);
+      }
+    });
+  };
+
+  const auto collect = [&] {
+    const PathCounters resumed = report.counters;
+    RenderReport total;
+    total.counters.capped_paths = job.resume.empty() ? 0 : resumed.capped_paths;
+    for (const TileReport& r : reports) {  // in tile order: the sums do not depend on the threads
+      total.counters.merge(r.counters);
+      total.invalid_samples += r.invalid;
+      if (!total.first_invalid) total.first_invalid = r.first_invalid;
+    }
+    total.seconds = elapsed();
+    total.cpu_seconds = cpu_before + cpu_seconds() - cpu_start;
+    uint32_t fewest = UINT32_MAX;
+    for (int tile = 0; tile < film.tile_count(); ++tile) fewest = std::min(fewest, film.taken(tile));
+    total.samples_per_pixel = static_cast<int>(fewest);
+    return total;
+  };
+  const auto finish = [&](Layers& frame, const RenderReport& r) {
+    if (job.crop) frame.origin = window_origin, frame.display = full;
+    describe(frame, camera, job, first, first + r.samples_per_pixel, r);
+    if (job.stamp) job.stamp(frame);
+  };
+  const auto write_checkpoint = [&] {
+    Layers frame = film.layers();
+    const RenderReport so_far = collect();
+    finish(frame, so_far);
+    for (int tile = 0; tile < film.tile_count(); ++tile)
+      if (film.taken(tile) != static_cast<uint32_t>(so_far.samples_per_pixel))
+        frame.header["interrupted"] = std::string("true: some tiles have more samples than samplesPerPixel");
+    film.save_state(frame);
+    write_exr(job.checkpoint, frame);
+  };
+
+  const auto total = static_cast<uint32_t>(end - first);
+  uint32_t done = total;
+  for (int tile = 0; tile < film.tile_count(); ++tile) done = std::min(done, film.taken(tile));
+  const uint32_t resumed_at = done;
+  double last_checkpoint = wall.seconds();
+  try {
+    while (done < total) {
+      // Whole passes over the picture, longer and longer, but never so long that time or a checkpoint is overrun by
+      // much.
+      uint32_t goal = total;
+      if (progressive) {
+        const double per_sample = done > resumed_at ? wall.seconds() / (done - resumed_at) : 0.0;
+        double length = std::max(1.0, 0.5 * (done - resumed_at));
+        if (per_sample > 0) {
+          length = std::min(length, std::max(1.0, 10.0 / per_sample));
+          if (job.time_limit > 0) length = std::min(length, std::max(1.0, (job.time_limit - elapsed()) / per_sample));
+        }
+        goal = static_cast<uint32_t>(std::min<double>(total, done + length));
+      }
+      Task pass_task = task;
+      if (task.progress)
+        pass_task.progress = [&, from = done, to = goal](double f) {
+          double fraction = total > resumed_at ? (from - resumed_at + f * (to - from)) / (total - resumed_at) : 1.0;
+          if (job.time_limit > 0) fraction = std::max(fraction, std::min(elapsed() / job.time_limit, 1.0));
+          task.report(fraction < 1 || to == total ? fraction : 0.999);
+        };
+      pass(goal, pass_task);
+      done = goal;
+      if (done < total && !job.checkpoint.empty() && wall.seconds() - last_checkpoint > job.checkpoint_seconds) {
+        write_checkpoint();
+        last_checkpoint = wall.seconds();
+      }
+      if (job.time_limit > 0 && done < total) {
+        const double per_sample = wall.seconds() / (done - resumed_at);
+        if (elapsed() + 0.5 * per_sample > job.time_limit) break;
+      }
+      if (job.target_error > 0 && done >= 4 && film.relative_error(scene_.film.exposure) <= job.target_error) break;
+    }
+  } catch (const Interrupted&) {
+    if (job.checkpoint.empty()) throw;
+    for (int tile = 0; tile < film.tile_count(); ++tile) film.develop(tile);
+    write_checkpoint();
+    throw Interrupted(fmt::format("the checkpoint {0} is written; go on with --resume {0}", job.checkpoint.string()));
   }
-  result.layers = film.take();
-  auto& header = result.layers.header;
-  header["scene"] = scene_.name;
-  header["sceneHash"] = scene_.hash;
-  header["seed"] = std::to_string(seed);
-  header["frame"] = scene_.render.frame;
-  header["samplesPerPixel"] = spp;
-  header["sampleFirst"] = 0;
-  header["sampleEnd"] = spp;
-  header["sampleTotal"] = spp;
-  header["exposure"] = static_cast<float>(scene_.film.exposure);
-  header["renderTimeSeconds"] = static_cast<float>(total.seconds);
-  header["cpuSeconds"] = static_cast<float>(total.cpu_seconds);
-  header["invalidSampleCount"] = static_cast<int>(std::min<uint64_t>(total.invalid_samples, INT32_MAX));
-  header["estimators"] = std::string(
-      !context_.plan.medium           ? "no medium"
-      : !context_.plan.light_sampling ? "delta tracking; phase sampling only"
-                                      : "delta tracking; ratio tracking; next-event estimation with balance heuristic");
-  header["biased"] = std::string(total.counters.capped_paths ? "true: paths were cut at max_events" : "false");
-  header["varianceConvention"] = std::string("mean_variance is the variance of the pixel mean: sample variance / n");
-  header["worldToCamera"] = camera.world_to_camera();
-  header["worldToNDC"] = camera.world_to_ndc();
+  if (task.progress && done < total) task.report(1.0);
+  report = collect();
+  if (!job.checkpoint.empty()) write_checkpoint();
+  result.layers = film.layers();
+  finish(result.layers, report);
+  if (job.keep_state) film.save_state(result.layers);
   return result;
 }
 
+void PreparedScene::describe(Layers& layers, const Camera& camera, const RenderJob& job, int first, int end,
+                             const RenderReport& report) const {
+  const Plan& plan = context_.plan;
+  auto& header = layers.header;
+  header["scene"] = scene_.name;
+  header["sceneHash"] = scene_.hash;
+  header["seed"] = std::to_string(job.seed);
+  header["frame"] = scene_.render.frame;
+  header["samplesPerPixel"] = end - first;
+  header["sampleFirst"] = first;
+  header["sampleEnd"] = end;
+  header["sampleTotal"] = job.spp;
+  header["sampleRanges"] = fmt::format("{}-{}", first, end);
+  header["recordedLayers"] = join(plan.layers.names, ",");
+  header["statistics"] = std::string(plan.layers.buckets ? "buckets" : plan.layers.statistics ? "halves" : "none");
+  header["program"] = job.program;
+  header["exposure"] = static_cast<float>(scene_.film.exposure);
+  header["renderTimeSeconds"] = static_cast<float>(report.seconds);
+  header["cpuSeconds"] = static_cast<float>(report.cpu_seconds);
+  header["invalidSampleCount"] = static_cast<int>(std::min<uint64_t>(report.invalid_samples, INT32_MAX));
+  header["cappedPaths"] = static_cast<int>(std::min<uint64_t>(report.counters.capped_paths, INT32_MAX));
+  std::string estimators = plan.media == Plan::Media::kNone        ? "no medium"
+                           : plan.media == Plan::Media::kChromatic ? "delta tracking with spectral MIS"
+                                                                   : "delta tracking";
+  if (plan.emission) estimators += "; stratified emission";
+  estimators += plan.light_sampling ? "; ratio tracking; next-event estimation with balance heuristic"
+                                    : "; direction sampling only";
+  header["estimators"] = estimators;
+  header["biased"] = std::string(report.counters.capped_paths ? "true: paths were cut at max_events" : "false");
+  header["varianceConvention"] = std::string("mean_variance is the variance of the pixel mean: sample variance / n");
+  if (plan.flash) header["flashIntensity"] = static_cast<float>(context_.flash.intensity);
+  header["worldToCamera"] = camera.world_to_camera();
+  header["worldToNDC"] = camera.world_to_ndc();
+}
+
 PathSample PreparedScene::replay(int64_t seed, int x, int y, uint32_t sample) const {
-  const Camera camera(scene_.camera, scene_.film.width, scene_.film.height, world_shift_);
+  const Camera camera(scene_.camera, scene_.film.width, scene_.film.height, world_shift());
   PathCounters counters;
-  return take_sample(context_, select_path_tracer(context_.plan), camera, key_of(scene_, seed, x, y, sample), x, y,
-                     counters);
+  const PathRequest r = request(camera, seed, x, y, sample);
+  PathSample result;
+  select_path_tracer(context_.plan)(context_, {&r, 1}, {&result, 1}, counters);
+  return result;
 }
 
 std::string RenderReport::summary() const {
@@ -155,7 +342,7 @@ std::string RenderReport::summary() const {
       "{:.3g} paths in {} ({} of processor time): {:.3g} paths/s, {:.3g} look-ups/s, {:.1f} scatterings per path, "
       "longest {}\n",
       paths, format_duration(seconds), format_duration(cpu_seconds), paths / seconds, lookups / seconds,
-      static_cast<double>(counters.tracking.collisions) / paths, counters.longest);
+      paths > 0 ? static_cast<double>(counters.tracking.collisions) / paths : 0.0, counters.longest);
   if (counters.capped_paths)
     text += fmt::format("warning: {} paths were cut at max_events, carrying {:.3g} of the throughput of all paths\n",
                         counters.capped_paths, counters.capped_throughput / paths);

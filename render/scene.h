@@ -11,9 +11,17 @@ namespace brume {
 // Plain data of a scene. Keys, units, ranges and meanings stand once, in scene_fields.h.
 
 struct CameraSettings {
+  std::string type = "perspective";
   dvec3 position{0}, look_at{0}, up{0, 0, 1};
   double fov = 40;
+  double width = 1;
   std::string fov_axis = "x";
+  double lens_radius = 0, focus_distance = 0;
+  int blades = 0;
+  double blade_rotation = 0;
+  dvec2 shutter{0};
+  std::vector<double> position_end, look_at_end;  ///< three numbers, or none: the camera stands still
+  std::filesystem::path from_exr;
 };
 
 struct FilmSettings {
@@ -24,10 +32,31 @@ struct FilmSettings {
 struct VolumeSettings {
   std::filesystem::path file;
   std::string grid;
-  double sigma_t = 1.0;
-  dvec3 albedo{0.8};
-  double g = 0.0;
+  std::string shape = "grid";
+  dvec3 lo{-0.5}, hi{0.5};
+  std::string preset = "none";
+  dvec3 sigma_t{1.0}, albedo{0.8};
+  dvec3 sigma_a{0.0}, sigma_s{0.0};
+  double density = 1.0;
+  dvec3 color{0.5}, absorption_color{0.0};
+  double scatter = 1.0;
+  dvec3 scatter_color{0.5}, transparent{0.36787944117144233};
+  double transparent_depth = 1.0;
+  std::vector<std::vector<double>> remap;
+  std::string phase = "henyey_greenstein";
+  double g = 0.0, g2 = 0.0, lobe_weight = 0.5, droplet_diameter = 20.0;
+  std::string albedo_grid = "none";
+  dvec3 emission{0};
+  std::string temperature_grid = "none";
+  double temperature_offset = 0, temperature_scale = 1, blackbody_intensity = 1;
+  std::string blackbody_law = "planck";
+  std::string flame_grid = "none";
+  std::vector<std::vector<double>> flame_ramp;
+  double flame_intensity = 1;
+  std::string velocity_grid = "none";
+  double velocity_scale = 1;
   dmat4 object_to_world{1};
+  dmat4 object_to_world_end{0};  ///< all zero: the volume stands still
   dvec3 index_offset{0};
   bool convert_level_set = false;
 };
@@ -38,6 +67,11 @@ struct EnvironmentSettings {
   double rotation = 0;
   dvec3 up{0, 0, 1};
   bool visible_to_camera = true;
+  std::string sky = "none";
+  double turbidity = 3;
+  dvec3 sun_direction{0.5, 0.3, 0.6};
+  bool sky_sun = true;
+  double ground_albedo = 0.2;
 };
 
 struct LightSettings {
@@ -46,7 +80,22 @@ struct LightSettings {
   double angular_diameter = 0.53;
   dvec3 position{0}, radiance{0};
   double radius = 0;
+  dvec3 edge_x{0}, edge_y{0};
+  bool two_sided = false;
+  dvec3 intensity{0};
+  double cone_angle = 60, cone_softness = 0.15;
   bool visible_to_camera = false;
+};
+
+struct SurfaceSettings {
+  std::filesystem::path file;
+  std::string material = "diffuse";
+  dvec3 albedo{0.5};
+  std::filesystem::path albedo_texture;
+  double roughness = 0.3, ior = 1.5;
+  dvec3 radiance{0};
+  std::string role = "visible";
+  dmat4 object_to_world{1};
 };
 
 struct RenderSettings {
@@ -67,6 +116,7 @@ struct Scene {
   EnvironmentSettings environment;
   std::vector<VolumeSettings> volumes;
   std::vector<LightSettings> lights;
+  std::vector<SurfaceSettings> surfaces;
   std::filesystem::path path;  ///< of the scene file
   std::string hash;            ///< of every value that decides the picture, the files' contents included
 };

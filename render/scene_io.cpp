@@ -1,7 +1,6 @@
 #include "render/scene_io.h"
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 #include <fstream>
 #include <sstream>
@@ -130,6 +129,33 @@ class Parser {
            v, expected);
     for (int i = 0; i < 3; ++i) target[i] = number(field, v.as_array()[static_cast<size_t>(i)]);
   }
+  static void read(const Field& field, const toml::value& v, dvec2& target) {
+    if (!v.is_array() || v.as_array().size() != 2)
+      fail(fmt::format("'{}' is not two numbers", field.key), v, "expected [first, second]" + range_text(field));
+    for (int i = 0; i < 2; ++i) target[i] = number(field, v.as_array()[static_cast<size_t>(i)]);
+  }
+  static void read(const Field& field, const toml::value& v, std::vector<double>& target) {
+    if (!v.is_array() || (!v.as_array().empty() && v.as_array().size() != 3))
+      fail(fmt::format("'{}' is not three numbers", field.key), v, "expected [x, y, z]" + range_text(field));
+    for (const toml::value& entry : v.as_array()) target.push_back(number(field, entry));
+  }
+  static void read(const Field& field, const toml::value& v, std::vector<std::vector<double>>& target) {
+    const size_t columns = std::string(field.key) == "flame_ramp" ? 4 : 2;
+    const std::string expected = fmt::format("expected at least two rows of {} numbers, rising in the first", columns);
+    if (!v.is_array()) fail(fmt::format("'{}' is {}", field.key, type_name(v)), v, expected);
+    for (const toml::value& row : v.as_array()) {
+      if (!row.is_array() || row.as_array().size() != columns)
+        fail(fmt::format("'{}' has a row that is not {} numbers", field.key, columns), row, expected);
+      std::vector<double> numbers;
+      for (const toml::value& entry : row.as_array()) numbers.push_back(number(field, entry));
+      if (!target.empty() && !(numbers[0] > target.back()[0]))
+        fail(fmt::format("'{}' does not rise", field.key), row, expected);
+      for (size_t i = 1; i < columns; ++i)
+        if (numbers[i] < 0) fail(fmt::format("'{}' has a negative result", field.key), row, expected);
+      target.push_back(numbers);
+    }
+    if (target.size() == 1) fail(fmt::format("'{}' has one row", field.key), v, expected);
+  }
   static void read(const Field& field, const toml::value& v, dmat4& target) {
     const std::string expected = "expected four rows of four numbers";
     if (!v.is_array() || v.as_array().size() != 4)
@@ -202,6 +228,7 @@ class Fingerprint {
     append(value);
   }
   void file(const fs::path& path) {
+    if (path.empty()) return;
     std::ifstream stream(path, std::ios::binary);
     uint64_t h = 0;
     for (char buffer[1 << 16]; stream.read(buffer, sizeof buffer), stream.gcount() > 0;)
@@ -221,6 +248,14 @@ class Fingerprint {
       for (int j = 0; j < 4; ++j) text_ += fmt::format("{},", m[i][j]);
   }
   void append(const fs::path&) {}  // by content, not by name
+  void append(const dvec2& v) { text_ += fmt::format("{},{};", v.x, v.y); }
+  void append(const std::vector<std::vector<double>>& rows) {
+    for (const auto& row : rows) append(row);
+  }
+  void append(const std::vector<double>& v) {
+    for (const double x : v) text_ += fmt::format("{},", x);
+    text_ += ";";
+  }
   template <class T>
   void append(const T& value) {
     text_ += fmt::format("{};", value);
@@ -236,25 +271,108 @@ std::string fingerprint(Scene scene) {
   describe(print, scene.film);
   describe(print, scene.render);
   describe(print, scene.environment);
-  if (!scene.environment.file.empty()) print.file(scene.environment.file);
+  print.file(scene.camera.from_exr), print.file(scene.environment.file);
   for (VolumeSettings& v : scene.volumes) describe(print, v), print.file(v.file);
   for (LightSettings& l : scene.lights) describe(print, l);
+  for (SurfaceSettings& s : scene.surfaces) describe(print, s), print.file(s.file), print.file(s.albedo_texture);
   return print.hex();
 }
 
-void check_light(Parser& parser, const LightSettings& light, const toml::value& table) {
-  const auto need = [&](const char* key) {
-    if (!parser.has(key))
-      fail(fmt::format("a {} light has no '{}'", light.type, key), table, fmt::format("add {} = ... here", key));
+void check_light(Parser& parser, LightSettings& light, const toml::value& table) {
+  const auto need = [&](std::initializer_list<const char*> keys) {
+    for (const char* key : keys)
+      if (!parser.has(key))
+        fail(fmt::format("a {} light has no '{}'", light.type, key), table, fmt::format("add {} = ... here", key));
+  };
+  const auto need_length = [&](const char* key, double length, const char* expected) {
+    if (!(length > 0)) fail(fmt::format("a {} light's {} is zero", light.type, key), table.at(key), expected);
   };
   if (light.type == "sun") {
-    need("direction"), need("irradiance");
-    if (light.direction == dvec3(0))
-      fail("a sun's direction is zero", table.at("direction"), "expected the direction towards the sun");
+    need({"direction", "irradiance"});
+    need_length("direction", glm::length(light.direction), "expected the direction towards the sun");
+  } else if (light.type == "sphere") {
+    need({"position", "radius", "radiance"});
+    need_length("radius", light.radius, "expected a length above 0");
+  } else if (light.type == "rectangle") {
+    need({"position", "edge_x", "edge_y", "radiance"});
+    need_length("edge_x", glm::length(glm::cross(light.edge_x, light.edge_y)), "expected two edges that span an area");
   } else {
-    need("position"), need("radius"), need("radiance");
-    if (!(light.radius > 0)) fail("a sphere light's radius is zero", table.at("radius"), "expected a length above 0");
+    need({"position", "intensity"});
+    if (light.type == "spot") {
+      need({"direction"});
+      need_length("direction", glm::length(light.direction), "expected where the spot shines");
+    }
   }
+}
+
+/// Whichever way the coefficients are given, they become sigma_t and albedo.
+void check_volume(Parser& parser, VolumeSettings& v, const toml::value& table) {
+  const auto conflict = [&](std::initializer_list<const char*> keys, const std::string& with) {
+    for (const char* key : keys)
+      if (parser.has(key))
+        fail(fmt::format("'{}' stands beside {}", key, with), table.at(key), "remove one of the two");
+  };
+  const bool by_parts = parser.has("sigma_a") || parser.has("sigma_s");
+  if (v.shape == "grid" && v.file.empty())
+    fail("[[volumes]] has no 'file'", table, "add file = ... here: OpenVDB file");
+  if (v.shape != "grid") {
+    conflict({"file", "grid", "albedo_grid", "temperature_grid", "flame_grid", "velocity_grid"},
+             fmt::format("shape = \"{}\"", v.shape));
+    if (!glm::all(glm::lessThan(v.lo, v.hi))) fail("'lo' is not below 'hi'", table, "expected a box with a volume");
+  }
+  if (by_parts) {
+    conflict({"sigma_t", "albedo"}, "sigma_a and sigma_s");
+    v.sigma_t = v.sigma_a + v.sigma_s;
+    for (int c = 0; c < 3; ++c) v.albedo[c] = v.sigma_t[c] > 0 ? v.sigma_s[c] / v.sigma_t[c] : 0.0;
+  }
+  if (v.preset != "none") {
+    conflict({"sigma_t", "albedo", "sigma_a", "sigma_s"}, fmt::format("preset = \"{}\"", v.preset));
+    const auto foreign = [&](std::initializer_list<const char*> keys) {
+      for (const char* key : keys)
+        if (parser.has(key))
+          fail(fmt::format("'{}' is no parameter of preset \"{}\"", key, v.preset), table.at(key), "remove it");
+    };
+    dvec3 scattering, absorption;
+    if (v.preset == "principled") {
+      foreign({"scatter", "scatter_color", "transparent", "transparent_depth"});
+      scattering = v.color;
+      absorption = (dvec3(1) - v.color) * (dvec3(1) - glm::sqrt(v.absorption_color));
+      if (!parser.has("blackbody_law")) v.blackbody_law = "stefan_boltzmann";
+      if (!parser.has("temperature_scale")) v.temperature_scale = 1000;
+    } else {
+      foreign({"color", "absorption_color"});
+      const dvec3 extinction = -glm::log(v.transparent) / v.transparent_depth;
+      scattering = extinction * v.scatter * v.scatter_color;
+      absorption = extinction - scattering;
+    }
+    v.sigma_t = scattering + absorption;
+    for (int c = 0; c < 3; ++c) v.albedo[c] = v.sigma_t[c] > 0 ? scattering[c] / v.sigma_t[c] : 0.0;
+  } else {
+    for (const char* key :
+         {"color", "absorption_color", "scatter", "scatter_color", "transparent", "transparent_depth"})
+      if (parser.has(key)) fail(fmt::format("'{}' belongs to a preset", key), table.at(key), "set preset = ... too");
+  }
+  v.sigma_t *= v.density, v.emission *= v.density;
+  v.density = 1;
+}
+
+void check_surface(Parser& parser, SurfaceSettings& s, const toml::value& table) {
+  if (s.material == "diffuse")
+    for (const char* key : {"roughness", "ior"})
+      if (parser.has(key))
+        fail(fmt::format("'{}' has no meaning for a diffuse surface", key), table.at(key), "remove it");
+  if (s.role != "visible" && s.radiance != dvec3(0))
+    fail(fmt::format("a {} cannot emit", s.role), table.at("radiance"), "remove radiance or role");
+}
+
+void check_camera(const Parser& parser, const CameraSettings& c, const toml::value& table) {
+  if (c.from_exr.empty())
+    for (const char* key : {"position", "look_at"})
+      if (!parser.has(key))
+        fail(fmt::format("[camera] has no '{}'", key), table, fmt::format("add {} = ... here", key));
+  if (c.blades == 1 || c.blades == 2) fail("'blades' is too few", table.at("blades"), "expected 0, or 3 and more");
+  if (c.shutter.y < c.shutter.x)
+    fail("the shutter closes before it opens", table.at("shutter"), "expected [open, close]");
 }
 
 }  // namespace
@@ -273,13 +391,15 @@ Scene read_scene(const fs::path& path, std::span<const std::string> overrides) {
   scene.name = path.stem().string();
   const fs::path folder = path.parent_path();
   std::vector<std::string> sections = {"name"};
-  const auto section = [&](const char* name, auto& target) {
+  const auto section = [&](const char* name, auto& target, const auto& check) {
     sections.push_back(name);
     if (!root.contains(name)) return;
     Parser parser(root.at(name), fmt::format("[{}]", name), folder);
     describe(parser, target);
     parser.reject_unknown();
+    check(parser, target, root.at(name));
   };
+  const auto no_check = [](const auto&...) {};
   const auto array = [&](const char* name, auto& target, const auto& check) {
     sections.push_back(name);
     if (!root.contains(name)) return;
@@ -297,24 +417,22 @@ Scene read_scene(const fs::path& path, std::span<const std::string> overrides) {
     if (!root.at("name").is_string()) fail("'name' is not text", root.at("name"), "expected text in quotes");
     scene.name = root.at("name").as_string().str;
   }
-  section("camera", scene.camera);
-  section("film", scene.film);
-  section("render", scene.render);
-  section("environment", scene.environment);
-  array("volumes", scene.volumes, [](Parser&, const VolumeSettings&, const toml::value&) {});
+  section("camera", scene.camera, check_camera);
+  section("film", scene.film, no_check);
+  section("render", scene.render, no_check);
+  section("environment", scene.environment, no_check);
+  array("volumes", scene.volumes, check_volume);
   array("lights", scene.lights, check_light);
+  array("surfaces", scene.surfaces, check_surface);
   for (const auto& [key, value] : root.as_table())
     if (std::find(sections.begin(), sections.end(), key) == sections.end())
       fail(fmt::format("unknown key '{}'{}", key, suggestion(key, sections)), value, "not part of a scene");
 
   if (!root.contains("camera"))
     throw InputError(fmt::format("{}: has no [camera]; expected position, look_at and fov", path.string()));
-  if (scene.volumes.size() > 1)
-    fail(fmt::format("{} volumes; this version renders one", scene.volumes.size()), root.at("volumes"),
-         "keep one of them");
   // A picture with no factor set is taken as it is.
-  if (!scene.environment.file.empty() && !root.at("environment").contains("radiance"))
-    scene.environment.radiance = dvec3(1);
+  const bool has_picture = !scene.environment.file.empty() || scene.environment.sky != "none";
+  if (has_picture && !root.at("environment").contains("radiance")) scene.environment.radiance = dvec3(1);
   scene.hash = fingerprint(scene);
   return scene;
 }
@@ -343,7 +461,10 @@ class Reference {
 
  private:
   static std::string show(const dvec3& v) { return fmt::format("`[{}, {}, {}]`", v.x, v.y, v.z); }
-  static std::string show(const dmat4&) { return "identity"; }
+  static std::string show(const dmat4& m) { return m == dmat4(1) ? "identity" : "all zero"; }
+  static std::string show(const dvec2& v) { return fmt::format("`[{}, {}]`", v.x, v.y); }
+  static std::string show(const std::vector<double>&) { return "none"; }
+  static std::string show(const std::vector<std::vector<double>>&) { return "none"; }
   static std::string show(const fs::path&) { return "none"; }
   static std::string show(const std::string& s) { return "`\"" + s + "\"`"; }
   template <class T>
@@ -364,15 +485,17 @@ std::string scene_reference() {
       "grey\n"
       "number. Lengths are in scene units, whichever the volumes use.\n\n"
       "This page is written by `brume docs scene`; a test keeps it in step with the parser.\n";
-  reference.table("[camera]", "A pinhole camera, box filter of one pixel, row 0 on top.", CameraSettings{});
+  reference.table("[camera]", "Box filter of one pixel, row 0 on top.", CameraSettings{});
   reference.table("[film]", "The picture.", FilmSettings{});
   reference.table("[render]", "The estimator. No setting here but max_events changes the expected picture.",
                   RenderSettings{});
   reference.table("[environment]", "Light from infinitely far away.", EnvironmentSettings{});
   reference.table("[[volumes]]",
-                  "A fog volume and its coefficients: sigma_t(x) = sigma_t * density(x), sigma_s = albedo * sigma_t.",
+                  "A fog volume and its coefficients: sigma_t(x) = sigma_t * density(x), sigma_s = albedo * sigma_t. "
+                  "Several may overlap. `file` is required where shape is grid.",
                   VolumeSettings{});
   reference.table("[[lights]]", "Lights of finite size or parallel light.", LightSettings{});
+  reference.table("[[surfaces]]", "Solid things.", SurfaceSettings{});
   return reference.text;
 }
 

@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <vector>
 
 #include "render/integrator.h"
 #include "volume/gradient.h"
@@ -7,138 +8,504 @@ namespace brume {
 namespace {
 
 constexpr double kFar = std::numeric_limits<double>::infinity();
-// Pairs of Sobol dimensions: 0 is the film, then two per event (phase, light) for the first events.
+// Pairs of Sobol dimensions: 0 is the film, 1 lens, 2 (first number) time; then two per event (direction, light) for
+// the first events. Loops of unknown length draw from the counter-based stream.
+constexpr uint32_t kFirstEventPair = 3;
 constexpr uint64_t kSobolEvents = 6;
+
+/// What one instantiation of the loop models.
+struct Features {
+  Plan::Media media;
+  bool light_sampling, finite_lights, surfaces, emission;
+  constexpr bool any_media() const { return media != Plan::Media::kNone; }
+  constexpr bool chromatic() const { return media == Plan::Media::kChromatic; }
+};
 
 double balance(double a, double b) {
   return a / (a + b);
 }
 
-void record_surface(const PathContext& context, const Ray& ray, PathSample& sample) {
-  const Medium& medium = *context.medium;
-  const Ray local = medium.to_local(ray);
-  const std::optional<double> t = find_surface(medium, local, context.surface_density);
-  if (!t) return;
-  sample.coverage = 1.0;
-  if (!context.plan.layers.gradient) return;
-  // Half a voxel inside, where the differences see the medium on both sides.
-  const double inside = *t + 0.5 / glm::length(local.d);
-  if (const auto gradient = density_gradient(medium, local.at(inside))) sample.gradient = glm::normalize(*gradient);
+double mean(const dvec3& v) {
+  return (v.x + v.y + v.z) / 3.0;
 }
 
-/// Radiance of infinitely far lights along a ray that left the scene, each weighted against light sampling.
-template <bool kLightSampling>
-dvec3 escaped_radiance(const PathContext& context, const dvec3& d, double pdf_phase, bool from_camera) {
-  const Lights& lights = *context.lights;
-  const auto weight = [&](double pdf_light) {
-    return !kLightSampling || from_camera ? 1.0 : balance(pdf_phase, pdf_light);
-  };
-  dvec3 sum(0);
-  if (!lights.environment.black() && (!from_camera || lights.environment.visible())) {
-    const double share = lights.choice_of_environment();
-    sum +=
-        lights.environment.radiance(d) * weight(kLightSampling && share > 0 ? share * lights.environment.pdf(d) : 0.0);
+/// Weight of a path. In chromatic media it is sampled by one hero channel, and each channel's own probability of the
+/// same choices is carried along: dividing by their mean is the balance heuristic over the channels (TRANSPORT.md
+/// section 4, after Miller, Georgiev, Jarosz 2019), so that no channel's weight runs away. Normalised after each event:
+/// the mean is 1.
+struct Throughput {
+  dvec3 weight{1};
+  dvec3 pdf{1};
+  int hero = 0;
+
+  void event(const dvec3& factor, const dvec3& probability) {
+    weight *= factor;
+    pdf *= probability;
+    const double m = mean(pdf);
+    weight /= m, pdf /= m;
   }
-  for (size_t i = 0; i < lights.suns.size(); ++i)
-    if (lights.suns[i].contains(d) && (!from_camera || lights.suns[i].visible()))
-      sum += lights.suns[i].radiance() * weight(lights.choice_of_sun(i) * lights.suns[i].pdf());
-  return sum;
-}
+};
 
-/// Next-event estimation from a vertex: one light, one shadow ray.
-template <bool kFiniteLights>
-dvec3 sampled_light(const PathContext& context, const dvec3& p, const dvec3& d, double choice, const dvec2& u, Rng& rng,
-                    PathCounters& counters) {
-  const Lights& lights = *context.lights;
-  const Medium& medium = *context.medium;
-  const LightSample light = lights.sample(p, choice, u);
-  if (!(light.pdf > 0)) return dvec3(0);
-  const double phase = medium.phase().value(glm::dot(d, light.wi));
-  const dvec3 unoccluded = light.radiance * (phase / light.pdf * (light.delta ? 1.0 : balance(light.pdf, phase)));
-  if (unoccluded == dvec3(0)) return dvec3(0);
-  const Ray shadow{p, light.wi};
-  if constexpr (kFiniteLights)
-    for (const SphereLight& sphere : lights.spheres) {
-      // Rays end on every sphere; the light's own surface is not in its way.
-      const double t = sphere.intersect(shadow);
-      if (t > 0 && t < light.distance * (1.0 - 1e-9)) return dvec3(0);
+/// The path's random numbers: low-discrepancy for the first events, counter-based after.
+struct Draws {
+  const Sobol& sobol;
+  Rng& rng;
+  dvec2 pair(uint64_t events, uint32_t which) {
+    return events < kSobolEvents ? sobol.pair(kFirstEventPair + static_cast<uint32_t>(2 * events) + which)
+                                 : dvec2{rng.uniform(), rng.uniform()};
+  }
+};
+
+template <Features F>
+class PathTracer {
+ public:
+  PathTracer(const PathContext& context, std::span<const Medium> media, Draws draws, PathCounters& counters,
+             PathSample& sample)
+      : c_(context), media_(media), draws_(draws), counters_(counters), s_(sample) {}
+
+  void trace(const Ray& camera_ray) {
+    ++counters_.paths;
+    if constexpr (F.any_media()) record_camera_ray(camera_ray);
+    if constexpr (F.chromatic()) throughput_.hero = std::min(2, static_cast<int>(3 * draws_.rng.uniform()));
+    ray_ = camera_ray;
+    eye_ = camera_ray.o;
+    while (step()) {
     }
-  return unoccluded * estimate_transmittance(medium, medium.to_local(shadow), light.distance, rng, counters.tracking);
-}
+    counters_.longest = std::max(counters_.longest, events_);
+    s_.beauty = s_.direct + s_.indirect;
+  }
 
-template <bool kMedium, bool kLightSampling, bool kFiniteLights>
-PathSample trace_path(const PathContext& context, const Ray& camera_ray, const Sobol& sobol, Rng& rng,
-                      PathCounters& counters) {
-  PathSample sample;
-  ++counters.paths;
-  if (kMedium && context.plan.surface) record_surface(context, camera_ray, sample);
+ private:
+  enum class Source { kBackground, kEmission, kSurface };
 
-  Ray ray = camera_ray;
-  dvec3 throughput(1);
-  double pdf_phase = 1;
-  uint64_t events = 0;  // real scatterings so far; null collisions are none
-  for (;; ++events) {
-    // Light that is met after fewer than two scatterings is direct (TRANSPORT.md section 11).
-    const auto deposit = [&](const dvec3& radiance, uint64_t e) {
-      (e < 2 ? sample.direct : sample.indirect) += throughput * radiance;
-    };
+  /// Adds radiance that is met after `events` events of the path (TRANSPORT.md section 11).
+  void deposit(const dvec3& radiance, uint64_t events, Source source) {
+    const dvec3 L = throughput_.weight * radiance;
+    if (events >= 2) {
+      s_.indirect += L;
+      return;
+    }
+    s_.direct += L;
+    if (events == 1)
+      (first_event_on_surface_ ? s_.surface : s_.single) += L;
+    else
+      (source == Source::kEmission ? s_.emission : source == Source::kSurface ? s_.surface : s_.background) += L;
+  }
 
+  /// One flight and the event at its end; false when the path has ended.
+  bool step() {
+    // What bounds the flight.
     double t_max = kFar;
-    const SphereLight* hit = nullptr;
-    size_t hit_index = 0;
-    if constexpr (kFiniteLights)
-      for (size_t i = 0; i < context.lights->spheres.size(); ++i) {
-        const SphereLight& sphere = context.lights->spheres[i];
-        if (events == 0 && !sphere.visible()) continue;
-        const double t = sphere.intersect(ray);
-        if (t > 0 && t < t_max) t_max = t, hit = &sphere, hit_index = i;
+    const FiniteLight* light = nullptr;
+    if constexpr (F.finite_lights)
+      for (const FiniteLight* candidate : c_.lights->finite()) {
+        if (events_ == 0 && !candidate->visible()) continue;
+        const double t = candidate->intersect(ray_);
+        if (t > 0 && t < t_max) t_max = t, light = candidate;
       }
-
-    double t = -1;
-    if constexpr (kMedium)
-      t = sample_collision(*context.medium, context.medium->to_local(ray), t_max, rng, counters.tracking);
-    if (t < 0) {
-      if (events == 0) sample.transmittance = 1;
-      if (hit) {
-        const double pdf_light = context.lights->choice_of_sphere(hit_index) * hit->pdf(ray.o);
-        deposit(hit->radiance() * (events == 0 || !kLightSampling ? 1.0 : balance(pdf_phase, pdf_light)), events);
-      } else {
-        deposit(escaped_radiance<kLightSampling>(context, ray.d, pdf_phase, events == 0), events);
-      }
-      break;
+    std::optional<SurfaceHit> hit;
+    if constexpr (F.surfaces) {
+      hit = c_.surfaces->intersect(ray_, t_max);
+      if (hit) t_max = hit->t, light = nullptr;
     }
 
-    if constexpr (kMedium) {
-      const Medium& medium = *context.medium;
-      ray.o = ray.at(t);
-      throughput *= medium.albedo();  // absorption by weight, not by chance
-      const auto pair = [&](uint32_t i) {
-        return events < kSobolEvents ? sobol.pair(static_cast<uint32_t>(1 + 2 * events) + i)
-                                     : dvec2{rng.uniform(), rng.uniform()};
-      };
-      if constexpr (kLightSampling) {
-        const double choice = rng.uniform();
-        deposit(sampled_light<kFiniteLights>(context, ray.o, ray.d, choice, pair(1), rng, counters), events + 1);
-      }
-      if (events + 1 >= static_cast<uint64_t>(context.roulette_start)) {
-        const double survival = std::clamp(max_component(throughput), 0.05, 1.0);
-        if (survival < 1) {
-          if (!(rng.uniform() < survival)) break;
-          throughput /= survival;
-        }
-      }
-      if (events + 1 >= static_cast<uint64_t>(context.max_events)) {
-        ++counters.capped_paths;
-        counters.capped_throughput += max_component(throughput);
-        break;
-      }
-      const dvec3 d = medium.phase().sample(ray.d, pair(0));
-      pdf_phase = medium.phase().value(glm::dot(ray.d, d));
-      ray.d = d;
+    if constexpr (F.any_media()) {
+      const Medium* medium = nullptr;
+      const double t = fly(t_max, medium);
+      if (medium) return scatter(*medium, t);
+    } else if constexpr (F.emission) {
+      glow(0, t_max);
+    }
+    if constexpr (F.surfaces)
+      if (hit) return meet_surface(*hit);
+
+    if (events_ == 0) s_.transmittance = throughput_.weight;
+    if (light) {
+      const double pdf_light =
+          F.light_sampling ? c_.lights->choice_probability(*light, ray_.o) * light->pdf(ray_, t_max) : 0;
+      deposit(light->radiance(ray_, t_max) * weight_against(pdf_light), events_, Source::kBackground);
+    } else {
+      escape();
+    }
+    return false;
+  }
+
+  /// Weight of light that was met by direction sampling, against light sampling.
+  double weight_against(double pdf_light) const {
+    return !F.light_sampling || events_ == 0 || specular_ ? 1.0 : balance(pdf_direction_, pdf_light);
+  }
+
+  void escape() {
+    for (const InfiniteLight* light : c_.lights->infinite()) {
+      if (events_ == 0 && !light->visible()) continue;
+      const dvec3 radiance = light->radiance(ray_.d);
+      if (radiance == dvec3(0)) continue;
+      const double share = F.light_sampling ? c_.lights->choice_probability(*light, ray_.o) : 0.0;
+      deposit(radiance * weight_against(share > 0 ? share * light->pdf(ray_.d) : 0.0), events_, Source::kBackground);
     }
   }
-  counters.longest = std::max(counters.longest, events);
-  return sample;
+
+  /// Emission between two points of the flight. Long paths are blurred by their scatterings: coarser strata do there.
+  void glow(double t0, double t1) {
+    if constexpr (F.emission) {
+      dvec3 sum(0);
+      for (const EmissionField& field : c_.emissions)
+        sum += field.integrate(ray_, t0, t1, events_ == 0 ? 1.0 : 4.0, draws_.rng);
+      if (sum != dvec3(0)) deposit(sum, events_, Source::kEmission);
+    }
+  }
+
+  /// The next real collision before t_max, and whose it is.
+  double fly(double t_max, const Medium*& medium) {
+    TrackingCounters& counters = counters_.tracking;
+    if constexpr (F.media == Plan::Media::kOneGrey) {
+      const double t = sample_collision(media_[0], media_[0].to_local(ray_), t_max, draws_.rng, counters);
+      if (t >= 0) medium = &media_[0];
+      glow(0, medium ? t : t_max);
+      return t;
+    } else if constexpr (F.media == Plan::Media::kManyGrey) {
+      // Collisions with each medium are independent Poisson processes; the first of all is the path's.
+      double first = t_max;
+      for (const Medium& m : media_) {
+        const double t = sample_collision(m, m.to_local(ray_), first, draws_.rng, counters);
+        if (t >= 0) first = t, medium = &m;
+      }
+      glow(0, first);
+      return first;
+    } else {
+      return fly_chromatic(t_max, medium);
+    }
+  }
+
+  /// The tentative collisions of all media in order; at each the hero channel decides, and all channels keep account.
+  double fly_chromatic(double t_max, const Medium*& medium) {
+    TrackingCounters& counters = counters_.tracking;
+    struct Stream {
+      const Medium* medium;
+      TentativeCollisions points;
+      TentativeCollision next;
+    };
+    static thread_local std::vector<Stream> streams;
+    streams.clear();
+    for (const Medium& m : media_) {
+      Stream s{&m, {m, m.to_local(ray_), t_max, draws_.rng}, {}};
+      if (s.points.next(s.next, draws_.rng, counters)) streams.push_back(s);
+    }
+    double before = 0;
+    while (!streams.empty()) {
+      const auto stream = std::min_element(streams.begin(), streams.end(),
+                                           [](const Stream& a, const Stream& b) { return a.next.t < b.next.t; });
+      const TentativeCollision point = stream->next;
+      glow(before, point.t);
+      before = point.t;
+      const dvec3 real = stream->medium->extinction_ratio() * std::min(1.0, point.density / point.majorant);
+      if (draws_.rng.uniform() < real[throughput_.hero]) {
+        throughput_.event(real, real);
+        ++counters.collisions;
+        medium = stream->medium;
+        return point.t;
+      }
+      throughput_.event(dvec3(1) - real, dvec3(1) - real);
+      if (!stream->points.next(stream->next, draws_.rng, counters)) streams.erase(stream);
+    }
+    glow(before, t_max);
+    return -1;
+  }
+
+  /// A real collision in a medium.
+  bool scatter(const Medium& medium, double t) {
+    ray_.o = ray_.at(t);
+    const dvec3 albedo = medium.albedo(ray_.o);
+    if (events_ == 0) record_first_scatter(medium, albedo);
+    throughput_.weight *= albedo;  // absorption by weight, not by chance
+    const PhaseFunction& phase = medium.phase();
+    if constexpr (F.light_sampling) {
+      const double choice = draws_.rng.uniform();
+      const dvec3 d = ray_.d;
+      const dvec3 L = sampled_light(ray_.o, choice, draws_.pair(events_, 1), [&](const dvec3& wi) {
+        const double p = phase.value(glm::dot(d, wi));
+        return std::pair(dvec3(p), p);
+      });
+      deposit(L, events_ + 1, Source::kBackground);
+    }
+    if (!survives()) return false;
+    const dvec3 d = phase.sample(ray_.d, draws_.pair(events_, 0));
+    pdf_direction_ = phase.value(glm::dot(ray_.d, d));
+    ray_.d = d;
+    specular_ = false;
+    ++events_;
+    return true;
+  }
+
+  bool meet_surface(const SurfaceHit& hit) {
+    const SurfaceSettings& settings = c_.surfaces->settings(hit.surface);
+    const dvec3 p = ray_.at(hit.t), wo = -ray_.d;
+    const bool front = glm::dot(wo, hit.normal) > 0;
+    if (events_ == 0 && settings.role == "holdout") {
+      s_.transmittance = throughput_.weight;  // a hole: nothing is there, and alpha says so
+      return false;
+    }
+    const Bsdf bsdf = c_.surfaces->bsdf(hit);
+    const Frame frame(front ? hit.normal : -hit.normal);
+    const auto to_local = [&](const dvec3& w) {
+      return dvec3(glm::dot(w, frame.x), glm::dot(w, frame.y), glm::dot(w, frame.z));
+    };
+    const dvec3 wo_local = to_local(wo);
+    const auto scattering = [&](const dvec3& wi) {
+      const dvec3 wi_local = to_local(wi);
+      return std::pair(bsdf.value(wo_local, wi_local, !front), bsdf.pdf(wo_local, wi_local, !front));
+    };
+    if (events_ == 0 && settings.role == "shadow_catcher") {
+      if constexpr (F.light_sampling) {
+        const double choice = draws_.rng.uniform();
+        const dvec2 u{draws_.rng.uniform(), draws_.rng.uniform()};
+        const dvec3 off = Surfaces::leave(p, hit.normal, wo);
+        s_.catcher += throughput_.weight * sampled_light(off, choice, u, scattering, true, true);
+        s_.catcher_unshadowed += throughput_.weight * sampled_light(off, choice, u, scattering, false, true);
+      }
+      // Unseen itself: the same path goes on behind it.
+      ray_.o = Surfaces::leave(p, hit.normal, ray_.d);
+      return true;
+    }
+    if (front && settings.radiance != dvec3(0)) {
+      const double pdf_light = [&] {
+        if (!F.light_sampling) return 0.0;
+        const MeshLight& light = c_.lights->mesh(mesh_light_of(hit.surface));
+        return c_.lights->choice_probability(light, ray_.o) * light.pdf(hit.t, glm::dot(wo, hit.normal));
+      }();
+      deposit(settings.radiance * weight_against(pdf_light), events_, Source::kSurface);
+    }
+    if (events_ == 0) {
+      first_event_on_surface_ = true;
+      s_.albedo = bsdf.albedo;
+      s_.normal = frame.z;
+      s_.depth = glm::distance(eye_, p);
+      s_.position = p + c_.world_shift;
+    }
+    if constexpr (F.light_sampling) {
+      if (!bsdf.delta()) {
+        const double choice = draws_.rng.uniform();
+        const dvec2 u = draws_.pair(events_, 1);
+        // Lights on either side of the surface are reached from that side.
+        const dvec3 L = sampled_light(p, choice, u, scattering, true, false, &hit.normal);
+        deposit(L, events_ + 1, Source::kSurface);
+      }
+    }
+    if (!survives()) return false;
+    const dvec2 u = draws_.pair(events_, 0);
+    Bsdf::Sample out;
+    if (!bsdf.sample(wo_local, !front, {u.x, u.y, draws_.rng.uniform()}, out)) return false;
+    throughput_.weight *= out.weight;
+    if (throughput_.weight == dvec3(0)) return false;
+    pdf_direction_ = out.pdf;
+    specular_ = bsdf.delta();
+    ray_.d = glm::normalize(frame.to_world(out.wi));
+    ray_.o = Surfaces::leave(p, hit.normal, ray_.d);
+    ++events_;
+    return true;
+  }
+
+  size_t mesh_light_of(uint32_t surface) const {
+    size_t index = 0;
+    for (uint32_t i = 0; i < surface; ++i) index += c_.surfaces->settings(i).radiance != dvec3(0);
+    return index;
+  }
+
+  /// Russian roulette and the cap on events; false where the path ends.
+  bool survives() {
+    if (events_ + 1 >= static_cast<uint64_t>(c_.roulette_start)) {
+      const double survival = std::clamp(max_component(throughput_.weight), 0.05, 1.0);
+      if (survival < 1) {
+        if (!(draws_.rng.uniform() < survival)) return false;
+        throughput_.weight /= survival;
+      }
+    }
+    if (events_ + 1 >= static_cast<uint64_t>(c_.max_events)) {
+      ++counters_.capped_paths;
+      counters_.capped_throughput += max_component(throughput_.weight);
+      return false;
+    }
+    return true;
+  }
+
+  /// Next-event estimation: one light, one shadow ray. `scattering` gives value (times cosine) and sampling density of
+  /// a direction. @param normal  of a surface, from which the shadow ray must be moved off
+  template <class Scattering>
+  dvec3 sampled_light(const dvec3& p, double choice, const dvec2& u, const Scattering& scattering, bool shadowed = true,
+                      bool only_technique = false, const dvec3* normal = nullptr) {
+    const LightSample light = c_.lights->sample(p, choice, u);
+    if (!(light.pdf > 0)) return dvec3(0);
+    const auto [value, pdf] = scattering(light.wi);
+    const double weight = light.delta || only_technique ? 1.0 : balance(light.pdf, pdf);
+    const dvec3 unoccluded = light.radiance * value * (weight / light.pdf);
+    if (unoccluded == dvec3(0) || !shadowed) return unoccluded;
+    const Ray shadow{normal ? Surfaces::leave(p, *normal, light.wi) : p, light.wi};
+    if constexpr (F.finite_lights)
+      for (const FiniteLight* finite : c_.lights->finite()) {
+        // Rays end on every finite light; the one that is aimed at is not in its own way.
+        const double t = finite->intersect(shadow);
+        if (t > 0 && t < light.distance * (1.0 - 1e-9)) return dvec3(0);
+      }
+    if constexpr (F.surfaces)
+      if (c_.surfaces->occluded(shadow, light.distance * (1.0 - 1e-4))) return dvec3(0);
+    if constexpr (F.media == Plan::Media::kOneGrey) {
+      return unoccluded * estimate_transmittance(media_[0], media_[0].to_local(shadow), light.distance, draws_.rng,
+                                                 counters_.tracking);
+    } else if constexpr (F.any_media()) {
+      dvec3 product = unoccluded;
+      for (const Medium& m : media_) {
+        if (F.chromatic() && m.chromatic())
+          product *=
+              estimate_chromatic_transmittance(m, m.to_local(shadow), light.distance, draws_.rng, counters_.tracking);
+        else
+          product *= estimate_transmittance(m, m.to_local(shadow), light.distance, draws_.rng, counters_.tracking);
+        if (product == dvec3(0)) break;
+      }
+      return product;
+    }
+    return unoccluded;
+  }
+
+  // ---- layers
+
+  void record_camera_ray(const Ray& ray) {
+    const Plan& plan = c_.plan;
+    if (plan.medium_surface) record_medium_surface(ray);
+    if (plan.optical_depth) {
+      double tau = 0;
+      for (const Medium& m : media_) tau += optical_depth(m, m.to_local(ray), kFar);
+      s_.optical_depth = std::min(tau, 50.0);
+    }
+    if (plan.weighted_gradient) record_weighted_gradient(ray);
+  }
+
+  void record_medium_surface(const Ray& ray) {
+    double first = kFar;
+    const Medium* medium = nullptr;
+    Ray local;
+    for (const Medium& m : media_) {
+      const Ray r = m.to_local(ray);
+      const auto t = find_surface(m, r, static_cast<float>(c_.surface_density * m.maximum_density()));
+      if (t && *t < first) first = *t, medium = &m, local = r;
+    }
+    if (!medium) return;
+    s_.coverage = 1.0;
+    // Half a voxel inside, where the differences see the medium on both sides.
+    const double inside = first + 0.5 / glm::length(local.d);
+    if (const auto gradient = density_gradient(*medium, local.at(inside))) s_.gradient = glm::normalize(*gradient);
+  }
+
+  /// The expectation of the gradient's direction at the first scattering, marched in half voxels.
+  void record_weighted_gradient(const Ray& ray) {
+    dvec3 sum(0);
+    double scattered = 0;
+    for (const Medium& m : media_) {
+      // Each medium by itself: overlaps are weighted as if the other were not there.
+      const Ray local = m.to_local(ray);
+      const double h = 0.5 / glm::length(local.d);
+      const auto [lo, hi] = m.support();
+      const auto [t0, t1] = Solid{Solid::Shape::kBox, lo, hi}.intersect(local);
+      double transmittance = 1;
+      for (double t = std::max(t0, 0.0) + 0.5 * h; t < t1 && transmittance > 1e-3; t += h) {
+        const double tau = m.sigma_t(local.at(t)) * h;
+        if (!(tau > 0)) continue;
+        const double weight = transmittance * -std::expm1(-tau);
+        transmittance -= weight;
+        scattered += weight;
+        if (const auto g = density_gradient(m, local.at(t))) sum += weight * glm::normalize(*g);
+      }
+    }
+    if (scattered > 0) s_.gradient_transmittance_weighted = sum;
+  }
+
+  void record_first_scatter(const Medium& medium, const dvec3& albedo) {
+    const dvec3 p = ray_.o;
+    const dvec3 weight = throughput_.weight;
+    const double w = mean(weight);
+    s_.scatter_share = w;
+    s_.scatter_depth = w * glm::distance(eye_, p);
+    s_.scatter_position = w * (p + c_.world_shift);
+    s_.albedo = w * albedo;
+    const dvec3 local = medium.to_local(p);
+    s_.scatter_density = w * medium.density(local);
+    if (!c_.plan.first_scatter_gradient) return;
+    const auto gradient = density_gradient(medium, local);
+    if (gradient) s_.gradient_first_scatter = w * glm::normalize(*gradient);
+    if (!c_.plan.flash) return;
+    // A lamp at the eye, with falloff for depth and shading by the gradient for relief: a plain one would show opacity
+    // only.
+    const FlashLamp& lamp = c_.flash;
+    const double distance = glm::distance(p, eye_), ratio = lamp.distance / std::max(distance, 1e-12 * lamp.distance);
+    double relief = 1;
+    if (gradient) {
+      const double steepness = glm::length(*gradient), share = steepness / (steepness + lamp.typical_gradient);
+      relief = 1 - share + share * std::max(0.0, glm::dot(*gradient / steepness, ray_.d));
+    }
+    flash_ = weight * albedo * (medium.phase().value(-1.0) * std::clamp(ratio * ratio, 0.25, 4.0) * relief);
+  }
+
+ public:
+  /// The lamp's part of the flash image, without its intensity.
+  const dvec3& flash() const { return flash_; }
+
+ private:
+  const PathContext& c_;
+  std::span<const Medium> media_;
+  Draws draws_;
+  PathCounters& counters_;
+  PathSample& s_;
+
+  Ray ray_;
+  dvec3 eye_{0};
+  Throughput throughput_;
+  double pdf_direction_ = 1;
+  bool specular_ = false;
+  bool first_event_on_surface_ = false;
+  uint64_t events_ = 0;  // real scatterings and surface bounces so far; null collisions are none
+  dvec3 flash_{0};
+};
+
+template <Features F>
+void trace_paths(const PathContext& context, std::span<const PathRequest> requests, std::span<PathSample> samples,
+                 PathCounters& counters) {
+  static thread_local std::vector<Medium> moved;
+  for (size_t i = 0; i < requests.size(); ++i) {
+    const PathRequest& request = requests[i];
+    const Sobol sobol(request.key);
+    Rng rng(request.key);
+    std::span<const Medium> media = context.media;
+    if (context.plan.moving_media) {
+      moved.clear();
+      for (const Medium& m : context.media) moved.push_back(m.moves() ? m.at_time(request.time) : m);
+      media = moved;
+    }
+    samples[i] = {};
+    PathTracer<F> tracer(context, media, {sobol, rng}, counters, samples[i]);
+    tracer.trace(request.ray);
+    if (context.plan.flash) samples[i].flash = samples[i].direct + context.flash.intensity * tracer.flash();
+  }
+}
+
+template <Plan::Media kMedia, bool kSurfaces, bool kEmission>
+TracePaths select_lights(const Plan& plan) {
+  // Meshes may be lights, and catchers gather theirs: with surfaces the loop is always ready for finite lights.
+  if constexpr (kSurfaces) {
+    return plan.light_sampling ? trace_paths<Features{kMedia, true, true, true, kEmission}>
+                               : trace_paths<Features{kMedia, false, true, true, kEmission}>;
+  } else {
+    if (plan.light_sampling)
+      return plan.finite_lights ? trace_paths<Features{kMedia, true, true, false, kEmission}>
+                                : trace_paths<Features{kMedia, true, false, false, kEmission}>;
+    return plan.finite_lights ? trace_paths<Features{kMedia, false, true, false, kEmission}>
+                              : trace_paths<Features{kMedia, false, false, false, kEmission}>;
+  }
+}
+
+template <Plan::Media kMedia>
+TracePaths select_rest(const Plan& plan) {
+  if (plan.surfaces)
+    return plan.emission ? select_lights<kMedia, true, true>(plan) : select_lights<kMedia, true, false>(plan);
+  return plan.emission ? select_lights<kMedia, false, true>(plan) : select_lights<kMedia, false, false>(plan);
 }
 
 }  // namespace
@@ -151,10 +518,17 @@ void PathCounters::merge(const PathCounters& other) {
   longest = std::max(longest, other.longest);
 }
 
-TracePath select_path_tracer(const Plan& plan) {
-  if (!plan.medium) return plan.finite_lights ? trace_path<false, false, true> : trace_path<false, false, false>;
-  if (!plan.light_sampling) return plan.finite_lights ? trace_path<true, false, true> : trace_path<true, false, false>;
-  return plan.finite_lights ? trace_path<true, true, true> : trace_path<true, true, false>;
+TracePaths select_path_tracer(const Plan& plan) {
+  switch (plan.media) {
+    case Plan::Media::kNone:
+      return select_rest<Plan::Media::kNone>(plan);
+    case Plan::Media::kOneGrey:
+      return select_rest<Plan::Media::kOneGrey>(plan);
+    case Plan::Media::kManyGrey:
+      return select_rest<Plan::Media::kManyGrey>(plan);
+    default:
+      return select_rest<Plan::Media::kChromatic>(plan);
+  }
 }
 
 }  // namespace brume

@@ -140,7 +140,7 @@ float BrickGrid::lookup(const dvec3& p) const {
 }
 
 MajorantWalk::MajorantWalk(const BrickGrid& grid, const Ray& ray, double t_min, double t_max)
-    : grid_(grid), ray_(ray), t_(t_min), end_(t_max) {
+    : grid_(&grid), ray_(ray), t_(t_min), end_(t_max) {
   if (grid.empty()) {
     end_ = -1, t_ = 0;
     return;
@@ -164,15 +164,15 @@ MajorantWalk::MajorantWalk(const BrickGrid& grid, const Ray& ray, double t_min, 
     // A start on a face belongs to the cell the ray is about to enter.
     const double q = p[a] / BrickGrid::kCell, f = std::floor(q);
     const int c = static_cast<int>(f) - (q == f && step_[a] < 0);
-    cell_[a] = std::clamp(c, 0, grid_.cells()[a] - 1);
+    cell_[a] = std::clamp(c, 0, grid_->cells()[a] - 1);
   }
 }
 
 bool MajorantWalk::next(Segment& segment) {
   while (t_ < end_) {
     // Either one cell is crossed or, where it is empty, the whole node.
-    const bool skip = grid_.node_empty(cell_);
-    const int width = skip ? grid_.node_cells() : 1;
+    const bool skip = grid_->node_empty(cell_);
+    const int width = skip ? grid_->node_cells() : 1;
     ivec3 first;
     double exit = end_;
     int exit_axis = -1;
@@ -184,7 +184,7 @@ bool MajorantWalk::next(Segment& segment) {
     }
     const double start = t_;
     const ivec3 here = cell_;
-    const BrickGrid::Cell* cell = skip ? nullptr : &grid_.cell(here);
+    const BrickGrid::Cell* cell = skip ? nullptr : &grid_->cell(here);
     if (exit_axis < 0) {
       t_ = end_;
     } else {
@@ -202,8 +202,8 @@ bool MajorantWalk::next(Segment& segment) {
       } else {
         cell_[exit_axis] += step_[exit_axis];
       }
-      if (cell_[exit_axis] < 0 || cell_[exit_axis] >= grid_.cells()[exit_axis]) end_ = t_;
-      for (int a = 0; a < 3; ++a) cell_[a] = std::clamp(cell_[a], 0, grid_.cells()[a] - 1);
+      if (cell_[exit_axis] < 0 || cell_[exit_axis] >= grid_->cells()[exit_axis]) end_ = t_;
+      for (int a = 0; a < 3; ++a) cell_[a] = std::clamp(cell_[a], 0, grid_->cells()[a] - 1);
     }
     if (cell && cell->brick != 0 && cell->majorant > 0 && t_ > start) {
       segment = {start, t_, cell->majorant, cell, here};

@@ -139,7 +139,7 @@ class MajorantWalk {
     return (static_cast<double>(plane) * BrickGrid::kCell - ray_.o[axis]) * inverse_[axis];
   }
 
-  const BrickGrid& grid_;
+  const BrickGrid* grid_;
   Ray ray_;
   dvec3 inverse_;
   ivec3 step_, cell_;

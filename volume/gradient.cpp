@@ -1,8 +1,7 @@
 #include "volume/gradient.h"
 
 #include <cmath>
-
-#include "volume/tracking.h"
+#include <limits>
 
 namespace brume {
 namespace {
@@ -28,64 +27,47 @@ dvec3 interpolated_differences(const BrickGrid& bricks, const dvec3& p, int h) {
 }  // namespace
 
 std::optional<dvec3> density_gradient(const Medium& medium, const dvec3& local) {
+  if (medium.solid()) return std::nullopt;  // a step at the faces, and constant inside
   const BrickGrid& bricks = medium.bricks();
+  const dvec3 p = medium.displacement() ? medium.displaced(local) : local;
   for (const int h : {1, 2, 4}) {
-    const dvec3 g = interpolated_differences(bricks, local, h);
+    const dvec3 g = interpolated_differences(bricks, p, h);
     if (glm::length(g) >= 1e-4 * bricks.maximum()) return medium.gradient_to_world(g);
   }
   return std::nullopt;
 }
 
 std::optional<double> find_surface(const Medium& medium, const Ray& ray, float iso) {
-  const BrickGrid& bricks = medium.bricks();
-  if (bricks.empty()) return std::nullopt;
-  if (bricks.lookup(ray.o) >= iso) return 0.0;
+  if (medium.empty()) return std::nullopt;
+  if (medium.solid()) {
+    const auto [t0, t1] = medium.solid()->intersect(ray);
+    if (!(t1 > t0) || !(t1 > 0)) return std::nullopt;
+    return std::max(t0, 0.0);
+  }
+  if (medium.density(ray.o) >= iso) return 0.0;
   const double step = 0.5 / glm::length(ray.d);
-  MajorantWalk walk(bricks, ray, 0.0, std::numeric_limits<double>::infinity());
+  const dvec3 shift = medium.walked_shift();
+  MajorantWalk walk(medium.walked(), {ray.o + shift, ray.d}, 0.0, std::numeric_limits<double>::infinity());
   MajorantWalk::Segment s;
   while (walk.next(s)) {
     if (s.majorant < iso) continue;
+    const auto density = [&](double t) {
+      return medium.displacement() ? static_cast<float>(medium.density(ray.at(t)))
+                                   : medium.bricks().lookup_in(*s.cell, s.coordinates, ray.at(t));
+    };
     const int steps = std::max(1, static_cast<int>(std::ceil((s.t1 - s.t0) / step)));
     for (int i = 1; i <= steps; ++i) {
       const double t1 = s.t0 + (s.t1 - s.t0) * i / steps;
-      if (bricks.lookup_in(*s.cell, s.coordinates, ray.at(t1)) < iso) continue;
+      if (density(t1) < iso) continue;
       double lo = s.t0 + (s.t1 - s.t0) * (i - 1) / steps, hi = t1;
       for (int k = 0; k < 8; ++k) {
         const double mid = 0.5 * (lo + hi);
-        (bricks.lookup_in(*s.cell, s.coordinates, ray.at(mid)) < iso ? lo : hi) = mid;
+        (density(mid) < iso ? lo : hi) = mid;
       }
       return hi;
     }
   }
   return std::nullopt;
-}
-
-double optical_depth(const Medium& medium, const Ray& ray, double t_max) {
-  const BrickGrid& bricks = medium.bricks();
-  MajorantWalk walk(bricks, ray, 0.0, t_max);
-  MajorantWalk::Segment s;
-  double sum = 0;
-  while (walk.next(s)) {
-    double t = s.t0;
-    while (t < s.t1) {
-      // The next voxel face on any axis; a step of rounding size past it, so that the walk moves on.
-      const dvec3 p = ray.at(t);
-      double next = s.t1;
-      for (int a = 0; a < 3; ++a) {
-        if (std::abs(ray.d[a]) < 1e-20) continue;
-        const double plane = ray.d[a] > 0 ? std::floor(p[a] + 1e-9) + 1 : std::ceil(p[a] - 1e-9) - 1;
-        next = std::min(next, (plane - ray.o[a]) / ray.d[a]);
-      }
-      if (!(next > t)) next = std::nextafter(t, std::numeric_limits<double>::infinity());
-      const double centre = 0.5 * (t + next), half = 0.5 * (next - t), x = half * std::sqrt(0.6);
-      const auto density = [&](double at) {
-        return static_cast<double>(bricks.lookup_in(*s.cell, s.coordinates, ray.at(at)));
-      };
-      sum += half * (8.0 / 9 * density(centre) + 5.0 / 9 * (density(centre - x) + density(centre + x)));
-      t = next;
-    }
-  }
-  return sum * medium.extinction_per_density();
 }
 
 }  // namespace brume

@@ -1,49 +1,86 @@
 #include "volume/medium.h"
 
-#include <fmt/format.h>
-
 #include <cmath>
-
-#include "base/error.h"
+#include <limits>
 
 namespace brume {
 
-void check_transform(const dmat4& m, const char* what) {
-  bool finite = true;
-  for (int i = 0; i < 4; ++i)
-    for (int j = 0; j < 4; ++j) finite = finite && std::isfinite(m[i][j]);
-  const dmat3 linear(m);
-  const double lengths = glm::length(linear[0]) * glm::length(linear[1]) * glm::length(linear[2]);
-  const double determinant = glm::determinant(linear);
-  // Relative to the edges' lengths, so that voxels of 1e-6 and of 1e6 are judged alike.
-  if (!finite || !(std::abs(determinant) > 1e-12 * lengths))
-    throw InputError(
-        fmt::format("{} is singular (determinant {}); expected an invertible affine map", what, determinant));
-  if (m[0][3] != 0 || m[1][3] != 0 || m[2][3] != 0 || m[3][3] != 1)
-    throw InputError(fmt::format("{} is not affine: its last row is ({}, {}, {}, {}); expected (0, 0, 0, 1)", what,
-                                 m[0][3], m[1][3], m[2][3], m[3][3]));
+std::pair<double, double> Solid::intersect(const Ray& ray) const {
+  constexpr double kFar = std::numeric_limits<double>::infinity();
+  const std::pair<double, double> none{1, 0};
+  if (shape == Shape::kBox) {
+    double t0 = -kFar, t1 = kFar;
+    for (int a = 0; a < 3; ++a) {
+      if (std::abs(ray.d[a]) < 1e-300) {
+        if (ray.o[a] < lo[a] || ray.o[a] > hi[a]) return none;
+        continue;
+      }
+      const double ta = (lo[a] - ray.o[a]) / ray.d[a], tb = (hi[a] - ray.o[a]) / ray.d[a];
+      t0 = std::max(t0, std::min(ta, tb));
+      t1 = std::min(t1, std::max(ta, tb));
+    }
+    return {t0, t1};
+  }
+  // Scaled to the unit sphere; the point nearest the centre first, so that far origins do not cancel.
+  const dvec3 half = 0.5 * (hi - lo), o = (ray.o - 0.5 * (lo + hi)) / half, d = ray.d / half;
+  const double dd = glm::dot(d, d), middle = -glm::dot(o, d) / dd;
+  const dvec3 nearest = o + middle * d;
+  const double inside = 1.0 - glm::dot(nearest, nearest);
+  if (!(inside > 0)) return none;
+  const double reach = std::sqrt(inside / dd);
+  return {middle - reach, middle + reach};
 }
 
-Medium::Medium(const BrickGrid& bricks, const dmat4& world_from_index, double sigma_t, const dvec3& albedo, double g)
-    : bricks_(&bricks), sigma_t_(sigma_t), albedo_(albedo), phase_{g} {
-  check_transform(world_from_index, "the volume's transform");
-  world_from_local_ = dmat3(world_from_index);
-  local_from_world_ = glm::inverse(world_from_local_);
-  world_offset_ = dvec3(world_from_index * glm::dvec4(dvec3(bricks.origin()), 1.0));
-  local_offset_ = -(local_from_world_ * world_offset_);
+bool Solid::contains(const dvec3& p) const {
+  if (shape == Shape::kBox) return glm::all(glm::greaterThanEqual(p, lo)) && glm::all(glm::lessThanEqual(p, hi));
+  const dvec3 q = (p - 0.5 * (lo + hi)) / (0.5 * (hi - lo));
+  return glm::dot(q, q) <= 1.0;
 }
 
-double Medium::voxel_size() const {
-  return glm::min(glm::length(world_from_local_[0]),
-                  glm::min(glm::length(world_from_local_[1]), glm::length(world_from_local_[2])));
+Medium::Medium(const BrickGrid& bricks, const dmat4& world_from_index, const Coefficients& coefficients,
+               const PhaseFunction& phase)
+    : bricks_(&bricks), placement_(world_from_index * translation(dvec3(bricks.origin()))), phase_(phase) {
+  set_coefficients(coefficients);
+}
+
+Medium::Medium(const Solid& solid, const dmat4& world_from_local, const Coefficients& coefficients,
+               const PhaseFunction& phase)
+    : solid_(solid), placement_(world_from_local), phase_(phase) {
+  set_coefficients(coefficients);
+}
+
+void Medium::set_coefficients(const Coefficients& coefficients) {
+  coefficients_ = coefficients;
+  sigma_max_ = max_component(coefficients.sigma_t);
+  ratio_ = sigma_max_ > 0 ? coefficients.sigma_t / sigma_max_ : dvec3(1);
+}
+
+void Medium::set_motion(const dmat4& world_from_index_end) {
+  const dmat4 end = solid_ ? world_from_index_end : world_from_index_end * translation(dvec3(bricks_->origin()));
+  check_transform(end, "the volume's transform at the shutter's end");
+  end_ = end;
+}
+
+Medium Medium::at_time(double time) const {
+  Medium moved = *this;
+  if (displacement_) moved.time_ = displacement_->open + (displacement_->close - displacement_->open) * time;
+  if (end_) moved.placement_ = Placement(placement_.world_from_local() * (1.0 - time) + *end_ * time);
+  return moved;
+}
+
+std::pair<dvec3, dvec3> Medium::support() const {
+  if (solid_) return {solid_->lo, solid_->hi};
+  return {walked().support_lo() - walked_shift(), walked().support_hi() - walked_shift()};
 }
 
 Medium::Sphere Medium::bounding_sphere() const {
-  const dvec3 lo = bricks_->support_lo(), hi = bricks_->support_hi();
+  const auto [lo, hi] = support();
   Sphere sphere{to_world(0.5 * (lo + hi)), 0};
   for (int k = 0; k < 8; ++k) {
     const dvec3 corner{k & 1 ? hi.x : lo.x, k & 2 ? hi.y : lo.y, k & 4 ? hi.z : lo.z};
     sphere.radius = std::max(sphere.radius, glm::distance(sphere.centre, to_world(corner)));
+    if (end_)
+      sphere.radius = std::max(sphere.radius, glm::distance(sphere.centre, dvec3(*end_ * glm::dvec4(corner, 1))));
   }
   return sphere;
 }

@@ -1,42 +1,119 @@
 #pragma once
+#include <array>
 #include <optional>
 
-#include "base/vec.h"
 #include "volume/brick_grid.h"
 #include "volume/phase_function.h"
+#include "volume/placement.h"
 
 namespace brume {
 
-/// A density field in the world, with the coefficients that make it a scattering medium.
-///
-/// World space here is the renderer's: its origin is shifted near the medium (TRANSPORT.md section 10). Ray parameters
-/// are the same numbers in world and local space, because local directions are not renormalised.
+/// Three scalar fields on one lattice: a colour or a vector per voxel.
+struct VectorBricks {
+  std::array<BrickGrid, 3> parts;
+  dvec3 lookup(const dvec3& local) const {
+    return {parts[0].lookup(local), parts[1].lookup(local), parts[2].lookup(local)};
+  }
+  size_t bytes() const { return parts[0].bytes() + parts[1].bytes() + parts[2].bytes(); }
+};
+
+/// Deformation motion blur of a density field, Eulerian: at the time s in frames the density at x is the one stored at
+/// x - displacement(x) * s (TRANSPORT.md; production renderers do the same).
+struct Displacement {
+  VectorBricks field;  ///< voxels moved per frame, on the density's lattice and with its origin
+  BrickGrid envelope;  ///< its cells bound the density over every displaced position; it has no values of its own
+  double open = 0, close = 0;  ///< shutter times in frames
+  dvec3 origin_shift{0};       ///< envelope and field local coordinates = density local coordinates + this
+};
+
+/// A density of one and the same value inside a shape.
+struct Solid {
+  enum class Shape { kBox, kSphere } shape = Shape::kBox;
+  dvec3 lo{-0.5}, hi{0.5};  ///< box corners; a sphere fills the box around it
+  /// The stretch of a local ray inside, or an empty one (first > second).
+  std::pair<double, double> intersect(const Ray& ray) const;
+  bool contains(const dvec3& p) const;
+};
+
+/// What turns density into coefficients [1 / world unit per density]; chromatic where the channels differ.
+struct Coefficients {
+  dvec3 sigma_t{0};
+  dvec3 albedo{0};
+  bool chromatic() const { return sigma_t.x != sigma_t.y || sigma_t.x != sigma_t.z; }
+};
+
+/// A density field in the world, with the coefficients that make it a scattering medium. Fields are referred to, not
+/// owned: they must outlive it.
 class Medium {
  public:
   Medium() = default;
-  /// @param bricks           must outlive the medium
-  /// @param world_from_index affine; any non-singular map
-  /// @param sigma_t          extinction per density [1 / world unit]
+  /// @param world_from_index affine; any non-singular map of the bricks' index space
   /// @throws InputError when the transform is singular or not finite
-  Medium(const BrickGrid& bricks, const dmat4& world_from_index, double sigma_t, const dvec3& albedo, double g);
+  Medium(const BrickGrid& bricks, const dmat4& world_from_index, const Coefficients& coefficients,
+         const PhaseFunction& phase);
+  /// Grey extinction and Henyey-Greenstein.
+  Medium(const BrickGrid& bricks, const dmat4& world_from_index, double sigma_t, const dvec3& albedo, double g)
+      : Medium(bricks, world_from_index, {dvec3(sigma_t), albedo}, PhaseFunction::henyey_greenstein(g)) {}
+  /// Homogeneous, bounded.
+  Medium(const Solid& solid, const dmat4& world_from_local, const Coefficients& coefficients,
+         const PhaseFunction& phase);
 
+  void set_colour(const VectorBricks& colour, const Placement& where) { colour_ = &colour, colour_placement_ = where; }
+  void set_displacement(const Displacement& displacement) { displacement_ = &displacement; }
+  /// The transform at the shutter's end; it moves there in a straight line from the one given at construction.
+  void set_motion(const dmat4& world_from_index_end);
+  bool moves() const { return displacement_ != nullptr || end_.has_value(); }
+  /// The medium as it is at a time in [0, 1] of the shutter.
+  Medium at_time(double time) const;
+
+  bool empty() const { return !solid_ && (bricks_ == nullptr || bricks_->empty()); }
+  const std::optional<Solid>& solid() const { return solid_; }
+  /// Meaningless for a homogeneous medium.
   const BrickGrid& bricks() const { return *bricks_; }
-  double extinction_per_density() const { return sigma_t_; }
-  const dvec3& albedo() const { return albedo_; }
-  const HenyeyGreenstein& phase() const { return phase_; }
+  const Displacement* displacement() const { return displacement_; }
+  /// The cells that a ray walks through: the bricks', or the displaced field's.
+  const BrickGrid& walked() const { return displacement_ ? displacement_->envelope : *bricks_; }
+  /// Local coordinates of walked() from those of the bricks.
+  dvec3 walked_shift() const { return displacement_ ? displacement_->origin_shift : dvec3(0); }
 
-  Ray to_local(const Ray& world) const { return {to_local(world.o), local_from_world_ * world.d}; }
-  dvec3 to_local(const dvec3& world) const { return local_from_world_ * world + local_offset_; }
-  dvec3 to_world(const dvec3& local) const { return world_from_local_ * local + world_offset_; }
-  /// Extinction at a local point [1 / world unit].
-  double sigma_t(const dvec3& local) const { return sigma_t_ * bricks_->lookup(local); }
-  /// A world-space gradient from a local one: the transform of covectors.
-  dvec3 gradient_to_world(const dvec3& local) const { return glm::transpose(local_from_world_) * local; }
-  /// World volume of one voxel.
-  double voxel_volume() const { return std::abs(glm::determinant(world_from_local_)); }
-  /// Shortest edge of a voxel [world units].
-  double voxel_size() const;
+  const Coefficients& coefficients() const { return coefficients_; }
+  /// The largest channel: tracking samples with it.
+  double extinction_per_density() const { return sigma_max_; }
+  /// Each channel's extinction as a share of the largest.
+  const dvec3& extinction_ratio() const { return ratio_; }
+  bool chromatic() const { return coefficients_.chromatic(); }
+  /// Single-scattering albedo at a world point: constant, or tinted by the colour grid.
+  dvec3 albedo(const dvec3& world) const {
+    if (!colour_) return coefficients_.albedo;
+    return coefficients_.albedo * glm::clamp(colour_->lookup(colour_placement_.to_local(world)), 0.0, 1.0);
+  }
+  const dvec3& albedo() const { return coefficients_.albedo; }
+  bool coloured() const { return colour_ != nullptr; }
+  const PhaseFunction& phase() const { return phase_; }
 
+  const Placement& placement() const { return placement_; }
+  Ray to_local(const Ray& world) const { return placement_.to_local(world); }
+  dvec3 to_local(const dvec3& world) const { return placement_.to_local(world); }
+  dvec3 to_world(const dvec3& local) const { return placement_.to_world(local); }
+  dvec3 gradient_to_world(const dvec3& local) const { return placement_.gradient_to_world(local); }
+  double voxel_volume() const { return placement_.voxel_volume(); }
+  double voxel_size() const { return placement_.voxel_size(); }
+
+  /// Density at a local point, displaced where the medium is.
+  double density(const dvec3& local) const {
+    if (solid_) return solid_->contains(local) ? 1.0 : 0.0;
+    return bricks_->lookup(displacement_ ? displaced(local) : local);
+  }
+  /// Where the density that is now at a local point is stored.
+  dvec3 displaced(const dvec3& local) const {
+    return local - time_ * displacement_->field.lookup(local + displacement_->origin_shift);
+  }
+  double maximum_density() const { return solid_ ? 1.0 : bricks_->maximum(); }
+  /// Extinction at a local point [1 / world unit], of the largest channel.
+  double sigma_t(const dvec3& local) const { return sigma_max_ * density(local); }
+
+  /// Local box outside of which there is nothing.
+  std::pair<dvec3, dvec3> support() const;
   struct Sphere {
     dvec3 centre{0};
     double radius = 0;
@@ -45,15 +122,20 @@ class Medium {
   Sphere bounding_sphere() const;
 
  private:
-  const BrickGrid* bricks_ = nullptr;
-  dmat3 local_from_world_{1}, world_from_local_{1};
-  dvec3 local_offset_{0}, world_offset_{0};
-  double sigma_t_ = 0;
-  dvec3 albedo_{0};
-  HenyeyGreenstein phase_;
-};
+  void set_coefficients(const Coefficients& coefficients);
 
-/// Throws InputError unless the upper 3 x 3 part can be inverted and all is finite; `what` names it in the message.
-void check_transform(const dmat4& m, const char* what);
+  const BrickGrid* bricks_ = nullptr;
+  std::optional<Solid> solid_;
+  Placement placement_;
+  std::optional<dmat4> end_;  // world_from_local at the shutter's end
+  const VectorBricks* colour_ = nullptr;
+  Placement colour_placement_;
+  const Displacement* displacement_ = nullptr;
+  double time_ = 0;
+  Coefficients coefficients_;
+  double sigma_max_ = 0;
+  dvec3 ratio_{1};
+  PhaseFunction phase_;
+};
 
 }  // namespace brume

@@ -19,73 +19,117 @@ struct TrackingCounters {
 // Interpolation rounds, so the bound is widened by more than a float's rounding and by less than anyone can measure.
 inline constexpr double kMajorantMargin = 1.0 + 1e-6;
 
-/// Calls visit(t, density, majorant) at the points of a Poisson process whose rate is the majorant of the extinction,
-/// in order along a ray, until it returns true or the ray leaves the medium or passes t_max.
-/// @param ray  local coordinates of `medium`, parametrised by world distance; from t = 0
-template <class Visit>
-void visit_tentative_collisions(const Medium& medium, const Ray& ray, double t_max, Rng& rng,
-                                TrackingCounters& counters, const Visit& visit) {
-  const double k = medium.extinction_per_density();
-  MajorantWalk walk(medium.bricks(), ray, 0.0, t_max);
-  MajorantWalk::Segment segment;
-  double tau = rng.exponential();  // carried across cells: the same process as drawing anew in each, for less
-  while (walk.next(segment)) {
-    const double majorant = segment.majorant * kMajorantMargin, sigma_maj = k * majorant;
-    double t = segment.t0;
-    for (;;) {
-      const double remaining = (segment.t1 - t) * sigma_maj;
-      if (tau >= remaining) {
-        tau -= remaining;
-        break;
-      }
-      t += tau / sigma_maj;
-      const double density = medium.bricks().lookup_in(*segment.cell, segment.coordinates, ray.at(t));
-      ++counters.lookups;
-      counters.majorant_violations += density > majorant;
-      if (visit(t, density, majorant)) return;
-      tau = rng.exponential();
+/// A point of a Poisson process whose rate is the majorant of a medium's extinction.
+struct TentativeCollision {
+  double t;         ///< ray parameter
+  double density;   ///< there
+  double majorant;  ///< of the density around there
+};
+
+/// Visits those points in order along a ray, one at a time, so that the processes of several media can be merged.
+class TentativeCollisions {
+ public:
+  /// @param local  in the medium's local coordinates, parametrised by world distance; from t = 0
+  TentativeCollisions(const Medium& medium, const Ray& local, double t_max, Rng& rng)
+      : medium_(&medium),
+        ray_(local),
+        k_(medium.extinction_per_density()),
+        walk_(walked_grid(medium), {local.o + medium.walked_shift(), local.d}, 0.0, t_max) {
+    tau_ = rng.exponential();  // carried across cells: the same process as drawing anew in each, for less
+    if (medium.solid()) {
+      const auto [t0, t1] = medium.solid()->intersect(local);
+      segment_.t0 = t0 > 0 ? t0 : 0.0;
+      segment_.t1 = t1 < t_max ? t1 : t_max;
+      segment_.majorant = 1.0f;
+      t_ = segment_.t0;
+      open_ = segment_.t1 > segment_.t0;
     }
   }
-}
+
+  /// False once the ray has left the medium or passed t_max.
+  bool next(TentativeCollision& point, Rng& rng, TrackingCounters& counters) {
+    if (fresh_) {
+      fresh_ = false;
+    } else {
+      tau_ = rng.exponential();
+    }
+    for (;;) {
+      if (!open_) {
+        if (medium_->solid() || !walk_.next(segment_)) return false;
+        t_ = segment_.t0;
+        open_ = true;
+      }
+      const double majorant = segment_.majorant * kMajorantMargin, sigma_maj = k_ * majorant;
+      const double remaining = (segment_.t1 - t_) * sigma_maj;
+      if (tau_ >= remaining) {
+        tau_ -= remaining;
+        open_ = false;
+        if (medium_->solid()) return false;
+        continue;
+      }
+      t_ += tau_ / sigma_maj;
+      double density;
+      if (medium_->solid()) {
+        density = majorant;
+      } else if (medium_->displacement()) {
+        density = medium_->density(ray_.at(t_));
+      } else {
+        density = medium_->bricks().lookup_in(*segment_.cell, segment_.coordinates, ray_.at(t_));
+      }
+      ++counters.lookups;
+      counters.majorant_violations += density > majorant;
+      point = {t_, density, majorant};
+      return true;
+    }
+  }
+
+ private:
+  static const BrickGrid& walked_grid(const Medium& medium) {
+    static const BrickGrid kNone;
+    return medium.solid() ? kNone : medium.walked();
+  }
+
+  const Medium* medium_;
+  Ray ray_;
+  double k_, tau_, t_ = 0;
+  MajorantWalk walk_;
+  MajorantWalk::Segment segment_{};
+  bool open_ = false, fresh_ = true;
+};
 
 /// The distance to the next real collision, by delta tracking through the majorant grid: density sigma_t exp(-tau).
 ///
-/// @param ray  as in visit_tentative_collisions
-/// @return     the ray parameter, or a negative number where the ray leaves the medium or passes t_max uncollided
+/// @param local  as in TentativeCollisions
+/// @return       the ray parameter, or a negative number where the ray leaves the medium or passes t_max uncollided
 /// Source: Woodcock 1965.  Proof: tests/volume/tracking_test.cpp
-inline double sample_collision(const Medium& medium, const Ray& ray, double t_max, Rng& rng,
+inline double sample_collision(const Medium& medium, const Ray& local, double t_max, Rng& rng,
                                TrackingCounters& counters) {
-  double hit = -1.0;
-  visit_tentative_collisions(medium, ray, t_max, rng, counters, [&](double t, double density, double majorant) {
-    if (!(rng.uniform() * majorant < density)) return false;
+  TentativeCollisions points(medium, local, t_max, rng);
+  TentativeCollision point;
+  while (points.next(point, rng, counters)) {
+    if (!(rng.uniform() * point.majorant < point.density)) continue;
     ++counters.collisions;
-    hit = t;
-    return true;
-  });
-  return hit;
+    return point.t;
+  }
+  return -1.0;
 }
 
 /// Unbiased transmittance along a ray, by ratio tracking: each tentative collision multiplies the weight by the null
-/// share 1 - sigma_t / sigma_maj. Below 0.05 the weight plays roulette.
+/// share 1 - sigma_t / sigma_maj. Below 0.05 the weight plays roulette. Exact in a homogeneous medium.
 ///
-/// @param ray  as in visit_tentative_collisions
-/// @return     in [0, 1]; exactly 1 where the ray misses the medium
+/// @param local  as in TentativeCollisions
+/// @return       in [0, 1], of the channel with the largest extinction; exactly 1 where the ray misses the medium
 /// Source: Novak, Selle, Jarosz 2014.  Proof: tests/volume/tracking_test.cpp
-inline double estimate_transmittance(const Medium& medium, const Ray& ray, double t_max, Rng& rng,
-                                     TrackingCounters& counters) {
-  double weight = 1.0;
-  visit_tentative_collisions(medium, ray, t_max, rng, counters, [&](double, double density, double majorant) {
-    weight *= 1.0 - density / majorant;
-    if (weight >= 0.05) return false;
-    const bool survives = rng.uniform() < weight / 0.1;
-    weight = survives ? 0.1 : 0.0;
-    return !survives;
-  });
-  return weight;
-}
+double estimate_transmittance(const Medium& medium, const Ray& local, double t_max, Rng& rng,
+                              TrackingCounters& counters);
+
+/// The same for each channel of a chromatic medium, from one set of tentative collisions.
+dvec3 estimate_chromatic_transmittance(const Medium& medium, const Ray& local, double t_max, Rng& rng,
+                                       TrackingCounters& counters);
 
 /// Optical depth of a ray by regular marching, exact but for rounding: the field is a cubic in t between voxel faces,
-/// which three-point Gauss-Legendre quadrature integrates without error. For tests and reports, not for the inner loop.
-double optical_depth(const Medium& medium, const Ray& ray, double t_max);
+/// which three-point Gauss-Legendre quadrature integrates without error. Displaced media are marched in half voxels.
+/// For layers, tests and reports, not for the inner loop.
+double optical_depth(const Medium& medium, const Ray& local, double t_max);
 
 }  // namespace brume

@@ -4,6 +4,7 @@
 #include <openvdb/io/GridDescriptor.h>
 #include <openvdb/openvdb.h>
 #include <openvdb/points/PointDataGrid.h>
+#include <openvdb/tools/Interpolation.h>
 #include <openvdb/tools/LevelSetUtil.h>
 #include <openvdb/tools/Prune.h>
 #include <tbb/parallel_reduce.h>
@@ -202,24 +203,45 @@ std::string list_grids(openvdb::io::File& file) {
   return lines.empty() ? "none" : join(lines);
 }
 
-std::string choose_grid(openvdb::io::File& file, const fs::path& path, const std::string& wanted,
-                        std::vector<std::string>& notes) {
-  std::vector<std::string> names, beginning;
+std::vector<std::string> grid_names(openvdb::io::File& file) {
+  std::vector<std::string> names;
   for (auto it = file.beginName(); it != file.endName(); ++it) names.push_back(*it);
-  const std::string name = wanted.empty() ? "density" : wanted;
-  if (std::find(names.begin(), names.end(), name) != names.end()) return name;
-  for (const std::string& n : names) {
-    if (openvdb::Name(n).starts_with(name + "[")) {  // several grids of one name
-      notes.push_back(fmt::format("several grids are named '{}'; the first is used", name));
-      return n;
+  return names;
+}
+
+/// The grid that is wanted, or without a wish the first of the usual names, or the one whose name begins with the
+/// first.
+std::string choose_grid(openvdb::io::File& file, const fs::path& path, const std::string& wanted,
+                        const std::vector<std::string>& usual, std::vector<std::string>& notes) {
+  const std::vector<std::string> names = grid_names(file);
+  for (const std::string& name : wanted.empty() ? usual : std::vector{wanted}) {
+    if (std::find(names.begin(), names.end(), name) != names.end()) return name;
+    for (const std::string& n : names)
+      if (n.starts_with(name + "[")) {  // several grids of one name
+        notes.push_back(fmt::format("several grids are named '{}'; the first is used", name));
+        return n;
+      }
+  }
+  if (wanted.empty()) {
+    std::vector<std::string> beginning;
+    std::copy_if(names.begin(), names.end(), std::back_inserter(beginning),
+                 [&](const std::string& n) { return n.starts_with(usual.front()); });
+    if (beginning.size() == 1) {
+      notes.push_back(fmt::format("no grid '{}'; '{}' is used", usual.front(), beginning[0]));
+      return beginning[0];
     }
-    if (wanted.empty() && n.starts_with(name)) beginning.push_back(n);
   }
-  if (beginning.size() == 1) {
-    notes.push_back(fmt::format("no grid 'density'; '{}' is used", beginning[0]));
-    return beginning[0];
-  }
-  fail(path, fmt::format("no grid '{}'; the file has: {}", name, list_grids(file)));
+  fail(path, fmt::format("no grid '{}'; the file has: {}", wanted.empty() ? usual.front() : wanted, list_grids(file)));
+}
+
+double remapped(const std::vector<std::pair<double, double>>& curve, double v) {
+  if (v <= curve.front().first) return curve.front().second;
+  for (size_t i = 1; i < curve.size(); ++i)
+    if (v <= curve[i].first) {
+      const double f = (v - curve[i - 1].first) / (curve[i].first - curve[i - 1].first);
+      return curve[i - 1].second + f * (curve[i].second - curve[i - 1].second);
+    }
+  return curve.back().second;
 }
 
 /// Appends the 8 x 8 x 8 blocks of a box of voxels.
@@ -253,8 +275,21 @@ std::vector<ivec3> occupied_blocks(const Grid& grid, const CoordBBox& box) {
   return blocks;
 }
 
+/// A brick's 9 x 9 x 9 values, from a function of the voxel.
+template <class Value>
+void fill_brick(const ivec3& lo, float* values, const Value& value) {
+  Coord c;
+  for (int x = 0; x <= 8; ++x)
+    for (int y = 0; y <= 8; ++y)
+      for (int z = 0; z <= 8; ++z) {
+        c.reset(lo.x + x, lo.y + y, lo.z + z);
+        *values++ = value(c);
+      }
+}
+
 template <class Grid>
-void build_bricks(const Grid& grid, DensityField& field, const Task& task) {
+void build_bricks(const Grid& grid, const std::vector<std::pair<double, double>>& remap, ScalarField& field,
+                  const Task& task) {
   const CoordBBox box = grid.evalActiveVoxelBoundingBox();
   const GridSummary& s = field.summary;
   const auto note = [&](uint64_t count, const char* what, const std::string& became) {
@@ -267,23 +302,20 @@ void build_bricks(const Grid& grid, DensityField& field, const Task& task) {
   if (grid.background() != 0)
     field.notes.push_back(fmt::format("grid '{}': background {} counts inside the active bounding box and is 0 outside",
                                       s.name, s.background));
-  const auto clean = [largest](double v) {
-    if (std::isinf(v)) return v > 0 ? largest : 0.0f;
+  const auto clean = [&remap, largest](double v) {
+    if (std::isinf(v)) v = v > 0 ? largest : 0.0;
+    if (!remap.empty() && v > 0) v = remapped(remap, v);
     return v > 0 ? std::min(static_cast<float>(v), std::numeric_limits<float>::max()) : 0.0f;  // false for NaN too
   };
   const auto sample = [&](const ivec3& lo, float* values) {
     auto accessor = grid.getConstUnsafeAccessor();
-    Coord c;
-    for (int x = 0; x <= 8; ++x)
-      for (int y = 0; y <= 8; ++y)
-        for (int z = 0; z <= 8; ++z) {
-          c.reset(lo.x + x, lo.y + y, lo.z + z);
-          *values++ = box.isInside(c) ? clean(static_cast<double>(accessor.getValue(c))) : 0.0f;
-        }
+    fill_brick(lo, values, [&](const Coord& c) {
+      return box.isInside(c) ? clean(static_cast<double>(accessor.getValue(c))) : 0.0f;
+    });
   };
   field.bricks = BrickGrid::build({from(box.min()), from(box.max())}, occupied_blocks(grid, box), sample, task);
   if (field.bricks.empty())
-    field.notes.push_back(fmt::format("grid '{}' holds no positive density: the medium is absent", s.name));
+    field.notes.push_back(fmt::format("grid '{}' holds no positive value: the field is absent", s.name));
 }
 
 VdbSummary read_summary(const fs::path& path) {
@@ -311,10 +343,11 @@ void check_scalar_field(const fs::path& path, const GridSummary& s, openvdb::io:
                            s.name));
 }
 
-DensityField read_density(const fs::path& path, const DensityOptions& options, const Task& task) {
+ScalarField read_scalar(const fs::path& path, const ScalarOptions& options, const Task& task) {
   const auto file = open(path);
-  DensityField field;
-  openvdb::GridBase::Ptr grid = file->readGrid(choose_grid(*file, path, options.grid, field.notes));
+  ScalarField field;
+  openvdb::GridBase::Ptr grid =
+      file->readGrid(choose_grid(*file, path, options.grid, options.usual_names, field.notes));
   field.summary = summarize(*grid);
   const GridSummary& s = field.summary;
   check_scalar_field(path, s, *file);
@@ -330,18 +363,152 @@ DensityField read_density(const fs::path& path, const DensityOptions& options, c
   }
   field.world_from_index = s.world_from_index;
   if (s.active_voxels == 0) {
-    field.notes.push_back(fmt::format("grid '{}' is empty: the medium is absent", s.name));
+    field.notes.push_back(fmt::format("grid '{}' is empty: the field is absent", s.name));
     return field;
   }
   if (s.grid_class != "fog volume" && 4 * s.negative_count > s.active_voxels)
     field.notes.push_back(fmt::format("grid '{}' is mostly negative; if it is a level set, mark it as one", s.name));
   try {
-    if (auto typed = openvdb::gridPtrCast<openvdb::FloatGrid>(grid)) build_bricks(*typed, field, task);
-    if (auto typed = openvdb::gridPtrCast<openvdb::DoubleGrid>(grid)) build_bricks(*typed, field, task);
+    if (auto typed = openvdb::gridPtrCast<openvdb::FloatGrid>(grid)) build_bricks(*typed, options.remap, field, task);
+    if (auto typed = openvdb::gridPtrCast<openvdb::DoubleGrid>(grid)) build_bricks(*typed, options.remap, field, task);
   } catch (const InputError& error) {
     fail(path, fmt::format("grid '{}': {}", s.name, error.what()));
   }
   return field;
+}
+
+openvdb::Vec3SGrid::Ptr as_vector_grid(const fs::path& path, const openvdb::GridBase::Ptr& grid) {
+  if (!grid->transform().isLinear())
+    fail(path, fmt::format("grid '{}' has a frustum or other non-affine transform; resample it to a uniform grid first",
+                           grid->getName()));
+  if (auto typed = openvdb::gridPtrCast<openvdb::Vec3SGrid>(grid)) return typed;
+  fail(path, fmt::format("grid '{}' is of type {}; expected vec3s, three numbers per voxel", grid->getName(),
+                         grid->valueType()));
+}
+
+float finite_or_zero(double v) {
+  return std::isfinite(v) ? static_cast<float>(v) : 0.0f;
+}
+
+VectorField read_colour(const fs::path& path, const std::string& wanted, const Task& task) {
+  const auto file = open(path);
+  VectorField field;
+  const std::vector<std::string> names = grid_names(*file);
+  for (const std::string& base : wanted.empty() ? std::vector<std::string>{"color", "Cd"} : std::vector{wanted}) {
+    if (std::find(names.begin(), names.end(), base + "_r") == names.end()) continue;
+    const char* const ends[] = {"_r", "_g", "_b"};
+    for (size_t c = 0; c < 3; ++c) {
+      ScalarField part = read_scalar(path, {base + ends[c]}, task);
+      field.notes.insert(field.notes.end(), part.notes.begin(), part.notes.end());
+      if (c > 0 && part.world_from_index != field.world_from_index)
+        fail(path, fmt::format("grids '{0}_r' and '{0}{1}' have different transforms", base, ends[c]));
+      field.world_from_index = part.world_from_index;
+      field.bricks.parts[c] = std::move(part.bricks);
+    }
+    if (field.bricks.parts[0].origin() != field.bricks.parts[1].origin() ||
+        field.bricks.parts[0].origin() != field.bricks.parts[2].origin())
+      fail(path, fmt::format("grids '{0}_r', '{0}_g' and '{0}_b' cover different voxels", base));
+    return field;
+  }
+  const auto grid =
+      as_vector_grid(path, file->readGrid(choose_grid(*file, path, wanted, {"color", "Cd"}, field.notes)));
+  field.world_from_index = affine_matrix(grid->transform());
+  const CoordBBox box = grid->evalActiveVoxelBoundingBox();
+  if (box.empty()) return field;
+  std::vector<ivec3> blocks;
+  append_blocks(box, blocks);
+  for (int c = 0; c < 3; ++c)
+    field.bricks.parts[static_cast<size_t>(c)] = BrickGrid::build(
+        {from(box.min()), from(box.max())}, blocks,
+        [&](const ivec3& lo, float* values) {
+          auto accessor = grid->getConstUnsafeAccessor();
+          fill_brick(lo, values, [&](const Coord& at) { return finite_or_zero(accessor.getValue(at)[c]); });
+        },
+        task);
+  return field;
+}
+
+Displacement read_displacement(const fs::path& path, const std::string& wanted, const ScalarField& density,
+                               double scale, double open_time, double close_time, std::vector<std::string>& notes,
+                               const Task& task) {
+  const auto file = open(path);
+  const auto grid =
+      as_vector_grid(path, file->readGrid(choose_grid(*file, path, wanted, {"velocity", "vel", "v"}, notes)));
+  Displacement result;
+  // Voxels of the density's lattice that any velocity reaches, and the density's own.
+  const dmat4 density_from_velocity = glm::inverse(density.world_from_index) * affine_matrix(grid->transform());
+  const CoordBBox active = grid->evalActiveVoxelBoundingBox();
+  VoxelBox box = density.summary.box;
+  if (!active.empty()) {
+    for (int k = 0; k < 8; ++k) {
+      const dvec3 corner{k & 1 ? active.max().x() + 1 : active.min().x() - 1,
+                         k & 2 ? active.max().y() + 1 : active.min().y() - 1,
+                         k & 4 ? active.max().z() + 1 : active.min().z() - 1};
+      const dvec3 at(density_from_velocity * glm::dvec4(corner, 1.0));
+      if (glm::any(glm::greaterThan(glm::abs(at), dvec3(1 << 28))))
+        fail(path, fmt::format("grid '{}' lies far outside of the density", grid->getName()));
+      box.lo = glm::min(box.lo, ivec3(glm::floor(at)));
+      box.hi = glm::max(box.hi, ivec3(glm::ceil(at)));
+    }
+  }
+  std::vector<ivec3> blocks;
+  append_blocks({Coord(box.lo.x, box.lo.y, box.lo.z), Coord(box.hi.x, box.hi.y, box.hi.z)}, blocks);
+
+  const dmat4 velocity_from_density = glm::inverse(density_from_velocity);
+  const dmat3 voxels_from_world = glm::inverse(dmat3(density.world_from_index));
+  const bool staggered = grid->getGridClass() == openvdb::GRID_STAGGERED;
+  for (int c = 0; c < 3; ++c)
+    result.field.parts[static_cast<size_t>(c)] = BrickGrid::build(
+        box, blocks,
+        [&](const ivec3& lo, float* values) {
+          auto accessor = grid->getConstUnsafeAccessor();
+          fill_brick(lo, values, [&](const Coord& at) {
+            const dvec3 q(velocity_from_density * glm::dvec4(at.x(), at.y(), at.z(), 1.0));
+            const openvdb::Vec3d where(q.x, q.y, q.z);
+            const openvdb::Vec3s v = staggered ? openvdb::tools::StaggeredBoxSampler::sample(accessor, where)
+                                               : openvdb::tools::BoxSampler::sample(accessor, where);
+            return finite_or_zero((voxels_from_world * dvec3(v.x(), v.y(), v.z()))[c] * scale);
+          });
+        },
+        task);
+
+  // Bounds: each cell's velocities span a box of displacements; the densest cell that it can reach back to counts.
+  const BrickGrid& bricks = density.bricks;
+  const ivec3 first = bricks.origin() >> 3;
+  constexpr double kLevels = 16;  // per octave: rounded up, so that cells share their storage
+  result.envelope = BrickGrid::build(
+      box, blocks,
+      [&](const ivec3& lo, float* values) {
+        dvec3 lowest(1e300), highest(-1e300);
+        for (int a = 0; a < 3; ++a) {
+          const BrickGrid& part = result.field.parts[static_cast<size_t>(a)];
+          double low = 0, high = 0;
+          if (!part.empty()) {
+            const BrickGrid::Cell& cell = part.cell((lo - part.origin()) >> 3);
+            if (cell.brick) {
+              const auto [l, h] = std::minmax_element(part.brick(cell), part.brick(cell) + BrickGrid::kBrick);
+              low = *l, high = *h;
+            }
+          }
+          for (const double v : {low, high})
+            for (const double t : {open_time, close_time})
+              lowest[a] = std::min(lowest[a], -v * t), highest[a] = std::max(highest[a], -v * t);
+        }
+        const ivec3 from_cell = (ivec3(glm::floor(dvec3(lo) + lowest)) >> 3) - first;
+        const ivec3 to_cell = (ivec3(glm::ceil(dvec3(lo + 8) + highest)) >> 3) - first;
+        float bound = 0;
+        for (int x = std::max(0, from_cell.x); x <= std::min(to_cell.x, bricks.cells().x - 1); ++x)
+          for (int y = std::max(0, from_cell.y); y <= std::min(to_cell.y, bricks.cells().y - 1); ++y)
+            for (int z = std::max(0, from_cell.z); z <= std::min(to_cell.z, bricks.cells().z - 1); ++z)
+              bound = std::max(bound, bricks.cell({x, y, z}).majorant);
+        if (bound > 0)
+          bound = std::max(bound, static_cast<float>(std::exp2(std::ceil(std::log2(bound) * kLevels) / kLevels)));
+        std::fill(values, values + BrickGrid::kBrick, bound);
+      },
+      task);
+  result.origin_shift = dvec3(bricks.origin() - result.envelope.origin());
+  result.open = open_time, result.close = close_time;
+  return result;
 }
 
 void write_grid(const fs::path& path, const openvdb::FloatGrid::Ptr& grid) {
@@ -365,8 +532,18 @@ VdbSummary read_vdb_info(const fs::path& path) {
   return guarded(path, [&] { return read_summary(path); });
 }
 
-DensityField load_density(const fs::path& path, const DensityOptions& options, const Task& task) {
-  return guarded(path, [&] { return read_density(path, options, task); });
+ScalarField load_scalar(const fs::path& path, const ScalarOptions& options, const Task& task) {
+  return guarded(path, [&] { return read_scalar(path, options, task); });
+}
+
+VectorField load_colour(const fs::path& path, const std::string& grid, const Task& task) {
+  return guarded(path, [&] { return read_colour(path, grid, task); });
+}
+
+Displacement load_displacement(const fs::path& path, const std::string& grid, const ScalarField& density, double scale,
+                               double open_time, double close_time, std::vector<std::string>& notes, const Task& task) {
+  return guarded(path,
+                 [&] { return read_displacement(path, grid, density, scale, open_time, close_time, notes, task); });
 }
 
 void write_density(const fs::path& path, const VoxelBox& box, double voxel_size,
@@ -400,7 +577,7 @@ uint64_t write_halved_density(const fs::path& from_path, const std::string& name
   std::vector<std::string> notes;
   const auto base = guarded(from_path, [&] {
     const auto file = open(from_path);
-    const auto grid = file->readGrid(choose_grid(*file, from_path, name, notes));
+    const auto grid = file->readGrid(choose_grid(*file, from_path, name, {"density"}, notes));
     const GridSummary s = summarize(*grid);
     check_scalar_field(from_path, s, *file);
     if (s.grid_class == "level set" || s.nan_count || s.infinite_count || s.negative_count)

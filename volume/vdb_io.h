@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "base/progress.h"
-#include "volume/brick_grid.h"
+#include "volume/medium.h"
 
 namespace brume {
 
@@ -37,13 +37,15 @@ struct VdbSummary {
 /// @throws InputError: missing, not a VDB, truncated
 VdbSummary read_vdb_info(const std::filesystem::path& path);
 
-struct DensityOptions {
-  std::string grid;                ///< empty: "density", or else the one grid whose name begins so
-  bool convert_level_set = false;  ///< take a level set's inside as fog
+struct ScalarOptions {
+  std::string grid = {};                               ///< empty: the first of usual_names that there is
+  std::vector<std::string> usual_names = {"density"};  ///< a single grid whose name begins with the first will do too
+  bool convert_level_set = false;                      ///< take a level set's inside as fog
+  std::vector<std::pair<double, double>> remap = {};   ///< a curve through (stored, meant) that voxels go through
 };
 
-/// A density field as the renderer walks it, and what was found on the way.
-struct DensityField {
+/// A scalar field as the renderer walks it, and what was found on the way.
+struct ScalarField {
   BrickGrid bricks;
   dmat4 world_from_index{1};
   GridSummary summary;
@@ -56,7 +58,26 @@ struct DensityField {
 /// absent.
 /// @throws InputError: as read_vdb_info, and: no such grid (lists those that exist), not scalar, level set, points,
 ///         frustum, singular transform
-DensityField load_density(const std::filesystem::path& path, const DensityOptions& options, const Task& task = {});
+ScalarField load_scalar(const std::filesystem::path& path, const ScalarOptions& options, const Task& task = {});
+
+struct VectorField {
+  VectorBricks bricks;
+  dmat4 world_from_index{1};
+  std::vector<std::string> notes;
+};
+
+/// Loads a colour: a grid of three-vectors, or three scalar grids whose names end in _r, _g, _b.
+/// @throws InputError: as load_scalar; a grid of another type
+VectorField load_colour(const std::filesystem::path& path, const std::string& grid, const Task& task = {});
+
+/// Loads a velocity grid (staggered or not) onto a density's lattice, in voxels per frame, and bounds the density over
+/// all that the motion between two times can bring to each place.
+/// @param scale       world units of the file per frame, for one unit of stored velocity
+/// @param open,close  shutter, in frames around the density's own time
+/// @throws InputError: as load_scalar; not a grid of three-vectors
+Displacement load_displacement(const std::filesystem::path& path, const std::string& grid, const ScalarField& density,
+                               double scale, double open, double close, std::vector<std::string>& notes,
+                               const Task& task = {});
 
 /// Writes a fog volume "density" whose voxels sit at voxel_size * (i, j, k). @throws InputError
 /// @param sample  density at a voxel; values <= 0 are left inactive

@@ -157,7 +157,7 @@ TEST_F(BadInput, OddVoxelsAndEmptyGridsAreNotedNotRefused) {
       run_brume("render " + kScene + " -q -D volumes.0.grid=flame_noise -D film.width=8 -D film.height=8 --spp 1 -o " +
                 path("empty.exr"));
   EXPECT_EQ(empty.status, 0) << empty.err;
-  EXPECT_NE(empty.err.find("grid 'flame_noise' is empty: the medium is absent"), std::string::npos) << empty.err;
+  EXPECT_NE(empty.err.find("grid 'flame_noise' is empty: the field is absent"), std::string::npos) << empty.err;
 }
 
 TEST_F(BadInput, Frames) {

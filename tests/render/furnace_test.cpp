@@ -47,7 +47,7 @@ TEST(WhiteFurnace, PathsOfThousandsOfEventsEndWhole) {
   test::write_affine_vdb(folder / "slab.vdb", {{-8, -8, -10}, {8, 8, 10}}, test::scaling(dvec3(1e5, 1e5, 0.05)),
                          [](const ivec3&) { return 1.0f; });
   Scene scene = furnace(folder / "slab.vdb", 0.0);
-  scene.volumes[0].sigma_t = 100 / 1.05;
+  scene.volumes[0].sigma_t = dvec3(100 / 1.05);
   scene.camera.position = dvec3(0, 0, 50), scene.camera.look_at = dvec3(0), scene.camera.up = dvec3(0, 1, 0);
   const RenderResult r = PreparedScene(scene, {}).render(16, 1, {});
   EXPECT_GT(r.report.counters.longest, 3000u);
@@ -81,7 +81,7 @@ TEST(WhiteFurnace, IsOneWithLightSampling) {
 // are below 1.5 %.
 TEST(CollisionCount, IsFourTimesTheMassOverTheSurface) {
   for (const double g : {0.0, 0.85}) {
-    const DensityField field = load_density(test::source("data/volumes/cloud.vdb"), {});
+    const ScalarField field = load_scalar(test::source("data/volumes/cloud.vdb"), {});
     Rng rng(11);
     const dmat4 turn = test::random_affine(rng);
     const Medium medium(field.bricks, turn * field.world_from_index, 4.0, dvec3(1), g);
@@ -96,9 +96,12 @@ TEST(CollisionCount, IsFourTimesTheMassOverTheSurface) {
     const double expected = 4 * mass / (4 * kPi * sphere.radius * sphere.radius);
 
     Lights lights;
-    PathContext context{&medium, &lights, make_plan(lights, &medium, {false, false, false, false, false, false}),
-                        1000000, 1000000, 0};
-    const TracePath trace = select_path_tracer(context.plan);
+    PathContext context;
+    context.media = {&medium, 1};
+    context.lights = &lights;
+    context.plan.media = Plan::Media::kOneGrey;
+    context.max_events = context.roulette_start = 1000000;
+    const TracePaths trace = select_path_tracer(context.plan);
     RunningStatistics count;
     for (uint32_t i = 0; i < 400000; ++i) {
       const dvec3 n = test::random_direction(rng);
@@ -106,9 +109,9 @@ TEST(CollisionCount, IsFourTimesTheMassOverTheSurface) {
       const SinCos phi = portable_sincos_2pi(rng.uniform());
       const dvec3 d = Frame(-n).to_world({std::sqrt(sin2) * phi.cos, std::sqrt(sin2) * phi.sin, std::sqrt(1 - sin2)});
       PathCounters counters;
-      const SampleKey key{17, 0, i, 0};
-      Rng path(key);
-      trace(context, {sphere.centre + sphere.radius * n, d}, Sobol(key), path, counters);
+      const PathRequest request{{sphere.centre + sphere.radius * n, d}, 0, {17, 0, i, 0}};
+      PathSample sample;
+      trace(context, {&request, 1}, {&sample, 1}, counters);
       count.add(static_cast<double>(counters.tracking.collisions));
     }
     EXPECT_NEAR(count.mean, expected, 5 * std::sqrt(count.mean_variance()));

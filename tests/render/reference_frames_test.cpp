@@ -30,7 +30,7 @@ Scene base_scene(const std::filesystem::path& volume, double sigma_t, double alb
   Scene s;
   s.volumes.emplace_back();
   s.volumes[0].file = volume;
-  s.volumes[0].sigma_t = sigma_t;
+  s.volumes[0].sigma_t = dvec3(sigma_t);
   s.volumes[0].albedo = dvec3(albedo);
   s.volumes[0].g = g;
   return s;

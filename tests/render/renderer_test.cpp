@@ -86,7 +86,7 @@ TEST(Renderer, RecordsOnlyWhatIsAskedFor) {
   const std::vector<std::string> expected = {
       "A", "B", "G", "R", "indirect.B", "indirect.G", "indirect.R", "invalid_count.Y", "sample_count.Y"};
   EXPECT_EQ(scene.render(1, 1, {}).layers.names(), expected);
-  EXPECT_FALSE(scene.plan().surface) << "nobody asked for the medium's surface";
+  EXPECT_FALSE(scene.plan().medium_surface) << "nobody asked for the medium's surface";
   EXPECT_THROW(LayerRequest::of({"normals"}, true), InputError);
 }
 
@@ -98,7 +98,7 @@ TEST(Renderer, ThePlanModelsWhatTheSceneHas) {
   Scene empty = small_scene();
   empty.volumes[0].grid = "flame_noise";
   const PreparedScene absent(empty, {});
-  EXPECT_FALSE(absent.plan().medium);
+  EXPECT_FALSE(absent.plan().has_media());
   EXPECT_EQ(absent.notes().size(), 1u);
   const RenderResult r = absent.render(2, 1, {});
   EXPECT_EQ(r.layers.at("R")(5, 5), static_cast<float>(empty.environment.radiance.x))
@@ -117,7 +117,7 @@ TEST(Renderer, TheDepthCapIsCountedAndMarkedAsBias) {
 
 TEST(Renderer, RouletteDoesNotChangeTheMean) {
   Scene scene = small_scene();
-  scene.volumes[0].sigma_t = 60;
+  scene.volumes[0].sigma_t = dvec3(60);
   const auto mean = [&](int start) {
     scene.render.roulette_start = start;
     return test::mean_radiance(PreparedScene(scene, {}).render(200, start, {}).layers, layer::indirect);
@@ -148,8 +148,8 @@ TEST(Renderer, HardCasesEndFiniteWithNothingHidden) {
     std::function<void(Scene&)> change;
   };
   const Case cases[] = {
-      {"density 1e-8", [](Scene& s) { s.volumes[0].sigma_t = 1e-8; }},
-      {"density 1e6", [](Scene& s) { s.volumes[0].sigma_t = 1e6; }},
+      {"density 1e-8", [](Scene& s) { s.volumes[0].sigma_t = dvec3(1e-8); }},
+      {"density 1e6", [](Scene& s) { s.volumes[0].sigma_t = dvec3(1e6); }},
       {"g = 0.999", [](Scene& s) { s.volumes[0].g = 0.999; }},
       {"g = -0.999", [](Scene& s) { s.volumes[0].g = -0.999; }},
       {"g = 1e-4", [](Scene& s) { s.volumes[0].g = 1e-4; }},

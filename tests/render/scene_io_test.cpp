@@ -53,13 +53,22 @@ TEST(ReadScene, ErrorsUnderlineTheLineAndSayWhatIsExpected) {
   EXPECT_TRUE(holds(error_of(std::string(kCamera) + "[[volumes]]\nsigma_t = 1\n"), "[[volumes]] has no 'file'"));
   EXPECT_TRUE(holds(error_of(std::string(kCamera) + "[[lights]]\ntype = \"sun\"\nirradiance = 1\n"),
                     "a sun light has no 'direction'"));
-  EXPECT_TRUE(holds(error_of(std::string(kCamera) + "[[lights]]\ntype = \"spot\"\n"), "'type' cannot be 'spot'"));
+  EXPECT_TRUE(holds(error_of(std::string(kCamera) + "[[lights]]\ntype = \"spt\"\n"), "'type' cannot be 'spt'"));
   EXPECT_TRUE(holds(error_of(std::string(kCamera) + "fov =\n"), "4 | fov ="))
       << "a missing value: " << error_of(std::string(kCamera) + "fov =\n");
   EXPECT_TRUE(holds(error_of("[camera\n"), "s.toml")) << "syntax errors name the file too";
   EXPECT_TRUE(holds(error_of("name = \"x\"\n"), "has no [camera]"));
-  EXPECT_TRUE(holds(error_of(std::string(kCamera) + "[[volumes]]\nfile=\"a\"\n[[volumes]]\nfile=\"b\"\n"),
-                    "2 volumes; this version renders one"));
+  const auto volume = [](const std::string& keys) {
+    return error_of(std::string(kCamera) + "[[volumes]]\nfile = \"a\"\n" + keys);
+  };
+  EXPECT_TRUE(holds(volume("sigma_t = 1\nsigma_a = 1\n"), "'sigma_t' stands beside sigma_a and sigma_s"));
+  EXPECT_TRUE(holds(volume("preset = \"principled\"\nsigma_t = 1\n"), "'sigma_t' stands beside preset"));
+  EXPECT_TRUE(holds(volume("preset = \"principled\"\nscatter = 1\n"), "'scatter' is no parameter of preset"));
+  EXPECT_TRUE(holds(volume("scatter = 1\n"), "'scatter' belongs to a preset"));
+  EXPECT_TRUE(holds(volume("shape = \"box\"\n"), "'file' stands beside shape"));
+  EXPECT_TRUE(holds(volume("remap = [[0, 0]]\n"), "'remap' has one row"));
+  EXPECT_TRUE(holds(volume("remap = [[0, 0], [0, 1]]\n"), "'remap' does not rise"));
+  EXPECT_TRUE(holds(volume("flame_ramp = [[0, 0], [1, 1]]\n"), "a row that is not 4 numbers"));
 }
 
 TEST(ReadScene, OverridesReachEveryKey) {
@@ -67,7 +76,7 @@ TEST(ReadScene, OverridesReachEveryKey) {
                                               "render.light_sampling=all"};
   const Scene scene = read_scene(test::source("data/scenes/cloud.toml"), overrides);
   EXPECT_EQ(scene.camera.fov, 12.5);
-  EXPECT_EQ(scene.volumes[0].sigma_t, 7);
+  EXPECT_EQ(scene.volumes[0].sigma_t, dvec3(7));
   EXPECT_EQ(scene.name, "other");
   EXPECT_EQ(scene.render.light_sampling, "all");
   EXPECT_TRUE(holds(error_of(kCamera, {"camera.fovv=3"}), "unknown key 'fovv'"));

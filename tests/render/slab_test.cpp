@@ -39,7 +39,7 @@ class SlabTest : public ::testing::Test {
     s.volumes[0].file = path;
     s.volumes[0].albedo = dvec3(slab.albedo);
     // 21 planes of density 1 and a tent's half on either side: 21 voxels of 0.05.
-    s.volumes[0].sigma_t = slab.tau / (21 * 0.05);
+    s.volumes[0].sigma_t = dvec3(slab.tau / (21 * 0.05));
     return s;
   }
   void upper_sky(Scene& s) {

@@ -31,7 +31,7 @@ class SphereTest : public ::testing::Test {
     s.camera.fov = 0.02;
     s.volumes.emplace_back();
     s.volumes[0].file = folder_ / "sphere.vdb";
-    s.volumes[0].sigma_t = optical_radius;
+    s.volumes[0].sigma_t = dvec3(optical_radius);
     s.volumes[0].albedo = dvec3(1);
     s.volumes[0].g = g;
     LightSettings sun;

@@ -26,12 +26,6 @@ BrickGrid constant_box(const ivec3& lo, const ivec3& hi, float density) {
   return make_bricks({lo, hi}, [density](const ivec3&) { return density; });
 }
 
-dmat4 translation(const dvec3& t) {
-  dmat4 m(1.0);
-  m[3] = glm::dvec4(t, 1.0);
-  return m;
-}
-
 dmat4 scaling(const dvec3& s) {
   dmat4 m(1.0);
   for (int a = 0; a < 3; ++a) m[a][a] = s[a];
@@ -109,10 +103,10 @@ Scene scene_of(const std::filesystem::path& volume, double sigma_t, double albed
   scene.film.width = scene.film.height = 24;
   scene.volumes.emplace_back();
   scene.volumes[0].file = volume;
-  scene.volumes[0].sigma_t = sigma_t;
+  scene.volumes[0].sigma_t = dvec3(sigma_t);
   scene.volumes[0].albedo = dvec3(albedo);
   scene.volumes[0].g = g;
-  const DensityField field = load_density(volume, {});
+  const ScalarField field = load_scalar(volume, {});
   const Medium medium(field.bricks, field.world_from_index, sigma_t, dvec3(albedo), g);
   const Medium::Sphere sphere = medium.bounding_sphere();
   scene.camera.look_at = sphere.centre;

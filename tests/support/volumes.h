@@ -13,7 +13,7 @@ BrickGrid make_bricks(const VoxelBox& box, const std::function<float(const ivec3
 /// Density 1 on every voxel of a box.
 BrickGrid constant_box(const ivec3& lo, const ivec3& hi, float density = 1.0f);
 
-dmat4 translation(const dvec3& t);
+using brume::translation;
 dmat4 scaling(const dvec3& s);
 /// A random affine map: rotated, scaled, sheared, mirrored in half of the cases.
 dmat4 random_affine(Rng& rng);

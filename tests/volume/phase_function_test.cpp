@@ -55,7 +55,7 @@ TEST(HenyeyGreenstein, SampledDirectionsFollowTheDensity) {
     Rng rng(5);
     const int n = 256000;
     for (int i = 0; i < n; ++i) {
-      const dvec3 d = phase.sample(forward, {rng.uniform(), rng.uniform()});
+      const dvec3 d = PhaseFunction::henyey_greenstein(phase.g).sample(forward, {rng.uniform(), rng.uniform()});
       ASSERT_NEAR(glm::length(d), 1.0, 1e-12);
       const double c = glm::dot(d, forward),
                    phi = std::atan2(glm::dot(d, frame.y), glm::dot(d, frame.x)) / (2 * kPi) + 0.5;

@@ -35,9 +35,9 @@ typename Grid::Ptr small_grid(const std::string& name) {
   return grid;
 }
 
-std::string load_error(const fs::path& path, const DensityOptions& options = {}) {
+std::string load_error(const fs::path& path, const ScalarOptions& options = {}) {
   try {
-    load_density(path, options);
+    load_scalar(path, options);
   } catch (const InputError& error) {
     return error.what();
   }
@@ -55,7 +55,7 @@ TEST(LoadDensity, TransformsOfEveryAffineKind) {
     const dmat4 m = test::random_affine(rng);
     test::write_affine_vdb(folder / "a.vdb", {{-3, 2, 5}, {9, 8, 7}}, m,
                            [](const ivec3& v) { return 0.1f * static_cast<float>(v.x + 4) + static_cast<float>(v.z); });
-    const DensityField field = load_density(folder / "a.vdb", {});
+    const ScalarField field = load_scalar(folder / "a.vdb", {});
     for (int c = 0; c < 4; ++c)
       for (int r = 0; r < 4; ++r) EXPECT_NEAR(field.world_from_index[c][r], m[c][r], 1e-12);
     const Medium medium(field.bricks, field.world_from_index, 1, dvec3(1), 0);
@@ -71,7 +71,7 @@ TEST(LoadDensity, FloatDoubleAndHalfAgree) {
   halves->setSaveFloatAsHalf(true);
   write(folder / "f.vdb", {floats}), write(folder / "h.vdb", {halves}), write(folder / "d.vdb", {doubles});
   for (const char* name : {"f.vdb", "h.vdb", "d.vdb"}) {
-    const DensityField field = load_density(folder / name, {});
+    const ScalarField field = load_scalar(folder / name, {});
     for (int i = 0; i < 5; ++i)
       EXPECT_EQ(field.bricks.voxel(ivec3(i, 0, 0) - field.bricks.origin()), static_cast<float>(i + 1)) << name;
   }
@@ -86,7 +86,7 @@ TEST(LoadDensity, TilesAndBackgroundCount) {
   grid->tree().setValue({300, 64, 64}, 5.0f);
   ASSERT_GT(grid->tree().activeTileCount(), 0u);
   write(folder / "t.vdb", {grid});
-  const DensityField field = load_density(folder / "t.vdb", {});
+  const ScalarField field = load_scalar(folder / "t.vdb", {});
   const auto at = [&](int x, int y, int z) { return field.bricks.voxel(ivec3(x, y, z) - field.bricks.origin()); };
   EXPECT_EQ(at(100, 100, 100), 2.0f);
   EXPECT_EQ(at(300, 64, 64), 5.0f);
@@ -105,7 +105,7 @@ TEST(LoadDensity, OddValuesAreCountedAndSanitised) {
                           3, std::numeric_limits<float>::denorm_min()};
   for (int i = 0; i < 6; ++i) grid->tree().setValue(openvdb::Coord(i, 0, 0), values[i]);
   write(folder / "n.vdb", {grid});
-  const DensityField field = load_density(folder / "n.vdb", {});
+  const ScalarField field = load_scalar(folder / "n.vdb", {});
   const float expected[] = {1, 0, 0, 3, 3, std::numeric_limits<float>::denorm_min()};
   for (int i = 0; i < 6; ++i) EXPECT_EQ(field.bricks.voxel(ivec3(i, 0, 0) - field.bricks.origin()), expected[i]);
   std::string notes;
@@ -119,15 +119,15 @@ TEST(LoadDensity, ChoosesTheGridThatIsMeant) {
   const test::TemporaryFolder folder;
   write(folder / "a.vdb", {small_grid<openvdb::FloatGrid>("shadow"), small_grid<openvdb::FloatGrid>("density_noise"),
                            small_grid<openvdb::Vec3SGrid>("velocity")});
-  EXPECT_EQ(load_density(folder / "a.vdb", {}).summary.name, "density_noise");
-  EXPECT_EQ(load_density(folder / "a.vdb", {"shadow", false}).summary.name, "shadow");
-  const std::string missing = load_error(folder / "a.vdb", {"smoke", false});
+  EXPECT_EQ(load_scalar(folder / "a.vdb", {}).summary.name, "density_noise");
+  EXPECT_EQ(load_scalar(folder / "a.vdb", {"shadow"}).summary.name, "shadow");
+  const std::string missing = load_error(folder / "a.vdb", {"smoke"});
   EXPECT_TRUE(holds(missing, "no grid 'smoke'") && holds(missing, "shadow (float)") &&
               holds(missing, "velocity (vec3s)"))
       << missing;
-  EXPECT_TRUE(holds(load_error(folder / "a.vdb", {"velocity", false}), "of type vec3s; expected float or double"));
+  EXPECT_TRUE(holds(load_error(folder / "a.vdb", {"velocity"}), "of type vec3s; expected float or double"));
   write(folder / "two.vdb", {small_grid<openvdb::FloatGrid>("density"), small_grid<openvdb::FloatGrid>("density")});
-  EXPECT_EQ(load_density(folder / "two.vdb", {}).summary.active_voxels, 5u);
+  EXPECT_EQ(load_scalar(folder / "two.vdb", {}).summary.active_voxels, 5u);
 }
 
 TEST(LoadDensity, AnEmptyGridIsAnAbsentMedium) {
@@ -136,10 +136,10 @@ TEST(LoadDensity, AnEmptyGridIsAnAbsentMedium) {
   auto grid = openvdb::FloatGrid::create();
   grid->setName("density");
   write(folder / "e.vdb", {grid});
-  const DensityField field = load_density(folder / "e.vdb", {});
+  const ScalarField field = load_scalar(folder / "e.vdb", {});
   EXPECT_TRUE(field.bricks.empty());
   ASSERT_EQ(field.notes.size(), 1u);
-  EXPECT_TRUE(holds(field.notes[0], "empty: the medium is absent"));
+  EXPECT_TRUE(holds(field.notes[0], "empty: the field is absent"));
 }
 
 TEST(LoadDensity, LevelSetsPointsAndFrustumsAreRefusedWithAWayOut) {
@@ -150,7 +150,7 @@ TEST(LoadDensity, LevelSetsPointsAndFrustumsAreRefusedWithAWayOut) {
   write(folder / "ls.vdb", {sphere});
   EXPECT_TRUE(holds(load_error(folder / "ls.vdb"), "is a level set") &&
               holds(load_error(folder / "ls.vdb"), "convert_level_set = true"));
-  const DensityField fog = load_density(folder / "ls.vdb", {"", true});
+  const ScalarField fog = load_scalar(folder / "ls.vdb", {.convert_level_set = true});
   EXPECT_EQ(fog.bricks.voxel(ivec3(0, 0, 0) - fog.bricks.origin()), 1.0f);
   EXPECT_EQ(fog.bricks.voxel(ivec3(14, 0, 0) - fog.bricks.origin()), 0.0f);
 
@@ -203,7 +203,7 @@ TEST(LoadDensity, DamagedBytesNeverCrash) {
 TEST(LoadDensity, ACloudNeedsAtMostTwiceItsActiveVoxels) {
   const auto path = test::shared("volumes/cloud.vdb");
   if (path.empty()) GTEST_SKIP() << "no volumes beside the project";
-  const DensityField field = load_density(path, {});
+  const ScalarField field = load_scalar(path, {});
   EXPECT_EQ(field.summary.active_voxels, 5276200u);
   EXPECT_LE(field.bricks.bytes(), 2 * 4 * field.summary.active_voxels);
 }
@@ -212,7 +212,7 @@ TEST(LoadDensity, AProceduralCloudNeedsAtMostTwiceItsActiveVoxelsToo) {
   const test::TemporaryFolder folder;
   const ProceduralVolume v = procedural_cloud(300, 1);
   write_density(folder / "cloud.vdb", v.box, v.voxel_size, v.density, false, {});
-  const DensityField field = load_density(folder / "cloud.vdb", {});
+  const ScalarField field = load_scalar(folder / "cloud.vdb", {});
   EXPECT_GT(field.summary.active_voxels, 1000000u);
   EXPECT_LE(field.bricks.bytes(), 2 * 4 * field.summary.active_voxels);
 }
@@ -229,16 +229,16 @@ TEST(LoadDensity, EverySharedVolumeLoadsOrIsRefusedWithTheRightWords) {
           << error;
     } else {
       EXPECT_EQ(error, "") << entry.path();
-      const DensityField field = load_density(entry.path(), {});
+      const ScalarField field = load_scalar(entry.path(), {});
       EXPECT_FALSE(field.bricks.empty()) << entry.path();
       EXPECT_TRUE(field.summary.name.starts_with("density"));
       ++loaded;
     }
   }
   EXPECT_GE(loaded, 23);
-  EXPECT_EQ(load_density(folder / "smoke_plume.vdb", {}).bricks.maximum(), 1.951171875f);
-  EXPECT_TRUE(load_density(folder / "smoke_plume.vdb", {"flame_noise", false}).bricks.empty());
-  const DensityField decoy = load_density(folder / "fire.vdb", {"shadow", false});
+  EXPECT_EQ(load_scalar(folder / "smoke_plume.vdb", {}).bricks.maximum(), 1.951171875f);
+  EXPECT_TRUE(load_scalar(folder / "smoke_plume.vdb", {"flame_noise"}).bricks.empty());
+  const ScalarField decoy = load_scalar(folder / "fire.vdb", {"shadow"});
   EXPECT_TRUE(decoy.bricks.empty()) << "-1 everywhere is no density";
 }
 
@@ -246,7 +246,7 @@ TEST(HalvedDensity, KeepsMassAndPlace) {
   const auto path = test::shared("volumes/cloud.vdb");
   if (path.empty()) GTEST_SKIP() << "no volumes beside the project";
   const auto moments = [](const fs::path& p) {
-    const DensityField f = load_density(p, {});
+    const ScalarField f = load_scalar(p, {});
     const Medium m(f.bricks, f.world_from_index, 1, dvec3(1), 0);
     double mass = 0;
     dvec3 centre(0);
@@ -273,9 +273,9 @@ TEST(WriteDensity, ProceduralVolumesDependOnTheirSeedAlone) {
     const auto make = [&](uint64_t seed, int threads, const char* name) {
       const ProceduralVolume v = cloud ? procedural_cloud(40, seed) : procedural_smoke(40, seed);
       write_density(folder / name, v.box, v.voxel_size, v.density, false, {threads, {}, nullptr});
-      return load_density(folder / name, {});
+      return load_scalar(folder / name, {});
     };
-    const DensityField a = make(3, 1, "a.vdb"), b = make(3, 7, "b.vdb"), c = make(4, 2, "c.vdb");
+    const ScalarField a = make(3, 1, "a.vdb"), b = make(3, 7, "b.vdb"), c = make(4, 2, "c.vdb");
     EXPECT_GT(a.summary.active_voxels, 500u);
     EXPECT_EQ(a.summary.active_voxels, b.summary.active_voxels);
     EXPECT_EQ(a.summary.maximum, b.summary.maximum);

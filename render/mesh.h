@@ -1,0 +1,39 @@
+#pragma once
+#include <array>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "base/vec.h"
+
+namespace brume {
+
+/// Triangles in the renderer's world space.
+struct TriangleMesh {
+  std::vector<vec3> positions;
+  std::vector<ivec3> triangles;     ///< indices into positions
+  std::vector<vec2> texcoords;      ///< per vertex, or empty
+  std::vector<std::string> notes;   ///< what was dropped on the way
+
+  std::array<dvec3, 3> corners(size_t i) const {
+    const ivec3& t = triangles[i];
+    return {dvec3(positions[t.x]), dvec3(positions[t.y]), dvec3(positions[t.z])};
+  }
+  /// Geometric, counter-clockwise corners seen from its tip; unit.
+  dvec3 normal(size_t i) const {
+    const auto [a, b, c] = corners(i);
+    return glm::normalize(glm::cross(b - a, c - a));
+  }
+  double area(size_t i) const {
+    const auto [a, b, c] = corners(i);
+    return 0.5 * glm::length(glm::cross(b - a, c - a));
+  }
+};
+
+/// Reads Wavefront OBJ or PLY (ASCII or binary little-endian) and places it. Polygons are split into fans, degenerate
+/// triangles dropped and counted.
+/// @param world_from_object  affine
+/// @throws InputError: missing, another format, truncated, indices out of range, no triangle left
+TriangleMesh load_mesh(const std::filesystem::path& path, const dmat4& world_from_object);
+
+}  // namespace brume

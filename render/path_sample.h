@@ -1,0 +1,47 @@
+#pragma once
+#include <string>
+#include <vector>
+
+#include "image/layers.h"
+
+namespace brume {
+
+/// What one path tells about its pixel. Every member is an unbiased sample of an expectation.
+struct PathSample {
+  dvec3 beauty{0};  ///< direct + indirect
+  dvec3 direct{0}, indirect{0};
+  dvec3 background{0}, emission{0}, single{0}, surface{0};  ///< parts of direct
+  dvec3 gradient{0}, gradient_first_scatter{0}, gradient_transmittance_weighted{0};
+  dvec3 transmittance{0};
+  double coverage = 0;
+  double scatter_depth = 0, scatter_density = 0, scatter_share = 0, optical_depth = 0;
+  dvec3 scatter_position{0}, albedo{0};
+  dvec3 normal{0}, position{0};
+  double depth = 0;
+  dvec3 flash{0}, catcher{0}, catcher_unshadowed{0};
+
+  const double* values() const { return &beauty.x; }
+};
+
+/// A layer that a render can record, and where a PathSample keeps it.
+struct RecordedLayer {
+  LayerName name;
+  size_t offset;  ///< in doubles from the start of a PathSample
+};
+
+/// All of them but the beauty and alpha, which every frame has.
+const std::vector<RecordedLayer>& recordable_layers();
+
+/// Which layers a render records, and with which statistics.
+struct LayerRequest {
+  std::vector<std::string> names = {"direct", "indirect", "gradient", "coverage", "transmittance"};
+  bool statistics = true;  ///< mean_variance, half_a, half_b of each
+  bool buckets = false;    ///< and eight bucket means
+
+  /// Names as in the EXR; the beauty and the counts always come. "all" is every layer.
+  /// @throws InputError for a name brume does not record
+  static LayerRequest of(const std::vector<std::string>& names, bool statistics, bool buckets = false);
+  bool has(const LayerName& layer) const;
+};
+
+}  // namespace brume

@@ -1,0 +1,114 @@
+#include "volume/emission.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace brume {
+namespace {
+
+// CIE 1931 2-degree colour matching functions, sums of piecewise Gaussians.
+dvec3 colour_matching(double nm) {
+  const auto lobe = [nm](double peak, double centre, double below, double above) {
+    const double t = (nm - centre) * (nm < centre ? below : above);
+    return peak * std::exp(-0.5 * t * t);
+  };
+  return {lobe(0.362, 442.0, 0.0624, 0.0374) + lobe(1.056, 599.8, 0.0264, 0.0323) + lobe(-0.065, 501.1, 0.0490, 0.0382),
+          lobe(0.821, 568.8, 0.0213, 0.0247) + lobe(0.286, 530.9, 0.0613, 0.0322),
+          lobe(1.217, 437.0, 0.0845, 0.0278) + lobe(0.681, 459.0, 0.0385, 0.0725)};
+}
+
+}  // namespace
+
+dvec3 blackbody(double kelvin) {
+  if (!(kelvin >= 500)) return dvec3(0);
+  constexpr double kC1 = 1.191042972e-16, kC2 = 1.438776877e-2;  // 2 h c^2 [W m^2], h c / k [m K]
+  dvec3 xyz(0);
+  double weight = 0;
+  for (double nm = 360; nm <= 830; nm += 5) {
+    const double m = nm * 1e-9;
+    const double planck = kC1 / (m * m * m * m * m * std::expm1(kC2 / (m * kelvin))) * 1e-9;  // per nm
+    const dvec3 bar = colour_matching(nm);
+    xyz += planck * bar;
+    weight += bar.y;
+  }
+  xyz /= weight;
+  const dvec3 rgb{3.2404542 * xyz.x - 1.5371385 * xyz.y - 0.4985314 * xyz.z,
+                  -0.9692660 * xyz.x + 1.8760108 * xyz.y + 0.0415560 * xyz.z,
+                  0.0556434 * xyz.x - 0.2040259 * xyz.y + 1.0572252 * xyz.z};
+  return glm::max(rgb, dvec3(0));
+}
+
+EmissionRamp EmissionRamp::of_blackbody(double offset, double scale, double highest, double intensity, bool planck) {
+  constexpr size_t kEntries = 1024;
+  static const double reference = luminance(blackbody(6500));
+  std::vector<dvec3> entries(kEntries);
+  const double top = std::max(highest, 1e-12);
+  for (size_t i = 0; i < kEntries; ++i) {
+    const double kelvin = offset + scale * top * static_cast<double>(i) / (kEntries - 1);
+    dvec3 glow = blackbody(kelvin);
+    const double y = luminance(glow);
+    if (!planck && y > 0) glow *= 5.670374419e-8 * 1e-6 / kPi * kelvin * kelvin * kelvin * kelvin * reference / y;
+    entries[i] = glow * (intensity / reference);
+  }
+  entries[0] = dvec3(0);  // outside of the grid there is nothing that could glow
+  return {0.0, top, std::move(entries)};
+}
+
+EmissionRamp EmissionRamp::of_colours(const std::vector<std::pair<double, dvec3>>& stops, double intensity) {
+  constexpr size_t kEntries = 1024;
+  std::vector<dvec3> entries(kEntries);
+  const double lowest = stops.front().first, highest = stops.back().first;
+  size_t at = 0;
+  for (size_t i = 0; i < kEntries; ++i) {
+    const double v = lowest + (highest - lowest) * static_cast<double>(i) / (kEntries - 1);
+    while (at + 2 < stops.size() && v > stops[at + 1].first) ++at;
+    const auto& [v0, c0] = stops[at];
+    const auto& [v1, c1] = stops[std::min(at + 1, stops.size() - 1)];
+    const double f = v1 > v0 ? std::clamp((v - v0) / (v1 - v0), 0.0, 1.0) : 0.0;
+    entries[i] = (c0 + (c1 - c0) * f) * intensity;
+  }
+  return {lowest, highest, std::move(entries)};
+}
+
+dvec3 EmissionRamp::operator()(double value) const {
+  const double x = std::clamp((value - lowest_) * scale_, 0.0, static_cast<double>(entries_.size() - 1));
+  const size_t i = std::min(static_cast<size_t>(x), entries_.size() - 2);
+  return entries_[i] + (entries_[i + 1] - entries_[i]) * (x - static_cast<double>(i));
+}
+
+dvec3 EmissionField::coefficient(const dvec3& world) const {
+  const dvec3 local = placement_.to_local(world);
+  if (solid_) return solid_->contains(local) ? coefficient_ : dvec3(0);
+  return ramp_(bricks_->lookup(local));
+}
+
+Medium::Sphere EmissionField::bounding_sphere() const {
+  if (solid_) return Medium(*solid_, placement_.world_from_local(), {}, {}).bounding_sphere();
+  return Medium(*bricks_, placement_.world_from_local() * translation(-dvec3(bricks_->origin())), {}, {})
+      .bounding_sphere();
+}
+
+dvec3 EmissionField::integrate(const Ray& world, double t_min, double t_max, double stride, Rng& rng) const {
+  const Ray local = placement_.to_local(world);
+  if (solid_) {
+    const auto [t0, t1] = solid_->intersect(local);
+    return coefficient_ * std::max(0.0, std::min(t1, t_max) - std::max(t0, t_min));
+  }
+  const double step = stride / glm::length(local.d);
+  MajorantWalk walk(*bricks_, local, t_min, t_max);
+  MajorantWalk::Segment s;
+  dvec3 sum(0);
+  while (walk.next(s)) {
+    const double length = s.t1 - s.t0;
+    const int count = std::max(1, static_cast<int>(std::ceil(length / step - 1e-9)));
+    const double width = length / count;
+    for (int i = 0; i < count; ++i) {
+      const double t = s.t0 + (i + rng.uniform()) * width;
+      sum += ramp_(bricks_->lookup_in(*s.cell, s.coordinates, local.at(t))) * width;
+    }
+  }
+  return sum;
+}
+
+}  // namespace brume

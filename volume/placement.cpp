@@ -1,0 +1,52 @@
+#include "volume/placement.h"
+
+#include <fmt/format.h>
+
+#include <cmath>
+
+#include "base/error.h"
+
+namespace brume {
+
+void check_transform(const dmat4& m, const char* what) {
+  bool finite = true;
+  for (int i = 0; i < 4; ++i)
+    for (int j = 0; j < 4; ++j) finite = finite && std::isfinite(m[i][j]);
+  const dmat3 linear(m);
+  const double lengths = glm::length(linear[0]) * glm::length(linear[1]) * glm::length(linear[2]);
+  const double determinant = glm::determinant(linear);
+  // Relative to the edges' lengths, so that voxels of 1e-6 and of 1e6 are judged alike.
+  if (!finite || !(std::abs(determinant) > 1e-12 * lengths))
+    throw InputError(
+        fmt::format("{} is singular (determinant {}); expected an invertible affine map", what, determinant));
+  if (m[0][3] != 0 || m[1][3] != 0 || m[2][3] != 0 || m[3][3] != 1)
+    throw InputError(fmt::format("{} is not affine: its last row is ({}, {}, {}, {}); expected (0, 0, 0, 1)", what,
+                                 m[0][3], m[1][3], m[2][3], m[3][3]));
+}
+
+dmat4 translation(const dvec3& t) {
+  dmat4 m(1.0);
+  m[3] = glm::dvec4(t, 1.0);
+  return m;
+}
+
+Placement::Placement(const dmat4& world_from_local) {
+  check_transform(world_from_local, "the volume's transform");
+  world_from_local_ = dmat3(world_from_local);
+  local_from_world_ = glm::inverse(world_from_local_);
+  world_offset_ = dvec3(world_from_local[3]);
+  local_offset_ = -(local_from_world_ * world_offset_);
+}
+
+dmat4 Placement::world_from_local() const {
+  dmat4 m(world_from_local_);
+  m[3] = glm::dvec4(world_offset_, 1.0);
+  return m;
+}
+
+double Placement::voxel_size() const {
+  return glm::min(glm::length(world_from_local_[0]),
+                  glm::min(glm::length(world_from_local_[1]), glm::length(world_from_local_[2])));
+}
+
+}  // namespace brume

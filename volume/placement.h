@@ -1,0 +1,38 @@
+#pragma once
+#include "base/vec.h"
+
+namespace brume {
+
+/// Where a lattice lies in the world: an affine map between its local coordinates and the renderer's world space, whose
+/// origin is shifted near the volumes (TRANSPORT.md section 10). Local directions are not renormalised, so that ray
+/// parameters are the same numbers, world distances, in both spaces.
+class Placement {
+ public:
+  Placement() = default;
+  /// @throws InputError when the map is singular, not affine or not finite
+  explicit Placement(const dmat4& world_from_local);
+
+  Ray to_local(const Ray& world) const { return {to_local(world.o), local_from_world_ * world.d}; }
+  dvec3 to_local(const dvec3& world) const { return local_from_world_ * world + local_offset_; }
+  dvec3 to_world(const dvec3& local) const { return world_from_local_ * local + world_offset_; }
+  /// A world-space gradient from a local one: the transform of covectors.
+  dvec3 gradient_to_world(const dvec3& local) const { return glm::transpose(local_from_world_) * local; }
+  const dmat3& local_from_world() const { return local_from_world_; }
+  dmat4 world_from_local() const;
+  /// World volume of one voxel.
+  double voxel_volume() const { return std::abs(glm::determinant(world_from_local_)); }
+  /// Shortest edge of a voxel [world units].
+  double voxel_size() const;
+
+ private:
+  dmat3 local_from_world_{1}, world_from_local_{1};
+  dvec3 local_offset_{0}, world_offset_{0};
+};
+
+/// Throws InputError unless the upper 3 x 3 part can be inverted and all is finite; `what` names it in the message.
+void check_transform(const dmat4& m, const char* what);
+
+/// A shift by t.
+dmat4 translation(const dvec3& t);
+
+}  // namespace brume

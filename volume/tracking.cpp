@@ -1,0 +1,79 @@
+#include "volume/tracking.h"
+
+#include <cmath>
+#include <limits>
+
+namespace brume {
+namespace {
+
+// The length of a homogeneous medium's chord, from t = 0 to t_max.
+double chord(const Medium& medium, const Ray& local, double t_max) {
+  const auto [t0, t1] = medium.solid()->intersect(local);
+  return std::max(0.0, std::min(t1, t_max) - std::max(t0, 0.0));
+}
+
+}  // namespace
+
+double estimate_transmittance(const Medium& medium, const Ray& local, double t_max, Rng& rng,
+                              TrackingCounters& counters) {
+  if (medium.solid()) return std::exp(-medium.extinction_per_density() * chord(medium, local, t_max));
+  TentativeCollisions points(medium, local, t_max, rng);
+  TentativeCollision point;
+  double weight = 1.0;
+  while (points.next(point, rng, counters)) {
+    weight *= 1.0 - point.density / point.majorant;
+    if (weight >= 0.05) continue;
+    if (!(rng.uniform() < weight / 0.1)) return 0.0;
+    weight = 0.1;
+  }
+  return weight;
+}
+
+dvec3 estimate_chromatic_transmittance(const Medium& medium, const Ray& local, double t_max, Rng& rng,
+                                       TrackingCounters& counters) {
+  if (medium.solid()) return glm::exp(-medium.coefficients().sigma_t * chord(medium, local, t_max));
+  TentativeCollisions points(medium, local, t_max, rng);
+  TentativeCollision point;
+  dvec3 weight(1);
+  while (points.next(point, rng, counters)) {
+    weight *= 1.0 - medium.extinction_ratio() * (point.density / point.majorant);
+    const double largest = max_component(weight);
+    if (largest >= 0.05) continue;
+    if (!(rng.uniform() < largest / 0.1)) return dvec3(0);
+    weight *= 0.1 / largest;
+  }
+  return weight;
+}
+
+double optical_depth(const Medium& medium, const Ray& ray, double t_max) {
+  if (medium.solid()) return medium.extinction_per_density() * chord(medium, ray, t_max);
+  const dvec3 shift = medium.walked_shift();
+  MajorantWalk walk(medium.walked(), {ray.o + shift, ray.d}, 0.0, t_max);
+  MajorantWalk::Segment s;
+  double sum = 0;
+  while (walk.next(s)) {
+    double t = s.t0;
+    while (t < s.t1) {
+      // The next voxel face on any axis; a step of rounding size past it, so that the walk moves on.
+      const dvec3 p = ray.at(t);
+      double next = s.t1;
+      for (int a = 0; a < 3; ++a) {
+        if (std::abs(ray.d[a]) < 1e-20) continue;
+        const double plane = ray.d[a] > 0 ? std::floor(p[a] + 1e-9) + 1 : std::ceil(p[a] - 1e-9) - 1;
+        next = std::min(next, (plane - ray.o[a]) / ray.d[a]);
+      }
+      if (!(next > t)) next = std::nextafter(t, std::numeric_limits<double>::infinity());
+      const double centre = 0.5 * (t + next), half = 0.5 * (next - t), x = half * std::sqrt(0.6);
+      const auto density = [&](double at) {
+        return medium.displacement()
+                   ? medium.density(ray.at(at))
+                   : static_cast<double>(medium.bricks().lookup_in(*s.cell, s.coordinates, ray.at(at)));
+      };
+      sum += half * (8.0 / 9 * density(centre) + 5.0 / 9 * (density(centre - x) + density(centre + x)));
+      t = next;
+    }
+  }
+  return sum * medium.extinction_per_density();
+}
+
+}  // namespace brume
