@@ -1,0 +1,136 @@
+// Equal-time error of a scene: efficiency = 1 / (relMSE x seconds), relMSE = mean((x - mean)^2 / (mean^2 + 0.01)) over the
+// pixels that show a medium (alpha above 0.5 %).
+//
+//   brume_efficiency SCENE.toml [--spp 16] [--seeds 4] [--threads 0] [-D key=value ...]
+//   brume_efficiency SCENE.toml --frames A.exr B.exr ... --seconds S     another renderer's frames, S seconds each
+//
+// The error of a frame is its variance, from pairs of independent frames: no reference is needed but for the denominator
+// and the mask, and its noise does not enter. The interval is 1.96 standard errors over the seeds.
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <cstring>
+#include <string>
+#include <vector>
+
+#include "base/error.h"
+#include "base/running_statistics.h"
+#include "image/exr_io.h"
+#include "image/foreign.h"
+#include "render/renderer.h"
+#include "render/scene_io.h"
+
+namespace brume {
+namespace {
+
+struct Frame {
+  std::array<Plane, 3> rgb;
+  double seconds = 0;
+};
+
+Frame planes_of(const Layers& layers, double seconds) {
+  Frame f;
+  const auto rgb = layers.rgb(layer::beauty);
+  for (size_t c = 0; c < 3; ++c) f.rgb[c] = *rgb[c];
+  f.seconds = seconds;
+  return f;
+}
+
+int run(int argc, char** argv) {
+  std::string scene_path;
+  std::vector<std::string> overrides, frames;
+  int spp = 16, seeds = 4, threads = 0;
+  double seconds = 0;
+  for (int i = 1; i < argc; ++i) {
+    const std::string a = argv[i];
+    const auto value = [&] {
+      if (i + 1 >= argc) throw InputError(a + " needs a value");
+      return std::string(argv[++i]);
+    };
+    if (a == "--spp")
+      spp = std::stoi(value());
+    else if (a == "--seeds")
+      seeds = std::stoi(value());
+    else if (a == "--threads")
+      threads = std::stoi(value());
+    else if (a == "--seconds")
+      seconds = std::stod(value());
+    else if (a == "-D")
+      overrides.push_back(value());
+    else if (a == "--frames")
+      while (i + 1 < argc && argv[i + 1][0] != '-') frames.emplace_back(argv[++i]);
+    else
+      scene_path = a;
+  }
+  const PreparedScene scene(read_scene(scene_path, overrides), LayerRequest::of({}, false));
+  const int width = scene.scene().film.width, height = scene.scene().film.height;
+  const Task task{threads, {}, nullptr};
+  std::vector<Frame> measured;
+  double paths = 0, lookups = 0, collisions = 0, total_seconds = 0;
+  Layers mask_frame;
+  if (frames.empty()) {
+    scene.render(1, 999, task);  // warms the caches up
+    for (int s = 0; s < seeds; ++s) {
+      RenderResult r = scene.render(spp, 1000 + s, task);
+      measured.push_back(planes_of(r.layers, r.report.seconds));
+      paths += static_cast<double>(r.report.counters.paths);
+      lookups += static_cast<double>(r.report.counters.tracking.lookups);
+      collisions += static_cast<double>(r.report.counters.tracking.collisions);
+      total_seconds += r.report.seconds;
+    }
+  } else {
+    for (const std::string& path : frames) {
+      Layers f = read_exr(path);
+      adopt_foreign_layers(f);
+      measured.push_back(planes_of(f, seconds));
+    }
+    total_seconds = seconds * static_cast<double>(frames.size());
+  }
+  // The denominator and the mask come from a longer render of our own.
+  const Layers reference = scene.render(std::max(64, spp), 77, task).layers;
+  const auto mean = reference.rgb(layer::beauty);
+  const Plane& alpha = reference.at("A");
+
+  RunningStatistics errors;
+  const double time = total_seconds / static_cast<double>(measured.size());
+  size_t pixels = 0;
+  for (size_t a = 0; a + 1 < measured.size(); a += 2) {
+    double sum = 0;
+    pixels = 0;
+    for (int y = 0; y < height; ++y)
+      for (int x = 0; x < width; ++x) {
+        if (alpha(x, y) <= 0.005f) continue;
+        ++pixels;
+        for (size_t c = 0; c < 3; ++c) {
+          const double d = measured[a].rgb[c](x, y) - measured[a + 1].rgb[c](x, y), m = (*mean[c])(x, y);
+          sum += 0.5 * d * d / (m * m + 0.01) / 3.0;
+        }
+      }
+    errors.add(sum / static_cast<double>(pixels));
+  }
+  const double efficiency = 1.0 / (errors.mean * time);
+  const double half_width = errors.count > 1 ? 1.96 * std::sqrt(errors.mean_variance()) / errors.mean * efficiency : 0.0;
+  fmt::print("{:<16} relMSE {:.5f} over {:.1f} % of the pixels, {:.3f} s: efficiency {:.3g} +- {:.2g}",
+             scene.scene().name, errors.mean, 100.0 * static_cast<double>(pixels) / (width * height), time, efficiency,
+             half_width);
+  if (paths > 0)
+    fmt::print("; {:.3g} paths/s, {:.3g} look-ups/s, {:.2f} look-ups per scattering, {:.2f} scatterings per path",
+               paths / total_seconds, lookups / total_seconds, lookups / std::max(collisions, 1.0), collisions / paths);
+  fmt::print("\n");
+  return 0;
+}
+
+}  // namespace
+}  // namespace brume
+
+int main(int argc, char** argv) {
+  try {
+    return brume::run(argc, argv);
+  } catch (const std::exception& error) {
+    fmt::print(stderr, "{}\n", error.what());
+    return 2;
+  }
+}
