@@ -1,11 +1,11 @@
-// Equal-time error of a scene: efficiency = 1 / (relMSE x seconds), relMSE = mean((x - mean)^2 / (mean^2 + 0.01)) over the
-// pixels that show a medium (alpha above 0.5 %).
+// Equal-time error of a scene: efficiency = 1 / (relMSE x seconds), relMSE = mean((x - mean)^2 / (mean^2 + 0.01)) over
+// the pixels that show a medium (alpha above 0.5 %).
 //
 //   brume_efficiency SCENE.toml [--spp 16] [--seeds 4] [--threads 0] [-D key=value ...]
 //   brume_efficiency SCENE.toml --frames A.exr B.exr ... --seconds S     another renderer's frames, S seconds each
 //
-// The error of a frame is its variance, from pairs of independent frames: no reference is needed but for the denominator
-// and the mask, and its noise does not enter. The interval is 1.96 standard errors over the seeds.
+// The error of a frame is its variance, from pairs of independent frames: no reference is needed but for the
+// denominator and the mask, and its noise does not enter. The interval is 1.96 standard errors over the seeds.
 
 #include <fmt/format.h>
 
@@ -112,7 +112,8 @@ int run(int argc, char** argv) {
     errors.add(sum / static_cast<double>(pixels));
   }
   const double efficiency = 1.0 / (errors.mean * time);
-  const double half_width = errors.count > 1 ? 1.96 * std::sqrt(errors.mean_variance()) / errors.mean * efficiency : 0.0;
+  const double half_width =
+      errors.count > 1 ? 1.96 * std::sqrt(errors.mean_variance()) / errors.mean * efficiency : 0.0;
   fmt::print("{:<16} relMSE {:.5f} over {:.1f} % of the pixels, {:.3f} s: efficiency {:.3g} +- {:.2g}",
              scene.scene().name, errors.mean, 100.0 * static_cast<double>(pixels) / (width * height), time, efficiency,
              half_width);

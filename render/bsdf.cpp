@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
-// Microfacets after Walter, Marschner, Li, Torrance 2007 (GGX, reflection and refraction), visible normals sampled after
-// Heitz 2018, Fresnel of conductors after Schlick 1994.
+// Microfacets after Walter, Marschner, Li, Torrance 2007 (GGX, reflection and refraction), visible normals sampled
+// after Heitz 2018, Fresnel of conductors after Schlick 1994.
 
 namespace brume {
 namespace {
@@ -90,8 +90,8 @@ dvec3 Bsdf::value(const dvec3& wo, const dvec3& wi, bool inside) const {
   const double f = fresnel_dielectric(co, eta), denominator = square(co + eta * ci);
   const dvec3 wi_up{wi.x, wi.y, -wi.z};
   // Radiance is not scaled by the index: the camera and the lights lie outside of the glass.
-  const double shape = ggx_d(m, a) / (1.0 + lambda(wo, a) + lambda(wi_up, a)) * std::abs(co * ci) * eta * eta /
-                       (wo.z * denominator);
+  const double shape =
+      ggx_d(m, a) / (1.0 + lambda(wo, a) + lambda(wi_up, a)) * std::abs(co * ci) * eta * eta / (wo.z * denominator);
   return albedo * ((1.0 - f) * shape);
 }
 

@@ -4,6 +4,7 @@
 #include "base/rng.h"
 #include "render/plan.h"
 #include "render/surfaces.h"
+#include "volume/lane_grid.h"
 #include "volume/tracking.h"
 
 namespace brume {
@@ -31,6 +32,7 @@ struct PathContext {
   std::span<const EmissionField> emissions;
   const Lights* lights = nullptr;
   const Surfaces* surfaces = nullptr;
+  const LaneGrid* lane_grid = nullptr;  ///< of the one medium, where plan.lanes
   Plan plan;
   int max_events = 100000, roulette_start = 16;
   double surface_density = 0;  ///< share of each medium's maximum

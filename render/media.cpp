@@ -32,7 +32,8 @@ ScalarOptions options_for(const std::string& name, std::vector<std::string> usua
 EmissionRamp fire_ramp(const VolumeSettings& v) {
   std::vector<std::pair<double, dvec3>> stops;
   for (const auto& row : v.flame_ramp) stops.emplace_back(row[0], dvec3(row[1], row[2], row[3]));
-  if (stops.empty()) stops = {{0.0, dvec3(0)}, {0.3, {0.3, 0.02, 0.0}}, {0.65, {1.0, 0.25, 0.03}}, {1.0, {1.0, 0.8, 0.4}}};
+  if (stops.empty())
+    stops = {{0.0, dvec3(0)}, {0.3, {0.3, 0.02, 0.0}}, {0.65, {1.0, 0.25, 0.03}}, {1.0, {1.0, 0.8, 0.4}}};
   return EmissionRamp::of_colours(stops, v.flame_intensity);
 }
 
@@ -87,7 +88,8 @@ void SceneMedia::load(const VolumeSettings& v, const Scene& scene, const Task& t
     const Medium medium(solid, translation(-world_shift_) * v.object_to_world, {v.sigma_t, v.albedo}, phase_of(v));
     if (v.emission != dvec3(0)) emissions_.emplace_back(solid, medium.placement(), v.emission);
     if (medium.extinction_per_density() > 0) media_.push_back(medium);
-    if (moves && open_shutter && medium.extinction_per_density() > 0) media_.back().set_motion(translation(-world_shift_) * v.object_to_world_end);
+    if (moves && open_shutter && medium.extinction_per_density() > 0)
+      media_.back().set_motion(translation(-world_shift_) * v.object_to_world_end);
     return;
   }
 
@@ -101,7 +103,8 @@ void SceneMedia::load(const VolumeSettings& v, const Scene& scene, const Task& t
   if (!shifted_ && !volume.density.bricks.empty()) {
     shifted_ = true;
     const BrickGrid& b = volume.density.bricks;
-    world_shift_ = dvec3(world_from_index * glm::dvec4(0.5 * (b.support_lo() + b.support_hi()) + dvec3(b.origin()), 1.0));
+    world_shift_ =
+        dvec3(world_from_index * glm::dvec4(0.5 * (b.support_lo() + b.support_hi()) + dvec3(b.origin()), 1.0));
   }
   const dmat4 shift = translation(-world_shift_);
   const auto place = [&](const dmat4& from_index, const BrickGrid& bricks) {
@@ -123,11 +126,11 @@ void SceneMedia::load(const VolumeSettings& v, const Scene& scene, const Task& t
           load_displacement(v.file, v.velocity_grid == "auto" ? "" : v.velocity_grid, volume.density, v.velocity_scale,
                             scene.camera.shutter.x, scene.camera.shutter.y, notes_, task);
       medium.set_displacement(volume.displacement);
-      parts_.push_back(
-          {file + ": velocity", volume.displacement.field.bytes() + volume.displacement.envelope.bytes()});
+      parts_.push_back({file + ": velocity", volume.displacement.field.bytes() + volume.displacement.envelope.bytes()});
     }
   }
-  if (moves && open_shutter) medium.set_motion(shift * v.object_to_world_end * volume.density.world_from_index * offset);
+  if (moves && open_shutter)
+    medium.set_motion(shift * v.object_to_world_end * volume.density.world_from_index * offset);
   if (!medium.empty() && medium.extinction_per_density() > 0) media_.push_back(medium);
 
   const auto glow = [&](const ScalarField& field, EmissionRamp ramp) {
@@ -135,9 +138,9 @@ void SceneMedia::load(const VolumeSettings& v, const Scene& scene, const Task& t
     emissions_.emplace_back(field.bricks, place(field.world_from_index, field.bricks), std::move(ramp));
   };
   if (v.emission != dvec3(0))
-    glow(volume.density, EmissionRamp::of_colours({{0.0, dvec3(0)}, {volume.density.bricks.maximum(),
-                                                                     v.emission * static_cast<double>(
-                                                                                      volume.density.bricks.maximum())}},
+    glow(volume.density, EmissionRamp::of_colours({{0.0, dvec3(0)},
+                                                   {volume.density.bricks.maximum(),
+                                                    v.emission * static_cast<double>(volume.density.bricks.maximum())}},
                                                   1.0));
   if (v.temperature_grid != "none") {
     volume.temperature = load_scalar(v.file, options_for(v.temperature_grid, {"temperature", "temp"}), task);

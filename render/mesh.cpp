@@ -155,7 +155,8 @@ class PlyReader {
   template <class T>
   double binary() {
     T value{};
-    if (!stream_.read(reinterpret_cast<char*>(&value), sizeof value)) fail(path_, "truncated: the file ends in its data");
+    if (!stream_.read(reinterpret_cast<char*>(&value), sizeof value))
+      fail(path_, "truncated: the file ends in its data");
     return static_cast<double>(value);
   }
   double number(const std::string& type) {
@@ -216,8 +217,10 @@ TriangleMesh load_mesh(const fs::path& path, const dmat4& world_from_object) {
       kept.push_back(t);
   }
   mesh.triangles = std::move(kept);
-  if (broken) mesh.notes.push_back(fmt::format("{}: {} triangles that are not finite were dropped", path.string(), broken));
-  if (degenerate) mesh.notes.push_back(fmt::format("{}: {} degenerate triangles were dropped", path.string(), degenerate));
+  if (broken)
+    mesh.notes.push_back(fmt::format("{}: {} triangles that are not finite were dropped", path.string(), broken));
+  if (degenerate)
+    mesh.notes.push_back(fmt::format("{}: {} degenerate triangles were dropped", path.string(), degenerate));
   if (mesh.triangles.empty()) fail(path, "holds no triangle with an area");
   // A mirroring transform turns triangles inside out; their outside is kept where it was.
   if (glm::determinant(dmat3(world_from_object)) < 0)

@@ -11,9 +11,9 @@ namespace brume {
 /// Triangles in the renderer's world space.
 struct TriangleMesh {
   std::vector<vec3> positions;
-  std::vector<ivec3> triangles;     ///< indices into positions
-  std::vector<vec2> texcoords;      ///< per vertex, or empty
-  std::vector<std::string> notes;   ///< what was dropped on the way
+  std::vector<ivec3> triangles;    ///< indices into positions
+  std::vector<vec2> texcoords;     ///< per vertex, or empty
+  std::vector<std::string> notes;  ///< what was dropped on the way
 
   std::array<dvec3, 3> corners(size_t i) const {
     const ivec3& t = triangles[i];

@@ -30,6 +30,9 @@ Plan make_plan(const SceneMedia& media, const Lights& lights, const Surfaces* su
   if (plan.has_media()) {
     plan.medium_surface = layers.has(layer::gradient) || layers.has(layer::coverage);
     plan.flash = layers.has(layer::flash);
+    for (const LayerName& l : {layer::scatter_depth, layer::scatter_position, layer::scatter_density,
+                               layer::scatter_share, layer::albedo, layer::gradient_first_scatter, layer::flash})
+      plan.first_event = plan.first_event || layers.has(l);
     plan.first_scatter_gradient = layers.has(layer::gradient_first_scatter) || plan.flash;
     plan.weighted_gradient = layers.has(layer::gradient_transmittance_weighted);
     plan.optical_depth = layers.has(layer::optical_depth);
@@ -100,6 +103,7 @@ std::string explain(const Plan& plan, const Scene& scene, const SceneMedia& medi
       "merged tentative collisions; spectral multiple importance sampling over a hero channel"};
   if (plan.has_media()) {
     line("flight", flights[static_cast<int>(plan.media)]);
+    line("lanes", plan.lanes ? "paths run side by side in SIMD lanes" : "paths run one by one");
     line("motion", plan.moving_media ? "media are placed anew for each path's time" : "none");
   }
   line("emission",

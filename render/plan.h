@@ -19,9 +19,11 @@ struct Plan {
   bool surfaces = false;        ///< triangle meshes
   bool emission = false;        ///< a medium that glows
   bool lens = false, shutter = false;
+  bool lanes = false;  ///< the paths run side by side in SIMD lanes (render/wavefront.h)
 
   // Recorded beyond what the path computes anyway.
   bool medium_surface = false;  ///< looked for once per path
+  bool first_event = false;     ///< where and at what the path scatters first
   bool first_scatter_gradient = false;
   bool weighted_gradient = false;  ///< marched once per path
   bool optical_depth = false;      ///< marched once per path

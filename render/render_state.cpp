@@ -44,12 +44,12 @@ std::vector<Range> ranges_of(const Layers& frame, const std::string& name) {
 void check_same_render(const Layers& a, const std::string& name_a, const Layers& b, const std::string& name_b,
                        bool same_samples) {
   const auto differ = [&](const std::string& what, const std::string& in_a, const std::string& in_b) {
-    throw InputError(fmt::format("{} and {} are not parts of one render: {} is {} in the first, {} in the second", name_a,
-                                 name_b, what, in_a, in_b));
+    throw InputError(fmt::format("{} and {} are not parts of one render: {} is {} in the first, {} in the second",
+                                 name_a, name_b, what, in_a, in_b));
   };
   if (a.words().empty())
-    throw InputError(fmt::format("{}: holds no sums of its samples; expected a frame written with --part or --checkpoint",
-                                 name_a));
+    throw InputError(
+        fmt::format("{}: holds no sums of its samples; expected a frame written with --part or --checkpoint", name_a));
   for (const auto& [key, what] : {std::pair("sceneHash", "the scene's fingerprint"),
                                   {"seed", "the seed"},
                                   {"frame", "the frame"},
@@ -89,8 +89,8 @@ Layers merge_parts(const std::vector<std::filesystem::path>& files, bool keep_st
     for (const Range& r : ranges_of(part, name)) {
       for (const auto& [other, whose] : held)
         if (r.first < other.end && other.first < r.end)
-          throw InputError(fmt::format("{} and {} overlap: samples {} .. {} are in both; expected disjoint parts", whose, name,
-                                       std::max(r.first, other.first), std::min(r.end, other.end) - 1));
+          throw InputError(fmt::format("{} and {} overlap: samples {} .. {} are in both; expected disjoint parts",
+                                       whose, name, std::max(r.first, other.first), std::min(r.end, other.end) - 1));
       held.emplace_back(r, name);
     }
     film.merge_state(part, name);
@@ -99,8 +99,9 @@ Layers merge_parts(const std::vector<std::filesystem::path>& files, bool keep_st
     invalid += part.number("invalidSampleCount").value_or(0.0);
     capped += part.number("cappedPaths").value_or(0.0);
     biased = biased || part.text("biased").starts_with("true");
-    if (path == files[0]) first = Layers(part.width(), part.height()), first.header = part.header,
-                          first.origin = part.origin, first.display = part.display;
+    if (path == files[0])
+      first = Layers(part.width(), part.height()), first.header = part.header, first.origin = part.origin,
+      first.display = part.display;
   }
   for (int tile = 0; tile < film.tile_count(); ++tile) film.develop(tile);
   Layers result = film.layers();

@@ -5,8 +5,8 @@
 
 namespace brume {
 
-/// Throws InputError, naming both sides and what differs, unless two frames are parts of one render: the same scene, seed,
-/// frame, crop, layers, statistics and program.
+/// Throws InputError, naming both sides and what differs, unless two frames are parts of one render: the same scene,
+/// seed, frame, crop, layers, statistics and program.
 /// @param same_samples  and they also begin at the same sample
 void check_same_render(const Layers& a, const std::string& name_a, const Layers& b, const std::string& name_b,
                        bool same_samples);

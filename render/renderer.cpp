@@ -10,13 +10,14 @@
 #include "base/text.h"
 #include "image/exr_io.h"
 #include "render/render_state.h"
+#include "render/wavefront.h"
 #include "volume/gradient.h"
 
 namespace brume {
 namespace {
 
 // Paths traced together: many enough to fill the lanes, few enough that their samples stay in the cache.
-constexpr int kBatch = 1024;
+constexpr int kBatch = 16384;
 
 void check_memory(double bytes, const std::string& what, const std::string& advice) {
   const double available = physical_memory();
@@ -59,6 +60,11 @@ PreparedScene::PreparedScene(Scene scene, const LayerRequest& layers, const Task
   context_.lights = &lights_;
   context_.surfaces = surfaces_.get();
   context_.plan = make_plan(media_, lights_, surfaces_.get(), camera, layers);
+  if (scene_.render.lanes != "off" && fits_lanes(context_.plan, context_.media, lights_)) {
+    context_.plan.lanes = true;
+    lane_grid_ = LaneGrid(context_.media[0].bricks());
+    context_.lane_grid = &lane_grid_;
+  }
   context_.max_events = scene_.render.max_events;
   context_.roulette_start = scene_.render.roulette_start;
   context_.surface_density = scene_.render.surface_density;

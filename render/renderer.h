@@ -95,6 +95,7 @@ class PreparedScene {
   SceneMedia media_;
   std::unique_ptr<Surfaces> surfaces_;
   Lights lights_;
+  LaneGrid lane_grid_;
   PathContext context_;
 };
 

@@ -106,6 +106,7 @@ struct RenderSettings {
   int roulette_start = 16;
   std::string light_sampling = "auto";
   double surface_density = 0.01;
+  std::string lanes = "auto";
 };
 
 struct Scene {

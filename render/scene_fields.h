@@ -64,6 +64,10 @@ void describe(Visitor& v, RenderSettings& r) {
   v({"surface_density", "of the maximum",
      "density at which the medium's surface lies, for the gradient and coverage layers", 1e-9, 1},
     r.surface_density);
+  v({.key = "lanes",
+     .help = "auto: paths run side by side in SIMD lanes where the scene allows it; off: one by one, to compare",
+     .choices = {"auto", "off"}},
+    r.lanes);
 }
 
 template <class Visitor>

@@ -51,7 +51,7 @@ Layers preetham_sky(double t, const dvec3& sun_direction, const dvec3& up, doubl
                    -0.0109 * t + 0.0529};
   const double chi = (4.0 / 9.0 - t / 120.0) * (kPi - 2.0 * theta_s);
   const double zenith_Y = std::max(0.0, (4.0453 * t - 4.9710) * std::tan(chi) - 0.2155 * t + 2.4192);
-  const auto zenith = [&](const double (&m)[3][4]) {
+  const auto zenith = [&](const double(&m)[3][4]) {
     double value = 0;
     const double powers[3] = {t * t, t, 1.0};
     for (int i = 0; i < 3; ++i)
@@ -77,8 +77,8 @@ Layers preetham_sky(double t, const dvec3& sun_direction, const dvec3& up, doubl
     const double band = std::cos(kPi * y / kHeight) - std::cos(kPi * (y + 1) / kHeight);
     for (int x = 0; x < kWidth; ++x) {
       const double phi = 2.0 * kPi * ((x + 0.5) / kWidth - 0.5);
-      const dvec3 d = cos_theta * frame.up +
-                      std::sin(theta) * (std::sin(phi) * frame.right + std::cos(phi) * frame.forward);
+      const dvec3 d =
+          cos_theta * frame.up + std::sin(theta) * (std::sin(phi) * frame.right + std::cos(phi) * frame.forward);
       const double gamma = std::acos(std::clamp(glm::dot(d, sun), -1.0, 1.0));
       const auto at = [&](const Perez& f, double at_zenith) {
         return at_zenith * f(cos_theta, gamma) / f(1.0, theta_s);

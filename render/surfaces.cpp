@@ -65,7 +65,8 @@ Surfaces::Surfaces(const std::vector<SurfaceSettings>& settings, const dvec3& wo
     textures_.push_back(s.albedo_texture.empty() ? nullptr : std::make_unique<Texture>(s.albedo_texture));
     const TriangleMesh& mesh = meshes_.back();
     if (textures_.back() && mesh.texcoords.empty())
-      throw InputError(fmt::format("{}: has no texture coordinates for {}", s.file.string(), s.albedo_texture.string()));
+      throw InputError(
+          fmt::format("{}: has no texture coordinates for {}", s.file.string(), s.albedo_texture.string()));
     RTCGeometry geometry = rtcNewGeometry(embree_->device, RTC_GEOMETRY_TYPE_TRIANGLE);
     void* vertices = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, sizeof(vec3),
                                              mesh.positions.size());
@@ -90,7 +91,8 @@ RTCRay embree_ray(const Ray& ray, double t_max) {
   r.org_x = static_cast<float>(ray.o.x), r.org_y = static_cast<float>(ray.o.y), r.org_z = static_cast<float>(ray.o.z);
   r.dir_x = static_cast<float>(ray.d.x), r.dir_y = static_cast<float>(ray.d.y), r.dir_z = static_cast<float>(ray.d.z);
   r.tnear = 0;
-  r.tfar = t_max < std::numeric_limits<float>::max() ? static_cast<float>(t_max) : std::numeric_limits<float>::infinity();
+  r.tfar =
+      t_max < std::numeric_limits<float>::max() ? static_cast<float>(t_max) : std::numeric_limits<float>::infinity();
   r.mask = ~0u;
   return r;
 }

@@ -1,8 +1,8 @@
 #include <algorithm>
 #include <vector>
 
-#include "render/integrator.h"
-#include "volume/gradient.h"
+#include "render/path_layers.h"
+#include "render/wavefront.h"
 
 namespace brume {
 namespace {
@@ -46,27 +46,17 @@ struct Throughput {
   }
 };
 
-/// The path's random numbers: low-discrepancy for the first events, counter-based after.
-struct Draws {
-  const Sobol& sobol;
-  Rng& rng;
-  dvec2 pair(uint64_t events, uint32_t which) {
-    return events < kSobolEvents ? sobol.pair(kFirstEventPair + static_cast<uint32_t>(2 * events) + which)
-                                 : dvec2{rng.uniform(), rng.uniform()};
-  }
-};
-
 template <Features F>
 class PathTracer {
  public:
-  PathTracer(const PathContext& context, std::span<const Medium> media, Draws draws, PathCounters& counters,
+  PathTracer(const PathContext& context, std::span<const Medium> media, Rng& rng, PathCounters& counters,
              PathSample& sample)
-      : c_(context), media_(media), draws_(draws), counters_(counters), s_(sample) {}
+      : c_(context), media_(media), rng_(rng), counters_(counters), s_(sample) {}
 
   void trace(const Ray& camera_ray) {
     ++counters_.paths;
-    if constexpr (F.any_media()) record_camera_ray(camera_ray);
-    if constexpr (F.chromatic()) throughput_.hero = std::min(2, static_cast<int>(3 * draws_.rng.uniform()));
+    if constexpr (F.any_media()) record_camera_ray(c_, media_, camera_ray, s_);
+    if constexpr (F.chromatic()) throughput_.hero = std::min(2, static_cast<int>(3 * rng_.uniform()));
     ray_ = camera_ray;
     eye_ = camera_ray.o;
     while (step()) {
@@ -150,7 +140,7 @@ class PathTracer {
     if constexpr (F.emission) {
       dvec3 sum(0);
       for (const EmissionField& field : c_.emissions)
-        sum += field.integrate(ray_, t0, t1, events_ == 0 ? 1.0 : 4.0, draws_.rng);
+        sum += field.integrate(ray_, t0, t1, events_ == 0 ? 1.0 : 4.0, rng_);
       if (sum != dvec3(0)) deposit(sum, events_, Source::kEmission);
     }
   }
@@ -159,7 +149,7 @@ class PathTracer {
   double fly(double t_max, const Medium*& medium) {
     TrackingCounters& counters = counters_.tracking;
     if constexpr (F.media == Plan::Media::kOneGrey) {
-      const double t = sample_collision(media_[0], media_[0].to_local(ray_), t_max, draws_.rng, counters);
+      const double t = sample_collision(media_[0], media_[0].to_local(ray_), t_max, rng_, counters);
       if (t >= 0) medium = &media_[0];
       glow(0, medium ? t : t_max);
       return t;
@@ -167,7 +157,7 @@ class PathTracer {
       // Collisions with each medium are independent Poisson processes; the first of all is the path's.
       double first = t_max;
       for (const Medium& m : media_) {
-        const double t = sample_collision(m, m.to_local(ray_), first, draws_.rng, counters);
+        const double t = sample_collision(m, m.to_local(ray_), first, rng_, counters);
         if (t >= 0) first = t, medium = &m;
       }
       glow(0, first);
@@ -188,8 +178,8 @@ class PathTracer {
     static thread_local std::vector<Stream> streams;
     streams.clear();
     for (const Medium& m : media_) {
-      Stream s{&m, {m, m.to_local(ray_), t_max, draws_.rng}, {}};
-      if (s.points.next(s.next, draws_.rng, counters)) streams.push_back(s);
+      Stream s{&m, {m, m.to_local(ray_), t_max, rng_}, {}};
+      if (s.points.next(s.next, rng_, counters)) streams.push_back(s);
     }
     double before = 0;
     while (!streams.empty()) {
@@ -199,14 +189,14 @@ class PathTracer {
       glow(before, point.t);
       before = point.t;
       const dvec3 real = stream->medium->extinction_ratio() * std::min(1.0, point.density / point.majorant);
-      if (draws_.rng.uniform() < real[throughput_.hero]) {
+      if (rng_.uniform() < real[throughput_.hero]) {
         throughput_.event(real, real);
         ++counters.collisions;
         medium = stream->medium;
         return point.t;
       }
       throughput_.event(dvec3(1) - real, dvec3(1) - real);
-      if (!stream->points.next(stream->next, draws_.rng, counters)) streams.erase(stream);
+      if (!stream->points.next(stream->next, rng_, counters)) streams.erase(stream);
     }
     glow(before, t_max);
     return -1;
@@ -216,20 +206,20 @@ class PathTracer {
   bool scatter(const Medium& medium, double t) {
     ray_.o = ray_.at(t);
     const dvec3 albedo = medium.albedo(ray_.o);
-    if (events_ == 0) record_first_scatter(medium, albedo);
+    if (events_ == 0) flash_ = record_first_scatter(c_, medium, eye_, ray_.o, ray_.d, throughput_.weight, albedo, s_);
     throughput_.weight *= albedo;  // absorption by weight, not by chance
     const PhaseFunction& phase = medium.phase();
     if constexpr (F.light_sampling) {
-      const double choice = draws_.rng.uniform();
+      const double choice = rng_.uniform();
       const dvec3 d = ray_.d;
-      const dvec3 L = sampled_light(ray_.o, choice, draws_.pair(events_, 1), [&](const dvec3& wi) {
+      const dvec3 L = sampled_light(ray_.o, choice, pair(), [&](const dvec3& wi) {
         const double p = phase.value(glm::dot(d, wi));
         return std::pair(dvec3(p), p);
       });
       deposit(L, events_ + 1, Source::kBackground);
     }
     if (!survives()) return false;
-    const dvec3 d = phase.sample(ray_.d, draws_.pair(events_, 0));
+    const dvec3 d = phase.sample(ray_.d, pair());
     pdf_direction_ = phase.value(glm::dot(ray_.d, d));
     ray_.d = d;
     specular_ = false;
@@ -257,8 +247,8 @@ class PathTracer {
     };
     if (events_ == 0 && settings.role == "shadow_catcher") {
       if constexpr (F.light_sampling) {
-        const double choice = draws_.rng.uniform();
-        const dvec2 u{draws_.rng.uniform(), draws_.rng.uniform()};
+        const double choice = rng_.uniform();
+        const dvec2 u = pair();
         const dvec3 off = Surfaces::leave(p, hit.normal, wo);
         s_.catcher += throughput_.weight * sampled_light(off, choice, u, scattering, true, true);
         s_.catcher_unshadowed += throughput_.weight * sampled_light(off, choice, u, scattering, false, true);
@@ -284,17 +274,17 @@ class PathTracer {
     }
     if constexpr (F.light_sampling) {
       if (!bsdf.delta()) {
-        const double choice = draws_.rng.uniform();
-        const dvec2 u = draws_.pair(events_, 1);
+        const double choice = rng_.uniform();
+        const dvec2 u = pair();
         // Lights on either side of the surface are reached from that side.
         const dvec3 L = sampled_light(p, choice, u, scattering, true, false, &hit.normal);
         deposit(L, events_ + 1, Source::kSurface);
       }
     }
     if (!survives()) return false;
-    const dvec2 u = draws_.pair(events_, 0);
+    const dvec2 u = pair();
     Bsdf::Sample out;
-    if (!bsdf.sample(wo_local, !front, {u.x, u.y, draws_.rng.uniform()}, out)) return false;
+    if (!bsdf.sample(wo_local, !front, {u.x, u.y, rng_.uniform()}, out)) return false;
     throughput_.weight *= out.weight;
     if (throughput_.weight == dvec3(0)) return false;
     pdf_direction_ = out.pdf;
@@ -311,12 +301,17 @@ class PathTracer {
     return index;
   }
 
+  dvec2 pair() {
+    const double x = rng_.uniform();
+    return {x, rng_.uniform()};
+  }
+
   /// Russian roulette and the cap on events; false where the path ends.
   bool survives() {
     if (events_ + 1 >= static_cast<uint64_t>(c_.roulette_start)) {
       const double survival = std::clamp(max_component(throughput_.weight), 0.05, 1.0);
       if (survival < 1) {
-        if (!(draws_.rng.uniform() < survival)) return false;
+        if (!(rng_.uniform() < survival)) return false;
         throughput_.weight /= survival;
       }
     }
@@ -349,99 +344,20 @@ class PathTracer {
     if constexpr (F.surfaces)
       if (c_.surfaces->occluded(shadow, light.distance * (1.0 - 1e-4))) return dvec3(0);
     if constexpr (F.media == Plan::Media::kOneGrey) {
-      return unoccluded * estimate_transmittance(media_[0], media_[0].to_local(shadow), light.distance, draws_.rng,
-                                                 counters_.tracking);
+      return unoccluded *
+             estimate_transmittance(media_[0], media_[0].to_local(shadow), light.distance, rng_, counters_.tracking);
     } else if constexpr (F.any_media()) {
       dvec3 product = unoccluded;
       for (const Medium& m : media_) {
         if (F.chromatic() && m.chromatic())
-          product *=
-              estimate_chromatic_transmittance(m, m.to_local(shadow), light.distance, draws_.rng, counters_.tracking);
+          product *= estimate_chromatic_transmittance(m, m.to_local(shadow), light.distance, rng_, counters_.tracking);
         else
-          product *= estimate_transmittance(m, m.to_local(shadow), light.distance, draws_.rng, counters_.tracking);
+          product *= estimate_transmittance(m, m.to_local(shadow), light.distance, rng_, counters_.tracking);
         if (product == dvec3(0)) break;
       }
       return product;
     }
     return unoccluded;
-  }
-
-  // ---- layers
-
-  void record_camera_ray(const Ray& ray) {
-    const Plan& plan = c_.plan;
-    if (plan.medium_surface) record_medium_surface(ray);
-    if (plan.optical_depth) {
-      double tau = 0;
-      for (const Medium& m : media_) tau += optical_depth(m, m.to_local(ray), kFar);
-      s_.optical_depth = std::min(tau, 50.0);
-    }
-    if (plan.weighted_gradient) record_weighted_gradient(ray);
-  }
-
-  void record_medium_surface(const Ray& ray) {
-    double first = kFar;
-    const Medium* medium = nullptr;
-    Ray local;
-    for (const Medium& m : media_) {
-      const Ray r = m.to_local(ray);
-      const auto t = find_surface(m, r, static_cast<float>(c_.surface_density * m.maximum_density()));
-      if (t && *t < first) first = *t, medium = &m, local = r;
-    }
-    if (!medium) return;
-    s_.coverage = 1.0;
-    // Half a voxel inside, where the differences see the medium on both sides.
-    const double inside = first + 0.5 / glm::length(local.d);
-    if (const auto gradient = density_gradient(*medium, local.at(inside))) s_.gradient = glm::normalize(*gradient);
-  }
-
-  /// The expectation of the gradient's direction at the first scattering, marched in half voxels.
-  void record_weighted_gradient(const Ray& ray) {
-    dvec3 sum(0);
-    double scattered = 0;
-    for (const Medium& m : media_) {
-      // Each medium by itself: overlaps are weighted as if the other were not there.
-      const Ray local = m.to_local(ray);
-      const double h = 0.5 / glm::length(local.d);
-      const auto [lo, hi] = m.support();
-      const auto [t0, t1] = Solid{Solid::Shape::kBox, lo, hi}.intersect(local);
-      double transmittance = 1;
-      for (double t = std::max(t0, 0.0) + 0.5 * h; t < t1 && transmittance > 1e-3; t += h) {
-        const double tau = m.sigma_t(local.at(t)) * h;
-        if (!(tau > 0)) continue;
-        const double weight = transmittance * -std::expm1(-tau);
-        transmittance -= weight;
-        scattered += weight;
-        if (const auto g = density_gradient(m, local.at(t))) sum += weight * glm::normalize(*g);
-      }
-    }
-    if (scattered > 0) s_.gradient_transmittance_weighted = sum;
-  }
-
-  void record_first_scatter(const Medium& medium, const dvec3& albedo) {
-    const dvec3 p = ray_.o;
-    const dvec3 weight = throughput_.weight;
-    const double w = mean(weight);
-    s_.scatter_share = w;
-    s_.scatter_depth = w * glm::distance(eye_, p);
-    s_.scatter_position = w * (p + c_.world_shift);
-    s_.albedo = w * albedo;
-    const dvec3 local = medium.to_local(p);
-    s_.scatter_density = w * medium.density(local);
-    if (!c_.plan.first_scatter_gradient) return;
-    const auto gradient = density_gradient(medium, local);
-    if (gradient) s_.gradient_first_scatter = w * glm::normalize(*gradient);
-    if (!c_.plan.flash) return;
-    // A lamp at the eye, with falloff for depth and shading by the gradient for relief: a plain one would show opacity
-    // only.
-    const FlashLamp& lamp = c_.flash;
-    const double distance = glm::distance(p, eye_), ratio = lamp.distance / std::max(distance, 1e-12 * lamp.distance);
-    double relief = 1;
-    if (gradient) {
-      const double steepness = glm::length(*gradient), share = steepness / (steepness + lamp.typical_gradient);
-      relief = 1 - share + share * std::max(0.0, glm::dot(*gradient / steepness, ray_.d));
-    }
-    flash_ = weight * albedo * (medium.phase().value(-1.0) * std::clamp(ratio * ratio, 0.25, 4.0) * relief);
   }
 
  public:
@@ -451,7 +367,7 @@ class PathTracer {
  private:
   const PathContext& c_;
   std::span<const Medium> media_;
-  Draws draws_;
+  Rng& rng_;
   PathCounters& counters_;
   PathSample& s_;
 
@@ -471,7 +387,6 @@ void trace_paths(const PathContext& context, std::span<const PathRequest> reques
   static thread_local std::vector<Medium> moved;
   for (size_t i = 0; i < requests.size(); ++i) {
     const PathRequest& request = requests[i];
-    const Sobol sobol(request.key);
     Rng rng(request.key);
     std::span<const Medium> media = context.media;
     if (context.plan.moving_media) {
@@ -480,7 +395,7 @@ void trace_paths(const PathContext& context, std::span<const PathRequest> reques
       media = moved;
     }
     samples[i] = {};
-    PathTracer<F> tracer(context, media, {sobol, rng}, counters, samples[i]);
+    PathTracer<F> tracer(context, media, rng, counters, samples[i]);
     tracer.trace(request.ray);
     if (context.plan.flash) samples[i].flash = samples[i].direct + context.flash.intensity * tracer.flash();
   }
@@ -519,6 +434,7 @@ void PathCounters::merge(const PathCounters& other) {
 }
 
 TracePaths select_path_tracer(const Plan& plan) {
+  if (plan.lanes) return trace_paths_in_lanes;
   switch (plan.media) {
     case Plan::Media::kNone:
       return select_rest<Plan::Media::kNone>(plan);

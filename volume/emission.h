@@ -16,7 +16,9 @@ class EmissionRamp {
  public:
   EmissionRamp() = default;
   EmissionRamp(double lowest, double highest, std::vector<dvec3> entries)
-      : lowest_(lowest), scale_(static_cast<double>(entries.size() - 1) / (highest - lowest)), entries_(std::move(entries)) {}
+      : lowest_(lowest),
+        scale_(static_cast<double>(entries.size() - 1) / (highest - lowest)),
+        entries_(std::move(entries)) {}
 
   /// Black-body glow of kelvin = offset + scale * value, up to `highest` (a grid value), times `intensity`.
   /// @param planck  luminance 1 at 6500 K, and every other temperature in its visible proportion to that; otherwise
@@ -42,10 +44,10 @@ class EmissionField {
   EmissionField(const Solid& solid, const Placement& placement, const dvec3& coefficient)
       : solid_(solid), coefficient_(coefficient), placement_(placement) {}
 
-  /// Unbiased estimate of the emission coefficient's integral along a world ray from t_min to t_max: one jittered look-up
-  /// in each stretch of at most `stride` voxels. Where t_max is a free flight's end, its expectation is the emitted
-  /// radiance, transmittance included, because the flight passes t with the probability T(t).
-  /// Proof: tests/volume/emission_test.cpp
+  /// Unbiased estimate of the emission coefficient's integral along a world ray from t_min to t_max: one jittered
+  /// look-up in each stretch of at most `stride` voxels. Where t_max is a free flight's end, its expectation is the
+  /// emitted radiance, transmittance included, because the flight passes t with the probability T(t). Proof:
+  /// tests/volume/emission_test.cpp
   dvec3 integrate(const Ray& world, double t_min, double t_max, double stride, Rng& rng) const;
   dvec3 coefficient(const dvec3& world) const;
   /// Encloses what glows, world space.
