@@ -11,7 +11,7 @@ namespace {
 
 constexpr double kFar = std::numeric_limits<double>::infinity();
 
-void record_medium_surface(const PathContext& context, std::span<const Medium> media, const Ray& ray, PathSample& s) {
+void find_medium_surface(const PathContext& context, std::span<const Medium> media, const Ray& ray, PathSample& s) {
   double first = kFar;
   const Medium* medium = nullptr;
   Ray local;
@@ -20,11 +20,7 @@ void record_medium_surface(const PathContext& context, std::span<const Medium> m
     const auto t = find_surface(m, r, static_cast<float>(context.surface_density * m.maximum_density()));
     if (t && *t < first) first = *t, medium = &m, local = r;
   }
-  if (!medium) return;
-  s.coverage = 1.0;
-  // Half a voxel inside, where the differences see the medium on both sides.
-  const double inside = first + 0.5 / glm::length(local.d);
-  if (const auto gradient = density_gradient(*medium, local.at(inside))) s.gradient = glm::normalize(*gradient);
+  if (medium) record_medium_surface(*medium, local, first, s);
 }
 
 /// The expectation of the gradient's direction at the first scattering, marched in half voxels. Each medium by itself:
@@ -49,9 +45,16 @@ void record_weighted_gradient(std::span<const Medium> media, const Ray& ray, Pat
 
 }  // namespace
 
+void record_medium_surface(const Medium& medium, const Ray& local, double t, PathSample& s) {
+  s.coverage = 1.0;
+  // Half a voxel inside, where the differences see the medium on both sides.
+  const double inside = t + 0.5 / glm::length(local.d);
+  if (const auto gradient = density_gradient(medium, local.at(inside))) s.gradient = glm::normalize(*gradient);
+}
+
 void record_camera_ray(const PathContext& context, std::span<const Medium> media, const Ray& ray, PathSample& sample) {
   const Plan& plan = context.plan;
-  if (plan.medium_surface) record_medium_surface(context, media, ray, sample);
+  if (plan.medium_surface && !plan.lanes) find_medium_surface(context, media, ray, sample);
   if (plan.optical_depth) {
     double tau = 0;
     for (const Medium& m : media) tau += optical_depth(m, m.to_local(ray), kFar);

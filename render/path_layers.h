@@ -5,7 +5,11 @@ namespace brume {
 
 // What paths record besides light: the layers that filters hold on to. Each is an expectation over the pixel's paths.
 
-/// Layers that follow from the camera ray alone: the medium's surface, optical depth, the marched gradient.
+/// Coverage and gradient of a camera ray that meets a medium's surface at t. @param local  in the medium's coordinates
+void record_medium_surface(const Medium& medium, const Ray& local, double t, PathSample& sample);
+
+/// Layers that follow from the camera ray alone: the medium's surface (unless the plan's lanes look for it themselves),
+/// optical depth, the marched gradient.
 void record_camera_ray(const PathContext& context, std::span<const Medium> media, const Ray& ray, PathSample& sample);
 
 /// Layers of a path's first event, where that is a scattering at p after flying along d.

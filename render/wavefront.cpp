@@ -245,11 +245,32 @@ struct TrackCounters {
   uint64_t lookups = 0;
 };
 
+enum class Walk { kFlight, kShadow, kSurface };
+
+/// The interpolated density at points of cells, q relative to the cell in [0, 8].
+HWY_INLINE V interpolated(const LaneScene& scene, VI brick, V qx, V qy, V qz) {
+  const DI di;
+  const V highest = set(7.0f);
+  const V x0 = hn::Min(hn::Floor(qx), highest), y0 = hn::Min(hn::Floor(qy), highest), z0 = hn::Min(hn::Floor(qz), highest);
+  const V fx = hn::Sub(qx, x0), fy = hn::Sub(qy, y0), fz = hn::Sub(qz, z0);
+  const VI nine = hn::Set(di, 9);
+  VI index = hn::Add(hn::Mul(hn::Add(hn::Mul(hn::ConvertTo(di, x0), nine), hn::ConvertTo(di, y0)), nine),
+                     hn::ConvertTo(di, z0));
+  index = hn::Add(index, brick);
+  const auto value = [&](int offset) { return hn::GatherIndex(D(), scene.values + offset, index); };
+  const auto lerp = [](V a, V b, V f) { return hn::Add(a, hn::Mul(f, hn::Sub(b, a))); };
+  const V a = lerp(lerp(value(0), value(1), fz), lerp(value(9), value(10), fz), fy);
+  const V b = lerp(lerp(value(81), value(82), fz), lerp(value(90), value(91), fz), fy);
+  return lerp(a, b, fx);
+}
+
 /// Walks the rays of a list through the majorant cells. Flights end at a real collision, whose position becomes the
-/// path's, or leave the grid; shadow rays gather their transmittance by ratio tracking.
-template <bool kShadow>
+/// path's, or leave the grid; shadow rays gather their transmittance by ratio tracking; the walk to the medium's surface
+/// ends, voxel by voxel, where the density reaches `iso`, and leaves the ray parameter or -1 in `transmittance`.
+template <Walk kWalk>
 HWY_INLINE void track(const LaneScene& scene, LanePool& pool, const SlotList& rays, SlotList* hits, SlotList* escapes,
-                      TrackCounters& counters) {
+                      float iso, TrackCounters& counters) {
+  constexpr bool kShadow = kWalk == Walk::kShadow, kSurface = kWalk == Walk::kSurface;
   const D d;
   const DI di;
   const DU du;
@@ -267,7 +288,7 @@ HWY_INLINE void track(const LaneScene& scene, LanePool& pool, const SlotList& ra
   const V zero = hn::Zero(d), one = set(1.0f), eight = set(8.0f), huge = set(1e30f), tiny = set(1e-12f);
   V ox = zero, oy = zero, oz = zero, dx = one, dy = one, dz = one, ix = one, iy = one, iz = one;
   V t = zero, cx = zero, cy = zero, cz = zero, tau = zero, weight = one;
-  V px = zero, py = zero, pz = zero;
+  V px = zero, py = zero, pz = zero, voxel_step = one;
   Generator rng{hn::Zero(du), hn::Zero(du), hn::Zero(du), hn::Zero(du)};
   uint32_t busy = 0, finished = 0, collided = 0;
   size_t next = 0;
@@ -279,6 +300,8 @@ HWY_INLINE void track(const LaneScene& scene, LanePool& pool, const SlotList& ra
         hn::Store(rng.s0, du, r0), hn::Store(rng.s1, du, r1), hn::Store(rng.s2, du, r2), hn::Store(rng.s3, du, r3);
         if (kShadow) {
           hn::Store(weight, d, result_x);
+        } else if (kSurface) {
+          hn::Store(t, d, result_x);
         } else {
           hn::Store(px, d, result_x), hn::Store(py, d, result_y), hn::Store(pz, d, result_z);
         }
@@ -288,6 +311,8 @@ HWY_INLINE void track(const LaneScene& scene, LanePool& pool, const SlotList& ra
           pool.s0[s] = r0[lane], pool.s1[s] = r1[lane], pool.s2[s] = r2[lane], pool.s3[s] = r3[lane];
           if (kShadow) {
             pool.transmittance[s] = result_x[lane];
+          } else if (kSurface) {
+            pool.transmittance[s] = collided >> lane & 1 ? result_x[lane] : -1.0f;
           } else if (collided >> lane & 1) {
             pool.ox[s] = result_x[lane], pool.oy[s] = result_y[lane], pool.oz[s] = result_z[lane];
             hits->push(slot[lane]);
@@ -329,8 +354,11 @@ HWY_INLINE void track(const LaneScene& scene, LanePool& pool, const SlotList& ra
         cy = hn::IfThenElse(fresh, cell(oy, scene.ny), cy);
         cz = hn::IfThenElse(fresh, cell(oz, scene.nz), cz);
         t = hn::IfThenElse(fresh, zero, t);
-        weight = hn::IfThenElse(fresh, one, weight);
-        tau = hn::IfThenElse(fresh, rng.exponential(fresh), tau);
+        weight = hn::IfThenElse(fresh, kSurface ? zero : one, weight);
+        if (kSurface)
+          voxel_step = hn::Div(one, hn::Sqrt(dot({dx, dy, dz}, {dx, dy, dz})));
+        else
+          tau = hn::IfThenElse(fresh, rng.exponential(fresh), tau);
         busy |= loaded;
       }
     }
@@ -354,12 +382,13 @@ HWY_INLINE void track(const LaneScene& scene, LanePool& pool, const SlotList& ra
     const V until = hn::Max(exit, t);
     const V sigma_maj = hn::Mul(bound, set(scene.sigma));
     const V remaining = hn::IfThenElse(empty, zero, hn::Mul(hn::Sub(until, t), sigma_maj));
-    const M passes = hn::And(active, hn::Or(empty, hn::Ge(tau, remaining)));
+    const M passes =
+        hn::And(active, kSurface ? hn::Or(hn::Lt(bound, set(iso)), hn::Ge(t, until)) : hn::Or(empty, hn::Ge(tau, remaining)));
     const M collides = hn::AndNot(passes, active);
 
     // Lanes that cross into another cell. Equal times: the lowest axis first.
     {
-      tau = hn::IfThenElse(passes, hn::Sub(tau, remaining), tau);
+      if (!kSurface) tau = hn::IfThenElse(passes, hn::Sub(tau, remaining), tau);
       const M first_x = hn::Eq(exit, tx), first_y = hn::AndNot(first_x, hn::Eq(exit, ty));
       const M first_z = hn::Not(hn::Or(first_x, first_y));
       const auto crossed = [&](V c, M first, M right, V o, V dir) {
@@ -379,6 +408,29 @@ HWY_INLINE void track(const LaneScene& scene, LanePool& pool, const SlotList& ra
     const M left_z = hn::Or(hn::Lt(cz, zero), hn::Ge(cz, set(scene.nz)));
     M done = hn::And(passes, hn::Or(left_x, hn::Or(left_y, left_z)));
 
+    if constexpr (kSurface) {
+      // The density a voxel on; where it has reached the surface's, in between by a straight line.
+      const V t1 = hn::Min(hn::Add(t, voxel_step), until);
+      const auto within = [&](V o, V dir, V c) {
+        const V q = hn::Sub(hn::Add(o, hn::Mul(dir, t1)), hn::Mul(c, eight));
+        return hn::IfThenElseZero(collides, hn::Min(hn::Max(q, zero), eight));
+      };
+      const VI brick = hn::GatherIndex(di, scene.brick, hn::IfThenElseZero(hn::RebindMask(di, collides), cell_index));
+      const V value = interpolated(scene, brick, within(ox, dx, cx), within(oy, dy, cy), within(oz, dz, cz));
+      const M hit = hn::And(collides, hn::Ge(value, set(iso)));
+      const V before = hn::Min(weight, set(iso));
+      const V share = hn::Div(hn::Sub(set(iso), before), hn::Max(hn::Sub(value, before), set(1e-30f)));
+      const V crossing = hn::Add(t, hn::Mul(hn::Sub(t1, t), hn::Min(share, one)));
+      t = hn::IfThenElse(collides, hn::IfThenElse(hit, crossing, t1), t);
+      weight = hn::IfThenElse(collides, value, hn::IfThenElse(passes, zero, weight));
+      done = hn::Or(done, hit);
+      collided |= bits_of(hit);
+      const uint32_t reached = bits_of(done);
+      collided &= ~(reached & ~bits_of(hit));
+      busy &= ~reached;
+      finished |= reached;
+      continue;
+    }
     // Lanes with a tentative collision: one voxel of the eight around the point, by its trilinear weight.
     if (!hn::AllFalse(d, collides)) {
       t = hn::IfThenElse(collides, hn::Add(t, hn::Div(tau, sigma_maj)), t);
@@ -424,14 +476,19 @@ HWY_INLINE void track(const LaneScene& scene, LanePool& pool, const SlotList& ra
 void Flight(const LaneScene& scene, LanePool& pool, const SlotList& rays, SlotList& hits, SlotList& escapes,
             uint64_t& lookups) {
   TrackCounters counters;
-  track<false>(scene, pool, rays, &hits, &escapes, counters);
+  track<Walk::kFlight>(scene, pool, rays, &hits, &escapes, 0, counters);
   lookups += counters.lookups;
 }
 
 void Shadow(const LaneScene& scene, LanePool& pool, const SlotList& rays, uint64_t& lookups) {
   TrackCounters counters;
-  track<true>(scene, pool, rays, nullptr, nullptr, counters);
+  track<Walk::kShadow>(scene, pool, rays, nullptr, nullptr, 0, counters);
   lookups += counters.lookups;
+}
+
+void Surface(const LaneScene& scene, LanePool& pool, const SlotList& rays, float iso) {
+  TrackCounters counters;
+  track<Walk::kSurface>(scene, pool, rays, nullptr, nullptr, iso, counters);
 }
 
 /// The event at the end of a flight: absorption, a sample of one light, roulette, a new direction.
@@ -562,6 +619,7 @@ namespace {
 
 HWY_EXPORT(Flight);
 HWY_EXPORT(Shadow);
+HWY_EXPORT(Surface);
 HWY_EXPORT(Scatter);
 
 LaneScene lane_scene(const PathContext& context) {
@@ -621,6 +679,8 @@ class Wavefront {
     free_.resize(kPool);
     for (size_t i = 0; i < kPool; ++i) free_[i] = static_cast<int32_t>(kPool - 1 - i);
     TrackingCounters& tracking = counters_.tracking;
+    std::fill(samples_.begin(), samples_.end(), PathSample{});
+    if (c_.plan.medium_surface) record_surfaces();
     for (;;) {
       while (!free_.empty() && next_ < requests_.size()) start(next_++);
       if (s.active.count == 0) break;
@@ -650,30 +710,65 @@ class Wavefront {
     SlotList active, hits, escapes, shadows, alive;
   };
 
+  /// Puts a ray into a slot from where it enters the grid's box: near it, single precision is enough.
+  /// @return  the ray parameter there; nothing where it misses
+  std::optional<double> enter(int32_t slot, const Ray& world) {
+    const Medium& medium = c_.media[0];
+    const Ray local = medium.to_local(world);
+    const auto [lo, hi] = medium.support();
+    const auto [t0, t1] = Solid{Solid::Shape::kBox, lo, hi}.intersect(local);
+    const double entry = std::max(t0, 0.0);
+    if (!(t1 > entry)) return std::nullopt;
+    const dvec3 o = local.at(entry);
+    LanePool& p = state_->pool;
+    const auto i = static_cast<size_t>(slot);
+    p.ox[i] = static_cast<float>(o.x), p.oy[i] = static_cast<float>(o.y), p.oz[i] = static_cast<float>(o.z);
+    p.lx[i] = static_cast<float>(local.d.x), p.ly[i] = static_cast<float>(local.d.y);
+    p.lz[i] = static_cast<float>(local.d.z);
+    return entry;
+  }
+
+  /// Where the camera rays meet the medium's surface, for coverage and gradient.
+  void record_surfaces() {
+    const Medium& medium = c_.media[0];
+    const auto iso = static_cast<float>(c_.surface_density * medium.maximum_density());
+    SlotList& rays = state_->active;
+    std::array<std::pair<size_t, double>, kPool> which;  // request and entry of each slot
+    for (size_t next = 0; next < requests_.size();) {
+      for (rays.count = 0; next < requests_.size() && rays.count < kPool; ++next)
+        if (const auto entry = enter(static_cast<int32_t>(rays.count), requests_[next].ray)) {
+          which[rays.count] = {next, *entry};
+          rays.push(static_cast<int32_t>(rays.count));
+        }
+      HWY_DYNAMIC_DISPATCH(Surface)(scene_, state_->pool, rays, iso);
+      for (size_t k = 0; k < rays.count; ++k) {
+        const float t = state_->pool.transmittance[k];
+        if (t < 0) continue;
+        const auto& [request, entry] = which[k];
+        record_medium_surface(medium, medium.to_local(requests_[request].ray), entry + static_cast<double>(t),
+                              samples_[request]);
+      }
+    }
+    rays.count = 0;
+  }
+
   void start(size_t index) {
     const PathRequest& request = requests_[index];
     PathSample& sample = samples_[index];
-    sample = {};
     ++counters_.paths;
     record_camera_ray(c_, c_.media, request.ray, sample);
-    // The ray begins where it enters the grid's box: near it, single precision is enough.
-    const Medium& medium = c_.media[0];
-    Ray local = medium.to_local(request.ray);
-    const auto [t0, t1] = Solid{Solid::Shape::kBox, medium.bricks().support_lo(), medium.bricks().support_hi()}.intersect(local);
-    if (!(t1 > std::max(t0, 0.0))) {
+    const std::optional<double> entry = enter(free_.back(), request.ray);
+    if (!entry) {
       sample.transmittance = dvec3(1);
       escape_directly(request.ray.d, sample);
       return;
     }
-    local.o = local.at(std::max(t0, 0.0));
     LanePool& p = state_->pool;
     const int32_t slot = free_.back();
     free_.pop_back();
     const auto i = static_cast<size_t>(slot);
-    p.ox[i] = static_cast<float>(local.o.x), p.oy[i] = static_cast<float>(local.o.y), p.oz[i] = static_cast<float>(local.o.z);
     p.dx[i] = static_cast<float>(request.ray.d.x), p.dy[i] = static_cast<float>(request.ray.d.y);
     p.dz[i] = static_cast<float>(request.ray.d.z);
-    p.lx[i] = static_cast<float>(local.d.x), p.ly[i] = static_cast<float>(local.d.y), p.lz[i] = static_cast<float>(local.d.z);
     p.tr[i] = p.tg[i] = p.tb[i] = 1.0f;
     p.direct_r[i] = p.direct_g[i] = p.direct_b[i] = p.indirect_r[i] = p.indirect_g[i] = p.indirect_b[i] = 0.0f;
     p.events[i] = 0;

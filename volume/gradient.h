@@ -13,7 +13,7 @@ namespace brume {
 std::optional<dvec3> density_gradient(const Medium& medium, const dvec3& local);
 
 /// Where a ray meets the medium's surface: the first point at which the density reaches `iso`.
-/// Deterministic: marched in half voxels through the cells whose bound allows it, then bisected.
+/// Deterministic: marched in voxels through the cells whose bound allows it, then bisected.
 /// @param ray  local coordinates, parametrised by world distance
 /// @return     the ray parameter; 0 where the ray starts inside; nothing where the surface is never met
 std::optional<double> find_surface(const Medium& medium, const Ray& ray, float iso);
