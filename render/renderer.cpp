@@ -62,7 +62,7 @@ PreparedScene::PreparedScene(Scene scene, const LayerRequest& layers, const Task
   context_.plan = make_plan(media_, lights_, surfaces_.get(), camera, layers);
   if (scene_.render.lanes != "off" && fits_lanes(context_.plan, context_.media, lights_)) {
     context_.plan.lanes = true;
-    lane_grid_ = LaneGrid(context_.media[0].bricks());
+    lane_grid_ = LaneGrid(context_.media[0].bricks(), scene_.render.majorant_scale);
     context_.lane_grid = &lane_grid_;
   }
   context_.max_events = scene_.render.max_events;

@@ -107,6 +107,7 @@ struct RenderSettings {
   std::string light_sampling = "auto";
   double surface_density = 0.01;
   std::string lanes = "auto";
+  double majorant_scale = 1;
 };
 
 struct Scene {

@@ -68,6 +68,8 @@ void describe(Visitor& v, RenderSettings& r) {
      .help = "auto: paths run side by side in SIMD lanes where the scene allows it; off: one by one, to compare",
      .choices = {"auto", "off"}},
     r.lanes);
+  v({"majorant_scale", "1", "loosens every majorant: costs time and changes no mean, to check that", 1, 1000},
+    r.majorant_scale);
 }
 
 template <class Visitor>

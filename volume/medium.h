@@ -58,6 +58,9 @@ class Medium {
   Medium(const Solid& solid, const dmat4& world_from_local, const Coefficients& coefficients,
          const PhaseFunction& phase);
 
+  /// Loosens the majorants that free flights and ratio tracking use; at least 1.
+  void set_majorant_scale(double scale) { majorant_scale_ = scale; }
+  double majorant_scale() const { return majorant_scale_; }
   void set_colour(const VectorBricks& colour, const Placement& where) { colour_ = &colour, colour_placement_ = where; }
   void set_displacement(const Displacement& displacement) { displacement_ = &displacement; }
   /// The transform at the shutter's end; it moves there in a straight line from the one given at construction.
@@ -131,7 +134,7 @@ class Medium {
   const VectorBricks* colour_ = nullptr;
   Placement colour_placement_;
   const Displacement* displacement_ = nullptr;
-  double time_ = 0;
+  double time_ = 0, majorant_scale_ = 1;
   Coefficients coefficients_;
   double sigma_max_ = 0;
   dvec3 ratio_{1};

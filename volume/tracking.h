@@ -34,6 +34,7 @@ class TentativeCollisions {
       : medium_(&medium),
         ray_(local),
         k_(medium.extinction_per_density()),
+        margin_(kMajorantMargin * medium.majorant_scale()),
         walk_(walked_grid(medium), {local.o + medium.walked_shift(), local.d}, 0.0, t_max) {
     tau_ = rng.exponential();  // carried across cells: the same process as drawing anew in each, for less
     if (medium.solid()) {
@@ -59,7 +60,7 @@ class TentativeCollisions {
         t_ = segment_.t0;
         open_ = true;
       }
-      const double majorant = segment_.majorant * kMajorantMargin, sigma_maj = k_ * majorant;
+      const double majorant = segment_.majorant * margin_, sigma_maj = k_ * majorant;
       const double remaining = (segment_.t1 - t_) * sigma_maj;
       if (tau_ >= remaining) {
         tau_ -= remaining;
@@ -70,7 +71,7 @@ class TentativeCollisions {
       t_ += tau_ / sigma_maj;
       double density;
       if (medium_->solid()) {
-        density = majorant;
+        density = 1.0;
       } else if (medium_->displacement()) {
         density = medium_->density(ray_.at(t_));
       } else {
@@ -91,7 +92,7 @@ class TentativeCollisions {
 
   const Medium* medium_;
   Ray ray_;
-  double k_, tau_, t_ = 0;
+  double k_, margin_, tau_, t_ = 0;
   MajorantWalk walk_;
   MajorantWalk::Segment segment_{};
   bool open_ = false, fresh_ = true;

@@ -81,6 +81,20 @@ void write_affine_vdb(const std::filesystem::path& path, const VoxelBox& box, co
   file.close();
 }
 
+void write_velocity_vdb(const std::filesystem::path& path, const std::filesystem::path& density, const VoxelBox& box,
+                        const dvec3& velocity) {
+  openvdb::initialize();
+  openvdb::io::File in(density.string());
+  in.open();
+  const openvdb::GridBase::Ptr grid = in.readGrid("density");
+  auto field = openvdb::Vec3SGrid::create(openvdb::Vec3s(0.0f));
+  field->setName("vel");
+  field->setTransform(grid->transform().copy());
+  field->fill({{box.lo.x, box.lo.y, box.lo.z}, {box.hi.x, box.hi.y, box.hi.z}},
+              openvdb::Vec3s(static_cast<float>(velocity.x), static_cast<float>(velocity.y), static_cast<float>(velocity.z)));
+  openvdb::io::File(path.string()).write(openvdb::GridCPtrVec{grid, field});
+}
+
 Mean mean_radiance(const Layers& frame, const LayerName& layer) {
   Mean mean;
   const double pixels = static_cast<double>(frame.width()) * frame.height();

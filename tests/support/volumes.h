@@ -24,6 +24,10 @@ dvec3 random_point(Rng& rng, const dvec3& lo, const dvec3& hi);
 void write_affine_vdb(const std::filesystem::path& path, const VoxelBox& box, const dmat4& world_from_index,
                       const std::function<float(const ivec3&)>& density);
 
+/// Copies the density of a VDB and adds a velocity grid "vel", the same vector everywhere in a box, on the same lattice.
+void write_velocity_vdb(const std::filesystem::path& path, const std::filesystem::path& density, const VoxelBox& box,
+                        const dvec3& velocity);
+
 /// Mean radiance of a picture over all its pixels, and the standard error of that mean from the samples' variance.
 struct Mean {
   dvec3 value{0}, error{0};
