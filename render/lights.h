@@ -12,13 +12,16 @@ namespace brume {
 
 class TriangleMesh;
 
+class Light;
+
 /// A direction from a point towards a light.
 struct LightSample {
   dvec3 wi{0};        ///< unit
   dvec3 radiance{0};  ///< that arrives from there in empty space
   double pdf = 0;     ///< [1/sr]; 1 where delta
   double distance = 0;
-  bool delta = false;  ///< a single direction: radiance holds the irradiance, no other technique can hit it
+  bool delta = false;            ///< a single direction: radiance holds the irradiance, no other technique can hit it
+  const Light* light = nullptr;  ///< whose it is; set by Lights::sample
 };
 
 /// Something that next-event estimation can aim at.

@@ -338,8 +338,9 @@ class PathTracer {
     if constexpr (F.finite_lights)
       for (const FiniteLight* finite : c_.lights->finite()) {
         // Rays end on every finite light; the one that is aimed at is not in its own way.
+        if (finite == light.light) continue;
         const double t = finite->intersect(shadow);
-        if (t > 0 && t < light.distance * (1.0 - 1e-9)) return dvec3(0);
+        if (t > 0 && t < light.distance) return dvec3(0);
       }
     if constexpr (F.surfaces)
       if (c_.surfaces->occluded(shadow, light.distance * (1.0 - 1e-4))) return dvec3(0);

@@ -20,8 +20,8 @@
 #define BRUME_RENDER_WAVEFRONT_TYPES
 namespace brume {
 
-constexpr size_t kPool = 2048;      // paths in flight per thread: their state stays in the second-level cache
-constexpr size_t kPadding = 64;     // lists may be read past their end, up to a vector: into slots that nobody owns
+constexpr size_t kPool = 2048;   // paths in flight per thread: their state stays in the second-level cache
+constexpr size_t kPadding = 64;  // lists may be read past their end, up to a vector: into slots that nobody owns
 constexpr size_t kMostSuns = 16;
 
 /// The scene as the kernels need it, in single precision.
@@ -73,7 +73,10 @@ struct LanePool {
 struct SlotList {
   std::array<int32_t, kPool + kPadding> slot;
   size_t count = 0;
-  void pad() { std::fill(slot.begin() + static_cast<std::ptrdiff_t>(count), slot.begin() + static_cast<std::ptrdiff_t>(count + kPadding), static_cast<int32_t>(kPool)); }
+  void pad() {
+    std::fill(slot.begin() + static_cast<std::ptrdiff_t>(count),
+              slot.begin() + static_cast<std::ptrdiff_t>(count + kPadding), static_cast<int32_t>(kPool));
+  }
   void push(int32_t s) { slot[count++] = s; }
 };
 
@@ -171,8 +174,8 @@ HWY_INLINE SinCosV sincos_2pi(V u) {
   const DI di;
   const auto odd = hn::RebindMask(D(), hn::Ne(hn::And(quadrant, hn::Set(di, 1)), hn::Zero(di)));
   const auto minus_s = hn::RebindMask(D(), hn::Ne(hn::And(quadrant, hn::Set(di, 2)), hn::Zero(di)));
-  const auto minus_c = hn::RebindMask(
-      D(), hn::Ne(hn::And(hn::Add(quadrant, hn::Set(di, 1)), hn::Set(di, 2)), hn::Zero(di)));
+  const auto minus_c =
+      hn::RebindMask(D(), hn::Ne(hn::And(hn::Add(quadrant, hn::Set(di, 1)), hn::Set(di, 2)), hn::Zero(di)));
   const V rs = hn::IfThenElse(odd, c, s), rc = hn::IfThenElse(odd, s, c);
   return {hn::IfThenElse(minus_s, hn::Neg(rs), rs), hn::IfThenElse(minus_c, hn::Neg(rc), rc)};
 }
@@ -251,7 +254,8 @@ enum class Walk { kFlight, kShadow, kSurface };
 HWY_INLINE V interpolated(const LaneScene& scene, VI brick, V qx, V qy, V qz) {
   const DI di;
   const V highest = set(7.0f);
-  const V x0 = hn::Min(hn::Floor(qx), highest), y0 = hn::Min(hn::Floor(qy), highest), z0 = hn::Min(hn::Floor(qz), highest);
+  const V x0 = hn::Min(hn::Floor(qx), highest), y0 = hn::Min(hn::Floor(qy), highest),
+          z0 = hn::Min(hn::Floor(qz), highest);
   const V fx = hn::Sub(qx, x0), fy = hn::Sub(qy, y0), fz = hn::Sub(qz, z0);
   const VI nine = hn::Set(di, 9);
   VI index = hn::Add(hn::Mul(hn::Add(hn::Mul(hn::ConvertTo(di, x0), nine), hn::ConvertTo(di, y0)), nine),
@@ -265,8 +269,9 @@ HWY_INLINE V interpolated(const LaneScene& scene, VI brick, V qx, V qy, V qz) {
 }
 
 /// Walks the rays of a list through the majorant cells. Flights end at a real collision, whose position becomes the
-/// path's, or leave the grid; shadow rays gather their transmittance by ratio tracking; the walk to the medium's surface
-/// ends, voxel by voxel, where the density reaches `iso`, and leaves the ray parameter or -1 in `transmittance`.
+/// path's, or leave the grid; shadow rays gather their transmittance by ratio tracking; the walk to the medium's
+/// surface ends, voxel by voxel, where the density reaches `iso`, and leaves the ray parameter or -1 in
+/// `transmittance`.
 template <Walk kWalk>
 HWY_INLINE void track(const LaneScene& scene, LanePool& pool, const SlotList& rays, SlotList* hits, SlotList* escapes,
                       float iso, TrackCounters& counters) {
@@ -370,20 +375,21 @@ HWY_INLINE void track(const LaneScene& scene, LanePool& pool, const SlotList& ra
     cell_index = hn::IfThenElseZero(hn::RebindMask(di, active), cell_index);
     const V bound = hn::GatherIndex(d, scene.majorant, cell_index);
     const M empty = hn::Lt(bound, zero);
-    const V ahead = hn::IfThenElse(empty, hn::Neg(bound), one);   // cells to the far faces
-    const V behind = hn::Sub(one, ahead);                         // and to the near ones
+    const V ahead = hn::IfThenElse(empty, hn::Neg(bound), one);  // cells to the far faces
+    const V behind = hn::Sub(one, ahead);                        // and to the near ones
     const M right_x = hn::Ge(dx, zero), right_y = hn::Ge(dy, zero), right_z = hn::Ge(dz, zero);
     const auto exit_time = [&](V c, M right, V o, V inverse) {
       const V plane = hn::Mul(hn::Add(c, hn::IfThenElse(right, ahead, behind)), eight);
       return hn::Mul(hn::Sub(plane, o), inverse);
     };
-    const V tx = exit_time(cx, right_x, ox, ix), ty = exit_time(cy, right_y, oy, iy), tz = exit_time(cz, right_z, oz, iz);
+    const V tx = exit_time(cx, right_x, ox, ix), ty = exit_time(cy, right_y, oy, iy),
+            tz = exit_time(cz, right_z, oz, iz);
     const V exit = hn::Min(hn::Min(tx, ty), tz);
     const V until = hn::Max(exit, t);
     const V sigma_maj = hn::Mul(bound, set(scene.sigma));
     const V remaining = hn::IfThenElse(empty, zero, hn::Mul(hn::Sub(until, t), sigma_maj));
-    const M passes =
-        hn::And(active, kSurface ? hn::Or(hn::Lt(bound, set(iso)), hn::Ge(t, until)) : hn::Or(empty, hn::Ge(tau, remaining)));
+    const M passes = hn::And(
+        active, kSurface ? hn::Or(hn::Lt(bound, set(iso)), hn::Ge(t, until)) : hn::Or(empty, hn::Ge(tau, remaining)));
     const M collides = hn::AndNot(passes, active);
 
     // Lanes that cross into another cell. Equal times: the lowest axis first.
@@ -446,7 +452,8 @@ HWY_INLINE void track(const LaneScene& scene, LanePool& pool, const SlotList& ra
       const VI vz = voxel(qz, cz, hn::ShiftRight<16>(jitter_z));
       const VI nine = hn::Set(di, 9);
       VI index = hn::Add(hn::Mul(hn::Add(hn::Mul(vx, nine), vy), nine), vz);
-      index = hn::Add(index, hn::GatherIndex(di, scene.brick, hn::IfThenElseZero(hn::RebindMask(di, collides), cell_index)));
+      index = hn::Add(index,
+                      hn::GatherIndex(di, scene.brick, hn::IfThenElseZero(hn::RebindMask(di, collides), cell_index)));
       const V value = hn::GatherIndex(d, scene.values, hn::IfThenElseZero(hn::RebindMask(di, collides), index));
       counters.lookups += hn::CountTrue(d, collides);
       const V u = rng.uniform(collides);
@@ -526,8 +533,9 @@ void Scatter(const LaneScene& scene, LanePool& pool, SlotList& slots, SlotList& 
       const SinCosV phi = sincos_2pi(u2);
       for (size_t k = 0; k < scene.sun_count; ++k) {
         const LaneScene::LaneSun& sun = scene.suns[k];
-        const M mine = hn::AndNot(chosen_before, hn::Or(hn::Lt(choice, set(sun.share_end)),
-                                                        mask_of(k + 1 == scene.sun_count && !scene.environment ? ~0u : 0u)));
+        const M mine =
+            hn::AndNot(chosen_before, hn::Or(hn::Lt(choice, set(sun.share_end)),
+                                             mask_of(k + 1 == scene.sun_count && !scene.environment ? ~0u : 0u)));
         chosen_before = hn::Or(chosen_before, mine);
         const V h = hn::Mul(u1, set(sun.one_minus_cos));
         const V s = hn::Sqrt(hn::Max(hn::Mul(h, hn::Sub(set(2.0f), h)), zero));
@@ -584,7 +592,8 @@ void Scatter(const LaneScene& scene, LanePool& pool, SlotList& slots, SlotList& 
       const V boost = hn::IfThenElse(plays, hn::Div(one, survival), one);
       tr = hn::Mul(tr, boost), tg = hn::Mul(tg, boost), tb = hn::Mul(tb, boost);
     }
-    const auto cut = hn::And(lives, hn::RebindMask(d, hn::Gt(hn::BitCast(di, events), hn::Set(di, scene.max_events - 1))));
+    const auto cut =
+        hn::And(lives, hn::RebindMask(d, hn::Gt(hn::BitCast(di, events), hn::Set(di, scene.max_events - 1))));
     if (!hn::AllFalse(d, cut)) {
       HWY_ALIGN float carried[hn::MaxLanes(d)];
       hn::Store(hn::Max(hn::Max(tr, tg), tb), d, carried);
@@ -825,7 +834,8 @@ class Wavefront {
     const Medium& medium = c_.media[0];
     const dvec3 at = medium.to_world(dvec3(p.ox[i], p.oy[i], p.oz[i]));
     if (c_.plan.first_event)
-      sample.flash = record_first_scatter(c_, medium, request.ray.o, at, request.ray.d, dvec3(1), medium.albedo(), sample);
+      sample.flash =
+          record_first_scatter(c_, medium, request.ray.o, at, request.ray.d, dvec3(1), medium.albedo(), sample);
   }
 
   /// What the shadow rays brought. Light scattered once is direct (TRANSPORT.md section 11).

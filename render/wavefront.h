@@ -14,8 +14,8 @@ bool fits_lanes(const Plan& plan, std::span<const Medium> media, const Lights& l
 /// Densities are looked up at one of the eight voxels around a point, chosen with the trilinear weights: the same
 /// expectation as interpolating, for an eighth of the memory traffic (in delta tracking even the same distribution).
 ///
-/// Each path draws from its own generator in its own order and no sum runs across paths: the same bits for any number of
-/// lanes and any instruction set.
+/// Each path draws from its own generator in its own order and no sum runs across paths: the same bits for any number
+/// of lanes and any instruction set.
 ///
 /// Proof: tests/render/wavefront_test.cpp, and every test of the general loop's estimators whose scene fits.
 void trace_paths_in_lanes(const PathContext& context, std::span<const PathRequest> requests,

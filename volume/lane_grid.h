@@ -19,8 +19,8 @@ struct LaneGrid {
   size_t bytes() const { return majorant.size() * sizeof(float) + brick.size() * sizeof(int32_t); }
 
   int nx = 0, ny = 0, nz = 0;
-  /// x slowest, z fastest. Positive: bound of the density in the cell. Negative, -(r + 1): the cell and all others within
-  /// r cells of it (Chebyshev distance) are empty, and can be crossed in one step.
+  /// x slowest, z fastest. Positive: bound of the density in the cell. Negative, -(r + 1): the cell and all others
+  /// within r cells of it (Chebyshev distance) are empty, and can be crossed in one step.
   std::vector<float> majorant;
   std::vector<int32_t> brick;  ///< where the cell's 9 x 9 x 9 values begin in `values`
   const float* values = nullptr;

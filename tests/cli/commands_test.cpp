@@ -1,8 +1,15 @@
 // Every verb, as a person types it.
 
+#include <arpa/inet.h>
 #include <gtest/gtest.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
+#include <unistd.h>
 
+#include <algorithm>
+#include <cstring>
 #include <nlohmann/json.hpp>
+#include <thread>
 
 #include "image/exr_io.h"
 #include "tests/support/files.h"
@@ -20,7 +27,7 @@ TEST(Commands, HelpAndVersion) {
   EXPECT_EQ(run_brume("--help").status, 0);
   EXPECT_TRUE(run_brume("--version").out.starts_with("brume 0."));
   for (const char* verb :
-       {"info", "generate", "halve", "render", "denoise", "compare", "evaluate", "filters", "docs"}) {
+       {"info", "generate", "halve", "render", "merge", "denoise", "compare", "evaluate", "filters", "docs"}) {
     const auto r = run_brume(std::string(verb) + " --help");
     EXPECT_EQ(r.status, 0) << verb;
     EXPECT_NE(r.out.find("--threads"), std::string::npos) << verb;
@@ -163,6 +170,110 @@ TEST(Commands, EvaluateWritesItsFolder) {
   EXPECT_NE(again.out.find("one seed: cannot tell"), std::string::npos) << "a single seed proves nothing";
   EXPECT_EQ(test::read_file(folder / "out/mine.txt"), "keep");
   EXPECT_TRUE(std::filesystem::exists(folder / "out/table.csv"));
+}
+
+TEST(Commands, PartsMergeToTheWhole) {
+  const test::TemporaryFolder folder;
+  const auto file = [&](const char* name) { return (folder / name).string(); };
+  ASSERT_EQ(run_brume("render " + kScene + kSmall + " -o " + file("whole.exr")).status, 0);
+  for (const char* part : {"1", "2"}) {
+    const auto r = run_brume("render " + kScene + kSmall + " --part " + part + "/2 -o " + file("p") + part + ".exr");
+    ASSERT_EQ(r.status, 0) << r.err;
+  }
+  const auto merge = run_brume("merge " + file("p2.exr") + " " + file("p1.exr") + " -o " + file("merged.exr"));
+  ASSERT_EQ(merge.status, 0) << merge.err;
+  EXPECT_EQ(json::parse(
+                run_brume("compare --json " + file("merged.exr") + " " + file("whole.exr")).out)["metrics"]["lab_rms"],
+            0.0);
+  const auto half = run_brume("merge " + file("p2.exr") + " -o " + file("half.exr"));
+  EXPECT_EQ(half.status, 0);
+  EXPECT_NE(half.err.find("2 of 4 samples per pixel are there (samples 2-4)"), std::string::npos) << half.err;
+  const auto twice = run_brume("merge " + file("p2.exr") + " " + file("p2.exr") + " -o " + file("no.exr"));
+  EXPECT_EQ(twice.status, 2);
+  EXPECT_NE(twice.err.find("overlap"), std::string::npos);
+  EXPECT_FALSE(std::filesystem::exists(folder / "no.exr"));
+}
+
+TEST(Commands, CheckpointsAreGoneOnWith) {
+  const test::TemporaryFolder folder;
+  const auto file = [&](const char* name) { return (folder / name).string(); };
+  const std::string size = " -D film.width=32 -D film.height=24 -q";
+  ASSERT_EQ(run_brume("render " + kScene + size + " --spp 6 -o " + file("whole.exr")).status, 0);
+  ASSERT_EQ(
+      run_brume("render " + kScene + size + " --spp 2 --checkpoint " + file("c.exr") + " -o " + file("a.exr")).status,
+      0);
+  const auto more =
+      run_brume("render " + kScene + size + " --spp 6 --resume " + file("c.exr") + " -o " + file("b.exr"));
+  ASSERT_EQ(more.status, 0) << more.err;
+  EXPECT_EQ(
+      json::parse(run_brume("compare --json " + file("b.exr") + " " + file("whole.exr")).out)["metrics"]["lab_rms"],
+      0.0);
+  const auto other =
+      run_brume("render " + kScene + size + " --spp 8 --seed 4 --resume " + file("c.exr") + " -o " + file("d.exr"));
+  EXPECT_EQ(other.status, 2);
+  EXPECT_NE(other.err.find("the seed is 0 in the first, 4 in the second"), std::string::npos) << other.err;
+  const auto timed = run_brume("render " + kScene + size + " --time 0.5s -o " + file("t.exr"));
+  EXPECT_EQ(timed.status, 0) << timed.err;
+  EXPECT_GT(std::get<int>(read_exr_info(file("t.exr")).header.at("samplesPerPixel")), 4);
+}
+
+// What tev would read: a picture is made, then its pixels come tile by tile.
+TEST(Commands, TheViewerGetsThePictureAsItGrows) {
+  const int server = ::socket(AF_INET, SOCK_STREAM, 0);
+  sockaddr_in address{};
+  address.sin_family = AF_INET;
+  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  ASSERT_EQ(bind(server, reinterpret_cast<sockaddr*>(&address), sizeof address), 0);
+  ASSERT_EQ(listen(server, 1), 0);
+  socklen_t length = sizeof address;
+  getsockname(server, reinterpret_cast<sockaddr*>(&address), &length);
+  std::string received;
+  std::thread viewer([&] {
+    const int client = accept(server, nullptr, nullptr);
+    char buffer[4096];
+    for (ssize_t n; (n = read(client, buffer, sizeof buffer)) > 0;) received.append(buffer, static_cast<size_t>(n));
+    close(client);
+  });
+  const test::TemporaryFolder folder;
+  const auto r = run_brume("render " + kScene + kSmall + " --tev 127.0.0.1:" + std::to_string(ntohs(address.sin_port)) +
+                           " -o " + (folder / "a.exr").string());
+  viewer.join();
+  close(server);
+  ASSERT_EQ(r.status, 0) << r.err;
+  size_t at = 0, updates = 0;
+  std::vector<bool> seen(32 * 24);
+  const auto integer = [&](size_t offset) {
+    int32_t v;
+    std::memcpy(&v, received.data() + offset, 4);
+    return v;
+  };
+  while (at < received.size()) {
+    const int32_t size = integer(at);
+    const int type = received[at + 4];
+    const size_t name = at + 6;
+    ASSERT_EQ(std::string(received.data() + name), "smoke");
+    const size_t fields = name + 6;
+    if (at == 0) {
+      EXPECT_EQ(type, 4);
+      EXPECT_EQ(integer(fields), 32);
+      EXPECT_EQ(integer(fields + 4), 24);
+      EXPECT_EQ(integer(fields + 8), 4);
+    } else {
+      EXPECT_EQ(type, 6);
+      const size_t window = fields + 4 + 8;  // count, four names of one letter
+      for (int y = 0; y < integer(window + 12); ++y)
+        for (int x = 0; x < integer(window + 8); ++x)
+          seen[static_cast<size_t>((integer(window + 4) + y) * 32 + integer(window) + x)] = true;
+      ++updates;
+    }
+    at += static_cast<size_t>(size);
+  }
+  EXPECT_EQ(at, received.size());
+  EXPECT_GE(updates, 4u);
+  EXPECT_EQ(std::count(seen.begin(), seen.end(), true), 32 * 24);
+  const auto nobody = run_brume("render " + kScene + kSmall + " --tev 127.0.0.1:1 -o " + (folder / "b.exr").string());
+  EXPECT_EQ(nobody.status, 2);
+  EXPECT_NE(nobody.err.find("nobody listens at 127.0.0.1:1"), std::string::npos);
 }
 
 }  // namespace

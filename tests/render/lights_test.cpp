@@ -7,6 +7,7 @@
 #include "base/rng.h"
 #include "base/running_statistics.h"
 #include "image/exr_io.h"
+#include "render/sky.h"
 #include "tests/support/files.h"
 #include "tests/support/volumes.h"
 
@@ -136,6 +137,132 @@ TEST_F(LatLong, OneTexelOfAMillionAndABlackPictureAreSurvived) {
     ASSERT_TRUE(std::isfinite(l.radiance.x / l.pdf));
   }
   EXPECT_TRUE(load(8, 4, [](int, int) { return dvec3(0); }).black());
+}
+
+// The irradiance of a square lamp on a facing plane right below its middle is a closed form; samples, densities and
+// intersections agree; nothing comes from behind.
+TEST(RectangleLight, IrradianceIsTheClosedForm) {
+  LightSettings settings;
+  settings.type = "rectangle";
+  settings.position = {0, 0, 2}, settings.edge_x = {0, 2, 0}, settings.edge_y = {2, 0, 0};
+  settings.radiance = dvec3(3);
+  const RectangleLight light(settings, dvec3(0));
+  // Form factor of a parallel rectangle over its corner, four times: sides a = b = 1 at distance 2.
+  const double a = 0.5, root = std::sqrt(1 + a * a);
+  const double factor = 4 * (1 / (2 * kPi)) * 2 * (a / root * std::atan(a / root));
+  Rng rng(4);
+  RunningStatistics e, found;
+  for (int i = 0; i < 200000; ++i) {
+    const LightSample l = light.sample(dvec3(0), {rng.uniform(), rng.uniform()});
+    const Ray ray{dvec3(0), l.wi};
+    ASSERT_NEAR(light.intersect(ray), l.distance, 1e-9);
+    ASSERT_NEAR(light.pdf(ray, l.distance), l.pdf, 1e-9 * l.pdf);
+    e.add(l.radiance.x * l.wi.z / l.pdf);
+    // And by directions that know nothing of the lamp.
+    const dvec3 d = test::random_direction(rng);
+    const double t = light.intersect({dvec3(0), d});
+    found.add(t > 0 ? light.radiance({dvec3(0), d}, t).x * std::max(0.0, d.z) * 4 * kPi : 0.0);
+  }
+  EXPECT_NEAR(e.mean, 3 * kPi * factor, 5 * std::sqrt(e.mean_variance()) + 1e-6);
+  EXPECT_NEAR(found.mean, 3 * kPi * factor, 5 * std::sqrt(found.mean_variance()));
+  EXPECT_EQ(light.sample(dvec3(0, 0, 5), {0.3, 0.6}).radiance, dvec3(0)) << "its back is black";
+}
+
+TEST(PointLight, FallsOffWithTheSquareAndSpotsFade) {
+  LightSettings settings;
+  settings.type = "point";
+  settings.position = {0, 0, 3}, settings.intensity = {9, 18, 0};
+  const LightSample at = PointLight(settings, dvec3(0)).sample(dvec3(0), {0.1, 0.2});
+  EXPECT_TRUE(at.delta);
+  EXPECT_NEAR(glm::distance(at.radiance, dvec3(1, 2, 0)), 0, 1e-12);
+  settings.type = "spot";
+  settings.direction = {0, 0, -1}, settings.cone_angle = 60, settings.cone_softness = 0.5;
+  const PointLight spot(settings, dvec3(0));
+  EXPECT_NEAR(spot.sample(dvec3(0), {0, 0}).radiance.x, 1, 1e-12);
+  EXPECT_EQ(spot.sample(dvec3(3, 0, 0), {0, 0}).radiance, dvec3(0)) << "45 degrees off the axis";
+  const double faded = spot.sample(dvec3(3 * std::tan(22 * kPi / 180), 0, 0), {0, 0}).radiance.x;
+  EXPECT_GT(faded, 0.05);
+  EXPECT_LT(faded, 0.8);
+}
+
+// With many lights, one of them is chosen by what it would give at the point: probabilities sum to 1, and the estimate
+// of the sum of all is right where each light is met.
+TEST(Lights, ChoiceFollowsTheEstimatedContribution) {
+  Scene scene;
+  for (int i = 0; i < 40; ++i) {
+    LightSettings l;
+    l.type = i % 2 ? "sphere" : "point";
+    l.position = {std::cos(0.7 * i) * (1 + 0.3 * i), std::sin(0.7 * i) * (1 + 0.3 * i), 0.2 * (i % 7)};
+    l.radius = 0.05, l.radiance = dvec3(20), l.intensity = dvec3(1 + i % 3);
+    scene.lights.push_back(l);
+  }
+  scene.lights.push_back(sun_settings(1));
+  Lights lights(scene, dvec3(0));
+  lights.finish("auto");
+  ASSERT_EQ(lights.sampled_count(), 41u);
+  const dvec3 p(0.4, 0.1, 0.3);
+  double sum = 0, exact = 0;
+  for (const SphereLight* light : [&] {
+         std::vector<const SphereLight*> spheres;
+         for (const FiniteLight* f : lights.finite()) spheres.push_back(static_cast<const SphereLight*>(f));
+         return spheres;
+       }()) {
+    sum += lights.choice_probability(*light, p);
+    exact += 20 / light->pdf(p);
+  }
+  for (const PointLight* light : lights.points()) {
+    sum += lights.choice_probability(*light, p);
+    exact += light->sample(p, {0, 0}).radiance.x;
+  }
+  sum += lights.choice_probability(*lights.suns()[0], p);
+  exact += lights.suns()[0]->disc_radiance().x / lights.suns()[0]->pdf(lights.suns()[0]->axis());
+  EXPECT_NEAR(sum, 1, 1e-12);
+  Rng rng(5);
+  RunningStatistics s;
+  for (int i = 0; i < 100000; ++i) {
+    const double choice = rng.uniform(), u = rng.uniform();
+    const LightSample l = lights.sample(p, choice, {u, rng.uniform()});
+    s.add(l.radiance.x / l.pdf);
+  }
+  EXPECT_NEAR(s.mean, exact, 5 * std::sqrt(s.mean_variance()));
+  EXPECT_LT(std::sqrt(s.sample_variance()), 1.5 * exact) << "lights are chosen by what they give";
+}
+
+// Preetham's zenith luminance, a brighter ring around the sun, a sky bluer than its sun.
+TEST(Sky, IsPreethams) {
+  EnvironmentSettings settings;
+  settings.sky = "preetham", settings.turbidity = 3, settings.radiance = dvec3(1);
+  settings.sun_direction = {std::sin(0.8), 0, std::cos(0.8)};
+  const Environment sky(settings);
+  const double chi = (4.0 / 9 - 3.0 / 120) * (kPi - 1.6);
+  const double zenith = (4.0453 * 3 - 4.9710) * std::tan(chi) - 0.2155 * 3 + 2.4192;
+  EXPECT_NEAR(luminance(sky.radiance(dvec3(0, 0, 1))), zenith, 0.02 * zenith);
+  const dvec3 near_sun = glm::normalize(settings.sun_direction), opposite(-near_sun.x, 0, near_sun.z);
+  EXPECT_GT(luminance(sky.radiance(near_sun)), 2 * luminance(sky.radiance(opposite)));
+  const dvec3 blue = sky.radiance(dvec3(0, 0, 1));
+  EXPECT_GT(blue.z, 1.2 * blue.x);
+  const LightSettings sun = preetham_sun(settings);
+  EXPECT_GT(sun.irradiance.x, sun.irradiance.z);
+  EXPECT_GT(luminance(sun.irradiance), 50) << "tens of klux";
+  EXPECT_LT(luminance(sun.irradiance), 128);
+  EXPECT_NEAR(sky.radiance(dvec3(0.1, 0.3, -0.9)).y, sky.radiance(dvec3(-0.5, 0.3, -0.6)).y, 1e-6) << "the ground";
+}
+
+// One texel of 1e6 in a dim sky: found by light sampling, said in the notes, and no path of a picture turns it into a
+// firefly that the mean cannot bear.
+TEST_F(LatLong, OneTexelOfAMillionIsSampledAndSaid) {
+  const Environment sky = load(64, 32, [](int x, int y) { return dvec3(x == 20 && y == 5 ? 1e6 : 0.1); });
+  ASSERT_EQ(sky.notes().size(), 1u);
+  EXPECT_NE(sky.notes()[0].find("one texel holds"), std::string::npos);
+  Rng rng(6);
+  RunningStatistics s;
+  for (int i = 0; i < 20000; ++i) {
+    const double u = rng.uniform();
+    const LightSample l = sky.sample({u, rng.uniform()});
+    s.add(l.radiance.x / l.pdf);
+  }
+  EXPECT_NEAR(s.mean / (4 * kPi * sky.mean_radiance().x), 1, 0.15) << "up to the bilinear skirt of the texel";
+  EXPECT_LT(std::sqrt(s.sample_variance()), 3 * s.mean);
 }
 
 }  // namespace

@@ -47,8 +47,8 @@ LightSettings sun(const dvec3& direction, double irradiance, double diameter = 0
   return l;
 }
 
-// Exact spheres, closed forms and quadrature of TRANSPORT.md section 13.4; 64 x 4000 paths: a bias of 1 % (2 % at a = 5)
-// would be found.
+// Exact spheres, closed forms and quadrature of TRANSPORT.md section 13.4; 64 x 4000 paths: a bias of 1 % (2 % at a =
+// 5) would be found.
 TEST(HomogeneousMedium, SingleScatteringInASphere) {
   struct Row {
     double a, side, back, forward;
@@ -60,8 +60,8 @@ TEST(HomogeneousMedium, SingleScatteringInASphere) {
       Scene s = through_the_middle();
       s.volumes.push_back(solid("sphere", row.a, 1.0));
       s.lights.push_back(sun(to_light, 1));
-      const test::Mean m =
-          test::mean_radiance(PreparedScene(s, LayerRequest::of({"single"}, true)).render(4000, 2, {}).layers, layer::single);
+      const test::Mean m = test::mean_radiance(
+          PreparedScene(s, LayerRequest::of({"single"}, true)).render(4000, 2, {}).layers, layer::single);
       EXPECT_NEAR(m.value.x, expected, 4.5 * m.error.x + 1e-6) << row.a << ", light from " << to_light.y;
       EXPECT_LT(4.5 * m.error.x, 0.02 * expected + 5e-6);
     }
@@ -83,7 +83,8 @@ TEST(Emission, OfAnAbsorbingBall) {
   }
 }
 
-// Emission does not need extinction: a clear ball that glows has the chord's length times its coefficient, without noise.
+// Emission does not need extinction: a clear ball that glows has the chord's length times its coefficient, without
+// noise.
 TEST(Emission, WithoutExtinctionHasNoNoise) {
   Scene s = through_the_middle();
   s.volumes.push_back(solid("sphere", 0.0, 0.0));
@@ -127,7 +128,9 @@ TEST(ChromaticMedium, EachChannelIsItsMonochromeRun) {
   s.volumes.push_back(solid("sphere", 1, 1));
   s.volumes[0].sigma_t = sigma, s.volumes[0].albedo = albedo, s.volumes[0].g = 0.4;
   const auto render = [&](int64_t seed) {
-    return PreparedScene(s, LayerRequest::of({"direct", "indirect", "transmittance"}, true)).render(600, seed, {}).layers;
+    return PreparedScene(s, LayerRequest::of({"direct", "indirect", "transmittance"}, true))
+        .render(600, seed, {})
+        .layers;
   };
   const Layers all = render(1);
   for (int c = 0; c < 3; ++c) {
@@ -179,7 +182,8 @@ TEST(SeveralMedia, SuperpositionIsOneMedium) {
 TEST(Presets, AreTheirToolsCoefficients) {
   const test::TemporaryFolder folder;
   const auto volume = [&](const std::string& keys) {
-    test::write_file(folder / "s.toml", "[camera]\nposition = [0, -5, 0]\nlook_at = [0, 0, 0]\n[[volumes]]\nshape = \"box\"\n" + keys);
+    test::write_file(folder / "s.toml",
+                     "[camera]\nposition = [0, -5, 0]\nlook_at = [0, 0, 0]\n[[volumes]]\nshape = \"box\"\n" + keys);
     return read_scene(folder / "s.toml").volumes[0];
   };
   // sigma_s = density color, sigma_a = density (1 - color) (1 - sqrt(absorption_color)).
@@ -187,8 +191,9 @@ TEST(Presets, AreTheirToolsCoefficients) {
   EXPECT_NEAR(p.sigma_t.x, 4 * (0.5 + 0.5 * 0.5), 1e-12);
   EXPECT_NEAR(p.albedo.x, 0.5 / 0.75, 1e-12);
   // transparent is what is left after its depth at density 1.
-  const VolumeSettings a = volume("preset = \"standard_volume\"\ndensity = 2\ntransparent = 0.5\ntransparent_depth = 3\n"
-                                  "scatter = 0.8\nscatter_color = [1, 0.5, 0]\n");
+  const VolumeSettings a = volume(
+      "preset = \"standard_volume\"\ndensity = 2\ntransparent = 0.5\ntransparent_depth = 3\n"
+      "scatter = 0.8\nscatter_color = [1, 0.5, 0]\n");
   EXPECT_NEAR(std::exp(-a.sigma_t.y * 3 / 2), 0.5, 1e-12);
   EXPECT_NEAR(a.albedo.y, 0.4, 1e-12);
   const VolumeSettings parts = volume("sigma_a = 1\nsigma_s = [3, 0, 1]\n");
@@ -261,7 +266,8 @@ TEST(MotionBlur, AConstantVelocityShiftsTheDensity) {
   EXPECT_TRUE(medium.moves());
   const Medium late = medium.at_time(0.5);  // one frame after the density's time: 0.5 world units along x
   for (const dvec3& p : {dvec3(0.5, 0, 0), dvec3(0.3, 0.2, -0.1), dvec3(0, 0, 0), dvec3(-0.2, 0, 0)})
-    EXPECT_NEAR(late.density(late.to_local(p)), ball(ivec3(0)) * medium.density(medium.to_local(p - dvec3(0.5, 0, 0))), 1e-5);
+    EXPECT_NEAR(late.density(late.to_local(p)), ball(ivec3(0)) * medium.density(medium.to_local(p - dvec3(0.5, 0, 0))),
+                1e-5);
   // Bounds hold at every time along random rays.
   Rng rng(3);
   TrackingCounters counters;

@@ -54,8 +54,8 @@ TEST(Wavefront, EveryInstructionSetGivesTheSameBits) {
   EXPECT_GT(seen, 1);
 }
 
-// Lanes and the general loop are two programs for one expectation, layer by layer. Over 48 x 48 pixels of 64 paths each,
-// 4.5 standard errors of the light are below 4.5 %: such a bias of either would be found.
+// Lanes and the general loop are two programs for one expectation, layer by layer. Over 48 x 48 pixels of 64 paths
+// each, 4.5 standard errors of the light are below 4.5 %: such a bias of either would be found.
 TEST(Wavefront, AgreesWithTheGeneralLoop) {
   for (const char* name : {"cloud", "smoke"}) {
     Scene scene = demo(name, 48);
@@ -76,8 +76,8 @@ TEST(Wavefront, AgreesWithTheGeneralLoop) {
             variance += a.at(l.name.channel_of(statistic::mean_variance, c))(x, y) +
                         b.at(l.name.channel_of(statistic::mean_variance, c))(x, y);
           }
-      // Channels of one layer are correlated: the variance of their sum is up to three times the sum of theirs. The lamp
-      // of the flash image is calibrated from a few thousand paths of either program.
+      // Channels of one layer are correlated: the variance of their sum is up to three times the sum of theirs. The
+      // lamp of the flash image is calibrated from a few thousand paths of either program.
       const double error = 4.5 * std::sqrt(3 * variance);
       EXPECT_NEAR(sum_a, sum_b, error + (l.name == layer::flash ? 0.03 : 1e-3) * std::abs(sum_b))
           << name << " " << l.name.label();
@@ -88,7 +88,8 @@ TEST(Wavefront, AgreesWithTheGeneralLoop) {
   }
 }
 
-// A majorant that is looser costs look-ups and changes no mean (TRANSPORT.md section 13): 5 standard errors are about 1 %.
+// A majorant that is looser costs look-ups and changes no mean (TRANSPORT.md section 13): 5 standard errors are about 1
+// %.
 TEST(Wavefront, MajorantsOfOneTwoAndFiveTimesGiveOneMean) {
   Scene scene = demo("cloud", 48);
   test::Mean first;

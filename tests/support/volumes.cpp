@@ -90,8 +90,9 @@ void write_velocity_vdb(const std::filesystem::path& path, const std::filesystem
   auto field = openvdb::Vec3SGrid::create(openvdb::Vec3s(0.0f));
   field->setName("vel");
   field->setTransform(grid->transform().copy());
-  field->fill({{box.lo.x, box.lo.y, box.lo.z}, {box.hi.x, box.hi.y, box.hi.z}},
-              openvdb::Vec3s(static_cast<float>(velocity.x), static_cast<float>(velocity.y), static_cast<float>(velocity.z)));
+  field->fill(
+      {{box.lo.x, box.lo.y, box.lo.z}, {box.hi.x, box.hi.y, box.hi.z}},
+      openvdb::Vec3s(static_cast<float>(velocity.x), static_cast<float>(velocity.y), static_cast<float>(velocity.z)));
   openvdb::io::File(path.string()).write(openvdb::GridCPtrVec{grid, field});
 }
 

@@ -24,7 +24,8 @@ dvec3 random_point(Rng& rng, const dvec3& lo, const dvec3& hi);
 void write_affine_vdb(const std::filesystem::path& path, const VoxelBox& box, const dmat4& world_from_index,
                       const std::function<float(const ivec3&)>& density);
 
-/// Copies the density of a VDB and adds a velocity grid "vel", the same vector everywhere in a box, on the same lattice.
+/// Copies the density of a VDB and adds a velocity grid "vel", the same vector everywhere in a box, on the same
+/// lattice.
 void write_velocity_vdb(const std::filesystem::path& path, const std::filesystem::path& density, const VoxelBox& box,
                         const dvec3& velocity);
 

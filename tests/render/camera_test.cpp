@@ -1,0 +1,97 @@
+#include "render/camera.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "base/error.h"
+#include "image/exr_io.h"
+#include "tests/support/files.h"
+#include "tests/support/volumes.h"
+
+namespace brume {
+namespace {
+
+CameraSettings settings() {
+  CameraSettings s;
+  s.position = dvec3(1, -5, 2), s.look_at = dvec3(0.5, 0, 1);
+  return s;
+}
+
+TEST(Camera, OrthographicRaysAreParallelAndAsWideAsAsked) {
+  CameraSettings s = settings();
+  s.type = "orthographic", s.width = 3;
+  const Camera camera(s, 60, 40);
+  const Ray left = camera.ray({0, 20}), right = camera.ray({60, 20}), top = camera.ray({30, 0});
+  EXPECT_EQ(left.d, right.d);
+  EXPECT_NEAR(glm::distance(left.o, right.o), 3, 1e-12);
+  EXPECT_NEAR(glm::distance(top.o, camera.ray({30, 40}).o), 2, 1e-12);
+  EXPECT_NEAR(glm::dot(top.d, glm::normalize(s.look_at - s.position)), 1, 1e-12);
+}
+
+// All rays of one film point meet in the plane of focus, and their origins fill the aperture.
+TEST(Camera, ALensFocuses) {
+  Rng rng(1);
+  for (const int blades : {0, 6}) {
+    CameraSettings s = settings();
+    s.lens_radius = 0.3, s.focus_distance = 4, s.blades = blades, s.blade_rotation = 12;
+    const Camera lens(s, 60, 40);
+    s.lens_radius = 0;
+    const Camera pinhole(s, 60, 40);
+    const Ray centre = pinhole.ray({50, 9});
+    const dvec3 forward = glm::normalize(s.look_at - s.position);
+    const dvec3 focus = centre.at(4 / glm::dot(centre.d, forward));
+    dvec3 mean(0);
+    double second = 0;
+    const int n = 20000;
+    for (int i = 0; i < n; ++i) {
+      const Ray r = lens.ray({50, 9}, {rng.uniform(), rng.uniform()});
+      ASSERT_LE(glm::distance(r.o, s.position), 0.3 + 1e-9);
+      ASSERT_NEAR(glm::length(glm::cross(focus - r.o, r.d)), 0, 1e-9);
+      mean += (r.o - s.position) / static_cast<double>(n);
+      second += glm::dot(r.o - s.position, r.o - s.position) / n;
+    }
+    EXPECT_NEAR(glm::length(mean), 0, 0.006);
+    // Mean square radius: R^2 / 2 of a disc, R^2 (2 + cos(2 pi / n)) / 6 of a polygon.
+    const double exact = blades == 0 ? 0.045 : 0.09 * (2 + std::cos(2 * kPi / blades)) / 6;
+    EXPECT_NEAR(second, exact, 0.0008);
+  }
+}
+
+TEST(Camera, MovesOverTheShutter) {
+  CameraSettings s = settings();
+  s.shutter = {0, 1};
+  s.position_end = {2, -5, 2};
+  const Camera camera(s, 60, 40);
+  EXPECT_TRUE(camera.moves());
+  EXPECT_NEAR(camera.ray({30, 20}, dvec2(0.5), 0.5).o.x, 1.5, 1e-12);
+  EXPECT_NEAR(camera.ray({30, 20}, dvec2(0.5), 1.0).o.x, 2.0, 1e-12);
+}
+
+TEST(Camera, IsTakenFromAnExrHeader) {
+  const test::TemporaryFolder folder;
+  CameraSettings s = settings();
+  s.up = dvec3(0.1, 0.2, 1), s.fov = 33;
+  const Camera original(s, 60, 40);
+  Layers frame(60, 40);
+  frame.add_rgb(layer::beauty);
+  frame.header["worldToCamera"] = original.world_to_camera();
+  frame.header["worldToNDC"] = original.world_to_ndc();
+  write_exr(folder / "frame.exr", frame);
+  CameraSettings copy;
+  copy.from_exr = folder / "frame.exr";
+  const Camera camera(copy, 60, 40);
+  for (const dvec2& film : {dvec2(0, 0), dvec2(30, 20), dvec2(60, 11)}) {
+    const Ray a = original.ray(film), b = camera.ray(film);
+    EXPECT_NEAR(glm::distance(a.o, b.o), 0, 1e-5);
+    EXPECT_NEAR(glm::distance(a.d, b.d), 0, 1e-6);
+  }
+  Layers bare(4, 4);
+  bare.add_rgb(layer::beauty);
+  write_exr(folder / "bare.exr", bare);
+  copy.from_exr = folder / "bare.exr";
+  EXPECT_THROW(Camera(copy, 60, 40), InputError);
+}
+
+}  // namespace
+}  // namespace brume

@@ -1,0 +1,184 @@
+// Parts, checkpoints, interruptions and crops: every way to take the same samples gives the same bits.
+
+#include <gtest/gtest.h>
+
+#include <atomic>
+
+#include "base/error.h"
+#include "image/exr_io.h"
+#include "render/renderer.h"
+#include "render/scene_io.h"
+#include "tests/support/files.h"
+#include "tests/support/volumes.h"
+
+namespace brume {
+namespace {
+
+class PartsTest : public ::testing::Test {
+ protected:
+  PartsTest() {
+    scene_ = read_scene(test::source("data/scenes/smoke.toml"));
+    scene_.film.width = 37, scene_.film.height = 21;
+  }
+  const PreparedScene& prepared() {
+    if (!prepared_) prepared_ = std::make_unique<PreparedScene>(scene_, LayerRequest::of({"all"}, true, true));
+    return *prepared_;
+  }
+  RenderJob job(int spp) {
+    RenderJob j;
+    j.spp = spp, j.seed = 5, j.program = "brume test";
+    return j;
+  }
+  std::filesystem::path part(int i, int n, int spp = 13) {
+    RenderJob j = job(spp);
+    j.part = i, j.parts = n, j.keep_state = true;
+    const auto path = folder_ / ("part" + std::to_string(i) + "_" + std::to_string(n) + ".exr");
+    write_exr(path, prepared().render(j, {}).layers);
+    return path;
+  }
+  static void expect_same_pixels(const Layers& a, const Layers& b) {
+    ASSERT_EQ(a.names(), b.names());
+    for (const auto& [name, plane] : a.channels())
+      for (int y = 0; y < a.height(); ++y)
+        for (int x = 0; x < a.width(); ++x)
+          ASSERT_EQ(std::bit_cast<uint32_t>(plane(x, y)), std::bit_cast<uint32_t>(b.at(name)(x, y)))
+              << name << " " << x << " " << y;
+  }
+  static std::string error_of(const std::function<void()>& work) {
+    try {
+      work();
+    } catch (const InputError& e) {
+      return e.what();
+    }
+    return "";
+  }
+  Scene scene_;
+  std::unique_ptr<PreparedScene> prepared_;
+  test::TemporaryFolder folder_;
+};
+
+TEST_F(PartsTest, AnyNumberOfPartsMergesToTheWholeBitForBit) {
+  const Layers whole = prepared().render(job(13), {}).layers;
+  for (const int n : {1, 2, 3, 5}) {
+    std::vector<std::filesystem::path> files;
+    for (int i = n; i >= 1; --i) files.push_back(part(i, n));  // in any order
+    const Layers merged = merge_parts(files, false);
+    expect_same_pixels(whole, merged);
+    EXPECT_EQ(merged.text("sampleRanges"), "0-13");
+    EXPECT_EQ(merged.number("partsMerged"), n);
+    EXPECT_TRUE(merged.words().empty());
+  }
+}
+
+TEST_F(PartsTest, PartsMergeStepByStep) {
+  const auto a = part(1, 3), b = part(2, 3), c = part(3, 3);
+  write_exr(folder_ / "ac.exr", merge_parts({a, c}, true));
+  EXPECT_EQ(read_exr_info(folder_ / "ac.exr").header.at("sampleRanges"), Attribute(std::string("0-4,8-13")));
+  expect_same_pixels(prepared().render(job(13), {}).layers, merge_parts({folder_ / "ac.exr", b}, false));
+}
+
+TEST_F(PartsTest, WhatDoesNotBelongTogetherIsRefused) {
+  const auto a = part(1, 2), b = part(2, 2);
+  EXPECT_NE(error_of([&] { merge_parts({a, b, a}, false); }).find("overlap: samples 0 .. 5"), std::string::npos);
+  const auto other = [&](const std::function<void(Scene&, RenderJob&)>& change) {
+    Scene s = scene_;
+    RenderJob j = job(13);
+    j.part = 2, j.parts = 2, j.keep_state = true;
+    change(s, j);
+    write_exr(folder_ / "other.exr", PreparedScene(s, LayerRequest::of({"all"}, true, true)).render(j, {}).layers);
+    return error_of([&] { merge_parts({a, folder_ / "other.exr"}, false); });
+  };
+  EXPECT_EQ(other([](Scene&, RenderJob&) {}), "");
+  EXPECT_NE(other([](Scene&, RenderJob& j) { j.seed = 6; }).find("the seed is 6 in the first, 5 in the second"),
+            std::string::npos);
+  EXPECT_NE(other([](Scene& s, RenderJob&) { s.hash = "another"; }).find("the scene's fingerprint is another"), std::string::npos);
+  EXPECT_NE(other([](Scene&, RenderJob& j) { j.program = "brume old"; }).find("the program version is brume old"),
+            std::string::npos);
+  EXPECT_NE(other([](Scene&, RenderJob& j) { j.crop = RenderJob::Crop{0, 0, 9, 9}; }).find("the crop is 0,0,9,9 of 37 x 21"),
+            std::string::npos);
+  write_exr(folder_ / "plain.exr", prepared().render(job(2), {}).layers);
+  EXPECT_NE(error_of([&] { merge_parts({a, folder_ / "plain.exr"}, false); }).find("holds no sums of its samples"), std::string::npos);
+}
+
+// Cut after any number of tiles, and again, and gone on with: the same bits as in one go, with more samples too.
+TEST_F(PartsTest, InterruptedAndResumedIsAsIfNothingHadHappened) {
+  const Layers whole = prepared().render(job(24), {}).layers;
+  RenderJob j = job(16);
+  j.checkpoint = folder_ / "state.exr";
+  int cuts = 0;
+  for (int attempt = 0; attempt < 12; ++attempt) {
+    std::atomic<bool> cancel{false};
+    int tiles = 0;
+    j.watch = [&](const Film&, int) { cancel = ++tiles > 3 + 2 * attempt; };
+    try {
+      prepared().render(j, {1, {}, &cancel});
+      break;
+    } catch (const Interrupted& stopped) {
+      ++cuts;
+      EXPECT_NE(std::string(stopped.what()).find("--resume"), std::string::npos);
+    }
+    j.resume = j.checkpoint;
+  }
+  EXPECT_GE(cuts, 2);
+  j.resume = j.checkpoint, j.watch = nullptr;
+  j.spp = 24;
+  const Layers resumed = prepared().render(j, {}).layers;
+  expect_same_pixels(whole, resumed);
+  EXPECT_EQ(resumed.number("samplesPerPixel"), 24);
+  // A finished checkpoint merges like a part; one of another seed is no state to go on from.
+  expect_same_pixels(whole, merge_parts({j.checkpoint}, false));
+  j.seed = 6;
+  EXPECT_NE(error_of([&] { prepared().render(j, {}); }).find("the seed"), std::string::npos);
+}
+
+TEST_F(PartsTest, ACropHasTheWholesPixels) {
+  const Layers whole = prepared().render(job(3), {}).layers;
+  RenderJob j = job(3);
+  j.crop = RenderJob::Crop{5, 4, 30, 19};
+  const Layers crop = prepared().render(j, {}).layers;
+  ASSERT_EQ(crop.width(), 25);
+  for (int y = 0; y < 15; ++y)
+    for (int x = 0; x < 25; ++x) ASSERT_EQ(crop.at("indirect.G")(x, y), whole.at("indirect.G")(x + 5, y + 4));
+  write_exr(folder_ / "crop.exr", crop);
+  const Layers read = read_exr(folder_ / "crop.exr");
+  ASSERT_EQ(read.width(), 37) << "the file says where in the whole it lies";
+  EXPECT_EQ(read.at("R")(12, 9), whole.at("R")(12, 9));
+  EXPECT_EQ(read.at("R")(2, 2), 0.0f);
+}
+
+// It stops soon after the error is reached, and what it reached is what the frame's variance says.
+TEST_F(PartsTest, StopsAtTheTargetError) {
+  RenderJob j = job(1 << 20);
+  j.target_error = 0.05;
+  const RenderResult r = prepared().render(j, {});
+  EXPECT_GT(r.report.samples_per_pixel, 4);
+  EXPECT_LT(r.report.samples_per_pixel, 4096);
+  double sum = 0;
+  for (const char c : {'R', 'G', 'B'})
+    for (int y = 0; y < 21; ++y)
+      for (int x = 0; x < 37; ++x) {
+        const double m = r.layers.at(std::string(1, c))(x, y);
+        sum += r.layers.at(std::string("mean_variance.") + c)(x, y) / (m * m + 0.01);
+      }
+  EXPECT_LE(std::sqrt(sum / (3 * 37 * 21)), 0.05 * 1.001);
+  RenderJob fixed = job(r.report.samples_per_pixel);
+  expect_same_pixels(prepared().render(fixed, {}).layers, r.layers);
+}
+
+TEST_F(PartsTest, BucketsHalvesAndMeansAgree) {
+  const Layers f = prepared().render(job(16), {}).layers;
+  for (int y = 0; y < 21; ++y)
+    for (int x = 0; x < 37; ++x) {
+      double even = 0, odd = 0;
+      for (int k = 0; k < 8; ++k)
+        (k % 2 ? odd : even) += f.at("direct.bucket_" + std::to_string(k) + ".R")(x, y) / 4;
+      ASSERT_NEAR(even, f.at("direct.half_a.R")(x, y), 1e-5);
+      ASSERT_NEAR(odd, f.at("direct.half_b.R")(x, y), 1e-5);
+      // The parts of direct sum to it.
+      ASSERT_NEAR(f.at("background.R")(x, y) + f.at("emission.R")(x, y) + f.at("single.R")(x, y) + f.at("surface.R")(x, y),
+                  f.at("direct.R")(x, y), 1e-6);
+    }
+}
+
+}  // namespace
+}  // namespace brume

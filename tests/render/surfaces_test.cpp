@@ -1,0 +1,245 @@
+#include "render/surfaces.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <fstream>
+
+#include "base/error.h"
+#include "base/running_statistics.h"
+#include "render/renderer.h"
+#include "tests/support/files.h"
+#include "tests/support/volumes.h"
+
+namespace brume {
+namespace {
+
+/// A ball of quadrilaterals as OBJ, outside out.
+void write_ball(const std::filesystem::path& path, double radius, int n = 48) {
+  std::ofstream f(path);
+  const int rings = n / 2;
+  for (int j = 0; j <= rings; ++j)
+    for (int i = 0; i < n; ++i) {
+      const double theta = kPi * j / rings, phi = 2 * kPi * i / n;
+      f << "v " << radius * std::sin(theta) * std::cos(phi) << ' ' << radius * std::sin(theta) * std::sin(phi) << ' '
+        << radius * std::cos(theta) << '\n';
+    }
+  for (int j = 0; j < rings; ++j)
+    for (int i = 0; i < n; ++i)
+      f << "f " << j * n + i + 1 << ' ' << (j + 1) * n + i + 1 << ' ' << (j + 1) * n + (i + 1) % n + 1 << ' '
+        << j * n + (i + 1) % n + 1 << '\n';
+}
+
+const char* const kFloor =
+    "v -50 -50 0\nv 50 -50 0\nv 50 50 0\nv -50 50 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nf 1/1 2/2 3/3 4/4\n";
+
+class SurfaceTest : public ::testing::Test {
+ protected:
+  SurfaceTest() {
+    write_ball(folder_ / "ball.obj", 1.0);
+    test::write_file(folder_ / "floor.obj", kFloor);
+  }
+  Scene scene(const char* mesh) {
+    Scene s;
+    s.film.width = s.film.height = 16;
+    s.camera.position = dvec3(0, -6, 3);
+    s.camera.fov = 26;
+    s.surfaces.emplace_back();
+    s.surfaces[0].file = folder_ / mesh;
+    return s;
+  }
+  test::TemporaryFolder folder_;
+};
+
+// Surfaces that absorb nothing under a sky of 1 cannot be seen, whatever they do to directions. Polished ones are exact;
+// rough microfacets lose what bounces between facets, so they are not held to 1.
+TEST_F(SurfaceTest, WhiteFurnace) {
+  struct Case {
+    const char* material;
+    double roughness;
+    const char* sampling;
+  };
+  for (const Case& c : {Case{"diffuse", 0.5, "none"}, Case{"diffuse", 0.5, "all"}, Case{"conductor", 0.0, "none"},
+                        Case{"dielectric", 0.0, "none"}, Case{"dielectric", 0.0, "all"}}) {
+    Scene s = scene("ball.obj");
+    s.surfaces[0].material = c.material;
+    s.surfaces[0].albedo = dvec3(1);
+    s.surfaces[0].roughness = c.roughness;
+    s.environment.radiance = dvec3(1);
+    s.render.light_sampling = c.sampling;
+    const test::Mean m = test::mean_radiance(PreparedScene(s, {}).render(200, 1, {}).layers);
+    EXPECT_NEAR(m.value.x, 1.0, 5 * m.error.x + 1e-6) << c.material << " " << c.sampling;
+    if (std::string(c.sampling) == "none") {
+      EXPECT_LT(m.error.x, 1e-6) << "each path is exactly 1";
+    }
+  }
+}
+
+// For every kind of surface and incidence: the sampled weight is f cos / pdf, and the density integrates to the share of
+// samples that carry anything.
+TEST(Bsdf, WeightsAreValuesOverDensities) {
+  Rng rng(1);
+  for (const Bsdf::Kind kind : {Bsdf::Kind::kDiffuse, Bsdf::Kind::kConductor, Bsdf::Kind::kDielectric})
+    for (const double roughness : {0.25, 0.5, 0.9})
+      for (const bool inside : {false, true})
+        for (const double cos_o : {0.1, 0.5, 0.95}) {
+          const Bsdf bsdf{kind, dvec3(0.7), roughness, 1.5};
+          const dvec3 wo(std::sqrt(1 - cos_o * cos_o), 0, cos_o);
+          RunningStatistics sampled, uniform, pdf;
+          for (int i = 0; i < 40000; ++i) {
+            Bsdf::Sample s;
+            const bool ok = bsdf.sample(wo, inside, {rng.uniform(), rng.uniform(), rng.uniform()}, s);
+            if (ok) {
+              ASSERT_NEAR(s.pdf, bsdf.pdf(wo, s.wi, inside), 1e-6 * s.pdf + 1e-9);
+              const dvec3 value = bsdf.value(wo, s.wi, inside);
+              if (s.pdf > 1e-6) {
+                ASSERT_NEAR(s.weight.x, value.x / s.pdf, 2e-3 * s.weight.x + 1e-6);
+              }
+            }
+            sampled.add(ok ? s.weight.x : 0.0);
+            const dvec3 wi = test::random_direction(rng);
+            uniform.add(bsdf.value(wo, wi, inside).x * 4 * kPi);
+            pdf.add(bsdf.pdf(wo, wi, inside) * 4 * kPi);
+          }
+          EXPECT_NEAR(sampled.mean, uniform.mean, 5 * std::sqrt(sampled.mean_variance() + uniform.mean_variance()))
+              << static_cast<int>(kind) << " " << roughness << " " << inside << " " << cos_o;
+          EXPECT_LE(pdf.mean, 1 + 5 * std::sqrt(pdf.mean_variance()));
+          EXPECT_GE(pdf.mean, 0.5);
+        }
+}
+
+// A diffuse floor under the sun: albedo / pi E cos theta, exactly; the depth, normal and position layers; alpha 1.
+TEST_F(SurfaceTest, LambertUnderTheSun) {
+  Scene s = scene("floor.obj");
+  s.surfaces[0].albedo = dvec3(0.5, 0.25, 1);
+  LightSettings sun;
+  sun.type = "sun", sun.direction = dvec3(0, 3, 4), sun.irradiance = dvec3(2), sun.angular_diameter = 0;
+  s.lights.push_back(sun);
+  s.camera.position = dvec3(0, 0, 5), s.camera.up = dvec3(0, 1, 0);
+  const Layers f = PreparedScene(s, LayerRequest::of({"all"}, true)).render(4, 1, {}).layers;
+  EXPECT_NEAR(f.at("surface.R")(8, 8), 0.5 / kPi * 2 * 0.8, 1e-6);
+  EXPECT_NEAR(f.at("G")(3, 8), 0.25 / kPi * 2 * 0.8, 1e-6);
+  EXPECT_NEAR(f.at("normal.Z")(8, 8), 1, 1e-6);
+  EXPECT_NEAR(f.at("depth.Z")(8, 8), 5, 0.05);
+  EXPECT_NEAR(f.at("position.Z")(2, 2), 0, 1e-4);
+  EXPECT_NEAR(f.at("albedo.B")(8, 8), 1, 1e-6);
+  EXPECT_EQ(f.at("A")(8, 8), 1.0f);
+  EXPECT_EQ(f.at("single.R")(8, 8), 0.0f);
+}
+
+// The same rectangle as an analytic light and as a mesh that emits gives one picture, in a medium and on a floor.
+TEST_F(SurfaceTest, AMeshLightIsTheRectangleItLooksLike) {
+  test::write_file(folder_ / "lamp.obj", "v -1 -1 3\nv -1 1 3\nv 1 1 3\nv 1 -1 3\nf 1 2 3 4\n");
+  Scene s = scene("floor.obj");
+  VolumeSettings fog;
+  fog.shape = "sphere", fog.lo = dvec3(-1.5, -1.5, 0), fog.hi = dvec3(1.5, 1.5, 2.5);
+  fog.sigma_t = dvec3(0.8), fog.albedo = dvec3(0.9);
+  s.volumes.push_back(fog);
+  Scene with_mesh = s;
+  with_mesh.surfaces.push_back({});
+  with_mesh.surfaces[1].file = folder_ / "lamp.obj";
+  with_mesh.surfaces[1].radiance = dvec3(3);
+  with_mesh.surfaces[1].albedo = dvec3(0);
+  LightSettings lamp;
+  lamp.type = "rectangle", lamp.position = dvec3(0, 0, 3), lamp.edge_x = dvec3(0, 2, 0), lamp.edge_y = dvec3(2, 0, 0);
+  lamp.radiance = dvec3(3), lamp.visible_to_camera = true;
+  s.lights.push_back(lamp);
+  const Layers a = PreparedScene(s, {}).render(400, 1, {}).layers, b = PreparedScene(with_mesh, {}).render(400, 2, {}).layers;
+  for (const LayerName& l : {layer::direct, layer::indirect}) {
+    const test::Mean m = test::mean_radiance(a, l), n = test::mean_radiance(b, l);
+    EXPECT_GT(m.value.x, 0.01);
+    EXPECT_NEAR(m.value.x, n.value.x, 4.5 * std::hypot(m.error.x, n.error.x)) << l.label();
+    EXPECT_LT(4.5 * m.error.x, 0.05 * m.value.x);
+  }
+}
+
+TEST_F(SurfaceTest, HoldoutsCutHolesAndCatchersGatherShadows) {
+  Scene s = scene("floor.obj");
+  s.environment.radiance = dvec3(0.5);
+  s.surfaces[0].role = "holdout";
+  Layers f = PreparedScene(s, {}).render(4, 1, {}).layers;
+  EXPECT_EQ(f.at("A")(8, 12), 0.0f);
+  EXPECT_EQ(f.at("R")(8, 12), 0.0f) << "nothing, not the sky";
+
+  s.surfaces[0].role = "shadow_catcher";
+  LightSettings sun;
+  sun.type = "sun", sun.direction = dvec3(0, 0, 1), sun.irradiance = dvec3(2);
+  s.lights.push_back(sun);
+  VolumeSettings fog;
+  fog.shape = "sphere", fog.lo = dvec3(-1, -1, 1), fog.hi = dvec3(1, 1, 3), fog.sigma_t = dvec3(1), fog.albedo = dvec3(0);
+  s.volumes.push_back(fog);
+  s.camera.position = dvec3(0, -8, 8);
+  f = PreparedScene(s, LayerRequest::of({"all"}, true)).render(64, 1, {}).layers;
+  // Straight below the fog's middle the sun comes through exp(-2); the sky from around is dimmed too.
+  const double lit = f.at("catcher.R")(8, 8), free = f.at("catcher_unshadowed.R")(8, 8);
+  EXPECT_NEAR(free, 0.5 / kPi * 2 + 0.5 * 0.5, 0.06);
+  EXPECT_LT(lit, 0.75 * free);
+  EXPECT_NEAR(f.at("R")(0, 15), 0.5f, 1e-6f) << "the plate is not hidden: the sky is behind";
+  EXPECT_EQ(f.at("A")(0, 15), 0.0f);
+}
+
+TEST_F(SurfaceTest, SmokeBehindGlassIsSeen) {
+  Scene s = scene("ball.obj");
+  s.surfaces[0].material = "dielectric", s.surfaces[0].roughness = 0;
+  VolumeSettings fog;
+  fog.shape = "sphere", fog.lo = dvec3(-0.5), fog.hi = dvec3(0.5), fog.sigma_t = dvec3(50), fog.albedo = dvec3(0);
+  s.volumes.push_back(fog);
+  s.environment.radiance = dvec3(1);
+  const Layers f = PreparedScene(s, {}).render(64, 1, {}).layers;
+  EXPECT_LT(f.at("R")(8, 8), 0.2f) << "black smoke in the middle, but for reflections";
+  EXPECT_GT(f.at("R")(8, 8), 0.03f);
+  EXPECT_EQ(f.at("R")(0, 0), 1.0f);
+}
+
+TEST(LoadMesh, ReadsObjAndPlyOfAllKinds) {
+  const test::TemporaryFolder folder;
+  test::write_file(folder / "a.obj", kFloor);
+  const std::string header = "element vertex 4\nproperty float x\nproperty float y\nproperty float z\nelement face 1\n"
+                             "property list uchar int vertex_indices\nend_header\n";
+  test::write_file(folder / "a.ply", "ply\nformat ascii 1.0\n" + header + "-50 -50 0\n50 -50 0\n50 50 0\n-50 50 0\n4 0 1 2 3\n");
+  std::string binary = "ply\nformat binary_little_endian 1.0\n" + header;
+  for (const float v : {-50.f, -50.f, 0.f, 50.f, -50.f, 0.f, 50.f, 50.f, 0.f, -50.f, 50.f, 0.f})
+    binary.append(reinterpret_cast<const char*>(&v), 4);
+  binary += '\4';
+  for (const int32_t v : {0, 1, 2, 3}) binary.append(reinterpret_cast<const char*>(&v), 4);
+  test::write_file(folder / "b.ply", binary);
+  for (const char* name : {"a.obj", "a.ply", "b.ply"}) {
+    const TriangleMesh mesh = load_mesh(folder / name, dmat4(1));
+    ASSERT_EQ(mesh.triangles.size(), 2u) << name;
+    EXPECT_NEAR(mesh.area(0) + mesh.area(1), 1e4, 1e-3);
+    EXPECT_NEAR(mesh.normal(0).z, 1, 1e-6);
+    EXPECT_NEAR(load_mesh(folder / name, test::scaling(dvec3(1, 1, -1))).normal(0).z, -1, 1e-6)
+        << "a mirror keeps the outside outside: what pointed up now points down";
+  }
+}
+
+TEST(LoadMesh, BrokenFilesSayWhatIsWrong) {
+  const test::TemporaryFolder folder;
+  const auto error = [&](const std::string& name, const std::string& text) -> std::string {
+    test::write_file(folder / name, text);
+    try {
+      load_mesh(folder / name, dmat4(1));
+    } catch (const InputError& e) {
+      return e.what();
+    }
+    return "";
+  };
+  const auto holds = [](const std::string& text, const char* part) { return text.find(part) != std::string::npos; };
+  EXPECT_TRUE(holds(error("a.stl", "solid"), "neither PLY (by its first bytes) nor OBJ"));
+  EXPECT_TRUE(holds(error("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n"), "vertex")) << error("a.obj", "v 0 0 0\nf 1 2 9\n");
+  EXPECT_TRUE(holds(error("b.obj", "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n"), "no triangle with an area"));
+  EXPECT_TRUE(holds(error("c.ply", "ply\nformat ascii 1.0\nelement vertex 3\n"), "header has no end"));
+  EXPECT_TRUE(holds(error("d.ply", "ply\nformat binary_big_endian 1.0\nend_header\n"), "binary_big_endian"));
+  EXPECT_TRUE(holds(error("e.ply", "ply\nformat binary_little_endian 1.0\nelement vertex 3\nproperty float x\nproperty "
+                                   "float y\nproperty float z\nend_header\nabc"),
+                    "truncated"));
+  EXPECT_TRUE(holds(error("f.ply", "ply\nformat ascii 1.0\nelement vertex 1\nproperty float a\nend_header\n0\n"), "no x, y, z"));
+  // Degenerate triangles beside a good one are dropped and counted; edges shared by three triangles are no matter.
+  test::write_file(folder / "g.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 2\nf 1 2 4\nf 2 1 4\n");
+  const TriangleMesh mesh = load_mesh(folder / "g.obj", dmat4(1));
+  EXPECT_EQ(mesh.triangles.size(), 3u);
+  EXPECT_TRUE(holds(mesh.notes.at(0), "1 degenerate"));
+}
+
+}  // namespace
+}  // namespace brume
