@@ -1,0 +1,117 @@
+// The long run: estimators held to closed forms and to one another with many more paths than the tests can afford. Prints
+// a Markdown table and fails where a row is more than 4.5 standard errors off. Called by ./run verify.
+
+#include <fmt/format.h>
+
+#include <cmath>
+#include <cstdio>
+
+#include "base/progress.h"
+#include "image/exr_io.h"
+#include "render/renderer.h"
+#include "render/scene_io.h"
+#include "tests/support/files.h"
+#include "tests/support/volumes.h"
+
+namespace brume {
+namespace {
+
+bool all_well = true;
+
+/// @param expected_error  of the expected value; 0 where it is exact   @param last_digit  half a unit of a printed table
+void row(const std::string& what, double value, double error, double expected, double expected_error, double last_digit,
+         int spp) {
+  const double sigma = std::hypot(error, expected_error);
+  const double off = std::max(0.0, std::abs(value - expected) - last_digit) / std::max(sigma, 1e-300);
+  const bool well = off <= 4.5;
+  all_well = all_well && well;
+  fmt::print("| {} | {} | {:.6f} | {:.6f} | {:.4f} % | {:.4f} % | {} |\n", what, spp, value, expected,
+             100 * (value / expected - 1), 100 * (4.5 * sigma + last_digit) / std::abs(expected),
+             well ? "holds" : "**does not hold**");
+  std::fflush(stdout);
+}
+
+test::Mean render(const Scene& scene, int spp, int64_t seed, const LayerName& layer = layer::beauty) {
+  return test::mean_radiance(PreparedScene(scene, LayerRequest::of({"direct", "indirect"}, true)).render(spp, seed, {}).layers,
+                             layer);
+}
+
+void furnaces() {
+  for (const char* lanes : {"auto", "off"}) {
+    Scene s = test::scene_of(test::source("data/volumes/cloud.vdb"), 20, 1, 0.8);
+    s.film.width = s.film.height = 64;
+    s.environment.radiance = dvec3(1);
+    s.render.light_sampling = "all";
+    s.render.lanes = lanes;
+    const int spp = 4000;
+    const test::Mean m = render(s, spp, 1);
+    row(fmt::format("white furnace, light sampling, {}", std::string(lanes) == "auto" ? "lanes" : "one by one"), m.value.x,
+        m.error.x, 1, 0, 0, spp);
+  }
+  Scene s = test::scene_of(test::source("data/volumes/smoke.vdb"), 20, 0.6, 0.3);
+  s.film.width = s.film.height = 64;
+  s.environment.radiance = dvec3(1);
+  s.volumes[0].sigma_t = dvec3(20, 8, 3);
+  s.volumes[0].emission = s.volumes[0].sigma_t * 0.4;
+  const int spp = 4000;
+  const test::Mean m = render(s, spp, 1);
+  for (int c = 0; c < 3; ++c)
+    row(fmt::format("equilibrium furnace, chromatic, channel {}", c), m.value[c], m.error[c], 1, 0, 0, spp);
+}
+
+void slabs() {
+  struct Slab {
+    double tau, albedo, up;
+  };
+  const test::TemporaryFolder folder;
+  test::write_affine_vdb(folder / "slab.vdb", {{-8, -8, -10}, {8, 8, 10}}, test::scaling(dvec3(1e5, 1e5, 0.05)),
+                         [](const ivec3&) { return 1.0f; });
+  for (const Slab& slab : {Slab{1, 1, .08575}, Slab{1, .9, .06685}, Slab{4, 1, .21281}, Slab{10, 1, .27751}}) {
+    Scene s;
+    s.film.width = s.film.height = 32;
+    s.camera.position = dvec3(0, 0, 50), s.camera.up = dvec3(0, 1, 0), s.camera.fov = 0.01;
+    s.volumes.emplace_back();
+    s.volumes[0].file = folder / "slab.vdb";
+    s.volumes[0].albedo = dvec3(slab.albedo), s.volumes[0].sigma_t = dvec3(slab.tau / (21 * 0.05));
+    LightSettings sun;
+    sun.type = "sun", sun.direction = dvec3(0, 0, 1), sun.irradiance = dvec3(1), sun.angular_diameter = 0;
+    s.lights.push_back(sun);
+    const int spp = 20000;
+    const test::Mean m = render(s, spp, 3);
+    row(fmt::format("slab, optical depth {}, albedo {}: reflected radiance", slab.tau, slab.albedo), m.value.x, m.error.x,
+        slab.up, 0, 5e-6, spp);
+  }
+}
+
+void demo_scenes() {
+  for (const char* name : {"cloud", "smoke"}) {
+    Scene s = read_scene(test::source(std::string("data/scenes/") + name + ".toml"));
+    s.film.width = s.film.height = 100;
+    const int spp = 2000;
+    for (const LayerName& l : {layer::direct, layer::indirect}) {
+      const test::Mean a = render(s, spp, 1, l);
+      Scene plain = s;
+      plain.render.lanes = "off";
+      const test::Mean b = render(plain, spp, 2, l);
+      row(fmt::format("{}, {}: lanes against one by one", name, l.label()), a.value.y, a.error.y, b.value.y, b.error.y, 0, spp);
+      Scene loose = s;
+      loose.render.majorant_scale = 3;
+      const test::Mean c = render(loose, spp, 3, l);
+      row(fmt::format("{}, {}: majorants tripled", name, l.label()), c.value.y, c.error.y, a.value.y, a.error.y, 0, spp);
+    }
+  }
+}
+
+}  // namespace
+}  // namespace brume
+
+int main() {
+  using namespace brume;
+  const Stopwatch watch;
+  fmt::print("| what | spp | measured | expected | difference | smallest bias found | |\n|---|---:|---:|---:|---:|---:|---|\n");
+  furnaces();
+  slabs();
+  demo_scenes();
+  fmt::print("\n{} in all.\n", format_duration(watch.seconds()));
+  return all_well ? 0 : 1;
+}
