@@ -33,6 +33,7 @@ struct PathContext {
   const Lights* lights = nullptr;
   const Surfaces* surfaces = nullptr;
   const LaneGrid* lane_grid = nullptr;  ///< of the one medium, where plan.lanes
+  bool interpolate = false;             ///< in lanes: look up all eight voxels around a point, not one by chance
   Plan plan;
   int max_events = 100000, roulette_start = 16;
   double surface_density = 0;  ///< share of each medium's maximum

@@ -41,7 +41,7 @@ EmissionRamp fire_ramp(const VolumeSettings& v) {
 
 SceneMedia::SceneMedia(const Scene& scene, const Task& task) {
   for (const VolumeSettings& v : scene.volumes) load(v, scene, task);
-  for (Medium& m : media_) m.set_majorant_scale(scene.render.majorant_scale);
+  for (Medium& m : media_) m.set_majorants(scene.render.majorant_scale, scene.render.majorants == "global");
   bounds_ = {scene.camera.look_at - world_shift_, 1.0};
   bool first = true;
   const auto enclose = [&](const Medium::Sphere& s) {

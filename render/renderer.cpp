@@ -64,6 +64,7 @@ PreparedScene::PreparedScene(Scene scene, const LayerRequest& layers, const Task
     context_.plan.lanes = true;
     lane_grid_ = LaneGrid(context_.media[0].bricks(), scene_.render.majorant_scale);
     context_.lane_grid = &lane_grid_;
+    context_.interpolate = scene_.render.lookup == "interpolated";
   }
   context_.max_events = scene_.render.max_events;
   context_.roulette_start = scene_.render.roulette_start;

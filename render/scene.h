@@ -107,6 +107,8 @@ struct RenderSettings {
   std::string light_sampling = "auto";
   double surface_density = 0.01;
   std::string lanes = "auto";
+  std::string lookup = "stochastic";
+  std::string majorants = "cells";
   double majorant_scale = 1;
 };
 

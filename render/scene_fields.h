@@ -68,6 +68,15 @@ void describe(Visitor& v, RenderSettings& r) {
      .help = "auto: paths run side by side in SIMD lanes where the scene allows it; off: one by one, to compare",
      .choices = {"auto", "off"}},
     r.lanes);
+  v({.key = "lookup",
+     .help = "lanes only. stochastic: one voxel of the eight around a point, by its trilinear weight; interpolated: "
+             "all eight",
+     .choices = {"stochastic", "interpolated"}},
+    r.lookup);
+  v({.key = "majorants",
+     .help = "cells: bounds of 8^3 voxels; global: one bound for the whole grid, the textbook's tracer, to compare",
+     .choices = {"cells", "global"}},
+    r.majorants);
   v({"majorant_scale", "1", "loosens every majorant: costs time and changes no mean, to check that", 1, 1000},
     r.majorant_scale);
 }

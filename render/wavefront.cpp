@@ -37,6 +37,7 @@ struct LaneScene {
   float albedo[3];
   int roulette_start;
   int max_events;
+  bool interpolate;
 
   struct LaneSun {
     float x[3], y[3], z[3];  // a frame around its axis, world space
@@ -450,11 +451,18 @@ HWY_INLINE void track(const LaneScene& scene, LanePool& pool, const SlotList& ra
       const VU low = hn::Set(du, 0xffffu);
       const VI vx = voxel(qx, cx, hn::And(jitter, low)), vy = voxel(qy, cy, hn::ShiftRight<16>(jitter));
       const VI vz = voxel(qz, cz, hn::ShiftRight<16>(jitter_z));
-      const VI nine = hn::Set(di, 9);
-      VI index = hn::Add(hn::Mul(hn::Add(hn::Mul(vx, nine), vy), nine), vz);
-      index = hn::Add(index,
-                      hn::GatherIndex(di, scene.brick, hn::IfThenElseZero(hn::RebindMask(di, collides), cell_index)));
-      const V value = hn::GatherIndex(d, scene.values, hn::IfThenElseZero(hn::RebindMask(di, collides), index));
+      const VI brick = hn::GatherIndex(di, scene.brick, hn::IfThenElseZero(hn::RebindMask(di, collides), cell_index));
+      V value;
+      if (scene.interpolate) {
+        const auto within = [&](V q, V c) {
+          return hn::IfThenElseZero(collides, hn::Min(hn::Max(hn::Sub(q, hn::Mul(c, eight)), zero), eight));
+        };
+        value = interpolated(scene, brick, within(qx, cx), within(qy, cy), within(qz, cz));
+      } else {
+        const VI nine = hn::Set(di, 9);
+        const VI index = hn::Add(hn::Add(hn::Mul(hn::Add(hn::Mul(vx, nine), vy), nine), vz), brick);
+        value = hn::GatherIndex(d, scene.values, hn::IfThenElseZero(hn::RebindMask(di, collides), index));
+      }
       counters.lookups += hn::CountTrue(d, collides);
       const V u = rng.uniform(collides);
       if (kShadow) {
@@ -648,6 +656,7 @@ LaneScene lane_scene(const PathContext& context) {
   for (int c = 0; c < 3; ++c) s.albedo[c] = static_cast<float>(medium.albedo()[c]);
   s.roulette_start = context.roulette_start;
   s.max_events = context.max_events;
+  s.interpolate = context.interpolate;
   if (!context.plan.light_sampling) return s;
   double end = 0;
   const dvec3 anywhere(0);
@@ -880,8 +889,8 @@ bool fits_lanes(const Plan& plan, std::span<const Medium> media, const Lights& l
   if (plan.media != Plan::Media::kOneGrey || plan.moving_media || plan.emission || plan.surfaces || plan.finite_lights)
     return false;
   const Medium& m = media[0];
-  return !m.solid() && !m.coloured() && m.phase().is_henyey_greenstein() && LaneGrid::fits(m.bricks()) &&
-         lights.points().empty() && lights.suns().size() <= kMostSuns;
+  return !m.solid() && !m.coloured() && !m.global_majorant() && m.phase().is_henyey_greenstein() &&
+         LaneGrid::fits(m.bricks()) && lights.points().empty() && lights.suns().size() <= kMostSuns;
 }
 
 void trace_paths_in_lanes(const PathContext& context, std::span<const PathRequest> requests,

@@ -58,9 +58,11 @@ class Medium {
   Medium(const Solid& solid, const dmat4& world_from_local, const Coefficients& coefficients,
          const PhaseFunction& phase);
 
-  /// Loosens the majorants that free flights and ratio tracking use; at least 1.
-  void set_majorant_scale(double scale) { majorant_scale_ = scale; }
+  /// Loosens the majorants that free flights and ratio tracking use by a factor of at least 1, or takes one for the
+  /// whole grid: neither changes an expectation.
+  void set_majorants(double scale, bool global) { majorant_scale_ = scale, global_majorant_ = global; }
   double majorant_scale() const { return majorant_scale_; }
+  bool global_majorant() const { return global_majorant_; }
   void set_colour(const VectorBricks& colour, const Placement& where) { colour_ = &colour, colour_placement_ = where; }
   void set_displacement(const Displacement& displacement) { displacement_ = &displacement; }
   /// The transform at the shutter's end; it moves there in a straight line from the one given at construction.
@@ -135,6 +137,7 @@ class Medium {
   Placement colour_placement_;
   const Displacement* displacement_ = nullptr;
   double time_ = 0, majorant_scale_ = 1;
+  bool global_majorant_ = false;
   Coefficients coefficients_;
   double sigma_max_ = 0;
   dvec3 ratio_{1};

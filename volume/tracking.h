@@ -35,13 +35,15 @@ class TentativeCollisions {
         ray_(local),
         k_(medium.extinction_per_density()),
         margin_(kMajorantMargin * medium.majorant_scale()),
+        one_segment_(medium.solid() || medium.global_majorant()),
         walk_(walked_grid(medium), {local.o + medium.walked_shift(), local.d}, 0.0, t_max) {
     tau_ = rng.exponential();  // carried across cells: the same process as drawing anew in each, for less
-    if (medium.solid()) {
-      const auto [t0, t1] = medium.solid()->intersect(local);
+    if (one_segment_) {
+      const auto [lo, hi] = medium.support();
+      const auto [t0, t1] = (medium.solid() ? *medium.solid() : Solid{Solid::Shape::kBox, lo, hi}).intersect(local);
       segment_.t0 = t0 > 0 ? t0 : 0.0;
       segment_.t1 = t1 < t_max ? t1 : t_max;
-      segment_.majorant = 1.0f;
+      segment_.majorant = static_cast<float>(medium.maximum_density());
       t_ = segment_.t0;
       open_ = segment_.t1 > segment_.t0;
     }
@@ -56,7 +58,7 @@ class TentativeCollisions {
     }
     for (;;) {
       if (!open_) {
-        if (medium_->solid() || !walk_.next(segment_)) return false;
+        if (one_segment_ || !walk_.next(segment_)) return false;
         t_ = segment_.t0;
         open_ = true;
       }
@@ -65,14 +67,13 @@ class TentativeCollisions {
       if (tau_ >= remaining) {
         tau_ -= remaining;
         open_ = false;
-        if (medium_->solid()) return false;
         continue;
       }
       t_ += tau_ / sigma_maj;
       double density;
       if (medium_->solid()) {
         density = 1.0;
-      } else if (medium_->displacement()) {
+      } else if (medium_->displacement() || one_segment_) {
         density = medium_->density(ray_.at(t_));
       } else {
         density = medium_->bricks().lookup_in(*segment_.cell, segment_.coordinates, ray_.at(t_));
@@ -87,12 +88,14 @@ class TentativeCollisions {
  private:
   static const BrickGrid& walked_grid(const Medium& medium) {
     static const BrickGrid kNone;
-    return medium.solid() ? kNone : medium.walked();
+    return medium.solid() || medium.global_majorant() ? kNone : medium.walked();
   }
 
   const Medium* medium_;
   Ray ray_;
-  double k_, margin_, tau_, t_ = 0;
+  double k_, margin_;
+  bool one_segment_;  // a homogeneous medium, or one bound for the whole grid
+  double tau_ = 0, t_ = 0;
   MajorantWalk walk_;
   MajorantWalk::Segment segment_{};
   bool open_ = false, fresh_ = true;

@@ -91,13 +91,19 @@ TEST_F(PartsTest, WhatDoesNotBelongTogetherIsRefused) {
   EXPECT_EQ(other([](Scene&, RenderJob&) {}), "");
   EXPECT_NE(other([](Scene&, RenderJob& j) { j.seed = 6; }).find("the seed is 6 in the first, 5 in the second"),
             std::string::npos);
-  EXPECT_NE(other([](Scene& s, RenderJob&) { s.hash = "another"; }).find("the scene's fingerprint is another"), std::string::npos);
+  EXPECT_NE(other([](Scene& s, RenderJob&) { s.hash = "another"; }).find("the scene's fingerprint is another"),
+            std::string::npos);
   EXPECT_NE(other([](Scene&, RenderJob& j) { j.program = "brume old"; }).find("the program version is brume old"),
             std::string::npos);
-  EXPECT_NE(other([](Scene&, RenderJob& j) { j.crop = RenderJob::Crop{0, 0, 9, 9}; }).find("the crop is 0,0,9,9 of 37 x 21"),
+  EXPECT_NE(other([](Scene&, RenderJob& j) {
+              j.crop = RenderJob::Crop{0, 0, 9, 9};
+            }).find("the crop is 0,0,9,9 of 37 x 21"),
             std::string::npos);
   write_exr(folder_ / "plain.exr", prepared().render(job(2), {}).layers);
-  EXPECT_NE(error_of([&] { merge_parts({a, folder_ / "plain.exr"}, false); }).find("holds no sums of its samples"), std::string::npos);
+  EXPECT_NE(error_of([&] {
+              merge_parts({a, folder_ / "plain.exr"}, false);
+            }).find("holds no sums of its samples"),
+            std::string::npos);
 }
 
 // Cut after any number of tiles, and again, and gone on with: the same bits as in one go, with more samples too.
@@ -170,13 +176,13 @@ TEST_F(PartsTest, BucketsHalvesAndMeansAgree) {
   for (int y = 0; y < 21; ++y)
     for (int x = 0; x < 37; ++x) {
       double even = 0, odd = 0;
-      for (int k = 0; k < 8; ++k)
-        (k % 2 ? odd : even) += f.at("direct.bucket_" + std::to_string(k) + ".R")(x, y) / 4;
+      for (int k = 0; k < 8; ++k) (k % 2 ? odd : even) += f.at("direct.bucket_" + std::to_string(k) + ".R")(x, y) / 4;
       ASSERT_NEAR(even, f.at("direct.half_a.R")(x, y), 1e-5);
       ASSERT_NEAR(odd, f.at("direct.half_b.R")(x, y), 1e-5);
       // The parts of direct sum to it.
-      ASSERT_NEAR(f.at("background.R")(x, y) + f.at("emission.R")(x, y) + f.at("single.R")(x, y) + f.at("surface.R")(x, y),
-                  f.at("direct.R")(x, y), 1e-6);
+      ASSERT_NEAR(
+          f.at("background.R")(x, y) + f.at("emission.R")(x, y) + f.at("single.R")(x, y) + f.at("surface.R")(x, y),
+          f.at("direct.R")(x, y), 1e-6);
     }
 }
 

@@ -51,8 +51,8 @@ class SurfaceTest : public ::testing::Test {
   test::TemporaryFolder folder_;
 };
 
-// Surfaces that absorb nothing under a sky of 1 cannot be seen, whatever they do to directions. Polished ones are exact;
-// rough microfacets lose what bounces between facets, so they are not held to 1.
+// Surfaces that absorb nothing under a sky of 1 cannot be seen, whatever they do to directions. Polished ones are
+// exact; rough microfacets lose what bounces between facets, so they are not held to 1.
 TEST_F(SurfaceTest, WhiteFurnace) {
   struct Case {
     const char* material;
@@ -75,8 +75,8 @@ TEST_F(SurfaceTest, WhiteFurnace) {
   }
 }
 
-// For every kind of surface and incidence: the sampled weight is f cos / pdf, and the density integrates to the share of
-// samples that carry anything.
+// For every kind of surface and incidence: the sampled weight is f cos / pdf, and the density integrates to the share
+// of samples that carry anything.
 TEST(Bsdf, WeightsAreValuesOverDensities) {
   Rng rng(1);
   for (const Bsdf::Kind kind : {Bsdf::Kind::kDiffuse, Bsdf::Kind::kConductor, Bsdf::Kind::kDielectric})
@@ -144,7 +144,8 @@ TEST_F(SurfaceTest, AMeshLightIsTheRectangleItLooksLike) {
   lamp.type = "rectangle", lamp.position = dvec3(0, 0, 3), lamp.edge_x = dvec3(0, 2, 0), lamp.edge_y = dvec3(2, 0, 0);
   lamp.radiance = dvec3(3), lamp.visible_to_camera = true;
   s.lights.push_back(lamp);
-  const Layers a = PreparedScene(s, {}).render(400, 1, {}).layers, b = PreparedScene(with_mesh, {}).render(400, 2, {}).layers;
+  const Layers a = PreparedScene(s, {}).render(400, 1, {}).layers,
+               b = PreparedScene(with_mesh, {}).render(400, 2, {}).layers;
   for (const LayerName& l : {layer::direct, layer::indirect}) {
     const test::Mean m = test::mean_radiance(a, l), n = test::mean_radiance(b, l);
     EXPECT_GT(m.value.x, 0.01);
@@ -166,7 +167,8 @@ TEST_F(SurfaceTest, HoldoutsCutHolesAndCatchersGatherShadows) {
   sun.type = "sun", sun.direction = dvec3(0, 0, 1), sun.irradiance = dvec3(2);
   s.lights.push_back(sun);
   VolumeSettings fog;
-  fog.shape = "sphere", fog.lo = dvec3(-1, -1, 1), fog.hi = dvec3(1, 1, 3), fog.sigma_t = dvec3(1), fog.albedo = dvec3(0);
+  fog.shape = "sphere", fog.lo = dvec3(-1, -1, 1), fog.hi = dvec3(1, 1, 3), fog.sigma_t = dvec3(1),
+  fog.albedo = dvec3(0);
   s.volumes.push_back(fog);
   s.camera.position = dvec3(0, -8, 8);
   f = PreparedScene(s, LayerRequest::of({"all"}, true)).render(64, 1, {}).layers;
@@ -194,9 +196,11 @@ TEST_F(SurfaceTest, SmokeBehindGlassIsSeen) {
 TEST(LoadMesh, ReadsObjAndPlyOfAllKinds) {
   const test::TemporaryFolder folder;
   test::write_file(folder / "a.obj", kFloor);
-  const std::string header = "element vertex 4\nproperty float x\nproperty float y\nproperty float z\nelement face 1\n"
-                             "property list uchar int vertex_indices\nend_header\n";
-  test::write_file(folder / "a.ply", "ply\nformat ascii 1.0\n" + header + "-50 -50 0\n50 -50 0\n50 50 0\n-50 50 0\n4 0 1 2 3\n");
+  const std::string header =
+      "element vertex 4\nproperty float x\nproperty float y\nproperty float z\nelement face 1\n"
+      "property list uchar int vertex_indices\nend_header\n";
+  test::write_file(folder / "a.ply",
+                   "ply\nformat ascii 1.0\n" + header + "-50 -50 0\n50 -50 0\n50 50 0\n-50 50 0\n4 0 1 2 3\n");
   std::string binary = "ply\nformat binary_little_endian 1.0\n" + header;
   for (const float v : {-50.f, -50.f, 0.f, 50.f, -50.f, 0.f, 50.f, 50.f, 0.f, -50.f, 50.f, 0.f})
     binary.append(reinterpret_cast<const char*>(&v), 4);
@@ -226,14 +230,17 @@ TEST(LoadMesh, BrokenFilesSayWhatIsWrong) {
   };
   const auto holds = [](const std::string& text, const char* part) { return text.find(part) != std::string::npos; };
   EXPECT_TRUE(holds(error("a.stl", "solid"), "neither PLY (by its first bytes) nor OBJ"));
-  EXPECT_TRUE(holds(error("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n"), "vertex")) << error("a.obj", "v 0 0 0\nf 1 2 9\n");
+  EXPECT_TRUE(holds(error("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n"), "vertex"))
+      << error("a.obj", "v 0 0 0\nf 1 2 9\n");
   EXPECT_TRUE(holds(error("b.obj", "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n"), "no triangle with an area"));
   EXPECT_TRUE(holds(error("c.ply", "ply\nformat ascii 1.0\nelement vertex 3\n"), "header has no end"));
   EXPECT_TRUE(holds(error("d.ply", "ply\nformat binary_big_endian 1.0\nend_header\n"), "binary_big_endian"));
-  EXPECT_TRUE(holds(error("e.ply", "ply\nformat binary_little_endian 1.0\nelement vertex 3\nproperty float x\nproperty "
-                                   "float y\nproperty float z\nend_header\nabc"),
+  EXPECT_TRUE(holds(error("e.ply",
+                          "ply\nformat binary_little_endian 1.0\nelement vertex 3\nproperty float x\nproperty "
+                          "float y\nproperty float z\nend_header\nabc"),
                     "truncated"));
-  EXPECT_TRUE(holds(error("f.ply", "ply\nformat ascii 1.0\nelement vertex 1\nproperty float a\nend_header\n0\n"), "no x, y, z"));
+  EXPECT_TRUE(holds(error("f.ply", "ply\nformat ascii 1.0\nelement vertex 1\nproperty float a\nend_header\n0\n"),
+                    "no x, y, z"));
   // Degenerate triangles beside a good one are dropped and counted; edges shared by three triangles are no matter.
   test::write_file(folder / "g.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 2\nf 1 2 4\nf 2 1 4\n");
   const TriangleMesh mesh = load_mesh(folder / "g.obj", dmat4(1));
