@@ -18,7 +18,7 @@ namespace {
 
 struct Options {
   std::string scene, output, preview, layers = "direct,indirect,gradient,coverage,transmittance", replay;
-  std::string part, crop, time, checkpoint, resume, tev;
+  std::string part, crop, time, checkpoint, resume, tev, records;
   std::vector<std::string> overrides;
   int spp = 0;
   int64_t seed = -1;
@@ -96,13 +96,15 @@ int run(const Common& common) {
   if (!o.output.empty()) check_writable(o.output, inputs, ".exr");
   if (!o.preview.empty()) check_writable(o.preview, inputs, ".png");
   if (!o.checkpoint.empty()) check_writable(o.checkpoint, inputs, ".exr");
+  if (!o.records.empty()) check_writable(o.records, inputs, ".records");
   const bool open_ended = o.spp == 0 && (!o.time.empty() || o.target_error > 0);
   if (o.spp > 0) scene.render.spp = o.spp;
   if (open_ended) scene.render.spp = 1 << 20;  // as many as the time or the error asks for
   if (o.seed >= 0) scene.render.seed = o.seed;
-  const LayerRequest layers =
+  LayerRequest layers =
       LayerRequest::of(o.layers.empty() || o.layers == "none" ? std::vector<std::string>{} : split(o.layers, ','),
                        !o.no_statistics, o.buckets);
+  layers.records = !o.records.empty();
 
   RenderJob job;
   job.spp = scene.render.spp, job.seed = scene.render.seed;
@@ -113,6 +115,7 @@ int run(const Common& common) {
   job.checkpoint = o.checkpoint;
   job.checkpoint_seconds = o.checkpoint_every;
   job.resume = o.resume;
+  job.records = o.records;
   // A checkpoint that is resumed is also where to go on checkpointing.
   if (!o.resume.empty() && o.checkpoint.empty()) job.checkpoint = o.resume;
   job.program = version_text();
@@ -169,6 +172,8 @@ void add_render(CLI::App& app, Common& common, Commands& commands) {
       ->capture_default_str();
   command->add_option("--resume", o.resume, "go on from a checkpoint, also with more --spp; same picture as in one go");
   command->add_option("--part", o.part, "i/N: the i-th of N shares of the samples, to be joined by brume merge");
+  command->add_option("--records", o.records,
+                      "also write what happened to each sample (random numbers, positions, colours) to FILE.records");
   command->add_option("--tev", o.tev, "show the picture in tev as it grows: host:port, or default for 127.0.0.1:14158")
       ->expected(0, 1)
       ->default_str("default");

@@ -2,6 +2,7 @@
 #include <span>
 
 #include "base/rng.h"
+#include "render/path_record.h"
 #include "render/plan.h"
 #include "render/surfaces.h"
 #include "volume/lane_grid.h"
@@ -46,6 +47,7 @@ struct PathRequest {
   Ray ray;
   double time = 0;  ///< in [0, 1] of the shutter
   SampleKey key;
+  PathRecord* record = nullptr;  ///< filled where not null; never in lanes
 };
 
 /// Follows a batch of paths from the eye; samples[i] belongs to requests[i] and depends on it alone. Unbiased but for

@@ -416,6 +416,7 @@ LightSample Lights::sample(const dvec3& p, double choice, const dvec2& u) const 
   LightSample s = sampled_[i]->sample(p, u);
   s.pdf *= share;
   s.light = sampled_[i];
+  s.index = i;
   return s;
 }
 

@@ -22,6 +22,7 @@ struct LightSample {
   double distance = 0;
   bool delta = false;            ///< a single direction: radiance holds the irradiance, no other technique can hit it
   const Light* light = nullptr;  ///< whose it is; set by Lights::sample
+  size_t index = 0;              ///< its number among the sampled lights
 };
 
 /// Something that next-event estimation can aim at.

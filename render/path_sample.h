@@ -37,6 +37,7 @@ struct LayerRequest {
   std::vector<std::string> names = {"direct", "indirect", "gradient", "coverage", "transmittance"};
   bool statistics = true;  ///< mean_variance, half_a, half_b of each
   bool buckets = false;    ///< and eight bucket means
+  bool records = false;    ///< keep what happened to each path, for RenderJob::records
 
   /// Names as in the EXR; the beauty and the counts always come. "all" is every layer.
   /// @throws InputError for a name brume does not record

@@ -28,12 +28,12 @@ Plan make_plan(const SceneMedia& media, const Lights& lights, const Surfaces* su
   plan.lens = camera.has_lens();
   plan.shutter = camera.moves() || plan.moving_media;
   if (plan.has_media()) {
-    plan.medium_surface = layers.has(layer::gradient) || layers.has(layer::coverage);
+    plan.medium_surface = layers.has(layer::gradient) || layers.has(layer::coverage) || layers.records;
     plan.flash = layers.has(layer::flash);
     for (const LayerName& l : {layer::scatter_depth, layer::scatter_position, layer::scatter_density,
                                layer::scatter_share, layer::albedo, layer::gradient_first_scatter, layer::flash})
       plan.first_event = plan.first_event || layers.has(l);
-    plan.first_scatter_gradient = layers.has(layer::gradient_first_scatter) || plan.flash;
+    plan.first_scatter_gradient = layers.has(layer::gradient_first_scatter) || plan.flash || layers.records;
     plan.weighted_gradient = layers.has(layer::gradient_transmittance_weighted);
     plan.optical_depth = layers.has(layer::optical_depth);
   }

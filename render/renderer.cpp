@@ -60,7 +60,7 @@ PreparedScene::PreparedScene(Scene scene, const LayerRequest& layers, const Task
   context_.lights = &lights_;
   context_.surfaces = surfaces_.get();
   context_.plan = make_plan(media_, lights_, surfaces_.get(), camera, layers);
-  if (scene_.render.lanes != "off" && fits_lanes(context_.plan, context_.media, lights_)) {
+  if (scene_.render.lanes != "off" && !layers.records && fits_lanes(context_.plan, context_.media, lights_)) {
     context_.plan.lanes = true;
     lane_grid_ = LaneGrid(context_.media[0].bricks(), scene_.render.majorant_scale);
     context_.lane_grid = &lane_grid_;
@@ -163,6 +163,20 @@ RenderResult PreparedScene::render(const RenderJob& job, const Task& task) const
     report.counters.capped_paths = static_cast<uint64_t>(saved.number("cappedPaths").value_or(0.0));
   }
 
+  std::unique_ptr<RecordWriter> records;
+  if (!job.records.empty()) {
+    if (progressive || !job.resume.empty() || job.parts > 1)
+      throw InputError(
+          "sample records are written in one go: not with time, error, checkpoint, resume, part or viewer");
+    RecordLayout layout{width,
+                        height,
+                        Film::kTile,
+                        end - first,
+                        PathRecord::fields(),
+                        fmt::format("scene {} hash {} seed {}", scene_.name, scene_.hash, job.seed)};
+    records = std::make_unique<RecordWriter>(job.records, layout);
+  }
+
   struct TileReport {
     PathCounters counters;
     uint64_t invalid = 0;
@@ -182,6 +196,7 @@ RenderResult PreparedScene::render(const RenderJob& job, const Task& task) const
       static thread_local std::vector<PathRequest> requests;
       static thread_local std::vector<PathSample> samples;
       const bool had_work = film.taken(tile) < goal;
+      std::vector<PathRecord> tile_records(records ? static_cast<size_t>(b.pixels()) * goal : 0);
       while (film.taken(tile) < goal) {
         if (pass_task.cancelled()) return;
         const uint32_t start = film.taken(tile);
@@ -192,6 +207,14 @@ RenderResult PreparedScene::render(const RenderJob& job, const Task& task) const
             for (uint32_t s = start; s < start + count; ++s)
               requests.push_back(
                   request(camera, job.seed, window.x0 + x, window.y0 + y, static_cast<uint32_t>(first) + s));
+        if (records)
+          for (size_t i = 0; i < requests.size(); ++i) {
+            PathRecord& record = tile_records[i / count * goal + requests[i].key.sample - static_cast<uint32_t>(first)];
+            const Sobol sobol(requests[i].key);
+            record.film = vec2(sobol.pair(0)), record.lens = vec2(sobol.pair(1));
+            record.time = static_cast<float>(requests[i].time);
+            requests[i].record = &record;
+          }
         samples.resize(requests.size());
         trace(context_, requests, samples, r.counters);
         for (size_t i = 0; i < requests.size(); ++i) {
@@ -205,6 +228,11 @@ RenderResult PreparedScene::render(const RenderJob& job, const Task& task) const
         film.set_taken(tile, start + count);
       }
       if (!had_work) return;
+      if (records) {
+        const float* const begin = tile_records.front().values();
+        records->write(tile,
+                       std::vector<float>(begin, begin + tile_records.size() * (sizeof(PathRecord) / sizeof(float))));
+      }
       film.develop(tile);
       if (!keep) film.drop(tile);
       if (job.watch) {
@@ -291,6 +319,7 @@ RenderResult PreparedScene::render(const RenderJob& job, const Task& task) const
     throw Interrupted(fmt::format("the checkpoint {0} is written; go on with --resume {0}", job.checkpoint.string()));
   }
   if (task.progress && done < total) task.report(1.0);
+  if (records) records->commit();
   report = collect();
   if (!job.checkpoint.empty()) write_checkpoint();
   result.layers = film.layers();

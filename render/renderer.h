@@ -55,6 +55,9 @@ struct RenderJob {
   std::filesystem::path resume;  ///< a checkpoint (or part) to go on from
   std::string program;           ///< who renders: states of another program version are refused
 
+  std::filesystem::path
+      records;  ///< per-sample records go here (PathRecord); needs LayerRequest::records, and one pass
+
   /// Called whenever a tile's pixels have changed, from any thread, one at a time.
   std::function<void(const Film&, int tile)> watch;
   /// Called between passes with what the frame holds; to fill in what its caller adds to headers.

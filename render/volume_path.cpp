@@ -50,8 +50,8 @@ template <Features F>
 class PathTracer {
  public:
   PathTracer(const PathContext& context, std::span<const Medium> media, Rng& rng, PathCounters& counters,
-             PathSample& sample)
-      : c_(context), media_(media), rng_(rng), counters_(counters), s_(sample) {}
+             PathSample& sample, PathRecord* record)
+      : c_(context), media_(media), rng_(rng), counters_(counters), s_(sample), record_(record) {}
 
   void trace(const Ray& camera_ray) {
     ++counters_.paths;
@@ -63,6 +63,7 @@ class PathTracer {
     }
     counters_.longest = std::max(counters_.longest, events_);
     s_.beauty = s_.direct + s_.indirect;
+    if (record_) finish_record();
   }
 
  private:
@@ -204,8 +205,10 @@ class PathTracer {
 
   /// A real collision in a medium.
   bool scatter(const Medium& medium, double t) {
+    const Ray flight = ray_;
     ray_.o = ray_.at(t);
     const dvec3 albedo = medium.albedo(ray_.o);
+    if (record_ && events_ < 2) record_event(flight, t);
     if (events_ == 0) flash_ = record_first_scatter(c_, medium, eye_, ray_.o, ray_.d, throughput_.weight, albedo, s_);
     throughput_.weight *= albedo;  // absorption by weight, not by chance
     const PhaseFunction& phase = medium.phase();
@@ -223,6 +226,7 @@ class PathTracer {
     pdf_direction_ = phase.value(glm::dot(ray_.d, d));
     ray_.d = d;
     specular_ = false;
+    if (record_ && events_ < 2) (events_ == 0 ? record_->direction_1 : record_->direction_2) = vec3(d);
     ++events_;
     return true;
   }
@@ -329,6 +333,7 @@ class PathTracer {
   dvec3 sampled_light(const dvec3& p, double choice, const dvec2& u, const Scattering& scattering, bool shadowed = true,
                       bool only_technique = false, const dvec3* normal = nullptr) {
     const LightSample light = c_.lights->sample(p, choice, u);
+    if (record_ && events_ == 0) record_->light_1 = static_cast<float>(light.index), record_->light_uv_1 = vec2(u);
     if (!(light.pdf > 0)) return dvec3(0);
     const auto [value, pdf] = scattering(light.wi);
     const double weight = light.delta || only_technique ? 1.0 : balance(light.pdf, pdf);
@@ -344,21 +349,50 @@ class PathTracer {
       }
     if constexpr (F.surfaces)
       if (c_.surfaces->occluded(shadow, light.distance * (1.0 - 1e-4))) return dvec3(0);
+    const dvec3 arriving = dimmed(unoccluded, shadow, light.distance);
+    if (record_ && events_ == 0)
+      record_->light_transmittance_1 = static_cast<float>(luminance(arriving) / luminance(unoccluded));
+    return arriving;
+  }
+
+  /// Light after its way through the media.
+  dvec3 dimmed(const dvec3& unoccluded, const Ray& shadow, double distance) {
     if constexpr (F.media == Plan::Media::kOneGrey) {
       return unoccluded *
-             estimate_transmittance(media_[0], media_[0].to_local(shadow), light.distance, rng_, counters_.tracking);
+             estimate_transmittance(media_[0], media_[0].to_local(shadow), distance, rng_, counters_.tracking);
     } else if constexpr (F.any_media()) {
       dvec3 product = unoccluded;
       for (const Medium& m : media_) {
         if (F.chromatic() && m.chromatic())
-          product *= estimate_chromatic_transmittance(m, m.to_local(shadow), light.distance, rng_, counters_.tracking);
+          product *= estimate_chromatic_transmittance(m, m.to_local(shadow), distance, rng_, counters_.tracking);
         else
-          product *= estimate_transmittance(m, m.to_local(shadow), light.distance, rng_, counters_.tracking);
+          product *= estimate_transmittance(m, m.to_local(shadow), distance, rng_, counters_.tracking);
         if (product == dvec3(0)) break;
       }
       return product;
     }
     return unoccluded;
+  }
+
+  // ---- per-sample records
+
+  void record_event(const Ray& flight, double t) {
+    double tau = 0;
+    for (const Medium& m : media_) tau += optical_depth(m, m.to_local(flight), t);
+    (events_ == 0 ? record_->flight_1 : record_->flight_2) = static_cast<float>(-std::expm1(-tau));
+    (events_ == 0 ? record_->position_1 : record_->position_2) = vec3(flight.at(t) + c_.world_shift);
+    record_->flags += events_ == 0 ? 1.0f : first_event_on_surface_ ? 0.0f : 2.0f;
+  }
+
+  void finish_record() {
+    PathRecord& r = *record_;
+    r.surface_gradient = vec3(s_.gradient), r.gradient_1 = vec3(s_.gradient_first_scatter);
+    r.albedo = vec3(s_.albedo), r.density_1 = static_cast<float>(s_.scatter_density);
+    r.normal = vec3(s_.normal);
+    if (first_event_on_surface_) r.flags += 4, r.position_1 = vec3(s_.position);
+    if (s_.coverage > 0) r.flags += 8;
+    r.unscattered = vec3(s_.background + s_.emission + s_.surface);
+    r.single = vec3(s_.single), r.indirect = vec3(s_.indirect);
   }
 
  public:
@@ -371,6 +405,7 @@ class PathTracer {
   Rng& rng_;
   PathCounters& counters_;
   PathSample& s_;
+  PathRecord* record_;
 
   Ray ray_;
   dvec3 eye_{0};
@@ -396,7 +431,7 @@ void trace_paths(const PathContext& context, std::span<const PathRequest> reques
       media = moved;
     }
     samples[i] = {};
-    PathTracer<F> tracer(context, media, rng, counters, samples[i]);
+    PathTracer<F> tracer(context, media, rng, counters, samples[i], request.record);
     tracer.trace(request.ray);
     if (context.plan.flash) samples[i].flash = samples[i].direct + context.flash.intensity * tracer.flash();
   }

@@ -171,6 +171,46 @@ TEST_F(PartsTest, StopsAtTheTargetError) {
   expect_same_pixels(prepared().render(fixed, {}).layers, r.layers);
 }
 
+// Each sample's record is what that sample did: its colours add up to its pixel, its numbers to what replay() tells.
+TEST_F(PartsTest, SampleRecordsStreamByTile) {
+  LayerRequest layers;
+  layers.records = true;
+  const PreparedScene scene(scene_, layers);
+  EXPECT_FALSE(scene.plan().lanes);
+  RenderJob j = job(5);
+  j.records = folder_ / "samples.records";
+  const Layers frame = scene.render(j, {}).layers;
+  RecordReader reader(j.records);
+  const RecordLayout& layout = reader.layout();
+  ASSERT_EQ(layout.components() * sizeof(float), sizeof(PathRecord));
+  ASSERT_EQ(layout.samples, 5);
+  int scattered = 0;
+  for (int tile = 0; tile < layout.tile_count(); ++tile) {
+    const std::vector<float> values = reader.read(tile);
+    const auto* record = reinterpret_cast<const PathRecord*>(values.data());
+    const RecordLayout::Bounds b = layout.bounds(tile);
+    for (int y = b.y0; y < b.y1; ++y)
+      for (int x = b.x0; x < b.x1; ++x) {
+        dvec3 sum(0);
+        for (int s = 0; s < 5; ++s, ++record) {
+          sum += dvec3(record->unscattered + record->single + record->indirect) / 5.0;
+          const bool once = static_cast<int>(record->flags) & 1;
+          ASSERT_EQ(once, record->flight_1 < 1);
+          ASSERT_EQ(once, record->density_1 > 0);
+          ASSERT_NEAR(glm::length(record->direction_1), once ? 1.0 : 0.0, 1e-5);
+          scattered += once;
+        }
+        for (size_t c = 0; c < 3; ++c)
+          ASSERT_NEAR(sum[static_cast<int>(c)], (*frame.rgb(layer::beauty)[c])(x, y), 1e-5);
+      }
+  }
+  EXPECT_GT(scattered, 100);
+  std::filesystem::resize_file(j.records, std::filesystem::file_size(j.records) - 4);
+  EXPECT_NE(error_of([&] { RecordReader damaged(j.records); }).find("truncated or damaged"), std::string::npos);
+  j.time_limit = 1;
+  EXPECT_NE(error_of([&] { scene.render(j, {}); }).find("in one go"), std::string::npos);
+}
+
 TEST_F(PartsTest, BucketsHalvesAndMeansAgree) {
   const Layers f = prepared().render(job(16), {}).layers;
   for (int y = 0; y < 21; ++y)
