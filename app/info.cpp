@@ -1,5 +1,6 @@
 #include <fmt/format.h>
 
+#include <filesystem>
 #include <fstream>
 
 #include "app/command.h"
@@ -126,6 +127,9 @@ void add_info(CLI::App& app, Common& common, Commands& commands) {
     char magic[4] = {};
     std::ifstream(path, std::ios::binary).read(magic, 4);
     const bool exr = std::string_view(magic, 4) == std::string_view("\x76\x2f\x31\x01", 4);
+    const bool vdb = std::string_view(magic, 4) == std::string_view(" BDV", 4);
+    if (!exr && !vdb && std::filesystem::is_regular_file(path))
+      throw InputError(fmt::format("{}: is neither an OpenVDB nor an OpenEXR file (by its first bytes)", path));
     return exr ? info_exr(path, common.json) : info_vdb(path, common.json);
   };
 }

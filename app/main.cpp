@@ -37,6 +37,18 @@ int parse_error(const CLI::App& app, const CLI::ParseError& error, int argc, cha
   for (const CLI::App* command : app.get_subcommands({})) verbs.push_back(command->get_name());
   if (argc > 1 && app.get_subcommands().empty() && argv[1][0] != '-')
     message = fmt::format("no command '{}'{}", argv[1], suggestion(argv[1], verbs));
+  // An option that is not there: the nearest one that is.
+  if (const auto chosen = app.get_subcommands(); !chosen.empty() && dynamic_cast<const CLI::ExtrasError*>(&error))
+    for (const std::string& word : chosen[0]->remaining())
+      if (word.starts_with("--")) {
+        std::vector<std::string> options;
+        for (const CLI::Option* option : chosen[0]->get_options())
+          for (const std::string& name : option->get_lnames()) options.push_back("--" + name);
+        const std::string nearest = nearest_name(word, options);
+        message = fmt::format("{} has no option '{}'{}", chosen[0]->get_name(), word,
+                              nearest.empty() ? "" : fmt::format("; did you mean '{}'?", nearest));
+        break;
+      }
   warn(message + "\nRun with --help for what there is.");
   return kBadInput;
 }
@@ -66,6 +78,7 @@ int run(int argc, char** argv) {
   }
   std::signal(SIGINT, on_interrupt);
   std::signal(SIGTERM, on_interrupt);
+  std::signal(SIGXFSZ, SIG_IGN);  // a file that may not grow is an error of that write, with its message
   try {
     return commands.at(app.get_subcommands().front())();
   } catch (const InputError& error) {

@@ -35,11 +35,13 @@ uint64_t RecordLayout::block_offset(int i) const {
   return pixels * samples * components();
 }
 
-RecordWriter::RecordWriter(const std::filesystem::path& path, const RecordLayout& layout) : layout_(layout), output_(path) {
-  nlohmann::json header = {{"width", layout.width},     {"height", layout.height},
-                           {"tile", layout.tile},       {"samples", layout.samples},
-                           {"fields", nlohmann::json::array()}, {"description", layout.description}};
-  for (const RecordLayout::Field& f : layout.fields) header["fields"].push_back({{"name", f.name}, {"components", f.components}});
+RecordWriter::RecordWriter(const std::filesystem::path& path, const RecordLayout& layout)
+    : layout_(layout), output_(path) {
+  nlohmann::json header = {
+      {"width", layout.width},     {"height", layout.height},           {"tile", layout.tile},
+      {"samples", layout.samples}, {"fields", nlohmann::json::array()}, {"description", layout.description}};
+  for (const RecordLayout::Field& f : layout.fields)
+    header["fields"].push_back({{"name", f.name}, {"components", f.components}});
   const std::string text = fmt::format("{}\n{}\n", kMagic, header.dump());
   data_begin_ = text.size();
   stream_.open(output_.part(), std::ios::binary);
@@ -49,7 +51,8 @@ RecordWriter::RecordWriter(const std::filesystem::path& path, const RecordLayout
 void RecordWriter::write(int tile, const std::vector<float>& values) {
   const std::lock_guard lock(writing_);
   stream_.seekp(static_cast<std::streamoff>(data_begin_ + layout_.block_offset(tile) * sizeof(float)));
-  stream_.write(reinterpret_cast<const char*>(values.data()), static_cast<std::streamsize>(values.size() * sizeof(float)));
+  stream_.write(reinterpret_cast<const char*>(values.data()),
+                static_cast<std::streamsize>(values.size() * sizeof(float)));
   if (!stream_) throw InputError(fmt::format("{}: cannot be written; is the disk full?", output_.part().string()));
 }
 

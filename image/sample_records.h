@@ -12,9 +12,9 @@ namespace brume {
 
 /// What a file of per-sample records holds: for each sample of each pixel the same list of numbers.
 ///
-/// On disk: a line "brume-records 1", a line of JSON with the members below, then the tiles in row order, each a block of
-/// float32 [pixel][sample][number], little-endian, pixels row by row. Every block's place follows from its number, so
-/// that tiles can be written in any order and read one at a time: no frame of records ever needs to fit in memory.
+/// On disk: a line "brume-records 1", a line of JSON with the members below, then the tiles in row order, each a block
+/// of float32 [pixel][sample][number], little-endian, pixels row by row. Every block's place follows from its number,
+/// so that tiles can be written in any order and read one at a time: no frame of records ever needs to fit in memory.
 struct RecordLayout {
   int width = 0, height = 0, tile = 16, samples = 0;
   struct Field {

@@ -9,7 +9,8 @@ namespace brume {
 struct PathRecord {
   vec2 film{0}, lens{0};
   float time = 0;
-  // Random parameters. A flight's is the share of light it outlived, 1 - exp(-optical depth), 1 where it left the media.
+  // Random parameters. A flight's is the share of light it outlived, 1 - exp(-optical depth), 1 where it left the
+  // media.
   float flight_1 = 1, flight_2 = 1;
   vec3 direction_1{0}, direction_2{0};  ///< world, after the event
   float light_1 = -1;                   ///< which light was sampled at the first event

@@ -383,6 +383,15 @@ Scene read_scene(const fs::path& path, std::span<const std::string> overrides) {
   if (fs::is_directory(path, ignored))
     throw InputError(fmt::format("{}: is a folder, expected a scene file (TOML)", path.string()));
   std::ifstream stream(path, std::ios::binary);
+  char magic[4] = {};
+  stream.read(magic, sizeof magic);
+  for (const auto& [bytes, what] : {std::pair(std::string_view(" BDV", 4), "an OpenVDB file"),
+                                    {std::string_view("\x76\x2f\x31\x01", 4), "an OpenEXR file"},
+                                    {std::string_view("\x89PNG", 4), "a PNG picture"}})
+    if (std::string_view(magic, 4) == bytes)
+      throw InputError(fmt::format("{}: is {}, expected a scene (TOML) that names it", path.string(), what));
+  stream.clear();
+  stream.seekg(0);
   toml::value root = parse(stream, path.string());
   for (const std::string& assignment : overrides) apply_override(root, assignment);
 
@@ -481,7 +490,8 @@ std::string scene_reference() {
       "# Scenes\n\n"
       "A scene is a TOML file. Paths in it start at its own folder. Unknown keys are errors. Any key can be set from "
       "the\n"
-      "command line: `-D camera.fov=30`, `-D volumes.0.sigma_t=5`. Colours are linear Rec. 709, `[r, g, b]` or one "
+      "command line: `-D camera.fov=30`, `-D volumes.0.sigma_t=5`; paths given so start at the scene's folder too. "
+      "Colours are linear Rec. 709, `[r, g, b]` or one "
       "grey\n"
       "number. Lengths are in scene units, whichever the volumes use.\n\n"
       "This page is written by `brume docs scene`; a test keeps it in step with the parser.\n";

@@ -196,6 +196,88 @@ TEST_F(BadInput, SizesAndNonFinitePixels) {
   EXPECT_NE(cleaned.err.find("1 pixels were NaN or infinite"), std::string::npos) << cleaned.err;
 }
 
+TEST_F(BadInput, LightsMeshesTexturesAndFields) {
+  const std::string head =
+      "[camera]\nposition = [0, -5, 1]\nlook_at = [0, 0, 0]\n[film]\nwidth = 8\nheight = 8\n[render]\nspp = 1\n";
+  const auto refused = [&](const std::string& text, const std::vector<std::string>& parts) {
+    test::write_file(folder_ / "s.toml", head + text);
+    expect_refused("render " + path("s.toml") + " -o " + path("out.exr"), parts);
+    expect_nothing_written();
+  };
+  const auto noted = [&](const std::string& text, const std::string& part) {
+    test::write_file(folder_ / "s.toml", head + text);
+    const auto r = run_brume("render " + path("s.toml") + " --progress none -o " + path("fine.exr"));
+    EXPECT_EQ(r.status, 0) << r.err;
+    EXPECT_NE(r.err.find(part), std::string::npos) << r.err;
+  };
+  test::write_file(folder_ / "flat.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
+  refused("[[surfaces]]\nfile = \"no.obj\"\n", {"no.obj: no such file"});
+  refused("[[surfaces]]\nfile = \"flat.obj\"\nalbedo_texture = \"no.png\"\n", {"no.png: no such file"});
+  refused("[[surfaces]]\nfile = \"flat.obj\"\nalbedo_texture = \"s.toml\"\n", {"s.toml: not a readable picture"});
+  refused("[[surfaces]]\nfile = \"flat.obj\"\nior = 2\n", {"'ior' has no meaning for a diffuse surface"});
+  refused("[[surfaces]]\nfile = \"flat.obj\"\nmaterial = \"wood\"\n", {"'material' cannot be 'wood'", "diffuse"});
+  refused(
+      "[[lights]]\ntype = \"rectangle\"\nposition = [0, 0, 1]\nedge_x = [1, 0, 0]\nedge_y = [2, 0, 0]\nradiance = 1\n",
+      {"expected two edges that span an area"});
+  refused("[[volumes]]\nshape = \"box\"\nlo = [1, 0, 0]\nhi = [0, 1, 1]\n", {"'lo' is not below 'hi'"});
+  noted(
+      "[environment]\nradiance = 1\n[[volumes]]\nshape = \"sphere\"\n[[lights]]\ntype = \"point\"\nposition = [0, 0, "
+      "9]\nintensity = 0\n",
+      "light 0 has no power");
+  const std::string volume = "[environment]\nradiance = 1\n[[volumes]]\nfile = \"" + kCloud + "\"\n";
+  refused(volume + "temperature_grid = \"auto\"\n", {"no grid 'temperature'", "density (float)"});
+  refused(volume + "albedo_grid = \"density\"\n", {"grid 'density' is of type float; expected vec3s"});
+  test::write_file(folder_ / "s.toml", head + "shutter = [0, 1]\n");
+  const std::string shutter = "[camera]\nposition = [0, -5, 1]\nlook_at = [0, 0, 0]\nshutter = [0, 1]\n";
+  test::write_file(folder_ / "v.toml", shutter + volume + "velocity_grid = \"density\"\n");
+  expect_refused("render " + path("v.toml") + " -o " + path("out.exr"),
+                 {"grid 'density' is of type float; expected vec3s"});
+  noted(volume + "velocity_grid = \"density\"\n", "no motion blur");
+}
+
+TEST_F(BadInput, WrongKindsOfFilesAndOptions) {
+  expect_refused("render " + kCloud + " -o " + path("out.exr"), {"is an OpenVDB file, expected a scene"});
+  expect_refused("info " + kScene, {"is neither an OpenVDB nor an OpenEXR file"});
+  expect_refused("render " + kScene + " --ssp 1 -o " + path("out.exr"),
+                 {"render has no option '--ssp'; did you mean '--spp'?"});
+  expect_refused("render " + kScene + " --crop 5,5,2,9 -o " + path("out.exr"),
+                 {"--crop 5,5,2,9: expected x0,y0,x1,y1 inside 0,0,400,400"});
+  expect_refused("render " + kScene + " --part 3/2 -o " + path("out.exr"), {"--part 3/2: expected i/N"});
+  expect_refused("render " + kScene + " --time soon -o " + path("out.exr"), {"--time soon: expected a duration"});
+  expect_refused("render " + kScene + " --layers deph -o " + path("out.exr"),
+                 {"no layer 'deph' to record; did you mean 'depth'?"});
+}
+
+// Killed without warning while checkpoints are written: what is left is whole, and can be gone on with.
+TEST_F(BadInput, KilledInTheMiddleOfACheckpoint) {
+  const std::string render =
+      "render " + kScene + " -q -D film.width=48 -D film.height=48 --checkpoint " + path("c.exr") + " ";
+  int left = 0;
+  for (const char* after : {"0.3", "0.45", "0.6", "0.9"}) {
+    const std::string command = "timeout -s KILL " + std::string(after) + " " + BRUME_PROGRAM + " " + render +
+                                "--checkpoint-every 0.001 --time 60s -o " + path("out.exr") + " 2>/dev/null";
+    EXPECT_NE(std::system(command.c_str()), 0);
+    if (!std::filesystem::exists(path("c.exr"))) continue;
+    ++left;
+    const auto more =
+        run_brume(render + "--resume " + path("c.exr") + " --spp 4096 --time 0.2s -o " + path("more.exr"));
+    EXPECT_EQ(more.status, 0) << more.err;
+  }
+  EXPECT_GT(left, 0);
+}
+
+// A disk that is full: the message, and no half-written file.
+TEST_F(BadInput, AFullDisk) {
+  const std::string command = "ulimit -f 16; " + std::string(BRUME_PROGRAM) + " render " + kScene +
+                              " -q -D film.width=64 -D film.height=64 --spp 1 -o " + path("out.exr") + " 2>" +
+                              path("err");
+  const int status = std::system(command.c_str());
+  EXPECT_EQ(WEXITSTATUS(status), 2);
+  EXPECT_NE(test::read_file(folder_ / "err").find("cannot be written"), std::string::npos)
+      << test::read_file(folder_ / "err");
+  expect_nothing_written();
+}
+
 TEST_F(BadInput, NoCommandDestroysWhatItReads) {
   const std::string s = scene(kCloud), text = test::read_file(s), input = frame("direct,indirect");
   expect_refused("render " + s + " -o " + s, {"its name should end in .exr"});
