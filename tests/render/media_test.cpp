@@ -68,6 +68,72 @@ TEST(HomogeneousMedium, SingleScatteringInASphere) {
   }
 }
 
+// A slab so deep that it has no other side, lit and seen along its normal: w / (8 pi) H(1)^2, from TRANSPORT.md section
+// 13.6. 256 x 4000 paths: a bias of 1 % would be found.
+TEST(HomogeneousMedium, SemiInfiniteSlabs) {
+  for (const auto& [albedo, expected] : {std::pair(0.5, .031148), {0.8, .081306}, {0.9, .122572}, {0.99, .240863}}) {
+    Scene s = through_the_middle(16);
+    s.camera.position = dvec3(0, 0, 100), s.camera.up = dvec3(0, 1, 0), s.camera.fov = 0.01;
+    s.volumes.push_back(solid("box", 1, albedo));
+    s.volumes[0].lo = dvec3(-1e6, -1e6, -60), s.volumes[0].hi = dvec3(1e6, 1e6, 0);
+    s.lights.push_back(sun({0, 0, 1}, 1));
+    const test::Mean m = test::mean_radiance(PreparedScene(s, {}).render(4000, 4, {}).layers);
+    EXPECT_NEAR(m.value.x, expected, 4.5 * m.error.x + 5e-7) << albedo;
+    EXPECT_LT(4.5 * m.error.x, 0.012 * expected);
+  }
+}
+
+// Of light that starts evenly inside an absorbing ball, the share that escapes (section 13.5): the power through the
+// surface, seen by an orthographic camera that frames the ball, over the power emitted.
+TEST(Emission, EscapeProbabilityOfABall) {
+  for (const auto& [a, expected] : {std::pair(.5, .707277), {1., .527252}, {2., .332418}, {5., .147001}}) {
+    Scene s = through_the_middle(32);
+    s.camera.type = "orthographic", s.camera.width = 2;
+    s.volumes.push_back(solid("sphere", a, 0));
+    s.volumes[0].emission = dvec3(1);
+    const test::Mean m = test::mean_radiance(PreparedScene(s, {}).render(400, 5, {}).layers);
+    // Power out: 4 pi times the mean over the square times its area 4; emitted: 4 pi times the volume.
+    const double share = m.value.x * 4 / (4 * kPi / 3), error = m.error.x * 4 / (4 * kPi / 3);
+    EXPECT_NEAR(share, expected, 4.5 * error) << a;
+    EXPECT_LT(4.5 * error, 0.01 * expected);
+  }
+}
+
+// Swap a narrow camera and a small lamp: what travels between them is the same (section 13.8). The medium is a real
+// cloud under any transform; each sees the other's cone only.
+TEST(Reciprocity, CameraAndLampChangePlaces) {
+  const auto transported = [](const dvec3& eye, const dvec3& lamp, int64_t seed) {
+    Scene s = test::scene_of(test::source("data/volumes/smoke.vdb"), 12, 0.8, 0.5);
+    const dvec3 centre = s.camera.look_at;
+    s.camera.position = centre + eye, s.camera.fov = 30;
+    LightSettings spot;
+    spot.type = "spot", spot.position = centre + lamp, spot.direction = -lamp, spot.intensity = dvec3(100);
+    spot.cone_angle = 30, spot.cone_softness = 0;
+    s.lights.push_back(spot);
+    s.film.width = s.film.height = 48;
+    const Layers f = PreparedScene(s, LayerRequest::of({"direct", "indirect"}, true)).render(150, seed, {}).layers;
+    // Flux into a cone of 15 degrees around the view: pixels weighted by their solid angle.
+    const double half = std::tan(15 * kPi / 180);
+    double sum = 0, variance = 0;
+    for (int y = 0; y < 48; ++y)
+      for (int x = 0; x < 48; ++x) {
+        const double u = ((x + 0.5) / 24 - 1) * half, v = ((y + 0.5) / 24 - 1) * half, r2 = u * u + v * v;
+        if (r2 > half * half) continue;
+        const double w = 1 / std::pow(1 + r2, 1.5);
+        sum += w * f.at("R")(x, y);
+        variance += w * w * f.at("mean_variance.R")(x, y);
+      }
+    return std::pair(sum, std::sqrt(variance));
+  };
+  const dvec3 a(0.5, -7, 1), b(5, 3.5, 3);
+  const auto [there, error_there] = transported(a, b, 1);
+  const auto [back, error_back] = transported(b, a, 2);
+  EXPECT_GT(there, 0);
+  // The rim of the cone falls on whole pixels: 1 % for that.
+  EXPECT_NEAR(there, back, 4.5 * std::hypot(error_there, error_back) + 0.01 * there);
+  EXPECT_LT(4.5 * std::hypot(error_there, error_back), 0.05 * there);
+}
+
 // Radiance through the centre of a ball that glows and absorbs: Le (1 - exp(-2 sigma R)), noise of the flights only.
 TEST(Emission, OfAnAbsorbingBall) {
   for (const double a : {0.1, 1.0, 3.0}) {
@@ -177,6 +243,19 @@ TEST(SeveralMedia, SuperpositionIsOneMedium) {
     EXPECT_NEAR(a.value.x, b.value.x, 4.5 * std::hypot(a.error.x, b.error.x)) << l.label();
     EXPECT_LT(4.5 * b.error.x, 0.04 * a.value.x) << l.label();
   }
+}
+
+// The flash image: the direct component plus a lamp's share that makes up for the indirect light that is left out.
+TEST(Flash, MakesUpForTheIndirectLight) {
+  Scene s = read_scene(test::source("data/scenes/cloud.toml"));
+  s.film.width = s.film.height = 48;
+  const Layers f = PreparedScene(s, LayerRequest::of({"direct", "indirect", "flash"}, true)).render(32, 1, {}).layers;
+  const test::Mean flash = test::mean_radiance(f, layer::flash), direct = test::mean_radiance(f, layer::direct),
+                   indirect = test::mean_radiance(f, layer::indirect);
+  EXPECT_NEAR(flash.value.y - direct.value.y, indirect.value.y, 0.15 * indirect.value.y);
+  EXPECT_GT(*f.number("flashIntensity"), 0);
+  EXPECT_LT(flash.error.y, std::hypot(direct.error.y, indirect.error.y))
+      << "the lamp is less noisy than what it replaces";
 }
 
 TEST(Presets, AreTheirToolsCoefficients) {

@@ -7,6 +7,8 @@
 
 #include "base/error.h"
 #include "base/running_statistics.h"
+#include "image/exr_io.h"
+#include "image/picture_io.h"
 #include "render/renderer.h"
 #include "tests/support/files.h"
 #include "tests/support/volumes.h"
@@ -151,6 +153,27 @@ TEST_F(SurfaceTest, AMeshLightIsTheRectangleItLooksLike) {
     EXPECT_GT(m.value.x, 0.01);
     EXPECT_NEAR(m.value.x, n.value.x, 4.5 * std::hypot(m.error.x, n.error.x)) << l.label();
     EXPECT_LT(4.5 * m.error.x, 0.05 * m.value.x);
+  }
+}
+
+// A picture on the floor: linear from EXR as it is, from PNG decoded; v runs up.
+TEST_F(SurfaceTest, TexturesColourTheAlbedo) {
+  Layers picture(2, 2);
+  const auto rgb = picture.add_rgb(layer::beauty);
+  (*rgb[0])(0, 0) = (*rgb[1])(1, 0) = (*rgb[2])(0, 1) = 1.0f;  // red, green; blue, black
+  write_exr(folder_ / "t.exr", picture);
+  write_png(folder_ / "t.png", to_picture(picture.rgb(layer::beauty)));
+  for (const char* name : {"t.exr", "t.png"}) {
+    Scene s = scene("floor.obj");
+    s.surfaces[0].albedo = dvec3(0.5);
+    s.surfaces[0].albedo_texture = folder_ / name;
+    s.environment.radiance = dvec3(1);
+    // Straight down on the middle of the upper left quarter of the square: the first texel.
+    s.camera.position = dvec3(-25, 25, 10), s.camera.look_at = dvec3(-25, 25, 0), s.camera.up = dvec3(0, 1, 0);
+    s.camera.fov = 1;
+    const Layers f = PreparedScene(s, LayerRequest::of({"albedo"}, true)).render(4, 1, {}).layers;
+    EXPECT_NEAR(f.at("albedo.R")(8, 8), 0.5f, 0.01f) << name;
+    EXPECT_NEAR(f.at("albedo.G")(8, 8), 0.0f, 0.01f) << name;
   }
 }
 
