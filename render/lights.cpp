@@ -335,15 +335,20 @@ LightSample Environment::sample(const dvec2& u) const {
   return {d, radiance(d), pdf(d), kFar, false};
 }
 
+namespace {
+
+// Importance is zero at one point only by accident, at two only for want of power.
+bool shines(const Light& light) {
+  return light.importance(dvec3(0)) > 0 || light.importance(dvec3(1, 2, 3)) > 0;
+}
+
+}  // namespace
+
 Lights::Lights(const Scene& scene, const dvec3& world_shift) {
   auto environment = std::make_unique<Environment>(scene.environment);
   environment_ = environment.get();
-  if (!environment->black()) {
-    infinite_.push_back(environment_);
-    all_.push_back(std::move(environment));
-  } else {
-    all_.push_back(std::move(environment));
-  }
+  if (!environment->black()) infinite_.push_back(environment_);
+  all_.push_back(std::move(environment));
   std::vector<LightSettings> settings = scene.lights;
   if (scene.environment.sky == "preetham" && scene.environment.sky_sun)
     settings.push_back(preetham_sun(scene.environment));
@@ -382,7 +387,7 @@ void Lights::finish(const std::string& mode) {
     const bool sky = light.get() == environment_;
     // Phase sampling finds a constant sky without noise; a shadow ray per event would only cost.
     if (sky && (environment_->black() || (environment_->constant() && mode != "all"))) continue;
-    if (!(light->importance(dvec3(0)) > 0) && !(light->importance(dvec3(1)) > 0)) continue;  // of zero power
+    if (!shines(*light)) continue;
     sampled_.push_back(light.get());
     same_everywhere_ = same_everywhere_ && dynamic_cast<const InfiniteLight*>(light.get()) != nullptr;
   }
@@ -434,12 +439,15 @@ double Lights::choice_probability(const Light& light, const dvec3& p) const {
   return total > 0 ? own / total : 0.0;
 }
 
+bool Lights::any() const {
+  return !environment_->black() ||
+         std::any_of(all_.begin() + 1, all_.end(), [](const auto& light) { return shines(*light); });
+}
+
 std::vector<std::string> Lights::notes() const {
   std::vector<std::string> notes = environment_->notes();
   for (size_t i = 1; i < all_.size(); ++i)
-    if (!(all_[i]->importance(dvec3(0)) > 0) && !(all_[i]->importance(dvec3(1)) > 0))
-      notes.push_back(fmt::format("light {} has no power: it lights nothing", i - 1));
-  if (environment_->black() && all_.size() == 1) notes.push_back("the scene has no light");
+    if (!shines(*all_[i])) notes.push_back(fmt::format("light {} has no power: it lights nothing", i - 1));
   return notes;
 }
 

@@ -207,7 +207,8 @@ class Lights {
   /// Null where the scene has none.
   const Environment* environment() const { return environment_; }
 
-  bool any() const { return !all_.empty(); }
+  /// Whether anything shines.
+  bool any() const;
   bool any_sampled() const { return !sampled_.empty(); }
   size_t sampled_count() const { return sampled_.size(); }
   bool any_delta() const;
@@ -215,10 +216,11 @@ class Lights {
   LightSample sample(const dvec3& p, double choice, const dvec2& u) const;
   /// Probability that sample() picks the light from p; 0 for one that is never picked.
   double choice_probability(const Light& light, const dvec3& p) const;
+  /// Lights of no power, and what the environment has to say.
   std::vector<std::string> notes() const;
 
  private:
-  std::vector<std::unique_ptr<Light>> all_;
+  std::vector<std::unique_ptr<Light>> all_;  // the environment first, black or not
   std::vector<const InfiniteLight*> infinite_;
   std::vector<const FiniteLight*> finite_;
   std::vector<const MeshLight*> meshes_;

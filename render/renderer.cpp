@@ -51,9 +51,10 @@ PreparedScene::PreparedScene(Scene scene, const LayerRequest& layers, const Task
         "or use spheres");
   if (scene_.volumes.empty() && scene_.surfaces.empty())
     notes_.push_back("the scene has no [[volumes]]: there is nothing to scatter light");
-  for (const std::string& note : lights_.notes())
-    if (note != "the scene has no light" || media_.emissions().empty())
-      notes_.push_back(note == "the scene has no light" ? note + ": the picture will be black" : note);
+  const std::vector<std::string> light_notes = lights_.notes();
+  notes_.insert(notes_.end(), light_notes.begin(), light_notes.end());
+  if (!lights_.any() && media_.emissions().empty())
+    notes_.push_back("the scene has no light: the picture will be black");
   const Camera camera(scene_.camera, scene_.film.width, scene_.film.height, media_.world_shift());
   context_.media = media_.media();
   context_.emissions = media_.emissions();
