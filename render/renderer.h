@@ -69,6 +69,8 @@ class PreparedScene {
  public:
   /// @throws InputError: what the loaders of volumes, lights and surfaces throw
   PreparedScene(Scene scene, const LayerRequest& layers, const Task& task = {});
+  PreparedScene(const PreparedScene&) = delete;  // its parts refer to one another
+  PreparedScene& operator=(const PreparedScene&) = delete;
 
   const Scene& scene() const { return scene_; }
   const Plan& plan() const { return context_.plan; }
