@@ -375,9 +375,7 @@ TEST(Remap, GoesThroughTheCurve) {
 }
 
 TEST(Temperature, TooColdToGlowIsSaidWithItsRange) {
-  const auto path = test::shared("volumes/fire.vdb");
-  if (path.empty()) GTEST_SKIP() << "no fire beside the project";
-  Scene s = test::scene_of(path, 10, 0.5, 0);
+  Scene s = test::scene_of(test::source("data/volumes/fire.vdb"), 10, 0.5, 0);
   s.volumes[0].temperature_grid = "auto";
   const PreparedScene cold(s, {});
   ASSERT_FALSE(cold.plan().emission);

@@ -36,14 +36,6 @@ class PartsTest : public ::testing::Test {
     write_exr(path, prepared().render(j, {}).layers);
     return path;
   }
-  static void expect_same_pixels(const Layers& a, const Layers& b) {
-    ASSERT_EQ(a.names(), b.names());
-    for (const auto& [name, plane] : a.channels())
-      for (int y = 0; y < a.height(); ++y)
-        for (int x = 0; x < a.width(); ++x)
-          ASSERT_EQ(std::bit_cast<uint32_t>(plane(x, y)), std::bit_cast<uint32_t>(b.at(name)(x, y)))
-              << name << " " << x << " " << y;
-  }
   static std::string error_of(const std::function<void()>& work) {
     try {
       work();
@@ -63,7 +55,7 @@ TEST_F(PartsTest, AnyNumberOfPartsMergesToTheWholeBitForBit) {
     std::vector<std::filesystem::path> files;
     for (int i = n; i >= 1; --i) files.push_back(part(i, n));  // in any order
     const Layers merged = merge_parts(files, false);
-    expect_same_pixels(whole, merged);
+    test::expect_same_bits(whole, merged);
     EXPECT_EQ(merged.text("sampleRanges"), "0-13");
     EXPECT_EQ(merged.number("partsMerged"), n);
     EXPECT_TRUE(merged.words().empty());
@@ -74,7 +66,7 @@ TEST_F(PartsTest, PartsMergeStepByStep) {
   const auto a = part(1, 3), b = part(2, 3), c = part(3, 3);
   write_exr(folder_ / "ac.exr", merge_parts({a, c}, true));
   EXPECT_EQ(read_exr_info(folder_ / "ac.exr").header.at("sampleRanges"), Attribute(std::string("0-4,8-13")));
-  expect_same_pixels(prepared().render(job(13), {}).layers, merge_parts({folder_ / "ac.exr", b}, false));
+  test::expect_same_bits(prepared().render(job(13), {}).layers, merge_parts({folder_ / "ac.exr", b}, false));
 }
 
 TEST_F(PartsTest, WhatDoesNotBelongTogetherIsRefused) {
@@ -129,10 +121,10 @@ TEST_F(PartsTest, InterruptedAndResumedIsAsIfNothingHadHappened) {
   j.resume = j.checkpoint, j.watch = nullptr;
   j.spp = 24;
   const Layers resumed = prepared().render(j, {}).layers;
-  expect_same_pixels(whole, resumed);
+  test::expect_same_bits(whole, resumed);
   EXPECT_EQ(resumed.number("samplesPerPixel"), 24);
   // A finished checkpoint merges like a part; one of another seed is no state to go on from.
-  expect_same_pixels(whole, merge_parts({j.checkpoint}, false));
+  test::expect_same_bits(whole, merge_parts({j.checkpoint}, false));
   j.seed = 6;
   EXPECT_NE(error_of([&] { prepared().render(j, {}); }).find("the seed"), std::string::npos);
 }
@@ -168,7 +160,7 @@ TEST_F(PartsTest, StopsAtTheTargetError) {
       }
   EXPECT_LE(std::sqrt(sum / (3 * 37 * 21)), 0.05 * 1.001);
   RenderJob fixed = job(r.report.samples_per_pixel);
-  expect_same_pixels(prepared().render(fixed, {}).layers, r.layers);
+  test::expect_same_bits(prepared().render(fixed, {}).layers, r.layers);
 }
 
 // Each sample's record is what that sample did: its colours add up to its pixel, its numbers to what replay() tells.

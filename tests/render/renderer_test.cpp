@@ -20,20 +20,12 @@ Scene small_scene(const char* name = "smoke", int size = 40) {
   return scene;
 }
 
-void expect_same_bits(const Layers& a, const Layers& b) {
-  ASSERT_EQ(a.names(), b.names());
-  for (const auto& [name, plane] : a.channels())
-    for (int y = 0; y < a.height(); ++y)
-      for (int x = 0; x < a.width(); ++x)
-        ASSERT_EQ(std::bit_cast<uint32_t>(plane(x, y)), std::bit_cast<uint32_t>(b.at(name)(x, y)))
-            << name << " " << x << " " << y;
-}
-
 TEST(Renderer, TheSameBitsForAnyNumberOfThreads) {
   for (const char* name : {"smoke", "cloud"}) {
     const PreparedScene scene(small_scene(name), {});
     const RenderResult one = scene.render(6, 3, {1, {}, nullptr});
-    for (const int threads : {2, 7}) expect_same_bits(one.layers, scene.render(6, 3, {threads, {}, nullptr}).layers);
+    for (const int threads : {2, 7})
+      test::expect_same_bits(one.layers, scene.render(6, 3, {threads, {}, nullptr}).layers);
     EXPECT_NE(one.layers.at("R")(20, 15), scene.render(6, 4, {}).layers.at("R")(20, 15))
         << "another seed, the same noise";
   }

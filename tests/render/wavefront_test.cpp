@@ -20,15 +20,6 @@ Scene demo(const char* name, int size) {
   return scene;
 }
 
-void expect_same_bits(const Layers& a, const Layers& b, const std::string& what) {
-  ASSERT_EQ(a.names(), b.names());
-  for (const auto& [name, plane] : a.channels())
-    for (int y = 0; y < a.height(); ++y)
-      for (int x = 0; x < a.width(); ++x)
-        ASSERT_EQ(std::bit_cast<uint32_t>(plane(x, y)), std::bit_cast<uint32_t>(b.at(name)(x, y)))
-            << what << ": " << name << " " << x << " " << y;
-}
-
 // 1, 4, 8 or 16 lanes side by side: each path is its own, so the picture is the same.
 TEST(Wavefront, EveryInstructionSetGivesTheSameBits) {
   Scene scene = demo("cloud", 40);
@@ -48,7 +39,7 @@ TEST(Wavefront, EveryInstructionSetGivesTheSameBits) {
   for (int64_t targets = hwy::SupportedTargets(); targets; targets &= targets - 1, ++seen) {
     const int64_t target = targets & -targets;
     hwy::SetSupportedTargetsForTest(target);
-    expect_same_bits(best, prepared.render(4, 1, {}).layers, hwy::TargetName(target));
+    test::expect_same_bits(best, prepared.render(4, 1, {}).layers, hwy::TargetName(target));
   }
   hwy::SetSupportedTargetsForTest(0);
   EXPECT_GT(seen, 1);

@@ -1,7 +1,9 @@
 #include "tests/support/volumes.h"
 
+#include <gtest/gtest.h>
 #include <openvdb/openvdb.h>
 
+#include <bit>
 #include <cmath>
 
 namespace brume::test {
@@ -110,6 +112,15 @@ Mean mean_radiance(const Layers& frame, const LayerName& layer) {
     mean.error[c] = std::sqrt(mean.error[c]);
   }
   return mean;
+}
+
+void expect_same_bits(const Layers& a, const Layers& b, const std::string& what) {
+  ASSERT_EQ(a.names(), b.names()) << what;
+  for (const auto& [name, plane] : a.channels())
+    for (int y = 0; y < a.height(); ++y)
+      for (int x = 0; x < a.width(); ++x)
+        ASSERT_EQ(std::bit_cast<uint32_t>(plane(x, y)), std::bit_cast<uint32_t>(b.at(name)(x, y)))
+            << what << " " << name << " " << x << " " << y;
 }
 
 Scene scene_of(const std::filesystem::path& volume, double sigma_t, double albedo, double g) {

@@ -1,6 +1,7 @@
 #pragma once
 #include <filesystem>
 #include <functional>
+#include <string>
 
 #include "base/rng.h"
 #include "render/renderer.h"
@@ -34,6 +35,9 @@ struct Mean {
   dvec3 value{0}, error{0};
 };
 Mean mean_radiance(const Layers& frame, const LayerName& layer = layer::beauty);
+
+/// Fails, naming the first channel and pixel, unless two frames hold the same channels with the same bits.
+void expect_same_bits(const Layers& a, const Layers& b, const std::string& what = "");
 
 /// A scene that looks at the whole of a volume file from `distance` bounding radii away.
 Scene scene_of(const std::filesystem::path& volume, double sigma_t, double albedo, double g);
