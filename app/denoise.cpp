@@ -1,6 +1,8 @@
 #include <fmt/format.h>
 
 #include <filesystem>
+#include <optional>
+#include <set>
 
 #include "app/command.h"
 #include "app/frame.h"
@@ -18,7 +20,9 @@ namespace {
 namespace fs = std::filesystem;
 
 struct Options {
-  std::string input, output, preview, component = "indirect", background = "bilateral", exposure = "header";
+  std::string input, output, preview, component = "indirect", background = "default", exposure = "header";
+  std::string noise = "layers", outliers = "keep", features, carry, records;
+  int tile = 0;
   std::vector<std::string> filters;
 } o;
 
@@ -52,14 +56,32 @@ fs::path output_for(const std::string& path, const std::vector<FilterSettings>& 
          (p.stem().string() + "." + name + (same > 1 ? "." + std::to_string(same) : "") + p.extension().string());
 }
 
-/// What the filters declare, what the component rule reads, and what the result keeps.
-std::vector<LayerName> layers_to_load(const std::vector<FilterSettings>& filters, const ApplyOptions& options) {
-  std::vector<LayerName> layers = {layer::beauty, layer::alpha, layer::coverage};
-  for (const FilterSettings& filter : filters) {
-    for (const LayerName& l : required_layers(filter.entry(), options)) layers.push_back(l);
-    for (const LayerName& l : filter.entry().can_use) layers.push_back(l);
+/// @throws InputError for a name that is no layer of colours
+LayerName colour_layer(const std::string& name) {
+  std::vector<std::string> names;
+  for (const LayerName& l : {layer::direct, layer::indirect, layer::background, layer::emission, layer::single,
+                             layer::surface, layer::catcher, layer::catcher_unshadowed}) {
+    if (l.name == name) return l;
+    names.push_back(std::string(l.name));
   }
-  return layers;
+  throw InputError(fmt::format("--carry: no layer of colours '{}'{}", name, suggestion(name, names)));
+}
+
+ApplyOptions apply_options() {
+  ApplyOptions options;
+  options.component = o.component == "all" ? Component::kAll : o.component == "apart" ? Component::kApart : Component::kIndirect;
+  options.background = o.background == "filter"      ? BackgroundRule::kFilter
+                       : o.background == "bilateral" ? BackgroundRule::kBilateral
+                                                     : BackgroundRule::kDefault;
+  options.noise = o.noise == "spatial" ? NoiseSource::kSpatial : NoiseSource::kLayers;
+  options.outliers = o.outliers == "clamp"          ? Outliers::kClamp
+                     : o.outliers == "redistribute" ? Outliers::kRedistribute
+                                                    : Outliers::kKeep;
+  options.tile = o.tile;
+  if (!o.features.empty()) options.features = split(o.features, ',');
+  if (!o.carry.empty())
+    for (const std::string& name : split(o.carry, ',')) options.carried.push_back(colour_layer(name));
+  return options;
 }
 
 int run(const Common& common, const std::vector<std::string>& extras) {
@@ -71,11 +93,13 @@ int run(const Common& common, const std::vector<std::string>& extras) {
     check_writable(output_for(o.output, filters, i), inputs, ".exr");
     if (!o.preview.empty()) check_writable(output_for(o.preview, filters, i), inputs, ".png");
   }
-  ApplyOptions options;
-  options.component = o.component == "all" ? Component::kAll : Component::kIndirect;
-  options.background = o.background == "filter" ? BackgroundRule::kFilter : BackgroundRule::kBilateral;
+  ApplyOptions options = apply_options();
+  std::optional<RecordReader> records;
+  if (!o.records.empty()) options.records = &records.emplace(o.records);
+  std::set<std::string> channels = {"R", "G", "B"};
+  for (const FilterSettings& filter : filters) channels.merge(readable_channels(filter.entry(), options));
   std::string note;
-  const Layers frame = read_frame(o.input, layers_to_load(filters, options), &note);
+  const Layers frame = read_frame(o.input, channels, &note);
   if (!note.empty()) log(common, "note: " + note);
   options.exposure = choose_exposure(o.exposure, frame);
   for (size_t i = 0; i < filters.size(); ++i) {
@@ -121,14 +145,35 @@ void add_denoise(CLI::App& app, Common& common, Commands& commands) {
       ->allow_extra_args(false);
   command->add_option("-o,--output", o.output, "EXR to write; with several filters OUT.FILTER.exr each")->required();
   command->add_option("--png", o.preview, "also write a PNG");
-  command->add_option("--component", o.component, "what to clean: the indirect layer, direct being added back, or all")
-      ->check(CLI::IsMember({"indirect", "all"}))
+  command
+      ->add_option("--component", o.component,
+                   "what to clean: the indirect layer, direct being added back; both apart; or all, the beauty")
+      ->check(CLI::IsMember({"indirect", "apart", "all"}))
       ->capture_default_str();
   command
       ->add_option("--background", o.background,
-                   "pixels without coverage: the bilateral filter, or the filter like the rest")
-      ->check(CLI::IsMember({"bilateral", "filter"}))
+                   "pixels without coverage: the bilateral filter, or the filter like the rest; default: bilateral for "
+                   "the filters of the gradient-kernel paper")
+      ->check(CLI::IsMember({"default", "bilateral", "filter"}))
       ->capture_default_str();
+  command
+      ->add_option("--features", o.features,
+                   "of those that the frame has, use these: " + join(FeaturePlan::names(), ",") + ", or none");
+  command
+      ->add_option("--noise", o.noise,
+                   "where variance comes from: the frame's layers, or the picture's own second differences")
+      ->check(CLI::IsMember({"layers", "spatial"}))
+      ->capture_default_str();
+  command
+      ->add_option("--outliers", o.outliers,
+                   "fireflies before the filter: keep; clamp, their energy being lost; or redistribute it")
+      ->check(CLI::IsMember({"keep", "clamp", "redistribute"}))
+      ->capture_default_str();
+  command->add_option("--carry", o.carry,
+                      "layers to filter with the same weights, so that passes still add up: direct,indirect,emission,...");
+  command->add_option("--records", o.records, "record of every sample, for filters that read it");
+  command->add_option("--tile", o.tile, "side of the squares that are filtered one after another [px]; 0: by memory")
+      ->check(CLI::Range(0, 1 << 20));
   command->add_option("--exposure", o.exposure, "from radiance to display: a number, header, or auto")
       ->capture_default_str();
   command->allow_extras();

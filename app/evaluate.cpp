@@ -17,7 +17,7 @@ namespace fs = std::filesystem;
 
 struct Options {
   std::vector<std::string> scenes, overrides, filters;
-  std::string output, spp = "16,36,64", component = "indirect", background = "bilateral";
+  std::string output, spp = "16,36,64", component = "indirect", background = "default";
   int seeds = 5, reference_spp = 4096, size = 0;
   bool no_tuning = false;
 } o;
@@ -72,14 +72,19 @@ int run(const Common& common) {
   settings.seeds = o.seeds;
   settings.reference_spp = o.reference_spp;
   settings.tune = !o.no_tuning;
-  settings.component = o.component == "all" ? Component::kAll : Component::kIndirect;
-  settings.background = o.background == "filter" ? BackgroundRule::kFilter : BackgroundRule::kBilateral;
+  settings.component = o.component == "all"     ? Component::kAll
+                       : o.component == "apart" ? Component::kApart
+                                                : Component::kIndirect;
+  settings.background = o.background == "filter"      ? BackgroundRule::kFilter
+                        : o.background == "bilateral" ? BackgroundRule::kBilateral
+                                                      : BackgroundRule::kDefault;
   if (o.filters.empty()) settings.contenders = all_contenders();
   for (const std::string& text : o.filters) settings.contenders.push_back(parse_contender(text));
 
   OutputFolder folder(o.output);
 
-  const LayerRequest layers = LayerRequest::of(layers_to_record(settings), /*statistics=*/false);
+  const RecordedData data = data_to_record(settings);
+  const LayerRequest layers = LayerRequest::of(data.layers, data.statistics, data.buckets);
   std::vector<std::unique_ptr<PreparedScene>> prepared;
   std::vector<EvaluationScene> scenes;
   for (const std::string& path : o.scenes) {
@@ -134,11 +139,11 @@ void add_evaluate(CLI::App& app, Common& common, Commands& commands) {
   command
       ->add_option("-f,--filter", o.filters, "compare only these: NAME, or NAME:parameter=value,... to fix parameters")
       ->allow_extra_args(false);
-  command->add_option("--component", o.component, "what to clean: indirect, or all")
-      ->check(CLI::IsMember({"indirect", "all"}))
+  command->add_option("--component", o.component, "what to clean: indirect, direct and indirect apart, or all")
+      ->check(CLI::IsMember({"indirect", "apart", "all"}))
       ->capture_default_str();
   command->add_option("--background", o.background, "pixels without coverage: bilateral, or filter")
-      ->check(CLI::IsMember({"bilateral", "filter"}))
+      ->check(CLI::IsMember({"default", "bilateral", "filter"}))
       ->capture_default_str();
   command->add_flag("--no-tuning", o.no_tuning, "published parameters only");
   command->add_flag("--json", common.json, "the table as JSON on stdout");

@@ -13,12 +13,9 @@
 
 namespace brume::app {
 
-Layers read_frame(const std::string& path, std::span<const LayerName> wanted, std::string* note) {
-  std::set<std::string> channels;
-  for (const LayerName& l : wanted)
-    for (size_t c = 0; c < l.channels.size(); ++c) channels.insert(l.channel(c));
-  Layers frame = read_exr(path, [&](const std::string& name) { return channels.empty() || channels.contains(name); });
-  if (!channels.empty() && !frame.has(layer::beauty)) frame = read_exr(path);
+Layers read_frame(const std::string& path, const std::set<std::string>& wanted, std::string* note) {
+  Layers frame = read_exr(path, [&](const std::string& name) { return wanted.empty() || wanted.contains(name); });
+  if (!wanted.empty() && !frame.has(layer::beauty)) frame = read_exr(path);
   const std::string recognised = adopt_foreign_layers(frame);
   if (note) *note = recognised;
   return frame;

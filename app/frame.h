@@ -1,5 +1,5 @@
 #pragma once
-#include <span>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -8,9 +8,9 @@
 namespace brume::app {
 
 /// An EXR with brume's layer names, whoever wrote it. `note` gets a line when another renderer's were recognised.
-/// @param wanted  layers to load, without statistics; empty: all. Another renderer's frame is loaded whole
+/// @param wanted  channels to load; empty: all. Another renderer's frame is loaded whole
 /// @throws InputError
-Layers read_frame(const std::string& path, std::span<const LayerName> wanted = {}, std::string* note = nullptr);
+Layers read_frame(const std::string& path, const std::set<std::string>& wanted = {}, std::string* note = nullptr);
 
 /// Names of the RGB and other layers in a frame, without statistics; "beauty" for the top.
 std::vector<std::string> layer_names(const Layers& frame);

@@ -23,6 +23,16 @@ struct Task {
   }
 };
 
+/// A part of a computation that reports its own progress as [begin, end] of the whole.
+inline Task share(const Task& whole, double begin, double end) {
+  if (!whole.progress) return whole;
+  return {whole.threads, [&whole, begin, end](double f) { whole.report(begin + (end - begin) * f); }, whole.cancel};
+}
+/// The same without a word.
+inline Task quiet(const Task& task) {
+  return {task.threads, {}, task.cancel};
+}
+
 /// Time that is left at the pace so far, for a line a person reads: "2 m 05 s". Empty while too early to tell.
 std::string time_left(double fraction, double elapsed_seconds);
 /// A duration a person reads: "12.3 s", "4 m 05 s", "2 h 10 m".

@@ -7,8 +7,6 @@
 
 namespace brume {
 
-using RgbPlanes = std::array<const Plane*, 3>;
-
 /// Which pixels count; empty: all.
 using Mask = std::vector<uint8_t>;
 

@@ -116,16 +116,21 @@ const MethodResult* SceneResult::find(const std::string& filter, Tuning tuning, 
   return nullptr;
 }
 
-std::vector<std::string> layers_to_record(const EvaluationSettings& settings) {
+RecordedData data_to_record(const EvaluationSettings& settings) {
   std::set<std::string> names = {"coverage"};  // the mask of medium pixels
+  RecordedData data;
   for (const Contender& contender : settings.contenders) {
-    const FilterEntry* filter = &contender.settings.entry();
-    for (const LayerName& l : required_layers(*filter, {settings.component, settings.background, 1.0}))
+    const FilterEntry& filter = contender.settings.entry();
+    std::vector<LayerName> layers = required_layers(filter, {settings.component, settings.background});
+    layers.insert(layers.end(), filter.can_use.begin(), filter.can_use.end());
+    if (filter.features) layers.insert(layers.end(), FeaturePlan::sources().begin(), FeaturePlan::sources().end());
+    for (const LayerName& l : layers)
       if (!l.name.empty()) names.insert(std::string(l.name));
-    for (const LayerName& l : filter->can_use)
-      if (!l.name.empty()) names.insert(std::string(l.name));
+    data.statistics |= filter.can_use_statistics >= Statistics::kVariance || filter.features;
+    data.buckets |= filter.can_use_statistics >= Statistics::kBuckets;
   }
-  return {names.begin(), names.end()};
+  data.layers = {names.begin(), names.end()};
+  return data;
 }
 
 size_t stage_count(const EvaluationSettings& settings, size_t scenes) {
@@ -190,12 +195,11 @@ Evaluation evaluate(const std::vector<EvaluationScene>& scenes, const Evaluation
   for (size_t s = 0; s < scenes.size(); ++s) {
     SceneResult& scene = result.scenes[s];
     const Task task = stage(fmt::format("{}: filter and measure", scene.name));
-    const Task quiet{task.threads, {}, task.cancel};
     size_t done = 0;
     const size_t total = settings.spp.size() * (1 + settings.contenders.size());
     for (size_t k = 0; k < settings.spp.size(); ++k) {
       const auto add = [&](const FilterSettings* filter, Tuning tuning) -> MethodResult& {
-        scene.methods.push_back(measure(all[s].noisy[k], filter, options(s), scene, all[s], quiet));
+        scene.methods.push_back(measure(all[s].noisy[k], filter, options(s), scene, all[s], quiet(task)));
         scene.methods.back().spp = settings.spp[k];
         scene.methods.back().tuning = tuning;
         return scene.methods.back();

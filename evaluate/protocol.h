@@ -26,7 +26,7 @@ struct EvaluationSettings {
   int reference_spp = 4096;  ///< of each of the two references
   bool tune = true;
   std::vector<Contender> contenders;
-  BackgroundRule background = BackgroundRule::kBilateral;
+  BackgroundRule background = BackgroundRule::kDefault;
   Component component = Component::kIndirect;
 };
 
@@ -78,8 +78,12 @@ struct Evaluation {
 /// How many stages evaluate() will announce.
 size_t stage_count(const EvaluationSettings& settings, size_t scenes);
 
-/// The layers that references and noisy frames must hold for these settings.
-std::vector<std::string> layers_to_record(const EvaluationSettings& settings);
+/// What the noisy frames must hold for these settings.
+struct RecordedData {
+  std::vector<std::string> layers;
+  bool statistics = false, buckets = false;
+};
+RecordedData data_to_record(const EvaluationSettings& settings);
 
 /// Runs the protocol of the gradient-kernel paper's Table 1. `stage(name)` gives each step its own task.
 Evaluation evaluate(const std::vector<EvaluationScene>& scenes, const EvaluationSettings& settings,

@@ -4,10 +4,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <set>
 
 #include "base/error.h"
 #include "base/text.h"
+#include "filters/planes.h"
+#include "filters/registry.h"
 
 namespace brume {
 namespace {
@@ -34,6 +35,17 @@ Plane repaired(const Plane& plane, std::set<std::pair<int, int>>& bad) {
   return result;
 }
 
+std::vector<LayerName> signals_of(const ApplyOptions& options) {
+  switch (options.component) {
+    case Component::kAll:
+      return {layer::beauty};
+    case Component::kApart:
+      return {layer::indirect, layer::direct};
+    default:
+      return {layer::indirect};
+  }
+}
+
 void check_layers(const FilterEntry& filter, const Layers& frame, const ApplyOptions& options) {
   std::vector<std::string> missing, record;
   for (const LayerName& l : required_layers(filter, options))
@@ -50,95 +62,379 @@ void check_layers(const FilterEntry& filter, const Layers& frame, const ApplyOpt
       std::all_of(filter.needs.begin(), filter.needs.end(), [&](const LayerName& l) { return frame.has(l); });
   const std::string way_out =
       !only_split ? "; other renderers do not record what it needs: take another filter for their frames"
-      : options.component == Component::kIndirect ? "; or clean the whole picture with --component all"
-                                                  : "";
+      : options.component != Component::kAll ? "; or clean the whole picture with --component all"
+                                             : "";
   throw InputError(fmt::format(
       "filter {} needs the layer{} {}, which the frame does not have. Record it with: brume render SCENE -o OUT.exr "
       "--layers {}{}",
       filter.name, missing.size() > 1 ? "s" : "", join(missing), join(record, ","), way_out));
 }
 
+void check_statistics(const FilterEntry& filter, const Layers& frame, const ApplyOptions& options) {
+  for (const LayerName& signal : signals_of(options)) {
+    const auto need = [&](std::string_view statistic, const std::string& what, const std::string& how) {
+      if (!frame.has(signal, statistic))
+        throw InputError(fmt::format("filter {} needs {} of '{}' (channel {} and its like), which the frame does not "
+                                     "have. {}",
+                                     filter.name, what, signal.label(), signal.channel_of(statistic, 0), how));
+    };
+    const bool halves = frame.has(signal, statistic::half_a) && frame.has(signal, statistic::half_b);
+    if (filter.statistics == Statistics::kVariance && options.noise == NoiseSource::kLayers && !halves)
+      need(statistic::mean_variance, "the variance",
+           "brume render records it unless --no-statistics is given; for other frames, --noise spatial estimates it from "
+           "the picture");
+    if (filter.statistics == Statistics::kHalves)
+      need(statistic::half_a, "the two half images",
+           "brume render records them unless --no-statistics is given; a filter that needs none is bilateral");
+    if (filter.statistics == Statistics::kBuckets)
+      need(statistic::buckets[0], "the eight bucket means", "Record them with: brume render SCENE -o OUT.exr --buckets");
+  }
+  if (filter.records && !options.records)
+    throw InputError(fmt::format("filter {} needs the record of every sample: brume render SCENE -o OUT.exr --records "
+                                 "OUT.records, then brume denoise OUT.exr --records OUT.records ...",
+                                 filter.name));
+  if (!options.carried.empty() && !filter.carries) {
+    std::vector<std::string> able;
+    for (const FilterEntry* e : all_filters())
+      if (e->carries) able.push_back(e->name);
+    throw InputError(fmt::format("filter {} cannot filter other layers with the weights of one; these can: {}",
+                                 filter.name, join(able)));
+  }
+  if (!options.carried.empty() && options.component == Component::kApart)
+    throw InputError("carrying layers along takes one component's weights: indirect or all, not apart");
+  for (const LayerName& l : options.carried)
+    if (!frame.has(l)) throw InputError(fmt::format("the frame has no layer '{}' to carry along", l.label()));
+}
+
+/// What is decided once for the whole frame before its tiles are filtered.
+struct Run {
+  const FilterSettings& filter;
+  const ApplyOptions& options;
+  const FeaturePlan& features;
+  ivec2 frame_size;
+  bool mask = false;  // medium and background apart
+  double samples = 0;
+};
+
+struct TileTotals {
+  size_t not_finite = 0;
+  double energy = 0;
+  size_t outliers = 0;
+};
+
+/// One signal of a tile with its statistics: views of the layers, and what had to be made.
+struct Signal {
+  NoisySignal own;
+  RgbPlanes mean{}, variance{}, half_a{}, half_b{};
+  std::vector<RgbPlanes> buckets;
+  Plane removed;  // luminance that the outlier rule took, where there is one
+};
+
+Rgb copied(const RgbPlanes& from) {
+  return {*from[0], *from[1], *from[2]};
+}
+
+void read_signal(Signal& s, const Layers& layers, const LayerName& name, const Run& run, const Task& task) {
+  const FilterEntry& entry = run.filter.entry();
+  const bool limits = run.options.outliers != Outliers::kKeep;
+  s.mean = layers.rgb(name);
+  const bool halves = layers.has(name, statistic::half_a) && layers.has(name, statistic::half_b);
+  if (halves) s.half_a = layers.rgb(name, statistic::half_a), s.half_b = layers.rgb(name, statistic::half_b);
+  if (entry.can_use_statistics >= Statistics::kVariance || limits) {
+    if (run.options.noise == NoiseSource::kSpatial)
+      s.own.variance = spatial_variance(s.mean, task);
+    else if (layers.has(name, statistic::mean_variance))
+      s.own.variance = corrected_variance(s.mean, layers.rgb(name, statistic::mean_variance), s.half_a, s.half_b,
+                                          layers.find(layer::sample_count.channel(0)), task);
+    else if (halves)
+      s.own.variance = variance_of_halves(s.mean, s.half_a, s.half_b, task);
+    if (!s.own.variance[0].empty()) s.variance = view(s.own.variance);
+  }
+  if (layers.has(name, statistic::buckets[0]))
+    for (const std::string_view bucket : statistic::buckets) s.buckets.push_back(layers.rgb(name, bucket));
+  if (!limits || !s.variance[0]) return;
+  s.own.mean = copied(s.mean), s.mean = view(s.own.mean);
+  if (halves) {
+    s.own.half_a = copied(s.half_a), s.half_a = view(s.own.half_a);
+    s.own.half_b = copied(s.half_b), s.half_b = view(s.own.half_b);
+  }
+  for (RgbPlanes& bucket : s.buckets) s.own.buckets.push_back(copied(bucket));
+  for (size_t i = 0; i < s.buckets.size(); ++i) s.buckets[i] = view(s.own.buckets[i]);
+  s.removed = limit_outliers(s.own, run.options.outliers, task);
+}
+
+double mean_of(const Plane& plane) {
+  double sum = 0;
+  for (int y = 0; y < plane.height(); ++y)
+    for (const float v : plane.pixels(y)) sum += v;
+  return sum / (static_cast<double>(plane.width()) * plane.height());
+}
+
+double mean_of_luminance(const RgbPlanes& p) {
+  double sum = 0;
+  for (int y = 0; y < p[0]->height(); ++y)
+    for (int x = 0; x < p[0]->width(); ++x) {
+      const double l = 0.265 * (*p[0])(x, y) + 0.670 * (*p[1])(x, y) + 0.065 * (*p[2])(x, y);
+      if (std::isfinite(l)) sum += l;
+    }
+  return sum / (static_cast<double>(p[0]->width()) * p[0]->height());
+}
+
+/// Filters one signal of a tile (with its apron) and adds the result to `sums`; `carried` hold the other layers' results.
+void filter_signal(const Run& run, const Layers& layers, const LayerName& name, double mean_luminance, ivec2 origin,
+                   const FilterOutput& sums, const std::vector<FilterOutput>& carried, const Box& interior,
+                   const Task& task, TileTotals& totals) {
+  const FilterEntry& entry = run.filter.entry();
+  const int width = layers.width(), height = layers.height();
+  Signal signal;
+  read_signal(signal, layers, name, run, task);
+  if (!signal.removed.empty())
+    for (int y = interior.y0; y < interior.y1; ++y)
+      for (int x = interior.x0; x < interior.x1; ++x)
+        totals.energy += signal.removed(x, y), totals.outliers += signal.removed(x, y) > 0;
+  std::vector<Feature> features;
+  if (entry.features) features = run.features.build(layers);
+
+  FilterFrame frame{signal.mean, signal.mean, layers, run.options.exposure};
+  if (run.mask && entry.background) frame.medium = &layers.at(layer::coverage.channel(0));
+  frame.variance = signal.variance;
+  frame.half_a = signal.half_a, frame.half_b = signal.half_b;
+  frame.buckets = signal.buckets;
+  frame.features = &features;
+  frame.samples = run.samples;
+  frame.mean_luminance = mean_luminance;
+  frame.records = run.options.records;
+  frame.origin = origin;
+  frame.frame_size = run.frame_size;
+
+  const size_t jobs = 1 + carried.size();
+  for (size_t j = 0; j < jobs; ++j) {
+    Rgb out{Plane(width, height), Plane(width, height), Plane(width, height)};
+    const FilterOutput target = {&out[0], &out[1], &out[2]};
+    if (j > 0) frame.values = layers.rgb(run.options.carried[j - 1]);
+    const Task part = share(task, static_cast<double>(j) / static_cast<double>(jobs),
+                            static_cast<double>(j + 1) / static_cast<double>(jobs));
+    run.filter.run(frame, target, part);
+    task.check();
+    if (run.mask && !entry.background) {
+      const Plane& coverage = layers.at(layer::coverage.channel(0));
+      FilterSettings bilateral(find_filter("bilateral"));
+      bilateral.set("average", "linear");
+      Rgb other{Plane(width, height), Plane(width, height), Plane(width, height)};
+      bilateral.run(frame, {&other[0], &other[1], &other[2]}, quiet(task));
+      for (size_t c = 0; c < 3; ++c)
+        for (int y = 0; y < height; ++y)
+          for (int x = 0; x < width; ++x)
+            if (coverage(x, y) == 0) out[c](x, y) = other[c](x, y);
+    }
+    for (int y = interior.y0; y < interior.y1; ++y)
+      for (int x = interior.x0; x < interior.x1; ++x) {
+        const bool finite = std::isfinite(out[0](x, y)) && std::isfinite(out[1](x, y)) && std::isfinite(out[2](x, y));
+        totals.not_finite += !finite;
+        for (size_t c = 0; c < 3; ++c) {
+          const float value = finite ? out[c](x, y) : (*frame.values[c])(x, y);
+          if (j == 0)
+            (*sums[c])(x + origin.x, y + origin.y) += value;
+          else
+            (*carried[j - 1][c])(x + origin.x, y + origin.y) = value;
+        }
+      }
+  }
+}
+
+double light_of(const Layers& layers, const std::vector<LayerName>& signals) {
+  double light = 0;
+  for (const LayerName& name : signals) {
+    const RgbPlanes p = layers.rgb(name);
+    for (int y = 0; y < layers.height(); ++y)
+      for (int x = 0; x < layers.width(); ++x) light += luminance(vec3((*p[0])(x, y), (*p[1])(x, y), (*p[2])(x, y)));
+  }
+  return std::max(light, 1e-30);
+}
+
+Layers part_of(const Layers& source, const std::vector<std::string>& channels, const Box& box) {
+  Layers part(box.width(), box.height());
+  for (const std::string& name : channels) part.set(name, crop(source.at(name), box));
+  return part;
+}
+
+constexpr int kSmallestTile = 512;
+
+/// Side of the tiles, and what the run holds at its height [bytes].
+int choose_tile(const FilterEntry& filter, const Layers& frame, const ApplyOptions& options, int apron, double& peak) {
+  const double pixels = static_cast<double>(frame.width()) * frame.height();
+  const double read = 4.0 * pixels * static_cast<double>(frame.channels().size());
+  const double written = 4.0 * pixels * (4.0 + 3.0 * static_cast<double>(options.carried.size()));
+  // Copies of what is cropped, the prepared statistics and the filter's own.
+  const double per_pixel = 4.0 * (filter.scratch + 16.0);
+  const int longest = std::max(frame.width(), frame.height());
+  int tile = options.tile;
+  if (tile == 0) {
+    const double side = std::sqrt(0.25 * read / per_pixel) - 2 * apron;
+    tile = std::max(kSmallestTile, static_cast<int>(std::min(side, 1e6)));
+  }
+  if (tile >= longest) tile = longest;
+  const double side = std::min<double>(tile + 2.0 * apron, longest);
+  peak = read + written + per_pixel * side * std::min<double>(side, std::min(frame.width(), frame.height()));
+  return std::max(tile, 1);
+}
+
 }  // namespace
 
 std::vector<LayerName> required_layers(const FilterEntry& filter, const ApplyOptions& options) {
   std::vector<LayerName> layers;
-  if (options.component == Component::kIndirect)
-    layers = {layer::direct, layer::indirect};
-  else
+  if (options.component == Component::kAll)
     layers = {layer::beauty};
+  else
+    layers = {layer::direct, layer::indirect};
   for (const LayerName& l : filter.needs)
     if (std::find(layers.begin(), layers.end(), l) == layers.end()) layers.push_back(l);
   return layers;
 }
 
-Layers apply_filter(const FilterSettings& filter, const Layers& frame, const ApplyOptions& options, const Task& task,
-                    ApplyReport* report) {
-  check_layers(filter.entry(), frame, options);
+std::set<std::string> readable_channels(const FilterEntry& filter, const ApplyOptions& options) {
+  std::set<std::string> names;
+  const auto add = [&](const LayerName& l, std::string_view statistic = "") {
+    for (const std::string& name : l.channel_names(statistic)) names.insert(name);
+  };
+  for (const LayerName& l : required_layers(filter, options)) add(l);
+  for (const LayerName& l : filter.can_use) add(l);
+  for (const LayerName& l : options.carried) add(l);
+  for (const LayerName& l : {layer::coverage, layer::alpha}) add(l);
+  const Statistics statistics = std::max(filter.statistics, filter.can_use_statistics);
+  const bool limits = options.outliers != Outliers::kKeep;
+  for (const LayerName& l : signals_of(options)) {
+    if (statistics >= Statistics::kVariance || limits)
+      for (const auto which : {statistic::mean_variance, statistic::half_a, statistic::half_b}) add(l, which);
+    if (statistics >= Statistics::kBuckets || limits)
+      for (const auto which : statistic::buckets) add(l, which);
+  }
+  if (statistics >= Statistics::kVariance || limits) add(layer::sample_count);
+  if (filter.features)
+    for (const LayerName& l : FeaturePlan::sources())
+      for (const auto which :
+           {std::string_view(), statistic::mean_variance, statistic::half_a, statistic::half_b})
+        add(l, which);
+  return names;
+}
+
+Layers apply_filter(const FilterSettings& requested, const Layers& frame, const ApplyOptions& options,
+                    const Task& task, ApplyReport* report) {
+  const FilterEntry& entry = requested.entry();
+  check_layers(entry, frame, options);
+  check_statistics(entry, frame, options);
   ApplyReport local;
   ApplyReport& r = report ? *report : local;
   r = {};
+  const Stopwatch watch;
 
-  // Only planes with something to repair are copied.
+  std::vector<std::string> used;
+  for (const std::string& name : readable_channels(entry, options))
+    if (frame.find(name)) used.push_back(name);
+  // A frame with something to repair is copied; the usual one is not.
   std::set<std::pair<int, int>> bad;
-  Layers fixed(frame.width(), frame.height());
-  std::vector<LayerName> used = required_layers(filter.entry(), options);
-  for (const LayerName& optional : filter.entry().can_use)
-    if (frame.has(optional)) used.push_back(optional);
-  for (const LayerName& kept : {layer::coverage, layer::alpha})
-    if (frame.has(kept)) used.push_back(kept);
-  for (const LayerName& l : used)
-    for (size_t c = 0; c < l.channels.size(); ++c)
-      if (const Plane& plane = frame.at(l.channel(c)); count_not_finite(plane))
-        fixed.set(l.channel(c), repaired(plane, bad));
+  Layers fixed;
+  for (const std::string& name : used)
+    if (const Plane& plane = frame.at(name); count_not_finite(plane)) {
+      if (bad.empty()) fixed = frame;
+      fixed.set(name, repaired(plane, bad));
+    }
+  const Layers& source = bad.empty() ? frame : fixed;
   r.repaired_pixels = bad.size();
-  const bool any_fixed = !bad.empty();
-  if (any_fixed) {
-    for (const auto& [name, plane] : frame.channels())
-      if (!fixed.find(name)) fixed.set(name, plane);
+  if (!bad.empty())
     r.notes.push_back(
         fmt::format("{} pixels were NaN or infinite and were replaced by the median of their neighbours", bad.size()));
-  }
-  const Layers& source = any_fixed ? fixed : frame;
 
-  FilterFrame input{source.rgb(options.component == Component::kIndirect ? layer::indirect : layer::beauty), source,
-                    options.exposure, nullptr};
-  if (options.background == BackgroundRule::kBilateral) {
-    input.medium = source.find(layer::coverage.channel(0));
-    if (!input.medium) r.notes.push_back("no coverage layer: every pixel is filtered as medium");
+  FilterSettings filter = requested;
+  if (const Parameter* average = entry.find("average"); average && !options.carried.empty() &&
+                                                         Parameter::text(filter.get(*average)) != "linear") {
+    filter.set("average", "linear");
+    r.notes.push_back("average = linear, because layers that are carried along must add up");
   }
+  const FeaturePlan features(entry.features ? source : Layers(), entry.features ? options.features : std::vector<std::string>{"none"});
+  if (entry.features) r.notes.push_back(features.note());
+  Run run{filter, options, features, {frame.width(), frame.height()}};
+  const bool by_paper = options.background == BackgroundRule::kDefault && entry.background;
+  if (options.background == BackgroundRule::kBilateral || by_paper) {
+    run.mask = source.has(layer::coverage);
+    if (!run.mask) r.notes.push_back("no coverage layer: every pixel is filtered as medium");
+  }
+  if (const Plane* count = source.find(layer::sample_count.channel(0))) run.samples = mean_of(*count);
+
+  const int apron = filter.apron() + (entry.can_use_statistics > Statistics::kNone ? kNoiseReach : 0) +
+                    (options.outliers != Outliers::kKeep ? kOutlierReach : 0);
+  double peak = 0;
+  const int tile = choose_tile(entry, frame, options, apron, peak);
+  if (peak > physical_memory())
+    throw InputError(fmt::format("filter {} would hold {:.1f} GB for this frame in tiles of {} px, this machine has {:.1f} "
+                                 "GB{}",
+                                 entry.name, peak / 1e9, tile, physical_memory() / 1e9,
+                                 tile > kSmallestTile ? fmt::format("; try --tile {}", kSmallestTile) : ""));
+
   Layers result(frame.width(), frame.height());
   result.header = frame.header;
+  result.origin = frame.origin, result.display = frame.display;
   const auto out = result.add_rgb(layer::beauty);
-  const Stopwatch watch;
-  filter.run(input, out, task);
-  r.seconds = watch.seconds();
-  task.check();
-
-  const bool add_direct = options.component == Component::kIndirect;
-  const auto direct = add_direct ? source.rgb(layer::direct) : input.signal;
-  for (int y = 0; y < result.height(); ++y)
-    for (int x = 0; x < result.width(); ++x) {
-      const bool finite =
-          std::isfinite((*out[0])(x, y)) && std::isfinite((*out[1])(x, y)) && std::isfinite((*out[2])(x, y));
-      r.not_finite_results += !finite;
-      for (size_t c = 0; c < 3; ++c) {
-        if (!finite) (*out[c])(x, y) = (*input.signal[c])(x, y);
-        if (add_direct) (*out[c])(x, y) += (*direct[c])(x, y);
+  std::vector<FilterOutput> carried;
+  for (const LayerName& l : options.carried) carried.push_back(result.add_rgb(l));
+  const std::vector<LayerName> signals = signals_of(options);
+  std::vector<double> mean_luminances;
+  for (const LayerName& name : signals) mean_luminances.push_back(mean_of_luminance(source.rgb(name)));
+  const int across = (frame.width() + tile - 1) / tile, down = (frame.height() + tile - 1) / tile;
+  const size_t jobs = static_cast<size_t>(across * down) * signals.size();
+  TileTotals totals;
+  size_t job = 0;
+  for (int ty = 0; ty < down; ++ty)
+    for (int tx = 0; tx < across; ++tx) {
+      const Box inner{tx * tile, ty * tile, std::min(frame.width(), (tx + 1) * tile),
+                      std::min(frame.height(), (ty + 1) * tile)};
+      const Box outer = inner.grown(apron, frame.width(), frame.height());
+      const bool whole = across * down == 1;
+      const Layers part = whole ? Layers() : part_of(source, used, outer);
+      const Box interior{inner.x0 - outer.x0, inner.y0 - outer.y0, inner.x1 - outer.x0, inner.y1 - outer.y0};
+      for (size_t s = 0; s < signals.size(); ++s, ++job) {
+        const double jobs_done = static_cast<double>(job), all = static_cast<double>(jobs);
+        filter_signal(run, whole ? source : part, signals[s], mean_luminances[s], {outer.x0, outer.y0}, out,
+                      s == 0 ? carried : std::vector<FilterOutput>(), interior,
+                      share(task, jobs_done / all, (jobs_done + 1) / all), totals);
       }
     }
+  task.check();
+  r.tiles = static_cast<size_t>(across * down);
+  r.seconds = watch.seconds();
+  r.not_finite_results = totals.not_finite;
+
+  const bool add_direct = options.component == Component::kIndirect;
+  if (add_direct) {
+    const RgbPlanes direct = source.rgb(layer::direct);
+    for (size_t c = 0; c < 3; ++c)
+      for (int y = 0; y < result.height(); ++y)
+        for (int x = 0; x < result.width(); ++x) (*out[c])(x, y) += (*direct[c])(x, y);
+  }
   if (r.not_finite_results)
     r.notes.push_back(
         fmt::format("{} pixels were out of the filter's range and kept their input", r.not_finite_results));
+  if (totals.outliers)
+    r.notes.push_back(fmt::format("{} outlier pixels were limited; {:.3g} % of the light was {}", totals.outliers,
+                                  100 * totals.energy / light_of(source, signals),
+                                  options.outliers == Outliers::kClamp ? "lost" : "moved to their neighbours"));
   if (const Plane* alpha = source.find(layer::alpha.channel(0))) result.set(layer::alpha.channel(0), *alpha);
-  result.header["biased"] = "true: filtered by " + filter.entry().name;
-  result.header["filter"] = filter.entry().name;
+  result.header["biased"] = "true: filtered by " + entry.name;
+  result.header["filter"] = entry.name;
   result.header["filterParameters"] = filter.text();
-  result.header["filterComponent"] = std::string(add_direct ? "indirect; direct added back" : "all");
+  result.header["filterComponent"] =
+      std::string(add_direct                                  ? "indirect; direct added back"
+                  : options.component == Component::kApart ? "direct and indirect apart"
+                                                              : "all");
   result.header["filterBackground"] =
-      std::string(input.medium ? "bilateral sigma-domain=2 sigma-range=20" : "as the medium");
+      std::string(run.mask ? "bilateral sigma-domain=2 sigma-range=20" : "as the medium");
   result.header["filterExposure"] = static_cast<float>(options.exposure);
   result.header["filterSeconds"] = static_cast<float>(r.seconds);
-  result.header["filterSource"] = filter.entry().source;
+  result.header["filterSource"] = entry.source;
+  if (entry.features) result.header["filterFeatures"] = features.note();
+  if (options.noise == NoiseSource::kSpatial) result.header["filterNoise"] = std::string("estimated from the picture");
+  if (options.outliers != Outliers::kKeep)
+    result.header["filterOutliers"] = std::string(options.outliers == Outliers::kClamp ? "clamped" : "redistributed");
   return result;
 }
 

@@ -1,31 +1,56 @@
 #pragma once
+#include <set>
+
 #include "filters/filter.h"
+#include "filters/noise.h"
 
 namespace brume {
 
-enum class Component { kIndirect, kAll };
-enum class BackgroundRule { kBilateral, kFilter };
+enum class Component {
+  kIndirect,  ///< clean `indirect`, add `direct` back untouched: the rule of the papers
+  kAll,       ///< clean the beauty
+  kApart,     ///< clean `direct` and `indirect`, each by itself, and add them
+};
+enum class BackgroundRule {
+  kDefault,    ///< the gradient-kernel paper's for the filters compared there, none for the others
+  kBilateral,  ///< pixels without coverage get the bilateral filter
+  kFilter,     ///< every pixel gets the filter
+};
 
-/// What of a frame is filtered, and how it is put together again.
+/// What of a frame is filtered, what is done before, and how it is put together again.
 struct ApplyOptions {
-  Component component = Component::kIndirect;  ///< indirect: clean that layer, add direct back untouched
-  BackgroundRule background = BackgroundRule::kBilateral;
+  Component component = Component::kIndirect;
+  BackgroundRule background = BackgroundRule::kDefault;
   double exposure = 1.0;
+  NoiseSource noise = NoiseSource::kLayers;
+  Outliers outliers = Outliers::kKeep;
+  std::vector<std::string> features = {};  ///< names of features.h; empty: all that the frame has; "none": none
+  /// Layers filtered with the weights of the component and stored under their own names, so that passes which sum to it
+  /// before the filter sum to it after.
+  std::vector<LayerName> carried = {};
+  RecordReader* records = nullptr;
+  int tile = 0;  ///< side of the squares that are filtered one after another [px]; 0: as large as memory allows
 };
 
 struct ApplyReport {
   double seconds = 0;             ///< of the filter, conversions included
   size_t repaired_pixels = 0;     ///< not finite in a layer that was read
   size_t not_finite_results = 0;  ///< pixels the filter could not finish; they kept their input
+  size_t tiles = 1;
   std::vector<std::string> notes;
 };
 
-/// The layers a run reads: the component's, the filter's, coverage.
+/// The layers without which a run is impossible: the component's, the filter's.
 std::vector<LayerName> required_layers(const FilterEntry& filter, const ApplyOptions& options);
 
-/// Cleans a frame. The result holds R G B, A where the frame has it, and the header with the filter and every
-/// parameter. Non-finite pixels are replaced by the median of their finite neighbours before the filter and counted.
-/// @throws InputError when a needed layer is missing: names all of them, and the command that records them
+/// The full names of all channels that a run reads where a frame has them: statistics and features included.
+std::set<std::string> readable_channels(const FilterEntry& filter, const ApplyOptions& options);
+
+/// Cleans a frame. The result holds R G B, A where the frame has it, the carried layers, and the header with the filter
+/// and every parameter. Non-finite pixels are replaced by the median of their finite neighbours before the filter and
+/// counted. Frames that need more room than a quarter of the layers read are filtered tile by tile.
+/// @throws InputError when a needed layer or statistic is missing: names all of them, and the command that records them;
+///                    when the machine has not the memory
 Layers apply_filter(const FilterSettings& filter, const Layers& frame, const ApplyOptions& options, const Task& task,
                     ApplyReport* report = nullptr);
 

@@ -29,6 +29,8 @@ const FilterEntry entry =
                "of the kernel over colour difference; 0 switches it off", {2.5, 5, 10, 20, 40, 80})
         .param("average", &BilateralFilter::average, kAverageNames, kAverageHelp, kAverageNames)
         .apron([](const BilateralFilter& p) { return p.radius; })
+        .background()
+        .carries()
         .run(run);
 const Registration registration(entry);
 

@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/error.h"
 #include "filters/lab_window.h"
 #include "filters/registry.h"
 
@@ -47,17 +48,17 @@ double radiance_luminance(double r, double g, double b) {
 
 /// The paper's own mode: the logarithm of Radiance's luminance is filtered, colour follows.
 void run_log(const ExtendedBilateral& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
+  if (frame.carries())
+    throw InputError("filter extended_bilateral: domain=log-luminance makes colour from luminance and cannot carry other layers");
   const int width = frame.width(), height = frame.height();
-  double mean = 0;
   Plane luminances(width, height), logarithms(width, height);
   for (int y = 0; y < height; ++y)
     for (int x = 0; x < width; ++x) {
       const double l = radiance_luminance((*frame.signal[0])(x, y), (*frame.signal[1])(x, y), (*frame.signal[2])(x, y));
       luminances(x, y) = static_cast<float>(l);
-      mean += l / (static_cast<double>(width) * height);
     }
-  const double unit = p.logarithm == Logarithm::kNatural ? 1.0 : std::log(10.0), lowest = 1e-4 * mean;
-  if (!(mean > 0)) {  // black, or nothing a logarithm could take
+  const double unit = p.logarithm == Logarithm::kNatural ? 1.0 : std::log(10.0), lowest = 1e-4 * frame.mean_luminance;
+  if (!(frame.mean_luminance > 0)) {  // black, or nothing a logarithm could take
     for (size_t c = 0; c < 3; ++c) *out[c] = *frame.signal[c];
     return;
   }
@@ -133,6 +134,8 @@ const FilterEntry entry =
         .param("logarithm", &ExtendedBilateral::logarithm, {"natural", "decimal"},
                "log-luminance: base, which the paper does not give")
         .apron([](const ExtendedBilateral& p) { return 2 * p.radius; })
+        .background()
+        .carries()
         .run(run);
 const Registration registration(entry);
 

@@ -9,24 +9,41 @@
 #include <vector>
 
 #include "base/progress.h"
+#include "filters/features.h"
 #include "image/layers.h"
+#include "image/sample_records.h"
 
 namespace brume {
 
-/// What a filter is given: one signal to clean, and the layers it declared. Everything finite, all of one size.
+/// What a filter is given: one signal to clean, and what it declared to read. Everything finite, all of one size.
 struct FilterFrame {
-  std::array<const Plane*, 3> signal;  ///< linear RGB
+  RgbPlanes signal;  ///< linear RGB: what the weights are made from
+  RgbPlanes values;  ///< what is averaged: the signal, or a layer that is carried along with the signal's weights
   const Layers& layers;
   double exposure = 1.0;  ///< from radiance to display; perceptual filters work on signal * exposure
   /// Coverage, where the rest of the picture is to be treated as background: pixels at 0 get the bilateral filter with
   /// the gradient-kernel paper's settings. Null: the filter treats every pixel.
   const Plane* medium = nullptr;
 
+  RgbPlanes variance{};  ///< of the pixel mean, ready to divide by (filters/noise.h); null unless declared
+  RgbPlanes half_a{}, half_b{};    ///< of the signal; null unless declared or absent
+  std::vector<RgbPlanes> buckets = {};  ///< eight, or none
+  const std::vector<Feature>* features = nullptr;  ///< never null where declared; may be empty
+  double samples = 0;                              ///< per pixel, mean over the frame; 0: unknown
+  double mean_luminance = 0;                       ///< of the whole frame's signal, Radiance's weights
+  RecordReader* records = nullptr;                 ///< never null where declared
+  ivec2 origin{0};                                 ///< of this tile in the frame
+  ivec2 frame_size{0};
+
+  bool carries() const { return values != signal; }
   int width() const { return signal[0]->width(); }
   int height() const { return signal[0]->height(); }
 };
 
 using FilterOutput = std::array<Plane*, 3>;
+
+/// Statistics of its signal that a filter reads beside the mean; each includes those before it.
+enum class Statistics { kNone, kVariance, kHalves, kBuckets };
 
 /// One parameter, as the command line, the documentation, the tests and the tuning see it.
 struct Parameter {
@@ -48,6 +65,13 @@ struct Parameter {
 struct FilterEntry {
   std::string name, summary, source, notes;
   std::vector<LayerName> needs, can_use;
+  Statistics statistics = Statistics::kNone;      ///< that it needs
+  Statistics can_use_statistics = Statistics::kNone;
+  bool features = false;       ///< weighs by features or regresses on them, whichever the frame has
+  bool records = false;        ///< reads what happened to each sample
+  bool carries = false;        ///< can average other layers with the signal's weights
+  bool background = false;     ///< knows FilterFrame::medium; the others treat every pixel unless asked otherwise
+  int scratch = 16;            ///< floats per pixel that it holds while it runs
   std::vector<std::string> also_compare;  ///< "parameter=value": settings that comparisons list beside the defaults
   std::vector<Parameter> parameters;
   std::any defaults;
@@ -97,6 +121,21 @@ class Declaration {
   Declaration& can_use(const Layer&... layers) {
     return (entry_.can_use.push_back(layers), ...), *this;
   }
+
+  Declaration& statistics(Statistics needed) { return statistics(needed, needed); }
+  Declaration& statistics(Statistics needed, Statistics useful) {
+    entry_.statistics = needed, entry_.can_use_statistics = useful;
+    return *this;
+  }
+  /// Reads the features that the frame offers.
+  Declaration& features() { return entry_.features = true, *this; }
+  /// Reads the file of per-sample records.
+  Declaration& records() { return entry_.records = true, *this; }
+  /// Averages FilterFrame::values with weights from the signal alone.
+  Declaration& carries() { return entry_.carries = true, *this; }
+  /// Leaves the pixels where FilterFrame::medium is 0 to the gradient-kernel paper's rule.
+  Declaration& background() { return entry_.background = true, *this; }
+  Declaration& scratch(int floats_per_pixel) { return entry_.scratch = floats_per_pixel, *this; }
 
   Declaration& also_compare(std::vector<std::string> settings) {
     entry_.also_compare = std::move(settings);

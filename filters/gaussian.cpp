@@ -28,6 +28,8 @@ const FilterEntry entry =
                {0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1, 1.2, 1.4, 1.7, 2, 2.5, 3, 4})
         .param("average", &GaussianFilter::average, kAverageNames, kAverageHelp, kAverageNames)
         .apron([](const GaussianFilter& p) { return p.radius; })
+        .background()
+        .carries()
         .run(run);
 const Registration registration(entry);
 

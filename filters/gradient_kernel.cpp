@@ -1,7 +1,9 @@
 #include <cmath>
 
 #include "base/error.h"
+#include "filters/directions.h"
 #include "filters/lab_window.h"
+#include "filters/neighbourhood.h"
 #include "filters/registry.h"
 
 namespace brume {
@@ -18,9 +20,6 @@ struct GradientKernel {
   Average average = Average::kDomain;
 };
 
-// Shorter means are noise: paths that disagree about where the surface faces.
-constexpr float kCoherenceFloor = 1e-3f;
-
 kernels::GradientWeights weights(const GradientKernel& p) {
   const bool paper = p.variant == Variant::kPaper, multiply = p.variant == Variant::kMultiply;
   kernels::GradientWeights w;
@@ -33,31 +32,14 @@ kernels::GradientWeights weights(const GradientKernel& p) {
   return w;
 }
 
-/// Unit directions and a channel that says where they are defined.
-WorkImage directions(const FilterFrame& frame, int radius, const Task& task) {
-  const auto g = frame.layers.rgb(layer::gradient);
-  WorkImage image(frame.width(), frame.height(), radius, 4);
-  for_each_row(frame.height(), {task.threads, {}, task.cancel}, [&](int y) {
-    for (int x = 0; x < frame.width(); ++x) {
-      const vec3 v((*g[0])(x, y), (*g[1])(x, y), (*g[2])(x, y));
-      const float length = glm::length(v);
-      const bool defined = length >= kCoherenceFloor;
-      const vec3 unit = defined ? v / length : vec3(0);
-      for (int c = 0; c < 3; ++c) image.channels[static_cast<size_t>(c)].row(y)[x] = unit[c];
-      image.channels[3].row(y)[x] = defined ? 1.0f : 0.0f;
-    }
-    image.extend_row(y);
-  });
-  return image;
-}
-
 void run(const GradientKernel& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
   if (p.variant == Variant::kGate && !frame.layers.has(layer::alpha))
     throw InputError(
         "filter gradient_kernel: variant=gate compares opacity and needs the channel 'A', which the frame does not "
         "have");
   LabWindow window(frame, p.radius, p.average, task);
-  const WorkImage gradient = directions(frame, p.radius, task);
+  const WorkImage gradient =
+      padded(pointers(unit_directions(frame.layers.rgb(layer::gradient), task)), p.radius);
   WorkImage opacity;
   if (p.variant == Variant::kGate) {
     const Plane* plane[] = {&frame.layers.at(layer::alpha.channel(0))};
@@ -96,6 +78,8 @@ const FilterEntry entry =
         .param("gate-strength", &GradientKernel::gate_strength, {0, 100}, "1", "gamma of the gate variant")
         .param("average", &GradientKernel::average, kAverageNames, kAverageHelp, kAverageNames)
         .apron([](const GradientKernel& p) { return p.radius; })
+        .background()
+        .carries()
         .run(run);
 const Registration registration(entry);
 

@@ -2,17 +2,11 @@
 
 #include <algorithm>
 #include <cstring>
+#include <utility>
 
-#include "base/parallel_for.h"
 #include "filters/kernels/lab.h"
 
 namespace brume {
-
-void for_each_row(int height, const Task& task, const std::function<void(int)>& row) {
-  parallel_for((height + kRowsPerTask - 1) / kRowsPerTask, task, [&](int band) {
-    for (int y = band * kRowsPerTask; y < std::min(height, (band + 1) * kRowsPerTask); ++y) row(y);
-  });
-}
 
 WorkImage padded(std::span<const Plane* const> planes, int radius) {
   WorkImage image(planes[0]->width(), planes[0]->height(), radius, planes.size());
@@ -33,28 +27,25 @@ std::array<float*, 3> rows(WorkImage& image, int y) {
   return {image.channels[0].row(y), image.channels[1].row(y), image.channels[2].row(y)};
 }
 
-Task without_progress(const Task& task) {
-  return {task.threads, {}, task.cancel};
-}
-
 }  // namespace
 
 LabWindow::LabWindow(const FilterFrame& frame, int radius, Average average, const Task& task)
     : frame_(frame),
       radius_(radius),
-      average_(average),
+      average_(frame.carries() ? Average::kLinear : average),
       lab_(frame.width(), frame.height(), radius, 3),
       out_(frame.width(), frame.height(), radius, 3) {
   if (average_ == Average::kLinear) rgb_ = WorkImage(frame.width(), frame.height(), radius, 3);
   if (frame.medium) medium_ = PaddedPlane(frame.width(), frame.height(), radius);
-  for_each_row(frame.height(), without_progress(task), [&](int y) {
+  for_each_row(frame.height(), quiet(task), [&](int y) {
     const std::array<const float*, 3> signal = {frame.signal[0]->row(y), frame.signal[1]->row(y),
                                                 frame.signal[2]->row(y)};
     kernels::lab_from_rgb_row(signal, static_cast<float>(frame.exposure), rows(lab_, y), frame.width());
     lab_.extend_row(y);
     if (average_ == Average::kLinear) {
       for (size_t c = 0; c < 3; ++c)
-        std::memcpy(rgb_.channels[c].row(y), signal[c], sizeof(float) * static_cast<size_t>(frame.width()));
+        std::memcpy(rgb_.channels[c].row(y), frame.values[c]->row(y),
+                    sizeof(float) * static_cast<size_t>(frame.width()));
       rgb_.extend_row(y);
     }
     if (frame.medium) {
@@ -75,7 +66,7 @@ kernels::WindowInput LabWindow::input() {
 }
 
 void LabWindow::use_result_as_guide(const Task& task) {
-  for_each_row(frame_.height(), without_progress(task), [&](int y) {
+  for_each_row(frame_.height(), quiet(task), [&](int y) {
     if (average_ == Average::kLinear) {
       kernels::lab_from_rgb_row(rows(std::as_const(out_), y), static_cast<float>(frame_.exposure), rows(lab_, y),
                                 frame_.width());
@@ -87,7 +78,7 @@ void LabWindow::use_result_as_guide(const Task& task) {
 }
 
 void LabWindow::finish(const FilterOutput& out, const Task& task) {
-  for_each_row(frame_.height(), without_progress(task), [&](int y) {
+  for_each_row(frame_.height(), quiet(task), [&](int y) {
     const std::array<float*, 3> target = {out[0]->row(y), out[1]->row(y), out[2]->row(y)};
     if (average_ == Average::kDomain)
       kernels::rgb_from_lab_row(rows(std::as_const(out_), y), static_cast<float>(frame_.exposure), target,
@@ -100,9 +91,9 @@ void LabWindow::finish(const FilterOutput& out, const Task& task) {
 
 WorkImage gaussian(const WorkImage& in, int radius, float sigma, const Task& task) {
   WorkImage horizontal(in.width(), in.height(), radius, in.channels.size()), out = horizontal;
-  for_each_row(in.height(), without_progress(task),
+  for_each_row(in.height(), quiet(task),
                [&](int y) { kernels::gaussian_horizontal_row(in, horizontal, radius, sigma, y); });
-  for_each_row(in.height(), without_progress(task), [&](int y) {
+  for_each_row(in.height(), quiet(task), [&](int y) {
     kernels::gaussian_vertical_row(horizontal, out, radius, sigma, y);
     out.extend_row(y);
   });

@@ -1,6 +1,7 @@
 #pragma once
 #include "filters/filter.h"
 #include "filters/kernels/window.h"
+#include "filters/planes.h"
 
 namespace brume {
 
@@ -11,12 +12,6 @@ enum class Average {
 };
 inline const std::vector<std::string> kAverageNames = {"domain", "linear"};
 inline constexpr const char* kAverageHelp = "average Lab values (as published) or linear light with weights from Lab";
-
-/// Pixels a row kernel is handed at a time, so that threads share the work evenly and rows stay in cache.
-inline constexpr int kRowsPerTask = 8;
-
-/// Calls row(y) for every row, on the task's threads.
-void for_each_row(int height, const Task& task, const std::function<void(int)>& row);
 
 /// A frame on its way through window kernels: padded Lab guide, values to average, and back.
 class LabWindow {

@@ -17,7 +17,7 @@ void run(const Trilateral& p, const FilterFrame& frame, const FilterOutput& out,
   PaddedPlane road(frame.width(), frame.height(), p.radius);
   for (int pass = 0; pass < p.passes; ++pass) {
     if (pass > 0) window.use_result_as_guide(task);
-    for_each_row(frame.height(), {task.threads, {}, task.cancel},
+    for_each_row(frame.height(), quiet(task),
                  [&](int y) { kernels::road_row(window.guide(), road, y); });
     kernels::WindowInput in = window.input();
     // The background had its bilateral filter in the first pass.
@@ -52,6 +52,7 @@ const FilterEntry entry =
                "sigma_J, where impulse weights take over", {25, 50, 100})
         .param("average", &Trilateral::average, kAverageNames, kAverageHelp, kAverageNames)
         .apron([](const Trilateral& p) { return p.passes * (p.radius + 1); })
+        .background()
         .run(run);
 const Registration registration(entry);
 

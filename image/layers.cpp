@@ -17,6 +17,12 @@ std::string LayerName::channel_of(std::string_view statistic, size_t index) cons
   return full;
 }
 
+std::vector<std::string> LayerName::channel_names(std::string_view statistic) const {
+  std::vector<std::string> names;
+  for (size_t i = 0; i < channels.size(); ++i) names.push_back(channel_of(statistic, i));
+  return names;
+}
+
 Plane& Layers::add(const std::string& name, float value) {
   return channels_.try_emplace(name, width_, height_, value).first->second;
 }
@@ -59,8 +65,8 @@ bool Layers::has(const LayerName& layer, std::string_view statistic) const {
   return true;
 }
 
-std::array<const Plane*, 3> Layers::rgb(const LayerName& layer, std::string_view statistic) const {
-  std::array<const Plane*, 3> planes;
+RgbPlanes Layers::rgb(const LayerName& layer, std::string_view statistic) const {
+  RgbPlanes planes;
   for (size_t i = 0; i < 3; ++i) planes[i] = &at(layer.channel_of(statistic, i));
   return planes;
 }

@@ -12,6 +12,9 @@
 
 namespace brume {
 
+/// Three channels that belong together, read only.
+using RgbPlanes = std::array<const Plane*, 3>;
+
 /// A named group of channels in a frame; the full channel name is "NAME.C", or "C" for the top layer.
 struct LayerName {
   std::string_view name;      ///< empty for the beauty on top
@@ -21,6 +24,8 @@ struct LayerName {
   std::string channel(size_t index) const { return channel_of("", index); }
   /// "NAME.STATISTIC.C", where the statistic is mean_variance, half_a or half_b.
   std::string channel_of(std::string_view statistic, size_t index) const;
+  /// All of them, in order.
+  std::vector<std::string> channel_names(std::string_view statistic = "") const;
   std::string label() const { return name.empty() ? "beauty" : std::string(name); }
   friend bool operator==(const LayerName& a, const LayerName& b) {
     return a.name == b.name && a.channels == b.channels;
@@ -72,6 +77,9 @@ namespace statistic {
 inline constexpr std::string_view mean_variance = "mean_variance";  ///< variance of the pixel mean: sample variance / n
 inline constexpr std::string_view half_a = "half_a";                ///< mean of the even samples
 inline constexpr std::string_view half_b = "half_b";                ///< mean of the odd samples
+/// Means of the samples whose index is k modulo 8.
+inline constexpr std::array<std::string_view, 8> buckets = {"bucket_0", "bucket_1", "bucket_2", "bucket_3",
+                                                            "bucket_4", "bucket_5", "bucket_6", "bucket_7"};
 }  // namespace statistic
 
 using Attribute = std::variant<std::string, int, float, std::array<float, 16>>;
@@ -96,7 +104,7 @@ class Layers {
 
   bool has(const LayerName& layer, std::string_view statistic = "") const;
   /// Three channels of a layer, in its order. @throws std::logic_error
-  std::array<const Plane*, 3> rgb(const LayerName& layer, std::string_view statistic = "") const;
+  RgbPlanes rgb(const LayerName& layer, std::string_view statistic = "") const;
   std::array<Plane*, 3> add_rgb(const LayerName& layer, std::string_view statistic = "");
 
   const std::map<std::string, Plane>& channels() const { return channels_; }

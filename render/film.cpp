@@ -80,7 +80,7 @@ void Film::record(const LayerName& name, size_t offset, bool complement) {
       target.half_b = plane(statistic::half_b);
     }
     if (request_.buckets)
-      for (int k = 0; k < 8; ++k) target.buckets.push_back(plane(fmt::format("bucket_{}", k)));
+      for (const std::string_view bucket : statistic::buckets) target.buckets.push_back(plane(bucket));
     target.value = static_cast<size_t>(std::find(offsets_.begin(), offsets_.end(), offset + i) - offsets_.begin());
     target.complement = complement;
     targets_.push_back(std::move(target));

@@ -152,9 +152,9 @@ TEST(Contenders, AreEveryFilterAndTheSettingsItDeclares) {
 TEST(Protocol, RecordsTheUnionOfTheLayersThatTheFiltersDeclare) {
   EvaluationSettings settings;
   settings.contenders = {parse_contender("bilateral")};
-  EXPECT_EQ(layers_to_record(settings), (std::vector<std::string>{"coverage", "direct", "indirect"}));
+  EXPECT_EQ(data_to_record(settings).layers, (std::vector<std::string>{"coverage", "direct", "indirect"}));
   settings.contenders.push_back(parse_contender("gradient_kernel"));
-  EXPECT_EQ(layers_to_record(settings), (std::vector<std::string>{"coverage", "direct", "gradient", "indirect"}));
+  EXPECT_EQ(data_to_record(settings).layers, (std::vector<std::string>{"coverage", "direct", "gradient", "indirect"}));
 }
 
 }  // namespace

@@ -1,0 +1,44 @@
+#pragma once
+#include <string>
+#include <vector>
+
+#include "image/layers.h"
+
+namespace brume {
+
+/// What helps a filter to tell an edge from noise, made from the layers of a frame: one to three channels, mapped by
+/// one scale so that the 1st to 99th percentile of the whole frame is [0, 1].
+struct Feature {
+  std::string name;
+  std::vector<Plane> mean;
+  std::vector<Plane> variance;        ///< of the mean; 0 where the frame does not know it
+  std::vector<Plane> half_a, half_b;  ///< the mean again where the frame has no halves
+};
+
+/// Which features a frame offers, and their scales: decided once over the whole frame, so that tiles agree.
+class FeaturePlan {
+ public:
+  /// @param wanted  names; empty: all    @throws InputError for a name that is none, with the nearest
+  FeaturePlan(const Layers& frame, const std::vector<std::string>& wanted);
+
+  /// The features of (a crop of) the frame.
+  std::vector<Feature> build(const Layers& frame) const;
+  /// What was taken and what was left out, and why, in one line.
+  const std::string& note() const { return note_; }
+  bool empty() const { return chosen_.empty(); }
+
+  /// Every name, for help and errors.
+  static std::vector<std::string> names();
+  /// The layers they are made from.
+  static const std::vector<LayerName>& sources();
+
+ private:
+  struct Chosen {
+    size_t index;  // in the table
+    float offset, scale;
+  };
+  std::vector<Chosen> chosen_;
+  std::string note_;
+};
+
+}  // namespace brume

@@ -1,0 +1,306 @@
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "filters/kernels/block_weights.cpp"
+#include "filters/kernels/block_weights.h"
+
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+#include <algorithm>
+#include <bit>
+#include <cstring>
+
+// Plain loops over x, compiled for every instruction set: see kernels/rows.h.
+HWY_BEFORE_NAMESPACE();
+namespace brume::kernels::HWY_NAMESPACE {
+
+// Beyond this a weight is nothing beside the centre's.
+constexpr float kFarthest = 80.0f, kCap = 1e4f;
+
+HWY_INLINE float smaller(float a, float b) {
+  return a < b ? a : b;
+}
+HWY_INLINE float larger(float a, float b) {
+  return a > b ? a : b;
+}
+
+// exp(-d) for d >= 0, relative error 3e-7; 0 beyond kFarthest and for NaN.
+HWY_INLINE float exp_minus(float d) {
+  const float x = smaller(d, kFarthest) * -1.44269504f;
+  const float shifted = x + 12582912.0f;  // 1.5 * 2^23: adding it rounds to an integer
+  const float f = x - (shifted - 12582912.0f);
+  float p = 1.5403530e-4f;
+  p = p * f + 1.3333558e-3f;
+  p = p * f + 9.6181291e-3f;
+  p = p * f + 5.5504109e-2f;
+  p = p * f + 2.4022651e-1f;
+  p = p * f + 6.9314718e-1f;
+  p = p * f + 1.0f;
+  const float w = std::bit_cast<float>(std::bit_cast<int32_t>(p) + (std::bit_cast<int32_t>(shifted) << 23));
+  return d < kFarthest ? w : 0.0f;
+}
+
+// Written so that NaN, which infinities may leave, counts as far.
+HWY_INLINE float capped(float d) {
+  return d < kCap ? d : kCap;
+}
+
+HWY_INLINE float noise_distance(float a, float b, float va, float vb, float k2) {
+  const float d = a - b;
+  return capped((d * d - (va + smaller(va, vb))) / (1e-10f + k2 * (va + vb)));
+}
+
+// Rows of p and of q for one run of pixels: pointers to the first.
+struct RowPair {
+  const Distance& t;
+  int y, dx, dy, x;
+  const float* p(const Plane* plane) const { return plane->row(y) + x; }
+  const float* q(const Plane* plane) const { return plane->row(y + dy) + x + dx; }
+};
+
+void noise_row(const RowPair& r, float* HWY_RESTRICT out, int n) {
+  const Distance& t = r.t;
+  const float k2 = t.k * t.k;
+  if (t.guide.size() == 3) {
+    const float *a0 = r.p(t.guide[0]), *a1 = r.p(t.guide[1]), *a2 = r.p(t.guide[2]);
+    const float *b0 = r.q(t.guide[0]), *b1 = r.q(t.guide[1]), *b2 = r.q(t.guide[2]);
+    const float *va0 = r.p(t.variance[0]), *va1 = r.p(t.variance[1]), *va2 = r.p(t.variance[2]);
+    const float *vb0 = r.q(t.variance[0]), *vb1 = r.q(t.variance[1]), *vb2 = r.q(t.variance[2]);
+    for (int x = 0; x < n; ++x)
+      out[x] = (1.0f / 3.0f) * (noise_distance(a0[x], b0[x], va0[x], vb0[x], k2) +
+                                noise_distance(a1[x], b1[x], va1[x], vb1[x], k2) +
+                                noise_distance(a2[x], b2[x], va2[x], vb2[x], k2));
+    return;
+  }
+  const float share = 1.0f / static_cast<float>(t.guide.size());
+  for (size_t c = 0; c < t.guide.size(); ++c) {
+    const float *a = r.p(t.guide[c]), *b = r.q(t.guide[c]), *va = r.p(t.variance[c]), *vb = r.q(t.variance[c]);
+    for (int x = 0; x < n; ++x)
+      out[x] = (c == 0 ? 0.0f : out[x]) + share * noise_distance(a[x], b[x], va[x], vb[x], k2);
+  }
+}
+
+void own_scale_row(const RowPair& r, float* HWY_RESTRICT out, int n) {
+  const Distance& t = r.t;
+  const float* own = r.p(t.own);
+  for (size_t c = 0; c < t.guide.size(); ++c) {
+    const float *a = r.p(t.guide[c]), *b = r.q(t.guide[c]), *va = r.p(t.variance[c]), *vb = r.q(t.variance[c]);
+    for (int x = 0; x < n; ++x) {
+      const float d = a[x] - b[x];
+      out[x] = (c == 0 ? 0.0f : out[x]) + capped((d * d - (va[x] + smaller(va[x], vb[x]))) * own[x]);
+    }
+  }
+}
+
+void ratio_row(const RowPair& r, float* HWY_RESTRICT out, int n) {
+  const Distance& t = r.t;
+  for (size_t c = 0; c < t.guide.size(); ++c) {
+    const float *a = r.p(t.guide[c]), *b = r.q(t.guide[c]);
+    for (int x = 0; x < n; ++x) {
+      const float d = a[x] - b[x];
+      out[x] = (c == 0 ? 0.0f : out[x]) + d * d;
+    }
+  }
+  if (t.variance.empty()) {
+    const float unit = 1.0f / t.floor;
+    for (int x = 0; x < n; ++x) out[x] = capped(out[x] * unit);
+    return;
+  }
+  const float *va = r.p(t.variance[0]), *vb = r.q(t.variance[0]);
+  if (t.own) {
+    const float* own = r.p(t.own);
+    for (int x = 0; x < n; ++x) out[x] = capped(out[x] / larger(va[x] + vb[x] + own[x], t.floor));
+  } else {
+    for (int x = 0; x < n; ++x) out[x] = capped(out[x] / larger(va[x] + vb[x], t.floor));
+  }
+}
+
+void angle_row(const RowPair& r, float* HWY_RESTRICT out, int n) {
+  const Distance& t = r.t;
+  const float *a0 = r.p(t.guide[0]), *a1 = r.p(t.guide[1]), *a2 = r.p(t.guide[2]), *ad = r.p(t.guide[3]);
+  const float *b0 = r.q(t.guide[0]), *b1 = r.q(t.guide[1]), *b2 = r.q(t.guide[2]), *bd = r.q(t.guide[3]);
+  for (int x = 0; x < n; ++x) {
+    const float apart = 1.0f - smaller(larger(a0[x] * b0[x] + a1[x] * b1[x] + a2[x] * b2[x], -1.0f), 1.0f);
+    out[x] = apart * apart * ad[x] * bd[x];
+  }
+}
+
+void distance_row(const RowPair& r, float* out, int n) {
+  switch (r.t.kind) {
+    case Distance::Kind::kNoise:
+      return noise_row(r, out, n);
+    case Distance::Kind::kOwnScale:
+      return own_scale_row(r, out, n);
+    case Distance::Kind::kRatio:
+      return ratio_row(r, out, n);
+    case Distance::Kind::kAngle:
+      return angle_row(r, out, n);
+  }
+}
+
+// Sum of the taps that stay inside at both ends, around position i of an image n long.
+float valid_taps(const std::vector<float>& taps, int i, int shift, int n) {
+  const int f = static_cast<int>(taps.size()) / 2;
+  float sum = 0;
+  for (int j = -f; j <= f; ++j)
+    if (i + j >= 0 && i + j < n && i + j + shift >= 0 && i + j + shift < n) sum += taps[static_cast<size_t>(j + f)];
+  return sum;
+}
+
+template <bool kFirst, bool kLargest>
+HWY_INLINE void join_row(const float* HWY_RESTRICT d, float scale, float* HWY_RESTRICT out, int n) {
+  for (int x = 0; x < n; ++x) {
+    const float v = larger(d[x] * scale, 0.0f);
+    out[x] = kFirst ? v : kLargest ? larger(out[x], v) : out[x] + v;
+  }
+}
+
+void join(const float* d, float scale, float* out, int n, bool first, bool largest) {
+  if (first) return join_row<true, false>(d, scale, out, n);
+  return largest ? join_row<false, true>(d, scale, out, n) : join_row<false, false>(d, scale, out, n);
+}
+
+void BlockWeights(const WeightModel& model, const Box& block, int dx, int dy, WeightScratch& s, float* weights,
+                  size_t stride) {
+  const Plane& any = *model.distances[0].guide[0];
+  const int image_width = any.width(), image_height = any.height(), width = block.width();
+  const bool largest = model.join == WeightModel::Join::kLargest;
+  for (size_t i = 0; i < model.distances.size(); ++i) {
+    const Distance& t = model.distances[i];
+    const int f = t.patch_radius();
+    // Columns and rows where both ends are inside, patch included.
+    const int x0 = std::max({block.x0 - f, 0, -dx}), x1 = std::min({block.x1 + f, image_width, image_width - dx});
+    const size_t padded = static_cast<size_t>(width + 2 * f);
+    s.distance.resize(padded);
+    s.horizontal.resize(stride * static_cast<size_t>(block.height() + 2 * f));
+    s.norm.resize(stride);
+    for (int y = block.y0 - f; y < block.y1 + f; ++y) {
+      float* h = s.horizontal.data() + stride * static_cast<size_t>(y - block.y0 + f);
+      if (y < 0 || y >= image_height || y + dy < 0 || y + dy >= image_height || x0 >= x1) {
+        std::memset(h, 0, sizeof(float) * static_cast<size_t>(width));
+        continue;
+      }
+      float* d = f == 0 ? h : s.distance.data();
+      const int lead = x0 - (block.x0 - f), n = x1 - x0;
+      std::fill_n(d, lead, 0.0f);
+      std::fill(d + lead + n, d + padded, 0.0f);
+      distance_row({t, y, dx, dy, x0}, d + lead, n);
+      if (f == 0) continue;
+      const float* HWY_RESTRICT in = d;
+      float* HWY_RESTRICT sum = h;
+      if (f == 1) {
+        const float a = t.patch[0], b = t.patch[1], c = t.patch[2];
+        for (int x = 0; x < width; ++x) sum[x] = a * in[x] + b * in[x + 1] + c * in[x + 2];
+      } else if (f == 3) {
+        const float *p = t.patch.data(), t0 = p[0], t1 = p[1], t2 = p[2], t3 = p[3], t4 = p[4], t5 = p[5], t6 = p[6];
+        for (int x = 0; x < width; ++x)
+          sum[x] = (t0 * in[x] + t1 * in[x + 1]) + (t2 * in[x + 2] + t3 * in[x + 3]) +
+                   (t4 * in[x + 4] + t5 * in[x + 5] + t6 * in[x + 6]);
+      } else {
+        for (int x = 0; x < width; ++x) sum[x] = t.patch[0] * in[x];
+        for (int j = 1; j <= 2 * f; ++j) {
+          const float tap = t.patch[static_cast<size_t>(j)];
+          for (int x = 0; x < width; ++x) sum[x] += tap * in[x + j];
+        }
+      }
+    }
+    if (f > 0)
+      for (int x = 0; x < width; ++x) {
+        const float v = valid_taps(t.patch, block.x0 + x, dx, image_width);
+        s.norm[static_cast<size_t>(x)] = v > 0 ? 1.0f / v : 0.0f;
+      }
+    for (int y = block.y0; y < block.y1; ++y) {
+      float* HWY_RESTRICT out = weights + stride * static_cast<size_t>(y - block.y0);
+      const float* h = s.horizontal.data() + stride * static_cast<size_t>(y - block.y0);
+      if (f == 0) {
+        join(h, t.scale, out, width, i == 0, largest);
+        continue;
+      }
+      const float rows = valid_taps(t.patch, y, dy, image_height);
+      const float unit = rows > 0 ? 1.0f / rows : 0.0f;
+      float* HWY_RESTRICT sum = s.distance.data();
+      const float* HWY_RESTRICT norm = s.norm.data();
+      if (f == 1) {
+        const float a = unit * t.patch[0], b = unit * t.patch[1], c = unit * t.patch[2];
+        for (int x = 0; x < width; ++x) {
+          const size_t u = static_cast<size_t>(x);
+          sum[x] = (a * h[u] + b * h[u + stride] + c * h[u + 2 * stride]) * norm[x];
+        }
+      } else if (f == 3) {
+        float tap[7];
+        for (size_t j = 0; j < 7; ++j) tap[j] = unit * t.patch[j];
+        for (int x = 0; x < width; ++x) {
+          const float* c = h + x;
+          sum[x] = ((tap[0] * c[0] + tap[1] * c[stride]) + (tap[2] * c[2 * stride] + tap[3] * c[3 * stride]) +
+                    (tap[4] * c[4 * stride] + tap[5] * c[5 * stride] + tap[6] * c[6 * stride])) *
+                   norm[x];
+        }
+      } else {
+        for (int x = 0; x < width; ++x) sum[x] = unit * t.patch[0] * h[x];
+        for (int j = 1; j <= 2 * f; ++j) {
+          const float tap = unit * t.patch[static_cast<size_t>(j)];
+          const float* c = h + stride * static_cast<size_t>(j);
+          for (int x = 0; x < width; ++x) sum[x] += tap * c[x];
+        }
+        for (int x = 0; x < width; ++x) sum[x] *= norm[x];
+      }
+      join(sum, t.scale, out, width, i == 0, largest);
+    }
+  }
+  // Weights, and none where q is outside.
+  const int first = std::max(0, -dx - block.x0), last = std::min(width, image_width - dx - block.x0);
+  for (int y = block.y0; y < block.y1; ++y) {
+    float* HWY_RESTRICT out = weights + stride * static_cast<size_t>(y - block.y0);
+    if (y + dy < 0 || y + dy >= image_height || first >= last) {
+      std::memset(out, 0, sizeof(float) * static_cast<size_t>(width));
+      continue;
+    }
+    for (int x = 0; x < width; ++x) out[x] = exp_minus(out[x]);
+    std::fill_n(out, first, 0.0f);
+    std::fill(out + last, out + width, 0.0f);
+  }
+}
+
+void AccumulateBlock(const float* weights, size_t stride, float scale, const Box& block, int dx, int dy,
+                     std::span<const Plane* const> values, float* sums, size_t plane) {
+  const int image_width = values[0]->width(), image_height = values[0]->height();
+  const int first = std::max(block.x0, -dx), last = std::min(block.x1, image_width - dx), n = last - first;
+  if (n <= 0) return;
+  for (int y = std::max(block.y0, -dy); y < std::min(block.y1, image_height - dy); ++y) {
+    const size_t at = stride * static_cast<size_t>(y - block.y0) + static_cast<size_t>(first - block.x0);
+    const float* HWY_RESTRICT w = weights + at;
+    for (size_t c = 0; c < values.size(); ++c) {
+      float* HWY_RESTRICT sum = sums + c * plane + at;
+      const float *p = values[c]->row(y) + first, *q = values[c]->row(y + dy) + first + dx;
+      for (int x = 0; x < n; ++x) sum[x] += scale * w[x] * (q[x] - p[x]);
+    }
+    float* HWY_RESTRICT total = sums + values.size() * plane + at;
+    for (int x = 0; x < n; ++x) total[x] += scale * w[x];
+  }
+}
+
+}  // namespace brume::kernels::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace brume::kernels {
+HWY_EXPORT(BlockWeights);
+HWY_EXPORT(AccumulateBlock);
+
+int WeightModel::patch_radius() const {
+  int radius = 0;
+  for (const Distance& d : distances) radius = std::max(radius, d.patch_radius());
+  return radius;
+}
+
+void block_weights(const WeightModel& model, const Box& block, int dx, int dy, WeightScratch& scratch, float* weights,
+                   size_t stride) {
+  HWY_DYNAMIC_DISPATCH(BlockWeights)(model, block, dx, dy, scratch, weights, stride);
+}
+
+void accumulate_block(const float* weights, size_t stride, float scale, const Box& block, int dx, int dy,
+                      std::span<const Plane* const> values, float* sums, size_t plane) {
+  HWY_DYNAMIC_DISPATCH(AccumulateBlock)(weights, stride, scale, block, dx, dy, values, sums, plane);
+}
+
+}  // namespace brume::kernels
+#endif

@@ -1,0 +1,53 @@
+#pragma once
+#include <span>
+#include <vector>
+
+#include "filters/planes.h"
+
+namespace brume::kernels {
+
+/// A squared distance between a pixel p and its neighbour q, made of channels, and possibly averaged over a patch.
+struct Distance {
+  enum class Kind {
+    /// ((a - b)^2 - (Va + min(Va, Vb))) / (1e-10 + k^2 (Va + Vb)), mean over channels: what is left of the difference
+    /// once its noise is taken off, in units of that noise (FILTERS.md B6).
+    kNoise,
+    /// sum of ((a - b)^2 - (Va + min(Va, Vb))) * own(p): the same in units of the pixel's own (B9).
+    kOwnScale,
+    /// sum of (a - b)^2 / max(Va + Vb + own(p), floor), of which V and own have one channel or none (B8, A5).
+    kRatio,
+    /// (1 - cos)^2 where the channels are a unit direction and, fourth, 1 where it is defined; 0 beside an undefined one.
+    kAngle,
+  };
+  Kind kind = Kind::kNoise;
+  std::vector<const Plane*> guide, variance;
+  const Plane* own = nullptr;
+  float k = 0.45f, floor = 0;
+  float scale = 1;           ///< of the distance as it enters the exponent
+  std::vector<float> patch;  ///< taps of a separable patch, an odd number of them; empty: the pixel alone
+  int patch_radius() const { return static_cast<int>(patch.size()) / 2; }
+};
+
+/// w(p, q) = exp(-d), where d is the sum, or the largest, of the scaled distances, each at least 0.
+struct WeightModel {
+  std::vector<Distance> distances;
+  enum class Join { kSum, kLargest } join = Join::kSum;
+  int patch_radius() const;
+};
+
+/// Room for one thread's work on blocks.
+struct WeightScratch {
+  std::vector<float> distance, horizontal, norm;
+};
+
+/// Weights of the pixels of a block toward q = p + (dx, dy): rows of `stride` floats. 0 where q is outside the image; a
+/// patch that reaches outside is averaged over what is inside at both ends.
+void block_weights(const WeightModel& model, const Box& block, int dx, int dy, WeightScratch& scratch, float* weights,
+                   size_t stride);
+
+/// sums[c] += scale * w * (v_c(q) - v_c(p)) and, last, sums[C] += scale * w, for each pixel of the block; all of them
+/// rows of `stride` floats, `plane` floats apart.
+void accumulate_block(const float* weights, size_t stride, float scale, const Box& block, int dx, int dy,
+                      std::span<const Plane* const> values, float* sums, size_t plane);
+
+}  // namespace brume::kernels

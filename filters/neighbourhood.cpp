@@ -1,0 +1,119 @@
+#include "filters/neighbourhood.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "base/parallel_for.h"
+
+namespace brume {
+
+std::vector<Offset> square_window(int radius) {
+  return gaussian_window(radius, 0);
+}
+
+std::vector<Offset> gaussian_window(int radius, double sigma) {
+  std::vector<Offset> offsets;
+  for (int dy = -radius; dy <= radius; ++dy)
+    for (int dx = -radius; dx <= radius; ++dx)
+      offsets.push_back(
+          {dx, dy, sigma > 0 ? static_cast<float>(std::exp(-(dx * dx + dy * dy) / (2 * sigma * sigma))) : 1.0f});
+  return offsets;
+}
+
+std::vector<float> box_patch(int radius) {
+  return std::vector<float>(static_cast<size_t>(2 * radius + 1), 1.0f);
+}
+
+Distance noise_distance(std::span<const Plane* const> guide, std::span<const Plane* const> variance, int patch_radius,
+                        float k) {
+  Distance d;
+  d.guide.assign(guide.begin(), guide.end());
+  d.variance.assign(variance.begin(), variance.end());
+  d.k = k;
+  d.patch = box_patch(patch_radius);
+  return d;
+}
+
+Plane sum_of(const std::vector<Plane>& planes) {
+  Plane sum = planes[0];
+  for (size_t i = 1; i < planes.size(); ++i)
+    for (int y = 0; y < sum.height(); ++y)
+      for (int x = 0; x < sum.width(); ++x) sum(x, y) += planes[i](x, y);
+  return sum;
+}
+
+std::vector<const Plane*> pointers(const std::vector<Plane>& planes) {
+  std::vector<const Plane*> result;
+  for (const Plane& p : planes) result.push_back(&p);
+  return result;
+}
+
+FeatureDistances::FeatureDistances(const std::vector<Feature>& features, float k, float tau, const Task& task) {
+  own_.reserve(features.size());
+  for (const Feature& f : features) {
+    const int width = f.mean[0].width(), height = f.mean[0].height();
+    own_.push_back(make_plane(width, height, quiet(task), [&](int x, int y) {
+      float variance = 0, slope = 0;
+      for (size_t c = 0; c < f.mean.size(); ++c) {
+        const Plane& p = f.mean[c];
+        const auto half = [&](int ax, int ay) {
+          const int qx = std::clamp(x + ax, 0, width - 1), qy = std::clamp(y + ay, 0, height - 1);
+          return std::abs(0.5f * (p(qx, qy) - p(x, y)));
+        };
+        const float gx = std::min(half(-1, 0), half(1, 0)), gy = std::min(half(0, -1), half(0, 1));
+        variance += f.variance[c](x, y);
+        slope += gx * gx + gy * gy;
+      }
+      return 1.0f / (k * k * std::max({tau, variance, slope}));
+    }));
+    Distance d;
+    d.kind = Distance::Kind::kOwnScale;
+    d.guide = pointers(f.mean);
+    d.variance = pointers(f.variance);
+    d.own = &own_.back();
+    distances_.push_back(std::move(d));
+  }
+}
+
+void FeatureDistances::add_to(WeightModel& model) const {
+  model.distances.insert(model.distances.end(), distances_.begin(), distances_.end());
+}
+
+void for_each_block(int width, int height, int block_width, int block_height, const Task& task,
+                    const std::function<void(const Box&)>& body) {
+  const int across = (width + block_width - 1) / block_width, down = (height + block_height - 1) / block_height;
+  parallel_for(across * down, task, [&](int i) {
+    const int x0 = i % across * block_width, y0 = i / across * block_height;
+    body({x0, y0, std::min(width, x0 + block_width), std::min(height, y0 + block_height)});
+  });
+}
+
+Averages weighted_average(const WeightModel& model, std::span<const Offset> offsets,
+                          std::span<const Plane* const> values, const Task& task) {
+  // Wide enough for vectors, small enough for the second-level cache, high enough that a patch's apron costs little.
+  constexpr int kWidth = 128, kHeight = 48;
+  const int width = values[0]->width(), height = values[0]->height();
+  Averages out;
+  for (size_t c = 0; c < values.size(); ++c) out.values.emplace_back(width, height);
+  out.weight = Plane(width, height);
+  for_each_block(width, height, kWidth, kHeight, task, [&](const Box& block) {
+    constexpr size_t kPlane = static_cast<size_t>(kWidth) * kHeight;
+    std::vector<float> weights(kPlane), sums(kPlane * (values.size() + 1));
+    kernels::WeightScratch scratch;
+    for (const Offset& o : offsets) {
+      kernels::block_weights(model, block, o.dx, o.dy, scratch, weights.data(), kWidth);
+      kernels::accumulate_block(weights.data(), kWidth, o.weight, block, o.dx, o.dy, values, sums.data(), kPlane);
+    }
+    for (int y = block.y0; y < block.y1; ++y)
+      for (int x = block.x0; x < block.x1; ++x) {
+        const size_t at = static_cast<size_t>(y - block.y0) * kWidth + static_cast<size_t>(x - block.x0);
+        const float total = sums[values.size() * kPlane + at];
+        out.weight(x, y) = total;
+        for (size_t c = 0; c < values.size(); ++c)
+          out.values[c](x, y) = (*values[c])(x, y) + (total > 1e-8f ? sums[c * kPlane + at] / total : 0.0f);
+      }
+  });
+  return out;
+}
+
+}  // namespace brume

@@ -1,0 +1,61 @@
+#pragma once
+#include "filters/features.h"
+#include "filters/kernels/block_weights.h"
+
+namespace brume {
+
+using kernels::Distance;
+using kernels::WeightModel;
+
+/// A neighbour's place, and its share in the kernel over distance.
+struct Offset {
+  int dx, dy;
+  float weight = 1;
+};
+
+/// The square of half width `radius`, every neighbour alike.
+std::vector<Offset> square_window(int radius);
+/// The same with exp(-r^2 / (2 sigma^2)); sigma <= 0: alike.
+std::vector<Offset> gaussian_window(int radius, double sigma);
+
+/// Taps of a patch whose pixels count alike.
+std::vector<float> box_patch(int radius);
+
+/// The distance of non-local means between noisy planes.
+Distance noise_distance(std::span<const Plane* const> guide, std::span<const Plane* const> variance, int patch_radius,
+                        float k);
+
+/// Distances of features in units of their own noise and slope, the rule of Rousselle, Manzi and Zwicker 2013, equation
+/// 6: ((df)^2 - (V_p + min(V_p, V_q))) / (k^2 max(tau, V_p, |grad f_p|^2)), where the gradient takes the smaller of the
+/// two one-sided differences along each axis.
+class FeatureDistances {
+ public:
+  FeatureDistances(const std::vector<Feature>& features, float k, float tau, const Task& task);
+  void add_to(WeightModel& model) const;
+
+ private:
+  std::vector<Distance> distances_;
+  std::vector<Plane> own_;
+};
+
+/// Sum over planes: one variance for a feature of several channels.
+Plane sum_of(const std::vector<Plane>& planes);
+
+/// Views of planes.
+std::vector<const Plane*> pointers(const std::vector<Plane>& planes);
+
+struct Averages {
+  std::vector<Plane> values;
+  Plane weight;  ///< sum of the weights
+};
+
+/// sum s_o w(p, p + o) v(p + o) / sum s_o w(p, p + o) over the offsets, for each plane of values; a pixel whose weights
+/// all vanish keeps its value.
+Averages weighted_average(const WeightModel& model, std::span<const Offset> offsets,
+                          std::span<const Plane* const> values, const Task& task);
+
+/// Calls body(block) for blocks that cover an image, on the task's threads.
+void for_each_block(int width, int height, int block_width, int block_height, const Task& task,
+                    const std::function<void(const Box&)>& body);
+
+}  // namespace brume

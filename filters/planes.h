@@ -1,0 +1,52 @@
+#pragma once
+#include <array>
+#include <functional>
+
+#include "base/progress.h"
+#include "image/layers.h"
+
+namespace brume {
+
+/// Three planes that a filter owns, and a view of them.
+using Rgb = std::array<Plane, 3>;
+
+inline RgbPlanes view(const Rgb& planes) {
+  return {&planes[0], &planes[1], &planes[2]};
+}
+
+/// Rows a task is handed at a time, so that threads share the work evenly and rows stay in cache.
+inline constexpr int kRowsPerTask = 8;
+
+/// Calls row(y) for every row, on the task's threads.
+void for_each_row(int height, const Task& task, const std::function<void(int)>& row);
+
+/// A plane from a function of the pixel.
+template <class Function>
+Plane make_plane(int width, int height, const Task& task, const Function& value) {
+  Plane out(width, height);
+  for_each_row(height, task, [&](int y) {
+    float* row = out.row(y);
+    for (int x = 0; x < width; ++x) row[x] = value(x, y);
+  });
+  return out;
+}
+
+/// Mean over the square of half width `radius`, clipped to the image.
+Plane box_mean(const Plane& in, int radius, const Task& task);
+
+/// Gaussian of standard deviation `sigma` [px], cut off at 3 sigma, clipped and renormalised.
+Plane gaussian_blur(const Plane& in, double sigma, const Task& task);
+
+/// Median of the 3 x 3 pixels around each, edges repeated.
+Plane median3x3(const Plane& in, const Task& task);
+
+/// Part of a larger plane.
+struct Box {
+  int x0, y0, x1, y1;  ///< the last two exclusive
+  int width() const { return x1 - x0; }
+  int height() const { return y1 - y0; }
+  Box grown(int by, int image_width, int image_height) const;
+};
+Plane crop(const Plane& in, const Box& box);
+
+}  // namespace brume
