@@ -97,7 +97,7 @@ int run(const Common& common, const std::vector<std::string>& extras) {
   std::optional<RecordReader> records;
   if (!o.records.empty()) options.records = &records.emplace(o.records);
   std::set<std::string> channels = {"R", "G", "B"};
-  for (const FilterSettings& filter : filters) channels.merge(readable_channels(filter.entry(), options));
+  for (const FilterSettings& filter : filters) channels.merge(readable_channels(filter, options));
   std::string note;
   const Layers frame = read_frame(o.input, channels, &note);
   if (!note.empty()) log(common, "note: " + note);

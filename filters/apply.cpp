@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "base/error.h"
+#include "base/parallel_for.h"
 #include "base/text.h"
 #include "filters/planes.h"
 #include "filters/registry.h"
@@ -193,7 +194,7 @@ void filter_signal(const Run& run, const Layers& layers, const LayerName& name, 
       for (int x = interior.x0; x < interior.x1; ++x)
         totals.energy += signal.removed(x, y), totals.outliers += signal.removed(x, y) > 0;
   std::vector<Feature> features;
-  if (entry.features) features = run.features.build(layers);
+  if (run.filter.uses_features()) features = run.features.build(layers, task);
 
   FilterFrame frame{signal.mean, signal.mean, layers, run.options.exposure};
   if (run.mask && entry.background) frame.medium = &layers.at(layer::coverage.channel(0));
@@ -292,7 +293,8 @@ std::vector<LayerName> required_layers(const FilterEntry& filter, const ApplyOpt
   return layers;
 }
 
-std::set<std::string> readable_channels(const FilterEntry& filter, const ApplyOptions& options) {
+std::set<std::string> readable_channels(const FilterSettings& settings, const ApplyOptions& options) {
+  const FilterEntry& filter = settings.entry();
   std::set<std::string> names;
   const auto add = [&](const LayerName& l, std::string_view statistic = "") {
     for (const std::string& name : l.channel_names(statistic)) names.insert(name);
@@ -310,7 +312,7 @@ std::set<std::string> readable_channels(const FilterEntry& filter, const ApplyOp
       for (const auto which : statistic::buckets) add(l, which);
   }
   if (statistics >= Statistics::kVariance || limits) add(layer::sample_count);
-  if (filter.features)
+  if (settings.uses_features())
     for (const LayerName& l : FeaturePlan::sources())
       for (const auto which :
            {std::string_view(), statistic::mean_variance, statistic::half_a, statistic::half_b})
@@ -329,15 +331,19 @@ Layers apply_filter(const FilterSettings& requested, const Layers& frame, const 
   const Stopwatch watch;
 
   std::vector<std::string> used;
-  for (const std::string& name : readable_channels(entry, options))
+  for (const std::string& name : readable_channels(requested, options))
     if (frame.find(name)) used.push_back(name);
   // A frame with something to repair is copied; the usual one is not.
   std::set<std::pair<int, int>> bad;
   Layers fixed;
-  for (const std::string& name : used)
-    if (const Plane& plane = frame.at(name); count_not_finite(plane)) {
+  std::vector<char> damaged(used.size());
+  parallel_for(static_cast<int>(used.size()), quiet(task), [&](int i) {
+    damaged[static_cast<size_t>(i)] = count_not_finite(frame.at(used[static_cast<size_t>(i)])) > 0;
+  });
+  for (size_t i = 0; i < used.size(); ++i)
+    if (damaged[i]) {
       if (bad.empty()) fixed = frame;
-      fixed.set(name, repaired(plane, bad));
+      fixed.set(used[i], repaired(frame.at(used[i]), bad));
     }
   const Layers& source = bad.empty() ? frame : fixed;
   r.repaired_pixels = bad.size();
@@ -351,8 +357,9 @@ Layers apply_filter(const FilterSettings& requested, const Layers& frame, const 
     filter.set("average", "linear");
     r.notes.push_back("average = linear, because layers that are carried along must add up");
   }
-  const FeaturePlan features(entry.features ? source : Layers(), entry.features ? options.features : std::vector<std::string>{"none"});
-  if (entry.features) r.notes.push_back(features.note());
+  const bool with_features = filter.uses_features();
+  const FeaturePlan features = with_features ? FeaturePlan(source, options.features, task) : FeaturePlan();
+  if (with_features) r.notes.push_back(features.note());
   Run run{filter, options, features, {frame.width(), frame.height()}};
   const bool by_paper = options.background == BackgroundRule::kDefault && entry.background;
   if (options.background == BackgroundRule::kBilateral || by_paper) {
@@ -431,7 +438,7 @@ Layers apply_filter(const FilterSettings& requested, const Layers& frame, const 
   result.header["filterExposure"] = static_cast<float>(options.exposure);
   result.header["filterSeconds"] = static_cast<float>(r.seconds);
   result.header["filterSource"] = entry.source;
-  if (entry.features) result.header["filterFeatures"] = features.note();
+  if (with_features) result.header["filterFeatures"] = features.note();
   if (options.noise == NoiseSource::kSpatial) result.header["filterNoise"] = std::string("estimated from the picture");
   if (options.outliers != Outliers::kKeep)
     result.header["filterOutliers"] = std::string(options.outliers == Outliers::kClamp ? "clamped" : "redistributed");

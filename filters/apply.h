@@ -44,7 +44,7 @@ struct ApplyReport {
 std::vector<LayerName> required_layers(const FilterEntry& filter, const ApplyOptions& options);
 
 /// The full names of all channels that a run reads where a frame has them: statistics and features included.
-std::set<std::string> readable_channels(const FilterEntry& filter, const ApplyOptions& options);
+std::set<std::string> readable_channels(const FilterSettings& filter, const ApplyOptions& options);
 
 /// Cleans a frame. The result holds R G B, A where the frame has it, the carried layers, and the header with the filter
 /// and every parameter. Non-finite pixels are replaced by the median of their finite neighbours before the filter and

@@ -8,17 +8,15 @@
 
 #include "base/error.h"
 #include "base/text.h"
+#include "filters/planes.h"
 
 namespace brume {
 namespace {
 
-/// Pixel by pixel from several planes.
+/// Pixel by pixel from several planes of the size of `a`.
 template <class Function>
-Plane combine(const Plane& a, const Function& f) {
-  Plane out(a.width(), a.height());
-  for (int y = 0; y < a.height(); ++y)
-    for (int x = 0; x < a.width(); ++x) out(x, y) = static_cast<float>(f(x, y));
-  return out;
+Plane combine(const Plane& a, const Task& task, const Function& f) {
+  return make_plane(a.width(), a.height(), quiet(task), f);
 }
 
 using Planes = std::vector<Plane>;
@@ -28,9 +26,9 @@ struct Recipe {
   std::string name;
   std::vector<LayerName> layers;
   /// Means (statistic "", half_a, half_b) of the feature.
-  std::function<Planes(const Layers&, std::string_view)> mean;
+  std::function<Planes(const Layers&, std::string_view, const Task&)> mean;
   /// Variance of the mean, to first order.
-  std::function<Planes(const Layers&)> variance;
+  std::function<Planes(const Layers&, const Task&)> variance;
 };
 
 Planes copies(const Layers& frame, const LayerName& layer, std::string_view statistic) {
@@ -42,8 +40,8 @@ Planes copies(const Layers& frame, const LayerName& layer, std::string_view stat
 Recipe plain(std::string name, const LayerName& layer) {
   return {std::move(name),
           {layer},
-          [layer](const Layers& frame, std::string_view which) { return copies(frame, layer, which); },
-          [layer](const Layers& frame) { return copies(frame, layer, statistic::mean_variance); }};
+          [layer](const Layers& frame, std::string_view which, const Task&) { return copies(frame, layer, which); },
+          [layer](const Layers& frame, const Task&) { return copies(frame, layer, statistic::mean_variance); }};
 }
 
 /// A layer that is a sum over the paths which scattered, divided by their share.
@@ -51,19 +49,19 @@ Recipe per_scattered(std::string name, const LayerName& layer) {
   const auto share = [](const Layers& frame, std::string_view which) -> const Plane& {
     return frame.at(layer::scatter_share.channel_of(which, 0));
   };
-  const auto mean = [layer, share](const Layers& frame, std::string_view which) {
+  const auto mean = [layer, share](const Layers& frame, std::string_view which, const Task& task) {
     Planes planes = copies(frame, layer, which);
     const Plane& s = share(frame, which);
-    for (Plane& p : planes) p = combine(p, [&](int x, int y) { return s(x, y) > 0 ? p(x, y) / s(x, y) : 0.0f; });
+    for (Plane& p : planes) p = combine(p, task, [&](int x, int y) { return s(x, y) > 0 ? p(x, y) / s(x, y) : 0.0f; });
     return planes;
   };
   // Of D / S where D = S d: Cov(D, S) = d Var S, so that Var(D / S) = (Var D - d^2 Var S) / S^2.
-  const auto variance = [layer, share, mean](const Layers& frame) {
-    const Planes ratio = mean(frame, "");
+  const auto variance = [layer, share, mean](const Layers& frame, const Task& task) {
+    const Planes ratio = mean(frame, "", task);
     Planes planes = copies(frame, layer, statistic::mean_variance);
     const Plane &s = share(frame, ""), &v = share(frame, statistic::mean_variance);
     for (size_t c = 0; c < planes.size(); ++c)
-      planes[c] = combine(s, [&](int x, int y) {
+      planes[c] = combine(s, task, [&](int x, int y) {
         const float r = ratio[c](x, y);
         return s(x, y) > 0 ? std::max(0.0f, planes[c](x, y) - r * r * v(x, y)) / (s(x, y) * s(x, y)) : 0.0f;
       });
@@ -74,19 +72,19 @@ Recipe per_scattered(std::string name, const LayerName& layer) {
 
 /// One number from three channels that vary together.
 Recipe grey(std::string name, const LayerName& layer, bool complement) {
-  const auto mean = [layer, complement](const Layers& frame, std::string_view which) {
+  const auto mean = [layer, complement](const Layers& frame, std::string_view which, const Task& task) {
     const RgbPlanes rgb = frame.rgb(layer, which);
     Planes planes;
-    planes.push_back(combine(*rgb[0], [&](int x, int y) {
+    planes.push_back(combine(*rgb[0], task, [&](int x, int y) {
       const float m = luminance(vec3((*rgb[0])(x, y), (*rgb[1])(x, y), (*rgb[2])(x, y)));
       return complement ? 1.0f - m : m;
     }));
     return planes;
   };
-  const auto variance = [layer](const Layers& frame) {
+  const auto variance = [layer](const Layers& frame, const Task& task) {
     const RgbPlanes v = frame.rgb(layer, statistic::mean_variance);
     Planes planes;
-    planes.push_back(combine(*v[0], [&](int x, int y) {
+    planes.push_back(combine(*v[0], task, [&](int x, int y) {
       const auto deviation = [&](size_t c) { return std::sqrt(std::max(0.0f, (*v[c])(x, y))); };
       const float sum = luminance(vec3(deviation(0), deviation(1), deviation(2)));
       return sum * sum;
@@ -97,17 +95,17 @@ Recipe grey(std::string name, const LayerName& layer, bool complement) {
 }
 
 Recipe opacity_from_depth() {
-  const auto mean = [](const Layers& frame, std::string_view which) {
+  const auto mean = [](const Layers& frame, std::string_view which, const Task& task) {
     const Plane& tau = frame.at(layer::optical_depth.channel_of(which, 0));
     Planes planes;
-    planes.push_back(combine(tau, [&](int x, int y) { return 1.0f - std::exp(-tau(x, y)); }));
+    planes.push_back(combine(tau, task, [&](int x, int y) { return 1.0f - std::exp(-tau(x, y)); }));
     return planes;
   };
-  const auto variance = [](const Layers& frame) {
+  const auto variance = [](const Layers& frame, const Task& task) {
     const Plane &tau = frame.at(layer::optical_depth.channel(0)),
                 &v = frame.at(layer::optical_depth.channel_of(statistic::mean_variance, 0));
     Planes planes;
-    planes.push_back(combine(tau, [&](int x, int y) { return v(x, y) * std::exp(-2 * tau(x, y)); }));
+    planes.push_back(combine(tau, task, [&](int x, int y) { return v(x, y) * std::exp(-2 * tau(x, y)); }));
     return planes;
   };
   return {"opacity", {layer::optical_depth}, mean, variance};
@@ -147,8 +145,9 @@ struct Facts {
 Facts facts_of(const Planes& mean, const Planes& variance) {
   Facts facts;
   std::vector<float> values;
-  // Every plane's values, thinned alike to at most some hundred thousand.
-  const int step = std::max(1, mean[0].width() * (mean[0].height() / 512 + 1) / 512);
+  // Percentiles of some ten thousand values of each channel.
+  const double pixels = static_cast<double>(mean[0].width()) * mean[0].height();
+  const int step = std::max(1, static_cast<int>(pixels / 20000));
   for (size_t c = 0; c < mean.size(); ++c) {
     double sum = 0, squares = 0, noise = 0;
     for (int y = 0; y < mean[c].height(); ++y)
@@ -156,7 +155,7 @@ Facts facts_of(const Planes& mean, const Planes& variance) {
         const double v = mean[c](x, y);
         sum += v, squares += v * v;
         if (!variance.empty()) noise += variance[c](x, y);
-        if ((x + y * 7) % step == 0) values.push_back(mean[c](x, y));
+        if ((x + y * mean[c].width()) % step == 0) values.push_back(mean[c](x, y));
       }
     const double n = static_cast<double>(mean[c].width()) * mean[c].height();
     facts.spread += std::max(0.0, squares / n - sum * sum / (n * n));
@@ -190,7 +189,7 @@ const std::vector<LayerName>& FeaturePlan::sources() {
   return list;
 }
 
-FeaturePlan::FeaturePlan(const Layers& frame, const std::vector<std::string>& wanted) {
+FeaturePlan::FeaturePlan(const Layers& frame, const std::vector<std::string>& wanted, const Task& task) {
   const std::vector<std::string> known = names();
   for (const std::string& name : wanted)
     if (name != "none" && std::find(known.begin(), known.end(), name) == known.end())
@@ -206,7 +205,7 @@ FeaturePlan::FeaturePlan(const Layers& frame, const std::vector<std::string>& wa
       continue;
     }
     const bool measured = knows(*recipe, frame, statistic::mean_variance);
-    const Facts facts = facts_of(recipe->mean(frame, ""), measured ? recipe->variance(frame) : Planes());
+    const Facts facts = facts_of(recipe->mean(frame, "", task), measured ? recipe->variance(frame, task) : Planes());
     if (!(facts.highest - facts.lowest > 1e-5f * std::max(1.0f, std::abs(facts.highest)))) {
       left.push_back(name + " (constant)");
     } else if (facts.noise > 0.5 * facts.spread) {
@@ -220,7 +219,7 @@ FeaturePlan::FeaturePlan(const Layers& frame, const std::vector<std::string>& wa
   note_ = fmt::format("features: {}{}{}", taken.empty() ? "none" : join(taken), left.empty() ? "" : "; without ", join(left));
 }
 
-std::vector<Feature> FeaturePlan::build(const Layers& frame) const {
+std::vector<Feature> FeaturePlan::build(const Layers& frame, const Task& task) const {
   std::vector<Feature> features;
   for (const Chosen& chosen : chosen_) {
     const Recipe& recipe = recipes()[chosen.index];
@@ -232,12 +231,12 @@ std::vector<Feature> FeaturePlan::build(const Layers& frame) const {
     };
     Feature f;
     f.name = recipe.name;
-    f.mean = mapped(recipe.mean(frame, ""));
+    f.mean = mapped(recipe.mean(frame, "", task));
     const bool halves = knows(recipe, frame, statistic::half_a) && knows(recipe, frame, statistic::half_b);
-    f.half_a = halves ? mapped(recipe.mean(frame, statistic::half_a)) : f.mean;
-    f.half_b = halves ? mapped(recipe.mean(frame, statistic::half_b)) : f.mean;
+    f.half_a = halves ? mapped(recipe.mean(frame, statistic::half_a, task)) : f.mean;
+    f.half_b = halves ? mapped(recipe.mean(frame, statistic::half_b, task)) : f.mean;
     if (knows(recipe, frame, statistic::mean_variance)) {
-      f.variance = recipe.variance(frame);
+      f.variance = recipe.variance(frame, task);
       for (Plane& p : f.variance)
         for (int y = 0; y < p.height(); ++y)
           for (float& v : p.pixels(y)) v *= chosen.scale * chosen.scale;

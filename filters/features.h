@@ -2,7 +2,7 @@
 #include <string>
 #include <vector>
 
-#include "image/layers.h"
+#include "filters/planes.h"
 
 namespace brume {
 
@@ -19,10 +19,11 @@ struct Feature {
 class FeaturePlan {
  public:
   /// @param wanted  names; empty: all    @throws InputError for a name that is none, with the nearest
-  FeaturePlan(const Layers& frame, const std::vector<std::string>& wanted);
+  FeaturePlan(const Layers& frame, const std::vector<std::string>& wanted, const Task& task);
+  FeaturePlan() = default;  ///< none
 
   /// The features of (a crop of) the frame.
-  std::vector<Feature> build(const Layers& frame) const;
+  std::vector<Feature> build(const Layers& frame, const Task& task) const;
   /// What was taken and what was left out, and why, in one line.
   const std::string& note() const { return note_; }
   bool empty() const { return chosen_.empty(); }

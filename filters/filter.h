@@ -67,7 +67,8 @@ struct FilterEntry {
   std::vector<LayerName> needs, can_use;
   Statistics statistics = Statistics::kNone;      ///< that it needs
   Statistics can_use_statistics = Statistics::kNone;
-  bool features = false;       ///< weighs by features or regresses on them, whichever the frame has
+  /// Whether it weighs by features or regresses on them with these parameters, whichever the frame has; null: never.
+  std::function<bool(const std::any&)> features;
   bool records = false;        ///< reads what happened to each sample
   bool carries = false;        ///< can average other layers with the signal's weights
   bool background = false;     ///< knows FilterFrame::medium; the others treat every pixel unless asked otherwise
@@ -93,6 +94,7 @@ class FilterSettings {
   /// "sigma-domain=2 sigma-range=20"
   std::string text() const;
   int apron() const { return entry_->apron(parameters_); }
+  bool uses_features() const { return entry_->features && entry_->features(parameters_); }
   void run(const FilterFrame& frame, const FilterOutput& out, const Task& task) const {
     entry_->run(parameters_, frame, out, task);
   }
@@ -127,8 +129,11 @@ class Declaration {
     entry_.statistics = needed, entry_.can_use_statistics = useful;
     return *this;
   }
-  /// Reads the features that the frame offers.
-  Declaration& features() { return entry_.features = true, *this; }
+  /// Reads the features that the frame offers; with `when`, only for some parameters.
+  Declaration& features(bool (*when)(const P&) = [](const P&) { return true; }) {
+    entry_.features = [when](const std::any& a) { return when(std::any_cast<const P&>(a)); };
+    return *this;
+  }
   /// Reads the file of per-sample records.
   Declaration& records() { return entry_.records = true, *this; }
   /// Averages FilterFrame::values with weights from the signal alone.

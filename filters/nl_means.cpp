@@ -20,9 +20,7 @@ void run(const NlMeans& p, const FilterFrame& frame, const FilterOutput& out, co
     throw InputError(
         "filter nl_means: buffers=two needs the two half images, which the frame does not have; brume render records "
         "them unless --no-statistics is given. buffers=one works without");
-  const std::vector<Feature> none;
-  const FeatureDistances features(p.feature_strength > 0 ? *frame.features : none, p.feature_strength, kFeatureFloor,
-                                  task);
+  const FeatureDistances features(*frame.features, p.feature_strength, kFeatureFloor, task);
   const std::vector<Offset> window = square_window(p.search_radius);
   const auto average = [&](const RgbPlanes& guide, const RgbPlanes& variance, const RgbPlanes& values,
                            const Task& part) {
@@ -62,7 +60,7 @@ const FilterEntry entry =
             "With `feature-strength` above 0, features count too: the weight is the smallest of the colour's and the "
             "features'.")
         .statistics(Statistics::kVariance, Statistics::kHalves)
-        .features()
+        .features([](const NlMeans& p) { return p.feature_strength > 0; })
         .carries()
         .param("search-radius", &NlMeans::search_radius, {0, 40}, "px", "half width of the search window")
         .param("patch-radius", &NlMeans::patch_radius, {0, 8}, "px", "half width of a patch", {1, 3})

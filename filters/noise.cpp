@@ -69,10 +69,13 @@ Rgb corrected_variance(const RgbPlanes& mean, const RgbPlanes& variance, const R
       return own_level(x, y) > 1e-30f ? std::min(halves_level(x, y) / own_level(x, y), 4.0f) : 1.0f;
     });
   }
+  bool lone = false;  // any pixel with one sample
+  for (int y = 0; samples && !lone && y < height; ++y)
+    for (const float n : samples->pixels(y)) lone |= n < 1.5f;
   for (size_t c = 0; c < 3; ++c) {
-    const Plane spatial = samples ? neighbourhood_variance(*mean[c], task) : Plane();
+    const Plane spatial = lone ? neighbourhood_variance(*mean[c], task) : Plane();
     out[c] = make_plane(width, height, quiet(task), [&](int x, int y) {
-      if (samples && (*samples)(x, y) < 1.5f) return spatial(x, y);
+      if (lone && (*samples)(x, y) < 1.5f) return spatial(x, y);
       return (*variance[c])(x, y) * (ratio.empty() ? 1.0f : ratio(x, y));
     });
     lift(out[c], *mean[c], task);

@@ -2,7 +2,7 @@
 
 #include <fmt/format.h>
 
-#include <cmath>
+#include <bit>
 #include <stdexcept>
 #include <utility>
 
@@ -99,8 +99,12 @@ std::optional<double> Layers::number(const std::string& key) const {
 
 size_t count_not_finite(const Plane& plane) {
   size_t count = 0;
-  for (int y = 0; y < plane.height(); ++y)
-    for (const float value : plane.pixels(y)) count += !std::isfinite(value);
+  for (int y = 0; y < plane.height(); ++y) {
+    // By the exponent's bits, in a loop that compilers turn into vectors.
+    uint32_t row = 0;
+    for (const float value : plane.pixels(y)) row += (std::bit_cast<uint32_t>(value) & 0x7f800000u) == 0x7f800000u;
+    count += row;
+  }
   return count;
 }
 

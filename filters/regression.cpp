@@ -1,0 +1,127 @@
+#include "filters/regression.h"
+
+#include <algorithm>
+
+#include "base/parallel_for.h"
+#include "filters/kernels/regression.h"
+
+namespace brume {
+namespace {
+
+// Relative growth of the diagonal, and what a column of zeros gets: enough for float sums, too little to be seen.
+constexpr float kRidge = 3e-6f, kFloor = 1e-7f;
+// The pixel itself counts at least this much, however unlike its neighbours it is.
+constexpr float kCentreWeight = 1e-4f;
+
+template <class Better>
+Plane extreme(const Plane& in, int radius, const Task& task, const Better& better) {
+  const int width = in.width(), height = in.height();
+  Plane horizontal = in, out;
+  for_each_row(height, quiet(task), [&](int y) {
+    const float* from = in.row(y);
+    float* to = horizontal.row(y);
+    for (int j = 1; j <= std::min(radius, width - 1); ++j) {
+      for (int x = 0; x < width - j; ++x) to[x] = better(to[x], from[x + j]);
+      for (int x = j; x < width; ++x) to[x] = better(to[x], from[x - j]);
+    }
+  });
+  out = horizontal;
+  for_each_row(height, quiet(task), [&](int y) {
+    float* to = out.row(y);
+    for (int q = std::max(0, y - radius); q <= std::min(height - 1, y + radius); ++q) {
+      const float* from = horizontal.row(q);
+      for (int x = 0; x < width; ++x) to[x] = better(to[x], from[x]);
+    }
+  });
+  return out;
+}
+
+}  // namespace
+
+Plane window_maximum(const Plane& in, int radius, const Task& task) {
+  return extreme(in, radius, task, [](float a, float b) { return a > b ? a : b; });
+}
+
+Plane window_minimum(const Plane& in, int radius, const Task& task) {
+  return extreme(in, radius, task, [](float a, float b) { return a < b ? a : b; });
+}
+
+std::vector<Plane> collaborative_regression(const WeightModel& model, int radius,
+                                            std::span<const Plane* const> features,
+                                            std::span<const Plane* const> values, const Task& task) {
+  const int width = values[0]->width(), height = values[0]->height();
+  const int n = static_cast<int>(features.size()) + 3, m = static_cast<int>(values.size()), side = 2 * radius + 1;
+  std::vector<Plane> sums;
+  for (size_t c = 0; c < values.size(); ++c) sums.emplace_back(width, height);
+  Plane total(width, height);
+  std::vector<Plane*> targets;
+  for (Plane& p : sums) targets.push_back(&p);
+
+  // A block's predictions reach `radius` beyond it. Blocks of one colour of a 2 x 2 pattern are far enough apart to run
+  // at once, and the colours follow one another: every pixel's sum has one order, for any number of threads.
+  const int kWidth = 64, block_height = std::max(20, side + 1), block_width = std::max(kWidth, side + 1);
+  const int across = (width + block_width - 1) / block_width, down = (height + block_height - 1) / block_height;
+  const size_t stride = static_cast<size_t>((block_width + 15) / 16 * 16);
+  const size_t plane = stride * static_cast<size_t>(block_height);
+  for (int colour = 0; colour < 4; ++colour) {
+    std::vector<Box> blocks;
+    for (int by = colour / 2; by < down; by += 2)
+      for (int bx = colour % 2; bx < across; bx += 2)
+        blocks.push_back({bx * block_width, by * block_height, std::min(width, (bx + 1) * block_width),
+                          std::min(height, (by + 1) * block_height)});
+    parallel_for(static_cast<int>(blocks.size()), share(task, 0.25 * colour, 0.25 * (colour + 1)), [&](int i) {
+      const Box& block = blocks[static_cast<size_t>(i)];
+      kernels::WeightScratch scratch;
+      std::vector<float> weights(plane * static_cast<size_t>(side * side));
+      const auto weight_of = [&](int dx, int dy) {
+        return weights.data() + plane * static_cast<size_t>((dy + radius) * side + dx + radius);
+      };
+      for (int dy = -radius; dy <= radius; ++dy)
+        for (int dx = -radius; dx <= radius; ++dx)
+          kernels::block_weights(model, block, dx, dy, scratch, weight_of(dx, dy), stride);
+      std::vector<float> a(stride * static_cast<size_t>(n * (n + 1) / 2)), b(stride * static_cast<size_t>(n * m)),
+          work(kernels::normal_scratch(features.size(), values.size(), stride));
+      for (int y = block.y0; y < block.y1; ++y) {
+        const size_t line = stride * static_cast<size_t>(y - block.y0);
+        float* centre = weight_of(0, 0) + line;
+        for (int x = 0; x < block.width(); ++x) centre[x] = std::max(centre[x], kCentreWeight);
+        std::fill(a.begin(), a.end(), 0.0f);
+        std::fill(b.begin(), b.end(), 0.0f);
+        const int top = std::max(-radius, -y), bottom = std::min(radius, height - 1 - y);
+        // Where the whole window is inside, neighbours are taken several at once; beside the edges one by one.
+        for (int dy = top; dy <= bottom; ++dy) {
+          if (block.x0 - radius >= 0 && block.x1 + radius <= width) {
+            const kernels::RegressionRow row{features, values, block.x0, y, block.width(), radius, stride};
+            kernels::accumulate_normal(row, weight_of(-radius, dy) + line, plane, -radius, dy, side, work.data(),
+                                       a.data(), b.data());
+            continue;
+          }
+          for (int dx = -radius; dx <= radius; ++dx) {
+            const int first = std::max(block.x0, -dx), last = std::min(block.x1, width - dx);
+            if (first >= last) continue;
+            const size_t skip = static_cast<size_t>(first - block.x0);
+            const kernels::RegressionRow row{features, values, first, y, last - first, radius, stride};
+            kernels::accumulate_normal(row, weight_of(dx, dy) + line + skip, plane, dx, dy, 1, work.data(),
+                                       a.data() + skip, b.data() + skip);
+          }
+        }
+        kernels::solve_rows(a.data(), b.data(), n, m, block.width(), stride, kRidge, kFloor);
+        for (int dy = top; dy <= bottom; ++dy)
+          for (int dx = -radius; dx <= radius; ++dx) {
+            const int first = std::max(block.x0, -dx), last = std::min(block.x1, width - dx);
+            if (first >= last) continue;
+            const size_t skip = static_cast<size_t>(first - block.x0);
+            kernels::scatter_prediction({features, values, first, y, last - first, radius, stride},
+                                        weight_of(dx, dy) + line + skip, dx, dy, b.data() + skip, targets, total);
+          }
+      }
+    });
+  }
+  for (Plane& sum : sums)
+    for_each_row(height, quiet(task), [&](int y) {
+      for (int x = 0; x < width; ++x) sum.row(y)[x] /= total.row(y)[x];
+    });
+  return sums;
+}
+
+}  // namespace brume

@@ -1,0 +1,18 @@
+#pragma once
+#include "filters/neighbourhood.h"
+
+namespace brume {
+
+/// Weighted linear regression around every pixel p on position and features, whose predictions for all pixels of the
+/// window are averaged ("collaborative"): minimises sum_q w_pq |v_q - b^T (1, q - p, f_q - f_p)|^2 and returns
+/// sum_p w_pq b_p^T (1, q - p, f_q - f_p) / sum_p w_pq at every pixel q.
+/// Source: Bitterli et al. 2016, Nonlinearly Weighted First-order Regression, section 4.
+std::vector<Plane> collaborative_regression(const WeightModel& model, int radius,
+                                            std::span<const Plane* const> features,
+                                            std::span<const Plane* const> values, const Task& task);
+
+/// Largest and smallest value in the square of half width `radius`.
+Plane window_maximum(const Plane& in, int radius, const Task& task);
+Plane window_minimum(const Plane& in, int radius, const Task& task);
+
+}  // namespace brume
