@@ -126,7 +126,7 @@ RecordedData data_to_record(const EvaluationSettings& settings) {
     if (filter.features) layers.insert(layers.end(), FeaturePlan::sources().begin(), FeaturePlan::sources().end());
     for (const LayerName& l : layers)
       if (!l.name.empty()) names.insert(std::string(l.name));
-    data.statistics |= filter.can_use_statistics >= Statistics::kVariance || filter.features != nullptr;
+    data.statistics |= filter.can_use_statistics >= Statistics::kVariance || filter.features || filter.variances;
     data.buckets |= filter.can_use_statistics >= Statistics::kBuckets;
   }
   data.layers = {names.begin(), names.end()};

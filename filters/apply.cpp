@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 
 #include "base/error.h"
 #include "base/parallel_for.h"
@@ -183,7 +184,8 @@ double mean_of_luminance(const RgbPlanes& p) {
 
 /// Filters one signal of a tile (with its apron) and adds the result to `sums`; `carried` hold the other layers' results.
 void filter_signal(const Run& run, const Layers& layers, const LayerName& name, double mean_luminance, ivec2 origin,
-                   const FilterOutput& sums, const std::vector<FilterOutput>& carried, const Box& interior,
+                   const FilterOutput& sums, const std::vector<FilterOutput>& carried,
+                   const std::map<std::string, Plane*>& products, const Box& interior,
                    const Task& task, TileTotals& totals) {
   const FilterEntry& entry = run.filter.entry();
   const int width = layers.width(), height = layers.height();
@@ -208,10 +210,12 @@ void filter_signal(const Run& run, const Layers& layers, const LayerName& name, 
   frame.origin = origin;
   frame.frame_size = run.frame_size;
 
+  std::map<std::string, Plane> produced;
   const size_t jobs = 1 + carried.size();
   for (size_t j = 0; j < jobs; ++j) {
     Rgb out{Plane(width, height), Plane(width, height), Plane(width, height)};
     const FilterOutput target = {&out[0], &out[1], &out[2]};
+    frame.products = j == 0 && !products.empty() ? &produced : nullptr;
     if (j > 0) frame.values = layers.rgb(run.options.carried[j - 1]);
     const Task part = share(task, static_cast<double>(j) / static_cast<double>(jobs),
                             static_cast<double>(j + 1) / static_cast<double>(jobs));
@@ -241,6 +245,10 @@ void filter_signal(const Run& run, const Layers& layers, const LayerName& name, 
         }
       }
   }
+  for (const auto& [channel, target] : products)
+    for (int y = interior.y0; y < interior.y1; ++y)
+      for (int x = interior.x0; x < interior.x1; ++x)
+        (*target)(x + origin.x, y + origin.y) = produced.at(channel)(x, y);
 }
 
 double light_of(const Layers& layers, const std::vector<LayerName>& signals) {
@@ -301,6 +309,9 @@ std::set<std::string> readable_channels(const FilterSettings& settings, const Ap
   };
   for (const LayerName& l : required_layers(filter, options)) add(l);
   for (const LayerName& l : filter.can_use) add(l);
+  if (filter.variances)
+    for (const std::vector<LayerName>& list : {filter.needs, filter.can_use})
+      for (const LayerName& l : list) add(l, statistic::mean_variance);
   for (const LayerName& l : options.carried) add(l);
   for (const LayerName& l : {layer::coverage, layer::alpha}) add(l);
   const Statistics statistics = std::max(filter.statistics, filter.can_use_statistics);
@@ -384,6 +395,9 @@ Layers apply_filter(const FilterSettings& requested, const Layers& frame, const 
   const auto out = result.add_rgb(layer::beauty);
   std::vector<FilterOutput> carried;
   for (const LayerName& l : options.carried) carried.push_back(result.add_rgb(l));
+  std::map<std::string, Plane*> products;
+  for (const LayerName& l : entry.produces)
+    for (const std::string& channel : l.channel_names()) products[channel] = &result.add(channel);
   const std::vector<LayerName> signals = signals_of(options);
   std::vector<double> mean_luminances;
   for (const LayerName& name : signals) mean_luminances.push_back(mean_of_luminance(source.rgb(name)));
@@ -402,7 +416,8 @@ Layers apply_filter(const FilterSettings& requested, const Layers& frame, const 
       for (size_t s = 0; s < signals.size(); ++s, ++job) {
         const double jobs_done = static_cast<double>(job), all = static_cast<double>(jobs);
         filter_signal(run, whole ? source : part, signals[s], mean_luminances[s], {outer.x0, outer.y0}, out,
-                      s == 0 ? carried : std::vector<FilterOutput>(), interior,
+                      s == 0 ? carried : std::vector<FilterOutput>(),
+                      s == 0 ? products : std::map<std::string, Plane*>(), interior,
                       share(task, jobs_done / all, (jobs_done + 1) / all), totals);
       }
     }

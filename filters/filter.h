@@ -15,6 +15,12 @@
 
 namespace brume {
 
+namespace layer {
+inline constexpr LayerName error_bound{"error_bound", "RGB", "of a filter: the error's stochastic bound"};
+inline constexpr LayerName sampling_map{"sampling_map", "Y",
+                                        "of a filter: samples per pixel to take next, their mean being one"};
+}  // namespace layer
+
 /// What a filter is given: one signal to clean, and what it declared to read. Everything finite, all of one size.
 struct FilterFrame {
   RgbPlanes signal;  ///< linear RGB: what the weights are made from
@@ -32,6 +38,8 @@ struct FilterFrame {
   double samples = 0;                              ///< per pixel, mean over the frame; 0: unknown
   double mean_luminance = 0;                       ///< of the whole frame's signal, Radiance's weights
   RecordReader* records = nullptr;                 ///< never null where declared
+  /// Where to leave the layers that the filter declared to produce, by full channel name; null: nobody wants them.
+  std::map<std::string, Plane>* products = nullptr;
   ivec2 origin{0};                                 ///< of this tile in the frame
   ivec2 frame_size{0};
 
@@ -65,12 +73,15 @@ struct Parameter {
 struct FilterEntry {
   std::string name, summary, source, notes;
   std::vector<LayerName> needs, can_use;
+  std::vector<LayerName> produces;  ///< beside the clean picture
   Statistics statistics = Statistics::kNone;      ///< that it needs
   Statistics can_use_statistics = Statistics::kNone;
   /// Whether it weighs by features or regresses on them with these parameters, whichever the frame has; null: never.
   std::function<bool(const std::any&)> features;
+  bool variances = false;  ///< reads the variance of the layers it needs or can use
   bool records = false;        ///< reads what happened to each sample
   bool carries = false;        ///< can average other layers with the signal's weights
+  bool seeded = false;         ///< draws random numbers by the pixel's place, so that a turned picture differs a little
   bool background = false;     ///< knows FilterFrame::medium; the others treat every pixel unless asked otherwise
   int scratch = 16;            ///< floats per pixel that it holds while it runs
   std::vector<std::string> also_compare;  ///< "parameter=value": settings that comparisons list beside the defaults
@@ -129,6 +140,13 @@ class Declaration {
     entry_.statistics = needed, entry_.can_use_statistics = useful;
     return *this;
   }
+  /// Reads the variance of the layers it needs or can use, where the frame has it.
+  Declaration& with_variance() { return entry_.variances = true, *this; }
+  /// Leaves more layers than the clean picture, in FilterFrame::products.
+  template <class... Layer>
+  Declaration& produces(const Layer&... layers) {
+    return (entry_.produces.push_back(layers), ...), *this;
+  }
   /// Reads the features that the frame offers; with `when`, only for some parameters.
   Declaration& features(bool (*when)(const P&) = [](const P&) { return true; }) {
     entry_.features = [when](const std::any& a) { return when(std::any_cast<const P&>(a)); };
@@ -138,6 +156,8 @@ class Declaration {
   Declaration& records() { return entry_.records = true, *this; }
   /// Averages FilterFrame::values with weights from the signal alone.
   Declaration& carries() { return entry_.carries = true, *this; }
+  /// Draws random numbers by the pixel's place.
+  Declaration& seeded() { return entry_.seeded = true, *this; }
   /// Leaves the pixels where FilterFrame::medium is 0 to the gradient-kernel paper's rule.
   Declaration& background() { return entry_.background = true, *this; }
   Declaration& scratch(int floats_per_pixel) { return entry_.scratch = floats_per_pixel, *this; }

@@ -5,6 +5,7 @@
 namespace brume {
 
 using kernels::Distance;
+using kernels::Membership;
 using kernels::WeightModel;
 
 /// A neighbour's place, and its share in the kernel over distance.

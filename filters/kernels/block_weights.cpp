@@ -137,6 +137,40 @@ void distance_row(const RowPair& r, float* out, int n) {
   }
 }
 
+template <Membership::Bound kBound>
+void reject_row(const Membership& t, size_t c, int y, int dx, int dy, int x0, float* HWY_RESTRICT w, int n) {
+  const float *v = t.value[c]->row(y + dy) + x0 + dx, *m = t.centre[c]->row(y) + x0;
+  const float *own = t.squared_bound[c]->row(y) + x0, *other = t.squared_bound[c]->row(y + dy) + x0 + dx;
+  for (int x = 0; x < n; ++x) {
+    const float d = v[x] - m[x];
+    const float bound = kBound == Membership::Bound::kOwn      ? own[x]
+                        : kBound == Membership::Bound::kSum    ? own[x] + other[x]
+                        : kBound == Membership::Bound::kLarger ? larger(own[x], other[x])
+                                                               : smaller(own[x], other[x]);
+    w[x] = d * d <= bound ? w[x] : 0.0f;
+  }
+}
+
+void reject(const Membership& t, int y, int dx, int dy, int x0, float* w, int n) {
+  using Bound = Membership::Bound;
+  for (size_t c = 0; c < t.value.size(); ++c) {
+    switch (t.bound) {
+      case Bound::kOwn:
+        reject_row<Bound::kOwn>(t, c, y, dx, dy, x0, w, n);
+        break;
+      case Bound::kSum:
+        reject_row<Bound::kSum>(t, c, y, dx, dy, x0, w, n);
+        break;
+      case Bound::kLarger:
+        reject_row<Bound::kLarger>(t, c, y, dx, dy, x0, w, n);
+        break;
+      case Bound::kSmaller:
+        reject_row<Bound::kSmaller>(t, c, y, dx, dy, x0, w, n);
+        break;
+    }
+  }
+}
+
 // Sum of the taps that stay inside at both ends, around position i of an image n long.
 float valid_taps(const std::vector<float>& taps, int i, int shift, int n) {
   const int f = static_cast<int>(taps.size()) / 2;
@@ -161,7 +195,7 @@ void join(const float* d, float scale, float* out, int n, bool first, bool large
 
 void BlockWeights(const WeightModel& model, const Box& block, int dx, int dy, WeightScratch& s, float* weights,
                   size_t stride) {
-  const Plane& any = *model.distances[0].guide[0];
+  const Plane& any = model.distances.empty() ? *model.memberships[0].value[0] : *model.distances[0].guide[0];
   const int image_width = any.width(), image_height = any.height(), width = block.width();
   const bool largest = model.join == WeightModel::Join::kLargest;
   for (size_t i = 0; i < model.distances.size(); ++i) {
@@ -254,9 +288,13 @@ void BlockWeights(const WeightModel& model, const Box& block, int dx, int dy, We
       std::memset(out, 0, sizeof(float) * static_cast<size_t>(width));
       continue;
     }
-    for (int x = 0; x < width; ++x) out[x] = exp_minus(out[x]);
+    if (model.distances.empty())
+      std::fill_n(out, width, 1.0f);
+    else
+      for (int x = 0; x < width; ++x) out[x] = exp_minus(out[x]);
     std::fill_n(out, first, 0.0f);
     std::fill(out + last, out + width, 0.0f);
+    for (const Membership& t : model.memberships) reject(t, y, dx, dy, block.x0 + first, out + first, last - first);
   }
 }
 

@@ -28,9 +28,17 @@ struct Distance {
   int patch_radius() const { return static_cast<int>(patch.size()) / 2; }
 };
 
+/// A yes-or-no test of a neighbour, channel by channel: rejected when (value(q) - centre(p))^2 is more than the bound
+/// that p and q make of `squared_bound`. All channels must pass.
+struct Membership {
+  enum class Bound { kOwn, kSum, kLarger, kSmaller } bound = Bound::kOwn;  ///< p's, p's + q's, ...
+  std::vector<const Plane*> value, centre, squared_bound;
+};
+
 /// w(p, q) = exp(-d), where d is the sum, or the largest, of the scaled distances, each at least 0.
 struct WeightModel {
-  std::vector<Distance> distances;
+  std::vector<Distance> distances;  ///< none: every neighbour alike
+  std::vector<Membership> memberships;
   enum class Join { kSum, kLargest } join = Join::kSum;
   int patch_radius() const;
 };

@@ -1,0 +1,176 @@
+#include <cmath>
+
+#include "base/rng.h"
+#include "filters/neighbourhood.h"
+#include "filters/registry.h"
+#include "filters/selection.h"
+
+namespace brume {
+namespace {
+
+struct Rdfc {
+  int search_radius = 10;
+  float strength = 0.45f, feature_strength = 0.6f;
+  int second_pass = 1;
+};
+
+// Windows of the features' filter and of the error maps' (Rousselle, Manzi and Zwicker 2013, sections 4 and 5).
+constexpr int kFeatureSearch = 5, kFeaturePatch = 3;
+constexpr float kFeatureStrength = 1;
+constexpr float kTau = 1e-3f, kFineTau = 1e-4f;
+// Step of the numerical derivative, in deviations of the noise.
+constexpr float kStep = 0.05f;
+
+struct Candidate {
+  int patch_radius;  // of the colour distance; -1: features alone
+  float tau;
+};
+constexpr Candidate kCandidates[] = {{1, kTau}, {3, kTau}, {-1, kFineTau}};
+
+Plane halves_noise(const Plane& a, const Plane& b, const Task& task) {
+  return make_plane(a.width(), a.height(), quiet(task), [&](int x, int y) {
+    const float d = a(x, y) - b(x, y);
+    return 0.25f * d * d + 1e-12f;
+  });
+}
+
+/// Features cleaned by non-local means, each half with the weights of the other, and the noise that is left.
+std::vector<Feature> cleaned(const std::vector<Feature>& features, const Task& task) {
+  std::vector<Feature> out;
+  for (const Feature& f : features) {
+    std::vector<Plane> variance;
+    for (const Plane& v : f.variance)
+      variance.push_back(
+          make_plane(v.width(), v.height(), quiet(task), [&](int x, int y) { return 2 * v(x, y); }));
+    const auto smooth = [&](const std::vector<Plane>& guide, const std::vector<Plane>& values) {
+      WeightModel model;
+      model.distances.push_back(noise_distance(pointers(guide), pointers(variance), kFeaturePatch, kFeatureStrength));
+      return weighted_average(model, square_window(kFeatureSearch), pointers(values), quiet(task)).values;
+    };
+    Feature clean;
+    clean.name = f.name;
+    clean.half_a = smooth(f.half_b, f.half_a);
+    clean.half_b = smooth(f.half_a, f.half_b);
+    for (size_t c = 0; c < f.mean.size(); ++c) {
+      clean.mean.push_back(make_plane(f.mean[c].width(), f.mean[c].height(), quiet(task), [&](int x, int y) {
+        return 0.5f * (clean.half_a[c](x, y) + clean.half_b[c](x, y));
+      }));
+      clean.variance.push_back(box_mean(halves_noise(clean.half_a[c], clean.half_b[c], task), 1, task));
+    }
+    out.push_back(std::move(clean));
+  }
+  return out;
+}
+
+void run(const Rdfc& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
+  const int width = frame.width(), height = frame.height();
+  const std::vector<Feature> features = cleaned(*frame.features, task);
+  const FeatureDistances coarse(features, p.feature_strength, kTau, task), fine(features, p.feature_strength, kFineTau, task);
+  const std::vector<Offset> window = square_window(p.search_radius);
+  task.report(0.15);
+
+  const auto model_of = [&](const Candidate& candidate, const RgbPlanes& guide) {
+    WeightModel model;
+    model.join = WeightModel::Join::kLargest;
+    if (candidate.patch_radius >= 0)
+      model.distances.push_back(noise_distance(guide, frame.variance, candidate.patch_radius, p.strength));
+    (candidate.tau == kTau ? coarse : fine).add_to(model);
+    return model;
+  };
+  // The derivative of each pixel's result by its own value, from one run on a picture that every pixel leaves by a small
+  // random sign: what neighbours do to it averages out (Ramani, Blu and Unser 2008).
+  Rgb shifted, shift;
+  for (size_t c = 0; c < 3; ++c) {
+    shift[c] = make_plane(width, height, quiet(task), [&](int x, int y) {
+      const uint64_t bits = hash_combine(mix64(static_cast<uint64_t>(x + frame.origin.x)),
+                                         static_cast<uint64_t>(y + frame.origin.y));
+      const float sign = bits & 1 ? -1.0f : 1.0f;
+      return sign * kStep * std::sqrt((*frame.variance[c])(x, y));
+    });
+    shifted[c] = make_plane(width, height, quiet(task),
+                            [&](int x, int y) { return (*frame.signal[c])(x, y) + shift[c](x, y); });
+  }
+
+  std::vector<HalfPair> candidates;
+  std::vector<Plane> errors;
+  double done = 0.15;
+  for (const Candidate& candidate : kCandidates) {
+    if (candidate.patch_radius < 0 && features.empty()) continue;
+    const std::vector<const Plane*> halves = {frame.half_a[0], frame.half_a[1], frame.half_a[2],
+                                              frame.half_b[0], frame.half_b[1], frame.half_b[2]};
+    Averages f = weighted_average(model_of(candidate, frame.signal), window, halves, share(task, done, done + 0.12));
+    const Averages g =
+        weighted_average(model_of(candidate, view(shifted)), window, view(shifted), share(task, done + 0.12, done + 0.2));
+    done += 0.2;
+    errors.push_back(make_plane(width, height, quiet(task), [&](int x, int y) {
+      float sum = 0;
+      for (size_t c = 0; c < 3; ++c) {
+        const float v = (*frame.variance[c])(x, y), clean = 0.5f * (f.values[c](x, y) + f.values[c + 3](x, y));
+        const float d = clean - (*frame.signal[c])(x, y), derivative = (g.values[c](x, y) - clean) / shift[c](x, y);
+        // In units of the noise and the picture, so that bright channels do not decide alone.
+        sum += (d * d + 2 * v * derivative - v) / (clean * clean + v + 1e-6f);
+      }
+      return sum;
+    }));
+    HalfPair pair;
+    for (size_t c = 0; c < 3; ++c) pair.a[c] = std::move(f.values[c]), pair.b[c] = std::move(f.values[c + 3]);
+    candidates.push_back(std::move(pair));
+  }
+  // Error maps, then the maps of the winners, smoothed with weights from the picture.
+  WeightModel guide;
+  guide.distances.push_back(noise_distance(frame.signal, frame.variance, kFeaturePatch, kFeatureStrength));
+  errors = weighted_average(guide, square_window(1), pointers(errors), quiet(task)).values;
+  const std::vector<Plane> won = winners(errors, task);
+  const std::vector<Plane> maps = weighted_average(guide, square_window(kFeatureSearch), pointers(won), quiet(task)).values;
+  HalfPair chosen;
+  for (size_t c = 0; c < 3; ++c) {
+    std::vector<const Plane*> a, b;
+    for (const HalfPair& candidate : candidates) a.push_back(&candidate.a[c]), b.push_back(&candidate.b[c]);
+    chosen.a[c] = blend(a, maps, task);
+    chosen.b[c] = blend(b, maps, task);
+  }
+  Rgb mean, residual;
+  for (size_t c = 0; c < 3; ++c) {
+    mean[c] = make_plane(width, height, quiet(task),
+                         [&](int x, int y) { return 0.5f * (chosen.a[c](x, y) + chosen.b[c](x, y)); });
+    residual[c] = halves_noise(chosen.a[c], chosen.b[c], task);
+  }
+  task.report(0.8);
+  if (p.second_pass == 0) {
+    for (size_t c = 0; c < 3; ++c) *out[c] = std::move(mean[c]);
+    task.report(1);
+    return;
+  }
+  // A second, narrower pass cleans what the halves still differ by.
+  WeightModel model;
+  model.join = WeightModel::Join::kLargest;
+  model.distances.push_back(noise_distance(view(mean), view(residual), kFeaturePatch, p.strength));
+  fine.add_to(model);
+  std::vector<Plane> clean =
+      weighted_average(model, square_window(p.search_radius / 2), view(mean), share(task, 0.8, 1)).values;
+  for (size_t c = 0; c < 3; ++c) *out[c] = std::move(clean[c]);
+}
+
+const FilterEntry entry =
+    declare<Rdfc>("rdfc", "Robust denoising with feature and colour information: three mixtures of both, chosen at each "
+                          "pixel by estimated risk.")
+        .source("Rousselle, Manzi and Zwicker 2013, Robust Denoising using Feature and Color Information")
+        .notes(
+            "Weights are the smallest of the colour's and the features'. Candidates: colour patches of radius 1 and 3 "
+            "with features, and features alone. The derivative in the risk is taken with random signs on all pixels at "
+            "once; the authors scale each pixel by 1.01, which is dead where it is black.")
+        .statistics(Statistics::kHalves)
+        .features()
+        .seeded()
+        .param("search-radius", &Rdfc::search_radius, {1, 40}, "px", "half width of the search window")
+        .param("strength", &Rdfc::strength, {0.05, 100}, "1", "k_c, noise deviations of colour taken as equal",
+               {0.45, 0.7, 1})
+        .param("feature-strength", &Rdfc::feature_strength, {0.05, 100}, "1", "k_f, the same of features", {0.6, 1, 2})
+        .param("second-pass", &Rdfc::second_pass, {0, 1}, "", "1: a narrower pass on the two halves' results")
+        .scratch(70)
+        .apron([](const Rdfc& p) { return 8 + p.search_radius + 3 + 8 + p.search_radius / 2 + 3; })
+        .run(run);
+const Registration registration(entry);
+
+}  // namespace
+}  // namespace brume
