@@ -57,8 +57,6 @@ void run(const ATrous& p, const FilterFrame& frame, const FilterOutput& out, con
     if (!directions.empty()) add(Distance::Kind::kAngle, pointers(directions), p.sigma_gradient * spread);
     for (const Feature& f : *frame.features)
       if (f.name != "gradient") add(Distance::Kind::kRatio, pointers(f.mean), sigma_of(p, f));
-    if (model.distances.empty()) add(Distance::Kind::kRatio, pointers(lab), 1e18f);
-    std::vector<Plane> all;
     std::vector<const Plane*> averaged = pointers(signal);
     for (const Plane* v : pointers(values)) averaged.push_back(v);
     std::vector<Plane> smooth =

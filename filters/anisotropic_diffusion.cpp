@@ -18,21 +18,6 @@ struct AnisotropicDiffusion {
 constexpr int kRefresh = 5;
 constexpr float kCorrelation = 1.1f;
 
-/// Conductance between each pixel and its right, or lower, neighbour.
-Plane conductance(const WeightModel& model, int dx, int dy, int width, int height, const Task& task) {
-  Plane g(width, height);
-  for_each_block(width, height, 128, 48, quiet(task), [&](const Box& block) {
-    constexpr size_t kStride = 128;
-    std::vector<float> weights(kStride * 48);
-    kernels::WeightScratch scratch;
-    kernels::block_weights(model, block, dx, dy, scratch, weights.data(), kStride);
-    for (int y = block.y0; y < block.y1; ++y)
-      for (int x = block.x0; x < block.x1; ++x)
-        g(x, y) = weights[static_cast<size_t>(y - block.y0) * kStride + static_cast<size_t>(x - block.x0)];
-  });
-  return g;
-}
-
 void run(const AnisotropicDiffusion& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
   const int width = frame.width(), height = frame.height();
   const std::vector<Plane> directions = unit_directions(frame.layers, task);
@@ -79,9 +64,9 @@ void run(const AnisotropicDiffusion& p, const FilterFrame& frame, const FilterOu
         feature.floor = 2.5e-3f;
         add(feature, p.sigma_feature);
       }
-      if (model.distances.empty()) color.scale = 0, model.distances.push_back(color);
-      right = conductance(model, 1, 0, width, height, task);
-      down = conductance(model, 0, 1, width, height, task);
+      // Conductance between each pixel and its right, and its lower, neighbour.
+      right = weights_toward(model, 1, 0, width, height, task);
+      down = weights_toward(model, 0, 1, width, height, task);
     }
     for_each_row(height, quiet(task), [&](int y) {
       const float *gr = right.row(y), *gd = down.row(y), *gu = y > 0 ? down.row(y - 1) : nullptr;

@@ -88,30 +88,78 @@ void for_each_block(int width, int height, int block_width, int block_height, co
   });
 }
 
+namespace {
+
+// Blocks wide enough for vectors, small enough for the second-level cache, high enough that a patch's apron costs little.
+constexpr int kWidth = 128, kHeight = 48;
+constexpr size_t kPlane = static_cast<size_t>(kWidth) * kHeight;
+
+}  // namespace
+
+std::vector<Averages> weighted_averages(const WeightModel& model, std::span<const Offset> offsets,
+                                        std::span<const Variant> variants, std::span<const Plane* const> values,
+                                        const Plane* variance, const Task& task) {
+  const int width = values[0]->width(), height = values[0]->height();
+  std::vector<Averages> out(variants.size());
+  for (Averages& a : out) {
+    a.values.assign(values.size(), Plane(width, height));
+    a.weight = Plane(width, height);
+    if (variance) a.noise = Plane(width, height);
+  }
+  const size_t planes = values.size() + 1 + (variance ? 1 : 0);
+  for_each_block(width, height, kWidth, kHeight, task, [&](const Box& block) {
+    std::vector<float> distances(kPlane), weights(kPlane), sums(kPlane * planes * variants.size());
+    kernels::WeightScratch scratch;
+    for (size_t o = 0; o < offsets.size(); ++o) {
+      const auto [dx, dy, own] = offsets[o];
+      kernels::block_distances(model, block, dx, dy, scratch, distances.data(), kWidth);
+      for (size_t v = 0; v < variants.size(); ++v) {
+        const Variant& variant = variants[v];
+        const float share = variant.offsets.empty() ? own : variant.offsets[o];
+        if (share == 0) continue;
+        // Weights that the variant before has computed serve again.
+        if (v == 0 || variant.scale != variants[v - 1].scale || variant.place != variants[v - 1].place ||
+            (!variants[v - 1].offsets.empty() && variants[v - 1].offsets[o] == 0))
+          kernels::block_weights(model, {width, height}, block, dx, dy, distances.data(), variant.scale, variant.place, weights.data(),
+                                 kWidth);
+        kernels::accumulate_block(weights.data(), kWidth, share, block, dx, dy, values, variance,
+                                  sums.data() + kPlane * planes * v, kPlane);
+      }
+    }
+    for (size_t v = 0; v < variants.size(); ++v) {
+      const float* const sum = sums.data() + kPlane * planes * v;
+      for (int y = block.y0; y < block.y1; ++y)
+        for (int x = block.x0; x < block.x1; ++x) {
+          const size_t at = static_cast<size_t>(y - block.y0) * kWidth + static_cast<size_t>(x - block.x0);
+          const float total = sum[values.size() * kPlane + at];
+          const bool enough = total > 1e-8f;
+          out[v].weight(x, y) = total;
+          for (size_t c = 0; c < values.size(); ++c)
+            out[v].values[c](x, y) = (*values[c])(x, y) + (enough ? sum[c * kPlane + at] / total : 0.0f);
+          if (variance)
+            out[v].noise(x, y) = enough ? sum[(values.size() + 1) * kPlane + at] / total / total : (*variance)(x, y);
+        }
+    }
+  });
+  return out;
+}
+
 Averages weighted_average(const WeightModel& model, std::span<const Offset> offsets,
                           std::span<const Plane* const> values, const Task& task) {
-  // Wide enough for vectors, small enough for the second-level cache, high enough that a patch's apron costs little.
-  constexpr int kWidth = 128, kHeight = 48;
-  const int width = values[0]->width(), height = values[0]->height();
-  Averages out;
-  for (size_t c = 0; c < values.size(); ++c) out.values.emplace_back(width, height);
-  out.weight = Plane(width, height);
-  for_each_block(width, height, kWidth, kHeight, task, [&](const Box& block) {
-    constexpr size_t kPlane = static_cast<size_t>(kWidth) * kHeight;
-    std::vector<float> weights(kPlane), sums(kPlane * (values.size() + 1));
+  const Variant plain;
+  return std::move(weighted_averages(model, offsets, {&plain, 1}, values, nullptr, task)[0]);
+}
+
+Plane weights_toward(const WeightModel& model, int dx, int dy, int width, int height, const Task& task) {
+  Plane out(width, height);
+  for_each_block(width, height, kWidth, kHeight, quiet(task), [&](const Box& block) {
+    std::vector<float> weights(kPlane);
     kernels::WeightScratch scratch;
-    for (const Offset& o : offsets) {
-      kernels::block_weights(model, block, o.dx, o.dy, scratch, weights.data(), kWidth);
-      kernels::accumulate_block(weights.data(), kWidth, o.weight, block, o.dx, o.dy, values, sums.data(), kPlane);
-    }
+    kernels::block_distances(model, block, dx, dy, scratch, weights.data(), kWidth);
+    kernels::block_weights(model, {width, height}, block, dx, dy, weights.data(), 1, nullptr, weights.data(), kWidth);
     for (int y = block.y0; y < block.y1; ++y)
-      for (int x = block.x0; x < block.x1; ++x) {
-        const size_t at = static_cast<size_t>(y - block.y0) * kWidth + static_cast<size_t>(x - block.x0);
-        const float total = sums[values.size() * kPlane + at];
-        out.weight(x, y) = total;
-        for (size_t c = 0; c < values.size(); ++c)
-          out.values[c](x, y) = (*values[c])(x, y) + (total > 1e-8f ? sums[c * kPlane + at] / total : 0.0f);
-      }
+      for (int x = block.x0; x < block.x1; ++x)
+        out(x, y) = weights[static_cast<size_t>(y - block.y0) * kWidth + static_cast<size_t>(x - block.x0)];
   });
   return out;
 }

@@ -48,12 +48,26 @@ std::vector<const Plane*> pointers(const std::vector<Plane>& planes);
 struct Averages {
   std::vector<Plane> values;
   Plane weight;  ///< sum of the weights
+  Plane noise;   ///< sum w^2 V / (sum w)^2, where a variance was given
 };
 
 /// sum s_o w(p, p + o) v(p + o) / sum s_o w(p, p + o) over the offsets, for each plane of values; a pixel whose weights
 /// all vanish keeps its value.
 Averages weighted_average(const WeightModel& model, std::span<const Offset> offsets,
                           std::span<const Plane* const> values, const Task& task);
+
+/// One of several averages whose weights share their distances.
+struct Variant {
+  float scale = 1;               ///< of the joined distance
+  const Plane* place = nullptr;  ///< 1 / (2 sigma^2) of each pixel's own kernel over distance in the picture
+  std::vector<float> offsets;    ///< s_o of each offset; 0: leave it out. Empty: the offset's own
+};
+std::vector<Averages> weighted_averages(const WeightModel& model, std::span<const Offset> offsets,
+                                        std::span<const Variant> variants, std::span<const Plane* const> values,
+                                        const Plane* variance, const Task& task);
+
+/// The weights of one offset at every pixel.
+Plane weights_toward(const WeightModel& model, int dx, int dy, int width, int height, const Task& task);
 
 /// Calls body(block) for blocks that cover an image, on the task's threads.
 void for_each_block(int width, int height, int block_width, int block_height, const Task& task,

@@ -8,10 +8,13 @@
 namespace brume {
 namespace {
 
+enum class Candidates { kWithColor, kPublished };
+
 struct Rdfc {
   int search_radius = 10;
   float strength = 0.45f, feature_strength = 0.6f;
   int second_pass = 1;
+  Candidates candidates = Candidates::kWithColor;
 };
 
 // Windows of the features' filter and of the error maps' (Rousselle, Manzi and Zwicker 2013, sections 4 and 5).
@@ -23,9 +26,10 @@ constexpr float kStep = 0.05f;
 
 struct Candidate {
   int patch_radius;  // of the colour distance; -1: features alone
-  float tau;
+  float tau;         // of the features' distance; 0: colour alone
 };
-constexpr Candidate kCandidates[] = {{1, kTau}, {3, kTau}, {-1, kFineTau}};
+constexpr Candidate kPublished[] = {{1, kTau}, {3, kTau}, {-1, kFineTau}};
+constexpr Candidate kWithColor[] = {{1, kTau}, {3, kTau}, {-1, kFineTau}, {1, 0}, {3, 0}};
 
 Plane halves_noise(const Plane& a, const Plane& b, const Task& task) {
   return make_plane(a.width(), a.height(), quiet(task), [&](int x, int y) {
@@ -74,7 +78,7 @@ void run(const Rdfc& p, const FilterFrame& frame, const FilterOutput& out, const
     model.join = WeightModel::Join::kLargest;
     if (candidate.patch_radius >= 0)
       model.distances.push_back(noise_distance(guide, frame.variance, candidate.patch_radius, p.strength));
-    (candidate.tau == kTau ? coarse : fine).add_to(model);
+    if (candidate.tau > 0) (candidate.tau == kTau ? coarse : fine).add_to(model);
     return model;
   };
   // The derivative of each pixel's result by its own value, from one run on a picture that every pixel leaves by a small
@@ -93,15 +97,21 @@ void run(const Rdfc& p, const FilterFrame& frame, const FilterOutput& out, const
 
   std::vector<HalfPair> candidates;
   std::vector<Plane> errors;
+  // Without features the candidates with and without them are the same.
+  std::vector<Candidate> tried;
+  if (p.candidates == Candidates::kPublished || features.empty())
+    tried.assign(std::begin(kPublished), std::end(kPublished) - (features.empty() ? 1 : 0));
+  else
+    tried.assign(std::begin(kWithColor), std::end(kWithColor));
   double done = 0.15;
-  for (const Candidate& candidate : kCandidates) {
-    if (candidate.patch_radius < 0 && features.empty()) continue;
+  const double step = 0.6 / static_cast<double>(tried.size());
+  for (const Candidate& candidate : tried) {
     const std::vector<const Plane*> halves = {frame.half_a[0], frame.half_a[1], frame.half_a[2],
                                               frame.half_b[0], frame.half_b[1], frame.half_b[2]};
-    Averages f = weighted_average(model_of(candidate, frame.signal), window, halves, share(task, done, done + 0.12));
+    Averages f = weighted_average(model_of(candidate, frame.signal), window, halves, share(task, done, done + 0.6 * step));
     const Averages g =
-        weighted_average(model_of(candidate, view(shifted)), window, view(shifted), share(task, done + 0.12, done + 0.2));
-    done += 0.2;
+        weighted_average(model_of(candidate, view(shifted)), window, view(shifted), share(task, done + 0.6 * step, done + step));
+    done += step;
     errors.push_back(make_plane(width, height, quiet(task), [&](int x, int y) {
       float sum = 0;
       for (size_t c = 0; c < 3; ++c) {
@@ -145,7 +155,7 @@ void run(const Rdfc& p, const FilterFrame& frame, const FilterOutput& out, const
   WeightModel model;
   model.join = WeightModel::Join::kLargest;
   model.distances.push_back(noise_distance(view(mean), view(residual), kFeaturePatch, p.strength));
-  fine.add_to(model);
+  if (p.candidates == Candidates::kPublished) fine.add_to(model);
   std::vector<Plane> clean =
       weighted_average(model, square_window(p.search_radius / 2), view(mean), share(task, 0.8, 1)).values;
   for (size_t c = 0; c < 3; ++c) *out[c] = std::move(clean[c]);
@@ -156,8 +166,9 @@ const FilterEntry entry =
                           "pixel by estimated risk.")
         .source("Rousselle, Manzi and Zwicker 2013, Robust Denoising using Feature and Color Information")
         .notes(
-            "Weights are the smallest of the colour's and the features'. Candidates: colour patches of radius 1 and 3 "
-            "with features, and features alone. The derivative in the risk is taken with random signs on all pixels at "
+            "Weights are the smallest of the colour's and the features'. Candidates as published: colour patches of "
+            "radius 1 and 3 with features, and features alone; in media, where no feature is flat, every one of them "
+            "keeps noise, so that by default the two colour patches without features compete too. The derivative in the risk is taken with random signs on all pixels at "
             "once; the authors scale each pixel by 1.01, which is dead where it is black.")
         .statistics(Statistics::kHalves)
         .features()
@@ -167,7 +178,9 @@ const FilterEntry entry =
                {0.45, 0.7, 1})
         .param("feature-strength", &Rdfc::feature_strength, {0.05, 100}, "1", "k_f, the same of features", {0.6, 1, 2})
         .param("second-pass", &Rdfc::second_pass, {0, 1}, "", "1: a narrower pass on the two halves' results")
-        .scratch(70)
+        .param("candidates", &Rdfc::candidates, {"with-color", "published"},
+               "colour alone competes too, or the three of the paper")
+        .scratch(90)
         .apron([](const Rdfc& p) { return 8 + p.search_radius + 3 + 8 + p.search_radius / 2 + 3; })
         .run(run);
 const Registration registration(entry);

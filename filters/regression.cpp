@@ -77,8 +77,11 @@ std::vector<Plane> collaborative_regression(const WeightModel& model, int radius
         return weights.data() + plane * static_cast<size_t>((dy + radius) * side + dx + radius);
       };
       for (int dy = -radius; dy <= radius; ++dy)
-        for (int dx = -radius; dx <= radius; ++dx)
-          kernels::block_weights(model, block, dx, dy, scratch, weight_of(dx, dy), stride);
+        for (int dx = -radius; dx <= radius; ++dx) {
+          float* const w = weight_of(dx, dy);
+          kernels::block_distances(model, block, dx, dy, scratch, w, stride);
+          kernels::block_weights(model, {width, height}, block, dx, dy, w, 1, nullptr, w, stride);
+        }
       std::vector<float> a(stride * static_cast<size_t>(n * (n + 1) / 2)), b(stride * static_cast<size_t>(n * m)),
           work(kernels::normal_scratch(features.size(), values.size(), stride));
       for (int y = block.y0; y < block.y1; ++y) {

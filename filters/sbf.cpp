@@ -47,14 +47,6 @@ void run(const Sbf& p, const FilterFrame& frame, const FilterOutput& out, const 
     d.scale = 1 / (2 * sigma * sigma);
     model.distances.push_back(d);
   }
-  if (model.distances.empty()) {
-    Distance none;
-    none.kind = Distance::Kind::kRatio;
-    none.guide = {frame.signal[0]};
-    none.floor = 1;
-    none.scale = 0;
-    model.distances.push_back(none);
-  }
   const auto window = [&](float scale) {
     return gaussian_window(static_cast<int>(std::ceil(2 * scale)), static_cast<double>(scale));
   };

@@ -193,14 +193,16 @@ void join(const float* d, float scale, float* out, int n, bool first, bool large
   return largest ? join_row<false, true>(d, scale, out, n) : join_row<false, false>(d, scale, out, n);
 }
 
-void BlockWeights(const WeightModel& model, const Box& block, int dx, int dy, WeightScratch& s, float* weights,
-                  size_t stride) {
-  const Plane& any = model.distances.empty() ? *model.memberships[0].value[0] : *model.distances[0].guide[0];
-  const int image_width = any.width(), image_height = any.height(), width = block.width();
+void BlockDistances(const WeightModel& model, const Box& block, int dx, int dy, WeightScratch& s, float* weights,
+                    size_t stride) {
+  const int width = block.width();
+  if (model.distances.empty())
+    for (int y = 0; y < block.height(); ++y)
+      std::memset(weights + stride * static_cast<size_t>(y), 0, sizeof(float) * static_cast<size_t>(width));
   const bool largest = model.join == WeightModel::Join::kLargest;
   for (size_t i = 0; i < model.distances.size(); ++i) {
     const Distance& t = model.distances[i];
-    const int f = t.patch_radius();
+    const int f = t.patch_radius(), image_width = t.guide[0]->width(), image_height = t.guide[0]->height();
     // Columns and rows where both ends are inside, patch included.
     const int x0 = std::max({block.x0 - f, 0, -dx}), x1 = std::min({block.x1 + f, image_width, image_width - dx});
     const size_t padded = static_cast<size_t>(width + 2 * f);
@@ -280,26 +282,41 @@ void BlockWeights(const WeightModel& model, const Box& block, int dx, int dy, We
       join(sum, t.scale, out, width, i == 0, largest);
     }
   }
-  // Weights, and none where q is outside.
+}
+
+void BlockWeights(const WeightModel& model, ivec2 size, const Box& block, int dx, int dy, const float* distances,
+                  float scale, const Plane* place, float* weights, size_t stride) {
+  const int image_width = size.x, image_height = size.y, width = block.width();
   const int first = std::max(0, -dx - block.x0), last = std::min(width, image_width - dx - block.x0);
+  const float r2 = static_cast<float>(dx * dx + dy * dy);
   for (int y = block.y0; y < block.y1; ++y) {
-    float* HWY_RESTRICT out = weights + stride * static_cast<size_t>(y - block.y0);
+    const size_t line = stride * static_cast<size_t>(y - block.y0);
+    float* out = weights + line;
     if (y + dy < 0 || y + dy >= image_height || first >= last) {
       std::memset(out, 0, sizeof(float) * static_cast<size_t>(width));
       continue;
     }
-    if (model.distances.empty())
+    const float* d = distances + line;
+    if (place) {
+      const float* own = place->row(y) + block.x0;
+      for (int x = 0; x < width; ++x) out[x] = exp_minus(scale * d[x] + r2 * own[x]);
+    } else if (model.distances.empty()) {
       std::fill_n(out, width, 1.0f);
-    else
-      for (int x = 0; x < width; ++x) out[x] = exp_minus(out[x]);
+    } else {
+      for (int x = 0; x < width; ++x) out[x] = exp_minus(scale * d[x]);
+    }
     std::fill_n(out, first, 0.0f);
     std::fill(out + last, out + width, 0.0f);
     for (const Membership& t : model.memberships) reject(t, y, dx, dy, block.x0 + first, out + first, last - first);
+    if (model.trust) {
+      const float* trust = model.trust->row(y + dy) + block.x0 + dx;
+      for (int x = first; x < last; ++x) out[x] *= trust[x];
+    }
   }
 }
 
 void AccumulateBlock(const float* weights, size_t stride, float scale, const Box& block, int dx, int dy,
-                     std::span<const Plane* const> values, float* sums, size_t plane) {
+                     std::span<const Plane* const> values, const Plane* variance, float* sums, size_t plane) {
   const int image_width = values[0]->width(), image_height = values[0]->height();
   const int first = std::max(block.x0, -dx), last = std::min(block.x1, image_width - dx), n = last - first;
   if (n <= 0) return;
@@ -313,6 +330,10 @@ void AccumulateBlock(const float* weights, size_t stride, float scale, const Box
     }
     float* HWY_RESTRICT total = sums + values.size() * plane + at;
     for (int x = 0; x < n; ++x) total[x] += scale * w[x];
+    if (!variance) continue;
+    float* HWY_RESTRICT noise = sums + (values.size() + 1) * plane + at;
+    const float* v = variance->row(y + dy) + first + dx;
+    for (int x = 0; x < n; ++x) noise[x] += (scale * w[x]) * (scale * w[x]) * v[x];
   }
 }
 
@@ -321,23 +342,23 @@ HWY_AFTER_NAMESPACE();
 
 #if HWY_ONCE
 namespace brume::kernels {
+HWY_EXPORT(BlockDistances);
 HWY_EXPORT(BlockWeights);
 HWY_EXPORT(AccumulateBlock);
 
-int WeightModel::patch_radius() const {
-  int radius = 0;
-  for (const Distance& d : distances) radius = std::max(radius, d.patch_radius());
-  return radius;
+void block_distances(const WeightModel& model, const Box& block, int dx, int dy, WeightScratch& scratch,
+                     float* distances, size_t stride) {
+  HWY_DYNAMIC_DISPATCH(BlockDistances)(model, block, dx, dy, scratch, distances, stride);
 }
 
-void block_weights(const WeightModel& model, const Box& block, int dx, int dy, WeightScratch& scratch, float* weights,
-                   size_t stride) {
-  HWY_DYNAMIC_DISPATCH(BlockWeights)(model, block, dx, dy, scratch, weights, stride);
+void block_weights(const WeightModel& model, ivec2 size, const Box& block, int dx, int dy, const float* distances,
+                   float scale, const Plane* place, float* weights, size_t stride) {
+  HWY_DYNAMIC_DISPATCH(BlockWeights)(model, size, block, dx, dy, distances, scale, place, weights, stride);
 }
 
 void accumulate_block(const float* weights, size_t stride, float scale, const Box& block, int dx, int dy,
-                      std::span<const Plane* const> values, float* sums, size_t plane) {
-  HWY_DYNAMIC_DISPATCH(AccumulateBlock)(weights, stride, scale, block, dx, dy, values, sums, plane);
+                      std::span<const Plane* const> values, const Plane* variance, float* sums, size_t plane) {
+  HWY_DYNAMIC_DISPATCH(AccumulateBlock)(weights, stride, scale, block, dx, dy, values, variance, sums, plane);
 }
 
 }  // namespace brume::kernels

@@ -40,7 +40,7 @@ struct WeightModel {
   std::vector<Distance> distances;  ///< none: every neighbour alike
   std::vector<Membership> memberships;
   enum class Join { kSum, kLargest } join = Join::kSum;
-  int patch_radius() const;
+  const Plane* trust = nullptr;  ///< of each neighbour, in [0, 1]; null: full
 };
 
 /// Room for one thread's work on blocks.
@@ -48,14 +48,22 @@ struct WeightScratch {
   std::vector<float> distance, horizontal, norm;
 };
 
-/// Weights of the pixels of a block toward q = p + (dx, dy): rows of `stride` floats. 0 where q is outside the image; a
-/// patch that reaches outside is averaged over what is inside at both ends.
-void block_weights(const WeightModel& model, const Box& block, int dx, int dy, WeightScratch& scratch, float* weights,
-                   size_t stride);
+/// Joined distances of the pixels of a block to q = p + (dx, dy): rows of `stride` floats, 0 without distances. A patch
+/// that reaches outside the image is averaged over what is inside at both ends.
+void block_distances(const WeightModel& model, const Box& block, int dx, int dy, WeightScratch& scratch,
+                     float* distances, size_t stride);
+
+/// Weights from distances: exp(-(scale * d + (dx^2 + dy^2) * place(p))), times trust(q), 0 where a membership rejects q
+/// or q is outside the image. `weights` may be `distances`.
+/// @param size   of the image
+/// @param place  null: no term of distance in the picture
+void block_weights(const WeightModel& model, ivec2 size, const Box& block, int dx, int dy, const float* distances,
+                   float scale, const Plane* place, float* weights, size_t stride);
 
 /// sums[c] += scale * w * (v_c(q) - v_c(p)) and, last, sums[C] += scale * w, for each pixel of the block; all of them
 /// rows of `stride` floats, `plane` floats apart.
+/// With `variance`, one more plane: sums[C + 1] += (scale * w)^2 * variance(q).
 void accumulate_block(const float* weights, size_t stride, float scale, const Box& block, int dx, int dy,
-                      std::span<const Plane* const> values, float* sums, size_t plane);
+                      std::span<const Plane* const> values, const Plane* variance, float* sums, size_t plane);
 
 }  // namespace brume::kernels
