@@ -88,10 +88,11 @@ void check_statistics(const FilterEntry& filter, const Layers& frame, const Appl
     if (filter.statistics == Statistics::kHalves)
       need(statistic::half_a, "the two half images",
            "brume render records them unless --no-statistics is given; a filter that needs none is bilateral");
-    if (filter.statistics == Statistics::kBuckets)
+    if (filter.statistics == Statistics::kBuckets &&
+        !(options.records && filter.records == FilterEntry::Records::kCanUse))
       need(statistic::buckets[0], "the eight bucket means", "Record them with: brume render SCENE -o OUT.exr --buckets");
   }
-  if (filter.records && !options.records)
+  if (filter.records == FilterEntry::Records::kNeeds && !options.records)
     throw InputError(fmt::format("filter {} needs the record of every sample: brume render SCENE -o OUT.exr --records "
                                  "OUT.records, then brume denoise OUT.exr --records OUT.records ...",
                                  filter.name));
@@ -198,7 +199,7 @@ void filter_signal(const Run& run, const Layers& layers, const LayerName& name, 
   std::vector<Feature> features;
   if (run.filter.uses_features()) features = run.features.build(layers, task);
 
-  FilterFrame frame{signal.mean, signal.mean, layers, run.options.exposure};
+  FilterFrame frame{name, signal.mean, signal.mean, layers, run.options.exposure};
   if (run.mask && entry.background) frame.medium = &layers.at(layer::coverage.channel(0));
   frame.variance = signal.variance;
   frame.half_a = signal.half_a, frame.half_b = signal.half_b;

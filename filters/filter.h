@@ -23,6 +23,7 @@ inline constexpr LayerName sampling_map{"sampling_map", "Y",
 
 /// What a filter is given: one signal to clean, and what it declared to read. Everything finite, all of one size.
 struct FilterFrame {
+  LayerName name;    ///< of the signal
   RgbPlanes signal;  ///< linear RGB: what the weights are made from
   RgbPlanes values;  ///< what is averaged: the signal, or a layer that is carried along with the signal's weights
   const Layers& layers;
@@ -37,7 +38,7 @@ struct FilterFrame {
   const std::vector<Feature>* features = nullptr;  ///< never null where declared; may be empty
   double samples = 0;                              ///< per pixel, mean over the frame; 0: unknown
   double mean_luminance = 0;                       ///< of the whole frame's signal, Radiance's weights
-  RecordReader* records = nullptr;                 ///< never null where declared
+  RecordReader* records = nullptr;                 ///< null where none were given, unless needed
   /// Where to leave the layers that the filter declared to produce, by full channel name; null: nobody wants them.
   std::map<std::string, Plane>* products = nullptr;
   ivec2 origin{0};                                 ///< of this tile in the frame
@@ -79,7 +80,7 @@ struct FilterEntry {
   /// Whether it weighs by features or regresses on them with these parameters, whichever the frame has; null: never.
   std::function<bool(const std::any&)> features;
   bool variances = false;  ///< reads the variance of the layers it needs or can use
-  bool records = false;        ///< reads what happened to each sample
+  enum class Records { kNo, kCanUse, kNeeds } records = Records::kNo;  ///< of what happened to each sample
   bool carries = false;        ///< can average other layers with the signal's weights
   bool seeded = false;         ///< draws random numbers by the pixel's place, so that a turned picture differs a little
   bool background = false;     ///< knows FilterFrame::medium; the others treat every pixel unless asked otherwise
@@ -152,8 +153,9 @@ class Declaration {
     entry_.features = [when](const std::any& a) { return when(std::any_cast<const P&>(a)); };
     return *this;
   }
-  /// Reads the file of per-sample records.
-  Declaration& records() { return entry_.records = true, *this; }
+  /// Reads the file of per-sample records; can_use: in place of the bucket means.
+  Declaration& needs_records() { return entry_.records = FilterEntry::Records::kNeeds, *this; }
+  Declaration& can_use_records() { return entry_.records = FilterEntry::Records::kCanUse, *this; }
   /// Averages FilterFrame::values with weights from the signal alone.
   Declaration& carries() { return entry_.carries = true, *this; }
   /// Draws random numbers by the pixel's place.

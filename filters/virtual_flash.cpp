@@ -156,7 +156,7 @@ const FilterEntry entry =
     declare<VirtualFlash>("virtual_flash",
                           "Non-local means on the virtual flash image, over pixels that are statistically equal to the "
                           "centre, in two steps; with a bound of the error.")
-        .source("Moon, Jun, Lee, Kim, Hachisuka and Yoon 2013, equations 1 and 2, theorem 3.1, section 4; the flash "
+        .source("Moon, Jun, Lee, Kim, Hachisuka and Yoon 2013, Robust image denoising using a virtual flash image, equations 1 and 2, theorem 3.1, section 4; the flash "
                 "image for media is ours")
         .notes(
             "A neighbour counts when its mean lies in the centre's Student confidence interval in all three channels. "

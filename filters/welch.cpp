@@ -3,6 +3,7 @@
 
 #include "filters/neighbourhood.h"
 #include "filters/registry.h"
+#include "filters/samples.h"
 #include "filters/student.h"
 
 namespace brume {
@@ -20,43 +21,40 @@ double box_cox(double x, double lambda) {
   return lambda > 1e-4 ? (std::pow(x, lambda) - 1) / lambda : std::log(x + 1e-6);
 }
 
-/// Of each pixel's eight bucket means after the transformation: the mean, corrected for skewness, and its variance.
+/// Of each pixel's samples after the transformation: the mean, corrected for skewness, its variance, how many they are.
 struct Estimands {
   Rgb mean, variance;
+  double samples = 8;
 };
 
-Estimands estimands(const Welch& p, const FilterFrame& frame, const Task& task) {
+Estimands estimands(const Welch& p, const FilterFrame& frame) {
   Estimands e;
-  const double n = static_cast<double>(frame.buckets.size());
-  for (size_t c = 0; c < 3; ++c) {
-    e.mean[c] = Plane(frame.width(), frame.height());
-    e.variance[c] = e.mean[c];
-    for_each_row(frame.height(), quiet(task), [&](int y) {
-      for (int x = 0; x < frame.width(); ++x) {
-        double values[8], mean = 0, squares = 0, cubes = 0;
-        for (size_t k = 0; k < frame.buckets.size(); ++k) {
-          values[k] = box_cox(frame.exposure * (*frame.buckets[k][c])(x, y), p.lambda);
-          mean += values[k] / n;
-        }
-        for (size_t k = 0; k < frame.buckets.size(); ++k) {
-          const double d = values[k] - mean;
-          squares += d * d, cubes += d * d * d;
-        }
-        const double variance = squares / (n - 1);
-        // Johnson's modified t: the skewness moves the mean by mu_3 / (6 s^2 n).
-        if (variance > 1e-20) mean += cubes / n / (6 * variance * n);
-        e.mean[c](x, y) = static_cast<float>(mean);
-        e.variance[c](x, y) = static_cast<float>(variance / n + 1e-12);
+  for (size_t c = 0; c < 3; ++c) e.mean[c] = e.variance[c] = Plane(frame.width(), frame.height());
+  std::vector<double> values;
+  visit_samples(frame, [&](int x, int y, std::span<const vec3> samples) {
+    const double n = e.samples = static_cast<double>(samples.size());
+    for (size_t c = 0; c < 3; ++c) {
+      values.clear();
+      double mean = 0, squares = 0, cubes = 0;
+      for (const vec3& sample : samples) {
+        values.push_back(box_cox(frame.exposure * sample[static_cast<int>(c)], p.lambda));
+        mean += values.back() / n;
       }
-    });
-  }
+      for (const double v : values) squares += (v - mean) * (v - mean), cubes += (v - mean) * (v - mean) * (v - mean);
+      const double variance = n > 1 ? squares / (n - 1) : 0;
+      // Johnson's modified t: the skewness moves the mean by mu_3 / (6 s^2 n).
+      if (variance > 1e-20) mean += cubes / n / (6 * variance * n);
+      e.mean[c](x, y) = static_cast<float>(mean);
+      e.variance[c](x, y) = n > 1 ? static_cast<float>(variance / n + 1e-12) : 1e30f;
+    }
+  });
   return e;
 }
 
 void run(const Welch& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
-  Estimands e = estimands(p, frame, task);
+  Estimands e = estimands(p, frame);
   // |mean_p - mean_q| <= t sqrt(V_p + V_q), where both pixels have the same number of samples.
-  const double dof = 2.0 * static_cast<double>(frame.buckets.size()) - 2;
+  const double dof = std::max(1.0, 2 * e.samples - 2);
   const double t = student_quantile(1 - static_cast<double>(p.significance), dof);
   WeightModel model;
   Membership test;
@@ -91,10 +89,11 @@ const FilterEntry entry =
         .source("Sakai, Freude, Auzinger, Hahn and Wimmer 2024, A Statistical Approach to Monte Carlo Denoising")
         .notes(
             "A neighbour counts when Welch's test of the Box-Cox transformed samples, corrected for skewness, does not "
-            "tell it from the centre in any channel. The authors transform every sample; here the samples are the eight "
-            "bucket means, which are closer to normal and fewer: the test has 14 degrees of freedom. The weights of the "
+            "tell it from the centre in any channel. With `--records` every sample is transformed, as published; without, "
+            "the eight bucket means are, which are closer to normal and fewer. The weights of the "
             "features are Gaussians, their variances the parameters.")
         .statistics(Statistics::kBuckets)
+        .can_use_records()
         .features()
         .carries()
         .param("search-radius", &Welch::search_radius, {0, 40}, "px", "half width of the window")

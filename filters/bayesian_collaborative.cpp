@@ -1,0 +1,389 @@
+#include <Eigen/Dense>
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "base/parallel_for.h"
+#include "filters/kernels/histogram.h"
+#include "filters/neighbourhood.h"
+#include "filters/registry.h"
+#include "filters/samples.h"
+
+namespace brume {
+namespace {
+
+enum class Estimate { kBayes, kMean };
+
+struct BayesianCollaborative {
+  int search_radius = 6, scales = 3;
+  float threshold = 1;
+  int bins = 20;
+  Estimate estimate = Estimate::kBayes;
+  int spikes = 0;
+};
+
+constexpr int kPatchRadius = 1, kPatchPixels = 9, kDimensions = 27;
+// Values beyond the histograms' range, and their gamma (the authors' accumulator).
+constexpr double kGamma = 2.2, kMaximum = 2.5;
+// Fewer patches than dimensions say nothing about a covariance.
+constexpr size_t kFewest = kDimensions + 1;
+constexpr float kSpikeDeviations = 2;
+
+/// What is known of each pixel of one scale.
+struct Scale {
+  Rgb color;
+  std::vector<Plane> histogram;      // bins x 3
+  std::array<Plane, 6> covariance;   // of the pixel mean: rr, gg, bb, gb, rb, rg
+  Plane samples;
+  int width() const { return color[0].width(); }
+  int height() const { return color[0].height(); }
+};
+
+/// Adds a value to its two nearest bins. The last two bins hold what lies between once and twice the range, saturated.
+void add_to_histogram(std::vector<Plane>& histogram, int bins, size_t channel, int x, int y, double value) {
+  const double v = std::pow(std::max(value, 0.0), 1 / kGamma) / kMaximum;
+  const size_t first = channel * static_cast<size_t>(bins);
+  double position = v < 1 ? v * (bins - 2) : (bins - 2) + std::min(v - 1, 1.0);
+  position = std::min(position, bins - 1.0);
+  const int low = std::min(static_cast<int>(position), bins - 2);
+  const float high_share = static_cast<float>(position - low);
+  histogram[first + static_cast<size_t>(low)](x, y) += 1 - high_share;
+  histogram[first + static_cast<size_t>(low) + 1](x, y) += high_share;
+}
+
+Scale gather(const BayesianCollaborative& p, const FilterFrame& frame) {
+  Scale s;
+  const int width = frame.width(), height = frame.height();
+  for (size_t c = 0; c < 3; ++c) s.color[c] = *frame.signal[c];
+  s.histogram.assign(3 * static_cast<size_t>(p.bins), Plane(width, height));
+  for (Plane& plane : s.covariance) plane = Plane(width, height);
+  s.samples = Plane(width, height);
+  visit_samples(frame, [&](int x, int y, std::span<const vec3> samples) {
+    const double n = static_cast<double>(samples.size());
+    dvec3 mean(0), squares(0), products(0);
+    for (const vec3& v : samples) {
+      mean += dvec3(v) / n;
+      for (int c = 0; c < 3; ++c) add_to_histogram(s.histogram, p.bins, static_cast<size_t>(c), x, y, frame.exposure * v[c]);
+    }
+    for (const vec3& v : samples) {
+      const dvec3 d = dvec3(v) - mean;
+      squares += d * d;
+      products += dvec3(d.y * d.z, d.x * d.z, d.x * d.y);
+    }
+    // One sample has no spread of its own; the prepared variance stands in for it.
+    const double scale = n > 1 ? 1 / (n * (n - 1)) : 0;
+    for (size_t c = 0; c < 3; ++c) {
+      const int i = static_cast<int>(c);
+      s.covariance[c](x, y) = n > 1 ? static_cast<float>(squares[i] * scale) : (*frame.variance[c])(x, y);
+      s.covariance[c + 3](x, y) = static_cast<float>(products[i] * scale);
+    }
+    s.samples(x, y) = static_cast<float>(n);
+  });
+  return s;
+}
+
+/// Pixels more than two deviations from the mean of their 3 x 3 in any channel become the one among them nearest to the
+/// median colour, with all that is known of it.
+void replace_spikes(Scale& s, const Task& task) {
+  const Scale in = s;
+  const int width = s.width(), height = s.height();
+  for_each_row(height, quiet(task), [&](int y) {
+    for (int x = 0; x < width; ++x) {
+      std::array<dvec3, 9> colors;
+      std::array<ivec2, 9> places;
+      size_t n = 0;
+      for (int qy = std::max(0, y - 1); qy <= std::min(height - 1, y + 1); ++qy)
+        for (int qx = std::max(0, x - 1); qx <= std::min(width - 1, x + 1); ++qx, ++n) {
+          colors[n] = dvec3(in.color[0](qx, qy), in.color[1](qx, qy), in.color[2](qx, qy));
+          places[n] = {qx, qy};
+        }
+      if (n < 4) continue;
+      dvec3 mean(0), squares(0);
+      for (size_t i = 0; i < n; ++i) mean += colors[i] / static_cast<double>(n);
+      for (size_t i = 0; i < n; ++i) squares += (colors[i] - mean) * (colors[i] - mean) / static_cast<double>(n - 1);
+      const dvec3 own(in.color[0](x, y), in.color[1](x, y), in.color[2](x, y));
+      bool spike = false;
+      for (int c = 0; c < 3; ++c)
+        spike |= std::abs(own[c] - mean[c]) > static_cast<double>(kSpikeDeviations) * std::sqrt(squares[c]);
+      if (!spike) continue;
+      size_t best = 0;
+      double least = std::numeric_limits<double>::infinity();
+      for (size_t i = 0; i < n; ++i) {
+        double sum = 0;
+        for (size_t k = 0; k < n; ++k) sum += glm::distance(colors[i], colors[k]);
+        if (sum < least) least = sum, best = i;
+      }
+      const ivec2 q = places[best];
+      for (size_t c = 0; c < 3; ++c) s.color[c](x, y) = in.color[c](q.x, q.y);
+      for (size_t b = 0; b < s.histogram.size(); ++b) s.histogram[b](x, y) = in.histogram[b](q.x, q.y);
+      for (size_t k = 0; k < 6; ++k) s.covariance[k](x, y) = in.covariance[k](q.x, q.y);
+      s.samples(x, y) = in.samples(q.x, q.y);
+    }
+  });
+}
+
+/// 2 x 2 pixels to one; odd sizes repeat their last row or column.
+Plane halved(const Plane& in, float factor, const Task& task) {
+  const int width = (in.width() + 1) / 2, height = (in.height() + 1) / 2;
+  return make_plane(width, height, quiet(task), [&](int x, int y) {
+    const int x0 = 2 * x, x1 = std::min(2 * x + 1, in.width() - 1), y0 = 2 * y, y1 = std::min(2 * y + 1, in.height() - 1);
+    return factor * (in(x0, y0) + in(x1, y0) + in(x0, y1) + in(x1, y1));
+  });
+}
+
+/// Bilinear, pixel centres of the coarse grid lying between four fine ones.
+Plane doubled(const Plane& in, int width, int height, const Task& task) {
+  return make_plane(width, height, quiet(task), [&](int x, int y) {
+    const float fx = 0.5f * static_cast<float>(x) - 0.25f, fy = 0.5f * static_cast<float>(y) - 0.25f;
+    const int x0 = static_cast<int>(std::floor(fx)), y0 = static_cast<int>(std::floor(fy));
+    const float u = fx - static_cast<float>(x0), v = fy - static_cast<float>(y0);
+    const auto at = [&](int i, int j) {
+      return in(std::clamp(i, 0, in.width() - 1), std::clamp(j, 0, in.height() - 1));
+    };
+    return (1 - v) * ((1 - u) * at(x0, y0) + u * at(x0 + 1, y0)) + v * ((1 - u) * at(x0, y0 + 1) + u * at(x0 + 1, y0 + 1));
+  });
+}
+
+Scale coarser(const Scale& s, const Task& task) {
+  Scale out;
+  for (size_t c = 0; c < 3; ++c) out.color[c] = halved(s.color[c], 0.25f, task);
+  for (const Plane& h : s.histogram) out.histogram.push_back(halved(h, 1, task));
+  for (size_t k = 0; k < 6; ++k) out.covariance[k] = halved(s.covariance[k], 1 / 16.f, task);
+  out.samples = halved(s.samples, 1, task);
+  return out;
+}
+
+using Matrix = Eigen::Matrix<float, kDimensions, kDimensions>;
+using Patches = Eigen::Matrix<float, kDimensions, Eigen::Dynamic>;
+using Patch = Eigen::Matrix<float, kDimensions, 1>;
+
+Matrix covariance_of(const Patches& patches, const Patch& mean) {
+  const Patches centred = patches.colwise() - mean;
+  return (centred * centred.transpose()) / static_cast<float>(patches.cols() - 1);
+}
+
+/// x - S_n S^-1 (x - mean) of every patch, where S is `signal` without negative eigenvalues, plus the noise.
+Patches shrunk(const Patches& patches, const Patch& mean, const Matrix& signal, const Matrix& noise) {
+  const Eigen::SelfAdjointEigenSolver<Matrix> eigen(signal);
+  const Matrix clean =
+      eigen.eigenvectors() * eigen.eigenvalues().cwiseMax(0.0f).asDiagonal() * eigen.eigenvectors().transpose();
+  Matrix sum = clean + noise;
+  sum.diagonal().array() += 1e-6f * std::max(sum.trace() / kDimensions, 1e-20f);
+  const Patches centred = patches.colwise() - mean;
+  return patches - noise * sum.ldlt().solve(centred);
+}
+
+/// Denoises one scale: every pixel's patch together with the patches whose histograms are like its own.
+class Collaboration {
+ public:
+  Collaboration(const BayesianCollaborative& p, const Scale& scale) : p_(p), s_(scale) {
+    for (Plane& plane : sums_) plane = Plane(s_.width(), s_.height());
+    weight_ = Plane(s_.width(), s_.height());
+    done_ = Plane(s_.width(), s_.height());
+  }
+
+  Rgb run(const Task& task) {
+    const int width = s_.width(), height = s_.height();
+    if (width < 3 || height < 3) return s_.color;  // not one patch
+    // Blocks of one colour of a 2 x 2 pattern do not reach one another's pixels; the colours follow one another.
+    const int side = std::max(32, 4 * (p_.search_radius + kPatchRadius));
+    const int across = (width + side - 1) / side, down = (height + side - 1) / side;
+    for (int colour = 0; colour < 4; ++colour) {
+      std::vector<Box> blocks;
+      for (int by = colour / 2; by < down; by += 2)
+        for (int bx = colour % 2; bx < across; bx += 2)
+          blocks.push_back({bx * side, by * side, std::min(width, (bx + 1) * side), std::min(height, (by + 1) * side)});
+      parallel_for(static_cast<int>(blocks.size()), share(task, 0.25 * colour, 0.25 * (colour + 1)),
+                   [&](int i) { run_block(blocks[static_cast<size_t>(i)]); });
+    }
+    Rgb out;
+    for (size_t c = 0; c < 3; ++c)
+      out[c] = make_plane(width, height, quiet(task), [&](int x, int y) {
+        return weight_(x, y) > 0 ? sums_[c](x, y) / weight_(x, y) : s_.color[c](x, y);
+      });
+    return out;
+  }
+
+ private:
+  /// Histogram distances of the patches of a block to their neighbours: one number per centre and offset.
+  void distances(const Box& block, std::vector<float>& out) const {
+    const int r = p_.search_radius, side = 2 * r + 1, width = s_.width(), height = s_.height();
+    const Box outer = block.grown(kPatchRadius, width, height);
+    const size_t plane = static_cast<size_t>(outer.width()) * static_cast<size_t>(outer.height());
+    std::vector<float> sum(plane), counted(plane);
+    out.assign(static_cast<size_t>(side * side) * static_cast<size_t>(block.width() * block.height()), 0.0f);
+    // Rows of the histograms side by side, so that a row's bins follow one another.
+    const size_t stride = static_cast<size_t>(width);
+    std::vector<float> first(stride * s_.histogram.size()), second = first;
+    const auto load = [&](int y, std::vector<float>& rows) {
+      for (size_t b = 0; b < s_.histogram.size(); ++b)
+        std::copy_n(s_.histogram[b].row(y), stride, rows.begin() + static_cast<std::ptrdiff_t>(b * stride));
+    };
+    for (int dy = -r; dy <= r; ++dy) {
+      std::vector<std::vector<float>> sums(static_cast<size_t>(side), std::vector<float>(plane, 0.0f)), counts = sums;
+      for (int y = outer.y0; y < outer.y1; ++y) {
+        if (y + dy < 0 || y + dy >= height) continue;
+        load(y, first);
+        load(y + dy, second);
+        for (int dx = -r; dx <= r; ++dx) {
+          const int x0 = std::max(outer.x0, -dx), x1 = std::min(outer.x1, width - dx);
+          if (x0 >= x1) continue;
+          const size_t at = static_cast<size_t>(y - outer.y0) * static_cast<size_t>(outer.width()) + static_cast<size_t>(x0 - outer.x0);
+          kernels::histogram_distance_row(first.data() + x0, second.data() + x0 + dx, s_.samples.row(y) + x0,
+                                          s_.samples.row(y + dy) + x0 + dx, static_cast<int>(s_.histogram.size()), stride,
+                                          x1 - x0, sums[static_cast<size_t>(dx + r)].data() + at,
+                                          counts[static_cast<size_t>(dx + r)].data() + at);
+        }
+      }
+      for (int dx = -r; dx <= r; ++dx) {
+        const std::vector<float>&s = sums[static_cast<size_t>(dx + r)], &n = counts[static_cast<size_t>(dx + r)];
+        for (int y = block.y0; y < block.y1; ++y)
+          for (int x = block.x0; x < block.x1; ++x) {
+            float total = 0, used = 0;
+            for (int qy = std::max(y - 1, outer.y0); qy <= std::min(y + 1, outer.y1 - 1); ++qy)
+              for (int qx = std::max(x - 1, outer.x0); qx <= std::min(x + 1, outer.x1 - 1); ++qx) {
+                const size_t at = static_cast<size_t>(qy - outer.y0) * static_cast<size_t>(outer.width()) + static_cast<size_t>(qx - outer.x0);
+                total += s[at], used += n[at];
+              }
+            out[(static_cast<size_t>(y - block.y0) * static_cast<size_t>(block.width()) + static_cast<size_t>(x - block.x0)) *
+                    static_cast<size_t>(side * side) +
+                static_cast<size_t>((dy + r) * side + dx + r)] =
+                used > 0 ? total / used : std::numeric_limits<float>::infinity();
+          }
+      }
+    }
+  }
+
+  bool is_centre(int x, int y) const {
+    return x >= kPatchRadius && y >= kPatchRadius && x < s_.width() - kPatchRadius && y < s_.height() - kPatchRadius;
+  }
+
+  void run_block(const Box& block) {
+    const int r = p_.search_radius, side = 2 * r + 1;
+    std::vector<float> near;
+    distances(block, near);
+    std::vector<ivec2> similar;
+    for (int y = block.y0; y < block.y1; ++y)
+      for (int x = block.x0; x < block.x1; ++x) {
+        if (!is_centre(x, y) || done_(x, y) > 0) continue;
+        const float* d = near.data() + (static_cast<size_t>(y - block.y0) * static_cast<size_t>(block.width()) +
+                                        static_cast<size_t>(x - block.x0)) *
+                                           static_cast<size_t>(side * side);
+        similar.clear();
+        for (int dy = -r; dy <= r; ++dy)
+          for (int dx = -r; dx <= r; ++dx)
+            if (is_centre(x + dx, y + dy) && ((dx == 0 && dy == 0) || d[(dy + r) * side + dx + r] <= p_.threshold))
+              similar.push_back({x + dx, y + dy});
+        estimate({x, y}, similar);
+      }
+  }
+
+  void estimate(ivec2 centre, const std::vector<ivec2>& similar) {
+    const Eigen::Index n = static_cast<Eigen::Index>(similar.size());
+    Patches patches(kDimensions, n);
+    for (Eigen::Index i = 0; i < n; ++i) patches.col(i) = patch_at(similar[static_cast<size_t>(i)]);
+    const Patch mean = patches.rowwise().mean();
+    if (similar.size() < kFewest || p_.estimate == Estimate::kMean) {
+      add(centre, mean);
+      done_(centre.x, centre.y) = 1;
+      return;
+    }
+    Matrix noise = Matrix::Zero();
+    for (const ivec2& q : similar)
+      for (int k = 0; k < kPatchPixels; ++k) {
+        const int x = q.x + k % 3 - 1, y = q.y + k / 3 - 1, at = 3 * k;
+        const auto cov = [&](size_t i) { return s_.covariance[i](x, y) / static_cast<float>(n); };
+        noise(at, at) += cov(0), noise(at + 1, at + 1) += cov(1), noise(at + 2, at + 2) += cov(2);
+        const float gb = cov(3), rb = cov(4), rg = cov(5);
+        noise(at + 1, at + 2) += gb, noise(at + 2, at + 1) += gb;
+        noise(at, at + 2) += rb, noise(at + 2, at) += rb;
+        noise(at, at + 1) += rg, noise(at + 1, at) += rg;
+      }
+    const Patches first = shrunk(patches, mean, covariance_of(patches, mean) - noise, noise);
+    // The second step takes the first's result for the signal.
+    const Patch second_mean = first.rowwise().mean();
+    const Patches second = shrunk(patches, second_mean, covariance_of(first, second_mean), noise);
+    for (Eigen::Index i = 0; i < n; ++i) {
+      add(similar[static_cast<size_t>(i)], second.col(i));
+      done_(similar[static_cast<size_t>(i)].x, similar[static_cast<size_t>(i)].y) = 1;
+    }
+  }
+
+  Patch patch_at(ivec2 q) const {
+    Patch v;
+    for (int k = 0; k < kPatchPixels; ++k)
+      for (size_t c = 0; c < 3; ++c) v(3 * k + static_cast<int>(c)) = s_.color[c](q.x + k % 3 - 1, q.y + k / 3 - 1);
+    return v;
+  }
+
+  void add(ivec2 q, const Patch& v) {
+    for (int k = 0; k < kPatchPixels; ++k) {
+      const int x = q.x + k % 3 - 1, y = q.y + k / 3 - 1;
+      for (size_t c = 0; c < 3; ++c) sums_[c](x, y) += v(3 * k + static_cast<int>(c));
+      weight_(x, y) += 1;
+    }
+  }
+
+  const BayesianCollaborative& p_;
+  const Scale& s_;
+  Rgb sums_;
+  Plane weight_, done_;
+};
+
+void run(const BayesianCollaborative& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
+  std::vector<Scale> scales;
+  scales.push_back(gather(p, frame));
+  if (p.spikes) replace_spikes(scales[0], task);
+  while (static_cast<int>(scales.size()) < p.scales && scales.back().width() >= 8 && scales.back().height() >= 8)
+    scales.push_back(coarser(scales.back(), task));
+  task.report(0.1);
+  // From coarse to fine: low frequencies come from the coarser result, high ones from the finer.
+  Rgb clean;
+  double done = 0.1;
+  for (size_t i = scales.size(); i-- > 0;) {
+    const double part = i == 0 ? 0.9 - (done - 0.1) : 0.9 * std::pow(0.25, static_cast<double>(i)) * 0.7;
+    Rgb fine = Collaboration(p, scales[i]).run(share(task, done, done + part));
+    done += part;
+    if (i + 1 < scales.size())
+      for (size_t c = 0; c < 3; ++c) {
+        const Plane low = halved(fine[c], 0.25f, task);
+        const Plane change = make_plane(low.width(), low.height(), quiet(task),
+                                        [&](int x, int y) { return clean[c](x, y) - low(x, y); });
+        const Plane up = doubled(change, fine[c].width(), fine[c].height(), task);
+        for_each_row(up.height(), quiet(task), [&](int y) {
+          for (int x = 0; x < up.width(); ++x) fine[c].row(y)[x] += up(x, y);
+        });
+      }
+    clean = std::move(fine);
+  }
+  for (size_t c = 0; c < 3; ++c) *out[c] = std::move(clean[c]);
+}
+
+const FilterEntry entry =
+    declare<BayesianCollaborative>(
+        "bayesian_collaborative",
+        "Finds patches whose samples have alike histograms, and shrinks each group toward its mean by as much as its "
+        "noise.")
+        .source("Boughida and Boubekeur 2017, Bayesian Collaborative Denoising for Monte Carlo Rendering; Delbracio et "
+                "al. 2014, ray histogram fusion, for the distance and `estimate=mean`")
+        .notes(
+            "With `--records` the histograms and the noise covariance are those of every sample, as published; without, "
+            "those of the eight bucket means. Good from 32 samples per pixel on.")
+        .statistics(Statistics::kBuckets)
+        .can_use_records()
+        .param("search-radius", &BayesianCollaborative::search_radius, {1, 12}, "px", "half width of the search window",
+               {6, 9})
+        .param("scales", &BayesianCollaborative::scales, {1, 6}, "", "resolutions, each half of the one before", {1, 3})
+        .param("threshold", &BayesianCollaborative::threshold, {0, 100}, "1",
+               "largest histogram distance of alike patches; 1 is what equal distributions have", {0.7, 1, 1.5, 2.5})
+        .param("bins", &BayesianCollaborative::bins, {4, 64}, "", "of each channel's histogram")
+        .param("estimate", &BayesianCollaborative::estimate, {"bayes", "mean"},
+               "shrinkage toward the group's mean, or the mean itself (ray histogram fusion)")
+        .param("spikes", &BayesianCollaborative::spikes, {0, 1}, "", "1: replace outliers by the medoid of their 3 x 3")
+        .scratch(160)
+        .apron([](const BayesianCollaborative& p) { return (p.search_radius + 3) * (2 << (p.scales - 1)); })
+        .run(run);
+const Registration registration(entry);
+
+}  // namespace
+}  // namespace brume
