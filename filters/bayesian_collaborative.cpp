@@ -29,10 +29,29 @@ constexpr double kGamma = 2.2, kMaximum = 2.5;
 constexpr size_t kFewest = kDimensions + 1;
 constexpr float kSpikeDeviations = 2;
 
+/// Histograms of every pixel, a row's bins after one another: what the distance reads.
+class Histograms {
+ public:
+  Histograms() = default;
+  Histograms(int width, int height, size_t bins)
+      : bins_(bins), stride_(static_cast<size_t>(width)), data_(bins * stride_ * static_cast<size_t>(height)) {}
+  size_t bins() const { return bins_; }
+  size_t stride() const { return stride_; }
+  const float* row(int y) const { return data_.data() + bins_ * stride_ * static_cast<size_t>(y); }
+  float& at(size_t bin, int x, int y) { return data_[(bins_ * static_cast<size_t>(y) + bin) * stride_ + static_cast<size_t>(x)]; }
+  float at(size_t bin, int x, int y) const {
+    return data_[(bins_ * static_cast<size_t>(y) + bin) * stride_ + static_cast<size_t>(x)];
+  }
+
+ private:
+  size_t bins_ = 0, stride_ = 0;
+  std::vector<float> data_;
+};
+
 /// What is known of each pixel of one scale.
 struct Scale {
   Rgb color;
-  std::vector<Plane> histogram;      // bins x 3
+  Histograms histogram;              // bins x 3
   std::array<Plane, 6> covariance;   // of the pixel mean: rr, gg, bb, gb, rb, rg
   Plane samples;
   int width() const { return color[0].width(); }
@@ -40,22 +59,22 @@ struct Scale {
 };
 
 /// Adds a value to its two nearest bins. The last two bins hold what lies between once and twice the range, saturated.
-void add_to_histogram(std::vector<Plane>& histogram, int bins, size_t channel, int x, int y, double value) {
+void add_to_histogram(Histograms& histogram, int bins, size_t channel, int x, int y, double value) {
   const double v = std::pow(std::max(value, 0.0), 1 / kGamma) / kMaximum;
   const size_t first = channel * static_cast<size_t>(bins);
   double position = v < 1 ? v * (bins - 2) : (bins - 2) + std::min(v - 1, 1.0);
   position = std::min(position, bins - 1.0);
   const int low = std::min(static_cast<int>(position), bins - 2);
   const float high_share = static_cast<float>(position - low);
-  histogram[first + static_cast<size_t>(low)](x, y) += 1 - high_share;
-  histogram[first + static_cast<size_t>(low) + 1](x, y) += high_share;
+  histogram.at(first + static_cast<size_t>(low), x, y) += 1 - high_share;
+  histogram.at(first + static_cast<size_t>(low) + 1, x, y) += high_share;
 }
 
 Scale gather(const BayesianCollaborative& p, const FilterFrame& frame) {
   Scale s;
   const int width = frame.width(), height = frame.height();
   for (size_t c = 0; c < 3; ++c) s.color[c] = *frame.signal[c];
-  s.histogram.assign(3 * static_cast<size_t>(p.bins), Plane(width, height));
+  s.histogram = Histograms(width, height, 3 * static_cast<size_t>(p.bins));
   for (Plane& plane : s.covariance) plane = Plane(width, height);
   s.samples = Plane(width, height);
   visit_samples(frame, [&](int x, int y, std::span<const vec3> samples) {
@@ -115,7 +134,7 @@ void replace_spikes(Scale& s, const Task& task) {
       }
       const ivec2 q = places[best];
       for (size_t c = 0; c < 3; ++c) s.color[c](x, y) = in.color[c](q.x, q.y);
-      for (size_t b = 0; b < s.histogram.size(); ++b) s.histogram[b](x, y) = in.histogram[b](q.x, q.y);
+      for (size_t b = 0; b < in.histogram.bins(); ++b) s.histogram.at(b, x, y) = in.histogram.at(b, q.x, q.y);
       for (size_t k = 0; k < 6; ++k) s.covariance[k](x, y) = in.covariance[k](q.x, q.y);
       s.samples(x, y) = in.samples(q.x, q.y);
     }
@@ -147,7 +166,17 @@ Plane doubled(const Plane& in, int width, int height, const Task& task) {
 Scale coarser(const Scale& s, const Task& task) {
   Scale out;
   for (size_t c = 0; c < 3; ++c) out.color[c] = halved(s.color[c], 0.25f, task);
-  for (const Plane& h : s.histogram) out.histogram.push_back(halved(h, 1, task));
+  const int width = out.color[0].width(), height = out.color[0].height();
+  out.histogram = Histograms(width, height, s.histogram.bins());
+  for_each_row(height, quiet(task), [&](int y) {
+    const int y0 = 2 * y, y1 = std::min(2 * y + 1, s.height() - 1);
+    for (size_t b = 0; b < s.histogram.bins(); ++b)
+      for (int x = 0; x < width; ++x) {
+        const int x0 = 2 * x, x1 = std::min(2 * x + 1, s.width() - 1);
+        out.histogram.at(b, x, y) = s.histogram.at(b, x0, y0) + s.histogram.at(b, x1, y0) + s.histogram.at(b, x0, y1) +
+                                    s.histogram.at(b, x1, y1);
+      }
+  });
   for (size_t k = 0; k < 6; ++k) out.covariance[k] = halved(s.covariance[k], 1 / 16.f, task);
   out.samples = halved(s.samples, 1, task);
   return out;
@@ -186,7 +215,7 @@ class Collaboration {
     const int width = s_.width(), height = s_.height();
     if (width < 3 || height < 3) return s_.color;  // not one patch
     // Blocks of one colour of a 2 x 2 pattern do not reach one another's pixels; the colours follow one another.
-    const int side = std::max(32, 4 * (p_.search_radius + kPatchRadius));
+    const int side = std::max(46, 4 * (p_.search_radius + kPatchRadius));  // 48 with the patches' apron
     const int across = (width + side - 1) / side, down = (height + side - 1) / side;
     for (int colour = 0; colour < 4; ++colour) {
       std::vector<Box> blocks;
@@ -210,27 +239,18 @@ class Collaboration {
     const int r = p_.search_radius, side = 2 * r + 1, width = s_.width(), height = s_.height();
     const Box outer = block.grown(kPatchRadius, width, height);
     const size_t plane = static_cast<size_t>(outer.width()) * static_cast<size_t>(outer.height());
-    std::vector<float> sum(plane), counted(plane);
     out.assign(static_cast<size_t>(side * side) * static_cast<size_t>(block.width() * block.height()), 0.0f);
-    // Rows of the histograms side by side, so that a row's bins follow one another.
-    const size_t stride = static_cast<size_t>(width);
-    std::vector<float> first(stride * s_.histogram.size()), second = first;
-    const auto load = [&](int y, std::vector<float>& rows) {
-      for (size_t b = 0; b < s_.histogram.size(); ++b)
-        std::copy_n(s_.histogram[b].row(y), stride, rows.begin() + static_cast<std::ptrdiff_t>(b * stride));
-    };
     for (int dy = -r; dy <= r; ++dy) {
       std::vector<std::vector<float>> sums(static_cast<size_t>(side), std::vector<float>(plane, 0.0f)), counts = sums;
       for (int y = outer.y0; y < outer.y1; ++y) {
         if (y + dy < 0 || y + dy >= height) continue;
-        load(y, first);
-        load(y + dy, second);
+        const float *first = s_.histogram.row(y), *second = s_.histogram.row(y + dy);
         for (int dx = -r; dx <= r; ++dx) {
           const int x0 = std::max(outer.x0, -dx), x1 = std::min(outer.x1, width - dx);
           if (x0 >= x1) continue;
           const size_t at = static_cast<size_t>(y - outer.y0) * static_cast<size_t>(outer.width()) + static_cast<size_t>(x0 - outer.x0);
-          kernels::histogram_distance_row(first.data() + x0, second.data() + x0 + dx, s_.samples.row(y) + x0,
-                                          s_.samples.row(y + dy) + x0 + dx, static_cast<int>(s_.histogram.size()), stride,
+          kernels::histogram_distance_row(first + x0, second + x0 + dx, s_.samples.row(y) + x0,
+                                          s_.samples.row(y + dy) + x0 + dx, static_cast<int>(s_.histogram.bins()), s_.histogram.stride(),
                                           x1 - x0, sums[static_cast<size_t>(dx + r)].data() + at,
                                           counts[static_cast<size_t>(dx + r)].data() + at);
         }

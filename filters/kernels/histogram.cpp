@@ -5,35 +5,43 @@
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 
-#include <cmath>
-
-// Plain loops over x, compiled for every instruction set: see kernels/rows.h.
 HWY_BEFORE_NAMESPACE();
 namespace brume::kernels::HWY_NAMESPACE {
+namespace hn = hwy::HWY_NAMESPACE;
+
+/// The pairs from `x` on that fill whole vectors of D; returns the first that is left.
+template <class D>
+HWY_INLINE int distance_vectors(D d, const float* h1, const float* h2, const float* n1, const float* n2, int bins,
+                                size_t bin_stride, int x, int count, float* sum, float* counted) {
+  using V = hn::Vec<D>;
+  const int lanes = static_cast<int>(hn::Lanes(d));
+  const V one = hn::Set(d, 1.0f), zero = hn::Zero(d);
+  for (; x + lanes <= count; x += lanes) {
+    const V r = hn::Sqrt(hn::Div(hn::Max(hn::LoadU(d, n2 + x), one), hn::Max(hn::LoadU(d, n1 + x), one)));
+    const V inverse = hn::Div(one, r);
+    V total = zero, used = zero;
+    const float *a = h1 + x, *b = h2 + x;
+    for (int bin = 0; bin < bins; ++bin, a += bin_stride, b += bin_stride) {
+      const V p = hn::LoadU(d, a), q = hn::LoadU(d, b), both = hn::Add(p, q);
+      const auto enough = hn::Gt(both, one);
+      const V difference = hn::NegMulAdd(inverse, q, hn::Mul(r, p));
+      // 1 / both to 22 bits: an estimate, and one step of Newton's.
+      const V guess = hn::ApproximateReciprocal(hn::Max(both, one));
+      const V reciprocal = hn::Mul(guess, hn::NegMulAdd(hn::Max(both, one), guess, hn::Set(d, 2.0f)));
+      total = hn::MulAdd(hn::Mul(difference, difference), hn::IfThenElseZero(enough, reciprocal), total);
+      used = hn::Add(used, hn::IfThenElseZero(enough, one));
+    }
+    hn::StoreU(total, d, sum + x);
+    hn::StoreU(used, d, counted + x);
+  }
+  return x;
+}
 
 void HistogramDistanceRow(const float* h1, const float* h2, const float* n1, const float* n2, int bins,
-                          size_t bin_stride, int count, float* HWY_RESTRICT sum, float* HWY_RESTRICT counted) {
-  constexpr int kChunk = 64;
-  for (int first = 0; first < count; first += kChunk) {
-    const int n = count - first < kChunk ? count - first : kChunk;
-    float ratio[kChunk], inverse[kChunk], total[kChunk] = {}, used[kChunk] = {};
-    for (int x = 0; x < n; ++x) {
-      const float a = n1[first + x] > 0 ? n1[first + x] : 1.0f, b = n2[first + x] > 0 ? n2[first + x] : 1.0f;
-      ratio[x] = std::sqrt(b / a);
-      inverse[x] = 1.0f / ratio[x];
-    }
-    for (int bin = 0; bin < bins; ++bin) {
-      const float *a = h1 + bin_stride * static_cast<size_t>(bin) + first,
-                  *b = h2 + bin_stride * static_cast<size_t>(bin) + first;
-      for (int x = 0; x < n; ++x) {
-        const float both = a[x] + b[x], d = ratio[x] * a[x] - inverse[x] * b[x];
-        const bool enough = both > 1.0f;
-        total[x] += enough ? d * d / both : 0.0f;
-        used[x] += enough ? 1.0f : 0.0f;
-      }
-    }
-    for (int x = 0; x < n; ++x) sum[first + x] = total[x], counted[first + x] = used[x];
-  }
+                          size_t bin_stride, int count, float* sum, float* counted) {
+  int x = distance_vectors(hn::ScalableTag<float>(), h1, h2, n1, n2, bins, bin_stride, 0, count, sum, counted);
+  x = distance_vectors(hn::CappedTag<float, 4>(), h1, h2, n1, n2, bins, bin_stride, x, count, sum, counted);
+  distance_vectors(hn::CappedTag<float, 1>(), h1, h2, n1, n2, bins, bin_stride, x, count, sum, counted);
 }
 
 }  // namespace brume::kernels::HWY_NAMESPACE
