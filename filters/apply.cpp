@@ -268,7 +268,9 @@ Layers part_of(const Layers& source, const std::vector<std::string>& channels, c
   return part;
 }
 
-constexpr int kSmallestTile = 512;
+// What a run may always hold, however little it reads [bytes]: tiles cost work for their aprons.
+constexpr double kFreeMemory = 5e8;
+constexpr int kSmallestTile = 128;
 
 /// Side of the tiles, and what the run holds at its height [bytes].
 int choose_tile(const FilterEntry& filter, const Layers& frame, const ApplyOptions& options, int apron, double& peak) {
@@ -280,8 +282,9 @@ int choose_tile(const FilterEntry& filter, const Layers& frame, const ApplyOptio
   const int longest = std::max(frame.width(), frame.height());
   int tile = options.tile;
   if (tile == 0) {
-    const double side = std::sqrt(0.25 * read / per_pixel) - 2 * apron;
-    tile = std::max(kSmallestTile, static_cast<int>(std::min(side, 1e6)));
+    const double side = std::sqrt(std::max(0.25 * read, kFreeMemory) / per_pixel);
+    // A frame that fits as a whole has no apron.
+    tile = side * side >= pixels ? longest : std::max(kSmallestTile, static_cast<int>(side) - 2 * apron);
   }
   if (tile >= longest) tile = longest;
   const double side = std::min<double>(tile + 2.0 * apron, longest);

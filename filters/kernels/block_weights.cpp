@@ -13,30 +13,15 @@
 HWY_BEFORE_NAMESPACE();
 namespace brume::kernels::HWY_NAMESPACE {
 
-// Beyond this a weight is nothing beside the centre's.
-constexpr float kFarthest = 80.0f, kCap = 1e4f;
+#include "filters/kernels/exp_minus.h"
+
+constexpr float kCap = 1e4f;  // of a distance: weights have long vanished
 
 HWY_INLINE float smaller(float a, float b) {
   return a < b ? a : b;
 }
 HWY_INLINE float larger(float a, float b) {
   return a > b ? a : b;
-}
-
-// exp(-d) for d >= 0, relative error 3e-7; 0 beyond kFarthest and for NaN.
-HWY_INLINE float exp_minus(float d) {
-  const float x = smaller(d, kFarthest) * -1.44269504f;
-  const float shifted = x + 12582912.0f;  // 1.5 * 2^23: adding it rounds to an integer
-  const float f = x - (shifted - 12582912.0f);
-  float p = 1.5403530e-4f;
-  p = p * f + 1.3333558e-3f;
-  p = p * f + 9.6181291e-3f;
-  p = p * f + 5.5504109e-2f;
-  p = p * f + 2.4022651e-1f;
-  p = p * f + 6.9314718e-1f;
-  p = p * f + 1.0f;
-  const float w = std::bit_cast<float>(std::bit_cast<int32_t>(p) + (std::bit_cast<int32_t>(shifted) << 23));
-  return d < kFarthest ? w : 0.0f;
 }
 
 // Written so that NaN, which infinities may leave, counts as far.
