@@ -39,7 +39,7 @@ void parallel_for(int count, const Task& task, const Body& body) {
     arena.execute([&] { tbb::parallel_for(0, count, one); });
   }
   task.check();
-  if (count > 0 && reported < count) task.report(1.0);
+  if (reported < count || count == 0) task.report(1.0);
 }
 
 }  // namespace brume

@@ -361,8 +361,8 @@ void run(const BayesianCollaborative& p, const FilterFrame& frame, const FilterO
   Rgb clean;
   double done = 0.1;
   for (size_t i = scales.size(); i-- > 0;) {
-    const double part = i == 0 ? 0.9 - (done - 0.1) : 0.9 * std::pow(0.25, static_cast<double>(i)) * 0.7;
-    Rgb fine = Collaboration(p, scales[i]).run(share(task, done, done + part));
+    const double part = 0.63 * std::pow(0.25, static_cast<double>(i));
+    Rgb fine = Collaboration(p, scales[i]).run(share(task, done, i == 0 ? 1 : done + part));
     done += part;
     if (i + 1 < scales.size())
       for (size_t c = 0; c < 3; ++c) {
@@ -391,6 +391,7 @@ const FilterEntry entry =
             "those of the eight bucket means. Good from 32 samples per pixel on.")
         .statistics(Statistics::kBuckets)
         .can_use_records()
+        .seeded()
         .param("search-radius", &BayesianCollaborative::search_radius, {1, 12}, "px", "half width of the search window",
                {6, 9})
         .param("scales", &BayesianCollaborative::scales, {1, 6}, "", "resolutions, each half of the one before", {1, 3})

@@ -82,7 +82,7 @@ struct FilterEntry {
   bool variances = false;  ///< reads the variance of the layers it needs or can use
   enum class Records { kNo, kCanUse, kNeeds } records = Records::kNo;  ///< of what happened to each sample
   bool carries = false;        ///< can average other layers with the signal's weights
-  bool seeded = false;         ///< draws random numbers by the pixel's place, so that a turned picture differs a little
+  bool seeded = false;         ///< depends on the order or place of pixels, so that a turned picture differs a little
   bool background = false;     ///< knows FilterFrame::medium; the others treat every pixel unless asked otherwise
   int scratch = 16;            ///< floats per pixel that it holds while it runs
   std::vector<std::string> also_compare;  ///< "parameter=value": settings that comparisons list beside the defaults
@@ -158,7 +158,7 @@ class Declaration {
   Declaration& can_use_records() { return entry_.records = FilterEntry::Records::kCanUse, *this; }
   /// Averages FilterFrame::values with weights from the signal alone.
   Declaration& carries() { return entry_.carries = true, *this; }
-  /// Draws random numbers by the pixel's place.
+  /// Draws random numbers by the pixel's place, or takes pixels in an order.
   Declaration& seeded() { return entry_.seeded = true, *this; }
   /// Leaves the pixels where FilterFrame::medium is 0 to the gradient-kernel paper's rule.
   Declaration& background() { return entry_.background = true, *this; }

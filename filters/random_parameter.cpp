@@ -23,6 +23,8 @@ struct RandomParameter {
   int keep_energy = 1;
 };
 
+// The released program cuts samples off here, white being 1.
+constexpr float kReleaseLimit = 10;
 constexpr int kPasses = 4;
 constexpr std::array<int, kPasses> kBlocks = {55, 35, 17, 7}, kReleaseBlocks = {45, 30, 15, 5};
 // Lanes of the kernel: of pixels with more samples, groups are averaged first.
@@ -177,7 +179,9 @@ class Filter {
         for (int s = 0; s < store_.samples(); ++s)
           for (int c = 0; c < 3; ++c)
             current_[index(x, y, s) * 3 + static_cast<size_t>(c)] =
-                p_.preset == Preset::kRelease ? std::min(store_.sample(x, y, s)[c], 10.0f) : store_.sample(x, y, s)[c];
+                p_.preset == Preset::kRelease
+                    ? std::min(store_.sample(x, y, s)[c], kReleaseLimit / static_cast<float>(frame.exposure))
+                    : store_.sample(x, y, s)[c];
   }
 
   void run(const Task& task) {

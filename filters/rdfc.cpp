@@ -95,6 +95,7 @@ void run(const Rdfc& p, const FilterFrame& frame, const FilterOutput& out, const
                             [&](int x, int y) { return (*frame.signal[c])(x, y) + shift[c](x, y); });
   }
 
+  const float dark = 1e-6f / static_cast<float>(frame.exposure * frame.exposure);
   std::vector<HalfPair> candidates;
   std::vector<Plane> errors;
   // Without features the candidates with and without them are the same.
@@ -118,7 +119,7 @@ void run(const Rdfc& p, const FilterFrame& frame, const FilterOutput& out, const
         const float v = (*frame.variance[c])(x, y), clean = 0.5f * (f.values[c](x, y) + f.values[c + 3](x, y));
         const float d = clean - (*frame.signal[c])(x, y), derivative = (g.values[c](x, y) - clean) / shift[c](x, y);
         // In units of the noise and the picture, so that bright channels do not decide alone.
-        sum += (d * d + 2 * v * derivative - v) / (clean * clean + v + 1e-6f);
+        sum += (d * d + 2 * v * derivative - v) / (clean * clean + v + dark);
       }
       return sum;
     }));

@@ -28,7 +28,7 @@ constexpr float kLargestAlpha = 8, kSmallestAlpha = 0.1f;
 // Most that the gradient adds to a feature's tolerance, and the least tolerance of all: squares of the features' range.
 constexpr float kLargestGradient = 0.01f, kFeatureFloor = 1e-4f;
 constexpr int kPrefilterRadius = 3, kErrorRadius = 1, kWinnerRadius = 3;
-constexpr float kLargestError = 1e3f, kLargestShare = 8;
+constexpr float kLargestError = 1e3f, kLargestNeed = 1e6f, kLargestShare = 8;
 
 /// Sobel's 5 x 5 mask, so scaled that a ramp of one unit per pixel gives 1.
 Plane sobel(const Plane& in, bool along_x, const Task& task) {
@@ -76,7 +76,7 @@ Plane luminance_of(const RgbPlanes& rgb, const Task& task) {
 }
 
 /// How much each pixel is trusted as a neighbour: spikes not at all, what surrounds them half.
-Plane trust(Spikes rule, const Plane& light, const Plane& gradient, const Task& task) {
+Plane trust(Spikes rule, const Plane& light, const Plane& gradient, double exposure, const Task& task) {
   const int width = light.width(), height = light.height();
   Plane spikes = make_plane(width, height, quiet(task), [&](int x, int y) {
     double sum = 0, squares = 0;
@@ -90,7 +90,10 @@ Plane trust(Spikes rule, const Plane& light, const Plane& gradient, const Task& 
     if (n < 4) return 0.0f;
     const double mean = sum / n, deviation = std::sqrt(std::max(0.0, squares / n - mean * mean));
     if (rule == Spikes::kRepaired) return light(x, y) > mean + 3 * deviation && light(x, y) > mean ? 1.0f : 0.0f;
-    return std::abs(mean - light(x, y)) > std::max(static_cast<double>(gradient(x, y)), deviation) ? 1.0f : 0.0f;
+    // As published, brightness is compared with a gradient of features; white being 1, both have a range of one.
+    return exposure * std::abs(mean - light(x, y)) > std::max(static_cast<double>(gradient(x, y)), exposure * deviation)
+               ? 1.0f
+               : 0.0f;
   });
   // Windows of 11 x 11 centred on a spike; the paper's 10 x 10 has no centre.
   const Plane near = box_mean(spikes, 5, task);
@@ -127,6 +130,9 @@ float best_alpha(Fit rule, const std::array<float, 5>& bias, const std::array<fl
 void run(const SobelGuided& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
   const int width = frame.width(), height = frame.height();
   const std::vector<Feature>& features = *frame.features;
+  // The published 0.001 beside squared brightness belongs to pictures whose white is 1.
+  const float dark = 1e-3f / static_cast<float>(frame.exposure * frame.exposure),
+              dim = 1e-3f / static_cast<float>(frame.exposure);
 
   // 1 and 2: the gradient image guides the features' own filter.
   const Plane gradient = gradient_image(features, width, height, task);
@@ -171,7 +177,7 @@ void run(const SobelGuided& p, const FilterFrame& frame, const FilterOutput& out
     const float sum = luminance(vec3(s(0), s(1), s(2)));
     return sum * sum;
   });
-  const Plane trusted = p.spikes == Spikes::kKeep ? Plane() : trust(p.spikes, light, gradient, task);
+  const Plane trusted = p.spikes == Spikes::kKeep ? Plane() : trust(p.spikes, light, gradient, frame.exposure, task);
 
   // 3: each pixel's width, from curves through bias and variance at five of them.
   const std::vector<Offset> window = square_window(p.radius);
@@ -234,7 +240,7 @@ void run(const SobelGuided& p, const FilterFrame& frame, const FilterOutput& out
       const Plane fit = luminance_of({&guided.back()[0], &guided.back()[1], &guided.back()[2]}, task);
       misfit.push_back(box_mean(make_plane(width, height, quiet(task),
                                            [&](int x, int y) {
-                                             return std::abs(fit(x, y) - light(x, y)) / (std::abs(light(x, y)) + 1e-3f);
+                                             return std::abs(fit(x, y) - light(x, y)) / (std::abs(light(x, y)) + dim);
                                            }),
                                 2, task));
     }
@@ -255,9 +261,9 @@ void run(const SobelGuided& p, const FilterFrame& frame, const FilterOutput& out
       float sum = 0;
       for (size_t c = 0; c < 3; ++c) {
         const float r = reference[c](x, y), d = a.values[c](x, y) - r;
-        sum += d * d / (r * r + 1e-3f);
+        sum += d * d / (r * r + dark);
       }
-      return std::min(sum / 3, kLargestError);
+      return sum < 3 * kLargestError ? sum / 3 : kLargestError;  // NaN, which huge pixels leave, counts as large
     });
     const Plane* const self[] = {&error};
     errors.push_back(std::move(guided_filter(self, self, kErrorRadius, p.epsilon, quiet(task))[0]));
@@ -283,7 +289,8 @@ void run(const SobelGuided& p, const FilterFrame& frame, const FilterOutput& out
     const Plane need = box_mean(make_plane(width, height, quiet(task),
                                            [&](int x, int y) {
                                              const float d = clean(x, y) - light(x, y), c = clean(x, y);
-                                             return (d * d + left(x, y)) / (c * c + 1e-3f);
+                                             const float v = (d * d + left(x, y)) / (c * c + dark);
+                                             return v < kLargestNeed ? v : kLargestNeed;
                                            }),
                                 1, task);
     double sum = 0;
