@@ -30,7 +30,7 @@ float sigma_of(const ATrous& p, const Feature& f) {
 
 void run(const ATrous& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
   const int width = frame.width(), height = frame.height();
-  const std::vector<Plane> directions = unit_directions(frame.layers, task);
+  const std::vector<Plane> directions = unit_directions(frame, task);
   std::vector<Plane> signal, values;
   for (size_t c = 0; c < 3; ++c) signal.push_back(*frame.signal[c]);
   if (frame.carries())
@@ -78,7 +78,6 @@ const FilterEntry entry =
             "Level i spreads its 25 taps 2^i pixels apart; the colour term tightens and the direction term widens by 2 "
             "per level, as published. Colours are compared in CIE-Lab, the density gradient's direction stands for the "
             "normal, depth and opacity for the position.")
-        .can_use(layer::gradient_transmittance_weighted, layer::gradient)
         .features()
         .carries()
         .param("levels", &ATrous::levels, {1, 8}, "", "passes", {1, 2, 3, 4, 5})

@@ -20,7 +20,7 @@ constexpr float kCorrelation = 1.1f;
 
 void run(const AnisotropicDiffusion& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
   const int width = frame.width(), height = frame.height();
-  const std::vector<Plane> directions = unit_directions(frame.layers, task);
+  const std::vector<Plane> directions = unit_directions(frame, task);
   std::vector<Plane> feature_variance;
   for (const Feature& f : *frame.features) feature_variance.push_back(sum_of(f.variance));
 
@@ -109,7 +109,6 @@ const FilterEntry entry =
             "diffuses along and falls, so that the flow stops by itself; with the angle between density gradients; "
             "and with the other features. Light is conserved.")
         .statistics(Statistics::kVariance)
-        .can_use(layer::gradient_transmittance_weighted, layer::gradient)
         .features()
         .carries()
         .param("iterations", &AnisotropicDiffusion::iterations, {1, 1000}, "", "steps", {10, 30, 100})

@@ -205,6 +205,7 @@ void filter_signal(const Run& run, const Layers& layers, const LayerName& name, 
   frame.half_a = signal.half_a, frame.half_b = signal.half_b;
   frame.buckets = signal.buckets;
   frame.features = &features;
+  frame.together = !run.options.carried.empty();
   frame.samples = run.samples;
   frame.mean_luminance = mean_luminance;
   frame.records = run.options.records;

@@ -1,5 +1,7 @@
 #include "filters/directions.h"
 
+#include <algorithm>
+
 namespace brume {
 
 // Shorter means are noise: paths that disagree about where the surface faces.
@@ -20,10 +22,12 @@ std::vector<Plane> unit_directions(const RgbPlanes& mean, const Task& task) {
   return out;
 }
 
-std::vector<Plane> unit_directions(const Layers& layers, const Task& task) {
-  for (const LayerName& l : {layer::gradient_transmittance_weighted, layer::gradient})
-    if (layers.has(l)) return unit_directions(layers.rgb(l), task);
-  return {};
+std::vector<Plane> unit_directions(const FilterFrame& frame, const Task& task) {
+  const bool chosen = std::any_of(frame.features->begin(), frame.features->end(),
+                                  [](const Feature& f) { return f.name == "gradient"; });
+  if (!chosen) return {};
+  const LayerName& weighted = layer::gradient_transmittance_weighted;
+  return unit_directions(frame.layers.rgb(frame.layers.has(weighted) ? weighted : layer::gradient), task);
 }
 
 }  // namespace brume

@@ -1,14 +1,14 @@
 #pragma once
+#include "filters/filter.h"
 #include "filters/planes.h"
 
 namespace brume {
 
-/// Unit directions of the density gradient, x, y, z, and a fourth plane that is 1 where they are defined, else 0: of the
-/// transmittance-weighted gradient where the frame has it, otherwise of the one at the medium's surface. Empty when it
-/// has neither.
-std::vector<Plane> unit_directions(const Layers& layers, const Task& task);
-
-/// The same of one layer of directions.
+/// Unit directions of a layer of mean directions, x, y, z, and a fourth plane that is 1 where they are defined, else 0.
 std::vector<Plane> unit_directions(const RgbPlanes& mean, const Task& task);
+
+/// The same of the feature `gradient`: the transmittance-weighted density gradient where the frame has it, otherwise the
+/// one at the medium's surface. Empty when it was not chosen as a feature.
+std::vector<Plane> unit_directions(const FilterFrame& frame, const Task& task);
 
 }  // namespace brume

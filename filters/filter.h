@@ -36,6 +36,7 @@ struct FilterFrame {
   RgbPlanes half_a{}, half_b{};    ///< of the signal; null unless declared or absent
   std::vector<RgbPlanes> buckets = {};  ///< eight, or none
   const std::vector<Feature>* features = nullptr;  ///< never null where declared; may be empty
+  bool together = false;  ///< other layers are carried in this run: all must get the very same weights
   double samples = 0;                              ///< per pixel, mean over the frame; 0: unknown
   double mean_luminance = 0;                       ///< of the whole frame's signal, Radiance's weights
   RecordReader* records = nullptr;                 ///< null where none were given, unless needed

@@ -35,15 +35,15 @@ void run(const NlMeans& p, const FilterFrame& frame, const FilterOutput& out, co
     for (size_t c = 0; c < 3; ++c) *out[c] = std::move(clean[c]);
     return;
   }
-  // Weights of one half are independent of the noise of the other, which they average. A layer that is carried along
-  // has no halves here; both sets of weights average it whole.
+  // Weights of one half are independent of the noise of the other, which they average. Where layers are carried along,
+  // which have no halves here, both sets of weights average the whole of each.
   Rgb variance;
   for (size_t c = 0; c < 3; ++c)
     variance[c] = make_plane(frame.width(), frame.height(), quiet(task),
                              [&](int x, int y) { return 2.0f * (*frame.variance[c])(x, y); });
-  const std::vector<Plane> a = average(frame.half_b, view(variance), frame.carries() ? frame.values : frame.half_a,
+  const std::vector<Plane> a = average(frame.half_b, view(variance), frame.together ? frame.values : frame.half_a,
                                        share(task, 0, 0.5)),
-                           b = average(frame.half_a, view(variance), frame.carries() ? frame.values : frame.half_b,
+                           b = average(frame.half_a, view(variance), frame.together ? frame.values : frame.half_b,
                                        share(task, 0.5, 1));
   for (size_t c = 0; c < 3; ++c)
     for_each_row(frame.height(), quiet(task), [&](int y) {

@@ -71,7 +71,7 @@ Records::Records(const Layers& frame) {
     const auto random = [&](uint64_t i) { return static_cast<float>(chance(x, y, 100 + 16 * i + k)); };
     const auto bucket = [&](const LayerName& l) { return frame.at(l.channel_of(statistic::buckets[k], c))(x, y); };
     if (field.name == "film") return static_cast<float>(c == 0 ? x : y) + random(c);
-    if (field.name == "flight_1") return 0.5f * (random(2) + (is_up(x, y, 0, k) ? 1.0f : 0.0f));
+    if (field.name == "flight_1") return 0.5f * (random(2) + (frame.at(layer::indirect.channel_of(statistic::buckets[k], 0))(x, y) > frame.at("indirect.R")(x, y) ? 1.0f : 0.0f));
     if (field.name == "direction_1" || field.name == "light_uv_1") return random(3 + c);
     if (field.name == "position_1") return 0.1f * static_cast<float>(x) + random(6 + c);
     if (field.name == "unscattered") return bucket(layer::direct);
