@@ -84,27 +84,43 @@ int run(const Common& common) {
   OutputFolder folder(o.output);
 
   const RecordedData data = data_to_record(settings);
-  const LayerRequest layers = LayerRequest::of(data.layers, data.statistics, data.buckets);
+  LayerRequest layers = LayerRequest::of(data.layers, data.statistics, data.buckets);
+  layers.records = data.records;
+  if (data.records) {
+    settings.records = folder.part() / "records";
+    fs::create_directories(settings.records);
+  }
+  const LayerRequest plain = LayerRequest::of({"direct", "indirect", "coverage"}, /*statistics=*/false);
   std::vector<std::unique_ptr<PreparedScene>> prepared;
   std::vector<EvaluationScene> scenes;
+  const auto render = [](const PreparedScene& scene, int spp, int64_t seed, const fs::path& records, const Task& task) {
+    RenderJob job;
+    job.spp = spp, job.seed = seed, job.records = records;
+    RenderResult r = scene.render(job, task);
+    stamp(r.layers);
+    if (r.report.invalid_samples || r.report.counters.capped_paths) warn("note: " + r.report.summary());
+    return TimedFrame{std::move(r.layers), r.report.seconds, records};
+  };
   for (const std::string& path : o.scenes) {
     Scene scene = read_scene(path, o.overrides);
     if (o.size > 0) {
       scene.film.height = std::max(1, o.size * scene.film.height / scene.film.width);
       scene.film.width = o.size;
     }
-    prepared.push_back(std::make_unique<PreparedScene>(scene, layers, Task{common.threads, {}, &interrupted}));
-    for (const std::string& note : prepared.back()->notes()) warn("note: " + note);
-    const PreparedScene* p = prepared.back().get();
+    const auto prepare = [&](const LayerRequest& what) {
+      return prepared.emplace_back(std::make_unique<PreparedScene>(scene, what, Task{common.threads, {}, &interrupted})).get();
+    };
+    const PreparedScene *full = prepare(layers), *reference = prepare(plain);
+    for (const std::string& note : full->notes()) warn("note: " + note);
     for (const EvaluationScene& other : scenes)
-      if (other.name == p->scene().name)
+      if (other.name == full->scene().name)
         throw InputError(fmt::format("two scenes are named '{}'; give each its own name", other.name));
-    scenes.push_back({p->scene().name, p->scene().film.exposure, [p](int spp, int64_t seed, const Task& task) {
-                        RenderResult r = p->render(spp, seed, task);
-                        stamp(r.layers);
-                        if (r.report.invalid_samples || r.report.counters.capped_paths)
-                          warn("note: " + r.report.summary());
-                        return TimedFrame{std::move(r.layers), r.report.seconds};
+    scenes.push_back({full->scene().name, full->scene().film.exposure,
+                      [full, render](int spp, int64_t seed, const fs::path& records, const Task& task) {
+                        return render(*full, spp, seed, records, task);
+                      },
+                      [reference, render](int spp, int64_t seed, const Task& task) {
+                        return render(*reference, spp, seed, {}, task);
                       }});
   }
   size_t stage = 0;
@@ -112,6 +128,7 @@ int run(const Common& common) {
   const Evaluation result = evaluate(scenes, settings, [&](const std::string& name) {
     return make_task(common, fmt::format("[{}/{}] {}", ++stage, stages, name));
   });
+  if (!settings.records.empty()) fs::remove_all(settings.records);
   write_report(result, folder.part());
   folder.commit();
   print(common.json ? json_report(result) : markdown_report(result));

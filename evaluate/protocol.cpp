@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <fstream>
+#include <optional>
 #include <set>
 #include <thread>
 
@@ -41,8 +42,12 @@ MethodResult measure(const std::vector<TimedFrame>& noisy, const FilterSettings*
     Layers clean;
     if (filter) {
       ApplyReport report;
-      if (seed == 0) clean = apply_filter(*filter, noisy[seed].layers, options, task);  // warms caches and threads
-      clean = apply_filter(*filter, noisy[seed].layers, options, task, &report);
+      std::optional<RecordReader> records;
+      ApplyOptions own = options;
+      if (!noisy[seed].records.empty()) own.records = &records.emplace(noisy[seed].records);
+      // The first run warms caches and threads; slow filters do not notice.
+      clean = apply_filter(*filter, noisy[seed].layers, own, task, &report);
+      if (seed == 0 && report.seconds < 1) clean = apply_filter(*filter, noisy[seed].layers, own, task, &report);
       filter_seconds.push_back(report.seconds);
     } else {
       clean = noisy[seed].layers;
@@ -128,6 +133,7 @@ RecordedData data_to_record(const EvaluationSettings& settings) {
       if (!l.name.empty()) names.insert(std::string(l.name));
     data.statistics |= filter.can_use_statistics >= Statistics::kVariance || filter.features || filter.variances;
     data.buckets |= filter.can_use_statistics >= Statistics::kBuckets;
+    data.records |= filter.records == FilterEntry::Records::kNeeds;
   }
   data.layers = {names.begin(), names.end()};
   return data;
@@ -157,17 +163,21 @@ Evaluation evaluate(const std::vector<EvaluationScene>& scenes, const Evaluation
   for (size_t s = 0; s < scenes.size(); ++s) {
     const EvaluationScene& scene = scenes[s];
     Frames& frames = all[s];
+    const auto record_file = [&](int64_t seed, int spp) {
+      return settings.records.empty() ? std::filesystem::path()
+                                      : settings.records / fmt::format("{}.{}.{}.records", scene.name, spp, seed);
+    };
     for (int r = 0; r < 2; ++r)
-      frames.reference[r] = scene.render(settings.reference_spp, kReferenceSeed + r,
+      frames.reference[r] = scene.render_reference(settings.reference_spp, kReferenceSeed + r,
                                          stage(fmt::format("{}: reference {} of 2", scene.name, r + 1)));
     for (const int spp : settings.spp) {
       if (settings.tune)
         frames.tuning.push_back(
-            scene.render(spp, kTuningSeed, stage(fmt::format("{}: {} spp to tune on", scene.name, spp))));
+            scene.render(spp, kTuningSeed, record_file(kTuningSeed, spp), stage(fmt::format("{}: {} spp to tune on", scene.name, spp))));
       auto& noisy = frames.noisy.emplace_back();
       for (int seed = 0; seed < settings.seeds; ++seed)
         noisy.push_back(
-            scene.render(spp, kNoisySeed + seed,
+            scene.render(spp, kNoisySeed + seed, record_file(kNoisySeed + seed, spp),
                          stage(fmt::format("{}: {} spp, seed {} of {}", scene.name, spp, seed + 1, settings.seeds))));
     }
     result.scenes.push_back(describe_scene(scene, settings, frames));
@@ -186,7 +196,7 @@ Evaluation evaluate(const std::vector<EvaluationScene>& scenes, const Evaluation
       for (size_t f = 0; f < grids.size(); ++f) {
         auto& by_spp = all[s].searches.emplace_back();
         for (size_t k = 0; k < settings.spp.size(); ++k)
-          by_spp.push_back(search(grids[f], all[s].tuning[k].layers, options(s), metric,
+          by_spp.push_back(search(grids[f], all[s].tuning[k].layers, all[s].tuning[k].records, options(s), metric,
                                   stage(fmt::format("{}: tune {}, {} spp", scenes[s].name, settings.contenders[f].label,
                                                     settings.spp[k]))));
       }

@@ -1,4 +1,5 @@
 #pragma once
+#include <filesystem>
 #include <functional>
 #include <optional>
 
@@ -11,13 +12,17 @@ namespace brume {
 struct TimedFrame {
   Layers layers;
   double seconds = 0;
+  std::filesystem::path records;  ///< of every sample; empty: not kept
 };
 
 /// One scene to evaluate. The protocol does not know who renders it.
 struct EvaluationScene {
   std::string name;
   double exposure = 1.0;
-  std::function<TimedFrame(int spp, int64_t seed, const Task& task)> render;
+  /// `records`: the file to write what happened to each sample to; empty: none.
+  std::function<TimedFrame(int spp, int64_t seed, const std::filesystem::path& records, const Task& task)> render;
+  /// The same picture with nothing beside it but coverage: for references, which no filter reads.
+  std::function<TimedFrame(int spp, int64_t seed, const Task& task)> render_reference;
 };
 
 struct EvaluationSettings {
@@ -28,6 +33,7 @@ struct EvaluationSettings {
   std::vector<Contender> contenders;
   BackgroundRule background = BackgroundRule::kDefault;
   Component component = Component::kIndirect;
+  std::filesystem::path records;  ///< folder for the records of the noisy frames, where a contender reads them
 };
 
 /// How a method's parameters came about.
@@ -81,7 +87,7 @@ size_t stage_count(const EvaluationSettings& settings, size_t scenes);
 /// What the noisy frames must hold for these settings.
 struct RecordedData {
   std::vector<std::string> layers;
-  bool statistics = false, buckets = false;
+  bool statistics = false, buckets = false, records = false;
 };
 RecordedData data_to_record(const EvaluationSettings& settings);
 

@@ -2,12 +2,15 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 
 #include "base/parallel_for.h"
 #include "base/text.h"
 #include "filters/registry.h"
 
 namespace brume {
+
+constexpr int kSharedScratch = 200;  // floats per pixel
 
 Contender parse_contender(const std::string& text) {
   Contender contender{parse_filter(text), {}, ""};
@@ -25,6 +28,7 @@ Contender parse_contender(const std::string& text) {
 std::vector<Contender> all_contenders() {
   std::vector<Contender> contenders;
   for (const FilterEntry* filter : all_filters()) {
+    if (filter->records == FilterEntry::Records::kNeeds) continue;  // gigabytes a frame: only when asked for
     contenders.push_back(parse_contender(filter->name));
     for (const std::string& setting : filter->also_compare)
       contenders.push_back(parse_contender(filter->name + ":" + setting));
@@ -65,13 +69,26 @@ std::vector<FilterSettings> search_grid(const Contender& contender) {
   return grid;
 }
 
-std::vector<double> search(const std::vector<FilterSettings>& grid, const Layers& frame, const ApplyOptions& options,
-                           const LabRms& metric, const Task& task) {
+std::vector<double> search(const std::vector<FilterSettings>& grid, const Layers& frame,
+                           const std::filesystem::path& records, const ApplyOptions& options, const LabRms& metric,
+                           const Task& task) {
   std::vector<double> squared(grid.size());
-  parallel_for(static_cast<int>(grid.size()), task, [&](int i) {
-    const Layers clean = apply_filter(grid[static_cast<size_t>(i)], frame, options, {1, {}, task.cancel});
-    squared[static_cast<size_t>(i)] = metric.squared(clean.rgb(layer::beauty));
-  });
+  const auto measure = [&](size_t i, const Task& own) {
+    ApplyOptions with = options;
+    std::optional<RecordReader> reader;
+    if (!records.empty()) with.records = &reader.emplace(records);
+    squared[i] = metric.squared(apply_filter(grid[i], frame, with, own).rgb(layer::beauty));
+  };
+  // Filters that hold much at a time would hold it once for each thread.
+  if (!grid.empty() && grid[0].entry().scratch > kSharedScratch) {
+    for (size_t i = 0; i < grid.size(); ++i) {
+      measure(i, quiet(task));
+      task.report(static_cast<double>(i + 1) / static_cast<double>(grid.size()));
+    }
+    return squared;
+  }
+  parallel_for(static_cast<int>(grid.size()), task,
+               [&](int i) { measure(static_cast<size_t>(i), {1, {}, task.cancel}); });
   return squared;
 }
 

@@ -1,4 +1,6 @@
 #pragma once
+#include <filesystem>
+
 #include "evaluate/metric.h"
 #include "filters/apply.h"
 
@@ -14,7 +16,7 @@ struct Contender {
 
 /// "NAME" or "NAME:parameter=value,...". @throws InputError
 Contender parse_contender(const std::string& text);
-/// Every filter at its defaults, and what its declaration also compares.
+/// Every filter at its defaults that needs no records, and what its declaration also compares.
 std::vector<Contender> all_contenders();
 
 /// Every combination of a contender's candidate values, the rest as it has them, in a fixed order.
@@ -24,9 +26,10 @@ std::vector<FilterSettings> search_grid(const Contender& contender);
 std::vector<std::string> on_the_edge(const Contender& contender, const FilterSettings& found);
 
 /// The squared Lab error of each setting on one frame, in the grid's order. Settings run in parallel, each on one
-/// thread.
-std::vector<double> search(const std::vector<FilterSettings>& grid, const Layers& frame, const ApplyOptions& options,
-                           const LabRms& metric, const Task& task);
+/// thread; filters that take long by themselves one after another on all of them.
+std::vector<double> search(const std::vector<FilterSettings>& grid, const Layers& frame,
+                           const std::filesystem::path& records, const ApplyOptions& options, const LabRms& metric,
+                           const Task& task);
 
 /// Index of the smallest geometric mean over several searches of one grid: the setting that is best for all of them.
 size_t best_setting(const std::vector<const std::vector<double>*>& searches);

@@ -392,6 +392,7 @@ const FilterEntry entry =
         .statistics(Statistics::kBuckets)
         .can_use_records()
         .seeded()
+        .also_compare({"estimate=mean"})
         .param("search-radius", &BayesianCollaborative::search_radius, {1, 12}, "px", "half width of the search window",
                {6, 9})
         .param("scales", &BayesianCollaborative::scales, {1, 6}, "", "resolutions, each half of the one before", {1, 3})

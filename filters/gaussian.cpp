@@ -80,6 +80,7 @@ const FilterEntry entry =
             "Averages in linear light by default, where a blur belongs. `choose=per-pixel` takes at each pixel the width "
             "among eight, from a quarter to four times half of sigma, whose estimated error is the smallest.")
         .statistics(Statistics::kNone, Statistics::kVariance)
+        .also_compare({"choose=per-pixel"})
         .param("radius", &GaussianFilter::radius, {0, 32}, "px", "half width of the window")
         .param("sigma", &GaussianFilter::sigma, {0, 100}, "px", "standard deviation; 0 is a box over the window",
                {0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1, 1.2, 1.4, 1.7, 2, 2.5, 3, 4})

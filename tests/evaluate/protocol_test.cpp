@@ -33,7 +33,7 @@ TimedFrame synthetic(int spp, int64_t seed) {
         (*frame.add_rgb(layer::beauty)[c])(x, y) = indirect + 0.1f;
       }
     }
-  return {std::move(frame), spp * 0.01};
+  return {std::move(frame), spp * 0.01, {}};
 }
 
 Evaluation run(bool tune) {
@@ -47,7 +47,11 @@ Evaluation run(bool tune) {
     settings.contenders.push_back(parse_contender(name));
   std::vector<EvaluationScene> scenes;
   for (const char* name : {"cloud", "smoke"})
-    scenes.push_back({name, 1.0, [name](int spp, int64_t seed, const Task&) {
+    scenes.push_back({name, 1.0,
+                      [name](int spp, int64_t seed, const std::filesystem::path&, const Task&) {
+                        return synthetic(spp, seed + (std::string(name) == "cloud" ? 0 : 77));
+                      },
+                      [name](int spp, int64_t seed, const Task&) {
                         return synthetic(spp, seed + (std::string(name) == "cloud" ? 0 : 77));
                       }});
   size_t stages = 0;
@@ -129,7 +133,7 @@ TEST(Tuning, FindsThePlantedBest) {
   const LabRms metric(reference.layers.rgb(layer::beauty), nullptr, {}, {});
   const auto grid = search_grid(parse_contender("gaussian"));
   EXPECT_EQ(grid.size(), 28u);
-  const std::vector<double> errors = search(grid, noisy.layers, {}, metric, {});
+  const std::vector<double> errors = search(grid, noisy.layers, {}, {}, metric, {});
   const size_t best = best_setting({&errors});
   for (const double e : errors) EXPECT_LE(errors[best], e);
   // A slope and an edge of no width to keep within the medium: the widest blur wins.
@@ -139,8 +143,13 @@ TEST(Tuning, FindsThePlantedBest) {
 TEST(Contenders, AreEveryFilterAndTheSettingsItDeclares) {
   std::vector<std::string> labels;
   for (const Contender& c : all_contenders()) labels.push_back(c.label);
-  EXPECT_EQ(labels, (std::vector<std::string>{"bilateral", "extended_bilateral", "gaussian", "gradient_kernel",
-                                              "gradient_kernel mul", "gradient_kernel gate", "trilateral"}));
+  EXPECT_EQ(labels, (std::vector<std::string>{"a_trous", "anisotropic_diffusion", "bayesian_collaborative",
+                                              "bayesian_collaborative mean", "bilateral", "extended_bilateral",
+                                              "gaussian", "gaussian per-pixel", "gradient_kernel",
+                                              "gradient_kernel mul", "gradient_kernel gate", "guided", "nfor",
+                                              "nl_means", "rdfc", "sbf", "sobel_guided", "trilateral", "virtual_flash",
+                                              "wavelet", "welch", "wlr"}))
+      << "random_parameter only when asked for: its records are large";
   // What makes the line is not searched.
   for (const FilterSettings& f : search_grid(parse_contender("gradient_kernel:variant=gate")))
     EXPECT_NE(f.text().find("variant=gate"), std::string::npos);
@@ -155,6 +164,12 @@ TEST(Protocol, RecordsTheUnionOfTheLayersThatTheFiltersDeclare) {
   EXPECT_EQ(data_to_record(settings).layers, (std::vector<std::string>{"coverage", "direct", "indirect"}));
   settings.contenders.push_back(parse_contender("gradient_kernel"));
   EXPECT_EQ(data_to_record(settings).layers, (std::vector<std::string>{"coverage", "direct", "gradient", "indirect"}));
+  EXPECT_FALSE(data_to_record(settings).statistics);
+  settings.contenders = {parse_contender("welch")};
+  EXPECT_TRUE(data_to_record(settings).statistics && data_to_record(settings).buckets);
+  EXPECT_FALSE(data_to_record(settings).records);
+  settings.contenders = {parse_contender("random_parameter")};
+  EXPECT_TRUE(data_to_record(settings).records);
 }
 
 }  // namespace
