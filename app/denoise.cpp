@@ -69,7 +69,9 @@ LayerName colour_layer(const std::string& name) {
 
 ApplyOptions apply_options() {
   ApplyOptions options;
-  options.component = o.component == "all" ? Component::kAll : o.component == "apart" ? Component::kApart : Component::kIndirect;
+  options.component = o.component == "all"     ? Component::kAll
+                      : o.component == "apart" ? Component::kApart
+                                               : Component::kIndirect;
   options.background = o.background == "filter"      ? BackgroundRule::kFilter
                        : o.background == "bilateral" ? BackgroundRule::kBilateral
                                                      : BackgroundRule::kDefault;
@@ -156,9 +158,8 @@ void add_denoise(CLI::App& app, Common& common, Commands& commands) {
                    "the filters of the gradient-kernel paper")
       ->check(CLI::IsMember({"default", "bilateral", "filter"}))
       ->capture_default_str();
-  command
-      ->add_option("--features", o.features,
-                   "of those that the frame has, use these: " + join(FeaturePlan::names(), ",") + ", or none");
+  command->add_option("--features", o.features,
+                      "of those that the frame has, use these: " + join(FeaturePlan::names(), ",") + ", or none");
   command
       ->add_option("--noise", o.noise,
                    "where variance comes from: the frame's layers, or the picture's own second differences")
@@ -169,8 +170,9 @@ void add_denoise(CLI::App& app, Common& common, Commands& commands) {
                    "fireflies before the filter: keep; clamp, their energy being lost; or redistribute it")
       ->check(CLI::IsMember({"keep", "clamp", "redistribute"}))
       ->capture_default_str();
-  command->add_option("--carry", o.carry,
-                      "layers to filter with the same weights, so that passes still add up: direct,indirect,emission,...");
+  command->add_option(
+      "--carry", o.carry,
+      "layers to filter with the same weights, so that passes still add up: direct,indirect,emission,...");
   command->add_option("--records", o.records, "record of every sample, for filters that read it");
   command->add_option("--tile", o.tile, "side of the squares that are filtered one after another [px]; 0: by memory")
       ->check(CLI::Range(0, 1 << 20));

@@ -108,7 +108,8 @@ int run(const Common& common) {
       scene.film.width = o.size;
     }
     const auto prepare = [&](const LayerRequest& what) {
-      return prepared.emplace_back(std::make_unique<PreparedScene>(scene, what, Task{common.threads, {}, &interrupted})).get();
+      return prepared.emplace_back(std::make_unique<PreparedScene>(scene, what, Task{common.threads, {}, &interrupted}))
+          .get();
     };
     const PreparedScene *full = prepare(layers), *reference = prepare(plain);
     for (const std::string& note : full->notes()) warn("note: " + note);

@@ -26,7 +26,8 @@ struct Task {
 /// A part of a computation that reports its own progress as [begin, end] of the whole.
 inline Task share(const Task& whole, double begin, double end) {
   if (!whole.progress) return whole;
-  return {whole.threads, [&whole, begin, end](double f) { whole.report(f < 1 ? begin + (end - begin) * f : end); }, whole.cancel};
+  return {whole.threads, [&whole, begin, end](double f) { whole.report(f < 1 ? begin + (end - begin) * f : end); },
+          whole.cancel};
 }
 /// The same without a word.
 inline Task quiet(const Task& task) {

@@ -169,11 +169,11 @@ Evaluation evaluate(const std::vector<EvaluationScene>& scenes, const Evaluation
     };
     for (int r = 0; r < 2; ++r)
       frames.reference[r] = scene.render_reference(settings.reference_spp, kReferenceSeed + r,
-                                         stage(fmt::format("{}: reference {} of 2", scene.name, r + 1)));
+                                                   stage(fmt::format("{}: reference {} of 2", scene.name, r + 1)));
     for (const int spp : settings.spp) {
       if (settings.tune)
-        frames.tuning.push_back(
-            scene.render(spp, kTuningSeed, record_file(kTuningSeed, spp), stage(fmt::format("{}: {} spp to tune on", scene.name, spp))));
+        frames.tuning.push_back(scene.render(spp, kTuningSeed, record_file(kTuningSeed, spp),
+                                             stage(fmt::format("{}: {} spp to tune on", scene.name, spp))));
       auto& noisy = frames.noisy.emplace_back();
       for (int seed = 0; seed < settings.seeds; ++seed)
         noisy.push_back(

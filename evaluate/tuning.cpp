@@ -87,8 +87,9 @@ std::vector<double> search(const std::vector<FilterSettings>& grid, const Layers
     }
     return squared;
   }
-  parallel_for(static_cast<int>(grid.size()), task,
-               [&](int i) { measure(static_cast<size_t>(i), {1, {}, task.cancel}); });
+  parallel_for(static_cast<int>(grid.size()), task, [&](int i) {
+    measure(static_cast<size_t>(i), {1, {}, task.cancel});
+  });
   return squared;
 }
 

@@ -59,10 +59,10 @@ void run(const ATrous& p, const FilterFrame& frame, const FilterOutput& out, con
       if (f.name != "gradient") add(Distance::Kind::kRatio, pointers(f.mean), sigma_of(p, f));
     std::vector<const Plane*> averaged = pointers(signal);
     for (const Plane* v : pointers(values)) averaged.push_back(v);
-    std::vector<Plane> smooth =
-        weighted_average(model, spline(level), averaged,
-                         share(task, level / static_cast<double>(p.levels), (level + 1) / static_cast<double>(p.levels)))
-            .values;
+    std::vector<Plane> smooth = weighted_average(model, spline(level), averaged,
+                                                 share(task, level / static_cast<double>(p.levels),
+                                                       (level + 1) / static_cast<double>(p.levels)))
+                                    .values;
     for (size_t c = 0; c < 3; ++c) {
       signal[c] = std::move(smooth[c]);
       if (!values.empty()) values[c] = std::move(smooth[c + 3]);

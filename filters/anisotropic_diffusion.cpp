@@ -13,8 +13,8 @@ struct AnisotropicDiffusion {
   float sigma_color = 2, sigma_gradient = 0.1f, sigma_feature = 2;
 };
 
-// How often the conductances are computed anew, and by how much the propagated variance is held to be too small, because
-// it takes neighbours as independent.
+// How often the conductances are computed anew, and by how much the propagated variance is held to be too small,
+// because it takes neighbours as independent.
 constexpr int kRefresh = 5;
 constexpr float kCorrelation = 1.1f;
 
@@ -86,10 +86,10 @@ void run(const AnisotropicDiffusion& p, const FilterFrame& frame, const FilterOu
       for (int x = 0; x < width; ++x) {
         const float d = gd[x], t = gu ? gu[x] : 0.0f, r = gr[x], l = x > 0 ? gr[x - 1] : 0.0f;
         const float own = 1 - p.rate * (d + t + r + l), k = p.rate * p.rate;
-        next_v(x, y) = own * own * v(x, y) +
-                       kCorrelation * k *
-                           (d * d * v(x, below) + t * t * v(x, above) + r * r * v(std::min(width - 1, x + 1), y) +
-                            l * l * v(std::max(0, x - 1), y));
+        next_v(x, y) =
+            own * own * v(x, y) + kCorrelation * k *
+                                      (d * d * v(x, below) + t * t * v(x, above) +
+                                       r * r * v(std::min(width - 1, x + 1), y) + l * l * v(std::max(0, x - 1), y));
       }
     });
     std::swap(u, next);

@@ -76,26 +76,30 @@ void check_statistics(const FilterEntry& filter, const Layers& frame, const Appl
   for (const LayerName& signal : signals_of(options)) {
     const auto need = [&](std::string_view statistic, const std::string& what, const std::string& how) {
       if (!frame.has(signal, statistic))
-        throw InputError(fmt::format("filter {} needs {} of '{}' (channel {} and its like), which the frame does not "
-                                     "have. {}",
-                                     filter.name, what, signal.label(), signal.channel_of(statistic, 0), how));
+        throw InputError(
+            fmt::format("filter {} needs {} of '{}' (channel {} and its like), which the frame does not "
+                        "have. {}",
+                        filter.name, what, signal.label(), signal.channel_of(statistic, 0), how));
     };
     const bool halves = frame.has(signal, statistic::half_a) && frame.has(signal, statistic::half_b);
     if (filter.statistics == Statistics::kVariance && options.noise == NoiseSource::kLayers && !halves)
       need(statistic::mean_variance, "the variance",
-           "brume render records it unless --no-statistics is given; for other frames, --noise spatial estimates it from "
+           "brume render records it unless --no-statistics is given; for other frames, --noise spatial estimates it "
+           "from "
            "the picture");
     if (filter.statistics == Statistics::kHalves)
       need(statistic::half_a, "the two half images",
            "brume render records them unless --no-statistics is given; a filter that needs none is bilateral");
     if (filter.statistics == Statistics::kBuckets &&
         !(options.records && filter.records == FilterEntry::Records::kCanUse))
-      need(statistic::buckets[0], "the eight bucket means", "Record them with: brume render SCENE -o OUT.exr --buckets");
+      need(statistic::buckets[0], "the eight bucket means",
+           "Record them with: brume render SCENE -o OUT.exr --buckets");
   }
   if (filter.records == FilterEntry::Records::kNeeds && !options.records)
-    throw InputError(fmt::format("filter {} needs the record of every sample: brume render SCENE -o OUT.exr --records "
-                                 "OUT.records, then brume denoise OUT.exr --records OUT.records ...",
-                                 filter.name));
+    throw InputError(
+        fmt::format("filter {} needs the record of every sample: brume render SCENE -o OUT.exr --records "
+                    "OUT.records, then brume denoise OUT.exr --records OUT.records ...",
+                    filter.name));
   if (!options.carried.empty() && !filter.carries) {
     std::vector<std::string> able;
     for (const FilterEntry* e : all_filters())
@@ -183,11 +187,12 @@ double mean_of_luminance(const RgbPlanes& p) {
   return sum / (static_cast<double>(p[0]->width()) * p[0]->height());
 }
 
-/// Filters one signal of a tile (with its apron) and adds the result to `sums`; `carried` hold the other layers' results.
+/// Filters one signal of a tile (with its apron) and adds the result to `sums`; `carried` hold the other layers'
+/// results.
 void filter_signal(const Run& run, const Layers& layers, const LayerName& name, double mean_luminance, ivec2 origin,
                    const FilterOutput& sums, const std::vector<FilterOutput>& carried,
-                   const std::map<std::string, Plane*>& products, const Box& interior,
-                   const Task& task, TileTotals& totals) {
+                   const std::map<std::string, Plane*>& products, const Box& interior, const Task& task,
+                   TileTotals& totals) {
   const FilterEntry& entry = run.filter.entry();
   const int width = layers.width(), height = layers.height();
   Signal signal;
@@ -330,14 +335,13 @@ std::set<std::string> readable_channels(const FilterSettings& settings, const Ap
   if (statistics >= Statistics::kVariance || limits) add(layer::sample_count);
   if (settings.uses_features())
     for (const LayerName& l : FeaturePlan::sources())
-      for (const auto which :
-           {std::string_view(), statistic::mean_variance, statistic::half_a, statistic::half_b})
+      for (const auto which : {std::string_view(), statistic::mean_variance, statistic::half_a, statistic::half_b})
         add(l, which);
   return names;
 }
 
-Layers apply_filter(const FilterSettings& requested, const Layers& frame, const ApplyOptions& options,
-                    const Task& task, ApplyReport* report) {
+Layers apply_filter(const FilterSettings& requested, const Layers& frame, const ApplyOptions& options, const Task& task,
+                    ApplyReport* report) {
   const FilterEntry& entry = requested.entry();
   check_layers(entry, frame, options);
   check_statistics(entry, frame, options);
@@ -368,8 +372,8 @@ Layers apply_filter(const FilterSettings& requested, const Layers& frame, const 
         fmt::format("{} pixels were NaN or infinite and were replaced by the median of their neighbours", bad.size()));
 
   FilterSettings filter = requested;
-  if (const Parameter* average = entry.find("average"); average && !options.carried.empty() &&
-                                                         Parameter::text(filter.get(*average)) != "linear") {
+  if (const Parameter* average = entry.find("average");
+      average && !options.carried.empty() && Parameter::text(filter.get(*average)) != "linear") {
     filter.set("average", "linear");
     r.notes.push_back("average = linear, because layers that are carried along must add up");
   }
@@ -389,10 +393,11 @@ Layers apply_filter(const FilterSettings& requested, const Layers& frame, const 
   double peak = 0;
   const int tile = choose_tile(entry, frame, options, apron, peak);
   if (peak > physical_memory())
-    throw InputError(fmt::format("filter {} would hold {:.1f} GB for this frame in tiles of {} px, this machine has {:.1f} "
-                                 "GB{}",
-                                 entry.name, peak / 1e9, tile, physical_memory() / 1e9,
-                                 tile > kSmallestTile ? fmt::format("; try --tile {}", kSmallestTile) : ""));
+    throw InputError(
+        fmt::format("filter {} would hold {:.1f} GB for this frame in tiles of {} px, this machine has {:.1f} "
+                    "GB{}",
+                    entry.name, peak / 1e9, tile, physical_memory() / 1e9,
+                    tile > kSmallestTile ? fmt::format("; try --tile {}", kSmallestTile) : ""));
 
   Layers result(frame.width(), frame.height());
   result.header = frame.header;
@@ -449,10 +454,9 @@ Layers apply_filter(const FilterSettings& requested, const Layers& frame, const 
   result.header["biased"] = "true: filtered by " + entry.name;
   result.header["filter"] = entry.name;
   result.header["filterParameters"] = filter.text();
-  result.header["filterComponent"] =
-      std::string(add_direct                                  ? "indirect; direct added back"
-                  : options.component == Component::kApart ? "direct and indirect apart"
-                                                              : "all");
+  result.header["filterComponent"] = std::string(add_direct ? "indirect; direct added back"
+                                                 : options.component == Component::kApart ? "direct and indirect apart"
+                                                                                          : "all");
   result.header["filterBackground"] =
       std::string(run.mask ? "bilateral sigma-domain=2 sigma-range=20" : "as the medium");
   result.header["filterExposure"] = static_cast<float>(options.exposure);

@@ -49,7 +49,8 @@ std::set<std::string> readable_channels(const FilterSettings& filter, const Appl
 /// Cleans a frame. The result holds R G B, A where the frame has it, the carried layers, and the header with the filter
 /// and every parameter. Non-finite pixels are replaced by the median of their finite neighbours before the filter and
 /// counted. Frames that need more room than a quarter of the layers read are filtered tile by tile.
-/// @throws InputError when a needed layer or statistic is missing: names all of them, and the command that records them;
+/// @throws InputError when a needed layer or statistic is missing: names all of them, and the command that records
+/// them;
 ///                    when the machine has not the memory
 Layers apply_filter(const FilterSettings& filter, const Layers& frame, const ApplyOptions& options, const Task& task,
                     ApplyReport* report = nullptr);

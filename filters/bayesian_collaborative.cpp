@@ -38,7 +38,9 @@ class Histograms {
   size_t bins() const { return bins_; }
   size_t stride() const { return stride_; }
   const float* row(int y) const { return data_.data() + bins_ * stride_ * static_cast<size_t>(y); }
-  float& at(size_t bin, int x, int y) { return data_[(bins_ * static_cast<size_t>(y) + bin) * stride_ + static_cast<size_t>(x)]; }
+  float& at(size_t bin, int x, int y) {
+    return data_[(bins_ * static_cast<size_t>(y) + bin) * stride_ + static_cast<size_t>(x)];
+  }
   float at(size_t bin, int x, int y) const {
     return data_[(bins_ * static_cast<size_t>(y) + bin) * stride_ + static_cast<size_t>(x)];
   }
@@ -51,8 +53,8 @@ class Histograms {
 /// What is known of each pixel of one scale.
 struct Scale {
   Rgb color;
-  Histograms histogram;              // bins x 3
-  std::array<Plane, 6> covariance;   // of the pixel mean: rr, gg, bb, gb, rb, rg
+  Histograms histogram;             // bins x 3
+  std::array<Plane, 6> covariance;  // of the pixel mean: rr, gg, bb, gb, rb, rg
   Plane samples;
   int width() const { return color[0].width(); }
   int height() const { return color[0].height(); }
@@ -82,7 +84,8 @@ Scale gather(const BayesianCollaborative& p, const FilterFrame& frame) {
     dvec3 mean(0), squares(0), products(0);
     for (const vec3& v : samples) {
       mean += dvec3(v) / n;
-      for (int c = 0; c < 3; ++c) add_to_histogram(s.histogram, p.bins, static_cast<size_t>(c), x, y, frame.exposure * v[c]);
+      for (int c = 0; c < 3; ++c)
+        add_to_histogram(s.histogram, p.bins, static_cast<size_t>(c), x, y, frame.exposure * v[c]);
     }
     for (const vec3& v : samples) {
       const dvec3 d = dvec3(v) - mean;
@@ -145,7 +148,8 @@ void replace_spikes(Scale& s, const Task& task) {
 Plane halved(const Plane& in, float factor, const Task& task) {
   const int width = (in.width() + 1) / 2, height = (in.height() + 1) / 2;
   return make_plane(width, height, quiet(task), [&](int x, int y) {
-    const int x0 = 2 * x, x1 = std::min(2 * x + 1, in.width() - 1), y0 = 2 * y, y1 = std::min(2 * y + 1, in.height() - 1);
+    const int x0 = 2 * x, x1 = std::min(2 * x + 1, in.width() - 1), y0 = 2 * y,
+              y1 = std::min(2 * y + 1, in.height() - 1);
     return factor * (in(x0, y0) + in(x1, y0) + in(x0, y1) + in(x1, y1));
   });
 }
@@ -159,7 +163,8 @@ Plane doubled(const Plane& in, int width, int height, const Task& task) {
     const auto at = [&](int i, int j) {
       return in(std::clamp(i, 0, in.width() - 1), std::clamp(j, 0, in.height() - 1));
     };
-    return (1 - v) * ((1 - u) * at(x0, y0) + u * at(x0 + 1, y0)) + v * ((1 - u) * at(x0, y0 + 1) + u * at(x0 + 1, y0 + 1));
+    return (1 - v) * ((1 - u) * at(x0, y0) + u * at(x0 + 1, y0)) +
+           v * ((1 - u) * at(x0, y0 + 1) + u * at(x0 + 1, y0 + 1));
   });
 }
 
@@ -248,10 +253,11 @@ class Collaboration {
         for (int dx = -r; dx <= r; ++dx) {
           const int x0 = std::max(outer.x0, -dx), x1 = std::min(outer.x1, width - dx);
           if (x0 >= x1) continue;
-          const size_t at = static_cast<size_t>(y - outer.y0) * static_cast<size_t>(outer.width()) + static_cast<size_t>(x0 - outer.x0);
+          const size_t at = static_cast<size_t>(y - outer.y0) * static_cast<size_t>(outer.width()) +
+                            static_cast<size_t>(x0 - outer.x0);
           kernels::histogram_distance_row(first + x0, second + x0 + dx, s_.samples.row(y) + x0,
-                                          s_.samples.row(y + dy) + x0 + dx, static_cast<int>(s_.histogram.bins()), s_.histogram.stride(),
-                                          x1 - x0, sums[static_cast<size_t>(dx + r)].data() + at,
+                                          s_.samples.row(y + dy) + x0 + dx, static_cast<int>(s_.histogram.bins()),
+                                          s_.histogram.stride(), x1 - x0, sums[static_cast<size_t>(dx + r)].data() + at,
                                           counts[static_cast<size_t>(dx + r)].data() + at);
         }
       }
@@ -262,10 +268,12 @@ class Collaboration {
             float total = 0, used = 0;
             for (int qy = std::max(y - 1, outer.y0); qy <= std::min(y + 1, outer.y1 - 1); ++qy)
               for (int qx = std::max(x - 1, outer.x0); qx <= std::min(x + 1, outer.x1 - 1); ++qx) {
-                const size_t at = static_cast<size_t>(qy - outer.y0) * static_cast<size_t>(outer.width()) + static_cast<size_t>(qx - outer.x0);
+                const size_t at = static_cast<size_t>(qy - outer.y0) * static_cast<size_t>(outer.width()) +
+                                  static_cast<size_t>(qx - outer.x0);
                 total += s[at], used += n[at];
               }
-            out[(static_cast<size_t>(y - block.y0) * static_cast<size_t>(block.width()) + static_cast<size_t>(x - block.x0)) *
+            out[(static_cast<size_t>(y - block.y0) * static_cast<size_t>(block.width()) +
+                 static_cast<size_t>(x - block.x0)) *
                     static_cast<size_t>(side * side) +
                 static_cast<size_t>((dy + r) * side + dx + r)] =
                 used > 0 ? total / used : std::numeric_limits<float>::infinity();
@@ -384,10 +392,12 @@ const FilterEntry entry =
         "bayesian_collaborative",
         "Finds patches whose samples have alike histograms, and shrinks each group toward its mean by as much as its "
         "noise.")
-        .source("Boughida and Boubekeur 2017, Bayesian Collaborative Denoising for Monte Carlo Rendering; Delbracio et "
-                "al. 2014, ray histogram fusion, for the distance and `estimate=mean`")
+        .source(
+            "Boughida and Boubekeur 2017, Bayesian Collaborative Denoising for Monte Carlo Rendering; Delbracio et "
+            "al. 2014, ray histogram fusion, for the distance and `estimate=mean`")
         .notes(
-            "With `--records` the histograms and the noise covariance are those of every sample, as published; without, "
+            "With `--records` the histograms and the noise covariance are those of every sample, as published; "
+            "without, "
             "those of the eight bucket means. Good from 32 samples per pixel on.")
         .statistics(Statistics::kBuckets)
         .can_use_records()

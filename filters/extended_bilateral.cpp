@@ -49,7 +49,8 @@ double radiance_luminance(double r, double g, double b) {
 /// The paper's own mode: the logarithm of Radiance's luminance is filtered, colour follows.
 void run_log(const ExtendedBilateral& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
   if (frame.carries())
-    throw InputError("filter extended_bilateral: domain=log-luminance makes colour from luminance and cannot carry other layers");
+    throw InputError(
+        "filter extended_bilateral: domain=log-luminance makes colour from luminance and cannot carry other layers");
   const int width = frame.width(), height = frame.height();
   Plane luminances(width, height), logarithms(width, height);
   for (int y = 0; y < height; ++y)

@@ -138,8 +138,8 @@ bool knows(const Recipe& recipe, const Layers& frame, std::string_view statistic
 
 /// What decides about a feature, over the whole frame.
 struct Facts {
-  float lowest = 0, highest = 0;      // 1st and 99th percentile, over all channels
-  double spread = 0, noise = 0;       // variance over the frame, mean variance of the mean; channels summed
+  float lowest = 0, highest = 0;  // 1st and 99th percentile, over all channels
+  double spread = 0, noise = 0;   // variance over the frame, mean variance of the mean; channels summed
 };
 
 Facts facts_of(const Planes& mean, const Planes& variance) {
@@ -163,7 +163,9 @@ Facts facts_of(const Planes& mean, const Planes& variance) {
   }
   if (values.empty()) return facts;
   std::sort(values.begin(), values.end());
-  const auto at = [&](double share) { return values[static_cast<size_t>(share * static_cast<double>(values.size() - 1))]; };
+  const auto at = [&](double share) {
+    return values[static_cast<size_t>(share * static_cast<double>(values.size() - 1))];
+  };
   facts.lowest = at(0.01), facts.highest = at(0.99);
   if (!(facts.highest > facts.lowest)) facts.lowest = values.front(), facts.highest = values.back();
   return facts;
@@ -198,8 +200,8 @@ FeaturePlan::FeaturePlan(const Layers& frame, const std::vector<std::string>& wa
   for (const std::string& name : known) {
     if (!wanted.empty() && std::find(wanted.begin(), wanted.end(), name) == wanted.end()) continue;
     const auto& table = recipes();
-    const auto recipe = std::find_if(table.begin(), table.end(),
-                                     [&](const Recipe& r) { return r.name == name && offered(r, frame); });
+    const auto recipe =
+        std::find_if(table.begin(), table.end(), [&](const Recipe& r) { return r.name == name && offered(r, frame); });
     if (recipe == table.end()) {
       left.push_back(name + " (not recorded)");
       continue;
@@ -211,12 +213,13 @@ FeaturePlan::FeaturePlan(const Layers& frame, const std::vector<std::string>& wa
     } else if (facts.noise > 0.5 * facts.spread) {
       left.push_back(name + " (noisier than its signal)");
     } else {
-      chosen_.push_back({static_cast<size_t>(recipe - table.begin()), facts.lowest,
-                         1.0f / (facts.highest - facts.lowest)});
+      chosen_.push_back(
+          {static_cast<size_t>(recipe - table.begin()), facts.lowest, 1.0f / (facts.highest - facts.lowest)});
       taken.push_back(name + (measured ? "" : " (taken as free of noise)"));
     }
   }
-  note_ = fmt::format("features: {}{}{}", taken.empty() ? "none" : join(taken), left.empty() ? "" : "; without ", join(left));
+  note_ = fmt::format("features: {}{}{}", taken.empty() ? "none" : join(taken), left.empty() ? "" : "; without ",
+                      join(left));
 }
 
 std::vector<Feature> FeaturePlan::build(const Layers& frame, const Task& task) const {

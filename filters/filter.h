@@ -32,17 +32,17 @@ struct FilterFrame {
   /// the gradient-kernel paper's settings. Null: the filter treats every pixel.
   const Plane* medium = nullptr;
 
-  RgbPlanes variance{};  ///< of the pixel mean, ready to divide by (filters/noise.h); null unless declared
-  RgbPlanes half_a{}, half_b{};    ///< of the signal; null unless declared or absent
-  std::vector<RgbPlanes> buckets = {};  ///< eight, or none
+  RgbPlanes variance{};          ///< of the pixel mean, ready to divide by (filters/noise.h); null unless declared
+  RgbPlanes half_a{}, half_b{};  ///< of the signal; null unless declared or absent
+  std::vector<RgbPlanes> buckets = {};             ///< eight, or none
   const std::vector<Feature>* features = nullptr;  ///< never null where declared; may be empty
-  bool together = false;  ///< other layers are carried in this run: all must get the very same weights
-  double samples = 0;                              ///< per pixel, mean over the frame; 0: unknown
-  double mean_luminance = 0;                       ///< of the whole frame's signal, Radiance's weights
-  RecordReader* records = nullptr;                 ///< null where none were given, unless needed
+  bool together = false;            ///< other layers are carried in this run: all must get the very same weights
+  double samples = 0;               ///< per pixel, mean over the frame; 0: unknown
+  double mean_luminance = 0;        ///< of the whole frame's signal, Radiance's weights
+  RecordReader* records = nullptr;  ///< null where none were given, unless needed
   /// Where to leave the layers that the filter declared to produce, by full channel name; null: nobody wants them.
   std::map<std::string, Plane>* products = nullptr;
-  ivec2 origin{0};                                 ///< of this tile in the frame
+  ivec2 origin{0};  ///< of this tile in the frame
   ivec2 frame_size{0};
 
   bool carries() const { return values != signal; }
@@ -75,17 +75,17 @@ struct Parameter {
 struct FilterEntry {
   std::string name, summary, source, notes;
   std::vector<LayerName> needs, can_use;
-  std::vector<LayerName> produces;  ///< beside the clean picture
-  Statistics statistics = Statistics::kNone;      ///< that it needs
+  std::vector<LayerName> produces;            ///< beside the clean picture
+  Statistics statistics = Statistics::kNone;  ///< that it needs
   Statistics can_use_statistics = Statistics::kNone;
   /// Whether it weighs by features or regresses on them with these parameters, whichever the frame has; null: never.
   std::function<bool(const std::any&)> features;
   bool variances = false;  ///< reads the variance of the layers it needs or can use
   enum class Records { kNo, kCanUse, kNeeds } records = Records::kNo;  ///< of what happened to each sample
-  bool carries = false;        ///< can average other layers with the signal's weights
-  bool seeded = false;         ///< depends on the order or place of pixels, so that a turned picture differs a little
-  bool background = false;     ///< knows FilterFrame::medium; the others treat every pixel unless asked otherwise
-  int scratch = 16;            ///< floats per pixel that it holds while it runs
+  bool carries = false;     ///< can average other layers with the signal's weights
+  bool seeded = false;      ///< depends on the order or place of pixels, so that a turned picture differs a little
+  bool background = false;  ///< knows FilterFrame::medium; the others treat every pixel unless asked otherwise
+  int scratch = 16;         ///< floats per pixel that it holds while it runs
   std::vector<std::string> also_compare;  ///< "parameter=value": settings that comparisons list beside the defaults
   std::vector<Parameter> parameters;
   std::any defaults;

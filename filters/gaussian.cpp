@@ -77,7 +77,8 @@ const FilterEntry entry =
                             "Plain Gaussian blur, the honest baseline: on smooth volumes a tuned one is hard to beat.")
         .source("textbook; measured level with the best tuned bilateral on smooth volumes")
         .notes(
-            "Averages in linear light by default, where a blur belongs. `choose=per-pixel` takes at each pixel the width "
+            "Averages in linear light by default, where a blur belongs. `choose=per-pixel` takes at each pixel the "
+            "width "
             "among eight, from a quarter to four times half of sigma, whose estimated error is the smallest.")
         .statistics(Statistics::kNone, Statistics::kVariance)
         .also_compare({"choose=per-pixel"})

@@ -38,8 +38,7 @@ void run(const GradientKernel& p, const FilterFrame& frame, const FilterOutput& 
         "filter gradient_kernel: variant=gate compares opacity and needs the channel 'A', which the frame does not "
         "have");
   LabWindow window(frame, p.radius, p.average, task);
-  const WorkImage gradient =
-      padded(pointers(unit_directions(frame.layers.rgb(layer::gradient), task)), p.radius);
+  const WorkImage gradient = padded(pointers(unit_directions(frame.layers.rgb(layer::gradient), task)), p.radius);
   WorkImage opacity;
   if (p.variant == Variant::kGate) {
     const Plane* plane[] = {&frame.layers.at(layer::alpha.channel(0))};

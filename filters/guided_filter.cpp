@@ -52,7 +52,8 @@ std::vector<Plane> guided_filter(std::span<const Plane* const> inputs, std::span
     const int top = std::max(0, y - radius), bottom = std::min(height - 1, y + radius);
     std::vector<const float*> rows(static_cast<size_t>(bottom - top + 1));
     for (int i = 0; i < products; ++i) {
-      for (int q = top; q <= bottom; ++q) rows[static_cast<size_t>(q - top)] = horizontal[static_cast<size_t>(i)].row(q);
+      for (int q = top; q <= bottom; ++q)
+        rows[static_cast<size_t>(q - top)] = horizontal[static_cast<size_t>(i)].row(q);
       float* to = mean_row(i);
       kernels::sum_rows(rows.data(), static_cast<int>(rows.size()), to, width);
       const float line = lines[static_cast<size_t>(y)];

@@ -42,7 +42,8 @@ size_t MutualInformation::add(std::span<const float> column) {
 double MutualInformation::operator()(size_t a, size_t b, bool corrected) const {
   if (bins_used_[a] < 2 || bins_used_[b] < 2) return 0;
   int joint[kBins * kBins];
-  kernels::joint_counts(mask(a, 0), mask(b, 0), counts_.data() + a * kBins, counts_.data() + b * kBins, kBins, words_, joint);
+  kernels::joint_counts(mask(a, 0), mask(b, 0), counts_.data() + a * kBins, counts_.data() + b * kBins, kBins, words_,
+                        joint);
   // With counts n: (sum n_xy log n_xy - sum n_x log n_x - sum n_y log n_y + N log N) / N.
   const double n = static_cast<double>(samples_);
   double sum = logs_[samples_];

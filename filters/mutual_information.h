@@ -14,13 +14,14 @@ class MutualInformation {
   /// @param samples  of each column, at most kMostSamples
   explicit MutualInformation(size_t samples);
 
-  /// Bins a column of mean 0 and deviation 1 by rounding, what lies beyond 3 in the last bins. A constant column carries
-  /// no information. @return its number
+  /// Bins a column of mean 0 and deviation 1 by rounding, what lies beyond 3 in the last bins. A constant column
+  /// carries no information. @return its number
   size_t add(std::span<const float> column);
   size_t columns() const { return bins_used_.size(); }
 
   /// sum p(x, y) log(p(x, y) / (p(x) p(y))) over the bins that hold anything.
-  /// @param corrected  less what independent columns of this length have on average, (Bx - 1)(By - 1) / (2 N); at least 0
+  /// @param corrected  less what independent columns of this length have on average, (Bx - 1)(By - 1) / (2 N); at least
+  /// 0
   double operator()(size_t a, size_t b, bool corrected) const;
 
  private:

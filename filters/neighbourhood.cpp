@@ -90,7 +90,8 @@ void for_each_block(int width, int height, int block_width, int block_height, co
 
 namespace {
 
-// Blocks wide enough for vectors, small enough for the second-level cache, high enough that a patch's apron costs little.
+// Blocks wide enough for vectors, small enough for the second-level cache, high enough that a patch's apron costs
+// little.
 constexpr int kWidth = 128, kHeight = 48;
 constexpr size_t kPlane = static_cast<size_t>(kWidth) * kHeight;
 
@@ -120,8 +121,8 @@ std::vector<Averages> weighted_averages(const WeightModel& model, std::span<cons
         // Weights that the variant before has computed serve again.
         if (v == 0 || variant.scale != variants[v - 1].scale || variant.place != variants[v - 1].place ||
             (!variants[v - 1].offsets.empty() && variants[v - 1].offsets[o] == 0))
-          kernels::block_weights(model, {width, height}, block, dx, dy, distances.data(), variant.scale, variant.place, weights.data(),
-                                 kWidth);
+          kernels::block_weights(model, {width, height}, block, dx, dy, distances.data(), variant.scale, variant.place,
+                                 weights.data(), kWidth);
         kernels::accumulate_block(weights.data(), kWidth, share, block, dx, dy, values, variance,
                                   sums.data() + kPlane * planes * v, kPlane);
       }

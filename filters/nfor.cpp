@@ -1,8 +1,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "filters/regression.h"
 #include "filters/registry.h"
+#include "filters/regression.h"
 #include "filters/selection.h"
 
 namespace brume {
@@ -68,8 +68,7 @@ void run(const Nfor& p, const FilterFrame& frame, const FilterOutput& out, const
       const std::vector<Plane> variance = scaled(f.variance, 2, task);
       const auto smooth = [&](const std::vector<Plane>& guide, const std::vector<Plane>& values) {
         WeightModel model;
-        model.distances.push_back(
-            noise_distance(pointers(guide), pointers(variance), kFeaturePatch, kFeatureStrength));
+        model.distances.push_back(noise_distance(pointers(guide), pointers(variance), kFeaturePatch, kFeatureStrength));
         return weighted_average(model, square_window(kFeatureSearch), pointers(values), quiet(task)).values;
       };
       fa = smooth(f.half_b, f.half_a);
@@ -122,8 +121,8 @@ void run(const Nfor& p, const FilterFrame& frame, const FilterOutput& out, const
   }
   WeightModel model;
   model.distances.push_back(noise_distance(view(mean), view(residual), p.patch_radius, p.final_strength));
-  const std::vector<Plane> result = collaborative_regression(model, p.search_radius, pointers(final_features), view(mean),
-                                                             share(task, 0.8, 1));
+  const std::vector<Plane> result =
+      collaborative_regression(model, p.search_radius, pointers(final_features), view(mean), share(task, 0.8, 1));
   // Lines may overshoot where features do; no result is far brighter than anything around it, nor darker than black.
   for (size_t c = 0; c < 3; ++c) {
     const Plane top = window_maximum(*frame.signal[c], p.search_radius, task),
@@ -137,12 +136,14 @@ void run(const Nfor& p, const FilterFrame& frame, const FilterOutput& out, const
 }
 
 const FilterEntry entry =
-    declare<Nfor>("nfor",
-                  "Nonlinearly weighted first-order regression: in every window a line in position and features, weighted "
-                  "by non-local means.")
+    declare<Nfor>(
+        "nfor",
+        "Nonlinearly weighted first-order regression: in every window a line in position and features, weighted "
+        "by non-local means.")
         .source("Bitterli et al. 2016, algorithm 1")
         .notes(
-            "Two strengths of the colour weights are tried on each half image with the weights of the other, the better "
+            "Two strengths of the colour weights are tried on each half image with the weights of the other, the "
+            "better "
             "is chosen at each pixel by the error that each half measures on the other, and a last regression cleans "
             "their mean. Where the authors' pseudocode takes the weights from the same half, their text and we take "
             "them from the other, whose noise is independent.")

@@ -52,11 +52,13 @@ void run(const NlMeans& p, const FilterFrame& frame, const FilterOutput& out, co
 }
 
 const FilterEntry entry =
-    declare<NlMeans>("nl_means", "Non-local means: averages pixels whose patches differ by no more than noise explains.")
+    declare<NlMeans>("nl_means",
+                     "Non-local means: averages pixels whose patches differ by no more than noise explains.")
         .source("Buades, Coll and Morel 2005; distance and two buffers of Rousselle, Knaus and Zwicker 2012, section 4")
         .notes(
             "The patch distance takes the variance of each pixel off the squared difference and divides by it, so that "
-            "one strength serves every noise level. `buffers=two` filters each half image with the weights of the other. "
+            "one strength serves every noise level. `buffers=two` filters each half image with the weights of the "
+            "other. "
             "With `feature-strength` above 0, features count too: the weight is the smallest of the colour's and the "
             "features'.")
         .statistics(Statistics::kVariance, Statistics::kHalves)

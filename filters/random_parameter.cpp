@@ -37,16 +37,16 @@ enum class Kind { kColor, kFeature, kParameter, kPosition };
 
 struct Column {
   Kind kind;
-  size_t offset;           // in the file's record
-  bool is_place = false;   // of a point in the world
+  size_t offset;          // in the file's record
+  bool is_place = false;  // of a point in the world
 };
 
 const std::vector<std::pair<std::string_view, int>> kFeatures = {
     {"position_1", 3}, {"surface_gradient", 3},      {"gradient_1", 3}, {"albedo", 3}, {"density_1", 1},
     {"position_2", 3}, {"light_transmittance_1", 1}, {"normal", 3},     {"flags", 1}};
 const std::vector<std::pair<std::string_view, int>> kParameters = {
-    {"flight_1", 1}, {"direction_1", 3}, {"light_1", 1}, {"light_uv_1", 2}, {"flight_2", 1},
-    {"direction_2", 3}, {"lens", 2}, {"time", 1}};
+    {"flight_1", 1}, {"direction_1", 3}, {"light_1", 1}, {"light_uv_1", 2},
+    {"flight_2", 1}, {"direction_2", 3}, {"lens", 2},    {"time", 1}};
 
 /// The samples of a tile and its apron, one record after another: colour, features, random parameters, film position.
 class Store {
@@ -56,8 +56,7 @@ class Store {
     check_records(reader, frame.frame_size);
     const RecordLayout& layout = reader.layout();
     std::vector<size_t> parts;
-    if (!(frame.name == layer::indirect))
-      parts = {field_offset(layout, "unscattered"), field_offset(layout, "single")};
+    if (!(frame.name == layer::indirect)) parts = {field_offset(layout, "unscattered"), field_offset(layout, "single")};
     if (!(frame.name == layer::direct)) parts.push_back(field_offset(layout, "indirect"));
     std::vector<Column> wanted;
     const auto add = [&](Kind kind, std::string_view name, int components) {
@@ -74,7 +73,8 @@ class Store {
     group_ = (layout.samples + kMostSamples - 1) / kMostSamples;
     samples_ = (layout.samples + group_ - 1) / group_;
     stride_ = (3 + columns_.size() + 7) / 8 * 8;
-    data_.assign(static_cast<size_t>(width_) * static_cast<size_t>(height_) * static_cast<size_t>(samples_) * stride_, 0.0f);
+    data_.assign(static_cast<size_t>(width_) * static_cast<size_t>(height_) * static_cast<size_t>(samples_) * stride_,
+                 0.0f);
     for (int tile = 0; tile < layout.tile_count(); ++tile) {
       const RecordLayout::Bounds b = layout.bounds(tile);
       const int x0 = std::max(b.x0, frame.origin.x), x1 = std::min(b.x1, frame.origin.x + width_);
@@ -83,11 +83,13 @@ class Store {
       const std::vector<float> block = reader.read(tile);
       for (int y = y0; y < y1; ++y)
         for (int x = x0; x < x1; ++x) {
-          const size_t pixel = static_cast<size_t>(y - b.y0) * static_cast<size_t>(b.x1 - b.x0) + static_cast<size_t>(x - b.x0);
+          const size_t pixel =
+              static_cast<size_t>(y - b.y0) * static_cast<size_t>(b.x1 - b.x0) + static_cast<size_t>(x - b.x0);
           for (size_t s = 0; s < count; ++s) {
             const float* record = block.data() + (pixel * count + s) * width;
             const size_t g = s / static_cast<size_t>(group_);
-            const float share = 1.0f / static_cast<float>(std::min(count - g * static_cast<size_t>(group_), static_cast<size_t>(group_)));
+            const float share = 1.0f / static_cast<float>(std::min(count - g * static_cast<size_t>(group_),
+                                                                   static_cast<size_t>(group_)));
             float* to = sample(x - frame.origin.x, y - frame.origin.y, static_cast<int>(g));
             for (const size_t part : parts)
               for (size_t c = 0; c < 3; ++c) {
@@ -210,8 +212,8 @@ class Filter {
     return {c[0], c[1], c[2]};
   }
 
-  /// Places of neighbours, from a Gaussian of a quarter of the block, inside the block and not the pixel itself: one list
-  /// for all pixels, in which each draws by its own numbers.
+  /// Places of neighbours, from a Gaussian of a quarter of the block, inside the block and not the pixel itself: one
+  /// list for all pixels, in which each draws by its own numbers.
   void draw_places(int pass) {
     const int block = (p_.preset == Preset::kRelease ? kReleaseBlocks : kBlocks)[static_cast<size_t>(pass)];
     Rng rng(static_cast<uint64_t>(pass));
@@ -269,7 +271,8 @@ class Filter {
     }
     // Places first, so that the records are on their way before they are looked at.
     const std::vector<ivec2>& draws = draws_[static_cast<size_t>(pass)];
-    uint64_t state = hash_combine(hash_combine(mix64(static_cast<uint64_t>(pass)), static_cast<uint64_t>(gy)), static_cast<uint64_t>(gx));
+    uint64_t state = hash_combine(hash_combine(mix64(static_cast<uint64_t>(pass)), static_cast<uint64_t>(gy)),
+                                  static_cast<uint64_t>(gx));
     drawn.clear();
     for (int i = s; i < most; ++i) {
       state = state * 6364136223846793005ull + 1442695040888963407ull;
@@ -373,8 +376,8 @@ class Filter {
       inverse[k] = deviation > 1e-8 ? static_cast<float>(1 / deviation) : 0.0f;
     }
     const Importance w = importance(rows, mean, inverse, pass);
-    // w_ij = exp(-(1 - W_c^r)^2 / (2 sigma^2) [sum alpha dc^2 + sum beta df^2]), sigma^2 = 8 sigma_8^2 / s. Samples that
-    // were averaged in groups count as one of their group's size.
+    // w_ij = exp(-(1 - W_c^r)^2 / (2 sigma^2) [sum alpha dc^2 + sum beta df^2]), sigma^2 = 8 sigma_8^2 / s. Samples
+    // that were averaged in groups count as one of their group's size.
     const double sigma2 = 8.0 * static_cast<double>(p_.variance) / (s * store_.group());
     const double factor = (1 - w.color_noise) * (1 - w.color_noise) / (2 * sigma2);
     std::vector<kernels::ScaledComponent> components;
@@ -436,17 +439,21 @@ void run(const RandomParameter& p, const FilterFrame& frame, const FilterOutput&
 }
 
 const FilterEntry entry =
-    declare<RandomParameter>("random_parameter",
-                             "Random parameter filtering: filters samples, and ignores what mutual information blames on "
-                             "the random parameters.")
-        .source("Sen and Darabi 2012, On filtering the noise from the random parameters in Monte Carlo rendering; presets "
-                "of its technical report and of the authors' later program")
+    declare<RandomParameter>(
+        "random_parameter",
+        "Random parameter filtering: filters samples, and ignores what mutual information blames on "
+        "the random parameters.")
+        .source(
+            "Sen and Darabi 2012, On filtering the noise from the random parameters in Monte Carlo rendering; presets "
+            "of its technical report and of the authors' later program")
         .notes(
             "For media the random parameters are flights (as the share of light they outlive), directions, the sampled "
-            "light and its point, lens and time; features are positions, density gradients, albedo, density, the shadow "
+            "light and its point, lens and time; features are positions, density gradients, albedo, density, the "
+            "shadow "
             "ray's transmittance and the surface normal. `paper`: alpha = 1 - W; `techreport`: 1 - (1 + 0.1 t) W, the "
             "report's further factor of 2 being held for a slip by both who re-implemented it; `release`: 1 - 4 (1.3 + "
-            "0.05 t) W, smaller blocks. `information=corrected` takes off what independent parameters have by chance and "
+            "0.05 t) W, smaller blocks. `information=corrected` takes off what independent parameters have by chance "
+            "and "
             "compares means, not sums, because a dozen parameters would outvote two positions by their bias alone. "
             "Pixels with more than 16 samples average them in groups first. Cost grows with the square of the samples.")
         .needs_records()

@@ -44,8 +44,7 @@ std::vector<Feature> cleaned(const std::vector<Feature>& features, const Task& t
   for (const Feature& f : features) {
     std::vector<Plane> variance;
     for (const Plane& v : f.variance)
-      variance.push_back(
-          make_plane(v.width(), v.height(), quiet(task), [&](int x, int y) { return 2 * v(x, y); }));
+      variance.push_back(make_plane(v.width(), v.height(), quiet(task), [&](int x, int y) { return 2 * v(x, y); }));
     const auto smooth = [&](const std::vector<Plane>& guide, const std::vector<Plane>& values) {
       WeightModel model;
       model.distances.push_back(noise_distance(pointers(guide), pointers(variance), kFeaturePatch, kFeatureStrength));
@@ -69,7 +68,8 @@ std::vector<Feature> cleaned(const std::vector<Feature>& features, const Task& t
 void run(const Rdfc& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
   const int width = frame.width(), height = frame.height();
   const std::vector<Feature> features = cleaned(*frame.features, task);
-  const FeatureDistances coarse(features, p.feature_strength, kTau, task), fine(features, p.feature_strength, kFineTau, task);
+  const FeatureDistances coarse(features, p.feature_strength, kTau, task),
+      fine(features, p.feature_strength, kFineTau, task);
   const std::vector<Offset> window = square_window(p.search_radius);
   task.report(0.15);
 
@@ -81,18 +81,18 @@ void run(const Rdfc& p, const FilterFrame& frame, const FilterOutput& out, const
     if (candidate.tau > 0) (candidate.tau == kTau ? coarse : fine).add_to(model);
     return model;
   };
-  // The derivative of each pixel's result by its own value, from one run on a picture that every pixel leaves by a small
-  // random sign: what neighbours do to it averages out (Ramani, Blu and Unser 2008).
+  // The derivative of each pixel's result by its own value, from one run on a picture that every pixel leaves by a
+  // small random sign: what neighbours do to it averages out (Ramani, Blu and Unser 2008).
   Rgb shifted, shift;
   for (size_t c = 0; c < 3; ++c) {
     shift[c] = make_plane(width, height, quiet(task), [&](int x, int y) {
-      const uint64_t bits = hash_combine(mix64(static_cast<uint64_t>(x + frame.origin.x)),
-                                         static_cast<uint64_t>(y + frame.origin.y));
+      const uint64_t bits =
+          hash_combine(mix64(static_cast<uint64_t>(x + frame.origin.x)), static_cast<uint64_t>(y + frame.origin.y));
       const float sign = bits & 1 ? -1.0f : 1.0f;
       return sign * kStep * std::sqrt((*frame.variance[c])(x, y));
     });
-    shifted[c] = make_plane(width, height, quiet(task),
-                            [&](int x, int y) { return (*frame.signal[c])(x, y) + shift[c](x, y); });
+    shifted[c] =
+        make_plane(width, height, quiet(task), [&](int x, int y) { return (*frame.signal[c])(x, y) + shift[c](x, y); });
   }
 
   const float dark = 1e-6f / static_cast<float>(frame.exposure * frame.exposure);
@@ -109,9 +109,10 @@ void run(const Rdfc& p, const FilterFrame& frame, const FilterOutput& out, const
   for (const Candidate& candidate : tried) {
     const std::vector<const Plane*> halves = {frame.half_a[0], frame.half_a[1], frame.half_a[2],
                                               frame.half_b[0], frame.half_b[1], frame.half_b[2]};
-    Averages f = weighted_average(model_of(candidate, frame.signal), window, halves, share(task, done, done + 0.6 * step));
-    const Averages g =
-        weighted_average(model_of(candidate, view(shifted)), window, view(shifted), share(task, done + 0.6 * step, done + step));
+    Averages f =
+        weighted_average(model_of(candidate, frame.signal), window, halves, share(task, done, done + 0.6 * step));
+    const Averages g = weighted_average(model_of(candidate, view(shifted)), window, view(shifted),
+                                        share(task, done + 0.6 * step, done + step));
     done += step;
     errors.push_back(make_plane(width, height, quiet(task), [&](int x, int y) {
       float sum = 0;
@@ -132,7 +133,8 @@ void run(const Rdfc& p, const FilterFrame& frame, const FilterOutput& out, const
   guide.distances.push_back(noise_distance(frame.signal, frame.variance, kFeaturePatch, kFeatureStrength));
   errors = weighted_average(guide, square_window(1), pointers(errors), quiet(task)).values;
   const std::vector<Plane> won = winners(errors, task);
-  const std::vector<Plane> maps = weighted_average(guide, square_window(kFeatureSearch), pointers(won), quiet(task)).values;
+  const std::vector<Plane> maps =
+      weighted_average(guide, square_window(kFeatureSearch), pointers(won), quiet(task)).values;
   HalfPair chosen;
   for (size_t c = 0; c < 3; ++c) {
     std::vector<const Plane*> a, b;
@@ -163,13 +165,15 @@ void run(const Rdfc& p, const FilterFrame& frame, const FilterOutput& out, const
 }
 
 const FilterEntry entry =
-    declare<Rdfc>("rdfc", "Robust denoising with feature and colour information: three mixtures of both, chosen at each "
-                          "pixel by estimated risk.")
+    declare<Rdfc>("rdfc",
+                  "Robust denoising with feature and colour information: three mixtures of both, chosen at each "
+                  "pixel by estimated risk.")
         .source("Rousselle, Manzi and Zwicker 2013, Robust Denoising using Feature and Color Information")
         .notes(
             "Weights are the smallest of the colour's and the features'. Candidates as published: colour patches of "
             "radius 1 and 3 with features, and features alone; in media, where no feature is flat, every one of them "
-            "keeps noise, so that by default the two colour patches without features compete too. The derivative in the risk is taken with random signs on all pixels at "
+            "keeps noise, so that by default the two colour patches without features compete too. The derivative in "
+            "the risk is taken with random signs on all pixels at "
             "once; the authors scale each pixel by 1.01, which is dead where it is black.")
         .statistics(Statistics::kHalves)
         .features()

@@ -56,7 +56,8 @@ void visit_samples(const FilterFrame& frame,
     const std::vector<float> block = frame.records->read(tile);
     for (int y = y0; y < y1; ++y)
       for (int x = x0; x < x1; ++x) {
-        const size_t pixel = static_cast<size_t>(y - b.y0) * static_cast<size_t>(b.x1 - b.x0) + static_cast<size_t>(x - b.x0);
+        const size_t pixel =
+            static_cast<size_t>(y - b.y0) * static_cast<size_t>(b.x1 - b.x0) + static_cast<size_t>(x - b.x0);
         for (size_t s = 0; s < count; ++s) {
           const float* record = block.data() + (pixel * count + s) * width;
           samples[s] = vec3(0);

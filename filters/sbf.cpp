@@ -84,11 +84,13 @@ void run(const Sbf& p, const FilterFrame& frame, const FilterOutput& out, const 
 }
 
 const FilterEntry entry =
-    declare<Sbf>("sbf", "Cross bilateral filter over features whose width Stein's unbiased risk estimate chooses at each "
-                        "pixel.")
+    declare<Sbf>("sbf",
+                 "Cross bilateral filter over features whose width Stein's unbiased risk estimate chooses at each "
+                 "pixel.")
         .source("Li, Wu and Chuang 2012, SURE-based Optimization for Adaptive Sampling and Reconstruction, section 4")
         .notes(
-            "Candidates have spatial sigmas 1, 2, 4 and 8 px. Colour does not enter the weights, so that the risk has a "
+            "Candidates have spatial sigmas 1, 2, 4 and 8 px. Colour does not enter the weights, so that the risk has "
+            "a "
             "closed form; its maps are smoothed by the widest candidate. The density gradient stands for the normal, "
             "opacity and single scattering for the texture.")
         .statistics(Statistics::kVariance)
@@ -97,8 +99,8 @@ const FilterEntry entry =
         .param("scale", &Sbf::scale, {0.1, 4}, "1", "of all four spatial sigmas", {0.5, 1})
         .param("sigma-direction", &Sbf::sigma_direction, {0, 100}, "deviations",
                "of the density gradient and the normal; 0: off")
-        .param("sigma-color", &Sbf::sigma_color, {0, 100}, "deviations", "of opacity, albedo and single scattering; 0: off",
-               {0.25, 0.5, 1})
+        .param("sigma-color", &Sbf::sigma_color, {0, 100}, "deviations",
+               "of opacity, albedo and single scattering; 0: off", {0.25, 0.5, 1})
         .param("sigma-depth", &Sbf::sigma_depth, {0, 100}, "deviations", "of depth; 0: off", {0.3, 0.6, 1.2})
         .scratch(50)
         .apron([](const Sbf& p) { return static_cast<int>(32 * p.scale) + 1; })

@@ -35,14 +35,16 @@ HalfPair select_by_halves(const std::vector<HalfPair>& candidates, const RgbPlan
     errors.push_back(make_plane(width, height, quiet(task), [&](int x, int y) {
       float sum = 0;
       for (size_t c = 0; c < 3; ++c) {
-        const float a = (*half_a[c])(x, y), b = (*half_b[c])(x, y), fa = candidate.a[c](x, y), fb = candidate.b[c](x, y);
+        const float a = (*half_a[c])(x, y), b = (*half_b[c])(x, y), fa = candidate.a[c](x, y),
+                    fb = candidate.b[c](x, y);
         const float v = 2 * (*variance[c])(x, y);
         sum += 0.5f * ((b - fa) * (b - fa) - v + (a - fb) * (a - fb) - v) - 0.25f * (fb - fa) * (fb - fa);
       }
       return sum / 3;
     }));
   errors = weighted_average(model, window, pointers(errors), task).values;
-  const std::vector<Plane> won = winners(errors, task), maps = weighted_average(model, window, pointers(won), task).values;
+  const std::vector<Plane> won = winners(errors, task),
+                           maps = weighted_average(model, window, pointers(won), task).values;
   HalfPair out;
   for (size_t c = 0; c < 3; ++c) {
     std::vector<const Plane*> a, b;

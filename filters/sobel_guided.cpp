@@ -44,7 +44,8 @@ Plane sobel(const Plane& in, bool along_x, const Task& task) {
     float sum = 0;
     for (int j = -2; j <= 2; ++j) {
       float row = 0;
-      for (int i = -2; i <= 2; ++i) row += (along_x ? kSlope : kSmooth)[i + 2] * in(mirror(x + i, width), mirror(y + j, height));
+      for (int i = -2; i <= 2; ++i)
+        row += (along_x ? kSlope : kSmooth)[i + 2] * in(mirror(x + i, width), mirror(y + j, height));
       sum += (along_x ? kSmooth : kSlope)[j + 2] * row;
     }
     return sum;
@@ -97,8 +98,9 @@ Plane trust(Spikes rule, const Plane& light, const Plane& gradient, double expos
   });
   // Windows of 11 x 11 centred on a spike; the paper's 10 x 10 has no centre.
   const Plane near = box_mean(spikes, 5, task);
-  return make_plane(width, height, quiet(task),
-                    [&](int x, int y) { return spikes(x, y) > 0 ? 0.0f : near(x, y) > 1e-6f ? 0.5f : 1.0f; });
+  return make_plane(width, height, quiet(task), [&](int x, int y) {
+    return spikes(x, y) > 0 ? 0.0f : near(x, y) > 1e-6f ? 0.5f : 1.0f;
+  });
 }
 
 /// Width that minimises (b0 + b1 a^2)^2 + v1 / (n a^2) where both curves are fitted over kAlphas.
@@ -107,7 +109,8 @@ float best_alpha(Fit rule, const std::array<float, 5>& bias, const std::array<fl
   for (size_t i = 0; i < kAlphas.size(); ++i) {
     const double a2 = static_cast<double>(kAlphas[i]) * kAlphas[i];
     sb += 1, sbx += a2, sbxx += a2 * a2, sby += bias[i], sbxy += a2 * bias[i];
-    // A kernel of a tenth of a pixel is a point, whose variance the law of 1 / a^2 misses by far; it would decide alone.
+    // A kernel of a tenth of a pixel is a point, whose variance the law of 1 / a^2 misses by far; it would decide
+    // alone.
     if (rule == Fit::kRepaired && kAlphas[i] < 0.5f) continue;
     const double inverse = 1 / a2, nv = n * variance[i];
     sv += 1, svx += inverse, svxx += inverse * inverse, svy += nv, svxy += inverse * nv;
@@ -166,9 +169,9 @@ void run(const SobelGuided& p, const FilterFrame& frame, const FilterOutput& out
     variances.push_back(sum_of(features[k].variance));
     // One constant for each kind, in the paper's order: texture, normal, depth.
     const std::string& name = features[k].name;
-    const float gamma = name == "gradient" || name == "normal"                      ? p.gamma_2
+    const float gamma = name == "gradient" || name == "normal"               ? p.gamma_2
                         : name == "scatter-depth" || name == "surface-depth" ? p.gamma_3
-                                                                              : p.gamma_1;
+                                                                             : p.gamma_1;
     gammas.push_back(1 / (2 * gamma * gamma));
   }
   const Plane light = luminance_of(frame.signal, task);
@@ -197,9 +200,9 @@ void run(const SobelGuided& p, const FilterFrame& frame, const FilterOutput& out
         weighted_averages(model_of(gammas), window, widths, lights, &noise, share(task, 0.05, 0.35));
     std::vector<Plane> bias;
     for (const Averages& a : tried)
-      bias.push_back(box_mean(make_plane(width, height, quiet(task),
-                                         [&](int x, int y) { return a.values[0](x, y) - light(x, y); }),
-                              1, task));
+      bias.push_back(box_mean(
+          make_plane(width, height, quiet(task), [&](int x, int y) { return a.values[0](x, y) - light(x, y); }), 1,
+          task));
     const double n = std::max(frame.samples, 1.0);
     alpha = make_plane(width, height, quiet(task), [&](int x, int y) {
       std::array<float, 5> b, v;
@@ -208,8 +211,8 @@ void run(const SobelGuided& p, const FilterFrame& frame, const FilterOutput& out
     });
   }
   alpha = gaussian_blur(alpha, 1, task);
-  const Plane place = make_plane(width, height, quiet(task),
-                                 [&](int x, int y) { return 1 / (2 * alpha(x, y) * alpha(x, y)); });
+  const Plane place =
+      make_plane(width, height, quiet(task), [&](int x, int y) { return 1 / (2 * alpha(x, y) * alpha(x, y)); });
 
   // 4: one cross bilateral filter for each feature parameter.
   std::vector<Variant> variants;
@@ -218,7 +221,8 @@ void run(const SobelGuided& p, const FilterFrame& frame, const FilterOutput& out
   if (!trusted.empty()) model.trust = &trusted;
   std::vector<const Plane*> averaged(frame.signal.begin(), frame.signal.end());
   if (frame.carries()) averaged.insert(averaged.end(), frame.values.begin(), frame.values.end());
-  std::vector<Averages> candidates = weighted_averages(model, window, variants, averaged, &noise, share(task, 0.35, 0.9));
+  std::vector<Averages> candidates =
+      weighted_averages(model, window, variants, averaged, &noise, share(task, 0.35, 0.9));
   // Where no neighbour is trusted the 5 x 5 box of all stands in for the median, which no layer can be carried through.
   if (!trusted.empty())
     for (size_t c = 0; c < averaged.size(); ++c) {
@@ -230,7 +234,8 @@ void run(const SobelGuided& p, const FilterFrame& frame, const FilterOutput& out
         });
     }
 
-  // 5: the reference is the guided filter by whichever feature explains the picture best; the candidate nearest to it wins.
+  // 5: the reference is the guided filter by whichever feature explains the picture best; the candidate nearest to it
+  // wins.
   Rgb reference;
   {
     std::vector<std::vector<Plane>> guided;
@@ -238,11 +243,10 @@ void run(const SobelGuided& p, const FilterFrame& frame, const FilterOutput& out
     for (const std::vector<Plane>& f : smooth) {
       guided.push_back(guided_filter(frame.signal, pointers(f), kPrefilterRadius, p.epsilon, quiet(task)));
       const Plane fit = luminance_of({&guided.back()[0], &guided.back()[1], &guided.back()[2]}, task);
-      misfit.push_back(box_mean(make_plane(width, height, quiet(task),
-                                           [&](int x, int y) {
-                                             return std::abs(fit(x, y) - light(x, y)) / (std::abs(light(x, y)) + dim);
-                                           }),
-                                2, task));
+      misfit.push_back(box_mean(
+          make_plane(width, height, quiet(task),
+                     [&](int x, int y) { return std::abs(fit(x, y) - light(x, y)) / (std::abs(light(x, y)) + dim); }),
+          2, task));
     }
     if (guided.empty()) {
       for (size_t c = 0; c < 3; ++c) reference[c] = box_mean(*frame.signal[c], kPrefilterRadius, task);
@@ -307,14 +311,17 @@ const FilterEntry entry =
     declare<SobelGuided>("sobel_guided",
                          "Cross bilateral filter over features that a guided filter has cleaned along their Sobel "
                          "gradients, its width fitted at every pixel.")
-        .source("Liu, Zheng, Zheng and Yuan 2018, Removing Monte Carlo noise using a Sobel operator and a guided image "
-                "filter, sections 4 to 6")
+        .source(
+            "Liu, Zheng, Zheng and Yuan 2018, Removing Monte Carlo noise using a Sobel operator and a guided image "
+            "filter, sections 4 to 6")
         .notes(
-            "The published fit takes the width 0.1 px into the variance's law of 1 / a^2, which a kernel that small does "
+            "The published fit takes the width 0.1 px into the variance's law of 1 / a^2, which a kernel that small "
+            "does "
             "not follow, and leaves out the fitted constant of the bias: `fit=repaired` does neither. The published "
             "spike test, one deviation, takes a third of plain noise for spikes: `spikes=repaired` asks for three, of "
             "the other pixels, and for brightness. Media features: opacity, albedo and single scattering for the "
-            "texture, the density gradient for the normal, depth for depth. The layer `sampling_map` says where the next "
+            "texture, the density gradient for the normal, depth for depth. The layer `sampling_map` says where the "
+            "next "
             "samples are worth most.")
         .statistics(Statistics::kVariance)
         .features()

@@ -17,8 +17,7 @@ void run(const Trilateral& p, const FilterFrame& frame, const FilterOutput& out,
   PaddedPlane road(frame.width(), frame.height(), p.radius);
   for (int pass = 0; pass < p.passes; ++pass) {
     if (pass > 0) window.use_result_as_guide(task);
-    for_each_row(frame.height(), quiet(task),
-                 [&](int y) { kernels::road_row(window.guide(), road, y); });
+    for_each_row(frame.height(), quiet(task), [&](int y) { kernels::road_row(window.guide(), road, y); });
     kernels::WindowInput in = window.input();
     // The background had its bilateral filter in the first pass.
     if (pass > 0) in.background = kernels::WindowInput::Background::kCopy;

@@ -43,9 +43,8 @@ Rgb squared_intervals(const FilterFrame& frame, double confidence, const Task& t
   const float factor = static_cast<float>(std::min(t * t, 1e18));
   Rgb out;
   for (size_t c = 0; c < 3; ++c)
-    out[c] = make_plane(frame.width(), frame.height(), quiet(task), [&](int x, int y) {
-      return std::min(factor * (*frame.variance[c])(x, y), 1e37f);
-    });
+    out[c] = make_plane(frame.width(), frame.height(), quiet(task),
+                        [&](int x, int y) { return std::min(factor * (*frame.variance[c])(x, y), 1e37f); });
   return out;
 }
 
@@ -65,10 +64,11 @@ FlashImage flash_image(const VirtualFlash& p, const FilterFrame& frame) {
   } else {
     for (const std::string_view which : {std::string_view(), statistic::mean_variance})
       if (!frame.layers.has(source, which))
-        throw InputError(fmt::format(
-            "filter virtual_flash: guide={} needs the layer '{}' and its variance, which the frame does not have. Record "
-            "them with: brume render SCENE -o OUT.exr --layers direct,indirect,flash; or take guide=signal",
-            source.label(), source.label()));
+        throw InputError(
+            fmt::format("filter virtual_flash: guide={} needs the layer '{}' and its variance, which the frame does "
+                        "not have. Record "
+                        "them with: brume render SCENE -o OUT.exr --layers direct,indirect,flash; or take guide=signal",
+                        source.label(), source.label()));
     take(frame.layers.rgb(source), frame.layers.rgb(source, statistic::mean_variance));
   }
   return flash;
@@ -123,9 +123,8 @@ void run(const VirtualFlash& p, const FilterFrame& frame, const FilterOutput& ou
   for (size_t c = 0; c < 3; ++c) noisy[c] = *frame.signal[c];
   const Rgb narrow = squared_intervals(frame, p.small_confidence, task),
             wide = squared_intervals(frame, p.large_confidence, task);
-  std::vector<Plane> first = step(noisy, frame.signal, narrow, with_values(frame.signal, carried), p.small_radius,
-                                  share(task, 0, 0.1))
-                                 .values;
+  std::vector<Plane> first =
+      step(noisy, frame.signal, narrow, with_values(frame.signal, carried), p.small_radius, share(task, 0, 0.1)).values;
   Rgb once = {std::move(first[0]), std::move(first[1]), std::move(first[2])};
   if (frame.carries())
     for (size_t c = 0; c < 3; ++c) carried[c] = std::move(first[c + 3]);
@@ -156,14 +155,17 @@ const FilterEntry entry =
     declare<VirtualFlash>("virtual_flash",
                           "Non-local means on the virtual flash image, over pixels that are statistically equal to the "
                           "centre, in two steps; with a bound of the error.")
-        .source("Moon, Jun, Lee, Kim, Hachisuka and Yoon 2013, Robust image denoising using a virtual flash image, equations 1 and 2, theorem 3.1, section 4; the flash "
-                "image for media is ours")
+        .source(
+            "Moon, Jun, Lee, Kim, Hachisuka and Yoon 2013, Robust image denoising using a virtual flash image, "
+            "equations 1 and 2, theorem 3.1, section 4; the flash "
+            "image for media is ours")
         .notes(
             "A neighbour counts when its mean lies in the centre's Student confidence interval in all three channels. "
             "`second=strict` tests around the noisy mean, which makes the paper's bound hold: with the stated "
             "confidence the error is at most the interval's length. `recentred` tests around the first step's result, "
             "which removes freckles and has the longer bound. The bound is written as the layer `error_bound`. Guides: "
-            "the flash image (direct light, and a lamp at the eye with falloff and relief from the density gradient, in "
+            "the flash image (direct light, and a lamp at the eye with falloff and relief from the density gradient, "
+            "in "
             "place of the indirect light), direct light alone, or the signal itself.")
         .statistics(Statistics::kVariance)
         .can_use(layer::flash, layer::direct)
@@ -178,8 +180,8 @@ const FilterEntry entry =
                "of the first step's intervals")
         .param("large-confidence", &VirtualFlash::large_confidence, {0.5, 0.999999}, "1",
                "of the second step's intervals", {0.9, 0.99, 0.999})
-        .param("strength", &VirtualFlash::strength, {0.05, 100}, "1", "k, noise deviations of the flash image taken as equal",
-               {0.5, 0.7, 1, 2})
+        .param("strength", &VirtualFlash::strength, {0.05, 100}, "1",
+               "k, noise deviations of the flash image taken as equal", {0.5, 0.7, 1, 2})
         .param("second", &VirtualFlash::second, {"recentred", "strict"}, "what the second step's intervals lie around")
         .param("range", &VirtualFlash::range, {"noise", "literal"},
                "patch distance per pixel's noise, or one sigma for the picture as published")

@@ -127,8 +127,9 @@ void run(const Wavelet& p, const FilterFrame& frame, const FilterOutput& out, co
 
 const FilterEntry entry =
     declare<Wavelet>("wavelet", "Shrinks the details of each scale by as much as their noise.")
-        .source("undecimated B3-spline wavelets (Starck and Murtagh 1994) shrunk in the spirit of Overbeck, Donner and "
-                "Ramamoorthi 2009, Adaptive Wavelet Rendering, which takes one standard deviation off")
+        .source(
+            "undecimated B3-spline wavelets (Starck and Murtagh 1994) shrunk in the spirit of Overbeck, Donner and "
+            "Ramamoorthi 2009, Adaptive Wavelet Rendering, which takes one standard deviation off")
         .notes(
             "Each band's noise follows from the variance of the pixels and the band's impulse response. `strength=0` "
             "gives the input back. Results can be negative beside bright edges; they are left so.")

@@ -69,9 +69,9 @@ void run(const Welch& p, const FilterFrame& frame, const FilterOutput& out, cons
   }
   model.memberships.push_back(test);
   for (const Feature& f : *frame.features) {
-    const float sigma = f.name == "albedo"                             ? p.sigma_albedo
+    const float sigma = f.name == "albedo"                           ? p.sigma_albedo
                         : f.name == "gradient" || f.name == "normal" ? p.sigma_direction
-                                                                      : p.sigma_other;
+                                                                     : p.sigma_other;
     if (!(sigma > 0)) continue;
     Distance d;
     d.kind = Distance::Kind::kRatio;
@@ -89,7 +89,8 @@ const FilterEntry entry =
         .source("Sakai, Freude, Auzinger, Hahn and Wimmer 2024, A Statistical Approach to Monte Carlo Denoising")
         .notes(
             "A neighbour counts when Welch's test of the Box-Cox transformed samples, corrected for skewness, does not "
-            "tell it from the centre in any channel. With `--records` every sample is transformed, as published; without, "
+            "tell it from the centre in any channel. With `--records` every sample is transformed, as published; "
+            "without, "
             "the eight bucket means are, which are closer to normal and fewer. The weights of the "
             "features are Gaussians, their variances the parameters.")
         .statistics(Statistics::kBuckets)
@@ -105,8 +106,8 @@ const FilterEntry entry =
         .param("sigma-albedo", &Welch::sigma_albedo, {0, 100}, "1", "variance of the kernel over albedo; 0: off")
         .param("sigma-direction", &Welch::sigma_direction, {0, 100}, "1",
                "variance of the kernel over the density gradient and the normal; 0: off", {0, 0.1, 1})
-        .param("sigma-other", &Welch::sigma_other, {0, 100}, "1", "variance of the kernel over every other feature; 0: off",
-               {0, 0.01, 0.1})
+        .param("sigma-other", &Welch::sigma_other, {0, 100}, "1",
+               "variance of the kernel over every other feature; 0: off", {0, 0.01, 0.1})
         .scratch(16)
         .apron([](const Welch& p) { return p.search_radius; })
         .run(run);

@@ -29,7 +29,7 @@ using Curved = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, 2 * kMos
 struct Window {
   int dimensions = 0;
   std::vector<ivec2> places;
-  std::vector<double> z;  // dimensions numbers for each place
+  std::vector<double> z;              // dimensions numbers for each place
   std::array<double, kMost> width{};  // of each dimension, before the bandwidth
 };
 
@@ -57,7 +57,8 @@ class Regression {
     for (int qy = std::max(0, y - r); qy <= std::min(frame_.height() - 1, y + r); ++qy)
       for (int qx = std::max(0, x - r); qx <= std::min(frame_.width() - 1, x + r); ++qx)
         if (std::abs(light_(qx, qy) - light_(x, y)) <=
-            static_cast<double>(p_.rejection) * (std::sqrt(noise_(qx, qy)) + std::sqrt(noise_(x, y))) + kRejectionFloor * std::abs(light_(x, y)))
+            static_cast<double>(p_.rejection) * (std::sqrt(noise_(qx, qy)) + std::sqrt(noise_(x, y))) +
+                kRejectionFloor * std::abs(light_(x, y)))
           w.places.push_back({qx, qy});
     const size_t n = w.places.size();
     std::vector<double> full(n * static_cast<size_t>(columns));
@@ -74,7 +75,8 @@ class Regression {
         for (const ivec2& q : w.places) own_noise += (*variances_[static_cast<size_t>(k) - 2])(q.x, q.y);
         noise += own_noise / (spread * spread * static_cast<double>(n));
       }
-      for (size_t i = 0; i < n; ++i) full[i * static_cast<size_t>(columns) + static_cast<size_t>(k)] = (value(w.places[i]) - mean) / spread;
+      for (size_t i = 0; i < n; ++i)
+        full[i * static_cast<size_t>(columns) + static_cast<size_t>(k)] = (value(w.places[i]) - mean) / spread;
     }
     Matrix gram = Matrix::Zero(columns, columns);
     for (size_t i = 0; i < n; ++i) {
@@ -97,7 +99,8 @@ class Regression {
     w.z.resize(n * static_cast<size_t>(kept));
     for (size_t i = 0; i < n; ++i) {
       const Eigen::Map<const Eigen::VectorXd> row(full.data() + i * static_cast<size_t>(columns), columns);
-      Eigen::Map<Eigen::VectorXd>(w.z.data() + i * static_cast<size_t>(kept), kept).noalias() = basis.transpose() * (row - origin);
+      Eigen::Map<Eigen::VectorXd>(w.z.data() + i * static_cast<size_t>(kept), kept).noalias() =
+          basis.transpose() * (row - origin);
     }
     measure_widths(x, y, w);
   }
@@ -187,7 +190,9 @@ class Regression {
   void measure_widths(int x, int y, Window& w) const {
     const int k = w.dimensions, n = 2 * k + 1;
     Curved a = Curved::Zero(n, n);
-    Eigen::Matrix<double, Eigen::Dynamic, 1, 0, 2 * kMost + 1, 1> b = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, 2 * kMost + 1, 1>::Zero(n), row = b;
+    Eigen::Matrix<double, Eigen::Dynamic, 1, 0, 2 * kMost + 1, 1>
+        b = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, 2 * kMost + 1, 1>::Zero(n),
+        row = b;
     for (size_t i = 0; i < w.places.size(); ++i) {
       const ivec2 d = w.places[i] - ivec2(x, y);
       if (std::max(std::abs(d.x), std::abs(d.y)) > p_.curvature_radius) continue;
@@ -202,10 +207,11 @@ class Regression {
     const double unit = std::max(std::abs(static_cast<double>(light_(x, y))), 1e-6);
     for (int j = 0; j < k; ++j) {
       double reach = 0;
-      for (size_t i = 0; i < w.places.size(); ++i) reach = std::max(reach, std::abs(w.z[i * static_cast<size_t>(k) + static_cast<size_t>(j)]));
+      for (size_t i = 0; i < w.places.size(); ++i)
+        reach = std::max(reach, std::abs(w.z[i * static_cast<size_t>(k) + static_cast<size_t>(j)]));
       // At bandwidth 1 and no curvature the kernel spans the window's whole extent along the dimension.
-      w.width[static_cast<size_t>(j)] =
-          std::max(reach, 1e-6) * 1.001 * std::sqrt(kCurvatureFloor) / std::sqrt(std::abs(solution[1 + k + j]) / unit + kCurvatureFloor);
+      w.width[static_cast<size_t>(j)] = std::max(reach, 1e-6) * 1.001 * std::sqrt(kCurvatureFloor) /
+                                        std::sqrt(std::abs(solution[1 + k + j]) / unit + kCurvatureFloor);
     }
   }
 
@@ -239,12 +245,14 @@ void run(const Wlr& p, const FilterFrame& frame, const FilterOutput& out, const 
 }
 
 const FilterEntry entry =
-    declare<Wlr>("wlr", "Weighted local regression: a line in a reduced feature space, its bandwidth fitted at every pixel.")
+    declare<Wlr>("wlr",
+                 "Weighted local regression: a line in a reduced feature space, its bandwidth fitted at every pixel.")
         .source("Moon, Carr and Yoon 2014, Adaptive Rendering based on Weighted Local Regression, sections 4 and 5")
         .notes(
             "Position and features of each window are reduced to the singular directions that their noise does not "
             "explain. Lines at five bandwidths give the curves of bias and variance whose best trade-off is taken, and "
-            "smoothed over the picture. Two constants that the authors' program has in units of brightness are relative "
+            "smoothed over the picture. Two constants that the authors' program has in units of brightness are "
+            "relative "
             "to the pixel here.")
         .statistics(Statistics::kVariance)
         .features()

@@ -51,9 +51,9 @@ void noise_row(const RowPair& r, float* HWY_RESTRICT out, int n) {
     const float *va0 = r.p(t.variance[0]), *va1 = r.p(t.variance[1]), *va2 = r.p(t.variance[2]);
     const float *vb0 = r.q(t.variance[0]), *vb1 = r.q(t.variance[1]), *vb2 = r.q(t.variance[2]);
     for (int x = 0; x < n; ++x)
-      out[x] = (1.0f / 3.0f) * (noise_distance(a0[x], b0[x], va0[x], vb0[x], k2) +
-                                noise_distance(a1[x], b1[x], va1[x], vb1[x], k2) +
-                                noise_distance(a2[x], b2[x], va2[x], vb2[x], k2));
+      out[x] = (1.0f / 3.0f) *
+               (noise_distance(a0[x], b0[x], va0[x], vb0[x], k2) + noise_distance(a1[x], b1[x], va1[x], vb1[x], k2) +
+                noise_distance(a2[x], b2[x], va2[x], vb2[x], k2));
     return;
   }
   const float share = 1.0f / static_cast<float>(t.guide.size());

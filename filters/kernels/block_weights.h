@@ -16,7 +16,8 @@ struct Distance {
     kOwnScale,
     /// sum of (a - b)^2 / max(Va + Vb + own(p), floor), of which V and own have one channel or none (B8, A5).
     kRatio,
-    /// (1 - cos)^2 where the channels are a unit direction and, fourth, 1 where it is defined; 0 beside an undefined one.
+    /// (1 - cos)^2 where the channels are a unit direction and, fourth, 1 where it is defined; 0 beside an undefined
+    /// one.
     kAngle,
   };
   Kind kind = Kind::kNoise;

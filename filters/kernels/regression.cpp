@@ -132,7 +132,8 @@ void ScatterPrediction(const RegressionRow& row, const float* weights, int dx, i
       for (int x = 0; x < n; ++x) prediction[x] = centre[x] + b0[x] + px * b1[x] + py * b2[x];
       for (size_t k = 0; k < features; ++k) {
         const float *p = row.features[k]->row(row.y) + row.x0 + first,
-                    *q = row.features[k]->row(row.y + dy) + row.x0 + dx + first, *bk = b + stride * ((k + 3) * m + c) + at;
+                    *q = row.features[k]->row(row.y + dy) + row.x0 + dx + first,
+                    *bk = b + stride * ((k + 3) * m + c) + at;
         for (int x = 0; x < n; ++x) prediction[x] += bk[x] * (q[x] - p[x]);
       }
       float* HWY_RESTRICT sum = sums[c]->row(row.y + dy) + row.x0 + dx + first;

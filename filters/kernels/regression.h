@@ -19,7 +19,7 @@ inline int triangle(int row, int column, int n) {
 /// (x0, y): regressors 1, dx / radius, dy / radius, f_k(q) - f_k(p); values v_c(q) - v_c(p). All q must lie inside.
 /// @param weights  offset by offset, `weight_step` floats apart
 struct RegressionRow {
-  std::span<const Plane* const> features, values;
+  std::span<const Plane*const> features, values;
   int x0, y, count, radius;
   size_t stride;
 };
@@ -28,8 +28,8 @@ void accumulate_normal(const RegressionRow& row, const float* weights, size_t we
 /// Floats of scratch that accumulate_normal needs.
 size_t normal_scratch(size_t features, size_t values, size_t stride);
 
-/// Adds each pixel's prediction for its neighbour (dx, dy), times the weight, to the neighbour's sums; the weight itself
-/// to `total`.
+/// Adds each pixel's prediction for its neighbour (dx, dy), times the weight, to the neighbour's sums; the weight
+/// itself to `total`.
 /// @param b  the solution of the normal equations
 void scatter_prediction(const RegressionRow& row, const float* weights, int dx, int dy, const float* b,
                         std::span<Plane* const> sums, Plane& total);

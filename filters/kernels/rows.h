@@ -4,8 +4,8 @@
 namespace brume::kernels {
 
 // Small loops over rows of floats, compiled for every instruction set and chosen at run time. They are written as plain
-// loops, so that the definition and the vector code are the same lines; none adds along x, so every pixel's value is the
-// same sum in the same order whatever the width of a vector.
+// loops, so that the definition and the vector code are the same lines; none adds along x, so every pixel's value is
+// the same sum in the same order whatever the width of a vector.
 
 /// out[x] = sum of in[x - radius .. x + radius], clipped to the row.
 void box_row(const float* in, float* out, int width, int radius);

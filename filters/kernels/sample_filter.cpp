@@ -43,7 +43,8 @@ void filter(std::span<const float* const> own, std::span<const float* const> oth
 void FilterSamples(std::span<const float* const> own, std::span<const float* const> others,
                    std::span<const float* const> colors, std::span<const ScaledComponent> components,
                    float (*sums)[16]) {
-  own.size() <= 8 ? filter<8>(own, others, colors, components, sums) : filter<16>(own, others, colors, components, sums);
+  own.size() <= 8 ? filter<8>(own, others, colors, components, sums)
+                  : filter<16>(own, others, colors, components, sums);
 }
 
 }  // namespace brume::kernels::HWY_NAMESPACE

@@ -143,12 +143,28 @@ TEST(Tuning, FindsThePlantedBest) {
 TEST(Contenders, AreEveryFilterAndTheSettingsItDeclares) {
   std::vector<std::string> labels;
   for (const Contender& c : all_contenders()) labels.push_back(c.label);
-  EXPECT_EQ(labels, (std::vector<std::string>{"a_trous", "anisotropic_diffusion", "bayesian_collaborative",
-                                              "bayesian_collaborative mean", "bilateral", "extended_bilateral",
-                                              "gaussian", "gaussian per-pixel", "gradient_kernel",
-                                              "gradient_kernel mul", "gradient_kernel gate", "guided", "nfor",
-                                              "nl_means", "rdfc", "sbf", "sobel_guided", "trilateral", "virtual_flash",
-                                              "wavelet", "welch", "wlr"}))
+  EXPECT_EQ(labels, (std::vector<std::string>{"a_trous",
+                                              "anisotropic_diffusion",
+                                              "bayesian_collaborative",
+                                              "bayesian_collaborative mean",
+                                              "bilateral",
+                                              "extended_bilateral",
+                                              "gaussian",
+                                              "gaussian per-pixel",
+                                              "gradient_kernel",
+                                              "gradient_kernel mul",
+                                              "gradient_kernel gate",
+                                              "guided",
+                                              "nfor",
+                                              "nl_means",
+                                              "rdfc",
+                                              "sbf",
+                                              "sobel_guided",
+                                              "trilateral",
+                                              "virtual_flash",
+                                              "wavelet",
+                                              "welch",
+                                              "wlr"}))
       << "random_parameter only when asked for: its records are large";
   // What makes the line is not searched.
   for (const FilterSettings& f : search_grid(parse_contender("gradient_kernel:variant=gate")))

@@ -29,11 +29,13 @@ double rms(const Layers& clean, const Layers& frame, const test::Value& truth) {
   for (int y = margin; y < frame.height() - margin; ++y)
     for (int x = margin; x < frame.width() - margin; ++x)
       for (size_t c = 0; c < 3; ++c, ++n)
-        sum += std::pow((*clean.rgb(layer::beauty)[c])(x, y) - (*frame.rgb(layer::direct)[c])(x, y) - truth(x, y, c), 2);
+        sum +=
+            std::pow((*clean.rgb(layer::beauty)[c])(x, y) - (*frame.rgb(layer::direct)[c])(x, y) - truth(x, y, c), 2);
   return std::sqrt(sum / n);
 }
 
-double rms_of(const std::string& filter, const Layers& frame, const test::Value& truth, const ApplyOptions& options = {}) {
+double rms_of(const std::string& filter, const Layers& frame, const test::Value& truth,
+              const ApplyOptions& options = {}) {
   return rms(apply_filter(parse_filter(filter), frame, options, {}), frame, truth);
 }
 
@@ -44,16 +46,19 @@ double input_rms(const Layers& frame, const test::Value& truth) {
 /// Smooth shading with an edge.
 float shaded(int x, int y, size_t c) {
   const float fx = static_cast<float>(x), fy = static_cast<float>(y);
-  return 0.5f + 0.1f * static_cast<float>(c) + 0.2f * std::sin(0.09f * fx) * std::cos(0.07f * fy) + (x + y > 110 ? 0.5f : 0.0f);
+  return 0.5f + 0.1f * static_cast<float>(c) + 0.2f * std::sin(0.09f * fx) * std::cos(0.07f * fy) +
+         (x + y > 110 ? 0.5f : 0.0f);
 }
 
 TEST(Claims, ConsistentFiltersConvergeAndTheOthersHaveAFloor) {
   // Noise of a hundredth of the edge's height, then a hundredth of that: what is left must follow, or stay.
-  // Those whose number of samples stays while the noise falls: histograms (bayesian_collaborative) and sets of widths (sbf)
-  // are consistent in the number of samples alone.
-  const std::vector<std::string> consistent = {"nl_means", "nfor:strength-1=0.5", "wavelet",
-                                               "anisotropic_diffusion:iterations=40", "rdfc", "virtual_flash:guide=signal"};
-  const Layers low = sampled_frame(110, 100, 64, 0.2, 1, shaded), lowest = sampled_frame(110, 100, 64, 0.002, 1, shaded);
+  // Those whose number of samples stays while the noise falls: histograms (bayesian_collaborative) and sets of widths
+  // (sbf) are consistent in the number of samples alone.
+  const std::vector<std::string> consistent = {"nl_means", "nfor:strength-1=0.5",
+                                               "wavelet",  "anisotropic_diffusion:iterations=40",
+                                               "rdfc",     "virtual_flash:guide=signal"};
+  const Layers low = sampled_frame(110, 100, 64, 0.2, 1, shaded),
+               lowest = sampled_frame(110, 100, 64, 0.002, 1, shaded);
   for (const std::string& name : consistent) {
     ApplyOptions options;
     options.features = {"none"};
@@ -70,22 +75,24 @@ TEST(Claims, ConsistentFiltersConvergeAndTheOthersHaveAFloor) {
 TEST(Claims, XuPattanaikLiteralParametersDoNothingAndTheSwappedOnesDo) {
   const Layers frame = sampled_frame(110, 100, 16, 0.3, 2, shaded);
   const double input = input_rms(frame, shaded);
-  const double literal = rms_of("extended_bilateral:domain=log-luminance,sigma-domain=0.4,sigma-range=2", frame, shaded);
+  const double literal =
+      rms_of("extended_bilateral:domain=log-luminance,sigma-domain=0.4,sigma-range=2", frame, shaded);
   const double swapped = rms_of("extended_bilateral:domain=log-luminance", frame, shaded);
   EXPECT_GT(literal, 0.8 * input);
   EXPECT_LT(swapped, 0.55 * input);
 }
 
 TEST(Claims, HomogeneousPixelsIntervalsCoverAsTheirTableSays) {
-  // Table 1 of the virtual flash paper prints, for 99 % intervals of path traced pixels, .921 at 4 samples, .956 at 32 and
-  // .972 at 128: skewed light. For normal samples Student's interval covers 99 %.
+  // Table 1 of the virtual flash paper prints, for 99 % intervals of path traced pixels, .921 at 4 samples, .956 at 32
+  // and .972 at 128: skewed light. For normal samples Student's interval covers 99 %.
   for (const int n : {4, 16, 64}) {
     const Layers frame = sampled_frame(150, 150, n, 0.5, 3, [](int, int, size_t) { return 1.0f; });
     const double t = student_quantile(0.99, n - 1);
     int covered = 0;
     for (int y = 0; y < 150; ++y)
       for (int x = 0; x < 150; ++x)
-        covered += std::abs(frame.at("indirect.G")(x, y) - 1) <= t * std::sqrt(frame.at("indirect.mean_variance.G")(x, y));
+        covered +=
+            std::abs(frame.at("indirect.G")(x, y) - 1) <= t * std::sqrt(frame.at("indirect.mean_variance.G")(x, y));
     // 22500 pixels: standard error 0.0007.
     EXPECT_NEAR(covered / 22500.0, 0.99, 0.003) << n;
   }
@@ -107,7 +114,8 @@ TEST(Claims, TheirCoverageOfPathTracedLightIsThePapers) {
           const float expected = truth.at("indirect.G")(x, y);
           if (!(expected > 0.01f)) continue;
           ++lit;
-          covered += std::abs(frame.at("indirect.G")(x, y) - expected) <= t * std::sqrt(frame.at("indirect.mean_variance.G")(x, y));
+          covered += std::abs(frame.at("indirect.G")(x, y) - expected) <=
+                     t * std::sqrt(frame.at("indirect.mean_variance.G")(x, y));
         }
     }
     // Light in a cloud is more skewed than on the paper's surfaces: four samples cover 85 %, not 92 % (docs/filters).
@@ -124,8 +132,8 @@ TEST(Claims, TheErrorBoundHolds) {
     for (int y = 0; y < 110; ++y)
       for (int x = 0; x < 120; ++x)
         for (size_t c = 0; c < 3; ++c, ++n)
-          inside += std::abs((*out.rgb(layer::beauty)[c])(x, y) - (*frame.rgb(layer::direct)[c])(x, y) - shaded(x, y, c)) <=
-                    (*out.rgb(layer::error_bound)[c])(x, y);
+          inside += std::abs((*out.rgb(layer::beauty)[c])(x, y) - (*frame.rgb(layer::direct)[c])(x, y) -
+                             shaded(x, y, c)) <= (*out.rgb(layer::error_bound)[c])(x, y);
     EXPECT_GE(static_cast<double>(inside) / n, 0.99) << second;
   }
 }
@@ -159,7 +167,9 @@ TEST(Claims, GuidedPrefilterBeatsNonLocalMeansOnNoisyFeaturesAtFourSamples) {
     }
   Plane gradient(width, height);
   for (int y = 0; y < height; ++y)
-    for (int x = 0; x < width; ++x) gradient(x, y) = static_cast<float>(std::abs(truth(std::min(x + 1, width - 1), y) - truth(std::max(x - 1, 0), y)) / 2);
+    for (int x = 0; x < width; ++x)
+      gradient(x, y) =
+          static_cast<float>(std::abs(truth(std::min(x + 1, width - 1), y) - truth(std::max(x - 1, 0), y)) / 2);
   const Plane *inputs[] = {&noisy}, *guide[] = {&gradient}, *noise[] = {&variance};
   const std::vector<Plane> guided = guided_filter(inputs, guide, 3, 1e-3f, {});
   WeightModel model;
@@ -174,13 +184,16 @@ TEST(Claims, GuidedPrefilterBeatsNonLocalMeansOnNoisyFeaturesAtFourSamples) {
 }
 
 TEST(Claims, RandomParameterFilteringConvergesWhereAFixedVarianceDoesNot) {
-  const test::Value flat = [](int, int, size_t) { return 0.7f; }, edge = [](int x, int, size_t) { return x > 20 ? 0.9f : 0.5f; };
+  const test::Value flat = [](int, int, size_t) { return 0.7f; },
+                    edge = [](int x, int, size_t) { return x > 20 ? 0.9f : 0.5f; };
   const auto error = [&](const test::Value& truth, double deviation, const std::string& variance) {
     const Layers frame = sampled_frame(40, 24, 8, deviation, 7, truth);
     test::Records records(frame);
     ApplyOptions options;
     options.records = &*records.reader;
-    return rms(apply_filter(parse_filter("random_parameter:largest-neighborhood=300,variance=" + variance), frame, options, {}), frame, truth);
+    return rms(apply_filter(parse_filter("random_parameter:largest-neighborhood=300,variance=" + variance), frame,
+                            options, {}),
+               frame, truth);
   };
   const double input = input_rms(sampled_frame(40, 24, 8, 0.3, 7, flat), flat);
   EXPECT_LT(error(flat, 0.3, "0.2"), 0.5 * input) << "noise that the random parameters explain goes";
@@ -195,7 +208,8 @@ TEST(Claims, DiffusionKeepsTheLight) {
   for (size_t c = 0; c < 3; ++c) {
     double before = 0, after = 0;
     for (int y = 0; y < 60; ++y)
-      for (int x = 0; x < 70; ++x) before += (*frame.rgb(layer::beauty)[c])(x, y), after += (*out.rgb(layer::beauty)[c])(x, y);
+      for (int x = 0; x < 70; ++x)
+        before += (*frame.rgb(layer::beauty)[c])(x, y), after += (*out.rgb(layer::beauty)[c])(x, y);
     EXPECT_NEAR(after / before, 1, 1e-5);
   }
 }
@@ -216,7 +230,8 @@ TEST(Claims, WaveletsTakeOneDeviationOffEachBand) {
 }
 
 TEST(Claims, EdgeAvoidingWaveletsWithoutTermsAreTheSplineCascade) {
-  Layers frame = sampled_frame(90, 80, 16, 0.0, 11, [](int x, int y, size_t) { return x == 45 && y == 40 ? 1.0f : 0.0f; });
+  Layers frame =
+      sampled_frame(90, 80, 16, 0.0, 11, [](int x, int y, size_t) { return x == 45 && y == 40 ? 1.0f : 0.0f; });
   ApplyOptions options;
   options.features = {"none"};
   const Layers out = apply_filter(parse_filter("a_trous:levels=2,sigma-color=0"), frame, options, {});

@@ -89,7 +89,8 @@ TEST(CommonRules, ApartIsEachComponentByItself) {
   apart.component = Component::kApart;
   const Layers both = apply_filter(f, frame, apart, {}), indirect = apply_filter(f, frame, {}, {});
   Layers swapped = frame;  // the direct component filtered alone: swap the names
-  for (const std::string_view which : {std::string_view(), statistic::mean_variance, statistic::half_a, statistic::half_b})
+  for (const std::string_view which :
+       {std::string_view(), statistic::mean_variance, statistic::half_a, statistic::half_b})
     for (size_t c = 0; c < 3; ++c) {
       swapped.set(layer::indirect.channel_of(which, c), frame.at(layer::direct.channel_of(which, c)));
       swapped.set(layer::direct.channel_of(which, c), frame.at(layer::indirect.channel_of(which, c)));
@@ -97,8 +98,10 @@ TEST(CommonRules, ApartIsEachComponentByItself) {
   const Layers direct = apply_filter(f, swapped, {}, {});
   for (int y = 0; y < 30; ++y)
     for (int x = 0; x < 40; ++x)
-      ASSERT_NEAR(both.at("G")(x, y),
-                  indirect.at("G")(x, y) - frame.at("direct.G")(x, y) + direct.at("G")(x, y) - frame.at("indirect.G")(x, y), 1e-5);
+      ASSERT_NEAR(
+          both.at("G")(x, y),
+          indirect.at("G")(x, y) - frame.at("direct.G")(x, y) + direct.at("G")(x, y) - frame.at("indirect.G")(x, y),
+          1e-5);
 }
 
 /// A frame whose features carry nothing: each constant, absent, or noise.
@@ -125,7 +128,9 @@ Layers without_signal_in_features(Layers frame, const std::string& how) {
 }
 
 TEST(CommonRules, FeaturesThatSayNothingNeverMakeItWorseThanColourAlone) {
-  const test::Value truth = [](int x, int y, size_t) { return 0.5f + 0.3f * std::sin(0.15f * static_cast<float>(x)) + (y > 30 ? 0.4f : 0.0f); };
+  const test::Value truth = [](int x, int y, size_t) {
+    return 0.5f + 0.3f * std::sin(0.15f * static_cast<float>(x)) + (y > 30 ? 0.4f : 0.0f);
+  };
   const Layers frame = sampled_frame(80, 60, 16, 0.6, 4, truth);
   for (const FilterEntry* e : all_filters()) {
     FilterSettings f(*e);
@@ -133,8 +138,9 @@ TEST(CommonRules, FeaturesThatSayNothingNeverMakeItWorseThanColourAlone) {
     if (!f.uses_features()) continue;
     ApplyOptions alone;
     alone.features = {"none"};
-    const double color = rms(apply_filter(f, without_signal_in_features(frame, "absent"), alone, {}),
-                             [&](int x, int y, size_t c) { return truth(x, y, c) + 0.01f * static_cast<float>(x + y); });
+    const double color =
+        rms(apply_filter(f, without_signal_in_features(frame, "absent"), alone, {}),
+            [&](int x, int y, size_t c) { return truth(x, y, c) + 0.01f * static_cast<float>(x + y); });
     for (const std::string how : {"absent", "constant", "noise"}) {
       ApplyReport report;
       const Layers out = apply_filter(f, without_signal_in_features(frame, how), {}, {}, &report);
@@ -143,7 +149,11 @@ TEST(CommonRules, FeaturesThatSayNothingNeverMakeItWorseThanColourAlone) {
           << e->name << " " << how;
       ASSERT_FALSE(report.notes.empty());
       const std::string& note = report.notes.front();
-      EXPECT_NE(note.find(how == "absent" ? "(not recorded)" : how == "constant" ? "(constant)" : "(noisier than its signal)"), std::string::npos) << note;
+      EXPECT_NE(note.find(how == "absent"     ? "(not recorded)"
+                          : how == "constant" ? "(constant)"
+                                              : "(noisier than its signal)"),
+                std::string::npos)
+          << note;
     }
   }
 }
@@ -160,7 +170,8 @@ TEST(CommonRules, FeaturesAreChosenByName) {
     apply_filter(parse_filter("guided"), frame, options, {});
     FAIL();
   } catch (const InputError& error) {
-    EXPECT_NE(std::string(error.what()).find("no feature 'opacty'; did you mean 'opacity'?"), std::string::npos) << error.what();
+    EXPECT_NE(std::string(error.what()).find("no feature 'opacty'; did you mean 'opacity'?"), std::string::npos)
+        << error.what();
   }
 }
 
@@ -210,7 +221,9 @@ TEST(CommonRules, WhatIsMissingIsNamedWithTheWayToGetIt) {
     }
     return std::string();
   };
-  const auto holds = [](const std::string& text, const std::string& part) { return text.find(part) != std::string::npos; };
+  const auto holds = [](const std::string& text, const std::string& part) {
+    return text.find(part) != std::string::npos;
+  };
   Layers bare = without("mean_variance");
   for (const std::string part : {"half_", "bucket_"}) {
     Layers less(20, 20);
@@ -218,7 +231,9 @@ TEST(CommonRules, WhatIsMissingIsNamedWithTheWayToGetIt) {
       if (name.find(part) == std::string::npos) less.set(name, plane);
     bare = less;
   }
-  EXPECT_TRUE(holds(message("wavelet", bare), "needs the variance of 'indirect' (channel indirect.mean_variance.R and its like)")) << message("wavelet", bare);
+  EXPECT_TRUE(holds(message("wavelet", bare),
+                    "needs the variance of 'indirect' (channel indirect.mean_variance.R and its like)"))
+      << message("wavelet", bare);
   EXPECT_TRUE(holds(message("wavelet", bare), "--noise spatial"));
   EXPECT_EQ(message("wavelet", without("mean_variance")), "") << "the halves tell it too";
   ApplyOptions spatial;
@@ -261,7 +276,8 @@ TEST(CommonRules, RandomParameterFilteringReadsTheRecordsOfItsFrameOnly) {
     apply_filter(f, frame, options, {});
     FAIL();
   } catch (const InputError& error) {
-    EXPECT_NE(std::string(error.what()).find("31 x 20 pixels, the frame has 30 x 20"), std::string::npos) << error.what();
+    EXPECT_NE(std::string(error.what()).find("31 x 20 pixels, the frame has 30 x 20"), std::string::npos)
+        << error.what();
   }
   options.records = &*records.reader;
   const Layers whole = apply_filter(f, frame, options, {});

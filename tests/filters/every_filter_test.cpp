@@ -67,8 +67,8 @@ TEST(EveryFilter, LeavesConstantsAlone) {
     for (const float value : {0.0f, 0.3f, 50.0f}) {
       // The released program of random parameter filtering cuts samples off at ten times white.
       if (value > 10 && f.text().find("preset=release") != std::string::npos) continue;
-      const Layers frame =
-          frame_of(30, 20, [value](int, int, size_t c) { return value * (1.0f + 0.2f * static_cast<float>(c)); }, 0.013, 0);
+      const Layers frame = frame_of(
+          30, 20, [value](int, int, size_t c) { return value * (1.0f + 0.2f * static_cast<float>(c)); }, 0.013, 0);
       const Layers out = apply(f, frame, {}, {});
       for (size_t c = 0; c < 3; ++c)
         for (int y = 0; y < 20; ++y)
@@ -149,7 +149,8 @@ Layers transformed(const Layers& in, bool transpose, bool mirror) {
 
 TEST(EveryFilter, FollowsMirrorsAndQuarterTurns) {
   for (const FilterSettings& f : every_filter()) {
-    // Random numbers by the pixel's place do not turn with the picture, nor does the order in which patches claim pixels.
+    // Random numbers by the pixel's place do not turn with the picture, nor does the order in which patches claim
+    // pixels.
     if (f.entry().seeded) continue;
     const Layers frame = noisy_frame(37, 26, 4), out = apply(f, frame, {}, {});
     for (const auto& [transpose, mirror] : {std::pair(false, true), {true, false}, {true, true}}) {
@@ -168,12 +169,12 @@ TEST(EveryFilter, ReportsToOneAndStopsWhenCancelled) {
   for (const FilterSettings& f : every_filter()) {
     double last = 0;
     apply(f, noisy_frame(40, 60, 5), {},
-                 {1,
-                  [&](double v) {
-                    EXPECT_GE(v, last);
-                    last = v;
-                  },
-                  nullptr});
+          {1,
+           [&](double v) {
+             EXPECT_GE(v, last);
+             last = v;
+           },
+           nullptr});
     EXPECT_EQ(last, 1.0) << label(f);
     std::atomic<bool> cancel{true};
     EXPECT_THROW(apply(f, noisy_frame(40, 60, 5), {}, {2, {}, &cancel}), Interrupted) << label(f);
@@ -205,8 +206,8 @@ TEST(EveryFilter, NeverMakesFlatNoiseWorse) {
     Rng rng(8);
     std::vector<float> noise;
     for (int i = 0; i < 64 * 64 * 3; ++i) noise.push_back(static_cast<float>(0.35 + 0.1 * rng.uniform()));
-    const Layers frame =
-        frame_of(64, 64, [&](int x, int y, size_t c) { return noise[static_cast<size_t>(y * 64 + x) * 3 + c]; }, 0.01 / 12);
+    const Layers frame = frame_of(
+        64, 64, [&](int x, int y, size_t c) { return noise[static_cast<size_t>(y * 64 + x) * 3 + c]; }, 0.01 / 12);
     const Layers out = apply(f, frame, {}, {});
     double before = 0, after = 0;
     for (int y = 0; y < 64; ++y)

@@ -55,7 +55,8 @@ std::vector<Plane> noise_planes(int width, int height, uint64_t seed, double sca
   return planes;
 }
 
-/// The weights of FILTERS.md B6 with borders as stated there: the mean over the patch pixels that are inside at both ends.
+/// The weights of FILTERS.md B6 with borders as stated there: the mean over the patch pixels that are inside at both
+/// ends.
 double nl_means_weight(const std::vector<Plane>& u, const std::vector<Plane>& v, int px, int py, int qx, int qy, int f,
                        double k) {
   const int width = u[0].width(), height = u[0].height();
@@ -110,8 +111,10 @@ TEST_P(EveryTarget, ManySystemsAreSolvedAsOneByOne) {
     sides.push_back(side);
     for (int i = 0; i < n; ++i) {
       for (int j = i; j < n; ++j)
-        a[stride * static_cast<size_t>(kernels::triangle(i, j, n)) + static_cast<size_t>(x)] = static_cast<float>(matrices.back()(i, j));
-      for (int c = 0; c < m; ++c) b[stride * static_cast<size_t>(i * m + c) + static_cast<size_t>(x)] = static_cast<float>(side(i, c));
+        a[stride * static_cast<size_t>(kernels::triangle(i, j, n)) + static_cast<size_t>(x)] =
+            static_cast<float>(matrices.back()(i, j));
+      for (int c = 0; c < m; ++c)
+        b[stride * static_cast<size_t>(i * m + c) + static_cast<size_t>(x)] = static_cast<float>(side(i, c));
     }
   }
   kernels::solve_rows(a.data(), b.data(), n, m, count, stride, 0, 0);
@@ -119,7 +122,8 @@ TEST_P(EveryTarget, ManySystemsAreSolvedAsOneByOne) {
     const Eigen::MatrixXd solution = matrices[static_cast<size_t>(x)].ldlt().solve(sides[static_cast<size_t>(x)]);
     for (int i = 0; i < n; ++i)
       for (int c = 0; c < m; ++c)
-        ASSERT_NEAR(b[stride * static_cast<size_t>(i * m + c) + static_cast<size_t>(x)], solution(i, c), 1e-3 * (1 + solution.cwiseAbs().maxCoeff()));
+        ASSERT_NEAR(b[stride * static_cast<size_t>(i * m + c) + static_cast<size_t>(x)], solution(i, c),
+                    1e-3 * (1 + solution.cwiseAbs().maxCoeff()));
   }
 }
 
@@ -144,7 +148,8 @@ TEST_P(EveryTarget, HistogramDistanceIsChiSquareOfTheFullBins) {
       h2[static_cast<size_t>(b) * stride + static_cast<size_t>(x)] = static_cast<float>(2 * chance(x, b, 2));
     }
   }
-  kernels::histogram_distance_row(h1.data(), h2.data(), n1.data(), n2.data(), bins, stride, count, sum.data(), counted.data());
+  kernels::histogram_distance_row(h1.data(), h2.data(), n1.data(), n2.data(), bins, stride, count, sum.data(),
+                                  counted.data());
   for (size_t x = 0; x < count; ++x) {
     double expected = 0;
     int used = 0;
@@ -214,8 +219,9 @@ TEST(GuidedFilter, WithoutAGuideOrWithAllRidgeIsTwoBoxes) {
   const Plane flat = plane_of(33, 27, [](int, int) { return 0.5; });
   const Plane* constant[] = {&flat};
   const Plane expected = box_of_box(in[1], 4);
-  for (const auto& out : {guided_filter(pointers(in), pointers(guide), 4, 1e9f, {}), guided_filter(pointers(in), constant, 4, 1e-3f, {}),
-                          guided_filter(pointers(in), {}, 4, 1e-3f, {})})
+  for (const auto& out :
+       {guided_filter(pointers(in), pointers(guide), 4, 1e9f, {}), guided_filter(pointers(in), constant, 4, 1e-3f, {}),
+        guided_filter(pointers(in), {}, 4, 1e-3f, {})})
     for (int y = 0; y < 27; ++y)
       for (int x = 0; x < 33; ++x) ASSERT_NEAR(out[1](x, y), expected(x, y), 1e-5);
 }
@@ -240,10 +246,12 @@ TEST(GuidedFilter, MatchesRegressionsWrittenOut) {
         for (int x = kx - r; x <= kx + r; ++x) {
           if (!inside(x, y)) continue;
           const Eigen::Vector3d g(guide[0](x, y), guide[1](x, y), guide[2](x, y));
-          mean += g, squares += g * g.transpose(), cross += g * static_cast<double>(in[0](x, y)), p_mean += in[0](x, y), ++n;
+          mean += g, squares += g * g.transpose(), cross += g * static_cast<double>(in[0](x, y)), p_mean += in[0](x, y),
+              ++n;
         }
       mean /= n, squares /= n, cross /= n, p_mean /= n;
-      const Eigen::Vector3d a = (squares - mean * mean.transpose() + 0.01 * Eigen::Matrix3d::Identity()).ldlt().solve(cross - mean * p_mean);
+      const Eigen::Vector3d a =
+          (squares - mean * mean.transpose() + 0.01 * Eigen::Matrix3d::Identity()).ldlt().solve(cross - mean * p_mean);
       a_mean += a, b_mean += p_mean - a.dot(mean), ++windows;
     }
   const Eigen::Vector3d g(guide[0](cx, cy), guide[1](cx, cy), guide[2](cx, cy));
@@ -255,7 +263,8 @@ TEST(GuidedFilter, MatchesRegressionsWrittenOut) {
 TEST(CollaborativeRegression, ReproducesAffinePicturesWhateverTheWeights) {
   const int width = 90, height = 50;
   const std::vector<Plane> f = noise_planes(width, height, 10);
-  const Plane v = plane_of(width, height, [&](int x, int y) { return 0.7 + 0.02 * x - 0.05 * y + 2 * f[0](x, y) - f[1](x, y); });
+  const Plane v =
+      plane_of(width, height, [&](int x, int y) { return 0.7 + 0.02 * x - 0.05 * y + 2 * f[0](x, y) - f[1](x, y); });
   const Plane noise = plane_of(width, height, [&](int x, int y) { return 0.01 + chance(x, y, 3); });
   const Plane *values[] = {&v}, *features[] = {&f[0], &f[1]}, *guide[] = {&v}, *variance[] = {&noise};
   WeightModel model;
@@ -283,7 +292,9 @@ TEST(CollaborativeRegression, MatchesLeastSquaresWrittenOut) {
     for (int px = std::max(0, tx - r); px <= tx + r; ++px) {
       Eigen::Matrix4d a = Eigen::Matrix4d::Zero();
       Eigen::Vector4d b = Eigen::Vector4d::Zero();
-      const auto row = [&](int qx, int qy) { return Eigen::Vector4d(1, qx - px, qy - py, static_cast<double>(f[0](qx, qy)) - f[0](px, py)); };
+      const auto row = [&](int qx, int qy) {
+        return Eigen::Vector4d(1, qx - px, qy - py, static_cast<double>(f[0](qx, qy)) - f[0](px, py));
+      };
       for (int qy = std::max(0, py - r); qy <= std::min(height - 1, py + r); ++qy)
         for (int qx = std::max(0, px - r); qx <= std::min(width - 1, px + r); ++qx) {
           const double w = weight(px, py, qx, qy);
@@ -331,7 +342,9 @@ TEST(MutualInformation, OfIndependentColumnsHasTheStatedBias) {
   Rng rng(6);
   for (int i = 0; i < runs; ++i) {
     std::vector<float> x, y;
-    for (int k = 0; k < 196; ++k) x.push_back(static_cast<float>((rng.uniform() - 0.5) * 3.46)), y.push_back(static_cast<float>((rng.uniform() - 0.5) * 3.46));
+    for (int k = 0; k < 196; ++k)
+      x.push_back(static_cast<float>((rng.uniform() - 0.5) * 3.46)),
+          y.push_back(static_cast<float>((rng.uniform() - 0.5) * 3.46));
     MutualInformation mi(196);
     const size_t a = mi.add(x), b = mi.add(y);
     sum += mi(a, b, false) / runs, corrected += mi(a, b, true) / runs;
@@ -351,7 +364,8 @@ TEST(Noise, LevelFollowsTheHalvesAndStructureTheSamples) {
     mean[c] = plane_of(size, size, [](int, int) { return 0.5; });
     variance[c] = plane_of(size, size, [](int x, int) { return x < 60 ? 4e-4 : 16e-4; });
     const auto half = [&](double sign) {
-      return plane_of(size, size, [&](int x, int y) { return 0.5 + sign * (x < 60 ? 0.01 : 0.02) * normal(x, y, 7 + c); });
+      return plane_of(size, size,
+                      [&](int x, int y) { return 0.5 + sign * (x < 60 ? 0.01 : 0.02) * normal(x, y, 7 + c); });
     };
     a[c] = half(1), b[c] = half(-1);
   }
@@ -374,7 +388,8 @@ TEST(Noise, ASampleByItselfAndABlackPixelAreNotCertain) {
 TEST(Noise, ThePicturesOwnSecondDifferencesTellItsNoise) {
   Rgb picture;
   for (size_t c = 0; c < 3; ++c)
-    picture[c] = plane_of(150, 150, [&](int x, int y) { return 0.3 + 0.002 * x - 0.001 * y + 0.05 * normal(x, y, 30 + c); });
+    picture[c] =
+        plane_of(150, 150, [&](int x, int y) { return 0.3 + 0.002 * x - 0.001 * y + 0.05 * normal(x, y, 30 + c); });
   const Rgb v = spatial_variance(view(picture), {});
   double mean = 0;
   for (int y = 10; y < 140; ++y)

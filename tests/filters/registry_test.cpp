@@ -26,8 +26,8 @@ TEST(Registry, HoldsEveryFilterThatIsLinked) {
   for (const FilterEntry* e : all_filters()) names.push_back(e->name);
   EXPECT_EQ(names, (std::vector<std::string>{"a_trous", "anisotropic_diffusion", "bayesian_collaborative", "bilateral",
                                              "extended_bilateral", "gaussian", "gradient_kernel", "guided", "nfor",
-                                             "nl_means", "random_parameter", "rdfc", "sbf", "sobel_guided", "trilateral",
-                                             "virtual_flash", "wavelet", "welch", "wlr"}));
+                                             "nl_means", "random_parameter", "rdfc", "sbf", "sobel_guided",
+                                             "trilateral", "virtual_flash", "wavelet", "welch", "wlr"}));
 }
 
 TEST(Registry, ParametersAreSetAndChecked) {

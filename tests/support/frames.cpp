@@ -42,7 +42,8 @@ void put_with_statistics(Layers& frame, const LayerName& l, double variance, con
 Layers frame_of(int width, int height, const Value& indirect, double variance, double spread) {
   Layers frame(width, height);
   put_with_statistics(frame, layer::indirect, variance, indirect, spread);
-  put_with_statistics(frame, layer::direct, 1e-6, [](int x, int y, size_t) { return 0.01f * static_cast<float>(x + y); });
+  put_with_statistics(frame, layer::direct, 1e-6,
+                      [](int x, int y, size_t) { return 0.01f * static_cast<float>(x + y); });
   put_with_statistics(frame, layer::beauty, variance,
                       [&](int x, int y, size_t c) { return indirect(x, y, c) + 0.01f * static_cast<float>(x + y); });
   for (const LayerName& l : {layer::gradient, layer::gradient_transmittance_weighted})
@@ -62,16 +63,21 @@ Layers frame_of(int width, int height, const Value& indirect, double variance, d
 Records::Records(const Layers& frame) {
   RecordLayout layout;
   layout.width = frame.width(), layout.height = frame.height(), layout.samples = 8;
-  layout.fields = {{"film", 2},        {"lens", 2},       {"time", 1},    {"flight_1", 1},         {"flight_2", 1},
-                   {"direction_1", 3}, {"direction_2", 3}, {"light_1", 1}, {"light_uv_1", 2},       {"position_1", 3},
-                   {"position_2", 3},  {"surface_gradient", 3}, {"gradient_1", 3}, {"albedo", 3},   {"density_1", 1},
-                   {"light_transmittance_1", 1}, {"normal", 3}, {"flags", 1}, {"unscattered", 3},   {"single", 3},
+  layout.fields = {{"film", 2},       {"lens", 2},        {"time", 1},        {"flight_1", 1},
+                   {"flight_2", 1},   {"direction_1", 3}, {"direction_2", 3}, {"light_1", 1},
+                   {"light_uv_1", 2}, {"position_1", 3},  {"position_2", 3},  {"surface_gradient", 3},
+                   {"gradient_1", 3}, {"albedo", 3},      {"density_1", 1},   {"light_transmittance_1", 1},
+                   {"normal", 3},     {"flags", 1},       {"unscattered", 3}, {"single", 3},
                    {"indirect", 3}};
   const auto number = [&](const RecordLayout::Field& field, size_t c, int x, int y, size_t k) {
     const auto random = [&](uint64_t i) { return static_cast<float>(chance(x, y, 100 + 16 * i + k)); };
     const auto bucket = [&](const LayerName& l) { return frame.at(l.channel_of(statistic::buckets[k], c))(x, y); };
     if (field.name == "film") return static_cast<float>(c == 0 ? x : y) + random(c);
-    if (field.name == "flight_1") return 0.5f * (random(2) + (frame.at(layer::indirect.channel_of(statistic::buckets[k], 0))(x, y) > frame.at("indirect.R")(x, y) ? 1.0f : 0.0f));
+    if (field.name == "flight_1")
+      return 0.5f * (random(2) + (frame.at(layer::indirect.channel_of(statistic::buckets[k], 0))(x, y) >
+                                          frame.at("indirect.R")(x, y)
+                                      ? 1.0f
+                                      : 0.0f));
     if (field.name == "direction_1" || field.name == "light_uv_1") return random(3 + c);
     if (field.name == "position_1") return 0.1f * static_cast<float>(x) + random(6 + c);
     if (field.name == "unscattered") return bucket(layer::direct);
@@ -87,7 +93,8 @@ Records::Records(const Layers& frame) {
       for (int x = b.x0; x < b.x1; ++x)
         for (size_t k = 0; k < 8; ++k)
           for (const RecordLayout::Field& field : layout.fields)
-            for (size_t c = 0; c < static_cast<size_t>(field.components); ++c) block.push_back(number(field, c, x, y, k));
+            for (size_t c = 0; c < static_cast<size_t>(field.components); ++c)
+              block.push_back(number(field, c, x, y, k));
     writer.write(tile, block);
   }
   writer.commit();
@@ -104,7 +111,8 @@ Layers noisy_frame(int width, int height, uint64_t seed) {
 }
 
 double normal(int x, int y, uint64_t purpose) {
-  return std::sqrt(-2 * std::log(1 - chance(x, y, 2 * purpose + 1))) * std::cos(6.283185307179586 * chance(x, y, 2 * purpose));
+  return std::sqrt(-2 * std::log(1 - chance(x, y, 2 * purpose + 1))) *
+         std::cos(6.283185307179586 * chance(x, y, 2 * purpose));
 }
 
 Layers sampled_frame(int width, int height, int samples, double deviation, uint64_t seed, const Value& truth) {

@@ -2,9 +2,9 @@
 #include <functional>
 #include <optional>
 
+#include "image/layers.h"
 #include "image/sample_records.h"
 #include "tests/support/files.h"
-#include "image/layers.h"
 
 namespace brume::test {
 
@@ -19,8 +19,8 @@ double normal(int x, int y, uint64_t purpose);
 /// Fills a layer, or one of its statistics.
 void put(Layers& frame, const LayerName& l, std::string_view statistic, const Value& value);
 
-/// A layer with statistics that agree with one another: eight buckets around the mean, whose spread is the variance, and
-/// two halves.
+/// A layer with statistics that agree with one another: eight buckets around the mean, whose spread is the variance,
+/// and two halves.
 /// @param spread  of the buckets and halves instead, as a variance; < 0: the variance itself
 void put_with_statistics(Layers& frame, const LayerName& l, double variance, const Value& value, double spread = -1);
 
