@@ -24,8 +24,10 @@ nlohmann::json to_json(const FilterEntry& e) {
   nlohmann::json needs = nlohmann::json::array(), can_use = nlohmann::json::array();
   for (const LayerName& l : e.needs) needs.push_back(l.label());
   for (const LayerName& l : e.can_use) can_use.push_back(l.label());
-  return {{"name", e.name}, {"summary", e.summary}, {"source", e.source},
-          {"needs", needs}, {"can_use", can_use},   {"parameters", parameters}};
+  nlohmann::json reads = nlohmann::json::array();
+  for (const auto& [verb, what] : e.inputs_and_outputs()) reads.push_back(verb + ": " + what);
+  return {{"name", e.name}, {"summary", e.summary}, {"source", e.source},          {"notes", e.notes},
+          {"needs", needs}, {"can_use", can_use},   {"inputs_and_outputs", reads}, {"parameters", parameters}};
 }
 
 }  // namespace
@@ -43,8 +45,7 @@ void add_filters(CLI::App& app, Common& common, Commands& commands) {
     for (const FilterEntry* e : entries) {
       list.push_back(to_json(*e));
       text += fmt::format("{}\n  {}\n  source: {}\n", e->name, e->summary, e->source);
-      for (const auto& [label, layers] : {std::pair("needs", &e->needs), {"can use", &e->can_use}})
-        for (const LayerName& l : *layers) text += fmt::format("  {}: {} ({})\n", label, l.label(), l.meaning);
+      for (const auto& [verb, what] : e->inputs_and_outputs()) text += fmt::format("  {}: {}\n", verb, what);
       const FilterSettings settings(*e);
       for (const Parameter& p : e->parameters)
         text += fmt::format("  --{:<18} {:<8} {}; {}\n", p.name, Parameter::text(settings.get(p)), p.help, p.range());

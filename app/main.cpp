@@ -1,4 +1,5 @@
 #include <fmt/format.h>
+#include <malloc.h>
 
 #include <csignal>
 #include <iostream>
@@ -100,5 +101,8 @@ int run(int argc, char** argv) {
 }  // namespace brume::app
 
 int main(int argc, char** argv) {
+  // Filters make and drop many planes of megabytes: keep them, where the system would clear fresh pages for each.
+  mallopt(M_MMAP_THRESHOLD, 32 << 20);
+  mallopt(M_TRIM_THRESHOLD, 1 << 30);
   return brume::app::run(argc, argv);
 }

@@ -4,6 +4,7 @@
 
 #include <benchmark/benchmark.h>
 #include <hwy/targets.h>
+#include <malloc.h>
 
 #include <cmath>
 #ifdef BRUME_OPENCV
@@ -56,6 +57,9 @@ const Layers& frame() {
   }();
   return result;
 }
+
+// As the program does: planes are recycled, not asked of the system anew.
+const bool recycling = mallopt(M_MMAP_THRESHOLD, 32 << 20) && mallopt(M_TRIM_THRESHOLD, 1 << 30);
 
 void run(benchmark::State& state, const FilterSettings& filter, int threads, BackgroundRule background) {
   for (auto _ : state)

@@ -93,6 +93,9 @@ struct FilterEntry {
   std::function<void(const std::any&, const FilterFrame&, const FilterOutput&, const Task&)> run;
 
   const Parameter* find(std::string_view parameter) const;
+  /// Everything it reads beside the mean of its signal, and what it makes, as lines for help: "needs", "the layer
+  /// flash".
+  std::vector<std::pair<std::string, std::string>> inputs_and_outputs() const;
 };
 
 /// A filter with its parameters set.

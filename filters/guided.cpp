@@ -29,7 +29,7 @@ const FilterEntry entry =
         .param("radius", &Guided::radius, {1, 32}, "px", "half width of a window", {1, 2, 3, 5, 8})
         .param("epsilon", &Guided::epsilon, {0, 100}, "feature^2", "ridge; features have range 1",
                {1e-5, 1e-4, 1e-3, 1e-2, 1e-1})
-        .scratch(80)
+        .scratch(16)
         .apron([](const Guided& p) { return 2 * p.radius; })
         .run(run);
 const Registration registration(entry);

@@ -1,10 +1,12 @@
 #include "filters/guided_filter.h"
 
 #include <algorithm>
+#include <cstring>
 #include <vector>
 
 #include "filters/kernels/regression.h"
 #include "filters/kernels/rows.h"
+#include "filters/neighbourhood.h"
 
 namespace brume {
 namespace {
@@ -16,10 +18,9 @@ std::vector<float> inverse_counts(int length, int radius) {
   return inverse;
 }
 
-}  // namespace
-
-std::vector<Plane> guided_filter(std::span<const Plane* const> inputs, std::span<const Plane* const> guide, int radius,
-                                 float eps, const Task& task) {
+/// The whole of a picture, or of a block, at once: a plane for every product of the guide's channels.
+std::vector<Plane> filter_at_once(std::span<const Plane* const> inputs, std::span<const Plane* const> guide, int radius,
+                                  float eps, const Task& task) {
   const int width = inputs[0]->width(), height = inputs[0]->height();
   const int d = static_cast<int>(guide.size()), m = static_cast<int>(inputs.size());
   const size_t stride = static_cast<size_t>(width + 15) / 16 * 16;
@@ -108,6 +109,28 @@ std::vector<Plane> guided_filter(std::span<const Plane* const> inputs, std::span
       const float line = lines[static_cast<size_t>(y)];
       for (int x = 0; x < width; ++x) to[x] *= line * columns[static_cast<size_t>(x)];
     }
+  });
+  return out;
+}
+
+}  // namespace
+
+std::vector<Plane> guided_filter(std::span<const Plane* const> inputs, std::span<const Plane* const> guide, int radius,
+                                 float eps, const Task& task) {
+  // Blocks whose products stay in the cache, each with an apron as wide as both windows reach.
+  constexpr int kWidth = 256, kHeight = 64;
+  const int width = inputs[0]->width(), height = inputs[0]->height();
+  std::vector<Plane> out(inputs.size(), Plane(width, height));
+  for_each_block(width, height, kWidth, kHeight, task, [&](const Box& block) {
+    const Box outer = block.grown(2 * radius, width, height);
+    std::vector<Plane> in, by;
+    for (const Plane* p : inputs) in.push_back(crop(*p, outer));
+    for (const Plane* g : guide) by.push_back(crop(*g, outer));
+    const std::vector<Plane> part = filter_at_once(pointers(in), pointers(by), radius, eps, {1, {}, task.cancel});
+    for (size_t c = 0; c < part.size(); ++c)
+      for (int y = block.y0; y < block.y1; ++y)
+        std::memcpy(out[c].row(y) + block.x0, part[c].row(y - outer.y0) + (block.x0 - outer.x0),
+                    sizeof(float) * static_cast<size_t>(block.width()));
   });
   return out;
 }

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdlib>
 
@@ -15,12 +16,6 @@ namespace {
 std::vector<const FilterEntry*>& mutable_registry() {
   static std::vector<const FilterEntry*> entries;
   return entries;
-}
-
-std::string layer_list(const std::vector<LayerName>& layers) {
-  std::vector<std::string> names;
-  for (const LayerName& l : layers) names.push_back("`" + l.label() + "`");
-  return names.empty() ? "none" : join(names);
 }
 
 }  // namespace
@@ -56,6 +51,26 @@ FilterSettings parse_filter(std::string_view text) {
       settings.set(assignment.substr(0, equals), assignment.substr(equals + 1));
     }
   return settings;
+}
+
+std::vector<std::pair<std::string, std::string>> FilterEntry::inputs_and_outputs() const {
+  std::vector<std::pair<std::string, std::string>> lines;
+  for (const LayerName& l : needs) lines.emplace_back("needs", fmt::format("the layer `{}`, {}", l.label(), l.meaning));
+  for (const LayerName& l : can_use)
+    lines.emplace_back("can use", fmt::format("the layer `{}`, {}", l.label(), l.meaning));
+  constexpr std::array kStatistics = {"", "variance", "two half images", "eight bucket means"};
+  if (statistics > Statistics::kNone)
+    lines.emplace_back("needs", fmt::format("of what it cleans: {}", kStatistics[static_cast<size_t>(statistics)]));
+  if (can_use_statistics > statistics)
+    lines.emplace_back("can use",
+                       fmt::format("of what it cleans: {}", kStatistics[static_cast<size_t>(can_use_statistics)]));
+  if (features) lines.emplace_back("can use", "features");
+  if (records != Records::kNo)
+    lines.emplace_back(records == Records::kNeeds ? "needs" : "can use", "the record of every sample (`--records`)");
+  if (carries) lines.emplace_back("can", "carry other layers along (`--carry`)");
+  for (const LayerName& l : produces)
+    lines.emplace_back("writes", fmt::format("the layer `{}`, {}", l.label(), l.meaning));
+  return lines;
 }
 
 std::string Parameter::text(const Value& value) {
@@ -114,17 +129,35 @@ std::string filters_reference() {
       "`-f NAME:parameter=value,...` may be repeated to run several. This page is written by `brume docs filters`; a "
       "test\n"
       "keeps it in step with the code.\n\n"
-      "All of them clean the `indirect` layer and add `direct` back untouched, or clean the whole `beauty` with\n"
-      "`--component all`; pixels without coverage get the bilateral filter (`--background filter` treats them like the "
-      "rest).\n"
-      "The perceptual ones work in CIE-Lab of radiance times the frame's exposure, and average there (`average = "
-      "domain`, as\n"
-      "published, which darkens noisy pixels) or in linear light with the weights from Lab (`average = linear`, which "
-      "keeps\n"
-      "the mean).\n";
+      "## What is common to all\n\n"
+      "- **Component**: the `indirect` layer is cleaned and `direct` added back untouched; `--component apart` cleans "
+      "both, each\n"
+      "  by itself; `--component all` cleans the beauty.\n"
+      "- **Carried layers**: `--component all --carry direct,indirect` filters these layers with the weights of the "
+      "beauty and\n"
+      "  stores them, so that passes which add up before the filter add up after it.\n"
+      "- **Noise**: variance comes from the frame's `mean_variance`; its level is corrected by the two halves, "
+      "because\n"
+      "  low-discrepancy samples vary less than it says, and no pixel is certain that its neighbours do not back.\n"
+      "  `--noise spatial` estimates it from the picture, for frames without statistics.\n"
+      "- **Features**: " +
+      join(FeaturePlan::names()) +
+      ", made from the layers that a frame has, mapped so that the 1st to\n"
+      "  99th percentile is [0, 1]. What is absent, constant or noisier than its signal is left out, with a note;\n"
+      "  `--features` chooses.\n"
+      "- **Outliers**: `--outliers clamp` limits fireflies before the filter, `redistribute` hands their light to the\n"
+      "  neighbourhood; the light concerned is reported.\n"
+      "- **Background**: pixels without coverage get the bilateral filter in the filters of the gradient-kernel paper; "
+      "the\n"
+      "  others treat every pixel. `--background` says otherwise.\n"
+      "- **Size**: a frame that needs more room than a quarter of the layers read is filtered tile by tile "
+      "(`--tile`).\n"
+      "- The perceptual filters work in CIE-Lab of radiance times the frame's exposure, and average there (`average =\n"
+      "  domain`, as published, which darkens noisy pixels) or in linear light with the weights from Lab (`linear`).\n";
   for (const FilterEntry* e : all_filters()) {
-    text += fmt::format("\n## `{}`\n\n{}\n\nSource: {}. Needs layers: {}. Can use: {}.\n\n", e->name, e->summary,
-                        e->source, layer_list(e->needs), layer_list(e->can_use));
+    text += fmt::format("\n## `{}`\n\n{}\n\nSource: {}.\n\n", e->name, e->summary, e->source);
+    for (const auto& [verb, what] : e->inputs_and_outputs()) text += fmt::format("- {} {}\n", verb, what);
+    if (!e->inputs_and_outputs().empty()) text += "\n";
     if (!e->notes.empty()) text += e->notes + "\n\n";
     text += "| parameter | default | range | searched when tuned | meaning |\n|---|---|---|---|---|\n";
     const FilterSettings settings(*e);

@@ -17,7 +17,8 @@ class Plane {
   Plane(int width, int height, float value = 0.0f)
       : width_(width),
         height_(height),
-        stride_((static_cast<size_t>(width) + kLine - 1) / kLine * kLine),
+        // An odd number of cache lines: rows a power of two apart would share a few sets of the cache.
+        stride_(((static_cast<size_t>(width) + kLine - 1) / kLine | 1) * kLine),
         data_(allocate(size())) {
     fill(value);
   }
