@@ -202,7 +202,10 @@ void filter_signal(const Run& run, const Layers& layers, const LayerName& name, 
       for (int x = interior.x0; x < interior.x1; ++x)
         totals.energy += signal.removed(x, y), totals.outliers += signal.removed(x, y) > 0;
   std::vector<Feature> features;
-  if (run.filter.uses_features()) features = run.features.build(layers, task);
+  if (run.filter.uses_features())
+    features = run.features.build(
+        layers, {entry.can_use_statistics >= Statistics::kVariance, entry.can_use_statistics >= Statistics::kHalves},
+        task);
 
   FilterFrame frame{name, signal.mean, signal.mean, layers, run.options.exposure};
   if (run.mask && entry.background) frame.medium = &layers.at(layer::coverage.channel(0));

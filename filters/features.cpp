@@ -222,28 +222,32 @@ FeaturePlan::FeaturePlan(const Layers& frame, const std::vector<std::string>& wa
                       join(left));
 }
 
-std::vector<Feature> FeaturePlan::build(const Layers& frame, const Task& task) const {
+std::vector<Feature> FeaturePlan::build(const Layers& frame, Parts parts, const Task& task) const {
   std::vector<Feature> features;
   for (const Chosen& chosen : chosen_) {
     const Recipe& recipe = recipes()[chosen.index];
     const auto mapped = [&](Planes planes) {
       for (Plane& p : planes)
-        for (int y = 0; y < p.height(); ++y)
+        for_each_row(p.height(), quiet(task), [&](int y) {
           for (float& v : p.pixels(y)) v = (v - chosen.offset) * chosen.scale;
+        });
       return planes;
     };
     Feature f;
     f.name = recipe.name;
     f.mean = mapped(recipe.mean(frame, "", task));
-    const bool halves = knows(recipe, frame, statistic::half_a) && knows(recipe, frame, statistic::half_b);
-    f.half_a = halves ? mapped(recipe.mean(frame, statistic::half_a, task)) : f.mean;
-    f.half_b = halves ? mapped(recipe.mean(frame, statistic::half_b, task)) : f.mean;
-    if (knows(recipe, frame, statistic::mean_variance)) {
+    if (parts.halves) {
+      const bool halves = knows(recipe, frame, statistic::half_a) && knows(recipe, frame, statistic::half_b);
+      f.half_a = halves ? mapped(recipe.mean(frame, statistic::half_a, task)) : f.mean;
+      f.half_b = halves ? mapped(recipe.mean(frame, statistic::half_b, task)) : f.mean;
+    }
+    if (parts.variance && knows(recipe, frame, statistic::mean_variance)) {
       f.variance = recipe.variance(frame, task);
       for (Plane& p : f.variance)
-        for (int y = 0; y < p.height(); ++y)
+        for_each_row(p.height(), quiet(task), [&](int y) {
           for (float& v : p.pixels(y)) v *= chosen.scale * chosen.scale;
-    } else {
+        });
+    } else if (parts.variance) {
       for (const Plane& p : f.mean) f.variance.emplace_back(p.width(), p.height());
     }
     features.push_back(std::move(f));

@@ -22,8 +22,12 @@ class FeaturePlan {
   FeaturePlan(const Layers& frame, const std::vector<std::string>& wanted, const Task& task);
   FeaturePlan() = default;  ///< none
 
+  /// Which parts of the features are made; the others stay empty.
+  struct Parts {
+    bool variance = true, halves = true;
+  };
   /// The features of (a crop of) the frame.
-  std::vector<Feature> build(const Layers& frame, const Task& task) const;
+  std::vector<Feature> build(const Layers& frame, Parts parts, const Task& task) const;
   /// What was taken and what was left out, and why, in one line.
   const std::string& note() const { return note_; }
   bool empty() const { return chosen_.empty(); }
