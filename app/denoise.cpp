@@ -5,6 +5,7 @@
 #include <set>
 
 #include "app/command.h"
+#include "app/filter_options.h"
 #include "app/frame.h"
 #include "base/error.h"
 #include "base/output_file.h"
@@ -20,10 +21,11 @@ namespace {
 namespace fs = std::filesystem;
 
 struct Options {
-  std::string input, output, preview, component = "indirect", background = "default", exposure = "header";
+  std::string input, output, preview, exposure = "header";
   std::string noise = "layers", outliers = "keep", features, carry, records;
   int tile = 0;
   std::vector<std::string> filters;
+  FilterOptions common;
 } o;
 
 /// "--sigma-range 20" after the known options: a parameter of every filter that was asked for.
@@ -69,12 +71,8 @@ LayerName colour_layer(const std::string& name) {
 
 ApplyOptions apply_options() {
   ApplyOptions options;
-  options.component = o.component == "all"     ? Component::kAll
-                      : o.component == "apart" ? Component::kApart
-                                               : Component::kIndirect;
-  options.background = o.background == "filter"      ? BackgroundRule::kFilter
-                       : o.background == "bilateral" ? BackgroundRule::kBilateral
-                                                     : BackgroundRule::kDefault;
+  options.component = o.common.chosen_component();
+  options.background = o.common.chosen_background();
   options.noise = o.noise == "spatial" ? NoiseSource::kSpatial : NoiseSource::kLayers;
   options.outliers = o.outliers == "clamp"          ? Outliers::kClamp
                      : o.outliers == "redistribute" ? Outliers::kRedistribute
@@ -147,17 +145,7 @@ void add_denoise(CLI::App& app, Common& common, Commands& commands) {
       ->allow_extra_args(false);
   command->add_option("-o,--output", o.output, "EXR to write; with several filters OUT.FILTER.exr each")->required();
   command->add_option("--png", o.preview, "also write a PNG");
-  command
-      ->add_option("--component", o.component,
-                   "what to clean: the indirect layer, direct being added back; both apart; or all, the beauty")
-      ->check(CLI::IsMember({"indirect", "apart", "all"}))
-      ->capture_default_str();
-  command
-      ->add_option("--background", o.background,
-                   "pixels without coverage: the bilateral filter, or the filter like the rest; default: bilateral for "
-                   "the filters of the gradient-kernel paper")
-      ->check(CLI::IsMember({"default", "bilateral", "filter"}))
-      ->capture_default_str();
+  o.common.add_to(*command);
   command->add_option("--features", o.features,
                       "of those that the frame has, use these: " + join(FeaturePlan::names(), ",") + ", or none");
   command

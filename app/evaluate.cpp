@@ -4,6 +4,7 @@
 #include <memory>
 
 #include "app/command.h"
+#include "app/filter_options.h"
 #include "base/error.h"
 #include "base/text.h"
 #include "evaluate/report.h"
@@ -17,9 +18,10 @@ namespace fs = std::filesystem;
 
 struct Options {
   std::vector<std::string> scenes, overrides, filters;
-  std::string output, spp = "16,36,64", component = "indirect", background = "default";
+  std::string output, spp = "16,36,64";
   int seeds = 5, reference_spp = 4096, size = 0;
   bool no_tuning = false;
+  FilterOptions common;
 } o;
 
 std::vector<int> parse_spp(const std::string& text) {
@@ -72,12 +74,8 @@ int run(const Common& common) {
   settings.seeds = o.seeds;
   settings.reference_spp = o.reference_spp;
   settings.tune = !o.no_tuning;
-  settings.component = o.component == "all"     ? Component::kAll
-                       : o.component == "apart" ? Component::kApart
-                                                : Component::kIndirect;
-  settings.background = o.background == "filter"      ? BackgroundRule::kFilter
-                        : o.background == "bilateral" ? BackgroundRule::kBilateral
-                                                      : BackgroundRule::kDefault;
+  settings.component = o.common.chosen_component();
+  settings.background = o.common.chosen_background();
   if (o.filters.empty()) settings.contenders = all_contenders();
   for (const std::string& text : o.filters) settings.contenders.push_back(parse_contender(text));
 
@@ -157,12 +155,7 @@ void add_evaluate(CLI::App& app, Common& common, Commands& commands) {
   command
       ->add_option("-f,--filter", o.filters, "compare only these: NAME, or NAME:parameter=value,... to fix parameters")
       ->allow_extra_args(false);
-  command->add_option("--component", o.component, "what to clean: indirect, direct and indirect apart, or all")
-      ->check(CLI::IsMember({"indirect", "apart", "all"}))
-      ->capture_default_str();
-  command->add_option("--background", o.background, "pixels without coverage: bilateral, or filter")
-      ->check(CLI::IsMember({"default", "bilateral", "filter"}))
-      ->capture_default_str();
+  o.common.add_to(*command);
   command->add_flag("--no-tuning", o.no_tuning, "published parameters only");
   command->add_flag("--json", common.json, "the table as JSON on stdout");
   commands[command] = [&common] { return run(common); };

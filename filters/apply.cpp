@@ -85,8 +85,13 @@ void check_statistics(const FilterEntry& filter, const Layers& frame, const Appl
     if (filter.statistics == Statistics::kVariance && options.noise == NoiseSource::kLayers && !halves)
       need(statistic::mean_variance, "the variance",
            "brume render records it unless --no-statistics is given; for other frames, --noise spatial estimates it "
-           "from "
-           "the picture");
+           "from the picture");
+    if (options.outliers != Outliers::kKeep && options.noise == NoiseSource::kLayers && !halves &&
+        !frame.has(signal, statistic::mean_variance))
+      throw InputError(
+          fmt::format("limiting outliers needs the variance of '{}', which the frame does not have; "
+                      "--noise spatial estimates it from the picture",
+                      signal.label()));
     if (filter.statistics == Statistics::kHalves)
       need(statistic::half_a, "the two half images",
            "brume render records them unless --no-statistics is given; a filter that needs none is bilateral");
@@ -109,6 +114,9 @@ void check_statistics(const FilterEntry& filter, const Layers& frame, const Appl
   }
   if (!options.carried.empty() && options.component == Component::kApart)
     throw InputError("carrying layers along takes one component's weights: indirect or all, not apart");
+  if (!options.carried.empty() && options.outliers != Outliers::kKeep)
+    throw InputError(
+        "carried layers would keep the light that --outliers takes from what carries them; use one of both");
   for (const LayerName& l : options.carried)
     if (!frame.has(l)) throw InputError(fmt::format("the frame has no layer '{}' to carry along", l.label()));
 }

@@ -53,11 +53,8 @@ class Store {
  public:
   Store(const FilterFrame& frame) : width_(frame.width()), height_(frame.height()) {
     RecordReader& reader = *frame.records;
-    check_records(reader, frame.frame_size);
     const RecordLayout& layout = reader.layout();
-    std::vector<size_t> parts;
-    if (!(frame.name == layer::indirect)) parts = {field_offset(layout, "unscattered"), field_offset(layout, "single")};
-    if (!(frame.name == layer::direct)) parts.push_back(field_offset(layout, "indirect"));
+    const std::vector<size_t> parts = signal_offsets(layout, frame.name);
     std::vector<Column> wanted;
     const auto add = [&](Kind kind, std::string_view name, int components) {
       const size_t at = field_offset(layout, name);
@@ -75,34 +72,24 @@ class Store {
     stride_ = (3 + columns_.size() + 7) / 8 * 8;
     data_.assign(static_cast<size_t>(width_) * static_cast<size_t>(height_) * static_cast<size_t>(samples_) * stride_,
                  0.0f);
-    for (int tile = 0; tile < layout.tile_count(); ++tile) {
-      const RecordLayout::Bounds b = layout.bounds(tile);
-      const int x0 = std::max(b.x0, frame.origin.x), x1 = std::min(b.x1, frame.origin.x + width_);
-      const int y0 = std::max(b.y0, frame.origin.y), y1 = std::min(b.y1, frame.origin.y + height_);
-      if (x0 >= x1 || y0 >= y1) continue;
-      const std::vector<float> block = reader.read(tile);
-      for (int y = y0; y < y1; ++y)
-        for (int x = x0; x < x1; ++x) {
-          const size_t pixel =
-              static_cast<size_t>(y - b.y0) * static_cast<size_t>(b.x1 - b.x0) + static_cast<size_t>(x - b.x0);
-          for (size_t s = 0; s < count; ++s) {
-            const float* record = block.data() + (pixel * count + s) * width;
-            const size_t g = s / static_cast<size_t>(group_);
-            const float share = 1.0f / static_cast<float>(std::min(count - g * static_cast<size_t>(group_),
-                                                                   static_cast<size_t>(group_)));
-            float* to = sample(x - frame.origin.x, y - frame.origin.y, static_cast<int>(g));
-            for (const size_t part : parts)
-              for (size_t c = 0; c < 3; ++c) {
-                const float v = record[part + c];
-                to[c] += share * (std::isfinite(v) ? v : 0.0f);
-              }
-            for (size_t k = 0; k < columns_.size(); ++k) {
-              const float v = scale_[k].x * (record[columns_[k].offset] - scale_[k].y);
-              to[3 + k] += share * (std::isfinite(v) ? v : 0.0f);
-            }
+    const size_t group = static_cast<size_t>(group_);
+    visit_records(frame, [&](int x, int y, std::span<const float> records) {
+      for (size_t s = 0; s < count; ++s) {
+        const float* record = records.data() + s * width;
+        const size_t g = s / group;
+        const float share = 1.0f / static_cast<float>(std::min(count - g * group, group));
+        float* to = sample(x, y, static_cast<int>(g));
+        for (const size_t part : parts)
+          for (size_t c = 0; c < 3; ++c) {
+            const float v = record[part + c];
+            to[c] += share * (std::isfinite(v) ? v : 0.0f);
           }
+        for (size_t k = 0; k < columns_.size(); ++k) {
+          const float v = scale_[k].x * (record[columns_[k].offset] - scale_[k].y);
+          to[3 + k] += share * (std::isfinite(v) ? v : 0.0f);
         }
-    }
+      }
+    });
   }
 
   int samples() const { return samples_; }

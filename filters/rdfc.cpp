@@ -135,13 +135,7 @@ void run(const Rdfc& p, const FilterFrame& frame, const FilterOutput& out, const
   const std::vector<Plane> won = winners(errors, task);
   const std::vector<Plane> maps =
       weighted_average(guide, square_window(kFeatureSearch), pointers(won), quiet(task)).values;
-  HalfPair chosen;
-  for (size_t c = 0; c < 3; ++c) {
-    std::vector<const Plane*> a, b;
-    for (const HalfPair& candidate : candidates) a.push_back(&candidate.a[c]), b.push_back(&candidate.b[c]);
-    chosen.a[c] = blend(a, maps, task);
-    chosen.b[c] = blend(b, maps, task);
-  }
+  const HalfPair chosen = blend(candidates, maps, task);
   Rgb mean, residual;
   for (size_t c = 0; c < 3; ++c) {
     mean[c] = make_plane(width, height, quiet(task),

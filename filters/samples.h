@@ -1,6 +1,7 @@
 #pragma once
 #include <functional>
 #include <span>
+#include <vector>
 
 #include "filters/filter.h"
 
@@ -12,8 +13,14 @@ namespace brume {
 void visit_samples(const FilterFrame& frame,
                    const std::function<void(int x, int y, std::span<const vec3> samples)>& visit);
 
-/// @throws InputError when the records are not of a frame of this size or lack a field
-void check_records(const RecordReader& records, ivec2 frame_size);
+/// Calls visit(x, y, records) for every pixel of the frame with the records of its samples, one after another, tile by
+/// tile from one thread.
+/// @throws InputError when the records are of a picture of another size, or damaged
+void visit_records(const FilterFrame& frame,
+                   const std::function<void(int x, int y, std::span<const float> records)>& visit);
+
+/// Where the colours begin whose sum is the signal. @throws InputError when the records lack them
+std::vector<size_t> signal_offsets(const RecordLayout& layout, const LayerName& signal);
 
 /// Where a field's numbers begin in a record. @throws InputError when there is none
 size_t field_offset(const RecordLayout& layout, std::string_view name);

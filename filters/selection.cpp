@@ -23,6 +23,17 @@ Plane blend(std::span<const Plane* const> values, const std::vector<Plane>& maps
   });
 }
 
+HalfPair blend(const std::vector<HalfPair>& candidates, const std::vector<Plane>& maps, const Task& task) {
+  HalfPair out;
+  for (size_t c = 0; c < 3; ++c) {
+    std::vector<const Plane*> a, b;
+    for (const HalfPair& candidate : candidates) a.push_back(&candidate.a[c]), b.push_back(&candidate.b[c]);
+    out.a[c] = blend(a, maps, task);
+    out.b[c] = blend(b, maps, task);
+  }
+  return out;
+}
+
 HalfPair select_by_halves(const std::vector<HalfPair>& candidates, const RgbPlanes& half_a, const RgbPlanes& half_b,
                           const RgbPlanes& variance, const ErrorSmoothing& smoothing, const RgbPlanes& guide,
                           const Task& task) {
@@ -45,14 +56,7 @@ HalfPair select_by_halves(const std::vector<HalfPair>& candidates, const RgbPlan
   errors = weighted_average(model, window, pointers(errors), task).values;
   const std::vector<Plane> won = winners(errors, task),
                            maps = weighted_average(model, window, pointers(won), task).values;
-  HalfPair out;
-  for (size_t c = 0; c < 3; ++c) {
-    std::vector<const Plane*> a, b;
-    for (const HalfPair& candidate : candidates) a.push_back(&candidate.a[c]), b.push_back(&candidate.b[c]);
-    out.a[c] = blend(a, maps, task);
-    out.b[c] = blend(b, maps, task);
-  }
-  return out;
+  return blend(candidates, maps, task);
 }
 
 }  // namespace brume

@@ -8,6 +8,9 @@ struct HalfPair {
   Rgb a, b;
 };
 
+/// Both halves of candidates, blended with one set of maps.
+HalfPair blend(const std::vector<HalfPair>& candidates, const std::vector<Plane>& maps, const Task& task);
+
 /// How error maps are smoothed before they are compared: non-local means with weights from the picture.
 struct ErrorSmoothing {
   int search_radius, patch_radius;

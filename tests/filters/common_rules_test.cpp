@@ -247,6 +247,11 @@ TEST(CommonRules, WhatIsMissingIsNamedWithTheWayToGetIt) {
   EXPECT_EQ(message("virtual_flash:guide=signal", without("flash")), "");
   EXPECT_TRUE(holds(message("random_parameter", frame), "--records OUT.records"));
   EXPECT_TRUE(holds(message("gaussian:choose=per-pixel", bare), "--noise spatial"));
+  ApplyOptions limit;
+  limit.outliers = Outliers::kClamp;
+  EXPECT_TRUE(holds(message("gaussian", bare, limit), "limiting outliers needs the variance of 'indirect'"));
+  limit.carried = {layer::direct};
+  EXPECT_TRUE(holds(message("gaussian", frame, limit), "use one of both"));
   ApplyOptions carry;
   carry.carried = {layer::emission};
   EXPECT_TRUE(holds(message("guided", frame, carry), "no layer 'emission' to carry along"));

@@ -1,7 +1,6 @@
 // The vector code against its scalar definition, on every instruction set this machine has.
 
 #include <gtest/gtest.h>
-#include <hwy/targets.h>
 
 #include <cmath>
 
@@ -10,25 +9,13 @@
 #include "filters/kernels/reference.h"
 #include "filters/lab_window.h"
 #include "image/color.h"
+#include "tests/support/targets.h"
 
 namespace brume::kernels {
 namespace {
 
-class EveryTarget : public ::testing::TestWithParam<int64_t> {
- protected:
-  void SetUp() override { hwy::SetSupportedTargetsForTest(GetParam()); }
-  void TearDown() override { hwy::SetSupportedTargetsForTest(0); }
-};
-
-std::vector<int64_t> targets() {
-  std::vector<int64_t> list;
-  for (int64_t bits = hwy::SupportedTargets(); bits != 0; bits &= bits - 1)
-    if (const int64_t one = bits & ~(bits - 1); std::string(hwy::TargetName(one)) != "Unknown") list.push_back(one);
-  return list;
-}
-
-INSTANTIATE_TEST_SUITE_P(Isa, EveryTarget, ::testing::ValuesIn(targets()),
-                         [](const auto& target) { return std::string(hwy::TargetName(target.param)); });
+using test::EveryTarget;
+INSTANTIATE_TEST_SUITE_P(Isa, EveryTarget, ::testing::ValuesIn(test::targets()), test::target_name);
 
 /// A picture with an edge, a slope, noise, spikes, and directions some of which are undefined.
 ReferenceImage make_image(int width, int height, uint64_t seed) {

@@ -3,7 +3,6 @@
 #include "filters/neighbourhood.h"
 
 #include <gtest/gtest.h>
-#include <hwy/targets.h>
 
 #include <Eigen/Dense>
 #include <cmath>
@@ -18,6 +17,7 @@
 #include "filters/regression.h"
 #include "filters/student.h"
 #include "tests/support/frames.h"
+#include "tests/support/targets.h"
 
 namespace brume {
 namespace {
@@ -25,21 +25,8 @@ namespace {
 using test::chance;
 using test::normal;
 
-class EveryTarget : public ::testing::TestWithParam<int64_t> {
- protected:
-  void SetUp() override { hwy::SetSupportedTargetsForTest(GetParam()); }
-  void TearDown() override { hwy::SetSupportedTargetsForTest(0); }
-};
-
-std::vector<int64_t> targets() {
-  std::vector<int64_t> list;
-  for (int64_t bits = hwy::SupportedTargets(); bits != 0; bits &= bits - 1)
-    if (const int64_t one = bits & ~(bits - 1); std::string(hwy::TargetName(one)) != "Unknown") list.push_back(one);
-  return list;
-}
-
-INSTANTIATE_TEST_SUITE_P(Isa, EveryTarget, ::testing::ValuesIn(targets()),
-                         [](const auto& target) { return std::string(hwy::TargetName(target.param)); });
+using test::EveryTarget;
+INSTANTIATE_TEST_SUITE_P(Isa, EveryTarget, ::testing::ValuesIn(test::targets()), test::target_name);
 
 Plane plane_of(int width, int height, const std::function<double(int, int)>& value) {
   Plane p(width, height);

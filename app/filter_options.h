@@ -1,0 +1,17 @@
+#pragma once
+#include <CLI/CLI.hpp>
+
+#include "filters/apply.h"
+
+namespace brume::app {
+
+/// --component and --background, which denoise and evaluate share.
+struct FilterOptions {
+  std::string component = "indirect", background = "default";
+
+  void add_to(CLI::App& command);
+  Component chosen_component() const;
+  BackgroundRule chosen_background() const;
+};
+
+}  // namespace brume::app
