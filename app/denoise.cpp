@@ -1,6 +1,7 @@
 #include <fmt/format.h>
 
 #include <filesystem>
+#include <list>
 #include <optional>
 #include <set>
 
@@ -12,6 +13,7 @@
 #include "base/text.h"
 #include "filters/apply.h"
 #include "filters/registry.h"
+#include "filters/requirements.h"
 #include "image/exr_io.h"
 #include "image/picture_io.h"
 
@@ -23,7 +25,7 @@ namespace fs = std::filesystem;
 struct Options {
   std::string input, output, preview, exposure = "header";
   std::string noise = "layers", outliers = "keep", features, carry, records;
-  int tile = 0;
+  int tile = 0, extra_frames = 0;
   std::vector<std::string> filters;
   FilterOptions common;
 } o;
@@ -57,6 +59,53 @@ fs::path output_for(const std::string& path, const std::vector<FilterSettings>& 
   return p.parent_path() /
          (p.stem().string() + "." + name + (same > 1 ? "." + std::to_string(same) : "") + p.extension().string());
 }
+
+/// "shot.0007.exr" for "shot.0005.exr" and 2: the last number of a file's name counts its frame. Empty for a number
+/// below zero.
+/// @throws InputError for a name without a number
+fs::path file_of_frame(const fs::path& path, int distance) {
+  const std::string stem = path.stem().string();
+  const size_t last = stem.find_last_of("0123456789");
+  if (last == std::string::npos)
+    throw InputError(fmt::format("{}: --extra-frames needs the frame's number in the file's name, as in shot.0005{}",
+                                 path.string(), path.extension().string()));
+  const size_t before = stem.find_last_not_of("0123456789", last), first = before == std::string::npos ? 0 : before + 1;
+  const std::string digits = stem.substr(first, last + 1 - first);
+  if (digits.size() > 9) throw InputError(fmt::format("{}: {} is no frame's number", path.string(), digits));
+  const int number = std::stoi(digits) + distance;
+  if (number < 0) return {};
+  return path.parent_path() / fmt::format("{}{:0{}}{}{}", stem.substr(0, first), number, digits.size(),
+                                          stem.substr(last + 1), path.extension().string());
+}
+
+/// The frames before and after, as far as there are files.
+struct Sequence {
+  std::vector<fs::path> files;  // read, in the order of `frames`
+  std::list<Layers> layers;
+  std::list<RecordReader> records;
+  std::vector<SequenceFrame> frames;
+
+  Sequence(int extra, const std::set<std::string>& channels, const Common& common) {
+    std::vector<std::string> missing;
+    for (int d = -extra; d <= extra; ++d) {
+      if (d == 0) continue;
+      const fs::path file = file_of_frame(o.input, d);
+      if (file.empty() || !fs::exists(file)) {
+        missing.push_back(file.empty() ? fmt::format("{:+}", d) : file.filename().string());
+        continue;
+      }
+      std::string note;
+      SequenceFrame& frame =
+          frames.emplace_back(SequenceFrame{d, &layers.emplace_back(read_frame(file, channels, &note))});
+      files.push_back(file);
+      if (!note.empty()) log(common, "note: " + note);
+      if (!o.records.empty()) frame.records = &records.emplace_back(file_of_frame(o.records, d));
+    }
+    if (extra > 0 && frames.empty())
+      throw InputError(fmt::format("{}: --extra-frames {}: none of {} is there", o.input, extra, join(missing)));
+    if (!missing.empty()) warn("note: the sequence has no " + join(missing));
+  }
+};
 
 /// @throws InputError for a name that is no layer of colours
 LayerName colour_layer(const std::string& name) {
@@ -102,6 +151,8 @@ int run(const Common& common, const std::vector<std::string>& extras) {
   const Layers frame = read_frame(o.input, channels, &note);
   if (!note.empty()) log(common, "note: " + note);
   options.exposure = choose_exposure(o.exposure, frame);
+  const Sequence sequence(o.extra_frames, channels, common);
+  options.sequence = sequence.frames;
   for (size_t i = 0; i < filters.size(); ++i) {
     ApplyReport report;
     Layers clean = [&] {
@@ -162,6 +213,12 @@ void add_denoise(CLI::App& app, Common& common, Commands& commands) {
       "--carry", o.carry,
       "layers to filter with the same weights, so that passes still add up: direct,indirect,emission,...");
   command->add_option("--records", o.records, "record of every sample, for filters that read it");
+  command
+      ->add_option("--extra-frames", o.extra_frames,
+                   "frames before and after to look into, found by the number in the file's name, for filters that "
+                   "clean sequences; records are found likewise")
+      ->check(CLI::Range(0, 100))
+      ->capture_default_str();
   command->add_option("--tile", o.tile, "side of the squares that are filtered one after another [px]; 0: by memory")
       ->check(CLI::Range(0, 1 << 20));
   command->add_option("--exposure", o.exposure, "from radiance to display: a number, header, or auto")

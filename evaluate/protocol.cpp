@@ -10,6 +10,7 @@
 #include <thread>
 
 #include "base/error.h"
+#include "filters/requirements.h"
 
 namespace brume {
 namespace {

@@ -5,12 +5,15 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <memory>
+#include <set>
 
 #include "base/error.h"
 #include "base/parallel_for.h"
 #include "base/text.h"
 #include "filters/planes.h"
 #include "filters/registry.h"
+#include "filters/requirements.h"
 
 namespace brume {
 namespace {
@@ -26,7 +29,7 @@ float median_of_finite_neighbours(const Plane& plane, int x, int y) {
   return *middle;
 }
 
-Plane repaired(const Plane& plane, std::set<std::pair<int, int>>& bad) {
+Plane repaired_plane(const Plane& plane, std::set<std::pair<int, int>>& bad) {
   Plane result = plane;
   for (int y = 0; y < plane.height(); ++y)
     for (int x = 0; x < plane.width(); ++x)
@@ -37,88 +40,11 @@ Plane repaired(const Plane& plane, std::set<std::pair<int, int>>& bad) {
   return result;
 }
 
-std::vector<LayerName> signals_of(const ApplyOptions& options) {
-  switch (options.component) {
-    case Component::kAll:
-      return {layer::beauty};
-    case Component::kApart:
-      return {layer::indirect, layer::direct};
-    default:
-      return {layer::indirect};
-  }
-}
-
-void check_layers(const FilterEntry& filter, const Layers& frame, const ApplyOptions& options) {
-  std::vector<std::string> missing, record;
-  for (const LayerName& l : required_layers(filter, options))
-    if (!frame.has(l)) {
-      missing.push_back("'" + l.label() + "'");
-      if (!l.name.empty()) record.push_back(std::string(l.name));
-    }
-  if (missing.empty()) return;
-  for (const LayerName& l : {layer::direct, layer::indirect, layer::gradient, layer::coverage, layer::transmittance})
-    if (frame.has(l) && std::find(record.begin(), record.end(), l.name) == record.end())
-      record.push_back(std::string(l.name));
-  // --component all helps only where nothing but the split is missing.
-  const bool only_split =
-      std::all_of(filter.needs.begin(), filter.needs.end(), [&](const LayerName& l) { return frame.has(l); });
-  const std::string way_out =
-      !only_split ? "; other renderers do not record what it needs: take another filter for their frames"
-      : options.component != Component::kAll ? "; or clean the whole picture with --component all"
-                                             : "";
-  throw InputError(fmt::format(
-      "filter {} needs the layer{} {}, which the frame does not have. Record it with: brume render SCENE -o OUT.exr "
-      "--layers {}{}",
-      filter.name, missing.size() > 1 ? "s" : "", join(missing), join(record, ","), way_out));
-}
-
-void check_statistics(const FilterEntry& filter, const Layers& frame, const ApplyOptions& options) {
-  for (const LayerName& signal : signals_of(options)) {
-    const auto need = [&](std::string_view statistic, const std::string& what, const std::string& how) {
-      if (!frame.has(signal, statistic))
-        throw InputError(
-            fmt::format("filter {} needs {} of '{}' (channel {} and its like), which the frame does not "
-                        "have. {}",
-                        filter.name, what, signal.label(), signal.channel_of(statistic, 0), how));
-    };
-    const bool halves = frame.has(signal, statistic::half_a) && frame.has(signal, statistic::half_b);
-    if (filter.statistics == Statistics::kVariance && options.noise == NoiseSource::kLayers && !halves)
-      need(statistic::mean_variance, "the variance",
-           "brume render records it unless --no-statistics is given; for other frames, --noise spatial estimates it "
-           "from the picture");
-    if (options.outliers != Outliers::kKeep && options.noise == NoiseSource::kLayers && !halves &&
-        !frame.has(signal, statistic::mean_variance))
-      throw InputError(
-          fmt::format("limiting outliers needs the variance of '{}', which the frame does not have; "
-                      "--noise spatial estimates it from the picture",
-                      signal.label()));
-    if (filter.statistics == Statistics::kHalves)
-      need(statistic::half_a, "the two half images",
-           "brume render records them unless --no-statistics is given; a filter that needs none is bilateral");
-    if (filter.statistics == Statistics::kBuckets &&
-        !(options.records && filter.records == FilterEntry::Records::kCanUse))
-      need(statistic::buckets[0], "the eight bucket means",
-           "Record them with: brume render SCENE -o OUT.exr --buckets");
-  }
-  if (filter.records == FilterEntry::Records::kNeeds && !options.records)
-    throw InputError(
-        fmt::format("filter {} needs the record of every sample: brume render SCENE -o OUT.exr --records "
-                    "OUT.records, then brume denoise OUT.exr --records OUT.records ...",
-                    filter.name));
-  if (!options.carried.empty() && !filter.carries) {
-    std::vector<std::string> able;
-    for (const FilterEntry* e : all_filters())
-      if (e->carries) able.push_back(e->name);
-    throw InputError(fmt::format("filter {} cannot filter other layers with the weights of one; these can: {}",
-                                 filter.name, join(able)));
-  }
-  if (!options.carried.empty() && options.component == Component::kApart)
-    throw InputError("carrying layers along takes one component's weights: indirect or all, not apart");
-  if (!options.carried.empty() && options.outliers != Outliers::kKeep)
-    throw InputError(
-        "carried layers would keep the light that --outliers takes from what carries them; use one of both");
-  for (const LayerName& l : options.carried)
-    if (!frame.has(l)) throw InputError(fmt::format("the frame has no layer '{}' to carry along", l.label()));
+double mean_of(const Plane& plane) {
+  double sum = 0;
+  for (int y = 0; y < plane.height(); ++y)
+    for (const float v : plane.pixels(y)) sum += v;
+  return sum / (static_cast<double>(plane.width()) * plane.height());
 }
 
 /// What is decided once for the whole frame before its tiles are filtered.
@@ -128,7 +54,56 @@ struct Run {
   const FeaturePlan& features;
   ivec2 frame_size;
   bool mask = false;  // medium and background apart
-  double samples = 0;
+};
+
+/// What is measured once for the whole of a signal.
+struct SignalLevel {
+  double luminance = 0, lab_noise = 0;
+};
+
+/// A frame that is read: the one to clean, or another of the sequence. Not copied unless it has something to repair.
+class Source {
+ public:
+  Source(const SequenceFrame& frame, const std::set<std::string>& readable, const Task& task)
+      : distance(frame.distance), records(frame.records), frame_(frame.layers) {
+    for (const std::string& name : readable)
+      if (frame.layers->find(name)) channels_.push_back(name);
+    std::vector<char> damaged(channels_.size());
+    parallel_for(static_cast<int>(channels_.size()), quiet(task), [&](int i) {
+      damaged[static_cast<size_t>(i)] = count_not_finite(frame.layers->at(channels_[static_cast<size_t>(i)])) > 0;
+    });
+    std::set<std::pair<int, int>> bad;
+    for (size_t i = 0; i < channels_.size(); ++i)
+      if (damaged[i]) {
+        if (bad.empty()) fixed_ = *frame.layers;
+        fixed_.set(channels_[i], repaired_plane(frame.layers->at(channels_[i]), bad));
+      }
+    repaired = bad.size();
+    if (const Plane* count = layers().find(layer::sample_count.channel(0))) samples = mean_of(*count);
+  }
+  const Layers& layers() const { return repaired ? fixed_ : *frame_; }
+  /// What is read of a part of it.
+  Layers crop_to(const Box& box) const {
+    Layers part(box.width(), box.height());
+    for (const std::string& name : channels_) part.set(name, crop(layers().at(name), box));
+    return part;
+  }
+
+  int distance;
+  RecordReader* records;
+  double samples = 0;   // per pixel
+  size_t repaired = 0;  // pixels
+
+ private:
+  const Layers* frame_;
+  Layers fixed_;
+  std::vector<std::string> channels_;
+};
+
+/// The part of the frames that is filtered at once.
+struct Tile {
+  Box outer, interior;                 // with its apron in the frame; without it, in the tile
+  std::vector<const Layers*> sources;  // the frame to clean first
 };
 
 struct TileTotals {
@@ -178,13 +153,6 @@ void read_signal(Signal& s, const Layers& layers, const LayerName& name, const R
   s.removed = limit_outliers(s.own, run.options.outliers, task);
 }
 
-double mean_of(const Plane& plane) {
-  double sum = 0;
-  for (int y = 0; y < plane.height(); ++y)
-    for (const float v : plane.pixels(y)) sum += v;
-  return sum / (static_cast<double>(plane.width()) * plane.height());
-}
-
 double mean_of_luminance(const RgbPlanes& p) {
   double sum = 0;
   for (int y = 0; y < p[0]->height(); ++y)
@@ -195,38 +163,58 @@ double mean_of_luminance(const RgbPlanes& p) {
   return sum / (static_cast<double>(p[0]->width()) * p[0]->height());
 }
 
+/// Everything that a filter is given of one frame, and what it points to.
+struct Prepared {
+  Signal signal;
+  std::vector<Feature> features;
+  FilterFrame frame;
+
+  Prepared(const Run& run, const Source& source, const Layers& layers, const LayerName& name, const Task& task)
+      : frame{name, {}, {}, layers, run.options.exposure} {
+    const FilterEntry& entry = run.filter.entry();
+    read_signal(signal, layers, name, run, task);
+    if (run.filter.uses_features())
+      features = run.features.build(
+          layers, {entry.can_use_statistics >= Statistics::kVariance, entry.can_use_statistics >= Statistics::kHalves},
+          task);
+    frame.signal = frame.values = signal.mean;
+    if (run.mask && entry.background) frame.medium = &layers.at(layer::coverage.channel(0));
+    frame.variance = signal.variance;
+    frame.half_a = signal.half_a, frame.half_b = signal.half_b;
+    frame.buckets = signal.buckets;
+    frame.features = &features;
+    frame.together = !run.options.carried.empty();
+    frame.samples = source.samples;
+    frame.records = source.records;
+    frame.frame_size = run.frame_size;
+  }
+  Prepared(const Prepared&) = delete;
+};
+
 /// Filters one signal of a tile (with its apron) and adds the result to `sums`; `carried` hold the other layers'
 /// results.
-void filter_signal(const Run& run, const Layers& layers, const LayerName& name, double mean_luminance, ivec2 origin,
-                   const FilterOutput& sums, const std::vector<FilterOutput>& carried,
-                   const std::map<std::string, Plane*>& products, const Box& interior, const Task& task,
-                   TileTotals& totals) {
+void filter_signal(const Run& run, const std::vector<Source>& sources, const Tile& tile, const LayerName& name,
+                   const SignalLevel& level, const FilterOutput& sums, const std::vector<FilterOutput>& carried,
+                   const std::map<std::string, Plane*>& products, const Task& task, TileTotals& totals) {
   const FilterEntry& entry = run.filter.entry();
+  const Layers& layers = *tile.sources[0];
   const int width = layers.width(), height = layers.height();
-  Signal signal;
-  read_signal(signal, layers, name, run, task);
-  if (!signal.removed.empty())
+  const Box& interior = tile.interior;
+  const ivec2 origin{tile.outer.x0, tile.outer.y0};
+  std::vector<std::unique_ptr<Prepared>> prepared;
+  for (size_t i = 0; i < sources.size(); ++i) {
+    prepared.push_back(std::make_unique<Prepared>(run, sources[i], *tile.sources[i], name, task));
+    FilterFrame& f = prepared.back()->frame;
+    f.origin = origin;
+    f.mean_luminance = level.luminance;
+    f.lab_noise = level.lab_noise;
+  }
+  FilterFrame& frame = prepared[0]->frame;
+  for (size_t i = 1; i < sources.size(); ++i) frame.nearby.push_back({sources[i].distance, &prepared[i]->frame});
+  if (const Plane& removed = prepared[0]->signal.removed; !removed.empty())
     for (int y = interior.y0; y < interior.y1; ++y)
       for (int x = interior.x0; x < interior.x1; ++x)
-        totals.energy += signal.removed(x, y), totals.outliers += signal.removed(x, y) > 0;
-  std::vector<Feature> features;
-  if (run.filter.uses_features())
-    features = run.features.build(
-        layers, {entry.can_use_statistics >= Statistics::kVariance, entry.can_use_statistics >= Statistics::kHalves},
-        task);
-
-  FilterFrame frame{name, signal.mean, signal.mean, layers, run.options.exposure};
-  if (run.mask && entry.background) frame.medium = &layers.at(layer::coverage.channel(0));
-  frame.variance = signal.variance;
-  frame.half_a = signal.half_a, frame.half_b = signal.half_b;
-  frame.buckets = signal.buckets;
-  frame.features = &features;
-  frame.together = !run.options.carried.empty();
-  frame.samples = run.samples;
-  frame.mean_luminance = mean_luminance;
-  frame.records = run.options.records;
-  frame.origin = origin;
-  frame.frame_size = run.frame_size;
+        totals.energy += removed(x, y), totals.outliers += removed(x, y) > 0;
 
   std::map<std::string, Plane> produced;
   const size_t jobs = 1 + carried.size();
@@ -234,7 +222,9 @@ void filter_signal(const Run& run, const Layers& layers, const LayerName& name, 
     Rgb out{Plane(width, height), Plane(width, height), Plane(width, height)};
     const FilterOutput target = {&out[0], &out[1], &out[2]};
     frame.products = j == 0 && !products.empty() ? &produced : nullptr;
-    if (j > 0) frame.values = layers.rgb(run.options.carried[j - 1]);
+    if (j > 0)
+      for (size_t i = 0; i < sources.size(); ++i)
+        prepared[i]->frame.values = tile.sources[i]->rgb(run.options.carried[j - 1]);
     const Task part = share(task, static_cast<double>(j) / static_cast<double>(jobs),
                             static_cast<double>(j + 1) / static_cast<double>(jobs));
     run.filter.run(frame, target, part);
@@ -269,6 +259,20 @@ void filter_signal(const Run& run, const Layers& layers, const LayerName& name, 
         (*target)(x + origin.x, y + origin.y) = produced.at(channel)(x, y);
 }
 
+double noise_level(const Layers& layers, const LayerName& signal, const ApplyOptions& options, const Plane* medium,
+                   const Task& task) {
+  const RgbPlanes mean = layers.rgb(signal);
+  if (options.noise == NoiseSource::kSpatial) {
+    const Rgb variance = spatial_variance(mean, task);
+    return lab_noise(mean, view(variance), {}, {}, options.exposure, medium);
+  }
+  const bool halves = layers.has(signal, statistic::half_a) && layers.has(signal, statistic::half_b);
+  if (halves)
+    return lab_noise(mean, {}, layers.rgb(signal, statistic::half_a), layers.rgb(signal, statistic::half_b),
+                     options.exposure, medium);
+  return lab_noise(mean, layers.rgb(signal, statistic::mean_variance), {}, {}, options.exposure, medium);
+}
+
 double light_of(const Layers& layers, const std::vector<LayerName>& signals) {
   double light = 0;
   for (const LayerName& name : signals) {
@@ -279,12 +283,6 @@ double light_of(const Layers& layers, const std::vector<LayerName>& signals) {
   return std::max(light, 1e-30);
 }
 
-Layers part_of(const Layers& source, const std::vector<std::string>& channels, const Box& box) {
-  Layers part(box.width(), box.height());
-  for (const std::string& name : channels) part.set(name, crop(source.at(name), box));
-  return part;
-}
-
 // What a run may always hold, however little it reads [bytes]: tiles cost work for their aprons.
 constexpr double kFreeMemory = 5e8;
 constexpr int kSmallestTile = 128;
@@ -292,10 +290,11 @@ constexpr int kSmallestTile = 128;
 /// Side of the tiles, and what the run holds at its height [bytes].
 int choose_tile(const FilterEntry& filter, const Layers& frame, const ApplyOptions& options, int apron, double& peak) {
   const double pixels = static_cast<double>(frame.width()) * frame.height();
-  const double read = 4.0 * pixels * static_cast<double>(frame.channels().size());
+  const double frames = static_cast<double>(1 + options.sequence.size());
+  const double read = 4.0 * pixels * frames * static_cast<double>(frame.channels().size());
   const double written = 4.0 * pixels * (4.0 + 3.0 * static_cast<double>(options.carried.size()));
   // Copies of what is cropped, the prepared statistics and the filter's own.
-  const double per_pixel = 4.0 * (filter.scratch + 16.0);
+  const double per_pixel = 4.0 * frames * (filter.scratch + 16.0);
   const int longest = std::max(frame.width(), frame.height());
   int tile = options.tile;
   if (tile == 0) {
@@ -311,76 +310,25 @@ int choose_tile(const FilterEntry& filter, const Layers& frame, const ApplyOptio
 
 }  // namespace
 
-std::vector<LayerName> required_layers(const FilterEntry& filter, const ApplyOptions& options) {
-  std::vector<LayerName> layers;
-  if (options.component == Component::kAll)
-    layers = {layer::beauty};
-  else
-    layers = {layer::direct, layer::indirect};
-  for (const LayerName& l : filter.needs)
-    if (std::find(layers.begin(), layers.end(), l) == layers.end()) layers.push_back(l);
-  return layers;
-}
-
-std::set<std::string> readable_channels(const FilterSettings& settings, const ApplyOptions& options) {
-  const FilterEntry& filter = settings.entry();
-  std::set<std::string> names;
-  const auto add = [&](const LayerName& l, std::string_view statistic = "") {
-    for (const std::string& name : l.channel_names(statistic)) names.insert(name);
-  };
-  for (const LayerName& l : required_layers(filter, options)) add(l);
-  for (const LayerName& l : filter.can_use) add(l);
-  if (filter.variances)
-    for (const std::vector<LayerName>& list : {filter.needs, filter.can_use})
-      for (const LayerName& l : list) add(l, statistic::mean_variance);
-  for (const LayerName& l : options.carried) add(l);
-  for (const LayerName& l : {layer::coverage, layer::alpha}) add(l);
-  const Statistics statistics = std::max(filter.statistics, filter.can_use_statistics);
-  const bool limits = options.outliers != Outliers::kKeep;
-  for (const LayerName& l : signals_of(options)) {
-    if (statistics >= Statistics::kVariance || limits)
-      for (const auto which : {statistic::mean_variance, statistic::half_a, statistic::half_b}) add(l, which);
-    if (statistics >= Statistics::kBuckets || limits)
-      for (const auto which : statistic::buckets) add(l, which);
-  }
-  if (statistics >= Statistics::kVariance || limits) add(layer::sample_count);
-  if (settings.uses_features())
-    for (const LayerName& l : FeaturePlan::sources())
-      for (const auto which : {std::string_view(), statistic::mean_variance, statistic::half_a, statistic::half_b})
-        add(l, which);
-  return names;
-}
-
 Layers apply_filter(const FilterSettings& requested, const Layers& frame, const ApplyOptions& options, const Task& task,
                     ApplyReport* report) {
   const FilterEntry& entry = requested.entry();
-  check_layers(entry, frame, options);
-  check_statistics(entry, frame, options);
+  check_requirements(requested, frame, options);
   ApplyReport local;
   ApplyReport& r = report ? *report : local;
   r = {};
   const Stopwatch watch;
 
-  std::vector<std::string> used;
-  for (const std::string& name : readable_channels(requested, options))
-    if (frame.find(name)) used.push_back(name);
-  // A frame with something to repair is copied; the usual one is not.
-  std::set<std::pair<int, int>> bad;
-  Layers fixed;
-  std::vector<char> damaged(used.size());
-  parallel_for(static_cast<int>(used.size()), quiet(task), [&](int i) {
-    damaged[static_cast<size_t>(i)] = count_not_finite(frame.at(used[static_cast<size_t>(i)])) > 0;
-  });
-  for (size_t i = 0; i < used.size(); ++i)
-    if (damaged[i]) {
-      if (bad.empty()) fixed = frame;
-      fixed.set(used[i], repaired(frame.at(used[i]), bad));
-    }
-  const Layers& source = bad.empty() ? frame : fixed;
-  r.repaired_pixels = bad.size();
-  if (!bad.empty())
-    r.notes.push_back(
-        fmt::format("{} pixels were NaN or infinite and were replaced by the median of their neighbours", bad.size()));
+  const std::set<std::string> readable = readable_channels(requested, options);
+  std::vector<Source> sources;
+  sources.reserve(1 + options.sequence.size());
+  sources.emplace_back(SequenceFrame{0, &frame, options.records}, readable, task);
+  for (const SequenceFrame& other : options.sequence) sources.emplace_back(other, readable, task);
+  for (const Source& s : sources) r.repaired_pixels += s.repaired;
+  if (r.repaired_pixels)
+    r.notes.push_back(fmt::format("{} pixels were NaN or infinite and were replaced by the median of their neighbours",
+                                  r.repaired_pixels));
+  const Layers& source = sources[0].layers();
 
   FilterSettings filter = requested;
   if (const Parameter* average = entry.find("average");
@@ -397,7 +345,6 @@ Layers apply_filter(const FilterSettings& requested, const Layers& frame, const 
     run.mask = source.has(layer::coverage);
     if (!run.mask) r.notes.push_back("no coverage layer: every pixel is filtered as medium");
   }
-  if (const Plane* count = source.find(layer::sample_count.channel(0))) run.samples = mean_of(*count);
 
   const int apron = filter.apron() + (entry.can_use_statistics > Statistics::kNone ? kNoiseReach : 0) +
                     (options.outliers != Outliers::kKeep ? kOutlierReach : 0);
@@ -420,8 +367,14 @@ Layers apply_filter(const FilterSettings& requested, const Layers& frame, const 
   for (const LayerName& l : entry.produces)
     for (const std::string& channel : l.channel_names()) products[channel] = &result.add(channel);
   const std::vector<LayerName> signals = signals_of(options);
-  std::vector<double> mean_luminances;
-  for (const LayerName& name : signals) mean_luminances.push_back(mean_of_luminance(source.rgb(name)));
+  std::vector<SignalLevel> levels;
+  for (const LayerName& name : signals) {
+    SignalLevel& level = levels.emplace_back();
+    level.luminance = mean_of_luminance(source.rgb(name));
+    if (!filter.uses_noise_level()) continue;
+    level.lab_noise = noise_level(source, name, options, source.find(layer::coverage.channel(0)), task);
+    r.notes.push_back(fmt::format("noise of '{}': {:.3g} Lab units", name.label(), level.lab_noise));
+  }
   const int across = (frame.width() + tile - 1) / tile, down = (frame.height() + tile - 1) / tile;
   const size_t jobs = static_cast<size_t>(across * down) * signals.size();
   TileTotals totals;
@@ -430,15 +383,18 @@ Layers apply_filter(const FilterSettings& requested, const Layers& frame, const 
     for (int tx = 0; tx < across; ++tx) {
       const Box inner{tx * tile, ty * tile, std::min(frame.width(), (tx + 1) * tile),
                       std::min(frame.height(), (ty + 1) * tile)};
-      const Box outer = inner.grown(apron, frame.width(), frame.height());
-      const bool whole = across * down == 1;
-      const Layers part = whole ? Layers() : part_of(source, used, outer);
-      const Box interior{inner.x0 - outer.x0, inner.y0 - outer.y0, inner.x1 - outer.x0, inner.y1 - outer.y0};
+      Tile part{inner.grown(apron, frame.width(), frame.height()), {}, {}};
+      part.interior = {inner.x0 - part.outer.x0, inner.y0 - part.outer.y0, inner.x1 - part.outer.x0,
+                       inner.y1 - part.outer.y0};
+      std::vector<Layers> crops;
+      if (across * down > 1)
+        for (const Source& s : sources) crops.push_back(s.crop_to(part.outer));
+      for (size_t i = 0; i < sources.size(); ++i)
+        part.sources.push_back(crops.empty() ? &sources[i].layers() : &crops[i]);
       for (size_t s = 0; s < signals.size(); ++s, ++job) {
         const double jobs_done = static_cast<double>(job), all = static_cast<double>(jobs);
-        filter_signal(run, whole ? source : part, signals[s], mean_luminances[s], {outer.x0, outer.y0}, out,
-                      s == 0 ? carried : std::vector<FilterOutput>(),
-                      s == 0 ? products : std::map<std::string, Plane*>(), interior,
+        filter_signal(run, sources, part, signals[s], levels[s], out, s == 0 ? carried : std::vector<FilterOutput>(),
+                      s == 0 ? products : std::map<std::string, Plane*>(),
                       share(task, jobs_done / all, (jobs_done + 1) / all), totals);
       }
     }
@@ -473,6 +429,11 @@ Layers apply_filter(const FilterSettings& requested, const Layers& frame, const 
   result.header["filterExposure"] = static_cast<float>(options.exposure);
   result.header["filterSeconds"] = static_cast<float>(r.seconds);
   result.header["filterSource"] = entry.source;
+  if (!options.sequence.empty()) {
+    std::vector<std::string> distances;
+    for (const SequenceFrame& other : options.sequence) distances.push_back(fmt::format("{:+}", other.distance));
+    result.header["filterFrames"] = join(distances);
+  }
   if (with_features) result.header["filterFeatures"] = features.note();
   if (options.noise == NoiseSource::kSpatial) result.header["filterNoise"] = std::string("estimated from the picture");
   if (options.outliers != Outliers::kKeep)

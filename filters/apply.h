@@ -1,6 +1,4 @@
 #pragma once
-#include <set>
-
 #include "filters/filter.h"
 #include "filters/noise.h"
 
@@ -17,6 +15,13 @@ enum class BackgroundRule {
   kFilter,     ///< every pixel gets the filter
 };
 
+/// Another frame of a sequence.
+struct SequenceFrame {
+  int distance = 0;  ///< in frames: before < 0 < after
+  const Layers* layers = nullptr;
+  RecordReader* records = nullptr;
+};
+
 /// What of a frame is filtered, what is done before, and how it is put together again.
 struct ApplyOptions {
   Component component = Component::kIndirect;
@@ -29,6 +34,7 @@ struct ApplyOptions {
   /// before the filter sum to it after.
   std::vector<LayerName> carried = {};
   RecordReader* records = nullptr;
+  std::vector<SequenceFrame> sequence = {};  ///< for filters that look through time
   int tile = 0;  ///< side of the squares that are filtered one after another [px]; 0: as large as memory allows
 };
 
@@ -40,18 +46,12 @@ struct ApplyReport {
   std::vector<std::string> notes;
 };
 
-/// The layers without which a run is impossible: the component's, the filter's.
-std::vector<LayerName> required_layers(const FilterEntry& filter, const ApplyOptions& options);
-
-/// The full names of all channels that a run reads where a frame has them: statistics and features included.
-std::set<std::string> readable_channels(const FilterSettings& filter, const ApplyOptions& options);
-
 /// Cleans a frame. The result holds R G B, A where the frame has it, the carried layers, and the header with the filter
 /// and every parameter. Non-finite pixels are replaced by the median of their finite neighbours before the filter and
 /// counted. Frames that need more room than a quarter of the layers read are filtered tile by tile.
 /// @throws InputError when a needed layer or statistic is missing: names all of them, and the command that records
 /// them;
-///                    when the machine has not the memory
+///                    for another frame of the sequence too; when the machine has not the memory
 Layers apply_filter(const FilterSettings& filter, const Layers& frame, const ApplyOptions& options, const Task& task,
                     ApplyReport* report = nullptr);
 

@@ -6,14 +6,15 @@ namespace {
 
 struct BilateralFilter {
   int radius = 6;
-  float sigma_domain = 2, sigma_range = 20;
+  float sigma_domain = 2, sigma_range = 20, noise_factor = 0;
   Average average = Average::kDomain;
 };
 
 void run(const BilateralFilter& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
   LabWindow window(frame, p.radius, p.average, task);
   const kernels::WindowInput in = window.input();
-  for_each_row(frame.height(), task, [&](int y) { kernels::bilateral_row(in, {p.sigma_domain, p.sigma_range}, y); });
+  const kernels::Bilateral weights{p.sigma_domain, range_sigma(p.sigma_range, p.noise_factor, frame)};
+  for_each_row(frame.height(), task, [&](int y) { kernels::bilateral_row(in, weights, y); });
   window.finish(out, task);
 }
 
@@ -27,6 +28,8 @@ const FilterEntry entry =
                "of the kernel over distance; 0 switches it off", {0.5, 0.75, 1, 1.5, 2, 3, 4})
         .param("sigma-range", &BilateralFilter::sigma_range, {0, 1000}, "Lab units",
                "of the kernel over colour difference; 0 switches it off", {2.5, 5, 10, 20, 40, 80})
+        .param("noise-factor", &BilateralFilter::noise_factor, {0, 100}, "deviations", kNoiseFactorHelp)
+        .noise_level([](const BilateralFilter& p) { return p.noise_factor > 0; })
         .param("average", &BilateralFilter::average, kAverageNames, kAverageHelp, kAverageNames)
         .apron([](const BilateralFilter& p) { return p.radius; })
         .background()

@@ -15,6 +15,7 @@ enum class Logarithm { kNatural, kDecimal };
 struct ExtendedBilateral {
   Domain domain = Domain::kLab;
   int radius = 6;
+  float noise_factor = 0;
   float sigma_domain = 0, sigma_range = 0;  // 0: the domain's published values, below
   Average average = Average::kDomain;
   Hue hue = Hue::kWindow;
@@ -34,11 +35,13 @@ kernels::Bilateral weights(const ExtendedBilateral& p) {
 void run_lab(const ExtendedBilateral& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
   LabWindow window(frame, p.radius, p.average, task);
   const kernels::WindowInput in = window.input();
+  kernels::Bilateral w = weights(p);
+  w.sigma_range = range_sigma(w.sigma_range, p.noise_factor, frame);
   WorkImage prefiltered = gaussian(window.guide(), p.radius, weights(p).sigma_domain, task);
   if (in.values != in.guide)
     for (PaddedPlane& channel : gaussian(window.values(), p.radius, weights(p).sigma_domain, task).channels)
       prefiltered.channels.push_back(std::move(channel));
-  for_each_row(frame.height(), task, [&](int y) { kernels::extended_bilateral_row(in, weights(p), prefiltered, y); });
+  for_each_row(frame.height(), task, [&](int y) { kernels::extended_bilateral_row(in, w, prefiltered, y); });
   window.finish(out, task);
 }
 
@@ -51,6 +54,10 @@ void run_log(const ExtendedBilateral& p, const FilterFrame& frame, const FilterO
   if (frame.carries())
     throw InputError(
         "filter extended_bilateral: domain=log-luminance makes colour from luminance and cannot carry other layers");
+  if (p.noise_factor > 0)
+    throw InputError(
+        "filter extended_bilateral: noise-factor is a multiple of the noise in Lab; with domain=log-luminance give "
+        "sigma-range");
   const int width = frame.width(), height = frame.height();
   Plane luminances(width, height), logarithms(width, height);
   for (int y = 0; y < height; ++y)
@@ -129,6 +136,8 @@ const FilterEntry entry =
                {0.5, 0.75, 1, 1.5, 2, 3, 4})
         .param("sigma-range", &ExtendedBilateral::sigma_range, {0, 1000}, "domain units",
                "of the kernel over difference; 0: 10 (lab), 0.4 (log-luminance)", {2.5, 5, 10, 20, 40, 80})
+        .param("noise-factor", &ExtendedBilateral::noise_factor, {0, 100}, "deviations", kNoiseFactorHelp)
+        .noise_level([](const ExtendedBilateral& p) { return p.noise_factor > 0; })
         .param("average", &ExtendedBilateral::average, kAverageNames, kAverageHelp, kAverageNames)
         .param("hue", &ExtendedBilateral::hue, {"window", "own"},
                "log-luminance: colour of the weighted window, or of the noisy pixel as published")

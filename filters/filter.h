@@ -21,6 +21,14 @@ inline constexpr LayerName sampling_map{"sampling_map", "Y",
                                         "of a filter: samples per pixel to take next, their mean being one"};
 }  // namespace layer
 
+struct FilterFrame;
+
+/// A frame of a sequence beside the one that is cleaned.
+struct NearbyFrame {
+  int distance;  ///< in frames: before < 0 < after
+  const FilterFrame* frame;
+};
+
 /// What a filter is given: one signal to clean, and what it declared to read. Everything finite, all of one size.
 struct FilterFrame {
   LayerName name;    ///< of the signal
@@ -36,10 +44,12 @@ struct FilterFrame {
   RgbPlanes half_a{}, half_b{};  ///< of the signal; null unless declared or absent
   std::vector<RgbPlanes> buckets = {};             ///< eight, or none
   const std::vector<Feature>* features = nullptr;  ///< never null where declared; may be empty
-  bool together = false;            ///< other layers are carried in this run: all must get the very same weights
-  double samples = 0;               ///< per pixel, mean over the frame; 0: unknown
-  double mean_luminance = 0;        ///< of the whole frame's signal, Radiance's weights
-  RecordReader* records = nullptr;  ///< null where none were given, unless needed
+  bool together = false;                 ///< other layers are carried in this run: all must get the very same weights
+  double samples = 0;                    ///< per pixel, mean over the frame; 0: unknown
+  double mean_luminance = 0;             ///< of the whole frame's signal, Radiance's weights
+  double lab_noise = 0;                  ///< of the whole frame's signal (filters/noise.h); 0 unless declared
+  RecordReader* records = nullptr;       ///< null where none were given, unless needed
+  std::vector<NearbyFrame> nearby = {};  ///< by distance; none for a still
   /// Where to leave the layers that the filter declared to produce, by full channel name; null: nobody wants them.
   std::map<std::string, Plane>* products = nullptr;
   ivec2 origin{0};  ///< of this tile in the frame
@@ -49,6 +59,9 @@ struct FilterFrame {
   int width() const { return signal[0]->width(); }
   int height() const { return signal[0]->height(); }
 };
+
+/// A frame and those nearby in their order, the frame itself at distance 0.
+std::vector<NearbyFrame> in_order(const FilterFrame& frame);
 
 using FilterOutput = std::array<Plane*, 3>;
 
@@ -80,8 +93,11 @@ struct FilterEntry {
   Statistics can_use_statistics = Statistics::kNone;
   /// Whether it weighs by features or regresses on them with these parameters, whichever the frame has; null: never.
   std::function<bool(const std::any&)> features;
+  /// Whether it reads FilterFrame::lab_noise with these parameters; null: never.
+  std::function<bool(const std::any&)> noise_level;
   bool variances = false;  ///< reads the variance of the layers it needs or can use
   enum class Records { kNo, kCanUse, kNeeds } records = Records::kNo;  ///< of what happened to each sample
+  bool sequences = false;                                              ///< looks into FilterFrame::nearby
   bool carries = false;     ///< can average other layers with the signal's weights
   bool seeded = false;      ///< depends on the order or place of pixels, so that a turned picture differs a little
   bool background = false;  ///< knows FilterFrame::medium; the others treat every pixel unless asked otherwise
@@ -111,6 +127,7 @@ class FilterSettings {
   std::string text() const;
   int apron() const { return entry_->apron(parameters_); }
   bool uses_features() const { return entry_->features && entry_->features(parameters_); }
+  bool uses_noise_level() const { return entry_->noise_level && entry_->noise_level(parameters_); }
   void run(const FilterFrame& frame, const FilterOutput& out, const Task& task) const {
     entry_->run(parameters_, frame, out, task);
   }
@@ -157,9 +174,16 @@ class Declaration {
     entry_.features = [when](const std::any& a) { return when(std::any_cast<const P&>(a)); };
     return *this;
   }
+  /// Reads the frame's noise level in CIE-Lab with these parameters.
+  Declaration& noise_level(bool (*when)(const P&)) {
+    entry_.noise_level = [when](const std::any& a) { return when(std::any_cast<const P&>(a)); };
+    return *this;
+  }
   /// Reads the file of per-sample records; can_use: in place of the bucket means.
   Declaration& needs_records() { return entry_.records = FilterEntry::Records::kNeeds, *this; }
   Declaration& can_use_records() { return entry_.records = FilterEntry::Records::kCanUse, *this; }
+  /// Looks into the frames before and after.
+  Declaration& sequences() { return entry_.sequences = true, *this; }
   /// Averages FilterFrame::values with weights from the signal alone.
   Declaration& carries() { return entry_.carries = true, *this; }
   /// Draws random numbers by the pixel's place, or takes pixels in an order.

@@ -22,8 +22,8 @@ struct GaussianFilter {
 constexpr double kWidths[] = {0.25, 0.5, 0.75, 1, 1.5, 2, 3, 4};
 constexpr double kErrorSigma = 3;
 
-/// The width with the smallest risk at every pixel. A Gaussian's weights do not depend on the picture, so that Stein's
-/// estimate is exact: (F - y)^2 + 2 V w_pp / sum w - V.
+/// The width with the smallest risk at every pixel. A Gaussian's weights do not depend on the picture, so that the
+/// derivative of a pixel's result by its own value is its own weight.
 void run_per_pixel(const GaussianFilter& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
   if (!frame.variance[0])
     throw InputError(
@@ -42,10 +42,8 @@ void run_per_pixel(const GaussianFilter& p, const FilterFrame& frame, const Filt
     const float own = static_cast<float>(1 / (total * total));
     const Plane error = make_plane(frame.width(), frame.height(), quiet(task), [&](int x, int y) {
       float sum = 0;
-      for (size_t c = 0; c < 3; ++c) {
-        const float d = clean[c](x, y) - (*frame.signal[c])(x, y), v = (*frame.variance[c])(x, y);
-        sum += d * d + (2 * own - 1) * v;
-      }
+      for (size_t c = 0; c < 3; ++c)
+        sum += stein_risk(clean[c](x, y), (*frame.signal[c])(x, y), (*frame.variance[c])(x, y), own);
       return sum;
     });
     errors.push_back(gaussian_blur(error, kErrorSigma, task));

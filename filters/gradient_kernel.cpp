@@ -16,14 +16,15 @@ struct GradientKernel {
   int radius = 6;
   float sigma_domain = 2;
   float sigma_range = 0, sigma_gradient = 0;  // 0: the variant's values, below
-  float gate_strength = 1;
+  float gate_strength = 1, noise_factor = 0;
   Average average = Average::kDomain;
 };
 
-kernels::GradientWeights weights(const GradientKernel& p) {
+kernels::GradientWeights weights(const GradientKernel& p, const FilterFrame& frame) {
   const bool paper = p.variant == Variant::kPaper, multiply = p.variant == Variant::kMultiply;
   kernels::GradientWeights w;
-  w.bilateral = {p.sigma_domain, p.sigma_range > 0 ? p.sigma_range : multiply ? 30.0f : 10.0f};
+  const float given = p.sigma_range > 0 ? p.sigma_range : multiply ? 30.0f : 10.0f;
+  w.bilateral = {p.sigma_domain, range_sigma(given, p.noise_factor, frame)};
   w.sigma_gradient = p.sigma_gradient > 0 ? p.sigma_gradient : paper ? 3.0f : 0.2f;
   w.variant = multiply                      ? kernels::GradientVariant::kMultiply
               : p.variant == Variant::kGate ? kernels::GradientVariant::kGate
@@ -46,7 +47,8 @@ void run(const GradientKernel& p, const FilterFrame& frame, const FilterOutput& 
   }
   const kernels::WindowInput in = window.input();
   const PaddedPlane* alpha = opacity.channels.empty() ? nullptr : &opacity.channels[0];
-  for_each_row(frame.height(), task, [&](int y) { kernels::gradient_kernel_row(in, weights(p), gradient, alpha, y); });
+  const kernels::GradientWeights w = weights(p, frame);
+  for_each_row(frame.height(), task, [&](int y) { kernels::gradient_kernel_row(in, w, gradient, alpha, y); });
   window.finish(out, task);
 }
 
@@ -75,6 +77,8 @@ const FilterEntry entry =
         .param("sigma-gradient", &GradientKernel::sigma_gradient, {0, 100}, "1",
                "sigma_G, of 1 - cos of the angle; 0: 3 for paper, else 0.2", {0.1, 0.3, 3})
         .param("gate-strength", &GradientKernel::gate_strength, {0, 100}, "1", "gamma of the gate variant")
+        .param("noise-factor", &GradientKernel::noise_factor, {0, 100}, "deviations", kNoiseFactorHelp)
+        .noise_level([](const GradientKernel& p) { return p.noise_factor > 0; })
         .param("average", &GradientKernel::average, kAverageNames, kAverageHelp, kAverageNames)
         .apron([](const GradientKernel& p) { return p.radius; })
         .background()

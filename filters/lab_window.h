@@ -1,4 +1,6 @@
 #pragma once
+#include <algorithm>
+
 #include "filters/filter.h"
 #include "filters/kernels/window.h"
 #include "filters/planes.h"
@@ -12,6 +14,13 @@ enum class Average {
 };
 inline const std::vector<std::string> kAverageNames = {"domain", "linear"};
 inline constexpr const char* kAverageHelp = "average Lab values (as published) or linear light with weights from Lab";
+
+inline constexpr const char* kNoiseFactorHelp =
+    "range sigma as this many times the measured noise of the picture; 0: the sigma given";
+/// The range sigma: what was given, or a multiple of the picture's noise, of which even none leaves a kernel.
+inline float range_sigma(float given, float noise_factor, const FilterFrame& frame) {
+  return noise_factor > 0 ? std::max(noise_factor * static_cast<float>(frame.lab_noise), 1e-6f) : given;
+}
 
 /// A frame on its way through window kernels: padded Lab guide, values to average, and back.
 class LabWindow {

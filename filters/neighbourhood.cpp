@@ -123,7 +123,7 @@ std::vector<Averages> weighted_averages(const WeightModel& model, std::span<cons
             (!variants[v - 1].offsets.empty() && variants[v - 1].offsets[o] == 0))
           kernels::block_weights(model, {width, height}, block, dx, dy, distances.data(), variant.scale, variant.place,
                                  weights.data(), kWidth);
-        kernels::accumulate_block(weights.data(), kWidth, share, block, dx, dy, values, variance,
+        kernels::accumulate_block(weights.data(), kWidth, share, block, dx, dy, values, values, variance,
                                   sums.data() + kPlane * planes * v, kPlane);
       }
     }
@@ -149,6 +149,32 @@ Averages weighted_average(const WeightModel& model, std::span<const Offset> offs
                           std::span<const Plane* const> values, const Task& task) {
   const Variant plain;
   return std::move(weighted_averages(model, offsets, {&plain, 1}, values, nullptr, task)[0]);
+}
+
+std::vector<Plane> average_over_frames(std::span<const Slice> slices, std::span<const Plane* const> values,
+                                       const Task& task) {
+  const int width = values[0]->width(), height = values[0]->height();
+  std::vector<Plane> out(values.size(), Plane(width, height));
+  for_each_block(width, height, kWidth, kHeight, task, [&](const Box& block) {
+    std::vector<float> weights(kPlane), sums(kPlane * (values.size() + 1));
+    kernels::WeightScratch scratch;
+    for (const Slice& slice : slices)
+      for (const auto& [dx, dy, own] : slice.offsets) {
+        kernels::block_distances(slice.model, block, dx, dy, scratch, weights.data(), kWidth);
+        kernels::block_weights(slice.model, {width, height}, block, dx, dy, weights.data(), 1, nullptr, weights.data(),
+                               kWidth);
+        kernels::accumulate_block(weights.data(), kWidth, own, block, dx, dy, values, slice.values, nullptr,
+                                  sums.data(), kPlane);
+      }
+    for (int y = block.y0; y < block.y1; ++y)
+      for (int x = block.x0; x < block.x1; ++x) {
+        const size_t at = static_cast<size_t>(y - block.y0) * kWidth + static_cast<size_t>(x - block.x0);
+        const float total = sums[values.size() * kPlane + at];
+        for (size_t c = 0; c < values.size(); ++c)
+          out[c](x, y) = (*values[c])(x, y) + (total > 1e-8f ? sums[c * kPlane + at] / total : 0.0f);
+      }
+  });
+  return out;
 }
 
 Plane weights_toward(const WeightModel& model, int dx, int dy, int width, int height, const Task& task) {

@@ -56,6 +56,17 @@ struct Averages {
 Averages weighted_average(const WeightModel& model, std::span<const Offset> offsets,
                           std::span<const Plane* const> values, const Task& task);
 
+/// A frame of a sequence as the window of another sees it: how its pixels compare with that frame's, which of them, and
+/// what they hold.
+struct Slice {
+  WeightModel model;
+  std::vector<Offset> offsets;
+  std::vector<const Plane*> values;
+};
+/// The same over the frames of a sequence; values[c] is where the window lies.
+std::vector<Plane> average_over_frames(std::span<const Slice> slices, std::span<const Plane* const> values,
+                                       const Task& task);
+
 /// One of several averages whose weights share their distances.
 struct Variant {
   float scale = 1;               ///< of the joined distance

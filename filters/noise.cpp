@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "filters/planes.h"
+#include "image/color.h"
 
 namespace brume {
 namespace {
@@ -107,6 +108,41 @@ Rgb spatial_variance(const RgbPlanes& mean, const Task& task) {
     lift(out[c], p, task);
   }
   return out;
+}
+
+double lab_noise(const RgbPlanes& mean, const RgbPlanes& variance, const RgbPlanes& half_a, const RgbPlanes& half_b,
+                 double exposure, const Plane* medium) {
+  constexpr int kBlock = 8, kFewest = 16;
+  const int width = mean[0]->width(), height = mean[0]->height();
+  const auto squared = [&](int x, int y) {
+    dvec3 a, b;
+    for (int c = 0; c < 3; ++c) {
+      const size_t i = static_cast<size_t>(c);
+      if (half_a[0] && half_b[0]) {
+        a[c] = (*half_a[i])(x, y), b[c] = (*half_b[i])(x, y);
+      } else {
+        const double m = (*mean[i])(x, y), s = std::sqrt(std::max(0.0f, (*variance[i])(x, y)));
+        a[c] = m + s, b[c] = m - s;
+      }
+    }
+    const dvec3 d = 0.5 * (lab_from_rgb(exposure * a) - lab_from_rgb(exposure * b));
+    return glm::dot(d, d);
+  };
+  std::vector<double> blocks;
+  for (int y0 = 0; y0 < height; y0 += kBlock)
+    for (int x0 = 0; x0 < width; x0 += kBlock) {
+      double sum = 0;
+      int n = 0;
+      for (int y = y0; y < std::min(height, y0 + kBlock); ++y)
+        for (int x = x0; x < std::min(width, x0 + kBlock); ++x)
+          if (!medium || (*medium)(x, y) > 0)
+            if (const double d = squared(x, y); std::isfinite(d)) sum += d, ++n;
+      if (n >= std::min({kFewest, width * height})) blocks.push_back(std::sqrt(sum / n));
+    }
+  if (blocks.empty()) return 0;
+  const auto middle = blocks.begin() + static_cast<std::ptrdiff_t>(blocks.size() / 2);
+  std::nth_element(blocks.begin(), middle, blocks.end());
+  return *middle;
 }
 
 Plane limit_outliers(NoisySignal& signal, Outliers how, const Task& task) {

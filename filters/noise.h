@@ -29,6 +29,14 @@ Rgb variance_of_halves(const RgbPlanes& mean, const RgbPlanes& half_a, const Rgb
 /// detail counts as noise. Source: Immerkaer 1996, Fast noise variance estimation.
 Rgb spatial_variance(const RgbPlanes& mean, const Task& task);
 
+/// How much noise a picture carries, as one number: its standard deviation in CIE-Lab units. From the difference of the
+/// halves; without them from the variance, colour channels being taken to err together, as they do where samples are
+/// grey. Root mean square over blocks of 8 x 8 pixels, and of those the median, so that neither fireflies nor empty
+/// background decide.
+/// @param medium  pixels at 0 are left out; null: all count
+double lab_noise(const RgbPlanes& mean, const RgbPlanes& variance, const RgbPlanes& half_a, const RgbPlanes& half_b,
+                 double exposure, const Plane* medium);
+
 /// What becomes of pixels far brighter than their surroundings and their own noise explain.
 enum class Outliers {
   kKeep,

@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 
 #include "base/rng.h"
 #include "filters/kernels/sample_filter.h"
@@ -48,13 +49,11 @@ const std::vector<std::pair<std::string_view, int>> kParameters = {
     {"flight_1", 1}, {"direction_1", 3}, {"light_1", 1}, {"light_uv_1", 2},
     {"flight_2", 1}, {"direction_2", 3}, {"lens", 2},    {"time", 1}};
 
-/// The samples of a tile and its apron, one record after another: colour, features, random parameters, film position.
-class Store {
+/// Which numbers of a record are used, and how they are scaled.
+class Columns {
  public:
-  Store(const FilterFrame& frame) : width_(frame.width()), height_(frame.height()) {
-    RecordReader& reader = *frame.records;
+  explicit Columns(RecordReader& reader) {
     const RecordLayout& layout = reader.layout();
-    const std::vector<size_t> parts = signal_offsets(layout, frame.name);
     std::vector<Column> wanted;
     const auto add = [&](Kind kind, std::string_view name, int components) {
       const size_t at = field_offset(layout, name);
@@ -64,51 +63,15 @@ class Store {
     for (const auto& [name, components] : kFeatures) add(Kind::kFeature, name, components);
     for (const auto& [name, components] : kParameters) add(Kind::kParameter, name, components);
     add(Kind::kPosition, "film", 2);
-    choose_columns(reader, wanted);
-
-    const size_t count = static_cast<size_t>(layout.samples), width = static_cast<size_t>(layout.components());
-    group_ = (layout.samples + kMostSamples - 1) / kMostSamples;
-    samples_ = (layout.samples + group_ - 1) / group_;
-    stride_ = (3 + columns_.size() + 7) / 8 * 8;
-    data_.assign(static_cast<size_t>(width_) * static_cast<size_t>(height_) * static_cast<size_t>(samples_) * stride_,
-                 0.0f);
-    const size_t group = static_cast<size_t>(group_);
-    visit_records(frame, [&](int x, int y, std::span<const float> records) {
-      for (size_t s = 0; s < count; ++s) {
-        const float* record = records.data() + s * width;
-        const size_t g = s / group;
-        const float share = 1.0f / static_cast<float>(std::min(count - g * group, group));
-        float* to = sample(x, y, static_cast<int>(g));
-        for (const size_t part : parts)
-          for (size_t c = 0; c < 3; ++c) {
-            const float v = record[part + c];
-            to[c] += share * (std::isfinite(v) ? v : 0.0f);
-          }
-        for (size_t k = 0; k < columns_.size(); ++k) {
-          const float v = scale_[k].x * (record[columns_[k].offset] - scale_[k].y);
-          to[3 + k] += share * (std::isfinite(v) ? v : 0.0f);
-        }
-      }
-    });
+    choose(reader, wanted);
   }
-
-  int samples() const { return samples_; }
-  int group() const { return group_; }
-  size_t stride() const { return stride_; }
-  const std::vector<Column>& columns() const { return columns_; }
-  float* sample(int x, int y, int s) {
-    return data_.data() + ((static_cast<size_t>(y) * static_cast<size_t>(width_) + static_cast<size_t>(x)) *
-                               static_cast<size_t>(samples_) +
-                           static_cast<size_t>(s)) *
-                              stride_;
-  }
-  const float* sample(int x, int y, int s) const { return const_cast<Store*>(this)->sample(x, y, s); }
-  size_t count() const { return data_.size() / stride_; }
+  const std::vector<Column>& list() const { return list_; }
+  float scaled(size_t k, const float* record) const { return scale_[k].x * (record[list_[k].offset] - scale_[k].y); }
 
  private:
   /// Drops columns that never change, and maps features to [0, 1] between their 1st and 99th percentile, judged by some
   /// tiles spread over the whole frame.
-  void choose_columns(RecordReader& reader, const std::vector<Column>& wanted) {
+  void choose(RecordReader& reader, const std::vector<Column>& wanted) {
     const RecordLayout& layout = reader.layout();
     const int step = std::max(1, layout.tile_count() / 24);
     std::vector<std::vector<float>> values(wanted.size());
@@ -126,17 +89,114 @@ class Store {
       if (!(v.back() > v.front())) continue;
       float low = v[v.size() / 100], high = v[v.size() - 1 - v.size() / 100];
       if (!(high > low)) low = v.front(), high = v.back();
-      columns_.push_back(wanted[k]);
+      list_.push_back(wanted[k]);
       scale_.push_back(wanted[k].kind == Kind::kFeature ? vec2(1 / (high - low), low) : vec2(1, 0));
     }
   }
 
+  std::vector<Column> list_;
+  std::vector<vec2> scale_;  // factor and offset of each column
+};
+
+/// The samples of a tile and its apron, one record after another: colour, features, random parameters, film position.
+class Store {
+ public:
+  Store(const FilterFrame& frame, const Columns& columns) : width_(frame.width()), height_(frame.height()) {
+    const RecordLayout& layout = frame.records->layout();
+    const std::vector<size_t> parts = signal_offsets(layout, frame.name);
+    const size_t count = static_cast<size_t>(layout.samples), width = static_cast<size_t>(layout.components());
+    group_ = (layout.samples + kMostSamples - 1) / kMostSamples;
+    samples_ = (layout.samples + group_ - 1) / group_;
+    stride_ = (3 + columns.list().size() + 7) / 8 * 8;
+    data_.assign(static_cast<size_t>(width_) * static_cast<size_t>(height_) * static_cast<size_t>(samples_) * stride_,
+                 0.0f);
+    const size_t group = static_cast<size_t>(group_);
+    visit_records(frame, [&](int x, int y, std::span<const float> records) {
+      for (size_t s = 0; s < count; ++s) {
+        const float* record = records.data() + s * width;
+        const size_t g = s / group;
+        const float share = 1.0f / static_cast<float>(std::min(count - g * group, group));
+        float* to = data_.data() + (index(x, y) + g) * stride_;
+        for (const size_t part : parts)
+          for (size_t c = 0; c < 3; ++c) {
+            const float v = record[part + c];
+            to[c] += share * (std::isfinite(v) ? v : 0.0f);
+          }
+        for (size_t k = 0; k < columns.list().size(); ++k) {
+          const float v = columns.scaled(k, record);
+          to[3 + k] += share * (std::isfinite(v) ? v : 0.0f);
+        }
+      }
+    });
+  }
+
+  int samples() const { return samples_; }
+  int group() const { return group_; }
+  size_t stride() const { return stride_; }
+  size_t count() const { return data_.size() / stride_; }
+  /// Of a pixel's first sample among all.
+  size_t index(int x, int y) const {
+    return (static_cast<size_t>(y) * static_cast<size_t>(width_) + static_cast<size_t>(x)) *
+           static_cast<size_t>(samples_);
+  }
+  const float* sample(size_t i) const { return data_.data() + i * stride_; }
+  const float* sample(int x, int y, int s) const { return sample(index(x, y) + static_cast<size_t>(s)); }
+
+ private:
   int width_, height_, samples_ = 0, group_ = 1;
   size_t stride_ = 0;
-  std::vector<Column> columns_;
-  std::vector<vec2> scale_;  // factor and offset of each column
   std::vector<float> data_;
 };
+
+/// The 7 x 7 places around one, the nearest first.
+std::vector<ivec2> search_order() {
+  std::vector<ivec2> order;
+  for (int y = -3; y <= 3; ++y)
+    for (int x = -3; x <= 3; ++x) order.push_back({x, y});
+  std::stable_sort(order.begin(), order.end(),
+                   [](ivec2 a, ivec2 b) { return a.x * a.x + a.y * a.y < b.x * b.x + b.y * b.y; });
+  return order;
+}
+
+/// For each pixel the place in another frame whose features are most like its own: where its block lies there.
+std::vector<ivec2> best_matches(const Store& here, const Store& there, ivec2 size, const std::vector<size_t>& features,
+                                const Task& task) {
+  // Means over 3 x 3 pixels, because features of media are noisy.
+  const auto means = [&](const Store& store) {
+    std::vector<Plane> planes;
+    for (const size_t f : features)
+      planes.push_back(box_mean(make_plane(size.x, size.y, quiet(task),
+                                           [&](int x, int y) {
+                                             float sum = 0;
+                                             for (int s = 0; s < store.samples(); ++s) sum += store.sample(x, y, s)[f];
+                                             return sum / static_cast<float>(store.samples());
+                                           }),
+                                1, task));
+    return planes;
+  };
+  const std::vector<Plane> own = means(here), other = means(there);
+  const std::vector<ivec2> order = search_order();
+  std::vector<ivec2> found(static_cast<size_t>(size.x) * static_cast<size_t>(size.y));
+  for_each_row(size.y, quiet(task), [&](int y) {
+    for (int x = 0; x < size.x; ++x) {
+      ivec2 best(0);
+      float nearest = std::numeric_limits<float>::infinity();
+      // From the middle outwards, so that the nearest of equals is taken.
+      for (const ivec2& d : order) {
+        const int qx = x + d.x, qy = y + d.y;
+        if (qx < 0 || qy < 0 || qx >= size.x || qy >= size.y) continue;
+        float distance = 0;
+        for (size_t f = 0; f < own.size(); ++f) {
+          const float e = own[f](x, y) - other[f](qx, qy);
+          distance += e * e;
+        }
+        if (distance < nearest) nearest = distance, best = d;
+      }
+      found[static_cast<size_t>(y) * static_cast<size_t>(size.x) + static_cast<size_t>(x)] = best;
+    }
+  });
+  return found;
+}
 
 /// How much of each colour and feature the distance sees: Sen and Darabi's alpha and beta, and W_c^r.
 struct Importance {
@@ -147,11 +207,12 @@ struct Importance {
 
 class Filter {
  public:
-  Filter(const RandomParameter& p, const FilterFrame& frame, Store& store)
-      : p_(p), frame_(frame), store_(store), current_(store.count() * 3), next_(current_.size()) {
-    for (size_t i = 0; i < store_.columns().size(); ++i) {
+  /// @param frames  of a sequence in their order; the `own`-th is to be cleaned
+  Filter(const RandomParameter& p, const std::vector<const FilterFrame*>& frames, size_t own, const Task& task)
+      : p_(p), frame_(*frames[own]), own_(own), columns_(*frame_.records) {
+    for (size_t i = 0; i < columns_.list().size(); ++i) {
       const size_t at = 3 + i;
-      switch (store_.columns()[i].kind) {
+      switch (columns_.list()[i].kind) {
         case Kind::kFeature:
           features_.push_back(at);
           break;
@@ -162,66 +223,85 @@ class Filter {
           positions_.push_back(at);
       }
     }
+    for (const FilterFrame* f : frames) {
+      stores_.emplace_back(*f, columns_);
+      const Store& store = stores_.back();
+      std::vector<float>& color = current_.emplace_back(store.count() * 3);
+      const float limit = p_.preset == Preset::kRelease ? kReleaseLimit / static_cast<float>(frame_.exposure)
+                                                        : std::numeric_limits<float>::infinity();
+      for (size_t i = 0; i < store.count(); ++i)
+        for (size_t c = 0; c < 3; ++c) color[3 * i + c] = std::min(store.sample(i)[c], limit);
+    }
+    next_ = current_;
+    around_.resize(frames.size());
+    for (size_t f = 0; f < frames.size(); ++f) {
+      around_[f].push_back({f, {}});
+      for (const size_t g : {f - 1, f + 1})
+        if (g < frames.size())
+          around_[f].push_back(
+              {g, best_matches(stores_[f], stores_[g], {frame_.width(), frame_.height()}, features_, task)});
+    }
     for (int pass = 0; pass < kPasses; ++pass) draw_places(pass);
-    for (int y = 0; y < frame.height(); ++y)
-      for (int x = 0; x < frame.width(); ++x)
-        for (int s = 0; s < store_.samples(); ++s)
-          for (int c = 0; c < 3; ++c)
-            current_[index(x, y, s) * 3 + static_cast<size_t>(c)] =
-                p_.preset == Preset::kRelease
-                    ? std::min(store_.sample(x, y, s)[c], kReleaseLimit / static_cast<float>(frame.exposure))
-                    : store_.sample(x, y, s)[c];
   }
 
   void run(const Task& task) {
+    const double frames = static_cast<double>(stores_.size());
     for (int pass = 0; pass < kPasses; ++pass) {
-      for_each_row(frame_.height(), share(task, 0.25 * pass, 0.25 * (pass + 1)), [&](int y) {
-        for (int x = 0; x < frame_.width(); ++x) filter_pixel(x, y, pass);
-      });
+      for (size_t f = 0; f < stores_.size(); ++f) {
+        // The last pass looks at no other frame's result.
+        if (pass + 1 == kPasses && f != own_) continue;
+        const double begin = (pass + static_cast<double>(f) / frames) / kPasses;
+        for_each_row(frame_.height(), share(task, begin, begin + 1 / (frames * kPasses)), [&](int y) {
+          for (int x = 0; x < frame_.width(); ++x) filter_pixel(f, x, y, pass);
+        });
+      }
       std::swap(current_, next_);
     }
   }
 
   vec3 pixel(int x, int y) const {
+    const int samples = stores_[own_].samples();
     dvec3 sum(0);
-    for (int s = 0; s < store_.samples(); ++s) sum += dvec3(color(x, y, s));
-    return vec3(sum / static_cast<double>(store_.samples()));
+    for (int s = 0; s < samples; ++s) sum += dvec3(color(own_, x, y, s));
+    return vec3(sum / static_cast<double>(samples));
   }
 
  private:
-  size_t index(int x, int y, int s) const {
-    return (static_cast<size_t>(y) * static_cast<size_t>(frame_.width()) + static_cast<size_t>(x)) *
-               static_cast<size_t>(store_.samples()) +
-           static_cast<size_t>(s);
-  }
-  vec3 color(int x, int y, int s) const {
-    const float* c = current_.data() + index(x, y, s) * 3;
+  vec3 color(size_t f, int x, int y, int s) const {
+    const float* c = current_[f].data() + (stores_[f].index(x, y) + static_cast<size_t>(s)) * 3;
     return {c[0], c[1], c[2]};
+  }
+
+  /// Side of a pass's blocks [px]: with frames before and after smaller, so that the block holds as many samples.
+  int block(int pass) const {
+    const int published = (p_.preset == Preset::kRelease ? kReleaseBlocks : kBlocks)[static_cast<size_t>(pass)];
+    const double frames = static_cast<double>(std::min<size_t>(stores_.size(), 3));
+    return std::max(3, static_cast<int>(published / std::sqrt(frames)) | 1);
   }
 
   /// Places of neighbours, from a Gaussian of a quarter of the block, inside the block and not the pixel itself: one
   /// list for all pixels, in which each draws by its own numbers.
   void draw_places(int pass) {
-    const int block = (p_.preset == Preset::kRelease ? kReleaseBlocks : kBlocks)[static_cast<size_t>(pass)];
+    const int side = block(pass);
     Rng rng(static_cast<uint64_t>(pass));
     while (draws_[static_cast<size_t>(pass)].size() < kDraws) {
-      const double radius = block / 4.0 * std::sqrt(2 * rng.exponential());
+      const double radius = side / 4.0 * std::sqrt(2 * rng.exponential());
       const auto angle = portable_sincos_2pi(rng.uniform());
       const ivec2 d(std::lrint(radius * angle.cos), std::lrint(radius * angle.sin));
-      if (std::abs(d.x) <= block / 2 && std::abs(d.y) <= block / 2 && d != ivec2(0))
+      if (std::abs(d.x) <= side / 2 && std::abs(d.y) <= side / 2 && (d != ivec2(0) || stores_.size() > 1))
         draws_[static_cast<size_t>(pass)].push_back(d);
     }
   }
 
   /// Mean and deviation of the features over the pixel's own samples; of a pixel with one, over its 3 x 3.
-  void own_statistics(int x, int y, std::vector<float>& mean, std::vector<float>& deviation) const {
-    const int reach = store_.samples() > 1 ? 0 : 1;
+  void own_statistics(const Store& own, int x, int y, std::vector<float>& mean, std::vector<float>& deviation) const {
+    const int reach = own.samples() > 1 ? 0 : 1;
     mean.assign(features_.size(), 0.0f);
     deviation.assign(features_.size(), 0.0f);
     std::vector<const float*> rows;
     for (int qy = std::max(0, y - reach); qy <= std::min(frame_.height() - 1, y + reach); ++qy)
       for (int qx = std::max(0, x - reach); qx <= std::min(frame_.width() - 1, x + reach); ++qx)
-        for (int s = 0; s < store_.samples(); ++s) rows.push_back(store_.sample(qx, qy, s));
+        for (int s = 0; s < own.samples(); ++s) rows.push_back(own.sample(qx, qy, s));
     for (size_t k = 0; k < features_.size(); ++k) {
       double sum = 0, squares = 0;
       for (const float* row : rows) sum += row[features_[k]];
@@ -232,52 +312,66 @@ class Filter {
     }
   }
 
-  /// The pixel's samples, then samples of its surroundings drawn from a Gaussian of a quarter of the block, as far as
-  /// their features lie within three deviations of the pixel's own.
-  void gather(int x, int y, int pass, std::vector<const float*>& rows, std::vector<const float*>& colors,
-              std::vector<uint32_t>& drawn) const {
+  /// A sample that may belong to a neighbourhood.
+  struct Drawn {
+    const float *row, *color;
+  };
+
+  /// The pixel's samples, then samples of its surroundings drawn from a Gaussian of a quarter of the block, in this
+  /// frame and in those before and after, as far as their features lie within three deviations of the pixel's own.
+  void gather(size_t frame, int x, int y, int pass, std::vector<const float*>& rows, std::vector<const float*>& colors,
+              std::vector<Drawn>& drawn) const {
+    const Store& own = stores_[frame];
     const bool release = p_.preset == Preset::kRelease;
-    const int block = (release ? kReleaseBlocks : kBlocks)[static_cast<size_t>(pass)], s = store_.samples();
+    const int side = (release ? kReleaseBlocks : kBlocks)[static_cast<size_t>(pass)], s = own.samples();
     const int share = release && pass < 2 ? 3 : 2;
-    const int most = std::min(block * block * s / share, p_.largest_neighborhood);
+    const int most = std::min(side * side * s / share, p_.largest_neighborhood);
     std::vector<float> mean, deviation;
-    own_statistics(x, y, mean, deviation);
-    rows.clear(), colors.clear();
-    const auto take = [&](int qx, int qy, int k) {
-      rows.push_back(store_.sample(qx, qy, k));
-      colors.push_back(current_.data() + index(qx, qy, k) * 3);
+    own_statistics(own, x, y, mean, deviation);
+    const auto sample = [&](size_t f, int qx, int qy, int k) {
+      const size_t i = stores_[f].index(qx, qy) + static_cast<size_t>(k);
+      return Drawn{stores_[f].sample(i), current_[f].data() + i * 3};
     };
-    for (int k = 0; k < s; ++k) take(x, y, k);
+    rows.clear(), colors.clear();
+    for (int k = 0; k < s; ++k) {
+      const Drawn d = sample(frame, x, y, k);
+      rows.push_back(d.row);
+      colors.push_back(d.color);
+    }
     const int gx = x + frame_.origin.x, gy = y + frame_.origin.y;
     std::vector<float> low(features_.size()), high(features_.size());
     for (size_t k = 0; k < features_.size(); ++k) {
-      const float times = store_.columns()[features_[k] - 3].is_place ? kPositionDeviations : kClusterDeviations;
+      const float times = columns_.list()[features_[k] - 3].is_place ? kPositionDeviations : kClusterDeviations;
       // Where both the deviation and the difference are small, the difference is forgiven.
       const float width = std::max(times * deviation[k], deviation[k] < kClusterFloor ? kClusterFloor : 0.0f);
       low[k] = mean[k] - width, high[k] = mean[k] + width;
     }
     // Places first, so that the records are on their way before they are looked at.
     const std::vector<ivec2>& draws = draws_[static_cast<size_t>(pass)];
+    const std::vector<Around>& around = around_[frame];
     uint64_t state = hash_combine(hash_combine(mix64(static_cast<uint64_t>(pass)), static_cast<uint64_t>(gy)),
                                   static_cast<uint64_t>(gx));
     drawn.clear();
     for (int i = s; i < most; ++i) {
       state = state * 6364136223846793005ull + 1442695040888963407ull;
-      const ivec2 d = draws[(state >> 33) % kDraws];
+      ivec2 d = draws[(state >> 33) % kDraws];
+      const Around& there = around[(state >> 50) * around.size() >> 14];
+      if (there.frame == frame && d == ivec2(0)) continue;
+      if (!there.match.empty())
+        d += there.match[static_cast<size_t>(y) * static_cast<size_t>(frame_.width()) + static_cast<size_t>(x)];
       const int qx = x + d.x, qy = y + d.y;
       if (qx < 0 || qy < 0 || qx >= frame_.width() || qy >= frame_.height()) continue;
-      const int k = static_cast<int>(((state >> 20) & 0xfff) * static_cast<uint64_t>(s) >> 12);
-      drawn.push_back(static_cast<uint32_t>(index(qx, qy, k)));
+      const uint64_t samples = static_cast<uint64_t>(stores_[there.frame].samples());
+      drawn.push_back(sample(there.frame, qx, qy, static_cast<int>(((state >> 20) & 0xfff) * samples >> 12)));
     }
-    const float* const data = store_.sample(0, 0, 0);
-    const size_t stride = store_.stride();
+    const size_t bytes = own.stride() * sizeof(float);
     constexpr size_t kAhead = 12;
     for (size_t i = 0; i < drawn.size(); ++i) {
       if (i + kAhead < drawn.size()) {
-        const char* next = reinterpret_cast<const char*>(data + drawn[i + kAhead] * stride);
-        for (size_t line = 0; line < stride * sizeof(float); line += 64) __builtin_prefetch(next + line);
+        const char* next = reinterpret_cast<const char*>(drawn[i + kAhead].row);
+        for (size_t line = 0; line < bytes; line += 64) __builtin_prefetch(next + line);
       }
-      const float* row = data + drawn[i] * stride;
+      const float* row = drawn[i].row;
       int outside = 0;
       for (size_t f = 0; f < features_.size(); ++f) {
         const float v = row[3 + f];  // features follow the colour
@@ -285,7 +379,7 @@ class Filter {
       }
       if (outside) continue;
       rows.push_back(row);
-      colors.push_back(current_.data() + drawn[i] * 3);
+      colors.push_back(drawn[i].color);
     }
   }
 
@@ -338,16 +432,16 @@ class Filter {
     return out;
   }
 
-  void filter_pixel(int x, int y, int pass) {
-    const int s = store_.samples();
+  void filter_pixel(size_t frame, int x, int y, int pass) {
+    const int s = stores_[frame].samples();
     thread_local std::vector<const float*> rows, colors;
-    thread_local std::vector<uint32_t> drawn;
-    gather(x, y, pass, rows, colors, drawn);
+    thread_local std::vector<Drawn> drawn;
+    gather(frame, x, y, pass, rows, colors, drawn);
     if (rows.size() < kFewest) {
-      for (int k = 0; k < s; ++k) store(x, y, k, color(x, y, k));
+      for (int k = 0; k < s; ++k) store(frame, x, y, k, color(frame, x, y, k));
       return;
     }
-    const size_t columns = 3 + store_.columns().size();
+    const size_t columns = 3 + columns_.list().size();
     std::vector<float> mean(columns), inverse(columns);
     std::vector<double> sum(columns, 0.0), squares(columns, 0.0);
     const float* const first = rows[0];
@@ -365,7 +459,7 @@ class Filter {
     const Importance w = importance(rows, mean, inverse, pass);
     // w_ij = exp(-(1 - W_c^r)^2 / (2 sigma^2) [sum alpha dc^2 + sum beta df^2]), sigma^2 = 8 sigma_8^2 / s. Samples
     // that were averaged in groups count as one of their group's size.
-    const double sigma2 = 8.0 * static_cast<double>(p_.variance) / (s * store_.group());
+    const double sigma2 = 8.0 * static_cast<double>(p_.variance) / (s * stores_[frame].group());
     const double factor = (1 - w.color_noise) * (1 - w.color_noise) / (2 * sigma2);
     std::vector<kernels::ScaledComponent> components;
     const auto use = [&](size_t at, double share) {
@@ -379,7 +473,7 @@ class Filter {
     std::array<vec3, kMostSamples> result;
     for (int k = 0; k < s; ++k) result[static_cast<size_t>(k)] = vec3(sums[1][k], sums[2][k], sums[3][k]) / sums[0][k];
     limit_spikes({result.data(), static_cast<size_t>(s)});
-    for (int k = 0; k < s; ++k) store(x, y, k, result[static_cast<size_t>(k)]);
+    for (int k = 0; k < s; ++k) store(frame, x, y, k, result[static_cast<size_t>(k)]);
   }
 
   /// Samples more than a deviation from the pixel's mean become the mean; what light that takes is given back to all.
@@ -400,23 +494,37 @@ class Filter {
       for (vec3& c : colors) c += vec3(mean - after);
   }
 
-  void store(int x, int y, int s, const vec3& c) {
-    float* to = next_.data() + index(x, y, s) * 3;
+  void store(size_t frame, int x, int y, int s, const vec3& c) {
+    float* to = next_[frame].data() + (stores_[frame].index(x, y) + static_cast<size_t>(s)) * 3;
     to[0] = c.x, to[1] = c.y, to[2] = c.z;
   }
 
+  /// A frame that neighbourhoods reach into, and where each pixel's block lies there; empty: at the pixel.
+  struct Around {
+    size_t frame;
+    std::vector<ivec2> match;
+  };
+
   const RandomParameter& p_;
   const FilterFrame& frame_;
-  const Store& store_;
+  size_t own_;
+  Columns columns_;
+  std::vector<Store> stores_;                              // of each frame
+  std::vector<std::vector<Around>> around_;                // of each frame, itself first
   std::vector<size_t> features_, parameters_, positions_;  // columns of each kind
-  std::vector<float> current_, next_;                      // colours of every sample
+  std::vector<std::vector<float>> current_, next_;         // colours of every sample, of each frame
   static constexpr size_t kDraws = 1 << 16;
   std::array<std::vector<ivec2>, kPasses> draws_;
 };
 
 void run(const RandomParameter& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
-  Store store(frame);
-  Filter filter(p, frame, store);
+  std::vector<const FilterFrame*> frames;
+  size_t own = 0;
+  for (const NearbyFrame& f : in_order(frame)) {
+    if (f.distance == 0) own = frames.size();
+    frames.push_back(f.frame);
+  }
+  Filter filter(p, frames, own, task);
   filter.run(task);
   for (int y = 0; y < frame.height(); ++y)
     for (int x = 0; x < frame.width(); ++x) {
@@ -442,9 +550,12 @@ const FilterEntry entry =
             "0.05 t) W, smaller blocks. `information=corrected` takes off what independent parameters have by chance "
             "and "
             "compares means, not sums, because a dozen parameters would outvote two positions by their bias alone. "
-            "Pixels with more than 16 samples average them in groups first. Cost grows with the square of the samples.")
+            "Pixels with more than 16 samples average them in groups first. Cost grows with the square of the samples. "
+            "Blocks reach into the frames before and after, where they lie around the pixel whose features are most "
+            "alike within 7 x 7 (section 6.4), and are smaller in return; all frames given are filtered pass by pass.")
         .needs_records()
         .seeded()
+        .sequences()
         .param("preset", &RandomParameter::preset, {"paper", "techreport", "release"}, "whose formulas and blocks",
                {"paper", "techreport", "release"})
         .param("variance", &RandomParameter::variance, {1e-6, 100}, "1",
@@ -458,7 +569,7 @@ const FilterEntry entry =
         .param("keep-energy", &RandomParameter::keep_energy, {0, 1}, "",
                "1: the light that the spike rule takes is given back to the pixel")
         .scratch(400)
-        .apron([](const RandomParameter&) { return 27 + 17 + 8 + 3; })
+        .apron([](const RandomParameter&) { return 27 + 17 + 8 + 3 + 4 * 3; })
         .run(run);
 const Registration registration(entry);
 

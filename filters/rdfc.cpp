@@ -21,8 +21,6 @@ struct Rdfc {
 constexpr int kFeatureSearch = 5, kFeaturePatch = 3;
 constexpr float kFeatureStrength = 1;
 constexpr float kTau = 1e-3f, kFineTau = 1e-4f;
-// Step of the numerical derivative, in deviations of the noise.
-constexpr float kStep = 0.05f;
 
 struct Candidate {
   int patch_radius;  // of the colour distance; -1: features alone
@@ -81,19 +79,7 @@ void run(const Rdfc& p, const FilterFrame& frame, const FilterOutput& out, const
     if (candidate.tau > 0) (candidate.tau == kTau ? coarse : fine).add_to(model);
     return model;
   };
-  // The derivative of each pixel's result by its own value, from one run on a picture that every pixel leaves by a
-  // small random sign: what neighbours do to it averages out (Ramani, Blu and Unser 2008).
-  Rgb shifted, shift;
-  for (size_t c = 0; c < 3; ++c) {
-    shift[c] = make_plane(width, height, quiet(task), [&](int x, int y) {
-      const uint64_t bits =
-          hash_combine(mix64(static_cast<uint64_t>(x + frame.origin.x)), static_cast<uint64_t>(y + frame.origin.y));
-      const float sign = bits & 1 ? -1.0f : 1.0f;
-      return sign * kStep * std::sqrt((*frame.variance[c])(x, y));
-    });
-    shifted[c] =
-        make_plane(width, height, quiet(task), [&](int x, int y) { return (*frame.signal[c])(x, y) + shift[c](x, y); });
-  }
+  const Nudged other = nudged(frame.signal, frame.variance, frame.origin, task);
 
   const float dark = 1e-6f / static_cast<float>(frame.exposure * frame.exposure);
   std::vector<HalfPair> candidates;
@@ -111,16 +97,16 @@ void run(const Rdfc& p, const FilterFrame& frame, const FilterOutput& out, const
                                               frame.half_b[0], frame.half_b[1], frame.half_b[2]};
     Averages f =
         weighted_average(model_of(candidate, frame.signal), window, halves, share(task, done, done + 0.6 * step));
-    const Averages g = weighted_average(model_of(candidate, view(shifted)), window, view(shifted),
+    const Averages g = weighted_average(model_of(candidate, view(other.picture)), window, view(other.picture),
                                         share(task, done + 0.6 * step, done + step));
     done += step;
     errors.push_back(make_plane(width, height, quiet(task), [&](int x, int y) {
       float sum = 0;
       for (size_t c = 0; c < 3; ++c) {
         const float v = (*frame.variance[c])(x, y), clean = 0.5f * (f.values[c](x, y) + f.values[c + 3](x, y));
-        const float d = clean - (*frame.signal[c])(x, y), derivative = (g.values[c](x, y) - clean) / shift[c](x, y);
+        const float derivative = (g.values[c](x, y) - clean) / other.step[c](x, y);
         // In units of the noise and the picture, so that bright channels do not decide alone.
-        sum += (d * d + 2 * v * derivative - v) / (clean * clean + v + dark);
+        sum += stein_risk(clean, (*frame.signal[c])(x, y), v, derivative) / (clean * clean + v + dark);
       }
       return sum;
     }));

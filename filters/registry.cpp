@@ -64,13 +64,23 @@ std::vector<std::pair<std::string, std::string>> FilterEntry::inputs_and_outputs
   if (can_use_statistics > statistics)
     lines.emplace_back("can use",
                        fmt::format("of what it cleans: {}", kStatistics[static_cast<size_t>(can_use_statistics)]));
+  if (noise_level) lines.emplace_back("can use", "of what it cleans: two half images or variance (`noise-factor`)");
   if (features) lines.emplace_back("can use", "features");
   if (records != Records::kNo)
     lines.emplace_back(records == Records::kNeeds ? "needs" : "can use", "the record of every sample (`--records`)");
+  if (sequences) lines.emplace_back("can", "look into the frames before and after (`--extra-frames`)");
   if (carries) lines.emplace_back("can", "carry other layers along (`--carry`)");
   for (const LayerName& l : produces)
     lines.emplace_back("writes", fmt::format("the layer `{}`, {}", l.label(), l.meaning));
   return lines;
+}
+
+std::vector<NearbyFrame> in_order(const FilterFrame& frame) {
+  std::vector<NearbyFrame> frames = frame.nearby;
+  frames.push_back({0, &frame});
+  std::sort(frames.begin(), frames.end(),
+            [](const NearbyFrame& a, const NearbyFrame& b) { return a.distance < b.distance; });
+  return frames;
 }
 
 std::string Parameter::text(const Value& value) {

@@ -53,7 +53,7 @@ void run(const Sbf& p, const FilterFrame& frame, const FilterOutput& out, const 
   std::vector<const Plane*> averaged(frame.signal.begin(), frame.signal.end());
   if (frame.carries()) averaged.insert(averaged.end(), frame.values.begin(), frame.values.end());
 
-  // Stein's unbiased risk: (F - y)^2 + 2 V dF/dy - V, with dF/dy = 1 / sum w, because no weight depends on y.
+  // Stein's unbiased risk with dF/dy = 1 / sum w, because no weight depends on y.
   std::vector<Averages> candidates;
   std::vector<Plane> errors;
   const double work = 1 + 4 + 16 + 64 + 64;
@@ -66,10 +66,9 @@ void run(const Sbf& p, const FilterFrame& frame, const FilterOutput& out, const 
     const Averages& f = candidates.back();
     errors.push_back(make_plane(width, height, quiet(task), [&](int x, int y) {
       float sum = 0;
-      for (size_t c = 0; c < 3; ++c) {
-        const float d = f.values[c](x, y) - (*frame.signal[c])(x, y), v = (*frame.variance[c])(x, y);
-        sum += d * d + 2 * v / std::max(f.weight(x, y), 1.0f) - v;
-      }
+      for (size_t c = 0; c < 3; ++c)
+        sum += stein_risk(f.values[c](x, y), (*frame.signal[c])(x, y), (*frame.variance[c])(x, y),
+                          1 / std::max(f.weight(x, y), 1.0f));
       return sum;
     }));
   }

@@ -1,5 +1,9 @@
 #include "filters/selection.h"
 
+#include <cmath>
+
+#include "base/rng.h"
+
 namespace brume {
 
 std::vector<Plane> winners(const std::vector<Plane>& errors, const Task& task) {
@@ -30,6 +34,24 @@ HalfPair blend(const std::vector<HalfPair>& candidates, const std::vector<Plane>
     for (const HalfPair& candidate : candidates) a.push_back(&candidate.a[c]), b.push_back(&candidate.b[c]);
     out.a[c] = blend(a, maps, task);
     out.b[c] = blend(b, maps, task);
+  }
+  return out;
+}
+
+Nudged nudged(const RgbPlanes& noisy, const RgbPlanes& variance, ivec2 origin, const Task& task) {
+  constexpr float kStep = 0.05f;
+  const int width = noisy[0]->width(), height = noisy[0]->height();
+  Nudged out;
+  for (size_t c = 0; c < 3; ++c) {
+    out.step[c] = make_plane(width, height, quiet(task), [&](int x, int y) {
+      // Each channel by itself, so that one channel's change is not taken for another's.
+      const uint64_t bits = hash_combine(
+          hash_combine(mix64(static_cast<uint64_t>(x + origin.x)), static_cast<uint64_t>(y + origin.y)), c);
+      const float sign = bits & 1 ? -1.0f : 1.0f;
+      return sign * kStep * std::sqrt((*variance[c])(x, y));
+    });
+    out.picture[c] =
+        make_plane(width, height, quiet(task), [&](int x, int y) { return (*noisy[c])(x, y) + out.step[c](x, y); });
   }
   return out;
 }

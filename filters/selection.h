@@ -11,6 +11,20 @@ struct HalfPair {
 /// Both halves of candidates, blended with one set of maps.
 HalfPair blend(const std::vector<HalfPair>& candidates, const std::vector<Plane>& maps, const Task& task);
 
+/// Stein's unbiased estimate of a filter's squared error at a pixel of known Gaussian noise. Source: Stein 1981.
+/// @param derivative  of the filtered value by the noisy one
+inline float stein_risk(float clean, float noisy, float variance, float derivative) {
+  return (clean - noisy) * (clean - noisy) + 2 * variance * derivative - variance;
+}
+
+/// A picture that every pixel leaves by a twentieth of its noise, up or down. A filter's change on it, over `step`, is
+/// the derivative of each pixel's result by its own value: what the neighbours do to it averages out. Source: Ramani,
+/// Blu and Unser 2008, Monte-Carlo SURE.
+struct Nudged {
+  Rgb picture, step;
+};
+Nudged nudged(const RgbPlanes& noisy, const RgbPlanes& variance, ivec2 origin, const Task& task);
+
 /// How error maps are smoothed before they are compared: non-local means with weights from the picture.
 struct ErrorSmoothing {
   int search_radius, patch_radius;

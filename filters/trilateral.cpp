@@ -8,7 +8,7 @@ struct Trilateral {
   int radius = 6;
   int passes = 2;
   float sigma_spatial = 2, sigma_spatial_2 = 2.236f;
-  float sigma_range = 10, sigma_impulse = 40, sigma_joint = 50;
+  float sigma_range = 10, sigma_impulse = 40, sigma_joint = 50, noise_factor = 0;
   Average average = Average::kDomain;
 };
 
@@ -22,7 +22,9 @@ void run(const Trilateral& p, const FilterFrame& frame, const FilterOutput& out,
     // The background had its bilateral filter in the first pass.
     if (pass > 0) in.background = kernels::WindowInput::Background::kCopy;
     const kernels::TrilateralWeights weights{
-        {pass == 0 ? p.sigma_spatial : p.sigma_spatial_2, p.sigma_range}, p.sigma_impulse, p.sigma_joint};
+        {pass == 0 ? p.sigma_spatial : p.sigma_spatial_2, range_sigma(p.sigma_range, p.noise_factor, frame)},
+        p.sigma_impulse,
+        p.sigma_joint};
     Task part = task;
     if (task.progress) part.progress = [&](double f) { task.report((pass + f) / p.passes); };
     for_each_row(frame.height(), part, [&](int y) { kernels::trilateral_row(in, weights, road, y); });
@@ -49,6 +51,8 @@ const FilterEntry entry =
         .param("sigma-impulse", &Trilateral::sigma_impulse, {0, 1000}, "Lab units", "sigma_I, of ROAD", {20, 40, 80})
         .param("sigma-joint", &Trilateral::sigma_joint, {0, 1000}, "Lab units",
                "sigma_J, where impulse weights take over", {25, 50, 100})
+        .param("noise-factor", &Trilateral::noise_factor, {0, 100}, "deviations", kNoiseFactorHelp)
+        .noise_level([](const Trilateral& p) { return p.noise_factor > 0; })
         .param("average", &Trilateral::average, kAverageNames, kAverageHelp, kAverageNames)
         .apron([](const Trilateral& p) { return p.passes * (p.radius + 1); })
         .background()

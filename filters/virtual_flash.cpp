@@ -74,80 +74,153 @@ FlashImage flash_image(const VirtualFlash& p, const FilterFrame& frame) {
   return flash;
 }
 
-void run(const VirtualFlash& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
-  const int width = frame.width(), height = frame.height();
-  const FlashImage flash = flash_image(p, frame);
+/// 8 mean V_F: twice the square of sigma_r = 2 sqrt(mean V_F), the Euclidean distance between patches being squared.
+float literal_range(const FlashImage& flash) {
+  double noise = 0, pixels = 0;
+  for (const Plane& v : flash.variance)
+    for (int y = 0; y < v.height(); ++y)
+      for (const float value : v.pixels(y)) noise += value, pixels += 1.0 / 3.0;
+  return static_cast<float>(std::max(2 * 4 * noise / pixels, 1e-30));
+}
 
-  WeightModel model;
-  Distance patch;
-  if (p.range == RangeKernel::kNoise) {
-    patch = noise_distance(view(flash.mean), view(flash.variance), 0, p.strength);
-  } else {
-    // sigma_r = 2 sqrt(mean V_F) of the Euclidean distance between patches.
-    double noise = 0;
-    for (const Plane& v : flash.variance)
-      for (int y = 0; y < height; ++y)
-        for (const float value : v.pixels(y)) noise += value;
-    patch.kind = Distance::Kind::kRatio;
-    patch.guide = {&flash.mean[0], &flash.mean[1], &flash.mean[2]};
-    patch.floor = static_cast<float>(std::max(2 * 4 * noise / (static_cast<double>(width) * height), 1e-30));
+/// The frames of a sequence in their order, the one that is cleaned among them.
+struct Stack {
+  std::vector<const FilterFrame*> frames;
+  std::vector<int> times;  // distance from the one that is cleaned
+  std::vector<FlashImage> flash;
+  size_t own = 0;
+
+  Stack(const VirtualFlash& p, const FilterFrame& frame) {
+    for (const NearbyFrame& f : in_order(frame)) {
+      if (f.distance == 0) own = frames.size();
+      frames.push_back(f.frame);
+      times.push_back(f.distance);
+      flash.push_back(flash_image(p, *f.frame));
+    }
   }
-  patch.patch = gaussian_patch(p.patch_radius);
-  model.distances.push_back(patch);
+  /// The frame at a time; frames.size() if the stack has none.
+  size_t at(int time) const { return static_cast<size_t>(std::find(times.begin(), times.end(), time) - times.begin()); }
+};
 
-  const auto step = [&](const Rgb& values, const RgbPlanes& centre, const Rgb& intervals,
-                        const std::vector<const Plane*>& averaged, int radius, const Task& part) {
-    WeightModel homogeneous = model;
+/// Distances of the patches around a pixel of frame i and one of frame j: cubes as far as the stack reaches.
+WeightModel patch_distances(const VirtualFlash& p, const Stack& stack, size_t i, size_t j) {
+  WeightModel model;
+  model.join = WeightModel::Join::kPatch;
+  const std::vector<float> taps = gaussian_patch(p.patch_radius);
+  float total = 0;
+  for (int k = -p.patch_radius; k <= p.patch_radius; ++k) {
+    const size_t a = stack.at(stack.times[i] + k), b = stack.at(stack.times[j] + k);
+    if (a == stack.frames.size() || b == stack.frames.size()) continue;
+    const FlashImage &here = stack.flash[a], &there = stack.flash[b];
+    Distance d;
+    if (p.range == RangeKernel::kNoise) {
+      d = noise_distance(view(here.mean), view(here.variance), 0, p.strength);
+      if (a != b)
+        for (size_t c = 0; c < 3; ++c) d.variance_there.push_back(&there.variance[c]);
+    } else {
+      d.kind = Distance::Kind::kRatio;
+      d.guide = {&here.mean[0], &here.mean[1], &here.mean[2]};
+      d.floor = literal_range(stack.flash[stack.own]);
+    }
+    if (a != b)
+      for (size_t c = 0; c < 3; ++c) d.guide_there.push_back(&there.mean[c]);
+    d.patch = taps;
+    d.scale = taps[static_cast<size_t>(k + p.patch_radius)];
+    total += d.scale;
+    model.distances.push_back(std::move(d));
+  }
+  for (Distance& d : model.distances) d.scale /= total;
+  return model;
+}
+
+/// One step of the filter on its way through the stack: what each frame's intervals lie around, and what they hold.
+struct Step {
+  std::vector<Rgb> values, intervals;
+  std::vector<RgbPlanes> centres;
+  std::vector<std::vector<Plane>> carried;  // beside the values; empty: nothing
+};
+
+/// Frame i of a step, averaged over its homogeneous pixels in all frames within `reach`.
+std::vector<Plane> average(const VirtualFlash& p, const Stack& stack, const Step& step, size_t i, int radius, int reach,
+                           const Task& task) {
+  const auto planes = [&](size_t j) {
+    std::vector<const Plane*> list;
+    for (const Plane& v : step.values[j]) list.push_back(&v);
+    if (!step.carried.empty())
+      for (const Plane& v : step.carried[j]) list.push_back(&v);
+    return list;
+  };
+  const double sigma = (2 * radius + 1) / 3.0;
+  std::vector<Slice> slices;
+  for (size_t j = 0; j < stack.frames.size(); ++j) {
+    const int apart = stack.times[j] - stack.times[i];
+    if (std::abs(apart) > reach) continue;
+    Slice& slice = slices.emplace_back();
+    slice.model = patch_distances(p, stack, i, j);
+    slice.offsets = gaussian_window(radius, sigma);
+    for (Offset& o : slice.offsets) o.weight *= static_cast<float>(std::exp(-apart * apart / (2 * sigma * sigma)));
+    slice.values = planes(j);
     Membership test;
     test.bound = p.agreement == Agreement::kOne      ? Membership::Bound::kOwn
                  : p.agreement == Agreement::kEither ? Membership::Bound::kLarger
                                                      : Membership::Bound::kSmaller;
     for (size_t c = 0; c < 3; ++c) {
-      test.value.push_back(&values[c]);
-      test.centre.push_back(centre[c]);
-      test.squared_bound.push_back(&intervals[c]);
+      test.value.push_back(&step.values[j][c]);
+      test.centre.push_back(step.centres[i][c]);
+      test.squared_bound.push_back(&step.intervals[i][c]);
+      if (j != i) test.squared_bound_there.push_back(&step.intervals[j][c]);
     }
-    homogeneous.memberships.push_back(test);
-    return weighted_average(homogeneous, gaussian_window(radius, (2 * radius + 1) / 3.0), averaged, part);
-  };
-  const auto with_values = [&](const RgbPlanes& signal, const std::vector<Plane>& values) {
-    std::vector<const Plane*> planes(signal.begin(), signal.end());
-    for (const Plane& v : values) planes.push_back(&v);
-    return planes;
-  };
+    slice.model.memberships.push_back(std::move(test));
+  }
+  return average_over_frames(slices, planes(i), task);
+}
 
-  std::vector<Plane> carried;
-  if (frame.carries())
-    for (const Plane* v : frame.values) carried.push_back(*v);
-  Rgb noisy;
-  for (size_t c = 0; c < 3; ++c) noisy[c] = *frame.signal[c];
-  const Rgb narrow = squared_intervals(frame, p.small_confidence, task),
-            wide = squared_intervals(frame, p.large_confidence, task);
-  std::vector<Plane> first =
-      step(noisy, frame.signal, narrow, with_values(frame.signal, carried), p.small_radius, share(task, 0, 0.1)).values;
-  Rgb once = {std::move(first[0]), std::move(first[1]), std::move(first[2])};
-  if (frame.carries())
-    for (size_t c = 0; c < 3; ++c) carried[c] = std::move(first[c + 3]);
-  // Strict: around the noisy mean itself, so that the averages stay in its interval whatever the weights.
-  if (p.second == Second::kStrict)
+void run(const VirtualFlash& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
+  const int width = frame.width(), height = frame.height();
+  const Stack stack(p, frame);
+  const size_t frames = stack.frames.size();
+  const bool strict = p.second == Second::kStrict;
+
+  Step first, second;
+  for (const FilterFrame* f : stack.frames) {
+    first.values.push_back({*f->signal[0], *f->signal[1], *f->signal[2]});
+    first.centres.push_back(f->signal);
+    first.intervals.push_back(squared_intervals(*f, p.small_confidence, task));
+    second.intervals.push_back(squared_intervals(*f, p.large_confidence, task));
+    if (frame.carries()) first.carried.push_back({*f->values[0], *f->values[1], *f->values[2]});
+  }
+  for (size_t i = 0; i < frames; ++i) {
+    const double share_of_first = frames > 1 ? 0.3 : 0.1, one = share_of_first / static_cast<double>(frames);
+    const double begin = one * static_cast<double>(i);
+    std::vector<Plane> once =
+        average(p, stack, first, i, p.small_radius, p.small_radius, share(task, begin, begin + one));
+    second.values.push_back({std::move(once[0]), std::move(once[1]), std::move(once[2])});
+    if (frame.carries()) second.carried.push_back({std::move(once[3]), std::move(once[4]), std::move(once[5])});
+    if (!strict) continue;
+    // Around the noisy mean itself, so that the averages stay in its interval whatever the weights.
+    const RgbPlanes& signal = stack.frames[i]->signal;
     for (size_t c = 0; c < 3; ++c)
       for_each_row(height, quiet(task), [&](int y) {
         for (int x = 0; x < width; ++x) {
-          const float m = (*frame.signal[c])(x, y), h = std::sqrt(wide[c](x, y));
-          once[c](x, y) = std::clamp(once[c](x, y), m - h, m + h);
+          const float m = (*signal[c])(x, y), h = std::sqrt(second.intervals[i][c](x, y));
+          second.values[i][c](x, y) = std::clamp(second.values[i][c](x, y), m - h, m + h);
         }
       });
-  Averages last = step(once, p.second == Second::kStrict ? frame.signal : view(once), wide,
-                       with_values(view(once), carried), p.large_radius, share(task, 0.1, 1));
+  }
+  for (size_t i = 0; i < frames; ++i)
+    second.centres.push_back(strict ? stack.frames[i]->signal : view(second.values[i]));
+  std::vector<Plane> last =
+      average(p, stack, second, stack.own, p.large_radius, p.large_radius, share(task, frames > 1 ? 0.3 : 0.1, 1));
   const size_t offset = frame.carries() ? 3 : 0;
-  for (size_t c = 0; c < 3; ++c) *out[c] = std::move(last.values[c + offset]);
+  for (size_t c = 0; c < 3; ++c) *out[c] = std::move(last[c + offset]);
 
+  const Rgb &narrow = first.intervals[stack.own], &wide = second.intervals[stack.own];
   if (frame.products)
     for (size_t c = 0; c < 3; ++c)
       (*frame.products)[layer::error_bound.channel(c)] = make_plane(width, height, quiet(task), [&](int x, int y) {
         // Full length L of an interval is twice its half width: L for strict; (L99.8 + L99 + L99) / 2 recentred.
         const float near = std::sqrt(narrow[c](x, y)), far = std::sqrt(wide[c](x, y));
-        return p.second == Second::kStrict ? 2 * far : near + 2 * far;
+        return strict ? 2 * far : near + 2 * far;
       });
 }
 
@@ -166,11 +239,14 @@ const FilterEntry entry =
             "which removes freckles and has the longer bound. The bound is written as the layer `error_bound`. Guides: "
             "the flash image (direct light, and a lamp at the eye with falloff and relief from the density gradient, "
             "in "
-            "place of the indirect light), direct light alone, or the signal itself.")
+            "place of the indirect light), direct light alone, or the signal itself. With frames before and after, "
+            "windows and patches become cubes as far as those frames reach (section 4); the paper takes five on either "
+            "side, and the bound needs them to be sampled independently.")
         .statistics(Statistics::kVariance)
         .can_use(layer::flash, layer::direct)
         .with_variance()
         .produces(layer::error_bound)
+        .sequences()
         .carries()
         .param("small-radius", &VirtualFlash::small_radius, {0, 30}, "px", "half width of the first step's window")
         .param("large-radius", &VirtualFlash::large_radius, {0, 40}, "px", "half width of the second step's window",

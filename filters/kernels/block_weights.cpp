@@ -40,6 +40,8 @@ struct RowPair {
   int y, dx, dy, x;
   const float* p(const Plane* plane) const { return plane->row(y) + x; }
   const float* q(const Plane* plane) const { return plane->row(y + dy) + x + dx; }
+  const float* guide_q(size_t c) const { return q((t.guide_there.empty() ? t.guide : t.guide_there)[c]); }
+  const float* variance_q(size_t c) const { return q((t.variance_there.empty() ? t.variance : t.variance_there)[c]); }
 };
 
 void noise_row(const RowPair& r, float* HWY_RESTRICT out, int n) {
@@ -47,9 +49,9 @@ void noise_row(const RowPair& r, float* HWY_RESTRICT out, int n) {
   const float k2 = t.k * t.k;
   if (t.guide.size() == 3) {
     const float *a0 = r.p(t.guide[0]), *a1 = r.p(t.guide[1]), *a2 = r.p(t.guide[2]);
-    const float *b0 = r.q(t.guide[0]), *b1 = r.q(t.guide[1]), *b2 = r.q(t.guide[2]);
+    const float *b0 = r.guide_q(0), *b1 = r.guide_q(1), *b2 = r.guide_q(2);
     const float *va0 = r.p(t.variance[0]), *va1 = r.p(t.variance[1]), *va2 = r.p(t.variance[2]);
-    const float *vb0 = r.q(t.variance[0]), *vb1 = r.q(t.variance[1]), *vb2 = r.q(t.variance[2]);
+    const float *vb0 = r.variance_q(0), *vb1 = r.variance_q(1), *vb2 = r.variance_q(2);
     for (int x = 0; x < n; ++x)
       out[x] = (1.0f / 3.0f) *
                (noise_distance(a0[x], b0[x], va0[x], vb0[x], k2) + noise_distance(a1[x], b1[x], va1[x], vb1[x], k2) +
@@ -58,7 +60,7 @@ void noise_row(const RowPair& r, float* HWY_RESTRICT out, int n) {
   }
   const float share = 1.0f / static_cast<float>(t.guide.size());
   for (size_t c = 0; c < t.guide.size(); ++c) {
-    const float *a = r.p(t.guide[c]), *b = r.q(t.guide[c]), *va = r.p(t.variance[c]), *vb = r.q(t.variance[c]);
+    const float *a = r.p(t.guide[c]), *b = r.guide_q(c), *va = r.p(t.variance[c]), *vb = r.variance_q(c);
     for (int x = 0; x < n; ++x)
       out[x] = (c == 0 ? 0.0f : out[x]) + share * noise_distance(a[x], b[x], va[x], vb[x], k2);
   }
@@ -68,7 +70,7 @@ void own_scale_row(const RowPair& r, float* HWY_RESTRICT out, int n) {
   const Distance& t = r.t;
   const float* own = r.p(t.own);
   for (size_t c = 0; c < t.guide.size(); ++c) {
-    const float *a = r.p(t.guide[c]), *b = r.q(t.guide[c]), *va = r.p(t.variance[c]), *vb = r.q(t.variance[c]);
+    const float *a = r.p(t.guide[c]), *b = r.guide_q(c), *va = r.p(t.variance[c]), *vb = r.variance_q(c);
     for (int x = 0; x < n; ++x) {
       const float d = a[x] - b[x];
       out[x] = (c == 0 ? 0.0f : out[x]) + capped((d * d - (va[x] + smaller(va[x], vb[x]))) * own[x]);
@@ -79,7 +81,7 @@ void own_scale_row(const RowPair& r, float* HWY_RESTRICT out, int n) {
 void ratio_row(const RowPair& r, float* HWY_RESTRICT out, int n) {
   const Distance& t = r.t;
   for (size_t c = 0; c < t.guide.size(); ++c) {
-    const float *a = r.p(t.guide[c]), *b = r.q(t.guide[c]);
+    const float *a = r.p(t.guide[c]), *b = r.guide_q(c);
     for (int x = 0; x < n; ++x) {
       const float d = a[x] - b[x];
       out[x] = (c == 0 ? 0.0f : out[x]) + d * d;
@@ -90,7 +92,7 @@ void ratio_row(const RowPair& r, float* HWY_RESTRICT out, int n) {
     for (int x = 0; x < n; ++x) out[x] = capped(out[x] * unit);
     return;
   }
-  const float *va = r.p(t.variance[0]), *vb = r.q(t.variance[0]);
+  const float *va = r.p(t.variance[0]), *vb = r.variance_q(0);
   if (t.own) {
     const float* own = r.p(t.own);
     for (int x = 0; x < n; ++x) out[x] = capped(out[x] / larger(va[x] + vb[x] + own[x], t.floor));
@@ -102,7 +104,7 @@ void ratio_row(const RowPair& r, float* HWY_RESTRICT out, int n) {
 void angle_row(const RowPair& r, float* HWY_RESTRICT out, int n) {
   const Distance& t = r.t;
   const float *a0 = r.p(t.guide[0]), *a1 = r.p(t.guide[1]), *a2 = r.p(t.guide[2]), *ad = r.p(t.guide[3]);
-  const float *b0 = r.q(t.guide[0]), *b1 = r.q(t.guide[1]), *b2 = r.q(t.guide[2]), *bd = r.q(t.guide[3]);
+  const float *b0 = r.guide_q(0), *b1 = r.guide_q(1), *b2 = r.guide_q(2), *bd = r.guide_q(3);
   for (int x = 0; x < n; ++x) {
     const float apart = 1.0f - smaller(larger(a0[x] * b0[x] + a1[x] * b1[x] + a2[x] * b2[x], -1.0f), 1.0f);
     out[x] = apart * apart * ad[x] * bd[x];
@@ -125,7 +127,9 @@ void distance_row(const RowPair& r, float* out, int n) {
 template <Membership::Bound kBound>
 void reject_row(const Membership& t, size_t c, int y, int dx, int dy, int x0, float* HWY_RESTRICT w, int n) {
   const float *v = t.value[c]->row(y + dy) + x0 + dx, *m = t.centre[c]->row(y) + x0;
-  const float *own = t.squared_bound[c]->row(y) + x0, *other = t.squared_bound[c]->row(y + dy) + x0 + dx;
+  const float *own = t.squared_bound[c]->row(y) + x0,
+              *other =
+                  (t.squared_bound_there.empty() ? t.squared_bound : t.squared_bound_there)[c]->row(y + dy) + x0 + dx;
   for (int x = 0; x < n; ++x) {
     const float d = v[x] - m[x];
     const float bound = kBound == Membership::Bound::kOwn      ? own[x]
@@ -165,17 +169,40 @@ float valid_taps(const std::vector<float>& taps, int i, int shift, int n) {
   return sum;
 }
 
-template <bool kFirst, bool kLargest>
+enum class Step { kSum, kLargest, kPatch, kPatchEnd };
+
+template <bool kFirst, Step kStep>
 HWY_INLINE void join_row(const float* HWY_RESTRICT d, float scale, float* HWY_RESTRICT out, int n) {
+  constexpr bool patch = kStep == Step::kPatch || kStep == Step::kPatchEnd;
   for (int x = 0; x < n; ++x) {
-    const float v = larger(d[x] * scale, 0.0f);
-    out[x] = kFirst ? v : kLargest ? larger(out[x], v) : out[x] + v;
+    const float v = patch ? d[x] * scale : larger(d[x] * scale, 0.0f);
+    const float joined = kFirst ? v : kStep == Step::kLargest ? larger(out[x], v) : out[x] + v;
+    out[x] = kStep == Step::kPatchEnd ? larger(joined, 0.0f) : joined;
   }
 }
 
-void join(const float* d, float scale, float* out, int n, bool first, bool largest) {
-  if (first) return join_row<true, false>(d, scale, out, n);
-  return largest ? join_row<false, true>(d, scale, out, n) : join_row<false, false>(d, scale, out, n);
+template <bool kFirst>
+void join_row(Step step, const float* d, float scale, float* out, int n) {
+  switch (step) {
+    case Step::kSum:
+      return join_row<kFirst, Step::kSum>(d, scale, out, n);
+    case Step::kLargest:
+      return join_row<kFirst, Step::kLargest>(d, scale, out, n);
+    case Step::kPatch:
+      return join_row<kFirst, Step::kPatch>(d, scale, out, n);
+    case Step::kPatchEnd:
+      return join_row<kFirst, Step::kPatchEnd>(d, scale, out, n);
+  }
+}
+
+/// Adds the i-th distance of a model to those before.
+void join(const WeightModel& model, size_t i, const float* d, float* out, int n) {
+  const Step step = model.join == WeightModel::Join::kLargest ? Step::kLargest
+                    : model.join == WeightModel::Join::kSum   ? Step::kSum
+                    : i + 1 == model.distances.size()         ? Step::kPatchEnd
+                                                              : Step::kPatch;
+  const float scale = model.distances[i].scale;
+  i == 0 ? join_row<true>(step, d, scale, out, n) : join_row<false>(step, d, scale, out, n);
 }
 
 void BlockDistances(const WeightModel& model, const Box& block, int dx, int dy, WeightScratch& s, float* weights,
@@ -184,7 +211,6 @@ void BlockDistances(const WeightModel& model, const Box& block, int dx, int dy, 
   if (model.distances.empty())
     for (int y = 0; y < block.height(); ++y)
       std::memset(weights + stride * static_cast<size_t>(y), 0, sizeof(float) * static_cast<size_t>(width));
-  const bool largest = model.join == WeightModel::Join::kLargest;
   for (size_t i = 0; i < model.distances.size(); ++i) {
     const Distance& t = model.distances[i];
     const int f = t.patch_radius(), image_width = t.guide[0]->width(), image_height = t.guide[0]->height();
@@ -233,7 +259,7 @@ void BlockDistances(const WeightModel& model, const Box& block, int dx, int dy, 
       float* HWY_RESTRICT out = weights + stride * static_cast<size_t>(y - block.y0);
       const float* h = s.horizontal.data() + stride * static_cast<size_t>(y - block.y0);
       if (f == 0) {
-        join(h, t.scale, out, width, i == 0, largest);
+        join(model, i, h, out, width);
         continue;
       }
       const float rows = valid_taps(t.patch, y, dy, image_height);
@@ -264,7 +290,7 @@ void BlockDistances(const WeightModel& model, const Box& block, int dx, int dy, 
         }
         for (int x = 0; x < width; ++x) sum[x] *= norm[x];
       }
-      join(sum, t.scale, out, width, i == 0, largest);
+      join(model, i, sum, out, width);
     }
   }
 }
@@ -301,7 +327,8 @@ void BlockWeights(const WeightModel& model, ivec2 size, const Box& block, int dx
 }
 
 void AccumulateBlock(const float* weights, size_t stride, float scale, const Box& block, int dx, int dy,
-                     std::span<const Plane* const> values, const Plane* variance, float* sums, size_t plane) {
+                     std::span<const Plane* const> values, std::span<const Plane* const> there, const Plane* variance,
+                     float* sums, size_t plane) {
   const int image_width = values[0]->width(), image_height = values[0]->height();
   const int first = std::max(block.x0, -dx), last = std::min(block.x1, image_width - dx), n = last - first;
   if (n <= 0) return;
@@ -310,7 +337,7 @@ void AccumulateBlock(const float* weights, size_t stride, float scale, const Box
     const float* HWY_RESTRICT w = weights + at;
     for (size_t c = 0; c < values.size(); ++c) {
       float* HWY_RESTRICT sum = sums + c * plane + at;
-      const float *p = values[c]->row(y) + first, *q = values[c]->row(y + dy) + first + dx;
+      const float *p = values[c]->row(y) + first, *q = there[c]->row(y + dy) + first + dx;
       for (int x = 0; x < n; ++x) sum[x] += scale * w[x] * (q[x] - p[x]);
     }
     float* HWY_RESTRICT total = sums + values.size() * plane + at;
@@ -342,8 +369,9 @@ void block_weights(const WeightModel& model, ivec2 size, const Box& block, int d
 }
 
 void accumulate_block(const float* weights, size_t stride, float scale, const Box& block, int dx, int dy,
-                      std::span<const Plane* const> values, const Plane* variance, float* sums, size_t plane) {
-  HWY_DYNAMIC_DISPATCH(AccumulateBlock)(weights, stride, scale, block, dx, dy, values, variance, sums, plane);
+                      std::span<const Plane* const> values, std::span<const Plane* const> there, const Plane* variance,
+                      float* sums, size_t plane) {
+  HWY_DYNAMIC_DISPATCH(AccumulateBlock)(weights, stride, scale, block, dx, dy, values, there, variance, sums, plane);
 }
 
 }  // namespace brume::kernels

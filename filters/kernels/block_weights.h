@@ -22,6 +22,7 @@ struct Distance {
   };
   Kind kind = Kind::kNoise;
   std::vector<const Plane*> guide, variance;
+  std::vector<const Plane*> guide_there, variance_there;  ///< of q, where it is in another frame; empty: as of p
   const Plane* own = nullptr;
   float k = 0.45f, floor = 0;
   float scale = 1;           ///< of the distance as it enters the exponent
@@ -34,13 +35,15 @@ struct Distance {
 struct Membership {
   enum class Bound { kOwn, kSum, kLarger, kSmaller } bound = Bound::kOwn;  ///< p's, p's + q's, ...
   std::vector<const Plane*> value, centre, squared_bound;
+  std::vector<const Plane*> squared_bound_there;  ///< q's, where it is in another frame; empty: as of p
 };
 
-/// w(p, q) = exp(-d), where d is the sum, or the largest, of the scaled distances, each at least 0.
+/// w(p, q) = exp(-d), where d is the sum, or the largest, of the scaled distances, each at least 0; kPatch: their sum
+/// as a whole at least 0, for the layers of one patch.
 struct WeightModel {
   std::vector<Distance> distances;  ///< none: every neighbour alike
   std::vector<Membership> memberships;
-  enum class Join { kSum, kLargest } join = Join::kSum;
+  enum class Join { kSum, kLargest, kPatch } join = Join::kSum;
   const Plane* trust = nullptr;  ///< of each neighbour, in [0, 1]; null: full
 };
 
@@ -61,10 +64,11 @@ void block_distances(const WeightModel& model, const Box& block, int dx, int dy,
 void block_weights(const WeightModel& model, ivec2 size, const Box& block, int dx, int dy, const float* distances,
                    float scale, const Plane* place, float* weights, size_t stride);
 
-/// sums[c] += scale * w * (v_c(q) - v_c(p)) and, last, sums[C] += scale * w, for each pixel of the block; all of them
-/// rows of `stride` floats, `plane` floats apart.
-/// With `variance`, one more plane: sums[C + 1] += (scale * w)^2 * variance(q).
+/// sums[c] += scale * w * (there_c(q) - values_c(p)) and, last, sums[C] += scale * w, for each pixel of the block; all
+/// of them rows of `stride` floats, `plane` floats apart. With `variance`, one more plane: sums[C + 1] += (scale * w)^2
+/// * variance(q).
 void accumulate_block(const float* weights, size_t stride, float scale, const Box& block, int dx, int dy,
-                      std::span<const Plane* const> values, const Plane* variance, float* sums, size_t plane);
+                      std::span<const Plane* const> values, std::span<const Plane* const> there, const Plane* variance,
+                      float* sums, size_t plane);
 
 }  // namespace brume::kernels

@@ -95,6 +95,27 @@ TEST(Commands, SeveralFiltersWriteSeveralFiles) {
             read_exr(folder / "t.gaussian.2.exr").text("filterParameters"));
 }
 
+TEST(Commands, SequencesAreFoundByTheirNumbers) {
+  const test::TemporaryFolder folder;
+  const auto shot = [&](const std::string& number) { return (folder / ("shot." + number + ".exr")).string(); };
+  for (const std::string number : {"0009", "0010", "0012"})
+    ASSERT_EQ(run_brume("render " + kScene + kSmall + " --layers direct,indirect,flash --seed 1" + number + " -o " +
+                        shot(number))
+                  .status,
+              0);
+  const std::string out = (folder / "out.exr").string();
+  const auto r = run_brume("denoise " + shot("0010") + " -f virtual_flash --extra-frames 2 -o " + out);
+  ASSERT_EQ(r.status, 0) << r.err;
+  EXPECT_NE(r.err.find("the sequence has no shot.0008.exr, shot.0011.exr"), std::string::npos) << r.err;
+  EXPECT_EQ(read_exr(out).text("filterFrames"), "-1, +2");
+  const auto unnumbered = run_brume("denoise " + out + " -f virtual_flash --extra-frames 1 -o " + shot("1"));
+  EXPECT_EQ(unnumbered.status, 2);
+  EXPECT_NE(unnumbered.err.find("needs the frame's number in the file's name"), std::string::npos) << unnumbered.err;
+  const auto alone = run_brume("denoise " + shot("0012") + " -f virtual_flash --extra-frames 1 -o " + out);
+  EXPECT_EQ(alone.status, 2);
+  EXPECT_NE(alone.err.find("none of shot.0011.exr, shot.0013.exr is there"), std::string::npos) << alone.err;
+}
+
 TEST(Commands, FramesOfOtherRenderersAreCleaned) {
   const auto cycles = test::shared("references/cycles/smoke/smoke_400_spp0016.exr");
   if (cycles.empty()) GTEST_SKIP() << "no reference frames beside the project";

@@ -258,6 +258,23 @@ TEST(CommonRules, WhatIsMissingIsNamedWithTheWayToGetIt) {
   EXPECT_TRUE(holds(message("nfor", frame, carry), "these can: a_trous"));
 }
 
+TEST(CommonRules, TheRangeSigmaFollowsTheMeasuredNoise) {
+  const Layers frame = sampled_frame(64, 56, 16, 0.4, 6, [](int, int, size_t) { return 0.5f; });
+  for (const std::string name : {"bilateral", "extended_bilateral", "gradient_kernel", "trilateral"}) {
+    ApplyReport report;
+    const Layers automatic = apply_filter(parse_filter(name + ":noise-factor=3"), frame, {}, {}, &report);
+    ASSERT_FALSE(report.notes.empty());
+    double noise = 0;
+    for (const std::string& note : report.notes)
+      if (const size_t at = note.find("noise of 'indirect': "); at != std::string::npos)
+        noise = std::stod(note.substr(21));
+    EXPECT_GT(noise, 1) << name;
+    const Layers given = apply_filter(parse_filter(name + ":sigma-range=" + std::to_string(3 * noise)), frame, {}, {});
+    EXPECT_LT(worst_difference(automatic, given), 2e-3) << name << ": the note has three digits";
+    EXPECT_GT(worst_difference(automatic, apply_filter(parse_filter(name), frame, {}, {})), 5e-3) << name;
+  }
+}
+
 TEST(CommonRules, OneSampleAndUnequalCountsRun) {
   Layers one = sampled_frame(40, 30, 1, 0.3, 8, [](int, int, size_t) { return 1.0f; });
   Layers unequal = sampled_frame(40, 30, 16, 0.3, 8, [](int, int, size_t) { return 1.0f; });

@@ -165,6 +165,21 @@ TEST(EveryFilter, FollowsMirrorsAndQuarterTurns) {
   }
 }
 
+TEST(EveryFilter, DoesNotCareWhichHalfIsWhich) {
+  for (const FilterSettings& f : every_filter()) {
+    if (f.entry().records == FilterEntry::Records::kNeeds) continue;  // has samples, not halves
+    const Layers frame = noisy_frame(37, 26, 4);
+    Layers swapped = frame;
+    for (const auto& [name, plane] : frame.channels())
+      for (const auto& [from, to] : {std::pair("half_a", "half_b"), {"half_b", "half_a"}})
+        if (const size_t at = name.find(from); at != std::string::npos)
+          swapped.set(std::string(name).replace(at, 6, to), plane);
+    const Layers a = apply(f, frame, {}, {}), b = apply(f, swapped, {}, {});
+    for (int y = 0; y < 26; ++y)
+      for (int x = 0; x < 37; ++x) ASSERT_NEAR(a.at("G")(x, y), b.at("G")(x, y), 1e-5f) << label(f);
+  }
+}
+
 TEST(EveryFilter, ReportsToOneAndStopsWhenCancelled) {
   for (const FilterSettings& f : every_filter()) {
     double last = 0;

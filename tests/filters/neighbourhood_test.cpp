@@ -178,7 +178,7 @@ TEST(Neighbourhood, MembershipAndTrustLeaveNeighboursOut) {
   const Plane bound = plane_of(9, 1, [](int, int) { return 1.0; });
   const Plane trust = plane_of(9, 1, [](int x, int) { return x == 5 ? 0.5 : 1.0; });
   WeightModel model;
-  model.memberships.push_back({Membership::Bound::kOwn, {&u}, {&u}, {&bound}});
+  model.memberships.push_back({Membership::Bound::kOwn, {&u}, {&u}, {&bound}, {}});
   const Plane* values[] = {&u};
   // Of the neighbours of pixel 4 only pixel 5 lies within 1.
   EXPECT_NEAR(weighted_average(model, square_window(1), values, {}).values[0](4, 0), 0.45, 1e-6);
@@ -370,6 +370,27 @@ TEST(Noise, ASampleByItselfAndABlackPixelAreNotCertain) {
   const Plane one = flat(1);
   const Rgb lone = corrected_variance(view(mean), view(variance), {}, {}, &one, {});
   EXPECT_NEAR(lone[0](4, 5), 1.0 / 9, 1e-5) << "eight ones and a zero";
+}
+
+TEST(Noise, InLabIsMeasuredFromHalvesOrVarianceWhateverFirefliesAndBackgroundDo) {
+  // Grey at L* = 50 with a deviation of one unit of L*: dY = (116 / 3 Y^(-2/3))^-1.
+  const double grey = 0.1841865, step = 3 * std::pow(grey, 2.0 / 3) / 116;
+  Rgb mean, variance, a, b;
+  for (size_t c = 0; c < 3; ++c) {
+    // The same for the three channels, as grey light's noise is.
+    const auto half = [&](double sign) {
+      return plane_of(96, 96, [&](int x, int y) {
+        if (x == 20 && y == 20) return sign > 0 ? 500.0 : 0.0;
+        return x < 48 ? grey + sign * step * normal(x, y, 5) : 1.0;
+      });
+    };
+    a[c] = half(1), b[c] = half(-1);
+    mean[c] = plane_of(96, 96, [&](int x, int) { return x < 48 ? grey : 1.0; });
+    variance[c] = plane_of(96, 96, [&](int x, int) { return x < 48 ? step * step : 0.0; });
+  }
+  const Plane medium = plane_of(96, 96, [](int x, int) { return x < 48 ? 1.0 : 0.0; });
+  EXPECT_NEAR(lab_noise(view(mean), {}, view(a), view(b), 1, &medium), 1, 0.05);
+  EXPECT_NEAR(lab_noise(view(mean), view(variance), {}, {}, 1, &medium), 1, 0.01);
 }
 
 TEST(Noise, ThePicturesOwnSecondDifferencesTellItsNoise) {

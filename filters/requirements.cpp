@@ -1,0 +1,178 @@
+#include "filters/requirements.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include "base/error.h"
+#include "base/text.h"
+#include "filters/registry.h"
+
+namespace brume {
+namespace {
+
+void check_layers(const FilterEntry& filter, const Layers& frame, const ApplyOptions& options) {
+  std::vector<std::string> missing, record;
+  for (const LayerName& l : required_layers(filter, options))
+    if (!frame.has(l)) {
+      missing.push_back("'" + l.label() + "'");
+      if (!l.name.empty()) record.push_back(std::string(l.name));
+    }
+  if (missing.empty()) return;
+  for (const LayerName& l : {layer::direct, layer::indirect, layer::gradient, layer::coverage, layer::transmittance})
+    if (frame.has(l) && std::find(record.begin(), record.end(), l.name) == record.end())
+      record.push_back(std::string(l.name));
+  // --component all helps only where nothing but the split is missing.
+  const bool only_split =
+      std::all_of(filter.needs.begin(), filter.needs.end(), [&](const LayerName& l) { return frame.has(l); });
+  const std::string way_out =
+      !only_split ? "; other renderers do not record what it needs: take another filter for their frames"
+      : options.component != Component::kAll ? "; or clean the whole picture with --component all"
+                                             : "";
+  throw InputError(fmt::format(
+      "filter {} needs the layer{} {}, which the frame does not have. Record it with: brume render SCENE -o OUT.exr "
+      "--layers {}{}",
+      filter.name, missing.size() > 1 ? "s" : "", join(missing), join(record, ","), way_out));
+}
+
+void check_statistics(const FilterSettings& settings, const Layers& frame, const ApplyOptions& options) {
+  const FilterEntry& filter = settings.entry();
+  for (const LayerName& signal : signals_of(options)) {
+    const auto need = [&](std::string_view statistic, const std::string& what, const std::string& how) {
+      if (!frame.has(signal, statistic))
+        throw InputError(
+            fmt::format("filter {} needs {} of '{}' (channel {} and its like), which the frame does not "
+                        "have. {}",
+                        filter.name, what, signal.label(), signal.channel_of(statistic, 0), how));
+    };
+    const bool halves = frame.has(signal, statistic::half_a) && frame.has(signal, statistic::half_b);
+    if (filter.statistics == Statistics::kVariance && options.noise == NoiseSource::kLayers && !halves)
+      need(statistic::mean_variance, "the variance",
+           "brume render records it unless --no-statistics is given; for other frames, --noise spatial estimates it "
+           "from the picture");
+    if (options.outliers != Outliers::kKeep && options.noise == NoiseSource::kLayers && !halves &&
+        !frame.has(signal, statistic::mean_variance))
+      throw InputError(
+          fmt::format("limiting outliers needs the variance of '{}', which the frame does not have; "
+                      "--noise spatial estimates it from the picture",
+                      signal.label()));
+    if (settings.uses_noise_level() && options.noise == NoiseSource::kLayers && !halves)
+      need(statistic::mean_variance, "the variance or the two half images",
+           "noise-factor measures the noise from them; --noise spatial estimates it from the picture");
+    if (filter.statistics == Statistics::kHalves)
+      need(statistic::half_a, "the two half images",
+           "brume render records them unless --no-statistics is given; a filter that needs none is bilateral");
+    if (filter.statistics == Statistics::kBuckets &&
+        !(options.records && filter.records == FilterEntry::Records::kCanUse))
+      need(statistic::buckets[0], "the eight bucket means",
+           "Record them with: brume render SCENE -o OUT.exr --buckets");
+  }
+  if (filter.records == FilterEntry::Records::kNeeds && !options.records)
+    throw InputError(
+        fmt::format("filter {} needs the record of every sample: brume render SCENE -o OUT.exr --records "
+                    "OUT.records, then brume denoise OUT.exr --records OUT.records ...",
+                    filter.name));
+  if (!options.carried.empty() && !filter.carries) {
+    std::vector<std::string> able;
+    for (const FilterEntry* e : all_filters())
+      if (e->carries) able.push_back(e->name);
+    throw InputError(fmt::format("filter {} cannot filter other layers with the weights of one; these can: {}",
+                                 filter.name, join(able)));
+  }
+  if (!options.carried.empty() && options.component == Component::kApart)
+    throw InputError("carrying layers along takes one component's weights: indirect or all, not apart");
+  if (!options.carried.empty() && options.outliers != Outliers::kKeep)
+    throw InputError(
+        "carried layers would keep the light that --outliers takes from what carries them; use one of both");
+  for (const LayerName& l : options.carried)
+    if (!frame.has(l)) throw InputError(fmt::format("the frame has no layer '{}' to carry along", l.label()));
+}
+
+void check_frame(const FilterSettings& filter, const Layers& frame, const ApplyOptions& options) {
+  check_layers(filter.entry(), frame, options);
+  check_statistics(filter, frame, options);
+}
+
+}  // namespace
+
+std::vector<LayerName> signals_of(const ApplyOptions& options) {
+  switch (options.component) {
+    case Component::kAll:
+      return {layer::beauty};
+    case Component::kApart:
+      return {layer::indirect, layer::direct};
+    default:
+      return {layer::indirect};
+  }
+}
+
+std::vector<LayerName> required_layers(const FilterEntry& filter, const ApplyOptions& options) {
+  std::vector<LayerName> layers;
+  if (options.component == Component::kAll)
+    layers = {layer::beauty};
+  else
+    layers = {layer::direct, layer::indirect};
+  for (const LayerName& l : filter.needs)
+    if (std::find(layers.begin(), layers.end(), l) == layers.end()) layers.push_back(l);
+  return layers;
+}
+
+std::set<std::string> readable_channels(const FilterSettings& settings, const ApplyOptions& options) {
+  const FilterEntry& filter = settings.entry();
+  std::set<std::string> names;
+  const auto add = [&](const LayerName& l, std::string_view statistic = "") {
+    for (const std::string& name : l.channel_names(statistic)) names.insert(name);
+  };
+  for (const LayerName& l : required_layers(filter, options)) add(l);
+  for (const LayerName& l : filter.can_use) add(l);
+  if (filter.variances)
+    for (const std::vector<LayerName>& list : {filter.needs, filter.can_use})
+      for (const LayerName& l : list) add(l, statistic::mean_variance);
+  for (const LayerName& l : options.carried) add(l);
+  for (const LayerName& l : {layer::coverage, layer::alpha}) add(l);
+  const Statistics statistics = std::max(filter.statistics, filter.can_use_statistics);
+  const bool limits = options.outliers != Outliers::kKeep;
+  for (const LayerName& l : signals_of(options)) {
+    if (statistics >= Statistics::kVariance || limits)
+      for (const auto which : {statistic::mean_variance, statistic::half_a, statistic::half_b}) add(l, which);
+    if (statistics >= Statistics::kBuckets || limits)
+      for (const auto which : statistic::buckets) add(l, which);
+  }
+  if (settings.uses_noise_level() && options.noise == NoiseSource::kLayers)
+    for (const LayerName& l : signals_of(options))
+      for (const auto which : {statistic::mean_variance, statistic::half_a, statistic::half_b}) add(l, which);
+  if (statistics >= Statistics::kVariance || limits) add(layer::sample_count);
+  if (settings.uses_features())
+    for (const LayerName& l : FeaturePlan::sources())
+      for (const auto which : {std::string_view(), statistic::mean_variance, statistic::half_a, statistic::half_b})
+        add(l, which);
+  return names;
+}
+
+void check_requirements(const FilterSettings& filter, const Layers& frame, const ApplyOptions& options) {
+  check_frame(filter, frame, options);
+  const FilterEntry& entry = filter.entry();
+  if (!options.sequence.empty() && !entry.sequences) {
+    std::vector<std::string> able;
+    for (const FilterEntry* e : all_filters())
+      if (e->sequences) able.push_back(e->name);
+    throw InputError(
+        fmt::format("filter {} cleans every frame by itself; these look into the frames before and "
+                    "after: {}",
+                    entry.name, join(able)));
+  }
+  for (const SequenceFrame& other : options.sequence) {
+    ApplyOptions theirs = options;
+    theirs.records = other.records;
+    try {
+      if (other.layers->width() != frame.width() || other.layers->height() != frame.height())
+        throw InputError(fmt::format("it has {} x {} pixels, the frame to clean {} x {}", other.layers->width(),
+                                     other.layers->height(), frame.width(), frame.height()));
+      check_frame(filter, *other.layers, theirs);
+    } catch (const InputError& error) {
+      throw InputError(fmt::format("the frame at {:+} of the sequence: {}", other.distance, error.what()));
+    }
+  }
+}
+
+}  // namespace brume
