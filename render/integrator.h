@@ -25,6 +25,8 @@ struct FlashLamp {
   double intensity = 0;         ///< makes up for the indirect light that the image leaves out
   double typical_gradient = 0;  ///< density per scene unit: half of the relief's weight
   double distance = 1;          ///< to the middle of the media: there the lamp's falloff is 1
+  bool falloff = true, shading = true;
+  dvec3 offset{0};  ///< from the eye; unless 0, the lamp's light is weakened on its way
 };
 
 /// The scene as the inner loop sees it.

@@ -63,8 +63,9 @@ void record_camera_ray(const PathContext& context, std::span<const Medium> media
   if (plan.weighted_gradient) record_weighted_gradient(media, ray, sample);
 }
 
-dvec3 record_first_scatter(const PathContext& context, const Medium& medium, const dvec3& eye, const dvec3& p,
-                           const dvec3& d, const dvec3& weight, const dvec3& albedo, PathSample& s) {
+dvec3 record_first_scatter(const PathContext& context, std::span<const Medium> media, const Medium& medium,
+                           const dvec3& eye, const dvec3& p, const dvec3& d, const dvec3& weight, const dvec3& albedo,
+                           PathSample& s) {
   const double w = (weight.x + weight.y + weight.z) / 3.0;
   s.scatter_share = w;
   s.scatter_depth = w * glm::distance(eye, p);
@@ -78,13 +79,22 @@ dvec3 record_first_scatter(const PathContext& context, const Medium& medium, con
   if (!context.plan.flash) return dvec3(0);
   // Falloff for depth and shading by the gradient for relief: a plain lamp would show opacity only.
   const FlashLamp& lamp = context.flash;
-  const double ratio = lamp.distance / std::max(glm::distance(p, eye), 1e-12 * lamp.distance);
-  double relief = 1;
-  if (gradient) {
+  const bool at_eye = lamp.offset == dvec3(0);
+  const dvec3 way = eye + lamp.offset - p;
+  const double distance = std::max(glm::length(way), 1e-12 * lamp.distance), ratio = lamp.distance / distance;
+  const dvec3 towards = at_eye ? -d : way / distance;
+  double light = medium.phase().value(at_eye ? -1.0 : glm::dot(d, towards));
+  if (lamp.falloff) light *= std::clamp(ratio * ratio, 0.25, 4.0);
+  if (gradient && lamp.shading) {
     const double steepness = glm::length(*gradient), share = steepness / (steepness + lamp.typical_gradient);
-    relief = 1 - share + share * std::max(0.0, glm::dot(*gradient / steepness, d));
+    light *= 1 - share + share * std::max(0.0, -glm::dot(*gradient / steepness, towards));
   }
-  return weight * albedo * (medium.phase().value(-1.0) * std::clamp(ratio * ratio, 0.25, 4.0) * relief);
+  if (!at_eye) {
+    double tau = 0;
+    for (const Medium& m : media) tau += optical_depth(m, m.to_local(Ray{p, towards}), distance);
+    light *= std::exp(-tau);
+  }
+  return weight * albedo * light;
 }
 
 }  // namespace brume

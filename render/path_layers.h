@@ -15,7 +15,8 @@ void record_camera_ray(const PathContext& context, std::span<const Medium> media
 /// Layers of a path's first event, where that is a scattering at p after flying along d.
 /// @param weight  of the path before the event
 /// @return        the flash lamp's part of the flash image, without its intensity; 0 where the image is not recorded
-dvec3 record_first_scatter(const PathContext& context, const Medium& medium, const dvec3& eye, const dvec3& p,
-                           const dvec3& d, const dvec3& weight, const dvec3& albedo, PathSample& sample);
+dvec3 record_first_scatter(const PathContext& context, std::span<const Medium> media, const Medium& medium,
+                           const dvec3& eye, const dvec3& p, const dvec3& d, const dvec3& weight, const dvec3& albedo,
+                           PathSample& sample);
 
 }  // namespace brume

@@ -94,6 +94,17 @@ void PreparedScene::calibrate_flash() {
   lamp.distance =
       glm::distance(camera.ray({0.5 * scene_.film.width, 0.5 * scene_.film.height}).o, media_.bounds().centre);
   if (!(lamp.distance > 0)) lamp.distance = 1;
+  const std::string& relief = scene_.render.flash_relief;
+  lamp.falloff = relief != "none" && relief != "gradient";
+  lamp.shading = relief != "none" && relief != "falloff";
+  if (relief == "offset") {
+    const double w = scene_.film.width, h = scene_.film.height;
+    const auto across = [&](const dvec2& from, const dvec2& to) {
+      return glm::normalize(camera.ray(to).at(lamp.distance) - camera.ray(from).at(lamp.distance));
+    };
+    lamp.offset = 0.2 * media_.bounds().radius *
+                  glm::normalize(across({0, 0.5 * h}, {w, 0.5 * h}) + across({0.5 * w, h}, {0.5 * w, 0}));
+  }
   lamp.intensity = 1;
 
   constexpr int kGrid = 48;

@@ -73,6 +73,12 @@ void describe(Visitor& v, RenderSettings& r) {
              "all eight",
      .choices = {"stochastic", "interpolated"}},
     r.lookup);
+  v({.key = "flash_relief",
+     .help = "what shapes the flash layer beyond opacity. falloff: the lamp's, by distance; gradient: shading by the "
+             "density gradient; both; none; offset: both, and the lamp not at the eye but a tenth of the medium's "
+             "diagonal up and to the right of it, seen through the medium",
+     .choices = {"both", "falloff", "gradient", "none", "offset"}},
+    r.flash_relief);
   v({.key = "majorants",
      .help = "cells: bounds of 8^3 voxels; global: one bound for the whole grid, the textbook's tracer, to compare",
      .choices = {"cells", "global"}},

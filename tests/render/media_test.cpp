@@ -258,6 +258,37 @@ TEST(Flash, MakesUpForTheIndirectLight) {
       << "the lamp is less noisy than what it replaces";
 }
 
+TEST(Flash, ReliefIsWhatIsAskedFor) {
+  Scene s = read_scene(test::source("data/scenes/cloud.toml"));
+  s.film.width = s.film.height = 40;
+  // The lamp's part, over what every path with a scattering would bring without any relief.
+  const auto lamp = [&](const std::string& relief) {
+    s.render.flash_relief = relief;
+    const Layers f = PreparedScene(s, LayerRequest::of({"direct", "indirect", "flash", "scatter_share"}, false))
+                         .render(16, 1, {})
+                         .layers;
+    std::vector<double> values;
+    for (int y = 0; y < 40; ++y)
+      for (int x = 0; x < 40; ++x)
+        if (const double share = f.at(layer::scatter_share.channel(0))(x, y); share > 0.9)
+          values.push_back((f.at("flash.G")(x, y) - f.at("direct.G")(x, y)) / share / *f.number("flashIntensity"));
+    double mean = 0, squares = 0;
+    for (const double v : values) mean += v / static_cast<double>(values.size());
+    for (const double v : values) squares += (v - mean) * (v - mean) / static_cast<double>(values.size());
+    return std::pair(mean, std::sqrt(squares) / mean);
+  };
+  const auto none = lamp("none"), falloff = lamp("falloff"), gradient = lamp("gradient"), both = lamp("both"),
+             offset = lamp("offset");
+  EXPECT_LT(none.second, 1e-4) << "a plain lamp shows opacity only";
+  EXPECT_GT(falloff.second, 0.02) << "depth";
+  EXPECT_NEAR(falloff.first, none.first, 0.3 * none.first) << "1 in the middle of the medium";
+  EXPECT_GT(gradient.second, 0.02);
+  EXPECT_LT(gradient.first, none.first) << "shading takes light away";
+  EXPECT_NEAR(both.first, gradient.first, 0.3 * none.first);
+  EXPECT_LT(offset.first, 0.8 * both.first) << "the medium is in the lamp's way";
+  EXPECT_GT(offset.second, both.second) << "shadows";
+}
+
 TEST(Presets, AreTheirToolsCoefficients) {
   const test::TemporaryFolder folder;
   const auto volume = [&](const std::string& keys) {
