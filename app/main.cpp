@@ -8,6 +8,7 @@
 #include "base/error.h"
 #include "base/text.h"
 #include "commit.h"
+#include "image/exr_io.h"
 
 namespace brume::app {
 
@@ -77,6 +78,7 @@ int run(int argc, char** argv) {
   } catch (const CLI::ParseError& error) {
     return parse_error(app, error, argc, argv);
   }
+  set_exr_threads(common.threads);
   std::signal(SIGINT, on_interrupt);
   std::signal(SIGTERM, on_interrupt);
   std::signal(SIGXFSZ, SIG_IGN);  // a file that may not grow is an error of that write, with its message

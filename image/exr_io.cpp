@@ -12,9 +12,11 @@
 #include <ImfOutputFile.h>
 #include <ImfPartType.h>
 #include <ImfStringAttribute.h>
+#include <ImfThreading.h>
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <thread>
 
 #include "base/error.h"
 #include "base/output_file.h"
@@ -188,6 +190,10 @@ Layers read_exr_state(const fs::path& path) {
     throw InputError(fmt::format("{}: truncated or damaged: {}", path.string(), error.what()));
   }
   return layers;
+}
+
+void set_exr_threads(int threads) {
+  Imf::setGlobalThreadCount(threads > 0 ? threads : static_cast<int>(std::thread::hardware_concurrency()));
 }
 
 void write_exr(const fs::path& path, const Layers& layers) {

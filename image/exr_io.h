@@ -35,4 +35,7 @@ Layers read_exr_state(const std::filesystem::path& path);
 /// Writes float32 scan lines, ZIP, single part. The file appears whole or not at all. @throws InputError
 void write_exr(const std::filesystem::path& path, const Layers& layers);
 
+/// Threads that pack and unpack EXRs from now on; 0: all of the machine's. One until called.
+void set_exr_threads(int threads);
+
 }  // namespace brume

@@ -92,6 +92,13 @@ Film::Bounds Film::bounds(int tile) const {
   return {x0, y0, std::min(x0 + kTile, width_), std::min(y0 + kTile, height_)};
 }
 
+void Film::drop(int tile) {
+  TileState& state = state_[static_cast<size_t>(tile)];
+  TileState done;
+  done.taken = state.taken;
+  state = std::move(done);  // a vector that is assigned {} would keep its memory
+}
+
 Film::TileState& Film::opened(int tile) {
   TileState& state = state_[static_cast<size_t>(tile)];
   if (state.sums.empty()) {

@@ -36,7 +36,7 @@ class Film {
   /// Computes a tile's pixels from its sums.
   void develop(int tile);
   /// Forgets a tile's sums: no more samples can be added.
-  void drop(int tile) { state_[static_cast<size_t>(tile)].sums = {}; }
+  void drop(int tile);
 
   /// Estimated relative error of the beauty: root of the mean over pixels of mean_variance / (mean^2 + 0.01 white^2).
   /// Needs statistics.

@@ -334,7 +334,7 @@ RenderResult PreparedScene::render(const RenderJob& job, const Task& task) const
   if (records) records->commit();
   report = collect();
   if (!job.checkpoint.empty()) write_checkpoint();
-  result.layers = film.layers();
+  result.layers = film.take();
   finish(result.layers, report);
   if (job.keep_state) film.save_state(result.layers);
   return result;
