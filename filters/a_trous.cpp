@@ -1,7 +1,11 @@
-#include <cmath>
+#include "filters/kernels/a_trous.h"
+
+#include <algorithm>
+#include <array>
 
 #include "filters/directions.h"
 #include "filters/kernels/lab.h"
+#include "filters/lab_window.h"
 #include "filters/neighbourhood.h"
 #include "filters/registry.h"
 
@@ -14,9 +18,9 @@ struct ATrous {
 };
 
 /// The B3 spline's 25 taps, spaced 2^level.
-std::vector<Offset> spline(int level) {
+std::vector<kernels::SparseTap> spline(int level) {
   constexpr float h[] = {1 / 16.f, 4 / 16.f, 6 / 16.f, 4 / 16.f, 1 / 16.f};
-  std::vector<Offset> taps;
+  std::vector<kernels::SparseTap> taps;
   for (int j = -2; j <= 2; ++j)
     for (int i = -2; i <= 2; ++i) taps.push_back({i * (1 << level), j * (1 << level), h[i + 2] * h[j + 2]});
   return taps;
@@ -28,47 +32,67 @@ float sigma_of(const ATrous& p, const Feature& f) {
   return p.sigma_other;
 }
 
-void run(const ATrous& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
-  const int width = frame.width(), height = frame.height();
-  const std::vector<Plane> directions = unit_directions(frame, task);
-  std::vector<Plane> signal, values;
-  for (size_t c = 0; c < 3; ++c) signal.push_back(*frame.signal[c]);
-  if (frame.carries())
-    for (size_t c = 0; c < 3; ++c) values.push_back(*frame.values[c]);
-  for (int level = 0; level < p.levels; ++level) {
-    std::vector<Plane> lab(3, Plane(width, height));
-    for_each_row(height, quiet(task), [&](int y) {
-      kernels::lab_from_rgb_row({signal[0].row(y), signal[1].row(y), signal[2].row(y)},
-                                static_cast<float>(frame.exposure), {lab[0].row(y), lab[1].row(y), lab[2].row(y)},
-                                width);
-    });
-    WeightModel model;
-    const auto add = [&](Distance::Kind kind, std::vector<const Plane*> guide, float sigma) {
-      if (!(sigma > 0)) return;  // the term is off
-      Distance d;
-      d.kind = kind;
-      d.guide = std::move(guide);
-      d.floor = 1;
-      d.scale = 1 / (sigma * sigma);
-      model.distances.push_back(std::move(d));
-    };
-    const float spread = static_cast<float>(1 << level);
-    add(Distance::Kind::kRatio, pointers(lab), p.sigma_color / spread);
-    if (!directions.empty()) add(Distance::Kind::kAngle, pointers(directions), p.sigma_gradient * spread);
-    for (const Feature& f : *frame.features)
-      if (f.name != "gradient") add(Distance::Kind::kRatio, pointers(f.mean), sigma_of(p, f));
-    std::vector<const Plane*> averaged = pointers(signal);
-    for (const Plane* v : pointers(values)) averaged.push_back(v);
-    std::vector<Plane> smooth = weighted_average(model, spline(level), averaged,
-                                                 share(task, level / static_cast<double>(p.levels),
-                                                       (level + 1) / static_cast<double>(p.levels)))
-                                    .values;
-    for (size_t c = 0; c < 3; ++c) {
-      signal[c] = std::move(smooth[c]);
-      if (!values.empty()) values[c] = std::move(smooth[c + 3]);
+/// The features in units of their sigmas, behind three channels for the colour; without either: nothing.
+WorkImage compared_channels(const ATrous& p, const FilterFrame& frame, int reach, const Task& task) {
+  std::vector<std::pair<const Plane*, float>> features;
+  for (const Feature& f : *frame.features)
+    if (const float sigma = sigma_of(p, f); f.name != "gradient" && sigma > 0)
+      for (const Plane& channel : f.mean) features.emplace_back(&channel, 1 / sigma);
+  const size_t colors = p.sigma_color > 0 ? 3 : 0;
+  if (features.empty() && colors == 0) return {};
+  WorkImage image(frame.width(), frame.height(), reach, colors + features.size());
+  for_each_row(frame.height(), quiet(task), [&](int y) {
+    for (size_t i = 0; i < features.size(); ++i) {
+      const auto& [plane, scale] = features[i];
+      PaddedPlane& to = image.channels[colors + i];
+      for (int x = 0; x < frame.width(); ++x) to.row(y)[x] = scale * (*plane)(x, y);
+      to.extend_row(y);
     }
+  });
+  return image;
+}
+
+void run(const ATrous& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
+  const int width = frame.width(), height = frame.height(), reach = 2 << (p.levels - 1);
+  std::vector<const Plane*> averaged(frame.signal.begin(), frame.signal.end());
+  if (frame.carries()) averaged.insert(averaged.end(), frame.values.begin(), frame.values.end());
+  WorkImage values = padded(averaged, reach), smooth(width, height, reach, averaged.size());
+  WorkImage compared = compared_channels(p, frame, reach, task), directions;
+  if (const std::vector<Plane> unit = unit_directions(frame, task); !unit.empty() && p.sigma_gradient > 0)
+    directions = padded(pointers(unit), reach);
+  for (int level = 0; level < p.levels; ++level) {
+    const float spread = static_cast<float>(1 << level);
+    if (p.sigma_color > 0)
+      for_each_row(height, quiet(task), [&](int y) {
+        std::array<const float*, 3> rgb;
+        std::array<float*, 3> lab;
+        for (size_t c = 0; c < 3; ++c) rgb[c] = values.channels[c].row(y), lab[c] = compared.channels[c].row(y);
+        kernels::lab_from_rgb_row(rgb, static_cast<float>(frame.exposure), lab, width);
+        for (size_t c = 0; c < 3; ++c) {
+          for (int x = 0; x < width; ++x) lab[c][x] *= spread / p.sigma_color;
+          compared.channels[c].extend_row(y);
+        }
+      });
+    const std::vector<kernels::SparseTap> taps = spline(level);
+    const float turn = p.sigma_gradient * spread;
+    const kernels::ATrousLevel what{compared.channels.empty() ? nullptr : &compared,
+                                    directions.channels.empty() ? nullptr : &directions, 1 / (turn * turn), &values,
+                                    taps};
+    // Blocks whose rows are still in the cache when the tap 2^level rows further down comes to them.
+    constexpr int kWidth = 256, kHeight = 128;
+    for_each_block(width, height, kWidth, kHeight,
+                   share(task, level / static_cast<double>(p.levels), (level + 1) / static_cast<double>(p.levels)),
+                   [&](const Box& block) {
+                     for (int y = block.y0; y < block.y1; ++y)
+                       kernels::a_trous_row(what, smooth, block.x0, block.x1, y);
+                   });
+    for_each_row(height, quiet(task), [&](int y) { smooth.extend_row(y); });
+    std::swap(values, smooth);
   }
-  for (size_t c = 0; c < 3; ++c) *out[c] = std::move(values.empty() ? signal[c] : values[c]);
+  const size_t offset = frame.carries() ? 3 : 0;
+  for (size_t c = 0; c < 3; ++c)
+    for_each_row(height, quiet(task),
+                 [&](int y) { std::copy_n(values.channels[c + offset].row(y), width, out[c]->row(y)); });
 }
 
 const FilterEntry entry =

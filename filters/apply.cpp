@@ -82,6 +82,7 @@ class Source {
     if (const Plane* count = layers().find(layer::sample_count.channel(0))) samples = mean_of(*count);
   }
   const Layers& layers() const { return repaired ? fixed_ : *frame_; }
+  size_t channels() const { return channels_.size(); }
   /// What is read of a part of it.
   Layers crop_to(const Box& box) const {
     Layers part(box.width(), box.height());
@@ -288,24 +289,27 @@ constexpr double kFreeMemory = 5e8;
 constexpr int kSmallestTile = 128;
 
 /// Side of the tiles, and what the run holds at its height [bytes].
-int choose_tile(const FilterEntry& filter, const Layers& frame, const ApplyOptions& options, int apron, double& peak) {
+/// @param channels  that the filter reads, of all frames together
+int choose_tile(const FilterEntry& filter, const Layers& frame, const ApplyOptions& options, size_t channels, int apron,
+                double& peak) {
+  constexpr double kPrepared = 12;  // variance, result, background [planes]
   const double pixels = static_cast<double>(frame.width()) * frame.height();
   const double frames = static_cast<double>(1 + options.sequence.size());
   const double read = 4.0 * pixels * frames * static_cast<double>(frame.channels().size());
   const double written = 4.0 * pixels * (4.0 + 3.0 * static_cast<double>(options.carried.size()));
-  // Copies of what is cropped, the prepared statistics and the filter's own.
-  const double per_pixel = 4.0 * frames * (filter.scratch + 16.0);
-  const int longest = std::max(frame.width(), frame.height());
+  const double whole = 4.0 * frames * (filter.scratch + kPrepared);  // per pixel of the frame at once
+  const double tiled = whole + 4.0 * static_cast<double>(channels);  // per pixel of a tile, which is cut out first
+  const double budget = std::max(0.25 * read, kFreeMemory);
+  const int longest = std::max(frame.width(), frame.height()), shortest = std::min(frame.width(), frame.height());
   int tile = options.tile;
-  if (tile == 0) {
-    const double side = std::sqrt(std::max(0.25 * read, kFreeMemory) / per_pixel);
+  if (tile == 0)
     // A frame that fits as a whole has no apron.
-    tile = side * side >= pixels ? longest : std::max(kSmallestTile, static_cast<int>(side) - 2 * apron);
-  }
-  if (tile >= longest) tile = longest;
+    tile = whole * pixels <= budget ? longest
+                                    : std::max(kSmallestTile, static_cast<int>(std::sqrt(budget / tiled)) - 2 * apron);
+  tile = std::clamp(tile, 1, longest);
   const double side = std::min<double>(tile + 2.0 * apron, longest);
-  peak = read + written + per_pixel * side * std::min<double>(side, std::min(frame.width(), frame.height()));
-  return std::max(tile, 1);
+  peak = read + written + (tile == longest ? whole : tiled) * side * std::min<double>(side, shortest);
+  return tile;
 }
 
 }  // namespace
@@ -349,7 +353,9 @@ Layers apply_filter(const FilterSettings& requested, const Layers& frame, const 
   const int apron = filter.apron() + (entry.can_use_statistics > Statistics::kNone ? kNoiseReach : 0) +
                     (options.outliers != Outliers::kKeep ? kOutlierReach : 0);
   double peak = 0;
-  const int tile = choose_tile(entry, frame, options, apron, peak);
+  size_t channels = 0;
+  for (const Source& s : sources) channels += s.channels();
+  const int tile = choose_tile(entry, frame, options, channels, apron, peak);
   if (peak > physical_memory())
     throw InputError(
         fmt::format("filter {} would hold {:.1f} GB for this frame in tiles of {} px, this machine has {:.1f} "

@@ -9,7 +9,7 @@
 namespace brume {
 namespace {
 
-enum class Shrink { kSoft, kWiener, kBayes };
+using kernels::Shrink;
 
 struct Wavelet {
   int scales = 5;
@@ -96,24 +96,8 @@ void run(const Wavelet& p, const FilterFrame& frame, const FilterOutput& out, co
                                      }),
                           3, task);
       for_each_row(height, quiet(task), [&](int y) {
-        const float *a = approximation.row(y), *b = smooth.row(y), *v = variance.row(y);
-        float* to = sum.row(y);
-        for (int x = 0; x < width; ++x) {
-          const float w = a[x] - b[x], noise = gain * v[x];
-          float kept;
-          if (p.shrink == Shrink::kWiener) {
-            const float k = p.strength * p.strength * noise;
-            kept = w * w > k ? w * (1 - k / (w * w)) : 0.0f;
-          } else {
-            float threshold = p.strength * std::sqrt(noise);
-            if (p.shrink == Shrink::kBayes) {
-              const float signal = std::max(0.0f, energy(x, y) - noise);
-              threshold = signal > 1e-30f ? p.strength * noise / std::sqrt(signal) : std::abs(w);
-            }
-            kept = std::copysign(std::max(0.0f, std::abs(w) - threshold), w);
-          }
-          to[x] += kept;
-        }
+        kernels::shrink_row(p.shrink, p.strength, gain, approximation.row(y), smooth.row(y), variance.row(y),
+                            energy.empty() ? nullptr : energy.row(y), sum.row(y), width);
       });
       approximation = std::move(smooth);
       task.check();

@@ -6,6 +6,7 @@
 #include <hwy/highway.h>
 
 #include <algorithm>
+#include <cmath>
 
 HWY_BEFORE_NAMESPACE();
 namespace brume::kernels::HWY_NAMESPACE {
@@ -32,15 +33,50 @@ void SumRows(const float* const* rows, int count, float* HWY_RESTRICT out, int w
 }
 
 void WeightedSumRows(const float* const* rows, const float* weights, int count, float* HWY_RESTRICT out, int width) {
-  {
-    const float* a = rows[0];
-    const float w = weights[0];
-    for (int x = 0; x < width; ++x) out[x] = w * a[x];
+  const float* first = rows[0];
+  for (int x = 0; x < width; ++x) out[x] = weights[0] * first[x];
+  int i = 1;
+  for (; i + 3 < count; i += 4) {
+    const float *a = rows[i], *b = rows[i + 1], *c = rows[i + 2], *d = rows[i + 3];
+    const float wa = weights[i], wb = weights[i + 1], wc = weights[i + 2], wd = weights[i + 3];
+    for (int x = 0; x < width; ++x) out[x] += (wa * a[x] + wb * b[x]) + (wc * c[x] + wd * d[x]);
   }
-  for (int i = 1; i < count; ++i) {
+  for (; i < count; ++i) {
     const float* a = rows[i];
     const float w = weights[i];
     for (int x = 0; x < width; ++x) out[x] += w * a[x];
+  }
+}
+
+HWY_INLINE float larger(float a, float b) {
+  return a > b ? a : b;
+}
+
+/// w with `by` off its size, or 0.
+HWY_INLINE float shrunk(float w, float by) {
+  return std::copysign(larger(0.0f, std::abs(w) - by), w);
+}
+
+void ShrinkRow(Shrink rule, float strength, float gain, const float* HWY_RESTRICT fine,
+               const float* HWY_RESTRICT coarse, const float* HWY_RESTRICT variance, const float* HWY_RESTRICT energy,
+               float* HWY_RESTRICT sum, int width) {
+  switch (rule) {
+    case Shrink::kSoft:
+      for (int x = 0; x < width; ++x) sum[x] += shrunk(fine[x] - coarse[x], strength * std::sqrt(gain * variance[x]));
+      break;
+    case Shrink::kWiener:
+      for (int x = 0; x < width; ++x) {
+        const float w = fine[x] - coarse[x], noise = strength * strength * gain * variance[x];
+        sum[x] += w * w > noise ? w * (1 - noise / (w * w)) : 0.0f;
+      }
+      break;
+    case Shrink::kBayes:
+      for (int x = 0; x < width; ++x) {
+        const float w = fine[x] - coarse[x], noise = gain * variance[x], signal = larger(0.0f, energy[x] - noise);
+        const float kept = shrunk(w, strength * noise / std::sqrt(larger(signal, 1e-30f)));
+        sum[x] += signal > 1e-30f ? kept : 0.0f;
+      }
+      break;
   }
 }
 
@@ -79,6 +115,7 @@ HWY_EXPORT(BoxRow);
 HWY_EXPORT(SumRows);
 HWY_EXPORT(WeightedSumRows);
 HWY_EXPORT(Median9Row);
+HWY_EXPORT(ShrinkRow);
 
 void box_row(const float* in, float* out, int width, int radius) {
   HWY_DYNAMIC_DISPATCH(BoxRow)(in, out, width, radius);
@@ -90,6 +127,11 @@ void sum_rows(const float* const* rows, int count, float* out, int width) {
 
 void weighted_sum_rows(const float* const* rows, const float* weights, int count, float* out, int width) {
   HWY_DYNAMIC_DISPATCH(WeightedSumRows)(rows, weights, count, out, width);
+}
+
+void shrink_row(Shrink rule, float strength, float gain, const float* fine, const float* coarse, const float* variance,
+                const float* energy, float* sum, int width) {
+  HWY_DYNAMIC_DISPATCH(ShrinkRow)(rule, strength, gain, fine, coarse, variance, energy, sum, width);
 }
 
 void median9_row(const float* above, const float* row, const float* below, float* out, int width) {

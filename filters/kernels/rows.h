@@ -16,4 +16,15 @@ void weighted_sum_rows(const float* const* rows, const float* weights, int count
 /// out[x] = median of the nine pixels around (x, 1) of three rows, edges repeated.
 void median9_row(const float* above, const float* row, const float* below, float* out, int width);
 
+/// What is kept of a wavelet's detail w whose noise has the variance V.
+enum class Shrink {
+  kSoft,    ///< |w| - c sqrt(V)
+  kWiener,  ///< w (1 - c^2 V / w^2)
+  kBayes,   ///< |w| - c V / sqrt(energy - V)
+};
+/// sum[x] += what is kept of fine[x] - coarse[x], V being gain * variance[x].
+/// @param energy  mean of w^2 around x; read by kBayes alone
+void shrink_row(Shrink rule, float strength, float gain, const float* fine, const float* coarse, const float* variance,
+                const float* energy, float* sum, int width);
+
 }  // namespace brume::kernels
