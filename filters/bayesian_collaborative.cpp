@@ -203,8 +203,9 @@ Patches shrunk(const Patches& patches, const Patch& mean, const Matrix& signal, 
       eigen.eigenvectors() * eigen.eigenvalues().cwiseMax(0.0f).asDiagonal() * eigen.eigenvectors().transpose();
   Matrix sum = clean + noise;
   sum.diagonal().array() += 1e-6f * std::max(sum.trace() / kDimensions, 1e-20f);
-  const Patches centred = patches.colwise() - mean;
-  return patches - noise * sum.ldlt().solve(centred);
+  // One matrix for all patches: S_n S^-1 = (S^-1 S_n)^T, both being symmetric.
+  const Matrix shrink = sum.ldlt().solve(noise).transpose();
+  return patches - shrink * (patches.colwise() - mean);
 }
 
 /// Denoises one scale: every pixel's patch together with the patches whose histograms are like its own.
@@ -239,46 +240,51 @@ class Collaboration {
   }
 
  private:
-  /// Histogram distances of the patches of a block to their neighbours: one number per centre and offset.
-  void distances(const Box& block, std::vector<float>& out) const {
+  /// Whether the patches around a block's pixels and around their neighbours have alike histograms: a byte for every
+  /// offset and pixel, pixels in a row.
+  void find_alike(const Box& block, std::vector<uint8_t>& alike) const {
     const int r = p_.search_radius, side = 2 * r + 1, width = s_.width(), height = s_.height();
     const Box outer = block.grown(kPatchRadius, width, height);
-    const size_t plane = static_cast<size_t>(outer.width()) * static_cast<size_t>(outer.height());
-    out.assign(static_cast<size_t>(side * side) * static_cast<size_t>(block.width() * block.height()), 0.0f);
+    // Distances and bins of single pixels, with a rim of zeros where the patch reaches outside the image.
+    const size_t line = static_cast<size_t>(block.width() + 2), plane = line * static_cast<size_t>(block.height() + 2);
+    const size_t n = static_cast<size_t>(block.width());
+    const auto at = [&](int x, int y) {
+      return static_cast<size_t>(y - block.y0 + 1) * line + static_cast<size_t>(x - block.x0 + 1);
+    };
+    alike.resize(static_cast<size_t>(side * side) * n * static_cast<size_t>(block.height()));
+    std::vector<float> sums, counts, total(line), used(line);
     for (int dy = -r; dy <= r; ++dy) {
-      std::vector<std::vector<float>> sums(static_cast<size_t>(side), std::vector<float>(plane, 0.0f)), counts = sums;
+      sums.assign(plane * static_cast<size_t>(side), 0.0f);
+      counts.assign(plane * static_cast<size_t>(side), 0.0f);
       for (int y = outer.y0; y < outer.y1; ++y) {
         if (y + dy < 0 || y + dy >= height) continue;
         const float *first = s_.histogram.row(y), *second = s_.histogram.row(y + dy);
         for (int dx = -r; dx <= r; ++dx) {
           const int x0 = std::max(outer.x0, -dx), x1 = std::min(outer.x1, width - dx);
           if (x0 >= x1) continue;
-          const size_t at = static_cast<size_t>(y - outer.y0) * static_cast<size_t>(outer.width()) +
-                            static_cast<size_t>(x0 - outer.x0);
+          const size_t place = plane * static_cast<size_t>(dx + r) + at(x0, y);
           kernels::histogram_distance_row(first + x0, second + x0 + dx, s_.samples.row(y) + x0,
                                           s_.samples.row(y + dy) + x0 + dx, static_cast<int>(s_.histogram.bins()),
-                                          s_.histogram.stride(), x1 - x0, sums[static_cast<size_t>(dx + r)].data() + at,
-                                          counts[static_cast<size_t>(dx + r)].data() + at);
+                                          s_.histogram.stride(), x1 - x0, sums.data() + place, counts.data() + place);
         }
       }
-      for (int dx = -r; dx <= r; ++dx) {
-        const std::vector<float>&s = sums[static_cast<size_t>(dx + r)], &n = counts[static_cast<size_t>(dx + r)];
-        for (int y = block.y0; y < block.y1; ++y)
-          for (int x = block.x0; x < block.x1; ++x) {
-            float total = 0, used = 0;
-            for (int qy = std::max(y - 1, outer.y0); qy <= std::min(y + 1, outer.y1 - 1); ++qy)
-              for (int qx = std::max(x - 1, outer.x0); qx <= std::min(x + 1, outer.x1 - 1); ++qx) {
-                const size_t at = static_cast<size_t>(qy - outer.y0) * static_cast<size_t>(outer.width()) +
-                                  static_cast<size_t>(qx - outer.x0);
-                total += s[at], used += n[at];
-              }
-            out[(static_cast<size_t>(y - block.y0) * static_cast<size_t>(block.width()) +
-                 static_cast<size_t>(x - block.x0)) *
-                    static_cast<size_t>(side * side) +
-                static_cast<size_t>((dy + r) * side + dx + r)] =
-                used > 0 ? total / used : std::numeric_limits<float>::infinity();
+      for (int dx = -r; dx <= r; ++dx)
+        for (int y = block.y0; y < block.y1; ++y) {
+          const float* s = sums.data() + plane * static_cast<size_t>(dx + r) + at(block.x0 - 1, y);
+          const float* c = counts.data() + plane * static_cast<size_t>(dx + r) + at(block.x0 - 1, y);
+          for (size_t x = 0; x < line; ++x) {
+            total[x] = (s - line)[x] + s[x] + s[x + line];
+            used[x] = (c - line)[x] + c[x] + c[x + line];
           }
-      }
+          uint8_t* to =
+              alike.data() + (static_cast<size_t>((dy + r) * side + dx + r) * static_cast<size_t>(block.height()) +
+                              static_cast<size_t>(y - block.y0)) *
+                                 n;
+          for (size_t x = 0; x < n; ++x) {
+            const float bins = used[x] + used[x + 1] + used[x + 2];
+            to[x] = bins > 0 && total[x] + total[x + 1] + total[x + 2] <= p_.threshold * bins;
+          }
+        }
     }
   }
 
@@ -288,19 +294,20 @@ class Collaboration {
 
   void run_block(const Box& block) {
     const int r = p_.search_radius, side = 2 * r + 1;
-    std::vector<float> near;
-    distances(block, near);
+    std::vector<uint8_t> alike;
+    find_alike(block, alike);
+    const size_t pixels = static_cast<size_t>(block.width()) * static_cast<size_t>(block.height());
     std::vector<ivec2> similar;
     for (int y = block.y0; y < block.y1; ++y)
       for (int x = block.x0; x < block.x1; ++x) {
         if (!is_centre(x, y) || done_(x, y) > 0) continue;
-        const float* d = near.data() + (static_cast<size_t>(y - block.y0) * static_cast<size_t>(block.width()) +
-                                        static_cast<size_t>(x - block.x0)) *
-                                           static_cast<size_t>(side * side);
+        const uint8_t* own = alike.data() + static_cast<size_t>(y - block.y0) * static_cast<size_t>(block.width()) +
+                             static_cast<size_t>(x - block.x0);
         similar.clear();
         for (int dy = -r; dy <= r; ++dy)
           for (int dx = -r; dx <= r; ++dx)
-            if (is_centre(x + dx, y + dy) && ((dx == 0 && dy == 0) || d[(dy + r) * side + dx + r] <= p_.threshold))
+            if (is_centre(x + dx, y + dy) &&
+                ((dx == 0 && dy == 0) || own[static_cast<size_t>((dy + r) * side + dx + r) * pixels]))
               similar.push_back({x + dx, y + dy});
         estimate({x, y}, similar);
       }

@@ -27,12 +27,8 @@ size_t MutualInformation::add(std::span<const float> column) {
   const size_t number = columns();
   masks_.resize(masks_.size() + kBins * words_);
   counts_.resize(counts_.size() + kBins);
-  uint64_t* const masks = masks_.data() + number * kBins * words_;
-  for (size_t i = 0; i < samples_; ++i) {
-    const int bin = std::clamp(static_cast<int>(std::lrint(column[i])), -kBins / 2, kBins / 2) + kBins / 2;
-    masks[static_cast<size_t>(bin) * words_ + i / 64] |= uint64_t{1} << (i % 64);
-    ++counts_[number * kBins + static_cast<size_t>(bin)];
-  }
+  kernels::bin_bits(column.data(), samples_, kBins, words_, masks_.data() + number * kBins * words_,
+                    counts_.data() + number * kBins);
   int used = 0;
   for (size_t b = 0; b < kBins; ++b) used += counts_[number * kBins + b] > 0;
   bins_used_.push_back(used);

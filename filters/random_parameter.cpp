@@ -6,6 +6,7 @@
 #include "base/rng.h"
 #include "filters/kernels/sample_filter.h"
 #include "filters/mutual_information.h"
+#include "filters/neighbourhood.h"
 #include "filters/planes.h"
 #include "filters/registry.h"
 #include "filters/samples.h"
@@ -251,9 +252,13 @@ class Filter {
         // The last pass looks at no other frame's result.
         if (pass + 1 == kPasses && f != own_) continue;
         const double begin = (pass + static_cast<double>(f) / frames) / kPasses;
-        for_each_row(frame_.height(), share(task, begin, begin + 1 / (frames * kPasses)), [&](int y) {
-          for (int x = 0; x < frame_.width(); ++x) filter_pixel(f, x, y, pass);
-        });
+        // Blocks, because neighbours draw from the same records, which are still in the cache.
+        constexpr int kSide = 16;
+        for_each_block(frame_.width(), frame_.height(), kSide, kSide,
+                       share(task, begin, begin + 1 / (frames * kPasses)), [&](const Box& b) {
+                         for (int y = b.y0; y < b.y1; ++y)
+                           for (int x = b.x0; x < b.x1; ++x) filter_pixel(f, x, y, pass);
+                       });
       }
       std::swap(current_, next_);
     }
@@ -312,15 +317,17 @@ class Filter {
     }
   }
 
-  /// A sample that may belong to a neighbourhood.
-  struct Drawn {
-    const float *row, *color;
+  /// The samples of a neighbourhood, the pixel's own first: records side by side, each with its colour behind.
+  struct Neighborhood {
+    std::vector<float> data;
+    size_t count = 0, width = 0;
+    std::vector<const float*> drawn, colors;  // what was drawn, of which some belong to it
+    const float* row(size_t i) const { return data.data() + i * width; }
   };
 
   /// The pixel's samples, then samples of its surroundings drawn from a Gaussian of a quarter of the block, in this
   /// frame and in those before and after, as far as their features lie within three deviations of the pixel's own.
-  void gather(size_t frame, int x, int y, int pass, std::vector<const float*>& rows, std::vector<const float*>& colors,
-              std::vector<Drawn>& drawn) const {
+  void gather(size_t frame, int x, int y, int pass, Neighborhood& n) const {
     const Store& own = stores_[frame];
     const bool release = p_.preset == Preset::kRelease;
     const int side = (release ? kReleaseBlocks : kBlocks)[static_cast<size_t>(pass)], s = own.samples();
@@ -328,16 +335,13 @@ class Filter {
     const int most = std::min(side * side * s / share, p_.largest_neighborhood);
     std::vector<float> mean, deviation;
     own_statistics(own, x, y, mean, deviation);
-    const auto sample = [&](size_t f, int qx, int qy, int k) {
+    const auto take = [&](size_t f, int qx, int qy, int k) {
       const size_t i = stores_[f].index(qx, qy) + static_cast<size_t>(k);
-      return Drawn{stores_[f].sample(i), current_[f].data() + i * 3};
+      n.drawn.push_back(stores_[f].sample(i));
+      n.colors.push_back(current_[f].data() + i * 3);
     };
-    rows.clear(), colors.clear();
-    for (int k = 0; k < s; ++k) {
-      const Drawn d = sample(frame, x, y, k);
-      rows.push_back(d.row);
-      colors.push_back(d.color);
-    }
+    n.drawn.clear(), n.colors.clear();
+    for (int k = 0; k < s; ++k) take(frame, x, y, k);
     const int gx = x + frame_.origin.x, gy = y + frame_.origin.y;
     std::vector<float> low(features_.size()), high(features_.size());
     for (size_t k = 0; k < features_.size(); ++k) {
@@ -351,10 +355,10 @@ class Filter {
     const std::vector<Around>& around = around_[frame];
     uint64_t state = hash_combine(hash_combine(mix64(static_cast<uint64_t>(pass)), static_cast<uint64_t>(gy)),
                                   static_cast<uint64_t>(gx));
-    drawn.clear();
+    size_t place = state >> 33;  // in the list, which is read on from there
     for (int i = s; i < most; ++i) {
       state = state * 6364136223846793005ull + 1442695040888963407ull;
-      ivec2 d = draws[(state >> 33) % kDraws];
+      ivec2 d = draws[place++ % kDraws];
       const Around& there = around[(state >> 50) * around.size() >> 14];
       if (there.frame == frame && d == ivec2(0)) continue;
       if (!there.match.empty())
@@ -362,35 +366,23 @@ class Filter {
       const int qx = x + d.x, qy = y + d.y;
       if (qx < 0 || qy < 0 || qx >= frame_.width() || qy >= frame_.height()) continue;
       const uint64_t samples = static_cast<uint64_t>(stores_[there.frame].samples());
-      drawn.push_back(sample(there.frame, qx, qy, static_cast<int>(((state >> 20) & 0xfff) * samples >> 12)));
+      take(there.frame, qx, qy, static_cast<int>(((state >> 20) & 0xfff) * samples >> 12));
     }
-    const size_t bytes = own.stride() * sizeof(float);
-    constexpr size_t kAhead = 12;
-    for (size_t i = 0; i < drawn.size(); ++i) {
-      if (i + kAhead < drawn.size()) {
-        const char* next = reinterpret_cast<const char*>(drawn[i + kAhead].row);
-        for (size_t line = 0; line < bytes; line += 64) __builtin_prefetch(next + line);
-      }
-      const float* row = drawn[i].row;
-      int outside = 0;
-      for (size_t f = 0; f < features_.size(); ++f) {
-        const float v = row[3 + f];  // features follow the colour
-        outside |= static_cast<int>(v < low[f]) | static_cast<int>(v > high[f]);
-      }
-      if (outside) continue;
-      rows.push_back(row);
-      colors.push_back(drawn[i].color);
-    }
+    n.width = own.stride() + 4;
+    n.data.resize(n.drawn.size() * n.width);
+    n.count = kernels::collect_records(n.drawn, n.colors, static_cast<size_t>(s), own.stride(),
+                                       {3, features_.size(), low.data(), high.data()},  // features follow the colour
+                                       n.data.data(), n.width);
   }
 
-  Importance importance(const std::vector<const float*>& rows, const std::vector<float>& mean,
-                        const std::vector<float>& inverse, int pass) const {
+  Importance importance(const Neighborhood& hood, const std::vector<float>& mean, const std::vector<float>& inverse,
+                        int pass) const {
     const bool corrected = p_.information == Information::kCorrected;
-    const size_t n = std::min(rows.size(), static_cast<size_t>(p_.information_samples));
+    const size_t n = std::min(hood.count, static_cast<size_t>(p_.information_samples));
     MutualInformation mi(n);
     std::vector<float> column(n);
     const auto add = [&](size_t at) {
-      for (size_t i = 0; i < n; ++i) column[i] = (rows[i][at] - mean[at]) * inverse[at];
+      for (size_t i = 0; i < n; ++i) column[i] = (hood.row(i)[at] - mean[at]) * inverse[at];
       return mi.add(column);
     };
     std::vector<size_t> c, f, r, q;
@@ -434,29 +426,24 @@ class Filter {
 
   void filter_pixel(size_t frame, int x, int y, int pass) {
     const int s = stores_[frame].samples();
-    thread_local std::vector<const float*> rows, colors;
-    thread_local std::vector<Drawn> drawn;
-    gather(frame, x, y, pass, rows, colors, drawn);
-    if (rows.size() < kFewest) {
+    thread_local Neighborhood hood;
+    gather(frame, x, y, pass, hood);
+    if (hood.count < kFewest) {
       for (int k = 0; k < s; ++k) store(frame, x, y, k, color(frame, x, y, k));
       return;
     }
     const size_t columns = 3 + columns_.list().size();
     std::vector<float> mean(columns), inverse(columns);
-    std::vector<double> sum(columns, 0.0), squares(columns, 0.0);
-    const float* const first = rows[0];
-    for (const float* row : rows)
-      for (size_t k = 0; k < columns; ++k) {
-        const double d = static_cast<double>(row[k]) - first[k];
-        sum[k] += d, squares[k] += d * d;
-      }
-    const double n = static_cast<double>(rows.size());
+    std::vector<double> sum(columns), squares(columns);
+    const float* const first = hood.row(0);
+    kernels::column_moments(hood.data.data(), hood.count, hood.width, columns, sum.data(), squares.data());
+    const double n = static_cast<double>(hood.count);
     for (size_t k = 0; k < columns; ++k) {
       mean[k] = static_cast<float>(first[k] + sum[k] / n);
       const double deviation = std::sqrt(std::max(0.0, squares[k] / n - sum[k] * sum[k] / (n * n)));
       inverse[k] = deviation > 1e-8 ? static_cast<float>(1 / deviation) : 0.0f;
     }
-    const Importance w = importance(rows, mean, inverse, pass);
+    const Importance w = importance(hood, mean, inverse, pass);
     // w_ij = exp(-(1 - W_c^r)^2 / (2 sigma^2) [sum alpha dc^2 + sum beta df^2]), sigma^2 = 8 sigma_8^2 / s. Samples
     // that were averaged in groups count as one of their group's size.
     const double sigma2 = 8.0 * static_cast<double>(p_.variance) / (s * stores_[frame].group());
@@ -469,7 +456,8 @@ class Filter {
     for (size_t k = 0; k < 3; ++k) use(k, w.alpha[k]);
     for (size_t k = 0; k < features_.size(); ++k) use(features_[k], w.beta[k]);
     float sums[4][16];
-    kernels::filter_samples({rows.data(), static_cast<size_t>(s)}, rows, colors, components, sums);
+    kernels::filter_samples(hood.data.data(), static_cast<size_t>(s), hood.count, hood.width, stores_[frame].stride(),
+                            components, sums);
     std::array<vec3, kMostSamples> result;
     for (int k = 0; k < s; ++k) result[static_cast<size_t>(k)] = vec3(sums[1][k], sums[2][k], sums[3][k]) / sums[0][k];
     limit_spikes({result.data(), static_cast<size_t>(s)});
