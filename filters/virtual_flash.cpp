@@ -265,7 +265,7 @@ const FilterEntry entry =
                {"flash", "direct"})
         .param("agreement", &VirtualFlash::agreement, {"one", "either", "both"},
                "whose interval must hold the other's mean: the centre's, either's or both")
-        .scratch(40)
+        .scratch(90)
         .apron([](const VirtualFlash& p) { return p.small_radius + p.large_radius + 2 * p.patch_radius; })
         .run(run);
 const Registration registration(entry);

@@ -209,7 +209,8 @@ class PathTracer {
     ray_.o = ray_.at(t);
     const dvec3 albedo = medium.albedo(ray_.o);
     if (record_ && events_ < 2) record_event(flight, t);
-    if (events_ == 0) flash_ = record_first_scatter(c_, media_, medium, eye_, ray_.o, ray_.d, throughput_.weight, albedo, s_);
+    if (events_ == 0)
+      flash_ = record_first_scatter(c_, media_, medium, eye_, ray_.o, ray_.d, throughput_.weight, albedo, s_);
     throughput_.weight *= albedo;  // absorption by weight, not by chance
     const PhaseFunction& phase = medium.phase();
     if constexpr (F.light_sampling) {

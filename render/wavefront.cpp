@@ -843,8 +843,8 @@ class Wavefront {
     const Medium& medium = c_.media[0];
     const dvec3 at = medium.to_world(dvec3(p.ox[i], p.oy[i], p.oz[i]));
     if (c_.plan.first_event)
-      sample.flash =
-          record_first_scatter(c_, c_.media, medium, request.ray.o, at, request.ray.d, dvec3(1), medium.albedo(), sample);
+      sample.flash = record_first_scatter(c_, c_.media, medium, request.ray.o, at, request.ray.d, dvec3(1),
+                                          medium.albedo(), sample);
   }
 
   /// What the shadow rays brought. Light scattered once is direct (TRANSPORT.md section 11).

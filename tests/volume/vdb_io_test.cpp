@@ -184,6 +184,10 @@ TEST(LoadDensity, BrokenFilesSayWhatIsWrong) {
 }
 
 TEST(LoadDensity, DamagedBytesNeverCrash) {
+#ifdef __SANITIZE_ADDRESS__
+  GTEST_SKIP() << "where OpenVDB asks for as much memory as a damaged length says, AddressSanitizer ends the program "
+                  "instead of refusing";
+#endif
   const test::TemporaryFolder folder;
   write(folder / "a.vdb", {small_grid<openvdb::FloatGrid>("density")});
   const std::string bytes = test::read_file(folder / "a.vdb");
