@@ -139,6 +139,8 @@ int run(const Common& common) {
   write_exr(o.output, result.layers);
   if (!o.preview.empty()) write_png(o.preview, to_picture(result.layers.rgb(layer::beauty), scene.film.exposure));
   log(common, result.report.summary());
+  if (!scene.volumes.empty() && result.report.counters.tracking.collisions == 0)
+    warn("note: no path met the medium; does the camera look past it? 'brume info' tells where a volume lies");
   if (open_ended) log(common, fmt::format("{} samples per pixel", result.report.samples_per_pixel));
   print(o.output + "\n");
   // One bad sample in a million is reported; more is a failure (TRANSPORT.md section 10).

@@ -122,6 +122,13 @@ const MethodResult* SceneResult::find(const std::string& filter, Tuning tuning, 
   return nullptr;
 }
 
+/// Whether any of the settings that will run reads features.
+bool reads_features(const Contender& contender, bool tune) {
+  if (contender.settings.uses_features() || !tune) return contender.settings.uses_features();
+  const std::vector<FilterSettings> grid = search_grid(contender);
+  return std::any_of(grid.begin(), grid.end(), [](const FilterSettings& s) { return s.uses_features(); });
+}
+
 RecordedData data_to_record(const EvaluationSettings& settings) {
   std::set<std::string> names = {"coverage"};  // the mask of medium pixels
   RecordedData data;
@@ -129,10 +136,11 @@ RecordedData data_to_record(const EvaluationSettings& settings) {
     const FilterEntry& filter = contender.settings.entry();
     std::vector<LayerName> layers = required_layers(filter, {settings.component, settings.background});
     layers.insert(layers.end(), filter.can_use.begin(), filter.can_use.end());
-    if (filter.features) layers.insert(layers.end(), FeaturePlan::sources().begin(), FeaturePlan::sources().end());
+    const bool features = reads_features(contender, settings.tune);
+    if (features) layers.insert(layers.end(), FeaturePlan::sources().begin(), FeaturePlan::sources().end());
     for (const LayerName& l : layers)
       if (!l.name.empty()) names.insert(std::string(l.name));
-    data.statistics |= filter.can_use_statistics >= Statistics::kVariance || filter.features || filter.variances;
+    data.statistics |= filter.can_use_statistics >= Statistics::kVariance || features || filter.variances;
     data.buckets |= filter.can_use_statistics >= Statistics::kBuckets;
     data.records |= filter.records == FilterEntry::Records::kNeeds;
   }

@@ -54,6 +54,15 @@ class BadInput : public ::testing::Test {
   test::TemporaryFolder folder_;
 };
 
+TEST_F(BadInput, ACameraThatLooksPastTheMediumIsTold) {
+  const std::string render = "render " + kScene + " --spp 1 -D film.width=16 -D film.height=16 -o " + path("a.exr"),
+                    note = "no path met the medium";
+  EXPECT_EQ(run_brume(render).err.find(note), std::string::npos);
+  const auto past = run_brume(render + " -D camera.look_at=[0,-20,0]");
+  EXPECT_EQ(past.status, 0) << past.err;
+  EXPECT_NE(past.err.find(note), std::string::npos) << past.err;
+}
+
 TEST_F(BadInput, CommandLine) {
   expect_refused("rendr x", {"no command 'rendr'; did you mean 'render'?"});
   expect_refused("", {"subcommand"});

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
 
@@ -186,6 +187,18 @@ TEST(Protocol, RecordsTheUnionOfTheLayersThatTheFiltersDeclare) {
   EXPECT_FALSE(data_to_record(settings).records);
   settings.contenders = {parse_contender("random_parameter")};
   EXPECT_TRUE(data_to_record(settings).records);
+  // Features cost the renderer most: only where a setting that will run reads them.
+  const auto transmittance = [&] {
+    const std::vector<std::string> names = data_to_record(settings).layers;
+    return std::find(names.begin(), names.end(), "transmittance") != names.end();
+  };
+  settings.contenders = {parse_contender("nl_means")};
+  EXPECT_TRUE(transmittance()) << "the search tries them";
+  settings.tune = false;
+  EXPECT_FALSE(transmittance()) << "at its defaults it compares colours";
+  settings.tune = true;
+  settings.contenders = {parse_contender("nl_means:feature-strength=0")};
+  EXPECT_FALSE(transmittance());
 }
 
 }  // namespace
