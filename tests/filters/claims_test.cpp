@@ -216,6 +216,31 @@ TEST(Claims, RandomParameterFilteringConvergesWhereAFixedVarianceDoesNot) {
   EXPECT_LT(error(edge, 0.03, "0.0002"), 0.3 * error(edge, 0.03, "100")) << "a kernel as wide as ever blurs the edge";
 }
 
+TEST(Claims, RandomParameterFilteringKeepsTheLight) {
+  const Layers frame = sampled_frame(48, 40, 8, 0.4, 9, shaded);
+  test::Records records(frame);
+  ApplyOptions options;
+  options.records = &*records.reader;
+  const Layers out = apply_filter(parse_filter("random_parameter:largest-neighborhood=300"), frame, options, {});
+  double before = 0, after = 0;
+  for (int y = 0; y < 40; ++y)
+    for (int x = 0; x < 48; ++x)
+      before += frame.at("indirect.G")(x, y), after += out.at("G")(x, y) - frame.at("direct.G")(x, y);
+  EXPECT_NEAR(after / before, 1, 0.01);
+}
+
+TEST(Claims, LocalRegressionReproducesWhatIsAffine) {
+  const test::Value affine = [](int x, int y, size_t c) {
+    return 0.3f + 0.004f * static_cast<float>(x) + 0.003f * static_cast<float>(y) + 0.1f * static_cast<float>(c);
+  };
+  ApplyOptions options;
+  options.features = {"none"};
+  const Layers frame = sampled_frame(70, 60, 32, 0.3, 10, affine);
+  // A plane over half the window's pixels leaves a tenth of their noise; no bias is added to it.
+  EXPECT_LT(rms_of("wlr", frame, affine, options), 0.15 * input_rms(frame, affine));
+  EXPECT_LT(rms_of("nfor", frame, affine, options), 0.15 * input_rms(frame, affine));
+}
+
 TEST(Claims, DiffusionKeepsTheLight) {
   const Layers frame = sampled_frame(70, 60, 16, 0.5, 8, shaded);
   const Layers out = apply_filter(parse_filter("anisotropic_diffusion"), frame, {}, {});
