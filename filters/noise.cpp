@@ -137,7 +137,8 @@ double lab_noise(const RgbPlanes& mean, const RgbPlanes& variance, const RgbPlan
         for (int x = x0; x < std::min(width, x0 + kBlock); ++x)
           if (!medium || (*medium)(x, y) > 0)
             if (const double d = squared(x, y); std::isfinite(d)) sum += d, ++n;
-      if (n >= std::min({kFewest, width * height})) blocks.push_back(std::sqrt(sum / n));
+      // Blocks of nothing but background have no noise, and no say.
+      if (sum > 0 && n >= std::min(kFewest, width * height)) blocks.push_back(std::sqrt(sum / n));
     }
   if (blocks.empty()) return 0;
   const auto middle = blocks.begin() + static_cast<std::ptrdiff_t>(blocks.size() / 2);

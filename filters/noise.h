@@ -31,8 +31,8 @@ Rgb spatial_variance(const RgbPlanes& mean, const Task& task);
 
 /// How much noise a picture carries, as one number: its standard deviation in CIE-Lab units. From the difference of the
 /// halves; without them from the variance, colour channels being taken to err together, as they do where samples are
-/// grey. Root mean square over blocks of 8 x 8 pixels, and of those the median, so that neither fireflies nor empty
-/// background decide.
+/// grey. Root mean square over blocks of 8 x 8 pixels, and of those that have any noise the median, so that neither
+/// fireflies nor empty background decide.
 /// @param medium  pixels at 0 are left out; null: all count
 double lab_noise(const RgbPlanes& mean, const RgbPlanes& variance, const RgbPlanes& half_a, const RgbPlanes& half_b,
                  double exposure, const Plane* medium);

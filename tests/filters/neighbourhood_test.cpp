@@ -391,6 +391,16 @@ TEST(Noise, InLabIsMeasuredFromHalvesOrVarianceWhateverFirefliesAndBackgroundDo)
   const Plane medium = plane_of(96, 96, [](int x, int) { return x < 48 ? 1.0 : 0.0; });
   EXPECT_NEAR(lab_noise(view(mean), {}, view(a), view(b), 1, &medium), 1, 0.05);
   EXPECT_NEAR(lab_noise(view(mean), view(variance), {}, {}, 1, &medium), 1, 0.01);
+  // Without a mask the quiet half is left out all the same, also where it is the larger one.
+  EXPECT_NEAR(lab_noise(view(mean), {}, view(a), view(b), 1, nullptr), 1, 0.05);
+  Rgb wide = mean, wide_a = mean, wide_b = mean;
+  for (size_t c = 0; c < 3; ++c) {
+    const auto quiet_but_for_a_corner = [&](const Plane& p) {
+      return plane_of(96, 96, [&](int x, int y) { return x < 32 && y < 32 ? p(x, y) : 1.0f; });
+    };
+    wide_a[c] = quiet_but_for_a_corner(a[c]), wide_b[c] = quiet_but_for_a_corner(b[c]);
+  }
+  EXPECT_NEAR(lab_noise(view(wide), {}, view(wide_a), view(wide_b), 1, nullptr), 1, 0.1);
 }
 
 TEST(Noise, ThePicturesOwnSecondDifferencesTellItsNoise) {
