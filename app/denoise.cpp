@@ -2,6 +2,7 @@
 
 #include <filesystem>
 #include <list>
+#include <map>
 #include <optional>
 #include <set>
 
@@ -78,32 +79,39 @@ fs::path file_of_frame(const fs::path& path, int distance) {
                                           stem.substr(last + 1), path.extension().string());
 }
 
-/// The frames before and after, as far as there are files.
+/// The frames before and after that there are, by their distance.
+/// @throws InputError when some are asked for and none is there
+std::map<int, fs::path> extra_files() {
+  std::map<int, fs::path> files;
+  std::vector<std::string> missing;
+  for (int d = -o.extra_frames; d <= o.extra_frames; ++d) {
+    if (d == 0) continue;
+    const fs::path file = file_of_frame(o.input, d);
+    if (!file.empty() && fs::exists(file))
+      files[d] = file;
+    else
+      missing.push_back(file.empty() ? fmt::format("{:+}", d) : file.filename().string());
+  }
+  if (o.extra_frames > 0 && files.empty())
+    throw InputError(fmt::format("{}: --extra-frames {}: none of {} is there", o.input, o.extra_frames, join(missing)));
+  if (!missing.empty()) warn("note: the sequence has no " + join(missing));
+  return files;
+}
+
+/// What is read of them.
 struct Sequence {
-  std::vector<fs::path> files;  // read, in the order of `frames`
   std::list<Layers> layers;
   std::list<RecordReader> records;
   std::vector<SequenceFrame> frames;
 
-  Sequence(int extra, const std::set<std::string>& channels, const Common& common) {
-    std::vector<std::string> missing;
-    for (int d = -extra; d <= extra; ++d) {
-      if (d == 0) continue;
-      const fs::path file = file_of_frame(o.input, d);
-      if (file.empty() || !fs::exists(file)) {
-        missing.push_back(file.empty() ? fmt::format("{:+}", d) : file.filename().string());
-        continue;
-      }
+  Sequence(const std::map<int, fs::path>& files, const std::set<std::string>& channels, const Common& common) {
+    for (const auto& [distance, file] : files) {
       std::string note;
       SequenceFrame& frame =
-          frames.emplace_back(SequenceFrame{d, &layers.emplace_back(read_frame(file, channels, &note))});
-      files.push_back(file);
+          frames.emplace_back(SequenceFrame{distance, &layers.emplace_back(read_frame(file, channels, &note))});
       if (!note.empty()) log(common, "note: " + note);
-      if (!o.records.empty()) frame.records = &records.emplace_back(file_of_frame(o.records, d));
+      if (!o.records.empty()) frame.records = &records.emplace_back(file_of_frame(o.records, distance));
     }
-    if (extra > 0 && frames.empty())
-      throw InputError(fmt::format("{}: --extra-frames {}: none of {} is there", o.input, extra, join(missing)));
-    if (!missing.empty()) warn("note: the sequence has no " + join(missing));
   }
 };
 
@@ -137,7 +145,9 @@ int run(const Common& common, const std::vector<std::string>& extras) {
   std::vector<FilterSettings> filters;
   for (const std::string& text : o.filters) filters.push_back(parse_filter(text));
   set_parameters(filters, extras);
-  const fs::path inputs[] = {o.input};
+  const std::map<int, fs::path> others = extra_files();
+  std::vector<fs::path> inputs = {o.input};
+  for (const auto& [distance, file] : others) inputs.push_back(file);
   for (size_t i = 0; i < filters.size(); ++i) {
     check_writable(output_for(o.output, filters, i), inputs, ".exr");
     if (!o.preview.empty()) check_writable(output_for(o.preview, filters, i), inputs, ".png");
@@ -151,7 +161,7 @@ int run(const Common& common, const std::vector<std::string>& extras) {
   const Layers frame = read_frame(o.input, channels, &note);
   if (!note.empty()) log(common, "note: " + note);
   options.exposure = choose_exposure(o.exposure, frame);
-  const Sequence sequence(o.extra_frames, channels, common);
+  const Sequence sequence(others, channels, common);
   options.sequence = sequence.frames;
   for (size_t i = 0; i < filters.size(); ++i) {
     ApplyReport report;

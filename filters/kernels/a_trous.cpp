@@ -11,12 +11,6 @@
 
 HWY_BEFORE_NAMESPACE();
 namespace brume::kernels::HWY_NAMESPACE {
-namespace hn = hwy::HWY_NAMESPACE;
-
-using D = hn::ScalableTag<float>;
-using V = hn::Vec<D>;
-using M = hn::Mask<D>;
-
 #include "filters/kernels/exp2_negative.h"
 
 // Most channels in a level: the layers of a frame make fewer.

@@ -1,4 +1,10 @@
-// No include guard: included once for every instruction set, after the names D, V and hn.
+// No include guard: included once for every instruction set, between HWY_BEFORE_NAMESPACE and HWY_AFTER_NAMESPACE.
+
+namespace hn = hwy::HWY_NAMESPACE;
+
+using D = hn::ScalableTag<float>;
+using V = hn::Vec<D>;
+using M = hn::Mask<D>;
 
 // Below this a weight is rounding noise beside the centre's.
 constexpr float kLowestExponent = -115.0f;  // of 2: 2.4e-35

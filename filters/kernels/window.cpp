@@ -12,12 +12,6 @@
 
 HWY_BEFORE_NAMESPACE();
 namespace brume::kernels::HWY_NAMESPACE {
-namespace hn = hwy::HWY_NAMESPACE;
-
-using D = hn::ScalableTag<float>;
-using V = hn::Vec<D>;
-using M = hn::Mask<D>;
-
 #include "filters/kernels/exp2_negative.h"
 
 // -1 / (2 sigma^2) as an exponent of 2; 0 switches the term off.

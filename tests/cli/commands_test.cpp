@@ -108,6 +108,11 @@ TEST(Commands, SequencesAreFoundByTheirNumbers) {
   ASSERT_EQ(r.status, 0) << r.err;
   EXPECT_NE(r.err.find("the sequence has no shot.0008.exr, shot.0011.exr"), std::string::npos) << r.err;
   EXPECT_EQ(read_exr(out).text("filterFrames"), "-1, +2");
+  const std::string beside = test::read_file(shot("0009"));
+  const auto over = run_brume("denoise " + shot("0010") + " -f virtual_flash --extra-frames 1 -o " + shot("0009"));
+  EXPECT_EQ(over.status, 2);
+  EXPECT_NE(over.err.find("is read by this command and would be destroyed"), std::string::npos) << over.err;
+  EXPECT_EQ(test::read_file(shot("0009")), beside);
   const auto unnumbered = run_brume("denoise " + out + " -f virtual_flash --extra-frames 1 -o " + shot("1"));
   EXPECT_EQ(unnumbered.status, 2);
   EXPECT_NE(unnumbered.err.find("needs the frame's number in the file's name"), std::string::npos) << unnumbered.err;
