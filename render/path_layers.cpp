@@ -1,9 +1,11 @@
 #include "render/path_layers.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 
+#include "base/math.h"
 #include "volume/gradient.h"
 
 namespace brume {
@@ -23,24 +25,38 @@ void find_medium_surface(const PathContext& context, std::span<const Medium> med
   if (medium) record_medium_surface(*medium, local, first, s);
 }
 
-/// The expectation of the gradient's direction at the first scattering, marched in half voxels. Each medium by itself:
-/// overlaps are weighted as if the other were not there.
-void record_weighted_gradient(std::span<const Medium> media, const Ray& ray, PathSample& s) {
-  for (const Medium& m : media) {
-    const Ray local = m.to_local(ray);
-    const double h = 0.5 / glm::length(local.d);
-    const auto [lo, hi] = m.support();
-    const auto [t0, t1] = Solid{Solid::Shape::kBox, lo, hi}.intersect(local);
-    double transmittance = 1;
-    for (double t = std::max(t0, 0.0) + 0.5 * h; t < t1 && transmittance > 1e-3; t += h) {
-      const double tau = m.sigma_t(local.at(t)) * h;
-      if (!(tau > 0)) continue;
-      const double weight = transmittance * -std::expm1(-tau);
-      transmittance -= weight;
-      if (const auto g = density_gradient(m, local.at(t)))
-        s.gradient_transmittance_weighted += weight * glm::normalize(*g);
-    }
+struct March {
+  double depth = 0;
+  std::array<double, kMarchedPoints> point;  ///< ray parameters; negative past the end
+};
+
+/// See lanes_march: the same estimator, interpolated. Each medium by itself: overlaps are weighted as if the other were
+/// not there.
+March march(const Medium& m, const Ray& local, Rng& rng) {
+  March result;
+  result.point.fill(-1);
+  if (m.solid()) {
+    result.depth = optical_depth(m, local, kFar);
+    return result;  // no gradient inside
   }
+  const double step = 1.0 / glm::length(local.d), offset = rng.uniform(), u = rng.uniform();
+  const dvec3 shift = m.walked_shift();
+  MajorantWalk walk(m.walked(), {local.o + shift, local.d}, 0.0, kFar);
+  MajorantWalk::Segment s;
+  size_t next = 0;
+  const auto level = [&] { return -portable_log(1 - (static_cast<double>(next) + u) / kMarchedPoints); };
+  double wanted = level();
+  while (result.depth < kDeepest && walk.next(s))
+    for (double t = s.t0; t < s.t1; t += step) {
+      const double length = std::min(step, s.t1 - t), at = t + offset * length;
+      const double density =
+          m.displacement() ? m.density(local.at(at)) : m.bricks().lookup_in(*s.cell, s.coordinates, local.at(at));
+      const double sigma = density * m.extinction_per_density(), after = result.depth + sigma * length;
+      for (; next < kMarchedPoints && after >= wanted; wanted = ++next < kMarchedPoints ? level() : kFar)
+        result.point[next] = t + (wanted - result.depth) / sigma;
+      result.depth = after;
+    }
+  return result;
 }
 
 }  // namespace
@@ -52,15 +68,23 @@ void record_medium_surface(const Medium& medium, const Ray& local, double t, Pat
   if (const auto gradient = density_gradient(medium, local.at(inside))) s.gradient = glm::normalize(*gradient);
 }
 
-void record_camera_ray(const PathContext& context, std::span<const Medium> media, const Ray& ray, PathSample& sample) {
+void record_camera_ray(const PathContext& context, std::span<const Medium> media, const Ray& ray, Rng rng,
+                       PathSample& sample) {
   const Plan& plan = context.plan;
-  if (plan.medium_surface && !plan.lanes) find_medium_surface(context, media, ray, sample);
-  if (plan.optical_depth) {
-    double tau = 0;
-    for (const Medium& m : media) tau += optical_depth(m, m.to_local(ray), kFar);
-    sample.optical_depth = std::min(tau, 50.0);
+  if (plan.medium_surface) find_medium_surface(context, media, ray, sample);
+  if (!plan.marched()) return;
+  double depth = 0;
+  for (const Medium& m : media) {
+    const Ray local = m.to_local(ray);
+    const March marched = march(m, local, rng);
+    depth += marched.depth;
+    if (!plan.weighted_gradient) continue;
+    for (const double t : marched.point)
+      if (t >= 0)
+        if (const auto g = density_gradient(m, local.at(t)))
+          sample.gradient_transmittance_weighted += glm::normalize(*g) / static_cast<double>(kMarchedPoints);
   }
-  if (plan.weighted_gradient) record_weighted_gradient(media, ray, sample);
+  sample.optical_depth = std::min(depth, kDeepest);
 }
 
 dvec3 record_first_scatter(const PathContext& context, std::span<const Medium> media, const Medium& medium,

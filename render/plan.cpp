@@ -125,7 +125,7 @@ std::string explain(const Plan& plan, const Scene& scene, const SceneMedia& medi
   line("camera", std::string(plan.lens ? "thin lens" : "pinhole") + (plan.shutter ? ", motion over the shutter" : ""));
   line("medium surface",
        plan.medium_surface ? "looked for once per path, for gradient and coverage" : "not looked for");
-  if (plan.weighted_gradient || plan.optical_depth) line("marched layers", "once per path, in half voxels");
+  if (plan.marched()) line("marched layers", "once per path, one look-up per voxel length");
   line("layers", "beauty, alpha, sample_count, invalid_count" + std::string(plan.layers.names.empty() ? "" : ", ") +
                      join(plan.layers.names) +
                      (plan.layers.statistics ? "; each with mean_variance, half_a, half_b" : "") +

@@ -31,6 +31,7 @@ struct Plan {
 
   LayerRequest layers;
 
+  bool marched() const { return weighted_gradient || optical_depth; }
   bool has_media() const { return media != Media::kNone; }
 };
 

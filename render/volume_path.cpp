@@ -55,7 +55,7 @@ class PathTracer {
 
   void trace(const Ray& camera_ray) {
     ++counters_.paths;
-    if constexpr (F.any_media()) record_camera_ray(c_, media_, camera_ray, s_);
+    if constexpr (F.any_media()) record_camera_ray(c_, media_, camera_ray, rng_, s_);
     if constexpr (F.chromatic()) throughput_.hero = std::min(2, static_cast<int>(3 * rng_.uniform()));
     ray_ = camera_ray;
     eye_ = camera_ray.o;

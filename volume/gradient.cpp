@@ -54,7 +54,7 @@ std::optional<dvec3> density_gradient(const Medium& medium, const dvec3& local) 
   for (const int h : {1, 2, 4}) {
     const std::optional<dvec3> fast = h == 1 ? differences_in_brick(bricks, p) : std::nullopt;
     const dvec3 g = fast ? *fast : interpolated_differences(bricks, p, h);
-    if (glm::length(g) >= 1e-4 * bricks.maximum()) return medium.gradient_to_world(g);
+    if (glm::length(g) >= kLeastGradient * bricks.maximum()) return medium.gradient_to_world(g);
   }
   return std::nullopt;
 }

@@ -5,6 +5,9 @@
 
 namespace brume {
 
+/// Share of the maximum density, per voxel, below which a difference is not told from rounding.
+inline constexpr double kLeastGradient = 1e-4;
+
 /// World-space density gradient at a local point: central differences at the eight voxels around, interpolated
 /// trilinearly (the gradient-kernel paper's gradients at grid centres, section 2.3). Where it vanishes against
 /// `max density / voxel`, the stencil widens to 2 and 4 voxels; nothing where it still does, because a normalised

@@ -1,0 +1,151 @@
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "render/lane_scatter.cpp"
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+#include <bit>
+#include <cmath>
+#include <cstring>
+#include <numbers>
+
+#include "render/lanes.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace brume::HWY_NAMESPACE {
+
+#include "render/lane_math.h"
+
+void Scatter(const LaneScene& scene, LanePool& pool, SlotList& slots, SlotList& shadows, SlotList& alive,
+             uint64_t& capped_paths, double& capped_throughput) {
+  const D d;
+  const DI di;
+  const DU du;
+  const size_t lanes = hn::Lanes(d);
+  slots.pad();
+  const V zero = hn::Zero(d), one = set(1.0f);
+  for (size_t i = 0; i < slots.count; i += lanes) {
+    const VI slot = hn::LoadU(di, slots.slot.data() + i);
+    const auto get = [&](const auto& column) { return hn::GatherIndex(d, column.data(), slot); };
+    const auto get_u = [&](const auto& column) { return hn::GatherIndex(du, column.data(), slot); };
+    const auto put = [&](V v, auto& column) { hn::ScatterIndex(v, d, column.data(), slot); };
+    const auto put_u = [&](VU v, auto& column) { hn::ScatterIndex(v, du, column.data(), slot); };
+    const auto valid = static_cast<uint32_t>(std::min(lanes, slots.count - i));
+    const uint32_t valid_bits = valid >= 32 ? ~0u : (1u << valid) - 1;
+    const M everyone = mask_of(valid_bits);
+
+    Generator rng{get_u(pool.s0), get_u(pool.s1), get_u(pool.s2), get_u(pool.s3)};
+    const V3 dir{get(pool.dx), get(pool.dy), get(pool.dz)};
+    V tr = hn::Mul(get(pool.tr), set(scene.albedo[0])), tg = hn::Mul(get(pool.tg), set(scene.albedo[1]));
+    V tb = hn::Mul(get(pool.tb), set(scene.albedo[2]));
+
+    if (scene.sun_count + (scene.environment != nullptr) > 0) {
+      V choice = zero;
+      if (scene.sun_count + (scene.environment != nullptr) > 1) choice = rng.uniform(everyone);
+      const V u1 = rng.uniform(everyone), u2 = rng.uniform(everyone);
+      V3 wi{zero, zero, one};
+      V lr = zero, lg = zero, lb = zero, pdf_light = zero;
+      M chosen_before = hn::FirstN(d, 0), is_delta = chosen_before;
+      const SinCosV phi = sincos_2pi(u2);
+      for (size_t k = 0; k < scene.sun_count; ++k) {
+        const LaneScene::LaneSun& sun = scene.suns[k];
+        const M mine =
+            hn::AndNot(chosen_before, hn::Or(hn::Lt(choice, set(sun.share_end)),
+                                             mask_of(k + 1 == scene.sun_count && !scene.environment ? ~0u : 0u)));
+        chosen_before = hn::Or(chosen_before, mine);
+        const V h = hn::Mul(u1, set(sun.one_minus_cos));
+        const V s = hn::Sqrt(hn::Max(hn::Mul(h, hn::Sub(set(2.0f), h)), zero));
+        const V a = hn::Mul(s, phi.cos), b = hn::Mul(s, phi.sin), c = hn::Sub(one, h);
+        const auto axis = [&](int x) {
+          return hn::Add(hn::Add(hn::Mul(a, set(sun.x[x])), hn::Mul(b, set(sun.y[x]))), hn::Mul(c, set(sun.z[x])));
+        };
+        wi = {hn::IfThenElse(mine, axis(0), wi.x), hn::IfThenElse(mine, axis(1), wi.y),
+              hn::IfThenElse(mine, axis(2), wi.z)};
+        lr = hn::IfThenElse(mine, set(sun.radiance[0]), lr), lg = hn::IfThenElse(mine, set(sun.radiance[1]), lg);
+        lb = hn::IfThenElse(mine, set(sun.radiance[2]), lb);
+        pdf_light = hn::IfThenElse(mine, set(sun.pdf * sun.share), pdf_light);
+        if (sun.delta) is_delta = hn::Or(is_delta, mine);
+      }
+      if (scene.environment) {
+        HWY_ALIGN float f[9][hn::MaxLanes(d)];
+        hn::Store(u1, d, f[0]), hn::Store(u2, d, f[1]);
+        hn::Store(wi.x, d, f[2]), hn::Store(wi.y, d, f[3]), hn::Store(wi.z, d, f[4]);
+        hn::Store(lr, d, f[5]), hn::Store(lg, d, f[6]), hn::Store(lb, d, f[7]), hn::Store(pdf_light, d, f[8]);
+        for (uint32_t left = valid_bits & ~bits_of(chosen_before); left; left &= left - 1) {
+          const auto lane = static_cast<size_t>(std::countr_zero(left));
+          const LightSample sample = scene.environment->sample(dvec2(f[0][lane], f[1][lane]));
+          f[2][lane] = static_cast<float>(sample.wi.x), f[3][lane] = static_cast<float>(sample.wi.y);
+          f[4][lane] = static_cast<float>(sample.wi.z);
+          f[5][lane] = static_cast<float>(sample.radiance.x), f[6][lane] = static_cast<float>(sample.radiance.y);
+          f[7][lane] = static_cast<float>(sample.radiance.z);
+          f[8][lane] = static_cast<float>(sample.pdf) * scene.environment_share;
+        }
+        wi = {hn::Load(d, f[2]), hn::Load(d, f[3]), hn::Load(d, f[4])};
+        lr = hn::Load(d, f[5]), lg = hn::Load(d, f[6]), lb = hn::Load(d, f[7]), pdf_light = hn::Load(d, f[8]);
+      }
+      const V phase = phase_value(scene.g, dot(dir, wi));
+      const V mis = hn::IfThenElse(is_delta, one, hn::Div(pdf_light, hn::Add(pdf_light, phase)));
+      const V factor = hn::IfThenElseZero(hn::Gt(pdf_light, zero), hn::Div(hn::Mul(phase, mis), pdf_light));
+      const V cr = hn::Mul(hn::Mul(tr, lr), factor), cg = hn::Mul(hn::Mul(tg, lg), factor);
+      const V cb = hn::Mul(hn::Mul(tb, lb), factor);
+      put(cr, pool.cr), put(cg, pool.cg), put(cb, pool.cb);
+      const V3 local = transform(scene.local_from_world, wi);
+      put(local.x, pool.sx), put(local.y, pool.sy), put(local.z, pool.sz);
+      uint32_t worth = valid_bits & bits_of(hn::Gt(hn::Max(hn::Max(cr, cg), cb), zero));
+      for (; worth; worth &= worth - 1) shadows.push(slots.slot[i + static_cast<size_t>(std::countr_zero(worth))]);
+    }
+
+    const VU events = hn::Add(get_u(pool.events), hn::Set(du, 1));
+    put_u(events, pool.events);
+    // Russian roulette by the largest channel, never below 0.05.
+    const auto late = hn::RebindMask(d, hn::Gt(hn::BitCast(di, events), hn::Set(di, scene.roulette_start - 1)));
+    const V largest = hn::Max(hn::Max(tr, tg), tb), survival = hn::Min(hn::Max(largest, set(0.05f)), one);
+    const M plays = hn::And(everyone, hn::And(late, hn::Lt(survival, one)));
+    M lives = everyone;
+    if (!hn::AllFalse(d, plays)) {
+      const V u = rng.uniform(plays);
+      lives = hn::AndNot(hn::And(plays, hn::Ge(u, survival)), everyone);
+      const V boost = hn::IfThenElse(plays, hn::Div(one, survival), one);
+      tr = hn::Mul(tr, boost), tg = hn::Mul(tg, boost), tb = hn::Mul(tb, boost);
+    }
+    const auto cut =
+        hn::And(lives, hn::RebindMask(d, hn::Gt(hn::BitCast(di, events), hn::Set(di, scene.max_events - 1))));
+    if (!hn::AllFalse(d, cut)) {
+      HWY_ALIGN float carried[hn::MaxLanes(d)];
+      hn::Store(hn::Max(hn::Max(tr, tg), tb), d, carried);
+      for (uint32_t left = bits_of(cut); left; left &= left - 1) {
+        ++capped_paths;
+        capped_throughput += static_cast<double>(carried[std::countr_zero(left)]);
+      }
+      lives = hn::AndNot(cut, lives);
+    }
+
+    const V cos_theta = phase_cosine(scene.g, rng.uniform(everyone));
+    const V sin_theta = hn::Sqrt(hn::Max(hn::Mul(hn::Sub(one, cos_theta), hn::Add(one, cos_theta)), zero));
+    const SinCosV phi = sincos_2pi(rng.uniform(everyone));
+    const V3 turned = around(dir, hn::Mul(sin_theta, phi.cos), hn::Mul(sin_theta, phi.sin), cos_theta);
+    put(phase_value(scene.g, dot(dir, turned)), pool.pdf);
+    put(turned.x, pool.dx), put(turned.y, pool.dy), put(turned.z, pool.dz);
+    const V3 local = transform(scene.local_from_world, turned);
+    put(local.x, pool.lx), put(local.y, pool.ly), put(local.z, pool.lz);
+    put(tr, pool.tr), put(tg, pool.tg), put(tb, pool.tb);
+    put_u(rng.s0, pool.s0), put_u(rng.s1, pool.s1), put_u(rng.s2, pool.s2), put_u(rng.s3, pool.s3);
+    for (uint32_t left = valid_bits & bits_of(lives); left; left &= left - 1)
+      alive.push(slots.slot[i + static_cast<size_t>(std::countr_zero(left))]);
+  }
+}
+
+}  // namespace brume::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace brume {
+
+HWY_EXPORT(Scatter);
+
+void lanes_scatter(const LaneScene& scene, LanePool& pool, SlotList& slots, SlotList& shadows, SlotList& alive,
+                   uint64_t& capped_paths, double& capped_throughput) {
+  HWY_DYNAMIC_DISPATCH(Scatter)(scene, pool, slots, shadows, alive, capped_paths, capped_throughput);
+}
+
+}  // namespace brume
+#endif

@@ -1,0 +1,117 @@
+#pragma once
+#include <algorithm>
+#include <array>
+#include <cstdint>
+
+#include "render/lights.h"
+#include "render/path_layers.h"
+
+// What the kernels of render/wavefront.h share: the scene and the paths in single precision, one array per member.
+
+namespace brume {
+
+constexpr size_t kPool = 2048;   // paths in flight per thread: their state stays in the second-level cache
+constexpr size_t kPadding = 64;  // lists may be read past their end, up to a vector: into slots that nobody owns
+constexpr size_t kMostSuns = 16;
+
+/// The scene as the kernels need it, in single precision.
+struct LaneScene {
+  const float* majorant;
+  const int32_t* brick;
+  const float* values;
+  float nx, ny, nz;
+  int32_t nz_int;
+  float sigma;  // extinction per density
+  float local_from_world[3][3];
+  float gradient_to_world[3][3];
+  float least_gradient;  // per voxel: below it, wider differences are needed
+  float g;
+  float albedo[3];
+  int roulette_start;
+  int max_events;
+  bool interpolate;
+
+  struct LaneSun {
+    float x[3], y[3], z[3];  // a frame around its axis, world space
+    float one_minus_cos, pdf, share_end, share;
+    float radiance[3];
+    bool delta;
+  };
+  LaneSun suns[kMostSuns];
+  size_t sun_count = 0;
+  /// Sampled by the remaining share of the choice; null where none is.
+  const Environment* environment = nullptr;
+  float environment_share = 0;
+};
+
+/// State of the paths of one thread, one array per member.
+struct LanePool {
+  template <class T>
+  using Column = std::array<T, kPool + kPadding>;
+  Column<float> ox, oy, oz;  // position: local coordinates of the bricks
+  Column<float> dx, dy, dz;  // direction: world, unit
+  Column<float> lx, ly, lz;  // the same in local coordinates
+  Column<float> sx, sy, sz;  // direction of the shadow ray, local
+  Column<float> tr, tg, tb;  // throughput
+  Column<float> cr, cg, cb;  // what the shadow ray brings if nothing dims it
+  Column<float> pdf;         // of the last direction
+  Column<float> transmittance;
+  Column<float> direct_r, direct_g, direct_b, indirect_r, indirect_g, indirect_b;
+  Column<uint32_t> s0, s1, s2, s3;  // generator: xoshiro128++
+  Column<uint32_t> events;
+  Column<uint32_t> request;  // which of the batch
+};
+
+/// Points whose density gradient is wanted.
+struct LanePoints {
+  LanePool::Column<float> x, y, z;     // local coordinates of the bricks
+  LanePool::Column<float> gx, gy, gz;  // its direction, world space; 0 where it is too small to tell
+  std::array<int32_t, kPool> slot;
+  size_t count = 0;
+};
+
+/// What a march along the camera rays leaves, by slot.
+struct LaneMarch {
+  LanePool::Column<float> depth;                              ///< optical depth, clamped at 50
+  std::array<LanePool::Column<float>, kMarchedPoints> point;  ///< ray parameters, -1 past the end
+};
+
+/// A list of slots, padded so that whole vectors can be read.
+struct SlotList {
+  std::array<int32_t, kPool + kPadding> slot;
+  size_t count = 0;
+  void pad() {
+    std::fill(slot.begin() + static_cast<std::ptrdiff_t>(count),
+              slot.begin() + static_cast<std::ptrdiff_t>(count + kPadding), static_cast<int32_t>(kPool));
+  }
+  void push(int32_t s) { slot[count++] = s; }
+};
+
+// The kernels, for the best instruction set of the machine.
+
+/// Flies the rays of a list to their next real collision, whose position becomes the path's, or out of the grid.
+void lanes_fly(const LaneScene& scene, LanePool& pool, const SlotList& rays, SlotList& hits, SlotList& escapes,
+               uint64_t& lookups);
+
+/// Leaves the transmittance along each shadow ray in `transmittance`, by ratio tracking.
+void lanes_shadow(const LaneScene& scene, LanePool& pool, const SlotList& rays, uint64_t& lookups);
+
+/// Finds where the density along each ray first reaches `iso`, voxel by voxel. Leaves the ray parameter there in
+/// `transmittance`, or -1, or kNothingMet where all cells on the way are empty.
+void lanes_find_surface(const LaneScene& scene, LanePool& pool, const SlotList& rays, float iso);
+constexpr float kNothingMet = -2.0f;
+
+/// Optical depth of each ray from one look-up per voxel length, at an offset drawn for the ray, of one voxel by its
+/// trilinear weight: without bias. The points lie where exp(-optical depth) passes a random level in each quarter of
+/// [0, 1]. Draws from a copy of the path's generator.
+void lanes_march(const LaneScene& scene, LanePool& pool, const SlotList& rays, LaneMarch& march);
+
+/// Central differences of the interpolated density, as volume/gradient.h.
+void lanes_gradient(const LaneScene& scene, LanePoints& points);
+
+/// The event at the end of a flight: absorption, a sample of one light, roulette, a new direction.
+/// @param shadows  those whose light sample is worth a shadow ray   @param alive  those that go on
+void lanes_scatter(const LaneScene& scene, LanePool& pool, SlotList& slots, SlotList& shadows, SlotList& alive,
+                   uint64_t& capped_paths, double& capped_throughput);
+
+}  // namespace brume
