@@ -39,6 +39,7 @@ struct PathContext {
   bool interpolate = false;             ///< in lanes: look up all eight voxels around a point, not one by chance
   Plan plan;
   int max_events = 100000, roulette_start = 16;
+  double first_majorant = 1;   ///< factor on the majorants of the first flight, where plan.forced_first
   double surface_density = 0;  ///< share of each medium's maximum
   FlashLamp flash;
   dvec3 world_shift{0};

@@ -19,7 +19,7 @@ struct TrackCounters {
   uint64_t lookups = 0;
 };
 
-enum class Walk { kFlight, kShadow, kSurface, kMarch };
+enum class Walk { kFlight, kFirst, kShadow, kSurface, kMarch };
 
 /// The interpolated density at points of cells, q relative to the cell in [0, 8].
 HWY_INLINE V interpolated(const LaneScene& scene, VI brick, V qx, V qy, V qz) {
@@ -40,13 +40,13 @@ HWY_INLINE V interpolated(const LaneScene& scene, VI brick, V qx, V qy, V qz) {
 }
 
 /// Walks the rays of a list through the majorant cells. Flights end at a real collision, whose position becomes the
-/// path's, or leave the grid; shadow rays gather their transmittance by ratio tracking; the walk to the medium's
-/// surface and the march go voxel by voxel: see render/lanes.h.
+/// path's, or leave the grid; first flights are whole: see render/lanes.h; shadow rays gather their transmittance by
+/// ratio tracking; the walk to the medium's surface and the march go voxel by voxel: see render/lanes.h.
 template <Walk kWalk>
 HWY_INLINE void track(const LaneScene& scene, LanePool& pool, const SlotList& rays, SlotList* hits, SlotList* escapes,
-                      float iso, LaneMarch* march, TrackCounters& counters) {
+                      float iso, LaneCamera* camera, TrackCounters& counters) {
   constexpr bool kShadow = kWalk == Walk::kShadow, kSurface = kWalk == Walk::kSurface, kMarch = kWalk == Walk::kMarch;
-  constexpr bool kByVoxel = kSurface || kMarch;
+  constexpr bool kByVoxel = kSurface || kMarch, kFirst = kWalk == Walk::kFirst;
   const D d;
   const DI di;
   const DU du;
@@ -58,6 +58,7 @@ HWY_INLINE void track(const LaneScene& scene, LanePool& pool, const SlotList& ra
 
   HWY_ALIGN int32_t slot[kMost] = {};
   HWY_ALIGN float ax[kMost] = {}, ay[kMost] = {}, az[kMost] = {}, bx[kMost] = {}, by[kMost] = {}, bz[kMost] = {};
+  HWY_ALIGN float transmitted[kMost], carried[kMost];
   HWY_ALIGN float result_x[kMost], result_y[kMost], result_z[kMost];
   HWY_ALIGN uint32_t r0[kMost] = {}, r1[kMost] = {}, r2[kMost] = {}, r3[kMost] = {};
 
@@ -75,6 +76,13 @@ HWY_INLINE void track(const LaneScene& scene, LanePool& pool, const SlotList& ra
     const auto free_lanes = static_cast<size_t>(std::popcount(all & ~busy));
     if (busy == 0 || (next < rays.count && free_lanes >= worth_loading)) {
       if (finished) {
+        if (kFirst) {
+          // What is scattered goes on with its weight; roulette below a hundredth.
+          const V scattered = hn::Sub(one, weight), u = rng.uniform(mask_of(finished));
+          collided = bits_of(hn::Lt(hn::Mul(u, set(0.01f)), scattered));
+          hn::Store(weight, d, transmitted);
+          hn::Store(hn::Max(scattered, set(0.01f)), d, carried);
+        }
         hn::Store(rng.s0, du, r0), hn::Store(rng.s1, du, r1), hn::Store(rng.s2, du, r2), hn::Store(rng.s3, du, r3);
         if (kShadow || kMarch) {
           hn::Store(weight, d, result_x);
@@ -87,12 +95,13 @@ HWY_INLINE void track(const LaneScene& scene, LanePool& pool, const SlotList& ra
           const auto lane = static_cast<size_t>(std::countr_zero(left));
           const auto s = static_cast<size_t>(slot[lane]);
           if (!kByVoxel) pool.s0[s] = r0[lane], pool.s1[s] = r1[lane], pool.s2[s] = r2[lane], pool.s3[s] = r3[lane];
+          if (kFirst) pool.transmittance[s] = transmitted[lane], pool.tr[s] = pool.tg[s] = pool.tb[s] = carried[lane];
           if (kShadow) {
             pool.transmittance[s] = result_x[lane];
           } else if (kMarch) {
-            march->depth[s] = result_x[lane];
+            camera->depth[s] = result_x[lane];
           } else if (kSurface) {
-            pool.transmittance[s] = collided >> lane & 1 ? result_x[lane] : met >> lane & 1 ? -1.0f : kNothingMet;
+            camera->surface[s] = collided >> lane & 1 ? result_x[lane] : met >> lane & 1 ? -1.0f : kNothingMet;
           } else if (collided >> lane & 1) {
             pool.ox[s] = result_x[lane], pool.oy[s] = result_y[lane], pool.oz[s] = result_z[lane];
             hits->push(slot[lane]);
@@ -105,7 +114,7 @@ HWY_INLINE void track(const LaneScene& scene, LanePool& pool, const SlotList& ra
             hn::Store(point[k], d, result_x);
             for (uint32_t left = finished; left; left &= left - 1) {
               const auto lane = static_cast<size_t>(std::countr_zero(left));
-              march->point[k][static_cast<size_t>(slot[lane])] = result_x[lane];
+              camera->point[k][static_cast<size_t>(slot[lane])] = result_x[lane];
             }
           }
         }
@@ -180,7 +189,7 @@ HWY_INLINE void track(const LaneScene& scene, LanePool& pool, const SlotList& ra
             tz = exit_time(cz, right_z, oz, iz);
     const V exit = hn::Min(hn::Min(tx, ty), tz);
     const V until = hn::Max(exit, t);
-    const V sigma_maj = hn::Mul(bound, set(scene.sigma));
+    const V sigma_maj = hn::Mul(bound, set(kFirst ? scene.first_sigma : scene.sigma));
     const V remaining = hn::IfThenElse(empty, zero, hn::Mul(hn::Sub(until, t), sigma_maj));
     const M passes = hn::And(active, kSurface ? hn::Or(hn::Lt(bound, set(iso)), hn::Ge(t, until))
                                      : kMarch ? hn::Or(empty, hn::Ge(t, until))
@@ -284,7 +293,18 @@ HWY_INLINE void track(const LaneScene& scene, LanePool& pool, const SlotList& ra
       }
       counters.lookups += hn::CountTrue(d, collides);
       const V u = rng.uniform(collides);
-      if (kShadow) {
+      if (kFirst) {
+        // Each tentative collision scatters its share of what is left; one of them, chosen by share, is the path's.
+        // Below half the rest is decided like a usual collision: all of it or nothing.
+        const V share = hn::Div(hn::Mul(value, set(scene.sigma)), sigma_maj);
+        const M whole = hn::And(collides, hn::Lt(weight, set(0.5f))), decided = hn::And(whole, hn::Lt(u, share));
+        const V part = hn::IfThenElse(whole, hn::IfThenElseZero(decided, weight), hn::Mul(weight, share));
+        const V before = hn::Sub(one, weight), choice = rng.uniform(collides);
+        const M taken = hn::And(collides, hn::Lt(hn::Mul(choice, hn::Add(before, part)), part));
+        px = hn::IfThenElse(taken, qx, px), py = hn::IfThenElse(taken, qy, py), pz = hn::IfThenElse(taken, qz, pz);
+        weight = hn::IfThenElse(collides, hn::Sub(weight, part), weight);
+        done = hn::Or(done, decided);
+      } else if (kShadow) {
         weight = hn::IfThenElse(collides, hn::Sub(weight, hn::Mul(weight, hn::Div(value, bound))), weight);
         // Roulette below 0.05: survivors go on with 0.1.
         const M small = hn::And(collides, hn::Lt(weight, set(0.05f)));
@@ -301,7 +321,7 @@ HWY_INLINE void track(const LaneScene& scene, LanePool& pool, const SlotList& ra
       tau = hn::IfThenElse(collides, rng.exponential(collides), tau);
     }
     const uint32_t ended = bits_of(done);
-    if (!kShadow) collided &= ~(ended & ~bits_of(hn::And(done, collides)));
+    if (!kShadow && !kFirst) collided &= ~(ended & ~bits_of(hn::And(done, collides)));
     busy &= ~ended;
     finished |= ended;
   }
@@ -314,20 +334,27 @@ void Flight(const LaneScene& scene, LanePool& pool, const SlotList& rays, SlotLi
   lookups += counters.lookups;
 }
 
+void First(const LaneScene& scene, LanePool& pool, const SlotList& rays, SlotList& hits, SlotList& escapes,
+           uint64_t& lookups) {
+  TrackCounters counters;
+  track<Walk::kFirst>(scene, pool, rays, &hits, &escapes, 0, nullptr, counters);
+  lookups += counters.lookups;
+}
+
 void Shadow(const LaneScene& scene, LanePool& pool, const SlotList& rays, uint64_t& lookups) {
   TrackCounters counters;
   track<Walk::kShadow>(scene, pool, rays, nullptr, nullptr, 0, nullptr, counters);
   lookups += counters.lookups;
 }
 
-void Surface(const LaneScene& scene, LanePool& pool, const SlotList& rays, float iso) {
+void Surface(const LaneScene& scene, LanePool& pool, const SlotList& rays, float iso, LaneCamera& camera) {
   TrackCounters counters;
-  track<Walk::kSurface>(scene, pool, rays, nullptr, nullptr, iso, nullptr, counters);
+  track<Walk::kSurface>(scene, pool, rays, nullptr, nullptr, iso, &camera, counters);
 }
 
-void March(const LaneScene& scene, LanePool& pool, const SlotList& rays, LaneMarch& march) {
+void March(const LaneScene& scene, LanePool& pool, const SlotList& rays, LaneCamera& camera) {
   TrackCounters counters;
-  track<Walk::kMarch>(scene, pool, rays, nullptr, nullptr, 0, &march, counters);
+  track<Walk::kMarch>(scene, pool, rays, nullptr, nullptr, 0, &camera, counters);
 }
 
 void Gradient(const LaneScene& scene, LanePoints& points) {
@@ -377,6 +404,7 @@ HWY_AFTER_NAMESPACE();
 namespace brume {
 
 HWY_EXPORT(Flight);
+HWY_EXPORT(First);
 HWY_EXPORT(Shadow);
 HWY_EXPORT(Surface);
 HWY_EXPORT(March);
@@ -387,16 +415,21 @@ void lanes_fly(const LaneScene& scene, LanePool& pool, const SlotList& rays, Slo
   HWY_DYNAMIC_DISPATCH(Flight)(scene, pool, rays, hits, escapes, lookups);
 }
 
+void lanes_fly_first(const LaneScene& scene, LanePool& pool, const SlotList& rays, SlotList& hits, SlotList& escapes,
+                     uint64_t& lookups) {
+  HWY_DYNAMIC_DISPATCH(First)(scene, pool, rays, hits, escapes, lookups);
+}
+
 void lanes_shadow(const LaneScene& scene, LanePool& pool, const SlotList& rays, uint64_t& lookups) {
   HWY_DYNAMIC_DISPATCH(Shadow)(scene, pool, rays, lookups);
 }
 
-void lanes_find_surface(const LaneScene& scene, LanePool& pool, const SlotList& rays, float iso) {
-  HWY_DYNAMIC_DISPATCH(Surface)(scene, pool, rays, iso);
+void lanes_find_surface(const LaneScene& scene, LanePool& pool, const SlotList& rays, float iso, LaneCamera& camera) {
+  HWY_DYNAMIC_DISPATCH(Surface)(scene, pool, rays, iso, camera);
 }
 
-void lanes_march(const LaneScene& scene, LanePool& pool, const SlotList& rays, LaneMarch& march) {
-  HWY_DYNAMIC_DISPATCH(March)(scene, pool, rays, march);
+void lanes_march(const LaneScene& scene, LanePool& pool, const SlotList& rays, LaneCamera& camera) {
+  HWY_DYNAMIC_DISPATCH(March)(scene, pool, rays, camera);
 }
 
 void lanes_gradient(const LaneScene& scene, LanePoints& points) {

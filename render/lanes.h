@@ -25,6 +25,7 @@ struct LaneScene {
   float local_from_world[3][3];
   float gradient_to_world[3][3];
   float least_gradient;  // per voxel: below it, wider differences are needed
+  float first_sigma;     // the same of the first flight's majorants, which may be looser
   float g;
   float albedo[3];
   int roulette_start;
@@ -70,8 +71,9 @@ struct LanePoints {
   size_t count = 0;
 };
 
-/// What a march along the camera rays leaves, by slot.
-struct LaneMarch {
+/// What walks along the camera rays leave for the layers, by slot.
+struct LaneCamera {
+  LanePool::Column<float> surface;                            ///< where the medium begins: a ray parameter
   LanePool::Column<float> depth;                              ///< optical depth, clamped at 50
   std::array<LanePool::Column<float>, kMarchedPoints> point;  ///< ray parameters, -1 past the end
 };
@@ -93,18 +95,28 @@ struct SlotList {
 void lanes_fly(const LaneScene& scene, LanePool& pool, const SlotList& rays, SlotList& hits, SlotList& escapes,
                uint64_t& lookups);
 
+/// Forced first collisions: flies the camera rays through the whole grid, leaves their transmittance in
+/// `transmittance`, and scatters the rest of each at one of its tentative collisions, its throughput being the share
+/// that is scattered. Rays with nothing to scatter escape.
+///
+/// Where the medium is thin, most flights would pass it: here each of them brings its light.
+/// Source: our combination of ratio tracking with reservoir sampling of the tentative collisions; the aim is that of
+/// Villemin, Wrenninge, Fong 2018, Efficient Unbiased Rendering of Thin Participating Media.
+void lanes_fly_first(const LaneScene& scene, LanePool& pool, const SlotList& rays, SlotList& hits, SlotList& escapes,
+                     uint64_t& lookups);
+
 /// Leaves the transmittance along each shadow ray in `transmittance`, by ratio tracking.
 void lanes_shadow(const LaneScene& scene, LanePool& pool, const SlotList& rays, uint64_t& lookups);
 
-/// Finds where the density along each ray first reaches `iso`, voxel by voxel. Leaves the ray parameter there in
-/// `transmittance`, or -1, or kNothingMet where all cells on the way are empty.
-void lanes_find_surface(const LaneScene& scene, LanePool& pool, const SlotList& rays, float iso);
+/// Finds where the density along each ray first reaches `iso`, voxel by voxel. Leaves the ray parameter there, or -1,
+/// or kNothingMet where all cells on the way are empty.
+void lanes_find_surface(const LaneScene& scene, LanePool& pool, const SlotList& rays, float iso, LaneCamera& camera);
 constexpr float kNothingMet = -2.0f;
 
 /// Optical depth of each ray from one look-up per voxel length, at an offset drawn for the ray, of one voxel by its
 /// trilinear weight: without bias. The points lie where exp(-optical depth) passes a random level in each quarter of
 /// [0, 1]. Draws from a copy of the path's generator.
-void lanes_march(const LaneScene& scene, LanePool& pool, const SlotList& rays, LaneMarch& march);
+void lanes_march(const LaneScene& scene, LanePool& pool, const SlotList& rays, LaneCamera& camera);
 
 /// Central differences of the interpolated density, as volume/gradient.h.
 void lanes_gradient(const LaneScene& scene, LanePoints& points);

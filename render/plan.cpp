@@ -104,6 +104,7 @@ std::string explain(const Plan& plan, const Scene& scene, const SceneMedia& medi
   if (plan.has_media()) {
     line("flight", flights[static_cast<int>(plan.media)]);
     line("lanes", plan.lanes ? "paths run side by side in SIMD lanes" : "paths run one by one");
+    line("first collision", plan.forced_first ? "forced: camera rays scatter what does not pass" : "by chance");
     line("motion", plan.moving_media ? "media are placed anew for each path's time" : "none");
   }
   line("emission",

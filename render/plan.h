@@ -19,7 +19,8 @@ struct Plan {
   bool surfaces = false;        ///< triangle meshes
   bool emission = false;        ///< a medium that glows
   bool lens = false, shutter = false;
-  bool lanes = false;  ///< the paths run side by side in SIMD lanes (render/wavefront.h)
+  bool forced_first = false;  ///< camera rays scatter wherever there is something to scatter at; in lanes only
+  bool lanes = false;         ///< the paths run side by side in SIMD lanes (render/wavefront.h)
 
   // Recorded beyond what the path computes anyway.
   bool medium_surface = false;  ///< looked for once per path

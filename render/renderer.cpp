@@ -9,6 +9,7 @@
 #include "base/parallel_for.h"
 #include "base/text.h"
 #include "image/exr_io.h"
+#include "render/first_collision.h"
 #include "render/render_state.h"
 #include "render/wavefront.h"
 #include "volume/gradient.h"
@@ -66,6 +67,11 @@ PreparedScene::PreparedScene(Scene scene, const LayerRequest& layers, const Task
     lane_grid_ = LaneGrid(context_.media[0].bricks(), scene_.render.majorant_scale);
     context_.lane_grid = &lane_grid_;
     context_.interpolate = scene_.render.lookup == "interpolated";
+    std::vector<Ray> rays;
+    for (const auto& [x, y] : coarse_pixels(24)) rays.push_back(request(camera, 0x5eedf1a5, x, y, 0).ray);
+    const FirstCollision first = choose_first_collision(context_.media[0], rays, scene_.render.first_collision);
+    context_.plan.forced_first = first.forced;
+    context_.first_majorant = first.majorant;
   }
   context_.max_events = scene_.render.max_events;
   context_.roulette_start = scene_.render.roulette_start;
@@ -83,6 +89,14 @@ PathRequest PreparedScene::request(const Camera& camera, int64_t seed, int x, in
   if (plan.shutter) r.time = sobol.pair(2).x;
   r.ray = camera.ray(dvec2(x, y) + sobol.pair(0), plan.lens ? sobol.pair(1) : dvec2(0.5), r.time);
   return r;
+}
+
+std::vector<std::pair<int, int>> PreparedScene::coarse_pixels(int grid) const {
+  std::vector<std::pair<int, int>> pixels;
+  for (int j = 0; j < grid; ++j)
+    for (int i = 0; i < grid; ++i)
+      pixels.emplace_back((2 * i + 1) * scene_.film.width / (2 * grid), (2 * j + 1) * scene_.film.height / (2 * grid));
+  return pixels;
 }
 
 // The lamp's strength replaces the indirect light that the flash image leaves out: estimated once, from a coarse grid
@@ -107,20 +121,16 @@ void PreparedScene::calibrate_flash() {
   }
   lamp.intensity = 1;
 
-  constexpr int kGrid = 48;
   std::vector<PathRequest> requests;
   std::vector<double> steepness;
-  for (int j = 0; j < kGrid; ++j)
-    for (int i = 0; i < kGrid; ++i) {
-      const int x = (2 * i + 1) * scene_.film.width / (2 * kGrid), y = (2 * j + 1) * scene_.film.height / (2 * kGrid);
-      for (uint32_t s = 0; s < 4; ++s) requests.push_back(request(camera, 0x5eedf1a5, x, y, s));
-      const Ray local = medium.to_local(requests.back().ray);
-      const auto t =
-          find_surface(medium, local, static_cast<float>(context_.surface_density * medium.maximum_density()));
-      if (!t) continue;
-      if (const auto g = density_gradient(medium, local.at(*t + 0.5 / glm::length(local.d))))
-        steepness.push_back(glm::length(*g));
-    }
+  for (const auto& [x, y] : coarse_pixels(48)) {
+    for (uint32_t s = 0; s < 4; ++s) requests.push_back(request(camera, 0x5eedf1a5, x, y, s));
+    const Ray local = medium.to_local(requests.back().ray);
+    const auto t = find_surface(medium, local, static_cast<float>(context_.surface_density * medium.maximum_density()));
+    if (!t) continue;
+    if (const auto g = density_gradient(medium, local.at(*t + 0.5 / glm::length(local.d))))
+      steepness.push_back(glm::length(*g));
+  }
   if (!steepness.empty()) {
     const auto middle = steepness.begin() + static_cast<std::ptrdiff_t>(steepness.size() / 2);
     std::nth_element(steepness.begin(), middle, steepness.end());

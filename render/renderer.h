@@ -89,9 +89,13 @@ class PreparedScene {
   /// One sample of a pixel, as render() takes it: to look into one that went wrong.
   PathSample replay(int64_t seed, int x, int y, uint32_t sample) const;
 
+  /// The camera ray and the random numbers of one sample.
+  PathRequest request(const Camera& camera, int64_t seed, int x, int y, uint32_t sample) const;
+
  private:
   void calibrate_flash();
-  PathRequest request(const Camera& camera, int64_t seed, int x, int y, uint32_t sample) const;
+  /// A grid of pixels spread over the picture.
+  std::vector<std::pair<int, int>> coarse_pixels(int grid) const;
   void describe(Layers& layers, const Camera& camera, const RenderJob& job, int first, int end,
                 const RenderReport& report) const;
 

@@ -108,6 +108,7 @@ struct RenderSettings {
   double surface_density = 0.01;
   std::string lanes = "auto";
   std::string lookup = "stochastic";
+  std::string first_collision = "auto";
   std::string flash_relief = "both";
   std::string majorants = "cells";
   double majorant_scale = 1;

@@ -73,6 +73,11 @@ void describe(Visitor& v, RenderSettings& r) {
              "all eight",
      .choices = {"stochastic", "interpolated"}},
     r.lookup);
+  v({.key = "first_collision",
+     .help = "lanes only. forced: each camera ray scatters what does not pass, wherever there is anything to scatter; "
+             "free: it collides or passes by chance; auto: forced where the medium is thin",
+     .choices = {"auto", "forced", "free"}},
+    r.first_collision);
   v({.key = "flash_relief",
      .help = "what shapes the flash layer beyond opacity. falloff: the lamp's, by distance; gradient: shading by the "
              "density gradient; both; none; offset: both, and the lamp not at the eye but a tenth of the medium's "

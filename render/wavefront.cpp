@@ -23,6 +23,7 @@ LaneScene lane_scene(const PathContext& context) {
   s.nx = static_cast<float>(grid.nx), s.ny = static_cast<float>(grid.ny), s.nz = static_cast<float>(grid.nz);
   s.nz_int = grid.nz;
   s.sigma = static_cast<float>(medium.extinction_per_density());
+  s.first_sigma = static_cast<float>(medium.extinction_per_density() * context.first_majorant);
   const dmat3& m = medium.placement().local_from_world();
   for (int row = 0; row < 3; ++row)
     for (int column = 0; column < 3; ++column) s.local_from_world[row][column] = static_cast<float>(m[column][row]);
@@ -85,9 +86,9 @@ class Wavefront {
     TrackingCounters& tracking = counters_.tracking;
     std::fill(samples_.begin(), samples_.end(), PathSample{});
     for (;;) {
-      start_paths();
-      if (s.active.count == 0) break;
       s.hits.count = s.escapes.count = s.shadows.count = s.alive.count = 0;
+      start_paths();
+      if (s.active.count + s.hits.count == 0) break;
       lanes_fly(scene_, s.pool, s.active, s.hits, s.escapes, tracking.lookups);
       for (size_t i = 0; i < s.escapes.count; ++i) escape(s.escapes.slot[i]);
       tracking.collisions += s.hits.count;
@@ -111,7 +112,7 @@ class Wavefront {
     LanePool pool{};
     SlotList fresh, active, hits, escapes, shadows, alive;
     LanePoints points;
-    LaneMarch march;
+    LaneCamera camera;
   };
 
   /// Fills the free slots, and records what follows from the camera rays alone.
@@ -122,6 +123,10 @@ class Wavefront {
       while (!free_.empty() && next_ < requests_.size()) start(next_++);
       if (c_.plan.medium_surface) record_surfaces();
       if (c_.plan.marched()) record_marches();
+      if (c_.plan.forced_first) {
+        fly_first();
+        continue;
+      }
       for (size_t k = 0; k < s.fresh.count; ++k) s.active.push(s.fresh.slot[k]);
     }
   }
@@ -134,8 +139,7 @@ class Wavefront {
     const auto [t0, t1] = box_.intersect(local);
     const double entry = std::max(t0, 0.0);
     if (!(t1 > entry)) {
-      samples_[index].transmittance = dvec3(1);
-      escape_directly(request.ray.d, samples_[index]);
+      escape_directly(request.ray.d, 1, samples_[index]);
       return;
     }
     const int32_t slot = free_.back();
@@ -164,12 +168,12 @@ class Wavefront {
   void record_surfaces() {
     State& s = *state_;
     const float iso = static_cast<float>(c_.surface_density * c_.media[0].maximum_density());
-    lanes_find_surface(scene_, s.pool, s.fresh, iso);
+    lanes_find_surface(scene_, s.pool, s.fresh, iso, s.camera);
     size_t kept = 0;
     s.points.count = 0;
     for (size_t k = 0; k < s.fresh.count; ++k) {
       const int32_t slot = s.fresh.slot[k];
-      const float t = s.pool.transmittance[static_cast<size_t>(slot)];
+      const float t = s.camera.surface[static_cast<size_t>(slot)];
       if (t == kNothingMet) {
         escape(slot);
         continue;
@@ -185,14 +189,27 @@ class Wavefront {
     for (size_t k = 0; k < s.points.count; ++k) sample_of(s.points.slot[k]).gradient = gradient_at(k);
   }
 
+  /// The camera rays' flights with forced collisions. What passes sees the background, the rest goes on.
+  void fly_first() {
+    State& s = *state_;
+    lanes_fly_first(scene_, s.pool, s.fresh, s.hits, s.escapes, counters_.tracking.lookups);
+    for (size_t k = 0; k < s.fresh.count; ++k) {
+      const auto i = static_cast<size_t>(s.fresh.slot[k]);
+      const uint32_t request = s.pool.request[i];
+      escape_directly(requests_[request].ray.d, static_cast<double>(s.pool.transmittance[i]), samples_[request]);
+    }
+    for (size_t k = 0; k < s.escapes.count; ++k) free_.push_back(s.escapes.slot[k]);
+    s.escapes.count = 0;
+  }
+
   void record_marches() {
     State& s = *state_;
-    lanes_march(scene_, s.pool, s.fresh, s.march);
+    lanes_march(scene_, s.pool, s.fresh, s.camera);
     for (size_t k = 0; k < s.fresh.count; ++k)
       sample_of(s.fresh.slot[k]).optical_depth =
-          static_cast<double>(s.march.depth[static_cast<size_t>(s.fresh.slot[k])]);
+          static_cast<double>(s.camera.depth[static_cast<size_t>(s.fresh.slot[k])]);
     if (!c_.plan.weighted_gradient) return;
-    for (const auto& level : s.march.point) {
+    for (const auto& level : s.camera.point) {
       s.points.count = 0;
       for (size_t k = 0; k < s.fresh.count; ++k) {
         const float t = level[static_cast<size_t>(s.fresh.slot[k])];
@@ -231,9 +248,11 @@ class Wavefront {
     return wide ? glm::normalize(*wide) : dvec3(0);
   }
 
-  void escape_directly(const dvec3& d, PathSample& sample) {
+  /// What a camera ray sees behind the medium.
+  void escape_directly(const dvec3& d, double transmittance, PathSample& sample) {
+    sample.transmittance = dvec3(transmittance);
     for (const InfiniteLight* light : c_.lights->infinite())
-      if (light->visible()) sample.background += light->radiance(d);
+      if (light->visible()) sample.background += transmittance * light->radiance(d);
     sample.direct = sample.beauty = sample.background;
     if (c_.plan.flash) sample.flash = sample.direct;
   }
@@ -247,8 +266,7 @@ class Wavefront {
     if (events == 0) {
       // The ray went straight through: its own direction, in full precision.
       PathSample& sample = samples_[p.request[i]];
-      sample.transmittance = dvec3(1);
-      escape_directly(request.ray.d, sample);
+      escape_directly(request.ray.d, 1, sample);
       free_.push_back(slot);
       return;
     }
@@ -276,7 +294,7 @@ class Wavefront {
     const Medium& medium = c_.media[0];
     const dvec3 at = medium.to_world(dvec3(p.ox[i], p.oy[i], p.oz[i]));
     if (c_.plan.first_event)
-      sample.flash = record_first_scatter(c_, c_.media, medium, request.ray.o, at, request.ray.d, dvec3(1),
+      sample.flash = record_first_scatter(c_, c_.media, medium, request.ray.o, at, request.ray.d, dvec3(p.tr[i]),
                                           medium.albedo(), sample);
   }
 
@@ -297,7 +315,8 @@ class Wavefront {
     const LanePool& p = state_->pool;
     const auto i = static_cast<size_t>(slot);
     PathSample& s = samples_[p.request[i]];
-    s.direct = s.single = {p.direct_r[i], p.direct_g[i], p.direct_b[i]};
+    s.single = {p.direct_r[i], p.direct_g[i], p.direct_b[i]};
+    s.direct = s.background + s.single;
     s.indirect = {p.indirect_r[i], p.indirect_g[i], p.indirect_b[i]};
     s.beauty = s.direct + s.indirect;
     if (c_.plan.flash) s.flash = s.direct + c_.flash.intensity * s.flash;
