@@ -405,6 +405,7 @@ Layers apply_filter(const FilterSettings& requested, const Layers& frame, const 
       }
     }
   task.check();
+  if (entry.settle) entry.settle(result);
   r.tiles = static_cast<size_t>(across * down);
   r.seconds = watch.seconds();
   r.not_finite_results = totals.not_finite;

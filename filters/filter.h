@@ -105,6 +105,7 @@ struct FilterEntry {
   std::vector<std::string> also_compare;  ///< "parameter=value": settings that comparisons list beside the defaults
   std::vector<Parameter> parameters;
   std::any defaults;
+  std::function<void(Layers&)> settle;        ///< finishes what it produces once all tiles are there; may be null
   std::function<int(const std::any&)> apron;  ///< pixels read beyond a tile
   std::function<void(const std::any&, const FilterFrame&, const FilterOutput&, const Task&)> run;
 
@@ -169,6 +170,8 @@ class Declaration {
   Declaration& produces(const Layer&... layers) {
     return (entry_.produces.push_back(layers), ...), *this;
   }
+  /// What those layers still need once all tiles are there.
+  Declaration& settles(void (*function)(Layers&)) { return entry_.settle = function, *this; }
   /// Reads the features that the frame offers; with `when`, only for some parameters.
   Declaration& features(bool (*when)(const P&) = [](const P&) { return true; }) {
     entry_.features = [when](const std::any& a) { return when(std::any_cast<const P&>(a)); };

@@ -2,6 +2,7 @@
 #include <cmath>
 #include <cstring>
 
+#include "filters/bandwidth.h"
 #include "filters/guided_filter.h"
 #include "filters/neighbourhood.h"
 #include "filters/registry.h"
@@ -22,9 +23,9 @@ struct SobelGuided {
 };
 
 // Widths tried for the fit of bias and variance, and feature parameters that compete (Liu et al. 2018, section 5).
-constexpr std::array<float, 5> kAlphas = {0.1f, 1, 2, 4, 8};
+constexpr std::array<double, 5> kAlphas = {0.1f, 1, 2, 4, 8};
 constexpr std::array<float, 3> kFeatureSigmas = {0.25f, 0.6f, 0.8f};
-constexpr float kLargestAlpha = 8, kSmallestAlpha = 0.1f;
+constexpr double kLargestAlpha = 8, kSmallestAlpha = 0.1f;
 // Most that the gradient adds to a feature's tolerance, and the least tolerance of all: squares of the features' range.
 constexpr float kLargestGradient = 0.01f, kFeatureFloor = 1e-4f;
 constexpr int kPrefilterRadius = 3, kErrorRadius = 1, kWinnerRadius = 3;
@@ -103,31 +104,23 @@ Plane trust(Spikes rule, const Plane& light, const Plane& gradient, double expos
   });
 }
 
-/// Width that minimises (b0 + b1 a^2)^2 + v1 / (n a^2) where both curves are fitted over kAlphas.
-float best_alpha(Fit rule, const std::array<float, 5>& bias, const std::array<float, 5>& variance, double n) {
-  double sb = 0, sbx = 0, sbxx = 0, sby = 0, sbxy = 0, sv = 0, svx = 0, svxx = 0, svy = 0, svxy = 0;
-  for (size_t i = 0; i < kAlphas.size(); ++i) {
-    const double a2 = static_cast<double>(kAlphas[i]) * kAlphas[i];
-    sb += 1, sbx += a2, sbxx += a2 * a2, sby += bias[i], sbxy += a2 * bias[i];
-    // A kernel of a tenth of a pixel is a point, whose variance the law of 1 / a^2 misses by far; it would decide
-    // alone.
-    if (rule == Fit::kRepaired && kAlphas[i] < 0.5f) continue;
-    const double inverse = 1 / a2, nv = n * variance[i];
-    sv += 1, svx += inverse, svxx += inverse * inverse, svy += nv, svxy += inverse * nv;
+/// A map of the samples to take next: `need` scaled to a mean of one, no pixel getting more than kLargestShare.
+Plane allot_samples(Plane need) {
+  const double pixels = static_cast<double>(need.width()) * need.height();
+  double scale = 1;
+  // What the cap takes from some goes to the others.
+  for (int round = 0; round < 32; ++round) {
+    double capped = 0, rest = 0;
+    for (int y = 0; y < need.height(); ++y)
+      for (const float v : need.pixels(y))
+        (v * scale >= kLargestShare ? capped : rest) += v * scale >= kLargestShare ? 1 : v;
+    const double next = rest > 0 ? (pixels - capped * kLargestShare) / rest : scale;
+    if (std::abs(next - scale) <= 1e-9 * next) break;
+    scale = next;
   }
-  const double b1 = (sb * sbxy - sbx * sby) / (sb * sbxx - sbx * sbx), b0 = (sby - b1 * sbx) / sb;
-  const double v1 = (sv * svxy - svx * svy) / (sv * svxx - svx * svx);
-  if (!(v1 > 0)) return std::abs(b1) < 1e-6 ? kLargestAlpha : 0.5f;
-  if (std::abs(b1) < 1e-6) return kLargestAlpha;
-  double a2 = std::cbrt(v1 / (2 * b1 * b1 * n));
-  if (rule == Fit::kRepaired && b0 * b1 > 0) {
-    // The closed form holds for b0 = 0; otherwise 2 b1 a^4 (b0 + b1 a^2) = v1 / n, by Newton in a^2 from there.
-    for (int i = 0; i < 8; ++i) {
-      const double f = 2 * b1 * a2 * a2 * (b0 + b1 * a2) - v1 / n, slope = 2 * b1 * a2 * (2 * b0 + 3 * b1 * a2);
-      a2 = std::clamp(a2 - f / slope, 1e-4, 1e4);
-    }
-  }
-  return std::clamp(static_cast<float>(std::sqrt(a2)), kSmallestAlpha, kLargestAlpha);
+  for (int y = 0; y < need.height(); ++y)
+    for (float& v : need.pixels(y)) v = std::min(static_cast<float>(v * scale), kLargestShare);
+  return need;
 }
 
 void run(const SobelGuided& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
@@ -186,7 +179,7 @@ void run(const SobelGuided& p, const FilterFrame& frame, const FilterOutput& out
   const std::vector<Offset> window = square_window(p.radius);
   std::vector<Variant> widths(kAlphas.size());
   for (size_t i = 0; i < kAlphas.size(); ++i) {
-    const float a = kAlphas[i];
+    const auto a = static_cast<float>(kAlphas[i]);
     for (const Offset& o : window) {
       const float r2 = static_cast<float>(o.dx * o.dx + o.dy * o.dy), reach = std::max(1.0f, 2.5f * a);
       const bool inside = static_cast<float>(std::max(std::abs(o.dx), std::abs(o.dy))) <= reach;
@@ -205,9 +198,10 @@ void run(const SobelGuided& p, const FilterFrame& frame, const FilterOutput& out
           task));
     const double n = std::max(frame.samples, 1.0);
     alpha = make_plane(width, height, quiet(task), [&](int x, int y) {
-      std::array<float, 5> b, v;
+      std::array<double, kAlphas.size()> b, v;
       for (size_t i = 0; i < kAlphas.size(); ++i) b[i] = bias[i](x, y), v[i] = tried[i].noise(x, y);
-      return best_alpha(p.fit, b, v, n);
+      return static_cast<float>(
+          best_pixel_width({kAlphas, b, v, n}, kSmallestAlpha, kLargestAlpha, p.fit == Fit::kLiteral));
     });
   }
   alpha = gaussian_blur(alpha, 1, task);
@@ -290,19 +284,14 @@ void run(const SobelGuided& p, const FilterFrame& frame, const FilterOutput& out
     std::vector<const Plane*> noises;
     for (const Averages& a : candidates) noises.push_back(&a.noise);
     const Plane left = blend(noises, maps, task);
-    const Plane need = box_mean(make_plane(width, height, quiet(task),
-                                           [&](int x, int y) {
-                                             const float d = clean(x, y) - light(x, y), c = clean(x, y);
-                                             const float v = (d * d + left(x, y)) / (c * c + dark);
-                                             return v < kLargestNeed ? v : kLargestNeed;
-                                           }),
-                                1, task);
-    double sum = 0;
-    for (int y = 0; y < height; ++y)
-      for (const float v : need.pixels(y)) sum += v;
-    const float mean = static_cast<float>(std::max(sum / (static_cast<double>(width) * height), 1e-30));
-    (*frame.products)[layer::sampling_map.channel(0)] = make_plane(
-        width, height, quiet(task), [&](int x, int y) { return std::min(need(x, y) / mean, kLargestShare); });
+    (*frame.products)[layer::sampling_map.channel(0)] =
+        box_mean(make_plane(width, height, quiet(task),
+                            [&](int x, int y) {
+                              const float d = clean(x, y) - light(x, y), c = clean(x, y);
+                              const float v = (d * d + left(x, y)) / (c * c + dark);
+                              return v < kLargestNeed ? v : kLargestNeed;
+                            }),
+                 1, task);
   }
   task.report(1);
 }
@@ -327,6 +316,10 @@ const FilterEntry entry =
         .features()
         .carries()
         .produces(layer::sampling_map)
+        .settles([](Layers& result) {
+          const std::string channel = layer::sampling_map.channel(0);
+          result.set(channel, allot_samples(result.at(channel)));
+        })
         .param("radius", &SobelGuided::radius, {1, 40}, "px", "half width of the largest window", {10, 20})
         .param("epsilon", &SobelGuided::epsilon, {1e-8, 100}, "feature^2", "of the guided filters")
         .param("gamma-1", &SobelGuided::gamma_1, {0.01, 100}, "deviations",

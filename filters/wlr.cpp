@@ -3,6 +3,7 @@
 #include <array>
 #include <cmath>
 
+#include "filters/bandwidth.h"
 #include "filters/neighbourhood.h"
 #include "filters/registry.h"
 
@@ -146,23 +147,17 @@ class Regression {
   double bandwidth(int x, int y, const Window& w, std::vector<double>& l) const {
     const int k = w.dimensions;
     const double n = std::max(frame_.samples, 1.0);
-    double sb = 0, sbx = 0, sbxx = 0, sby = 0, sbxy = 0, sv = 0, svx = 0, svxx = 0, svy = 0, svxy = 0;
-    for (const double h : kBandwidths) {
-      hat(x, y, w, h, l);
-      double estimate = 0, variance = 0;
+    std::array<double, kBandwidths.size()> bias, variance{};
+    for (size_t j = 0; j < kBandwidths.size(); ++j) {
+      hat(x, y, w, kBandwidths[j], l);
+      bias[j] = -light_(x, y);
       for (size_t i = 0; i < l.size(); ++i) {
         const ivec2 q = w.places[i];
-        estimate += l[i] * light_(q.x, q.y);
-        variance += l[i] * l[i] * noise_(q.x, q.y);
+        bias[j] += l[i] * light_(q.x, q.y);
+        variance[j] += l[i] * l[i] * noise_(q.x, q.y);
       }
-      const double h2 = h * h, hk = std::pow(h, -k), bias = estimate - light_(x, y), nv = n * variance;
-      sb += 1, sbx += h2, sbxx += h2 * h2, sby += bias, sbxy += h2 * bias;
-      sv += 1, svx += hk, svxx += hk * hk, svy += nv, svxy += hk * nv;
     }
-    const double b1 = (sb * sbxy - sbx * sby) / (sb * sbxx - sbx * sbx);
-    const double v1 = std::abs((sv * svxy - svx * svy) / (sv * svxx - svx * svx));
-    if (!(std::abs(b1) > 1e-9 * std::abs(light_(x, y)))) return kLargestBandwidth;
-    return std::clamp(std::pow(k * v1 / (4 * b1 * b1 * n), 1.0 / (k + 4)), kSmallestBandwidth, kLargestBandwidth);
+    return best_bandwidth({kBandwidths, bias, variance, n}, k, light_(x, y), kSmallestBandwidth, kLargestBandwidth);
   }
 
   std::array<double, 3> estimate(int x, int y, const Window& w, std::vector<double>& l, double h) const {
