@@ -2,6 +2,7 @@
 #include <span>
 
 #include "base/rng.h"
+#include "render/near_light.h"
 #include "render/path_record.h"
 #include "render/plan.h"
 #include "render/surfaces.h"
@@ -42,6 +43,7 @@ struct PathContext {
   double first_majorant = 1;   ///< factor on the majorants of the first flight, where plan.forced_first
   double surface_density = 0;  ///< share of each medium's maximum
   FlashLamp flash;
+  std::vector<NearLight> near_lights;  ///< whose light is sampled along flights as well
   dvec3 world_shift{0};
 };
 

@@ -33,6 +33,8 @@ class Light {
   /// Irradiance-like estimate of what an empty scene would receive at p: the choice between lights follows it.
   virtual double importance(const dvec3& p) const = 0;
   virtual bool delta() const { return false; }
+  /// Where a small light sits, around which its light falls off with the square of the distance; null for the others.
+  virtual const dvec3* centre() const { return nullptr; }
 };
 
 /// Light from infinitely far away.
@@ -97,6 +99,7 @@ class SphereLight : public FiniteLight {
   double pdf(const Ray& ray, double) const override { return pdf(ray.o); }
   double pdf(const dvec3& p) const;
   double importance(const dvec3& p) const override;
+  const dvec3* centre() const override { return &centre_; }
 
  private:
   dvec3 centre_, radiance_;
@@ -129,7 +132,7 @@ class PointLight : public Light {
   LightSample sample(const dvec3& p, const dvec2& u) const override;
   double importance(const dvec3& p) const override;
   bool delta() const override { return true; }
-  const dvec3& position() const { return position_; }
+  const dvec3* centre() const override { return &position_; }
 
  private:
   dvec3 intensity_towards(const dvec3& d) const;
@@ -211,6 +214,7 @@ class Lights {
   bool any() const;
   bool any_sampled() const { return !sampled_.empty(); }
   size_t sampled_count() const { return sampled_.size(); }
+  const std::vector<const Light*>& sampled() const { return sampled_; }
   bool any_delta() const;
   /// A direction to one light, its pdf including the probability of choosing that light from p.
   LightSample sample(const dvec3& p, double choice, const dvec2& u) const;

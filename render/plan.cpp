@@ -113,6 +113,7 @@ std::string explain(const Plan& plan, const Scene& scene, const SceneMedia& medi
                              ? "next-event estimation, ratio tracking, balance heuristic against direction sampling"
                              : "none: direction sampling only");
   if (lights.sampled_count() > 1) line("  choice", "one light by its estimated irradiance at the vertex");
+  if (plan.near_lights) line("  near lights", "sampled along flights too, equiangularly");
   line("environment",
        lights.environment()->black() ? "black"
        : lights.environment()->constant()

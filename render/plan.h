@@ -16,6 +16,7 @@ struct Plan {
   bool moving_media = false;    ///< some change over the shutter
   bool light_sampling = false;  ///< next-event estimation towards at least one light
   bool finite_lights = false;   ///< analytic lights that rays can end on
+  bool near_lights = false;     ///< small lights inside homogeneous media, sampled along flights too
   bool surfaces = false;        ///< triangle meshes
   bool emission = false;        ///< a medium that glows
   bool lens = false, shutter = false;

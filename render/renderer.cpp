@@ -77,6 +77,8 @@ PreparedScene::PreparedScene(Scene scene, const LayerRequest& layers, const Task
   context_.roulette_start = scene_.render.roulette_start;
   context_.surface_density = scene_.render.surface_density;
   context_.world_shift = media_.world_shift();
+  context_.near_lights = choose_near_lights(context_.media, lights_, scene_.render.near_lights);
+  context_.plan.near_lights = !context_.near_lights.empty();
   if (context_.plan.flash) calibrate_flash();
 }
 

@@ -109,6 +109,7 @@ struct RenderSettings {
   std::string lanes = "auto";
   std::string lookup = "stochastic";
   std::string first_collision = "auto";
+  std::string near_lights = "auto";
   std::string flash_relief = "both";
   std::string majorants = "cells";
   double majorant_scale = 1;

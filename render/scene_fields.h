@@ -78,6 +78,12 @@ void describe(Visitor& v, RenderSettings& r) {
              "free: it collides or passes by chance; auto: forced where the medium is thin",
      .choices = {"auto", "forced", "free"}},
     r.first_collision);
+  v({.key = "near_lights",
+     .help = "auto: light of points, spots and spheres inside homogeneous media is sampled along flights too, "
+             "equiangularly; "
+             "off: at collisions only",
+     .choices = {"auto", "off"}},
+    r.near_lights);
   v({.key = "flash_relief",
      .help = "what shapes the flash layer beyond opacity. falloff: the lamp's, by distance; gradient: shading by the "
              "density gradient; both; none; offset: both, and the lamp not at the eye but a tenth of the medium's "

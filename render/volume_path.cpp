@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <vector>
 
+#include "render/near_light.h"
 #include "render/path_layers.h"
 #include "render/wavefront.h"
 
@@ -101,6 +102,8 @@ class PathTracer {
     }
 
     if constexpr (F.any_media()) {
+      if constexpr (F.light_sampling)
+        for (const NearLight& near : c_.near_lights) gather_near(near, t_max);
       const Medium* medium = nullptr;
       const double t = fly(t_max, medium);
       if (medium) return scatter(*medium, t);
@@ -114,11 +117,48 @@ class PathTracer {
     if (light) {
       const double pdf_light =
           F.light_sampling ? c_.lights->choice_probability(*light, ray_.o) * light->pdf(ray_, t_max) : 0;
-      deposit(light->radiance(ray_, t_max) * weight_against(pdf_light), events_, Source::kBackground);
+      const double share = left_in_medium_ ? far_share(*light, ray_.o) : 1.0;
+      deposit(light->radiance(ray_, t_max) * (share * weight_against(pdf_light)), events_, Source::kBackground);
     } else {
       escape();
     }
     return false;
+  }
+
+  /// The part of a light's contribution at a vertex in a medium that is left to collisions: 1 but close to a near
+  /// light.
+  double far_share(const Light& light, const dvec3& p) const {
+    for (const NearLight& near : c_.near_lights)
+      if (near.light == &light) return near.far_part(p);
+    return 1.0;
+  }
+
+  /// The other part, of light scattered once along this flight: at a point chosen by its distance from the light.
+  void gather_near(const NearLight& near, double t_max) {
+    double t0 = t_max, t1 = 0;
+    for (const Medium& m : media_) {
+      const Medium::Sphere ball = m.bounding_sphere();
+      const double middle = glm::dot(ball.centre - ray_.o, ray_.d), off = glm::distance(ray_.at(middle), ball.centre);
+      if (!(off < ball.radius)) continue;
+      const double half = std::sqrt(ball.radius * ball.radius - off * off);
+      t0 = std::min(t0, std::max(0.0, middle - half)), t1 = std::max(t1, std::min(t_max, middle + half));
+    }
+    const NearSegment segment(near, ray_, t0, t1);
+    if (!(t1 > t0) || !(rng_.uniform() < segment.worth())) return;
+    const auto [t, pdf] = segment.sample(rng_.uniform());
+    const dvec3 p = ray_.at(t);
+    const LightSample sample = near.light->sample(p, pair());
+    if (!(sample.pdf > 0)) return;
+    dvec3 scattered(0);
+    for (const Medium& m : media_) {
+      const double density = m.density(m.to_local(p));
+      ++counters_.tracking.lookups;
+      if (density > 0)
+        scattered += m.coefficients().sigma_t * (density * m.phase().value(glm::dot(ray_.d, sample.wi))) * m.albedo(p);
+    }
+    const double part = (1 - near.far_part(p)) / (pdf * segment.worth() * sample.pdf);
+    const dvec3 L = arriving(scattered * sample.radiance * part, Ray{p, sample.wi}, sample.distance, near.light);
+    if (L != dvec3(0)) deposit(dimmed(L, ray_, t), events_ + 1, Source::kBackground);
   }
 
   /// Weight of light that was met by direction sampling, against light sampling.
@@ -216,10 +256,13 @@ class PathTracer {
     if constexpr (F.light_sampling) {
       const double choice = rng_.uniform();
       const dvec3 d = ray_.d;
-      const dvec3 L = sampled_light(ray_.o, choice, pair(), [&](const dvec3& wi) {
-        const double p = phase.value(glm::dot(d, wi));
-        return std::pair(dvec3(p), p);
-      });
+      const dvec3 L = sampled_light(
+          ray_.o, choice, pair(),
+          [&](const dvec3& wi) {
+            const double p = phase.value(glm::dot(d, wi));
+            return std::pair(dvec3(p), p);
+          },
+          true, false, nullptr, true);
       deposit(L, events_ + 1, Source::kBackground);
     }
     if (!survives()) return false;
@@ -227,6 +270,7 @@ class PathTracer {
     pdf_direction_ = phase.value(glm::dot(ray_.d, d));
     ray_.d = d;
     specular_ = false;
+    left_in_medium_ = true;
     if (record_ && events_ < 2) (events_ == 0 ? record_->direction_1 : record_->direction_2) = vec3(d);
     ++events_;
     return true;
@@ -294,6 +338,7 @@ class PathTracer {
     if (throughput_.weight == dvec3(0)) return false;
     pdf_direction_ = out.pdf;
     specular_ = bsdf.delta();
+    left_in_medium_ = false;
     ray_.d = glm::normalize(frame.to_world(out.wi));
     ray_.o = Surfaces::leave(p, hit.normal, ray_.d);
     ++events_;
@@ -332,28 +377,35 @@ class PathTracer {
   /// a direction. @param normal  of a surface, from which the shadow ray must be moved off
   template <class Scattering>
   dvec3 sampled_light(const dvec3& p, double choice, const dvec2& u, const Scattering& scattering, bool shadowed = true,
-                      bool only_technique = false, const dvec3* normal = nullptr) {
+                      bool only_technique = false, const dvec3* normal = nullptr, bool in_medium = false) {
     const LightSample light = c_.lights->sample(p, choice, u);
     if (record_ && events_ == 0) record_->light_1 = static_cast<float>(light.index), record_->light_uv_1 = vec2(u);
     if (!(light.pdf > 0)) return dvec3(0);
     const auto [value, pdf] = scattering(light.wi);
     const double weight = light.delta || only_technique ? 1.0 : balance(light.pdf, pdf);
-    const dvec3 unoccluded = light.radiance * value * (weight / light.pdf);
+    const double share = in_medium ? far_share(*light.light, p) : 1.0;
+    const dvec3 unoccluded = light.radiance * value * (share * weight / light.pdf);
     if (unoccluded == dvec3(0) || !shadowed) return unoccluded;
     const Ray shadow{normal ? Surfaces::leave(p, *normal, light.wi) : p, light.wi};
+    const dvec3 left = arriving(unoccluded, shadow, light.distance, light.light);
+    if (record_ && events_ == 0)
+      record_->light_transmittance_1 = static_cast<float>(luminance(left) / luminance(unoccluded));
+    return left;
+  }
+
+  /// Light that comes through to a point from a sample of a light.
+  dvec3 arriving(const dvec3& unoccluded, const Ray& shadow, double distance, const Light* from) {
+    if (unoccluded == dvec3(0)) return unoccluded;
     if constexpr (F.finite_lights)
       for (const FiniteLight* finite : c_.lights->finite()) {
         // Rays end on every finite light; the one that is aimed at is not in its own way.
-        if (finite == light.light) continue;
+        if (finite == from) continue;
         const double t = finite->intersect(shadow);
-        if (t > 0 && t < light.distance) return dvec3(0);
+        if (t > 0 && t < distance) return dvec3(0);
       }
     if constexpr (F.surfaces)
-      if (c_.surfaces->occluded(shadow, light.distance * (1.0 - 1e-4))) return dvec3(0);
-    const dvec3 arriving = dimmed(unoccluded, shadow, light.distance);
-    if (record_ && events_ == 0)
-      record_->light_transmittance_1 = static_cast<float>(luminance(arriving) / luminance(unoccluded));
-    return arriving;
+      if (c_.surfaces->occluded(shadow, distance * (1.0 - 1e-4))) return dvec3(0);
+    return dimmed(unoccluded, shadow, distance);
   }
 
   /// Light after its way through the media.
@@ -414,7 +466,8 @@ class PathTracer {
   double pdf_direction_ = 1;
   bool specular_ = false;
   bool first_event_on_surface_ = false;
-  uint64_t events_ = 0;  // real scatterings and surface bounces so far; null collisions are none
+  bool left_in_medium_ = false;  ///< the last vertex is a scattering in a medium
+  uint64_t events_ = 0;          // real scatterings and surface bounces so far; null collisions are none
   dvec3 flash_{0};
 };
 
