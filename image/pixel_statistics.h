@@ -25,12 +25,8 @@ class PixelSums {
   bool squares() const { return squares_; }
 
   void add(double* state, const float* x, size_t group) const {
-    double* const high = state + 2 * values_ * group;
-    for (size_t i = 0; i < values_; ++i) accumulate(high[i], high[values_ + i], x[i]);
-    if (!squares_) return;
-    double* const square = state + 2 * values_ * groups_;
-    for (size_t i = 0; i < values_; ++i)
-      accumulate(square[i], square[values_ + i], static_cast<double>(x[i]) * x[i]);  // exact: 48 bits
+    add_block(state + 2 * values_ * group, x, [](double v) { return v; });
+    if (squares_) add_block(state + 2 * values_ * groups_, x, [](double v) { return v * v; });  // exact: 48 bits
   }
   void merge(double* state, const double* other) const {
     for (size_t block = 0; block < groups_ + squares_; ++block) {
@@ -64,6 +60,13 @@ class PixelSums {
   }
 
  private:
+  // Nothing overlaps: the compiler is told, so that it takes several values at once.
+  template <class Power>
+  void add_block(double* __restrict high, const float* __restrict x, const Power& power) const {
+    double* __restrict low = high + values_;
+    const size_t n = values_;
+    for (size_t i = 0; i < n; ++i) accumulate(high[i], low[i], power(static_cast<double>(x[i])));
+  }
   // Adds x to high + low without error (Knuth's two-sum), and normalises.
   static void accumulate(double& high, double& low, double x) {
     const double s = high + x, b = s - high;
