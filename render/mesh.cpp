@@ -34,12 +34,15 @@ TriangleMesh read_obj(const fs::path& path) {
     fail(path, fmt::format("not a readable OBJ file: {}", reader.Error().empty() ? "no geometry" : reader.Error()));
   const tinyobj::attrib_t& attributes = reader.GetAttrib();
   TriangleMesh mesh;
-  const size_t count = attributes.vertices.size() / 3, texcoords = attributes.texcoords.size() / 2;
+  const size_t count = attributes.vertices.size() / 3, texcoords = attributes.texcoords.size() / 2,
+               normals = attributes.normals.size() / 3;
   const bool textured = texcoords > 0;
+  bool smooth = normals > 0;
+  const bool apart = textured || smooth;
   const auto position = [&](size_t i) {
     return vec3(attributes.vertices[3 * i], attributes.vertices[3 * i + 1], attributes.vertices[3 * i + 2]);
   };
-  if (!textured)
+  if (!apart)
     for (size_t i = 0; i < count; ++i) mesh.positions.push_back(position(i));
   for (const tinyobj::shape_t& shape : reader.GetShapes()) {
     size_t at = 0;
@@ -49,13 +52,19 @@ TriangleMesh read_obj(const fs::path& path) {
         const tinyobj::index_t& index = shape.mesh.indices[at++];
         if (index.vertex_index < 0 || static_cast<size_t>(index.vertex_index) >= count)
           fail(path, fmt::format("a face names vertex {} of {}", index.vertex_index + 1, count));
-        if (!textured) {
+        if (!apart) {
           corners.push_back(index.vertex_index);
           continue;
         }
-        // One vertex per corner: positions and texture coordinates are numbered apart in this format.
+        // One vertex per corner: positions, texture coordinates and normals are numbered apart in this format.
         corners.push_back(static_cast<int>(mesh.positions.size()));
         mesh.positions.push_back(position(static_cast<size_t>(index.vertex_index)));
+        const auto n = static_cast<size_t>(index.normal_index);
+        smooth = smooth && index.normal_index >= 0 && n < normals;
+        if (smooth)
+          mesh.normals.emplace_back(attributes.normals[3 * n], attributes.normals[3 * n + 1],
+                                    attributes.normals[3 * n + 2]);
+        if (!textured) continue;
         const auto t = static_cast<size_t>(index.texcoord_index);
         const bool has = index.texcoord_index >= 0 && t < texcoords;
         mesh.texcoords.emplace_back(has ? vec2(attributes.texcoords[2 * t], attributes.texcoords[2 * t + 1]) : vec2(0));
@@ -63,6 +72,7 @@ TriangleMesh read_obj(const fs::path& path) {
       add_fan(mesh, corners);
     }
   }
+  if (!smooth) mesh.normals.clear();
   return mesh;
 }
 
@@ -84,8 +94,14 @@ class PlyReader {
     read_header();
     TriangleMesh mesh;
     for (const PlyElement& element : elements_) {
-      const int axes[5] = {find(element, {"x"}), find(element, {"y"}), find(element, {"z"}),
-                           find(element, {"u", "s", "texture_u"}), find(element, {"v", "t", "texture_v"})};
+      const int axes[8] = {find(element, {"x"}),
+                           find(element, {"y"}),
+                           find(element, {"z"}),
+                           find(element, {"u", "s", "texture_u"}),
+                           find(element, {"v", "t", "texture_v"}),
+                           find(element, {"nx"}),
+                           find(element, {"ny"}),
+                           find(element, {"nz"})};
       if (element.name == "vertex" && (axes[0] < 0 || axes[1] < 0 || axes[2] < 0))
         fail(path_, "its vertices have no x, y, z");
       for (size_t i = 0; i < element.count; ++i) {
@@ -109,6 +125,7 @@ class PlyReader {
           const auto value = [&](int which) { return static_cast<float>(values[static_cast<size_t>(axes[which])]); };
           mesh.positions.emplace_back(value(0), value(1), value(2));
           if (axes[3] >= 0 && axes[4] >= 0) mesh.texcoords.emplace_back(value(3), value(4));
+          if (axes[5] >= 0 && axes[6] >= 0 && axes[7] >= 0) mesh.normals.emplace_back(value(5), value(6), value(7));
         } else if (element.name == "face") {
           add_fan(mesh, corners);
         }
@@ -201,6 +218,18 @@ TriangleMesh load_mesh(const fs::path& path, const dmat4& world_from_object) {
     fail(path, "is neither PLY (by its first bytes) nor OBJ (by its name)");
 
   for (vec3& p : mesh.positions) p = vec3(dvec3(world_from_object * glm::dvec4(dvec3(p), 1.0)));
+  const dmat3 normal_to_world = glm::transpose(glm::inverse(dmat3(world_from_object)));
+  bool usable = true;
+  for (vec3& n : mesh.normals) {
+    const dvec3 turned = normal_to_world * dvec3(n);
+    const double length = glm::length(turned);
+    usable = usable && length > 0 && std::isfinite(length);
+    n = vec3(turned / length);
+  }
+  if (!usable) {
+    mesh.normals.clear();
+    mesh.notes.push_back(fmt::format("{}: has normals without a direction: shaded by its triangles", path.string()));
+  }
   const auto count = static_cast<int>(mesh.positions.size());
   size_t degenerate = 0, broken = 0;
   std::vector<ivec3> kept;

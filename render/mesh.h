@@ -13,6 +13,7 @@ struct TriangleMesh {
   std::vector<vec3> positions;
   std::vector<ivec3> triangles;    ///< indices into positions
   std::vector<vec2> texcoords;     ///< per vertex, or empty
+  std::vector<vec3> normals;       ///< per vertex, unit, or empty: shading follows the triangles
   std::vector<std::string> notes;  ///< what was dropped on the way
 
   std::array<dvec3, 3> corners(size_t i) const {
@@ -31,7 +32,7 @@ struct TriangleMesh {
 };
 
 /// Reads Wavefront OBJ or PLY (ASCII or binary little-endian) and places it. Polygons are split into fans, degenerate
-/// triangles dropped and counted.
+/// triangles dropped and counted. Vertex normals are kept where every vertex has one.
 /// @param world_from_object  affine
 /// @throws InputError: missing, another format, truncated, indices out of range, no triangle left
 TriangleMesh load_mesh(const std::filesystem::path& path, const dmat4& world_from_object);

@@ -93,6 +93,7 @@ struct SurfaceSettings {
   dvec3 albedo{0.5};
   std::filesystem::path albedo_texture;
   double roughness = 0.3, ior = 1.5;
+  std::string normals = "smooth";
   dvec3 radiance{0};
   std::string role = "visible";
   dmat4 object_to_world{1};

@@ -221,6 +221,10 @@ void describe(Visitor& v, SurfaceSettings& s) {
   v({"roughness", "1", "conductor, dielectric: square root of the GGX width; 0 is perfectly smooth", 0, 1},
     s.roughness);
   v({"ior", "1", "dielectric: index of refraction inside over outside", 1.0001, 4}, s.ior);
+  v({.key = "normals",
+     .help = "smooth: shading between the vertices' normals where the file has them; flat: by the triangles",
+     .choices = {"smooth", "flat"}},
+    s.normals);
   v({"radiance", "W/(m^2 sr)", "emitted by the outside: an area light of any shape", 0}, s.radiance);
   v({.key = "role",
      .help = "holdout: cuts a hole into the picture, alpha 0; shadow_catcher: unseen, its light goes to the layers "

@@ -112,11 +112,18 @@ std::optional<SurfaceHit> Surfaces::intersect(const Ray& ray, double t_max) cons
   hit.surface = query.hit.geomID;
   hit.triangle = query.hit.primID;
   const TriangleMesh& mesh = meshes_[hit.surface];
-  hit.normal = mesh.normal(hit.triangle);
-  if (!mesh.texcoords.empty()) {
-    const ivec3& t = mesh.triangles[hit.triangle];
+  hit.normal = hit.shading = mesh.normal(hit.triangle);
+  const ivec3& t = mesh.triangles[hit.triangle];
+  const auto between = [&](const auto& values) {
     const float u = query.hit.u, v = query.hit.v;
-    hit.texcoord = mesh.texcoords[t.x] * (1 - u - v) + mesh.texcoords[t.y] * u + mesh.texcoords[t.z] * v;
+    return values[t.x] * (1 - u - v) + values[t.y] * u + values[t.z] * v;
+  };
+  if (!mesh.texcoords.empty()) hit.texcoord = between(mesh.texcoords);
+  if (!mesh.normals.empty() && settings_[hit.surface].normals == "smooth") {
+    const dvec3 smooth(between(mesh.normals));
+    const double length = glm::length(smooth);
+    // Normals of the file that point inwards are turned; where they cancel out, the triangle's own stands in.
+    if (length > 1e-3) hit.shading = smooth / (glm::dot(smooth, hit.normal) < 0 ? -length : length);
   }
   return hit;
 }
@@ -151,7 +158,7 @@ dvec3 Surfaces::leave(const dvec3& p, const dvec3& normal, const dvec3& d) {
 size_t Surfaces::bytes() const {
   size_t sum = 0;
   for (const TriangleMesh& m : meshes_)
-    sum += m.positions.size() * (sizeof(vec3) * 2 + sizeof(vec2)) + m.triangles.size() * (sizeof(ivec3) * 2 + 64);
+    sum += m.positions.size() * (sizeof(vec3) * 3 + sizeof(vec2)) + m.triangles.size() * (sizeof(ivec3) * 2 + 64);
   for (const auto& t : textures_)
     if (t) sum += t->texels.size() * sizeof(vec3);
   return sum;

@@ -12,7 +12,8 @@ namespace brume {
 /// What a ray met.
 struct SurfaceHit {
   double t = 0;
-  dvec3 normal{0};  ///< geometric, unit, on the outside
+  dvec3 normal{0};   ///< geometric, unit, on the outside
+  dvec3 shading{0};  ///< of the shading: between the vertices' normals where the mesh has them
   vec2 texcoord{0};
   uint32_t surface = 0;  ///< which of the scene's surfaces
   uint32_t triangle = 0;

@@ -285,13 +285,17 @@ class PathTracer {
       return false;
     }
     const Bsdf bsdf = c_.surfaces->bsdf(hit);
-    const Frame frame(front ? hit.normal : -hit.normal);
+    // Light takes the shading normal's angles but the geometry's side: what would leak through is left out.
+    const dvec3 outside = front ? hit.normal : -hit.normal, smooth = front ? hit.shading : -hit.shading;
+    const Frame frame(glm::dot(wo, smooth) > 1e-4 ? smooth : outside);
+    const auto leaks = [&](const dvec3& wi, double local_z) { return glm::dot(wi, outside) * local_z < 0; };
     const auto to_local = [&](const dvec3& w) {
       return dvec3(glm::dot(w, frame.x), glm::dot(w, frame.y), glm::dot(w, frame.z));
     };
     const dvec3 wo_local = to_local(wo);
     const auto scattering = [&](const dvec3& wi) {
       const dvec3 wi_local = to_local(wi);
+      if (leaks(wi, wi_local.z)) return std::pair(dvec3(0), 0.0);
       return std::pair(bsdf.value(wo_local, wi_local, !front), bsdf.pdf(wo_local, wi_local, !front));
     };
     if (events_ == 0 && settings.role == "shadow_catcher") {
@@ -340,6 +344,7 @@ class PathTracer {
     specular_ = bsdf.delta();
     left_in_medium_ = false;
     ray_.d = glm::normalize(frame.to_world(out.wi));
+    if (leaks(ray_.d, out.wi.z)) return false;
     ray_.o = Surfaces::leave(p, hit.normal, ray_.d);
     ++events_;
     return true;

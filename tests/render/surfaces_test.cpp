@@ -1,5 +1,6 @@
 #include "render/surfaces.h"
 
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -17,7 +18,7 @@ namespace brume {
 namespace {
 
 /// A ball of quadrilaterals as OBJ, outside out.
-void write_ball(const std::filesystem::path& path, double radius, int n = 48) {
+void write_ball(const std::filesystem::path& path, double radius, int n = 48, bool normals = false) {
   std::ofstream f(path);
   const int rings = n / 2;
   for (int j = 0; j <= rings; ++j)
@@ -25,11 +26,15 @@ void write_ball(const std::filesystem::path& path, double radius, int n = 48) {
       const double theta = kPi * j / rings, phi = 2 * kPi * i / n;
       f << "v " << radius * std::sin(theta) * std::cos(phi) << ' ' << radius * std::sin(theta) * std::sin(phi) << ' '
         << radius * std::cos(theta) << '\n';
+      if (normals)
+        f << "vn " << std::sin(theta) * std::cos(phi) << ' ' << std::sin(theta) * std::sin(phi) << ' '
+          << std::cos(theta) << '\n';
     }
+  const auto corner = [&](int v) { return normals ? fmt::format("{}//{}", v + 1, v + 1) : fmt::format("{}", v + 1); };
   for (int j = 0; j < rings; ++j)
     for (int i = 0; i < n; ++i)
-      f << "f " << j * n + i + 1 << ' ' << (j + 1) * n + i + 1 << ' ' << (j + 1) * n + (i + 1) % n + 1 << ' '
-        << j * n + (i + 1) % n + 1 << '\n';
+      f << "f " << corner(j * n + i) << ' ' << corner((j + 1) * n + i) << ' ' << corner((j + 1) * n + (i + 1) % n)
+        << ' ' << corner(j * n + (i + 1) % n) << '\n';
 }
 
 const char* const kFloor =
@@ -157,6 +162,44 @@ TEST_F(SurfaceTest, AMeshLightIsTheRectangleItLooksLike) {
 }
 
 // A picture on the floor: linear from EXR as it is, from PNG decoded; v runs up.
+// A coarse ball with vertex normals is shaded like a round one: its normals are the ball's, under any transform, and no
+// light is made at the seams of its triangles.
+TEST_F(SurfaceTest, VertexNormalsMakeACoarseBallRound) {
+  write_ball(folder_ / "smooth.obj", 1.0, 12, true);
+  Scene s = scene("smooth.obj");
+  s.film.width = s.film.height = 48;
+  s.camera.look_at = dvec3(0);
+  s.surfaces[0].albedo = dvec3(1);
+  s.environment.radiance = dvec3(1);
+  s.surfaces[0].object_to_world =
+      dmat4(1.5, 0, 0, 0, 0, -1, 0, 0, 0, 0.3, 1, 0, 0, 0, 0, 1);  // squeezed, sheared, mirrored
+  const dmat3 from_world = glm::inverse(dmat3(s.surfaces[0].object_to_world));
+  const auto wrong = [&](const char* normals) {
+    s.surfaces[0].normals = normals;
+    const Layers frame = PreparedScene(s, LayerRequest::of({"normal", "position"}, true)).render(4, 1, {}).layers;
+    double sum = 0;
+    int seen = 0;
+    for (int y = 0; y < 48; ++y)
+      for (int x = 0; x < 48; ++x) {
+        if (frame.at("A")(x, y) < 1 || frame.at("position.mean_variance.X")(x, y) > 1e-3f) continue;
+        const auto at = [&](const std::string& l, const char* c) { return static_cast<double>(frame.at(l + c)(x, y)); };
+        const dvec3 n(at("normal", ".X"), at("normal", ".Y"), at("normal", ".Z"));
+        const dvec3 p(at("position", ".X"), at("position", ".Y"), at("position", ".Z"));
+        const dvec3 round = glm::normalize(glm::transpose(from_world) * (from_world * p));
+        sum += glm::length(glm::normalize(n) - round);
+        ++seen;
+      }
+    EXPECT_GT(seen, 200);
+    return sum / seen;
+  };
+  EXPECT_LT(wrong("smooth"), 0.04);
+  EXPECT_GT(wrong("flat"), 0.1);
+  s.surfaces[0].normals = "smooth";
+  const test::Mean m = test::mean_radiance(PreparedScene(s, {}).render(64, 1, {}).layers);
+  EXPECT_LE(m.value.x, 1 + 1e-6);
+  EXPECT_GT(m.value.x, 0.99) << "of the sky's light, lost where shading and triangles disagree";
+}
+
 TEST_F(SurfaceTest, TexturesColourTheAlbedo) {
   Layers picture(2, 2);
   const auto rgb = picture.add_rgb(layer::beauty);
@@ -238,6 +281,30 @@ TEST(LoadMesh, ReadsObjAndPlyOfAllKinds) {
     EXPECT_NEAR(load_mesh(folder / name, test::scaling(dvec3(1, 1, -1))).normal(0).z, -1, 1e-6)
         << "a mirror keeps the outside outside: what pointed up now points down";
   }
+}
+
+TEST(LoadMesh, KeepsVertexNormalsWhereEveryVertexHasOne) {
+  const test::TemporaryFolder folder;
+  const std::string face = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 2\nvn 1 0 1\n";
+  test::write_file(folder / "all.obj", face + "f 1//1 2//2 3//1\n");
+  test::write_file(folder / "some.obj", face + "f 1//1 2//2 3\n");
+  test::write_file(folder / "zero.obj", face + "vn 0 0 0\nf 1//1 2//2 3//3\n");
+  test::write_file(
+      folder / "all.ply",
+      "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+      "property float nx\nproperty float ny\nproperty float nz\nelement face 1\n"
+      "property list uchar int vertex_indices\nend_header\n0 0 0 0 0 2\n1 0 0 1 0 1\n0 1 0 0 0 2\n3 0 1 2\n");
+  for (const char* name : {"all.obj", "all.ply"}) {
+    const TriangleMesh mesh = load_mesh(folder / name, test::scaling(dvec3(2, 1, 1)));
+    ASSERT_EQ(mesh.normals.size(), 3u) << name;
+    EXPECT_NEAR(mesh.normals[0].z, 1, 1e-6) << "made unit";
+    EXPECT_NEAR(mesh.normals[1].z / mesh.normals[1].x, 2, 1e-5) << "turned like a plane, not like an edge";
+  }
+  EXPECT_TRUE(load_mesh(folder / "some.obj", dmat4(1)).normals.empty());
+  const TriangleMesh zero = load_mesh(folder / "zero.obj", dmat4(1));
+  EXPECT_TRUE(zero.normals.empty());
+  ASSERT_EQ(zero.notes.size(), 1u);
+  EXPECT_NE(zero.notes[0].find("without a direction"), std::string::npos);
 }
 
 TEST(LoadMesh, BrokenFilesSayWhatIsWrong) {
