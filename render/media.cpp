@@ -11,7 +11,7 @@ namespace brume {
 struct SceneMedia::Volume {
   ScalarField density, temperature, flame;
   VectorField colour;
-  Displacement displacement;
+  Displacement displacement, temperature_displacement, flame_displacement;
 };
 
 namespace {
@@ -86,11 +86,10 @@ void SceneMedia::load(const VolumeSettings& v, const Scene& scene, const Task& t
       shifted_ = true;
       world_shift_ = dvec3(v.object_to_world * glm::dvec4(0.5 * (v.lo + v.hi), 1.0));
     }
-    const Medium medium(solid, translation(-world_shift_) * v.object_to_world, {v.sigma_t, v.albedo}, phase_of(v));
-    if (v.emission != dvec3(0)) emissions_.emplace_back(solid, medium.placement(), v.emission);
+    Medium medium(solid, translation(-world_shift_) * v.object_to_world, {v.sigma_t, v.albedo}, phase_of(v));
+    if (moves && open_shutter) medium.set_motion(translation(-world_shift_) * v.object_to_world_end);
+    if (v.emission != dvec3(0)) emissions_.emplace_back(medium, v.emission);
     if (medium.extinction_per_density() > 0) media_.push_back(medium);
-    if (moves && open_shutter && medium.extinction_per_density() > 0)
-      media_.back().set_motion(translation(-world_shift_) * v.object_to_world_end);
     return;
   }
 
@@ -119,30 +118,38 @@ void SceneMedia::load(const VolumeSettings& v, const Scene& scene, const Task& t
     medium.set_colour(volume.colour.bricks, place(volume.colour.world_from_index, volume.colour.bricks.parts[0]));
     parts_.push_back({file + ": albedo colour", volume.colour.bricks.bytes()});
   }
-  if (v.velocity_grid != "none") {
-    if (!open_shutter) {
-      notes_.push_back("velocity_grid is set but camera.shutter opens and closes at once: no motion blur");
-    } else if (!volume.density.bricks.empty()) {
-      volume.displacement =
-          load_displacement(v.file, v.velocity_grid == "auto" ? "" : v.velocity_grid, volume.density, v.velocity_scale,
-                            scene.camera.shutter.x, scene.camera.shutter.y, notes_, task);
-      medium.set_displacement(volume.displacement);
-      parts_.push_back({file + ": velocity", volume.displacement.field.bytes() + volume.displacement.envelope.bytes()});
+  const bool flows = v.velocity_grid != "none" && open_shutter;
+  if (v.velocity_grid != "none" && !open_shutter)
+    notes_.push_back("velocity_grid is set but camera.shutter opens and closes at once: no motion blur");
+  // What moves a field over the shutter, on the field's own lattice.
+  const auto set_in_motion = [&](Medium& shape, const ScalarField& field, Displacement& displacement) {
+    if (flows && !field.bricks.empty()) {
+      displacement = load_displacement(v.file, v.velocity_grid == "auto" ? "" : v.velocity_grid, field,
+                                       v.velocity_scale, scene.camera.shutter.x, scene.camera.shutter.y, notes_, task);
+      shape.set_displacement(displacement);
+      parts_.push_back({fmt::format("{}: velocity of {}", file, field.summary.name),
+                        displacement.field.bytes() + displacement.envelope.bytes()});
     }
-  }
-  if (moves && open_shutter)
-    medium.set_motion(shift * v.object_to_world_end * volume.density.world_from_index * offset);
+    if (moves && open_shutter) shape.set_motion(shift * v.object_to_world_end * field.world_from_index * offset);
+  };
+  set_in_motion(medium, volume.density, volume.displacement);
   if (!medium.empty() && medium.extinction_per_density() > 0) media_.push_back(medium);
 
-  const auto glow = [&](const ScalarField& field, EmissionRamp ramp) {
+  const auto glow = [&](const ScalarField& field, Displacement& displacement, EmissionRamp ramp) {
     if (field.bricks.empty()) return;
-    emissions_.emplace_back(field.bricks, place(field.world_from_index, field.bricks), std::move(ramp));
+    Medium shape(field.bricks, shift * v.object_to_world * field.world_from_index * offset, {}, {});
+    if (&field == &volume.density)
+      shape = medium;
+    else
+      set_in_motion(shape, field, displacement);
+    emissions_.emplace_back(shape, std::move(ramp));
   };
   if (v.emission != dvec3(0))
-    glow(volume.density, EmissionRamp::of_colours({{0.0, dvec3(0)},
-                                                   {volume.density.bricks.maximum(),
-                                                    v.emission * static_cast<double>(volume.density.bricks.maximum())}},
-                                                  1.0));
+    glow(volume.density, volume.displacement,
+         EmissionRamp::of_colours(
+             {{0.0, dvec3(0)},
+              {volume.density.bricks.maximum(), v.emission * static_cast<double>(volume.density.bricks.maximum())}},
+             1.0));
   if (v.temperature_grid != "none") {
     volume.temperature = load_scalar(v.file, options_for(v.temperature_grid, {"temperature", "temp"}), task);
     adopt(volume.temperature.notes);
@@ -156,17 +163,16 @@ void SceneMedia::load(const VolumeSettings& v, const Scene& scene, const Task& t
           v.file.string(), volume.temperature.summary.name, volume.temperature.summary.minimum, highest, kelvin,
           v.temperature_offset, v.temperature_scale));
     else
-      glow(volume.temperature, EmissionRamp::of_blackbody(v.temperature_offset, v.temperature_scale, highest,
-                                                          v.blackbody_intensity, v.blackbody_law == "planck"));
+      glow(volume.temperature, volume.temperature_displacement,
+           EmissionRamp::of_blackbody(v.temperature_offset, v.temperature_scale, highest, v.blackbody_intensity,
+                                      v.blackbody_law == "planck"));
   }
   if (v.flame_grid != "none") {
     volume.flame = load_scalar(v.file, options_for(v.flame_grid, {"flame", "flames", "heat"}), task);
     adopt(volume.flame.notes);
     parts_.push_back({file + ": flame", volume.flame.bricks.bytes()});
-    glow(volume.flame, fire_ramp(v));
+    glow(volume.flame, volume.flame_displacement, fire_ramp(v));
   }
-  if (medium.moves() && (v.emission != dvec3(0) || v.temperature_grid != "none" || v.flame_grid != "none"))
-    notes_.push_back(file + ": its extinction is blurred by motion, its glow stays where it is when the shutter opens");
 }
 
 }  // namespace brume

@@ -26,7 +26,9 @@ Plan make_plan(const SceneMedia& media, const Lights& lights, const Surfaces* su
   plan.finite_lights = !lights.finite().empty();
   plan.emission = !media.emissions().empty();
   plan.lens = camera.has_lens();
-  plan.shutter = camera.moves() || plan.moving_media;
+  const auto& glow = media.emissions();
+  plan.shutter = camera.moves() || plan.moving_media ||
+                 std::any_of(glow.begin(), glow.end(), [](const EmissionField& e) { return e.moves(); });
   if (plan.has_media()) {
     plan.medium_surface = layers.has(layer::gradient) || layers.has(layer::coverage) || layers.records;
     plan.flash = layers.has(layer::flash);

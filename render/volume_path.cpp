@@ -50,9 +50,9 @@ struct Throughput {
 template <Features F>
 class PathTracer {
  public:
-  PathTracer(const PathContext& context, std::span<const Medium> media, Rng& rng, PathCounters& counters,
+  PathTracer(const PathContext& context, std::span<const Medium> media, double time, Rng& rng, PathCounters& counters,
              PathSample& sample, PathRecord* record)
-      : c_(context), media_(media), rng_(rng), counters_(counters), s_(sample), record_(record) {}
+      : c_(context), media_(media), time_(time), rng_(rng), counters_(counters), s_(sample), record_(record) {}
 
   void trace(const Ray& camera_ray) {
     ++counters_.paths;
@@ -181,7 +181,7 @@ class PathTracer {
     if constexpr (F.emission) {
       dvec3 sum(0);
       for (const EmissionField& field : c_.emissions)
-        sum += field.integrate(ray_, t0, t1, events_ == 0 ? 1.0 : 4.0, rng_);
+        sum += field.integrate(ray_, t0, t1, events_ == 0 ? 1.0 : 4.0, time_, rng_);
       if (sum != dvec3(0)) deposit(sum, events_, Source::kEmission);
     }
   }
@@ -460,6 +460,7 @@ class PathTracer {
  private:
   const PathContext& c_;
   std::span<const Medium> media_;
+  double time_;  // of the shutter
   Rng& rng_;
   PathCounters& counters_;
   PathSample& s_;
@@ -490,7 +491,7 @@ void trace_paths(const PathContext& context, std::span<const PathRequest> reques
       media = moved;
     }
     samples[i] = {};
-    PathTracer<F> tracer(context, media, rng, counters, samples[i], request.record);
+    PathTracer<F> tracer(context, media, request.time, rng, counters, samples[i], request.record);
     tracer.trace(request.ray);
     if (context.plan.flash) samples[i].flash = samples[i].direct + context.flash.intensity * tracer.flash();
   }

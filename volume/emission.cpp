@@ -77,26 +77,20 @@ dvec3 EmissionRamp::operator()(double value) const {
   return entries_[i] + (entries_[i + 1] - entries_[i]) * (x - static_cast<double>(i));
 }
 
-dvec3 EmissionField::coefficient(const dvec3& world) const {
-  const dvec3 local = placement_.to_local(world);
-  if (solid_) return solid_->contains(local) ? coefficient_ : dvec3(0);
-  return ramp_(bricks_->lookup(local));
+dvec3 EmissionField::integrate(const Ray& world, double t_min, double t_max, double stride, double time,
+                               Rng& rng) const {
+  return integrate(moves() ? shape_.at_time(time) : shape_, world, t_min, t_max, stride, rng);
 }
 
-Medium::Sphere EmissionField::bounding_sphere() const {
-  if (solid_) return Medium(*solid_, placement_.world_from_local(), {}, {}).bounding_sphere();
-  return Medium(*bricks_, placement_.world_from_local() * translation(-dvec3(bricks_->origin())), {}, {})
-      .bounding_sphere();
-}
-
-dvec3 EmissionField::integrate(const Ray& world, double t_min, double t_max, double stride, Rng& rng) const {
-  const Ray local = placement_.to_local(world);
-  if (solid_) {
-    const auto [t0, t1] = solid_->intersect(local);
+dvec3 EmissionField::integrate(const Medium& shape, const Ray& world, double t_min, double t_max, double stride,
+                               Rng& rng) const {
+  const Ray local = shape.to_local(world);
+  if (shape.solid()) {
+    const auto [t0, t1] = shape.solid()->intersect(local);
     return coefficient_ * std::max(0.0, std::min(t1, t_max) - std::max(t0, t_min));
   }
   const double step = stride / glm::length(local.d);
-  MajorantWalk walk(*bricks_, local, t_min, t_max);
+  MajorantWalk walk(shape.walked(), {local.o + shape.walked_shift(), local.d}, t_min, t_max);
   MajorantWalk::Segment s;
   dvec3 sum(0);
   while (walk.next(s)) {
@@ -104,8 +98,10 @@ dvec3 EmissionField::integrate(const Ray& world, double t_min, double t_max, dou
     const int count = std::max(1, static_cast<int>(std::ceil(length / step - 1e-9)));
     const double width = length / count;
     for (int i = 0; i < count; ++i) {
-      const double t = s.t0 + (i + rng.uniform()) * width;
-      sum += ramp_(bricks_->lookup_in(*s.cell, s.coordinates, local.at(t))) * width;
+      const dvec3 p = local.at(s.t0 + (i + rng.uniform()) * width);
+      const double value =
+          shape.displacement() ? shape.density(p) : shape.bricks().lookup_in(*s.cell, s.coordinates, p);
+      sum += ramp_(value) * width;
     }
   }
   return sum;

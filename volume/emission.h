@@ -35,29 +35,29 @@ class EmissionRamp {
 };
 
 /// A field that emits: coefficient [radiance per world unit] = ramp(value), independent of extinction, so that flames
-/// without smoke shine. Fields are referred to, not owned.
+/// without smoke shine. Its shape may move over the shutter as a medium's does.
 class EmissionField {
  public:
-  EmissionField(const BrickGrid& bricks, const Placement& placement, EmissionRamp ramp)
-      : bricks_(&bricks), placement_(placement), ramp_(std::move(ramp)) {}
-  /// The same coefficient everywhere inside a shape.
-  EmissionField(const Solid& solid, const Placement& placement, const dvec3& coefficient)
-      : solid_(solid), coefficient_(coefficient), placement_(placement) {}
+  /// @param shape  where the values are and how they move; its extinction does not matter
+  EmissionField(Medium shape, EmissionRamp ramp) : shape_(std::move(shape)), ramp_(std::move(ramp)) {}
+  /// The same coefficient everywhere inside a homogeneous shape.
+  EmissionField(Medium shape, const dvec3& coefficient) : shape_(std::move(shape)), coefficient_(coefficient) {}
 
   /// Unbiased estimate of the emission coefficient's integral along a world ray from t_min to t_max: one jittered
   /// look-up in each stretch of at most `stride` voxels. Where t_max is a free flight's end, its expectation is the
   /// emitted radiance, transmittance included, because the flight passes t with the probability T(t). Proof:
-  /// tests/volume/emission_test.cpp
-  dvec3 integrate(const Ray& world, double t_min, double t_max, double stride, Rng& rng) const;
-  dvec3 coefficient(const dvec3& world) const;
+  /// tests/render/media_test.cpp
+  /// @param time  in [0, 1] of the shutter
+  dvec3 integrate(const Ray& world, double t_min, double t_max, double stride, double time, Rng& rng) const;
+  bool moves() const { return shape_.moves(); }
   /// Encloses what glows, world space.
-  Medium::Sphere bounding_sphere() const;
+  Medium::Sphere bounding_sphere() const { return shape_.bounding_sphere(); }
 
  private:
-  const BrickGrid* bricks_ = nullptr;
-  std::optional<Solid> solid_;
-  dvec3 coefficient_{0};  // of the solid
-  Placement placement_;
+  dvec3 integrate(const Medium& shape, const Ray& world, double t_min, double t_max, double stride, Rng& rng) const;
+
+  Medium shape_;
+  dvec3 coefficient_{0};  // of a homogeneous shape
   EmissionRamp ramp_;
 };
 

@@ -391,6 +391,55 @@ TEST(MotionBlur, AConstantVelocityShiftsTheDensity) {
   EXPECT_GT(counters.lookups, 500u);
 }
 
+// What glows moves with what scatters: a flame in a flow, on the density's lattice or its own, and a moving volume,
+// leave the same streak; it lies half the way further on than the flame at rest.
+TEST(MotionBlur, GlowMovesToo) {
+  const test::TemporaryFolder folder;
+  const auto ball = [](const ivec3& v) { return static_cast<float>(std::max(0.0, 1 - glm::length(dvec3(v)) / 8)); };
+  test::write_affine_vdb(folder / "ball.vdb", {ivec3(-9), ivec3(9)}, test::scaling(dvec3(0.1)), ball);
+  test::write_velocity_vdb(folder / "v.vdb", folder / "ball.vdb", {ivec3(-20), ivec3(20)}, dvec3(1, 0, 0));
+  Scene still = test::scene_of(folder / "v.vdb", 0, 0, 0);
+  still.film.width = still.film.height = 24;
+  still.camera.position = dvec3(0.4, -8, 0), still.camera.look_at = dvec3(0.4, 0, 0), still.camera.fov = 30;
+  still.volumes[0].emission = dvec3(1);
+  struct Streak {
+    double light = 0, place = 0;
+  };
+  const auto streak = [](const Scene& s) {
+    const Layers frame = PreparedScene(s, {}).render(400, 1, {}).layers;
+    Streak k;
+    for (int y = 0; y < 24; ++y)
+      for (int x = 0; x < 24; ++x) k.light += frame.at("R")(x, y), k.place += frame.at("R")(x, y) * (x + 0.5);
+    k.place /= k.light;
+    return k;
+  };
+  const Streak rest = streak(still);
+  Scene flows = still;
+  flows.camera.shutter = {0, 1};
+  Scene moves = flows;
+  flows.volumes[0].velocity_grid = "auto";
+  moves.volumes[0].object_to_world_end = test::translation({1, 0, 0});
+  Scene flame = flows;
+  flame.volumes[0].emission = dvec3(0), flame.volumes[0].flame_grid = "density", flame.volumes[0].flame_intensity = 1;
+  Scene flame_rest = still;
+  flame_rest.volumes[0].emission = dvec3(0), flame_rest.volumes[0].flame_grid = "density";
+  const double pixel = 2 * 8 * std::tan(15 * kPi / 180) / 24;  // of the film, at the ball
+  for (const Scene& s : {flows, moves}) {
+    const Streak k = streak(s);
+    EXPECT_NEAR(k.light / rest.light, 1, 0.02);
+    EXPECT_NEAR((k.place - rest.place) * pixel, 0.5, 0.02);
+  }
+  EXPECT_NEAR((streak(flame).place - streak(flame_rest).place) * pixel, 0.5, 0.02);
+
+  Scene box = still;
+  box.volumes[0].file.clear();
+  box.volumes[0].shape = "sphere";
+  const Streak box_rest = streak(box);
+  box.camera.shutter = {0, 1};
+  box.volumes[0].object_to_world_end = test::translation({1, 0, 0});
+  EXPECT_NEAR((streak(box).place - box_rest.place) * pixel, 0.5, 0.02) << "a shape that only glows";
+}
+
 TEST(Remap, GoesThroughTheCurve) {
   const test::TemporaryFolder folder;
   test::write_affine_vdb(folder / "a.vdb", {ivec3(0), ivec3(9)}, dmat4(1),
