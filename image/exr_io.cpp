@@ -99,11 +99,35 @@ std::string prefixed(const Imf::MultiPartInputFile& file, int part, const std::s
 
 }  // namespace
 
+namespace {
+
+/// Reads the first and the last line of a part, whose chunks a file that was cut off has lost.
+void check_ends(Imf::MultiPartInputFile& file, int part, const fs::path& path) {
+  const Imf::Header& header = file.header(part);
+  const Imath::Box2i data = header.dataWindow();
+  const auto channel = header.channels().begin();
+  if (channel == header.channels().end() || channel.channel().xSampling != 1 || channel.channel().ySampling != 1)
+    return;
+  std::vector<float> line(static_cast<size_t>(data.max.x - data.min.x + 1));
+  try {
+    Imf::InputPart input(file, part);
+    Imf::FrameBuffer buffer;
+    buffer.insert(channel.name(), slice(Imf::FLOAT, line.data(), 0, data));
+    input.setFrameBuffer(buffer);
+    for (const int y : {data.min.y, data.max.y}) input.readPixels(y, y);
+  } catch (const std::exception& error) {
+    throw InputError(fmt::format("{}: truncated or damaged: {}", path.string(), error.what()));
+  }
+}
+
+}  // namespace
+
 ExrInfo read_exr_info(const fs::path& path) {
   Imf::MultiPartInputFile file = open(path);
   ExrInfo info;
   for (int part = 0; part < file.parts(); ++part) {
     const Imf::Header& header = file.header(part);
+    if (!header.hasType() || !Imf::isDeepData(header.type())) check_ends(file, part, path);
     const Imath::Box2i window = header.displayWindow();
     info.width = window.max.x - window.min.x + 1;
     info.height = window.max.y - window.min.y + 1;

@@ -187,6 +187,7 @@ TEST_F(BadInput, Frames) {
   test::write_file(folder_ / "cut.exr", bytes.substr(0, bytes.size() / 2));
   expect_refused("denoise " + path("cut.exr") + " -f bilateral -o " + path("out.exr"),
                  {"cut.exr: truncated or damaged"});
+  expect_refused("info " + path("cut.exr"), {"cut.exr: truncated or damaged"});
   expect_refused("compare " + plain + " " + plain + " --layer indirect", {"has no layer 'indirect'; it has: beauty"});
   expect_nothing_written();
 }
