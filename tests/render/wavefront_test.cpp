@@ -82,6 +82,20 @@ TEST(Wavefront, AgreesWithTheGeneralLoop) {
   }
 }
 
+// Walks for layers draw from copies of the paths' generators, and rays that meet nothing end early with the same light.
+TEST(Wavefront, RecordedLayersChangeNoBitOfThePicture) {
+  for (const double sigma_t : {18.0, 1.0}) {
+    Scene scene = demo("smoke", 40);
+    scene.volumes[0].sigma_t = dvec3(sigma_t);
+    const Layers bare = PreparedScene(scene, LayerRequest{{}, false}).render(4, 1, {}).layers;
+    const Layers all = PreparedScene(scene, LayerRequest::of({"all"}, true)).render(4, 1, {}).layers;
+    for (const char* channel : {"R", "G", "B", "A"})
+      for (int y = 0; y < 40; ++y)
+        for (int x = 0; x < 40; ++x)
+          ASSERT_EQ(bare.at(channel)(x, y), all.at(channel)(x, y)) << channel << x << "," << y;
+  }
+}
+
 // What follows from the camera rays alone is found by both programs for the same rays, marched with other steps:
 // coverage but for one wisp in two hundred, directions to a fiftieth, optical depths, whose expectation is known for
 // each ray, to 4.5 standard errors of the mean over the picture (below 1.5 %).
