@@ -296,7 +296,9 @@ int choose_tile(const FilterEntry& filter, const Layers& frame, const ApplyOptio
   const double pixels = static_cast<double>(frame.width()) * frame.height();
   const double frames = static_cast<double>(1 + options.sequence.size());
   const double read = 4.0 * pixels * frames * static_cast<double>(frame.channels().size());
-  const double written = 4.0 * pixels * (4.0 + 3.0 * static_cast<double>(options.carried.size()));
+  double results = 4.0 + 3.0 * static_cast<double>(options.carried.size());
+  for (const LayerName& l : filter.produces) results += static_cast<double>(l.channels.size());
+  const double written = 4.0 * pixels * results;
   const double whole = 4.0 * frames * (filter.scratch + kPrepared);  // per pixel of the frame at once
   const double tiled = whole + 4.0 * static_cast<double>(channels);  // per pixel of a tile, which is cut out first
   const double budget = std::max(0.25 * read, kFreeMemory);
