@@ -23,9 +23,9 @@ struct SobelGuided {
 };
 
 // Widths tried for the fit of bias and variance, and feature parameters that compete (Liu et al. 2018, section 5).
-constexpr std::array<double, 5> kAlphas = {0.1f, 1, 2, 4, 8};
+constexpr std::array<double, 5> kAlphas = {0.1, 1, 2, 4, 8};
 constexpr std::array<float, 3> kFeatureSigmas = {0.25f, 0.6f, 0.8f};
-constexpr double kLargestAlpha = 8, kSmallestAlpha = 0.1f;
+constexpr double kLargestAlpha = 8, kSmallestAlpha = 0.1;
 // Most that the gradient adds to a feature's tolerance, and the least tolerance of all: squares of the features' range.
 constexpr float kLargestGradient = 0.01f, kFeatureFloor = 1e-4f;
 constexpr int kPrefilterRadius = 3, kErrorRadius = 1, kWinnerRadius = 3;

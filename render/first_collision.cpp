@@ -24,6 +24,8 @@ double majorant_depth(const Medium& medium, const Ray& local) {
 }  // namespace
 
 FirstCollision choose_first_collision(const Medium& medium, std::span<const Ray> rays, std::string_view setting) {
+  FirstCollision first;
+  if (setting == "free") return first;
   double scattered = 0, tentative = 0, met = 0;
   for (const Ray& ray : rays) {
     const Ray local = medium.to_local(ray);
@@ -33,10 +35,8 @@ FirstCollision choose_first_collision(const Medium& medium, std::span<const Ray>
     tentative += bound;
     scattered -= std::expm1(-optical_depth(medium, local, std::numeric_limits<double>::infinity()));
   }
-  FirstCollision first;
   if (!(met > 0)) return first;
-  first.scattered = scattered / met;
-  first.forced = setting == "forced" || (setting == "auto" && first.scattered < kThick);
+  first.forced = setting == "forced" || scattered / met < kThick;
   if (first.forced) first.majorant = std::clamp(kTentative * met / tentative, 1.0, kMostLoose);
   return first;
 }

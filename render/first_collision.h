@@ -8,8 +8,7 @@ namespace brume {
 /// How camera rays find their first collision: see lanes_fly_first.
 struct FirstCollision {
   bool forced = false;
-  double majorant = 1;   ///< factor on the majorants of the first flight
-  double scattered = 0;  ///< share of the light that a ray through the medium scatters, on average
+  double majorant = 1;  ///< factor on the majorants of the first flight
 };
 
 /// Forcing pays where rays scatter little of their light, and needs several tentative collisions a ray to choose from:

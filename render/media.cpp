@@ -138,18 +138,11 @@ void SceneMedia::load(const VolumeSettings& v, const Scene& scene, const Task& t
   const auto glow = [&](const ScalarField& field, Displacement& displacement, EmissionRamp ramp) {
     if (field.bricks.empty()) return;
     Medium shape(field.bricks, shift * v.object_to_world * field.world_from_index * offset, {}, {});
-    if (&field == &volume.density)
-      shape = medium;
-    else
-      set_in_motion(shape, field, displacement);
+    set_in_motion(shape, field, displacement);
     emissions_.emplace_back(shape, std::move(ramp));
   };
-  if (v.emission != dvec3(0))
-    glow(volume.density, volume.displacement,
-         EmissionRamp::of_colours(
-             {{0.0, dvec3(0)},
-              {volume.density.bricks.maximum(), v.emission * static_cast<double>(volume.density.bricks.maximum())}},
-             1.0));
+  if (const double highest = volume.density.bricks.maximum(); v.emission != dvec3(0) && !medium.empty())
+    emissions_.emplace_back(medium, EmissionRamp::of_colours({{0.0, dvec3(0)}, {highest, v.emission * highest}}, 1.0));
   if (v.temperature_grid != "none") {
     volume.temperature = load_scalar(v.file, options_for(v.temperature_grid, {"temperature", "temp"}), task);
     adopt(volume.temperature.notes);

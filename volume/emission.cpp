@@ -79,7 +79,8 @@ dvec3 EmissionRamp::operator()(double value) const {
 
 dvec3 EmissionField::integrate(const Ray& world, double t_min, double t_max, double stride, double time,
                                Rng& rng) const {
-  return integrate(moves() ? shape_.at_time(time) : shape_, world, t_min, t_max, stride, rng);
+  if (moves()) return integrate(shape_.at_time(time), world, t_min, t_max, stride, rng);
+  return integrate(shape_, world, t_min, t_max, stride, rng);
 }
 
 dvec3 EmissionField::integrate(const Medium& shape, const Ray& world, double t_min, double t_max, double stride,
