@@ -21,22 +21,36 @@ struct TrackCounters {
 
 enum class Walk { kFlight, kFirst, kShadow, kSurface, kMarch };
 
-/// The interpolated density at points of cells, q relative to the cell in [0, 8].
+/// The interpolated density at points of cells, q relative to the cell in [0, cell].
 HWY_INLINE V interpolated(const LaneScene& scene, VI brick, V qx, V qy, V qz) {
   const DI di;
-  const V highest = set(7.0f);
+  const V highest = set(scene.cell - 1.0f);
   const V x0 = hn::Min(hn::Floor(qx), highest), y0 = hn::Min(hn::Floor(qy), highest),
           z0 = hn::Min(hn::Floor(qz), highest);
   const V fx = hn::Sub(qx, x0), fy = hn::Sub(qy, y0), fz = hn::Sub(qz, z0);
-  const VI nine = hn::Set(di, 9);
-  VI index = hn::Add(hn::Mul(hn::Add(hn::Mul(hn::ConvertTo(di, x0), nine), hn::ConvertTo(di, y0)), nine),
+  const VI stored = hn::Set(di, scene.stored);
+  VI index = hn::Add(hn::Mul(hn::Add(hn::Mul(hn::ConvertTo(di, x0), stored), hn::ConvertTo(di, y0)), stored),
                      hn::ConvertTo(di, z0));
   index = hn::Add(index, brick);
-  const auto value = [&](int offset) { return hn::GatherIndex(D(), scene.values + offset, index); };
   const auto lerp = [](V a, V b, V f) { return hn::Add(a, hn::Mul(f, hn::Sub(b, a))); };
-  const V a = lerp(lerp(value(0), value(1), fz), lerp(value(9), value(10), fz), fy);
-  const V b = lerp(lerp(value(81), value(82), fz), lerp(value(90), value(91), fz), fy);
-  return lerp(a, b, fx);
+  const auto along_z = [&](int offset) {
+#if HWY_TARGET == HWY_SCALAR
+    return lerp(hn::GatherIndex(D(), scene.values + offset, index),
+                hn::GatherIndex(D(), scene.values + offset + 1, index), fz);
+#else
+    // Values that lie side by side are gathered as one number of 64 bits: a gather costs by its lanes.
+    const hn::Half<DI> half;
+    const hn::Rebind<int64_t, decltype(half)> d_bytes;
+    const auto pairs = [&](auto part) {
+      const auto* const base = reinterpret_cast<const int64_t*>(scene.values + offset);
+      return hn::BitCast(D(), hn::GatherOffset(d_bytes, base, hn::ShiftLeft<2>(hn::PromoteTo(d_bytes, part))));
+    };
+    const V low = pairs(hn::LowerHalf(index)), high = pairs(hn::UpperHalf(half, index));
+    return lerp(hn::ConcatEven(D(), high, low), hn::ConcatOdd(D(), high, low), fz);
+#endif
+  };
+  const int Y = scene.stored, X = Y * Y;
+  return lerp(lerp(along_z(0), along_z(Y), fy), lerp(along_z(X), along_z(X + Y), fy), fx);
 }
 
 /// Walks the rays of a list through the majorant cells. Flights end at a real collision, whose position becomes the
@@ -62,15 +76,33 @@ HWY_INLINE void track(const LaneScene& scene, LanePool& pool, const SlotList& ra
   HWY_ALIGN float result_x[kMost], result_y[kMost], result_z[kMost];
   HWY_ALIGN uint32_t r0[kMost] = {}, r1[kMost] = {}, r2[kMost] = {}, r3[kMost] = {};
 
-  const V zero = hn::Zero(d), one = set(1.0f), eight = set(8.0f), huge = set(1e30f), tiny = set(1e-12f);
+  const V zero = hn::Zero(d), one = set(1.0f), cell_size = set(scene.cell), huge = set(1e30f), tiny = set(1e-12f);
   V ox = zero, oy = zero, oz = zero, dx = one, dy = one, dz = one, ix = one, iy = one, iz = one;
   V t = zero, cx = zero, cy = zero, cz = zero, tau = zero, weight = one;
   V px = zero, py = zero, pz = zero, voxel_step = one;
   Generator rng{hn::Zero(du), hn::Zero(du), hn::Zero(du), hn::Zero(du)};
   V offset = zero, level[kMarchedPoints], point[kMarchedPoints];  // of the march
   for (size_t k = 0; k < kMarchedPoints; ++k) level[k] = point[k] = zero;
+  V step_begin = zero;  // of the walk to the surface
   uint32_t busy = 0, finished = 0, collided = 0, met = 0;
   size_t next = 0;
+
+  const auto index_of_cell = [&](M mask) {
+    const V row = hn::Add(hn::Mul(cx, set(scene.ny)), cy);
+    const VI index = hn::Add(hn::Mul(hn::ConvertTo(di, row), hn::Set(di, scene.nz_int)), hn::ConvertTo(di, cz));
+    return hn::IfThenElseZero(hn::RebindMask(di, mask), index);
+  };
+  const auto brick_of = [&](VI index, M mask) {
+    return hn::GatherIndex(di, scene.brick, hn::IfThenElseZero(hn::RebindMask(di, mask), index));
+  };
+  // The rays' points at a parameter, relative to their cells.
+  const auto in_cell = [&](V at) {
+    const auto within = [&](V o, V dir, V c) {
+      const V q = hn::Sub(hn::Add(o, hn::Mul(dir, at)), hn::Mul(c, cell_size));
+      return hn::Min(hn::Max(q, zero), cell_size);
+    };
+    return V3{within(ox, dx, cx), within(oy, dy, cy), within(oz, dz, cz)};
+  };
 
   for (;;) {
     const auto free_lanes = static_cast<size_t>(std::popcount(all & ~busy));
@@ -87,7 +119,12 @@ HWY_INLINE void track(const LaneScene& scene, LanePool& pool, const SlotList& ra
         if (kShadow || kMarch) {
           hn::Store(weight, d, result_x);
         } else if (kSurface) {
-          hn::Store(t, d, result_x);
+          // Between the last look-up below the surface's density and the first above, by a straight line.
+          const M there = mask_of(finished & collided);
+          const V3 q = in_cell(step_begin);
+          const V below = hn::Min(interpolated(scene, brick_of(index_of_cell(there), there), q.x, q.y, q.z), set(iso));
+          const V share = hn::Div(hn::Sub(set(iso), below), hn::Max(hn::Sub(weight, below), set(1e-30f)));
+          hn::Store(hn::Add(step_begin, hn::Mul(hn::Sub(t, step_begin), hn::Min(share, one))), d, result_x);
         } else {
           hn::Store(px, d, result_x), hn::Store(py, d, result_y), hn::Store(pz, d, result_z);
         }
@@ -146,7 +183,7 @@ HWY_INLINE void track(const LaneScene& scene, LanePool& pool, const SlotList& ra
         };
         ix = inverse(dx), iy = inverse(dy), iz = inverse(dz);
         const auto cell = [&](V o, float n) {
-          return hn::Min(hn::Max(hn::Floor(hn::Mul(o, set(0.125f))), zero), set(n - 1));
+          return hn::Min(hn::Max(hn::Floor(hn::Mul(o, set(scene.inverse_cell))), zero), set(n - 1));
         };
         cx = hn::IfThenElse(fresh, cell(ox, scene.nx), cx);
         cy = hn::IfThenElse(fresh, cell(oy, scene.ny), cy);
@@ -173,16 +210,14 @@ HWY_INLINE void track(const LaneScene& scene, LanePool& pool, const SlotList& ra
     const M active = mask_of(busy);
 
     // The cell: its bound, or how far around it is empty.
-    const V row = hn::Add(hn::Mul(cx, set(scene.ny)), cy);
-    VI cell_index = hn::Add(hn::Mul(hn::ConvertTo(di, row), hn::Set(di, scene.nz_int)), hn::ConvertTo(di, cz));
-    cell_index = hn::IfThenElseZero(hn::RebindMask(di, active), cell_index);
+    const VI cell_index = index_of_cell(active);
     const V bound = hn::GatherIndex(d, scene.majorant, cell_index);
     const M empty = hn::Lt(bound, zero);
     const V ahead = hn::IfThenElse(empty, hn::Neg(bound), one);  // cells to the far faces
     const V behind = hn::Sub(one, ahead);                        // and to the near ones
     const M right_x = hn::Ge(dx, zero), right_y = hn::Ge(dy, zero), right_z = hn::Ge(dz, zero);
     const auto exit_time = [&](V c, M right, V o, V inverse) {
-      const V plane = hn::Mul(hn::Add(c, hn::IfThenElse(right, ahead, behind)), eight);
+      const V plane = hn::Mul(hn::Add(c, hn::IfThenElse(right, ahead, behind)), cell_size);
       return hn::Mul(hn::Sub(plane, o), inverse);
     };
     const V tx = exit_time(cx, right_x, ox, ix), ty = exit_time(cy, right_y, oy, iy),
@@ -205,7 +240,7 @@ HWY_INLINE void track(const LaneScene& scene, LanePool& pool, const SlotList& ra
       const auto crossed = [&](V c, M first, M right, V o, V dir) {
         const V beyond = hn::Add(c, hn::IfThenElse(right, ahead, hn::Neg(ahead)));
         // On the other axes the cell can change only where several are crossed at once.
-        const V at = hn::Floor(hn::Mul(hn::Add(o, hn::Mul(dir, until)), set(0.125f)));
+        const V at = hn::Floor(hn::Mul(hn::Add(o, hn::Mul(dir, until)), set(scene.inverse_cell)));
         const V within = hn::Min(hn::Max(at, hn::Add(c, behind)), hn::Sub(hn::Add(c, ahead), one));
         return hn::IfThenElse(first, beyond, within);
       };
@@ -222,21 +257,22 @@ HWY_INLINE void track(const LaneScene& scene, LanePool& pool, const SlotList& ra
     // One voxel of the eight around q, by its trilinear weight. Bits: 16 for each axis.
     const auto voxel = [&](V q, V c, VU bits) {
       const V u = hn::Mul(hn::Add(hn::ConvertTo(d, hn::BitCast(di, bits)), set(0.5f)), set(0x1p-16f));
-      const V within = hn::Min(hn::Max(hn::Sub(q, hn::Mul(c, eight)), zero), set(7.9999995f));
+      const V within =
+          hn::Min(hn::Max(hn::Sub(q, hn::Mul(c, cell_size)), zero), set(scene.cell - scene.cell * 0x1p-24f));
       return hn::ConvertTo(di, hn::Add(within, u));
     };
     const auto one_voxel = [&](V qx, V qy, V qz, VI brick) {
       const VU low = hn::Set(du, 0xffffu), bits = rng.next(collides), bits_z = rng.next(collides);
       const VI vx = voxel(qx, cx, hn::And(bits, low)), vy = voxel(qy, cy, hn::ShiftRight<16>(bits));
-      const VI vz = voxel(qz, cz, hn::ShiftRight<16>(bits_z)), nine = hn::Set(di, 9);
-      const VI index = hn::Add(hn::Add(hn::Mul(hn::Add(hn::Mul(vx, nine), vy), nine), vz), brick);
+      const VI vz = voxel(qz, cz, hn::ShiftRight<16>(bits_z)), stored = hn::Set(di, scene.stored);
+      const VI index = hn::Add(hn::Add(hn::Mul(hn::Add(hn::Mul(vx, stored), vy), stored), vz), brick);
       return hn::GatherIndex(d, scene.values, hn::IfThenElseZero(hn::RebindMask(di, collides), index));
     };
 
     if constexpr (kMarch) {
       const V t1 = hn::Min(hn::Add(t, voxel_step), until), length = hn::Sub(t1, t);
       const V at = hn::Add(t, hn::Mul(offset, length));
-      const VI brick = hn::GatherIndex(di, scene.brick, hn::IfThenElseZero(hn::RebindMask(di, collides), cell_index));
+      const VI brick = brick_of(cell_index, collides);
       const V value =
           one_voxel(hn::Add(ox, hn::Mul(dx, at)), hn::Add(oy, hn::Mul(dy, at)), hn::Add(oz, hn::Mul(dz, at)), brick);
       const V sigma = hn::IfThenElseZero(collides, hn::Mul(value, set(scene.sigma)));
@@ -255,20 +291,27 @@ HWY_INLINE void track(const LaneScene& scene, LanePool& pool, const SlotList& ra
       continue;
     }
     if constexpr (kSurface) {
-      // The density a voxel on; where it has reached the surface's, in between by a straight line.
+      // The density a voxel on, looked up only in voxels that can reach the surface's.
       const V t1 = hn::Min(hn::Add(t, voxel_step), until);
-      const auto within = [&](V o, V dir, V c) {
-        const V q = hn::Sub(hn::Add(o, hn::Mul(dir, t1)), hn::Mul(c, eight));
-        return hn::IfThenElseZero(collides, hn::Min(hn::Max(q, zero), eight));
-      };
-      const VI brick = hn::GatherIndex(di, scene.brick, hn::IfThenElseZero(hn::RebindMask(di, collides), cell_index));
-      const V value = interpolated(scene, brick, within(ox, dx, cx), within(oy, dy, cy), within(oz, dz, cz));
-      const M hit = hn::And(collides, hn::Ge(value, set(iso)));
-      const V before = hn::Min(weight, set(iso));
-      const V share = hn::Div(hn::Sub(set(iso), before), hn::Max(hn::Sub(value, before), set(1e-30f)));
-      const V crossing = hn::Add(t, hn::Mul(hn::Sub(t1, t), hn::Min(share, one)));
-      t = hn::IfThenElse(collides, hn::IfThenElse(hit, crossing, t1), t);
-      weight = hn::IfThenElse(collides, value, hn::IfThenElse(passes, zero, weight));
+      const V3 q = in_cell(t1);
+      const V last = hn::Sub(cell_size, one);
+      const auto index = [&](V p) { return hn::ConvertTo(di, hn::Min(p, last)); };
+      const VI size = hn::Set(di, scene.stored - 1);
+      const VI bit = hn::Add(hn::Mul(hn::Add(hn::Mul(index(q.x), size), index(q.y)), size), index(q.z));
+      const auto looked_up = hn::RebindMask(di, collides);
+      const VI word = hn::Add(hn::GatherIndex(di, scene.marks_of_cell, hn::IfThenElseZero(looked_up, cell_index)),
+                              hn::ShiftRight<5>(bit));
+      const VU marks = hn::GatherIndex(du, scene.marks, hn::IfThenElseZero(looked_up, word));
+      const VU mark = hn::Shl(hn::Set(du, 1), hn::And(hn::BitCast(du, bit), hn::Set(du, 31)));
+      const M marked = hn::And(collides, hn::RebindMask(d, hn::TestBit(marks, mark)));
+      M hit = hn::FirstN(d, 0);
+      if (!hn::AllFalse(d, marked)) {
+        const V value = interpolated(scene, brick_of(cell_index, marked), q.x, q.y, q.z);
+        hit = hn::And(marked, hn::Ge(value, set(iso)));
+        weight = hn::IfThenElse(hit, value, weight);
+      }
+      step_begin = hn::IfThenElse(hit, t, step_begin);
+      t = hn::IfThenElse(collides, t1, t);
       done = hn::Or(done, hit);
       collided |= bits_of(hit);
       const uint32_t reached = bits_of(done);
@@ -281,11 +324,11 @@ HWY_INLINE void track(const LaneScene& scene, LanePool& pool, const SlotList& ra
     if (!hn::AllFalse(d, collides)) {
       t = hn::IfThenElse(collides, hn::Add(t, hn::Div(tau, sigma_maj)), t);
       const V qx = hn::Add(ox, hn::Mul(dx, t)), qy = hn::Add(oy, hn::Mul(dy, t)), qz = hn::Add(oz, hn::Mul(dz, t));
-      const VI brick = hn::GatherIndex(di, scene.brick, hn::IfThenElseZero(hn::RebindMask(di, collides), cell_index));
+      const VI brick = brick_of(cell_index, collides);
       V value;
       if (scene.interpolate) {
         const auto within = [&](V q, V c) {
-          return hn::IfThenElseZero(collides, hn::Min(hn::Max(hn::Sub(q, hn::Mul(c, eight)), zero), eight));
+          return hn::IfThenElseZero(collides, hn::Min(hn::Max(hn::Sub(q, hn::Mul(c, cell_size)), zero), cell_size));
         };
         value = interpolated(scene, brick, within(qx, cx), within(qy, cy), within(qz, cz));
       } else {
@@ -361,12 +404,12 @@ void Gradient(const LaneScene& scene, LanePoints& points) {
   const D d;
   const DI di;
   const size_t lanes = hn::Lanes(d);
-  const V zero = hn::Zero(d), one = set(1.0f), eight = set(8.0f);
+  const V zero = hn::Zero(d), one = set(1.0f), cell_size = set(scene.cell);
   for (auto* column : {&points.x, &points.y, &points.z})
     std::fill_n(column->begin() + static_cast<std::ptrdiff_t>(points.count), lanes, 0.0f);
   const auto cell = [&](V p, float n, M& outside) {
-    const V c = hn::Floor(hn::Mul(p, set(0.125f))), nearest = hn::Min(hn::Max(c, zero), set(n - 1));
-    outside = hn::Or(outside, hn::Or(hn::Lt(p, zero), hn::Gt(p, hn::Mul(hn::Add(nearest, one), eight))));
+    const V c = hn::Floor(hn::Mul(p, set(scene.inverse_cell))), nearest = hn::Min(hn::Max(c, zero), set(n - 1));
+    outside = hn::Or(outside, hn::Or(hn::Lt(p, zero), hn::Gt(p, hn::Mul(hn::Add(nearest, one), cell_size))));
     return nearest;
   };
   const auto density = [&](V x, V y, V z) {
@@ -376,7 +419,7 @@ void Gradient(const LaneScene& scene, LanePoints& points) {
     const VI index = hn::Add(hn::Mul(hn::ConvertTo(di, row), hn::Set(di, scene.nz_int)), hn::ConvertTo(di, cz));
     outside = hn::Or(outside, hn::Lt(hn::GatherIndex(d, scene.majorant, index), zero));
     const auto within = [&](V p, V c) {
-      return hn::IfThenZeroElse(outside, hn::Min(hn::Max(hn::Sub(p, hn::Mul(c, eight)), zero), eight));
+      return hn::IfThenZeroElse(outside, hn::Min(hn::Max(hn::Sub(p, hn::Mul(c, cell_size)), zero), cell_size));
     };
     return hn::IfThenZeroElse(outside, interpolated(scene, hn::GatherIndex(di, scene.brick, index), within(x, cx),
                                                     within(y, cy), within(z, cz)));

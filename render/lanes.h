@@ -19,9 +19,13 @@ struct LaneScene {
   const float* majorant;
   const int32_t* brick;
   const float* values;
+  const uint32_t* marks;
+  const int32_t* marks_of_cell;
   float nx, ny, nz;
   int32_t nz_int;
-  float sigma;  // extinction per density
+  float cell, inverse_cell;  // voxels along a cell
+  int32_t stored;            // values along a brick
+  float sigma;               // extinction per density
   float local_from_world[3][3];
   float gradient_to_world[3][3];
   float least_gradient;  // per voxel: below it, wider differences are needed

@@ -166,6 +166,9 @@ void SceneMedia::load(const VolumeSettings& v, const Scene& scene, const Task& t
     parts_.push_back({file + ": flame", volume.flame.bricks.bytes()});
     glow(volume.flame, volume.flame_displacement, fire_ramp(v));
   }
+  // Last: what bounds moving fields reads them in the cells they were loaded in.
+  for (ScalarField* field : {&volume.density, &volume.temperature, &volume.flame})
+    field->bricks = field->bricks.recut(scene.render.cell_size, task);
 }
 
 }  // namespace brume

@@ -78,8 +78,8 @@ std::string medium_text(const Medium& m) {
     text = m.solid()->shape == Solid::Shape::kBox ? "homogeneous box" : "homogeneous sphere";
   } else {
     const BrickGrid& b = m.bricks();
-    text = fmt::format("{} bricks of 9^3, {} x {} x {} cells, maximum density {:.4g}", b.brick_count(), b.cells().x,
-                       b.cells().y, b.cells().z, b.maximum());
+    text = fmt::format("{} bricks of {}^3, {} x {} x {} cells, maximum density {:.4g}", b.brick_count(), b.stored(),
+                       b.cells().x, b.cells().y, b.cells().z, b.maximum());
   }
   text += m.chromatic() ? ", chromatic" : ", grey";
   if (m.coloured()) text += ", albedo from a colour grid";

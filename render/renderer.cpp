@@ -65,6 +65,10 @@ PreparedScene::PreparedScene(Scene scene, const LayerRequest& layers, const Task
   if (scene_.render.lanes != "off" && !layers.records && fits_lanes(context_.plan, context_.media, lights_)) {
     context_.plan.lanes = true;
     lane_grid_ = LaneGrid(context_.media[0].bricks(), scene_.render.majorant_scale);
+    if (context_.plan.medium_surface) {
+      const Medium& m = context_.media[0];
+      lane_grid_.mark_surface(m.bricks(), static_cast<float>(scene_.render.surface_density * m.maximum_density()));
+    }
     context_.lane_grid = &lane_grid_;
     context_.interpolate = scene_.render.lookup == "interpolated";
     std::vector<Ray> rays;

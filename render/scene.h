@@ -113,6 +113,7 @@ struct RenderSettings {
   std::string near_lights = "auto";
   std::string flash_relief = "both";
   std::string majorants = "cells";
+  int cell_size = 8;
   double majorant_scale = 1;
 };
 

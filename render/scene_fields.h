@@ -91,9 +91,13 @@ void describe(Visitor& v, RenderSettings& r) {
      .choices = {"both", "falloff", "gradient", "none", "offset"}},
     r.flash_relief);
   v({.key = "majorants",
-     .help = "cells: bounds of 8^3 voxels; global: one bound for the whole grid, the textbook's tracer, to compare",
+     .help =
+         "cells: bounds of cell_size^3 voxels; global: one bound for the whole grid, the textbook's tracer, to compare",
      .choices = {"cells", "global"}},
     r.majorants);
+  v({"cell_size", "voxels",
+     "side of a majorant cell, a power of two: smaller bounds are tighter, larger are crossed in fewer steps", 2, 32},
+    r.cell_size);
   v({"majorant_scale", "1", "loosens every majorant: costs time and changes no mean, to check that", 1, 1000},
     r.majorant_scale);
 }

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <bit>
 #include <fstream>
 #include <sstream>
 #include <toml.hpp>
@@ -306,6 +307,11 @@ void check_light(Parser& parser, LightSettings& light, const toml::value& table)
 }
 
 /// Whichever way the coefficients are given, they become sigma_t and albedo.
+void check_render(const Parser&, const RenderSettings& r, const toml::value& table) {
+  if (!std::has_single_bit(static_cast<unsigned>(r.cell_size)))
+    fail(fmt::format("'cell_size' is {}", r.cell_size), table.at("cell_size"), "expected 2, 4, 8, 16 or 32");
+}
+
 void check_volume(Parser& parser, VolumeSettings& v, const toml::value& table) {
   const auto conflict = [&](std::initializer_list<const char*> keys, const std::string& with) {
     for (const char* key : keys)
@@ -428,7 +434,7 @@ Scene read_scene(const fs::path& path, std::span<const std::string> overrides) {
   }
   section("camera", scene.camera, check_camera);
   section("film", scene.film, no_check);
-  section("render", scene.render, no_check);
+  section("render", scene.render, check_render);
   section("environment", scene.environment, no_check);
   array("volumes", scene.volumes, check_volume);
   array("lights", scene.lights, check_light);

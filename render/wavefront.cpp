@@ -20,8 +20,11 @@ LaneScene lane_scene(const PathContext& context) {
   s.majorant = grid.majorant.data();
   s.brick = grid.brick.data();
   s.values = grid.values;
+  s.marks = grid.marks.data(), s.marks_of_cell = grid.marks_of_cell.data();
   s.nx = static_cast<float>(grid.nx), s.ny = static_cast<float>(grid.ny), s.nz = static_cast<float>(grid.nz);
   s.nz_int = grid.nz;
+  s.cell = static_cast<float>(grid.cell_size), s.inverse_cell = 1.0f / s.cell;
+  s.stored = grid.cell_size + 1;
   s.sigma = static_cast<float>(medium.extinction_per_density());
   s.first_sigma = static_cast<float>(medium.extinction_per_density() * context.first_majorant);
   const dmat3& m = medium.placement().local_from_world();
@@ -167,8 +170,7 @@ class Wavefront {
   /// no flight: they end here.
   void record_surfaces() {
     State& s = *state_;
-    const float iso = static_cast<float>(c_.surface_density * c_.media[0].maximum_density());
-    lanes_find_surface(scene_, s.pool, s.fresh, iso, s.camera);
+    lanes_find_surface(scene_, s.pool, s.fresh, c_.lane_grid->surface_density, s.camera);
     size_t kept = 0;
     s.points.count = 0;
     for (size_t k = 0; k < s.fresh.count; ++k) {

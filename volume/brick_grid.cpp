@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <cstring>
 #include <unordered_map>
@@ -38,62 +39,101 @@ BrickGrid BrickGrid::build(const VoxelBox& box, const std::vector<ivec3>& blocks
   grid.support_lo_ = dvec3(box.lo - grid.origin_) - 1.0;
   grid.support_hi_ = dvec3(box.hi - grid.origin_) + 1.0;
 
-  // Wider nodes keep the top level small when a few leaves are scattered over an enormous box.
-  const auto node_count = [&](int bits) { return (grid.cell_count_ + ((1 << bits) - 1)) / (1 << bits); };
-  while (grid.node_bits_ < 7 && product(node_count(grid.node_bits_)) > 1 << 23) ++grid.node_bits_;
-  grid.node_count_ = node_count(grid.node_bits_);
+  grid.make_nodes();
+  grid.fill(grid.cells_touched_by(blocks), sample, task);
+  return grid;
+}
+
+BrickGrid BrickGrid::recut(int cell_size, const Task& task) const {
+  if (empty() || cell_size == this->cell_size()) return *this;
+  BrickGrid grid;
+  grid.cell_bits_ = std::countr_zero(static_cast<unsigned>(cell_size));
+  grid.origin_ = origin_, grid.support_lo_ = support_lo_, grid.support_hi_ = support_hi_;
+  grid.cell_count_ = ((cell_count_ << cell_bits_) + (cell_size - 1)) >> grid.cell_bits_;
+  grid.make_nodes();
+
+  // Every new cell that shares space with an old one that is not empty.
+  std::vector<ivec3> candidates;
+  const ivec3 per_new = glm::max(ivec3(1), ivec3(cell_size >> cell_bits_));
+  for (int x = 0; x < grid.cell_count_.x; ++x)
+    for (int y = 0; y < grid.cell_count_.y; ++y)
+      for (int z = 0; z < grid.cell_count_.z; ++z) {
+        const ivec3 c(x, y, z), lo = (c << grid.cell_bits_) >> cell_bits_;
+        bool occupied = false;
+        for (int k = 0; k < per_new.x * per_new.y * per_new.z && !occupied; ++k) {
+          const ivec3 old = lo + ivec3(k / (per_new.y * per_new.z), k / per_new.z % per_new.y, k % per_new.z);
+          occupied = glm::all(glm::lessThan(old, cell_count_)) && cell(old).brick != 0;
+        }
+        if (occupied) candidates.push_back(c);
+      }
+  grid.fill(
+      candidates,
+      [&](const ivec3& lo, float* values) {
+        const ivec3 first = lo - origin_;
+        for (int x = 0; x <= cell_size; ++x)
+          for (int y = 0; y <= cell_size; ++y)
+            for (int z = 0; z <= cell_size; ++z) *values++ = voxel(first + ivec3(x, y, z));
+      },
+      task);
+  return grid;
+}
+
+void BrickGrid::check_index_size(double bytes) const {
   constexpr double kLimit = 8.0 * (1 << 30);
-  const auto check_size = [&](double bytes) {
-    if (bytes > kLimit)
-      throw InputError(
-          fmt::format("a grid of {} x {} x {} voxels needs {:.1f} GiB for its index alone; the limit is 8 GiB",
-                      box.hi.x - box.lo.x + 1, box.hi.y - box.lo.y + 1, box.hi.z - box.lo.z + 1, bytes / (1 << 30)));
-  };
-  check_size(product(grid.node_count_) * sizeof(int32_t));
-  grid.nodes_.assign(static_cast<size_t>(product(grid.node_count_)), -1);
+  if (!(bytes > kLimit)) return;
+  const ivec3 voxels = ivec3(support_hi_ - support_lo_) - 1;
+  throw InputError(fmt::format("a grid of {} x {} x {} voxels needs {:.1f} GiB for its index alone; the limit is 8 GiB",
+                               voxels.x, voxels.y, voxels.z, bytes / (1 << 30)));
+}
 
-  const std::vector<ivec3> candidates = grid.cells_touched_by(blocks);
+// Wider nodes keep the top level small when a few leaves are scattered over an enormous box.
+void BrickGrid::make_nodes() {
+  const auto node_count = [&](int bits) { return (cell_count_ + ((1 << bits) - 1)) / (1 << bits); };
+  while (node_bits_ < 7 && product(node_count(node_bits_)) > 1 << 23) ++node_bits_;
+  node_count_ = node_count(node_bits_);
+  check_index_size(product(node_count_) * sizeof(int32_t));
+  nodes_.assign(static_cast<size_t>(product(node_count_)), -1);
+}
+
+// Sampled in batches, so that the values exist once: bricks that turn out empty or uniform are not kept.
+void BrickGrid::fill(const std::vector<ivec3>& candidates, const Sampler& sample, const Task& task) {
   task.check();
-
-  // Sampled in batches, so that the values exist once: bricks that turn out empty or uniform are not kept.
-  constexpr size_t kBatch = 4096;
-  std::vector<float> batch(std::min(kBatch, candidates.size()) * kBrick);
+  const size_t brick_values = this->brick_values(), batch_cells = (size_t{1} << 21) / brick_values;
+  std::vector<float> batch(std::min(batch_cells, candidates.size()) * brick_values);
   std::unordered_map<uint32_t, uint32_t> uniform;  // bits of the value -> brick
   int32_t node_total = 0;
-  for (size_t first = 0; first < candidates.size(); first += kBatch) {
-    const size_t count = std::min(kBatch, candidates.size() - first);
+  for (size_t first = 0; first < candidates.size(); first += batch_cells) {
+    const size_t count = std::min(batch_cells, candidates.size() - first);
     parallel_for(static_cast<int>(count), {task.threads, {}, task.cancel}, [&](int i) {
-      sample(grid.origin_ + candidates[first + i] * kCell, batch.data() + static_cast<size_t>(i) * kBrick);
+      sample(origin_ + candidates[first + i] * cell_size(), batch.data() + static_cast<size_t>(i) * brick_values);
     });
     for (size_t i = 0; i < count; ++i) {
-      const float* values = batch.data() + i * kBrick;
-      const auto [low, high] = std::minmax_element(values, values + kBrick);
+      const float* values = batch.data() + i * brick_values;
+      const auto [low, high] = std::minmax_element(values, values + brick_values);
       if (*high == 0.0f && *low == 0.0f) continue;
-      int32_t& node = grid.nodes_[grid.node_index(candidates[first + i])];
+      int32_t& node = nodes_[node_index(candidates[first + i])];
       if (node < 0) {
         node = node_total++;
-        const size_t size = static_cast<size_t>(node_total) << (3 * grid.node_bits_);
-        check_size(static_cast<double>(size) * sizeof(Cell));
-        grid.cells_.resize(size);
+        const size_t size = static_cast<size_t>(node_total) << (3 * node_bits_);
+        check_index_size(static_cast<double>(size) * sizeof(Cell));
+        cells_.resize(size);
       }
-      Cell& cell =
-          grid.cells_[(static_cast<size_t>(node) << (3 * grid.node_bits_)) + grid.in_node(candidates[first + i])];
+      Cell& cell = cells_[(static_cast<size_t>(node) << (3 * node_bits_)) + in_node(candidates[first + i])];
       cell.majorant = *high;
-      grid.maximum_ = std::max(grid.maximum_, *high);
+      maximum_ = std::max(maximum_, *high);
       uint32_t* shared = *low == *high ? &uniform[std::bit_cast<uint32_t>(*low)] : nullptr;
       if (shared && *shared) {
         cell.brick = *shared;
         continue;
       }
-      grid.bricks_.insert(grid.bricks_.end(), values, values + kBrick);
-      cell.brick = static_cast<uint32_t>(grid.bricks_.size() / kBrick);
+      bricks_.insert(bricks_.end(), values, values + brick_values);
+      cell.brick = static_cast<uint32_t>(bricks_.size() / brick_values);
       if (shared) *shared = cell.brick;
     }
     task.report(static_cast<double>(first + count) / static_cast<double>(candidates.size()));
   }
-  grid.bricks_.shrink_to_fit();
-  grid.cells_.shrink_to_fit();
-  return grid;
+  bricks_.shrink_to_fit();
+  cells_.shrink_to_fit();
 }
 
 // A block lends its lowest faces to the aprons of the seven cells below it.
@@ -105,7 +145,7 @@ std::vector<ivec3> BrickGrid::cells_touched_by(const std::vector<ivec3>& blocks)
   const size_t node_bytes = ((size_t{1} << (3 * node_bits_)) + 7) / 8;
   for (const ivec3& block : blocks)
     for (int corner = 0; corner < 8; ++corner) {
-      const ivec3 c = ((block - origin_) >> 3) - ivec3(corner & 1, corner >> 1 & 1, corner >> 2);
+      const ivec3 c = ((block - origin_) >> cell_bits_) - ivec3(corner & 1, corner >> 1 & 1, corner >> 2);
       if (glm::any(glm::lessThan(c, ivec3(0))) || glm::any(glm::greaterThanEqual(c, cell_count_))) continue;
       const auto [it, inserted] = node_offset.try_emplace(node_index(c), seen.size());
       if (inserted) seen.resize(seen.size() + node_bytes);
@@ -120,20 +160,20 @@ std::vector<ivec3> BrickGrid::cells_touched_by(const std::vector<ivec3>& blocks)
 }
 
 float BrickGrid::voxel(const ivec3& v) const {
-  const ivec3 c = v >> 3;
+  const ivec3 c = v >> cell_bits_;
   for (int a = 0; a < 3; ++a)
     if (v[a] < 0 || c[a] >= cell_count_[a]) return 0.0f;
   const Cell& found = cell(c);
   if (found.brick == 0) return 0.0f;
-  const ivec3 i = v & 7;
-  return brick(found)[(i.x * kStored + i.y) * kStored + i.z];
+  const ivec3 i = v & (cell_size() - 1);
+  return brick(found)[(i.x * stored() + i.y) * stored() + i.z];
 }
 
 float BrickGrid::lookup(const dvec3& p) const {
   ivec3 c;
   for (int a = 0; a < 3; ++a) {
     if (!(p[a] > support_lo_[a] && p[a] < support_hi_[a])) return 0.0f;
-    c[a] = static_cast<int>(p[a]) / kCell;
+    c[a] = static_cast<int>(p[a]) / cell_size();
   }
   const Cell& found = cell(c);
   return found.brick == 0 ? 0.0f : lookup_in(found, c, p);
@@ -162,7 +202,7 @@ MajorantWalk::MajorantWalk(const BrickGrid& grid, const Ray& ray, double t_min, 
   const dvec3 p = ray_.at(t_);
   for (int a = 0; a < 3; ++a) {
     // A start on a face belongs to the cell the ray is about to enter.
-    const double q = p[a] / BrickGrid::kCell, f = std::floor(q);
+    const double q = p[a] / grid_->cell_size(), f = std::floor(q);
     const int c = static_cast<int>(f) - (q == f && step_[a] < 0);
     cell_[a] = std::clamp(c, 0, grid_->cells()[a] - 1);
   }
@@ -195,7 +235,7 @@ bool MajorantWalk::next(Segment& segment) {
           if (step_[a] != 0) {
             // Within the node, and never against the direction: rounding cannot make the walk go back.
             const int c =
-                std::clamp(static_cast<int>(std::floor(p[a] / BrickGrid::kCell)), first[a], first[a] + width - 1);
+                std::clamp(static_cast<int>(std::floor(p[a] / grid_->cell_size())), first[a], first[a] + width - 1);
             cell_[a] = step_[a] > 0 ? std::max(c, cell_[a]) : std::min(c, cell_[a]);
           }
         cell_[exit_axis] = step_[exit_axis] > 0 ? first[exit_axis] + width : first[exit_axis] - 1;

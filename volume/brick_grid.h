@@ -17,20 +17,22 @@ struct VoxelBox {
 /// A sparse scalar field on a voxel lattice, laid out for ray tracing.
 ///
 /// The value of voxel (i, j, k) sits at the integer point (i, j, k) (OpenVDB's convention) and the field between is
-/// trilinear. Space is cut into cells of 8 x 8 x 8; a cell that is not identically zero owns a brick of 9 x 9 x 9
-/// values, the far faces being those of its neighbours (the apron), so that each look-up stays inside one brick. The
-/// maximum over a brick bounds the interpolated field over its cell exactly, because no other value takes part: the
-/// cells are the majorant grid. Bricks that hold one value everywhere are shared. Cells are grouped into nodes, so that
-/// empty space costs one entry per node and is crossed in one step.
+/// trilinear. Space is cut into cells of 8 x 8 x 8 (recut() makes others); a cell that is not identically zero owns a
+/// brick of 9 x 9 x 9 values, the far faces being those of its neighbours (the apron), so that each look-up stays
+/// inside one brick. The maximum over a brick bounds the interpolated field over its cell exactly, because no other
+/// value takes part: the cells are the majorant grid. Bricks that hold one value everywhere are shared. Cells are
+/// grouped into nodes, so that empty space costs one entry per node and is crossed in one step.
 ///
 /// Local coordinates: index space shifted by origin(), so that the field lies in [0, extent()].
 class BrickGrid {
  public:
+  /// Cells as build() makes them: voxels along a cell, values along a brick, values in a brick.
   static constexpr int kCell = 8, kStored = kCell + 1, kBrick = kStored * kStored * kStored;
 
   BrickGrid() = default;
 
-  /// Fills `values` (x slowest, z fastest) with the voxels lo .. lo + 8 inclusive. Called from several threads.
+  /// Fills `values` (x slowest, z fastest) with the voxels lo .. lo + 8 inclusive, index coordinates. Called from
+  /// several threads.
   using Sampler = std::function<void(const ivec3& lo, float* values)>;
 
   /// Builds the grid over the support of the voxels in `box`: one voxel more on each side, where the field falls to 0.
@@ -41,14 +43,23 @@ class BrickGrid {
   static BrickGrid build(const VoxelBox& box, const std::vector<ivec3>& blocks, const Sampler& sample,
                          const Task& task = {});
 
+  /// The same field in cells of another size: smaller ones bound it more tightly, larger ones are crossed in fewer
+  /// steps.
+  /// @param cell_size  voxels, a power of two from 2 to 32
+  BrickGrid recut(int cell_size, const Task& task = {}) const;
+
   bool empty() const { return bricks_.empty(); }
+  int cell_size() const { return 1 << cell_bits_; }
+  /// Values along a brick, and in one.
+  int stored() const { return cell_size() + 1; }
+  size_t brick_values() const { return static_cast<size_t>(stored()) * stored() * stored(); }
   /// Index coordinates of the local origin.
   const ivec3& origin() const { return origin_; }
   /// Local box outside of which the field is zero.
   const dvec3& support_lo() const { return support_lo_; }
   const dvec3& support_hi() const { return support_hi_; }
   float maximum() const { return maximum_; }
-  size_t brick_count() const { return bricks_.size() / kBrick; }
+  size_t brick_count() const { return bricks_.size() / brick_values(); }
   size_t bytes() const {
     return bricks_.size() * sizeof(float) + nodes_.size() * sizeof(int32_t) + cells_.size() * sizeof(Cell);
   }
@@ -62,24 +73,24 @@ class BrickGrid {
     uint32_t brick = 0;     ///< 1 + its number; 0: the field is zero in this cell
     float majorant = 0.0f;  ///< of the field over the closed cell
   };
-  /// The cell with the coordinates c (local / 8), which must lie inside.
+  /// The cell with the coordinates c (local / cell_size()), which must lie inside.
   const Cell& cell(const ivec3& c) const;
 
   /// Trilinear interpolation inside one brick; p local, inside the brick's cell up to rounding.
   float lookup_in(const Cell& cell, const ivec3& c, const dvec3& p) const {
     const float* v = brick(cell);
-    const dvec3 q = p - dvec3(c * kCell);
+    const dvec3 q = p - dvec3(c * cell_size());
     const ivec3 i{clamp_index(q.x), clamp_index(q.y), clamp_index(q.z)};
     const vec3 f(q - dvec3(i));
-    const float* b = v + (i.x * kStored + i.y) * kStored + i.z;
-    constexpr int X = kStored * kStored, Y = kStored;
+    const int Y = stored(), X = Y * Y;
+    const float* b = v + i.x * X + i.y * Y + i.z;
     const auto lerp = [](float a, float d, float t) { return a + t * (d - a); };
     const float y0 = lerp(lerp(b[0], b[1], f.z), lerp(b[Y], b[Y + 1], f.z), f.y);
     const float y1 = lerp(lerp(b[X], b[X + 1], f.z), lerp(b[X + Y], b[X + Y + 1], f.z), f.y);
     return lerp(y0, y1, f.x);
   }
   /// The local values of a cell that has a brick.
-  const float* brick(const Cell& cell) const { return bricks_.data() + static_cast<size_t>(cell.brick - 1) * kBrick; }
+  const float* brick(const Cell& cell) const { return bricks_.data() + (cell.brick - 1) * brick_values(); }
 
   const ivec3& cells() const { return cell_count_; }
   int node_cells() const { return 1 << node_bits_; }
@@ -87,10 +98,13 @@ class BrickGrid {
   bool node_empty(const ivec3& c) const { return nodes_[node_index(c)] < 0; }
 
  private:
+  void make_nodes();
+  void check_index_size(double bytes) const;
   std::vector<ivec3> cells_touched_by(const std::vector<ivec3>& blocks) const;
-  static int clamp_index(double q) {
-    const int i = static_cast<int>(q);
-    return i < 0 ? 0 : i > kCell - 1 ? kCell - 1 : i;
+  void fill(const std::vector<ivec3>& candidates, const Sampler& sample, const Task& task);
+  int clamp_index(double q) const {
+    const int i = static_cast<int>(q), last = cell_size() - 1;
+    return i < 0 ? 0 : i > last ? last : i;
   }
   size_t node_index(const ivec3& c) const {
     return (static_cast<size_t>(c.x >> node_bits_) * node_count_.y + (c.y >> node_bits_)) * node_count_.z +
@@ -103,7 +117,7 @@ class BrickGrid {
   }
 
   ivec3 origin_{0}, cell_count_{0}, node_count_{0};
-  int node_bits_ = 3;
+  int cell_bits_ = 3, node_bits_ = 3;
   dvec3 support_lo_{0}, support_hi_{0};
   float maximum_ = 0;
   std::vector<int32_t> nodes_;  // number of the node's block of cells, -1 for an empty node
@@ -136,7 +150,7 @@ class MajorantWalk {
 
  private:
   double plane_time(int axis, int plane) const {
-    return (static_cast<double>(plane) * BrickGrid::kCell - ray_.o[axis]) * inverse_[axis];
+    return (static_cast<double>(plane) * grid_->cell_size() - ray_.o[axis]) * inverse_[axis];
   }
 
   const BrickGrid* grid_;

@@ -9,20 +9,21 @@ namespace {
 // The same as interpolated_differences with h = 1 where the 4 x 4 x 4 voxels around p lie in one brick, which is most
 // often: no cell is looked up but once.
 std::optional<dvec3> differences_in_brick(const BrickGrid& bricks, const dvec3& p) {
-  const ivec3 base(glm::floor(p)), in_cell = base & 7, c = base >> 3;
+  const int size = bricks.cell_size();
+  const ivec3 base(glm::floor(p)), in_cell = base & (size - 1), c = (base - in_cell) / size;
   for (int a = 0; a < 3; ++a)
-    if (in_cell[a] < 1 || in_cell[a] > 6 || base[a] < 0 || c[a] >= bricks.cells()[a]) return std::nullopt;
+    if (in_cell[a] < 1 || in_cell[a] > size - 2 || base[a] < 0 || c[a] >= bricks.cells()[a]) return std::nullopt;
   const BrickGrid::Cell& cell = bricks.cell(c);
   if (cell.brick == 0) return dvec3(0);
-  constexpr int kY = BrickGrid::kStored, kX = kY * kY;
-  const float* const v = bricks.brick(cell) + in_cell.x * kX + in_cell.y * kY + in_cell.z;
+  const int Y = bricks.stored(), X = Y * Y;
+  const float* const v = bricks.brick(cell) + in_cell.x * X + in_cell.y * Y + in_cell.z;
   const vec3 f(p - dvec3(base)), g = vec3(1) - f;
   vec3 sum(0);
   for (int corner = 0; corner < 8; ++corner) {
     const int x = corner & 1, y = corner >> 1 & 1, z = corner >> 2;
-    const float* const at = v + x * kX + y * kY + z;
+    const float* const at = v + x * X + y * Y + z;
     const float weight = (x ? f.x : g.x) * (y ? f.y : g.y) * (z ? f.z : g.z);
-    sum += weight * vec3(at[kX] - at[-kX], at[kY] - at[-kY], at[1] - at[-1]);
+    sum += weight * vec3(at[X] - at[-X], at[Y] - at[-Y], at[1] - at[-1]);
   }
   return dvec3(0.5f * sum);
 }

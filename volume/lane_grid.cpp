@@ -7,11 +7,12 @@ namespace brume {
 bool LaneGrid::fits(const BrickGrid& grid) {
   const ivec3 n = grid.cells();
   const double cells = static_cast<double>(n.x) * n.y * n.z;
-  return !grid.empty() && std::max({n.x, n.y, n.z}) <= 512 && cells <= (1 << 26) &&
-         static_cast<double>(grid.brick_count()) * BrickGrid::kBrick < 2147483647.0;
+  return !grid.empty() && std::max({n.x, n.y, n.z}) * grid.cell_size() <= 4096 && cells <= (1 << 26) &&
+         static_cast<double>(grid.brick_count() * grid.brick_values()) < 2147483647.0;
 }
 
-LaneGrid::LaneGrid(const BrickGrid& grid, double scale) : nx(grid.cells().x), ny(grid.cells().y), nz(grid.cells().z) {
+LaneGrid::LaneGrid(const BrickGrid& grid, double scale)
+    : nx(grid.cells().x), ny(grid.cells().y), nz(grid.cells().z), cell_size(grid.cell_size()) {
   const auto at = [this](int x, int y, int z) { return (static_cast<size_t>(x) * ny + y) * nz + z; };
   const size_t count = static_cast<size_t>(nx) * ny * nz;
   majorant.resize(count);
@@ -23,10 +24,10 @@ LaneGrid::LaneGrid(const BrickGrid& grid, double scale) : nx(grid.cells().x), ny
       for (int z = 0; z < nz; ++z) {
         const BrickGrid::Cell& cell = grid.cell({x, y, z});
         if (cell.brick == 0 || !(cell.majorant > 0)) continue;
-        if (!values) values = grid.brick(cell) - static_cast<size_t>(cell.brick - 1) * BrickGrid::kBrick;
+        if (!values) values = grid.brick(cell) - (cell.brick - 1) * grid.brick_values();
         const size_t i = at(x, y, z);
         majorant[i] = static_cast<float>(cell.majorant * scale);
-        brick[i] = static_cast<int32_t>((cell.brick - 1) * BrickGrid::kBrick);
+        brick[i] = static_cast<int32_t>((cell.brick - 1) * grid.brick_values());
         distance[i] = 0;
       }
   // Chebyshev distances in two sweeps over the 26 neighbours: 13 before, 13 after.
@@ -46,6 +47,29 @@ LaneGrid::LaneGrid(const BrickGrid& grid, double scale) : nx(grid.cells().x), ny
   sweep(1), sweep(-1);
   for (size_t i = 0; i < count; ++i)
     if (distance[i] > 0) majorant[i] = -static_cast<float>(distance[i]);
+}
+
+void LaneGrid::mark_surface(const BrickGrid& grid, float density) {
+  surface_density = density;
+  const int stored = grid.stored(), X = stored * stored;
+  const size_t voxels = static_cast<size_t>(cell_size) * cell_size * cell_size, words = (voxels + 31) / 32;
+  marks.assign(grid.brick_count() * words, 0);
+  const float* v = values;
+  for (size_t k = 0; k < grid.brick_count(); ++k, v += grid.brick_values()) {
+    uint32_t* const mark = marks.data() + k * words;
+    size_t bit = 0;
+    for (int x = 0; x < cell_size; ++x)
+      for (int y = 0; y < cell_size; ++y)
+        for (int z = 0; z < cell_size; ++z, ++bit) {
+          const float* const p = v + x * X + y * stored + z;
+          const auto edge = [&](int i) { return std::max(p[i], p[i + 1]); };
+          if (std::max({edge(0), edge(stored), edge(X), edge(X + stored)}) >= density)
+            mark[bit / 32] |= 1u << (bit % 32);
+        }
+  }
+  marks_of_cell.resize(brick.size());
+  for (size_t i = 0; i < brick.size(); ++i)
+    marks_of_cell[i] = static_cast<int32_t>(static_cast<size_t>(brick[i]) / grid.brick_values() * words);
 }
 
 }  // namespace brume

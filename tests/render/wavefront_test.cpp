@@ -239,6 +239,43 @@ TEST(Wavefront, MajorantsOfOneTwoAndFiveTimesGiveOneMean) {
     }
 }
 
+// Cells of half and double the size bound the same density: 5 standard errors are about 1 %.
+TEST(Wavefront, CellsOfEverySizeGiveOneMean) {
+  Scene scene = demo("cloud", 48);
+  test::Mean first;
+  for (const int size : {8, 2, 4, 16, 32})
+    for (const char* lanes : {"auto", "off"}) {
+      scene.render.cell_size = size;
+      scene.render.lanes = lanes;
+      const Layers frame = PreparedScene(scene, {}).render(100, size, {}).layers;
+      const test::Mean mean = test::mean_radiance(frame, layer::indirect);
+      if (size == 8 && std::string(lanes) == "auto")
+        first = mean;
+      else
+        EXPECT_NEAR(mean.value.x, first.value.x, 5 * std::hypot(mean.error.x, first.error.x)) << size << " " << lanes;
+    }
+}
+
+// What the walk to the surface finds does not depend on the cells either: the marked voxels are the same.
+TEST(Wavefront, CoverageAndGradientAreTheSameInCellsOfEverySize) {
+  Scene scene = demo("smoke", 64);
+  std::array<Plane, 2> coverage, gradient;
+  for (const int k : {0, 1}) {
+    scene.render.cell_size = k ? 16 : 4;
+    const Layers frame =
+        PreparedScene(scene, LayerRequest::of({"coverage", "gradient"}, false)).render(8, 1, {}).layers;
+    coverage[k] = frame.at("coverage.A"), gradient[k] = frame.at("gradient.X");
+  }
+  double difference = 0, covered = 0;
+  for (int y = 0; y < coverage[0].height(); ++y)
+    for (int x = 0; x < coverage[0].width(); ++x) {
+      covered += coverage[0](x, y);
+      difference += std::abs(coverage[0](x, y) - coverage[1](x, y)) + std::abs(gradient[0](x, y) - gradient[1](x, y));
+    }
+  EXPECT_GT(covered, 300);
+  EXPECT_LT(difference, 0.05 * covered);  // steps end at the cells' faces
+}
+
 TEST(Wavefront, IsTakenOnlyWhereItModelsTheScene) {
   const auto lanes = [](const std::function<void(Scene&)>& change) {
     Scene scene = demo("smoke", 16);

@@ -39,8 +39,13 @@ double rough_or_zero(const ivec3& v) {
   return inside ? rough(v) : 0.0;
 }
 
-TEST(BrickGrid, LookUpIsTheTrilinearFieldEverywhere) {
-  const BrickGrid grid = make_bricks(kBox, rough);
+class BrickGridOfCells : public testing::TestWithParam<int> {};
+INSTANTIATE_TEST_SUITE_P(BrickGrid, BrickGridOfCells, testing::Values(2, 4, 8, 16, 32),
+                         testing::PrintToStringParamName());
+
+TEST_P(BrickGridOfCells, LookUpIsTheTrilinearFieldEverywhere) {
+  const BrickGrid grid = make_bricks(kBox, rough).recut(GetParam());
+  EXPECT_EQ(grid.cell_size(), GetParam());
   Rng rng(1);
   for (int i = 0; i < 20000; ++i) {
     const dvec3 p = test::random_point(rng, dvec3(kBox.lo) - 3.0, dvec3(kBox.hi) + 3.0);
@@ -120,8 +125,8 @@ void check_walk(const BrickGrid& grid, const Ray& ray, double t_max, Rng& rng) {
   }
 }
 
-TEST(MajorantWalk, SegmentsCoverTheFieldAndBoundIt) {
-  const BrickGrid grid = make_bricks(kBox, rough);
+TEST_P(BrickGridOfCells, WalkSegmentsCoverTheFieldAndBoundIt) {
+  const BrickGrid grid = make_bricks(kBox, rough).recut(GetParam());
   Rng rng(2);
   for (int i = 0; i < 3000; ++i) {
     const dvec3 target = test::random_point(rng, grid.support_lo(), grid.support_hi());
@@ -130,8 +135,8 @@ TEST(MajorantWalk, SegmentsCoverTheFieldAndBoundIt) {
   }
 }
 
-TEST(MajorantWalk, SurvivesAxesFacesEdgesAndCorners) {
-  const BrickGrid grid = make_bricks(kBox, rough);
+TEST_P(BrickGridOfCells, WalkSurvivesAxesFacesEdgesAndCorners) {
+  const BrickGrid grid = make_bricks(kBox, rough).recut(GetParam());
   Rng rng(3);
   const dvec3 directions[] = {{1, 0, 0}, {0, -1, 0},   {0, 0, 1},     {1, 1, 0},          {-1, 0, 1},
                               {1, 1, 1}, {-1, -1, -1}, {1, 1e-25, 0}, {1, 1e-14, -1e-14}, {-0.0, 1, -0.0}};
