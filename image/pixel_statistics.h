@@ -38,25 +38,29 @@ class PixelSums {
     }
   }
 
-  /// Sum of a value over some of the groups.
-  long double sum(const double* state, size_t value, size_t first_group, size_t step) const {
-    long double total = 0;
+  /// Mean of a value over the n samples of every step-th group. 0 without samples.
+  double mean(const double* state, size_t value, size_t first_group, size_t step, uint64_t n) const {
+    double total = 0;
     for (size_t g = first_group; g < groups_; g += step) {
       const double* const high = state + 2 * values_ * g;
-      total += static_cast<long double>(high[value]) + high[values_ + value];
+      total += high[value] + high[values_ + value];
     }
-    return total;
+    return n ? total / static_cast<double>(n) : 0.0;
   }
-  /// Variance of the mean over n samples: sample variance / n. 0 with fewer than two.
+  /// Variance of the mean over all n samples: sample variance / n. 0 with fewer than two.
   double mean_variance(const double* state, size_t value, uint64_t n) const {
     if (n < 2) return 0;
-    const double* const square = state + 2 * values_ * groups_;
-    const long double total = sum(state, value, 0, 1), count = static_cast<long double>(n);
-    const long double squared = static_cast<long double>(square[value]) + square[values_ + value];
+    // The difference of nearly equal numbers: 64 bits are kept.
+    const auto whole = [&](const double* high) {
+      return static_cast<long double>(high[value]) + high[values_ + value];
+    };
+    long double total = 0;
+    for (size_t g = 0; g < groups_; ++g) total += whole(state + 2 * values_ * g);
+    const long double squared = whole(state + 2 * values_ * groups_), count = static_cast<long double>(n);
     const long double deviation = squared - total * total / count;
     // What is left of equal values is rounding.
     if (!(deviation > 1e-17L * squared)) return 0;
-    return static_cast<double>(deviation / (count * (count - 1)));
+    return static_cast<double>(deviation) / (static_cast<double>(n) * static_cast<double>(n - 1));
   }
 
  private:

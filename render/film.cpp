@@ -145,25 +145,22 @@ void Film::develop(int tile) {
         for (size_t g = first; g < groups; g += step) n += counts[g];
         return n;
       };
-      const auto mean = [&](size_t value, size_t first, size_t step) {
-        const uint64_t n = count(first, step);
-        return n ? static_cast<double>(sums_.sum(sums, value, first, step) / static_cast<long double>(n)) : 0.0;
-      };
-      const uint64_t n = count(0, 1);
+      const uint64_t n = count(0, 1), n_a = count(0, 2), n_b = count(1, 2);
+      const auto mean = [&](size_t value) { return sums_.mean(sums, value, 0, 1, n); };
       for (const Target& t : targets_) {
         const auto stored = [&](double v) { return static_cast<float>(t.complement ? 1.0 - v : v); };
-        (*t.mean)(x, y) = stored(mean(t.value, 0, 1));
+        (*t.mean)(x, y) = stored(mean(t.value));
         if (t.mean_variance) {
           (*t.mean_variance)(x, y) = static_cast<float>(sums_.mean_variance(sums, t.value, n));
-          (*t.half_a)(x, y) = stored(mean(t.value, 0, 2));
-          (*t.half_b)(x, y) = stored(mean(t.value, 1, 2));
+          (*t.half_a)(x, y) = stored(sums_.mean(sums, t.value, 0, 2, n_a));
+          (*t.half_b)(x, y) = stored(sums_.mean(sums, t.value, 1, 2, n_b));
         }
-        for (size_t k = 0; k < t.buckets.size(); ++k) (*t.buckets[k])(x, y) = stored(mean(t.value, k, 8));
+        for (size_t k = 0; k < t.buckets.size(); ++k)
+          (*t.buckets[k])(x, y) = stored(sums_.mean(sums, t.value, k, 8, counts[k]));
       }
       // The sum of the stored floats, so that the passes add up to the beauty to the last bit.
       for (size_t c = 0; c < 3; ++c)
-        (*beauty_[c])(x, y) =
-            static_cast<float>(mean(direct_ + c, 0, 1)) + static_cast<float>(mean(indirect_ + c, 0, 1));
+        (*beauty_[c])(x, y) = static_cast<float>(mean(direct_ + c)) + static_cast<float>(mean(indirect_ + c));
       (*sample_count_)(x, y) = static_cast<float>(n);
       (*invalid_count_)(x, y) = static_cast<float>(state.invalid[p]);
     }

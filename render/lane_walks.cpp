@@ -83,7 +83,7 @@ HWY_INLINE void track(const LaneScene& scene, LanePool& pool, const SlotList& ra
   Generator rng{hn::Zero(du), hn::Zero(du), hn::Zero(du), hn::Zero(du)};
   V offset = zero, level[kMarchedPoints], point[kMarchedPoints];  // of the march
   for (size_t k = 0; k < kMarchedPoints; ++k) level[k] = point[k] = zero;
-  V step_begin = zero;  // of the walk to the surface
+  V step_begin = zero, reach = one;  // of the walk to the surface
   uint32_t busy = 0, finished = 0, collided = 0, met = 0;
   size_t next = 0;
 
@@ -115,7 +115,10 @@ HWY_INLINE void track(const LaneScene& scene, LanePool& pool, const SlotList& ra
           hn::Store(weight, d, transmitted);
           hn::Store(hn::Max(scattered, set(0.01f)), d, carried);
         }
-        hn::Store(rng.s0, du, r0), hn::Store(rng.s1, du, r1), hn::Store(rng.s2, du, r2), hn::Store(rng.s3, du, r3);
+        if (!kSurface) {
+          hn::Store(rng.s0, du, r0), hn::Store(rng.s1, du, r1);
+          hn::Store(rng.s2, du, r2), hn::Store(rng.s3, du, r3);
+        }
         if (kShadow || kMarch) {
           hn::Store(weight, d, result_x);
         } else if (kSurface) {
@@ -162,7 +165,10 @@ HWY_INLINE void track(const LaneScene& scene, LanePool& pool, const SlotList& ra
       } else {
         hn::Store(ox, d, ax), hn::Store(oy, d, ay), hn::Store(oz, d, az);
         hn::Store(dx, d, bx), hn::Store(dy, d, by), hn::Store(dz, d, bz);
-        hn::Store(rng.s0, du, r0), hn::Store(rng.s1, du, r1), hn::Store(rng.s2, du, r2), hn::Store(rng.s3, du, r3);
+        if (!kSurface) {
+          hn::Store(rng.s0, du, r0), hn::Store(rng.s1, du, r1);
+          hn::Store(rng.s2, du, r2), hn::Store(rng.s3, du, r3);
+        }
         uint32_t loaded = 0;
         for (uint32_t left = all & ~busy; left && next < rays.count; left &= left - 1) {
           const auto lane = static_cast<size_t>(std::countr_zero(left));
@@ -170,12 +176,12 @@ HWY_INLINE void track(const LaneScene& scene, LanePool& pool, const SlotList& ra
           ax[lane] = pool.ox[s], ay[lane] = pool.oy[s], az[lane] = pool.oz[s];
           bx[lane] = (kShadow ? pool.sx : pool.lx)[s], by[lane] = (kShadow ? pool.sy : pool.ly)[s];
           bz[lane] = (kShadow ? pool.sz : pool.lz)[s];
-          r0[lane] = pool.s0[s], r1[lane] = pool.s1[s], r2[lane] = pool.s2[s], r3[lane] = pool.s3[s];
+          if (!kSurface) r0[lane] = pool.s0[s], r1[lane] = pool.s1[s], r2[lane] = pool.s2[s], r3[lane] = pool.s3[s];
           loaded |= 1u << lane;
         }
         ox = hn::Load(d, ax), oy = hn::Load(d, ay), oz = hn::Load(d, az);
         dx = hn::Load(d, bx), dy = hn::Load(d, by), dz = hn::Load(d, bz);
-        rng = {hn::Load(du, r0), hn::Load(du, r1), hn::Load(du, r2), hn::Load(du, r3)};
+        if (!kSurface) rng = {hn::Load(du, r0), hn::Load(du, r1), hn::Load(du, r2), hn::Load(du, r3)};
         const M fresh = mask_of(loaded);
         // A direction across an axis never reaches its planes.
         const auto inverse = [&](V v) {
@@ -190,6 +196,7 @@ HWY_INLINE void track(const LaneScene& scene, LanePool& pool, const SlotList& ra
         cz = hn::IfThenElse(fresh, cell(oz, scene.nz), cz);
         t = hn::IfThenElse(fresh, zero, t);
         weight = hn::IfThenElse(fresh, kByVoxel ? zero : one, weight);
+        if (kSurface) reach = hn::IfThenElse(fresh, one, reach);
         if (kByVoxel)
           voxel_step = hn::Div(one, hn::Sqrt(dot({dx, dy, dz}, {dx, dy, dz})));
         else
@@ -291,27 +298,29 @@ HWY_INLINE void track(const LaneScene& scene, LanePool& pool, const SlotList& ra
       continue;
     }
     if constexpr (kSurface) {
-      // The density a voxel on, looked up only in voxels that can reach the surface's.
-      const V t1 = hn::Min(hn::Add(t, voxel_step), until);
+      // As many voxels on as there is nothing to meet; the density is looked up where that ends in a voxel that can
+      // reach the surface's.
+      const V t1 = hn::Min(hn::Add(t, hn::Mul(reach, voxel_step)), until);
       const V3 q = in_cell(t1);
       const V last = hn::Sub(cell_size, one);
       const auto index = [&](V p) { return hn::ConvertTo(di, hn::Min(p, last)); };
       const VI size = hn::Set(di, scene.stored - 1);
-      const VI bit = hn::Add(hn::Mul(hn::Add(hn::Mul(index(q.x), size), index(q.y)), size), index(q.z));
+      const VI in_brick = hn::Add(hn::Mul(hn::Add(hn::Mul(index(q.x), size), index(q.y)), size), index(q.z));
       const auto looked_up = hn::RebindMask(di, collides);
-      const VI word = hn::Add(hn::GatherIndex(di, scene.marks_of_cell, hn::IfThenElseZero(looked_up, cell_index)),
-                              hn::ShiftRight<5>(bit));
-      const VU marks = hn::GatherIndex(du, scene.marks, hn::IfThenElseZero(looked_up, word));
-      const VU mark = hn::Shl(hn::Set(du, 1), hn::And(hn::BitCast(du, bit), hn::Set(du, 31)));
-      const M marked = hn::And(collides, hn::RebindMask(d, hn::TestBit(marks, mark)));
+      const VI first = hn::GatherIndex(di, scene.distances_of_cell, hn::IfThenElseZero(looked_up, cell_index));
+      const VI word = hn::GatherOffset(di, reinterpret_cast<const int32_t*>(scene.distances),
+                                       hn::IfThenElseZero(looked_up, hn::Add(first, in_brick)));
+      const V distance = hn::ConvertTo(d, hn::And(word, hn::Set(di, 255)));
+      const M near = hn::And(collides, hn::Eq(distance, zero));
       M hit = hn::FirstN(d, 0);
-      if (!hn::AllFalse(d, marked)) {
-        const V value = interpolated(scene, brick_of(cell_index, marked), q.x, q.y, q.z);
-        hit = hn::And(marked, hn::Ge(value, set(iso)));
+      if (!hn::AllFalse(d, near)) {
+        const V value = interpolated(scene, brick_of(cell_index, near), q.x, q.y, q.z);
+        hit = hn::And(near, hn::Ge(value, set(iso)));
         weight = hn::IfThenElse(hit, value, weight);
       }
-      step_begin = hn::IfThenElse(hit, t, step_begin);
+      step_begin = hn::IfThenElse(hit, hn::Max(t, hn::Sub(t1, voxel_step)), step_begin);
       t = hn::IfThenElse(collides, t1, t);
+      reach = hn::IfThenElse(collides, hn::Max(distance, one), hn::IfThenElse(passes, one, reach));
       done = hn::Or(done, hit);
       collided |= bits_of(hit);
       const uint32_t reached = bits_of(done);

@@ -19,8 +19,8 @@ struct LaneScene {
   const float* majorant;
   const int32_t* brick;
   const float* values;
-  const uint32_t* marks;
-  const int32_t* marks_of_cell;
+  const uint8_t* distances;
+  const int32_t* distances_of_cell;
   float nx, ny, nz;
   int32_t nz_int;
   float cell, inverse_cell;  // voxels along a cell

@@ -67,7 +67,8 @@ PreparedScene::PreparedScene(Scene scene, const LayerRequest& layers, const Task
     lane_grid_ = LaneGrid(context_.media[0].bricks(), scene_.render.majorant_scale);
     if (context_.plan.medium_surface) {
       const Medium& m = context_.media[0];
-      lane_grid_.mark_surface(m.bricks(), static_cast<float>(scene_.render.surface_density * m.maximum_density()));
+      lane_grid_.find_surface(m.bricks(), static_cast<float>(scene_.render.surface_density * m.maximum_density()),
+                              task);
     }
     context_.lane_grid = &lane_grid_;
     context_.interpolate = scene_.render.lookup == "interpolated";

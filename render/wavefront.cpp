@@ -20,7 +20,7 @@ LaneScene lane_scene(const PathContext& context) {
   s.majorant = grid.majorant.data();
   s.brick = grid.brick.data();
   s.values = grid.values;
-  s.marks = grid.marks.data(), s.marks_of_cell = grid.marks_of_cell.data();
+  s.distances = grid.distances.data(), s.distances_of_cell = grid.distances_of_cell.data();
   s.nx = static_cast<float>(grid.nx), s.ny = static_cast<float>(grid.ny), s.nz = static_cast<float>(grid.nz);
   s.nz_int = grid.nz;
   s.cell = static_cast<float>(grid.cell_size), s.inverse_cell = 1.0f / s.cell;

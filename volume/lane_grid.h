@@ -16,12 +16,13 @@ struct LaneGrid {
   /// @param scale  factor on all majorants, at least 1: a looser bound changes no expectation
   explicit LaneGrid(const BrickGrid& grid, double scale = 1.0);
 
-  /// Marks the voxels that can reach a density, so that a walk to its surface interpolates nowhere else.
-  void mark_surface(const BrickGrid& grid, float density);
+  /// Finds how far each voxel is from those that can reach a density, so that a walk to its surface interpolates
+  /// nowhere else and takes long steps.
+  void find_surface(const BrickGrid& grid, float density, const Task& task = {});
 
   size_t bytes() const {
-    return majorant.size() * sizeof(float) + (brick.size() + marks_of_cell.size()) * sizeof(int32_t) +
-           marks.size() * sizeof(uint32_t);
+    return majorant.size() * sizeof(float) + (brick.size() + distances_of_cell.size()) * sizeof(int32_t) +
+           distances.size();
   }
 
   int nx = 0, ny = 0, nz = 0;
@@ -31,10 +32,10 @@ struct LaneGrid {
   std::vector<float> majorant;
   std::vector<int32_t> brick;  ///< where the cell's values begin in `values`
   const float* values = nullptr;
-  /// One bit for each voxel of a brick, the cubes between eight values, x slowest: whether one of the eight reaches the
-  /// surface's density.
-  std::vector<uint32_t> marks;
-  std::vector<int32_t> marks_of_cell;  ///< the first word of each cell's
+  /// One for each voxel of a brick, the cubes between eight values, x slowest: its distance (Chebyshev) from the
+  /// nearest one in the brick of whose values one reaches surface_density.
+  std::vector<uint8_t> distances;
+  std::vector<int32_t> distances_of_cell;  ///< where each cell's begin
   float surface_density = 0;
 };
 
