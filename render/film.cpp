@@ -110,23 +110,21 @@ Film::TileState& Film::opened(int tile) {
   return state;
 }
 
-bool Film::add(int tile, int pixel, const PathSample& sample, uint32_t index) {
-  TileState& state = opened(tile);
-  constexpr size_t kMost = sizeof(PathSample) / sizeof(double) + 8;
-  float x[kMost];
+void Film::pack(const PathSample& sample, float* row) const {
   const double* const values = sample.values();
-  bool finite = true;
-  for (size_t i = 0; i < offsets_.size(); ++i) {
-    x[i] = static_cast<float>(values[offsets_[i]]);
-    finite = finite && std::isfinite(x[i]);
-  }
+  for (size_t i = 0; i < offsets_.size(); ++i) row[i] = static_cast<float>(values[offsets_[i]]);
+}
+
+bool Film::add(int tile, int pixel, const float* row, uint32_t index) {
+  TileState& state = opened(tile);
+  const bool finite = std::all_of(row, row + offsets_.size(), [](float v) { return std::isfinite(v); });
   const auto p = static_cast<size_t>(pixel);
   if (!finite) {
     ++state.invalid[p];
     return false;
   }
   const size_t group = index % sums_.groups();
-  sums_.add(state.sums.data() + p * sums_.doubles(), x, group);
+  sums_.add(state.sums.data() + p * sums_.doubles(), row, group);
   ++state.counts[p * sums_.groups() + group];
   return true;
 }

@@ -31,8 +31,11 @@ class Film {
   /// Samples taken of each pixel of a tile.
   uint32_t taken(int tile) const { return state_[static_cast<size_t>(tile)].taken; }
   void set_taken(int tile, uint32_t samples) { state_[static_cast<size_t>(tile)].taken = samples; }
+  /// The values of a sample that the film keeps, as many as a row has.
+  size_t row_size() const { return offsets_.size(); }
+  void pack(const PathSample& sample, float* row) const;
   /// Adds one sample of one pixel of a tile; false where it is not finite: it is rejected whole and counted.
-  bool add(int tile, int pixel, const PathSample& sample, uint32_t index);
+  bool add(int tile, int pixel, const float* row, uint32_t index);
   /// Computes a tile's pixels from its sums.
   void develop(int tile);
   /// Forgets a tile's sums: no more samples can be added.

@@ -1,4 +1,5 @@
 #pragma once
+#include <functional>
 #include <span>
 
 #include "base/rng.h"
@@ -55,12 +56,14 @@ struct PathRequest {
   PathRecord* record = nullptr;  ///< filled where not null; never in lanes
 };
 
-/// Follows a batch of paths from the eye; samples[i] belongs to requests[i] and depends on it alone. Unbiased but for
-/// max_events.
+/// Takes the sample of the request with an index, in any order, one at a time.
+using SampleSink = std::function<void(size_t index, const PathSample& sample)>;
+
+/// Follows a batch of paths from the eye; each sample depends on its request alone. Unbiased but for max_events.
 ///
 /// Sources: TRANSPORT.md sections 1, 4, 6, 7, 9, 11; Veach 1997 for the balance heuristic.
 /// Proof: tests/render/furnace_test.cpp, slab_test.cpp, sphere_test.cpp, analogue_test.cpp
-using TracePaths = void (*)(const PathContext&, std::span<const PathRequest>, std::span<PathSample>, PathCounters&);
+using TracePaths = void (*)(const PathContext&, std::span<const PathRequest>, const SampleSink&, PathCounters&);
 
 /// The instantiation of the loop that models what the plan needs and nothing else.
 TracePaths select_path_tracer(const Plan& plan);

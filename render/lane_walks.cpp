@@ -135,7 +135,7 @@ HWY_INLINE void track(const LaneScene& scene, LanePool& pool, const SlotList& ra
           const auto lane = static_cast<size_t>(std::countr_zero(left));
           const auto s = static_cast<size_t>(slot[lane]);
           if (!kByVoxel) pool.s0[s] = r0[lane], pool.s1[s] = r1[lane], pool.s2[s] = r2[lane], pool.s3[s] = r3[lane];
-          if (kFirst) pool.transmittance[s] = transmitted[lane], pool.tr[s] = pool.tg[s] = pool.tb[s] = carried[lane];
+          if (kFirst) pool.passed[s] = transmitted[lane], pool.tr[s] = pool.tg[s] = pool.tb[s] = carried[lane];
           if (kShadow) {
             pool.transmittance[s] = result_x[lane];
           } else if (kMarch) {

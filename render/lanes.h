@@ -61,6 +61,7 @@ struct LanePool {
   Column<float> cr, cg, cb;  // what the shadow ray brings if nothing dims it
   Column<float> pdf;         // of the last direction
   Column<float> transmittance;
+  Column<float> passed;  // share of the camera ray that passed the medium
   Column<float> direct_r, direct_g, direct_b, indirect_r, indirect_g, indirect_b;
   Column<uint32_t> s0, s1, s2, s3;  // generator: xoshiro128++
   Column<uint32_t> events;
@@ -78,6 +79,7 @@ struct LanePoints {
 /// What walks along the camera rays leave for the layers, by slot.
 struct LaneCamera {
   LanePool::Column<float> surface;                            ///< where the medium begins: a ray parameter
+  LanePool::Column<float> gx, gy, gz;                         ///< direction of the density gradient there, world space
   LanePool::Column<float> depth;                              ///< optical depth, clamped at 50
   std::array<LanePool::Column<float>, kMarchedPoints> point;  ///< ray parameters, -1 past the end
 };
@@ -100,7 +102,7 @@ void lanes_fly(const LaneScene& scene, LanePool& pool, const SlotList& rays, Slo
                uint64_t& lookups);
 
 /// Forced first collisions: flies the camera rays through the whole grid, leaves their transmittance in
-/// `transmittance`, and scatters the rest of each at one of its tentative collisions, its throughput being the share
+/// `passed`, and scatters the rest of each at one of its tentative collisions, its throughput being the share
 /// that is scattered. Rays with nothing to scatter escape.
 ///
 /// Where the medium is thin, most flights would pass it: here each of them brings its light.

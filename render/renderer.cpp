@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <mutex>
+#include <numeric>
 
 #include "base/error.h"
 #include "base/parallel_for.h"
@@ -143,11 +144,15 @@ void PreparedScene::calibrate_flash() {
     std::nth_element(steepness.begin(), middle, steepness.end());
     lamp.typical_gradient = *middle;
   }
-  std::vector<PathSample> samples(requests.size());
+  // Summed in the requests' order: the lamp is the same whatever the tracer's.
+  std::vector<double> indirects(requests.size()), flashes(requests.size());
   PathCounters counters;
-  select_path_tracer(context_.plan)(context_, requests, samples, counters);
-  double indirect = 0, flash = 0;
-  for (const PathSample& s : samples) indirect += luminance(s.indirect), flash += luminance(s.flash - s.direct);
+  const auto keep = [&](size_t i, const PathSample& s) {
+    indirects[i] = luminance(s.indirect), flashes[i] = luminance(s.flash - s.direct);
+  };
+  select_path_tracer(context_.plan)(context_, requests, keep, counters);
+  const double indirect = std::accumulate(indirects.begin(), indirects.end(), 0.0);
+  const double flash = std::accumulate(flashes.begin(), flashes.end(), 0.0);
   lamp.intensity = flash > 0 ? indirect / flash : 0.0;
 }
 
@@ -223,7 +228,7 @@ RenderResult PreparedScene::render(const RenderJob& job, const Task& task) const
       TileReport& r = reports[static_cast<size_t>(tile)];
       const Film::Bounds b = film.bounds(tile);
       static thread_local std::vector<PathRequest> requests;
-      static thread_local std::vector<PathSample> samples;
+      static thread_local std::vector<float> rows;
       const bool had_work = film.taken(tile) < goal;
       std::vector<PathRecord> tile_records(records ? static_cast<size_t>(b.pixels()) * goal : 0);
       while (film.taken(tile) < goal) {
@@ -244,11 +249,15 @@ RenderResult PreparedScene::render(const RenderJob& job, const Task& task) const
             record.time = static_cast<float>(requests[i].time);
             requests[i].record = &record;
           }
-        samples.resize(requests.size());
-        trace(context_, requests, samples, r.counters);
+        // What the film keeps of the samples, in the requests' order: the tracer hands them in as they end.
+        const size_t row_size = film.row_size();
+        rows.resize(requests.size() * row_size);
+        trace(
+            context_, requests, [&](size_t i, const PathSample& s) { film.pack(s, rows.data() + i * row_size); },
+            r.counters);
         for (size_t i = 0; i < requests.size(); ++i) {
           const int pixel = static_cast<int>(i / count);
-          if (film.add(tile, pixel, samples[i], requests[i].key.sample)) continue;
+          if (film.add(tile, pixel, rows.data() + i * row_size, requests[i].key.sample)) continue;
           ++r.invalid;
           if (!r.first_invalid)
             r.first_invalid = {window.x0 + b.x0 + pixel % b.width(), window.y0 + b.y0 + pixel / b.width(),
@@ -397,7 +406,8 @@ PathSample PreparedScene::replay(int64_t seed, int x, int y, uint32_t sample) co
   PathCounters counters;
   const PathRequest r = request(camera, seed, x, y, sample);
   PathSample result;
-  select_path_tracer(context_.plan)(context_, {&r, 1}, {&result, 1}, counters);
+  select_path_tracer(context_.plan)(
+      context_, {&r, 1}, [&](size_t, const PathSample& traced) { result = traced; }, counters);
   return result;
 }
 

@@ -478,7 +478,7 @@ class PathTracer {
 };
 
 template <Features F>
-void trace_paths(const PathContext& context, std::span<const PathRequest> requests, std::span<PathSample> samples,
+void trace_paths(const PathContext& context, std::span<const PathRequest> requests, const SampleSink& sink,
                  PathCounters& counters) {
   static thread_local std::vector<Medium> moved;
   for (size_t i = 0; i < requests.size(); ++i) {
@@ -490,10 +490,11 @@ void trace_paths(const PathContext& context, std::span<const PathRequest> reques
       for (const Medium& m : context.media) moved.push_back(m.moves() ? m.at_time(request.time) : m);
       media = moved;
     }
-    samples[i] = {};
-    PathTracer<F> tracer(context, media, request.time, rng, counters, samples[i], request.record);
+    PathSample sample;
+    PathTracer<F> tracer(context, media, request.time, rng, counters, sample, request.record);
     tracer.trace(request.ray);
-    if (context.plan.flash) samples[i].flash = samples[i].direct + context.flash.intensity * tracer.flash();
+    if (context.plan.flash) sample.flash = sample.direct + context.flash.intensity * tracer.flash();
+    sink(i, sample);
   }
 }
 

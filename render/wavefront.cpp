@@ -69,16 +69,17 @@ LaneScene lane_scene(const PathContext& context) {
 /// One thread's paths on their way.
 class Wavefront {
  public:
-  Wavefront(const PathContext& context, std::span<const PathRequest> requests, std::span<PathSample> samples,
+  Wavefront(const PathContext& context, std::span<const PathRequest> requests, const SampleSink& sink,
             PathCounters& counters)
       : c_(context),
         scene_(lane_scene(context)),
         box_{Solid::Shape::kBox, context.media[0].support().first, context.media[0].support().second},
         requests_(requests),
-        samples_(samples),
+        sink_(sink),
         counters_(counters) {
     static thread_local State state;
     state_ = &state;
+    if (keeps_samples()) state.samples.resize(kPool);
   }
 
   void run() {
@@ -87,7 +88,6 @@ class Wavefront {
     free_.resize(kPool);
     for (size_t i = 0; i < kPool; ++i) free_[i] = static_cast<int32_t>(kPool - 1 - i);
     TrackingCounters& tracking = counters_.tracking;
-    std::fill(samples_.begin(), samples_.end(), PathSample{});
     for (;;) {
       s.hits.count = s.escapes.count = s.shadows.count = s.alive.count = 0;
       start_paths();
@@ -95,8 +95,9 @@ class Wavefront {
       lanes_fly(scene_, s.pool, s.active, s.hits, s.escapes, tracking.lookups);
       for (size_t i = 0; i < s.escapes.count; ++i) escape(s.escapes.slot[i]);
       tracking.collisions += s.hits.count;
-      for (size_t i = 0; i < s.hits.count; ++i)
-        if (s.pool.events[static_cast<size_t>(s.hits.slot[i])] == 0) record_first(s.hits.slot[i]);
+      if (c_.plan.first_event)
+        for (size_t i = 0; i < s.hits.count; ++i)
+          if (s.pool.events[static_cast<size_t>(s.hits.slot[i])] == 0) record_first(s.hits.slot[i]);
       lanes_scatter(scene_, s.pool, s.hits, s.shadows, s.alive, counters_.capped_paths, counters_.capped_throughput);
       lanes_shadow(scene_, s.pool, s.shadows, tracking.lookups);
       add_light();
@@ -116,7 +117,11 @@ class Wavefront {
     SlotList fresh, active, hits, escapes, shadows, alive;
     LanePoints points;
     LaneCamera camera;
+    std::vector<PathSample> samples;  // of the paths, where keeps_samples()
   };
+
+  /// Whether layers are recorded on the way that the pool has no column for.
+  bool keeps_samples() const { return c_.plan.marched() || c_.plan.first_event; }
 
   /// Fills the free slots, and records what follows from the camera rays alone.
   void start_paths() {
@@ -142,7 +147,9 @@ class Wavefront {
     const auto [t0, t1] = box_.intersect(local);
     const double entry = std::max(t0, 0.0);
     if (!(t1 > entry)) {
-      escape_directly(request.ray.d, 1, samples_[index]);
+      PathSample sample;
+      see_background(request.ray.d, 1, sample);
+      deliver(index, sample);
       return;
     }
     const int32_t slot = free_.back();
@@ -157,6 +164,9 @@ class Wavefront {
     p.dz[i] = static_cast<float>(request.ray.d.z);
     p.tr[i] = p.tg[i] = p.tb[i] = 1.0f;
     p.direct_r[i] = p.direct_g[i] = p.direct_b[i] = p.indirect_r[i] = p.indirect_g[i] = p.indirect_b[i] = 0.0f;
+    p.passed[i] = 1.0f;
+    state_->camera.surface[i] = -1.0f;
+    if (keeps_samples()) state_->samples[i] = {};
     p.events[i] = 0;
     p.request[i] = static_cast<uint32_t>(index);
     const uint64_t seed = hash_combine(request.key.pixel_hash(), request.key.sample);
@@ -182,25 +192,23 @@ class Wavefront {
       }
       s.fresh.slot[kept++] = slot;
       if (t < 0) continue;
-      sample_of(slot).coverage = 1;
       // Half a voxel inside, where the differences see the medium on both sides.
       add_point(slot, t + 0.5f / glm::length(local_direction(slot)));
     }
     s.fresh.count = kept;
     lanes_gradient(scene_, s.points);
-    for (size_t k = 0; k < s.points.count; ++k) sample_of(s.points.slot[k]).gradient = gradient_at(k);
+    for (size_t k = 0; k < s.points.count; ++k) {
+      const vec3 g(gradient_at(k));
+      const auto i = static_cast<size_t>(s.points.slot[k]);
+      s.camera.gx[i] = g.x, s.camera.gy[i] = g.y, s.camera.gz[i] = g.z;
+    }
   }
 
   /// The camera rays' flights with forced collisions. What passes sees the background, the rest goes on.
   void fly_first() {
     State& s = *state_;
     lanes_fly_first(scene_, s.pool, s.fresh, s.hits, s.escapes, counters_.tracking.lookups);
-    for (size_t k = 0; k < s.fresh.count; ++k) {
-      const auto i = static_cast<size_t>(s.fresh.slot[k]);
-      const uint32_t request = s.pool.request[i];
-      escape_directly(requests_[request].ray.d, static_cast<double>(s.pool.transmittance[i]), samples_[request]);
-    }
-    for (size_t k = 0; k < s.escapes.count; ++k) free_.push_back(s.escapes.slot[k]);
+    for (size_t k = 0; k < s.escapes.count; ++k) escape(s.escapes.slot[k]);
     s.escapes.count = 0;
   }
 
@@ -224,7 +232,7 @@ class Wavefront {
     }
   }
 
-  PathSample& sample_of(int32_t slot) { return samples_[state_->pool.request[static_cast<size_t>(slot)]]; }
+  PathSample& sample_of(int32_t slot) { return state_->samples[static_cast<size_t>(slot)]; }
 
   void add_point(int32_t slot, float t) {
     LanePoints& points = state_->points;
@@ -250,13 +258,18 @@ class Wavefront {
     return wide ? glm::normalize(*wide) : dvec3(0);
   }
 
-  /// What a camera ray sees behind the medium.
-  void escape_directly(const dvec3& d, double transmittance, PathSample& sample) {
+  /// What a camera ray sees behind the medium, in full precision.
+  void see_background(const dvec3& d, double transmittance, PathSample& sample) const {
     sample.transmittance = dvec3(transmittance);
     for (const InfiniteLight* light : c_.lights->infinite())
       if (light->visible()) sample.background += transmittance * light->radiance(d);
-    sample.direct = sample.beauty = sample.background;
-    if (c_.plan.flash) sample.flash = sample.direct;
+  }
+
+  void deliver(size_t request, PathSample& s) const {
+    s.direct = s.background + s.single;
+    s.beauty = s.direct + s.indirect;
+    if (c_.plan.flash) s.flash = s.direct + c_.flash.intensity * s.flash;
+    sink_(request, s);
   }
 
   /// A path that has left the medium sees what is behind.
@@ -264,12 +277,8 @@ class Wavefront {
     LanePool& p = state_->pool;
     const auto i = static_cast<size_t>(slot);
     const uint32_t events = p.events[i];
-    const PathRequest& request = requests_[p.request[i]];
     if (events == 0) {
-      // The ray went straight through: its own direction, in full precision.
-      PathSample& sample = samples_[p.request[i]];
-      escape_directly(request.ray.d, 1, sample);
-      free_.push_back(slot);
+      finish(slot);
       return;
     }
     const dvec3 d = glm::normalize(dvec3(p.dx[i], p.dy[i], p.dz[i]));
@@ -292,12 +301,11 @@ class Wavefront {
     const LanePool& p = state_->pool;
     const auto i = static_cast<size_t>(slot);
     const PathRequest& request = requests_[p.request[i]];
-    PathSample& sample = samples_[p.request[i]];
+    PathSample& sample = sample_of(slot);
     const Medium& medium = c_.media[0];
     const dvec3 at = medium.to_world(dvec3(p.ox[i], p.oy[i], p.oz[i]));
-    if (c_.plan.first_event)
-      sample.flash = record_first_scatter(c_, c_.media, medium, request.ray.o, at, request.ray.d, dvec3(p.tr[i]),
-                                          medium.albedo(), sample);
+    sample.flash = record_first_scatter(c_, c_.media, medium, request.ray.o, at, request.ray.d, dvec3(p.tr[i]),
+                                        medium.albedo(), sample);
   }
 
   /// What the shadow rays brought. Light scattered once is direct (TRANSPORT.md section 11).
@@ -315,13 +323,17 @@ class Wavefront {
 
   void finish(int32_t slot) {
     const LanePool& p = state_->pool;
+    const LaneCamera& camera = state_->camera;
     const auto i = static_cast<size_t>(slot);
-    PathSample& s = samples_[p.request[i]];
+    PathSample s;
+    if (keeps_samples()) s = sample_of(slot);
+    if (c_.plan.forced_first || p.events[i] == 0)
+      see_background(requests_[p.request[i]].ray.d, static_cast<double>(p.passed[i]), s);
+    if (c_.plan.medium_surface && camera.surface[i] >= 0)
+      s.coverage = 1, s.gradient = {camera.gx[i], camera.gy[i], camera.gz[i]};
     s.single = {p.direct_r[i], p.direct_g[i], p.direct_b[i]};
-    s.direct = s.background + s.single;
     s.indirect = {p.indirect_r[i], p.indirect_g[i], p.indirect_b[i]};
-    s.beauty = s.direct + s.indirect;
-    if (c_.plan.flash) s.flash = s.direct + c_.flash.intensity * s.flash;
+    deliver(p.request[i], s);
     counters_.longest = std::max<uint64_t>(counters_.longest, p.events[i]);
     free_.push_back(slot);
   }
@@ -330,7 +342,7 @@ class Wavefront {
   LaneScene scene_;
   Solid box_;  // of the grid
   std::span<const PathRequest> requests_;
-  std::span<PathSample> samples_;
+  const SampleSink& sink_;
   PathCounters& counters_;
   State* state_;
   size_t next_ = 0;
@@ -348,9 +360,9 @@ bool fits_lanes(const Plan& plan, std::span<const Medium> media, const Lights& l
          LaneGrid::fits(m.bricks()) && lights.points().empty() && lights.suns().size() <= kMostSuns;
 }
 
-void trace_paths_in_lanes(const PathContext& context, std::span<const PathRequest> requests,
-                          std::span<PathSample> samples, PathCounters& counters) {
-  Wavefront(context, requests, samples, counters).run();
+void trace_paths_in_lanes(const PathContext& context, std::span<const PathRequest> requests, const SampleSink& sink,
+                          PathCounters& counters) {
+  Wavefront(context, requests, sink, counters).run();
 }
 
 }  // namespace brume

@@ -18,7 +18,7 @@ bool fits_lanes(const Plan& plan, std::span<const Medium> media, const Lights& l
 /// of lanes and any instruction set.
 ///
 /// Proof: tests/render/wavefront_test.cpp, and every test of the general loop's estimators whose scene fits.
-void trace_paths_in_lanes(const PathContext& context, std::span<const PathRequest> requests,
-                          std::span<PathSample> samples, PathCounters& counters);
+void trace_paths_in_lanes(const PathContext& context, std::span<const PathRequest> requests, const SampleSink& sink,
+                          PathCounters& counters);
 
 }  // namespace brume
