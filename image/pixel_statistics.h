@@ -24,10 +24,8 @@ class PixelSums {
   size_t groups() const { return groups_; }
   bool squares() const { return squares_; }
 
-  void add(double* state, const float* x, size_t group) const {
-    add_block(state + 2 * values_ * group, x, [](double v) { return v; });
-    if (squares_) add_block(state + 2 * values_ * groups_, x, [](double v) { return v * v; });  // exact: 48 bits
-  }
+  /// Adds `count` samples, rows of values() numbers one after the other; the first one's index is `first`.
+  void add(double* state, const float* rows, size_t count, size_t first) const;
   void merge(double* state, const double* other) const {
     for (size_t block = 0; block < groups_ + squares_; ++block) {
       const size_t at = 2 * values_ * block;
@@ -48,7 +46,8 @@ class PixelSums {
     return n ? total / static_cast<double>(n) : 0.0;
   }
   /// Variance of the mean over all n samples: sample variance / n. 0 with fewer than two.
-  double mean_variance(const double* state, size_t value, uint64_t n) const {
+  /// @param inverse  1 / n
+  double mean_variance(const double* state, size_t value, uint64_t n, long double inverse) const {
     if (n < 2) return 0;
     // The difference of nearly equal numbers: 64 bits are kept.
     const auto whole = [&](const double* high) {
@@ -56,21 +55,14 @@ class PixelSums {
     };
     long double total = 0;
     for (size_t g = 0; g < groups_; ++g) total += whole(state + 2 * values_ * g);
-    const long double squared = whole(state + 2 * values_ * groups_), count = static_cast<long double>(n);
-    const long double deviation = squared - total * total / count;
+    const long double squared = whole(state + 2 * values_ * groups_);
+    const long double deviation = squared - total * total * inverse;
     // What is left of equal values is rounding.
     if (!(deviation > 1e-17L * squared)) return 0;
     return static_cast<double>(deviation) / (static_cast<double>(n) * static_cast<double>(n - 1));
   }
 
  private:
-  // Nothing overlaps: the compiler is told, so that it takes several values at once.
-  template <class Power>
-  void add_block(double* __restrict high, const float* __restrict x, const Power& power) const {
-    double* __restrict low = high + values_;
-    const size_t n = values_;
-    for (size_t i = 0; i < n; ++i) accumulate(high[i], low[i], power(static_cast<double>(x[i])));
-  }
   // Adds x to high + low without error (Knuth's two-sum), and normalises.
   static void accumulate(double& high, double& low, double x) {
     const double s = high + x, b = s - high;

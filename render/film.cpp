@@ -115,18 +115,29 @@ void Film::pack(const PathSample& sample, float* row) const {
   for (size_t i = 0; i < offsets_.size(); ++i) row[i] = static_cast<float>(values[offsets_[i]]);
 }
 
-bool Film::add(int tile, int pixel, const float* row, uint32_t index) {
+std::vector<uint32_t> Film::add(int tile, int pixel, const float* rows, uint32_t count, uint32_t first) {
   TileState& state = opened(tile);
-  const bool finite = std::all_of(row, row + offsets_.size(), [](float v) { return std::isfinite(v); });
+  const size_t size = row_size(), groups = sums_.groups();
   const auto p = static_cast<size_t>(pixel);
-  if (!finite) {
-    ++state.invalid[p];
-    return false;
-  }
-  const size_t group = index % sums_.groups();
-  sums_.add(state.sums.data() + p * sums_.doubles(), row, group);
-  ++state.counts[p * sums_.groups() + group];
-  return true;
+  const auto finite = [&](const float* begin, size_t n) {
+    return std::all_of(begin, begin + n, [](float v) { return std::isfinite(v); });
+  };
+  const auto add_run = [&](uint32_t begin, uint32_t end) {
+    sums_.add(state.sums.data() + p * sums_.doubles(), rows + begin * size, end - begin, first + begin);
+    for (uint32_t k = begin; k < end; ++k) ++state.counts[p * groups + (first + k) % groups];
+  };
+  std::vector<uint32_t> rejected;
+  uint32_t begin = 0;
+  if (!finite(rows, count * size))
+    for (uint32_t k = 0; k < count; ++k) {
+      if (finite(rows + k * size, size)) continue;
+      add_run(begin, k);
+      begin = k + 1;
+      rejected.push_back(k);
+    }
+  add_run(begin, count);
+  state.invalid[p] += static_cast<uint32_t>(rejected.size());
+  return rejected;
 }
 
 void Film::develop(int tile) {
@@ -144,12 +155,13 @@ void Film::develop(int tile) {
         return n;
       };
       const uint64_t n = count(0, 1), n_a = count(0, 2), n_b = count(1, 2);
+      const long double inverse = n ? 1.0L / static_cast<long double>(n) : 0.0L;
       const auto mean = [&](size_t value) { return sums_.mean(sums, value, 0, 1, n); };
       for (const Target& t : targets_) {
         const auto stored = [&](double v) { return static_cast<float>(t.complement ? 1.0 - v : v); };
         (*t.mean)(x, y) = stored(mean(t.value));
         if (t.mean_variance) {
-          (*t.mean_variance)(x, y) = static_cast<float>(sums_.mean_variance(sums, t.value, n));
+          (*t.mean_variance)(x, y) = static_cast<float>(sums_.mean_variance(sums, t.value, n, inverse));
           (*t.half_a)(x, y) = stored(sums_.mean(sums, t.value, 0, 2, n_a));
           (*t.half_b)(x, y) = stored(sums_.mean(sums, t.value, 1, 2, n_b));
         }

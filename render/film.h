@@ -34,8 +34,10 @@ class Film {
   /// The values of a sample that the film keeps, as many as a row has.
   size_t row_size() const { return offsets_.size(); }
   void pack(const PathSample& sample, float* row) const;
-  /// Adds one sample of one pixel of a tile; false where it is not finite: it is rejected whole and counted.
-  bool add(int tile, int pixel, const float* row, uint32_t index);
+  /// Adds samples of one pixel of a tile, rows one after the other, the first one's index being `first`. What is not
+  /// finite is rejected, a whole sample at once, and counted.
+  /// @return the rejected rows' numbers
+  std::vector<uint32_t> add(int tile, int pixel, const float* rows, uint32_t count, uint32_t first);
   /// Computes a tile's pixels from its sums.
   void develop(int tile);
   /// Forgets a tile's sums: no more samples can be added.

@@ -255,13 +255,14 @@ RenderResult PreparedScene::render(const RenderJob& job, const Task& task) const
         trace(
             context_, requests, [&](size_t i, const PathSample& s) { film.pack(s, rows.data() + i * row_size); },
             r.counters);
-        for (size_t i = 0; i < requests.size(); ++i) {
-          const int pixel = static_cast<int>(i / count);
-          if (film.add(tile, pixel, rows.data() + i * row_size, requests[i].key.sample)) continue;
-          ++r.invalid;
-          if (!r.first_invalid)
+        for (int pixel = 0; pixel < b.pixels(); ++pixel) {
+          const size_t at = static_cast<size_t>(pixel) * count;
+          const uint32_t index = requests[at].key.sample;
+          const auto rejected = film.add(tile, pixel, rows.data() + at * row_size, count, index);
+          r.invalid += rejected.size();
+          if (!rejected.empty() && !r.first_invalid)
             r.first_invalid = {window.x0 + b.x0 + pixel % b.width(), window.y0 + b.y0 + pixel / b.width(),
-                               requests[i].key.sample};
+                               index + rejected.front()};
         }
         film.set_taken(tile, start + count);
       }
