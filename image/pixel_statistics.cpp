@@ -5,25 +5,20 @@
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 
-#include <algorithm>
-
 HWY_BEFORE_NAMESPACE();
 namespace brume::HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
-/// Adds every step-th row, or its squares, to the sums of one block: high parts, then low parts.
-template <bool kSquares>
-HWY_INLINE void add_rows(double* state, size_t values, const float* rows, size_t count, size_t first, size_t step) {
-  const hn::ScalableTag<double> d;
-  const hn::Rebind<float, decltype(d)> d_float;
-  const size_t lanes = hn::Lanes(d);
-  for (size_t i = 0; i < values; i += lanes) {
-    const size_t n = std::min(lanes, values - i);
-    const auto mask = hn::FirstN(d, n);
-    const auto mask_float = hn::FirstN(d_float, n);
-    auto high = hn::MaskedLoad(mask, d, state + i), low = hn::MaskedLoad(mask, d, state + values + i);
+/// Adds every step-th row, or its squares, to the sums of one block (high parts, then low parts), from column i on, in
+/// whole vectors. Returns the first column left over.
+template <bool kSquares, class D>
+HWY_INLINE size_t add_columns(D d, size_t i, double* state, size_t values, const float* rows, size_t count,
+                              size_t first, size_t step) {
+  const hn::Rebind<float, D> d_float;
+  for (; i + hn::Lanes(d) <= values; i += hn::Lanes(d)) {
+    auto high = hn::LoadU(d, state + i), low = hn::LoadU(d, state + values + i);
     for (size_t s = first; s < count; s += step) {
-      auto x = hn::PromoteTo(d, hn::MaskedLoad(mask_float, d_float, rows + s * values + i));
+      auto x = hn::PromoteTo(d, hn::LoadU(d_float, rows + s * values + i));
       if (kSquares) x = hn::Mul(x, x);  // exact: 48 bits
       // Without error (Knuth's two-sum), then normalised.
       const auto sum = hn::Add(high, x), b = hn::Sub(sum, high);
@@ -31,9 +26,16 @@ HWY_INLINE void add_rows(double* state, size_t values, const float* rows, size_t
       high = hn::Add(sum, l);
       low = hn::Sub(l, hn::Sub(high, sum));
     }
-    hn::BlendedStore(high, mask, d, state + i);
-    hn::BlendedStore(low, mask, d, state + values + i);
+    hn::StoreU(high, d, state + i);
+    hn::StoreU(low, d, state + values + i);
   }
+  return i;
+}
+
+template <bool kSquares>
+HWY_INLINE void add_rows(double* state, size_t values, const float* rows, size_t count, size_t first, size_t step) {
+  const size_t i = add_columns<kSquares>(hn::ScalableTag<double>(), 0, state, values, rows, count, first, step);
+  add_columns<kSquares>(hn::CappedTag<double, 1>(), i, state, values, rows, count, first, step);
 }
 
 void AddSamples(double* state, const float* rows, size_t count, size_t first, const PixelSums& sums) {
