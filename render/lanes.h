@@ -20,7 +20,7 @@ struct LaneScene {
   const int32_t* brick;
   const float* values;
   const uint8_t* distances;
-  const int32_t* distances_of_cell;
+  const int32_t* surface_cell;
   float nx, ny, nz;
   int32_t nz_int;
   float cell, inverse_cell;  // voxels along a cell
@@ -35,6 +35,7 @@ struct LaneScene {
   int roulette_start;
   int max_events;
   bool interpolate;
+  float surface_density;
 
   struct LaneSun {
     float x[3], y[3], z[3];  // a frame around its axis, world space
@@ -79,6 +80,7 @@ struct LanePoints {
 /// What walks along the camera rays leave for the layers, by slot.
 struct LaneCamera {
   LanePool::Column<float> surface;                            ///< where the medium begins: a ray parameter
+  LanePool::Column<float> outside, density;                   ///< the last one looked at before; density at the next
   LanePool::Column<float> gx, gy, gz;                         ///< direction of the density gradient there, world space
   LanePool::Column<float> depth;                              ///< optical depth, clamped at 50
   std::array<LanePool::Column<float>, kMarchedPoints> point;  ///< ray parameters, -1 past the end
@@ -114,9 +116,9 @@ void lanes_fly_first(const LaneScene& scene, LanePool& pool, const SlotList& ray
 /// Leaves the transmittance along each shadow ray in `transmittance`, by ratio tracking.
 void lanes_shadow(const LaneScene& scene, LanePool& pool, const SlotList& rays, uint64_t& lookups);
 
-/// Finds where the density along each ray first reaches `iso`, voxel by voxel. Leaves the ray parameter there, or -1,
-/// or kNothingMet where all cells on the way are empty.
-void lanes_find_surface(const LaneScene& scene, LanePool& pool, const SlotList& rays, float iso, LaneCamera& camera);
+/// Finds where the density along each ray first reaches `surface_density`, voxel by voxel. Leaves the ray parameter
+/// there, or -1, or kNothingMet where all cells on the way are empty.
+void lanes_find_surface(const LaneScene& scene, LanePool& pool, const SlotList& rays, LaneCamera& camera);
 constexpr float kNothingMet = -2.0f;
 
 /// Optical depth of each ray from one look-up per voxel length, at an offset drawn for the ray, of one voxel by its

@@ -1,31 +1,82 @@
 #include "volume/lane_grid.h"
 
 #include <algorithm>
+#include <bit>
+#include <cmath>
 
 #include "base/parallel_for.h"
 
 namespace brume {
 namespace {
 
-constexpr uint8_t kFarthest = 64;
+// A set of voxels of a brick: for each row along z, of x and y, a bit for each of its voxels.
+using Rows = std::vector<uint64_t>;
 
-// From zeros at the places that count and kFarthest elsewhere to Chebyshev distances, in two sweeps over the 26
-// neighbours: 13 before, 13 after.
-void spread_distances(uint8_t* distance, const ivec3& n) {
+// The voxels of whose eight values one reaches a density; n along the brick, n + 1 values.
+void find_reaching(const float* values, int n, float density, Rows& rows) {
+  const int stored = n + 1;
+  Rows at_least(static_cast<size_t>(stored) * stored);
+  for (uint64_t& row : at_least) {
+    row = 0;
+    for (int z = 0; z < stored; ++z) row |= static_cast<uint64_t>(*values++ >= density) << z;
+    row |= row >> 1;
+  }
+  for (int x = 0; x < n; ++x)
+    for (int y = 0; y < n; ++y) {
+      const uint64_t* const r = at_least.data() + x * stored + y;
+      rows[x * n + y] = (r[0] | r[1] | r[stored] | r[stored + 1]) & ((uint64_t{1} << n) - 1);
+    }
+}
+
+// Chebyshev distances of all voxels of a brick from those of a set that is not empty, which grows by one voxel to all
+// sides until it has taken the brick.
+void measure_distances(Rows& rows, int n, uint8_t* distance) {
+  const uint64_t full = (uint64_t{1} << n) - 1;
+  Rows along(rows.size()), grown(rows.size());
+  std::fill_n(distance, static_cast<size_t>(n) * n * n, uint8_t{0});
+  for (int r = 1; r < n; ++r) {
+    bool all = true;
+    for (int x = 0; x < n; ++x)
+      for (int y = 0; y < n; ++y) {
+        const auto z_grown = [&](int at) { return rows[at] | rows[at] << 1 | rows[at] >> 1; };
+        const int at = x * n + y;
+        along[at] = z_grown(at) | (y > 0 ? z_grown(at - 1) : 0) | (y + 1 < n ? z_grown(at + 1) : 0);
+      }
+    for (int x = 0; x < n; ++x)
+      for (int y = 0; y < n; ++y) {
+        const int at = x * n + y;
+        grown[at] = (along[at] | (x > 0 ? along[at - n] : 0) | (x + 1 < n ? along[at + n] : 0)) & full;
+        for (uint64_t fresh = grown[at] & ~rows[at]; fresh; fresh &= fresh - 1)
+          distance[at * n + std::countr_zero(fresh)] = static_cast<uint8_t>(r);
+        all &= grown[at] == full;
+      }
+    rows.swap(grown);
+    if (all) break;
+  }
+}
+
+// For every empty cell the side of the largest empty cube that begins with it and extends into an octant, at most
+// EmptyReach::kFarthest. Beyond the grid everything is empty.
+void measure_empty_cubes(const std::vector<uint8_t>& empty, const ivec3& n, int octant,
+                         std::vector<std::array<uint16_t, 8>>& reach) {
   const auto at = [&](int x, int y, int z) { return (static_cast<size_t>(x) * n.y + y) * n.z + z; };
-  for (const int sign : {1, -1})
-    for (int ix = 0; ix < n.x; ++ix)
-      for (int iy = 0; iy < n.y; ++iy)
-        for (int iz = 0; iz < n.z; ++iz) {
-          const int x = sign > 0 ? ix : n.x - 1 - ix, y = sign > 0 ? iy : n.y - 1 - iy,
-                    z = sign > 0 ? iz : n.z - 1 - iz;
-          uint8_t& own = distance[at(x, y, z)];
-          for (int k = 0; k < 13 && own > 1; ++k) {
-            const int qx = x + sign * (k / 9 - 1), qy = y + sign * (k / 3 % 3 - 1), qz = z + sign * (k % 3 - 1);
-            if (qx < 0 || qy < 0 || qz < 0 || qx >= n.x || qy >= n.y || qz >= n.z) continue;
-            own = std::min<uint8_t>(own, static_cast<uint8_t>(distance[at(qx, qy, qz)] + 1));
-          }
+  const ivec3 step(octant & 4 ? -1 : 1, octant & 2 ? -1 : 1, octant & 1 ? -1 : 1);
+  const auto first = [&](int a) { return step[a] > 0 ? n[a] - 1 : 0; };
+  const auto inside = [&](int a, int i) { return i >= 0 && i < n[a]; };
+  for (int x = first(0); inside(0, x); x -= step.x)
+    for (int y = first(1); inside(1, y); y -= step.y)
+      for (int z = first(2); inside(2, z); z -= step.z) {
+        uint16_t& own = reach[at(x, y, z)][octant];
+        own = 0;
+        if (!empty[at(x, y, z)]) continue;
+        uint16_t shortest = EmptyReach::kFarthest - 1;
+        for (int k = 1; k < 8; ++k) {
+          const int qx = x + (k & 4 ? step.x : 0), qy = y + (k & 2 ? step.y : 0), qz = z + (k & 1 ? step.z : 0);
+          if (inside(0, qx) && inside(1, qy) && inside(2, qz))
+            shortest = std::min(shortest, reach[at(qx, qy, qz)][octant]);
         }
+        own = static_cast<uint16_t>(shortest + 1);
+      }
 }
 
 }  // namespace
@@ -43,7 +94,7 @@ LaneGrid::LaneGrid(const BrickGrid& grid, double scale)
   const size_t count = static_cast<size_t>(nx) * ny * nz;
   majorant.resize(count);
   brick.resize(count);
-  std::vector<uint8_t> distance(count, kFarthest);  // to the nearest cell that is not empty
+  std::vector<uint8_t> empty(count, 1);
   for (int x = 0; x < nx; ++x)
     for (int y = 0; y < ny; ++y)
       for (int z = 0; z < nz; ++z) {
@@ -53,34 +104,82 @@ LaneGrid::LaneGrid(const BrickGrid& grid, double scale)
         const size_t i = at(x, y, z);
         majorant[i] = static_cast<float>(cell.majorant * scale);
         brick[i] = static_cast<int32_t>((cell.brick - 1) * grid.brick_values());
-        distance[i] = 0;
+        empty[i] = 0;
       }
-  spread_distances(distance.data(), {nx, ny, nz});
+  std::vector<std::array<uint16_t, 8>> reach(count);
+  for (int octant = 0; octant < 8; ++octant) measure_empty_cubes(empty, {nx, ny, nz}, octant, reach);
   for (size_t i = 0; i < count; ++i)
-    if (distance[i] > 0) majorant[i] = -static_cast<float>(distance[i]);
+    if (empty[i]) majorant[i] = std::bit_cast<float>(EmptyReach::pack(reach[i]));
+}
+
+uint32_t EmptyReach::pack(const std::array<uint16_t, 8>& reach) {
+  // The step that loses least, as the product of what the octants keep.
+  uint32_t best = 0;
+  double most = -1;
+  for (const uint32_t step : {1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 63}) {
+    uint32_t word = kEmpty | step << kStepShift;
+    double product = 1;
+    for (int octant = 0; octant < 8; ++octant) {
+      const uint32_t steps = std::min<uint32_t>((reach[octant] - 1u) / step, 7);
+      word |= steps << 3 * octant;
+      product *= 1.0 + steps * step;
+    }
+    if (product > most) most = product, best = word;
+  }
+  return best;
+}
+
+bool LaneGrid::bundle_passes(const Ray& middle, double apart, double apart_per_t, double t0, double t1) const {
+  const ivec3 n(nx, ny, nz);
+  const dvec3 speed = glm::abs(middle.d);
+  const int a = speed.x >= speed.y && speed.x >= speed.z ? 0
+                : speed.y >= speed.z                     ? 1
+                                                         : 2,
+            b = (a + 1) % 3, c = (a + 2) % 3;
+  if (!(apart_per_t < 0.5 * speed[a])) return false;
+  const auto width = [&](double t) { return apart + apart_per_t * std::max(t, 0.0) + 0.01; };  // 0.01 for rounding
+  const auto cells = [&](int axis, double ta, double tb) {
+    const double pa = middle.at(ta)[axis], pb = middle.at(tb)[axis], w = std::max(width(ta), width(tb));
+    const auto cell = [&](double p) { return std::floor(std::clamp(p / cell_size, -1.0, n[axis] + 0.0)); };
+    return std::pair(std::max(static_cast<int>(cell(std::min(pa, pb) - w)), 0),
+                     std::min(static_cast<int>(cell(std::max(pa, pb) + w)), n[axis] - 1));
+  };
+  // Slab by slab of cells across the longest axis: all cells that the bundle can touch in it.
+  const auto [first, last] = cells(a, t0, t1);
+  const int step = middle.d[a] < 0 ? -1 : 1;
+  ivec3 at;
+  for (int k = 0; k <= last - first; ++k) {
+    at[a] = step > 0 ? first + k : last - k;
+    const auto when = [&](int face) { return (face * cell_size - middle.o[a]) / middle.d[a]; };
+    const double near = when(step > 0 ? at[a] : at[a] + 1), far = when(step > 0 ? at[a] + 1 : at[a]);
+    const double early = width(far) / (speed[a] - apart_per_t);  // or late: when others are in the slab
+    const auto [b0, b1] = cells(b, near - early, far + early);
+    const auto [c0, c1] = cells(c, near - early, far + early);
+    for (at[b] = b0; at[b] <= b1; ++at[b])
+      for (at[c] = c0; at[c] <= c1; ++at[c])
+        if (!(majorant[(static_cast<size_t>(at.x) * ny + at.y) * nz + at.z] < 0)) return false;
+  }
+  return true;
 }
 
 void LaneGrid::find_surface(const BrickGrid& grid, float density, const Task& task) {
   surface_density = density;
-  const int stored = grid.stored(), X = stored * stored;
   const size_t voxels = static_cast<size_t>(cell_size) * cell_size * cell_size;
   distances.assign(grid.brick_count() * voxels + sizeof(uint32_t), 0);  // read by words
   parallel_for(static_cast<int>(grid.brick_count()), {task.threads, {}, task.cancel}, [&](int k) {
-    const float* const v = values + static_cast<size_t>(k) * grid.brick_values();
-    uint8_t* const distance = distances.data() + static_cast<size_t>(k) * voxels;
-    size_t i = 0;
-    for (int x = 0; x < cell_size; ++x)
-      for (int y = 0; y < cell_size; ++y)
-        for (int z = 0; z < cell_size; ++z, ++i) {
-          const float* const p = v + x * X + y * stored + z;
-          const auto edge = [&](int at) { return std::max(p[at], p[at + 1]); };
-          distance[i] = std::max({edge(0), edge(stored), edge(X), edge(X + stored)}) >= density ? 0 : kFarthest;
-        }
-    spread_distances(distance, ivec3(cell_size));
+    static thread_local Rows rows;
+    rows.resize(static_cast<size_t>(cell_size) * cell_size);
+    find_reaching(values + static_cast<size_t>(k) * grid.brick_values(), cell_size, density, rows);
+    measure_distances(rows, cell_size, distances.data() + static_cast<size_t>(k) * voxels);
   });
-  distances_of_cell.resize(brick.size());
-  for (size_t i = 0; i < brick.size(); ++i)
-    distances_of_cell[i] = static_cast<int32_t>(static_cast<size_t>(brick[i]) / grid.brick_values() * voxels);
+  surface_cell.resize(brick.size());
+  for (size_t i = 0; i < brick.size(); ++i) {
+    const auto number = static_cast<int32_t>(static_cast<size_t>(brick[i]) / grid.brick_values());
+    constexpr auto kSingle = static_cast<int32_t>(EmptyReach::kEmpty | 1u << EmptyReach::kStepShift);
+    surface_cell[i] = majorant[i] < 0         ? std::bit_cast<int32_t>(majorant[i])
+                      : majorant[i] < density ? kSingle | kBelow
+                                              : number;
+  }
 }
 
 }  // namespace brume

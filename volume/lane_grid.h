@@ -1,10 +1,26 @@
 #pragma once
+#include <array>
 #include <cstdint>
 #include <vector>
 
 #include "volume/brick_grid.h"
 
 namespace brume {
+
+/// How far a ray in an empty cell gets before anything can be in its way, for each octant of directions: the side, in
+/// cells, of the largest empty cube known to begin with the cell and to extend into that octant. Packed into the bits
+/// of a negative float, so that it takes the place of the cell's majorant: the sign, 6 bits for a step, 3 bits for each
+/// octant. The side is 1 + step * bits.
+struct EmptyReach {
+  static constexpr uint32_t kEmpty = 1u << 31;
+  static constexpr int kStepShift = 24;
+  static constexpr uint16_t kFarthest = 1 + 63 * 7;
+  /// Octants: 4 for directions with negative x, plus 2 for negative y, plus 1 for negative z.
+  static uint32_t pack(const std::array<uint16_t, 8>& reach);
+  static int side(uint32_t word, int octant) {
+    return static_cast<int>(1 + (word >> kStepShift & 63) * (word >> 3 * octant & 7));
+  }
+};
 
 /// A BrickGrid's cells laid out flat, for rays that are walked in SIMD lanes: one gather tells how far a cell can be
 /// crossed, a second one finds its values.
@@ -20,22 +36,28 @@ struct LaneGrid {
   /// nowhere else and takes long steps.
   void find_surface(const BrickGrid& grid, float density, const Task& task = {});
 
+  /// Whether the rays of a bundle meet empty cells alone between the parameters t0 and t1. May say no where they do.
+  /// @param middle  a ray, local coordinates; the others' origins lie within `apart` of its own on each axis, their
+  ///                directions within `apart_per_t`
+  bool bundle_passes(const Ray& middle, double apart, double apart_per_t, double t0, double t1) const;
+
   size_t bytes() const {
-    return majorant.size() * sizeof(float) + (brick.size() + distances_of_cell.size()) * sizeof(int32_t) +
-           distances.size();
+    return majorant.size() * sizeof(float) + (brick.size() + surface_cell.size()) * sizeof(int32_t) + distances.size();
   }
 
   int nx = 0, ny = 0, nz = 0;
   int cell_size = 0;  ///< in voxels
-  /// x slowest, z fastest. Positive: bound of the density in the cell. Negative, -(r + 1): the cell and all others
-  /// within r cells of it (Chebyshev distance) are empty, and can be crossed in one step.
+  /// x slowest, z fastest. Positive: bound of the density in the cell. Negative: the cell is empty, an EmptyReach.
   std::vector<float> majorant;
   std::vector<int32_t> brick;  ///< where the cell's values begin in `values`
   const float* values = nullptr;
   /// One for each voxel of a brick, the cubes between eight values, x slowest: its distance (Chebyshev) from the
   /// nearest one in the brick of whose values one reaches surface_density.
   std::vector<uint8_t> distances;
-  std::vector<int32_t> distances_of_cell;  ///< where each cell's begin
+  /// For that walk: the number of the cell's brick, or negative where there is nothing to meet, an EmptyReach; with
+  /// kBelow in cells that are not empty, but bounded below surface_density.
+  std::vector<int32_t> surface_cell;
+  static constexpr int32_t kBelow = 1 << 30;
   float surface_density = 0;
 };
 

@@ -1,0 +1,253 @@
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "render/lane_camera.cpp"
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <cstring>
+#include <numbers>
+
+#include "render/lanes.h"
+#include "volume/lane_grid.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace brume::HWY_NAMESPACE {
+
+#include "render/lane_cells.h"
+
+/// The interpolated density at points anywhere.
+HWY_INLINE V density_at(const LaneScene& scene, const V3& p) {
+  const D d;
+  const DI di;
+  const V zero = hn::Zero(d), one = set(1.0f), cell_size = set(scene.cell);
+  M outside = hn::FirstN(d, 0);
+  const auto cell = [&](V v, float n) {
+    const V c = hn::Floor(hn::Mul(v, set(scene.inverse_cell))), nearest = hn::Min(hn::Max(c, zero), set(n - 1));
+    outside = hn::Or(outside, hn::Or(hn::Lt(v, zero), hn::Gt(v, hn::Mul(hn::Add(nearest, one), cell_size))));
+    return nearest;
+  };
+  const V3 c{cell(p.x, scene.nx), cell(p.y, scene.ny), cell(p.z, scene.nz)};
+  const V row = hn::Add(hn::Mul(c.x, set(scene.ny)), c.y);
+  const VI index = hn::Add(hn::Mul(hn::ConvertTo(di, row), hn::Set(di, scene.nz_int)), hn::ConvertTo(di, c.z));
+  outside = hn::Or(outside, hn::Lt(hn::GatherIndex(d, scene.majorant, index), zero));
+  const auto within = [&](V v, V from) {
+    return hn::IfThenZeroElse(outside, hn::Min(hn::Max(hn::Sub(v, hn::Mul(from, cell_size)), zero), cell_size));
+  };
+  const V3 q{within(p.x, c.x), within(p.y, c.y), within(p.z, c.z)};
+  return hn::IfThenZeroElse(outside, interpolated(scene, hn::GatherIndex(di, scene.brick, index), q));
+}
+
+/// Length of a voxel as a ray parameter.
+HWY_INLINE V voxel_length(const CellWalk& walk) {
+  return hn::Div(set(1.0f), hn::Sqrt(dot(walk.d, walk.d)));
+}
+
+template <class... More>
+HWY_INLINE M load_rays(RayQueue& queue, CellWalk& walk, const LanePool& pool, More&&... more) {
+  CellWalk::Buffer buffer;
+  walk.store(buffer);
+  const M fresh = mask_of(queue.load([&](size_t lane, size_t s) {
+    buffer.ox[lane] = pool.ox[s], buffer.oy[lane] = pool.oy[s], buffer.oz[lane] = pool.oz[s];
+    buffer.dx[lane] = pool.lx[s], buffer.dy[lane] = pool.ly[s], buffer.dz[lane] = pool.lz[s];
+    (more(lane, s), ...);
+  }));
+  walk.load(buffer, fresh);
+  return fresh;
+}
+
+void Surface(const LaneScene& scene, LanePool& pool, const SlotList& rays, LaneCamera& camera) {
+  const D d;
+  const DI di;
+  const V zero = hn::Zero(d), one = set(1.0f), iso = set(scene.surface_density);
+  RayQueue queue(rays);
+  CellWalk walk(scene);
+  V length = one, reach = one, from = zero, value = zero;
+  uint32_t collided = 0, met = 0;
+  SlotList found;
+  for (;;) {
+    if (queue.due()) {
+      if (queue.finished) {
+        HWY_ALIGN float t[RayQueue::kMost], begin[RayQueue::kMost], density[RayQueue::kMost];
+        hn::Store(walk.t, d, t), hn::Store(from, d, begin), hn::Store(value, d, density);
+        queue.collect([&](size_t lane, size_t s) {
+          if (collided >> lane & 1) {
+            camera.surface[s] = t[lane], camera.outside[s] = begin[lane], camera.density[s] = density[lane];
+            found.push(static_cast<int32_t>(s));
+          } else {
+            camera.surface[s] = met >> lane & 1 ? -1.0f : kNothingMet;
+          }
+        });
+      }
+      if (queue.exhausted()) break;
+      if (queue.next < rays.count) {
+        const M fresh = load_rays(queue, walk, pool);
+        length = voxel_length(walk);
+        reach = hn::IfThenElse(fresh, one, reach);
+        const uint32_t loaded = bits_of(fresh);
+        met &= ~loaded, collided &= ~loaded;
+      }
+    }
+    const M active = mask_of(queue.busy);
+
+    const VI word = hn::GatherIndex(di, scene.surface_cell, walk.index(active));
+    const M nothing = hn::RebindMask(d, hn::Lt(word, hn::Zero(di)));
+    const CellWalk::Crossing crossing = walk.ahead(word, nothing);
+    const M passes = hn::And(active, hn::Or(nothing, hn::Ge(walk.t, crossing.until)));
+    const M below = hn::RebindMask(d, hn::Ne(hn::And(word, hn::Set(di, LaneGrid::kBelow)), hn::Zero(di)));
+    met |= bits_of(hn::And(active, hn::Or(below, hn::Not(nothing))));
+    const M looks = hn::AndNot(passes, active);
+    // As many voxels on as there is nothing to meet; the density is looked up where that ends in a voxel that can
+    // reach the surface's.
+    const V t0 = walk.t, t1 = hn::Min(hn::Add(t0, hn::Mul(reach, length)), crossing.until);
+    const V3 q = walk.within(walk.at(t1));
+    const V last = set(scene.cell - 1.0f);
+    const auto index = [&](V p) { return hn::ConvertTo(di, hn::Min(p, last)); };
+    const VI size = hn::Set(di, scene.stored - 1), brick = hn::IfThenElseZero(hn::RebindMask(di, looks), word);
+    const VI voxel = hn::Add(hn::Mul(hn::Add(hn::Mul(index(q.x), size), index(q.y)), size), index(q.z));
+    const VI byte = hn::Add(hn::Mul(brick, hn::Mul(size, hn::Mul(size, size))), voxel);
+    const VI found_bytes = hn::GatherOffset(di, reinterpret_cast<const int32_t*>(scene.distances),
+                                            hn::IfThenElseZero(hn::RebindMask(di, looks), byte));
+    const V distance = hn::ConvertTo(d, hn::And(found_bytes, hn::Set(di, 255)));
+    M done = walk.cross(crossing, passes);
+    const M near = hn::And(looks, hn::Eq(distance, zero));
+    if (!hn::AllFalse(d, near)) {
+      const VI stored = hn::Set(di, scene.stored);
+      const VI values =
+          hn::Mul(hn::IfThenElseZero(hn::RebindMask(di, near), brick), hn::Mul(stored, hn::Mul(stored, stored)));
+      const V density = interpolated(scene, values, q);
+      const M hit = hn::And(near, hn::Ge(density, iso));
+      value = hn::IfThenElse(hit, density, value);
+      from = hn::IfThenElse(hit, hn::Max(t0, hn::Sub(t1, length)), from);
+      done = hn::Or(done, hit);
+      collided |= bits_of(hit);
+    }
+    walk.t = hn::IfThenElse(looks, t1, walk.t);
+    reach = hn::IfThenElse(looks, hn::Max(distance, one), hn::IfThenElse(passes, one, reach));
+    queue.end(done);
+  }
+
+  // Between the last point below the surface's density and the first above, by a straight line.
+  found.pad();
+  for (size_t i = 0; i < found.count; i += hn::Lanes(d)) {
+    const VI slot = hn::LoadU(di, found.slot.data() + i);
+    const auto get = [&](const auto& column) { return hn::GatherIndex(d, column.data(), slot); };
+    const V begin = get(camera.outside), end = get(camera.surface), inside = get(camera.density);
+    const auto along = [&](const auto& o, const auto& direction) {
+      return hn::Add(get(o), hn::Mul(get(direction), begin));
+    };
+    const V3 p{along(pool.ox, pool.lx), along(pool.oy, pool.ly), along(pool.oz, pool.lz)};
+    const V below = hn::Min(density_at(scene, p), iso);
+    const V share = hn::Div(hn::Sub(iso, below), hn::Max(hn::Sub(inside, below), set(1e-30f)));
+    hn::ScatterIndex(hn::Add(begin, hn::Mul(hn::Sub(end, begin), hn::Min(share, one))), d, camera.surface.data(), slot);
+  }
+}
+
+void March(const LaneScene& scene, LanePool& pool, const SlotList& rays, LaneCamera& camera) {
+  const D d;
+  const DI di;
+  const V zero = hn::Zero(d), one = set(1.0f), deepest = set(static_cast<float>(kDeepest));
+  RayQueue queue(rays);
+  CellWalk walk(scene);
+  GeneratorBuffer generators;
+  Generator rng = generators.load();
+  V length = one, offset = zero, depth = zero, level[kMarchedPoints], point[kMarchedPoints];
+  for (size_t k = 0; k < kMarchedPoints; ++k) level[k] = point[k] = zero;
+  for (;;) {
+    if (queue.due()) {
+      if (queue.finished) {
+        HWY_ALIGN float depths[RayQueue::kMost], points[kMarchedPoints][RayQueue::kMost];
+        hn::Store(depth, d, depths);
+        for (size_t k = 0; k < kMarchedPoints; ++k) hn::Store(point[k], d, points[k]);
+        queue.collect([&](size_t lane, size_t s) {
+          camera.depth[s] = depths[lane];
+          for (size_t k = 0; k < kMarchedPoints; ++k) camera.point[k][s] = points[k][lane];
+        });
+      }
+      if (queue.exhausted()) break;
+      if (queue.next < rays.count) {
+        generators.store(rng);
+        const M fresh = load_rays(queue, walk, pool, [&](size_t lane, size_t s) { generators.fetch(pool, s, lane); });
+        rng = generators.load();
+        length = voxel_length(walk);
+        depth = hn::IfThenElse(fresh, zero, depth);
+        offset = hn::IfThenElse(fresh, rng.uniform(fresh), offset);
+        const V u = rng.uniform(fresh);
+        for (size_t k = 0; k < kMarchedPoints; ++k) {
+          const V v = hn::Mul(hn::Add(u, set(static_cast<float>(k))), set(1.0f / kMarchedPoints));
+          level[k] = hn::IfThenElse(fresh, hn::Neg(log_of(hn::Sub(one, v))), level[k]);
+          point[k] = hn::IfThenElse(fresh, set(-1.0f), point[k]);
+        }
+      }
+    }
+    const M active = mask_of(queue.busy);
+    const VI cell_index = walk.index(active);
+    const V bound = hn::GatherIndex(d, scene.majorant, cell_index);
+    const M empty = hn::Lt(bound, zero);
+    const CellWalk::Crossing crossing = walk.ahead(hn::BitCast(di, bound), empty);
+    const M passes = hn::And(active, hn::Or(empty, hn::Ge(walk.t, crossing.until))), looks = hn::AndNot(passes, active);
+    M done = walk.cross(crossing, passes);
+
+    const V t0 = walk.t, t1 = hn::Min(hn::Add(t0, length), crossing.until), part = hn::Sub(t1, t0);
+    const V3 p = walk.at(hn::Add(t0, hn::Mul(offset, part)));
+    const V value = one_voxel(walk, rng, p, brick_of(scene, cell_index, looks), looks);
+    const V sigma = hn::IfThenElseZero(looks, hn::Mul(value, set(scene.sigma)));
+    const V after = hn::Add(depth, hn::Mul(sigma, part));
+    for (size_t k = 0; k < kMarchedPoints; ++k) {
+      const M passed = hn::And(hn::Lt(depth, level[k]), hn::Ge(after, level[k]));
+      const V where = hn::Add(t0, hn::Div(hn::Sub(level[k], depth), hn::Max(sigma, set(1e-30f))));
+      point[k] = hn::IfThenElse(passed, where, point[k]);
+    }
+    depth = hn::Min(after, deepest);
+    walk.t = hn::IfThenElse(looks, t1, t0);
+    queue.end(hn::Or(done, hn::And(looks, hn::Ge(depth, deepest))));
+  }
+}
+
+void Gradient(const LaneScene& scene, LanePoints& points) {
+  const D d;
+  const size_t lanes = hn::Lanes(d);
+  const V one = set(1.0f), half = set(0.5f);
+  for (auto* column : {&points.x, &points.y, &points.z})
+    std::fill_n(column->begin() + static_cast<std::ptrdiff_t>(points.count), lanes, 0.0f);
+  for (size_t i = 0; i < points.count; i += lanes) {
+    const V x = hn::LoadU(d, points.x.data() + i), y = hn::LoadU(d, points.y.data() + i),
+            z = hn::LoadU(d, points.z.data() + i);
+    const auto density = [&](V px, V py, V pz) { return density_at(scene, {px, py, pz}); };
+    const V3 g{hn::Mul(half, hn::Sub(density(hn::Add(x, one), y, z), density(hn::Sub(x, one), y, z))),
+               hn::Mul(half, hn::Sub(density(x, hn::Add(y, one), z), density(x, hn::Sub(y, one), z))),
+               hn::Mul(half, hn::Sub(density(x, y, hn::Add(z, one)), density(x, y, hn::Sub(z, one))))};
+    const M clear = hn::Ge(hn::Sqrt(dot(g, g)), set(scene.least_gradient));
+    const V3 world = transform(scene.gradient_to_world, g);
+    const V scale = hn::IfThenElseZero(clear, hn::Div(one, hn::Sqrt(dot(world, world))));
+    hn::StoreU(hn::Mul(world.x, scale), d, points.gx.data() + i);
+    hn::StoreU(hn::Mul(world.y, scale), d, points.gy.data() + i);
+    hn::StoreU(hn::Mul(world.z, scale), d, points.gz.data() + i);
+  }
+}
+
+}  // namespace brume::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace brume {
+
+HWY_EXPORT(Surface);
+HWY_EXPORT(March);
+HWY_EXPORT(Gradient);
+
+void lanes_find_surface(const LaneScene& scene, LanePool& pool, const SlotList& rays, LaneCamera& camera) {
+  HWY_DYNAMIC_DISPATCH(Surface)(scene, pool, rays, camera);
+}
+
+void lanes_march(const LaneScene& scene, LanePool& pool, const SlotList& rays, LaneCamera& camera) {
+  HWY_DYNAMIC_DISPATCH(March)(scene, pool, rays, camera);
+}
+
+void lanes_gradient(const LaneScene& scene, LanePoints& points) {
+  HWY_DYNAMIC_DISPATCH(Gradient)(scene, points);
+}
+
+}  // namespace brume
+#endif

@@ -1,0 +1,178 @@
+#include "volume/lane_grid.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+
+#include "tests/support/volumes.h"
+
+namespace brume {
+namespace {
+
+// Blobs far apart, so that empty cubes of all sizes occur.
+float blobs(const ivec3& v) {
+  const ivec3 block(v.x >> 4, v.y >> 4, v.z >> 4);
+  Rng rng(hash_combine(hash_combine(static_cast<uint64_t>(block.x + 99), static_cast<uint64_t>(block.y + 99)),
+                       static_cast<uint64_t>(block.z + 99)));
+  if (rng.uniform() > 0.04) return 0.0f;
+  const dvec3 from_middle = dvec3(v & 15) - 7.5;
+  const double height = 0.1 + rng.uniform();
+  return static_cast<float>(height * std::max(0.0, 1.0 - glm::length(from_middle) / (2 + 5 * rng.uniform())));
+}
+
+const VoxelBox kBox{{-60, -40, 0}, {80, 70, 150}};
+
+class LaneGridOfCells : public testing::TestWithParam<int> {
+ protected:
+  const BrickGrid bricks = test::make_bricks(kBox, blobs).recut(GetParam());
+  LaneGrid grid{bricks};
+
+  size_t at(const ivec3& c) const { return (static_cast<size_t>(c.x) * grid.ny + c.y) * grid.nz + c.z; }
+  bool inside(const ivec3& c) const {
+    return glm::all(glm::greaterThanEqual(c, ivec3(0))) && glm::all(glm::lessThan(c, bricks.cells()));
+  }
+  bool empty(const ivec3& c) const { return !inside(c) || !(bricks.cell(c).majorant > 0); }
+  template <class Visit>
+  void each_cell(Visit&& visit) const {
+    for (int x = 0; x < grid.nx; ++x)
+      for (int y = 0; y < grid.ny; ++y)
+        for (int z = 0; z < grid.nz; ++z) visit(ivec3(x, y, z));
+  }
+};
+INSTANTIATE_TEST_SUITE_P(LaneGrid, LaneGridOfCells, testing::Values(4, 8, 16), testing::PrintToStringParamName());
+
+TEST_P(LaneGridOfCells, CubesAheadAreEmptyAndTheLargestWhereTheyAreSmall) {
+  const auto empty_cube = [&](const ivec3& c, const ivec3& step, int side) {
+    for (int i = 0; i < side * side * side; ++i)
+      if (!empty(c + step * ivec3(i / (side * side), i / side % side, i % side))) return false;
+    return true;
+  };
+  Rng rng(1);
+  int large = 0;
+  each_cell([&](const ivec3& c) {
+    const float entry = grid.majorant[at(c)];
+    if (!empty(c)) {
+      ASSERT_EQ(entry, bricks.cell(c).majorant);
+      return;
+    }
+    ASSERT_LT(entry, 0);
+    if (rng.uniform() > 0.05) return;
+    int sides[8], most = 0;
+    for (int octant = 0; octant < 8; ++octant)
+      most = std::max(most, sides[octant] = EmptyReach::side(std::bit_cast<uint32_t>(entry), octant));
+    for (int octant = 0; octant < 8; ++octant) {
+      const ivec3 step(octant & 4 ? -1 : 1, octant & 2 ? -1 : 1, octant & 1 ? -1 : 1);
+      const int side = std::min(sides[octant], 40);
+      ASSERT_TRUE(empty_cube(c, step, side)) << octant << ": " << side;
+      if (most <= 8 && side < 8) {
+        ASSERT_FALSE(empty_cube(c, step, side + 1)) << octant << ": " << side;
+      }
+    }
+    large += most > 8;
+  });
+  EXPECT_TRUE(GetParam() == 16 || large > 10);
+}
+
+TEST(EmptyReach, LosesLittleOfTheOctantsProduct) {
+  Rng rng(2);
+  for (int i = 0; i < 2000; ++i) {
+    std::array<uint16_t, 8> reach;
+    double loss = 1;
+    for (uint16_t& r : reach) r = static_cast<uint16_t>(std::exp2(rng.uniform() * (i % 2 ? 8.7 : 3)));
+    const uint32_t word = EmptyReach::pack(reach);
+    ASSERT_LT(std::bit_cast<float>(word), 0) << "a negative number, not a NaN";
+    for (size_t octant = 0; octant < 8; ++octant) {
+      const int side = EmptyReach::side(word, static_cast<int>(octant));
+      ASSERT_GE(side, 1);
+      ASSERT_LE(side, reach[octant]);
+      if (i % 2 == 0) {
+        ASSERT_EQ(side, reach[octant]) << "up to 8 nothing is lost";
+      }
+      loss *= static_cast<double>(side) / reach[octant];
+    }
+    ASSERT_GT(std::pow(loss, 1.0 / 8), 0.35);
+  }
+}
+
+TEST_P(LaneGridOfCells, DistancesAreThoseToTheNearestVoxelThatReachesTheSurface) {
+  constexpr float kSurface = 0.3f;
+  grid.find_surface(bricks, kSurface);
+  const int n = GetParam();
+  const size_t voxels = static_cast<size_t>(n) * n * n;
+  Rng rng(3);
+  int below = 0, seen = 0;
+  each_cell([&](const ivec3& c) {
+    const int32_t entry = grid.surface_cell[at(c)];
+    const BrickGrid::Cell& cell = bricks.cell(c);
+    ASSERT_EQ(entry < 0, cell.majorant < kSurface);
+    if (entry < 0) {
+      ASSERT_EQ((entry & LaneGrid::kBelow) != 0, !empty(c));
+      below += !empty(c);
+      return;
+    }
+    ASSERT_EQ(static_cast<uint32_t>(entry) + 1, cell.brick);
+    std::vector<ivec3> reaching;
+    const auto local = [&](size_t v) {
+      return ivec3(static_cast<int>(v) / (n * n), static_cast<int>(v) / n % n, static_cast<int>(v) % n);
+    };
+    for (size_t v = 0; v < voxels; ++v) {
+      float most = 0;
+      for (int k = 0; k < 8; ++k)
+        most = std::max(most, bricks.voxel(c * n + local(v) + ivec3(k & 1, k >> 1 & 1, k >> 2)));
+      if (most >= kSurface) reaching.push_back(local(v));
+    }
+    ASSERT_FALSE(reaching.empty());
+    for (int i = 0; i < 20; ++i) {
+      const size_t v = static_cast<size_t>(rng.uniform() * static_cast<double>(voxels));
+      int nearest = n;
+      for (const ivec3& r : reaching) {
+        const ivec3 d = glm::abs(r - local(v));
+        nearest = std::min(nearest, std::max({d.x, d.y, d.z}));
+      }
+      ASSERT_EQ(grid.distances[static_cast<size_t>(entry) * voxels + v], nearest);
+    }
+    ++seen;
+  });
+  EXPECT_GT(below, 0);
+  EXPECT_GT(seen, 5);
+}
+
+// A yes must hold for every ray of the bundle; and bundles as thin as those of a pixel are told nearly always.
+TEST_P(LaneGridOfCells, BundlesThatPassMeetNothing) {
+  Rng rng(4);
+  const dvec3 size(bricks.cells() * GetParam());
+  int said = 0, true_of_thin = 0, said_of_thin = 0;
+  for (int i = 0; i < 4000; ++i) {
+    const bool thin = i % 2;
+    const double apart = thin ? 0.01 : 4 * rng.uniform(), apart_per_t = thin ? 1e-4 : 0.02 * rng.uniform();
+    Ray middle{test::random_point(rng, -size, 2.0 * size), {}};
+    middle.d = test::random_point(rng, dvec3(0), size) - middle.o;
+    middle.d *= (0.3 + rng.uniform()) / glm::length(middle.d);
+    if (i % 5 == 0) middle.d[i % 3] = 0;
+    const double t1 = 4 * glm::length(size);
+    const bool passes = grid.bundle_passes(middle, apart, apart_per_t, 0, t1);
+    said += passes;
+    bool nothing = true;
+    for (int k = 0; k < 8; ++k) {
+      Ray ray = middle;
+      if (k > 0) {
+        ray.o += test::random_point(rng, dvec3(-apart), dvec3(apart));
+        ray.d += test::random_point(rng, dvec3(-apart_per_t), dvec3(apart_per_t));
+      }
+      for (double t = 0; t < t1 && nothing; t += 0.2)
+        nothing = empty(ivec3(glm::floor(ray.at(t) / static_cast<double>(GetParam()))));
+      if (passes) {
+        ASSERT_TRUE(nothing) << "ray " << k << " of bundle " << i;
+      }
+      if (!nothing) break;
+    }
+    if (thin) true_of_thin += nothing, said_of_thin += passes;
+  }
+  EXPECT_GT(said, 300);
+  EXPECT_GT(said_of_thin, 0.95 * true_of_thin);
+}
+
+}  // namespace
+}  // namespace brume
