@@ -57,7 +57,7 @@ HWY_INLINE M load_rays(RayQueue& queue, CellWalk& walk, const LanePool& pool, Mo
   return fresh;
 }
 
-void Surface(const LaneScene& scene, LanePool& pool, const SlotList& rays, LaneCamera& camera) {
+void Surface(const LaneScene& scene, LanePool& pool, const SlotList& rays, LaneCamera& camera, LanePoints& points) {
   const D d;
   const DI di;
   const V zero = hn::Zero(d), one = set(1.0f), iso = set(scene.surface_density);
@@ -65,7 +65,8 @@ void Surface(const LaneScene& scene, LanePool& pool, const SlotList& rays, LaneC
   CellWalk walk(scene);
   V length = one, reach = one, from = zero, value = zero;
   uint32_t collided = 0, met = 0;
-  SlotList found;
+  SlotList& found = points.slots;
+  found.count = 0;
   for (;;) {
     if (queue.due()) {
       if (queue.finished) {
@@ -128,19 +129,23 @@ void Surface(const LaneScene& scene, LanePool& pool, const SlotList& rays, LaneC
     queue.end(done);
   }
 
-  // Between the last point below the surface's density and the first above, by a straight line.
+  // Between the last place below the surface's density and the first above, by a straight line.
   found.pad();
   for (size_t i = 0; i < found.count; i += hn::Lanes(d)) {
     const VI slot = hn::LoadU(di, found.slot.data() + i);
     const auto get = [&](const auto& column) { return hn::GatherIndex(d, column.data(), slot); };
-    const V begin = get(camera.outside), end = get(camera.surface), inside = get(camera.density);
-    const auto along = [&](const auto& o, const auto& direction) {
-      return hn::Add(get(o), hn::Mul(get(direction), begin));
+    const V3 o{get(pool.ox), get(pool.oy), get(pool.oz)}, dir{get(pool.lx), get(pool.ly), get(pool.lz)};
+    const auto along = [&](V t) {
+      return V3{hn::Add(o.x, hn::Mul(dir.x, t)), hn::Add(o.y, hn::Mul(dir.y, t)), hn::Add(o.z, hn::Mul(dir.z, t))};
     };
-    const V3 p{along(pool.ox, pool.lx), along(pool.oy, pool.ly), along(pool.oz, pool.lz)};
-    const V below = hn::Min(density_at(scene, p), iso);
+    const V begin = get(camera.outside), end = get(camera.surface), inside = get(camera.density);
+    const V below = hn::Min(density_at(scene, along(begin)), iso);
     const V share = hn::Div(hn::Sub(iso, below), hn::Max(hn::Sub(inside, below), set(1e-30f)));
-    hn::ScatterIndex(hn::Add(begin, hn::Mul(hn::Sub(end, begin), hn::Min(share, one))), d, camera.surface.data(), slot);
+    const V surface = hn::Add(begin, hn::Mul(hn::Sub(end, begin), hn::Min(share, one)));
+    // Half a voxel inside, where the differences see the medium on both sides.
+    const V3 p = along(hn::Add(surface, hn::Div(set(0.5f), hn::Sqrt(dot(dir, dir)))));
+    hn::StoreU(p.x, d, points.x.data() + i), hn::StoreU(p.y, d, points.y.data() + i);
+    hn::StoreU(p.z, d, points.z.data() + i);
   }
 }
 
@@ -210,8 +215,8 @@ void Gradient(const LaneScene& scene, LanePoints& points) {
   const size_t lanes = hn::Lanes(d);
   const V one = set(1.0f), half = set(0.5f);
   for (auto* column : {&points.x, &points.y, &points.z})
-    std::fill_n(column->begin() + static_cast<std::ptrdiff_t>(points.count), lanes, 0.0f);
-  for (size_t i = 0; i < points.count; i += lanes) {
+    std::fill_n(column->begin() + static_cast<std::ptrdiff_t>(points.slots.count), lanes, 0.0f);
+  for (size_t i = 0; i < points.slots.count; i += lanes) {
     const V x = hn::LoadU(d, points.x.data() + i), y = hn::LoadU(d, points.y.data() + i),
             z = hn::LoadU(d, points.z.data() + i);
     const auto density = [&](V px, V py, V pz) { return density_at(scene, {px, py, pz}); };
@@ -237,8 +242,9 @@ HWY_EXPORT(Surface);
 HWY_EXPORT(March);
 HWY_EXPORT(Gradient);
 
-void lanes_find_surface(const LaneScene& scene, LanePool& pool, const SlotList& rays, LaneCamera& camera) {
-  HWY_DYNAMIC_DISPATCH(Surface)(scene, pool, rays, camera);
+void lanes_find_surface(const LaneScene& scene, LanePool& pool, const SlotList& rays, LaneCamera& camera,
+                        LanePoints& points) {
+  HWY_DYNAMIC_DISPATCH(Surface)(scene, pool, rays, camera, points);
 }
 
 void lanes_march(const LaneScene& scene, LanePool& pool, const SlotList& rays, LaneCamera& camera) {

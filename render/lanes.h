@@ -69,23 +69,6 @@ struct LanePool {
   Column<uint32_t> request;  // which of the batch
 };
 
-/// Points whose density gradient is wanted.
-struct LanePoints {
-  LanePool::Column<float> x, y, z;     // local coordinates of the bricks
-  LanePool::Column<float> gx, gy, gz;  // its direction, world space; 0 where it is too small to tell
-  std::array<int32_t, kPool> slot;
-  size_t count = 0;
-};
-
-/// What walks along the camera rays leave for the layers, by slot.
-struct LaneCamera {
-  LanePool::Column<float> surface;                            ///< where the medium begins: a ray parameter
-  LanePool::Column<float> outside, density;                   ///< the last one looked at before; density at the next
-  LanePool::Column<float> gx, gy, gz;                         ///< direction of the density gradient there, world space
-  LanePool::Column<float> depth;                              ///< optical depth, clamped at 50
-  std::array<LanePool::Column<float>, kMarchedPoints> point;  ///< ray parameters, -1 past the end
-};
-
 /// A list of slots, padded so that whole vectors can be read.
 struct SlotList {
   std::array<int32_t, kPool + kPadding> slot;
@@ -95,6 +78,22 @@ struct SlotList {
               slot.begin() + static_cast<std::ptrdiff_t>(count + kPadding), static_cast<int32_t>(kPool));
   }
   void push(int32_t s) { slot[count++] = s; }
+};
+
+/// Points whose density gradient is wanted.
+struct LanePoints {
+  LanePool::Column<float> x, y, z;     // local coordinates of the bricks
+  LanePool::Column<float> gx, gy, gz;  // its direction, world space; 0 where it is too small to tell
+  SlotList slots;                      // whose they are
+};
+
+/// What walks along the camera rays leave for the layers, by slot.
+struct LaneCamera {
+  LanePool::Column<float> surface;                            ///< a ray parameter in the medium, or see below
+  LanePool::Column<float> outside, density;                   ///< the last one looked at before; density at the next
+  LanePool::Column<float> gx, gy, gz;                         ///< direction of the density gradient there, world space
+  LanePool::Column<float> depth;                              ///< optical depth, clamped at 50
+  std::array<LanePool::Column<float>, kMarchedPoints> point;  ///< ray parameters, -1 past the end
 };
 
 // The kernels, for the best instruction set of the machine.
@@ -116,9 +115,10 @@ void lanes_fly_first(const LaneScene& scene, LanePool& pool, const SlotList& ray
 /// Leaves the transmittance along each shadow ray in `transmittance`, by ratio tracking.
 void lanes_shadow(const LaneScene& scene, LanePool& pool, const SlotList& rays, uint64_t& lookups);
 
-/// Finds where the density along each ray first reaches `surface_density`, voxel by voxel. Leaves the ray parameter
-/// there, or -1, or kNothingMet where all cells on the way are empty.
-void lanes_find_surface(const LaneScene& scene, LanePool& pool, const SlotList& rays, LaneCamera& camera);
+/// Finds where the density along each ray first reaches `surface_density`, voxel by voxel, and leaves points half a
+/// voxel behind that. For the other rays, `surface` is -1, or kNothingMet where all cells on the way are empty.
+void lanes_find_surface(const LaneScene& scene, LanePool& pool, const SlotList& rays, LaneCamera& camera,
+                        LanePoints& points);
 constexpr float kNothingMet = -2.0f;
 
 /// Optical depth of each ray from one look-up per voxel length, at an offset drawn for the ray, of one voxel by its

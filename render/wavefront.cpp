@@ -203,26 +203,20 @@ class Wavefront {
   /// no flight: they end here.
   void record_surfaces() {
     State& s = *state_;
-    lanes_find_surface(scene_, s.pool, s.fresh, s.camera);
+    lanes_find_surface(scene_, s.pool, s.fresh, s.camera, s.points);
     size_t kept = 0;
-    s.points.count = 0;
     for (size_t k = 0; k < s.fresh.count; ++k) {
       const int32_t slot = s.fresh.slot[k];
-      const float t = s.camera.surface[static_cast<size_t>(slot)];
-      if (t == kNothingMet) {
+      if (s.camera.surface[static_cast<size_t>(slot)] == kNothingMet)
         escape(slot);
-        continue;
-      }
-      s.fresh.slot[kept++] = slot;
-      if (t < 0) continue;
-      // Half a voxel inside, where the differences see the medium on both sides.
-      add_point(slot, t + 0.5f / glm::length(local_direction(slot)));
+      else
+        s.fresh.slot[kept++] = slot;
     }
     s.fresh.count = kept;
     lanes_gradient(scene_, s.points);
-    for (size_t k = 0; k < s.points.count; ++k) {
+    for (size_t k = 0; k < s.points.slots.count; ++k) {
+      const auto i = static_cast<size_t>(s.points.slots.slot[k]);
       const vec3 g(gradient_at(k));
-      const auto i = static_cast<size_t>(s.points.slot[k]);
       s.camera.gx[i] = g.x, s.camera.gy[i] = g.y, s.camera.gz[i] = g.z;
     }
   }
@@ -243,14 +237,14 @@ class Wavefront {
           static_cast<double>(s.camera.depth[static_cast<size_t>(s.fresh.slot[k])]);
     if (!c_.plan.weighted_gradient) return;
     for (const auto& level : s.camera.point) {
-      s.points.count = 0;
+      s.points.slots.count = 0;
       for (size_t k = 0; k < s.fresh.count; ++k) {
         const float t = level[static_cast<size_t>(s.fresh.slot[k])];
         if (t >= 0) add_point(s.fresh.slot[k], t);
       }
       lanes_gradient(scene_, s.points);
-      for (size_t k = 0; k < s.points.count; ++k)
-        sample_of(s.points.slot[k]).gradient_transmittance_weighted +=
+      for (size_t k = 0; k < s.points.slots.count; ++k)
+        sample_of(s.points.slots.slot[k]).gradient_transmittance_weighted +=
             gradient_at(k) / static_cast<double>(kMarchedPoints);
     }
   }
@@ -262,8 +256,8 @@ class Wavefront {
     const LanePool& p = state_->pool;
     const auto i = static_cast<size_t>(slot);
     const vec3 at = vec3(p.ox[i], p.oy[i], p.oz[i]) + t * local_direction(slot);
-    const size_t k = points.count++;
-    points.slot[k] = slot;
+    const size_t k = points.slots.count;
+    points.slots.push(slot);
     points.x[k] = at.x, points.y[k] = at.y, points.z[k] = at.z;
   }
 
