@@ -64,6 +64,8 @@ void Surface(const LaneScene& scene, LanePool& pool, const SlotList& rays, LaneC
   RayQueue queue(rays);
   CellWalk walk(scene);
   V length = one, reach = one, from = zero, value = zero;
+  V entry = zero;
+  V3 entry_cell{zero, zero, zero};
   uint32_t collided = 0, met = 0;
   SlotList& found = points.slots;
   found.count = 0;
@@ -72,7 +74,12 @@ void Surface(const LaneScene& scene, LanePool& pool, const SlotList& rays, LaneC
       if (queue.finished) {
         HWY_ALIGN float t[RayQueue::kMost], begin[RayQueue::kMost], density[RayQueue::kMost];
         hn::Store(walk.t, d, t), hn::Store(from, d, begin), hn::Store(value, d, density);
+        HWY_ALIGN float entered[RayQueue::kMost], x[RayQueue::kMost], y[RayQueue::kMost], z[RayQueue::kMost];
+        hn::Store(entry, d, entered), hn::Store(entry_cell.x, d, x), hn::Store(entry_cell.y, d, y);
+        hn::Store(entry_cell.z, d, z);
         queue.collect([&](size_t lane, size_t s) {
+          camera.entry[s] = entered[lane];
+          camera.entry_x[s] = x[lane], camera.entry_y[s] = y[lane], camera.entry_z[s] = z[lane];
           if (collided >> lane & 1) {
             camera.surface[s] = t[lane], camera.outside[s] = begin[lane], camera.density[s] = density[lane];
             found.push(static_cast<int32_t>(s));
@@ -97,7 +104,14 @@ void Surface(const LaneScene& scene, LanePool& pool, const SlotList& rays, LaneC
     const CellWalk::Crossing crossing = walk.ahead(word, nothing);
     const M passes = hn::And(active, hn::Or(nothing, hn::Ge(walk.t, crossing.until)));
     const M below = hn::RebindMask(d, hn::Ne(hn::And(word, hn::Set(di, LaneGrid::kBelow)), hn::Zero(di)));
-    met |= bits_of(hn::And(active, hn::Or(below, hn::Not(nothing))));
+    const M something = hn::And(active, hn::Or(below, hn::Not(nothing)));
+    if (const uint32_t meets = bits_of(something) & ~met) {
+      const M m = mask_of(meets);
+      entry = hn::IfThenElse(m, walk.t, entry);
+      entry_cell = {hn::IfThenElse(m, walk.cell.x, entry_cell.x), hn::IfThenElse(m, walk.cell.y, entry_cell.y),
+                    hn::IfThenElse(m, walk.cell.z, entry_cell.z)};
+      met |= meets;
+    }
     const M looks = hn::AndNot(passes, active);
     // As many voxels on as there is nothing to meet; the density is looked up where that ends in a voxel that can
     // reach the surface's.

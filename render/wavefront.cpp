@@ -224,7 +224,8 @@ class Wavefront {
   /// The camera rays' flights with forced collisions. What passes sees the background, the rest goes on.
   void fly_first() {
     State& s = *state_;
-    lanes_fly_first(scene_, s.pool, s.fresh, s.hits, s.escapes, counters_.tracking.lookups);
+    lanes_fly_first(scene_, s.pool, s.fresh, s.hits, s.escapes, c_.plan.medium_surface ? &s.camera : nullptr,
+                    counters_.tracking.lookups);
     for (size_t k = 0; k < s.escapes.count; ++k) escape(s.escapes.slot[k]);
     s.escapes.count = 0;
   }
