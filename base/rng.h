@@ -65,9 +65,9 @@ class Sobol {
     const uint64_t h = hash_combine(seed_, pair);
     const uint64_t h2 = mix64(h);
     const uint32_t i = owen(index_, static_cast<uint32_t>(h));
-    const uint32_t x = owen(reverse(i), static_cast<uint32_t>(h >> 32));
-    const uint32_t y = owen(second_dimension(i), static_cast<uint32_t>(h2));
-    return {x * 0x1p-32, y * 0x1p-32};
+    const uint32_t x = laine_karras(i, static_cast<uint32_t>(h >> 32));
+    const uint32_t y = laine_karras(pascal(i), static_cast<uint32_t>(h2));
+    return {reverse(x) * 0x1p-32, reverse(y) * 0x1p-32};
   }
 
  private:
@@ -78,21 +78,24 @@ class Sobol {
     x = ((x & 0x33333333u) << 2) | ((x & 0xccccccccu) >> 2);
     return ((x & 0x55555555u) << 1) | ((x & 0xaaaaaaaau) >> 1);
   }
-  static uint32_t second_dimension(uint32_t index) {
-    uint32_t result = 0;
-    for (uint32_t v = 1u << 31; index != 0; index >>= 1, v ^= v >> 1)
-      if (index & 1u) result ^= v;
-    return result;
+  // The generator matrix of the second dimension, mirrored: bit j is the sum of all bits k for which the binomial
+  // coefficient (k over j) is odd, those with k & j == j.
+  static uint32_t pascal(uint32_t x) {
+    x ^= x >> 1 & 0x55555555u;
+    x ^= x >> 2 & 0x33333333u;
+    x ^= x >> 4 & 0x0f0f0f0fu;
+    x ^= x >> 8 & 0x00ff00ffu;
+    return x ^ x >> 16;
   }
-  static uint32_t owen(uint32_t x, uint32_t seed) {
-    x = reverse(x);
+  // Owen scrambling of a number whose bits are mirrored.
+  static uint32_t laine_karras(uint32_t x, uint32_t seed) {
     x ^= x * 0x3d20adeau;
     x += seed;
     x *= (seed >> 16) | 1u;
     x ^= x * 0x05526c56u;
-    x ^= x * 0x53a22864u;
-    return reverse(x);
+    return x ^ x * 0x53a22864u;
   }
+  static uint32_t owen(uint32_t x, uint32_t seed) { return reverse(laine_karras(reverse(x), seed)); }
 
   uint32_t index_;
   uint64_t seed_;
