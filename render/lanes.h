@@ -90,7 +90,7 @@ struct LanePoints {
 /// What walks along the camera rays leave for the layers, by slot.
 struct LaneCamera {
   LanePool::Column<float> surface;                            ///< a ray parameter in the medium, or see below
-  LanePool::Column<float> outside, density;                   ///< the last one looked at before; density at the next
+  LanePool::Column<float> outside, density;                   ///< the parameter looked at before it; the density at it
   LanePool::Column<float> entry, entry_x, entry_y, entry_z;   ///< where the first cell begins that is not empty, and it
   LanePool::Column<float> gx, gy, gz;                         ///< direction of the density gradient there, world space
   LanePool::Column<float> depth;                              ///< optical depth, clamped at 50
