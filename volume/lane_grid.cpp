@@ -28,12 +28,16 @@ void find_reaching(const float* values, int n, float density, Rows& rows) {
     }
 }
 
-// Chebyshev distances of all voxels of a brick from those of a set that is not empty, which grows by one voxel to all
-// sides until it has taken the brick.
+// Chebyshev distances of all voxels of a brick from those of a set, which grows by one voxel to all sides until it has
+// taken the brick; n where the set is empty, as it can be under loose majorants.
 void measure_distances(Rows& rows, int n, uint8_t* distance) {
   const uint64_t full = (uint64_t{1} << n) - 1;
   Rows along(rows.size()), grown(rows.size());
-  std::fill_n(distance, static_cast<size_t>(n) * n * n, uint8_t{0});
+  const auto reached = [&](int at, uint64_t fresh, int r) {
+    for (; fresh; fresh &= fresh - 1) distance[at * n + std::countr_zero(fresh)] = static_cast<uint8_t>(r);
+  };
+  std::fill_n(distance, static_cast<size_t>(n) * n * n, static_cast<uint8_t>(n));
+  for (int at = 0; at < n * n; ++at) reached(at, rows[at], 0);
   for (int r = 1; r < n; ++r) {
     bool all = true;
     for (int x = 0; x < n; ++x)
@@ -46,8 +50,7 @@ void measure_distances(Rows& rows, int n, uint8_t* distance) {
       for (int y = 0; y < n; ++y) {
         const int at = x * n + y;
         grown[at] = (along[at] | (x > 0 ? along[at - n] : 0) | (x + 1 < n ? along[at + n] : 0)) & full;
-        for (uint64_t fresh = grown[at] & ~rows[at]; fresh; fresh &= fresh - 1)
-          distance[at * n + std::countr_zero(fresh)] = static_cast<uint8_t>(r);
+        reached(at, grown[at] & ~rows[at], r);
         all &= grown[at] == full;
       }
     rows.swap(grown);
@@ -113,7 +116,8 @@ LaneGrid::LaneGrid(const BrickGrid& grid, double scale)
 }
 
 uint32_t EmptyReach::pack(const std::array<uint16_t, 8>& reach) {
-  // The step that loses least, as the product of what the octants keep.
+  // The step that loses least, as the product of what the octants keep. None is longer than the longest side needs.
+  const uint32_t longest = *std::max_element(reach.begin(), reach.end());
   uint32_t best = 0;
   double most = -1;
   for (const uint32_t step : {1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 63}) {
@@ -125,6 +129,7 @@ uint32_t EmptyReach::pack(const std::array<uint16_t, 8>& reach) {
       product *= 1.0 + steps * step;
     }
     if (product > most) most = product, best = word;
+    if (1 + 7 * step >= longest) break;
   }
   return best;
 }

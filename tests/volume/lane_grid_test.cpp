@@ -139,6 +139,22 @@ TEST_P(LaneGridOfCells, DistancesAreThoseToTheNearestVoxelThatReachesTheSurface)
   EXPECT_GT(seen, 5);
 }
 
+// A loose majorant can promise a surface that no voxel of the brick reaches: then the whole cell is crossed.
+TEST_P(LaneGridOfCells, BricksWithoutTheSurfaceAreCrossedUnderLooseMajorants) {
+  constexpr float kSurface = 0.3f;
+  LaneGrid loose(bricks, 5.0);
+  loose.find_surface(bricks, kSurface);
+  const size_t voxels = static_cast<size_t>(GetParam()) * GetParam() * GetParam();
+  int promised = 0;
+  each_cell([&](const ivec3& c) {
+    const int32_t entry = loose.surface_cell[at(c)];
+    if (entry < 0 || bricks.cell(c).majorant >= kSurface) return;
+    ++promised;
+    for (size_t v = 0; v < voxels; ++v) ASSERT_EQ(loose.distances[static_cast<size_t>(entry) * voxels + v], GetParam());
+  });
+  EXPECT_GT(promised, 0);
+}
+
 // A yes must hold for every ray of the bundle; and bundles as thin as those of a pixel are told nearly always.
 TEST_P(LaneGridOfCells, BundlesThatPassMeetNothing) {
   Rng rng(4);
