@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 
 #include "base/error.h"
@@ -113,8 +114,13 @@ dvec2 Camera::lens_point(const dvec2& u) const {
   return root * ((1.0 - u.y) * corner(sector) + u.y * corner(sector + 1));
 }
 
+dvec2 Camera::film_point(const dvec2& film) const {
+  return {(2.0 * film.x / width_ - 1.0) * half_.x, (1.0 - 2.0 * film.y / height_) * half_.y};
+}
+
 Ray Camera::ray(const dvec2& film, const dvec2& lens, double time) const {
-  const double x = (2.0 * film.x / width_ - 1.0) * half_.x, y = (1.0 - 2.0 * film.y / height_) * half_.y;
+  const dvec2 point = film_point(film);
+  const double x = point.x, y = point.y;
   const Pose p = at(time);
   const dvec3 eye = p.position - world_shift_;
   if (lens_radius_ == 0) {
@@ -128,6 +134,30 @@ Ray Camera::ray(const dvec2& film, const dvec2& lens, double time) const {
     return {start + offset, glm::normalize(focus_distance_ * p.forward - offset)};
   }
   return {eye + offset, glm::normalize(focus_distance_ * (p.forward + x * p.right + y * p.up) - offset)};
+}
+
+// Directions point from the eye to a plane in front of it: those that differ from the middle one by at most an angle
+// meet it in a convex region, which holds all of a polygon if it holds its corners. The lens lies within a square.
+std::optional<Beam> Camera::beam(int x, int y) const {
+  if (moves_) return {};
+  const double distance = lens_radius_ > 0 ? focus_distance_ : 1.0;
+  const auto towards = [&](const dvec2& film, const dvec2& lens) {
+    const dvec2 point = film_point(film);
+    const dvec3 aim = orthographic_ ? open_.forward : open_.forward + point.x * open_.right + point.y * open_.up;
+    return glm::normalize(distance * aim - lens_radius_ * (lens.x * open_.right + lens.y * open_.up));
+  };
+  const dvec2 centre(x + 0.5, y + 0.5), point = film_point(centre);
+  Beam beam{{open_.position - world_shift_, towards(centre, dvec2(0))}, lens_radius_, 0};
+  if (orthographic_) {
+    beam.middle.o += point.x * open_.right + point.y * open_.up;
+    beam.apart += glm::distance(film_point({x, y}), point);
+  }
+  for (int corner = 0; corner < 4; ++corner)
+    for (int side = 0; side < 4; ++side) {
+      const dvec2 film(x + (corner & 1), y + (corner >> 1)), lens(side & 1 ? 1 : -1, side & 2 ? 1 : -1);
+      beam.apart_per_t = std::max(beam.apart_per_t, glm::distance(towards(film, lens), beam.middle.d));
+    }
+  return beam;
 }
 
 std::array<float, 16> Camera::world_to_camera() const {

@@ -1,8 +1,10 @@
 #pragma once
 #include <array>
+#include <optional>
 
 #include "base/rng.h"
 #include "render/scene.h"
+#include "volume/beam.h"
 
 namespace brume {
 
@@ -16,6 +18,9 @@ class Camera {
   /// The ray through the film point (x, y) in pixels, (0, 0) being the top left corner; unit direction.
   /// @param lens  uniform in [0, 1)^2   @param time  in [0, 1] of the shutter
   Ray ray(const dvec2& film, const dvec2& lens = dvec2(0.5), double time = 0) const;
+
+  /// All rays of a pixel, bounded in every direction; nothing for a camera that moves.
+  std::optional<Beam> beam(int x, int y) const;
 
   bool moves() const { return moves_; }
   bool has_lens() const { return lens_radius_ > 0; }
@@ -33,6 +38,7 @@ class Camera {
   };
   static Pose pose(const dvec3& position, const dvec3& look_at, const dvec3& up);
   Pose at(double time) const;
+  dvec2 film_point(const dvec2& film) const;  // coordinates along right and up
   dvec2 lens_point(const dvec2& u) const;
 
   Pose open_;

@@ -1,5 +1,6 @@
 #pragma once
 #include <functional>
+#include <limits>
 #include <span>
 
 #include "base/rng.h"
@@ -48,11 +49,18 @@ struct PathContext {
   dvec3 world_shift{0};
 };
 
+/// Where the rays of a pixel can first meet something (LaneGrid::first_meeting), rounded down.
+struct PixelStart {
+  static constexpr float kNever = std::numeric_limits<float>::max();
+  float medium = 0, surface = 0;
+};
+
 /// One camera ray to follow.
 struct PathRequest {
   Ray ray;
   double time = 0;  ///< in [0, 1] of the shutter
   SampleKey key;
+  PixelStart start{};            ///< of its pixel; used in lanes
   PathRecord* record = nullptr;  ///< filled where not null; never in lanes
 };
 

@@ -44,17 +44,14 @@ HWY_INLINE V voxel_length(const CellWalk& walk) {
   return hn::Div(set(1.0f), hn::Sqrt(dot(walk.d, walk.d)));
 }
 
-template <class... More>
-HWY_INLINE M load_rays(RayQueue& queue, CellWalk& walk, const LanePool& pool, More&&... more) {
-  CellWalk::Buffer buffer;
-  walk.store(buffer);
-  const M fresh = mask_of(queue.load([&](size_t lane, size_t s) {
+/// The next rays of a list. @param more(lane, slot)  called for each of them
+template <class More>
+HWY_INLINE M load_rays(RayQueue& queue, CellWalk::Buffer& buffer, const LanePool& pool, More&& more) {
+  return mask_of(queue.load([&](size_t lane, size_t s) {
     buffer.ox[lane] = pool.ox[s], buffer.oy[lane] = pool.oy[s], buffer.oz[lane] = pool.oz[s];
     buffer.dx[lane] = pool.lx[s], buffer.dy[lane] = pool.ly[s], buffer.dz[lane] = pool.lz[s];
-    (more(lane, s), ...);
+    more(lane, s);
   }));
-  walk.load(buffer, fresh);
-  return fresh;
 }
 
 void Surface(const LaneScene& scene, LanePool& pool, const SlotList& rays, LaneCamera& camera, LanePoints& points) {
@@ -63,38 +60,31 @@ void Surface(const LaneScene& scene, LanePool& pool, const SlotList& rays, LaneC
   const V zero = hn::Zero(d), one = set(1.0f), iso = set(scene.surface_density);
   RayQueue queue(rays);
   CellWalk walk(scene);
-  V length = one, reach = one, from = zero, value = zero;
-  V entry = zero;
-  V3 entry_cell{zero, zero, zero};
-  uint32_t collided = 0, met = 0;
+  CellWalk::Buffer buffer;
+  HWY_ALIGN float t[RayQueue::kMost] = {}, outside[RayQueue::kMost], density[RayQueue::kMost];
+  V length = one, before = zero, value = zero;
+  uint32_t collided = 0;
   SlotList& found = points.slots;
   found.count = 0;
   for (;;) {
     if (queue.due()) {
       if (queue.finished) {
-        HWY_ALIGN float t[RayQueue::kMost], begin[RayQueue::kMost], density[RayQueue::kMost];
-        hn::Store(walk.t, d, t), hn::Store(from, d, begin), hn::Store(value, d, density);
-        HWY_ALIGN float entered[RayQueue::kMost], x[RayQueue::kMost], y[RayQueue::kMost], z[RayQueue::kMost];
-        hn::Store(entry, d, entered), hn::Store(entry_cell.x, d, x), hn::Store(entry_cell.y, d, y);
-        hn::Store(entry_cell.z, d, z);
+        hn::Store(walk.t, d, t), hn::Store(before, d, outside), hn::Store(value, d, density);
+        queue.finished &= collided;
         queue.collect([&](size_t lane, size_t s) {
-          camera.entry[s] = entered[lane];
-          camera.entry_x[s] = x[lane], camera.entry_y[s] = y[lane], camera.entry_z[s] = z[lane];
-          if (collided >> lane & 1) {
-            camera.surface[s] = t[lane], camera.outside[s] = begin[lane], camera.density[s] = density[lane];
-            found.push(static_cast<int32_t>(s));
-          } else {
-            camera.surface[s] = met >> lane & 1 ? -1.0f : kNothingMet;
-          }
+          camera.surface[s] = t[lane], camera.outside[s] = outside[lane], camera.density[s] = density[lane];
+          found.push(static_cast<int32_t>(s));
         });
       }
       if (queue.exhausted()) break;
       if (queue.next < rays.count) {
-        const M fresh = load_rays(queue, walk, pool);
+        walk.store(buffer);
+        const M fresh = load_rays(queue, buffer, pool, [&](size_t lane, size_t s) { t[lane] = camera.begin[s]; });
+        const V begin = hn::Load(d, t);
+        walk.load(buffer, fresh, begin);
         length = voxel_length(walk);
-        reach = hn::IfThenElse(fresh, one, reach);
-        const uint32_t loaded = bits_of(fresh);
-        met &= ~loaded, collided &= ~loaded;
+        before = hn::IfThenElse(fresh, begin, before);
+        collided &= ~bits_of(fresh);
       }
     }
     const M active = mask_of(queue.busy);
@@ -103,44 +93,35 @@ void Surface(const LaneScene& scene, LanePool& pool, const SlotList& rays, LaneC
     const M nothing = hn::RebindMask(d, hn::Lt(word, hn::Zero(di)));
     const CellWalk::Crossing crossing = walk.ahead(word, nothing);
     const M passes = hn::And(active, hn::Or(nothing, hn::Ge(walk.t, crossing.until)));
-    const M below = hn::RebindMask(d, hn::Ne(hn::And(word, hn::Set(di, LaneGrid::kBelow)), hn::Zero(di)));
-    const M something = hn::And(active, hn::Or(below, hn::Not(nothing)));
-    if (const uint32_t meets = bits_of(something) & ~met) {
-      const M m = mask_of(meets);
-      entry = hn::IfThenElse(m, walk.t, entry);
-      entry_cell = {hn::IfThenElse(m, walk.cell.x, entry_cell.x), hn::IfThenElse(m, walk.cell.y, entry_cell.y),
-                    hn::IfThenElse(m, walk.cell.z, entry_cell.z)};
-      met |= meets;
-    }
     const M looks = hn::AndNot(passes, active);
-    // As many voxels on as there is nothing to meet; the density is looked up where that ends in a voxel that can
-    // reach the surface's.
-    const V t0 = walk.t, t1 = hn::Min(hn::Add(t0, hn::Mul(reach, length)), crossing.until);
-    const V3 q = walk.within(walk.at(t1));
+    // In a voxel that can reach the surface's density, a look; from elsewhere as many voxels on as none can.
+    const V3 q = walk.within(walk.at(walk.t));
     const V last = set(scene.cell - 1.0f);
     const auto index = [&](V p) { return hn::ConvertTo(di, hn::Min(p, last)); };
     const VI size = hn::Set(di, scene.stored - 1), brick = hn::IfThenElseZero(hn::RebindMask(di, looks), word);
     const VI voxel = hn::Add(hn::Mul(hn::Add(hn::Mul(index(q.x), size), index(q.y)), size), index(q.z));
     const VI byte = hn::Add(hn::Mul(brick, hn::Mul(size, hn::Mul(size, size))), voxel);
-    const VI found_bytes = hn::GatherOffset(di, reinterpret_cast<const int32_t*>(scene.distances),
-                                            hn::IfThenElseZero(hn::RebindMask(di, looks), byte));
-    const V distance = hn::ConvertTo(d, hn::And(found_bytes, hn::Set(di, 255)));
-    M done = walk.cross(crossing, passes);
+    const VI bytes = hn::GatherOffset(di, reinterpret_cast<const int32_t*>(scene.distances),
+                                      hn::IfThenElseZero(hn::RebindMask(di, looks), byte));
+    const V distance = hn::ConvertTo(d, hn::And(bytes, hn::Set(di, 255)));
     const M near = hn::And(looks, hn::Eq(distance, zero));
+    M hit = hn::FirstN(d, 0);
     if (!hn::AllFalse(d, near)) {
       const VI stored = hn::Set(di, scene.stored);
       const VI values =
           hn::Mul(hn::IfThenElseZero(hn::RebindMask(di, near), brick), hn::Mul(stored, hn::Mul(stored, stored)));
-      const V density = interpolated(scene, values, q);
-      const M hit = hn::And(near, hn::Ge(density, iso));
-      value = hn::IfThenElse(hit, density, value);
-      from = hn::IfThenElse(hit, hn::Max(t0, hn::Sub(t1, length)), from);
-      done = hn::Or(done, hit);
+      const V looked_up = interpolated(scene, values, q);
+      hit = hn::And(near, hn::Ge(looked_up, iso));
+      value = hn::IfThenElse(hit, looked_up, value);
       collided |= bits_of(hit);
     }
-    walk.t = hn::IfThenElse(looks, t1, walk.t);
-    reach = hn::IfThenElse(looks, hn::Max(distance, one), hn::IfThenElse(passes, one, reach));
-    queue.end(done);
+    const M moves = hn::AndNot(hit, looks);
+    const V next = hn::Min(hn::Add(walk.t, hn::Mul(hn::Max(distance, one), length)), crossing.until);
+    const V reached = hn::IfThenElse(passes, crossing.until, hn::Max(walk.t, hn::Sub(next, length)));
+    before = hn::IfThenElse(hn::Or(moves, hn::And(passes, nothing)), reached, before);
+    const M left = walk.cross(crossing, hn::Or(passes, hn::And(moves, hn::Ge(next, crossing.until))));
+    walk.t = hn::IfThenElse(moves, next, walk.t);
+    queue.end(hn::Or(hit, left));
   }
 
   // Between the last place below the surface's density and the first above, by a straight line.
@@ -149,8 +130,8 @@ void Surface(const LaneScene& scene, LanePool& pool, const SlotList& rays, LaneC
     const VI slot = hn::LoadU(di, found.slot.data() + i);
     const auto get = [&](const auto& column) { return hn::GatherIndex(d, column.data(), slot); };
     const V3 o{get(pool.ox), get(pool.oy), get(pool.oz)}, dir{get(pool.lx), get(pool.ly), get(pool.lz)};
-    const auto along = [&](V t) {
-      return V3{hn::Add(o.x, hn::Mul(dir.x, t)), hn::Add(o.y, hn::Mul(dir.y, t)), hn::Add(o.z, hn::Mul(dir.z, t))};
+    const auto along = [&](V by) {
+      return V3{hn::Add(o.x, hn::Mul(dir.x, by)), hn::Add(o.y, hn::Mul(dir.y, by)), hn::Add(o.z, hn::Mul(dir.z, by))};
     };
     const V begin = get(camera.outside), end = get(camera.surface), inside = get(camera.density);
     const V below = hn::Min(density_at(scene, along(begin)), iso);
@@ -169,6 +150,7 @@ void March(const LaneScene& scene, LanePool& pool, const SlotList& rays, LaneCam
   const V zero = hn::Zero(d), one = set(1.0f), deepest = set(static_cast<float>(kDeepest));
   RayQueue queue(rays);
   CellWalk walk(scene);
+  CellWalk::Buffer buffer;
   GeneratorBuffer generators;
   Generator rng = generators.load();
   V length = one, offset = zero, depth = zero, level[kMarchedPoints], point[kMarchedPoints];
@@ -187,7 +169,9 @@ void March(const LaneScene& scene, LanePool& pool, const SlotList& rays, LaneCam
       if (queue.exhausted()) break;
       if (queue.next < rays.count) {
         generators.store(rng);
-        const M fresh = load_rays(queue, walk, pool, [&](size_t lane, size_t s) { generators.fetch(pool, s, lane); });
+        walk.store(buffer);
+        const M fresh = load_rays(queue, buffer, pool, [&](size_t lane, size_t s) { generators.fetch(pool, s, lane); });
+        walk.load(buffer, fresh);
         rng = generators.load();
         length = voxel_length(walk);
         depth = hn::IfThenElse(fresh, zero, depth);

@@ -90,8 +90,9 @@ struct CellWalk {
     hn::Store(o.x, f, b.ox), hn::Store(o.y, f, b.oy), hn::Store(o.z, f, b.oz);
     hn::Store(d.x, f, b.dx), hn::Store(d.y, f, b.dy), hn::Store(d.z, f, b.dz);
   }
-  /// Takes over the rays; those of `fresh` start at their origins.
-  HWY_INLINE void load(const Buffer& b, M fresh) {
+  /// Takes over the rays; those of `fresh` start at their origins, or at a parameter.
+  HWY_INLINE void load(const Buffer& b, M fresh) { load(b, fresh, hn::Zero(D()), false); }
+  HWY_INLINE void load(const Buffer& b, M fresh, V begin, bool somewhere = true) {
     const D f;
     const DI di;
     o = {hn::Load(f, b.ox), hn::Load(f, b.oy), hn::Load(f, b.oz)};
@@ -109,8 +110,9 @@ struct CellWalk {
       const V c = hn::Floor(hn::Mul(v, set(scene.inverse_cell)));
       return hn::IfThenElse(fresh, hn::Min(hn::Max(c, hn::Zero(f)), set(n - 1)), before);
     };
-    cell = {start(o.x, scene.nx, cell.x), start(o.y, scene.ny, cell.y), start(o.z, scene.nz, cell.z)};
-    t = hn::IfThenElse(fresh, hn::Zero(f), t);
+    t = hn::IfThenElse(fresh, begin, t);
+    const V3 p = somewhere ? at(t) : o;
+    cell = {start(p.x, scene.nx, cell.x), start(p.y, scene.ny, cell.y), start(p.z, scene.nz, cell.z)};
   }
 
   /// 0 outside `mask`.

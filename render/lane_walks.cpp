@@ -24,7 +24,7 @@ enum class Walk { kFlight, kFirst, kShadow };
 /// ratio tracking.
 template <Walk kWalk>
 HWY_INLINE void track(const LaneScene& scene, LanePool& pool, const SlotList& rays, SlotList* hits, SlotList* escapes,
-                      const LaneCamera* entered, uint64_t& lookups) {
+                      uint64_t& lookups) {
   constexpr bool kShadow = kWalk == Walk::kShadow, kFirst = kWalk == Walk::kFirst;
   const D d;
   const DI di;
@@ -76,18 +76,8 @@ HWY_INLINE void track(const LaneScene& scene, LanePool& pool, const SlotList& ra
           buffer.dx[lane] = (kShadow ? pool.sx : pool.lx)[s], buffer.dy[lane] = (kShadow ? pool.sy : pool.ly)[s];
           buffer.dz[lane] = (kShadow ? pool.sz : pool.lz)[s];
           generators.fetch(pool, s, lane);
-          if (kFirst && entered) {
-            result[lane] = entered->entry[s];
-            x[lane] = entered->entry_x[s], y[lane] = entered->entry_y[s], z[lane] = entered->entry_z[s];
-          }
         }));
         walk.load(buffer, fresh);
-        if (kFirst && entered) {
-          walk.t = hn::IfThenElse(fresh, hn::Load(d, result), walk.t);
-          walk.cell = {hn::IfThenElse(fresh, hn::Load(d, x), walk.cell.x),
-                       hn::IfThenElse(fresh, hn::Load(d, y), walk.cell.y),
-                       hn::IfThenElse(fresh, hn::Load(d, z), walk.cell.z)};
-        }
         rng = generators.load();
         weight = hn::IfThenElse(fresh, one, weight);
         tau = hn::IfThenElse(fresh, rng.exponential(fresh), tau);
@@ -151,16 +141,16 @@ HWY_INLINE void track(const LaneScene& scene, LanePool& pool, const SlotList& ra
 
 void Flight(const LaneScene& scene, LanePool& pool, const SlotList& rays, SlotList& hits, SlotList& escapes,
             uint64_t& lookups) {
-  track<Walk::kFlight>(scene, pool, rays, &hits, &escapes, nullptr, lookups);
+  track<Walk::kFlight>(scene, pool, rays, &hits, &escapes, lookups);
 }
 
 void First(const LaneScene& scene, LanePool& pool, const SlotList& rays, SlotList& hits, SlotList& escapes,
-           const LaneCamera* entered, uint64_t& lookups) {
-  track<Walk::kFirst>(scene, pool, rays, &hits, &escapes, entered, lookups);
+           uint64_t& lookups) {
+  track<Walk::kFirst>(scene, pool, rays, &hits, &escapes, lookups);
 }
 
 void Shadow(const LaneScene& scene, LanePool& pool, const SlotList& rays, uint64_t& lookups) {
-  track<Walk::kShadow>(scene, pool, rays, nullptr, nullptr, nullptr, lookups);
+  track<Walk::kShadow>(scene, pool, rays, nullptr, nullptr, lookups);
 }
 
 }  // namespace brume::HWY_NAMESPACE
@@ -179,8 +169,8 @@ void lanes_fly(const LaneScene& scene, LanePool& pool, const SlotList& rays, Slo
 }
 
 void lanes_fly_first(const LaneScene& scene, LanePool& pool, const SlotList& rays, SlotList& hits, SlotList& escapes,
-                     const LaneCamera* entered, uint64_t& lookups) {
-  HWY_DYNAMIC_DISPATCH(First)(scene, pool, rays, hits, escapes, entered, lookups);
+                     uint64_t& lookups) {
+  HWY_DYNAMIC_DISPATCH(First)(scene, pool, rays, hits, escapes, lookups);
 }
 
 void lanes_shadow(const LaneScene& scene, LanePool& pool, const SlotList& rays, uint64_t& lookups) {

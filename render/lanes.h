@@ -89,9 +89,9 @@ struct LanePoints {
 
 /// What walks along the camera rays leave for the layers, by slot.
 struct LaneCamera {
-  LanePool::Column<float> surface;                            ///< a ray parameter in the medium, or see below
+  LanePool::Column<float> begin;                              ///< ray parameter where the walk to the surface begins
+  LanePool::Column<float> surface;                            ///< a ray parameter in the medium; -1 where none is found
   LanePool::Column<float> outside, density;                   ///< the parameter looked at before it; the density at it
-  LanePool::Column<float> entry, entry_x, entry_y, entry_z;   ///< where the first cell begins that is not empty, and it
   LanePool::Column<float> gx, gy, gz;                         ///< direction of the density gradient there, world space
   LanePool::Column<float> depth;                              ///< optical depth, clamped at 50
   std::array<LanePool::Column<float>, kMarchedPoints> point;  ///< ray parameters, -1 past the end
@@ -106,22 +106,20 @@ void lanes_fly(const LaneScene& scene, LanePool& pool, const SlotList& rays, Slo
 /// Leaves the transmittance along each shadow ray in `transmittance`, by ratio tracking.
 void lanes_shadow(const LaneScene& scene, LanePool& pool, const SlotList& rays, uint64_t& lookups);
 
-/// Finds where the density along each ray first reaches `surface_density`, voxel by voxel, and leaves points half a
-/// voxel behind that. For the other rays, `surface` is -1, or kNothingMet where all cells on the way are empty.
+/// Finds where the density along each ray first reaches `surface_density`, voxel by voxel from `begin` on, and leaves
+/// points half a voxel behind that.
 void lanes_find_surface(const LaneScene& scene, LanePool& pool, const SlotList& rays, LaneCamera& camera,
                         LanePoints& points);
-constexpr float kNothingMet = -2.0f;
 
 /// Forced first collisions: flies the camera rays through the whole grid, leaves their transmittance in
 /// `passed`, and scatters the rest of each at one of its tentative collisions, its throughput being the share
 /// that is scattered. Rays with nothing to scatter escape.
-/// @param entered  where the rays enter the medium, if lanes_find_surface has told, or null
 ///
 /// Where the medium is thin, most flights would pass it: here each of them brings its light.
 /// Source: our combination of ratio tracking with reservoir sampling of the tentative collisions; the aim is that of
 /// Villemin, Wrenninge, Fong 2018, Efficient Unbiased Rendering of Thin Participating Media.
 void lanes_fly_first(const LaneScene& scene, LanePool& pool, const SlotList& rays, SlotList& hits, SlotList& escapes,
-                     const LaneCamera* entered, uint64_t& lookups);
+                     uint64_t& lookups);
 
 /// Optical depth of each ray from one look-up per voxel length, at an offset drawn for the ray, of one voxel by its
 /// trilinear weight: without bias. The points lie where exp(-optical depth) passes a random level in each quarter of

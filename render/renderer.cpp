@@ -88,8 +88,18 @@ PreparedScene::PreparedScene(Scene scene, const LayerRequest& layers, const Task
   if (context_.plan.flash) calibrate_flash();
 }
 
-PathRequest PreparedScene::request(const Camera& camera, int64_t seed, int x, int y, uint32_t sample) const {
+PixelStart PreparedScene::pixel_start(const Camera& camera, int x, int y) const {
+  const std::optional<Beam> beam = context_.plan.lanes ? camera.beam(x, y) : std::nullopt;
+  if (!beam) return {};
+  const LaneGrid::Meeting m = lane_grid_.first_meeting(context_.media[0].to_local(*beam));
+  const auto rounded_down = [](double t) { return std::nextafter(static_cast<float>(t), 0.0f); };
+  return {rounded_down(m.medium), rounded_down(m.surface)};
+}
+
+PathRequest PreparedScene::request(const Camera& camera, int64_t seed, int x, int y, uint32_t sample,
+                                   const PixelStart& start) const {
   PathRequest r;
+  r.start = start;
   r.key = {static_cast<uint64_t>(seed), static_cast<uint32_t>(scene_.render.frame),
            static_cast<uint32_t>(y * scene_.film.width + x), sample};
   const Sobol sobol(r.key);
@@ -211,6 +221,12 @@ RenderResult PreparedScene::render(const RenderJob& job, const Task& task) const
     records = std::make_unique<RecordWriter>(job.records, layout);
   }
 
+  std::vector<PixelStart> starts(static_cast<size_t>(width) * height);
+  parallel_for(height, {task.threads, {}, task.cancel}, [&](int y) {
+    for (int x = 0; x < width; ++x)
+      starts[static_cast<size_t>(y) * width + x] = pixel_start(camera, window.x0 + x, window.y0 + y);
+  });
+
   struct TileReport {
     PathCounters counters;
     uint64_t invalid = 0;
@@ -239,8 +255,8 @@ RenderResult PreparedScene::render(const RenderJob& job, const Task& task) const
         for (int y = b.y0; y < b.y1; ++y)
           for (int x = b.x0; x < b.x1; ++x)
             for (uint32_t s = start; s < start + count; ++s)
-              requests.push_back(
-                  request(camera, job.seed, window.x0 + x, window.y0 + y, static_cast<uint32_t>(first) + s));
+              requests.push_back(request(camera, job.seed, window.x0 + x, window.y0 + y,
+                                         static_cast<uint32_t>(first) + s, starts[static_cast<size_t>(y) * width + x]));
         if (records)
           for (size_t i = 0; i < requests.size(); ++i) {
             PathRecord& record = tile_records[i / count * goal + requests[i].key.sample - static_cast<uint32_t>(first)];
@@ -405,7 +421,7 @@ void PreparedScene::describe(Layers& layers, const Camera& camera, const RenderJ
 PathSample PreparedScene::replay(int64_t seed, int x, int y, uint32_t sample) const {
   const Camera camera(scene_.camera, scene_.film.width, scene_.film.height, world_shift());
   PathCounters counters;
-  const PathRequest r = request(camera, seed, x, y, sample);
+  const PathRequest r = request(camera, seed, x, y, sample, pixel_start(camera, x, y));
   PathSample result;
   select_path_tracer(context_.plan)(
       context_, {&r, 1}, [&](size_t, const PathSample& traced) { result = traced; }, counters);

@@ -90,7 +90,9 @@ class PreparedScene {
   PathSample replay(int64_t seed, int x, int y, uint32_t sample) const;
 
   /// The camera ray and the random numbers of one sample.
-  PathRequest request(const Camera& camera, int64_t seed, int x, int y, uint32_t sample) const;
+  PathRequest request(const Camera& camera, int64_t seed, int x, int y, uint32_t sample,
+                      const PixelStart& start = {}) const;
+  PixelStart pixel_start(const Camera& camera, int x, int y) const;
 
  private:
   void calibrate_flash();

@@ -115,7 +115,7 @@ class Wavefront {
  private:
   struct State {
     LanePool pool{};
-    SlotList fresh, active, hits, escapes, shadows, alive;
+    SlotList fresh, walks, active, hits, escapes, shadows, alive;
     LanePoints points;
     LaneCamera camera;
     std::vector<PathSample> samples;  // of the paths, where keeps_samples()
@@ -130,7 +130,6 @@ class Wavefront {
     while (!free_.empty() && next_ < requests_.size()) {
       s.fresh.count = 0;
       while (!free_.empty() && next_ < requests_.size()) {
-        if (next_ == bundle_end_) form_bundle();
         start(next_++);
       }
       if (c_.plan.medium_surface) record_surfaces();
@@ -143,33 +142,18 @@ class Wavefront {
     }
   }
 
-  /// The next camera rays in the grid's local coordinates, and whether they see nothing of the medium: neighbours do so
-  /// together, which costs less to find out than one of their walks.
-  void form_bundle() {
-    bundle_begin_ = next_, bundle_end_ = std::min(next_ + kBundle, requests_.size());
-    double apart = 0, apart_per_t = 0, t0 = 1e30, t1 = 0;
-    for (size_t i = bundle_begin_; i < bundle_end_; ++i) {
-      CameraRay& ray = bundle_[i - bundle_begin_];
-      ray.local = c_.media[0].to_local(requests_[i].ray);
-      const auto [enters, leaves] = box_.intersect(ray.local);
-      ray.entry = std::max(enters, 0.0);
-      ray.seen = leaves > ray.entry;
-      if (!ray.seen) continue;
-      const auto largest = [](const dvec3& v) { return std::max({std::abs(v.x), std::abs(v.y), std::abs(v.z)}); };
-      apart = std::max(apart, largest(ray.local.o - bundle_[0].local.o));
-      apart_per_t = std::max(apart_per_t, largest(ray.local.d - bundle_[0].local.d));
-      t0 = std::min(t0, ray.entry), t1 = std::max(t1, leaves);
-    }
-    if (t0 < t1 && c_.lane_grid->bundle_passes(bundle_[0].local, apart, apart_per_t, t0, t1))
-      for (CameraRay& ray : bundle_) ray.seen = false;
-  }
-
-  /// Puts a path into a slot from where its ray enters the grid's box: near it, single precision is enough.
+  /// Puts a path into a slot from where its ray can first meet the medium: near it, single precision is enough.
   void start(size_t index) {
     const PathRequest& request = requests_[index];
     ++counters_.paths;
-    const auto& [local, entry, seen] = bundle_[index - bundle_begin_];
-    if (!seen) {
+    Ray local;
+    double entry = request.start.medium, exit = 0;
+    if (entry < PixelStart::kNever) {
+      local = c_.media[0].to_local(request.ray);
+      const auto [enters, leaves] = box_.intersect(local);
+      entry = std::max(entry, enters), exit = leaves;
+    }
+    if (!(entry < exit)) {
       PathSample sample;
       see_background(request.ray.d, 1, sample);
       deliver(index, sample);
@@ -189,6 +173,8 @@ class Wavefront {
     p.direct_r[i] = p.direct_g[i] = p.direct_b[i] = p.indirect_r[i] = p.indirect_g[i] = p.indirect_b[i] = 0.0f;
     p.passed[i] = 1.0f;
     state_->camera.surface[i] = -1.0f;
+    const double ahead = request.start.surface;
+    state_->camera.begin[i] = ahead < exit ? static_cast<float>(std::max(ahead - entry, 0.0)) : -1.0f;
     if (keeps_samples()) state_->samples[i] = {};
     p.events[i] = 0;
     p.request[i] = static_cast<uint32_t>(index);
@@ -199,20 +185,13 @@ class Wavefront {
     state_->fresh.push(slot);
   }
 
-  /// Where the camera rays meet the medium's surface, for coverage and gradient. Rays on which every cell is empty need
-  /// no flight: they end here.
+  /// Where the camera rays meet the medium's surface, for coverage and gradient.
   void record_surfaces() {
     State& s = *state_;
-    lanes_find_surface(scene_, s.pool, s.fresh, s.camera, s.points);
-    size_t kept = 0;
-    for (size_t k = 0; k < s.fresh.count; ++k) {
-      const int32_t slot = s.fresh.slot[k];
-      if (s.camera.surface[static_cast<size_t>(slot)] == kNothingMet)
-        escape(slot);
-      else
-        s.fresh.slot[kept++] = slot;
-    }
-    s.fresh.count = kept;
+    s.walks.count = 0;
+    for (size_t k = 0; k < s.fresh.count; ++k)
+      if (s.camera.begin[static_cast<size_t>(s.fresh.slot[k])] >= 0) s.walks.push(s.fresh.slot[k]);
+    lanes_find_surface(scene_, s.pool, s.walks, s.camera, s.points);
     lanes_gradient(scene_, s.points);
     for (size_t k = 0; k < s.points.slots.count; ++k) {
       const auto i = static_cast<size_t>(s.points.slots.slot[k]);
@@ -224,8 +203,7 @@ class Wavefront {
   /// The camera rays' flights with forced collisions. What passes sees the background, the rest goes on.
   void fly_first() {
     State& s = *state_;
-    lanes_fly_first(scene_, s.pool, s.fresh, s.hits, s.escapes, c_.plan.medium_surface ? &s.camera : nullptr,
-                    counters_.tracking.lookups);
+    lanes_fly_first(scene_, s.pool, s.fresh, s.hits, s.escapes, counters_.tracking.lookups);
     for (size_t k = 0; k < s.escapes.count; ++k) escape(s.escapes.slot[k]);
     s.escapes.count = 0;
   }
@@ -363,14 +341,6 @@ class Wavefront {
   const SampleSink& sink_;
   PathCounters& counters_;
   State* state_;
-  static constexpr size_t kBundle = 32;
-  struct CameraRay {
-    Ray local;
-    double entry;  // where it enters the grid
-    bool seen;     // whether it can meet the medium
-  };
-  std::array<CameraRay, kBundle> bundle_;
-  size_t bundle_begin_ = 0, bundle_end_ = 0;
   size_t next_ = 0;
   std::vector<int32_t> free_;
   std::array<bool, kPool> alive_{};

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <limits>
 
 #include "base/parallel_for.h"
 
@@ -134,37 +135,42 @@ uint32_t EmptyReach::pack(const std::array<uint16_t, 8>& reach) {
   return best;
 }
 
-bool LaneGrid::bundle_passes(const Ray& middle, double apart, double apart_per_t, double t0, double t1) const {
+LaneGrid::Meeting LaneGrid::first_meeting(const Beam& beam) const {
+  constexpr int kMostCubes = 64;  // in a layer: a wider beam is not looked into
+  constexpr double kNever = std::numeric_limits<double>::infinity();
   const ivec3 n(nx, ny, nz);
-  const dvec3 speed = glm::abs(middle.d);
-  const int a = speed.x >= speed.y && speed.x >= speed.z ? 0
-                : speed.y >= speed.z                     ? 1
-                                                         : 2,
-            b = (a + 1) % 3, c = (a + 2) % 3;
-  if (!(apart_per_t < 0.5 * speed[a])) return false;
-  const auto width = [&](double t) { return apart + apart_per_t * std::max(t, 0.0) + 0.01; };  // 0.01 for rounding
-  const auto cells = [&](int axis, double ta, double tb) {
-    const double pa = middle.at(ta)[axis], pb = middle.at(tb)[axis], w = std::max(width(ta), width(tb));
-    const auto cell = [&](double p) { return std::floor(std::clamp(p / cell_size, -1.0, n[axis] + 0.0)); };
-    return std::pair(std::max(static_cast<int>(cell(std::min(pa, pb) - w)), 0),
-                     std::min(static_cast<int>(cell(std::max(pa, pb) + w)), n[axis] - 1));
+  const BeamLayers layers(beam, n, cell_size), voxel_layers(beam, n * cell_size, 1.0);
+  Meeting m{kNever, kNever};
+  if (!layers.ordered()) return {0, 0};
+  const int bits = std::countr_zero(static_cast<unsigned>(cell_size)), mask = cell_size - 1;
+  const auto index = [&](const ivec3& c) { return (static_cast<size_t>(c.x) * ny + c.y) * nz + c.z; };
+  const auto any = [](const BeamLayers::Layer& layer, const auto& holds) {
+    for (int x = layer.lo.x; x <= layer.hi.x; ++x)
+      for (int y = layer.lo.y; y <= layer.hi.y; ++y)
+        for (int z = layer.lo.z; z <= layer.hi.z; ++z)
+          if (holds(ivec3(x, y, z))) return true;
+    return false;
   };
-  // Slab by slab of cells across the longest axis: all cells that the bundle can touch in it.
-  const auto [first, last] = cells(a, t0, t1);
-  const int step = middle.d[a] < 0 ? -1 : 1;
-  ivec3 at;
-  for (int k = 0; k <= last - first; ++k) {
-    at[a] = step > 0 ? first + k : last - k;
-    const auto when = [&](int face) { return (face * cell_size - middle.o[a]) / middle.d[a]; };
-    const double near = when(step > 0 ? at[a] : at[a] + 1), far = when(step > 0 ? at[a] + 1 : at[a]);
-    const double early = width(far) / (speed[a] - apart_per_t);  // or late: when others are in the slab
-    const auto [b0, b1] = cells(b, near - early, far + early);
-    const auto [c0, c1] = cells(c, near - early, far + early);
-    for (at[b] = b0; at[b] <= b1; ++at[b])
-      for (at[c] = c0; at[c] <= c1; ++at[c])
-        if (!(majorant[(static_cast<size_t>(at.x) * ny + at.y) * nz + at.z] < 0)) return false;
+  const auto holds_medium = [&](const ivec3& c) { return !(majorant[index(c)] < 0); };
+  const auto holds_surface = [&](const ivec3& c) { return surface_cell[index(c)] >= 0; };
+  const auto reaches_surface = [&](const ivec3& v) {
+    const int32_t number = surface_cell[index(v >> bits)];
+    const auto in_brick = static_cast<size_t>(((v.x & mask) << 2 * bits) + ((v.y & mask) << bits) + (v.z & mask));
+    return number >= 0 && distances[(static_cast<size_t>(number) << 3 * bits) + in_brick] == 0;
+  };
+  for (int k = layers.first(); layers.has(k); k += layers.step()) {
+    const BeamLayers::Layer cells = layers.layer(k);
+    const bool wide = cells.cubes() > kMostCubes;
+    if (m.medium == kNever && (wide || any(cells, holds_medium))) m.medium = std::max(cells.begin, 0.0);
+    if (m.medium == kNever) continue;
+    if (surface_cell.empty() || wide) return {m.medium, std::max(cells.begin, 0.0)};
+    if (!any(cells, holds_surface)) continue;
+    for (int i = 0; i < cell_size; ++i) {
+      const BeamLayers::Layer voxels = voxel_layers.layer(k * cell_size + (layers.step() > 0 ? i : mask - i));
+      if (voxels.cubes() > kMostCubes || any(voxels, reaches_surface)) return {m.medium, std::max(voxels.begin, 0.0)};
+    }
   }
-  return true;
+  return m;
 }
 
 void LaneGrid::find_surface(const BrickGrid& grid, float density, const Task& task) {
@@ -181,9 +187,7 @@ void LaneGrid::find_surface(const BrickGrid& grid, float density, const Task& ta
   for (size_t i = 0; i < brick.size(); ++i) {
     const auto number = static_cast<int32_t>(static_cast<size_t>(brick[i]) / grid.brick_values());
     constexpr auto kSingle = static_cast<int32_t>(EmptyReach::kEmpty | 1u << EmptyReach::kStepShift);
-    surface_cell[i] = majorant[i] < 0         ? std::bit_cast<int32_t>(majorant[i])
-                      : majorant[i] < density ? kSingle | kBelow
-                                              : number;
+    surface_cell[i] = majorant[i] < 0 ? std::bit_cast<int32_t>(majorant[i]) : majorant[i] < density ? kSingle : number;
   }
 }
 

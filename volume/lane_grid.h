@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "volume/beam.h"
 #include "volume/brick_grid.h"
 
 namespace brume {
@@ -36,10 +37,12 @@ struct LaneGrid {
   /// nowhere else and takes long steps.
   void find_surface(const BrickGrid& grid, float density, const Task& task = {});
 
-  /// Whether the rays of a bundle meet empty cells alone between the parameters t0 and t1. May say no where they do.
-  /// @param middle  a ray, local coordinates; the others' origins lie within `apart` of its own on each axis, their
-  ///                directions within `apart_per_t`
-  bool bundle_passes(const Ray& middle, double apart, double apart_per_t, double t0, double t1) const;
+  /// Where the rays of a beam can first meet something, as ray parameters: none of them does before. Infinity: never.
+  struct Meeting {
+    double medium;   ///< a cell that is not empty
+    double surface;  ///< after find_surface, a voxel that can reach the surface's density
+  };
+  Meeting first_meeting(const Beam& beam) const;
 
   size_t bytes() const {
     return majorant.size() * sizeof(float) + (brick.size() + surface_cell.size()) * sizeof(int32_t) + distances.size();
@@ -54,10 +57,9 @@ struct LaneGrid {
   /// One for each voxel of a brick, the cubes between eight values, x slowest: its distance (Chebyshev) from the
   /// nearest one in the brick of whose values one reaches surface_density.
   std::vector<uint8_t> distances;
-  /// For that walk: the number of the cell's brick, or negative where there is nothing to meet, an EmptyReach; with
-  /// kBelow in cells that are not empty, but bounded below surface_density.
+  /// For that walk: the number of the cell's brick, or negative where its bound lies below surface_density, an
+  /// EmptyReach.
   std::vector<int32_t> surface_cell;
-  static constexpr int32_t kBelow = 1 << 30;
   float surface_density = 0;
 };
 

@@ -98,6 +98,7 @@ class Medium {
 
   const Placement& placement() const { return placement_; }
   Ray to_local(const Ray& world) const { return placement_.to_local(world); }
+  Beam to_local(const Beam& world) const { return placement_.to_local(world); }
   dvec3 to_local(const dvec3& world) const { return placement_.to_local(world); }
   dvec3 to_world(const dvec3& local) const { return placement_.to_world(local); }
   dvec3 gradient_to_world(const dvec3& local) const { return placement_.gradient_to_world(local); }

@@ -2,7 +2,9 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
+#include <glm/gtc/matrix_access.hpp>
 
 #include "base/error.h"
 
@@ -36,6 +38,14 @@ Placement::Placement(const dmat4& world_from_local) {
   local_from_world_ = glm::inverse(world_from_local_);
   world_offset_ = dvec3(world_from_local[3]);
   local_offset_ = -(local_from_world_ * world_offset_);
+}
+
+Beam Placement::to_local(const Beam& world) const {
+  double most = 0;
+  for (const dvec3& row :
+       {glm::row(local_from_world_, 0), glm::row(local_from_world_, 1), glm::row(local_from_world_, 2)})
+    most = std::max(most, glm::length(row));
+  return {to_local(world.middle), most * world.apart, most * world.apart_per_t};
 }
 
 dmat4 Placement::world_from_local() const {

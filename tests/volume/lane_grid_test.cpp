@@ -108,7 +108,6 @@ TEST_P(LaneGridOfCells, DistancesAreThoseToTheNearestVoxelThatReachesTheSurface)
     const BrickGrid::Cell& cell = bricks.cell(c);
     ASSERT_EQ(entry < 0, cell.majorant < kSurface);
     if (entry < 0) {
-      ASSERT_EQ((entry & LaneGrid::kBelow) != 0, !empty(c));
       below += !empty(c);
       return;
     }
@@ -155,11 +154,23 @@ TEST_P(LaneGridOfCells, BricksWithoutTheSurfaceAreCrossedUnderLooseMajorants) {
   EXPECT_GT(promised, 0);
 }
 
-// A yes must hold for every ray of the bundle; and bundles as thin as those of a pixel are told nearly always.
-TEST_P(LaneGridOfCells, BundlesThatPassMeetNothing) {
+// No ray of a beam may meet anything before the beam does; and beams as thin as those of a pixel must be told nearly
+// where they do.
+TEST_P(LaneGridOfCells, NoRayOfABeamMeetsAnythingBeforeIt) {
+  constexpr float kSurface = 0.3f;
+  grid.find_surface(bricks, kSurface);
+  const int n = GetParam();
+  const auto holds_medium = [&](const dvec3& p) { return !empty(ivec3(glm::floor(p / static_cast<double>(n)))); };
+  const auto holds_surface = [&](const dvec3& p) {
+    const ivec3 v(glm::floor(p));
+    float most = 0;
+    for (int k = 0; k < 8; ++k) most = std::max(most, bricks.voxel(v + ivec3(k & 1, k >> 1 & 1, k >> 2)));
+    return most >= kSurface;
+  };
   Rng rng(4);
-  const dvec3 size(bricks.cells() * GetParam());
-  int said = 0, true_of_thin = 0, said_of_thin = 0;
+  const dvec3 size(bricks.cells() * n);
+  const double end = 4 * glm::length(size);
+  int thin_rays[2] = {}, close[2] = {}, never = 0, never_told = 0;
   for (int i = 0; i < 4000; ++i) {
     const bool thin = i % 2;
     const double apart = thin ? 0.01 : 4 * rng.uniform(), apart_per_t = thin ? 1e-4 : 0.02 * rng.uniform();
@@ -167,27 +178,32 @@ TEST_P(LaneGridOfCells, BundlesThatPassMeetNothing) {
     middle.d = test::random_point(rng, dvec3(0), size) - middle.o;
     middle.d *= (0.3 + rng.uniform()) / glm::length(middle.d);
     if (i % 5 == 0) middle.d[i % 3] = 0;
-    const double t1 = 4 * glm::length(size);
-    const bool passes = grid.bundle_passes(middle, apart, apart_per_t, 0, t1);
-    said += passes;
-    bool nothing = true;
-    for (int k = 0; k < 8; ++k) {
+    const LaneGrid::Meeting told = grid.first_meeting({middle, apart, apart_per_t});
+    ASSERT_GE(told.surface, told.medium);
+    for (int k = 0; k < 4; ++k) {
       Ray ray = middle;
       if (k > 0) {
         ray.o += test::random_point(rng, dvec3(-apart), dvec3(apart));
         ray.d += test::random_point(rng, dvec3(-apart_per_t), dvec3(apart_per_t));
       }
-      for (double t = 0; t < t1 && nothing; t += 0.2)
-        nothing = empty(ivec3(glm::floor(ray.at(t) / static_cast<double>(GetParam()))));
-      if (passes) {
-        ASSERT_TRUE(nothing) << "ray " << k << " of bundle " << i;
+      double medium = end, surface = end;
+      for (double t = 0; t < end && surface == end; t += 0.1) {
+        if (medium == end && holds_medium(ray.at(t))) medium = t;
+        if (medium < end && holds_surface(ray.at(t))) surface = t;
       }
-      if (!nothing) break;
+      ASSERT_GE(medium, std::min(told.medium, end)) << "ray " << k << " of beam " << i;
+      ASSERT_GE(surface, std::min(told.surface, end)) << "ray " << k << " of beam " << i;
+      if (!thin) continue;
+      never += medium == end, never_told += std::isinf(told.medium);
+      const double speed = glm::length(ray.d);
+      if (medium < end) ++thin_rays[0], close[0] += (medium - told.medium) * speed < 2 * n;
+      if (surface < end) ++thin_rays[1], close[1] += (surface - told.surface) * speed < 4;
     }
-    if (thin) true_of_thin += nothing, said_of_thin += passes;
   }
-  EXPECT_GT(said, 300);
-  EXPECT_GT(said_of_thin, 0.95 * true_of_thin);
+  EXPECT_GT(never_told, 0.95 * never);
+  EXPECT_GT(close[0], 0.98 * thin_rays[0]);
+  EXPECT_GT(close[1], 0.95 * thin_rays[1]);
+  EXPECT_GT(thin_rays[1], 80);
 }
 
 }  // namespace

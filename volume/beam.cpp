@@ -1,0 +1,53 @@
+#include "volume/beam.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace brume {
+
+BeamLayers::BeamLayers(const Beam& beam, const ivec3& n, double size) : beam_(beam), n_(n), size_(size) {
+  const dvec3& d = beam.middle.d;
+  axis_ = 0;
+  for (int a = 1; a < 3; ++a)
+    if (std::abs(d[a]) > std::abs(d[axis_])) axis_ = a;
+  step_ = d[axis_] < 0 ? -1 : 1;
+  if (!(beam.apart_per_t < 0.5 * std::abs(d[axis_]))) return;
+  per_d_ = 1.0 / d[axis_];
+  per_speed_ = 1.0 / (std::abs(d[axis_]) - beam.apart_per_t);
+}
+
+/// On each side of the middle ray, with a hundredth of a voxel for rounding.
+double BeamLayers::width(double t) const {
+  return beam_.apart + beam_.apart_per_t * std::max(t, 0.0) + 0.01;
+}
+
+int BeamLayers::first() const {
+  const double at = (beam_.middle.o[axis_] - step_ * width(0)) / size_;
+  const int layer = static_cast<int>(std::floor(std::clamp(at, -1.0, n_[axis_] + 0.0)));
+  return step_ > 0 ? std::max(layer, 0) : std::min(layer, n_[axis_] - 1);
+}
+
+BeamLayers::Layer BeamLayers::layer(int k) const {
+  const double near = reached(step_ > 0 ? k : k + 1), far = reached(step_ > 0 ? k + 1 : k);
+  const double early = width(far) * per_speed_;  // or late: when other rays are in the layer
+  const double end = far + early, w = width(end);
+  Layer layer{near - early, ivec3(k), ivec3(k)};
+  for (int a = 0; a < 3; ++a) {
+    if (a == axis_) continue;
+    const double p = beam_.middle.o[a] + layer.begin * beam_.middle.d[a],
+                 q = beam_.middle.o[a] + end * beam_.middle.d[a];
+    const auto cube = [&](double x) {  // floor, within a cube of the lattice
+      return static_cast<int>(std::clamp(x / size_, -1.0, n_[a] + 0.0) + 1.0) - 1;
+    };
+    layer.lo[a] = std::max(cube(std::min(p, q) - w), 0);
+    layer.hi[a] = std::min(cube(std::max(p, q) + w), n_[a] - 1);
+  }
+  return layer;
+}
+
+int BeamLayers::Layer::cubes() const {
+  const ivec3 n = glm::max(hi - lo + 1, ivec3(0));
+  return n.x * n.y * n.z;
+}
+
+}  // namespace brume

@@ -1,0 +1,45 @@
+#pragma once
+#include "base/vec.h"
+
+namespace brume {
+
+/// All rays near a middle one: on each axis, their origins differ by at most `apart` from its own, their directions by
+/// at most `apart_per_t`. They begin at the parameter 0.
+struct Beam {
+  Ray middle;
+  double apart = 0, apart_per_t = 0;
+};
+
+/// The cubes of a lattice that the rays of a beam can touch, layer by layer across the axis that the beam follows most.
+class BeamLayers {
+ public:
+  /// The lattice begins at the origin. @param n  cubes along its axes   @param size  of a cube
+  BeamLayers(const Beam& beam, const ivec3& n, double size);
+
+  /// Whether all rays pass the layers in one order. If not, the beam is too wide to tell anything.
+  bool ordered() const { return per_speed_ > 0; }
+  int axis() const { return axis_; }
+  int step() const { return step_; }
+  /// The first layer that a ray can touch, and whether there is a layer with the number k.
+  int first() const;
+  bool has(int k) const { return k >= 0 && k < n_[axis_]; }
+
+  struct Layer {
+    double begin;  ///< no ray is in it before
+    ivec3 lo, hi;  ///< its cubes that rays can touch, inclusive; none where lo > hi on an axis
+    int cubes() const;
+  };
+  Layer layer(int k) const;
+
+ private:
+  double width(double t) const;
+  double reached(int plane) const { return (plane * size_ - beam_.middle.o[axis_]) * per_d_; }
+
+  Beam beam_;
+  ivec3 n_;
+  double size_;
+  int axis_, step_;
+  double per_d_ = 0, per_speed_ = 0;  // 1 / the middle ray's speed along the axis; the slowest ray's, absolute
+};
+
+}  // namespace brume
