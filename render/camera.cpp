@@ -138,7 +138,7 @@ Ray Camera::ray(const dvec2& film, const dvec2& lens, double time) const {
 
 // Directions point from the eye to a plane in front of it: those that differ from the middle one by at most an angle
 // meet it in a convex region, which holds all of a polygon if it holds its corners. The lens lies within a square.
-std::optional<Beam> Camera::beam(int x, int y) const {
+std::optional<Beam> Camera::beam(const ivec2& begin, const ivec2& end) const {
   if (moves_) return {};
   const double distance = lens_radius_ > 0 ? focus_distance_ : 1.0;
   const auto towards = [&](const dvec2& film, const dvec2& lens) {
@@ -146,15 +146,16 @@ std::optional<Beam> Camera::beam(int x, int y) const {
     const dvec3 aim = orthographic_ ? open_.forward : open_.forward + point.x * open_.right + point.y * open_.up;
     return glm::normalize(distance * aim - lens_radius_ * (lens.x * open_.right + lens.y * open_.up));
   };
-  const dvec2 centre(x + 0.5, y + 0.5), point = film_point(centre);
+  const dvec2 centre = 0.5 * dvec2(begin + end), point = film_point(centre);
   Beam beam{{open_.position - world_shift_, towards(centre, dvec2(0))}, lens_radius_, 0};
   if (orthographic_) {
     beam.middle.o += point.x * open_.right + point.y * open_.up;
-    beam.apart += glm::distance(film_point({x, y}), point);
+    beam.apart += glm::distance(film_point(begin), point);
   }
   for (int corner = 0; corner < 4; ++corner)
-    for (int side = 0; side < 4; ++side) {
-      const dvec2 film(x + (corner & 1), y + (corner >> 1)), lens(side & 1 ? 1 : -1, side & 2 ? 1 : -1);
+    for (int side = 0; side < (lens_radius_ > 0 ? 4 : 1); ++side) {
+      const dvec2 film(corner & 1 ? end.x : begin.x, corner & 2 ? end.y : begin.y);
+      const dvec2 lens(side & 1 ? 1 : -1, side & 2 ? 1 : -1);
       beam.apart_per_t = std::max(beam.apart_per_t, glm::distance(towards(film, lens), beam.middle.d));
     }
   return beam;

@@ -19,8 +19,9 @@ class Camera {
   /// @param lens  uniform in [0, 1)^2   @param time  in [0, 1] of the shutter
   Ray ray(const dvec2& film, const dvec2& lens = dvec2(0.5), double time = 0) const;
 
-  /// All rays of a pixel, bounded in every direction; nothing for a camera that moves.
-  std::optional<Beam> beam(int x, int y) const;
+  /// All rays of a block of pixels, bounded in every direction; nothing for a camera that moves.
+  /// @param end  exclusive
+  std::optional<Beam> beam(const ivec2& begin, const ivec2& end) const;
 
   bool moves() const { return moves_; }
   bool has_lens() const { return lens_radius_ > 0; }

@@ -88,12 +88,31 @@ PreparedScene::PreparedScene(Scene scene, const LayerRequest& layers, const Task
   if (context_.plan.flash) calibrate_flash();
 }
 
-PixelStart PreparedScene::pixel_start(const Camera& camera, int x, int y) const {
-  const std::optional<Beam> beam = context_.plan.lanes ? camera.beam(x, y) : std::nullopt;
-  if (!beam) return {};
-  const LaneGrid::Meeting m = lane_grid_.first_meeting(context_.media[0].to_local(*beam));
+// A block of pixels is walked first, and its pixels from where it meets something. Blocks are the same in every window.
+std::vector<PixelStart> PreparedScene::pixel_starts(const Camera& camera, const RenderJob::Crop& window,
+                                                    const Task& task) const {
+  constexpr int kBlock = 8;
+  const int width = window.x1 - window.x0;
+  std::vector<PixelStart> starts(static_cast<size_t>(width) * (window.y1 - window.y0));
+  if (!context_.plan.lanes || camera.moves()) return starts;
+  const auto meeting = [&](const ivec2& corner, int size, const LaneGrid::Meeting& from) {
+    return lane_grid_.first_meeting(context_.media[0].to_local(*camera.beam(corner, corner + size)), from);
+  };
   const auto rounded_down = [](double t) { return std::nextafter(static_cast<float>(t), 0.0f); };
-  return {rounded_down(m.medium), rounded_down(m.surface)};
+  const int first_row = window.y0 / kBlock, rows = (window.y1 - 1) / kBlock - first_row + 1;
+  parallel_for(rows, task, [&](int row) {
+    const int y0 = (first_row + row) * kBlock;
+    for (int x0 = window.x0 / kBlock * kBlock; x0 < window.x1; x0 += kBlock) {
+      const LaneGrid::Meeting block = meeting({x0, y0}, kBlock, {0, 0});
+      for (int y = std::max(y0, window.y0); y < std::min(y0 + kBlock, window.y1); ++y)
+        for (int x = std::max(x0, window.x0); x < std::min(x0 + kBlock, window.x1); ++x) {
+          const LaneGrid::Meeting m = meeting({x, y}, 1, block);
+          starts[static_cast<size_t>(y - window.y0) * width + (x - window.x0)] = {rounded_down(m.medium),
+                                                                                  rounded_down(m.surface)};
+        }
+    }
+  });
+  return starts;
 }
 
 PathRequest PreparedScene::request(const Camera& camera, int64_t seed, int x, int y, uint32_t sample,
@@ -221,11 +240,7 @@ RenderResult PreparedScene::render(const RenderJob& job, const Task& task) const
     records = std::make_unique<RecordWriter>(job.records, layout);
   }
 
-  std::vector<PixelStart> starts(static_cast<size_t>(width) * height);
-  parallel_for(height, {task.threads, {}, task.cancel}, [&](int y) {
-    for (int x = 0; x < width; ++x)
-      starts[static_cast<size_t>(y) * width + x] = pixel_start(camera, window.x0 + x, window.y0 + y);
-  });
+  const std::vector<PixelStart> starts = pixel_starts(camera, window, {task.threads, {}, task.cancel});
 
   struct TileReport {
     PathCounters counters;
@@ -421,7 +436,7 @@ void PreparedScene::describe(Layers& layers, const Camera& camera, const RenderJ
 PathSample PreparedScene::replay(int64_t seed, int x, int y, uint32_t sample) const {
   const Camera camera(scene_.camera, scene_.film.width, scene_.film.height, world_shift());
   PathCounters counters;
-  const PathRequest r = request(camera, seed, x, y, sample, pixel_start(camera, x, y));
+  const PathRequest r = request(camera, seed, x, y, sample, pixel_starts(camera, {x, y, x + 1, y + 1}).front());
   PathSample result;
   select_path_tracer(context_.plan)(
       context_, {&r, 1}, [&](size_t, const PathSample& traced) { result = traced; }, counters);

@@ -92,7 +92,9 @@ class PreparedScene {
   /// The camera ray and the random numbers of one sample.
   PathRequest request(const Camera& camera, int64_t seed, int x, int y, uint32_t sample,
                       const PixelStart& start = {}) const;
-  PixelStart pixel_start(const Camera& camera, int x, int y) const;
+  /// Of the pixels of a window, row by row.
+  std::vector<PixelStart> pixel_starts(const Camera& camera, const RenderJob::Crop& window,
+                                       const Task& task = {}) const;
 
  private:
   void calibrate_flash();

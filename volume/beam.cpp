@@ -5,7 +5,7 @@
 
 namespace brume {
 
-BeamLayers::BeamLayers(const Beam& beam, const ivec3& n, double size) : beam_(beam), n_(n), size_(size) {
+BeamLayers::BeamLayers(const Beam& beam, const ivec3& n, double size) : beam_(beam), n_(n), size_(size), per_size_(1.0 / size) {
   const dvec3& d = beam.middle.d;
   axis_ = 0;
   for (int a = 1; a < 3; ++a)
@@ -21,8 +21,8 @@ double BeamLayers::width(double t) const {
   return beam_.apart + beam_.apart_per_t * std::max(t, 0.0) + 0.01;
 }
 
-int BeamLayers::first() const {
-  const double at = (beam_.middle.o[axis_] - step_ * width(0)) / size_;
+int BeamLayers::first(double t) const {
+  const double at = (beam_.middle.o[axis_] + t * beam_.middle.d[axis_] - step_ * width(t)) / size_;
   const int layer = static_cast<int>(std::floor(std::clamp(at, -1.0, n_[axis_] + 0.0)));
   return step_ > 0 ? std::max(layer, 0) : std::min(layer, n_[axis_] - 1);
 }
@@ -37,7 +37,7 @@ BeamLayers::Layer BeamLayers::layer(int k) const {
     const double p = beam_.middle.o[a] + layer.begin * beam_.middle.d[a],
                  q = beam_.middle.o[a] + end * beam_.middle.d[a];
     const auto cube = [&](double x) {  // floor, within a cube of the lattice
-      return static_cast<int>(std::clamp(x / size_, -1.0, n_[a] + 0.0) + 1.0) - 1;
+      return static_cast<int>(std::clamp(x * per_size_, -1.0, n_[a] + 0.0) + 1.0) - 1;
     };
     layer.lo[a] = std::max(cube(std::min(p, q) - w), 0);
     layer.hi[a] = std::min(cube(std::max(p, q) + w), n_[a] - 1);

@@ -20,8 +20,8 @@ class BeamLayers {
   bool ordered() const { return per_speed_ > 0; }
   int axis() const { return axis_; }
   int step() const { return step_; }
-  /// The first layer that a ray can touch, and whether there is a layer with the number k.
-  int first() const;
+  /// The first layer that a ray can touch at the parameter t or later; and whether there is a layer with the number k.
+  int first(double t) const;
   bool has(int k) const { return k >= 0 && k < n_[axis_]; }
 
   struct Layer {
@@ -37,7 +37,7 @@ class BeamLayers {
 
   Beam beam_;
   ivec3 n_;
-  double size_;
+  double size_, per_size_;
   int axis_, step_;
   double per_d_ = 0, per_speed_ = 0;  // 1 / the middle ray's speed along the axis; the slowest ray's, absolute
 };

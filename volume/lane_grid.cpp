@@ -135,20 +135,21 @@ uint32_t EmptyReach::pack(const std::array<uint16_t, 8>& reach) {
   return best;
 }
 
-LaneGrid::Meeting LaneGrid::first_meeting(const Beam& beam) const {
+LaneGrid::Meeting LaneGrid::first_meeting(const Beam& beam, const Meeting& from) const {
   constexpr int kMostCubes = 64;  // in a layer: a wider beam is not looked into
   constexpr double kNever = std::numeric_limits<double>::infinity();
   const ivec3 n(nx, ny, nz);
-  const BeamLayers layers(beam, n, cell_size), voxel_layers(beam, n * cell_size, 1.0);
-  Meeting m{kNever, kNever};
-  if (!layers.ordered()) return {0, 0};
+  const BeamLayers cells(beam, n, cell_size), voxels(beam, n * cell_size, 1.0);
+  if (!cells.ordered()) return {0, 0};
   const int bits = std::countr_zero(static_cast<unsigned>(cell_size)), mask = cell_size - 1;
   const auto index = [&](const ivec3& c) { return (static_cast<size_t>(c.x) * ny + c.y) * nz + c.z; };
-  const auto any = [](const BeamLayers::Layer& layer, const auto& holds) {
+  // Whether a layer holds a cube of a kind, or too many to look.
+  const auto holds = [](const BeamLayers::Layer& layer, const auto& kind) {
+    if (layer.cubes() > kMostCubes) return true;
     for (int x = layer.lo.x; x <= layer.hi.x; ++x)
       for (int y = layer.lo.y; y <= layer.hi.y; ++y)
         for (int z = layer.lo.z; z <= layer.hi.z; ++z)
-          if (holds(ivec3(x, y, z))) return true;
+          if (kind(ivec3(x, y, z))) return true;
     return false;
   };
   const auto holds_medium = [&](const ivec3& c) { return !(majorant[index(c)] < 0); };
@@ -158,16 +159,24 @@ LaneGrid::Meeting LaneGrid::first_meeting(const Beam& beam) const {
     const auto in_brick = static_cast<size_t>(((v.x & mask) << 2 * bits) + ((v.y & mask) << bits) + (v.z & mask));
     return number >= 0 && distances[(static_cast<size_t>(number) << 3 * bits) + in_brick] == 0;
   };
-  for (int k = layers.first(); layers.has(k); k += layers.step()) {
-    const BeamLayers::Layer cells = layers.layer(k);
-    const bool wide = cells.cubes() > kMostCubes;
-    if (m.medium == kNever && (wide || any(cells, holds_medium))) m.medium = std::max(cells.begin, 0.0);
-    if (m.medium == kNever) continue;
-    if (surface_cell.empty() || wide) return {m.medium, std::max(cells.begin, 0.0)};
-    if (!any(cells, holds_surface)) continue;
-    for (int i = 0; i < cell_size; ++i) {
-      const BeamLayers::Layer voxels = voxel_layers.layer(k * cell_size + (layers.step() > 0 ? i : mask - i));
-      if (voxels.cubes() > kMostCubes || any(voxels, reaches_surface)) return {m.medium, std::max(voxels.begin, 0.0)};
+
+  Meeting m{kNever, kNever};
+  int k = from.medium < kNever ? cells.first(from.medium) : -1;
+  for (; cells.has(k) && m.medium == kNever; k += cells.step()) {
+    const BeamLayers::Layer layer = cells.layer(k);
+    if (holds(layer, holds_medium)) m.medium = std::max(layer.begin, 0.0);
+  }
+  if (surface_cell.empty()) return {m.medium, m.medium};
+  const double begin = std::max(m.medium, from.surface);
+  for (int v = begin < kNever ? voxels.first(begin) : -1; voxels.has(v);) {
+    const int step = voxels.step(), in_cell = step > 0 ? v & mask : mask - (v & mask);
+    if (holds(cells.layer(v >> bits), holds_surface)) {
+      for (int i = in_cell; i < cell_size; ++i, v += step) {
+        const BeamLayers::Layer layer = voxels.layer(v);
+        if (holds(layer, reaches_surface)) return {m.medium, std::max(layer.begin, m.medium)};
+      }
+    } else {
+      v += step * (cell_size - in_cell);
     }
   }
   return m;

@@ -42,7 +42,8 @@ struct LaneGrid {
     double medium;   ///< a cell that is not empty
     double surface;  ///< after find_surface, a voxel that can reach the surface's density
   };
-  Meeting first_meeting(const Beam& beam) const;
+  /// @param from  what a wider beam around this one meets
+  Meeting first_meeting(const Beam& beam, const Meeting& from = {0, 0}) const;
 
   size_t bytes() const {
     return majorant.size() * sizeof(float) + (brick.size() + surface_cell.size()) * sizeof(int32_t) + distances.size();

@@ -39,7 +39,7 @@ TEST(Camera, ABeamHoldsEveryRayOfItsPixel) {
         s.type = type, s.width = 3, s.fov = 100, s.lens_radius = radius, s.blades = rng.uniform() < 0.5 ? 0 : 5;
         const Camera camera(s, width, width);
         const int x = width / 5, y = width - 1;
-        const std::optional<Beam> beam = camera.beam(x, y);
+        const std::optional<Beam> beam = camera.beam({x, y}, {x + 1, y + 1});
         ASSERT_TRUE(beam);
         double widest = 0;
         for (int i = 0; i < 2000; ++i) {
@@ -54,7 +54,7 @@ TEST(Camera, ABeamHoldsEveryRayOfItsPixel) {
       }
   CameraSettings moving = settings();
   moving.position_end = {1, -4, 2};
-  EXPECT_FALSE(Camera(moving, 10, 10).beam(0, 0));
+  EXPECT_FALSE(Camera(moving, 10, 10).beam({0, 0}, {1, 1}));
 }
 
 // All rays of one film point meet in the plane of focus, and their origins fill the aperture.

@@ -180,6 +180,10 @@ TEST_P(LaneGridOfCells, NoRayOfABeamMeetsAnythingBeforeIt) {
     if (i % 5 == 0) middle.d[i % 3] = 0;
     const LaneGrid::Meeting told = grid.first_meeting({middle, apart, apart_per_t});
     ASSERT_GE(told.surface, told.medium);
+    const LaneGrid::Meeting wider = grid.first_meeting({middle, 3 * apart + 1, 2 * apart_per_t});
+    const LaneGrid::Meeting from_there = grid.first_meeting({middle, apart, apart_per_t}, wider);
+    ASSERT_EQ(from_there.medium, told.medium);
+    ASSERT_EQ(from_there.surface, told.surface);
     for (int k = 0; k < 4; ++k) {
       Ray ray = middle;
       if (k > 0) {
