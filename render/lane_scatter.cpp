@@ -15,6 +15,15 @@ namespace brume::HWY_NAMESPACE {
 
 #include "render/lane_math.h"
 
+/// A function of each of the first lanes' numbers, in full precision.
+template <class Function>
+HWY_INLINE V each_lane(V v, size_t lanes, Function&& function) {
+  HWY_ALIGN float x[hn::MaxLanes(D())];
+  hn::Store(v, D(), x);
+  for (size_t lane = 0; lane < lanes; ++lane) x[lane] = static_cast<float>(function(static_cast<double>(x[lane])));
+  return hn::Load(D(), x);
+}
+
 void Scatter(const LaneScene& scene, LanePool& pool, SlotList& slots, SlotList& shadows, SlotList& alive,
              uint64_t& capped_paths, double& capped_throughput) {
   const D d;
@@ -35,12 +44,30 @@ void Scatter(const LaneScene& scene, LanePool& pool, SlotList& slots, SlotList& 
 
     Generator rng{get_u(pool.s0), get_u(pool.s1), get_u(pool.s2), get_u(pool.s3)};
     const V3 dir{get(pool.dx), get(pool.dy), get(pool.dz)};
-    V tr = hn::Mul(get(pool.tr), set(scene.albedo[0])), tg = hn::Mul(get(pool.tg), set(scene.albedo[1]));
-    V tb = hn::Mul(get(pool.tb), set(scene.albedo[2]));
+    const auto position = [&](size_t lane) {
+      const auto s = static_cast<size_t>(slots.slot[i + lane]);
+      return scene.medium->to_world(dvec3(pool.ox[s], pool.oy[s], pool.oz[s]));
+    };
+    const auto value_of = [&](V cos_theta) {
+      if (!scene.phase) return phase_value(scene.g, cos_theta);
+      return each_lane(cos_theta, valid, [&](double c) { return scene.phase->value(c); });
+    };
+    V3 albedo{set(scene.albedo[0]), set(scene.albedo[1]), set(scene.albedo[2])};
+    if (scene.coloured) {
+      HWY_ALIGN float rgb[3][hn::MaxLanes(d)] = {};
+      for (size_t lane = 0; lane < valid; ++lane) {
+        const vec3 a(scene.medium->albedo(position(lane)));
+        rgb[0][lane] = a.x, rgb[1][lane] = a.y, rgb[2][lane] = a.z;
+      }
+      albedo = {hn::Load(d, rgb[0]), hn::Load(d, rgb[1]), hn::Load(d, rgb[2])};
+    }
+    V tr = hn::Mul(get(pool.tr), albedo.x), tg = hn::Mul(get(pool.tg), albedo.y), tb = hn::Mul(get(pool.tb), albedo.z);
 
-    if (scene.sun_count + (scene.environment != nullptr) > 0) {
+    const size_t lights =
+        scene.lights ? scene.lights->sampled_count() : scene.sun_count + (scene.environment != nullptr);
+    if (lights > 0) {
       V choice = zero;
-      if (scene.sun_count + (scene.environment != nullptr) > 1) choice = rng.uniform(everyone);
+      if (lights > 1) choice = rng.uniform(everyone);
       const V u1 = rng.uniform(everyone), u2 = rng.uniform(everyone);
       V3 wi{zero, zero, one};
       V lr = zero, lg = zero, lb = zero, pdf_light = zero;
@@ -65,24 +92,37 @@ void Scatter(const LaneScene& scene, LanePool& pool, SlotList& slots, SlotList& 
         pdf_light = hn::IfThenElse(mine, set(sun.pdf * sun.share), pdf_light);
         if (sun.delta) is_delta = hn::Or(is_delta, mine);
       }
-      if (scene.environment) {
-        HWY_ALIGN float f[9][hn::MaxLanes(d)];
+      if (scene.environment || scene.lights) {
+        HWY_ALIGN float f[9][hn::MaxLanes(d)], c[hn::MaxLanes(d)];
+        hn::Store(choice, d, c);
+        uint32_t delta = 0;
         hn::Store(u1, d, f[0]), hn::Store(u2, d, f[1]);
         hn::Store(wi.x, d, f[2]), hn::Store(wi.y, d, f[3]), hn::Store(wi.z, d, f[4]);
         hn::Store(lr, d, f[5]), hn::Store(lg, d, f[6]), hn::Store(lb, d, f[7]), hn::Store(pdf_light, d, f[8]);
         for (uint32_t left = valid_bits & ~bits_of(chosen_before); left; left &= left - 1) {
           const auto lane = static_cast<size_t>(std::countr_zero(left));
-          const LightSample sample = scene.environment->sample(dvec2(f[0][lane], f[1][lane]));
+          const dvec2 u(f[0][lane], f[1][lane]);
+          LightSample sample;
+          if (scene.lights) {
+            sample = sample_lights(*scene.lights, position(lane), static_cast<double>(c[lane]), u);
+            pool.shadow_reach[static_cast<size_t>(slots.slot[i + lane])] =
+                static_cast<float>(std::min(sample.distance, 1e30));
+            delta |= static_cast<uint32_t>(sample.delta) << lane;
+          } else {
+            sample = scene.environment->sample(u);
+            sample.pdf *= static_cast<double>(scene.environment_share);
+          }
           f[2][lane] = static_cast<float>(sample.wi.x), f[3][lane] = static_cast<float>(sample.wi.y);
           f[4][lane] = static_cast<float>(sample.wi.z);
           f[5][lane] = static_cast<float>(sample.radiance.x), f[6][lane] = static_cast<float>(sample.radiance.y);
           f[7][lane] = static_cast<float>(sample.radiance.z);
-          f[8][lane] = static_cast<float>(sample.pdf) * scene.environment_share;
+          f[8][lane] = static_cast<float>(sample.pdf);
         }
+        is_delta = hn::Or(is_delta, mask_of(delta));
         wi = {hn::Load(d, f[2]), hn::Load(d, f[3]), hn::Load(d, f[4])};
         lr = hn::Load(d, f[5]), lg = hn::Load(d, f[6]), lb = hn::Load(d, f[7]), pdf_light = hn::Load(d, f[8]);
       }
-      const V phase = phase_value(scene.g, dot(dir, wi));
+      const V phase = value_of(dot(dir, wi));
       const V mis = hn::IfThenElse(is_delta, one, hn::Div(pdf_light, hn::Add(pdf_light, phase)));
       const V factor = hn::IfThenElseZero(hn::Gt(pdf_light, zero), hn::Div(hn::Mul(phase, mis), pdf_light));
       const V cr = hn::Mul(hn::Mul(tr, lr), factor), cg = hn::Mul(hn::Mul(tg, lg), factor);
@@ -119,11 +159,13 @@ void Scatter(const LaneScene& scene, LanePool& pool, SlotList& slots, SlotList& 
       lives = hn::AndNot(cut, lives);
     }
 
-    const V cos_theta = phase_cosine(scene.g, rng.uniform(everyone));
+    const V xi = rng.uniform(everyone);
+    const V cos_theta = scene.phase ? each_lane(xi, valid, [&](double x) { return scene.phase->sample_cosine(x); })
+                                    : phase_cosine(scene.g, xi);
     const V sin_theta = hn::Sqrt(hn::Max(hn::Mul(hn::Sub(one, cos_theta), hn::Add(one, cos_theta)), zero));
     const SinCosV phi = sincos_2pi(rng.uniform(everyone));
     const V3 turned = around(dir, hn::Mul(sin_theta, phi.cos), hn::Mul(sin_theta, phi.sin), cos_theta);
-    put(phase_value(scene.g, dot(dir, turned)), pool.pdf);
+    put(value_of(dot(dir, turned)), pool.pdf);
     put(turned.x, pool.dx), put(turned.y, pool.dy), put(turned.z, pool.dz);
     const V3 local = transform(scene.local_from_world, turned);
     put(local.x, pool.lx), put(local.y, pool.ly), put(local.z, pool.lz);

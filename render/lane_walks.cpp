@@ -19,12 +19,12 @@ namespace brume::HWY_NAMESPACE {
 
 enum class Walk { kFlight, kFirst, kShadow };
 
-/// Walks the rays of a list through the majorant cells. Flights end at a real collision, whose position becomes the
-/// path's, or leave the grid; first flights are whole: see render/lanes.h; shadow rays gather their transmittance by
-/// ratio tracking.
-template <Walk kWalk>
-HWY_INLINE void track(const LaneScene& scene, LanePool& pool, const SlotList& rays, SlotList* hits, SlotList* escapes,
-                      uint64_t& lookups) {
+/// Walks the rays of a list through the majorant cells, as far as `reach` where kReach. Flights end at a real
+/// collision, whose position becomes the path's, or leave the grid; first flights are whole: see render/lanes.h; shadow
+/// rays gather their transmittance by ratio tracking.
+template <Walk kWalk, bool kReach>
+void track(const LaneScene& scene, LanePool& pool, const SlotList& rays, SlotList* hits, SlotList* escapes,
+           uint64_t& lookups) {
   constexpr bool kShadow = kWalk == Walk::kShadow, kFirst = kWalk == Walk::kFirst;
   const D d;
   const DI di;
@@ -34,10 +34,10 @@ HWY_INLINE void track(const LaneScene& scene, LanePool& pool, const SlotList& ra
   CellWalk walk(scene);
   CellWalk::Buffer buffer;
   GeneratorBuffer generators;
-  HWY_ALIGN float result[kMost], carried[kMost], x[kMost], y[kMost], z[kMost];
+  HWY_ALIGN float result[kMost] = {}, carried[kMost], x[kMost], y[kMost], z[kMost];
 
   const V zero = hn::Zero(d), one = set(1.0f);
-  V tau = zero, weight = one;
+  V tau = zero, weight = one, reach = zero;
   V3 hit_at{zero, zero, zero};
   Generator rng = generators.load();
   uint32_t collided = 0;
@@ -76,11 +76,13 @@ HWY_INLINE void track(const LaneScene& scene, LanePool& pool, const SlotList& ra
           buffer.dx[lane] = (kShadow ? pool.sx : pool.lx)[s], buffer.dy[lane] = (kShadow ? pool.sy : pool.ly)[s];
           buffer.dz[lane] = (kShadow ? pool.sz : pool.lz)[s];
           generators.fetch(pool, s, lane);
+          if (kReach) result[lane] = (kShadow ? pool.shadow_reach : pool.reach)[s];
         }));
         walk.load(buffer, fresh);
         rng = generators.load();
         weight = hn::IfThenElse(fresh, one, weight);
         tau = hn::IfThenElse(fresh, rng.exponential(fresh), tau);
+        if (kReach) reach = hn::IfThenElse(fresh, hn::Load(d, result), reach);
       }
     }
     const M active = mask_of(queue.busy);
@@ -91,11 +93,13 @@ HWY_INLINE void track(const LaneScene& scene, LanePool& pool, const SlotList& ra
     const M empty = hn::Lt(bound, zero);
     const CellWalk::Crossing crossing = walk.ahead(hn::BitCast(di, bound), empty);
     const V sigma_maj = hn::Mul(bound, set(kFirst ? scene.first_sigma : scene.sigma));
-    const V remaining = hn::IfThenElse(empty, zero, hn::Mul(hn::Sub(crossing.until, walk.t), sigma_maj));
+    const V until = kReach ? hn::Min(crossing.until, reach) : crossing.until;
+    const V remaining = hn::IfThenElse(empty, zero, hn::Mul(hn::Sub(until, walk.t), sigma_maj));
     const M passes = hn::And(active, hn::Or(empty, hn::Ge(tau, remaining)));
     const M collides = hn::AndNot(passes, active);
     tau = hn::IfThenElse(passes, hn::Sub(tau, remaining), tau);
     M done = walk.cross(crossing, passes);
+    if (kReach) done = hn::Or(done, hn::And(passes, hn::Ge(crossing.until, reach)));
 
     // Lanes with a tentative collision: one look-up.
     if (!hn::AllFalse(d, collides)) {
@@ -141,16 +145,19 @@ HWY_INLINE void track(const LaneScene& scene, LanePool& pool, const SlotList& ra
 
 void Flight(const LaneScene& scene, LanePool& pool, const SlotList& rays, SlotList& hits, SlotList& escapes,
             uint64_t& lookups) {
-  track<Walk::kFlight>(scene, pool, rays, &hits, &escapes, lookups);
+  (scene.flights_end ? track<Walk::kFlight, true> : track<Walk::kFlight, false>)(scene, pool, rays, &hits, &escapes,
+                                                                                 lookups);
 }
 
 void First(const LaneScene& scene, LanePool& pool, const SlotList& rays, SlotList& hits, SlotList& escapes,
            uint64_t& lookups) {
-  track<Walk::kFirst>(scene, pool, rays, &hits, &escapes, lookups);
+  (scene.flights_end ? track<Walk::kFirst, true> : track<Walk::kFirst, false>)(scene, pool, rays, &hits, &escapes,
+                                                                               lookups);
 }
 
 void Shadow(const LaneScene& scene, LanePool& pool, const SlotList& rays, uint64_t& lookups) {
-  track<Walk::kShadow>(scene, pool, rays, nullptr, nullptr, lookups);
+  (scene.lights ? track<Walk::kShadow, true> : track<Walk::kShadow, false>)(scene, pool, rays, nullptr, nullptr,
+                                                                            lookups);
 }
 
 }  // namespace brume::HWY_NAMESPACE

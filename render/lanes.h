@@ -28,10 +28,12 @@ struct LaneScene {
   float sigma;               // extinction per density
   float local_from_world[3][3];
   float gradient_to_world[3][3];
-  float least_gradient;  // per voxel: below it, wider differences are needed
-  float first_sigma;     // the same of the first flight's majorants, which may be looser
-  float g;
+  float least_gradient;                  // per voxel: below it, wider differences are needed
+  float first_sigma;                     // the same of the first flight's majorants, which may be looser
+  float g;                               // of the phase function, where it is Henyey-Greenstein's
+  const PhaseFunction* phase = nullptr;  // the others
   float albedo[3];
+  bool coloured;  // another albedo at every point
   int roulette_start;
   int max_events;
   bool interpolate;
@@ -48,19 +50,24 @@ struct LaneScene {
   /// Sampled by the remaining share of the choice; null where none is.
   const Environment* environment = nullptr;
   float environment_share = 0;
+  /// All of them, where one has a place and the choice between them depends on the point; else null, and the above.
+  const Lights* lights = nullptr;
+  const Medium* medium;
+  bool flights_end = false;  // on a light
 };
 
 /// State of the paths of one thread, one array per member.
 struct LanePool {
   template <class T>
   using Column = std::array<T, kPool + kPadding>;
-  Column<float> ox, oy, oz;  // position: local coordinates of the bricks
-  Column<float> dx, dy, dz;  // direction: world, unit
-  Column<float> lx, ly, lz;  // the same in local coordinates
-  Column<float> sx, sy, sz;  // direction of the shadow ray, local
-  Column<float> tr, tg, tb;  // throughput
-  Column<float> cr, cg, cb;  // what the shadow ray brings if nothing dims it
-  Column<float> pdf;         // of the last direction
+  Column<float> ox, oy, oz;           // position: local coordinates of the bricks
+  Column<float> dx, dy, dz;           // direction: world, unit
+  Column<float> lx, ly, lz;           // the same in local coordinates
+  Column<float> sx, sy, sz;           // direction of the shadow ray, local
+  Column<float> tr, tg, tb;           // throughput
+  Column<float> cr, cg, cb;           // what the shadow ray brings if nothing dims it
+  Column<float> reach, shadow_reach;  // ray parameter where a light is; only where flights_end, where there are lights
+  Column<float> pdf;                  // of the last direction
   Column<float> transmittance;
   Column<float> passed;  // share of the camera ray that passed the medium
   Column<float> direct_r, direct_g, direct_b, indirect_r, indirect_g, indirect_b;
@@ -96,6 +103,9 @@ struct LaneCamera {
   LanePool::Column<float> depth;                              ///< optical depth, clamped at 50
   std::array<LanePool::Column<float>, kMarchedPoints> point;  ///< ray parameters, -1 past the end
 };
+
+/// A sample of one of the lights from a point, without radiance where another is in its way.
+LightSample sample_lights(const Lights& lights, const dvec3& p, double choice, const dvec2& u);
 
 // The kernels, for the best instruction set of the machine.
 

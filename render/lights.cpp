@@ -425,6 +425,25 @@ LightSample Lights::sample(const dvec3& p, double choice, const dvec2& u) const 
   return s;
 }
 
+std::pair<const FiniteLight*, double> Lights::nearest(const Ray& ray, double t_max, bool seen) const {
+  std::pair<const FiniteLight*, double> found{nullptr, t_max};
+  for (const FiniteLight* light : finite_) {
+    if (seen && !light->visible()) continue;
+    const double t = light->intersect(ray);
+    if (t > 0 && t < found.second) found = {light, t};
+  }
+  return found;
+}
+
+bool Lights::blocked(const Ray& shadow, double distance, const Light* from) const {
+  for (const FiniteLight* light : finite_) {
+    if (light == from) continue;
+    const double t = light->intersect(shadow);
+    if (t > 0 && t < distance) return true;
+  }
+  return false;
+}
+
 double Lights::choice_probability(const Light& light, const dvec3& p) const {
   double total = 0, own = 0;
   for (size_t i = 0; i < sampled_.size(); ++i) {

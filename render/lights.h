@@ -209,6 +209,13 @@ class Lights {
   const std::vector<const PointLight*>& points() const { return points_; }
   /// Null where the scene has none.
   const Environment* environment() const { return environment_; }
+  /// Whether analytic lights stand somewhere.
+  bool local() const { return !finite_.empty() || !points_.empty(); }
+  /// The light that a ray ends on before t_max, and where; null for none.
+  /// @param seen  only lights that rays see which never scattered
+  std::pair<const FiniteLight*, double> nearest(const Ray& ray, double t_max, bool seen) const;
+  /// Whether a finite light is in the way of a sample of another one.
+  bool blocked(const Ray& shadow, double distance, const Light* from) const;
 
   /// Whether anything shines.
   bool any() const;

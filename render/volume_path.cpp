@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <tuple>
 #include <vector>
 
 #include "render/near_light.h"
@@ -89,12 +90,7 @@ class PathTracer {
     // What bounds the flight.
     double t_max = kFar;
     const FiniteLight* light = nullptr;
-    if constexpr (F.finite_lights)
-      for (const FiniteLight* candidate : c_.lights->finite()) {
-        if (events_ == 0 && !candidate->visible()) continue;
-        const double t = candidate->intersect(ray_);
-        if (t > 0 && t < t_max) t_max = t, light = candidate;
-      }
+    if constexpr (F.finite_lights) std::tie(light, t_max) = c_.lights->nearest(ray_, t_max, events_ == 0);
     std::optional<SurfaceHit> hit;
     if constexpr (F.surfaces) {
       hit = c_.surfaces->intersect(ray_, t_max);
@@ -402,12 +398,7 @@ class PathTracer {
   dvec3 arriving(const dvec3& unoccluded, const Ray& shadow, double distance, const Light* from) {
     if (unoccluded == dvec3(0)) return unoccluded;
     if constexpr (F.finite_lights)
-      for (const FiniteLight* finite : c_.lights->finite()) {
-        // Rays end on every finite light; the one that is aimed at is not in its own way.
-        if (finite == from) continue;
-        const double t = finite->intersect(shadow);
-        if (t > 0 && t < distance) return dvec3(0);
-      }
+      if (c_.lights->blocked(shadow, distance, from)) return dvec3(0);
     if constexpr (F.surfaces)
       if (c_.surfaces->occluded(shadow, distance * (1.0 - 1e-4))) return dvec3(0);
     return dimmed(unoccluded, shadow, distance);

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <vector>
 
 #include "render/lanes.h"
@@ -12,6 +13,8 @@
 
 namespace brume {
 namespace {
+
+constexpr double kFar = std::numeric_limits<double>::infinity();
 
 LaneScene lane_scene(const PathContext& context) {
   const Medium& medium = context.media[0];
@@ -38,12 +41,22 @@ LaneScene lane_scene(const PathContext& context) {
     for (int row = 0; row < 3; ++row) s.gradient_to_world[row][column] = static_cast<float>(g[row]);
   }
   s.least_gradient = static_cast<float>(kLeastGradient * medium.maximum_density());
-  s.g = static_cast<float>(medium.phase().first.g);
+  s.coloured = medium.coloured();
+  if (medium.phase().is_henyey_greenstein())
+    s.g = static_cast<float>(medium.phase().first.g);
+  else
+    s.phase = &medium.phase();
   for (int c = 0; c < 3; ++c) s.albedo[c] = static_cast<float>(medium.albedo()[c]);
   s.roulette_start = context.roulette_start;
   s.max_events = context.max_events;
   s.interpolate = context.interpolate;
+  s.medium = &medium;
+  s.flights_end = context.plan.finite_lights;
   if (!context.plan.light_sampling) return s;
+  if (context.lights->local()) {
+    s.lights = context.lights;
+    return s;
+  }
   double end = 0;
   const dvec3 anywhere(0);
   for (const Sun* sun : context.lights->suns()) {
@@ -93,6 +106,7 @@ class Wavefront {
       s.hits.count = s.escapes.count = s.shadows.count = s.alive.count = 0;
       start_paths();
       if (s.active.count + s.hits.count == 0) break;
+      find_ends(s.active);
       lanes_fly(scene_, s.pool, s.active, s.hits, s.escapes, tracking.lookups);
       for (size_t i = 0; i < s.escapes.count; ++i) escape(s.escapes.slot[i]);
       tracking.collisions += s.hits.count;
@@ -118,7 +132,8 @@ class Wavefront {
     SlotList fresh, walks, active, hits, escapes, shadows, alive;
     LanePoints points;
     LaneCamera camera;
-    std::vector<PathSample> samples;  // of the paths, where keeps_samples()
+    std::array<const FiniteLight*, kPool> end;  // the light that a flight ends on, where scene_.flights_end
+    std::vector<PathSample> samples;            // of the paths, where keeps_samples()
   };
 
   /// Whether layers are recorded on the way that the pool has no column for.
@@ -155,7 +170,7 @@ class Wavefront {
     }
     if (!(entry < exit)) {
       PathSample sample;
-      see_background(request.ray.d, 1, sample);
+      see_background(request.ray, 1, sample);
       deliver(index, sample);
       return;
     }
@@ -203,6 +218,7 @@ class Wavefront {
   /// The camera rays' flights with forced collisions. What passes sees the background, the rest goes on.
   void fly_first() {
     State& s = *state_;
+    find_ends(s.fresh);
     lanes_fly_first(scene_, s.pool, s.fresh, s.hits, s.escapes, counters_.tracking.lookups);
     for (size_t k = 0; k < s.escapes.count; ++k) escape(s.escapes.slot[k]);
     s.escapes.count = 0;
@@ -240,6 +256,27 @@ class Wavefront {
     points.x[k] = at.x, points.y[k] = at.y, points.z[k] = at.z;
   }
 
+  /// The flight that a path is on, in the world.
+  Ray flight(int32_t slot) const {
+    const LanePool& p = state_->pool;
+    const auto i = static_cast<size_t>(slot);
+    return {c_.media[0].to_world(dvec3(p.ox[i], p.oy[i], p.oz[i])), glm::normalize(dvec3(p.dx[i], p.dy[i], p.dz[i]))};
+  }
+
+  /// The lights that flights end on. One that stands before the medium ends the camera ray where that begins.
+  void find_ends(const SlotList& rays) {
+    if (!scene_.flights_end) return;
+    for (size_t k = 0; k < rays.count; ++k) {
+      const auto i = static_cast<size_t>(rays.slot[k]);
+      const Ray ray = flight(rays.slot[k]);
+      const bool camera = state_->pool.events[i] == 0;
+      const Ray& whole = camera ? requests_[state_->pool.request[i]].ray : ray;
+      const auto [light, t] = c_.lights->nearest(whole, 1e30, camera);
+      state_->end[i] = light;
+      state_->pool.reach[i] = static_cast<float>(std::max(t - glm::dot(ray.o - whole.o, whole.d), 0.0));
+    }
+  }
+
   vec3 local_direction(int32_t slot) const {
     const LanePool& p = state_->pool;
     const auto i = static_cast<size_t>(slot);
@@ -255,10 +292,15 @@ class Wavefront {
   }
 
   /// What a camera ray sees behind the medium, in full precision.
-  void see_background(const dvec3& d, double transmittance, PathSample& sample) const {
+  void see_background(const Ray& ray, double transmittance, PathSample& sample) const {
     sample.transmittance = dvec3(transmittance);
-    for (const InfiniteLight* light : c_.lights->infinite())
-      if (light->visible()) sample.background += transmittance * light->radiance(d);
+    const auto [light, t] = c_.lights->nearest(ray, kFar, true);
+    if (light) {
+      sample.background = transmittance * light->radiance(ray, t);
+      return;
+    }
+    for (const InfiniteLight* infinite : c_.lights->infinite())
+      if (infinite->visible()) sample.background += transmittance * infinite->radiance(ray.d);
   }
 
   void deliver(size_t request, PathSample& s) const {
@@ -268,7 +310,7 @@ class Wavefront {
     sink_(request, s);
   }
 
-  /// A path that has left the medium sees what is behind.
+  /// A path that has left the medium, or met a light in it, sees what is there.
   void escape(int32_t slot) {
     LanePool& p = state_->pool;
     const auto i = static_cast<size_t>(slot);
@@ -277,14 +319,25 @@ class Wavefront {
       finish(slot);
       return;
     }
-    const dvec3 d = glm::normalize(dvec3(p.dx[i], p.dy[i], p.dz[i]));
-    const double pdf = p.pdf[i];
+    const Ray ray = flight(slot);
+    const auto share = [&](const Light& light) {
+      return c_.plan.light_sampling ? c_.lights->choice_probability(light, ray.o) : 0.0;
+    };
+    // The balance heuristic, against light sampling.
+    const auto weight = [pdf = static_cast<double>(p.pdf[i])](double other) {
+      return other > 0 ? pdf / (pdf + other) : 1.0;
+    };
     dvec3 L(0);
-    for (const InfiniteLight* light : c_.lights->infinite()) {
-      const dvec3 radiance = light->radiance(d);
-      if (radiance == dvec3(0)) continue;
-      const double share = c_.plan.light_sampling ? c_.lights->choice_probability(*light, dvec3(0)) : 0.0;
-      L += radiance * (share > 0 ? pdf / (pdf + share * light->pdf(d)) : 1.0);
+    if (const FiniteLight* light = scene_.flights_end ? state_->end[i] : nullptr) {
+      const double t = p.reach[i];
+      L = light->radiance(ray, t) * weight(share(*light) * light->pdf(ray, t));
+    } else {
+      for (const InfiniteLight* infinite : c_.lights->infinite()) {
+        const dvec3 radiance = infinite->radiance(ray.d);
+        if (radiance == dvec3(0)) continue;
+        const double probability = share(*infinite);
+        L += radiance * weight(probability > 0 ? probability * infinite->pdf(ray.d) : 0.0);
+      }
     }
     const bool direct = events < 2;
     (direct ? p.direct_r : p.indirect_r)[i] += p.tr[i] * static_cast<float>(L.x);
@@ -301,7 +354,7 @@ class Wavefront {
     const Medium& medium = c_.media[0];
     const dvec3 at = medium.to_world(dvec3(p.ox[i], p.oy[i], p.oz[i]));
     sample.flash = record_first_scatter(c_, c_.media, medium, request.ray.o, at, request.ray.d, dvec3(p.tr[i]),
-                                        medium.albedo(), sample);
+                                        medium.albedo(at), sample);
   }
 
   /// What the shadow rays brought. Light scattered once is direct (TRANSPORT.md section 11).
@@ -324,7 +377,7 @@ class Wavefront {
     PathSample s;
     if (keeps_samples()) s = sample_of(slot);
     if (c_.plan.forced_first || p.events[i] == 0)
-      see_background(requests_[p.request[i]].ray.d, static_cast<double>(p.passed[i]), s);
+      see_background(requests_[p.request[i]].ray, static_cast<double>(p.passed[i]), s);
     if (c_.plan.medium_surface && camera.surface[i] >= 0)
       s.coverage = 1, s.gradient = {camera.gx[i], camera.gy[i], camera.gz[i]};
     s.single = {p.direct_r[i], p.direct_g[i], p.direct_b[i]};
@@ -348,12 +401,17 @@ class Wavefront {
 
 }  // namespace
 
+LightSample sample_lights(const Lights& lights, const dvec3& p, double choice, const dvec2& u) {
+  LightSample sample = lights.sample(p, choice, u);
+  if (sample.pdf > 0 && lights.blocked({p, sample.wi}, sample.distance, sample.light)) sample.radiance = dvec3(0);
+  return sample;
+}
+
 bool fits_lanes(const Plan& plan, std::span<const Medium> media, const Lights& lights) {
-  if (plan.media != Plan::Media::kOneGrey || plan.moving_media || plan.emission || plan.surfaces || plan.finite_lights)
-    return false;
+  if (plan.media != Plan::Media::kOneGrey || plan.moving_media || plan.emission || plan.surfaces) return false;
   const Medium& m = media[0];
-  return !m.solid() && !m.coloured() && !m.global_majorant() && m.phase().is_henyey_greenstein() &&
-         LaneGrid::fits(m.bricks()) && lights.points().empty() && lights.suns().size() <= kMostSuns;
+  return !m.solid() && !m.global_majorant() && LaneGrid::fits(m.bricks()) &&
+         (lights.local() || lights.suns().size() <= kMostSuns);
 }
 
 void trace_paths_in_lanes(const PathContext& context, std::span<const PathRequest> requests, const SampleSink& sink,

@@ -3,8 +3,8 @@
 
 namespace brume {
 
-/// Whether a plan can be traced in lanes: one still grey medium with constant albedo and a Henyey-Greenstein phase
-/// function in a grid that LaneGrid holds, lights at infinity, nothing else.
+/// Whether a plan can be traced in lanes: one still medium of grey extinction in a grid that LaneGrid holds, no glow,
+/// no meshes.
 bool fits_lanes(const Plan& plan, std::span<const Medium> media, const Lights& lights);
 
 /// The same estimator as the general loop for such plans, but many paths at once: each thread keeps a pool of paths and

@@ -5,7 +5,8 @@
 
 namespace brume {
 
-BeamLayers::BeamLayers(const Beam& beam, const ivec3& n, double size) : beam_(beam), n_(n), size_(size), per_size_(1.0 / size) {
+BeamLayers::BeamLayers(const Beam& beam, const ivec3& n, double size)
+    : beam_(beam), n_(n), size_(size), per_size_(1.0 / size) {
   const dvec3& d = beam.middle.d;
   axis_ = 0;
   for (int a = 1; a < 3; ++a)

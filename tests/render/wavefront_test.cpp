@@ -53,8 +53,16 @@ TEST(Wavefront, EveryInstructionSetGivesTheSameBits) {
 // Lanes and the general loop are two programs for one expectation, layer by layer. Over 48 x 48 pixels of 64 paths
 // each, 4.5 standard errors of the light are below 4.5 %: such a bias of either would be found.
 TEST(Wavefront, AgreesWithTheGeneralLoop) {
-  for (const char* name : {"cloud", "smoke"}) {
-    Scene scene = demo(name, 48);
+  for (const std::string name : {"cloud", "smoke", "cloud of droplets", "smoke in two lobes"}) {
+    Scene scene = demo(name.starts_with("cloud") ? "cloud" : "smoke", 48);
+    VolumeSettings& volume = scene.volumes[0];
+    if (name == "cloud of droplets") {
+      volume.phase = "mie", volume.droplet_diameter = 8;
+      scene.lights.clear();  // their sharp peak towards a sun is noise
+      scene.environment.radiance = dvec3(1);
+    }
+    if (name == "smoke in two lobes")
+      volume.phase = "two_lobes", volume.lobe_weight = 0.4, volume.g = -0.3, volume.g2 = 0.7;
     const auto render = [&](const char* lanes, int64_t seed) {
       scene.render.lanes = lanes;
       const PreparedScene prepared(scene, LayerRequest::of({"all"}, true));
@@ -80,6 +88,114 @@ TEST(Wavefront, AgreesWithTheGeneralLoop) {
       if (l.name == layer::indirect || l.name == layer::direct) {
         EXPECT_LT(error, 0.045 * sum_b) << name << " " << l.name.label();
       }
+    }
+  }
+}
+
+// Lights that stand somewhere: before the medium, inside it, behind it, seen or not, many or one, as the general loop
+// has them. 4.5 standard errors of a band's light are below 8 %.
+TEST(Wavefront, LocalLightsAreThoseOfTheGeneralLoop) {
+  const auto light = [](const char* type, const dvec3& position) {
+    LightSettings l;
+    l.type = type, l.position = position;
+    return l;
+  };
+  LightSettings point = light("point", {0.1, -0.2, 1.2}), spot = light("spot", {-1.5, -1.5, 3});
+  point.intensity = dvec3(3, 2, 1), spot.intensity = dvec3(20);
+  spot.direction = {1, 1, -1.2};
+  LightSettings sphere = light("sphere", {0.3, 0.1, 1.6}), small = light("sphere", {-0.2, -2, 1.3});
+  sphere.radius = 0.15, sphere.radiance = dvec3(40, 30, 20), sphere.visible_to_camera = true;
+  small.radius = 0.08, small.radiance = dvec3(60), small.visible_to_camera = false;
+  LightSettings rectangle = light("rectangle", {-0.6, -1.2, 1});
+  rectangle.edge_x = {0.5, 0, 0}, rectangle.edge_y = {0, -0.2, 0.6}, rectangle.radiance = dvec3(8, 9, 10);
+  rectangle.two_sided = rectangle.visible_to_camera = true;
+  LightSettings screen = light("rectangle", {0.5, -1.3, -1}), lamp = light("sphere", {0.1, -2, 1.3});
+  screen.edge_x = {0, 0, 4}, screen.edge_y = {-2, 0, 0}, screen.radiance = dvec3(1);
+  lamp.radius = 0.2, lamp.radiance = dvec3(100);
+  LightSettings core = light("sphere", {0, 0, 1.5});
+  core.radius = 0.5, core.radiance = dvec3(2), core.visible_to_camera = true;
+  struct Case {
+    const char* name;
+    std::vector<LightSettings> lights;
+    bool sun, sampled;
+    const char* first_collision;
+  };
+  for (const Case& c :
+       {Case{"points", {point, spot}, false, true, "free"}, Case{"a sphere inside", {sphere}, false, true, "forced"},
+        Case{"a rectangle before", {rectangle}, false, true, "free"},
+        Case{"everything", {point, sphere, small, rectangle, spot}, true, true, "forced"},
+        Case{"one before another", {screen, lamp}, false, true, "free"}, Case{"a core", {core}, false, true, "forced"},
+        Case{"not sampled", {sphere, rectangle}, true, false, "forced"}}) {
+    Scene scene = demo("smoke", 32);
+    if (!c.sun) scene.lights.clear(), scene.environment.radiance = dvec3(0);
+    scene.lights.insert(scene.lights.end(), c.lights.begin(), c.lights.end());
+    if (!c.sampled) scene.render.light_sampling = "none";
+    scene.volumes[0].sigma_t = dvec3(6);
+    scene.render.first_collision = c.first_collision;
+    const auto render = [&](const char* lanes, int64_t seed) {
+      scene.render.lanes = lanes;
+      const PreparedScene prepared(scene, LayerRequest::of({"direct", "indirect", "background", "coverage"}, true));
+      EXPECT_EQ(prepared.plan().lanes, std::string(lanes) == "auto") << c.name;
+      return prepared.render(1024, seed, {}).layers;
+    };
+    const Layers a = render("auto", 1), b = render("off", 2);
+    for (const LayerName& l : {layer::direct, layer::indirect, layer::background, layer::coverage, layer::alpha}) {
+      // Bands of rows, so that light in the wrong place is found.
+      for (int band = 0; band < 4; ++band) {
+        double sum_a = 0, sum_b = 0, variance = 0;
+        for (int y = 8 * band; y < 8 * band + 8; ++y)
+          for (int x = 0; x < 32; ++x) {
+            sum_a += a.at(l.channel(0))(x, y), sum_b += b.at(l.channel(0))(x, y);
+            if (l == layer::alpha) continue;
+            variance += a.at(l.channel_of(statistic::mean_variance, 0))(x, y) +
+                        b.at(l.channel_of(statistic::mean_variance, 0))(x, y);
+          }
+        const double error = l == layer::alpha ? 0.01 * sum_b + 0.05 : 4.5 * std::sqrt(variance) + 1e-3 * sum_b;
+        EXPECT_NEAR(sum_a, sum_b, error) << c.name << " " << l.label() << " band " << band;
+        if (l == layer::direct && c.sampled && sum_b > 10) {
+          EXPECT_LT(error, 0.08 * sum_b) << c.name;
+        }
+      }
+    }
+  }
+}
+
+// A grid of one colour is an albedo: the same picture but for rounding. A grid of several: that of the general loop, to
+// 4.5 standard errors, below 3 % of each channel.
+TEST(Wavefront, ColourGridsAreAlbedo) {
+  const test::TemporaryFolder folder;
+  const VoxelBox box{ivec3(0), ivec3(15)};
+  const auto density = [](const ivec3& v) { return 0.2f + 0.05f * static_cast<float>(v.z); };
+  test::write_coloured_vdb(folder / "even.vdb", box, density, [](const ivec3&) { return vec3(0.5f, 1.0f, 0.25f); });
+  test::write_coloured_vdb(folder / "striped.vdb", box, density,
+                           [](const ivec3& v) { return v.x < 7 ? vec3(1.0f, 0.1f, 0.3f) : vec3(0.2f, 0.9f, 0.6f); });
+  Scene scene = demo("smoke", 24);
+  VolumeSettings& volume = scene.volumes[0];
+  volume.grid = "density", volume.sigma_t = dvec3(0.4), volume.object_to_world = dmat4(1);
+  scene.camera.position = {7.5, -40, 7.5}, scene.camera.look_at = dvec3(7.5);
+  const auto render = [&](const char* file, const char* colour, const dvec3& albedo, const char* lanes, int64_t seed) {
+    volume.file = folder / file, volume.albedo_grid = colour, volume.albedo = albedo;
+    scene.render.lanes = lanes;
+    const PreparedScene prepared(scene, LayerRequest::of({"direct", "indirect"}, true));
+    EXPECT_EQ(prepared.plan().lanes, std::string(lanes) == "auto");
+    return prepared.render(512, seed, {}).layers;
+  };
+  for (const char* lanes : {"auto", "off"}) {
+    const Layers tinted = render("even.vdb", "auto", dvec3(0.8), lanes, 1);
+    const Layers plain = render("even.vdb", "none", dvec3(0.8) * dvec3(0.5, 1, 0.25), lanes, 1);
+    for (const char* channel : {"indirect.R", "indirect.G", "indirect.B"})
+      for (int y = 0; y < 24; ++y)
+        for (int x = 0; x < 24; ++x)
+          ASSERT_NEAR(tinted.at(channel)(x, y), plain.at(channel)(x, y), 1e-4f * plain.at(channel)(x, y) + 1e-6f)
+              << lanes << channel << x << "," << y;
+  }
+  const Layers a = render("striped.vdb", "auto", dvec3(0.8), "auto", 1);
+  const Layers b = render("striped.vdb", "auto", dvec3(0.8), "off", 2);
+  for (const LayerName& layer : {layer::direct, layer::indirect}) {
+    const test::Mean p = test::mean_radiance(a, layer), q = test::mean_radiance(b, layer);
+    for (int c = 0; c < 3; ++c) {
+      EXPECT_NEAR(p.value[c], q.value[c], 4.5 * std::hypot(p.error[c], q.error[c])) << layer.label() << c;
+      EXPECT_LT(4.5 * std::hypot(p.error[c], q.error[c]), 0.03 * q.value[c]) << layer.label() << c;
     }
   }
 }
@@ -418,11 +534,6 @@ TEST(Wavefront, IsTakenOnlyWhereItModelsTheScene) {
   EXPECT_FALSE(lanes([](Scene& s) { s.volumes[0].sigma_t = dvec3(1, 2, 3); }));
   EXPECT_FALSE(lanes([](Scene& s) { s.volumes.push_back(s.volumes[0]); }));
   EXPECT_FALSE(lanes([](Scene& s) { s.volumes[0].emission = dvec3(1); }));
-  EXPECT_FALSE(lanes([](Scene& s) { s.volumes[0].phase = "mie"; }));
-  EXPECT_FALSE(lanes([](Scene& s) {
-    s.lights[0] = {};
-    s.lights[0].type = "point", s.lights[0].intensity = dvec3(1);
-  }));
 }
 
 }  // namespace

@@ -98,6 +98,28 @@ void write_velocity_vdb(const std::filesystem::path& path, const std::filesystem
   openvdb::io::File(path.string()).write(openvdb::GridCPtrVec{grid, field});
 }
 
+void write_coloured_vdb(const std::filesystem::path& path, const VoxelBox& box,
+                        const std::function<float(const ivec3&)>& density,
+                        const std::function<vec3(const ivec3&)>& colour) {
+  openvdb::initialize();
+  auto values = openvdb::FloatGrid::create(0.0f);
+  auto colours = openvdb::Vec3SGrid::create(openvdb::Vec3s(0.0f));
+  values->setName("density"), colours->setName("Cd");
+  values->setGridClass(openvdb::GRID_FOG_VOLUME);
+  auto value = values->getAccessor();
+  auto rgb = colours->getAccessor();
+  ivec3 v;
+  for (v.x = box.lo.x - 1; v.x <= box.hi.x + 1; ++v.x)
+    for (v.y = box.lo.y - 1; v.y <= box.hi.y + 1; ++v.y)
+      for (v.z = box.lo.z - 1; v.z <= box.hi.z + 1; ++v.z) {
+        const vec3 c = colour(v);
+        rgb.setValue({v.x, v.y, v.z}, {c.x, c.y, c.z});
+        if (glm::all(glm::greaterThanEqual(v, box.lo)) && glm::all(glm::lessThanEqual(v, box.hi)))
+          value.setValue({v.x, v.y, v.z}, density(v));
+      }
+  openvdb::io::File(path.string()).write(openvdb::GridCPtrVec{values, colours});
+}
+
 Mean mean_radiance(const Layers& frame, const LayerName& layer) {
   Mean mean;
   const double pixels = static_cast<double>(frame.width()) * frame.height();

@@ -29,6 +29,10 @@ void write_affine_vdb(const std::filesystem::path& path, const VoxelBox& box, co
 /// lattice.
 void write_velocity_vdb(const std::filesystem::path& path, const std::filesystem::path& density, const VoxelBox& box,
                         const dvec3& velocity);
+/// Writes a density grid and the colour grid `Cd`, which reaches one voxel farther to all sides.
+void write_coloured_vdb(const std::filesystem::path& path, const VoxelBox& box,
+                        const std::function<float(const ivec3&)>& density,
+                        const std::function<vec3(const ivec3&)>& colour);
 
 /// Mean radiance of a picture over all its pixels, and the standard error of that mean from the samples' variance.
 struct Mean {
