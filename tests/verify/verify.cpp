@@ -117,6 +117,31 @@ void demo_scenes() {
   }
 }
 
+// Lights that stand in and before a grid: rays end on them, and the choice between them depends on the point.
+void lamps() {
+  Scene s = read_scene(test::source("data/scenes/smoke.toml"));
+  s.film.width = s.film.height = 100;
+  s.volumes[0].phase = "two_lobes", s.volumes[0].g2 = 0.6, s.volumes[0].lobe_weight = 0.5;
+  s.environment.radiance = dvec3(0);
+  s.lights.assign(3, {});
+  s.lights[0].type = "sphere", s.lights[0].position = dvec3(0, 0, 1.5), s.lights[0].radius = 0.4;
+  s.lights[0].radiance = dvec3(5), s.lights[0].visible_to_camera = true;
+  s.lights[1].type = "rectangle", s.lights[1].position = dvec3(-1.5, -1.5, 2), s.lights[1].radiance = dvec3(4);
+  s.lights[1].edge_x = dvec3(0, 1, 0.3), s.lights[1].edge_y = dvec3(1, 0.2, 0);
+  s.lights[2].type = "point", s.lights[2].position = dvec3(1.5, -1, 1), s.lights[2].intensity = dvec3(3);
+  const int spp = 2000;
+  const auto frame = [&](const char* lanes, int64_t seed) {
+    s.render.lanes = lanes;
+    return PreparedScene(s, LayerRequest::of({"direct", "indirect"}, true)).render(spp, seed, {}).layers;
+  };
+  const Layers lanes = frame("auto", 1), one_by_one = frame("off", 2);
+  for (const LayerName& l : {layer::direct, layer::indirect}) {
+    const test::Mean m = test::mean_radiance(lanes, l), expected = test::mean_radiance(one_by_one, l);
+    row(fmt::format("smoke among lamps, {}: lanes against one by one", l.label()), m.value.y, m.error.y,
+        expected.value.y, expected.error.y, 0, spp);
+  }
+}
+
 // A lamp in fog: its near part along flights against collisions alone. The lamp is beyond the picture's edge: close to
 // it the collisions' estimate has no bounded variance to compare with.
 void lamp_in_fog() {
@@ -154,6 +179,7 @@ int main() {
   furnaces();
   slabs();
   demo_scenes();
+  lamps();
   lamp_in_fog();
   fmt::print("\n{} in all.\n", format_duration(watch.seconds()));
   return all_well ? 0 : 1;
