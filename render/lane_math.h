@@ -108,28 +108,23 @@ HWY_INLINE V3 transform(const float (&m)[3][3], const V3& v) {
   return {row(0), row(1), row(2)};
 }
 
-/// Henyey-Greenstein without cancellation: see volume/phase_function.h.
-HWY_INLINE V phase_value(float g, V cos_theta) {
-  const float a = std::abs(g), one_minus = 1.0f - a;
-  const V c = g < 0 ? hn::Neg(cos_theta) : cos_theta;
-  const V d = hn::Add(set(one_minus * one_minus), hn::Mul(set(2.0f * a), hn::Sub(set(1.0f), c)));
+/// 1 - cos of the angle between unit vectors: where it is small, their cosine would have lost it.
+HWY_INLINE V one_minus_cos(const V3& a, const V3& b) {
+  const V3 d{hn::Sub(a.x, b.x), hn::Sub(a.y, b.y), hn::Sub(a.z, b.z)};
+  return hn::Mul(set(0.5f), dot(d, d));
+}
+
+/// Henyey-Greenstein, g in [0, 1), and the sampling of it: 1 - cos for a number in [0, 1). Without cancellation; see
+/// volume/phase_function.h.
+HWY_INLINE V phase_value(float g, V one_minus) {
+  const V d = hn::Add(set((1.0f - g) * (1.0f - g)), hn::Mul(set(2.0f * g), one_minus));
   return hn::Div(set((1.0f - g * g) * 0.0795774715f), hn::Mul(d, hn::Sqrt(d)));
 }
-HWY_INLINE V phase_cosine(float g, V xi) {
-  const V s = hn::Sub(hn::Add(xi, xi), set(1.0f));
-  const V d = hn::Add(set(1.0f), hn::Mul(set(g), s));
-  V c;
-  if (std::abs(g) < 0.5f) {
-    const V s2 = hn::Mul(s, s);
-    V n = hn::Add(s, hn::Mul(set(g), hn::Add(set(1.5f), hn::Mul(set(0.5f), s2))));
-    n = hn::Add(n, hn::Mul(set(g * g), s));
-    n = hn::Add(n, hn::Mul(set(0.5f * g * g * g), hn::Sub(s2, set(1.0f))));
-    c = hn::Div(n, hn::Mul(d, d));
-  } else {
-    const V t = hn::Div(set(1.0f - g * g), d);
-    c = hn::Mul(hn::Sub(set(1.0f + g * g), hn::Mul(t, t)), set(0.5f / g));
-  }
-  return hn::Min(hn::Max(c, set(-1.0f)), set(1.0f));
+HWY_INLINE V phase_sample(float g, V xi) {
+  const V s = hn::Sub(hn::Add(xi, xi), set(1.0f)), d = hn::Add(set(1.0f), hn::Mul(set(g), s));
+  const V t = hn::Div(set(1.0f - g * g), d);
+  const V one_minus = hn::Div(hn::Mul(set(1.0f - g), hn::Mul(hn::Sub(set(1.0f), xi), hn::Add(t, set(1.0f - g)))), d);
+  return hn::Min(hn::Max(one_minus, set(0.0f)), set(2.0f));
 }
 
 /// Turns local (x, y, z) into the frame around the unit vector n, and makes it a unit vector again.

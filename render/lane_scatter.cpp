@@ -15,7 +15,7 @@ namespace brume::HWY_NAMESPACE {
 
 #include "render/lane_math.h"
 
-/// A function of each of the first lanes' numbers, in full precision.
+/// A function of the numbers of the first lanes, one after the other.
 template <class Function>
 HWY_INLINE V each_lane(V v, size_t lanes, Function&& function) {
   HWY_ALIGN float x[hn::MaxLanes(D())];
@@ -48,9 +48,14 @@ void Scatter(const LaneScene& scene, LanePool& pool, SlotList& slots, SlotList& 
       const auto s = static_cast<size_t>(slots.slot[i + lane]);
       return scene.medium->to_world(dvec3(pool.ox[s], pool.oy[s], pool.oz[s]));
     };
-    const auto value_of = [&](V cos_theta) {
-      if (!scene.phase) return phase_value(scene.g, cos_theta);
-      return each_lane(cos_theta, valid, [&](double c) { return scene.phase->value(c); });
+    // Measured from the peak: a negative g is the positive one, turned around.
+    const V side = set(scene.g < 0 ? -1.0f : 1.0f);
+    const V3 peak{hn::Mul(side, dir.x), hn::Mul(side, dir.y), hn::Mul(side, dir.z)};
+    const float g = std::abs(scene.g);
+    const auto phase_towards = [&](const V3& wi) {
+      const V one_minus = one_minus_cos(peak, wi);
+      if (!scene.phase) return phase_value(g, one_minus);
+      return each_lane(one_minus, valid, [&](double x) { return scene.phase->value(1.0 - x); });
     };
     V3 albedo{set(scene.albedo[0]), set(scene.albedo[1]), set(scene.albedo[2])};
     if (scene.coloured) {
@@ -122,7 +127,7 @@ void Scatter(const LaneScene& scene, LanePool& pool, SlotList& slots, SlotList& 
         wi = {hn::Load(d, f[2]), hn::Load(d, f[3]), hn::Load(d, f[4])};
         lr = hn::Load(d, f[5]), lg = hn::Load(d, f[6]), lb = hn::Load(d, f[7]), pdf_light = hn::Load(d, f[8]);
       }
-      const V phase = value_of(dot(dir, wi));
+      const V phase = phase_towards(wi);
       const V mis = hn::IfThenElse(is_delta, one, hn::Div(pdf_light, hn::Add(pdf_light, phase)));
       const V factor = hn::IfThenElseZero(hn::Gt(pdf_light, zero), hn::Div(hn::Mul(phase, mis), pdf_light));
       const V cr = hn::Mul(hn::Mul(tr, lr), factor), cg = hn::Mul(hn::Mul(tg, lg), factor);
@@ -160,12 +165,13 @@ void Scatter(const LaneScene& scene, LanePool& pool, SlotList& slots, SlotList& 
     }
 
     const V xi = rng.uniform(everyone);
-    const V cos_theta = scene.phase ? each_lane(xi, valid, [&](double x) { return scene.phase->sample_cosine(x); })
-                                    : phase_cosine(scene.g, xi);
-    const V sin_theta = hn::Sqrt(hn::Max(hn::Mul(hn::Sub(one, cos_theta), hn::Add(one, cos_theta)), zero));
+    const V one_minus = scene.phase
+                            ? each_lane(xi, valid, [&](double x) { return 1.0 - scene.phase->sample_cosine(x); })
+                            : phase_sample(g, xi);
+    const V sin_theta = hn::Sqrt(hn::Max(hn::Mul(one_minus, hn::Sub(set(2.0f), one_minus)), zero));
     const SinCosV phi = sincos_2pi(rng.uniform(everyone));
-    const V3 turned = around(dir, hn::Mul(sin_theta, phi.cos), hn::Mul(sin_theta, phi.sin), cos_theta);
-    put(value_of(dot(dir, turned)), pool.pdf);
+    const V3 turned = around(peak, hn::Mul(sin_theta, phi.cos), hn::Mul(sin_theta, phi.sin), hn::Sub(one, one_minus));
+    put(phase_towards(turned), pool.pdf);
     put(turned.x, pool.dx), put(turned.y, pool.dy), put(turned.z, pool.dz);
     const V3 local = transform(scene.local_from_world, turned);
     put(local.x, pool.lx), put(local.y, pool.ly), put(local.z, pool.lz);

@@ -30,7 +30,7 @@ struct LaneScene {
   float gradient_to_world[3][3];
   float least_gradient;                  // per voxel: below it, wider differences are needed
   float first_sigma;                     // the same of the first flight's majorants, which may be looser
-  float g;                               // of the phase function, where it is Henyey-Greenstein's
+  float g = 0;                           // of the phase function, where it is Henyey-Greenstein's
   const PhaseFunction* phase = nullptr;  // the others
   float albedo[3];
   bool coloured;  // another albedo at every point
@@ -60,14 +60,15 @@ struct LaneScene {
 struct LanePool {
   template <class T>
   using Column = std::array<T, kPool + kPadding>;
-  Column<float> ox, oy, oz;           // position: local coordinates of the bricks
-  Column<float> dx, dy, dz;           // direction: world, unit
-  Column<float> lx, ly, lz;           // the same in local coordinates
-  Column<float> sx, sy, sz;           // direction of the shadow ray, local
-  Column<float> tr, tg, tb;           // throughput
-  Column<float> cr, cg, cb;           // what the shadow ray brings if nothing dims it
-  Column<float> reach, shadow_reach;  // ray parameter where a light is; only where flights_end, where there are lights
-  Column<float> pdf;                  // of the last direction
+  Column<float> ox, oy, oz;    // position: local coordinates of the bricks
+  Column<float> dx, dy, dz;    // direction: world, unit
+  Column<float> lx, ly, lz;    // the same in local coordinates
+  Column<float> sx, sy, sz;    // direction of the shadow ray, local
+  Column<float> tr, tg, tb;    // throughput
+  Column<float> cr, cg, cb;    // what the shadow ray brings if nothing dims it
+  Column<float> reach;         // where a flight ends on a light at the latest; only where flights_end
+  Column<float> shadow_reach;  // how far the sample of the light is; only where LaneScene::lights
+  Column<float> pdf;           // of the last direction
   Column<float> transmittance;
   Column<float> passed;  // share of the camera ray that passed the medium
   Column<float> direct_r, direct_g, direct_b, indirect_r, indirect_g, indirect_b;
@@ -109,11 +110,12 @@ LightSample sample_lights(const Lights& lights, const dvec3& p, double choice, c
 
 // The kernels, for the best instruction set of the machine.
 
-/// Flies the rays of a list to their next real collision, whose position becomes the path's, or out of the grid.
+/// Flies the rays of a list to their next real collision, whose position becomes the path's, or out of the grid, or to
+/// their reach.
 void lanes_fly(const LaneScene& scene, LanePool& pool, const SlotList& rays, SlotList& hits, SlotList& escapes,
                uint64_t& lookups);
 
-/// Leaves the transmittance along each shadow ray in `transmittance`, by ratio tracking.
+/// Leaves the transmittance along each shadow ray, as far as its reach, in `transmittance`, by ratio tracking.
 void lanes_shadow(const LaneScene& scene, LanePool& pool, const SlotList& rays, uint64_t& lookups);
 
 /// Finds where the density along each ray first reaches `surface_density`, voxel by voxel from `begin` on, and leaves
@@ -121,9 +123,9 @@ void lanes_shadow(const LaneScene& scene, LanePool& pool, const SlotList& rays, 
 void lanes_find_surface(const LaneScene& scene, LanePool& pool, const SlotList& rays, LaneCamera& camera,
                         LanePoints& points);
 
-/// Forced first collisions: flies the camera rays through the whole grid, leaves their transmittance in
-/// `passed`, and scatters the rest of each at one of its tentative collisions, its throughput being the share
-/// that is scattered. Rays with nothing to scatter escape.
+/// Forced first collisions: flies the camera rays through the whole grid or to their reach, leaves their transmittance
+/// in `passed`, and scatters the rest of each at one of its tentative collisions, its throughput being the share that
+/// is scattered. Rays with nothing to scatter escape.
 ///
 /// Where the medium is thin, most flights would pass it: here each of them brings its light.
 /// Source: our combination of ratio tracking with reservoir sampling of the tentative collisions; the aim is that of

@@ -240,8 +240,6 @@ RenderResult PreparedScene::render(const RenderJob& job, const Task& task) const
     records = std::make_unique<RecordWriter>(job.records, layout);
   }
 
-  const std::vector<PixelStart> starts = pixel_starts(camera, window, {task.threads, {}, task.cancel});
-
   struct TileReport {
     PathCounters counters;
     uint64_t invalid = 0;
@@ -252,6 +250,8 @@ RenderResult PreparedScene::render(const RenderJob& job, const Task& task) const
   const Stopwatch wall;
   const double cpu_start = cpu_seconds();
   const auto elapsed = [&] { return seconds_before + wall.seconds(); };
+
+  std::vector<PixelStart> starts;
 
   // One pass: every tile up to `goal` samples of each pixel.
   const auto pass = [&](uint32_t goal, const Task& pass_task) {
@@ -350,6 +350,7 @@ RenderResult PreparedScene::render(const RenderJob& job, const Task& task) const
   const uint32_t resumed_at = done;
   double last_checkpoint = wall.seconds();
   try {
+    if (done < total) starts = pixel_starts(camera, window, {task.threads, {}, task.cancel});
     while (done < total) {
       // Whole passes over the picture, longer and longer, but never so long that time or a checkpoint is overrun by
       // much.
