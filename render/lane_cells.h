@@ -91,8 +91,8 @@ struct CellWalk {
     hn::Store(d.x, f, b.dx), hn::Store(d.y, f, b.dy), hn::Store(d.z, f, b.dz);
   }
   /// Takes over the rays; those of `fresh` start at their origins, or at a parameter.
-  HWY_INLINE void load(const Buffer& b, M fresh) { load(b, fresh, hn::Zero(D()), false); }
-  HWY_INLINE void load(const Buffer& b, M fresh, V begin, bool somewhere = true) {
+  HWY_INLINE void load(const Buffer& b, M fresh) { load(b, fresh, hn::Zero(D())); }
+  HWY_INLINE void load(const Buffer& b, M fresh, V begin) {
     const D f;
     const DI di;
     o = {hn::Load(f, b.ox), hn::Load(f, b.oy), hn::Load(f, b.oz)};
@@ -111,7 +111,7 @@ struct CellWalk {
       return hn::IfThenElse(fresh, hn::Min(hn::Max(c, hn::Zero(f)), set(n - 1)), before);
     };
     t = hn::IfThenElse(fresh, begin, t);
-    const V3 p = somewhere ? at(t) : o;
+    const V3 p = at(t);
     cell = {start(p.x, scene.nx, cell.x), start(p.y, scene.ny, cell.y), start(p.z, scene.nz, cell.z)};
   }
 

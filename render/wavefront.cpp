@@ -144,9 +144,7 @@ class Wavefront {
     State& s = *state_;
     while (!free_.empty() && next_ < requests_.size()) {
       s.fresh.count = 0;
-      while (!free_.empty() && next_ < requests_.size()) {
-        start(next_++);
-      }
+      while (!free_.empty() && next_ < requests_.size()) start(next_++);
       if (c_.plan.medium_surface) record_surfaces();
       if (c_.plan.marched()) record_marches();
       if (c_.plan.forced_first) {
