@@ -18,7 +18,6 @@ class BeamLayers {
 
   /// Whether all rays pass the layers in one order. If not, the beam is too wide to tell anything.
   bool ordered() const { return per_speed_ > 0; }
-  int axis() const { return axis_; }
   int step() const { return step_; }
   /// The first layer that a ray can touch at the parameter t or later; and whether there is a layer with the number k.
   int first(double t) const;
