@@ -35,6 +35,12 @@ if(NOT STB_INCLUDE_DIR)
   brume_missing(stb libstb-dev)
 endif()
 
+find_path(DEFLATE_INCLUDE_DIR libdeflate.h)
+find_library(DEFLATE_LIBRARY deflate)
+if(NOT DEFLATE_INCLUDE_DIR OR NOT DEFLATE_LIBRARY)
+  brume_missing(libdeflate libdeflate-dev)
+endif()
+
 # Debian's FindOpenVDB pulls in every optional component; the loader needs the library and its headers only.
 find_path(OPENVDB_INCLUDE_DIR openvdb/openvdb.h)
 find_library(OPENVDB_LIBRARY openvdb)

@@ -9,22 +9,31 @@
 #include <ImfIntAttribute.h>
 #include <ImfMatrixAttribute.h>
 #include <ImfMultiPartInputFile.h>
-#include <ImfOutputFile.h>
 #include <ImfPartType.h>
+#include <ImfStdIO.h>
 #include <ImfStringAttribute.h>
 #include <ImfThreading.h>
+#include <ImfVersion.h>
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cerrno>
+#include <cstring>
+#include <fstream>
+#include <map>
 #include <thread>
 
 #include "base/error.h"
 #include "base/output_file.h"
+#include "base/parallel_for.h"
+#include "image/exr_zip.h"
 
 namespace brume {
 namespace {
 
 namespace fs = std::filesystem;
+
+int packing_threads = 1;
 
 // Written by the library itself or describing the pixels' packing: not ours to copy.
 bool is_structural(const std::string& name) {
@@ -61,6 +70,26 @@ void insert_attribute(Imf::Header& header, const std::string& name, const Attrib
     for (size_t k = 0; k < 16; ++k) matrix[static_cast<int>(k / 4)][k % 4] = (*m)[k];
     header.insert(name, Imf::M44fAttribute(matrix));
   }
+}
+
+/// The file up to its table of chunks.
+std::string header_bytes(const Layers& layers, const Imf::ChannelList& channels) {
+  const Imath::V2i first(layers.origin.x, layers.origin.y);
+  const Imath::Box2i data(first, first + Imath::V2i(layers.width() - 1, layers.height() - 1));
+  const Imath::Box2i display(Imath::V2i(0), Imath::V2i(layers.display.x - 1, layers.display.y - 1));
+  Imf::Header header(layers.display != ivec2(0) ? display : data, data);
+  header.compression() = Imf::ZIP_COMPRESSION;
+  header.channels() = channels;
+  for (const auto& [name, value] : layers.header) insert_attribute(header, name, value);
+  header.sanityCheck();
+  bool long_names = false;  // which older readers do not know
+  for (auto c = channels.begin(); c != channels.end(); ++c) long_names |= std::strlen(c.name()) > 31;
+  for (const auto& [name, value] : layers.header) long_names |= name.size() > 31;
+  const int32_t begin[] = {Imf::MAGIC, Imf::EXR_VERSION | (long_names ? Imf::LONG_NAMES_FLAG : 0)};
+  Imf::StdOSStream stream;
+  stream.write(reinterpret_cast<const char*>(begin), sizeof(begin));
+  header.writeTo(stream);
+  return stream.str();
 }
 
 const char* pixel_type_name(Imf::PixelType type) {
@@ -218,34 +247,58 @@ Layers read_exr_state(const fs::path& path) {
 
 void set_exr_threads(int threads) {
   Imf::setGlobalThreadCount(threads > 0 ? threads : static_cast<int>(std::thread::hardware_concurrency()));
+  packing_threads = threads;
 }
 
 void write_exr(const fs::path& path, const Layers& layers) {
+  constexpr int kLines = 16;  // packed together: ZIP's
+  const int width = layers.width(), height = layers.height(), chunks = (height + kLines - 1) / kLines;
+  std::map<std::string, ExrChannel> named;
+  Imf::ChannelList list;
+  for (const auto& [name, plane] : layers.channels())
+    list.insert(name, Imf::Channel(Imf::FLOAT)), named[name] = {plane.row(0), plane.stride()};
+  for (const auto& [name, words] : layers.words())
+    list.insert(name, Imf::Channel(Imf::UINT)), named[name] = {words.data(), static_cast<size_t>(width)};
+  std::vector<ExrChannel> channels;
+  for (const auto& [name, channel] : named) channels.push_back(channel);
+
   OutputFile output(path);
+  const auto fail = [&](const char* why) {
+    throw InputError(fmt::format("{}: cannot be written: {}", path.string(), why));
+  };
+  std::ofstream file(output.part(), std::ios::binary);
+  const auto write = [&](const void* bytes, size_t size) {
+    file.write(static_cast<const char*>(bytes), static_cast<std::streamsize>(size));
+  };
   try {
-    const bool crop = layers.display != ivec2(0);
-    const Imath::V2i first(layers.origin.x, layers.origin.y);
-    const Imath::Box2i data(first, first + Imath::V2i(layers.width() - 1, layers.height() - 1));
-    const Imath::Box2i display(Imath::V2i(0), Imath::V2i(layers.display.x - 1, layers.display.y - 1));
-    Imf::Header header(crop ? display : data, data);
-    header.compression() = Imf::ZIP_COMPRESSION;
-    for (const auto& [name, value] : layers.header) insert_attribute(header, name, value);
-    Imf::FrameBuffer frame;
-    for (const auto& [name, plane] : layers.channels()) {
-      header.channels().insert(name, Imf::Channel(Imf::FLOAT));
-      frame.insert(name, slice(Imf::FLOAT, const_cast<float*>(plane.row(0)), plane.stride(), data));
-    }
-    for (const auto& [name, words] : layers.words()) {
-      header.channels().insert(name, Imf::Channel(Imf::UINT));
-      frame.insert(name,
-                   slice(Imf::UINT, const_cast<uint32_t*>(words.data()), static_cast<size_t>(layers.width()), data));
-    }
-    Imf::OutputFile file(output.part().c_str(), header);
-    file.setFrameBuffer(frame);
-    file.writePixels(layers.height());
+    const std::string header = header_bytes(layers, list);
+    write(header.data(), header.size());
   } catch (const std::exception& error) {
-    throw InputError(fmt::format("{}: cannot be written: {}", path.string(), error.what()));
+    fail(error.what());
   }
+  std::vector<uint64_t> begins(static_cast<size_t>(chunks), 0);
+  const auto table = file.tellp();
+  const auto write_table = [&] { write(begins.data(), begins.size() * sizeof(uint64_t)); };
+  write_table();  // its place
+  std::vector<std::vector<uint8_t>> packed(16);
+  for (int first = 0; first < chunks && file; first += static_cast<int>(packed.size())) {
+    const int count = std::min(chunks - first, static_cast<int>(packed.size()));
+    const auto line = [&](int k) { return (first + k) * kLines; };
+    parallel_for(count, {packing_threads, {}, nullptr}, [&](int k) {
+      packed[static_cast<size_t>(k)] = zip_exr_lines(channels, width, line(k), std::min(kLines, height - line(k)));
+    });
+    for (int k = 0; k < count; ++k) {
+      const std::vector<uint8_t>& bytes = packed[static_cast<size_t>(k)];
+      begins[static_cast<size_t>(first + k)] = static_cast<uint64_t>(file.tellp());
+      const int32_t head[] = {layers.origin.y + line(k), static_cast<int32_t>(bytes.size())};
+      write(head, sizeof(head));
+      write(bytes.data(), bytes.size());
+    }
+  }
+  file.seekp(table);
+  write_table();
+  file.close();
+  if (!file) fail(std::strerror(errno));
   output.commit();
 }
 

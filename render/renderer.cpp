@@ -88,29 +88,31 @@ PreparedScene::PreparedScene(Scene scene, const LayerRequest& layers, const Task
   if (context_.plan.flash) calibrate_flash();
 }
 
-// A block of pixels is walked first, and its pixels from where it meets something. Blocks are the same in every window.
+// A block of pixels is walked first, and its quarters from where it meets something, down to pixels. Blocks are the
+// same in every window.
 std::vector<PixelStart> PreparedScene::pixel_starts(const Camera& camera, const RenderJob::Crop& window,
                                                     const Task& task) const {
   constexpr int kBlock = 8;
   const int width = window.x1 - window.x0;
   std::vector<PixelStart> starts(static_cast<size_t>(width) * (window.y1 - window.y0));
   if (!context_.plan.lanes || camera.moves()) return starts;
-  const auto meeting = [&](const ivec2& corner, int size, const LaneGrid::Meeting& from) {
-    return lane_grid_.first_meeting(context_.media[0].to_local(*camera.beam(corner, corner + size)), from);
-  };
   const auto rounded_down = [](double t) { return std::nextafter(static_cast<float>(t), 0.0f); };
+  const auto visit = [&](const auto& self, const ivec2& corner, int size, const LaneGrid::Meeting& from) -> void {
+    const auto inside = [](int begin, int extent, int low, int high) { return begin + extent > low && begin < high; };
+    if (!inside(corner.x, size, window.x0, window.x1) || !inside(corner.y, size, window.y0, window.y1)) return;
+    const LaneGrid::Meeting m =
+        lane_grid_.first_meeting(context_.media[0].to_local(*camera.beam(corner, corner + size)), from);
+    if (size > 1) {
+      for (int k = 0; k < 4; ++k) self(self, corner + ivec2(k & 1, k >> 1) * (size / 2), size / 2, m);
+      return;
+    }
+    starts[static_cast<size_t>(corner.y - window.y0) * width + (corner.x - window.x0)] = {rounded_down(m.medium),
+                                                                                          rounded_down(m.surface)};
+  };
   const int first_row = window.y0 / kBlock, rows = (window.y1 - 1) / kBlock - first_row + 1;
   parallel_for(rows, task, [&](int row) {
-    const int y0 = (first_row + row) * kBlock;
-    for (int x0 = window.x0 / kBlock * kBlock; x0 < window.x1; x0 += kBlock) {
-      const LaneGrid::Meeting block = meeting({x0, y0}, kBlock, {0, 0});
-      for (int y = std::max(y0, window.y0); y < std::min(y0 + kBlock, window.y1); ++y)
-        for (int x = std::max(x0, window.x0); x < std::min(x0 + kBlock, window.x1); ++x) {
-          const LaneGrid::Meeting m = meeting({x, y}, 1, block);
-          starts[static_cast<size_t>(y - window.y0) * width + (x - window.x0)] = {rounded_down(m.medium),
-                                                                                  rounded_down(m.surface)};
-        }
-    }
+    for (int x = window.x0 / kBlock * kBlock; x < window.x1; x += kBlock)
+      visit(visit, {x, (first_row + row) * kBlock}, kBlock, {0, 0});
   });
   return starts;
 }

@@ -2,9 +2,11 @@
 
 #include <gtest/gtest.h>
 
+#include <bit>
 #include <limits>
 
 #include "base/error.h"
+#include "base/rng.h"
 #include "image/foreign.h"
 #include "image/picture_io.h"
 #include "tests/support/files.h"
@@ -41,6 +43,34 @@ TEST(Exr, EveryValueAndAttributeSurvives) {
         EXPECT_EQ(std::bit_cast<uint32_t>(plane(x, y)), std::bit_cast<uint32_t>(back.at(name)(x, y)));
   for (const auto& [key, value] : frame.header) EXPECT_EQ(back.header.at(key), value) << key;
   EXPECT_EQ(read_exr_info(folder / "a.exr").channels.size(), 2u);
+}
+
+// Noise, which packing cannot make smaller and which is stored as it is, beside smoothness, over many groups of lines.
+TEST(Exr, NoiseAndWordsSurvive) {
+  const test::TemporaryFolder folder;
+  for (const bool smooth : {false, true}) {
+    Layers frame(5, 16 * 16 + 16 * 3 + 7);
+    frame.origin = {3, -2}, frame.display = {20, 400};
+    std::vector<uint32_t>& words = frame.add_words("state.0000");
+    Plane& plane = frame.add("G");
+    Rng rng({7, 0, 0, 0});
+    for (size_t i = 0; i < words.size(); ++i) {
+      words[i] = smooth ? static_cast<uint32_t>(i) : rng.bits();
+      plane(static_cast<int>(i % 5), static_cast<int>(i / 5)) = smooth ? 1.0f : std::bit_cast<float>(rng.bits());
+    }
+    write_exr(folder / "a.exr", frame);
+    const size_t bytes = std::filesystem::file_size(folder / "a.exr"), plain = 2 * words.size() * sizeof(uint32_t);
+    EXPECT_GE(bytes, smooth ? 0 : plain);
+    EXPECT_LE(bytes, smooth ? plain / 2 : plain + 1000);
+    EXPECT_EQ(*read_exr_state(folder / "a.exr").find_words("state.0000"), words);
+    const Layers back = read_exr(folder / "a.exr");
+    EXPECT_EQ(back.width(), 20);
+    size_t differing = 0;
+    for (int y = 2; y < frame.height(); ++y)
+      for (int x = 0; x < 5; ++x)
+        differing += std::bit_cast<uint32_t>(back.at("G")(x + 3, y - 2)) != std::bit_cast<uint32_t>(plane(x, y));
+    EXPECT_EQ(differing, 0u);
+  }
 }
 
 TEST(Exr, ReadsOnlyWhatIsWanted) {
