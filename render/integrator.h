@@ -38,8 +38,9 @@ struct PathContext {
   std::span<const EmissionField> emissions;
   const Lights* lights = nullptr;
   const Surfaces* surfaces = nullptr;
-  const LaneGrid* lane_grid = nullptr;  ///< of the one medium, where plan.lanes
-  bool interpolate = false;             ///< in lanes: look up all eight voxels around a point, not one by chance
+  const LaneGrid* lane_grid = nullptr;   ///< of the one medium, where plan.lanes
+  std::span<const LaneGrid> glow_grids;  ///< of the emissions, where plan.lanes
+  bool interpolate = false;              ///< in lanes: look up all eight voxels around a point, not one by chance
   Plan plan;
   int max_events = 100000, roulette_start = 16;
   double first_majorant = 1;   ///< factor on the majorants of the first flight, where plan.forced_first

@@ -31,19 +31,12 @@ HWY_INLINE V density_at(const LaneScene& scene, const V3& p) {
   const V3 c{cell(p.x, scene.nx), cell(p.y, scene.ny), cell(p.z, scene.nz)};
   const V row = hn::Add(hn::Mul(c.x, set(scene.ny)), c.y);
   const VI index = hn::Add(hn::Mul(hn::ConvertTo(di, row), hn::Set(di, scene.nz_int)), hn::ConvertTo(di, c.z));
-  VI brick = hn::GatherIndex(di, scene.brick, index);
-  outside = hn::Or(outside, hn::RebindMask(d, hn::Lt(brick, hn::Zero(di))));
-  brick = hn::IfThenZeroElse(hn::RebindMask(di, outside), brick);
+  outside = hn::Or(outside, hn::Lt(hn::GatherIndex(d, scene.majorant, index), zero));
   const auto within = [&](V v, V from) {
     return hn::IfThenZeroElse(outside, hn::Min(hn::Max(hn::Sub(v, hn::Mul(from, cell_size)), zero), cell_size));
   };
   const V3 q{within(p.x, c.x), within(p.y, c.y), within(p.z, c.z)};
-  return hn::IfThenZeroElse(outside, interpolated(scene, brick, q));
-}
-
-/// Length of a voxel as a ray parameter.
-HWY_INLINE V voxel_length(const CellWalk& walk) {
-  return hn::Div(set(1.0f), hn::Sqrt(dot(walk.d, walk.d)));
+  return hn::IfThenZeroElse(outside, interpolated(scene, hn::GatherIndex(di, scene.brick, index), q));
 }
 
 /// The next rays of a list. @param more(lane, slot)  called for each of them

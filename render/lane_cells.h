@@ -73,9 +73,9 @@ struct GeneratorBuffer {
 
 /// Rays in local coordinates on their way through the cells, one per lane.
 struct CellWalk {
-  explicit HWY_INLINE CellWalk(const LaneScene& s) : scene(s) {}
+  explicit HWY_INLINE CellWalk(const LaneCells& cells) : grid(cells) {}
 
-  const LaneScene& scene;
+  const LaneCells& grid;
   V3 o{hn::Zero(D()), hn::Zero(D()), hn::Zero(D())}, d{set(1), set(1), set(1)}, inverse{set(1), set(1), set(1)};
   V3 cell{hn::Zero(D()), hn::Zero(D()), hn::Zero(D())};
   V t = hn::Zero(D());
@@ -107,19 +107,19 @@ struct CellWalk {
     };
     octant_shift = hn::BitCast(DU(), hn::Add(bits(inverse.x, 12), hn::Add(bits(inverse.y, 6), bits(inverse.z, 3))));
     const auto start = [&](V v, float n, V before) {
-      const V c = hn::Floor(hn::Mul(v, set(scene.inverse_cell)));
+      const V c = hn::Floor(hn::Mul(v, set(grid.inverse_cell)));
       return hn::IfThenElse(fresh, hn::Min(hn::Max(c, hn::Zero(f)), set(n - 1)), before);
     };
     t = hn::IfThenElse(fresh, begin, t);
     const V3 p = at(t);
-    cell = {start(p.x, scene.nx, cell.x), start(p.y, scene.ny, cell.y), start(p.z, scene.nz, cell.z)};
+    cell = {start(p.x, grid.nx, cell.x), start(p.y, grid.ny, cell.y), start(p.z, grid.nz, cell.z)};
   }
 
   /// 0 outside `mask`.
   HWY_INLINE VI index(M mask) const {
     const DI di;
-    const V row = hn::Add(hn::Mul(cell.x, set(scene.ny)), cell.y);
-    const VI i = hn::Add(hn::Mul(hn::ConvertTo(di, row), hn::Set(di, scene.nz_int)), hn::ConvertTo(di, cell.z));
+    const V row = hn::Add(hn::Mul(cell.x, set(grid.ny)), cell.y);
+    const VI i = hn::Add(hn::Mul(hn::ConvertTo(di, row), hn::Set(di, grid.nz_int)), hn::ConvertTo(di, cell.z));
     return hn::IfThenElseZero(hn::RebindMask(di, mask), i);
   }
   HWY_INLINE V3 at(V parameter) const {
@@ -129,11 +129,11 @@ struct CellWalk {
   /// A point near the cells relative to them, in [0, most].
   HWY_INLINE V3 within(const V3& p, V most) const {
     const auto clamped = [&](V v, V c) {
-      return hn::Min(hn::Max(hn::Sub(v, hn::Mul(c, set(scene.cell))), hn::Zero(D())), most);
+      return hn::Min(hn::Max(hn::Sub(v, hn::Mul(c, set(grid.cell))), hn::Zero(D())), most);
     };
     return {clamped(p.x, cell.x), clamped(p.y, cell.y), clamped(p.z, cell.z)};
   }
-  HWY_INLINE V3 within(const V3& p) const { return within(p, set(scene.cell)); }
+  HWY_INLINE V3 within(const V3& p) const { return within(p, set(grid.cell)); }
 
   /// Where the rays leave their cells, or the cubes of empty cells that begin with them.
   struct Crossing {
@@ -153,7 +153,7 @@ struct CellWalk {
     const auto farthest = [&](V from, V sign) { return hn::Add(from, hn::Mul(sign, far)); };
     c.last = {farthest(cell.x, c.sign.x), farthest(cell.y, c.sign.y), farthest(cell.z, c.sign.z)};
     const auto when = [&](V last, V sign, V origin, V inv) {
-      const V plane = hn::Mul(hn::Max(last, hn::Add(last, sign)), set(scene.cell));
+      const V plane = hn::Mul(hn::Max(last, hn::Add(last, sign)), set(grid.cell));
       return hn::Mul(hn::Sub(plane, origin), inv);
     };
     c.tx = when(c.last.x, c.sign.x, o.x, inverse.x), c.ty = when(c.last.y, c.sign.y, o.y, inverse.y);
@@ -169,7 +169,7 @@ struct CellWalk {
     const V3 there = at(c.until);
     const auto crossed = [&](V from, V last, V sign, M first, V p) {
       // On the other axes the cell can change only where several are crossed at once.
-      const V other = hn::Floor(hn::Mul(p, set(scene.inverse_cell)));
+      const V other = hn::Floor(hn::Mul(p, set(grid.inverse_cell)));
       const V between = hn::Min(hn::Max(other, hn::Min(from, last)), hn::Max(from, last));
       return hn::IfThenElse(passes, hn::IfThenElse(first, hn::Add(last, sign), between), from);
     };
@@ -178,45 +178,56 @@ struct CellWalk {
             crossed(cell.z, c.last.z, c.sign.z, first_z, there.z)};
     t = hn::IfThenElse(passes, c.until, t);
     const auto left = [](V v, float n) { return hn::Or(hn::Lt(v, hn::Zero(D())), hn::Ge(v, set(n))); };
-    return hn::And(passes, hn::Or(left(cell.x, scene.nx), hn::Or(left(cell.y, scene.ny), left(cell.z, scene.nz))));
+    return hn::And(passes, hn::Or(left(cell.x, grid.nx), hn::Or(left(cell.y, grid.ny), left(cell.z, grid.nz))));
   }
 };
 
-HWY_INLINE VI brick_of(const LaneScene& scene, VI cell, M mask) {
+/// Length of a voxel as a ray parameter.
+HWY_INLINE V voxel_length(const CellWalk& walk) {
+  return hn::Div(set(1.0f), hn::Sqrt(dot(walk.d, walk.d)));
+}
+
+HWY_INLINE VI brick_of(const LaneCells& grid, VI cell, M mask) {
   const DI di;
-  return hn::GatherIndex(di, scene.brick, hn::IfThenElseZero(hn::RebindMask(di, mask), cell));
+  return hn::GatherIndex(di, grid.brick, hn::IfThenElseZero(hn::RebindMask(di, mask), cell));
+}
+
+HWY_INLINE V lerp(V a, V b, V f) {
+  return hn::Add(a, hn::Mul(f, hn::Sub(b, a)));
+}
+
+/// Between two neighbours in a table, linearly. @param index  of the first
+HWY_INLINE V between_entries(const float* table, VI index, V f) {
+#if HWY_TARGET == HWY_SCALAR
+  return lerp(hn::GatherIndex(D(), table, index), hn::GatherIndex(D(), table + 1, index), f);
+#else
+  // Both are gathered as one number of 64 bits: a gather costs by its lanes.
+  const DI di;
+  const hn::Half<DI> half;
+  const hn::Rebind<int64_t, decltype(half)> d_bytes;
+  const auto pairs = [&](auto part) {
+    const auto* const base = reinterpret_cast<const int64_t*>(table);
+    return hn::BitCast(D(), hn::GatherOffset(d_bytes, base, hn::ShiftLeft<2>(hn::PromoteTo(d_bytes, part))));
+  };
+  const V low = pairs(hn::LowerHalf(index)), high = pairs(hn::UpperHalf(half, index));
+  return lerp(hn::ConcatEven(D(), high, low), hn::ConcatOdd(D(), high, low), f);
+#endif
 }
 
 /// The interpolated density at points of cells, q relative to the cell in [0, cell].
 /// @param brick  where the cells' values begin
-HWY_INLINE V interpolated(const LaneScene& scene, VI brick, const V3& q) {
+HWY_INLINE V interpolated(const LaneCells& grid, VI brick, const V3& q) {
   const DI di;
-  const V highest = set(scene.cell - 1.0f);
+  const V highest = set(grid.cell - 1.0f);
   const V x0 = hn::Min(hn::Floor(q.x), highest), y0 = hn::Min(hn::Floor(q.y), highest),
           z0 = hn::Min(hn::Floor(q.z), highest);
   const V fx = hn::Sub(q.x, x0), fy = hn::Sub(q.y, y0), fz = hn::Sub(q.z, z0);
-  const VI stored = hn::Set(di, scene.stored);
+  const VI stored = hn::Set(di, grid.stored);
   VI index = hn::Add(hn::Mul(hn::Add(hn::Mul(hn::ConvertTo(di, x0), stored), hn::ConvertTo(di, y0)), stored),
                      hn::ConvertTo(di, z0));
   index = hn::Add(index, brick);
-  const auto lerp = [](V a, V b, V f) { return hn::Add(a, hn::Mul(f, hn::Sub(b, a))); };
-  const auto along_z = [&](int offset) {
-#if HWY_TARGET == HWY_SCALAR
-    return lerp(hn::GatherIndex(D(), scene.values + offset, index),
-                hn::GatherIndex(D(), scene.values + offset + 1, index), fz);
-#else
-    // Values that lie side by side are gathered as one number of 64 bits: a gather costs by its lanes.
-    const hn::Half<DI> half;
-    const hn::Rebind<int64_t, decltype(half)> d_bytes;
-    const auto pairs = [&](auto part) {
-      const auto* const base = reinterpret_cast<const int64_t*>(scene.values + offset);
-      return hn::BitCast(D(), hn::GatherOffset(d_bytes, base, hn::ShiftLeft<2>(hn::PromoteTo(d_bytes, part))));
-    };
-    const V low = pairs(hn::LowerHalf(index)), high = pairs(hn::UpperHalf(half, index));
-    return lerp(hn::ConcatEven(D(), high, low), hn::ConcatOdd(D(), high, low), fz);
-#endif
-  };
-  const int Y = scene.stored, X = Y * Y;
+  const auto along_z = [&](int offset) { return between_entries(grid.values + offset, index, fz); };
+  const int Y = grid.stored, X = Y * Y;
   return lerp(lerp(along_z(0), along_z(Y), fy), lerp(along_z(X), along_z(X + Y), fy), fx);
 }
 
@@ -224,15 +235,15 @@ HWY_INLINE V interpolated(const LaneScene& scene, VI brick, const V3& q) {
 HWY_INLINE V one_voxel(const CellWalk& walk, Generator& rng, const V3& p, VI brick, M mask) {
   const DI di;
   const DU du;
-  const LaneScene& scene = walk.scene;
-  const V3 q = walk.within(p, set(scene.cell - scene.cell * 0x1p-24f));
+  const LaneCells& grid = walk.grid;
+  const V3 q = walk.within(p, set(grid.cell - grid.cell * 0x1p-24f));
   const auto voxel = [&](V v, VU bits) {  // 16 of them
     const V u = hn::Mul(hn::Add(hn::ConvertTo(D(), hn::BitCast(di, bits)), set(0.5f)), set(0x1p-16f));
     return hn::ConvertTo(di, hn::Add(v, u));
   };
   const VU low = hn::Set(du, 0xffffu), bits = rng.next(mask), bits_z = rng.next(mask);
   const VI vx = voxel(q.x, hn::And(bits, low)), vy = voxel(q.y, hn::ShiftRight<16>(bits));
-  const VI vz = voxel(q.z, hn::ShiftRight<16>(bits_z)), stored = hn::Set(di, scene.stored);
+  const VI vz = voxel(q.z, hn::ShiftRight<16>(bits_z)), stored = hn::Set(di, grid.stored);
   const VI index = hn::Add(hn::Add(hn::Mul(hn::Add(hn::Mul(vx, stored), vy), stored), vz), brick);
-  return hn::GatherIndex(D(), scene.values, hn::IfThenElseZero(hn::RebindMask(di, mask), index));
+  return hn::GatherIndex(D(), grid.values, hn::IfThenElseZero(hn::RebindMask(di, mask), index));
 }

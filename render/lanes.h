@@ -14,18 +14,22 @@ constexpr size_t kPool = 2048;   // paths in flight per thread: their state stay
 constexpr size_t kPadding = 64;  // lists may be read past their end, up to a vector: into slots that nobody owns
 constexpr size_t kMostSuns = 16;
 
-/// The scene as the kernels need it, in single precision.
-struct LaneScene {
+/// A LaneGrid as the kernels need it.
+struct LaneCells {
   const float* majorant;
   const int32_t* brick;
   const float* values;
-  const uint8_t* distances;
-  const int32_t* surface_cell;
   float nx, ny, nz;
   int32_t nz_int;
   float cell, inverse_cell;  // voxels along a cell
   int32_t stored;            // values along a brick
-  float sigma;               // extinction per density
+};
+
+/// The scene, in single precision; the cells are the medium's.
+struct LaneScene : LaneCells {
+  const uint8_t* distances;
+  const int32_t* surface_cell;
+  float sigma;  // extinction per density
   float local_from_world[3][3];
   float gradient_to_world[3][3];
   float least_gradient;                  // per voxel: below it, wider differences are needed
@@ -105,6 +109,20 @@ struct LaneCamera {
   std::array<LanePool::Column<float>, kMarchedPoints> point;  ///< ray parameters, -1 past the end
 };
 
+/// A field that glows: its cells, and the emission coefficient as a function of its value, linear between entries.
+struct LaneGlow : LaneCells {
+  std::array<const float*, 3> colour;  // the entries, by channel
+  float lowest, scale, last;           // of the values; entries per value; number of the last entry
+};
+
+/// Stretches of flights that lie in such a field, by slot.
+struct LaneStretches {
+  LanePool::Column<float> ox, oy, oz, dx, dy, dz;  ///< rays in local coordinates of the field
+  LanePool::Column<float> end;                     ///< ray parameter
+  LanePool::Column<float> stride;                  ///< voxels that one look-up stands for
+  LanePool::Column<float> r, g, b;                 ///< the result
+};
+
 /// A sample of one of the lights from a point, without radiance where another is in its way.
 LightSample sample_lights(const Lights& lights, const dvec3& p, double choice, const dvec2& u);
 
@@ -140,6 +158,10 @@ void lanes_march(const LaneScene& scene, LanePool& pool, const SlotList& rays, L
 
 /// Central differences of the interpolated density, as volume/gradient.h.
 void lanes_gradient(const LaneScene& scene, LanePoints& points);
+
+/// The integral of the emission coefficient along each stretch: one look-up for each stride, all of them at the same
+/// place in it, which is drawn for each stretch.
+void lanes_glow(const LaneGlow& glow, LanePool& pool, const SlotList& rays, LaneStretches& stretches);
 
 /// The event at the end of a flight: absorption, a sample of one light, roulette, a new direction.
 /// @param shadows  those whose light sample is worth a shadow ray   @param alive  those that go on

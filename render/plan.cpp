@@ -110,7 +110,7 @@ std::string explain(const Plan& plan, const Scene& scene, const SceneMedia& medi
     line("motion", plan.moving_media ? "media are placed anew for each path's time" : "none");
   }
   line("emission",
-       plan.emission ? "stratified along each flight, one look-up per voxel (four after a scattering)" : "none");
+       plan.emission ? "stratified along each flight, one look-up per voxel (per four after a scattering)" : "none");
   line("light sampling", plan.light_sampling
                              ? "next-event estimation, ratio tracking, balance heuristic against direction sampling"
                              : "none: direction sampling only");

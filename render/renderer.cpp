@@ -63,7 +63,8 @@ PreparedScene::PreparedScene(Scene scene, const LayerRequest& layers, const Task
   context_.lights = &lights_;
   context_.surfaces = surfaces_.get();
   context_.plan = make_plan(media_, lights_, surfaces_.get(), camera, layers);
-  if (scene_.render.lanes != "off" && !layers.records && fits_lanes(context_.plan, context_.media, lights_)) {
+  if (scene_.render.lanes != "off" && !layers.records &&
+      fits_lanes(context_.plan, context_.media, context_.emissions, lights_)) {
     context_.plan.lanes = true;
     lane_grid_ = LaneGrid(context_.media[0].bricks(), scene_.render.majorant_scale);
     if (context_.plan.medium_surface) {
@@ -72,12 +73,16 @@ PreparedScene::PreparedScene(Scene scene, const LayerRequest& layers, const Task
                               task);
     }
     context_.lane_grid = &lane_grid_;
+    for (const EmissionField& field : context_.emissions) glow_grids_.emplace_back(field.shape().bricks());
+    context_.glow_grids = glow_grids_;
     context_.interpolate = scene_.render.lookup == "interpolated";
-    std::vector<Ray> rays;
-    for (const auto& [x, y] : coarse_pixels(24)) rays.push_back(request(camera, 0x5eedf1a5, x, y, 0).ray);
-    const FirstCollision first = choose_first_collision(context_.media[0], rays, scene_.render.first_collision);
-    context_.plan.forced_first = first.forced;
-    context_.first_majorant = first.majorant;
+    if (!context_.plan.emission) {  // whose light is what a flight by chance meets before it ends
+      std::vector<Ray> rays;
+      for (const auto& [x, y] : coarse_pixels(24)) rays.push_back(request(camera, 0x5eedf1a5, x, y, 0).ray);
+      const FirstCollision first = choose_first_collision(context_.media[0], rays, scene_.render.first_collision);
+      context_.plan.forced_first = first.forced;
+      context_.first_majorant = first.majorant;
+    }
   }
   context_.max_events = scene_.render.max_events;
   context_.roulette_start = scene_.render.roulette_start;

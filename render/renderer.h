@@ -109,6 +109,7 @@ class PreparedScene {
   std::unique_ptr<Surfaces> surfaces_;
   Lights lights_;
   LaneGrid lane_grid_;
+  std::vector<LaneGrid> glow_grids_;
   PathContext context_;
 };
 

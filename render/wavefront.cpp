@@ -3,7 +3,10 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <deque>
 #include <limits>
+#include <memory>
+#include <tuple>
 #include <vector>
 
 #include "render/lanes.h"
@@ -16,19 +19,21 @@ namespace {
 
 constexpr double kFar = std::numeric_limits<double>::infinity();
 
+void set_cells(LaneCells& c, const LaneGrid& grid) {
+  c.majorant = grid.majorant.data(), c.brick = grid.brick.data(), c.values = grid.values;
+  c.nx = static_cast<float>(grid.nx), c.ny = static_cast<float>(grid.ny), c.nz = static_cast<float>(grid.nz);
+  c.nz_int = grid.nz;
+  c.cell = static_cast<float>(grid.cell_size), c.inverse_cell = 1.0f / c.cell;
+  c.stored = grid.cell_size + 1;
+}
+
 LaneScene lane_scene(const PathContext& context) {
   const Medium& medium = context.media[0];
   const LaneGrid& grid = *context.lane_grid;
   LaneScene s{};
-  s.majorant = grid.majorant.data();
-  s.brick = grid.brick.data();
-  s.values = grid.values;
+  set_cells(s, grid);
   s.distances = grid.distances.data(), s.surface_cell = grid.surface_cell.data();
   s.surface_density = grid.surface_density;
-  s.nx = static_cast<float>(grid.nx), s.ny = static_cast<float>(grid.ny), s.nz = static_cast<float>(grid.nz);
-  s.nz_int = grid.nz;
-  s.cell = static_cast<float>(grid.cell_size), s.inverse_cell = 1.0f / s.cell;
-  s.stored = grid.cell_size + 1;
   s.sigma = static_cast<float>(medium.extinction_per_density());
   s.first_sigma = static_cast<float>(medium.extinction_per_density() * context.first_majorant);
   const dmat3& m = medium.placement().local_from_world();
@@ -80,6 +85,28 @@ LaneScene lane_scene(const PathContext& context) {
   return s;
 }
 
+/// A field that glows, as the kernels need it.
+struct GlowField {
+  GlowField(const EmissionField& field, const LaneGrid& grid)
+      : shape(field.shape()), box{Solid::Shape::kBox, shape.support().first, shape.support().second} {
+    set_cells(lanes, grid);
+    const EmissionRamp& ramp = field.ramp();
+    const size_t count = ramp.entries().size();
+    for (int c = 0; c < 3; ++c) {
+      for (const dvec3& entry : ramp.entries()) table[c].push_back(static_cast<float>(entry[c]));
+      lanes.colour[c] = table[c].data();
+    }
+    lanes.lowest = static_cast<float>(ramp.lowest()), lanes.scale = static_cast<float>(ramp.scale());
+    lanes.last = static_cast<float>(count - 1);
+  }
+  GlowField(const GlowField&) = delete;  // the lanes refer to its table
+
+  const Medium& shape;
+  Solid box;
+  std::array<std::vector<float>, 3> table;
+  LaneGlow lanes{};
+};
+
 /// One thread's paths on their way.
 class Wavefront {
  public:
@@ -94,6 +121,8 @@ class Wavefront {
     static thread_local State state;
     state_ = &state;
     if (keeps_samples()) state.samples.resize(kPool);
+    for (size_t f = 0; f < c_.emissions.size(); ++f) glow_.emplace_back(c_.emissions[f], c_.glow_grids[f]);
+    if (!glow_.empty() && !state.glowing) state.glowing = std::make_unique<Glowing>();
   }
 
   void run() {
@@ -103,11 +132,14 @@ class Wavefront {
     for (size_t i = 0; i < kPool; ++i) free_[i] = static_cast<int32_t>(kPool - 1 - i);
     TrackingCounters& tracking = counters_.tracking;
     for (;;) {
-      s.hits.count = s.escapes.count = s.shadows.count = s.alive.count = 0;
+      s.hits.count = s.escapes.count = s.shadows.count = s.alive.count = s.beside.count = 0;
       start_paths();
-      if (s.active.count + s.hits.count == 0) break;
+      if (s.active.count + s.hits.count + s.beside.count == 0) break;
       find_ends(s.active);
+      find_ends(s.beside);
       lanes_fly(scene_, s.pool, s.active, s.hits, s.escapes, tracking.lookups);
+      for (size_t i = 0; i < s.beside.count; ++i) s.escapes.push(s.beside.slot[i]);
+      for (const GlowField& field : glow_) add_glow(field);
       for (size_t i = 0; i < s.escapes.count; ++i) escape(s.escapes.slot[i]);
       tracking.collisions += s.hits.count;
       if (c_.plan.first_event)
@@ -127,6 +159,15 @@ class Wavefront {
   }
 
  private:
+  struct Glowing {
+    struct Flight {
+      Ray ray;     // in the world, the camera's from the eye on
+      double end;  // on a light
+    };
+    std::array<Flight, kPool> flights;
+    std::array<vec3, kPool> emission;  // seen by the camera ray
+    LaneStretches stretches;
+  };
   struct State {
     LanePool pool{};
     SlotList fresh, walks, active, hits, escapes, shadows, alive;
@@ -134,6 +175,8 @@ class Wavefront {
     LaneCamera camera;
     std::array<const FiniteLight*, kPool> end;  // the light that a flight ends on, where scene_.flights_end
     std::vector<PathSample> samples;            // of the paths, where keeps_samples()
+    std::unique_ptr<Glowing> glowing;           // where something glows
+    SlotList beside;                            // camera rays that miss the medium, but not what glows
   };
 
   /// Whether layers are recorded on the way that the pool has no column for.
@@ -159,14 +202,15 @@ class Wavefront {
   void start(size_t index) {
     const PathRequest& request = requests_[index];
     ++counters_.paths;
-    Ray local;
+    Ray local{};
     double entry = request.start.medium, exit = 0;
     if (entry < PixelStart::kNever) {
       local = c_.media[0].to_local(request.ray);
       const auto [enters, leaves] = box_.intersect(local);
       entry = std::max(entry, enters), exit = leaves;
     }
-    if (!(entry < exit)) {
+    const bool meets = entry < exit;
+    if (!meets && !may_glow(request.ray)) {
       PathSample sample;
       see_background(request.ray, 1, sample);
       deliver(index, sample);
@@ -174,7 +218,7 @@ class Wavefront {
     }
     const int32_t slot = free_.back();
     free_.pop_back();
-    const dvec3 o = local.at(entry);
+    const dvec3 o = meets ? local.at(entry) : dvec3(0);
     LanePool& p = state_->pool;
     const auto i = static_cast<size_t>(slot);
     p.ox[i] = static_cast<float>(o.x), p.oy[i] = static_cast<float>(o.y), p.oz[i] = static_cast<float>(o.z);
@@ -195,7 +239,16 @@ class Wavefront {
     const uint64_t a = mix64(seed), b = mix64(seed ^ 0xda3e39cb94b95bdbull) | 1u;  // never all zero
     p.s0[i] = static_cast<uint32_t>(a), p.s1[i] = static_cast<uint32_t>(a >> 32);
     p.s2[i] = static_cast<uint32_t>(b), p.s3[i] = static_cast<uint32_t>(b >> 32);
-    state_->fresh.push(slot);
+    if (!glow_.empty()) state_->glowing->emission[i] = vec3(0);
+    (meets ? state_->fresh : state_->beside).push(slot);
+  }
+
+  /// Whether a camera ray passes through a field that glows.
+  bool may_glow(const Ray& ray) const {
+    return std::any_of(glow_.begin(), glow_.end(), [&](const GlowField& field) {
+      const auto [enters, leaves] = field.box.intersect(field.shape.to_local(ray));
+      return std::max(enters, 0.0) < leaves;
+    });
   }
 
   /// Where the camera rays meet the medium's surface, for coverage and gradient.
@@ -261,17 +314,62 @@ class Wavefront {
     return {c_.media[0].to_world(dvec3(p.ox[i], p.oy[i], p.oz[i])), glm::normalize(dvec3(p.dx[i], p.dy[i], p.dz[i]))};
   }
 
-  /// The lights that flights end on. One that stands before the medium ends the camera ray where that begins.
+  /// The lights that flights end on, and the flights themselves where they gather glow. A light that stands before the
+  /// medium ends the camera ray where that begins.
   void find_ends(const SlotList& rays) {
-    if (!scene_.flights_end) return;
+    if (!scene_.flights_end && glow_.empty()) return;
     for (size_t k = 0; k < rays.count; ++k) {
       const auto i = static_cast<size_t>(rays.slot[k]);
       const Ray ray = flight(rays.slot[k]);
       const bool camera = state_->pool.events[i] == 0;
       const Ray& whole = camera ? requests_[state_->pool.request[i]].ray : ray;
-      const auto [light, t] = c_.lights->nearest(whole, 1e30, camera);
-      state_->end[i] = light;
-      state_->pool.reach[i] = static_cast<float>(std::max(t - glm::dot(ray.o - whole.o, whole.d), 0.0));
+      double end = 1e30;
+      if (scene_.flights_end) {
+        std::tie(state_->end[i], end) = c_.lights->nearest(whole, end, camera);
+        state_->pool.reach[i] = static_cast<float>(std::max(end - glm::dot(ray.o - whole.o, whole.d), 0.0));
+      }
+      if (!glow_.empty()) state_->glowing->flights[i] = {whole, end};
+    }
+  }
+
+  /// What a field emits along the flights that have just ended: as long as they are with the probability that light
+  /// passes. Long paths are blurred by their scatterings: longer strides do there.
+  void add_glow(const GlowField& field) {
+    State& s = *state_;
+    LanePool& p = s.pool;
+    LaneStretches& stretches = s.glowing->stretches;
+    const auto& flights = s.glowing->flights;
+    s.walks.count = 0;
+    const auto add = [&](int32_t slot, double end) {
+      const auto i = static_cast<size_t>(slot);
+      const Ray local = field.shape.to_local(flights[i].ray);
+      const auto [enters, leaves] = field.box.intersect(local);
+      const double t0 = std::max(enters, 0.0), t1 = std::min(leaves, end);
+      if (!(t0 < t1)) return;
+      const vec3 o(local.at(t0)), d(local.d);
+      stretches.ox[i] = o.x, stretches.oy[i] = o.y, stretches.oz[i] = o.z;
+      stretches.dx[i] = d.x, stretches.dy[i] = d.y, stretches.dz[i] = d.z;
+      stretches.end[i] = static_cast<float>(t1 - t0);
+      stretches.stride[i] = p.events[i] == 0 ? 1.0f : 4.0f;
+      s.walks.push(slot);
+    };
+    for (size_t k = 0; k < s.hits.count; ++k) {
+      const auto i = static_cast<size_t>(s.hits.slot[k]);
+      const Ray& whole = flights[i].ray;
+      add(s.hits.slot[k], glm::dot(c_.media[0].to_world(dvec3(p.ox[i], p.oy[i], p.oz[i])) - whole.o, whole.d));
+    }
+    for (size_t k = 0; k < s.escapes.count; ++k)
+      add(s.escapes.slot[k], flights[static_cast<size_t>(s.escapes.slot[k])].end);
+    lanes_glow(field.lanes, p, s.walks, stretches);
+    for (size_t k = 0; k < s.walks.count; ++k) {
+      const auto i = static_cast<size_t>(s.walks.slot[k]);
+      const vec3 glow = vec3(p.tr[i], p.tg[i], p.tb[i]) * vec3(stretches.r[i], stretches.g[i], stretches.b[i]);
+      if (p.events[i] == 0)
+        s.glowing->emission[i] += glow;
+      else if (p.events[i] == 1)
+        p.direct_r[i] += glow.x, p.direct_g[i] += glow.y, p.direct_b[i] += glow.z;
+      else
+        p.indirect_r[i] += glow.x, p.indirect_g[i] += glow.y, p.indirect_b[i] += glow.z;
     }
   }
 
@@ -302,7 +400,7 @@ class Wavefront {
   }
 
   void deliver(size_t request, PathSample& s) const {
-    s.direct = s.background + s.single;
+    s.direct = s.background + s.emission + s.single;
     s.beauty = s.direct + s.indirect;
     if (c_.plan.flash) s.flash = s.direct + c_.flash.intensity * s.flash;
     sink_(request, s);
@@ -378,6 +476,7 @@ class Wavefront {
       see_background(requests_[p.request[i]].ray, static_cast<double>(p.passed[i]), s);
     if (c_.plan.medium_surface && camera.surface[i] >= 0)
       s.coverage = 1, s.gradient = {camera.gx[i], camera.gy[i], camera.gz[i]};
+    if (!glow_.empty()) s.emission = dvec3(state_->glowing->emission[i]);
     s.single = {p.direct_r[i], p.direct_g[i], p.direct_b[i]};
     s.indirect = {p.indirect_r[i], p.indirect_g[i], p.indirect_b[i]};
     deliver(p.request[i], s);
@@ -392,6 +491,7 @@ class Wavefront {
   const SampleSink& sink_;
   PathCounters& counters_;
   State* state_;
+  std::deque<GlowField> glow_;
   size_t next_ = 0;
   std::vector<int32_t> free_;
   std::array<bool, kPool> alive_{};
@@ -405,8 +505,11 @@ LightSample sample_lights(const Lights& lights, const dvec3& p, double choice, c
   return sample;
 }
 
-bool fits_lanes(const Plan& plan, std::span<const Medium> media, const Lights& lights) {
-  if (plan.media != Plan::Media::kOneGrey || plan.moving_media || plan.emission || plan.surfaces) return false;
+bool fits_lanes(const Plan& plan, std::span<const Medium> media, std::span<const EmissionField> emissions,
+                const Lights& lights) {
+  if (plan.media != Plan::Media::kOneGrey || plan.moving_media || plan.surfaces) return false;
+  for (const EmissionField& e : emissions)
+    if (e.moves() || e.shape().solid() || !LaneGrid::fits(e.shape().bricks())) return false;
   const Medium& m = media[0];
   return !m.solid() && !m.global_majorant() && LaneGrid::fits(m.bricks()) &&
          (lights.local() || lights.suns().size() <= kMostSuns);

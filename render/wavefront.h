@@ -3,9 +3,10 @@
 
 namespace brume {
 
-/// Whether a plan can be traced in lanes: one still medium of grey extinction in a grid that LaneGrid holds, no glow,
-/// no meshes.
-bool fits_lanes(const Plan& plan, std::span<const Medium> media, const Lights& lights);
+/// Whether a plan can be traced in lanes: one still medium of grey extinction in a grid that LaneGrid holds, glow from
+/// such grids, no meshes.
+bool fits_lanes(const Plan& plan, std::span<const Medium> media, std::span<const EmissionField> emissions,
+                const Lights& lights);
 
 /// The same estimator as the general loop for such plans, but many paths at once: each thread keeps a pool of paths and
 /// takes them through flight, scattering and shadow ray in turn, as many side by side as the machine has lanes. A lane

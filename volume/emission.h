@@ -29,6 +29,10 @@ class EmissionRamp {
 
   dvec3 operator()(double value) const;
 
+  double lowest() const { return lowest_; }                       ///< value of the first entry
+  double scale() const { return scale_; }                         ///< entries per value
+  const std::vector<dvec3>& entries() const { return entries_; }  ///< at least two
+
  private:
   double lowest_ = 0, scale_ = 1;
   std::vector<dvec3> entries_{dvec3(0), dvec3(0)};
@@ -50,6 +54,8 @@ class EmissionField {
   /// @param time  in [0, 1] of the shutter
   dvec3 integrate(const Ray& world, double t_min, double t_max, double stride, double time, Rng& rng) const;
   bool moves() const { return shape_.moves(); }
+  const Medium& shape() const { return shape_; }
+  const EmissionRamp& ramp() const { return ramp_; }
   /// Encloses what glows, world space.
   Medium::Sphere bounding_sphere() const { return shape_.bounding_sphere(); }
 

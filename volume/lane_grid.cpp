@@ -97,7 +97,7 @@ LaneGrid::LaneGrid(const BrickGrid& grid, double scale)
   const auto at = [this](int x, int y, int z) { return (static_cast<size_t>(x) * ny + y) * nz + z; };
   const size_t count = static_cast<size_t>(nx) * ny * nz;
   majorant.resize(count);
-  brick.assign(count, -1);
+  brick.resize(count);
   std::vector<uint8_t> empty(count, 1);
   for (int x = 0; x < nx; ++x)
     for (int y = 0; y < ny; ++y)

@@ -3,8 +3,10 @@
 
 #include <fmt/format.h>
 
+#include <array>
 #include <cmath>
 #include <cstdio>
+#include <span>
 
 #include "base/progress.h"
 #include "image/exr_io.h"
@@ -117,6 +119,21 @@ void demo_scenes() {
   }
 }
 
+void lanes_against_one_by_one(const char* name, Scene s, int spp, std::span<const LayerName> layers) {
+  std::vector<std::string> names;
+  for (const LayerName& l : layers) names.emplace_back(l.name);
+  const auto frame = [&](const char* lanes, int64_t seed) {
+    s.render.lanes = lanes;
+    return PreparedScene(s, LayerRequest::of(names, true)).render(spp, seed, {}).layers;
+  };
+  const Layers lanes = frame("auto", 1), one_by_one = frame("off", 2);
+  for (const LayerName& l : layers) {
+    const test::Mean m = test::mean_radiance(lanes, l), expected = test::mean_radiance(one_by_one, l);
+    row(fmt::format("{}, {}: lanes against one by one", name, l.label()), m.value.y, m.error.y, expected.value.y,
+        expected.error.y, 0, spp);
+  }
+}
+
 // Lights that stand in and before a grid: rays end on them, and the choice between them depends on the point.
 void lamps() {
   Scene s = read_scene(test::source("data/scenes/smoke.toml"));
@@ -129,17 +146,14 @@ void lamps() {
   s.lights[1].type = "rectangle", s.lights[1].position = dvec3(-1.5, -1.5, 2), s.lights[1].radiance = dvec3(4);
   s.lights[1].edge_x = dvec3(0, 1, 0.3), s.lights[1].edge_y = dvec3(1, 0.2, 0);
   s.lights[2].type = "point", s.lights[2].position = dvec3(1.5, -1, 1), s.lights[2].intensity = dvec3(3);
-  const int spp = 2000;
-  const auto frame = [&](const char* lanes, int64_t seed) {
-    s.render.lanes = lanes;
-    return PreparedScene(s, LayerRequest::of({"direct", "indirect"}, true)).render(spp, seed, {}).layers;
-  };
-  const Layers lanes = frame("auto", 1), one_by_one = frame("off", 2);
-  for (const LayerName& l : {layer::direct, layer::indirect}) {
-    const test::Mean m = test::mean_radiance(lanes, l), expected = test::mean_radiance(one_by_one, l);
-    row(fmt::format("smoke among lamps, {}: lanes against one by one", l.label()), m.value.y, m.error.y,
-        expected.value.y, expected.error.y, 0, spp);
-  }
+  lanes_against_one_by_one("smoke among lamps", s, 2000, std::array{layer::direct, layer::indirect});
+}
+
+void fire() {
+  Scene s = read_scene(test::source("data/scenes/fire.toml"));
+  s.film.width = s.film.height = 100;
+  s.surfaces.clear();
+  lanes_against_one_by_one("fire without meshes", s, 2000, std::array{layer::emission, layer::direct, layer::indirect});
 }
 
 // A lamp in fog: its near part along flights against collisions alone. The lamp is beyond the picture's edge: close to
@@ -180,6 +194,7 @@ int main() {
   slabs();
   demo_scenes();
   lamps();
+  fire();
   lamp_in_fog();
   fmt::print("\n{} in all.\n", format_duration(watch.seconds()));
   return all_well ? 0 : 1;
