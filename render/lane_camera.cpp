@@ -119,7 +119,8 @@ void Surface(const LaneScene& scene, LanePool& pool, const SlotList& rays, LaneC
     queue.end(hn::Or(hit, left));
   }
 
-  // Between the last place below the surface's density and the first above, by a straight line.
+  // Between the last place below the surface's density and the first above, where a straight line through the roots of
+  // the densities puts it: at its edge a medium begins more like a square than like a line.
   found.pad();
   for (size_t i = 0; i < found.count; i += hn::Lanes(d)) {
     const VI slot = hn::LoadU(di, found.slot.data() + i);
@@ -128,9 +129,10 @@ void Surface(const LaneScene& scene, LanePool& pool, const SlotList& rays, LaneC
     const auto along = [&](V by) {
       return V3{hn::Add(o.x, hn::Mul(dir.x, by)), hn::Add(o.y, hn::Mul(dir.y, by)), hn::Add(o.z, hn::Mul(dir.z, by))};
     };
-    const V begin = get(camera.outside), end = get(camera.surface), inside = get(camera.density);
-    const V below = hn::Min(density_at(scene, along(begin)), iso);
-    const V share = hn::Div(hn::Sub(iso, below), hn::Max(hn::Sub(inside, below), set(1e-30f)));
+    const auto root = [](V v) { return hn::Sqrt(hn::Max(v, hn::Zero(D()))); };
+    const V begin = get(camera.outside), end = get(camera.surface), inside = root(get(camera.density));
+    const V below = root(hn::Min(density_at(scene, along(begin)), iso));
+    const V share = hn::Div(hn::Sub(root(iso), below), hn::Max(hn::Sub(inside, below), set(1e-30f)));
     const V surface = hn::Add(begin, hn::Mul(hn::Sub(end, begin), hn::Min(share, one)));
     // Half a voxel inside, where the differences see the medium on both sides.
     const V3 p = along(hn::Add(surface, hn::Div(set(0.5f), hn::Sqrt(dot(dir, dir)))));
