@@ -81,6 +81,7 @@ int run(int argc, char** argv) {
   set_exr_threads(common.threads);
   std::signal(SIGINT, on_interrupt);
   std::signal(SIGTERM, on_interrupt);
+  std::signal(SIGHUP, on_interrupt);
   std::signal(SIGXFSZ, SIG_IGN);  // a file that may not grow is an error of that write, with its message
   try {
     return commands.at(app.get_subcommands().front())();

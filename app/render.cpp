@@ -93,10 +93,15 @@ int run(const Common& common) {
   for (const VolumeSettings& volume : scene.volumes) inputs.push_back(volume.file);
   for (const SurfaceSettings& surface : scene.surfaces)
     inputs.insert(inputs.end(), {surface.file, surface.albedo_texture});
+  if (!o.checkpoint.empty()) check_writable(o.checkpoint, inputs, ".exr");
+  inputs.push_back(o.resume);
   if (!o.output.empty()) check_writable(o.output, inputs, ".exr");
   if (!o.preview.empty()) check_writable(o.preview, inputs, ".png");
-  if (!o.checkpoint.empty()) check_writable(o.checkpoint, inputs, ".exr");
   if (!o.records.empty()) check_writable(o.records, inputs, ".records");
+  if (!o.output.empty() && !o.checkpoint.empty() &&
+      std::filesystem::weakly_canonical(o.output) == std::filesystem::weakly_canonical(o.checkpoint))
+    throw InputError(
+        fmt::format("{}: is the checkpoint too, which the picture would replace; name another output", o.output));
   const bool open_ended = o.spp == 0 && (!o.time.empty() || o.target_error > 0);
   if (o.spp > 0) scene.render.spp = o.spp;
   if (open_ended) scene.render.spp = 1 << 20;  // as many as the time or the error asks for
@@ -139,8 +144,13 @@ int run(const Common& common) {
   write_exr(o.output, result.layers);
   if (!o.preview.empty()) write_png(o.preview, to_picture(result.layers.rgb(layer::beauty), scene.film.exposure));
   log(common, result.report.summary());
-  if (!scene.volumes.empty() && result.report.counters.tracking.collisions == 0)
+  const RenderReport& report = result.report;
+  if (prepared.plan().has_media() && !prepared.plan().emission && report.counters.paths > 0 &&
+      report.counters.tracking.collisions == 0)
     warn("note: no path met the medium; does the camera look past it? 'brume info' tells where a volume lies");
+  if (report.samples_per_pixel > scene.render.spp)
+    warn(fmt::format("note: the checkpoint held more samples per pixel, {}, than the {} asked for",
+                     report.samples_per_pixel, scene.render.spp));
   if (open_ended) log(common, fmt::format("{} samples per pixel", result.report.samples_per_pixel));
   print(o.output + "\n");
   // One bad sample in a million is reported; more is a failure (TRANSPORT.md section 10).
@@ -151,6 +161,13 @@ int run(const Common& common) {
 }  // namespace
 
 void add_render(CLI::App& app, Common& common, Commands& commands) {
+  const CLI::Validator above_zero(
+      [](const std::string& text) {
+        char* end = nullptr;
+        const double value = std::strtod(text.c_str(), &end);
+        return *end == '\0' && value > 0 ? std::string() : text + " is no number above 0";
+      },
+      "FLOAT > 0");
   CLI::App* command = add_command(app, common, "render", "render a scene to an EXR with layers");
   command->add_option("scene", o.scene, "scene file (TOML, see docs/scene.md)")->required();
   command->add_option("-o,--output,--outfile", o.output, "EXR to write");
@@ -163,14 +180,15 @@ void add_render(CLI::App& app, Common& common, Commands& commands) {
   command->add_flag("--buckets", o.buckets, "record eight bucket means of each layer too");
   command->add_option("--crop", o.crop,
                       "render only x0,y0,x1,y1 [px, the last two exclusive], same pixels as in the whole");
-  command->add_option("--time", o.time, "stop after this long, at a whole pass: 90s, 10m, 1h30m");
+  command->add_option("--time", o.time,
+                      "stop after this long, at a whole pass: 90s, 10m, 1h30m; what is resumed counts");
   command
       ->add_option("--target-error", o.target_error,
                    "stop at this estimated relative error: root of the mean of variance / (mean^2 + 0.01 white^2)")
-      ->check(CLI::PositiveNumber);
+      ->check(above_zero);
   command->add_option("--checkpoint", o.checkpoint, "EXR to keep the state in, while rendering and after");
   command->add_option("--checkpoint-every", o.checkpoint_every, "seconds between checkpoints")
-      ->check(CLI::PositiveNumber)
+      ->check(above_zero)
       ->capture_default_str();
   command->add_option("--resume", o.resume, "go on from a checkpoint, also with more --spp; same picture as in one go");
   command->add_option("--part", o.part, "i/N: the i-th of N shares of the samples, to be joined by brume merge");

@@ -89,11 +89,27 @@ void write_png(const fs::path& path, const Picture& picture) {
 
 Layers read_hdr(const fs::path& path) {
   check_exists(path);
+  // The reader takes zeros for what is missing at the end: here it is told, and so are we.
+  struct Source {
+    std::ifstream stream;
+    bool starved = false;
+  } source{std::ifstream(path, std::ios::binary)};
+  stbi_io_callbacks callbacks;
+  callbacks.read = [](void* from, char* data, int size) {
+    auto& s = *static_cast<Source*>(from);
+    s.stream.read(data, size);
+    s.starved = s.starved || s.stream.gcount() == 0;
+    return static_cast<int>(s.stream.gcount());
+  };
+  callbacks.skip = [](void* from, int size) { static_cast<Source*>(from)->stream.ignore(size); };
+  callbacks.eof = [](void* from) { return static_cast<int>(static_cast<Source*>(from)->stream.eof()); };
   int width = 0, height = 0, channels = 0;
-  const std::unique_ptr<float, void (*)(void*)> data(stbi_loadf(path.c_str(), &width, &height, &channels, 3),
-                                                     stbi_image_free);
+  const std::unique_ptr<float, void (*)(void*)> data(
+      stbi_loadf_from_callbacks(&callbacks, &source, &width, &height, &channels, 3), stbi_image_free);
   if (!data)
     throw InputError(fmt::format("{}: not a readable Radiance HDR file: {}", path.string(), stbi_failure_reason()));
+  if (source.starved)
+    throw InputError(fmt::format("{}: truncated: it ends before the last of its {} rows", path.string(), height));
   return from_interleaved(data.get(), width, height, [](float v) { return v; });
 }
 

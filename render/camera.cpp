@@ -12,10 +12,22 @@
 namespace brume {
 namespace {
 
-/// Position, view and angles from the two matrices of an EXR's header (row vectors, camera looking along -z).
-void adopt_exr(CameraSettings& s, dvec2& half) {
+/// What an EXR's header says about its camera beyond position and view.
+struct Projection {
+  bool orthographic = false;
+  dvec2 half{0}, shift{0};
+};
+
+/// Position, view and projection from the two matrices of an EXR's header (row vectors; the camera looks along -z, or
+/// along +z as RenderMan's do). @param width, height  of the film
+Projection adopt_exr(CameraSettings& s, int width, int height) {
   const std::string name = s.from_exr.string();
   const ExrInfo info = read_exr_info(s.from_exr);
+  const double aspect = static_cast<double>(info.width) / info.height,
+               film_aspect = static_cast<double>(width) / height;
+  if (std::abs(film_aspect / aspect - 1) > 0.02)
+    throw InputError(fmt::format("{}: is a picture of {} x {}, the film has {} x {}; expected a film of the same shape",
+                                 name, info.width, info.height, width, height));
   const auto matrix = [&](const char* key) {
     const auto it = info.header.find(key);
     const auto* m = it == info.header.end() ? nullptr : std::get_if<std::array<float, 16>>(&it->second);
@@ -33,21 +45,37 @@ void adopt_exr(CameraSettings& s, dvec2& half) {
   const double scale = glm::length(axes[2]);
   if (!(scale > 0)) throw InputError(fmt::format("{}: worldToCamera is singular", name));
   const dmat3 world_from_camera = glm::inverse(glm::transpose(dmat3(axes[0], axes[1], axes[2])));
-  s.position = -(world_from_camera * shift);
-  s.look_at = s.position - axes[2] / scale;
-  s.up = axes[1];
-  // NDC x = clip x / clip w; at camera depth 1, x changes by 1 / half.x.
-  const auto project = [&](const dvec3& p) {
-    double h[4] = {};
-    for (size_t k = 0; k < 4; ++k) h[k] = p.x * n[k] + p.y * n[4 + k] + p.z * n[8 + k] + n[12 + k];
-    return dvec2(h[0] / h[3], h[1] / h[3]);
+  const auto clip = [&](const dvec3& p) {
+    glm::dvec4 h(0);
+    for (int k = 0; k < 4; ++k) {
+      const auto at = [&](size_t row) { return static_cast<double>(n[row * 4 + static_cast<size_t>(k)]); };
+      h[k] = p.x * at(0) + p.y * at(1) + p.z * at(2) + at(3);
+    }
+    return h;
   };
-  const dvec3 ahead = s.position - axes[2] / scale;
-  const dvec2 centre = project(ahead), right = project(ahead + glm::normalize(axes[0])),
-              above = project(ahead + glm::normalize(axes[1]));
-  half = {1.0 / (right.x - centre.x), 1.0 / (above.y - centre.y)};
-  if (!(half.x > 0) || !(half.y > 0) || !std::isfinite(half.x) || !std::isfinite(half.y))
-    throw InputError(fmt::format("{}: worldToNDC is not a perspective projection of that camera", name));
+  // A perspective camera's clip w grows with the distance ahead, an orthographic one's is the same everywhere.
+  s.position = -(world_from_camera * shift);
+  const dvec3 z = axes[2] / scale;
+  const double before = clip(s.position - z).w, behind = clip(s.position + z).w;
+  Projection projection;
+  projection.orthographic = std::abs(before - behind) < 1e-6 * (std::abs(before) + std::abs(behind));
+  const dvec3 forward = projection.orthographic || before > behind ? -z : z;
+  s.look_at = s.position + forward;
+  s.up = axes[1];
+  const dvec3 right = glm::normalize(glm::cross(forward, s.up)), up = glm::cross(right, forward);
+  const auto project = [&](const dvec3& p) {
+    const glm::dvec4 h = clip(p);
+    return dvec2(h) / h.w;
+  };
+  projection.shift = project(s.look_at);
+  const dvec2 to_right = project(s.look_at + right) - projection.shift,
+              to_up = project(s.look_at + up) - projection.shift;
+  projection.half = {1.0 / to_right.x, 1.0 / to_up.y};
+  if (!(projection.half.x > 0) || !(projection.half.y > 0) || !std::isfinite(projection.half.x) ||
+      !std::isfinite(projection.half.y) || !(glm::length(projection.shift) < 1e3))
+    throw InputError(
+        fmt::format("{}: worldToNDC is neither a perspective nor a parallel projection of that camera", name));
+  return projection;
 }
 
 dvec3 three(const std::vector<double>& v, const dvec3& otherwise) {
@@ -64,10 +92,13 @@ Camera::Camera(const CameraSettings& settings, int width, int height, const dvec
   orthographic_ = s.type == "orthographic";
   const double extent = orthographic_ ? 0.5 * s.width : std::tan(0.5 * s.fov * kPi / 180.0);
   half_ = along_x ? dvec2(extent, extent / aspect) : dvec2(extent * aspect, extent);
-  if (!s.from_exr.empty()) adopt_exr(s, half_);
+  if (!s.from_exr.empty()) {
+    const Projection projection = adopt_exr(s, width, height);
+    orthographic_ = projection.orthographic, half_ = projection.half, shift_ = projection.shift;
+  }
   look_at_ = s.look_at, up_ = s.up;
   open_ = pose(s.position, s.look_at, s.up);
-  moves_ = !s.position_end.empty() || !s.look_at_end.empty();
+  moves_ = s.shutter.y > s.shutter.x && (!s.position_end.empty() || !s.look_at_end.empty());
   position_end_ = three(s.position_end, s.position);
   look_at_end_ = three(s.look_at_end, s.look_at);
   if (moves_) pose(position_end_, look_at_end_, up_);
@@ -115,7 +146,7 @@ dvec2 Camera::lens_point(const dvec2& u) const {
 }
 
 dvec2 Camera::film_point(const dvec2& film) const {
-  return {(2.0 * film.x / width_ - 1.0) * half_.x, (1.0 - 2.0 * film.y / height_) * half_.y};
+  return {(2.0 * film.x / width_ - 1.0 - shift_.x) * half_.x, (1.0 - 2.0 * film.y / height_ - shift_.y) * half_.y};
 }
 
 Ray Camera::ray(const dvec2& film, const dvec2& lens, double time) const {
@@ -173,15 +204,16 @@ std::array<float, 16> Camera::world_to_camera() const {
 }
 
 std::array<float, 16> Camera::world_to_ndc() const {
-  // x_ndc = x / (-z half.x): columns of the camera matrix, with the homogeneous coordinate taken from -z; an
+  // x_ndc = x / (-z half.x) + shift.x: columns of the camera matrix, with the homogeneous coordinate taken from -z; an
   // orthographic picture keeps its last column.
   const std::array<float, 16> c = world_to_camera();
   std::array<float, 16> m{};
   for (size_t row = 0; row < 4; ++row) {
-    m[row * 4 + 0] = static_cast<float>(c[row * 4 + 0] / half_.x);
-    m[row * 4 + 1] = static_cast<float>(c[row * 4 + 1] / half_.y);
+    const float w = orthographic_ ? c[row * 4 + 3] : -c[row * 4 + 2];
+    m[row * 4 + 0] = static_cast<float>(c[row * 4 + 0] / half_.x + shift_.x * w);
+    m[row * 4 + 1] = static_cast<float>(c[row * 4 + 1] / half_.y + shift_.y * w);
     m[row * 4 + 2] = -c[row * 4 + 2];
-    m[row * 4 + 3] = orthographic_ ? c[row * 4 + 3] : -c[row * 4 + 2];
+    m[row * 4 + 3] = w;
   }
   return m;
 }

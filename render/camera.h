@@ -45,7 +45,8 @@ class Camera {
   Pose open_;
   dvec3 look_at_, position_end_, look_at_end_, up_, world_shift_;
   bool moves_ = false, orthographic_ = false;
-  dvec2 half_;  // half extents of the film plane: at distance 1, or in scene units
+  dvec2 half_;      // half extents of the film plane: at distance 1, or in scene units
+  dvec2 shift_{0};  // of the point ahead from the middle of the picture, in half extents
   double lens_radius_ = 0, focus_distance_ = 0;
   int blades_ = 0;
   double blade_rotation_ = 0;

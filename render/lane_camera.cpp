@@ -119,8 +119,8 @@ void Surface(const LaneScene& scene, LanePool& pool, const SlotList& rays, LaneC
     queue.end(hn::Or(hit, left));
   }
 
-  // Between the last place below the surface's density and the first above, where a straight line through the roots of
-  // the densities puts it: at its edge a medium begins more like a square than like a line.
+  // Between the last place below the surface's density and the first above: in the half that holds it, where a straight
+  // line through the roots of the densities puts it. At its edge a medium begins more like a square than like a line.
   found.pad();
   for (size_t i = 0; i < found.count; i += hn::Lanes(d)) {
     const VI slot = hn::LoadU(di, found.slot.data() + i);
@@ -130,8 +130,12 @@ void Surface(const LaneScene& scene, LanePool& pool, const SlotList& rays, LaneC
       return V3{hn::Add(o.x, hn::Mul(dir.x, by)), hn::Add(o.y, hn::Mul(dir.y, by)), hn::Add(o.z, hn::Mul(dir.z, by))};
     };
     const auto root = [](V v) { return hn::Sqrt(hn::Max(v, hn::Zero(D()))); };
-    const V begin = get(camera.outside), end = get(camera.surface), inside = root(get(camera.density));
-    const V below = root(hn::Min(density_at(scene, along(begin)), iso));
+    V begin = get(camera.outside), end = get(camera.surface), inside = get(camera.density);
+    V below = hn::Min(density_at(scene, along(begin)), iso);
+    const V middle = hn::Mul(set(0.5f), hn::Add(begin, end)), there = density_at(scene, along(middle));
+    const M nearer = hn::Ge(there, iso);
+    end = hn::IfThenElse(nearer, middle, end), inside = root(hn::IfThenElse(nearer, there, inside));
+    begin = hn::IfThenElse(nearer, begin, middle), below = root(hn::IfThenElse(nearer, below, there));
     const V share = hn::Div(hn::Sub(root(iso), below), hn::Max(hn::Sub(inside, below), set(1e-30f)));
     const V surface = hn::Add(begin, hn::Mul(hn::Sub(end, begin), hn::Min(share, one)));
     // Half a voxel inside, where the differences see the medium on both sides.

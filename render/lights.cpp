@@ -188,7 +188,7 @@ double MeshLight::importance(const dvec3& p) const {
 Environment::Environment(const EnvironmentSettings& s)
     : InfiniteLight(s.visible_to_camera), radiance_(s.radiance), mean_(s.radiance) {
   if (s.sky == "preetham") {
-    set_picture(preetham_sky(s.turbidity, s.sun_direction, s.up, s.ground_albedo), s);
+    set_picture(preetham_sky(s), s);
     return;
   }
   if (s.file.empty()) return;

@@ -205,6 +205,7 @@ class Lights {
   const std::vector<const InfiniteLight*>& infinite() const { return infinite_; }
   const std::vector<const FiniteLight*>& finite() const { return finite_; }
   const MeshLight& mesh(size_t i) const { return *meshes_[i]; }
+  size_t mesh_count() const { return meshes_.size(); }
   const std::vector<const Sun*>& suns() const { return suns_; }
   const std::vector<const PointLight*>& points() const { return points_; }
   /// Null where the scene has none.

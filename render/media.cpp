@@ -155,7 +155,13 @@ void SceneMedia::load(const VolumeSettings& v, const Scene& scene, const Task& t
           "too cold to glow (below 500 K). Set temperature_scale to the kelvin of one unit",
           v.file.string(), volume.temperature.summary.name, volume.temperature.summary.minimum, highest, kelvin,
           v.temperature_offset, v.temperature_scale));
-    else
+    else if (kelvin > 20000)
+      notes_.push_back(
+          fmt::format("{}: grid '{}' holds {:.4g} .. {:.4g}, up to {:.4g} K with temperature_offset {} and "
+                      "temperature_scale {}: hotter than any fire",
+                      v.file.string(), volume.temperature.summary.name, volume.temperature.summary.minimum, highest,
+                      kelvin, v.temperature_offset, v.temperature_scale));
+    if (kelvin >= 500)
       glow(volume.temperature, volume.temperature_displacement,
            EmissionRamp::of_blackbody(v.temperature_offset, v.temperature_scale, highest, v.blackbody_intensity,
                                       v.blackbody_law == "planck"));

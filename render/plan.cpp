@@ -121,8 +121,8 @@ std::string explain(const Plan& plan, const Scene& scene, const SceneMedia& medi
        : lights.environment()->constant()
            ? "constant"
            : fmt::format("lat-long picture, {:.1f} MB", megabytes(static_cast<double>(lights.environment()->bytes()))));
-  line("lights", fmt::format("{} sun, {} sphere or rectangle, {} point or spot", lights.suns().size(),
-                             lights.finite().size(), lights.points().size()));
+  line("lights", fmt::format("{} sun, {} sphere or rectangle, {} point or spot, {} mesh", lights.suns().size(),
+                             lights.finite().size(), lights.points().size(), lights.mesh_count()));
   line("surfaces", surfaces ? fmt::format("{} meshes through Embree, about {:.1f} MB", surfaces->count(),
                                           megabytes(static_cast<double>(surfaces->bytes())))
                             : "none: Embree is not touched");

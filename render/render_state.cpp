@@ -73,7 +73,7 @@ Layers merge_parts(const std::vector<std::filesystem::path>& files, bool keep_st
   check_same_render(first, files[0].string(), first, files[0].string(), false);
   Film film(first.width(), first.height(), recorded_in(first));
   std::vector<std::pair<Range, std::string>> held;
-  double seconds = 0, cpu = 0, invalid = 0, capped = 0;
+  double seconds = 0, cpu = 0, invalid = 0, capped = 0, total = 0;
   bool biased = false;
   for (const auto& path : files) {
     const std::string name = path.string();
@@ -96,6 +96,7 @@ Layers merge_parts(const std::vector<std::filesystem::path>& files, bool keep_st
     film.merge_state(part, name);
     seconds += part.number("renderTimeSeconds").value_or(0.0);
     cpu += part.number("cpuSeconds").value_or(0.0);
+    total = std::max(total, part.number("sampleTotal").value_or(0.0));
     invalid += part.number("invalidSampleCount").value_or(0.0);
     capped += part.number("cappedPaths").value_or(0.0);
     biased = biased || part.text("biased").starts_with("true");
@@ -125,6 +126,7 @@ Layers merge_parts(const std::vector<std::filesystem::path>& files, bool keep_st
   header["sampleFirst"] = joined.empty() ? 0 : joined.front().first;
   header["sampleEnd"] = joined.empty() ? 0 : joined.back().end;
   header["samplesPerPixel"] = samples;
+  header["sampleTotal"] = static_cast<int>(total);
   header["partsMerged"] = static_cast<int>(files.size());
   header["renderTimeSeconds"] = static_cast<float>(seconds);
   header["cpuSeconds"] = static_cast<float>(cpu);

@@ -51,6 +51,21 @@ PreparedScene::PreparedScene(Scene scene, const LayerRequest& layers, const Task
         "light_sampling = \"none\" cannot find exactly parallel light or points; give the sun an angular_diameter "
         "above 0, "
         "or use spheres");
+  if (catcher && !layers.has(layer::catcher))
+    notes_.push_back(
+        "a shadow catcher is unseen in the picture itself: record what it shows with --layers ...,catcher,"
+        "catcher_unshadowed");
+  if (catcher && !media_.emissions().empty())
+    notes_.push_back("shadow catchers gather light by light sampling alone: the media's glow does not reach them");
+  const bool glass = std::any_of(scene_.surfaces.begin(), scene_.surfaces.end(),
+                                 [](const SurfaceSettings& s) { return s.material == "dielectric"; });
+  if (glass && lights_.any_delta())
+    notes_.push_back(
+        "no path finds points, spots and exactly parallel suns through dielectric meshes: behind them their light is "
+        "missing; give them a radius or an angular_diameter, the larger the less noise");
+  if (!(scene_.camera.shutter.y > scene_.camera.shutter.x) &&
+      !(scene_.camera.position_end.empty() && scene_.camera.look_at_end.empty()))
+    notes_.push_back("the camera moves but camera.shutter opens and closes at once: it stands where it starts");
   if (scene_.volumes.empty() && scene_.surfaces.empty())
     notes_.push_back("the scene has no [[volumes]]: there is nothing to scatter light");
   const std::vector<std::string> light_notes = lights_.notes();

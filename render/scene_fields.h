@@ -36,7 +36,10 @@ void describe(Visitor& v, CameraSettings& c) {
   v({"position_end", "scene units", "where the eye is when the shutter closes; empty: it stands still"},
     c.position_end);
   v({"look_at_end", "scene units", "what the eye looks at when the shutter closes; empty: as before"}, c.look_at_end);
-  v({"from_exr", "", "take the view from the worldToCamera and worldToNDC of an EXR's header instead"}, c.from_exr);
+  v({"from_exr", "",
+     "take position, view and projection from the worldToCamera and worldToNDC of an EXR's header; the film has its "
+     "shape"},
+    c.from_exr);
 }
 
 template <class Visitor>
@@ -116,9 +119,11 @@ void describe(Visitor& v, EnvironmentSettings& e) {
      .choices = {"none", "preetham"}},
     e.sky);
   v({"turbidity", "1", "haze of the sky: 2 is very clear, 10 hazy", 1.9, 10}, e.turbidity);
-  v({"sun_direction", "", "sky: towards its sun"}, e.sun_direction);
+  v({"sun_direction", "", "sky: towards its sun, above the horizon"}, e.sun_direction);
   v({"sky_sun", "", "whether the sky brings its sun"}, e.sky_sun);
-  v({"ground_albedo", "1", "sky: reflectance of the ground below the horizon", 0, 1}, e.ground_albedo);
+  v({"ground_albedo", "1",
+     "sky: reflectance of the ground below the horizon, which the sky lights, and with sky_sun its sun", 0, 1},
+    e.ground_albedo);
 }
 
 template <class Visitor>
@@ -219,7 +224,10 @@ void describe(Visitor& v, SurfaceSettings& s) {
      .help = "diffuse; conductor: a metal; dielectric: glass or water, its faces closed around the inside",
      .choices = {"diffuse", "conductor", "dielectric"}},
     s.material);
-  v({"albedo", "1", "diffuse: reflectance; conductor: reflectance seen head on; dielectric: tint of what passes", 0, 1},
+  v({"albedo", "1",
+     "diffuse: reflectance; conductor: reflectance seen head on; dielectric: tint of what passes, 1 unless "
+     "given",
+     0, 1},
     s.albedo);
   v({"albedo_texture", "", "picture that multiplies albedo: PNG, JPEG (sRGB), HDR or EXR (linear)"}, s.albedo_texture);
   v({"roughness", "1", "conductor, dielectric: square root of the GGX width; 0 is perfectly smooth", 0, 1},

@@ -199,7 +199,10 @@ void apply_override(toml::value& root, const std::string& assignment) {
     std::istringstream stream("value = " + text);
     value = parse(stream, source).at("value");
   } catch (const InputError&) {
-    value = toml::value(text);
+    // Text without its quotes.
+    if (text.find('\'') != std::string::npos || text.find('\n') != std::string::npos) throw;
+    std::istringstream stream("value = '" + text + "'");
+    value = parse(stream, source).at("value");
   }
   toml::value* at = &root;
   const std::vector<std::string> keys = split(assignment.substr(0, equals), '.');
@@ -326,6 +329,11 @@ void check_volume(Parser& parser, VolumeSettings& v, const toml::value& table) {
              fmt::format("shape = \"{}\"", v.shape));
     if (!glm::all(glm::lessThan(v.lo, v.hi))) fail("'lo' is not below 'hi'", table, "expected a box with a volume");
   }
+  for (const auto& [key, phase] :
+       {std::pair("g2", "two_lobes"), {"lobe_weight", "two_lobes"}, {"droplet_diameter", "mie"}})
+    if (parser.has(key) && v.phase != phase)
+      fail(fmt::format("'{}' has no meaning for phase = \"{}\"", key, v.phase), table.at(key),
+           fmt::format("set phase = \"{}\", or remove it", phase));
   if (by_parts) {
     conflict({"sigma_t", "albedo"}, "sigma_a and sigma_s");
     v.sigma_t = v.sigma_a + v.sigma_s;
@@ -362,7 +370,17 @@ void check_volume(Parser& parser, VolumeSettings& v, const toml::value& table) {
   v.density = 1;
 }
 
+void check_environment(const Parser& parser, const EnvironmentSettings& e, const toml::value& table) {
+  if (!(glm::length(e.up) > 0)) fail("'up' is zero", table.at("up"), "expected a direction");
+  if (e.sky == "none") return;
+  if (parser.has("file")) fail("'file' stands beside 'sky'", table.at("file"), "remove one of the two");
+  if (!(glm::dot(e.sun_direction, e.up) > 0))
+    fail("'sun_direction' lies below the horizon", parser.has("sun_direction") ? table.at("sun_direction") : table,
+         "expected a direction above it: the model is one of daylight");
+}
+
 void check_surface(Parser& parser, SurfaceSettings& s, const toml::value& table) {
+  if (s.material == "dielectric" && !parser.has("albedo")) s.albedo = dvec3(1);
   if (s.material == "diffuse")
     for (const char* key : {"roughness", "ior"})
       if (parser.has(key))
@@ -435,7 +453,7 @@ Scene read_scene(const fs::path& path, std::span<const std::string> overrides) {
   section("camera", scene.camera, check_camera);
   section("film", scene.film, no_check);
   section("render", scene.render, check_render);
-  section("environment", scene.environment, no_check);
+  section("environment", scene.environment, check_environment);
   array("volumes", scene.volumes, check_volume);
   array("lights", scene.lights, check_light);
   array("surfaces", scene.surfaces, check_surface);

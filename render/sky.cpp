@@ -40,9 +40,9 @@ dvec3 rgb_of_xyy(double x, double y, double Y) {
 
 }  // namespace
 
-Layers preetham_sky(double t, const dvec3& sun_direction, const dvec3& up, double ground_albedo) {
-  const SkyFrame frame(up);
-  const double theta_s = sun_zenith_angle(sun_direction, frame.up);
+Layers preetham_sky(const EnvironmentSettings& s) {
+  const SkyFrame frame(s.up);
+  const double t = s.turbidity, theta_s = sun_zenith_angle(s.sun_direction, frame.up);
   const Perez luminance_of{0.1787 * t - 1.4630, -0.3554 * t + 0.4275, -0.0227 * t + 5.3251, 0.1206 * t - 2.5771,
                            -0.0670 * t + 0.3703};
   const Perez x_of{-0.0193 * t - 0.2592, -0.0665 * t + 0.0008, -0.0004 * t + 0.2125, -0.0641 * t - 0.8989,
@@ -68,7 +68,7 @@ Layers preetham_sky(double t, const dvec3& sun_direction, const dvec3& up, doubl
   constexpr int kWidth = 512, kHeight = 256;
   Layers picture(kWidth, kHeight);
   const auto rgb = picture.add_rgb(layer::beauty);
-  const dvec3 horizontal = sun_direction - glm::dot(sun_direction, frame.up) * frame.up;
+  const dvec3 horizontal = s.sun_direction - glm::dot(s.sun_direction, frame.up) * frame.up;
   const dvec3 azimuth = glm::length(horizontal) > 1e-9 ? glm::normalize(horizontal) : frame.forward;
   const dvec3 sun = std::cos(theta_s) * frame.up + std::sin(theta_s) * azimuth;
   dvec3 irradiance(0);
@@ -89,10 +89,15 @@ Layers preetham_sky(double t, const dvec3& sun_direction, const dvec3& up, doubl
       irradiance += colour * cos_theta * band * (2.0 * kPi / kWidth);
     }
   }
+  if (s.sky_sun) {
+    EnvironmentSettings unit = s;
+    unit.radiance = dvec3(1);
+    irradiance += preetham_sun(unit).irradiance * std::max(0.0, glm::dot(glm::normalize(s.sun_direction), frame.up));
+  }
   for (int y = kHeight / 2; y < kHeight; ++y)
     for (int x = 0; x < kWidth; ++x)
       for (size_t c = 0; c < 3; ++c)
-        (*rgb[c])(x, y) = static_cast<float>(ground_albedo * irradiance[static_cast<int>(c)] / kPi);
+        (*rgb[c])(x, y) = static_cast<float>(s.ground_albedo * irradiance[static_cast<int>(c)] / kPi);
   return picture;
 }
 

@@ -5,11 +5,10 @@
 namespace brume {
 
 /// A clear daylight sky as a lat-long picture of the kind EnvironmentSettings::file takes, luminance in kcd/m^2. Below
-/// the horizon lies a diffuse ground lit by that sky.
+/// the horizon lies a diffuse ground lit by that sky, and by its sun where that is part of it.
 /// Source: Preetham, Shirley, Smits 1999, A Practical Analytic Model for Daylight, appendix A.2.
-/// @param turbidity      1.9 .. 10
-/// @param sun_direction  towards the sun; held above the horizon
-Layers preetham_sky(double turbidity, const dvec3& sun_direction, const dvec3& up, double ground_albedo);
+/// @param settings  their sun is held above the horizon; their radiance is left to the caller
+Layers preetham_sky(const EnvironmentSettings& settings);
 
 /// The sun that belongs to it, its colour and strength after the atmosphere: illuminance in klux.
 /// Source: Preetham, Shirley, Smits 1999, appendix A.1 (Rayleigh, aerosol, ozone at the three primaries).

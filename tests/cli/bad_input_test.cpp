@@ -293,6 +293,11 @@ TEST_F(BadInput, NoCommandDestroysWhatItReads) {
   expect_refused("render " + s + " -o " + s, {"its name should end in .exr"});
   expect_refused("render " + s + " -o " + path("a.exr") + " --png " + s, {"its name should end in .png"});
   expect_refused("denoise " + input + " -f bilateral -o " + input, {"is read by this command and would be destroyed"});
+  const std::string small = "render " + s + " -D film.width=8 -D film.height=8 --spp 1 ";
+  expect_refused(small + "-o " + path("same.exr") + " --checkpoint " + path("./same.exr"), {"is the checkpoint too"});
+  EXPECT_EQ(run_brume(small + "-o " + path("o.exr") + " --checkpoint " + path("ck.exr")).status, 0);
+  expect_refused(small + "-o " + path("ck.exr") + " --resume " + path("ck.exr"),
+                 {"is read by this command and would be destroyed"});
   std::filesystem::copy_file(kCloud, path("c.vdb"));
   expect_refused("halve " + path("c.vdb") + " -o " + path("c.vdb"), {"is read by this command and would be destroyed"});
   EXPECT_EQ(test::read_file(s), text);

@@ -124,6 +124,20 @@ TEST(Foreign, CyclesMultilayerIsRecognisedWhateverItsLayerIsCalled) {
       }
 }
 
+TEST(Picture, ATruncatedHdrIsRefused) {
+  const test::TemporaryFolder folder;
+  const std::string header = "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 64 +X 4\n";
+  test::write_file(folder / "whole.hdr", header + std::string(64 * 4 * 4, '\x80'));
+  EXPECT_EQ(read_hdr(folder / "whole.hdr").at("R")(3, 63), 0.5f);
+  test::write_file(folder / "cut.hdr", header + std::string(64 * 4 * 2, '\x80'));
+  try {
+    read_hdr(folder / "cut.hdr");
+    FAIL() << "it was read";
+  } catch (const InputError& error) {
+    EXPECT_NE(std::string(error.what()).find("cut.hdr: truncated"), std::string::npos) << error.what();
+  }
+}
+
 TEST(Picture, NonFinitePixelsAreVisible) {
   Plane p(2, 1, 0.5f);
   p(1, 0) = std::numeric_limits<float>::quiet_NaN();

@@ -53,7 +53,7 @@ TEST(Camera, ABeamHoldsEveryRayOfItsPixel) {
         EXPECT_LT(beam->apart_per_t, (radius > 0 ? 2.0 : 1.0 + 1e-9) * widest + 1e-12);
       }
   CameraSettings moving = settings();
-  moving.position_end = {1, -4, 2};
+  moving.position_end = {1, -4, 2}, moving.shutter = {0, 0.5};
   EXPECT_FALSE(Camera(moving, 10, 10).beam({0, 0}, {1, 1}));
 }
 
@@ -92,6 +92,8 @@ TEST(Camera, MovesOverTheShutter) {
   s.position_end = {2, -5, 2};
   const Camera camera(s, 60, 40);
   EXPECT_TRUE(camera.moves());
+  s.shutter = {0, 0};
+  EXPECT_FALSE(Camera(s, 60, 40).moves());
   EXPECT_NEAR(camera.ray({30, 20}, dvec2(0.5), 0.5).o.x, 1.5, 1e-12);
   EXPECT_NEAR(camera.ray({30, 20}, dvec2(0.5), 1.0).o.x, 2.0, 1e-12);
 }
@@ -113,6 +115,34 @@ TEST(Camera, IsTakenFromAnExrHeader) {
     const Ray a = original.ray(film), b = camera.ray(film);
     EXPECT_NEAR(glm::distance(a.o, b.o), 0, 1e-5);
     EXPECT_NEAR(glm::distance(a.d, b.d), 0, 1e-6);
+  }
+  EXPECT_THROW(Camera(copy, 90, 40), InputError) << "another shape";
+
+  // Orthographic; shifted, as by a film back; along +z, as RenderMan's matrices are.
+  const auto adopted = [&](std::array<float, 16> to_camera, std::array<float, 16> to_ndc) {
+    frame.header["worldToCamera"] = to_camera, frame.header["worldToNDC"] = to_ndc;
+    write_exr(folder / "frame.exr", frame);
+    CameraSettings c;
+    c.from_exr = folder / "frame.exr";
+    return Camera(c, 60, 40);
+  };
+  CameraSettings parallel = s;
+  parallel.type = "orthographic", parallel.width = 3;
+  const Camera flat(parallel, 60, 40), flat_copy = adopted(flat.world_to_camera(), flat.world_to_ndc());
+  std::array<float, 16> shifted = original.world_to_ndc(), forwards = original.world_to_camera();
+  for (size_t row = 0; row < 4; ++row) {
+    shifted[row * 4] += 0.5f * shifted[row * 4 + 3], shifted[row * 4 + 1] -= 0.25f * shifted[row * 4 + 3];
+    forwards[row * 4 + 2] = -forwards[row * 4 + 2];
+  }
+  const Camera moved = adopted(original.world_to_camera(), shifted), ahead = adopted(forwards, original.world_to_ndc());
+  const Camera again = adopted(moved.world_to_camera(), moved.world_to_ndc());
+  for (const dvec2& film : {dvec2(0, 0), dvec2(30, 20), dvec2(60, 11)}) {
+    EXPECT_NEAR(glm::distance(flat.ray(film).o, flat_copy.ray(film).o), 0, 1e-5);
+    EXPECT_NEAR(glm::distance(flat.ray(film).d, flat_copy.ray(film).d), 0, 1e-6);
+    EXPECT_NEAR(glm::distance(original.ray(film).d, ahead.ray(film).d), 0, 1e-6);
+    // Half an extent to the right and a quarter down: 15 and 5 pixels.
+    EXPECT_NEAR(glm::distance(original.ray(film).d, moved.ray(film + dvec2(15, 5)).d), 0, 1e-6);
+    EXPECT_NEAR(glm::distance(again.ray(film).d, moved.ray(film).d), 0, 1e-6);
   }
   Layers bare(4, 4);
   bare.add_rgb(layer::beauty);

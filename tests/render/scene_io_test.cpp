@@ -69,6 +69,14 @@ TEST(ReadScene, ErrorsUnderlineTheLineAndSayWhatIsExpected) {
   EXPECT_TRUE(holds(volume("remap = [[0, 0]]\n"), "'remap' has one row"));
   EXPECT_TRUE(holds(volume("remap = [[0, 0], [0, 1]]\n"), "'remap' does not rise"));
   EXPECT_TRUE(holds(volume("flame_ramp = [[0, 0], [1, 1]]\n"), "a row that is not 4 numbers"));
+  EXPECT_TRUE(holds(volume("droplet_diameter = 10\n"), "'droplet_diameter' has no meaning for phase"));
+  const auto sky = [](const std::string& keys) {
+    return error_of(std::string(kCamera) + "[environment]\nsky = \"preetham\"\n" + keys);
+  };
+  EXPECT_TRUE(holds(sky("sun_direction = [0, 0, -1]\n"), "'sun_direction' lies below the horizon"));
+  EXPECT_TRUE(holds(sky("sun_direction = [0, 0, 0]\n"), "'sun_direction' lies below the horizon"));
+  EXPECT_TRUE(holds(sky("up = [0, 0, 0]\n"), "'up' is zero"));
+  EXPECT_TRUE(holds(sky("file = \"a.hdr\"\n"), "'file' stands beside 'sky'"));
 }
 
 TEST(ReadScene, OverridesReachEveryKey) {
@@ -81,6 +89,7 @@ TEST(ReadScene, OverridesReachEveryKey) {
   EXPECT_EQ(scene.render.light_sampling, "all");
   EXPECT_TRUE(holds(error_of(kCamera, {"camera.fovv=3"}), "unknown key 'fovv'"));
   EXPECT_TRUE(holds(error_of(kCamera, {"camera.fov"}), "expected -D table.key=value"));
+  EXPECT_TRUE(holds(error_of(kCamera, {"camera.fov=.5"}), "-D camera.fov=.5")) << "where it was found";
   EXPECT_TRUE(holds(error_of(std::string(kCamera) + "[[volumes]]\nfile=\"a\"\n", {"volumes.3.g=0"}),
                     "not one of the 1 entries"));
 }

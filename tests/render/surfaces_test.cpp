@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <fstream>
 
@@ -220,6 +221,11 @@ TEST_F(SurfaceTest, TexturesColourTheAlbedo) {
   }
 }
 
+bool says(const PreparedScene& prepared, const std::string& part) {
+  return std::any_of(prepared.notes().begin(), prepared.notes().end(),
+                     [&](const std::string& note) { return note.find(part) != std::string::npos; });
+}
+
 TEST_F(SurfaceTest, HoldoutsCutHolesAndCatchersGatherShadows) {
   Scene s = scene("floor.obj");
   s.environment.radiance = dvec3(0.5);
@@ -237,6 +243,7 @@ TEST_F(SurfaceTest, HoldoutsCutHolesAndCatchersGatherShadows) {
   fog.albedo = dvec3(0);
   s.volumes.push_back(fog);
   s.camera.position = dvec3(0, -8, 8);
+  EXPECT_TRUE(says(PreparedScene(s, {}), "a shadow catcher is unseen in the picture itself"));
   f = PreparedScene(s, LayerRequest::of({"all"}, true)).render(64, 1, {}).layers;
   // Straight below the fog's middle the sun comes through exp(-2); the sky from around is dimmed too.
   const double lit = f.at("catcher.R")(8, 8), free = f.at("catcher_unshadowed.R")(8, 8);
@@ -257,6 +264,11 @@ TEST_F(SurfaceTest, SmokeBehindGlassIsSeen) {
   EXPECT_LT(f.at("R")(8, 8), 0.2f) << "black smoke in the middle, but for reflections";
   EXPECT_GT(f.at("R")(8, 8), 0.03f);
   EXPECT_EQ(f.at("R")(0, 0), 1.0f);
+  EXPECT_FALSE(says(PreparedScene(s, {}), "through dielectric meshes"));
+  LightSettings point;
+  point.type = "point", point.position = dvec3(3), point.intensity = dvec3(1);
+  s.lights.push_back(point);
+  EXPECT_TRUE(says(PreparedScene(s, {}), "through dielectric meshes"));
 }
 
 TEST(LoadMesh, ReadsObjAndPlyOfAllKinds) {

@@ -645,7 +645,7 @@ TEST(Wavefront, InBalanceWithTheSkyIsInvisible) {
 }
 
 // The gradient where rays meet the medium, against rays marched in twentieths of a voxel. Steps of a voxel pass some of
-// what sticks out: that costs 2.5 %. A straight line through the densities on both sides of the surface made it 5 %.
+// what sticks out: that costs 2 %. A straight line through the densities on both sides of the surface made it 5 %.
 TEST(Wavefront, TheSurfaceLiesWhereFineStepsFindIt) {
   const Scene scene = demo("smoke", 400);
   const PreparedScene prepared(scene, LayerRequest::of({"gradient", "coverage"}, false));
