@@ -123,8 +123,9 @@ std::string explain(const Plan& plan, const Scene& scene, const SceneMedia& medi
            : fmt::format("lat-long picture, {:.1f} MB", megabytes(static_cast<double>(lights.environment()->bytes()))));
   line("lights", fmt::format("{} sun, {} sphere or rectangle, {} point or spot, {} mesh", lights.suns().size(),
                              lights.finite().size(), lights.points().size(), lights.mesh_count()));
-  line("surfaces", surfaces ? fmt::format("{} meshes through Embree, about {:.1f} MB", surfaces->count(),
-                                          megabytes(static_cast<double>(surfaces->bytes())))
+  line("surfaces", surfaces ? fmt::format("{} meshes through Embree, about {:.1f} MB{}", surfaces->count(),
+                                          megabytes(static_cast<double>(surfaces->bytes())),
+                                          surfaces->any_straight() ? "; straight shadows of dielectrics: biased" : "")
                             : "none: Embree is not touched");
   line("camera", std::string(plan.lens ? "thin lens" : "pinhole") + (plan.shutter ? ", motion over the shutter" : ""));
   line("medium surface",

@@ -74,7 +74,7 @@ Layers merge_parts(const std::vector<std::filesystem::path>& files, bool keep_st
   Film film(first.width(), first.height(), recorded_in(first));
   std::vector<std::pair<Range, std::string>> held;
   double seconds = 0, cpu = 0, invalid = 0, capped = 0, total = 0;
-  bool biased = false;
+  std::string biased = "false";
   for (const auto& path : files) {
     const std::string name = path.string();
     const Layers part = path == files[0] ? std::move(first) : read_exr_state(path);
@@ -99,7 +99,7 @@ Layers merge_parts(const std::vector<std::filesystem::path>& files, bool keep_st
     total = std::max(total, part.number("sampleTotal").value_or(0.0));
     invalid += part.number("invalidSampleCount").value_or(0.0);
     capped += part.number("cappedPaths").value_or(0.0);
-    biased = biased || part.text("biased").starts_with("true");
+    if (part.text("biased").starts_with("true")) biased = part.text("biased");
     if (path == files[0])
       first = Layers(part.width(), part.height()), first.header = part.header, first.origin = part.origin,
       first.display = part.display;
@@ -132,7 +132,7 @@ Layers merge_parts(const std::vector<std::filesystem::path>& files, bool keep_st
   header["cpuSeconds"] = static_cast<float>(cpu);
   header["invalidSampleCount"] = static_cast<int>(invalid);
   header["cappedPaths"] = static_cast<int>(capped);
-  header["biased"] = std::string(biased ? "true: paths were cut at max_events" : "false");
+  header["biased"] = biased;
   return result;
 }
 

@@ -57,12 +57,14 @@ PreparedScene::PreparedScene(Scene scene, const LayerRequest& layers, const Task
         "catcher_unshadowed");
   if (catcher && !media_.emissions().empty())
     notes_.push_back("shadow catchers gather light by light sampling alone: the media's glow does not reach them");
-  const bool glass = std::any_of(scene_.surfaces.begin(), scene_.surfaces.end(),
-                                 [](const SurfaceSettings& s) { return s.material == "dielectric"; });
+  const bool glass = std::any_of(scene_.surfaces.begin(), scene_.surfaces.end(), [](const SurfaceSettings& s) {
+    return s.material == "dielectric" && s.shadow == "traced";
+  });
   if (glass && lights_.any_delta())
     notes_.push_back(
         "no path finds points, spots and exactly parallel suns through dielectric meshes: behind them their light is "
-        "missing; give them a radius or an angular_diameter, the larger the less noise");
+        "missing. Give them a radius or an angular_diameter, the larger the less noise, or the meshes shadow = "
+        "\"straight\"");
   if (!(scene_.camera.shutter.y > scene_.camera.shutter.x) &&
       !(scene_.camera.position_end.empty() && scene_.camera.look_at_end.empty()))
     notes_.push_back("the camera moves but camera.shutter opens and closes at once: it stands where it starts");
@@ -449,7 +451,9 @@ void PreparedScene::describe(Layers& layers, const Camera& camera, const RenderJ
   estimators += plan.light_sampling ? "; ratio tracking; next-event estimation with balance heuristic"
                                     : "; direction sampling only";
   header["estimators"] = estimators;
-  header["biased"] = std::string(report.counters.capped_paths ? "true: paths were cut at max_events" : "false");
+  header["biased"] = std::string(report.counters.capped_paths             ? "true: paths were cut at max_events"
+                                 : surfaces_ && surfaces_->any_straight() ? "true: straight shadows of dielectrics"
+                                                                          : "false");
   header["varianceConvention"] = std::string("mean_variance is the variance of the pixel mean: sample variance / n");
   if (plan.flash) header["flashIntensity"] = static_cast<float>(context_.flash.intensity);
   header["worldToCamera"] = camera.world_to_camera();

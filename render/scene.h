@@ -96,6 +96,7 @@ struct SurfaceSettings {
   std::string normals = "smooth";
   dvec3 radiance{0};
   std::string role = "visible";
+  std::string shadow = "traced";
   dmat4 object_to_world{1};
 };
 

@@ -243,6 +243,13 @@ void describe(Visitor& v, SurfaceSettings& s) {
              "catcher and catcher_unshadowed",
      .choices = {"visible", "holdout", "shadow_catcher"}},
     s.role);
+  v({.key = "shadow",
+     .help =
+         "smooth dielectric. traced: light passes bent, and only paths that end on a light find it behind: unbiased, "
+         "but dark behind points and noisy under small suns; straight: light sampling looks through, unbent and "
+         "dimmed by Fresnel: biased as far as the bending matters",
+     .choices = {"traced", "straight"}},
+    s.shadow);
   v({"object_to_world", "", "4 x 4, rows first; points are columns"}, s.object_to_world);
 }
 

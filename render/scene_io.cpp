@@ -385,6 +385,8 @@ void check_surface(Parser& parser, SurfaceSettings& s, const toml::value& table)
     for (const char* key : {"roughness", "ior"})
       if (parser.has(key))
         fail(fmt::format("'{}' has no meaning for a diffuse surface", key), table.at(key), "remove it");
+  if (s.shadow == "straight" && (s.material != "dielectric" || s.roughness > 0))
+    fail("'shadow' is straight", table.at("shadow"), "expected so only for material = \"dielectric\", roughness = 0");
   if (s.role != "visible" && s.radiance != dvec3(0))
     fail(fmt::format("a {} cannot emit", s.role), table.at("radiance"), "remove radiance or role");
 }

@@ -61,6 +61,7 @@ Surfaces::Surfaces(const std::vector<SurfaceSettings>& settings, const dvec3& wo
     : settings_(settings), embree_(std::make_unique<Embree>()) {
   for (const SurfaceSettings& s : settings_) {
     check_transform(s.object_to_world, "a surface's object_to_world");
+    any_straight_ = any_straight_ || s.shadow == "straight";
     meshes_.push_back(load_mesh(s.file, translation(-world_shift) * s.object_to_world));
     textures_.push_back(s.albedo_texture.empty() ? nullptr : std::make_unique<Texture>(s.albedo_texture));
     const TriangleMesh& mesh = meshes_.back();
@@ -128,12 +129,27 @@ std::optional<SurfaceHit> Surfaces::intersect(const Ray& ray, double t_max) cons
   return hit;
 }
 
-bool Surfaces::occluded(const Ray& ray, double t_max) const {
-  RTCRay query = embree_ray(ray, t_max);
-  RTCIntersectContext context;
-  rtcInitIntersectContext(&context);
-  rtcOccluded1(embree_->scene, &context, &query);
-  return query.tfar < 0;
+Surfaces::Passage Surfaces::passage(const Ray& ray, double t_max) const {
+  if (!any_straight_) {
+    RTCRay query = embree_ray(ray, t_max);
+    RTCIntersectContext context;
+    rtcInitIntersectContext(&context);
+    rtcOccluded1(embree_->scene, &context, &query);
+    return {dvec3(query.tfar < 0 ? 0.0 : 1.0)};
+  }
+  Passage passage;
+  Ray rest = ray;
+  while (const std::optional<SurfaceHit> hit = intersect(rest, t_max)) {
+    if (settings_[hit->surface].shadow != "straight") return {dvec3(0)};
+    // Unbent, so that both faces are met at the angle in the air.
+    const Bsdf glass = bsdf(*hit);
+    passage.light *= glass.albedo * (1 - fresnel_dielectric(std::abs(glm::dot(rest.d, hit->normal)), glass.ior));
+    passage.straight = true;
+    if (passage.light == dvec3(0)) return passage;
+    rest.o = leave(rest.at(hit->t), hit->normal, rest.d);
+    t_max -= hit->t;
+  }
+  return passage;
 }
 
 Bsdf Surfaces::bsdf(const SurfaceHit& hit) const {

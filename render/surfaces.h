@@ -27,8 +27,14 @@ class Surfaces {
   ~Surfaces();
 
   std::optional<SurfaceHit> intersect(const Ray& ray, double t_max) const;
-  /// Whether anything that casts shadows lies on the way.
-  bool occluded(const Ray& ray, double t_max) const;
+  /// What is left of light on its way: nothing behind anything but dielectrics with straight shadows.
+  struct Passage {
+    dvec3 light{1};
+    bool straight = false;  ///< it went through one
+  };
+  Passage passage(const Ray& ray, double t_max) const;
+  /// Whether a surface has straight shadows, which approximate.
+  bool any_straight() const { return any_straight_; }
 
   const SurfaceSettings& settings(uint32_t surface) const { return settings_[surface]; }
   const TriangleMesh& mesh(uint32_t surface) const { return meshes_[surface]; }
@@ -48,6 +54,7 @@ class Surfaces {
   std::vector<TriangleMesh> meshes_;
   std::vector<std::unique_ptr<Texture>> textures_;
   std::unique_ptr<Embree> embree_;
+  bool any_straight_ = false;
 };
 
 }  // namespace brume

@@ -113,6 +113,7 @@ class PathTracer {
     if (light) {
       const double pdf_light =
           F.light_sampling ? c_.lights->choice_probability(*light, ray_.o) * light->pdf(ray_, t_max) : 0;
+      if (straight_ && pdf_light > 0) return false;
       const double share = left_in_medium_ ? far_share(*light, ray_.o) : 1.0;
       deposit(light->radiance(ray_, t_max) * (share * weight_against(pdf_light)), events_, Source::kBackground);
     } else {
@@ -168,6 +169,7 @@ class PathTracer {
       const dvec3 radiance = light->radiance(ray_.d);
       if (radiance == dvec3(0)) continue;
       const double share = F.light_sampling ? c_.lights->choice_probability(*light, ray_.o) : 0.0;
+      if (straight_ && share > 0) continue;
       deposit(radiance * weight_against(share > 0 ? share * light->pdf(ray_.d) : 0.0), events_, Source::kBackground);
     }
   }
@@ -265,8 +267,8 @@ class PathTracer {
     const dvec3 d = phase.sample(ray_.d, pair());
     pdf_direction_ = phase.value(glm::dot(ray_.d, d));
     ray_.d = d;
-    specular_ = false;
-    left_in_medium_ = true;
+    specular_ = straight_ = false;
+    sampled_light_ = left_in_medium_ = true;
     if (record_ && events_ < 2) (events_ == 0 ? record_->direction_1 : record_->direction_2) = vec3(d);
     ++events_;
     return true;
@@ -312,7 +314,8 @@ class PathTracer {
         const MeshLight& light = c_.lights->mesh(mesh_light_of(hit.surface));
         return c_.lights->choice_probability(light, ray_.o) * light.pdf(hit.t, glm::dot(wo, hit.normal));
       }();
-      deposit(settings.radiance * weight_against(pdf_light), events_, Source::kSurface);
+      if (!straight_ || pdf_light == 0)
+        deposit(settings.radiance * weight_against(pdf_light), events_, Source::kSurface);
     }
     if (events_ == 0) {
       first_event_on_surface_ = true;
@@ -338,6 +341,8 @@ class PathTracer {
     if (throughput_.weight == dvec3(0)) return false;
     pdf_direction_ = out.pdf;
     specular_ = bsdf.delta();
+    if (!specular_) sampled_light_ = true, straight_ = false;
+    if (settings.shadow == "straight" && out.wi.z * wo_local.z < 0) straight_ = sampled_light_;
     left_in_medium_ = false;
     ray_.d = glm::normalize(frame.to_world(out.wi));
     if (leaks(ray_.d, out.wi.z)) return false;
@@ -388,20 +393,26 @@ class PathTracer {
     const dvec3 unoccluded = light.radiance * value * (share * weight / light.pdf);
     if (unoccluded == dvec3(0) || !shadowed) return unoccluded;
     const Ray shadow{normal ? Surfaces::leave(p, *normal, light.wi) : p, light.wi};
-    const dvec3 left = arriving(unoccluded, shadow, light.distance, light.light);
+    const dvec3 left = arriving(unoccluded, shadow, light.distance, light.light, 1.0 / weight);
     if (record_ && events_ == 0)
       record_->light_transmittance_1 = static_cast<float>(luminance(left) / luminance(unoccluded));
     return left;
   }
 
   /// Light that comes through to a point from a sample of a light.
-  dvec3 arriving(const dvec3& unoccluded, const Ray& shadow, double distance, const Light* from) {
+  /// @param straight_factor  on what passes surfaces with straight shadows, behind which no other technique finds it
+  dvec3 arriving(const dvec3& unoccluded, const Ray& shadow, double distance, const Light* from,
+                 double straight_factor = 1.0) {
     if (unoccluded == dvec3(0)) return unoccluded;
     if constexpr (F.finite_lights)
       if (c_.lights->blocked(shadow, distance, from)) return dvec3(0);
-    if constexpr (F.surfaces)
-      if (c_.surfaces->occluded(shadow, distance * (1.0 - 1e-4))) return dvec3(0);
-    return dimmed(unoccluded, shadow, distance);
+    dvec3 passed = unoccluded;
+    if constexpr (F.surfaces) {
+      const Surfaces::Passage passage = c_.surfaces->passage(shadow, distance * (1.0 - 1e-4));
+      if (passage.light == dvec3(0)) return dvec3(0);
+      passed *= passage.light * (passage.straight ? straight_factor : 1.0);
+    }
+    return dimmed(passed, shadow, distance);
   }
 
   /// Light after its way through the media.
@@ -462,6 +473,8 @@ class PathTracer {
   Throughput throughput_;
   double pdf_direction_ = 1;
   bool specular_ = false;
+  bool sampled_light_ = false;  ///< a vertex has sampled a light
+  bool straight_ = false;       ///< the last one that did so saw through what the path has passed since
   bool first_event_on_surface_ = false;
   bool left_in_medium_ = false;  ///< the last vertex is a scattering in a medium
   uint64_t events_ = 0;          // real scatterings and surface bounces so far; null collisions are none
