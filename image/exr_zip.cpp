@@ -28,6 +28,7 @@ void for_each_row(std::span<const ExrChannel> channels, int y, int lines, const 
 
 std::vector<uint8_t> zip_exr_lines(std::span<const ExrChannel> channels, int width, int y, int lines) {
   const size_t row_bytes = static_cast<size_t>(width) * sizeof(uint32_t), size = channels.size() * lines * row_bytes;
+  if (size == 0) return {};
   static thread_local std::vector<uint8_t> sorted, differences;
   sorted.resize(size), differences.resize(size);
   uint8_t *even = sorted.data(), *odd = even + size / 2;

@@ -73,7 +73,8 @@ Layers merge_parts(const std::vector<std::filesystem::path>& files, bool keep_st
   check_same_render(first, files[0].string(), first, files[0].string(), false);
   Film film(first.width(), first.height(), recorded_in(first));
   std::vector<std::pair<Range, std::string>> held;
-  double seconds = 0, cpu = 0, invalid = 0, capped = 0, total = 0;
+  double seconds = 0, cpu = 0, invalid = 0, capped = 0, total = 0, whole = 0;
+  std::string whole_of;  // the part that says so
   std::string biased = "false";
   for (const auto& path : files) {
     const std::string name = path.string();
@@ -86,6 +87,15 @@ Layers merge_parts(const std::vector<std::filesystem::path>& files, bool keep_st
     }
     if (part.text("interrupted").starts_with("true"))
       throw InputError(fmt::format("{}: was interrupted in the middle of a pass; finish it with --resume first", name));
+    // A finished frame may be joined by the later samples of a longer one, parts only by those of their own.
+    const double planned = part.number("sampleTotal").value_or(0.0);
+    if (part.number("samplesPerPixel").value_or(0.0) < planned) {
+      if (!whole_of.empty() && planned != whole)
+        throw InputError(fmt::format(
+            "{} is a part of a render of {} samples per pixel, {} of one of {}; expected parts of one render", whole_of,
+            whole, name, planned));
+      whole = planned, whole_of = name;
+    }
     for (const Range& r : ranges_of(part, name)) {
       for (const auto& [other, whose] : held)
         if (r.first < other.end && other.first < r.end)
@@ -96,7 +106,7 @@ Layers merge_parts(const std::vector<std::filesystem::path>& files, bool keep_st
     film.merge_state(part, name);
     seconds += part.number("renderTimeSeconds").value_or(0.0);
     cpu += part.number("cpuSeconds").value_or(0.0);
-    total = std::max(total, part.number("sampleTotal").value_or(0.0));
+    total = std::max(total, planned);
     invalid += part.number("invalidSampleCount").value_or(0.0);
     capped += part.number("cappedPaths").value_or(0.0);
     if (part.text("biased").starts_with("true")) biased = part.text("biased");

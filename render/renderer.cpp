@@ -55,8 +55,10 @@ PreparedScene::PreparedScene(Scene scene, const LayerRequest& layers, const Task
     notes_.push_back(
         "a shadow catcher is unseen in the picture itself: record what it shows with --layers ...,catcher,"
         "catcher_unshadowed");
-  if (catcher && !media_.emissions().empty())
-    notes_.push_back("shadow catchers gather light by light sampling alone: the media's glow does not reach them");
+  if (catcher && (!media_.emissions().empty() || sampling == "none"))
+    notes_.push_back(
+        fmt::format("shadow catchers gather light by light sampling alone: {} not reach them",
+                    sampling == "none" ? "with light_sampling = \"none\" light does" : "the media's glow does"));
   const bool glass = std::any_of(scene_.surfaces.begin(), scene_.surfaces.end(), [](const SurfaceSettings& s) {
     return s.material == "dielectric" && s.shadow == "traced";
   });

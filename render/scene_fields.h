@@ -78,7 +78,8 @@ void describe(Visitor& v, RenderSettings& r) {
     r.lookup);
   v({.key = "first_collision",
      .help = "lanes only. forced: each camera ray scatters what does not pass, wherever there is anything to scatter; "
-             "free: it collides or passes by chance; auto: forced where the medium is thin",
+             "free: it collides or passes by chance, as it must where something glows; auto: forced where the medium "
+             "is thin",
      .choices = {"auto", "forced", "free"}},
     r.first_collision);
   v({.key = "near_lights",

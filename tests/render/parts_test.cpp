@@ -91,6 +91,18 @@ TEST_F(PartsTest, WhatDoesNotBelongTogetherIsRefused) {
               j.crop = RenderJob::Crop{0, 0, 9, 9};
             }).find("the crop is 0,0,9,9 of 37 x 21"),
             std::string::npos);
+  EXPECT_NE(other([](Scene&, RenderJob& j) { j.spp = 26; }).find("a part of a render of 13 samples per pixel"),
+            std::string::npos);
+  // But a finished frame goes on with the later samples of a longer one.
+  RenderJob later = job(26);
+  later.part = 2, later.parts = 2, later.keep_state = true;
+  write_exr(folder_ / "later.exr", prepared().render(later, {}).layers);
+  RenderJob all = job(13);
+  all.keep_state = true;
+  write_exr(folder_ / "all.exr", prepared().render(all, {}).layers);
+  const Layers longer = merge_parts({folder_ / "all.exr", folder_ / "later.exr"}, false);
+  test::expect_same_bits(prepared().render(job(26), {}).layers, longer);
+  EXPECT_EQ(longer.number("sampleTotal"), 26);
   write_exr(folder_ / "plain.exr", prepared().render(job(2), {}).layers);
   EXPECT_NE(error_of([&] {
               merge_parts({a, folder_ / "plain.exr"}, false);
