@@ -98,8 +98,10 @@ Layers read_hdr(const fs::path& path) {
   callbacks.read = [](void* from, char* data, int size) {
     auto& s = *static_cast<Source*>(from);
     s.stream.read(data, size);
-    s.starved = s.starved || s.stream.gcount() == 0;
-    return static_cast<int>(s.stream.gcount());
+    // A block of 128 may be the last one; what is asked for in smaller numbers is needed.
+    const auto count = static_cast<int>(s.stream.gcount());
+    s.starved = s.starved || count == 0 || (size < 128 && count < size);
+    return count;
   };
   callbacks.skip = [](void* from, int size) { static_cast<Source*>(from)->stream.ignore(size); };
   callbacks.eof = [](void* from) { return static_cast<int>(static_cast<Source*>(from)->stream.eof()); };

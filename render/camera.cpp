@@ -59,7 +59,8 @@ Projection adopt_exr(CameraSettings& s, int width, int height) {
   const double before = clip(s.position - z).w, behind = clip(s.position + z).w;
   Projection projection;
   projection.orthographic = std::abs(before - behind) < 1e-6 * (std::abs(before) + std::abs(behind));
-  const dvec3 forward = projection.orthographic || before > behind ? -z : z;
+  const bool mirrored = glm::determinant(dmat3(axes[0], axes[1], axes[2])) < 0;
+  const dvec3 forward = (projection.orthographic ? mirrored : behind > before) ? z : -z;
   s.look_at = s.position + forward;
   s.up = axes[1];
   const dvec3 right = glm::normalize(glm::cross(forward, s.up)), up = glm::cross(right, forward);

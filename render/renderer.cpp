@@ -436,7 +436,9 @@ void PreparedScene::describe(Layers& layers, const Camera& camera, const RenderJ
   header["samplesPerPixel"] = end - first;
   header["sampleFirst"] = first;
   header["sampleEnd"] = end;
-  header["sampleTotal"] = job.spp;
+  // A whole frame that stopped by time or error is finished with the samples it has.
+  const bool open_ended = job.parts == 1 && (job.time_limit > 0 || job.target_error > 0);
+  header["sampleTotal"] = open_ended ? end - first : job.spp;
   header["sampleRanges"] = fmt::format("{}-{}", first, end);
   header["recordedLayers"] = join(plan.layers.names, ",");
   header["statistics"] = std::string(plan.layers.buckets ? "buckets" : plan.layers.statistics ? "halves" : "none");

@@ -341,8 +341,10 @@ class PathTracer {
     if (throughput_.weight == dvec3(0)) return false;
     pdf_direction_ = out.pdf;
     specular_ = bsdf.delta();
-    if (!specular_) sampled_light_ = true, straight_ = false;
-    if (settings.shadow == "straight" && out.wi.z * wo_local.z < 0) straight_ = sampled_light_;
+    // Light sampling sees past straight transmissions alone.
+    const bool seen_through = settings.shadow == "straight" && out.wi.z * wo_local.z < 0;
+    straight_ = seen_through && sampled_light_;
+    sampled_light_ = !specular_ || straight_;
     left_in_medium_ = false;
     ray_.d = glm::normalize(frame.to_world(out.wi));
     if (leaks(ray_.d, out.wi.z)) return false;
@@ -393,16 +395,17 @@ class PathTracer {
     const dvec3 unoccluded = light.radiance * value * (share * weight / light.pdf);
     if (unoccluded == dvec3(0) || !shadowed) return unoccluded;
     const Ray shadow{normal ? Surfaces::leave(p, *normal, light.wi) : p, light.wi};
-    const dvec3 left = arriving(unoccluded, shadow, light.distance, light.light, 1.0 / weight);
+    bool straight = false;
+    const dvec3 left = arriving(unoccluded, shadow, light.distance, light.light, &straight);
     if (record_ && events_ == 0)
       record_->light_transmittance_1 = static_cast<float>(luminance(left) / luminance(unoccluded));
-    return left;
+    return straight ? left / weight : left;  // behind straight shadows no other technique finds it
   }
 
   /// Light that comes through to a point from a sample of a light.
-  /// @param straight_factor  on what passes surfaces with straight shadows, behind which no other technique finds it
+  /// @param straight  set where it passes surfaces with straight shadows
   dvec3 arriving(const dvec3& unoccluded, const Ray& shadow, double distance, const Light* from,
-                 double straight_factor = 1.0) {
+                 bool* straight = nullptr) {
     if (unoccluded == dvec3(0)) return unoccluded;
     if constexpr (F.finite_lights)
       if (c_.lights->blocked(shadow, distance, from)) return dvec3(0);
@@ -410,7 +413,8 @@ class PathTracer {
     if constexpr (F.surfaces) {
       const Surfaces::Passage passage = c_.surfaces->passage(shadow, distance * (1.0 - 1e-4));
       if (passage.light == dvec3(0)) return dvec3(0);
-      passed *= passage.light * (passage.straight ? straight_factor : 1.0);
+      passed *= passage.light;
+      if (straight) *straight = passage.straight;
     }
     return dimmed(passed, shadow, distance);
   }
@@ -473,8 +477,9 @@ class PathTracer {
   Throughput throughput_;
   double pdf_direction_ = 1;
   bool specular_ = false;
-  bool sampled_light_ = false;  ///< a vertex has sampled a light
-  bool straight_ = false;       ///< the last one that did so saw through what the path has passed since
+  // Since a vertex that sampled a light, the path has met nothing, or only what light sampling looks through; and some
+  // of the latter.
+  bool sampled_light_ = false, straight_ = false;
   bool first_event_on_surface_ = false;
   bool left_in_medium_ = false;  ///< the last vertex is a scattering in a medium
   uint64_t events_ = 0;          // real scatterings and surface bounces so far; null collisions are none

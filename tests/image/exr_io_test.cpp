@@ -129,12 +129,14 @@ TEST(Picture, ATruncatedHdrIsRefused) {
   const std::string header = "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 64 +X 4\n";
   test::write_file(folder / "whole.hdr", header + std::string(64 * 4 * 4, '\x80'));
   EXPECT_EQ(read_hdr(folder / "whole.hdr").at("R")(3, 63), 0.5f);
-  test::write_file(folder / "cut.hdr", header + std::string(64 * 4 * 2, '\x80'));
-  try {
-    read_hdr(folder / "cut.hdr");
-    FAIL() << "it was read";
-  } catch (const InputError& error) {
-    EXPECT_NE(std::string(error.what()).find("cut.hdr: truncated"), std::string::npos) << error.what();
+  for (const size_t missing : {1, 2, 3, 4, 127, 128, 129, 512}) {
+    test::write_file(folder / "cut.hdr", header + std::string(64 * 4 * 4 - missing, '\x80'));
+    try {
+      read_hdr(folder / "cut.hdr");
+      FAIL() << "it was read without " << missing << " bytes";
+    } catch (const InputError& error) {
+      EXPECT_NE(std::string(error.what()).find("cut.hdr: truncated"), std::string::npos) << error.what();
+    }
   }
 }
 

@@ -134,12 +134,16 @@ TEST(Camera, IsTakenFromAnExrHeader) {
     shifted[row * 4] += 0.5f * shifted[row * 4 + 3], shifted[row * 4 + 1] -= 0.25f * shifted[row * 4 + 3];
     forwards[row * 4 + 2] = -forwards[row * 4 + 2];
   }
+  std::array<float, 16> flat_forwards = flat.world_to_camera();
+  for (size_t row = 0; row < 4; ++row) flat_forwards[row * 4 + 2] = -flat_forwards[row * 4 + 2];
+  const Camera flat_ahead = adopted(flat_forwards, flat.world_to_ndc());
   const Camera moved = adopted(original.world_to_camera(), shifted), ahead = adopted(forwards, original.world_to_ndc());
   const Camera again = adopted(moved.world_to_camera(), moved.world_to_ndc());
   for (const dvec2& film : {dvec2(0, 0), dvec2(30, 20), dvec2(60, 11)}) {
     EXPECT_NEAR(glm::distance(flat.ray(film).o, flat_copy.ray(film).o), 0, 1e-5);
     EXPECT_NEAR(glm::distance(flat.ray(film).d, flat_copy.ray(film).d), 0, 1e-6);
     EXPECT_NEAR(glm::distance(original.ray(film).d, ahead.ray(film).d), 0, 1e-6);
+    EXPECT_NEAR(glm::distance(flat.ray(film).d, flat_ahead.ray(film).d), 0, 1e-6);
     // Half an extent to the right and a quarter down: 15 and 5 pixels.
     EXPECT_NEAR(glm::distance(original.ray(film).d, moved.ray(film + dvec2(15, 5)).d), 0, 1e-6);
     EXPECT_NEAR(glm::distance(again.ray(film).d, moved.ray(film).d), 0, 1e-6);

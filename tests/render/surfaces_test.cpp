@@ -314,6 +314,34 @@ TEST_F(SurfaceTest, StraightShadowsOfClearGlassLoseNothing) {
   }
 }
 
+// What light sampling cannot see past is left to paths, before and after straight glass: other glass and mirrors. 5
+// standard errors are below 3 %, and without that care 7 and 3.5 % of the light were lost.
+TEST_F(SurfaceTest, StraightShadowsLeaveTheRestToPaths) {
+  for (const char* inner : {"dielectric", "conductor"}) {
+    Scene s = scene("ball.obj");
+    s.camera.position = dvec3(0, -7, 3), s.camera.fov = 50;
+    s.surfaces[0].material = "dielectric", s.surfaces[0].roughness = 0, s.surfaces[0].ior = 1.0001;
+    s.surfaces[0].albedo = dvec3(1);
+    s.surfaces.push_back(s.surfaces[0]);
+    s.surfaces[1].material = inner;
+    for (int a = 0; a < 3; ++a) s.surfaces[1].object_to_world[a][a] = 0.7;
+    s.surfaces.push_back({});
+    s.surfaces[2].file = folder_ / "floor.obj", s.surfaces[2].object_to_world = test::translation({0, 0, -1.1});
+    s.surfaces[2].albedo = dvec3(0.8);
+    LightSettings lamp;
+    lamp.type = "sphere", lamp.position = dvec3(0.5, 0, 4), lamp.radius = 1, lamp.radiance = dvec3(4);
+    s.lights.push_back(lamp);
+    const auto render = [&](const char* shadow, int64_t seed) {
+      s.surfaces[0].shadow = shadow;
+      return test::mean_radiance(PreparedScene(s, {}).render(8000, seed, {}).layers);
+    };
+    const test::Mean a = render("straight", 1), b = render("traced", 2);
+    const double error = 5 * std::hypot(a.error.x, b.error.x);
+    EXPECT_NEAR(a.value.x, b.value.x, error) << inner;
+    EXPECT_LT(error, 0.03 * b.value.x) << inner;
+  }
+}
+
 TEST(LoadMesh, ReadsObjAndPlyOfAllKinds) {
   const test::TemporaryFolder folder;
   test::write_file(folder / "a.obj", kFloor);
