@@ -147,7 +147,6 @@ void Surface(const LaneScene& scene, LanePool& pool, const SlotList& rays, LaneC
 
 void March(const LaneScene& scene, LanePool& pool, const SlotList& rays, LaneCamera& camera) {
   const D d;
-  const DI di;
   const V zero = hn::Zero(d), one = set(1.0f), deepest = set(static_cast<float>(kDeepest));
   RayQueue queue(rays);
   CellWalk walk(scene);
@@ -186,11 +185,7 @@ void March(const LaneScene& scene, LanePool& pool, const SlotList& rays, LaneCam
       }
     }
     const M active = mask_of(queue.busy);
-    const VI cell_index = walk.index(active);
-    const V bound = hn::GatherIndex(d, scene.majorant, cell_index);
-    const M empty = hn::Lt(bound, zero);
-    const CellWalk::Crossing crossing = walk.ahead(hn::BitCast(di, bound), empty);
-    const M passes = hn::And(active, hn::Or(empty, hn::Ge(walk.t, crossing.until))), looks = hn::AndNot(passes, active);
+    const auto [cell_index, crossing, passes, looks] = walk.look(active);
     M done = walk.cross(crossing, passes);
 
     const V t0 = walk.t, t1 = hn::Min(hn::Add(t0, length), crossing.until), part = hn::Sub(t1, t0);

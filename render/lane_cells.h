@@ -161,6 +161,21 @@ struct CellWalk {
     c.until = hn::Max(c.exit, t);
     return c;
   }
+  /// For walks that look at every voxel length: which lanes do in their cell, and which pass on, because it is empty or
+  /// at its end.
+  struct Look {
+    VI cell;
+    Crossing crossing;
+    M passes, looks;
+  };
+  HWY_INLINE Look look(M active) const {
+    const VI here = index(active);
+    const V bound = hn::GatherIndex(D(), grid.majorant, here);
+    const M empty = hn::Lt(bound, hn::Zero(D()));
+    const Crossing crossing = ahead(hn::BitCast(DI(), bound), empty);
+    const M passes = hn::And(active, hn::Or(empty, hn::Ge(t, crossing.until)));
+    return {here, crossing, passes, hn::AndNot(passes, active)};
+  }
   /// Takes the lanes of `passes` into the cells beyond; returns which of them have left the grid. Equal times: the
   /// lowest axis first.
   HWY_INLINE M cross(const Crossing& c, M passes) {

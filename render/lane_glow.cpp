@@ -60,11 +60,7 @@ void Glow(const LaneGlow& glow, LanePool& pool, const SlotList& rays, LaneStretc
       }
     }
     const M active = mask_of(queue.busy);
-    const VI cell_index = walk.index(active);
-    const V bound = hn::GatherIndex(d, glow.majorant, cell_index);
-    const M empty = hn::Lt(bound, zero);
-    const CellWalk::Crossing crossing = walk.ahead(hn::BitCast(di, bound), empty);
-    const M passes = hn::And(active, hn::Or(empty, hn::Ge(walk.t, crossing.until))), looks = hn::AndNot(passes, active);
+    const auto [cell_index, crossing, passes, looks] = walk.look(active);
     const V reached = hn::Min(hn::Min(hn::Add(walk.t, step), crossing.until), end);
     if (!hn::AllFalse(d, looks)) {
       const V part = hn::IfThenElseZero(looks, hn::Sub(reached, walk.t));

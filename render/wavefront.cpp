@@ -366,10 +366,8 @@ class Wavefront {
       const vec3 glow = vec3(p.tr[i], p.tg[i], p.tb[i]) * vec3(stretches.r[i], stretches.g[i], stretches.b[i]);
       if (p.events[i] == 0)
         s.glowing->emission[i] += glow;
-      else if (p.events[i] == 1)
-        p.direct_r[i] += glow.x, p.direct_g[i] += glow.y, p.direct_b[i] += glow.z;
       else
-        p.indirect_r[i] += glow.x, p.indirect_g[i] += glow.y, p.indirect_b[i] += glow.z;
+        deposit(i, glow);
     }
   }
 
@@ -435,10 +433,7 @@ class Wavefront {
         L += radiance * weight(probability > 0 ? probability * infinite->pdf(ray.d) : 0.0);
       }
     }
-    const bool direct = events < 2;
-    (direct ? p.direct_r : p.indirect_r)[i] += p.tr[i] * static_cast<float>(L.x);
-    (direct ? p.direct_g : p.indirect_g)[i] += p.tg[i] * static_cast<float>(L.y);
-    (direct ? p.direct_b : p.indirect_b)[i] += p.tb[i] * static_cast<float>(L.z);
+    deposit(i, vec3(p.tr[i], p.tg[i], p.tb[i]) * vec3(L));
     finish(slot);
   }
 
@@ -453,16 +448,21 @@ class Wavefront {
                                         medium.albedo(at), sample);
   }
 
-  /// What the shadow rays brought. Light scattered once is direct (TRANSPORT.md section 11).
+  /// Light scattered once is direct (TRANSPORT.md section 11).
+  void deposit(size_t i, const vec3& L) {
+    LanePool& p = state_->pool;
+    const bool direct = p.events[i] < 2;
+    (direct ? p.direct_r : p.indirect_r)[i] += L.x;
+    (direct ? p.direct_g : p.indirect_g)[i] += L.y;
+    (direct ? p.direct_b : p.indirect_b)[i] += L.z;
+  }
+
+  /// What the shadow rays brought.
   void add_light() {
     LanePool& p = state_->pool;
     for (size_t k = 0; k < state_->shadows.count; ++k) {
       const auto i = static_cast<size_t>(state_->shadows.slot[k]);
-      const float T = p.transmittance[i];
-      const bool direct = p.events[i] < 2;
-      (direct ? p.direct_r : p.indirect_r)[i] += p.cr[i] * T;
-      (direct ? p.direct_g : p.indirect_g)[i] += p.cg[i] * T;
-      (direct ? p.direct_b : p.indirect_b)[i] += p.cb[i] * T;
+      deposit(i, vec3(p.cr[i], p.cg[i], p.cb[i]) * p.transmittance[i]);
     }
   }
 
