@@ -54,6 +54,7 @@ struct PathContext {
 struct PixelStart {
   static constexpr float kNever = std::numeric_limits<float>::max();
   float medium = 0, surface = 0;
+  int16_t axis = -1, layer = 0;  ///< of voxels, where all its rays are walked together
 };
 
 /// One camera ray to follow.

@@ -17,28 +17,6 @@ namespace brume::HWY_NAMESPACE {
 
 #include "render/lane_cells.h"
 
-/// The interpolated density at points anywhere.
-HWY_INLINE V density_at(const LaneScene& scene, const V3& p) {
-  const D d;
-  const DI di;
-  const V zero = hn::Zero(d), one = set(1.0f), cell_size = set(scene.cell);
-  M outside = hn::FirstN(d, 0);
-  const auto cell = [&](V v, float n) {
-    const V c = hn::Floor(hn::Mul(v, set(scene.inverse_cell))), nearest = hn::Min(hn::Max(c, zero), set(n - 1));
-    outside = hn::Or(outside, hn::Or(hn::Lt(v, zero), hn::Gt(v, hn::Mul(hn::Add(nearest, one), cell_size))));
-    return nearest;
-  };
-  const V3 c{cell(p.x, scene.nx), cell(p.y, scene.ny), cell(p.z, scene.nz)};
-  const V row = hn::Add(hn::Mul(c.x, set(scene.ny)), c.y);
-  const VI index = hn::Add(hn::Mul(hn::ConvertTo(di, row), hn::Set(di, scene.nz_int)), hn::ConvertTo(di, c.z));
-  outside = hn::Or(outside, hn::Lt(hn::GatherIndex(d, scene.majorant, index), zero));
-  const auto within = [&](V v, V from) {
-    return hn::IfThenZeroElse(outside, hn::Min(hn::Max(hn::Sub(v, hn::Mul(from, cell_size)), zero), cell_size));
-  };
-  const V3 q{within(p.x, c.x), within(p.y, c.y), within(p.z, c.z)};
-  return hn::IfThenZeroElse(outside, interpolated(scene, hn::GatherIndex(di, scene.brick, index), q));
-}
-
 /// The next rays of a list. @param more(lane, slot)  called for each of them
 template <class More>
 HWY_INLINE M load_rays(RayQueue& queue, CellWalk::Buffer& buffer, const LanePool& pool, More&& more) {
@@ -49,7 +27,8 @@ HWY_INLINE M load_rays(RayQueue& queue, CellWalk::Buffer& buffer, const LanePool
   }));
 }
 
-void Surface(const LaneScene& scene, LanePool& pool, const SlotList& rays, LaneCamera& camera, LanePoints& points) {
+void Surface(const LaneScene& scene, const LanePool& pool, const SlotList& rays, const LaneCamera& camera,
+             LaneMeetings& meetings) {
   const D d;
   const DI di;
   const V zero = hn::Zero(d), one = set(1.0f), iso = set(scene.surface_density);
@@ -59,16 +38,16 @@ void Surface(const LaneScene& scene, LanePool& pool, const SlotList& rays, LaneC
   HWY_ALIGN float t[RayQueue::kMost] = {}, outside[RayQueue::kMost], density[RayQueue::kMost];
   V length = one, before = zero, value = zero;
   uint32_t collided = 0;
-  SlotList& found = points.slots;
-  found.count = 0;
   for (;;) {
     if (queue.due()) {
       if (queue.finished) {
         hn::Store(walk.t, d, t), hn::Store(before, d, outside), hn::Store(value, d, density);
         queue.finished &= collided;
         queue.collect([&](size_t lane, size_t s) {
-          camera.surface[s] = t[lane], camera.outside[s] = outside[lane], camera.density[s] = density[lane];
-          found.push(static_cast<int32_t>(s));
+          const size_t k = meetings.slots.count;
+          meetings.outside[k] = outside[lane], meetings.inside[k] = t[lane];
+          meetings.below[k] = -1, meetings.above[k] = density[lane];
+          meetings.slots.push(static_cast<int32_t>(s));
         });
       }
       if (queue.exhausted()) break;
@@ -118,27 +97,37 @@ void Surface(const LaneScene& scene, LanePool& pool, const SlotList& rays, LaneC
     walk.t = hn::IfThenElse(moves, next, walk.t);
     queue.end(hn::Or(hit, left));
   }
+}
 
-  // Between the last place below the surface's density and the first above: in the half that holds it, where a straight
-  // line through the roots of the densities puts it. At its edge a medium begins more like a square than like a line.
-  found.pad();
-  for (size_t i = 0; i < found.count; i += hn::Lanes(d)) {
-    const VI slot = hn::LoadU(di, found.slot.data() + i);
+void SurfacePoints(const LaneScene& scene, const LanePool& pool, LaneMeetings& meetings, LanePoints& points) {
+  const D d;
+  const DI di;
+  const V iso = set(scene.surface_density);
+  SlotList& slots = meetings.slots;
+  slots.pad();
+  points.slots.count = slots.count;
+  for (size_t i = 0; i < slots.count; i += hn::Lanes(d)) {
+    const VI slot = hn::LoadU(di, slots.slot.data() + i);
+    hn::StoreU(slot, di, points.slots.slot.data() + i);
     const auto get = [&](const auto& column) { return hn::GatherIndex(d, column.data(), slot); };
     const V3 o{get(pool.ox), get(pool.oy), get(pool.oz)}, dir{get(pool.lx), get(pool.ly), get(pool.lz)};
     const auto along = [&](V by) {
       return V3{hn::Add(o.x, hn::Mul(dir.x, by)), hn::Add(o.y, hn::Mul(dir.y, by)), hn::Add(o.z, hn::Mul(dir.z, by))};
     };
     const auto root = [](V v) { return hn::Sqrt(hn::Max(v, hn::Zero(D()))); };
-    V begin = get(camera.outside), end = get(camera.surface), inside = get(camera.density);
-    V below = hn::Min(density_at(scene, along(begin)), iso);
+    // In the half that holds the surface, where a straight line through the roots of the densities puts it. At its edge
+    // a medium begins more like a square than like a line.
+    V begin = hn::LoadU(d, meetings.outside.data() + i), end = hn::LoadU(d, meetings.inside.data() + i);
+    V below = hn::LoadU(d, meetings.below.data() + i), above = hn::LoadU(d, meetings.above.data() + i);
+    const M unknown = hn::Lt(below, hn::Zero(d));
+    if (!hn::AllFalse(d, unknown))
+      below = hn::IfThenElse(unknown, hn::Min(density_at(scene, along(begin)), iso), below);
     const V middle = hn::Mul(set(0.5f), hn::Add(begin, end)), there = density_at(scene, along(middle));
     const M nearer = hn::Ge(there, iso);
-    end = hn::IfThenElse(nearer, middle, end), inside = root(hn::IfThenElse(nearer, there, inside));
+    end = hn::IfThenElse(nearer, middle, end), above = root(hn::IfThenElse(nearer, there, above));
     begin = hn::IfThenElse(nearer, begin, middle), below = root(hn::IfThenElse(nearer, below, there));
-    const V share = hn::Div(hn::Sub(root(iso), below), hn::Max(hn::Sub(inside, below), set(1e-30f)));
-    const V surface = hn::Add(begin, hn::Mul(hn::Sub(end, begin), hn::Min(share, one)));
-    // Half a voxel inside, where the differences see the medium on both sides.
+    const V share = hn::Div(hn::Sub(root(iso), below), hn::Max(hn::Sub(above, below), set(1e-30f)));
+    const V surface = hn::Add(begin, hn::Mul(hn::Sub(end, begin), hn::Min(share, set(1.0f))));
     const V3 p = along(hn::Add(surface, hn::Div(set(0.5f), hn::Sqrt(dot(dir, dir)))));
     hn::StoreU(p.x, d, points.x.data() + i), hn::StoreU(p.y, d, points.y.data() + i);
     hn::StoreU(p.z, d, points.z.data() + i);
@@ -233,12 +222,17 @@ HWY_AFTER_NAMESPACE();
 namespace brume {
 
 HWY_EXPORT(Surface);
+HWY_EXPORT(SurfacePoints);
 HWY_EXPORT(March);
 HWY_EXPORT(Gradient);
 
-void lanes_find_surface(const LaneScene& scene, LanePool& pool, const SlotList& rays, LaneCamera& camera,
-                        LanePoints& points) {
-  HWY_DYNAMIC_DISPATCH(Surface)(scene, pool, rays, camera, points);
+void lanes_find_surface(const LaneScene& scene, const LanePool& pool, const SlotList& rays, const LaneCamera& camera,
+                        LaneMeetings& meetings) {
+  HWY_DYNAMIC_DISPATCH(Surface)(scene, pool, rays, camera, meetings);
+}
+
+void lanes_surface_points(const LaneScene& scene, const LanePool& pool, LaneMeetings& meetings, LanePoints& points) {
+  HWY_DYNAMIC_DISPATCH(SurfacePoints)(scene, pool, meetings, points);
 }
 
 void lanes_march(const LaneScene& scene, LanePool& pool, const SlotList& rays, LaneCamera& camera) {

@@ -246,6 +246,28 @@ HWY_INLINE V interpolated(const LaneCells& grid, VI brick, const V3& q) {
   return lerp(lerp(along_z(0), along_z(Y), fy), lerp(along_z(X), along_z(X + Y), fy), fx);
 }
 
+/// The interpolated density at points anywhere.
+HWY_INLINE V density_at(const LaneCells& grid, const V3& p) {
+  const D d;
+  const DI di;
+  const V zero = hn::Zero(d), one = set(1.0f), cell_size = set(grid.cell);
+  M outside = hn::FirstN(d, 0);
+  const auto cell = [&](V v, float n) {
+    const V c = hn::Floor(hn::Mul(v, set(grid.inverse_cell))), nearest = hn::Min(hn::Max(c, zero), set(n - 1));
+    outside = hn::Or(outside, hn::Or(hn::Lt(v, zero), hn::Gt(v, hn::Mul(hn::Add(nearest, one), cell_size))));
+    return nearest;
+  };
+  const V3 c{cell(p.x, grid.nx), cell(p.y, grid.ny), cell(p.z, grid.nz)};
+  const V row = hn::Add(hn::Mul(c.x, set(grid.ny)), c.y);
+  const VI index = hn::Add(hn::Mul(hn::ConvertTo(di, row), hn::Set(di, grid.nz_int)), hn::ConvertTo(di, c.z));
+  outside = hn::Or(outside, hn::Lt(hn::GatherIndex(d, grid.majorant, index), zero));
+  const auto within = [&](V v, V from) {
+    return hn::IfThenZeroElse(outside, hn::Min(hn::Max(hn::Sub(v, hn::Mul(from, cell_size)), zero), cell_size));
+  };
+  const V3 q{within(p.x, c.x), within(p.y, c.y), within(p.z, c.z)};
+  return hn::IfThenZeroElse(outside, interpolated(grid, hn::GatherIndex(di, grid.brick, index), q));
+}
+
 /// One voxel of the eight around points of the walk's cells, drawn by its trilinear weight.
 HWY_INLINE V one_voxel(const CellWalk& walk, Generator& rng, const V3& p, VI brick, M mask) {
   const DI di;

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <array>
 #include <cstdint>
+#include <span>
 
 #include "render/lights.h"
 #include "render/path_layers.h"
@@ -102,11 +103,23 @@ struct LanePoints {
 /// What walks along the camera rays leave for the layers, by slot.
 struct LaneCamera {
   LanePool::Column<float> begin;                              ///< ray parameter where the walk to the surface begins
-  LanePool::Column<float> surface;                            ///< a ray parameter in the medium; -1 where none is found
-  LanePool::Column<float> outside, density;                   ///< the parameter looked at before it; the density at it
+  LanePool::Column<float> covered;                            ///< 1 where the ray meets the surface
   LanePool::Column<float> gx, gy, gz;                         ///< direction of the density gradient there, world space
   LanePool::Column<float> depth;                              ///< optical depth, clamped at 50
   std::array<LanePool::Column<float>, kMarchedPoints> point;  ///< ray parameters, -1 past the end
+};
+
+/// Where rays meet the medium's surface: between two ray parameters.
+struct LaneMeetings {
+  LanePool::Column<float> outside, inside;
+  LanePool::Column<float> below, above;  // the densities there; negative where that was not looked up
+  SlotList slots;
+};
+
+/// The rays of one pixel in a list, so close to each other that they are walked together: see LaneGrid::Meeting.
+struct LaneBundle {
+  size_t begin, end;
+  int axis, layer;
 };
 
 /// A field that glows: its cells, and the emission coefficient as a function of its value, linear between entries.
@@ -136,10 +149,17 @@ void lanes_fly(const LaneScene& scene, LanePool& pool, const SlotList& rays, Slo
 /// Leaves the transmittance along each shadow ray, as far as its reach, in `transmittance`, by ratio tracking.
 void lanes_shadow(const LaneScene& scene, LanePool& pool, const SlotList& rays, uint64_t& lookups);
 
-/// Finds where the density along each ray first reaches `surface_density`, voxel by voxel from `begin` on, and leaves
-/// points half a voxel behind that.
-void lanes_find_surface(const LaneScene& scene, LanePool& pool, const SlotList& rays, LaneCamera& camera,
-                        LanePoints& points);
+/// Finds where the density along each ray first reaches `surface_density`, voxel by voxel from `begin` on, and adds it
+/// to the meetings.
+void lanes_find_surface(const LaneScene& scene, const LanePool& pool, const SlotList& rays, const LaneCamera& camera,
+                        LaneMeetings& meetings);
+
+/// The same for bundles, half a layer of voxels at a time.
+void lanes_find_surface(const LaneScene& scene, const LanePool& pool, const SlotList& rays,
+                        std::span<const LaneBundle> bundles, LaneMeetings& meetings);
+
+/// The points half a voxel behind the surface, where central differences see the medium on both sides.
+void lanes_surface_points(const LaneScene& scene, const LanePool& pool, LaneMeetings& meetings, LanePoints& points);
 
 /// Forced first collisions: flies the camera rays through the whole grid or to their reach, leaves their transmittance
 /// in `passed`, and scatters the rest of each at one of its tentative collisions, its throughput being the share that

@@ -130,8 +130,8 @@ std::vector<PixelStart> PreparedScene::pixel_starts(const Camera& camera, const 
       for (int k = 0; k < 4; ++k) self(self, corner + ivec2(k & 1, k >> 1) * (size / 2), size / 2, m);
       return;
     }
-    starts[static_cast<size_t>(corner.y - window.y0) * width + (corner.x - window.x0)] = {rounded_down(m.medium),
-                                                                                          rounded_down(m.surface)};
+    starts[static_cast<size_t>(corner.y - window.y0) * width + (corner.x - window.x0)] = {
+        rounded_down(m.medium), rounded_down(m.surface), static_cast<int16_t>(m.axis), static_cast<int16_t>(m.layer)};
   };
   const int first_row = window.y0 / kBlock, rows = (window.y1 - 1) / kBlock - first_row + 1;
   parallel_for(rows, task, [&](int row) {

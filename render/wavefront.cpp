@@ -170,9 +170,11 @@ class Wavefront {
   };
   struct State {
     LanePool pool{};
-    SlotList fresh, walks, active, hits, escapes, shadows, alive;
+    SlotList fresh, walks, bundled, active, hits, escapes, shadows, alive;
+    LaneMeetings meetings;
     LanePoints points;
     LaneCamera camera;
+    std::vector<LaneBundle> bundles;
     std::array<const FiniteLight*, kPool> end;  // the light that a flight ends on, where scene_.flights_end
     std::vector<PathSample> samples;            // of the paths, where keeps_samples()
     std::unique_ptr<Glowing> glowing;           // where something glows
@@ -229,7 +231,7 @@ class Wavefront {
     p.tr[i] = p.tg[i] = p.tb[i] = 1.0f;
     p.direct_r[i] = p.direct_g[i] = p.direct_b[i] = p.indirect_r[i] = p.indirect_g[i] = p.indirect_b[i] = 0.0f;
     p.passed[i] = 1.0f;
-    state_->camera.surface[i] = -1.0f;
+    state_->camera.covered[i] = 0.0f;
     const double ahead = request.start.surface;
     state_->camera.begin[i] = ahead < exit ? static_cast<float>(std::max(ahead - entry, 0.0)) : -1.0f;
     if (keeps_samples()) state_->samples[i] = {};
@@ -254,14 +256,32 @@ class Wavefront {
   /// Where the camera rays meet the medium's surface, for coverage and gradient.
   void record_surfaces() {
     State& s = *state_;
-    s.walks.count = 0;
-    for (size_t k = 0; k < s.fresh.count; ++k)
-      if (s.camera.begin[static_cast<size_t>(s.fresh.slot[k])] >= 0) s.walks.push(s.fresh.slot[k]);
-    lanes_find_surface(scene_, s.pool, s.walks, s.camera, s.points);
+    s.walks.count = s.bundled.count = s.meetings.slots.count = 0;
+    s.bundles.clear();
+    uint32_t pixel = 0;
+    for (size_t k = 0; k < s.fresh.count; ++k) {
+      const int32_t slot = s.fresh.slot[k];
+      const auto i = static_cast<size_t>(slot);
+      const PathRequest& request = requests_[s.pool.request[i]];
+      if (s.camera.begin[i] < 0) continue;
+      if (request.start.axis < 0) {
+        s.walks.push(slot);
+        continue;
+      }
+      if (s.bundles.empty() || request.key.pixel != pixel)
+        s.bundles.push_back({s.bundled.count, s.bundled.count, request.start.axis, request.start.layer});
+      pixel = request.key.pixel;
+      s.bundled.push(slot);
+      s.bundles.back().end = s.bundled.count;
+    }
+    lanes_find_surface(scene_, s.pool, s.walks, s.camera, s.meetings);
+    lanes_find_surface(scene_, s.pool, s.bundled, s.bundles, s.meetings);
+    lanes_surface_points(scene_, s.pool, s.meetings, s.points);
     lanes_gradient(scene_, s.points);
     for (size_t k = 0; k < s.points.slots.count; ++k) {
       const auto i = static_cast<size_t>(s.points.slots.slot[k]);
       const vec3 g(gradient_at(k));
+      s.camera.covered[i] = 1;
       s.camera.gx[i] = g.x, s.camera.gy[i] = g.y, s.camera.gz[i] = g.z;
     }
   }
@@ -474,7 +494,7 @@ class Wavefront {
     if (keeps_samples()) s = sample_of(slot);
     if (c_.plan.forced_first || p.events[i] == 0)
       see_background(requests_[p.request[i]].ray, static_cast<double>(p.passed[i]), s);
-    if (c_.plan.medium_surface && camera.surface[i] >= 0)
+    if (c_.plan.medium_surface && camera.covered[i] > 0)
       s.coverage = 1, s.gradient = {camera.gx[i], camera.gy[i], camera.gz[i]};
     if (!glow_.empty()) s.emission = dvec3(state_->glowing->emission[i]);
     s.single = {p.direct_r[i], p.direct_g[i], p.direct_b[i]};

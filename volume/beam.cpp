@@ -46,6 +46,16 @@ BeamLayers::Layer BeamLayers::layer(int k) const {
   return layer;
 }
 
+// At the end of the lattice: there the beam is widest.
+int BeamLayers::most_crossed() const {
+  const double end = std::max(reached(step_ > 0 ? n_[axis_] : 0), 0.0);
+  const double early = width(end) * per_speed_, w = width(end + early);
+  double most = 0;
+  for (int a = 0; a < 3; ++a)
+    if (a != axis_) most = std::max(most, 2 * (w + std::abs(beam_.middle.d[a]) * early));
+  return static_cast<int>(std::min(most * per_size_, 1e9)) + 2;
+}
+
 int BeamLayers::Layer::cubes() const {
   const ivec3 n = glm::max(hi - lo + 1, ivec3(0));
   return n.x * n.y * n.z;

@@ -18,7 +18,10 @@ class BeamLayers {
 
   /// Whether all rays pass the layers in one order. If not, the beam is too wide to tell anything.
   bool ordered() const { return per_speed_ > 0; }
+  int axis() const { return axis_; }
   int step() const { return step_; }
+  /// At most how many cubes in a row, on any axis, the rays touch where they cross a plane between layers.
+  int most_crossed() const;
   /// The first layer that a ray can touch at the parameter t or later; and whether there is a layer with the number k.
   int first(double t) const;
   bool has(int k) const { return k >= 0 && k < n_[axis_]; }

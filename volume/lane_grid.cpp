@@ -173,7 +173,10 @@ LaneGrid::Meeting LaneGrid::first_meeting(const Beam& beam, const Meeting& from)
     if (holds(cells.layer(v >> bits), holds_surface)) {
       for (int i = in_cell; i < cell_size; ++i, v += step) {
         const BeamLayers::Layer layer = voxels.layer(v);
-        if (holds(layer, reaches_surface)) return {m.medium, std::max(layer.begin, m.medium)};
+        if (!holds(layer, reaches_surface)) continue;
+        m.surface = std::max(layer.begin, m.medium);
+        if (voxels.most_crossed() <= kBundleVoxels) m.axis = voxels.axis(), m.layer = v;
+        return m;
       }
     } else {
       v += step * (cell_size - in_cell);

@@ -39,11 +39,16 @@ struct LaneGrid {
 
   /// Where the rays of a beam can first meet something, as ray parameters: none of them does before. Infinity: never.
   struct Meeting {
-    double medium;   ///< a cell that is not empty
-    double surface;  ///< after find_surface, a voxel that can reach the surface's density
+    double medium = 0;   ///< a cell that is not empty
+    double surface = 0;  ///< after find_surface, a voxel that can reach the surface's density
+    /// That voxel's layer across an axis, where the rays lie so close to each other that they can be walked through
+    /// the layers together: where they cross a plane, they touch at most kBundleVoxels in a row. Else the axis is -1.
+    int axis = -1, layer = 0;
   };
+  static constexpr int kBundleVoxels = 3;
   /// @param from  what a wider beam around this one meets
-  Meeting first_meeting(const Beam& beam, const Meeting& from = {0, 0}) const;
+  Meeting first_meeting(const Beam& beam, const Meeting& from) const;
+  Meeting first_meeting(const Beam& beam) const { return first_meeting(beam, Meeting()); }
 
   size_t bytes() const {
     return majorant.size() * sizeof(float) + (brick.size() + surface_cell.size()) * sizeof(int32_t) + distances.size();

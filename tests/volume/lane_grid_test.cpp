@@ -170,7 +170,7 @@ TEST_P(LaneGridOfCells, NoRayOfABeamMeetsAnythingBeforeIt) {
   Rng rng(4);
   const dvec3 size(bricks.cells() * n);
   const double end = 4 * glm::length(size);
-  int thin_rays[2] = {}, close[2] = {}, never = 0, never_told = 0;
+  int thin_rays[2] = {}, close[2] = {}, together[2] = {}, never = 0, never_told = 0;
   for (int i = 0; i < 4000; ++i) {
     const bool thin = i % 2;
     const double apart = thin ? 0.01 : 4 * rng.uniform(), apart_per_t = thin ? 1e-4 : 0.02 * rng.uniform();
@@ -184,12 +184,29 @@ TEST_P(LaneGridOfCells, NoRayOfABeamMeetsAnythingBeforeIt) {
     const LaneGrid::Meeting from_there = grid.first_meeting({middle, apart, apart_per_t}, wider);
     ASSERT_EQ(from_there.medium, told.medium);
     ASSERT_EQ(from_there.surface, told.surface);
-    for (int k = 0; k < 4; ++k) {
-      Ray ray = middle;
-      if (k > 0) {
-        ray.o += test::random_point(rng, dvec3(-apart), dvec3(apart));
-        ray.d += test::random_point(rng, dvec3(-apart_per_t), dvec3(apart_per_t));
+    Ray rays[4] = {middle, middle, middle, middle};
+    for (int k = 1; k < 4; ++k) {
+      rays[k].o += test::random_point(rng, dvec3(-apart), dvec3(apart));
+      rays[k].d += test::random_point(rng, dvec3(-apart_per_t), dvec3(apart_per_t));
+    }
+    // Where they can be walked together, all of them cross the planes in few voxels.
+    if (told.axis >= 0) {
+      ++together[thin];
+      for (int plane = 0; plane <= static_cast<int>(size[told.axis]); plane += 3) {
+        ivec3 lowest(1 << 20), highest(-(1 << 20));
+        bool all = true;
+        for (const Ray& ray : rays) {
+          const double t = (plane - ray.o[told.axis]) / ray.d[told.axis];
+          const ivec3 v(glm::floor(ray.at(t)));
+          lowest = glm::min(lowest, v), highest = glm::max(highest, v);
+          all &= t >= 0;
+        }
+        for (int a = 0; a < 3; ++a)
+          ASSERT_TRUE(!all || a == told.axis || highest[a] - lowest[a] < LaneGrid::kBundleVoxels);
       }
+    }
+    for (int k = 0; k < 4; ++k) {
+      const Ray& ray = rays[k];
       double medium = end, surface = end;
       for (double t = 0; t < end && surface == end; t += 0.1) {
         if (medium == end && holds_medium(ray.at(t))) medium = t;
@@ -197,6 +214,10 @@ TEST_P(LaneGridOfCells, NoRayOfABeamMeetsAnythingBeforeIt) {
       }
       ASSERT_GE(medium, std::min(told.medium, end)) << "ray " << k << " of beam " << i;
       ASSERT_GE(surface, std::min(told.surface, end)) << "ray " << k << " of beam " << i;
+      if (told.axis >= 0 && surface < end) {
+        const int step = ray.d[told.axis] < 0 ? -1 : 1;
+        ASSERT_GE(step * static_cast<int>(std::floor(ray.at(surface)[told.axis])), step * told.layer);
+      }
       if (!thin) continue;
       never += medium == end, never_told += std::isinf(told.medium);
       const double speed = glm::length(ray.d);
@@ -208,6 +229,7 @@ TEST_P(LaneGridOfCells, NoRayOfABeamMeetsAnythingBeforeIt) {
   EXPECT_GT(close[0], 0.98 * thin_rays[0]);
   EXPECT_GT(close[1], 0.95 * thin_rays[1]);
   EXPECT_GT(thin_rays[1], 80);
+  EXPECT_GT(together[1], 20);
 }
 
 }  // namespace
