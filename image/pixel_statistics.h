@@ -36,31 +36,10 @@ class PixelSums {
     }
   }
 
-  /// Mean of a value over the n samples of every step-th group. 0 without samples.
-  double mean(const double* state, size_t value, size_t first_group, size_t step, uint64_t n) const {
-    double total = 0;
-    for (size_t g = first_group; g < groups_; g += step) {
-      const double* const high = state + 2 * values_ * g;
-      total += high[value] + high[values_ + value];
-    }
-    return n ? total / static_cast<double>(n) : 0.0;
-  }
-  /// Variance of the mean over all n samples: sample variance / n. 0 with fewer than two.
-  /// @param inverse  1 / n
-  double mean_variance(const double* state, size_t value, uint64_t n, long double inverse) const {
-    if (n < 2) return 0;
-    // The difference of nearly equal numbers: 64 bits are kept.
-    const auto whole = [&](const double* high) {
-      return static_cast<long double>(high[value]) + high[values_ + value];
-    };
-    long double total = 0;
-    for (size_t g = 0; g < groups_; ++g) total += whole(state + 2 * values_ * g);
-    const long double squared = whole(state + 2 * values_ * groups_);
-    const long double deviation = squared - total * total * inverse;
-    // What is left of equal values is rounding.
-    if (!(deviation > 1e-17L * squared)) return 0;
-    return static_cast<double>(deviation) / (static_cast<double>(n) * static_cast<double>(n - 1));
-  }
+  /// Means of all values over the n samples of every step-th group. 0 without samples.
+  void means(const double* state, size_t first_group, size_t step, uint64_t n, double* result) const;
+  /// Variances of the means over all n samples: sample variance / n. 0 with fewer than two.
+  void mean_variances(const double* state, uint64_t n, double* result) const;
 
  private:
   // Adds x to high + low without error (Knuth's two-sum), and normalises.

@@ -146,7 +146,9 @@ std::vector<uint32_t> Film::add(int tile, int pixel, const float* rows, uint32_t
 void Film::develop(int tile) {
   const TileState& state = opened(tile);
   const Bounds b = bounds(tile);
-  const size_t groups = sums_.groups();
+  const size_t groups = sums_.groups(), buckets = request_.buckets ? groups : 0;
+  std::vector<double> mean(row_size()), variance(row_size()), half_a(row_size()), half_b(row_size());
+  std::vector<std::vector<double>> bucket(buckets, std::vector<double>(row_size()));
   for (int y = b.y0; y < b.y1; ++y)
     for (int x = b.x0; x < b.x1; ++x) {
       const auto p = static_cast<size_t>((y - b.y0) * b.width() + x - b.x0);
@@ -157,23 +159,27 @@ void Film::develop(int tile) {
         for (size_t g = first; g < groups; g += step) n += counts[g];
         return n;
       };
-      const uint64_t n = count(0, 1), n_a = count(0, 2), n_b = count(1, 2);
-      const long double inverse = n ? 1.0L / static_cast<long double>(n) : 0.0L;
-      const auto mean = [&](size_t value) { return sums_.mean(sums, value, 0, 1, n); };
+      const uint64_t n = count(0, 1);
+      sums_.means(sums, 0, 1, n, mean.data());
+      if (request_.statistics) {
+        sums_.mean_variances(sums, n, variance.data());
+        sums_.means(sums, 0, 2, count(0, 2), half_a.data());
+        sums_.means(sums, 1, 2, count(1, 2), half_b.data());
+      }
+      for (size_t k = 0; k < buckets; ++k) sums_.means(sums, k, groups, counts[k], bucket[k].data());
       for (const Target& t : targets_) {
         const auto stored = [&](double v) { return static_cast<float>(t.complement ? 1.0 - v : v); };
-        (*t.mean)(x, y) = stored(mean(t.value));
+        (*t.mean)(x, y) = stored(mean[t.value]);
         if (t.mean_variance) {
-          (*t.mean_variance)(x, y) = static_cast<float>(sums_.mean_variance(sums, t.value, n, inverse));
-          (*t.half_a)(x, y) = stored(sums_.mean(sums, t.value, 0, 2, n_a));
-          (*t.half_b)(x, y) = stored(sums_.mean(sums, t.value, 1, 2, n_b));
+          (*t.mean_variance)(x, y) = static_cast<float>(variance[t.value]);
+          (*t.half_a)(x, y) = stored(half_a[t.value]);
+          (*t.half_b)(x, y) = stored(half_b[t.value]);
         }
-        for (size_t k = 0; k < t.buckets.size(); ++k)
-          (*t.buckets[k])(x, y) = stored(sums_.mean(sums, t.value, k, 8, counts[k]));
+        for (size_t k = 0; k < t.buckets.size(); ++k) (*t.buckets[k])(x, y) = stored(bucket[k][t.value]);
       }
       // The sum of the stored floats, so that the passes add up to the beauty to the last bit.
       for (size_t c = 0; c < 3; ++c)
-        (*beauty_[c])(x, y) = static_cast<float>(mean(direct_ + c)) + static_cast<float>(mean(indirect_ + c));
+        (*beauty_[c])(x, y) = static_cast<float>(mean[direct_ + c]) + static_cast<float>(mean[indirect_ + c]);
       (*sample_count_)(x, y) = static_cast<float>(n);
       (*invalid_count_)(x, y) = static_cast<float>(state.invalid[p]);
     }
