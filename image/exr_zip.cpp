@@ -1,5 +1,9 @@
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "image/exr_zip.cpp"
 #include "image/exr_zip.h"
 
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
 #include <libdeflate.h>
 
 #include <bit>
@@ -7,8 +11,47 @@
 #include <memory>
 #include <new>
 
+HWY_BEFORE_NAMESPACE();
+namespace brume::HWY_NAMESPACE {
+namespace hn = hwy::HWY_NAMESPACE;
+
+/// Bytes at even places, then those at odd ones.
+void Sort(const uint8_t* bytes, size_t count, uint8_t* even, uint8_t* odd) {
+  size_t i = 0;
+#if HWY_TARGET != HWY_SCALAR
+  const hn::ScalableTag<uint8_t> d;
+  const size_t lanes = hn::Lanes(d);
+  for (; i + 2 * lanes <= count; i += 2 * lanes) {
+    const auto low = hn::LoadU(d, bytes + i), high = hn::LoadU(d, bytes + i + lanes);
+    hn::StoreU(hn::ConcatEven(d, high, low), d, even + i / 2);
+    hn::StoreU(hn::ConcatOdd(d, high, low), d, odd + i / 2);
+  }
+#endif
+  for (; i + 2 <= count; i += 2) even[i / 2] = bytes[i], odd[i / 2] = bytes[i + 1];
+}
+
+/// What each byte adds to the one before, around 128.
+void Differences(const uint8_t* bytes, size_t count, uint8_t* result) {
+  const hn::ScalableTag<uint8_t> d;
+  const size_t lanes = hn::Lanes(d);
+  result[0] = bytes[0];
+  size_t i = 1;
+  for (; i + lanes <= count; i += lanes) {
+    const auto difference = hn::Sub(hn::LoadU(d, bytes + i), hn::LoadU(d, bytes + i - 1));
+    hn::StoreU(hn::Add(difference, hn::Set(d, 128)), d, result + i);
+  }
+  for (; i < count; ++i) result[i] = static_cast<uint8_t>(bytes[i] - bytes[i - 1] + 128);
+}
+
+}  // namespace brume::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
 namespace brume {
 namespace {
+
+HWY_EXPORT(Sort);
+HWY_EXPORT(Differences);
 
 static_assert(std::endian::native == std::endian::little, "OpenEXR files are little-endian");
 
@@ -33,18 +76,10 @@ std::vector<uint8_t> zip_exr_lines(std::span<const ExrChannel> channels, int wid
   sorted.resize(size), differences.resize(size);
   uint8_t *even = sorted.data(), *odd = even + size / 2;
   for_each_row(channels, y, lines, [&](const uint8_t* row) {
-    for (int x = 0; x < width; ++x) {
-      uint32_t value;
-      std::memcpy(&value, row + sizeof(value) * static_cast<size_t>(x), sizeof(value));
-      const auto pair = [](uint32_t v) { return static_cast<uint16_t>((v & 0xff) | (v >> 8 & 0xff00)); };
-      const uint16_t at_even = pair(value), at_odd = pair(value >> 8);
-      std::memcpy(even + sizeof(at_even) * static_cast<size_t>(x), &at_even, sizeof(at_even));
-      std::memcpy(odd + sizeof(at_odd) * static_cast<size_t>(x), &at_odd, sizeof(at_odd));
-    }
+    HWY_DYNAMIC_DISPATCH(Sort)(row, row_bytes, even, odd);
     even += row_bytes / 2, odd += row_bytes / 2;
   });
-  differences[0] = sorted[0];
-  for (size_t i = 1; i < size; ++i) differences[i] = static_cast<uint8_t>(sorted[i] - sorted[i - 1] + 128);
+  HWY_DYNAMIC_DISPATCH(Differences)(sorted.data(), size, differences.data());
 
   static thread_local const Compressor compressor(libdeflate_alloc_compressor(kLevel), libdeflate_free_compressor);
   if (!compressor) throw std::bad_alloc();
@@ -60,3 +95,4 @@ std::vector<uint8_t> zip_exr_lines(std::span<const ExrChannel> channels, int wid
 }
 
 }  // namespace brume
+#endif
