@@ -57,6 +57,7 @@ class Bundle {
     load_rays(pool, slots, count);
     const int step = hn::GetLane(rays_[0].d.x) < 0 ? -1 : 1, layers = cells_[0] * cell_;
     bool known = false;  // whether the last looks were at the layer's near plane
+    begun_ = false;
     for (int k = first; k >= 0 && k < layers && busy(); k += step) {
       const int near = step > 0 ? k : k + 1, far = step > 0 ? k + 1 : k;
       if (!known && (k == first || (near & (cell_ - 1)) == 0)) {
@@ -68,7 +69,8 @@ class Bundle {
       }
       const Window& at_middle = window(0, k, lowest(static_cast<float>(k) + 0.5f));
       const Window& at_far = window(1, k, lowest(static_cast<float>(far)));
-      const bool reached = reaches(at_middle) || reaches(at_far);
+      begun_ = begun_ || all_begin_before(static_cast<float>(near));
+      const bool reached = !begun_ || reaches(at_middle) || reaches(at_far);
       if (reached) {
         const Window* const at_near = known ? nullptr : &window(2, k, lowest(static_cast<float>(near)));
         for (size_t r = 0; r < vectors_; ++r)
@@ -120,6 +122,12 @@ class Bundle {
     return std::any_of(rays_, rays_ + vectors_, [](const BundleRays& rays) { return rays.busy != 0; });
   }
 
+  bool all_begin_before(float plane) const {
+    return std::all_of(rays_, rays_ + vectors_, [&](const BundleRays& rays) {
+      return (rays.busy & bits_of(hn::Le(rays.crosses(plane), hn::Zero(D())))) == 0;
+    });
+  }
+
   /// The lowest voxel, on the two other axes, in which a ray crosses a plane.
   HWY_INLINE ivec2 lowest(float plane) const {
     const D d;
@@ -167,11 +175,12 @@ class Bundle {
       static_assert(kWindow == 4);
       add(hn::ShiftRight<2>(n), corner.x, 1);
       add(hn::And(n, hn::Set(di, kWindow - 1)), corner.y, 2);
-      const M medium = hn::Not(hn::Lt(hn::GatherIndex(d, scene_.majorant, cell), hn::Zero(d)));
-      const VI index = hn::IfThenElseZero(hn::RebindMask(di, medium), hn::Add(brick_of(scene_, cell, medium), value));
+      const VI brick = hn::GatherIndex(di, scene_.brick, cell);
+      const auto empty = hn::Lt(brick, hn::Zero(di));
+      const VI index = hn::IfThenZeroElse(empty, hn::Add(brick, value));
       for (const int plane : {0, 1}) {
         const V values = hn::GatherIndex(d, scene_.values + plane * stride_[0], index);
-        hn::Store(hn::IfThenElseZero(medium, values), d, w.values[plane] + i);
+        hn::Store(hn::IfThenZeroElse(hn::RebindMask(d, empty), values), d, w.values[plane] + i);
       }
     }
     return w;
@@ -220,7 +229,7 @@ class Bundle {
     // Rays that begin in the layer do so anywhere.
     const M begins = hn::And(hn::Le(t0, zero), hn::Gt(t1, zero));
     const V middle = hn::IfThenElse(begins, hn::Mul(set(0.5f), t1), rays.crosses(static_cast<float>(k) + 0.5f));
-    const bool any_begins = !hn::AllFalse(D(), begins);
+    const bool any_begins = !begun_ && !hn::AllFalse(D(), begins);
     const auto anywhere = [&](V t, V otherwise) {
       return any_begins ? hn::IfThenElse(begins, density_at(scene_, on_grid_axes(rays.at(t))), otherwise) : otherwise;
     };
@@ -269,6 +278,7 @@ class Bundle {
   int cell_, cell_bits_;
   int cells_[3], cell_stride_[3], stride_[3];  // on those axes
   size_t vectors_ = 0;
+  bool begun_ = false;  // whether all rays begin before the layer
   BundleRays rays_[kVectors];
   Window windows_[3];
 };

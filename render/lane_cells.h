@@ -202,9 +202,10 @@ HWY_INLINE V voxel_length(const CellWalk& walk) {
   return hn::Div(set(1.0f), hn::Sqrt(dot(walk.d, walk.d)));
 }
 
+/// Where the values of cells begin; 0 outside `mask`, whose cells are not empty.
 HWY_INLINE VI brick_of(const LaneCells& grid, VI cell, M mask) {
   const DI di;
-  return hn::GatherIndex(di, grid.brick, hn::IfThenElseZero(hn::RebindMask(di, mask), cell));
+  return hn::IfThenElseZero(hn::RebindMask(di, mask), hn::GatherIndex(di, grid.brick, cell));
 }
 
 HWY_INLINE V lerp(V a, V b, V f) {
@@ -260,12 +261,13 @@ HWY_INLINE V density_at(const LaneCells& grid, const V3& p) {
   const V3 c{cell(p.x, grid.nx), cell(p.y, grid.ny), cell(p.z, grid.nz)};
   const V row = hn::Add(hn::Mul(c.x, set(grid.ny)), c.y);
   const VI index = hn::Add(hn::Mul(hn::ConvertTo(di, row), hn::Set(di, grid.nz_int)), hn::ConvertTo(di, c.z));
-  outside = hn::Or(outside, hn::Lt(hn::GatherIndex(d, grid.majorant, index), zero));
+  const VI brick = hn::GatherIndex(di, grid.brick, index);
+  outside = hn::Or(outside, hn::RebindMask(d, hn::Lt(brick, hn::Zero(di))));
   const auto within = [&](V v, V from) {
     return hn::IfThenZeroElse(outside, hn::Min(hn::Max(hn::Sub(v, hn::Mul(from, cell_size)), zero), cell_size));
   };
   const V3 q{within(p.x, c.x), within(p.y, c.y), within(p.z, c.z)};
-  return hn::IfThenZeroElse(outside, interpolated(grid, hn::GatherIndex(di, grid.brick, index), q));
+  return hn::IfThenZeroElse(outside, interpolated(grid, hn::Max(brick, hn::Zero(di)), q));
 }
 
 /// One voxel of the eight around points of the walk's cells, drawn by its trilinear weight.

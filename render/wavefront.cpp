@@ -253,17 +253,17 @@ class Wavefront {
     });
   }
 
-  /// Where the camera rays meet the medium's surface, for coverage and gradient.
-  void record_surfaces() {
+  /// Camera rays that may meet the medium's surface: alone, or in bundles where their pixel is fine enough.
+  void sort_camera_rays() {
     State& s = *state_;
-    s.walks.count = s.bundled.count = s.meetings.slots.count = 0;
+    s.walks.count = s.bundled.count = 0;
     s.bundles.clear();
     uint32_t pixel = 0;
     for (size_t k = 0; k < s.fresh.count; ++k) {
       const int32_t slot = s.fresh.slot[k];
       const auto i = static_cast<size_t>(slot);
-      const PathRequest& request = requests_[s.pool.request[i]];
       if (s.camera.begin[i] < 0) continue;
+      const PathRequest& request = requests_[s.pool.request[i]];
       if (request.start.axis < 0) {
         s.walks.push(slot);
         continue;
@@ -274,6 +274,13 @@ class Wavefront {
       s.bundled.push(slot);
       s.bundles.back().end = s.bundled.count;
     }
+  }
+
+  /// Where the camera rays meet the medium's surface, for coverage and gradient.
+  void record_surfaces() {
+    State& s = *state_;
+    sort_camera_rays();
+    s.meetings.slots.count = 0;
     lanes_find_surface(scene_, s.pool, s.walks, s.camera, s.meetings);
     lanes_find_surface(scene_, s.pool, s.bundled, s.bundles, s.meetings);
     lanes_surface_points(scene_, s.pool, s.meetings, s.points);

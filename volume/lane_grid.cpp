@@ -97,7 +97,7 @@ LaneGrid::LaneGrid(const BrickGrid& grid, double scale)
   const auto at = [this](int x, int y, int z) { return (static_cast<size_t>(x) * ny + y) * nz + z; };
   const size_t count = static_cast<size_t>(nx) * ny * nz;
   majorant.resize(count);
-  brick.resize(count);
+  brick.assign(count, -1);
   std::vector<uint8_t> empty(count, 1);
   for (int x = 0; x < nx; ++x)
     for (int y = 0; y < ny; ++y)
@@ -197,7 +197,7 @@ void LaneGrid::find_surface(const BrickGrid& grid, float density, const Task& ta
   });
   surface_cell.resize(brick.size());
   for (size_t i = 0; i < brick.size(); ++i) {
-    const auto number = static_cast<int32_t>(static_cast<size_t>(brick[i]) / grid.brick_values());
+    const int32_t number = brick[i] / static_cast<int32_t>(grid.brick_values());
     constexpr auto kSingle = static_cast<int32_t>(EmptyReach::kEmpty | 1u << EmptyReach::kStepShift);
     surface_cell[i] = majorant[i] < 0 ? std::bit_cast<int32_t>(majorant[i]) : majorant[i] < density ? kSingle : number;
   }

@@ -58,7 +58,7 @@ struct LaneGrid {
   int cell_size = 0;  ///< in voxels
   /// x slowest, z fastest. Positive: bound of the density in the cell. Negative: the cell is empty, an EmptyReach.
   std::vector<float> majorant;
-  std::vector<int32_t> brick;  ///< where the cell's values begin in `values`
+  std::vector<int32_t> brick;  ///< where the cell's values begin in `values`; -1 where it is empty
   const float* values = nullptr;
   /// One for each voxel of a brick, the cubes between eight values, x slowest: its distance (Chebyshev) from the
   /// nearest one in the brick of whose values one reaches surface_density.
