@@ -20,11 +20,7 @@
 namespace brume {
 namespace {
 
-Scene demo(const char* name, int size) {
-  Scene scene = read_scene(test::source(std::string("data/scenes/") + name + ".toml"));
-  scene.film.width = scene.film.height = size;
-  return scene;
-}
+using test::demo;
 
 // 1, 4, 8 or 16 lanes side by side: each path is its own, so the picture is the same.
 TEST(Wavefront, EveryInstructionSetGivesTheSameBits) {
@@ -563,26 +559,6 @@ TEST(Wavefront, CellsOfEverySizeGiveOneMean) {
     }
 }
 
-// What the walk to the surface finds does not depend on the cells either: the marked voxels are the same.
-TEST(Wavefront, CoverageAndGradientAreTheSameInCellsOfEverySize) {
-  Scene scene = demo("smoke", 64);
-  std::array<Plane, 2> coverage, gradient;
-  for (const int k : {0, 1}) {
-    scene.render.cell_size = k ? 16 : 4;
-    const Layers frame =
-        PreparedScene(scene, LayerRequest::of({"coverage", "gradient"}, false)).render(8, 1, {}).layers;
-    coverage[k] = frame.at("coverage.A"), gradient[k] = frame.at("gradient.X");
-  }
-  double difference = 0, covered = 0;
-  for (int y = 0; y < coverage[0].height(); ++y)
-    for (int x = 0; x < coverage[0].width(); ++x) {
-      covered += coverage[0](x, y);
-      difference += std::abs(coverage[0](x, y) - coverage[1](x, y)) + std::abs(gradient[0](x, y) - gradient[1](x, y));
-    }
-  EXPECT_GT(covered, 300);
-  EXPECT_LT(difference, 0.05 * covered);  // steps end at the cells' faces
-}
-
 // Black bodies and ramps, with a lamp in the flames and without, flames that reach far beyond the smoke. 4.5 standard
 // errors of what the camera ray meets are below 4 % of it, those of what is scattered below 12 %.
 TEST(Wavefront, GlowIsThatOfTheGeneralLoop) {
@@ -646,81 +622,6 @@ TEST(Wavefront, InBalanceWithTheSkyIsInvisible) {
     for (int x = 0; x < frame.width(); ++x)
       far += std::abs(frame.at("R")(x, y) - 1) > 5 * std::sqrt(frame.at("mean_variance.R")(x, y)) + 3.0 / 1024;
   EXPECT_LE(far, 1);
-}
-
-// Where rays meet the medium, against rays marched in twentieths of a voxel, from all sides and from within. Rays of
-// fine pixels are walked together, with looks so near to each other that next to nothing is passed; those of coarse
-// pixels alone, in steps of a voxel: some of what sticks out is passed. A straight line through the densities on both
-// sides of the surface would turn the gradient by 5 %.
-TEST(Wavefront, TheSurfaceLiesWhereFineStepsFindIt) {
-  struct View {
-    dvec3 position;
-    double fov;
-    const char* type = "perspective";
-    double lens_radius = 0;
-    int cell_size = 8;
-  };
-  const double kFine = 26.5, kCoarse = 120;
-  const char* const kPerspective = "perspective";
-  for (const View& v :
-       {View{{0, -7, 1.5}, kFine}, View{{0.2, 7, 1}, kFine, kPerspective, 0, 16}, View{{7, 0.3, 1.5}, kFine},
-        View{{-6, 0, 2.5}, kFine, kPerspective, 0, 4}, View{{0.1, 0, 9}, kFine}, View{{0.1, 0, -6}, kFine},
-        View{{-4, -4, 5}, 20}, View{{3, -3, -4}, 0, "orthographic"}, View{{0, -7, 1.5}, 15, kPerspective, 0.001},
-        View{{0.1, 0.2, 1.6}, kFine}, View{{0.3, 0.4, 1.63}, kFine}, View{{0, -7, 1.5}, kCoarse}}) {
-    Scene scene = demo("smoke", 400);
-    scene.camera.position = v.position, scene.camera.type = v.type, scene.camera.lens_radius = v.lens_radius;
-    if (v.fov > 0) scene.camera.fov = v.fov;
-    scene.camera.width = 3;
-    scene.render.cell_size = v.cell_size;
-    const PreparedScene prepared(scene, LayerRequest::of({"gradient", "coverage"}, false));
-    const Medium& medium = *prepared.medium();
-    const double iso = scene.render.surface_density * medium.maximum_density();
-    const Camera camera(scene.camera, 400, 400, prepared.world_shift());
-    const std::vector<PixelStart> starts = prepared.pixel_starts(camera, {0, 0, 400, 400});
-    std::vector<PathRequest> requests;
-    size_t bundled = 0;
-    const bool fine = v.fov != kCoarse;
-    const int begin = fine ? 4 : 140, end = 400 - begin, step = fine ? 14 : 3;
-    for (int y = begin; y < end; y += step)
-      for (int x = begin; x < end; x += step)
-        for (uint32_t sample = 0; sample < 2; ++sample) {
-          requests.push_back(prepared.request(camera, 0, x, y, sample, starts[static_cast<size_t>(y * 400 + x)]));
-          bundled += requests.back().start.axis >= 0;
-        }
-    EXPECT_EQ(bundled > 200, fine) << bundled;
-    const auto trace = [&](std::span<const PathRequest> some, PathSample* samples) {
-      PathCounters counters;
-      trace_paths_in_lanes(
-          prepared.context(), some, [&](size_t i, const PathSample& s) { samples[i] = s; }, counters);
-    };
-    std::vector<PathSample> samples(requests.size());
-    trace(requests, samples.data());
-    double covered = 0, other = 0, turned = 0;
-    for (size_t i = 0; i < requests.size(); ++i) {
-      if (i % 7 == 0) {
-        PathSample alone;
-        trace({&requests[i], 1}, &alone);
-        ASSERT_EQ(alone.coverage, samples[i].coverage);
-        ASSERT_EQ(alone.gradient, samples[i].gradient) << "whatever is walked with a ray";
-      }
-      const Ray ray = medium.to_local(requests[i].ray);
-      const auto [t0, t1] = Solid{Solid::Shape::kBox, medium.support().first, medium.support().second}.intersect(ray);
-      const double voxel = 1 / glm::length(ray.d);
-      double t = std::max(t0, 0.0);
-      const double start = t;
-      while (t < t1 && medium.density(ray.at(t)) < iso) t += 0.05 * voxel;
-      const bool meets = t < t1;
-      for (double back = 0.05 * voxel; meets && t > start && back > 1e-3 * voxel; back /= 2)
-        if (medium.density(ray.at(t - back / 2)) >= iso) t -= back / 2;
-      covered += meets, other += meets != (samples[i].coverage > 0);
-      if (!meets || samples[i].coverage == 0) continue;
-      const auto g = density_gradient(medium, ray.at(t + 0.5 * voxel));
-      turned += glm::distance(g ? glm::normalize(*g) : dvec3(0), samples[i].gradient);
-    }
-    EXPECT_GT(covered, 150);
-    EXPECT_LE(other, (fine ? 0.001 : 0.01) * covered) << covered;
-    EXPECT_LT(turned, (fine ? 0.02 : 0.05) * covered);
-  }
 }
 
 TEST(Wavefront, IsTakenOnlyWhereItModelsTheScene) {

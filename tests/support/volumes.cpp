@@ -6,6 +6,9 @@
 #include <bit>
 #include <cmath>
 
+#include "render/scene_io.h"
+#include "tests/support/files.h"
+
 namespace brume::test {
 
 BrickGrid make_bricks(const VoxelBox& box, const std::function<float(const ivec3&)>& density) {
@@ -160,6 +163,12 @@ Scene scene_of(const std::filesystem::path& volume, double sigma_t, double albed
   scene.camera.look_at = sphere.centre;
   scene.camera.position = sphere.centre + dvec3(0.3, -3, 0.8) * sphere.radius;
   scene.camera.fov = 30;
+  return scene;
+}
+
+Scene demo(const char* name, int size) {
+  Scene scene = read_scene(source(std::string("data/scenes/") + name + ".toml"));
+  scene.film.width = scene.film.height = size;
   return scene;
 }
 

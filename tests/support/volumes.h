@@ -46,4 +46,7 @@ void expect_same_bits(const Layers& a, const Layers& b, const std::string& what 
 /// A scene that looks at the whole of a volume file from `distance` bounding radii away.
 Scene scene_of(const std::filesystem::path& volume, double sigma_t, double albedo, double g);
 
+/// One of the scenes that come with the program, `size` pixels square.
+Scene demo(const char* name, int size);
+
 }  // namespace brume::test
