@@ -42,7 +42,7 @@ class PixelSums {
   void mean_variances(const double* state, uint64_t n, double* result) const;
 
  private:
-  // Adds x to high + low without error (Knuth's two-sum), and normalises.
+  // Adds x to high + low without error (Knuth's two-sum), and normalises: what add() does with vectors, bit for bit.
   static void accumulate(double& high, double& low, double x) {
     const double s = high + x, b = s - high;
     const double error = (high - (s - b)) + (x - b), l = low + error;

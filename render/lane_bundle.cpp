@@ -201,13 +201,15 @@ class Bundle {
     V y, z;
   };
   HWY_INLINE Spot spot(const Window& w, const V3& p) const {
-    const V last = set(static_cast<float>(kWindow - 2));
-    const auto voxel = [&](V v) { return hn::Min(hn::Max(hn::Floor(v), hn::Zero(D())), last); };
-    const V y = hn::Sub(p.y, set(static_cast<float>(w.corner.x))),
-            z = hn::Sub(p.z, set(static_cast<float>(w.corner.y)));
-    const V y0 = voxel(y), z0 = voxel(z);
-    return {hn::ConvertTo(DI(), hn::Add(hn::Mul(y0, set(static_cast<float>(kWindow))), z0)), hn::Sub(y, y0),
-            hn::Sub(z, z0)};
+    // Nothing is subtracted before the shares: they must not depend on where the window lies.
+    const auto voxel = [](V v, int corner) {
+      const V low = set(static_cast<float>(corner)), high = set(static_cast<float>(corner + kWindow - 2));
+      return hn::Min(hn::Max(hn::Floor(v), low), high);
+    };
+    const V y = voxel(p.y, w.corner.x), z = voxel(p.z, w.corner.y);
+    const V row = hn::Mul(hn::Sub(y, set(static_cast<float>(w.corner.x))), set(static_cast<float>(kWindow)));
+    const V corner = hn::Add(row, hn::Sub(z, set(static_cast<float>(w.corner.y))));
+    return {hn::ConvertTo(DI(), corner), hn::Sub(p.y, y), hn::Sub(p.z, z)};
   }
   HWY_INLINE V on_plane(const float* values, const Spot& s) const {
     const auto corner = [&](int offset) {

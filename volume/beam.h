@@ -20,7 +20,7 @@ class BeamLayers {
   bool ordered() const { return per_speed_ > 0; }
   int axis() const { return axis_; }
   int step() const { return step_; }
-  /// At most how many cubes in a row, on any axis, the rays touch where they cross a plane between layers.
+  /// At most how many cubes in a row, on any axis, the rays touch where they cross a plane between layers, at t >= 0.
   int most_crossed() const;
   /// The first layer that a ray can touch at the parameter t or later; and whether there is a layer with the number k.
   int first(double t) const;
