@@ -60,6 +60,7 @@ class Bundle {
     begun_ = false;
     for (int k = first; k >= 0 && k < layers && busy(); k += step) {
       const int near = step > 0 ? k : k + 1, far = step > 0 ? k + 1 : k;
+      // Cells that cannot reach the surface's density are passed at once.
       if (!known && (k == first || (near & (cell_ - 1)) == 0)) {
         const int end = step > 0 ? (k | (cell_ - 1)) + 1 : k & ~(cell_ - 1);
         if (!cells_reach(k, near, end)) {
