@@ -9,7 +9,7 @@
 
 #include "image/exr_io.h"
 #include "render/camera.h"
-#include "render/lanes.h"
+#include "render/lane_scene.h"
 #include "render/renderer.h"
 #include "render/scene_io.h"
 #include "tests/support/files.h"
@@ -331,12 +331,8 @@ TEST(Wavefront, MarchedDepthHasNoBias) {
 // The grid of a LaneScene, for kernels alone.
 LaneScene lane_scene_of(const LaneGrid& grid, float sigma) {
   LaneScene scene{};
-  scene.majorant = grid.majorant.data(), scene.brick = grid.brick.data(), scene.values = grid.values;
-  scene.nx = static_cast<float>(grid.nx), scene.ny = static_cast<float>(grid.ny),
-  scene.nz = static_cast<float>(grid.nz);
-  scene.nz_int = grid.nz, scene.sigma = sigma;
-  scene.cell = static_cast<float>(grid.cell_size), scene.inverse_cell = 1.0f / scene.cell;
-  scene.stored = grid.cell_size + 1;
+  set_cells(scene, grid);
+  scene.sigma = sigma;
   return scene;
 }
 
