@@ -8,8 +8,8 @@
 #include "base/error.h"
 #include "base/text.h"
 #include "evaluate/report.h"
-#include "render/renderer.h"
-#include "render/scene_io.h"
+#include "render/frame/renderer.h"
+#include "render/scene/scene_io.h"
 
 namespace brume::app {
 namespace {

@@ -4,7 +4,7 @@
 #include "base/error.h"
 #include "base/output_file.h"
 #include "image/exr_io.h"
-#include "render/renderer.h"
+#include "render/frame/render_state.h"
 
 namespace brume::app {
 namespace {

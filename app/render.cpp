@@ -10,8 +10,8 @@
 #include "base/text.h"
 #include "image/exr_io.h"
 #include "image/picture_io.h"
-#include "render/renderer.h"
-#include "render/scene_io.h"
+#include "render/frame/renderer.h"
+#include "render/scene/scene_io.h"
 
 namespace brume::app {
 namespace {

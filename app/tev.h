@@ -1,7 +1,7 @@
 #pragma once
 #include <string>
 
-#include "render/film.h"
+#include "render/frame/film.h"
 
 namespace brume::app {
 

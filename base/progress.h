@@ -23,6 +23,20 @@ struct Task {
   }
 };
 
+/// Asked now and then inside loops that may run for very long, from any thread: whether to give up.
+struct StopSignal {
+  const std::atomic<bool>* cancel = nullptr;
+  std::chrono::steady_clock::time_point deadline = std::chrono::steady_clock::time_point::max();
+
+  bool due() const {
+    if (cancel != nullptr && cancel->load(std::memory_order_relaxed)) return true;
+    return deadline != std::chrono::steady_clock::time_point::max() && std::chrono::steady_clock::now() > deadline;
+  }
+  void check() const {
+    if (due()) throw Interrupted();
+  }
+};
+
 /// A part of a computation that reports its own progress as [begin, end] of the whole.
 inline Task share(const Task& whole, double begin, double end) {
   if (!whole.progress) return whole;

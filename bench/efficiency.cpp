@@ -20,8 +20,8 @@
 #include "base/running_statistics.h"
 #include "image/exr_io.h"
 #include "image/foreign.h"
-#include "render/renderer.h"
-#include "render/scene_io.h"
+#include "render/frame/renderer.h"
+#include "render/scene/scene_io.h"
 
 namespace brume {
 namespace {

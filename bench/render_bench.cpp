@@ -2,8 +2,8 @@
 
 #include <benchmark/benchmark.h>
 
-#include "render/renderer.h"
-#include "render/scene_io.h"
+#include "render/frame/renderer.h"
+#include "render/scene/scene_io.h"
 
 namespace brume {
 namespace {

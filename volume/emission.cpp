@@ -86,8 +86,8 @@ dvec3 EmissionField::integrate(const Ray& world, double t_min, double t_max, dou
 dvec3 EmissionField::integrate(const Medium& shape, const Ray& world, double t_min, double t_max, double stride,
                                Rng& rng) const {
   const Ray local = shape.to_local(world);
-  if (shape.solid()) {
-    const auto [t0, t1] = shape.solid()->intersect(local);
+  if (shape.homogeneous()) {
+    const auto [t0, t1] = shape.homogeneous()->intersect(local);
     return coefficient_ * std::max(0.0, std::min(t1, t_max) - std::max(t0, t_min));
   }
   const double step = stride / glm::length(local.d);

@@ -49,7 +49,7 @@ dvec3 interpolated_differences(const BrickGrid& bricks, const dvec3& p, int h) {
 }  // namespace
 
 std::optional<dvec3> density_gradient(const Medium& medium, const dvec3& local) {
-  if (medium.solid()) return std::nullopt;  // a step at the faces, and constant inside
+  if (medium.homogeneous()) return std::nullopt;  // a step at the faces, and constant inside
   const BrickGrid& bricks = medium.bricks();
   const dvec3 p = medium.displacement() ? medium.displaced(local) : local;
   for (const int h : {1, 2, 4}) {
@@ -62,8 +62,8 @@ std::optional<dvec3> density_gradient(const Medium& medium, const dvec3& local) 
 
 std::optional<double> find_surface(const Medium& medium, const Ray& ray, float iso) {
   if (medium.empty()) return std::nullopt;
-  if (medium.solid()) {
-    const auto [t0, t1] = medium.solid()->intersect(ray);
+  if (medium.homogeneous()) {
+    const auto [t0, t1] = medium.homogeneous()->intersect(ray);
     if (!(t1 > t0) || !(t1 > 0)) return std::nullopt;
     return std::max(t0, 0.0);
   }

@@ -60,7 +60,7 @@ void measure_distances(Rows& rows, int n, uint8_t* distance) {
 }
 
 // For every empty cell the side of the largest empty cube that begins with it and extends into an octant, at most
-// EmptyReach::kFarthest. Beyond the grid everything is empty.
+// OctantSkip::kFarthest. Beyond the grid everything is empty.
 void measure_empty_cubes(const std::vector<uint8_t>& empty, const ivec3& n, int octant,
                          std::vector<std::array<uint16_t, 8>>& reach) {
   const auto at = [&](int x, int y, int z) { return (static_cast<size_t>(x) * n.y + y) * n.z + z; };
@@ -73,7 +73,7 @@ void measure_empty_cubes(const std::vector<uint8_t>& empty, const ivec3& n, int 
         uint16_t& own = reach[at(x, y, z)][octant];
         own = 0;
         if (!empty[at(x, y, z)]) continue;
-        uint16_t shortest = EmptyReach::kFarthest - 1;
+        uint16_t shortest = OctantSkip::kFarthest - 1;
         for (int k = 1; k < 8; ++k) {
           const int qx = x + (k & 4 ? step.x : 0), qy = y + (k & 2 ? step.y : 0), qz = z + (k & 1 ? step.z : 0);
           if (inside(0, qx) && inside(1, qy) && inside(2, qz))
@@ -113,10 +113,10 @@ LaneGrid::LaneGrid(const BrickGrid& grid, double scale)
   std::vector<std::array<uint16_t, 8>> reach(count);
   for (int octant = 0; octant < 8; ++octant) measure_empty_cubes(empty, {nx, ny, nz}, octant, reach);
   for (size_t i = 0; i < count; ++i)
-    if (empty[i]) majorant[i] = std::bit_cast<float>(EmptyReach::pack(reach[i]));
+    if (empty[i]) majorant[i] = std::bit_cast<float>(OctantSkip::pack(reach[i]));
 }
 
-uint32_t EmptyReach::pack(const std::array<uint16_t, 8>& reach) {
+uint32_t OctantSkip::pack(const std::array<uint16_t, 8>& reach) {
   // The step that loses least, as the product of what the octants keep. None is longer than the longest side needs.
   const uint32_t longest = *std::max_element(reach.begin(), reach.end());
   uint32_t best = 0;
@@ -135,16 +135,16 @@ uint32_t EmptyReach::pack(const std::array<uint16_t, 8>& reach) {
   return best;
 }
 
-LaneGrid::Meeting LaneGrid::first_meeting(const Beam& beam, const Meeting& from) const {
-  constexpr int kMostCubes = 64;  // in a layer: a wider beam is not looked into
+LaneGrid::Entry LaneGrid::entry_bound(const RayCone& cone, const Entry& from) const {
+  constexpr int kMostCubes = 64;  // in a layer: a wider cone is not looked into
   constexpr double kNever = std::numeric_limits<double>::infinity();
   const ivec3 n(nx, ny, nz);
-  const BeamLayers cells(beam, n, cell_size), voxels(beam, n * cell_size, 1.0);
+  const RayConeLayers cells(cone, n, cell_size), voxels(cone, n * cell_size, 1.0);
   if (!cells.ordered()) return {0, 0};
   const int bits = std::countr_zero(static_cast<unsigned>(cell_size)), mask = cell_size - 1;
   const auto index = [&](const ivec3& c) { return (static_cast<size_t>(c.x) * ny + c.y) * nz + c.z; };
   // Whether a layer holds a cube of a kind, or too many to look.
-  const auto holds = [](const BeamLayers::Layer& layer, const auto& kind) {
+  const auto holds = [](const RayConeLayers::Layer& layer, const auto& kind) {
     if (layer.cubes() > kMostCubes) return true;
     for (int x = layer.lo.x; x <= layer.hi.x; ++x)
       for (int y = layer.lo.y; y <= layer.hi.y; ++y)
@@ -160,10 +160,10 @@ LaneGrid::Meeting LaneGrid::first_meeting(const Beam& beam, const Meeting& from)
     return number >= 0 && distances[(static_cast<size_t>(number) << 3 * bits) + in_brick] == 0;
   };
 
-  Meeting m{kNever, kNever};
+  Entry m{kNever, kNever};
   int k = from.medium < kNever ? cells.first(from.medium) : -1;
   for (; cells.has(k) && m.medium == kNever; k += cells.step()) {
-    const BeamLayers::Layer layer = cells.layer(k);
+    const RayConeLayers::Layer layer = cells.layer(k);
     if (holds(layer, holds_medium)) m.medium = std::max(layer.begin, 0.0);
   }
   if (surface_cell.empty()) return {m.medium, m.medium};
@@ -172,10 +172,10 @@ LaneGrid::Meeting LaneGrid::first_meeting(const Beam& beam, const Meeting& from)
     const int step = voxels.step(), in_cell = step > 0 ? v & mask : mask - (v & mask);
     if (holds(cells.layer(v >> bits), holds_surface)) {
       for (int i = in_cell; i < cell_size; ++i, v += step) {
-        const BeamLayers::Layer layer = voxels.layer(v);
+        const RayConeLayers::Layer layer = voxels.layer(v);
         if (!holds(layer, reaches_surface)) continue;
         m.surface = std::max(layer.begin, m.medium);
-        if (voxels.most_crossed() <= kBundleVoxels) m.axis = voxels.axis(), m.layer = v;
+        if (voxels.most_crossed() <= kPacketVoxels) m.axis = voxels.axis(), m.layer = v;
         return m;
       }
     } else {
@@ -198,7 +198,7 @@ void LaneGrid::find_surface(const BrickGrid& grid, float density, const Task& ta
   surface_cell.resize(brick.size());
   for (size_t i = 0; i < brick.size(); ++i) {
     const int32_t number = brick[i] / static_cast<int32_t>(grid.brick_values());
-    constexpr auto kSingle = static_cast<int32_t>(EmptyReach::kEmpty | 1u << EmptyReach::kStepShift);
+    constexpr auto kSingle = static_cast<int32_t>(OctantSkip::kEmpty | 1u << OctantSkip::kStepShift);
     surface_cell[i] = majorant[i] < 0 ? std::bit_cast<int32_t>(majorant[i]) : majorant[i] < density ? kSingle : number;
   }
 }

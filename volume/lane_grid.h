@@ -3,8 +3,8 @@
 #include <cstdint>
 #include <vector>
 
-#include "volume/beam.h"
 #include "volume/brick_grid.h"
+#include "volume/ray_cone.h"
 
 namespace brume {
 
@@ -12,7 +12,7 @@ namespace brume {
 /// cells, of the largest empty cube known to begin with the cell and to extend into that octant. Packed into the bits
 /// of a negative float, so that it takes the place of the cell's majorant: the sign, 6 bits for a step, 3 bits for each
 /// octant. The side is 1 + step * bits.
-struct EmptyReach {
+struct OctantSkip {
   static constexpr uint32_t kEmpty = 1u << 31;
   static constexpr int kStepShift = 24;
   static constexpr uint16_t kFarthest = 1 + 63 * 7;
@@ -37,18 +37,18 @@ struct LaneGrid {
   /// nowhere else and takes long steps.
   void find_surface(const BrickGrid& grid, float density, const Task& task = {});
 
-  /// Where the rays of a beam can first meet something, as ray parameters: none of them does before. Infinity: never.
-  struct Meeting {
+  /// Where the rays of a cone can first meet something, as ray parameters: none of them does before. Infinity: never.
+  struct Entry {
     double medium = 0;   ///< a cell that is not empty
     double surface = 0;  ///< after find_surface, a voxel that can reach the surface's density
     /// That voxel's layer across an axis, where the rays lie so close to each other that they can be walked through
-    /// the layers together: where they cross a plane, they touch at most kBundleVoxels in a row. Else the axis is -1.
+    /// the layers together: where they cross a plane, they touch at most kPacketVoxels in a row. Else the axis is -1.
     int axis = -1, layer = 0;
   };
-  static constexpr int kBundleVoxels = 3;
-  /// @param from  what a wider beam around this one meets
-  Meeting first_meeting(const Beam& beam, const Meeting& from) const;
-  Meeting first_meeting(const Beam& beam) const { return first_meeting(beam, Meeting()); }
+  static constexpr int kPacketVoxels = 3;
+  /// @param from  what a wider cone around this one meets
+  Entry entry_bound(const RayCone& cone, const Entry& from) const;
+  Entry entry_bound(const RayCone& cone) const { return entry_bound(cone, Entry()); }
 
   size_t bytes() const {
     return majorant.size() * sizeof(float) + (brick.size() + surface_cell.size()) * sizeof(int32_t) + distances.size();
@@ -56,7 +56,7 @@ struct LaneGrid {
 
   int nx = 0, ny = 0, nz = 0;
   int cell_size = 0;  ///< in voxels
-  /// x slowest, z fastest. Positive: bound of the density in the cell. Negative: the cell is empty, an EmptyReach.
+  /// x slowest, z fastest. Positive: bound of the density in the cell. Negative: the cell is empty, an OctantSkip.
   std::vector<float> majorant;
   std::vector<int32_t> brick;  ///< where the cell's values begin in `values`; -1 where it is empty
   const float* values = nullptr;
@@ -64,7 +64,7 @@ struct LaneGrid {
   /// nearest one in the brick of whose values one reaches surface_density.
   std::vector<uint8_t> distances;
   /// For that walk: the number of the cell's brick, or negative where its bound lies below surface_density, an
-  /// EmptyReach.
+  /// OctantSkip.
   std::vector<int32_t> surface_cell;
   float surface_density = 0;
 };

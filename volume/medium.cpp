@@ -5,7 +5,7 @@
 
 namespace brume {
 
-std::pair<double, double> Solid::intersect(const Ray& ray) const {
+std::pair<double, double> HomogeneousShape::intersect(const Ray& ray) const {
   constexpr double kFar = std::numeric_limits<double>::infinity();
   const std::pair<double, double> none{1, 0};
   if (shape == Shape::kBox) {
@@ -31,7 +31,7 @@ std::pair<double, double> Solid::intersect(const Ray& ray) const {
   return {middle - reach, middle + reach};
 }
 
-bool Solid::contains(const dvec3& p) const {
+bool HomogeneousShape::contains(const dvec3& p) const {
   if (shape == Shape::kBox) return glm::all(glm::greaterThanEqual(p, lo)) && glm::all(glm::lessThanEqual(p, hi));
   const dvec3 q = (p - 0.5 * (lo + hi)) / (0.5 * (hi - lo));
   return glm::dot(q, q) <= 1.0;
@@ -43,9 +43,9 @@ Medium::Medium(const BrickGrid& bricks, const dmat4& world_from_index, const Coe
   set_coefficients(coefficients);
 }
 
-Medium::Medium(const Solid& solid, const dmat4& world_from_local, const Coefficients& coefficients,
+Medium::Medium(const HomogeneousShape& shape, const dmat4& world_from_local, const Coefficients& coefficients,
                const PhaseFunction& phase)
-    : solid_(solid), placement_(world_from_local), phase_(phase) {
+    : homogeneous_(shape), placement_(world_from_local), phase_(phase) {
   set_coefficients(coefficients);
 }
 
@@ -56,7 +56,7 @@ void Medium::set_coefficients(const Coefficients& coefficients) {
 }
 
 void Medium::set_motion(const dmat4& world_from_index_end) {
-  const dmat4 end = solid_ ? world_from_index_end : world_from_index_end * translation(dvec3(bricks_->origin()));
+  const dmat4 end = homogeneous_ ? world_from_index_end : world_from_index_end * translation(dvec3(bricks_->origin()));
   check_transform(end, "the volume's transform at the shutter's end");
   end_ = end;
 }
@@ -69,7 +69,7 @@ Medium Medium::at_time(double time) const {
 }
 
 std::pair<dvec3, dvec3> Medium::support() const {
-  if (solid_) return {solid_->lo, solid_->hi};
+  if (homogeneous_) return {homogeneous_->lo, homogeneous_->hi};
   return {walked().support_lo() - walked_shift(), walked().support_hi() - walked_shift()};
 }
 

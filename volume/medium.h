@@ -27,7 +27,7 @@ struct Displacement {
 };
 
 /// A density of one and the same value inside a shape.
-struct Solid {
+struct HomogeneousShape {
   enum class Shape { kBox, kSphere } shape = Shape::kBox;
   dvec3 lo{-0.5}, hi{0.5};  ///< box corners; a sphere fills the box around it
   /// The stretch of a local ray inside, or an empty one (first > second).
@@ -55,7 +55,7 @@ class Medium {
   Medium(const BrickGrid& bricks, const dmat4& world_from_index, double sigma_t, const dvec3& albedo, double g)
       : Medium(bricks, world_from_index, {dvec3(sigma_t), albedo}, PhaseFunction::henyey_greenstein(g)) {}
   /// Homogeneous, bounded.
-  Medium(const Solid& solid, const dmat4& world_from_local, const Coefficients& coefficients,
+  Medium(const HomogeneousShape& shape, const dmat4& world_from_local, const Coefficients& coefficients,
          const PhaseFunction& phase);
 
   /// Loosens the majorants that free flights and ratio tracking use by a factor of at least 1, or takes one for the
@@ -71,8 +71,8 @@ class Medium {
   /// The medium as it is at a time in [0, 1] of the shutter.
   Medium at_time(double time) const;
 
-  bool empty() const { return !solid_ && (bricks_ == nullptr || bricks_->empty()); }
-  const std::optional<Solid>& solid() const { return solid_; }
+  bool empty() const { return !homogeneous_ && (bricks_ == nullptr || bricks_->empty()); }
+  const std::optional<HomogeneousShape>& homogeneous() const { return homogeneous_; }
   /// Meaningless for a homogeneous medium.
   const BrickGrid& bricks() const { return *bricks_; }
   const Displacement* displacement() const { return displacement_; }
@@ -98,7 +98,7 @@ class Medium {
 
   const Placement& placement() const { return placement_; }
   Ray to_local(const Ray& world) const { return placement_.to_local(world); }
-  Beam to_local(const Beam& world) const { return placement_.to_local(world); }
+  RayCone to_local(const RayCone& world) const { return placement_.to_local(world); }
   dvec3 to_local(const dvec3& world) const { return placement_.to_local(world); }
   dvec3 to_world(const dvec3& local) const { return placement_.to_world(local); }
   dvec3 gradient_to_world(const dvec3& local) const { return placement_.gradient_to_world(local); }
@@ -107,14 +107,14 @@ class Medium {
 
   /// Density at a local point, displaced where the medium is.
   double density(const dvec3& local) const {
-    if (solid_) return solid_->contains(local) ? 1.0 : 0.0;
+    if (homogeneous_) return homogeneous_->contains(local) ? 1.0 : 0.0;
     return bricks_->lookup(displacement_ ? displaced(local) : local);
   }
   /// Where the density that is now at a local point is stored.
   dvec3 displaced(const dvec3& local) const {
     return local - time_ * displacement_->field.lookup(local + displacement_->origin_shift);
   }
-  double maximum_density() const { return solid_ ? 1.0 : bricks_->maximum(); }
+  double maximum_density() const { return homogeneous_ ? 1.0 : bricks_->maximum(); }
   /// Extinction at a local point [1 / world unit], of the largest channel.
   double sigma_t(const dvec3& local) const { return sigma_max_ * density(local); }
 
@@ -131,7 +131,7 @@ class Medium {
   void set_coefficients(const Coefficients& coefficients);
 
   const BrickGrid* bricks_ = nullptr;
-  std::optional<Solid> solid_;
+  std::optional<HomogeneousShape> homogeneous_;
   Placement placement_;
   std::optional<dmat4> end_;  // world_from_local at the shutter's end
   const VectorBricks* colour_ = nullptr;

@@ -40,7 +40,7 @@ Placement::Placement(const dmat4& world_from_local) {
   local_offset_ = -(local_from_world_ * world_offset_);
 }
 
-Beam Placement::to_local(const Beam& world) const {
+RayCone Placement::to_local(const RayCone& world) const {
   double most = 0;
   for (const dvec3& row :
        {glm::row(local_from_world_, 0), glm::row(local_from_world_, 1), glm::row(local_from_world_, 2)})

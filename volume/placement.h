@@ -1,5 +1,5 @@
 #pragma once
-#include "volume/beam.h"
+#include "volume/ray_cone.h"
 
 namespace brume {
 
@@ -14,7 +14,7 @@ class Placement {
 
   Ray to_local(const Ray& world) const { return {to_local(world.o), local_from_world_ * world.d}; }
   /// @param world  its bounds must hold in every direction, not only along the axes
-  Beam to_local(const Beam& world) const;
+  RayCone to_local(const RayCone& world) const;
   dvec3 to_local(const dvec3& world) const { return local_from_world_ * world + local_offset_; }
   dvec3 to_world(const dvec3& local) const { return world_from_local_ * local + world_offset_; }
   /// A world-space gradient from a local one: the transform of covectors.

@@ -8,7 +8,7 @@ namespace {
 
 // The length of a homogeneous medium's chord, from t = 0 to t_max.
 double chord(const Medium& medium, const Ray& local, double t_max) {
-  const auto [t0, t1] = medium.solid()->intersect(local);
+  const auto [t0, t1] = medium.homogeneous()->intersect(local);
   return std::max(0.0, std::min(t1, t_max) - std::max(t0, 0.0));
 }
 
@@ -16,7 +16,7 @@ double chord(const Medium& medium, const Ray& local, double t_max) {
 
 double estimate_transmittance(const Medium& medium, const Ray& local, double t_max, Rng& rng,
                               TrackingCounters& counters) {
-  if (medium.solid()) return std::exp(-medium.extinction_per_density() * chord(medium, local, t_max));
+  if (medium.homogeneous()) return std::exp(-medium.extinction_per_density() * chord(medium, local, t_max));
   TentativeCollisions points(medium, local, t_max, rng);
   TentativeCollision point;
   double weight = 1.0;
@@ -31,7 +31,7 @@ double estimate_transmittance(const Medium& medium, const Ray& local, double t_m
 
 dvec3 estimate_chromatic_transmittance(const Medium& medium, const Ray& local, double t_max, Rng& rng,
                                        TrackingCounters& counters) {
-  if (medium.solid()) return glm::exp(-medium.coefficients().sigma_t * chord(medium, local, t_max));
+  if (medium.homogeneous()) return glm::exp(-medium.coefficients().sigma_t * chord(medium, local, t_max));
   TentativeCollisions points(medium, local, t_max, rng);
   TentativeCollision point;
   dvec3 weight(1);
@@ -46,7 +46,7 @@ dvec3 estimate_chromatic_transmittance(const Medium& medium, const Ray& local, d
 }
 
 double optical_depth(const Medium& medium, const Ray& ray, double t_max) {
-  if (medium.solid()) return medium.extinction_per_density() * chord(medium, ray, t_max);
+  if (medium.homogeneous()) return medium.extinction_per_density() * chord(medium, ray, t_max);
   const dvec3 shift = medium.walked_shift();
   MajorantWalk walk(medium.walked(), {ray.o + shift, ray.d}, 0.0, t_max);
   MajorantWalk::Segment s;

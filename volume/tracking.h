@@ -1,6 +1,7 @@
 #pragma once
 #include <cstdint>
 
+#include "base/progress.h"
 #include "base/rng.h"
 #include "volume/medium.h"
 
@@ -11,6 +12,12 @@ struct TrackingCounters {
   uint64_t lookups = 0;              ///< interpolated density look-ups
   uint64_t collisions = 0;           ///< real ones
   uint64_t majorant_violations = 0;  ///< look-ups above the bound; a bug unless 0
+  const StopSignal* stop = nullptr;  ///< asked every few thousand look-ups
+
+  /// Counts one look-up. @throws Interrupted when the signal says so: dense media may take millions for one flight
+  void look_up() {
+    if ((++lookups & 0xfff) == 0 && stop != nullptr) stop->check();
+  }
   void merge(const TrackingCounters& other) {
     lookups += other.lookups, collisions += other.collisions, majorant_violations += other.majorant_violations;
   }
@@ -35,12 +42,14 @@ class TentativeCollisions {
         ray_(local),
         k_(medium.extinction_per_density()),
         margin_(kMajorantMargin * medium.majorant_scale()),
-        one_segment_(medium.solid() || medium.global_majorant()),
+        one_segment_(medium.homogeneous() || medium.global_majorant()),
         walk_(walked_grid(medium), {local.o + medium.walked_shift(), local.d}, 0.0, t_max) {
     tau_ = rng.exponential();  // carried across cells: the same process as drawing anew in each, for less
     if (one_segment_) {
       const auto [lo, hi] = medium.support();
-      const auto [t0, t1] = (medium.solid() ? *medium.solid() : Solid{Solid::Shape::kBox, lo, hi}).intersect(local);
+      const auto [t0, t1] =
+          (medium.homogeneous() ? *medium.homogeneous() : HomogeneousShape{HomogeneousShape::Shape::kBox, lo, hi})
+              .intersect(local);
       segment_.t0 = t0 > 0 ? t0 : 0.0;
       segment_.t1 = t1 < t_max ? t1 : t_max;
       segment_.majorant = static_cast<float>(medium.maximum_density());
@@ -71,14 +80,14 @@ class TentativeCollisions {
       }
       t_ += tau_ / sigma_maj;
       double density;
-      if (medium_->solid()) {
+      if (medium_->homogeneous()) {
         density = 1.0;
       } else if (medium_->displacement() || one_segment_) {
         density = medium_->density(ray_.at(t_));
       } else {
         density = medium_->bricks().lookup_in(*segment_.cell, segment_.coordinates, ray_.at(t_));
       }
-      ++counters.lookups;
+      counters.look_up();
       counters.majorant_violations += density > majorant;
       point = {t_, density, majorant};
       return true;
@@ -88,7 +97,7 @@ class TentativeCollisions {
  private:
   static const BrickGrid& walked_grid(const Medium& medium) {
     static const BrickGrid kNone;
-    return medium.solid() || medium.global_majorant() ? kNone : medium.walked();
+    return medium.homogeneous() || medium.global_majorant() ? kNone : medium.walked();
   }
 
   const Medium* medium_;

@@ -11,8 +11,8 @@
 #include "filters/neighbourhood.h"
 #include "filters/registry.h"
 #include "filters/student.h"
-#include "render/renderer.h"
-#include "render/scene_io.h"
+#include "render/frame/renderer.h"
+#include "render/scene/scene_io.h"
 #include "tests/support/frames.h"
 
 namespace brume {

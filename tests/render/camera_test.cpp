@@ -1,4 +1,4 @@
-#include "render/camera.h"
+#include "render/world/camera.h"
 
 #include <gtest/gtest.h>
 
@@ -29,7 +29,7 @@ TEST(Camera, OrthographicRaysAreParallelAndAsWideAsAsked) {
   EXPECT_NEAR(glm::dot(top.d, glm::normalize(s.look_at - s.position)), 1, 1e-12);
 }
 
-// Also of pixels that span tens of degrees. And no beam of a pinhole is wider than what its corners need.
+// Also of pixels that span tens of degrees. And no cone of a pinhole is wider than what its corners need.
 TEST(Camera, ABeamHoldsEveryRayOfItsPixel) {
   Rng rng(2);
   for (const char* type : {"perspective", "orthographic"})
@@ -39,22 +39,22 @@ TEST(Camera, ABeamHoldsEveryRayOfItsPixel) {
         s.type = type, s.width = 3, s.fov = 100, s.lens_radius = radius, s.blades = rng.uniform() < 0.5 ? 0 : 5;
         const Camera camera(s, width, width);
         const int x = width / 5, y = width - 1;
-        const std::optional<Beam> beam = camera.beam({x, y}, {x + 1, y + 1});
-        ASSERT_TRUE(beam);
+        const std::optional<RayCone> cone = camera.ray_cone({x, y}, {x + 1, y + 1});
+        ASSERT_TRUE(cone);
         double widest = 0;
         for (int i = 0; i < 2000; ++i) {
           const bool corner = i < 4;
           const dvec2 film = corner ? dvec2(i & 1, i >> 1) : dvec2(rng.uniform(), rng.uniform());
           const Ray ray = camera.ray(dvec2(x, y) + film, {rng.uniform(), rng.uniform()});
-          ASSERT_LE(glm::distance(ray.o, beam->middle.o), beam->apart + 1e-12);
-          ASSERT_LE(glm::distance(ray.d, beam->middle.d), beam->apart_per_t + 1e-12);
-          widest = std::max(widest, glm::distance(ray.d, beam->middle.d));
+          ASSERT_LE(glm::distance(ray.o, cone->middle.o), cone->apart + 1e-12);
+          ASSERT_LE(glm::distance(ray.d, cone->middle.d), cone->apart_per_t + 1e-12);
+          widest = std::max(widest, glm::distance(ray.d, cone->middle.d));
         }
-        EXPECT_LT(beam->apart_per_t, (radius > 0 ? 2.0 : 1.0 + 1e-9) * widest + 1e-12);
+        EXPECT_LT(cone->apart_per_t, (radius > 0 ? 2.0 : 1.0 + 1e-9) * widest + 1e-12);
       }
   CameraSettings moving = settings();
   moving.position_end = {1, -4, 2}, moving.shutter = {0, 0.5};
-  EXPECT_FALSE(Camera(moving, 10, 10).beam({0, 0}, {1, 1}));
+  EXPECT_FALSE(Camera(moving, 10, 10).ray_cone({0, 0}, {1, 1}));
 }
 
 // All rays of one film point meet in the plane of focus, and their origins fill the aperture.

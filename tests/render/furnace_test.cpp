@@ -6,7 +6,7 @@
 
 #include "base/running_statistics.h"
 #include "image/exr_io.h"
-#include "render/renderer.h"
+#include "render/frame/renderer.h"
 #include "tests/support/files.h"
 #include "tests/support/volumes.h"
 

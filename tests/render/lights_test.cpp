@@ -1,4 +1,4 @@
-#include "render/lights.h"
+#include "render/world/lights.h"
 
 #include <gtest/gtest.h>
 
@@ -7,7 +7,7 @@
 #include "base/rng.h"
 #include "base/running_statistics.h"
 #include "image/exr_io.h"
-#include "render/sky.h"
+#include "render/world/sky.h"
 #include "tests/support/files.h"
 #include "tests/support/volumes.h"
 

@@ -1,13 +1,13 @@
 // Media beyond one grey grid: homogeneous shapes, overlaps, chromatic extinction, emission, presets, motion.
 
-#include "render/media.h"
+#include "render/world/media.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 
-#include "render/renderer.h"
-#include "render/scene_io.h"
+#include "render/frame/renderer.h"
+#include "render/scene/scene_io.h"
 #include "tests/support/files.h"
 #include "tests/support/volumes.h"
 

@@ -4,9 +4,9 @@
 #include <algorithm>
 #include <cmath>
 
-#include "render/camera.h"
-#include "render/renderer.h"
-#include "render/wavefront.h"
+#include "render/frame/renderer.h"
+#include "render/lanes/wavefront.h"
+#include "render/world/camera.h"
 #include "tests/support/files.h"
 #include "tests/support/volumes.h"
 #include "volume/gradient.h"
@@ -32,7 +32,7 @@ Found against_fine_steps(const Scene& scene, int begin, int step) {
   const double iso = scene.render.surface_density * medium.maximum_density();
   const int size = scene.film.width;
   const Camera camera(scene.camera, size, size, prepared.world_shift());
-  const std::vector<PixelStart> starts = prepared.pixel_starts(camera, {0, 0, size, size});
+  const std::vector<EntryBound> starts = prepared.entry_bounds(camera, {0, 0, size, size});
   std::vector<PathRequest> requests;
   Found found;
   for (int y = begin; y < size - begin; y += step)
@@ -55,7 +55,8 @@ Found against_fine_steps(const Scene& scene, int begin, int step) {
     EXPECT_EQ(alone.coverage, samples[i].coverage);
     EXPECT_EQ(alone.gradient, samples[i].gradient) << "whatever is walked with a ray";
     const Ray ray = medium.to_local(requests[i].ray);
-    const auto [t0, t1] = Solid{Solid::Shape::kBox, medium.support().first, medium.support().second}.intersect(ray);
+    const auto [t0, t1] =
+        HomogeneousShape{HomogeneousShape::Shape::kBox, medium.support().first, medium.support().second}.intersect(ray);
     const double voxel = 1 / glm::length(ray.d), start = std::max(t0, 0.0);
     double t = start;
     while (t < t1 && medium.density(ray.at(t)) < iso) t += 0.05 * voxel;

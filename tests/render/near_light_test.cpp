@@ -1,12 +1,12 @@
 // Small lights inside homogeneous media: their light along flights, against quadrature and against collisions alone.
 
-#include "render/near_light.h"
+#include "render/trace/near_light.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 
-#include "render/renderer.h"
+#include "render/frame/renderer.h"
 
 namespace brume {
 namespace {
@@ -35,7 +35,7 @@ Scene lamp_in_fog(const char* type, double sigma_t) {
 /// Light scattered once from the lamp as a point, by quadrature over angles, along the ray through (x, y) of the film.
 double airlight(const PreparedScene& prepared, const Scene& s, const Ray& ray, double intensity) {
   const Medium& medium = *prepared.medium();
-  const auto [t0, t1] = medium.solid()->intersect(medium.to_local(ray));
+  const auto [t0, t1] = medium.homogeneous()->intersect(medium.to_local(ray));
   if (!(t1 > t0)) return 0;
   const double sigma = s.volumes[0].sigma_t.x;
   const dvec3 lamp = s.lights[0].position - prepared.world_shift();

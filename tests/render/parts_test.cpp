@@ -6,8 +6,9 @@
 
 #include "base/error.h"
 #include "image/exr_io.h"
-#include "render/renderer.h"
-#include "render/scene_io.h"
+#include "render/frame/render_state.h"
+#include "render/frame/renderer.h"
+#include "render/scene/scene_io.h"
 #include "tests/support/files.h"
 #include "tests/support/volumes.h"
 

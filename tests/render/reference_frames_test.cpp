@@ -10,7 +10,7 @@
 #include "evaluate/metric.h"
 #include "image/exr_io.h"
 #include "image/foreign.h"
-#include "render/renderer.h"
+#include "render/frame/renderer.h"
 #include "tests/support/files.h"
 #include "tests/support/volumes.h"
 

@@ -1,4 +1,4 @@
-#include "render/renderer.h"
+#include "render/frame/renderer.h"
 
 #include <gtest/gtest.h>
 
@@ -6,7 +6,7 @@
 
 #include "base/error.h"
 #include "image/exr_io.h"
-#include "render/scene_io.h"
+#include "render/scene/scene_io.h"
 #include "tests/support/files.h"
 #include "tests/support/volumes.h"
 

@@ -1,4 +1,4 @@
-#include "render/scene_io.h"
+#include "render/scene/scene_io.h"
 
 #include <gtest/gtest.h>
 

@@ -7,7 +7,7 @@
 #include <cmath>
 
 #include "image/exr_io.h"
-#include "render/renderer.h"
+#include "render/frame/renderer.h"
 #include "tests/support/files.h"
 #include "tests/support/volumes.h"
 

@@ -5,7 +5,7 @@
 
 #include <cmath>
 
-#include "render/renderer.h"
+#include "render/frame/renderer.h"
 #include "tests/support/files.h"
 #include "tests/support/volumes.h"
 #include "volume/tracking.h"

@@ -1,4 +1,4 @@
-#include "render/surfaces.h"
+#include "render/world/surfaces.h"
 
 #include <fmt/format.h>
 #include <gtest/gtest.h>
@@ -11,7 +11,7 @@
 #include "base/running_statistics.h"
 #include "image/exr_io.h"
 #include "image/picture_io.h"
-#include "render/renderer.h"
+#include "render/frame/renderer.h"
 #include "tests/support/files.h"
 #include "tests/support/volumes.h"
 

@@ -1,4 +1,4 @@
-#include "render/wavefront.h"
+#include "render/lanes/wavefront.h"
 
 #include <gtest/gtest.h>
 #include <hwy/targets.h>
@@ -8,10 +8,10 @@
 #include <memory>
 
 #include "image/exr_io.h"
-#include "render/camera.h"
-#include "render/lane_scene.h"
-#include "render/renderer.h"
-#include "render/scene_io.h"
+#include "render/frame/renderer.h"
+#include "render/lanes/lane_scene.h"
+#include "render/scene/scene_io.h"
+#include "render/world/camera.h"
 #include "tests/support/files.h"
 #include "tests/support/volumes.h"
 #include "volume/gradient.h"
@@ -51,8 +51,8 @@ TEST(Wavefront, EveryInstructionSetGivesTheSameBits) {
   for (const Scene& s : {scene, other}) {
     const PreparedScene prepared(s, LayerRequest::of({"all"}, true));
     ASSERT_TRUE(prepared.plan().lanes);
-    const auto starts = prepared.pixel_starts(Camera(s.camera, 40, 40, prepared.world_shift()), {0, 0, 40, 40});
-    bundles += std::any_of(starts.begin(), starts.end(), [](const PixelStart& p) { return p.axis >= 0; });
+    const auto starts = prepared.entry_bounds(Camera(s.camera, 40, 40, prepared.world_shift()), {0, 0, 40, 40});
+    bundles += std::any_of(starts.begin(), starts.end(), [](const EntryBound& p) { return p.axis >= 0; });
     const Layers best = prepared.render(4, 1, {}).layers;
     int seen = 0;
     for (int64_t targets = hwy::SupportedTargets(); targets; targets &= targets - 1, ++seen) {
@@ -337,8 +337,8 @@ LaneScene lane_scene_of(const LaneGrid& grid, float sigma) {
 }
 
 struct MarchedRays {
-  std::unique_ptr<LanePool> pool = std::make_unique<LanePool>();
-  std::unique_ptr<LaneCamera> camera = std::make_unique<LaneCamera>();
+  std::unique_ptr<PathStates> pool = std::make_unique<PathStates>();
+  std::unique_ptr<CameraRayLayers> camera = std::make_unique<CameraRayLayers>();
   SlotList rays;
 
   void add(const vec3& o, const vec3& d) {
@@ -387,7 +387,7 @@ TEST(Wavefront, RaysInAllDirectionsMeetAllThatIsOnTheirWay) {
     lanes_march(lane_scene_of(grid, kSigma), *marched.pool, marched.rays, *marched.camera);
     int hit = 0;
     for (size_t s = 0; s < 2000; ++s) {
-      const LanePool& p = *marched.pool;
+      const PathStates& p = *marched.pool;
       const Ray ray{{p.ox[s], p.oy[s], p.oz[s]}, {p.lx[s], p.ly[s], p.lz[s]}};
       double depth = 0;
       for (double t = 0.05; t < glm::length(size); t += 0.1) depth += 0.1 * kSigma * bricks.lookup(ray.at(t));
@@ -420,11 +420,11 @@ TEST(Wavefront, SamplesAreTheSameFromWhereTheirPixelStarts) {
     ASSERT_TRUE(prepared.plan().lanes);
     const Camera camera(scene.camera, 48, 48, prepared.world_shift());
     std::vector<PathRequest> all_the_way, started;
-    const std::vector<PixelStart> starts = prepared.pixel_starts(camera, {0, 0, 48, 48});
+    const std::vector<EntryBound> starts = prepared.entry_bounds(camera, {0, 0, 48, 48});
     int skipped = 0;
     for (int y = 0; y < 48; ++y)
       for (int x = 0; x < 48; ++x) {
-        const PixelStart start = starts[static_cast<size_t>(y * 48 + x)];
+        const EntryBound start = starts[static_cast<size_t>(y * 48 + x)];
         skipped += start.medium > 0.5f;
         for (uint32_t k = 0; k < 4; ++k) {
           all_the_way.push_back(prepared.request(camera, 1, x, y, k));

@@ -6,7 +6,7 @@
 #include <bit>
 #include <cmath>
 
-#include "render/scene_io.h"
+#include "render/scene/scene_io.h"
 #include "tests/support/files.h"
 
 namespace brume::test {

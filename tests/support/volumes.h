@@ -4,7 +4,7 @@
 #include <string>
 
 #include "base/rng.h"
-#include "render/renderer.h"
+#include "render/frame/renderer.h"
 #include "volume/medium.h"
 
 namespace brume::test {

@@ -10,8 +10,8 @@
 
 #include "base/progress.h"
 #include "image/exr_io.h"
-#include "render/renderer.h"
-#include "render/scene_io.h"
+#include "render/frame/renderer.h"
+#include "render/scene/scene_io.h"
 #include "tests/support/files.h"
 #include "tests/support/volumes.h"
 

@@ -61,7 +61,7 @@ TEST_P(LaneGridOfCells, CubesAheadAreEmptyAndTheLargestWhereTheyAreSmall) {
     if (rng.uniform() > 0.05) return;
     int sides[8], most = 0;
     for (int octant = 0; octant < 8; ++octant)
-      most = std::max(most, sides[octant] = EmptyReach::side(std::bit_cast<uint32_t>(entry), octant));
+      most = std::max(most, sides[octant] = OctantSkip::side(std::bit_cast<uint32_t>(entry), octant));
     for (int octant = 0; octant < 8; ++octant) {
       const ivec3 step(octant & 4 ? -1 : 1, octant & 2 ? -1 : 1, octant & 1 ? -1 : 1);
       const int side = std::min(sides[octant], 40);
@@ -75,16 +75,16 @@ TEST_P(LaneGridOfCells, CubesAheadAreEmptyAndTheLargestWhereTheyAreSmall) {
   EXPECT_TRUE(GetParam() == 16 || large > 10);
 }
 
-TEST(EmptyReach, LosesLittleOfTheOctantsProduct) {
+TEST(OctantSkip, LosesLittleOfTheOctantsProduct) {
   Rng rng(2);
   for (int i = 0; i < 2000; ++i) {
     std::array<uint16_t, 8> reach;
     double loss = 1;
     for (uint16_t& r : reach) r = static_cast<uint16_t>(std::exp2(rng.uniform() * (i % 2 ? 8.7 : 3)));
-    const uint32_t word = EmptyReach::pack(reach);
+    const uint32_t word = OctantSkip::pack(reach);
     ASSERT_LT(std::bit_cast<float>(word), 0) << "a negative number, not a NaN";
     for (size_t octant = 0; octant < 8; ++octant) {
-      const int side = EmptyReach::side(word, static_cast<int>(octant));
+      const int side = OctantSkip::side(word, static_cast<int>(octant));
       ASSERT_GE(side, 1);
       ASSERT_LE(side, reach[octant]);
       if (i % 2 == 0) {
@@ -154,7 +154,7 @@ TEST_P(LaneGridOfCells, BricksWithoutTheSurfaceAreCrossedUnderLooseMajorants) {
   EXPECT_GT(promised, 0);
 }
 
-// No ray of a beam may meet anything before the beam does; and beams as thin as those of a pixel must be told nearly
+// No ray of a cone may meet anything before the cone does; and cones as thin as those of a pixel must be told nearly
 // where they do.
 TEST_P(LaneGridOfCells, NoRayOfABeamMeetsAnythingBeforeIt) {
   constexpr float kSurface = 0.3f;
@@ -178,10 +178,10 @@ TEST_P(LaneGridOfCells, NoRayOfABeamMeetsAnythingBeforeIt) {
     middle.d = test::random_point(rng, dvec3(0), size) - middle.o;
     middle.d *= (0.3 + rng.uniform()) / glm::length(middle.d);
     if (i % 5 == 0) middle.d[i % 3] = 0;
-    const LaneGrid::Meeting told = grid.first_meeting({middle, apart, apart_per_t});
+    const LaneGrid::Entry told = grid.entry_bound({middle, apart, apart_per_t});
     ASSERT_GE(told.surface, told.medium);
-    const LaneGrid::Meeting wider = grid.first_meeting({middle, 3 * apart + 1, 2 * apart_per_t});
-    const LaneGrid::Meeting from_there = grid.first_meeting({middle, apart, apart_per_t}, wider);
+    const LaneGrid::Entry wider = grid.entry_bound({middle, 3 * apart + 1, 2 * apart_per_t});
+    const LaneGrid::Entry from_there = grid.entry_bound({middle, apart, apart_per_t}, wider);
     ASSERT_EQ(from_there.medium, told.medium);
     ASSERT_EQ(from_there.surface, told.surface);
     Ray rays[4] = {middle, middle, middle, middle};
@@ -202,7 +202,7 @@ TEST_P(LaneGridOfCells, NoRayOfABeamMeetsAnythingBeforeIt) {
           all &= t >= 0;
         }
         for (int a = 0; a < 3; ++a)
-          ASSERT_TRUE(!all || a == told.axis || highest[a] - lowest[a] < LaneGrid::kBundleVoxels);
+          ASSERT_TRUE(!all || a == told.axis || highest[a] - lowest[a] < LaneGrid::kPacketVoxels);
       }
     }
     for (int k = 0; k < 4; ++k) {
@@ -212,8 +212,8 @@ TEST_P(LaneGridOfCells, NoRayOfABeamMeetsAnythingBeforeIt) {
         if (medium == end && holds_medium(ray.at(t))) medium = t;
         if (medium < end && holds_surface(ray.at(t))) surface = t;
       }
-      ASSERT_GE(medium, std::min(told.medium, end)) << "ray " << k << " of beam " << i;
-      ASSERT_GE(surface, std::min(told.surface, end)) << "ray " << k << " of beam " << i;
+      ASSERT_GE(medium, std::min(told.medium, end)) << "ray " << k << " of cone " << i;
+      ASSERT_GE(surface, std::min(told.surface, end)) << "ray " << k << " of cone " << i;
       if (told.axis >= 0 && surface < end) {
         const int step = ray.d[told.axis] < 0 ? -1 : 1;
         ASSERT_GE(step * static_cast<int>(std::floor(ray.at(surface)[told.axis])), step * told.layer);

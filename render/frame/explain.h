@@ -1,0 +1,12 @@
+#pragma once
+#include <string>
+
+#include "render/trace/plan.h"
+
+namespace brume {
+
+/// The plan and what each part costs in memory, for a person.
+std::string explain(const Plan& plan, const Scene& scene, const SceneMedia& media, const Lights& lights,
+                    const Surfaces* surfaces);
+
+}  // namespace brume

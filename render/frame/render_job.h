@@ -1,0 +1,66 @@
+#pragma once
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <optional>
+#include <string>
+
+#include "image/layers.h"
+#include "render/frame/film.h"
+#include "render/trace/integrator.h"
+
+namespace brume {
+
+/// What a render cost and whether it kept its promises.
+struct RenderReport {
+  double seconds = 0, cpu_seconds = 0;  ///< of the sampling alone, without loading
+  PathCounters counters;
+  uint64_t invalid_samples = 0;
+  struct Where {
+    int x, y;
+    uint32_t sample;
+  };
+  std::optional<Where> first_invalid;  ///< first in row order
+  int samples_per_pixel = 0;           ///< that every pixel of the frame holds now
+  bool uneven = false;                 ///< stopped in the middle of a pass: some tiles hold more
+  std::optional<double> error;         ///< Film::relative_error, where statistics are kept
+
+  /// One line a person reads, and a line for each promise not kept.
+  std::string summary() const;
+};
+
+struct RenderResult {
+  Layers layers;
+  RenderReport report;
+};
+
+/// Which samples to take, and what to do on the way.
+struct RenderJob {
+  int spp = 64;  ///< of the whole picture
+  int64_t seed = 0;
+  int part = 1, parts = 1;  ///< this render takes the part-th of `parts` equal shares of the samples, counted from 1
+  struct Crop {
+    int x0, y0, x1, y1;  ///< x1, y1 exclusive
+    int width() const { return x1 - x0; }
+    int height() const { return y1 - y0; }
+  };
+  std::optional<Crop> crop;
+  double time_limit = 0;    ///< seconds of sampling after which no new pass begins; one that takes much longer is cut
+  double target_error = 0;  ///< relative error (Film::relative_error) at which to stop; 0: none
+
+  bool keep_state = false;           ///< the result carries the sums of its samples, to be merged
+  std::filesystem::path checkpoint;  ///< written every checkpoint_seconds, at the end and when interrupted
+  double checkpoint_seconds = 300;
+  std::filesystem::path resume;  ///< a checkpoint (or part) to go on from
+  std::string program;           ///< who renders: states of another program version are refused
+
+  std::filesystem::path
+      records;  ///< per-sample records go here (PathRecord); needs LayerRequest::records, and one pass
+
+  /// Called whenever a tile's pixels have changed, from any thread, one at a time.
+  std::function<void(const Film&, int tile)> watch;
+  /// Called between passes with what the frame holds; to fill in what its caller adds to headers.
+  std::function<void(Layers&)> stamp;
+};
+
+}  // namespace brume

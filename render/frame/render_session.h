@@ -1,0 +1,76 @@
+#pragma once
+#include <cstdint>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <vector>
+
+#include "base/progress.h"
+#include "image/sample_records.h"
+#include "render/frame/film.h"
+#include "render/frame/render_job.h"
+#include "render/frame/renderer.h"
+
+namespace brume {
+
+/// One render on its way: passes over the picture until it has its samples, or time, error or the user end it.
+class RenderSession {
+ public:
+  /// @throws InputError: a film that does not fit into memory, a state of another render, options that contradict
+  RenderSession(const PreparedScene& scene, const RenderJob& job, const Task& task);
+
+  /// @throws Interrupted after a checkpoint was written, where one was asked for; InputError
+  RenderResult run();
+
+ private:
+  struct TileReport {
+    PathCounters counters;
+    uint64_t invalid = 0;
+    std::optional<RenderReport::Where> first_invalid;
+  };
+
+  void resume();
+  void open_records();
+  void run_passes();
+  /// How far the next pass goes: longer and longer, but never so far that time or a checkpoint is overrun by much.
+  uint32_t next_goal() const;
+  /// Every tile up to `goal` samples of each pixel.
+  void pass(uint32_t goal);
+  /// Traces the next samples of a tile and adds them to the film.
+  void trace_batch(int tile, uint32_t goal, std::vector<PathRecord>& records);
+  void finish_tile(int tile, const std::vector<PathRecord>& records);
+  bool enough() const;
+  void write_checkpoint();
+
+  /// Samples that every pixel has by now.
+  uint32_t fewest_taken() const;
+  bool uneven() const;
+  double elapsed() const { return resumed_.seconds + wall_.seconds(); }
+  /// Of all samples so far, those of the resumed session included.
+  RenderReport report() const;
+  /// Writes the header of a frame that holds what the film holds.
+  void finish_header(Layers& frame, const RenderReport& report) const;
+  void describe(Layers& frame, const RenderReport& report, int first, int end) const;
+
+  const PreparedScene& scene_;
+  const RenderJob& job_;
+  const Task& task_;
+  const RenderJob::Crop window_;
+  const int first_, end_;  // sample numbers
+  const bool progressive_, keep_;
+  const Camera camera_;
+  Film film_;
+  PathContext context_;
+  StopSignal stop_;
+  TracePaths trace_;
+  std::unique_ptr<RecordWriter> records_;
+  std::vector<EntryBound> bounds_;  // of the window's pixels
+  std::vector<TileReport> tiles_;
+  RenderReport resumed_;  // what the resumed session had done
+  std::mutex watching_;
+  Stopwatch wall_;
+  double cpu_start_ = 0;
+  uint32_t resumed_at_ = 0, done_ = 0;  // samples of each pixel
+};
+
+}  // namespace brume

@@ -1,0 +1,149 @@
+#include "render/frame/render_state.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cstdlib>
+
+#include "base/error.h"
+#include "base/text.h"
+#include "image/exr_io.h"
+#include "render/frame/film.h"
+
+namespace brume {
+namespace {
+
+std::string attribute_text(const Layers& frame, const std::string& key) {
+  if (const auto number = frame.number(key)) return fmt::format("{}", *number);
+  return frame.text(key, "nothing");
+}
+
+std::string window_text(const Layers& frame) {
+  if (frame.display == ivec2(0)) return fmt::format("{} x {}", frame.width(), frame.height());
+  return fmt::format("{},{},{},{} of {} x {}", frame.origin.x, frame.origin.y, frame.origin.x + frame.width(),
+                     frame.origin.y + frame.height(), frame.display.x, frame.display.y);
+}
+
+struct Range {
+  int first, end;
+};
+
+std::vector<Range> ranges_of(const Layers& frame, const std::string& name) {
+  std::vector<Range> ranges;
+  for (const std::string& text : split(frame.text("sampleRanges"), ',')) {
+    Range r{};
+    if (std::sscanf(text.c_str(), "%d-%d", &r.first, &r.end) != 2)
+      throw InputError(fmt::format("{}: its header does not say which samples it holds (sampleRanges)", name));
+    if (r.end > r.first) ranges.push_back(r);
+  }
+  return ranges;
+}
+
+}  // namespace
+
+void check_same_render(const Layers& a, const std::string& name_a, const Layers& b, const std::string& name_b,
+                       bool same_samples) {
+  const auto differ = [&](const std::string& what, const std::string& in_a, const std::string& in_b) {
+    throw InputError(fmt::format("{} and {} are not parts of one render: {} is {} in the first, {} in the second",
+                                 name_a, name_b, what, in_a, in_b));
+  };
+  if (a.words().empty())
+    throw InputError(
+        fmt::format("{}: holds no sums of its samples; expected a frame written with --part or --checkpoint", name_a));
+  for (const auto& [key, what] : {std::pair("sceneHash", "the scene's fingerprint"),
+                                  {"seed", "the seed"},
+                                  {"frame", "the frame"},
+                                  {"recordedLayers", "the list of layers"},
+                                  {"statistics", "what is kept of their statistics"},
+                                  {"program", "the program version"}})
+    if (attribute_text(a, key) != attribute_text(b, key)) differ(what, attribute_text(a, key), attribute_text(b, key));
+  if (window_text(a) != window_text(b)) differ("the crop", window_text(a), window_text(b));
+  if (same_samples && attribute_text(a, "sampleFirst") != attribute_text(b, "sampleFirst"))
+    differ("the first sample", attribute_text(a, "sampleFirst"), attribute_text(b, "sampleFirst"));
+}
+
+LayerRequest recorded_in(const Layers& frame) {
+  const std::string names = frame.text("recordedLayers"), statistics = frame.text("statistics");
+  return LayerRequest::of(names.empty() ? std::vector<std::string>{} : split(names, ','), statistics != "none",
+                          statistics == "buckets");
+}
+
+Layers merge_parts(const std::vector<std::filesystem::path>& files, bool keep_state) {
+  Layers first = read_exr_state(files.at(0));
+  check_same_render(first, files[0].string(), first, files[0].string(), false);
+  Film film(first.width(), first.height(), recorded_in(first));
+  std::vector<std::pair<Range, std::string>> held;
+  double seconds = 0, cpu = 0, invalid = 0, capped = 0, total = 0, whole = 0;
+  std::string whole_of;  // the part that says so
+  std::string biased = "false";
+  for (const auto& path : files) {
+    const std::string name = path.string();
+    const Layers part = path == files[0] ? std::move(first) : read_exr_state(path);
+    if (path != files[0]) {
+      Layers header(film.width(), film.height());
+      header.header = first.header;
+      header.origin = first.origin, header.display = first.display;
+      check_same_render(part, name, header, files[0].string(), false);
+    }
+    if (part.text("interrupted").starts_with("true"))
+      throw InputError(fmt::format("{}: was interrupted in the middle of a pass; finish it with --resume first", name));
+    // A finished frame may be joined by the later samples of a longer one, parts only by those of their own.
+    const double planned = part.number("sampleTotal").value_or(0.0);
+    if (part.number("samplesPerPixel").value_or(0.0) < planned) {
+      if (!whole_of.empty() && planned != whole)
+        throw InputError(fmt::format(
+            "{} is a part of a render of {} samples per pixel, {} of one of {}; expected parts of one render", whole_of,
+            whole, name, planned));
+      whole = planned, whole_of = name;
+    }
+    for (const Range& r : ranges_of(part, name)) {
+      for (const auto& [other, whose] : held)
+        if (r.first < other.end && other.first < r.end)
+          throw InputError(fmt::format("{} and {} overlap: samples {} .. {} are in both; expected disjoint parts",
+                                       whose, name, std::max(r.first, other.first), std::min(r.end, other.end) - 1));
+      held.emplace_back(r, name);
+    }
+    film.merge_state(part, name);
+    seconds += part.number("renderTimeSeconds").value_or(0.0);
+    cpu += part.number("cpuSeconds").value_or(0.0);
+    total = std::max(total, planned);
+    invalid += part.number("invalidSampleCount").value_or(0.0);
+    capped += part.number("cappedPaths").value_or(0.0);
+    if (part.text("biased").starts_with("true")) biased = part.text("biased");
+    if (path == files[0])
+      first = Layers(part.width(), part.height()), first.header = part.header, first.origin = part.origin,
+      first.display = part.display;
+  }
+  for (int tile = 0; tile < film.tile_count(); ++tile) film.develop(tile);
+  Layers result = film.layers();
+  if (keep_state) film.save_state(result);
+  result.origin = first.origin, result.display = first.display;
+  result.header = first.header;
+  std::sort(held.begin(), held.end(), [](const auto& a, const auto& b) { return a.first.first < b.first.first; });
+  std::vector<Range> joined;
+  int samples = 0;
+  for (const auto& [r, name] : held) {
+    samples += r.end - r.first;
+    if (!joined.empty() && joined.back().end == r.first)
+      joined.back().end = r.end;
+    else
+      joined.push_back(r);
+  }
+  std::vector<std::string> texts;
+  for (const Range& r : joined) texts.push_back(fmt::format("{}-{}", r.first, r.end));
+  auto& header = result.header;
+  header["sampleRanges"] = join(texts, ",");
+  header["sampleFirst"] = joined.empty() ? 0 : joined.front().first;
+  header["sampleEnd"] = joined.empty() ? 0 : joined.back().end;
+  header["samplesPerPixel"] = samples;
+  header["sampleTotal"] = static_cast<int>(total);
+  header["partsMerged"] = static_cast<int>(files.size());
+  header["renderTimeSeconds"] = static_cast<float>(seconds);
+  header["cpuSeconds"] = static_cast<float>(cpu);
+  header["invalidSampleCount"] = static_cast<int>(invalid);
+  header["cappedPaths"] = static_cast<int>(capped);
+  header["biased"] = biased;
+  return result;
+}
+
+}  // namespace brume

@@ -1,0 +1,251 @@
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "render/lanes/camera_layers.cpp"
+#include "render/lanes/camera_layers.h"
+
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <cstring>
+#include <numbers>
+
+#include "volume/lane_grid.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace brume::HWY_NAMESPACE {
+
+#include "render/lanes/cell_walk.h"
+
+/// The next rays of a list. @param more(lane, slot)  called for each of them
+template <class More>
+HWY_INLINE M load_rays(RayQueue& queue, CellWalk::Buffer& buffer, const PathStates& paths, More&& more) {
+  return mask_of(queue.load([&](size_t lane, size_t s) {
+    buffer.ox[lane] = paths.ox[s], buffer.oy[lane] = paths.oy[s], buffer.oz[lane] = paths.oz[s];
+    buffer.dx[lane] = paths.lx[s], buffer.dy[lane] = paths.ly[s], buffer.dz[lane] = paths.lz[s];
+    more(lane, s);
+  }));
+}
+
+void Surface(const LaneScene& scene, const PathStates& paths, const SlotList& rays, const CameraRayLayers& camera,
+             SurfaceCrossings& crossings) {
+  const D d;
+  const DI di;
+  const V zero = hn::Zero(d), one = set(1.0f), iso = set(scene.surface_density);
+  RayQueue queue(rays);
+  CellWalk walk(scene);
+  CellWalk::Buffer buffer;
+  HWY_ALIGN float t[RayQueue::kMost] = {}, outside[RayQueue::kMost], density[RayQueue::kMost];
+  V length = one, before = zero, value = zero;
+  uint32_t collided = 0;
+  for (;;) {
+    if (queue.due()) {
+      if (queue.finished) {
+        hn::Store(walk.t, d, t), hn::Store(before, d, outside), hn::Store(value, d, density);
+        queue.finished &= collided;
+        queue.collect([&](size_t lane, size_t s) {
+          const size_t k = crossings.slots.count;
+          crossings.outside[k] = outside[lane], crossings.inside[k] = t[lane];
+          crossings.below[k] = -1, crossings.above[k] = density[lane];
+          crossings.slots.push(static_cast<int32_t>(s));
+        });
+      }
+      if (queue.exhausted()) break;
+      if (queue.next < rays.count) {
+        walk.store(buffer);
+        const M fresh = load_rays(queue, buffer, paths, [&](size_t lane, size_t s) { t[lane] = camera.begin[s]; });
+        const V begin = hn::Load(d, t);
+        walk.load(buffer, fresh, begin);
+        length = voxel_length(walk);
+        before = hn::IfThenElse(fresh, begin, before);
+        collided &= ~bits_of(fresh);
+      }
+    }
+    const M active = mask_of(queue.busy);
+
+    const VI word = hn::GatherIndex(di, scene.surface_cell, walk.index(active));
+    const M nothing = hn::RebindMask(d, hn::Lt(word, hn::Zero(di)));
+    const CellWalk::Crossing crossing = walk.ahead(word, nothing);
+    const M passes = hn::And(active, hn::Or(nothing, hn::Ge(walk.t, crossing.until)));
+    const M looks = hn::AndNot(passes, active);
+    // In a voxel that can reach the surface's density, a look; from elsewhere as many voxels on as none can.
+    const V3 q = walk.within(walk.at(walk.t));
+    const V last = set(scene.cell - 1.0f);
+    const auto index = [&](V p) { return hn::ConvertTo(di, hn::Min(p, last)); };
+    const VI size = hn::Set(di, scene.stored - 1), brick = hn::IfThenElseZero(hn::RebindMask(di, looks), word);
+    const VI voxel = hn::Add(hn::Mul(hn::Add(hn::Mul(index(q.x), size), index(q.y)), size), index(q.z));
+    const VI byte = hn::Add(hn::Mul(brick, hn::Mul(size, hn::Mul(size, size))), voxel);
+    const VI bytes = hn::GatherOffset(di, reinterpret_cast<const int32_t*>(scene.distances),
+                                      hn::IfThenElseZero(hn::RebindMask(di, looks), byte));
+    const V distance = hn::ConvertTo(d, hn::And(bytes, hn::Set(di, 255)));
+    const M near = hn::And(looks, hn::Eq(distance, zero));
+    M hit = hn::FirstN(d, 0);
+    if (!hn::AllFalse(d, near)) {
+      const VI stored = hn::Set(di, scene.stored);
+      const VI values =
+          hn::Mul(hn::IfThenElseZero(hn::RebindMask(di, near), brick), hn::Mul(stored, hn::Mul(stored, stored)));
+      const V looked_up = interpolated(scene, values, q);
+      hit = hn::And(near, hn::Ge(looked_up, iso));
+      value = hn::IfThenElse(hit, looked_up, value);
+      collided |= bits_of(hit);
+    }
+    const M moves = hn::AndNot(hit, looks);
+    const V next = hn::Min(hn::Add(walk.t, hn::Mul(hn::Max(distance, one), length)), crossing.until);
+    const V reached = hn::IfThenElse(passes, crossing.until, hn::Max(walk.t, hn::Sub(next, length)));
+    before = hn::IfThenElse(hn::Or(moves, hn::And(passes, nothing)), reached, before);
+    const M left = walk.cross(crossing, hn::Or(passes, hn::And(moves, hn::Ge(next, crossing.until))));
+    walk.t = hn::IfThenElse(moves, next, walk.t);
+    queue.end(hn::Or(hit, left));
+  }
+}
+
+void SurfacePoints(const LaneScene& scene, const PathStates& paths, SurfaceCrossings& crossings,
+                   GradientPoints& points) {
+  const D d;
+  const DI di;
+  const V iso = set(scene.surface_density);
+  SlotList& slots = crossings.slots;
+  slots.pad();
+  points.slots.count = slots.count;
+  for (size_t i = 0; i < slots.count; i += hn::Lanes(d)) {
+    const VI slot = hn::LoadU(di, slots.slot.data() + i);
+    hn::StoreU(slot, di, points.slots.slot.data() + i);
+    const auto get = [&](const auto& column) { return hn::GatherIndex(d, column.data(), slot); };
+    const V3 o{get(paths.ox), get(paths.oy), get(paths.oz)}, dir{get(paths.lx), get(paths.ly), get(paths.lz)};
+    const auto along = [&](V by) {
+      return V3{hn::Add(o.x, hn::Mul(dir.x, by)), hn::Add(o.y, hn::Mul(dir.y, by)), hn::Add(o.z, hn::Mul(dir.z, by))};
+    };
+    const auto root = [](V v) { return hn::Sqrt(hn::Max(v, hn::Zero(D()))); };
+    // In the half that holds the surface, where a straight line through the roots of the densities puts it. At its edge
+    // a medium begins more like a square than like a line.
+    V begin = hn::LoadU(d, crossings.outside.data() + i), end = hn::LoadU(d, crossings.inside.data() + i);
+    V below = hn::LoadU(d, crossings.below.data() + i), above = hn::LoadU(d, crossings.above.data() + i);
+    const M unknown = hn::Lt(below, hn::Zero(d));
+    if (!hn::AllFalse(d, unknown))
+      below = hn::IfThenElse(unknown, hn::Min(density_at(scene, along(begin)), iso), below);
+    const V middle = hn::Mul(set(0.5f), hn::Add(begin, end)), there = density_at(scene, along(middle));
+    const M nearer = hn::Ge(there, iso);
+    end = hn::IfThenElse(nearer, middle, end), above = root(hn::IfThenElse(nearer, there, above));
+    begin = hn::IfThenElse(nearer, begin, middle), below = root(hn::IfThenElse(nearer, below, there));
+    const V share = hn::Div(hn::Sub(root(iso), below), hn::Max(hn::Sub(above, below), set(1e-30f)));
+    const V surface = hn::Add(begin, hn::Mul(hn::Sub(end, begin), hn::Min(share, set(1.0f))));
+    const V3 p = along(hn::Add(surface, hn::Div(set(0.5f), hn::Sqrt(dot(dir, dir)))));
+    hn::StoreU(p.x, d, points.x.data() + i), hn::StoreU(p.y, d, points.y.data() + i);
+    hn::StoreU(p.z, d, points.z.data() + i);
+  }
+}
+
+void March(const LaneScene& scene, const PathStates& paths, const SlotList& rays, CameraRayLayers& camera) {
+  const D d;
+  const V zero = hn::Zero(d), one = set(1.0f), deepest = set(static_cast<float>(kDeepest));
+  RayQueue queue(rays);
+  CellWalk walk(scene);
+  CellWalk::Buffer buffer;
+  GeneratorBuffer generators;
+  Generator rng = generators.load();
+  V length = one, offset = zero, depth = zero, level[kMarchedPoints], point[kMarchedPoints];
+  for (size_t k = 0; k < kMarchedPoints; ++k) level[k] = point[k] = zero;
+  for (;;) {
+    if (queue.due()) {
+      if (queue.finished) {
+        HWY_ALIGN float depths[RayQueue::kMost], points[kMarchedPoints][RayQueue::kMost];
+        hn::Store(depth, d, depths);
+        for (size_t k = 0; k < kMarchedPoints; ++k) hn::Store(point[k], d, points[k]);
+        queue.collect([&](size_t lane, size_t s) {
+          camera.depth[s] = depths[lane];
+          for (size_t k = 0; k < kMarchedPoints; ++k) camera.point[k][s] = points[k][lane];
+        });
+      }
+      if (queue.exhausted()) break;
+      if (queue.next < rays.count) {
+        generators.store(rng);
+        walk.store(buffer);
+        const M fresh =
+            load_rays(queue, buffer, paths, [&](size_t lane, size_t s) { generators.fetch(paths, s, lane); });
+        walk.load(buffer, fresh);
+        rng = generators.load();
+        length = voxel_length(walk);
+        depth = hn::IfThenElse(fresh, zero, depth);
+        offset = hn::IfThenElse(fresh, rng.uniform(fresh), offset);
+        const V u = rng.uniform(fresh);
+        for (size_t k = 0; k < kMarchedPoints; ++k) {
+          const V v = hn::Mul(hn::Add(u, set(static_cast<float>(k))), set(1.0f / kMarchedPoints));
+          level[k] = hn::IfThenElse(fresh, hn::Neg(log_of(hn::Sub(one, v))), level[k]);
+          point[k] = hn::IfThenElse(fresh, set(-1.0f), point[k]);
+        }
+      }
+    }
+    const M active = mask_of(queue.busy);
+    const auto [cell_index, crossing, passes, looks] = walk.look(active);
+    M done = walk.cross(crossing, passes);
+
+    const V t0 = walk.t, t1 = hn::Min(hn::Add(t0, length), crossing.until), part = hn::Sub(t1, t0);
+    const V3 p = walk.at(hn::Add(t0, hn::Mul(offset, part)));
+    const V value = one_voxel(walk, rng, p, brick_of(scene, cell_index, looks), looks);
+    const V sigma = hn::IfThenElseZero(looks, hn::Mul(value, set(scene.sigma)));
+    const V after = hn::Add(depth, hn::Mul(sigma, part));
+    for (size_t k = 0; k < kMarchedPoints; ++k) {
+      const M passed = hn::And(hn::Lt(depth, level[k]), hn::Ge(after, level[k]));
+      const V where = hn::Add(t0, hn::Div(hn::Sub(level[k], depth), hn::Max(sigma, set(1e-30f))));
+      point[k] = hn::IfThenElse(passed, where, point[k]);
+    }
+    depth = hn::Min(after, deepest);
+    walk.t = hn::IfThenElse(looks, t1, t0);
+    queue.end(hn::Or(done, hn::And(looks, hn::Ge(depth, deepest))));
+  }
+}
+
+void Gradient(const LaneScene& scene, GradientPoints& points) {
+  const D d;
+  const size_t lanes = hn::Lanes(d);
+  const V one = set(1.0f), half = set(0.5f);
+  for (auto* column : {&points.x, &points.y, &points.z})
+    std::fill_n(column->begin() + static_cast<std::ptrdiff_t>(points.slots.count), lanes, 0.0f);
+  for (size_t i = 0; i < points.slots.count; i += lanes) {
+    const V x = hn::LoadU(d, points.x.data() + i), y = hn::LoadU(d, points.y.data() + i),
+            z = hn::LoadU(d, points.z.data() + i);
+    const auto density = [&](V px, V py, V pz) { return density_at(scene, {px, py, pz}); };
+    const V3 g{hn::Mul(half, hn::Sub(density(hn::Add(x, one), y, z), density(hn::Sub(x, one), y, z))),
+               hn::Mul(half, hn::Sub(density(x, hn::Add(y, one), z), density(x, hn::Sub(y, one), z))),
+               hn::Mul(half, hn::Sub(density(x, y, hn::Add(z, one)), density(x, y, hn::Sub(z, one))))};
+    const M clear = hn::Ge(hn::Sqrt(dot(g, g)), set(scene.least_gradient));
+    const V3 world = transform(scene.gradient_to_world, g);
+    const V scale = hn::IfThenElseZero(clear, hn::Div(one, hn::Sqrt(dot(world, world))));
+    hn::StoreU(hn::Mul(world.x, scale), d, points.gx.data() + i);
+    hn::StoreU(hn::Mul(world.y, scale), d, points.gy.data() + i);
+    hn::StoreU(hn::Mul(world.z, scale), d, points.gz.data() + i);
+  }
+}
+
+}  // namespace brume::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace brume {
+
+HWY_EXPORT(Surface);
+HWY_EXPORT(SurfacePoints);
+HWY_EXPORT(March);
+HWY_EXPORT(Gradient);
+
+void lanes_find_surface(const LaneScene& scene, const PathStates& paths, const SlotList& rays,
+                        const CameraRayLayers& camera, SurfaceCrossings& crossings) {
+  HWY_DYNAMIC_DISPATCH(Surface)(scene, paths, rays, camera, crossings);
+}
+
+void lanes_surface_points(const LaneScene& scene, const PathStates& paths, SurfaceCrossings& crossings,
+                          GradientPoints& points) {
+  HWY_DYNAMIC_DISPATCH(SurfacePoints)(scene, paths, crossings, points);
+}
+
+void lanes_march(const LaneScene& scene, const PathStates& paths, const SlotList& rays, CameraRayLayers& camera) {
+  HWY_DYNAMIC_DISPATCH(March)(scene, paths, rays, camera);
+}
+
+void lanes_gradient(const LaneScene& scene, GradientPoints& points) {
+  HWY_DYNAMIC_DISPATCH(Gradient)(scene, points);
+}
+
+}  // namespace brume
+#endif

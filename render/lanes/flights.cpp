@@ -1,0 +1,189 @@
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "render/lanes/flights.cpp"
+#include "render/lanes/flights.h"
+
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <cstring>
+#include <numbers>
+
+#include "volume/lane_grid.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace brume::HWY_NAMESPACE {
+
+#include "render/lanes/cell_walk.h"
+
+enum class Walk { kFlight, kFirst, kShadow };
+
+/// Walks the rays of a list through the majorant cells, as far as `reach` where kReach. Flights end at a real
+/// collision, whose position becomes the path's, or leave the grid; forced first flights cross the whole grid
+/// (lanes_fly_first); shadow rays gather their transmittance by ratio tracking.
+template <Walk kWalk, bool kReach>
+void track(const LaneScene& scene, PathStates& paths, const SlotList& rays, SlotList* hits, SlotList* escapes,
+           uint64_t& lookups) {
+  constexpr bool kShadow = kWalk == Walk::kShadow, kFirst = kWalk == Walk::kFirst;
+  const D d;
+  const DI di;
+  constexpr size_t kMost = RayQueue::kMost;
+
+  RayQueue queue(rays);
+  CellWalk walk(scene);
+  CellWalk::Buffer buffer;
+  GeneratorBuffer generators;
+  HWY_ALIGN float result[kMost] = {}, carried[kMost], x[kMost], y[kMost], z[kMost];
+
+  const V zero = hn::Zero(d), one = set(1.0f);
+  V tau = zero, weight = one, reach = zero;
+  V3 hit_at{zero, zero, zero};
+  Generator rng = generators.load();
+  uint32_t collided = 0;
+
+  for (;;) {
+    if (queue.due()) {
+      if (queue.finished) {
+        if (kFirst) {
+          // What is scattered goes on with its weight; roulette below a hundredth.
+          const V scattered = hn::Sub(one, weight), u = rng.uniform(mask_of(queue.finished));
+          collided = bits_of(hn::Lt(hn::Mul(u, set(0.01f)), scattered));
+          hn::Store(hn::Max(scattered, set(0.01f)), d, carried);
+        }
+        generators.store(rng);
+        hn::Store(weight, d, result);
+        if (!kShadow) hn::Store(hit_at.x, d, x), hn::Store(hit_at.y, d, y), hn::Store(hit_at.z, d, z);
+        queue.collect([&](size_t lane, size_t s) {
+          generators.give_back(paths, s, lane);
+          if (kFirst) paths.passed[s] = result[lane], paths.tr[s] = paths.tg[s] = paths.tb[s] = carried[lane];
+          if (kShadow) {
+            paths.transmittance[s] = result[lane];
+          } else if (collided >> lane & 1) {
+            paths.ox[s] = x[lane], paths.oy[s] = y[lane], paths.oz[s] = z[lane];
+            hits->push(static_cast<int32_t>(s));
+          } else {
+            escapes->push(static_cast<int32_t>(s));
+          }
+        });
+      }
+      if (queue.exhausted()) break;
+      if (queue.next < rays.count) {
+        walk.store(buffer);
+        generators.store(rng);
+        const M fresh = mask_of(queue.load([&](size_t lane, size_t s) {
+          buffer.ox[lane] = paths.ox[s], buffer.oy[lane] = paths.oy[s], buffer.oz[lane] = paths.oz[s];
+          buffer.dx[lane] = (kShadow ? paths.sx : paths.lx)[s], buffer.dy[lane] = (kShadow ? paths.sy : paths.ly)[s];
+          buffer.dz[lane] = (kShadow ? paths.sz : paths.lz)[s];
+          generators.fetch(paths, s, lane);
+          if (kReach) result[lane] = (kShadow ? paths.shadow_reach : paths.reach)[s];
+        }));
+        walk.load(buffer, fresh);
+        rng = generators.load();
+        weight = hn::IfThenElse(fresh, one, weight);
+        tau = hn::IfThenElse(fresh, rng.exponential(fresh), tau);
+        if (kReach) reach = hn::IfThenElse(fresh, hn::Load(d, result), reach);
+      }
+    }
+    const M active = mask_of(queue.busy);
+
+    // The cell: its bound, or how far around it is empty.
+    const VI cell_index = walk.index(active);
+    const V bound = hn::GatherIndex(d, scene.majorant, cell_index);
+    const M empty = hn::Lt(bound, zero);
+    const CellWalk::Crossing crossing = walk.ahead(hn::BitCast(di, bound), empty);
+    const V sigma_maj = hn::Mul(bound, set(kFirst ? scene.first_sigma : scene.sigma));
+    const V until = kReach ? hn::Min(crossing.until, reach) : crossing.until;
+    const V remaining = hn::IfThenElse(empty, zero, hn::Mul(hn::Sub(until, walk.t), sigma_maj));
+    const M passes = hn::And(active, hn::Or(empty, hn::Ge(tau, remaining)));
+    const M collides = hn::AndNot(passes, active);
+    tau = hn::IfThenElse(passes, hn::Sub(tau, remaining), tau);
+    M done = walk.cross(crossing, passes);
+    if (kReach) done = hn::Or(done, hn::And(passes, hn::Ge(crossing.until, reach)));
+
+    // Lanes with a tentative collision: one look-up.
+    if (!hn::AllFalse(d, collides)) {
+      walk.t = hn::IfThenElse(collides, hn::Add(walk.t, hn::Div(tau, sigma_maj)), walk.t);
+      const V3 p = walk.at(walk.t);
+      const VI brick = brick_of(scene, cell_index, collides);
+      const V value = scene.interpolate ? hn::IfThenElseZero(collides, interpolated(scene, brick, walk.within(p)))
+                                        : one_voxel(walk, rng, p, brick, collides);
+      lookups += hn::CountTrue(d, collides);
+      const V u = rng.uniform(collides);
+      if (kFirst) {
+        // Each tentative collision scatters its share of what is left; one of them, chosen by share, is the path's.
+        // Below half the rest is decided like a usual collision: all of it or nothing.
+        const V share = hn::Div(hn::Mul(value, set(scene.sigma)), sigma_maj);
+        const M whole = hn::And(collides, hn::Lt(weight, set(0.5f))), decided = hn::And(whole, hn::Lt(u, share));
+        const V part = hn::IfThenElse(whole, hn::IfThenElseZero(decided, weight), hn::Mul(weight, share));
+        const V before = hn::Sub(one, weight), choice = rng.uniform(collides);
+        const M taken = hn::And(collides, hn::Lt(hn::Mul(choice, hn::Add(before, part)), part));
+        hit_at = {hn::IfThenElse(taken, p.x, hit_at.x), hn::IfThenElse(taken, p.y, hit_at.y),
+                  hn::IfThenElse(taken, p.z, hit_at.z)};
+        weight = hn::IfThenElse(collides, hn::Sub(weight, part), weight);
+        done = hn::Or(done, decided);
+      } else if (kShadow) {
+        weight = hn::IfThenElse(collides, hn::Sub(weight, hn::Mul(weight, hn::Div(value, bound))), weight);
+        // Roulette below 0.05: survivors go on with 0.1.
+        const M small = hn::And(collides, hn::Lt(weight, set(0.05f)));
+        const M survives = hn::Lt(hn::Mul(u, set(0.1f)), weight);
+        weight = hn::IfThenElse(small, hn::IfThenElseZero(survives, set(0.1f)), weight);
+        done = hn::Or(done, hn::AndNot(survives, small));
+      } else {
+        const M hit = hn::And(collides, hn::Lt(hn::Mul(u, bound), value));
+        hit_at = {hn::IfThenElse(hit, p.x, hit_at.x), hn::IfThenElse(hit, p.y, hit_at.y),
+                  hn::IfThenElse(hit, p.z, hit_at.z)};
+        done = hn::Or(done, hit);
+        collided |= bits_of(hit);
+      }
+      tau = hn::IfThenElse(collides, rng.exponential(collides), tau);
+    }
+    if (!kShadow && !kFirst) collided &= ~(bits_of(done) & ~bits_of(hn::And(done, collides)));
+    queue.end(done);
+  }
+}
+
+void Flight(const LaneScene& scene, PathStates& paths, const SlotList& rays, SlotList& hits, SlotList& escapes,
+            uint64_t& lookups) {
+  (scene.flights_end ? track<Walk::kFlight, true> : track<Walk::kFlight, false>)(scene, paths, rays, &hits, &escapes,
+                                                                                 lookups);
+}
+
+void First(const LaneScene& scene, PathStates& paths, const SlotList& rays, SlotList& hits, SlotList& escapes,
+           uint64_t& lookups) {
+  (scene.flights_end ? track<Walk::kFirst, true> : track<Walk::kFirst, false>)(scene, paths, rays, &hits, &escapes,
+                                                                               lookups);
+}
+
+void Shadow(const LaneScene& scene, PathStates& paths, const SlotList& rays, uint64_t& lookups) {
+  (scene.lights ? track<Walk::kShadow, true> : track<Walk::kShadow, false>)(scene, paths, rays, nullptr, nullptr,
+                                                                            lookups);
+}
+
+}  // namespace brume::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace brume {
+
+HWY_EXPORT(Flight);
+HWY_EXPORT(First);
+HWY_EXPORT(Shadow);
+
+void lanes_fly(const LaneScene& scene, PathStates& paths, const SlotList& rays, SlotList& hits, SlotList& escapes,
+               uint64_t& lookups) {
+  HWY_DYNAMIC_DISPATCH(Flight)(scene, paths, rays, hits, escapes, lookups);
+}
+
+void lanes_fly_first(const LaneScene& scene, PathStates& paths, const SlotList& rays, SlotList& hits, SlotList& escapes,
+                     uint64_t& lookups) {
+  HWY_DYNAMIC_DISPATCH(First)(scene, paths, rays, hits, escapes, lookups);
+}
+
+void lanes_shadow(const LaneScene& scene, PathStates& paths, const SlotList& rays, uint64_t& lookups) {
+  HWY_DYNAMIC_DISPATCH(Shadow)(scene, paths, rays, lookups);
+}
+
+}  // namespace brume
+#endif

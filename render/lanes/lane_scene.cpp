@@ -1,0 +1,73 @@
+#include "render/lanes/lane_scene.h"
+
+#include "volume/gradient.h"
+
+namespace brume {
+
+void set_cells(LaneCells& c, const LaneGrid& grid) {
+  c.majorant = grid.majorant.data(), c.brick = grid.brick.data(), c.values = grid.values;
+  c.nx = static_cast<float>(grid.nx), c.ny = static_cast<float>(grid.ny), c.nz = static_cast<float>(grid.nz);
+  c.nz_int = grid.nz;
+  c.cell = static_cast<float>(grid.cell_size), c.inverse_cell = 1.0f / c.cell;
+  c.stored = grid.cell_size + 1;
+}
+
+LaneScene lane_scene(const PathContext& context) {
+  const Medium& medium = context.media[0];
+  const LaneGrid& grid = *context.lane_grid;
+  LaneScene s{};
+  set_cells(s, grid);
+  s.distances = grid.distances.data(), s.surface_cell = grid.surface_cell.data();
+  s.surface_density = grid.surface_density;
+  s.sigma = static_cast<float>(medium.extinction_per_density());
+  s.first_sigma = static_cast<float>(medium.extinction_per_density() * context.plan.first_collision.majorant);
+  const dmat3& m = medium.placement().local_from_world();
+  for (int row = 0; row < 3; ++row)
+    for (int column = 0; column < 3; ++column) s.local_from_world[row][column] = static_cast<float>(m[column][row]);
+  for (int column = 0; column < 3; ++column) {
+    dvec3 axis(0);
+    axis[column] = 1;
+    const dvec3 g = medium.gradient_to_world(axis);
+    for (int row = 0; row < 3; ++row) s.gradient_to_world[row][column] = static_cast<float>(g[row]);
+  }
+  s.least_gradient = static_cast<float>(kLeastGradient * medium.maximum_density());
+  s.coloured = medium.coloured();
+  if (medium.phase().is_henyey_greenstein())
+    s.g = static_cast<float>(medium.phase().first.g);
+  else
+    s.phase = &medium.phase();
+  for (int c = 0; c < 3; ++c) s.albedo[c] = static_cast<float>(medium.albedo()[c]);
+  s.roulette_start = context.roulette_start;
+  s.max_events = context.max_events;
+  s.interpolate = context.plan.interpolate;
+  s.medium = &medium;
+  s.flights_end = context.plan.finite_lights;
+  if (!context.plan.light_sampling) return s;
+  if (context.lights->local()) {
+    s.lights = context.lights;
+    return s;
+  }
+  double end = 0;
+  const dvec3 anywhere(0);
+  for (const Sun* sun : context.lights->suns()) {
+    const double share = context.lights->choice_probability(*sun, anywhere);
+    if (!(share > 0)) continue;
+    LaneScene::SunLight& lane_sun = s.suns[s.sun_count++];
+    const Frame frame(sun->axis());
+    for (int a = 0; a < 3; ++a) {
+      lane_sun.x[a] = static_cast<float>(frame.x[a]), lane_sun.y[a] = static_cast<float>(frame.y[a]);
+      lane_sun.z[a] = static_cast<float>(frame.z[a]);
+      lane_sun.radiance[a] = static_cast<float>(sun->delta() ? sun->irradiance()[a] : sun->disc_radiance()[a]);
+    }
+    lane_sun.delta = sun->delta();
+    lane_sun.one_minus_cos = sun->delta() ? 0.0f : static_cast<float>(sun->one_minus_cos());
+    lane_sun.pdf = sun->delta() ? 1.0f : static_cast<float>(1.0 / (2.0 * kPi * sun->one_minus_cos()));
+    lane_sun.share = static_cast<float>(share);
+    lane_sun.share_end = static_cast<float>(end += share);
+  }
+  const double share = context.lights->choice_probability(*context.lights->environment(), anywhere);
+  if (share > 0) s.environment = context.lights->environment(), s.environment_share = static_cast<float>(share);
+  return s;
+}
+
+}  // namespace brume

@@ -1,0 +1,64 @@
+#pragma once
+#include <cstddef>
+#include <cstdint>
+
+#include "render/trace/integrator.h"
+#include "volume/lane_grid.h"
+
+// The scene as the kernels of this room need it, in single precision.
+
+namespace brume {
+
+/// A LaneGrid as the kernels need it.
+struct LaneCells {
+  const float* majorant;
+  const int32_t* brick;
+  const float* values;
+  float nx, ny, nz;
+  int32_t nz_int;
+  float cell, inverse_cell;  ///< voxels along a cell
+  int32_t stored;            ///< values along a brick
+};
+
+/// @param cells  refers to the grid afterwards
+void set_cells(LaneCells& cells, const LaneGrid& grid);
+
+/// The scene of the one medium, whose cells these are.
+struct LaneScene : LaneCells {
+  const uint8_t* distances;
+  const int32_t* surface_cell;
+  float sigma;  ///< extinction per density
+  float local_from_world[3][3];
+  float gradient_to_world[3][3];
+  float least_gradient;                  ///< per voxel: below it, wider differences are needed
+  float first_sigma;                     ///< the same of the first flight's majorants, which may be looser
+  float g = 0;                           ///< of the phase function, where it is Henyey-Greenstein's
+  const PhaseFunction* phase = nullptr;  ///< the others
+  float albedo[3];
+  bool coloured;  ///< another albedo at every point
+  int roulette_start;
+  int max_events;
+  bool interpolate;
+  float surface_density;
+
+  struct SunLight {
+    float x[3], y[3], z[3];  ///< a frame around its axis, world space
+    float one_minus_cos, pdf, share_end, share;
+    float radiance[3];
+    bool delta;
+  };
+  SunLight suns[kMostLaneSuns];
+  size_t sun_count = 0;
+  /// Sampled by the remaining share of the choice; null where none is.
+  const Environment* environment = nullptr;
+  float environment_share = 0;
+  /// All of them, where one has a place and the choice between them depends on the point; else null, and the above.
+  const Lights* lights = nullptr;
+  const Medium* medium;
+  bool flights_end = false;  ///< on a light
+};
+
+/// Refers to the context's grid, media and lights. @param context  of a plan that runs in lanes
+LaneScene lane_scene(const PathContext& context);
+
+}  // namespace brume

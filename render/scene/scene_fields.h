@@ -1,0 +1,257 @@
+#pragma once
+#include <limits>
+
+#include "render/scene/scene.h"
+
+namespace brume {
+
+/// What a key means, once: the parser, its errors and docs/scene.md all come from here.
+struct Field {
+  const char* key;
+  const char* unit = "";
+  const char* help = "";
+  double lowest = -std::numeric_limits<double>::infinity(), highest = std::numeric_limits<double>::infinity();
+  bool required = false;
+  std::vector<std::string> choices = {};
+};
+
+inline constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+template <class Visitor>
+void describe(Visitor& v, CameraSettings& c) {
+  v({.key = "type", .help = "how rays spread", .choices = {"perspective", "orthographic"}}, c.type);
+  v({"position", "scene units", "the eye"}, c.position);
+  v({"look_at", "scene units", "the point in the middle of the picture"}, c.look_at);
+  v({"up", "", "the direction that is up in the picture"}, c.up);
+  v({"fov", "degrees", "perspective: full angle of view along fov_axis", 0.001, 179}, c.fov);
+  v({"width", "scene units", "orthographic: extent of the picture along fov_axis", 1e-12}, c.width);
+  v({.key = "fov_axis", .help = "the side of the picture that fov and width span", .choices = {"x", "y", "shorter"}},
+    c.fov_axis);
+  v({"lens_radius", "scene units", "of the thin lens; 0 is a pinhole, all in focus", 0}, c.lens_radius);
+  v({"focus_distance", "scene units", "from the eye to the plane in focus, along the view; 0: through look_at", 0},
+    c.focus_distance);
+  v({"blades", "", "of the aperture: 0 is a disc, 3 or more a polygon", 0, 64}, c.blades);
+  v({"blade_rotation", "degrees", "turns the polygon"}, c.blade_rotation);
+  v({"shutter", "frames", "[open, close] around the frame's time; equal: no motion blur", -1000, 1000}, c.shutter);
+  v({"position_end", "scene units", "where the eye is when the shutter closes; empty: it stands still"},
+    c.position_end);
+  v({"look_at_end", "scene units", "what the eye looks at when the shutter closes; empty: as before"}, c.look_at_end);
+  v({"from_exr", "",
+     "take position, view and projection from the worldToCamera and worldToNDC of an EXR's header; the film has its "
+     "shape"},
+    c.from_exr);
+}
+
+template <class Visitor>
+void describe(Visitor& v, FilmSettings& f) {
+  v({"width", "px", "columns", 1, 65536}, f.width);
+  v({"height", "px", "rows", 1, 65536}, f.height);
+  v({"exposure", "1",
+     "factor from radiance to display, 1 being white; written into the header, where the filters and metrics find it",
+     1e-12, 1e12},
+    f.exposure);
+}
+
+template <class Visitor>
+void describe(Visitor& v, RenderSettings& r) {
+  v({"spp", "", "paths per pixel", 1, 1 << 24}, r.spp);
+  v({"seed", "", "of the random numbers; another seed is an independent picture", 0, 9e18}, r.seed);
+  v({"frame", "", "number of the frame, mixed into the random numbers", 0, 1 << 30}, r.frame);
+  v({"max_events", "", "scatterings after which a path is cut; cuts are counted and reported", 1, 1e9}, r.max_events);
+  v({"roulette_start", "", "scatterings after which Russian roulette begins", 1, 1e9}, r.roulette_start);
+  v({.key = "light_sampling",
+     .help = "auto: next-event estimation towards all lights but a constant environment, which phase sampling finds "
+             "without noise; all: that one too; none: phase sampling only",
+     .choices = {"auto", "all", "none"}},
+    r.light_sampling);
+  v({"surface_density", "of the maximum",
+     "density at which the medium's surface lies, for the gradient and coverage layers", 1e-9, 1},
+    r.surface_density);
+  v({.key = "lanes",
+     .help = "auto: paths run side by side in SIMD lanes where the scene allows it; off: one by one, to compare",
+     .choices = {"auto", "off"}},
+    r.lanes);
+  v({.key = "lookup",
+     .help = "lanes only. stochastic: one voxel of the eight around a point, by its trilinear weight; interpolated: "
+             "all eight",
+     .choices = {"stochastic", "interpolated"}},
+    r.lookup);
+  v({.key = "first_collision",
+     .help = "lanes only. forced: each camera ray scatters what does not pass, wherever there is anything to scatter; "
+             "free: it collides or passes by chance, as it must where something glows; auto: forced where the medium "
+             "is thin",
+     .choices = {"auto", "forced", "free"}},
+    r.first_collision);
+  v({.key = "near_lights",
+     .help = "auto: light of points, spots and spheres inside homogeneous media is sampled along flights too, "
+             "equiangularly; "
+             "off: at collisions only",
+     .choices = {"auto", "off"}},
+    r.near_lights);
+  v({.key = "flash_relief",
+     .help = "what shapes the flash layer beyond opacity. falloff: the lamp's, by distance; gradient: shading by the "
+             "density gradient; both; none; offset: both, and the lamp not at the eye but a tenth of the medium's "
+             "diagonal up and to the right of it, seen through the medium",
+     .choices = {"both", "falloff", "gradient", "none", "offset"}},
+    r.flash_relief);
+  v({.key = "majorants",
+     .help =
+         "cells: bounds of cell_size^3 voxels; global: one bound for the whole grid, the textbook's tracer, to compare",
+     .choices = {"cells", "global"}},
+    r.majorants);
+  v({"cell_size", "voxels",
+     "side of a majorant cell, a power of two: smaller bounds are tighter, larger are crossed in fewer steps", 2, 32},
+    r.cell_size);
+  v({"majorant_scale", "1", "loosens every majorant: costs time and changes no mean, to check that", 1, 1000},
+    r.majorant_scale);
+}
+
+template <class Visitor>
+void describe(Visitor& v, EnvironmentSettings& e) {
+  v({"radiance", "W/(m^2 sr)", "constant radiance from everywhere; a factor where file or sky is set", 0}, e.radiance);
+  v({"file", "",
+     "lat-long picture, EXR or Radiance HDR; its top is up, its middle faces +y where up is z, -z where up is y"},
+    e.file);
+  v({"rotation", "degrees", "turns the picture about up, counter-clockwise seen from above"}, e.rotation);
+  v({"up", "", "the direction of the picture's top edge"}, e.up);
+  v({"visible_to_camera", "", "whether rays that never scatter see it"}, e.visible_to_camera);
+  v({.key = "sky",
+     .help = "preetham: a clear daylight sky, luminance in kcd/m^2 times radiance, and its sun in klux",
+     .choices = {"none", "preetham"}},
+    e.sky);
+  v({"turbidity", "1", "haze of the sky: 2 is very clear, 10 hazy", 1.9, 10}, e.turbidity);
+  v({"sun_direction", "", "sky: towards its sun, above the horizon"}, e.sun_direction);
+  v({"sky_sun", "", "whether the sky brings its sun"}, e.sky_sun);
+  v({"ground_albedo", "1",
+     "sky: reflectance of the ground below the horizon, which the sky lights, and with sky_sun its sun", 0, 1},
+    e.ground_albedo);
+}
+
+template <class Visitor>
+void describe(Visitor& v, VolumeSettings& s) {
+  v({"file", "", "OpenVDB file"}, s.file);
+  v({"grid", "", "name of the density grid; empty: density, or the one grid whose name begins so"}, s.grid);
+  v({.key = "shape",
+     .help = "grid: the file's density; box, sphere: density 1 everywhere inside lo .. hi",
+     .choices = {"grid", "box", "sphere"}},
+    s.shape);
+  v({"lo", "scene units", "box, sphere: lowest corner of the box (around the sphere)"}, s.lo);
+  v({"hi", "scene units", "box, sphere: highest corner"}, s.hi);
+  v({"sigma_t", "1 / scene unit", "extinction per density, grey or RGB", 0}, s.sigma_t);
+  v({"albedo", "1", "single-scattering albedo, grey or RGB", 0, 1}, s.albedo);
+  v({"sigma_a", "1 / scene unit", "absorption per density; with sigma_s instead of sigma_t and albedo", 0}, s.sigma_a);
+  v({"sigma_s", "1 / scene unit", "scattering per density; with sigma_a", 0}, s.sigma_s);
+  v({.key = "preset",
+     .help = "principled: density, color, absorption_color, g as Blender's Principled Volume takes them; "
+             "standard_volume: density, scatter, scatter_color, transparent, transparent_depth, g as Arnold does",
+     .choices = {"none", "principled", "standard_volume"}},
+    s.preset);
+  v({"density", "1", "factor on the density grid; in presets their parameter of that name", 0}, s.density);
+  v({"color", "1", "principled: scattering colour", 0, 1}, s.color);
+  v({"absorption_color", "1", "principled: colour that absorption leaves", 0, 1}, s.absorption_color);
+  v({"scatter", "1", "standard_volume: weight of scatter_color", 0, 1}, s.scatter);
+  v({"scatter_color", "1", "standard_volume: scattering colour", 0, 1}, s.scatter_color);
+  v({"transparent", "1", "standard_volume: what is left of light after transparent_depth at density 1", 1e-6, 1},
+    s.transparent);
+  v({"transparent_depth", "scene units", "standard_volume: the depth of transparent", 1e-12}, s.transparent_depth);
+  v({"remap", "", "a curve [[stored, meant], ...] that voxels go through, rising in the first"}, s.remap);
+  v({.key = "phase",
+     .help = "henyey_greenstein: g; two_lobes: g and g2 mixed by lobe_weight; mie: water droplets of droplet_diameter",
+     .choices = {"henyey_greenstein", "two_lobes", "mie"}},
+    s.phase);
+  v({"g", "1", "mean cosine, positive forward", -0.999, 0.999}, s.g);
+  v({"g2", "1", "two_lobes: mean cosine of the second lobe", -0.999, 0.999}, s.g2);
+  v({"lobe_weight", "1", "two_lobes: share of the second lobe", 0, 1}, s.lobe_weight);
+  v({"droplet_diameter", "micrometres", "mie: of the droplets", 5, 50}, s.droplet_diameter);
+  v({"albedo_grid", "", "colour grid that multiplies albedo; none, or auto: color or Cd"}, s.albedo_grid);
+  v({"emission", "W/(m^2 sr) / scene unit", "emission coefficient per density", 0}, s.emission);
+  v({"temperature_grid", "", "glows as a black body; none, or auto: temperature"}, s.temperature_grid);
+  v({"temperature_offset", "K", "kelvin = temperature_offset + temperature_scale * value"}, s.temperature_offset);
+  v({"temperature_scale", "K",
+     "what one unit of the grid is: 1 for kelvin; Blender's fluids store about 0 .. 3, their shader's default is 1000",
+     0},
+    s.temperature_scale);
+  v({"blackbody_intensity", "1 / scene unit",
+     "emission coefficient where the glow has luminance 1; planck: a body at 6500 K has it", 0},
+    s.blackbody_intensity);
+  v({.key = "blackbody_law",
+     .help =
+         "planck: visible radiance of a black body; stefan_boltzmann: Blender's sigma T^4 1e-6 / pi with its colour",
+     .choices = {"planck", "stefan_boltzmann"}},
+    s.blackbody_law);
+  v({"flame_grid", "", "glows in the colours of flame_ramp; none, or auto: flame, flames, heat"}, s.flame_grid);
+  v({"flame_ramp", "", "[[value, r, g, b], ...], rising in the first; empty: from dark red to pale yellow over 0 .. 1"},
+    s.flame_ramp);
+  v({"flame_intensity", "W/(m^2 sr) / scene unit", "emission coefficient of the ramp's colour 1", 0},
+    s.flame_intensity);
+  v({"velocity_grid", "", "deformation motion blur over the camera's shutter; none, or auto: velocity, vel, v"},
+    s.velocity_grid);
+  v({"velocity_scale", "", "the file's world units per frame for one unit of stored velocity"}, s.velocity_scale);
+  v({"object_to_world", "", "4 x 4, rows first, applied after the file's own transform; points are columns"},
+    s.object_to_world);
+  v({"object_to_world_end", "", "the same when the shutter closes; all zero: it stands still"}, s.object_to_world_end);
+  v({"index_offset", "voxels",
+     "added to voxel coordinates; 0.5 matches Blender Cycles, which samples half a voxel off"},
+    s.index_offset);
+  v({"convert_level_set", "", "fill a level set's inside with fog instead of refusing it"}, s.convert_level_set);
+}
+
+template <class Visitor>
+void describe(Visitor& v, LightSettings& l) {
+  v({.key = "type",
+     .help = "sun: parallel light from a disc; sphere, rectangle: surfaces that emit and that rays end on; point, spot",
+     .required = true,
+     .choices = {"sun", "sphere", "rectangle", "point", "spot"}},
+    l.type);
+  v({"direction", "", "sun: towards the light; spot: where it shines"}, l.direction);
+  v({"irradiance", "W/m^2", "sun: on a plane that faces it", 0}, l.irradiance);
+  v({"angular_diameter", "degrees", "sun: of its disc; 0 is exactly parallel light", 0, 180}, l.angular_diameter);
+  v({"position", "scene units", "sphere, rectangle: its centre; point, spot"}, l.position);
+  v({"radius", "scene units", "sphere: its radius", 0}, l.radius);
+  v({"edge_x", "scene units", "rectangle: one edge"}, l.edge_x);
+  v({"edge_y", "scene units", "rectangle: the other; it emits to the side of edge_x x edge_y"}, l.edge_y);
+  v({"two_sided", "", "rectangle: emits to both sides"}, l.two_sided);
+  v({"radiance", "W/(m^2 sr)", "sphere, rectangle: of its surface", 0}, l.radiance);
+  v({"intensity", "W/sr", "point, spot", 0}, l.intensity);
+  v({"cone_angle", "degrees", "spot: full angle of the cone", 0.01, 179.9}, l.cone_angle);
+  v({"cone_softness", "1", "spot: share of the cone in which it fades out", 0, 1}, l.cone_softness);
+  v({"visible_to_camera", "", "whether rays that never scatter see it"}, l.visible_to_camera);
+}
+
+template <class Visitor>
+void describe(Visitor& v, SurfaceSettings& s) {
+  v({.key = "file", .help = "triangle mesh, OBJ or PLY", .required = true}, s.file);
+  v({.key = "material",
+     .help = "diffuse; conductor: a metal; dielectric: glass or water, its faces closed around the inside",
+     .choices = {"diffuse", "conductor", "dielectric"}},
+    s.material);
+  v({"albedo", "1",
+     "diffuse: reflectance; conductor: reflectance seen head on; dielectric: tint of what passes, 1 unless "
+     "given",
+     0, 1},
+    s.albedo);
+  v({"albedo_texture", "", "picture that multiplies albedo: PNG, JPEG (sRGB), HDR or EXR (linear)"}, s.albedo_texture);
+  v({"roughness", "1", "conductor, dielectric: square root of the GGX width; 0 is perfectly smooth", 0, 1},
+    s.roughness);
+  v({"ior", "1", "dielectric: index of refraction inside over outside", 1.0001, 4}, s.ior);
+  v({.key = "normals",
+     .help = "smooth: shading between the vertices' normals where the file has them; flat: by the triangles",
+     .choices = {"smooth", "flat"}},
+    s.normals);
+  v({"radiance", "W/(m^2 sr)", "emitted by the outside: an area light of any shape", 0}, s.radiance);
+  v({.key = "role",
+     .help = "holdout: cuts a hole into the picture, alpha 0; shadow_catcher: unseen, its light goes to the layers "
+             "catcher and catcher_unshadowed",
+     .choices = {"visible", "holdout", "shadow_catcher"}},
+    s.role);
+  v({.key = "shadow",
+     .help =
+         "smooth dielectric. traced: light passes bent, and only paths that end on a light find it behind: unbiased, "
+         "but dark behind points and noisy under small suns; straight: light sampling looks through, unbent and "
+         "dimmed by Fresnel: biased as far as the bending matters",
+     .choices = {"traced", "straight"}},
+    s.shadow);
+  v({"object_to_world", "", "4 x 4, rows first; points are columns"}, s.object_to_world);
+}
+
+}  // namespace brume

@@ -1,0 +1,19 @@
+#pragma once
+#include <filesystem>
+#include <span>
+#include <string>
+
+#include "render/scene/scene.h"
+
+namespace brume {
+
+/// Reads a scene. Relative paths in it start at the scene file's folder.
+/// @param overrides  "camera.fov=30", "volumes.0.sigma_t=5": TOML values, or bare text for strings
+/// @throws InputError with the line at fault underlined: syntax, unknown key (and the nearest known one), missing key,
+///         wrong type, value out of range
+Scene read_scene(const std::filesystem::path& path, std::span<const std::string> overrides = {});
+
+/// docs/scene.md: every table and key, from the declarations that parse them.
+std::string scene_reference();
+
+}  // namespace brume

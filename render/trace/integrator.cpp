@@ -1,0 +1,42 @@
+#include "render/trace/integrator.h"
+
+#include <algorithm>
+
+#include "render/world/camera.h"
+
+namespace brume {
+
+void PathCounters::merge(const PathCounters& other) {
+  tracking.merge(other.tracking);
+  paths += other.paths;
+  capped_paths += other.capped_paths;
+  capped_throughput += other.capped_throughput;
+  longest = std::max(longest, other.longest);
+}
+
+PathRequest camera_request(const Scene& scene, const Plan& plan, const Camera& camera, int64_t seed, int x, int y,
+                           uint32_t sample, const EntryBound& start) {
+  PathRequest r;
+  r.start = start;
+  r.key = {static_cast<uint64_t>(seed), static_cast<uint32_t>(scene.render.frame),
+           static_cast<uint32_t>(y * scene.film.width + x), sample};
+  const Sobol sobol(r.key);
+  if (plan.shutter) r.time = sobol.pair(2).x;
+  r.ray = camera.ray(dvec2(x, y) + sobol.pair(0), plan.lens ? sobol.pair(1) : dvec2(0.5), r.time);
+  return r;
+}
+
+std::vector<PathRequest> coarse_requests(const Scene& scene, const Plan& plan, const Camera& camera, int grid,
+                                         uint32_t samples) {
+  constexpr int64_t kSeed = 0x5eedf1a5;
+  std::vector<PathRequest> requests;
+  for (int j = 0; j < grid; ++j)
+    for (int i = 0; i < grid; ++i) {
+      const int x = (2 * i + 1) * scene.film.width / (2 * grid);
+      const int y = (2 * j + 1) * scene.film.height / (2 * grid);
+      for (uint32_t s = 0; s < samples; ++s) requests.push_back(camera_request(scene, plan, camera, kSeed, x, y, s));
+    }
+  return requests;
+}
+
+}  // namespace brume

@@ -1,0 +1,88 @@
+#pragma once
+#include <cstdint>
+#include <functional>
+#include <limits>
+#include <span>
+#include <vector>
+
+#include "base/progress.h"
+#include "base/rng.h"
+#include "render/trace/path_record.h"
+#include "render/trace/plan.h"
+#include "render/world/surfaces.h"
+#include "volume/lane_grid.h"
+#include "volume/tracking.h"
+
+namespace brume {
+
+class Camera;
+
+/// Counted per thread and summed.
+struct PathCounters {
+  TrackingCounters tracking;
+  uint64_t paths = 0;
+  uint64_t capped_paths = 0;     ///< cut at max_events
+  double capped_throughput = 0;  ///< what they still carried, summed
+  uint64_t longest = 0;          ///< most scatterings of a path
+  void merge(const PathCounters& other);
+};
+
+/// The lamp at the eye of the virtual flash image (docs/methods.md).
+struct FlashLamp {
+  double intensity = 0;         ///< makes up for the indirect light that the image leaves out
+  double typical_gradient = 0;  ///< density per scene unit: half of the relief's weight
+  double distance = 1;          ///< to the middle of the media: there the lamp's falloff is 1
+  bool falloff = true, shading = true;
+  dvec3 offset{0};  ///< from the eye; unless 0, the lamp's light is weakened on its way
+};
+
+/// The scene as the inner loop sees it.
+struct PathContext {
+  std::span<const Medium> media;
+  std::span<const EmissionField> emissions;
+  const Lights* lights = nullptr;
+  const Surfaces* surfaces = nullptr;
+  const LaneGrid* lane_grid = nullptr;       ///< of the one medium, where plan.lanes
+  std::span<const LaneGrid> emission_grids;  ///< of the emissions, where plan.lanes
+  Plan plan;
+  int max_events = 100000, roulette_start = 16;
+  double surface_density = 0;  ///< share of each medium's maximum
+  FlashLamp flash;
+  dvec3 world_shift{0};
+  const StopSignal* stop = nullptr;  ///< asked inside flights; tracing throws Interrupted where it says so
+};
+
+/// Where the rays of a pixel can first meet something, as ray parameters rounded down: see LaneGrid::Entry.
+struct EntryBound {
+  static constexpr float kNever = std::numeric_limits<float>::max();
+  float medium = 0, surface = 0;
+  int16_t axis = -1, layer = 0;  ///< of voxels, where all its rays are walked together
+};
+
+/// One camera ray to follow.
+struct PathRequest {
+  Ray ray;
+  double time = 0;  ///< in [0, 1] of the shutter
+  SampleKey key;
+  EntryBound start{};            ///< of its pixel; used in lanes
+  PathRecord* record = nullptr;  ///< filled where not null; never in lanes
+};
+
+/// The camera ray and the random numbers of one sample of pixel (x, y) of the whole picture.
+PathRequest camera_request(const Scene& scene, const Plan& plan, const Camera& camera, int64_t seed, int x, int y,
+                           uint32_t sample, const EntryBound& start = {});
+/// The same of pixels in a grid spread over the picture, one after the other, for what is estimated before a render: a
+/// constant of the scene, from a seed of its own.
+std::vector<PathRequest> coarse_requests(const Scene& scene, const Plan& plan, const Camera& camera, int grid,
+                                         uint32_t samples);
+
+/// Takes the sample of the request with an index, in any order, one at a time.
+using SampleSink = std::function<void(size_t index, const PathSample& sample)>;
+
+/// Follows a batch of paths from the eye; each sample depends on its request alone. Unbiased but for max_events.
+///
+/// Sources: docs/methods.md; Veach 1997 for the balance heuristic.
+/// Proof: tests/render/furnace_test.cpp, slab_test.cpp, sphere_test.cpp, analogue_test.cpp
+using TracePaths = void (*)(const PathContext&, std::span<const PathRequest>, const SampleSink&, PathCounters&);
+
+}  // namespace brume

@@ -1,0 +1,65 @@
+#include "render/trace/plan.h"
+
+#include <algorithm>
+
+#include "render/trace/integrator.h"
+#include "render/world/camera.h"
+#include "render/world/surfaces.h"
+#include "volume/lane_grid.h"
+
+namespace brume {
+namespace {
+
+/// Whether the lanes can trace it: one still medium of grey extinction in a grid that LaneGrid holds, glow from such
+/// grids, no meshes.
+bool fits_lanes(const Plan& plan, const SceneMedia& media, const Lights& lights) {
+  if (plan.media != Plan::Media::kOneGrey || plan.moving_media || plan.surfaces) return false;
+  for (const EmissionField& e : media.emissions())
+    if (e.moves() || e.shape().homogeneous() || !LaneGrid::fits(e.shape().bricks())) return false;
+  const Medium& m = media.media()[0];
+  return !m.homogeneous() && !m.global_majorant() && LaneGrid::fits(m.bricks()) &&
+         (lights.local() || lights.suns().size() <= kMostLaneSuns);
+}
+
+}  // namespace
+
+Plan make_plan(const Scene& scene, const SceneMedia& media, const Lights& lights, const Surfaces* surfaces,
+               const Camera& camera, const LayerRequest& layers) {
+  Plan plan;
+  const auto& all = media.media();
+  if (std::any_of(all.begin(), all.end(), [](const Medium& m) { return m.chromatic(); }))
+    plan.media = Plan::Media::kChromatic;
+  else if (!all.empty())
+    plan.media = all.size() == 1 ? Plan::Media::kOneGrey : Plan::Media::kManyGrey;
+  plan.moving_media = std::any_of(all.begin(), all.end(), [](const Medium& m) { return m.moves(); });
+  plan.surfaces = surfaces != nullptr;
+  plan.light_sampling = (plan.has_media() || plan.surfaces) && lights.any_sampled();
+  plan.finite_lights = !lights.finite().empty();
+  plan.emission = !media.emissions().empty();
+  plan.lens = camera.has_lens();
+  const auto& glow = media.emissions();
+  plan.shutter = camera.moves() || plan.moving_media ||
+                 std::any_of(glow.begin(), glow.end(), [](const EmissionField& e) { return e.moves(); });
+  if (plan.has_media()) {
+    plan.medium_surface = layers.has(layer::gradient) || layers.has(layer::coverage) || layers.records;
+    plan.flash = layers.has(layer::flash);
+    for (const LayerName& l : {layer::scatter_depth, layer::scatter_position, layer::scatter_density,
+                               layer::scatter_share, layer::albedo, layer::gradient_first_scatter, layer::flash})
+      plan.first_event = plan.first_event || layers.has(l);
+    plan.first_scatter_gradient = layers.has(layer::gradient_first_scatter) || plan.flash || layers.records;
+    plan.weighted_gradient = layers.has(layer::gradient_transmittance_weighted);
+    plan.optical_depth = layers.has(layer::optical_depth);
+  }
+  plan.layers = layers;
+  plan.near_lights = choose_near_lights(all, lights, scene.render.near_lights);
+  plan.interpolate = scene.render.lookup == "interpolated";
+  plan.lanes = scene.render.lanes != "off" && !layers.records && fits_lanes(plan, media, lights);
+  if (plan.lanes && !plan.emission) {  // glow is what a flight by chance meets before it ends
+    std::vector<Ray> rays;
+    for (const PathRequest& r : coarse_requests(scene, plan, camera, 24, 1)) rays.push_back(r.ray);
+    plan.first_collision = choose_first_collision(all[0], rays, scene.render.first_collision);
+  }
+  return plan;
+}
+
+}  // namespace brume

@@ -1,0 +1,162 @@
+#include "render/world/bsdf.h"
+
+#include <algorithm>
+#include <cmath>
+
+// Microfacets after Walter, Marschner, Li, Torrance 2007 (GGX, reflection and refraction), visible normals sampled
+// after Heitz 2018, Fresnel of conductors after Schlick 1994.
+
+namespace brume {
+namespace {
+
+double square(double x) {
+  return x * x;
+}
+
+double ggx_d(const dvec3& m, double a) {
+  const double e = square(m.x / a) + square(m.y / a) + square(m.z);
+  return 1.0 / (kPi * a * a * e * e);
+}
+
+double lambda(const dvec3& w, double a) {
+  const double tan2 = (square(w.x) + square(w.y)) / square(w.z);
+  return 0.5 * (std::sqrt(1.0 + a * a * tan2) - 1.0);
+}
+
+double g1(const dvec3& w, double a) {
+  return 1.0 / (1.0 + lambda(w, a));
+}
+
+// The density of visible normals, seen from w (w.z > 0).
+double visible_d(const dvec3& w, const dvec3& m, double a) {
+  return g1(w, a) * std::max(0.0, glm::dot(w, m)) * ggx_d(m, a) / w.z;
+}
+
+dvec3 sample_visible_normal(const dvec3& w, double a, double u1, double u2) {
+  const dvec3 v = glm::normalize(dvec3(a * w.x, a * w.y, w.z));
+  const double length2 = v.x * v.x + v.y * v.y;
+  const dvec3 t1 = length2 > 0 ? dvec3(-v.y, v.x, 0) / std::sqrt(length2) : dvec3(1, 0, 0), t2 = glm::cross(v, t1);
+  const double r = std::sqrt(u1);
+  const SinCos phi = portable_sincos_2pi(u2);
+  const double x = r * phi.cos, s = 0.5 * (1.0 + v.z);
+  const double y = (1.0 - s) * std::sqrt(std::max(0.0, 1.0 - x * x)) + s * r * phi.sin;
+  const dvec3 n = x * t1 + y * t2 + std::sqrt(std::max(0.0, 1.0 - x * x - y * y)) * v;
+  return glm::normalize(dvec3(a * n.x, a * n.y, std::max(1e-9, n.z)));
+}
+
+dvec3 schlick(const dvec3& f0, double cos_theta) {
+  const double x = 1.0 - std::clamp(cos_theta, 0.0, 1.0), x2 = x * x;
+  return f0 + (dvec3(1) - f0) * (x2 * x2 * x);
+}
+
+// The direction refracted at a normal m; false under total reflection. eta: transmitted over incident index.
+bool refract(const dvec3& wo, const dvec3& m, double eta, dvec3& wi) {
+  const double c = glm::dot(wo, m), sin2 = (1.0 - c * c) / (eta * eta);
+  if (sin2 >= 1) return false;
+  wi = -wo / eta + (c / eta - std::sqrt(1.0 - sin2)) * m;
+  return true;
+}
+
+}  // namespace
+
+double fresnel_dielectric(double cos_i, double eta) {
+  const double sin2_t = (1.0 - cos_i * cos_i) / (eta * eta);
+  if (sin2_t >= 1) return 1.0;
+  const double cos_t = std::sqrt(1.0 - sin2_t);
+  const double parallel = (eta * cos_i - cos_t) / (eta * cos_i + cos_t);
+  const double perpendicular = (cos_i - eta * cos_t) / (cos_i + eta * cos_t);
+  return 0.5 * (parallel * parallel + perpendicular * perpendicular);
+}
+
+dvec3 Bsdf::value(const dvec3& wo, const dvec3& wi, bool inside) const {
+  const double a = alpha();
+  if (kind == Kind::kDiffuse) return wi.z > 0 ? albedo * (wi.z / kPi) : dvec3(0);
+  if (a == 0 || wo.z <= 0) return dvec3(0);
+  if (wi.z > 0) {
+    const dvec3 sum = wo + wi;
+    if (!(glm::length(sum) > 0)) return dvec3(0);
+    const dvec3 m = glm::normalize(sum);
+    const double shape = ggx_d(m, a) / ((1.0 + lambda(wo, a) + lambda(wi, a)) * 4.0 * wo.z);
+    const double c = glm::dot(wo, m);
+    if (kind == Kind::kConductor) return schlick(albedo, c) * shape;
+    return dvec3(fresnel_dielectric(c, inside ? 1.0 / ior : ior) * shape);
+  }
+  if (kind != Kind::kDielectric || wi.z == 0) return dvec3(0);
+  const double eta = inside ? 1.0 / ior : ior;
+  dvec3 m = glm::normalize(wo + eta * wi);
+  if (m.z < 0) m = -m;
+  const double co = glm::dot(wo, m), ci = glm::dot(wi, m);
+  if (co <= 0 || ci >= 0) return dvec3(0);
+  const double f = fresnel_dielectric(co, eta), denominator = square(co + eta * ci);
+  const dvec3 wi_up{wi.x, wi.y, -wi.z};
+  // Radiance is not scaled by the index: the camera and the lights lie outside of the glass.
+  const double shape =
+      ggx_d(m, a) / (1.0 + lambda(wo, a) + lambda(wi_up, a)) * std::abs(co * ci) * eta * eta / (wo.z * denominator);
+  return albedo * ((1.0 - f) * shape);
+}
+
+double Bsdf::pdf(const dvec3& wo, const dvec3& wi, bool inside) const {
+  const double a = alpha();
+  if (kind == Kind::kDiffuse) return std::max(0.0, wi.z) / kPi;
+  if (a == 0 || wo.z <= 0) return 0;
+  if (wi.z > 0) {
+    const dvec3 sum = wo + wi;
+    if (!(glm::length(sum) > 0)) return 0;
+    const dvec3 m = glm::normalize(sum);
+    const double c = glm::dot(wo, m);
+    if (!(c > 0)) return 0;
+    const double reflected = visible_d(wo, m, a) / (4.0 * c);
+    return kind == Kind::kConductor ? reflected : reflected * fresnel_dielectric(c, inside ? 1.0 / ior : ior);
+  }
+  if (kind != Kind::kDielectric || wi.z == 0) return 0;
+  const double eta = inside ? 1.0 / ior : ior;
+  dvec3 m = glm::normalize(wo + eta * wi);
+  if (m.z < 0) m = -m;
+  const double co = glm::dot(wo, m), ci = glm::dot(wi, m);
+  if (co <= 0 || ci >= 0) return 0;
+  return (1.0 - fresnel_dielectric(co, eta)) * visible_d(wo, m, a) * eta * eta * std::abs(ci) / square(co + eta * ci);
+}
+
+bool Bsdf::sample(const dvec3& wo, bool inside, const dvec3& u, Sample& out) const {
+  out = {};
+  if (!(wo.z > 0)) return false;
+  if (kind == Kind::kDiffuse) {
+    const double r = std::sqrt(u.x);
+    const SinCos phi = portable_sincos_2pi(u.y);
+    out.wi = {r * phi.cos, r * phi.sin, std::sqrt(std::max(0.0, 1.0 - u.x))};
+    out.pdf = out.wi.z / kPi;
+    out.weight = albedo;
+    return out.wi.z > 0;
+  }
+  const double a = alpha();
+  const dvec3 m = a == 0 ? dvec3(0, 0, 1) : sample_visible_normal(wo, a, u.x, u.y);
+  const double c = glm::dot(wo, m);
+  if (!(c > 0)) return false;
+  const dvec3 reflected = 2.0 * c * m - wo;
+  if (kind == Kind::kConductor) {
+    out.wi = reflected;
+    if (!(out.wi.z > 0)) return false;
+    out.weight = schlick(albedo, c);
+    if (a > 0) out.weight *= (1.0 + lambda(wo, a)) / (1.0 + lambda(wo, a) + lambda(out.wi, a));
+    out.pdf = pdf(wo, out.wi, inside);
+    return true;
+  }
+  const double eta = inside ? 1.0 / ior : ior, f = fresnel_dielectric(c, eta);
+  if (u.z < f) {
+    out.wi = reflected;
+    if (!(out.wi.z > 0)) return false;
+    out.weight = dvec3(1);
+  } else {
+    if (!refract(wo, m, eta, out.wi) || !(out.wi.z < 0)) return false;
+    out.transmitted = true;
+    out.weight = albedo;
+  }
+  if (a > 0) {
+    const dvec3 up{out.wi.x, out.wi.y, std::abs(out.wi.z)};
+    out.weight *= (1.0 + lambda(wo, a)) / (1.0 + lambda(wo, a) + lambda(up, a));
+    out.pdf = pdf(wo, out.wi, inside);
+  }
+  return true;
+}
+
+}  // namespace brume

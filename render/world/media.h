@@ -1,0 +1,52 @@
+#pragma once
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "base/progress.h"
+#include "render/scene/scene.h"
+#include "volume/emission.h"
+#include "volume/medium.h"
+#include "volume/vdb_io.h"
+
+namespace brume {
+
+/// The volumes of a scene, loaded: fields, the media that scatter, the fields that glow.
+class SceneMedia {
+ public:
+  SceneMedia() = default;
+  /// @throws InputError: what the loaders throw
+  SceneMedia(const Scene& scene, const Task& task);
+
+  /// Subtracted from all world positions, so that far from the world's origin nothing is lost.
+  const dvec3& world_shift() const { return world_shift_; }
+  /// Those with any extinction in them.
+  const std::vector<Medium>& media() const { return media_; }
+  const std::vector<EmissionField>& emissions() const { return emissions_; }
+  /// Encloses them all; what the camera looks at where there is none.
+  Medium::Sphere bounds() const { return bounds_; }
+  const std::vector<std::string>& notes() const { return notes_; }
+
+  struct Part {
+    std::string name;
+    size_t bytes;
+  };
+  /// What was loaded and what it takes in memory.
+  const std::vector<Part>& parts() const { return parts_; }
+
+ private:
+  struct Volume;
+  void load(const VolumeSettings& settings, const Scene& scene, const Task& task);
+
+  // Fields sit behind pointers: media refer to them.
+  std::vector<std::shared_ptr<Volume>> volumes_;
+  std::vector<Medium> media_;
+  std::vector<EmissionField> emissions_;
+  dvec3 world_shift_{0};
+  bool shifted_ = false;
+  Medium::Sphere bounds_;
+  std::vector<std::string> notes_;
+  std::vector<Part> parts_;
+};
+
+}  // namespace brume

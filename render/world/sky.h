@@ -1,0 +1,17 @@
+#pragma once
+#include "image/layers.h"
+#include "render/scene/scene.h"
+
+namespace brume {
+
+/// A clear daylight sky as a lat-long picture of the kind EnvironmentSettings::file takes, luminance in kcd/m^2. Below
+/// the horizon lies a diffuse ground lit by that sky, and by its sun where that is part of it.
+/// Source: Preetham, Shirley, Smits 1999, A Practical Analytic Model for Daylight, appendix A.2.
+/// @param settings  their sun is held above the horizon; their radiance is left to the caller
+Layers preetham_sky(const EnvironmentSettings& settings);
+
+/// The sun that belongs to it, its colour and strength after the atmosphere: illuminance in klux.
+/// Source: Preetham, Shirley, Smits 1999, appendix A.1 (Rayleigh, aerosol, ozone at the three primaries).
+LightSettings preetham_sun(const EnvironmentSettings& settings);
+
+}  // namespace brume
