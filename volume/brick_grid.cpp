@@ -185,8 +185,9 @@ MajorantWalk::MajorantWalk(const BrickGrid& grid, const Ray& ray, double t_min, 
     end_ = -1, t_ = 0;
     return;
   }
+  const double across = 1e-20 * max_component(glm::abs(ray.d));
   for (int a = 0; a < 3; ++a) {
-    const bool parallel = std::abs(ray.d[a]) < 1e-20;
+    const bool parallel = std::abs(ray.d[a]) <= across;
     inverse_[a] = parallel ? 0.0 : 1.0 / ray.d[a];
     step_[a] = parallel ? 0 : ray.d[a] > 0 ? 1 : -1;
     const double lo = grid.support_lo()[a], hi = grid.support_hi()[a];

@@ -1,8 +1,8 @@
 #include "volume/emission.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
-#include <limits>
 
 namespace brume {
 namespace {
@@ -40,41 +40,52 @@ dvec3 blackbody(double kelvin) {
 }
 
 EmissionRamp EmissionRamp::of_blackbody(double offset, double scale, double highest, double intensity, bool planck) {
-  constexpr size_t kEntries = 1024;
   static const double reference = luminance(blackbody(6500));
-  std::vector<dvec3> entries(kEntries);
-  const double top = std::max(highest, 1e-12);
-  for (size_t i = 0; i < kEntries; ++i) {
-    const double kelvin = offset + scale * top * static_cast<double>(i) / (kEntries - 1);
-    dvec3 glow = blackbody(kelvin);
-    const double y = luminance(glow);
-    if (!planck && y > 0) glow *= 5.670374419e-8 * 1e-6 / kPi * kelvin * kelvin * kelvin * kelvin * reference / y;
-    entries[i] = glow * (intensity / reference);
-  }
-  entries[0] = dvec3(0);  // outside of the grid there is nothing that could glow
-  return {0.0, top, std::move(entries)};
+  const auto glow = [&](double kelvin) {
+    dvec3 colour = blackbody(kelvin);
+    const double y = luminance(colour);
+    if (!planck && y > 0) colour *= 5.670374419e-8 * 1e-6 / kPi * kelvin * kelvin * kelvin * kelvin * reference / y;
+    return colour * (intensity / reference);
+  };
+  EmissionRamp ramp;
+  ramp.offset_ = static_cast<float>(offset);
+  ramp.scale_ = static_cast<float>(scale);
+  const float hottest = std::max(static_cast<float>(offset + scale * highest), kColdest);
+  const size_t count = ((std::bit_cast<uint32_t>(hottest) - kColdestBits) >> kEntryBits) + 2;
+  for (size_t i = 0; i < count; ++i)
+    ramp.entries_.push_back(
+        glow(static_cast<double>(std::bit_cast<float>(kColdestBits + (static_cast<uint32_t>(i) << kEntryBits)))));
+  return ramp;
 }
 
 EmissionRamp EmissionRamp::of_colours(const std::vector<std::pair<double, dvec3>>& stops, double intensity) {
-  constexpr size_t kEntries = 1024;
-  std::vector<dvec3> entries(kEntries);
-  const double lowest = stops.front().first, highest = stops.back().first;
-  size_t at = 0;
-  for (size_t i = 0; i < kEntries; ++i) {
-    const double v = lowest + (highest - lowest) * static_cast<double>(i) / (kEntries - 1);
-    while (at + 2 < stops.size() && v > stops[at + 1].first) ++at;
-    const auto& [v0, c0] = stops[at];
-    const auto& [v1, c1] = stops[std::min(at + 1, stops.size() - 1)];
-    const double f = v1 > v0 ? std::clamp((v - v0) / (v1 - v0), 0.0, 1.0) : 0.0;
-    entries[i] = (c0 + (c1 - c0) * f) * intensity;
+  EmissionRamp ramp;
+  for (const auto& [value, colour] : stops) {
+    ramp.stops_.push_back(value);
+    ramp.entries_.push_back(colour * intensity);
   }
-  return {lowest, highest, std::move(entries)};
+  if (stops.size() == 1) {
+    ramp.stops_.push_back(stops[0].first);
+    ramp.entries_.push_back(ramp.entries_[0]);
+  }
+  return ramp;
 }
 
 dvec3 EmissionRamp::operator()(double value) const {
-  const double x = std::clamp((value - lowest_) * scale_, 0.0, static_cast<double>(entries_.size() - 1));
-  const size_t i = std::min(static_cast<size_t>(x), entries_.size() - 2);
-  return entries_[i] + (entries_[i + 1] - entries_[i]) * (x - static_cast<double>(i));
+  size_t i = 0;
+  double f = 0;
+  if (is_blackbody()) {
+    const auto kelvin = static_cast<float>(offset_ + scale_ * value);
+    if (!(value > 0) || !(kelvin >= kColdest)) return dvec3(0);  // outside of the grid nothing could glow
+    const uint32_t bits = std::bit_cast<uint32_t>(kelvin) - kColdestBits;
+    i = std::min<size_t>(bits >> kEntryBits, entries_.size() - 2);
+    f = (bits & ((1u << kEntryBits) - 1)) * std::ldexp(1.0, -kEntryBits);
+  } else {
+    while (i + 2 < stops_.size() && value >= stops_[i + 1]) ++i;
+    const double width = stops_[i + 1] - stops_[i];
+    f = width > 0 ? std::clamp((value - stops_[i]) / width, 0.0, 1.0) : 0.0;
+  }
+  return entries_[i] + (entries_[i + 1] - entries_[i]) * f;
 }
 
 dvec3 EmissionField::integrate(const Ray& world, double t_min, double t_max, double stride, double time,
@@ -91,7 +102,7 @@ dvec3 EmissionField::integrate(const Medium& shape, const Ray& world, double t_m
     return coefficient_ * std::max(0.0, std::min(t1, t_max) - std::max(t0, t_min));
   }
   const double step = stride / glm::length(local.d);
-  MajorantWalk walk(shape.walked(), {local.o + shape.walked_shift(), local.d}, t_min, t_max);
+  MajorantWalk walk = shape.walk(local, t_min, t_max);
   MajorantWalk::Segment s;
   dvec3 sum(0);
   while (walk.next(s)) {
@@ -100,9 +111,7 @@ dvec3 EmissionField::integrate(const Medium& shape, const Ray& world, double t_m
     const double width = length / count;
     for (int i = 0; i < count; ++i) {
       const dvec3 p = local.at(s.t0 + (i + rng.uniform()) * width);
-      const double value =
-          shape.displacement() ? shape.density(p) : shape.bricks().lookup_in(*s.cell, s.coordinates, p);
-      sum += ramp_(value) * width;
+      sum += ramp_(shape.density(s, p)) * width;
     }
   }
   return sum;

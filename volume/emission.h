@@ -1,4 +1,7 @@
 #pragma once
+#include <bit>
+#include <cstdint>
+#include <utility>
 #include <vector>
 
 #include "base/rng.h"
@@ -11,31 +14,40 @@ namespace brume {
 /// Source: Planck's law integrated against the CIE 1931 observer (multi-lobe fit of Wyman, Sloan, Shirley 2013).
 dvec3 blackbody(double kelvin);
 
-/// Emission coefficient as a function of a grid's value: linear between equally spaced entries, the ends continued.
+/// Emission coefficient as a function of a grid's value: colours at given values, linear between and constant beyond,
+/// or the glow of a black body.
+///
+/// The glow is tabulated by temperature with 1024 entries per octave from 500 K, the leading bits of the temperature as
+/// a single-precision number, and linear between: within 1e-4 of blackbody() at every temperature, whatever the grid's
+/// range (tests/render/media_test.cpp).
 class EmissionRamp {
  public:
-  EmissionRamp() = default;
-  EmissionRamp(double lowest, double highest, std::vector<dvec3> entries)
-      : lowest_(lowest),
-        scale_(static_cast<double>(entries.size() - 1) / (highest - lowest)),
-        entries_(std::move(entries)) {}
+  static constexpr float kColdest = 500.0f;  ///< [K] below it nothing is seen to glow
+  static constexpr uint32_t kColdestBits = 0x43fa0000u;
+  static constexpr int kEntryBits = 13;  ///< of a temperature's bits, those that tell where it lies between entries
+  static_assert(std::bit_cast<uint32_t>(kColdest) == kColdestBits);
 
-  /// Black-body glow of kelvin = offset + scale * value, up to `highest` (a grid value), times `intensity`.
+  EmissionRamp() = default;
+  /// Black-body glow of kelvin = offset + scale * value, up to `highest` (a grid value), times `intensity`; a value of
+  /// 0 is no gas and does not glow.
   /// @param planck  luminance 1 at 6500 K, and every other temperature in its visible proportion to that; otherwise
   ///                Blender's: luminance sigma T^4 1e-6 / pi in the colour of the glow
   static EmissionRamp of_blackbody(double offset, double scale, double highest, double intensity, bool planck);
-  /// Colours at given values, linear between.
+  /// @param stops  in increasing order of value, at least one
   static EmissionRamp of_colours(const std::vector<std::pair<double, dvec3>>& stops, double intensity);
 
   dvec3 operator()(double value) const;
 
-  double lowest() const { return lowest_; }                       ///< value of the first entry
-  double scale() const { return scale_; }                         ///< entries per value
-  const std::vector<dvec3>& entries() const { return entries_; }  ///< at least two
+  bool is_blackbody() const { return stops_.empty(); }
+  double offset() const { return offset_; }                       ///< of a black body [K]
+  double scale() const { return scale_; }                         ///< of a black body [K per value]
+  const std::vector<double>& stops() const { return stops_; }     ///< at least two; empty for a black body
+  const std::vector<dvec3>& entries() const { return entries_; }  ///< of the stops, or the table
 
  private:
-  double lowest_ = 0, scale_ = 1;
-  std::vector<dvec3> entries_{dvec3(0), dvec3(0)};
+  double offset_ = 0, scale_ = 1;
+  std::vector<double> stops_;
+  std::vector<dvec3> entries_;
 };
 
 /// A field that emits: coefficient [radiance per world unit] = ramp(value), independent of extinction, so that flames

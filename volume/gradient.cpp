@@ -1,5 +1,7 @@
 #include "volume/gradient.h"
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 
@@ -46,6 +48,94 @@ dvec3 interpolated_differences(const BrickGrid& bricks, const dvec3& p, int h) {
   return gradient;
 }
 
+/// A point of [t0, t1] where f - iso changes from negative to not negative, given that it does.
+template <class Function>
+double bisect(const Function& f, double t0, double t1, double iso) {
+  for (int k = 0; k < 40 && t0 < t1; ++k) {
+    const double middle = 0.5 * (t0 + t1);
+    if (middle == t0 || middle == t1) break;
+    (f(middle) < iso ? t0 : t1) = middle;
+  }
+  return t1;
+}
+
+/// The first point of [0, 1] where a cubic reaches iso, given its values at 0, 1/3, 2/3 and 1.
+std::optional<double> first_root(const std::array<double, 4>& v, double iso) {
+  if (v[0] >= iso) return 0.0;
+  const double c1 = -5.5 * v[0] + 9 * v[1] - 4.5 * v[2] + v[3], c2 = 9 * v[0] - 22.5 * v[1] + 18 * v[2] - 4.5 * v[3];
+  const double c3 = -4.5 * v[0] + 13.5 * v[1] - 13.5 * v[2] + 4.5 * v[3];
+  const auto f = [&](double x) { return v[0] + x * (c1 + x * (c2 + x * c3)); };
+  // Between its extrema it is monotonic.
+  std::array<double, 3> ends{1, 1, 1};
+  const double a = 3 * c3, b = 2 * c2, discriminant = b * b - 4 * a * c1;
+  if (discriminant > 0) {
+    const double q = -0.5 * (b + std::copysign(std::sqrt(discriminant), b));
+    ends[0] = q / a;
+    ends[1] = c1 / q;
+    for (double& end : ends)
+      if (!(end > 0 && end < 1)) end = 1;
+    std::sort(ends.begin(), ends.end());
+  }
+  double from = 0;
+  for (const double end : ends) {
+    if (f(end) >= iso) return bisect(f, from, end, iso);
+    from = end;
+  }
+  return std::nullopt;
+}
+
+std::optional<double> surface_in_cell(const BrickGrid& bricks, const Ray& ray, const MajorantWalk::Segment& s,
+                                      float iso) {
+  const double across = 1e-20 * max_component(glm::abs(ray.d));
+  const float* const values = bricks.brick(*s.cell);
+  const ivec3 lowest = s.coordinates * bricks.cell_size();
+  const int last = bricks.cell_size() - 1, Y = bricks.stored(), X = Y * Y;
+  double t = s.t0;
+  while (t < s.t1) {
+    // The voxel around the ray just behind t, and where the ray leaves it.
+    const dvec3 p = ray.at(t);
+    ivec3 voxel;
+    double next = s.t1;
+    for (int a = 0; a < 3; ++a) {
+      const double q = p[a] - lowest[a];
+      const int towards =
+          ray.d[a] > 0 ? static_cast<int>(std::floor(q + 1e-9)) : static_cast<int>(std::ceil(q - 1e-9)) - 1;
+      voxel[a] = std::clamp(towards, 0, last);
+      if (std::abs(ray.d[a]) <= across) {
+        voxel[a] = std::clamp(static_cast<int>(std::floor(q)), 0, last);
+        continue;
+      }
+      const double plane = lowest[a] + voxel[a] + (ray.d[a] > 0 ? 1 : 0);
+      next = std::min(next, (plane - ray.o[a]) / ray.d[a]);
+    }
+    if (!(next > t)) next = std::nextafter(t, std::numeric_limits<double>::infinity());
+    const float* const v = values + voxel.x * X + voxel.y * Y + voxel.z;
+    const float most = std::max({v[0], v[1], v[Y], v[Y + 1], v[X], v[X + 1], v[X + Y], v[X + Y + 1]});
+    if (most >= iso) {
+      const auto density = [&](double at) {
+        return static_cast<double>(bricks.lookup_in(*s.cell, s.coordinates, ray.at(at)));
+      };
+      const double third = (next - t) / 3;
+      if (const auto x = first_root({density(t), density(t + third), density(next - third), density(next)}, iso))
+        return t + *x * (next - t);
+    }
+    t = next;
+  }
+  return std::nullopt;
+}
+
+std::optional<double> march_to_surface(const Medium& medium, const Ray& ray, const MajorantWalk::Segment& s,
+                                       float iso) {
+  const double step = 0.25 / glm::length(ray.d);
+  const auto density = [&](double t) { return medium.density(s, ray.at(t)); };
+  const int steps = std::max(1, static_cast<int>(std::ceil((s.t1 - s.t0) / step)));
+  for (int i = 1; i <= steps; ++i) {
+    const double t0 = s.t0 + (s.t1 - s.t0) * (i - 1) / steps, t1 = s.t0 + (s.t1 - s.t0) * i / steps;
+    if (density(t1) >= iso) return bisect(density, t0, t1, iso);
+  }
+  return std::nullopt;
+}
+
 }  // namespace
 
 std::optional<dvec3> density_gradient(const Medium& medium, const dvec3& local) {
@@ -60,35 +150,21 @@ std::optional<dvec3> density_gradient(const Medium& medium, const dvec3& local) 
   return std::nullopt;
 }
 
-std::optional<double> find_surface(const Medium& medium, const Ray& ray, float iso) {
+std::optional<double> find_surface(const Medium& medium, const Ray& ray, float iso, double begin) {
   if (medium.empty()) return std::nullopt;
   if (medium.homogeneous()) {
     const auto [t0, t1] = medium.homogeneous()->intersect(ray);
-    if (!(t1 > t0) || !(t1 > 0)) return std::nullopt;
-    return std::max(t0, 0.0);
+    if (!(t1 > t0) || !(t1 > begin)) return std::nullopt;
+    return std::max(t0, begin);
   }
-  if (medium.density(ray.o) >= iso) return 0.0;
-  const double step = 1.0 / glm::length(ray.d);
-  const dvec3 shift = medium.walked_shift();
-  MajorantWalk walk(medium.walked(), {ray.o + shift, ray.d}, 0.0, std::numeric_limits<double>::infinity());
+  if (medium.density(ray.at(begin)) >= iso) return begin;
+  MajorantWalk walk = medium.walk(ray, begin, std::numeric_limits<double>::infinity());
   MajorantWalk::Segment s;
   while (walk.next(s)) {
     if (s.majorant < iso) continue;
-    const auto density = [&](double t) {
-      return medium.displacement() ? static_cast<float>(medium.density(ray.at(t)))
-                                   : medium.bricks().lookup_in(*s.cell, s.coordinates, ray.at(t));
-    };
-    const int steps = std::max(1, static_cast<int>(std::ceil((s.t1 - s.t0) / step)));
-    for (int i = 1; i <= steps; ++i) {
-      const double t1 = s.t0 + (s.t1 - s.t0) * i / steps;
-      if (density(t1) < iso) continue;
-      double lo = s.t0 + (s.t1 - s.t0) * (i - 1) / steps, hi = t1;
-      for (int k = 0; k < 8; ++k) {
-        const double mid = 0.5 * (lo + hi);
-        (density(mid) < iso ? lo : hi) = mid;
-      }
-      return hi;
-    }
+    const std::optional<double> t =
+        medium.displacement() ? march_to_surface(medium, ray, s, iso) : surface_in_cell(medium.bricks(), ray, s, iso);
+    if (t) return t;
   }
   return std::nullopt;
 }

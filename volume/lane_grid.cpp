@@ -92,6 +92,11 @@ bool LaneGrid::fits(const BrickGrid& grid) {
          static_cast<double>(grid.brick_count() * grid.brick_values()) < 2147483647.0;
 }
 
+bool LaneGrid::resolves(const BrickGrid& grid, double free_path) {
+  const ivec3 n = grid.cells();
+  return free_path >= 16 * 0x1p-24 * std::max({n.x, n.y, n.z}) * grid.cell_size();
+}
+
 LaneGrid::LaneGrid(const BrickGrid& grid, double scale)
     : nx(grid.cells().x), ny(grid.cells().y), nz(grid.cells().z), cell_size(grid.cell_size()) {
   const auto at = [this](int x, int y, int z) { return (static_cast<size_t>(x) * ny + y) * nz + z; };

@@ -30,6 +30,9 @@ struct LaneGrid {
   /// Whether 32-bit offsets and single-precision local coordinates are enough for a grid: at most 4096 voxels a side
   /// (positions known to 1/4096 of a voxel), 2^26 cells, 2^31 values.
   static bool fits(const BrickGrid& grid);
+  /// Whether single-precision positions tell points on a mean free path apart: it must hold sixteen of them.
+  /// @param free_path  the shortest of the medium [voxels]
+  static bool resolves(const BrickGrid& grid, double free_path);
   /// @param scale  factor on all majorants, at least 1: a looser bound changes no expectation
   explicit LaneGrid(const BrickGrid& grid, double scale = 1.0);
 

@@ -81,6 +81,11 @@ class Medium {
   /// Local coordinates of walked() from those of the bricks.
   dvec3 walked_shift() const { return displacement_ ? displacement_->origin_shift : dvec3(0); }
 
+  /// The segments of constant majorant along a local ray. Not for a homogeneous medium.
+  MajorantWalk walk(const Ray& local, double t_min, double t_max) const {
+    return {walked(), {local.o + walked_shift(), local.d}, t_min, t_max};
+  }
+
   const Coefficients& coefficients() const { return coefficients_; }
   /// The largest channel: tracking samples with it.
   double extinction_per_density() const { return sigma_max_; }
@@ -109,6 +114,10 @@ class Medium {
   double density(const dvec3& local) const {
     if (homogeneous_) return homogeneous_->contains(local) ? 1.0 : 0.0;
     return bricks_->lookup(displacement_ ? displaced(local) : local);
+  }
+  /// The same at a local point of a segment of walk(), for less.
+  double density(const MajorantWalk::Segment& segment, const dvec3& local) const {
+    return displacement_ ? density(local) : bricks_->lookup_in(*segment.cell, segment.coordinates, local);
   }
   /// Where the density that is now at a local point is stored.
   dvec3 displaced(const dvec3& local) const {

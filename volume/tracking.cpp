@@ -22,9 +22,9 @@ double estimate_transmittance(const Medium& medium, const Ray& local, double t_m
   double weight = 1.0;
   while (points.next(point, rng, counters)) {
     weight *= 1.0 - point.density / point.majorant;
-    if (weight >= 0.05) continue;
-    if (!(rng.uniform() < weight / 0.1)) return 0.0;
-    weight = 0.1;
+    if (weight >= kLeastTransmittance) continue;
+    if (!(rng.uniform() < weight / kSurvivingTransmittance)) return 0.0;
+    weight = kSurvivingTransmittance;
   }
   return weight;
 }
@@ -38,17 +38,17 @@ dvec3 estimate_chromatic_transmittance(const Medium& medium, const Ray& local, d
   while (points.next(point, rng, counters)) {
     weight *= 1.0 - medium.extinction_ratio() * (point.density / point.majorant);
     const double largest = max_component(weight);
-    if (largest >= 0.05) continue;
-    if (!(rng.uniform() < largest / 0.1)) return dvec3(0);
-    weight *= 0.1 / largest;
+    if (largest >= kLeastTransmittance) continue;
+    if (!(rng.uniform() < largest / kSurvivingTransmittance)) return dvec3(0);
+    weight *= kSurvivingTransmittance / largest;
   }
   return weight;
 }
 
 double optical_depth(const Medium& medium, const Ray& ray, double t_max) {
   if (medium.homogeneous()) return medium.extinction_per_density() * chord(medium, ray, t_max);
-  const dvec3 shift = medium.walked_shift();
-  MajorantWalk walk(medium.walked(), {ray.o + shift, ray.d}, 0.0, t_max);
+  MajorantWalk walk = medium.walk(ray, 0.0, t_max);
+  const double across = 1e-20 * max_component(glm::abs(ray.d));  // such a ray never reaches the axis's planes
   MajorantWalk::Segment s;
   double sum = 0;
   while (walk.next(s)) {
@@ -58,17 +58,13 @@ double optical_depth(const Medium& medium, const Ray& ray, double t_max) {
       const dvec3 p = ray.at(t);
       double next = s.t1;
       for (int a = 0; a < 3; ++a) {
-        if (std::abs(ray.d[a]) < 1e-20) continue;
+        if (std::abs(ray.d[a]) <= across) continue;
         const double plane = ray.d[a] > 0 ? std::floor(p[a] + 1e-9) + 1 : std::ceil(p[a] - 1e-9) - 1;
         next = std::min(next, (plane - ray.o[a]) / ray.d[a]);
       }
       if (!(next > t)) next = std::nextafter(t, std::numeric_limits<double>::infinity());
       const double centre = 0.5 * (t + next), half = 0.5 * (next - t), x = half * std::sqrt(0.6);
-      const auto density = [&](double at) {
-        return medium.displacement()
-                   ? medium.density(ray.at(at))
-                   : static_cast<double>(medium.bricks().lookup_in(*s.cell, s.coordinates, ray.at(at)));
-      };
+      const auto density = [&](double at) { return medium.density(s, ray.at(at)); };
       sum += half * (8.0 / 9 * density(centre) + 5.0 / 9 * (density(centre - x) + density(centre + x)));
       t = next;
     }

@@ -1,5 +1,8 @@
 #pragma once
+#include <algorithm>
+#include <cmath>
 #include <cstdint>
+#include <limits>
 
 #include "base/progress.h"
 #include "base/rng.h"
@@ -19,12 +22,17 @@ struct TrackingCounters {
     if ((++lookups & 0xfff) == 0 && stop != nullptr) stop->check();
   }
   void merge(const TrackingCounters& other) {
-    lookups += other.lookups, collisions += other.collisions, majorant_violations += other.majorant_violations;
+    lookups += other.lookups;
+    collisions += other.collisions;
+    majorant_violations += other.majorant_violations;
   }
 };
 
 // Interpolation rounds, so the bound is widened by more than a float's rounding and by less than anyone can measure.
 inline constexpr double kMajorantMargin = 1.0 + 1e-6;
+
+// Ratio tracking: a weight below the first plays roulette, survivors go on with the second.
+inline constexpr double kLeastTransmittance = 0.05, kSurvivingTransmittance = 0.1;
 
 /// A point of a Poisson process whose rate is the majorant of a medium's extinction.
 struct TentativeCollision {
@@ -78,15 +86,11 @@ class TentativeCollisions {
         open_ = false;
         continue;
       }
-      t_ += tau_ / sigma_maj;
-      double density;
-      if (medium_->homogeneous()) {
-        density = 1.0;
-      } else if (medium_->displacement() || one_segment_) {
-        density = medium_->density(ray_.at(t_));
-      } else {
-        density = medium_->bricks().lookup_in(*segment_.cell, segment_.coordinates, ray_.at(t_));
-      }
+      // Never the same point again, however dense the medium: a flight moves on or ends.
+      t_ = std::max(t_ + tau_ / sigma_maj, std::nextafter(t_, std::numeric_limits<double>::infinity()));
+      const double density = medium_->homogeneous() ? 1.0
+                             : one_segment_         ? medium_->density(ray_.at(t_))
+                                                    : medium_->density(segment_, ray_.at(t_));
       counters.look_up();
       counters.majorant_violations += density > majorant;
       point = {t_, density, majorant};

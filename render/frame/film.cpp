@@ -5,7 +5,8 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
-#include <cstring>
+#include <limits>
+#include <numeric>
 
 #include "base/error.h"
 
@@ -185,21 +186,63 @@ void Film::develop(int tile) {
     }
 }
 
-double Film::relative_error(double exposure) const {
-  const double floor = 0.01 / (exposure * exposure);
-  const auto mean = layers_.rgb(layer::beauty), variance = layers_.rgb(layer::beauty, statistic::mean_variance);
-  double sum = 0;
-  for (int y = 0; y < height_; ++y)
-    for (int x = 0; x < width_; ++x)
-      for (size_t c = 0; c < 3; ++c) {
-        const double m = (*mean[c])(x, y);
-        sum += (*variance[c])(x, y) / (m * m + floor);
-      }
-  return std::sqrt(sum / (3.0 * width_ * height_));
+namespace {
+
+/// Sums over the windows of 2 radius + 1 pixels around each pixel, cut at the border.
+std::vector<double> window_sums(const std::vector<double>& values, int width, int height, int radius) {
+  std::vector<double> table(static_cast<size_t>(width + 1) * (height + 1));
+  const auto at = [&](int x, int y) -> double& { return table[static_cast<size_t>(y) * (width + 1) + x]; };
+  for (int y = 0; y < height; ++y)
+    for (int x = 0; x < width; ++x)
+      at(x + 1, y + 1) = values[static_cast<size_t>(y) * width + x] + at(x, y + 1) + at(x + 1, y) - at(x, y);
+  std::vector<double> sums(values.size());
+  for (int y = 0; y < height; ++y)
+    for (int x = 0; x < width; ++x) {
+      const int x0 = std::max(x - radius, 0), x1 = std::min(x + radius + 1, width);
+      const int y0 = std::max(y - radius, 0), y1 = std::min(y + radius + 1, height);
+      sums[static_cast<size_t>(y) * width + x] = at(x1, y1) - at(x0, y1) - at(x1, y0) + at(x0, y0);
+    }
+  return sums;
 }
 
-size_t Film::state_bytes_per_pixel() const {
-  return sums_.doubles() * sizeof(double) + (sums_.groups() + 1) * sizeof(uint32_t);
+}  // namespace
+
+double Film::relative_error(double exposure) const {
+  constexpr int kRadius = 3;
+  constexpr double kLeastSamples = 8;       // per pixel, before anything is said
+  constexpr double kBorrowedSamples = 256;  // of the whole picture's, in every window
+  constexpr double kUnknown = std::numeric_limits<double>::infinity();
+  const double floor = 0.01 / (exposure * exposure);
+  const Plane& counts = layers_.at(layer::sample_count.channel(0));
+  const auto mean = layers_.rgb(layer::beauty), mean_variance = layers_.rgb(layer::beauty, statistic::mean_variance);
+  const auto pixels = static_cast<size_t>(width_) * height_;
+  std::vector<double> taken(pixels), light(pixels), variance(pixels);
+  const auto each_pixel = [&](const auto& visit) {
+    for (int y = 0; y < height_; ++y)
+      for (int x = 0; x < width_; ++x) visit(x, y, static_cast<size_t>(y) * width_ + x);
+  };
+  each_pixel([&](int x, int y, size_t i) { taken[i] = counts(x, y); });
+  if (*std::min_element(taken.begin(), taken.end()) < kLeastSamples) return kUnknown;
+  const std::vector<double> taken_around = window_sums(taken, width_, height_, kRadius);
+  double sum = 0, all_light = 0;
+  for (size_t c = 0; c < 3; ++c) {
+    double all_variance = 0;
+    each_pixel([&](int x, int y, size_t i) {
+      light[i] = taken[i] * (*mean[c])(x, y);
+      variance[i] = taken[i] * taken[i] * (*mean_variance[c])(x, y);  // of one sample, times the samples
+      all_light += std::abs(light[i]);
+      all_variance += variance[i];
+    });
+    all_variance /= std::accumulate(taken.begin(), taken.end(), 0.0);
+    const std::vector<double> light_around = window_sums(light, width_, height_, kRadius);
+    const std::vector<double> variance_around = window_sums(variance, width_, height_, kRadius);
+    for (size_t i = 0; i < pixels; ++i) {
+      const double n = taken_around[i], m = light_around[i] / n;
+      const double v = (std::max(variance_around[i], 0.0) + kBorrowedSamples * all_variance) / (n + kBorrowedSamples);
+      sum += v / taken[i] / (m * m + floor);
+    }
+  }
+  return all_light > 0 ? std::sqrt(sum / (3.0 * static_cast<double>(pixels))) : kUnknown;
 }
 
 void Film::save_state(Layers& layers) const {

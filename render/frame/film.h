@@ -44,7 +44,10 @@ class Film {
   void drop(int tile);
 
   /// Estimated relative error of the beauty: root of the mean over pixels of mean_variance / (mean^2 + 0.01 white^2).
-  /// Needs statistics.
+  /// Means and variances are pooled over windows of 7 x 7 pixels, because a pixel whose few samples happen to be equal
+  /// is not known to be exact; and every window borrows 256 samples' worth of the whole picture's variance, because
+  /// what is rare may not have been seen in it yet. Infinite while pixels have fewer than 8 samples, and while no light
+  /// was found at all. Needs statistics.
   double relative_error(double exposure) const;
 
   const Layers& layers() const { return layers_; }
@@ -55,8 +58,6 @@ class Film {
   void save_state(Layers& layers) const;
   /// Adds the sums of a saved state to this film's. @throws InputError naming what does not fit
   void merge_state(const Layers& saved, const std::string& name);
-  /// Sums that save_state keeps, per pixel.
-  size_t state_bytes_per_pixel() const;
 
   /// Memory of the layers, and of the sums of all tiles at once.
   static double layer_bytes(int width, int height, const LayerRequest& request);

@@ -35,35 +35,38 @@ void Surface(const LaneScene& scene, const PathStates& paths, const SlotList& ra
   const V zero = hn::Zero(d), one = set(1.0f), iso = set(scene.surface_density);
   RayQueue queue(rays);
   CellWalk walk(scene);
-  CellWalk::Buffer buffer;
   HWY_ALIGN float t[RayQueue::kMost] = {}, outside[RayQueue::kMost], density[RayQueue::kMost];
   V length = one, before = zero, value = zero;
-  uint32_t collided = 0;
-  for (;;) {
-    if (queue.due()) {
-      if (queue.finished) {
-        hn::Store(walk.t, d, t), hn::Store(before, d, outside), hn::Store(value, d, density);
-        queue.finished &= collided;
-        queue.collect([&](size_t lane, size_t s) {
-          const size_t k = crossings.slots.count;
-          crossings.outside[k] = outside[lane], crossings.inside[k] = t[lane];
-          crossings.below[k] = -1, crossings.above[k] = density[lane];
-          crossings.slots.push(static_cast<int32_t>(s));
-        });
-      }
-      if (queue.exhausted()) break;
-      if (queue.next < rays.count) {
-        walk.store(buffer);
-        const M fresh = load_rays(queue, buffer, paths, [&](size_t lane, size_t s) { t[lane] = camera.begin[s]; });
-        const V begin = hn::Load(d, t);
-        walk.load(buffer, fresh, begin);
-        length = voxel_length(walk);
-        before = hn::IfThenElse(fresh, begin, before);
-        collided &= ~bits_of(fresh);
-      }
-    }
-    const M active = mask_of(queue.busy);
+  uint32_t collided = 0, close = 0;  // lanes that have met the surface, or may have cut a corner of it
 
+  const auto finish = [&] {
+    hn::Store(walk.t, d, t);
+    hn::Store(before, d, outside);
+    hn::Store(value, d, density);
+    queue.finished &= collided | close;
+    queue.collect([&](size_t lane, size_t s) {
+      if (!(collided >> lane & 1)) {
+        crossings.unsure.push(static_cast<int32_t>(s));
+        return;
+      }
+      const size_t k = crossings.slots.count;
+      crossings.outside[k] = outside[lane];
+      crossings.inside[k] = t[lane];
+      crossings.below[k] = -1;
+      crossings.above[k] = density[lane];
+      crossings.slots.push(static_cast<int32_t>(s));
+    });
+  };
+  const auto load = [&](CellWalk::Buffer& buffer) {
+    const M fresh = load_rays(queue, buffer, paths, [&](size_t lane, size_t s) { t[lane] = camera.begin[s]; });
+    const V begin = hn::Load(d, t);
+    walk.load(buffer, fresh, begin);
+    length = voxel_length(walk);
+    before = hn::IfThenElse(fresh, begin, before);
+    collided &= ~bits_of(fresh);
+    close &= ~bits_of(fresh);
+  };
+  drive(queue, walk, scene.stop, finish, load, [&](M active) {
     const VI word = hn::GatherIndex(di, scene.surface_cell, walk.index(active));
     const M nothing = hn::RebindMask(d, hn::Lt(word, hn::Zero(di)));
     const CellWalk::Crossing crossing = walk.ahead(word, nothing);
@@ -92,12 +95,18 @@ void Surface(const LaneScene& scene, const PathStates& paths, const SlotList& ra
     }
     const M moves = hn::AndNot(hit, looks);
     const V next = hn::Min(hn::Add(walk.t, hn::Mul(hn::Max(distance, one), length)), crossing.until);
+    // Between two looks a ray can cut the corner of a voxel that reaches the density. It then looks from beside it, or
+    // leaves the cell before it can.
+    const M corner = hn::Or(hn::Le(distance, one),
+                            hn::And(hn::Ge(next, crossing.until),
+                                    hn::Gt(hn::Sub(crossing.until, walk.t), hn::Mul(hn::Sub(distance, one), length))));
+    close |= bits_of(hn::And(moves, corner));
     const V reached = hn::IfThenElse(passes, crossing.until, hn::Max(walk.t, hn::Sub(next, length)));
     before = hn::IfThenElse(hn::Or(moves, hn::And(passes, nothing)), reached, before);
     const M left = walk.cross(crossing, hn::Or(passes, hn::And(moves, hn::Ge(next, crossing.until))));
     walk.t = hn::IfThenElse(moves, next, walk.t);
     queue.end(hn::Or(hit, left));
-  }
+  });
 }
 
 void SurfacePoints(const LaneScene& scene, const PathStates& paths, SurfaceCrossings& crossings,
@@ -141,42 +150,36 @@ void March(const LaneScene& scene, const PathStates& paths, const SlotList& rays
   const V zero = hn::Zero(d), one = set(1.0f), deepest = set(static_cast<float>(kDeepest));
   RayQueue queue(rays);
   CellWalk walk(scene);
-  CellWalk::Buffer buffer;
   GeneratorBuffer generators;
   Generator rng = generators.load();
   V length = one, offset = zero, depth = zero, level[kMarchedPoints], point[kMarchedPoints];
   for (size_t k = 0; k < kMarchedPoints; ++k) level[k] = point[k] = zero;
-  for (;;) {
-    if (queue.due()) {
-      if (queue.finished) {
-        HWY_ALIGN float depths[RayQueue::kMost], points[kMarchedPoints][RayQueue::kMost];
-        hn::Store(depth, d, depths);
-        for (size_t k = 0; k < kMarchedPoints; ++k) hn::Store(point[k], d, points[k]);
-        queue.collect([&](size_t lane, size_t s) {
-          camera.depth[s] = depths[lane];
-          for (size_t k = 0; k < kMarchedPoints; ++k) camera.point[k][s] = points[k][lane];
-        });
-      }
-      if (queue.exhausted()) break;
-      if (queue.next < rays.count) {
-        generators.store(rng);
-        walk.store(buffer);
-        const M fresh =
-            load_rays(queue, buffer, paths, [&](size_t lane, size_t s) { generators.fetch(paths, s, lane); });
-        walk.load(buffer, fresh);
-        rng = generators.load();
-        length = voxel_length(walk);
-        depth = hn::IfThenElse(fresh, zero, depth);
-        offset = hn::IfThenElse(fresh, rng.uniform(fresh), offset);
-        const V u = rng.uniform(fresh);
-        for (size_t k = 0; k < kMarchedPoints; ++k) {
-          const V v = hn::Mul(hn::Add(u, set(static_cast<float>(k))), set(1.0f / kMarchedPoints));
-          level[k] = hn::IfThenElse(fresh, hn::Neg(log_of(hn::Sub(one, v))), level[k]);
-          point[k] = hn::IfThenElse(fresh, set(-1.0f), point[k]);
-        }
-      }
+
+  const auto finish = [&] {
+    HWY_ALIGN float depths[RayQueue::kMost], points[kMarchedPoints][RayQueue::kMost];
+    hn::Store(depth, d, depths);
+    for (size_t k = 0; k < kMarchedPoints; ++k) hn::Store(point[k], d, points[k]);
+    queue.collect([&](size_t lane, size_t s) {
+      camera.depth[s] = depths[lane];
+      for (size_t k = 0; k < kMarchedPoints; ++k) camera.point[k][s] = points[k][lane];
+    });
+  };
+  const auto load = [&](CellWalk::Buffer& buffer) {
+    generators.store(rng);
+    const M fresh = load_rays(queue, buffer, paths, [&](size_t lane, size_t s) { generators.fetch(paths, s, lane); });
+    walk.load(buffer, fresh);
+    rng = generators.load();
+    length = voxel_length(walk);
+    depth = hn::IfThenElse(fresh, zero, depth);
+    offset = hn::IfThenElse(fresh, rng.uniform(fresh), offset);
+    const V u = rng.uniform(fresh);
+    for (size_t k = 0; k < kMarchedPoints; ++k) {
+      const V v = hn::Mul(hn::Add(u, set(static_cast<float>(k))), set(1.0f / kMarchedPoints));
+      level[k] = hn::IfThenElse(fresh, hn::Neg(log_of(hn::Sub(one, v))), level[k]);
+      point[k] = hn::IfThenElse(fresh, set(-1.0f), point[k]);
     }
-    const M active = mask_of(queue.busy);
+  };
+  drive(queue, walk, scene.stop, finish, load, [&](M active) {
     const auto [cell_index, crossing, passes, looks] = walk.look(active);
     M done = walk.cross(crossing, passes);
 
@@ -193,7 +196,7 @@ void March(const LaneScene& scene, const PathStates& paths, const SlotList& rays
     depth = hn::Min(after, deepest);
     walk.t = hn::IfThenElse(looks, t1, t0);
     queue.end(hn::Or(done, hn::And(looks, hn::Ge(depth, deepest))));
-  }
+  });
 }
 
 void Gradient(const LaneScene& scene, GradientPoints& points) {

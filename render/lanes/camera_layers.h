@@ -30,6 +30,7 @@ struct SurfaceCrossings {
   PathStates::Column<float> outside, inside;
   PathStates::Column<float> below, above;  ///< the densities there; negative where that was not looked up
   SlotList slots;
+  SlotList unsure;  ///< rays that no look found to meet the surface, but that came so close that they may
 };
 
 /// Finds where the density along each ray first reaches `surface_density`, voxel by voxel from `begin` on, and adds it

@@ -156,7 +156,8 @@ struct CellWalk {
       const V plane = hn::Mul(hn::Max(last, hn::Add(last, sign)), set(grid.cell));
       return hn::Mul(hn::Sub(plane, origin), inv);
     };
-    c.tx = when(c.last.x, c.sign.x, o.x, inverse.x), c.ty = when(c.last.y, c.sign.y, o.y, inverse.y);
+    c.tx = when(c.last.x, c.sign.x, o.x, inverse.x);
+    c.ty = when(c.last.y, c.sign.y, o.y, inverse.y);
     c.exit = hn::Min(hn::Min(c.tx, c.ty), when(c.last.z, c.sign.z, o.z, inverse.z));
     c.until = hn::Max(c.exit, t);
     return c;
@@ -196,6 +197,29 @@ struct CellWalk {
     return hn::And(passes, hn::Or(left(cell.x, grid.nx), hn::Or(left(cell.y, grid.ny), left(cell.z, grid.nz))));
   }
 };
+
+/// Walks the rays of a queue, as many at a time as there are lanes.
+/// @param stop    asked now and then, may be null: throws Interrupted where it says so
+/// @param finish  writes back what the finished lanes have found, through RayQueue::collect
+/// @param load    gives rays to free lanes, through RayQueue::load; its buffer holds those that are on their way
+/// @param step    (M active) takes the active lanes one step ahead and ends those that are done, through RayQueue::end
+template <class Finish, class Load, class Step>
+HWY_INLINE void drive(RayQueue& queue, const CellWalk& walk, const StopSignal* stop, Finish&& finish, Load&& load,
+                      Step&& step) {
+  CellWalk::Buffer buffer;
+  for (uint32_t steps = 1;; ++steps) {
+    if (queue.due()) {
+      if (queue.finished) finish();
+      if (queue.exhausted()) return;
+      if (queue.next < queue.rays.count) {
+        walk.store(buffer);
+        load(buffer);
+      }
+    }
+    if ((steps & 0xfff) == 0 && stop != nullptr) stop->check();
+    step(mask_of(queue.busy));
+  }
+}
 
 /// Length of a voxel as a ray parameter.
 HWY_INLINE V voxel_length(const CellWalk& walk) {

@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <cstring>
 #include <numbers>
 
 #include "volume/lane_grid.h"
@@ -17,68 +18,95 @@ namespace brume::HWY_NAMESPACE {
 
 #include "render/lanes/cell_walk.h"
 
-void Emission(const EmissionCells& glow, PathStates& paths, const SlotList& rays, EmissionSegments& segments) {
+/// Which entries of the ramp a value lies between, and where; `glows` is cleared where it is dark.
+struct RampPlace {
+  VI entry;
+  V f;
+};
+HWY_INLINE RampPlace place(const EmissionCells& cells, V value, M& glows) {
   const D d;
   const DI di;
+  const V zero = hn::Zero(d);
+  if (cells.blackbody) {
+    const V kelvin = hn::Add(set(cells.offset), hn::Mul(set(cells.scale), value));
+    glows = hn::And(glows, hn::And(hn::Gt(value, zero), hn::Ge(kelvin, set(EmissionRamp::kColdest))));
+    const VI bits = hn::IfThenElseZero(hn::RebindMask(di, glows),
+                                       hn::Sub(hn::BitCast(di, kelvin), hn::Set(di, EmissionRamp::kColdestBits)));
+    const VI entry = hn::Min(hn::ShiftRight<EmissionRamp::kEntryBits>(bits), hn::Set(di, cells.last));
+    const VI within = hn::And(bits, hn::Set(di, (1 << EmissionRamp::kEntryBits) - 1));
+    return {entry, hn::Mul(hn::ConvertTo(d, within), set(1.0f / (1 << EmissionRamp::kEntryBits)))};
+  }
+  VI entry = hn::Zero(di);
+  for (int32_t k = 1; k <= cells.last; ++k)
+    entry = hn::IfThenElse(hn::RebindMask(di, hn::Ge(value, set(cells.stops[k]))), hn::Set(di, k), entry);
+  const V from = hn::GatherIndex(d, cells.stops, entry), inverse = hn::GatherIndex(d, cells.inverse_widths, entry);
+  return {entry, hn::Min(hn::Max(hn::Mul(hn::Sub(value, from), inverse), zero), set(1.0f))};
+}
+
+void Emission(const EmissionCells& cells, PathStates& paths, const SlotList& rays, EmissionSegments& segments) {
+  const D d;
   constexpr size_t kMost = RayQueue::kMost;
   const V zero = hn::Zero(d);
   RayQueue queue(rays);
-  CellWalk walk(glow);
-  CellWalk::Buffer buffer;
+  CellWalk walk(cells);
   GeneratorBuffer generators;
   Generator rng = generators.load();
   HWY_ALIGN float ends[kMost] = {}, strides[kMost] = {};
   V end = zero, step = zero, offset = zero;
   V3 sum{zero, zero, zero};
-  for (;;) {
-    if (queue.due()) {
-      if (queue.finished) {
-        HWY_ALIGN float r[kMost], g[kMost], b[kMost];
-        hn::Store(sum.x, d, r), hn::Store(sum.y, d, g), hn::Store(sum.z, d, b);
-        generators.store(rng);
-        queue.collect([&](size_t lane, size_t s) {
-          generators.give_back(paths, s, lane);
-          segments.r[s] = r[lane], segments.g[s] = g[lane], segments.b[s] = b[lane];
-        });
-      }
-      if (queue.exhausted()) break;
-      if (queue.next < rays.count) {
-        generators.store(rng);
-        walk.store(buffer);
-        const M fresh = mask_of(queue.load([&](size_t lane, size_t s) {
-          buffer.ox[lane] = segments.ox[s], buffer.oy[lane] = segments.oy[s], buffer.oz[lane] = segments.oz[s];
-          buffer.dx[lane] = segments.dx[s], buffer.dy[lane] = segments.dy[s], buffer.dz[lane] = segments.dz[s];
-          ends[lane] = segments.end[s], strides[lane] = segments.stride[s];
-          generators.fetch(paths, s, lane);
-        }));
-        walk.load(buffer, fresh);
-        rng = generators.load();
-        end = hn::Load(d, ends);
-        step = hn::Mul(hn::Load(d, strides), voxel_length(walk));
-        offset = hn::IfThenElse(fresh, rng.uniform(fresh), offset);
-        sum = {hn::IfThenElse(fresh, zero, sum.x), hn::IfThenElse(fresh, zero, sum.y),
-               hn::IfThenElse(fresh, zero, sum.z)};
-      }
-    }
-    const M active = mask_of(queue.busy);
+
+  const auto finish = [&] {
+    HWY_ALIGN float r[kMost], g[kMost], b[kMost];
+    const V unit = set(cells.unit);
+    hn::Store(hn::Mul(sum.x, unit), d, r);
+    hn::Store(hn::Mul(sum.y, unit), d, g);
+    hn::Store(hn::Mul(sum.z, unit), d, b);
+    generators.store(rng);
+    queue.collect([&](size_t lane, size_t s) {
+      generators.give_back(paths, s, lane);
+      segments.r[s] = r[lane];
+      segments.g[s] = g[lane];
+      segments.b[s] = b[lane];
+    });
+  };
+  const auto load = [&](CellWalk::Buffer& buffer) {
+    generators.store(rng);
+    const M fresh = mask_of(queue.load([&](size_t lane, size_t s) {
+      buffer.ox[lane] = segments.ox[s];
+      buffer.oy[lane] = segments.oy[s];
+      buffer.oz[lane] = segments.oz[s];
+      buffer.dx[lane] = segments.dx[s];
+      buffer.dy[lane] = segments.dy[s];
+      buffer.dz[lane] = segments.dz[s];
+      ends[lane] = segments.end[s];
+      strides[lane] = segments.stride[s];
+      generators.fetch(paths, s, lane);
+    }));
+    walk.load(buffer, fresh);
+    rng = generators.load();
+    end = hn::Load(d, ends);
+    step = hn::Mul(hn::Load(d, strides), voxel_length(walk));
+    offset = hn::IfThenElse(fresh, rng.uniform(fresh), offset);
+    sum = {hn::IfThenElse(fresh, zero, sum.x), hn::IfThenElse(fresh, zero, sum.y), hn::IfThenElse(fresh, zero, sum.z)};
+  };
+  drive(queue, walk, nullptr, finish, load, [&](M active) {
     const auto [cell_index, crossing, passes, looks] = walk.look(active);
     const V reached = hn::Min(hn::Min(hn::Add(walk.t, step), crossing.until), end);
     if (!hn::AllFalse(d, looks)) {
-      const V part = hn::IfThenElseZero(looks, hn::Sub(reached, walk.t));
-      const V3 p = walk.at(hn::Add(walk.t, hn::Mul(offset, part)));
-      const V value = interpolated(glow, brick_of(glow, cell_index, looks), walk.within(p));
-      const V entry =
-          hn::Min(hn::Max(hn::Mul(hn::Sub(value, set(glow.lowest)), set(glow.scale)), zero), set(glow.last));
-      const V first = hn::Min(hn::Floor(entry), set(glow.last - 1.0f)), f = hn::Sub(entry, first);
-      const auto add = [&](V& to, const float* table) {
-        to = hn::Add(to, hn::Mul(part, between_entries(table, hn::ConvertTo(di, first), f)));
+      const V3 p = walk.at(hn::Add(walk.t, hn::Mul(offset, hn::Sub(reached, walk.t))));
+      const V value = interpolated(cells, brick_of(cells, cell_index, looks), walk.within(p));
+      M glows = looks;
+      const RampPlace at = place(cells, value, glows);
+      const V part = hn::IfThenElseZero(glows, hn::Sub(reached, walk.t));
+      const auto add = [&](V to, const float* table) {
+        return hn::Add(to, hn::Mul(part, between_entries(table, at.entry, at.f)));
       };
-      add(sum.x, glow.colour[0]), add(sum.y, glow.colour[1]), add(sum.z, glow.colour[2]);
+      sum = {add(sum.x, cells.colour[0]), add(sum.y, cells.colour[1]), add(sum.z, cells.colour[2])};
     }
     const M left = walk.cross(crossing, hn::Or(passes, hn::And(looks, hn::Ge(reached, crossing.until))));
     walk.t = hn::IfThenElse(looks, reached, walk.t);
     queue.end(hn::Or(left, hn::And(active, hn::Ge(walk.t, end))));
-  }
+  });
 }
 
 }  // namespace brume::HWY_NAMESPACE
@@ -90,20 +118,36 @@ namespace brume {
 HWY_EXPORT(Emission);
 
 LaneEmission::LaneEmission(const EmissionField& field, const LaneGrid& grid)
-    : shape(field.shape()), box{HomogeneousShape::Shape::kBox, shape.support().first, shape.support().second} {
+    : shape(field.shape()),
+      box{HomogeneousShape::Shape::kBox, shape.support().first, shape.support().second},
+      unit(lane_unit(shape)) {
   set_cells(cells, grid);
   const EmissionRamp& ramp = field.ramp();
-  const size_t count = ramp.entries().size();
+  const auto floats = [](const auto& values, const auto& of) {
+    std::vector<float> result;
+    for (const auto& v : values) result.push_back(static_cast<float>(of(v)));
+    return result;
+  };
   for (int c = 0; c < 3; ++c) {
-    for (const dvec3& entry : ramp.entries()) table[c].push_back(static_cast<float>(entry[c]));
+    table[c] = floats(ramp.entries(), [c](const dvec3& entry) { return entry[c]; });
     cells.colour[c] = table[c].data();
   }
-  cells.lowest = static_cast<float>(ramp.lowest()), cells.scale = static_cast<float>(ramp.scale());
-  cells.last = static_cast<float>(count - 1);
+  stops = floats(ramp.stops(), [](double v) { return v; });
+  for (size_t i = 0; i + 1 < stops.size(); ++i) {
+    const double width = ramp.stops()[i + 1] - ramp.stops()[i];
+    inverse_widths.push_back(width > 0 ? static_cast<float>(1 / width) : 0.0f);
+  }
+  cells.unit = static_cast<float>(unit);
+  cells.blackbody = ramp.is_blackbody();
+  cells.offset = static_cast<float>(ramp.offset());
+  cells.scale = static_cast<float>(ramp.scale());
+  cells.stops = stops.data();
+  cells.inverse_widths = inverse_widths.data();
+  cells.last = static_cast<int32_t>(ramp.entries().size()) - 2;
 }
 
-void lanes_emission(const EmissionCells& glow, PathStates& paths, const SlotList& rays, EmissionSegments& segments) {
-  HWY_DYNAMIC_DISPATCH(Emission)(glow, paths, rays, segments);
+void lanes_emission(const EmissionCells& cells, PathStates& paths, const SlotList& rays, EmissionSegments& segments) {
+  HWY_DYNAMIC_DISPATCH(Emission)(cells, paths, rays, segments);
 }
 
 }  // namespace brume

@@ -7,10 +7,15 @@
 
 namespace brume {
 
-/// A field that glows: its cells, and the emission coefficient as a function of its value, linear between entries.
+/// A field that glows: its cells, and its EmissionRamp.
 struct EmissionCells : LaneCells {
-  std::array<const float*, 3> colour;  ///< the entries, by channel
-  float lowest, scale, last;           ///< of the values; entries per value; number of the last entry
+  std::array<const float*, 3> colour;  ///< the ramp's entries, by channel
+  int32_t last;                        ///< the last entry that has another behind it
+  bool blackbody;
+  float offset, scale;          ///< from values to kelvin
+  const float* stops;           ///< of colours, one for each entry
+  const float* inverse_widths;  ///< 1 / the distance from a stop to the next; 0 where they coincide
+  float unit;                   ///< lane_unit() of the field
 };
 
 /// An EmissionField as the kernels need it.
@@ -21,13 +26,15 @@ struct LaneEmission {
 
   const Medium& shape;
   HomogeneousShape box;
+  double unit;
   std::array<std::vector<float>, 3> table;
+  std::vector<float> stops, inverse_widths;
   EmissionCells cells{};
 };
 
 /// Segments of flights that lie in such a field, by slot.
 struct EmissionSegments {
-  PathStates::Column<float> ox, oy, oz, dx, dy, dz;  ///< rays in local coordinates of the field
+  PathStates::Column<float> ox, oy, oz, dx, dy, dz;  ///< rays in local coordinates and lane units of the field
   PathStates::Column<float> end;                     ///< ray parameter
   PathStates::Column<float> stride;                  ///< voxels that one look-up stands for
   PathStates::Column<float> r, g, b;                 ///< the result

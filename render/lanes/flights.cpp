@@ -12,6 +12,7 @@
 #include <numbers>
 
 #include "volume/lane_grid.h"
+#include "volume/tracking.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace brume::HWY_NAMESPACE {
@@ -33,61 +34,71 @@ void track(const LaneScene& scene, PathStates& paths, const SlotList& rays, Slot
 
   RayQueue queue(rays);
   CellWalk walk(scene);
-  CellWalk::Buffer buffer;
   GeneratorBuffer generators;
   HWY_ALIGN float result[kMost] = {}, carried[kMost], x[kMost], y[kMost], z[kMost];
 
   const V zero = hn::Zero(d), one = set(1.0f);
   V tau = zero, weight = one, reach = zero;
+  V scattered = zero, lost = zero;  // of a first flight: the share so far, and what rounding took from it
   V3 hit_at{zero, zero, zero};
   Generator rng = generators.load();
   uint32_t collided = 0;
 
-  for (;;) {
-    if (queue.due()) {
-      if (queue.finished) {
-        if (kFirst) {
-          // What is scattered goes on with its weight; roulette below a hundredth.
-          const V scattered = hn::Sub(one, weight), u = rng.uniform(mask_of(queue.finished));
-          collided = bits_of(hn::Lt(hn::Mul(u, set(0.01f)), scattered));
-          hn::Store(hn::Max(scattered, set(0.01f)), d, carried);
-        }
-        generators.store(rng);
-        hn::Store(weight, d, result);
-        if (!kShadow) hn::Store(hit_at.x, d, x), hn::Store(hit_at.y, d, y), hn::Store(hit_at.z, d, z);
-        queue.collect([&](size_t lane, size_t s) {
-          generators.give_back(paths, s, lane);
-          if (kFirst) paths.passed[s] = result[lane], paths.tr[s] = paths.tg[s] = paths.tb[s] = carried[lane];
-          if (kShadow) {
-            paths.transmittance[s] = result[lane];
-          } else if (collided >> lane & 1) {
-            paths.ox[s] = x[lane], paths.oy[s] = y[lane], paths.oz[s] = z[lane];
-            hits->push(static_cast<int32_t>(s));
-          } else {
-            escapes->push(static_cast<int32_t>(s));
-          }
-        });
-      }
-      if (queue.exhausted()) break;
-      if (queue.next < rays.count) {
-        walk.store(buffer);
-        generators.store(rng);
-        const M fresh = mask_of(queue.load([&](size_t lane, size_t s) {
-          buffer.ox[lane] = paths.ox[s], buffer.oy[lane] = paths.oy[s], buffer.oz[lane] = paths.oz[s];
-          buffer.dx[lane] = (kShadow ? paths.sx : paths.lx)[s], buffer.dy[lane] = (kShadow ? paths.sy : paths.ly)[s];
-          buffer.dz[lane] = (kShadow ? paths.sz : paths.lz)[s];
-          generators.fetch(paths, s, lane);
-          if (kReach) result[lane] = (kShadow ? paths.shadow_reach : paths.reach)[s];
-        }));
-        walk.load(buffer, fresh);
-        rng = generators.load();
-        weight = hn::IfThenElse(fresh, one, weight);
-        tau = hn::IfThenElse(fresh, rng.exponential(fresh), tau);
-        if (kReach) reach = hn::IfThenElse(fresh, hn::Load(d, result), reach);
-      }
+  const auto finish = [&] {
+    if (kFirst) {
+      // What is scattered goes on with its weight; roulette below a hundredth.
+      const V u = rng.uniform(mask_of(queue.finished));
+      collided = bits_of(hn::Lt(hn::Mul(u, set(0.01f)), scattered));
+      hn::Store(hn::Max(scattered, set(0.01f)), d, carried);
     }
-    const M active = mask_of(queue.busy);
-
+    generators.store(rng);
+    hn::Store(weight, d, result);
+    if (!kShadow) {
+      hn::Store(hit_at.x, d, x);
+      hn::Store(hit_at.y, d, y);
+      hn::Store(hit_at.z, d, z);
+    }
+    queue.collect([&](size_t lane, size_t s) {
+      generators.give_back(paths, s, lane);
+      if (kFirst) {
+        paths.passed[s] = result[lane];
+        paths.tr[s] = paths.tg[s] = paths.tb[s] = carried[lane];
+      }
+      if (kShadow) {
+        paths.transmittance[s] = result[lane];
+      } else if (collided >> lane & 1) {
+        paths.ox[s] = x[lane];
+        paths.oy[s] = y[lane];
+        paths.oz[s] = z[lane];
+        hits->push(static_cast<int32_t>(s));
+      } else {
+        escapes->push(static_cast<int32_t>(s));
+      }
+    });
+  };
+  const auto load = [&](CellWalk::Buffer& buffer) {
+    generators.store(rng);
+    const M fresh = mask_of(queue.load([&](size_t lane, size_t s) {
+      buffer.ox[lane] = paths.ox[s];
+      buffer.oy[lane] = paths.oy[s];
+      buffer.oz[lane] = paths.oz[s];
+      buffer.dx[lane] = (kShadow ? paths.sx : paths.lx)[s];
+      buffer.dy[lane] = (kShadow ? paths.sy : paths.ly)[s];
+      buffer.dz[lane] = (kShadow ? paths.sz : paths.lz)[s];
+      generators.fetch(paths, s, lane);
+      if (kReach) result[lane] = (kShadow ? paths.shadow_reach : paths.reach)[s];
+    }));
+    walk.load(buffer, fresh);
+    rng = generators.load();
+    weight = hn::IfThenElse(fresh, one, weight);
+    if (kFirst) {
+      scattered = hn::IfThenElse(fresh, zero, scattered);
+      lost = hn::IfThenElse(fresh, zero, lost);
+    }
+    tau = hn::IfThenElse(fresh, rng.exponential(fresh), tau);
+    if (kReach) reach = hn::IfThenElse(fresh, hn::Load(d, result), reach);
+  };
+  drive(queue, walk, scene.stop, finish, load, [&](M active) {
     // The cell: its bound, or how far around it is empty.
     const VI cell_index = walk.index(active);
     const V bound = hn::GatherIndex(d, scene.majorant, cell_index);
@@ -110,25 +121,29 @@ void track(const LaneScene& scene, PathStates& paths, const SlotList& rays, Slot
       const V value = scene.interpolate ? hn::IfThenElseZero(collides, interpolated(scene, brick, walk.within(p)))
                                         : one_voxel(walk, rng, p, brick, collides);
       lookups += hn::CountTrue(d, collides);
-      const V u = rng.uniform(collides);
+      // Only roulette can do with 24 bits: a collision may be far less likely than that.
+      const V u = kShadow ? rng.uniform(collides) : rng.fine_uniform(collides);
       if (kFirst) {
         // Each tentative collision scatters its share of what is left; one of them, chosen by share, is the path's.
         // Below half the rest is decided like a usual collision: all of it or nothing.
         const V share = hn::Div(hn::Mul(value, set(scene.sigma)), sigma_maj);
         const M whole = hn::And(collides, hn::Lt(weight, set(0.5f))), decided = hn::And(whole, hn::Lt(u, share));
         const V part = hn::IfThenElse(whole, hn::IfThenElseZero(decided, weight), hn::Mul(weight, share));
-        const V before = hn::Sub(one, weight), choice = rng.uniform(collides);
-        const M taken = hn::And(collides, hn::Lt(hn::Mul(choice, hn::Add(before, part)), part));
+        // Summed with compensation (Kahan): shares may be far below the rounding of what is left.
+        const V more = hn::Sub(part, lost), sum = hn::Add(scattered, more);
+        const M taken = hn::And(collides, hn::Lt(hn::Mul(rng.fine_uniform(collides), sum), part));
         hit_at = {hn::IfThenElse(taken, p.x, hit_at.x), hn::IfThenElse(taken, p.y, hit_at.y),
                   hn::IfThenElse(taken, p.z, hit_at.z)};
-        weight = hn::IfThenElse(collides, hn::Sub(weight, part), weight);
+        lost = hn::IfThenElse(collides, hn::Sub(hn::Sub(sum, scattered), more), lost);
+        scattered = hn::IfThenElse(collides, hn::IfThenElse(decided, one, sum), scattered);
+        weight = hn::Sub(one, scattered);
         done = hn::Or(done, decided);
       } else if (kShadow) {
         weight = hn::IfThenElse(collides, hn::Sub(weight, hn::Mul(weight, hn::Div(value, bound))), weight);
-        // Roulette below 0.05: survivors go on with 0.1.
-        const M small = hn::And(collides, hn::Lt(weight, set(0.05f)));
-        const M survives = hn::Lt(hn::Mul(u, set(0.1f)), weight);
-        weight = hn::IfThenElse(small, hn::IfThenElseZero(survives, set(0.1f)), weight);
+        const V surviving = set(static_cast<float>(kSurvivingTransmittance));
+        const M small = hn::And(collides, hn::Lt(weight, set(static_cast<float>(kLeastTransmittance))));
+        const M survives = hn::Lt(hn::Mul(u, surviving), weight);
+        weight = hn::IfThenElse(small, hn::IfThenElseZero(survives, surviving), weight);
         done = hn::Or(done, hn::AndNot(survives, small));
       } else {
         const M hit = hn::And(collides, hn::Lt(hn::Mul(u, bound), value));
@@ -141,7 +156,7 @@ void track(const LaneScene& scene, PathStates& paths, const SlotList& rays, Slot
     }
     if (!kShadow && !kFirst) collided &= ~(bits_of(done) & ~bits_of(hn::And(done, collides)));
     queue.end(done);
-  }
+  });
 }
 
 void Flight(const LaneScene& scene, PathStates& paths, const SlotList& rays, SlotList& hits, SlotList& escapes,

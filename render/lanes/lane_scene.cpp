@@ -1,5 +1,7 @@
 #include "render/lanes/lane_scene.h"
 
+#include <cmath>
+
 #include "volume/gradient.h"
 
 namespace brume {
@@ -12,6 +14,10 @@ void set_cells(LaneCells& c, const LaneGrid& grid) {
   c.stored = grid.cell_size + 1;
 }
 
+double lane_unit(const Medium& medium) {
+  return std::exp2(std::round(std::log2(medium.voxel_size())));
+}
+
 LaneScene lane_scene(const PathContext& context) {
   const Medium& medium = context.media[0];
   const LaneGrid& grid = *context.lane_grid;
@@ -19,16 +25,19 @@ LaneScene lane_scene(const PathContext& context) {
   set_cells(s, grid);
   s.distances = grid.distances.data(), s.surface_cell = grid.surface_cell.data();
   s.surface_density = grid.surface_density;
-  s.sigma = static_cast<float>(medium.extinction_per_density());
-  s.first_sigma = static_cast<float>(medium.extinction_per_density() * context.plan.first_collision.majorant);
+  s.unit = lane_unit(medium);
+  s.stop = context.stop;
+  s.sigma = static_cast<float>(medium.extinction_per_density() * s.unit);
+  s.first_sigma = static_cast<float>(medium.extinction_per_density() * s.unit * context.plan.first_collision.majorant);
   const dmat3& m = medium.placement().local_from_world();
   for (int row = 0; row < 3; ++row)
-    for (int column = 0; column < 3; ++column) s.local_from_world[row][column] = static_cast<float>(m[column][row]);
+    for (int column = 0; column < 3; ++column)
+      s.local_from_world[row][column] = static_cast<float>(m[column][row] * s.unit);
   for (int column = 0; column < 3; ++column) {
     dvec3 axis(0);
     axis[column] = 1;
     const dvec3 g = medium.gradient_to_world(axis);
-    for (int row = 0; row < 3; ++row) s.gradient_to_world[row][column] = static_cast<float>(g[row]);
+    for (int row = 0; row < 3; ++row) s.gradient_to_world[row][column] = static_cast<float>(g[row] * s.unit);
   }
   s.least_gradient = static_cast<float>(kLeastGradient * medium.maximum_density());
   s.coloured = medium.coloured();

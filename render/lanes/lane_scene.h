@@ -20,6 +20,10 @@ struct LaneCells {
   int32_t stored;            ///< values along a brick
 };
 
+/// The ray parameter that the lanes take for 1, in world units: the power of two nearest to a voxel's size. With it
+/// local directions are about as long as 1 whatever the world's scale, and numbers keep their bits.
+double lane_unit(const Medium& medium);
+
 /// @param cells  refers to the grid afterwards
 void set_cells(LaneCells& cells, const LaneGrid& grid);
 
@@ -27,8 +31,9 @@ void set_cells(LaneCells& cells, const LaneGrid& grid);
 struct LaneScene : LaneCells {
   const uint8_t* distances;
   const int32_t* surface_cell;
-  float sigma;  ///< extinction per density
-  float local_from_world[3][3];
+  double unit;                   ///< lane_unit() of the medium: ray parameters in lanes are in these
+  float sigma;                   ///< extinction per density and unit
+  float local_from_world[3][3];  ///< of directions, in units
   float gradient_to_world[3][3];
   float least_gradient;                  ///< per voxel: below it, wider differences are needed
   float first_sigma;                     ///< the same of the first flight's majorants, which may be looser
@@ -56,6 +61,7 @@ struct LaneScene : LaneCells {
   const Lights* lights = nullptr;
   const Medium* medium;
   bool flights_end = false;  ///< on a light
+  const StopSignal* stop;    ///< asked inside flights; may be null
 };
 
 /// Refers to the context's grid, media and lights. @param context  of a plan that runs in lanes

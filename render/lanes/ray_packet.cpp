@@ -22,10 +22,10 @@ namespace brume::HWY_NAMESPACE {
 /// A vector of rays, in local coordinates whose first axis is the one along which the packet is walked.
 struct PacketRays {
   V3 o, d;
-  V inverse;        // of the first axis
-  V exit;           // where they leave the grid through its sides
-  V before, below;  // the last place looked at, and the density there
-  uint32_t busy = 0;
+  V inverse;                   // of the first axis
+  V exit;                      // where they leave the grid through its sides
+  V before, below;             // the last place looked at, and the density there
+  uint32_t busy = 0, met = 0;  // lanes under way; those that have met the surface
   HWY_ALIGN int32_t slot[RayQueue::kMost];
 
   HWY_INLINE V3 at(V t) const {
@@ -58,6 +58,7 @@ class PacketWalk {
     load_rays(paths, slots, count);
     const int step = hn::GetLane(rays_[0].d.x) < 0 ? -1 : 1, layers = cells_[0] * cell_;
     bool known = false;  // whether the last looks were at the layer's near plane
+    bool close = false;  // whether some ray passed a voxel that can reach the surface's density
     begun_ = false;
     for (int k = first; k >= 0 && k < layers && busy(); k += step) {
       const int near = step > 0 ? k : k + 1, far = step > 0 ? k + 1 : k;
@@ -79,7 +80,12 @@ class PacketWalk {
           if (rays_[r].busy) look_through(rays_[r], k, near, far, at_near, at_middle, at_far, crossings);
       }
       known = reached;
+      close = close || reached;
     }
+    if (!close) return;
+    const size_t lanes = hn::Lanes(D());
+    for (size_t i = 0; i < count; ++i)
+      if (!(rays_[i / lanes].met >> i % lanes & 1)) crossings.unsure.push(slots[i]);
   }
 
  private:
@@ -117,6 +123,7 @@ class PacketWalk {
       rays.exit = hn::Min(leaves(rays.o.y, rays.d.y, cells_[1]), leaves(rays.o.z, rays.d.z, cells_[2]));
       rays.before = rays.below = hn::Zero(d);
       rays.busy = bits_of(hn::FirstN(d, left));
+      rays.met = 0;
     }
   }
 
@@ -274,6 +281,7 @@ class PacketWalk {
     }
     rays.before = hn::IfThenElse(some, t, rays.before);
     rays.below = hn::IfThenElse(some, value, rays.below);
+    rays.met |= bits_of(hits);
     rays.busy &= ~(bits_of(hits) | bits_of(hn::Ge(t, rays.exit)));
   }
 

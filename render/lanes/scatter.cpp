@@ -10,6 +10,8 @@
 #include <cstring>
 #include <numbers>
 
+#include "render/trace/rules.h"
+
 HWY_BEFORE_NAMESPACE();
 namespace brume::HWY_NAMESPACE {
 
@@ -112,7 +114,7 @@ void Scatter(const LaneScene& scene, PathStates& paths, SlotList& slots, SlotLis
           if (scene.lights) {
             sample = scene.lights->sample_visible(position(lane), static_cast<double>(c[lane]), u);
             paths.shadow_reach[static_cast<size_t>(slots.slot[i + lane])] =
-                static_cast<float>(std::min(sample.distance, 1e30));
+                static_cast<float>(std::min(sample.distance / scene.unit, 1e30));
             delta |= static_cast<uint32_t>(sample.delta) << lane;
           } else {
             sample = scene.environment->sample(u);
@@ -142,9 +144,10 @@ void Scatter(const LaneScene& scene, PathStates& paths, SlotList& slots, SlotLis
 
     const VU events = hn::Add(get_u(paths.events), hn::Set(du, 1));
     put_u(events, paths.events);
-    // Russian roulette by the largest channel, never below 0.05.
+    // Russian roulette, as survival() has it.
     const auto late = hn::RebindMask(d, hn::Gt(hn::BitCast(di, events), hn::Set(di, scene.roulette_start - 1)));
-    const V largest = hn::Max(hn::Max(tr, tg), tb), survival = hn::Min(hn::Max(largest, set(0.05f)), one);
+    const V largest = hn::Max(hn::Max(tr, tg), tb),
+            survival = hn::Min(hn::Max(largest, set(static_cast<float>(kLeastSurvival))), one);
     const M plays = hn::And(everyone, hn::And(late, hn::Lt(survival, one)));
     M lives = everyone;
     if (!hn::AllFalse(d, plays)) {

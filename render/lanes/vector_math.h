@@ -41,6 +41,11 @@ struct Generator {
   HWY_INLINE V uniform(M mask) {
     return hn::Mul(hn::ConvertTo(D(), hn::BitCast(DI(), hn::ShiftRight<8>(next(mask)))), set(0x1p-24f));
   }
+  /// In (0, 1], 31 bits, small numbers to full precision: for probabilities that may be far below 2^-24.
+  HWY_INLINE V fine_uniform(M mask) {
+    const V bits = hn::ConvertTo(D(), hn::BitCast(DI(), hn::ShiftRight<1>(next(mask))));
+    return hn::Mul(hn::Add(bits, set(0.5f)), set(0x1p-31f));
+  }
   /// Unit exponential, up to 22.9.
   HWY_INLINE V exponential(M mask);
 };

@@ -15,6 +15,7 @@
 #include "render/lanes/ray_packet.h"
 #include "render/lanes/scatter.h"
 #include "render/trace/path_layers.h"
+#include "render/trace/rules.h"
 #include "render/trace/volume_path.h"
 #include "volume/gradient.h"
 #include "volume/lane_grid.h"
@@ -49,6 +50,7 @@ class Wavefront {
     for (size_t i = 0; i < kPool; ++i) free_[i] = static_cast<int32_t>(kPool - 1 - i);
     TrackingCounters& tracking = counters_.tracking;
     for (;;) {
+      if (c_.stop != nullptr) c_.stop->check();
       s.hits.count = s.escapes.count = s.shadows.count = s.alive.count = s.beside.count = 0;
       start_paths();
       if (s.active.count + s.hits.count + s.beside.count == 0) break;
@@ -141,8 +143,9 @@ class Wavefront {
     PathStates& p = state_->paths;
     const auto i = static_cast<size_t>(slot);
     p.ox[i] = static_cast<float>(o.x), p.oy[i] = static_cast<float>(o.y), p.oz[i] = static_cast<float>(o.z);
-    p.lx[i] = static_cast<float>(local.d.x), p.ly[i] = static_cast<float>(local.d.y);
-    p.lz[i] = static_cast<float>(local.d.z);
+    p.lx[i] = static_cast<float>(local.d.x * scene_.unit);
+    p.ly[i] = static_cast<float>(local.d.y * scene_.unit);
+    p.lz[i] = static_cast<float>(local.d.z * scene_.unit);
     p.dx[i] = static_cast<float>(request.ray.d.x), p.dy[i] = static_cast<float>(request.ray.d.y);
     p.dz[i] = static_cast<float>(request.ray.d.z);
     p.tr[i] = p.tg[i] = p.tb[i] = 1.0f;
@@ -150,7 +153,7 @@ class Wavefront {
     p.passed[i] = 1.0f;
     state_->camera.covered[i] = 0.0f;
     const double ahead = request.start.surface;
-    state_->camera.begin[i] = ahead < exit ? static_cast<float>(std::max(ahead - entry, 0.0)) : -1.0f;
+    state_->camera.begin[i] = ahead < exit ? static_cast<float>(std::max(ahead - entry, 0.0) / scene_.unit) : -1.0f;
     if (keeps_samples()) state_->samples[i] = {};
     p.events[i] = 0;
     p.request[i] = static_cast<uint32_t>(index);
@@ -198,8 +201,10 @@ class Wavefront {
     State& s = *state_;
     sort_camera_rays();
     s.crossings.slots.count = 0;
+    s.crossings.unsure.count = 0;
     lanes_find_surface(scene_, s.paths, s.walks, s.camera, s.crossings);
     lanes_find_surface(scene_, s.paths, s.packed, s.packets, s.crossings);
+    look_again(s.crossings);
     lanes_surface_points(scene_, s.paths, s.crossings, s.points);
     lanes_gradient(scene_, s.points);
     for (size_t k = 0; k < s.points.slots.count; ++k) {
@@ -207,6 +212,22 @@ class Wavefront {
       const vec3 g(gradient_at(k));
       s.camera.covered[i] = 1;
       s.camera.gx[i] = g.x, s.camera.gy[i] = g.y, s.camera.gz[i] = g.z;
+    }
+  }
+
+  /// Rays that only came close to the surface are asked exactly, so that coverage does not depend on where looks fall.
+  void look_again(SurfaceCrossings& crossings) const {
+    const PathStates& p = state_->paths;
+    for (size_t k = 0; k < crossings.unsure.count; ++k) {
+      const int32_t slot = crossings.unsure.slot[k];
+      const auto i = static_cast<size_t>(slot);
+      const Ray local{dvec3(p.ox[i], p.oy[i], p.oz[i]), dvec3(p.lx[i], p.ly[i], p.lz[i])};
+      const auto t = find_surface(c_.media[0], local, scene_.surface_density, state_->camera.begin[i]);
+      if (!t) continue;
+      const size_t n = crossings.slots.count;
+      crossings.outside[n] = crossings.inside[n] = static_cast<float>(*t);
+      crossings.below[n] = crossings.above[n] = scene_.surface_density;
+      crossings.slots.push(slot);
     }
   }
 
@@ -267,10 +288,11 @@ class Wavefront {
       const Ray ray = flight(rays.slot[k]);
       const bool camera = state_->paths.events[i] == 0;
       const Ray& whole = camera ? requests_[state_->paths.request[i]].ray : ray;
-      double end = 1e30;
+      double end = kFar;
       if (scene_.flights_end) {
         std::tie(state_->end[i], end) = c_.lights->nearest(whole, end, camera);
-        state_->paths.reach[i] = static_cast<float>(std::max(end - glm::dot(ray.o - whole.o, whole.d), 0.0));
+        const double reach = std::max(end - glm::dot(ray.o - whole.o, whole.d), 0.0);
+        state_->paths.reach[i] = static_cast<float>(std::min(reach / scene_.unit, 1e30));
       }
       if (!glow_.empty()) state_->glowing->flights[i] = {whole, end};
     }
@@ -290,11 +312,11 @@ class Wavefront {
       const auto [enters, leaves] = field.box.intersect(local);
       const double t0 = std::max(enters, 0.0), t1 = std::min(leaves, end);
       if (!(t0 < t1)) return;
-      const vec3 o(local.at(t0)), d(local.d);
+      const vec3 o(local.at(t0)), d(local.d * field.unit);
       segments.ox[i] = o.x, segments.oy[i] = o.y, segments.oz[i] = o.z;
       segments.dx[i] = d.x, segments.dy[i] = d.y, segments.dz[i] = d.z;
-      segments.end[i] = static_cast<float>(t1 - t0);
-      segments.stride[i] = p.events[i] == 0 ? 1.0f : 4.0f;
+      segments.end[i] = static_cast<float>((t1 - t0) / field.unit);
+      segments.stride[i] = static_cast<float>(emission_stride(p.events[i]));
       s.walks.push(slot);
     };
     for (size_t k = 0; k < s.hits.count; ++k) {
@@ -344,7 +366,7 @@ class Wavefront {
   void deliver(size_t request, PathSample& s) const {
     s.direct = s.background + s.emission + s.single;
     s.beauty = s.direct + s.indirect;
-    if (c_.plan.flash) s.flash = s.direct + c_.flash.intensity * s.flash;
+    if (c_.plan.flash) s.flash = flash_image(s.direct, c_.flash.intensity, s.flash);
     sink_(request, s);
   }
 
@@ -361,13 +383,10 @@ class Wavefront {
     const auto share = [&](const Light& light) {
       return c_.plan.light_sampling ? c_.lights->choice_probability(light, ray.o) : 0.0;
     };
-    // The balance heuristic, against light sampling.
-    const auto weight = [pdf = static_cast<double>(p.pdf[i])](double other) {
-      return other > 0 ? pdf / (pdf + other) : 1.0;
-    };
+    const auto weight = [pdf = static_cast<double>(p.pdf[i])](double light) { return balance(pdf, light); };
     dvec3 L(0);
     if (const FiniteLight* light = scene_.flights_end ? state_->end[i] : nullptr) {
-      const double t = p.reach[i];
+      const double t = p.reach[i] * scene_.unit;
       L = light->radiance(ray, t) * weight(share(*light) * light->pdf(ray, t));
     } else {
       for (const InfiniteLight* infinite : c_.lights->infinite()) {
@@ -395,7 +414,7 @@ class Wavefront {
   /// Light scattered once is direct (TRANSPORT.md section 11).
   void deposit(size_t i, const vec3& L) {
     PathStates& p = state_->paths;
-    const bool direct = p.events[i] < 2;
+    const bool direct = is_direct(p.events[i]);
     (direct ? p.direct_r : p.indirect_r)[i] += L.x;
     (direct ? p.direct_g : p.indirect_g)[i] += L.y;
     (direct ? p.direct_b : p.indirect_b)[i] += L.z;

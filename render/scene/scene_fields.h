@@ -205,7 +205,8 @@ void describe(Visitor& v, LightSettings& l) {
     l.type);
   v({"direction", "", "sun: towards the light; spot: where it shines"}, l.direction);
   v({"irradiance", "W/m^2", "sun: on a plane that faces it", 0}, l.irradiance);
-  v({"angular_diameter", "degrees", "sun: of its disc; 0 is exactly parallel light", 0, 180}, l.angular_diameter);
+  v({"angular_diameter", "degrees", "sun: of its disc; below 1e-5 its light is exactly parallel", 0, 180},
+    l.angular_diameter);
   v({"position", "scene units", "sphere, rectangle: its centre; point, spot"}, l.position);
   v({"radius", "scene units", "sphere: its radius", 0}, l.radius);
   v({"edge_x", "scene units", "rectangle: one edge"}, l.edge_x);

@@ -40,8 +40,7 @@ March march(const Medium& m, const Ray& local, Rng& rng) {
     return result;  // no gradient inside
   }
   const double step = 1.0 / glm::length(local.d), offset = rng.uniform(), u = rng.uniform();
-  const dvec3 shift = m.walked_shift();
-  MajorantWalk walk(m.walked(), {local.o + shift, local.d}, 0.0, kFar);
+  MajorantWalk walk = m.walk(local, 0.0, kFar);
   MajorantWalk::Segment s;
   size_t next = 0;
   const auto level = [&] { return -portable_log(1 - (static_cast<double>(next) + u) / kMarchedPoints); };
@@ -49,9 +48,8 @@ March march(const Medium& m, const Ray& local, Rng& rng) {
   while (result.depth < kDeepest && walk.next(s))
     for (double t = s.t0; t < s.t1; t += step) {
       const double length = std::min(step, s.t1 - t), at = t + offset * length;
-      const double density =
-          m.displacement() ? m.density(local.at(at)) : m.bricks().lookup_in(*s.cell, s.coordinates, local.at(at));
-      const double sigma = density * m.extinction_per_density(), after = result.depth + sigma * length;
+      const double sigma = m.density(s, local.at(at)) * m.extinction_per_density(),
+                   after = result.depth + sigma * length;
       for (; next < kMarchedPoints && after >= wanted; wanted = ++next < kMarchedPoints ? level() : kFar)
         result.point[next] = t + (wanted - result.depth) / sigma;
       result.depth = after;

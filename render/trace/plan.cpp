@@ -17,7 +17,10 @@ bool fits_lanes(const Plan& plan, const SceneMedia& media, const Lights& lights)
   for (const EmissionField& e : media.emissions())
     if (e.moves() || e.shape().homogeneous() || !LaneGrid::fits(e.shape().bricks())) return false;
   const Medium& m = media.media()[0];
-  return !m.homogeneous() && !m.global_majorant() && LaneGrid::fits(m.bricks()) &&
+  if (m.homogeneous()) return false;
+  const double longest_voxel = m.voxel_volume() / (m.voxel_size() * m.voxel_size());  // at least its longest edge
+  const double free_path = 1 / (m.extinction_per_density() * m.maximum_density() * longest_voxel);
+  return !m.global_majorant() && LaneGrid::fits(m.bricks()) && LaneGrid::resolves(m.bricks(), free_path) &&
          (lights.local() || lights.suns().size() <= kMostLaneSuns);
 }
 

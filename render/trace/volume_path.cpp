@@ -6,6 +6,7 @@
 
 #include "render/trace/near_light.h"
 #include "render/trace/path_layers.h"
+#include "render/trace/rules.h"
 
 namespace brume {
 namespace {
@@ -19,10 +20,6 @@ struct Features {
   constexpr bool any_media() const { return media != Plan::Media::kNone; }
   constexpr bool chromatic() const { return media == Plan::Media::kChromatic; }
 };
-
-double balance(double a, double b) {
-  return a / (a + b);
-}
 
 double mean(const dvec3& v) {
   return (v.x + v.y + v.z) / 3.0;
@@ -71,7 +68,7 @@ class PathTracer {
   /// Adds radiance that is met after `events` events of the path (TRANSPORT.md section 11).
   void deposit(const dvec3& radiance, uint64_t events, Source source) {
     const dvec3 L = throughput_.weight * radiance;
-    if (events >= 2) {
+    if (!is_direct(events)) {
       s_.indirect += L;
       return;
     }
@@ -176,7 +173,7 @@ class PathTracer {
     if constexpr (F.emission) {
       dvec3 sum(0);
       for (const EmissionField& field : c_.emissions)
-        sum += field.integrate(ray_, t0, t1, events_ == 0 ? 1.0 : 4.0, time_, rng_);
+        sum += field.integrate(ray_, t0, t1, emission_stride(events_), time_, rng_);
       if (sum != dvec3(0)) deposit(sum, events_, Source::kEmission);
     }
   }
@@ -297,12 +294,12 @@ class PathTracer {
       if constexpr (F.light_sampling) {
         const double choice = rng_.uniform();
         const dvec2 u = pair();
-        const dvec3 off = Surfaces::leave(p, hit.normal, wo);
+        const dvec3 off = Surfaces::leave(hit, p, wo);
         s_.catcher += throughput_.weight * sampled_light(off, choice, u, scattering, true, true);
         s_.catcher_unshadowed += throughput_.weight * sampled_light(off, choice, u, scattering, false, true);
       }
       // Unseen itself: the same path goes on behind it.
-      ray_.o = Surfaces::leave(p, hit.normal, ray_.d);
+      ray_.o = Surfaces::leave(hit, p, ray_.d);
       return true;
     }
     if (front && settings.radiance != dvec3(0)) {
@@ -326,7 +323,7 @@ class PathTracer {
         const double choice = rng_.uniform();
         const dvec2 u = pair();
         // Lights on either side of the surface are reached from that side.
-        const dvec3 L = sampled_light(p, choice, u, scattering, true, false, &hit.normal);
+        const dvec3 L = sampled_light(p, choice, u, scattering, true, false, &hit);
         deposit(L, events_ + 1, Source::kSurface);
       }
     }
@@ -345,7 +342,7 @@ class PathTracer {
     left_in_medium_ = false;
     ray_.d = glm::normalize(frame.to_world(out.wi));
     if (leaks(ray_.d, out.wi.z)) return false;
-    ray_.o = Surfaces::leave(p, hit.normal, ray_.d);
+    ray_.o = Surfaces::leave(hit, p, ray_.d);
     ++events_;
     return true;
   }
@@ -364,10 +361,10 @@ class PathTracer {
   /// Russian roulette and the cap on events; false where the path ends.
   bool survives() {
     if (events_ + 1 >= static_cast<uint64_t>(c_.roulette_start)) {
-      const double survival = std::clamp(max_component(throughput_.weight), 0.05, 1.0);
-      if (survival < 1) {
-        if (!(rng_.uniform() < survival)) return false;
-        throughput_.weight /= survival;
+      const double chance = survival(max_component(throughput_.weight));
+      if (chance < 1) {
+        if (!(rng_.uniform() < chance)) return false;
+        throughput_.weight /= chance;
       }
     }
     if (events_ + 1 >= static_cast<uint64_t>(c_.max_events)) {
@@ -379,10 +376,10 @@ class PathTracer {
   }
 
   /// Next-event estimation: one light, one shadow ray. `scattering` gives value (times cosine) and sampling density of
-  /// a direction. @param normal  of a surface, from which the shadow ray must be moved off
+  /// a direction. @param from  the surface that p lies on, which its shadow ray leaves
   template <class Scattering>
   dvec3 sampled_light(const dvec3& p, double choice, const dvec2& u, const Scattering& scattering, bool shadowed = true,
-                      bool only_technique = false, const dvec3* normal = nullptr, bool in_medium = false) {
+                      bool only_technique = false, const SurfaceHit* from = nullptr, bool in_medium = false) {
     const LightSample light = c_.lights->sample(p, choice, u);
     if (record_ && events_ == 0) record_->light_1 = static_cast<float>(light.index), record_->light_uv_1 = vec2(u);
     if (!(light.pdf > 0)) return dvec3(0);
@@ -391,7 +388,7 @@ class PathTracer {
     const double share = in_medium ? far_share(*light.light, p) : 1.0;
     const dvec3 unoccluded = light.radiance * value * (share * weight / light.pdf);
     if (unoccluded == dvec3(0) || !shadowed) return unoccluded;
-    const Ray shadow{normal ? Surfaces::leave(p, *normal, light.wi) : p, light.wi};
+    const Ray shadow{from ? Surfaces::leave(*from, p, light.wi) : p, light.wi};
     bool straight = false;
     const dvec3 left = arriving(unoccluded, shadow, light.distance, light.light, &straight);
     if (record_ && events_ == 0)
@@ -500,7 +497,7 @@ void trace_paths(const PathContext& context, std::span<const PathRequest> reques
     PathSample sample;
     PathTracer<F> tracer(context, media, request.time, rng, counters, sample, request.record);
     tracer.trace(request.ray);
-    if (context.plan.flash) sample.flash = sample.direct + context.flash.intensity * tracer.flash();
+    if (context.plan.flash) sample.flash = flash_image(sample.direct, context.flash.intensity, tracer.flash());
     sink(i, sample);
   }
 }

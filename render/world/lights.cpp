@@ -18,6 +18,9 @@ namespace {
 
 constexpr double kFar = std::numeric_limits<double>::infinity();
 
+// Suns below this many degrees are exactly parallel: directions in single precision tell no more.
+constexpr double kParallel = 1e-5;
+
 // A unit vector around an axis: 1 - cos of its angle uniform in [0, one_minus_cos].
 dvec3 sample_cone(const dvec3& axis, double one_minus_cos, const dvec2& u) {
   const double h = u.x * one_minus_cos, s = std::sqrt(std::max(0.0, h * (2.0 - h)));
@@ -31,7 +34,7 @@ Sun::Sun(const LightSettings& s)
     : InfiniteLight(s.visible_to_camera),
       axis_(glm::normalize(s.direction)),
       irradiance_(s.irradiance),
-      delta_(s.angular_diameter == 0) {
+      delta_(s.angular_diameter < kParallel) {
   const double radius = 0.5 * s.angular_diameter * kPi / 180.0, half = std::sin(0.5 * radius);
   one_minus_cos_ = 2.0 * half * half;
   // The disc's projected solid angle is pi sin^2: then a facing plane gets exactly the irradiance asked for.
@@ -159,9 +162,9 @@ MeshLight::MeshLight(const TriangleMesh& mesh, const dvec3& radiance) : mesh_(&m
     cdf_.push_back(area_);
   }
   for (double& c : cdf_) c /= area_;
-  for (const vec3& v : mesh.positions) centre_ += dvec3(v);
+  for (const dvec3& v : mesh.positions) centre_ += v;
   centre_ /= static_cast<double>(mesh.positions.size());
-  for (const vec3& v : mesh.positions) reach_ = std::max(reach_, glm::distance(centre_, dvec3(v)));
+  for (const dvec3& v : mesh.positions) reach_ = std::max(reach_, glm::distance(centre_, v));
 }
 
 LightSample MeshLight::sample(const dvec3& p, const dvec2& u) const {

@@ -40,7 +40,7 @@ TriangleMesh read_obj(const fs::path& path) {
   bool smooth = normals > 0;
   const bool apart = textured || smooth;
   const auto position = [&](size_t i) {
-    return vec3(attributes.vertices[3 * i], attributes.vertices[3 * i + 1], attributes.vertices[3 * i + 2]);
+    return dvec3(attributes.vertices[3 * i], attributes.vertices[3 * i + 1], attributes.vertices[3 * i + 2]);
   };
   if (!apart)
     for (size_t i = 0; i < count; ++i) mesh.positions.push_back(position(i));
@@ -123,7 +123,8 @@ class PlyReader {
         }
         if (element.name == "vertex") {
           const auto value = [&](int which) { return static_cast<float>(values[static_cast<size_t>(axes[which])]); };
-          mesh.positions.emplace_back(value(0), value(1), value(2));
+          const auto coordinate = [&](int which) { return values[static_cast<size_t>(axes[which])]; };
+          mesh.positions.emplace_back(coordinate(0), coordinate(1), coordinate(2));
           if (axes[3] >= 0 && axes[4] >= 0) mesh.texcoords.emplace_back(value(3), value(4));
           if (axes[5] >= 0 && axes[6] >= 0 && axes[7] >= 0) mesh.normals.emplace_back(value(5), value(6), value(7));
         } else if (element.name == "face") {
@@ -217,7 +218,7 @@ TriangleMesh load_mesh(const fs::path& path, const dmat4& world_from_object) {
   else
     fail(path, "is neither PLY (by its first bytes) nor OBJ (by its name)");
 
-  for (vec3& p : mesh.positions) p = vec3(dvec3(world_from_object * glm::dvec4(dvec3(p), 1.0)));
+  for (dvec3& p : mesh.positions) p = dvec3(world_from_object * glm::dvec4(p, 1.0));
   const dmat3 normal_to_world = glm::transpose(glm::inverse(dmat3(world_from_object)));
   bool usable = true;
   for (vec3& n : mesh.normals) {

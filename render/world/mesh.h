@@ -10,7 +10,7 @@ namespace brume {
 
 /// Triangles in the renderer's world space.
 struct TriangleMesh {
-  std::vector<vec3> positions;
+  std::vector<dvec3> positions;
   std::vector<ivec3> triangles;    ///< indices into positions
   std::vector<vec2> texcoords;     ///< per vertex, or empty
   std::vector<vec3> normals;       ///< per vertex, unit, or empty: shading follows the triangles
@@ -18,7 +18,7 @@ struct TriangleMesh {
 
   std::array<dvec3, 3> corners(size_t i) const {
     const ivec3& t = triangles[i];
-    return {dvec3(positions[t.x]), dvec3(positions[t.y]), dvec3(positions[t.z])};
+    return {positions[t.x], positions[t.y], positions[t.z]};
   }
   /// Geometric, counter-clockwise corners seen from its tip; unit.
   dvec3 normal(size_t i) const {

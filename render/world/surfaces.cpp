@@ -46,7 +46,8 @@ struct Surfaces::Texture {
 };
 
 struct Surfaces::Embree {
-  RTCDevice device = rtcNewDevice("threads=1");
+  // One instruction set for all machines: their roundings differ. No file of the user's may choose another.
+  RTCDevice device = rtcNewDevice("ignore_config_files=1,isa=sse2,threads=1");
   RTCScene scene = rtcNewScene(device);
   Embree() { rtcSetSceneFlags(scene, RTC_SCENE_FLAG_ROBUST); }
   ~Embree() {
@@ -55,10 +56,34 @@ struct Surfaces::Embree {
   }
   Embree(const Embree&) = delete;
   Embree& operator=(const Embree&) = delete;
+
+  /// @param to_box  from the world to what Embree sees
+  template <class ToBox>
+  void add(const TriangleMesh& mesh, const ToBox& to_box) {
+    RTCGeometry geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_TRIANGLE);
+    auto* const vertices = static_cast<vec3*>(rtcSetNewGeometryBuffer(
+        geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, sizeof(vec3), mesh.positions.size()));
+    void* const indices = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, sizeof(ivec3),
+                                                  mesh.triangles.size());
+    if (!vertices || !indices) throw std::bad_alloc();
+    std::transform(mesh.positions.begin(), mesh.positions.end(), vertices,
+                   [&](const dvec3& p) { return vec3(to_box(p)); });
+    std::memcpy(indices, mesh.triangles.data(), mesh.triangles.size() * sizeof(ivec3));
+    rtcCommitGeometry(geometry);
+    rtcAttachGeometry(scene, geometry);
+    rtcReleaseGeometry(geometry);
+  }
+};
+
+struct Surfaces::Query {
+  RTCRay ray;
+  double begin;  // of the ray in the box, in its units
 };
 
 Surfaces::Surfaces(const std::vector<SurfaceSettings>& settings, const dvec3& world_shift)
     : settings_(settings), embree_(std::make_unique<Embree>()) {
+  constexpr double kFar = std::numeric_limits<double>::infinity();
+  dvec3 lo(kFar), hi(-kFar);
   for (const SurfaceSettings& s : settings_) {
     check_transform(s.object_to_world, "a surface's object_to_world");
     any_straight_ = any_straight_ || s.shadow == "straight";
@@ -68,55 +93,82 @@ Surfaces::Surfaces(const std::vector<SurfaceSettings>& settings, const dvec3& wo
     if (textures_.back() && mesh.texcoords.empty())
       throw InputError(
           fmt::format("{}: has no texture coordinates for {}", s.file.string(), s.albedo_texture.string()));
-    RTCGeometry geometry = rtcNewGeometry(embree_->device, RTC_GEOMETRY_TYPE_TRIANGLE);
-    void* vertices = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, sizeof(vec3),
-                                             mesh.positions.size());
-    void* indices = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, sizeof(ivec3),
-                                            mesh.triangles.size());
-    if (!vertices || !indices) throw std::bad_alloc();
-    std::memcpy(vertices, mesh.positions.data(), mesh.positions.size() * sizeof(vec3));
-    std::memcpy(indices, mesh.triangles.data(), mesh.triangles.size() * sizeof(ivec3));
-    rtcCommitGeometry(geometry);
-    rtcAttachGeometry(embree_->scene, geometry);
-    rtcReleaseGeometry(geometry);
+    for (const ivec3& triangle : mesh.triangles)
+      for (int k = 0; k < 3; ++k) {
+        lo = glm::min(lo, mesh.positions[triangle[k]]);
+        hi = glm::max(hi, mesh.positions[triangle[k]]);
+      }
   }
+  centre_ = 0.5 * (lo + hi);
+  const double extent = max_component(0.5 * (hi - lo));
+  scale_ = std::exp2(-std::ceil(std::log2(extent)));
+  half_ = 0.5 * (hi - lo) * scale_;
+  for (const TriangleMesh& mesh : meshes_) embree_->add(mesh, [&](const dvec3& p) { return (p - centre_) * scale_; });
   rtcCommitScene(embree_->scene);
 }
 
 Surfaces::~Surfaces() = default;
 
-namespace {
-
-RTCRay embree_ray(const Ray& ray, double t_max) {
-  RTCRay r{};
-  r.org_x = static_cast<float>(ray.o.x), r.org_y = static_cast<float>(ray.o.y), r.org_z = static_cast<float>(ray.o.z);
-  r.dir_x = static_cast<float>(ray.d.x), r.dir_y = static_cast<float>(ray.d.y), r.dir_z = static_cast<float>(ray.d.z);
-  r.tnear = 0;
-  r.tfar =
-      t_max < std::numeric_limits<float>::max() ? static_cast<float>(t_max) : std::numeric_limits<float>::infinity();
-  r.mask = ~0u;
-  return r;
+std::optional<Surfaces::Query> Surfaces::query(const Ray& ray, double t_max) const {
+  constexpr double kRoom = 1e-5;  // around the box, for its rounding and the rays'
+  const dvec3 o = (ray.o - centre_) * scale_;
+  double begin = 0, end = t_max * scale_;
+  for (int a = 0; a < 3; ++a) {
+    const double wall = half_[a] + kRoom;
+    if (ray.d[a] == 0) {
+      if (std::abs(o[a]) > wall) return std::nullopt;
+      continue;
+    }
+    const double ta = (-wall - o[a]) / ray.d[a], tb = (wall - o[a]) / ray.d[a];
+    begin = std::max(begin, std::min(ta, tb));
+    end = std::min(end, std::max(ta, tb));
+  }
+  if (!(begin < end)) return std::nullopt;
+  const vec3 from(o + begin * ray.d), d(ray.d);
+  Query q{{}, begin};
+  q.ray.org_x = from.x;
+  q.ray.org_y = from.y;
+  q.ray.org_z = from.z;
+  q.ray.dir_x = d.x;
+  q.ray.dir_y = d.y;
+  q.ray.dir_z = d.z;
+  q.ray.tnear = 0;
+  q.ray.tfar = static_cast<float>(end - begin);
+  q.ray.mask = ~0u;
+  return q;
 }
 
-}  // namespace
-
 std::optional<SurfaceHit> Surfaces::intersect(const Ray& ray, double t_max) const {
-  RTCRayHit query{};
-  query.ray = embree_ray(ray, t_max);
-  query.hit.geomID = RTC_INVALID_GEOMETRY_ID;
+  const std::optional<Query> q = query(ray, t_max);
+  if (!q) return std::nullopt;
+  RTCRayHit found{};
+  found.ray = q->ray;
+  found.hit.geomID = RTC_INVALID_GEOMETRY_ID;
   RTCIntersectContext context;
   rtcInitIntersectContext(&context);
-  rtcIntersect1(embree_->scene, &context, &query);
-  if (query.hit.geomID == RTC_INVALID_GEOMETRY_ID) return std::nullopt;
+  rtcIntersect1(embree_->scene, &context, &found);
+  if (found.hit.geomID == RTC_INVALID_GEOMETRY_ID) return std::nullopt;
   SurfaceHit hit;
-  hit.t = query.ray.tfar;
-  hit.surface = query.hit.geomID;
-  hit.triangle = query.hit.primID;
+  hit.surface = found.hit.geomID;
+  hit.triangle = found.hit.primID;
   const TriangleMesh& mesh = meshes_[hit.surface];
-  hit.normal = hit.shading = mesh.normal(hit.triangle);
+  const auto [a, b, c] = mesh.corners(hit.triangle);
+  const dvec3 cross = glm::cross(b - a, c - a);
+  hit.normal = hit.shading = glm::normalize(cross);
+  // Where the ray meets the triangle's plane. Along the plane that says nothing, and Embree's answer stands.
+  const double rough = (q->begin + static_cast<double>(found.ray.tfar)) / scale_;
+  const double exact = glm::dot(a - ray.o, cross) / glm::dot(ray.d, cross);
+  hit.t = std::abs(exact - rough) * scale_ < 1e-4 && exact > 0 ? exact : rough;
+  // Embree's roundings of the triangle, relative to it: eight units in the last place of its largest coordinate.
+  const auto largest = [&](const dvec3& p) { return max_component(glm::abs(p - centre_)); };
+  hit.margin = std::max({largest(a), largest(b), largest(c)}) * 0x1p-21;
   const ivec3& t = mesh.triangles[hit.triangle];
+  if (mesh.texcoords.empty() && mesh.normals.empty()) return hit;
+  const dvec3 p = ray.at(hit.t);
+  const double area2 = glm::dot(cross, cross);
+  const auto u = static_cast<float>(glm::dot(glm::cross(p - a, c - a), cross) / area2);
+  const auto v = static_cast<float>(glm::dot(glm::cross(b - a, p - a), cross) / area2);
   const auto between = [&](const auto& values) {
-    const float u = query.hit.u, v = query.hit.v;
     return values[t.x] * (1 - u - v) + values[t.y] * u + values[t.z] * v;
   };
   if (!mesh.texcoords.empty()) hit.texcoord = between(mesh.texcoords);
@@ -131,11 +183,12 @@ std::optional<SurfaceHit> Surfaces::intersect(const Ray& ray, double t_max) cons
 
 Surfaces::Passage Surfaces::passage(const Ray& ray, double t_max) const {
   if (!any_straight_) {
-    RTCRay query = embree_ray(ray, t_max);
+    std::optional<Query> q = query(ray, t_max);
+    if (!q) return {};
     RTCIntersectContext context;
     rtcInitIntersectContext(&context);
-    rtcOccluded1(embree_->scene, &context, &query);
-    return {dvec3(query.tfar < 0 ? 0.0 : 1.0)};
+    rtcOccluded1(embree_->scene, &context, &q->ray);
+    return {dvec3(q->ray.tfar < 0 ? 0.0 : 1.0)};
   }
   Passage passage;
   Ray rest = ray;
@@ -146,7 +199,7 @@ Surfaces::Passage Surfaces::passage(const Ray& ray, double t_max) const {
     passage.light *= glass.albedo * (1 - fresnel_dielectric(std::abs(glm::dot(rest.d, hit->normal)), glass.ior));
     passage.straight = true;
     if (passage.light == dvec3(0)) return passage;
-    rest.o = leave(rest.at(hit->t), hit->normal, rest.d);
+    rest.o = leave(*hit, rest.at(hit->t), rest.d);
     t_max -= hit->t;
   }
   return passage;
@@ -165,16 +218,15 @@ Bsdf Surfaces::bsdf(const SurfaceHit& hit) const {
   return bsdf;
 }
 
-// Embree traces in single precision; the offset covers its rounding and that of the hit point.
-dvec3 Surfaces::leave(const dvec3& p, const dvec3& normal, const dvec3& d) {
-  const double size = std::max({std::abs(p.x), std::abs(p.y), std::abs(p.z), 1e-3});
-  return p + normal * (glm::dot(normal, d) < 0 ? -1e-5 * size : 1e-5 * size);
+dvec3 Surfaces::leave(const SurfaceHit& hit, const dvec3& p, const dvec3& d) {
+  return p + hit.normal * (glm::dot(hit.normal, d) < 0 ? -hit.margin : hit.margin);
 }
 
 size_t Surfaces::bytes() const {
   size_t sum = 0;
   for (const TriangleMesh& m : meshes_)
-    sum += m.positions.size() * (sizeof(vec3) * 3 + sizeof(vec2)) + m.triangles.size() * (sizeof(ivec3) * 2 + 64);
+    sum += m.positions.size() * (sizeof(dvec3) + sizeof(vec3) * 2 + sizeof(vec2)) +
+           m.triangles.size() * (sizeof(ivec3) * 2 + 64);
   for (const auto& t : textures_)
     if (t) sum += t->texels.size() * sizeof(vec3);
   return sum;

@@ -15,11 +15,17 @@ struct SurfaceHit {
   dvec3 normal{0};   ///< geometric, unit, on the outside
   dvec3 shading{0};  ///< of the shading: between the vertices' normals where the mesh has them
   vec2 texcoord{0};
+  double margin = 0;     ///< world units: rays that leave the surface begin this far off it
   uint32_t surface = 0;  ///< which of the scene's surfaces
   uint32_t triangle = 0;
 };
 
 /// The scene's triangle meshes. The only class that knows Embree; a scene without surfaces never makes one.
+///
+/// Embree computes in single precision. It sees the meshes shifted and scaled into [-1, 1] and rays from where they
+/// enter that box; which triangle is hit is its answer, where on it is computed from the triangle in double precision.
+/// So nothing depends on where in the world a scene lies, nor how large it is (tests/render/surfaces_test.cpp). Embree
+/// is held to one instruction set, so that every machine gives the same bits.
 class Surfaces {
  public:
   /// @throws InputError: meshes and textures that cannot be read
@@ -41,8 +47,8 @@ class Surfaces {
   size_t count() const { return meshes_.size(); }
   /// The surface's scattering at a hit: its texture looked up.
   Bsdf bsdf(const SurfaceHit& hit) const;
-  /// A point on the surface, moved off it along the normal by a rounding error's width, to the side of d.
-  static dvec3 leave(const dvec3& p, const dvec3& normal, const dvec3& d);
+  /// A point of the surface that was hit, moved off it by its margin, to the side of d.
+  static dvec3 leave(const SurfaceHit& hit, const dvec3& p, const dvec3& d);
 
   size_t bytes() const;
   std::vector<std::string> notes() const;
@@ -50,11 +56,18 @@ class Surfaces {
  private:
   struct Texture;
   struct Embree;
+  struct Query;
+  /// A ray as Embree sees it; nothing where it misses the box of the meshes.
+  std::optional<Query> query(const Ray& ray, double t_max) const;
+
   std::vector<SurfaceSettings> settings_;
   std::vector<TriangleMesh> meshes_;
   std::vector<std::unique_ptr<Texture>> textures_;
   std::unique_ptr<Embree> embree_;
   bool any_straight_ = false;
+  dvec3 centre_{0};   // of the box of all meshes
+  dvec3 half_{1};     // extents of it, times scale_
+  double scale_ = 1;  // a power of two
 };
 
 }  // namespace brume
