@@ -26,9 +26,9 @@ float noise(const ivec3& v) {
 
 class HardCases : public ::testing::Test {
  protected:
-  std::filesystem::path block(const std::function<float(const ivec3&)>& density, const dmat4& placed = dmat4(1.0)) {
+  std::filesystem::path block(const std::function<float(const ivec3&)>& density) {
     const std::filesystem::path file = folder_ / "block.vdb";
-    test::write_affine_vdb(file, kBlock, placed, density);
+    test::write_affine_vdb(file, kBlock, dmat4(1.0), density);
     return file;
   }
   /// The block from a corner, `scale` times as large, with a sky.
@@ -44,6 +44,7 @@ class HardCases : public ::testing::Test {
     s.volumes[0].file = volume;
     s.volumes[0].sigma_t = dvec3(sigma_t / scale);
     s.volumes[0].albedo = dvec3(0.9);
+    s.volumes[0].object_to_world = test::scaling(dvec3(scale));
     return s;
   }
   static void add_sun(Scene& s, double diameter) {
@@ -103,7 +104,10 @@ TEST_F(HardCases, TheEstimatedErrorIsTheErrorOfAnOrdinaryPicture) {
           const double e = exact.at(c)(x, y), d = r.layers.at(c)(x, y) - e;
           sum += d * d / (e * e + 0.01);
         }
-    EXPECT_NEAR(*r.report.error / std::sqrt(sum / (3 * 24 * 24)), 1, 0.25) << spp << " samples";
+    // What every window borrows from the whole picture makes it cautious while there are few samples.
+    const double ratio = *r.report.error / std::sqrt(sum / (3 * 24 * 24));
+    EXPECT_GT(ratio, 0.85) << spp << " samples";
+    EXPECT_LT(ratio, spp < 64 ? 1.4 : 1.2) << spp << " samples";
   }
 }
 
@@ -120,7 +124,7 @@ TEST_F(HardCases, ATargetThatIsReachedEndsTheRender) {
 // All numbers scale with the world by powers of two: not one bit of the picture may depend on it.
 TEST_F(HardCases, TheWorldMayBeOfAnySize) {
   const auto picture = [&](double scale, const char* lanes) {
-    Scene s = scene(block(noise, test::scaling(dvec3(scale))), 0.6, scale);
+    Scene s = scene(block(noise), 0.6, scale);
     add_sun(s, 0.5);
     s.render.lanes = lanes;
     return render(s, 4, {"direct", "indirect", "gradient", "coverage"});
@@ -218,7 +222,8 @@ TEST_F(HardCases, EndlessFlightsListenToTheStopSignal) {
     context.stop = &stop;
     const PathRequest request = prepared.request(prepared.camera(), 1, 12, 12, 0);
     PathCounters counters;
-    EXPECT_THROW(select_path_tracer(context.plan)(context, {&request, 1}, [](size_t, const PathSample&) {}, counters),
+    EXPECT_THROW(select_path_tracer(context.plan)(
+                     context, {&request, 1}, [](size_t, const PathSample&) {}, counters),
                  Interrupted)
         << lanes;
   }
