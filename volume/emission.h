@@ -17,14 +17,14 @@ dvec3 blackbody(double kelvin);
 /// Emission coefficient as a function of a grid's value: colours at given values, linear between and constant beyond,
 /// or the glow of a black body.
 ///
-/// The glow is tabulated by temperature with 1024 entries per octave from 500 K, the leading bits of the temperature as
+/// The glow is tabulated by temperature with 2048 entries per octave from 500 K, the leading bits of the temperature as
 /// a single-precision number, and linear between: within 1e-4 of blackbody() at every temperature, whatever the grid's
 /// range (tests/render/media_test.cpp).
 class EmissionRamp {
  public:
   static constexpr float kColdest = 500.0f;  ///< [K] below it nothing is seen to glow
   static constexpr uint32_t kColdestBits = 0x43fa0000u;
-  static constexpr int kEntryBits = 13;  ///< of a temperature's bits, those that tell where it lies between entries
+  static constexpr int kEntryBits = 12;  ///< of a temperature's bits, those that tell where it lies between entries
   static_assert(std::bit_cast<uint32_t>(kColdest) == kColdestBits);
 
   EmissionRamp() = default;

@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
 
 #include "render/frame/renderer.h"
@@ -325,6 +326,74 @@ TEST(Blackbody, IsColdRedWhiteAndBlue) {
 
 // The motion of the medium over the shutter: a velocity that is the same everywhere is a straight motion of the volume;
 // both against the mean of pictures of the volume standing at times of the shutter. No majorant may be passed.
+// Whatever the range of the grid: the hottest voxel of another part of it must not make the glow coarser.
+TEST(Emission, OfABlackBodyIsTabulatedToOneInTenThousand) {
+  const double reference = luminance(blackbody(6500));
+  Rng rng(1);
+  for (const double highest : {1000.0, 9999.0, 1e6}) {
+    const EmissionRamp ramp = EmissionRamp::of_blackbody(0, 1, highest, 1, true);
+    for (int i = 0; i < 3000; ++i) {
+      const double kelvin = 500 * std::pow(highest / 500, rng.uniform());
+      const dvec3 exact = blackbody(kelvin) / reference, glow = ramp(kelvin);
+      ASSERT_LT(max_component(glm::abs(glow - exact)), 1e-4 * max_component(exact)) << kelvin << " of " << highest;
+    }
+  }
+  EXPECT_EQ(EmissionRamp::of_blackbody(1500, 1000, 1, 1, true)(0), dvec3(0)) << "no gas, no glow";
+}
+
+TEST(Emission, OfARampIsExactBetweenItsStops) {
+  const EmissionRamp ramp = EmissionRamp::of_colours({{0, dvec3(0)}, {0.1, dvec3(1, 2, 3)}, {1000, dvec3(1, 2, 3)}}, 2);
+  EXPECT_NEAR(ramp(0.05).y, 2, 1e-12);
+  EXPECT_NEAR(ramp(0.1).y, 4, 1e-12);
+  EXPECT_NEAR(ramp(7).y, 4, 1e-12);
+  EXPECT_NEAR(ramp(2000).z, 6, 1e-12);
+  EXPECT_NEAR(ramp(-1).z, 0, 1e-12);
+}
+
+// A block that glows by a ramp or by its heat, in lanes and one by one, beside a voxel that stretches the grid's range.
+TEST(Emission, DoesNotDependOnTheRangeOfTheGrid) {
+  const test::TemporaryFolder folder;
+  const VoxelBox box{{0, 0, 0}, {31, 15, 15}};
+  const auto glow = [&](const char* name, float value, float elsewhere, const auto& set) {
+    test::write_affine_vdb(folder / name, box, dmat4(1.0), [&](const ivec3& v) {
+      return v.x < 16 ? value : v == ivec3(30, 8, 8) ? elsewhere : 0.0f;
+    });
+    Scene s;
+    s.camera.type = "orthographic";
+    s.camera.position = dvec3(7.5, 7.5, 40);
+    s.camera.look_at = dvec3(7.5, 7.5, 0);
+    s.camera.up = dvec3(0, 1, 0);
+    s.camera.width = 6;
+    s.film.width = s.film.height = 4;
+    s.volumes.emplace_back();
+    s.volumes[0].file = folder / name;
+    s.volumes[0].sigma_t = dvec3(1e-9);
+    s.volumes[0].albedo = dvec3(0);
+    set(s.volumes[0]);
+    std::array<double, 2> seen{};
+    for (const bool lanes : {false, true}) {
+      s.render.lanes = lanes ? "auto" : "off";
+      const PreparedScene prepared(s, LayerRequest::of({"emission"}, true));
+      EXPECT_EQ(prepared.plan().lanes, lanes);
+      seen[lanes] = test::mean_radiance(prepared.render(256, 1).layers, layer::emission).value.x;
+    }
+    return seen;
+  };
+  const auto by_ramp = [](VolumeSettings& v) {
+    v.flame_grid = "density";
+    v.flame_ramp = {{0, 0, 0, 0}, {0.1, 1, 1, 1}, {1000, 1, 1, 1}};
+  };
+  const auto by_heat = [](VolumeSettings& v) {
+    v.temperature_grid = "density";
+    v.blackbody_intensity = 1e6;
+  };
+  // Sixteen voxels of 1, and on either side a tenth of the one in which the value falls to 0 is dimmer.
+  for (const double seen : glow("ramp.vdb", 1, 1000, by_ramp)) EXPECT_NEAR(seen, 16.9, 0.02);
+  const auto cold = glow("cold.vdb", 1000, 0, by_heat), hot = glow("hot.vdb", 1000, 9999, by_heat);
+  for (const size_t lanes : {0, 1}) EXPECT_NEAR(hot[lanes] / cold[lanes], 1, 1e-4);
+  EXPECT_NEAR(cold[0] / cold[1], 1, 0.01);
+}
+
 TEST(MotionBlur, VelocityIsTheMotionItDescribes) {
   const auto path = test::shared("volumes/sequence/smoke_seq_0030.vdb");
   if (path.empty()) GTEST_SKIP() << "no sequence beside the project";

@@ -83,6 +83,58 @@ TEST_F(SurfaceTest, WhiteFurnace) {
   }
 }
 
+// A ball on a floor under a lamp, moved far away, and as large or small as numbers allow.
+TEST_F(SurfaceTest, NothingDependsOnWhereAndHowLargeTheWorldIs) {
+  const auto picture = [&](double scale, double shift) {
+    Scene s = scene("ball.obj");
+    s.surfaces.emplace_back();
+    s.surfaces[1].file = folder_ / "floor.obj";
+    const dvec3 away(shift, 0, 0);
+    for (SurfaceSettings& surface : s.surfaces)
+      surface.object_to_world = translation(away) * test::scaling(dvec3(scale));
+    s.surfaces[0].object_to_world = s.surfaces[0].object_to_world * translation(dvec3(0, 0, 1));
+    s.camera.position = scale * s.camera.position + away;
+    s.camera.look_at = away;
+    LightSettings lamp;
+    lamp.type = "sphere";
+    lamp.position = scale * dvec3(2, -1, 4) + away;
+    lamp.radius = 0.5 * scale;
+    lamp.radiance = dvec3(20);
+    s.lights.push_back(lamp);
+    return PreparedScene(s, LayerRequest::of({"direct", "indirect"}, true)).render(64, 1).layers;
+  };
+  const Layers ordinary = picture(1, 0);
+  for (const int power : {-60, -20, 20, 60})
+    test::expect_same_bits(ordinary, picture(std::ldexp(1.0, power), 0), "2^" + std::to_string(power));
+  // The same paths, but for roundings of positions: what differs is far below any noise.
+  const double mean = test::mean_radiance(ordinary).value.x;
+  for (const double shift : {1e5, 1e6, -3e7})
+    EXPECT_NEAR(test::mean_radiance(picture(1, shift)).value.x, mean, 1e-4 * mean) << shift;
+}
+
+// Embree says which triangle a ray hits; where on it does not carry Embree's roundings, which differ by instruction
+// set.
+TEST_F(SurfaceTest, HitsLieOnTheirTrianglesInDoublePrecision) {
+  Scene s = scene("ball.obj");
+  const Surfaces surfaces(s.surfaces, dvec3(0));
+  Rng rng(1);
+  int hits = 0;
+  for (int i = 0; i < 10000; ++i) {
+    const dvec3 o = 30.0 * test::random_direction(rng);
+    const dvec3 aim = test::random_point(rng, dvec3(-0.7), dvec3(0.7));
+    const Ray ray{o, glm::normalize(aim - o)};
+    const auto hit = surfaces.intersect(ray, 1e9);
+    if (!hit) continue;
+    ++hits;
+    const dvec3 corner = surfaces.mesh(0).corners(hit->triangle)[0];
+    ASSERT_LT(std::abs(glm::dot(ray.at(hit->t) - corner, hit->normal)), 1e-13);
+    // And a ray that leaves it outwards from a convex body meets nothing.
+    const dvec3 off = Surfaces::leave(*hit, ray.at(hit->t), hit->normal);
+    ASSERT_FALSE(surfaces.intersect({off, glm::normalize(hit->normal + 0.99 * ray.d)}, 1e9)) << i;
+  }
+  EXPECT_GT(hits, 5000);
+}
+
 // For every kind of surface and incidence: the sampled weight is f cos / pdf, and the density integrates to the share
 // of samples that carry anything.
 TEST(Bsdf, WeightsAreValuesOverDensities) {
