@@ -1,9 +1,10 @@
 #include <fmt/format.h>
 #include <malloc.h>
 
+#include <algorithm>
 #include <csignal>
-#include <iostream>
 
+#include "app/arguments.h"
 #include "app/command.h"
 #include "base/error.h"
 #include "base/text.h"
@@ -51,7 +52,7 @@ int parse_error(const CLI::App& app, const CLI::ParseError& error, int argc, cha
                               nearest.empty() ? "" : fmt::format("; did you mean '{}'?", nearest));
         break;
       }
-  warn(message + "\nRun with --help for what there is.");
+  warn(message + ". Run with --help for what there is");
   return kBadInput;
 }
 
@@ -73,10 +74,17 @@ int run(int argc, char** argv) {
   add_evaluate(app, common, commands);
   add_filters(app, common, commands);
   add_docs(app, common, commands);
+  add_picture(app, common, commands);
+  read_integers_as_decimal(app);
   try {
-    app.parse(argc, argv);
+    std::vector<std::string> words = arrange(app, {argv + 1, argv + argc});
+    std::reverse(words.begin(), words.end());  // as CLI11 wants them
+    app.parse(std::move(words));
   } catch (const CLI::ParseError& error) {
     return parse_error(app, error, argc, argv);
+  } catch (const InputError& error) {
+    warn(error.what());
+    return kBadInput;
   }
   set_exr_threads(common.threads);
   std::signal(SIGINT, on_interrupt);

@@ -431,6 +431,7 @@ void PreparedScene::describe(Layers& layers, const Camera& camera, const RenderJ
   auto& header = layers.header;
   header["scene"] = scene_.name;
   header["sceneHash"] = scene_.hash;
+  header["sceneSettings"] = scene_.settings;
   header["seed"] = std::to_string(job.seed);
   header["frame"] = scene_.render.frame;
   header["samplesPerPixel"] = end - first;

@@ -1,0 +1,18 @@
+#pragma once
+#include <string>
+
+#include "filters/apply.h"
+
+namespace brume {
+
+struct Recommendation {
+  FilterSettings filter;
+  std::string reason;  ///< why it, and what the frame lacks for a better one, in one line
+};
+
+/// The filter of the highest merit that can run on a frame with these options, at its defaults. Only which layers there
+/// are counts, so that one pixel of each is enough.
+/// @throws InputError when the frame has no channels R, G, B, or not the layers of the component
+Recommendation recommend_filter(const Layers& frame, const ApplyOptions& options);
+
+}  // namespace brume
