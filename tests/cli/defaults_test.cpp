@@ -91,10 +91,10 @@ TEST_F(Defaults, WhatFollowsAFilterIsItsOwn) {
   ran("-f bilateral --radius 3 -f guided --radius 4");
   EXPECT_TRUE(holds(parameters("o.bilateral.exr"), "radius=3 "));
   EXPECT_TRUE(holds(parameters("o.guided.exr"), "radius=4 "));
-  ran("--radius 2 -f bilateral -f trilateral:sigma-domain=1 --radius 5 --filter=bilateral:radius=1");
+  ran("--radius 2 -f bilateral -f trilateral:sigma-spatial=1 --radius 5 --filter=bilateral:radius=1");
   EXPECT_TRUE(holds(parameters("o.bilateral.exr"), "radius=2 ")) << "before the first -f: for every filter";
   EXPECT_TRUE(holds(parameters("o.trilateral.exr"), "radius=5 ")) << "its own comes last";
-  EXPECT_TRUE(holds(parameters("o.trilateral.exr"), "sigma-domain=1 "));
+  EXPECT_TRUE(holds(parameters("o.trilateral.exr"), "sigma-spatial=1 "));
   EXPECT_TRUE(holds(parameters("o.bilateral.2.exr"), "radius=1 "));
 }
 
@@ -171,7 +171,7 @@ TEST_F(Defaults, ASceneIsNoHostOfAViewer) {
 
 TEST_F(Defaults, EveryLineOnStderrHasOnePrefix) {
   const std::string frame = path("frame.exr");
-  for (const std::string arguments :
+  for (const std::string& arguments :
        {"render " + kScene + kTiny + "-D camera.look_at=[0,-20,0] -o " + frame,
         "denoise " + frame + " -o " + path("c.exr"), "denoise " + frame + " -f bilatral -o " + path("d.exr"),
         "compare " + frame, std::string("rendr")}) {
@@ -189,8 +189,8 @@ TEST_F(Defaults, ARemarkIsMadeOnceForAllFrames) {
     layers.add_rgb(layer::flash);
     write_exr(folder_ / ("shot." + std::to_string(number) + ".exr"), layers);
   }
-  const auto r = run_brume("denoise " + path("shot.2.exr") + " -f virtual_flash --noise spatial --extra-frames 1 -o " +
-                           path("out.exr"));
+  const auto r = run_brume("denoise " + path("shot.2.exr") +
+                           " -f virtual_flash:guide=signal --noise spatial --extra-frames 1 -o " + path("out.exr"));
   ASSERT_EQ(r.status, 0) << r.err;
   const std::string remark = "read as Blender Cycles multilayer 'Layer'";
   const size_t first = r.err.find(remark);
@@ -201,7 +201,7 @@ TEST_F(Defaults, ARemarkIsMadeOnceForAllFrames) {
 TEST_F(Defaults, AnUnreadableSetOfChannelsIsNamed) {
   const std::string odd = frame("odd.exr", {LayerName{"", "Y", ""}, LayerName{"Noisy Image", "RGB", ""}});
   const std::string named = "it has: Noisy Image, Y";
-  for (const std::string arguments :
+  for (const std::string& arguments :
        {"denoise " + odd + " -o " + path("o.exr"), "denoise " + odd + " -f bilateral -o " + path("o.exr"),
         "compare " + odd + " " + odd}) {
     const std::string said = refused(arguments);

@@ -93,11 +93,11 @@ TEST(Exr, PartsWithTheirOwnDataWindowsBecomeOneFrame) {
       headers.push_back(header);
     }
     Imf::MultiPartOutputFile file((folder / "parts.exr").c_str(), headers.data(), 2);
-    float one = 1.0f;
+    const std::vector<float> ones(1000, 1.0f);  // as many as any part here has pixels
     for (int part = 0; part < 2; ++part) {
       const Imath::Box2i data = headers[static_cast<size_t>(part)].dataWindow();
-      Imf::FrameBuffer buffer;  // one value for all pixels
-      buffer.insert("Y", Imf::Slice(Imf::FLOAT, reinterpret_cast<char*>(&one), 0, 0));
+      Imf::FrameBuffer buffer;
+      buffer.insert("Y", Imf::Slice::Make(Imf::FLOAT, ones.data(), data));
       Imf::OutputPart output(file, part);
       output.setFrameBuffer(buffer);
       output.writePixels(data.max.y - data.min.y + 1);
