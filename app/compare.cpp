@@ -142,6 +142,7 @@ void add_compare(CLI::App& app, Common& common, Commands& commands) {
   command
       ->add_option("--exposure", o.exposure,
                    "number, header, or auto: the reference's 99th luminance percentile becomes 1")
+      ->check(exposure_validator())
       ->capture_default_str();
   command->add_flag("--no-clip", o.no_clip, "do not clip to [0, 1] before CIE-Lab");
   command->add_option("--max", o.limits, "fail with exit status 1 above a limit: --max lab_rms=0.5")

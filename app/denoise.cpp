@@ -136,7 +136,9 @@ std::vector<FilterSettings> choose_filters(const Common& common, const ApplyOpti
   std::vector<FilterSettings> filters;
   for (const std::string& text : o.filters) filters.push_back(parse_filter(text));
   if (!filters.empty()) return filters;
-  const Recommendation best = about_the_frame([&] { return recommend_filter(read_outline(o.input), options); });
+  const Layers outline = read_outline(o.input);
+  const Recommendation best =
+      about_the_frame([&] { return recommend_filter(outline, options, /*sequence=*/o.extra_frames > 0); });
   log(common, best.reason);
   return {best.filter};
 }

@@ -28,6 +28,18 @@ Layers read_outline(const std::string& path) {
   return outline;
 }
 
+CLI::Validator exposure_validator() {
+  const auto check = [](const std::string& text) {
+    char* end = nullptr;
+    const double value = std::strtod(text.c_str(), &end);
+    const bool number = !text.empty() && *end == '\0' && value > 0 && std::isfinite(value);
+    return number || text == "header" || text == "auto"
+               ? std::string()
+               : fmt::format("'{}': expected header, auto or a number above 0", text);
+  };
+  return CLI::Validator(check, "");
+}
+
 double choose_exposure(const std::string& option, const Layers& frame) {
   if (option == "header") return frame.number("exposure").value_or(1.0);
   if (option == "auto") {
@@ -44,15 +56,11 @@ double choose_exposure(const std::string& option, const Layers& frame) {
     std::nth_element(values.begin(), nth, values.end());
     return *nth > 0 ? 1.0 / *nth : 1.0;
   }
-  char* end = nullptr;
-  const double value = std::strtod(option.c_str(), &end);
-  if (*end || option.empty() || !(value > 0) || !std::isfinite(value))
-    throw InputError(fmt::format("--exposure {}: expected header, auto or a number above 0", option));
-  return value;
+  return std::strtod(option.c_str(), nullptr);
 }
 
 void PictureOptions::add_to(CLI::App& command, const std::string& exposure_help) {
-  command.add_option("--exposure", exposure, exposure_help)->capture_default_str();
+  command.add_option("--exposure", exposure, exposure_help)->check(exposure_validator())->capture_default_str();
   command
       .add_option("--tone", tone,
                   "of the PNG: clip what is brighter than white, or filmic, which bends it there softly")

@@ -17,7 +17,11 @@ Layers read_frame(const Common& common, const std::string& path, const std::set<
 /// The same frame with one pixel, from the file's header alone: what layers it has. @throws InputError
 Layers read_outline(const std::string& path);
 
-/// "header" (1 where the header has none), "auto" or a number above 0. @throws InputError
+/// Accepts "header", "auto" or a number above 0.
+CLI::Validator exposure_validator();
+
+/// The number that an exposure's text stands for: "header" is 1 where the header has none.
+/// @throws InputError when auto has no picture to measure
 double choose_exposure(const std::string& option, const Layers& frame);
 
 /// How a PNG is made of a frame: --exposure and --tone.

@@ -52,7 +52,7 @@ int parse_error(const CLI::App& app, const CLI::ParseError& error, int argc, cha
                               nearest.empty() ? "" : fmt::format("; did you mean '{}'?", nearest));
         break;
       }
-  warn(message + ". Run with --help for what there is");
+  warn(message + " (--help tells what there is)");
   return kBadInput;
 }
 

@@ -46,10 +46,11 @@ std::string lacking(const FilterEntry& filter, const Layers& frame, const ApplyO
 
 }  // namespace
 
-Recommendation recommend_filter(const Layers& frame, const ApplyOptions& options) {
+Recommendation recommend_filter(const Layers& frame, const ApplyOptions& options, bool sequence) {
   const std::vector<const FilterEntry*> entries = filters_by_merit();
-  const auto best = std::find_if(entries.begin(), entries.end(),
-                                 [&](const FilterEntry* e) { return can_run(FilterSettings(*e), frame, options); });
+  const auto best = std::find_if(entries.begin(), entries.end(), [&](const FilterEntry* e) {
+    return (!sequence || e->sequences) && can_run(FilterSettings(*e), frame, options);
+  });
   if (best == entries.end()) {
     check_requirements(find_filter("gaussian"), frame, options);  // it needs least: its error says why none can
     throw InputError("no filter can run with these options; name one with -f to learn why");

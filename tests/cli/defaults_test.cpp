@@ -157,6 +157,12 @@ TEST_F(Defaults, RenderAndDenoiseTakeExposureAndTone) {
   EXPECT_NE(test::read_file(folder_ / "c.png"), test::read_file(folder_ / "d.png"));
 }
 
+TEST_F(Defaults, AnExposureThatIsNoneIsRefusedBeforeTheWork) {
+  const std::string said = refused("render " + kScene + kTiny + "--exposure dark -o " + path("o.exr"));
+  EXPECT_TRUE(holds(said, "--exposure: 'dark': expected header, auto or a number above 0")) << said;
+  EXPECT_FALSE(std::filesystem::exists(folder_ / "o.exr"));
+}
+
 TEST_F(Defaults, NumbersAreDecimalWhateverTheirZeros) {
   EXPECT_EQ(read_exr_info(rendered("--seed 010")).header.at("seed"), Attribute(std::string("10")));
   EXPECT_EQ(read_exr_info(rendered("--seed 08 --threads 01")).header.at("seed"), Attribute(std::string("8")));
@@ -214,6 +220,10 @@ TEST_F(Defaults, PartsOfUnlikeScenesNameTheKeyThatDiffers) {
   const std::string said = refused("merge " + a + " " + b + " -o " + path("m.exr"));
   EXPECT_TRUE(holds(said, "volumes.0.g is 0.25 in the first, ")) << said;
   EXPECT_FALSE(holds(said, "fingerprint")) << said;
+  rendered("--checkpoint " + path("state.exr"), "c.exr");
+  const std::string resumed =
+      refused("render " + kScene + kTiny + "-D camera.fov=33 --resume " + path("state.exr") + " -o " + path("d.exr"));
+  EXPECT_TRUE(holds(resumed, "camera.fov is 26.5 in the first, 33 in the second")) << resumed;
 }
 
 TEST_F(Defaults, AMissingFileNamesItsKey) {

@@ -62,6 +62,11 @@ TEST(Recommend, WhatIsRecommendedRuns) {
   }
 }
 
+TEST(Recommend, ASequenceGetsAFilterThatLooksAround) {
+  const Layers frame = outline([](const std::string&) { return true; });
+  EXPECT_TRUE(recommend_filter(frame, whole_picture(), true).filter.entry().sequences);
+}
+
 TEST(Recommend, SaysWhatWouldMakeItBetter) {
   const Layers bare = outline([](const std::string& n) { return n == "R" || n == "G" || n == "B"; });
   const std::string reason = recommend_filter(bare, whole_picture()).reason;
