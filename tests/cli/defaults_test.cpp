@@ -79,6 +79,11 @@ TEST_F(Defaults, DenoiseTakesTheBestFilterThatTheLayersAllow) {
   EXPECT_TRUE(holds(with_nothing, "statistics for nfor")) << with_nothing;
 }
 
+TEST_F(Defaults, DenoiseCleansTheWholePictureAndThePapersProtocolTheIndirectLight) {
+  EXPECT_TRUE(holds(run_brume("denoise --help").out, "[all]"));
+  EXPECT_TRUE(holds(run_brume("evaluate --help").out, "[indirect]"));
+}
+
 TEST_F(Defaults, WhatFollowsAFilterIsItsOwn) {
   const std::string in = "denoise " + frame("in.exr", {layer::beauty, layer::gradient}) + " -q ";
   const auto ran = [&](const std::string& options) {
