@@ -80,8 +80,8 @@ TEST_F(Defaults, DenoiseTakesTheBestFilterThatTheLayersAllow) {
 }
 
 TEST_F(Defaults, DenoiseCleansTheWholePictureAndThePapersProtocolTheIndirectLight) {
-  EXPECT_TRUE(holds(run_brume("denoise --help").out, "[all]"));
-  EXPECT_TRUE(holds(run_brume("evaluate --help").out, "[indirect]"));
+  EXPECT_TRUE(holds(run_brume("denoise --help").out, "}=all"));
+  EXPECT_TRUE(holds(run_brume("evaluate --help").out, "}=indirect"));
 }
 
 TEST_F(Defaults, WhatFollowsAFilterIsItsOwn) {
