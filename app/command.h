@@ -37,6 +37,7 @@ void add_compare(CLI::App& app, Common& common, Commands& commands);
 void add_evaluate(CLI::App& app, Common& common, Commands& commands);
 void add_filters(CLI::App& app, Common& common, Commands& commands);
 void add_docs(CLI::App& app, Common& common, Commands& commands);
+void add_picture(CLI::App& app, Common& common, Commands& commands);
 
 /// Adds a verb with the options that every command has.
 CLI::App* add_command(CLI::App& app, Common& common, const std::string& name, const std::string& description);
@@ -44,10 +45,14 @@ CLI::App* add_command(CLI::App& app, Common& common, const std::string& name, co
 /// A task on the chosen threads that reports to the terminal and stops at Ctrl-C.
 Task make_task(const Common& common, const std::string& label);
 
+// Every line on stderr but a progress bar begins with "brume: ".
+
 /// To stderr, unless --quiet.
 void log(const Common& common, const std::string& text);
 /// To stderr, always.
 void warn(const std::string& text);
+/// "note: ..." to stderr, always, but each text once only: not for every frame of a sequence.
+void note(const std::string& text);
 /// To stdout.
 void print(const std::string& text);
 

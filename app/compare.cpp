@@ -1,12 +1,14 @@
 #include <fmt/format.h>
 
 #include <cstdlib>
+#include <optional>
 
 #include "app/command.h"
 #include "app/frame.h"
 #include "base/error.h"
 #include "base/text.h"
 #include "evaluate/metric.h"
+#include "filters/requirements.h"
 
 namespace brume::app {
 namespace {
@@ -17,11 +19,43 @@ struct Options {
   std::vector<std::string> limits;
 } o;
 
-RgbPlanes planes(const Layers& frame, const std::string& path) {
-  const LayerName name{o.layer, "RGB", ""};
-  if (!frame.has(name))
-    throw InputError(fmt::format("{}: has no layer '{}'; it has: {}", path, name.label(), join(layer_names(frame))));
-  return frame.rgb(name);
+/// A picture to compare, named by its file.
+struct Picture {
+  std::string path;
+  Layers frame;
+
+  Picture(const Common& common, std::string file) : path(std::move(file)), frame(read_frame(common, path)) {}
+  RgbPlanes planes() const {
+    const LayerName name{o.layer, "RGB", ""};
+    if (!frame.has(name))
+      throw InputError(fmt::format("{}: has no layer '{}'; it has: {}", path, name.label(), join(layer_names(frame))));
+    return frame.rgb(name);
+  }
+};
+
+/// The pixels that all pictures have: what lies outside a data window is absent, not black. Pictures are cut to them.
+/// @throws InputError for unequal display windows, and when no pixel is common
+PixelWindow cut_to_common_window(const std::vector<Picture*>& pictures) {
+  const Picture& reference = *pictures[0];
+  const PixelWindow display = reference.frame.display_window();
+  PixelWindow common = reference.frame.data_window();
+  for (const Picture* other : pictures) {
+    const PixelWindow shown = other->frame.display_window();
+    if (shown.width() != display.width() || shown.height() != display.height())
+      throw InputError(fmt::format("{} is {} x {}, {} is {} x {}; expected one size", other->path, shown.width(),
+                                   shown.height(), reference.path, display.width(), display.height()));
+    if (shown != display)
+      throw InputError(fmt::format("{} is shown in the window {}, {} in {}; expected one display window", other->path,
+                                   shown.text(), reference.path, display.text()));
+    common = common.common(other->frame.data_window());
+    if (common.empty())
+      throw InputError(fmt::format("{} has pixels in {}, {} in {}: none is in both", other->path,
+                                   other->frame.data_window().text(), reference.path,
+                                   reference.frame.data_window().text()));
+  }
+  for (Picture* picture : pictures)
+    if (picture->frame.data_window() != common) picture->frame = picture->frame.cut(common);
+  return common;
 }
 
 nlohmann::json to_json(const Errors& e) {
@@ -53,37 +87,33 @@ std::vector<std::string> exceeded(const Errors& e) {
 }
 
 int run(const Common& common) {
-  const Layers picture = read_frame(o.picture), reference = read_frame(o.reference);
-  if (picture.width() != reference.width() || picture.height() != reference.height())
-    throw InputError(fmt::format("{} is {} x {}, {} is {} x {}; expected one size", o.picture, picture.width(),
-                                 picture.height(), o.reference, reference.width(), reference.height()));
-  Layers second;
-  RgbPlanes second_planes{};
-  if (!o.second.empty()) {
-    second = read_frame(o.second);
-    if (second.width() != reference.width() || second.height() != reference.height())
-      throw InputError(fmt::format("{} is {} x {}, {} is {} x {}; expected one size", o.second, second.width(),
-                                   second.height(), o.reference, reference.width(), reference.height()));
-    second_planes = planes(second, o.second);
-  }
-  LabPolicy policy{choose_exposure(o.exposure, reference), !o.no_clip};
-  const RgbPlanes x = planes(picture, o.picture), r = planes(reference, o.reference);
-  const RgbPlanes* r2 = o.second.empty() ? nullptr : &second_planes;
+  Picture picture(common, o.picture), reference(common, o.reference);
+  std::optional<Picture> second;
+  if (!o.second.empty()) second.emplace(common, o.second);
+  std::vector<Picture*> pictures = {&reference, &picture};
+  if (second) pictures.push_back(&*second);
+  const PixelWindow window = cut_to_common_window(pictures);
+  const PixelWindow display = reference.frame.display_window();
+  const LabPolicy policy{choose_exposure(o.exposure, reference.frame), !o.no_clip};
+  const RgbPlanes x = picture.planes(), r = reference.planes();
+  const RgbPlanes second_planes = second ? second->planes() : RgbPlanes{};
+  const RgbPlanes* r2 = second ? &second_planes : nullptr;
   const Errors whole = compare(x, r, policy, {}, r2);
-  const Mask mask = medium_mask(reference);
+  const Mask mask = medium_mask(reference.frame);
   const Errors medium = mask.empty() ? Errors{} : compare(x, r, policy, mask, r2);
 
   if (common.json) {
     nlohmann::json j = {{"picture", o.picture},
                         {"reference", o.reference},
                         {"policy", policy.text()},
+                        {"window", {window.lo.x, window.lo.y, window.hi.x, window.hi.y}},
                         {"reference_noise_removed", r2 != nullptr},
                         {"metrics", to_json(whole)}};
     if (!mask.empty()) j["medium"] = to_json(medium);
     print(j.dump(2, ' ', false, nlohmann::json::error_handler_t::replace) + "\n");
   } else {
-    std::string text =
-        fmt::format("{:<20}{:>14}{}\n", "", "whole frame", mask.empty() ? "" : fmt::format("{:>14}", "medium"));
+    std::string text = fmt::format("{:<20}{:>14}{}\n", "", window == display ? "whole frame" : "data window",
+                                   mask.empty() ? "" : fmt::format("{:>14}", "medium"));
     const auto a = listed(whole), b = listed(medium);
     for (size_t i = 0; i < a.size(); ++i)
       text += fmt::format("{:<20}{:>14.6g}{}\n", a[i].first, a[i].second,
@@ -91,6 +121,8 @@ int run(const Common& common) {
     text += fmt::format("{:<20}{:>14}{}\nLab: {}{}\n", "pixels", whole.pixels,
                         mask.empty() ? "" : fmt::format("{:>14}", medium.pixels), policy.text(),
                         r2 ? "; reference noise removed by two references" : "");
+    if (window != display)
+      text += fmt::format("over the common data window {}; the display window is {}\n", window.text(), display.text());
     print(text);
   }
   const std::vector<std::string> failures = exceeded(whole);
@@ -101,7 +133,8 @@ int run(const Common& common) {
 }  // namespace
 
 void add_compare(CLI::App& app, Common& common, Commands& commands) {
-  CLI::App* command = add_command(app, common, "compare", "error measures of a picture against a reference");
+  CLI::App* command = add_command(app, common, "compare",
+                                  "error measures of a picture against a reference, over the pixels that both have");
   command->add_option("picture", o.picture, "EXR to judge")->required();
   command->add_option("reference", o.reference, "EXR it should equal")->required();
   command->add_option("--second-reference", o.second, "an independent reference, to take the references' noise off");
@@ -109,6 +142,7 @@ void add_compare(CLI::App& app, Common& common, Commands& commands) {
   command
       ->add_option("--exposure", o.exposure,
                    "number, header, or auto: the reference's 99th luminance percentile becomes 1")
+      ->check(exposure_validator())
       ->capture_default_str();
   command->add_flag("--no-clip", o.no_clip, "do not clip to [0, 1] before CIE-Lab");
   command->add_option("--max", o.limits, "fail with exit status 1 above a limit: --max lab_rms=0.5")

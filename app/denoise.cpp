@@ -13,10 +13,10 @@
 #include "base/output_file.h"
 #include "base/text.h"
 #include "filters/apply.h"
+#include "filters/recommend.h"
 #include "filters/registry.h"
 #include "filters/requirements.h"
 #include "image/exr_io.h"
-#include "image/picture_io.h"
 
 namespace brume::app {
 namespace {
@@ -24,31 +24,13 @@ namespace {
 namespace fs = std::filesystem;
 
 struct Options {
-  std::string input, output, preview, exposure = "header";
+  std::string input, output, preview;
   std::string noise = "layers", outliers = "keep", features, carry, records;
   int tile = 0, extra_frames = 0;
   std::vector<std::string> filters;
-  FilterOptions common;
+  FilterOptions common{.component = "all"};
+  PictureOptions picture;
 } o;
-
-/// "--sigma-range 20" after the known options: a parameter of every filter that was asked for.
-void set_parameters(std::vector<FilterSettings>& filters, const std::vector<std::string>& words) {
-  for (size_t i = 0; i < words.size(); ++i) {
-    std::string name = words[i], value;
-    if (!name.starts_with("--"))
-      throw InputError(fmt::format("'{}' is not an option; expected --PARAMETER VALUE of a filter", name));
-    name.erase(0, 2);
-    if (const size_t equals = name.find('='); equals != std::string::npos) {
-      value = name.substr(equals + 1);
-      name.erase(equals);
-    } else if (i + 1 < words.size()) {
-      value = words[++i];
-    } else {
-      throw InputError(fmt::format("--{} has no value", name));
-    }
-    for (FilterSettings& filter : filters) filter.set(name, value);
-  }
-}
 
 /// OUT.exr for one filter, OUT.FILTER.exr for several, OUT.FILTER.2.exr for the second of one name.
 fs::path output_for(const std::string& path, const std::vector<FilterSettings>& filters, size_t i) {
@@ -94,7 +76,7 @@ std::map<int, fs::path> extra_files() {
   }
   if (o.extra_frames > 0 && files.empty())
     throw InputError(fmt::format("{}: --extra-frames {}: none of {} is there", o.input, o.extra_frames, join(missing)));
-  if (!missing.empty()) warn("note: the sequence has no " + join(missing));
+  if (!missing.empty()) note("the sequence has no " + join(missing));
   return files;
 }
 
@@ -106,10 +88,8 @@ struct Sequence {
 
   Sequence(const std::map<int, fs::path>& files, const std::set<std::string>& channels, const Common& common) {
     for (const auto& [distance, file] : files) {
-      std::string note;
       SequenceFrame& frame =
-          frames.emplace_back(SequenceFrame{distance, &layers.emplace_back(read_frame(file, channels, &note))});
-      if (!note.empty()) log(common, "note: " + note);
+          frames.emplace_back(SequenceFrame{distance, &layers.emplace_back(read_frame(common, file, channels))});
       if (!o.records.empty()) frame.records = &records.emplace_back(file_of_frame(o.records, distance));
     }
   }
@@ -141,10 +121,33 @@ ApplyOptions apply_options() {
   return options;
 }
 
-int run(const Common& common, const std::vector<std::string>& extras) {
+/// Runs `work`; its errors begin with the name of the frame.
+template <class Work>
+auto about_the_frame(const Work& work) {
+  try {
+    return work();
+  } catch (const InputError& error) {
+    throw InputError(fmt::format("{}: {}", o.input, error.what()));
+  }
+}
+
+/// The filters that are asked for, or else the best that the frame's layers allow, which is told.
+std::vector<FilterSettings> choose_filters(const Common& common, const ApplyOptions& options) {
   std::vector<FilterSettings> filters;
   for (const std::string& text : o.filters) filters.push_back(parse_filter(text));
-  set_parameters(filters, extras);
+  if (!filters.empty()) return filters;
+  const Layers outline = read_outline(o.input);
+  const Recommendation best =
+      about_the_frame([&] { return recommend_filter(outline, options, /*sequence=*/o.extra_frames > 0); });
+  log(common, best.reason);
+  return {best.filter};
+}
+
+int run(const Common& common) {
+  ApplyOptions options = apply_options();
+  std::optional<RecordReader> records;
+  if (!o.records.empty()) options.records = &records.emplace(o.records);
+  const std::vector<FilterSettings> filters = choose_filters(common, options);
   const std::map<int, fs::path> others = extra_files();
   std::vector<fs::path> inputs = {o.input};
   for (const auto& [distance, file] : others) inputs.push_back(file);
@@ -152,32 +155,22 @@ int run(const Common& common, const std::vector<std::string>& extras) {
     check_writable(output_for(o.output, filters, i), inputs, ".exr");
     if (!o.preview.empty()) check_writable(output_for(o.preview, filters, i), inputs, ".png");
   }
-  ApplyOptions options = apply_options();
-  std::optional<RecordReader> records;
-  if (!o.records.empty()) options.records = &records.emplace(o.records);
   std::set<std::string> channels = {"R", "G", "B"};
   for (const FilterSettings& filter : filters) channels.merge(readable_channels(filter, options));
-  std::string note;
-  const Layers frame = read_frame(o.input, channels, &note);
-  if (!note.empty()) log(common, "note: " + note);
-  options.exposure = choose_exposure(o.exposure, frame);
+  const Layers frame = read_frame(common, o.input, channels);
+  options.exposure = choose_exposure(o.picture.exposure, frame);
   const Sequence sequence(others, channels, common);
   options.sequence = sequence.frames;
   for (size_t i = 0; i < filters.size(); ++i) {
     ApplyReport report;
-    Layers clean = [&] {
-      try {
-        return apply_filter(filters[i], frame, options, make_task(common, filters[i].entry().name), &report);
-      } catch (const InputError& error) {
-        throw InputError(fmt::format("{}: {}", o.input, error.what()));
-      }
-    }();
-    for (const std::string& line : report.notes) warn("note: " + line);
+    Layers clean = about_the_frame(
+        [&] { return apply_filter(filters[i], frame, options, make_task(common, filters[i].entry().name), &report); });
+    for (const std::string& line : report.notes) note(line);
     stamp(clean);
     const auto path = output_for(o.output, filters, i);
     write_exr(path, clean);
     if (!o.preview.empty())
-      write_png(output_for(o.preview, filters, i), to_picture(clean.rgb(layer::beauty), options.exposure));
+      o.picture.write(output_for(o.preview, filters, i), clean, clean.rgb(layer::beauty), options.exposure);
     log(common, fmt::format("{} ({}): {:.1f} ms", filters[i].entry().name, filters[i].text(), 1e3 * report.seconds));
     print(path.string() + "\n");
   }
@@ -185,8 +178,8 @@ int run(const Common& common, const std::vector<std::string>& extras) {
 }
 
 std::string filter_help() {
-  std::string text = "Filters and their parameters:\n";
-  for (const FilterEntry* e : all_filters()) {
+  std::string text = "Filters, what serves best first, and their parameters:\n";
+  for (const FilterEntry* e : filters_by_merit()) {
     text += fmt::format("  {}: {}\n", e->name, e->summary);
     const FilterSettings settings(*e);
     for (const Parameter& p : e->parameters)
@@ -199,10 +192,13 @@ std::string filter_help() {
 }  // namespace
 
 void add_denoise(CLI::App& app, Common& common, Commands& commands) {
-  CLI::App* command = add_command(app, common, "denoise", "clean a frame with one filter or several");
+  CLI::App* command =
+      add_command(app, common, "denoise", "clean a frame, with the best filter for it or with those named");
   command->add_option("frame", o.input, "EXR with layers, by brume or another renderer")->required();
-  command->add_option("-f,--filter", o.filters, "NAME or NAME:parameter=value,...; repeat for several")
-      ->required()
+  command
+      ->add_option("-f,--filter", o.filters,
+                   "filter NAME instead of the best that the frame's layers allow; its parameters follow as NAME "
+                   "--PARAMETER VALUE or in NAME:parameter=value,...; repeat for several")
       ->allow_extra_args(false);
   command->add_option("-o,--output", o.output, "EXR to write; with several filters OUT.FILTER.exr each")->required();
   command->add_option("--png", o.preview, "also write a PNG");
@@ -231,11 +227,11 @@ void add_denoise(CLI::App& app, Common& common, Commands& commands) {
       ->capture_default_str();
   command->add_option("--tile", o.tile, "side of the squares that are filtered one after another [px]; 0: by memory")
       ->check(CLI::Range(0, 1 << 20));
-  command->add_option("--exposure", o.exposure, "from radiance to display: a number, header, or auto")
-      ->capture_default_str();
-  command->allow_extras();
+  o.picture.add_to(*command,
+                   "from radiance to display, for the PNG and filters that compare colours as seen: a number, "
+                   "header, or auto");
   command->footer(filter_help);
-  commands[command] = [&common, command] { return run(common, command->remaining()); };
+  commands[command] = [&common] { return run(common); };
 }
 
 }  // namespace brume::app

@@ -1,7 +1,13 @@
+#include <fcntl.h>
 #include <fmt/format.h>
+#include <sys/file.h>
+#include <unistd.h>
 
+#include <cstdlib>
 #include <filesystem>
 #include <memory>
+#include <optional>
+#include <utility>
 
 #include "app/command.h"
 #include "app/filter_options.h"
@@ -21,7 +27,7 @@ struct Options {
   std::string output, spp = "16,36,64";
   int seeds = 5, reference_spp = 4096, size = 0;
   bool no_tuning = false;
-  FilterOptions common;
+  FilterOptions common{.component = "indirect"};  // as the papers do
 } o;
 
 std::vector<int> parse_spp(const std::string& text) {
@@ -36,19 +42,52 @@ std::vector<int> parse_spp(const std::string& text) {
   return result;
 }
 
-/// Results are written beside the target under another name and moved in when they are whole. What else lies in the
-/// target stays; files of an earlier evaluation are replaced.
+/// A lock on a file that its process holds until it ends, however it ends.
+class FileLock {
+ public:
+  /// Makes the file and locks it before it gets its name, so that nobody sees it without its lock.
+  static FileLock make(const fs::path& path) {
+    const fs::path unnamed = path.string() + ".new";
+    FileLock lock(open(unnamed.c_str(), O_CREAT | O_RDWR | O_CLOEXEC, 0666));
+    std::error_code error;
+    if (lock.held()) fs::rename(unnamed, path, error);
+    if (!lock.held() || error) throw InputError(fmt::format("{}: cannot be written", path.string()));
+    return lock;
+  }
+  /// Locks a file that is there; not held where another process holds it, or there is no such file.
+  static FileLock take(const fs::path& path) { return FileLock(open(path.c_str(), O_RDWR | O_CLOEXEC)); }
+  ~FileLock() {
+    if (file_ >= 0) close(file_);
+  }
+  FileLock(FileLock&& other) noexcept : file_(std::exchange(other.file_, -1)) {}
+  bool held() const { return file_ >= 0; }
+
+ private:
+  explicit FileLock(int file) : file_(file) {
+    if (file_ >= 0 && flock(file_, LOCK_EX | LOCK_NB) != 0) {
+      close(file_);
+      file_ = -1;
+    }
+  }
+  int file_;
+};
+
+/// Results are written beside the target under a name of this run alone and moved in when they are whole. What else
+/// lies in the target stays; files of an earlier evaluation are replaced. What killed runs have left is removed.
 class OutputFolder {
  public:
-  explicit OutputFolder(const std::string& path)
-      : path_(fs::absolute(path + "/x").lexically_normal().parent_path()), part_(path_.string() + ".part") {
-    std::error_code error;
+  explicit OutputFolder(const std::string& path) : path_(fs::absolute(path + "/x").lexically_normal().parent_path()) {
     if (fs::exists(path_) && !fs::is_directory(path_))
       throw InputError(fmt::format("{}: is a file, expected the name of a folder to write", path));
-    if (fs::exists(part_))
-      throw InputError(fmt::format("{}: exists, left by another run or still in use; remove it first", part_.string()));
-    fs::create_directories(part_, error);
-    if (error) throw InputError(fmt::format("{}: cannot be made: {}", part_.string(), error.message()));
+    const std::string prefix = path_.string() + ".part.";
+    std::error_code error;
+    fs::create_directories(path_.parent_path(), error);
+    remove_abandoned(prefix);
+    std::string name = prefix + "XXXXXX";
+    if (!mkdtemp(name.data()))
+      throw InputError(fmt::format("{}: cannot be made: {}", name, std::generic_category().message(errno)));
+    part_ = name;
+    lock_.emplace(FileLock::make(part_ / kLock));
   }
   ~OutputFolder() {
     std::error_code ignored;
@@ -59,13 +98,26 @@ class OutputFolder {
     std::error_code error;
     fs::create_directories(path_, error);
     for (const auto& entry : fs::directory_iterator(part_)) {
+      if (entry.path().filename() == kLock) continue;
       fs::rename(entry.path(), path_ / entry.path().filename(), error);
       if (error) throw InputError(fmt::format("{}: cannot be written: {}", path_.string(), error.message()));
     }
   }
 
  private:
+  static constexpr const char* kLock = "in_use";
+
+  static void remove_abandoned(const std::string& prefix) {
+    std::error_code ignored;
+    for (const auto& entry : fs::directory_iterator(fs::path(prefix).parent_path(), ignored)) {
+      if (!entry.path().string().starts_with(prefix)) continue;
+      const FileLock lock = FileLock::take(entry.path() / kLock);
+      if (lock.held()) fs::remove_all(entry.path(), ignored);
+    }
+  }
+
   fs::path path_, part_;
+  std::optional<FileLock> lock_;
 };
 
 int run(const Common& common) {
@@ -96,7 +148,7 @@ int run(const Common& common) {
     job.spp = spp, job.seed = seed, job.records = records;
     RenderResult r = scene.render(job, task);
     stamp(r.layers);
-    if (r.report.invalid_samples || r.report.counters.capped_paths) warn("note: " + r.report.summary());
+    if (r.report.invalid_samples || r.report.counters.capped_paths) note(r.report.summary());
     return TimedFrame{std::move(r.layers), r.report.seconds, records};
   };
   for (const std::string& path : o.scenes) {
@@ -110,7 +162,7 @@ int run(const Common& common) {
           .get();
     };
     const PreparedScene *full = prepare(layers), *reference = prepare(plain);
-    for (const std::string& note : full->notes()) warn("note: " + note);
+    for (const std::string& text : full->notes()) note(text);
     for (const EvaluationScene& other : scenes)
       if (other.name == full->scene().name)
         throw InputError(fmt::format("two scenes are named '{}'; give each its own name", other.name));

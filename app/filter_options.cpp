@@ -5,8 +5,8 @@ namespace brume::app {
 void FilterOptions::add_to(CLI::App& command) {
   command
       .add_option("--component", component,
-                  "what to clean: the indirect layer, direct being added back; both apart; or all, the beauty")
-      ->check(CLI::IsMember({"indirect", "apart", "all"}))
+                  "what to clean: all, the beauty; the indirect layer, direct being added back; or both apart")
+      ->check(CLI::IsMember({"all", "indirect", "apart"}))
       ->capture_default_str();
   command
       .add_option("--background", background,

@@ -5,9 +5,9 @@
 
 namespace brume::app {
 
-/// --component and --background, which denoise and evaluate share.
+/// --component and --background, which denoise and evaluate share with defaults of their own.
 struct FilterOptions {
-  std::string component = "indirect", background = "default";
+  std::string component, background = "default";
 
   void add_to(CLI::App& command);
   Component chosen_component() const;

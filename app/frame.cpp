@@ -13,22 +13,31 @@
 
 namespace brume::app {
 
-Layers read_frame(const std::string& path, const std::set<std::string>& wanted, std::string* note) {
+Layers read_frame(const Common& common, const std::string& path, const std::set<std::string>& wanted) {
   Layers frame = read_exr(path, [&](const std::string& name) { return wanted.empty() || wanted.contains(name); });
   if (!wanted.empty() && !frame.has(layer::beauty)) frame = read_exr(path);
   const std::string recognised = adopt_foreign_layers(frame);
-  if (note) *note = recognised;
+  if (!recognised.empty() && !common.quiet) note(recognised);
   return frame;
 }
 
-std::vector<std::string> layer_names(const Layers& frame) {
-  std::set<std::string> names;
-  for (const std::string& channel : frame.names()) {
-    const size_t dot = channel.rfind('.');
-    const std::string name = dot == std::string::npos ? "beauty" : channel.substr(0, dot);
-    if (name.find("mean_variance") == std::string::npos && name.find("half_") == std::string::npos) names.insert(name);
-  }
-  return {names.begin(), names.end()};
+Layers read_outline(const std::string& path) {
+  Layers outline(1, 1);
+  for (const ExrInfo::Channel& channel : read_exr_info(path).channels) outline.add(channel.name);
+  adopt_foreign_layers(outline);
+  return outline;
+}
+
+CLI::Validator exposure_validator() {
+  const auto check = [](const std::string& text) {
+    char* end = nullptr;
+    const double value = std::strtod(text.c_str(), &end);
+    const bool number = !text.empty() && *end == '\0' && value > 0 && std::isfinite(value);
+    return number || text == "header" || text == "auto"
+               ? std::string()
+               : fmt::format("'{}': expected header, auto or a number above 0", text);
+  };
+  return CLI::Validator(check, "");
 }
 
 double choose_exposure(const std::string& option, const Layers& frame) {
@@ -47,11 +56,27 @@ double choose_exposure(const std::string& option, const Layers& frame) {
     std::nth_element(values.begin(), nth, values.end());
     return *nth > 0 ? 1.0 / *nth : 1.0;
   }
-  char* end = nullptr;
-  const double value = std::strtod(option.c_str(), &end);
-  if (*end || option.empty() || !(value > 0) || !std::isfinite(value))
-    throw InputError(fmt::format("--exposure {}: expected header, auto or a number above 0", option));
-  return value;
+  return std::strtod(option.c_str(), nullptr);
+}
+
+void PictureOptions::add_to(CLI::App& command, const std::string& exposure_help) {
+  command.add_option("--exposure", exposure, exposure_help)->check(exposure_validator())->capture_default_str();
+  command
+      .add_option("--tone", tone,
+                  "of the PNG: clip what is brighter than white, or filmic, which bends it there softly")
+      ->check(CLI::IsMember({"clip", "filmic"}))
+      ->capture_default_str();
+}
+
+void PictureOptions::write(const std::string& path, const Layers& frame, const RgbPlanes& rgb,
+                           double exposure_factor) const {
+  Layers colours(frame.width(), frame.height());
+  colours.lie_like(frame);
+  for (size_t c = 0; c < 3; ++c) colours.set(layer::beauty.channel(c), *rgb[c]);
+  const PixelWindow shown = frame.data_window().common(frame.display_window());
+  if (!shown.empty() && shown != frame.data_window()) colours = colours.cut(shown);
+  write_png(path,
+            to_picture(colours.rgb(layer::beauty), exposure_factor, tone == "filmic" ? Tone::kFilmic : Tone::kClip));
 }
 
 }  // namespace brume::app

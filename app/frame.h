@@ -3,19 +3,34 @@
 #include <string>
 #include <vector>
 
+#include "app/command.h"
 #include "image/layers.h"
+#include "image/picture_io.h"
 
 namespace brume::app {
 
-/// An EXR with brume's layer names, whoever wrote it. `note` gets a line when another renderer's were recognised.
+/// An EXR with brume's layer names, whoever wrote it. Says so, unless --quiet, when another renderer's are recognised.
 /// @param wanted  channels to load; empty: all. Another renderer's frame is loaded whole
 /// @throws InputError
-Layers read_frame(const std::string& path, const std::set<std::string>& wanted = {}, std::string* note = nullptr);
+Layers read_frame(const Common& common, const std::string& path, const std::set<std::string>& wanted = {});
 
-/// Names of the RGB and other layers in a frame, without statistics; "beauty" for the top.
-std::vector<std::string> layer_names(const Layers& frame);
+/// The same frame with one pixel, from the file's header alone: what layers it has. @throws InputError
+Layers read_outline(const std::string& path);
 
-/// "header" (1 where the header has none), "auto" or a number above 0. @throws InputError
+/// Accepts "header", "auto" or a number above 0.
+CLI::Validator exposure_validator();
+
+/// The number that an exposure's text stands for: "header" is 1 where the header has none.
+/// @throws InputError when auto has no picture to measure
 double choose_exposure(const std::string& option, const Layers& frame);
+
+/// How a PNG is made of a frame: --exposure and --tone.
+struct PictureOptions {
+  std::string exposure = "header", tone = "clip";
+
+  void add_to(CLI::App& command, const std::string& exposure_help);
+  /// What lies inside the display window, or everything where nothing does. @throws InputError
+  void write(const std::string& path, const Layers& frame, const RgbPlanes& rgb, double exposure_factor) const;
+};
 
 }  // namespace brume::app

@@ -2,9 +2,11 @@
 
 #include <filesystem>
 #include <fstream>
+#include <limits>
 
 #include "app/command.h"
 #include "base/error.h"
+#include "base/text.h"
 #include "image/exr_io.h"
 #include "volume/vdb_io.h"
 
@@ -25,6 +27,20 @@ std::string format_transform(const dmat4& m) {
   for (int row = 0; row < 3; ++row)
     text += fmt::format("    {:>12.6g} {:>12.6g} {:>12.6g} {:>12.6g}\n", m[0][row], m[1][row], m[2][row], m[3][row]);
   return text;
+}
+
+/// The corners of the box around the cells of a grid's active voxels, half a voxel beyond their centres, in world
+/// space.
+std::pair<dvec3, dvec3> world_bounds(const GridSummary& g) {
+  dvec3 lo(std::numeric_limits<double>::infinity()), hi = -lo;
+  for (int corner = 0; corner < 8; ++corner) {
+    dvec3 index;
+    for (int axis = 0; axis < 3; ++axis) index[axis] = corner >> axis & 1 ? g.box.hi[axis] + 0.5 : g.box.lo[axis] - 0.5;
+    const dvec3 world(g.world_from_index * glm::dvec4(index, 1.0));
+    lo = glm::min(lo, world);
+    hi = glm::max(hi, world);
+  }
+  return {lo, hi};
 }
 
 int info_vdb(const std::string& path, bool as_json) {
@@ -65,6 +81,12 @@ int info_vdb(const std::string& path, bool as_json) {
     }
     text += g.linear ? "  world from index\n" + format_transform(g.world_from_index)
                      : "  transform     not affine (frustum)\n";
+    if (g.linear && !g.box.empty()) {
+      const auto [lo, hi] = world_bounds(g);
+      text += fmt::format("  world bounds  [{:.6g} {:.6g} {:.6g}] .. [{:.6g} {:.6g} {:.6g}]\n", lo.x, lo.y, lo.z, hi.x,
+                          hi.y, hi.z);
+      j["world_bounds"] = {to_json(lo), to_json(hi)};
+    }
     if (g.linear) {
       json rows = json::array();
       for (int row = 0; row < 4; ++row)
@@ -94,10 +116,12 @@ int info_exr(const std::string& path, bool as_json) {
   json channels = json::array(), header;
   std::string text = fmt::format("{}: OpenEXR, {} x {}, {}, {} channels\n", path, info.width, info.height,
                                  info.compression, info.channels.size());
+  if (info.data != info.display)
+    text += fmt::format("  data window {}, display window {}\n", info.data.text(), info.display.text());
   for (const auto& [name, value] : info.header) {
     header[name] = to_json(value);
-    text += fmt::format("  {} = {}\n", name,
-                        header[name].is_string() ? header[name].get<std::string>() : header[name].dump());
+    const std::string shown = header[name].is_string() ? header[name].get<std::string>() : header[name].dump();
+    text += fmt::format("  {} = {}\n", name, join(split(shown, '\n'), "\n      "));
   }
   text += "\n";
   for (const ExrInfo::Channel& c : info.channels) {
@@ -108,6 +132,7 @@ int info_exr(const std::string& path, bool as_json) {
                        {"kind", "exr"},
                        {"width", info.width},
                        {"height", info.height},
+                       {"data_window", {info.data.lo.x, info.data.lo.y, info.data.hi.x, info.data.hi.y}},
                        {"channels", channels},
                        {"header", header}}
                           .dump(2, ' ', false, nlohmann::json::error_handler_t::replace) +

@@ -1,9 +1,10 @@
 #include <fmt/format.h>
 #include <malloc.h>
 
+#include <algorithm>
 #include <csignal>
-#include <iostream>
 
+#include "app/arguments.h"
 #include "app/command.h"
 #include "base/error.h"
 #include "base/text.h"
@@ -24,12 +25,10 @@ void stamp(Layers& layers) {
 
 namespace {
 
-// Ctrl-C asks for an orderly end; the third is the system's, for when that takes too long.
+// The first signal asks for an orderly end, the next one is the system's and kills.
 void on_interrupt(int signal) {
-  static volatile std::sig_atomic_t count = 0;
   interrupted = true;
-  count = count + 1;
-  if (count == 2) std::signal(signal, SIG_DFL);
+  std::signal(signal, SIG_DFL);
 }
 
 int parse_error(const CLI::App& app, const CLI::ParseError& error, int argc, char** argv) {
@@ -51,7 +50,7 @@ int parse_error(const CLI::App& app, const CLI::ParseError& error, int argc, cha
                               nearest.empty() ? "" : fmt::format("; did you mean '{}'?", nearest));
         break;
       }
-  warn(message + "\nRun with --help for what there is.");
+  warn(message + " (--help tells what there is)");
   return kBadInput;
 }
 
@@ -73,10 +72,17 @@ int run(int argc, char** argv) {
   add_evaluate(app, common, commands);
   add_filters(app, common, commands);
   add_docs(app, common, commands);
+  add_picture(app, common, commands);
+  read_integers_as_decimal(app);
   try {
-    app.parse(argc, argv);
+    std::vector<std::string> words = arrange(app, {argv + 1, argv + argc});
+    std::reverse(words.begin(), words.end());  // as CLI11 wants them
+    app.parse(std::move(words));
   } catch (const CLI::ParseError& error) {
     return parse_error(app, error, argc, argv);
+  } catch (const InputError& error) {
+    warn(error.what());
+    return kBadInput;
   }
   set_exr_threads(common.threads);
   std::signal(SIGINT, on_interrupt);

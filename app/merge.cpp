@@ -23,8 +23,7 @@ int run(const Common& common) {
   const int samples = static_cast<int>(frame.number("samplesPerPixel").value_or(0.0));
   const int total = static_cast<int>(frame.number("sampleTotal").value_or(0.0));
   if (samples < total)
-    warn(fmt::format("note: {} of {} samples per pixel are there (samples {})", samples, total,
-                     frame.text("sampleRanges")));
+    note(fmt::format("{} of {} samples per pixel are there (samples {})", samples, total, frame.text("sampleRanges")));
   write_exr(o.output, frame);
   log(common, fmt::format("{} parts, {} samples per pixel", files.size(), samples));
   print(o.output + "\n");

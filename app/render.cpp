@@ -1,15 +1,16 @@
 #include <fmt/format.h>
 
+#include <cmath>
 #include <filesystem>
 #include <memory>
 
 #include "app/command.h"
+#include "app/frame.h"
 #include "app/tev.h"
 #include "base/error.h"
 #include "base/output_file.h"
 #include "base/text.h"
 #include "image/exr_io.h"
-#include "image/picture_io.h"
 #include "render/frame/renderer.h"
 #include "render/scene/scene_io.h"
 
@@ -24,6 +25,7 @@ struct Options {
   int64_t seed = -1;
   double target_error = 0, checkpoint_every = 300;
   bool no_statistics = false, buckets = false, explain = false, require_valid = false;
+  PictureOptions picture;
 } o;
 
 int replay(const PreparedScene& scene, int64_t seed) {
@@ -87,6 +89,19 @@ double parse_time() {
   return total;
 }
 
+/// What was reached of a target error.
+void tell_error(const Common& common, const RenderReport& report, bool missed) {
+  const std::string reached =
+      std::isfinite(*report.error)
+          ? fmt::format("estimated relative error {:.4g}", *report.error)
+          : std::string("no error can be estimated: fewer than 8 samples per pixel, or no light was found");
+  if (missed)
+    warn(fmt::format("target error {} not reached with {} samples per pixel: {}", o.target_error,
+                     report.samples_per_pixel, reached));
+  else
+    log(common, reached);
+}
+
 int run(const Common& common) {
   Scene scene = read_scene(o.scene, o.overrides);
   std::vector<std::filesystem::path> inputs = {o.scene, scene.environment.file, scene.camera.from_exr};
@@ -127,7 +142,7 @@ int run(const Common& common) {
   job.stamp = [](Layers& frame) { stamp(frame); };
 
   const PreparedScene prepared(scene, layers, {common.threads, {}, &interrupted});
-  for (const std::string& note : prepared.notes()) warn("note: " + note);
+  for (const std::string& text : prepared.notes()) note(text);
   if (o.explain) {
     print(prepared.explain());
     return kDone;
@@ -142,20 +157,24 @@ int run(const Common& common) {
   }
   RenderResult result = prepared.render(job, make_task(common, "render " + scene.name));
   write_exr(o.output, result.layers);
-  if (!o.preview.empty()) write_png(o.preview, to_picture(result.layers.rgb(layer::beauty), scene.film.exposure));
+  if (!o.preview.empty())
+    o.picture.write(o.preview, result.layers, result.layers.rgb(layer::beauty),
+                    choose_exposure(o.picture.exposure, result.layers));
   log(common, result.report.summary());
   const RenderReport& report = result.report;
   if (prepared.plan().has_media() && !prepared.plan().emission && report.counters.paths > 0 &&
       report.counters.tracking.collisions == 0)
-    warn("note: no path met the medium; does the camera look past it? 'brume info' tells where a volume lies");
+    note("no path met the medium; does the camera look past it? 'brume info' tells where a volume lies");
   if (report.samples_per_pixel > scene.render.spp)
-    warn(fmt::format("note: the checkpoint held more samples per pixel, {}, than the {} asked for",
-                     report.samples_per_pixel, scene.render.spp));
+    note(fmt::format("the checkpoint held more samples per pixel, {}, than the {} asked for", report.samples_per_pixel,
+                     scene.render.spp));
   if (open_ended) log(common, fmt::format("{} samples per pixel", result.report.samples_per_pixel));
+  const bool missed = o.target_error > 0 && !(report.error.value_or(0) <= o.target_error);
+  if (o.target_error > 0) tell_error(common, report, missed);
   print(o.output + "\n");
   // One bad sample in a million is reported; more is a failure (TRANSPORT.md section 10).
   const double allowed = o.require_valid ? 0.0 : 1e-6 * static_cast<double>(result.report.counters.paths);
-  return static_cast<double>(result.report.invalid_samples) > allowed ? kThresholdFailed : kDone;
+  return missed || static_cast<double>(result.report.invalid_samples) > allowed ? kThresholdFailed : kDone;
 }
 
 }  // namespace
@@ -171,7 +190,9 @@ void add_render(CLI::App& app, Common& common, Commands& commands) {
   CLI::App* command = add_command(app, common, "render", "render a scene to an EXR with layers");
   command->add_option("scene", o.scene, "scene file (TOML, see docs/scene.md)")->required();
   command->add_option("-o,--output,--outfile", o.output, "EXR to write");
-  command->add_option("--png", o.preview, "also write the beauty as PNG, with the scene's exposure");
+  command->add_option("--png", o.preview, "also write the beauty as PNG");
+  o.picture.add_to(*command,
+                   "of the PNG: a number, header (the scene's), or auto: the 99th luminance percentile becomes 1");
   command->add_option("--spp", o.spp, "paths per pixel instead of the scene's")->check(CLI::Range(1, 1 << 24));
   command->add_option("--seed", o.seed, "seed instead of the scene's")->check(CLI::NonNegativeNumber);
   command->add_option("-D", o.overrides, "set a key of the scene: -D camera.fov=30")->allow_extra_args(false);
@@ -194,7 +215,7 @@ void add_render(CLI::App& app, Common& common, Commands& commands) {
   command->add_option("--part", o.part, "i/N: the i-th of N shares of the samples, to be joined by brume merge");
   command->add_option("--records", o.records,
                       "also write what happened to each sample (random numbers, positions, colours) to FILE.records");
-  command->add_option("--tev", o.tev, "show the picture in tev as it grows: host:port, or default for 127.0.0.1:14158")
+  command->add_option("--tev", o.tev, "show the picture in tev as it grows, at host:port; alone: at 127.0.0.1:14158")
       ->expected(0, 1)
       ->default_str("default");
   command->add_flag("--explain", o.explain, "print what would be modelled and what it costs, and stop");

@@ -4,8 +4,10 @@
 #include <cmath>
 #include <cstdio>
 #include <memory>
+#include <set>
 
 #include "app/command.h"
+#include "base/text.h"
 
 namespace brume::app {
 namespace {
@@ -44,7 +46,7 @@ class ProgressLine {
       const int tenth = static_cast<int>(std::floor(fraction * 10 + 1e-9));
       if (tenth <= tenth_ || (elapsed < 2 && fraction < 1)) return;
       tenth_ = tenth;
-      std::fputs(fmt::format("{}: {} %{}\n", label_, tenth * 10,
+      std::fputs(fmt::format("brume: {}: {} %{}\n", label_, tenth * 10,
                              fraction >= 1  ? ", " + format_duration(elapsed)
                              : left.empty() ? ""
                                             : ", " + left + " left")
@@ -86,10 +88,16 @@ CLI::App* add_command(CLI::App& app, Common& common, const std::string& name, co
 }
 
 void log(const Common& common, const std::string& text) {
-  if (!common.quiet) std::fputs((text + "\n").c_str(), stderr);
+  if (common.quiet) return;
+  for (const std::string& line : split(text, '\n'))
+    if (!line.empty()) warn(line);
 }
 void warn(const std::string& text) {
   std::fputs(("brume: " + text + "\n").c_str(), stderr);
+}
+void note(const std::string& text) {
+  static std::set<std::string> told;
+  if (told.insert(text).second) warn("note: " + text);
 }
 void print(const std::string& text) {
   std::fputs(text.c_str(), stdout);

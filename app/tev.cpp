@@ -78,7 +78,7 @@ void TevViewer::send(const std::string& payload) {
   for (size_t sent = 0; sent < packet.size();) {
     const ssize_t n = ::send(socket_, packet.data() + sent, packet.size() - sent, MSG_NOSIGNAL);
     if (n <= 0) {
-      warn("note: tev was closed; the render goes on");
+      note("tev was closed; the render goes on");
       close(socket_);
       socket_ = -1;
       return;

@@ -107,9 +107,26 @@ struct Tile {
   std::vector<const Layers*> sources;  // the frame to clean first
 };
 
-struct TileTotals {
+/// Where the results of all tiles are gathered.
+struct Gathered {
+  Layers layers;
+  FilterOutput sum;                        // of the component's signals
+  std::vector<FilterOutput> carried;       // as options.carried
+  std::map<std::string, Plane*> products;  // by full channel name
+
+  Gathered(const Run& run, const Layers& frame) : layers(frame.width(), frame.height()) {
+    layers.header = frame.header;
+    layers.lie_like(frame);
+    sum = layers.add_rgb(layer::beauty);
+    for (const LayerName& l : run.options.carried) carried.push_back(layers.add_rgb(l));
+    for (const LayerName& l : run.filter.entry().produces)
+      for (const std::string& channel : l.channel_names()) products[channel] = &layers.add(channel);
+  }
+};
+
+struct Totals {
   size_t not_finite = 0;
-  double energy = 0;
+  double energy = 0;  // that the outlier rule took
   size_t outliers = 0;
 };
 
@@ -192,72 +209,97 @@ struct Prepared {
   Prepared(const Prepared&) = delete;
 };
 
-/// Filters one signal of a tile (with its apron) and adds the result to `sums`; `carried` hold the other layers'
-/// results.
-void filter_signal(const Run& run, const std::vector<Source>& sources, const Tile& tile, const LayerName& name,
-                   const SignalLevel& level, const FilterOutput& sums, const std::vector<FilterOutput>& carried,
-                   const std::map<std::string, Plane*>& products, const Task& task, TileTotals& totals) {
-  const FilterEntry& entry = run.filter.entry();
-  const Layers& layers = *tile.sources[0];
-  const int width = layers.width(), height = layers.height();
-  const Box& interior = tile.interior;
-  const ivec2 origin{tile.outer.x0, tile.outer.y0};
-  std::vector<std::unique_ptr<Prepared>> prepared;
+using PreparedFrames = std::vector<std::unique_ptr<Prepared>>;
+
+/// One signal of a tile, in the frame to clean, which comes first, and in those nearby.
+PreparedFrames prepare(const Run& run, const std::vector<Source>& sources, const Tile& tile, const LayerName& name,
+                       const SignalLevel& level, const Task& task) {
+  PreparedFrames prepared;
   for (size_t i = 0; i < sources.size(); ++i) {
     prepared.push_back(std::make_unique<Prepared>(run, sources[i], *tile.sources[i], name, task));
     FilterFrame& f = prepared.back()->frame;
-    f.origin = origin;
+    f.origin = {tile.outer.x0, tile.outer.y0};
     f.mean_luminance = level.luminance;
     f.lab_noise = level.lab_noise;
   }
-  FilterFrame& frame = prepared[0]->frame;
-  for (size_t i = 1; i < sources.size(); ++i) frame.nearby.push_back({sources[i].distance, &prepared[i]->frame});
-  if (const Plane& removed = prepared[0]->signal.removed; !removed.empty())
-    for (int y = interior.y0; y < interior.y1; ++y)
-      for (int x = interior.x0; x < interior.x1; ++x)
-        totals.energy += removed(x, y), totals.outliers += removed(x, y) > 0;
+  for (size_t i = 1; i < sources.size(); ++i)
+    prepared[0]->frame.nearby.push_back({sources[i].distance, &prepared[i]->frame});
+  return prepared;
+}
 
+/// Calls visit(x, y) for the pixels of a box.
+template <class Visit>
+void for_each_pixel(const Box& box, const Visit& visit) {
+  for (int y = box.y0; y < box.y1; ++y)
+    for (int x = box.x0; x < box.x1; ++x) visit(x, y);
+}
+
+/// Replaces what a filter made of the pixels without coverage, for filters that do not know of them.
+void clean_background(const FilterFrame& frame, Rgb& out, const Task& task) {
+  const Plane& coverage = frame.layers.at(layer::coverage.channel(0));
+  const int width = frame.width(), height = frame.height();
+  FilterSettings bilateral(find_filter("bilateral"));
+  bilateral.set("average", "linear");
+  Rgb other{Plane(width, height), Plane(width, height), Plane(width, height)};
+  bilateral.run(frame, {&other[0], &other[1], &other[2]}, quiet(task));
+  for (size_t c = 0; c < 3; ++c)
+    for_each_pixel({0, 0, width, height}, [&](int x, int y) {
+      if (coverage(x, y) == 0) out[c](x, y) = other[c](x, y);
+    });
+}
+
+/// Runs the filter once over a tile. Pixels that it could not finish keep their input and are counted.
+Rgb filtered(const Run& run, const FilterFrame& frame, const Box& interior, const Task& task, Totals& totals) {
+  const int width = frame.width(), height = frame.height();
+  Rgb out{Plane(width, height), Plane(width, height), Plane(width, height)};
+  run.filter.run(frame, {&out[0], &out[1], &out[2]}, task);
+  task.check();
+  if (run.mask && !run.filter.entry().background) clean_background(frame, out, task);
+  for_each_pixel(interior, [&](int x, int y) {
+    if (std::isfinite(out[0](x, y)) && std::isfinite(out[1](x, y)) && std::isfinite(out[2](x, y))) return;
+    ++totals.not_finite;
+    for (size_t c = 0; c < 3; ++c) out[c](x, y) = (*frame.values[c])(x, y);
+  });
+  return out;
+}
+
+/// Filters one signal of a tile and adds the result to the sum; the first signal's weights also filter the carried
+/// layers, and its run leaves the products.
+void filter_signal(const Run& run, const std::vector<Source>& sources, const Tile& tile, const LayerName& name,
+                   const SignalLevel& level, bool first_signal, Gathered& gathered, Totals& totals, const Task& task) {
+  const PreparedFrames prepared = prepare(run, sources, tile, name, level, task);
+  FilterFrame& frame = prepared[0]->frame;
+  const Box& interior = tile.interior;
+  if (const Plane& removed = prepared[0]->signal.removed; !removed.empty())
+    for_each_pixel(interior, [&](int x, int y) {
+      totals.energy += removed(x, y);
+      totals.outliers += removed(x, y) > 0;
+    });
+
+  const size_t carried = first_signal ? gathered.carried.size() : 0;
+  const auto part = [&](size_t job) {
+    const double jobs = static_cast<double>(1 + carried);
+    return share(task, static_cast<double>(job) / jobs, static_cast<double>(job + 1) / jobs);
+  };
+  const ivec2 origin = frame.origin;
+  const auto store = [&](const Plane& from, Plane& to) {
+    for_each_pixel(interior, [&](int x, int y) { to(x + origin.x, y + origin.y) = from(x, y); });
+  };
   std::map<std::string, Plane> produced;
-  const size_t jobs = 1 + carried.size();
-  for (size_t j = 0; j < jobs; ++j) {
-    Rgb out{Plane(width, height), Plane(width, height), Plane(width, height)};
-    const FilterOutput target = {&out[0], &out[1], &out[2]};
-    frame.products = j == 0 && !products.empty() ? &produced : nullptr;
-    if (j > 0)
-      for (size_t i = 0; i < sources.size(); ++i)
-        prepared[i]->frame.values = tile.sources[i]->rgb(run.options.carried[j - 1]);
-    const Task part = share(task, static_cast<double>(j) / static_cast<double>(jobs),
-                            static_cast<double>(j + 1) / static_cast<double>(jobs));
-    run.filter.run(frame, target, part);
-    task.check();
-    if (run.mask && !entry.background) {
-      const Plane& coverage = layers.at(layer::coverage.channel(0));
-      FilterSettings bilateral(find_filter("bilateral"));
-      bilateral.set("average", "linear");
-      Rgb other{Plane(width, height), Plane(width, height), Plane(width, height)};
-      bilateral.run(frame, {&other[0], &other[1], &other[2]}, quiet(task));
-      for (size_t c = 0; c < 3; ++c)
-        for (int y = 0; y < height; ++y)
-          for (int x = 0; x < width; ++x)
-            if (coverage(x, y) == 0) out[c](x, y) = other[c](x, y);
-    }
-    for (int y = interior.y0; y < interior.y1; ++y)
-      for (int x = interior.x0; x < interior.x1; ++x) {
-        const bool finite = std::isfinite(out[0](x, y)) && std::isfinite(out[1](x, y)) && std::isfinite(out[2](x, y));
-        totals.not_finite += !finite;
-        for (size_t c = 0; c < 3; ++c) {
-          const float value = finite ? out[c](x, y) : (*frame.values[c])(x, y);
-          if (j == 0)
-            (*sums[c])(x + origin.x, y + origin.y) += value;
-          else
-            (*carried[j - 1][c])(x + origin.x, y + origin.y) = value;
-        }
-      }
+  if (first_signal && !gathered.products.empty()) frame.products = &produced;
+  const Rgb clean = filtered(run, frame, interior, part(0), totals);
+  for (size_t c = 0; c < 3; ++c)
+    for_each_pixel(interior, [&](int x, int y) { (*gathered.sum[c])(x + origin.x, y + origin.y) += clean[c](x, y); });
+  if (frame.products)
+    for (const auto& [channel, target] : gathered.products) store(produced.at(channel), *target);
+  frame.products = nullptr;
+
+  for (size_t j = 0; j < carried; ++j) {
+    for (size_t i = 0; i < sources.size(); ++i)
+      prepared[i]->frame.values = tile.sources[i]->rgb(run.options.carried[j]);
+    const Rgb values = filtered(run, frame, interior, part(j + 1), totals);
+    for (size_t c = 0; c < 3; ++c) store(values[c], *gathered.carried[j][c]);
   }
-  for (const auto& [channel, target] : products)
-    for (int y = interior.y0; y < interior.y1; ++y)
-      for (int x = interior.x0; x < interior.x1; ++x)
-        (*target)(x + origin.x, y + origin.y) = produced.at(channel)(x, y);
 }
 
 double noise_level(const Layers& layers, const LayerName& signal, const ApplyOptions& options, const Plane* medium,
@@ -288,6 +330,22 @@ double light_of(const Layers& layers, const std::vector<LayerName>& signals) {
 constexpr double kFreeMemory = 5e8;
 constexpr int kSmallestTile = 128;
 
+/// How a frame is cut.
+struct TilePlan {
+  int side, apron;  // [px]
+  int across, down;
+
+  int count() const { return across * down; }
+  /// One of them, its layers not yet cut out.
+  Tile tile(int index, const Layers& frame) const {
+    const int tx = index % across, ty = index / across;
+    const Box inner{tx * side, ty * side, std::min(frame.width(), (tx + 1) * side),
+                    std::min(frame.height(), (ty + 1) * side)};
+    const Box outer = inner.grown(apron, frame.width(), frame.height());
+    return {outer, {inner.x0 - outer.x0, inner.y0 - outer.y0, inner.x1 - outer.x0, inner.y1 - outer.y0}, {}};
+  }
+};
+
 /// Side of the tiles, and what the run holds at its height [bytes].
 /// @param channels  that the filter reads, of all frames together
 int choose_tile(const FilterEntry& filter, const Layers& frame, const ApplyOptions& options, size_t channels, int apron,
@@ -314,140 +372,177 @@ int choose_tile(const FilterEntry& filter, const Layers& frame, const ApplyOptio
   return tile;
 }
 
+/// @throws InputError when the machine has not the memory
+TilePlan plan_tiles(const Run& run, const Layers& frame, const std::vector<Source>& sources) {
+  const FilterEntry& entry = run.filter.entry();
+  const int apron = run.filter.apron() + (entry.can_use_statistics > Statistics::kNone ? kNoiseReach : 0) +
+                    (run.options.outliers != Outliers::kKeep ? kOutlierReach : 0);
+  size_t channels = 0;
+  for (const Source& s : sources) channels += s.channels();
+  double peak = 0;
+  const int side = choose_tile(entry, frame, run.options, channels, apron, peak);
+  if (peak > physical_memory())
+    throw InputError(
+        fmt::format("filter {} would hold {:.1f} GB for this frame in tiles of {} px, this machine has {:.1f} "
+                    "GB{}",
+                    entry.name, peak / 1e9, side, physical_memory() / 1e9,
+                    side > kSmallestTile ? fmt::format("; try --tile {}", kSmallestTile) : ""));
+  return {side, apron, (frame.width() + side - 1) / side, (frame.height() + side - 1) / side};
+}
+
+std::vector<Source> read_sources(const FilterSettings& filter, const Layers& frame, const ApplyOptions& options,
+                                 const Task& task, ApplyReport& report) {
+  const std::set<std::string> readable = readable_channels(filter, options);
+  std::vector<Source> sources;
+  sources.reserve(1 + options.sequence.size());
+  sources.emplace_back(SequenceFrame{0, &frame, options.records}, readable, task);
+  for (const SequenceFrame& other : options.sequence) sources.emplace_back(other, readable, task);
+  for (const Source& s : sources) report.repaired_pixels += s.repaired;
+  if (report.repaired_pixels)
+    report.notes.push_back(fmt::format(
+        "{} pixels were NaN or infinite and were replaced by the median of their neighbours", report.repaired_pixels));
+  return sources;
+}
+
+/// The parameters as they are used: carried layers must add up, which averages in CIE-Lab do not.
+FilterSettings usable_settings(const FilterSettings& requested, const ApplyOptions& options, ApplyReport& report) {
+  FilterSettings filter = requested;
+  const Parameter* average = filter.entry().find("average");
+  if (!average || options.carried.empty() || Parameter::text(filter.get(*average)) == "linear") return filter;
+  filter.set("average", "linear");
+  report.notes.push_back("average = linear, because layers that are carried along must add up");
+  return filter;
+}
+
+/// @throws InputError for a filter that is of no use without features when none is worth anything
+FeaturePlan plan_features(const FilterSettings& filter, const Layers& source, const ApplyOptions& options,
+                          const Task& task, ApplyReport& report) {
+  if (!filter.uses_features()) return {};
+  FeaturePlan features(source, options.features, task);
+  if (filter.entry().needs_features && features.empty())
+    throw InputError(
+        fmt::format("filter {} is led by features, and this frame has none of use ({}); take another filter",
+                    filter.entry().name, features.note()));
+  report.notes.push_back(features.note());
+  return features;
+}
+
+/// Whether pixels without coverage are treated apart.
+bool separates_background(const FilterEntry& filter, const Layers& source, const ApplyOptions& options,
+                          ApplyReport& report) {
+  const bool by_paper = options.background == BackgroundRule::kDefault && filter.background;
+  if (options.background != BackgroundRule::kBilateral && !by_paper) return false;
+  if (source.has(layer::coverage)) return true;
+  report.notes.push_back("no coverage layer: every pixel is filtered as medium");
+  return false;
+}
+
+std::vector<SignalLevel> measure_levels(const Run& run, const Layers& source, const Task& task, ApplyReport& report) {
+  std::vector<SignalLevel> levels;
+  for (const LayerName& name : signals_of(run.options)) {
+    SignalLevel& level = levels.emplace_back();
+    level.luminance = mean_of_luminance(source.rgb(name));
+    if (!run.filter.uses_noise_level()) continue;
+    level.lab_noise = noise_level(source, name, run.options, source.find(layer::coverage.channel(0)), task);
+    report.notes.push_back(fmt::format("noise of '{}': {:.3g} Lab units", name.label(), level.lab_noise));
+  }
+  return levels;
+}
+
+Totals filter_tiles(const Run& run, const std::vector<Source>& sources, const TilePlan& plan,
+                    const std::vector<SignalLevel>& levels, Gathered& gathered, const Task& task) {
+  const std::vector<LayerName> signals = signals_of(run.options);
+  const double jobs = static_cast<double>(plan.count()) * static_cast<double>(signals.size());
+  Totals totals;
+  double done = 0;
+  for (int index = 0; index < plan.count(); ++index) {
+    Tile tile = plan.tile(index, gathered.layers);
+    std::vector<Layers> crops;
+    if (plan.count() > 1)
+      for (const Source& s : sources) crops.push_back(s.crop_to(tile.outer));
+    for (size_t i = 0; i < sources.size(); ++i)
+      tile.sources.push_back(crops.empty() ? &sources[i].layers() : &crops[i]);
+    for (size_t s = 0; s < signals.size(); ++s, ++done)
+      filter_signal(run, sources, tile, signals[s], levels[s], s == 0, gathered, totals,
+                    share(task, done / jobs, (done + 1) / jobs));
+  }
+  task.check();
+  return totals;
+}
+
+void add_layer(const FilterOutput& sum, const RgbPlanes& other) {
+  for (size_t c = 0; c < 3; ++c)
+    for_each_pixel({0, 0, sum[c]->width(), sum[c]->height()},
+                   [&](int x, int y) { (*sum[c])(x, y) += (*other[c])(x, y); });
+}
+
+/// Filter, parameters, and what was done around them.
+void describe(std::map<std::string, Attribute>& header, const Run& run, double seconds) {
+  const ApplyOptions& options = run.options;
+  const FilterEntry& entry = run.filter.entry();
+  header["biased"] = "true: filtered by " + entry.name;
+  header["filter"] = entry.name;
+  header["filterParameters"] = run.filter.text();
+  header["filterComponent"] = std::string(options.component == Component::kIndirect ? "indirect; direct added back"
+                                          : options.component == Component::kApart  ? "direct and indirect apart"
+                                                                                    : "all");
+  header["filterBackground"] = std::string(run.mask ? "bilateral sigma-domain=2 sigma-range=20" : "as the medium");
+  header["filterExposure"] = static_cast<float>(options.exposure);
+  header["filterSeconds"] = static_cast<float>(seconds);
+  header["filterSource"] = entry.source;
+  if (!options.sequence.empty()) {
+    std::vector<std::string> distances;
+    for (const SequenceFrame& other : options.sequence) distances.push_back(fmt::format("{:+}", other.distance));
+    header["filterFrames"] = join(distances);
+  }
+  if (run.filter.uses_features()) header["filterFeatures"] = run.features.note();
+  if (options.noise == NoiseSource::kSpatial) header["filterNoise"] = std::string("estimated from the picture");
+  if (options.outliers != Outliers::kKeep)
+    header["filterOutliers"] = std::string(options.outliers == Outliers::kClamp ? "clamped" : "redistributed");
+}
+
+void report_totals(const Totals& totals, const Run& run, const Layers& source, ApplyReport& report) {
+  report.not_finite_results = totals.not_finite;
+  if (totals.not_finite)
+    report.notes.push_back(
+        fmt::format("{} pixels were out of the filter's range and kept their input", totals.not_finite));
+  if (totals.outliers)
+    report.notes.push_back(
+        fmt::format("{} outlier pixels were limited; {:.3g} % of the light was {}", totals.outliers,
+                    100 * totals.energy / light_of(source, signals_of(run.options)),
+                    run.options.outliers == Outliers::kClamp ? "lost" : "moved to their neighbours"));
+}
+
 }  // namespace
 
 Layers apply_filter(const FilterSettings& requested, const Layers& frame, const ApplyOptions& options, const Task& task,
                     ApplyReport* report) {
-  const FilterEntry& entry = requested.entry();
   check_requirements(requested, frame, options);
   ApplyReport local;
   ApplyReport& r = report ? *report : local;
   r = {};
   const Stopwatch watch;
 
-  const std::set<std::string> readable = readable_channels(requested, options);
-  std::vector<Source> sources;
-  sources.reserve(1 + options.sequence.size());
-  sources.emplace_back(SequenceFrame{0, &frame, options.records}, readable, task);
-  for (const SequenceFrame& other : options.sequence) sources.emplace_back(other, readable, task);
-  for (const Source& s : sources) r.repaired_pixels += s.repaired;
-  if (r.repaired_pixels)
-    r.notes.push_back(fmt::format("{} pixels were NaN or infinite and were replaced by the median of their neighbours",
-                                  r.repaired_pixels));
+  const std::vector<Source> sources = read_sources(requested, frame, options, task, r);
   const Layers& source = sources[0].layers();
+  const FilterSettings filter = usable_settings(requested, options, r);
+  const FeaturePlan features = plan_features(filter, source, options, task, r);
+  const Run run{filter, options, features, ivec2(frame.width(), frame.height()),
+                separates_background(filter.entry(), source, options, r)};
+  const TilePlan tiles = plan_tiles(run, frame, sources);
+  const std::vector<SignalLevel> levels = measure_levels(run, source, task, r);
 
-  FilterSettings filter = requested;
-  if (const Parameter* average = entry.find("average");
-      average && !options.carried.empty() && Parameter::text(filter.get(*average)) != "linear") {
-    filter.set("average", "linear");
-    r.notes.push_back("average = linear, because layers that are carried along must add up");
-  }
-  const bool with_features = filter.uses_features();
-  const FeaturePlan features = with_features ? FeaturePlan(source, options.features, task) : FeaturePlan();
-  if (with_features) r.notes.push_back(features.note());
-  Run run{filter, options, features, {frame.width(), frame.height()}};
-  const bool by_paper = options.background == BackgroundRule::kDefault && entry.background;
-  if (options.background == BackgroundRule::kBilateral || by_paper) {
-    run.mask = source.has(layer::coverage);
-    if (!run.mask) r.notes.push_back("no coverage layer: every pixel is filtered as medium");
-  }
-
-  const int apron = filter.apron() + (entry.can_use_statistics > Statistics::kNone ? kNoiseReach : 0) +
-                    (options.outliers != Outliers::kKeep ? kOutlierReach : 0);
-  double peak = 0;
-  size_t channels = 0;
-  for (const Source& s : sources) channels += s.channels();
-  const int tile = choose_tile(entry, frame, options, channels, apron, peak);
-  if (peak > physical_memory())
-    throw InputError(
-        fmt::format("filter {} would hold {:.1f} GB for this frame in tiles of {} px, this machine has {:.1f} "
-                    "GB{}",
-                    entry.name, peak / 1e9, tile, physical_memory() / 1e9,
-                    tile > kSmallestTile ? fmt::format("; try --tile {}", kSmallestTile) : ""));
-
-  Layers result(frame.width(), frame.height());
-  result.header = frame.header;
-  result.origin = frame.origin, result.display = frame.display;
-  const auto out = result.add_rgb(layer::beauty);
-  std::vector<FilterOutput> carried;
-  for (const LayerName& l : options.carried) carried.push_back(result.add_rgb(l));
-  std::map<std::string, Plane*> products;
-  for (const LayerName& l : entry.produces)
-    for (const std::string& channel : l.channel_names()) products[channel] = &result.add(channel);
-  const std::vector<LayerName> signals = signals_of(options);
-  std::vector<SignalLevel> levels;
-  for (const LayerName& name : signals) {
-    SignalLevel& level = levels.emplace_back();
-    level.luminance = mean_of_luminance(source.rgb(name));
-    if (!filter.uses_noise_level()) continue;
-    level.lab_noise = noise_level(source, name, options, source.find(layer::coverage.channel(0)), task);
-    r.notes.push_back(fmt::format("noise of '{}': {:.3g} Lab units", name.label(), level.lab_noise));
-  }
-  const int across = (frame.width() + tile - 1) / tile, down = (frame.height() + tile - 1) / tile;
-  const size_t jobs = static_cast<size_t>(across * down) * signals.size();
-  TileTotals totals;
-  size_t job = 0;
-  for (int ty = 0; ty < down; ++ty)
-    for (int tx = 0; tx < across; ++tx) {
-      const Box inner{tx * tile, ty * tile, std::min(frame.width(), (tx + 1) * tile),
-                      std::min(frame.height(), (ty + 1) * tile)};
-      Tile part{inner.grown(apron, frame.width(), frame.height()), {}, {}};
-      part.interior = {inner.x0 - part.outer.x0, inner.y0 - part.outer.y0, inner.x1 - part.outer.x0,
-                       inner.y1 - part.outer.y0};
-      std::vector<Layers> crops;
-      if (across * down > 1)
-        for (const Source& s : sources) crops.push_back(s.crop_to(part.outer));
-      for (size_t i = 0; i < sources.size(); ++i)
-        part.sources.push_back(crops.empty() ? &sources[i].layers() : &crops[i]);
-      for (size_t s = 0; s < signals.size(); ++s, ++job) {
-        const double jobs_done = static_cast<double>(job), all = static_cast<double>(jobs);
-        filter_signal(run, sources, part, signals[s], levels[s], out, s == 0 ? carried : std::vector<FilterOutput>(),
-                      s == 0 ? products : std::map<std::string, Plane*>(),
-                      share(task, jobs_done / all, (jobs_done + 1) / all), totals);
-      }
-    }
-  task.check();
-  if (entry.settle) entry.settle(result);
-  r.tiles = static_cast<size_t>(across * down);
+  Gathered gathered(run, frame);
+  const Totals totals = filter_tiles(run, sources, tiles, levels, gathered, task);
+  if (filter.entry().settle) filter.entry().settle(gathered.layers);
+  r.tiles = static_cast<size_t>(tiles.count());
   r.seconds = watch.seconds();
-  r.not_finite_results = totals.not_finite;
 
-  const bool add_direct = options.component == Component::kIndirect;
-  if (add_direct) {
-    const RgbPlanes direct = source.rgb(layer::direct);
-    for (size_t c = 0; c < 3; ++c)
-      for (int y = 0; y < result.height(); ++y)
-        for (int x = 0; x < result.width(); ++x) (*out[c])(x, y) += (*direct[c])(x, y);
-  }
-  if (r.not_finite_results)
-    r.notes.push_back(
-        fmt::format("{} pixels were out of the filter's range and kept their input", r.not_finite_results));
-  if (totals.outliers)
-    r.notes.push_back(fmt::format("{} outlier pixels were limited; {:.3g} % of the light was {}", totals.outliers,
-                                  100 * totals.energy / light_of(source, signals),
-                                  options.outliers == Outliers::kClamp ? "lost" : "moved to their neighbours"));
-  if (const Plane* alpha = source.find(layer::alpha.channel(0))) result.set(layer::alpha.channel(0), *alpha);
-  result.header["biased"] = "true: filtered by " + entry.name;
-  result.header["filter"] = entry.name;
-  result.header["filterParameters"] = filter.text();
-  result.header["filterComponent"] = std::string(add_direct ? "indirect; direct added back"
-                                                 : options.component == Component::kApart ? "direct and indirect apart"
-                                                                                          : "all");
-  result.header["filterBackground"] =
-      std::string(run.mask ? "bilateral sigma-domain=2 sigma-range=20" : "as the medium");
-  result.header["filterExposure"] = static_cast<float>(options.exposure);
-  result.header["filterSeconds"] = static_cast<float>(r.seconds);
-  result.header["filterSource"] = entry.source;
-  if (!options.sequence.empty()) {
-    std::vector<std::string> distances;
-    for (const SequenceFrame& other : options.sequence) distances.push_back(fmt::format("{:+}", other.distance));
-    result.header["filterFrames"] = join(distances);
-  }
-  if (with_features) result.header["filterFeatures"] = features.note();
-  if (options.noise == NoiseSource::kSpatial) result.header["filterNoise"] = std::string("estimated from the picture");
-  if (options.outliers != Outliers::kKeep)
-    result.header["filterOutliers"] = std::string(options.outliers == Outliers::kClamp ? "clamped" : "redistributed");
-  return result;
+  if (options.component == Component::kIndirect) add_layer(gathered.sum, source.rgb(layer::direct));
+  if (const Plane* alpha = source.find(layer::alpha.channel(0))) gathered.layers.set(layer::alpha.channel(0), *alpha);
+  report_totals(totals, run, source, r);
+  describe(gathered.layers.header, run, r.seconds);
+  return std::move(gathered.layers);
 }
 
 }  // namespace brume

@@ -87,12 +87,15 @@ struct Parameter {
 /// A filter: what it is called, where it comes from, what it reads, and what it does.
 struct FilterEntry {
   std::string name, summary, source, notes;
+  double merit = 0;  ///< samples it is worth: squared error of path tracing over its own at defaults, docs/results.md
+  std::string when;  ///< to take it rather than another, as the end of "Take it ..."
   std::vector<LayerName> needs, can_use;
   std::vector<LayerName> produces;            ///< beside the clean picture
   Statistics statistics = Statistics::kNone;  ///< that it needs
   Statistics can_use_statistics = Statistics::kNone;
   /// Whether it weighs by features or regresses on them with these parameters, whichever the frame has; null: never.
   std::function<bool(const std::any&)> features;
+  bool needs_features = false;  ///< of no use without any
   /// Whether it reads FilterFrame::lab_noise with these parameters; null: never.
   std::function<bool(const std::any&)> noise_level;
   bool variances = false;  ///< reads the variance of the layers it needs or can use
@@ -148,6 +151,12 @@ class Declaration {
     entry_.defaults = P{};
   }
   Declaration& source(std::string text) { return entry_.source = std::move(text), *this; }
+  /// How many times the samples its result is worth, and when to take it.
+  Declaration& merit(double samples, std::string when) {
+    entry_.merit = samples;
+    entry_.when = std::move(when);
+    return *this;
+  }
   Declaration& notes(std::string text) { return entry_.notes = std::move(text), *this; }
   template <class... Layer>
   Declaration& needs(const Layer&... layers) {
@@ -176,6 +185,11 @@ class Declaration {
   Declaration& features(bool (*when)(const P&) = [](const P&) { return true; }) {
     entry_.features = [when](const std::any& a) { return when(std::any_cast<const P&>(a)); };
     return *this;
+  }
+  /// Reads the features that the frame offers, and is of no use without any.
+  Declaration& needs_features() {
+    entry_.needs_features = true;
+    return features();
   }
   /// Reads the frame's noise level in CIE-Lab with these parameters.
   Declaration& noise_level(bool (*when)(const P&)) {

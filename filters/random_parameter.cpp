@@ -526,6 +526,7 @@ const FilterEntry entry =
         "random_parameter",
         "Random parameter filtering: filters samples, and ignores what mutual information blames on "
         "the random parameters.")
+        .merit(0.9, "to compare with, on frames with `--records`")
         .source(
             "Sen and Darabi 2012, On filtering the noise from the random parameters in Monte Carlo rendering; presets "
             "of its technical report and of the authors' later program")

@@ -31,6 +31,13 @@ const std::vector<const FilterEntry*>& all_filters() {
   return mutable_registry();
 }
 
+std::vector<const FilterEntry*> filters_by_merit() {
+  std::vector<const FilterEntry*> entries = all_filters();
+  std::stable_sort(entries.begin(), entries.end(),
+                   [](const FilterEntry* a, const FilterEntry* b) { return a->merit > b->merit; });
+  return entries;
+}
+
 const FilterEntry& find_filter(std::string_view name) {
   std::vector<std::string> names;
   for (const FilterEntry* entry : all_filters()) {
@@ -65,7 +72,7 @@ std::vector<std::pair<std::string, std::string>> FilterEntry::inputs_and_outputs
     lines.emplace_back("can use",
                        fmt::format("of what it cleans: {}", kStatistics[static_cast<size_t>(can_use_statistics)]));
   if (noise_level) lines.emplace_back("can use", "of what it cleans: two half images or variance (`noise-factor`)");
-  if (features) lines.emplace_back("can use", "features");
+  if (features) lines.emplace_back(needs_features ? "needs" : "can use", "features");
   if (records != Records::kNo)
     lines.emplace_back(records == Records::kNeeds ? "needs" : "can use", "the record of every sample (`--records`)");
   if (sequences) lines.emplace_back("can", "look into the frames before and after (`--extra-frames`)");
@@ -130,20 +137,45 @@ std::string FilterSettings::text() const {
   return text;
 }
 
+namespace {
+
+std::string merit_table() {
+  std::string rows;
+  for (const FilterEntry* e : filters_by_merit())
+    rows += fmt::format("| [`{}`](#{}) | {:.3g} | {} |\n", e->name, e->name, e->merit, e->when);
+  return rows;
+}
+
+}  // namespace
+
 std::string filters_reference() {
   std::string text =
       "# Filters\n\n"
       "Each is one file in `filters/`, with one declaration from which this page, the command line, the range checks, "
       "the\n"
-      "benchmark and the generic tests follow. `brume denoise IN.exr -f NAME -o OUT.exr --PARAMETER VALUE` runs one;\n"
-      "`-f NAME:parameter=value,...` may be repeated to run several. This page is written by `brume docs filters`; a "
-      "test\n"
-      "keeps it in step with the code.\n\n"
-      "## What is common to all\n\n"
-      "- **Component**: the `indirect` layer is cleaned and `direct` added back untouched; `--component apart` cleans "
-      "both, each\n"
-      "  by itself; `--component all` cleans the beauty.\n"
-      "- **Carried layers**: `--component all --carry direct,indirect` filters these layers with the weights of the "
+      "benchmark and the generic tests follow. `brume denoise IN.exr -o OUT.exr` takes the best filter that the "
+      "frame's\n"
+      "layers allow and says which; `-f NAME --PARAMETER VALUE` names one, and `-f A --radius 3 -f B --radius 4` runs "
+      "several:\n"
+      "what follows a filter is its own, what stands before the first `-f` goes to all. `-f "
+      "NAME:parameter=value,...` is the\n"
+      "same in one word. This page is written by `brume docs filters`; a test keeps it in step with the code.\n\n"
+      "## Which to take\n\n"
+      "Worth: how many times the samples the result is worth on media, by squared error at the defaults "
+      "(docs/results.md).\n\n"
+      "| filter | worth | take it |\n|---|---:|---|\n" +
+      merit_table() +
+      "\n## What is common to all\n\n"
+      "- **Component**: `all`, the default of `brume denoise`, cleans the beauty; `indirect`, the default of `brume "
+      "evaluate`\n"
+      "  and the rule of the papers, cleans the `indirect` layer and adds `direct` back untouched; `apart` cleans "
+      "both, "
+      "each by\n"
+      "  itself.\n"
+      "- **Windows**: what is cleaned is the data window: a crop has no black around it, overscan is cleaned too, and "
+      "both\n"
+      "  windows are kept.\n"
+      "- **Carried layers**: `--carry direct,indirect` filters these layers with the weights of the "
       "beauty and\n"
       "  stores them, so that passes which add up before the filter add up after it.\n"
       "- **Noise**: variance comes from the frame's `mean_variance`; its level is corrected by the two halves, "

@@ -6,6 +6,9 @@ namespace brume {
 /// Every filter, by name in alphabetical order.
 const std::vector<const FilterEntry*>& all_filters();
 
+/// The same, what serves best first.
+std::vector<const FilterEntry*> filters_by_merit();
+
 /// @throws InputError with the nearest name and the list
 const FilterEntry& find_filter(std::string_view name);
 

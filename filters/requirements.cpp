@@ -19,6 +19,10 @@ void check_layers(const FilterEntry& filter, const Layers& frame, const ApplyOpt
       if (!l.name.empty()) record.push_back(std::string(l.name));
     }
   if (missing.empty()) return;
+  const std::vector<std::string> names = layer_names(frame);
+  const std::string there = names.empty() ? "it has none" : "it has: " + join(names);
+  if (options.component == Component::kAll && !frame.has(layer::beauty))
+    throw InputError(fmt::format("has no channels R, G, B to clean; {}", there));
   for (const LayerName& l : {layer::direct, layer::indirect, layer::gradient, layer::coverage, layer::transmittance})
     if (frame.has(l) && std::find(record.begin(), record.end(), l.name) == record.end())
       record.push_back(std::string(l.name));
@@ -30,9 +34,9 @@ void check_layers(const FilterEntry& filter, const Layers& frame, const ApplyOpt
       : options.component != Component::kAll ? "; or clean the whole picture with --component all"
                                              : "";
   throw InputError(fmt::format(
-      "filter {} needs the layer{} {}, which the frame does not have. Record it with: brume render SCENE -o OUT.exr "
-      "--layers {}{}",
-      filter.name, missing.size() > 1 ? "s" : "", join(missing), join(record, ","), way_out));
+      "filter {} needs the layer{} {}, which the frame does not have ({}). Record it with: brume render SCENE -o "
+      "OUT.exr --layers {}{}",
+      filter.name, missing.size() > 1 ? "s" : "", join(missing), there, join(record, ","), way_out));
 }
 
 void check_statistics(const FilterSettings& settings, const Layers& frame, const ApplyOptions& options) {
@@ -88,12 +92,45 @@ void check_statistics(const FilterSettings& settings, const Layers& frame, const
     if (!frame.has(l)) throw InputError(fmt::format("the frame has no layer '{}' to carry along", l.label()));
 }
 
+void check_features(const FilterEntry& filter, const Layers& frame, const ApplyOptions& options) {
+  if (!filter.needs_features) return;
+  const std::vector<LayerName>& sources = FeaturePlan::sources();
+  const bool none_wanted = options.features == std::vector<std::string>{"none"};
+  if (!none_wanted && std::any_of(sources.begin(), sources.end(), [&](const LayerName& l) { return frame.has(l); }))
+    return;
+  std::vector<std::string> names;
+  for (const LayerName& l : sources) names.push_back(std::string(l.name));
+  throw InputError(
+      fmt::format("filter {} is led by features, and {}. They are made from the layers {}: brume render SCENE -o "
+                  "OUT.exr --layers ...; without them take another filter",
+                  filter.name, none_wanted ? "--features none leaves it none" : "the frame has none", join(names)));
+}
+
 void check_frame(const FilterSettings& filter, const Layers& frame, const ApplyOptions& options) {
   check_layers(filter.entry(), frame, options);
+  check_features(filter.entry(), frame, options);
   check_statistics(filter, frame, options);
 }
 
 }  // namespace
+
+std::vector<std::string> layer_names(const Layers& frame) {
+  std::set<std::string> names;
+  for (const std::string& channel : frame.names()) {
+    const size_t dot = channel.rfind('.');
+    std::string name = dot != std::string::npos   ? channel.substr(0, dot)
+                       : frame.has(layer::beauty) ? "beauty"
+                                                  : channel;
+    const auto is_part = [&](std::string_view statistic) {
+      return name == statistic || name.ends_with("." + std::string(statistic));
+    };
+    const bool of_a_layer = is_part(statistic::mean_variance) || is_part(statistic::half_a) ||
+                            is_part(statistic::half_b) ||
+                            std::any_of(statistic::buckets.begin(), statistic::buckets.end(), is_part);
+    if (!of_a_layer) names.insert(std::move(name));
+  }
+  return {names.begin(), names.end()};
+}
 
 std::vector<LayerName> signals_of(const ApplyOptions& options) {
   switch (options.component) {
@@ -168,6 +205,9 @@ void check_requirements(const FilterSettings& filter, const Layers& frame, const
       if (other.layers->width() != frame.width() || other.layers->height() != frame.height())
         throw InputError(fmt::format("it has {} x {} pixels, the frame to clean {} x {}", other.layers->width(),
                                      other.layers->height(), frame.width(), frame.height()));
+      if (other.layers->origin != frame.origin)
+        throw InputError(fmt::format("its data window is {}, that of the frame to clean {}",
+                                     other.layers->data_window().text(), frame.data_window().text()));
       check_frame(filter, *other.layers, theirs);
     } catch (const InputError& error) {
       throw InputError(fmt::format("the frame at {:+} of the sequence: {}", other.distance, error.what()));

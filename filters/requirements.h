@@ -5,6 +5,9 @@
 
 namespace brume {
 
+/// Names of the layers in a frame, without their statistics: "beauty" for R G B on top.
+std::vector<std::string> layer_names(const Layers& frame);
+
 /// What a run cleans, one after another.
 std::vector<LayerName> signals_of(const ApplyOptions& options);
 

@@ -86,6 +86,7 @@ void run(const Welch& p, const FilterFrame& frame, const FilterOutput& out, cons
 
 const FilterEntry entry =
     declare<Welch>("welch", "Joint bilateral filter over the pixels that a t-test cannot tell from the centre.")
+        .merit(3.2, "to compare with: a t-test on `--buckets` or `--records` of every sample")
         .source("Sakai, Freude, Auzinger, Hahn and Wimmer 2024, A Statistical Approach to Monte Carlo Denoising")
         .notes(
             "A neighbour counts when Welch's test of the Box-Cox transformed samples, corrected for skewness, does not "

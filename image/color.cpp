@@ -37,6 +37,12 @@ dvec3 rgb_from_lab(const dvec3& lab) {
   return rgb_from_xyz * dvec3(backward(fy + lab.y / 500.0), backward(fy), backward(fy - lab.z / 200.0));
 }
 
+double filmic_shoulder(double linear) {
+  constexpr double kGrey = 0.18;
+  if (!(linear > kGrey)) return linear;
+  return 1.0 - (1.0 - kGrey) / (1.0 + (linear - kGrey) / (1.0 - kGrey));
+}
+
 double srgb_decode(double encoded) {
   return encoded <= 0.04045 ? encoded / 12.92 : std::pow((encoded + 0.055) / 1.055, 2.4);
 }

@@ -13,6 +13,10 @@ double srgb_encode(double linear);
 /// Its inverse on [0, 1].
 double srgb_decode(double encoded);
 
+/// A soft shoulder for values beyond what a display shows: the identity up to middle grey, 0.18, then a hyperbola that
+/// leaves it with slope 1 and reaches 1 at infinity. Both in linear light.
+double filmic_shoulder(double linear);
+
 /// The matrix both the double and the SIMD conversion use.
 struct LabMatrices {
   /// Rows: X / Xn, Y, Z / Zn of linear RGB.

@@ -35,6 +35,9 @@ namespace fs = std::filesystem;
 
 int packing_threads = 1;
 
+// That several parts may span together: a forged window would ask for all memory there is.
+constexpr double kMostPixelsOfParts = 1 << 30;
+
 // Written by the library itself or describing the pixels' packing: not ours to copy.
 bool is_structural(const std::string& name) {
   static const char* const names[] = {"channels",          "compression", "dataWindow",       "displayWindow",
@@ -72,12 +75,26 @@ void insert_attribute(Imf::Header& header, const std::string& name, const Attrib
   }
 }
 
+Imath::Box2i box_of(const PixelWindow& w) {
+  return {Imath::V2i(w.lo.x, w.lo.y), Imath::V2i(w.hi.x - 1, w.hi.y - 1)};
+}
+
+PixelWindow window_of(const Imath::Box2i& b) {
+  return {{b.min.x, b.min.y}, {b.max.x + 1, b.max.y + 1}};
+}
+
+/// Places a frame where the file says, unless its data and display windows are one and begin at 0.
+void place(Layers& layers, const PixelWindow& data, const PixelWindow& display) {
+  if (data == display && display.lo == ivec2(0)) return;
+  layers.origin = data.lo;
+  layers.display_origin = display.lo;
+  layers.display = display.hi - display.lo;
+}
+
 /// The file up to its table of chunks.
 std::string header_bytes(const Layers& layers, const Imf::ChannelList& channels) {
-  const Imath::V2i first(layers.origin.x, layers.origin.y);
-  const Imath::Box2i data(first, first + Imath::V2i(layers.width() - 1, layers.height() - 1));
-  const Imath::Box2i display(Imath::V2i(0), Imath::V2i(layers.display.x - 1, layers.display.y - 1));
-  Imf::Header header(layers.display != ivec2(0) ? display : data, data);
+  const Imath::Box2i data = box_of(layers.data_window());
+  Imf::Header header(box_of(layers.display_window()), data);
   header.compression() = Imf::ZIP_COMPRESSION;
   header.channels() = channels;
   for (const auto& [name, value] : layers.header) insert_attribute(header, name, value);
@@ -157,9 +174,10 @@ ExrInfo read_exr_info(const fs::path& path) {
   for (int part = 0; part < file.parts(); ++part) {
     const Imf::Header& header = file.header(part);
     if (!header.hasType() || !Imf::isDeepData(header.type())) check_ends(file, part, path);
-    const Imath::Box2i window = header.displayWindow();
-    info.width = window.max.x - window.min.x + 1;
-    info.height = window.max.y - window.min.y + 1;
+    info.display = window_of(header.displayWindow());
+    if (part == 0) info.data = window_of(header.dataWindow());
+    info.width = info.display.width();
+    info.height = info.display.height();
     info.compression = compression_name(header.compression());
     for (auto c = header.channels().begin(); c != header.channels().end(); ++c)
       info.channels.push_back({prefixed(file, part, c.name()), pixel_type_name(c.channel().type)});
@@ -170,22 +188,25 @@ ExrInfo read_exr_info(const fs::path& path) {
 
 Layers read_exr(const fs::path& path, const std::function<bool(const std::string&)>& wanted) {
   Imf::MultiPartInputFile file = open(path);
-  const Imath::Box2i display = file.header(0).displayWindow();
-  Layers layers(display.max.x - display.min.x + 1, display.max.y - display.min.y + 1);
-  for (int part = 0; part < file.parts(); ++part) {
-    const Imf::Header& header = file.header(part);
+  const PixelWindow display = window_of(file.header(0).displayWindow());
+  std::map<std::string, Attribute> header_of_all;
+  struct Part {
+    PixelWindow data;
+    std::map<std::string, Plane> planes;
+  };
+  std::vector<Part> parts;
+  for (int index = 0; index < file.parts(); ++index) {
+    const Imf::Header& header = file.header(index);
     if (header.hasType() && Imf::isDeepData(header.type()))
       throw InputError(fmt::format("{}: holds deep pixels; brume reads flat images", path.string()));
-    if (header.displayWindow() != display)
+    if (window_of(header.displayWindow()) != display)
       throw InputError(fmt::format("{}: its parts differ in size; expected one size", path.string()));
-    layers.header.merge(attributes(header));
+    header_of_all.merge(attributes(header));
 
-    const Imath::Box2i data = header.dataWindow();
-    const int width = data.max.x - data.min.x + 1, height = data.max.y - data.min.y + 1;
+    Part part{window_of(header.dataWindow()), {}};
     Imf::FrameBuffer frame;
-    std::map<std::string, Plane> planes;
     for (auto c = header.channels().begin(); c != header.channels().end(); ++c) {
-      const std::string name = prefixed(file, part, c.name());
+      const std::string name = prefixed(file, index, c.name());
       if (wanted && !wanted(name)) continue;
       if (c.channel().xSampling != 1 || c.channel().ySampling != 1)
         throw InputError(
@@ -193,27 +214,38 @@ Layers read_exr(const fs::path& path, const std::function<bool(const std::string
       if (name.starts_with("state.") && c.channel().type == Imf::UINT) {
         continue;  // large, and for read_exr_state() alone
       }
-      Plane& plane = planes.try_emplace(name, width, height).first->second;
-      frame.insert(c.name(), slice(Imf::FLOAT, plane.row(0), plane.stride(), data));
+      Plane& plane = part.planes.try_emplace(name, part.data.width(), part.data.height()).first->second;
+      frame.insert(c.name(), slice(Imf::FLOAT, plane.row(0), plane.stride(), header.dataWindow()));
     }
-    if (planes.empty()) continue;
+    if (part.planes.empty()) continue;
     try {
-      Imf::InputPart input(file, part);
+      Imf::InputPart input(file, index);
       input.setFrameBuffer(frame);
-      input.readPixels(data.min.y, data.max.y);
+      input.readPixels(part.data.lo.y, part.data.hi.y - 1);
     } catch (const std::exception& error) {
       throw InputError(fmt::format("{}: truncated or damaged: {}", path.string(), error.what()));
     }
-    const int dx = data.min.x - display.min.x, dy = data.min.y - display.min.y;
-    for (auto& [name, plane] : planes) {
-      if (data == display) {
+    parts.push_back(std::move(part));
+  }
+  PixelWindow data = parts.empty() ? window_of(file.header(0).dataWindow()) : parts[0].data;
+  for (const Part& part : parts) data = {glm::min(data.lo, part.data.lo), glm::max(data.hi, part.data.hi)};
+  const double pixels = (static_cast<double>(data.hi.x) - data.lo.x) * (static_cast<double>(data.hi.y) - data.lo.y);
+  if (parts.size() > 1 && pixels > kMostPixelsOfParts)
+    throw InputError(fmt::format("{}: its parts lie too far apart to be one frame: together they span {}",
+                                 path.string(), data.text()));
+  Layers layers(data.width(), data.height());
+  layers.header = std::move(header_of_all);
+  place(layers, data, display);
+  for (Part& part : parts) {
+    const ivec2 shift = part.data.lo - data.lo;
+    for (auto& [name, plane] : part.planes) {
+      if (part.data == data) {
         layers.set(name, std::move(plane));
         continue;
       }
       Plane& whole = layers.add(name);
-      for (int y = std::max(0, -dy); y < std::min(height, layers.height() - dy); ++y)
-        for (int x = std::max(0, -dx); x < std::min(width, layers.width() - dx); ++x)
-          whole(x + dx, y + dy) = plane(x, y);
+      for (int y = 0; y < plane.height(); ++y)
+        for (int x = 0; x < plane.width(); ++x) whole(x + shift.x, y + shift.y) = plane(x, y);
     }
   }
   return layers;
@@ -222,13 +254,11 @@ Layers read_exr(const fs::path& path, const std::function<bool(const std::string
 Layers read_exr_state(const fs::path& path) {
   Imf::MultiPartInputFile file = open(path);
   const Imf::Header& header = file.header(0);
-  const Imath::Box2i data = header.dataWindow(), display = header.displayWindow();
-  Layers layers(data.max.x - data.min.x + 1, data.max.y - data.min.y + 1);
+  const Imath::Box2i data = header.dataWindow();
+  const PixelWindow window = window_of(data);
+  Layers layers(window.width(), window.height());
   layers.header = attributes(header);
-  if (data != display) {
-    layers.origin = {data.min.x, data.min.y};
-    layers.display = {display.max.x + 1, display.max.y + 1};
-  }
+  place(layers, window, window_of(header.displayWindow()));
   Imf::FrameBuffer frame;
   for (auto c = header.channels().begin(); c != header.channels().end(); ++c)
     if (std::string_view(c.name()).starts_with("state.") && c.channel().type == Imf::UINT)

@@ -14,6 +14,7 @@ struct ExrInfo {
     std::string name, type;
   };
   int width = 0, height = 0;  ///< of the display window
+  PixelWindow data, display;  ///< the data window is the first part's
   std::string compression;
   std::vector<Channel> channels;
   std::map<std::string, Attribute> header;
@@ -22,9 +23,10 @@ struct ExrInfo {
 /// @throws InputError: missing, not an EXR, truncated
 ExrInfo read_exr_info(const std::filesystem::path& path);
 
-/// Reads the channels that `wanted` accepts (all without it) as float, over the display window; what the data window
-/// does not cover is 0. Several parts become one frame, their channels prefixed with the part's name where it is
-/// missing.
+/// Reads the channels that `wanted` accepts (all without it) as float, over the data window, which may be smaller than
+/// the display window (a crop) or reach beyond it (overscan): Layers::origin and Layers::display say where it lies.
+/// Several parts become one frame, their channels prefixed with the part's name where it is missing; it spans the data
+/// windows of all parts that are read, 0 where a part has no pixels.
 /// @throws InputError: missing, not an EXR, truncated, deep, subsampled, parts of different sizes
 Layers read_exr(const std::filesystem::path& path, const std::function<bool(const std::string&)>& wanted = {});
 

@@ -10,6 +10,10 @@
 
 namespace brume {
 
+std::string PixelWindow::text() const {
+  return fmt::format("{},{},{},{}", lo.x, lo.y, hi.x, hi.y);
+}
+
 std::string LayerName::channel_of(std::string_view statistic, size_t index) const {
   std::string full(name);
   for (const std::string_view part : {statistic, channels.substr(index, 1)})
@@ -59,6 +63,35 @@ const std::vector<uint32_t>* Layers::find_words(const std::string& name) const {
   return it == words_.end() ? nullptr : &it->second;
 }
 
+PixelWindow Layers::display_window() const {
+  return display == ivec2(0) ? data_window() : PixelWindow{display_origin, display_origin + display};
+}
+
+void Layers::lie_like(const Layers& other) {
+  if (width_ != other.width_ || height_ != other.height_)
+    throw std::logic_error(
+        fmt::format("{} x {} pixels cannot lie like {} x {}", width_, height_, other.width_, other.height_));
+  origin = other.origin;
+  display = other.display;
+  display_origin = other.display_origin;
+}
+
+Layers Layers::cut(const PixelWindow& window) const {
+  Layers part(window.width(), window.height());
+  part.header = header;
+  part.origin = window.lo;
+  part.display_origin = display_window().lo;
+  part.display = display_window().hi - display_window().lo;
+  const PixelWindow filled = window.common(data_window());
+  for (const auto& [name, plane] : channels_) {
+    Plane& target = part.add(name);
+    for (int y = filled.lo.y; y < filled.hi.y; ++y)
+      for (int x = filled.lo.x; x < filled.hi.x; ++x)
+        target(x - window.lo.x, y - window.lo.y) = plane(x - origin.x, y - origin.y);
+  }
+  return part;
+}
+
 bool Layers::has(const LayerName& layer, std::string_view statistic) const {
   for (size_t i = 0; i < layer.channels.size(); ++i)
     if (!find(layer.channel_of(statistic, i))) return false;
@@ -95,6 +128,10 @@ std::optional<double> Layers::number(const std::string& key) const {
   if (const int* i = std::get_if<int>(&it->second)) return *i;
   if (const float* f = std::get_if<float>(&it->second)) return *f;
   return std::nullopt;
+}
+
+Layers over_display_window(Layers frame) {
+  return frame.display_window() == frame.data_window() ? std::move(frame) : frame.cut(frame.display_window());
 }
 
 size_t count_not_finite(const Plane& plane) {

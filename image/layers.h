@@ -84,6 +84,20 @@ inline constexpr std::array<std::string_view, 8> buckets = {"bucket_0", "bucket_
 
 using Attribute = std::variant<std::string, int, float, std::array<float, 16>>;
 
+/// A rectangle of pixels, `hi` exclusive; row 0 is on top.
+struct PixelWindow {
+  ivec2 lo{0}, hi{0};
+
+  int width() const { return hi.x - lo.x; }
+  int height() const { return hi.y - lo.y; }
+  bool empty() const { return hi.x <= lo.x || hi.y <= lo.y; }
+  /// What lies in both; may be empty.
+  PixelWindow common(const PixelWindow& other) const { return {glm::max(lo, other.lo), glm::min(hi, other.hi)}; }
+  /// "x0,y0,x1,y1", as `render --crop` takes it.
+  std::string text() const;
+  friend bool operator==(const PixelWindow&, const PixelWindow&) = default;
+};
+
 /// Channels of one size under their full names, and what the header says about them.
 class Layers {
  public:
@@ -115,9 +129,16 @@ class Layers {
   const std::map<std::string, std::vector<uint32_t>>& words() const { return words_; }
   void drop_words() { words_.clear(); }
 
-  /// Where the picture lies in a larger one: a crop of `display` whose top left corner is `origin`. A frame of its own
-  /// has no display.
-  ivec2 origin{0}, display{0};
+  /// Where the pixels lie in the picture that is shown, as in an OpenEXR header: the data window begins at `origin`,
+  /// the display window at `display_origin` and has the size `display`. A crop lies inside the display window, overscan
+  /// around it. A frame without display is shown as it is.
+  ivec2 origin{0}, display{0}, display_origin{0};
+  PixelWindow data_window() const { return {origin, origin + ivec2(width_, height_)}; }
+  PixelWindow display_window() const;
+  /// Takes over another frame's place, which has as many pixels. @throws std::logic_error when it has not
+  void lie_like(const Layers& other);
+  /// The pixels of a window, with this frame's header and display window; 0 where the frame has none. Words are left.
+  Layers cut(const PixelWindow& window) const;
 
   std::vector<std::string> names() const;
 
@@ -131,6 +152,9 @@ class Layers {
   std::map<std::string, Plane> channels_;
   std::map<std::string, std::vector<uint32_t>> words_;
 };
+
+/// The frame over its display window, as it is shown: overscan cut off, 0 where it has no pixels.
+Layers over_display_window(Layers frame);
 
 /// How many values of the plane are NaN or infinite.
 size_t count_not_finite(const Plane& plane);

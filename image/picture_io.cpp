@@ -62,7 +62,7 @@ void Picture::paste(const Picture& other, int x0, int y0) {
     }
 }
 
-Picture to_picture(const std::array<const Plane*, 3>& rgb, double exposure) {
+Picture to_picture(const std::array<const Plane*, 3>& rgb, double exposure, Tone tone) {
   Picture picture(rgb[0]->width(), rgb[0]->height());
   for (int y = 0; y < picture.height; ++y)
     for (int x = 0; x < picture.width; ++x) {
@@ -71,7 +71,8 @@ Picture to_picture(const std::array<const Plane*, 3>& rgb, double exposure) {
       for (size_t c = 0; c < 3; ++c) {
         const double v = (*rgb[c])(x, y) * exposure;
         finite = finite && std::isfinite(v);
-        colour[c] = finite ? static_cast<uint8_t>(255.0 * srgb_encode(v) + 0.5) : uint8_t{0};
+        const double shown = srgb_encode(tone == Tone::kFilmic ? filmic_shoulder(v) : v);
+        colour[c] = finite ? static_cast<uint8_t>(255.0 * shown + 0.5) : uint8_t{0};
       }
       picture.set(x, y, finite ? colour : std::array<uint8_t, 3>{255, 0, 255});
     }
@@ -122,7 +123,7 @@ Layers read_any_picture(const fs::path& path) {
     Layers picture = read_exr(path, [](const std::string& c) { return c == "R" || c == "G" || c == "B"; });
     if (!picture.has(layer::beauty))
       throw InputError(fmt::format("{}: has no channels R, G, B; expected a colour picture", path.string()));
-    return picture;
+    return over_display_window(std::move(picture));
   }
   int width = 0, height = 0, channels = 0;
   const std::unique_ptr<uint8_t, void (*)(void*)> data(stbi_load(path.c_str(), &width, &height, &channels, 3),

@@ -19,8 +19,14 @@ struct Picture {
   void paste(const Picture& other, int x, int y);
 };
 
-/// Linear RGB times `exposure`, sRGB-encoded and clipped. Non-finite pixels become magenta: visible, not hidden.
-Picture to_picture(const std::array<const Plane*, 3>& rgb, double exposure = 1.0);
+/// What becomes of values above 1.
+enum class Tone {
+  kClip,    ///< they are 1
+  kFilmic,  ///< filmic_shoulder (image/color.h) of each channel: bright colours turn white softly
+};
+
+/// Linear RGB times `exposure`, its tone, sRGB-encoded. Non-finite pixels become magenta: visible, not hidden.
+Picture to_picture(const std::array<const Plane*, 3>& rgb, double exposure = 1.0, Tone tone = Tone::kClip);
 
 /// @throws InputError
 void write_png(const std::filesystem::path& path, const Picture& picture);

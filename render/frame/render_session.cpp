@@ -278,6 +278,7 @@ void RenderSession::describe(Layers& frame, const RenderReport& report, int firs
   auto& header = frame.header;
   header["scene"] = scene.name;
   header["sceneHash"] = scene.hash;
+  header["sceneSettings"] = scene.settings;
   header["seed"] = std::to_string(job_.seed);
   header["frame"] = scene.render.frame;
   header["samplesPerPixel"] = end - first;

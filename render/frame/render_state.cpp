@@ -4,6 +4,8 @@
 
 #include <algorithm>
 #include <cstdlib>
+#include <map>
+#include <set>
 
 #include "base/error.h"
 #include "base/text.h"
@@ -39,6 +41,33 @@ std::vector<Range> ranges_of(const Layers& frame, const std::string& name) {
   return ranges;
 }
 
+/// The lines "key = value" of a scene's settings.
+std::map<std::string, std::string> settings_of(const Layers& frame) {
+  std::map<std::string, std::string> settings;
+  for (const std::string& line : split(frame.text("sceneSettings"), '\n'))
+    if (const size_t equals = line.find(" = "); equals != std::string::npos)
+      settings[line.substr(0, equals)] = line.substr(equals + 3);
+  return settings;
+}
+
+/// "camera.fov is 30 in the first, its default in the second", for each key in which two scenes differ.
+std::vector<std::string> differing_settings(const Layers& a, const Layers& b) {
+  const auto in_a = settings_of(a), in_b = settings_of(b);
+  std::set<std::string> keys;
+  for (const auto* settings : {&in_a, &in_b})
+    for (const auto& [key, value] : *settings) keys.insert(key);
+  const auto value = [](const auto& settings, const std::string& key) {
+    const auto it = settings.find(key);
+    return it == settings.end() ? std::string("its default") : it->second;
+  };
+  std::vector<std::string> differing;
+  for (const std::string& key : keys)
+    if (value(in_a, key) != value(in_b, key))
+      differing.push_back(
+          fmt::format("{} is {} in the first, {} in the second", key, value(in_a, key), value(in_b, key)));
+  return differing;
+}
+
 }  // namespace
 
 void check_same_render(const Layers& a, const std::string& name_a, const Layers& b, const std::string& name_b,
@@ -50,6 +79,9 @@ void check_same_render(const Layers& a, const std::string& name_a, const Layers&
   if (a.words().empty())
     throw InputError(
         fmt::format("{}: holds no sums of its samples; expected a frame written with --part or --checkpoint", name_a));
+  if (attribute_text(a, "sceneHash") != attribute_text(b, "sceneHash"))
+    if (const std::vector<std::string> differing = differing_settings(a, b); !differing.empty())
+      throw InputError(fmt::format("{} and {} are not parts of one render: {}", name_a, name_b, join(differing, "; ")));
   for (const auto& [key, what] : {std::pair("sceneHash", "the scene's fingerprint"),
                                   {"seed", "the seed"},
                                   {"frame", "the frame"},

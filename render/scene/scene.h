@@ -129,6 +129,7 @@ struct Scene {
   std::vector<SurfaceSettings> surfaces;
   std::filesystem::path path;  ///< of the scene file
   std::string hash;            ///< of every value that decides the picture, the files' contents included
+  std::string settings;        ///< a line for each of them that is not at its default: "camera.fov = 30"
 };
 
 }  // namespace brume

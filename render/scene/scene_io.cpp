@@ -78,6 +78,15 @@ class Parser {
              "not a key of " + where_);
   }
 
+  /// Last, so that what the table itself gets wrong is said first.
+  void check_files() const {
+    std::error_code ignored;
+    for (const auto& [key, path] : files_)
+      if (!fs::exists(path, ignored))
+        fail(fmt::format("'{}' of {} is {}: no such file", key, where_, path.string()), table_.at(key),
+             "expected a file; its path starts at the scene's folder");
+  }
+
  private:
   static double number(const Field& field, const toml::value& v) {
     double x;
@@ -111,10 +120,11 @@ class Parser {
       fail(fmt::format("'{}' cannot be '{}'{}", field.key, target, suggestion(target, field.choices)), v,
            "expected one of these");
   }
-  void read(const Field& field, const toml::value& v, fs::path& target) const {
+  void read(const Field& field, const toml::value& v, fs::path& target) {
     std::string text;
     read(field, v, text);
     target = text.empty() ? fs::path() : folder_ / text;
+    if (!text.empty()) files_.emplace_back(field.key, target);
   }
   static void read(const Field& field, const toml::value& v, dvec3& target) {
     const std::string expected = "expected [x, y, z]" + range_text(field);
@@ -174,6 +184,7 @@ class Parser {
   std::string where_;
   fs::path folder_;
   std::vector<std::string> known_;
+  std::vector<std::pair<std::string, fs::path>> files_;
 };
 
 toml::value parse(std::istream& stream, const std::string& name) {
@@ -223,63 +234,101 @@ void apply_override(toml::value& root, const std::string& assignment) {
   *at = value;
 }
 
-/// Everything that decides the picture, as text, for the hash.
-class Fingerprint {
+/// The values of one table as text, in the order of their declarations.
+class SettingTexts {
  public:
   template <class T>
   void operator()(const Field& field, T& value) {
-    text_ += fmt::format("{}=", field.key);
-    append(value);
+    keys.push_back(field.key);
+    texts.push_back(text(value));
   }
-  void file(const fs::path& path) {
+  std::vector<std::string> keys, texts;
+
+ private:
+  static std::string text(const dvec2& v) { return fmt::format("[{}, {}]", v.x, v.y); }
+  static std::string text(const dvec3& v) { return fmt::format("[{}, {}, {}]", v.x, v.y, v.z); }
+  static std::string text(const dmat4& m) {
+    std::vector<std::string> rows;
+    for (int row = 0; row < 4; ++row)
+      rows.push_back(fmt::format("[{}, {}, {}, {}]", m[0][row], m[1][row], m[2][row], m[3][row]));
+    return "[" + join(rows) + "]";
+  }
+  static std::string text(const fs::path&) { return ""; }  // by content, not by name
+  template <class Entry>
+  static std::string text(const std::vector<Entry>& entries) {
+    std::vector<std::string> texts;
+    for (const Entry& entry : entries) texts.push_back(text(entry));
+    return "[" + join(texts) + "]";
+  }
+  template <class T>
+  static std::string text(const T& value) {
+    return fmt::format("{}", value);
+  }
+};
+
+/// Everything that decides the picture, as text: for the hash, and what is not at its default for people.
+class Fingerprint {
+ public:
+  template <class Settings>
+  void table(const std::string& name, Settings& settings) {
+    SettingTexts set, standard;
+    Settings plain;
+    describe(set, settings);
+    describe(standard, plain);
+    for (size_t i = 0; i < set.keys.size(); ++i) {
+      all_ += fmt::format("{}={};", set.keys[i], set.texts[i]);
+      if (set.texts[i] != standard.texts[i]) settings_ += fmt::format("{}.{} = {}\n", name, set.keys[i], set.texts[i]);
+    }
+  }
+  void file(const std::string& key, const fs::path& path) {
     if (path.empty()) return;
     std::ifstream stream(path, std::ios::binary);
     uint64_t h = 0;
     for (char buffer[1 << 16]; stream.read(buffer, sizeof buffer), stream.gcount() > 0;)
       h = hash(std::string_view(buffer, static_cast<size_t>(stream.gcount())), h);
-    text_ += fmt::format("{:016x};", h);
+    all_ += fmt::format("{:016x};", h);
+    settings_ += fmt::format("{} = content {:016x}\n", key, h);
   }
-  std::string hex() const { return fmt::format("{:016x}", hash(text_, 0)); }
+  std::string hex() const { return fmt::format("{:016x}", hash(all_, 0)); }
+  /// Lines, without the last one's end.
+  std::string settings() const { return settings_.substr(0, settings_.size() - !settings_.empty()); }
 
  private:
   static uint64_t hash(std::string_view bytes, uint64_t h) {
     for (const char c : bytes) h = (h ^ static_cast<unsigned char>(c)) * 0x100000001b3ull + 0x9e3779b97f4a7c15ull;
     return mix64(h);
   }
-  void append(const dvec3& v) { text_ += fmt::format("{},{},{};", v.x, v.y, v.z); }
-  void append(const dmat4& m) {
-    for (int i = 0; i < 4; ++i)
-      for (int j = 0; j < 4; ++j) text_ += fmt::format("{},", m[i][j]);
-  }
-  void append(const fs::path&) {}  // by content, not by name
-  void append(const dvec2& v) { text_ += fmt::format("{},{};", v.x, v.y); }
-  void append(const std::vector<std::vector<double>>& rows) {
-    for (const auto& row : rows) append(row);
-  }
-  void append(const std::vector<double>& v) {
-    for (const double x : v) text_ += fmt::format("{},", x);
-    text_ += ";";
-  }
-  template <class T>
-  void append(const T& value) {
-    text_ += fmt::format("{};", value);
-  }
-  std::string text_;
+  std::string all_, settings_;
 };
 
-std::string fingerprint(Scene scene) {
+Fingerprint fingerprint(Scene scene) {
   Fingerprint print;
   // Samples, seed and frame are recorded beside the hash: parts of one render share it.
-  scene.render.spp = 0, scene.render.seed = 0, scene.render.frame = 0;
-  describe(print, scene.camera);
-  describe(print, scene.film);
-  describe(print, scene.render);
-  describe(print, scene.environment);
-  print.file(scene.camera.from_exr), print.file(scene.environment.file);
-  for (VolumeSettings& v : scene.volumes) describe(print, v), print.file(v.file);
-  for (LightSettings& l : scene.lights) describe(print, l);
-  for (SurfaceSettings& s : scene.surfaces) describe(print, s), print.file(s.file), print.file(s.albedo_texture);
-  return print.hex();
+  const RenderSettings standard;
+  scene.render.spp = standard.spp;
+  scene.render.seed = standard.seed;
+  scene.render.frame = standard.frame;
+  print.table("camera", scene.camera);
+  print.table("film", scene.film);
+  print.table("render", scene.render);
+  print.table("environment", scene.environment);
+  print.file("camera.from_exr", scene.camera.from_exr);
+  print.file("environment.file", scene.environment.file);
+  const auto each = [&](const char* name, auto& tables, const auto& files_of) {
+    for (size_t i = 0; i < tables.size(); ++i) {
+      const std::string table = fmt::format("{}.{}", name, i);
+      print.table(table, tables[i]);
+      files_of(table, tables[i]);
+    }
+  };
+  each("volumes", scene.volumes,
+       [&](const std::string& t, const VolumeSettings& v) { print.file(t + ".file", v.file); });
+  each("lights", scene.lights, [](const auto&...) {});
+  each("surfaces", scene.surfaces, [&](const std::string& t, const SurfaceSettings& s) {
+    print.file(t + ".file", s.file);
+    print.file(t + ".albedo_texture", s.albedo_texture);
+  });
+  return print;
 }
 
 void check_light(Parser& parser, LightSettings& light, const toml::value& table) {
@@ -433,6 +482,7 @@ Scene read_scene(const fs::path& path, std::span<const std::string> overrides) {
     describe(parser, target);
     parser.reject_unknown();
     check(parser, target, root.at(name));
+    parser.check_files();
   };
   const auto no_check = [](const auto&...) {};
   const auto array = [&](const char* name, auto& target, const auto& check) {
@@ -446,6 +496,7 @@ Scene read_scene(const fs::path& path, std::span<const std::string> overrides) {
       describe(parser, target.emplace_back());
       parser.reject_unknown();
       check(parser, target.back(), entry);
+      parser.check_files();
     }
   };
   if (root.contains("name")) {
@@ -468,7 +519,9 @@ Scene read_scene(const fs::path& path, std::span<const std::string> overrides) {
   // A picture with no factor set is taken as it is.
   const bool has_picture = !scene.environment.file.empty() || scene.environment.sky != "none";
   if (has_picture && !root.at("environment").contains("radiance")) scene.environment.radiance = dvec3(1);
-  scene.hash = fingerprint(scene);
+  const Fingerprint print = fingerprint(scene);
+  scene.hash = print.hex();
+  scene.settings = print.settings();
   return scene;
 }
 

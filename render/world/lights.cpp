@@ -200,7 +200,8 @@ Environment::Environment(const EnvironmentSettings& s)
   if (name.ends_with(".hdr") || name.ends_with(".pic"))
     picture = read_hdr(s.file);
   else
-    picture = read_exr(s.file, [](const std::string& c) { return c == "R" || c == "G" || c == "B"; });
+    picture = over_display_window(
+        read_exr(s.file, [](const std::string& c) { return c == "R" || c == "G" || c == "B"; }));
   if (!picture.has(layer::beauty))
     throw InputError(fmt::format("{}: has no channels R, G, B; expected a lat-long picture", name));
   if (picture.width() != 2 * picture.height())

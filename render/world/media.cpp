@@ -64,6 +64,16 @@ SceneMedia::SceneMedia(const Scene& scene, const Task& task) {
   for (const EmissionField& e : emissions_) enclose(e.bounding_sphere());  // flames without smoke
 }
 
+void SceneMedia::note_faint_fire(const VolumeSettings& v, double exposure, double brightest) {
+  // As if all of the way across were as bright as the brightest voxel.
+  const double shown = brightest * exposure * 2 * emissions_.back().bounding_sphere().radius;
+  if (shown > 0.01 || !(shown > 0)) return;
+  notes_.push_back(
+      fmt::format("{}: its fire is too faint to be seen, at most {:.2g} of white with blackbody_intensity = {}; {:.1g} "
+                  "would show it",
+                  v.file.string(), shown, v.blackbody_intensity, 10 * v.blackbody_intensity / shown));
+}
+
 void SceneMedia::load(const VolumeSettings& v, const Scene& scene, const Task& task) {
   volumes_.push_back(std::make_shared<Volume>());
   Volume& volume = *volumes_.back();
@@ -162,10 +172,12 @@ void SceneMedia::load(const VolumeSettings& v, const Scene& scene, const Task& t
                       "temperature_scale {}: hotter than any fire",
                       v.file.string(), volume.temperature.summary.name, volume.temperature.summary.minimum, highest,
                       kelvin, v.temperature_offset, v.temperature_scale));
-    if (kelvin >= 500)
-      glow(volume.temperature, volume.temperature_displacement,
-           EmissionRamp::of_blackbody(v.temperature_offset, v.temperature_scale, highest, v.blackbody_intensity,
-                                      v.blackbody_law == "planck"));
+    if (kelvin >= 500) {
+      const EmissionRamp ramp = EmissionRamp::of_blackbody(v.temperature_offset, v.temperature_scale, highest,
+                                                           v.blackbody_intensity, v.blackbody_law == "planck");
+      glow(volume.temperature, volume.temperature_displacement, ramp);
+      if (!volume.temperature.bricks.empty()) note_faint_fire(v, scene.film.exposure, luminance(ramp(highest)));
+    }
   }
   if (v.flame_grid != "none") {
     volume.flame = load_scalar(v.file, options_for(v.flame_grid, {"flame", "flames", "heat"}), task);

@@ -172,8 +172,8 @@ TEST_F(BadInput, OddVoxelsAndEmptyGridsAreNotedNotRefused) {
 TEST_F(BadInput, Frames) {
   const std::string plain = frame("none");
   expect_refused("denoise " + plain + " -f gradient_kernel -o " + path("out.exr"),
-                 {"filter gradient_kernel needs the layers 'direct', 'indirect', 'gradient'",
-                  "brume render SCENE -o OUT.exr --layers direct,indirect,gradient", "frame.exr"});
+                 {"filter gradient_kernel needs the layer 'gradient', which the frame does not have (it has: beauty",
+                  "brume render SCENE -o OUT.exr --layers gradient", "frame.exr"});
   expect_refused("denoise " + plain + " -f bilatera -o " + path("out.exr"),
                  {"no filter 'bilatera'; did you mean 'bilateral'?"});
   expect_refused("denoise " + plain + " -f bilateral --sigma-rnge 3 -o " + path("out.exr"),

@@ -26,8 +26,8 @@ const std::string kSmall = " -D film.width=32 -D film.height=24 --spp 4 -q";
 TEST(Commands, HelpAndVersion) {
   EXPECT_EQ(run_brume("--help").status, 0);
   EXPECT_TRUE(run_brume("--version").out.starts_with("brume 0."));
-  for (const char* verb :
-       {"info", "generate", "halve", "render", "merge", "denoise", "compare", "evaluate", "filters", "docs"}) {
+  for (const char* verb : {"info", "generate", "halve", "render", "merge", "denoise", "compare", "evaluate", "filters",
+                           "docs", "picture"}) {
     const auto r = run_brume(std::string(verb) + " --help");
     EXPECT_EQ(r.status, 0) << verb;
     EXPECT_NE(r.out.find("--threads"), std::string::npos) << verb;

@@ -136,6 +136,11 @@ TEST(CommonRules, FeaturesThatSayNothingNeverMakeItWorseThanColourAlone) {
     FilterSettings f(*e);
     if (e->find("feature-strength")) f.set("feature-strength", "0.6");
     if (!f.uses_features()) continue;
+    if (e->needs_features) {
+      for (const std::string how : {"absent", "constant", "noise"})
+        EXPECT_THROW(apply_filter(f, without_signal_in_features(frame, how), {}, {}), InputError) << e->name << how;
+      continue;
+    }
     ApplyOptions alone;
     alone.features = {"none"};
     const double color =

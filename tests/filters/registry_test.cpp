@@ -45,7 +45,8 @@ TEST(Registry, ParametersAreSetAndChecked) {
 
 TEST(Registry, EveryDeclarationIsComplete) {
   for (const FilterEntry* e : all_filters()) {
-    EXPECT_FALSE(e->summary.empty() || e->source.empty()) << e->name;
+    EXPECT_FALSE(e->summary.empty() || e->source.empty() || e->when.empty()) << e->name;
+    EXPECT_GT(e->merit, 0) << e->name;
     FilterSettings settings(*e);
     EXPECT_GE(settings.apron(), 0);
     for (const Parameter& p : e->parameters) {

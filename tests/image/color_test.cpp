@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <limits>
+
 namespace brume {
 namespace {
 
@@ -34,6 +36,19 @@ TEST(SrgbEncode, MeetsItsEnds) {
   EXPECT_EQ(srgb_encode(-1), 0.0);
   EXPECT_NEAR(srgb_encode(1), 1.0, 1e-12);
   EXPECT_NEAR(srgb_encode(0.18), 0.4613, 1e-3);
+}
+
+TEST(FilmicShoulder, KeepsDarkTonesAndNeverPassesWhite) {
+  EXPECT_EQ(filmic_shoulder(-0.5), -0.5);
+  EXPECT_EQ(filmic_shoulder(0.18), 0.18);
+  EXPECT_NEAR((filmic_shoulder(0.18 + 1e-6) - 0.18) / 1e-6, 1.0, 1e-5) << "leaves middle grey with slope 1";
+  double last = 0.18;
+  for (const double v : {0.2, 0.5, 1.0, 4.0, 100.0, 1e6}) {
+    EXPECT_GT(filmic_shoulder(v), last);
+    EXPECT_LT(filmic_shoulder(v), 1.0);
+    last = filmic_shoulder(v);
+  }
+  EXPECT_EQ(filmic_shoulder(std::numeric_limits<double>::infinity()), 1.0);
 }
 
 }  // namespace

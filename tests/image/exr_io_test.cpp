@@ -1,5 +1,11 @@
 #include "image/exr_io.h"
 
+#include <ImfChannelList.h>
+#include <ImfFrameBuffer.h>
+#include <ImfHeader.h>
+#include <ImfMultiPartOutputFile.h>
+#include <ImfOutputPart.h>
+#include <ImfPartType.h>
 #include <gtest/gtest.h>
 
 #include <bit>
@@ -64,12 +70,56 @@ TEST(Exr, NoiseAndWordsSurvive) {
     EXPECT_LE(bytes, smooth ? plain / 2 : plain + 1000);
     EXPECT_EQ(*read_exr_state(folder / "a.exr").find_words("state.0000"), words);
     const Layers back = read_exr(folder / "a.exr");
-    EXPECT_EQ(back.width(), 20);
+    EXPECT_EQ(back.data_window(), frame.data_window()) << "overscan is kept";
+    EXPECT_EQ(back.display_window(), frame.display_window());
     size_t differing = 0;
-    for (int y = 2; y < frame.height(); ++y)
+    for (int y = 0; y < frame.height(); ++y)
       for (int x = 0; x < 5; ++x)
-        differing += std::bit_cast<uint32_t>(back.at("G")(x + 3, y - 2)) != std::bit_cast<uint32_t>(plane(x, y));
+        differing += std::bit_cast<uint32_t>(back.at("G")(x, y)) != std::bit_cast<uint32_t>(plane(x, y));
     EXPECT_EQ(differing, 0u);
+  }
+}
+
+// Two parts of one picture, each with its own data window.
+TEST(Exr, PartsWithTheirOwnDataWindowsBecomeOneFrame) {
+  const test::TemporaryFolder folder;
+  const auto write = [&](const Imath::Box2i& first, const Imath::Box2i& second) {
+    std::vector<Imf::Header> headers;
+    for (const auto& [name, data] : {std::pair("left", first), {"right", second}}) {
+      Imf::Header header(Imath::Box2i(Imath::V2i(0), Imath::V2i(19, 9)), data);
+      header.setName(name);
+      header.setType(Imf::SCANLINEIMAGE);
+      header.channels().insert("Y", Imf::Channel(Imf::FLOAT));
+      headers.push_back(header);
+    }
+    Imf::MultiPartOutputFile file((folder / "parts.exr").c_str(), headers.data(), 2);
+    const std::vector<float> ones(1000, 1.0f);  // as many as any part here has pixels
+    for (int part = 0; part < 2; ++part) {
+      const Imath::Box2i data = headers[static_cast<size_t>(part)].dataWindow();
+      Imf::FrameBuffer buffer;
+      buffer.insert("Y", Imf::Slice::Make(Imf::FLOAT, ones.data(), data));
+      Imf::OutputPart output(file, part);
+      output.setFrameBuffer(buffer);
+      output.writePixels(data.max.y - data.min.y + 1);
+    }
+  };
+  write({{-2, 1}, {3, 4}}, {{2, 3}, {25, 8}});
+  const Layers frame = read_exr(folder / "parts.exr");
+  EXPECT_EQ(frame.data_window(), (PixelWindow{{-2, 1}, {26, 9}}));
+  EXPECT_EQ(frame.display_window(), (PixelWindow{{0, 0}, {20, 10}}));
+  double left = 0, right = 0;
+  for (int y = 0; y < frame.height(); ++y)
+    for (int x = 0; x < frame.width(); ++x) left += frame.at("left.Y")(x, y), right += frame.at("right.Y")(x, y);
+  EXPECT_EQ(left, 6 * 4);
+  EXPECT_EQ(right, 24 * 6);
+  EXPECT_EQ(frame.at("left.Y")(0, 0), 1.0f);
+  EXPECT_EQ(frame.at("right.Y")(27, 7), 1.0f);
+  write({{0, 0}, {1, 1}}, {{1000000, 1000000}, {1000001, 1000001}});
+  try {
+    read_exr(folder / "parts.exr");
+    FAIL();
+  } catch (const InputError& error) {
+    EXPECT_NE(std::string(error.what()).find("too far apart"), std::string::npos) << error.what();
   }
 }
 

@@ -152,9 +152,12 @@ TEST_F(PartsTest, ACropHasTheWholesPixels) {
     for (int x = 0; x < 25; ++x) ASSERT_EQ(crop.at("indirect.G")(x, y), whole.at("indirect.G")(x + 5, y + 4));
   write_exr(folder_ / "crop.exr", crop);
   const Layers read = read_exr(folder_ / "crop.exr");
-  ASSERT_EQ(read.width(), 37) << "the file says where in the whole it lies";
-  EXPECT_EQ(read.at("R")(12, 9), whole.at("R")(12, 9));
-  EXPECT_EQ(read.at("R")(2, 2), 0.0f);
+  EXPECT_EQ(read.data_window(), (PixelWindow{{5, 4}, {30, 19}})) << "the file says where in the whole it lies";
+  EXPECT_EQ(read.display_window(), whole.data_window());
+  EXPECT_EQ(read.at("R")(7, 5), whole.at("R")(12, 9));
+  const Layers shown = over_display_window(read);
+  EXPECT_EQ(shown.at("R")(12, 9), whole.at("R")(12, 9));
+  EXPECT_EQ(shown.at("R")(2, 2), 0.0f) << "absent";
 }
 
 // It stops soon after the error is reached, and what it reached is what the frame's variance says.
