@@ -102,6 +102,7 @@ const FilterEntry entry =
             "Level i spreads its 25 taps 2^i pixels apart; the colour term tightens and the direction term widens by 2 "
             "per level, as published. Colours are compared in CIE-Lab, the density gradient's direction stands for the "
             "normal, depth and opacity for the position.")
+        .paper("")
         .features()
         .carries()
         .param("levels", &ATrous::levels, {1, 8}, "", "passes", {1, 2, 3, 4, 5})

@@ -108,6 +108,7 @@ const FilterEntry entry =
             "The conductance between two pixels falls with their difference in units of its own variance, which "
             "diffuses along and falls, so that the flow stops by itself; with the angle between density gradients; "
             "and with the other features. Light is conserved.")
+        .paper("")
         .statistics(Statistics::kVariance)
         .features()
         .carries()

@@ -58,7 +58,7 @@ struct Run {
 
 /// What is measured once for the whole of a signal.
 struct SignalLevel {
-  double luminance = 0, lab_noise = 0;
+  double typical_luminance = 0, lab_noise = 0;
 };
 
 /// A frame that is read: the one to clean, or another of the sequence. Not copied unless it has something to repair.
@@ -111,6 +111,7 @@ struct TileTotals {
   size_t not_finite = 0;
   double energy = 0;
   size_t outliers = 0;
+  std::set<std::pair<int, int>> repaired_records;
 };
 
 /// One signal of a tile with its statistics: views of the layers, and what had to be made.
@@ -154,16 +155,6 @@ void read_signal(Signal& s, const Layers& layers, const LayerName& name, const R
   s.removed = limit_outliers(s.own, run.options.outliers, task);
 }
 
-double mean_of_luminance(const RgbPlanes& p) {
-  double sum = 0;
-  for (int y = 0; y < p[0]->height(); ++y)
-    for (int x = 0; x < p[0]->width(); ++x) {
-      const double l = 0.265 * (*p[0])(x, y) + 0.670 * (*p[1])(x, y) + 0.065 * (*p[2])(x, y);
-      if (std::isfinite(l)) sum += l;
-    }
-  return sum / (static_cast<double>(p[0]->width()) * p[0]->height());
-}
-
 /// Everything that a filter is given of one frame, and what it points to.
 struct Prepared {
   Signal signal;
@@ -186,6 +177,7 @@ struct Prepared {
     frame.features = &features;
     frame.together = !run.options.carried.empty();
     frame.samples = source.samples;
+    frame.sample_count = layers.find(layer::sample_count.channel(0));
     frame.records = source.records;
     frame.frame_size = run.frame_size;
   }
@@ -207,7 +199,8 @@ void filter_signal(const Run& run, const std::vector<Source>& sources, const Til
     prepared.push_back(std::make_unique<Prepared>(run, sources[i], *tile.sources[i], name, task));
     FilterFrame& f = prepared.back()->frame;
     f.origin = origin;
-    f.mean_luminance = level.luminance;
+    f.repaired_records = &totals.repaired_records;
+    f.typical_luminance = level.typical_luminance;
     f.lab_noise = level.lab_noise;
   }
   FilterFrame& frame = prepared[0]->frame;
@@ -343,7 +336,8 @@ Layers apply_filter(const FilterSettings& requested, const Layers& frame, const 
     r.notes.push_back("average = linear, because layers that are carried along must add up");
   }
   const bool with_features = filter.uses_features();
-  const FeaturePlan features = with_features ? FeaturePlan(source, options.features, task) : FeaturePlan();
+  const FeaturePlan features =
+      with_features ? FeaturePlan::choose(source, options.features, filter.preferred_features(), task) : FeaturePlan();
   if (with_features) r.notes.push_back(features.note());
   Run run{filter, options, features, {frame.width(), frame.height()}};
   const bool by_paper = options.background == BackgroundRule::kDefault && entry.background;
@@ -378,7 +372,7 @@ Layers apply_filter(const FilterSettings& requested, const Layers& frame, const 
   std::vector<SignalLevel> levels;
   for (const LayerName& name : signals) {
     SignalLevel& level = levels.emplace_back();
-    level.luminance = mean_of_luminance(source.rgb(name));
+    level.typical_luminance = typical_luminance(source.rgb(name));
     if (!filter.uses_noise_level()) continue;
     level.lab_noise = noise_level(source, name, options, source.find(layer::coverage.channel(0)), task);
     r.notes.push_back(fmt::format("noise of '{}': {:.3g} Lab units", name.label(), level.lab_noise));
@@ -419,6 +413,12 @@ Layers apply_filter(const FilterSettings& requested, const Layers& frame, const 
       for (int y = 0; y < result.height(); ++y)
         for (int x = 0; x < result.width(); ++x) (*out[c])(x, y) += (*direct[c])(x, y);
   }
+  r.repaired_records = totals.repaired_records.size();
+  if (r.repaired_records)
+    r.notes.push_back(
+        fmt::format("recorded samples of {} pixels were NaN or infinite and were replaced by the mean of the pixel's "
+                    "other samples",
+                    r.repaired_records));
   if (r.not_finite_results)
     r.notes.push_back(
         fmt::format("{} pixels were out of the filter's range and kept their input", r.not_finite_results));

@@ -23,6 +23,7 @@ const FilterEntry entry =
                              "Bilateral filter on CIE-Lab: averages neighbours that are near in place and in colour.")
         .source("Tomasi and Manduchi 1998; parameters of Xu et al. 2011, section 3")
         .notes("Keeps isolated spikes as they are. Not consistent: a converged picture is still blurred.")
+        .paper("")
         .param("radius", &BilateralFilter::radius, {0, 32}, "px", "half width of the window")
         .param("sigma-domain", &BilateralFilter::sigma_domain, {0, 100}, "px",
                "of the kernel over distance; 0 switches it off", {0.5, 0.75, 1, 1.5, 2, 3, 4})

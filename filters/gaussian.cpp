@@ -78,6 +78,7 @@ const FilterEntry entry =
             "Averages in linear light by default, where a blur belongs. `choose=per-pixel` takes at each pixel the "
             "width "
             "among eight, from a quarter to four times half of sigma, whose estimated error is the smallest.")
+        .paper("")
         .statistics(Statistics::kNone, Statistics::kVariance)
         .also_compare({"choose=per-pixel"})
         .param("radius", &GaussianFilter::radius, {0, 32}, "px", "half width of the window")

@@ -64,6 +64,7 @@ const FilterEntry entry =
             "`mul` multiplies it to the "
             "others, `gate` weighs it by how equal the opacities are. Pixels without a direction are filtered by the "
             "range kernel alone.")
+        .paper("")
         .needs(layer::gradient)
         .also_compare({"variant=mul", "variant=gate"})
         .can_use(layer::alpha)

@@ -41,6 +41,7 @@ const FilterEntry entry =
             "sigma_R is given by neither source for this use; 10 Lab units by default, searched when tuned. The "
             "published sigma_I and "
             "sigma_J were meant for 0..255 grey levels and are looser in Lab.")
+        .paper("")
         .param("radius", &Trilateral::radius, {0, 32}, "px", "half width of the window")
         .param("passes", &Trilateral::passes, {1, 8}, "", "ROAD is computed anew on each pass's input")
         .param("sigma-spatial", &Trilateral::sigma_spatial, {0, 100}, "px", "sigma_S of the first pass",

@@ -14,7 +14,7 @@ using kernels::Shrink;
 struct Wavelet {
   int scales = 5;
   float strength = 1;
-  Shrink shrink = Shrink::kSoft;
+  Shrink shrink = Shrink::kBayes;
 };
 
 int mirrored(int i, int n) {
@@ -117,6 +117,7 @@ const FilterEntry entry =
         .notes(
             "Each band's noise follows from the variance of the pixels and the band's impulse response. `strength=0` "
             "gives the input back. Results can be negative beside bright edges; they are left so.")
+        .paper("shrink=soft")
         .statistics(Statistics::kVariance)
         .param("scales", &Wavelet::scales, {1, 8}, "", "bands; the rest stays as it is", {3, 4, 5})
         .param("strength", &Wavelet::strength, {0, 100}, "deviations", "c, of the threshold", {0.7, 1, 1.5, 2, 3})

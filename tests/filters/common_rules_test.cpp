@@ -135,7 +135,7 @@ TEST(CommonRules, FeaturesThatSayNothingNeverMakeItWorseThanColourAlone) {
   for (const FilterEntry* e : all_filters()) {
     FilterSettings f(*e);
     if (e->find("feature-strength")) f.set("feature-strength", "0.6");
-    if (!f.uses_features()) continue;
+    if (!f.uses_features() || e->needs_features) continue;
     ApplyOptions alone;
     alone.features = {"none"};
     const double color =
