@@ -226,6 +226,7 @@ void filter_signal(const Run& run, const std::vector<Source>& sources, const Til
     if (run.mask && !entry.background) {
       const Plane& coverage = layers.at(layer::coverage.channel(0));
       FilterSettings bilateral(find_filter("bilateral"));
+      bilateral.set("preset", "paper");
       bilateral.set("average", "linear");
       Rgb other{Plane(width, height), Plane(width, height), Plane(width, height)};
       bilateral.run(frame, {&other[0], &other[1], &other[2]}, quiet(task));

@@ -16,8 +16,8 @@ struct ExtendedBilateral {
   Domain domain = Domain::kLab;
   int radius = 6;
   float noise_factor = 0;
-  float sigma_domain = 0, sigma_range = 0;  // 0: the domain's published values, below
-  Average average = Average::kDomain;
+  float sigma_domain = 1.5f, sigma_range = 0;  // 0: the domain's published values, below
+  Average average = Average::kLinear;
   Hue hue = Hue::kWindow;
   Logarithm logarithm = Logarithm::kNatural;
 };
@@ -129,7 +129,7 @@ const FilterEntry entry =
             "weight on the centre. Swapped (2 px, 0.4 in log luminance) they span the 13 x 13 window the comparisons "
             "use, and are "
             "the default of `log-luminance`; the literal pair is `sigma-domain=0.4 sigma-range=2`.")
-        .paper("")
+        .paper("sigma-domain=0,average=domain")
         .param("domain", &ExtendedBilateral::domain, {"lab", "log-luminance"},
                "what is compared: CIE-Lab, or the logarithm of luminance as published")
         .param("radius", &ExtendedBilateral::radius, {0, 32}, "px", "half width of the window")

@@ -12,10 +12,10 @@ enum class Candidates { kWithColor, kPublished };
 
 struct Rdfc {
   int search_radius = 10;
-  float strength = 0.45f, feature_strength = 0.6f;
+  float strength = 0.7f, feature_strength = 1;
   int second_pass = 1;
   Candidates candidates = Candidates::kWithColor;
-  FeatureSet feature_set = FeatureSet::kAll;
+  FeatureSet feature_set = FeatureSet::kScalar;
 };
 
 // Windows of the features' filter and of the error maps' (Rousselle, Manzi and Zwicker 2013, sections 4 and 5).
@@ -159,7 +159,7 @@ const FilterEntry entry =
         .statistics(Statistics::kHalves)
         .features()
         .feature_set(&Rdfc::feature_set)
-        .paper("candidates=published")
+        .paper("strength=0.45,feature-strength=0.6,feature-set=all,candidates=published")
         .seeded()
         .param("search-radius", &Rdfc::search_radius, {1, 40}, "px", "half width of the search window")
         .param("strength", &Rdfc::strength, {0.05, 100}, "1", "k_c, noise deviations of colour taken as equal",

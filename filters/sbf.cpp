@@ -10,7 +10,7 @@ namespace {
 
 struct Sbf {
   float scale = 1;
-  float sigma_direction = 0, sigma_color = 0.25f, sigma_depth = 0.6f;
+  float sigma_direction = 0, sigma_color = 1, sigma_depth = 0.6f;
 };
 
 constexpr float kScales[] = {1, 2, 4, 8};
@@ -92,7 +92,7 @@ const FilterEntry entry =
             "a "
             "closed form; its maps are smoothed by the widest candidate. The density gradient stands for the normal, "
             "opacity and single scattering for the texture.")
-        .paper("sigma-direction=0.8")
+        .paper("sigma-direction=0.8,sigma-color=0.25")
         .statistics(Statistics::kVariance)
         .features()
         .carries()
@@ -100,7 +100,7 @@ const FilterEntry entry =
         .param("sigma-direction", &Sbf::sigma_direction, {0, 100}, "deviations",
                "of the density gradient and the normal; 0: off", {0, 0.4, 0.8, 1.6})
         .param("sigma-color", &Sbf::sigma_color, {0, 100}, "deviations",
-               "of opacity, albedo and single scattering; 0: off", {0.25, 0.5, 1})
+               "of opacity, albedo and single scattering; 0: off", {0.25, 0.5, 1, 2})
         .param("sigma-depth", &Sbf::sigma_depth, {0, 100}, "deviations", "of depth; 0: off", {0.3, 0.6, 1.2})
         .scratch(50)
         .apron([](const Sbf& p) { return static_cast<int>(32 * p.scale) + 1; })

@@ -17,10 +17,10 @@ enum class Spikes { kRepaired, kLiteral, kKeep };
 struct SobelGuided {
   int radius = 10;
   float epsilon = 1e-3f;
-  float gamma_1 = 0.2f, gamma_2 = 0.3f, gamma_3 = 0.4f;
+  float gamma_1 = 0.4f, gamma_2 = 0.3f, gamma_3 = 0.4f;
   Fit fit = Fit::kLiteral;
-  Spikes spikes = Spikes::kRepaired;
-  FeatureSet feature_set = FeatureSet::kAll;
+  Spikes spikes = Spikes::kKeep;
+  FeatureSet feature_set = FeatureSet::kScalar;
 };
 
 // Widths tried for the fit of bias and variance, and feature parameters that compete (Liu et al. 2018, section 5).
@@ -356,7 +356,7 @@ const FilterEntry entry =
         .statistics(Statistics::kVariance)
         .features()
         .feature_set(&SobelGuided::feature_set)
-        .paper("spikes=literal")
+        .paper("gamma-1=0.2,feature-set=all,spikes=literal")
         .carries()
         .produces(layer::sampling_map)
         .settles([](Layers& result) {

@@ -12,7 +12,7 @@ namespace {
 struct Welch {
   int search_radius = 20;
   float sigma_spatial = 3;
-  float significance = 0.005f, lambda = 0.5f;
+  float significance = 5e-4f, lambda = 0.5f;
   float sigma_albedo = 0.02f, sigma_direction = 0.1f, sigma_other = 0.1f;
 };
 
@@ -93,7 +93,7 @@ const FilterEntry entry =
             "without, "
             "the eight bucket means are, which are closer to normal and fewer. The weights of the "
             "features are Gaussians, their variances the parameters.")
-        .paper("sigma-spatial=10")
+        .paper("sigma-spatial=10,significance=0.005")
         .statistics(Statistics::kBuckets)
         .can_use_records()
         .features()

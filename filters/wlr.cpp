@@ -164,21 +164,26 @@ class Regression {
 
   std::array<double, 3> estimate(int x, int y, const Window& w, std::vector<double>& l, double h) const {
     hat(w, h, l);
-    const auto sum = [&](size_t c) {
-      double total = 0;
-      for (size_t i = 0; i < l.size(); ++i) total += l[i] * (*frame_.values[c])(w.places[i].x, w.places[i].y);
+    const auto sums = [&](const RgbPlanes& planes) {
+      std::array<double, 3> total{};
+      for (size_t i = 0; i < l.size(); ++i)
+        for (size_t c = 0; c < 3; ++c) total[c] += l[i] * (*planes[c])(w.places[i].x, w.places[i].y);
       return total;
     };
-    std::array<double, 3> out = {sum(0), sum(1), sum(2)};
+    // The signal decides, so that layers that are carried along get its weights.
+    const std::array<double, 3> line = sums(frame_.signal);
     bool below = false;
-    for (size_t c = 0; c < 3; ++c) below |= out[c] < 0 && (*frame_.values[c])(x, y) >= 0;
-    if (!below) return out;
+    for (size_t c = 0; c < 3; ++c) below |= line[c] < 0 && (*frame_.signal[c])(x, y) >= 0;
+    if (!below) return frame_.carries() ? sums(frame_.values) : line;
     // A line that leads below black: its positive weights alone are an average.
     double total = 0;
-    for (double& v : l) v = std::max(v, 0.0), total += v;
+    for (double& v : l) {
+      v = std::max(v, 0.0);
+      total += v;
+    }
     if (total > 0)
       for (double& v : l) v /= total;
-    return {sum(0), sum(1), sum(2)};
+    return sums(frame_.values);
   }
 
  private:

@@ -243,7 +243,7 @@ TEST(CommonRules, WhatIsMissingIsNamedWithTheWayToGetIt) {
   EXPECT_TRUE(holds(message("nl_means", bare, spatial), "buffers=one works without"));
   EXPECT_TRUE(holds(message("nfor", without("half_")), "the two half images"));
   EXPECT_TRUE(holds(message("welch", without("bucket_")), "--buckets"));
-  EXPECT_TRUE(holds(message("virtual_flash", without("flash")), "needs the layer 'flash'"));
+  EXPECT_TRUE(holds(message("virtual_flash:guide=flash", without("flash")), "needs the layer 'flash'"));
   EXPECT_EQ(message("virtual_flash:guide=signal", without("flash")), "");
   EXPECT_TRUE(holds(message("random_parameter", frame), "--records OUT.records"));
   EXPECT_TRUE(holds(message("gaussian:choose=per-pixel", bare), "--noise spatial"));

@@ -111,7 +111,7 @@ TEST(SampleCounts, EachPixelsOwnDecides) {
   const Layers few = frame_with([](int, int, size_t) { return 4.0f; }),
                many = frame_with([](int, int, size_t) { return 64.0f; }),
                mixed = frame_with([](int x, int, size_t) { return x < 65 ? 4.0f : 64.0f; });
-  for (const std::string name : {"virtual_flash", "sbf:scale=0.5", "wlr", "sobel_guided"}) {
+  for (const std::string name : {"virtual_flash", "sbf:scale=0.5"}) {
     const FilterSettings f = parse_filter(name);
     const Layers a = apply_filter(f, few, {}, {}), b = apply_filter(f, many, {}, {}),
                  c = apply_filter(f, mixed, {}, {});

@@ -63,7 +63,7 @@ TEST(Registry, WhatIsNamedStandsAboveAPresetWhateverTheOrder) {
 
 TEST(Registry, ParametersAreSetAndChecked) {
   const FilterSettings s = parse_filter("bilateral:sigma-range=12.5,average=linear");
-  EXPECT_EQ(s.text(), "radius=6 sigma-domain=2 sigma-range=12.5 noise-factor=0 average=linear");
+  EXPECT_EQ(s.text(), "radius=6 sigma-domain=1.5 sigma-range=12.5 noise-factor=0 average=linear");
   EXPECT_TRUE(holds(error_of("bilatral"), "no filter 'bilatral'; did you mean 'bilateral'?")) << error_of("bilatral");
   EXPECT_TRUE(holds(error_of("bilateral:sigma-rang=1"), "no parameter 'sigma-rang'; did you mean 'sigma-range'?"));
   EXPECT_TRUE(holds(error_of("bilateral:sigma-range=-1"), "expected a number in 0 .. 1000 Lab units"));
