@@ -7,7 +7,7 @@ namespace brume {
 namespace {
 
 struct Guided {
-  int radius = 3;
+  int radius = 2;
   float epsilon = 1e-2f;
   FeatureSet feature_set = FeatureSet::kAll;
 };

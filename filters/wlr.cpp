@@ -11,7 +11,7 @@ namespace brume {
 namespace {
 
 struct Wlr {
-  int radius = 9, curvature_radius = 5;
+  int radius = 5, curvature_radius = 5;
   float rejection = 3;
   FeatureSet feature_set = FeatureSet::kOpacity;
 };
@@ -251,7 +251,7 @@ const FilterEntry entry =
         .statistics(Statistics::kVariance)
         .features()
         .feature_set(&Wlr::feature_set)
-        .paper("feature-set=all")
+        .paper("radius=9,feature-set=all")
         .carries()
         .param("radius", &Wlr::radius, {1, 20}, "px", "half width of a window", {5, 9})
         .param("curvature-radius", &Wlr::curvature_radius, {1, 20}, "px", "half width of the window for the curvature")
