@@ -164,7 +164,7 @@ TEST(Claims, VirtualFlashKeepsWhatTheOtherFeaturesMiss) {
   Layers frame = sampled_frame(110, 100, 8, 0.5, 6, shadow);
   put(frame, layer::flash, "", [&](int x, int y, size_t c) { return 2 * shadow(x, y, c); });
   put(frame, layer::flash, statistic::mean_variance, [](int, int, size_t) { return 1e-4f; });
-  const double flash = rms_of("virtual_flash:guide=flash,agreement=one", frame, shadow),
+  const double flash = rms_of("virtual_flash:guide=flash,agreement=one,large-radius=15", frame, shadow),
                features = rms_of("sbf:preset=paper", frame, shadow);
   EXPECT_LT(flash, 0.6 * features);
 }
