@@ -32,7 +32,8 @@ std::vector<FilterSettings> every_filter() {
   for (const FilterEntry* e : all_filters()) {
     add(*e);
     const FilterSettings defaults(*e);
-    for (const Parameter& p : e->parameters)
+    for (const Parameter& p : e->parameters) {
+      if (p.name == "feature-set") continue;  // which features there are is decided before the filter
       for (const std::string& choice : p.choices) {
         if (Parameter::text(defaults.get(p)) == choice) continue;
         add(*e).set(p.name, choice);
@@ -41,6 +42,7 @@ std::vector<FilterSettings> every_filter() {
           list.back().set("domain", "log-luminance");
         }
       }
+    }
     if (e->find("feature-strength")) add(*e).set("feature-strength", "0.6");
     for (const Preset& preset : e->presets)
       if (!preset.settings.empty()) add(*e).set("preset", preset.name);
