@@ -128,7 +128,7 @@ const FilterEntry entry =
             "of the "
             "weight on the centre. Swapped (2 px, 0.4 in log luminance) they span the 13 x 13 window the comparisons "
             "use, and are "
-            "the default of `log-luminance`; the literal pair is `sigma-domain=0.4 sigma-range=2`.")
+            "what zeros stand for with `log-luminance`; the literal pair is `sigma-domain=0.4 sigma-range=2`.")
         .paper("sigma-domain=0,average=domain")
         .param("domain", &ExtendedBilateral::domain, {"lab", "log-luminance"},
                "what is compared: CIE-Lab, or the logarithm of luminance as published")

@@ -33,7 +33,7 @@ const FilterEntry entry =
             "Time does not depend on the radius much.")
         .needs_features()
         .feature_set(&Guided::feature_set)
-        .paper("radius=5,epsilon=0.001")
+        .preset("paper", "a usual choice, the paper giving none for this use", "radius=5,epsilon=0.001")
         .carries()
         .param("radius", &Guided::radius, {1, 32}, "px", "half width of a window", {1, 2, 3, 5, 8})
         .param("epsilon", &Guided::epsilon, {0, 100}, "feature^2", "ridge; features have range 1",

@@ -53,8 +53,7 @@ std::vector<std::pair<std::string, std::string>> parse_assignments(std::string_v
   if (text.empty()) return assignments;
   for (const std::string& assignment : split(std::string(text), ',')) {
     const size_t equals = assignment.find('=');
-    if (equals == std::string::npos)
-      throw InputError(fmt::format("'{}' in '{}': expected parameter=value", assignment, text));
+    if (equals == std::string::npos) throw InputError(fmt::format("'{}': expected parameter=value", assignment));
     assignments.emplace_back(assignment.substr(0, equals), assignment.substr(equals + 1));
   }
   return assignments;

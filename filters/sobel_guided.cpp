@@ -347,9 +347,11 @@ const FilterEntry entry =
         .notes(
             "The published fit takes the width 0.1 px into the variance's law of 1 / a^2, which a kernel that small "
             "does "
-            "not follow, and leaves out the fitted constant of the bias: `fit=repaired` does neither. The published "
+            "not follow, and leaves out the fitted constant of the bias: `fit=repaired` does neither, and yet lost on "
+            "every frame tried, so that the published fit is the default. The published "
             "spike test, one deviation, takes a third of plain noise for spikes: `spikes=repaired` asks for three, of "
-            "the other pixels, and for brightness. Media features: opacity, albedo and single scattering for the "
+            "the other pixels, and for brightness; the default `keep` keeps the light of all. Media features: opacity, "
+            "albedo and single scattering for the "
             "texture, the density gradient for the normal, depth for depth. The layer `sampling_map` says where the "
             "next "
             "samples are worth most.")
