@@ -207,8 +207,9 @@ void add_evaluate(CLI::App& app, Common& common, Commands& commands) {
   command
       ->add_option("-f,--filter", o.filters, "compare only these: NAME, or NAME:parameter=value,... to fix parameters")
       ->allow_extra_args(false);
+  o.common.component = "indirect";  // the papers' protocol
   o.common.add_to(*command);
-  command->add_flag("--no-tuning", o.no_tuning, "published parameters only");
+  command->add_flag("--no-tuning", o.no_tuning, "published and default parameters only");
   command->add_flag("--json", common.json, "the table as JSON on stdout");
   commands[command] = [&common] { return run(common); };
 }

@@ -44,10 +44,11 @@ endif()
 # Debian's FindOpenVDB pulls in every optional component; the loader needs the library and its headers only.
 find_path(OPENVDB_INCLUDE_DIR openvdb/openvdb.h)
 find_library(OPENVDB_LIBRARY openvdb)
-# OpenVDB's headers include Boost's, which its Debian package does not bring.
-find_path(BOOST_INCLUDE_DIR boost/numeric/conversion/conversion_traits.hpp)
+# OpenVDB's headers include Boost's, which its Debian package does not bring; the filters take Student's quantiles from
+# Boost.Math.
+find_path(BOOST_INCLUDE_DIR boost/math/distributions/students_t.hpp)
 if(NOT BOOST_INCLUDE_DIR)
-  brume_missing("Boost (for OpenVDB's headers)" libboost-dev)
+  brume_missing(Boost libboost-dev)
 endif()
 if(NOT OPENVDB_INCLUDE_DIR OR NOT OPENVDB_LIBRARY)
   brume_missing(OpenVDB "libopenvdb-dev libboost-dev libblosc-dev")

@@ -8,6 +8,7 @@
 
 #include "base/error.h"
 #include "filters/kernels/lab.h"
+#include "filters/student.h"
 #include "image/color.h"
 
 namespace brume {
@@ -168,16 +169,6 @@ Plane LabRms::error_map(const RgbPlanes& x) const {
   return map;
 }
 
-double student_t_975(size_t dof) {
-  // Table for small samples; beyond it the Cornish-Fisher expansion of the normal quantile is exact to 1e-4.
-  static constexpr double kTable[] = {12.7062, 4.3027, 3.1824, 2.7764, 2.5706, 2.4469, 2.3646, 2.3060, 2.2622, 2.2281};
-  if (dof == 0) return std::numeric_limits<double>::infinity();
-  if (dof <= std::size(kTable)) return kTable[dof - 1];
-  const double z = 1.959964, n = static_cast<double>(dof), z3 = z * z * z, z5 = z3 * z * z, z7 = z5 * z * z;
-  return z + (z3 + z) / (4 * n) + (5 * z5 + 16 * z3 + 3 * z) / (96 * n * n) +
-         (3 * z7 + 19 * z5 + 17 * z3 - 15 * z) / (384 * n * n * n);
-}
-
 MeanInterval mean_interval(const std::vector<double>& values) {
   MeanInterval result{0, 0, values.size()};
   if (values.empty()) return result;
@@ -185,7 +176,7 @@ MeanInterval mean_interval(const std::vector<double>& values) {
   for (const double v : values) result.mean += v / n;
   double squares = 0;
   for (const double v : values) squares += (v - result.mean) * (v - result.mean);
-  if (values.size() > 1) result.half_width = student_t_975(values.size() - 1) * std::sqrt(squares / (n - 1) / n);
+  if (values.size() > 1) result.half_width = student_quantile(0.95, n - 1) * std::sqrt(squares / (n - 1) / n);
   return result;
 }
 

@@ -68,7 +68,5 @@ struct MeanInterval {
   size_t count = 0;
 };
 MeanInterval mean_interval(const std::vector<double>& values);
-/// Quantile 0.975 of Student's t.
-double student_t_975(size_t degrees_of_freedom);
 
 }  // namespace brume

@@ -44,9 +44,10 @@ std::string error_seconds_plot(const SceneResult& scene) {
   for (const MethodResult& m : scene.methods) searched = searched || m.tuning == Tuning::kSearched;
   std::map<std::string, size_t> colour;
   for (const MethodResult& m : scene.methods) {
-    if (m.tuning == Tuning::kTransfer) continue;
-    const bool dotted = searched && m.tuning == Tuning::kPaper;
-    const std::string name = m.label() + (dotted ? " (paper)" : "");
+    // Searched parameters where there are any, dotted beside them the defaults.
+    if (m.tuning == Tuning::kTransfer || m.tuning == Tuning::kPaper) continue;
+    const bool dotted = searched && m.tuning == Tuning::kDefault;
+    const std::string name = m.label() + (dotted ? " (default)" : "");
     colour.emplace(m.label(), colour.size());
     auto it = std::find_if(series.begin(), series.end(), [&](const Series& s) { return s.name == name; });
     if (it == series.end()) it = series.insert(series.end(), {name, dotted, {}});
@@ -79,7 +80,7 @@ std::string error_seconds_plot(const SceneResult& scene) {
       (kTop + kHeight - kBottom) / 2);
   double legend = kTop + 6;
   for (const Series& s : series) {
-    const std::string base = s.dotted ? s.name.substr(0, s.name.size() - 8) : s.name;
+    const std::string base = s.dotted ? s.name.substr(0, s.name.size() - 10) : s.name;
     const char* c = kColours[colour[base] % std::size(kColours)];
     std::string path;
     for (const auto& [px, py] : s.points) path += fmt::format("{:.1f},{:.1f} ", x.at(px), y.at(py));

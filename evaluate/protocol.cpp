@@ -21,9 +21,14 @@ constexpr int64_t kReferenceSeed = 1000001, kTuningSeed = 2000001, kNoisySeed = 
 /// One scene's frames while the protocol runs.
 struct Frames {
   TimedFrame reference[2];
-  std::vector<TimedFrame> tuning;                          // by spp
-  std::vector<std::vector<TimedFrame>> noisy;              // by spp, seed
-  std::vector<std::vector<std::vector<double>>> searches;  // by filter, spp: squared error of each setting
+  std::vector<TimedFrame> tuning;              // by spp
+  std::vector<std::vector<TimedFrame>> noisy;  // by spp, seed
+};
+
+/// What the search found for a contender at one spp of one scene.
+struct Found {
+  FilterSettings here;                      // on this scene's frame
+  std::optional<FilterSettings> elsewhere;  // on the other scenes' frames, where there are any
 };
 
 double median(std::vector<double> values) {
@@ -107,6 +112,8 @@ const char* tuning_name(Tuning tuning) {
   switch (tuning) {
     case Tuning::kPaper:
       return "paper";
+    case Tuning::kDefault:
+      return "default";
     case Tuning::kSearched:
       return "searched";
     case Tuning::kTransfer:
@@ -124,9 +131,10 @@ const MethodResult* SceneResult::find(const std::string& filter, Tuning tuning, 
 
 /// Whether any of the settings that will run reads features.
 bool reads_features(const Contender& contender, bool tune) {
-  if (contender.settings.uses_features() || !tune) return contender.settings.uses_features();
-  const std::vector<FilterSettings> grid = search_grid(contender);
-  return std::any_of(grid.begin(), grid.end(), [](const FilterSettings& s) { return s.uses_features(); });
+  if (contender.settings.uses_features() || (contender.paper && contender.paper->uses_features())) return true;
+  if (!tune) return false;
+  const std::vector<FilterSettings> all = candidate_settings(contender);
+  return std::any_of(all.begin(), all.end(), [](const FilterSettings& s) { return s.uses_features(); });
 }
 
 RecordedData data_to_record(const EvaluationSettings& settings) {
@@ -195,21 +203,31 @@ Evaluation evaluate(const std::vector<EvaluationScene>& scenes, const Evaluation
   const auto options = [&](size_t s) {
     return ApplyOptions{settings.component, settings.background, scenes[s].exposure};
   };
-  std::vector<std::vector<FilterSettings>> grids;
-  for (const Contender& contender : settings.contenders) grids.push_back(search_grid(contender));
+  std::vector<std::vector<TuningFrame>> tuning_frames(scenes.size());  // by scene, spp
   if (settings.tune)
     for (size_t s = 0; s < scenes.size(); ++s) {
       const RgbPlanes r1 = all[s].reference[0].layers.rgb(layer::beauty),
                       r2 = all[s].reference[1].layers.rgb(layer::beauty);
       const LabRms metric(r1, &r2, result.scenes[s].policy, {});
-      for (size_t f = 0; f < grids.size(); ++f) {
-        auto& by_spp = all[s].searches.emplace_back();
-        for (size_t k = 0; k < settings.spp.size(); ++k)
-          by_spp.push_back(search(grids[f], all[s].tuning[k].layers, all[s].tuning[k].records, options(s), metric,
-                                  stage(fmt::format("{}: tune {}, {} spp", scenes[s].name, settings.contenders[f].label,
-                                                    settings.spp[k]))));
-      }
+      for (const TimedFrame& noisy : all[s].tuning)
+        tuning_frames[s].emplace_back(noisy.layers, noisy.records, options(s), metric);
     }
+  const auto find = [&](size_t s, size_t k, const Contender& contender) {
+    const Task task = stage(fmt::format("{}: tune {}, {} spp", scenes[s].name, contender.label, settings.spp[k]));
+    std::vector<TuningFrame*> others;
+    for (size_t o = 0; o < scenes.size(); ++o)
+      if (o != s) others.push_back(&tuning_frames[o][k]);
+    Found found{search(contender, {&tuning_frames[s][k]}, share(task, 0, others.empty() ? 1 : 0.5)), {}};
+    if (!others.empty()) found.elsewhere = search(contender, others, share(task, 0.5, 1));
+    return found;
+  };
+  std::vector<std::vector<std::vector<Found>>> found(scenes.size());  // by scene, spp, contender
+  if (settings.tune)
+    for (size_t s = 0; s < scenes.size(); ++s)
+      for (size_t k = 0; k < settings.spp.size(); ++k) {
+        std::vector<Found>& list = found[s].emplace_back();
+        for (const Contender& contender : settings.contenders) list.push_back(find(s, k, contender));
+      }
 
   for (size_t s = 0; s < scenes.size(); ++s) {
     SceneResult& scene = result.scenes[s];
@@ -217,26 +235,31 @@ Evaluation evaluate(const std::vector<EvaluationScene>& scenes, const Evaluation
     size_t done = 0;
     const size_t total = settings.spp.size() * (1 + settings.contenders.size());
     for (size_t k = 0; k < settings.spp.size(); ++k) {
-      const auto add = [&](const FilterSettings* filter, Tuning tuning) -> MethodResult& {
-        scene.methods.push_back(measure(all[s].noisy[k], filter, options(s), scene, all[s], quiet(task)));
-        scene.methods.back().spp = settings.spp[k];
-        scene.methods.back().tuning = tuning;
-        return scene.methods.back();
+      const auto add = [&](const Contender* contender, const FilterSettings* filter, Tuning tuning) {
+        const auto same = std::find_if(scene.methods.begin(), scene.methods.end(), [&](const MethodResult& m) {
+          return contender && m.filter == contender->label && m.spp == settings.spp[k] &&
+                 m.parameters == filter->text();
+        });
+        // What has been measured is not measured again.
+        MethodResult m = same != scene.methods.end()
+                             ? *same
+                             : measure(all[s].noisy[k], filter, options(s), scene, all[s], quiet(task));
+        m.spp = settings.spp[k];
+        m.tuning = tuning;
+        m.edges.clear();
+        if (contender) m.filter = contender->label;
+        if (tuning == Tuning::kSearched) m.edges = on_the_edge(*contender, *filter);
+        scene.methods.push_back(std::move(m));
       };
-      add(nullptr, Tuning::kNone);
+      add(nullptr, nullptr, Tuning::kNone);
       task.report(static_cast<double>(++done) / static_cast<double>(total));
-      for (size_t f = 0; f < grids.size(); ++f) {
+      for (size_t f = 0; f < settings.contenders.size(); ++f) {
         const Contender& contender = settings.contenders[f];
-        add(&contender.settings, Tuning::kPaper).filter = contender.label;
+        if (contender.paper) add(&contender, &*contender.paper, Tuning::kPaper);
+        add(&contender, &contender.settings, Tuning::kDefault);
         if (settings.tune) {
-          const FilterSettings& best = grids[f][best_setting({&all[s].searches[f][k]})];
-          MethodResult& searched = add(&best, Tuning::kSearched);
-          searched.filter = contender.label;
-          searched.edges = on_the_edge(contender, best);
-          std::vector<const std::vector<double>*> others;
-          for (size_t o = 0; o < scenes.size(); ++o)
-            if (o != s) others.push_back(&all[o].searches[f][k]);
-          if (!others.empty()) add(&grids[f][best_setting(others)], Tuning::kTransfer).filter = contender.label;
+          add(&contender, &found[s][k][f].here, Tuning::kSearched);
+          if (found[s][k][f].elsewhere) add(&contender, &*found[s][k][f].elsewhere, Tuning::kTransfer);
         }
         task.report(static_cast<double>(++done) / static_cast<double>(total));
       }

@@ -39,9 +39,10 @@ struct EvaluationSettings {
 /// How a method's parameters came about.
 enum class Tuning {
   kNone,      ///< unfiltered path tracing
-  kPaper,     ///< the defaults, which are the paper's where it gives them
-  kSearched,  ///< best of the exhaustive search on a separate noisy frame of the same scene and spp
-  kTransfer,  ///< best of the same search on the other scenes of this run
+  kPaper,     ///< the filter's preset `paper`: as published
+  kDefault,   ///< our defaults
+  kSearched,  ///< found by the search on a separate noisy frame of the same scene and spp
+  kTransfer,  ///< found by the same search on the other scenes of this run
 };
 const char* tuning_name(Tuning tuning);
 

@@ -53,11 +53,6 @@ double speed_up(const MethodResult& m, const MethodResult& plain) {
   return m.whole.mean > 0 ? equal_seconds / (m.render_seconds + m.filter_seconds) : 0.0;
 }
 
-/// "paper" only where the gradient-kernel paper gives the parameters.
-std::string origin(const MethodResult& m) {
-  return m.tuning == Tuning::kPaper && !paper_numbers("cloud", m.filter, 16) ? "default" : tuning_name(m.tuning);
-}
-
 /// File name part of a method.
 std::string file_name(const MethodResult& m) {
   std::string name = m.filter.empty() ? "noisy" : m.filter + "_" + tuning_name(m.tuning);
@@ -103,8 +98,8 @@ std::string scene_table(const SceneResult& scene, const Evaluation& e) {
                              ? paper_numbers(scene.name, m.filter, spp)
                              : std::nullopt;
       text += fmt::format(
-          "| {} | {} | {} | {} | {} | {:+.2f} % | {} | {:.3f} | {} | {} | {} |\n", spp, m.label(), origin(m),
-          interval(m.whole), interval(m.medium), 100 * m.relative_bias,
+          "| {} | {} | {} | {} | {} | {:+.2f} % | {} | {:.3f} | {} | {} | {} |\n", spp, m.label(),
+          tuning_name(m.tuning), interval(m.whole), interval(m.medium), 100 * m.relative_bias,
           m.filter.empty() ? "" : fmt::format("{:.1f}", 1e3 * m.filter_seconds), m.render_seconds + m.filter_seconds,
           m.filter.empty() ? "1" : fmt::format("{:.1f}", speed_up(m, *scene.find("", Tuning::kNone, spp))),
           paper ? fmt::format("{:.2f}", paper->rms) : "",
@@ -113,10 +108,39 @@ std::string scene_table(const SceneResult& scene, const Evaluation& e) {
   return text;
 }
 
+/// One line for each filter, with every tuning's error side by side.
+std::string summary_table(const SceneResult& scene, const Evaluation& e) {
+  std::vector<Tuning> tunings = {Tuning::kPaper, Tuning::kDefault};
+  if (e.settings.tune) tunings.push_back(Tuning::kSearched);
+  if (e.settings.tune && e.scenes.size() > 1) tunings.push_back(Tuning::kTransfer);
+  std::string head = "| filter", rule = "|---";
+  for (const int spp : e.settings.spp)
+    for (const Tuning tuning : tunings) {
+      head += fmt::format(" | {} spp, {}", spp, tuning_name(tuning));
+      rule += "|---:";
+    }
+  std::string text = fmt::format("\n## {}, every filter\n\nLab RMS of the whole frame.\n\n{} | ms |\n{}|---:|\n",
+                                 scene.name, head, rule);
+  const auto line = [&](const std::string& filter) {
+    text += "| " + (filter.empty() ? "path tracing" : filter);
+    double seconds = 0;
+    for (const int spp : e.settings.spp)
+      for (const Tuning tuning : tunings) {
+        const MethodResult* m = scene.find(filter, filter.empty() ? Tuning::kNone : tuning, spp);
+        text += m ? " | " + interval(m->whole) : " | ";
+        if (m && tuning == Tuning::kDefault) seconds = m->filter_seconds;
+      }
+    text += filter.empty() ? " |  |\n" : fmt::format(" | {:.1f} |\n", 1e3 * seconds);
+  };
+  line("");
+  for (const Contender& contender : e.settings.contenders) line(contender.label);
+  return text;
+}
+
 /// The winner of each spp, and whether it leads the second by more than the noise of the seeds.
 std::string winners(const SceneResult& scene, const Evaluation& e) {
   std::string text;
-  for (const Tuning tuning : {Tuning::kPaper, Tuning::kSearched, Tuning::kTransfer})
+  for (const Tuning tuning : {Tuning::kPaper, Tuning::kDefault, Tuning::kSearched, Tuning::kTransfer})
     for (const int spp : e.settings.spp) {
       const MethodResult *first = nullptr, *second = nullptr;
       for (const MethodResult& m : scene.methods) {
@@ -186,11 +210,10 @@ std::string markdown_report(const Evaluation& e) {
       "# Filters on media passes\n\n"
       "The protocol of Table 1 of Xu et al. 2011: each filter cleans the {} of path-traced frames and is judged by the "
       "RMS in CIE-Lab (their equation "
-      "3). `paper` parameters are the published ones (the trilateral's sigma_R, which no source gives, is 10), "
-      "`default` are "
-      "ours where nothing is published; `searched` are the best of an exhaustive search on a separate "
-      "noisy frame of the same scene and spp, "
-      "which is how the paper tuned the rivals; `transfer` are the best of that search on the other scenes. Pixels "
+      "3). `paper` parameters are the filter's preset of that name, as published (the trilateral's sigma_R, which no "
+      "source gives, is 10); `default` are ours; `searched` are found by a search on a separate noisy frame of the "
+      "same scene and spp, one parameter after another from the better of both; `transfer` by the same search on the "
+      "other scenes. Pixels "
       "without coverage {}. "
       "Errors are means over {} seeds with the half width of a 95 % interval. Times were taken on {}; the paper's on a "
       "2 GHz Pentium E2180, and its scenes are "
@@ -203,6 +226,7 @@ std::string markdown_report(const Evaluation& e) {
       e.settings.background == BackgroundRule::kBilateral ? "get the bilateral filter, as there"
                                                           : "are filtered like the rest",
       e.settings.seeds, e.machine);
+  for (const SceneResult& scene : e.scenes) text += summary_table(scene, e);
   for (const SceneResult& scene : e.scenes) text += scene_table(scene, e);
   text +=
       "\n## Which filter wins\n\n| scene | parameters | spp | best (Lab RMS) | second | lead, paired over seeds "
@@ -211,9 +235,8 @@ std::string markdown_report(const Evaluation& e) {
   text +=
       "\n## Does the paper's order hold?\n\nIt finds its gradient-kernel filter below the bilateral and extended "
       "bilateral at every spp, close to the "
-      "trilateral, at under a sixth of the trilateral's time. The filter here is the published, additive one; "
-      "`searched` varies "
-      "its sigmas only. Differences of Lab RMS are paired over seeds; below zero "
+      "trilateral, at under a sixth of the trilateral's time. `paper` compares all four as published. Differences of "
+      "Lab RMS are paired over seeds; below zero "
       "the gradient kernel is better.\n\n"
       "| scene | parameters | spp | against | RMS difference | gradient kernel better? | its time / theirs "
       "|\n|---|---|---:|---|---:|---|---:|\n";
@@ -225,14 +248,14 @@ std::string markdown_report(const Evaluation& e) {
   for (const SceneResult& scene : e.scenes)
     for (const MethodResult& m : scene.methods)
       if (!m.filter.empty())
-        text += fmt::format("| {} | {} | {} | {} | `{}` | {} |\n", scene.name, m.spp, m.filter, origin(m), m.parameters,
-                            join(m.edges));
+        text += fmt::format("| {} | {} | {} | {} | `{}` | {} |\n", scene.name, m.spp, m.filter, tuning_name(m.tuning),
+                            m.parameters, join(m.edges));
   text += "\n## Pictures\n\n";
   for (const SceneResult& scene : e.scenes) {
     text += fmt::format("![{0}: error against seconds]({0}_error_seconds.svg)\n\n", scene.name);
     for (const int spp : e.settings.spp)
       text += fmt::format("![{0}, {1} spp]({0}_{1}spp_{2}.png)\n\n", scene.name, spp,
-                          e.settings.tune ? "searched" : "paper");
+                          tuning_name(e.settings.tune ? Tuning::kSearched : Tuning::kDefault));
   }
   return text;
 }
@@ -245,12 +268,12 @@ std::string csv_report(const Evaluation& e) {
   for (const SceneResult& scene : e.scenes)
     for (const MethodResult& m : scene.methods) {
       const auto paper = paper_numbers(scene.name, m.filter, m.spp);
-      text +=
-          fmt::format("{},{},{},{},{:.6g},{:.6g},{:.6g},{:.6g},{:.6g},{:.6g},{:.6g},{:.6g},{:.6g},{},{},{}\n",
-                      scene.name, m.spp, m.label(), origin(m), m.whole.mean, m.whole.half_width, m.medium.mean,
-                      m.medium.half_width, m.rel_mse_medium.mean, m.relative_bias, m.render_seconds, m.filter_seconds,
-                      speed_up(m, *scene.find("", Tuning::kNone, m.spp)), paper ? fmt::format("{}", paper->rms) : "",
-                      paper && paper->seconds > 0 ? fmt::format("{}", paper->seconds) : "", m.parameters);
+      text += fmt::format("{},{},{},{},{:.6g},{:.6g},{:.6g},{:.6g},{:.6g},{:.6g},{:.6g},{:.6g},{:.6g},{},{},{}\n",
+                          scene.name, m.spp, m.label(), tuning_name(m.tuning), m.whole.mean, m.whole.half_width,
+                          m.medium.mean, m.medium.half_width, m.rel_mse_medium.mean, m.relative_bias, m.render_seconds,
+                          m.filter_seconds, speed_up(m, *scene.find("", Tuning::kNone, m.spp)),
+                          paper ? fmt::format("{}", paper->rms) : "",
+                          paper && paper->seconds > 0 ? fmt::format("{}", paper->seconds) : "", m.parameters);
     }
   return text;
 }
@@ -262,7 +285,7 @@ std::string json_report(const Evaluation& e) {
     for (const MethodResult& m : scene.methods) {
       json j = {{"spp", m.spp},
                 {"method", m.label()},
-                {"tuning", origin(m)},
+                {"tuning", tuning_name(m.tuning)},
                 {"at_the_edge", m.edges},
                 {"parameters", m.parameters},
                 {"lab_rms", to_json(m.whole)},
@@ -300,7 +323,7 @@ void write_report(const Evaluation& e, const std::filesystem::path& folder) {
     write_text(folder / fmt::format("{}_error_seconds.svg", scene.name), error_seconds_plot(scene));
     write_exr(folder / fmt::format("{}_reference.exr", scene.name), scene.reference);
     for (const int spp : e.settings.spp)
-      for (const Tuning tuning : {Tuning::kPaper, Tuning::kSearched, Tuning::kTransfer}) {
+      for (const Tuning tuning : {Tuning::kPaper, Tuning::kDefault, Tuning::kSearched, Tuning::kTransfer}) {
         if (const auto strip = comparison_strip(scene, spp, tuning))
           write_png(folder / fmt::format("{}_{}spp_{}.png", scene.name, spp, tuning_name(tuning)), *strip);
       }

@@ -1,5 +1,7 @@
 #pragma once
 #include <filesystem>
+#include <map>
+#include <optional>
 
 #include "evaluate/metric.h"
 #include "filters/apply.h"
@@ -10,8 +12,9 @@ namespace brume {
 /// filter.
 struct Contender {
   FilterSettings settings;
-  std::vector<std::string> fixed;  ///< parameters that the search leaves alone
-  std::string label;               ///< "gradient_kernel", "gradient_kernel mul"
+  std::vector<std::string> fixed;         ///< parameters that the search leaves alone
+  std::string label;                      ///< "gradient_kernel", "gradient_kernel mul"
+  std::optional<FilterSettings> paper{};  ///< as published; none where parameters are fixed, which is our own choice
 };
 
 /// "NAME" or "NAME:parameter=value,...". @throws InputError
@@ -19,19 +22,36 @@ Contender parse_contender(const std::string& text);
 /// Every filter at its defaults that needs no records, and what its declaration also compares.
 std::vector<Contender> all_contenders();
 
-/// Every combination of a contender's candidate values, the rest as it has them, in a fixed order.
-std::vector<FilterSettings> search_grid(const Contender& contender);
+/// Every setting that the search of a contender may try: each candidate of each searched parameter, the rest as the
+/// contender has them.
+std::vector<FilterSettings> candidate_settings(const Contender& contender);
 
 /// The parameters of a search's result that lie on the edge of their candidates: there the optimum may be further out.
 std::vector<std::string> on_the_edge(const Contender& contender, const FilterSettings& found);
 
-/// The squared Lab error of each setting on one frame, in the grid's order. Settings run in parallel, each on one
-/// thread; filters that take long by themselves one after another on all of them.
-std::vector<double> search(const std::vector<FilterSettings>& grid, const Layers& frame,
-                           const std::filesystem::path& records, const ApplyOptions& options, const LabRms& metric,
-                           const Task& task);
+/// A noisy frame whose truth is known. Remembers the error of each setting, so that none runs twice.
+class TuningFrame {
+ public:
+  TuningFrame(const Layers& frame, std::filesystem::path records, const ApplyOptions& options, LabRms metric)
+      : frame_(&frame), records_(std::move(records)), options_(options), metric_(std::move(metric)) {}
+  /// The squared Lab error of each setting. Settings run in parallel, each on one thread; filters that hold much at a
+  /// time one after another on all of them.
+  std::vector<double> squared_errors(const std::vector<FilterSettings>& settings, const Task& task);
 
-/// Index of the smallest geometric mean over several searches of one grid: the setting that is best for all of them.
-size_t best_setting(const std::vector<const std::vector<double>*>& searches);
+ private:
+  double measure(const FilterSettings& settings, const Task& task) const;
+
+  const Layers* frame_;
+  std::filesystem::path records_;
+  ApplyOptions options_;
+  LabRms metric_;
+  std::map<std::string, double> known_;  // by filter and parameters
+};
+
+/// Coordinate search for the smallest geometric mean of the errors over some frames: from the better of the defaults
+/// and the published parameters, one parameter after another takes the best of its candidates, round by round until a
+/// round changes nothing, four at most. A value changes only for a smaller error, so that the result does not depend on
+/// the order of equals.
+FilterSettings search(const Contender& contender, std::vector<TuningFrame*> frames, const Task& task);
 
 }  // namespace brume

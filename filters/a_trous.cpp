@@ -13,8 +13,8 @@ namespace brume {
 namespace {
 
 struct ATrous {
-  int levels = 5;
-  float sigma_color = 20, sigma_gradient = 0.3f, sigma_depth = 0.1f, sigma_opacity = 0.1f, sigma_other = 0.3f;
+  int levels = 2;
+  float sigma_color = 80, sigma_gradient = 1, sigma_depth = 0.1f, sigma_opacity = 0.1f, sigma_other = 0.3f;
 };
 
 /// The B3 spline's 25 taps, spaced 2^level.
@@ -103,6 +103,7 @@ const FilterEntry entry =
             "Level i spreads its 25 taps 2^i pixels apart; the colour term tightens and the direction term widens by 2 "
             "per level, as published. Colours are compared in CIE-Lab, the density gradient's direction stands for the "
             "normal, depth and opacity for the position.")
+        .paper("levels=5,sigma-color=20,sigma-gradient=0.3")
         .features()
         .carries()
         .param("levels", &ATrous::levels, {1, 8}, "", "passes", {1, 2, 3, 4, 5})

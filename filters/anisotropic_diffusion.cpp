@@ -8,9 +8,9 @@ namespace brume {
 namespace {
 
 struct AnisotropicDiffusion {
-  int iterations = 100;
+  int iterations = 20;
   float rate = 0.2f;
-  float sigma_color = 2, sigma_gradient = 0.1f, sigma_feature = 2;
+  float sigma_color = 4, sigma_gradient = 0, sigma_feature = 2;
 };
 
 // How often the conductances are computed anew, and by how much the propagated variance is held to be too small,
@@ -109,10 +109,11 @@ const FilterEntry entry =
             "The conductance between two pixels falls with their difference in units of its own variance, which "
             "diffuses along and falls, so that the flow stops by itself; with the angle between density gradients; "
             "and with the other features. Light is conserved.")
+        .paper("iterations=100,sigma-color=2,sigma-gradient=0.1")
         .statistics(Statistics::kVariance)
         .features()
         .carries()
-        .param("iterations", &AnisotropicDiffusion::iterations, {1, 1000}, "", "steps", {10, 30, 100})
+        .param("iterations", &AnisotropicDiffusion::iterations, {1, 1000}, "", "steps", {10, 20, 40, 100})
         .param("rate", &AnisotropicDiffusion::rate, {0.01, 0.25}, "1", "lambda, share that flows along an open edge")
         .param("sigma-color", &AnisotropicDiffusion::sigma_color, {0, 1000}, "deviations",
                "k_c, of colour difference over its noise; 0: off", {1, 2, 4})

@@ -58,7 +58,7 @@ struct Run {
 
 /// What is measured once for the whole of a signal.
 struct SignalLevel {
-  double luminance = 0, lab_noise = 0;
+  double typical_luminance = 0, lab_noise = 0;
 };
 
 /// A frame that is read: the one to clean, or another of the sequence. Not copied unless it has something to repair.
@@ -128,6 +128,7 @@ struct Totals {
   size_t not_finite = 0;
   double energy = 0;  // that the outlier rule took
   size_t outliers = 0;
+  std::set<std::pair<int, int>> repaired_records;
 };
 
 /// One signal of a tile with its statistics: views of the layers, and what had to be made.
@@ -171,16 +172,6 @@ void read_signal(Signal& s, const Layers& layers, const LayerName& name, const R
   s.removed = limit_outliers(s.own, run.options.outliers, task);
 }
 
-double mean_of_luminance(const RgbPlanes& p) {
-  double sum = 0;
-  for (int y = 0; y < p[0]->height(); ++y)
-    for (int x = 0; x < p[0]->width(); ++x) {
-      const double l = 0.265 * (*p[0])(x, y) + 0.670 * (*p[1])(x, y) + 0.065 * (*p[2])(x, y);
-      if (std::isfinite(l)) sum += l;
-    }
-  return sum / (static_cast<double>(p[0]->width()) * p[0]->height());
-}
-
 /// Everything that a filter is given of one frame, and what it points to.
 struct Prepared {
   Signal signal;
@@ -203,6 +194,7 @@ struct Prepared {
     frame.features = &features;
     frame.together = !run.options.carried.empty();
     frame.samples = source.samples;
+    frame.sample_count = layers.find(layer::sample_count.channel(0));
     frame.records = source.records;
     frame.frame_size = run.frame_size;
   }
@@ -213,13 +205,14 @@ using PreparedFrames = std::vector<std::unique_ptr<Prepared>>;
 
 /// One signal of a tile, in the frame to clean, which comes first, and in those nearby.
 PreparedFrames prepare(const Run& run, const std::vector<Source>& sources, const Tile& tile, const LayerName& name,
-                       const SignalLevel& level, const Task& task) {
+                       const SignalLevel& level, Totals& totals, const Task& task) {
   PreparedFrames prepared;
   for (size_t i = 0; i < sources.size(); ++i) {
     prepared.push_back(std::make_unique<Prepared>(run, sources[i], *tile.sources[i], name, task));
     FilterFrame& f = prepared.back()->frame;
     f.origin = {tile.outer.x0, tile.outer.y0};
-    f.mean_luminance = level.luminance;
+    f.repaired_records = &totals.repaired_records;
+    f.typical_luminance = level.typical_luminance;
     f.lab_noise = level.lab_noise;
   }
   for (size_t i = 1; i < sources.size(); ++i)
@@ -239,6 +232,7 @@ void clean_background(const FilterFrame& frame, Rgb& out, const Task& task) {
   const Plane& coverage = frame.layers.at(layer::coverage.channel(0));
   const int width = frame.width(), height = frame.height();
   FilterSettings bilateral(find_filter("bilateral"));
+  bilateral.set("preset", "paper");
   bilateral.set("average", "linear");
   Rgb other{Plane(width, height), Plane(width, height), Plane(width, height)};
   bilateral.run(frame, {&other[0], &other[1], &other[2]}, quiet(task));
@@ -267,7 +261,7 @@ Rgb filtered(const Run& run, const FilterFrame& frame, const Box& interior, cons
 /// layers, and its run leaves the products.
 void filter_signal(const Run& run, const std::vector<Source>& sources, const Tile& tile, const LayerName& name,
                    const SignalLevel& level, bool first_signal, Gathered& gathered, Totals& totals, const Task& task) {
-  const PreparedFrames prepared = prepare(run, sources, tile, name, level, task);
+  const PreparedFrames prepared = prepare(run, sources, tile, name, level, totals, task);
   FilterFrame& frame = prepared[0]->frame;
   const Box& interior = tile.interior;
   if (const Plane& removed = prepared[0]->signal.removed; !removed.empty())
@@ -414,15 +408,10 @@ FilterSettings usable_settings(const FilterSettings& requested, const ApplyOptio
   return filter;
 }
 
-/// @throws InputError for a filter that is of no use without features when none is worth anything
 FeaturePlan plan_features(const FilterSettings& filter, const Layers& source, const ApplyOptions& options,
                           const Task& task, ApplyReport& report) {
   if (!filter.uses_features()) return {};
-  FeaturePlan features(source, options.features, task);
-  if (filter.entry().needs_features && features.empty())
-    throw InputError(
-        fmt::format("filter {} is led by features, and this frame has none of use ({}); take another filter",
-                    filter.entry().name, features.note()));
+  FeaturePlan features = FeaturePlan::choose(source, options.features, filter.preferred_features(), task);
   report.notes.push_back(features.note());
   return features;
 }
@@ -441,7 +430,7 @@ std::vector<SignalLevel> measure_levels(const Run& run, const Layers& source, co
   std::vector<SignalLevel> levels;
   for (const LayerName& name : signals_of(run.options)) {
     SignalLevel& level = levels.emplace_back();
-    level.luminance = mean_of_luminance(source.rgb(name));
+    level.typical_luminance = typical_luminance(source.rgb(name));
     if (!run.filter.uses_noise_level()) continue;
     level.lab_noise = noise_level(source, name, run.options, source.find(layer::coverage.channel(0)), task);
     report.notes.push_back(fmt::format("noise of '{}': {:.3g} Lab units", name.label(), level.lab_noise));
@@ -502,6 +491,12 @@ void describe(std::map<std::string, Attribute>& header, const Run& run, double s
 }
 
 void report_totals(const Totals& totals, const Run& run, const Layers& source, ApplyReport& report) {
+  report.repaired_records = totals.repaired_records.size();
+  if (report.repaired_records)
+    report.notes.push_back(
+        fmt::format("recorded samples of {} pixels were NaN or infinite and were replaced by the mean of the pixel's "
+                    "other samples",
+                    report.repaired_records));
   report.not_finite_results = totals.not_finite;
   if (totals.not_finite)
     report.notes.push_back(

@@ -41,6 +41,7 @@ struct ApplyOptions {
 struct ApplyReport {
   double seconds = 0;             ///< of the filter, conversions included
   size_t repaired_pixels = 0;     ///< not finite in a layer that was read
+  size_t repaired_records = 0;    ///< pixels with recorded samples that were not finite
   size_t not_finite_results = 0;  ///< pixels the filter could not finish; they kept their input
   size_t tiles = 1;
   std::vector<std::string> notes;

@@ -6,8 +6,8 @@ namespace {
 
 struct BilateralFilter {
   int radius = 6;
-  float sigma_domain = 2, sigma_range = 20, noise_factor = 0;
-  Average average = Average::kDomain;
+  float sigma_domain = 1.5f, sigma_range = 40, noise_factor = 0;
+  Average average = Average::kLinear;
 };
 
 void run(const BilateralFilter& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
@@ -24,6 +24,7 @@ const FilterEntry entry =
         .merit(5.7, "when time is shortest and the frame is nearly clean; nothing but the picture is read")
         .source("Tomasi and Manduchi 1998; parameters of Xu et al. 2011, section 3")
         .notes("Keeps isolated spikes as they are. Not consistent: a converged picture is still blurred.")
+        .paper("sigma-domain=2,sigma-range=20,average=domain")
         .param("radius", &BilateralFilter::radius, {0, 32}, "px", "half width of the window")
         .param("sigma-domain", &BilateralFilter::sigma_domain, {0, 100}, "px",
                "of the kernel over distance; 0 switches it off", {0.5, 0.75, 1, 1.5, 2, 3, 4})

@@ -16,8 +16,8 @@ struct ExtendedBilateral {
   Domain domain = Domain::kLab;
   int radius = 6;
   float noise_factor = 0;
-  float sigma_domain = 0, sigma_range = 0;  // 0: the domain's published values, below
-  Average average = Average::kDomain;
+  float sigma_domain = 1.5f, sigma_range = 0;  // 0: the domain's published values, below
+  Average average = Average::kLinear;
   Hue hue = Hue::kWindow;
   Logarithm logarithm = Logarithm::kNatural;
 };
@@ -65,8 +65,9 @@ void run_log(const ExtendedBilateral& p, const FilterFrame& frame, const FilterO
       const double l = radiance_luminance((*frame.signal[0])(x, y), (*frame.signal[1])(x, y), (*frame.signal[2])(x, y));
       luminances(x, y) = static_cast<float>(l);
     }
-  const double unit = p.logarithm == Logarithm::kNatural ? 1.0 : std::log(10.0), lowest = 1e-4 * frame.mean_luminance;
-  if (!(frame.mean_luminance > 0)) {  // black, or nothing a logarithm could take
+  const double unit = p.logarithm == Logarithm::kNatural ? 1.0 : std::log(10.0),
+               lowest = 1e-4 * frame.typical_luminance;
+  if (!(frame.typical_luminance > 0)) {  // black, or nothing a logarithm could take
     for (size_t c = 0; c < 3; ++c) *out[c] = *frame.signal[c];
     return;
   }
@@ -128,7 +129,8 @@ const FilterEntry entry =
             "of the "
             "weight on the centre. Swapped (2 px, 0.4 in log luminance) they span the 13 x 13 window the comparisons "
             "use, and are "
-            "the default of `log-luminance`; the literal pair is `sigma-domain=0.4 sigma-range=2`.")
+            "what zeros stand for with `log-luminance`; the literal pair is `sigma-domain=0.4 sigma-range=2`.")
+        .paper("sigma-domain=0,average=domain")
         .param("domain", &ExtendedBilateral::domain, {"lab", "log-luminance"},
                "what is compared: CIE-Lab, or the logarithm of luminance as published")
         .param("radius", &ExtendedBilateral::radius, {0, 32}, "px", "half width of the window")

@@ -222,6 +222,13 @@ FeaturePlan::FeaturePlan(const Layers& frame, const std::vector<std::string>& wa
                       join(left));
 }
 
+FeaturePlan FeaturePlan::choose(const Layers& frame, const std::vector<std::string>& named,
+                                const std::vector<std::string>& preferred, const Task& task) {
+  FeaturePlan plan(frame, named.empty() ? preferred : named, task);
+  if (!plan.empty() || !named.empty() || preferred.empty()) return plan;
+  return FeaturePlan(frame, {}, task);
+}
+
 std::vector<Feature> FeaturePlan::build(const Layers& frame, Parts parts, const Task& task) const {
   std::vector<Feature> features;
   for (const Chosen& chosen : chosen_) {

@@ -32,6 +32,10 @@ class FeaturePlan {
   const std::string& note() const { return note_; }
   bool empty() const { return chosen_.empty(); }
 
+  /// What the caller named; otherwise what the filter prefers, or all there is where the frame has nothing of that.
+  static FeaturePlan choose(const Layers& frame, const std::vector<std::string>& named,
+                            const std::vector<std::string>& preferred, const Task& task);
+
   /// Every name, for help and errors.
   static std::vector<std::string> names();
   /// The layers they are made from.

@@ -3,6 +3,7 @@
 #include <concepts>
 #include <functional>
 #include <map>
+#include <set>
 #include <string>
 #include <string_view>
 #include <variant>
@@ -44,11 +45,14 @@ struct FilterFrame {
   RgbPlanes half_a{}, half_b{};  ///< of the signal; null unless declared or absent
   std::vector<RgbPlanes> buckets = {};             ///< eight, or none
   const std::vector<Feature>* features = nullptr;  ///< never null where declared; may be empty
-  bool together = false;                 ///< other layers are carried in this run: all must get the very same weights
-  double samples = 0;                    ///< per pixel, mean over the frame; 0: unknown
-  double mean_luminance = 0;             ///< of the whole frame's signal, Radiance's weights
-  double lab_noise = 0;                  ///< of the whole frame's signal (filters/noise.h); 0 unless declared
-  RecordReader* records = nullptr;       ///< null where none were given, unless needed
+  bool together = false;                ///< other layers are carried in this run: all must get the very same weights
+  double samples = 0;                   ///< per pixel, mean over the frame; 0: unknown
+  const Plane* sample_count = nullptr;  ///< of each pixel; null: unknown
+  double typical_luminance = 0;         ///< of the whole frame's signal (filters/noise.h)
+  double lab_noise = 0;                 ///< of the whole frame's signal (filters/noise.h); 0 unless declared
+  RecordReader* records = nullptr;      ///< null where none were given, unless needed
+  /// Where to leave the pixels of the frame whose records were not all finite; null: nobody wants to know.
+  std::set<std::pair<int, int>>* repaired_records = nullptr;
   std::vector<NearbyFrame> nearby = {};  ///< by distance; none for a still
   /// Where to leave the layers that the filter declared to produce, by full channel name; null: nobody wants them.
   std::map<std::string, Plane>* products = nullptr;
@@ -56,6 +60,8 @@ struct FilterFrame {
   ivec2 frame_size{0};
 
   bool carries() const { return values != signal; }
+  /// How many samples a pixel's mean is made of; 0: unknown.
+  double samples_at(int x, int y) const { return sample_count ? static_cast<double>((*sample_count)(x, y)) : samples; }
   int width() const { return signal[0]->width(); }
   int height() const { return signal[0]->height(); }
 };
@@ -84,6 +90,24 @@ struct Parameter {
   static std::string text(const Value& value);
 };
 
+/// A named choice of parameters.
+struct Preset {
+  std::string name, summary;
+  std::vector<std::pair<std::string, std::string>> settings;  ///< what differs from the defaults
+};
+
+/// "name=value,name=value". @throws InputError for a part without '='
+std::vector<std::pair<std::string, std::string>> parse_assignments(std::string_view text);
+
+/// Which of a frame's features a filter takes by itself, where the caller names none.
+enum class FeatureSet {
+  kAll,
+  kScalar,   ///< without directions
+  kOpacity,  ///< opacity alone
+};
+/// The features of a set (filters/features.h); empty: every feature there is.
+std::vector<std::string> names_of(FeatureSet set);
+
 /// A filter: what it is called, where it comes from, what it reads, and what it does.
 struct FilterEntry {
   std::string name, summary, source, notes;
@@ -95,7 +119,9 @@ struct FilterEntry {
   Statistics can_use_statistics = Statistics::kNone;
   /// Whether it weighs by features or regresses on them with these parameters, whichever the frame has; null: never.
   std::function<bool(const std::any&)> features;
-  bool needs_features = false;  ///< of no use without any
+  /// Which it takes where the caller names none; null: all.
+  std::function<FeatureSet(const std::any&)> feature_set;
+  bool needs_features = false;  ///< is of no use without any
   /// Whether it reads FilterFrame::lab_noise with these parameters; null: never.
   std::function<bool(const std::any&)> noise_level;
   bool variances = false;  ///< reads the variance of the layers it needs or can use
@@ -106,6 +132,7 @@ struct FilterEntry {
   bool background = false;  ///< knows FilterFrame::medium; the others treat every pixel unless asked otherwise
   int scratch = 16;         ///< floats per pixel that it holds while it runs
   std::vector<std::string> also_compare;  ///< "parameter=value": settings that comparisons list beside the defaults
+  std::vector<Preset> presets;            ///< `paper` is as published
   std::vector<Parameter> parameters;
   std::any defaults;
   std::function<void(Layers&)> settle;        ///< finishes what it produces once all tiles are there; may be null
@@ -113,6 +140,8 @@ struct FilterEntry {
   std::function<void(const std::any&, const FilterFrame&, const FilterOutput&, const Task&)> run;
 
   const Parameter* find(std::string_view parameter) const;
+  /// @throws InputError with the nearest name and the list
+  const Preset& find_preset(std::string_view preset) const;
   /// Everything it reads beside the mean of its signal, and what it makes, as lines for help: "needs", "the layer
   /// flash".
   std::vector<std::pair<std::string, std::string>> inputs_and_outputs() const;
@@ -122,6 +151,8 @@ struct FilterEntry {
 class FilterSettings {
  public:
   FilterSettings(const FilterEntry& entry) : entry_(&entry), parameters_(entry.defaults) {}
+  /// Sets a parameter, or with `preset` all that the preset of that name says. Parameters that were set by name keep
+  /// their values, whether the preset comes before or after them.
   /// @throws InputError: no such parameter (nearest one), not a number, outside its range
   void set(const std::string& parameter, const std::string& text);
   void set(const Parameter& parameter, const Parameter::Value& value) { parameter.set(parameters_, value); }
@@ -131,14 +162,20 @@ class FilterSettings {
   std::string text() const;
   int apron() const { return entry_->apron(parameters_); }
   bool uses_features() const { return entry_->features && entry_->features(parameters_); }
+  std::vector<std::string> preferred_features() const {
+    return entry_->feature_set ? names_of(entry_->feature_set(parameters_)) : std::vector<std::string>();
+  }
   bool uses_noise_level() const { return entry_->noise_level && entry_->noise_level(parameters_); }
   void run(const FilterFrame& frame, const FilterOutput& out, const Task& task) const {
     entry_->run(parameters_, frame, out, task);
   }
 
  private:
+  void assign(const std::string& parameter, const std::string& text);
+
   const FilterEntry* entry_;
   std::any parameters_;
+  std::vector<std::pair<std::string, std::string>> assigned_;  // by name, in their order
 };
 
 /// Builds the declaration of a filter whose parameters are the struct P; P's initialisers are the only defaults.
@@ -186,10 +223,17 @@ class Declaration {
     entry_.features = [when](const std::any& a) { return when(std::any_cast<const P&>(a)); };
     return *this;
   }
-  /// Reads the features that the frame offers, and is of no use without any.
+  /// Is of no use without features.
   Declaration& needs_features() {
     entry_.needs_features = true;
     return features();
+  }
+  /// The parameter `feature-set`: which features it takes where the caller names none.
+  Declaration& feature_set(FeatureSet P::*member, std::vector<std::string> candidates = {"all", "scalar", "opacity"}) {
+    entry_.feature_set = [member](const std::any& a) { return std::any_cast<const P&>(a).*member; };
+    return param("feature-set", member, {"all", "scalar", "opacity"},
+                 "which features it takes where `--features` names none: all, those without a direction, or opacity",
+                 std::move(candidates));
   }
   /// Reads the frame's noise level in CIE-Lab with these parameters.
   Declaration& noise_level(bool (*when)(const P&)) {
@@ -208,6 +252,13 @@ class Declaration {
   /// Leaves the pixels where FilterFrame::medium is 0 to the gradient-kernel paper's rule.
   Declaration& background() { return entry_.background = true, *this; }
   Declaration& scratch(int floats_per_pixel) { return entry_.scratch = floats_per_pixel, *this; }
+
+  /// The preset `paper`: the parameters as published, "name=value,..." where they differ from the defaults.
+  Declaration& paper(const std::string& settings) { return preset("paper", "as published", settings); }
+  Declaration& preset(std::string name, std::string summary, const std::string& settings) {
+    entry_.presets.push_back({std::move(name), std::move(summary), parse_assignments(settings)});
+    return *this;
+  }
 
   Declaration& also_compare(std::vector<std::string> settings) {
     entry_.also_compare = std::move(settings);

@@ -14,10 +14,10 @@ enum class Variant { kPaper, kAddSharp, kMultiply, kGate };
 struct GradientKernel {
   Variant variant = Variant::kPaper;
   int radius = 6;
-  float sigma_domain = 2;
-  float sigma_range = 0, sigma_gradient = 0;  // 0: the variant's values, below
+  float sigma_domain = 1.5f;
+  float sigma_range = 40, sigma_gradient = 0.1f;  // 0: the variant's published values, below
   float gate_strength = 1, noise_factor = 0;
-  Average average = Average::kDomain;
+  Average average = Average::kLinear;
 };
 
 kernels::GradientWeights weights(const GradientKernel& p, const FilterFrame& frame) {
@@ -65,6 +65,7 @@ const FilterEntry entry =
             "`mul` multiplies it to the "
             "others, `gate` weighs it by how equal the opacities are. Pixels without a direction are filtered by the "
             "range kernel alone.")
+        .paper("sigma-domain=2,sigma-range=0,sigma-gradient=0,average=domain")
         .needs(layer::gradient)
         .also_compare({"variant=mul", "variant=gate"})
         .can_use(layer::alpha)

@@ -1,3 +1,4 @@
+#include "base/error.h"
 #include "filters/guided_filter.h"
 #include "filters/neighbourhood.h"
 #include "filters/registry.h"
@@ -6,14 +7,20 @@ namespace brume {
 namespace {
 
 struct Guided {
-  int radius = 5;
-  float epsilon = 1e-3f;
+  int radius = 2;
+  float epsilon = 1e-2f;
+  FeatureSet feature_set = FeatureSet::kAll;
 };
 
 void run(const Guided& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
   std::vector<const Plane*> guide;
   for (const Feature& f : *frame.features)
     for (const Plane& plane : f.mean) guide.push_back(&plane);
+  // A single pixel has nothing to be guided to.
+  if (guide.empty() && frame.frame_size != ivec2(1))
+    throw InputError(
+        "filter guided: no feature of the frame varies by more than its noise, and without one it would only blur. A "
+        "filter that needs none is nl_means; more samples make features cleaner");
   std::vector<Plane> clean = guided_filter(frame.values, guide, p.radius, p.epsilon, task);
   for (size_t c = 0; c < 3; ++c) *out[c] = std::move(clean[c]);
 }
@@ -23,9 +30,11 @@ const FilterEntry entry =
         .merit(5.6, "for a quick look with features: near the best at few samples, in hundredths of a second")
         .source("He, Sun and Tang 2013, equations 11 to 20")
         .notes(
-            "The guide is every feature that the frame offers, each with its own coefficients; without any it would be "
-            "a box filter run twice, which is refused. Time does not depend on the radius much.")
+            "Each feature has its own coefficients. Without features it would be a box filter run twice, and refuses. "
+            "Time does not depend on the radius much.")
         .needs_features()
+        .feature_set(&Guided::feature_set)
+        .preset("paper", "a usual choice, the paper giving none for this use", "radius=5,epsilon=0.001")
         .carries()
         .param("radius", &Guided::radius, {1, 32}, "px", "half width of a window", {1, 2, 3, 5, 8})
         .param("epsilon", &Guided::epsilon, {0, 100}, "feature^2", "ridge; features have range 1",

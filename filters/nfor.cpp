@@ -12,6 +12,7 @@ struct Nfor {
   int search_radius = 9, patch_radius = 3;
   float strength_1 = 0.5f, strength_2 = 1;
   float final_strength = 1;
+  FeatureSet feature_set = FeatureSet::kAll;
 };
 
 // Windows of the features' and the errors' own filters (Bitterli et al. 2016, section 5).
@@ -150,6 +151,8 @@ const FilterEntry entry =
             "them from the other, whose noise is independent.")
         .statistics(Statistics::kHalves)
         .features()
+        .feature_set(&Nfor::feature_set)
+        .paper("")
         .param("search-radius", &Nfor::search_radius, {1, 20}, "px", "half width of a window")
         .param("patch-radius", &Nfor::patch_radius, {0, 8}, "px", "half width of a patch")
         .param("strength-1", &Nfor::strength_1, {0.05, 100}, "1", "k of the first candidate", {0.5, 0.8})

@@ -62,6 +62,7 @@ const FilterEntry entry =
             "other. "
             "With `feature-strength` above 0, features count too: the weight is the smallest of the colour's and the "
             "features'.")
+        .paper("")
         .statistics(Statistics::kVariance, Statistics::kHalves)
         .features([](const NlMeans& p) { return p.feature_strength > 0; })
         .carries()

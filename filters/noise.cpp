@@ -146,6 +146,22 @@ double lab_noise(const RgbPlanes& mean, const RgbPlanes& variance, const RgbPlan
   return *middle;
 }
 
+double typical_luminance(const RgbPlanes& picture) {
+  constexpr double kPixels = 65536;
+  const int width = picture[0]->width(), height = picture[0]->height();
+  const int step = std::max(1, static_cast<int>(std::sqrt(static_cast<double>(width) * height / kPixels)));
+  std::vector<double> values;
+  for (int y = 0; y < height; y += step)
+    for (int x = 0; x < width; x += step) {
+      const double l = 0.265 * (*picture[0])(x, y) + 0.670 * (*picture[1])(x, y) + 0.065 * (*picture[2])(x, y);
+      if (l > 0 && std::isfinite(l)) values.push_back(l);
+    }
+  if (values.empty()) return 0;
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
 Plane limit_outliers(NoisySignal& signal, Outliers how, const Task& task) {
   const int width = signal.mean[0].width(), height = signal.mean[0].height();
   const auto grey = [&](const Rgb& rgb) {

@@ -37,6 +37,10 @@ Rgb spatial_variance(const RgbPlanes& mean, const Task& task);
 double lab_noise(const RgbPlanes& mean, const RgbPlanes& variance, const RgbPlanes& half_a, const RgbPlanes& half_b,
                  double exposure, const Plane* medium);
 
+/// The median of a picture's luminances above zero, with the weights of Xu and Pattanaik 2005; 0 where there is none.
+/// Of large pictures a grid of some ten thousand pixels is read. No single pixel moves it far.
+double typical_luminance(const RgbPlanes& picture);
+
 /// What becomes of pixels far brighter than their surroundings and their own noise explain.
 enum class Outliers {
   kKeep,
@@ -48,11 +52,6 @@ enum class Outliers {
 struct NoisySignal {
   Rgb mean, variance, half_a, half_b;
   std::vector<Rgb> buckets;
-};
-
-struct OutlierReport {
-  size_t pixels = 0;
-  double energy = 0;  ///< sum of the luminance that was taken away
 };
 
 /// Limits a pixel's luminance to median5x5 + 6 sqrt(median V) wherever one of its buckets holds more than half of its

@@ -14,14 +14,14 @@
 namespace brume {
 namespace {
 
-enum class Preset { kPaper, kTechReport, kRelease };
+enum class Formulas { kPaper, kTechReport, kRelease };
 enum class Information { kLiteral, kCorrected };
 
 struct RandomParameter {
-  Preset preset = Preset::kTechReport;
+  Formulas formulas = Formulas::kTechReport;
   float variance = 0.02f;
   int largest_neighborhood = 2000, information_samples = 512;
-  Information information = Information::kLiteral;
+  Information information = Information::kCorrected;
   int keep_energy = 1;
 };
 
@@ -228,8 +228,8 @@ class Filter {
       stores_.emplace_back(*f, columns_);
       const Store& store = stores_.back();
       std::vector<float>& color = current_.emplace_back(store.count() * 3);
-      const float limit = p_.preset == Preset::kRelease ? kReleaseLimit / static_cast<float>(frame_.exposure)
-                                                        : std::numeric_limits<float>::infinity();
+      const float limit = p_.formulas == Formulas::kRelease ? kReleaseLimit / static_cast<float>(frame_.exposure)
+                                                            : std::numeric_limits<float>::infinity();
       for (size_t i = 0; i < store.count(); ++i)
         for (size_t c = 0; c < 3; ++c) color[3 * i + c] = std::min(store.sample(i)[c], limit);
     }
@@ -279,7 +279,7 @@ class Filter {
 
   /// Side of a pass's blocks [px]: with frames before and after smaller, so that the block holds as many samples.
   int block(int pass) const {
-    const int published = (p_.preset == Preset::kRelease ? kReleaseBlocks : kBlocks)[static_cast<size_t>(pass)];
+    const int published = (p_.formulas == Formulas::kRelease ? kReleaseBlocks : kBlocks)[static_cast<size_t>(pass)];
     const double frames = static_cast<double>(std::min<size_t>(stores_.size(), 3));
     return std::max(3, static_cast<int>(published / std::sqrt(frames)) | 1);
   }
@@ -329,7 +329,7 @@ class Filter {
   /// frame and in those before and after, as far as their features lie within three deviations of the pixel's own.
   void gather(size_t frame, int x, int y, int pass, Neighborhood& n) const {
     const Store& own = stores_[frame];
-    const bool release = p_.preset == Preset::kRelease;
+    const bool release = p_.formulas == Formulas::kRelease;
     const int side = (release ? kReleaseBlocks : kBlocks)[static_cast<size_t>(pass)], s = own.samples();
     const int share = release && pass < 2 ? 3 : 2;
     const int most = std::min(side * side * s / share, p_.largest_neighborhood);
@@ -397,8 +397,8 @@ class Filter {
       return corrected && !on.empty() ? sum / static_cast<double>(on.size()) : sum;
     };
     constexpr double kEps = 1e-10;
-    const bool release = p_.preset == Preset::kRelease;
-    const double growth = p_.preset == Preset::kPaper ? 1 : release ? 1 + 0.3 + 0.05 * pass : 1 + 0.1 * pass;
+    const bool release = p_.formulas == Formulas::kRelease;
+    const double growth = p_.formulas == Formulas::kPaper ? 1 : release ? 1 + 0.3 + 0.05 * pass : 1 + 0.1 * pass;
     Importance out;
     double color_r = 0, color_p = 0;
     for (size_t k = 0; k < 3; ++k) {
@@ -545,7 +545,10 @@ const FilterEntry entry =
         .needs_records()
         .seeded()
         .sequences()
-        .param("preset", &RandomParameter::preset, {"paper", "techreport", "release"}, "whose formulas and blocks",
+        .paper("formulas=paper,information=literal")
+        .preset("techreport", "as in its technical report", "information=literal")
+        .preset("release", "as in the authors' later program", "formulas=release,information=literal")
+        .param("formulas", &RandomParameter::formulas, {"paper", "techreport", "release"}, "whose formulas and blocks",
                {"paper", "techreport", "release"})
         .param("variance", &RandomParameter::variance, {1e-6, 100}, "1",
                "sigma_8^2, at eight samples per pixel; 0.02 for noisy scenes, 0.002 otherwise", {0.002, 0.02, 0.2})
@@ -554,7 +557,7 @@ const FilterEntry entry =
         .param("information-samples", &RandomParameter::information_samples, {64, 4096}, "samples",
                "of a neighbourhood, from which dependence is measured")
         .param("information", &RandomParameter::information, {"literal", "corrected"},
-               "mutual information as published, or with its bias taken off")
+               "mutual information as published, or with its bias taken off", {"literal", "corrected"})
         .param("keep-energy", &RandomParameter::keep_energy, {0, 1}, "",
                "1: the light that the spike rule takes is given back to the pixel")
         .scratch(400)

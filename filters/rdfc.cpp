@@ -12,9 +12,10 @@ enum class Candidates { kWithColor, kPublished };
 
 struct Rdfc {
   int search_radius = 10;
-  float strength = 0.45f, feature_strength = 0.6f;
+  float strength = 0.7f, feature_strength = 1;
   int second_pass = 1;
   Candidates candidates = Candidates::kWithColor;
+  FeatureSet feature_set = FeatureSet::kScalar;
 };
 
 // Windows of the features' filter and of the error maps' (Rousselle, Manzi and Zwicker 2013, sections 4 and 5).
@@ -158,6 +159,8 @@ const FilterEntry entry =
             "once; the authors scale each pixel by 1.01, which is dead where it is black.")
         .statistics(Statistics::kHalves)
         .features()
+        .feature_set(&Rdfc::feature_set)
+        .paper("strength=0.45,feature-strength=0.6,feature-set=all,candidates=published")
         .seeded()
         .param("search-radius", &Rdfc::search_radius, {1, 40}, "px", "half width of the search window")
         .param("strength", &Rdfc::strength, {0.05, 100}, "1", "k_c, noise deviations of colour taken as equal",
@@ -165,7 +168,7 @@ const FilterEntry entry =
         .param("feature-strength", &Rdfc::feature_strength, {0.05, 100}, "1", "k_f, the same of features", {0.6, 1, 2})
         .param("second-pass", &Rdfc::second_pass, {0, 1}, "", "1: a narrower pass on the two halves' results")
         .param("candidates", &Rdfc::candidates, {"with-color", "published"},
-               "colour alone competes too, or the three of the paper")
+               "colour alone competes too, or the three of the paper", {"with-color", "published"})
         .scratch(90)
         .apron([](const Rdfc& p) { return 8 + p.search_radius + 3 + 8 + p.search_radius / 2 + 3; })
         .run(run);

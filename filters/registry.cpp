@@ -51,13 +51,30 @@ FilterSettings parse_filter(std::string_view text) {
   const size_t colon = std::min(text.find(':'), text.size());
   FilterSettings settings(find_filter(text.substr(0, colon)));
   if (colon < text.size())
-    for (const std::string& assignment : split(text.substr(colon + 1), ',')) {
-      const size_t equals = assignment.find('=');
-      if (equals == std::string::npos)
-        throw InputError(fmt::format("'{}' in '{}': expected parameter=value", assignment, text));
-      settings.set(assignment.substr(0, equals), assignment.substr(equals + 1));
-    }
+    for (const auto& [name, value] : parse_assignments(text.substr(colon + 1))) settings.set(name, value);
   return settings;
+}
+
+std::vector<std::pair<std::string, std::string>> parse_assignments(std::string_view text) {
+  std::vector<std::pair<std::string, std::string>> assignments;
+  if (text.empty()) return assignments;
+  for (const std::string& assignment : split(std::string(text), ',')) {
+    const size_t equals = assignment.find('=');
+    if (equals == std::string::npos) throw InputError(fmt::format("'{}': expected parameter=value", assignment));
+    assignments.emplace_back(assignment.substr(0, equals), assignment.substr(equals + 1));
+  }
+  return assignments;
+}
+
+std::vector<std::string> names_of(FeatureSet set) {
+  switch (set) {
+    case FeatureSet::kScalar:
+      return {"opacity", "scatter-depth", "single", "albedo", "surface-depth"};
+    case FeatureSet::kOpacity:
+      return {"opacity"};
+    default:
+      return {};
+  }
 }
 
 std::vector<std::pair<std::string, std::string>> FilterEntry::inputs_and_outputs() const {
@@ -79,6 +96,12 @@ std::vector<std::pair<std::string, std::string>> FilterEntry::inputs_and_outputs
   if (carries) lines.emplace_back("can", "carry other layers along (`--carry`)");
   for (const LayerName& l : produces)
     lines.emplace_back("writes", fmt::format("the layer `{}`, {}", l.label(), l.meaning));
+  for (const Preset& p : presets) {
+    std::vector<std::string> settings;
+    for (const auto& [parameter, value] : p.settings) settings.push_back(parameter + "=" + value);
+    lines.emplace_back("preset", fmt::format("`{}`, {}: {}", p.name, p.summary,
+                                             settings.empty() ? "the defaults" : "`" + join(settings, ",") + "`"));
+  }
   return lines;
 }
 
@@ -107,7 +130,28 @@ const Parameter* FilterEntry::find(std::string_view parameter) const {
   return nullptr;
 }
 
+const Preset& FilterEntry::find_preset(std::string_view preset) const {
+  std::vector<std::string> names;
+  for (const Preset& p : presets) {
+    if (p.name == preset) return p;
+    names.push_back(p.name);
+  }
+  throw InputError(fmt::format("filter {} has no preset '{}'{}", name, preset, suggestion(preset, names)));
+}
+
 void FilterSettings::set(const std::string& parameter, const std::string& text) {
+  if (parameter != "preset") {
+    assign(parameter, text);
+    assigned_.emplace_back(parameter, text);
+    return;
+  }
+  const Preset& preset = entry_->find_preset(text);
+  parameters_ = entry_->defaults;
+  for (const auto& [name, value] : preset.settings) assign(name, value);
+  for (const auto& [name, value] : assigned_) assign(name, value);
+}
+
+void FilterSettings::assign(const std::string& parameter, const std::string& text) {
   const Parameter* p = entry_->find(parameter);
   if (!p) {
     std::vector<std::string> names;
@@ -178,6 +222,8 @@ std::string filters_reference() {
       "- **Carried layers**: `--carry direct,indirect` filters these layers with the weights of the "
       "beauty and\n"
       "  stores them, so that passes which add up before the filter add up after it.\n"
+      "- **Presets**: `-f NAME:preset=paper` takes the published parameters; the defaults are what served best on\n"
+      "  clouds and smokes that no table of docs/results.md reports. Parameters given by name stand above a preset.\n"
       "- **Noise**: variance comes from the frame's `mean_variance`; its level is corrected by the two halves, "
       "because\n"
       "  low-discrepancy samples vary less than it says, and no pixel is certain that its neighbours do not back.\n"

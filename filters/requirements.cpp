@@ -76,6 +76,16 @@ void check_statistics(const FilterSettings& settings, const Layers& frame, const
         fmt::format("filter {} needs the record of every sample: brume render SCENE -o OUT.exr --records "
                     "OUT.records, then brume denoise OUT.exr --records OUT.records ...",
                     filter.name));
+  if (filter.needs_features) {
+    const auto& sources = FeaturePlan::sources();
+    const bool offered = std::any_of(sources.begin(), sources.end(), [&](const LayerName& l) { return frame.has(l); });
+    if (!offered || options.features == std::vector<std::string>{"none"})
+      throw InputError(
+          fmt::format("filter {} is guided by features ({}), and {}. Record them with: brume render SCENE -o OUT.exr "
+                      "--layers direct,indirect,transmittance,gradient,single; a filter that needs none is nl_means",
+                      filter.name, join(FeaturePlan::names()),
+                      offered ? "--features none leaves it none" : "the frame has no layer to make one from"));
+  }
   if (!options.carried.empty() && !filter.carries) {
     std::vector<std::string> able;
     for (const FilterEntry* e : all_filters())

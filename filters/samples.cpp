@@ -3,11 +3,35 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 #include <vector>
 
 #include "base/error.h"
 
 namespace brume {
+namespace {
+
+/// Replaces numbers of a pixel's records that are not finite by the mean of the same number in its other samples, or by
+/// 0 where none is finite.
+/// @return  whether there were any
+bool repair(std::span<float> records, size_t width) {
+  if (std::all_of(records.begin(), records.end(), [](float v) { return std::isfinite(v); })) return false;
+  for (size_t k = 0; k < width; ++k) {
+    double sum = 0;
+    size_t finite = 0;
+    for (size_t i = k; i < records.size(); i += width) {
+      if (!std::isfinite(records[i])) continue;
+      sum += records[i];
+      ++finite;
+    }
+    const float mean = finite > 0 ? static_cast<float>(sum / static_cast<double>(finite)) : 0.0f;
+    for (size_t i = k; i < records.size(); i += width)
+      if (!std::isfinite(records[i])) records[i] = mean;
+  }
+  return true;
+}
+
+}  // namespace
 
 size_t field_offset(const RecordLayout& layout, std::string_view name) {
   size_t offset = 0;
@@ -37,12 +61,15 @@ void visit_records(const FilterFrame& frame,
     const int x0 = std::max(b.x0, frame.origin.x), x1 = std::min(b.x1, frame.origin.x + frame.width());
     const int y0 = std::max(b.y0, frame.origin.y), y1 = std::min(b.y1, frame.origin.y + frame.height());
     if (x0 >= x1 || y0 >= y1) continue;
-    const std::vector<float> block = frame.records->read(tile);
+    std::vector<float> block = frame.records->read(tile);
     for (int y = y0; y < y1; ++y)
       for (int x = x0; x < x1; ++x) {
         const size_t pixel =
             static_cast<size_t>(y - b.y0) * static_cast<size_t>(b.x1 - b.x0) + static_cast<size_t>(x - b.x0);
-        visit(x - frame.origin.x, y - frame.origin.y, {block.data() + pixel * length, length});
+        const std::span<float> records(block.data() + pixel * length, length);
+        if (repair(records, static_cast<size_t>(layout.components())) && frame.repaired_records)
+          frame.repaired_records->insert({x, y});
+        visit(x - frame.origin.x, y - frame.origin.y, records);
       }
   }
 }

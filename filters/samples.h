@@ -14,7 +14,8 @@ void visit_samples(const FilterFrame& frame,
                    const std::function<void(int x, int y, std::span<const vec3> samples)>& visit);
 
 /// Calls visit(x, y, records) for every pixel of the frame with the records of its samples, one after another, tile by
-/// tile from one thread.
+/// tile from one thread. Numbers that are not finite are replaced by the mean of the pixel's other samples, and the
+/// pixel is noted in FilterFrame::repaired_records.
 /// @throws InputError when the records are of a picture of another size, or damaged
 void visit_records(const FilterFrame& frame,
                    const std::function<void(int x, int y, std::span<const float> records)>& visit);

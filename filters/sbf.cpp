@@ -10,7 +10,7 @@ namespace {
 
 struct Sbf {
   float scale = 1;
-  float sigma_direction = 0.8f, sigma_color = 0.25f, sigma_depth = 0.6f;
+  float sigma_direction = 0, sigma_color = 1, sigma_depth = 0.6f;
 };
 
 constexpr float kScales[] = {1, 2, 4, 8};
@@ -35,10 +35,10 @@ void run(const Sbf& p, const FilterFrame& frame, const FilterOutput& out, const 
     if (!(sigma > 0)) continue;
     variances.push_back(sum_of(f.variance));
     // The paper divides by the variance of the samples; this is what is left of it in the mean, times n.
-    if (frame.samples > 1)
-      for_each_row(height, quiet(task), [&](int y) {
-        for (float& v : variances.back().pixels(y)) v *= static_cast<float>(frame.samples);
-      });
+    for_each_row(height, quiet(task), [&](int y) {
+      float* v = variances.back().row(y);
+      for (int x = 0; x < width; ++x) v[x] *= static_cast<float>(std::max(1.0, frame.samples_at(x, y)));
+    });
     Distance d;
     d.kind = Distance::Kind::kRatio;
     d.guide = pointers(f.mean);
@@ -93,14 +93,15 @@ const FilterEntry entry =
             "a "
             "closed form; its maps are smoothed by the widest candidate. The density gradient stands for the normal, "
             "opacity and single scattering for the texture.")
+        .paper("sigma-direction=0.8,sigma-color=0.25")
         .statistics(Statistics::kVariance)
         .features()
         .carries()
         .param("scale", &Sbf::scale, {0.1, 4}, "1", "of all four spatial sigmas", {0.5, 1})
         .param("sigma-direction", &Sbf::sigma_direction, {0, 100}, "deviations",
-               "of the density gradient and the normal; 0: off")
+               "of the density gradient and the normal; 0: off", {0, 0.4, 0.8, 1.6})
         .param("sigma-color", &Sbf::sigma_color, {0, 100}, "deviations",
-               "of opacity, albedo and single scattering; 0: off", {0.25, 0.5, 1})
+               "of opacity, albedo and single scattering; 0: off", {0.25, 0.5, 1, 2})
         .param("sigma-depth", &Sbf::sigma_depth, {0, 100}, "deviations", "of depth; 0: off", {0.3, 0.6, 1.2})
         .scratch(50)
         .apron([](const Sbf& p) { return static_cast<int>(32 * p.scale) + 1; })

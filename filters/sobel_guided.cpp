@@ -17,9 +17,10 @@ enum class Spikes { kRepaired, kLiteral, kKeep };
 struct SobelGuided {
   int radius = 10;
   float epsilon = 1e-3f;
-  float gamma_1 = 0.2f, gamma_2 = 0.3f, gamma_3 = 0.4f;
-  Fit fit = Fit::kRepaired;
-  Spikes spikes = Spikes::kRepaired;
+  float gamma_1 = 0.4f, gamma_2 = 0.3f, gamma_3 = 0.4f;
+  Fit fit = Fit::kLiteral;
+  Spikes spikes = Spikes::kKeep;
+  FeatureSet feature_set = FeatureSet::kScalar;
 };
 
 // Widths tried for the fit of bias and variance, and feature parameters that compete (Liu et al. 2018, section 5).
@@ -123,60 +124,63 @@ Plane allot_samples(Plane need) {
   return need;
 }
 
-void run(const SobelGuided& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
-  const int width = frame.width(), height = frame.height();
-  const std::vector<Feature>& features = *frame.features;
-  // The published 0.001 beside squared brightness belongs to pictures whose white is 1.
-  const float dark = 1e-3f / static_cast<float>(frame.exposure * frame.exposure),
-              dim = 1e-3f / static_cast<float>(frame.exposure);
+std::vector<const Plane*> averaged_planes(const FilterFrame& frame) {
+  std::vector<const Plane*> planes(frame.signal.begin(), frame.signal.end());
+  if (frame.carries()) planes.insert(planes.end(), frame.values.begin(), frame.values.end());
+  return planes;
+}
 
-  // 1 and 2: the gradient image guides the features' own filter.
-  const Plane gradient = gradient_image(features, width, height, task);
-  const Plane* const gradient_guide[] = {&gradient};
-  std::vector<std::vector<Plane>> smooth;
-  for (const Feature& f : features)
-    smooth.push_back(guided_filter(pointers(f.mean), gradient_guide, kPrefilterRadius, p.epsilon, quiet(task)));
-  task.report(0.05);
+/// The features after their own filter, and how far apart they may be.
+class SmoothFeatures {
+ public:
+  SmoothFeatures(const SobelGuided& p, const std::vector<Feature>& features, const Plane& gradient, const Task& task) {
+    const Plane* const gradient_guide[] = {&gradient};
+    variances_.reserve(features.size());
+    for (const Feature& f : features) {
+      means_.push_back(guided_filter(pointers(f.mean), gradient_guide, kPrefilterRadius, p.epsilon, quiet(task)));
+      variances_.push_back(sum_of(f.variance));
+      // One constant for each kind, in the paper's order: texture, normal, depth.
+      const float gamma = f.name == "gradient" || f.name == "normal"               ? p.gamma_2
+                          : f.name == "scatter-depth" || f.name == "surface-depth" ? p.gamma_3
+                                                                                   : p.gamma_1;
+      gammas_.push_back(1 / (2 * gamma * gamma));
+    }
+    tolerance_ = make_plane(gradient.width(), gradient.height(), quiet(task), [&](int x, int y) {
+      return std::min(gradient(x, y) * gradient(x, y), kLargestGradient) + kFeatureFloor;
+    });
+  }
+  const std::vector<std::vector<Plane>>& means() const { return means_; }
+  /// Each feature's distance times its own constant.
+  WeightModel model_for_widths() const { return model(gammas_); }
+  /// Plain distances, for candidates that scale all of them alike.
+  WeightModel model_for_candidates() const { return model(std::vector<float>(gammas_.size(), 1.0f)); }
 
-  const Plane tolerance = make_plane(width, height, quiet(task), [&](int x, int y) {
-    return std::min(gradient(x, y) * gradient(x, y), kLargestGradient) + kFeatureFloor;
-  });
-  std::vector<Plane> variances;
-  variances.reserve(features.size());
-  const auto model_of = [&](const std::vector<float>& scales) {
+ private:
+  WeightModel model(const std::vector<float>& scales) const {
     WeightModel model;
-    for (size_t k = 0; k < features.size(); ++k) {
+    for (size_t k = 0; k < means_.size(); ++k) {
       Distance d;
       d.kind = Distance::Kind::kRatio;
-      d.guide = pointers(smooth[k]);
-      d.variance = {&variances[k]};
-      d.own = &tolerance;
+      d.guide = pointers(means_[k]);
+      d.variance = {&variances_[k]};
+      d.own = &tolerance_;
       d.floor = kFeatureFloor;
       d.scale = scales[k];
       model.distances.push_back(std::move(d));
     }
     return model;
-  };
-  std::vector<float> gammas, ones(features.size(), 1.0f);
-  for (size_t k = 0; k < features.size(); ++k) {
-    variances.push_back(sum_of(features[k].variance));
-    // One constant for each kind, in the paper's order: texture, normal, depth.
-    const std::string& name = features[k].name;
-    const float gamma = name == "gradient" || name == "normal"               ? p.gamma_2
-                        : name == "scatter-depth" || name == "surface-depth" ? p.gamma_3
-                                                                             : p.gamma_1;
-    gammas.push_back(1 / (2 * gamma * gamma));
   }
-  const Plane light = luminance_of(frame.signal, task);
-  const Plane noise = make_plane(width, height, quiet(task), [&](int x, int y) {
-    const auto s = [&](size_t c) { return std::sqrt((*frame.variance[c])(x, y)); };
-    const float sum = luminance(vec3(s(0), s(1), s(2)));
-    return sum * sum;
-  });
-  const Plane trusted = p.spikes == Spikes::kKeep ? Plane() : trust(p.spikes, light, gradient, frame.exposure, task);
 
-  // 3: each pixel's width, from curves through bias and variance at five of them.
-  const std::vector<Offset> window = square_window(p.radius);
+  std::vector<std::vector<Plane>> means_;
+  std::vector<Plane> variances_;
+  std::vector<float> gammas_;
+  Plane tolerance_;
+};
+
+/// Each pixel's width, from curves through bias and variance at five of them.
+Plane fitted_widths(const SobelGuided& p, const FilterFrame& frame, const SmoothFeatures& features, const Plane& light,
+                    const Plane& noise, const std::vector<Offset>& window, const Task& task) {
+  const int width = frame.width(), height = frame.height();
   std::vector<Variant> widths(kAlphas.size());
   for (size_t i = 0; i < kAlphas.size(); ++i) {
     const auto a = static_cast<float>(kAlphas[i]);
@@ -186,76 +190,89 @@ void run(const SobelGuided& p, const FilterFrame& frame, const FilterOutput& out
       widths[i].offsets.push_back(inside ? std::exp(-r2 / (2 * a * a)) : 0.0f);
     }
   }
-  Plane alpha(width, height);
-  {
-    const Plane* const lights[] = {&light};
-    const std::vector<Averages> tried =
-        weighted_averages(model_of(gammas), window, widths, lights, &noise, share(task, 0.05, 0.35));
-    std::vector<Plane> bias;
-    for (const Averages& a : tried)
-      bias.push_back(box_mean(
-          make_plane(width, height, quiet(task), [&](int x, int y) { return a.values[0](x, y) - light(x, y); }), 1,
-          task));
-    const double n = std::max(frame.samples, 1.0);
-    alpha = make_plane(width, height, quiet(task), [&](int x, int y) {
-      std::array<double, kAlphas.size()> b, v;
-      for (size_t i = 0; i < kAlphas.size(); ++i) b[i] = bias[i](x, y), v[i] = tried[i].noise(x, y);
-      return static_cast<float>(
-          best_pixel_width({kAlphas, b, v, n}, kSmallestAlpha, kLargestAlpha, p.fit == Fit::kLiteral));
-    });
-  }
-  alpha = gaussian_blur(alpha, 1, task);
+  const Plane* const lights[] = {&light};
+  const std::vector<Averages> tried =
+      weighted_averages(features.model_for_widths(), window, widths, lights, &noise, task);
+  std::vector<Plane> bias;
+  for (const Averages& a : tried)
+    bias.push_back(
+        box_mean(make_plane(width, height, quiet(task), [&](int x, int y) { return a.values[0](x, y) - light(x, y); }),
+                 1, task));
+  const Plane alpha = make_plane(width, height, quiet(task), [&](int x, int y) {
+    std::array<double, kAlphas.size()> b, v;
+    for (size_t i = 0; i < kAlphas.size(); ++i) {
+      b[i] = bias[i](x, y);
+      v[i] = tried[i].noise(x, y);
+    }
+    const double n = std::max(frame.samples_at(x, y), 1.0);
+    return static_cast<float>(
+        best_pixel_width({kAlphas, b, v, n}, kSmallestAlpha, kLargestAlpha, p.fit == Fit::kLiteral));
+  });
+  return gaussian_blur(alpha, 1, task);
+}
+
+/// A cross bilateral filter for each feature parameter: of the signal, and behind it of what is carried along.
+std::vector<Averages> filter_candidates(const FilterFrame& frame, const SmoothFeatures& features, const Plane& alpha,
+                                        const Plane& trusted, const Plane& noise, const std::vector<Offset>& window,
+                                        const Task& task) {
+  const int width = frame.width(), height = frame.height();
   const Plane place =
       make_plane(width, height, quiet(task), [&](int x, int y) { return 1 / (2 * alpha(x, y) * alpha(x, y)); });
-
-  // 4: one cross bilateral filter for each feature parameter.
   std::vector<Variant> variants;
   for (const float s : kFeatureSigmas) variants.push_back({1 / (2 * s * s), &place, {}});
-  WeightModel model = model_of(ones);
+  WeightModel model = features.model_for_candidates();
   if (!trusted.empty()) model.trust = &trusted;
-  std::vector<const Plane*> averaged(frame.signal.begin(), frame.signal.end());
-  if (frame.carries()) averaged.insert(averaged.end(), frame.values.begin(), frame.values.end());
-  std::vector<Averages> candidates =
-      weighted_averages(model, window, variants, averaged, &noise, share(task, 0.35, 0.9));
+  const std::vector<const Plane*> averaged = averaged_planes(frame);
+  std::vector<Averages> candidates = weighted_averages(model, window, variants, averaged, &noise, task);
+  if (trusted.empty()) return candidates;
   // Where no neighbour is trusted the 5 x 5 box of all stands in for the median, which no layer can be carried through.
-  if (!trusted.empty())
-    for (size_t c = 0; c < averaged.size(); ++c) {
-      const Plane around = box_mean(*averaged[c], 2, task);
-      for (Averages& a : candidates)
-        for_each_row(height, quiet(task), [&](int y) {
-          for (int x = 0; x < width; ++x)
-            if (a.weight(x, y) < 1e-8f) a.values[c](x, y) = around(x, y);
-        });
-    }
-
-  // 5: the reference is the guided filter by whichever feature explains the picture best; the candidate nearest to it
-  // wins.
-  Rgb reference;
-  {
-    std::vector<std::vector<Plane>> guided;
-    std::vector<Plane> misfit;
-    for (const std::vector<Plane>& f : smooth) {
-      guided.push_back(guided_filter(frame.signal, pointers(f), kPrefilterRadius, p.epsilon, quiet(task)));
-      const Plane fit = luminance_of({&guided.back()[0], &guided.back()[1], &guided.back()[2]}, task);
-      misfit.push_back(box_mean(
-          make_plane(width, height, quiet(task),
-                     [&](int x, int y) { return std::abs(fit(x, y) - light(x, y)) / (std::abs(light(x, y)) + dim); }),
-          2, task));
-    }
-    if (guided.empty()) {
-      for (size_t c = 0; c < 3; ++c) reference[c] = box_mean(*frame.signal[c], kPrefilterRadius, task);
-    } else {
-      const std::vector<Plane> best = winners(misfit, task);
-      for (size_t c = 0; c < 3; ++c) {
-        std::vector<const Plane*> values;
-        for (const std::vector<Plane>& g : guided) values.push_back(&g[c]);
-        reference[c] = blend(values, best, task);
-      }
-    }
+  for (size_t c = 0; c < averaged.size(); ++c) {
+    const Plane around = box_mean(*averaged[c], 2, task);
+    for (Averages& a : candidates)
+      for_each_row(height, quiet(task), [&](int y) {
+        for (int x = 0; x < width; ++x)
+          if (a.weight(x, y) < 1e-8f) a.values[c](x, y) = around(x, y);
+      });
   }
+  return candidates;
+}
+
+/// What candidates are judged by: the picture guided by whichever feature explains it best.
+/// @param dim  least brightness that a misfit is compared with
+Rgb reference_picture(const SobelGuided& p, const FilterFrame& frame, const SmoothFeatures& features,
+                      const Plane& light, float dim, const Task& task) {
+  Rgb reference;
+  std::vector<std::vector<Plane>> guided;
+  std::vector<Plane> misfit;
+  for (const std::vector<Plane>& f : features.means()) {
+    guided.push_back(guided_filter(frame.signal, pointers(f), kPrefilterRadius, p.epsilon, quiet(task)));
+    const Plane fit = luminance_of({&guided.back()[0], &guided.back()[1], &guided.back()[2]}, task);
+    misfit.push_back(box_mean(
+        make_plane(light.width(), light.height(), quiet(task),
+                   [&](int x, int y) { return std::abs(fit(x, y) - light(x, y)) / (std::abs(light(x, y)) + dim); }),
+        2, task));
+  }
+  if (guided.empty()) {
+    for (size_t c = 0; c < 3; ++c) reference[c] = box_mean(*frame.signal[c], kPrefilterRadius, task);
+    return reference;
+  }
+  const std::vector<Plane> best = winners(misfit, task);
+  for (size_t c = 0; c < 3; ++c) {
+    std::vector<const Plane*> values;
+    for (const std::vector<Plane>& g : guided) values.push_back(&g[c]);
+    reference[c] = blend(values, best, task);
+  }
+  return reference;
+}
+
+/// A map for each candidate, of how much of it is taken: errors against the reference and winners both smoothed by
+/// guided filters.
+/// @param dark  least squared brightness that an error is compared with
+std::vector<Plane> choice_maps(const SobelGuided& p, const std::vector<Averages>& candidates, const Rgb& reference,
+                               float dark, const Task& task) {
   std::vector<Plane> errors;
   for (const Averages& a : candidates) {
-    const Plane error = make_plane(width, height, quiet(task), [&](int x, int y) {
+    const Plane error = make_plane(reference[0].width(), reference[0].height(), quiet(task), [&](int x, int y) {
       float sum = 0;
       for (size_t c = 0; c < 3; ++c) {
         const float r = reference[c](x, y), d = a.values[c](x, y) - r;
@@ -271,27 +288,51 @@ void run(const SobelGuided& p, const FilterFrame& frame, const FilterOutput& out
     const Plane* const self[] = {&won};
     maps.push_back(std::move(guided_filter(self, self, kWinnerRadius, p.epsilon, quiet(task))[0]));
   }
+  return maps;
+}
+
+/// How much each pixel would gain from more samples: its change and what is left of its noise, over its brightness.
+Plane sampling_need(const Plane& clean, const Plane& light, const Plane& noise_left, float dark, const Task& task) {
+  const Plane need = make_plane(clean.width(), clean.height(), quiet(task), [&](int x, int y) {
+    const float d = clean(x, y) - light(x, y), c = clean(x, y);
+    const float v = (d * d + noise_left(x, y)) / (c * c + dark);
+    return v < kLargestNeed ? v : kLargestNeed;
+  });
+  return box_mean(need, 1, task);
+}
+
+void run(const SobelGuided& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
+  // The published 0.001 beside squared brightness belongs to pictures whose white is 1.
+  const float dark = 1e-3f / static_cast<float>(frame.exposure * frame.exposure),
+              dim = 1e-3f / static_cast<float>(frame.exposure);
+  const Plane gradient = gradient_image(*frame.features, frame.width(), frame.height(), task);
+  const SmoothFeatures features(p, *frame.features, gradient, task);
+  task.report(0.05);
+
+  const Plane light = luminance_of(frame.signal, task);
+  const Plane noise = make_plane(frame.width(), frame.height(), quiet(task), [&](int x, int y) {
+    const auto s = [&](size_t c) { return std::sqrt((*frame.variance[c])(x, y)); };
+    const float sum = luminance(vec3(s(0), s(1), s(2)));
+    return sum * sum;
+  });
+  const Plane trusted = p.spikes == Spikes::kKeep ? Plane() : trust(p.spikes, light, gradient, frame.exposure, task);
+  const std::vector<Offset> window = square_window(p.radius);
+  const Plane alpha = fitted_widths(p, frame, features, light, noise, window, share(task, 0.05, 0.35));
+  const std::vector<Averages> candidates =
+      filter_candidates(frame, features, alpha, trusted, noise, window, share(task, 0.35, 0.9));
+  const Rgb reference = reference_picture(p, frame, features, light, dim, task);
+  const std::vector<Plane> maps = choice_maps(p, candidates, reference, dark, task);
   const size_t offset = frame.carries() ? 3 : 0;
   for (size_t c = 0; c < 3; ++c) {
     std::vector<const Plane*> values;
     for (const Averages& a : candidates) values.push_back(&a.values[c + offset]);
     *out[c] = blend(values, maps, task);
   }
-
-  // 7: where the next samples are worth most.
   if (frame.products) {
-    const Plane clean = luminance_of({out[0], out[1], out[2]}, task);
     std::vector<const Plane*> noises;
     for (const Averages& a : candidates) noises.push_back(&a.noise);
-    const Plane left = blend(noises, maps, task);
     (*frame.products)[layer::sampling_map.channel(0)] =
-        box_mean(make_plane(width, height, quiet(task),
-                            [&](int x, int y) {
-                              const float d = clean(x, y) - light(x, y), c = clean(x, y);
-                              const float v = (d * d + left(x, y)) / (c * c + dark);
-                              return v < kLargestNeed ? v : kLargestNeed;
-                            }),
-                 1, task);
+        sampling_need(luminance_of({out[0], out[1], out[2]}, task), light, blend(noises, maps, task), dark, task);
   }
   task.report(1);
 }
@@ -307,14 +348,18 @@ const FilterEntry entry =
         .notes(
             "The published fit takes the width 0.1 px into the variance's law of 1 / a^2, which a kernel that small "
             "does "
-            "not follow, and leaves out the fitted constant of the bias: `fit=repaired` does neither. The published "
+            "not follow, and leaves out the fitted constant of the bias: `fit=repaired` does neither, and yet lost on "
+            "every frame tried, so that the published fit is the default. The published "
             "spike test, one deviation, takes a third of plain noise for spikes: `spikes=repaired` asks for three, of "
-            "the other pixels, and for brightness. Media features: opacity, albedo and single scattering for the "
+            "the other pixels, and for brightness; the default `keep` keeps the light of all. Media features: opacity, "
+            "albedo and single scattering for the "
             "texture, the density gradient for the normal, depth for depth. The layer `sampling_map` says where the "
             "next "
             "samples are worth most.")
         .statistics(Statistics::kVariance)
         .features()
+        .feature_set(&SobelGuided::feature_set)
+        .paper("gamma-1=0.2,feature-set=all,spikes=literal")
         .carries()
         .produces(layer::sampling_map)
         .settles([](Layers& result) {
@@ -325,10 +370,12 @@ const FilterEntry entry =
         .param("epsilon", &SobelGuided::epsilon, {1e-8, 100}, "feature^2", "of the guided filters")
         .param("gamma-1", &SobelGuided::gamma_1, {0.01, 100}, "deviations",
                "of opacity, albedo and single scattering while the width is fitted", {0.2, 0.4})
-        .param("gamma-2", &SobelGuided::gamma_2, {0.01, 100}, "deviations", "of the density gradient and the normal")
+        .param("gamma-2", &SobelGuided::gamma_2, {0.01, 100}, "deviations", "of the density gradient and the normal",
+               {0.3, 1, 3})
         .param("gamma-3", &SobelGuided::gamma_3, {0.01, 100}, "deviations", "of depth")
-        .param("fit", &SobelGuided::fit, {"literal", "repaired"}, "how the width is fitted")
-        .param("spikes", &SobelGuided::spikes, {"repaired", "literal", "keep"}, "what is taken for a spike")
+        .param("fit", &SobelGuided::fit, {"literal", "repaired"}, "how the width is fitted", {"literal", "repaired"})
+        .param("spikes", &SobelGuided::spikes, {"repaired", "literal", "keep"}, "what is taken for a spike",
+               {"repaired", "literal", "keep"})
         .scratch(90)
         .apron([](const SobelGuided& p) { return p.radius + 24; })
         .run(run);

@@ -14,7 +14,7 @@ using kernels::Shrink;
 struct Wavelet {
   int scales = 5;
   float strength = 1;
-  Shrink shrink = Shrink::kSoft;
+  Shrink shrink = Shrink::kBayes;
 };
 
 int mirrored(int i, int n) {
@@ -116,8 +116,11 @@ const FilterEntry entry =
             "undecimated B3-spline wavelets (Starck and Murtagh 1994) shrunk in the spirit of Overbeck, Donner and "
             "Ramamoorthi 2009, Adaptive Wavelet Rendering, which takes one standard deviation off")
         .notes(
-            "Each band's noise follows from the variance of the pixels and the band's impulse response. `strength=0` "
-            "gives the input back. Results can be negative beside bright edges; they are left so.")
+            "Each band's noise follows from the variance of the pixels and the band's impulse response. With `soft` "
+            "and "
+            "`wiener`, `strength=0` gives the input back; `bayes` drops bands whose energy the noise explains. Results "
+            "can be negative beside bright edges; they are left so.")
+        .paper("shrink=soft")
         .statistics(Statistics::kVariance)
         .param("scales", &Wavelet::scales, {1, 8}, "", "bands; the rest stays as it is", {3, 4, 5})
         .param("strength", &Wavelet::strength, {0, 100}, "deviations", "c, of the threshold", {0.7, 1, 1.5, 2, 3})

@@ -11,8 +11,8 @@ namespace {
 
 struct Welch {
   int search_radius = 20;
-  float sigma_spatial = 10;
-  float significance = 0.005f, lambda = 0.5f;
+  float sigma_spatial = 3;
+  float significance = 5e-4f, lambda = 0.5f;
   float sigma_albedo = 0.02f, sigma_direction = 0.1f, sigma_other = 0.1f;
 };
 
@@ -94,16 +94,18 @@ const FilterEntry entry =
             "without, "
             "the eight bucket means are, which are closer to normal and fewer. The weights of the "
             "features are Gaussians, their variances the parameters.")
+        .paper("sigma-spatial=10,significance=0.005")
         .statistics(Statistics::kBuckets)
         .can_use_records()
         .features()
         .carries()
         .param("search-radius", &Welch::search_radius, {0, 40}, "px", "half width of the window")
         .param("sigma-spatial", &Welch::sigma_spatial, {0, 100}, "px", "of the kernel over distance; 0: off",
-               {3, 5, 10})
+               {1.5, 2, 3, 5, 10})
         .param("significance", &Welch::significance, {1e-6, 0.5}, "1", "alpha of the two-sided test",
                {0.0005, 0.005, 0.05})
-        .param("lambda", &Welch::lambda, {0, 1}, "1", "of the Box-Cox transformation; 0: logarithm, 1: none")
+        .param("lambda", &Welch::lambda, {0, 1}, "1", "of the Box-Cox transformation; 0: logarithm, 1: none",
+               {0.25, 0.5, 1})
         .param("sigma-albedo", &Welch::sigma_albedo, {0, 100}, "1", "variance of the kernel over albedo; 0: off")
         .param("sigma-direction", &Welch::sigma_direction, {0, 100}, "1",
                "variance of the kernel over the density gradient and the normal; 0: off", {0, 0.1, 1})

@@ -11,15 +11,18 @@ namespace brume {
 namespace {
 
 struct Wlr {
-  int radius = 9, curvature_radius = 5;
+  int radius = 5, curvature_radius = 5;
   float rejection = 3;
+  FeatureSet feature_set = FeatureSet::kOpacity;
 };
 
 constexpr std::array<double, 5> kBandwidths = {0.2, 0.4, 0.6, 0.8, 1.0};
 constexpr double kSmallestBandwidth = 0.01, kLargestBandwidth = 1;
 // Least spread of a feature within a window, and what of a singular value is noise whatever the features' variance.
 constexpr double kSpreadFloor = 0.01, kSingularFloor = 0.01;
-constexpr double kCurvatureFloor = 0.16, kRidge = 1e-4, kRejectionFloor = 0.005;
+// Curvature that is always assumed, and the least brightness difference that rejects a neighbour, white being 1.
+constexpr double kCurvatureFloor = 0.16, kRejectionFloor = 0.005;
+constexpr double kRidge = 1e-4;
 constexpr int kMost = 16;  // dimensions of the full space
 
 using Vector = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, kMost + 1, 1>;
@@ -40,12 +43,13 @@ class Regression {
     for (const Feature& f : *frame.features)
       for (size_t c = 0; c < f.mean.size() && planes_.size() + 2 < kMost; ++c)
         planes_.push_back(&f.mean[c]), variances_.push_back(&f.variance[c]);
+    const float exposure = static_cast<float>(frame.exposure);
     light_ = make_plane(frame.width(), frame.height(), quiet(task), [&](int x, int y) {
-      return luminance(vec3((*frame.signal[0])(x, y), (*frame.signal[1])(x, y), (*frame.signal[2])(x, y)));
+      return exposure * luminance(vec3((*frame.signal[0])(x, y), (*frame.signal[1])(x, y), (*frame.signal[2])(x, y)));
     });
     noise_ = make_plane(frame.width(), frame.height(), quiet(task), [&](int x, int y) {
       const auto s = [&](size_t c) { return std::sqrt((*frame.variance[c])(x, y)); };
-      const float sum = luminance(vec3(s(0), s(1), s(2)));
+      const float sum = exposure * luminance(vec3(s(0), s(1), s(2)));
       return sum * sum;
     });
   }
@@ -58,8 +62,7 @@ class Regression {
     for (int qy = std::max(0, y - r); qy <= std::min(frame_.height() - 1, y + r); ++qy)
       for (int qx = std::max(0, x - r); qx <= std::min(frame_.width() - 1, x + r); ++qx)
         if (std::abs(light_(qx, qy) - light_(x, y)) <=
-            static_cast<double>(p_.rejection) * (std::sqrt(noise_(qx, qy)) + std::sqrt(noise_(x, y))) +
-                kRejectionFloor * std::abs(light_(x, y)))
+            static_cast<double>(p_.rejection) * (std::sqrt(noise_(qx, qy)) + std::sqrt(noise_(x, y))) + kRejectionFloor)
           w.places.push_back({qx, qy});
     const size_t n = w.places.size();
     std::vector<double> full(n * static_cast<size_t>(columns));
@@ -107,12 +110,11 @@ class Regression {
   }
 
   /// Weights l_q with estimate = sum l_q y_q of the local line at a bandwidth. Empty where it cannot be fitted.
-  void hat(int x, int y, const Window& w, double bandwidth, std::vector<double>& l) const {
+  void hat(const Window& w, double bandwidth, std::vector<double>& l) const {
     const int k = w.dimensions;
     const size_t n = w.places.size();
     std::vector<double> weights(n);
     Matrix a = Matrix::Zero(k + 1, k + 1);
-    const double own_noise = std::max(static_cast<double>(noise_(x, y)), 1e-30);
     for (size_t i = 0; i < n; ++i) {
       const double* z = w.z.data() + i * static_cast<size_t>(k);
       double weight = 1;
@@ -121,8 +123,8 @@ class Regression {
         weight *= std::max(0.0, 0.75 * (1 - t * t));
       }
       if (!(weight > 0)) continue;
-      // Noisier neighbours count less; the authors divide by max(V, 1), whose 1 is a brightness.
-      weight /= std::max(noise_(w.places[i].x, w.places[i].y) / own_noise, 1.0);
+      // Fireflies, noisier than white is bright, count less.
+      weight /= std::max(static_cast<double>(noise_(w.places[i].x, w.places[i].y)), 1.0);
       weights[i] = weight;
       a(0, 0) += weight;
       for (int j = 0; j < k; ++j) {
@@ -146,10 +148,10 @@ class Regression {
 
   double bandwidth(int x, int y, const Window& w, std::vector<double>& l) const {
     const int k = w.dimensions;
-    const double n = std::max(frame_.samples, 1.0);
+    const double n = std::max(frame_.samples_at(x, y), 1.0);
     std::array<double, kBandwidths.size()> bias, variance{};
     for (size_t j = 0; j < kBandwidths.size(); ++j) {
-      hat(x, y, w, kBandwidths[j], l);
+      hat(w, kBandwidths[j], l);
       bias[j] = -light_(x, y);
       for (size_t i = 0; i < l.size(); ++i) {
         const ivec2 q = w.places[i];
@@ -161,27 +163,32 @@ class Regression {
   }
 
   std::array<double, 3> estimate(int x, int y, const Window& w, std::vector<double>& l, double h) const {
-    hat(x, y, w, h, l);
-    const auto sum = [&](size_t c) {
-      double total = 0;
-      for (size_t i = 0; i < l.size(); ++i) total += l[i] * (*frame_.values[c])(w.places[i].x, w.places[i].y);
+    hat(w, h, l);
+    const auto sums = [&](const RgbPlanes& planes) {
+      std::array<double, 3> total{};
+      for (size_t i = 0; i < l.size(); ++i)
+        for (size_t c = 0; c < 3; ++c) total[c] += l[i] * (*planes[c])(w.places[i].x, w.places[i].y);
       return total;
     };
-    std::array<double, 3> out = {sum(0), sum(1), sum(2)};
+    // The signal decides, so that layers that are carried along get its weights.
+    const std::array<double, 3> line = sums(frame_.signal);
     bool below = false;
-    for (size_t c = 0; c < 3; ++c) below |= out[c] < 0 && (*frame_.values[c])(x, y) >= 0;
-    if (!below) return out;
+    for (size_t c = 0; c < 3; ++c) below |= line[c] < 0 && (*frame_.signal[c])(x, y) >= 0;
+    if (!below) return frame_.carries() ? sums(frame_.values) : line;
     // A line that leads below black: its positive weights alone are an average.
     double total = 0;
-    for (double& v : l) v = std::max(v, 0.0), total += v;
+    for (double& v : l) {
+      v = std::max(v, 0.0);
+      total += v;
+    }
     if (total > 0)
       for (double& v : l) v /= total;
-    return {sum(0), sum(1), sum(2)};
+    return sums(frame_.values);
   }
 
  private:
   /// Widths 1 / sqrt(|second derivative| + floor) along each dimension, from a parabola without mixed terms through the
-  /// inner window, in units of the window's own brightness.
+  /// inner window.
   void measure_widths(int x, int y, Window& w) const {
     const int k = w.dimensions, n = 2 * k + 1;
     Curved a = Curved::Zero(n, n);
@@ -199,21 +206,14 @@ class Regression {
     }
     a.diagonal().array() += kRidge * std::max(a(0, 0), 1.0);
     const auto solution = a.selfadjointView<Eigen::Lower>().ldlt().solve(b).eval();
-    const double unit = std::max(std::abs(static_cast<double>(light_(x, y))), 1e-6);
-    for (int j = 0; j < k; ++j) {
-      double reach = 0;
-      for (size_t i = 0; i < w.places.size(); ++i)
-        reach = std::max(reach, std::abs(w.z[i * static_cast<size_t>(k) + static_cast<size_t>(j)]));
-      // At bandwidth 1 and no curvature the kernel spans the window's whole extent along the dimension.
-      w.width[static_cast<size_t>(j)] = std::max(reach, 1e-6) * 1.001 * std::sqrt(kCurvatureFloor) /
-                                        std::sqrt(std::abs(solution[1 + k + j]) / unit + kCurvatureFloor);
-    }
+    for (int j = 0; j < k; ++j)
+      w.width[static_cast<size_t>(j)] = 1 / std::sqrt(std::abs(solution[1 + k + j]) + kCurvatureFloor);
   }
 
   const Wlr& p_;
   const FilterFrame& frame_;
   std::vector<const Plane*> planes_, variances_;
-  Plane light_, noise_;
+  Plane light_, noise_;  // luminance, white being 1, and the variance of its mean
 };
 
 void run(const Wlr& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
@@ -247,11 +247,12 @@ const FilterEntry entry =
         .notes(
             "Position and features of each window are reduced to the singular directions that their noise does not "
             "explain. Lines at five bandwidths give the curves of bias and variance whose best trade-off is taken, and "
-            "smoothed over the picture. Two constants that the authors' program has in units of brightness are "
-            "relative "
-            "to the pixel here.")
+            "smoothed over the picture. The authors' constants of brightness are for pictures whose white is 1; the "
+            "exposure takes the frame there.")
         .statistics(Statistics::kVariance)
         .features()
+        .feature_set(&Wlr::feature_set)
+        .paper("radius=9,feature-set=all")
         .carries()
         .param("radius", &Wlr::radius, {1, 20}, "px", "half width of a window", {5, 9})
         .param("curvature-radius", &Wlr::curvature_radius, {1, 20}, "px", "half width of the window for the curvature")

@@ -180,6 +180,25 @@ TEST(CommonRules, FeaturesAreChosenByName) {
   }
 }
 
+TEST(CommonRules, AFiltersOwnFeaturesGiveWayToTheCallersAndToWhatThereIs) {
+  const Layers frame = noisy_frame(30, 20, 5);
+  Layers without_opacity(30, 20);
+  for (const auto& [name, plane] : frame.channels())
+    if (!name.starts_with("transmittance.")) without_opacity.set(name, plane);
+  const auto note = [](const std::string& filter, const Layers& layers, const std::vector<std::string>& named) {
+    ApplyOptions options;
+    options.features = named;
+    ApplyReport report;
+    apply_filter(parse_filter(filter), layers, options, {}, &report);
+    return report.notes.front();
+  };
+  EXPECT_EQ(note("guided:feature-set=opacity", frame, {}), "features: opacity");
+  EXPECT_TRUE(note("guided:feature-set=all", frame, {}).starts_with("features: opacity, gradient"));
+  EXPECT_TRUE(note("guided:feature-set=scalar", frame, {}).starts_with("features: opacity; without"));
+  EXPECT_TRUE(note("guided:feature-set=opacity", frame, {"gradient"}).starts_with("features: gradient"));
+  EXPECT_TRUE(note("guided:feature-set=opacity", without_opacity, {}).starts_with("features: gradient"));
+}
+
 TEST(CommonRules, OutliersAreLimitedAndTheirLightIsAccountedFor) {
   Layers frame = sampled_frame(60, 60, 64, 0.2, 6, [](int, int, size_t) { return 1.0f; });
   // One bucket of one pixel met the sun.
@@ -248,7 +267,7 @@ TEST(CommonRules, WhatIsMissingIsNamedWithTheWayToGetIt) {
   EXPECT_TRUE(holds(message("nl_means", bare, spatial), "buffers=one works without"));
   EXPECT_TRUE(holds(message("nfor", without("half_")), "the two half images"));
   EXPECT_TRUE(holds(message("welch", without("bucket_")), "--buckets"));
-  EXPECT_TRUE(holds(message("virtual_flash", without("flash")), "needs the layer 'flash'"));
+  EXPECT_TRUE(holds(message("virtual_flash:guide=flash", without("flash")), "needs the layer 'flash'"));
   EXPECT_EQ(message("virtual_flash:guide=signal", without("flash")), "");
   EXPECT_TRUE(holds(message("random_parameter", frame), "--records OUT.records"));
   EXPECT_TRUE(holds(message("gaussian:choose=per-pixel", bare), "--noise spatial"));

@@ -1,0 +1,185 @@
+// Pixels and recorded samples that once spoiled more than themselves, and sample counts that differ from pixel to
+// pixel.
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+
+#include "base/error.h"
+#include "base/rng.h"
+#include "filters/apply.h"
+#include "filters/registry.h"
+#include "tests/support/frames.h"
+
+namespace brume {
+namespace {
+
+using test::noisy_frame;
+using test::put;
+using test::sampled_frame;
+
+double largest_difference(const Layers& a, const Layers& b, const std::function<bool(int x, int y)>& where) {
+  double largest = 0;
+  for (size_t c = 0; c < 3; ++c)
+    for (int y = 0; y < a.height(); ++y)
+      for (int x = 0; x < a.width(); ++x)
+        if (where(x, y))
+          largest =
+              std::max<double>(largest, std::abs((*a.rgb(layer::beauty)[c])(x, y) - (*b.rgb(layer::beauty)[c])(x, y)));
+  return largest;
+}
+
+float flat(int, int, size_t) {
+  return 0.5f;
+}
+
+double rms_around(const Layers& clean, const Layers& frame, int px, int py) {
+  double sum = 0;
+  int n = 0;
+  for (int y = 0; y < clean.height(); ++y)
+    for (int x = 0; x < clean.width(); ++x) {
+      if (std::max(std::abs(x - px), std::abs(y - py)) <= 1) continue;
+      sum += std::pow(clean.at("G")(x, y) - frame.at("direct.G")(x, y) - 0.5, 2);
+      ++n;
+    }
+  return std::sqrt(sum / n);
+}
+
+TEST(HardPixels, OnePixelOf1e20LeavesTheOthersOfBayesianCollaborativeFiltered) {
+  const Layers frame = sampled_frame(90, 80, 32, 0.4, 1, flat);
+  Layers hit = frame;
+  for (size_t c = 0; c < 3; ++c) {
+    (*hit.add_rgb(layer::indirect)[c])(40, 40) = 1e20f;
+    (*hit.add_rgb(layer::indirect, statistic::mean_variance)[c])(40, 40) = 1e38f;
+    (*hit.add_rgb(layer::indirect, statistic::buckets[2])[c])(40, 40) = 8e20f;
+    (*hit.add_rgb(layer::indirect, statistic::half_a)[c])(40, 40) = 2e20f;
+  }
+  const FilterSettings f(find_filter("bayesian_collaborative"));
+  ApplyReport report;
+  const Layers clean = apply_filter(f, frame, {}, {}), out = apply_filter(f, hit, {}, {}, &report);
+  EXPECT_EQ(report.not_finite_results, 1u);
+  EXPECT_EQ(out.at("G")(40, 40), 1e20f) << "keeps its input";
+  EXPECT_LT(rms_around(out, frame, 40, 40), 1.1 * rms_around(clean, frame, 40, 40));
+}
+
+TEST(HardPixels, OnePixelOf1e8DoesNotMoveTheFloorOfLogLuminance) {
+  const Layers frame = noisy_frame(80, 60, 2);
+  Layers hit = frame;
+  for (Plane* p : hit.add_rgb(layer::indirect)) (*p)(20, 20) = 1e8f;
+  const FilterSettings f = parse_filter("extended_bilateral:domain=log-luminance");
+  const int reach = f.apron();
+  EXPECT_EQ(largest_difference(apply_filter(f, frame, {}, {}), apply_filter(f, hit, {}, {}),
+                               [&](int x, int y) { return std::max(std::abs(x - 20), std::abs(y - 20)) > reach; }),
+            0);
+}
+
+TEST(HardPixels, RecordsThatAreNotFiniteAreReplacedAndCounted) {
+  const Layers frame = sampled_frame(40, 30, 8, 0.3, 3, flat);
+  Layers damaged = frame;
+  (*damaged.add_rgb(layer::indirect, statistic::buckets[1])[0])(12, 9) = std::numeric_limits<float>::quiet_NaN();
+  (*damaged.add_rgb(layer::indirect, statistic::buckets[5])[2])(25, 20) = std::numeric_limits<float>::infinity();
+  const test::Records whole(frame), with_holes(damaged);
+  for (const FilterEntry* e : all_filters()) {
+    if (e->records == FilterEntry::Records::kNo) continue;
+    FilterSettings f(*e);
+    if (e->find("largest-neighborhood")) f.set("largest-neighborhood", "120");
+    for (const int tile : {0, 24}) {
+      ApplyOptions options;
+      options.tile = tile;
+      options.records = &const_cast<RecordReader&>(*with_holes.reader);
+      ApplyReport report;
+      const Layers out = apply_filter(f, frame, options, {}, &report);
+      EXPECT_EQ(report.repaired_records, 2u) << e->name << " tile " << tile;
+      for (const auto& [name, plane] : out.channels()) EXPECT_EQ(count_not_finite(plane), 0u) << e->name << " " << name;
+      options.records = &const_cast<RecordReader&>(*whole.reader);
+      apply_filter(f, frame, options, {}, &report);
+      EXPECT_EQ(report.repaired_records, 0u) << e->name;
+    }
+  }
+}
+
+// Left 4 samples per pixel, right 64: far from the seam each side is what a frame of such pixels alone gives.
+TEST(SampleCounts, EachPixelsOwnDecides) {
+  const auto frame_with = [](const test::Value& count) {
+    const test::Value ramp = [](int x, int y, size_t) { return 0.5f + 0.002f * static_cast<float>(x + 2 * y); };
+    Layers frame = sampled_frame(130, 24, 16, 0.5, 4, ramp);
+    put(frame, layer::sample_count, "", count);
+    put(frame, layer::transmittance, statistic::mean_variance, [](int, int, size_t) { return 4e-3f; });
+    return frame;
+  };
+  const Layers few = frame_with([](int, int, size_t) { return 4.0f; }),
+               many = frame_with([](int, int, size_t) { return 64.0f; }),
+               mixed = frame_with([](int x, int, size_t) { return x < 65 ? 4.0f : 64.0f; });
+  for (const std::string name : {"virtual_flash", "sbf:scale=0.5"}) {
+    const FilterSettings f = parse_filter(name);
+    const Layers a = apply_filter(f, few, {}, {}), b = apply_filter(f, many, {}, {}),
+                 c = apply_filter(f, mixed, {}, {});
+    const int reach = f.apron() + kNoiseReach;
+    ASSERT_LT(reach, 60) << name;
+    EXPECT_EQ(largest_difference(c, a, [&](int x, int) { return x < 65 - reach; }), 0) << name;
+    EXPECT_EQ(largest_difference(c, b, [&](int x, int) { return x >= 65 + reach; }), 0) << name;
+    EXPECT_GT(largest_difference(a, b, [](int, int) { return true; }), 1e-4) << name << " does not read the counts";
+  }
+}
+
+std::string refusal(const FilterSettings& f, const Layers& frame, const ApplyOptions& options) {
+  try {
+    apply_filter(f, frame, options, {});
+  } catch (const InputError& error) {
+    return error.what();
+  }
+  return "";
+}
+
+TEST(Guided, RefusesWithoutFeaturesInsteadOfBlurring) {
+  const Layers frame = noisy_frame(30, 20, 5);
+  const FilterSettings guided(find_filter("guided"));
+  ApplyOptions none;
+  none.features = {"none"};
+  EXPECT_NE(refusal(guided, frame, none).find("--features none leaves it none"), std::string::npos);
+  Layers bare(30, 20), constant = frame;
+  for (const LayerName& l : {layer::direct, layer::indirect, layer::beauty})
+    for (const std::string& channel : l.channel_names()) bare.set(channel, frame.at(channel));
+  const std::string text = refusal(guided, bare, {});
+  EXPECT_NE(text.find("the frame has no layer to make one from"), std::string::npos) << text;
+  EXPECT_NE(text.find("brume render SCENE -o OUT.exr --layers direct,indirect,transmittance"), std::string::npos);
+  for (const LayerName& l : {layer::transmittance, layer::gradient, layer::gradient_transmittance_weighted})
+    put(constant, l, "", [](int, int, size_t) { return 0.5f; });
+  EXPECT_NE(refusal(guided, constant, {}).find("no feature of the frame varies by more than its noise"),
+            std::string::npos);
+}
+
+// Means and variances of samples of one exponential distribution rise and fall together, so that a filter which weighs
+// by the measured variance darkens the picture.
+TEST(LocalRegression, DoesNotDarkenSkewedLight) {
+  constexpr int kSamples = 8;
+  Layers frame = sampled_frame(60, 50, kSamples, 0, 6, flat);
+  for (size_t c = 0; c < 3; ++c)
+    for (int y = 0; y < 50; ++y)
+      for (int x = 0; x < 60; ++x) {
+        Rng rng(hash_combine(hash_combine(7 + c, static_cast<uint64_t>(x)), static_cast<uint64_t>(y)));
+        double sum = 0, squares = 0;
+        for (int s = 0; s < kSamples; ++s) {
+          const double v = 0.5 * rng.exponential();
+          sum += v;
+          squares += v * v;
+        }
+        (*frame.add_rgb(layer::indirect)[c])(x, y) = static_cast<float>(sum / kSamples);
+        (*frame.add_rgb(layer::indirect, statistic::mean_variance)[c])(x, y) =
+            static_cast<float>((squares - sum * sum / kSamples) / (kSamples - 1) / kSamples);
+      }
+  Layers given(60, 50);  // without halves, which would speak of the variance too
+  for (const auto& [name, plane] : frame.channels())
+    if (name.find("half") == std::string::npos) given.set(name, plane);
+  ApplyOptions options;
+  options.features = {"none"};
+  const Layers out = apply_filter(parse_filter("wlr:rejection=100"), given, options, {});
+  double mean = 0;
+  for (int y = 0; y < 50; ++y)
+    for (int x = 0; x < 60; ++x) mean += (out.at("G")(x, y) - frame.at("direct.G")(x, y)) / (60 * 50);
+  EXPECT_NEAR(mean, 0.5, 0.01);
+}
+
+}  // namespace
+}  // namespace brume
