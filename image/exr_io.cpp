@@ -219,7 +219,7 @@ Layers read_exr(const fs::path& path, const std::function<bool(const std::string
   return layers;
 }
 
-Layers read_exr_state(const fs::path& path) {
+Layers read_exr_state(const fs::path& path, const Task& task) {
   Imf::MultiPartInputFile file = open(path);
   const Imf::Header& header = file.header(0);
   const Imath::Box2i data = header.dataWindow(), display = header.displayWindow();
@@ -238,7 +238,13 @@ Layers read_exr_state(const fs::path& path) {
   try {
     Imf::InputPart input(file, 0);
     input.setFrameBuffer(frame);
-    input.readPixels(data.min.y, data.max.y);
+    constexpr int kRows = 256;  // between looks at the task
+    for (int y = data.min.y; y <= data.max.y; y += kRows) {
+      task.check();
+      input.readPixels(y, std::min(y + kRows - 1, data.max.y));
+    }
+  } catch (const Interrupted&) {
+    throw;
   } catch (const std::exception& error) {
     throw InputError(fmt::format("{}: truncated or damaged: {}", path.string(), error.what()));
   }
@@ -250,7 +256,7 @@ void set_exr_threads(int threads) {
   packing_threads = threads;
 }
 
-void write_exr(const fs::path& path, const Layers& layers) {
+void write_exr(const fs::path& path, const Layers& layers, const Task& task) {
   constexpr int kLines = 16;  // packed together: ZIP's
   const int width = layers.width(), height = layers.height(), chunks = (height + kLines - 1) / kLines;
   std::map<std::string, ExrChannel> named;
@@ -284,7 +290,7 @@ void write_exr(const fs::path& path, const Layers& layers) {
   for (int first = 0; first < chunks && file; first += static_cast<int>(packed.size())) {
     const int count = std::min(chunks - first, static_cast<int>(packed.size()));
     const auto line = [&](int k) { return (first + k) * kLines; };
-    parallel_for(count, {packing_threads, {}, nullptr}, [&](int k) {
+    parallel_for(count, {packing_threads, {}, task.cancel}, [&](int k) {
       packed[static_cast<size_t>(k)] = zip_exr_lines(channels, width, line(k), std::min(kLines, height - line(k)));
     });
     for (int k = 0; k < count; ++k) {

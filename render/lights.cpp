@@ -9,7 +9,7 @@
 #include "base/error.h"
 #include "base/text.h"
 #include "image/exr_io.h"
-#include "image/picture_io.h"
+#include "image/hdr_io.h"
 #include "render/mesh.h"
 #include "render/sky.h"
 
@@ -185,7 +185,7 @@ double MeshLight::importance(const dvec3& p) const {
   return luminance(radiance_) * area_ / (d * d);
 }
 
-Environment::Environment(const EnvironmentSettings& s)
+Environment::Environment(const EnvironmentSettings& s, const Task& task)
     : InfiniteLight(s.visible_to_camera), radiance_(s.radiance), mean_(s.radiance) {
   if (s.sky == "preetham") {
     set_picture(preetham_sky(s), s);
@@ -195,7 +195,7 @@ Environment::Environment(const EnvironmentSettings& s)
   Layers picture;
   const std::string name = s.file.string();
   if (name.ends_with(".hdr") || name.ends_with(".pic"))
-    picture = read_hdr(s.file);
+    picture = read_hdr(s.file, task);
   else
     picture = read_exr(s.file, [](const std::string& c) { return c == "R" || c == "G" || c == "B"; });
   if (!picture.has(layer::beauty))
@@ -344,8 +344,8 @@ bool shines(const Light& light) {
 
 }  // namespace
 
-Lights::Lights(const Scene& scene, const dvec3& world_shift) {
-  auto environment = std::make_unique<Environment>(scene.environment);
+Lights::Lights(const Scene& scene, const dvec3& world_shift, const Task& task) {
+  auto environment = std::make_unique<Environment>(scene.environment, task);
   environment_ = environment.get();
   if (!environment->black()) infinite_.push_back(environment_);
   all_.push_back(std::move(environment));

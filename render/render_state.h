@@ -1,4 +1,6 @@
 #pragma once
+#include <filesystem>
+#include <functional>
 #include <string>
 
 #include "image/layers.h"
@@ -13,5 +15,21 @@ void check_same_render(const Layers& a, const std::string& name_a, const Layers&
 
 /// The layers a frame's header says were recorded, for a film that takes its sums.
 struct LayerRequest recorded_in(const Layers& frame);
+
+/// Writes a render's checkpoints. A disk that is full, or gone for a while, costs the checkpoint and not the render:
+/// the last one that could be written stays, and the next is tried again.
+class CheckpointWriter {
+ public:
+  /// @param warn  told when writing begins to fail, and when it works again
+  CheckpointWriter(std::filesystem::path path, std::function<void(const std::string&)> warn)
+      : path_(std::move(path)), warn_(std::move(warn)) {}
+  /// @return whether it was written
+  bool write(const Layers& frame);
+
+ private:
+  std::filesystem::path path_;
+  std::function<void(const std::string&)> warn_;
+  bool failing_ = false;
+};
 
 }  // namespace brume

@@ -31,7 +31,7 @@ void check_memory(double bytes, const std::string& what, const std::string& advi
 }  // namespace
 
 PreparedScene::PreparedScene(Scene scene, const LayerRequest& layers, const Task& task)
-    : scene_(std::move(scene)), media_(scene_, task), lights_(scene_, media_.world_shift()) {
+    : scene_(std::move(scene)), media_(scene_, task), lights_(scene_, media_.world_shift(), task) {
   notes_ = media_.notes();
   bool catcher = false;
   if (!scene_.surfaces.empty()) {
@@ -359,6 +359,7 @@ RenderResult PreparedScene::render(const RenderJob& job, const Task& task) const
     describe(frame, camera, job, first, first + r.samples_per_pixel, r);
     if (job.stamp) job.stamp(frame);
   };
+  CheckpointWriter checkpoint(job.checkpoint, job.warn);
   const auto write_checkpoint = [&] {
     Layers frame = film.layers();
     const RenderReport so_far = collect();
@@ -367,7 +368,7 @@ RenderResult PreparedScene::render(const RenderJob& job, const Task& task) const
       if (film.taken(tile) != static_cast<uint32_t>(so_far.samples_per_pixel))
         frame.header["interrupted"] = std::string("true: some tiles have more samples than samplesPerPixel");
     film.save_state(frame);
-    write_exr(job.checkpoint, frame);
+    return checkpoint.write(frame);
   };
 
   const auto total = static_cast<uint32_t>(end - first);
@@ -412,8 +413,9 @@ RenderResult PreparedScene::render(const RenderJob& job, const Task& task) const
   } catch (const Interrupted&) {
     if (job.checkpoint.empty()) throw;
     for (int tile = 0; tile < film.tile_count(); ++tile) film.develop(tile);
-    write_checkpoint();
-    throw Interrupted(fmt::format("the checkpoint {0} is written; go on with --resume {0}", job.checkpoint.string()));
+    const std::string name = job.checkpoint.string();
+    if (!write_checkpoint()) throw Interrupted(fmt::format("the checkpoint {} could not be brought up to date", name));
+    throw Interrupted(fmt::format("the checkpoint {0} is written; go on with --resume {0}", name));
   }
   if (task.progress && done < total) task.report(1.0);
   if (records) records->commit();

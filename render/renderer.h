@@ -50,7 +50,9 @@ struct RenderJob {
   double target_error = 0;  ///< relative error (Film::relative_error) at which to stop; 0: none
 
   bool keep_state = false;           ///< the result carries the sums of its samples, to be merged
-  std::filesystem::path checkpoint;  ///< written every checkpoint_seconds, at the end and when interrupted
+  /// Written every checkpoint_seconds, at the end and when interrupted. A checkpoint that cannot be written ends
+  /// nothing: `warn` is told, and the next one is tried.
+  std::filesystem::path checkpoint;
   double checkpoint_seconds = 300;
   std::filesystem::path resume;  ///< a checkpoint (or part) to go on from
   std::string program;           ///< who renders: states of another program version are refused
@@ -60,6 +62,8 @@ struct RenderJob {
 
   /// Called whenever a tile's pixels have changed, from any thread, one at a time.
   std::function<void(const Film&, int tile)> watch;
+  /// Called at once with what someone who waits for the picture should know.
+  std::function<void(const std::string&)> warn;
   /// Called between passes with what the frame holds; to fill in what its caller adds to headers.
   std::function<void(Layers&)> stamp;
 };
@@ -117,7 +121,7 @@ class PreparedScene {
 /// samples.
 /// @param keep_state  the result can be merged or resumed again
 /// @throws InputError: other scenes, seeds, crops, layers or program versions (says which), overlapping samples, no
-/// state
-Layers merge_parts(const std::vector<std::filesystem::path>& files, bool keep_state);
+/// state; Interrupted
+Layers merge_parts(const std::vector<std::filesystem::path>& files, bool keep_state, const Task& task = {});
 
 }  // namespace brume

@@ -1,8 +1,10 @@
 // Parts, checkpoints, interruptions and crops: every way to take the same samples gives the same bits.
 
 #include <gtest/gtest.h>
+#include <sys/resource.h>
 
 #include <atomic>
+#include <csignal>
 
 #include "base/error.h"
 #include "image/exr_io.h"
@@ -213,6 +215,41 @@ TEST_F(PartsTest, SampleRecordsStreamByTile) {
   EXPECT_NE(error_of([&] { RecordReader damaged(j.records); }).find("truncated or damaged"), std::string::npos);
   j.time_limit = 1;
   EXPECT_NE(error_of([&] { scene.render(j, {}); }).find("in one go"), std::string::npos);
+}
+
+// The first checkpoint meets a full disk, a later one finds room.
+TEST_F(PartsTest, AFullDiskCostsTheCheckpointAndNotTheRender) {
+  rlimit before{};
+  getrlimit(RLIMIT_FSIZE, &before);
+  const auto handler = std::signal(SIGXFSZ, SIG_IGN);
+  const rlimit full{4096, before.rlim_max};
+  setrlimit(RLIMIT_FSIZE, &full);
+  RenderJob j = job(13);
+  j.checkpoint = folder_ / "c.exr";
+  j.checkpoint_seconds = 1e-9;
+  std::vector<std::string> warnings;
+  j.warn = [&](const std::string& text) {
+    warnings.push_back(text);
+    setrlimit(RLIMIT_FSIZE, &before);
+  };
+  const Layers frame = prepared().render(j, {}).layers;
+  setrlimit(RLIMIT_FSIZE, &before);
+  std::signal(SIGXFSZ, handler);
+  ASSERT_EQ(warnings.size(), 2u);
+  EXPECT_NE(warnings[0].find("no checkpoint for now, the render goes on"), std::string::npos) << warnings[0];
+  EXPECT_NE(warnings[1].find("is written again"), std::string::npos) << warnings[1];
+  test::expect_same_bits(prepared().render(job(13), {}).layers, frame);
+  test::expect_same_bits(merge_parts({j.checkpoint}, false), frame);
+  EXPECT_FALSE(std::filesystem::exists(folder_ / "c.exr.part"));
+}
+
+TEST_F(PartsTest, MergingStopsWhenItIsCancelled) {
+  const auto a = part(1, 2), b = part(2, 2);
+  const std::atomic<bool> cancel{true};
+  EXPECT_THROW(merge_parts({a, b}, false, {1, {}, &cancel}), Interrupted);
+  EXPECT_THROW(write_exr(folder_ / "none.exr", read_exr(a), {1, {}, &cancel}), Interrupted);
+  EXPECT_FALSE(std::filesystem::exists(folder_ / "none.exr"));
+  EXPECT_FALSE(std::filesystem::exists(folder_ / "none.exr.part"));
 }
 
 TEST_F(PartsTest, BucketsHalvesAndMeansAgree) {
