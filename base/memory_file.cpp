@@ -1,15 +1,22 @@
 #include "base/memory_file.h"
 
+#include <fmt/format.h>
 #include <sys/mman.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <cstring>
-#include <new>
+
+#include "base/error.h"
 
 namespace brume {
 namespace {
+
+[[noreturn]] void fail() {
+  throw InputError(fmt::format("no memory to share with another process: {}", std::strerror(errno)));
+}
 
 size_t page_size() {
   static const auto size = static_cast<size_t>(sysconf(_SC_PAGESIZE));
@@ -23,7 +30,7 @@ size_t rounded_up(size_t value, size_t multiple) {
 }  // namespace
 
 MemoryFile::MemoryFile() : descriptor_(memfd_create("brume", MFD_CLOEXEC)) {
-  if (descriptor_ < 0) throw std::bad_alloc();
+  if (descriptor_ < 0) fail();
 }
 
 MemoryFile::MemoryFile(int descriptor) : descriptor_(descriptor) {
@@ -36,12 +43,12 @@ MemoryFile::~MemoryFile() {
 
 void MemoryFile::update_size() {
   struct stat status {};
-  if (fstat(descriptor_, &status) != 0) throw std::bad_alloc();
+  if (fstat(descriptor_, &status) != 0) fail();
   size_ = static_cast<size_t>(status.st_size);
 }
 
 void MemoryFile::resize(size_t size) {
-  if (ftruncate(descriptor_, static_cast<off_t>(size)) != 0) throw std::bad_alloc();
+  if (ftruncate(descriptor_, static_cast<off_t>(size)) != 0) fail();
   size_ = size;
 }
 
@@ -52,7 +59,7 @@ size_t MemoryFile::append(std::span<const std::byte> bytes) {
   while (written < bytes.size()) {
     const ssize_t count =
         pwrite(descriptor_, bytes.data() + written, bytes.size() - written, static_cast<off_t>(offset + written));
-    if (count <= 0) throw std::bad_alloc();
+    if (count <= 0) fail();
     written += static_cast<size_t>(count);
   }
   size_ = std::max(size_, offset + bytes.size());
@@ -62,7 +69,7 @@ size_t MemoryFile::append(std::span<const std::byte> bytes) {
 Mapping::Mapping(const MemoryFile& file, size_t offset, size_t size, bool writable) : size_(size) {
   void* const at = mmap(nullptr, size, writable ? PROT_READ | PROT_WRITE : PROT_READ, MAP_SHARED, file.descriptor(),
                         static_cast<off_t>(offset));
-  if (at == MAP_FAILED) throw std::bad_alloc();
+  if (at == MAP_FAILED) fail();
   data_ = static_cast<std::byte*>(at);
 }
 
@@ -72,7 +79,7 @@ Mapping::~Mapping() {
 
 void Mapping::resize(size_t size) {
   void* const at = mremap(data_, size_, size, MREMAP_MAYMOVE);
-  if (at == MAP_FAILED) throw std::bad_alloc();
+  if (at == MAP_FAILED) fail();
   data_ = static_cast<std::byte*>(at);
   size_ = size;
 }

@@ -12,9 +12,9 @@ namespace brume {
 /// A file without a name that lives in memory: what a child process writes into it, its parent maps without a copy.
 class MemoryFile {
  public:
-  /// A new, empty one. @throws std::bad_alloc when the system has none to give
+  /// A new, empty one. @throws InputError when the system has none to give
   MemoryFile();
-  /// One that this process was handed: takes over the descriptor. @throws std::bad_alloc when it is none
+  /// One that this process was handed: takes over the descriptor. @throws InputError when it is none
   explicit MemoryFile(int descriptor);
   ~MemoryFile();
   MemoryFile(const MemoryFile&) = delete;
@@ -23,11 +23,11 @@ class MemoryFile {
   /// Closed by programs that this one starts, unless it is handed over.
   int descriptor() const { return descriptor_; }
   size_t size() const { return size_; }
-  /// Grows or cuts it; new bytes are 0. @throws std::bad_alloc
+  /// Grows or cuts it; new bytes are 0. @throws InputError
   void resize(size_t size);
   /// Looks what another process has made of its size.
   void update_size();
-  /// Writes at its end, from a multiple of 64 bytes on. @return where   @throws std::bad_alloc
+  /// Writes at its end, from a multiple of 64 bytes on. @return where   @throws InputError
   size_t append(std::span<const std::byte> bytes);
 
  private:
@@ -38,7 +38,7 @@ class MemoryFile {
 /// A stretch of a memory file in this process's address space, shared with all who map it.
 class Mapping {
  public:
-  /// @param offset  multiple of the page size   @throws std::bad_alloc
+  /// @param offset  multiple of the page size   @throws InputError
   Mapping(const MemoryFile& file, size_t offset, size_t size, bool writable);
   ~Mapping();
   Mapping(const Mapping&) = delete;
@@ -46,7 +46,7 @@ class Mapping {
 
   std::byte* data() const { return data_; }
   size_t size() const { return size_; }
-  /// The same stretch made longer or shorter; the file must be as long. It may move. @throws std::bad_alloc
+  /// The same stretch made longer or shorter; the file must be as long. It may move. @throws InputError
   void resize(size_t size);
 
  private:
@@ -58,7 +58,7 @@ class Mapping {
 class MappedTail {
  public:
   explicit MappedTail(MemoryFile& file);
-  /// @throws std::bad_alloc
+  /// @throws InputError
   void append(std::span<const std::byte> bytes);
   /// Cuts the file to what was appended. Nothing may be appended afterwards.
   std::shared_ptr<const Mapping> finish();

@@ -1,10 +1,8 @@
 // Parts, checkpoints, interruptions and crops: every way to take the same samples gives the same bits.
 
 #include <gtest/gtest.h>
-#include <sys/resource.h>
 
 #include <atomic>
-#include <csignal>
 
 #include "base/error.h"
 #include "image/exr_io.h"
@@ -219,22 +217,13 @@ TEST_F(PartsTest, SampleRecordsStreamByTile) {
 
 // The first checkpoint meets a full disk, a later one finds room.
 TEST_F(PartsTest, AFullDiskCostsTheCheckpointAndNotTheRender) {
-  rlimit before{};
-  getrlimit(RLIMIT_FSIZE, &before);
-  const auto handler = std::signal(SIGXFSZ, SIG_IGN);
-  const rlimit full{4096, before.rlim_max};
-  setrlimit(RLIMIT_FSIZE, &full);
   RenderJob j = job(13);
   j.checkpoint = folder_ / "c.exr";
   j.checkpoint_seconds = 1e-9;
   std::vector<std::string> warnings;
-  j.warn = [&](const std::string& text) {
-    warnings.push_back(text);
-    setrlimit(RLIMIT_FSIZE, &before);
-  };
+  j.warn = [&](const std::string& text) { warnings.push_back(text); };
+  test::make_disk_full_for(j.checkpoint);
   const Layers frame = prepared().render(j, {}).layers;
-  setrlimit(RLIMIT_FSIZE, &before);
-  std::signal(SIGXFSZ, handler);
   ASSERT_EQ(warnings.size(), 2u);
   EXPECT_NE(warnings[0].find("no checkpoint for now, the render goes on"), std::string::npos) << warnings[0];
   EXPECT_NE(warnings[1].find("is written again"), std::string::npos) << warnings[1];

@@ -41,6 +41,10 @@ void write_file(const fs::path& path, const std::string& text) {
   std::ofstream(path, std::ios::binary) << text;
 }
 
+void make_disk_full_for(const fs::path& output) {
+  fs::create_symlink("/dev/full", output.string() + ".part");
+}
+
 ProgramResult run_brume(const std::string& arguments) {
   return RunningProgram(arguments).finish();
 }

@@ -54,6 +54,10 @@ class RunningProgram {
   bool ended_ = false;
 };
 
+/// Lets the next writing of a file meet a full disk, the one after that find room: what is written before it gets its
+/// name goes to /dev/full.
+void make_disk_full_for(const std::filesystem::path& output);
+
 void write_file(const std::filesystem::path& path, const std::string& text);
 std::string read_file(const std::filesystem::path& path);
 

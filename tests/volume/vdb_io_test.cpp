@@ -4,11 +4,9 @@
 #include <openvdb/openvdb.h>
 #include <openvdb/points/PointConversion.h>
 #include <openvdb/tools/LevelSetSphere.h>
-#include <sys/resource.h>
 
 #include <atomic>
 #include <cmath>
-#include <csignal>
 #include <cstdlib>
 #include <limits>
 
@@ -248,32 +246,13 @@ TEST(VdbReader, EndsWhenTheTaskIsCancelled) {
   EXPECT_THROW(load_scalar(test::source("data/volumes/cloud.vdb"), {}, {1, {}, &cancel}), Interrupted);
 }
 
-/// No file may grow past a few blocks in its scope, as on a full disk.
-class FullDisk {
- public:
-  FullDisk() {
-    handler_ = std::signal(SIGXFSZ, SIG_IGN);
-    getrlimit(RLIMIT_FSIZE, &before_);
-    const rlimit full{4096, before_.rlim_max};
-    setrlimit(RLIMIT_FSIZE, &full);
-  }
-  ~FullDisk() {
-    setrlimit(RLIMIT_FSIZE, &before_);
-    std::signal(SIGXFSZ, handler_);
-  }
-  FullDisk(const FullDisk&) = delete;
-  FullDisk& operator=(const FullDisk&) = delete;
-
- private:
-  rlimit before_{};
-  void (*handler_)(int) = nullptr;
-};
-
 TEST(WriteDensity, AFullDiskIsAnErrorAndLeavesNothing) {
   const test::TemporaryFolder folder;
   const ProceduralVolume v = procedural_cloud(40, 1);
-  const FullDisk disk;
+  test::make_disk_full_for(folder / "cloud.vdb");
   EXPECT_THROW(write_density(folder / "cloud.vdb", v.box, v.voxel_size, v.density, false, {}), InputError);
+  test::make_disk_full_for(folder / "half.vdb");
+  EXPECT_THROW(write_halved_density(test::source("data/volumes/cloud.vdb"), "", folder / "half.vdb"), InputError);
   EXPECT_TRUE(fs::is_empty(folder.path()));
 }
 
