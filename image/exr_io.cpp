@@ -101,12 +101,22 @@ const char* compression_name(Imf::Compression c) {
   return c >= 0 && c < Imf::NUM_COMPRESSION_METHODS ? names[c] : "unknown";
 }
 
+constexpr int kLongestSide = 1 << 16;  // pixels; no header makes us reserve more
+
+/// Refuses what a header asks for and this machine does not have.
+void check_memory(const fs::path& path, double bytes) {
+  if (bytes > 0.8 * physical_memory())
+    throw InputError(fmt::format("{}: its pixels need {:.1f} GB, this machine has {:.1f} GB", path.string(),
+                                 bytes / 1e9, physical_memory() / 1e9));
+}
+
 Imf::MultiPartInputFile open(const fs::path& path) {
   std::error_code ignored;
   if (!fs::exists(path, ignored)) throw InputError(fmt::format("{}: no such file", path.string()));
   if (fs::is_directory(path, ignored))
     throw InputError(fmt::format("{}: is a folder, expected an OpenEXR file", path.string()));
   try {
+    Imf::Header::setMaxImageSize(kLongestSide, kLongestSide);
     return Imf::MultiPartInputFile(path.c_str());
   } catch (const std::exception& error) {
     throw InputError(fmt::format("{}: not a readable OpenEXR file: {}", path.string(), error.what()));
@@ -172,6 +182,8 @@ Layers read_exr(const fs::path& path, const std::function<bool(const std::string
   Imf::MultiPartInputFile file = open(path);
   const Imath::Box2i display = file.header(0).displayWindow();
   Layers layers(display.max.x - display.min.x + 1, display.max.y - display.min.y + 1);
+  const double display_bytes = 4.0 * layers.width() * layers.height();
+  double bytes = 0;
   for (int part = 0; part < file.parts(); ++part) {
     const Imf::Header& header = file.header(part);
     if (header.hasType() && Imf::isDeepData(header.type()))
@@ -193,6 +205,8 @@ Layers read_exr(const fs::path& path, const std::function<bool(const std::string
       if (name.starts_with("state.") && c.channel().type == Imf::UINT) {
         continue;  // large, and for read_exr_state() alone
       }
+      bytes += 4.0 * width * height + (data == display ? 0.0 : display_bytes);
+      check_memory(path, bytes);
       Plane& plane = planes.try_emplace(name, width, height).first->second;
       frame.insert(c.name(), slice(Imf::FLOAT, plane.row(0), plane.stride(), data));
     }
@@ -230,10 +244,14 @@ Layers read_exr_state(const fs::path& path, const Task& task) {
     layers.display = {display.max.x + 1, display.max.y + 1};
   }
   Imf::FrameBuffer frame;
+  double bytes = 0;
   for (auto c = header.channels().begin(); c != header.channels().end(); ++c)
-    if (std::string_view(c.name()).starts_with("state.") && c.channel().type == Imf::UINT)
+    if (std::string_view(c.name()).starts_with("state.") && c.channel().type == Imf::UINT) {
+      bytes += 4.0 * layers.width() * layers.height();
+      check_memory(path, bytes);
       frame.insert(c.name(),
                    slice(Imf::UINT, layers.add_words(c.name()).data(), static_cast<size_t>(layers.width()), data));
+    }
   if (layers.words().empty()) return layers;
   try {
     Imf::InputPart input(file, 0);
