@@ -51,7 +51,9 @@ std::string cause(const ChildEnd& end) {
 }
 
 void run_reader(const VdbRequest& request, const MemoryFile& file, ExchangeHeader& header, const Task& task) {
-  const auto report = [&] { task.report(std::atomic_ref(header.progress).load()); };
+  const auto report = [&] {
+    if (const double fraction = std::atomic_ref(header.progress).load(); fraction > 0) task.report(fraction);
+  };
   const ChildEnd end = run_child(find_reader(), {}, file.descriptor(), task, kStallSeconds, report);
   // What a terminal sends reaches the reader too, perhaps before it has begun to ignore it.
   if (end.signal == SIGINT || end.signal == SIGTERM || end.signal == SIGHUP) throw Interrupted();

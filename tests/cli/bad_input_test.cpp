@@ -222,6 +222,8 @@ TEST_F(BadInput, LightsMeshesTexturesAndFields) {
     EXPECT_NE(r.err.find(part), std::string::npos) << r.err;
   };
   test::write_file(folder_ / "flat.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
+  test::write_file(folder_ / "hollow.ply", "ply\nformat ascii 1.0\nelement vertex 1000000000000000\nend_header\n");
+  refused("[[surfaces]]\nfile = \"hollow.ply\"\n", {"hollow.ply: element 'vertex' has no properties"});
   refused("[[surfaces]]\nfile = \"no.obj\"\n", {"no.obj: no such file"});
   refused("[[surfaces]]\nfile = \"flat.obj\"\nalbedo_texture = \"no.png\"\n", {"no.png: no such file"});
   refused("[[surfaces]]\nfile = \"flat.obj\"\nalbedo_texture = \"s.toml\"\n", {"s.toml: not a readable picture"});
