@@ -63,25 +63,6 @@ class Contents : openvdb::io::Archive {
   throw InputError(fmt::format("{}: {}", path.string(), what));
 }
 
-/// Runs `read`, turning whatever OpenVDB throws over damaged contents into an InputError.
-template <class Read>
-auto guarded(const fs::path& path, const Read& read) {
-  try {
-    return read();
-  } catch (const InputError&) {
-    throw;
-  } catch (const Interrupted&) {
-    throw;
-  } catch (const std::bad_alloc&) {
-    fail(path, "damaged, or too large for this machine: reading it asks for more memory than its size allows");
-  } catch (const std::ios::failure&) {
-    fail(path, "truncated or damaged: the file ends where its contents go on");
-  } catch (const std::exception& exception) {
-    fail(path, fmt::format("damaged, or not readable by OpenVDB {}: {}", openvdb::getLibraryVersionString(),
-                           exception.what()));
-  }
-}
-
 /// Limits of this process while OpenVDB parses a file, which believes what a damaged one says of its sizes.
 ///
 /// A leaf of 512 voxels takes at least 128 bytes of a file, its mask twice, and at most 16 KiB of memory; so do the
@@ -189,11 +170,6 @@ struct ValueScan {
       minimum = std::min(minimum, v);
       maximum = std::max(maximum, v);
     }
-  }
-  void merge(const ValueScan& other) {
-    minimum = std::min(minimum, other.minimum);
-    maximum = std::max(maximum, other.maximum);
-    nans += other.nans, infinities += other.infinities, negatives += other.negatives;
   }
 };
 
@@ -613,26 +589,43 @@ uint64_t write_leaves(const VdbRequest& request) {
   return grid->activeVoxelCount();
 }
 
-/// Packs the answer to a request.
+/// Packs the answer to a request. @throws InputError, and whatever OpenVDB throws over damaged contents
 void answer(Reading& reading, VdbRequest& request, Packer& pack) {
   const fs::path path = request.path;
   const auto reply = [&](auto value) { pack(value); };
-  guarded(path, [&] {
-    switch (request.kind) {
-      case VdbRequest::Kind::kInfo:
-        return reply(read_summary(reading, path));
-      case VdbRequest::Kind::kScalar:
-        return reply(read_scalar(reading, path, request.options));
-      case VdbRequest::Kind::kColour:
-        return reply(read_colour(reading, path, request.grid));
-      case VdbRequest::Kind::kVelocity:
-        return reply(read_velocity(reading, request));
-      case VdbRequest::Kind::kWrite:
-        return reply(write_leaves(request));
-      case VdbRequest::Kind::kHalve:
-        return reply(halve(reading, path, request.grid, request.output, request.part));
-    }
-  });
+  switch (request.kind) {
+    case VdbRequest::Kind::kInfo:
+      return reply(read_summary(reading, path));
+    case VdbRequest::Kind::kScalar:
+      return reply(read_scalar(reading, path, request.options));
+    case VdbRequest::Kind::kColour:
+      return reply(read_colour(reading, path, request.grid));
+    case VdbRequest::Kind::kVelocity:
+      return reply(read_velocity(reading, request));
+    case VdbRequest::Kind::kWrite:
+      return reply(write_leaves(request));
+    case VdbRequest::Kind::kHalve:
+      return reply(halve(reading, path, request.grid, request.output, request.part));
+  }
+}
+
+/// The same; what goes wrong becomes a message.
+/// @return the message; empty when all went well
+std::string answer_or_explain(Reading& reading, VdbRequest& request, Packer& pack) {
+  const auto message = [&](const std::string& what) { return fmt::format("{}: {}", request.path, what); };
+  try {
+    answer(reading, request, pack);
+    return {};
+  } catch (const InputError& error) {
+    return error.what();
+  } catch (const std::bad_alloc&) {
+    return message("damaged, or too large for this machine: reading it asks for more memory than its size allows");
+  } catch (const std::ios::failure&) {
+    return message("truncated or damaged: the file ends where its contents go on");
+  } catch (const std::exception& error) {
+    return message(
+        fmt::format("damaged, or not readable by OpenVDB {}: {}", openvdb::getLibraryVersionString(), error.what()));
+  }
 }
 
 }  // namespace
@@ -648,21 +641,14 @@ void answer_vdb_request(MemoryFile& file) {
   }
   const auto report = [&](double fraction) { std::atomic_ref(header.progress).store(fraction); };
   Reading reading{file, {request.threads, report, nullptr}};
-  Packer pack(file);
-  std::string reply;
-  try {
-    answer(reading, request, pack);
-    reply = pack.bytes();
-  } catch (const InputError& error) {
-    header.error = 1;
-    std::string message = error.what();
-    Packer words(file);
-    words(message);
-    reply = words.bytes();
-  }
+  Packer reply(file), explanation(file);
+  std::string message = answer_or_explain(reading, request, reply);
   reading.limits.reset();
-  header.reply_offset = file.append(std::as_bytes(std::span(reply)));
-  header.reply_size = reply.size();
+  explanation(message);
+  header.error = !message.empty();
+  const std::string& bytes = message.empty() ? reply.bytes() : explanation.bytes();
+  header.reply_offset = file.append(std::as_bytes(std::span(bytes)));
+  header.reply_size = bytes.size();
 }
 
 }  // namespace brume

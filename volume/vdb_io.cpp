@@ -43,9 +43,9 @@ fs::path find_reader() {
 
 /// What to say of a reader that ended without an answer.
 std::string cause(const ChildEnd& end) {
-  if (end.stalled) return "reading it came to a standstill";
-  if (end.signal == SIGXCPU) return "reading it took far longer than its size allows";
-  if (end.signal == SIGKILL) return "reading it was stopped by the system, out of memory perhaps";
+  if (end.stalled) return "OpenVDB came to a standstill over it";
+  if (end.signal == SIGXCPU) return "OpenVDB took far longer over it than its size allows";
+  if (end.signal == SIGKILL) return "the system stopped OpenVDB over it, out of memory perhaps";
   if (end.signal != 0) return fmt::format("OpenVDB crashed on it ({})", strsignal(end.signal));
   return fmt::format("OpenVDB ended on it with status {}", end.status);
 }
@@ -57,7 +57,8 @@ void run_reader(const VdbRequest& request, const MemoryFile& file, ExchangeHeade
   const ChildEnd end = run_child(find_reader(), {}, file.descriptor(), task, kStallSeconds, report);
   // What a terminal sends reaches the reader too, perhaps before it has begun to ignore it.
   if (end.signal == SIGINT || end.signal == SIGTERM || end.signal == SIGHUP) throw Interrupted();
-  if (end.signal != 0 || end.status != 0 || end.stalled) fail(request.path, "damaged: " + cause(end));
+  const char* const failed = request.kind == VdbRequest::Kind::kWrite ? "cannot be written" : "damaged";
+  if (end.signal != 0 || end.status != 0) fail(request.path, fmt::format("{}: {}", failed, cause(end)));
 }
 
 /// Has a file read by a process of its own, which a damaged one may crash, and takes over what that leaves in memory.
@@ -76,6 +77,7 @@ Result ask(VdbRequest& request, MemoryFile& file, const Task& task) {
   run_reader(request, file, header, task);
 
   file.update_size();
+  if (file.size() < sizeof(ExchangeHeader)) fail(request.path, "damaged: its reader left nothing");
   try {
     Unpacker unpack(std::make_shared<Mapping>(file, 0, file.size(), /*writable=*/false), header.reply_offset,
                     header.reply_size);

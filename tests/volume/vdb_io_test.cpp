@@ -232,7 +232,7 @@ TEST(VdbReader, WhateverBecomesOfItTheMessageSaysSo) {
     return load_error(cloud);
   };
   EXPECT_TRUE(holds(error_with("kill -SEGV $$"), "cloud.vdb: damaged: OpenVDB crashed on it (Segmentation fault)"));
-  EXPECT_TRUE(holds(error_with("kill -XCPU $$"), "reading it took far longer than its size allows"));
+  EXPECT_TRUE(holds(error_with("kill -XCPU $$"), "OpenVDB took far longer over it than its size allows"));
   EXPECT_TRUE(holds(error_with("kill -KILL $$"), "out of memory perhaps"));
   EXPECT_TRUE(holds(error_with("exit 3"), "OpenVDB ended on it with status 3"));
   EXPECT_TRUE(holds(error_with("exit 0"), "damaged: its reader left no answer"));
