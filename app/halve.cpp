@@ -14,10 +14,10 @@ void add_halve(CLI::App& app, Common& common, Commands& commands) {
   command->add_option("file", input, "OpenVDB file")->required();
   command->add_option("-o,--output", output, "VDB file to write; grid density, saved as half")->required();
   command->add_option("--grid", grid, "density grid; without it as in a scene");
-  commands[command] = [] {
+  commands[command] = [&common] {
     const std::filesystem::path inputs[] = {input};
     check_writable(output, inputs, ".vdb");
-    const uint64_t voxels = write_halved_density(input, grid, output);
+    const uint64_t voxels = write_halved_density(input, grid, output, {common.threads, {}, &interrupted});
     print(fmt::format("{}: {} active voxels\n", output, voxels));
     return static_cast<int>(kDone);
   };

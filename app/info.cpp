@@ -44,7 +44,7 @@ std::pair<dvec3, dvec3> world_bounds(const GridSummary& g) {
 }
 
 int info_vdb(const std::string& path, bool as_json) {
-  const VdbSummary s = read_vdb_info(path);
+  const VdbSummary s = read_vdb_info(path, {0, {}, &interrupted});
   json grids = json::array();
   std::string text = fmt::format("{}: OpenVDB {}, {:.2f} MB, {} grids\n", path, s.library_version,
                                  static_cast<double>(s.bytes) / 1e6, s.grids.size());

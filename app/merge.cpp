@@ -18,13 +18,14 @@ struct Options {
 int run(const Common& common) {
   const std::vector<std::filesystem::path> files(o.parts.begin(), o.parts.end());
   check_writable(o.output, files, ".exr");
-  Layers frame = merge_parts(files, o.mergeable);
+  const Task task{common.threads, {}, &interrupted};
+  Layers frame = merge_parts(files, o.mergeable, task);
   stamp(frame);
   const int samples = static_cast<int>(frame.number("samplesPerPixel").value_or(0.0));
   const int total = static_cast<int>(frame.number("sampleTotal").value_or(0.0));
   if (samples < total)
     note(fmt::format("{} of {} samples per pixel are there (samples {})", samples, total, frame.text("sampleRanges")));
-  write_exr(o.output, frame);
+  write_exr(o.output, frame, task);
   log(common, fmt::format("{} parts, {} samples per pixel", files.size(), samples));
   print(o.output + "\n");
   return kDone;

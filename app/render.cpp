@@ -140,6 +140,7 @@ int run(const Common& common) {
   if (!o.resume.empty() && o.checkpoint.empty()) job.checkpoint = o.resume;
   job.program = version_text();
   job.stamp = [](Layers& frame) { stamp(frame); };
+  job.warn = [](const std::string& text) { warn("warning: " + text); };
 
   const PreparedScene prepared(scene, layers, {common.threads, {}, &interrupted});
   for (const std::string& text : prepared.notes()) note(text);

@@ -55,4 +55,5 @@ if(NOT OPENVDB_INCLUDE_DIR OR NOT OPENVDB_LIBRARY)
 endif()
 add_library(brume_openvdb INTERFACE)
 target_include_directories(brume_openvdb SYSTEM INTERFACE ${OPENVDB_INCLUDE_DIR})
-target_link_libraries(brume_openvdb INTERFACE ${OPENVDB_LIBRARY} TBB::tbb)
+# Its headers convert half floats with Imath, which OpenEXR brings.
+target_link_libraries(brume_openvdb INTERFACE ${OPENVDB_LIBRARY} TBB::tbb Imath::Imath)

@@ -118,12 +118,22 @@ const char* compression_name(Imf::Compression c) {
   return c >= 0 && c < Imf::NUM_COMPRESSION_METHODS ? names[c] : "unknown";
 }
 
+constexpr int kLongestSide = 1 << 16;  // pixels; no header makes us reserve more
+
+/// Refuses what a header asks for and this machine does not have.
+void check_memory(const fs::path& path, double bytes) {
+  if (bytes > 0.8 * physical_memory())
+    throw InputError(fmt::format("{}: its pixels need {:.1f} GB, this machine has {:.1f} GB", path.string(),
+                                 bytes / 1e9, physical_memory() / 1e9));
+}
+
 Imf::MultiPartInputFile open(const fs::path& path) {
   std::error_code ignored;
   if (!fs::exists(path, ignored)) throw InputError(fmt::format("{}: no such file", path.string()));
   if (fs::is_directory(path, ignored))
     throw InputError(fmt::format("{}: is a folder, expected an OpenEXR file", path.string()));
   try {
+    Imf::Header::setMaxImageSize(kLongestSide, kLongestSide);
     return Imf::MultiPartInputFile(path.c_str());
   } catch (const std::exception& error) {
     throw InputError(fmt::format("{}: not a readable OpenEXR file: {}", path.string(), error.what()));
@@ -195,6 +205,7 @@ Layers read_exr(const fs::path& path, const std::function<bool(const std::string
     std::map<std::string, Plane> planes;
   };
   std::vector<Part> parts;
+  double bytes = 0;
   for (int index = 0; index < file.parts(); ++index) {
     const Imf::Header& header = file.header(index);
     if (header.hasType() && Imf::isDeepData(header.type()))
@@ -214,6 +225,8 @@ Layers read_exr(const fs::path& path, const std::function<bool(const std::string
       if (name.starts_with("state.") && c.channel().type == Imf::UINT) {
         continue;  // large, and for read_exr_state() alone
       }
+      bytes += 4.0 * part.data.width() * part.data.height();
+      check_memory(path, bytes);
       Plane& plane = part.planes.try_emplace(name, part.data.width(), part.data.height()).first->second;
       frame.insert(c.name(), slice(Imf::FLOAT, plane.row(0), plane.stride(), header.dataWindow()));
     }
@@ -251,7 +264,7 @@ Layers read_exr(const fs::path& path, const std::function<bool(const std::string
   return layers;
 }
 
-Layers read_exr_state(const fs::path& path) {
+Layers read_exr_state(const fs::path& path, const Task& task) {
   Imf::MultiPartInputFile file = open(path);
   const Imf::Header& header = file.header(0);
   const Imath::Box2i data = header.dataWindow();
@@ -260,15 +273,25 @@ Layers read_exr_state(const fs::path& path) {
   layers.header = attributes(header);
   place(layers, window, window_of(header.displayWindow()));
   Imf::FrameBuffer frame;
+  double bytes = 0;
   for (auto c = header.channels().begin(); c != header.channels().end(); ++c)
-    if (std::string_view(c.name()).starts_with("state.") && c.channel().type == Imf::UINT)
+    if (std::string_view(c.name()).starts_with("state.") && c.channel().type == Imf::UINT) {
+      bytes += 4.0 * layers.width() * layers.height();
+      check_memory(path, bytes);
       frame.insert(c.name(),
                    slice(Imf::UINT, layers.add_words(c.name()).data(), static_cast<size_t>(layers.width()), data));
+    }
   if (layers.words().empty()) return layers;
   try {
     Imf::InputPart input(file, 0);
     input.setFrameBuffer(frame);
-    input.readPixels(data.min.y, data.max.y);
+    constexpr int kRows = 256;  // between looks at the task
+    for (int y = data.min.y; y <= data.max.y; y += kRows) {
+      task.check();
+      input.readPixels(y, std::min(y + kRows - 1, data.max.y));
+    }
+  } catch (const Interrupted&) {
+    throw;
   } catch (const std::exception& error) {
     throw InputError(fmt::format("{}: truncated or damaged: {}", path.string(), error.what()));
   }
@@ -280,7 +303,7 @@ void set_exr_threads(int threads) {
   packing_threads = threads;
 }
 
-void write_exr(const fs::path& path, const Layers& layers) {
+void write_exr(const fs::path& path, const Layers& layers, const Task& task) {
   constexpr int kLines = 16;  // packed together: ZIP's
   const int width = layers.width(), height = layers.height(), chunks = (height + kLines - 1) / kLines;
   std::map<std::string, ExrChannel> named;
@@ -314,7 +337,7 @@ void write_exr(const fs::path& path, const Layers& layers) {
   for (int first = 0; first < chunks && file; first += static_cast<int>(packed.size())) {
     const int count = std::min(chunks - first, static_cast<int>(packed.size()));
     const auto line = [&](int k) { return (first + k) * kLines; };
-    parallel_for(count, {packing_threads, {}, nullptr}, [&](int k) {
+    parallel_for(count, {packing_threads, {}, task.cancel}, [&](int k) {
       packed[static_cast<size_t>(k)] = zip_exr_lines(channels, width, line(k), std::min(kLines, height - line(k)));
     });
     for (int k = 0; k < count; ++k) {

@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "base/progress.h"
 #include "image/layers.h"
 
 namespace brume {
@@ -31,11 +32,12 @@ ExrInfo read_exr_info(const std::filesystem::path& path);
 Layers read_exr(const std::filesystem::path& path, const std::function<bool(const std::string&)>& wanted = {});
 
 /// Reads the words that Layers::words() held, over the data window, with the header and nothing else; no words where
-/// the frame was written without. @throws InputError: missing, not an EXR, truncated
-Layers read_exr_state(const std::filesystem::path& path);
+/// the frame was written without. @throws InputError: missing, not an EXR, truncated; Interrupted
+Layers read_exr_state(const std::filesystem::path& path, const Task& task = {});
 
-/// Writes float32 scan lines, ZIP, single part. The file appears whole or not at all. @throws InputError
-void write_exr(const std::filesystem::path& path, const Layers& layers);
+/// Writes float32 scan lines, ZIP, single part. The file appears whole or not at all.
+/// @param task  only whether it is cancelled   @throws InputError; Interrupted
+void write_exr(const std::filesystem::path& path, const Layers& layers, const Task& task = {});
 
 /// Threads that pack and unpack EXRs from now on; 0: all of the machine's. One until called.
 void set_exr_threads(int threads);

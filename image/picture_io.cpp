@@ -3,16 +3,18 @@
 #include <fmt/format.h>
 
 #include <cmath>
-#include <fstream>
 #include <memory>
 
 #include "base/error.h"
 #include "base/output_file.h"
 #include "image/color.h"
 #include "image/exr_io.h"
+#include "image/hdr_io.h"
 
 #define STB_IMAGE_IMPLEMENTATION
 #define STB_IMAGE_STATIC
+#define STBI_NO_HDR
+#define STBI_NO_LINEAR
 #define STB_IMAGE_WRITE_IMPLEMENTATION
 #define STB_IMAGE_WRITE_STATIC
 #pragma GCC diagnostic push
@@ -88,37 +90,9 @@ void write_png(const fs::path& path, const Picture& picture) {
   write_text(path, bytes);
 }
 
-Layers read_hdr(const fs::path& path) {
-  check_exists(path);
-  // The reader takes zeros for what is missing at the end: here it is told, and so are we.
-  struct Source {
-    std::ifstream stream;
-    bool starved = false;
-  } source{std::ifstream(path, std::ios::binary)};
-  stbi_io_callbacks callbacks;
-  callbacks.read = [](void* from, char* data, int size) {
-    auto& s = *static_cast<Source*>(from);
-    s.stream.read(data, size);
-    // A block of 128 may be the last one; what is asked for in smaller numbers is needed.
-    const auto count = static_cast<int>(s.stream.gcount());
-    s.starved = s.starved || count == 0 || (size < 128 && count < size);
-    return count;
-  };
-  callbacks.skip = [](void* from, int size) { static_cast<Source*>(from)->stream.ignore(size); };
-  callbacks.eof = [](void* from) { return static_cast<int>(static_cast<Source*>(from)->stream.eof()); };
-  int width = 0, height = 0, channels = 0;
-  const std::unique_ptr<float, void (*)(void*)> data(
-      stbi_loadf_from_callbacks(&callbacks, &source, &width, &height, &channels, 3), stbi_image_free);
-  if (!data)
-    throw InputError(fmt::format("{}: not a readable Radiance HDR file: {}", path.string(), stbi_failure_reason()));
-  if (source.starved)
-    throw InputError(fmt::format("{}: truncated: it ends before the last of its {} rows", path.string(), height));
-  return from_interleaved(data.get(), width, height, [](float v) { return v; });
-}
-
 Layers read_any_picture(const fs::path& path) {
   check_exists(path);
-  if (stbi_is_hdr(path.c_str())) return read_hdr(path);
+  if (is_hdr(path)) return read_hdr(path);
   if (path.extension() == ".exr") {
     Layers picture = read_exr(path, [](const std::string& c) { return c == "R" || c == "G" || c == "B"; });
     if (!picture.has(layer::beauty))

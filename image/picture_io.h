@@ -35,7 +35,4 @@ void write_png(const std::filesystem::path& path, const Picture& picture);
 /// @throws InputError
 Layers read_any_picture(const std::filesystem::path& path);
 
-/// Radiance HDR (.hdr, .pic) as linear RGB on top. @throws InputError
-Layers read_hdr(const std::filesystem::path& path);
-
 }  // namespace brume

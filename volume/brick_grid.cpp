@@ -26,7 +26,7 @@ double product(const ivec3& v) {
 }  // namespace
 
 BrickGrid BrickGrid::build(const VoxelBox& box, const std::vector<ivec3>& blocks, const Sampler& sample,
-                           const Task& task) {
+                           const Task& task, MemoryFile* file) {
   BrickGrid grid;
   if (box.empty()) return grid;
   for (int a = 0; a < 3; ++a) {
@@ -39,8 +39,8 @@ BrickGrid BrickGrid::build(const VoxelBox& box, const std::vector<ivec3>& blocks
   grid.support_lo_ = dvec3(box.lo - grid.origin_) - 1.0;
   grid.support_hi_ = dvec3(box.hi - grid.origin_) + 1.0;
 
-  grid.make_nodes();
-  grid.fill(grid.cells_touched_by(blocks), sample, task);
+  std::vector<int32_t> nodes = grid.make_nodes();
+  grid.fill(std::move(nodes), grid.cells_touched_by(blocks), sample, task, file);
   return grid;
 }
 
@@ -50,7 +50,7 @@ BrickGrid BrickGrid::recut(int cell_size, const Task& task) const {
   grid.cell_bits_ = std::countr_zero(static_cast<unsigned>(cell_size));
   grid.origin_ = origin_, grid.support_lo_ = support_lo_, grid.support_hi_ = support_hi_;
   grid.cell_count_ = ((cell_count_ << cell_bits_) + (cell_size - 1)) >> grid.cell_bits_;
-  grid.make_nodes();
+  std::vector<int32_t> nodes = grid.make_nodes();
 
   // Every new cell that shares space with an old one that is not empty.
   std::vector<ivec3> candidates;
@@ -67,14 +67,14 @@ BrickGrid BrickGrid::recut(int cell_size, const Task& task) const {
         if (occupied) candidates.push_back(c);
       }
   grid.fill(
-      candidates,
+      std::move(nodes), candidates,
       [&](const ivec3& lo, float* values) {
         const ivec3 first = lo - origin_;
         for (int x = 0; x <= cell_size; ++x)
           for (int y = 0; y <= cell_size; ++y)
             for (int z = 0; z <= cell_size; ++z) *values++ = voxel(first + ivec3(x, y, z));
       },
-      task);
+      task, nullptr);
   return grid;
 }
 
@@ -87,17 +87,20 @@ void BrickGrid::check_index_size(double bytes) const {
 }
 
 // Wider nodes keep the top level small when a few leaves are scattered over an enormous box.
-void BrickGrid::make_nodes() {
+std::vector<int32_t> BrickGrid::make_nodes() {
   const auto node_count = [&](int bits) { return (cell_count_ + ((1 << bits) - 1)) / (1 << bits); };
   while (node_bits_ < 7 && product(node_count(node_bits_)) > 1 << 23) ++node_bits_;
   node_count_ = node_count(node_bits_);
   check_index_size(product(node_count_) * sizeof(int32_t));
-  nodes_.assign(static_cast<size_t>(product(node_count_)), -1);
+  return std::vector<int32_t>(static_cast<size_t>(product(node_count_)), -1);
 }
 
 // Sampled in batches, so that the values exist once: bricks that turn out empty or uniform are not kept.
-void BrickGrid::fill(const std::vector<ivec3>& candidates, const Sampler& sample, const Task& task) {
+void BrickGrid::fill(std::vector<int32_t> nodes, const std::vector<ivec3>& candidates, const Sampler& sample,
+                     const Task& task, MemoryFile* file) {
   task.check();
+  std::vector<Cell> cells;
+  GrowingArray<float> bricks(file);
   const size_t brick_values = this->brick_values(), batch_cells = (size_t{1} << 21) / brick_values;
   std::vector<float> batch(std::min(batch_cells, candidates.size()) * brick_values);
   std::unordered_map<uint32_t, uint32_t> uniform;  // bits of the value -> brick
@@ -111,14 +114,14 @@ void BrickGrid::fill(const std::vector<ivec3>& candidates, const Sampler& sample
       const float* values = batch.data() + i * brick_values;
       const auto [low, high] = std::minmax_element(values, values + brick_values);
       if (*high == 0.0f && *low == 0.0f) continue;
-      int32_t& node = nodes_[node_index(candidates[first + i])];
+      int32_t& node = nodes[node_index(candidates[first + i])];
       if (node < 0) {
         node = node_total++;
         const size_t size = static_cast<size_t>(node_total) << (3 * node_bits_);
         check_index_size(static_cast<double>(size) * sizeof(Cell));
-        cells_.resize(size);
+        cells.resize(size);
       }
-      Cell& cell = cells_[(static_cast<size_t>(node) << (3 * node_bits_)) + in_node(candidates[first + i])];
+      Cell& cell = cells[(static_cast<size_t>(node) << (3 * node_bits_)) + in_node(candidates[first + i])];
       cell.majorant = *high;
       maximum_ = std::max(maximum_, *high);
       uint32_t* shared = *low == *high ? &uniform[std::bit_cast<uint32_t>(*low)] : nullptr;
@@ -126,14 +129,34 @@ void BrickGrid::fill(const std::vector<ivec3>& candidates, const Sampler& sample
         cell.brick = *shared;
         continue;
       }
-      bricks_.insert(bricks_.end(), values, values + brick_values);
-      cell.brick = static_cast<uint32_t>(bricks_.size() / brick_values);
+      bricks.append({values, brick_values});
+      cell.brick = static_cast<uint32_t>(bricks.size() / brick_values);
       if (shared) *shared = cell.brick;
     }
     task.report(static_cast<double>(first + count) / static_cast<double>(candidates.size()));
   }
-  bricks_.shrink_to_fit();
-  cells_.shrink_to_fit();
+  nodes_ = SharedArray(std::move(nodes));
+  cells_ = SharedArray(std::move(cells));
+  bricks_ = bricks.finish();
+}
+
+bool BrickGrid::consistent() const {
+  if (cell_bits_ < 1 || cell_bits_ > 5 || node_bits_ < 3 || node_bits_ > 7) return false;
+  const int node_last = node_cells() - 1;
+  constexpr int64_t kMostCells = 1 << 29;
+  for (int a = 0; a < 3; ++a) {
+    const int64_t count = cell_count_[a];
+    if (count < 0 || count > kMostCells || node_count_[a] != (count + node_last) >> node_bits_) return false;
+    if (!(support_lo_[a] >= 0 && support_hi_[a] <= static_cast<double>(count) * cell_size())) return false;
+  }
+  if (product(node_count_) != static_cast<double>(nodes_.size())) return false;
+  const size_t in_block = size_t{1} << (3 * node_bits_);
+  if (cells_.size() % in_block != 0 || bricks_.size() % brick_values() != 0) return false;
+  const auto blocks = static_cast<int64_t>(cells_.size() / in_block);
+  const size_t count = brick_count();
+  return std::all_of(nodes_.begin(), nodes_.end(), [&](int32_t node) { return node >= -1 && node < blocks; }) &&
+         std::all_of(cells_.begin(), cells_.end(),
+                     [&](const Cell& cell) { return cell.brick <= count && cell.majorant <= maximum_; });
 }
 
 // A block lends its lowest faces to the aprons of the seven cells below it.

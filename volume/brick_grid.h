@@ -3,7 +3,9 @@
 #include <functional>
 #include <vector>
 
+#include "base/memory_file.h"
 #include "base/progress.h"
+#include "base/shared_array.h"
 #include "base/vec.h"
 
 namespace brume {
@@ -23,6 +25,8 @@ struct VoxelBox {
 /// value takes part: the cells are the majorant grid. Bricks that hold one value everywhere are shared. Cells are
 /// grouped into nodes, so that empty space costs one entry per node and is crossed in one step.
 ///
+/// Copies share their values, which may lie in memory that another process has filled.
+///
 /// Local coordinates: index space shifted by origin(), so that the field lies in [0, extent()].
 class BrickGrid {
  public:
@@ -39,14 +43,24 @@ class BrickGrid {
   ///
   /// @param blocks  lowest corners of the 8 x 8 x 8 blocks that may hold anything but zeros, multiples of 8 in index
   ///                space, in any order, repeated or not
+  /// @param file    where the bricks' values go as they are made; null: into this process's memory
   /// @throws InputError when the index alone would need more than 8 GiB
   static BrickGrid build(const VoxelBox& box, const std::vector<ivec3>& blocks, const Sampler& sample,
-                         const Task& task = {});
+                         const Task& task = {}, MemoryFile* file = nullptr);
 
   /// The same field in cells of another size: smaller ones bound it more tightly, larger ones are crossed in fewer
   /// steps.
   /// @param cell_size  voxels, a power of two from 2 to 32
   BrickGrid recut(int cell_size, const Task& task = {}) const;
+
+  /// Hands every member to `archive`, in one order: to be sent to another process, or received from one.
+  template <class Archive>
+  void transfer(Archive& archive) {
+    archive(origin_, cell_count_, node_count_, cell_bits_, node_bits_, support_lo_, support_hi_, maximum_, nodes_,
+            cells_, bricks_);
+  }
+  /// Whether every index points to something, as it does unless what was received is damaged.
+  bool consistent() const;
 
   bool empty() const { return bricks_.empty(); }
   int cell_size() const { return 1 << cell_bits_; }
@@ -98,10 +112,11 @@ class BrickGrid {
   bool node_empty(const ivec3& c) const { return nodes_[node_index(c)] < 0; }
 
  private:
-  void make_nodes();
+  std::vector<int32_t> make_nodes();
   void check_index_size(double bytes) const;
   std::vector<ivec3> cells_touched_by(const std::vector<ivec3>& blocks) const;
-  void fill(const std::vector<ivec3>& candidates, const Sampler& sample, const Task& task);
+  void fill(std::vector<int32_t> nodes, const std::vector<ivec3>& candidates, const Sampler& sample, const Task& task,
+            MemoryFile* file);
   int clamp_index(double q) const {
     const int i = static_cast<int>(q), last = cell_size() - 1;
     return i < 0 ? 0 : i > last ? last : i;
@@ -120,9 +135,9 @@ class BrickGrid {
   int cell_bits_ = 3, node_bits_ = 3;
   dvec3 support_lo_{0}, support_hi_{0};
   float maximum_ = 0;
-  std::vector<int32_t> nodes_;  // number of the node's block of cells, -1 for an empty node
-  std::vector<Cell> cells_;
-  std::vector<float> bricks_;
+  SharedArray<int32_t> nodes_;  // number of the node's block of cells, -1 for an empty node
+  SharedArray<Cell> cells_;
+  SharedArray<float> bricks_;
 };
 
 inline const BrickGrid::Cell& BrickGrid::cell(const ivec3& c) const {

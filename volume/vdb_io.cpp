@@ -1,487 +1,125 @@
 #include "volume/vdb_io.h"
 
 #include <fmt/format.h>
-#include <openvdb/io/GridDescriptor.h>
-#include <openvdb/openvdb.h>
-#include <openvdb/points/PointDataGrid.h>
-#include <openvdb/tools/Interpolation.h>
-#include <openvdb/tools/LevelSetUtil.h>
-#include <openvdb/tools/Prune.h>
-#include <tbb/parallel_reduce.h>
+#include <unistd.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
-#include <fstream>
-#include <mutex>
+#include <csignal>
+#include <cstdlib>
+#include <cstring>
 
+#include "base/child_process.h"
 #include "base/error.h"
+#include "base/memory_file.h"
 #include "base/output_file.h"
 #include "base/parallel_for.h"
-#include "base/text.h"
+#include "volume/vdb_exchange.h"
 
 namespace brume {
 namespace {
 
 namespace fs = std::filesystem;
-using openvdb::Coord;
-using openvdb::CoordBBox;
 
-void initialize() {
-  static std::once_flag once;
-  std::call_once(once, [] { openvdb::initialize(); });
-}
-
-/// Reads a file's table of contents, which OpenVDB's own reader does not show: where each grid ends. A truncated file
-/// is found here, before the reader runs past its end.
-class Contents : openvdb::io::Archive {
- public:
-  explicit Contents(const fs::path& path) {
-    std::ifstream stream(path, std::ios::binary);
-    stream.exceptions(std::ios::failbit | std::ios::badbit);
-    readHeader(stream);
-    openvdb::io::setCurrentVersion(stream);
-    setFormatVersion(stream);
-    setLibraryVersion(stream);
-    openvdb::MetaMap metadata;
-    metadata.readMeta(stream);
-    if (!inputHasGridOffsets()) return;
-    for (int32_t count = readGridCount(stream); count > 0; --count) {
-      openvdb::io::GridDescriptor descriptor;
-      descriptor.read(stream);
-      end_ = std::max(end_, static_cast<uint64_t>(descriptor.getEndPos()));
-      stream.seekg(static_cast<std::streamoff>(descriptor.getEndPos()));
-    }
-  }
-  uint64_t end() const { return end_; }
-
- private:
-  uint64_t end_ = 0;
-};
+constexpr const char* kReader = "brume-vdb-reader";
+constexpr const char* kReaderVariable = "BRUME_VDB_READER";
+constexpr double kStallSeconds = 120;
 
 [[noreturn]] void fail(const fs::path& path, const std::string& what) {
   throw InputError(fmt::format("{}: {}", path.string(), what));
 }
 
-/// Runs `read`, turning whatever OpenVDB throws over damaged contents into an InputError.
-template <class Read>
-auto guarded(const fs::path& path, const Read& read) {
-  try {
-    return read();
-  } catch (const InputError&) {
-    throw;
-  } catch (const Interrupted&) {
-    throw;
-  } catch (const std::ios::failure&) {
-    fail(path, "truncated or damaged: the file ends where its contents go on");
-  } catch (const std::exception& exception) {
-    fail(path, fmt::format("damaged, or not readable by OpenVDB {}: {}", openvdb::getLibraryVersionString(),
-                           exception.what()));
-  }
-}
-
-/// Opens a file whose table of contents has been checked against its length.
-std::unique_ptr<openvdb::io::File> open(const fs::path& path) {
-  initialize();
+/// The program that reads files: where the environment says, or near this program.
+fs::path find_reader() {
+  if (const char* const named = std::getenv(kReaderVariable)) return named;
   std::error_code error;
-  if (!fs::exists(path, error)) fail(path, "no such file");
-  if (fs::is_directory(path, error)) fail(path, "is a folder, expected an OpenVDB file");
-  const uint64_t size = fs::file_size(path, error);
-  char magic[4] = {};
-  std::ifstream(path, std::ios::binary).read(magic, 4);
-  if (std::string_view(magic, 4) != std::string_view(" BDV", 4))
-    fail(path, "not an OpenVDB file (its first bytes are not the format's)");
-  uint64_t end = 0;
+  const fs::path here = fs::read_symlink("/proc/self/exe", error).parent_path();
+  for (const fs::path& folder : {here, here.parent_path(), here.parent_path() / "libexec"})
+    if (fs::exists(folder / kReader, error)) return folder / kReader;
+  throw InputError(fmt::format("{}: not found; expected it beside this program, in {}, or where {} says", kReader,
+                               here.string(), kReaderVariable));
+}
+
+/// What to say of a reader that ended without an answer.
+std::string cause(const ChildEnd& end) {
+  if (end.stalled) return "OpenVDB came to a standstill over it";
+  if (end.signal == SIGXCPU) return "OpenVDB took far longer over it than its size allows";
+  if (end.signal == SIGKILL) return "the system stopped OpenVDB over it, out of memory perhaps";
+  if (end.signal != 0) return fmt::format("OpenVDB crashed on it ({})", strsignal(end.signal));
+  return fmt::format("OpenVDB ended on it with status {}", end.status);
+}
+
+void run_reader(const VdbRequest& request, const MemoryFile& file, ExchangeHeader& header, const Task& task) {
+  const auto report = [&] {
+    if (const double fraction = std::atomic_ref(header.progress).load(); fraction > 0) task.report(fraction);
+  };
+  const ChildEnd end = run_child(find_reader(), {}, file.descriptor(), task, kStallSeconds, report);
+  // What a terminal sends reaches the reader too, perhaps before it has begun to ignore it.
+  if (end.signal == SIGINT || end.signal == SIGTERM || end.signal == SIGHUP) throw Interrupted();
+  const char* const failed = request.kind == VdbRequest::Kind::kWrite ? "cannot be written" : "damaged";
+  if (end.signal != 0 || end.status != 0) fail(request.path, fmt::format("{}: {}", failed, cause(end)));
+}
+
+/// Has a file read by a process of its own, which a damaged one may crash, and takes over what that leaves in memory.
+/// @param file  begins with room for the header
+template <class Result>
+Result ask(VdbRequest& request, MemoryFile& file, const Task& task) {
+  request.threads = task.threads;
+  const Mapping beginning(file, 0, sizeof(ExchangeHeader), /*writable=*/true);
+  auto& header = *new (beginning.data()) ExchangeHeader();
+  {
+    Packer pack(file);
+    pack(request);
+    header.request_offset = file.append(std::as_bytes(std::span(pack.bytes())));
+    header.request_size = pack.bytes().size();
+  }
+  run_reader(request, file, header, task);
+
+  file.update_size();
+  if (file.size() < sizeof(ExchangeHeader)) fail(request.path, "damaged: its reader left nothing");
   try {
-    end = Contents(path).end();
-  } catch (const std::ios::failure&) {
-    fail(path, fmt::format("truncated: the file ends at byte {}, before the end of its table of contents", size));
-  }
-  if (end > size) fail(path, fmt::format("truncated: its last grid ends at byte {}, the file at byte {}", end, size));
-  auto file = std::make_unique<openvdb::io::File>(path.string());
-  file->open(/*delayLoad=*/false);
-  return file;
-}
-
-std::string class_name(const openvdb::GridBase& grid) {
-  switch (grid.getGridClass()) {
-    case openvdb::GRID_FOG_VOLUME:
-      return "fog volume";
-    case openvdb::GRID_LEVEL_SET:
-      return "level set";
-    case openvdb::GRID_STAGGERED:
-      return "staggered";
-    default:
-      return "unknown";
-  }
-}
-
-std::map<std::string, std::string> texts(const openvdb::MetaMap& meta) {
-  std::map<std::string, std::string> result;
-  for (auto it = meta.beginMeta(); it != meta.endMeta(); ++it)
-    if (it->second) result[it->first] = it->second->str();
-  return result;
-}
-
-ivec3 from(const Coord& c) {
-  return {c.x(), c.y(), c.z()};
-}
-
-/// What the stored values of a scalar tree are like.
-struct ValueScan {
-  double minimum = std::numeric_limits<double>::infinity(), maximum = -minimum;  // of the finite ones
-  uint64_t nans = 0, infinities = 0, negatives = 0;
-
-  void add(double v, uint64_t count = 1) {
-    if (std::isnan(v))
-      nans += count;
-    else if (std::isinf(v))
-      infinities += count;
-    else {
-      negatives += v < 0 ? count : 0;
-      minimum = std::min(minimum, v);
-      maximum = std::max(maximum, v);
+    Unpacker unpack(std::make_shared<Mapping>(file, 0, file.size(), /*writable=*/false), header.reply_offset,
+                    header.reply_size);
+    if (header.error) {
+      std::string message;
+      unpack(message);
+      throw InputError(message);
     }
+    Result result{};
+    unpack(result);
+    task.report(1.0);
+    return result;
+  } catch (const std::out_of_range& error) {
+    fail(request.path, fmt::format("damaged: its reader left no answer ({})", error.what()));
   }
-  void merge(const ValueScan& other) {
-    minimum = std::min(minimum, other.minimum);
-    maximum = std::max(maximum, other.maximum);
-    nans += other.nans, infinities += other.infinities, negatives += other.negatives;
-  }
-};
-
-template <class Grid>
-ValueScan scan_active(const Grid& grid) {
-  ValueScan scan;
-  for (auto it = grid.cbeginValueOn(); it; ++it) scan.add(static_cast<double>(*it), it.getVoxelCount());
-  return scan;
 }
 
-dmat4 affine_matrix(const openvdb::math::Transform& transform) {
-  // OpenVDB multiplies row vectors from the left; so the element (i, j) there is column i, row j here.
-  const auto m = transform.baseMap()->getAffineMap()->getMat4();
-  dmat4 result;
-  for (int i = 0; i < 4; ++i)
-    for (int j = 0; j < 4; ++j) result[i][j] = m(i, j);
-  return result;
+template <class Result>
+Result ask(VdbRequest& request, const Task& task) {
+  MemoryFile file;
+  file.resize(sizeof(ExchangeHeader));
+  return ask<Result>(request, file, task);
 }
 
-GridSummary summarize(const openvdb::GridBase& grid) {
-  GridSummary s;
-  s.name = grid.getName();
-  s.type = grid.valueType();
-  s.grid_class = class_name(grid);
-  s.half = grid.saveFloatAsHalf();
-  s.active_voxels = grid.activeVoxelCount();
-  const CoordBBox box = grid.evalActiveVoxelBoundingBox();
-  if (s.active_voxels > 0) s.box = {from(box.min()), from(box.max())};
-  const auto size = grid.voxelSize();
-  s.voxel_size = {size.x(), size.y(), size.z()};
-  s.linear = grid.transform().isLinear();
-  if (s.linear) s.world_from_index = affine_matrix(grid.transform());
-  s.metadata = texts(grid);
-  if (const auto it = s.metadata.find("file_compression"); it != s.metadata.end()) s.compression = it->second;
-  if (grid.isType<openvdb::points::PointDataGrid>()) s.grid_class = "points";
-  const auto scalar = [&](const auto& typed) {
-    s.background = static_cast<double>(typed.background());
-    s.active_tiles = typed.tree().activeTileCount();
-    if (s.active_voxels == 0) return;
-    const ValueScan scan = scan_active(typed);
-    s.has_range = scan.maximum >= scan.minimum;
-    s.minimum = s.has_range ? scan.minimum : 0.0;
-    s.maximum = s.has_range ? scan.maximum : 0.0;
-    s.nan_count = scan.nans, s.infinite_count = scan.infinities, s.negative_count = scan.negatives;
-  };
-  grid.apply<openvdb::TypeList<openvdb::FloatGrid, openvdb::DoubleGrid, openvdb::Int32Grid, openvdb::Int64Grid>>(
-      scalar);
-  return s;
-}
-
-std::string list_grids(openvdb::io::File& file) {
-  std::vector<std::string> lines;
-  const auto grids = file.readAllGridMetadata();
-  for (const auto& grid : *grids) lines.push_back(fmt::format("{} ({})", grid->getName(), grid->valueType()));
-  return lines.empty() ? "none" : join(lines);
-}
-
-std::vector<std::string> grid_names(openvdb::io::File& file) {
-  std::vector<std::string> names;
-  for (auto it = file.beginName(); it != file.endName(); ++it) names.push_back(*it);
-  return names;
-}
-
-/// The grid that is wanted, or without a wish the first of the usual names, or the one whose name begins with the
-/// first.
-std::string choose_grid(openvdb::io::File& file, const fs::path& path, const std::string& wanted,
-                        const std::vector<std::string>& usual, std::vector<std::string>& notes) {
-  const std::vector<std::string> names = grid_names(file);
-  for (const std::string& name : wanted.empty() ? usual : std::vector{wanted}) {
-    if (std::find(names.begin(), names.end(), name) != names.end()) return name;
-    for (const std::string& n : names)
-      if (n.starts_with(name + "[")) {  // several grids of one name
-        notes.push_back(fmt::format("several grids are named '{}'; the first is used", name));
-        return n;
-      }
-  }
-  if (wanted.empty()) {
-    std::vector<std::string> beginning;
-    std::copy_if(names.begin(), names.end(), std::back_inserter(beginning),
-                 [&](const std::string& n) { return n.starts_with(usual.front()); });
-    if (beginning.size() == 1) {
-      notes.push_back(fmt::format("no grid '{}'; '{}' is used", usual.front(), beginning[0]));
-      return beginning[0];
-    }
-  }
-  fail(path, fmt::format("no grid '{}'; the file has: {}", wanted.empty() ? usual.front() : wanted, list_grids(file)));
-}
-
-double remapped(const std::vector<std::pair<double, double>>& curve, double v) {
-  if (v <= curve.front().first) return curve.front().second;
-  for (size_t i = 1; i < curve.size(); ++i)
-    if (v <= curve[i].first) {
-      const double f = (v - curve[i - 1].first) / (curve[i].first - curve[i - 1].first);
-      return curve[i - 1].second + f * (curve[i].second - curve[i - 1].second);
-    }
-  return curve.back().second;
-}
-
-/// Appends the 8 x 8 x 8 blocks of a box of voxels.
-void append_blocks(const CoordBBox& box, std::vector<ivec3>& blocks) {
-  const double count = (box.dim().x() / 8.0 + 1) * (box.dim().y() / 8.0 + 1) * (box.dim().z() / 8.0 + 1);
-  if (count + static_cast<double>(blocks.size()) > 1u << 28)
-    throw InputError(
-        fmt::format("active tiles or background fill {:.1e} blocks of 8^3 voxels; the limit is 2.7e8", count));
-  const Coord lo = box.min() & ~7, hi = box.max();
-  for (int x = lo.x(); x <= hi.x(); x += 8)
-    for (int y = lo.y(); y <= hi.y(); y += 8)
-      for (int z = lo.z(); z <= hi.z(); z += 8) blocks.emplace_back(x, y, z);
-}
-
-template <class Grid>
-std::vector<ivec3> occupied_blocks(const Grid& grid, const CoordBBox& box) {
+/// Bounds a density over all that a motion between two times can bring to each place: each cell's velocities span a box
+/// of displacements, and the densest cell that it can reach back to counts.
+BrickGrid envelope_of(const VectorBricks& field, const VoxelBox& box, const BrickGrid& bricks, double open_time,
+                      double close_time, const Task& task) {
   std::vector<ivec3> blocks;
-  if (grid.background() != 0) {
-    append_blocks(box, blocks);
-    return blocks;
-  }
-  for (auto leaf = grid.tree().cbeginLeaf(); leaf; ++leaf) blocks.push_back(from(leaf->origin()));
-  auto tile = grid.tree().cbeginValueAll();
-  tile.setMaxDepth(Grid::TreeType::ValueAllCIter::LEAF_DEPTH - 1);
-  for (; tile; ++tile) {
-    if (*tile == 0) continue;
-    CoordBBox covered = tile.getBoundingBox();
-    covered.intersect(box);
-    if (!covered.empty()) append_blocks(covered, blocks);
-  }
-  return blocks;
-}
-
-/// A brick's 9 x 9 x 9 values, from a function of the voxel.
-template <class Value>
-void fill_brick(const ivec3& lo, float* values, const Value& value) {
-  Coord c;
-  for (int x = 0; x <= 8; ++x)
-    for (int y = 0; y <= 8; ++y)
-      for (int z = 0; z <= 8; ++z) {
-        c.reset(lo.x + x, lo.y + y, lo.z + z);
-        *values++ = value(c);
-      }
-}
-
-template <class Grid>
-void build_bricks(const Grid& grid, const std::vector<std::pair<double, double>>& remap, ScalarField& field,
-                  const Task& task) {
-  const CoordBBox box = grid.evalActiveVoxelBoundingBox();
-  const GridSummary& s = field.summary;
-  const auto note = [&](uint64_t count, const char* what, const std::string& became) {
-    if (count) field.notes.push_back(fmt::format("grid '{}': {} {} voxels became {}", s.name, count, what, became));
-  };
-  const auto largest = static_cast<float>(std::max(0.0, s.maximum));
-  note(s.nan_count, "NaN", "0");
-  note(s.negative_count, "negative", "0");
-  note(s.infinite_count, "infinite", fmt::format("the largest finite value, {}", largest));
-  if (grid.background() != 0)
-    field.notes.push_back(fmt::format("grid '{}': background {} counts inside the active bounding box and is 0 outside",
-                                      s.name, s.background));
-  const auto clean = [&remap, largest](double v) {
-    if (std::isinf(v)) v = v > 0 ? largest : 0.0;
-    if (!remap.empty() && v > 0) v = remapped(remap, v);
-    return v > 0 ? std::min(static_cast<float>(v), std::numeric_limits<float>::max()) : 0.0f;  // false for NaN too
-  };
-  const auto sample = [&](const ivec3& lo, float* values) {
-    auto accessor = grid.getConstUnsafeAccessor();
-    fill_brick(lo, values, [&](const Coord& c) {
-      return box.isInside(c) ? clean(static_cast<double>(accessor.getValue(c))) : 0.0f;
-    });
-  };
-  field.bricks = BrickGrid::build({from(box.min()), from(box.max())}, occupied_blocks(grid, box), sample, task);
-  if (field.bricks.empty())
-    field.notes.push_back(fmt::format("grid '{}' holds no positive value: the field is absent", s.name));
-}
-
-VdbSummary read_summary(const fs::path& path) {
-  const auto file = open(path);
-  VdbSummary summary;
-  summary.bytes = fs::file_size(path);
-  summary.library_version = file->version();
-  if (const auto meta = file->getMetadata()) summary.metadata = texts(*meta);
-  for (auto it = file->beginName(); it != file->endName(); ++it)
-    summary.grids.push_back(summarize(*file->readGrid(*it)));
-  return summary;
-}
-
-/// Refuses what no density can be read from, with what to do instead.
-void check_scalar_field(const fs::path& path, const GridSummary& s, openvdb::io::File& file) {
-  if (s.grid_class == "points")
-    fail(path,
-         fmt::format("grid '{}' holds points; expected a fog volume. Rasterise the points to a density grid first",
-                     s.name));
-  if (s.type != "float" && s.type != "double")
-    fail(path, fmt::format("grid '{}' is of type {}; expected float or double. The file has: {}", s.name, s.type,
-                           list_grids(file)));
-  if (!s.linear)
-    fail(path, fmt::format("grid '{}' has a frustum or other non-affine transform; resample it to a uniform grid first",
-                           s.name));
-}
-
-ScalarField read_scalar(const fs::path& path, const ScalarOptions& options, const Task& task) {
-  const auto file = open(path);
-  ScalarField field;
-  openvdb::GridBase::Ptr grid =
-      file->readGrid(choose_grid(*file, path, options.grid, options.usual_names, field.notes));
-  field.summary = summarize(*grid);
-  const GridSummary& s = field.summary;
-  check_scalar_field(path, s, *file);
-  if (s.grid_class == "level set") {
-    if (!options.convert_level_set)
-      fail(path, fmt::format(
-                     "grid '{}' is a level set; expected a fog volume. Set convert_level_set = true to fill its inside",
-                     s.name));
-    if (auto typed = openvdb::gridPtrCast<openvdb::FloatGrid>(grid)) openvdb::tools::sdfToFogVolume(*typed);
-    if (auto typed = openvdb::gridPtrCast<openvdb::DoubleGrid>(grid)) openvdb::tools::sdfToFogVolume(*typed);
-    field.summary = summarize(*grid);
-    field.notes.push_back(fmt::format("grid '{}': the level set's inside was converted to fog", s.name));
-  }
-  field.world_from_index = s.world_from_index;
-  if (s.active_voxels == 0) {
-    field.notes.push_back(fmt::format("grid '{}' is empty: the field is absent", s.name));
-    return field;
-  }
-  if (s.grid_class != "fog volume" && 4 * s.negative_count > s.active_voxels)
-    field.notes.push_back(fmt::format("grid '{}' is mostly negative; if it is a level set, mark it as one", s.name));
-  try {
-    if (auto typed = openvdb::gridPtrCast<openvdb::FloatGrid>(grid)) build_bricks(*typed, options.remap, field, task);
-    if (auto typed = openvdb::gridPtrCast<openvdb::DoubleGrid>(grid)) build_bricks(*typed, options.remap, field, task);
-  } catch (const InputError& error) {
-    fail(path, fmt::format("grid '{}': {}", s.name, error.what()));
-  }
-  return field;
-}
-
-openvdb::Vec3SGrid::Ptr as_vector_grid(const fs::path& path, const openvdb::GridBase::Ptr& grid) {
-  if (!grid->transform().isLinear())
-    fail(path, fmt::format("grid '{}' has a frustum or other non-affine transform; resample it to a uniform grid first",
-                           grid->getName()));
-  if (auto typed = openvdb::gridPtrCast<openvdb::Vec3SGrid>(grid)) return typed;
-  fail(path, fmt::format("grid '{}' is of type {}; expected vec3s, three numbers per voxel", grid->getName(),
-                         grid->valueType()));
-}
-
-float finite_or_zero(double v) {
-  return std::isfinite(v) ? static_cast<float>(v) : 0.0f;
-}
-
-VectorField read_colour(const fs::path& path, const std::string& wanted, const Task& task) {
-  const auto file = open(path);
-  VectorField field;
-  const std::vector<std::string> names = grid_names(*file);
-  for (const std::string& base : wanted.empty() ? std::vector<std::string>{"color", "Cd"} : std::vector{wanted}) {
-    if (std::find(names.begin(), names.end(), base + "_r") == names.end()) continue;
-    const char* const ends[] = {"_r", "_g", "_b"};
-    for (size_t c = 0; c < 3; ++c) {
-      ScalarField part = read_scalar(path, {base + ends[c]}, task);
-      field.notes.insert(field.notes.end(), part.notes.begin(), part.notes.end());
-      if (c > 0 && part.world_from_index != field.world_from_index)
-        fail(path, fmt::format("grids '{0}_r' and '{0}{1}' have different transforms", base, ends[c]));
-      field.world_from_index = part.world_from_index;
-      field.bricks.parts[c] = std::move(part.bricks);
-    }
-    if (field.bricks.parts[0].origin() != field.bricks.parts[1].origin() ||
-        field.bricks.parts[0].origin() != field.bricks.parts[2].origin())
-      fail(path, fmt::format("grids '{0}_r', '{0}_g' and '{0}_b' cover different voxels", base));
-    return field;
-  }
-  const auto grid =
-      as_vector_grid(path, file->readGrid(choose_grid(*file, path, wanted, {"color", "Cd"}, field.notes)));
-  field.world_from_index = affine_matrix(grid->transform());
-  const CoordBBox box = grid->evalActiveVoxelBoundingBox();
-  if (box.empty()) return field;
-  std::vector<ivec3> blocks;
-  append_blocks(box, blocks);
-  for (int c = 0; c < 3; ++c)
-    field.bricks.parts[static_cast<size_t>(c)] = BrickGrid::build(
-        {from(box.min()), from(box.max())}, blocks,
-        [&](const ivec3& lo, float* values) {
-          auto accessor = grid->getConstUnsafeAccessor();
-          fill_brick(lo, values, [&](const Coord& at) { return finite_or_zero(accessor.getValue(at)[c]); });
-        },
-        task);
-  return field;
-}
-
-Displacement read_displacement(const fs::path& path, const std::string& wanted, const ScalarField& density,
-                               double scale, double open_time, double close_time, std::vector<std::string>& notes,
-                               const Task& task) {
-  const auto file = open(path);
-  const auto grid =
-      as_vector_grid(path, file->readGrid(choose_grid(*file, path, wanted, {"velocity", "vel", "v"}, notes)));
-  Displacement result;
-  // Voxels of the density's lattice that any velocity reaches, and the density's own.
-  const dmat4 density_from_velocity = glm::inverse(density.world_from_index) * affine_matrix(grid->transform());
-  const CoordBBox active = grid->evalActiveVoxelBoundingBox();
-  VoxelBox box = density.summary.box;
-  if (!active.empty()) {
-    for (int k = 0; k < 8; ++k) {
-      const dvec3 corner{k & 1 ? active.max().x() + 1 : active.min().x() - 1,
-                         k & 2 ? active.max().y() + 1 : active.min().y() - 1,
-                         k & 4 ? active.max().z() + 1 : active.min().z() - 1};
-      const dvec3 at(density_from_velocity * glm::dvec4(corner, 1.0));
-      if (glm::any(glm::greaterThan(glm::abs(at), dvec3(1 << 28))))
-        fail(path, fmt::format("grid '{}' lies far outside of the density", grid->getName()));
-      box.lo = glm::min(box.lo, ivec3(glm::floor(at)));
-      box.hi = glm::max(box.hi, ivec3(glm::ceil(at)));
-    }
-  }
-  std::vector<ivec3> blocks;
-  append_blocks({Coord(box.lo.x, box.lo.y, box.lo.z), Coord(box.hi.x, box.hi.y, box.hi.z)}, blocks);
-
-  const dmat4 velocity_from_density = glm::inverse(density_from_velocity);
-  const dmat3 voxels_from_world = glm::inverse(dmat3(density.world_from_index));
-  const bool staggered = grid->getGridClass() == openvdb::GRID_STAGGERED;
-  for (int c = 0; c < 3; ++c)
-    result.field.parts[static_cast<size_t>(c)] = BrickGrid::build(
-        box, blocks,
-        [&](const ivec3& lo, float* values) {
-          auto accessor = grid->getConstUnsafeAccessor();
-          fill_brick(lo, values, [&](const Coord& at) {
-            const dvec3 q(velocity_from_density * glm::dvec4(at.x(), at.y(), at.z(), 1.0));
-            const openvdb::Vec3d where(q.x, q.y, q.z);
-            const openvdb::Vec3s v = staggered ? openvdb::tools::StaggeredBoxSampler::sample(accessor, where)
-                                               : openvdb::tools::BoxSampler::sample(accessor, where);
-            return finite_or_zero((voxels_from_world * dvec3(v.x(), v.y(), v.z()))[c] * scale);
-          });
-        },
-        task);
-
-  // Bounds: each cell's velocities span a box of displacements; the densest cell that it can reach back to counts.
-  const BrickGrid& bricks = density.bricks;
+  const ivec3 last = box.hi >> 3;
+  for (int x = box.lo.x >> 3; x <= last.x; ++x)
+    for (int y = box.lo.y >> 3; y <= last.y; ++y)
+      for (int z = box.lo.z >> 3; z <= last.z; ++z) blocks.emplace_back(8 * ivec3(x, y, z));
   const ivec3 first = bricks.origin() >> 3;
+  const auto cell_of = [](const dvec3& p) { return ivec3(glm::clamp(p, -1e9, 1e9)) >> 3; };
   constexpr double kLevels = 16;  // per octave: rounded up, so that cells share their storage
-  result.envelope = BrickGrid::build(
+  return BrickGrid::build(
       box, blocks,
       [&](const ivec3& lo, float* values) {
         dvec3 lowest(1e300), highest(-1e300);
         for (int a = 0; a < 3; ++a) {
-          const BrickGrid& part = result.field.parts[static_cast<size_t>(a)];
+          const BrickGrid& part = field.parts[static_cast<size_t>(a)];
           double low = 0, high = 0;
           if (!part.empty()) {
             const BrickGrid::Cell& cell = part.cell((lo - part.origin()) >> 3);
@@ -494,8 +132,8 @@ Displacement read_displacement(const fs::path& path, const std::string& wanted, 
             for (const double t : {open_time, close_time})
               lowest[a] = std::min(lowest[a], -v * t), highest[a] = std::max(highest[a], -v * t);
         }
-        const ivec3 from_cell = (ivec3(glm::floor(dvec3(lo) + lowest)) >> 3) - first;
-        const ivec3 to_cell = (ivec3(glm::ceil(dvec3(lo + 8) + highest)) >> 3) - first;
+        const ivec3 from_cell = cell_of(glm::floor(dvec3(lo) + lowest)) - first;
+        const ivec3 to_cell = cell_of(glm::ceil(dvec3(lo + 8) + highest)) - first;
         float bound = 0;
         for (int x = std::max(0, from_cell.x); x <= std::min(to_cell.x, bricks.cells().x - 1); ++x)
           for (int y = std::max(0, from_cell.y); y <= std::min(to_cell.y, bricks.cells().y - 1); ++y)
@@ -506,114 +144,99 @@ Displacement read_displacement(const fs::path& path, const std::string& wanted, 
         std::fill(values, values + BrickGrid::kBrick, bound);
       },
       task);
-  result.origin_shift = dvec3(bricks.origin() - result.envelope.origin());
-  result.open = open_time, result.close = close_time;
-  return result;
-}
-
-void write_grid(const fs::path& path, const openvdb::FloatGrid::Ptr& grid) {
-  OutputFile output(path);
-  try {
-    openvdb::io::File file(output.part().string());
-    file.setCompression(openvdb::io::COMPRESS_ACTIVE_MASK | openvdb::io::COMPRESS_BLOSC);
-    openvdb::MetaMap metadata;
-    metadata.insertMeta("creator", openvdb::StringMetadata("brume"));
-    file.write(openvdb::GridCPtrVec{grid}, metadata);
-    file.close();
-  } catch (const std::exception& error) {
-    fail(path, fmt::format("cannot be written: {}", error.what()));
-  }
-  output.commit();
 }
 
 }  // namespace
 
-VdbSummary read_vdb_info(const fs::path& path) {
-  return guarded(path, [&] { return read_summary(path); });
+VdbSummary read_vdb_info(const fs::path& path, const Task& task) {
+  VdbRequest request{VdbRequest::Kind::kInfo, path.string()};
+  return ask<VdbSummary>(request, task);
 }
 
 ScalarField load_scalar(const fs::path& path, const ScalarOptions& options, const Task& task) {
-  return guarded(path, [&] { return read_scalar(path, options, task); });
+  VdbRequest request{VdbRequest::Kind::kScalar, path.string()};
+  request.options = options;
+  return ask<ScalarField>(request, task);
 }
 
 VectorField load_colour(const fs::path& path, const std::string& grid, const Task& task) {
-  return guarded(path, [&] { return read_colour(path, grid, task); });
+  VdbRequest request{VdbRequest::Kind::kColour, path.string()};
+  request.grid = grid;
+  return ask<VectorField>(request, task);
 }
 
 Displacement load_displacement(const fs::path& path, const std::string& grid, const ScalarField& density, double scale,
                                double open_time, double close_time, std::vector<std::string>& notes, const Task& task) {
-  return guarded(path,
-                 [&] { return read_displacement(path, grid, density, scale, open_time, close_time, notes, task); });
+  VdbRequest request{VdbRequest::Kind::kVelocity, path.string()};
+  request.grid = grid;
+  request.box = density.summary.box;
+  request.world_from_index = density.world_from_index;
+  request.scale = scale;
+  VelocityReply velocity = ask<VelocityReply>(request, task);
+  notes.insert(notes.end(), velocity.notes.begin(), velocity.notes.end());
+  Displacement result;
+  result.field = std::move(velocity.bricks);
+  result.envelope = envelope_of(result.field, velocity.box, density.bricks, open_time, close_time, task);
+  result.origin_shift = dvec3(density.bricks.origin() - result.envelope.origin());
+  result.open = open_time;
+  result.close = close_time;
+  return result;
 }
 
 void write_density(const fs::path& path, const VoxelBox& box, double voxel_size,
                    const std::function<float(const ivec3&)>& sample, bool half, const Task& task) {
-  initialize();
-  check_writable(path);
-  auto grid = openvdb::FloatGrid::create(0.0f);
-  grid->setName("density");
-  grid->setGridClass(openvdb::GRID_FOG_VOLUME);
-  grid->setSaveFloatAsHalf(half);
-  grid->setTransform(openvdb::math::Transform::createLinearTransform(voxel_size));
-  // Slabs of leaves are filled in parallel, each into its own tree.
-  const int slabs = (box.hi.x >> 3) - (box.lo.x >> 3) + 1;
-  std::vector<openvdb::FloatTree::Ptr> trees(static_cast<size_t>(slabs));
-  parallel_for(slabs, task, [&](int slab) {
-    auto tree = std::make_shared<openvdb::FloatTree>(0.0f);
-    openvdb::tree::ValueAccessor<openvdb::FloatTree> accessor(*tree);
-    const int x0 = ((box.lo.x >> 3) + slab) * 8;
-    ivec3 v;
-    for (v.x = std::max(x0, box.lo.x); v.x <= std::min(x0 + 7, box.hi.x); ++v.x)
-      for (v.y = box.lo.y; v.y <= box.hi.y; ++v.y)
-        for (v.z = box.lo.z; v.z <= box.hi.z; ++v.z)
-          if (const float value = sample(v); value > 0) accessor.setValue({v.x, v.y, v.z}, value);
-    trees[static_cast<size_t>(slab)] = tree;
-  });
-  for (const auto& tree : trees) grid->tree().merge(*tree);
-  write_grid(path, grid);
+  constexpr int kLeaf = 8, kValues = kLeaf * kLeaf * kLeaf, kBatch = 4096;
+  OutputFile output(path);
+  MemoryFile file;
+  file.resize(sizeof(ExchangeHeader));
+  GrowingArray<float> values(&file);
+  std::vector<VoxelPosition> corners;
+  const ivec3 first = box.lo >> 3;
+  const ivec3 leaves = (box.hi >> 3) - first + 1;
+  const int64_t total = static_cast<int64_t>(leaves.x) * leaves.y * leaves.z;
+  const auto corner_of = [&](int64_t leaf) {
+    return kLeaf * (first + ivec3(leaf / leaves.z / leaves.y, leaf / leaves.z % leaves.y, leaf % leaves.z));
+  };
+  std::vector<float> batch(static_cast<size_t>(kBatch) * kValues);
+  for (int64_t begin = 0; begin < total; begin += kBatch) {
+    const int count = static_cast<int>(std::min<int64_t>(kBatch, total - begin));
+    parallel_for(count, {task.threads, {}, task.cancel}, [&](int leaf) {
+      const ivec3 corner = corner_of(begin + leaf);
+      for (int i = 0; i < kValues; ++i) {
+        const ivec3 v = corner + ivec3(i >> 6, i >> 3 & 7, i & 7);
+        const bool inside = glm::all(glm::greaterThanEqual(v, box.lo)) && glm::all(glm::lessThanEqual(v, box.hi));
+        batch[static_cast<size_t>(leaf) * kValues + i] = inside ? sample(v) : 0.0f;
+      }
+    });
+    for (int leaf = 0; leaf < count; ++leaf) {
+      const std::span<const float> of_leaf(batch.data() + static_cast<size_t>(leaf) * kValues, kValues);
+      if (std::none_of(of_leaf.begin(), of_leaf.end(), [](float value) { return value > 0; })) continue;
+      const ivec3 corner = corner_of(begin + leaf);
+      corners.push_back({corner.x, corner.y, corner.z});
+      values.append(of_leaf);
+    }
+    // The rest is the writing.
+    task.report(0.9 * static_cast<double>(begin + count) / static_cast<double>(total));
+  }
+  VdbRequest request{VdbRequest::Kind::kWrite, path.string()};
+  request.part = output.part().string();
+  request.scale = voxel_size;
+  request.half = half;
+  request.leaf_corners = SharedArray(std::move(corners));
+  request.leaf_values = values.finish();
+  ask<uint64_t>(request, file, task);
+  output.commit();
 }
 
-uint64_t write_halved_density(const fs::path& from_path, const std::string& name, const fs::path& to) {
-  std::vector<std::string> notes;
-  const auto base = guarded(from_path, [&] {
-    const auto file = open(from_path);
-    const auto grid = file->readGrid(choose_grid(*file, from_path, name, {"density"}, notes));
-    const GridSummary s = summarize(*grid);
-    check_scalar_field(from_path, s, *file);
-    if (s.grid_class == "level set" || s.nan_count || s.infinite_count || s.negative_count)
-      fail(from_path,
-           fmt::format("grid '{}' is a level set or holds NaN, infinite or negative voxels; expected a clean fog "
-                       "volume to average",
-                       s.name));
-    return grid;
-  });
-  const auto source = openvdb::gridPtrCast<openvdb::FloatGrid>(base);
-  if (!source) fail(from_path, fmt::format("grid '{}' is of type double; halving takes float grids", base->getName()));
-  auto grid = openvdb::FloatGrid::create(0.0f);
-  grid->setName("density");
-  grid->setGridClass(openvdb::GRID_FOG_VOLUME);
-  grid->setSaveFloatAsHalf(true);
-  // The new voxel sits between the two it replaces on each axis: index 2 i + 1/2 of the old lattice.
-  auto transform = source->transform().copy();
-  transform->preTranslate(openvdb::Vec3d(0.5));
-  transform->preScale(2.0);
-  grid->setTransform(transform);
-  auto out = grid->getAccessor();
-  auto in = source->getConstAccessor();
-  for (auto it = source->cbeginValueOn(); it; ++it) {
-    const CoordBBox box = it.getBoundingBox();
-    for (auto c = CoordBBox(box.min() >> 1, box.max() >> 1).begin(); c; ++c) {
-      if (out.isValueOn(*c)) continue;
-      float sum = 0;
-      for (int k = 0; k < 8; ++k) sum += in.getValue(((*c) << 1) + Coord(k & 1, k >> 1 & 1, k >> 2));
-      out.setValue(*c, sum / 8.0f);
-    }
-  }
-  for (auto it = grid->beginValueOn(); it; ++it)
-    if (!(*it > 0)) it.setValueOff();
-  openvdb::tools::pruneInactive(grid->tree());
-  write_grid(to, grid);
-  return grid->activeVoxelCount();
+uint64_t write_halved_density(const fs::path& from, const std::string& grid, const fs::path& to, const Task& task) {
+  OutputFile output(to);
+  VdbRequest request{VdbRequest::Kind::kHalve, from.string()};
+  request.grid = grid;
+  request.output = to.string();
+  request.part = output.part().string();
+  const auto voxels = ask<uint64_t>(request, task);
+  output.commit();
+  return voxels;
 }
 
 }  // namespace brume

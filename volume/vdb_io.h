@@ -34,8 +34,14 @@ struct VdbSummary {
   std::vector<GridSummary> grids;
 };
 
+// OpenVDB is known to a program of its own, brume-vdb-reader, which reads and writes the files: OpenVDB trusts what a
+// file says, and a damaged one can crash it. The reader runs with limits on its memory and processor time, and cuts
+// grids to bricks in memory that both programs share. It is looked for beside this program, in the folder above and in
+// libexec there; the environment variable BRUME_VDB_READER names another one. Cancelling a task ends it. All that
+// follow throw InputError when a file is damaged, whatever the reader did over it.
+
 /// @throws InputError: missing, not a VDB, truncated
-VdbSummary read_vdb_info(const std::filesystem::path& path);
+VdbSummary read_vdb_info(const std::filesystem::path& path, const Task& task = {});
 
 struct ScalarOptions {
   std::string grid = {};                               ///< empty: the first of usual_names that there is
@@ -87,6 +93,6 @@ void write_density(const std::filesystem::path& path, const VoxelBox& box, doubl
 /// Writes a copy of a grid at half the resolution, each voxel the mean of the 2 x 2 x 2 it replaces, saved as half.
 /// @return active voxels written   @throws InputError
 uint64_t write_halved_density(const std::filesystem::path& from, const std::string& grid,
-                              const std::filesystem::path& to);
+                              const std::filesystem::path& to, const Task& task = {});
 
 }  // namespace brume

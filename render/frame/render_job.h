@@ -48,8 +48,10 @@ struct RenderJob {
   double time_limit = 0;    ///< seconds of sampling after which no new pass begins; one that takes much longer is cut
   double target_error = 0;  ///< relative error (Film::relative_error) at which to stop; 0: none
 
-  bool keep_state = false;           ///< the result carries the sums of its samples, to be merged
-  std::filesystem::path checkpoint;  ///< written every checkpoint_seconds, at the end and when interrupted
+  bool keep_state = false;  ///< the result carries the sums of its samples, to be merged
+  /// Written every checkpoint_seconds, at the end and when interrupted. A checkpoint that cannot be written ends
+  /// nothing: `warn` is told, and the next one is tried.
+  std::filesystem::path checkpoint;
   double checkpoint_seconds = 300;
   std::filesystem::path resume;  ///< a checkpoint (or part) to go on from
   std::string program;           ///< who renders: states of another program version are refused
@@ -59,6 +61,8 @@ struct RenderJob {
 
   /// Called whenever a tile's pixels have changed, from any thread, one at a time.
   std::function<void(const Film&, int tile)> watch;
+  /// Called at once with what someone who waits for the picture should know.
+  std::function<void(const std::string&)> warn;
   /// Called between passes with what the frame holds; to fill in what its caller adds to headers.
   std::function<void(Layers&)> stamp;
 };

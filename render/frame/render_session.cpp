@@ -9,7 +9,6 @@
 #include "base/parallel_for.h"
 #include "base/text.h"
 #include "image/exr_io.h"
-#include "render/frame/render_state.h"
 #include "render/lanes/wavefront.h"
 
 namespace brume {
@@ -49,6 +48,7 @@ RenderSession::RenderSession(const PreparedScene& scene, const RenderJob& job, c
             window_.height(), scene.plan().layers),
       context_(scene.context()),
       trace_(select_path_tracer(scene.plan())),
+      checkpoint_(job.checkpoint, job.warn),
       tiles_(static_cast<size_t>(film_.tile_count())) {
   if (job.target_error > 0 && !scene.plan().layers.statistics)
     throw InputError("a target error needs statistics: without them no error is estimated");
@@ -92,9 +92,10 @@ RenderResult RenderSession::run() {
     const bool out_of_time = !task_.cancelled() && stop_.due();
     if (!out_of_time) {
       if (job_.checkpoint.empty()) throw;
-      write_checkpoint();
-      throw Interrupted(
-          fmt::format("the checkpoint {0} is written; go on with --resume {0}", job_.checkpoint.string()));
+      const std::string name = job_.checkpoint.string();
+      if (!write_checkpoint())
+        throw Interrupted(fmt::format("the checkpoint {} could not be brought up to date", name));
+      throw Interrupted(fmt::format("the checkpoint {0} is written; go on with --resume {0}", name));
     }
   }
   if (task_.progress && done_ < static_cast<uint32_t>(end_ - first_)) task_.report(1.0);
@@ -254,11 +255,11 @@ RenderReport RenderSession::report() const {
   return total;
 }
 
-void RenderSession::write_checkpoint() {
+bool RenderSession::write_checkpoint() {
   Layers frame = film_.layers();
   finish_header(frame, report());
   film_.save_state(frame);
-  write_exr(job_.checkpoint, frame);
+  return checkpoint_.write(frame);
 }
 
 void RenderSession::finish_header(Layers& frame, const RenderReport& report) const {

@@ -9,6 +9,7 @@
 #include "image/sample_records.h"
 #include "render/frame/film.h"
 #include "render/frame/render_job.h"
+#include "render/frame/render_state.h"
 #include "render/frame/renderer.h"
 
 namespace brume {
@@ -40,7 +41,8 @@ class RenderSession {
   void trace_batch(int tile, uint32_t goal, std::vector<PathRecord>& records);
   void finish_tile(int tile, const std::vector<PathRecord>& records);
   bool enough() const;
-  void write_checkpoint();
+  /// @return whether the disk took it
+  bool write_checkpoint();
 
   /// Samples that every pixel has by now.
   uint32_t fewest_taken() const;
@@ -64,6 +66,7 @@ class RenderSession {
   StopSignal stop_;
   TracePaths trace_;
   std::unique_ptr<RecordWriter> records_;
+  CheckpointWriter checkpoint_;
   std::vector<EntryBound> bounds_;  // of the window's pixels
   std::vector<TileReport> tiles_;
   RenderReport resumed_;  // what the resumed session had done

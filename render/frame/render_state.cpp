@@ -100,8 +100,22 @@ LayerRequest recorded_in(const Layers& frame) {
                           statistics == "buckets");
 }
 
-Layers merge_parts(const std::vector<std::filesystem::path>& files, bool keep_state) {
-  Layers first = read_exr_state(files.at(0));
+bool CheckpointWriter::write(const Layers& frame) {
+  std::string message;
+  try {
+    write_exr(path_, frame);
+    if (failing_) message = fmt::format("the checkpoint {} is written again", path_.string());
+    failing_ = false;
+  } catch (const InputError& error) {
+    if (!failing_) message = fmt::format("no checkpoint for now, the render goes on: {}", error.what());
+    failing_ = true;
+  }
+  if (warn_ && !message.empty()) warn_(message);
+  return !failing_;
+}
+
+Layers merge_parts(const std::vector<std::filesystem::path>& files, bool keep_state, const Task& task) {
+  Layers first = read_exr_state(files.at(0), task);
   check_same_render(first, files[0].string(), first, files[0].string(), false);
   Film film(first.width(), first.height(), recorded_in(first));
   std::vector<std::pair<Range, std::string>> held;
@@ -110,7 +124,7 @@ Layers merge_parts(const std::vector<std::filesystem::path>& files, bool keep_st
   std::string biased = "false";
   for (const auto& path : files) {
     const std::string name = path.string();
-    const Layers part = path == files[0] ? std::move(first) : read_exr_state(path);
+    const Layers part = path == files[0] ? std::move(first) : read_exr_state(path, task);
     if (path != files[0]) {
       Layers header(film.width(), film.height());
       header.header = first.header;
@@ -146,7 +160,10 @@ Layers merge_parts(const std::vector<std::filesystem::path>& files, bool keep_st
       first = Layers(part.width(), part.height()), first.header = part.header, first.origin = part.origin,
       first.display = part.display;
   }
-  for (int tile = 0; tile < film.tile_count(); ++tile) film.develop(tile);
+  for (int tile = 0; tile < film.tile_count(); ++tile) {
+    task.check();
+    film.develop(tile);
+  }
   Layers result = film.layers();
   if (keep_state) film.save_state(result);
   result.origin = first.origin, result.display = first.display;

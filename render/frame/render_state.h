@@ -1,8 +1,10 @@
 #pragma once
 #include <filesystem>
+#include <functional>
 #include <string>
 #include <vector>
 
+#include "base/progress.h"
 #include "image/layers.h"
 
 namespace brume {
@@ -16,11 +18,27 @@ void check_same_render(const Layers& a, const std::string& name_a, const Layers&
 /// The layers a frame's header says were recorded, for a film that takes its sums.
 struct LayerRequest recorded_in(const Layers& frame);
 
+/// Writes a render's checkpoints. A disk that is full, or gone for a while, costs the checkpoint and not the render:
+/// the last one that could be written stays, and the next is tried again.
+class CheckpointWriter {
+ public:
+  /// @param warn  told when writing begins to fail, and when it works again
+  CheckpointWriter(std::filesystem::path path, std::function<void(const std::string&)> warn)
+      : path_(std::move(path)), warn_(std::move(warn)) {}
+  /// @return whether it was written
+  bool write(const Layers& frame);
+
+ private:
+  std::filesystem::path path_;
+  std::function<void(const std::string&)> warn_;
+  bool failing_ = false;
+};
+
 /// Merges parts of one render, written with keep_state or as checkpoints: the same bits as one render of all their
 /// samples.
 /// @param keep_state  the result can be merged or resumed again
 /// @throws InputError: other scenes, seeds, crops, layers or program versions (says which), overlapping samples, no
-/// state
-Layers merge_parts(const std::vector<std::filesystem::path>& files, bool keep_state);
+/// state; Interrupted
+Layers merge_parts(const std::vector<std::filesystem::path>& files, bool keep_state, const Task& task = {});
 
 }  // namespace brume

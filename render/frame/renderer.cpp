@@ -13,7 +13,7 @@
 namespace brume {
 
 PreparedScene::PreparedScene(Scene scene, const LayerRequest& layers, const Task& task)
-    : scene_(std::move(scene)), media_(scene_, task), lights_(scene_, media_.world_shift()) {
+    : scene_(std::move(scene)), media_(scene_, task), lights_(scene_, media_.world_shift(), task) {
   bool catcher = false;
   if (!scene_.surfaces.empty()) {
     surfaces_ = std::make_unique<Surfaces>(scene_.surfaces, media_.world_shift());

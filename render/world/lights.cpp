@@ -9,6 +9,7 @@
 #include "base/error.h"
 #include "base/text.h"
 #include "image/exr_io.h"
+#include "image/hdr_io.h"
 #include "image/picture_io.h"
 #include "render/world/mesh.h"
 #include "render/world/sky.h"
@@ -188,7 +189,7 @@ double MeshLight::importance(const dvec3& p) const {
   return luminance(radiance_) * area_ / (d * d);
 }
 
-Environment::Environment(const EnvironmentSettings& s)
+Environment::Environment(const EnvironmentSettings& s, const Task& task)
     : InfiniteLight(s.visible_to_camera), radiance_(s.radiance), mean_(s.radiance) {
   if (s.sky == "preetham") {
     set_picture(preetham_sky(s), s);
@@ -198,7 +199,7 @@ Environment::Environment(const EnvironmentSettings& s)
   Layers picture;
   const std::string name = s.file.string();
   if (name.ends_with(".hdr") || name.ends_with(".pic"))
-    picture = read_hdr(s.file);
+    picture = read_hdr(s.file, task);
   else
     picture = over_display_window(
         read_exr(s.file, [](const std::string& c) { return c == "R" || c == "G" || c == "B"; }));
@@ -348,8 +349,8 @@ bool shines(const Light& light) {
 
 }  // namespace
 
-Lights::Lights(const Scene& scene, const dvec3& world_shift) {
-  auto environment = std::make_unique<Environment>(scene.environment);
+Lights::Lights(const Scene& scene, const dvec3& world_shift, const Task& task) {
+  auto environment = std::make_unique<Environment>(scene.environment, task);
   environment_ = environment.get();
   if (!environment->black()) infinite_.push_back(environment_);
   all_.push_back(std::move(environment));

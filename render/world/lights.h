@@ -164,7 +164,7 @@ class Environment : public InfiniteLight {
  public:
   Environment() : InfiniteLight(true) {}
   /// @throws InputError: unreadable file, no RGB in it, negative or non-finite texels
-  explicit Environment(const EnvironmentSettings& settings);
+  explicit Environment(const EnvironmentSettings& settings, const Task& task = {});
 
   bool black() const { return picture_.empty() && radiance_ == dvec3(0); }
   bool constant() const { return picture_.empty(); }
@@ -196,7 +196,7 @@ class Lights {
  public:
   Lights() = default;
   /// @param world_shift  subtracted from positions
-  Lights(const Scene& scene, const dvec3& world_shift);
+  Lights(const Scene& scene, const dvec3& world_shift, const Task& task = {});
   /// A mesh that emits; returns its number for mesh().
   size_t add_mesh(const TriangleMesh& mesh, const dvec3& radiance);
   /// To be called once all lights are there.

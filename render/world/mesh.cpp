@@ -143,7 +143,12 @@ class PlyReader {
       if (!line.empty() && line.back() == '\r') line.pop_back();
       std::istringstream words(line);
       words >> word;
-      if (word == "end_header") return;
+      if (word == "end_header") {
+        for (const PlyElement& element : elements_)
+          if (element.count > 0 && element.properties.empty())
+            fail(path_, fmt::format("element '{}' has no properties; expected at least one", element.name));
+        return;
+      }
       if (word == "format") {
         words >> word;
         if (word != "ascii" && word != "binary_little_endian")

@@ -1,8 +1,13 @@
 #include <gtest/gtest.h>
 
 #include <atomic>
+#include <csignal>
+#include <cstring>
 #include <fstream>
+#include <numeric>
 
+#include "base/child_process.h"
+#include "base/memory_file.h"
 #include "base/output_file.h"
 #include "base/parallel_for.h"
 #include "base/text.h"
@@ -45,6 +50,61 @@ TEST(ParallelFor, CallsEachIndexOnceReportsToOneAndStops) {
   std::atomic<int> done{0};
   EXPECT_THROW(parallel_for(100000, {2, {}, &cancel}, [&](int) { cancel = ++done >= 10; }), Interrupted);
   EXPECT_LT(done, 100);
+}
+
+ChildEnd run_shell(const std::string& script, const Task& task = {}, double stall_seconds = 1e9,
+                   const std::function<void()>& watch = {}) {
+  const MemoryFile file;
+  return run_child("/bin/sh", {"-c", script}, file.descriptor(), task, stall_seconds, watch);
+}
+
+TEST(RunChild, TellsHowTheProgramEnded) {
+  EXPECT_EQ(run_shell("exit 0").status, 0);
+  EXPECT_EQ(run_shell("exit 7").status, 7);
+  const ChildEnd killed = run_shell("kill -SEGV $$");
+  EXPECT_EQ(killed.signal, SIGSEGV);
+  EXPECT_FALSE(killed.stalled);
+  const MemoryFile file;
+  EXPECT_THROW(run_child("/no/such/program", {}, file.descriptor(), {}, 1), InputError);
+}
+
+TEST(RunChild, EndsAProgramThatDoesNothing) {
+  const ChildEnd end = run_shell("exec sleep 100000", {}, 0.2);
+  EXPECT_TRUE(end.stalled);
+  EXPECT_EQ(end.signal, SIGKILL);
+}
+
+TEST(RunChild, EndsTheProgramWhenTheTaskIsCancelled) {
+  std::atomic<bool> cancel{false};
+  EXPECT_THROW(run_shell("while true; do :; done", {1, {}, &cancel}, 1e9, [&] { cancel = true; }), Interrupted);
+}
+
+TEST(MemoryFile, WhatAChildWritesIsMappedHere) {
+  MemoryFile file;
+  file.resize(3);
+  EXPECT_EQ(run_child("/bin/sh", {"-c", "printf 'abcdef' >&3"}, file.descriptor(), {}, 1e9).status, 0);
+  file.update_size();
+  ASSERT_EQ(file.size(), 6u);
+  const Mapping mapping(file, 0, file.size(), /*writable=*/false);
+  EXPECT_EQ(std::memcmp(mapping.data(), "abcdef", 6), 0);
+}
+
+TEST(GrowingArray, HoldsTheSameInAFileAsInMemory) {
+  std::vector<float> values(3000000);
+  std::iota(values.begin(), values.end(), 0.0f);
+  MemoryFile file;
+  file.append(std::as_bytes(std::span("first")));
+  for (MemoryFile* where : {static_cast<MemoryFile*>(nullptr), &file}) {
+    GrowingArray<float> growing(where);
+    for (size_t at = 0; at < values.size(); at += 1000) growing.append({values.data() + at, 1000});
+    const SharedArray<float> array = growing.finish();
+    EXPECT_TRUE(std::equal(values.begin(), values.end(), array.begin(), array.end()));
+    EXPECT_EQ(array.file_offset() == SharedArray<float>::kNoFile, where == nullptr);
+  }
+  // What another program finds: the values where their offset says, and no more than a page after them.
+  const Mapping mapping(file, 0, file.size(), /*writable=*/false);
+  EXPECT_EQ(std::memcmp(mapping.data() + 4096, values.data(), values.size() * sizeof(float)), 0);
+  EXPECT_LE(file.size(), 4096 + values.size() * sizeof(float) + 4096);
 }
 
 TEST(TimeLeft, IsSilentUntilItCanTell) {

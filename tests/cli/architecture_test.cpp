@@ -61,7 +61,7 @@ TEST(Architecture, TheRendererKnowsItsRoomsInOneDirection) {
 
 TEST(Architecture, EachLibraryIsKnownToItsOneFile) {
   const std::pair<const char*, const char*> doors[] = {
-      {"<openvdb/", "volume/vdb_io.cpp"},       {"<Imf", "image/exr_io.cpp"},
+      {"<openvdb/", "volume/vdb_file.cpp"},     {"<Imf", "image/exr_io.cpp"},
       {"<libdeflate", "image/exr_zip.cpp"},     {"<toml.hpp>", "render/scene/scene_io.cpp"},
       {"<embree", "render/world/surfaces.cpp"}, {"<tiny_obj", "render/world/mesh.cpp"}};
   for (const auto& [library, door] : doors)

@@ -14,6 +14,7 @@
 #include "base/error.h"
 #include "base/rng.h"
 #include "image/foreign.h"
+#include "image/hdr_io.h"
 #include "image/picture_io.h"
 #include "tests/support/files.h"
 

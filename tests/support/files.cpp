@@ -4,7 +4,7 @@
 #include <unistd.h>
 
 #include <atomic>
-#include <cstdlib>
+#include <csignal>
 #include <fstream>
 #include <sstream>
 
@@ -41,13 +41,56 @@ void write_file(const fs::path& path, const std::string& text) {
   std::ofstream(path, std::ios::binary) << text;
 }
 
+void make_disk_full_for(const fs::path& output) {
+  fs::create_symlink("/dev/full", output.string() + ".part");
+}
+
 ProgramResult run_brume(const std::string& arguments) {
-  const TemporaryFolder folder;
-  const std::string command = std::string(BRUME_PROGRAM) + " " + arguments + " >" + (folder / "out").string() + " 2>" +
-                              (folder / "err").string();
-  const int status = std::system(command.c_str());
-  return {WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status), read_file(folder / "out"),
-          read_file(folder / "err")};
+  return RunningProgram(arguments).finish();
+}
+
+RunningProgram::RunningProgram(const std::string& arguments) {
+  const std::string command = "exec " + std::string(BRUME_PROGRAM) + " " + arguments + " >" +
+                              (folder_ / "out").string() + " 2>" + (folder_ / "err").string();
+  pid_ = fork();
+  if (pid_ == 0) {
+    execl("/bin/sh", "sh", "-c", command.c_str(), nullptr);
+    _exit(127);
+  }
+}
+
+RunningProgram::~RunningProgram() {
+  if (!ended()) {
+    send(SIGKILL);
+    finish();
+  }
+}
+
+std::string RunningProgram::err() const {
+  return read_file(folder_ / "err");
+}
+
+bool RunningProgram::ended() {
+  ended_ = ended_ || waitpid(pid_, &status_, WNOHANG) == pid_;
+  return ended_;
+}
+
+void RunningProgram::send(int signal) const {
+  kill(pid_, signal);
+}
+
+bool RunningProgram::wait_until(const std::function<bool()>& condition) {
+  while (!condition()) {
+    if (ended()) return condition();
+    usleep(1000);
+  }
+  return true;
+}
+
+ProgramResult RunningProgram::finish() {
+  if (!ended_) waitpid(pid_, &status_, 0);
+  ended_ = true;
+  return {WIFEXITED(status_) ? WEXITSTATUS(status_) : 128 + WTERMSIG(status_), read_file(folder_ / "out"), err()};
 }
 
 }  // namespace brume::test

@@ -1,5 +1,6 @@
 #pragma once
 #include <filesystem>
+#include <functional>
 #include <string>
 
 namespace brume::test {
@@ -27,6 +28,35 @@ struct ProgramResult {
 };
 /// Runs the brume program. `arguments` are words for a shell.
 ProgramResult run_brume(const std::string& arguments);
+
+/// The brume program, running; killed at the end of its scope.
+class RunningProgram {
+ public:
+  /// @param arguments  words for a shell
+  explicit RunningProgram(const std::string& arguments);
+  ~RunningProgram();
+  RunningProgram(const RunningProgram&) = delete;
+  RunningProgram& operator=(const RunningProgram&) = delete;
+
+  /// Waits for as long as it takes, so that no test depends on the machine's speed.
+  /// @return false when the program ends before the condition holds
+  bool wait_until(const std::function<bool()>& condition);
+  void send(int signal) const;
+  /// What it has written to stderr so far.
+  std::string err() const;
+  /// Waits for its end.
+  ProgramResult finish();
+
+ private:
+  bool ended();
+  TemporaryFolder folder_;
+  int pid_ = 0, status_ = 0;
+  bool ended_ = false;
+};
+
+/// Lets the next writing of a file meet a full disk, the one after that find room: what is written before it gets its
+/// name goes to /dev/full.
+void make_disk_full_for(const std::filesystem::path& output);
 
 void write_file(const std::filesystem::path& path, const std::string& text);
 std::string read_file(const std::filesystem::path& path);

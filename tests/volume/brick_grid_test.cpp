@@ -4,6 +4,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
+#include <vector>
 
 #include "base/error.h"
 #include "tests/support/volumes.h"
@@ -162,6 +164,50 @@ TEST(MajorantWalk, MajorantsBoundTheFieldUnderRandomAffineTransforms) {
       check_walk(grid, local, 1e9, rng);
     }
   }
+}
+
+/// Takes a grid apart and puts it together again with some of its indices changed.
+struct Damage {
+  std::function<void(std::vector<int32_t>&)> nodes = {};
+  std::function<void(std::vector<BrickGrid::Cell>&)> cells = {};
+  std::function<void(std::vector<float>&)> bricks = {};
+
+  template <class... Members>
+  void operator()(Members&... members) {
+    (visit(members), ...);
+  }
+  template <class Member>
+  void visit(Member&) {}
+  void visit(SharedArray<int32_t>& array) { change(array, nodes); }
+  void visit(SharedArray<BrickGrid::Cell>& array) { change(array, cells); }
+  void visit(SharedArray<float>& array) { change(array, bricks); }
+  template <class T>
+  static void change(SharedArray<T>& array, const std::function<void(std::vector<T>&)>& how) {
+    std::vector<T> values(array.begin(), array.end());
+    if (how) how(values);
+    array = SharedArray(std::move(values));
+  }
+};
+
+// What another process left in memory is walked through only where no index leads out of it.
+TEST(BrickGrid, DamagedIndicesAreNoticed) {
+  const BrickGrid whole = make_bricks(kBox, rough);
+  EXPECT_TRUE(whole.consistent());
+  EXPECT_TRUE(BrickGrid().consistent());
+  const auto consistent_with = [&](Damage damage) {
+    BrickGrid grid = whole;
+    grid.transfer(damage);
+    return grid.consistent();
+  };
+  EXPECT_TRUE(consistent_with({}));
+  EXPECT_FALSE(consistent_with({.nodes = [](auto& nodes) { nodes.front() = 1 << 20; }}));
+  EXPECT_FALSE(consistent_with({.nodes = [](auto& nodes) { nodes.back() = -2; }}));
+  EXPECT_FALSE(consistent_with({.nodes = [](auto& nodes) { nodes.pop_back(); }}));
+  EXPECT_FALSE(consistent_with({.cells = [](auto& cells) { cells[7].brick = 1u << 31; }}));
+  EXPECT_FALSE(consistent_with({.cells = [](auto& cells) { cells[7].majorant = std::nanf(""); }}));
+  EXPECT_FALSE(consistent_with({.cells = [](auto& cells) { cells.pop_back(); }}));
+  EXPECT_FALSE(consistent_with({.bricks = [](auto& bricks) { bricks.pop_back(); }}));
+  EXPECT_TRUE(whole.consistent()) << "copies share values, changes do not reach them";
 }
 
 }  // namespace

@@ -1,0 +1,111 @@
+#include "base/memory_file.h"
+
+#include <fmt/format.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstring>
+
+#include "base/error.h"
+
+namespace brume {
+namespace {
+
+[[noreturn]] void fail() {
+  throw InputError(fmt::format("no memory to share with another process: {}", std::strerror(errno)));
+}
+
+size_t page_size() {
+  static const auto size = static_cast<size_t>(sysconf(_SC_PAGESIZE));
+  return size;
+}
+
+size_t rounded_up(size_t value, size_t multiple) {
+  return (value + multiple - 1) / multiple * multiple;
+}
+
+}  // namespace
+
+MemoryFile::MemoryFile() : descriptor_(memfd_create("brume", MFD_CLOEXEC)) {
+  if (descriptor_ < 0) fail();
+}
+
+MemoryFile::MemoryFile(int descriptor) : descriptor_(descriptor) {
+  update_size();
+}
+
+MemoryFile::~MemoryFile() {
+  close(descriptor_);
+}
+
+void MemoryFile::update_size() {
+  struct stat status {};
+  if (fstat(descriptor_, &status) != 0) fail();
+  size_ = static_cast<size_t>(status.st_size);
+}
+
+void MemoryFile::resize(size_t size) {
+  if (ftruncate(descriptor_, static_cast<off_t>(size)) != 0) fail();
+  size_ = size;
+}
+
+size_t MemoryFile::append(std::span<const std::byte> bytes) {
+  constexpr size_t kAlignment = 64;
+  const size_t offset = rounded_up(size_, kAlignment);
+  size_t written = 0;
+  while (written < bytes.size()) {
+    const ssize_t count =
+        pwrite(descriptor_, bytes.data() + written, bytes.size() - written, static_cast<off_t>(offset + written));
+    if (count <= 0) fail();
+    written += static_cast<size_t>(count);
+  }
+  size_ = std::max(size_, offset + bytes.size());
+  return offset;
+}
+
+Mapping::Mapping(const MemoryFile& file, size_t offset, size_t size, bool writable) : size_(size) {
+  void* const at = mmap(nullptr, size, writable ? PROT_READ | PROT_WRITE : PROT_READ, MAP_SHARED, file.descriptor(),
+                        static_cast<off_t>(offset));
+  if (at == MAP_FAILED) fail();
+  data_ = static_cast<std::byte*>(at);
+}
+
+Mapping::~Mapping() {
+  munmap(data_, size_);
+}
+
+void Mapping::resize(size_t size) {
+  void* const at = mremap(data_, size_, size, MREMAP_MAYMOVE);
+  if (at == MAP_FAILED) fail();
+  data_ = static_cast<std::byte*>(at);
+  size_ = size;
+}
+
+MappedTail::MappedTail(MemoryFile& file) : file_(&file), offset_(rounded_up(file.size(), page_size())) {}
+
+void MappedTail::append(std::span<const std::byte> bytes) {
+  const size_t needed = used_ + bytes.size();
+  if (!mapping_ || needed > mapping_->size()) {
+    constexpr size_t kFirst = size_t{1} << 22;
+    const size_t capacity = rounded_up(std::max({kFirst, needed, 2 * used_}), page_size());
+    file_->resize(offset_ + capacity);
+    if (mapping_)
+      mapping_->resize(capacity);
+    else
+      mapping_ = std::make_shared<Mapping>(*file_, offset_, capacity, /*writable=*/true);
+  }
+  std::memcpy(mapping_->data() + used_, bytes.data(), bytes.size());
+  used_ = needed;
+}
+
+std::shared_ptr<const Mapping> MappedTail::finish() {
+  const size_t size = rounded_up(used_, page_size());
+  mapping_->resize(size);
+  file_->resize(offset_ + size);
+  return mapping_;
+}
+
+}  // namespace brume

@@ -1,0 +1,6 @@
+#include "image/hdr_io.h"
+#include "tests/fuzz/support.h"
+
+extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
+  return brume::fuzz::read_as_file(data, size, ".hdr", [](const auto& path) { brume::read_hdr(path); });
+}
