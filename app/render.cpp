@@ -153,7 +153,7 @@ int run(const Common& common) {
                      report.samples_per_pixel, scene.render.spp));
   if (open_ended) log(common, fmt::format("{} samples per pixel", result.report.samples_per_pixel));
   print(o.output + "\n");
-  // One bad sample in a million is reported; more is a failure (TRANSPORT.md section 10).
+  // One bad sample in a million is reported; more is a failure (docs/methods.md, Numerical rules).
   const double allowed = o.require_valid ? 0.0 : 1e-6 * static_cast<double>(result.report.counters.paths);
   return static_cast<double>(result.report.invalid_samples) > allowed ? kThresholdFailed : kDone;
 }

@@ -18,7 +18,7 @@ struct VectorBricks {
 };
 
 /// Deformation motion blur of a density field, Eulerian: at the time s in frames the density at x is the one stored at
-/// x - displacement(x) * s (TRANSPORT.md; production renderers do the same).
+/// x - displacement(x) * s (docs/methods.md, Motion blur).
 struct Displacement {
   VectorBricks field;  ///< voxels moved per frame, on the density's lattice and with its origin
   BrickGrid envelope;  ///< its cells bound the density over every displaced position; it has no values of its own

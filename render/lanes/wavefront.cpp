@@ -411,7 +411,7 @@ class Wavefront {
                                         medium.albedo(at), sample);
   }
 
-  /// Light scattered once is direct (TRANSPORT.md section 11).
+  /// Light scattered once is direct (docs/methods.md, Direct and indirect light).
   void deposit(size_t i, const vec3& L) {
     PathStates& p = state_->paths;
     const bool direct = is_direct(p.events[i]);

@@ -27,7 +27,7 @@ struct PathCounters {
   void merge(const PathCounters& other);
 };
 
-/// The lamp at the eye of the virtual flash image (docs/methods.md).
+/// The lamp at the eye of the virtual flash image (docs/methods.md, Virtual flash image).
 struct FlashLamp {
   double intensity = 0;         ///< makes up for the indirect light that the image leaves out
   double typical_gradient = 0;  ///< density per scene unit: half of the relief's weight

@@ -26,9 +26,9 @@ double mean(const dvec3& v) {
 }
 
 /// Weight of a path. In chromatic media it is sampled by one hero channel, and each channel's own probability of the
-/// same choices is carried along: dividing by their mean is the balance heuristic over the channels (TRANSPORT.md
-/// section 4, after Miller, Georgiev, Jarosz 2019), so that no channel's weight runs away. Normalised after each event:
-/// the mean is 1.
+/// same choices is carried along: dividing by their mean is the balance heuristic over the channels
+/// (docs/methods.md, Spectral tracking), so that no channel's weight runs away. Normalised after each event: the mean
+/// is 1.
 struct Throughput {
   dvec3 weight{1};
   dvec3 pdf{1};
@@ -65,7 +65,7 @@ class PathTracer {
  private:
   enum class Source { kBackground, kEmission, kSurface };
 
-  /// Adds radiance that is met after `events` events of the path (TRANSPORT.md section 11).
+  /// Adds radiance found after `events` events of the path (docs/methods.md, Direct and indirect light).
   void deposit(const dvec3& radiance, uint64_t events, Source source) {
     const dvec3 L = throughput_.weight * radiance;
     if (!is_direct(events)) {

@@ -203,7 +203,7 @@ TEST(LoadDensity, DamagedBytesNeverCrash) {
   EXPECT_GT(refused, 5);
 }
 
-// DESIGN: a 300^3 cloud needs at most twice its active voxels as float.
+// A 300^3 cloud needs at most twice its active voxels as float.
 TEST(LoadDensity, ACloudNeedsAtMostTwiceItsActiveVoxels) {
   const auto path = test::shared("volumes/cloud.vdb");
   if (path.empty()) GTEST_SKIP() << "no volumes beside the project";
