@@ -30,7 +30,7 @@ struct Displacement {
 struct HomogeneousShape {
   enum class Shape { kBox, kSphere } shape = Shape::kBox;
   dvec3 lo{-0.5}, hi{0.5};  ///< box corners; a sphere fills the box around it
-  /// The stretch of a local ray inside, or an empty one (first > second).
+  /// The interval of a local ray inside, or an empty one (first > second).
   std::pair<double, double> intersect(const Ray& ray) const;
   bool contains(const dvec3& p) const;
 };
