@@ -83,7 +83,8 @@ TEST(HomogeneousMedium, SemiInfiniteSlabs) {
   }
 }
 
-// Of light that starts evenly inside an absorbing ball, the share that escapes: the power through the surface, seen by an orthographic camera that frames the ball, over the power emitted.
+// Of light that starts evenly inside an absorbing ball, the share that escapes: the power through the surface, seen by
+// an orthographic camera that frames the ball, over the power emitted.
 TEST(Emission, EscapeProbabilityOfABall) {
   for (const auto& [a, expected] : {std::pair(.5, .707277), {1., .527252}, {2., .332418}, {5., .147001}}) {
     Scene s = through_the_middle(32);
