@@ -173,7 +173,7 @@ int run(const Common& common) {
   const bool missed = o.target_error > 0 && !(report.error.value_or(0) <= o.target_error);
   if (o.target_error > 0) tell_error(common, report, missed);
   print(o.output + "\n");
-  // One bad sample in a million is reported; more is a failure (TRANSPORT.md section 10).
+  // One bad sample in a million is reported; more is a failure (docs/methods.md, Numerical rules).
   const double allowed = o.require_valid ? 0.0 : 1e-6 * static_cast<double>(result.report.counters.paths);
   return missed || static_cast<double>(result.report.invalid_samples) > allowed ? kThresholdFailed : kDone;
 }

@@ -8,6 +8,7 @@ cd "$(dirname "$0")/.."
 references=../shared/references/cycles
 folder=${1:-build/cycles}
 mkdir -p "$folder"
+[ -d $references ] || { echo "needs the reference scenes in $references, which are no part of the project" >&2; exit 1; }
 command -v blender >/dev/null || { echo "needs Blender: apt-get install blender" >&2; exit 1; }
 for scene in ${SCENES:-cloud smoke_plume}; do
   name=cycles_${scene%_plume}

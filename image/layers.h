@@ -32,7 +32,7 @@ struct LayerName {
   }
 };
 
-/// The layers brume records and its filters read (DESIGN.md section 3).
+/// The layers brume records and its filters read (docs/methods.md, Layers and statistics).
 namespace layer {
 inline constexpr LayerName beauty{"", "RGB", "radiance: direct + indirect, exactly"};
 inline constexpr LayerName alpha{"", "A", "1 - mean transmittance to the background"};

@@ -146,8 +146,8 @@ inline const BrickGrid::Cell& BrickGrid::cell(const ivec3& c) const {
   return node < 0 ? kEmpty : cells_[(static_cast<size_t>(node) << (3 * node_bits_)) + in_node(c)];
 }
 
-/// The stretches of constant majorant along a ray, in order: they touch, and cover the ray's part inside the support.
-/// Empty stretches are left out. Never loops: at most one step per cell crossed.
+/// The segments of constant majorant along a ray, in order: they touch, and cover the ray's part inside the support.
+/// Empty segments are left out. Never loops: at most one step per cell crossed.
 class MajorantWalk {
  public:
   struct Segment {
@@ -160,7 +160,7 @@ class MajorantWalk {
   /// @param ray  in local coordinates; d need not be a unit vector
   MajorantWalk(const BrickGrid& grid, const Ray& ray, double t_min, double t_max);
 
-  /// The next stretch whose majorant is not zero; false at the end.
+  /// The next segment whose majorant is not zero; false at the end.
   bool next(Segment& segment);
 
  private:

@@ -60,7 +60,7 @@ class EmissionField {
   EmissionField(Medium shape, const dvec3& coefficient) : shape_(std::move(shape)), coefficient_(coefficient) {}
 
   /// Unbiased estimate of the emission coefficient's integral along a world ray from t_min to t_max: one jittered
-  /// look-up in each stretch of at most `stride` voxels. Where t_max is a free flight's end, its expectation is the
+  /// look-up in each stratum of at most `stride` voxels. Where t_max is a free flight's end, its expectation is the
   /// emitted radiance, transmittance included, because the flight passes t with the probability T(t). Proof:
   /// tests/render/media_test.cpp
   /// @param time  in [0, 1] of the shutter

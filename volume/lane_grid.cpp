@@ -13,7 +13,7 @@ namespace {
 // A set of voxels of a brick: for each row along z, of x and y, a bit for each of its voxels.
 using Rows = std::vector<uint64_t>;
 
-// The voxels of whose eight values one reaches a density; n along the brick, n + 1 values.
+// The voxels with at least one of their eight values at or above a density; n voxels and n + 1 values along the brick.
 void find_reaching(const float* values, int n, float density, Rows& rows) {
   const int stored = n + 1;
   Rows at_least(static_cast<size_t>(stored) * stored);
@@ -29,8 +29,8 @@ void find_reaching(const float* values, int n, float density, Rows& rows) {
     }
 }
 
-// Chebyshev distances of all voxels of a brick from those of a set, which grows by one voxel to all sides until it has
-// taken the brick; n where the set is empty, as it can be under loose majorants.
+// Chebyshev distances of all voxels of a brick from a set, by dilating the set by one voxel until it fills the brick; n
+// where the set is empty, as it can be under loose majorants.
 void measure_distances(Rows& rows, int n, uint8_t* distance) {
   const uint64_t full = (uint64_t{1} << n) - 1;
   Rows along(rows.size()), grown(rows.size());
@@ -59,8 +59,9 @@ void measure_distances(Rows& rows, int n, uint8_t* distance) {
   }
 }
 
-// For every empty cell the side of the largest empty cube that begins with it and extends into an octant, at most
-// OctantSkip::kFarthest. Beyond the grid everything is empty.
+// For every empty cell the side of the largest empty cube that has the cell at its corner and extends into an octant,
+// at most OctantSkip::kFarthest, by dynamic programming from the octant's far end. Outside the grid everything is
+// empty.
 void measure_empty_cubes(const std::vector<uint8_t>& empty, const ivec3& n, int octant,
                          std::vector<std::array<uint16_t, 8>>& reach) {
   const auto at = [&](int x, int y, int z) { return (static_cast<size_t>(x) * n.y + y) * n.z + z; };
@@ -122,7 +123,7 @@ LaneGrid::LaneGrid(const BrickGrid& grid, double scale)
 }
 
 uint32_t OctantSkip::pack(const std::array<uint16_t, 8>& reach) {
-  // The step that loses least, as the product of what the octants keep. None is longer than the longest side needs.
+  // Of the steps, the one that keeps most of the product of the sides; none longer than the longest side needs.
   const uint32_t longest = *std::max_element(reach.begin(), reach.end());
   uint32_t best = 0;
   double most = -1;
@@ -141,14 +142,14 @@ uint32_t OctantSkip::pack(const std::array<uint16_t, 8>& reach) {
 }
 
 LaneGrid::Entry LaneGrid::entry_bound(const RayCone& cone, const Entry& from) const {
-  constexpr int kMostCubes = 64;  // in a layer: a wider cone is not looked into
+  constexpr int kMostCubes = 64;  // in a layer: in wider cones any cube is taken to be there
   constexpr double kNever = std::numeric_limits<double>::infinity();
   const ivec3 n(nx, ny, nz);
   const RayConeLayers cells(cone, n, cell_size), voxels(cone, n * cell_size, 1.0);
   if (!cells.ordered()) return {0, 0};
   const int bits = std::countr_zero(static_cast<unsigned>(cell_size)), mask = cell_size - 1;
   const auto index = [&](const ivec3& c) { return (static_cast<size_t>(c.x) * ny + c.y) * nz + c.z; };
-  // Whether a layer holds a cube of a kind, or too many to look.
+  // Whether a layer holds a cube of a kind, or more cubes than are tested.
   const auto holds = [](const RayConeLayers::Layer& layer, const auto& kind) {
     if (layer.cubes() > kMostCubes) return true;
     for (int x = layer.lo.x; x <= layer.hi.x; ++x)

@@ -8,8 +8,8 @@
 
 namespace brume {
 
-/// How far a ray in an empty cell gets before anything can be in its way, for each octant of directions: the side, in
-/// cells, of the largest empty cube known to begin with the cell and to extend into that octant. Packed into the bits
+/// How far a ray in an empty cell can skip ahead, for each octant of directions: the side, in cells, of the largest
+/// empty cube known that has the cell at its corner and extends into that octant. Packed into the bits
 /// of a negative float, so that it takes the place of the cell's majorant: the sign, 6 bits for a step, 3 bits for each
 /// octant. The side is 1 + step * bits.
 struct OctantSkip {
@@ -23,33 +23,35 @@ struct OctantSkip {
   }
 };
 
-/// A BrickGrid's cells laid out flat, for rays that are walked in SIMD lanes: one gather tells how far a cell can be
-/// crossed, a second one finds its values.
+/// A BrickGrid's cells laid out flat, for tracing rays in SIMD lanes: one gather reads a cell's majorant or skip
+/// distance, a second one finds its values.
 struct LaneGrid {
   LaneGrid() = default;
   /// Whether 32-bit offsets and single-precision local coordinates are enough for a grid: at most 4096 voxels a side
   /// (positions known to 1/4096 of a voxel), 2^26 cells, 2^31 values.
   static bool fits(const BrickGrid& grid);
-  /// Whether single-precision positions tell points on a mean free path apart: it must hold sixteen of them.
+  /// Whether single precision resolves the medium's mean free path: it must span sixteen representable positions.
   /// @param free_path  the shortest of the medium [voxels]
   static bool resolves(const BrickGrid& grid, double free_path);
   /// @param scale  factor on all majorants, at least 1: a looser bound changes no expectation
   explicit LaneGrid(const BrickGrid& grid, double scale = 1.0);
 
-  /// Finds how far each voxel is from those that can reach a density, so that a walk to its surface interpolates
-  /// nowhere else and takes long steps.
+  /// Computes each voxel's distance from those that can reach a density, so that a search for the isosurface
+  /// interpolates nowhere else and takes long steps.
   void find_surface(const BrickGrid& grid, float density, const Task& task = {});
 
-  /// Where the rays of a cone can first meet something, as ray parameters: none of them does before. Infinity: never.
+  /// Lower bounds of the ray parameters at which the rays of a cone enter the medium and reach its surface. Infinity:
+  /// none of them ever does.
   struct Entry {
-    double medium = 0;   ///< a cell that is not empty
-    double surface = 0;  ///< after find_surface, a voxel that can reach the surface's density
-    /// That voxel's layer across an axis, where the rays lie so close to each other that they can be walked through
-    /// the layers together: where they cross a plane, they touch at most kPacketVoxels in a row. Else the axis is -1.
+    double medium = 0;   ///< entry into a cell that is not empty
+    double surface = 0;  ///< after find_surface: entry into a voxel that can reach the surface's density
+    /// The layer of that voxel, and the axis that layers are perpendicular to, where the rays are close enough to be
+    /// marched as a packet: in every plane between layers they cross at most kPacketVoxels voxels in a row. Else the
+    /// axis is -1.
     int axis = -1, layer = 0;
   };
   static constexpr int kPacketVoxels = 3;
-  /// @param from  what a wider cone around this one meets
+  /// @param from  the bounds of a wider cone around this one
   Entry entry_bound(const RayCone& cone, const Entry& from) const;
   Entry entry_bound(const RayCone& cone) const { return entry_bound(cone, Entry()); }
 
@@ -66,8 +68,8 @@ struct LaneGrid {
   /// One for each voxel of a brick, the cubes between eight values, x slowest: its distance (Chebyshev) from the
   /// nearest one in the brick of whose values one reaches surface_density.
   std::vector<uint8_t> distances;
-  /// For that walk: the number of the cell's brick, or negative where its bound lies below surface_density, an
-  /// OctantSkip.
+  /// For the search: the number of the cell's brick, or, negative, an OctantSkip where the cell's majorant lies below
+  /// surface_density.
   std::vector<int32_t> surface_cell;
   float surface_density = 0;
 };

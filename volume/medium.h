@@ -18,7 +18,7 @@ struct VectorBricks {
 };
 
 /// Deformation motion blur of a density field, Eulerian: at the time s in frames the density at x is the one stored at
-/// x - displacement(x) * s (TRANSPORT.md; production renderers do the same).
+/// x - displacement(x) * s (docs/methods.md, Motion blur).
 struct Displacement {
   VectorBricks field;  ///< voxels moved per frame, on the density's lattice and with its origin
   BrickGrid envelope;  ///< its cells bound the density over every displaced position; it has no values of its own
@@ -30,7 +30,7 @@ struct Displacement {
 struct HomogeneousShape {
   enum class Shape { kBox, kSphere } shape = Shape::kBox;
   dvec3 lo{-0.5}, hi{0.5};  ///< box corners; a sphere fills the box around it
-  /// The stretch of a local ray inside, or an empty one (first > second).
+  /// The interval of a local ray inside, or an empty one (first > second).
   std::pair<double, double> intersect(const Ray& ray) const;
   bool contains(const dvec3& p) const;
 };

@@ -4,8 +4,8 @@
 namespace brume {
 
 /// Where a lattice lies in the world: an affine map between its local coordinates and the renderer's world space, whose
-/// origin is shifted near the volumes (TRANSPORT.md section 10). Local directions are not renormalised, so that ray
-/// parameters are the same numbers, world distances, in both spaces.
+/// origin is shifted near the volumes (docs/methods.md, Numerical rules). Local directions are not renormalised, so
+/// that ray parameters are the same numbers, world distances, in both spaces.
 class Placement {
  public:
   Placement() = default;

@@ -17,7 +17,7 @@ RayConeLayers::RayConeLayers(const RayCone& cone, const ivec3& n, double size)
   per_speed_ = 1.0 / (std::abs(d[axis_]) - cone.apart_per_t);
 }
 
-/// On each side of the middle ray, with a hundredth of a voxel for rounding.
+/// Half width around the central ray, with a hundredth of a voxel for rounding.
 double RayConeLayers::width(double t) const {
   return cone_.apart + cone_.apart_per_t * std::max(t, 0.0) + 0.01;
 }
@@ -30,7 +30,7 @@ int RayConeLayers::first(double t) const {
 
 RayConeLayers::Layer RayConeLayers::layer(int k) const {
   const double near = reached(step_ > 0 ? k : k + 1), far = reached(step_ > 0 ? k + 1 : k);
-  const double early = width(far) * per_speed_;  // or late: when other rays are in the layer
+  const double early = width(far) * per_speed_;  // by how much other rays enter earlier, or leave later
   const double end = far + early, w = width(end);
   Layer layer{near - early, ivec3(k), ivec3(k)};
   for (int a = 0; a < 3; ++a) {
@@ -46,7 +46,7 @@ RayConeLayers::Layer RayConeLayers::layer(int k) const {
   return layer;
 }
 
-// At the end of the lattice: there the cone is widest.
+// At the far end of the lattice, where the cone is widest.
 int RayConeLayers::most_crossed() const {
   const double end = std::max(reached(step_ > 0 ? n_[axis_] : 0), 0.0);
   const double early = width(end) * per_speed_, w = width(end + early);

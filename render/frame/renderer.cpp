@@ -64,8 +64,8 @@ void PreparedScene::prepare_lanes(const Task& task) {
   context_.emission_grids = emission_grids_;
 }
 
-// A block of pixels is walked first, and its quarters from where it meets something, down to pixels. Blocks are the
-// same in every window.
+// Cones of blocks of 8 x 8 pixels are bounded first, then their quarters from there on, down to single pixels. Blocks
+// are the same in every crop.
 std::vector<EntryBound> PreparedScene::entry_bounds(const Camera& camera, const RenderJob::Crop& window,
                                                     const Task& task) const {
   constexpr int kBlock = 8;

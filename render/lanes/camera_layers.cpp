@@ -37,7 +37,7 @@ void Surface(const LaneScene& scene, const PathStates& paths, const SlotList& ra
   CellWalk walk(scene);
   HWY_ALIGN float t[RayQueue::kMost] = {}, outside[RayQueue::kMost], density[RayQueue::kMost];
   V length = one, before = zero, value = zero;
-  uint32_t collided = 0, close = 0;  // lanes that have met the surface, or may have cut a corner of it
+  uint32_t collided = 0, close = 0;  // lanes that have hit the surface, or may have crossed a corner of it unseen
 
   const auto finish = [&] {
     hn::Store(walk.t, d, t);
@@ -72,7 +72,8 @@ void Surface(const LaneScene& scene, const PathStates& paths, const SlotList& ra
     const CellWalk::Crossing crossing = walk.ahead(word, nothing);
     const M passes = hn::And(active, hn::Or(nothing, hn::Ge(walk.t, crossing.until)));
     const M looks = hn::AndNot(passes, active);
-    // In a voxel that can reach the surface's density, a look; from elsewhere as many voxels on as none can.
+    // In a voxel that can reach the surface's density the density is interpolated; from any other voxel the ray steps
+    // as many voxels ahead as cannot reach it (distance field).
     const V3 q = walk.within(walk.at(walk.t));
     const V last = set(scene.cell - 1.0f);
     const auto index = [&](V p) { return hn::ConvertTo(di, hn::Min(p, last)); };
@@ -95,8 +96,8 @@ void Surface(const LaneScene& scene, const PathStates& paths, const SlotList& ra
     }
     const M moves = hn::AndNot(hit, looks);
     const V next = hn::Min(hn::Add(walk.t, hn::Mul(hn::Max(distance, one), length)), crossing.until);
-    // Between two looks a ray can cut the corner of a voxel that reaches the density. It then looks from beside it, or
-    // leaves the cell before it can.
+    // Between two samples a ray can cross the corner of a voxel that reaches the density: where a sample lies in an
+    // adjacent voxel, or the step ends at the cell's face.
     const M corner = hn::Or(hn::Le(distance, one),
                             hn::And(hn::Ge(next, crossing.until),
                                     hn::Gt(hn::Sub(crossing.until, walk.t), hn::Mul(hn::Sub(distance, one), length))));

@@ -16,25 +16,25 @@ struct GradientPoints {
   SlotList slots;                        ///< whose they are
 };
 
-/// What walks along the camera rays leave for the layers, by slot.
+/// Results of the camera rays' marches for the layers, by slot.
 struct CameraRayLayers {
-  PathStates::Column<float> begin;                              ///< ray parameter where the walk to the surface begins
-  PathStates::Column<float> covered;                            ///< 1 where the ray meets the surface
+  PathStates::Column<float> begin;                              ///< ray parameter from which the surface is searched
+  PathStates::Column<float> covered;                            ///< 1 where the ray hits the surface
   PathStates::Column<float> gx, gy, gz;                         ///< direction of the gradient there, world space
   PathStates::Column<float> depth;                              ///< optical depth, clamped at 50
   std::array<PathStates::Column<float>, kMarchedPoints> point;  ///< ray parameters, -1 past the end
 };
 
-/// Where rays cross the medium's surface: between two ray parameters.
+/// Brackets of the rays' intersections with the medium's surface: two ray parameters, outside and inside.
 struct SurfaceCrossings {
   PathStates::Column<float> outside, inside;
-  PathStates::Column<float> below, above;  ///< the densities there; negative where that was not looked up
+  PathStates::Column<float> below, above;  ///< the densities there; negative where unknown
   SlotList slots;
-  SlotList unsure;  ///< rays that no look found to meet the surface, but that came so close that they may
+  SlotList unsure;  ///< rays for which no sample was inside, but that passed close enough to have crossed the surface
 };
 
-/// Finds where the density along each ray first reaches `surface_density`, voxel by voxel from `begin` on, and adds it
-/// to the crossings.
+/// Finds where the density along each ray first reaches `surface_density`, sampled once per voxel length from `begin`
+/// on, and adds the bracket to the crossings.
 void lanes_find_surface(const LaneScene& scene, const PathStates& paths, const SlotList& rays,
                         const CameraRayLayers& camera, SurfaceCrossings& crossings);
 

@@ -2,8 +2,8 @@
 
 #include "render/lanes/vector_math.h"
 
-/// Which rays of a list the lanes walk. New ones are loaded when enough lanes are free: loading costs as much for one
-/// as for all.
+/// The rays of a list, and which of them the lanes hold. Finished lanes are refilled when a quarter of them is free:
+/// loading costs as much for one lane as for all.
 struct RayQueue {
   static constexpr size_t kMost = hn::MaxLanes(D());
 
@@ -51,7 +51,7 @@ struct RayQueue {
   }
 };
 
-/// The generators of the lanes while rays come and go.
+/// The lanes' random generators in memory, while lanes are refilled.
 struct GeneratorBuffer {
   HWY_ALIGN uint32_t s0[RayQueue::kMost] = {}, s1[RayQueue::kMost] = {}, s2[RayQueue::kMost] = {},
                      s3[RayQueue::kMost] = {};
@@ -90,14 +90,14 @@ struct CellWalk {
     hn::Store(o.x, f, b.ox), hn::Store(o.y, f, b.oy), hn::Store(o.z, f, b.oz);
     hn::Store(d.x, f, b.dx), hn::Store(d.y, f, b.dy), hn::Store(d.z, f, b.dz);
   }
-  /// Takes over the rays; those of `fresh` start at their origins, or at a parameter.
+  /// Loads the rays; the lanes of `fresh` start at the ray parameter 0, or at `begin`.
   HWY_INLINE void load(const Buffer& b, M fresh) { load(b, fresh, hn::Zero(D())); }
   HWY_INLINE void load(const Buffer& b, M fresh, V begin) {
     const D f;
     const DI di;
     o = {hn::Load(f, b.ox), hn::Load(f, b.oy), hn::Load(f, b.oz)};
     d = {hn::Load(f, b.dx), hn::Load(f, b.dy), hn::Load(f, b.dz)};
-    // A direction across an axis never reaches its planes.
+    // A direction perpendicular to an axis never reaches its planes.
     const auto inverted = [](V v) {
       return hn::IfThenElse(hn::Lt(hn::Abs(v), set(1e-12f)), hn::CopySign(set(1e30f), v), hn::Div(set(1.0f), v));
     };
@@ -126,7 +126,7 @@ struct CellWalk {
     return {hn::Add(o.x, hn::Mul(d.x, parameter)), hn::Add(o.y, hn::Mul(d.y, parameter)),
             hn::Add(o.z, hn::Mul(d.z, parameter))};
   }
-  /// A point near the cells relative to them, in [0, most].
+  /// A point relative to the lanes' cells, clamped to [0, most].
   HWY_INLINE V3 within(const V3& p, V most) const {
     const auto clamped = [&](V v, V c) {
       return hn::Min(hn::Max(hn::Sub(v, hn::Mul(c, set(grid.cell))), hn::Zero(D())), most);
@@ -135,10 +135,10 @@ struct CellWalk {
   }
   HWY_INLINE V3 within(const V3& p) const { return within(p, set(grid.cell)); }
 
-  /// Where the rays leave their cells, or the cubes of empty cells that begin with them.
+  /// Where the rays leave their cells, or the cubes of empty cells that OctantSkip lets them skip.
   struct Crossing {
-    V3 sign, last;  // of the direction; the farthest cell that is crossed on each axis
-    V tx, ty;       // when the far faces are reached
+    V3 sign, last;  // of the direction; the last cell before the exit on each axis
+    V tx, ty;       // ray parameters of the exit faces
     V exit, until;
   };
   /// @param word  the cells' entries in LaneGrid::majorant   @param empty  those that hold an OctantSkip
@@ -162,8 +162,8 @@ struct CellWalk {
     c.until = hn::Max(c.exit, t);
     return c;
   }
-  /// For walks that look at every voxel length: which lanes do in their cell, and which pass on, because it is empty or
-  /// at its end.
+  /// For marches that sample once per voxel length: which lanes sample in their cell, and which move to the next one,
+  /// because theirs is empty or they are at its end.
   struct Look {
     VI cell;
     Crossing crossing;
@@ -177,14 +177,14 @@ struct CellWalk {
     const M passes = hn::And(active, hn::Or(empty, hn::Ge(t, crossing.until)));
     return {here, crossing, passes, hn::AndNot(passes, active)};
   }
-  /// Takes the lanes of `passes` into the cells beyond; returns which of them have left the grid. Equal times: the
-  /// lowest axis first.
+  /// Moves the lanes of `passes` into the next cells; returns which of them have left the grid. Where two faces are
+  /// reached at the same parameter, the lowest axis goes first.
   HWY_INLINE M cross(const Crossing& c, M passes) {
     const M first_x = hn::Eq(c.exit, c.tx), first_y = hn::AndNot(first_x, hn::Eq(c.exit, c.ty));
     const M first_z = hn::Not(hn::Or(first_x, first_y));
     const V3 there = at(c.until);
     const auto crossed = [&](V from, V last, V sign, M first, V p) {
-      // On the other axes the cell can change only where several are crossed at once.
+      // On the other axes the cell changes only where a cube of several cells is skipped.
       const V other = hn::Floor(hn::Mul(p, set(grid.inverse_cell)));
       const V between = hn::Min(hn::Max(other, hn::Min(from, last)), hn::Max(from, last));
       return hn::IfThenElse(passes, hn::IfThenElse(first, hn::Add(last, sign), between), from);
@@ -198,11 +198,11 @@ struct CellWalk {
   }
 };
 
-/// Walks the rays of a queue, as many at a time as there are lanes.
-/// @param stop    asked now and then, may be null: throws Interrupted where it says so
-/// @param finish  writes back what the finished lanes have found, through RayQueue::collect
-/// @param load    gives rays to free lanes, through RayQueue::load; its buffer holds those that are on their way
-/// @param step    (M active) takes the active lanes one step ahead and ends those that are done, through RayQueue::end
+/// Runs the rays of a queue to their ends, as many at a time as there are lanes.
+/// @param stop    polled every 4096 steps, may be null: throws Interrupted where it says so
+/// @param finish  writes back the results of the finished lanes, through RayQueue::collect
+/// @param load    refills free lanes, through RayQueue::load; its buffer holds the rays of the busy lanes
+/// @param step    (M active) advances the active lanes by one step and ends those that are done, through RayQueue::end
 template <class Finish, class Load, class Step>
 HWY_INLINE void drive(RayQueue& queue, const CellWalk& walk, const StopSignal* stop, Finish&& finish, Load&& load,
                       Step&& step) {
@@ -226,7 +226,7 @@ HWY_INLINE V voxel_length(const CellWalk& walk) {
   return hn::Div(set(1.0f), hn::Sqrt(dot(walk.d, walk.d)));
 }
 
-/// Where the values of cells begin; 0 outside `mask`, whose cells are not empty.
+/// Offsets of the cells' bricks in the grid's values; 0 outside `mask`, whose cells must not be empty.
 HWY_INLINE VI brick_of(const LaneCells& grid, VI cell, M mask) {
   const DI di;
   return hn::IfThenElseZero(hn::RebindMask(di, mask), hn::GatherIndex(di, grid.brick, cell));
@@ -236,12 +236,12 @@ HWY_INLINE V lerp(V a, V b, V f) {
   return hn::Add(a, hn::Mul(f, hn::Sub(b, a)));
 }
 
-/// Between two neighbours in a table, linearly. @param index  of the first
+/// Linear interpolation between two neighbouring entries of a table. @param index  of the first
 HWY_INLINE V between_entries(const float* table, VI index, V f) {
 #if HWY_TARGET == HWY_SCALAR
   return lerp(hn::GatherIndex(D(), table, index), hn::GatherIndex(D(), table + 1, index), f);
 #else
-  // Both are gathered as one number of 64 bits: a gather costs by its lanes.
+  // Both are gathered as one 64-bit number: the cost of a gather is per lane.
   const DI di;
   const hn::Half<DI> half;
   const hn::Rebind<int64_t, decltype(half)> d_bytes;
@@ -255,7 +255,7 @@ HWY_INLINE V between_entries(const float* table, VI index, V f) {
 }
 
 /// The interpolated density at points of cells, q relative to the cell in [0, cell].
-/// @param brick  where the cells' values begin
+/// @param brick  offsets from brick_of
 HWY_INLINE V interpolated(const LaneCells& grid, VI brick, const V3& q) {
   const DI di;
   const V highest = set(grid.cell - 1.0f);

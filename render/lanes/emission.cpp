@@ -18,7 +18,7 @@ namespace brume::HWY_NAMESPACE {
 
 #include "render/lanes/cell_walk.h"
 
-/// Which entries of the ramp a value lies between, and where; `glows` is cleared where it is dark.
+/// Which entries of the ramp a value lies between, and where; `glows` is cleared where nothing is emitted.
 struct RampPlace {
   VI entry;
   V f;

@@ -7,7 +7,7 @@
 
 namespace brume {
 
-/// A field that glows: its cells, and its EmissionRamp.
+/// An emitting field: its cells, and its EmissionRamp.
 struct EmissionCells : LaneCells {
   std::array<const float*, 3> colour;  ///< the ramp's entries, by channel
   int32_t last;                        ///< the last entry that has another behind it
@@ -32,16 +32,16 @@ struct LaneEmission {
   EmissionCells cells{};
 };
 
-/// Segments of flights that lie in such a field, by slot.
+/// The parts of flights inside an emitting field, by slot.
 struct EmissionSegments {
   PathStates::Column<float> ox, oy, oz, dx, dy, dz;  ///< rays in local coordinates and lane units of the field
   PathStates::Column<float> end;                     ///< ray parameter
-  PathStates::Column<float> stride;                  ///< voxels that one look-up stands for
+  PathStates::Column<float> stride;                  ///< length of a stratum [voxels]
   PathStates::Column<float> r, g, b;                 ///< the result
 };
 
-/// The integral of the emission coefficient along each segment: one look-up for each stride, all of them at the same
-/// place in it, which is drawn for each segment.
+/// The integral of the emission coefficient along each segment, by stratified sampling: one look-up per stratum of
+/// `stride` voxels, all at the same relative offset, which is drawn once per segment.
 void lanes_emission(const EmissionCells& cells, PathStates& paths, const SlotList& rays, EmissionSegments& segments);
 
 }  // namespace brume

@@ -21,9 +21,9 @@ namespace brume::HWY_NAMESPACE {
 
 enum class Walk { kFlight, kFirst, kShadow };
 
-/// Walks the rays of a list through the majorant cells, as far as `reach` where kReach. Flights end at a real
-/// collision, whose position becomes the path's, or leave the grid; forced first flights cross the whole grid
-/// (lanes_fly_first); shadow rays gather their transmittance by ratio tracking.
+/// Takes the rays of a list through the majorant cells, up to a light at `reach` where kReach. Free flights end at a
+/// real collision, whose position becomes the path's, or leave the grid; forced flights cross the whole grid
+/// (lanes_fly_first); shadow rays estimate their transmittance by ratio tracking.
 template <Walk kWalk, bool kReach>
 void track(const LaneScene& scene, PathStates& paths, const SlotList& rays, SlotList* hits, SlotList* escapes,
            uint64_t& lookups) {
@@ -39,14 +39,14 @@ void track(const LaneScene& scene, PathStates& paths, const SlotList& rays, Slot
 
   const V zero = hn::Zero(d), one = set(1.0f);
   V tau = zero, weight = one, reach = zero;
-  V scattered = zero, lost = zero;  // of a first flight: the share so far, and what rounding took from it
+  V scattered = zero, lost = zero;  // of a forced flight: the share scattered so far, and its rounding error (Kahan)
   V3 hit_at{zero, zero, zero};
   Generator rng = generators.load();
   uint32_t collided = 0;
 
   const auto finish = [&] {
     if (kFirst) {
-      // What is scattered goes on with its weight; roulette below a hundredth.
+      // The scattered share becomes the path's throughput; below a hundredth it plays Russian roulette.
       const V u = rng.uniform(mask_of(queue.finished));
       collided = bits_of(hn::Lt(hn::Mul(u, set(0.01f)), scattered));
       hn::Store(hn::Max(scattered, set(0.01f)), d, carried);
@@ -99,7 +99,7 @@ void track(const LaneScene& scene, PathStates& paths, const SlotList& rays, Slot
     if (kReach) reach = hn::IfThenElse(fresh, hn::Load(d, result), reach);
   };
   drive(queue, walk, scene.stop, finish, load, [&](M active) {
-    // The cell: its bound, or how far around it is empty.
+    // The cell: its majorant, or, where it is empty, an OctantSkip.
     const VI cell_index = walk.index(active);
     const V bound = hn::GatherIndex(d, scene.majorant, cell_index);
     const M empty = hn::Lt(bound, zero);
@@ -113,7 +113,7 @@ void track(const LaneScene& scene, PathStates& paths, const SlotList& rays, Slot
     M done = walk.cross(crossing, passes);
     if (kReach) done = hn::Or(done, hn::And(passes, hn::Ge(crossing.until, reach)));
 
-    // Lanes with a tentative collision: one look-up.
+    // Lanes with a tentative collision: one density look-up.
     if (!hn::AllFalse(d, collides)) {
       walk.t = hn::IfThenElse(collides, hn::Add(walk.t, hn::Div(tau, sigma_maj)), walk.t);
       const V3 p = walk.at(walk.t);
@@ -121,11 +121,12 @@ void track(const LaneScene& scene, PathStates& paths, const SlotList& rays, Slot
       const V value = scene.interpolate ? hn::IfThenElseZero(collides, interpolated(scene, brick, walk.within(p)))
                                         : one_voxel(walk, rng, p, brick, collides);
       lookups += hn::CountTrue(d, collides);
-      // Only roulette can do with 24 bits: a collision may be far less likely than that.
+      // 24 random bits are enough for roulette only: a collision may be less likely than 2^-24.
       const V u = kShadow ? rng.uniform(collides) : rng.fine_uniform(collides);
       if (kFirst) {
-        // Each tentative collision scatters its share of what is left; one of them, chosen by share, is the path's.
-        // Below half the rest is decided like a usual collision: all of it or nothing.
+        // Each tentative collision scatters its share sigma_t / sigma_maj of the remaining weight. One of them, drawn
+        // by reservoir sampling in proportion to what it scattered, becomes the path's vertex. Once less than half is
+        // left, a collision is real or null by chance, as in delta tracking.
         const V share = hn::Div(hn::Mul(value, set(scene.sigma)), sigma_maj);
         const M whole = hn::And(collides, hn::Lt(weight, set(0.5f))), decided = hn::And(whole, hn::Lt(u, share));
         const V part = hn::IfThenElse(whole, hn::IfThenElseZero(decided, weight), hn::Mul(weight, share));

@@ -8,19 +8,19 @@
 
 namespace brume {
 
-/// Flies the rays of a list to their next real collision, whose position becomes the path's, or out of the grid, or to
-/// their reach.
+/// Delta tracking: takes each ray of a list to its next real collision, whose position becomes the path's, or out of
+/// the grid, or to its end on a light (PathStates::reach).
 void lanes_fly(const LaneScene& scene, PathStates& paths, const SlotList& rays, SlotList& hits, SlotList& escapes,
                uint64_t& lookups);
 
-/// Leaves the transmittance along each shadow ray, as far as its reach, in `transmittance`, by ratio tracking.
+/// Ratio tracking: estimates the transmittance of each shadow ray up to its light and stores it in `transmittance`.
 void lanes_shadow(const LaneScene& scene, PathStates& paths, const SlotList& rays, uint64_t& lookups);
 
-/// Forced first collisions: flies the camera rays through the whole grid or to their reach, leaves their transmittance
-/// in `passed`, and scatters the rest of each at one of its tentative collisions, its throughput being the share that
-/// is scattered. Rays with nothing to scatter escape.
+/// Forced first collisions: camera rays cross the whole grid, or end on a light. Their transmittance by ratio tracking
+/// is stored in `passed`. Each tentative collision scatters its share of what is left; one of them, drawn in proportion
+/// to these amounts, becomes the path's vertex, with their sum as throughput. Rays that scatter nothing escape.
 ///
-/// Where the medium is thin, most flights would pass it: here each of them brings its light.
+/// In a thin medium most free flights would pass without a collision; forced, every camera ray scatters light.
 /// Source: our combination of ratio tracking with reservoir sampling of the tentative collisions; the aim is that of
 /// Villemin, Wrenninge, Fong 2018, Efficient Unbiased Rendering of Thin Participating Media.
 void lanes_fly_first(const LaneScene& scene, PathStates& paths, const SlotList& rays, SlotList& hits, SlotList& escapes,

@@ -5,11 +5,11 @@
 #include "render/trace/integrator.h"
 #include "volume/lane_grid.h"
 
-// The scene as the kernels of this room need it, in single precision.
+// The scene as the SIMD kernels read it, in single precision.
 
 namespace brume {
 
-/// A LaneGrid as the kernels need it.
+/// A LaneGrid as the kernels read it.
 struct LaneCells {
   const float* majorant;
   const int32_t* brick;
@@ -20,14 +20,14 @@ struct LaneCells {
   int32_t stored;            ///< values along a brick
 };
 
-/// The ray parameter that the lanes take for 1, in world units: the power of two nearest to a voxel's size. With it
-/// local directions are about as long as 1 whatever the world's scale, and numbers keep their bits.
+/// The lanes' unit of ray parameters, in world units: the power of two nearest to a voxel's size. In it, local
+/// directions are about 1 long whatever the world's scale, and converting rounds nothing.
 double lane_unit(const Medium& medium);
 
 /// @param cells  refers to the grid afterwards
 void set_cells(LaneCells& cells, const LaneGrid& grid);
 
-/// The scene of the one medium, whose cells these are.
+/// The scene: its one medium, whose cells these are, and its lights.
 struct LaneScene : LaneCells {
   const uint8_t* distances;
   const int32_t* surface_cell;
@@ -35,12 +35,12 @@ struct LaneScene : LaneCells {
   float sigma;                   ///< extinction per density and unit
   float local_from_world[3][3];  ///< of directions, in units
   float gradient_to_world[3][3];
-  float least_gradient;                  ///< per voxel: below it, wider differences are needed
-  float first_sigma;                     ///< the same of the first flight's majorants, which may be looser
+  float least_gradient;                  ///< per voxel; below it, wider central differences are needed
+  float first_sigma;                     ///< the same for the majorants of forced flights, which may be looser
   float g = 0;                           ///< of the phase function, where it is Henyey-Greenstein's
   const PhaseFunction* phase = nullptr;  ///< the others
   float albedo[3];
-  bool coloured;  ///< another albedo at every point
+  bool coloured;  ///< the albedo varies in space
   int roulette_start;
   int max_events;
   bool interpolate;
@@ -54,14 +54,15 @@ struct LaneScene : LaneCells {
   };
   SunLight suns[kMostLaneSuns];
   size_t sun_count = 0;
-  /// Sampled by the remaining share of the choice; null where none is.
+  /// Chosen with the probability that the suns leave; null where it is not sampled.
   const Environment* environment = nullptr;
   float environment_share = 0;
-  /// All of them, where one has a place and the choice between them depends on the point; else null, and the above.
+  /// All lights, where one has a position, so that the choice between them depends on the point; else null, and the
+  /// suns and the environment above are used.
   const Lights* lights = nullptr;
   const Medium* medium;
-  bool flights_end = false;  ///< on a light
-  const StopSignal* stop;    ///< asked inside flights; may be null
+  bool flights_end = false;  ///< whether flights can end on lights
+  const StopSignal* stop;    ///< polled inside flights; may be null
 };
 
 /// Refers to the context's grid, media and lights. @param context  of a plan that runs in lanes

@@ -9,7 +9,7 @@
 namespace brume {
 
 constexpr size_t kPool = 2048;   ///< paths in flight per thread: their state stays in the second-level cache
-constexpr size_t kPadding = 64;  ///< lists may be read past their end, up to a vector: into slots that nobody owns
+constexpr size_t kPadding = 64;  ///< lists may be read up to a vector past their end: those slots belong to no path
 
 /// State of the paths of one thread. Ray parameters and local directions are in lane units (LaneScene::unit).
 struct PathStates {
@@ -20,12 +20,12 @@ struct PathStates {
   Column<float> lx, ly, lz;    // the same in local coordinates
   Column<float> sx, sy, sz;    // direction of the shadow ray, local
   Column<float> tr, tg, tb;    // throughput
-  Column<float> cr, cg, cb;    // what the shadow ray brings if nothing dims it
-  Column<float> reach;         // where a flight ends on a light at the latest; only where LaneScene::flights_end
-  Column<float> shadow_reach;  // how far the sample of the light is; only where LaneScene::lights
+  Column<float> cr, cg, cb;    // contribution of the light sample, unoccluded
+  Column<float> reach;         // ray parameter of the light that the flight ends on; only where LaneScene::flights_end
+  Column<float> shadow_reach;  // distance of the light sample; only where LaneScene::lights
   Column<float> pdf;           // of the last direction
   Column<float> transmittance;
-  Column<float> passed;  // share of the camera ray that passed the medium
+  Column<float> passed;  // transmittance of the camera ray
   Column<float> direct_r, direct_g, direct_b, indirect_r, indirect_g, indirect_b;
   Column<uint32_t> s0, s1, s2, s3;  // generator: xoshiro128++
   Column<uint32_t> events;

@@ -19,24 +19,24 @@ namespace brume::HWY_NAMESPACE {
 
 #include "render/lanes/cell_walk.h"
 
-/// A vector of rays, in local coordinates whose first axis is the one along which the packet is walked.
+/// A vector of rays, in local coordinates whose first axis is the packet's main axis.
 struct PacketRays {
   V3 o, d;
   V inverse;                   // of the first axis
-  V exit;                      // where they leave the grid through its sides
-  V before, below;             // the last place looked at, and the density there
-  uint32_t busy = 0, met = 0;  // lanes under way; those that have met the surface
+  V exit;                      // ray parameter where they leave the grid through a side
+  V before, below;             // the last sample's ray parameter, and its density
+  uint32_t busy = 0, met = 0;  // active lanes; those that have hit the surface
   HWY_ALIGN int32_t slot[RayQueue::kMost];
 
   HWY_INLINE V3 at(V t) const {
     return {hn::Add(o.x, hn::Mul(d.x, t)), hn::Add(o.y, hn::Mul(d.y, t)), hn::Add(o.z, hn::Mul(d.z, t))};
   }
-  /// Where they cross a plane across the first axis, even if that is before they begin.
+  /// Where they cross a plane perpendicular to the first axis, even if that is before their origins.
   HWY_INLINE V crosses(float plane) const { return hn::Mul(hn::Sub(set(plane), o.x), inverse); }
 };
 
-/// The rays of a pixel, so close to each other that the values around all of them are loaded at once: where they cross
-/// a plane, those at 4 x 4 corners of voxels.
+/// Marches the rays of a pixel through the layers of voxels together. They are so close to each other that the values
+/// around all of them are loaded at once: 4 x 4 corners of voxels for each plane that they cross.
 class PacketWalk {
  public:
   static constexpr size_t kVectors = 4;
@@ -53,16 +53,16 @@ class PacketWalk {
       cells_[k] = cells[axes_[k]], cell_stride_[k] = cell_strides[axes_[k]], stride_[k] = strides[axes_[k]];
   }
 
-  /// Walks at most kVectors vectors of rays from a layer on. What is found of a ray does not depend on the others.
+  /// Marches at most kVectors vectors of rays from a layer on. The result of a ray does not depend on the others.
   void walk(const PathStates& paths, const int32_t* slots, size_t count, int first, SurfaceCrossings& crossings) {
     load_rays(paths, slots, count);
     const int step = hn::GetLane(rays_[0].d.x) < 0 ? -1 : 1, layers = cells_[0] * cell_;
-    bool known = false;  // whether the last looks were at the layer's near plane
-    bool close = false;  // whether some ray passed a voxel that can reach the surface's density
+    bool known = false;  // whether the last samples lie on the layer's near plane
+    bool close = false;  // whether a window held a voxel that can reach the surface's density
     begun_ = false;
     for (int k = first; k >= 0 && k < layers && busy(); k += step) {
       const int near = step > 0 ? k : k + 1, far = step > 0 ? k + 1 : k;
-      // Cells that cannot reach the surface's density are passed at once.
+      // Cells that cannot reach the surface's density are skipped whole.
       if (!known && (k == first || (near & (cell_ - 1)) == 0)) {
         const int end = step > 0 ? (k | (cell_ - 1)) + 1 : k & ~(cell_ - 1);
         if (!cells_reach(k, near, end)) {
@@ -92,7 +92,7 @@ class PacketWalk {
   static constexpr int kWindow = LaneGrid::kPacketVoxels + 1;  // corners in a row
   static constexpr int kCorners = kWindow * kWindow;
 
-  /// Values at the corners of voxels of a layer: in its planes, the lower one first.
+  /// Values at corners of voxels, in the two planes of a layer, the lower one first.
   struct Window {
     int layer = -1;
     ivec2 corner{0};  // the lowest one
@@ -137,7 +137,7 @@ class PacketWalk {
     });
   }
 
-  /// The lowest voxel, on the two other axes, in which a ray crosses a plane.
+  /// The lowest coordinates, on the two other axes, of the voxels in which rays cross a plane.
   HWY_INLINE ivec2 lowest(float plane) const {
     const D d;
     V y = set(1e30f), z = set(1e30f);
@@ -163,7 +163,7 @@ class PacketWalk {
     return false;
   }
 
-  /// A window in layer k; an earlier one where that is the same.
+  /// A window in layer k; one of the first `number` windows where that is the same.
   HWY_INLINE const Window& window(size_t number, int k, const ivec2& corner) {
     for (size_t i = 0; i < number; ++i)
       if (windows_[i].layer == k && windows_[i].corner == corner) return windows_[i];
@@ -175,7 +175,7 @@ class PacketWalk {
       const VI n = hn::Iota(di, static_cast<int32_t>(i));
       VI cell = hn::Set(di, (k >> cell_bits_) * cell_stride_[0]), value = hn::Set(di, (k & (cell_ - 1)) * stride_[0]);
       const auto add = [&](VI offset, int from, int axis) {
-        const int cells = cells_[axis];  // beyond them no ray looks: whatever is nearest
+        const int cells = cells_[axis];  // no ray samples outside the grid: clamped
         const VI at = hn::Min(hn::Max(hn::Add(offset, hn::Set(di, from)), hn::Zero(di)), hn::Set(di, cells * cell_));
         const VI c = hn::Min(hn::ShiftRightSame(at, cell_bits_), hn::Set(di, cells - 1));
         cell = hn::Add(cell, hn::Mul(c, hn::Set(di, cell_stride_[axis])));
@@ -204,13 +204,13 @@ class PacketWalk {
     return !hn::AllFalse(d, hn::Ge(most, set(scene_.surface_density * (1 - 1e-6f))));
   }
 
-  /// Where points lie in a window.
+  /// Positions in a window: the lower corner's index, and the interpolation weights.
   struct Spot {
     VI corner;
     V y, z;
   };
   HWY_INLINE Spot spot(const Window& w, const V3& p) const {
-    // Nothing is subtracted before the shares: they must not depend on where the window lies.
+    // The weights are fractions of absolute coordinates: rounded the same wherever the window lies.
     const auto voxel = [](V v, int corner) {
       const V low = set(static_cast<float>(corner)), high = set(static_cast<float>(corner + kWindow - 2));
       return hn::Min(hn::Max(hn::Floor(v), low), high);
@@ -231,13 +231,14 @@ class PacketWalk {
     return lerp(lerp(corner(0), corner(1), s.z), lerp(corner(kWindow), corner(kWindow + 1), s.z), s.y);
   }
 
-  /// Looks at the near plane of layer k unless that is known, half-way through the layer and at the far plane.
+  /// Samples the density at the near plane of layer k unless that is known, half-way through the layer and at the far
+  /// plane.
   HWY_INLINE void look_through(PacketRays& rays, int k, int near, int far, const Window* at_near,
                                const Window& at_middle, const Window& at_far, SurfaceCrossings& crossings) const {
     const V zero = hn::Zero(D());
     const V t0 = rays.crosses(static_cast<float>(near)), t1 = rays.crosses(static_cast<float>(far));
     const V begin = hn::Max(t0, zero);
-    // Rays that begin in the layer do so anywhere.
+    // Rays whose origins lie inside the layer do not start at a plane.
     const M begins = hn::And(hn::Le(t0, zero), hn::Gt(t1, zero));
     const V middle = hn::IfThenElse(begins, hn::Mul(set(0.5f), t1), rays.crosses(static_cast<float>(k) + 0.5f));
     const bool any_begins = !begun_ && !hn::AllFalse(D(), begins);
@@ -259,11 +260,12 @@ class PacketWalk {
   }
   HWY_INLINE V3 on_grid_axes(const V3& p) const {
     const V by_axis[3] = {p.x, p.y, p.z};
-    // axes_ turns x, y, z around: back by as many
+    // axes_ is a cyclic permutation of x, y, z; this is its inverse.
     return {by_axis[(3 - axes_[0]) % 3], by_axis[(4 - axes_[0]) % 3], by_axis[(5 - axes_[0]) % 3]};
   }
 
-  /// Some of the rays look at a place whose density is known. @param until  the end of the layer
+  /// Takes a sample of the density along some of the rays: those above the surface's density have hit it.
+  /// @param until  ray parameter of the end of the layer
   HWY_INLINE void look(PacketRays& rays, M some, V t, V until, V density, SurfaceCrossings& crossings) const {
     const D d;
     const M inside = hn::And(hn::Le(t, rays.exit), hn::Gt(until, hn::Zero(d)));

@@ -50,7 +50,7 @@ void Scatter(const LaneScene& scene, PathStates& paths, SlotList& slots, SlotLis
       const auto s = static_cast<size_t>(slots.slot[i + lane]);
       return scene.medium->to_world(dvec3(paths.ox[s], paths.oy[s], paths.oz[s]));
     };
-    // Measured from the peak: a negative g is the positive one, turned around.
+    // Angles are measured from the phase function's peak: a negative g is the positive one, mirrored.
     const V side = set(scene.g < 0 ? -1.0f : 1.0f);
     const V3 peak{hn::Mul(side, dir.x), hn::Mul(side, dir.y), hn::Mul(side, dir.z)};
     const float g = std::abs(scene.g);

@@ -25,7 +25,7 @@ namespace {
 
 constexpr double kFar = std::numeric_limits<double>::infinity();
 
-/// One thread's paths on their way.
+/// The paths in flight on one thread.
 class Wavefront {
  public:
   Wavefront(const PathContext& context, std::span<const PathRequest> requests, const SampleSink& sink,
@@ -84,7 +84,7 @@ class Wavefront {
       double end;  // on a light
     };
     std::array<Flight, kPool> flights;
-    std::array<vec3, kPool> emission;  // seen by the camera ray
+    std::array<vec3, kPool> emission;  // along the camera ray
     EmissionSegments segments;
   };
   struct State {
@@ -96,11 +96,11 @@ class Wavefront {
     std::vector<RayPacket> packets;
     std::array<const FiniteLight*, kPool> end;  // the light that a flight ends on, where scene_.flights_end
     std::vector<PathSample> samples;            // of the paths, where keeps_samples()
-    std::unique_ptr<Glowing> glowing;           // where something glows
-    SlotList beside;                            // camera rays that miss the medium, but not what glows
+    std::unique_ptr<Glowing> glowing;           // where something emits
+    SlotList beside;                            // camera rays that miss the medium, but not what emits
   };
 
-  /// Whether layers are recorded on the way that the paths has no column for.
+  /// Whether layers are recorded that PathStates has no column for.
   bool keeps_samples() const { return c_.plan.marched() || c_.plan.first_event; }
 
   /// Fills the free slots, and records what follows from the camera rays alone.
@@ -119,7 +119,8 @@ class Wavefront {
     }
   }
 
-  /// Puts a path into a slot from where its ray can first meet the medium: near it, single precision is enough.
+  /// Starts a path in a free slot, its origin moved to where the ray can first enter the medium: near the medium,
+  /// single precision is enough.
   void start(size_t index) {
     const PathRequest& request = requests_[index];
     ++counters_.paths;
@@ -165,7 +166,7 @@ class Wavefront {
     (meets ? state_->fresh : state_->beside).push(slot);
   }
 
-  /// Whether a camera ray passes through a field that glows.
+  /// Whether a camera ray passes through an emitting field.
   bool may_glow(const Ray& ray) const {
     return std::any_of(glow_.begin(), glow_.end(), [&](const LaneEmission& field) {
       const auto [enters, leaves] = field.box.intersect(field.shape.to_local(ray));
@@ -173,7 +174,8 @@ class Wavefront {
     });
   }
 
-  /// Camera rays that may meet the medium's surface: alone, or in packets where their pixel is fine enough.
+  /// Sorts the camera rays that may hit the medium's surface: into packets where their pixel is small enough, else one
+  /// by one.
   void sort_camera_rays() {
     State& s = *state_;
     s.walks.count = s.packed.count = 0;
@@ -196,7 +198,7 @@ class Wavefront {
     }
   }
 
-  /// Where the camera rays meet the medium's surface, for coverage and gradient.
+  /// Intersects the camera rays with the medium's surface, for coverage and gradient.
   void record_surfaces() {
     State& s = *state_;
     sort_camera_rays();
@@ -215,7 +217,8 @@ class Wavefront {
     }
   }
 
-  /// Rays that only came close to the surface are asked exactly, so that coverage does not depend on where looks fall.
+  /// Rays that only came close to the surface are intersected exactly, so that coverage does not depend on where the
+  /// samples lie.
   void look_again(SurfaceCrossings& crossings) const {
     const PathStates& p = state_->paths;
     for (size_t k = 0; k < crossings.unsure.count; ++k) {
@@ -231,7 +234,7 @@ class Wavefront {
     }
   }
 
-  /// The camera rays' flights with forced collisions. What passes sees the background, the rest goes on.
+  /// Forced first collisions of the camera rays: the transmitted share sees the background, the rest goes on as paths.
   void fly_first() {
     State& s = *state_;
     find_ends(s.fresh);
@@ -272,15 +275,15 @@ class Wavefront {
     points.x[k] = at.x, points.y[k] = at.y, points.z[k] = at.z;
   }
 
-  /// The flight that a path is on, in the world.
+  /// A path's current ray, in the world.
   Ray flight(int32_t slot) const {
     const PathStates& p = state_->paths;
     const auto i = static_cast<size_t>(slot);
     return {c_.media[0].to_world(dvec3(p.ox[i], p.oy[i], p.oz[i])), glm::normalize(dvec3(p.dx[i], p.dy[i], p.dz[i]))};
   }
 
-  /// The lights that flights end on, and the flights themselves where they gather glow. A light that stands before the
-  /// medium ends the camera ray where that begins.
+  /// Finds the lights that flights end on, and keeps the flights themselves where emission is integrated along them. A
+  /// light in front of the medium ends the camera ray where the medium begins.
   void find_ends(const SlotList& rays) {
     if (!scene_.flights_end && glow_.empty()) return;
     for (size_t k = 0; k < rays.count; ++k) {
@@ -298,8 +301,8 @@ class Wavefront {
     }
   }
 
-  /// What a field emits along the flights that have just ended: as long as they are with the probability that light
-  /// passes. Long paths are blurred by their scatterings: longer strides do there.
+  /// Adds what a field emits along the flights that have just ended. A flight passes a point with the probability of
+  /// the transmittance to it, so no weight is needed. Scattering blurs: longer strata are enough after the first event.
   void add_glow(const LaneEmission& field) {
     State& s = *state_;
     PathStates& p = s.paths;
@@ -370,7 +373,7 @@ class Wavefront {
     sink_(request, s);
   }
 
-  /// A path that has left the medium, or met a light in it, sees what is there.
+  /// Adds the light found by a path that has left the medium, or has hit a light.
   void escape(int32_t slot) {
     PathStates& p = state_->paths;
     const auto i = static_cast<size_t>(slot);
@@ -411,7 +414,7 @@ class Wavefront {
                                         medium.albedo(at), sample);
   }
 
-  /// Light scattered once is direct (TRANSPORT.md section 11).
+  /// Light scattered once is direct (docs/methods.md, Direct and indirect light).
   void deposit(size_t i, const vec3& L) {
     PathStates& p = state_->paths;
     const bool direct = is_direct(p.events[i]);
@@ -420,7 +423,7 @@ class Wavefront {
     (direct ? p.direct_b : p.indirect_b)[i] += L.z;
   }
 
-  /// What the shadow rays brought.
+  /// Adds the light samples, dimmed by the transmittance of their shadow rays.
   void add_light() {
     PathStates& p = state_->paths;
     for (size_t k = 0; k < state_->shadows.count; ++k) {

@@ -5,8 +5,8 @@ namespace brume {
 
 /// The same estimator as the general loop for plans that fit the lanes, but many paths at once: each thread keeps a
 /// pool of paths and takes them through flight, scattering and shadow ray in turn, as many side by side as the machine
-/// has lanes. A lane whose ray has ended is given the next ray of the queue, so that lanes stay filled whatever each
-/// path does.
+/// has SIMD lanes. A lane whose ray has ended is refilled with the next ray of the queue, so that lanes stay busy
+/// however paths diverge.
 ///
 /// Densities are looked up at one of the eight voxels around a point, chosen with the trilinear weights: the same
 /// expectation as interpolating, for an eighth of the memory traffic (in delta tracking even the same distribution).

@@ -9,9 +9,9 @@
 namespace brume {
 namespace {
 
-constexpr double kThick = 0.75;    // of the light scattered: from there on forcing buys less than it costs
-constexpr double kTentative = 8;   // wanted on a ray
-constexpr double kMostLoose = 16;  // times the bound: look-ups cost, too
+constexpr double kThick = 0.75;    // share of the light scattered from which on forcing costs more than it gains
+constexpr double kTentative = 8;   // tentative collisions wanted on a ray
+constexpr double kMostLoose = 16;  // largest factor on the majorants: look-ups have a cost
 
 double majorant_depth(const Medium& medium, const Ray& local) {
   MajorantWalk walk(medium.bricks(), local, 0.0, std::numeric_limits<double>::infinity());

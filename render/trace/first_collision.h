@@ -8,11 +8,12 @@ namespace brume {
 /// How camera rays find their first collision: see lanes_fly_first.
 struct FirstCollision {
   bool forced = false;
-  double majorant = 1;  ///< factor on the majorants of the first flight
+  double majorant = 1;  ///< factor on the majorants of forced flights
 };
 
-/// Forcing pays where rays scatter little of their light, and needs several tentative collisions a ray to choose from:
-/// the majorants are raised for that. In thick media every ray collides anyway (docs/performance.md has the numbers).
+/// Chooses forced first collisions where camera rays scatter little of their light; in thick media every ray collides
+/// anyway (docs/performance.md has the numbers). A forced flight draws its vertex from its tentative collisions, so
+/// majorants are raised until there are several on a ray.
 /// @param rays     camera rays, spread over the picture, world space
 /// @param setting  auto, forced or free
 FirstCollision choose_first_collision(const Medium& medium, std::span<const Ray> rays, std::string_view setting);

@@ -27,7 +27,7 @@ struct PathCounters {
   void merge(const PathCounters& other);
 };
 
-/// The lamp at the eye of the virtual flash image (docs/methods.md).
+/// The lamp at the eye of the virtual flash image (docs/methods.md, Virtual flash image).
 struct FlashLamp {
   double intensity = 0;         ///< makes up for the indirect light that the image leaves out
   double typical_gradient = 0;  ///< density per scene unit: half of the relief's weight
@@ -49,14 +49,15 @@ struct PathContext {
   double surface_density = 0;  ///< share of each medium's maximum
   FlashLamp flash;
   dvec3 world_shift{0};
-  const StopSignal* stop = nullptr;  ///< asked inside flights; tracing throws Interrupted where it says so
+  const StopSignal* stop = nullptr;  ///< polled inside flights; tracing throws Interrupted where it says so
 };
 
-/// Where the rays of a pixel can first meet something, as ray parameters rounded down: see LaneGrid::Entry.
+/// Lower bounds of the ray parameters at which the rays of a pixel enter the medium and reach its surface, rounded
+/// down: see LaneGrid::Entry.
 struct EntryBound {
   static constexpr float kNever = std::numeric_limits<float>::max();
   float medium = 0, surface = 0;
-  int16_t axis = -1, layer = 0;  ///< of voxels, where all its rays are walked together
+  int16_t axis = -1, layer = 0;  ///< where the pixel's rays are marched as a packet
 };
 
 /// One camera ray to follow.
@@ -64,15 +65,15 @@ struct PathRequest {
   Ray ray;
   double time = 0;  ///< in [0, 1] of the shutter
   SampleKey key;
-  EntryBound start{};            ///< of its pixel; used in lanes
+  EntryBound start{};            ///< of the pixel; used in lanes
   PathRecord* record = nullptr;  ///< filled where not null; never in lanes
 };
 
 /// The camera ray and the random numbers of one sample of pixel (x, y) of the whole picture.
 PathRequest camera_request(const Scene& scene, const Plan& plan, const Camera& camera, int64_t seed, int x, int y,
                            uint32_t sample, const EntryBound& start = {});
-/// The same of pixels in a grid spread over the picture, one after the other, for what is estimated before a render: a
-/// constant of the scene, from a seed of its own.
+/// The same for a grid of pixels spread over the picture, for what is estimated before a render. They have a seed of
+/// their own, so that such an estimate is a constant of the scene.
 std::vector<PathRequest> coarse_requests(const Scene& scene, const Plan& plan, const Camera& camera, int grid,
                                          uint32_t samples);
 

@@ -3,13 +3,13 @@
 
 namespace brume {
 
-// What paths record besides light: the layers that filters hold on to. Each is an expectation over the pixel's paths.
+// What paths record besides light: layers that guide filters. Each is an expectation over the pixel's paths.
 
 inline constexpr double kDeepest = 50;  ///< where the layer optical_depth is clamped
-/// Where a camera ray may scatter first: one point in each quarter of the probability, for the weighted gradient.
+/// Points on a camera ray, one in each quarter of the distribution of first scatterings, for the weighted gradient.
 inline constexpr size_t kMarchedPoints = 4;
 
-/// Coverage and gradient of a camera ray that meets a medium's surface at t. @param local  in the medium's coordinates
+/// Coverage and gradient of a camera ray that hits a medium's surface at t. @param local  in the medium's coordinates
 void record_medium_surface(const Medium& medium, const Ray& local, double t, PathSample& sample);
 
 /// Layers that follow from the camera ray alone: the medium's surface, optical depth, the marched gradient.

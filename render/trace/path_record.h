@@ -4,7 +4,8 @@
 
 namespace brume {
 
-/// The random choices of one path and what it met, for filters that look at samples one by one (FILTERS.md A3, C2).
+/// The random choices of one path and the features of its events, for filters that work on samples one by one
+/// (docs/methods.md, Random parameter filtering and Sample histograms).
 /// Numbers of events that never came are 0; flags say which came.
 struct PathRecord {
   vec2 film{0}, lens{0};

@@ -10,8 +10,8 @@
 namespace brume {
 namespace {
 
-/// Whether the lanes can trace it: one still medium of grey extinction in a grid that LaneGrid holds, glow from such
-/// grids, no meshes.
+/// Whether the lanes can trace it: one still medium of grey extinction in a grid that LaneGrid can hold, emission from
+/// such grids, no meshes.
 bool fits_lanes(const Plan& plan, const SceneMedia& media, const Lights& lights) {
   if (plan.media != Plan::Media::kOneGrey || plan.moving_media || plan.surfaces) return false;
   for (const EmissionField& e : media.emissions())
@@ -57,7 +57,7 @@ Plan make_plan(const Scene& scene, const SceneMedia& media, const Lights& lights
   plan.near_lights = choose_near_lights(all, lights, scene.render.near_lights);
   plan.interpolate = scene.render.lookup == "interpolated";
   plan.lanes = scene.render.lanes != "off" && !layers.records && fits_lanes(plan, media, lights);
-  if (plan.lanes && !plan.emission) {  // glow is what a flight by chance meets before it ends
+  if (plan.lanes && !plan.emission) {  // emission is integrated along free flights
     std::vector<Ray> rays;
     for (const PathRequest& r : coarse_requests(scene, plan, camera, 24, 1)) rays.push_back(r.ray);
     plan.first_collision = choose_first_collision(all[0], rays, scene.render.first_collision);

@@ -22,15 +22,15 @@ struct Plan {
   bool light_sampling = false;  ///< next-event estimation towards at least one light
   bool finite_lights = false;   ///< analytic lights that rays can end on
   bool surfaces = false;        ///< triangle meshes
-  bool emission = false;        ///< a medium that glows
+  bool emission = false;        ///< fields that emit
   bool lens = false, shutter = false;
   bool lanes = false;                  ///< the paths run side by side in SIMD lanes (render/lanes/wavefront.h)
-  bool interpolate = false;            ///< in lanes: look up all eight voxels around a point, not one by chance
+  bool interpolate = false;            ///< in lanes: interpolate all eight voxels around a point, not one at random
   FirstCollision first_collision;      ///< of camera rays, in lanes
   std::vector<NearLight> near_lights;  ///< small lights in homogeneous media, sampled along flights too
 
   // Recorded beyond what the path computes anyway.
-  bool medium_surface = false;  ///< looked for once per path
+  bool medium_surface = false;  ///< intersected once per path
   bool first_event = false;     ///< where and at what the path scatters first
   bool first_scatter_gradient = false;
   bool weighted_gradient = false;  ///< marched once per path

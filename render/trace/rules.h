@@ -27,12 +27,12 @@ constexpr double survival(double largest_throughput) {
   return std::clamp(largest_throughput, kLeastSurvival, 1.0);
 }
 
-/// Voxels that one look-up of emission stands for: light that was scattered before is blurred anyway.
+/// Length of the strata in which emission is sampled [voxels]: scattering blurs what comes after it.
 constexpr double emission_stride(uint64_t events) {
   return events == 0 ? 1.0 : 4.0;
 }
 
-/// The virtual flash image of a path. @param lamp  what the lamp brings, without its intensity
+/// The virtual flash image of a path. @param lamp  the lamp's contribution at intensity 1
 inline dvec3 flash_image(const dvec3& direct, double intensity, const dvec3& lamp) {
   return direct + intensity * lamp;
 }

@@ -26,9 +26,9 @@ double mean(const dvec3& v) {
 }
 
 /// Weight of a path. In chromatic media it is sampled by one hero channel, and each channel's own probability of the
-/// same choices is carried along: dividing by their mean is the balance heuristic over the channels (TRANSPORT.md
-/// section 4, after Miller, Georgiev, Jarosz 2019), so that no channel's weight runs away. Normalised after each event:
-/// the mean is 1.
+/// same choices is carried along: dividing by their mean is the balance heuristic over the channels
+/// (docs/methods.md, Spectral tracking), so that no channel's weight runs away. Normalised after each event: the mean
+/// is 1.
 struct Throughput {
   dvec3 weight{1};
   dvec3 pdf{1};
@@ -65,7 +65,7 @@ class PathTracer {
  private:
   enum class Source { kBackground, kEmission, kSurface };
 
-  /// Adds radiance that is met after `events` events of the path (TRANSPORT.md section 11).
+  /// Adds radiance found after `events` events of the path (docs/methods.md, Direct and indirect light).
   void deposit(const dvec3& radiance, uint64_t events, Source source) {
     const dvec3 L = throughput_.weight * radiance;
     if (!is_direct(events)) {
@@ -152,7 +152,7 @@ class PathTracer {
     if (L != dvec3(0)) deposit(dimmed(L, ray_, t), events_ + 1, Source::kBackground);
   }
 
-  /// Weight of light that was met by direction sampling, against light sampling.
+  /// MIS weight of light found by direction sampling, against light sampling.
   double weight_against(double pdf_light) const {
     return !F.light_sampling || events_ == 0 || specular_ ? 1.0 : balance(pdf_direction_, pdf_light);
   }
@@ -168,7 +168,7 @@ class PathTracer {
     }
   }
 
-  /// Emission between two points of the flight. Long paths are blurred by their scatterings: coarser strata do there.
+  /// Adds the emission between two points of the flight. Scattering blurs: coarser strata are enough after it.
   void glow(double t0, double t1) {
     if constexpr (F.emission) {
       dvec3 sum(0);
@@ -471,8 +471,8 @@ class PathTracer {
   Throughput throughput_;
   double pdf_direction_ = 1;
   bool specular_ = false;
-  // Since a vertex that sampled a light, the path has met nothing, or only what light sampling looks through; and some
-  // of the latter.
+  // sampled_light_: since the last vertex that sampled a light, the path has hit at most surfaces that shadow rays pass
+  // straight through; straight_: and at least one of them.
   bool sampled_light_ = false, straight_ = false;
   bool first_event_on_surface_ = false;
   bool left_in_medium_ = false;  ///< the last vertex is a scattering in a medium

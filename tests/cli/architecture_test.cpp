@@ -6,7 +6,9 @@
 #include <map>
 #include <regex>
 #include <set>
+#include <sstream>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "tests/support/files.h"
@@ -71,6 +73,43 @@ TEST(Architecture, EachLibraryIsKnownToItsOneFile) {
             test::read_file(entry.path()).find(std::string("#include ") + library) != std::string::npos) {
           EXPECT_EQ(fs::relative(entry.path(), test::source(".")).string(), door);
         }
+}
+
+/// The comments of a source, without their slashes, lines joined by blanks.
+std::string comments(const std::string& source) {
+  std::istringstream lines(source);
+  std::string line, all;
+  while (std::getline(lines, line)) {
+    const size_t at = line.find("//");
+    if (at != std::string::npos) all += line.substr(std::min(line.find_first_not_of('/', at), line.size())) + ' ';
+  }
+  return std::regex_replace(all, std::regex(" +"), " ");
+}
+
+// A reader of the clone can open what a comment refers to, and finds the heading that it names.
+TEST(Architecture, WhatCommentsCiteStandsInTheClone) {
+  std::vector<std::string> headings;
+  std::istringstream methods(test::read_file(test::source("docs/methods.md")));
+  for (std::string line; std::getline(methods, line);)
+    if (line.starts_with("## ")) headings.push_back(line.substr(3));
+  const std::regex page("([A-Za-z_./]+\\.md)\\b(, ([A-Z]))?");
+  int cited = 0;
+  for (const char* room : {"base", "volume", "image", "render", "filters", "evaluate", "app", "tests", "bench"})
+    for (const auto& entry : fs::recursive_directory_iterator(test::source(room))) {
+      if (entry.path().extension() != ".h" && entry.path().extension() != ".cpp") continue;
+      const std::string text = comments(test::read_file(entry.path()));
+      for (auto it = std::sregex_iterator(text.begin(), text.end(), page); it != std::sregex_iterator(); ++it) {
+        const std::string name = (*it)[1];
+        EXPECT_TRUE(fs::exists(test::source(name))) << entry.path() << " cites " << name;
+        if (name != "docs/methods.md" || !(*it)[3].matched) continue;
+        ++cited;
+        const std::string_view rest = std::string_view(text).substr(static_cast<size_t>(it->position(3)));
+        EXPECT_TRUE(std::any_of(headings.begin(), headings.end(),
+                                [&](const std::string& heading) { return rest.starts_with(heading); }))
+            << entry.path() << " cites docs/methods.md, " << rest.substr(0, 40);
+      }
+    }
+  EXPECT_GT(cited, 20);
 }
 
 }  // namespace

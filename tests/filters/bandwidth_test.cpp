@@ -1,4 +1,5 @@
-// Widths from curves of bias and variance, and what is made of them: FILTERS A5 and B10.
+// Widths from curves of bias and variance, and what is made of them: docs/methods.md, Widths from bias
+// and variance.
 
 #include "filters/bandwidth.h"
 

@@ -52,7 +52,7 @@ float shaded(int x, int y, size_t c) {
 
 TEST(Claims, ConsistentFiltersConvergeAndTheOthersHaveAFloor) {
   // Noise of a hundredth of the edge's height, then a hundredth of that: what is left must follow, or stay. All rows
-  // that FILTERS.md section E calls consistent, but for random_parameter (below) and bayesian_collaborative: eight
+  // that docs/methods.md calls consistent, but for random_parameter (below) and bayesian_collaborative: eight
   // buckets fall into the same bins however little noise they have, so that it converges with recorded samples only.
   struct Consistent {
     std::string name;

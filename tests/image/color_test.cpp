@@ -13,7 +13,7 @@ void expect_lab(const dvec3& rgb, const dvec3& lab) {
     EXPECT_NEAR(got[c], lab[c], 0.01) << "channel " << c << " of " << rgb.x << " " << rgb.y << " " << rgb.z;
 }
 
-// FILTERS.md section D.
+// docs/methods.md, Metrics; the primaries of sRGB.
 TEST(Lab, KnownColours) {
   expect_lab({1, 1, 1}, {100, 0, 0});
   expect_lab({0.18, 0.18, 0.18}, {49.50, 0, 0});

@@ -48,8 +48,8 @@ LightSettings sun(const dvec3& direction, double irradiance, double diameter = 0
   return l;
 }
 
-// Exact spheres, closed forms and quadrature of TRANSPORT.md section 13.4; 64 x 4000 paths: a bias of 1 % (2 % at a =
-// 5) would be found.
+// Exact spheres, closed forms and quadrature of docs/methods.md, Closed forms; 64 x 4000 paths: a bias of 1 % (2 % at a
+// = 5) would be found.
 TEST(HomogeneousMedium, SingleScatteringInASphere) {
   struct Row {
     double a, side, back, forward;
@@ -69,8 +69,8 @@ TEST(HomogeneousMedium, SingleScatteringInASphere) {
   }
 }
 
-// A slab so deep that it has no other side, lit and seen along its normal: w / (8 pi) H(1)^2, from TRANSPORT.md section
-// 13.6. 256 x 4000 paths: a bias of 1 % would be found.
+// A slab so deep that it has no other side, lit and seen along its normal: w / (8 pi) H(1)^2 (docs/methods.md,
+// Closed forms). 256 x 4000 paths: a bias of 1 % would be found.
 TEST(HomogeneousMedium, SemiInfiniteSlabs) {
   for (const auto& [albedo, expected] : {std::pair(0.5, .031148), {0.8, .081306}, {0.9, .122572}, {0.99, .240863}}) {
     Scene s = through_the_middle(16);
@@ -84,8 +84,8 @@ TEST(HomogeneousMedium, SemiInfiniteSlabs) {
   }
 }
 
-// Of light that starts evenly inside an absorbing ball, the share that escapes (section 13.5): the power through the
-// surface, seen by an orthographic camera that frames the ball, over the power emitted.
+// Of light that starts evenly inside an absorbing ball, the share that escapes: the power through the surface, seen by
+// an orthographic camera that frames the ball, over the power emitted.
 TEST(Emission, EscapeProbabilityOfABall) {
   for (const auto& [a, expected] : {std::pair(.5, .707277), {1., .527252}, {2., .332418}, {5., .147001}}) {
     Scene s = through_the_middle(32);
@@ -100,8 +100,8 @@ TEST(Emission, EscapeProbabilityOfABall) {
   }
 }
 
-// Swap a narrow camera and a small lamp: what travels between them is the same (section 13.8). The medium is a real
-// cloud under any transform; each sees the other's cone only.
+// Swap a narrow camera and a small lamp: what travels between them is the same (docs/methods.md, Closed forms). The
+// medium is a real cloud under any transform; each sees the other's cone only.
 TEST(Reciprocity, CameraAndLampChangePlaces) {
   const auto transported = [](const dvec3& eye, const dvec3& lamp, int64_t seed) {
     Scene s = test::scene_of(test::source("data/volumes/smoke.vdb"), 12, 0.8, 0.5);
@@ -228,8 +228,8 @@ TEST(ChromaticMedium, WeightsStayBounded) {
     }
 }
 
-// Two copies of half the density on top of each other are one medium (TRANSPORT.md section 13.10), also when the other
-// half is a homogeneous ball in two parts.
+// Two copies of half the density on top of each other are one medium (docs/methods.md, Closed forms), also when the
+// other half is a homogeneous ball in two parts.
 TEST(SeveralMedia, SuperpositionIsOneMedium) {
   Scene s = test::scene_of(test::source("data/volumes/smoke.vdb"), 20, 0.8, 0.5);
   s.environment.radiance = dvec3(0.2, 0.3, 0.5);

@@ -1,4 +1,4 @@
-// Finite isotropic slabs against the closed-form values of TRANSPORT.md section 13.7. By reciprocity a camera that
+// Finite isotropic slabs against the values of docs/methods.md, Closed forms. By reciprocity a camera that
 // looks straight down at a slab under a uniform upper sky sees the plane albedo R for normal incidence; from below it
 // sees what is transmitted.
 

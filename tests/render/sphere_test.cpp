@@ -1,4 +1,4 @@
-// Single scattering in a homogeneous sphere against the values of TRANSPORT.md section 13.4, and other closed forms
+// Single scattering in a homogeneous sphere against the values of docs/methods.md, Closed forms, and other closed forms
 // that need a camera, a light and a medium together.
 
 #include <gtest/gtest.h>

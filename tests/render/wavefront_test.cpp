@@ -514,8 +514,8 @@ TEST(Wavefront, ForcedFirstCollisionsLoseNothing) {
   EXPECT_GT(checked, 50);
 }
 
-// A majorant that is looser costs look-ups and changes no mean (TRANSPORT.md section 13): 5 standard errors are about 1
-// %.
+// A majorant that is looser costs look-ups and changes no mean (docs/methods.md, Closed forms): 5 standard errors are
+// about 1 %.
 TEST(Wavefront, MajorantsOfOneTwoAndFiveTimesGiveOneMean) {
   Scene scene = demo("cloud", 48);
   test::Mean first;

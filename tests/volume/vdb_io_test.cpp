@@ -256,7 +256,7 @@ TEST(WriteDensity, AFullDiskIsAnErrorAndLeavesNothing) {
   EXPECT_TRUE(fs::is_empty(folder.path()));
 }
 
-// DESIGN: a 300^3 cloud needs at most twice its active voxels as float.
+// A 300^3 cloud needs at most twice its active voxels as float.
 TEST(LoadDensity, ACloudNeedsAtMostTwiceItsActiveVoxels) {
   const auto path = test::shared("volumes/cloud.vdb");
   if (path.empty()) GTEST_SKIP() << "no volumes beside the project";
