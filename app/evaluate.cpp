@@ -145,7 +145,9 @@ int run(const Common& common) {
   std::vector<EvaluationScene> scenes;
   const auto render = [](const PreparedScene& scene, int spp, int64_t seed, const fs::path& records, const Task& task) {
     RenderJob job;
-    job.spp = spp, job.seed = seed, job.records = records;
+    job.spp = spp;
+    job.seed = seed;
+    job.records = records;
     RenderResult r = scene.render(job, task);
     stamp(r.layers);
     if (r.report.invalid_samples || r.report.counters.capped_paths) note(r.report.summary());

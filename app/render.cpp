@@ -127,7 +127,8 @@ int run(const Common& common) {
   layers.records = !o.records.empty();
 
   RenderJob job;
-  job.spp = scene.render.spp, job.seed = scene.render.seed;
+  job.spp = scene.render.spp;
+  job.seed = scene.render.seed;
   parse_part(job);
   parse_crop(job, scene.film);
   job.time_limit = parse_time();

@@ -53,8 +53,10 @@ std::string error_seconds_plot(const SceneResult& scene) {
     if (it == series.end()) it = series.insert(series.end(), {name, dotted, {}});
     const double seconds = m.render_seconds + m.filter_seconds, rms = std::max(m.whole.mean, 1e-6);
     it->points.emplace_back(seconds, rms);
-    x_lo = std::min(x_lo, seconds), x_hi = std::max(x_hi, seconds);
-    y_lo = std::min(y_lo, rms), y_hi = std::max(y_hi, rms);
+    x_lo = std::min(x_lo, seconds);
+    x_hi = std::max(x_hi, seconds);
+    y_lo = std::min(y_lo, rms);
+    y_hi = std::max(y_hi, rms);
   }
   const Axis x(x_lo / 1.2, x_hi * 1.2, kLeft, kWidth - kRight), y(y_lo / 1.2, y_hi * 1.2, kHeight - kBottom, kTop);
   std::string svg = fmt::format(

@@ -87,7 +87,8 @@ SceneResult describe_scene(const EvaluationScene& scene, const EvaluationSetting
   SceneResult result;
   result.name = scene.name;
   result.policy = {scene.exposure, true};
-  result.width = a.width(), result.height = a.height();
+  result.width = a.width();
+  result.height = a.height();
   result.reference_spp = settings.reference_spp;
   result.reference_seconds = frames.reference[0].seconds + frames.reference[1].seconds;
   result.reference = Layers(a.width(), a.height());

@@ -145,9 +145,10 @@ std::string winners(const SceneResult& scene, const Evaluation& e) {
       const MethodResult *first = nullptr, *second = nullptr;
       for (const MethodResult& m : scene.methods) {
         if (m.spp != spp || m.tuning != tuning) continue;
-        if (!first || m.whole.mean < first->whole.mean)
-          second = first, first = &m;
-        else if (!second || m.whole.mean < second->whole.mean)
+        if (!first || m.whole.mean < first->whole.mean) {
+          second = first;
+          first = &m;
+        } else if (!second || m.whole.mean < second->whole.mean)
           second = &m;
       }
       if (!first || !second) continue;

@@ -66,7 +66,10 @@ void run(const ATrous& p, const FilterFrame& frame, const FilterOutput& out, con
       for_each_row(height, quiet(task), [&](int y) {
         std::array<const float*, 3> rgb;
         std::array<float*, 3> lab;
-        for (size_t c = 0; c < 3; ++c) rgb[c] = values.channels[c].row(y), lab[c] = compared.channels[c].row(y);
+        for (size_t c = 0; c < 3; ++c) {
+          rgb[c] = values.channels[c].row(y);
+          lab[c] = compared.channels[c].row(y);
+        }
         kernels::lab_from_rgb_row(rgb, static_cast<float>(frame.exposure), lab, width);
         for (size_t c = 0; c < 3; ++c) {
           for (int x = 0; x < width; ++x) lab[c][x] *= spread / p.sigma_color;

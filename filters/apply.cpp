@@ -148,7 +148,10 @@ void read_signal(Signal& s, const Layers& layers, const LayerName& name, const R
   const bool limits = run.options.outliers != Outliers::kKeep;
   s.mean = layers.rgb(name);
   const bool halves = layers.has(name, statistic::half_a) && layers.has(name, statistic::half_b);
-  if (halves) s.half_a = layers.rgb(name, statistic::half_a), s.half_b = layers.rgb(name, statistic::half_b);
+  if (halves) {
+    s.half_a = layers.rgb(name, statistic::half_a);
+    s.half_b = layers.rgb(name, statistic::half_b);
+  }
   if (entry.can_use_statistics >= Statistics::kVariance || limits) {
     if (run.options.noise == NoiseSource::kSpatial)
       s.own.variance = spatial_variance(s.mean, task);
@@ -162,10 +165,13 @@ void read_signal(Signal& s, const Layers& layers, const LayerName& name, const R
   if (layers.has(name, statistic::buckets[0]))
     for (const std::string_view bucket : statistic::buckets) s.buckets.push_back(layers.rgb(name, bucket));
   if (!limits || !s.variance[0]) return;
-  s.own.mean = copied(s.mean), s.mean = view(s.own.mean);
+  s.own.mean = copied(s.mean);
+  s.mean = view(s.own.mean);
   if (halves) {
-    s.own.half_a = copied(s.half_a), s.half_a = view(s.own.half_a);
-    s.own.half_b = copied(s.half_b), s.half_b = view(s.own.half_b);
+    s.own.half_a = copied(s.half_a);
+    s.half_a = view(s.own.half_a);
+    s.own.half_b = copied(s.half_b);
+    s.half_b = view(s.own.half_b);
   }
   for (RgbPlanes& bucket : s.buckets) s.own.buckets.push_back(copied(bucket));
   for (size_t i = 0; i < s.buckets.size(); ++i) s.buckets[i] = view(s.own.buckets[i]);
@@ -189,7 +195,8 @@ struct Prepared {
     frame.signal = frame.values = signal.mean;
     if (run.mask && entry.background) frame.medium = &layers.at(layer::coverage.channel(0));
     frame.variance = signal.variance;
-    frame.half_a = signal.half_a, frame.half_b = signal.half_b;
+    frame.half_a = signal.half_a;
+    frame.half_b = signal.half_b;
     frame.buckets = signal.buckets;
     frame.features = &features;
     frame.together = !run.options.carried.empty();

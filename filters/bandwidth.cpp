@@ -9,7 +9,13 @@ namespace {
 /// A straight line by least squares.
 class Line {
  public:
-  void add(double x, double y) { n_ += 1, x_ += x, xx_ += x * x, y_ += y, xy_ += x * y; }
+  void add(double x, double y) {
+    n_ += 1;
+    x_ += x;
+    xx_ += x * x;
+    y_ += y;
+    xy_ += x * y;
+  }
   double slope() const { return (n_ * xy_ - x_ * y_) / (n_ * xx_ - x_ * x_); }
   double at_zero() const { return (y_ - slope() * x_) / n_; }
 

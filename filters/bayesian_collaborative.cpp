@@ -145,7 +145,10 @@ void replace_spikes(Scale& s, const Task& task) {
       for (size_t i = 0; i < n; ++i) {
         double sum = 0;
         for (size_t k = 0; k < n; ++k) sum += glm::distance(colors[i], colors[k]);
-        if (sum < least) least = sum, best = i;
+        if (sum < least) {
+          least = sum;
+          best = i;
+        }
       }
       copy_pixel(in, places[best], s, {x, y});
     }
@@ -360,11 +363,16 @@ class Collaboration {
       for (int k = 0; k < kPatchPixels; ++k) {
         const int x = q.x + k % 3 - 1, y = q.y + k / 3 - 1, at = 3 * k;
         const auto cov = [&](size_t i) { return s_.covariance[i](x, y) / static_cast<float>(n); };
-        noise(at, at) += cov(0), noise(at + 1, at + 1) += cov(1), noise(at + 2, at + 2) += cov(2);
+        noise(at, at) += cov(0);
+        noise(at + 1, at + 1) += cov(1);
+        noise(at + 2, at + 2) += cov(2);
         const float gb = cov(3), rb = cov(4), rg = cov(5);
-        noise(at + 1, at + 2) += gb, noise(at + 2, at + 1) += gb;
-        noise(at, at + 2) += rb, noise(at + 2, at) += rb;
-        noise(at, at + 1) += rg, noise(at + 1, at) += rg;
+        noise(at + 1, at + 2) += gb;
+        noise(at + 2, at + 1) += gb;
+        noise(at, at + 2) += rb;
+        noise(at + 2, at) += rb;
+        noise(at, at + 1) += rg;
+        noise(at + 1, at) += rg;
       }
     const Patches first = shrunk(patches, mean, covariance_of(patches, mean) - noise, noise);
     // The second step takes the first's result for the signal.

@@ -153,7 +153,8 @@ Facts facts_of(const Planes& mean, const Planes& variance) {
     for (int y = 0; y < mean[c].height(); ++y)
       for (int x = 0; x < mean[c].width(); ++x) {
         const double v = mean[c](x, y);
-        sum += v, squares += v * v;
+        sum += v;
+        squares += v * v;
         if (!variance.empty()) noise += variance[c](x, y);
         if ((x + y * mean[c].width()) % step == 0) values.push_back(mean[c](x, y));
       }
@@ -166,8 +167,12 @@ Facts facts_of(const Planes& mean, const Planes& variance) {
   const auto at = [&](double share) {
     return values[static_cast<size_t>(share * static_cast<double>(values.size() - 1))];
   };
-  facts.lowest = at(0.01), facts.highest = at(0.99);
-  if (!(facts.highest > facts.lowest)) facts.lowest = values.front(), facts.highest = values.back();
+  facts.lowest = at(0.01);
+  facts.highest = at(0.99);
+  if (!(facts.highest > facts.lowest)) {
+    facts.lowest = values.front();
+    facts.highest = values.back();
+  }
   return facts;
 }
 

@@ -206,7 +206,8 @@ class Declaration {
 
   Declaration& statistics(Statistics needed) { return statistics(needed, needed); }
   Declaration& statistics(Statistics needed, Statistics useful) {
-    entry_.statistics = needed, entry_.can_use_statistics = useful;
+    entry_.statistics = needed;
+    entry_.can_use_statistics = useful;
     return *this;
   }
   /// Reads the variance of the layers it needs or can use, where the frame has it.

@@ -64,7 +64,8 @@ void run(const Nfor& p, const FilterFrame& frame, const FilterOutput& out, const
   for (const Feature& f : *frame.features) {
     std::vector<Plane> fa, fb;
     if (is_free_of_noise(f)) {
-      fa = f.half_a, fb = f.half_b;
+      fa = f.half_a;
+      fb = f.half_b;
     } else {
       const std::vector<Plane> variance = scaled(f.variance, 2, task);
       const auto smooth = [&](const std::vector<Plane>& guide, const std::vector<Plane>& values) {

@@ -41,7 +41,9 @@ Plane neighbourhood_variance(const Plane& mean, const Task& task) {
     for (int qy = std::max(0, y - 1); qy <= std::min(mean.height() - 1, y + 1); ++qy)
       for (int qx = std::max(0, x - 1); qx <= std::min(mean.width() - 1, x + 1); ++qx) {
         const double d = static_cast<double>(mean(qx, qy)) - mean(x, y);
-        sum += d, squares += d * d, ++n;
+        sum += d;
+        squares += d * d;
+        ++n;
       }
     return static_cast<float>(n > 1 ? std::max(0.0, squares - sum * sum / n) / (n - 1) : 0.0);
   });
@@ -119,10 +121,12 @@ double lab_noise(const RgbPlanes& mean, const RgbPlanes& variance, const RgbPlan
     for (int c = 0; c < 3; ++c) {
       const size_t i = static_cast<size_t>(c);
       if (half_a[0] && half_b[0]) {
-        a[c] = (*half_a[i])(x, y), b[c] = (*half_b[i])(x, y);
+        a[c] = (*half_a[i])(x, y);
+        b[c] = (*half_b[i])(x, y);
       } else {
         const double m = (*mean[i])(x, y), s = std::sqrt(std::max(0.0f, (*variance[i])(x, y)));
-        a[c] = m + s, b[c] = m - s;
+        a[c] = m + s;
+        b[c] = m - s;
       }
     }
     const dvec3 d = 0.5 * (lab_from_rgb(exposure * a) - lab_from_rgb(exposure * b));
@@ -136,7 +140,10 @@ double lab_noise(const RgbPlanes& mean, const RgbPlanes& variance, const RgbPlan
       for (int y = y0; y < std::min(height, y0 + kBlock); ++y)
         for (int x = x0; x < std::min(width, x0 + kBlock); ++x)
           if (!medium || (*medium)(x, y) > 0)
-            if (const double d = squared(x, y); std::isfinite(d)) sum += d, ++n;
+            if (const double d = squared(x, y); std::isfinite(d)) {
+              sum += d;
+              ++n;
+            }
       // Blocks of nothing but background have no noise, and no say.
       if (sum > 0 && n >= std::min(kFewest, width * height)) blocks.push_back(std::sqrt(sum / n));
     }
@@ -177,7 +184,8 @@ Plane limit_outliers(NoisySignal& signal, Outliers how, const Task& task) {
   for_each_row(height, quiet(task), [&](int y) {
     std::vector<float> lights, deviations;
     for (int x = 0; x < width; ++x) {
-      lights.clear(), deviations.clear();
+      lights.clear();
+      deviations.clear();
       float brightest_other = 0;
       for (int qy = std::max(0, y - 2); qy <= std::min(height - 1, y + 2); ++qy)
         for (int qx = std::max(0, x - 2); qx <= std::min(width - 1, x + 2); ++qx) {
@@ -198,7 +206,8 @@ Plane limit_outliers(NoisySignal& signal, Outliers how, const Task& task) {
         float largest = 0, sum = 0;
         for (const Rgb& bucket : signal.buckets) {
           const float v = luminance(vec3(bucket[0](x, y), bucket[1](x, y), bucket[2](x, y)));
-          largest = std::max(largest, v), sum += v;
+          largest = std::max(largest, v);
+          sum += v;
         }
         one_sample = largest > 0.5f * sum;
       }
@@ -217,7 +226,9 @@ Plane limit_outliers(NoisySignal& signal, Outliers how, const Task& task) {
         for (int x = 0; x < width; ++x) p.row(y)[x] *= squared ? factor(x, y) * factor(x, y) : factor(x, y);
       });
     };
-    scale(signal.mean[c], false), scale(signal.half_a[c], false), scale(signal.half_b[c], false);
+    scale(signal.mean[c], false);
+    scale(signal.half_a[c], false);
+    scale(signal.half_b[c], false);
     scale(signal.variance[c], true);
     for (Rgb& bucket : signal.buckets) scale(bucket[c], false);
     if (how == Outliers::kRedistribute) {
@@ -228,7 +239,9 @@ Plane limit_outliers(NoisySignal& signal, Outliers how, const Task& task) {
           for (int x = 0; x < width; ++x) p.row(y)[x] += spread(x, y);
         });
       };
-      add(signal.mean[c]), add(signal.half_a[c]), add(signal.half_b[c]);
+      add(signal.mean[c]);
+      add(signal.half_a[c]);
+      add(signal.half_b[c]);
       for (Rgb& bucket : signal.buckets) add(bucket[c]);
     }
   }

@@ -45,7 +45,10 @@ Plane gaussian_blur(const Plane& in, double sigma, const Task& task) {
     std::memcpy(wide.data() + r, in.row(y), w * sizeof(float));
     std::fill_n(ones.begin() + radius, width, 1.0f);
     std::vector<const float*> rows, units;
-    for (size_t j = 0; j <= 2 * r; ++j) rows.push_back(wide.data() + j), units.push_back(ones.data() + j);
+    for (size_t j = 0; j <= 2 * r; ++j) {
+      rows.push_back(wide.data() + j);
+      units.push_back(ones.data() + j);
+    }
     kernels::weighted_sum_rows(rows.data(), taps.data(), 2 * radius + 1, horizontal.row(y), width);
     kernels::weighted_sum_rows(units.data(), taps.data(), 2 * radius + 1, total.data(), width);
     for (int x = 0; x < width; ++x) horizontal.row(y)[x] /= total[static_cast<size_t>(x)];

@@ -89,7 +89,10 @@ class Columns {
       std::sort(v.begin(), v.end());
       if (!(v.back() > v.front())) continue;
       float low = v[v.size() / 100], high = v[v.size() - 1 - v.size() / 100];
-      if (!(high > low)) low = v.front(), high = v.back();
+      if (!(high > low)) {
+        low = v.front();
+        high = v.back();
+      }
       list_.push_back(wanted[k]);
       scale_.push_back(wanted[k].kind == Kind::kFeature ? vec2(1 / (high - low), low) : vec2(1, 0));
     }
@@ -191,7 +194,10 @@ std::vector<ivec2> best_matches(const Store& here, const Store& there, ivec2 siz
           const float e = own[f](x, y) - other[f](qx, qy);
           distance += e * e;
         }
-        if (distance < nearest) nearest = distance, best = d;
+        if (distance < nearest) {
+          nearest = distance;
+          best = d;
+        }
       }
       found[static_cast<size_t>(y) * static_cast<size_t>(size.x) + static_cast<size_t>(x)] = best;
     }
@@ -340,7 +346,8 @@ class Filter {
       n.drawn.push_back(stores_[f].sample(i));
       n.colors.push_back(current_[f].data() + i * 3);
     };
-    n.drawn.clear(), n.colors.clear();
+    n.drawn.clear();
+    n.colors.clear();
     for (int k = 0; k < s; ++k) take(frame, x, y, k);
     const int gx = x + frame_.origin.x, gy = y + frame_.origin.y;
     std::vector<float> low(features_.size()), high(features_.size());
@@ -348,7 +355,8 @@ class Filter {
       const float times = columns_.list()[features_[k] - 3].is_place ? kPositionDeviations : kClusterDeviations;
       // Where both the deviation and the difference are small, the difference is forgiven.
       const float width = std::max(times * deviation[k], deviation[k] < kClusterFloor ? kClusterFloor : 0.0f);
-      low[k] = mean[k] - width, high[k] = mean[k] + width;
+      low[k] = mean[k] - width;
+      high[k] = mean[k] + width;
     }
     // Places first, so that the records are on their way before they are looked at.
     const std::vector<ivec2>& draws = draws_[static_cast<size_t>(pass)];
@@ -403,7 +411,8 @@ class Filter {
     double color_r = 0, color_p = 0;
     for (size_t k = 0; k < 3; ++k) {
       const double dr = depends(c[k], r), dp = depends(c[k], q);
-      color_r += dr, color_p += dp;
+      color_r += dr;
+      color_p += dp;
       out.alpha[k] = std::max(0.0, 1 - (release ? 4 : 1) * growth * dr / (dr + dp + kEps));
     }
     std::vector<double> color_f;
@@ -484,7 +493,9 @@ class Filter {
 
   void store(size_t frame, int x, int y, int s, const vec3& c) {
     float* to = next_[frame].data() + (stores_[frame].index(x, y) + static_cast<size_t>(s)) * 3;
-    to[0] = c.x, to[1] = c.y, to[2] = c.z;
+    to[0] = c.x;
+    to[1] = c.y;
+    to[2] = c.z;
   }
 
   /// A frame that neighbourhoods reach into, and where each pixel's block lies there; empty: at the pixel.

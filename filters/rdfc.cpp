@@ -112,7 +112,10 @@ void run(const Rdfc& p, const FilterFrame& frame, const FilterOutput& out, const
       return sum;
     }));
     HalfPair pair;
-    for (size_t c = 0; c < 3; ++c) pair.a[c] = std::move(f.values[c]), pair.b[c] = std::move(f.values[c + 3]);
+    for (size_t c = 0; c < 3; ++c) {
+      pair.a[c] = std::move(f.values[c]);
+      pair.b[c] = std::move(f.values[c + 3]);
+    }
     candidates.push_back(std::move(pair));
   }
   // Error maps, then the maps of the winners, smoothed with weights from the picture.

@@ -22,7 +22,10 @@ std::vector<Plane> winners(const std::vector<Plane>& errors, const Task& task) {
 Plane blend(std::span<const Plane* const> values, const std::vector<Plane>& maps, const Task& task) {
   return make_plane(values[0]->width(), values[0]->height(), quiet(task), [&](int x, int y) {
     float sum = 0, total = 0;
-    for (size_t i = 0; i < values.size(); ++i) sum += maps[i](x, y) * (*values[i])(x, y), total += maps[i](x, y);
+    for (size_t i = 0; i < values.size(); ++i) {
+      sum += maps[i](x, y) * (*values[i])(x, y);
+      total += maps[i](x, y);
+    }
     return total > 0 ? sum / total : (*values[0])(x, y);
   });
 }
@@ -31,7 +34,10 @@ HalfPair blend(const std::vector<HalfPair>& candidates, const std::vector<Plane>
   HalfPair out;
   for (size_t c = 0; c < 3; ++c) {
     std::vector<const Plane*> a, b;
-    for (const HalfPair& candidate : candidates) a.push_back(&candidate.a[c]), b.push_back(&candidate.b[c]);
+    for (const HalfPair& candidate : candidates) {
+      a.push_back(&candidate.a[c]);
+      b.push_back(&candidate.b[c]);
+    }
     out.a[c] = blend(a, maps, task);
     out.b[c] = blend(b, maps, task);
   }

@@ -88,7 +88,9 @@ Plane trust(Spikes rule, const Plane& light, const Plane& gradient, double expos
       for (int qx = std::max(0, x - 2); qx <= std::min(width - 1, x + 2); ++qx) {
         // The repaired rule leaves the pixel itself out of its own judgement.
         if (rule == Spikes::kRepaired && qx == x && qy == y) continue;
-        sum += light(qx, qy), squares += static_cast<double>(light(qx, qy)) * light(qx, qy), ++n;
+        sum += light(qx, qy);
+        squares += static_cast<double>(light(qx, qy)) * light(qx, qy);
+        ++n;
       }
     if (n < 4) return 0.0f;
     const double mean = sum / n, deviation = std::sqrt(std::max(0.0, squares / n - mean * mean));

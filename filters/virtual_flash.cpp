@@ -75,7 +75,10 @@ struct FlashImage {
 FlashImage flash_image(const VirtualFlash& p, const FilterFrame& frame) {
   FlashImage flash;
   const auto take = [&](const RgbPlanes& mean, const RgbPlanes& variance) {
-    for (size_t c = 0; c < 3; ++c) flash.mean[c] = *mean[c], flash.variance[c] = *variance[c];
+    for (size_t c = 0; c < 3; ++c) {
+      flash.mean[c] = *mean[c];
+      flash.variance[c] = *variance[c];
+    }
   };
   const LayerName& source = p.guide == Guide::kDirect ? layer::direct : layer::flash;
   if (p.guide == Guide::kSignal) {
@@ -98,7 +101,10 @@ float literal_range(const FlashImage& flash) {
   double noise = 0, pixels = 0;
   for (const Plane& v : flash.variance)
     for (int y = 0; y < v.height(); ++y)
-      for (const float value : v.pixels(y)) noise += value, pixels += 1.0 / 3.0;
+      for (const float value : v.pixels(y)) {
+        noise += value;
+        pixels += 1.0 / 3.0;
+      }
   return static_cast<float>(std::max(2 * 4 * noise / pixels, 1e-30));
 }
 

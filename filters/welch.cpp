@@ -40,7 +40,10 @@ Estimands estimands(const Welch& p, const FilterFrame& frame) {
         values.push_back(box_cox(frame.exposure * sample[static_cast<int>(c)], p.lambda));
         mean += values.back() / n;
       }
-      for (const double v : values) squares += (v - mean) * (v - mean), cubes += (v - mean) * (v - mean) * (v - mean);
+      for (const double v : values) {
+        squares += (v - mean) * (v - mean);
+        cubes += (v - mean) * (v - mean) * (v - mean);
+      }
       const double variance = n > 1 ? squares / (n - 1) : 0;
       // Johnson's modified t: the skewness moves the mean by mu_3 / (6 s^2 n).
       if (variance > 1e-20) mean += cubes / n / (6 * variance * n);

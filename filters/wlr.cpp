@@ -41,8 +41,10 @@ class Regression {
  public:
   Regression(const Wlr& p, const FilterFrame& frame, const Task& task) : p_(p), frame_(frame) {
     for (const Feature& f : *frame.features)
-      for (size_t c = 0; c < f.mean.size() && planes_.size() + 2 < kMost; ++c)
-        planes_.push_back(&f.mean[c]), variances_.push_back(&f.variance[c]);
+      for (size_t c = 0; c < f.mean.size() && planes_.size() + 2 < kMost; ++c) {
+        planes_.push_back(&f.mean[c]);
+        variances_.push_back(&f.variance[c]);
+      }
     const float exposure = static_cast<float>(frame.exposure);
     light_ = make_plane(frame.width(), frame.height(), quiet(task), [&](int x, int y) {
       return exposure * luminance(vec3((*frame.signal[0])(x, y), (*frame.signal[1])(x, y), (*frame.signal[2])(x, y)));
@@ -200,7 +202,10 @@ class Regression {
       if (std::max(std::abs(d.x), std::abs(d.y)) > p_.curvature_radius) continue;
       const double* z = w.z.data() + i * static_cast<size_t>(k);
       row[0] = 1;
-      for (int j = 0; j < k; ++j) row[1 + j] = z[j], row[1 + k + j] = 0.5 * z[j] * z[j];
+      for (int j = 0; j < k; ++j) {
+        row[1 + j] = z[j];
+        row[1 + k + j] = 0.5 * z[j] * z[j];
+      }
       a.selfadjointView<Eigen::Lower>().rankUpdate(row);
       b += row * static_cast<double>(light_(w.places[i].x, w.places[i].y));
     }

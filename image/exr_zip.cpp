@@ -27,7 +27,10 @@ void Sort(const uint8_t* bytes, size_t count, uint8_t* even, uint8_t* odd) {
     hn::StoreU(hn::ConcatOdd(d, high, low), d, odd + i / 2);
   }
 #endif
-  for (; i + 2 <= count; i += 2) even[i / 2] = bytes[i], odd[i / 2] = bytes[i + 1];
+  for (; i + 2 <= count; i += 2) {
+    even[i / 2] = bytes[i];
+    odd[i / 2] = bytes[i + 1];
+  }
 }
 
 /// What each byte adds to the one before, around 128.
@@ -73,11 +76,13 @@ std::vector<uint8_t> zip_exr_lines(std::span<const ExrChannel> channels, int wid
   const size_t row_bytes = static_cast<size_t>(width) * sizeof(uint32_t), size = channels.size() * lines * row_bytes;
   if (size == 0) return {};
   static thread_local std::vector<uint8_t> sorted, differences;
-  sorted.resize(size), differences.resize(size);
+  sorted.resize(size);
+  differences.resize(size);
   uint8_t *even = sorted.data(), *odd = even + size / 2;
   for_each_row(channels, y, lines, [&](const uint8_t* row) {
     HWY_DYNAMIC_DISPATCH(Sort)(row, row_bytes, even, odd);
-    even += row_bytes / 2, odd += row_bytes / 2;
+    even += row_bytes / 2;
+    odd += row_bytes / 2;
   });
   HWY_DYNAMIC_DISPATCH(Differences)(sorted.data(), size, differences.data());
 

@@ -127,7 +127,6 @@ class Layers {
   std::vector<uint32_t>& add_words(const std::string& name);
   const std::vector<uint32_t>* find_words(const std::string& name) const;
   const std::map<std::string, std::vector<uint32_t>>& words() const { return words_; }
-  void drop_words() { words_.clear(); }
 
   /// Where the pixels lie in the picture that is shown, as in an OpenEXR header: the data window begins at `origin`,
   /// the display window at `display_origin` and has the size `display`. A crop lies inside the display window, overscan

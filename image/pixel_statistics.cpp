@@ -57,8 +57,10 @@ HWY_INLINE void add_columns(D d, size_t& i, double* state, size_t values, const 
         if (kSquares) x = hn::Mul(x, x);  // exact: 48 bits
         sums[k] = accumulated(sums[k], x);
       }
-    for (size_t k = 0; k < kAtOnce; ++k)
-      hn::StoreU(sums[k].high, d, state + i + k * lanes), hn::StoreU(sums[k].low, d, state + values + i + k * lanes);
+    for (size_t k = 0; k < kAtOnce; ++k) {
+      hn::StoreU(sums[k].high, d, state + i + k * lanes);
+      hn::StoreU(sums[k].low, d, state + values + i + k * lanes);
+    }
   }
 }
 

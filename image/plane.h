@@ -28,7 +28,9 @@ class Plane {
   }
   Plane(Plane&&) noexcept = default;
   Plane& operator=(Plane other) noexcept {
-    width_ = other.width_, height_ = other.height_, stride_ = other.stride_;
+    width_ = other.width_;
+    height_ = other.height_;
+    stride_ = other.stride_;
     data_.swap(other.data_);
     return *this;
   }

@@ -72,8 +72,11 @@ RecordReader::RecordReader(const std::filesystem::path& path) : path_(path), str
   data_begin_ = magic.size() + header.size() + 2;
   try {
     const auto json = nlohmann::json::parse(header);
-    layout_.width = json.at("width"), layout_.height = json.at("height"), layout_.tile = json.at("tile");
-    layout_.samples = json.at("samples"), layout_.description = json.at("description");
+    layout_.width = json.at("width");
+    layout_.height = json.at("height");
+    layout_.tile = json.at("tile");
+    layout_.samples = json.at("samples");
+    layout_.description = json.at("description");
     for (const auto& f : json.at("fields")) layout_.fields.push_back({f.at("name"), f.at("components")});
   } catch (const nlohmann::json::exception& error) {
     fail(fmt::format("damaged header: {}", error.what()));

@@ -48,7 +48,9 @@ BrickGrid BrickGrid::recut(int cell_size, const Task& task) const {
   if (empty() || cell_size == this->cell_size()) return *this;
   BrickGrid grid;
   grid.cell_bits_ = std::countr_zero(static_cast<unsigned>(cell_size));
-  grid.origin_ = origin_, grid.support_lo_ = support_lo_, grid.support_hi_ = support_hi_;
+  grid.origin_ = origin_;
+  grid.support_lo_ = support_lo_;
+  grid.support_hi_ = support_hi_;
   grid.cell_count_ = ((cell_count_ << cell_bits_) + (cell_size - 1)) >> grid.cell_bits_;
   std::vector<int32_t> nodes = grid.make_nodes();
 
@@ -205,7 +207,8 @@ float BrickGrid::lookup(const dvec3& p) const {
 MajorantWalk::MajorantWalk(const BrickGrid& grid, const Ray& ray, double t_min, double t_max)
     : grid_(&grid), ray_(ray), t_(t_min), end_(t_max) {
   if (grid.empty()) {
-    end_ = -1, t_ = 0;
+    end_ = -1;
+    t_ = 0;
     return;
   }
   const double across = 1e-20 * max_component(glm::abs(ray.d));
@@ -215,7 +218,10 @@ MajorantWalk::MajorantWalk(const BrickGrid& grid, const Ray& ray, double t_min, 
     step_[a] = parallel ? 0 : ray.d[a] > 0 ? 1 : -1;
     const double lo = grid.support_lo()[a], hi = grid.support_hi()[a];
     if (parallel) {
-      if (ray.o[a] < lo || ray.o[a] > hi) end_ = -1, t_ = 0;
+      if (ray.o[a] < lo || ray.o[a] > hi) {
+        end_ = -1;
+        t_ = 0;
+      }
     } else {
       const double ta = (lo - ray.o[a]) * inverse_[a], tb = (hi - ray.o[a]) * inverse_[a];
       t_ = std::max(t_, std::min(ta, tb));
@@ -244,7 +250,10 @@ bool MajorantWalk::next(Segment& segment) {
       first[a] = cell_[a] & ~(width - 1);
       if (step_[a] == 0) continue;
       const double t = plane_time(a, step_[a] > 0 ? first[a] + width : first[a]);
-      if (t < exit) exit = t, exit_axis = a;  // equal times: the lowest axis first
+      if (t < exit) {
+        exit = t;
+        exit_axis = a;
+      }  // equal times: the lowest axis first
     }
     const double start = t_;
     const ivec3 here = cell_;

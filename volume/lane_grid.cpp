@@ -135,7 +135,10 @@ uint32_t OctantSkip::pack(const std::array<uint16_t, 8>& reach) {
       word |= steps << 3 * octant;
       product *= 1.0 + steps * step;
     }
-    if (product > most) most = product, best = word;
+    if (product > most) {
+      most = product;
+      best = word;
+    }
     if (1 + 7 * step >= longest) break;
   }
   return best;
@@ -181,7 +184,10 @@ LaneGrid::Entry LaneGrid::entry_bound(const RayCone& cone, const Entry& from) co
         const RayConeLayers::Layer layer = voxels.layer(v);
         if (!holds(layer, reaches_surface)) continue;
         m.surface = std::max(layer.begin, m.medium);
-        if (voxels.most_crossed() <= kPacketVoxels) m.axis = voxels.axis(), m.layer = v;
+        if (voxels.most_crossed() <= kPacketVoxels) {
+          m.axis = voxels.axis();
+          m.layer = v;
+        }
         return m;
       }
     } else {

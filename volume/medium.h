@@ -60,10 +60,16 @@ class Medium {
 
   /// Loosens the majorants that free flights and ratio tracking use by a factor of at least 1, or takes one for the
   /// whole grid: neither changes an expectation.
-  void set_majorants(double scale, bool global) { majorant_scale_ = scale, global_majorant_ = global; }
+  void set_majorants(double scale, bool global) {
+    majorant_scale_ = scale;
+    global_majorant_ = global;
+  }
   double majorant_scale() const { return majorant_scale_; }
   bool global_majorant() const { return global_majorant_; }
-  void set_colour(const VectorBricks& colour, const Placement& where) { colour_ = &colour, colour_placement_ = where; }
+  void set_colour(const VectorBricks& colour, const Placement& where) {
+    colour_ = &colour;
+    colour_placement_ = where;
+  }
   void set_displacement(const Displacement& displacement) { displacement_ = &displacement; }
   /// The transform at the shutter's end; it moves there in a straight line from the one given at construction.
   void set_motion(const dmat4& world_from_index_end);

@@ -213,7 +213,9 @@ GridSummary summarize(const openvdb::GridBase& grid) {
     s.has_range = scan.maximum >= scan.minimum;
     s.minimum = s.has_range ? scan.minimum : 0.0;
     s.maximum = s.has_range ? scan.maximum : 0.0;
-    s.nan_count = scan.nans, s.infinite_count = scan.infinities, s.negative_count = scan.negatives;
+    s.nan_count = scan.nans;
+    s.infinite_count = scan.infinities;
+    s.negative_count = scan.negatives;
   };
   grid.apply<openvdb::TypeList<openvdb::FloatGrid, openvdb::DoubleGrid, openvdb::Int32Grid, openvdb::Int64Grid>>(
       scalar);

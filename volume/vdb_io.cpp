@@ -125,7 +125,8 @@ BrickGrid envelope_of(const VectorBricks& field, const VoxelBox& box, const Bric
             const BrickGrid::Cell& cell = part.cell((lo - part.origin()) >> 3);
             if (cell.brick) {
               const auto [l, h] = std::minmax_element(part.brick(cell), part.brick(cell) + BrickGrid::kBrick);
-              low = *l, high = *h;
+              low = *l;
+              high = *h;
             }
           }
           for (const double v : {low, high})

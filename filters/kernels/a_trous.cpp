@@ -45,7 +45,9 @@ void Level(const ATrousLevel& level, WorkImage& out, int x0, int x1, int y) {
   const int lanes = static_cast<int>(hn::Lanes(d)), width = level.values->width(), height = level.values->height();
   const V factor = hn::Set(d, -std::numbers::log2e_v<float>), turn = hn::Set(d, level.direction_factor);
   Rows own, own_direction, own_value;
-  own.set(level.compared, y), own_direction.set(level.directions, y), own_value.set(level.values, y);
+  own.set(level.compared, y);
+  own_direction.set(level.directions, y);
+  own_value.set(level.values, y);
   // The rows of the taps, looked up once.
   constexpr size_t kRows = 5;
   std::array<Rows, kRows> other, direction, value;
@@ -78,7 +80,10 @@ void Level(const ATrousLevel& level, WorkImage& out, int x0, int x1, int y) {
     const bool inside = x - widest >= 0 && x + lanes - 1 + widest < width;
     const V lane = hn::Add(hn::Iota(d, 0.0f), hn::Set(d, static_cast<float>(x)));
     V centre[kValues], sum[kValues], total = hn::Zero(d);
-    for (size_t c = 0; c < kValues; ++c) centre[c] = hn::LoadU(d, own_value.row[c] + x), sum[c] = hn::Zero(d);
+    for (size_t c = 0; c < kValues; ++c) {
+      centre[c] = hn::LoadU(d, own_value.row[c] + x);
+      sum[c] = hn::Zero(d);
+    }
     for (size_t i = 0; i < count; ++i) {
       const auto [r, dx, share] = places[i];
       V far = hn::Zero(d);

@@ -81,9 +81,12 @@ void AccumulateNormal(const RegressionRow& row, const float* weights, size_t wei
       for (int x = 0; x < count; ++x) {
         // A group that is not full repeats its last neighbour with weight 0.
         const float v = j < group ? w[x] : 0.0f;
-        one[x] = 1.0f, w0[x] = v;
-        xx[x] = px, wx[x] = v * px;
-        xy[x] = py, wy[x] = v * py;
+        one[x] = 1.0f;
+        w0[x] = v;
+        xx[x] = px;
+        wx[x] = v * px;
+        xy[x] = py;
+        wy[x] = v * py;
       }
       for (size_t k = 0; k < features; ++k) {
         const float *p = row.features[k]->row(row.y) + row.x0, *q = row.features[k]->row(row.y + dy) + row.x0 + dx;

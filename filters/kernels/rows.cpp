@@ -82,13 +82,30 @@ void ShrinkRow(Shrink rule, float strength, float gain, const float* HWY_RESTRIC
 
 HWY_INLINE void order(float& a, float& b) {
   const float low = a < b ? a : b, high = a < b ? b : a;
-  a = low, b = high;
+  a = low;
+  b = high;
 }
 
 // Nineteen exchanges bring the median of nine to the middle. Source: Devillard 1998, Fast median search.
 HWY_INLINE float median9(float a, float b, float c, float d, float e, float f, float g, float h, float i) {
-  order(b, c), order(e, f), order(h, i), order(a, b), order(d, e), order(g, h), order(b, c), order(e, f), order(h, i);
-  order(a, d), order(f, i), order(e, h), order(d, g), order(b, e), order(c, f), order(e, h), order(e, c), order(g, e);
+  order(b, c);
+  order(e, f);
+  order(h, i);
+  order(a, b);
+  order(d, e);
+  order(g, h);
+  order(b, c);
+  order(e, f);
+  order(h, i);
+  order(a, d);
+  order(f, i);
+  order(e, h);
+  order(d, g);
+  order(b, e);
+  order(c, f);
+  order(e, h);
+  order(e, c);
+  order(g, e);
   order(e, c);
   return e;
 }

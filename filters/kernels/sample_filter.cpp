@@ -35,10 +35,18 @@ void filter(const float* records, size_t own, size_t count, size_t width, size_t
     const float cr = other[color], cg = other[color + 1], cb = other[color + 2];
     for (size_t i = 0; i < kLanes; ++i) {
       const float w = exp_minus(distance[i]);
-      weight[i] += w, r[i] += w * cr, g[i] += w * cg, b[i] += w * cb;
+      weight[i] += w;
+      r[i] += w * cr;
+      g[i] += w * cg;
+      b[i] += w * cb;
     }
   }
-  for (size_t i = 0; i < kLanes; ++i) sums[0][i] = weight[i], sums[1][i] = r[i], sums[2][i] = g[i], sums[3][i] = b[i];
+  for (size_t i = 0; i < kLanes; ++i) {
+    sums[0][i] = weight[i];
+    sums[1][i] = r[i];
+    sums[2][i] = g[i];
+    sums[3][i] = b[i];
+  }
 }
 
 void FilterSamples(const float* records, size_t own, size_t count, size_t width, size_t color,
@@ -62,11 +70,14 @@ void ColumnMoments(const float* records, size_t count, size_t width, size_t colu
         const float* record = records + i * width + begin;
         for (size_t k = 0; k < n; ++k) {
           const float d = record[k] - first[k];
-          sum[k] += d, square[k] += d * d;
+          sum[k] += d;
+          square[k] += d * d;
         }
       }
-      for (size_t k = 0; k < n; ++k)
-        sums[begin + k] += static_cast<double>(sum[k]), squares[begin + k] += static_cast<double>(square[k]);
+      for (size_t k = 0; k < n; ++k) {
+        sums[begin + k] += static_cast<double>(sum[k]);
+        squares[begin + k] += static_cast<double>(square[k]);
+      }
     }
   }
 }

@@ -230,7 +230,11 @@ HWY_INLINE void order(V& a, V& b) {
 
 // Five comparators sort four.
 HWY_INLINE void sort4(V& a, V& b, V& c, V& e) {
-  order(a, b), order(c, e), order(a, c), order(b, e), order(b, c);
+  order(a, b);
+  order(c, e);
+  order(a, c);
+  order(b, e);
+  order(b, c);
 }
 
 void RoadRow(const WorkImage& guide, PaddedPlane& road, int y) {

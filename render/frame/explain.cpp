@@ -30,7 +30,8 @@ std::string depth_text(const Medium& m) {
   double tau[3];
   for (int a = 0; a < 3; ++a) {
     dvec3 start = middle, end = middle;
-    start[a] = lo[a], end[a] = hi[a];
+    start[a] = lo[a];
+    end[a] = hi[a];
     const double length = glm::distance(m.to_world(start), m.to_world(end));
     tau[a] = optical_depth(m, Ray{start, (end - start) / length}, length);
   }

@@ -30,7 +30,10 @@ std::vector<size_t> value_offsets(const LayerRequest& request) {
   const auto add = [&](const LayerName& name) {
     for (size_t c = 0; c < name.channels.size(); ++c) offsets.push_back(offset_of(name) + c);
   };
-  add(layer::beauty), add(layer::direct), add(layer::indirect), add(layer::transmittance);
+  add(layer::beauty);
+  add(layer::direct);
+  add(layer::indirect);
+  add(layer::transmittance);
   for (const RecordedLayer& l : recordable_layers())
     if (request.has(l.name) && !(l.name == layer::direct) && !(l.name == layer::indirect) &&
         !(l.name == layer::transmittance))

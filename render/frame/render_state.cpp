@@ -128,7 +128,8 @@ Layers merge_parts(const std::vector<std::filesystem::path>& files, bool keep_st
     if (path != files[0]) {
       Layers header(film.width(), film.height());
       header.header = first.header;
-      header.origin = first.origin, header.display = first.display;
+      header.origin = first.origin;
+      header.display = first.display;
       check_same_render(part, name, header, files[0].string(), false);
     }
     if (part.text("interrupted").starts_with("true"))
@@ -140,7 +141,8 @@ Layers merge_parts(const std::vector<std::filesystem::path>& files, bool keep_st
         throw InputError(fmt::format(
             "{} is a part of a render of {} samples per pixel, {} of one of {}; expected parts of one render", whole_of,
             whole, name, planned));
-      whole = planned, whole_of = name;
+      whole = planned;
+      whole_of = name;
     }
     for (const Range& r : ranges_of(part, name)) {
       for (const auto& [other, whose] : held)
@@ -156,9 +158,12 @@ Layers merge_parts(const std::vector<std::filesystem::path>& files, bool keep_st
     invalid += part.number("invalidSampleCount").value_or(0.0);
     capped += part.number("cappedPaths").value_or(0.0);
     if (part.text("biased").starts_with("true")) biased = part.text("biased");
-    if (path == files[0])
-      first = Layers(part.width(), part.height()), first.header = part.header, first.origin = part.origin,
+    if (path == files[0]) {
+      first = Layers(part.width(), part.height());
+      first.header = part.header;
+      first.origin = part.origin;
       first.display = part.display;
+    }
   }
   for (int tile = 0; tile < film.tile_count(); ++tile) {
     task.check();
@@ -166,7 +171,8 @@ Layers merge_parts(const std::vector<std::filesystem::path>& files, bool keep_st
   }
   Layers result = film.layers();
   if (keep_state) film.save_state(result);
-  result.origin = first.origin, result.display = first.display;
+  result.origin = first.origin;
+  result.display = first.display;
   result.header = first.header;
   std::sort(held.begin(), held.end(), [](const auto& a, const auto& b) { return a.first.first < b.first.first; });
   std::vector<Range> joined;

@@ -22,8 +22,12 @@ namespace brume::HWY_NAMESPACE {
 template <class More>
 HWY_INLINE M load_rays(RayQueue& queue, CellWalk::Buffer& buffer, const PathStates& paths, More&& more) {
   return mask_of(queue.load([&](size_t lane, size_t s) {
-    buffer.ox[lane] = paths.ox[s], buffer.oy[lane] = paths.oy[s], buffer.oz[lane] = paths.oz[s];
-    buffer.dx[lane] = paths.lx[s], buffer.dy[lane] = paths.ly[s], buffer.dz[lane] = paths.lz[s];
+    buffer.ox[lane] = paths.ox[s];
+    buffer.oy[lane] = paths.oy[s];
+    buffer.oz[lane] = paths.oz[s];
+    buffer.dx[lane] = paths.lx[s];
+    buffer.dy[lane] = paths.ly[s];
+    buffer.dz[lane] = paths.lz[s];
     more(lane, s);
   }));
 }
@@ -136,12 +140,15 @@ void SurfacePoints(const LaneScene& scene, const PathStates& paths, SurfaceCross
       below = hn::IfThenElse(unknown, hn::Min(density_at(scene, along(begin)), iso), below);
     const V middle = hn::Mul(set(0.5f), hn::Add(begin, end)), there = density_at(scene, along(middle));
     const M nearer = hn::Ge(there, iso);
-    end = hn::IfThenElse(nearer, middle, end), above = root(hn::IfThenElse(nearer, there, above));
-    begin = hn::IfThenElse(nearer, begin, middle), below = root(hn::IfThenElse(nearer, below, there));
+    end = hn::IfThenElse(nearer, middle, end);
+    above = root(hn::IfThenElse(nearer, there, above));
+    begin = hn::IfThenElse(nearer, begin, middle);
+    below = root(hn::IfThenElse(nearer, below, there));
     const V share = hn::Div(hn::Sub(root(iso), below), hn::Max(hn::Sub(above, below), set(1e-30f)));
     const V surface = hn::Add(begin, hn::Mul(hn::Sub(end, begin), hn::Min(share, set(1.0f))));
     const V3 p = along(hn::Add(surface, hn::Div(set(0.5f), hn::Sqrt(dot(dir, dir)))));
-    hn::StoreU(p.x, d, points.x.data() + i), hn::StoreU(p.y, d, points.y.data() + i);
+    hn::StoreU(p.x, d, points.x.data() + i);
+    hn::StoreU(p.y, d, points.y.data() + i);
     hn::StoreU(p.z, d, points.z.data() + i);
   }
 }

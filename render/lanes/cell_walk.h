@@ -57,17 +57,26 @@ struct GeneratorBuffer {
                      s3[RayQueue::kMost] = {};
   HWY_INLINE void store(const Generator& rng) {
     const DU du;
-    hn::Store(rng.s0, du, s0), hn::Store(rng.s1, du, s1), hn::Store(rng.s2, du, s2), hn::Store(rng.s3, du, s3);
+    hn::Store(rng.s0, du, s0);
+    hn::Store(rng.s1, du, s1);
+    hn::Store(rng.s2, du, s2);
+    hn::Store(rng.s3, du, s3);
   }
   HWY_INLINE Generator load() const {
     const DU du;
     return {hn::Load(du, s0), hn::Load(du, s1), hn::Load(du, s2), hn::Load(du, s3)};
   }
   HWY_INLINE void fetch(const PathStates& paths, size_t slot, size_t lane) {
-    s0[lane] = paths.s0[slot], s1[lane] = paths.s1[slot], s2[lane] = paths.s2[slot], s3[lane] = paths.s3[slot];
+    s0[lane] = paths.s0[slot];
+    s1[lane] = paths.s1[slot];
+    s2[lane] = paths.s2[slot];
+    s3[lane] = paths.s3[slot];
   }
   HWY_INLINE void give_back(PathStates& paths, size_t slot, size_t lane) const {
-    paths.s0[slot] = s0[lane], paths.s1[slot] = s1[lane], paths.s2[slot] = s2[lane], paths.s3[slot] = s3[lane];
+    paths.s0[slot] = s0[lane];
+    paths.s1[slot] = s1[lane];
+    paths.s2[slot] = s2[lane];
+    paths.s3[slot] = s3[lane];
   }
 };
 
@@ -87,8 +96,12 @@ struct CellWalk {
   };
   HWY_INLINE void store(Buffer& b) const {
     const D f;
-    hn::Store(o.x, f, b.ox), hn::Store(o.y, f, b.oy), hn::Store(o.z, f, b.oz);
-    hn::Store(d.x, f, b.dx), hn::Store(d.y, f, b.dy), hn::Store(d.z, f, b.dz);
+    hn::Store(o.x, f, b.ox);
+    hn::Store(o.y, f, b.oy);
+    hn::Store(o.z, f, b.oz);
+    hn::Store(d.x, f, b.dx);
+    hn::Store(d.y, f, b.dy);
+    hn::Store(d.z, f, b.dz);
   }
   /// Loads the rays; the lanes of `fresh` start at the ray parameter 0, or at `begin`.
   HWY_INLINE void load(const Buffer& b, M fresh) { load(b, fresh, hn::Zero(D())); }

@@ -7,10 +7,15 @@
 namespace brume {
 
 void set_cells(LaneCells& c, const LaneGrid& grid) {
-  c.majorant = grid.majorant.data(), c.brick = grid.brick.data(), c.values = grid.values;
-  c.nx = static_cast<float>(grid.nx), c.ny = static_cast<float>(grid.ny), c.nz = static_cast<float>(grid.nz);
+  c.majorant = grid.majorant.data();
+  c.brick = grid.brick.data();
+  c.values = grid.values;
+  c.nx = static_cast<float>(grid.nx);
+  c.ny = static_cast<float>(grid.ny);
+  c.nz = static_cast<float>(grid.nz);
   c.nz_int = grid.nz;
-  c.cell = static_cast<float>(grid.cell_size), c.inverse_cell = 1.0f / c.cell;
+  c.cell = static_cast<float>(grid.cell_size);
+  c.inverse_cell = 1.0f / c.cell;
   c.stored = grid.cell_size + 1;
 }
 
@@ -23,7 +28,8 @@ LaneScene lane_scene(const PathContext& context) {
   const LaneGrid& grid = *context.lane_grid;
   LaneScene s{};
   set_cells(s, grid);
-  s.distances = grid.distances.data(), s.surface_cell = grid.surface_cell.data();
+  s.distances = grid.distances.data();
+  s.surface_cell = grid.surface_cell.data();
   s.surface_density = grid.surface_density;
   s.unit = lane_unit(medium);
   s.stop = context.stop;
@@ -64,7 +70,8 @@ LaneScene lane_scene(const PathContext& context) {
     LaneScene::SunLight& lane_sun = s.suns[s.sun_count++];
     const Frame frame(sun->axis());
     for (int a = 0; a < 3; ++a) {
-      lane_sun.x[a] = static_cast<float>(frame.x[a]), lane_sun.y[a] = static_cast<float>(frame.y[a]);
+      lane_sun.x[a] = static_cast<float>(frame.x[a]);
+      lane_sun.y[a] = static_cast<float>(frame.y[a]);
       lane_sun.z[a] = static_cast<float>(frame.z[a]);
       lane_sun.radiance[a] = static_cast<float>(sun->delta() ? sun->irradiance()[a] : sun->disc_radiance()[a]);
     }
@@ -75,7 +82,10 @@ LaneScene lane_scene(const PathContext& context) {
     lane_sun.share_end = static_cast<float>(end += share);
   }
   const double share = context.lights->choice_probability(*context.lights->environment(), anywhere);
-  if (share > 0) s.environment = context.lights->environment(), s.environment_share = static_cast<float>(share);
+  if (share > 0) {
+    s.environment = context.lights->environment();
+    s.environment_share = static_cast<float>(share);
+  }
   return s;
 }
 

@@ -49,8 +49,11 @@ class PacketWalk {
     const int nx = static_cast<int>(scene.nx), ny = static_cast<int>(scene.ny), nz = scene.nz_int;
     const int cells[3] = {nx, ny, nz}, cell_strides[3] = {ny * nz, nz, 1};
     const int strides[3] = {scene.stored * scene.stored, scene.stored, 1};
-    for (int k = 0; k < 3; ++k)
-      cells_[k] = cells[axes_[k]], cell_stride_[k] = cell_strides[axes_[k]], stride_[k] = strides[axes_[k]];
+    for (int k = 0; k < 3; ++k) {
+      cells_[k] = cells[axes_[k]];
+      cell_stride_[k] = cell_strides[axes_[k]];
+      stride_[k] = strides[axes_[k]];
+    }
   }
 
   /// Marches at most kVectors vectors of rays from a layer on. The result of a ray does not depend on the others.
@@ -114,7 +117,8 @@ class PacketWalk {
         return V3{hn::GatherIndex(d, columns[axes_[0]], slot), hn::GatherIndex(d, columns[axes_[1]], slot),
                   hn::GatherIndex(d, columns[axes_[2]], slot)};
       };
-      rays.o = get(o), rays.d = get(along);
+      rays.o = get(o);
+      rays.d = get(along);
       rays.inverse = hn::Div(set(1.0f), rays.d.x);
       const auto leaves = [&](V from, V speed, int cells) {
         const V side = hn::IfThenElseZero(hn::Gt(speed, hn::Zero(d)), set(static_cast<float>(cells * cell_)));
@@ -170,7 +174,8 @@ class PacketWalk {
     const D d;
     const DI di;
     Window& w = windows_[number];
-    w.layer = k, w.corner = corner;
+    w.layer = k;
+    w.corner = corner;
     for (size_t i = 0; i < kCorners; i += hn::Lanes(d)) {
       const VI n = hn::Iota(di, static_cast<int32_t>(i));
       VI cell = hn::Set(di, (k >> cell_bits_) * cell_stride_[0]), value = hn::Set(di, (k & (cell_ - 1)) * stride_[0]);
@@ -275,8 +280,10 @@ class PacketWalk {
       // Compressed in registers: to memory that is slow on some processors.
       const size_t k = crossings.slots.count;
       const auto add = [&](V v, auto& column) { hn::StoreU(hn::Compress(v, hits), d, column.data() + k); };
-      add(rays.before, crossings.outside), add(rays.below, crossings.below);
-      add(t, crossings.inside), add(value, crossings.above);
+      add(rays.before, crossings.outside);
+      add(rays.below, crossings.below);
+      add(t, crossings.inside);
+      add(value, crossings.above);
       const VI slots = hn::Compress(hn::Load(DI(), rays.slot), hn::RebindMask(DI(), hits));
       hn::StoreU(slots, DI(), crossings.slots.slot.data() + k);
       crossings.slots.count += hn::CountTrue(d, hits);

@@ -64,7 +64,9 @@ void Scatter(const LaneScene& scene, PathStates& paths, SlotList& slots, SlotLis
       HWY_ALIGN float rgb[3][hn::MaxLanes(d)] = {};
       for (size_t lane = 0; lane < valid; ++lane) {
         const vec3 a(scene.medium->albedo(position(lane)));
-        rgb[0][lane] = a.x, rgb[1][lane] = a.y, rgb[2][lane] = a.z;
+        rgb[0][lane] = a.x;
+        rgb[1][lane] = a.y;
+        rgb[2][lane] = a.z;
       }
       albedo = {hn::Load(d, rgb[0]), hn::Load(d, rgb[1]), hn::Load(d, rgb[2])};
     }
@@ -95,7 +97,8 @@ void Scatter(const LaneScene& scene, PathStates& paths, SlotList& slots, SlotLis
         };
         wi = {hn::IfThenElse(mine, axis(0), wi.x), hn::IfThenElse(mine, axis(1), wi.y),
               hn::IfThenElse(mine, axis(2), wi.z)};
-        lr = hn::IfThenElse(mine, set(sun.radiance[0]), lr), lg = hn::IfThenElse(mine, set(sun.radiance[1]), lg);
+        lr = hn::IfThenElse(mine, set(sun.radiance[0]), lr);
+        lg = hn::IfThenElse(mine, set(sun.radiance[1]), lg);
         lb = hn::IfThenElse(mine, set(sun.radiance[2]), lb);
         pdf_light = hn::IfThenElse(mine, set(sun.pdf * sun.share), pdf_light);
         if (sun.delta) is_delta = hn::Or(is_delta, mine);
@@ -104,9 +107,15 @@ void Scatter(const LaneScene& scene, PathStates& paths, SlotList& slots, SlotLis
         HWY_ALIGN float f[9][hn::MaxLanes(d)], c[hn::MaxLanes(d)];
         hn::Store(choice, d, c);
         uint32_t delta = 0;
-        hn::Store(u1, d, f[0]), hn::Store(u2, d, f[1]);
-        hn::Store(wi.x, d, f[2]), hn::Store(wi.y, d, f[3]), hn::Store(wi.z, d, f[4]);
-        hn::Store(lr, d, f[5]), hn::Store(lg, d, f[6]), hn::Store(lb, d, f[7]), hn::Store(pdf_light, d, f[8]);
+        hn::Store(u1, d, f[0]);
+        hn::Store(u2, d, f[1]);
+        hn::Store(wi.x, d, f[2]);
+        hn::Store(wi.y, d, f[3]);
+        hn::Store(wi.z, d, f[4]);
+        hn::Store(lr, d, f[5]);
+        hn::Store(lg, d, f[6]);
+        hn::Store(lb, d, f[7]);
+        hn::Store(pdf_light, d, f[8]);
         for (uint32_t left = valid_bits & ~bits_of(chosen_before); left; left &= left - 1) {
           const auto lane = static_cast<size_t>(std::countr_zero(left));
           const dvec2 u(f[0][lane], f[1][lane]);
@@ -120,24 +129,33 @@ void Scatter(const LaneScene& scene, PathStates& paths, SlotList& slots, SlotLis
             sample = scene.environment->sample(u);
             sample.pdf *= static_cast<double>(scene.environment_share);
           }
-          f[2][lane] = static_cast<float>(sample.wi.x), f[3][lane] = static_cast<float>(sample.wi.y);
+          f[2][lane] = static_cast<float>(sample.wi.x);
+          f[3][lane] = static_cast<float>(sample.wi.y);
           f[4][lane] = static_cast<float>(sample.wi.z);
-          f[5][lane] = static_cast<float>(sample.radiance.x), f[6][lane] = static_cast<float>(sample.radiance.y);
+          f[5][lane] = static_cast<float>(sample.radiance.x);
+          f[6][lane] = static_cast<float>(sample.radiance.y);
           f[7][lane] = static_cast<float>(sample.radiance.z);
           f[8][lane] = static_cast<float>(sample.pdf);
         }
         is_delta = hn::Or(is_delta, mask_of(delta));
         wi = {hn::Load(d, f[2]), hn::Load(d, f[3]), hn::Load(d, f[4])};
-        lr = hn::Load(d, f[5]), lg = hn::Load(d, f[6]), lb = hn::Load(d, f[7]), pdf_light = hn::Load(d, f[8]);
+        lr = hn::Load(d, f[5]);
+        lg = hn::Load(d, f[6]);
+        lb = hn::Load(d, f[7]);
+        pdf_light = hn::Load(d, f[8]);
       }
       const V phase = phase_towards(wi);
       const V mis = hn::IfThenElse(is_delta, one, hn::Div(pdf_light, hn::Add(pdf_light, phase)));
       const V factor = hn::IfThenElseZero(hn::Gt(pdf_light, zero), hn::Div(hn::Mul(phase, mis), pdf_light));
       const V cr = hn::Mul(hn::Mul(tr, lr), factor), cg = hn::Mul(hn::Mul(tg, lg), factor);
       const V cb = hn::Mul(hn::Mul(tb, lb), factor);
-      put(cr, paths.cr), put(cg, paths.cg), put(cb, paths.cb);
+      put(cr, paths.cr);
+      put(cg, paths.cg);
+      put(cb, paths.cb);
       const V3 local = transform(scene.local_from_world, wi);
-      put(local.x, paths.sx), put(local.y, paths.sy), put(local.z, paths.sz);
+      put(local.x, paths.sx);
+      put(local.y, paths.sy);
+      put(local.z, paths.sz);
       uint32_t worth = valid_bits & bits_of(hn::Gt(hn::Max(hn::Max(cr, cg), cb), zero));
       for (; worth; worth &= worth - 1) shadows.push(slots.slot[i + static_cast<size_t>(std::countr_zero(worth))]);
     }
@@ -154,7 +172,9 @@ void Scatter(const LaneScene& scene, PathStates& paths, SlotList& slots, SlotLis
       const V u = rng.uniform(plays);
       lives = hn::AndNot(hn::And(plays, hn::Ge(u, survival)), everyone);
       const V boost = hn::IfThenElse(plays, hn::Div(one, survival), one);
-      tr = hn::Mul(tr, boost), tg = hn::Mul(tg, boost), tb = hn::Mul(tb, boost);
+      tr = hn::Mul(tr, boost);
+      tg = hn::Mul(tg, boost);
+      tb = hn::Mul(tb, boost);
     }
     const auto cut =
         hn::And(lives, hn::RebindMask(d, hn::Gt(hn::BitCast(di, events), hn::Set(di, scene.max_events - 1))));
@@ -176,11 +196,20 @@ void Scatter(const LaneScene& scene, PathStates& paths, SlotList& slots, SlotLis
     const SinCosV phi = sincos_2pi(rng.uniform(everyone));
     const V3 turned = around(peak, hn::Mul(sin_theta, phi.cos), hn::Mul(sin_theta, phi.sin), hn::Sub(one, one_minus));
     put(phase_towards(turned), paths.pdf);
-    put(turned.x, paths.dx), put(turned.y, paths.dy), put(turned.z, paths.dz);
+    put(turned.x, paths.dx);
+    put(turned.y, paths.dy);
+    put(turned.z, paths.dz);
     const V3 local = transform(scene.local_from_world, turned);
-    put(local.x, paths.lx), put(local.y, paths.ly), put(local.z, paths.lz);
-    put(tr, paths.tr), put(tg, paths.tg), put(tb, paths.tb);
-    put_u(rng.s0, paths.s0), put_u(rng.s1, paths.s1), put_u(rng.s2, paths.s2), put_u(rng.s3, paths.s3);
+    put(local.x, paths.lx);
+    put(local.y, paths.ly);
+    put(local.z, paths.lz);
+    put(tr, paths.tr);
+    put(tg, paths.tg);
+    put(tb, paths.tb);
+    put_u(rng.s0, paths.s0);
+    put_u(rng.s1, paths.s1);
+    put_u(rng.s2, paths.s2);
+    put_u(rng.s3, paths.s3);
     for (uint32_t left = valid_bits & bits_of(lives); left; left &= left - 1)
       alive.push(slots.slot[i + static_cast<size_t>(std::countr_zero(left))]);
   }

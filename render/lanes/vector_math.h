@@ -33,8 +33,10 @@ struct Generator {
     n2 = hn::Xor(n2, t);
     n3 = rotl(n3, std::integral_constant<int, 11>());
     const auto m = hn::RebindMask(DU(), mask);
-    s0 = hn::IfThenElse(m, n0, s0), s1 = hn::IfThenElse(m, n1, s1);
-    s2 = hn::IfThenElse(m, n2, s2), s3 = hn::IfThenElse(m, n3, s3);
+    s0 = hn::IfThenElse(m, n0, s0);
+    s1 = hn::IfThenElse(m, n1, s1);
+    s2 = hn::IfThenElse(m, n2, s2);
+    s3 = hn::IfThenElse(m, n3, s3);
     return result;
   }
   /// In [0, 1), 24 bits.

@@ -129,7 +129,8 @@ class Wavefront {
     if (entry < EntryBound::kNever) {
       local = c_.media[0].to_local(request.ray);
       const auto [enters, leaves] = box_.intersect(local);
-      entry = std::max(entry, enters), exit = leaves;
+      entry = std::max(entry, enters);
+      exit = leaves;
     }
     const bool meets = entry < exit;
     if (!meets && !may_glow(request.ray)) {
@@ -143,11 +144,14 @@ class Wavefront {
     const dvec3 o = meets ? local.at(entry) : dvec3(0);
     PathStates& p = state_->paths;
     const auto i = static_cast<size_t>(slot);
-    p.ox[i] = static_cast<float>(o.x), p.oy[i] = static_cast<float>(o.y), p.oz[i] = static_cast<float>(o.z);
+    p.ox[i] = static_cast<float>(o.x);
+    p.oy[i] = static_cast<float>(o.y);
+    p.oz[i] = static_cast<float>(o.z);
     p.lx[i] = static_cast<float>(local.d.x * scene_.unit);
     p.ly[i] = static_cast<float>(local.d.y * scene_.unit);
     p.lz[i] = static_cast<float>(local.d.z * scene_.unit);
-    p.dx[i] = static_cast<float>(request.ray.d.x), p.dy[i] = static_cast<float>(request.ray.d.y);
+    p.dx[i] = static_cast<float>(request.ray.d.x);
+    p.dy[i] = static_cast<float>(request.ray.d.y);
     p.dz[i] = static_cast<float>(request.ray.d.z);
     p.tr[i] = p.tg[i] = p.tb[i] = 1.0f;
     p.direct_r[i] = p.direct_g[i] = p.direct_b[i] = p.indirect_r[i] = p.indirect_g[i] = p.indirect_b[i] = 0.0f;
@@ -160,8 +164,10 @@ class Wavefront {
     p.request[i] = static_cast<uint32_t>(index);
     const uint64_t seed = hash_combine(request.key.pixel_hash(), request.key.sample);
     const uint64_t a = mix64(seed), b = mix64(seed ^ 0xda3e39cb94b95bdbull) | 1u;  // never all zero
-    p.s0[i] = static_cast<uint32_t>(a), p.s1[i] = static_cast<uint32_t>(a >> 32);
-    p.s2[i] = static_cast<uint32_t>(b), p.s3[i] = static_cast<uint32_t>(b >> 32);
+    p.s0[i] = static_cast<uint32_t>(a);
+    p.s1[i] = static_cast<uint32_t>(a >> 32);
+    p.s2[i] = static_cast<uint32_t>(b);
+    p.s3[i] = static_cast<uint32_t>(b >> 32);
     if (!glow_.empty()) state_->glowing->emission[i] = vec3(0);
     (meets ? state_->fresh : state_->beside).push(slot);
   }
@@ -213,7 +219,9 @@ class Wavefront {
       const auto i = static_cast<size_t>(s.points.slots.slot[k]);
       const vec3 g(gradient_at(k));
       s.camera.covered[i] = 1;
-      s.camera.gx[i] = g.x, s.camera.gy[i] = g.y, s.camera.gz[i] = g.z;
+      s.camera.gx[i] = g.x;
+      s.camera.gy[i] = g.y;
+      s.camera.gz[i] = g.z;
     }
   }
 
@@ -272,7 +280,9 @@ class Wavefront {
     const vec3 at = vec3(p.ox[i], p.oy[i], p.oz[i]) + t * local_direction(slot);
     const size_t k = points.slots.count;
     points.slots.push(slot);
-    points.x[k] = at.x, points.y[k] = at.y, points.z[k] = at.z;
+    points.x[k] = at.x;
+    points.y[k] = at.y;
+    points.z[k] = at.z;
   }
 
   /// A path's current ray, in the world.
@@ -316,8 +326,12 @@ class Wavefront {
       const double t0 = std::max(enters, 0.0), t1 = std::min(leaves, end);
       if (!(t0 < t1)) return;
       const vec3 o(local.at(t0)), d(local.d * field.unit);
-      segments.ox[i] = o.x, segments.oy[i] = o.y, segments.oz[i] = o.z;
-      segments.dx[i] = d.x, segments.dy[i] = d.y, segments.dz[i] = d.z;
+      segments.ox[i] = o.x;
+      segments.oy[i] = o.y;
+      segments.oz[i] = o.z;
+      segments.dx[i] = d.x;
+      segments.dy[i] = d.y;
+      segments.dz[i] = d.z;
       segments.end[i] = static_cast<float>((t1 - t0) / field.unit);
       segments.stride[i] = static_cast<float>(emission_stride(p.events[i]));
       s.walks.push(slot);

@@ -415,7 +415,8 @@ void check_volume(Parser& parser, VolumeSettings& v, const toml::value& table) {
          {"color", "absorption_color", "scatter", "scatter_color", "transparent", "transparent_depth"})
       if (parser.has(key)) fail(fmt::format("'{}' belongs to a preset", key), table.at(key), "set preset = ... too");
   }
-  v.sigma_t *= v.density, v.emission *= v.density;
+  v.sigma_t *= v.density;
+  v.emission *= v.density;
   v.density = 1;
 }
 

@@ -45,8 +45,10 @@ class NearSegment {
     const dvec3 to_light = near.position - ray.o;
     nearest_ = glm::dot(to_light, ray.d);
     distance_ = std::max(glm::length(to_light - nearest_ * ray.d), 1e-9 * near.reach);
-    from_ = std::atan((t0 - nearest_) / distance_), to_ = std::atan((t1 - nearest_) / distance_);
-    lo_ = t0, hi_ = t1;
+    from_ = std::atan((t0 - nearest_) / distance_);
+    to_ = std::atan((t1 - nearest_) / distance_);
+    lo_ = t0;
+    hi_ = t1;
     const double closest = std::clamp(nearest_, t0, std::max(t0, t1)) - nearest_;
     worth_ = std::min(1.0, 2 * (1 - near.far_part(distance_ * distance_ + closest * closest)));
   }

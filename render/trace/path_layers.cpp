@@ -20,7 +20,11 @@ void find_medium_surface(const PathContext& context, std::span<const Medium> med
   for (const Medium& m : media) {
     const Ray r = m.to_local(ray);
     const auto t = find_surface(m, r, static_cast<float>(context.surface_density * m.maximum_density()));
-    if (t && *t < first) first = *t, medium = &m, local = r;
+    if (t && *t < first) {
+      first = *t;
+      medium = &m;
+      local = r;
+    }
   }
   if (medium) record_medium_surface(*medium, local, first, s);
 }

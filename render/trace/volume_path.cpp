@@ -38,7 +38,8 @@ struct Throughput {
     weight *= factor;
     pdf *= probability;
     const double m = mean(pdf);
-    weight /= m, pdf /= m;
+    weight /= m;
+    pdf /= m;
   }
 };
 
@@ -88,7 +89,10 @@ class PathTracer {
     std::optional<SurfaceHit> hit;
     if constexpr (F.surfaces) {
       hit = c_.surfaces->intersect(ray_, t_max);
-      if (hit) t_max = hit->t, light = nullptr;
+      if (hit) {
+        t_max = hit->t;
+        light = nullptr;
+      }
     }
 
     if constexpr (F.any_media()) {
@@ -132,7 +136,8 @@ class PathTracer {
       const double middle = glm::dot(ball.centre - ray_.o, ray_.d), off = glm::distance(ray_.at(middle), ball.centre);
       if (!(off < ball.radius)) continue;
       const double half = std::sqrt(ball.radius * ball.radius - off * off);
-      t0 = std::min(t0, std::max(0.0, middle - half)), t1 = std::max(t1, std::min(t_max, middle + half));
+      t0 = std::min(t0, std::max(0.0, middle - half));
+      t1 = std::max(t1, std::min(t_max, middle + half));
     }
     const NearSegment segment(near, ray_, t0, t1);
     if (!(t1 > t0) || !(rng_.uniform() < segment.worth())) return;
@@ -191,7 +196,10 @@ class PathTracer {
       double first = t_max;
       for (const Medium& m : media_) {
         const double t = sample_collision(m, m.to_local(ray_), first, rng_, counters);
-        if (t >= 0) first = t, medium = &m;
+        if (t >= 0) {
+          first = t;
+          medium = &m;
+        }
       }
       glow(0, first);
       return first;
@@ -381,7 +389,10 @@ class PathTracer {
   dvec3 sampled_light(const dvec3& p, double choice, const dvec2& u, const Scattering& scattering, bool shadowed = true,
                       bool only_technique = false, const SurfaceHit* from = nullptr, bool in_medium = false) {
     const LightSample light = c_.lights->sample(p, choice, u);
-    if (record_ && events_ == 0) record_->light_1 = static_cast<float>(light.index), record_->light_uv_1 = vec2(u);
+    if (record_ && events_ == 0) {
+      record_->light_1 = static_cast<float>(light.index);
+      record_->light_uv_1 = vec2(u);
+    }
     if (!(light.pdf > 0)) return dvec3(0);
     const auto [value, pdf] = scattering(light.wi);
     const double weight = light.delta || only_technique ? 1.0 : balance(light.pdf, pdf);
@@ -444,13 +455,19 @@ class PathTracer {
 
   void finish_record() {
     PathRecord& r = *record_;
-    r.surface_gradient = vec3(s_.gradient), r.gradient_1 = vec3(s_.gradient_first_scatter);
-    r.albedo = vec3(s_.albedo), r.density_1 = static_cast<float>(s_.scatter_density);
+    r.surface_gradient = vec3(s_.gradient);
+    r.gradient_1 = vec3(s_.gradient_first_scatter);
+    r.albedo = vec3(s_.albedo);
+    r.density_1 = static_cast<float>(s_.scatter_density);
     r.normal = vec3(s_.normal);
-    if (first_event_on_surface_) r.flags += 4, r.position_1 = vec3(s_.position);
+    if (first_event_on_surface_) {
+      r.flags += 4;
+      r.position_1 = vec3(s_.position);
+    }
     if (s_.coverage > 0) r.flags += 8;
     r.unscattered = vec3(s_.background + s_.emission + s_.surface);
-    r.single = vec3(s_.single), r.indirect = vec3(s_.indirect);
+    r.single = vec3(s_.single);
+    r.indirect = vec3(s_.indirect);
   }
 
  public:

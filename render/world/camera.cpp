@@ -95,9 +95,12 @@ Camera::Camera(const CameraSettings& settings, int width, int height, const dvec
   half_ = along_x ? dvec2(extent, extent / aspect) : dvec2(extent * aspect, extent);
   if (!s.from_exr.empty()) {
     const Projection projection = adopt_exr(s, width, height);
-    orthographic_ = projection.orthographic, half_ = projection.half, shift_ = projection.shift;
+    orthographic_ = projection.orthographic;
+    half_ = projection.half;
+    shift_ = projection.shift;
   }
-  look_at_ = s.look_at, up_ = s.up;
+  look_at_ = s.look_at;
+  up_ = s.up;
   open_ = pose(s.position, s.look_at, s.up);
   moves_ = s.shutter.y > s.shutter.x && (!s.position_end.empty() || !s.look_at_end.empty());
   position_end_ = three(s.position_end, s.position);

@@ -201,8 +201,8 @@ Environment::Environment(const EnvironmentSettings& s, const Task& task)
   if (name.ends_with(".hdr") || name.ends_with(".pic"))
     picture = read_hdr(s.file, task);
   else
-    picture = over_display_window(
-        read_exr(s.file, [](const std::string& c) { return c == "R" || c == "G" || c == "B"; }));
+    picture =
+        over_display_window(read_exr(s.file, [](const std::string& c) { return c == "R" || c == "G" || c == "B"; }));
   if (!picture.has(layer::beauty))
     throw InputError(fmt::format("{}: has no channels R, G, B; expected a lat-long picture", name));
   if (picture.width() != 2 * picture.height())
@@ -212,7 +212,8 @@ Environment::Environment(const EnvironmentSettings& s, const Task& task)
 }
 
 void Environment::set_picture(const Layers& picture, const EnvironmentSettings& s) {
-  width_ = picture.width(), height_ = picture.height();
+  width_ = picture.width();
+  height_ = picture.height();
   const std::string name = s.file.string();
   const auto rgb = picture.rgb(layer::beauty);
   picture_.resize(static_cast<size_t>(width_) * height_);

@@ -173,7 +173,6 @@ class Environment : public InfiniteLight {
   LightSample sample(const dvec3&, const dvec2& u) const override { return sample(u); }
   double pdf(const dvec3& d) const override;
   double importance(const dvec3&) const override { return kPi * luminance(mean_); }
-  const dvec3& mean_radiance() const { return mean_; }
   size_t bytes() const { return picture_.size() * sizeof(vec3) + (row_cdf_.size() + cdf_.size()) * sizeof(double); }
   const std::vector<std::string>& notes() const { return notes_; }
 

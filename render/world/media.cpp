@@ -46,7 +46,8 @@ SceneMedia::SceneMedia(const Scene& scene, const Task& task) {
   bool first = true;
   const auto enclose = [&](const Medium::Sphere& s) {
     if (first) {
-      bounds_ = s, first = false;
+      bounds_ = s;
+      first = false;
       return;
     }
     const double d = glm::distance(bounds_.centre, s.centre);
@@ -64,130 +65,175 @@ SceneMedia::SceneMedia(const Scene& scene, const Task& task) {
   for (const EmissionField& e : emissions_) enclose(e.bounding_sphere());  // flames without smoke
 }
 
-void SceneMedia::note_faint_fire(const VolumeSettings& v, double exposure, double brightest) {
-  // As if all of the way across were as bright as the brightest voxel.
-  const double shown = brightest * exposure * 2 * emissions_.back().bounding_sphere().radius;
-  if (shown > 0.01 || !(shown > 0)) return;
-  notes_.push_back(
-      fmt::format("{}: its fire is too faint to be seen, at most {:.2g} of white with blackbody_intensity = {}; {:.1g} "
-                  "would show it",
-                  v.file.string(), shown, v.blackbody_intensity, 10 * v.blackbody_intensity / shown));
-}
+/// One volume of a scene on its way from its settings to media and emissions.
+class SceneMedia::Loader {
+ public:
+  Loader(SceneMedia& into, const VolumeSettings& v, const Scene& scene, const Task& task)
+      : into_(into),
+        v_(v),
+        scene_(scene),
+        task_(task),
+        file_(v.file.filename().string()),
+        moves_(v.object_to_world_end != dmat4(0.0)),
+        shutter_opens_(scene.camera.shutter.y > scene.camera.shutter.x) {}
+
+  void load() {
+    check_transform(v_.object_to_world, "object_to_world");
+    if (moves_) check_transform(v_.object_to_world_end, "object_to_world_end");
+    if (moves_ && !shutter_opens_)
+      note("a volume moves but camera.shutter opens and closes at once: it is rendered where it starts");
+    if (v_.shape != "grid") {
+      load_shape();
+      return;
+    }
+    into_.volumes_.push_back(std::make_shared<Volume>());
+    volume_ = into_.volumes_.back().get();
+    load_density();
+    if (v_.temperature_grid != "none") load_temperature();
+    if (v_.flame_grid != "none") load_flame();
+    // Last: what bounds moving fields reads them in the cells they were loaded in.
+    for (ScalarField* field : {&volume_->density, &volume_->temperature, &volume_->flame})
+      field->bricks = field->bricks.recut(scene_.render.cell_size, task_);
+  }
+
+ private:
+  void note(const std::string& text) { into_.notes_.push_back(text); }
+  void adopt(std::vector<std::string>& notes) {
+    into_.notes_.insert(into_.notes_.end(), notes.begin(), notes.end());
+    notes.clear();
+  }
+  void count(const std::string& name, size_t bytes) { into_.parts_.push_back({file_ + ": " + name, bytes}); }
+
+  /// The first volume's middle becomes the world's origin.
+  void shift_world_to(const dvec3& middle) {
+    if (into_.shifted_) return;
+    into_.shifted_ = true;
+    into_.world_shift_ = middle;
+  }
+  dmat4 world_from_object() const { return translation(-into_.world_shift_) * v_.object_to_world; }
+  /// @param from_index  of a field's lattice, to the object's space
+  dmat4 world_from(const dmat4& from_index) const {
+    return world_from_object() * from_index * translation(v_.index_offset);
+  }
+
+  void load_shape() {
+    const HomogeneousShape shape{v_.shape == "box" ? HomogeneousShape::Shape::kBox : HomogeneousShape::Shape::kSphere,
+                                 v_.lo, v_.hi};
+    shift_world_to(dvec3(v_.object_to_world * glm::dvec4(0.5 * (v_.lo + v_.hi), 1.0)));
+    Medium medium(shape, world_from_object(), {v_.sigma_t, v_.albedo}, phase_of(v_));
+    if (moves_ && shutter_opens_) medium.set_motion(translation(-into_.world_shift_) * v_.object_to_world_end);
+    if (v_.emission != dvec3(0)) into_.emissions_.emplace_back(medium, v_.emission);
+    if (medium.extinction_per_density() > 0) into_.media_.push_back(medium);
+  }
+
+  void load_density() {
+    ScalarOptions options{v_.grid};
+    options.convert_level_set = v_.convert_level_set;
+    for (const auto& row : v_.remap) options.remap.emplace_back(row[0], row[1]);
+    ScalarField& density = volume_->density;
+    density = load_scalar(v_.file, options, task_);
+    adopt(density.notes);
+    count(density.summary.name, density.bricks.bytes());
+    if (const BrickGrid& b = density.bricks; !b.empty()) {
+      const dvec3 middle = 0.5 * (b.support_lo() + b.support_hi()) + dvec3(b.origin());
+      shift_world_to(dvec3(v_.object_to_world * density.world_from_index * translation(v_.index_offset) *
+                           glm::dvec4(middle, 1.0)));
+    }
+    Medium medium(density.bricks, world_from(density.world_from_index), {v_.sigma_t, v_.albedo}, phase_of(v_));
+    if (v_.albedo_grid != "none") load_colour_into(medium);
+    if (v_.velocity_grid != "none" && !shutter_opens_)
+      note("velocity_grid is set but camera.shutter opens and closes at once: no motion blur");
+    set_in_motion(medium, density, volume_->displacement);
+    if (!medium.empty() && medium.extinction_per_density() > 0) into_.media_.push_back(medium);
+    if (const double highest = density.bricks.maximum(); v_.emission != dvec3(0) && !medium.empty())
+      into_.emissions_.emplace_back(medium,
+                                    EmissionRamp::of_colours({{0.0, dvec3(0)}, {highest, v_.emission * highest}}, 1.0));
+  }
+
+  void load_colour_into(Medium& medium) {
+    VectorField& colour = volume_->colour;
+    colour = load_colour(v_.file, v_.albedo_grid == "auto" ? "" : v_.albedo_grid, task_);
+    adopt(colour.notes);
+    const dmat4 to_origin = translation(dvec3(colour.bricks.parts[0].origin()));
+    medium.set_colour(colour.bricks, Placement(world_from(colour.world_from_index) * to_origin));
+    count("albedo colour", colour.bricks.bytes());
+  }
+
+  /// What moves a field over the shutter, on the field's own lattice.
+  void set_in_motion(Medium& shape, const ScalarField& field, Displacement& displacement) {
+    if (!shutter_opens_) return;
+    if (v_.velocity_grid != "none" && !field.bricks.empty()) {
+      const dvec2& shutter = scene_.camera.shutter;
+      displacement = load_displacement(v_.file, v_.velocity_grid == "auto" ? "" : v_.velocity_grid, field,
+                                       v_.velocity_scale, shutter.x, shutter.y, into_.notes_, task_);
+      shape.set_displacement(displacement);
+      count("velocity of " + field.summary.name, displacement.field.bytes() + displacement.envelope.bytes());
+    }
+    if (moves_)
+      shape.set_motion(translation(-into_.world_shift_) * v_.object_to_world_end * field.world_from_index *
+                       translation(v_.index_offset));
+  }
+
+  void add_emission(const ScalarField& field, Displacement& displacement, EmissionRamp ramp) {
+    if (field.bricks.empty()) return;
+    Medium shape(field.bricks, world_from(field.world_from_index), {}, {});
+    set_in_motion(shape, field, displacement);
+    into_.emissions_.emplace_back(shape, std::move(ramp));
+  }
+
+  void load_temperature() {
+    ScalarField& temperature = volume_->temperature;
+    temperature = load_scalar(v_.file, options_for(v_.temperature_grid, {"temperature", "temp"}), task_);
+    adopt(temperature.notes);
+    count("temperature", temperature.bricks.bytes());
+    const double highest = temperature.bricks.maximum();
+    const double kelvin = v_.temperature_offset + v_.temperature_scale * highest;
+    const std::string range = fmt::format(
+        "{}: grid '{}' holds {:.4g} .. {:.4g}, at most {:.4g} K with temperature_offset {} and "
+        "temperature_scale {}",
+        v_.file.string(), temperature.summary.name, temperature.summary.minimum, highest, kelvin, v_.temperature_offset,
+        v_.temperature_scale);
+    if (kelvin < EmissionRamp::kColdest) {
+      note(range + ": too cold to glow (below 500 K). Set temperature_scale to the kelvin of one unit");
+      return;
+    }
+    if (kelvin > 20000) note(range + ": hotter than any fire");
+    const EmissionRamp ramp = EmissionRamp::of_blackbody(v_.temperature_offset, v_.temperature_scale, highest,
+                                                         v_.blackbody_intensity, v_.blackbody_law == "planck");
+    add_emission(temperature, volume_->temperature_displacement, ramp);
+    if (!temperature.bricks.empty()) note_faint_fire(luminance(ramp(highest)));
+  }
+
+  /// @param brightest  emission coefficient, luminance
+  void note_faint_fire(double brightest) {
+    // As if all of the way across were as bright as the brightest voxel.
+    const double shown = brightest * scene_.film.exposure * 2 * into_.emissions_.back().bounding_sphere().radius;
+    if (shown > 0.01 || !(shown > 0)) return;
+    note(
+        fmt::format("{}: its fire is too faint to be seen, at most {:.2g} of white with blackbody_intensity = {}; "
+                    "{:.1g} would show it",
+                    v_.file.string(), shown, v_.blackbody_intensity, 10 * v_.blackbody_intensity / shown));
+  }
+
+  void load_flame() {
+    ScalarField& flame = volume_->flame;
+    flame = load_scalar(v_.file, options_for(v_.flame_grid, {"flame", "flames", "heat"}), task_);
+    adopt(flame.notes);
+    count("flame", flame.bricks.bytes());
+    add_emission(flame, volume_->flame_displacement, fire_ramp(v_));
+  }
+
+  SceneMedia& into_;
+  const VolumeSettings& v_;
+  const Scene& scene_;
+  const Task& task_;
+  const std::string file_;
+  const bool moves_, shutter_opens_;
+  Volume* volume_ = nullptr;
+};
 
 void SceneMedia::load(const VolumeSettings& v, const Scene& scene, const Task& task) {
-  volumes_.push_back(std::make_shared<Volume>());
-  Volume& volume = *volumes_.back();
-  const auto adopt = [&](std::vector<std::string>& notes) {
-    notes_.insert(notes_.end(), notes.begin(), notes.end());
-    notes.clear();
-  };
-  check_transform(v.object_to_world, "object_to_world");
-  const bool moves = v.object_to_world_end != dmat4(0.0);
-  if (moves) check_transform(v.object_to_world_end, "object_to_world_end");
-  const bool open_shutter = scene.camera.shutter.y > scene.camera.shutter.x;
-  if (moves && !open_shutter)
-    notes_.push_back("a volume moves but camera.shutter opens and closes at once: it is rendered where it starts");
-  const dmat4 offset = translation(v.index_offset);
-  const std::string file = v.file.filename().string();
-
-  if (v.shape != "grid") {
-    const HomogeneousShape shape{v.shape == "box" ? HomogeneousShape::Shape::kBox : HomogeneousShape::Shape::kSphere,
-                                 v.lo, v.hi};
-    if (!shifted_) {
-      shifted_ = true;
-      world_shift_ = dvec3(v.object_to_world * glm::dvec4(0.5 * (v.lo + v.hi), 1.0));
-    }
-    Medium medium(shape, translation(-world_shift_) * v.object_to_world, {v.sigma_t, v.albedo}, phase_of(v));
-    if (moves && open_shutter) medium.set_motion(translation(-world_shift_) * v.object_to_world_end);
-    if (v.emission != dvec3(0)) emissions_.emplace_back(medium, v.emission);
-    if (medium.extinction_per_density() > 0) media_.push_back(medium);
-    return;
-  }
-
-  ScalarOptions density_options{v.grid};
-  density_options.convert_level_set = v.convert_level_set;
-  for (const auto& row : v.remap) density_options.remap.emplace_back(row[0], row[1]);
-  volume.density = load_scalar(v.file, density_options, task);
-  adopt(volume.density.notes);
-  parts_.push_back({fmt::format("{}: {}", file, volume.density.summary.name), volume.density.bricks.bytes()});
-  const dmat4 world_from_index = v.object_to_world * volume.density.world_from_index * offset;
-  if (!shifted_ && !volume.density.bricks.empty()) {
-    shifted_ = true;
-    const BrickGrid& b = volume.density.bricks;
-    world_shift_ =
-        dvec3(world_from_index * glm::dvec4(0.5 * (b.support_lo() + b.support_hi()) + dvec3(b.origin()), 1.0));
-  }
-  const dmat4 shift = translation(-world_shift_);
-  const auto place = [&](const dmat4& from_index, const BrickGrid& bricks) {
-    return Placement(shift * v.object_to_world * from_index * offset * translation(dvec3(bricks.origin())));
-  };
-
-  Medium medium(volume.density.bricks, shift * world_from_index, {v.sigma_t, v.albedo}, phase_of(v));
-  if (v.albedo_grid != "none") {
-    volume.colour = load_colour(v.file, v.albedo_grid == "auto" ? "" : v.albedo_grid, task);
-    adopt(volume.colour.notes);
-    medium.set_colour(volume.colour.bricks, place(volume.colour.world_from_index, volume.colour.bricks.parts[0]));
-    parts_.push_back({file + ": albedo colour", volume.colour.bricks.bytes()});
-  }
-  const bool flows = v.velocity_grid != "none" && open_shutter;
-  if (v.velocity_grid != "none" && !open_shutter)
-    notes_.push_back("velocity_grid is set but camera.shutter opens and closes at once: no motion blur");
-  // What moves a field over the shutter, on the field's own lattice.
-  const auto set_in_motion = [&](Medium& shape, const ScalarField& field, Displacement& displacement) {
-    if (flows && !field.bricks.empty()) {
-      displacement = load_displacement(v.file, v.velocity_grid == "auto" ? "" : v.velocity_grid, field,
-                                       v.velocity_scale, scene.camera.shutter.x, scene.camera.shutter.y, notes_, task);
-      shape.set_displacement(displacement);
-      parts_.push_back({fmt::format("{}: velocity of {}", file, field.summary.name),
-                        displacement.field.bytes() + displacement.envelope.bytes()});
-    }
-    if (moves && open_shutter) shape.set_motion(shift * v.object_to_world_end * field.world_from_index * offset);
-  };
-  set_in_motion(medium, volume.density, volume.displacement);
-  if (!medium.empty() && medium.extinction_per_density() > 0) media_.push_back(medium);
-
-  const auto glow = [&](const ScalarField& field, Displacement& displacement, EmissionRamp ramp) {
-    if (field.bricks.empty()) return;
-    Medium shape(field.bricks, shift * v.object_to_world * field.world_from_index * offset, {}, {});
-    set_in_motion(shape, field, displacement);
-    emissions_.emplace_back(shape, std::move(ramp));
-  };
-  if (const double highest = volume.density.bricks.maximum(); v.emission != dvec3(0) && !medium.empty())
-    emissions_.emplace_back(medium, EmissionRamp::of_colours({{0.0, dvec3(0)}, {highest, v.emission * highest}}, 1.0));
-  if (v.temperature_grid != "none") {
-    volume.temperature = load_scalar(v.file, options_for(v.temperature_grid, {"temperature", "temp"}), task);
-    adopt(volume.temperature.notes);
-    parts_.push_back({file + ": temperature", volume.temperature.bricks.bytes()});
-    const double highest = volume.temperature.bricks.maximum();
-    const double kelvin = v.temperature_offset + v.temperature_scale * highest;
-    if (kelvin < 500)
-      notes_.push_back(fmt::format(
-          "{}: grid '{}' holds {:.4g} .. {:.4g}, at most {:.4g} K with temperature_offset {} and temperature_scale {}: "
-          "too cold to glow (below 500 K). Set temperature_scale to the kelvin of one unit",
-          v.file.string(), volume.temperature.summary.name, volume.temperature.summary.minimum, highest, kelvin,
-          v.temperature_offset, v.temperature_scale));
-    else if (kelvin > 20000)
-      notes_.push_back(
-          fmt::format("{}: grid '{}' holds {:.4g} .. {:.4g}, up to {:.4g} K with temperature_offset {} and "
-                      "temperature_scale {}: hotter than any fire",
-                      v.file.string(), volume.temperature.summary.name, volume.temperature.summary.minimum, highest,
-                      kelvin, v.temperature_offset, v.temperature_scale));
-    if (kelvin >= 500) {
-      const EmissionRamp ramp = EmissionRamp::of_blackbody(v.temperature_offset, v.temperature_scale, highest,
-                                                           v.blackbody_intensity, v.blackbody_law == "planck");
-      glow(volume.temperature, volume.temperature_displacement, ramp);
-      if (!volume.temperature.bricks.empty()) note_faint_fire(v, scene.film.exposure, luminance(ramp(highest)));
-    }
-  }
-  if (v.flame_grid != "none") {
-    volume.flame = load_scalar(v.file, options_for(v.flame_grid, {"flame", "flames", "heat"}), task);
-    adopt(volume.flame.notes);
-    parts_.push_back({file + ": flame", volume.flame.bricks.bytes()});
-    glow(volume.flame, volume.flame_displacement, fire_ramp(v));
-  }
-  // Last: what bounds moving fields reads them in the cells they were loaded in.
-  for (ScalarField* field : {&volume.density, &volume.temperature, &volume.flame})
-    field->bricks = field->bricks.recut(scene.render.cell_size, task);
+  Loader(*this, v, scene, task).load();
 }
 
 }  // namespace brume

@@ -36,10 +36,8 @@ class SceneMedia {
 
  private:
   struct Volume;
+  class Loader;
   void load(const VolumeSettings& settings, const Scene& scene, const Task& task);
-  /// Notes which key to turn when the glow loaded last could not be told from black.
-  /// @param brightest  luminance that its hottest voxel emits per scene unit
-  void note_faint_fire(const VolumeSettings& settings, double exposure, double brightest);
 
   // Fields sit behind pointers: media refer to them.
   std::vector<std::shared_ptr<Volume>> volumes_;

@@ -22,7 +22,8 @@ struct Surfaces::Texture {
 
   explicit Texture(const std::filesystem::path& path) {
     const Layers picture = read_any_picture(path);
-    width = picture.width(), height = picture.height();
+    width = picture.width();
+    height = picture.height();
     const auto rgb = picture.rgb(layer::beauty);
     texels.resize(static_cast<size_t>(width) * height);
     for (int y = 0; y < height; ++y)

@@ -199,7 +199,9 @@ TEST_F(BadInput, SizesAndNonFinitePixels) {
     for (const LayerName& l : {layer::beauty, layer::direct, layer::indirect}) f->add_rgb(l);
   (*nan.add_rgb(layer::beauty)[0])(3, 3) = std::numeric_limits<float>::quiet_NaN();
   (*nan.add_rgb(layer::indirect)[0])(3, 3) = std::numeric_limits<float>::quiet_NaN();
-  write_exr(folder_ / "a.exr", a), write_exr(folder_ / "b.exr", b), write_exr(folder_ / "nan.exr", nan);
+  write_exr(folder_ / "a.exr", a);
+  write_exr(folder_ / "b.exr", b);
+  write_exr(folder_ / "nan.exr", nan);
   expect_refused("compare " + path("a.exr") + " " + path("b.exr"), {"a.exr is 8 x 8", "b.exr is 9 x 8"});
   expect_refused("compare " + path("nan.exr") + " " + path("a.exr"), {"1 pixels are NaN or infinite"});
   const auto cleaned = run_brume("denoise " + path("nan.exr") + " -q -f bilateral -o " + path("clean.exr"));

@@ -79,7 +79,10 @@ TEST(Bandwidth, ConstantFeaturesLeaveTwoDimensions) {
   std::vector<Feature> constant(2);
   for (Feature& feature : constant) {
     feature.name = "constant";
-    for (int c = 0; c < 3; ++c) feature.mean.emplace_back(40, 30, 0.3f), feature.variance.emplace_back(40, 30, 1e-6f);
+    for (int c = 0; c < 3; ++c) {
+      feature.mean.emplace_back(40, 30, 0.3f);
+      feature.variance.emplace_back(40, 30, 1e-6f);
+    }
   }
   std::vector<Feature> ramp = constant;
   ramp[0].mean[0] = make_plane(40, 30, {}, [](int x, int y) { return 0.02f * static_cast<float>(x * y % 17); });
@@ -108,7 +111,10 @@ TEST(Bandwidth, SamplingMapAllotsEverySample) {
     double sum = 0;
     float most = 0;
     for (int y = 0; y < 90; ++y)
-      for (const float v : map.pixels(y)) sum += v, most = std::max(most, v);
+      for (const float v : map.pixels(y)) {
+        sum += v;
+        most = std::max(most, v);
+      }
     EXPECT_NEAR(sum / (120 * 90), 1, 1e-5) << tile;
     EXPECT_LE(most, 8) << tile;
     EXPECT_GT(most, 2) << "the spike asks for more";

@@ -183,7 +183,8 @@ TEST(Claims, GuidedPrefilterBeatsNonLocalMeansOnNoisyFeaturesAtFourSamples) {
       double sum = 0, squares = 0;
       for (uint64_t s = 0; s < 4; ++s) {
         const double v = truth(x, y) + 0.4 * test::normal(x, y, 50 + s);
-        sum += v, squares += v * v;
+        sum += v;
+        squares += v * v;
       }
       noisy(x, y) = static_cast<float>(sum / 4);
       variance(x, y) = static_cast<float>((squares - sum * sum / 4) / 3 / 4);
@@ -233,8 +234,10 @@ TEST(Claims, RandomParameterFilteringKeepsTheLight) {
   const Layers out = apply_filter(parse_filter("random_parameter:largest-neighborhood=300"), frame, options, {});
   double before = 0, after = 0;
   for (int y = 0; y < 40; ++y)
-    for (int x = 0; x < 48; ++x)
-      before += frame.at("indirect.G")(x, y), after += out.at("G")(x, y) - frame.at("direct.G")(x, y);
+    for (int x = 0; x < 48; ++x) {
+      before += frame.at("indirect.G")(x, y);
+      after += out.at("G")(x, y) - frame.at("direct.G")(x, y);
+    }
   EXPECT_NEAR(after / before, 1, 0.01);
 }
 
@@ -256,8 +259,10 @@ TEST(Claims, DiffusionKeepsTheLight) {
   for (size_t c = 0; c < 3; ++c) {
     double before = 0, after = 0;
     for (int y = 0; y < 60; ++y)
-      for (int x = 0; x < 70; ++x)
-        before += (*frame.rgb(layer::beauty)[c])(x, y), after += (*out.rgb(layer::beauty)[c])(x, y);
+      for (int x = 0; x < 70; ++x) {
+        before += (*frame.rgb(layer::beauty)[c])(x, y);
+        after += (*out.rgb(layer::beauty)[c])(x, y);
+      }
     EXPECT_NEAR(after / before, 1, 1e-5);
   }
 }

@@ -218,7 +218,8 @@ TEST(CommonRules, OutliersAreLimitedAndTheirLightIsAccountedFor) {
   const FilterSettings f = parse_filter("gaussian");
   ApplyOptions keep, clamp, redistribute;
   for (ApplyOptions* o : {&keep, &clamp, &redistribute}) o->background = BackgroundRule::kFilter;
-  clamp.outliers = Outliers::kClamp, redistribute.outliers = Outliers::kRedistribute;
+  clamp.outliers = Outliers::kClamp;
+  redistribute.outliers = Outliers::kRedistribute;
   ApplyReport report;
   const Layers kept = apply_filter(f, frame, keep, {}), clamped = apply_filter(f, frame, clamp, {}, &report),
                moved = apply_filter(f, frame, redistribute, {});

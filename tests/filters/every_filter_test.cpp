@@ -230,7 +230,8 @@ TEST(EveryFilter, NeverMakesFlatNoiseWorse) {
     for (int y = 0; y < 64; ++y)
       for (int x = 0; x < 64; ++x) {
         const double truth = 0.4 + 0.01 * (x + y);
-        before += std::pow(frame.at("G")(x, y) - truth, 2), after += std::pow(out.at("G")(x, y) - truth, 2);
+        before += std::pow(frame.at("G")(x, y) - truth, 2);
+        after += std::pow(out.at("G")(x, y) - truth, 2);
       }
     EXPECT_LT(after, 0.25 * before) << label(f);
   }

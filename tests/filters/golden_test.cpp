@@ -133,8 +133,10 @@ TEST(GradientKernel, SplitsIntoBilateralAndGradientWeightedBlur) {
             const double apart = 1 - glm::dot(image.gradient[static_cast<size_t>(y * kSize + x)],
                                               image.gradient[static_cast<size_t>(qy * kSize + qx)]);
             const double w_g = std::exp(-apart * apart / (2.0 * sigma * sigma));
-            b += w_d * w_l * image.at(qx, qy), sum_b += w_d * w_l;
-            s += w_d * w_g * image.at(qx, qy), sum_s += w_d * w_g;
+            b += w_d * w_l * image.at(qx, qy);
+            sum_b += w_d * w_l;
+            s += w_d * w_g * image.at(qx, qy);
+            sum_s += w_d * w_g;
           }
         const double lambda = sum_b / (sum_b + sum_s);
         EXPECT_LT(

@@ -75,7 +75,8 @@ TEST_P(EveryTarget, NonLocalMeansIsItsDefinition) {
         for (int qy = std::max(0, y - r); qy <= std::min(height - 1, y + r); ++qy)
           for (int qx = std::max(0, x - r); qx <= std::min(width - 1, x + r); ++qx) {
             const double w = nl_means_weight(u, v, x, y, qx, qy, f, 0.7);
-            sum += w * u[1](qx, qy), total += w;
+            sum += w * u[1](qx, qy);
+            total += w;
           }
         ASSERT_NEAR(a.values[1](x, y), sum / total, 2e-5) << f << ": " << x << " " << y;
         ASSERT_NEAR(a.weight(x, y), total, 2e-5 * total);
@@ -129,7 +130,8 @@ TEST_P(EveryTarget, HistogramDistanceIsChiSquareOfTheFullBins) {
   constexpr size_t stride = 32;
   std::vector<float> h1(bins * stride), h2(bins * stride), n1(stride), n2(stride), sum(stride), counted(stride);
   for (int x = 0; x < count; ++x) {
-    n1[static_cast<size_t>(x)] = static_cast<float>(8 + x % 3 * 8), n2[static_cast<size_t>(x)] = 16;
+    n1[static_cast<size_t>(x)] = static_cast<float>(8 + x % 3 * 8);
+    n2[static_cast<size_t>(x)] = 16;
     for (int b = 0; b < bins; ++b) {
       h1[static_cast<size_t>(b) * stride + static_cast<size_t>(x)] = static_cast<float>(2 * chance(x, b, 1));
       h2[static_cast<size_t>(b) * stride + static_cast<size_t>(x)] = static_cast<float>(2 * chance(x, b, 2));
@@ -142,7 +144,10 @@ TEST_P(EveryTarget, HistogramDistanceIsChiSquareOfTheFullBins) {
     int used = 0;
     for (size_t b = 0; b < bins; ++b) {
       const double p = h1[b * stride + x], q = h2[b * stride + x], a = n1[x], c = n2[x];
-      if (p + q > 1) expected += (c * p - a * q) * (c * p - a * q) / (a * c * (p + q)), ++used;
+      if (p + q > 1) {
+        expected += (c * p - a * q) * (c * p - a * q) / (a * c * (p + q));
+        ++used;
+      }
     }
     ASSERT_NEAR(sum[x], expected, 1e-4 * (1 + expected));
     ASSERT_EQ(counted[x], static_cast<float>(used));
@@ -167,7 +172,10 @@ TEST(Neighbourhood, VariantsShareDistancesAndReportTheNoiseThatIsLeft) {
   const auto both = weighted_averages({}, window, variants, pointers(u), &v, {});
   const auto plain = weighted_average({}, window, pointers(u), {});
   double sum = 0, squares = 0;
-  for (const Offset& o : window) sum += o.weight, squares += o.weight * o.weight;
+  for (const Offset& o : window) {
+    sum += o.weight;
+    squares += o.weight * o.weight;
+  }
   EXPECT_NEAR(both[0].noise(20, 15), 0.3 * squares / (sum * sum), 1e-6);
   EXPECT_EQ(both[0].values[2](20, 15), plain.values[2](20, 15));
   EXPECT_EQ(both[1].values[2](3, 7), plain.values[2](3, 7)) << "without distances the scale is nothing";
@@ -233,13 +241,21 @@ TEST(GuidedFilter, MatchesRegressionsWrittenOut) {
         for (int x = kx - r; x <= kx + r; ++x) {
           if (!inside(x, y)) continue;
           const Eigen::Vector3d g(guide[0](x, y), guide[1](x, y), guide[2](x, y));
-          mean += g, squares += g * g.transpose(), cross += g * static_cast<double>(in[0](x, y)), p_mean += in[0](x, y),
-              ++n;
+          mean += g;
+          squares += g * g.transpose();
+          cross += g * static_cast<double>(in[0](x, y));
+          p_mean += in[0](x, y);
+          ++n;
         }
-      mean /= n, squares /= n, cross /= n, p_mean /= n;
+      mean /= n;
+      squares /= n;
+      cross /= n;
+      p_mean /= n;
       const Eigen::Vector3d a =
           (squares - mean * mean.transpose() + 0.01 * Eigen::Matrix3d::Identity()).ldlt().solve(cross - mean * p_mean);
-      a_mean += a, b_mean += p_mean - a.dot(mean), ++windows;
+      a_mean += a;
+      b_mean += p_mean - a.dot(mean);
+      ++windows;
     }
   const Eigen::Vector3d g(guide[0](cx, cy), guide[1](cx, cy), guide[2](cx, cy));
   EXPECT_NEAR(out[0](cx, cy), a_mean.dot(g) / windows + b_mean / windows, 1e-5);
@@ -285,10 +301,12 @@ TEST(CollaborativeRegression, MatchesLeastSquaresWrittenOut) {
       for (int qy = std::max(0, py - r); qy <= std::min(height - 1, py + r); ++qy)
         for (int qx = std::max(0, px - r); qx <= std::min(width - 1, px + r); ++qx) {
           const double w = weight(px, py, qx, qy);
-          a += w * row(qx, qy) * row(qx, qy).transpose(), b += w * row(qx, qy) * static_cast<double>(v[0](qx, qy));
+          a += w * row(qx, qy) * row(qx, qy).transpose();
+          b += w * row(qx, qy) * static_cast<double>(v[0](qx, qy));
         }
       const double w = weight(px, py, tx, ty);
-      sum += w * row(tx, ty).dot(a.ldlt().solve(b)), total += w;
+      sum += w * row(tx, ty).dot(a.ldlt().solve(b));
+      total += w;
     }
   EXPECT_NEAR(out[0](tx, ty), sum / total, 1e-4);
 }
@@ -329,12 +347,14 @@ TEST(MutualInformation, OfIndependentColumnsHasTheStatedBias) {
   Rng rng(6);
   for (int i = 0; i < runs; ++i) {
     std::vector<float> x, y;
-    for (int k = 0; k < 196; ++k)
-      x.push_back(static_cast<float>((rng.uniform() - 0.5) * 3.46)),
-          y.push_back(static_cast<float>((rng.uniform() - 0.5) * 3.46));
+    for (int k = 0; k < 196; ++k) {
+      x.push_back(static_cast<float>((rng.uniform() - 0.5) * 3.46));
+      y.push_back(static_cast<float>((rng.uniform() - 0.5) * 3.46));
+    }
     MutualInformation mi(196);
     const size_t a = mi.add(x), b = mi.add(y);
-    sum += mi(a, b, false) / runs, corrected += mi(a, b, true) / runs;
+    sum += mi(a, b, false) / runs;
+    corrected += mi(a, b, true) / runs;
   }
   // Uniform columns of deviation 1 fill five bins: 16 / 392 = 0.041 nats. Clamping at 0 leaves some of it.
   EXPECT_NEAR(sum, 0.041, 0.003);
@@ -354,7 +374,8 @@ TEST(Noise, LevelFollowsTheHalvesAndStructureTheSamples) {
       return plane_of(size, size,
                       [&](int x, int y) { return 0.5 + sign * (x < 60 ? 0.01 : 0.02) * normal(x, y, 7 + c); });
     };
-    a[c] = half(1), b[c] = half(-1);
+    a[c] = half(1);
+    b[c] = half(-1);
   }
   const Rgb v = corrected_variance(view(mean), view(variance), view(a), view(b), nullptr, {});
   EXPECT_NEAR(v[0](20, 60), 1e-4, 2e-5);
@@ -364,7 +385,10 @@ TEST(Noise, LevelFollowsTheHalvesAndStructureTheSamples) {
 TEST(Noise, ASampleByItselfAndABlackPixelAreNotCertain) {
   const auto flat = [](double v) { return plane_of(9, 9, [v](int, int) { return v; }); };
   Rgb mean = {flat(1), flat(1), flat(1)}, variance = {flat(0.04), flat(0.04), flat(0.04)};
-  for (size_t c = 0; c < 3; ++c) mean[c](4, 4) = 0, variance[c](4, 4) = 0;
+  for (size_t c = 0; c < 3; ++c) {
+    mean[c](4, 4) = 0;
+    variance[c](4, 4) = 0;
+  }
   const Rgb lifted = corrected_variance(view(mean), view(variance), {}, {}, nullptr, {});
   EXPECT_NEAR(lifted[0](4, 4), 0.01, 1e-6);
   const Plane one = flat(1);
@@ -384,7 +408,8 @@ TEST(Noise, InLabIsMeasuredFromHalvesOrVarianceWhateverFirefliesAndBackgroundDo)
         return x < 48 ? grey + sign * step * normal(x, y, 5) : 1.0;
       });
     };
-    a[c] = half(1), b[c] = half(-1);
+    a[c] = half(1);
+    b[c] = half(-1);
     mean[c] = plane_of(96, 96, [&](int x, int) { return x < 48 ? grey : 1.0; });
     variance[c] = plane_of(96, 96, [&](int x, int) { return x < 48 ? step * step : 0.0; });
   }
@@ -398,7 +423,8 @@ TEST(Noise, InLabIsMeasuredFromHalvesOrVarianceWhateverFirefliesAndBackgroundDo)
     const auto quiet_but_for_a_corner = [&](const Plane& p) {
       return plane_of(96, 96, [&](int x, int y) { return x < 32 && y < 32 ? p(x, y) : 1.0f; });
     };
-    wide_a[c] = quiet_but_for_a_corner(a[c]), wide_b[c] = quiet_but_for_a_corner(b[c]);
+    wide_a[c] = quiet_but_for_a_corner(a[c]);
+    wide_b[c] = quiet_but_for_a_corner(b[c]);
   }
   EXPECT_NEAR(lab_noise(view(wide), {}, view(wide_a), view(wide_b), 1, nullptr), 1, 0.1);
 }

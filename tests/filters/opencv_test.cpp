@@ -44,7 +44,10 @@ TEST(OpenCv, Bilateral) {
   const WorkImage guide = padded(one, 6);
   WorkImage out(kWidth, kHeight, 6, 3);
   kernels::WindowInput in;
-  in.radius = 6, in.guide = &guide, in.values = &values, in.out = &out;
+  in.radius = 6;
+  in.guide = &guide;
+  in.values = &values;
+  in.out = &out;
   for (int y = 0; y < kHeight; ++y) kernels::bilateral_row(in, {1.2f, 15}, y);
   for (int y = 6; y < kHeight - 6; ++y)
     for (int x = 6; x < kWidth - 6; ++x) ASSERT_NEAR(out.channels[0].row(y)[x], theirs.at<float>(y, x), 5e-3);

@@ -40,9 +40,10 @@ struct Shot {
       test::put(frame, layer::flash, "", [&](int x, int y, size_t c) { return scene(d, speed)(x, y, c); });
       test::put(frame, layer::flash, statistic::mean_variance, [](int, int, size_t) { return 1e-3f; });
       test::Records& r = records.emplace_back(frame);
-      if (d == 0)
-        own = &frame, options.records = &*r.reader;
-      else
+      if (d == 0) {
+        own = &frame;
+        options.records = &*r.reader;
+      } else
         options.sequence.push_back({d, &frame, &*r.reader});
     }
   }
@@ -51,7 +52,10 @@ struct Shot {
 
 FilterSettings settings(const FilterEntry& e) {
   FilterSettings f(e);
-  if (e.name == "random_parameter") f.set("largest-neighborhood", "200"), f.set("variance", "0.2");
+  if (e.name == "random_parameter") {
+    f.set("largest-neighborhood", "200");
+    f.set("variance", "0.2");
+  }
   if (e.name == "virtual_flash") f.set("large-radius", "7");
   return f;
 }

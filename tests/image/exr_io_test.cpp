@@ -26,9 +26,10 @@ Layers sample_frame() {
   Plane& red = frame.add("R");
   Plane& deep = frame.add("indirect.mean_variance.G");
   for (int y = 0; y < 11; ++y)
-    for (int x = 0; x < 37; ++x)
-      red(x, y) = static_cast<float>(x) - 1e20f * static_cast<float>(y),
-             deep(x, y) = 1e-30f * static_cast<float>(x * y);
+    for (int x = 0; x < 37; ++x) {
+      red(x, y) = static_cast<float>(x) - 1e20f * static_cast<float>(y);
+      deep(x, y) = 1e-30f * static_cast<float>(x * y);
+    }
   red(3, 4) = std::numeric_limits<float>::quiet_NaN();
   red(5, 6) = -std::numeric_limits<float>::infinity();
   frame.header["scene"] = std::string("x");
@@ -110,7 +111,10 @@ TEST(Exr, PartsWithTheirOwnDataWindowsBecomeOneFrame) {
   EXPECT_EQ(frame.display_window(), (PixelWindow{{0, 0}, {20, 10}}));
   double left = 0, right = 0;
   for (int y = 0; y < frame.height(); ++y)
-    for (int x = 0; x < frame.width(); ++x) left += frame.at("left.Y")(x, y), right += frame.at("right.Y")(x, y);
+    for (int x = 0; x < frame.width(); ++x) {
+      left += frame.at("left.Y")(x, y);
+      right += frame.at("right.Y")(x, y);
+    }
   EXPECT_EQ(left, 6 * 4);
   EXPECT_EQ(right, 24 * 6);
   EXPECT_EQ(frame.at("left.Y")(0, 0), 1.0f);

@@ -49,7 +49,9 @@ TEST(PixelSums, MeansAndVariancesAreThoseOfTheSamples) {
         for (size_t s = 0; s < count; ++s) {
           const long double x = rows[s * values + v];
           total[(first + s) % groups] += x, ++n[(first + s) % groups];
-          all += x, square += x * x, largest = std::max(largest, std::abs(x));
+          all += x;
+          square += x * x;
+          largest = std::max(largest, std::abs(x));
         }
         for (size_t g = 0; g < groups; ++g)
           EXPECT_NEAR(means(sums, state, g, groups, n[g])[v],

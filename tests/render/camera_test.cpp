@@ -14,13 +14,15 @@ namespace {
 
 CameraSettings settings() {
   CameraSettings s;
-  s.position = dvec3(1, -5, 2), s.look_at = dvec3(0.5, 0, 1);
+  s.position = dvec3(1, -5, 2);
+  s.look_at = dvec3(0.5, 0, 1);
   return s;
 }
 
 TEST(Camera, OrthographicRaysAreParallelAndAsWideAsAsked) {
   CameraSettings s = settings();
-  s.type = "orthographic", s.width = 3;
+  s.type = "orthographic";
+  s.width = 3;
   const Camera camera(s, 60, 40);
   const Ray left = camera.ray({0, 20}), right = camera.ray({60, 20}), top = camera.ray({30, 0});
   EXPECT_EQ(left.d, right.d);
@@ -36,7 +38,11 @@ TEST(Camera, ABeamHoldsEveryRayOfItsPixel) {
     for (const double radius : {0.0, 0.4})
       for (const int width : {5, 300}) {
         CameraSettings s = settings();
-        s.type = type, s.width = 3, s.fov = 100, s.lens_radius = radius, s.blades = rng.uniform() < 0.5 ? 0 : 5;
+        s.type = type;
+        s.width = 3;
+        s.fov = 100;
+        s.lens_radius = radius;
+        s.blades = rng.uniform() < 0.5 ? 0 : 5;
         const Camera camera(s, width, width);
         const int x = width / 5, y = width - 1;
         const std::optional<RayCone> cone = camera.ray_cone({x, y}, {x + 1, y + 1});
@@ -62,7 +68,10 @@ TEST(Camera, ALensFocuses) {
   Rng rng(1);
   for (const int blades : {0, 6}) {
     CameraSettings s = settings();
-    s.lens_radius = 0.3, s.focus_distance = 4, s.blades = blades, s.blade_rotation = 12;
+    s.lens_radius = 0.3;
+    s.focus_distance = 4;
+    s.blades = blades;
+    s.blade_rotation = 12;
     const Camera lens(s, 60, 40);
     s.lens_radius = 0;
     const Camera pinhole(s, 60, 40);
@@ -101,7 +110,8 @@ TEST(Camera, MovesOverTheShutter) {
 TEST(Camera, IsTakenFromAnExrHeader) {
   const test::TemporaryFolder folder;
   CameraSettings s = settings();
-  s.up = dvec3(0.1, 0.2, 1), s.fov = 33;
+  s.up = dvec3(0.1, 0.2, 1);
+  s.fov = 33;
   const Camera original(s, 60, 40);
   Layers frame(60, 40);
   frame.add_rgb(layer::beauty);
@@ -127,11 +137,13 @@ TEST(Camera, IsTakenFromAnExrHeader) {
     return Camera(c, 60, 40);
   };
   CameraSettings parallel = s;
-  parallel.type = "orthographic", parallel.width = 3;
+  parallel.type = "orthographic";
+  parallel.width = 3;
   const Camera flat(parallel, 60, 40), flat_copy = adopted(flat.world_to_camera(), flat.world_to_ndc());
   std::array<float, 16> shifted = original.world_to_ndc(), forwards = original.world_to_camera();
   for (size_t row = 0; row < 4; ++row) {
-    shifted[row * 4] += 0.5f * shifted[row * 4 + 3], shifted[row * 4 + 1] -= 0.25f * shifted[row * 4 + 3];
+    shifted[row * 4] += 0.5f * shifted[row * 4 + 3];
+    shifted[row * 4 + 1] -= 0.25f * shifted[row * 4 + 3];
     forwards[row * 4 + 2] = -forwards[row * 4 + 2];
   }
   std::array<float, 16> flat_forwards = flat.world_to_camera();

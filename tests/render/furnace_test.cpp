@@ -50,7 +50,9 @@ TEST(WhiteFurnace, PathsOfThousandsOfEventsEndWhole) {
                          [](const ivec3&) { return 1.0f; });
   Scene scene = furnace(folder / "slab.vdb", 0.0);
   scene.volumes[0].sigma_t = dvec3(100 / 1.05);
-  scene.camera.position = dvec3(0, 0, 50), scene.camera.look_at = dvec3(0), scene.camera.up = dvec3(0, 1, 0);
+  scene.camera.position = dvec3(0, 0, 50);
+  scene.camera.look_at = dvec3(0);
+  scene.camera.up = dvec3(0, 1, 0);
   const RenderResult r = PreparedScene(scene, {}).render(16, 1, {});
   EXPECT_GT(r.report.counters.longest, 3000u);
   EXPECT_EQ(r.report.counters.capped_paths, 0u);

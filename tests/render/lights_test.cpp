@@ -193,7 +193,9 @@ TEST(Lights, ChoiceFollowsTheEstimatedContribution) {
     LightSettings l;
     l.type = i % 2 ? "sphere" : "point";
     l.position = {std::cos(0.7 * i) * (1 + 0.3 * i), std::sin(0.7 * i) * (1 + 0.3 * i), 0.2 * (i % 7)};
-    l.radius = 0.05, l.radiance = dvec3(20), l.intensity = dvec3(1 + i % 3);
+    l.radius = 0.05;
+    l.radiance = dvec3(20);
+    l.intensity = dvec3(1 + i % 3);
     scene.lights.push_back(l);
   }
   scene.lights.push_back(sun_settings(1));
@@ -231,7 +233,9 @@ TEST(Lights, ChoiceFollowsTheEstimatedContribution) {
 // Preetham's zenith luminance, a brighter ring around the sun, a sky bluer than its sun.
 TEST(Sky, IsPreethams) {
   EnvironmentSettings settings;
-  settings.sky = "preetham", settings.turbidity = 3, settings.radiance = dvec3(1);
+  settings.sky = "preetham";
+  settings.turbidity = 3;
+  settings.radiance = dvec3(1);
   settings.sun_direction = {std::sin(0.8), 0, std::cos(0.8)};
   const Environment sky(settings);
   const double chi = (4.0 / 9 - 3.0 / 120) * (kPi - 1.6);

@@ -18,7 +18,8 @@ namespace {
 VolumeSettings solid(const char* shape, double sigma_t, double albedo) {
   VolumeSettings v;
   v.shape = shape;
-  v.lo = dvec3(-1), v.hi = dvec3(1);
+  v.lo = dvec3(-1);
+  v.hi = dvec3(1);
   v.sigma_t = dvec3(sigma_t);
   v.albedo = dvec3(albedo);
   return v;
@@ -44,7 +45,9 @@ Scene overview(int size = 24) {
 LightSettings sun(const dvec3& direction, double irradiance, double diameter = 0) {
   LightSettings l;
   l.type = "sun";
-  l.direction = direction, l.irradiance = dvec3(irradiance), l.angular_diameter = diameter;
+  l.direction = direction;
+  l.irradiance = dvec3(irradiance);
+  l.angular_diameter = diameter;
   return l;
 }
 
@@ -74,9 +77,12 @@ TEST(HomogeneousMedium, SingleScatteringInASphere) {
 TEST(HomogeneousMedium, SemiInfiniteSlabs) {
   for (const auto& [albedo, expected] : {std::pair(0.5, .031148), {0.8, .081306}, {0.9, .122572}, {0.99, .240863}}) {
     Scene s = through_the_middle(16);
-    s.camera.position = dvec3(0, 0, 100), s.camera.up = dvec3(0, 1, 0), s.camera.fov = 0.01;
+    s.camera.position = dvec3(0, 0, 100);
+    s.camera.up = dvec3(0, 1, 0);
+    s.camera.fov = 0.01;
     s.volumes.push_back(solid("box", 1, albedo));
-    s.volumes[0].lo = dvec3(-1e6, -1e6, -60), s.volumes[0].hi = dvec3(1e6, 1e6, 0);
+    s.volumes[0].lo = dvec3(-1e6, -1e6, -60);
+    s.volumes[0].hi = dvec3(1e6, 1e6, 0);
     s.lights.push_back(sun({0, 0, 1}, 1));
     const test::Mean m = test::mean_radiance(PreparedScene(s, {}).render(4000, 4, {}).layers);
     EXPECT_NEAR(m.value.x, expected, 4.5 * m.error.x + 5e-7) << albedo;
@@ -89,7 +95,8 @@ TEST(HomogeneousMedium, SemiInfiniteSlabs) {
 TEST(Emission, EscapeProbabilityOfABall) {
   for (const auto& [a, expected] : {std::pair(.5, .707277), {1., .527252}, {2., .332418}, {5., .147001}}) {
     Scene s = through_the_middle(32);
-    s.camera.type = "orthographic", s.camera.width = 2;
+    s.camera.type = "orthographic";
+    s.camera.width = 2;
     s.volumes.push_back(solid("sphere", a, 0));
     s.volumes[0].emission = dvec3(1);
     const test::Mean m = test::mean_radiance(PreparedScene(s, {}).render(400, 5, {}).layers);
@@ -106,10 +113,15 @@ TEST(Reciprocity, CameraAndLampChangePlaces) {
   const auto transported = [](const dvec3& eye, const dvec3& lamp, int64_t seed) {
     Scene s = test::scene_of(test::source("data/volumes/smoke.vdb"), 12, 0.8, 0.5);
     const dvec3 centre = s.camera.look_at;
-    s.camera.position = centre + eye, s.camera.fov = 30;
+    s.camera.position = centre + eye;
+    s.camera.fov = 30;
     LightSettings spot;
-    spot.type = "spot", spot.position = centre + lamp, spot.direction = -lamp, spot.intensity = dvec3(100);
-    spot.cone_angle = 30, spot.cone_softness = 0;
+    spot.type = "spot";
+    spot.position = centre + lamp;
+    spot.direction = -lamp;
+    spot.intensity = dvec3(100);
+    spot.cone_angle = 30;
+    spot.cone_softness = 0;
     s.lights.push_back(spot);
     s.film.width = s.film.height = 48;
     const Layers f = PreparedScene(s, LayerRequest::of({"direct", "indirect"}, true)).render(150, seed, {}).layers;
@@ -193,7 +205,9 @@ TEST(ChromaticMedium, EachChannelIsItsMonochromeRun) {
   s.environment.radiance = dvec3(0.3);
   s.lights.push_back(sun({-0.5, -0.6, 0.7}, 2, 2));
   s.volumes.push_back(solid("sphere", 1, 1));
-  s.volumes[0].sigma_t = sigma, s.volumes[0].albedo = albedo, s.volumes[0].g = 0.4;
+  s.volumes[0].sigma_t = sigma;
+  s.volumes[0].albedo = albedo;
+  s.volumes[0].g = 0.4;
   const auto render = [&](int64_t seed) {
     return PreparedScene(s, LayerRequest::of({"direct", "indirect", "transmittance"}, true))
         .render(600, seed, {})
@@ -201,7 +215,8 @@ TEST(ChromaticMedium, EachChannelIsItsMonochromeRun) {
   };
   const Layers all = render(1);
   for (int c = 0; c < 3; ++c) {
-    s.volumes[0].sigma_t = dvec3(sigma[c]), s.volumes[0].albedo = dvec3(albedo[c]);
+    s.volumes[0].sigma_t = dvec3(sigma[c]);
+    s.volumes[0].albedo = dvec3(albedo[c]);
     const Layers one = render(2 + c);
     for (const LayerName& l : {layer::direct, layer::indirect, layer::transmittance}) {
       const test::Mean m = test::mean_radiance(all, l), n = test::mean_radiance(one, l);
@@ -413,7 +428,8 @@ TEST(MotionBlur, VelocityIsTheMotionItDescribes) {
   for (int k = 0; k < kTimes; ++k) {
     s.volumes[0].object_to_world = test::translation(shift * ((k + 0.5) / kTimes));
     const test::Mean m = test::mean_radiance(PreparedScene(s, {}).render(100, 10 + k, {}).layers);
-    sum += m.value.x / kTimes, error += m.error.x * m.error.x / (kTimes * kTimes);
+    sum += m.value.x / kTimes;
+    error += m.error.x * m.error.x / (kTimes * kTimes);
   }
   const test::Mean m = test::mean_radiance(blurred);
   EXPECT_NEAR(m.value.x, sum, 4.5 * std::hypot(m.error.x, std::sqrt(error)));
@@ -469,7 +485,9 @@ TEST(MotionBlur, GlowMovesToo) {
   test::write_velocity_vdb(folder / "v.vdb", folder / "ball.vdb", {ivec3(-20), ivec3(20)}, dvec3(1, 0, 0));
   Scene still = test::scene_of(folder / "v.vdb", 0, 0, 0);
   still.film.width = still.film.height = 24;
-  still.camera.position = dvec3(0.4, -8, 0), still.camera.look_at = dvec3(0.4, 0, 0), still.camera.fov = 30;
+  still.camera.position = dvec3(0.4, -8, 0);
+  still.camera.look_at = dvec3(0.4, 0, 0);
+  still.camera.fov = 30;
   still.volumes[0].emission = dvec3(1);
   struct Streak {
     double light = 0, place = 0;
@@ -478,7 +496,10 @@ TEST(MotionBlur, GlowMovesToo) {
     const Layers frame = PreparedScene(s, {}).render(400, 1, {}).layers;
     Streak k;
     for (int y = 0; y < 24; ++y)
-      for (int x = 0; x < 24; ++x) k.light += frame.at("R")(x, y), k.place += frame.at("R")(x, y) * (x + 0.5);
+      for (int x = 0; x < 24; ++x) {
+        k.light += frame.at("R")(x, y);
+        k.place += frame.at("R")(x, y) * (x + 0.5);
+      }
     k.place /= k.light;
     return k;
   };
@@ -489,9 +510,12 @@ TEST(MotionBlur, GlowMovesToo) {
   flows.volumes[0].velocity_grid = "auto";
   moves.volumes[0].object_to_world_end = test::translation({1, 0, 0});
   Scene flame = flows;
-  flame.volumes[0].emission = dvec3(0), flame.volumes[0].flame_grid = "density", flame.volumes[0].flame_intensity = 1;
+  flame.volumes[0].emission = dvec3(0);
+  flame.volumes[0].flame_grid = "density";
+  flame.volumes[0].flame_intensity = 1;
   Scene flame_rest = still;
-  flame_rest.volumes[0].emission = dvec3(0), flame_rest.volumes[0].flame_grid = "density";
+  flame_rest.volumes[0].emission = dvec3(0);
+  flame_rest.volumes[0].flame_grid = "density";
   const double pixel = 2 * 8 * std::tan(15 * kPi / 180) / 24;  // of the film, at the ball
   for (const Scene& s : {flows, moves}) {
     const Streak k = streak(s);

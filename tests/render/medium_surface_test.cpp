@@ -91,8 +91,11 @@ struct View {
   int cell_size = 8;
 };
 void look_from(const View& v, Scene& scene) {
-  scene.camera.position = v.position, scene.camera.type = v.type, scene.camera.lens_radius = v.lens_radius;
-  scene.camera.fov = v.fov, scene.camera.width = 3;
+  scene.camera.position = v.position;
+  scene.camera.type = v.type;
+  scene.camera.lens_radius = v.lens_radius;
+  scene.camera.fov = v.fov;
+  scene.camera.width = 3;
   scene.render.cell_size = v.cell_size;
 }
 const char* const kPerspective = "perspective";
@@ -149,7 +152,8 @@ TEST(MediumSurface, OfBlocks) {
   for (const View& v : kViews) {
     Scene scene = test::demo("smoke", 400);
     look_from(v, scene);
-    scene.volumes[0].file = folder / "blocks.vdb", scene.volumes[0].grid = "density";
+    scene.volumes[0].file = folder / "blocks.vdb";
+    scene.volumes[0].grid = "density";
     scene.volumes[0].object_to_world = dmat4(1);
     scene.render.surface_density = 0.5;
     const Found found = against_fine_steps(scene, 4, 14);
@@ -197,7 +201,8 @@ TEST(MediumSurface, IsTheSameInCellsOfEverySize) {
     scene.render.cell_size = k ? 16 : 4;
     const Layers frame =
         PreparedScene(scene, LayerRequest::of({"coverage", "gradient"}, false)).render(8, 1, {}).layers;
-    coverage[k] = frame.at("coverage.A"), gradient[k] = frame.at("gradient.X");
+    coverage[k] = frame.at("coverage.A");
+    gradient[k] = frame.at("gradient.X");
   }
   double difference = 0, covered = 0;
   for (int y = 0; y < coverage[0].height(); ++y)

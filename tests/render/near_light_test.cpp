@@ -27,7 +27,9 @@ Scene lamp_in_fog(const char* type, double sigma_t) {
   lamp.type = type;
   lamp.position = dvec3(0.2, 0.3, -0.1);
   lamp.direction = dvec3(0, -1, -0.2);
-  lamp.intensity = dvec3(2), lamp.radiance = dvec3(2000), lamp.radius = 0.01;
+  lamp.intensity = dvec3(2);
+  lamp.radiance = dvec3(2000);
+  lamp.radius = 0.01;
   s.lights.push_back(lamp);
   return s;
 }
@@ -83,7 +85,8 @@ TEST(NearLight, ChangesNoMean) {
         if (chromatic) s.volumes[0].sigma_t = dvec3(1.2, 0.8, 0.3);
         if (overlap) {
           s.volumes.push_back(s.volumes[0]);
-          s.volumes[1].shape = "sphere", s.volumes[1].sigma_t = dvec3(0.5);
+          s.volumes[1].shape = "sphere";
+          s.volumes[1].sigma_t = dvec3(0.5);
           for (int a = 0; a < 3; ++a) s.volumes[1].object_to_world[a][a] = 2;
         }
         const auto light = [&](const char* setting, const LayerName& l, double& variance) {

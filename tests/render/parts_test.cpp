@@ -19,7 +19,8 @@ class PartsTest : public ::testing::Test {
  protected:
   PartsTest() {
     scene_ = read_scene(test::source("data/scenes/smoke.toml"));
-    scene_.film.width = 37, scene_.film.height = 21;
+    scene_.film.width = 37;
+    scene_.film.height = 21;
   }
   const PreparedScene& prepared() {
     if (!prepared_) prepared_ = std::make_unique<PreparedScene>(scene_, LayerRequest::of({"all"}, true, true));
@@ -27,12 +28,16 @@ class PartsTest : public ::testing::Test {
   }
   RenderJob job(int spp) {
     RenderJob j;
-    j.spp = spp, j.seed = 5, j.program = "brume test";
+    j.spp = spp;
+    j.seed = 5;
+    j.program = "brume test";
     return j;
   }
   std::filesystem::path part(int i, int n, int spp = 13) {
     RenderJob j = job(spp);
-    j.part = i, j.parts = n, j.keep_state = true;
+    j.part = i;
+    j.parts = n;
+    j.keep_state = true;
     const auto path = folder_ / ("part" + std::to_string(i) + "_" + std::to_string(n) + ".exr");
     write_exr(path, prepared().render(j, {}).layers);
     return path;
@@ -76,7 +81,9 @@ TEST_F(PartsTest, WhatDoesNotBelongTogetherIsRefused) {
   const auto other = [&](const std::function<void(Scene&, RenderJob&)>& change) {
     Scene s = scene_;
     RenderJob j = job(13);
-    j.part = 2, j.parts = 2, j.keep_state = true;
+    j.part = 2;
+    j.parts = 2;
+    j.keep_state = true;
     change(s, j);
     write_exr(folder_ / "other.exr", PreparedScene(s, LayerRequest::of({"all"}, true, true)).render(j, {}).layers);
     return error_of([&] { merge_parts({a, folder_ / "other.exr"}, false); });
@@ -96,7 +103,9 @@ TEST_F(PartsTest, WhatDoesNotBelongTogetherIsRefused) {
             std::string::npos);
   // But a finished frame goes on with the later samples of a longer one.
   RenderJob later = job(26);
-  later.part = 2, later.parts = 2, later.keep_state = true;
+  later.part = 2;
+  later.parts = 2;
+  later.keep_state = true;
   write_exr(folder_ / "later.exr", prepared().render(later, {}).layers);
   RenderJob all = job(13);
   all.keep_state = true;
@@ -131,7 +140,8 @@ TEST_F(PartsTest, InterruptedAndResumedIsAsIfNothingHadHappened) {
     j.resume = j.checkpoint;
   }
   EXPECT_GE(cuts, 2);
-  j.resume = j.checkpoint, j.watch = nullptr;
+  j.resume = j.checkpoint;
+  j.watch = nullptr;
   j.spp = 24;
   const Layers resumed = prepared().render(j, {}).layers;
   test::expect_same_bits(whole, resumed);

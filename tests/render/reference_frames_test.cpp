@@ -74,7 +74,8 @@ std::vector<Block> blocks_of(const Plane& mean, const Plane& variance) {
   for (int y = 0; y < mean.height(); ++y)
     for (int x = 0; x < mean.width(); ++x) {
       Block& block = blocks[static_cast<size_t>(y / kBlock * columns + x / kBlock)];
-      block.sum += mean(x, y), block.variance += variance(x, y);
+      block.sum += mean(x, y);
+      block.variance += variance(x, y);
     }
   return blocks;
 }
@@ -87,7 +88,9 @@ void expect_agreement(const std::vector<Block>& ours, const std::vector<Block>& 
   int blocks = 0;
   for (size_t i = 0; i < ours.size(); ++i) {
     const double a = ours[i].sum, b = theirs[i].sum, v = ours[i].variance + theirs[i].variance;
-    total += a, total_other += b, total_variance += v;
+    total += a;
+    total_other += b;
+    total_variance += v;
     if (v < 1e-9) {
       EXPECT_NEAR(a, b, 1e-4 * b) << "block " << i << " of background";
       continue;
@@ -116,7 +119,9 @@ TEST(ReferenceFrames, CyclesCloud) {
   if (folder.empty()) GTEST_SKIP() << "no reference frames beside the project";
   Scene s = base_scene(test::shared("volumes/cloud.vdb"), 40, 0.99, 0.6);
   s.volumes[0].index_offset = dvec3(0.5);
-  s.camera.position = dvec3(0, -6.2, 1), s.camera.look_at = dvec3(0, 0, 1.22), s.camera.fov = 33;
+  s.camera.position = dvec3(0, -6.2, 1);
+  s.camera.look_at = dvec3(0, 0, 1.22);
+  s.camera.fov = 33;
   s.environment.radiance = dvec3(0.2);
   s.lights.push_back(sun({-0.6, -0.5, 0.7}, dvec3(3), 0.53));
   s.render.max_events = 64;  // its volume bounces
@@ -132,7 +137,9 @@ TEST(ReferenceFrames, CyclesSmoke) {
   Scene s = base_scene(test::source("data/volumes/smoke.vdb"), 18, 0.8, 0);
   s.volumes[0].index_offset = dvec3(0.5);
   s.volumes[0].object_to_world = test::translation(dvec3(-1, -1, 0));
-  s.camera.position = dvec3(0, -7, 1.5), s.camera.look_at = dvec3(0, 0, 1.45), s.camera.fov = 26.5;
+  s.camera.position = dvec3(0, -7, 1.5);
+  s.camera.look_at = dvec3(0, 0, 1.45);
+  s.camera.fov = 26.5;
   s.environment.radiance = dvec3(0.2);
   s.lights.push_back(sun({-0.7, -0.5, 0.6}, dvec3(6), 0.53));
   s.render.max_events = 64;
@@ -148,8 +155,11 @@ TEST(ReferenceFrames, PbrtPlume) {
   const auto path = test::shared("references/pbrt/plume_reference.exr");
   if (path.empty()) GTEST_SKIP() << "no reference frames beside the project";
   Scene s = base_scene(test::shared("volumes/plume_procedural.vdb"), 50, 0.8, 0);
-  s.camera.position = dvec3(0.6, 0.35, 4.4), s.camera.look_at = dvec3(0), s.camera.up = dvec3(0, 1, 0);
-  s.camera.fov = 26, s.camera.fov_axis = "shorter";
+  s.camera.position = dvec3(0.6, 0.35, 4.4);
+  s.camera.look_at = dvec3(0);
+  s.camera.up = dvec3(0, 1, 0);
+  s.camera.fov = 26;
+  s.camera.fov_axis = "shorter";
   s.environment.radiance = dvec3(0.25, 0.35, 0.5);
   s.lights.push_back(sun({0.5, 0.8, 0.35}, dvec3(3.4, 3.15, 2.7), 0));
   s.render.max_events = 100;

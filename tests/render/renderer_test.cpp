@@ -63,7 +63,8 @@ TEST(Renderer, HalvesAndVarianceTellTheSameNoise) {
         const double a = f.at(l.channel_of("half_a", 0))(x, y), b = f.at(l.channel_of("half_b", 0))(x, y);
         halves += (a - b) * (a - b) / 4;
         variance += f.at(l.channel_of("mean_variance", 0))(x, y);
-        mean_a += a, mean_b += b;
+        mean_a += a;
+        mean_b += b;
         EXPECT_NEAR(0.5 * (a + b), f.at(l.channel(0))(x, y), 1e-5);
       }
     // The difference of the halves has four times the variance of the mean.
@@ -127,7 +128,8 @@ TEST(Renderer, ScaleAndRigidMotionOfTheWorldDoNotMatter) {
   const auto point = [&](const dvec3& p) { return dvec3(m * glm::dvec4(p, 1)); };
   b.volumes[0].object_to_world = m * b.volumes[0].object_to_world;
   b.volumes[0].sigma_t /= 10;
-  b.camera.position = point(b.camera.position), b.camera.look_at = point(b.camera.look_at);
+  b.camera.position = point(b.camera.position);
+  b.camera.look_at = point(b.camera.look_at);
   b.lights[0].direction = dmat3(m) * b.lights[0].direction;
   const test::Mean x = test::mean_radiance(PreparedScene(a, {}).render(100, 1, {}).layers),
                    y = test::mean_radiance(PreparedScene(b, {}).render(100, 1, {}).layers);
@@ -149,33 +151,44 @@ TEST(Renderer, HardCasesEndFiniteWithNothingHidden) {
       {"one channel white", [](Scene& s) { s.volumes[0].albedo = dvec3(1, 0, 0.5); }},
       {"camera inside",
        [](Scene& s) {
-         s.camera.position = dvec3(0, 0, 1.5), s.camera.look_at = dvec3(0, 0, 2);
+         s.camera.position = dvec3(0, 0, 1.5);
+         s.camera.look_at = dvec3(0, 0, 2);
          s.camera.up = dvec3(0, 1, 0);
        }},
       {"along an axis and an edge",
        [](Scene& s) {
-         s.camera.position = dvec3(0, -7, 1), s.camera.look_at = dvec3(0, 0, 1);
+         s.camera.position = dvec3(0, -7, 1);
+         s.camera.look_at = dvec3(0, 0, 1);
          s.camera.fov = 1e-3;
        }},
       {"world of 1e-6",
        [](Scene& s) {
          s.volumes[0].object_to_world = test::scaling(dvec3(1e-6)) * s.volumes[0].object_to_world;
-         s.volumes[0].sigma_t *= 1e6, s.camera.position *= 1e-6, s.camera.look_at *= 1e-6;
+         s.volumes[0].sigma_t *= 1e6;
+         s.camera.position *= 1e-6;
+         s.camera.look_at *= 1e-6;
        }},
       {"world of 1e7, far away",
        [](Scene& s) {
          s.volumes[0].object_to_world =
              test::translation(dvec3(1e12)) * test::scaling(dvec3(1e7)) * s.volumes[0].object_to_world;
-         s.volumes[0].sigma_t *= 1e-7, s.camera.position = s.camera.position * 1e7 + 1e12,
-                                       s.camera.look_at = s.camera.look_at * 1e7 + 1e12;
+         s.volumes[0].sigma_t *= 1e-7;
+         s.camera.position = s.camera.position * 1e7 + 1e12;
+         s.camera.look_at = s.camera.look_at * 1e7 + 1e12;
        }},
       {"sphere light inside",
        [](Scene& s) {
          s.lights[0] = LightSettings{};
-         s.lights[0].type = "sphere", s.lights[0].position = dvec3(0, 0, 1.6), s.lights[0].radius = 0.01,
+         s.lights[0].type = "sphere";
+         s.lights[0].position = dvec3(0, 0, 1.6);
+         s.lights[0].radius = 0.01;
          s.lights[0].radiance = dvec3(1e4);
        }},
-      {"black sun and sky", [](Scene& s) { s.lights[0].irradiance = dvec3(0), s.environment.radiance = dvec3(0); }},
+      {"black sun and sky",
+       [](Scene& s) {
+         s.lights[0].irradiance = dvec3(0);
+         s.environment.radiance = dvec3(0);
+       }},
       {"one pixel", [](Scene& s) { s.film.width = s.film.height = 1; }},
   };
   for (const Case& c : cases) {

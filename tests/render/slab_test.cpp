@@ -66,7 +66,8 @@ class SlabTest : public ::testing::Test {
 TEST_F(SlabTest, PlaneAlbedoAndTransmittanceUnderAUniformSky) {
   for (const Slab& slab : kSlabs) {
     Scene above = scene(slab, true), below = scene(slab, false);
-    upper_sky(above), upper_sky(below);
+    upper_sky(above);
+    upper_sky(below);
     const test::Mean r = render(above, 2000), t = render(below, 2000);
     EXPECT_NEAR(r.value.x, slab.reflected, 3 * r.error.x + 3e-4) << "tau " << slab.tau << " albedo " << slab.albedo;
     EXPECT_LT(3 * r.error.x, 0.01 * slab.reflected);

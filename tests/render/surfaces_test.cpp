@@ -173,9 +173,13 @@ TEST_F(SurfaceTest, LambertUnderTheSun) {
   Scene s = scene("floor.obj");
   s.surfaces[0].albedo = dvec3(0.5, 0.25, 1);
   LightSettings sun;
-  sun.type = "sun", sun.direction = dvec3(0, 3, 4), sun.irradiance = dvec3(2), sun.angular_diameter = 0;
+  sun.type = "sun";
+  sun.direction = dvec3(0, 3, 4);
+  sun.irradiance = dvec3(2);
+  sun.angular_diameter = 0;
   s.lights.push_back(sun);
-  s.camera.position = dvec3(0, 0, 5), s.camera.up = dvec3(0, 1, 0);
+  s.camera.position = dvec3(0, 0, 5);
+  s.camera.up = dvec3(0, 1, 0);
   const Layers f = PreparedScene(s, LayerRequest::of({"all"}, true)).render(4, 1, {}).layers;
   EXPECT_NEAR(f.at("surface.R")(8, 8), 0.5 / kPi * 2 * 0.8, 1e-6);
   EXPECT_NEAR(f.at("G")(3, 8), 0.25 / kPi * 2 * 0.8, 1e-6);
@@ -192,8 +196,11 @@ TEST_F(SurfaceTest, AMeshLightIsTheRectangleItLooksLike) {
   test::write_file(folder_ / "lamp.obj", "v -1 -1 3\nv -1 1 3\nv 1 1 3\nv 1 -1 3\nf 1 2 3 4\n");
   Scene s = scene("floor.obj");
   VolumeSettings fog;
-  fog.shape = "sphere", fog.lo = dvec3(-1.5, -1.5, 0), fog.hi = dvec3(1.5, 1.5, 2.5);
-  fog.sigma_t = dvec3(0.8), fog.albedo = dvec3(0.9);
+  fog.shape = "sphere";
+  fog.lo = dvec3(-1.5, -1.5, 0);
+  fog.hi = dvec3(1.5, 1.5, 2.5);
+  fog.sigma_t = dvec3(0.8);
+  fog.albedo = dvec3(0.9);
   s.volumes.push_back(fog);
   Scene with_mesh = s;
   with_mesh.surfaces.push_back({});
@@ -201,8 +208,12 @@ TEST_F(SurfaceTest, AMeshLightIsTheRectangleItLooksLike) {
   with_mesh.surfaces[1].radiance = dvec3(3);
   with_mesh.surfaces[1].albedo = dvec3(0);
   LightSettings lamp;
-  lamp.type = "rectangle", lamp.position = dvec3(0, 0, 3), lamp.edge_x = dvec3(0, 2, 0), lamp.edge_y = dvec3(2, 0, 0);
-  lamp.radiance = dvec3(3), lamp.visible_to_camera = true;
+  lamp.type = "rectangle";
+  lamp.position = dvec3(0, 0, 3);
+  lamp.edge_x = dvec3(0, 2, 0);
+  lamp.edge_y = dvec3(2, 0, 0);
+  lamp.radiance = dvec3(3);
+  lamp.visible_to_camera = true;
   s.lights.push_back(lamp);
   const Layers a = PreparedScene(s, {}).render(400, 1, {}).layers,
                b = PreparedScene(with_mesh, {}).render(400, 2, {}).layers;
@@ -265,7 +276,9 @@ TEST_F(SurfaceTest, TexturesColourTheAlbedo) {
     s.surfaces[0].albedo_texture = folder_ / name;
     s.environment.radiance = dvec3(1);
     // Straight down on the middle of the upper left quarter of the square: the first texel.
-    s.camera.position = dvec3(-25, 25, 10), s.camera.look_at = dvec3(-25, 25, 0), s.camera.up = dvec3(0, 1, 0);
+    s.camera.position = dvec3(-25, 25, 10);
+    s.camera.look_at = dvec3(-25, 25, 0);
+    s.camera.up = dvec3(0, 1, 0);
     s.camera.fov = 1;
     const Layers f = PreparedScene(s, LayerRequest::of({"albedo"}, true)).render(4, 1, {}).layers;
     EXPECT_NEAR(f.at("albedo.R")(8, 8), 0.5f, 0.01f) << name;
@@ -288,10 +301,15 @@ TEST_F(SurfaceTest, HoldoutsCutHolesAndCatchersGatherShadows) {
 
   s.surfaces[0].role = "shadow_catcher";
   LightSettings sun;
-  sun.type = "sun", sun.direction = dvec3(0, 0, 1), sun.irradiance = dvec3(2);
+  sun.type = "sun";
+  sun.direction = dvec3(0, 0, 1);
+  sun.irradiance = dvec3(2);
   s.lights.push_back(sun);
   VolumeSettings fog;
-  fog.shape = "sphere", fog.lo = dvec3(-1, -1, 1), fog.hi = dvec3(1, 1, 3), fog.sigma_t = dvec3(1),
+  fog.shape = "sphere";
+  fog.lo = dvec3(-1, -1, 1);
+  fog.hi = dvec3(1, 1, 3);
+  fog.sigma_t = dvec3(1);
   fog.albedo = dvec3(0);
   s.volumes.push_back(fog);
   s.camera.position = dvec3(0, -8, 8);
@@ -307,9 +325,14 @@ TEST_F(SurfaceTest, HoldoutsCutHolesAndCatchersGatherShadows) {
 
 TEST_F(SurfaceTest, SmokeBehindGlassIsSeen) {
   Scene s = scene("ball.obj");
-  s.surfaces[0].material = "dielectric", s.surfaces[0].roughness = 0;
+  s.surfaces[0].material = "dielectric";
+  s.surfaces[0].roughness = 0;
   VolumeSettings fog;
-  fog.shape = "sphere", fog.lo = dvec3(-0.5), fog.hi = dvec3(0.5), fog.sigma_t = dvec3(50), fog.albedo = dvec3(0);
+  fog.shape = "sphere";
+  fog.lo = dvec3(-0.5);
+  fog.hi = dvec3(0.5);
+  fog.sigma_t = dvec3(50);
+  fog.albedo = dvec3(0);
   s.volumes.push_back(fog);
   s.environment.radiance = dvec3(1);
   const Layers f = PreparedScene(s, {}).render(64, 1, {}).layers;
@@ -318,7 +341,9 @@ TEST_F(SurfaceTest, SmokeBehindGlassIsSeen) {
   EXPECT_EQ(f.at("R")(0, 0), 1.0f);
   EXPECT_FALSE(says(PreparedScene(s, {}), "through dielectric meshes"));
   LightSettings point;
-  point.type = "point", point.position = dvec3(3), point.intensity = dvec3(1);
+  point.type = "point";
+  point.position = dvec3(3);
+  point.intensity = dvec3(1);
   s.lights.push_back(point);
   EXPECT_TRUE(says(PreparedScene(s, {}), "through dielectric meshes"));
 }
@@ -332,18 +357,29 @@ TEST_F(SurfaceTest, StraightShadowsOfClearGlassLoseNothing) {
   };
   for (const Case& c : {Case{"sphere", true}, Case{"sun", true}, Case{"mesh", true}, Case{"point", false}}) {
     Scene s = scene("ball.obj");
-    s.surfaces[0].material = "dielectric", s.surfaces[0].roughness = 0, s.surfaces[0].ior = 1.0001;
+    s.surfaces[0].material = "dielectric";
+    s.surfaces[0].roughness = 0;
+    s.surfaces[0].ior = 1.0001;
     s.surfaces[0].albedo = dvec3(c.traced ? 0.7 : 1);
     VolumeSettings fog;
-    fog.shape = "sphere", fog.lo = dvec3(-0.8), fog.hi = dvec3(0.8), fog.sigma_t = dvec3(2), fog.albedo = dvec3(0.9);
+    fog.shape = "sphere";
+    fog.lo = dvec3(-0.8);
+    fog.hi = dvec3(0.8);
+    fog.sigma_t = dvec3(2);
+    fog.albedo = dvec3(0.9);
     s.volumes.push_back(fog);
     LightSettings light;
-    light.type = c.light, light.direction = light.position = dvec3(1, -1, 2.5);
-    light.angular_diameter = 50, light.irradiance = light.intensity = dvec3(3);
-    light.radius = 1, light.radiance = dvec3(4), light.visible_to_camera = true;
+    light.type = c.light;
+    light.direction = light.position = dvec3(1, -1, 2.5);
+    light.angular_diameter = 50;
+    light.irradiance = light.intensity = dvec3(3);
+    light.radius = 1;
+    light.radiance = dvec3(4);
+    light.visible_to_camera = true;
     if (std::string(c.light) == "mesh") {
       s.surfaces.push_back(s.surfaces[0]);
-      s.surfaces[1].material = "diffuse", s.surfaces[1].radiance = dvec3(4);
+      s.surfaces[1].material = "diffuse";
+      s.surfaces[1].radiance = dvec3(4);
       s.surfaces[1].object_to_world = test::translation(light.position + dvec3(0, 0, 0.2));
     } else {
       s.lights.push_back(light);
@@ -371,8 +407,11 @@ TEST_F(SurfaceTest, StraightShadowsOfClearGlassLoseNothing) {
 TEST_F(SurfaceTest, StraightShadowsLeaveTheRestToPaths) {
   for (const char* inner : {"dielectric", "conductor"}) {
     Scene s = scene("ball.obj");
-    s.camera.position = dvec3(0, -7, 3), s.camera.fov = 50;
-    s.surfaces[0].material = "dielectric", s.surfaces[0].roughness = 0, s.surfaces[0].ior = 1.0001;
+    s.camera.position = dvec3(0, -7, 3);
+    s.camera.fov = 50;
+    s.surfaces[0].material = "dielectric";
+    s.surfaces[0].roughness = 0;
+    s.surfaces[0].ior = 1.0001;
     s.surfaces[0].albedo = dvec3(1);
     s.surfaces.push_back(s.surfaces[0]);
     s.surfaces[1].material = inner;
@@ -381,7 +420,10 @@ TEST_F(SurfaceTest, StraightShadowsLeaveTheRestToPaths) {
     s.surfaces[2].file = folder_ / "floor.obj", s.surfaces[2].object_to_world = test::translation({0, 0, -1.1});
     s.surfaces[2].albedo = dvec3(0.8);
     LightSettings lamp;
-    lamp.type = "sphere", lamp.position = dvec3(0.5, 0, 4), lamp.radius = 1, lamp.radiance = dvec3(4);
+    lamp.type = "sphere";
+    lamp.position = dvec3(0.5, 0, 4);
+    lamp.radius = 1;
+    lamp.radiance = dvec3(4);
     s.lights.push_back(lamp);
     const auto render = [&](const char* shadow, int64_t seed) {
       s.surfaces[0].shadow = shadow;

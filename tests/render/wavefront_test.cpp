@@ -39,13 +39,18 @@ TEST(Wavefront, EveryInstructionSetGivesTheSameBits) {
       folder / "coloured.vdb", {ivec3(0), ivec3(15)}, [](const ivec3& v) { return 0.1f * static_cast<float>(v.z); },
       [](const ivec3& v) { return vec3(v) / 16.0f; });
   Scene other = scene;
-  other.volumes[0].file = folder / "coloured.vdb", other.volumes[0].albedo_grid = "auto";
-  other.volumes[0].object_to_world = dmat4(1), other.volumes[0].sigma_t = dvec3(0.3);
+  other.volumes[0].file = folder / "coloured.vdb";
+  other.volumes[0].albedo_grid = "auto";
+  other.volumes[0].object_to_world = dmat4(1);
+  other.volumes[0].sigma_t = dvec3(0.3);
   other.volumes[0].phase = "mie";
   other.camera.position = {7.5, -40, 7.5}, other.camera.look_at = dvec3(7.5);
   other.lights.assign(1, {});
-  other.lights[0].type = "sphere", other.lights[0].position = dvec3(7, 3, 9), other.lights[0].radius = 1;
-  other.lights[0].radiance = dvec3(3), other.lights[0].visible_to_camera = true;
+  other.lights[0].type = "sphere";
+  other.lights[0].position = dvec3(7, 3, 9);
+  other.lights[0].radius = 1;
+  other.lights[0].radiance = dvec3(3);
+  other.lights[0].visible_to_camera = true;
   other.volumes[0].emission = dvec3(0.1, 0.2, 0.3);
   int bundles = 0;
   for (const Scene& s : {scene, other}) {
@@ -73,12 +78,17 @@ TEST(Wavefront, AgreesWithTheGeneralLoop) {
     Scene scene = demo(name.starts_with("cloud") ? "cloud" : "smoke", 48);
     VolumeSettings& volume = scene.volumes[0];
     if (name == "cloud of droplets") {
-      volume.phase = "mie", volume.droplet_diameter = 8;
+      volume.phase = "mie";
+      volume.droplet_diameter = 8;
       scene.lights.clear();  // their sharp peak towards a sun is noise
       scene.environment.radiance = dvec3(1);
     }
-    if (name == "smoke in two lobes")
-      volume.phase = "two_lobes", volume.lobe_weight = 0.4, volume.g = -0.3, volume.g2 = 0.7;
+    if (name == "smoke in two lobes") {
+      volume.phase = "two_lobes";
+      volume.lobe_weight = 0.4;
+      volume.g = -0.3;
+      volume.g2 = 0.7;
+    }
     const auto render = [&](const char* lanes, int64_t seed) {
       scene.render.lanes = lanes;
       const PreparedScene prepared(scene, LayerRequest::of({"all"}, true));
@@ -118,7 +128,8 @@ Band band_of(const Layers& a, const Layers& b, const LayerName& l, int band) {
   Band sum;
   for (int y = rows * band; y < rows * (band + 1); ++y)
     for (int x = 0; x < a.width(); ++x) {
-      sum.a += a.at(mean)(x, y), sum.b += b.at(mean)(x, y);
+      sum.a += a.at(mean)(x, y);
+      sum.b += b.at(mean)(x, y);
       sum.error += a.at(variance)(x, y) + b.at(variance)(x, y);
     }
   sum.error = std::sqrt(sum.error);
@@ -130,23 +141,32 @@ Band band_of(const Layers& a, const Layers& b, const LayerName& l, int band) {
 TEST(Wavefront, LocalLightsAreThoseOfTheGeneralLoop) {
   const auto light = [](const char* type, const dvec3& position) {
     LightSettings l;
-    l.type = type, l.position = position;
+    l.type = type;
+    l.position = position;
     return l;
   };
   LightSettings point = light("point", {0.1, -0.2, 1.2}), spot = light("spot", {-1.5, -1.5, 3});
-  point.intensity = dvec3(3, 2, 1), spot.intensity = dvec3(20);
+  point.intensity = dvec3(3, 2, 1);
+  spot.intensity = dvec3(20);
   spot.direction = {1, 1, -1.2};
   LightSettings sphere = light("sphere", {0.3, 0.1, 1.6}), small = light("sphere", {-0.2, -2, 1.3});
-  sphere.radius = 0.15, sphere.radiance = dvec3(40, 30, 20), sphere.visible_to_camera = true;
-  small.radius = 0.08, small.radiance = dvec3(60), small.visible_to_camera = false;
+  sphere.radius = 0.15;
+  sphere.radiance = dvec3(40, 30, 20);
+  sphere.visible_to_camera = true;
+  small.radius = 0.08;
+  small.radiance = dvec3(60);
+  small.visible_to_camera = false;
   LightSettings rectangle = light("rectangle", {-0.6, -1.2, 1});
   rectangle.edge_x = {0.5, 0, 0}, rectangle.edge_y = {0, -0.2, 0.6}, rectangle.radiance = dvec3(8, 9, 10);
   rectangle.two_sided = rectangle.visible_to_camera = true;
   LightSettings screen = light("rectangle", {0.5, -1.3, -1}), lamp = light("sphere", {0.1, -2, 1.3});
   screen.edge_x = {0, 0, 4}, screen.edge_y = {-2, 0, 0}, screen.radiance = dvec3(1);
-  lamp.radius = 0.2, lamp.radiance = dvec3(100);
+  lamp.radius = 0.2;
+  lamp.radiance = dvec3(100);
   LightSettings core = light("sphere", {0, 0, 1.5});
-  core.radius = 0.5, core.radiance = dvec3(2), core.visible_to_camera = true;
+  core.radius = 0.5;
+  core.radiance = dvec3(2);
+  core.visible_to_camera = true;
   struct Case {
     const char* name;
     std::vector<LightSettings> lights;
@@ -160,7 +180,10 @@ TEST(Wavefront, LocalLightsAreThoseOfTheGeneralLoop) {
         Case{"one before another", {screen, lamp}, false, true, "free"}, Case{"a core", {core}, false, true, "forced"},
         Case{"not sampled", {sphere, rectangle}, true, false, "forced"}}) {
     Scene scene = demo("smoke", 32);
-    if (!c.sun) scene.lights.clear(), scene.environment.radiance = dvec3(0);
+    if (!c.sun) {
+      scene.lights.clear();
+      scene.environment.radiance = dvec3(0);
+    }
     scene.lights.insert(scene.lights.end(), c.lights.begin(), c.lights.end());
     if (!c.sampled) scene.render.light_sampling = "none";
     scene.volumes[0].sigma_t = dvec3(6);
@@ -201,8 +224,13 @@ TEST(Wavefront, SharpPeaksKeepTheirLight) {
     scene.lights[0].direction = {0, c.towards, 0}, scene.lights[0].irradiance = dvec3(1);
     scene.lights[0].angular_diameter = 0;
     VolumeSettings& volume = scene.volumes[0];
-    volume.phase = c.phase, volume.g = c.g, volume.g2 = 0.5, volume.lobe_weight = 0.3, volume.droplet_diameter = 50;
-    volume.sigma_t = dvec3(c.phase == std::string("mie") ? 6 : 1), volume.albedo = dvec3(1);
+    volume.phase = c.phase;
+    volume.g = c.g;
+    volume.g2 = 0.5;
+    volume.lobe_weight = 0.3;
+    volume.droplet_diameter = 50;
+    volume.sigma_t = dvec3(c.phase == std::string("mie") ? 6 : 1);
+    volume.albedo = dvec3(1);
     test::Mean mean[2];
     for (const int off : {0, 1}) {
       scene.render.lanes = off ? "off" : "auto";
@@ -226,10 +254,14 @@ TEST(Wavefront, ColourGridsAreAlbedo) {
                            [](const ivec3& v) { return v.x < 7 ? vec3(1.0f, 0.1f, 0.3f) : vec3(0.2f, 0.9f, 0.6f); });
   Scene scene = demo("smoke", 24);
   VolumeSettings& volume = scene.volumes[0];
-  volume.grid = "density", volume.sigma_t = dvec3(0.4), volume.object_to_world = dmat4(1);
+  volume.grid = "density";
+  volume.sigma_t = dvec3(0.4);
+  volume.object_to_world = dmat4(1);
   scene.camera.position = {7.5, -40, 7.5}, scene.camera.look_at = dvec3(7.5);
   const auto render = [&](const char* file, const char* colour, const dvec3& albedo, const char* lanes, int64_t seed) {
-    volume.file = folder / file, volume.albedo_grid = colour, volume.albedo = albedo;
+    volume.file = folder / file;
+    volume.albedo_grid = colour;
+    volume.albedo = albedo;
     scene.render.lanes = lanes;
     const PreparedScene prepared(scene, LayerRequest::of({"direct", "indirect"}, true));
     EXPECT_EQ(prepared.plan().lanes, std::string(lanes) == "auto");
@@ -343,8 +375,12 @@ struct MarchedRays {
 
   void add(const vec3& o, const vec3& d) {
     const size_t s = rays.count;
-    pool->ox[s] = o.x, pool->oy[s] = o.y, pool->oz[s] = o.z;
-    pool->lx[s] = d.x, pool->ly[s] = d.y, pool->lz[s] = d.z;
+    pool->ox[s] = o.x;
+    pool->oy[s] = o.y;
+    pool->oz[s] = o.z;
+    pool->lx[s] = d.x;
+    pool->ly[s] = d.y;
+    pool->lz[s] = d.z;
     pool->s0[s] = static_cast<uint32_t>(s + 1);
     rays.push(static_cast<int32_t>(s));
   }
@@ -411,7 +447,9 @@ TEST(Wavefront, SamplesAreTheSameFromWhereTheirPixelStarts) {
   for (const Case& c : {Case{"perspective", 0, 26.5, "forced"}, Case{"perspective", 0, 60, "free"},
                         Case{"perspective", 0.2, 26.5, "forced"}, Case{"orthographic", 0, 0, "free"}}) {
     Scene scene = demo("smoke", 48);
-    scene.camera.type = c.type, scene.camera.lens_radius = c.lens_radius, scene.camera.width = 4;
+    scene.camera.type = c.type;
+    scene.camera.lens_radius = c.lens_radius;
+    scene.camera.width = 4;
     if (c.fov > 0) scene.camera.fov = c.fov;
     scene.render.first_collision = c.first_collision;
     scene.volumes[0].object_to_world =
@@ -445,7 +483,8 @@ TEST(Wavefront, SamplesAreTheSameFromWhereTheirPixelStarts) {
     for (size_t i = 0; i < a.size(); ++i) {
       other_light += glm::distance(a[i].beauty, b[i].beauty) > 1e-3;
       other_surface += a[i].coverage != b[i].coverage || glm::distance(a[i].gradient, b[i].gradient) > 0.3;
-      covered += a[i].coverage, gained += b[i].coverage - a[i].coverage;
+      covered += a[i].coverage;
+      gained += b[i].coverage - a[i].coverage;
     }
     EXPECT_GT(covered, 400) << c.type << c.fov;
     EXPECT_LE(other_light, 0.002 * covered) << c.type << c.fov;
@@ -568,14 +607,18 @@ TEST(Wavefront, GlowIsThatOfTheGeneralLoop) {
   LightSettings lamp;
   lamp.type = "sphere", lamp.position = {0.2, 0, 0.6}, lamp.radius = 0.2, lamp.radiance = dvec3(3);
   lamp.visible_to_camera = true;
-  const std::pair<const char*, Scene> cases[] = {
-      {"black body", fire([](Scene& s) { s.lights.clear(); })},
-      {"with a lamp inside", fire([&](Scene& s) { s.lights.push_back(lamp), s.volumes[0].emission = dvec3(2, 1, 0); })},
-      {"beyond the smoke", fire([](Scene& s) {
-         VolumeSettings& v = s.volumes[0];
-         v.grid = "flame", v.flame_grid = "density", v.flame_intensity = 3;
-         s.environment.radiance = dvec3(0.5);
-       })}};
+  const std::pair<const char*, Scene> cases[] = {{"black body", fire([](Scene& s) { s.lights.clear(); })},
+                                                 {"with a lamp inside", fire([&](Scene& s) {
+                                                    s.lights.push_back(lamp);
+                                                    s.volumes[0].emission = dvec3(2, 1, 0);
+                                                  })},
+                                                 {"beyond the smoke", fire([](Scene& s) {
+                                                    VolumeSettings& v = s.volumes[0];
+                                                    v.grid = "flame";
+                                                    v.flame_grid = "density";
+                                                    v.flame_intensity = 3;
+                                                    s.environment.radiance = dvec3(0.5);
+                                                  })}};
   for (const auto& [name, chosen] : cases) {
     Scene scene = chosen;
     const auto render = [&](const char* lanes, int64_t seed) {
@@ -606,7 +649,8 @@ TEST(Wavefront, InBalanceWithTheSkyIsInvisible) {
   scene.lights.clear();
   scene.environment.radiance = dvec3(1);
   VolumeSettings& v = scene.volumes[0];
-  v.albedo = dvec3(0.6), v.emission = v.sigma_t * (dvec3(1) - v.albedo);
+  v.albedo = dvec3(0.6);
+  v.emission = v.sigma_t * (dvec3(1) - v.albedo);
   const PreparedScene prepared(scene, {});
   ASSERT_TRUE(prepared.plan().lanes);
   const Layers frame = prepared.render(1024, 1, {}).layers;
@@ -632,7 +676,9 @@ TEST(Wavefront, IsTakenOnlyWhereItModelsTheScene) {
   EXPECT_TRUE(lanes([](Scene& s) { s.volumes[0].emission = dvec3(1); }));
   EXPECT_FALSE(lanes([](Scene& s) {
     VolumeSettings lamp;
-    lamp.shape = "box", lamp.sigma_t = dvec3(0), lamp.emission = dvec3(1);
+    lamp.shape = "box";
+    lamp.sigma_t = dvec3(0);
+    lamp.emission = dvec3(1);
     s.volumes.push_back(lamp);
   }));
 }

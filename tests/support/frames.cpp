@@ -62,7 +62,9 @@ Layers frame_of(int width, int height, const Value& indirect, double variance, d
 
 Records::Records(const Layers& frame) {
   RecordLayout layout;
-  layout.width = frame.width(), layout.height = frame.height(), layout.samples = 8;
+  layout.width = frame.width();
+  layout.height = frame.height();
+  layout.samples = 8;
   layout.fields = {{"film", 2},       {"lens", 2},        {"time", 1},        {"flight_1", 1},
                    {"flight_2", 1},   {"direction_1", 3}, {"direction_2", 3}, {"light_1", 1},
                    {"light_uv_1", 2}, {"position_1", 3},  {"position_2", 3},  {"surface_gradient", 3},

@@ -107,7 +107,8 @@ void write_coloured_vdb(const std::filesystem::path& path, const VoxelBox& box,
   openvdb::initialize();
   auto values = openvdb::FloatGrid::create(0.0f);
   auto colours = openvdb::Vec3SGrid::create(openvdb::Vec3s(0.0f));
-  values->setName("density"), colours->setName("Cd");
+  values->setName("density");
+  colours->setName("Cd");
   values->setGridClass(openvdb::GRID_FOG_VOLUME);
   auto value = values->getAccessor();
   auto rgb = colours->getAccessor();

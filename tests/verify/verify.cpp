@@ -72,12 +72,18 @@ void slabs() {
   for (const Slab& slab : {Slab{1, 1, .08575}, Slab{1, .9, .06685}, Slab{4, 1, .21281}, Slab{10, 1, .27751}}) {
     Scene s;
     s.film.width = s.film.height = 32;
-    s.camera.position = dvec3(0, 0, 50), s.camera.up = dvec3(0, 1, 0), s.camera.fov = 0.01;
+    s.camera.position = dvec3(0, 0, 50);
+    s.camera.up = dvec3(0, 1, 0);
+    s.camera.fov = 0.01;
     s.volumes.emplace_back();
     s.volumes[0].file = folder / "slab.vdb";
-    s.volumes[0].albedo = dvec3(slab.albedo), s.volumes[0].sigma_t = dvec3(slab.tau / (21 * 0.05));
+    s.volumes[0].albedo = dvec3(slab.albedo);
+    s.volumes[0].sigma_t = dvec3(slab.tau / (21 * 0.05));
     LightSettings sun;
-    sun.type = "sun", sun.direction = dvec3(0, 0, 1), sun.irradiance = dvec3(1), sun.angular_diameter = 0;
+    sun.type = "sun";
+    sun.direction = dvec3(0, 0, 1);
+    sun.irradiance = dvec3(1);
+    sun.angular_diameter = 0;
     s.lights.push_back(sun);
     const int spp = 20000;
     const test::Mean m = render(s, spp, 3);
@@ -101,7 +107,8 @@ void demo_scenes() {
     s.render.first_collision = "free";
     s.render.majorant_scale = 3;
     const Layers loose = frame(2);
-    s.render.majorant_scale = 1, s.render.lookup = "interpolated";
+    s.render.majorant_scale = 1;
+    s.render.lookup = "interpolated";
     const Layers interpolated = frame(3);
     s.render.lanes = "off";
     const Layers one_by_one = frame(4);
@@ -138,14 +145,24 @@ void lanes_against_one_by_one(const char* name, Scene s, int spp, std::span<cons
 void lamps() {
   Scene s = read_scene(test::source("data/scenes/smoke.toml"));
   s.film.width = s.film.height = 100;
-  s.volumes[0].phase = "two_lobes", s.volumes[0].g2 = 0.6, s.volumes[0].lobe_weight = 0.5;
+  s.volumes[0].phase = "two_lobes";
+  s.volumes[0].g2 = 0.6;
+  s.volumes[0].lobe_weight = 0.5;
   s.environment.radiance = dvec3(0);
   s.lights.assign(3, {});
-  s.lights[0].type = "sphere", s.lights[0].position = dvec3(0, 0, 1.5), s.lights[0].radius = 0.4;
-  s.lights[0].radiance = dvec3(5), s.lights[0].visible_to_camera = true;
-  s.lights[1].type = "rectangle", s.lights[1].position = dvec3(-1.5, -1.5, 2), s.lights[1].radiance = dvec3(4);
-  s.lights[1].edge_x = dvec3(0, 1, 0.3), s.lights[1].edge_y = dvec3(1, 0.2, 0);
-  s.lights[2].type = "point", s.lights[2].position = dvec3(1.5, -1, 1), s.lights[2].intensity = dvec3(3);
+  s.lights[0].type = "sphere";
+  s.lights[0].position = dvec3(0, 0, 1.5);
+  s.lights[0].radius = 0.4;
+  s.lights[0].radiance = dvec3(5);
+  s.lights[0].visible_to_camera = true;
+  s.lights[1].type = "rectangle";
+  s.lights[1].position = dvec3(-1.5, -1.5, 2);
+  s.lights[1].radiance = dvec3(4);
+  s.lights[1].edge_x = dvec3(0, 1, 0.3);
+  s.lights[1].edge_y = dvec3(1, 0.2, 0);
+  s.lights[2].type = "point";
+  s.lights[2].position = dvec3(1.5, -1, 1);
+  s.lights[2].intensity = dvec3(3);
   lanes_against_one_by_one("smoke among lamps", s, 2000, std::array{layer::direct, layer::indirect});
 }
 
@@ -161,14 +178,20 @@ void fire() {
 void lamp_in_fog() {
   Scene s;
   s.film.width = s.film.height = 64;
-  s.camera.position = dvec3(-2.5, -6, 0), s.camera.look_at = dvec3(-2.5, 0, 0), s.camera.fov = 30;
+  s.camera.position = dvec3(-2.5, -6, 0);
+  s.camera.look_at = dvec3(-2.5, 0, 0);
+  s.camera.fov = 30;
   s.volumes.emplace_back();
   s.volumes[0].shape = "box";
-  s.volumes[0].sigma_t = dvec3(0.8), s.volumes[0].albedo = dvec3(0.8), s.volumes[0].g = 0.3;
+  s.volumes[0].sigma_t = dvec3(0.8);
+  s.volumes[0].albedo = dvec3(0.8);
+  s.volumes[0].g = 0.3;
   for (int a = 0; a < 3; ++a) s.volumes[0].object_to_world[a][a] = 4;
   s.volumes[0].object_to_world[0][0] = 8;
   LightSettings lamp;
-  lamp.type = "point", lamp.position = dvec3(0), lamp.intensity = dvec3(2);
+  lamp.type = "point";
+  lamp.position = dvec3(0);
+  lamp.intensity = dvec3(2);
   s.lights.push_back(lamp);
   const int spp = 2000;
   for (const LayerName& l : {layer::direct, layer::indirect}) {

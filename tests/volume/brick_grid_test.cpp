@@ -89,7 +89,10 @@ TEST(BrickGrid, AHugeSparseGridNeedsLittle) {
   MajorantWalk::Segment s;
   int segments = 0;
   double last = 0;
-  while (walk.next(s)) ++segments, last = s.t1;
+  while (walk.next(s)) {
+    ++segments;
+    last = s.t1;
+  }
   EXPECT_GT(segments, 1);
   EXPECT_GT(last, 100000 * std::sqrt(3.0) - 100);
 }

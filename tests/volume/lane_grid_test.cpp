@@ -198,7 +198,8 @@ TEST_P(LaneGridOfCells, NoRayOfABeamMeetsAnythingBeforeIt) {
         for (const Ray& ray : rays) {
           const double t = (plane - ray.o[told.axis]) / ray.d[told.axis];
           const ivec3 v(glm::floor(ray.at(t)));
-          lowest = glm::min(lowest, v), highest = glm::max(highest, v);
+          lowest = glm::min(lowest, v);
+          highest = glm::max(highest, v);
           all &= t >= 0;
         }
         for (int a = 0; a < 3; ++a)
@@ -219,7 +220,8 @@ TEST_P(LaneGridOfCells, NoRayOfABeamMeetsAnythingBeforeIt) {
         ASSERT_GE(step * static_cast<int>(std::floor(ray.at(surface)[told.axis])), step * told.layer);
       }
       if (!thin) continue;
-      never += medium == end, never_told += std::isinf(told.medium);
+      never += medium == end;
+      never_told += std::isinf(told.medium);
       const double speed = glm::length(ray.d);
       if (medium < end) ++thin_rays[0], close[0] += (medium - told.medium) * speed < 2 * n;
       if (surface < end) ++thin_rays[1], close[1] += (surface - told.surface) * speed < 4;
