@@ -14,7 +14,7 @@ enum class NoiseSource {
 };
 
 /// How much noise a picture carries at each pixel: variance of the pixel mean, per channel, above 0 wherever there is
-/// any doubt. Follows FILTERS.md section 0:
+/// any doubt:
 /// - V * box21(V_halves) / box21(V), because low-discrepancy samples vary less than V says; V_halves = (A - B)^2 / 4
 /// - at least a quarter of its neighbours' median, because a pixel that happened to stay black is no certain pixel
 /// - one sample per pixel: the variance among 3 x 3 pixels, which holds signal too

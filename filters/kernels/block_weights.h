@@ -10,11 +10,13 @@ namespace brume::kernels {
 struct Distance {
   enum class Kind {
     /// ((a - b)^2 - (Va + min(Va, Vb))) / (1e-10 + k^2 (Va + Vb)), mean over channels: what is left of the difference
-    /// once its noise is taken off, in units of that noise (FILTERS.md B6).
+    /// once its noise is taken off, in units of that noise (Rousselle, Knaus and Zwicker 2012).
     kNoise,
-    /// sum of ((a - b)^2 - (Va + min(Va, Vb))) * own(p): the same in units of the pixel's own (B9).
+    /// sum of ((a - b)^2 - (Va + min(Va, Vb))) * own(p): the same in units of the pixel's own (Rousselle, Manzi
+    /// and Zwicker 2013).
     kOwnScale,
-    /// sum of (a - b)^2 / max(Va + Vb + own(p), floor), of which V and own have one channel or none (B8, A5).
+    /// sum of (a - b)^2 / max(Va + Vb + own(p), floor), of which V and own have one channel or none (sbf and
+    /// sobel_guided).
     kRatio,
     /// (1 - cos)^2 where the channels are a unit direction and, fourth, 1 where it is defined; 0 beside an undefined
     /// one.

@@ -160,7 +160,7 @@ void extended(const WindowInput& in, const Bilateral& weights, const WorkImage& 
   const D d;
   const WindowRows<CG> guide(*in.guide, y, in.radius);
   const float domain = exponent_factor(weights.sigma_domain), range = exponent_factor(weights.sigma_range);
-  // The share of the domain kernel below which no neighbour counts as near (FILTERS.md A2).
+  // The share of the domain kernel below which no neighbour counts as near.
   float total = 0;
   for (int dy = -in.radius; dy <= in.radius; ++dy)
     for (int dx = -in.radius; dx <= in.radius; ++dx) total += std::exp2(domain * static_cast<float>(dx * dx + dy * dy));

@@ -35,7 +35,7 @@ TEST(Compare, HandComputedPair) {
 }
 
 TEST(Compare, ClippingIsDeclaredAndFollowsExposure) {
-  // FILTERS.md D: one pixel of 100 in 400 x 400 gives 1.16 unclipped and 0.10 clipped, from L* = 60.
+  // One pixel of 100 in 400 x 400 gives 1.16 unclipped and 0.10 clipped, from L* = 60.
   const float grey = 0.2812f;
   Rgb x(400, 400, grey), r(400, 400, grey);
   for (Plane& p : x.planes) p(10, 10) = 100.0f;

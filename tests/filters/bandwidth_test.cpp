@@ -1,4 +1,4 @@
-// Widths from curves of bias and variance, and what is made of them: FILTERS A5 and B10.
+// Widths from curves of bias and variance, and what is made of them, in sobel_guided and wlr.
 
 #include "filters/bandwidth.h"
 

@@ -51,8 +51,8 @@ float shaded(int x, int y, size_t c) {
 }
 
 TEST(Claims, ConsistentFiltersConvergeAndTheOthersHaveAFloor) {
-  // Noise of a hundredth of the edge's height, then a hundredth of that: what is left must follow, or stay. All rows
-  // that FILTERS.md section E calls consistent, but for random_parameter (below) and bayesian_collaborative: eight
+  // Noise of a hundredth of the edge's height, then a hundredth of that: what is left must follow, or stay. All filters
+  // that are consistent, but for random_parameter (below) and bayesian_collaborative: eight
   // buckets fall into the same bins however little noise they have, so that it converges with recorded samples only.
   struct Consistent {
     std::string name;

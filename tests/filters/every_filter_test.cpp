@@ -1,4 +1,4 @@
-// What every filter must survive (FILTERS.md section F), looped over the registry: each filter at its defaults and with
+// What every filter must survive, looped over the registry: each filter at its defaults and with
 // every choice of its options.
 
 #include <gtest/gtest.h>

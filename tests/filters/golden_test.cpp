@@ -1,5 +1,5 @@
-// Values computed independently of this code, in double precision (FILTERS.md A1 item 3), and identities that hold
-// exactly.
+// Values computed independently of this code, in double precision (of the gradient-kernel paper's formulas), and
+// identities that hold exactly.
 
 #include <gtest/gtest.h>
 
@@ -176,7 +176,8 @@ TEST(GradientKernel, WithoutDirectionsItIsTheBilateralBitForBit) {
   }
 }
 
-// FILTERS.md A2: with f~ in both sums the result stays within the window's range and follows an added constant.
+// With the prefiltered value in both sums, Xu and Pattanaik's equation 5, the result stays within the window's range
+// and follows an added constant.
 TEST(ExtendedBilateral, StaysInRangeAndFollowsAConstant) {
   const ReferenceImage image = spike(140);
   const auto out = reference_extended_bilateral(image, kRadius, {2, 5});

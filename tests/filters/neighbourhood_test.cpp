@@ -42,8 +42,8 @@ std::vector<Plane> noise_planes(int width, int height, uint64_t seed, double sca
   return planes;
 }
 
-/// The weights of FILTERS.md B6 with borders as stated there: the mean over the patch pixels that are inside at both
-/// ends.
+/// The weights of non-local means after Rousselle, Knaus and Zwicker 2012; at borders the mean over the patch pixels
+/// that are inside at both ends.
 double nl_means_weight(const std::vector<Plane>& u, const std::vector<Plane>& v, int px, int py, int qx, int qy, int f,
                        double k) {
   const int width = u[0].width(), height = u[0].height();
