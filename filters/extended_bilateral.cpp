@@ -16,7 +16,7 @@ struct ExtendedBilateral {
   Domain domain = Domain::kLab;
   int radius = 6;
   float noise_factor = 0;
-  float sigma_domain = 1.5f, sigma_range = 0;  // 0: the domain's published values, below
+  float sigma_domain = 2, sigma_range = 0;  // 0: the domain's published values, below
   Average average = Average::kLinear;
   Hue hue = Hue::kWindow;
   Logarithm logarithm = Logarithm::kNatural;

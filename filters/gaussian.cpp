@@ -13,7 +13,7 @@ enum class Choose { kFixed, kPerPixel };
 
 struct GaussianFilter {
   int radius = 6;
-  float sigma = 1.4f;
+  float sigma = 2;
   Choose choose = Choose::kFixed;
   Average average = Average::kLinear;
 };
@@ -79,7 +79,7 @@ const FilterEntry entry =
             "Averages in linear light by default, where a blur belongs. `choose=per-pixel` takes at each pixel the "
             "width "
             "among eight, from a quarter to four times half of sigma, whose estimated error is the smallest.")
-        .preset("paper", "the spatial kernel of the paper's bilateral filter", "sigma=2")
+        .preset("paper", "the spatial kernel of the paper's bilateral filter", "")
         .statistics(Statistics::kNone, Statistics::kVariance)
         .also_compare({"choose=per-pixel"})
         .param("radius", &GaussianFilter::radius, {0, 32}, "px", "half width of the window")

@@ -7,7 +7,7 @@ namespace brume {
 namespace {
 
 struct Guided {
-  int radius = 2;
+  int radius = 3;
   float epsilon = 1e-2f;
   FeatureSet feature_set = FeatureSet::kAll;
 };

@@ -7,7 +7,7 @@ namespace {
 struct Trilateral {
   int radius = 6;
   int passes = 2;
-  float sigma_spatial = 1, sigma_spatial_2 = 1;
+  float sigma_spatial = 1, sigma_spatial_2 = 2.236f;
   float sigma_range = 10, sigma_impulse = 80, sigma_joint = 25, noise_factor = 0;
   Average average = Average::kLinear;
 };
@@ -42,7 +42,7 @@ const FilterEntry entry =
             "sigma_R is given by neither source for this use; 10 Lab units by default, searched when tuned. The "
             "published sigma_I and "
             "sigma_J were meant for 0..255 grey levels and are looser in Lab.")
-        .paper("sigma-spatial=2,sigma-spatial-2=2.236,sigma-impulse=40,sigma-joint=50,average=domain")
+        .paper("sigma-spatial=2,sigma-impulse=40,sigma-joint=50,average=domain")
         .param("radius", &Trilateral::radius, {0, 32}, "px", "half width of the window")
         .param("passes", &Trilateral::passes, {1, 8}, "", "ROAD is computed anew on each pass's input")
         .param("sigma-spatial", &Trilateral::sigma_spatial, {0, 100}, "px", "sigma_S of the first pass",
