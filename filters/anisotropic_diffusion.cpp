@@ -103,7 +103,7 @@ void run(const AnisotropicDiffusion& p, const FilterFrame& frame, const FilterOu
 const FilterEntry entry =
     declare<AnisotropicDiffusion>("anisotropic_diffusion",
                                   "Lets light flow between neighbours that noise cannot tell apart, until it can.")
-        .merit(5.4, "when light must be conserved to the last digit")
+        .merit(4.8, "when light must be conserved to the last digit")
         .source("in the spirit of McCool 1999; structure from its abstract, constants ours")
         .notes(
             "The conductance between two pixels falls with their difference in units of its own variance, which "

@@ -445,7 +445,7 @@ const FilterEntry entry =
         "bayesian_collaborative",
         "Finds patches whose samples have alike histograms, and shrinks each group toward its mean by as much as its "
         "noise.")
-        .merit(10.9, "for fine detail that keeps its contrast, at 32 samples per pixel and more; wants `--buckets`")
+        .merit(5.1, "for fine detail that keeps its contrast, at 32 samples per pixel and more; wants `--buckets`")
         .source(
             "Boughida and Boubekeur 2017, Bayesian Collaborative Denoising for Monte Carlo Rendering; Delbracio et "
             "al. 2014, ray histogram fusion, for the distance and `estimate=mean`")

@@ -21,7 +21,7 @@ void run(const BilateralFilter& p, const FilterFrame& frame, const FilterOutput&
 const FilterEntry entry =
     declare<BilateralFilter>("bilateral",
                              "Bilateral filter on CIE-Lab: averages neighbours that are near in place and in colour.")
-        .merit(5.7, "when time is shortest and the frame is nearly clean; nothing but the picture is read")
+        .merit(2.2, "when time is shortest and the frame is nearly clean; nothing but the picture is read")
         .source("Tomasi and Manduchi 1998; parameters of Xu et al. 2011, section 3")
         .notes("Keeps isolated spikes as they are. Not consistent: a converged picture is still blurred.")
         .paper("sigma-domain=2,sigma-range=20,average=domain")

@@ -122,7 +122,7 @@ const FilterEntry entry =
     declare<ExtendedBilateral>("extended_bilateral",
                                "Bilateral filter whose range kernel is centred on a Gaussian-prefiltered value, so "
                                "that outliers do not vouch for themselves.")
-        .merit(4.3, "over the bilateral filter where single bright pixels abound")
+        .merit(1.9, "over the bilateral filter where single bright pixels abound")
         .source("Xu and Pattanaik 2005, equations 5 and 6; Lab settings of Xu et al. 2011, section 3")
         .notes(
             "The paper prints sigma_r = 2, sigma_d = 0.4; taken literally they do nothing, because 0.4 px leaves 84 % "

@@ -73,7 +73,7 @@ void run(const GaussianFilter& p, const FilterFrame& frame, const FilterOutput& 
 const FilterEntry entry =
     declare<GaussianFilter>("gaussian",
                             "Plain Gaussian blur, the honest baseline: on smooth volumes a tuned one is hard to beat.")
-        .merit(5.5, "for a quick look without features or statistics, and as the baseline that others must beat")
+        .merit(1.3, "for a quick look without features or statistics, and as the baseline that others must beat")
         .source("textbook; measured level with the best tuned bilateral on smooth volumes")
         .notes(
             "Averages in linear light by default, where a blur belongs. `choose=per-pixel` takes at each pixel the "

@@ -56,7 +56,7 @@ const FilterEntry entry =
     declare<GradientKernel>("gradient_kernel",
                             "Bilateral filter with a kernel over the direction of the density gradient where the "
                             "pixel's paths meet the medium.")
-        .merit(5.8, "for smoke with orientation in it, with a recorded gradient, tuned; the paper's own filter")
+        .merit(2.3, "for smoke with orientation in it, with a recorded gradient, tuned; the paper's own filter")
         .source("Xu, Liu, Zhang, Bao, Scopigno, Sbert 2011, equations 1 and 2")
         .notes(
             "`paper` adds w_G to the range kernel; at its sigma_G = 3 the weight never falls below 0.8, so the "

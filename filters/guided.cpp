@@ -27,7 +27,7 @@ void run(const Guided& p, const FilterFrame& frame, const FilterOutput& out, con
 
 const FilterEntry entry =
     declare<Guided>("guided", "Guided filter: in every window the picture is a linear function of the features.")
-        .merit(5.6, "for a quick look with features: near the best at few samples, in hundredths of a second")
+        .merit(3.8, "for a quick look with features: near the best at few samples, in hundredths of a second")
         .source("He, Sun and Tang 2013, equations 11 to 20")
         .notes(
             "Each feature has its own coefficients. Without features it would be a box filter run twice, and refuses. "

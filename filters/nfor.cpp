@@ -142,7 +142,7 @@ const FilterEntry entry =
         "nfor",
         "Nonlinearly weighted first-order regression: in every window a line in position and features, weighted "
         "by non-local means.")
-        .merit(13.1, "first: the cleanest result from what `brume render` records by itself; the slowest but one")
+        .merit(5.6, "first: the cleanest result from what `brume render` records by itself; the slowest but one")
         .source("Bitterli et al. 2016, algorithm 1")
         .notes(
             "Two strengths of the colour weights are tried on each half image with the weights of the other, the "

@@ -54,7 +54,7 @@ void run(const NlMeans& p, const FilterFrame& frame, const FilterOutput& out, co
 const FilterEntry entry =
     declare<NlMeans>("nl_means",
                      "Non-local means: averages pixels whose patches differ by no more than noise explains.")
-        .merit(7.3, "for texture as fine as the noise, when features say little")
+        .merit(3.3, "for texture as fine as the noise, when features say little")
         .source("Buades, Coll and Morel 2005; distance and two buffers of Rousselle, Knaus and Zwicker 2012, section 4")
         .notes(
             "The patch distance takes the variance of each pixel off the squared difference and divides by it, so that "

@@ -152,7 +152,7 @@ const FilterEntry entry =
     declare<Rdfc>("rdfc",
                   "Robust denoising with feature and colour information: three mixtures of both, chosen at each "
                   "pixel by estimated risk.")
-        .merit(6.4, "when some features help and others harm: it chooses at each pixel")
+        .merit(4.7, "when some features help and others harm: it chooses at each pixel")
         .source("Rousselle, Manzi and Zwicker 2013, Robust Denoising using Feature and Color Information")
         .notes(
             "Weights are the smallest of the colour's and the features'. Candidates as published: colour patches of "

@@ -343,7 +343,7 @@ const FilterEntry entry =
     declare<SobelGuided>("sobel_guided",
                          "Cross bilateral filter over features that a guided filter has cleaned along their Sobel "
                          "gradients, its width fitted at every pixel.")
-        .merit(7.1, "to learn where more samples are worth most: it writes `sampling_map`")
+        .merit(2.8, "to learn where more samples are worth most: it writes `sampling_map`")
         .source(
             "Liu, Zheng, Zheng and Yuan 2018, Removing Monte Carlo noise using a Sobel operator and a guided image "
             "filter, sections 4 to 6")

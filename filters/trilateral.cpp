@@ -36,7 +36,7 @@ const FilterEntry entry =
     declare<Trilateral>("trilateral",
                         "Bilateral filter with an impulse detector: pixels unlike their four most similar neighbours "
                         "(ROAD) count less, and are rebuilt from the rest.")
-        .merit(5.4, "over the bilateral filter where spikes must go")
+        .merit(2.3, "over the bilateral filter where spikes must go")
         .source("Garnett et al. 2005; sigma_S, sigma_I, sigma_J of Xu et al. 2011, section 3")
         .notes(
             "sigma_R is given by neither source for this use; 10 Lab units by default, searched when tuned. The "

@@ -252,7 +252,7 @@ const FilterEntry entry =
     declare<VirtualFlash>("virtual_flash",
                           "Non-local means on the virtual flash image, over pixels that are statistically equal to the "
                           "centre, in two steps; with a bound of the error.")
-        .merit(3.3, "for sequences, and where a bound of the error is wanted: it writes `error_bound`")
+        .merit(3.4, "for sequences, and where a bound of the error is wanted: it writes `error_bound`")
         .source(
             "Moon, Jun, Lee, Kim, Hachisuka and Yoon 2013, Robust image denoising using a virtual flash image, "
             "equations 1 and 2, theorem 3.1, section 4; the flash "

@@ -111,7 +111,7 @@ void run(const Wavelet& p, const FilterFrame& frame, const FilterOutput& out, co
 
 const FilterEntry entry =
     declare<Wavelet>("wavelet", "Shrinks the details of each scale by as much as their noise.")
-        .merit(3.5, "for a result that stays close to the input, with nothing but variance")
+        .merit(3.8, "for a result that stays close to the input, with nothing but variance")
         .source(
             "undecimated B3-spline wavelets (Starck and Murtagh 1994) shrunk in the spirit of Overbeck, Donner and "
             "Ramamoorthi 2009, Adaptive Wavelet Rendering, which takes one standard deviation off")
