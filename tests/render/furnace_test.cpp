@@ -7,6 +7,7 @@
 #include "base/running_statistics.h"
 #include "image/exr_io.h"
 #include "render/frame/renderer.h"
+#include "render/lanes/wavefront.h"
 #include "tests/support/files.h"
 #include "tests/support/volumes.h"
 

@@ -59,7 +59,7 @@ TEST(NearLight, SingleScatteringIsTheAirlightIntegral) {
   for (const double sigma : {0.05, 0.5, 1.5}) {
     const Scene s = lamp_in_fog("point", sigma);
     const PreparedScene prepared(s, LayerRequest::of({"single"}, true));
-    EXPECT_TRUE(prepared.plan().near_lights);
+    EXPECT_FALSE(prepared.plan().near_lights.empty());
     constexpr int kPaths = 1000;
     const Layers frame = prepared.render(kPaths, 1, {}).layers;
     const Camera camera(s.camera, 12, 12, prepared.world_shift());
@@ -118,12 +118,12 @@ TEST(NearLight, ChangesNoMean) {
 // Only where it pays: lights outside, or in grids and in empty space, are left to collisions.
 TEST(NearLight, IsTakenInsideHomogeneousMediaOnly) {
   Scene s = lamp_in_fog("point", 1);
-  EXPECT_TRUE(PreparedScene(s, {}).plan().near_lights);
+  EXPECT_FALSE(PreparedScene(s, {}).plan().near_lights.empty());
   s.lights[0].position = dvec3(5, 0, 0);
-  EXPECT_FALSE(PreparedScene(s, {}).plan().near_lights);
+  EXPECT_TRUE(PreparedScene(s, {}).plan().near_lights.empty());
   s = lamp_in_fog("point", 1);
   s.render.near_lights = "off";
-  EXPECT_FALSE(PreparedScene(s, {}).plan().near_lights);
+  EXPECT_TRUE(PreparedScene(s, {}).plan().near_lights.empty());
 }
 
 }  // namespace

@@ -81,7 +81,7 @@ TEST_F(SphereTest, SingleScatteringIsTheDirectLayer) {
         const test::Mean m = test::mean_radiance(prepared.render(4000, 2, {}).layers, layer::direct);
         // cos between propagation directions: light travels along -direction, then along -y to the eye.
         const double phase = 4 * kPi * HenyeyGreenstein{g}.value(direction.y);
-        voxels = single_scattering(prepared, direction);
+        const double voxels = single_scattering(prepared, direction);
         EXPECT_NEAR(m.value.x, voxels, 4.5 * m.error.x + 1e-3 * voxels)
             << "a " << row.a << " light " << direction.y << " g " << g;
         EXPECT_NEAR(voxels, exact * phase, row.rim * exact * phase)

@@ -9,6 +9,7 @@
 
 #include "image/exr_io.h"
 #include "render/frame/renderer.h"
+#include "render/lanes/camera_layers.h"
 #include "render/lanes/lane_scene.h"
 #include "render/scene/scene_io.h"
 #include "render/world/camera.h"
@@ -505,7 +506,7 @@ TEST(Wavefront, ForcedFirstCollisionsChangeNoMean) {
     const auto render = [&](const char* setting, int64_t seed) {
       scene.render.first_collision = setting;
       const PreparedScene prepared(scene, LayerRequest::of({"all"}, true));
-      EXPECT_EQ(prepared.plan().forced_first, std::string(setting) == "forced");
+      EXPECT_EQ(prepared.plan().first_collision.forced, std::string(setting) == "forced");
       return prepared.render(160, seed, {}).layers;
     };
     const Layers forced = render("forced", 1), free = render("free", 2);
