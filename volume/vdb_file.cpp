@@ -282,10 +282,11 @@ void append_blocks(const CoordBBox& box, std::vector<ivec3>& blocks) {
       for (int z = lo.z(); z <= hi.z(); z += 8) blocks.emplace_back(x, y, z);
 }
 
-template <class Grid>
-std::vector<ivec3> occupied_blocks(const Grid& grid, const CoordBBox& box) {
+/// @param clean  what a stored value counts as: values that become 0 occupy nothing
+template <class Grid, class Clean>
+std::vector<ivec3> occupied_blocks(const Grid& grid, const CoordBBox& box, const Clean& clean) {
   std::vector<ivec3> blocks;
-  if (grid.background() != 0) {
+  if (clean(static_cast<double>(grid.background())) != 0) {
     append_blocks(box, blocks);
     return blocks;
   }
@@ -293,7 +294,7 @@ std::vector<ivec3> occupied_blocks(const Grid& grid, const CoordBBox& box) {
   auto tile = grid.tree().cbeginValueAll();
   tile.setMaxDepth(Grid::TreeType::ValueAllCIter::LEAF_DEPTH - 1);
   for (; tile; ++tile) {
-    if (*tile == 0) continue;
+    if (clean(static_cast<double>(*tile)) == 0) continue;
     CoordBBox covered = tile.getBoundingBox();
     covered.intersect(box);
     if (!covered.empty()) append_blocks(covered, blocks);
@@ -339,8 +340,8 @@ void build_bricks(const Grid& grid, const std::vector<std::pair<double, double>>
       return box.isInside(c) ? clean(static_cast<double>(accessor.getValue(c))) : 0.0f;
     });
   };
-  field.bricks = BrickGrid::build({from(box.min()), from(box.max())}, occupied_blocks(grid, box), sample, reading.task,
-                                  &reading.memory);
+  field.bricks = BrickGrid::build({from(box.min()), from(box.max())}, occupied_blocks(grid, box, clean), sample,
+                                  reading.task, &reading.memory);
   if (field.bricks.empty())
     field.notes.push_back(fmt::format("grid '{}' holds no positive value: the field is absent", s.name));
 }

@@ -17,14 +17,16 @@ extern "C" int LLVMFuzzerInitialize(int*, char***) {
 // What OpenVDB does over a damaged file happens in the reading process; this one must tell of it and go on.
 extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   return brume::fuzz::read_as_file(data, size, ".vdb", [&](const auto& path) {
-    switch (size % 4) {
+    // Tiles of millions of voxels are not wrong, they only take the time that their bricks take.
+    for (const brume::GridSummary& grid : brume::read_vdb_info(path).grids) {
+      const brume::dvec3 extent = brume::dvec3(grid.box.hi) - brume::dvec3(grid.box.lo);
+      if (extent.x * extent.y * extent.z > 1 << 26) return;
+    }
+    switch (size % 3) {
       case 0:
-        brume::read_vdb_info(path);
-        break;
-      case 1:
         brume::load_colour(path, "");
         break;
-      case 2: {
+      case 1: {
         brume::ScalarField density;
         density.summary.box = {brume::ivec3(0), brume::ivec3(7)};
         std::vector<std::string> notes;
