@@ -585,7 +585,7 @@ std::string scene_reference() {
                   "Several may overlap. `file` is required where shape is grid.",
                   VolumeSettings{});
   reference.table("[[lights]]", "Lights of finite size or parallel light.", LightSettings{});
-  reference.table("[[surfaces]]", "HomogeneousShape things.", SurfaceSettings{});
+  reference.table("[[surfaces]]", "Solid things.", SurfaceSettings{});
   return reference.text;
 }
 

@@ -18,7 +18,7 @@ struct Bsdf {
 
   /// f(wo, wi) |cos theta_i|, for non-delta surfaces. @param inside wo lies inside of the solid
   dvec3 value(const dvec3& wo, const dvec3& wi, bool inside) const;
-  /// HomogeneousShape-angle density of sample() for non-delta surfaces.
+  /// Solid-angle density of sample() for non-delta surfaces.
   double pdf(const dvec3& wo, const dvec3& wi, bool inside) const;
 
   struct Sample {
