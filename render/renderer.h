@@ -49,7 +49,7 @@ struct RenderJob {
   double time_limit = 0;    ///< seconds of sampling after which no new pass begins; 0: none
   double target_error = 0;  ///< relative error (Film::relative_error) at which to stop; 0: none
 
-  bool keep_state = false;           ///< the result carries the sums of its samples, to be merged
+  bool keep_state = false;  ///< the result carries the sums of its samples, to be merged
   /// Written every checkpoint_seconds, at the end and when interrupted. A checkpoint that cannot be written ends
   /// nothing: `warn` is told, and the next one is tried.
   std::filesystem::path checkpoint;
