@@ -1,4 +1,4 @@
-#include "render/mesh.h"
+#include "render/world/mesh.h"
 
 #include "tests/fuzz/support.h"
 

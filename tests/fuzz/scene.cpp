@@ -1,4 +1,4 @@
-#include "render/scene_io.h"
+#include "render/scene/scene_io.h"
 #include "tests/fuzz/support.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
