@@ -43,7 +43,7 @@ void Surface(const LaneScene& scene, const PathStates& paths, const SlotList& ra
   V length = one, before = zero, value = zero;
   uint32_t collided = 0, close = 0;  // lanes that have hit the surface, or may have crossed a corner of it unseen
 
-  const auto finish = [&] {
+  const auto finish = [&]() BRUME_INLINE_LAMBDA {
     hn::Store(walk.t, d, t);
     hn::Store(before, d, outside);
     hn::Store(value, d, density);
@@ -61,7 +61,7 @@ void Surface(const LaneScene& scene, const PathStates& paths, const SlotList& ra
       crossings.slots.push(static_cast<int32_t>(s));
     });
   };
-  const auto load = [&](CellWalk::Buffer& buffer) {
+  const auto load = [&](CellWalk::Buffer& buffer) BRUME_INLINE_LAMBDA {
     const M fresh = load_rays(queue, buffer, paths, [&](size_t lane, size_t s) { t[lane] = camera.begin[s]; });
     const V begin = hn::Load(d, t);
     walk.load(buffer, fresh, begin);
@@ -70,7 +70,7 @@ void Surface(const LaneScene& scene, const PathStates& paths, const SlotList& ra
     collided &= ~bits_of(fresh);
     close &= ~bits_of(fresh);
   };
-  drive(queue, walk, scene.stop, finish, load, [&](M active) {
+  drive(queue, walk, scene.stop, finish, load, [&](M active) BRUME_INLINE_LAMBDA {
     const VI word = hn::GatherIndex(di, scene.surface_cell, walk.index(active));
     const M nothing = hn::RebindMask(d, hn::Lt(word, hn::Zero(di)));
     const CellWalk::Crossing crossing = walk.ahead(word, nothing);
@@ -163,7 +163,7 @@ void March(const LaneScene& scene, const PathStates& paths, const SlotList& rays
   V length = one, offset = zero, depth = zero, level[kMarchedPoints], point[kMarchedPoints];
   for (size_t k = 0; k < kMarchedPoints; ++k) level[k] = point[k] = zero;
 
-  const auto finish = [&] {
+  const auto finish = [&]() BRUME_INLINE_LAMBDA {
     HWY_ALIGN float depths[RayQueue::kMost], points[kMarchedPoints][RayQueue::kMost];
     hn::Store(depth, d, depths);
     for (size_t k = 0; k < kMarchedPoints; ++k) hn::Store(point[k], d, points[k]);
@@ -172,7 +172,7 @@ void March(const LaneScene& scene, const PathStates& paths, const SlotList& rays
       for (size_t k = 0; k < kMarchedPoints; ++k) camera.point[k][s] = points[k][lane];
     });
   };
-  const auto load = [&](CellWalk::Buffer& buffer) {
+  const auto load = [&](CellWalk::Buffer& buffer) BRUME_INLINE_LAMBDA {
     generators.store(rng);
     const M fresh = load_rays(queue, buffer, paths, [&](size_t lane, size_t s) { generators.fetch(paths, s, lane); });
     walk.load(buffer, fresh);
@@ -187,7 +187,7 @@ void March(const LaneScene& scene, const PathStates& paths, const SlotList& rays
       point[k] = hn::IfThenElse(fresh, set(-1.0f), point[k]);
     }
   };
-  drive(queue, walk, scene.stop, finish, load, [&](M active) {
+  drive(queue, walk, scene.stop, finish, load, [&](M active) BRUME_INLINE_LAMBDA {
     const auto [cell_index, crossing, passes, looks] = walk.look(active);
     M done = walk.cross(crossing, passes);
 

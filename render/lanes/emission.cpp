@@ -55,7 +55,7 @@ void Emission(const EmissionCells& cells, PathStates& paths, const SlotList& ray
   V end = zero, step = zero, offset = zero;
   V3 sum{zero, zero, zero};
 
-  const auto finish = [&] {
+  const auto finish = [&]() BRUME_INLINE_LAMBDA {
     HWY_ALIGN float r[kMost], g[kMost], b[kMost];
     const V unit = set(cells.unit);
     hn::Store(hn::Mul(sum.x, unit), d, r);
@@ -69,7 +69,7 @@ void Emission(const EmissionCells& cells, PathStates& paths, const SlotList& ray
       segments.b[s] = b[lane];
     });
   };
-  const auto load = [&](CellWalk::Buffer& buffer) {
+  const auto load = [&](CellWalk::Buffer& buffer) BRUME_INLINE_LAMBDA {
     generators.store(rng);
     const M fresh = mask_of(queue.load([&](size_t lane, size_t s) {
       buffer.ox[lane] = segments.ox[s];
@@ -89,7 +89,7 @@ void Emission(const EmissionCells& cells, PathStates& paths, const SlotList& ray
     offset = hn::IfThenElse(fresh, rng.uniform(fresh), offset);
     sum = {hn::IfThenElse(fresh, zero, sum.x), hn::IfThenElse(fresh, zero, sum.y), hn::IfThenElse(fresh, zero, sum.z)};
   };
-  drive(queue, walk, nullptr, finish, load, [&](M active) {
+  drive(queue, walk, nullptr, finish, load, [&](M active) BRUME_INLINE_LAMBDA {
     const auto [cell_index, crossing, passes, looks] = walk.look(active);
     const V reached = hn::Min(hn::Min(hn::Add(walk.t, step), crossing.until), end);
     if (!hn::AllFalse(d, looks)) {

@@ -44,7 +44,7 @@ void track(const LaneScene& scene, PathStates& paths, const SlotList& rays, Slot
   Generator rng = generators.load();
   uint32_t collided = 0;
 
-  const auto finish = [&] {
+  const auto finish = [&]() BRUME_INLINE_LAMBDA {
     if (kFirst) {
       // The scattered share becomes the path's throughput; below a hundredth it plays Russian roulette.
       const V u = rng.uniform(mask_of(queue.finished));
@@ -76,7 +76,7 @@ void track(const LaneScene& scene, PathStates& paths, const SlotList& rays, Slot
       }
     });
   };
-  const auto load = [&](CellWalk::Buffer& buffer) {
+  const auto load = [&](CellWalk::Buffer& buffer) BRUME_INLINE_LAMBDA {
     generators.store(rng);
     const M fresh = mask_of(queue.load([&](size_t lane, size_t s) {
       buffer.ox[lane] = paths.ox[s];
@@ -98,7 +98,7 @@ void track(const LaneScene& scene, PathStates& paths, const SlotList& rays, Slot
     tau = hn::IfThenElse(fresh, rng.exponential(fresh), tau);
     if (kReach) reach = hn::IfThenElse(fresh, hn::Load(d, result), reach);
   };
-  drive(queue, walk, scene.stop, finish, load, [&](M active) {
+  drive(queue, walk, scene.stop, finish, load, [&](M active) BRUME_INLINE_LAMBDA {
     // The cell: its majorant, or, where it is empty, an OctantSkip.
     const VI cell_index = walk.index(active);
     const V bound = hn::GatherIndex(d, scene.majorant, cell_index);

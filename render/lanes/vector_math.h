@@ -2,6 +2,10 @@
 
 namespace hn = hwy::HWY_NAMESPACE;
 
+// Lambdas that take part in a loop over vectors: called from there, what they capture would have to live in memory.
+#undef BRUME_INLINE_LAMBDA
+#define BRUME_INLINE_LAMBDA __attribute__((always_inline))
+
 using D = hn::CappedTag<float, 16>;
 using DI = hn::RebindToSigned<D>;
 using DU = hn::RebindToUnsigned<D>;
