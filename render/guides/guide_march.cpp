@@ -11,7 +11,6 @@
 namespace brume {
 namespace {
 
-constexpr double kStepVoxels = 0.7;   // where the medium is still transparent
 constexpr double kStepGrowth = 0.25;  // of the step for each free path behind the eye's first two
 constexpr double kLongestStep = 4;
 constexpr double kOpaque = 2e-3;  // transmittance of an eighth of the extinction at which a ray ends
@@ -60,13 +59,13 @@ struct GuideMarch::Sums {
 };
 
 GuideMarch::GuideMarch(const PathContext& context, const std::vector<GuideMedia>& media, const LightFields& fields,
-                       GuideColour colour, const Camera& camera)
+                       GuideColour colour, const Camera& camera, double step_voxels)
     : context_(context),
       media_(media),
       fields_(fields),
       colour_(colour),
       camera_(camera),
-      step_(kStepVoxels * media[0].voxel()) {
+      step_(step_voxels * media[0].voxel()) {
   const dvec3 middle = 0.5 * (media[0].lo() + media[0].hi());
   reference_depth_ = glm::distance(camera.ray(dvec2(0)).o, middle);
   lay_out();

@@ -16,7 +16,7 @@ namespace brume {
 class GuideMarch {
  public:
   GuideMarch(const PathContext& context, const std::vector<GuideMedia>& media, const LightFields& fields,
-             GuideColour colour, const Camera& camera);
+             GuideColour colour, const Camera& camera, double step_voxels);
 
   /// Adds the layers of the pixels from `corner` on to `frame`.
   void record(const ivec2& corner, Layers& frame, const Task& task);

@@ -18,7 +18,7 @@ bool sky_is_coloured(const Lights& lights) {
 
 }  // namespace
 
-Guides::Guides(const PathContext& context, const Task& task) : context_(context) {
+Guides::Guides(const PathContext& context, const Task& task, double step) : context_(context), step_(step) {
   const Stopwatch watch;
   const auto moves = [](const auto& field) { return field.moves(); };
   const bool moving = std::any_of(context.media.begin(), context.media.end(), moves) ||
@@ -37,7 +37,7 @@ Guides::Guides(const PathContext& context, const Task& task) : context_(context)
 void Guides::record(const Camera& camera, const ivec2& corner, Layers& frame, const Task& task) const {
   if (media_[0].empty()) return;
   for (size_t i = 0; i < colours_.size(); ++i)
-    GuideMarch(context_, media_, fields_[i], colours_[i], camera).record(corner, frame, task);
+    GuideMarch(context_, media_, fields_[i], colours_[i], camera, step_).record(corner, frame, task);
 }
 
 size_t Guides::bytes() const {
