@@ -11,6 +11,8 @@
 namespace brume {
 namespace {
 
+// Of the largest density in a voxel: gradients below it count less, because their direction means little.
+constexpr double kGentleGradient = 0.03;
 constexpr double kStepGrowth = 0.25;  // of the step for each free path behind the eye's first two
 constexpr double kLongestStep = 4;
 constexpr double kOpaque = 2e-3;  // transmittance of an eighth of the extinction at which a ray ends
@@ -68,6 +70,10 @@ GuideMarch::GuideMarch(const PathContext& context, const std::vector<GuideMedia>
       step_(step_voxels * media[0].voxel()) {
   const dvec3 middle = 0.5 * (media[0].lo() + media[0].hi());
   reference_depth_ = glm::distance(camera.ray(dvec2(0)).o, middle);
+  double densest = 0;
+  for (const Medium& m : media[0].media())
+    densest = std::max(densest, m.maximum_density() * in_colour(m.coefficients().sigma_t, colour));
+  gentle_ = std::max(kGentleGradient * densest / media[0].voxel(), 1e-300);
   lay_out();
 }
 
@@ -348,8 +354,8 @@ double GuideMarch::march(const Ray& ray, const GuideMedia& media, double t_max, 
       out[kOpacity] += w;
       out[kDepth] += w * from_middle;
       sums.depth2 += w * from_middle * from_middle;
-      if (const double steepness = glm::length(gradient); steepness > 0)
-        for (int a = 0; a < 3; ++a) out[kGradient + static_cast<size_t>(a)] += w * gradient[a] / steepness;
+      const double steepness = glm::length(gradient) + gentle_;
+      for (int a = 0; a < 3; ++a) out[kGradient + static_cast<size_t>(a)] += w * gradient[a] / steepness;
       out[kDensity] += w * point.density;
 
       interpolate(p, fields);

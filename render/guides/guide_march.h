@@ -48,7 +48,7 @@ class GuideMarch {
   const LightFields& fields_;
   const GuideColour colour_;
   const Camera& camera_;
-  double step_ = 1, reference_depth_ = 0;
+  double step_ = 1, reference_depth_ = 0, gentle_ = 0;
 
   std::vector<Slots> slots_;        // for each group
   std::vector<std::string> names_;  // of the sums that are one number each, as layers without "guide."

@@ -451,6 +451,8 @@ void check_camera(const Parser& parser, const CameraSettings& c, const toml::val
     fail("the shutter closes before it opens", table.at("shutter"), "expected [open, close]");
 }
 
+Scene scene_from(std::istream& stream, const fs::path& path, std::span<const std::string> overrides);
+
 }  // namespace
 
 Scene read_scene(const fs::path& path, std::span<const std::string> overrides) {
@@ -468,6 +470,17 @@ Scene read_scene(const fs::path& path, std::span<const std::string> overrides) {
       throw InputError(fmt::format("{}: is {}, expected a scene (TOML) that names it", path.string(), what));
   stream.clear();
   stream.seekg(0);
+  return scene_from(stream, path, overrides);
+}
+
+Scene parse_scene(const std::string& text, const fs::path& path, std::span<const std::string> overrides) {
+  std::istringstream stream(text);
+  return scene_from(stream, path, overrides);
+}
+
+namespace {
+
+Scene scene_from(std::istream& stream, const fs::path& path, std::span<const std::string> overrides) {
   toml::value root = parse(stream, path.string());
   for (const std::string& assignment : overrides) apply_override(root, assignment);
 
@@ -525,8 +538,6 @@ Scene read_scene(const fs::path& path, std::span<const std::string> overrides) {
   scene.settings = print.settings();
   return scene;
 }
-
-namespace {
 
 /// Writes the reference page from the same declarations.
 class Reference {
