@@ -301,8 +301,8 @@ void filter_signal(const Run& run, const std::vector<Source>& sources, const Til
   if ((first_signal || parts) && !gathered.products.empty()) frame.products = &produced;
   const Rgb clean = filtered(run, frame, interior, part(0), totals);
   for (size_t c = 0; c < 3; ++c) add(clean[c], *gathered.sum[c]);
-  if (const auto part = gathered.parts.find(name.name); part != gathered.parts.end())
-    for (size_t c = 0; c < 3; ++c) store(clean[c], *part->second[c]);
+  if (const auto kept = gathered.parts.find(name.name); kept != gathered.parts.end())
+    for (size_t c = 0; c < 3; ++c) store(clean[c], *kept->second[c]);
   if (frame.products)
     for (const auto& [channel, target] : gathered.products) {
       if (first_signal)
