@@ -12,8 +12,22 @@ GuideClass kind_of(std::string_view name) {
   if (first == "multiple") return GuideClass::kMultiple;
   if (first == "emission") return GuideClass::kEmission;
   if (first == "background") return GuideClass::kBackground;
+  if (first.starts_with("predicted")) return GuideClass::kPredicted;
   if (first == "surface") return GuideClass::kSurface;
   return GuideClass::kGeometry;
+}
+
+/// Whether one plane is the other times a number, to the rounding of the numbers.
+bool proportional(const Plane& a, const Plane& b) {
+  double aa = 0, ab = 0, bb = 0;
+  for (int y = 0; y < a.height(); ++y)
+    for (int x = 0; x < a.width(); ++x) {
+      const double u = static_cast<double>(a(x, y)), v = static_cast<double>(b(x, y));
+      aa += u * u;
+      ab += u * v;
+      bb += v * v;
+    }
+  return ab * ab >= (1 - 1e-8) * aa * bb;
 }
 
 }  // namespace
@@ -29,7 +43,11 @@ std::vector<Guide> guides_of(const Layers& frame) {
   for (const auto& [name, channels] : found) {
     Guide guide{name, kind_of(name), false, {}};
     guide.coloured = channels.size() == 3 && channels.count('R') && channels.count('G') && channels.count('B');
-    if (guide.coloured)
+    if (guide.coloured && guide.kind != GuideClass::kPredicted && proportional(*channels.at('G'), *channels.at('R')) &&
+        proportional(*channels.at('G'), *channels.at('B'))) {
+      guide.coloured = false;
+      guide.channels = {channels.at('G')};
+    } else if (guide.coloured)
       guide.channels = {channels.at('R'), channels.at('G'), channels.at('B')};
     else
       for (const auto& [letter, plane] : channels) guide.channels.push_back(plane);

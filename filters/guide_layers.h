@@ -10,13 +10,13 @@ namespace brume {
 inline constexpr std::string_view kGuidePrefix = "guide.";
 
 /// What a guide says about a pixel, by the second word of its name.
-enum class GuideClass { kOpacity, kSingle, kMultiple, kEmission, kBackground, kSurface, kGeometry };
+enum class GuideClass { kOpacity, kSingle, kMultiple, kEmission, kBackground, kSurface, kGeometry, kPredicted };
 
 /// A layer `guide.CLASS[.WHAT]` without noise: one number, three numbers, or one number for each colour.
 struct Guide {
   std::string name;  ///< without the prefix
   GuideClass kind;
-  bool coloured;                       ///< channels R, G, B
+  bool coloured;                       ///< channels R, G, B that are not multiples of one another
   std::vector<const Plane*> channels;  ///< in their order
 };
 

@@ -134,9 +134,14 @@ struct Knowledge {
     all.free = all.of[0].size();
     medium = few = all;
     medium.free = few.free = 0;
+    const Guide* predicted = nullptr;
     for (const Guide& g : guides) {
       if (g.kind == GuideClass::kOpacity) continue;
-      if (direct && g.kind == GuideClass::kMultiple) continue;
+      if (g.kind == GuideClass::kPredicted) {
+        if (g.name == "predicted_" + std::string(frame.name.name)) predicted = &g;
+        continue;
+      }
+      if (direct ? g.kind == GuideClass::kMultiple : !beauty && g.kind == GuideClass::kBackground) continue;
       all.add(g);
       if (g.kind != GuideClass::kMultiple) medium.add(g);
       if (g.kind == GuideClass::kSingle || g.kind == GuideClass::kEmission || g.kind == GuideClass::kSurface)
@@ -145,6 +150,11 @@ struct Knowledge {
             for (int x = 0; x < bright.width(); ++x) bright(x, y) += (*p)(x, y) / static_cast<float>(g.channels.size());
           });
     }
+    if (predicted)
+      bright = make_plane(frame.width(), frame.height(), quiet(task), [&](int x, int y) {
+        const auto at = [&](size_t c) { return (*predicted->channels[c % predicted->channels.size()])(x, y); };
+        return luminance(vec3(at(0), at(1), at(2)));
+      });
     if (!guided) add_features(frame.layers);
   }
 
