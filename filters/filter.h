@@ -110,6 +110,7 @@ enum class FeatureSet {
   kAll,
   kScalar,   ///< without directions
   kOpacity,  ///< opacity alone
+  kGuides,   ///< those made from guides, where there are any
 };
 /// The features of a set (filters/features.h); empty: every feature there is.
 std::vector<std::string> names_of(FeatureSet set);
@@ -247,10 +248,12 @@ class Declaration {
     return features();
   }
   /// The parameter `feature-set`: which features it takes where the caller names none.
-  Declaration& feature_set(FeatureSet P::*member, std::vector<std::string> candidates = {"all", "scalar", "opacity"}) {
+  Declaration& feature_set(FeatureSet P::*member,
+                           std::vector<std::string> candidates = {"all", "scalar", "opacity", "guides"}) {
     entry_.feature_set = [member](const std::any& a) { return std::any_cast<const P&>(a).*member; };
-    return param("feature-set", member, {"all", "scalar", "opacity"},
-                 "which features it takes where `--features` names none: all, those without a direction, or opacity",
+    return param("feature-set", member, {"all", "scalar", "opacity", "guides"},
+                 "which features it takes where `--features` names none: all, those without a direction, opacity, or "
+                 "guides",
                  std::move(candidates));
   }
   /// Reads the frame's noise level in CIE-Lab with these parameters.

@@ -110,7 +110,9 @@ void check_features(const FilterEntry& filter, const Layers& frame, const ApplyO
   if (!none_wanted && std::any_of(sources.begin(), sources.end(), [&](const LayerName& l) { return frame.has(l); }))
     return;
   std::vector<std::string> names;
-  for (const LayerName& l : sources) names.push_back(std::string(l.name));
+  for (const LayerName& l : sources)
+    if (!is_guide(l.name)) names.push_back(std::string(l.name));
+  names.push_back("guides");
   throw InputError(
       fmt::format("filter {} is led by features, and {}. They are made from the layers {}: brume render SCENE -o "
                   "OUT.exr --layers ...; without them take another filter",
