@@ -40,48 +40,52 @@ struct Shape {
         down((p.weight->height() + side - 1) / side) {}
 };
 
-/// Adds up the pixels of a row of blocks.
-void add_blocks(const LatticeProblem& p, const Shape& s, int row, std::vector<float>& vectors, float* nodes) {
-  const int width = p.weight->width(), height = p.weight->height(), side = s.block;
-  const size_t area = static_cast<size_t>(side) * static_cast<size_t>(side);
-  vectors.assign(static_cast<size_t>(s.across) * area * s.stride, 0.0f);
-  std::vector<float*> place(static_cast<size_t>(width));
-  std::vector<float> root(static_cast<size_t>(width));
-  std::vector<char> filled(static_cast<size_t>(s.across));
-  for (int y = row * side; y < std::min(height, (row + 1) * side); ++y) {
-    const float* w = p.weight->row(y);
-    const size_t line = static_cast<size_t>(y - row * side) * static_cast<size_t>(side);
-    int from = width, to = 0;
-    for (int x = 0; x < width; ++x) {
-      const size_t i = static_cast<size_t>(x);
-      place[i] =
-          vectors.data() + (static_cast<size_t>(x / side) * area + line + static_cast<size_t>(x % side)) * s.stride;
-      root[i] = w[x] > 0 ? std::sqrt(w[x]) : 0.0f;
-      if (!(w[x] > 0)) continue;
-      from = std::min(from, x);
-      to = x + 1;
-      float* counts = nodes + static_cast<size_t>(x / side) * s.node + s.products;
-      counts[0] += w[x];
-      counts[1] += w[x] * w[x];
-      filled[static_cast<size_t>(x / side)] = 1;
-    }
-    const float* base = p.columns[0].values->row(y);
-    for (size_t k = 0; k < s.columns; ++k) {
-      const LatticeColumn& c = p.columns[k];
-      const float* v = c.values->row(y);
-      for (int x = from; x < to; ++x)
-        place[static_cast<size_t>(x)][k] = root[static_cast<size_t>(x)] * (c.scale * (v[x] - c.offset * base[x]));
-    }
-    for (size_t t = 0; t < s.targets; ++t) {
-      const float* v = p.targets[t]->row(y);
-      for (int x = from; x < to; ++x)
-        place[static_cast<size_t>(x)][s.columns + t] = root[static_cast<size_t>(x)] * v[x];
-    }
+/// The columns' values of some pixels of a row, `stride` floats from one to the next.
+void pack_columns(const LatticeProblem& p, int y, int from, int to, size_t stride, const float* factors, float* out) {
+  const float* base = p.columns[0].values->row(y);
+  for (size_t k = 0; k < p.columns.size(); ++k) {
+    const LatticeColumn& c = p.columns[k];
+    const float* v = c.values->row(y);
+    float* place = out + k;
+    for (int x = from; x < to; ++x, place += stride)
+      *place = factors[x - from] * (c.scale * (v[x] - c.offset * base[x]));
   }
-  for (int b = 0; b < s.across; ++b)
-    if (filled[static_cast<size_t>(b)])
-      kernels::add_products(vectors.data() + static_cast<size_t>(b) * area * s.stride, area, s.stride, s.columns,
-                            nodes + static_cast<size_t>(b) * s.node);
+}
+
+// Pixels of a row that are packed at a time, so that what is packed stays in cache.
+constexpr int kChunk = 64;
+
+/// Adds up the pixels of a row of blocks.
+void add_blocks(const LatticeProblem& p, const Shape& s, int row, float* nodes) {
+  const int width = p.weight->width(), height = p.weight->height(), side = s.block;
+  const int first_row = row * side, last_row = std::min(height, first_row + side);
+  std::vector<float> vectors(static_cast<size_t>(side) * static_cast<size_t>(side) * s.stride);
+  std::vector<float> root(static_cast<size_t>(side));
+  for (int b = 0; b < s.across; ++b) {
+    const int from = b * side, to = std::min(width, from + side);
+    float* node = nodes + static_cast<size_t>(b) * s.node;
+    size_t packed = 0;
+    for (int y = first_row; y < last_row; ++y) {
+      const float* w = p.weight->row(y);
+      bool any = false;
+      for (int x = from; x < to; ++x) {
+        root[static_cast<size_t>(x - from)] = w[x] > 0 ? std::sqrt(w[x]) : 0.0f;
+        any |= w[x] > 0;
+        node[s.products] += w[x];
+        node[s.products + 1] += w[x] * w[x];
+      }
+      if (!any) continue;
+      float* line = vectors.data() + packed * s.stride;
+      pack_columns(p, y, from, to, s.stride, root.data(), line);
+      for (size_t t = 0; t < s.targets; ++t) {
+        const float* v = p.targets[t]->row(y);
+        for (int x = from; x < to; ++x)
+          line[static_cast<size_t>(x - from) * s.stride + s.columns + t] = root[static_cast<size_t>(x - from)] * v[x];
+      }
+      packed += static_cast<size_t>(to - from);
+    }
+    if (packed) kernels::add_products(vectors.data(), packed, s.stride, s.columns, node);
+  }
 }
 
 /// Blurs `count` nodes of `size` floats that lie in a row.
@@ -252,21 +256,19 @@ std::vector<Plane> predict(const LatticeProblem& p, const Shape& s, const Rows& 
       rows[i] = nodes[static_cast<size_t>(down.nodes[3 * static_cast<size_t>(y) + i])].data();
     kernels::weighted_sum_rows(rows, down.weights.data() + 3 * static_cast<size_t>(y), 3, coefficients.data(),
                                static_cast<int>(coefficients.size()));
-    std::vector<float> vectors(static_cast<size_t>(to - from) * s.used);
-    const float* base = p.columns[0].values->row(y);
-    for (size_t k = 0; k < s.columns; ++k) {
-      const LatticeColumn& c = p.columns[k];
-      const float* v = c.values->row(y);
-      float* place = vectors.data() + k;
-      for (int x = from; x < to; ++x, place += s.used) *place = c.scale * (v[x] - c.offset * base[x]);
+    std::vector<float> vectors(static_cast<size_t>(kChunk) * s.used);
+    const std::vector<float> ones(static_cast<size_t>(kChunk), 1.0f);
+    for (int begin = from; begin < to; begin += kChunk) {
+      const int end = std::min(to, begin + kChunk);
+      pack_columns(p, y, begin, end, s.used, ones.data(), vectors.data());
+      std::vector<float*> results;
+      for (Plane& plane : out) results.push_back(plane.row(y) + begin);
+      const size_t first = 3 * static_cast<size_t>(begin);
+      kernels::predict_row(vectors.data(), static_cast<size_t>(end - begin),
+                           {coefficients.data(), along.nodes.data() + first, along.weights.data() + first,
+                            s.coefficients, s.targets, s.used, s.used, s.used},
+                           results.data());
     }
-    std::vector<float*> results;
-    for (Plane& plane : out) results.push_back(plane.row(y) + from);
-    const size_t first = 3 * static_cast<size_t>(from);
-    kernels::predict_row(vectors.data(), static_cast<size_t>(to - from),
-                         {coefficients.data(), along.nodes.data() + first, along.weights.data() + first, s.coefficients,
-                          s.targets, s.used, s.used, s.used},
-                         results.data());
     for (Plane& plane : out)
       for (int x = from; x < to; ++x)
         if (!(w[x] > 0)) plane(x, y) = 0;
@@ -300,25 +302,33 @@ SplinePlaces::SplinePlaces(int pixels, int block, int count) {
   }
 }
 
-std::vector<LatticeColumn> standardised(const std::vector<const Plane*>& columns, const Plane& weight) {
-  std::vector<LatticeColumn> out;
-  for (const Plane* column : columns) {
+std::vector<LatticeColumn> standardised(const std::vector<const Plane*>& columns, const Plane& weight,
+                                        const Task& task) {
+  std::vector<LatticeColumn> out(columns.size());
+  parallel_for(static_cast<int>(columns.size()), quiet(task), [&](int i) {
+    const Plane& column = *columns[static_cast<size_t>(i)];
     double base = 0, cross = 0, own = 0, total = 0;
     for (int y = 0; y < weight.height(); ++y) {
-      const float *w = weight.row(y), *c = column->row(y), *b = columns[0]->row(y);
+      const float *w = weight.row(y), *c = column.row(y), *b = columns[0]->row(y);
+      // Sums of one row in float, of all rows in double.
+      float bases = 0, crosses = 0, owns = 0, totals = 0;
       for (int x = 0; x < weight.width(); ++x) {
-        const double weighted = static_cast<double>(w[x]) * static_cast<double>(c[x]);
-        own += weighted * static_cast<double>(c[x]);
-        cross += weighted * static_cast<double>(b[x]);
-        base += static_cast<double>(w[x]) * static_cast<double>(b[x]) * static_cast<double>(b[x]);
-        total += static_cast<double>(w[x]);
+        owns += w[x] * c[x] * c[x];
+        crosses += w[x] * c[x] * b[x];
+        bases += w[x] * b[x] * b[x];
+        totals += w[x];
       }
+      base += static_cast<double>(bases);
+      cross += static_cast<double>(crosses);
+      own += static_cast<double>(owns);
+      total += static_cast<double>(totals);
     }
-    const double offset = out.empty() || !(base > 0) ? 0.0 : cross / base;
+    const double offset = i == 0 || !(base > 0) ? 0.0 : cross / base;
     const double left = own - offset * cross;
     const bool nothing = !(total > 0) || !(left > kDependent * own);
-    out.push_back({column, static_cast<float>(offset), nothing ? 0.0f : static_cast<float>(std::sqrt(total / left))});
-  }
+    out[static_cast<size_t>(i)] = {&column, static_cast<float>(offset),
+                                   nothing ? 0.0f : static_cast<float>(std::sqrt(total / left))};
+  });
   return out;
 }
 
@@ -331,8 +341,7 @@ std::vector<Plane> lattice_regression(const LatticeProblem& problem, const Latti
   parallel_for(s.down, quiet(task), [&](int r) {
     std::vector<float>& row = sums[static_cast<size_t>(r)];
     row.assign(static_cast<size_t>(s.across) * s.node, 0.0f);
-    std::vector<float> vectors;
-    add_blocks(problem, s, r, vectors, row.data());
+    add_blocks(problem, s, r, row.data());
     if (global) return;
     std::vector<float> blurred(row.size());
     blur_row(row.data(), blurred.data(), s.across, s.node, taps);

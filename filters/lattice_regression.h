@@ -13,7 +13,8 @@ struct LatticeColumn {
 
 /// Columns free of one another's level and of one scale: each but the first less its weighted projection on the first,
 /// and divided by what is left, root mean square. A column of nothing gets scale 0.
-std::vector<LatticeColumn> standardised(const std::vector<const Plane*>& columns, const Plane& weight);
+std::vector<LatticeColumn> standardised(const std::vector<const Plane*>& columns, const Plane& weight,
+                                        const Task& task);
 
 /// Targets that are explained, each by itself, as sums of columns with coefficients that vary smoothly over the frame.
 struct LatticeProblem {

@@ -38,7 +38,12 @@ struct Columns {
   std::array<std::vector<const Plane*>, 3> of;
   size_t free = 0;  // the first ones, which are not shrunk
   bool coloured = false;
+  std::array<std::vector<LatticeColumn>, 3> scaled;
 
+  /// To be called once no column is added any more.
+  void standardise(const Plane& weight, const Task& task) {
+    for (size_t c = 0; c < (coloured ? 3u : 1u); ++c) scaled[c] = standardised(of[c], weight, task);
+  }
   void add(const Guide& g) {
     coloured |= g.coloured;
     if (g.coloured)
@@ -78,7 +83,7 @@ HalfPair regress(const Columns& columns, const RgbPlanes& a, const RgbPlanes& b,
                  const LatticeWindow& window, const Task& task) {
   HalfPair out;
   const auto solve = [&](const std::vector<size_t>& colours) {
-    LatticeProblem problem{standardised(columns.of[colours[0]], weight), columns.free, {}, &weight};
+    LatticeProblem problem{columns.scaled[colours[0]], columns.free, {}, &weight};
     for (const size_t c : colours) {
       problem.targets.push_back(a[c]);
       problem.targets.push_back(b[c]);
@@ -321,6 +326,7 @@ void run(const TransportRegression& p, const FilterFrame& frame, const FilterOut
 
   // One window, the frame: weights from the guides, then from the fit, whose outliers are drawn in.
   const Plane first_weight = weight_of(known.bright, known.mask, p, task);
+  known.all.standardise(first_weight, task);
   HalfPair frame_fit = regress(known.all, a, b, first_weight, {0, kGlobalRidge, 0}, task);
   const Limited data = limit_outliers(a, b, mean(frame_fit), brightness(frame_fit), known.mask, limit, task);
   const RgbPlanes data_a = view(data.a), data_b = view(data.b);
@@ -329,6 +335,9 @@ void run(const TransportRegression& p, const FilterFrame& frame, const FilterOut
   const Plane weight = weight_of(level, known.mask, p, task);
   known.few.add(level);
   known.medium.add(level);
+  known.few.standardise(weight, task);
+  known.medium.standardise(weight, task);
+  known.all.free = 0;
 
   // Narrower windows explain what wider ones leave, with fewer columns.
   std::vector<HalfPair> candidates;
@@ -336,9 +345,7 @@ void run(const TransportRegression& p, const FilterFrame& frame, const FilterOut
   const auto refine = [&](const Columns& columns, double window, size_t parent) {
     const Rgb left_a = minus(data_a, view(candidates[parent].a), task),
               left_b = minus(data_b, view(candidates[parent].b), task);
-    Columns shrunk = columns;
-    shrunk.free = 0;
-    HalfPair fit = regress(shrunk, view(left_a), view(left_b), weight,
+    HalfPair fit = regress(columns, view(left_a), view(left_b), weight,
                            {window, static_cast<double>(p.ridge), static_cast<double>(p.ridge_per_pixel)}, task);
     add_to(fit.a, candidates[parent].a, task);
     add_to(fit.b, candidates[parent].b, task);
