@@ -16,10 +16,11 @@ namespace {
 // Optical depth where the volume is thickest but for a quarter of what is seen of it: a cloud that is white inside and
 // a smoke that is not yet black; thinner where it burns, so that the flames are seen.
 constexpr double kDepth = 12, kDepthOfSmoke = 4;
-constexpr double kFov = 32, kMargin = 1.08;
-constexpr double kHottest = 2200;     // [K] where a file's temperatures are no kelvin
-constexpr double kLeastKelvin = 100;  // a hottest voxel above this is taken as kelvin
-constexpr double kFlameRadiance = 3;  // through a tenth of the volume's size
+constexpr int kWidth = 800, kHeight = 600;
+constexpr double kFov = 32, kMargin = 1.08;  // degrees along the height
+constexpr double kHottest = 2200;            // [K] where a file's temperatures are no kelvin
+constexpr double kLeastKelvin = 100;         // a hottest voxel above this is taken as kelvin
+constexpr double kFlameRadiance = 3;         // through a tenth of the volume's size
 constexpr double kSmallestVoxel = 1e-4, kLargestVoxel = 1e3;
 
 std::string triple(const dvec3& v) {
@@ -59,9 +60,27 @@ std::vector<double> depths(const Medium& medium, const dvec3& middle, double rad
   return found;
 }
 
+/// From the middle of a medium's box, so that all of it is in the picture.
+double framing_distance(const Medium& medium, const dvec3& middle, const dvec3& view, const dvec3& up) {
+  const dvec3 right = glm::normalize(glm::cross(view, up)), above = glm::cross(right, view);
+  const double tall = std::tan(0.5 * kFov * kPi / 180), wide = tall * kWidth / kHeight;
+  const auto [lo, hi] = medium.support();
+  double distance = 0;
+  for (int k = 0; k < 8; ++k) {
+    const dvec3 corner = medium.to_world({k & 1 ? hi.x : lo.x, k & 2 ? hi.y : lo.y, k & 4 ? hi.z : lo.z}) - middle;
+    const double needed = std::max(std::abs(glm::dot(corner, right)) / wide, std::abs(glm::dot(corner, above)) / tall);
+    distance = std::max(distance, needed - glm::dot(corner, view));
+  }
+  return distance;
+}
+
 }  // namespace
 
-VolumeScene scene_for_volume(const std::filesystem::path& file, const std::string& name_in_scene, const Task& task) {
+std::string VolumeScene::text(const std::string& file) const {
+  return before_file + file + after_file;
+}
+
+VolumeScene scene_for_volume(const std::filesystem::path& file, const Task& task) {
   const VdbSummary summary = read_vdb_info(file, task);
   const ScalarField density = load_scalar(file, {}, task);
   if (density.bricks.empty())
@@ -84,7 +103,7 @@ VolumeScene scene_for_volume(const std::filesystem::path& file, const std::strin
     return glm::normalize(y_up ? dvec3(right, above, back) : dvec3(right, -back, above));
   };
   const dvec3 away = turned(0.25, 1, 0.12), sun = turned(-0.75, 0.55, 0.75);
-  const double distance = kMargin * bounds.radius / std::sin(0.5 * kFov * kPi / 180);
+  const double distance = kMargin * framing_distance(medium, bounds.centre, -away, up);
 
   const GridSummary* const temperature = find_grid(summary, {"temperature", "temp"});
   const GridSummary* const flame = temperature ? nullptr : find_grid(summary, {"flame", "flames", "heat"});
@@ -102,16 +121,18 @@ VolumeScene scene_for_volume(const std::filesystem::path& file, const std::strin
   assume(
       fmt::format("volumes.0.sigma_t = {} for an optical depth of about {:.3g}; albedo, g, sun and sky are a guess too",
                   sigma_t, sigma_t * typical));
-  scene.text = fmt::format(
+  scene.before_file = fmt::format(
       "# Made for {}: every value is a guess to begin with.\n"
       "name = \"{}\"\n\n"
-      "[camera]\nposition = {}\nlook_at = {}\nup = {}\nfov = {}\nfov_axis = \"shorter\"\n\n"
-      "[film]\nwidth = 800\nheight = 600\n\n"
+      "[camera]\nposition = {}\nlook_at = {}\nup = {}\nfov = {}\nfov_axis = \"y\"\n\n"
+      "[film]\nwidth = {}\nheight = {}\n\n"
       "[environment]\nradiance = {}\nup = {}\n\n"
-      "[[volumes]]\nfile = \"{}\"\ngrid = \"{}\"\nsigma_t = {}\nalbedo = {}\ng = {}\n",
-      name_in_scene, file.stem().string(), triple(bounds.centre + distance * away), triple(bounds.centre), triple(up),
-      kFov, burns ? "[0.05, 0.06, 0.08]" : "[0.2, 0.26, 0.36]", triple(up), name_in_scene, density.summary.name,
-      sigma_t, burns ? "0.6" : "0.98", burns ? "0.2" : "0.45");
+      "[[volumes]]\nfile = \"",
+      file.filename().string(), file.stem().string(), triple(bounds.centre + distance * away), triple(bounds.centre),
+      triple(up), kFov, kWidth, kHeight, burns ? "[0.05, 0.06, 0.08]" : "[0.2, 0.26, 0.36]", triple(up));
+  std::string& text = scene.after_file;
+  text = fmt::format("\"\ngrid = \"{}\"\nsigma_t = {}\nalbedo = {}\ng = {}\n", density.summary.name, sigma_t,
+                     burns ? "0.6" : "0.98", burns ? "0.2" : "0.45");
   if (temperature) {
     const double scale =
         temperature->maximum > kLeastKelvin ? 1.0 : std::stod(fmt::format("{:.3g}", kHottest / temperature->maximum));
@@ -124,8 +145,8 @@ VolumeScene scene_for_volume(const std::filesystem::path& file, const std::strin
           temperature->name, kelvin));
     } else {
       const double intensity = std::stod(fmt::format("{:.2g}", kFlameRadiance / (0.1 * bounds.radius * glow)));
-      scene.text += fmt::format("temperature_grid = \"{}\"\ntemperature_scale = {}\nblackbody_intensity = {}\n",
-                                temperature->name, scale, intensity);
+      text += fmt::format("temperature_grid = \"{}\"\ntemperature_scale = {}\nblackbody_intensity = {}\n",
+                          temperature->name, scale, intensity);
       assume(
           fmt::format("fire from grid '{}': volumes.0.temperature_scale = {} makes its hottest voxel {:.4g} K, "
                       "blackbody_intensity = {}",
@@ -134,11 +155,11 @@ VolumeScene scene_for_volume(const std::filesystem::path& file, const std::strin
   }
   if (flame) {
     const double intensity = std::stod(fmt::format("{:.2g}", kFlameRadiance / (0.1 * bounds.radius)));
-    scene.text += fmt::format("flame_grid = \"{}\"\nflame_intensity = {}\n", flame->name, intensity);
+    text += fmt::format("flame_grid = \"{}\"\nflame_intensity = {}\n", flame->name, intensity);
     assume(fmt::format("fire from grid '{}': volumes.0.flame_intensity = {}", flame->name, intensity));
   }
-  scene.text += fmt::format("\n[[lights]]\ntype = \"sun\"\ndirection = {}\nirradiance = {}\n", triple(sun),
-                            burns ? "[0.8, 0.7, 0.55]" : "[3.4, 3.0, 2.4]");
+  text += fmt::format("\n[[lights]]\ntype = \"sun\"\ndirection = {}\nirradiance = {}\n", triple(sun),
+                      burns ? "[0.8, 0.7, 0.55]" : "[3.4, 3.0, 2.4]");
   return scene;
 }
 
