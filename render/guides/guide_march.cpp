@@ -74,6 +74,7 @@ GuideMarch::GuideMarch(const PathContext& context, const std::vector<GuideMedia>
   for (const Medium& m : media[0].media())
     densest = std::max(densest, m.maximum_density() * in_colour(m.coefficients().sigma_t, colour));
   gentle_ = std::max(kGentleGradient * densest / media[0].voxel(), 1e-300);
+  for (size_t order = 0; order < kOrders; ++order) order_tint_[order] = glm::pow(tint(), dvec3(kTypicalOrder[order]));
   lay_out();
 }
 
@@ -131,6 +132,7 @@ void GuideMarch::interleave(const Task& task) {
     for (int y = 0; y < n.y; ++y)
       for (int z = 0; z < n.z; ++z) {
         const size_t i = lattice.index(x, y, z);
+        if (!fields_.near()[i]) continue;
         float* const out = node_fields_.data() + ((static_cast<size_t>(x) * n.y + y) * n.z + z) * field_count_;
         const dvec3 p = lattice.node(x, y, z), view = camera_.view_direction(p);
         const auto towards_eye = [&](const Moments& light) {
@@ -432,8 +434,7 @@ vec3 GuideMarch::predicted_indirect(const Sums& sums) const {
   vec3 light(0);
   for (size_t k = 0; k < slots_.size(); ++k)
     for (size_t order = 0; order < kOrders; ++order)
-      light += tinted(glm::pow(tint(), dvec3(kTypicalOrder[order])) * colour_of(fields_.groups()[k]),
-                      sums.value[slots_[k].orders + order]);
+      light += tinted(order_tint_[order] * colour_of(fields_.groups()[k]), sums.value[slots_[k].orders + order]);
   return light;
 }
 

@@ -1,4 +1,5 @@
 #pragma once
+#include <array>
 #include <string>
 #include <vector>
 
@@ -50,7 +51,8 @@ class GuideMarch {
   const Camera& camera_;
   double step_ = 1, reference_depth_ = 0, gentle_ = 0;
 
-  std::vector<Slots> slots_;        // for each group
+  std::array<dvec3, GroupLight::kFirstOrder.size()> order_tint_{};  // what a colour makes of each guide of orders
+  std::vector<Slots> slots_;                                        // for each group
   std::vector<std::string> names_;  // of the sums that are one number each, as layers without "guide."
   size_t field_count_ = 0;          // interleaved fields, a multiple of four
   std::vector<float> node_fields_;

@@ -60,7 +60,9 @@ LightFields::LightFields(const GuideMedia& media, const Lights& lights, const Su
                          const Task& task) {
   fine_ = Lattice::over(media.lo(), media.hi(), kVoxelsPerNode * media.voxel(), kMostNodes);
   coarse_ = Lattice::over(media.lo(), media.hi(), 2 * fine_.spacing, kMostNodes);
-  ScatteringSolver solver(fine_, media, colour, task), coarse(coarse_, media, colour, task);
+  ScatteringSolver solver(fine_, media, colour, task), coarse(coarse_, solver, task);
+  near_ = solver.near_media();
+  if (surfaces) std::fill(near_.begin(), near_.end(), uint8_t{1});
   scale_ = solver.mean_scale();
   const auto scaled_transmittance = [&](double depth) { return std::exp(-depth * scale_); };
   const Task own = quiet(task);

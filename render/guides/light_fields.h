@@ -39,6 +39,8 @@ class LightFields {
   /// Of the orders from kFineGuides on.
   const Lattice& coarse_lattice() const { return coarse_; }
   const std::vector<GroupLight>& groups() const { return groups_; }
+  /// Nodes whose light may be asked for: those near the media, or all where there are surfaces.
+  const std::vector<uint8_t>& near() const { return near_; }
   /// What the forward peak leaves of the extinction, on average.
   double scaled_extinction() const { return scale_; }
   size_t bytes() const;
@@ -47,6 +49,7 @@ class LightFields {
   void solve(GroupLight& light, const Moments& arriving, ScatteringSolver& fine, ScatteringSolver& coarse);
 
   Lattice fine_, coarse_;
+  std::vector<uint8_t> near_;
   std::vector<GroupLight> groups_;
   double scale_ = 1;
 };

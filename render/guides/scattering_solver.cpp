@@ -29,69 +29,99 @@ const std::vector<dvec3>& ScatteringSolver::directions() {
 
 ScatteringSolver::ScatteringSolver(const Lattice& lattice, const GuideMedia& media, GuideColour colour,
                                    const Task& task)
-    : lattice_(lattice), task_(quiet(task)) {
+    : ScatteringSolver(lattice, task) {
+  // Means over cubes around the nodes.
+  const double cube = lattice.spacing;
+  const int inner = std::clamp(static_cast<int>(std::lround(cube / media.voxel())), 1, 4),
+            count = inner * inner * inner;
+  fill([&](int x, int y, int z) {
+    NodeMedia node;
+    double scattered = 0, forward = 0;
+    const dvec3 corner = lattice_.node(x, y, z) - 0.5 * cube;
+    for (int k = 0; k < count; ++k) {
+      const ivec3 place(k % inner, k / inner % inner, k / (inner * inner));
+      const GuideMedia::Point point = media.at(corner + cube / inner * (dvec3(place) + 0.5), colour);
+      node.extinction += point.sigma_t;
+      scattered += point.sigma_t * point.albedo;
+      forward += point.sigma_t * point.albedo * point.g;
+    }
+    if (!(node.extinction > 0)) return node;
+    const double albedo = scattered / node.extinction, g = scattered > 0 ? forward / scattered : 0;
+    const double peak = g > 0 ? g * g : 0, left = 1 - albedo * peak;
+    node.extinction *= cube / count;
+    node.scaled = node.extinction * left;
+    node.scattered = node.scaled * albedo * (1 - peak) / left;
+    node.linear = node.scaled * 3 * (g - peak) / (1 - peak);
+    return node;
+  });
+}
+
+ScatteringSolver::ScatteringSolver(const Lattice& lattice, const ScatteringSolver& fine, const Task& task)
+    : ScatteringSolver(lattice, task) {
+  const double ratio = lattice.spacing / fine.lattice_.spacing;
+  fill([&](int x, int y, int z) {
+    NodeMedia node;
+    for (int corner = 0; corner < 8; ++corner) {
+      const dvec3 offset = dvec3(corner & 1, corner >> 1 & 1, corner >> 2) - 0.5;
+      const dvec3 p = lattice_.node(x, y, z) + 0.5 * lattice_.spacing * offset;
+      const double scaled = ratio / 8 * interpolated(fine.lattice_, fine.scaled_, p);
+      if (!(scaled > 0)) continue;
+      node.extinction += ratio / 8 * interpolated(fine.lattice_, fine.extinction_, p);
+      node.scaled += scaled;
+      node.scattered += scaled * interpolated(fine.lattice_, fine.albedo_, p);
+      node.linear += scaled * interpolated(fine.lattice_, fine.linear_, p);
+    }
+    return node;
+  });
+}
+
+ScatteringSolver::ScatteringSolver(const Lattice& lattice, const Task& task) : lattice_(lattice), task_(quiet(task)) {
   const ivec3 n = lattice.n;
   standing_ = {{n.x, n.y, n.z}, lattice.row(), nullptr};
   lying_ = {{n.z, n.x, n.y}, padded(n.y), nullptr};
   for (NodeValues* field : {&extinction_, &scaled_, &albedo_, &linear_}) field->assign(lattice.size(), 0.0f);
-  sample_media(media, colour);
-  find_rows();
   for (NodeValues& values : source_) values.assign(lattice.size(), 0.0f);
   for (Moments* moments : {&lying_source_, &lying_moment_})
     for (NodeValues& values : *moments) values.assign(lying_.size(), 0.0f);
   for (NodeValues* field : {&lying_extinction_, &lying_scaled_}) field->assign(lying_.size(), 0.0f);
-  lay_down(extinction_, lying_extinction_, true);
-  lay_down(scaled_, lying_scaled_, true);
   for (const dvec3& d : directions()) radiance_.emplace_back(lies(d) ? lying_.size() : standing_.size(), 0.0f);
 }
 
-void ScatteringSolver::sample_media(const GuideMedia& media, GuideColour colour) {
-  // Means over cubes around the nodes.
-  const double cube = lattice_.spacing;
-  const int inner = std::clamp(static_cast<int>(std::lround(cube / media.voxel())), 1, 4);
-  struct Sums {
-    double all = 0, scaled = 0, scattered = 0, linear = 0;
-  };
-  std::vector<Sums> sums(static_cast<size_t>(lattice_.n.x));
+template <class Sample>
+void ScatteringSolver::fill(const Sample& sample) {
+  std::vector<NodeMedia> sums(static_cast<size_t>(lattice_.n.x));
   each_node([&](int x, int y, int z, size_t i) {
-    double sigma = 0, scattered = 0, forward = 0;
-    const dvec3 corner = lattice_.node(x, y, z) - 0.5 * cube;
-    for (int k = 0; k < inner * inner * inner; ++k) {
-      const ivec3 place(k % inner, k / inner % inner, k / (inner * inner));
-      const GuideMedia::Point point = media.at(corner + cube / inner * (dvec3(place) + 0.5), colour);
-      sigma += point.sigma_t;
-      scattered += point.sigma_t * point.albedo;
-      forward += point.sigma_t * point.albedo * point.g;
-    }
-    if (!(sigma > 0)) return;
-    const double albedo = scattered / sigma, g = scattered > 0 ? forward / scattered : 0;
-    const double peak = g > 0 ? g * g : 0, left = 1 - albedo * peak;
-    const double thickness = sigma / (inner * inner * inner) * lattice_.spacing;
-    extinction_[i] = static_cast<float>(thickness);
-    scaled_[i] = static_cast<float>(thickness * left);
-    albedo_[i] = static_cast<float>(albedo * (1 - peak) / left);
-    linear_[i] = static_cast<float>(3 * (g - peak) / (1 - peak));
-    Sums& sum = sums[static_cast<size_t>(x)];
-    sum.all += thickness;
-    sum.scaled += thickness * left;
-    sum.scattered += thickness * left * albedo_[i];
-    sum.linear += thickness * left * linear_[i];
+    const NodeMedia node = sample(x, y, z);
+    if (!(node.scaled > 0)) return;
+    extinction_[i] = static_cast<float>(node.extinction);
+    scaled_[i] = static_cast<float>(node.scaled);
+    albedo_[i] = static_cast<float>(node.scattered / node.scaled);
+    linear_[i] = static_cast<float>(node.linear / node.scaled);
+    sums[static_cast<size_t>(x)].add(node);
   });
-  Sums total;
-  for (const Sums& s : sums) {
-    total.all += s.all;
-    total.scaled += s.scaled;
-    total.scattered += s.scattered;
-    total.linear += s.linear;
+  NodeMedia total;
+  for (const NodeMedia& s : sums) total.add(s);
+  if (total.scaled > 0) {
+    mean_scale_ = total.scaled / total.extinction;
+    // Where nothing is, as it is on average: light is interpolated between nodes inside and outside.
+    for (size_t i = 0; i < extinction_.size(); ++i)
+      if (extinction_[i] == 0) {
+        albedo_[i] = static_cast<float>(total.scattered / total.scaled);
+        linear_[i] = static_cast<float>(total.linear / total.scaled);
+      }
   }
-  if (!(total.scaled > 0)) return;
-  mean_scale_ = total.scaled / total.all;
-  // Where nothing is, as it is on average: light is interpolated between nodes inside and outside.
-  for (size_t i = 0; i < extinction_.size(); ++i)
-    if (extinction_[i] == 0) {
-      albedo_[i] = static_cast<float>(total.scattered / total.scaled);
-      linear_[i] = static_cast<float>(total.linear / total.scaled);
-    }
+  find_rows();
+  lay_down(extinction_, lying_extinction_, true);
+  lay_down(scaled_, lying_scaled_, true);
+}
+
+std::vector<uint8_t> ScatteringSolver::near_media() const {
+  std::vector<uint8_t> near(lattice_.size(), 0);
+  each_node([&](int x, int y, int z, size_t i) {
+    for (int k = 0; k < 27 && !near[i]; ++k)
+      near[i] = extinction_[lattice_.index(x + k / 9 - 1, y + k / 3 % 3 - 1, z + k % 3 - 1)] > 0;
+  });
+  return near;
 }
 
 void ScatteringSolver::find_rows() {

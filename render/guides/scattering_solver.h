@@ -22,6 +22,8 @@ using Moments = std::array<NodeValues, 4>;
 class ScatteringSolver {
  public:
   ScatteringSolver(const Lattice& lattice, const GuideMedia& media, GuideColour colour, const Task& task);
+  /// The same media on a lattice that is coarser.
+  ScatteringSolver(const Lattice& lattice, const ScatteringSolver& fine, const Task& task);
 
   /// Directions of travel, evenly spread.
   static const std::vector<dvec3>& directions();
@@ -30,6 +32,9 @@ class ScatteringSolver {
   const NodeValues& extinction() const { return extinction_; }
   /// What the forward peak leaves of the extinction, averaged over the media.
   double mean_scale() const { return mean_scale_; }
+
+  /// Whether a node or one of its 26 neighbours has any extinction.
+  std::vector<uint8_t> near_media() const;
 
   Moments nothing() const;
   /// Radiance that enters from outside and arrives unscattered, for each direction, the forward peak being scattering.
@@ -62,7 +67,20 @@ class ScatteringSolver {
   }
 
  private:
-  void sample_media(const GuideMedia& media, GuideColour colour);
+  /// What lies around a node, per spacing.
+  struct NodeMedia {
+    double extinction = 0, scaled = 0;  ///< scaled: without the forward peak
+    double scattered = 0, linear = 0;   ///< scaled, times albedo and three times the mean cosine of what is left
+    void add(const NodeMedia& other) {
+      extinction += other.extinction;
+      scaled += other.scaled;
+      scattered += other.scattered;
+      linear += other.linear;
+    }
+  };
+  ScatteringSolver(const Lattice& lattice, const Task& task);
+  template <class Sample>
+  void fill(const Sample& sample);
   void find_rows();
   void lay_down(const NodeValues& standing, NodeValues& lying, bool everywhere) const;
   void sweep_all(const Moments* source, size_t count, const std::vector<double>& incoming, bool true_extinction);

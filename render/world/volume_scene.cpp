@@ -102,7 +102,7 @@ VolumeScene scene_for_volume(const std::filesystem::path& file, const Task& task
   const auto turned = [&](double right, double back, double above) {
     return glm::normalize(y_up ? dvec3(right, above, back) : dvec3(right, -back, above));
   };
-  const dvec3 away = turned(0.25, 1, 0.12), sun = turned(-0.75, 0.55, 0.75);
+  const dvec3 away = turned(0.25, 1, 0.12), sun = turned(-0.9, 0.25, 0.6);
   const double distance = kMargin * framing_distance(medium, bounds.centre, -away, up);
 
   const GridSummary* const temperature = find_grid(summary, {"temperature", "temp"});
