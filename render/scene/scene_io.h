@@ -13,7 +13,4 @@ namespace brume {
 ///         wrong type, value out of range
 Scene read_scene(const std::filesystem::path& path, std::span<const std::string> overrides = {});
 
-/// docs/scene.md: every table and key, from the declarations that parse them.
-std::string scene_reference();
-
 }  // namespace brume
