@@ -156,7 +156,8 @@ int run(const Common& common) {
     if (!o.preview.empty()) check_writable(output_for(o.preview, filters, i), inputs, ".png");
   }
   std::set<std::string> channels = {"R", "G", "B"};
-  for (const FilterSettings& filter : filters) channels.merge(readable_channels(filter, options));
+  const Layers outline = read_outline(o.input);
+  for (const FilterSettings& filter : filters) channels.merge(readable_channels(filter, options, outline));
   const Layers frame = read_frame(common, o.input, channels);
   options.exposure = choose_exposure(o.picture.exposure, frame);
   const Sequence sequence(others, channels, common);

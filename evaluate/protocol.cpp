@@ -9,6 +9,7 @@
 #include <set>
 #include <thread>
 
+#include "filters/guide_layers.h"
 #include "filters/requirements.h"
 
 namespace brume {
@@ -49,6 +50,7 @@ MethodResult measure(const std::vector<TimedFrame>& noisy, const FilterSettings*
       ApplyReport report;
       std::optional<RecordReader> records;
       ApplyOptions own = options;
+      if (filter->entry().parts) own.component = Component::kAll;
       if (!noisy[seed].records.empty()) own.records = &records.emplace(noisy[seed].records);
       // The first run warms caches and threads; slow filters do not notice.
       clean = apply_filter(*filter, noisy[seed].layers, own, task, &report);
@@ -137,17 +139,31 @@ bool reads_features(const Contender& contender, bool tune) {
   return std::any_of(all.begin(), all.end(), [](const FilterSettings& s) { return s.uses_features(); });
 }
 
+/// Whether any of them prefers features that are made from guides.
+bool prefers_guides(const Contender& contender, bool tune) {
+  const auto prefers = [](const FilterSettings& s) {
+    const std::vector<std::string> names = s.preferred_features();
+    return s.uses_features() && std::any_of(names.begin(), names.end(), FeaturePlan::is_of_guides);
+  };
+  if (prefers(contender.settings)) return true;
+  if (!tune) return false;
+  const std::vector<FilterSettings> all = candidate_settings(contender);
+  return std::any_of(all.begin(), all.end(), prefers);
+}
+
 RecordedData data_to_record(const EvaluationSettings& settings) {
   std::set<std::string> names = {"coverage"};  // the mask of medium pixels
   RecordedData data;
   for (const Contender& contender : settings.contenders) {
     const FilterEntry& filter = contender.settings.entry();
     std::vector<LayerName> layers = required_layers(filter, {settings.component, settings.background});
+    if (filter.parts) layers.insert(layers.end(), {layer::direct, layer::indirect});
     layers.insert(layers.end(), filter.can_use.begin(), filter.can_use.end());
     const bool features = reads_features(contender, settings.tune);
     if (features) layers.insert(layers.end(), FeaturePlan::sources().begin(), FeaturePlan::sources().end());
     for (const LayerName& l : layers)
-      if (!l.name.empty()) names.insert(std::string(l.name));
+      if (!l.name.empty() && !is_guide(l.name)) names.insert(std::string(l.name));
+    if (filter.guides || prefers_guides(contender, settings.tune)) names.insert("guides");
     data.statistics |= filter.can_use_statistics >= Statistics::kVariance || features || filter.variances;
     data.buckets |= filter.can_use_statistics >= Statistics::kBuckets;
     data.records |= filter.records == FilterEntry::Records::kNeeds;

@@ -110,15 +110,20 @@ struct Tile {
 /// Where the results of all tiles are gathered.
 struct Gathered {
   Layers layers;
-  FilterOutput sum;                        // of the component's signals
-  std::vector<FilterOutput> carried;       // as options.carried
-  std::map<std::string, Plane*> products;  // by full channel name
+  FilterOutput sum;                                // of the component's signals
+  std::map<std::string_view, FilterOutput> parts;  // by signal, of a filter that cleans the parts apart
+  std::vector<FilterOutput> carried;               // as options.carried
+  std::map<std::string, Plane*> products;          // by full channel name
 
   Gathered(const Run& run, const Layers& frame) : layers(frame.width(), frame.height()) {
     layers.header = frame.header;
     layers.lie_like(frame);
     sum = layers.add_rgb(layer::beauty);
     for (const LayerName& l : run.options.carried) carried.push_back(layers.add_rgb(l));
+    if (run.filter.entry().parts && run.options.component == Component::kApart) {
+      parts[layer::direct.name] = layers.add_rgb(layer::clean_direct);
+      parts[layer::indirect.name] = layers.add_rgb(layer::clean_indirect);
+    }
     for (const LayerName& l : run.filter.entry().produces)
       for (const std::string& channel : l.channel_names()) products[channel] = &layers.add(channel);
   }
@@ -129,6 +134,7 @@ struct Totals {
   double energy = 0;  // that the outlier rule took
   size_t outliers = 0;
   std::set<std::pair<int, int>> repaired_records;
+  std::vector<std::string> notes;  // of the filter
 };
 
 /// One signal of a tile with its statistics: views of the layers, and what had to be made.
@@ -219,6 +225,7 @@ PreparedFrames prepare(const Run& run, const std::vector<Source>& sources, const
     FilterFrame& f = prepared.back()->frame;
     f.origin = {tile.outer.x0, tile.outer.y0};
     f.repaired_records = &totals.repaired_records;
+    f.notes = i == 0 ? &totals.notes : nullptr;
     f.typical_luminance = level.typical_luminance;
     f.lab_noise = level.lab_noise;
   }
@@ -286,13 +293,23 @@ void filter_signal(const Run& run, const std::vector<Source>& sources, const Til
   const auto store = [&](const Plane& from, Plane& to) {
     for_each_pixel(interior, [&](int x, int y) { to(x + origin.x, y + origin.y) = from(x, y); });
   };
+  const auto add = [&](const Plane& from, Plane& to) {
+    for_each_pixel(interior, [&](int x, int y) { to(x + origin.x, y + origin.y) += from(x, y); });
+  };
   std::map<std::string, Plane> produced;
-  if (first_signal && !gathered.products.empty()) frame.products = &produced;
+  const bool parts = run.filter.entry().parts;
+  if ((first_signal || parts) && !gathered.products.empty()) frame.products = &produced;
   const Rgb clean = filtered(run, frame, interior, part(0), totals);
-  for (size_t c = 0; c < 3; ++c)
-    for_each_pixel(interior, [&](int x, int y) { (*gathered.sum[c])(x + origin.x, y + origin.y) += clean[c](x, y); });
+  for (size_t c = 0; c < 3; ++c) add(clean[c], *gathered.sum[c]);
+  if (const auto kept = gathered.parts.find(name.name); kept != gathered.parts.end())
+    for (size_t c = 0; c < 3; ++c) store(clean[c], *kept->second[c]);
   if (frame.products)
-    for (const auto& [channel, target] : gathered.products) store(produced.at(channel), *target);
+    for (const auto& [channel, target] : gathered.products) {
+      if (first_signal)
+        store(produced.at(channel), *target);
+      else
+        add(produced.at(channel), *target);
+    }
   frame.products = nullptr;
 
   for (size_t j = 0; j < carried; ++j) {
@@ -362,7 +379,7 @@ int choose_tile(const FilterEntry& filter, const Layers& frame, const ApplyOptio
   const double tiled = whole + 4.0 * static_cast<double>(channels);  // per pixel of a tile, which is cut out first
   const double budget = std::max(0.25 * read, kFreeMemory);
   const int longest = std::max(frame.width(), frame.height()), shortest = std::min(frame.width(), frame.height());
-  int tile = options.tile;
+  int tile = filter.whole_frame ? longest : options.tile;
   if (tile == 0)
     // A frame that fits as a whole has no apron.
     tile = whole * pixels <= budget ? longest
@@ -393,7 +410,7 @@ TilePlan plan_tiles(const Run& run, const Layers& frame, const std::vector<Sourc
 
 std::vector<Source> read_sources(const FilterSettings& filter, const Layers& frame, const ApplyOptions& options,
                                  const Task& task, ApplyReport& report) {
-  const std::set<std::string> readable = readable_channels(filter, options);
+  const std::set<std::string> readable = readable_channels(filter, options, frame);
   std::vector<Source> sources;
   sources.reserve(1 + options.sequence.size());
   sources.emplace_back(SequenceFrame{0, &frame, options.records}, readable, task);
@@ -498,6 +515,8 @@ void describe(std::map<std::string, Attribute>& header, const Run& run, double s
 }
 
 void report_totals(const Totals& totals, const Run& run, const Layers& source, ApplyReport& report) {
+  for (const std::string& note : totals.notes)
+    if (std::find(report.notes.begin(), report.notes.end(), note) == report.notes.end()) report.notes.push_back(note);
   report.repaired_records = totals.repaired_records.size();
   if (report.repaired_records)
     report.notes.push_back(
@@ -517,8 +536,9 @@ void report_totals(const Totals& totals, const Run& run, const Layers& source, A
 
 }  // namespace
 
-Layers apply_filter(const FilterSettings& requested, const Layers& frame, const ApplyOptions& options, const Task& task,
+Layers apply_filter(const FilterSettings& requested, const Layers& frame, const ApplyOptions& wanted, const Task& task,
                     ApplyReport* report) {
+  const ApplyOptions options = options_for(requested.entry(), frame, wanted);
   check_requirements(requested, frame, options);
   ApplyReport local;
   ApplyReport& r = report ? *report : local;

@@ -8,6 +8,7 @@
 
 #include "base/error.h"
 #include "base/text.h"
+#include "filters/guide_layers.h"
 #include "filters/planes.h"
 
 namespace brume {
@@ -123,6 +124,16 @@ const std::vector<Recipe>& recipes() {
       plain("albedo", layer::albedo),
       plain("normal", layer::normal),
       plain("surface-depth", layer::depth),
+      plain("guide-opacity", guide_layer::opacity),
+      plain("guide-depth", guide_layer::depth),
+      plain("guide-spread", guide_layer::spread),
+      plain("guide-density", guide_layer::density),
+      plain("guide-gradient", guide_layer::gradient),
+      plain("guide-direct", guide_layer::predicted_direct),
+      plain("guide-indirect", guide_layer::predicted_indirect),
+      plain("guide-emission", guide_layer::emission),
+      plain("guide-background", guide_layer::background),
+      plain("guide-normal", guide_layer::normal),
   };
   return table;
 }
@@ -178,6 +189,10 @@ Facts facts_of(const Planes& mean, const Planes& variance) {
 
 }  // namespace
 
+bool FeaturePlan::is_of_guides(std::string_view name) {
+  return name.starts_with("guide");
+}
+
 std::vector<std::string> FeaturePlan::names() {
   std::vector<std::string> names;
   for (const Recipe& r : recipes())
@@ -196,8 +211,14 @@ const std::vector<LayerName>& FeaturePlan::sources() {
   return list;
 }
 
-FeaturePlan::FeaturePlan(const Layers& frame, const std::vector<std::string>& wanted, const Task& task) {
+FeaturePlan::FeaturePlan(const Layers& frame, const std::vector<std::string>& named, const Task& task) {
   const std::vector<std::string> known = names();
+  std::vector<std::string> wanted;
+  for (const std::string& name : named)
+    if (name == kGuides)
+      std::copy_if(known.begin(), known.end(), std::back_inserter(wanted), is_of_guides);
+    else
+      wanted.push_back(name);
   for (const std::string& name : wanted)
     if (name != "none" && std::find(known.begin(), known.end(), name) == known.end())
       throw InputError(fmt::format("no feature '{}'{}", name, suggestion(name, known)));
@@ -208,7 +229,8 @@ FeaturePlan::FeaturePlan(const Layers& frame, const std::vector<std::string>& wa
     const auto recipe =
         std::find_if(table.begin(), table.end(), [&](const Recipe& r) { return r.name == name && offered(r, frame); });
     if (recipe == table.end()) {
-      left.push_back(name + " (not recorded)");
+      // Of guides a frame has those that its scene has a use for.
+      if (!is_of_guides(name)) left.push_back(name + " (not recorded)");
       continue;
     }
     const bool measured = knows(*recipe, frame, statistic::mean_variance);

@@ -19,8 +19,8 @@ struct Feature {
 /// Which features a frame offers, and their scales: decided once over the whole frame, so that tiles agree.
 class FeaturePlan {
  public:
-  /// @param wanted  names; empty: all    @throws InputError for a name that is none, with the nearest
-  FeaturePlan(const Layers& frame, const std::vector<std::string>& wanted, const Task& task);
+  /// @param named  names, `guides` for all of them; empty: all    @throws InputError for a name that is none, with the nearest
+  FeaturePlan(const Layers& frame, const std::vector<std::string>& named, const Task& task);
   FeaturePlan() = default;  ///< none
 
   /// Which parts of the features are made; the others stay empty.
@@ -36,6 +36,10 @@ class FeaturePlan {
   /// What the caller named; otherwise what the filter prefers, or all there is where the frame has nothing of that.
   static FeaturePlan choose(const Layers& frame, const std::vector<std::string>& named,
                             const std::vector<std::string>& preferred, const Task& task);
+
+  /// Stands for every feature that is made from guides.
+  static constexpr std::string_view kGuides = "guides";
+  static bool is_of_guides(std::string_view name);
 
   /// Every name, for help and errors.
   static std::vector<std::string> names();

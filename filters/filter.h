@@ -20,6 +20,11 @@ namespace layer {
 inline constexpr LayerName error_bound{"error_bound", "RGB", "of a filter: the error's stochastic bound"};
 inline constexpr LayerName sampling_map{"sampling_map", "Y",
                                         "of a filter: samples per pixel to take next, their mean being one"};
+inline constexpr LayerName clean_direct{"clean_direct", "RGB",
+                                        "of a filter that cleans the parts apart: direct, clean"};
+inline constexpr LayerName clean_indirect{"clean_indirect", "RGB", "the same of indirect"};
+inline constexpr LayerName clean_error{
+    "clean_error", "Y", "of a filter: estimated error of its result at the pixel, root mean square over colours"};
 }  // namespace layer
 
 struct FilterFrame;
@@ -62,6 +67,7 @@ struct FilterFrame {
   bool carries() const { return values != signal; }
   /// How many samples a pixel's mean is made of; 0: unknown.
   double samples_at(int x, int y) const { return sample_count ? static_cast<double>((*sample_count)(x, y)) : samples; }
+  std::vector<std::string>* notes = nullptr;  ///< where to say what the user should know; null: nobody listens
   int width() const { return signal[0]->width(); }
   int height() const { return signal[0]->height(); }
 };
@@ -104,6 +110,7 @@ enum class FeatureSet {
   kAll,
   kScalar,   ///< without directions
   kOpacity,  ///< opacity alone
+  kGuides,   ///< those made from guides, where there are any
 };
 /// The features of a set (filters/features.h); empty: every feature there is.
 std::vector<std::string> names_of(FeatureSet set);
@@ -125,6 +132,11 @@ struct FilterEntry {
   /// Whether it reads FilterFrame::lab_noise with these parameters; null: never.
   std::function<bool(const std::any&)> noise_level;
   bool variances = false;  ///< reads the variance of the layers it needs or can use
+  bool guides = false;     ///< reads every layer `guide.*` that the frame has
+  /// Cleans `direct` and `indirect` apart where a caller asks for the beauty and the frame has both; what it produces
+  /// adds up over them.
+  bool parts = false;
+  bool whole_frame = false;  ///< measures over the whole frame, which is not cut into tiles
   enum class Records { kNo, kCanUse, kNeeds } records = Records::kNo;  ///< of what happened to each sample
   bool sequences = false;                                              ///< looks into FilterFrame::nearby
   bool carries = false;     ///< can average other layers with the signal's weights
@@ -212,6 +224,12 @@ class Declaration {
   }
   /// Reads the variance of the layers it needs or can use, where the frame has it.
   Declaration& with_variance() { return entry_.variances = true, *this; }
+  /// Reads every layer `guide.*` that the frame has.
+  Declaration& guides() { return entry_.guides = true, *this; }
+  /// Cleans `direct` and `indirect` apart rather than the beauty.
+  Declaration& parts() { return entry_.parts = true, *this; }
+  /// Is never run on tiles.
+  Declaration& whole_frame() { return entry_.whole_frame = true, *this; }
   /// Leaves more layers than the clean picture, in FilterFrame::products.
   template <class... Layer>
   Declaration& produces(const Layer&... layers) {
@@ -230,10 +248,12 @@ class Declaration {
     return features();
   }
   /// The parameter `feature-set`: which features it takes where the caller names none.
-  Declaration& feature_set(FeatureSet P::*member, std::vector<std::string> candidates = {"all", "scalar", "opacity"}) {
+  Declaration& feature_set(FeatureSet P::*member,
+                           std::vector<std::string> candidates = {"all", "scalar", "opacity", "guides"}) {
     entry_.feature_set = [member](const std::any& a) { return std::any_cast<const P&>(a).*member; };
-    return param("feature-set", member, {"all", "scalar", "opacity"},
-                 "which features it takes where `--features` names none: all, those without a direction, or opacity",
+    return param("feature-set", member, {"all", "scalar", "opacity", "guides"},
+                 "which features it takes where `--features` names none: all, those without a direction, opacity, or "
+                 "guides",
                  std::move(candidates));
   }
   /// Reads the frame's noise level in CIE-Lab with these parameters.

@@ -7,6 +7,7 @@
 
 #include "base/error.h"
 #include "base/text.h"
+#include "filters/guide_layers.h"
 #include "filters/registry.h"
 #include "filters/requirements.h"
 
@@ -15,7 +16,13 @@ namespace {
 
 constexpr double kNoticeably = 1.1;  // times the merit, to be worth a word
 
+bool has_guides(const Layers& frame) {
+  const std::vector<std::string> names = frame.names();
+  return std::any_of(names.begin(), names.end(), [](const std::string& name) { return is_guide(name); });
+}
+
 bool can_run(const FilterSettings& filter, const Layers& frame, const ApplyOptions& options) {
+  if (filter.entry().guides && !has_guides(frame)) return false;
   try {
     check_requirements(filter, frame, options);
   } catch (const InputError&) {
@@ -38,6 +45,7 @@ std::string lacking(const FilterEntry& filter, const Layers& frame, const ApplyO
   for (const LayerName& l : required_layers(filter, options))
     if (!frame.has(l) && !l.name.empty()) layers.push_back(std::string(l.name));
   if (!layers.empty()) return fmt::format("--layers ...,{}", join(layers, ","));
+  if (filter.guides && !has_guides(frame)) return "--layers ...,guides";
   const LayerName signal = signals_of(options).front();
   if (filter.statistics >= Statistics::kVariance && !frame.has(signal, statistic::half_a)) return "statistics";
   if (filter.statistics == Statistics::kBuckets && !frame.has(signal, statistic::buckets[0])) return "--buckets";

@@ -72,6 +72,8 @@ std::vector<std::string> names_of(FeatureSet set) {
       return {"opacity", "scatter-depth", "single", "albedo", "surface-depth"};
     case FeatureSet::kOpacity:
       return {"opacity"};
+    case FeatureSet::kGuides:
+      return {std::string(FeaturePlan::kGuides)};
     default:
       return {};
   }

@@ -6,6 +6,7 @@
 
 #include "base/error.h"
 #include "base/text.h"
+#include "filters/guide_layers.h"
 #include "filters/registry.h"
 
 namespace brume {
@@ -109,7 +110,9 @@ void check_features(const FilterEntry& filter, const Layers& frame, const ApplyO
   if (!none_wanted && std::any_of(sources.begin(), sources.end(), [&](const LayerName& l) { return frame.has(l); }))
     return;
   std::vector<std::string> names;
-  for (const LayerName& l : sources) names.push_back(std::string(l.name));
+  for (const LayerName& l : sources)
+    if (!is_guide(l.name)) names.push_back(std::string(l.name));
+  names.push_back("guides");
   throw InputError(
       fmt::format("filter {} is led by features, and {}. They are made from the layers {}: brume render SCENE -o "
                   "OUT.exr --layers ...; without them take another filter",
@@ -142,6 +145,13 @@ std::vector<std::string> layer_names(const Layers& frame) {
   return {names.begin(), names.end()};
 }
 
+ApplyOptions options_for(const FilterEntry& filter, const Layers& frame, const ApplyOptions& wanted) {
+  ApplyOptions options = wanted;
+  if (filter.parts && options.component == Component::kAll && frame.has(layer::direct) && frame.has(layer::indirect))
+    options.component = Component::kApart;
+  return options;
+}
+
 std::vector<LayerName> signals_of(const ApplyOptions& options) {
   switch (options.component) {
     case Component::kAll:
@@ -164,9 +174,14 @@ std::vector<LayerName> required_layers(const FilterEntry& filter, const ApplyOpt
   return layers;
 }
 
-std::set<std::string> readable_channels(const FilterSettings& settings, const ApplyOptions& options) {
+std::set<std::string> readable_channels(const FilterSettings& settings, const ApplyOptions& wanted,
+                                        const Layers& frame) {
   const FilterEntry& filter = settings.entry();
+  const ApplyOptions options = options_for(filter, frame, wanted);
   std::set<std::string> names;
+  if (filter.guides)
+    for (const auto& [name, plane] : frame.channels())
+      if (is_guide(name)) names.insert(name);
   const auto add = [&](const LayerName& l, std::string_view statistic = "") {
     for (const std::string& name : l.channel_names(statistic)) names.insert(name);
   };
@@ -196,7 +211,8 @@ std::set<std::string> readable_channels(const FilterSettings& settings, const Ap
   return names;
 }
 
-void check_requirements(const FilterSettings& filter, const Layers& frame, const ApplyOptions& options) {
+void check_requirements(const FilterSettings& filter, const Layers& frame, const ApplyOptions& wanted) {
+  const ApplyOptions options = options_for(filter.entry(), frame, wanted);
   check_frame(filter, frame, options);
   const FilterEntry& entry = filter.entry();
   if (!options.sequence.empty() && !entry.sequences) {

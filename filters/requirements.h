@@ -8,14 +8,19 @@ namespace brume {
 /// Names of the layers in a frame, without their statistics: "beauty" for R G B on top.
 std::vector<std::string> layer_names(const Layers& frame);
 
+/// The options as a filter uses them: the beauty of a frame that knows its parts is cleaned in parts by filters that do
+/// so.
+ApplyOptions options_for(const FilterEntry& filter, const Layers& frame, const ApplyOptions& wanted);
+
 /// What a run cleans, one after another.
 std::vector<LayerName> signals_of(const ApplyOptions& options);
 
 /// The layers without which a run is impossible: the component's, the filter's.
 std::vector<LayerName> required_layers(const FilterEntry& filter, const ApplyOptions& options);
 
-/// The full names of all channels that a run reads where a frame has them: statistics and features included.
-std::set<std::string> readable_channels(const FilterSettings& filter, const ApplyOptions& options);
+/// The full names of all channels that a run reads where a frame has them: statistics, features and guides included.
+/// @param frame  its layers count, not its pixels
+std::set<std::string> readable_channels(const FilterSettings& filter, const ApplyOptions& options, const Layers& frame);
 
 /// @throws InputError when the frame, or another of the sequence, lacks a layer or statistic: names all of them, and
 ///                    the command that records them; when the options do not go together

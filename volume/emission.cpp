@@ -88,6 +88,12 @@ dvec3 EmissionRamp::operator()(double value) const {
   return entries_[i] + (entries_[i + 1] - entries_[i]) * f;
 }
 
+EmissionField EmissionField::at_time(double time) const {
+  EmissionField moved = *this;
+  moved.shape_ = shape_.at_time(time);
+  return moved;
+}
+
 dvec3 EmissionField::integrate(const Ray& world, double t_min, double t_max, double stride, double time,
                                Rng& rng) const {
   if (moves()) return integrate(shape_.at_time(time), world, t_min, t_max, stride, rng);

@@ -65,6 +65,14 @@ class EmissionField {
   /// tests/render/media_test.cpp
   /// @param time  in [0, 1] of the shutter
   dvec3 integrate(const Ray& world, double t_min, double t_max, double stride, double time, Rng& rng) const;
+  /// The coefficient at a world point, of a field that does not move.
+  dvec3 coefficient(const dvec3& world) const {
+    const dvec3 local = shape_.to_local(world);
+    if (shape_.homogeneous()) return shape_.homogeneous()->contains(local) ? coefficient_ : dvec3(0);
+    return ramp_(shape_.density(local));
+  }
+  /// The field as it is at a time in [0, 1] of the shutter.
+  EmissionField at_time(double time) const;
   bool moves() const { return shape_.moves(); }
   const Medium& shape() const { return shape_; }
   const EmissionRamp& ramp() const { return ramp_; }

@@ -4,6 +4,7 @@
 
 #include "base/text.h"
 #include "render/frame/film.h"
+#include "render/guides/guides.h"
 #include "render/world/surfaces.h"
 #include "volume/tracking.h"
 
@@ -56,7 +57,7 @@ std::string medium_text(const Medium& m) {
 }  // namespace
 
 std::string explain(const Plan& plan, const Scene& scene, const SceneMedia& media, const Lights& lights,
-                    const Surfaces* surfaces) {
+                    const Surfaces* surfaces, const Guides* guides) {
   std::string text = "plan\n";
   const auto line = [&](std::string_view what, std::string_view how) {
     text += fmt::format("  {:<16}{}\n", what, how);
@@ -98,8 +99,9 @@ std::string explain(const Plan& plan, const Scene& scene, const SceneMedia& medi
   line("medium surface",
        plan.medium_surface ? "looked for once per path, for gradient and coverage" : "not looked for");
   if (plan.marched()) line("marched layers", "once per path, one look-up per voxel length");
-  line("layers", "beauty, alpha, sample_count, invalid_count" + std::string(plan.layers.names.empty() ? "" : ", ") +
-                     join(plan.layers.names) +
+  if (guides) line("guides", guides->explain());
+  line("layers", "beauty, alpha, sample_count, invalid_count" + std::string(plan.layers.text().empty() ? "" : ", ") +
+                     join(plan.layers.text()) +
                      (plan.layers.statistics ? "; each with mean_variance, half_a, half_b" : "") +
                      (plan.layers.buckets ? ", bucket_0 .. bucket_7" : ""));
   const int w = scene.film.width, h = scene.film.height;

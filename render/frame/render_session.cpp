@@ -103,6 +103,8 @@ RenderResult RenderSession::run() {
   RenderResult result;
   result.report = report();
   result.layers = film_.take();
+  if (const Guides* guides = scene_.guides())
+    guides->record(camera_, {window_.x0, window_.y0}, result.layers, quiet(task_));
   finish_header(result.layers, result.report);
   if (job_.keep_state) film_.save_state(result.layers);
   return result;
@@ -288,7 +290,7 @@ void RenderSession::describe(Layers& frame, const RenderReport& report, int firs
   const bool open_ended = job_.parts == 1 && (job_.time_limit > 0 || job_.target_error > 0);
   header["sampleTotal"] = open_ended ? end - first : job_.spp;
   header["sampleRanges"] = fmt::format("{}-{}", first, end);
-  header["recordedLayers"] = join(plan.layers.names, ",");
+  header["recordedLayers"] = join(plan.layers.text(), ",");
   header["statistics"] = std::string(plan.layers.buckets ? "buckets" : plan.layers.statistics ? "halves" : "none");
   header["program"] = job_.program;
   header["exposure"] = static_cast<float>(scene.film.exposure);

@@ -162,6 +162,8 @@ Layers merge_parts(const std::vector<std::filesystem::path>& files, bool keep_st
       first.header = part.header;
       first.origin = part.origin;
       first.display = part.display;
+      for (const auto& [channel, plane] : part.channels())
+        if (channel.starts_with("guide.")) first.set(channel, plane);
     }
   }
   for (int tile = 0; tile < film.tile_count(); ++tile) {
@@ -173,6 +175,7 @@ Layers merge_parts(const std::vector<std::filesystem::path>& files, bool keep_st
   result.origin = first.origin;
   result.display = first.display;
   result.header = first.header;
+  for (const auto& [channel, plane] : first.channels()) result.set(channel, plane);
   std::sort(held.begin(), held.end(), [](const auto& a, const auto& b) { return a.first.first < b.first.first; });
   std::vector<Range> joined;
   int samples = 0;

@@ -49,6 +49,7 @@ PreparedScene::PreparedScene(Scene scene, const LayerRequest& layers, const Task
   context_.plan = make_plan(scene_, media_, lights_, surfaces_.get(), camera(), layers);
   if (context_.plan.lanes) prepare_lanes(task);
   if (context_.plan.flash) context_.flash = calibrated_flash_lamp(context_, scene_, camera(), media_.bounds());
+  if (layers.guides) guides_ = std::make_unique<Guides>(context_, task);
   context_.stop = nullptr;
 }
 

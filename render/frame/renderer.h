@@ -7,6 +7,7 @@
 #include "base/progress.h"
 #include "render/frame/explain.h"
 #include "render/frame/render_job.h"
+#include "render/guides/guides.h"
 #include "render/world/camera.h"
 #include "render/world/media.h"
 #include "render/world/surfaces.h"
@@ -31,7 +32,9 @@ class PreparedScene {
   bool straight_shadows() const { return surfaces_ && surfaces_->any_straight(); }
   const dvec3& world_shift() const { return media_.world_shift(); }
   const std::vector<std::string>& notes() const { return notes_; }
-  std::string explain() const { return brume::explain(plan(), scene_, media_, lights_, surfaces_.get()); }
+  std::string explain() const { return brume::explain(plan(), scene_, media_, lights_, surfaces_.get(), guides()); }
+  /// Null unless the guides are recorded.
+  const Guides* guides() const { return guides_.get(); }
 
   /// The same bits for any number of threads, any split into parts and any interruption in between.
   /// @throws Interrupted after a checkpoint was written, where one was asked for; InputError
@@ -62,6 +65,7 @@ class PreparedScene {
   std::vector<LaneGrid> emission_grids_;
   StopSignal stop_;  // while it is prepared
   PathContext context_;
+  std::unique_ptr<Guides> guides_;
 };
 
 }  // namespace brume

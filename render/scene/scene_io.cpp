@@ -353,23 +353,7 @@ void check_camera(const Parser& parser, const CameraSettings& c, const toml::val
     fail("the shutter closes before it opens", table.at("shutter"), "expected [open, close]");
 }
 
-}  // namespace
-
-Scene read_scene(const fs::path& path, std::span<const std::string> overrides) {
-  std::error_code ignored;
-  if (!fs::exists(path, ignored)) throw InputError(fmt::format("{}: no such file", path.string()));
-  if (fs::is_directory(path, ignored))
-    throw InputError(fmt::format("{}: is a folder, expected a scene file (TOML)", path.string()));
-  std::ifstream stream(path, std::ios::binary);
-  char magic[4] = {};
-  stream.read(magic, sizeof magic);
-  for (const auto& [bytes, what] : {std::pair(std::string_view(" BDV", 4), "an OpenVDB file"),
-                                    {std::string_view("\x76\x2f\x31\x01", 4), "an OpenEXR file"},
-                                    {std::string_view("\x89PNG", 4), "a PNG picture"}})
-    if (std::string_view(magic, 4) == bytes)
-      throw InputError(fmt::format("{}: is {}, expected a scene (TOML) that names it", path.string(), what));
-  stream.clear();
-  stream.seekg(0);
+Scene scene_from(std::istream& stream, const fs::path& path, std::span<const std::string> overrides) {
   toml::value root = parse(stream, path.string());
   for (const std::string& assignment : overrides) apply_override(root, assignment);
 
@@ -424,6 +408,31 @@ Scene read_scene(const fs::path& path, std::span<const std::string> overrides) {
   if (has_picture && !root.at("environment").contains("radiance")) scene.environment.radiance = dvec3(1);
   add_fingerprint(scene);
   return scene;
+}
+
+}  // namespace
+
+Scene read_scene(const fs::path& path, std::span<const std::string> overrides) {
+  std::error_code ignored;
+  if (!fs::exists(path, ignored)) throw InputError(fmt::format("{}: no such file", path.string()));
+  if (fs::is_directory(path, ignored))
+    throw InputError(fmt::format("{}: is a folder, expected a scene file (TOML)", path.string()));
+  std::ifstream stream(path, std::ios::binary);
+  char magic[4] = {};
+  stream.read(magic, sizeof magic);
+  for (const auto& [bytes, what] : {std::pair(std::string_view(" BDV", 4), "an OpenVDB file"),
+                                    {std::string_view("\x76\x2f\x31\x01", 4), "an OpenEXR file"},
+                                    {std::string_view("\x89PNG", 4), "a PNG picture"}})
+    if (std::string_view(magic, 4) == bytes)
+      throw InputError(fmt::format("{}: is {}, expected a scene (TOML) that names it", path.string(), what));
+  stream.clear();
+  stream.seekg(0);
+  return scene_from(stream, path, overrides);
+}
+
+Scene parse_scene(const std::string& text, const fs::path& path, std::span<const std::string> overrides) {
+  std::istringstream stream(text);
+  return scene_from(stream, path, overrides);
 }
 
 }  // namespace brume

@@ -11,6 +11,12 @@
 
 namespace brume {
 
+namespace {
+
+constexpr const char* kGuides = "guides";
+
+}
+
 static_assert(std::is_standard_layout_v<PathSample> && sizeof(PathSample) % sizeof(double) == 0);
 
 const std::vector<RecordedLayer>& recordable_layers() {
@@ -46,11 +52,28 @@ const std::vector<RecordedLayer>& recordable_layers() {
 LayerRequest LayerRequest::of(const std::vector<std::string>& names, bool statistics, bool buckets) {
   std::vector<std::string> known;
   for (const RecordedLayer& l : recordable_layers()) known.emplace_back(l.name.name);
-  if (names == std::vector<std::string>{"all"}) return {known, statistics, buckets};
-  for (const std::string& name : names)
+  LayerRequest request{{}, statistics, buckets};
+  if (names == std::vector<std::string>{"all"}) {
+    request.names = known;
+    request.guides = true;
+    return request;
+  }
+  known.emplace_back(kGuides);
+  for (const std::string& name : names) {
     if (std::find(known.begin(), known.end(), name) == known.end())
       throw InputError(fmt::format("no layer '{}' to record{}", name, suggestion(name, known)));
-  return {names, statistics, buckets};
+    if (name == kGuides)
+      request.guides = true;
+    else
+      request.names.push_back(name);
+  }
+  return request;
+}
+
+std::vector<std::string> LayerRequest::text() const {
+  std::vector<std::string> all = names;
+  if (guides) all.emplace_back(kGuides);
+  return all;
 }
 
 bool LayerRequest::has(const LayerName& layer) const {

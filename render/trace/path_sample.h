@@ -37,12 +37,15 @@ struct LayerRequest {
   std::vector<std::string> names = {"direct", "indirect", "gradient", "coverage", "transmittance"};
   bool statistics = true;  ///< mean_variance, half_a, half_b of each
   bool buckets = false;    ///< and eight bucket means
+  bool guides = false;     ///< and the noise-free layers of render/guides
   bool records = false;    ///< keep what happened to each path, for RenderJob::records
 
-  /// Names as in the EXR; the beauty and the counts always come. "all" is every layer.
+  /// Names as in the EXR; the beauty and the counts always come. "guides" is all of them, "all" every layer.
   /// @throws InputError for a name brume does not record
   static LayerRequest of(const std::vector<std::string>& names, bool statistics, bool buckets = false);
   bool has(const LayerName& layer) const;
+  /// As of() takes them.
+  std::vector<std::string> text() const;
 };
 
 }  // namespace brume

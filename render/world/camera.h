@@ -22,6 +22,11 @@ class Camera {
   /// @param end  exclusive
   std::optional<RayCone> ray_cone(const ivec2& begin, const ivec2& end) const;
 
+  /// Where a ray through the point p goes as the shutter opens, through the middle of the lens; unit.
+  dvec3 view_direction(const dvec3& p) const {
+    return orthographic_ ? open_.forward : glm::normalize(p - (open_.position - world_shift_));
+  }
+
   bool moves() const { return moves_; }
   bool has_lens() const { return lens_radius_ > 0; }
 

@@ -1,0 +1,123 @@
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "filters/kernels/moments.cpp"
+#include "filters/kernels/moments.h"
+
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+HWY_BEFORE_NAMESPACE();
+namespace brume::kernels::HWY_NAMESPACE {
+
+namespace hn = hwy::HWY_NAMESPACE;
+
+constexpr size_t kVector = 16, kGroup = 4;
+
+/// Four rows of products over one tile of `kTiles` vectors, held in registers while the pixels pass.
+template <size_t kTiles, class D>
+HWY_INLINE void add_tile(D d, const float* HWY_RESTRICT rows, const float* HWY_RESTRICT tile, size_t count,
+                         size_t stride, float* HWY_RESTRICT products, size_t length) {
+  static_assert(kTiles == 1 || kTiles == 2);
+  const size_t lanes = hn::Lanes(d);
+  auto a0 = hn::LoadU(d, products), a1 = hn::LoadU(d, products + length), a2 = hn::LoadU(d, products + 2 * length),
+       a3 = hn::LoadU(d, products + 3 * length);
+  auto b0 = a0, b1 = a1, b2 = a2, b3 = a3;
+  if constexpr (kTiles == 2) {
+    b0 = hn::LoadU(d, products + lanes);
+    b1 = hn::LoadU(d, products + length + lanes);
+    b2 = hn::LoadU(d, products + 2 * length + lanes);
+    b3 = hn::LoadU(d, products + 3 * length + lanes);
+  }
+  for (size_t p = 0; p < count; ++p, rows += stride, tile += stride) {
+    const auto x0 = hn::Set(d, rows[0]), x1 = hn::Set(d, rows[1]), x2 = hn::Set(d, rows[2]), x3 = hn::Set(d, rows[3]);
+    const auto v = hn::LoadU(d, tile);
+    a0 = hn::MulAdd(x0, v, a0);
+    a1 = hn::MulAdd(x1, v, a1);
+    a2 = hn::MulAdd(x2, v, a2);
+    a3 = hn::MulAdd(x3, v, a3);
+    if constexpr (kTiles == 2) {
+      const auto u = hn::LoadU(d, tile + lanes);
+      b0 = hn::MulAdd(x0, u, b0);
+      b1 = hn::MulAdd(x1, u, b1);
+      b2 = hn::MulAdd(x2, u, b2);
+      b3 = hn::MulAdd(x3, u, b3);
+    }
+  }
+  hn::StoreU(a0, d, products);
+  hn::StoreU(a1, d, products + length);
+  hn::StoreU(a2, d, products + 2 * length);
+  hn::StoreU(a3, d, products + 3 * length);
+  if constexpr (kTiles == 2) {
+    hn::StoreU(b0, d, products + lanes);
+    hn::StoreU(b1, d, products + length + lanes);
+    hn::StoreU(b2, d, products + 2 * length + lanes);
+    hn::StoreU(b3, d, products + 3 * length + lanes);
+  }
+}
+
+void AddProducts(const float* HWY_RESTRICT vectors, size_t count, size_t stride, size_t columns,
+                 float* HWY_RESTRICT products) {
+  const hn::CappedTag<float, kVector> d;
+  const size_t lanes = hn::Lanes(d);
+  for (size_t i = 0; i < columns; i += kGroup) {
+    const size_t first = i / kVector * kVector, length = stride - first;
+    size_t j = first;
+    for (; j + 2 * lanes <= stride; j += 2 * lanes)
+      add_tile<2>(d, vectors + i, vectors + j, count, stride, products + (j - first), length);
+    for (; j < stride; j += lanes)
+      add_tile<1>(d, vectors + i, vectors + j, count, stride, products + (j - first), length);
+    products += kGroup * length;
+  }
+}
+
+void PredictRow(const float* HWY_RESTRICT vectors, size_t width, const CoefficientRow& row, float* const* out) {
+  const hn::CappedTag<float, kVector> d;
+  const size_t lanes = hn::Lanes(d);
+  for (size_t x = 0; x < width; ++x, vectors += row.vector) {
+    const float* c0 = row.coefficients + static_cast<size_t>(row.nodes[3 * x]) * row.node;
+    const float* c1 = row.coefficients + static_cast<size_t>(row.nodes[3 * x + 1]) * row.node;
+    const float* c2 = row.coefficients + static_cast<size_t>(row.nodes[3 * x + 2]) * row.node;
+    const auto w0 = hn::Set(d, row.weights[3 * x]), w1 = hn::Set(d, row.weights[3 * x + 1]),
+               w2 = hn::Set(d, row.weights[3 * x + 2]);
+    for (size_t t = 0; t < row.targets; ++t, c0 += row.stride, c1 += row.stride, c2 += row.stride) {
+      auto sum = hn::Zero(d);
+      for (size_t k = 0; k < row.used; k += lanes) {
+        const auto c = hn::MulAdd(w0, hn::LoadU(d, c0 + k),
+                                  hn::MulAdd(w1, hn::LoadU(d, c1 + k), hn::Mul(w2, hn::LoadU(d, c2 + k))));
+        sum = hn::MulAdd(c, hn::LoadU(d, vectors + k), sum);
+      }
+      out[t][x] = hn::GetLane(hn::SumOfLanes(d, sum));
+    }
+  }
+}
+
+}  // namespace brume::kernels::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace brume::kernels {
+HWY_EXPORT(AddProducts);
+HWY_EXPORT(PredictRow);
+
+size_t product_index(size_t i, size_t j, size_t stride) {
+  // Groups of four rows; all groups of one vector of columns are equally long.
+  const size_t vector = i / 16, first = vector * 16;
+  const size_t before = 16 * vector * stride - (vector == 0 ? 0 : 128 * vector * (vector - 1));
+  return before + (i - first) * (stride - first) + j - first;
+}
+
+size_t product_floats(size_t columns, size_t stride) {
+  size_t floats = 0;
+  for (size_t i = 0; i < columns; i += 4) floats += 4 * (stride - i / 16 * 16);
+  return floats;
+}
+
+void add_products(const float* vectors, size_t count, size_t stride, size_t columns, float* products) {
+  HWY_DYNAMIC_DISPATCH(AddProducts)(vectors, count, stride, columns, products);
+}
+
+void predict_row(const float* vectors, size_t width, const CoefficientRow& row, float* const* out) {
+  HWY_DYNAMIC_DISPATCH(PredictRow)(vectors, width, row, out);
+}
+
+}  // namespace brume::kernels
+#endif

@@ -1,0 +1,31 @@
+#pragma once
+#include <cstddef>
+
+namespace brume::kernels {
+
+// Products of columns that lie side by side: `stride` floats per pixel, a multiple of 16, of which the first `columns`
+// explain and those behind, up to `columns + targets`, are explained.
+
+/// Floats that the products of every column with itself, the later columns and the targets take: row i begins at the
+/// vector of 16 that holds column i, and rows come in groups of four.
+size_t product_floats(size_t columns, size_t stride);
+/// Where the product of columns i <= j lies.
+size_t product_index(size_t i, size_t j, size_t stride);
+
+/// products += sum over `count` pixels of v v^T, the part above the diagonal.
+/// @param vectors  `count` times `stride`
+void add_products(const float* vectors, size_t count, size_t stride, size_t columns, float* products);
+
+/// One row of coefficients that a row of pixels reads, and where.
+struct CoefficientRow {
+  const float* coefficients;  ///< per node `node` floats, `stride` of them for each target
+  const int* nodes;           ///< per pixel, three: which
+  const float* weights;       ///< per pixel, three: and how much
+  size_t node, targets, stride;
+  size_t vector, used;  ///< floats from pixel to pixel, and how many of them count, a multiple of 16
+};
+
+/// out[t][x] = sum over the three nodes of weight * (coefficients of t . vector of x).
+void predict_row(const float* vectors, size_t width, const CoefficientRow& row, float* const* out);
+
+}  // namespace brume::kernels

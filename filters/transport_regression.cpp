@@ -1,0 +1,418 @@
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "base/error.h"
+#include "base/vec.h"
+#include "filters/guide_layers.h"
+#include "filters/lattice_regression.h"
+#include "filters/registry.h"
+#include "filters/stacking.h"
+
+namespace brume {
+namespace {
+
+struct TransportRegression {
+  float window = 16;
+  float ridge = 2e-3f;
+  float ridge_per_pixel = 1;
+  float stacking_window = 28;
+  float caution = 500;
+  float limit = 8;
+  float weight_power = 1.2f;
+  int only = -1;
+  float floor = 0.1f;
+  float bias_share = 1.3f;
+  float noise_share = 1;
+};
+
+// A pixel shows the medium where its opacity is above this.
+constexpr float kLeastOpacity = 1e-3f;
+// Windows of local means of noise and error, and of what returns the light taken from outliers [px].
+constexpr double kNoiseWindow = 10, kErrorWindow = 6, kReturnWindow = 32;
+constexpr double kGlobalRidge = 1e-4;
+
+/// Columns for each colour; the same planes where no guide has colour.
+struct Columns {
+  std::array<std::vector<const Plane*>, 3> of;
+  size_t free = 0;  // the first ones, which are not shrunk
+  bool coloured = false;
+  std::array<std::vector<LatticeColumn>, 3> scaled;
+
+  /// To be called once no column is added any more.
+  void standardise(const Plane& weight, const Task& task) {
+    for (size_t c = 0; c < (coloured ? 3u : 1u); ++c) scaled[c] = standardised(of[c], weight, task);
+  }
+  void add(const Guide& g) {
+    coloured |= g.coloured;
+    if (g.coloured)
+      for (size_t c = 0; c < 3; ++c) of[c].push_back(g.channels[c]);
+    else
+      for (const Plane* p : g.channels) add(*p);
+  }
+  void add(const Plane& p) {
+    for (auto& columns : of) columns.push_back(&p);
+  }
+};
+
+Rgb minus(const RgbPlanes& x, const RgbPlanes& y, const Task& task) {
+  Rgb out;
+  for (size_t c = 0; c < 3; ++c)
+    out[c] = make_plane(x[0]->width(), x[0]->height(), quiet(task),
+                        [&](int i, int j) { return (*x[c])(i, j) - (*y[c])(i, j); });
+  return out;
+}
+
+void add_to(Rgb& x, const Rgb& y, const Task& task) {
+  for (size_t c = 0; c < 3; ++c)
+    for_each_row(x[0].height(), quiet(task), [&](int j) {
+      for (int i = 0; i < x[0].width(); ++i) x[c](i, j) += y[c](i, j);
+    });
+}
+
+double sum_of(const Plane& plane) {
+  double sum = 0;
+  for (int y = 0; y < plane.height(); ++y)
+    for (const float v : plane.pixels(y)) sum += static_cast<double>(v);
+  return sum;
+}
+
+/// Fits both halves, each colour by itself; those with the same columns together.
+HalfPair regress(const Columns& columns, const RgbPlanes& a, const RgbPlanes& b, const Plane& weight,
+                 const LatticeWindow& window, const Task& task) {
+  HalfPair out;
+  const auto solve = [&](const std::vector<size_t>& colours) {
+    LatticeProblem problem{columns.scaled[colours[0]], columns.free, {}, &weight};
+    for (const size_t c : colours) {
+      problem.targets.push_back(a[c]);
+      problem.targets.push_back(b[c]);
+    }
+    std::vector<Plane> found = lattice_regression(problem, window, task);
+    for (size_t i = 0; i < colours.size(); ++i) {
+      out.a[colours[i]] = std::move(found[2 * i]);
+      out.b[colours[i]] = std::move(found[2 * i + 1]);
+    }
+  };
+  if (columns.coloured)
+    for (size_t c = 0; c < 3; ++c) solve({c});
+  else
+    solve({0, 1, 2});
+  return out;
+}
+
+/// Local weighted means: of targets / base where both are summed first.
+std::vector<Plane> local_ratio(const std::vector<const Plane*>& targets, const Plane& base, const Plane& weight,
+                               double window, const Task& task) {
+  return lattice_regression({{{&base, 0, 1}}, 1, targets, &weight}, {window, 0, 0}, task);
+}
+
+/// What is known of the frame without noise, sorted by what it may explain.
+struct Knowledge {
+  Columns all, medium, few;
+  Plane one, mask, bright;  // `bright`: a first idea of the brightness
+  bool guided = true;
+
+  Knowledge(const FilterFrame& frame, const Task& task) : one(frame.width(), frame.height(), 1.0f) {
+    const std::vector<Guide> guides = guides_of(frame.layers);
+    const bool direct = frame.name == layer::direct, beauty = frame.name == layer::beauty;
+    const auto opacity =
+        std::find_if(guides.begin(), guides.end(), [](const Guide& g) { return g.kind == GuideClass::kOpacity; });
+    guided = opacity != guides.end();
+    const auto has = [&](GuideClass kind) {
+      return std::any_of(guides.begin(), guides.end(), [&](const Guide& g) { return g.kind == kind; });
+    };
+    const bool surfaces = has(GuideClass::kSurface);
+    mask = make_plane(frame.width(), frame.height(), quiet(task), [&](int x, int y) {
+      if (!guided) return 1.0f;
+      bool seen = (*opacity->channels[0])(x, y) > kLeastOpacity;
+      for (const Guide& g : guides)
+        if (g.kind == GuideClass::kSurface || g.name == "normal")
+          for (const Plane* p : g.channels) seen |= (*p)(x, y) != 0;
+      return seen ? 1.0f : 0.0f;
+    });
+    bright = Plane(frame.width(), frame.height());
+    if (guided) all.add(*opacity);
+    // Premultiplied guides fall to 0 where there is nothing to see, and so does the light that they explain; a constant
+    // is needed for light that no guide knows.
+    if (!guided || surfaces || ((direct || beauty) && !has(GuideClass::kBackground))) all.add(one);
+    all.free = all.of[0].size();
+    medium = few = all;
+    medium.free = few.free = 0;
+    const Guide* predicted = nullptr;
+    for (const Guide& g : guides) {
+      if (g.kind == GuideClass::kOpacity) continue;
+      if (g.kind == GuideClass::kPredicted) {
+        if (g.name == "predicted_" + std::string(frame.name.name)) predicted = &g;
+        continue;
+      }
+      if (direct ? g.kind == GuideClass::kMultiple : !beauty && g.kind == GuideClass::kBackground) continue;
+      all.add(g);
+      if (g.kind != GuideClass::kMultiple) medium.add(g);
+      if (g.kind == GuideClass::kSingle || g.kind == GuideClass::kEmission || g.kind == GuideClass::kSurface)
+        for (const Plane* p : g.channels)
+          for_each_row(bright.height(), quiet(task), [&](int y) {
+            for (int x = 0; x < bright.width(); ++x) bright(x, y) += (*p)(x, y) / static_cast<float>(g.channels.size());
+          });
+    }
+    if (predicted)
+      bright = make_plane(frame.width(), frame.height(), quiet(task), [&](int x, int y) {
+        const auto at = [&](size_t c) { return (*predicted->channels[c % predicted->channels.size()])(x, y); };
+        return luminance(vec3(at(0), at(1), at(2)));
+      });
+    if (!guided) add_features(frame.layers);
+  }
+
+ private:
+  /// Frames of other renderers: what features they have.
+  void add_features(const Layers& layers) {
+    for (const LayerName& l : {layer::transmittance, layer::gradient, layer::gradient_transmittance_weighted,
+                               layer::albedo, layer::normal, layer::depth})
+      if (layers.has(l))
+        for (const std::string& channel : l.channel_names()) {
+          all.add(layers.at(channel));
+          medium.add(layers.at(channel));
+        }
+  }
+};
+
+/// 1 / (brightness + a share of its mean)^power within the mask.
+Plane weight_of(const Plane& level, const Plane& mask, const TransportRegression& p, const Task& task) {
+  double sum = 0, count = 0;
+  for (int y = 0; y < level.height(); ++y)
+    for (int x = 0; x < level.width(); ++x)
+      if (mask(x, y) > 0) {
+        sum += static_cast<double>(std::max(0.0f, level(x, y)));
+        ++count;
+      }
+  const float scale = sum > 0 ? static_cast<float>(count / sum) : 0.0f;
+  return make_plane(level.width(), level.height(), quiet(task), [&](int x, int y) {
+    return mask(x, y) > 0 ? std::pow(scale * std::max(0.0f, level(x, y)) + p.floor, -p.weight_power) : 0.0f;
+  });
+}
+
+/// Half images whose outliers are drawn in, and what was taken from their mean.
+struct Limited {
+  Rgb a, b, taken;
+};
+
+/// Draws samples' means that lie far above a first fit to `limit` deviations from it. Deviations are those of the
+/// neighbourhood, relative to the fit, themselves robust.
+Limited limit_outliers(const RgbPlanes& a, const RgbPlanes& b, const Rgb& fit, const Plane& level, const Plane& mask,
+                       double limit, const Task& task) {
+  const int width = level.width(), height = level.height();
+  double sum = 0, count = std::max(1e-30, sum_of(mask));
+  for (int y = 0; y < height; ++y)
+    for (int x = 0; x < width; ++x)
+      if (mask(x, y) > 0) sum += static_cast<double>(std::max(0.0f, level(x, y)));
+  const float floor = static_cast<float>(0.1 * sum / count) + 1e-30f;
+  const auto excess = [&](const RgbPlanes& half) {
+    return make_plane(width, height, quiet(task), [&](int x, int y) {
+      if (!(mask(x, y) > 0)) return 0.0f;
+      const float l = luminance(vec3((*half[0])(x, y), (*half[1])(x, y), (*half[2])(x, y)));
+      return (l - level(x, y)) / (std::max(0.0f, level(x, y)) + floor);
+    });
+  };
+  const Plane ua = excess(a), ub = excess(b);
+  // The frame's deviation: squares drawn in at `limit` times what the last round found.
+  double deviation = 1e15;
+  for (int round = 0; round < 30; ++round) {
+    double squares = 0;
+    const double top = limit * deviation;
+    for (int y = 0; y < height; ++y)
+      for (int x = 0; x < width; ++x)
+        for (const Plane* u : {&ua, &ub}) {
+          const double v = std::min(std::abs(static_cast<double>((*u)(x, y))), top);
+          squares += v * v;
+        }
+    const double next = std::sqrt(squares / (2 * count));
+    if (next > 0.999 * deviation) break;
+    deviation = next;
+  }
+  const float top = static_cast<float>(limit * deviation);
+  const Plane square = make_plane(width, height, quiet(task), [&](int x, int y) {
+    const float va = std::min(std::abs(ua(x, y)), top), vb = std::min(std::abs(ub(x, y)), top);
+    return 0.5f * (va * va + vb * vb);
+  });
+  const Plane one(width, height, 1.0f);
+  const Plane local = std::move(local_ratio({&square}, one, mask, kNoiseWindow, task)[0]);
+  Limited out;
+  for (size_t c = 0; c < 3; ++c) {
+    out.a[c] = *a[c];
+    out.b[c] = *b[c];
+    out.taken[c] = Plane(width, height);
+  }
+  for_each_row(height, quiet(task), [&](int y) {
+    for (int x = 0; x < width; ++x) {
+      if (!(mask(x, y) > 0)) continue;
+      const float most = static_cast<float>(limit) * std::sqrt(std::max(0.5f * local(x, y), 0.0f) +
+                                                               0.5f * top * top / static_cast<float>(limit * limit));
+      const auto draw = [&](const Plane& u, Rgb& half) {
+        if (!(u(x, y) > most)) return;
+        const float share = 1 - most / u(x, y);
+        for (size_t c = 0; c < 3; ++c) {
+          const float off = share * (half[c](x, y) - fit[c](x, y));
+          half[c](x, y) -= off;
+          out.taken[c](x, y) += 0.5f * off;
+        }
+      };
+      draw(ua, out.a);
+      draw(ub, out.b);
+    }
+  });
+  return out;
+}
+
+/// Returns light to the neighbourhood it was taken from, in proportion to the picture.
+void give_back(const Rgb& taken, Rgb& picture, const Plane& mask, const Task& task) {
+  for (size_t c = 0; c < 3; ++c) {
+    const Plane base = make_plane(mask.width(), mask.height(), quiet(task),
+                                  [&](int x, int y) { return std::max(0.0f, picture[c](x, y)); });
+    // With the weight 1 / base the fitted factor is the ratio of the sums.
+    const double typical = sum_of(base) / std::max(1.0, sum_of(mask));
+    const float least = static_cast<float>(1e-3 * typical) + 1e-30f;
+    const Plane weight = make_plane(mask.width(), mask.height(), quiet(task), [&](int x, int y) {
+      return mask(x, y) > 0 ? 1.0f / std::max(base(x, y), least) : 0.0f;
+    });
+    const std::vector<Plane> back = local_ratio({&taken[c]}, base, weight, kReturnWindow, task);
+    for_each_row(mask.height(), quiet(task), [&](int y) {
+      for (int x = 0; x < mask.width(); ++x) picture[c](x, y) += back[0](x, y);
+    });
+  }
+}
+
+/// Squared error at each pixel, mean over colours: the noise that the halves' difference shows, and the bias that a fit
+/// in narrower windows shows, whose halves' noise is independent.
+Plane squared_error(const HalfPair& chosen, const HalfPair& narrow, const Plane& mask, const TransportRegression& p,
+                    const Task& task) {
+  const int width = mask.width(), height = mask.height();
+  Plane noise(width, height), bias(width, height);
+  for_each_row(height, quiet(task), [&](int y) {
+    for (int x = 0; x < width; ++x)
+      for (size_t c = 0; c < 3; ++c) {
+        const float d = chosen.a[c](x, y) - chosen.b[c](x, y);
+        noise(x, y) += d * d / 12;
+        bias(x, y) += (chosen.a[c](x, y) - narrow.a[c](x, y)) * (chosen.b[c](x, y) - narrow.b[c](x, y)) / 3;
+      }
+  });
+  const Plane one(width, height, 1.0f);
+  const std::vector<Plane> local = local_ratio({&noise, &bias}, one, mask, kErrorWindow, task);
+  return make_plane(width, height, quiet(task), [&](int x, int y) {
+    return p.noise_share * std::max(0.0f, local[0](x, y)) + p.bias_share * std::max(0.0f, local[1](x, y));
+  });
+}
+
+void run(const TransportRegression& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
+  const int width = frame.width(), height = frame.height();
+  Knowledge known(frame, task);
+  const bool halves = frame.half_a[0] != nullptr;
+  const RgbPlanes a = halves ? frame.half_a : frame.signal, b = halves ? frame.half_b : frame.signal;
+  const double samples = std::max(1.0, frame.samples);
+  const double limit = static_cast<double>(p.limit) * std::max(1.0, std::pow(samples / 16, 0.25));
+
+  const auto brightness = [&](const HalfPair& fit) {
+    return make_plane(width, height, quiet(task), [&](int x, int y) {
+      const auto at = [&](size_t c) { return 0.5f * (fit.a[c](x, y) + fit.b[c](x, y)); };
+      return luminance(vec3(at(0), at(1), at(2)));
+    });
+  };
+  const auto mean = [&](const HalfPair& fit) {
+    Rgb m;
+    for (size_t c = 0; c < 3; ++c)
+      m[c] = make_plane(width, height, quiet(task),
+                        [&](int x, int y) { return 0.5f * (fit.a[c](x, y) + fit.b[c](x, y)); });
+    return m;
+  };
+
+  // One window, the frame: weights from the guides, then from the fit, whose outliers are drawn in.
+  const Plane first_weight = weight_of(known.bright, known.mask, p, task);
+  known.all.standardise(first_weight, task);
+  HalfPair frame_fit = regress(known.all, a, b, first_weight, {0, kGlobalRidge, 0}, task);
+  const Limited data = limit_outliers(a, b, mean(frame_fit), brightness(frame_fit), known.mask, limit, task);
+  const RgbPlanes data_a = view(data.a), data_b = view(data.b);
+  frame_fit = regress(known.all, data_a, data_b, first_weight, {0, kGlobalRidge, 0}, task);
+  const Plane level = brightness(frame_fit);
+  const Plane weight = weight_of(level, known.mask, p, task);
+  known.few.add(level);
+  known.medium.add(level);
+  known.few.standardise(weight, task);
+  known.medium.standardise(weight, task);
+  known.all.free = 0;
+
+  // Narrower windows explain what wider ones leave, with fewer columns.
+  std::vector<HalfPair> candidates;
+  candidates.push_back(std::move(frame_fit));
+  const auto refine = [&](const Columns& columns, double window, size_t parent) {
+    const Rgb left_a = minus(data_a, view(candidates[parent].a), task),
+              left_b = minus(data_b, view(candidates[parent].b), task);
+    HalfPair fit = regress(columns, view(left_a), view(left_b), weight,
+                           {window, static_cast<double>(p.ridge), static_cast<double>(p.ridge_per_pixel)}, task);
+    add_to(fit.a, candidates[parent].a, task);
+    add_to(fit.b, candidates[parent].b, task);
+    candidates.push_back(std::move(fit));
+  };
+  const double window = static_cast<double>(p.window);
+  refine(known.all, 2 * window, 0);
+  refine(known.all, window, 1);
+  refine(known.medium, window / 2, 2);
+  refine(known.few, window / 4, 3);
+  const size_t narrow = candidates.size() - 1;
+  // The data are a candidate themselves: with many samples nothing is nearer to the truth.
+  candidates.push_back({data.a, data.b});
+
+  std::vector<Plane> maps;
+  if (p.only >= 0)
+    for (size_t i = 0; i < candidates.size(); ++i)
+      maps.emplace_back(width, height, static_cast<int>(i) == p.only ? 1.0f : 0.0f);
+  else if (halves)
+    maps = stacking_weights(candidates, data_a, data_b, weight,
+                            {static_cast<double>(p.stacking_window), static_cast<double>(p.caution)}, task);
+  else
+    for (const float share : {0.2f, 0.6f, 0.2f, 0.0f, 0.0f, 0.0f}) maps.emplace_back(width, height, share);
+  const HalfPair chosen = blend(candidates, maps, task);
+  Rgb clean = mean(chosen);
+  give_back(data.taken, clean, known.mask, task);
+  for (size_t c = 0; c < 3; ++c)
+    for_each_row(height, quiet(task), [&](int y) {
+      for (int x = 0; x < width; ++x)
+        (*out[c])(x, y) = known.mask(x, y) > 0 ? clean[c](x, y) : (*frame.signal[c])(x, y);
+    });
+  if (!frame.products) return;
+  Plane error = squared_error(chosen, candidates[narrow], known.mask, p, task);
+  (*frame.products)[layer::clean_error.channel(0)] = std::move(error);
+}
+
+/// Squares, of the parts together, to a root mean square error.
+void settle(Layers& layers) {
+  Plane& error = *layers.find(layer::clean_error.channel(0));
+  for (int y = 0; y < error.height(); ++y)
+    for (float& v : error.pixels(y)) v = std::sqrt(std::max(0.0f, v));
+}
+
+const FilterEntry entry = declare<TransportRegression>("transport_regression", "Local regression on guides.")
+                              .source("our own")
+                              .statistics(Statistics::kNone, Statistics::kHalves)
+                              .guides()
+                              .parts()
+                              .whole_frame()
+                              .seeded()
+                              .produces(layer::clean_error)
+                              .settles(settle)
+                              .param("window", &TransportRegression::window, {1, 100}, "px", "w")
+                              .param("ridge", &TransportRegression::ridge, {0, 100}, "1", "w")
+                              .param("ridge-per-pixel", &TransportRegression::ridge_per_pixel, {0, 1000}, "1", "w")
+                              .param("stacking-window", &TransportRegression::stacking_window, {1, 100}, "1", "w")
+                              .param("caution", &TransportRegression::caution, {0, 1e6}, "1", "w")
+                              .param("limit", &TransportRegression::limit, {0.1, 1e9}, "1", "w")
+                              .param("weight-power", &TransportRegression::weight_power, {0, 4}, "1", "w")
+                              .param("floor", &TransportRegression::floor, {0, 4}, "1", "w")
+                              .param("bias-share", &TransportRegression::bias_share, {0, 10}, "1", "w")
+                              .param("noise-share", &TransportRegression::noise_share, {0, 10}, "1", "w")
+                              .param("only", &TransportRegression::only, {-1, 20}, "1", "w")
+                              .scratch(70)
+                              .apron([](const TransportRegression&) { return 1 << 20; })
+                              .run(run);
+const Registration registration(entry);
+
+}  // namespace
+}  // namespace brume

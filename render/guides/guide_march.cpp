@@ -1,0 +1,493 @@
+#include "render/guides/guide_march.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "base/math.h"
+#include "base/parallel_for.h"
+#include "render/world/bsdf.h"
+
+namespace brume {
+namespace {
+
+// Of the largest density in a voxel: gradients below it count less, because their direction means little.
+constexpr double kGentleGradient = 0.03;
+constexpr double kStepGrowth = 0.25;  // of the step for each free path behind the eye's first two
+constexpr double kLongestStep = 4;
+constexpr double kOpaque = 2e-3;  // transmittance of an eighth of the extinction at which a ray ends
+constexpr double kFar = 1e30;
+constexpr int kMostPanes = 8;  // of glass that a ray goes through
+// Scatterings that a guide of GroupLight::kFirstOrder stands for, on average: what tints it by the albedo's colour.
+constexpr std::array<double, 6> kTypicalOrder = {2, 3, 4.5, 7, 11, 20};
+constexpr std::array<const char*, 6> kOrderNames = {"order2", "order3", "order4", "order6", "order9", "tail"};
+constexpr size_t kOrders = kOrderNames.size();
+// Octaves: the same light with a half, a quarter, an eighth of the extinction and of the anisotropy.
+// Source: Wrenninge, Kulla, Lundqvist 2013, Oz: The Great and Volumetric.
+constexpr std::array<const char*, 3> kOctaveNames = {"half", "quarter", "eighth"};
+constexpr std::array<const char*, 4> kSoftNames = {"soft2", "soft4", "soft8", "soft16"};
+
+bool sharp(const GroupLight& g) {
+  return g.group.kind == LightGroup::Kind::kSun || g.group.kind == LightGroup::Kind::kLocal;
+}
+bool is_sky(const GroupLight& g) {
+  return g.group.kind == LightGroup::Kind::kSky;
+}
+
+double henyey_greenstein(double g, double c) {
+  return HenyeyGreenstein{g}.value(c);
+}
+
+vec3 tinted(const dvec3& colour, double value) {
+  return vec3(colour * value);
+}
+
+}  // namespace
+
+/// What one pixel gathers; every ray adds to it.
+struct GuideMarch::Sums {
+  std::vector<double> value;  // as names_
+  vec3 emission{0}, background{0}, normal{0}, surface_albedo{0};
+  double surface_depth = 0, depth2 = 0;
+  std::vector<vec3> surface;  // by group
+
+  Sums(size_t values, size_t groups) : value(values, 0.0), surface(groups, vec3(0)) {}
+  void clear() {
+    std::fill(value.begin(), value.end(), 0.0);
+    std::fill(surface.begin(), surface.end(), vec3(0));
+    emission = background = normal = surface_albedo = vec3(0);
+    surface_depth = depth2 = 0;
+  }
+};
+
+GuideMarch::GuideMarch(const PathContext& context, const std::vector<GuideMedia>& media, const LightFields& fields,
+                       GuideColour colour, const Camera& camera, double step_voxels)
+    : context_(context),
+      media_(media),
+      fields_(fields),
+      colour_(colour),
+      camera_(camera),
+      step_(step_voxels * media[0].voxel()) {
+  const dvec3 middle = 0.5 * (media[0].lo() + media[0].hi());
+  reference_depth_ = glm::distance(camera.ray(dvec2(0)).o, middle);
+  double densest = 0;
+  for (const Medium& m : media[0].media())
+    densest = std::max(densest, m.maximum_density() * in_colour(m.coefficients().sigma_t, colour));
+  gentle_ = std::max(kGentleGradient * densest / media[0].voxel(), 1e-300);
+  lay_out();
+}
+
+void GuideMarch::lay_out() {
+  names_ = {"opacity", "depth", "spread", "gradient", "gradient", "gradient", "density"};
+  for (const GroupLight& g : fields_.groups()) {
+    const std::string& name = g.group.name;
+    Slots s;
+    const auto add = [&](const std::string& what) {
+      names_.push_back(what);
+      return names_.size() - 1;
+    };
+    const auto add_all = [&](const auto& list) {
+      const size_t first = names_.size();
+      for (const char* what : list) add("multiple." + name + "_" + what);
+      return first;
+    };
+    const auto fields = [&](size_t count) {
+      const size_t first = field_count_;
+      field_count_ += count;
+      return first;
+    };
+    s.single = add("single." + name);
+    if (sharp(g)) {
+      s.octave = add_all(kOctaveNames);
+      s.soft = add_all(kSoftNames);
+    } else if (is_sky(g)) {
+      s.soft = add_all(std::array{"soft2", "soft4"});
+    }
+    s.orders = add_all(kOrderNames);
+    s.flux = add("multiple." + name + "_flux");
+    s.tail = add_all(std::array{"tail_half", "tail_quarter", "tail_eighth"});
+    s.field_orders = fields(kOrders + 1);
+    if (is_sky(g))
+      s.field_single = fields(3);
+    else if (!sharp(g))
+      s.field_single = fields(1);
+    if (!g.depth.empty()) s.field_depth = fields(1);
+    if (!g.visible.empty()) s.field_visible = fields(1);
+    slots_.push_back(s);
+  }
+  field_count_ = (field_count_ + 3) / 4 * 4;
+}
+
+// The light that leaves each node towards the eye, all groups beside one another.
+void GuideMarch::interleave(const Task& task) {
+  const Lattice& lattice = fields_.lattice();
+  const Lattice& coarse = fields_.coarse_lattice();
+  const ivec3 n = lattice.n;
+  const auto& directions = ScatteringSolver::directions();
+  const double solid_angle = 4 * kPi / static_cast<double>(directions.size());
+  node_fields_.assign(static_cast<size_t>(n.x) * n.y * n.z * field_count_, 0.0f);
+  const bool one = media_[0].media().size() == 1;
+  parallel_for(n.x, quiet(task), [&](int x) {
+    for (int y = 0; y < n.y; ++y)
+      for (int z = 0; z < n.z; ++z) {
+        const size_t i = lattice.index(x, y, z);
+        float* const out = node_fields_.data() + ((static_cast<size_t>(x) * n.y + y) * n.z + z) * field_count_;
+        const dvec3 p = lattice.node(x, y, z), view = camera_.view_direction(p);
+        const auto towards_eye = [&](const Moments& light) {
+          const double flux = view.x * light[1][i] + view.y * light[2][i] + view.z * light[3][i];
+          return static_cast<float>(std::max(0.0, light[0][i] - flux));
+        };
+        const auto coarsely = [&](const NodeValues& values, const dvec3& at) {
+          return static_cast<double>(interpolated(coarse, values, at));
+        };
+        for (size_t k = 0; k < slots_.size(); ++k) {
+          const GroupLight& g = fields_.groups()[k];
+          const Slots& s = slots_[k];
+          for (size_t order = 0; order < kOrders; ++order) {
+            const Moments& light = g.orders[order];
+            float& towards = out[s.field_orders + order];
+            if (order < GroupLight::kFineGuides) {
+              towards = towards_eye(light);
+              continue;
+            }
+            const double flux =
+                view.x * coarsely(light[1], p) + view.y * coarsely(light[2], p) + view.z * coarsely(light[3], p);
+            towards = static_cast<float>(std::max(0.0, coarsely(light[0], p) - flux));
+          }
+          const dvec3 step = 0.75 * coarse.spacing * view;
+          const NodeValues& tail = g.orders.back()[0];
+          out[s.field_orders + kOrders] = static_cast<float>(coarsely(tail, p + step) - coarsely(tail, p - step));
+          if (is_sky(g)) {
+            const double anisotropy = one ? 0 : media_[0].at(p, colour_).g;
+            double single = 0, half = 0, quarter = 0;
+            for (size_t d = 0; d < directions.size(); ++d) {
+              const double c = glm::dot(directions[d], -view), light = g.sky[d][i];
+              single += solid_angle * light *
+                        (one ? media_[0].media()[0].phase().value(c) : henyey_greenstein(anisotropy, c));
+              const double root = std::sqrt(light);
+              half += root;
+              quarter += std::sqrt(root);
+            }
+            out[s.field_single] = static_cast<float>(single);
+            out[s.field_single + 1] = static_cast<float>(half / static_cast<double>(directions.size()));
+            out[s.field_single + 2] = static_cast<float>(quarter / static_cast<double>(directions.size()));
+          } else if (!sharp(g)) {
+            out[s.field_single] = towards_eye(g.once);
+          }
+          if (!g.depth.empty()) out[s.field_depth] = g.depth[i];
+          if (!g.visible.empty()) out[s.field_visible] = g.visible[i];
+        }
+      }
+  });
+}
+
+void GuideMarch::interpolate(const dvec3& world, float* values) const {
+  const ivec3 n = fields_.lattice().n;
+  const dvec3 p = glm::clamp(fields_.lattice().to_lattice(world), dvec3(0), dvec3(n - 1));
+  const ivec3 i = glm::min(ivec3(p), n - 2);
+  const vec3 f(p - dvec3(i)), e = 1.0f - f;
+  const size_t z = field_count_, y = z * static_cast<size_t>(n.z), x = y * static_cast<size_t>(n.y);
+  const float* const node = node_fields_.data() + i.x * x + i.y * y + i.z * z;
+  const float weight[8] = {e.x * e.y * e.z, e.x * e.y * f.z, e.x * f.y * e.z, e.x * f.y * f.z,
+                           f.x * e.y * e.z, f.x * e.y * f.z, f.x * f.y * e.z, f.x * f.y * f.z};
+  const size_t offset[8] = {0, z, y, y + z, x, x + z, x + y, x + y + z};
+  for (size_t m = 0; m < field_count_; m += 4) {
+    float sum[4] = {0, 0, 0, 0};
+    for (size_t c = 0; c < 8; ++c)
+      for (size_t k = 0; k < 4; ++k) sum[k] += weight[c] * node[offset[c] + m + k];
+    for (size_t k = 0; k < 4; ++k) values[m + k] = sum[k];
+  }
+}
+
+int GuideMarch::rays_across(const Camera& camera, const ivec2& pixel) const {
+  if (camera.has_lens() || camera.moves() || media_.size() > 1) return 4;
+  const dvec3 middle = 0.5 * (media_[0].lo() + media_[0].hi());
+  const Ray a = camera.ray(dvec2(pixel)), b = camera.ray(dvec2(pixel + 1));
+  const double distance = glm::distance(a.o, middle);
+  return glm::distance(a.at(distance), b.at(distance)) > 0.75 * std::sqrt(2.0) * media_[0].voxel() ? 2 : 1;
+}
+
+void GuideMarch::record(const ivec2& corner, Layers& frame, const Task& task) {
+  interleave(task);
+  const auto layer_of = [&](const std::string& name, char channel) -> Plane& {
+    return frame.add("guide." + name + "." + channel);
+  };
+  const bool first = colour_ == kGrey || colour_ == 0;
+  const char letter = colour_ == kGrey ? 'Y' : "RGB"[colour_];
+  // Where the sums go; null for what another colour has recorded already.
+  std::vector<Plane*> planes;
+  for (size_t i = 0; i < names_.size(); ++i) {
+    const bool once = i > kOpacity && i < kBaseCount;
+    const char channel = i == kDepth || i == kSpread      ? 'Z'
+                         : i >= kGradient && i < kDensity ? static_cast<char>('X' + (i - kGradient))
+                         : i == kDensity                  ? 'Y'
+                                                          : letter;
+    planes.push_back(once && !first ? nullptr : &layer_of(names_[i], channel));
+  }
+  const std::vector<size_t> channels =
+      colour_ == kGrey ? std::vector<size_t>{0, 1, 2} : std::vector<size_t>{static_cast<size_t>(colour_)};
+  const bool surfaces = context_.surfaces != nullptr, glows = !media_[0].emissions().empty();
+  std::array<Plane*, 3> emission{}, background{}, albedo{}, direct{}, indirect{}, normal{};
+  std::vector<std::array<Plane*, 3>> lit(slots_.size());
+  for (const size_t c : channels) {
+    if (glows) emission[c] = &layer_of("emission", "RGB"[c]);
+    background[c] = &layer_of("background", "RGB"[c]);
+    direct[c] = &layer_of("predicted_direct", "RGB"[c]);
+    indirect[c] = &layer_of("predicted_indirect", "RGB"[c]);
+    if (!surfaces) continue;
+    albedo[c] = &layer_of("surface_albedo", "RGB"[c]);
+    for (size_t g = 0; g < lit.size(); ++g)
+      lit[g][c] = &layer_of("surface." + fields_.groups()[g].group.name, "RGB"[c]);
+  }
+  Plane* surface_depth = nullptr;
+  if (surfaces && first) {
+    for (size_t a = 0; a < 3; ++a) normal[a] = &layer_of("normal", "XYZ"[a]);
+    surface_depth = &layer_of("surface_depth", 'Z');
+  }
+
+  const int across = rays_across(camera_, corner + ivec2(frame.width(), frame.height()) / 2);
+  parallel_for(frame.height(), task, [&](int y) {
+    Sums sums(names_.size(), slots_.size());
+    for (int x = 0; x < frame.width(); ++x) {
+      sums.clear();
+      for (int r = 0; r < across * across; ++r) {
+        const dvec2 film =
+            dvec2(corner + ivec2(x, y)) + (dvec2(r % across, r / across) + 0.5) / static_cast<double>(across);
+        // Sixteen points of the lens and as many times, in an order unlike the rays'.
+        const dvec2 lens = across == 4 ? (dvec2(r * 7 % 16, r * 11 % 16) + 0.5) / 16.0 : dvec2(0.5);
+        const double time = across == 4 ? ((r * 5 + 3) % 16 + 0.5) / 16 : 0;
+        trace(camera_.ray(film, lens, time), media_[static_cast<size_t>(time * static_cast<double>(media_.size()))],
+              sums);
+      }
+      const double share = 1.0 / (across * across);
+      const double opacity = sums.value[kOpacity];
+      if (opacity > 0) {
+        const double mean = sums.value[kDepth] / opacity;
+        sums.value[kSpread] = opacity * std::sqrt(std::max(0.0, sums.depth2 / opacity - mean * mean));
+      }
+      for (size_t i = 0; i < planes.size(); ++i)
+        if (planes[i]) (*planes[i])(x, y) = static_cast<float>(share * sums.value[i]);
+      const auto store = [&](const std::array<Plane*, 3>& to, const vec3& value) {
+        for (int c = 0; c < 3; ++c)
+          if (Plane* const plane = to[static_cast<size_t>(c)]) (*plane)(x, y) = static_cast<float>(share) * value[c];
+      };
+      store(emission, sums.emission);
+      store(background, sums.background);
+      store(direct, predicted_direct(sums));
+      store(indirect, predicted_indirect(sums));
+      store(albedo, sums.surface_albedo);
+      store(normal, sums.normal);
+      for (size_t g = 0; g < lit.size(); ++g) store(lit[g], sums.surface[g]);
+      if (surface_depth) (*surface_depth)(x, y) = static_cast<float>(share * sums.surface_depth);
+    }
+  });
+}
+
+// The first surface that is not glass, with the medium in front of it.
+void GuideMarch::trace(const Ray& ray, const GuideMedia& media, Sums& sums) const {
+  std::optional<SurfaceHit> hit;
+  if (context_.surfaces) {
+    double from = 0;
+    for (int pane = 0; pane < kMostPanes; ++pane) {
+      hit = context_.surfaces->intersect({ray.at(from), ray.d}, kFar);
+      if (!hit) break;
+      hit->t += from;
+      const SurfaceSettings& settings = context_.surfaces->settings(hit->surface);
+      if (settings.material != "dielectric" && settings.role == "visible") break;
+      from = hit->t + 2 * hit->margin;
+      hit.reset();
+    }
+  }
+  const double t_end = hit ? hit->t : kFar, passed = march(ray, media, t_end, sums);
+  const auto [light, distance] = context_.lights->nearest(ray, t_end, /*seen=*/true);
+  if (light) {
+    sums.background += tinted(light->radiance(ray, distance), passed);
+  } else if (hit) {
+    add_surface(ray, *hit, passed, sums);
+  } else {
+    for (const InfiniteLight* sky : context_.lights->infinite())
+      if (sky->visible()) sums.background += tinted(sky->radiance(ray.d), passed);
+  }
+}
+
+double GuideMarch::march(const Ray& ray, const GuideMedia& media, double t_max, Sums& sums) const {
+  static thread_local std::vector<std::pair<double, double>> parts;
+  media.intervals(ray, t_max, parts);
+  if (parts.empty()) return 1;
+  const auto& groups = fields_.groups();
+  const bool one = media.media().size() == 1, glows = !media.emissions().empty();
+  const double scale = fields_.scaled_extinction();
+  float fields[64];
+  double passed = 1, passed2 = 1, passed4 = 1, passed8 = 1, passed_scaled = 1, depth = 0;
+  std::vector<double>& out = sums.value;
+
+  for (const auto& [begin, end] : parts) {
+    // Steps of neighbouring pixels begin at the same distances from the eye, wherever their cells begin.
+    double t = std::floor(begin / step_) * step_;
+    while (t < end && passed8 > kOpaque) {
+      const double length = step_ * std::min(kLongestStep, 1 + kStepGrowth * std::max(0.0, depth - 2));
+      const double middle = t + 0.5 * length;
+      t += length;
+      if (middle > t_max) break;
+      const dvec3 p = ray.at(middle);
+      dvec3 gradient;
+      const GuideMedia::Point point = media.at(p, colour_, &gradient);
+      const dvec3 glow = glows ? media.glow(p) : dvec3(0);
+      const double thickness = point.sigma_t * length;
+      if (!(thickness > 0)) {
+        if (glows) sums.emission += tinted(glow, passed * length);
+        continue;
+      }
+      const double q8 = std::exp(-thickness / 8), q4 = q8 * q8, q2 = q4 * q4, q = q2 * q2;
+      const double q_scaled = std::exp(-thickness * scale);
+      const double w = passed * (1 - q), w2 = passed2 * (1 - q2), w4 = passed4 * (1 - q4), w8 = passed8 * (1 - q8),
+                   w_scaled = passed_scaled * (1 - q_scaled);
+      if (glows) sums.emission += tinted(glow, w / point.sigma_t);
+      passed *= q;
+      passed2 *= q2;
+      passed4 *= q4;
+      passed8 *= q8;
+      passed_scaled *= q_scaled;
+      depth += thickness;
+
+      const double from_middle = middle - reference_depth_;
+      out[kOpacity] += w;
+      out[kDepth] += w * from_middle;
+      sums.depth2 += w * from_middle * from_middle;
+      const double steepness = glm::length(gradient) + gentle_;
+      for (int a = 0; a < 3; ++a) out[kGradient + static_cast<size_t>(a)] += w * gradient[a] / steepness;
+      out[kDensity] += w * point.density;
+
+      interpolate(p, fields);
+      for (size_t k = 0; k < slots_.size(); ++k) {
+        const GroupLight& g = groups[k];
+        const Slots& s = slots_[k];
+        if (sharp(g)) {
+          dvec3 towards;
+          double irradiance, tau;
+          if (g.group.sun) {
+            towards = g.group.sun->axis();
+            irradiance = in_colour(g.group.sun->irradiance(), colour_);
+            tau = g.sun.at(p);
+          } else {
+            const LocalLight light = local_light(*g.group.lights[0], p);
+            towards = light.towards;
+            irradiance = in_colour(light.irradiance, colour_);
+            tau = fields[s.field_depth];
+          }
+          if (!g.visible.empty()) irradiance *= fields[s.field_visible];
+          irradiance *= point.albedo;
+          const double v16 = std::exp(-tau / 16), v8 = v16 * v16, v4 = v8 * v8, v2 = v4 * v4, v = v2 * v2;
+          const double c = glm::dot(towards, ray.d);
+          const double phase = one ? media.media()[0].phase().value(c) : henyey_greenstein(point.g, c);
+          out[s.single] += w * irradiance * phase * v;
+          out[s.octave] += w2 * irradiance * henyey_greenstein(point.g / 2, c) * v2;
+          out[s.octave + 1] += w4 * irradiance * henyey_greenstein(point.g / 4, c) * v4;
+          out[s.octave + 2] += w8 * irradiance * henyey_greenstein(point.g / 8, c) * v8;
+          const double even = w * irradiance / (4 * kPi);
+          out[s.soft] += even * v2;
+          out[s.soft + 1] += even * v4;
+          out[s.soft + 2] += even * v8;
+          out[s.soft + 3] += even * v16;
+        } else if (is_sky(g)) {
+          out[s.single] += w * point.albedo * fields[s.field_single];
+          out[s.soft] += w * fields[s.field_single + 1];
+          out[s.soft + 1] += w * fields[s.field_single + 2];
+        } else {
+          out[s.single] += w * fields[s.field_single];
+        }
+        for (size_t order = 0; order < kOrders; ++order)
+          out[s.orders + order] += w_scaled * fields[s.field_orders + order];
+        const double tail = fields[s.field_orders + kOrders - 1];
+        out[s.flux] += w_scaled * fields[s.field_orders + kOrders];
+        out[s.tail] += w2 * tail;
+        out[s.tail + 1] += w4 * tail;
+        out[s.tail + 2] += w8 * tail;
+      }
+    }
+  }
+  return passed;
+}
+
+dvec3 GuideMarch::colour_of(const GroupLight& light) const {
+  return colour_ == kGrey ? light.group.colour : dvec3(1);
+}
+
+// How much more than the mean a medium's albedo gives each colour by one scattering.
+dvec3 GuideMarch::tint() const {
+  if (colour_ != kGrey || media_[0].media().empty()) return dvec3(1);
+  const dvec3 albedo = media_[0].media()[0].albedo();
+  const double mean = in_colour(albedo, kGrey);
+  return mean > 0 ? albedo / mean : dvec3(1);
+}
+
+vec3 GuideMarch::predicted_direct(const Sums& sums) const {
+  vec3 light = sums.background + sums.emission;
+  for (size_t k = 0; k < slots_.size(); ++k)
+    light += sums.surface[k] + tinted(tint() * colour_of(fields_.groups()[k]), sums.value[slots_[k].single]);
+  return light;
+}
+
+vec3 GuideMarch::predicted_indirect(const Sums& sums) const {
+  vec3 light(0);
+  for (size_t k = 0; k < slots_.size(); ++k)
+    for (size_t order = 0; order < kOrders; ++order)
+      light += tinted(glm::pow(tint(), dvec3(kTypicalOrder[order])) * colour_of(fields_.groups()[k]),
+                      sums.value[slots_[k].orders + order]);
+  return light;
+}
+
+// Lit by every light's irradiance through the medium, and by the sky; metals show what they mirror of it.
+void GuideMarch::add_surface(const Ray& ray, const SurfaceHit& hit, double passed, Sums& sums) const {
+  const dvec3 p = Surfaces::leave(hit, ray.at(hit.t), -ray.d);
+  const dvec3 normal = glm::dot(hit.shading, ray.d) > 0 ? -hit.shading : hit.shading;
+  const Bsdf bsdf = context_.surfaces->bsdf(hit);
+  const Frame frame(normal);
+  const auto to_frame = [&](const dvec3& d) {
+    return dvec3(glm::dot(d, frame.x), glm::dot(d, frame.y), glm::dot(d, frame.z));
+  };
+  sums.normal += tinted(normal, passed);
+  sums.surface_albedo += tinted(bsdf.albedo, passed);
+  sums.surface_depth += passed * (hit.t - reference_depth_);
+  const dvec3 emitted = context_.surfaces->settings(hit.surface).radiance;
+  sums.background += tinted(emitted, passed);
+  float fields[64];
+  interpolate(p, fields);
+  const auto& directions = ScatteringSolver::directions();
+  for (size_t k = 0; k < slots_.size(); ++k) {
+    const GroupLight& g = fields_.groups()[k];
+    dvec3 light(0);
+    if (sharp(g)) {
+      dvec3 towards, irradiance;
+      double tau, distance = kFar;
+      if (g.group.sun) {
+        towards = g.group.sun->axis();
+        irradiance = g.group.sun->irradiance();
+        tau = g.sun.at(p);
+      } else {
+        const LocalLight local = local_light(*g.group.lights[0], p);
+        towards = local.towards;
+        irradiance = local.irradiance;
+        distance = local.distance;
+        tau = fields[slots_[k].field_depth];
+      }
+      const double facing = glm::dot(towards, normal);
+      if (facing > 0 && tau < 50)
+        light = irradiance * std::exp(-tau) * context_.surfaces->passage({p, towards}, distance).light *
+                bsdf.value(to_frame(-ray.d), to_frame(towards), false);
+    } else if (is_sky(g)) {
+      const ivec3 n = fields_.lattice().n;
+      const ivec3 node = glm::clamp(ivec3(glm::round(fields_.lattice().to_lattice(p))), ivec3(1), n - 2);
+      const size_t i = fields_.lattice().index(node.x, node.y, node.z);
+      double sum = 0;
+      for (size_t d = 0; d < directions.size(); ++d)
+        sum += std::max(0.0, glm::dot(normal, -directions[d])) * g.sky[d][i];
+      light = bsdf.albedo * colour_of(g) * (4 * sum / static_cast<double>(directions.size()));
+      if (bsdf.kind == Bsdf::Kind::kConductor)
+        light = bsdf.albedo * context_.lights->environment()->radiance(glm::reflect(ray.d, normal));
+    }
+    sums.surface[k] += tinted(light, passed);
+  }
+}
+
+}  // namespace brume

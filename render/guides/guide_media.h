@@ -1,0 +1,60 @@
+#pragma once
+#include <span>
+#include <utility>
+#include <vector>
+
+#include "volume/emission.h"
+#include "volume/medium.h"
+
+namespace brume {
+
+/// Which colour channel guides are computed for: 0, 1, 2, or the mean of all three.
+using GuideColour = int;
+inline constexpr GuideColour kGrey = -1;
+double in_colour(const dvec3& rgb, GuideColour colour);
+
+/// The media and glowing fields of a scene as guides see them, at one time of the shutter: extinction, albedo and
+/// density at any world point, the extinctions of several media being added.
+class GuideMedia {
+ public:
+  GuideMedia(std::span<const Medium> media, std::span<const EmissionField> emissions, double time);
+
+  bool empty() const { return media_.empty() && emissions_.empty(); }
+  /// Whether one colour's guides differ from another's by more than a factor.
+  bool coloured() const { return coloured_; }
+  /// Box around everything, world space.
+  const dvec3& lo() const { return lo_; }
+  const dvec3& hi() const { return hi_; }
+  /// Of the finest grid [world units].
+  double voxel() const { return voxel_; }
+  const std::vector<Medium>& media() const { return media_; }
+  const std::vector<EmissionField>& emissions() const { return emissions_; }
+  /// Mean cosine of a medium's phase function.
+  double mean_cosine(size_t medium) const { return mean_cosine_[medium]; }
+
+  /// What scatters at a point.
+  struct Point {
+    double sigma_t = 0;  ///< [1 / world unit]
+    double albedo = 0;   ///< single-scattering albedo
+    double g = 0;        ///< mean cosine
+    double density = 0;  ///< as a share of the medium's maximum, the largest of them
+  };
+  Point at(const dvec3& world, GuideColour colour) const { return at(world, colour, nullptr); }
+  /// @param gradient  of the extinction, world space; null where nobody wants it
+  Point at(const dvec3& world, GuideColour colour, dvec3* gradient) const;
+  /// Emission coefficient [radiance / world unit].
+  dvec3 glow(const dvec3& world) const;
+
+  /// The parts of a world ray in which anything may be found, in order and apart from one another.
+  void intervals(const Ray& ray, double t_max, std::vector<std::pair<double, double>>& parts) const;
+
+ private:
+  std::vector<Medium> media_;
+  std::vector<EmissionField> emissions_;
+  std::vector<double> mean_cosine_;
+  bool coloured_ = false;
+  dvec3 lo_{0}, hi_{0};
+  double voxel_ = 0;
+};
+
+}  // namespace brume

@@ -1,0 +1,42 @@
+#pragma once
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "image/layers.h"
+#include "render/guides/guide_media.h"
+#include "render/guides/light_fields.h"
+#include "render/trace/integrator.h"
+#include "render/world/camera.h"
+
+namespace brume {
+
+/// What a camera ray can know about the light without a random number, as layers "guide.*" for filters: opacity, depth,
+/// gradient, single scattering of each light, a coarse solution of multiple scattering, emission, surfaces. Biased, but
+/// without noise. Every value is an integral along the ray, weighted by what the eye sees of each piece of it, so that
+/// it falls to 0 where the medium ends. docs/guides.md lists them.
+///
+/// The light inside the media is solved when the object is made, and serves any camera and any number of frames.
+class Guides {
+ public:
+  /// @param context  media, emissions, lights and surfaces; must outlive the object
+  /// @param step     of the marches [voxels], where the medium is still transparent
+  explicit Guides(const PathContext& context, const Task& task = {}, double step = 0.7);
+
+  /// Marches the pixels of a window of the picture and adds the layers to `frame`, which has the window's size.
+  /// @param corner  of the window, in pixels of the whole picture
+  void record(const Camera& camera, const ivec2& corner, Layers& frame, const Task& task) const;
+
+  /// Memory and time that it took, and what is left out, in one line.
+  std::string explain() const;
+  size_t bytes() const;
+
+ private:
+  const PathContext& context_;
+  std::vector<GuideMedia> media_;     // one for each time of the shutter that rays are marched at
+  std::vector<GuideColour> colours_;  // grey alone, or red, green and blue
+  std::vector<LightFields> fields_;   // for each colour
+  double step_, seconds_ = 0;
+};
+
+}  // namespace brume

@@ -1,0 +1,37 @@
+#pragma once
+#include <cstddef>
+#include <vector>
+
+#include "base/vec.h"
+
+namespace brume {
+
+/// Nodes on a regular lattice along the world's axes, laid out for sweeps: x slowest, z fastest, rows padded to whole
+/// vectors. The outermost nodes on every side are a border where nothing scatters.
+struct Lattice {
+  static constexpr int kVector = 16;  ///< floats; rows are a multiple of it
+
+  dvec3 origin{0};  ///< of node (0, 0, 0), the renderer's world space
+  double spacing = 1;
+  ivec3 n{0};  ///< nodes along each axis, the border included
+
+  int row() const { return (n.z + kVector - 1) / kVector * kVector; }
+  /// Of an array with a value for each node; the tail lets vectors be loaded beyond the last one.
+  size_t size() const { return static_cast<size_t>(n.x) * n.y * row() + 2 * kVector; }
+  size_t index(int x, int y, int z) const { return (static_cast<size_t>(x) * n.y + y) * row() + z; }
+  dvec3 node(int x, int y, int z) const { return origin + spacing * dvec3(x, y, z); }
+  dvec3 to_lattice(const dvec3& world) const { return (world - origin) / spacing; }
+
+  /// The lattice with the fewest nodes over a box: a spacing as asked for, or wider where that would make too many.
+  static Lattice over(const dvec3& lo, const dvec3& hi, double spacing, size_t most_nodes);
+};
+
+using NodeValues = std::vector<float>;
+
+/// Linear between the nodes; outside as on the border.
+float interpolated(const Lattice& lattice, const NodeValues& values, const dvec3& world);
+
+/// Unit vectors evenly spread over the sphere, on a spiral.
+std::vector<dvec3> spiral_of_directions(int count);
+
+}  // namespace brume

@@ -1,0 +1,189 @@
+#include "render/guides/light_fields.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include "base/math.h"
+
+namespace brume {
+namespace {
+
+constexpr int kLastOrder = 64;
+constexpr double kVoxelsPerNode = 2;
+constexpr size_t kMostNodes = 1000000, kMostSunNodes = 16000000;
+constexpr double kNegligible = 2e-3;    // of all orders together, for the last one
+constexpr double kLargestRatio = 0.99;  // of an order to the one before, in the tail
+constexpr double kUnseen = 1e30;        // world units
+
+/// Averages of the sky over the directions nearest to each of the solver's, where light travels from it.
+std::vector<double> sky_radiance(const Environment& sky, GuideColour colour) {
+  const std::vector<dvec3>& directions = ScatteringSolver::directions();
+  std::vector<double> sum(directions.size(), 0.0), count(directions.size(), 0.0);
+  for (const dvec3& d : sky.constant() ? directions : spiral_of_directions(4096)) {
+    size_t nearest = 0;
+    for (size_t k = 1; k < directions.size(); ++k)
+      if (glm::dot(directions[k], d) > glm::dot(directions[nearest], d)) nearest = k;
+    sum[nearest] += in_colour(sky.radiance(-d), colour);
+    ++count[nearest];
+  }
+  for (size_t k = 0; k < sum.size(); ++k) sum[k] /= std::max(1.0, count[k]);
+  return sum;
+}
+
+/// Where surfaces stand between the sky and the media, light comes from them: their albedo times the mean sky.
+void hide_sky(const GuideMedia& media, const Surfaces& surfaces, std::vector<double>& incoming) {
+  // Seen from the corners of a box half as large as the media's.
+  const dvec3 middle = 0.5 * (media.lo() + media.hi()), half = 0.25 * (media.hi() - media.lo());
+  const double mean = std::accumulate(incoming.begin(), incoming.end(), 0.0) / static_cast<double>(incoming.size());
+  for (size_t k = 0; k < incoming.size(); ++k) {
+    double sum = 0;
+    for (int corner = 0; corner < 8; ++corner) {
+      const dvec3 p = middle + half * dvec3(corner & 1 ? 1 : -1, corner & 2 ? 1 : -1, corner & 4 ? 1 : -1);
+      const auto hit = surfaces.intersect({p, -ScatteringSolver::directions()[k]}, kUnseen);
+      sum += hit ? in_colour(surfaces.bsdf(*hit).albedo, kGrey) * mean : incoming[k];
+    }
+    incoming[k] = sum / 8;
+  }
+}
+
+/// Moments of light along one direction.
+void add_beam(Moments& light, size_t node, double irradiance, const dvec3& towards) {
+  const double mean = irradiance / (4 * kPi);
+  light[0][node] += static_cast<float>(mean);
+  for (int a = 0; a < 3; ++a) light[static_cast<size_t>(a) + 1][node] -= static_cast<float>(mean * towards[a]);
+}
+
+}  // namespace
+
+LightFields::LightFields(const GuideMedia& media, const Lights& lights, const Surfaces* surfaces, GuideColour colour,
+                         const Task& task) {
+  fine_ = Lattice::over(media.lo(), media.hi(), kVoxelsPerNode * media.voxel(), kMostNodes);
+  coarse_ = Lattice::over(media.lo(), media.hi(), 2 * fine_.spacing, kMostNodes);
+  ScatteringSolver solver(fine_, media, colour, task), coarse(coarse_, media, colour, task);
+  scale_ = solver.mean_scale();
+  const auto scaled_transmittance = [&](double depth) { return std::exp(-depth * scale_); };
+  const Task own = quiet(task);
+
+  for (LightGroup& group : light_groups(lights, media)) {
+    GroupLight g;
+    g.group = group;
+    Moments arriving;
+    switch (group.kind) {
+      case LightGroup::Kind::kSun: {
+        const dvec3 towards = group.sun->axis();
+        g.sun = SunDepth(media, colour, towards, media.voxel(), kMostSunNodes, own);
+        if (surfaces) g.visible.assign(fine_.size(), 0.0f);
+        arriving = solver.nothing();
+        const double irradiance = in_colour(group.sun->irradiance(), colour);
+        solver.each_node([&](int x, int y, int z, size_t i) {
+          const dvec3 p = fine_.node(x, y, z);
+          double share = 1;
+          if (surfaces) {
+            share = in_colour(surfaces->passage({p, towards}, kUnseen).light, kGrey);
+            g.visible[i] = static_cast<float>(share);
+          }
+          if (solver.extinction()[i] == 0) return;
+          add_beam(arriving, i, irradiance * share * scaled_transmittance(g.sun.at(p)), towards);
+        });
+        break;
+      }
+      case LightGroup::Kind::kLocal:
+      case LightGroup::Kind::kOthers: {
+        arriving = solver.nothing();
+        const bool alone = group.kind == LightGroup::Kind::kLocal;
+        if (alone) g.depth.assign(fine_.size(), 0.0f);
+        if (alone && surfaces) g.visible.assign(fine_.size(), 0.0f);
+        const double step = fine_.spacing;
+        solver.each_node([&](int x, int y, int z, size_t i) {
+          const dvec3 p = fine_.node(x, y, z);
+          for (const Light* light : group.lights) {
+            const LocalLight l = local_light(*light, p);
+            double share = 1, depth = 0;
+            if (surfaces) share = in_colour(surfaces->passage({p, l.towards}, l.distance).light, kGrey);
+            // Through the lattice's own extinction, a node a step.
+            const dvec3 start = fine_.to_lattice(p);
+            const int steps = static_cast<int>(std::min(std::ceil(l.distance / step), 4096.0));
+            for (int s = 0; s < steps; ++s) {
+              const dvec3 q = start + l.towards * (s + 0.5);
+              if (glm::any(glm::lessThan(q, dvec3(0))) || glm::any(glm::greaterThan(q, dvec3(fine_.n - 1)))) break;
+              const ivec3 node = ivec3(glm::round(q));
+              depth += solver.extinction()[fine_.index(node.x, node.y, node.z)];
+            }
+            if (alone) g.depth[i] = static_cast<float>(depth);
+            if (!g.visible.empty()) g.visible[i] = static_cast<float>(share);
+            add_beam(arriving, i, in_colour(l.irradiance, colour) * share * scaled_transmittance(depth), l.towards);
+          }
+        });
+        break;
+      }
+      case LightGroup::Kind::kSky: {
+        std::vector<double> incoming = sky_radiance(*lights.environment(), colour);
+        if (surfaces) hide_sky(media, *surfaces, incoming);
+        g.sky = solver.arriving(incoming);
+        arriving = solver.entering(incoming);
+        break;
+      }
+      case LightGroup::Kind::kGlow: {
+        NodeValues glow(fine_.size(), 0.0f);
+        solver.each_node([&](int x, int y, int z, size_t i) {
+          glow[i] = static_cast<float>(in_colour(media.glow(fine_.node(x, y, z)), colour) * fine_.spacing);
+        });
+        arriving = solver.emitted(glow);
+        break;
+      }
+    }
+    solve(g, arriving, solver, coarse);
+    groups_.push_back(std::move(g));
+    task.check();
+  }
+}
+
+void LightFields::solve(GroupLight& light, const Moments& arriving, ScatteringSolver& fine, ScatteringSolver& coarse) {
+  constexpr auto& first = GroupLight::kFirstOrder;
+  for (size_t g = 0; g < first.size(); ++g)
+    light.orders.push_back(g < GroupLight::kFineGuides ? fine.nothing() : coarse.nothing());
+  Moments scattered = fine.scattered(arriving);
+  if (light.group.kind == LightGroup::Kind::kOthers || light.group.kind == LightGroup::Kind::kGlow)
+    light.once = scattered;
+  size_t g = 0;
+  for (int order = 2; order < first[GroupLight::kFineGuides]; ++order) {
+    scattered = fine.scattered(fine.transported(scattered));
+    if (order >= first[g + 1]) ++g;
+    fine.add(scattered, light.orders[g]);
+  }
+  Moments before;
+  double sum = 0;
+  for (int order = first[GroupLight::kFineGuides]; order <= kLastOrder; ++order) {
+    const bool begins = order == first[GroupLight::kFineGuides];
+    Moments next =
+        begins ? coarse.transported_source(coarse.source_from(fine, scattered)) : coarse.transported(scattered);
+    before = std::move(scattered);
+    scattered = coarse.scattered(next);
+    if (g + 1 < first.size() && order >= first[g + 1]) ++g;
+    coarse.add(scattered, light.orders[g]);
+    const double own = coarse.total(scattered);
+    sum += own;
+    if (!begins && own <= kNegligible * sum) break;
+  }
+  Moments& tail = light.orders.back();
+  for (size_t i = 0; i < tail[0].size(); ++i) {
+    const float ratio = std::clamp(scattered[0][i] / (before[0][i] + 1e-20f), 0.0f, static_cast<float>(kLargestRatio));
+    for (size_t a = 0; a < 4; ++a) tail[a][i] += scattered[a][i] * ratio / (1 - ratio);
+  }
+}
+
+size_t LightFields::bytes() const {
+  size_t floats = 0, others = 0;
+  for (const GroupLight& g : groups_) {
+    floats += g.depth.size() + g.visible.size();
+    for (const NodeValues& v : g.once) floats += v.size();
+    for (const NodeValues& v : g.sky) floats += v.size();
+    for (const Moments& order : g.orders)
+      for (const NodeValues& v : order) floats += v.size();
+    others += g.sun.bytes();
+  }
+  return floats * sizeof(float) + others;
+}
+
+}  // namespace brume

@@ -1,0 +1,54 @@
+#pragma once
+#include <array>
+#include <vector>
+
+#include "base/progress.h"
+#include "render/guides/light_groups.h"
+#include "render/guides/scattering_solver.h"
+#include "render/guides/sun_depth.h"
+#include "render/world/surfaces.h"
+
+namespace brume {
+
+/// The light of one group inside the media, without the camera: biased, without noise.
+struct GroupLight {
+  /// Orders of scattering that share a guide, each up to the next; the last one is all the rest. From the fourth on
+  /// they live on the coarse lattice.
+  static constexpr std::array<int, 6> kFirstOrder = {2, 3, 4, 6, 9, 14};
+  static constexpr size_t kFineGuides = 3;
+
+  LightGroup group;
+  SunDepth sun;                 ///< of a sun
+  NodeValues depth;             ///< of a local light: optical depth towards it
+  NodeValues visible;           ///< of a sun or local light where there are surfaces: share that passes them
+  Moments once;                 ///< of others and the glow: scattered for the first time
+  std::vector<NodeValues> sky;  ///< of the sky: radiance that arrives unscattered, for each direction of travel
+  std::vector<Moments> orders;  ///< for each of kFirstOrder, scattered
+};
+
+/// Transmittances for single scattering and a coarse solution of multiple scattering, order by order: the first five on
+/// nodes two voxels apart, as many more as matter on nodes twice as far, then a geometric series of the last two.
+class LightFields {
+ public:
+  /// @param surfaces  null where there are none. They cast shadows into the media and hide the sky; light that they
+  ///                  reflect is their albedo times the mean sky.
+  LightFields(const GuideMedia& media, const Lights& lights, const Surfaces* surfaces, GuideColour colour,
+              const Task& task);
+
+  const Lattice& lattice() const { return fine_; }
+  /// Of the orders from kFineGuides on.
+  const Lattice& coarse_lattice() const { return coarse_; }
+  const std::vector<GroupLight>& groups() const { return groups_; }
+  /// What the forward peak leaves of the extinction, on average.
+  double scaled_extinction() const { return scale_; }
+  size_t bytes() const;
+
+ private:
+  void solve(GroupLight& light, const Moments& arriving, ScatteringSolver& fine, ScatteringSolver& coarse);
+
+  Lattice fine_, coarse_;
+  std::vector<GroupLight> groups_;
+  double scale_ = 1;
+};
+
+}  // namespace brume

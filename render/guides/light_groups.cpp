@@ -1,0 +1,81 @@
+#include "render/guides/light_groups.h"
+
+#include <algorithm>
+#include <map>
+
+namespace brume {
+namespace {
+
+// Lights beyond these share one group: each costs a sweep of the lattice for every order, and a filter dozens of
+// guides.
+constexpr size_t kMostSuns = 2, kMostLocals = 2;
+
+struct Candidate {
+  const Light* light;
+  const Sun* sun;
+  std::string type;
+  dvec3 colour;
+  double importance;
+};
+
+dvec3 of_mean_one(const dvec3& colour) {
+  const double mean = (colour.x + colour.y + colour.z) / 3;
+  return mean > 0 ? colour / mean : dvec3(1);
+}
+
+}  // namespace
+
+LocalLight local_light(const Light& light, const dvec3& p) {
+  // Round lights are sampled along their axis, flat ones in their middle.
+  const LightSample s = light.sample(p, light.centre() ? dvec2(0, 0.5) : dvec2(0.5));
+  if (!(s.pdf > 0)) return {};
+  return {s.wi, s.distance, s.radiance / s.pdf};
+}
+
+std::vector<LightGroup> light_groups(const Lights& lights, const GuideMedia& media) {
+  const dvec3 middle = 0.5 * (media.lo() + media.hi());
+  std::vector<Candidate> candidates;
+  const auto add = [&](const Light* light, const Sun* sun, const char* type) {
+    const dvec3 irradiance = sun ? sun->irradiance() : local_light(*light, middle).irradiance;
+    if (const double importance = light->importance(middle); importance > 0)
+      candidates.push_back({light, sun, type, of_mean_one(irradiance), importance});
+  };
+  for (const Sun* sun : lights.suns()) add(sun, sun, "sun");
+  for (const FiniteLight* light : lights.finite()) add(light, nullptr, light->centre() ? "sphere" : "rectangle");
+  for (const PointLight* light : lights.points()) add(light, nullptr, "point");
+  for (size_t i = 0; i < lights.mesh_count(); ++i) add(&lights.mesh(i), nullptr, "mesh");
+  std::stable_sort(candidates.begin(), candidates.end(),
+                   [](const Candidate& a, const Candidate& b) { return a.importance > b.importance; });
+
+  std::vector<LightGroup> groups;
+  std::map<std::string, int> named;
+  size_t suns = 0, locals = 0;
+  LightGroup others{LightGroup::Kind::kOthers, "others", nullptr, {}, dvec3(0)};
+  for (const Candidate& c : candidates) {
+    if ((c.sun ? suns++ < kMostSuns : locals++ < kMostLocals)) {
+      const int number = ++named[c.type];
+      groups.push_back({c.sun ? LightGroup::Kind::kSun : LightGroup::Kind::kLocal,
+                        c.type + (number > 1 ? "_" + std::to_string(number) : ""),
+                        c.sun,
+                        {c.light},
+                        c.colour});
+    } else {
+      others.lights.push_back(c.light);
+      others.colour += c.importance * c.colour;
+    }
+  }
+  if (!others.lights.empty()) {
+    others.colour = of_mean_one(others.colour);
+    groups.push_back(std::move(others));
+  }
+  if (!lights.environment()->black()) {
+    dvec3 mean(0);
+    for (const dvec3& d : {dvec3(1, 0, 0), dvec3(-1, 0, 0), dvec3(0, 1, 0), dvec3(0, -1, 0), dvec3(0, 0, 1)})
+      mean += lights.environment()->radiance(d);
+    groups.push_back({LightGroup::Kind::kSky, "sky", nullptr, {}, of_mean_one(mean)});
+  }
+  if (!media.emissions().empty()) groups.push_back({LightGroup::Kind::kGlow, "glow", nullptr, {}, dvec3(1)});
+  return groups;
+}
+
+}  // namespace brume

@@ -1,0 +1,31 @@
+#pragma once
+#include <string>
+#include <vector>
+
+#include "render/guides/guide_media.h"
+#include "render/world/lights.h"
+
+namespace brume {
+
+/// A light, or several that share their guides because a frame has no use for guides of each.
+struct LightGroup {
+  enum class Kind { kSun, kLocal, kOthers, kSky, kGlow } kind = Kind::kSky;
+  std::string name;                  ///< of its guides: "sun", "sphere_2", "others", "sky", "glow"
+  const Sun* sun = nullptr;          ///< of kSun
+  std::vector<const Light*> lights;  ///< one of kSun and kLocal, several of kOthers
+  dvec3 colour{1};                   ///< of mean 1: what a grey guide is multiplied by to be seen
+};
+
+/// The lights of a scene by their guides: suns and local lights one by one while they are few, the weaker ones
+/// together; everything infinitely far but the suns is the sky; what the media emit is the glow.
+std::vector<LightGroup> light_groups(const Lights& lights, const GuideMedia& media);
+
+/// Irradiance-like: what arrives at a point from a local light, along one direction towards its middle.
+struct LocalLight {
+  dvec3 towards{0};  ///< unit
+  double distance = 0;
+  dvec3 irradiance{0};  ///< in empty space, across that direction
+};
+LocalLight local_light(const Light& light, const dvec3& p);
+
+}  // namespace brume

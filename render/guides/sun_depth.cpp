@@ -1,0 +1,92 @@
+#include "render/guides/sun_depth.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "base/parallel_for.h"
+
+namespace brume {
+
+SunDepth::SunDepth(const GuideMedia& media, GuideColour colour, const dvec3& towards, double spacing, size_t most_nodes,
+                   const Task& task) {
+  for (int a = 1; a < 3; ++a)
+    if (std::abs(towards[a]) > std::abs(towards[axis_])) axis_ = a;
+  u_ = (axis_ + 1) % 3;
+  v_ = (axis_ + 2) % 3;
+  slope_u_ = towards[u_] / towards[axis_];
+  slope_v_ = towards[v_] / towards[axis_];
+  // The box of the media in the sheared coordinates.
+  dvec2 low(std::numeric_limits<double>::infinity()), high = -low;
+  const dvec3 extent = media.hi() - media.lo();
+  for (int k = 0; k < 8; ++k) {
+    const dvec3 p = extent * dvec3(k & 1, k >> 1 & 1, k >> 2);
+    const dvec2 q{p[u_] - p[axis_] * slope_u_, p[v_] - p[axis_] * slope_v_};
+    low = glm::min(low, q);
+    high = glm::max(high, q);
+  }
+  for (;;) {
+    const dvec3 size{extent[axis_], high.x - low.x, high.y - low.y};
+    n_ = ivec3(glm::ceil(size / spacing)) + 2;
+    const double nodes = static_cast<double>(n_.x) * n_.y * n_.z;
+    if (nodes <= static_cast<double>(most_nodes)) break;
+    spacing *= std::max(1.02, std::cbrt(nodes / static_cast<double>(most_nodes)));
+  }
+  inverse_ = 1 / spacing;
+  origin_ = media.lo();
+  origin_[u_] += low.x;
+  origin_[v_] += low.y;
+  depth_.assign(static_cast<size_t>(n_.x) * n_.y * n_.z, 0.0f);
+
+  const bool upwards = towards[axis_] > 0;
+  const double length = spacing / std::abs(towards[axis_]);  // between nodes of a column [world units]
+  const int inner = std::max(1, static_cast<int>(std::lround(length / media.voxel())));
+  parallel_for(n_.y, quiet(task), [&](int u) {
+    std::vector<std::pair<double, double>> parts;
+    for (int v = 0; v < n_.z; ++v) {
+      float* const column = depth_.data() + (static_cast<size_t>(u) * n_.z + v) * n_.x;
+      // The column's node farthest from the light, and the ray from there towards it.
+      const int first = upwards ? 0 : n_.x - 1, step = upwards ? 1 : -1;
+      dvec3 start = origin_;
+      const double along = first * spacing;
+      start[axis_] += along;
+      start[u_] += u * spacing + along * slope_u_;
+      start[v_] += v * spacing + along * slope_v_;
+      const Ray ray{start, towards};
+      media.intervals(ray, (n_.x - 1) * length, parts);
+      if (parts.empty()) continue;
+      // Node by node from the light on.
+      double depth = 0;
+      size_t part = parts.size();
+      for (int k = n_.x - 2; k >= 0; --k) {
+        const double t0 = k * length, t1 = t0 + length;
+        while (part > 0 && parts[part - 1].first >= t1) --part;
+        if (part > 0 && parts[part - 1].second > t0) {
+          double sum = 0;
+          for (int i = 0; i < inner; ++i) sum += media.at(ray.at(t0 + (i + 0.5) / inner * length), colour).sigma_t;
+          depth += sum * length / inner;
+        }
+        column[first + step * k] = static_cast<float>(depth);
+      }
+    }
+  });
+}
+
+float SunDepth::at(const dvec3& world) const {
+  const dvec3 q = place(world);
+  const auto clamped = [](double x, int n, int& i) {
+    const double c = std::clamp(x, 0.0, static_cast<double>(n - 1));
+    i = std::min(static_cast<int>(c), n - 2);
+    return static_cast<float>(c - i);
+  };
+  ivec3 i{0};
+  const float fk = clamped(q.x, n_.x, i.x), fu = clamped(q.y, n_.y, i.y), fv = clamped(q.z, n_.z, i.z);
+  const size_t next_v = static_cast<size_t>(n_.x), next_u = next_v * n_.z;
+  const float* const d = depth_.data() + (static_cast<size_t>(i.y) * n_.z + i.z) * n_.x + i.x;
+  const auto along = [&](size_t offset) { return d[offset] + fk * (d[offset + 1] - d[offset]); };
+  const float a = along(0), b = along(next_v), c = along(next_u), e = along(next_u + next_v);
+  const float near = a + fv * (b - a), far = c + fv * (e - c);
+  return near + fu * (far - near);
+}
+
+}  // namespace brume

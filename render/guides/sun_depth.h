@@ -1,0 +1,40 @@
+#pragma once
+#include <vector>
+
+#include "base/progress.h"
+#include "render/guides/guide_media.h"
+
+namespace brume {
+
+/// Optical depth towards parallel light, from every point of the media.
+///
+/// The lattice is sheared so that its columns are rays towards the light: along each column the depth is summed, so
+/// that nothing is smeared on the way, however far the light has come.
+class SunDepth {
+ public:
+  SunDepth() = default;
+  /// @param towards     unit vector to the light
+  /// @param spacing     of the lattice [world units]; wider where that would make more than `most_nodes`
+  SunDepth(const GuideMedia& media, GuideColour colour, const dvec3& towards, double spacing, size_t most_nodes,
+           const Task& task);
+
+  /// At a world point; linear between the nodes.
+  float at(const dvec3& world) const;
+  size_t bytes() const { return depth_.size() * sizeof(float); }
+
+ private:
+  /// Lattice coordinates: along the column, and the two across.
+  dvec3 place(const dvec3& world) const {
+    const dvec3 p = world - origin_;
+    const double along = p[axis_];
+    return {along * inverse_, (p[u_] - along * slope_u_) * inverse_, (p[v_] - along * slope_v_) * inverse_};
+  }
+
+  dvec3 origin_{0};
+  double inverse_ = 1, slope_u_ = 0, slope_v_ = 0;
+  int axis_ = 0, u_ = 1, v_ = 2;
+  ivec3 n_{0};                // along, u, v
+  std::vector<float> depth_;  // v fastest but for the column, which is contiguous
+};
+
+}  // namespace brume
