@@ -17,7 +17,4 @@ Scene read_scene(const std::filesystem::path& path, std::span<const std::string>
 Scene parse_scene(const std::string& text, const std::filesystem::path& path,
                   std::span<const std::string> overrides = {});
 
-/// docs/scene.md: every table and key, from the declarations that parse them.
-std::string scene_reference();
-
 }  // namespace brume
