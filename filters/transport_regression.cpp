@@ -138,6 +138,10 @@ struct Knowledge {
     // Premultiplied guides fall to 0 where there is nothing to see, and so does the light that they explain; a constant
     // is needed for light that no guide knows.
     if (!guided || surfaces || ((direct || beauty) && !has(GuideClass::kBackground))) all.add(one);
+    // What shines through is known but for the noise of the transmittance: its coefficient is 1 everywhere.
+    if (direct || beauty)
+      for (const Guide& g : guides)
+        if (g.kind == GuideClass::kBackground) all.add(g);
     all.free = all.of[0].size();
     medium = few = all;
     medium.free = few.free = 0;
@@ -148,7 +152,7 @@ struct Knowledge {
         if (g.name == "predicted_" + std::string(frame.name.name)) predicted = &g;
         continue;
       }
-      if (direct ? g.kind == GuideClass::kMultiple : !beauty && g.kind == GuideClass::kBackground) continue;
+      if (g.kind == GuideClass::kBackground || (direct && g.kind == GuideClass::kMultiple)) continue;
       all.add(g);
       if (g.kind != GuideClass::kMultiple) medium.add(g);
       if (g.kind == GuideClass::kSingle || g.kind == GuideClass::kEmission || g.kind == GuideClass::kSurface)
@@ -179,7 +183,7 @@ struct Knowledge {
 };
 
 /// 1 / (brightness + a share of its mean)^power within the mask.
-Plane weight_of(const Plane& level, const Plane& mask, const TransportRegression& p, const Task& task) {
+Plane weight_of(const Plane& level, const Plane& mask, float power, const Task& task) {
   double sum = 0, count = 0;
   for (int y = 0; y < level.height(); ++y)
     for (int x = 0; x < level.width(); ++x)
@@ -189,7 +193,7 @@ Plane weight_of(const Plane& level, const Plane& mask, const TransportRegression
       }
   const float scale = sum > 0 ? static_cast<float>(count / sum) : 0.0f;
   return make_plane(level.width(), level.height(), quiet(task), [&](int x, int y) {
-    return mask(x, y) > 0 ? std::pow(scale * std::max(0.0f, level(x, y)) + kDark, -p.weight_power) : 0.0f;
+    return mask(x, y) > 0 ? std::pow(scale * std::max(0.0f, level(x, y)) + kDark, -power) : 0.0f;
   });
 }
 
@@ -341,7 +345,9 @@ void run(const TransportRegression& p, const FilterFrame& frame, const FilterOut
   };
 
   // One window, the frame: weights from the guides, then from the fit, whose outliers are drawn in.
-  const Plane first_weight = weight_of(known.bright, known.mask, p, task);
+  // Noise grows with light that paths find; direct light holds background, too, so that its brightness says nothing.
+  const float power = frame.name == layer::direct ? 0.0f : p.weight_power;
+  const Plane first_weight = weight_of(known.bright, known.mask, power, task);
   known.all.standardise(first_weight, task);
   HalfPair frame_fit = regress(known.all, a, b, first_weight, {0, kGlobalRidge, 0}, task);
   const Limited data = limit_outliers(a, b, mean(frame_fit), brightness(frame_fit), known.mask, limit, task);
@@ -349,7 +355,7 @@ void run(const TransportRegression& p, const FilterFrame& frame, const FilterOut
   frame_fit = regress(known.all, data_a, data_b, first_weight, {0, kGlobalRidge, 0}, task);
   // Averaged over a few pixels: weights must not follow what a guide holds of noise.
   const Plane level = box_mean(brightness(frame_fit), kLevelRadius, task);
-  const Plane weight = weight_of(level, known.mask, p, task);
+  const Plane weight = weight_of(level, known.mask, power, task);
   known.few.add(level);
   known.medium.add(level);
   known.few.standardise(weight, task);
@@ -430,6 +436,7 @@ const FilterEntry entry =
         .parts()
         .whole_frame()
         .seeded()
+        .paper("")
         .produces(layer::clean_error)
         .settles(settle)
         .param("window", &TransportRegression::window, {2, 100}, "px",
@@ -448,8 +455,8 @@ const FilterEntry entry =
             "deviations above a first fit to which outliers are drawn in, at up to 16 samples per pixel; their light "
             "is given to the neighbourhood")
         .param("weight-power", &TransportRegression::weight_power, {0, 2}, "1",
-               "pixels weigh as their brightness to minus this power: 2 is constant relative noise, 4/3 what CIE-Lab "
-               "sees")
+               "in what cleans all but the direct light, pixels weigh as their brightness to minus this power: 2 is "
+               "constant relative noise, 4/3 what CIE-Lab sees")
         .scratch(80)
         .apron([](const TransportRegression&) { return 1 << 20; })
         .run(run);
