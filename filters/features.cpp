@@ -224,13 +224,13 @@ FeaturePlan::FeaturePlan(const Layers& frame, const std::vector<std::string>& na
       throw InputError(fmt::format("no feature '{}'{}", name, suggestion(name, known)));
   std::vector<std::string> taken, left;
   for (const std::string& name : known) {
-    if (!wanted.empty() && std::find(wanted.begin(), wanted.end(), name) == wanted.end()) continue;
+    if (wanted.empty() ? is_of_guides(name) : std::find(wanted.begin(), wanted.end(), name) == wanted.end()) continue;
     const auto& table = recipes();
     const auto recipe =
         std::find_if(table.begin(), table.end(), [&](const Recipe& r) { return r.name == name && offered(r, frame); });
     if (recipe == table.end()) {
       // Of guides a frame has those that its scene has a use for.
-      if (!is_of_guides(name)) left.push_back(name + " (not recorded)");
+      if (!is_of_guides(name) || named.front() != kGuides) left.push_back(name + " (not recorded)");
       continue;
     }
     const bool measured = knows(*recipe, frame, statistic::mean_variance);

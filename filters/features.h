@@ -19,7 +19,8 @@ struct Feature {
 /// Which features a frame offers, and their scales: decided once over the whole frame, so that tiles agree.
 class FeaturePlan {
  public:
-  /// @param named  names, `guides` for all of them; empty: all    @throws InputError for a name that is none, with the nearest
+  /// @param named  names, `guides` for all that are made from guides; empty: all others    @throws InputError for a
+  /// name that is none, with the nearest
   FeaturePlan(const Layers& frame, const std::vector<std::string>& named, const Task& task);
   FeaturePlan() = default;  ///< none
 

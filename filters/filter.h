@@ -108,7 +108,7 @@ std::vector<std::pair<std::string, std::string>> parse_assignments(std::string_v
 
 /// Which of a frame's features a filter takes by itself, where the caller names none.
 enum class FeatureSet {
-  kAll,
+  kAll,      ///< all but those made from guides
   kScalar,   ///< without directions
   kOpacity,  ///< opacity alone
   kGuides,   ///< those made from guides, where there are any
@@ -252,10 +252,11 @@ class Declaration {
   Declaration& feature_set(FeatureSet P::*member,
                            std::vector<std::string> candidates = {"all", "scalar", "opacity", "guides"}) {
     entry_.feature_set = [member](const std::any& a) { return std::any_cast<const P&>(a).*member; };
-    return param("feature-set", member, {"all", "scalar", "opacity", "guides"},
-                 "which features it takes where `--features` names none: all, those without a direction, opacity, or "
-                 "guides",
-                 std::move(candidates));
+    return param(
+        "feature-set", member, {"all", "scalar", "opacity", "guides"},
+        "which features it takes where `--features` names none: all but those made from guides, those without a "
+        "direction, opacity, or those made from guides",
+        std::move(candidates));
   }
   /// Reads the frame's noise level in CIE-Lab with these parameters.
   Declaration& noise_level(bool (*when)(const P&)) {

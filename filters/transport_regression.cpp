@@ -15,23 +15,25 @@ namespace {
 
 struct TransportRegression {
   float window = 16;
-  float ridge = 2e-3f;
-  float ridge_per_pixel = 1;
-  float stacking_window = 28;
-  float caution = 500;
+  float ridge = 2e-3f, ridge_per_pixel = 1;
+  float stacking_window = 28, caution = 5000;
   float limit = 8;
   float weight_power = 1.2f;
-  int only = -1;
-  float floor = 0.1f;
-  float bias_share = 1.3f;
-  float noise_share = 1;
 };
 
 // A pixel shows the medium where its opacity is above this.
 constexpr float kLeastOpacity = 1e-3f;
 // Windows of local means of noise and error, and of what returns the light taken from outliers [px].
-constexpr double kNoiseWindow = 10, kErrorWindow = 6, kReturnWindow = 32;
+constexpr double kNoiseWindow = 10, kErrorWindow = 6, kBiasWindow = 24, kReturnWindow = 32;
 constexpr double kGlobalRidge = 1e-4;
+constexpr int kLevelRadius = 1;
+// Brightness below this share of the mean counts as that much where a division is at stake.
+constexpr float kDark = 0.1f;
+// Squared error over what the halves' difference and the narrower fit show of it, measured on four media where the
+// truth is known (docs/transport_regression.md).
+constexpr float kNoiseShare = 1.8f, kBiasShare = 0.4f;
+// Without two halves nothing says which fit is best: shares of the frame's window, of the widest and of the next.
+constexpr std::array<float, 3> kFixedShares = {0.2f, 0.6f, 0.2f};
 
 /// Columns for each colour; the same planes where no guide has colour.
 struct Columns {
@@ -136,6 +138,10 @@ struct Knowledge {
     // Premultiplied guides fall to 0 where there is nothing to see, and so does the light that they explain; a constant
     // is needed for light that no guide knows.
     if (!guided || surfaces || ((direct || beauty) && !has(GuideClass::kBackground))) all.add(one);
+    // What shines through is known but for the noise of the transmittance: its coefficient is 1 everywhere.
+    if (direct || beauty)
+      for (const Guide& g : guides)
+        if (g.kind == GuideClass::kBackground) all.add(g);
     all.free = all.of[0].size();
     medium = few = all;
     medium.free = few.free = 0;
@@ -146,7 +152,7 @@ struct Knowledge {
         if (g.name == "predicted_" + std::string(frame.name.name)) predicted = &g;
         continue;
       }
-      if (direct ? g.kind == GuideClass::kMultiple : !beauty && g.kind == GuideClass::kBackground) continue;
+      if (g.kind == GuideClass::kBackground || (direct && g.kind == GuideClass::kMultiple)) continue;
       all.add(g);
       if (g.kind != GuideClass::kMultiple) medium.add(g);
       if (g.kind == GuideClass::kSingle || g.kind == GuideClass::kEmission || g.kind == GuideClass::kSurface)
@@ -177,7 +183,7 @@ struct Knowledge {
 };
 
 /// 1 / (brightness + a share of its mean)^power within the mask.
-Plane weight_of(const Plane& level, const Plane& mask, const TransportRegression& p, const Task& task) {
+Plane weight_of(const Plane& level, const Plane& mask, float power, const Task& task) {
   double sum = 0, count = 0;
   for (int y = 0; y < level.height(); ++y)
     for (int x = 0; x < level.width(); ++x)
@@ -187,7 +193,7 @@ Plane weight_of(const Plane& level, const Plane& mask, const TransportRegression
       }
   const float scale = sum > 0 ? static_cast<float>(count / sum) : 0.0f;
   return make_plane(level.width(), level.height(), quiet(task), [&](int x, int y) {
-    return mask(x, y) > 0 ? std::pow(scale * std::max(0.0f, level(x, y)) + p.floor, -p.weight_power) : 0.0f;
+    return mask(x, y) > 0 ? std::pow(scale * std::max(0.0f, level(x, y)) + kDark, -power) : 0.0f;
   });
 }
 
@@ -205,7 +211,7 @@ Limited limit_outliers(const RgbPlanes& a, const RgbPlanes& b, const Rgb& fit, c
   for (int y = 0; y < height; ++y)
     for (int x = 0; x < width; ++x)
       if (mask(x, y) > 0) sum += static_cast<double>(std::max(0.0f, level(x, y)));
-  const float floor = static_cast<float>(0.1 * sum / count) + 1e-30f;
+  const float floor = static_cast<float>(static_cast<double>(kDark) * sum / count) + 1e-30f;
   const auto excess = [&](const RgbPlanes& half) {
     return make_plane(width, height, quiet(task), [&](int x, int y) {
       if (!(mask(x, y) > 0)) return 0.0f;
@@ -283,8 +289,7 @@ void give_back(const Rgb& taken, Rgb& picture, const Plane& mask, const Task& ta
 
 /// Squared error at each pixel, mean over colours: the noise that the halves' difference shows, and the bias that a fit
 /// in narrower windows shows, whose halves' noise is independent.
-Plane squared_error(const HalfPair& chosen, const HalfPair& narrow, const Plane& mask, const TransportRegression& p,
-                    const Task& task) {
+Plane squared_error(const HalfPair& chosen, const HalfPair& narrow, const Plane& mask, const Task& task) {
   const int width = mask.width(), height = mask.height();
   Plane noise(width, height), bias(width, height);
   for_each_row(height, quiet(task), [&](int y) {
@@ -296,16 +301,31 @@ Plane squared_error(const HalfPair& chosen, const HalfPair& narrow, const Plane&
       }
   });
   const Plane one(width, height, 1.0f);
-  const std::vector<Plane> local = local_ratio({&noise, &bias}, one, mask, kErrorWindow, task);
+  const Plane local[] = {std::move(local_ratio({&noise}, one, mask, kErrorWindow, task)[0]),
+                         std::move(local_ratio({&bias}, one, mask, kBiasWindow, task)[0])};
   return make_plane(width, height, quiet(task), [&](int x, int y) {
-    return p.noise_share * std::max(0.0f, local[0](x, y)) + p.bias_share * std::max(0.0f, local[1](x, y));
+    return kNoiseShare * std::max(0.0f, local[0](x, y)) + kBiasShare * std::max(0.0f, local[1](x, y));
   });
+}
+
+void say_what_is_missing(const FilterFrame& frame, bool guided, bool halves) {
+  if (!frame.notes) return;
+  if (!guided)
+    frame.notes->push_back(
+        "the frame has no guides: two to four times the error of a frame with them. Record them with: brume render "
+        "SCENE -o OUT.exr --layers direct,indirect,guides");
+  if (!halves)
+    frame.notes->push_back(fmt::format(
+        "'{}' has no two halves to judge by (one sample per pixel, or no statistics): fits are mixed in fixed shares, "
+        "and the error is only told as far as windows differ",
+        frame.name.label()));
 }
 
 void run(const TransportRegression& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
   const int width = frame.width(), height = frame.height();
   Knowledge known(frame, task);
-  const bool halves = frame.half_a[0] != nullptr;
+  const bool halves = frame.half_a[0] != nullptr && (frame.samples == 0 || frame.samples >= 2);
+  say_what_is_missing(frame, known.guided, halves);
   const RgbPlanes a = halves ? frame.half_a : frame.signal, b = halves ? frame.half_b : frame.signal;
   const double samples = std::max(1.0, frame.samples);
   const double limit = static_cast<double>(p.limit) * std::max(1.0, std::pow(samples / 16, 0.25));
@@ -325,19 +345,24 @@ void run(const TransportRegression& p, const FilterFrame& frame, const FilterOut
   };
 
   // One window, the frame: weights from the guides, then from the fit, whose outliers are drawn in.
-  const Plane first_weight = weight_of(known.bright, known.mask, p, task);
+  // Noise grows with light that paths find; direct light holds background, too, so that its brightness says nothing.
+  const float power = frame.name == layer::direct ? 0.0f : p.weight_power;
+  const Plane first_weight = weight_of(known.bright, known.mask, power, task);
   known.all.standardise(first_weight, task);
   HalfPair frame_fit = regress(known.all, a, b, first_weight, {0, kGlobalRidge, 0}, task);
   const Limited data = limit_outliers(a, b, mean(frame_fit), brightness(frame_fit), known.mask, limit, task);
   const RgbPlanes data_a = view(data.a), data_b = view(data.b);
   frame_fit = regress(known.all, data_a, data_b, first_weight, {0, kGlobalRidge, 0}, task);
-  const Plane level = brightness(frame_fit);
-  const Plane weight = weight_of(level, known.mask, p, task);
+  // Averaged over a few pixels: weights must not follow what a guide holds of noise.
+  const Plane level = box_mean(brightness(frame_fit), kLevelRadius, task);
+  const Plane weight = weight_of(level, known.mask, power, task);
   known.few.add(level);
   known.medium.add(level);
   known.few.standardise(weight, task);
   known.medium.standardise(weight, task);
   known.all.free = 0;
+
+  task.report(0.2);
 
   // Narrower windows explain what wider ones leave, with fewer columns.
   std::vector<HalfPair> candidates;
@@ -350,6 +375,7 @@ void run(const TransportRegression& p, const FilterFrame& frame, const FilterOut
     add_to(fit.a, candidates[parent].a, task);
     add_to(fit.b, candidates[parent].b, task);
     candidates.push_back(std::move(fit));
+    task.report(0.2 + 0.15 * static_cast<double>(parent + 1));
   };
   const double window = static_cast<double>(p.window);
   refine(known.all, 2 * window, 0);
@@ -361,14 +387,13 @@ void run(const TransportRegression& p, const FilterFrame& frame, const FilterOut
   candidates.push_back({data.a, data.b});
 
   std::vector<Plane> maps;
-  if (p.only >= 0)
-    for (size_t i = 0; i < candidates.size(); ++i)
-      maps.emplace_back(width, height, static_cast<int>(i) == p.only ? 1.0f : 0.0f);
-  else if (halves)
+  if (halves)
     maps = stacking_weights(candidates, data_a, data_b, weight,
                             {static_cast<double>(p.stacking_window), static_cast<double>(p.caution)}, task);
   else
-    for (const float share : {0.2f, 0.6f, 0.2f, 0.0f, 0.0f, 0.0f}) maps.emplace_back(width, height, share);
+    for (size_t i = 0; i < candidates.size(); ++i)
+      maps.emplace_back(width, height, i < kFixedShares.size() ? kFixedShares[i] : 0.0f);
+  task.report(0.9);
   const HalfPair chosen = blend(candidates, maps, task);
   Rgb clean = mean(chosen);
   give_back(data.taken, clean, known.mask, task);
@@ -377,8 +402,9 @@ void run(const TransportRegression& p, const FilterFrame& frame, const FilterOut
       for (int x = 0; x < width; ++x)
         (*out[c])(x, y) = known.mask(x, y) > 0 ? clean[c](x, y) : (*frame.signal[c])(x, y);
     });
+  task.report(1);
   if (!frame.products) return;
-  Plane error = squared_error(chosen, candidates[narrow], known.mask, p, task);
+  Plane error = squared_error(chosen, candidates[narrow], known.mask, task);
   (*frame.products)[layer::clean_error.channel(0)] = std::move(error);
 }
 
@@ -389,29 +415,51 @@ void settle(Layers& layers) {
     for (float& v : error.pixels(y)) v = std::sqrt(std::max(0.0f, v));
 }
 
-const FilterEntry entry = declare<TransportRegression>("transport_regression", "Local regression on guides.")
-                              .source("our own")
-                              .statistics(Statistics::kNone, Statistics::kHalves)
-                              .guides()
-                              .parts()
-                              .whole_frame()
-                              .seeded()
-                              .produces(layer::clean_error)
-                              .settles(settle)
-                              .param("window", &TransportRegression::window, {1, 100}, "px", "w")
-                              .param("ridge", &TransportRegression::ridge, {0, 100}, "1", "w")
-                              .param("ridge-per-pixel", &TransportRegression::ridge_per_pixel, {0, 1000}, "1", "w")
-                              .param("stacking-window", &TransportRegression::stacking_window, {1, 100}, "1", "w")
-                              .param("caution", &TransportRegression::caution, {0, 1e6}, "1", "w")
-                              .param("limit", &TransportRegression::limit, {0.1, 1e9}, "1", "w")
-                              .param("weight-power", &TransportRegression::weight_power, {0, 4}, "1", "w")
-                              .param("floor", &TransportRegression::floor, {0, 4}, "1", "w")
-                              .param("bias-share", &TransportRegression::bias_share, {0, 10}, "1", "w")
-                              .param("noise-share", &TransportRegression::noise_share, {0, 10}, "1", "w")
-                              .param("only", &TransportRegression::only, {-1, 20}, "1", "w")
-                              .scratch(70)
-                              .apron([](const TransportRegression&) { return 1 << 20; })
-                              .run(run);
+const FilterEntry entry =
+    declare<TransportRegression>(
+        "transport_regression",
+        "Local linear regression of direct and indirect light, apart, on noise-free guides that the renderer computes "
+        "from the volume.")
+        .merit(180, "first of all, where the renderer's guides are recorded (`--layers direct,indirect,guides`)")
+        .source(
+            "our own, docs/transport_regression.md; local regression on features: Bitterli et al. 2016; stacking: "
+            "Breiman 1996")
+        .notes(
+            "The light that no path has to find is computed without noise (`guide.*`); what is left to the data are a "
+            "few coefficients in every window. Each half image is fitted, in one window for the frame, then what that "
+            "leaves in narrower and narrower ones, and the halves say how much of each fit, and of the data, is best "
+            "where. Frames without guides are cleaned with the features they have, at two to four times the error.")
+        .statistics(Statistics::kNone, Statistics::kHalves)
+        .guides()
+        .can_use(layer::transmittance, layer::gradient, layer::gradient_transmittance_weighted, layer::albedo,
+                 layer::normal, layer::depth)
+        .parts()
+        .whole_frame()
+        .seeded()
+        .paper("")
+        .produces(layer::clean_error)
+        .settles(settle)
+        .param("window", &TransportRegression::window, {2, 100}, "px",
+               "deviation of the middle one of the Gaussian windows; the others are twice, half and a quarter of it",
+               {12, 16, 24})
+        .param("ridge", &TransportRegression::ridge, {0, 100}, "1", "pull of scaled coefficients towards 0",
+               {0.002, 0.02})
+        .param("ridge-per-pixel", &TransportRegression::ridge_per_pixel, {0, 1000}, "1",
+               "the same, over the window's effective number of pixels", {1, 10})
+        .param("stacking-window", &TransportRegression::stacking_window, {2, 200}, "px",
+               "deviation of the Gaussian in which fits are weighed against each other")
+        .param("caution", &TransportRegression::caution, {0, 1e6}, "1",
+               "pull of these weights towards the frame's, in pixels")
+        .param(
+            "limit", &TransportRegression::limit, {1, 1e9}, "1",
+            "deviations above a first fit to which outliers are drawn in, at up to 16 samples per pixel; their light "
+            "is given to the neighbourhood")
+        .param("weight-power", &TransportRegression::weight_power, {0, 2}, "1",
+               "in what cleans all but the direct light, pixels weigh as their brightness to minus this power: 2 is "
+               "constant relative noise, 4/3 what CIE-Lab sees")
+        .scratch(80)
+        .apron([](const TransportRegression&) { return 1 << 20; })
+        .run(run);
 const Registration registration(entry);
 
 }  // namespace

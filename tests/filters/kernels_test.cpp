@@ -6,6 +6,7 @@
 
 #include "base/rng.h"
 #include "filters/kernels/lab.h"
+#include "filters/kernels/moments.h"
 #include "filters/kernels/reference.h"
 #include "filters/lab_window.h"
 #include "image/color.h"
@@ -187,6 +188,51 @@ TEST_P(EveryTarget, LabIsItsDefinitionAndInverts) {
   }
   EXPECT_LT(worst_lab, 3e-6) << "of 100 Lab units, or of the value beyond";
   EXPECT_LT(worst_back, 2e-5);
+}
+
+TEST_P(EveryTarget, ProductsOfColumnsAreTheirSums) {
+  Rng rng(8);
+  for (const size_t columns : {1u, 5u, 16u, 37u}) {
+    constexpr size_t kTargets = 6, kPixels = 23;
+    const size_t stride = (columns + kTargets + 15) / 16 * 16;
+    std::vector<float> vectors(kPixels * stride);
+    for (float& v : vectors) v = static_cast<float>(rng.uniform() - 0.3);
+    std::vector<float> products(product_floats(columns, stride), 0.5f);
+    add_products(vectors.data(), kPixels, stride, columns, products.data());
+    for (size_t i = 0; i < columns; ++i)
+      for (size_t j = i; j < columns + kTargets; ++j) {
+        double expected = 0.5;
+        for (size_t p = 0; p < kPixels; ++p)
+          expected += static_cast<double>(vectors[p * stride + i]) * static_cast<double>(vectors[p * stride + j]);
+        ASSERT_LT(product_index(i, j, stride), products.size());
+        ASSERT_NEAR(products[product_index(i, j, stride)], expected, 1e-5) << columns << " " << i << " " << j;
+      }
+  }
+}
+
+TEST_P(EveryTarget, PredictionsAreSumsOverNodesAndColumns) {
+  Rng rng(9);
+  constexpr size_t kWidth = 11, kNodes = 4, kTargets = 3, kStride = 32, kNode = kTargets * kStride + 16;
+  std::vector<float> coefficients(kNodes * kNode), vectors(kWidth * kStride), weights(3 * kWidth);
+  std::vector<int> nodes(3 * kWidth);
+  for (auto* list : {&coefficients, &vectors, &weights})
+    for (float& v : *list) v = static_cast<float>(rng.uniform() - 0.4);
+  for (int& n : nodes) n = static_cast<int>(kNodes * rng.uniform());
+  std::vector<float> out(kTargets * kWidth);
+  float* const rows[] = {out.data(), out.data() + kWidth, out.data() + 2 * kWidth};
+  predict_row(vectors.data(), kWidth,
+              {coefficients.data(), nodes.data(), weights.data(), kNode, kTargets, kStride, kStride, kStride}, rows);
+  for (size_t t = 0; t < kTargets; ++t)
+    for (size_t x = 0; x < kWidth; ++x) {
+      double expected = 0;
+      for (size_t n = 0; n < 3; ++n)
+        for (size_t k = 0; k < kStride; ++k)
+          expected +=
+              static_cast<double>(weights[3 * x + n]) *
+              static_cast<double>(coefficients[static_cast<size_t>(nodes[3 * x + n]) * kNode + t * kStride + k]) *
+              static_cast<double>(vectors[x * kStride + k]);
+      ASSERT_NEAR(rows[t][x], expected, 1e-5);
+    }
 }
 
 }  // namespace
