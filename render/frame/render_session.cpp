@@ -149,8 +149,13 @@ void RenderSession::run_rounds() {
   };
   const double resumed = samples();
   double sampling = 0;  // seconds
-  while (!goals.empty()) {
-    for (uint32_t& goal : goals) goal = std::min(goal, most);
+  for (;;) {
+    bool more = false;
+    for (size_t tile = 0; tile < goals.size(); ++tile) {
+      goals[tile] = std::min(goals[tile], most);
+      more = more || goals[tile] > film_.taken(static_cast<int>(tile));
+    }
+    if (!more) break;
     const Stopwatch watch;
     pass(goals);
     sampling += watch.seconds();
@@ -164,9 +169,6 @@ void RenderSession::run_rounds() {
     if (job_.time_limit > 0) growth = 1 + (job_.time_limit - elapsed()) * (taken - resumed) / (sampling * taken);
     const Layers frame = frame_so_far();
     goals = job_.next_round({film_, frame, growth});
-    const bool full = std::all_of(tiles_.begin(), tiles_.end(),
-                                  [&, t = 0](const TileReport&) mutable { return film_.taken(t++) >= most; });
-    if (full) break;
   }
 }
 

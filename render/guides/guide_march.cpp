@@ -6,6 +6,7 @@
 
 #include "base/math.h"
 #include "base/parallel_for.h"
+#include "render/guides/attenuation.h"
 #include "render/world/bsdf.h"
 
 namespace brume {
@@ -42,6 +43,17 @@ vec3 tinted(const dvec3& colour, double value) {
   return vec3(colour * value);
 }
 
+/// Of numbers above 0; 0 stays.
+dvec3 power(const dvec3& base, double exponent) {
+  dvec3 result(0);
+  for (int c = 0; c < 3; ++c) {
+    if (!(base[c] > 0)) continue;
+    const double log = exponent * portable_log(base[c]);
+    result[c] = log < 0 ? attenuation(-log) : 1 / attenuation(log);
+  }
+  return result;
+}
+
 }  // namespace
 
 /// What one pixel gathers; every ray adds to it.
@@ -74,7 +86,7 @@ GuideMarch::GuideMarch(const PathContext& context, const std::vector<GuideMedia>
   for (const Medium& m : media[0].media())
     densest = std::max(densest, m.maximum_density() * in_colour(m.coefficients().sigma_t, colour));
   gentle_ = std::max(kGentleGradient * densest / media[0].voxel(), 1e-300);
-  for (size_t order = 0; order < kOrders; ++order) order_tint_[order] = glm::pow(tint(), dvec3(kTypicalOrder[order]));
+  for (size_t order = 0; order < kOrders; ++order) order_tint_[order] = power(tint(), kTypicalOrder[order]);
   lay_out();
 }
 
@@ -322,6 +334,17 @@ double GuideMarch::march(const Ray& ray, const GuideMedia& media, double t_max, 
   float fields[64];
   double passed = 1, passed2 = 1, passed4 = 1, passed8 = 1, passed_scaled = 1, depth = 0;
   std::vector<double>& out = sums.value;
+  // The phase function and its octaves.
+  const auto phases_at = [&](double c, double mean_cosine) {
+    return std::array{one ? media.media()[0].phase().value(c) : henyey_greenstein(mean_cosine, c),
+                      henyey_greenstein(mean_cosine / 2, c), henyey_greenstein(mean_cosine / 4, c),
+                      henyey_greenstein(mean_cosine / 8, c)};
+  };
+  static thread_local std::vector<std::array<double, 4>> phases;
+  phases.resize(groups.size());
+  for (size_t k = 0; k < groups.size(); ++k)
+    if (groups[k].group.sun && one)
+      phases[k] = phases_at(glm::dot(groups[k].group.sun->axis(), ray.d), media.mean_cosine(0));
 
   for (const auto& [begin, end] : parts) {
     // Steps of neighbouring pixels begin at the same distances from the eye, wherever their cells begin.
@@ -340,8 +363,8 @@ double GuideMarch::march(const Ray& ray, const GuideMedia& media, double t_max, 
         if (glows) sums.emission += tinted(glow, passed * length);
         continue;
       }
-      const double q8 = std::exp(-thickness / 8), q4 = q8 * q8, q2 = q4 * q4, q = q2 * q2;
-      const double q_scaled = std::exp(-thickness * scale);
+      const double q8 = attenuation(thickness / 8), q4 = q8 * q8, q2 = q4 * q4, q = q2 * q2;
+      const double q_scaled = attenuation(thickness * scale);
       const double w = passed * (1 - q), w2 = passed2 * (1 - q2), w4 = passed4 * (1 - q4), w8 = passed8 * (1 - q8),
                    w_scaled = passed_scaled * (1 - q_scaled);
       if (glows) sums.emission += tinted(glow, w / point.sigma_t);
@@ -379,13 +402,13 @@ double GuideMarch::march(const Ray& ray, const GuideMedia& media, double t_max, 
           }
           if (!g.visible.empty()) irradiance *= fields[s.field_visible];
           irradiance *= point.albedo;
-          const double v16 = std::exp(-tau / 16), v8 = v16 * v16, v4 = v8 * v8, v2 = v4 * v4, v = v2 * v2;
-          const double c = glm::dot(towards, ray.d);
-          const double phase = one ? media.media()[0].phase().value(c) : henyey_greenstein(point.g, c);
-          out[s.single] += w * irradiance * phase * v;
-          out[s.octave] += w2 * irradiance * henyey_greenstein(point.g / 2, c) * v2;
-          out[s.octave + 1] += w4 * irradiance * henyey_greenstein(point.g / 4, c) * v4;
-          out[s.octave + 2] += w8 * irradiance * henyey_greenstein(point.g / 8, c) * v8;
+          const double v16 = attenuation(tau / 16), v8 = v16 * v16, v4 = v8 * v8, v2 = v4 * v4, v = v2 * v2;
+          // Of a sun in one medium the angle does not change along the ray.
+          if (!g.group.sun || !one) phases[k] = phases_at(glm::dot(towards, ray.d), point.g);
+          out[s.single] += w * irradiance * phases[k][0] * v;
+          out[s.octave] += w2 * irradiance * phases[k][1] * v2;
+          out[s.octave + 1] += w4 * irradiance * phases[k][2] * v4;
+          out[s.octave + 2] += w8 * irradiance * phases[k][3] * v8;
           const double even = w * irradiance / (4 * kPi);
           out[s.soft] += even * v2;
           out[s.soft + 1] += even * v4;
@@ -474,7 +497,7 @@ void GuideMarch::add_surface(const Ray& ray, const SurfaceHit& hit, double passe
       }
       const double facing = glm::dot(towards, normal);
       if (facing > 0 && tau < 50)
-        light = irradiance * std::exp(-tau) * context_.surfaces->passage({p, towards}, distance).light *
+        light = irradiance * attenuation(tau) * context_.surfaces->passage({p, towards}, distance).light *
                 bsdf.value(to_frame(-ray.d), to_frame(towards), false);
     } else if (is_sky(g)) {
       const ivec3 n = fields_.lattice().n;

@@ -97,6 +97,12 @@ GuideMedia::GuideMedia(std::span<const Medium> media, std::span<const EmissionFi
     media_.push_back(m.at_time(time));
     mean_cosine_.push_back(mean_cosine_of(m.phase()));
     coloured_ = coloured_ || m.chromatic() || m.coloured();
+    Constants& c = constants_.emplace_back();
+    for (GuideColour colour = kGrey; colour < 3; ++colour) {
+      c.per_density[static_cast<size_t>(colour + 1)] = in_colour(m.coefficients().sigma_t, colour);
+      c.albedo[static_cast<size_t>(colour + 1)] = in_colour(m.albedo(), colour);
+    }
+    c.inverse_maximum = m.maximum_density() > 0 ? 1 / m.maximum_density() : 0;
     take(media_.back());
   }
   // Several grey media of unlike tints: their mixture changes its colour from place to place.
@@ -118,13 +124,15 @@ GuideMedia::Point GuideMedia::at(const dvec3& world, GuideColour colour, dvec3* 
     dvec3 slope(0);
     const double density = gradient ? density_and_gradient(m, local, slope) : m.density(local);
     if (!(density > 0)) continue;
-    const double per_density = in_colour(m.coefficients().sigma_t, colour), sigma = density * per_density;
+    const Constants& c = constants_[i];
+    const double per_density = c.per_density[static_cast<size_t>(colour + 1)], sigma = density * per_density;
     if (gradient) *gradient += per_density * m.gradient_to_world(slope);
-    const double sigma_s = sigma * in_colour(m.albedo(world), colour);
+    const double albedo = m.coloured() ? in_colour(m.albedo(world), colour) : c.albedo[static_cast<size_t>(colour + 1)];
+    const double sigma_s = sigma * albedo;
     point.sigma_t += sigma;
     scattered += sigma_s;
     forward += sigma_s * mean_cosine_[i];
-    point.density = std::max(point.density, density / m.maximum_density());
+    point.density = std::max(point.density, density * c.inverse_maximum);
   }
   if (point.sigma_t > 0) point.albedo = scattered / point.sigma_t;
   if (scattered > 0) point.g = forward / scattered;

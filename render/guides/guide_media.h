@@ -1,4 +1,5 @@
 #pragma once
+#include <array>
 #include <span>
 #include <utility>
 #include <vector>
@@ -51,6 +52,12 @@ class GuideMedia {
  private:
   std::vector<Medium> media_;
   std::vector<EmissionField> emissions_;
+  /// What does not change from point to point, by colour, kGrey first.
+  struct Constants {
+    std::array<double, 4> per_density{}, albedo{};
+    double inverse_maximum = 0;
+  };
+  std::vector<Constants> constants_;
   std::vector<double> mean_cosine_;
   bool coloured_ = false;
   dvec3 lo_{0}, hi_{0};

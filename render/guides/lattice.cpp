@@ -36,8 +36,9 @@ std::vector<dvec3> spiral_of_directions(int count) {
   std::vector<dvec3> directions;
   for (int i = 0; i < count; ++i) {
     const double z = 1 - 2 * (i + 0.5) / count, r = std::sqrt(1 - z * z);
-    const double turn = kPi * (1 + std::sqrt(5.0)) * (i + 0.5);
-    directions.emplace_back(r * std::cos(turn), r * std::sin(turn), z);
+    const double turns = 0.5 * (1 + std::sqrt(5.0)) * (i + 0.5);
+    const SinCos turn = portable_sincos_2pi(turns - std::floor(turns));
+    directions.emplace_back(r * turn.cos, r * turn.sin, z);
   }
   return directions;
 }

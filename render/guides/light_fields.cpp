@@ -5,6 +5,7 @@
 #include <numeric>
 
 #include "base/math.h"
+#include "render/guides/attenuation.h"
 
 namespace brume {
 namespace {
@@ -64,7 +65,7 @@ LightFields::LightFields(const GuideMedia& media, const Lights& lights, const Su
   near_ = solver.near_media();
   if (surfaces) std::fill(near_.begin(), near_.end(), uint8_t{1});
   scale_ = solver.mean_scale();
-  const auto scaled_transmittance = [&](double depth) { return std::exp(-depth * scale_); };
+  const auto scaled_transmittance = [&](double depth) { return attenuation(depth * scale_); };
   const Task own = quiet(task);
 
   for (LightGroup& group : light_groups(lights, media)) {

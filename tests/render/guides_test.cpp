@@ -9,6 +9,7 @@
 #include <cmath>
 
 #include "render/frame/renderer.h"
+#include "render/guides/attenuation.h"
 #include "render/guides/scattering_solver.h"
 #include "render/guides/sun_depth.h"
 #include "render/guides/sweep.h"
@@ -200,6 +201,11 @@ TEST(SunDepth, IsTheOpticalDepthTowardsTheSun) {
       EXPECT_NEAR(depth.at(p), expected, 0.1 + 0.03 * expected) << i;
     }
   }
+}
+
+TEST(Attenuation, IsTheExponential) {
+  for (double depth = 0; depth < 720; depth += depth < 2 ? 1e-3 : 0.37)
+    EXPECT_NEAR(attenuation(depth), std::exp(-depth), 1e-8 * std::exp(-depth) + 1e-300) << depth;
 }
 
 class Sweep : public test::EveryTarget {};

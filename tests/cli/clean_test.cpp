@@ -1,0 +1,142 @@
+// `brume render --clean`: from a volume or a scene to a clean picture in one command.
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "image/exr_io.h"
+#include "tests/support/files.h"
+#include "tests/support/volumes.h"
+
+namespace brume {
+namespace {
+
+using test::run_brume;
+
+const std::string kCloud = test::source("data/volumes/cloud.vdb").string();
+const std::string kSmoke = test::source("data/scenes/smoke.toml").string();
+const std::string kTiny = " -D film.width=48 -D film.height=40 --progress none ";
+
+class Clean : public ::testing::Test {
+ protected:
+  std::string path(const std::string& name) const { return (folder_ / name).string(); }
+  std::string refused(const std::string& arguments) {
+    const auto r = run_brume(arguments + " -o " + path("refused.exr"));
+    EXPECT_EQ(r.status, 2) << arguments << "\n" << r.err;
+    EXPECT_FALSE(std::filesystem::exists(folder_ / "refused.exr"));
+    return r.err;
+  }
+  test::TemporaryFolder folder_;
+};
+
+bool holds(const std::string& text, const std::string& part) {
+  return text.find(part) != std::string::npos;
+}
+
+TEST_F(Clean, ABareVolumeIsFramedLitAndCleaned) {
+  const auto r = run_brume("render " + kCloud + kTiny + "--spp 8 --clean -o " + path("cloud.exr") + " --png " +
+                           path("cloud.png") + " --save-scene " + path("cloud.toml"));
+  ASSERT_EQ(r.status, 0) << r.err;
+  EXPECT_TRUE(holds(r.err, "volumes.0.sigma_t = ")) << r.err;
+  EXPECT_TRUE(std::filesystem::exists(folder_ / "cloud.png"));
+  const Layers frame = read_exr(folder_ / "cloud.exr");
+  for (const char* name : {"noisy.R", "direct.R", "indirect.R", "clean_direct.R", "clean_indirect.R", "clean_error.Y"})
+    EXPECT_TRUE(frame.find(name)) << name;
+  float largest = 0;
+  for (int y = 0; y < frame.height(); ++y)
+    for (int x = 0; x < frame.width(); ++x) {
+      const float parts = frame.at("clean_direct.G")(x, y) + frame.at("clean_indirect.G")(x, y);
+      ASSERT_NEAR(frame.at("G")(x, y), parts, 1e-6f + 1e-6f * std::abs(parts));
+      largest = std::max(largest, frame.at("guide.opacity.Y")(x, y));
+    }
+  EXPECT_GT(largest, 0.9f) << "the cloud is in the picture, and dense";
+  EXPECT_EQ(frame.at("guide.opacity.Y")(0, 0), 0.0f) << "with something around it";
+
+  const auto again = run_brume("render " + path("cloud.toml") + kTiny + "--spp 8 --clean -o " + path("again.exr"));
+  ASSERT_EQ(again.status, 0) << again.err;
+  test::expect_same_bits(frame, read_exr(folder_ / "again.exr"), "the saved scene");
+}
+
+TEST_F(Clean, ATargetErrorSendsSamplesWhereTheCleanPictureNeedsThem) {
+  const auto r = run_brume("render " + kSmoke + kTiny + "--clean --target-error 0.01 -o " + path("smoke.exr"));
+  ASSERT_EQ(r.status, 0) << r.err;
+  const Layers frame = read_exr(folder_ / "smoke.exr");
+  EXPECT_LE(frame.number("estimatedCleanError").value_or(1), 0.01);
+  const Plane& count = frame.at("sample_count.Y");
+  float least = count(0, 0), most = least;
+  for (int y = 0; y < frame.height(); ++y)
+    for (const float v : count.pixels(y)) {
+      least = std::min(least, v);
+      most = std::max(most, v);
+    }
+  EXPECT_EQ(least, 8.0f) << "empty sky needs no more than the first round";
+  EXPECT_GT(most, 2 * least);
+}
+
+TEST_F(Clean, AMissedTargetSaysSo) {
+  const auto r = run_brume("render " + kSmoke + kTiny + "--spp 16 --clean --target-error 1e-5 -o " + path("smoke.exr"));
+  EXPECT_EQ(r.status, 1);
+  EXPECT_TRUE(holds(r.err, "not reached")) << r.err;
+}
+
+TEST_F(Clean, SobelGuidedSamplesByItsOwnMap) {
+  const auto r =
+      run_brume("render " + kSmoke + kTiny + "--clean-filter sobel_guided --time 2s --spp 64 -o " + path("smoke.exr"));
+  ASSERT_EQ(r.status, 0) << r.err;
+  const Layers frame = read_exr(folder_ / "smoke.exr");
+  EXPECT_TRUE(frame.find("sampling_map.Y"));
+  EXPECT_TRUE(frame.find("noisy.R"));
+}
+
+TEST_F(Clean, DenoisingACleanFrameStartsFromTheRawOne) {
+  ASSERT_EQ(run_brume("render " + kSmoke + kTiny + "--spp 4 --clean -q -o " + path("clean.exr")).status, 0);
+  ASSERT_EQ(run_brume("render " + kSmoke + kTiny + "--spp 4 -q -o " + path("raw.exr")).status, 0);
+  for (const char* name : {"clean", "raw"})
+    ASSERT_EQ(run_brume("denoise " + path(std::string(name) + ".exr") + " -f gaussian -q -o " +
+                        path(std::string(name) + "_gaussian.exr"))
+                  .status,
+              0);
+  const Layers a = read_exr(folder_ / "clean_gaussian.exr"), b = read_exr(folder_ / "raw_gaussian.exr");
+  for (const char* channel : {"R", "G", "B"}) EXPECT_EQ(a.at(channel)(20, 20), b.at(channel)(20, 20)) << channel;
+}
+
+TEST_F(Clean, BadInputIsRefused) {
+  EXPECT_TRUE(holds(refused("render " + kSmoke + kTiny + "--spp 8 --part 1/2 --clean"), "merged"));
+  EXPECT_TRUE(
+      holds(refused("render " + kSmoke + kTiny + "--clean-filter nfor --target-error 0.1"), "estimates its error"));
+  EXPECT_TRUE(holds(refused("render " + kSmoke + kTiny + "--clean-filter random_parameter"), "record"));
+  EXPECT_TRUE(holds(refused("render " + kSmoke + kTiny + "--save-scene " + path("a.toml")), "is a scene"));
+  EXPECT_TRUE(holds(refused("render " + kSmoke + kTiny + "--clean-filter nforr"), "nfor"));
+  const auto fog = folder_ / "empty.vdb";
+  test::write_affine_vdb(fog, {{0, 0, 0}, {7, 7, 7}}, dmat4(1.0), [](const ivec3&) { return 0.0f; });
+  EXPECT_TRUE(holds(refused("render " + fog.string() + " --clean"), "empty"));
+}
+
+// A scale of metres, micrometres or light years is the volume's own affair.
+TEST_F(Clean, AVolumeOfAnyScaleGivesTheSamePicture) {
+  Layers first;
+  for (const double scale : {1.0, 0x1p-30, 0x1p30}) {
+    const auto file = folder_ / "block.vdb";
+    test::write_affine_vdb(file, {{0, 0, 0}, {15, 15, 15}}, test::scaling(dvec3(scale)), [](const ivec3& v) {
+      return 0.2f + 0.8f * static_cast<float>((v.x * 7 + v.y * 3 + v.z) % 5) / 5;
+    });
+    const auto r = run_brume("render " + file.string() + kTiny + "--spp 4 --clean -o " + path("block.exr"));
+    ASSERT_EQ(r.status, 0) << r.err;
+    if (scale != 1) {
+      EXPECT_TRUE(holds(r.err, "taken as they are")) << r.err;
+    }
+    Layers frame = read_exr(folder_ / "block.exr");
+    if (scale == 1) {
+      first = std::move(frame);
+      continue;
+    }
+    double difference = 0;
+    for (int y = 0; y < frame.height(); ++y)
+      for (int x = 0; x < frame.width(); ++x) difference += std::abs(frame.at("G")(x, y) - first.at("G")(x, y));
+    EXPECT_LT(difference / (frame.width() * frame.height()), 0.01) << scale;
+  }
+}
+
+}  // namespace
+}  // namespace brume
