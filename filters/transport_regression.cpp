@@ -26,6 +26,12 @@ constexpr float kLeastOpacity = 1e-3f;
 // Windows of local means of noise and error, and of what returns the light taken from outliers [px].
 constexpr double kNoiseWindow = 10, kErrorWindow = 6, kBiasWindow = 24, kReturnWindow = 32;
 constexpr double kGlobalRidge = 1e-4;
+// An outlier is this many times what the other half shows, and more.
+constexpr float kAgreement = 3;
+// Window of the return to the data [px], and squared bias over the noise's variance from which on it is beyond doubt:
+// more with few samples, whose noise is skewed.
+constexpr double kDetailWindow = 1.5;
+constexpr float kSureBias = 4, kSureBiasOfOneSample = 48;
 constexpr int kLevelRadius = 1;
 // Brightness below this share of the mean counts as that much where a division is at stake.
 constexpr float kDark = 0.1f;
@@ -205,7 +211,7 @@ struct Limited {
 /// Draws samples' means that lie far above a first fit to `limit` deviations from it. Deviations are those of the
 /// neighbourhood, relative to the fit, themselves robust.
 Limited limit_outliers(const RgbPlanes& a, const RgbPlanes& b, const Rgb& fit, const Plane& level, const Plane& mask,
-                       double limit, const Task& task) {
+                       double limit, bool halves, const Task& task) {
   const int width = level.width(), height = level.height();
   double sum = 0, count = std::max(1e-30, sum_of(mask));
   for (int y = 0; y < height; ++y)
@@ -253,17 +259,19 @@ Limited limit_outliers(const RgbPlanes& a, const RgbPlanes& b, const Rgb& fit, c
       if (!(mask(x, y) > 0)) continue;
       const float most = static_cast<float>(limit) * std::sqrt(std::max(0.5f * local(x, y), 0.0f) +
                                                                0.5f * top * top / static_cast<float>(limit * limit));
-      const auto draw = [&](const Plane& u, Rgb& half) {
-        if (!(u(x, y) > most)) return;
-        const float share = 1 - most / u(x, y);
+      // What both halves show is no outlier.
+      const auto draw = [&](const Plane& u, const Plane& other, Rgb& half) {
+        const float bound = halves ? std::max(most, kAgreement * other(x, y)) : most;
+        if (!(u(x, y) > bound)) return;
+        const float share = 1 - bound / u(x, y);
         for (size_t c = 0; c < 3; ++c) {
           const float off = share * (half[c](x, y) - fit[c](x, y));
           half[c](x, y) -= off;
           out.taken[c](x, y) += 0.5f * off;
         }
       };
-      draw(ua, out.a);
-      draw(ub, out.b);
+      draw(ua, ub, out.a);
+      draw(ub, ua, out.b);
     }
   });
   return out;
@@ -285,6 +293,37 @@ void give_back(const Rgb& taken, Rgb& picture, const Plane& mask, const Task& ta
       for (int x = 0; x < mask.width(); ++x) picture[c](x, y) += back[0](x, y);
     });
   }
+}
+
+/// Returns to the data where both halves miss the same in the result, in a window of a few pixels: a squared bias that
+/// stands far above the noise of the pixels' means.
+void return_to_data(const HalfPair& chosen, const RgbPlanes& a, const RgbPlanes& b, const Plane& mask, double samples,
+                    Rgb& picture, const Task& task) {
+  const float sure = kSureBias + kSureBiasOfOneSample / static_cast<float>(samples);
+  const int width = mask.width(), height = mask.height();
+  Plane bias(width, height), noise(width, height);
+  for_each_row(height, quiet(task), [&](int y) {
+    for (int x = 0; x < width; ++x)
+      for (size_t c = 0; c < 3 && mask(x, y) > 0; ++c) {
+        const float ya = (*a[c])(x, y), yb = (*b[c])(x, y);
+        bias(x, y) += (ya - chosen.b[c](x, y)) * (yb - chosen.a[c](x, y));
+        noise(x, y) += 0.25f * (ya - yb) * (ya - yb);
+      }
+  });
+  bias = gaussian_blur(bias, kDetailWindow, task);
+  // Few samples are dark in whole neighbourhoods by chance: the noise of a wider one counts, too.
+  const Plane one(width, height, 1.0f);
+  const Plane wide = std::move(local_ratio({&noise}, one, mask, kNoiseWindow, task)[0]);
+  noise = gaussian_blur(noise, kDetailWindow, task);
+  for_each_row(height, quiet(task), [&](int y) {
+    for (int x = 0; x < width; ++x) {
+      const float surplus = bias(x, y) - sure * std::max(noise(x, y), wide(x, y));
+      if (!(surplus > 0) || !(mask(x, y) > 0)) continue;
+      const float share = surplus / bias(x, y);
+      for (size_t c = 0; c < 3; ++c)
+        picture[c](x, y) += share * (0.5f * ((*a[c])(x, y) + (*b[c])(x, y)) - picture[c](x, y));
+    }
+  });
 }
 
 /// Squared error at each pixel, mean over colours: the noise that the halves' difference shows, and the bias that a fit
@@ -315,10 +354,9 @@ void say_what_is_missing(const FilterFrame& frame, bool guided, bool halves) {
         "the frame has no guides: two to four times the error of a frame with them. Record them with: brume render "
         "SCENE -o OUT.exr --layers direct,indirect,guides");
   if (!halves)
-    frame.notes->push_back(fmt::format(
-        "'{}' has no two halves to judge by (one sample per pixel, or no statistics): fits are mixed in fixed shares, "
-        "and the error is only told as far as windows differ",
-        frame.name.label()));
+    frame.notes->push_back(
+        "no two halves to judge by (one sample per pixel, or no statistics): fits are mixed in fixed shares, and the "
+        "error is only told as far as windows differ");
 }
 
 void run(const TransportRegression& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
@@ -350,7 +388,7 @@ void run(const TransportRegression& p, const FilterFrame& frame, const FilterOut
   const Plane first_weight = weight_of(known.bright, known.mask, power, task);
   known.all.standardise(first_weight, task);
   HalfPair frame_fit = regress(known.all, a, b, first_weight, {0, kGlobalRidge, 0}, task);
-  const Limited data = limit_outliers(a, b, mean(frame_fit), brightness(frame_fit), known.mask, limit, task);
+  const Limited data = limit_outliers(a, b, mean(frame_fit), brightness(frame_fit), known.mask, limit, halves, task);
   const RgbPlanes data_a = view(data.a), data_b = view(data.b);
   frame_fit = regress(known.all, data_a, data_b, first_weight, {0, kGlobalRidge, 0}, task);
   // Averaged over a few pixels: weights must not follow what a guide holds of noise.
@@ -397,6 +435,7 @@ void run(const TransportRegression& p, const FilterFrame& frame, const FilterOut
   const HalfPair chosen = blend(candidates, maps, task);
   Rgb clean = mean(chosen);
   give_back(data.taken, clean, known.mask, task);
+  if (halves) return_to_data(chosen, a, b, known.mask, samples, clean, task);
   for (size_t c = 0; c < 3; ++c)
     for_each_row(height, quiet(task), [&](int y) {
       for (int x = 0; x < width; ++x)
