@@ -158,7 +158,12 @@ int run(const Common& common) {
   std::set<std::string> channels = {"R", "G", "B"};
   const Layers outline = read_outline(o.input);
   for (const FilterSettings& filter : filters) channels.merge(readable_channels(filter, options, outline));
-  const Layers frame = read_frame(common, o.input, channels);
+  for (const std::string& name : layer::noisy.channel_names()) channels.insert(name);
+  Layers frame = read_frame(common, o.input, channels);
+  if (frame.has(layer::noisy)) {
+    note("the frame is clean already: what it was made from, its layer noisy, is cleaned");
+    for (size_t c = 0; c < 3; ++c) frame.set(layer::beauty.channel(c), frame.at(layer::noisy.channel(c)));
+  }
   options.exposure = choose_exposure(o.picture.exposure, frame);
   const Sequence sequence(others, channels, common);
   options.sequence = sequence.frames;

@@ -1,6 +1,6 @@
 #include "app/command.h"
 #include "filters/registry.h"
-#include "render/scene/scene_io.h"
+#include "render/scene/scene_reference.h"
 
 namespace brume::app {
 

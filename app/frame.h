@@ -1,7 +1,6 @@
 #pragma once
 #include <set>
 #include <string>
-#include <vector>
 
 #include "app/command.h"
 #include "image/layers.h"

@@ -1,7 +1,5 @@
 #include <fmt/format.h>
 
-#include <filesystem>
-
 #include "app/command.h"
 #include "base/output_file.h"
 #include "volume/procedural.h"

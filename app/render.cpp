@@ -2,8 +2,11 @@
 
 #include <cmath>
 #include <filesystem>
+#include <fstream>
 #include <memory>
+#include <optional>
 
+#include "app/clean.h"
 #include "app/command.h"
 #include "app/frame.h"
 #include "app/tev.h"
@@ -13,18 +16,19 @@
 #include "image/exr_io.h"
 #include "render/frame/renderer.h"
 #include "render/scene/scene_io.h"
+#include "render/world/volume_scene.h"
 
 namespace brume::app {
 namespace {
 
 struct Options {
   std::string scene, output, preview, layers = "direct,indirect,gradient,coverage,transmittance", replay;
-  std::string part, crop, time, checkpoint, resume, tev, records;
+  std::string part, crop, time, checkpoint, resume, tev, records, save_scene, clean_filter;
   std::vector<std::string> overrides;
   int spp = 0;
   int64_t seed = -1;
   double target_error = 0, checkpoint_every = 300;
-  bool no_statistics = false, buckets = false, explain = false, require_valid = false;
+  bool clean = false, no_statistics = false, buckets = false, explain = false, require_valid = false;
   PictureOptions picture;
 } o;
 
@@ -102,8 +106,45 @@ void tell_error(const Common& common, const RenderReport& report, bool missed) {
     log(common, reached);
 }
 
+bool is_volume(const std::filesystem::path& path) {
+  char magic[4] = {};
+  std::ifstream(path, std::ios::binary).read(magic, sizeof magic);
+  return std::string_view(magic, sizeof magic) == std::string_view(" BDV", 4);
+}
+
+/// A scene file, or what is made up around a bare volume, which is told and may be saved.
+Scene load_scene(const Common& common) {
+  const std::filesystem::path path(o.scene);
+  if (!is_volume(path)) {
+    if (!o.save_scene.empty())
+      throw InputError(fmt::format("--save-scene writes what is assumed about a bare volume; {} is a scene", o.scene));
+    return read_scene(path, o.overrides);
+  }
+  const Task task{common.threads, {}, &interrupted};
+  const VolumeScene made = scene_for_volume(path, task);
+  for (const std::string& line : made.assumptions) log(common, "assumed " + line);
+  if (!o.save_scene.empty()) {
+    const std::filesystem::path inputs[] = {path};
+    check_writable(o.save_scene, inputs, ".toml");
+    const auto folder = std::filesystem::absolute(o.save_scene).parent_path();
+    write_text(o.save_scene, made.text(std::filesystem::proximate(path, folder).generic_string()));
+  } else {
+    log(common, "--save-scene FILE.toml keeps these as a scene to edit, -D KEY=VALUE changes one");
+  }
+  return parse_scene(made.text(path.filename().string()), path, o.overrides);
+}
+
+/// Says what the clean picture's error is estimated to be.
+void tell_clean_error(const Common& common, const Cleaner& cleaner, bool missed, int samples) {
+  const std::string reached = fmt::format("estimated relative error of the clean picture {:.4g}", cleaner.error());
+  if (missed)
+    warn(fmt::format("target error {} not reached with {} samples per pixel: {}", o.target_error, samples, reached));
+  else
+    log(common, reached);
+}
+
 int run(const Common& common) {
-  Scene scene = read_scene(o.scene, o.overrides);
+  Scene scene = load_scene(common);
   std::vector<std::filesystem::path> inputs = {o.scene, scene.environment.file, scene.camera.from_exr};
   for (const VolumeSettings& volume : scene.volumes) inputs.push_back(volume.file);
   for (const SurfaceSettings& surface : scene.surfaces)
@@ -125,6 +166,17 @@ int run(const Common& common) {
       LayerRequest::of(o.layers.empty() || o.layers == "none" ? std::vector<std::string>{} : split(o.layers, ','),
                        !o.no_statistics, o.buckets);
   layers.records = !o.records.empty();
+  std::optional<Cleaner> cleaner;
+  if (o.clean || !o.clean_filter.empty()) {
+    if (!o.part.empty()) throw InputError("--clean: a part is cleaned once it is merged, by brume denoise");
+    cleaner.emplace(o.clean_filter.empty() ? "transport_regression" : o.clean_filter, common, scene.film.exposure);
+    layers = cleaner->request(layers);
+    if (o.target_error > 0 && !cleaner->estimates_error())
+      throw InputError(
+          fmt::format("--target-error with --clean needs a filter that estimates its error, which {} does "
+                      "not; take transport_regression",
+                      o.clean_filter));
+  }
 
   RenderJob job;
   job.spp = scene.render.spp;
@@ -132,7 +184,7 @@ int run(const Common& common) {
   parse_part(job);
   parse_crop(job, scene.film);
   job.time_limit = parse_time();
-  job.target_error = o.target_error;
+  job.target_error = cleaner ? 0 : o.target_error;
   job.checkpoint = o.checkpoint;
   job.checkpoint_seconds = o.checkpoint_every;
   job.resume = o.resume;
@@ -157,7 +209,17 @@ int run(const Common& common) {
     viewer = std::make_unique<TevViewer>(o.tev == "default" ? "" : o.tev, scene.name, c.x1 - c.x0, c.y1 - c.y0);
     job.watch = [&](const Film& film, int tile) { viewer->update(film, tile); };
   }
+  if (cleaner && (job.time_limit > 0 || o.target_error > 0))
+    job.next_round = [&](const RenderRound& round) {
+      std::vector<uint32_t> goals = cleaner->next_round(round, o.target_error);
+      if (viewer) viewer->show(cleaner->picture());
+      return goals;
+    };
   RenderResult result = prepared.render(job, make_task(common, "render " + scene.name));
+  if (cleaner) {
+    result.layers = cleaner->clean(result.layers);
+    if (viewer) viewer->show(result.layers);
+  }
   write_exr(o.output, result.layers);
   if (!o.preview.empty())
     o.picture.write(o.preview, result.layers, result.layers.rgb(layer::beauty),
@@ -170,6 +232,13 @@ int run(const Common& common) {
   if (report.samples_per_pixel > scene.render.spp)
     note(fmt::format("the checkpoint held more samples per pixel, {}, than the {} asked for", report.samples_per_pixel,
                      scene.render.spp));
+  if (cleaner) {
+    log(common, fmt::format("cleaned in {:.2f} s", cleaner->seconds()));
+    const bool missed = o.target_error > 0 && !(cleaner->error() <= o.target_error);
+    if (cleaner->error() >= 0) tell_clean_error(common, *cleaner, missed, report.samples_per_pixel);
+    print(o.output + "\n");
+    return missed ? kThresholdFailed : kDone;
+  }
   if (open_ended) log(common, fmt::format("{} samples per pixel", result.report.samples_per_pixel));
   const bool missed = o.target_error > 0 && !(report.error.value_or(0) <= o.target_error);
   if (o.target_error > 0) tell_error(common, report, missed);
@@ -189,8 +258,15 @@ void add_render(CLI::App& app, Common& common, Commands& commands) {
         return *end == '\0' && value > 0 ? std::string() : text + " is no number above 0";
       },
       "FLOAT > 0");
-  CLI::App* command = add_command(app, common, "render", "render a scene to an EXR with layers");
-  command->add_option("scene", o.scene, "scene file (TOML, see docs/scene.md)")->required();
+  CLI::App* command = add_command(app, common, "render", "render a scene, or a bare volume, to an EXR with layers");
+  command->add_option("scene", o.scene, "scene file (TOML, see docs/scene.md), or an OpenVDB file")->required();
+  command->add_flag("--clean", o.clean,
+                    "clean the picture with noise-free guides; with --time or --target-error in rounds that put "
+                    "samples where the clean picture needs them");
+  command->add_option("--clean-filter", o.clean_filter,
+                      "clean with this filter instead: NAME or NAME:parameter=value,...");
+  command->add_option("--save-scene", o.save_scene,
+                      "of a bare volume: write the scene that is assumed, a TOML to edit");
   command->add_option("-o,--output,--outfile", o.output, "EXR to write");
   command->add_option("--png", o.preview, "also write the beauty as PNG");
   o.picture.add_to(*command,
@@ -206,8 +282,10 @@ void add_render(CLI::App& app, Common& common, Commands& commands) {
   command->add_option("--time", o.time,
                       "stop after this long, at a whole pass: 90s, 10m, 1h30m; what is resumed counts");
   command
-      ->add_option("--target-error", o.target_error,
-                   "stop at this estimated relative error: root of the mean of variance / (mean^2 + 0.01 white^2)")
+      ->add_option(
+          "--target-error", o.target_error,
+          "stop at this estimated relative error: root of the mean of variance / (mean^2 + 0.01 white^2); with --clean "
+          "that of the clean picture")
       ->check(above_zero);
   command->add_option("--checkpoint", o.checkpoint, "EXR to keep the state in, while rendering and after");
   command->add_option("--checkpoint-every", o.checkpoint_every, "seconds between checkpoints")

@@ -88,20 +88,29 @@ void TevViewer::send(const std::string& payload) {
 }
 
 void TevViewer::update(const Film& film, int tile) {
-  if (socket_ < 0) return;
   const Film::Bounds b = film.bounds(tile);
+  send_pixels(film.layers(), {{b.x0, b.y0}, {b.x1, b.y1}});
+}
+
+void TevViewer::show(const Layers& frame) {
+  if (frame.has(layer::beauty)) send_pixels(frame, {{0, 0}, {frame.width(), frame.height()}});
+}
+
+void TevViewer::send_pixels(const Layers& frame, const PixelWindow& window) {
+  if (socket_ < 0) return;
   constexpr size_t kCount = std::size(kChannels);
   Payload packet(Packet::kUpdateImageV3);
   packet.add_text(name_);
   packet.add(static_cast<int32_t>(kCount));
   for (const char* channel : kChannels) packet.add_text(channel);
-  for (const int value : {b.x0, b.y0, b.width(), b.y1 - b.y0}) packet.add(static_cast<int32_t>(value));
+  for (const int value : {window.lo.x, window.lo.y, window.width(), window.height()})
+    packet.add(static_cast<int32_t>(value));
   for (size_t c = 0; c < kCount; ++c) packet.add(static_cast<int64_t>(c));
   for (size_t c = 0; c < kCount; ++c) packet.add(static_cast<int64_t>(kCount));
   const Plane* planes[kCount];
-  for (size_t c = 0; c < kCount; ++c) planes[c] = &film.layers().at(kChannels[c]);
-  for (int y = b.y0; y < b.y1; ++y)
-    for (int x = b.x0; x < b.x1; ++x)
+  for (size_t c = 0; c < kCount; ++c) planes[c] = &frame.at(kChannels[c]);
+  for (int y = window.lo.y; y < window.hi.y; ++y)
+    for (int x = window.lo.x; x < window.hi.x; ++x)
       for (const Plane* plane : planes) packet.add((*plane)(x, y));
   send(packet.text());
 }

@@ -17,9 +17,12 @@ class TevViewer {
 
   /// Sends the pixels of one tile. A viewer that was closed ends the show, not the render.
   void update(const Film& film, int tile);
+  /// Sends a whole frame's R G B A.
+  void show(const Layers& frame);
 
  private:
   void send(const std::string& payload);
+  void send_pixels(const Layers& frame, const PixelWindow& window);
   int socket_ = -1;
   std::string name_;
 };

@@ -9,7 +9,6 @@
 #include <set>
 #include <thread>
 
-#include "base/error.h"
 #include "filters/guide_layers.h"
 #include "filters/requirements.h"
 

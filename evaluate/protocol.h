@@ -1,7 +1,6 @@
 #pragma once
 #include <filesystem>
 #include <functional>
-#include <optional>
 
 #include "evaluate/metric.h"
 #include "evaluate/tuning.h"

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "filters/planes.h"
+
 namespace brume {
 
 // Shorter means are noise: paths that disagree about where the surface faces.

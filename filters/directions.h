@@ -1,6 +1,5 @@
 #pragma once
 #include "filters/filter.h"
-#include "filters/planes.h"
 
 namespace brume {
 

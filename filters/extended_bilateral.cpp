@@ -3,6 +3,7 @@
 
 #include "base/error.h"
 #include "filters/lab_window.h"
+#include "filters/planes.h"
 #include "filters/registry.h"
 
 namespace brume {

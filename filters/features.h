@@ -2,7 +2,8 @@
 #include <string>
 #include <vector>
 
-#include "filters/planes.h"
+#include "base/progress.h"
+#include "image/layers.h"
 
 namespace brume {
 

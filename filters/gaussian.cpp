@@ -3,6 +3,7 @@
 
 #include "base/error.h"
 #include "filters/lab_window.h"
+#include "filters/neighbourhood.h"
 #include "filters/registry.h"
 #include "filters/selection.h"
 

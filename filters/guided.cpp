@@ -1,6 +1,5 @@
 #include "base/error.h"
 #include "filters/guided_filter.h"
-#include "filters/neighbourhood.h"
 #include "filters/registry.h"
 
 namespace brume {

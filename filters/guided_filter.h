@@ -1,7 +1,9 @@
 #pragma once
 #include <span>
+#include <vector>
 
-#include "filters/planes.h"
+#include "base/progress.h"
+#include "image/plane.h"
 
 namespace brume {
 

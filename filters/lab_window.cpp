@@ -1,10 +1,10 @@
 #include "filters/lab_window.h"
 
-#include <algorithm>
 #include <cstring>
 #include <utility>
 
 #include "filters/kernels/lab.h"
+#include "filters/planes.h"
 
 namespace brume {
 

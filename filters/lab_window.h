@@ -3,7 +3,6 @@
 
 #include "filters/filter.h"
 #include "filters/kernels/window.h"
-#include "filters/planes.h"
 
 namespace brume {
 

@@ -1,5 +1,4 @@
 #include <algorithm>
-#include <cmath>
 
 #include "filters/registry.h"
 #include "filters/regression.h"

@@ -1,4 +1,3 @@
-#include <cmath>
 
 #include "base/rng.h"
 #include "filters/neighbourhood.h"

@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "base/rng.h"
+#include "filters/neighbourhood.h"
 
 namespace brume {
 

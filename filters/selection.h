@@ -1,5 +1,8 @@
 #pragma once
-#include "filters/neighbourhood.h"
+#include <span>
+#include <vector>
+
+#include "filters/planes.h"
 
 namespace brume {
 

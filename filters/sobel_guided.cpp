@@ -1,6 +1,5 @@
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 
 #include "filters/bandwidth.h"
 #include "filters/guided_filter.h"

@@ -1,4 +1,5 @@
 #include "filters/lab_window.h"
+#include "filters/planes.h"
 #include "filters/registry.h"
 
 namespace brume {

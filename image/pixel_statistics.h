@@ -1,9 +1,6 @@
 #pragma once
-#include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <span>
-#include <vector>
 
 namespace brume {
 

@@ -84,31 +84,31 @@ std::optional<double> first_root(const std::array<double, 4>& v, double iso) {
   return std::nullopt;
 }
 
+/// Voxel by voxel (Amanatides and Woo 1987).
 std::optional<double> surface_in_cell(const BrickGrid& bricks, const Ray& ray, const MajorantWalk::Segment& s,
                                       float iso) {
-  const double across = 1e-20 * max_component(glm::abs(ray.d));
+  const double across = 1e-20 * max_component(glm::abs(ray.d));  // such a ray never reaches the axis's planes
   const float* const values = bricks.brick(*s.cell);
   const ivec3 lowest = s.coordinates * bricks.cell_size();
   const int last = bricks.cell_size() - 1, Y = bricks.stored(), X = Y * Y;
+  ivec3 voxel, step;
+  dvec3 exit;  // ray parameters where the voxel's planes are reached
+  const auto find_exit = [&](int a) {
+    const double plane = lowest[a] + voxel[a] + (step[a] > 0 ? 1 : 0);
+    const bool parallel = std::abs(ray.d[a]) <= across;
+    exit[a] = parallel ? std::numeric_limits<double>::infinity() : (plane - ray.o[a]) / ray.d[a];
+  };
+  const dvec3 entry = ray.at(s.t0) - dvec3(lowest);
+  for (int a = 0; a < 3; ++a) {
+    step[a] = ray.d[a] < 0 ? -1 : 1;
+    const double behind = step[a] > 0 ? std::floor(entry[a] + 1e-9) : std::ceil(entry[a] - 1e-9) - 1;
+    voxel[a] = std::clamp(static_cast<int>(behind), 0, last);
+    find_exit(a);
+  }
   double t = s.t0;
   while (t < s.t1) {
-    // The voxel around the ray just behind t, and where the ray leaves it.
-    const dvec3 p = ray.at(t);
-    ivec3 voxel;
-    double next = s.t1;
-    for (int a = 0; a < 3; ++a) {
-      const double q = p[a] - lowest[a];
-      const int towards =
-          ray.d[a] > 0 ? static_cast<int>(std::floor(q + 1e-9)) : static_cast<int>(std::ceil(q - 1e-9)) - 1;
-      voxel[a] = std::clamp(towards, 0, last);
-      if (std::abs(ray.d[a]) <= across) {
-        voxel[a] = std::clamp(static_cast<int>(std::floor(q)), 0, last);
-        continue;
-      }
-      const double plane = lowest[a] + voxel[a] + (ray.d[a] > 0 ? 1 : 0);
-      next = std::min(next, (plane - ray.o[a]) / ray.d[a]);
-    }
-    if (!(next > t)) next = std::nextafter(t, std::numeric_limits<double>::infinity());
+    const int a = exit.x <= exit.y ? (exit.x <= exit.z ? 0 : 2) : (exit.y <= exit.z ? 1 : 2);
+    const double next = std::clamp(exit[a], t, s.t1);
     const float* const v = values + voxel.x * X + voxel.y * Y + voxel.z;
     const float most = std::max({v[0], v[1], v[Y], v[Y + 1], v[X], v[X + 1], v[X + Y], v[X + Y + 1]});
     if (most >= iso) {
@@ -119,6 +119,9 @@ std::optional<double> surface_in_cell(const BrickGrid& bricks, const Ray& ray, c
       if (const auto x = first_root({density(t), density(t + third), density(next - third), density(next)}, iso))
         return t + *x * (next - t);
     }
+    voxel[a] += step[a];
+    if (voxel[a] < 0 || voxel[a] > last) break;
+    find_exit(a);
     t = next;
   }
   return std::nullopt;

@@ -1,7 +1,7 @@
 #pragma once
 #include <span>
 
-#include "filters/planes.h"
+#include "image/plane.h"
 
 namespace brume::kernels {
 

@@ -6,7 +6,6 @@
 #include <hwy/highway.h>
 
 #include <bit>
-#include <cstdint>
 
 HWY_BEFORE_NAMESPACE();
 namespace brume::kernels::HWY_NAMESPACE {

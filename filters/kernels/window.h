@@ -1,6 +1,4 @@
 #pragma once
-#include <array>
-
 #include "filters/kernels/work_image.h"
 
 namespace brume::kernels {

@@ -34,6 +34,13 @@ struct RenderResult {
   RenderReport report;
 };
 
+/// A render between two rounds of samples.
+struct RenderRound {
+  const Film& film;
+  const Layers& frame;  ///< what the film holds, with header and guides
+  double most_growth;   ///< of the number of samples, that the time allows
+};
+
 /// Which samples to take, and what to do on the way.
 struct RenderJob {
   int spp = 64;  ///< of the whole picture
@@ -47,6 +54,11 @@ struct RenderJob {
   std::optional<Crop> crop;
   double time_limit = 0;    ///< seconds of sampling after which no new pass begins; one that takes much longer is cut
   double target_error = 0;  ///< relative error (Film::relative_error) at which to stop; 0: none
+
+  /// Takes samples in rounds: asked between them for the samples that each tile of the film is to have after the next
+  /// one; empty ends the render. The first round takes first_round samples everywhere.
+  std::function<std::vector<uint32_t>(const RenderRound&)> next_round;
+  int first_round = 8;
 
   bool keep_state = false;  ///< the result carries the sums of its samples, to be merged
   /// Written every checkpoint_seconds, at the end and when interrupted. A checkpoint that cannot be written ends

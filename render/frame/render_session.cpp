@@ -3,7 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <utility>
+#include <limits>
 
 #include "base/error.h"
 #include "base/parallel_for.h"
@@ -37,7 +37,8 @@ RenderSession::RenderSession(const PreparedScene& scene, const RenderJob& job, c
       window_(job.crop.value_or(RenderJob::Crop{0, 0, scene.scene().film.width, scene.scene().film.height})),
       first_(share_of(job.spp, job.part - 1, job.parts)),
       end_(share_of(job.spp, job.part, job.parts)),
-      progressive_(job.time_limit > 0 || job.target_error > 0 || !job.checkpoint.empty() || job.watch != nullptr),
+      progressive_(job.time_limit > 0 || job.target_error > 0 || !job.checkpoint.empty() || job.watch != nullptr ||
+                   job.next_round != nullptr),
       keep_(progressive_ || job.keep_state || !job.resume.empty()),
       camera_(scene.camera()),
       film_((check_memory(Film::layer_bytes(window_.width(), window_.height(), scene.plan().layers) +
@@ -103,9 +104,9 @@ RenderResult RenderSession::run() {
   if (!job_.checkpoint.empty()) write_checkpoint();
   RenderResult result;
   result.report = report();
+  record_guides();
   result.layers = film_.take();
-  if (const Guides* guides = scene_.guides())
-    guides->record(camera_, {window_.x0, window_.y0}, result.layers, quiet(task_));
+  for (const auto& [name, plane] : guides_.channels()) result.layers.set(name, plane);
   finish_header(result.layers, result.report);
   if (job_.keep_state) film_.save_state(result.layers);
   return result;
@@ -122,10 +123,11 @@ void RenderSession::run_passes() {
                                                             std::chrono::duration<double>(std::min(most, 1e9)));
   }
   bounds_ = scene_.entry_bounds(camera_, window_, quiet(task_));
+  if (job_.next_round) return run_rounds();
   double last_checkpoint = wall_.seconds();
   while (done_ < total) {
     const uint32_t goal = next_goal();
-    pass(goal);
+    pass(std::vector<uint32_t>(tiles_.size(), goal));
     done_ = goal;
     if (done_ < total && !job_.checkpoint.empty() && wall_.seconds() - last_checkpoint > job_.checkpoint_seconds) {
       write_checkpoint();
@@ -133,6 +135,54 @@ void RenderSession::run_passes() {
     }
     if (enough()) break;
   }
+}
+
+void RenderSession::run_rounds() {
+  const auto most = static_cast<uint32_t>(end_ - first_);
+  std::vector<uint32_t> goals(tiles_.size(), std::min(most, static_cast<uint32_t>(job_.first_round)));
+  double last_checkpoint = wall_.seconds();
+  const auto samples = [&] {
+    double sum = 0;
+    for (int tile = 0; tile < film_.tile_count(); ++tile)
+      sum += static_cast<double>(film_.bounds(tile).pixels()) * film_.taken(tile);
+    return sum;
+  };
+  const double resumed = samples();
+  double sampling = 0;  // seconds
+  while (!goals.empty()) {
+    for (uint32_t& goal : goals) goal = std::min(goal, most);
+    const Stopwatch watch;
+    pass(goals);
+    sampling += watch.seconds();
+    done_ = fewest_taken();
+    if (!job_.checkpoint.empty() && wall_.seconds() - last_checkpoint > job_.checkpoint_seconds) {
+      write_checkpoint();
+      last_checkpoint = wall_.seconds();
+    }
+    double growth = std::numeric_limits<double>::infinity();
+    const double taken = samples();
+    if (job_.time_limit > 0) growth = 1 + (job_.time_limit - elapsed()) * (taken - resumed) / (sampling * taken);
+    const Layers frame = frame_so_far();
+    goals = job_.next_round({film_, frame, growth});
+    const bool full = std::all_of(tiles_.begin(), tiles_.end(),
+                                  [&, t = 0](const TileReport&) mutable { return film_.taken(t++) >= most; });
+    if (full) break;
+  }
+}
+
+void RenderSession::record_guides() {
+  const Guides* const guides = scene_.guides();
+  if (!guides || guides_.width() > 0) return;
+  guides_ = Layers(film_.width(), film_.height());
+  guides->record(camera_, {window_.x0, window_.y0}, guides_, quiet(task_));
+}
+
+Layers RenderSession::frame_so_far() {
+  record_guides();
+  Layers frame = film_.layers();
+  for (const auto& [name, plane] : guides_.channels()) frame.set(name, plane);
+  finish_header(frame, report());
+  return frame;
 }
 
 uint32_t RenderSession::next_goal() const {
@@ -155,9 +205,12 @@ bool RenderSession::enough() const {
   return job_.target_error > 0 && film_.relative_error(scene_.scene().film.exposure) <= job_.target_error;
 }
 
-void RenderSession::pass(uint32_t goal) {
+void RenderSession::pass(const std::vector<uint32_t>& goals) {
   Task task = task_;
-  if (task_.progress)
+  const uint32_t goal = *std::max_element(goals.begin(), goals.end());
+  if (task_.progress && job_.next_round)
+    task.progress = [&](double f) { task_.report(0.999 * f); };
+  else if (task_.progress)
     task.progress = [&, from = done_](double f) {
       const auto total = static_cast<uint32_t>(end_ - first_);
       double fraction = (from - resumed_at_ + f * (goal - from)) / (total - resumed_at_);
@@ -165,11 +218,12 @@ void RenderSession::pass(uint32_t goal) {
       task_.report(fraction < 1 || goal == total ? fraction : 0.999);
     };
   parallel_for(film_.tile_count(), task, [&](int tile) {
-    if (film_.taken(tile) >= goal) return;
-    std::vector<PathRecord> records(records_ ? static_cast<size_t>(film_.bounds(tile).pixels()) * goal : 0);
-    while (film_.taken(tile) < goal) {
+    const uint32_t own = goals[static_cast<size_t>(tile)];
+    if (film_.taken(tile) >= own) return;
+    std::vector<PathRecord> records(records_ ? static_cast<size_t>(film_.bounds(tile).pixels()) * own : 0);
+    while (film_.taken(tile) < own) {
       stop_.check();
-      trace_batch(tile, goal, records);
+      trace_batch(tile, own, records);
     }
     finish_tile(tile, records);
   });
@@ -252,7 +306,7 @@ RenderReport RenderSession::report() const {
   total.seconds = elapsed();
   total.cpu_seconds = resumed_.cpu_seconds + cpu_seconds() - cpu_start_;
   total.samples_per_pixel = static_cast<int>(fewest_taken());
-  total.uneven = uneven();
+  total.uneven = !job_.next_round && uneven();
   if (scene_.plan().layers.statistics) total.error = film_.relative_error(scene_.scene().film.exposure);
   return total;
 }
@@ -272,6 +326,8 @@ void RenderSession::finish_header(Layers& frame, const RenderReport& report) con
   describe(frame, report, first_, first_ + report.samples_per_pixel);
   if (report.uneven)
     frame.header["interrupted"] = std::string("true: some tiles have more samples than samplesPerPixel");
+  if (job_.next_round)
+    frame.header["adaptive"] = std::string("true: sample_count says how many samples each pixel has");
   if (job_.stamp) job_.stamp(frame);
 }
 

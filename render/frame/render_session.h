@@ -35,8 +35,13 @@ class RenderSession {
   void run_passes();
   /// How far the next pass goes: longer and longer, but never so far that time or a checkpoint is overrun by much.
   uint32_t next_goal() const;
-  /// Every tile up to `goal` samples of each pixel.
-  void pass(uint32_t goal);
+  /// Rounds of samples where next_round wants them.
+  void run_rounds();
+  /// Each tile up to its goal of samples of each pixel.
+  void pass(const std::vector<uint32_t>& goals);
+  /// The frame that the film holds now, with the guides.
+  Layers frame_so_far();
+  void record_guides();
   /// Traces the next samples of a tile and adds them to the film.
   void trace_batch(int tile, uint32_t goal, std::vector<PathRecord>& records);
   void finish_tile(int tile, const std::vector<PathRecord>& records);
@@ -70,6 +75,7 @@ class RenderSession {
   std::vector<EntryBound> bounds_;  // of the window's pixels
   std::vector<TileReport> tiles_;
   RenderReport resumed_;  // what the resumed session had done
+  Layers guides_;         // once they are recorded
   std::mutex watching_;
   Stopwatch wall_;
   double cpu_start_ = 0;

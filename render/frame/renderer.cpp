@@ -1,6 +1,5 @@
 #include "render/frame/renderer.h"
 
-#include <algorithm>
 #include <cmath>
 
 #include "base/error.h"

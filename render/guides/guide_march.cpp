@@ -11,14 +11,15 @@
 namespace brume {
 namespace {
 
-constexpr double kStepVoxels = 0.7;   // where the medium is still transparent
+// Of the largest density in a voxel: gradients below it count less, because their direction means little.
+constexpr double kGentleGradient = 0.03;
 constexpr double kStepGrowth = 0.25;  // of the step for each free path behind the eye's first two
 constexpr double kLongestStep = 4;
 constexpr double kOpaque = 2e-3;  // transmittance of an eighth of the extinction at which a ray ends
 constexpr double kFar = 1e30;
 constexpr int kMostPanes = 8;  // of glass that a ray goes through
 // Scatterings that a guide of GroupLight::kFirstOrder stands for, on average: what tints it by the albedo's colour.
-constexpr std::array<double, 6> kTypicalOrder = {2, 3, 4.5, 7, 10.5, 20};
+constexpr std::array<double, 6> kTypicalOrder = {2, 3, 4.5, 7, 11, 20};
 constexpr std::array<const char*, 6> kOrderNames = {"order2", "order3", "order4", "order6", "order9", "tail"};
 constexpr size_t kOrders = kOrderNames.size();
 // Octaves: the same light with a half, a quarter, an eighth of the extinction and of the anisotropy.
@@ -60,15 +61,20 @@ struct GuideMarch::Sums {
 };
 
 GuideMarch::GuideMarch(const PathContext& context, const std::vector<GuideMedia>& media, const LightFields& fields,
-                       GuideColour colour, const Camera& camera)
+                       GuideColour colour, const Camera& camera, double step_voxels)
     : context_(context),
       media_(media),
       fields_(fields),
       colour_(colour),
       camera_(camera),
-      step_(kStepVoxels * media[0].voxel()) {
+      step_(step_voxels * media[0].voxel()) {
   const dvec3 middle = 0.5 * (media[0].lo() + media[0].hi());
   reference_depth_ = glm::distance(camera.ray(dvec2(0)).o, middle);
+  double densest = 0;
+  for (const Medium& m : media[0].media())
+    densest = std::max(densest, m.maximum_density() * in_colour(m.coefficients().sigma_t, colour));
+  gentle_ = std::max(kGentleGradient * densest / media[0].voxel(), 1e-300);
+  for (size_t order = 0; order < kOrders; ++order) order_tint_[order] = glm::pow(tint(), dvec3(kTypicalOrder[order]));
   lay_out();
 }
 
@@ -116,8 +122,9 @@ void GuideMarch::lay_out() {
 // The light that leaves each node towards the eye, all groups beside one another.
 void GuideMarch::interleave(const Task& task) {
   const Lattice& lattice = fields_.lattice();
+  const Lattice& coarse = fields_.coarse_lattice();
   const ivec3 n = lattice.n;
-  const auto& directions = LightFields::directions();
+  const auto& directions = ScatteringSolver::directions();
   const double solid_angle = 4 * kPi / static_cast<double>(directions.size());
   node_fields_.assign(static_cast<size_t>(n.x) * n.y * n.z * field_count_, 0.0f);
   const bool one = media_[0].media().size() == 1;
@@ -125,19 +132,33 @@ void GuideMarch::interleave(const Task& task) {
     for (int y = 0; y < n.y; ++y)
       for (int z = 0; z < n.z; ++z) {
         const size_t i = lattice.index(x, y, z);
+        if (!fields_.near()[i]) continue;
         float* const out = node_fields_.data() + ((static_cast<size_t>(x) * n.y + y) * n.z + z) * field_count_;
         const dvec3 p = lattice.node(x, y, z), view = camera_.view_direction(p);
-        const auto towards_eye = [&](const ScatteredLight& light) {
+        const auto towards_eye = [&](const Moments& light) {
           const double flux = view.x * light[1][i] + view.y * light[2][i] + view.z * light[3][i];
           return static_cast<float>(std::max(0.0, light[0][i] - flux));
+        };
+        const auto coarsely = [&](const NodeValues& values, const dvec3& at) {
+          return static_cast<double>(interpolated(coarse, values, at));
         };
         for (size_t k = 0; k < slots_.size(); ++k) {
           const GroupLight& g = fields_.groups()[k];
           const Slots& s = slots_[k];
-          for (size_t order = 0; order < kOrders; ++order) out[s.field_orders + order] = towards_eye(g.orders[order]);
-          const ScatteredLight& tail = g.orders.back();
-          out[s.field_orders + kOrders] =
-              static_cast<float>(view.x * tail[1][i] + view.y * tail[2][i] + view.z * tail[3][i]);
+          for (size_t order = 0; order < kOrders; ++order) {
+            const Moments& light = g.orders[order];
+            float& towards = out[s.field_orders + order];
+            if (order < GroupLight::kFineGuides) {
+              towards = towards_eye(light);
+              continue;
+            }
+            const double flux =
+                view.x * coarsely(light[1], p) + view.y * coarsely(light[2], p) + view.z * coarsely(light[3], p);
+            towards = static_cast<float>(std::max(0.0, coarsely(light[0], p) - flux));
+          }
+          const dvec3 step = 0.75 * coarse.spacing * view;
+          const NodeValues& tail = g.orders.back()[0];
+          out[s.field_orders + kOrders] = static_cast<float>(coarsely(tail, p + step) - coarsely(tail, p - step));
           if (is_sky(g)) {
             const double anisotropy = one ? 0 : media_[0].at(p, colour_).g;
             double single = 0, half = 0, quarter = 0;
@@ -199,13 +220,14 @@ void GuideMarch::record(const ivec2& corner, Layers& frame, const Task& task) {
   std::vector<Plane*> planes;
   for (size_t i = 0; i < names_.size(); ++i) {
     const bool once = i > kOpacity && i < kBaseCount;
-    const char channel = i == kDepth || i == kSpread ? 'Z'
+    const char channel = i == kDepth || i == kSpread      ? 'Z'
                          : i >= kGradient && i < kDensity ? static_cast<char>('X' + (i - kGradient))
-                         : i == kDensity ? 'Y' : letter;
+                         : i == kDensity                  ? 'Y'
+                                                          : letter;
     planes.push_back(once && !first ? nullptr : &layer_of(names_[i], channel));
   }
-  const std::vector<size_t> channels = colour_ == kGrey ? std::vector<size_t>{0, 1, 2}
-                                                        : std::vector<size_t>{static_cast<size_t>(colour_)};
+  const std::vector<size_t> channels =
+      colour_ == kGrey ? std::vector<size_t>{0, 1, 2} : std::vector<size_t>{static_cast<size_t>(colour_)};
   const bool surfaces = context_.surfaces != nullptr, glows = !media_[0].emissions().empty();
   std::array<Plane*, 3> emission{}, background{}, albedo{}, direct{}, indirect{}, normal{};
   std::vector<std::array<Plane*, 3>> lit(slots_.size());
@@ -216,7 +238,8 @@ void GuideMarch::record(const ivec2& corner, Layers& frame, const Task& task) {
     indirect[c] = &layer_of("predicted_indirect", "RGB"[c]);
     if (!surfaces) continue;
     albedo[c] = &layer_of("surface_albedo", "RGB"[c]);
-    for (size_t g = 0; g < lit.size(); ++g) lit[g][c] = &layer_of("surface." + fields_.groups()[g].group.name, "RGB"[c]);
+    for (size_t g = 0; g < lit.size(); ++g)
+      lit[g][c] = &layer_of("surface." + fields_.groups()[g].group.name, "RGB"[c]);
   }
   Plane* surface_depth = nullptr;
   if (surfaces && first) {
@@ -230,11 +253,13 @@ void GuideMarch::record(const ivec2& corner, Layers& frame, const Task& task) {
     for (int x = 0; x < frame.width(); ++x) {
       sums.clear();
       for (int r = 0; r < across * across; ++r) {
-        const dvec2 film = dvec2(corner + ivec2(x, y)) + (dvec2(r % across, r / across) + 0.5) / static_cast<double>(across);
+        const dvec2 film =
+            dvec2(corner + ivec2(x, y)) + (dvec2(r % across, r / across) + 0.5) / static_cast<double>(across);
         // Sixteen points of the lens and as many times, in an order unlike the rays'.
         const dvec2 lens = across == 4 ? (dvec2(r * 7 % 16, r * 11 % 16) + 0.5) / 16.0 : dvec2(0.5);
         const double time = across == 4 ? ((r * 5 + 3) % 16 + 0.5) / 16 : 0;
-        trace(camera_.ray(film, lens, time), media_[static_cast<size_t>(time * static_cast<double>(media_.size()))], sums);
+        trace(camera_.ray(film, lens, time), media_[static_cast<size_t>(time * static_cast<double>(media_.size()))],
+              sums);
       }
       const double share = 1.0 / (across * across);
       const double opacity = sums.value[kOpacity];
@@ -331,8 +356,8 @@ double GuideMarch::march(const Ray& ray, const GuideMedia& media, double t_max, 
       out[kOpacity] += w;
       out[kDepth] += w * from_middle;
       sums.depth2 += w * from_middle * from_middle;
-      if (const double steepness = glm::length(gradient); steepness > 0)
-        for (int a = 0; a < 3; ++a) out[kGradient + static_cast<size_t>(a)] += w * gradient[a] / steepness;
+      const double steepness = glm::length(gradient) + gentle_;
+      for (int a = 0; a < 3; ++a) out[kGradient + static_cast<size_t>(a)] += w * gradient[a] / steepness;
       out[kDensity] += w * point.density;
 
       interpolate(p, fields);
@@ -409,8 +434,7 @@ vec3 GuideMarch::predicted_indirect(const Sums& sums) const {
   vec3 light(0);
   for (size_t k = 0; k < slots_.size(); ++k)
     for (size_t order = 0; order < kOrders; ++order)
-      light += tinted(glm::pow(tint(), dvec3(kTypicalOrder[order])) * colour_of(fields_.groups()[k]),
-                      sums.value[slots_[k].orders + order]);
+      light += tinted(order_tint_[order] * colour_of(fields_.groups()[k]), sums.value[slots_[k].orders + order]);
   return light;
 }
 
@@ -420,7 +444,9 @@ void GuideMarch::add_surface(const Ray& ray, const SurfaceHit& hit, double passe
   const dvec3 normal = glm::dot(hit.shading, ray.d) > 0 ? -hit.shading : hit.shading;
   const Bsdf bsdf = context_.surfaces->bsdf(hit);
   const Frame frame(normal);
-  const auto to_frame = [&](const dvec3& d) { return dvec3(glm::dot(d, frame.x), glm::dot(d, frame.y), glm::dot(d, frame.z)); };
+  const auto to_frame = [&](const dvec3& d) {
+    return dvec3(glm::dot(d, frame.x), glm::dot(d, frame.y), glm::dot(d, frame.z));
+  };
   sums.normal += tinted(normal, passed);
   sums.surface_albedo += tinted(bsdf.albedo, passed);
   sums.surface_depth += passed * (hit.t - reference_depth_);
@@ -428,7 +454,7 @@ void GuideMarch::add_surface(const Ray& ray, const SurfaceHit& hit, double passe
   sums.background += tinted(emitted, passed);
   float fields[64];
   interpolate(p, fields);
-  const auto& directions = LightFields::directions();
+  const auto& directions = ScatteringSolver::directions();
   for (size_t k = 0; k < slots_.size(); ++k) {
     const GroupLight& g = fields_.groups()[k];
     dvec3 light(0);
@@ -455,7 +481,8 @@ void GuideMarch::add_surface(const Ray& ray, const SurfaceHit& hit, double passe
       const ivec3 node = glm::clamp(ivec3(glm::round(fields_.lattice().to_lattice(p))), ivec3(1), n - 2);
       const size_t i = fields_.lattice().index(node.x, node.y, node.z);
       double sum = 0;
-      for (size_t d = 0; d < directions.size(); ++d) sum += std::max(0.0, glm::dot(normal, -directions[d])) * g.sky[d][i];
+      for (size_t d = 0; d < directions.size(); ++d)
+        sum += std::max(0.0, glm::dot(normal, -directions[d])) * g.sky[d][i];
       light = bsdf.albedo * colour_of(g) * (4 * sum / static_cast<double>(directions.size()));
       if (bsdf.kind == Bsdf::Kind::kConductor)
         light = bsdf.albedo * context_.lights->environment()->radiance(glm::reflect(ray.d, normal));

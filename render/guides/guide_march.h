@@ -1,4 +1,5 @@
 #pragma once
+#include <array>
 #include <string>
 #include <vector>
 
@@ -16,7 +17,7 @@ namespace brume {
 class GuideMarch {
  public:
   GuideMarch(const PathContext& context, const std::vector<GuideMedia>& media, const LightFields& fields,
-             GuideColour colour, const Camera& camera);
+             GuideColour colour, const Camera& camera, double step_voxels);
 
   /// Adds the layers of the pixels from `corner` on to `frame`.
   void record(const ivec2& corner, Layers& frame, const Task& task);
@@ -48,9 +49,10 @@ class GuideMarch {
   const LightFields& fields_;
   const GuideColour colour_;
   const Camera& camera_;
-  double step_ = 1, reference_depth_ = 0;
+  double step_ = 1, reference_depth_ = 0, gentle_ = 0;
 
-  std::vector<Slots> slots_;        // for each group
+  std::array<dvec3, GroupLight::kFirstOrder.size()> order_tint_{};  // what a colour makes of each guide of orders
+  std::vector<Slots> slots_;                                        // for each group
   std::vector<std::string> names_;  // of the sums that are one number each, as layers without "guide."
   size_t field_count_ = 0;          // interleaved fields, a multiple of four
   std::vector<float> node_fields_;

@@ -100,8 +100,7 @@ GuideMedia::GuideMedia(std::span<const Medium> media, std::span<const EmissionFi
     take(media_.back());
   }
   // Several grey media of unlike tints: their mixture changes its colour from place to place.
-  for (const Medium& m : media_)
-    coloured_ = coloured_ || glm::distance(m.albedo(), media_[0].albedo()) > 1e-9;
+  for (const Medium& m : media_) coloured_ = coloured_ || glm::distance(m.albedo(), media_[0].albedo()) > 1e-9;
   for (const EmissionField& e : emissions) {
     emissions_.push_back(e.at_time(time));
     take(emissions_.back().shape());

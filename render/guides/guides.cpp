@@ -18,7 +18,7 @@ bool sky_is_coloured(const Lights& lights) {
 
 }  // namespace
 
-Guides::Guides(const PathContext& context, const Task& task) : context_(context) {
+Guides::Guides(const PathContext& context, const Task& task, double step) : context_(context), step_(step) {
   const Stopwatch watch;
   const auto moves = [](const auto& field) { return field.moves(); };
   const bool moving = std::any_of(context.media.begin(), context.media.end(), moves) ||
@@ -27,7 +27,7 @@ Guides::Guides(const PathContext& context, const Task& task) : context_(context)
   for (int i = 0; i < times; ++i) media_.emplace_back(context.media, context.emissions, (i + 0.5) / times);
   if (media_[0].empty()) return;
   colours_ = media_[0].coloured() || sky_is_coloured(*context.lights) ? std::vector<GuideColour>{0, 1, 2}
-                                                                       : std::vector<GuideColour>{kGrey};
+                                                                      : std::vector<GuideColour>{kGrey};
   const GuideMedia& middle = media_[static_cast<size_t>(times / 2)];
   for (const GuideColour colour : colours_)
     fields_.emplace_back(middle, *context.lights, context.surfaces, colour, task);
@@ -37,7 +37,7 @@ Guides::Guides(const PathContext& context, const Task& task) : context_(context)
 void Guides::record(const Camera& camera, const ivec2& corner, Layers& frame, const Task& task) const {
   if (media_[0].empty()) return;
   for (size_t i = 0; i < colours_.size(); ++i)
-    GuideMarch(context_, media_, fields_[i], colours_[i], camera).record(corner, frame, task);
+    GuideMarch(context_, media_, fields_[i], colours_[i], camera, step_).record(corner, frame, task);
 }
 
 size_t Guides::bytes() const {
@@ -52,10 +52,10 @@ std::string Guides::explain() const {
   const ivec3 n = f.lattice().n;
   std::string names;
   for (const GroupLight& g : f.groups()) names += (names.empty() ? "" : ", ") + g.group.name;
-  return fmt::format(
-      "light of {} on {} x {} x {} nodes, {:.3g} voxels apart{}: {:.1f} MB, solved in {:.2f} s",
-      names.empty() ? "nothing" : names, n.x, n.y, n.z, f.lattice().spacing / media_[0].voxel(),
-      colours_.size() > 1 ? ", for red, green and blue" : "", static_cast<double>(bytes()) / 1e6, seconds_);
+  return fmt::format("light of {} on {} x {} x {} nodes, {:.3g} voxels apart{}: {:.1f} MB, solved in {:.2f} s",
+                     names.empty() ? "nothing" : names, n.x, n.y, n.z, f.lattice().spacing / media_[0].voxel(),
+                     colours_.size() > 1 ? ", for red, green and blue" : "", static_cast<double>(bytes()) / 1e6,
+                     seconds_);
 }
 
 }  // namespace brume

@@ -20,7 +20,8 @@ namespace brume {
 class Guides {
  public:
   /// @param context  media, emissions, lights and surfaces; must outlive the object
-  Guides(const PathContext& context, const Task& task);
+  /// @param step     of the marches [voxels], where the medium is still transparent
+  explicit Guides(const PathContext& context, const Task& task = {}, double step = 0.7);
 
   /// Marches the pixels of a window of the picture and adds the layers to `frame`, which has the window's size.
   /// @param corner  of the window, in pixels of the whole picture
@@ -35,7 +36,7 @@ class Guides {
   std::vector<GuideMedia> media_;     // one for each time of the shutter that rays are marched at
   std::vector<GuideColour> colours_;  // grey alone, or red, green and blue
   std::vector<LightFields> fields_;   // for each colour
-  double seconds_ = 0;
+  double step_, seconds_ = 0;
 };
 
 }  // namespace brume

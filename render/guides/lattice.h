@@ -28,4 +28,10 @@ struct Lattice {
 
 using NodeValues = std::vector<float>;
 
+/// Linear between the nodes; outside as on the border.
+float interpolated(const Lattice& lattice, const NodeValues& values, const dvec3& world);
+
+/// Unit vectors evenly spread over the sphere, on a spiral.
+std::vector<dvec3> spiral_of_directions(int count);
+
 }  // namespace brume

@@ -3,59 +3,53 @@
 #include <vector>
 
 #include "base/progress.h"
-#include "render/guides/lattice.h"
 #include "render/guides/light_groups.h"
+#include "render/guides/scattering_solver.h"
 #include "render/guides/sun_depth.h"
 #include "render/world/surfaces.h"
 
 namespace brume {
 
-/// Light scattered towards a direction d at every node, per extinction: values[0] + d . (values[1], values[2],
-/// values[3]), the first two moments of its angular distribution.
-using ScatteredLight = std::array<NodeValues, 4>;
-
 /// The light of one group inside the media, without the camera: biased, without noise.
 struct GroupLight {
-  /// Orders of scattering that share a guide.
-  static constexpr std::array<int, 6> kFirstOrder = {2, 3, 4, 6, 9, 13};
+  /// Orders of scattering that share a guide, each up to the next; the last one is all the rest. From the fourth on
+  /// they live on the coarse lattice.
+  static constexpr std::array<int, 6> kFirstOrder = {2, 3, 4, 6, 9, 14};
+  static constexpr size_t kFineGuides = 3;
 
   LightGroup group;
-  SunDepth sun;                   ///< of a sun
-  NodeValues depth;               ///< of a local light: optical depth towards it
-  NodeValues visible;             ///< of a sun or local light where there are surfaces: share that passes them
-  ScatteredLight once;            ///< of others and the glow: scattered for the first time
-  std::vector<NodeValues> sky;    ///< of the sky: radiance that arrives unscattered, for each direction of travel
-  std::vector<ScatteredLight> orders;  ///< for each of kFirstOrder, up to the next; the last one is the whole tail
+  SunDepth sun;                 ///< of a sun
+  NodeValues depth;             ///< of a local light: optical depth towards it
+  NodeValues visible;           ///< of a sun or local light where there are surfaces: share that passes them
+  Moments once;                 ///< of others and the glow: scattered for the first time
+  std::vector<NodeValues> sky;  ///< of the sky: radiance that arrives unscattered, for each direction of travel
+  std::vector<Moments> orders;  ///< for each of kFirstOrder, scattered
 };
 
-/// Single scattering's transmittances and a coarse solution of multiple scattering, order by order.
-///
-/// Each order is swept from the one before along 24 directions (sweep.h) on a lattice about two voxels wide. Scattering
-/// is taken to second order in g: a forward peak of weight g^2 counts as not scattered, and what is left varies linearly
-/// with the cosine. After twelve orders the rest is a geometric series of what the last two differ by.
-/// Sources: Joseph, Wiscombe, Weinman 1976 for the forward peak; Kunasz, Auer 1988 for the sweeps.
+/// Transmittances for single scattering and a coarse solution of multiple scattering, order by order: the first five on
+/// nodes two voxels apart, as many more as matter on nodes twice as far, then a geometric series of the last two.
 class LightFields {
  public:
   /// @param surfaces  null where there are none. They cast shadows into the media and hide the sky; light that they
-  ///                  reflect is that of a few points.
+  ///                  reflect is their albedo times the mean sky.
   LightFields(const GuideMedia& media, const Lights& lights, const Surfaces* surfaces, GuideColour colour,
               const Task& task);
 
-  const Lattice& lattice() const { return lattice_; }
+  const Lattice& lattice() const { return fine_; }
+  /// Of the orders from kFineGuides on.
+  const Lattice& coarse_lattice() const { return coarse_; }
   const std::vector<GroupLight>& groups() const { return groups_; }
+  /// Nodes whose light may be asked for: those near the media, or all where there are surfaces.
+  const std::vector<uint8_t>& near() const { return near_; }
   /// What the forward peak leaves of the extinction, on average.
   double scaled_extinction() const { return scale_; }
   size_t bytes() const;
 
-  /// Directions of travel, evenly spread.
-  static const std::vector<dvec3>& directions();
-
  private:
-  class Solver;
-  /// Where surfaces stand between the sky and the media, light comes from them: their albedo times the mean sky.
-  static void hide_sky(const GuideMedia& media, const Surfaces& surfaces, std::vector<double>& incoming);
+  void solve(GroupLight& light, const Moments& arriving, ScatteringSolver& fine, ScatteringSolver& coarse);
 
-  Lattice lattice_;
+  Lattice fine_, coarse_;
+  std::vector<uint8_t> near_;
   std::vector<GroupLight> groups_;
   double scale_ = 1;
 };

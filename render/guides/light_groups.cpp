@@ -6,7 +6,8 @@
 namespace brume {
 namespace {
 
-// Lights beyond these share one group: each costs a sweep of the lattice for every order, and a filter dozens of guides.
+// Lights beyond these share one group: each costs a sweep of the lattice for every order, and a filter dozens of
+// guides.
 constexpr size_t kMostSuns = 2, kMostLocals = 2;
 
 struct Candidate {
@@ -54,7 +55,10 @@ std::vector<LightGroup> light_groups(const Lights& lights, const GuideMedia& med
     if ((c.sun ? suns++ < kMostSuns : locals++ < kMostLocals)) {
       const int number = ++named[c.type];
       groups.push_back({c.sun ? LightGroup::Kind::kSun : LightGroup::Kind::kLocal,
-                        c.type + (number > 1 ? "_" + std::to_string(number) : ""), c.sun, {c.light}, c.colour});
+                        c.type + (number > 1 ? "_" + std::to_string(number) : ""),
+                        c.sun,
+                        {c.light},
+                        c.colour});
     } else {
       others.lights.push_back(c.light);
       others.colour += c.importance * c.colour;

@@ -16,8 +16,8 @@ struct LightGroup {
   dvec3 colour{1};                   ///< of mean 1: what a grey guide is multiplied by to be seen
 };
 
-/// The lights of a scene by their guides: suns and local lights one by one while they are few, the weaker ones together;
-/// everything infinitely far but the suns is the sky; what the media emit is the glow.
+/// The lights of a scene by their guides: suns and local lights one by one while they are few, the weaker ones
+/// together; everything infinitely far but the suns is the sky; what the media emit is the glow.
 std::vector<LightGroup> light_groups(const Lights& lights, const GuideMedia& media);
 
 /// Irradiance-like: what arrives at a point from a local light, along one direction towards its middle.

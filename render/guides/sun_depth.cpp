@@ -8,8 +8,8 @@
 
 namespace brume {
 
-SunDepth::SunDepth(const GuideMedia& media, GuideColour colour, const dvec3& towards, double spacing,
-                   size_t most_nodes, const Task& task) {
+SunDepth::SunDepth(const GuideMedia& media, GuideColour colour, const dvec3& towards, double spacing, size_t most_nodes,
+                   const Task& task) {
   for (int a = 1; a < 3; ++a)
     if (std::abs(towards[a]) > std::abs(towards[axis_])) axis_ = a;
   u_ = (axis_ + 1) % 3;
@@ -63,8 +63,7 @@ SunDepth::SunDepth(const GuideMedia& media, GuideColour colour, const dvec3& tow
         while (part > 0 && parts[part - 1].first >= t1) --part;
         if (part > 0 && parts[part - 1].second > t0) {
           double sum = 0;
-          for (int i = 0; i < inner; ++i)
-            sum += media.at(ray.at(t0 + (i + 0.5) / inner * length), colour).sigma_t;
+          for (int i = 0; i < inner; ++i) sum += media.at(ray.at(t0 + (i + 0.5) / inner * length), colour).sigma_t;
           depth += sum * length / inner;
         }
         column[first + step * k] = static_cast<float>(depth);

@@ -22,7 +22,8 @@ HWY_INLINE V set(float x) {
   return hn::Set(D(), x);
 }
 
-/// Four neighbours in the plane that the light comes from, by their distance from the node in floats, and their weights.
+/// Four neighbours in the plane that the light comes from, by their distance from the node in floats, and their
+/// weights.
 struct Upwind {
   std::ptrdiff_t offset[4];
   V weight[4];
@@ -60,35 +61,46 @@ void SweepLattice(const SweepDomain& domain, const float* extinction, const Swee
   const auto length = set(static_cast<float>(
       std::sqrt(direction[0] * direction[0] + direction[1] * direction[1] + direction[2] * direction[2]) / forward));
 
-  std::fill_n(radiance, domain.size(), incoming);
   const int planes = domain.n[along], rows = domain.n[across], last = domain.n[2] - 1;
   const size_t plane = static_cast<size_t>(rows) * domain.row + 2 * Lattice::kVector;
   std::vector<float> sources(2 * plane + 2 * Lattice::kVector, 0.0f);
   float *gained = sources.data() + Lattice::kVector, *gained_before = gained + plane;
   const V half = set(0.5f), one = set(1.0f);
 
+  const auto part_of = [&](int p, int r) {
+    if (!domain.rows) return SweepRow{0, domain.row};
+    return domain
+        .rows[along == 0 ? static_cast<size_t>(p) * domain.n[1] + r : static_cast<size_t>(r) * domain.n[1] + p];
+  };
   const int begin = sign > 0 ? 1 : planes - 2, end = sign > 0 ? planes - 1 : 0;
   for (int p = begin; p != end; p += sign) {
     const auto row_at = [&](int r) { return p * stride[along] + r * stride[across]; };
     if (source.count > 0) {
       std::swap(gained, gained_before);
-      for (int r = 0; r < rows; ++r)
-        for (int z = 0; z < domain.row; z += lanes) {
+      for (int r = 0; r < rows; ++r) {
+        const SweepRow part = part_of(p, r);
+        float* const to = gained + static_cast<std::ptrdiff_t>(r) * domain.row;
+        std::fill(to, to + part.begin, 0.0f);
+        std::fill(to + std::max(part.begin, part.end), to + domain.row, 0.0f);
+        for (int z = part.begin; z < part.end; z += lanes) {
           const std::ptrdiff_t at = row_at(r) + z;
           V sum = hn::Mul(set(source.factor[0]), hn::LoadU(d, source.values[0] + at));
           for (size_t i = 1; i < source.count; ++i)
             sum = hn::Add(sum, hn::Mul(set(source.factor[i]), hn::LoadU(d, source.values[i] + at)));
-          hn::StoreU(sum, d, gained + static_cast<std::ptrdiff_t>(r) * domain.row + z);
+          hn::StoreU(hn::Max(sum, hn::Zero(d)), d, to + z);
         }
+      }
     }
     // The sources of the plane before lie in the other buffer.
     const Upwind from_sources = upwind(gained_before - gained, domain.row);
     for (int r = 1; r < rows - 1; ++r) {
       const std::ptrdiff_t row = row_at(r);
-      for (int z = 0; z < domain.row; z += lanes) {
+      const SweepRow part = part_of(p, r);
+      if (part.begin >= part.end) continue;
+      for (int z = part.begin; z < part.end; z += lanes) {
         const std::ptrdiff_t at = row + z;
-        const V tau = hn::Mul(hn::Mul(half, length),
-                              hn::Add(from_lattice(extinction + at), hn::LoadU(d, extinction + at)));
+        const V tau =
+            hn::Mul(hn::Mul(half, length), hn::Add(from_lattice(extinction + at), hn::LoadU(d, extinction + at)));
         // exp(-tau) = 1 / (1 + tau m), by the exponential's series; (1 - exp(-tau)) / tau is m / (1 + tau m).
         V m = hn::Add(set(1.0f / 6), hn::Mul(tau, set(1.0f / 24)));
         m = hn::Add(half, hn::Mul(tau, m));

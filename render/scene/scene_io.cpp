@@ -2,15 +2,14 @@
 
 #include <fmt/format.h>
 
-#include <bit>
 #include <fstream>
 #include <sstream>
 #include <toml.hpp>
 
 #include "base/error.h"
-#include "base/rng.h"
 #include "base/text.h"
 #include "render/scene/scene_fields.h"
+#include "render/scene/scene_fingerprint.h"
 
 namespace brume {
 namespace {
@@ -234,103 +233,6 @@ void apply_override(toml::value& root, const std::string& assignment) {
   *at = value;
 }
 
-/// The values of one table as text, in the order of their declarations.
-class SettingTexts {
- public:
-  template <class T>
-  void operator()(const Field& field, T& value) {
-    keys.push_back(field.key);
-    texts.push_back(text(value));
-  }
-  std::vector<std::string> keys, texts;
-
- private:
-  static std::string text(const dvec2& v) { return fmt::format("[{}, {}]", v.x, v.y); }
-  static std::string text(const dvec3& v) { return fmt::format("[{}, {}, {}]", v.x, v.y, v.z); }
-  static std::string text(const dmat4& m) {
-    std::vector<std::string> rows;
-    for (int row = 0; row < 4; ++row)
-      rows.push_back(fmt::format("[{}, {}, {}, {}]", m[0][row], m[1][row], m[2][row], m[3][row]));
-    return "[" + join(rows) + "]";
-  }
-  static std::string text(const fs::path&) { return ""; }  // by content, not by name
-  template <class Entry>
-  static std::string text(const std::vector<Entry>& entries) {
-    std::vector<std::string> texts;
-    for (const Entry& entry : entries) texts.push_back(text(entry));
-    return "[" + join(texts) + "]";
-  }
-  template <class T>
-  static std::string text(const T& value) {
-    return fmt::format("{}", value);
-  }
-};
-
-/// Everything that decides the picture, as text: for the hash, and what is not at its default for people.
-class Fingerprint {
- public:
-  template <class Settings>
-  void table(const std::string& name, Settings& settings) {
-    SettingTexts set, standard;
-    Settings plain;
-    describe(set, settings);
-    describe(standard, plain);
-    for (size_t i = 0; i < set.keys.size(); ++i) {
-      all_ += fmt::format("{}={};", set.keys[i], set.texts[i]);
-      if (set.texts[i] != standard.texts[i]) settings_ += fmt::format("{}.{} = {}\n", name, set.keys[i], set.texts[i]);
-    }
-  }
-  void file(const std::string& key, const fs::path& path) {
-    if (path.empty()) return;
-    std::ifstream stream(path, std::ios::binary);
-    uint64_t h = 0;
-    for (char buffer[1 << 16]; stream.read(buffer, sizeof buffer), stream.gcount() > 0;)
-      h = hash(std::string_view(buffer, static_cast<size_t>(stream.gcount())), h);
-    all_ += fmt::format("{:016x};", h);
-    settings_ += fmt::format("{} = content {:016x}\n", key, h);
-  }
-  std::string hex() const { return fmt::format("{:016x}", hash(all_, 0)); }
-  /// Lines, without the last one's end.
-  std::string settings() const { return settings_.substr(0, settings_.size() - !settings_.empty()); }
-
- private:
-  static uint64_t hash(std::string_view bytes, uint64_t h) {
-    for (const char c : bytes) h = (h ^ static_cast<unsigned char>(c)) * 0x100000001b3ull + 0x9e3779b97f4a7c15ull;
-    return mix64(h);
-  }
-  std::string all_, settings_;
-};
-
-Fingerprint fingerprint(Scene scene) {
-  Fingerprint print;
-  // Samples, seed and frame are recorded beside the hash: parts of one render share it.
-  const RenderSettings standard;
-  scene.render.spp = standard.spp;
-  scene.render.seed = standard.seed;
-  scene.render.frame = standard.frame;
-  print.table("camera", scene.camera);
-  print.table("film", scene.film);
-  print.table("render", scene.render);
-  print.table("environment", scene.environment);
-  print.file("camera.from_exr", scene.camera.from_exr);
-  print.file("environment.file", scene.environment.file);
-  const auto each = [&](const char* name, auto& tables, const auto& files_of) {
-    for (size_t i = 0; i < tables.size(); ++i) {
-      const std::string table = fmt::format("{}.{}", name, i);
-      print.table(table, tables[i]);
-      files_of(table, tables[i]);
-    }
-  };
-  each("volumes", scene.volumes,
-       [&](const std::string& t, const VolumeSettings& v) { print.file(t + ".file", v.file); });
-  each("lights", scene.lights, [](const auto&...) {});
-  each("surfaces", scene.surfaces, [&](const std::string& t, const SurfaceSettings& s) {
-    print.file(t + ".file", s.file);
-    print.file(t + ".albedo_texture", s.albedo_texture);
-  });
-  return print;
-}
-
 void check_light(Parser& parser, LightSettings& light, const toml::value& table) {
   const auto need = [&](std::initializer_list<const char*> keys) {
     for (const char* key : keys)
@@ -451,23 +353,7 @@ void check_camera(const Parser& parser, const CameraSettings& c, const toml::val
     fail("the shutter closes before it opens", table.at("shutter"), "expected [open, close]");
 }
 
-}  // namespace
-
-Scene read_scene(const fs::path& path, std::span<const std::string> overrides) {
-  std::error_code ignored;
-  if (!fs::exists(path, ignored)) throw InputError(fmt::format("{}: no such file", path.string()));
-  if (fs::is_directory(path, ignored))
-    throw InputError(fmt::format("{}: is a folder, expected a scene file (TOML)", path.string()));
-  std::ifstream stream(path, std::ios::binary);
-  char magic[4] = {};
-  stream.read(magic, sizeof magic);
-  for (const auto& [bytes, what] : {std::pair(std::string_view(" BDV", 4), "an OpenVDB file"),
-                                    {std::string_view("\x76\x2f\x31\x01", 4), "an OpenEXR file"},
-                                    {std::string_view("\x89PNG", 4), "a PNG picture"}})
-    if (std::string_view(magic, 4) == bytes)
-      throw InputError(fmt::format("{}: is {}, expected a scene (TOML) that names it", path.string(), what));
-  stream.clear();
-  stream.seekg(0);
+Scene scene_from(std::istream& stream, const fs::path& path, std::span<const std::string> overrides) {
   toml::value root = parse(stream, path.string());
   for (const std::string& assignment : overrides) apply_override(root, assignment);
 
@@ -520,73 +406,33 @@ Scene read_scene(const fs::path& path, std::span<const std::string> overrides) {
   // A picture with no factor set is taken as it is.
   const bool has_picture = !scene.environment.file.empty() || scene.environment.sky != "none";
   if (has_picture && !root.at("environment").contains("radiance")) scene.environment.radiance = dvec3(1);
-  const Fingerprint print = fingerprint(scene);
-  scene.hash = print.hex();
-  scene.settings = print.settings();
+  add_fingerprint(scene);
   return scene;
 }
 
-namespace {
-
-/// Writes the reference page from the same declarations.
-class Reference {
- public:
-  template <class T>
-  void operator()(const Field& field, const T& value) {
-    std::string limits = range_text(field);
-    if (limits.starts_with(", ")) limits.erase(0, 2);
-    if (limits.starts_with(" in ")) limits.erase(0, 4);
-    if (!field.choices.empty()) limits = join(field.choices, " \\| ");
-    text += fmt::format("| `{}` | {} | {} | {} | {} |\n", field.key, field.required ? "required" : show(value),
-                        field.unit, limits, field.help);
-  }
-  template <class Settings>
-  void table(const char* heading, const char* about, Settings settings) {
-    text += fmt::format("\n## `{}`\n\n{}\n\n| key | default | unit | range | meaning |\n|---|---|---|---|---|\n",
-                        heading, about);
-    describe(*this, settings);
-  }
-  std::string text;
-
- private:
-  static std::string show(const dvec3& v) { return fmt::format("`[{}, {}, {}]`", v.x, v.y, v.z); }
-  static std::string show(const dmat4& m) { return m == dmat4(1) ? "identity" : "all zero"; }
-  static std::string show(const dvec2& v) { return fmt::format("`[{}, {}]`", v.x, v.y); }
-  static std::string show(const std::vector<double>&) { return "none"; }
-  static std::string show(const std::vector<std::vector<double>>&) { return "none"; }
-  static std::string show(const fs::path&) { return "none"; }
-  static std::string show(const std::string& s) { return "`\"" + s + "\"`"; }
-  template <class T>
-  static std::string show(const T& value) {
-    return fmt::format("`{}`", value);
-  }
-};
-
 }  // namespace
 
-std::string scene_reference() {
-  Reference reference;
-  reference.text =
-      "# Scenes\n\n"
-      "A scene is a TOML file. Paths in it start at its own folder. Unknown keys are errors. Any key can be set from "
-      "the\n"
-      "command line: `-D camera.fov=30`, `-D volumes.0.sigma_t=5`; paths given so start at the scene's folder too. "
-      "Colours are linear Rec. 709, `[r, g, b]` or one "
-      "grey\n"
-      "number. Lengths are in scene units, whichever the volumes use.\n\n"
-      "This page is written by `brume docs scene`; a test keeps it in step with the parser.\n";
-  reference.table("[camera]", "Box filter of one pixel, row 0 on top.", CameraSettings{});
-  reference.table("[film]", "The picture.", FilmSettings{});
-  reference.table("[render]", "The estimator. No setting here but max_events changes the expected picture.",
-                  RenderSettings{});
-  reference.table("[environment]", "Light from infinitely far away.", EnvironmentSettings{});
-  reference.table("[[volumes]]",
-                  "A fog volume and its coefficients: sigma_t(x) = sigma_t * density(x), sigma_s = albedo * sigma_t. "
-                  "Several may overlap. `file` is required where shape is grid.",
-                  VolumeSettings{});
-  reference.table("[[lights]]", "Lights of finite size or parallel light.", LightSettings{});
-  reference.table("[[surfaces]]", "Solid things.", SurfaceSettings{});
-  return reference.text;
+Scene read_scene(const fs::path& path, std::span<const std::string> overrides) {
+  std::error_code ignored;
+  if (!fs::exists(path, ignored)) throw InputError(fmt::format("{}: no such file", path.string()));
+  if (fs::is_directory(path, ignored))
+    throw InputError(fmt::format("{}: is a folder, expected a scene file (TOML)", path.string()));
+  std::ifstream stream(path, std::ios::binary);
+  char magic[4] = {};
+  stream.read(magic, sizeof magic);
+  for (const auto& [bytes, what] : {std::pair(std::string_view(" BDV", 4), "an OpenVDB file"),
+                                    {std::string_view("\x76\x2f\x31\x01", 4), "an OpenEXR file"},
+                                    {std::string_view("\x89PNG", 4), "a PNG picture"}})
+    if (std::string_view(magic, 4) == bytes)
+      throw InputError(fmt::format("{}: is {}, expected a scene (TOML) that names it", path.string(), what));
+  stream.clear();
+  stream.seekg(0);
+  return scene_from(stream, path, overrides);
+}
+
+Scene parse_scene(const std::string& text, const fs::path& path, std::span<const std::string> overrides) {
+  std::istringstream stream(text);
+  return scene_from(stream, path, overrides);
 }
 
 }  // namespace brume

@@ -13,7 +13,8 @@ namespace brume {
 ///         wrong type, value out of range
 Scene read_scene(const std::filesystem::path& path, std::span<const std::string> overrides = {});
 
-/// docs/scene.md: every table and key, from the declarations that parse them.
-std::string scene_reference();
+/// The same of a scene's text; relative paths start at the folder of `path`, which names it in errors.
+Scene parse_scene(const std::string& text, const std::filesystem::path& path,
+                  std::span<const std::string> overrides = {});
 
 }  // namespace brume

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/math.h"
+
 // Microfacets after Walter, Marschner, Li, Torrance 2007 (GGX, reflection and refraction), visible normals sampled
 // after Heitz 2018, Fresnel of conductors after Schlick 1994.
 

@@ -1,5 +1,4 @@
 #pragma once
-#include "base/math.h"
 #include "base/vec.h"
 
 namespace brume {

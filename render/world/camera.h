@@ -2,7 +2,6 @@
 #include <array>
 #include <optional>
 
-#include "base/rng.h"
 #include "render/scene/scene.h"
 #include "volume/ray_cone.h"
 

@@ -7,7 +7,6 @@
 #include <limits>
 
 #include "base/error.h"
-#include "base/text.h"
 #include "image/exr_io.h"
 #include "image/hdr_io.h"
 #include "image/picture_io.h"

@@ -2,10 +2,6 @@
 
 #include <fmt/format.h>
 
-#include <algorithm>
-
-#include "base/error.h"
-
 namespace brume {
 
 struct SceneMedia::Volume {

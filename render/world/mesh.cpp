@@ -4,14 +4,12 @@
 #include <tiny_obj_loader.h>
 
 #include <algorithm>
-#include <bit>
 #include <cmath>
-#include <cstring>
 #include <fstream>
 #include <sstream>
+#include <string_view>
 
 #include "base/error.h"
-#include "base/text.h"
 
 namespace brume {
 namespace {

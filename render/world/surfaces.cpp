@@ -9,7 +9,6 @@
 #include <limits>
 
 #include "base/error.h"
-#include "image/exr_io.h"
 #include "image/picture_io.h"
 #include "volume/placement.h"
 

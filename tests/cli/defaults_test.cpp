@@ -114,8 +114,10 @@ TEST_F(Defaults, AParameterWithoutItsFilterIsRefused) {
 }
 
 TEST_F(Defaults, FiltersStandInTheOrderOfTheirMerit) {
+  const json filters = json::parse(run_brume("filters --json").out)["filters"];
+  ASSERT_FALSE(filters.empty());
   double last = std::numeric_limits<double>::infinity();
-  for (const json& f : json::parse(run_brume("filters --json").out)["filters"]) {
+  for (const json& f : filters) {
     EXPECT_LE(f["merit"].get<double>(), last) << f["name"];
     EXPECT_FALSE(f["take_it"].get<std::string>().empty()) << f["name"];
     last = f["merit"];

@@ -5,7 +5,6 @@
 #include <cmath>
 
 #include "base/error.h"
-#include "base/rng.h"
 #include "filters/apply.h"
 #include "filters/registry.h"
 #include "tests/support/frames.h"

@@ -6,6 +6,7 @@
 
 #include <cmath>
 
+#include "filters/neighbourhood.h"
 #include "tests/support/frames.h"
 
 namespace brume {

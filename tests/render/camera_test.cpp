@@ -2,12 +2,14 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 
 #include "base/error.h"
+#include "base/math.h"
+#include "base/rng.h"
 #include "image/exr_io.h"
 #include "tests/support/files.h"
-#include "tests/support/volumes.h"
 
 namespace brume {
 namespace {

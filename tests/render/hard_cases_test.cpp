@@ -7,11 +7,9 @@
 
 #include "image/exr_io.h"
 #include "render/frame/renderer.h"
-#include "render/lanes/flights.h"
 #include "render/lanes/wavefront.h"
 #include "tests/support/files.h"
 #include "tests/support/volumes.h"
-#include "volume/gradient.h"
 
 namespace brume {
 namespace {

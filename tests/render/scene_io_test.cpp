@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "base/error.h"
+#include "render/scene/scene_reference.h"
 #include "tests/support/files.h"
 
 namespace brume {

@@ -4,8 +4,6 @@
 
 #include <gtest/gtest.h>
 
-#include <cmath>
-
 #include "image/exr_io.h"
 #include "render/frame/renderer.h"
 #include "tests/support/files.h"

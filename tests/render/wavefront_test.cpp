@@ -11,11 +11,9 @@
 #include "render/frame/renderer.h"
 #include "render/lanes/camera_layers.h"
 #include "render/lanes/lane_scene.h"
-#include "render/scene/scene_io.h"
 #include "render/world/camera.h"
 #include "tests/support/files.h"
 #include "tests/support/volumes.h"
-#include "volume/gradient.h"
 #include "volume/tracking.h"
 
 namespace brume {

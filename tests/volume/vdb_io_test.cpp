@@ -6,7 +6,6 @@
 #include <openvdb/tools/LevelSetSphere.h>
 
 #include <atomic>
-#include <cmath>
 #include <cstdlib>
 #include <limits>
 

@@ -1,0 +1,148 @@
+#include "app/clean.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "base/error.h"
+#include "filters/apply.h"
+#include "filters/registry.h"
+#include "filters/requirements.h"
+
+namespace brume::app {
+namespace {
+
+// Of a tile's squared error: it falls like samples to the power of -kDecay, a little less than without a filter.
+constexpr double kDecay = 0.8;
+// A round takes between a third more and twice as many samples as there are, so that errors are known before they are
+// acted on and few pictures are cleaned.
+constexpr double kLeastGrowth = 1.3, kMostGrowth = 2;
+constexpr double kMostShare = 16;  // samples of a tile over the mean's
+
+bool makes(const FilterEntry& filter, const LayerName& layer) {
+  return std::find(filter.produces.begin(), filter.produces.end(), layer) != filter.produces.end();
+}
+
+ApplyOptions options_of(double exposure) {
+  ApplyOptions options;
+  options.component = Component::kAll;
+  options.exposure = exposure;
+  return options;
+}
+
+}  // namespace
+
+Cleaner::Cleaner(const std::string& filter, const Common& common, double exposure)
+    : filter_(parse_filter(filter)), common_(common), exposure_(exposure) {}
+
+bool Cleaner::estimates_error() const {
+  return makes(filter_.entry(), layer::clean_error);
+}
+
+LayerRequest Cleaner::request(const LayerRequest& wanted) const {
+  const FilterEntry& entry = filter_.entry();
+  if (entry.records == FilterEntry::Records::kNeeds)
+    throw InputError(
+        fmt::format("--clean-filter {}: needs the record of every sample; render with --records, then "
+                    "brume denoise",
+                    entry.name));
+  LayerRequest request = wanted;
+  const auto record = [&](const LayerName& l) {
+    if (!l.name.empty() && !request.has(l)) request.names.emplace_back(l.name);
+  };
+  for (const LayerName& l : {layer::direct, layer::indirect}) record(l);
+  for (const LayerName& l : entry.needs) record(l);
+  request.statistics = true;
+  request.buckets = request.buckets || entry.statistics == Statistics::kBuckets;
+  request.guides = request.guides || entry.guides;
+  return request;
+}
+
+Layers Cleaner::clean(const Layers& frame) {
+  ApplyReport report;
+  Layers clean = apply_filter(filter_, frame, options_of(exposure_), make_task(common_, filter_.entry().name), &report);
+  for (const std::string& line : report.notes) note(line);
+  seconds_ += report.seconds;
+  Layers all = frame;
+  for (size_t c = 0; c < 3; ++c) {
+    const std::string raw = layer::beauty.channel(c);
+    all.set(layer::noisy.channel(c), frame.at(raw));
+    all.set(raw, clean.at(raw));
+  }
+  for (const auto& [name, plane] : clean.channels())
+    if (!frame.find(name)) all.set(name, plane);
+  for (const auto& [key, value] : clean.header) all.header[key] = value;
+
+  error_ = -1;
+  if (estimates_error()) {
+    const Plane& error = clean.at(layer::clean_error.channel(0));
+    const RgbPlanes rgb = clean.rgb(layer::beauty);
+    double sum = 0;
+    for (int y = 0; y < error.height(); ++y)
+      for (int x = 0; x < error.width(); ++x) sum += relative_square(error(x, y), rgb, x, y);
+    error_ = std::sqrt(sum / (static_cast<double>(error.width()) * error.height()));
+    all.header["estimatedCleanError"] = static_cast<float>(error_);
+  }
+  picture_ = all;
+  return all;
+}
+
+double Cleaner::relative_square(double error, const RgbPlanes& rgb, int x, int y) const {
+  const double mean = luminance(vec3((*rgb[0])(x, y), (*rgb[1])(x, y), (*rgb[2])(x, y))) * exposure_;
+  return error * error * exposure_ * exposure_ / (mean * mean + 0.01);
+}
+
+std::vector<uint32_t> Cleaner::next_round(const RenderRound& round, double target) {
+  const Layers all = clean(round.frame);
+  const bool known = estimates_error();
+  if (known && target > 0 && error_ <= target) return {};
+  const Film& film = round.film;
+  const auto tiles = static_cast<size_t>(film.tile_count());
+  std::vector<double> pixels(tiles), taken(tiles), wanted(tiles, 0.0);
+  double total = 0, all_pixels = 0;
+  for (size_t t = 0; t < tiles; ++t) {
+    pixels[t] = film.bounds(static_cast<int>(t)).pixels();
+    taken[t] = film.taken(static_cast<int>(t));
+    total += pixels[t] * taken[t];
+    all_pixels += pixels[t];
+  }
+  double growth = kMostGrowth;
+  if (known && target > 0) growth = std::clamp(std::pow(error_ / target, 2 / kDecay), kLeastGrowth, kMostGrowth);
+  growth = std::min(growth, round.most_growth);
+  if (!(growth > 1)) return {};
+
+  const RgbPlanes rgb = all.rgb(layer::beauty);
+  const Plane* const error = known ? all.find(layer::clean_error.channel(0)) : nullptr;
+  const Plane* const map = all.find(layer::sampling_map.channel(0));
+  for (size_t t = 0; t < tiles; ++t) {
+    const Film::Bounds b = film.bounds(static_cast<int>(t));
+    double sum = 0;
+    for (int y = b.y0; y < b.y1; ++y)
+      for (int x = b.x0; x < b.x1; ++x)
+        sum += error ? relative_square((*error)(x, y), rgb, x, y) : map ? (*map)(x, y) : 1.0;
+    // Minimises sum E_t (n_t / taken_t)^-decay at a given sum of n_t.
+    wanted[t] = error ? std::pow(sum / pixels[t] * std::pow(taken[t], kDecay), 1 / (1 + kDecay)) : sum / pixels[t];
+  }
+  // What a tile has already it keeps; the others share the rest in proportion.
+  const double budget = growth * total;
+  double lowest = 0, highest = 1e30;
+  std::vector<uint32_t> goals(tiles);
+  for (int step = 0; step < 200; ++step) {
+    const double factor = std::sqrt(std::max(lowest, 1e-30) * highest);
+    double sum = 0;
+    for (size_t t = 0; t < tiles; ++t) {
+      const double fresh = error ? factor * wanted[t] : taken[t] + factor * wanted[t];
+      const double goal = std::clamp(fresh, taken[t], std::max(taken[t], kMostShare * budget / all_pixels));
+      goals[t] = static_cast<uint32_t>(std::min(goal + 0.5, 1e9));
+      sum += pixels[t] * goal;
+    }
+    (sum > budget ? highest : lowest) = factor;
+  }
+  const bool gains = std::any_of(goals.begin(), goals.end(), [&, t = size_t{0}](uint32_t goal) mutable {
+    return goal > film.taken(static_cast<int>(t++));
+  });
+  return gains ? goals : std::vector<uint32_t>();
+}
+
+}  // namespace brume::app

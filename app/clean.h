@@ -1,0 +1,52 @@
+#pragma once
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "app/command.h"
+#include "filters/filter.h"
+#include "render/frame/film.h"
+#include "render/frame/render_job.h"
+
+namespace brume::app {
+
+/// The clean picture of a render, and where its next samples do most for it.
+class Cleaner {
+ public:
+  /// @param filter  as `denoise -f` takes it: NAME or NAME:parameter=value,...
+  /// @throws InputError
+  Cleaner(const std::string& filter, const Common& common, double exposure);
+
+  /// What a render must record for it, beside `wanted`. @throws InputError for a filter that needs sample records
+  LayerRequest request(const LayerRequest& wanted) const;
+
+  /// The frame with the clean picture on top: the raw one goes to `noisy`, the parts to clean_direct and
+  /// clean_indirect, the estimated error to clean_error, where the filter makes them.
+  Layers clean(const Layers& frame);
+
+  /// Samples that each tile is to have after the next round; empty: the target is reached, or nothing can be gained.
+  ///
+  /// With a filter that estimates its error, samples are spread so that the sum of the squared relative errors falls
+  /// most, each tile's error falling like samples^-0.8; with one that makes a map of samples (sobel_guided), by it;
+  /// evenly otherwise.
+  /// @param target  relative error of the clean picture (Cleaner::error); 0: none
+  std::vector<uint32_t> next_round(const RenderRound& round, double target);
+
+  /// Estimated relative error of the last picture: root of the mean over pixels of clean_error^2 / (mean^2 + 0.01
+  /// white^2), white being 1 / exposure. Below 0 where the filter estimates none.
+  double error() const { return error_; }
+  bool estimates_error() const;
+  /// The last clean picture.
+  const Layers& picture() const { return picture_; }
+  double seconds() const { return seconds_; }
+
+ private:
+  double relative_square(double error, const RgbPlanes& rgb, int x, int y) const;
+
+  FilterSettings filter_;
+  const Common& common_;
+  double exposure_, error_ = -1, seconds_ = 0;
+  Layers picture_;
+};
+
+}  // namespace brume::app

@@ -1,0 +1,113 @@
+#pragma once
+#include <array>
+#include <utility>
+#include <vector>
+
+#include "base/parallel_for.h"
+#include "render/guides/guide_media.h"
+#include "render/guides/lattice.h"
+#include "render/guides/sweep.h"
+
+namespace brume {
+
+/// The first two moments of a field of directions at every node: for light on its way mean radiance and mean flux; for
+/// light that has been scattered, what leaves towards d per extinction is [0] + d . ([1], [2], [3]).
+using Moments = std::array<NodeValues, 4>;
+
+/// Multiple scattering on a lattice, order by order: each is swept from the one before along 24 directions.
+///
+/// Scattering is taken to the first moment. A forward peak of weight g^2 counts as not scattered at all, and what is
+/// left varies linearly with the cosine. Light that leaves the media by more than a few nodes does not come back.
+/// Sources: Joseph, Wiscombe, Weinman 1976, The delta-Eddington approximation; Kunasz, Auer 1988 for the sweeps.
+class ScatteringSolver {
+ public:
+  ScatteringSolver(const Lattice& lattice, const GuideMedia& media, GuideColour colour, const Task& task);
+  /// The same media on a lattice that is coarser.
+  ScatteringSolver(const Lattice& lattice, const ScatteringSolver& fine, const Task& task);
+
+  /// Directions of travel, evenly spread.
+  static const std::vector<dvec3>& directions();
+  const Lattice& lattice() const { return lattice_; }
+  /// Per spacing.
+  const NodeValues& extinction() const { return extinction_; }
+  /// What the forward peak leaves of the extinction, averaged over the media.
+  double mean_scale() const { return mean_scale_; }
+
+  /// Whether a node or one of its 26 neighbours has any extinction.
+  std::vector<uint8_t> near_media() const;
+
+  Moments nothing() const;
+  /// Radiance that enters from outside and arrives unscattered, for each direction, the forward peak being scattering.
+  std::vector<NodeValues> arriving(const std::vector<double>& incoming);
+  /// The same as moments, the forward peak being none.
+  Moments entering(const std::vector<double>& incoming);
+  /// Moments of emitted light. @param glow  emission per spacing at the nodes
+  Moments emitted(const NodeValues& glow);
+
+  /// What the media make of light on its way.
+  Moments scattered(const Moments& light) const;
+  /// The moments of light that has been scattered, once it is on its way.
+  Moments transported(const Moments& scattered);
+  /// The same of light that leaves the nodes, per spacing: extinction times what was scattered.
+  Moments transported_source(const Moments& source);
+  /// That of `fine`, whose lattice is finer, at this lattice's nodes.
+  Moments source_from(const ScatteringSolver& fine, const Moments& scattered) const;
+
+  void add(const Moments& from, Moments& to) const;
+  /// Of the mean radiance, over the nodes with extinction in them.
+  double total(const Moments& light) const;
+
+  /// Calls visit(x, y, z, index) for the inner nodes, on the task's threads.
+  template <class Visit>
+  void each_node(const Visit& visit) const {
+    parallel_for(lattice_.n.x - 2, task_, [&](int i) {
+      for (int y = 1; y < lattice_.n.y - 1; ++y)
+        for (int z = 1; z < lattice_.n.z - 1; ++z) visit(i + 1, y, z, lattice_.index(i + 1, y, z));
+    });
+  }
+
+ private:
+  /// What lies around a node, per spacing.
+  struct NodeMedia {
+    double extinction = 0, scaled = 0;  ///< scaled: without the forward peak
+    double scattered = 0, linear = 0;   ///< scaled, times albedo and three times the mean cosine of what is left
+    void add(const NodeMedia& other) {
+      extinction += other.extinction;
+      scaled += other.scaled;
+      scattered += other.scattered;
+      linear += other.linear;
+    }
+  };
+  ScatteringSolver(const Lattice& lattice, const Task& task);
+  template <class Sample>
+  void fill(const Sample& sample);
+  void find_rows();
+  void lay_down(const NodeValues& standing, NodeValues& lying, bool everywhere) const;
+  void sweep_all(const Moments* source, size_t count, const std::vector<double>& incoming, bool true_extinction);
+  Moments moments(bool everywhere);
+  /// Calls body(begin, end) for the nodes of each row near the media.
+  template <class Body>
+  void each_row(const Body& body) const {
+    parallel_for(lattice_.n.x, task_, [&](int x) {
+      for (int y = 0; y < lattice_.n.y; ++y) {
+        const SweepRow& row = rows_[static_cast<size_t>(x) * lattice_.n.y + y];
+        const size_t first = lattice_.index(x, y, 0);
+        if (row.begin < row.end) body(first + row.begin, first + row.end);
+      }
+    });
+  }
+
+  Lattice lattice_;
+  Task task_;
+  // Nodes with z fastest, and with y fastest and z slowest: a sweep never goes along contiguous rows.
+  SweepDomain standing_, lying_;
+  std::vector<SweepRow> rows_, lying_rows_;                           // the nodes near the media
+  NodeValues extinction_, scaled_, lying_extinction_, lying_scaled_;  // per spacing; without the forward peak
+  NodeValues albedo_, linear_;  // of what is left of scattering, and three times its mean cosine
+  Moments source_, lying_source_, lying_moment_;
+  std::vector<NodeValues> radiance_;  // for each direction
+  bool dirty_ = false;                // radiance_ holds light away from the media
+  double mean_scale_ = 1;
+};
+
+}  // namespace brume

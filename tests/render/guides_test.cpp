@@ -1,0 +1,247 @@
+// Guides: what a camera ray can know without a random number, against closed forms and the path tracer.
+
+#include "render/guides/guides.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "render/frame/renderer.h"
+#include "render/guides/scattering_solver.h"
+#include "render/guides/sun_depth.h"
+#include "render/guides/sweep.h"
+#include "tests/support/files.h"
+#include "tests/support/targets.h"
+#include "tests/support/volumes.h"
+
+namespace brume {
+namespace {
+
+double sum_of(const Layers& frame, const std::string& channel) {
+  double sum = 0;
+  const Plane& plane = frame.at(channel);
+  for (int y = 0; y < plane.height(); ++y)
+    for (const float v : plane.pixels(y)) sum += v;
+  return sum;
+}
+
+Layers render(const Scene& scene, const std::vector<std::string>& layers, int spp = 1) {
+  return PreparedScene(scene, LayerRequest::of(layers, false)).render(spp, 1).layers;
+}
+
+Layers guides_of(const Scene& scene, double step = 0.7, int threads = 0) {
+  const PreparedScene prepared(scene, LayerRequest::of({"direct"}, false));
+  Layers frame(scene.film.width, scene.film.height);
+  const Task task{threads};
+  Guides(prepared.context(), task, step).record(prepared.camera(), {0, 0}, frame, task);
+  return frame;
+}
+
+/// A ball of radius 1 at the origin in a sun, seen along y.
+Scene ball(double sigma_t, double g) {
+  Scene s;
+  s.name = "ball";
+  s.camera.position = {0, -6, 0};
+  s.camera.fov = 24;
+  s.film.width = s.film.height = 40;
+  s.volumes.emplace_back();
+  VolumeSettings& v = s.volumes[0];
+  v.shape = "sphere";
+  v.lo = dvec3(-1);
+  v.hi = dvec3(1);
+  v.sigma_t = dvec3(sigma_t);
+  v.albedo = dvec3(0.9);
+  v.g = g;
+  LightSettings sun;
+  sun.type = "sun";
+  sun.direction = {0.6, -0.5, 0.62};
+  sun.irradiance = dvec3(2);
+  sun.angular_diameter = 0;
+  s.lights.push_back(sun);
+  return s;
+}
+
+TEST(Guides, OpacityIsWhatTheTracerDoesNotSeeThrough) {
+  for (const char* name : {"cloud", "smoke"}) {
+    const Layers frame = render(test::demo(name, 64), {"transmittance", "guides"}, 64);
+    const double expected = 64.0 * 64.0 - sum_of(frame, "transmittance.R");
+    EXPECT_NEAR(sum_of(frame, "guide.opacity.Y") / expected, 1.0, 0.01) << name;
+  }
+}
+
+// Along each ray: sigma_s p(cos) E exp(-sigma_t (t + s)), t and s being the chords to the eye and to the sun.
+TEST(Guides, SingleScatteringOfABallIsItsClosedForm) {
+  for (const double sigma : {0.01, 1.0, 5.0})
+    for (const double g : {0.0, 0.6}) {
+      const Scene scene = ball(sigma, g);
+      const Layers frame = guides_of(scene);
+      const Camera camera(scene.camera, scene.film.width, scene.film.height);
+      const dvec3 sun = glm::normalize(scene.lights[0].direction);
+      const auto exit = [](const dvec3& p, const dvec3& d) {
+        const double b = glm::dot(p, d);
+        return -b + std::sqrt(std::max(0.0, b * b + 1 - glm::dot(p, p)));
+      };
+      for (const int x : {12, 20, 26}) {
+        const Ray ray = camera.ray({x + 0.5, 18.5});
+        const double b = glm::dot(ray.o, ray.d), root = std::sqrt(b * b + 1 - glm::dot(ray.o, ray.o));
+        constexpr int kSteps = 20000;
+        double expected = 0;
+        for (int i = 0; i < kSteps; ++i) {
+          const double t = (i + 0.5) / kSteps * 2 * root;
+          const dvec3 p = ray.at(-b - root + t);
+          expected += std::exp(-sigma * (t + exit(p, sun))) * 2 * root / kSteps;
+        }
+        expected *= sigma * 0.9 * 2 * HenyeyGreenstein{g}.value(glm::dot(sun, ray.d));
+        EXPECT_NEAR(frame.at("guide.single.sun.Y")(x, 18) / expected, 1.0, 0.02) << sigma << " " << g << " " << x;
+      }
+    }
+}
+
+// Everything that is predicted, against the tracer: the sun and the sky, once and many times scattered.
+TEST(Guides, PredictedLightOfThinSmokeIsTheTracersWithinThreePercent) {
+  const Layers frame = render(test::demo("smoke", 64), {"direct", "indirect", "guides"}, 256);
+  for (const char* channel : {"R", "G", "B"}) {
+    const std::string c = std::string(".") + channel;
+    EXPECT_NEAR(sum_of(frame, "guide.predicted_direct" + c) / sum_of(frame, "direct" + c), 1.0, 0.01) << channel;
+    EXPECT_NEAR(sum_of(frame, "guide.predicted_indirect" + c) / sum_of(frame, "indirect" + c), 1.0, 0.03) << channel;
+  }
+}
+
+TEST(Guides, HalfTheStepChangesNothingByMoreThanAHundredth) {
+  const Scene scene = test::demo("cloud", 64);
+  const Layers whole = guides_of(scene), half = guides_of(scene, 0.35);
+  for (const std::string& name : whole.names()) {
+    const Plane &a = whole.at(name), &b = half.at(name);
+    float largest = 0, difference = 0;
+    double squares = 0;
+    for (int y = 0; y < a.height(); ++y)
+      for (int x = 0; x < a.width(); ++x) {
+        largest = std::max(largest, std::abs(a(x, y)));
+        difference = std::max(difference, std::abs(a(x, y) - b(x, y)));
+        squares += std::pow(a(x, y) - b(x, y), 2);
+      }
+    // The direction of the trilinear field's gradient jumps from voxel to voxel: single pixels may turn.
+    const float allowed = name.find("gradient") != std::string::npos ? 0.2f : 0.015f;
+    EXPECT_LE(difference, allowed * largest) << name;
+    EXPECT_LE(std::sqrt(squares / (64 * 64)), 0.1 * allowed * largest) << name;
+  }
+}
+
+TEST(Guides, AreTheSameForAnyNumberOfThreads) {
+  const Scene scene = test::demo("smoke", 32);
+  test::expect_same_bits(guides_of(scene, 0.7, 1), guides_of(scene, 0.7, 3));
+}
+
+TEST(Guides, OfACropAreThoseOfTheWhole) {
+  const PreparedScene scene(test::demo("smoke", 48), LayerRequest::of({"guides"}, false));
+  RenderJob job;
+  job.spp = 1;
+  const Layers whole = scene.render(job).layers;
+  job.crop = RenderJob::Crop{10, 5, 30, 33};
+  const Layers part = scene.render(job).layers;
+  for (const std::string& name : part.names()) {
+    if (!name.starts_with("guide.")) continue;
+    for (int y = 0; y < part.height(); ++y)
+      for (int x = 0; x < part.width(); ++x)
+        ASSERT_EQ(part.at(name)(x, y), whole.at(name)(x + 10, y + 5)) << name << " " << x << " " << y;
+  }
+}
+
+TEST(Guides, OfChromaticMediaHaveColours) {
+  Scene scene = ball(1, 0);
+  scene.volumes[0].sigma_t = {0.5, 1, 2};
+  const Layers frame = guides_of(scene);
+  EXPECT_LT(frame.at("guide.opacity.R")(20, 20), frame.at("guide.opacity.B")(20, 20));
+  EXPECT_TRUE(frame.find("guide.single.sun.G"));
+  EXPECT_FALSE(frame.find("guide.single.sun.Y"));
+}
+
+TEST(Guides, AreFiniteThroughALensInMotionAndBehindGlass) {
+  Scene scene = test::demo("cloud", 24);
+  scene.camera.lens_radius = 0.1;
+  scene.camera.shutter = {0, 1};
+  scene.camera.position_end = {0.3, -6.2, 1.0};
+  scene.surfaces.emplace_back();
+  scene.surfaces[0].file = test::source("data/meshes/ball.obj");
+  scene.surfaces[0].material = "dielectric";
+  scene.surfaces[0].object_to_world = translation({0, -3, 1}) * test::scaling(dvec3(0.4));
+  const Layers frame = guides_of(scene);
+  for (const std::string& name : frame.names()) EXPECT_EQ(count_not_finite(frame.at(name)), 0u) << name;
+  EXPECT_GT(frame.at("guide.opacity.Y")(12, 12), 0.5f) << "glass hides nothing";
+}
+
+TEST(Guides, KnowWhatStandsBehindTheMediumAndItsShadow) {
+  Scene scene = ball(1, 0);
+  scene.surfaces.emplace_back();
+  scene.surfaces[0].file = test::source("data/meshes/floor.obj");
+  scene.surfaces[0].albedo = dvec3(0.5);
+  scene.surfaces[0].object_to_world = translation({0, 0, -1.1});
+  scene.film.width = scene.film.height = 64;
+  scene.camera.fov = 40;
+  const Layers frame = render(scene, {"surface", "guides"}, 64);
+  EXPECT_NEAR(sum_of(frame, "guide.surface.sun.G") / sum_of(frame, "surface.G"), 1.0, 0.02);
+}
+
+TEST(SunDepth, IsTheOpticalDepthTowardsTheSun) {
+  const BrickGrid bricks = test::make_bricks({{0, 0, 0}, {30, 20, 24}}, [](const ivec3& v) {
+    return 0.5f + 0.5f * std::sin(0.4f * static_cast<float>(v.x) + 0.3f * static_cast<float>(v.y * v.z) / 20);
+  });
+  const std::vector<Medium> media = {Medium(bricks, test::scaling(dvec3(0.1)), 3.0, dvec3(0.9), 0.0)};
+  const GuideMedia guide_media(media, {}, 0);
+  Rng rng(7);
+  for (int i = 0; i < 6; ++i) {
+    const dvec3 sun = test::random_direction(rng);
+    const SunDepth depth(guide_media, kGrey, sun, 0.1, 1000000, {});
+    for (int k = 0; k < 50; ++k) {
+      const dvec3 p = test::random_point(rng, dvec3(0.1), dvec3(2.8, 1.8, 2.2));
+      const double expected = optical_depth(media[0], media[0].to_local(Ray{p, sun}), 100);
+      EXPECT_NEAR(depth.at(p), expected, 0.1 + 0.03 * expected) << i;
+    }
+  }
+}
+
+class Sweep : public test::EveryTarget {};
+
+// A slab across the sweep's axis: what enters is attenuated by the whole depth, what is emitted saturates.
+TEST_P(Sweep, ThroughASlabIsTheClosedForm) {
+  SweepDomain domain{{40, 9, 11}, 16};
+  std::vector<float> thickness(domain.size(), 0.0f), light(domain.size(), 1.0f), glow(domain.size(), 0.0f);
+  const auto at = [&](int x, int y, int z) { return (static_cast<size_t>(x) * 9 + y) * 16 + z; };
+  for (int x = 10; x < 30; ++x)
+    for (int y = 0; y < 9; ++y)
+      for (int z = 0; z < 11; ++z) {
+        thickness[at(x, y, z)] = 0.2f;
+        glow[at(x, y, z)] = 0.2f * 3;
+      }
+  sweep(domain, thickness.data(), {}, {1, 0, 0}, 1, light.data());
+  EXPECT_NEAR(light[at(35, 4, 5)], std::exp(-4.0), 1e-4);
+  std::fill(light.begin(), light.end(), 0.0f);
+  SweepSource source;
+  source.values[0] = glow.data();
+  source.factor[0] = 1;
+  source.count = 1;
+  sweep(domain, thickness.data(), source, {-1, 0, 0}, 0, light.data());
+  EXPECT_NEAR(light[at(4, 4, 5)], 3 * (1 - std::exp(-4.0)), 0.01);
+}
+INSTANTIATE_TEST_SUITE_P(Targets, Sweep, ::testing::ValuesIn(test::targets()), test::target_name);
+
+// In an even sky a medium that absorbs nothing is invisible: all orders together are the sky again.
+TEST(ScatteringSolver, KeepsTheEnergyOfAnEvenSky) {
+  const BrickGrid bricks = test::constant_box({0, 0, 0}, {23, 23, 23});
+  const std::vector<Medium> media = {Medium(bricks, dmat4(1.0), 0.15, dvec3(1), 0.5)};
+  const GuideMedia guide_media(media, {}, 0);
+  ScatteringSolver solver(Lattice::over(guide_media.lo(), guide_media.hi(), 1, 1000000), guide_media, kGrey, {});
+  const std::vector<double> sky(ScatteringSolver::directions().size(), 1.0);
+  Moments light = solver.entering(sky), sum = light;
+  for (int order = 1; order < 120; ++order) {
+    light = solver.transported(solver.scattered(light));
+    solver.add(light, sum);
+  }
+  const Lattice& l = solver.lattice();
+  for (const int x : {4, 8, 13}) EXPECT_NEAR(sum[0][l.index(x, l.n.y / 2, l.n.z / 2)], 1.0, 0.03) << x;
+}
+
+}  // namespace
+}  // namespace brume
