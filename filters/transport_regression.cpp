@@ -188,8 +188,8 @@ struct Knowledge {
   }
 };
 
-/// 1 / (brightness + a share of its mean)^power within the mask.
-Plane weight_of(const Plane& level, const Plane& mask, float power, const Task& task) {
+/// Samples / (brightness + a share of its mean)^power within the mask, both relative to their means.
+Plane weight_of(const Plane& level, const Plane& mask, float power, const FilterFrame& frame, const Task& task) {
   double sum = 0, count = 0;
   for (int y = 0; y < level.height(); ++y)
     for (int x = 0; x < level.width(); ++x)
@@ -199,7 +199,9 @@ Plane weight_of(const Plane& level, const Plane& mask, float power, const Task& 
       }
   const float scale = sum > 0 ? static_cast<float>(count / sum) : 0.0f;
   return make_plane(level.width(), level.height(), quiet(task), [&](int x, int y) {
-    return mask(x, y) > 0 ? std::pow(scale * std::max(0.0f, level(x, y)) + kDark, -power) : 0.0f;
+    if (!(mask(x, y) > 0)) return 0.0f;
+    const float samples = frame.samples > 0 ? static_cast<float>(frame.samples_at(x, y) / frame.samples) : 1.0f;
+    return samples * std::pow(scale * std::max(0.0f, level(x, y)) + kDark, -power);
   });
 }
 
@@ -359,6 +361,29 @@ void say_what_is_missing(const FilterFrame& frame, bool guided, bool halves) {
         "error is only told as far as windows differ");
 }
 
+/// A fit to the frame, and what narrower and narrower windows make of what it leaves, with fewer and fewer columns.
+std::vector<HalfPair> cascade(HalfPair frame_fit, const Knowledge& known, const RgbPlanes& a, const RgbPlanes& b,
+                              const Plane& weight, const TransportRegression& p, const Task& task) {
+  std::vector<HalfPair> fits;
+  fits.push_back(std::move(frame_fit));
+  const auto refine = [&](const Columns& columns, double window) {
+    const HalfPair& wider = fits.back();
+    const Rgb left_a = minus(a, view(wider.a), task), left_b = minus(b, view(wider.b), task);
+    HalfPair fit = regress(columns, view(left_a), view(left_b), weight,
+                           {window, static_cast<double>(p.ridge), static_cast<double>(p.ridge_per_pixel)}, task);
+    add_to(fit.a, wider.a, task);
+    add_to(fit.b, wider.b, task);
+    fits.push_back(std::move(fit));
+    task.report(0.2 + 0.15 * static_cast<double>(fits.size() - 1));
+  };
+  const double window = static_cast<double>(p.window);
+  refine(known.all, 2 * window);
+  refine(known.all, window);
+  refine(known.medium, window / 2);
+  refine(known.few, window / 4);
+  return fits;
+}
+
 void run(const TransportRegression& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
   const int width = frame.width(), height = frame.height();
   Knowledge known(frame, task);
@@ -382,10 +407,10 @@ void run(const TransportRegression& p, const FilterFrame& frame, const FilterOut
     return m;
   };
 
-  // One window, the frame: weights from the guides, then from the fit, whose outliers are drawn in.
   // Noise grows with light that paths find; direct light holds background, too, so that its brightness says nothing.
   const float power = frame.name == layer::direct ? 0.0f : p.weight_power;
-  const Plane first_weight = weight_of(known.bright, known.mask, power, task);
+  // One window, the frame: weights from the guides, then from the fit, whose outliers are drawn in.
+  const Plane first_weight = weight_of(known.bright, known.mask, power, frame, task);
   known.all.standardise(first_weight, task);
   HalfPair frame_fit = regress(known.all, a, b, first_weight, {0, kGlobalRidge, 0}, task);
   const Limited data = limit_outliers(a, b, mean(frame_fit), brightness(frame_fit), known.mask, limit, halves, task);
@@ -393,33 +418,15 @@ void run(const TransportRegression& p, const FilterFrame& frame, const FilterOut
   frame_fit = regress(known.all, data_a, data_b, first_weight, {0, kGlobalRidge, 0}, task);
   // Averaged over a few pixels: weights must not follow what a guide holds of noise.
   const Plane level = box_mean(brightness(frame_fit), kLevelRadius, task);
-  const Plane weight = weight_of(level, known.mask, power, task);
+  const Plane weight = weight_of(level, known.mask, power, frame, task);
   known.few.add(level);
   known.medium.add(level);
   known.few.standardise(weight, task);
   known.medium.standardise(weight, task);
   known.all.free = 0;
-
   task.report(0.2);
 
-  // Narrower windows explain what wider ones leave, with fewer columns.
-  std::vector<HalfPair> candidates;
-  candidates.push_back(std::move(frame_fit));
-  const auto refine = [&](const Columns& columns, double window, size_t parent) {
-    const Rgb left_a = minus(data_a, view(candidates[parent].a), task),
-              left_b = minus(data_b, view(candidates[parent].b), task);
-    HalfPair fit = regress(columns, view(left_a), view(left_b), weight,
-                           {window, static_cast<double>(p.ridge), static_cast<double>(p.ridge_per_pixel)}, task);
-    add_to(fit.a, candidates[parent].a, task);
-    add_to(fit.b, candidates[parent].b, task);
-    candidates.push_back(std::move(fit));
-    task.report(0.2 + 0.15 * static_cast<double>(parent + 1));
-  };
-  const double window = static_cast<double>(p.window);
-  refine(known.all, 2 * window, 0);
-  refine(known.all, window, 1);
-  refine(known.medium, window / 2, 2);
-  refine(known.few, window / 4, 3);
+  std::vector<HalfPair> candidates = cascade(std::move(frame_fit), known, data_a, data_b, weight, p, task);
   const size_t narrow = candidates.size() - 1;
   // The data are a candidate themselves: with many samples nothing is nearer to the truth.
   candidates.push_back({data.a, data.b});
