@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 
 #include "base/parallel_for.h"
 #include "filters/kernels/rows.h"
@@ -25,12 +26,17 @@ void project(std::vector<double>& v) {
   for (double& x : v) x = std::max(0.0, x - level);
 }
 
-/// Sums over the pixels of one block.
-struct Sums {
-  size_t count;  // of candidates
-  size_t pairs() const { return count * (count + 1) / 2; }
-  size_t floats() const { return pairs() + 1; }  // and the weight
-};
+/// The symmetric matrix whose upper half lies in a row, less what all of it has in common: the noise that all
+/// candidates are held against alike does not tell one from another.
+template <class Number>
+std::vector<double> matrix_of(const Number* upper, size_t n) {
+  std::vector<double> d(n * n);
+  for (size_t i = 0; i < n; ++i)
+    for (size_t j = i; j < n; ++j) d[i * n + j] = d[j * n + i] = static_cast<double>(*upper++);
+  const double common = *std::min_element(d.begin(), d.end());
+  for (double& v : d) v -= common;
+  return d;
+}
 
 }  // namespace
 
@@ -69,13 +75,12 @@ std::vector<double> simplex_minimum(const std::vector<double>& quadratic, const 
 std::vector<Plane> stacking_weights(const std::vector<HalfPair>& candidates, const RgbPlanes& half_a,
                                     const RgbPlanes& half_b, const Plane& weight, const StackingWindow& window,
                                     const Task& task) {
-  const Sums sums{candidates.size()};
-  const size_t n = sums.count;
+  const size_t n = candidates.size();
+  const size_t size = n * (n + 1) / 2 + 1;  // sums of a block: products of errors, then pixels
   const int width = weight.width(), height = weight.height(), side = lattice_block(window.deviation);
   const int across = (width + side - 1) / side, down = (height + side - 1) / side;
   const std::vector<float> taps = lattice_taps(window.deviation / side);
   const int reach = static_cast<int>(taps.size()) / 2;
-  const size_t size = sums.floats();
   std::vector<std::vector<float>> rows(static_cast<size_t>(down));
   parallel_for(down, quiet(task), [&](int r) {
     std::vector<float> row(static_cast<size_t>(across) * size);
@@ -110,22 +115,10 @@ std::vector<Plane> stacking_weights(const std::vector<HalfPair>& candidates, con
                                  out.data() + static_cast<size_t>(i) * size, static_cast<int>(size));
     }
   });
-  const auto matrix = [&](const auto* from) {
-    std::vector<double> d(n * n);
-    for (size_t i = 0; i < n; ++i)
-      for (size_t j = i; j < n; ++j) d[i * n + j] = d[j * n + i] = static_cast<double>(*from++);
-    // What all candidates miss alike, the noise they are held against, is no matter of weights.
-    double least = d[0];
-    for (size_t i = 0; i < n; ++i) least = std::min(least, d[i * n + i]);
-    double common = least;
-    for (const double v : d) common = std::min(common, v);
-    for (double& v : d) v -= common;
-    return d;
-  };
   std::vector<double> whole(size);
   for (const auto& row : rows)
     for (size_t i = 0; i < row.size(); ++i) whole[i % size] += static_cast<double>(row[i]);
-  const std::vector<double> frame_matrix = matrix(whole.data());
+  const std::vector<double> frame_matrix = matrix_of(whole.data(), n);
   const std::vector<double> frame_weights =
       simplex_minimum(frame_matrix, std::vector<double>(n, 1.0 / static_cast<double>(n)));
   std::vector<std::vector<float>> nodes(static_cast<size_t>(down));
@@ -142,9 +135,9 @@ std::vector<Plane> stacking_weights(const std::vector<HalfPair>& candidates, con
       const double pixels = static_cast<double>(from[size - 1]);
       std::vector<double> best = frame_weights;
       if (pixels > 0) {
-        std::vector<double> d = matrix(from);
+        std::vector<double> d = matrix_of(from, n);
         // As though so many more pixels had been seen that are like the frame's average.
-        const double share = window.caution * 1.0 / std::max(1.0, whole[size - 1]);
+        const double share = window.caution / std::max(1.0, whole[size - 1]);
         for (size_t k = 0; k < d.size(); ++k) d[k] += share * frame_matrix[k];
         best = simplex_minimum(d, frame_weights);
       }

@@ -26,6 +26,12 @@ constexpr float kLeastOpacity = 1e-3f;
 // Windows of local means of noise and error, and of what returns the light taken from outliers [px].
 constexpr double kNoiseWindow = 10, kErrorWindow = 6, kBiasWindow = 24, kReturnWindow = 32;
 constexpr double kGlobalRidge = 1e-4;
+// An outlier is this many times what the other half shows, and more.
+constexpr float kAgreement = 3;
+// Window of the return to the data [px], and squared bias over the noise's variance from which on it is beyond doubt:
+// more with few samples, whose noise is skewed.
+constexpr double kDetailWindow = 1.5;
+constexpr float kSureBias = 4, kSureBiasOfOneSample = 48;
 constexpr int kLevelRadius = 1;
 // Brightness below this share of the mean counts as that much where a division is at stake.
 constexpr float kDark = 0.1f;
@@ -182,8 +188,8 @@ struct Knowledge {
   }
 };
 
-/// 1 / (brightness + a share of its mean)^power within the mask.
-Plane weight_of(const Plane& level, const Plane& mask, float power, const Task& task) {
+/// Samples / (brightness + a share of its mean)^power within the mask, both relative to their means.
+Plane weight_of(const Plane& level, const Plane& mask, float power, const FilterFrame& frame, const Task& task) {
   double sum = 0, count = 0;
   for (int y = 0; y < level.height(); ++y)
     for (int x = 0; x < level.width(); ++x)
@@ -193,7 +199,9 @@ Plane weight_of(const Plane& level, const Plane& mask, float power, const Task& 
       }
   const float scale = sum > 0 ? static_cast<float>(count / sum) : 0.0f;
   return make_plane(level.width(), level.height(), quiet(task), [&](int x, int y) {
-    return mask(x, y) > 0 ? std::pow(scale * std::max(0.0f, level(x, y)) + kDark, -power) : 0.0f;
+    if (!(mask(x, y) > 0)) return 0.0f;
+    const float samples = frame.samples > 0 ? static_cast<float>(frame.samples_at(x, y) / frame.samples) : 1.0f;
+    return samples * std::pow(scale * std::max(0.0f, level(x, y)) + kDark, -power);
   });
 }
 
@@ -205,7 +213,7 @@ struct Limited {
 /// Draws samples' means that lie far above a first fit to `limit` deviations from it. Deviations are those of the
 /// neighbourhood, relative to the fit, themselves robust.
 Limited limit_outliers(const RgbPlanes& a, const RgbPlanes& b, const Rgb& fit, const Plane& level, const Plane& mask,
-                       double limit, const Task& task) {
+                       double limit, bool halves, const Task& task) {
   const int width = level.width(), height = level.height();
   double sum = 0, count = std::max(1e-30, sum_of(mask));
   for (int y = 0; y < height; ++y)
@@ -253,17 +261,19 @@ Limited limit_outliers(const RgbPlanes& a, const RgbPlanes& b, const Rgb& fit, c
       if (!(mask(x, y) > 0)) continue;
       const float most = static_cast<float>(limit) * std::sqrt(std::max(0.5f * local(x, y), 0.0f) +
                                                                0.5f * top * top / static_cast<float>(limit * limit));
-      const auto draw = [&](const Plane& u, Rgb& half) {
-        if (!(u(x, y) > most)) return;
-        const float share = 1 - most / u(x, y);
+      // What both halves show is no outlier.
+      const auto draw = [&](const Plane& u, const Plane& other, Rgb& half) {
+        const float bound = halves ? std::max(most, kAgreement * other(x, y)) : most;
+        if (!(u(x, y) > bound)) return;
+        const float share = 1 - bound / u(x, y);
         for (size_t c = 0; c < 3; ++c) {
           const float off = share * (half[c](x, y) - fit[c](x, y));
           half[c](x, y) -= off;
           out.taken[c](x, y) += 0.5f * off;
         }
       };
-      draw(ua, out.a);
-      draw(ub, out.b);
+      draw(ua, ub, out.a);
+      draw(ub, ua, out.b);
     }
   });
   return out;
@@ -285,6 +295,37 @@ void give_back(const Rgb& taken, Rgb& picture, const Plane& mask, const Task& ta
       for (int x = 0; x < mask.width(); ++x) picture[c](x, y) += back[0](x, y);
     });
   }
+}
+
+/// Returns to the data where both halves miss the same in the result, in a window of a few pixels: a squared bias that
+/// stands far above the noise of the pixels' means.
+void return_to_data(const HalfPair& chosen, const RgbPlanes& a, const RgbPlanes& b, const Plane& mask, double samples,
+                    Rgb& picture, const Task& task) {
+  const float sure = kSureBias + kSureBiasOfOneSample / static_cast<float>(samples);
+  const int width = mask.width(), height = mask.height();
+  Plane bias(width, height), noise(width, height);
+  for_each_row(height, quiet(task), [&](int y) {
+    for (int x = 0; x < width; ++x)
+      for (size_t c = 0; c < 3 && mask(x, y) > 0; ++c) {
+        const float ya = (*a[c])(x, y), yb = (*b[c])(x, y);
+        bias(x, y) += (ya - chosen.b[c](x, y)) * (yb - chosen.a[c](x, y));
+        noise(x, y) += 0.25f * (ya - yb) * (ya - yb);
+      }
+  });
+  bias = gaussian_blur(bias, kDetailWindow, task);
+  // Few samples are dark in whole neighbourhoods by chance: the noise of a wider one counts, too.
+  const Plane one(width, height, 1.0f);
+  const Plane wide = std::move(local_ratio({&noise}, one, mask, kNoiseWindow, task)[0]);
+  noise = gaussian_blur(noise, kDetailWindow, task);
+  for_each_row(height, quiet(task), [&](int y) {
+    for (int x = 0; x < width; ++x) {
+      const float surplus = bias(x, y) - sure * std::max(noise(x, y), wide(x, y));
+      if (!(surplus > 0) || !(mask(x, y) > 0)) continue;
+      const float share = surplus / bias(x, y);
+      for (size_t c = 0; c < 3; ++c)
+        picture[c](x, y) += share * (0.5f * ((*a[c])(x, y) + (*b[c])(x, y)) - picture[c](x, y));
+    }
+  });
 }
 
 /// Squared error at each pixel, mean over colours: the noise that the halves' difference shows, and the bias that a fit
@@ -312,13 +353,35 @@ void say_what_is_missing(const FilterFrame& frame, bool guided, bool halves) {
   if (!frame.notes) return;
   if (!guided)
     frame.notes->push_back(
-        "the frame has no guides: two to four times the error of a frame with them. Record them with: brume render "
-        "SCENE -o OUT.exr --layers direct,indirect,guides");
+        "the frame has no guides: two to four times the error of a frame with them, and more than other filters leave. "
+        "Record them with: brume render SCENE -o OUT.exr --layers direct,indirect,guides");
   if (!halves)
-    frame.notes->push_back(fmt::format(
-        "'{}' has no two halves to judge by (one sample per pixel, or no statistics): fits are mixed in fixed shares, "
-        "and the error is only told as far as windows differ",
-        frame.name.label()));
+    frame.notes->push_back(
+        "no two halves to judge by (one sample per pixel, or no statistics): fits are mixed in fixed shares, and the "
+        "error is only told as far as windows differ");
+}
+
+/// A fit to the frame, and what narrower and narrower windows make of what it leaves, with fewer and fewer columns.
+std::vector<HalfPair> cascade(HalfPair frame_fit, const Knowledge& known, const RgbPlanes& a, const RgbPlanes& b,
+                              const Plane& weight, const TransportRegression& p, const Task& task) {
+  std::vector<HalfPair> fits;
+  fits.push_back(std::move(frame_fit));
+  const auto refine = [&](const Columns& columns, double window) {
+    const HalfPair& wider = fits.back();
+    const Rgb left_a = minus(a, view(wider.a), task), left_b = minus(b, view(wider.b), task);
+    HalfPair fit = regress(columns, view(left_a), view(left_b), weight,
+                           {window, static_cast<double>(p.ridge), static_cast<double>(p.ridge_per_pixel)}, task);
+    add_to(fit.a, wider.a, task);
+    add_to(fit.b, wider.b, task);
+    fits.push_back(std::move(fit));
+    task.report(0.2 + 0.15 * static_cast<double>(fits.size() - 1));
+  };
+  const double window = static_cast<double>(p.window);
+  refine(known.all, 2 * window);
+  refine(known.all, window);
+  refine(known.medium, window / 2);
+  refine(known.few, window / 4);
+  return fits;
 }
 
 void run(const TransportRegression& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
@@ -344,44 +407,26 @@ void run(const TransportRegression& p, const FilterFrame& frame, const FilterOut
     return m;
   };
 
-  // One window, the frame: weights from the guides, then from the fit, whose outliers are drawn in.
   // Noise grows with light that paths find; direct light holds background, too, so that its brightness says nothing.
   const float power = frame.name == layer::direct ? 0.0f : p.weight_power;
-  const Plane first_weight = weight_of(known.bright, known.mask, power, task);
+  // One window, the frame: weights from the guides, then from the fit, whose outliers are drawn in.
+  const Plane first_weight = weight_of(known.bright, known.mask, power, frame, task);
   known.all.standardise(first_weight, task);
   HalfPair frame_fit = regress(known.all, a, b, first_weight, {0, kGlobalRidge, 0}, task);
-  const Limited data = limit_outliers(a, b, mean(frame_fit), brightness(frame_fit), known.mask, limit, task);
+  const Limited data = limit_outliers(a, b, mean(frame_fit), brightness(frame_fit), known.mask, limit, halves, task);
   const RgbPlanes data_a = view(data.a), data_b = view(data.b);
   frame_fit = regress(known.all, data_a, data_b, first_weight, {0, kGlobalRidge, 0}, task);
   // Averaged over a few pixels: weights must not follow what a guide holds of noise.
   const Plane level = box_mean(brightness(frame_fit), kLevelRadius, task);
-  const Plane weight = weight_of(level, known.mask, power, task);
+  const Plane weight = weight_of(level, known.mask, power, frame, task);
   known.few.add(level);
   known.medium.add(level);
   known.few.standardise(weight, task);
   known.medium.standardise(weight, task);
   known.all.free = 0;
-
   task.report(0.2);
 
-  // Narrower windows explain what wider ones leave, with fewer columns.
-  std::vector<HalfPair> candidates;
-  candidates.push_back(std::move(frame_fit));
-  const auto refine = [&](const Columns& columns, double window, size_t parent) {
-    const Rgb left_a = minus(data_a, view(candidates[parent].a), task),
-              left_b = minus(data_b, view(candidates[parent].b), task);
-    HalfPair fit = regress(columns, view(left_a), view(left_b), weight,
-                           {window, static_cast<double>(p.ridge), static_cast<double>(p.ridge_per_pixel)}, task);
-    add_to(fit.a, candidates[parent].a, task);
-    add_to(fit.b, candidates[parent].b, task);
-    candidates.push_back(std::move(fit));
-    task.report(0.2 + 0.15 * static_cast<double>(parent + 1));
-  };
-  const double window = static_cast<double>(p.window);
-  refine(known.all, 2 * window, 0);
-  refine(known.all, window, 1);
-  refine(known.medium, window / 2, 2);
-  refine(known.few, window / 4, 3);
+  std::vector<HalfPair> candidates = cascade(std::move(frame_fit), known, data_a, data_b, weight, p, task);
   const size_t narrow = candidates.size() - 1;
   // The data are a candidate themselves: with many samples nothing is nearer to the truth.
   candidates.push_back({data.a, data.b});
@@ -397,6 +442,7 @@ void run(const TransportRegression& p, const FilterFrame& frame, const FilterOut
   const HalfPair chosen = blend(candidates, maps, task);
   Rgb clean = mean(chosen);
   give_back(data.taken, clean, known.mask, task);
+  if (halves) return_to_data(chosen, a, b, known.mask, samples, clean, task);
   for (size_t c = 0; c < 3; ++c)
     for_each_row(height, quiet(task), [&](int y) {
       for (int x = 0; x < width; ++x)
@@ -428,7 +474,8 @@ const FilterEntry entry =
             "The light that no path has to find is computed without noise (`guide.*`); what is left to the data are a "
             "few coefficients in every window. Each half image is fitted, in one window for the frame, then what that "
             "leaves in narrower and narrower ones, and the halves say how much of each fit, and of the data, is best "
-            "where. Frames without guides are cleaned with the features they have, at two to four times the error.")
+            "where. Frames without guides are cleaned with the features they have, at two to four times the error: "
+            "nfor does better there.")
         .statistics(Statistics::kNone, Statistics::kHalves)
         .guides()
         .can_use(layer::transmittance, layer::gradient, layer::gradient_transmittance_weighted, layer::albedo,

@@ -217,6 +217,22 @@ TEST(TransportRegression, FirefliesVanishAndTheirLightStays) {
       for (int x = 0; x < kWidth; ++x) ASSERT_LT((*out.rgb(layer::beauty)[c])(x, y), 2.5f);
 }
 
+TEST(TransportRegression, PicturesThatNoGuideKnowsAreNeverMadeWorse) {
+  const std::pair<const char*, Value> pictures[] = {
+      {"bright wisp",
+       [](int x, int y, size_t c) { return indirect_truth(x, y, c) + (std::abs(x - y - 8) < 2 ? 3.0f : 0.0f); }},
+      {"checker", [](int x, int y, size_t c) { return indirect_truth(x, y, c) * ((x + y) % 2 ? 1.6f : 0.4f); }},
+      {"filaments",
+       [](int x, int y, size_t c) { return indirect_truth(x, y, c) * ((x + 2 * y) % 9 == 0 ? 3.0f : 1.0f); }},
+      {"holes", [](int x, int y, size_t c) { return chance(x, y, 77) < 0.1 ? 0.0f : indirect_truth(x, y, c); }},
+  };
+  for (const auto& [name, truth] : pictures)
+    for (const double deviation : {0.5, 0.1, 0.02}) {
+      const Layers frame = make_frame(deviation, 30, truth);
+      EXPECT_LT(error_of(clean(frame), truth), 1.02 * error_of(frame, truth)) << name << " " << deviation;
+    }
+}
+
 TEST(TransportRegression, TheMeanStays) {
   double ratio = 0;
   for (uint64_t seed = 10; seed < 16; ++seed) {
