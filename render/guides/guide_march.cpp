@@ -509,6 +509,15 @@ void GuideMarch::add_surface(const Ray& ray, const SurfaceHit& hit, double passe
       light = bsdf.albedo * colour_of(g) * (4 * sum / static_cast<double>(directions.size()));
       if (bsdf.kind == Bsdf::Kind::kConductor)
         light = bsdf.albedo * context_.lights->environment()->radiance(glm::reflect(ray.d, normal));
+    } else if (!g.flames.empty()) {
+      // No nearer than a flame's own extent, where it is no point.
+      const double extent = 0.25 * fields_.lattice().spacing * max_component(dvec3(fields_.lattice().n)) / 4;
+      for (const GroupLight::Flame& flame : g.flames) {
+        const dvec3 to = flame.position - p;
+        const double distance2 = glm::dot(to, to) + extent * extent, facing = glm::dot(to, normal);
+        if (facing <= 0) continue;
+        light += flame.intensity / distance2 * bsdf.value(to_frame(-ray.d), to_frame(to / std::sqrt(distance2)), false);
+      }
     }
     sums.surface[k] += tinted(light, passed);
   }

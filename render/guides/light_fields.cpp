@@ -48,6 +48,30 @@ void hide_sky(const GuideMedia& media, const Surfaces& surfaces, std::vector<dou
   }
 }
 
+/// The glow of the cells of a coarse grid, each as a point in its middle of brightness.
+std::vector<GroupLight::Flame> gathered_flames(const GuideMedia& media, const Lattice& lattice) {
+  constexpr int kAcross = 4;
+  std::vector<GroupLight::Flame> cells(kAcross * kAcross * kAcross);
+  std::vector<double> weight(cells.size(), 0.0);
+  const double volume = lattice.spacing * lattice.spacing * lattice.spacing;
+  for (int x = 0; x < lattice.n.x; ++x)
+    for (int y = 0; y < lattice.n.y; ++y)
+      for (int z = 0; z < lattice.n.z; ++z) {
+        const dvec3 p = lattice.node(x, y, z), glow = media.glow(p) * volume;
+        const double bright = luminance(glow);
+        if (!(bright > 0)) continue;
+        const ivec3 c = ivec3(x, y, z) * kAcross / lattice.n;
+        const auto cell = static_cast<size_t>((c.x * kAcross + c.y) * kAcross + c.z);
+        cells[cell].intensity += glow;
+        cells[cell].position += bright * p;
+        weight[cell] += bright;
+      }
+  std::vector<GroupLight::Flame> flames;
+  for (size_t i = 0; i < cells.size(); ++i)
+    if (weight[i] > 0) flames.push_back({cells[i].position / weight[i], cells[i].intensity});
+  return flames;
+}
+
 /// Moments of light along one direction.
 void add_beam(Moments& light, size_t node, double irradiance, const dvec3& towards) {
   const double mean = irradiance / (4 * kPi);
@@ -133,6 +157,7 @@ LightFields::LightFields(const GuideMedia& media, const Lights& lights, const Su
           glow[i] = static_cast<float>(in_colour(media.glow(fine_.node(x, y, z)), colour) * fine_.spacing);
         });
         arriving = solver.emitted(glow);
+        g.flames = gathered_flames(media, fine_);
         break;
       }
     }

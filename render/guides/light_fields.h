@@ -23,6 +23,10 @@ struct GroupLight {
   NodeValues visible;           ///< of a sun or local light where there are surfaces: share that passes them
   Moments once;                 ///< of others and the glow: scattered for the first time
   std::vector<NodeValues> sky;  ///< of the sky: radiance that arrives unscattered, for each direction of travel
+  struct Flame {
+    dvec3 position{0}, intensity{0};  ///< [W / sr]
+  };
+  std::vector<Flame> flames;    ///< of the glow, gathered into a few points: what surfaces see of it
   std::vector<Moments> orders;  ///< for each of kFirstOrder, scattered
 };
 
