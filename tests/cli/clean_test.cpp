@@ -8,6 +8,7 @@
 #include "image/exr_io.h"
 #include "tests/support/files.h"
 #include "tests/support/volumes.h"
+#include "volume/vdb_io.h"
 
 namespace brume {
 namespace {
@@ -118,9 +119,10 @@ TEST_F(Clean, AVolumeOfAnyScaleGivesTheSamePicture) {
   Layers first;
   for (const double scale : {1.0, 0x1p-30, 0x1p30}) {
     const auto file = folder_ / "block.vdb";
-    test::write_affine_vdb(file, {{0, 0, 0}, {15, 15, 15}}, test::scaling(dvec3(scale)), [](const ivec3& v) {
-      return 0.2f + 0.8f * static_cast<float>((v.x * 7 + v.y * 3 + v.z) % 5) / 5;
-    });
+    write_density(
+        file, {{0, 0, 0}, {15, 15, 15}}, scale,
+        [](const ivec3& v) { return 0.2f + 0.8f * static_cast<float>((v.x * 7 + v.y * 3 + v.z) % 5) / 5; },
+        /*half=*/false);
     const auto r = run_brume("render " + file.string() + kTiny + "--spp 4 --clean -o " + path("block.exr"));
     ASSERT_EQ(r.status, 0) << r.err;
     if (scale != 1) {
