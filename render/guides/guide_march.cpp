@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <optional>
+#include <stdexcept>
 
 #include "base/math.h"
 #include "base/parallel_for.h"
@@ -18,7 +20,8 @@ constexpr double kStepGrowth = 0.25;  // of the step for each free path behind t
 constexpr double kLongestStep = 4;
 constexpr double kOpaque = 2e-3;  // transmittance of an eighth of the extinction at which a ray ends
 constexpr double kFar = 1e30;
-constexpr int kMostPanes = 8;  // of glass that a ray goes through
+constexpr size_t kMostFields = 64;  // of all lights together: light_groups() limits them
+constexpr int kMostPanes = 8;       // of glass that a ray goes through
 // Scatterings that a guide of GroupLight::kFirstOrder stands for, on average: what tints it by the albedo's colour.
 constexpr std::array<double, 6> kTypicalOrder = {2, 3, 4.5, 7, 11, 20};
 constexpr std::array<const char*, 6> kOrderNames = {"order2", "order3", "order4", "order6", "order9", "tail"};
@@ -129,6 +132,7 @@ void GuideMarch::lay_out() {
     slots_.push_back(s);
   }
   field_count_ = (field_count_ + 3) / 4 * 4;
+  if (field_count_ > kMostFields) throw std::logic_error("more lights have guides of their own than the march holds");
 }
 
 // The light that leaves each node towards the eye, all groups beside one another.
@@ -213,10 +217,11 @@ void GuideMarch::interpolate(const dvec3& world, float* values) const {
   }
 }
 
-int GuideMarch::rays_across(const Camera& camera, const ivec2& pixel) const {
-  if (camera.has_lens() || camera.moves() || media_.size() > 1) return 4;
+int GuideMarch::rays_across() const {
+  if (camera_.has_lens() || camera_.moves() || media_.size() > 1) return 4;
   const dvec3 middle = 0.5 * (media_[0].lo() + media_[0].hi());
-  const Ray a = camera.ray(dvec2(pixel)), b = camera.ray(dvec2(pixel + 1));
+  const dvec2 pixel = 0.5 * dvec2(camera_.film_size());
+  const Ray a = camera_.ray(pixel), b = camera_.ray(pixel + 1.0);
   const double distance = glm::distance(a.o, middle);
   return glm::distance(a.at(distance), b.at(distance)) > 0.75 * std::sqrt(2.0) * media_[0].voxel() ? 2 : 1;
 }
@@ -259,7 +264,7 @@ void GuideMarch::record(const ivec2& corner, Layers& frame, const Task& task) {
     surface_depth = &layer_of("surface_depth", 'Z');
   }
 
-  const int across = rays_across(camera_, corner + ivec2(frame.width(), frame.height()) / 2);
+  const int across = rays_across();
   parallel_for(frame.height(), task, [&](int y) {
     Sums sums(names_.size(), slots_.size());
     for (int x = 0; x < frame.width(); ++x) {
@@ -331,7 +336,7 @@ double GuideMarch::march(const Ray& ray, const GuideMedia& media, double t_max, 
   const auto& groups = fields_.groups();
   const bool one = media.media().size() == 1, glows = !media.emissions().empty();
   const double scale = fields_.scaled_extinction();
-  float fields[64];
+  float fields[kMostFields];
   double passed = 1, passed2 = 1, passed4 = 1, passed8 = 1, passed_scaled = 1, depth = 0;
   std::vector<double>& out = sums.value;
   // The phase function and its octaves.
@@ -475,7 +480,7 @@ void GuideMarch::add_surface(const Ray& ray, const SurfaceHit& hit, double passe
   sums.surface_depth += passed * (hit.t - reference_depth_);
   const dvec3 emitted = context_.surfaces->settings(hit.surface).radiance;
   sums.background += tinted(emitted, passed);
-  float fields[64];
+  float fields[kMostFields];
   interpolate(p, fields);
   const auto& directions = ScatteringSolver::directions();
   for (size_t k = 0; k < slots_.size(); ++k) {

@@ -33,7 +33,8 @@ class GuideMarch {
 
   void lay_out();
   void interleave(const Task& task);
-  int rays_across(const Camera& camera, const ivec2& pixel) const;
+  /// Rays of a pixel along each of its sides.
+  int rays_across() const;
   void trace(const Ray& ray, const GuideMedia& media, Sums& sums) const;
   /// @return transmittance of what lies before t_max
   double march(const Ray& ray, const GuideMedia& media, double t_max, Sums& sums) const;

@@ -27,6 +27,7 @@ class Camera {
     return orthographic_ ? open_.forward : glm::normalize(p - (open_.position - world_shift_));
   }
 
+  ivec2 film_size() const { return {width_, height_}; }
   bool moves() const { return moves_; }
   bool has_lens() const { return lens_radius_ > 0; }
 
