@@ -40,7 +40,7 @@ bool Cleaner::estimates_error() const {
   return makes(filter_.entry(), layer::clean_error);
 }
 
-LayerRequest Cleaner::request(const LayerRequest& wanted) const {
+LayerRequest Cleaner::request(const LayerRequest& wanted) {
   const FilterEntry& entry = filter_.entry();
   if (entry.records == FilterEntry::Records::kNeeds)
     throw InputError(
@@ -48,6 +48,7 @@ LayerRequest Cleaner::request(const LayerRequest& wanted) const {
                     "brume denoise",
                     entry.name));
   LayerRequest request = wanted;
+  keep_guides_ = wanted.guides;
   const auto record = [&](const LayerName& l) {
     if (!l.name.empty() && !request.has(l)) request.names.emplace_back(l.name);
   };
@@ -64,7 +65,11 @@ Layers Cleaner::clean(const Layers& frame) {
   Layers clean = apply_filter(filter_, frame, options_of(exposure_), make_task(common_, filter_.entry().name), &report);
   for (const std::string& line : report.notes) note(line);
   seconds_ += report.seconds;
-  Layers all = frame;
+  Layers all(frame.width(), frame.height());
+  all.header = frame.header;
+  all.lie_like(frame);
+  for (const auto& [name, plane] : frame.channels())
+    if (keep_guides_ || !name.starts_with("guide.")) all.set(name, plane);
   for (size_t c = 0; c < 3; ++c) {
     const std::string raw = layer::beauty.channel(c);
     all.set(layer::noisy.channel(c), frame.at(raw));

@@ -17,8 +17,9 @@ class Cleaner {
   /// @throws InputError
   Cleaner(const std::string& filter, const Common& common, double exposure);
 
-  /// What a render must record for it, beside `wanted`. @throws InputError for a filter that needs sample records
-  LayerRequest request(const LayerRequest& wanted) const;
+  /// What a render must record for it, beside `wanted`. Guides that nobody wanted are not in the clean frame. @throws
+  /// InputError for a filter that needs sample records
+  LayerRequest request(const LayerRequest& wanted);
 
   /// The frame with the clean picture on top: the raw one goes to `noisy`, the parts to clean_direct and
   /// clean_indirect, the estimated error to clean_error, where the filter makes them.
@@ -47,6 +48,7 @@ class Cleaner {
   const Common& common_;
   double exposure_, error_ = -1, seconds_ = 0;
   Layers picture_;
+  bool keep_guides_ = false;
 };
 
 }  // namespace brume::app

@@ -28,7 +28,8 @@ struct Options {
   int spp = 0;
   int64_t seed = -1;
   double target_error = 0, checkpoint_every = 300;
-  bool clean = false, no_statistics = false, buckets = false, explain = false, require_valid = false;
+  bool clean = false, layers_given = false, no_statistics = false, buckets = false, explain = false,
+       require_valid = false;
   PictureOptions picture;
 } o;
 
@@ -162,6 +163,8 @@ int run(const Common& common) {
   if (o.spp > 0) scene.render.spp = o.spp;
   if (open_ended) scene.render.spp = 1 << 20;  // as many as the time or the error asks for
   if (o.seed >= 0) scene.render.seed = o.seed;
+  // A clean picture needs two of them, and what else there is would only be written.
+  if (o.clean && !o.layers_given) o.layers = "direct,indirect";
   LayerRequest layers =
       LayerRequest::of(o.layers.empty() || o.layers == "none" ? std::vector<std::string>{} : split(o.layers, ','),
                        !o.no_statistics, o.buckets);
@@ -274,7 +277,8 @@ void add_render(CLI::App& app, Common& common, Commands& commands) {
   command->add_option("--spp", o.spp, "paths per pixel instead of the scene's")->check(CLI::Range(1, 1 << 24));
   command->add_option("--seed", o.seed, "seed instead of the scene's")->check(CLI::NonNegativeNumber);
   command->add_option("-D", o.overrides, "set a key of the scene: -D camera.fov=30")->allow_extra_args(false);
-  command->add_option("--layers", o.layers, "layers to record, none, or all")->capture_default_str();
+  command->add_option("--layers", o.layers, "layers to record, none, or all; with --clean direct,indirect unless given")
+      ->capture_default_str();
   command->add_flag("--no-statistics", o.no_statistics, "leave out mean_variance, half_a and half_b");
   command->add_flag("--buckets", o.buckets, "record eight bucket means of each layer too");
   command->add_option("--crop", o.crop,
@@ -302,7 +306,10 @@ void add_render(CLI::App& app, Common& common, Commands& commands) {
   command->add_flag("--require-valid", o.require_valid,
                     "exit with 1 when any sample was not finite (else above one in a million)");
   command->add_option("--replay", o.replay, "trace one sample again and print it: x,y,sample");
-  commands[command] = [&common] { return run(common); };
+  commands[command] = [&common, command] {
+    o.layers_given = command->count("--layers") > 0;
+    return run(common);
+  };
 }
 
 }  // namespace brume::app

@@ -36,8 +36,8 @@ bool holds(const std::string& text, const std::string& part) {
 }
 
 TEST_F(Clean, ABareVolumeIsFramedLitAndCleaned) {
-  const auto r = run_brume("render " + kCloud + kTiny + "--spp 8 --clean -o " + path("cloud.exr") + " --png " +
-                           path("cloud.png") + " --save-scene " + path("cloud.toml"));
+  const auto r = run_brume("render " + kCloud + kTiny + "--spp 8 --clean --layers direct,indirect,guides -o " +
+                           path("cloud.exr") + " --png " + path("cloud.png") + " --save-scene " + path("cloud.toml"));
   ASSERT_EQ(r.status, 0) << r.err;
   EXPECT_TRUE(holds(r.err, "volumes.0.sigma_t = ")) << r.err;
   EXPECT_TRUE(std::filesystem::exists(folder_ / "cloud.png"));
@@ -54,7 +54,8 @@ TEST_F(Clean, ABareVolumeIsFramedLitAndCleaned) {
   EXPECT_GT(largest, 0.9f) << "the cloud is in the picture, and dense";
   EXPECT_EQ(frame.at("guide.opacity.Y")(0, 0), 0.0f) << "with something around it";
 
-  const auto again = run_brume("render " + path("cloud.toml") + kTiny + "--spp 8 --clean -o " + path("again.exr"));
+  const auto again = run_brume("render " + path("cloud.toml") + kTiny +
+                               "--spp 8 --clean --layers direct,indirect,guides -o " + path("again.exr"));
   ASSERT_EQ(again.status, 0) << again.err;
   test::expect_same_bits(frame, read_exr(folder_ / "again.exr"), "the saved scene");
 }
@@ -73,6 +74,12 @@ TEST_F(Clean, ATargetErrorSendsSamplesWhereTheCleanPictureNeedsThem) {
     }
   EXPECT_EQ(least, 8.0f) << "empty sky needs no more than the first round";
   EXPECT_GT(most, 2 * least);
+}
+
+TEST_F(Clean, KeepsGuidesThatAreAskedForAlone) {
+  ASSERT_EQ(run_brume("render " + kSmoke + kTiny + "--spp 2 --clean -q -o " + path("clean.exr")).status, 0);
+  for (const std::string& name : read_exr(folder_ / "clean.exr").names())
+    EXPECT_FALSE(name.starts_with("guide.")) << name;
 }
 
 TEST_F(Clean, AMissedTargetSaysSo) {
