@@ -466,7 +466,7 @@ const FilterEntry entry =
         "transport_regression",
         "Local linear regression of direct and indirect light, apart, on noise-free guides that the renderer computes "
         "from the volume.")
-        .merit(180, "first of all, where the renderer's guides are recorded (`--layers direct,indirect,guides`)")
+        .merit(108, "first of all, where the renderer's guides are recorded (`--layers direct,indirect,guides`)")
         .source(
             "our own, docs/transport_regression.md; local regression on features: Bitterli et al. 2016; stacking: "
             "Breiman 1996")

@@ -274,13 +274,20 @@ Layers read_exr_state(const fs::path& path, const Task& task) {
   place(layers, window, window_of(header.displayWindow()));
   Imf::FrameBuffer frame;
   double bytes = 0;
-  for (auto c = header.channels().begin(); c != header.channels().end(); ++c)
-    if (std::string_view(c.name()).starts_with("state.") && c.channel().type == Imf::UINT) {
-      bytes += 4.0 * layers.width() * layers.height();
-      check_memory(path, bytes);
+  for (auto c = header.channels().begin(); c != header.channels().end(); ++c) {
+    const bool state = std::string_view(c.name()).starts_with("state.") && c.channel().type == Imf::UINT;
+    const bool guide = std::string_view(c.name()).starts_with("guide.") && c.channel().type == Imf::FLOAT;
+    if (!state && !guide) continue;
+    bytes += 4.0 * layers.width() * layers.height();
+    check_memory(path, bytes);
+    if (state) {
       frame.insert(c.name(),
                    slice(Imf::UINT, layers.add_words(c.name()).data(), static_cast<size_t>(layers.width()), data));
+    } else {
+      Plane& plane = layers.add(c.name());
+      frame.insert(c.name(), slice(Imf::FLOAT, plane.row(0), plane.stride(), data));
     }
+  }
   if (layers.words().empty()) return layers;
   try {
     Imf::InputPart input(file, 0);

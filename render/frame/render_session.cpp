@@ -104,7 +104,7 @@ RenderResult RenderSession::run() {
   if (!job_.checkpoint.empty()) write_checkpoint();
   RenderResult result;
   result.report = report();
-  record_guides();
+  record_guides(quiet(task_));
   result.layers = film_.take();
   for (const auto& [name, plane] : guides_.channels()) result.layers.set(name, plane);
   finish_header(result.layers, result.report);
@@ -167,20 +167,20 @@ void RenderSession::run_rounds() {
     double growth = std::numeric_limits<double>::infinity();
     const double taken = samples();
     if (job_.time_limit > 0) growth = 1 + (job_.time_limit - elapsed()) * (taken - resumed) / (sampling * taken);
-    const Layers frame = frame_so_far();
+    const Layers frame = frame_so_far(quiet(task_));
     goals = job_.next_round({film_, frame, growth});
   }
 }
 
-void RenderSession::record_guides() {
+void RenderSession::record_guides(const Task& task) {
   const Guides* const guides = scene_.guides();
   if (!guides || guides_.width() > 0) return;
   guides_ = Layers(film_.width(), film_.height());
-  guides->record(camera_, {window_.x0, window_.y0}, guides_, quiet(task_));
+  guides->record(camera_, {window_.x0, window_.y0}, guides_, task);
 }
 
-Layers RenderSession::frame_so_far() {
-  record_guides();
+Layers RenderSession::frame_so_far(const Task& task) {
+  record_guides(task);
   Layers frame = film_.layers();
   for (const auto& [name, plane] : guides_.channels()) frame.set(name, plane);
   finish_header(frame, report());
@@ -314,8 +314,8 @@ RenderReport RenderSession::report() const {
 }
 
 bool RenderSession::write_checkpoint() {
-  Layers frame = film_.layers();
-  finish_header(frame, report());
+  // Interrupted or not, it is written whole.
+  Layers frame = frame_so_far(Task{task_.threads});
   film_.save_state(frame);
   return checkpoint_.write(frame);
 }

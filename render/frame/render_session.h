@@ -40,8 +40,8 @@ class RenderSession {
   /// Each tile up to its goal of samples of each pixel.
   void pass(const std::vector<uint32_t>& goals);
   /// The frame that the film holds now, with the guides.
-  Layers frame_so_far();
-  void record_guides();
+  Layers frame_so_far(const Task& task);
+  void record_guides(const Task& task);
   /// Traces the next samples of a tile and adds them to the film.
   void trace_batch(int tile, uint32_t goal, std::vector<PathRecord>& records);
   void finish_tile(int tile, const std::vector<PathRecord>& records);

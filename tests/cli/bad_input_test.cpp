@@ -251,7 +251,7 @@ TEST_F(BadInput, LightsMeshesTexturesAndFields) {
 }
 
 TEST_F(BadInput, WrongKindsOfFilesAndOptions) {
-  expect_refused("render " + kCloud + " -o " + path("out.exr"), {"is an OpenVDB file, expected a scene"});
+  expect_refused("evaluate " + kCloud + " -o " + path("results"), {"is an OpenVDB file, expected a scene"});
   expect_refused("info " + kScene, {"is neither an OpenVDB nor an OpenEXR file"});
   expect_refused("render " + kScene + " --ssp 1 -o " + path("out.exr"),
                  {"render has no option '--ssp'; did you mean '--spp'?"});

@@ -124,7 +124,7 @@ TEST_F(Clean, BadInputIsRefused) {
 // A scale of metres, micrometres or light years is the volume's own affair.
 TEST_F(Clean, AVolumeOfAnyScaleGivesTheSamePicture) {
   Layers first;
-  for (const double scale : {1.0, 0x1p-30, 0x1p30}) {
+  for (const double scale : {1.0, 0x1p-14, 0x1p14}) {
     const auto file = folder_ / "block.vdb";
     write_density(
         file, {{0, 0, 0}, {15, 15, 15}}, scale,
