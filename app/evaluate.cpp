@@ -131,6 +131,14 @@ int run(const Common& common) {
   if (o.filters.empty()) settings.contenders = all_contenders();
   for (const std::string& text : o.filters) settings.contenders.push_back(parse_contender(text));
 
+  if (std::find(settings.spp.begin(), settings.spp.end(), 1) != settings.spp.end())
+    for (const Contender& c : settings.contenders)
+      if (c.settings.entry().statistics == Statistics::kHalves)
+        throw InputError(
+            fmt::format("--spp 1: {} needs two half images, and of one sample the second is empty; leave it out with "
+                        "-f, or begin at 2",
+                        c.label));
+
   OutputFolder folder(o.output);
 
   const RecordedData data = data_to_record(settings);

@@ -23,7 +23,9 @@ Layers read_frame(const Common& common, const std::string& path, const std::set<
 
 Layers read_outline(const std::string& path) {
   Layers outline(1, 1);
-  for (const ExrInfo::Channel& channel : read_exr_info(path).channels) outline.add(channel.name);
+  const ExrInfo info = read_exr_info(path);
+  outline.header = info.header;
+  for (const ExrInfo::Channel& channel : info.channels) outline.add(channel.name);
   adopt_foreign_layers(outline);
   return outline;
 }

@@ -86,6 +86,7 @@ class Source {
   /// What is read of a part of it.
   Layers crop_to(const Box& box) const {
     Layers part(box.width(), box.height());
+    part.header = layers().header;
     for (const std::string& name : channels_) part.set(name, crop(layers().at(name), box));
     return part;
   }
@@ -153,7 +154,7 @@ void read_signal(Signal& s, const Layers& layers, const LayerName& name, const R
   const FilterEntry& entry = run.filter.entry();
   const bool limits = run.options.outliers != Outliers::kKeep;
   s.mean = layers.rgb(name);
-  const bool halves = layers.has(name, statistic::half_a) && layers.has(name, statistic::half_b);
+  const bool halves = has_halves(layers, name);
   if (halves) {
     s.half_a = layers.rgb(name, statistic::half_a);
     s.half_b = layers.rgb(name, statistic::half_b);
@@ -327,8 +328,7 @@ double noise_level(const Layers& layers, const LayerName& signal, const ApplyOpt
     const Rgb variance = spatial_variance(mean, task);
     return lab_noise(mean, view(variance), {}, {}, options.exposure, medium);
   }
-  const bool halves = layers.has(signal, statistic::half_a) && layers.has(signal, statistic::half_b);
-  if (halves)
+  if (has_halves(layers, signal))
     return lab_noise(mean, {}, layers.rgb(signal, statistic::half_a), layers.rgb(signal, statistic::half_b),
                      options.exposure, medium);
   return lab_noise(mean, layers.rgb(signal, statistic::mean_variance), {}, {}, options.exposure, medium);

@@ -50,7 +50,7 @@ void check_statistics(const FilterSettings& settings, const Layers& frame, const
                         "have. {}",
                         filter.name, what, signal.label(), signal.channel_of(statistic, 0), how));
     };
-    const bool halves = frame.has(signal, statistic::half_a) && frame.has(signal, statistic::half_b);
+    const bool halves = has_halves(frame, signal);
     if (filter.statistics == Statistics::kVariance && options.noise == NoiseSource::kLayers && !halves)
       need(statistic::mean_variance, "the variance",
            "brume render records it unless --no-statistics is given; for other frames, --noise spatial estimates it "
@@ -64,9 +64,15 @@ void check_statistics(const FilterSettings& settings, const Layers& frame, const
     if (settings.uses_noise_level() && options.noise == NoiseSource::kLayers && !halves)
       need(statistic::mean_variance, "the variance or the two half images",
            "noise-factor measures the noise from them; --noise spatial estimates it from the picture");
-    if (filter.statistics == Statistics::kHalves)
+    if (filter.statistics == Statistics::kHalves) {
       need(statistic::half_a, "the two half images",
            "brume render records them unless --no-statistics is given; a filter that needs none is bilateral");
+      if (!halves)
+        throw InputError(fmt::format(
+            "filter {} needs two half images of '{}', and with one sample per pixel the second is empty. Render with "
+            "--spp 2 or more; a filter that needs none is bilateral",
+            filter.name, signal.label()));
+    }
     if (filter.statistics == Statistics::kBuckets &&
         !(options.records && filter.records == FilterEntry::Records::kCanUse))
       need(statistic::buckets[0], "the eight bucket means",
@@ -143,6 +149,11 @@ std::vector<std::string> layer_names(const Layers& frame) {
     if (!of_a_layer) names.insert(std::move(name));
   }
   return {names.begin(), names.end()};
+}
+
+bool has_halves(const Layers& frame, const LayerName& signal) {
+  return frame.has(signal, statistic::half_a) && frame.has(signal, statistic::half_b) &&
+         frame.number("samplesPerPixel").value_or(2.0) >= 2;
 }
 
 ApplyOptions options_for(const FilterEntry& filter, const Layers& frame, const ApplyOptions& wanted) {

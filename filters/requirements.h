@@ -12,6 +12,10 @@ std::vector<std::string> layer_names(const Layers& frame);
 /// so.
 ApplyOptions options_for(const FilterEntry& filter, const Layers& frame, const ApplyOptions& wanted);
 
+/// Whether a frame has two half images of a signal that hold samples both: not where its header says that pixels have
+/// one sample.
+bool has_halves(const Layers& frame, const LayerName& signal);
+
 /// What a run cleans, one after another.
 std::vector<LayerName> signals_of(const ApplyOptions& options);
 

@@ -16,7 +16,7 @@ using nlohmann::json;
 using test::run_brume;
 
 const std::string kScene = test::source("data/scenes/smoke.toml").string();
-const std::string kTiny = " -D film.width=16 -D film.height=12 --spp 4 ";
+const std::string kTiny = " -D film.width=16 -D film.height=12 ";
 
 class Defaults : public ::testing::Test {
  protected:
@@ -34,8 +34,9 @@ class Defaults : public ::testing::Test {
     write_exr(folder_ / name, frame);
     return path(name);
   }
-  std::string rendered(const std::string& options, const std::string& name = "frame.exr") {
-    const auto r = run_brume("render " + kScene + kTiny + "-q " + options + " -o " + path(name));
+  std::string rendered(const std::string& options, const std::string& name = "frame.exr", int spp = 4) {
+    const auto r =
+        run_brume("render " + kScene + kTiny + "--spp " + std::to_string(spp) + " -q " + options + " -o " + path(name));
     EXPECT_EQ(r.status, 0) << r.err;
     return path(name);
   }
@@ -51,6 +52,14 @@ class Defaults : public ::testing::Test {
 
 bool holds(const std::string& text, const std::string& part) {
   return text.find(part) != std::string::npos;
+}
+
+TEST_F(Defaults, OneSampleHasNoSecondHalf) {
+  const std::string one = rendered("", "one.exr", 1);
+  EXPECT_TRUE(holds(refused("denoise " + one + " -f nfor -o " + path("nfor.exr")), "--spp 2"));
+  EXPECT_EQ(run_brume("denoise " + one + " -q -o " + path("clean.exr")).status, 0);
+  EXPECT_NE(read_exr(folder_ / "clean.exr").text("filter"), "nfor");
+  EXPECT_TRUE(holds(refused("evaluate " + kScene + " --spp 1,4 -f nfor -o " + path("results")), "second is empty"));
 }
 
 TEST_F(Defaults, DenoiseTakesTheBestFilterThatTheLayersAllow) {
