@@ -161,33 +161,38 @@ LightFields::LightFields(const GuideMedia& media, const Lights& lights, const Su
         break;
       }
     }
-    solve(g, arriving, solver, coarse);
+    solve(g, std::move(arriving), solver, coarse);
     groups_.push_back(std::move(g));
     task.check();
   }
 }
 
-void LightFields::solve(GroupLight& light, const Moments& arriving, ScatteringSolver& fine, ScatteringSolver& coarse) {
+void LightFields::solve(GroupLight& light, Moments scattered, ScatteringSolver& fine, ScatteringSolver& coarse) {
   constexpr auto& first = GroupLight::kFirstOrder;
   for (size_t g = 0; g < first.size(); ++g)
     light.orders.push_back(g < GroupLight::kFineGuides ? fine.nothing() : coarse.nothing());
-  Moments scattered = fine.scattered(arriving);
+  fine.scatter(scattered);
   if (light.group.kind == LightGroup::Kind::kOthers || light.group.kind == LightGroup::Kind::kGlow)
     light.once = scattered;
   size_t g = 0;
   for (int order = 2; order < first[GroupLight::kFineGuides]; ++order) {
-    scattered = fine.scattered(fine.transported(scattered));
+    fine.transport(scattered);
+    fine.scatter(scattered);
     if (order >= first[g + 1]) ++g;
     fine.add(scattered, light.orders[g]);
   }
-  Moments before;
+  const Moments source = coarse.source_from(fine, scattered);
+  scattered = coarse.nothing();
+  NodeValues before;
   double sum = 0;
   for (int order = first[GroupLight::kFineGuides]; order <= kLastOrder; ++order) {
     const bool begins = order == first[GroupLight::kFineGuides];
-    Moments next =
-        begins ? coarse.transported_source(coarse.source_from(fine, scattered)) : coarse.transported(scattered);
-    before = std::move(scattered);
-    scattered = coarse.scattered(next);
+    before = scattered[0];
+    if (begins)
+      coarse.transport_source(source, scattered);
+    else
+      coarse.transport(scattered);
+    coarse.scatter(scattered);
     if (g + 1 < first.size() && order >= first[g + 1]) ++g;
     coarse.add(scattered, light.orders[g]);
     const double own = coarse.total(scattered);
@@ -196,7 +201,7 @@ void LightFields::solve(GroupLight& light, const Moments& arriving, ScatteringSo
   }
   Moments& tail = light.orders.back();
   for (size_t i = 0; i < tail[0].size(); ++i) {
-    const float ratio = std::clamp(scattered[0][i] / (before[0][i] + 1e-20f), 0.0f, static_cast<float>(kLargestRatio));
+    const float ratio = std::clamp(scattered[0][i] / (before[i] + 1e-20f), 0.0f, static_cast<float>(kLargestRatio));
     for (size_t a = 0; a < 4; ++a) tail[a][i] += scattered[a][i] * ratio / (1 - ratio);
   }
 }

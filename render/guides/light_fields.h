@@ -50,7 +50,8 @@ class LightFields {
   size_t bytes() const;
 
  private:
-  void solve(GroupLight& light, const Moments& arriving, ScatteringSolver& fine, ScatteringSolver& coarse);
+  /// @param light  is given its orders   @param scattered  what arrives, not yet scattered
+  void solve(GroupLight& light, Moments scattered, ScatteringSolver& fine, ScatteringSolver& coarse);
 
   Lattice fine_, coarse_;
   std::vector<uint8_t> near_;

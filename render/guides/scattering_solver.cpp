@@ -81,10 +81,19 @@ ScatteringSolver::ScatteringSolver(const Lattice& lattice, const Task& task) : l
   lying_ = {{n.z, n.x, n.y}, padded(n.y), nullptr};
   for (NodeValues* field : {&extinction_, &scaled_, &albedo_, &linear_}) field->assign(lattice.size(), 0.0f);
   for (NodeValues& values : source_) values.assign(lattice.size(), 0.0f);
-  for (Moments* moments : {&lying_source_, &lying_moment_})
-    for (NodeValues& values : *moments) values.assign(lying_.size(), 0.0f);
+  for (NodeValues& values : lying_source_) values.assign(lying_.size(), 0.0f);
   for (NodeValues* field : {&lying_extinction_, &lying_scaled_}) field->assign(lying_.size(), 0.0f);
-  for (const dvec3& d : directions()) radiance_.emplace_back(lies(d) ? lying_.size() : standing_.size(), 0.0f);
+  for (size_t k = 0; k < directions().size(); ++k) {
+    const dvec3 d = directions()[k];
+    int axis = std::abs(d.y) > std::abs(d.x) ? 1 : 0;
+    if (lies(d)) axis = 2;
+    bundles_[static_cast<size_t>(2 * axis + (d[axis] > 0 ? 1 : 0))].directions.push_back(k);
+  }
+  for (size_t i = 0; i < bundles_.size(); ++i) {
+    bundles_[i].lying = i >= 4;
+    for (NodeValues& values : bundles_[i].light)
+      values.assign(bundles_[i].lying ? lying_.size() : standing_.size(), 0.0f);
+  }
 }
 
 template <class Sample>
@@ -116,11 +125,19 @@ void ScatteringSolver::fill(const Sample& sample) {
 }
 
 std::vector<uint8_t> ScatteringSolver::near_media() const {
-  std::vector<uint8_t> near(lattice_.size(), 0);
-  each_node([&](int x, int y, int z, size_t i) {
-    for (int k = 0; k < 27 && !near[i]; ++k)
-      near[i] = extinction_[lattice_.index(x + k / 9 - 1, y + k / 3 % 3 - 1, z + k % 3 - 1)] > 0;
-  });
+  const ivec3 n = lattice_.n;
+  std::vector<uint8_t> near(lattice_.size(), 0), along(near.size(), 0);
+  const std::ptrdiff_t strides[3] = {1, lattice_.row(), static_cast<std::ptrdiff_t>(lattice_.index(1, 0, 0))};
+  for (size_t i = 0; i < near.size(); ++i) near[i] = extinction_[i] > 0;
+  for (const std::ptrdiff_t stride : strides) {
+    along.swap(near);
+    parallel_for(n.x - 2, task_, [&](int i) {
+      for (int y = 1; y < n.y - 1; ++y) {
+        const size_t first = lattice_.index(i + 1, y, 0);
+        for (size_t k = first + 1; k < first + n.z - 1; ++k) near[k] = along[k - stride] | along[k] | along[k + stride];
+      }
+    });
+  }
   return near;
 }
 
@@ -172,29 +189,30 @@ void ScatteringSolver::lay_down(const NodeValues& standing, NodeValues& lying, b
   });
 }
 
-void ScatteringSolver::sweep_all(const Moments* source, size_t count, const std::vector<double>& incoming,
-                                 bool true_extinction) {
-  const bool everywhere = source == nullptr;
-  for (size_t a = 0; a < count; ++a) lay_down((*source)[a], lying_source_[a], false);
-  const std::vector<dvec3>& all = directions();
-  parallel_for(static_cast<int>(all.size()), task_, [&](int i) {
-    const auto k = static_cast<size_t>(i);
-    const dvec3 d = all[k];
-    const bool lying = lies(d);
-    SweepSource gained;
-    gained.count = count;
-    gained.factor = {1, static_cast<float>(d.x), static_cast<float>(d.y), static_cast<float>(d.z)};
-    for (size_t a = 0; a < count; ++a) gained.values[a] = lying ? lying_source_[a].data() : (*source)[a].data();
-    SweepDomain domain = lying ? lying_ : standing_;
-    if (!everywhere) domain.rows = lying ? lying_rows_.data() : rows_.data();
-    const NodeValues& extinction =
-        lying ? (true_extinction ? lying_extinction_ : lying_scaled_) : (true_extinction ? extinction_ : scaled_);
-    const std::array<double, 3> axes = lying ? std::array{d.z, d.x, d.y} : std::array{d.x, d.y, d.z};
-    const auto enters = static_cast<float>(everywhere ? incoming[k] : 0.0);
-    if (everywhere || dirty_) std::fill(radiance_[k].begin(), radiance_[k].end(), enters);
-    sweep(domain, extinction.data(), gained, axes, enters, radiance_[k].data());
+void ScatteringSolver::sweep_sources(const Moments& source, size_t count) {
+  for (size_t a = 0; a < count; ++a) lay_down(source[a], lying_source_[a], false);
+  parallel_for(static_cast<int>(bundles_.size()), task_, [&](int i) {
+    Bundle& bundle = bundles_[static_cast<size_t>(i)];
+    SweepDomain domain = bundle.lying ? lying_ : standing_;
+    domain.rows = bundle.lying ? lying_rows_.data() : rows_.data();
+    SweepMedia media{bundle.lying ? lying_scaled_.data() : scaled_.data(), {}, count};
+    for (size_t a = 0; a < count; ++a) media.source[a] = bundle.lying ? lying_source_[a].data() : source[a].data();
+    if (entered_)
+      for (NodeValues& values : bundle.light) std::fill(values.begin(), values.end(), 0.0f);
+    sweep(domain, media, beams(bundle), bundle.moments());
   });
-  dirty_ = everywhere;
+  entered_ = false;
+}
+
+std::vector<SweepBeam> ScatteringSolver::beams(const Bundle& bundle) const {
+  std::vector<SweepBeam> beams;
+  for (const size_t k : bundle.directions) {
+    const dvec3 d = directions()[k];
+    SweepBeam& beam = beams.emplace_back();
+    beam.direction = bundle.lying ? std::array{d.z, d.x, d.y} : std::array{d.x, d.y, d.z};
+    beam.factor = {1, static_cast<float>(d.x), static_cast<float>(d.y), static_cast<float>(d.z)};
+  }
+  return beams;
 }
 
 Moments ScatteringSolver::nothing() const {
@@ -203,106 +221,117 @@ Moments ScatteringSolver::nothing() const {
   return none;
 }
 
-Moments ScatteringSolver::moments(bool everywhere) {
-  Moments out = nothing();
-  const auto sum = [&](bool lying, Moments& to, const SweepDomain& domain, const std::vector<SweepRow>& near) {
-    parallel_for(domain.n[0], task_, [&](int p) {
-      for (int r = 0; r < domain.n[1]; ++r) {
-        const size_t line = static_cast<size_t>(p) * domain.n[1] + r, first = line * domain.row;
-        const SweepRow row = everywhere ? SweepRow{0, domain.row} : near[line];
-        if (row.begin >= row.end) continue;
-        const auto length = static_cast<size_t>(row.end - row.begin), begin = first + row.begin;
-        for (NodeValues& v : to) std::fill_n(v.data() + begin, length, 0.0f);
-        for (size_t k = 0; k < directions().size(); ++k) {
-          const dvec3 d = directions()[k] / static_cast<double>(kDirections);
-          if (lies(d) != lying) continue;
-          const float* const light = radiance_[k].data() + begin;
-          const vec3 f(d);
-          float *const m0 = to[0].data() + begin, *const m1 = to[1].data() + begin, *const m2 = to[2].data() + begin,
-                       *const m3 = to[3].data() + begin;
-          for (size_t i = 0; i < length; ++i) {
-            m0[i] += light[i] * (1.0f / kDirections);
-            m1[i] += light[i] * f.x;
-            m2[i] += light[i] * f.y;
-            m3[i] += light[i] * f.z;
+void ScatteringSolver::gather(bool everywhere, Moments& light) const {
+  constexpr int kBlock = 16;
+  constexpr float kShare = 1.0f / kDirections;
+  const ivec3 n = lattice_.n;
+  parallel_for(n.x, task_, [&](int x) {
+    // Sums of a block of the lying bundles, y fastest.
+    std::vector<float> block(static_cast<size_t>(kBlock) * lying_.row);
+    for (size_t a = 0; a < 4; ++a) {
+      const auto of = [&](size_t bundle) { return bundles_[bundle].light[a].data(); };
+      const float *const left = of(0), *const right = of(1), *const front = of(2), *const back = of(3),
+                         *const down = of(4), *const up = of(5);
+      for (int z0 = 0; z0 < n.z; z0 += kBlock) {
+        const int count = std::min(kBlock, n.z - z0);
+        for (int k = 0; k < count; ++k) {
+          const size_t line = (static_cast<size_t>(z0 + k) * n.x + x) * lying_.row;
+          float* const sum = block.data() + static_cast<size_t>(k) * lying_.row;
+          for (int y = 0; y < n.y; ++y) sum[y] = down[line + y] + up[line + y];
+        }
+        for (int y = 0; y < n.y; ++y) {
+          const SweepRow row = everywhere ? SweepRow{0, n.z} : rows_[static_cast<size_t>(x) * n.y + y];
+          const size_t first = lattice_.index(x, y, 0);
+          for (int z = std::max(z0, row.begin); z < std::min(z0 + count, row.end); ++z) {
+            const size_t i = first + z;
+            light[a][i] = kShare * (left[i] + right[i] + front[i] + back[i] +
+                                    block[static_cast<size_t>(z - z0) * lying_.row + y]);
           }
         }
       }
-    });
-  };
-  sum(false, out, standing_, rows_);
-  sum(true, lying_moment_, lying_, lying_rows_);
-  // Both kinds of rows hold the media and some nodes more: what one kind leaves out counts as dark.
-  const ivec3 n = lattice_.n;
-  parallel_for(n.x, task_, [&](int x) {
-    for (int z = 0; z < n.z; ++z) {
-      const size_t line = static_cast<size_t>(z) * n.x + x;
-      const SweepRow row = everywhere ? SweepRow{0, n.y} : lying_rows_[line];
-      for (size_t a = 0; a < 4; ++a) {
-        const float* const from = lying_moment_[a].data() + line * lying_.row;
-        for (int y = row.begin; y < std::min(row.end, n.y); ++y) out[a][lattice_.index(x, y, z)] += from[y];
-      }
     }
   });
-  return out;
 }
 
 std::vector<NodeValues> ScatteringSolver::arriving(const std::vector<double>& incoming) {
-  sweep_all(nullptr, 0, incoming, /*true_extinction=*/true);
+  std::vector<NodeValues> all(directions().size());
   const ivec3 n = lattice_.n;
-  std::vector<NodeValues> all;
-  for (size_t k = 0; k < directions().size(); ++k) {
-    if (!lies(directions()[k])) {
-      all.push_back(radiance_[k]);
-      continue;
+  parallel_for(static_cast<int>(bundles_.size()), task_, [&](int i) {
+    const Bundle& bundle = bundles_[static_cast<size_t>(i)];
+    std::vector<SweepBeam> swept = beams(bundle);
+    std::vector<NodeValues> light;
+    for (size_t k = 0; k < swept.size(); ++k) {
+      swept[k].incoming = static_cast<float>(incoming[bundle.directions[k]]);
+      swept[k].radiance = light.emplace_back(bundle.lying ? lying_.size() : standing_.size(), swept[k].incoming).data();
     }
-    NodeValues& values = all.emplace_back(lattice_.size(), 0.0f);
-    parallel_for(n.x, task_, [&](int x) {
-      for (int z = 0; z < n.z; ++z)
-        for (int y = 0; y < n.y; ++y)
-          values[lattice_.index(x, y, z)] = radiance_[k][(static_cast<size_t>(z) * n.x + x) * lying_.row + y];
-    });
-  }
+    sweep(bundle.lying ? lying_ : standing_, {bundle.lying ? lying_extinction_.data() : extinction_.data(), {}, 0},
+          swept, {});
+    for (size_t k = 0; k < swept.size(); ++k) {
+      NodeValues& values = all[bundle.directions[k]];
+      if (!bundle.lying) {
+        values = std::move(light[k]);
+        continue;
+      }
+      values.assign(lattice_.size(), 0.0f);
+      for (int x = 0; x < n.x; ++x)
+        for (int z = 0; z < n.z; ++z)
+          for (int y = 0; y < n.y; ++y)
+            values[lattice_.index(x, y, z)] = light[k][(static_cast<size_t>(z) * n.x + x) * lying_.row + y];
+    }
+  });
   return all;
 }
 
 Moments ScatteringSolver::entering(const std::vector<double>& incoming) {
-  sweep_all(nullptr, 0, incoming, false);
-  return moments(true);
+  parallel_for(static_cast<int>(bundles_.size()), task_, [&](int i) {
+    Bundle& bundle = bundles_[static_cast<size_t>(i)];
+    std::vector<SweepBeam> swept = beams(bundle);
+    std::array<float, 4> border{};
+    for (size_t k = 0; k < swept.size(); ++k) {
+      swept[k].incoming = static_cast<float>(incoming[bundle.directions[k]]);
+      for (size_t a = 0; a < 4; ++a) border[a] += swept[k].factor[a] * swept[k].incoming;
+    }
+    for (size_t a = 0; a < 4; ++a) std::fill(bundle.light[a].begin(), bundle.light[a].end(), border[a]);
+    sweep(bundle.lying ? lying_ : standing_, {bundle.lying ? lying_scaled_.data() : scaled_.data(), {}, 0}, swept,
+          bundle.moments());
+  });
+  entered_ = true;
+  Moments light = nothing();
+  gather(/*everywhere=*/true, light);
+  return light;
 }
 
 Moments ScatteringSolver::emitted(const NodeValues& glow) {
   source_[0] = glow;
-  sweep_all(&source_, 1, {}, false);
-  return moments(false);
+  sweep_sources(source_, 1);
+  Moments light = nothing();
+  gather(false, light);
+  return light;
 }
 
-Moments ScatteringSolver::scattered(const Moments& light) const {
-  Moments out = nothing();
+void ScatteringSolver::scatter(Moments& light) const {
   each_row([&](size_t begin, size_t end) {
     for (size_t i = begin; i < end; ++i) {
       const float linear = albedo_[i] * linear_[i];
-      out[0][i] = albedo_[i] * light[0][i];
-      out[1][i] = linear * light[1][i];
-      out[2][i] = linear * light[2][i];
-      out[3][i] = linear * light[3][i];
+      light[0][i] *= albedo_[i];
+      light[1][i] *= linear;
+      light[2][i] *= linear;
+      light[3][i] *= linear;
     }
   });
-  return out;
 }
 
-Moments ScatteringSolver::transported(const Moments& scattered) {
+void ScatteringSolver::transport(Moments& light) {
   each_row([&](size_t begin, size_t end) {
     for (size_t a = 0; a < 4; ++a)
-      for (size_t i = begin; i < end; ++i) source_[a][i] = scaled_[i] * scattered[a][i];
+      for (size_t i = begin; i < end; ++i) source_[a][i] = scaled_[i] * light[a][i];
   });
-  sweep_all(&source_, 4, {}, false);
-  return moments(false);
+  transport_source(source_, light);
 }
 
-Moments ScatteringSolver::transported_source(const Moments& source) {
-  sweep_all(&source, 4, {}, false);
-  return moments(false);
+void ScatteringSolver::transport_source(const Moments& source, Moments& light) {
+  sweep_sources(source, 4);
+  gather(false, light);
 }
 
 Moments ScatteringSolver::source_from(const ScatteringSolver& fine, const Moments& scattered) const {

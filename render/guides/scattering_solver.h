@@ -44,12 +44,13 @@ class ScatteringSolver {
   /// Moments of emitted light. @param glow  emission per spacing at the nodes
   Moments emitted(const NodeValues& glow);
 
-  /// What the media make of light on its way.
-  Moments scattered(const Moments& light) const;
-  /// The moments of light that has been scattered, once it is on its way.
-  Moments transported(const Moments& scattered);
+  /// Makes of light on its way what the media scatter of it.
+  void scatter(Moments& light) const;
+  /// Makes of light that has been scattered what it is once it is on its way.
+  void transport(Moments& light);
   /// The same of light that leaves the nodes, per spacing: extinction times what was scattered.
-  Moments transported_source(const Moments& source);
+  /// @param light  nothing, or what this made before
+  void transport_source(const Moments& source, Moments& light);
   /// That of `fine`, whose lattice is finer, at this lattice's nodes.
   Moments source_from(const ScatteringSolver& fine, const Moments& scattered) const;
 
@@ -83,8 +84,16 @@ class ScatteringSolver {
   void fill(const Sample& sample);
   void find_rows();
   void lay_down(const NodeValues& standing, NodeValues& lying, bool everywhere) const;
-  void sweep_all(const Moments* source, size_t count, const std::vector<double>& incoming, bool true_extinction);
-  Moments moments(bool everywhere);
+  /// Directions with the same largest component and its sign: they are swept together.
+  struct Bundle {
+    bool lying = false;
+    std::vector<size_t> directions;
+    Moments light;  ///< sums over the directions, in the bundle's own order of nodes
+    std::array<float*, 4> moments() { return {light[0].data(), light[1].data(), light[2].data(), light[3].data()}; }
+  };
+  std::vector<SweepBeam> beams(const Bundle& bundle) const;
+  void sweep_sources(const Moments& source, size_t count);
+  void gather(bool everywhere, Moments& light) const;
   /// Calls body(begin, end) for the nodes of each row near the media.
   template <class Body>
   void each_row(const Body& body) const {
@@ -104,9 +113,9 @@ class ScatteringSolver {
   std::vector<SweepRow> rows_, lying_rows_;                           // the nodes near the media
   NodeValues extinction_, scaled_, lying_extinction_, lying_scaled_;  // per spacing; without the forward peak
   NodeValues albedo_, linear_;  // of what is left of scattering, and three times its mean cosine
-  Moments source_, lying_source_, lying_moment_;
-  std::vector<NodeValues> radiance_;  // for each direction
-  bool dirty_ = false;                // radiance_ holds light away from the media
+  Moments source_, lying_source_;
+  std::array<Bundle, 6> bundles_;  // towards -x, x, -y, y, -z, z
+  bool entered_ = false;           // the bundles hold light away from the media
   double mean_scale_ = 1;
 };
 

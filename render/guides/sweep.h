@@ -1,6 +1,7 @@
 #pragma once
 #include <array>
 #include <cstddef>
+#include <span>
 
 #include "render/guides/lattice.h"
 
@@ -19,23 +20,30 @@ struct SweepDomain {
   size_t size() const { return static_cast<size_t>(n[0]) * n[1] * row + 2 * Lattice::kVector; }
 };
 
-/// Light added on the way, per spacing: sum of factor[i] * values[i] over the first `count`.
-struct SweepSource {
-  std::array<const float*, 4> values{};
-  std::array<float, 4> factor{};
-  size_t count = 0;
+/// One direction of travel.
+struct SweepBeam {
+  std::array<double, 3> direction{};        ///< in the domain's axes, of length 1
+  std::array<float, 4> factor{1, 0, 0, 0};  ///< of each of SweepMedia::source
+  float incoming = 0;                       ///< radiance that enters at the border
+  float* radiance = nullptr;                ///< of domain.size() floats, or null where it is not wanted
 };
 
-/// Radiance along one direction at every node, plane by plane from where it comes (short characteristics): between two
-/// planes a ray is attenuated by the mean extinction at its ends and gains the mean source. Over many planes a narrow
-/// beam is widened by the interpolation, as the method does.
+/// What beams pass through, domain.size() floats each.
+struct SweepMedia {
+  const float* extinction = nullptr;     ///< per spacing
+  std::array<const float*, 4> source{};  ///< light added on the way, per spacing: the sum of factor[i] * source[i]
+  size_t sources = 0;                    ///< how many of them there are
+};
+
+/// Radiance along a few directions at every node, plane by plane from where it comes (short characteristics): between
+/// two planes a ray is attenuated by the mean extinction at its ends and gains the mean source. Over many planes a
+/// narrow beam is widened by the interpolation, as the method does. All beams go through a plane together.
 ///
-/// @param extinction  per spacing, at the nodes
-/// @param direction   of travel in the domain's axes; of its components the first or second must be the largest
-/// @param incoming    radiance that enters at the border
-/// @param radiance    of domain.size() floats, holding `incoming` outside of domain.rows; filled inside of them
+/// @param beams    of their components the same one of the first two must be the largest, of the same sign
+/// @param moments  null, or for each i the sum over the beams of factor[i] times radiance, of domain.size() floats;
+///                 written inside of domain.rows only, and not in the first plane and the last, first row and last
 /// Source: Kunasz, Auer 1988, Short characteristic integration of radiative transfer problems.
-void sweep(const SweepDomain& domain, const float* extinction, const SweepSource& source,
-           const std::array<double, 3>& direction, float incoming, float* radiance);
+void sweep(const SweepDomain& domain, const SweepMedia& media, std::span<const SweepBeam> beams,
+           const std::array<float*, 4>& moments);
 
 }  // namespace brume

@@ -221,14 +221,22 @@ TEST_P(Sweep, ThroughASlabIsTheClosedForm) {
         thickness[at(x, y, z)] = 0.2f;
         glow[at(x, y, z)] = 0.2f * 3;
       }
-  sweep(domain, thickness.data(), {}, {1, 0, 0}, 1, light.data());
+  SweepMedia media{thickness.data(), {}, 0};
+  SweepBeam beam{{1, 0, 0}, {1, 0, 0, 0}, 1, light.data()};
+  std::vector<float> moments[4];
+  for (auto& m : moments) m.assign(domain.size(), 0.0f);
+  const std::array<float*, 4> sums = {moments[0].data(), moments[1].data(), moments[2].data(), moments[3].data()};
+  beam.factor = {0.5f, 0, -2, 0};
+  const std::array both = {beam, beam};
+  sweep(domain, media, both, sums);
   EXPECT_NEAR(light[at(35, 4, 5)], std::exp(-4.0), 1e-4);
-  std::fill(light.begin(), light.end(), 0.0f);
-  SweepSource source;
-  source.values[0] = glow.data();
-  source.factor[0] = 1;
-  source.count = 1;
-  sweep(domain, thickness.data(), source, {-1, 0, 0}, 0, light.data());
+  EXPECT_FLOAT_EQ(moments[0][at(35, 4, 5)], light[at(35, 4, 5)]);
+  EXPECT_FLOAT_EQ(moments[2][at(35, 4, 5)], -4 * light[at(35, 4, 5)]);
+
+  media.source[0] = glow.data();
+  media.sources = 1;
+  const SweepBeam back{{-1, 0, 0}, {1, 0, 0, 0}, 0, light.data()};
+  sweep(domain, media, {&back, 1}, {});
   EXPECT_NEAR(light[at(4, 4, 5)], 3 * (1 - std::exp(-4.0)), 0.01);
 }
 INSTANTIATE_TEST_SUITE_P(Targets, Sweep, ::testing::ValuesIn(test::targets()), test::target_name);
@@ -242,7 +250,8 @@ TEST(ScatteringSolver, KeepsTheEnergyOfAnEvenSky) {
   const std::vector<double> sky(ScatteringSolver::directions().size(), 1.0);
   Moments light = solver.entering(sky), sum = light;
   for (int order = 1; order < 120; ++order) {
-    light = solver.transported(solver.scattered(light));
+    solver.scatter(light);
+    solver.transport(light);
     solver.add(light, sum);
   }
   const Lattice& l = solver.lattice();
