@@ -9,6 +9,7 @@
 #include "base/math.h"
 #include "base/parallel_for.h"
 #include "render/guides/attenuation.h"
+#include "render/guides/media_line.h"
 #include "render/world/bsdf.h"
 
 namespace brume {
@@ -18,6 +19,8 @@ namespace {
 constexpr double kGentleGradient = 0.03;
 constexpr double kStepGrowth = 0.25;  // of the step for each free path behind the eye's first two
 constexpr double kLongestStep = 4;
+// What shares one look at the light: as many first steps, of no more extinction than this.
+constexpr double kLightSteps = 2, kLightThickness = 0.12;
 constexpr double kOpaque = 2e-3;  // transmittance of an eighth of the extinction at which a ray ends
 constexpr double kFar = 1e30;
 constexpr size_t kMostFields = 64;  // of all lights together: light_groups() limits them
@@ -65,10 +68,16 @@ struct GuideMarch::Sums {
   vec3 emission{0}, background{0}, normal{0}, surface_albedo{0};
   double surface_depth = 0, depth2 = 0;
   std::vector<vec3> surface;  // by group
+  // Fields times the weight of what is seen of them, with the whole extinction and without the forward peak.
+  std::vector<float> plain, scaled;
+  std::vector<std::array<double, 4>> phases;  // of a group's light, towards the eye: no sum
 
-  Sums(size_t values, size_t groups) : value(values, 0.0), surface(groups, vec3(0)) {}
+  Sums(size_t values, size_t groups, size_t fields)
+      : value(values, 0.0), surface(groups, vec3(0)), plain(fields, 0.0f), scaled(fields, 0.0f), phases(groups) {}
   void clear() {
     std::fill(value.begin(), value.end(), 0.0);
+    std::fill(plain.begin(), plain.end(), 0.0f);
+    std::fill(scaled.begin(), scaled.end(), 0.0f);
     std::fill(surface.begin(), surface.end(), vec3(0));
     emission = background = normal = surface_albedo = vec3(0);
     surface_depth = depth2 = 0;
@@ -142,7 +151,7 @@ void GuideMarch::interleave(const Task& task) {
   const ivec3 n = lattice.n;
   const auto& directions = ScatteringSolver::directions();
   const double solid_angle = 4 * kPi / static_cast<double>(directions.size());
-  node_fields_.assign(static_cast<size_t>(n.x) * n.y * n.z * field_count_, 0.0f);
+  node_fields_ = NodeValues(static_cast<size_t>(n.x) * n.y * n.z * field_count_);
   const bool one = media_[0].media().size() == 1;
   parallel_for(n.x, quiet(task), [&](int x) {
     for (int y = 0; y < n.y; ++y)
@@ -266,7 +275,7 @@ void GuideMarch::record(const ivec2& corner, Layers& frame, const Task& task) {
 
   const int across = rays_across();
   parallel_for(frame.height(), task, [&](int y) {
-    Sums sums(names_.size(), slots_.size());
+    Sums sums(names_.size(), slots_.size(), field_count_);
     for (int x = 0; x < frame.width(); ++x) {
       sums.clear();
       for (int r = 0; r < across * across; ++r) {
@@ -278,6 +287,7 @@ void GuideMarch::record(const ivec2& corner, Layers& frame, const Task& task) {
         trace(camera_.ray(film, lens, time), media_[static_cast<size_t>(time * static_cast<double>(media_.size()))],
               sums);
       }
+      collect_fields(sums);
       const double share = 1.0 / (across * across);
       const double opacity = sums.value[kOpacity];
       if (opacity > 0) {
@@ -329,49 +339,63 @@ void GuideMarch::trace(const Ray& ray, const GuideMedia& media, Sums& sums) cons
   }
 }
 
+/// A piece of a ray whose light is looked up once: weights of what is seen of it, with the extinction, a half, a
+/// quarter, an eighth of it, and without the forward peak; and means over it.
+struct GuideMarch::Piece {
+  double w = 0, w2 = 0, w4 = 0, w8 = 0, scaled = 0;
+  double thickness = 0, distance = 0, albedo = 0, g = 0;  // the last three times thickness
+};
+
 double GuideMarch::march(const Ray& ray, const GuideMedia& media, double t_max, Sums& sums) const {
   static thread_local std::vector<std::pair<double, double>> parts;
   media.intervals(ray, t_max, parts);
   if (parts.empty()) return 1;
-  const auto& groups = fields_.groups();
-  const bool one = media.media().size() == 1, glows = !media.emissions().empty();
+  MediaLine line(media, colour_);
+  line.follow(ray);
+  const bool glows = !media.emissions().empty();
   const double scale = fields_.scaled_extinction();
-  float fields[kMostFields];
+  const double light_step = kLightSteps * step_;
   double passed = 1, passed2 = 1, passed4 = 1, passed8 = 1, passed_scaled = 1, depth = 0;
   std::vector<double>& out = sums.value;
-  // The phase function and its octaves.
-  const auto phases_at = [&](double c, double mean_cosine) {
-    return std::array{one ? media.media()[0].phase().value(c) : henyey_greenstein(mean_cosine, c),
-                      henyey_greenstein(mean_cosine / 2, c), henyey_greenstein(mean_cosine / 4, c),
-                      henyey_greenstein(mean_cosine / 8, c)};
-  };
-  static thread_local std::vector<std::array<double, 4>> phases;
-  phases.resize(groups.size());
-  for (size_t k = 0; k < groups.size(); ++k)
-    if (groups[k].group.sun && one)
-      phases[k] = phases_at(glm::dot(groups[k].group.sun->axis(), ray.d), media.mean_cosine(0));
+  Piece piece;
+  for (size_t k = 0; k < slots_.size(); ++k)
+    if (const Sun* const sun = fields_.groups()[k].group.sun; sun && media.media().size() == 1)
+      sums.phases[k] = phases(media, glm::dot(sun->axis(), ray.d), media.mean_cosine(0));
 
   for (const auto& [begin, end] : parts) {
     // Steps of neighbouring pixels begin at the same distances from the eye, wherever their cells begin.
     double t = std::floor(begin / step_) * step_;
+    double piece_end = t;
     while (t < end && passed8 > kOpaque) {
       const double length = step_ * std::min(kLongestStep, 1 + kStepGrowth * std::max(0.0, depth - 2));
       const double middle = t + 0.5 * length;
       t += length;
       if (middle > t_max) break;
-      const dvec3 p = ray.at(middle);
       dvec3 gradient;
-      const GuideMedia::Point point = media.at(p, colour_, &gradient);
-      const dvec3 glow = glows ? media.glow(p) : dvec3(0);
+      const GuideMedia::Point point = line.at(middle, gradient);
+      const dvec3 glow = glows ? media.glow(ray.at(middle)) : dvec3(0);
       const double thickness = point.sigma_t * length;
       if (!(thickness > 0)) {
         if (glows) sums.emission += tinted(glow, passed * length);
         continue;
       }
+      if (middle >= piece_end || piece.thickness > kLightThickness) {
+        light_of(piece, media, ray, sums);
+        piece = {};
+        piece_end = (std::floor(middle / light_step) + 1) * light_step;
+      }
       const double q8 = attenuation(thickness / 8), q4 = q8 * q8, q2 = q4 * q4, q = q2 * q2;
       const double q_scaled = attenuation(thickness * scale);
-      const double w = passed * (1 - q), w2 = passed2 * (1 - q2), w4 = passed4 * (1 - q4), w8 = passed8 * (1 - q8),
-                   w_scaled = passed_scaled * (1 - q_scaled);
+      const double w = passed * (1 - q);
+      piece.w += w;
+      piece.w2 += passed2 * (1 - q2);
+      piece.w4 += passed4 * (1 - q4);
+      piece.w8 += passed8 * (1 - q8);
+      piece.scaled += passed_scaled * (1 - q_scaled);
+      piece.thickness += thickness;
+      piece.distance += thickness * middle;
+      piece.albedo += thickness * point.albedo;
+      piece.g += thickness * point.g;
       if (glows) sums.emission += tinted(glow, w / point.sigma_t);
       passed *= q;
       passed2 *= q2;
@@ -387,56 +411,84 @@ double GuideMarch::march(const Ray& ray, const GuideMedia& media, double t_max, 
       const double steepness = glm::length(gradient) + gentle_;
       for (int a = 0; a < 3; ++a) out[kGradient + static_cast<size_t>(a)] += w * gradient[a] / steepness;
       out[kDensity] += w * point.density;
-
-      interpolate(p, fields);
-      for (size_t k = 0; k < slots_.size(); ++k) {
-        const GroupLight& g = groups[k];
-        const Slots& s = slots_[k];
-        if (sharp(g)) {
-          dvec3 towards;
-          double irradiance, tau;
-          if (g.group.sun) {
-            towards = g.group.sun->axis();
-            irradiance = in_colour(g.group.sun->irradiance(), colour_);
-            tau = g.sun.at(p);
-          } else {
-            const LocalLight light = local_light(*g.group.lights[0], p);
-            towards = light.towards;
-            irradiance = in_colour(light.irradiance, colour_);
-            tau = fields[s.field_depth];
-          }
-          if (!g.visible.empty()) irradiance *= fields[s.field_visible];
-          irradiance *= point.albedo;
-          const double v16 = attenuation(tau / 16), v8 = v16 * v16, v4 = v8 * v8, v2 = v4 * v4, v = v2 * v2;
-          // Of a sun in one medium the angle does not change along the ray.
-          if (!g.group.sun || !one) phases[k] = phases_at(glm::dot(towards, ray.d), point.g);
-          out[s.single] += w * irradiance * phases[k][0] * v;
-          out[s.octave] += w2 * irradiance * phases[k][1] * v2;
-          out[s.octave + 1] += w4 * irradiance * phases[k][2] * v4;
-          out[s.octave + 2] += w8 * irradiance * phases[k][3] * v8;
-          const double even = w * irradiance / (4 * kPi);
-          out[s.soft] += even * v2;
-          out[s.soft + 1] += even * v4;
-          out[s.soft + 2] += even * v8;
-          out[s.soft + 3] += even * v16;
-        } else if (is_sky(g)) {
-          out[s.single] += w * point.albedo * fields[s.field_single];
-          out[s.soft] += w * fields[s.field_single + 1];
-          out[s.soft + 1] += w * fields[s.field_single + 2];
-        } else {
-          out[s.single] += w * fields[s.field_single];
-        }
-        for (size_t order = 0; order < kOrders; ++order)
-          out[s.orders + order] += w_scaled * fields[s.field_orders + order];
-        const double tail = fields[s.field_orders + kOrders - 1];
-        out[s.flux] += w_scaled * fields[s.field_orders + kOrders];
-        out[s.tail] += w2 * tail;
-        out[s.tail + 1] += w4 * tail;
-        out[s.tail + 2] += w8 * tail;
-      }
     }
   }
+  light_of(piece, media, ray, sums);
   return passed;
+}
+
+// The phase function of the only medium, or one with that mean cosine, and its octaves.
+std::array<double, 4> GuideMarch::phases(const GuideMedia& media, double cosine, double g) const {
+  const bool one = media.media().size() == 1;
+  return {one ? media.media()[0].phase().value(cosine) : henyey_greenstein(g, cosine), henyey_greenstein(g / 2, cosine),
+          henyey_greenstein(g / 4, cosine), henyey_greenstein(g / 8, cosine)};
+}
+
+void GuideMarch::light_of(const Piece& piece, const GuideMedia& media, const Ray& ray, Sums& sums) const {
+  if (!(piece.thickness > 0)) return;
+  std::vector<double>& out = sums.value;
+  const dvec3 p = ray.at(piece.distance / piece.thickness);
+  const double albedo = piece.albedo / piece.thickness, g_mean = piece.g / piece.thickness;
+  const auto w = static_cast<float>(piece.w), scaled = static_cast<float>(piece.scaled);
+  alignas(16) float fields[kMostFields];
+  interpolate(p, fields);
+  for (size_t i = 0; i < field_count_; ++i) sums.plain[i] += w * fields[i];
+  for (size_t i = 0; i < field_count_; ++i) sums.scaled[i] += scaled * fields[i];
+  for (size_t k = 0; k < slots_.size(); ++k) {
+    const GroupLight& g = fields_.groups()[k];
+    const Slots& s = slots_[k];
+    const double tail = fields[s.field_orders + kOrders - 1];
+    out[s.tail] += piece.w2 * tail;
+    out[s.tail + 1] += piece.w4 * tail;
+    out[s.tail + 2] += piece.w8 * tail;
+    if (is_sky(g)) {
+      out[s.single] += piece.w * albedo * fields[s.field_single];
+      continue;
+    }
+    if (!sharp(g)) continue;
+    double irradiance, tau;
+    if (g.group.sun) {
+      irradiance = in_colour(g.group.sun->irradiance(), colour_);
+      tau = g.sun.at(p);
+      // Of a sun in one medium the angle does not change along the ray.
+      if (media.media().size() > 1) sums.phases[k] = phases(media, glm::dot(g.group.sun->axis(), ray.d), g_mean);
+    } else {
+      const LocalLight light = local_light(*g.group.lights[0], p);
+      irradiance = in_colour(light.irradiance, colour_);
+      tau = fields[s.field_depth];
+      sums.phases[k] = phases(media, glm::dot(light.towards, ray.d), g_mean);
+    }
+    if (!g.visible.empty()) irradiance *= fields[s.field_visible];
+    irradiance *= albedo;
+    const std::array<double, 4>& phase = sums.phases[k];
+    const double v16 = attenuation(tau / 16), v8 = v16 * v16, v4 = v8 * v8, v2 = v4 * v4, v = v2 * v2;
+    out[s.single] += piece.w * irradiance * phase[0] * v;
+    out[s.octave] += piece.w2 * irradiance * phase[1] * v2;
+    out[s.octave + 1] += piece.w4 * irradiance * phase[2] * v4;
+    out[s.octave + 2] += piece.w8 * irradiance * phase[3] * v8;
+    const double even = piece.w * irradiance / (4 * kPi);
+    out[s.soft] += even * v2;
+    out[s.soft + 1] += even * v4;
+    out[s.soft + 2] += even * v8;
+    out[s.soft + 3] += even * v16;
+  }
+}
+
+// What is a field times a weight has been summed for all fields at once.
+void GuideMarch::collect_fields(Sums& sums) const {
+  std::vector<double>& out = sums.value;
+  for (size_t k = 0; k < slots_.size(); ++k) {
+    const GroupLight& g = fields_.groups()[k];
+    const Slots& s = slots_[k];
+    for (size_t order = 0; order < kOrders; ++order) out[s.orders + order] = sums.scaled[s.field_orders + order];
+    out[s.flux] = sums.scaled[s.field_orders + kOrders];
+    if (is_sky(g)) {
+      out[s.soft] = sums.plain[s.field_single + 1];
+      out[s.soft + 1] = sums.plain[s.field_single + 2];
+    } else if (!sharp(g)) {
+      out[s.single] = sums.plain[s.field_single];
+    }
+  }
 }
 
 dvec3 GuideMarch::colour_of(const GroupLight& light) const {

@@ -24,6 +24,7 @@ class GuideMarch {
 
  private:
   struct Sums;
+  struct Piece;
   /// Where a light's guides lie among the sums, and its fields among the interleaved ones.
   struct Slots {
     size_t single = 0, octave = 0, soft = 0, orders = 0, flux = 0, tail = 0;
@@ -39,6 +40,9 @@ class GuideMarch {
   /// @return transmittance of what lies before t_max
   double march(const Ray& ray, const GuideMedia& media, double t_max, Sums& sums) const;
   void interpolate(const dvec3& world, float* values) const;
+  std::array<double, 4> phases(const GuideMedia& media, double cosine, double g) const;
+  void light_of(const Piece& piece, const GuideMedia& media, const Ray& ray, Sums& sums) const;
+  void collect_fields(Sums& sums) const;
   void add_surface(const Ray& ray, const SurfaceHit& hit, double passed, Sums& sums) const;
   dvec3 colour_of(const GroupLight& light) const;
   dvec3 tint() const;
@@ -56,7 +60,7 @@ class GuideMarch {
   std::vector<Slots> slots_;                                        // for each group
   std::vector<std::string> names_;  // of the sums that are one number each, as layers without "guide."
   size_t field_count_ = 0;          // interleaved fields, a multiple of four
-  std::vector<float> node_fields_;
+  NodeValues node_fields_;
 };
 
 }  // namespace brume

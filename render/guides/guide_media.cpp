@@ -4,6 +4,8 @@
 #include <cmath>
 #include <limits>
 
+#include "render/guides/media_line.h"
+
 namespace brume {
 namespace {
 
@@ -47,38 +49,6 @@ void add_intervals(const Medium& medium, const Ray& ray, double t_max, std::vect
   }
 }
 
-/// The interpolated density and its gradient, which jumps where voxels meet; local space.
-double density_and_gradient(const Medium& medium, const dvec3& p, dvec3& gradient) {
-  if (medium.homogeneous()) return medium.density(p);
-  if (medium.displacement()) {
-    for (int a = 0; a < 3; ++a) {
-      dvec3 step(0);
-      step[a] = 0.5;
-      gradient[a] = medium.density(p + step) - medium.density(p - step);
-    }
-    return medium.density(p);
-  }
-  const BrickGrid& grid = medium.bricks();
-  if (glm::any(glm::lessThanEqual(p, grid.support_lo())) || glm::any(glm::greaterThanEqual(p, grid.support_hi())))
-    return 0;
-  const ivec3 c = ivec3(p) / grid.cell_size();
-  const BrickGrid::Cell& cell = grid.cell(c);
-  if (cell.brick == 0) return 0;
-  const dvec3 q = p - dvec3(c * grid.cell_size());
-  const ivec3 i = glm::clamp(ivec3(q), ivec3(0), ivec3(grid.cell_size() - 1));
-  const vec3 f(q - dvec3(i));
-  const int Y = grid.stored(), X = Y * Y;
-  const float* const b = grid.brick(cell) + i.x * X + i.y * Y + i.z;
-  const auto lerp = [](float a, float d, float t) { return a + t * (d - a); };
-  // Edges along z, then faces, then the cube: values and their differences.
-  const float z00 = lerp(b[0], b[1], f.z), z01 = lerp(b[Y], b[Y + 1], f.z), z10 = lerp(b[X], b[X + 1], f.z),
-              z11 = lerp(b[X + Y], b[X + Y + 1], f.z);
-  const float dz0 = lerp(b[1] - b[0], b[Y + 1] - b[Y], f.y), dz1 = lerp(b[X + 1] - b[X], b[X + Y + 1] - b[X + Y], f.y);
-  const float y0 = lerp(z00, z01, f.y), y1 = lerp(z10, z11, f.y);
-  gradient = {y1 - y0, lerp(z01 - z00, z11 - z10, f.x), lerp(dz0, dz1, f.x)};
-  return lerp(y0, y1, f.x);
-}
-
 }  // namespace
 
 double in_colour(const dvec3& rgb, GuideColour colour) {
@@ -114,29 +84,10 @@ GuideMedia::GuideMedia(std::span<const Medium> media, std::span<const EmissionFi
   if (!std::isfinite(voxel_)) voxel_ = max_component(hi_ - lo_) / 128;
 }
 
-GuideMedia::Point GuideMedia::at(const dvec3& world, GuideColour colour, dvec3* gradient) const {
-  Point point;
-  if (gradient) *gradient = dvec3(0);
-  double scattered = 0, forward = 0;
-  for (size_t i = 0; i < media_.size(); ++i) {
-    const Medium& m = media_[i];
-    const dvec3 local = m.to_local(world);
-    dvec3 slope(0);
-    const double density = gradient ? density_and_gradient(m, local, slope) : m.density(local);
-    if (!(density > 0)) continue;
-    const Constants& c = constants_[i];
-    const double per_density = c.per_density[static_cast<size_t>(colour + 1)], sigma = density * per_density;
-    if (gradient) *gradient += per_density * m.gradient_to_world(slope);
-    const double albedo = m.coloured() ? in_colour(m.albedo(world), colour) : c.albedo[static_cast<size_t>(colour + 1)];
-    const double sigma_s = sigma * albedo;
-    point.sigma_t += sigma;
-    scattered += sigma_s;
-    forward += sigma_s * mean_cosine_[i];
-    point.density = std::max(point.density, density * c.inverse_maximum);
-  }
-  if (point.sigma_t > 0) point.albedo = scattered / point.sigma_t;
-  if (scattered > 0) point.g = forward / scattered;
-  return point;
+GuideMedia::Point GuideMedia::at(const dvec3& world, GuideColour colour) const {
+  MediaLine line(*this, colour);
+  line.follow({world, dvec3(0)});
+  return line.at(0);
 }
 
 dvec3 GuideMedia::glow(const dvec3& world) const {

@@ -40,9 +40,7 @@ class GuideMedia {
     double g = 0;        ///< mean cosine
     double density = 0;  ///< as a share of the medium's maximum, the largest of them
   };
-  Point at(const dvec3& world, GuideColour colour) const { return at(world, colour, nullptr); }
-  /// @param gradient  of the extinction, world space; null where nobody wants it
-  Point at(const dvec3& world, GuideColour colour, dvec3* gradient) const;
+  Point at(const dvec3& world, GuideColour colour) const;
   /// Emission coefficient [radiance / world unit].
   dvec3 glow(const dvec3& world) const;
 
@@ -50,6 +48,7 @@ class GuideMedia {
   void intervals(const Ray& ray, double t_max, std::vector<std::pair<double, double>>& parts) const;
 
  private:
+  friend class MediaLine;
   std::vector<Medium> media_;
   std::vector<EmissionField> emissions_;
   /// What does not change from point to point, by colour, kGrey first.

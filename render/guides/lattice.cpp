@@ -1,9 +1,11 @@
 #include "render/guides/lattice.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include "base/math.h"
+#include "base/parallel_for.h"
 
 namespace brume {
 
@@ -30,6 +32,53 @@ float interpolated(const Lattice& lattice, const NodeValues& values, const dvec3
   const float y0 = lerp(lerp(v[0], v[1], f.z), lerp(v[y], v[y + 1], f.z), f.y);
   const float y1 = lerp(lerp(v[x], v[x + 1], f.z), lerp(v[x + y], v[x + y + 1], f.z), f.y);
   return lerp(y0, y1, f.x);
+}
+
+namespace {
+
+/// Along one axis, of the two points: weights of three nodes, of which the first is 2 i + begin for the coarse node i.
+struct Taps {
+  int begin;
+  std::array<float, 3> weight;
+
+  Taps(double fine_origin, double fine_spacing, double coarse_origin) {
+    const double first = (coarse_origin - fine_origin) / fine_spacing - 0.5;
+    begin = static_cast<int>(std::floor(first));
+    const auto f = static_cast<float>(first - begin);
+    weight = {0.5f * (1 - f), 0.5f, 0.5f * f};
+  }
+  int node(int i, int tap, int count) const { return std::clamp(2 * i + begin + tap, 0, count - 1); }
+};
+
+}  // namespace
+
+NodeValues coarsened(const Lattice& fine, const NodeValues& values, const Lattice& coarse, const Task& task) {
+  NodeValues result(coarse.size());
+  const std::array taps = {Taps(fine.origin.x, fine.spacing, coarse.origin.x),
+                           Taps(fine.origin.y, fine.spacing, coarse.origin.y),
+                           Taps(fine.origin.z, fine.spacing, coarse.origin.z)};
+  parallel_for(coarse.n.x, task, [&](int x) {
+    // Across x, then across y, then along z.
+    const size_t plane = static_cast<size_t>(fine.n.y) * fine.row(), row = static_cast<size_t>(fine.row());
+    std::vector<float> across_x(plane), across_y(row);
+    const auto mean = [](const Taps& t, const float* a, const float* b, const float* c, size_t count, float* to) {
+      for (size_t i = 0; i < count; ++i) to[i] = t.weight[0] * a[i] + t.weight[1] * b[i] + t.weight[2] * c[i];
+    };
+    const auto at_x = [&](int tap) { return values.data() + fine.index(taps[0].node(x, tap, fine.n.x), 0, 0); };
+    mean(taps[0], at_x(0), at_x(1), at_x(2), plane, across_x.data());
+    for (int y = 0; y < coarse.n.y; ++y) {
+      const auto at_y = [&](int tap) { return across_x.data() + taps[1].node(y, tap, fine.n.y) * row; };
+      mean(taps[1], at_y(0), at_y(1), at_y(2), row, across_y.data());
+      for (int z = 0; z < coarse.n.z; ++z) {
+        float sum = 0;
+        for (int tap = 0; tap < 3; ++tap)
+          sum +=
+              taps[2].weight[static_cast<size_t>(tap)] * across_y[static_cast<size_t>(taps[2].node(z, tap, fine.n.z))];
+        result[coarse.index(x, y, z)] = sum;
+      }
+    }
+  });
+  return result;
 }
 
 std::vector<dvec3> spiral_of_directions(int count) {

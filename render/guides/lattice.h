@@ -2,6 +2,8 @@
 #include <cstddef>
 #include <vector>
 
+#include "base/lazy_zeros.h"
+#include "base/progress.h"
 #include "base/vec.h"
 
 namespace brume {
@@ -26,10 +28,14 @@ struct Lattice {
   static Lattice over(const dvec3& lo, const dvec3& hi, double spacing, size_t most_nodes);
 };
 
-using NodeValues = std::vector<float>;
+using NodeValues = std::vector<float, LazyZeros<float>>;
 
 /// Linear between the nodes; outside as on the border.
 float interpolated(const Lattice& lattice, const NodeValues& values, const dvec3& world);
+
+/// Values at the nodes of a lattice of twice the spacing: the mean of eight points around each, a quarter of its
+/// spacing off along every axis, linear between the nodes.
+NodeValues coarsened(const Lattice& fine, const NodeValues& values, const Lattice& coarse, const Task& task);
 
 /// Unit vectors evenly spread over the sphere, on a spiral.
 std::vector<dvec3> spiral_of_directions(int count);

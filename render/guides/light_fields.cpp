@@ -92,7 +92,9 @@ LightFields::LightFields(const GuideMedia& media, const Lights& lights, const Su
   const auto scaled_transmittance = [&](double depth) { return attenuation(depth * scale_); };
   const Task own = quiet(task);
 
-  for (LightGroup& group : light_groups(lights, media)) {
+  std::vector<LightGroup> groups = light_groups(lights, media);
+  groups_.reserve(groups.size());
+  for (LightGroup& group : groups) {
     GroupLight g;
     g.group = group;
     Moments arriving;
@@ -100,7 +102,7 @@ LightFields::LightFields(const GuideMedia& media, const Lights& lights, const Su
       case LightGroup::Kind::kSun: {
         const dvec3 towards = group.sun->axis();
         g.sun = SunDepth(media, colour, towards, media.voxel(), kMostSunNodes, own);
-        if (surfaces) g.visible.assign(fine_.size(), 0.0f);
+        if (surfaces) g.visible = NodeValues(fine_.size());
         arriving = solver.nothing();
         const double irradiance = in_colour(group.sun->irradiance(), colour);
         solver.each_node([&](int x, int y, int z, size_t i) {
@@ -119,8 +121,8 @@ LightFields::LightFields(const GuideMedia& media, const Lights& lights, const Su
       case LightGroup::Kind::kOthers: {
         arriving = solver.nothing();
         const bool alone = group.kind == LightGroup::Kind::kLocal;
-        if (alone) g.depth.assign(fine_.size(), 0.0f);
-        if (alone && surfaces) g.visible.assign(fine_.size(), 0.0f);
+        if (alone) g.depth = NodeValues(fine_.size());
+        if (alone && surfaces) g.visible = NodeValues(fine_.size());
         const double step = fine_.spacing;
         solver.each_node([&](int x, int y, int z, size_t i) {
           const dvec3 p = fine_.node(x, y, z);
@@ -147,12 +149,12 @@ LightFields::LightFields(const GuideMedia& media, const Lights& lights, const Su
       case LightGroup::Kind::kSky: {
         std::vector<double> incoming = sky_radiance(*lights.environment(), colour);
         if (surfaces) hide_sky(media, *surfaces, incoming);
-        g.sky = solver.arriving(incoming);
+        g.sky = solver.arriving(incoming, /*everywhere=*/surfaces != nullptr);
         arriving = solver.entering(incoming);
         break;
       }
       case LightGroup::Kind::kGlow: {
-        NodeValues glow(fine_.size(), 0.0f);
+        NodeValues glow(fine_.size());
         solver.each_node([&](int x, int y, int z, size_t i) {
           glow[i] = static_cast<float>(in_colour(media.glow(fine_.node(x, y, z)), colour) * fine_.spacing);
         });
@@ -175,11 +177,17 @@ void LightFields::solve(GroupLight& light, Moments scattered, ScatteringSolver& 
   if (light.group.kind == LightGroup::Kind::kOthers || light.group.kind == LightGroup::Kind::kGlow)
     light.once = scattered;
   size_t g = 0;
+  const auto gather = [&](const ScatteringSolver& solver, int order) {
+    if (order == first[g])
+      solver.copy(scattered, light.orders[g]);
+    else
+      solver.add(scattered, light.orders[g]);
+  };
   for (int order = 2; order < first[GroupLight::kFineGuides]; ++order) {
     fine.transport(scattered);
     fine.scatter(scattered);
     if (order >= first[g + 1]) ++g;
-    fine.add(scattered, light.orders[g]);
+    gather(fine, order);
   }
   const Moments source = coarse.source_from(fine, scattered);
   scattered = coarse.nothing();
@@ -194,7 +202,7 @@ void LightFields::solve(GroupLight& light, Moments scattered, ScatteringSolver& 
       coarse.transport(scattered);
     coarse.scatter(scattered);
     if (g + 1 < first.size() && order >= first[g + 1]) ++g;
-    coarse.add(scattered, light.orders[g]);
+    gather(coarse, order);
     const double own = coarse.total(scattered);
     sum += own;
     if (!begins && own <= kNegligible * sum) break;

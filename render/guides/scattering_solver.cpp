@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "base/math.h"
+#include "render/guides/media_line.h"
 
 namespace brume {
 namespace {
@@ -30,48 +31,53 @@ const std::vector<dvec3>& ScatteringSolver::directions() {
 ScatteringSolver::ScatteringSolver(const Lattice& lattice, const GuideMedia& media, GuideColour colour,
                                    const Task& task)
     : ScatteringSolver(lattice, task) {
-  // Means over cubes around the nodes.
+  // Means over cubes around the nodes, from lines along rows of them.
   const double cube = lattice.spacing;
-  const int inner = std::clamp(static_cast<int>(std::lround(cube / media.voxel())), 1, 4),
-            count = inner * inner * inner;
-  fill([&](int x, int y, int z) {
-    NodeMedia node;
-    double scattered = 0, forward = 0;
-    const dvec3 corner = lattice_.node(x, y, z) - 0.5 * cube;
-    for (int k = 0; k < count; ++k) {
-      const ivec3 place(k % inner, k / inner % inner, k / (inner * inner));
-      const GuideMedia::Point point = media.at(corner + cube / inner * (dvec3(place) + 0.5), colour);
-      node.extinction += point.sigma_t;
-      scattered += point.sigma_t * point.albedo;
-      forward += point.sigma_t * point.albedo * point.g;
+  const int inner = std::clamp(static_cast<int>(std::lround(cube / media.voxel())), 1, 4);
+  fill([&](int x, int y, std::vector<NodeMedia>& row) {
+    MediaLine line(media, colour);
+    for (int k = 0; k < inner * inner; ++k) {
+      const dvec3 place(k % inner, k / inner, 0);
+      line.follow({lattice_.node(x, y, 0) + cube * ((place + 0.5) / static_cast<double>(inner) - 0.5), {0, 0, cube}});
+      for (int z = 1; z < lattice_.n.z - 1; ++z) {
+        NodeMedia& node = row[static_cast<size_t>(z)];
+        for (int i = 0; i < inner; ++i) {
+          const GuideMedia::Point point = line.at(z + static_cast<double>(i) / inner);
+          node.extinction += point.sigma_t;
+          node.scattered += point.sigma_t * point.albedo;
+          node.linear += point.sigma_t * point.albedo * point.g;
+        }
+      }
     }
-    if (!(node.extinction > 0)) return node;
-    const double albedo = scattered / node.extinction, g = scattered > 0 ? forward / scattered : 0;
-    const double peak = g > 0 ? g * g : 0, left = 1 - albedo * peak;
-    node.extinction *= cube / count;
-    node.scaled = node.extinction * left;
-    node.scattered = node.scaled * albedo * (1 - peak) / left;
-    node.linear = node.scaled * 3 * (g - peak) / (1 - peak);
-    return node;
+    for (NodeMedia& node : row) {
+      if (!(node.extinction > 0)) continue;
+      const double albedo = node.scattered / node.extinction;
+      const double g = node.scattered > 0 ? node.linear / node.scattered : 0;
+      const double peak = g > 0 ? g * g : 0, left = 1 - albedo * peak;
+      node.extinction *= cube / (inner * inner * inner);
+      node.scaled = node.extinction * left;
+      node.scattered = node.scaled * albedo * (1 - peak) / left;
+      node.linear = node.scaled * 3 * (g - peak) / (1 - peak);
+    }
   });
 }
 
 ScatteringSolver::ScatteringSolver(const Lattice& lattice, const ScatteringSolver& fine, const Task& task)
     : ScatteringSolver(lattice, task) {
-  const double ratio = lattice.spacing / fine.lattice_.spacing;
-  fill([&](int x, int y, int z) {
-    NodeMedia node;
-    for (int corner = 0; corner < 8; ++corner) {
-      const dvec3 offset = dvec3(corner & 1, corner >> 1 & 1, corner >> 2) - 0.5;
-      const dvec3 p = lattice_.node(x, y, z) + 0.5 * lattice_.spacing * offset;
-      const double scaled = ratio / 8 * interpolated(fine.lattice_, fine.scaled_, p);
-      if (!(scaled > 0)) continue;
-      node.extinction += ratio / 8 * interpolated(fine.lattice_, fine.extinction_, p);
-      node.scaled += scaled;
-      node.scattered += scaled * interpolated(fine.lattice_, fine.albedo_, p);
-      node.linear += scaled * interpolated(fine.lattice_, fine.linear_, p);
+  NodeValues scattered(fine.scaled_.size()), linear(fine.scaled_.size());
+  for (size_t i = 0; i < scattered.size(); ++i) {
+    scattered[i] = fine.scaled_[i] * fine.albedo_[i];
+    linear[i] = fine.scaled_[i] * fine.linear_[i];
+  }
+  const auto coarse = [&](const NodeValues& values) { return coarsened(fine.lattice_, values, lattice_, task_); };
+  const NodeValues extinction = coarse(fine.extinction_), scaled = coarse(fine.scaled_);
+  scattered = coarse(scattered);
+  linear = coarse(linear);
+  fill([&](int x, int y, std::vector<NodeMedia>& row) {
+    for (int z = 1; z < lattice_.n.z - 1; ++z) {
+      const size_t i = lattice_.index(x, y, z);
+      row[static_cast<size_t>(z)] = {2.0 * extinction[i], 2.0 * scaled[i], 2.0 * scattered[i], 2.0 * linear[i]};
     }
-    return node;
   });
 }
 
@@ -79,10 +85,10 @@ ScatteringSolver::ScatteringSolver(const Lattice& lattice, const Task& task) : l
   const ivec3 n = lattice.n;
   standing_ = {{n.x, n.y, n.z}, lattice.row(), nullptr};
   lying_ = {{n.z, n.x, n.y}, padded(n.y), nullptr};
-  for (NodeValues* field : {&extinction_, &scaled_, &albedo_, &linear_}) field->assign(lattice.size(), 0.0f);
-  for (NodeValues& values : source_) values.assign(lattice.size(), 0.0f);
-  for (NodeValues& values : lying_source_) values.assign(lying_.size(), 0.0f);
-  for (NodeValues* field : {&lying_extinction_, &lying_scaled_}) field->assign(lying_.size(), 0.0f);
+  for (NodeValues* field : {&extinction_, &scaled_, &albedo_, &linear_}) *field = NodeValues(lattice.size());
+  for (NodeValues& values : source_) values = NodeValues(lattice.size());
+  for (NodeValues& values : lying_source_) values = NodeValues(lying_.size());
+  for (NodeValues* field : {&lying_extinction_, &lying_scaled_}) *field = NodeValues(lying_.size());
   for (size_t k = 0; k < directions().size(); ++k) {
     const dvec3 d = directions()[k];
     int axis = std::abs(d.y) > std::abs(d.x) ? 1 : 0;
@@ -92,21 +98,30 @@ ScatteringSolver::ScatteringSolver(const Lattice& lattice, const Task& task) : l
   for (size_t i = 0; i < bundles_.size(); ++i) {
     bundles_[i].lying = i >= 4;
     for (NodeValues& values : bundles_[i].light)
-      values.assign(bundles_[i].lying ? lying_.size() : standing_.size(), 0.0f);
+      values = NodeValues(bundles_[i].lying ? lying_.size() : standing_.size());
   }
 }
 
 template <class Sample>
 void ScatteringSolver::fill(const Sample& sample) {
   std::vector<NodeMedia> sums(static_cast<size_t>(lattice_.n.x));
-  each_node([&](int x, int y, int z, size_t i) {
-    const NodeMedia node = sample(x, y, z);
-    if (!(node.scaled > 0)) return;
-    extinction_[i] = static_cast<float>(node.extinction);
-    scaled_[i] = static_cast<float>(node.scaled);
-    albedo_[i] = static_cast<float>(node.scattered / node.scaled);
-    linear_[i] = static_cast<float>(node.linear / node.scaled);
-    sums[static_cast<size_t>(x)].add(node);
+  parallel_for(lattice_.n.x - 2, task_, [&](int k) {
+    const int x = k + 1;
+    std::vector<NodeMedia> row;
+    for (int y = 1; y < lattice_.n.y - 1; ++y) {
+      row.assign(static_cast<size_t>(lattice_.n.z), {});
+      sample(x, y, row);
+      for (int z = 1; z < lattice_.n.z - 1; ++z) {
+        const NodeMedia& node = row[static_cast<size_t>(z)];
+        if (!(node.scaled > 0)) continue;
+        const size_t i = lattice_.index(x, y, z);
+        extinction_[i] = static_cast<float>(node.extinction);
+        scaled_[i] = static_cast<float>(node.scaled);
+        albedo_[i] = static_cast<float>(node.scattered / node.scaled);
+        linear_[i] = static_cast<float>(node.linear / node.scaled);
+        sums[static_cast<size_t>(x)].add(node);
+      }
+    }
   });
   NodeMedia total;
   for (const NodeMedia& s : sums) total.add(s);
@@ -170,7 +185,7 @@ void ScatteringSolver::find_rows() {
     return near;
   };
   rows_ = ranges(standing_, extinction_);
-  NodeValues lying(lying_.size(), 0.0f);
+  NodeValues lying(lying_.size());
   lay_down(extinction_, lying, true);
   lying_rows_ = ranges(lying_, lying);
 }
@@ -193,15 +208,18 @@ void ScatteringSolver::sweep_sources(const Moments& source, size_t count) {
   for (size_t a = 0; a < count; ++a) lay_down(source[a], lying_source_[a], false);
   parallel_for(static_cast<int>(bundles_.size()), task_, [&](int i) {
     Bundle& bundle = bundles_[static_cast<size_t>(i)];
-    SweepDomain domain = bundle.lying ? lying_ : standing_;
-    domain.rows = bundle.lying ? lying_rows_.data() : rows_.data();
     SweepMedia media{bundle.lying ? lying_scaled_.data() : scaled_.data(), {}, count};
     for (size_t a = 0; a < count; ++a) media.source[a] = bundle.lying ? lying_source_[a].data() : source[a].data();
-    if (entered_)
-      for (NodeValues& values : bundle.light) std::fill(values.begin(), values.end(), 0.0f);
+    SweepDomain domain = near(bundle);
+    domain.rows = domain.kept;
     sweep(domain, media, beams(bundle), bundle.moments());
   });
-  entered_ = false;
+}
+
+SweepDomain ScatteringSolver::near(const Bundle& bundle) const {
+  SweepDomain domain = bundle.lying ? lying_ : standing_;
+  domain.kept = bundle.lying ? lying_rows_.data() : rows_.data();
+  return domain;
 }
 
 std::vector<SweepBeam> ScatteringSolver::beams(const Bundle& bundle) const {
@@ -217,11 +235,11 @@ std::vector<SweepBeam> ScatteringSolver::beams(const Bundle& bundle) const {
 
 Moments ScatteringSolver::nothing() const {
   Moments none;
-  for (NodeValues& values : none) values.assign(lattice_.size(), 0.0f);
+  for (NodeValues& values : none) values = NodeValues(lattice_.size());
   return none;
 }
 
-void ScatteringSolver::gather(bool everywhere, Moments& light) const {
+void ScatteringSolver::gather(Moments& light) const {
   constexpr int kBlock = 16;
   constexpr float kShare = 1.0f / kDirections;
   const ivec3 n = lattice_.n;
@@ -237,10 +255,12 @@ void ScatteringSolver::gather(bool everywhere, Moments& light) const {
         for (int k = 0; k < count; ++k) {
           const size_t line = (static_cast<size_t>(z0 + k) * n.x + x) * lying_.row;
           float* const sum = block.data() + static_cast<size_t>(k) * lying_.row;
-          for (int y = 0; y < n.y; ++y) sum[y] = down[line + y] + up[line + y];
+          const SweepRow row = lying_rows_[line / lying_.row];
+          std::fill_n(sum, lying_.row, 0.0f);
+          for (int y = row.begin; y < row.end; ++y) sum[y] = down[line + y] + up[line + y];
         }
         for (int y = 0; y < n.y; ++y) {
-          const SweepRow row = everywhere ? SweepRow{0, n.z} : rows_[static_cast<size_t>(x) * n.y + y];
+          const SweepRow row = rows_[static_cast<size_t>(x) * n.y + y];
           const size_t first = lattice_.index(x, y, 0);
           for (int z = std::max(z0, row.begin); z < std::min(z0 + count, row.end); ++z) {
             const size_t i = first + z;
@@ -253,30 +273,33 @@ void ScatteringSolver::gather(bool everywhere, Moments& light) const {
   });
 }
 
-std::vector<NodeValues> ScatteringSolver::arriving(const std::vector<double>& incoming) {
+std::vector<NodeValues> ScatteringSolver::arriving(const std::vector<double>& incoming, bool everywhere) const {
   std::vector<NodeValues> all(directions().size());
   const ivec3 n = lattice_.n;
   parallel_for(static_cast<int>(bundles_.size()), task_, [&](int i) {
     const Bundle& bundle = bundles_[static_cast<size_t>(i)];
+    SweepDomain domain = near(bundle);
+    if (everywhere) domain.kept = nullptr;
     std::vector<SweepBeam> swept = beams(bundle);
     std::vector<NodeValues> light;
     for (size_t k = 0; k < swept.size(); ++k) {
       swept[k].incoming = static_cast<float>(incoming[bundle.directions[k]]);
-      swept[k].radiance = light.emplace_back(bundle.lying ? lying_.size() : standing_.size(), swept[k].incoming).data();
+      swept[k].radiance = light.emplace_back(domain.size()).data();
     }
-    sweep(bundle.lying ? lying_ : standing_, {bundle.lying ? lying_extinction_.data() : extinction_.data(), {}, 0},
-          swept, {});
+    sweep(domain, {bundle.lying ? lying_extinction_.data() : extinction_.data(), {}, 0}, swept, {});
     for (size_t k = 0; k < swept.size(); ++k) {
       NodeValues& values = all[bundle.directions[k]];
       if (!bundle.lying) {
         values = std::move(light[k]);
         continue;
       }
-      values.assign(lattice_.size(), 0.0f);
-      for (int x = 0; x < n.x; ++x)
-        for (int z = 0; z < n.z; ++z)
-          for (int y = 0; y < n.y; ++y)
+      values = NodeValues(lattice_.size());
+      for (int x = 1; x < n.x - 1; ++x)
+        for (int y = 1; y < n.y - 1; ++y) {
+          const SweepRow row = everywhere ? SweepRow{0, n.z} : rows_[static_cast<size_t>(x) * n.y + y];
+          for (int z = row.begin; z < std::min(row.end, n.z); ++z)
             values[lattice_.index(x, y, z)] = light[k][(static_cast<size_t>(z) * n.x + x) * lying_.row + y];
+        }
     }
   });
   return all;
@@ -286,18 +309,11 @@ Moments ScatteringSolver::entering(const std::vector<double>& incoming) {
   parallel_for(static_cast<int>(bundles_.size()), task_, [&](int i) {
     Bundle& bundle = bundles_[static_cast<size_t>(i)];
     std::vector<SweepBeam> swept = beams(bundle);
-    std::array<float, 4> border{};
-    for (size_t k = 0; k < swept.size(); ++k) {
-      swept[k].incoming = static_cast<float>(incoming[bundle.directions[k]]);
-      for (size_t a = 0; a < 4; ++a) border[a] += swept[k].factor[a] * swept[k].incoming;
-    }
-    for (size_t a = 0; a < 4; ++a) std::fill(bundle.light[a].begin(), bundle.light[a].end(), border[a]);
-    sweep(bundle.lying ? lying_ : standing_, {bundle.lying ? lying_scaled_.data() : scaled_.data(), {}, 0}, swept,
-          bundle.moments());
+    for (size_t k = 0; k < swept.size(); ++k) swept[k].incoming = static_cast<float>(incoming[bundle.directions[k]]);
+    sweep(near(bundle), {bundle.lying ? lying_scaled_.data() : scaled_.data(), {}, 0}, swept, bundle.moments());
   });
-  entered_ = true;
   Moments light = nothing();
-  gather(/*everywhere=*/true, light);
+  gather(light);
   return light;
 }
 
@@ -305,7 +321,7 @@ Moments ScatteringSolver::emitted(const NodeValues& glow) {
   source_[0] = glow;
   sweep_sources(source_, 1);
   Moments light = nothing();
-  gather(false, light);
+  gather(light);
   return light;
 }
 
@@ -331,28 +347,24 @@ void ScatteringSolver::transport(Moments& light) {
 
 void ScatteringSolver::transport_source(const Moments& source, Moments& light) {
   sweep_sources(source, 4);
-  gather(false, light);
+  gather(light);
 }
 
 Moments ScatteringSolver::source_from(const ScatteringSolver& fine, const Moments& scattered) const {
-  Moments leaving = fine.nothing(), source = nothing();
-  fine.each_row([&](size_t begin, size_t end) {
-    for (size_t a = 0; a < 4; ++a)
-      for (size_t i = begin; i < end; ++i) leaving[a][i] = fine.scaled_[i] * scattered[a][i];
-  });
-  const double ratio = lattice_.spacing / fine.lattice_.spacing;
-  each_node([&](int x, int y, int z, size_t i) {
-    if (extinction_[i] == 0) return;
-    for (size_t a = 0; a < 4; ++a) {
-      double sum = 0;
-      for (int corner = 0; corner < 8; ++corner) {
-        const dvec3 offset = dvec3(corner & 1, corner >> 1 & 1, corner >> 2) - 0.5;
-        sum += interpolated(fine.lattice_, leaving[a], lattice_.node(x, y, z) + 0.5 * lattice_.spacing * offset);
-      }
-      source[a][i] = static_cast<float>(ratio * sum / 8);
-    }
-  });
+  Moments source;
+  for (size_t a = 0; a < 4; ++a) {
+    NodeValues leaving(fine.scaled_.size());
+    for (size_t i = 0; i < leaving.size(); ++i) leaving[i] = 2 * fine.scaled_[i] * scattered[a][i];
+    source[a] = coarsened(fine.lattice_, leaving, lattice_, task_);
+  }
   return source;
+}
+
+void ScatteringSolver::copy(const Moments& from, Moments& to) const {
+  each_row([&](size_t begin, size_t end) {
+    for (size_t a = 0; a < 4; ++a)
+      for (size_t i = begin; i < end; ++i) to[a][i] = from[a][i];
+  });
 }
 
 void ScatteringSolver::add(const Moments& from, Moments& to) const {

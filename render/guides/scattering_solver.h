@@ -22,7 +22,7 @@ using Moments = std::array<NodeValues, 4>;
 class ScatteringSolver {
  public:
   ScatteringSolver(const Lattice& lattice, const GuideMedia& media, GuideColour colour, const Task& task);
-  /// The same media on a lattice that is coarser.
+  /// The same media on a lattice of twice the spacing.
   ScatteringSolver(const Lattice& lattice, const ScatteringSolver& fine, const Task& task);
 
   /// Directions of travel, evenly spread.
@@ -36,9 +36,11 @@ class ScatteringSolver {
   /// Whether a node or one of its 26 neighbours has any extinction.
   std::vector<uint8_t> near_media() const;
 
+  /// Light is told near the media, and 0 elsewhere.
   Moments nothing() const;
   /// Radiance that enters from outside and arrives unscattered, for each direction, the forward peak being scattering.
-  std::vector<NodeValues> arriving(const std::vector<double>& incoming);
+  /// @param everywhere  not only near the media
+  std::vector<NodeValues> arriving(const std::vector<double>& incoming, bool everywhere) const;
   /// The same as moments, the forward peak being none.
   Moments entering(const std::vector<double>& incoming);
   /// Moments of emitted light. @param glow  emission per spacing at the nodes
@@ -51,9 +53,10 @@ class ScatteringSolver {
   /// The same of light that leaves the nodes, per spacing: extinction times what was scattered.
   /// @param light  nothing, or what this made before
   void transport_source(const Moments& source, Moments& light);
-  /// That of `fine`, whose lattice is finer, at this lattice's nodes.
+  /// That of `fine`, whose lattice has half the spacing, at this lattice's nodes.
   Moments source_from(const ScatteringSolver& fine, const Moments& scattered) const;
 
+  void copy(const Moments& from, Moments& to) const;
   void add(const Moments& from, Moments& to) const;
   /// Of the mean radiance, over the nodes with extinction in them.
   double total(const Moments& light) const;
@@ -80,6 +83,7 @@ class ScatteringSolver {
     }
   };
   ScatteringSolver(const Lattice& lattice, const Task& task);
+  /// @param sample  called as sample(x, y, row) to set the nodes of a row that are not its border
   template <class Sample>
   void fill(const Sample& sample);
   void find_rows();
@@ -92,8 +96,11 @@ class ScatteringSolver {
     std::array<float*, 4> moments() { return {light[0].data(), light[1].data(), light[2].data(), light[3].data()}; }
   };
   std::vector<SweepBeam> beams(const Bundle& bundle) const;
+  /// Its domain, with results kept near the media.
+  SweepDomain near(const Bundle& bundle) const;
   void sweep_sources(const Moments& source, size_t count);
-  void gather(bool everywhere, Moments& light) const;
+  /// Sums of all bundles, near the media.
+  void gather(Moments& light) const;
   /// Calls body(begin, end) for the nodes of each row near the media.
   template <class Body>
   void each_row(const Body& body) const {
@@ -115,7 +122,6 @@ class ScatteringSolver {
   NodeValues albedo_, linear_;  // of what is left of scattering, and three times its mean cosine
   Moments source_, lying_source_;
   std::array<Bundle, 6> bundles_;  // towards -x, x, -y, y, -z, z
-  bool entered_ = false;           // the bundles hold light away from the media
   double mean_scale_ = 1;
 };
 

@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "base/parallel_for.h"
+#include "render/guides/media_line.h"
 
 namespace brume {
 
@@ -36,13 +37,14 @@ SunDepth::SunDepth(const GuideMedia& media, GuideColour colour, const dvec3& tow
   origin_ = media.lo();
   origin_[u_] += low.x;
   origin_[v_] += low.y;
-  depth_.assign(static_cast<size_t>(n_.x) * n_.y * n_.z, 0.0f);
+  depth_ = NodeValues(static_cast<size_t>(n_.x) * n_.y * n_.z);
 
   const bool upwards = towards[axis_] > 0;
   const double length = spacing / std::abs(towards[axis_]);  // between nodes of a column [world units]
   const int inner = std::max(1, static_cast<int>(std::lround(length / media.voxel())));
   parallel_for(n_.y, quiet(task), [&](int u) {
     std::vector<std::pair<double, double>> parts;
+    MediaLine line(media, colour);
     for (int v = 0; v < n_.z; ++v) {
       float* const column = depth_.data() + (static_cast<size_t>(u) * n_.z + v) * n_.x;
       // The column's node farthest from the light, and the ray from there towards it.
@@ -55,6 +57,7 @@ SunDepth::SunDepth(const GuideMedia& media, GuideColour colour, const dvec3& tow
       const Ray ray{start, towards};
       media.intervals(ray, (n_.x - 1) * length, parts);
       if (parts.empty()) continue;
+      line.follow(ray);
       // Node by node from the light on.
       double depth = 0;
       size_t part = parts.size();
@@ -63,10 +66,10 @@ SunDepth::SunDepth(const GuideMedia& media, GuideColour colour, const dvec3& tow
         while (part > 0 && parts[part - 1].first >= t1) --part;
         if (part > 0 && parts[part - 1].second > t0) {
           double sum = 0;
-          for (int i = 0; i < inner; ++i) sum += media.at(ray.at(t0 + (i + 0.5) / inner * length), colour).sigma_t;
+          for (int i = 0; i < inner; ++i) sum += line.at(t0 + (i + 0.5) / inner * length).sigma_t;
           depth += sum * length / inner;
         }
-        column[first + step * k] = static_cast<float>(depth);
+        if (depth > 0) column[first + step * k] = static_cast<float>(depth);
       }
     }
   });

@@ -3,6 +3,7 @@
 
 #include "base/progress.h"
 #include "render/guides/guide_media.h"
+#include "render/guides/lattice.h"
 
 namespace brume {
 
@@ -33,8 +34,8 @@ class SunDepth {
   dvec3 origin_{0};
   double inverse_ = 1, slope_u_ = 0, slope_v_ = 0;
   int axis_ = 0, u_ = 1, v_ = 2;
-  ivec3 n_{0};                // along, u, v
-  std::vector<float> depth_;  // v fastest but for the column, which is contiguous
+  ivec3 n_{0};        // along, u, v
+  NodeValues depth_;  // v fastest but for the column, which is contiguous
 };
 
 }  // namespace brume

@@ -92,10 +92,10 @@ void SweepLattice(const SweepDomain& domain, const SweepMedia& media, std::span<
   for (const SweepBeam& b : beams) state.emplace_back(b, along, plane);
   std::vector<float> sums(4 * static_cast<size_t>(domain.row));  // of a row's moments
 
-  const auto part_of = [&](int p, int r) {
-    if (!domain.rows) return SweepRow{0, domain.row};
+  const auto part_of = [&](const SweepRow* of, int p, int r) {
+    if (!of) return SweepRow{0, domain.row};
     const SweepRow part =
-        domain.rows[along == 0 ? static_cast<size_t>(p) * domain.n[1] + r : static_cast<size_t>(r) * domain.n[1] + p];
+        of[along == 0 ? static_cast<size_t>(p) * domain.n[1] + r : static_cast<size_t>(r) * domain.n[1] + p];
     return part.begin < part.end ? part : SweepRow{};
   };
   const V half = set(0.5f), one = set(1.0f);
@@ -107,7 +107,7 @@ void SweepLattice(const SweepDomain& domain, const SweepMedia& media, std::span<
     }
     for (int r = 1; r < rows - 1; ++r) {
       const std::ptrdiff_t row = p * stride[along] + r * stride[across], in_plane = r * stride[1];
-      const SweepRow part = part_of(p, r);
+      const SweepRow part = part_of(domain.rows, p, r), kept = part_of(domain.kept, p, r);
       std::fill(sums.begin(), sums.end(), 0.0f);
       for (size_t k = 0; k < beams.size(); ++k) {
         const SweepBeam& b = beams[k];
@@ -151,12 +151,12 @@ void SweepLattice(const SweepDomain& domain, const SweepMedia& media, std::span<
         // The border, in whose last vector the row ends.
         light_row[0] = b.incoming;
         std::fill(light_row + domain.n[2] - 1, light_row + domain.row, b.incoming);
-        if (b.radiance) std::copy_n(light_row, domain.row, b.radiance + row);
+        if (b.radiance) std::copy(light_row + kept.begin, light_row + kept.end, b.radiance + row + kept.begin);
       }
       if (moments[0])
         for (size_t i = 0; i < 4; ++i) {
           const float* const sum = sums.data() + i * static_cast<size_t>(domain.row);
-          std::copy(sum + part.begin, sum + part.end, moments[i] + row + part.begin);
+          std::copy(sum + kept.begin, sum + kept.end, moments[i] + row + kept.begin);
         }
     }
   }

@@ -16,7 +16,8 @@ struct SweepRow {
 struct SweepDomain {
   std::array<int, 3> n{};
   int row = 0;                     ///< floats from one row of the last axis to the next; a multiple of Lattice::kVector
-  const SweepRow* rows = nullptr;  ///< of each row, the first axis slowest; null: everything
+  const SweepRow* rows = nullptr;  ///< of each row, the first axis slowest; null: everything. Elsewhere nothing changes
+  const SweepRow* kept = nullptr;  ///< where results are wanted; null: all of them
   size_t size() const { return static_cast<size_t>(n[0]) * n[1] * row + 2 * Lattice::kVector; }
 };
 
@@ -40,8 +41,8 @@ struct SweepMedia {
 /// narrow beam is widened by the interpolation, as the method does. All beams go through a plane together.
 ///
 /// @param beams    of their components the same one of the first two must be the largest, of the same sign
-/// @param moments  null, or for each i the sum over the beams of factor[i] times radiance, of domain.size() floats;
-///                 written inside of domain.rows only, and not in the first plane and the last, first row and last
+/// @param moments  null, or for each i the sum over the beams of factor[i] times radiance, of domain.size() floats
+/// Results are written where they are wanted, but for the border: the first plane and the last, first row and last.
 /// Source: Kunasz, Auer 1988, Short characteristic integration of radiative transfer problems.
 void sweep(const SweepDomain& domain, const SweepMedia& media, std::span<const SweepBeam> beams,
            const std::array<float*, 4>& moments);

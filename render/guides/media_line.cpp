@@ -1,0 +1,99 @@
+#include "render/guides/media_line.h"
+
+#include <algorithm>
+#include <bit>
+
+namespace brume {
+namespace {
+
+/// Any medium's density, and its gradient from half a voxel on either side; local space.
+double general_density(const Medium& medium, const dvec3& p, dvec3* gradient) {
+  if (gradient && !medium.homogeneous())
+    for (int a = 0; a < 3; ++a) {
+      dvec3 step(0);
+      step[a] = 0.5;
+      (*gradient)[a] = medium.density(p + step) - medium.density(p - step);
+    }
+  return medium.density(p);
+}
+
+float lerp(float a, float b, float t) {
+  return a + t * (b - a);
+}
+
+/// Of values at the corners of a voxel, `x` and `y` floats apart along these axes, at the place f in it. The gradient
+/// jumps where voxels meet.
+float trilinear(const float* b, size_t x, size_t y, const vec3& f, dvec3* gradient) {
+  // Edges along z, then faces, then the cube.
+  const float z00 = lerp(b[0], b[1], f.z), z01 = lerp(b[y], b[y + 1], f.z), z10 = lerp(b[x], b[x + 1], f.z),
+              z11 = lerp(b[x + y], b[x + y + 1], f.z);
+  const float y0 = lerp(z00, z01, f.y), y1 = lerp(z10, z11, f.y);
+  if (gradient) {
+    const float dz0 = lerp(b[1] - b[0], b[y + 1] - b[y], f.y),
+                dz1 = lerp(b[x + 1] - b[x], b[x + y + 1] - b[x + y], f.y);
+    *gradient = {y1 - y0, lerp(z01 - z00, z11 - z10, f.x), lerp(dz0, dz1, f.x)};
+  }
+  return lerp(y0, y1, f.x);
+}
+
+}  // namespace
+
+MediaLine::MediaLine(const GuideMedia& media, GuideColour colour) : media_(media), colour_(colour) {
+  for (const Medium& m : media.media()) {
+    Local& local = locals_.emplace_back(Local{&m});
+    if (m.homogeneous() || m.displacement()) continue;
+    local.bricks = &m.bricks();
+    local.cell_bits = std::countr_zero(static_cast<unsigned>(local.bricks->cell_size()));
+  }
+}
+
+void MediaLine::follow(const Ray& ray) {
+  ray_ = ray;
+  for (Local& local : locals_) local.ray = local.medium->to_local(ray);
+}
+
+GuideMedia::Point MediaLine::look(double t, dvec3* gradient) {
+  GuideMedia::Point point;
+  if (gradient) *gradient = dvec3(0);
+  double scattered = 0, forward = 0;
+  for (size_t i = 0; i < locals_.size(); ++i) {
+    Local& local = locals_[i];
+    const Medium& m = *local.medium;
+    const dvec3 p = local.ray.at(t);
+    dvec3 slope(0);
+    double density = 0;
+    if (!local.bricks) {
+      density = general_density(m, p, gradient ? &slope : nullptr);
+    } else {
+      const BrickGrid& grid = *local.bricks;
+      const dvec3 &lo = grid.support_lo(), &hi = grid.support_hi();
+      if (!(p.x > lo.x && p.y > lo.y && p.z > lo.z && p.x < hi.x && p.y < hi.y && p.z < hi.z)) continue;
+      const ivec3 voxel(p), cell = voxel >> local.cell_bits;
+      if (cell != local.coordinates) {
+        local.coordinates = cell;
+        local.cell = &grid.cell(cell);
+      }
+      if (local.cell->brick == 0) continue;
+      const ivec3 inside = voxel & ((1 << local.cell_bits) - 1);
+      const size_t y = static_cast<size_t>(grid.stored()), x = y * y;
+      const float* const values = grid.brick(*local.cell) + inside.x * x + inside.y * y + inside.z;
+      density = trilinear(values, x, y, vec3(p - dvec3(voxel)), gradient ? &slope : nullptr);
+    }
+    if (!(density > 0)) continue;
+    const GuideMedia::Constants& c = media_.constants_[i];
+    const double per_density = c.per_density[static_cast<size_t>(colour_ + 1)], sigma = density * per_density;
+    if (gradient) *gradient += per_density * m.gradient_to_world(slope);
+    const double albedo =
+        m.coloured() ? in_colour(m.albedo(ray_.at(t)), colour_) : c.albedo[static_cast<size_t>(colour_ + 1)];
+    const double sigma_s = sigma * albedo;
+    point.sigma_t += sigma;
+    scattered += sigma_s;
+    forward += sigma_s * media_.mean_cosine_[i];
+    point.density = std::max(point.density, density * c.inverse_maximum);
+  }
+  if (point.sigma_t > 0) point.albedo = scattered / point.sigma_t;
+  if (scattered > 0) point.g = forward / scattered;
+  return point;
+}
+
+}  // namespace brume

@@ -1,0 +1,38 @@
+#pragma once
+#include <vector>
+
+#include "render/guides/guide_media.h"
+
+namespace brume {
+
+/// The media along a straight line: made for looking them up at many points of it in order, because the line is taken
+/// to each medium's own space once, and a cell that holds several points is found once.
+class MediaLine {
+ public:
+  MediaLine(const GuideMedia& media, GuideColour colour);
+  /// Looks along a world ray from now on; its direction may have any length.
+  void follow(const Ray& ray);
+
+  GuideMedia::Point at(double t) { return look(t, nullptr); }
+  /// @param gradient  of the extinction, world space
+  GuideMedia::Point at(double t, dvec3& gradient) { return look(t, &gradient); }
+
+ private:
+  /// A medium, and where the line was looked up last.
+  struct Local {
+    const Medium* medium;
+    const BrickGrid* bricks = nullptr;  ///< null where densities are not simply its interpolated values
+    int cell_bits = 0;
+    Ray ray{};
+    ivec3 coordinates{-1};
+    const BrickGrid::Cell* cell = nullptr;
+  };
+  GuideMedia::Point look(double t, dvec3* gradient);
+
+  const GuideMedia& media_;
+  const GuideColour colour_;
+  Ray ray_{};
+  std::vector<Local> locals_;
+};
+
+}  // namespace brume
