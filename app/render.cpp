@@ -21,6 +21,8 @@
 namespace brume::app {
 namespace {
 
+constexpr int kSamplesWithoutLimit = 16;  // that guides are made for where time or error end the render
+
 struct Options {
   std::string scene, output, preview, layers = "direct,indirect,gradient,coverage,transmittance", replay;
   std::string part, crop, time, checkpoint, resume, tev, records, save_scene, clean_filter;
@@ -183,6 +185,7 @@ int run(const Common& common) {
 
   RenderJob job;
   job.spp = scene.render.spp;
+  if (open_ended) job.guide_samples = kSamplesWithoutLimit;
   job.seed = scene.render.seed;
   parse_part(job);
   parse_crop(job, scene.film);
@@ -201,7 +204,7 @@ int run(const Common& common) {
   const PreparedScene prepared(scene, layers, {common.threads, {}, &interrupted});
   for (const std::string& text : prepared.notes()) note(text);
   if (o.explain) {
-    print(prepared.explain());
+    print(prepared.explain(job.samples_for_guides(), {common.threads, {}, &interrupted}));
     return kDone;
   }
   if (!o.replay.empty()) return replay(prepared, scene.render.seed);

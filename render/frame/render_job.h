@@ -43,7 +43,9 @@ struct RenderRound {
 
 /// Which samples to take, and what to do on the way.
 struct RenderJob {
-  int spp = 64;  ///< of the whole picture
+  int spp = 64;           ///< of the whole picture
+  int guide_samples = 0;  ///< samples that the guides are to serve; 0: spp
+  int samples_for_guides() const { return guide_samples > 0 ? guide_samples : spp; }
   int64_t seed = 0;
   int part = 1, parts = 1;  ///< this render takes the part-th of `parts` equal shares of the samples, counted from 1
   struct Crop {

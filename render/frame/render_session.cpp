@@ -57,6 +57,7 @@ RenderSession::RenderSession(const PreparedScene& scene, const RenderJob& job, c
   if (!job.records.empty()) open_records();
   stop_.cancel = task.cancel;
   context_.stop = &stop_;
+  scene.guides(job.samples_for_guides(), quiet(task));
 }
 
 void RenderSession::resume() {
@@ -173,7 +174,7 @@ void RenderSession::run_rounds() {
 }
 
 void RenderSession::record_guides(const Task& task) {
-  const Guides* const guides = scene_.guides();
+  const Guides* const guides = scene_.guides(job_.samples_for_guides(), task);
   if (!guides || guides_.width() > 0) return;
   guides_ = Layers(film_.width(), film_.height());
   guides->record(camera_, {window_.x0, window_.y0}, guides_, task);

@@ -49,8 +49,15 @@ PreparedScene::PreparedScene(Scene scene, const LayerRequest& layers, const Task
   context_.plan = make_plan(scene_, media_, lights_, surfaces_.get(), camera(), layers);
   if (context_.plan.lanes) prepare_lanes(task);
   if (context_.plan.flash) context_.flash = calibrated_flash_lamp(context_, scene_, camera(), media_.bounds());
-  if (layers.guides) guides_ = std::make_unique<Guides>(context_, task);
   context_.stop = nullptr;
+}
+
+const Guides* PreparedScene::guides(int samples, const Task& task) const {
+  if (!plan().layers.guides) return nullptr;
+  const std::lock_guard lock(solving_);
+  const double detail = Guides::detail(samples);
+  const auto found = guides_.find(detail);
+  return found != guides_.end() ? &found->second : &guides_.try_emplace(detail, context_, samples, task).first->second;
 }
 
 void PreparedScene::prepare_lanes(const Task& task) {

@@ -1,6 +1,8 @@
 #pragma once
 #include <cstdint>
+#include <map>
 #include <memory>
+#include <mutex>
 #include <string>
 #include <vector>
 
@@ -32,9 +34,13 @@ class PreparedScene {
   bool straight_shadows() const { return surfaces_ && surfaces_->any_straight(); }
   const dvec3& world_shift() const { return media_.world_shift(); }
   const std::vector<std::string>& notes() const { return notes_; }
-  std::string explain() const { return brume::explain(plan(), scene_, media_, lights_, surfaces_.get(), guides()); }
-  /// Null unless the guides are recorded.
-  const Guides* guides() const { return guides_.get(); }
+  /// @param samples  that guides are to serve
+  std::string explain(int samples, const Task& task = {}) const {
+    return brume::explain(plan(), scene_, media_, lights_, surfaces_.get(), guides(samples, task));
+  }
+  /// Those that serve pictures of so many samples per pixel: solved when they are first asked for, then kept. Null
+  /// unless guides are recorded. @throws Interrupted
+  const Guides* guides(int samples, const Task& task = {}) const;
 
   /// The same bits for any number of threads, any split into parts and any interruption in between.
   /// @throws Interrupted after a checkpoint was written, where one was asked for; InputError
@@ -65,7 +71,8 @@ class PreparedScene {
   std::vector<LaneGrid> emission_grids_;
   StopSignal stop_;  // while it is prepared
   PathContext context_;
-  std::unique_ptr<Guides> guides_;
+  mutable std::mutex solving_;
+  mutable std::map<double, Guides> guides_;  // by their detail
 };
 
 }  // namespace brume

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 
 #include "render/guides/guide_march.h"
 
@@ -11,6 +12,7 @@ namespace {
 
 // Times of the shutter that are marched where anything moves; the light is solved for the one in the middle.
 constexpr int kTimes = 4;
+constexpr double kMostDetail = 2;
 
 bool sky_is_coloured(const Lights& lights) {
   return !lights.environment()->black() && !lights.environment()->constant();
@@ -18,7 +20,14 @@ bool sky_is_coloured(const Lights& lights) {
 
 }  // namespace
 
-Guides::Guides(const PathContext& context, const Task& task, double step) : context_(context), step_(step) {
+double Guides::detail(int samples) {
+  double detail = 1;
+  for (int more = 8; more <= samples && detail < kMostDetail; more *= 4) detail *= std::cbrt(2.0);
+  return std::min(detail, kMostDetail);
+}
+
+Guides::Guides(const PathContext& context, int samples, const Task& task, double step)
+    : context_(context), step_(step) {
   const Stopwatch watch;
   const auto moves = [](const auto& field) { return field.moves(); };
   const bool moving = std::any_of(context.media.begin(), context.media.end(), moves) ||
@@ -30,7 +39,7 @@ Guides::Guides(const PathContext& context, const Task& task, double step) : cont
                                                                       : std::vector<GuideColour>{kGrey};
   const GuideMedia& middle = media_[static_cast<size_t>(times / 2)];
   for (const GuideColour colour : colours_)
-    fields_.emplace_back(middle, *context.lights, context.surfaces, colour, task);
+    fields_.emplace_back(middle, *context.lights, context.surfaces, colour, detail(samples), task);
   seconds_ = watch.seconds();
 }
 

@@ -2,17 +2,21 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numeric>
 
 #include "base/math.h"
 #include "render/guides/attenuation.h"
+#include "render/guides/media_line.h"
 
 namespace brume {
 namespace {
 
 constexpr int kLastOrder = 64;
-constexpr double kVoxelsPerNode = 2;
-constexpr size_t kMostNodes = 1000000, kMostSunNodes = 16000000;
+// Between nodes, at a detail of 1: as many voxels, or more where light goes farther.
+constexpr double kVoxelsPerNode = 2, kMostVoxelsPerNode = 4, kFreePathsPerNode = 0.5;
+constexpr double kMostNodes = 1e6, kMostNodesInDetail = 4e6;
+constexpr size_t kMostSunNodes = 16000000;
 constexpr double kNegligible = 2e-3;    // of all orders together, for the last one
 constexpr double kLargestRatio = 0.99;  // of an order to the one before, in the tail
 constexpr double kUnseen = 1e30;        // world units
@@ -79,12 +83,35 @@ void add_beam(Moments& light, size_t node, double irradiance, const dvec3& towar
   for (int a = 0; a < 3; ++a) light[static_cast<size_t>(a) + 1][node] -= static_cast<float>(mean * towards[a]);
 }
 
+/// Mean free path where light is scattered: the mean extinction at scatterings, inverted. Infinite where none is.
+double free_path(const GuideMedia& media, GuideColour colour, const Task& task) {
+  const Lattice probes =
+      Lattice::over(media.lo(), media.hi(), kMostVoxelsPerNode * media.voxel(), static_cast<size_t>(kMostNodes));
+  std::vector<dvec2> sums(static_cast<size_t>(probes.n.x), dvec2(0));
+  parallel_for(probes.n.x, quiet(task), [&](int x) {
+    MediaLine line(media, colour);
+    for (int y = 0; y < probes.n.y; ++y) {
+      line.follow({probes.node(x, y, 0), {0, 0, probes.spacing}});
+      for (int z = 0; z < probes.n.z; ++z) {
+        const double extinction = line.at(z).sigma_t;
+        sums[static_cast<size_t>(x)] += dvec2(extinction, extinction * extinction);
+      }
+    }
+  });
+  dvec2 sum(0);
+  for (const dvec2& s : sums) sum += s;
+  return sum.y > 0 ? sum.x / sum.y : std::numeric_limits<double>::infinity();
+}
+
 }  // namespace
 
 LightFields::LightFields(const GuideMedia& media, const Lights& lights, const Surfaces* surfaces, GuideColour colour,
-                         const Task& task) {
-  fine_ = Lattice::over(media.lo(), media.hi(), kVoxelsPerNode * media.voxel(), kMostNodes);
-  coarse_ = Lattice::over(media.lo(), media.hi(), 2 * fine_.spacing, kMostNodes);
+                         double detail, const Task& task) {
+  const double wanted = kFreePathsPerNode * free_path(media, colour, task) / media.voxel();
+  const double voxels = std::clamp(wanted, kVoxelsPerNode, kMostVoxelsPerNode) / detail;
+  const double most = std::min(kMostNodes * detail * detail * detail, kMostNodesInDetail);
+  fine_ = Lattice::over(media.lo(), media.hi(), voxels * media.voxel(), static_cast<size_t>(most));
+  coarse_ = Lattice::over(media.lo(), media.hi(), 2 * fine_.spacing, static_cast<size_t>(most));
   ScatteringSolver solver(fine_, media, colour, task), coarse(coarse_, solver, task);
   near_ = solver.near_media();
   if (surfaces) std::fill(near_.begin(), near_.end(), uint8_t{1});

@@ -31,13 +31,15 @@ struct GroupLight {
 };
 
 /// Transmittances for single scattering and a coarse solution of multiple scattering, order by order: the first five on
-/// nodes two voxels apart, as many more as matter on nodes twice as far, then a geometric series of the last two.
+/// nodes half a mean free path apart (two voxels at least and four at most, at a detail of 1), as many more as matter
+/// on nodes twice as far, then a geometric series of the last two.
 class LightFields {
  public:
   /// @param surfaces  null where there are none. They cast shadows into the media and hide the sky; light that they
   ///                  reflect is their albedo times the mean sky.
+  /// @param detail    nodes lie as many times closer together
   LightFields(const GuideMedia& media, const Lights& lights, const Surfaces* surfaces, GuideColour colour,
-              const Task& task);
+              double detail, const Task& task);
 
   const Lattice& lattice() const { return fine_; }
   /// Of the orders from kFineGuides on.
