@@ -38,8 +38,6 @@ constexpr float kDark = 0.1f;
 // Squared error over what the halves' difference and the narrower fit show of it, measured on four media where the
 // truth is known (docs/transport_regression.md).
 constexpr float kNoiseShare = 1.8f, kBiasShare = 0.4f;
-// Without two halves nothing says which fit is best: shares of the frame's window, of the widest and of the next.
-constexpr std::array<float, 3> kFixedShares = {0.2f, 0.6f, 0.2f};
 
 /// Columns for each colour; the same planes where no guide has colour.
 struct Columns {
@@ -279,6 +277,32 @@ Limited limit_outliers(const RgbPlanes& a, const RgbPlanes& b, const Rgb& fit, c
   return out;
 }
 
+/// Two pictures from one, for frames without halves: each has the pixels of one colour of a chessboard, and between
+/// them what the fit says there and the mean of what it misses at the four neighbours. Their noise is independent where
+/// the noise of neighbouring pixels is.
+HalfPair chessboard_halves(const Rgb& data, const Rgb& fit, const Plane& mask, const Task& task) {
+  const int width = mask.width(), height = mask.height();
+  constexpr int kNext[4][2] = {{-1, 0}, {1, 0}, {0, -1}, {0, 1}};
+  HalfPair out{data, data};
+  for_each_row(height, quiet(task), [&](int y) {
+    for (int x = 0; x < width; ++x) {
+      if (!(mask(x, y) > 0)) continue;
+      Rgb& half = (x + y) % 2 == 0 ? out.b : out.a;
+      for (size_t c = 0; c < 3; ++c) {
+        float missed = 0, count = 0;
+        for (const auto& [dx, dy] : kNext) {
+          const int u = x + dx, v = y + dy;
+          if (u < 0 || v < 0 || u >= width || v >= height || !(mask(u, v) > 0)) continue;
+          missed += data[c](u, v) - fit[c](u, v);
+          ++count;
+        }
+        half[c](x, y) = fit[c](x, y) + (count > 0 ? missed / count : 0.0f);
+      }
+    }
+  });
+  return out;
+}
+
 /// Returns light to the neighbourhood it was taken from, in proportion to the picture.
 void give_back(const Rgb& taken, Rgb& picture, const Plane& mask, const Task& task) {
   for (size_t c = 0; c < 3; ++c) {
@@ -357,8 +381,8 @@ void say_what_is_missing(const FilterFrame& frame, bool guided, bool halves) {
         "Record them with: brume render SCENE -o OUT.exr --layers direct,indirect,guides");
   if (!halves)
     frame.notes->push_back(
-        "no two halves to judge by (one sample per pixel, or no statistics): fits are mixed in fixed shares, and the "
-        "error is only told as far as windows differ");
+        "no two halves to judge by (one sample per pixel, or no statistics): fits are judged by pixels left out, which "
+        "takes the noise of neighbouring pixels to be independent");
 }
 
 /// A fit to the frame, and what narrower and narrower windows make of what it leaves, with fewer and fewer columns.
@@ -413,7 +437,12 @@ void run(const TransportRegression& p, const FilterFrame& frame, const FilterOut
   const Plane first_weight = weight_of(known.bright, known.mask, power, frame, task);
   known.all.standardise(first_weight, task);
   HalfPair frame_fit = regress(known.all, a, b, first_weight, {0, kGlobalRidge, 0}, task);
-  const Limited data = limit_outliers(a, b, mean(frame_fit), brightness(frame_fit), known.mask, limit, halves, task);
+  Limited data = limit_outliers(a, b, mean(frame_fit), brightness(frame_fit), known.mask, limit, halves, task);
+  if (!halves) {
+    HalfPair pixels = chessboard_halves(data.a, frame_fit.a, known.mask, task);
+    data.a = std::move(pixels.a);
+    data.b = std::move(pixels.b);
+  }
   const RgbPlanes data_a = view(data.a), data_b = view(data.b);
   frame_fit = regress(known.all, data_a, data_b, first_weight, {0, kGlobalRidge, 0}, task);
   // Averaged over a few pixels: weights must not follow what a guide holds of noise.
@@ -431,13 +460,9 @@ void run(const TransportRegression& p, const FilterFrame& frame, const FilterOut
   // The data are a candidate themselves: with many samples nothing is nearer to the truth.
   candidates.push_back({data.a, data.b});
 
-  std::vector<Plane> maps;
-  if (halves)
-    maps = stacking_weights(candidates, data_a, data_b, weight,
-                            {static_cast<double>(p.stacking_window), static_cast<double>(p.caution)}, task);
-  else
-    for (size_t i = 0; i < candidates.size(); ++i)
-      maps.emplace_back(width, height, i < kFixedShares.size() ? kFixedShares[i] : 0.0f);
+  const std::vector<Plane> maps =
+      stacking_weights(candidates, data_a, data_b, weight,
+                       {static_cast<double>(p.stacking_window), static_cast<double>(p.caution)}, task);
   task.report(0.9);
   const HalfPair chosen = blend(candidates, maps, task);
   Rgb clean = mean(chosen);

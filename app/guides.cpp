@@ -1,0 +1,120 @@
+#include <fmt/format.h>
+
+#include <filesystem>
+
+#include "app/command.h"
+#include "base/error.h"
+#include "base/output_file.h"
+#include "image/exr_io.h"
+#include "render/frame/renderer.h"
+#include "render/scene/scene_io.h"
+#include "render/world/volume_scene.h"
+
+namespace brume::app {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr int kUnknownSamples = 16;
+
+struct Options {
+  std::string like, volume, scene, output;
+  int samples = 0;
+  std::vector<std::string> overrides;
+  bool explain = false;
+} o;
+
+bool has_camera(const ExrInfo& info) {
+  return info.header.contains("worldToCamera") && info.header.contains("worldToNDC");
+}
+
+/// The scene, or what is made up around the volume, seen as the frame was.
+Scene scene_like(const Common& common, const ExrInfo& like) {
+  std::vector<std::string> overrides = {fmt::format("film.width={}", like.width),
+                                        fmt::format("film.height={}", like.height)};
+  if (has_camera(like)) {
+    overrides.push_back("camera.from_exr=" + fs::absolute(o.like).string());
+    log(common, fmt::format("camera: of {}'s header", o.like));
+  }
+  const auto add_own = [&] { overrides.insert(overrides.end(), o.overrides.begin(), o.overrides.end()); };
+  if (!o.scene.empty()) {
+    if (!o.volume.empty()) overrides.push_back("volumes.0.file=" + fs::absolute(o.volume).string());
+    add_own();
+    if (!has_camera(like)) log(common, fmt::format("camera: of {}, since {}'s header has none", o.scene, o.like));
+    return read_scene(o.scene, overrides);
+  }
+  if (o.volume.empty())
+    throw InputError("neither --volume nor --scene: guides need what the frame shows, and what lights it");
+  if (!has_camera(like))
+    throw InputError(
+        fmt::format("{}: no camera in its header (worldToCamera and worldToNDC); write it into the [camera] of a scene "
+                    "and give that with --scene",
+                    o.like));
+  const VolumeScene made = scene_for_volume(o.volume, {common.threads, {}, &interrupted});
+  for (const std::string& line : made.assumptions) log(common, "assumed " + line);
+  note("what lights the volume is assumed: guides of the frame's own lights, in --scene, know more");
+  add_own();
+  return parse_scene(made.text(fs::absolute(o.volume).string()), o.volume, overrides);
+}
+
+int run(const Common& common) {
+  const ExrInfo like = read_exr_info(o.like);
+  const Scene scene = scene_like(common, like);
+  std::vector<fs::path> inputs = {o.like, o.scene, o.volume};
+  for (const VolumeSettings& volume : scene.volumes) inputs.push_back(volume.file);
+  check_writable(o.output, inputs, ".exr");
+
+  const Task task{common.threads, {}, &interrupted};
+  LayerRequest layers;
+  layers.names = {};
+  layers.guides = true;
+  const PreparedScene prepared(scene, layers, task);
+  for (const std::string& text : prepared.notes()) note(text);
+  int samples = o.samples;
+  if (const auto found = like.header.find("samplesPerPixel"); samples == 0 && found != like.header.end())
+    if (const int* const n = std::get_if<int>(&found->second)) samples = *n;
+  if (samples <= 0) samples = kUnknownSamples;
+  if (o.explain) print(prepared.explain(samples, task));
+
+  const Camera camera = prepared.camera();
+  Layers frame(like.data.width(), like.data.height());
+  if (like.data != like.display || like.display.lo != ivec2(0)) {
+    frame.origin = like.data.lo;
+    frame.display_origin = like.display.lo;
+    frame.display = like.display.hi - like.display.lo;
+  }
+  prepared.guides(samples, make_task(common, "light of " + scene.name))
+      ->record(camera, like.data.lo - like.display.lo, frame, make_task(common, "guides of " + scene.name));
+  if (frame.channels().empty())
+    throw InputError(fmt::format("{}: nothing in it scatters or glows", o.scene.empty() ? o.volume : o.scene));
+  frame.header["scene"] = scene.name;
+  frame.header["sceneHash"] = scene.hash;
+  frame.header["worldToCamera"] = camera.world_to_camera();
+  frame.header["worldToNDC"] = camera.world_to_ndc();
+  stamp(frame);
+  write_exr(o.output, frame, task);
+  print(o.output + "\n");
+  return kDone;
+}
+
+}  // namespace
+
+void add_guides(CLI::App& app, Common& common, Commands& commands) {
+  CLI::App* command =
+      add_command(app, common, "guides", "compute guides for a frame of any renderer: denoise --guides takes them");
+  command->add_option("--like", o.like, "the EXR they are for: its size, and its camera where its header has one")
+      ->required();
+  command->add_option("--scene", o.scene, "TOML with lights, media and, where the frame's header has none, the camera");
+  command->add_option("--volume", o.volume,
+                      "OpenVDB file: instead of the scene's first one, or with assumed coefficients and lights");
+  command->add_option("-o,--output", o.output, "EXR to write")->required();
+  command
+      ->add_option("--spp", o.samples,
+                   "samples per pixel of the frame: more of them deserve guides in more detail; else its header's")
+      ->check(CLI::Range(1, 1 << 24));
+  command->add_option("-D", o.overrides, "set a key of the scene: -D volumes.0.sigma_t=18")->allow_extra_args(false);
+  command->add_flag("--explain", o.explain, "say what is solved, and with how much memory and time");
+  commands[command] = [&common] { return run(common); };
+}
+
+}  // namespace brume::app
