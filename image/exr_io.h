@@ -27,8 +27,9 @@ ExrInfo read_exr_info(const std::filesystem::path& path);
 /// Reads the channels that `wanted` accepts (all without it) as float, over the data window, which may be smaller than
 /// the display window (a crop) or reach beyond it (overscan): Layers::origin and Layers::display say where it lies.
 /// Several parts become one frame, their channels prefixed with the part's name where it is missing; it spans the data
-/// windows of all parts that are read, 0 where a part has no pixels.
-/// @throws InputError: missing, not an EXR, truncated, deep, subsampled, parts of different sizes
+/// windows of all parts that are read, 0 where a part has no pixels. Subsampled channels are spread over all pixels;
+/// luminance and chroma (Y, RY, BY) become R, G, B.
+/// @throws InputError: missing, not an EXR, truncated, deep, parts of different sizes
 Layers read_exr(const std::filesystem::path& path, const std::function<bool(const std::string&)>& wanted = {});
 
 /// Reads the words that Layers::words() held, over the data window, with the header and the layers `guide.*`, which are

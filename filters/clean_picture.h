@@ -1,0 +1,53 @@
+#pragma once
+#include <string>
+#include <vector>
+
+#include "filters/apply.h"
+#include "image/foreign.h"
+
+namespace brume {
+
+/// A picture of another renderer with its planes.
+struct PictureInFile {
+  const ForeignFrame* picture = nullptr;
+  const Layers* file = nullptr;  ///< as read_exr gives it, with the picture's channels at least
+  int distance = 0;              ///< in frames, of others of the sequence
+  RecordReader* records = nullptr;
+};
+
+/// What a cleaned picture's channels become.
+struct CleanPicture {
+  struct Channel {
+    std::string name;
+    Plane values;
+  };
+  std::vector<Channel> channels;            ///< values as they are stored: rounded where the channel is half
+  std::vector<std::string> cleaned;         ///< names of the passes that went through the filter
+  std::string sum;                          ///< "Combined = VolumeDir + VolumeInd + Env + Emit"; empty without passes
+  std::map<std::string, Attribute> header;  ///< filter, parameters and what was done around them
+  std::vector<std::string> notes;
+  double seconds = 0;
+};
+
+/// Cleans a picture of another renderer: each of its passes, and what they leave of it, by itself; the picture becomes
+/// the sum of the parts as they are stored, added in float in their order (those with one factor first, then times it)
+/// and rounded once, so that who adds them up gets it to the last bit. A picture without passes is cleaned as it is.
+///
+/// Where the file has no variance of a signal, NoiseSource::kSpatial is used for it. A variance of unstated level is
+/// given the level of that estimate. So are pixels that have light and no variance, where the picture is noisy there.
+/// Passes that are the same everywhere are left alone. With Component::kIndirect only indirect passes are cleaned.
+/// @param file    the channels' types say how values are stored
+/// @param others  of the sequence
+/// @throws InputError as apply_filter; for whole numbers as colours
+CleanPicture clean_picture(const FilterSettings& filter, const PictureInFile& picture, const ExrInfo& file,
+                           const std::vector<PictureInFile>& others, const ApplyOptions& options, const Task& task);
+
+/// The frame that the filter would be given for a signal of the picture, with the file's statistics as they are.
+/// @param extra  channels under brume's names that are passed on
+Layers frame_of_signal(const PictureInFile& picture, const ForeignSignal& signal, const std::set<std::string>& extra,
+                       std::vector<std::string>* notes = nullptr);
+
+/// What is cleaned: the passes, or the picture where it has none.
+std::vector<ForeignSignal> cleaned_signals(const ForeignFrame& picture);
+
+}  // namespace brume
