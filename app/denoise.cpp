@@ -133,14 +133,16 @@ auto about_the_frame(const Work& work) {
   }
 }
 
-/// The filters that are asked for, or else the best that the frame's layers allow, which is told.
-std::vector<FilterSettings> choose_filters(const Common& common, const Layers& outline, const ApplyOptions& options) {
+/// The filters that are asked for, or else the best that the frame's layers allow.
+/// @param told  to the user, with what more of brume render would allow a better one
+std::vector<FilterSettings> choose_filters(const Common& common, const Layers& outline, const ApplyOptions& options,
+                                           bool told = true) {
   std::vector<FilterSettings> filters;
   for (const std::string& text : o.filters) filters.push_back(parse_filter(text));
   if (!filters.empty()) return filters;
   const Recommendation best =
       about_the_frame([&] { return recommend_filter(outline, options, /*sequence=*/o.extra_frames > 0); });
-  log(common, best.reason);
+  if (told) log(common, best.reason);
   return {best.filter};
 }
 
@@ -165,7 +167,7 @@ int run_keeping(const Common& common, const KeptFile& file, ApplyOptions options
   for_choice.component = Component::kAll;
   if (!outline.has(layer::beauty, statistic::mean_variance) && !has_halves(outline, layer::beauty))
     for_choice.noise = NoiseSource::kSpatial;
-  const std::vector<FilterSettings> filters = choose_filters(common, outline, for_choice);
+  const std::vector<FilterSettings> filters = choose_filters(common, outline, for_choice, /*told=*/false);
   const std::map<int, fs::path> others = extra_files();
   check_outputs(filters, others);
   std::map<int, std::string> paths;
@@ -177,8 +179,7 @@ int run_keeping(const Common& common, const KeptFile& file, ApplyOptions options
   }
   for (size_t i = 0; i < filters.size(); ++i) {
     const fs::path path = output_for(o.output, filters, i);
-    const Layers clean =
-        about_the_frame([&] { return file.clean(common, filters[i], options, paths, records, path.string()); });
+    const Layers clean = file.clean(common, filters[i], options, paths, records, path.string());
     if (!o.preview.empty())
       o.picture.write(output_for(o.preview, filters, i), clean, clean.rgb(layer::beauty),
                       choose_exposure(o.picture.exposure, clean));

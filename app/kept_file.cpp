@@ -116,8 +116,12 @@ Layers KeptFile::clean(const Common& common, const FilterSettings& filter, const
       sequence.push_back({&same, &nearby.back(), distance, records.at(distance)});
     }
     const Task task = make_task(common, filter.entry().name);
-    CleanPicture& result = cleaned.emplace_back(
-        clean_picture(filter, {&picture, &file, 0, options.records}, info_, sequence, options, task));
+    CleanPicture& result = cleaned.emplace_back();
+    try {
+      result = clean_picture(filter, {&picture, &file, 0, options.records}, info_, sequence, options, task);
+    } catch (const InputError& error) {
+      throw InputError(fmt::format("{}: {}", path_, error.what()));
+    }
     for (const std::string& line : result.notes) note(line);
     for (const CleanPicture::Channel& channel : result.channels)
       edits.push_back({channel.name, &channel.values, file.data_window(),

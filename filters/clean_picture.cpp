@@ -188,6 +188,15 @@ class SignalFilter {
     return run(signal, std::move(bare), task);
   }
 
+  /// What was said of several signals is said once, of all of them.
+  void finish() {
+    for (const auto& [line, names] : said_of_) add_unique(result_.notes, fmt::format("{}: {}", join(names), line));
+    if (!estimated_.empty() && options_.noise != NoiseSource::kSpatial)
+      add_unique(result_.notes,
+                 fmt::format("no variance in the file for {}: estimated from the picture (--noise spatial)",
+                             join(estimated_)));
+  }
+
  private:
   static bool is_of_beauty(const std::string& name) {
     for (const auto which : {std::string_view(), statistic::mean_variance, statistic::half_a, statistic::half_b})
@@ -217,7 +226,7 @@ class SignalFilter {
     ApplyReport report;
     Layers clean = apply_filter(filter_, frame, options, task, &report);
     result_.seconds += report.seconds;
-    for (const std::string& line : report.notes) add_unique(result_.notes, fmt::format("{}: {}", signal.name, line));
+    for (const std::string& line : report.notes) said_of_[line].push_back(signal.name);
     for (const char* key : {"filter", "filterParameters", "filterBackground", "filterExposure", "filterSource",
                             "filterFrames", "filterFeatures", "filterOutliers"})
       if (const auto it = clean.header.find(key); it != clean.header.end()) result_.header[key] = it->second;
@@ -235,9 +244,8 @@ class SignalFilter {
   ApplyOptions options_;
   CleanPicture& result_;
   std::set<std::string> extra_;
-
- public:
-  std::vector<std::string> estimated_;  // signals without statistics
+  std::vector<std::string> estimated_;                       // signals without statistics
+  std::map<std::string, std::vector<std::string>> said_of_;  // notes, by their text: of which signals
 };
 
 }  // namespace
@@ -354,9 +362,7 @@ CleanPicture clean_picture(const FilterSettings& filter, const PictureInFile& in
       for (size_t c = 0; c < 3; ++c)
         if (!stored[i][c].empty()) result.channels.push_back({signals[i].channels[c], std::move(stored[i][c])});
   }
-  if (!clean.estimated_.empty() && options.noise != NoiseSource::kSpatial)
-    add_unique(result.notes, fmt::format("no variance in the file for {}: estimated from the picture (--noise spatial)",
-                                         join(clean.estimated_)));
+  clean.finish();
   return result;
 }
 
