@@ -134,15 +134,15 @@ auto about_the_frame(const Work& work) {
 }
 
 /// The filters that are asked for, or else the best that the frame's layers allow.
-/// @param told  to the user, with what more of brume render would allow a better one
+/// @param ours  whether more of brume render could allow a better one, which is told
 std::vector<FilterSettings> choose_filters(const Common& common, const Layers& outline, const ApplyOptions& options,
-                                           bool told = true) {
+                                           bool ours) {
   std::vector<FilterSettings> filters;
   for (const std::string& text : o.filters) filters.push_back(parse_filter(text));
   if (!filters.empty()) return filters;
   const Recommendation best =
       about_the_frame([&] { return recommend_filter(outline, options, /*sequence=*/o.extra_frames > 0); });
-  if (told) log(common, best.reason);
+  log(common, ours ? best.reason : split(best.reason, ';')[0]);
   return {best.filter};
 }
 
@@ -167,7 +167,7 @@ int run_keeping(const Common& common, const KeptFile& file, ApplyOptions options
   for_choice.component = Component::kAll;
   if (!outline.has(layer::beauty, statistic::mean_variance) && !has_halves(outline, layer::beauty))
     for_choice.noise = NoiseSource::kSpatial;
-  const std::vector<FilterSettings> filters = choose_filters(common, outline, for_choice, /*told=*/false);
+  const std::vector<FilterSettings> filters = choose_filters(common, outline, for_choice, /*ours=*/false);
   const std::map<int, fs::path> others = extra_files();
   check_outputs(filters, others);
   std::map<int, std::string> paths;
@@ -194,7 +194,7 @@ int run(const Common& common) {
   if (!o.records.empty()) options.records = &records.emplace(o.records);
   if (const std::optional<KeptFile> kept = KeptFile::open(o.input, o.keep)) return run_keeping(common, *kept, options);
   const Layers outline = read_outline(o.input);
-  const std::vector<FilterSettings> filters = choose_filters(common, outline, options);
+  const std::vector<FilterSettings> filters = choose_filters(common, outline, options, /*ours=*/true);
   const std::map<int, fs::path> others = extra_files();
   check_outputs(filters, others);
   std::set<std::string> channels = {"R", "G", "B"};

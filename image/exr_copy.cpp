@@ -169,8 +169,10 @@ class PartCopier {
                              Imath::V2i(data.max.x, std::min(first + kLines - 1, data.max.y)));
       Imf::FrameBuffer from, to;
       buffers(room, box, data.min, levels, from, to);
-      input.setFrameBuffer(from);
-      read([&] { input.readPixels(box.min.y, box.max.y); });
+      read(from, [&] {
+        input.setFrameBuffer(from);
+        input.readPixels(box.min.y, box.max.y);
+      });
       out.setFrameBuffer(to);
       out.writePixels(box.max.y - box.min.y + 1);
     }
@@ -194,8 +196,10 @@ class PartCopier {
           const Imath::Box2i box(Imath::V2i(data.min.x, tile.min.y), Imath::V2i(data.max.x, tile.max.y));
           Imf::FrameBuffer from, to;
           buffers(room, box, data.min, levels, from, to);
-          input.setFrameBuffer(from);
-          read([&] { input.readTiles(0, columns - 1, row, row, lx, ly); });
+          read(from, [&] {
+            input.setFrameBuffer(from);
+            input.readTiles(0, columns - 1, row, row, lx, ly);
+          });
           out.setFrameBuffer(to);
           out.writeTiles(0, columns - 1, row, row, lx, ly);
         }
@@ -221,8 +225,10 @@ class PartCopier {
     }
     return levels;
   }
+  /// Calls pixels() where there is anything to read.
   template <class Read>
-  void read(const Read& pixels) const {
+  void read(const Imf::FrameBuffer& buffer, const Read& pixels) const {
+    if (buffer.begin() == buffer.end()) return;
     try {
       pixels();
     } catch (const std::exception& error) {

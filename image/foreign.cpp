@@ -120,7 +120,7 @@ std::vector<std::string> ForeignFrame::channels() const {
     add(feature.channels);
     add_variance(feature.variance);
   }
-  add(std::array{alpha, sample_count});
+  add(std::array{sample_count});
   std::sort(names.begin(), names.end());
   names.erase(std::unique(names.begin(), names.end()), names.end());
   return names;
@@ -140,7 +140,6 @@ std::string adopt_signal(const ForeignFrame& picture, const ForeignSignal& signa
 }
 
 void adopt_features(const ForeignFrame& picture, const Layers& file, Layers& frame) {
-  if (!picture.alpha.empty() && file.find(picture.alpha)) give(file, picture.alpha, layer::alpha.channel(0), frame);
   if (const Plane* count = picture.sample_count.empty() ? nullptr : file.find(picture.sample_count);
       count && !(picture.count_is_share && picture.samples <= 0)) {
     Plane& samples = frame.add(layer::sample_count.channel(0));

@@ -83,7 +83,7 @@ std::vector<ForeignFrame> recognise(const ExrInfo& file);
 /// @return why statistics that the file has could not be used; empty where they could or there are none
 std::string adopt_signal(const ForeignFrame& picture, const ForeignSignal& signal, const Layers& file, Layers& frame);
 
-/// Gives a frame the alpha, features and sample counts of a picture. A depth of 1e9 and more, as
+/// Gives a frame the features and sample counts of a picture. A depth of 1e9 and more, as
 /// renderers write where they meet nothing, becomes 0.
 void adopt_features(const ForeignFrame& picture, const Layers& file, Layers& frame);
 

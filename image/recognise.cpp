@@ -437,7 +437,10 @@ std::vector<ForeignFrame> common(const Channels& file, const ExrInfo& info) {
     p.samples = header_number(info, "samplesPerPixel");
     pictures.push_back(std::move(p));
   }
-  if (pictures.empty() && file.has("Y")) {
+  const std::set<std::string> layers = file.layers("");
+  const bool colours = std::any_of(layers.begin(), layers.end(),
+                                   [&](const std::string& layer) { return file.colour(layer + ".").has_value(); });
+  if (pictures.empty() && !colours && file.has("Y")) {
     ForeignFrame p{.renderer = "a grey frame", .target = {"Y", "Y", "Y"}};
     p.color = {.name = "Y", .channels = p.target};
     add_alpha(file, p, "");
