@@ -179,7 +179,8 @@ int run_keeping(const Common& common, const KeptFile& file, ApplyOptions options
   }
   for (size_t i = 0; i < filters.size(); ++i) {
     const fs::path path = output_for(o.output, filters, i);
-    const Layers clean = file.clean(common, filters[i], options, paths, records, path.string());
+    Layers clean;
+    file.clean(common, filters[i], options, paths, records, path.string(), o.preview.empty() ? nullptr : &clean);
     if (!o.preview.empty())
       o.picture.write(output_for(o.preview, filters, i), clean, clean.rgb(layer::beauty),
                       choose_exposure(o.picture.exposure, clean));

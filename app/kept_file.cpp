@@ -89,23 +89,22 @@ Layers KeptFile::outline() const {
   for (const ForeignFrame& picture : pictures_)
     for (const ForeignSignal& signal : cleaned_signals(picture)) {
       const std::set<std::string> extra(names);
-      Layers frame = frame_of_signal({&picture, &file}, signal, extra);
+      Layers frame = frame_of_signal(picture, signal, file, extra);
       if (!least || frame.channels().size() < least->channels().size()) least = std::move(frame);
     }
   return std::move(*least);
 }
 
-Layers KeptFile::clean(const Common& common, const FilterSettings& filter, const ApplyOptions& options,
-                       const std::map<int, std::string>& others, const std::map<int, RecordReader*>& records,
-                       const std::string& output) const {
+void KeptFile::clean(const Common& common, const FilterSettings& filter, const ApplyOptions& options,
+                     const std::map<int, std::string>& others, const std::map<int, RecordReader*>& records,
+                     const std::string& output, Layers* preview) const {
   const std::set<std::string> extra = readable_channels(filter, options, Layers(1, 1));
   std::list<CleanPicture> cleaned;
   std::vector<ExrEdit> edits;
   std::map<std::string, Attribute> attributes = {{"brume.version", version_text()}};
-  Layers preview;
-  for (const ForeignFrame& picture : pictures_) {
+  for (ForeignFrame picture : pictures_) {
+    if (!filter.uses_features()) picture.features.clear();
     Layers file = read_picture(path_, read_channels(picture, extra));
-    // Several pictures may lie in parts of their own, each with its data window.
     std::list<Layers> nearby;
     std::list<std::vector<ForeignFrame>> nearby_pictures;
     std::vector<PictureInFile> sequence;
@@ -113,36 +112,33 @@ Layers KeptFile::clean(const Common& common, const FilterSettings& filter, const
       const auto& theirs = nearby_pictures.emplace_back(pictures_of(path, read_exr_info(path), options_));
       const ForeignFrame& same = same_view(theirs, picture, path);
       nearby.push_back(read_picture(path, read_channels(same, extra)));
-      sequence.push_back({&same, &nearby.back(), distance, records.at(distance)});
+      sequence.push_back({distance, &same, &nearby.back(), records.at(distance)});
     }
-    const Task task = make_task(common, filter.entry().name);
+    // Several pictures may lie in parts of their own, each with its data window.
+    const PixelWindow window = file.data_window();
+    const bool shown = preview && cleaned.empty();
+    if (shown) {
+      *preview = Layers(file.width(), file.height());
+      preview->lie_like(file);
+      preview->header = file.header;
+    }
     CleanPicture& result = cleaned.emplace_back();
     try {
-      result = clean_picture(filter, {&picture, &file, 0, options.records}, info_, sequence, options, task);
+      result = clean_picture(filter, picture, std::move(file), info_, sequence, options,
+                             make_task(common, filter.entry().name));
     } catch (const InputError& error) {
       throw InputError(fmt::format("{}: {}", path_, error.what()));
     }
     for (const std::string& line : result.notes) note(line);
-    for (const CleanPicture::Channel& channel : result.channels)
-      edits.push_back({channel.name, &channel.values, file.data_window(),
+    for (const CleanPicture::Channel& channel : result.channels) {
+      edits.push_back({channel.name, &channel.values, window,
                        options_.suffix.empty() ? "" : channel_beside(channel.name, options_.suffix)});
+      for (size_t c = 0; c < 3; ++c)
+        if (shown && channel.name == picture.target[c]) preview->set(layer::beauty.channel(c), channel.values);
+    }
     for (const auto& [key, value] : result.header) attributes["brume." + key] = value;
     if (!result.sum.empty()) attributes["brume.sum"] = result.sum;
-    if (preview.width() == 0) {
-      preview = Layers(file.width(), file.height());
-      preview.lie_like(file);
-      preview.header = file.header;
-      for (size_t c = 0; c < 3; ++c) {
-        const auto made = std::find_if(result.channels.begin(), result.channels.end(),
-                                       [&](const auto& channel) { return channel.name == picture.target[c]; });
-        preview.set(layer::beauty.channel(c), made->values);
-      }
-    }
-    const size_t kept = info_.channels.size() - (options_.suffix.empty() ? result.channels.size() : 0);
-    const std::string passes = picture.passes.empty() ? picture.color.name : join(result.cleaned);
-    log(common,
-        fmt::format("{}: cleaned {} with {}{}; {} channels are as they were ({:.1f} ms)", picture.label(), passes,
-                    filter.entry().name, result.sum.empty() ? "" : ", " + result.sum, kept, 1e3 * result.seconds));
+    log(common, told(picture, filter, result));
   }
   const ExrCopyReport report = copy_exr(path_, output, edits, attributes, {common.threads, {}, &interrupted});
   for (const std::string& part : report.recoded)
@@ -150,7 +146,15 @@ Layers KeptFile::clean(const Common& common, const FilterSettings& filter, const
         fmt::format("{} is stored with a compression that loses some of every value: it was packed anew, so that its "
                     "other channels changed a little, too, and sums are right to that loss only",
                     part));
-  return preview;
+}
+
+std::string KeptFile::told(const ForeignFrame& picture, const FilterSettings& filter,
+                           const CleanPicture& result) const {
+  const bool beside = !options_.suffix.empty();
+  const size_t made = result.channels.size(), kept = info_.channels.size() - (beside ? 0 : made);
+  return fmt::format("{}: cleaned {} with {}{}; {} channels {}, {} as they were ({:.1f} ms)", picture.label(),
+                     join(result.cleaned), filter.entry().name, result.sum.empty() ? "" : ", " + result.sum, made,
+                     beside ? "new" : "replaced", kept, 1e3 * result.seconds);
 }
 
 }  // namespace brume::app

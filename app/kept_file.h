@@ -33,14 +33,17 @@ class KeptFile {
 
   /// Cleans all pictures and writes the file again.
   /// @param others  files of the sequence, by their distance, and their records
-  /// @return the first picture, clean, as R, G, B
-  Layers clean(const Common& common, const FilterSettings& filter, const ApplyOptions& options,
-               const std::map<int, std::string>& others, const std::map<int, RecordReader*>& records,
-               const std::string& output) const;
+  /// @param preview  where to leave the first picture, clean, as R, G, B; null: nobody wants it
+  void clean(const Common& common, const FilterSettings& filter, const ApplyOptions& options,
+             const std::map<int, std::string>& others, const std::map<int, RecordReader*>& records,
+             const std::string& output, Layers* preview) const;
 
  private:
   KeptFile(std::string path, ExrInfo info, KeepOptions options, std::vector<ForeignFrame> pictures)
       : path_(std::move(path)), info_(std::move(info)), options_(std::move(options)), pictures_(std::move(pictures)) {}
+  /// One line on what was done with a picture.
+  std::string told(const ForeignFrame& picture, const FilterSettings& filter, const CleanPicture& result) const;
+
   std::string path_;
   ExrInfo info_;
   KeepOptions options_;

@@ -20,11 +20,12 @@ constexpr const char* kRest = "the rest";
 std::string type_of(const ExrInfo& file, const std::string& channel) {
   const auto it = std::find_if(file.channels.begin(), file.channels.end(),
                                [&](const ExrInfo::Channel& c) { return c.name == channel; });
-  return it == file.channels.end() ? "half" : it->type;  // colours made of luminance and chroma have no type
+  return it == file.channels.end() ? "" : it->type;  // colours made of luminance and chroma have none
 }
 
-void round_as_stored(const ExrInfo& file, const std::string& channel, Plane& values) {
-  if (type_of(file, channel) == "half") round_to_half(values);
+std::string name_of_layer(const std::string& channel) {
+  const std::string layer = channel.substr(0, channel.rfind('.'));
+  return layer == channel ? "RGB" : layer.substr(layer.rfind('.') + 1);
 }
 
 bool is_uniform(const Plane& plane) {
@@ -127,9 +128,8 @@ struct Parts {
       group.push_back(signals[i].name);
       if (i + 1 < signals.size() && signals[i].factor && signals[i + 1].factor == signals[i].factor) continue;
       if (signals[i].factor) {
-        const std::string& factor = (*signals[i].factor)[0];
-        const std::string layer = factor.substr(0, factor.rfind('.'));
-        terms.push_back(fmt::format("({}) * {}", join(group, " + "), layer.substr(layer.rfind('.') + 1)));
+        const std::string sum = group.size() > 1 ? "(" + join(group, " + ") + ")" : group[0];
+        terms.push_back(sum + " * " + name_of_layer(signals[i].factor->front()));
       } else {
         terms.push_back(group[0]);
       }
@@ -139,53 +139,103 @@ struct Parts {
   }
 };
 
-/// What the passes leave of the picture; nothing where that is only rounding.
-std::optional<Rgb> rest_of(const Layers& file, const ForeignFrame& picture, const Parts& parts, bool half) {
+/// Takes the passes away from the picture. @return whether more than rounding is left
+bool subtract(const Parts& parts, const std::array<Plane*, 3>& picture, bool half) {
   const float tolerance = half ? 4e-3f : 1e-4f;
-  const int width = file.width(), height = file.height();
-  Rgb rest{Plane(width, height), Plane(width, height), Plane(width, height)};
   bool any = false;
-  for (size_t c = 0; c < 3; ++c) {
-    const Plane& whole = file.at(picture.color.channels[c]);
-    for (int y = 0; y < height; ++y)
-      for (int x = 0; x < width; ++x) {
-        const float left = whole(x, y) - parts.sum(c, x, y);
-        rest[c](x, y) = left;
-        any |= std::abs(left) > tolerance * (std::abs(whole(x, y)) + parts.sum_of_sizes(c, x, y)) + 1e-6f;
+  for (size_t c = 0; c < 3; ++c)
+    for (int y = 0; y < picture[c]->height(); ++y)
+      for (int x = 0; x < picture[c]->width(); ++x) {
+        float& value = (*picture[c])(x, y);
+        const float whole = value;
+        value -= parts.sum(c, x, y);
+        any |= std::abs(value) > tolerance * (std::abs(whole) + parts.sum_of_sizes(c, x, y)) + 1e-6f;
       }
-  }
-  return any ? std::optional<Rgb>(std::move(rest)) : std::nullopt;
+  return any;
 }
 
 void add_unique(std::vector<std::string>& list, const std::string& text) {
   if (!text.empty() && std::find(list.begin(), list.end(), text) == list.end()) list.push_back(text);
 }
 
-/// Runs the filter on one signal after another.
+/// Everything that the filter is given beside its signal.
+Layers surroundings(const ForeignFrame& picture, const Layers& file, const std::set<std::string>& extra) {
+  Layers frame(file.width(), file.height());
+  frame.lie_like(file);
+  frame.header = file.header;
+  const std::vector<std::string> own = picture.channels();
+  for (const std::string& name : extra) {
+    // Parts of the picture under brume's names would be cleaned in place of the signal.
+    if (name.find('.') == std::string::npos || name.starts_with("direct.") || name.starts_with("indirect.")) continue;
+    const Plane* plane = file.find(name);
+    if (plane && !std::binary_search(own.begin(), own.end(), name)) frame.set(name, *plane);
+  }
+  adopt_features(picture, file, frame);
+  return frame;
+}
+
+/// The frame without its beauty and what belongs to that.
+Layers without_signal(Layers frame) {
+  std::set<std::string> signal;
+  for (const auto which : {std::string_view(), statistic::mean_variance, statistic::half_a, statistic::half_b})
+    for (const std::string& name : layer::beauty.channel_names(which)) signal.insert(name);
+  Layers rest(frame.width(), frame.height());
+  rest.lie_like(frame);
+  rest.header = frame.header;
+  for (const std::string& name : frame.names())
+    if (!signal.contains(name)) rest.set(name, std::move(*frame.find(name)));
+  return rest;
+}
+
+/// Runs the filter on one signal after another and puts what comes out in its place, rounded as it is stored. Planes
+/// that are not needed any more are given back early, so that large frames fit.
 class SignalFilter {
  public:
-  SignalFilter(const FilterSettings& filter, const PictureInFile& picture, const std::vector<PictureInFile>& others,
-               const ApplyOptions& options, CleanPicture& result)
-      : filter_(filter), picture_(picture), others_(others), options_(options), result_(result) {
+  SignalFilter(const FilterSettings& filter, const ForeignFrame& picture, Layers& file, const ExrInfo& info,
+               const std::vector<PictureInFile>& others, const ApplyOptions& options, const Task& task,
+               CleanPicture& result)
+      : filter_(filter),
+        picture_(picture),
+        file_(file),
+        info_(info),
+        others_(others),
+        options_(options),
+        result_(result) {
     options_.component = Component::kAll;
-    options_.records = picture.records;
-    for (const std::string& name : readable_channels(filter, options_, Layers(1, 1))) extra_.insert(name);
+    extra_ = readable_channels(filter, options_, Layers(1, 1));
+    frame_ = surroundings(picture, file, extra_);
+    if (filter.uses_features()) estimate_features(frame_, task);
   }
 
-  Rgb operator()(const ForeignSignal& signal, const Task& task) {
-    Layers frame = prepared(picture_, signal, task, &result_.notes);
-    return run(signal, std::move(frame), task);
-  }
-  /// The same of planes that are in no file.
-  Rgb operator()(const ForeignSignal& signal, Rgb planes, const Task& task) {
-    Layers frame = prepared(picture_, picture_.picture->color, task, nullptr);
-    Layers bare(frame.width(), frame.height());
-    bare.lie_like(frame);
-    bare.header = frame.header;
-    for (const auto& [name, plane] : frame.channels())
-      if (!is_of_beauty(name)) bare.set(name, plane);
-    for (size_t c = 0; c < 3; ++c) bare.set(layer::beauty.channel(c), std::move(planes[c]));
-    return run(signal, std::move(bare), task);
+  void operator()(const ForeignSignal& signal, const Task& task) {
+    add_unique(result_.notes, adopt_signal(picture_, signal, file_, frame_));
+    settle_variance(signal, frame_, result_.notes, task);
+    ApplyOptions options = options_;
+    if (!has_variance(frame_)) {
+      options.noise = NoiseSource::kSpatial;
+      estimated_.push_back(signal.name);
+    }
+    std::list<Layers> nearby;
+    // What the passes of other frames leave is not known.
+    for (const PictureInFile& other : signal.name == kRest ? std::vector<PictureInFile>() : others_) {
+      Layers& theirs = nearby.emplace_back(neighbour(other, signal, task));
+      options.sequence.push_back({other.distance, &theirs, other.records});
+    }
+    for (const std::string& channel : signal.channels) *file_.find(channel) = Plane();
+    ApplyReport report;
+    Layers clean = apply_filter(filter_, frame_, options, task, &report);
+    frame_ = without_signal(std::move(frame_));
+    for (size_t c = 0; c < 3; ++c) {
+      Plane& values = *file_.find(signal.channels[c]);
+      values = std::move(*clean.find(layer::beauty.channel(c)));
+      if (type_of(info_, signal.channels[c]) == "half" && signal.name != kRest) round_to_half(values);
+    }
+    result_.cleaned.push_back(signal.name);
+    result_.seconds += report.seconds;
+    for (const std::string& line : report.notes) said_of_[line].push_back(signal.name);
+    for (const char* key : {"filter", "filterParameters", "filterBackground", "filterExposure", "filterSource",
+                            "filterFrames", "filterFeatures", "filterOutliers"})
+      if (const auto it = clean.header.find(key); it != clean.header.end()) result_.header[key] = it->second;
   }
 
   /// What was said of several signals is said once, of all of them.
@@ -198,52 +248,27 @@ class SignalFilter {
   }
 
  private:
-  static bool is_of_beauty(const std::string& name) {
-    for (const auto which : {std::string_view(), statistic::mean_variance, statistic::half_a, statistic::half_b})
-      for (const std::string& channel : layer::beauty.channel_names(which))
-        if (channel == name) return true;
-    return false;
-  }
-  Layers prepared(const PictureInFile& picture, const ForeignSignal& signal, const Task& task,
-                  std::vector<std::string>* notes) const {
+  /// The same signal of another frame of the sequence.
+  Layers neighbour(const PictureInFile& other, const ForeignSignal& signal, const Task& task) const {
+    ForeignSignal theirs = other.picture->color;
+    for (const ForeignSignal& s : cleaned_signals(*other.picture))
+      if (s.name == signal.name) theirs = s;
     std::vector<std::string> ignored;
-    Layers frame = frame_of_signal(picture, signal, extra_, notes ? notes : &ignored);
-    settle_variance(signal, frame, notes ? *notes : ignored, task);
+    Layers frame = frame_of_signal(*other.picture, theirs, *other.file, extra_);
+    settle_variance(theirs, frame, ignored, task);
     if (filter_.uses_features()) estimate_features(frame, task);
     return frame;
   }
-  Rgb run(const ForeignSignal& signal, Layers frame, const Task& task) {
-    ApplyOptions options = options_;
-    if (!has_variance(frame)) {
-      options.noise = NoiseSource::kSpatial;
-      estimated_.push_back(signal.name);
-    }
-    std::list<Layers> nearby;
-    for (const PictureInFile& other : others_) {
-      Layers& theirs = nearby.emplace_back(prepared(other, of_name(*other.picture, signal), task, nullptr));
-      options.sequence.push_back({other.distance, &theirs, other.records});
-    }
-    ApplyReport report;
-    Layers clean = apply_filter(filter_, frame, options, task, &report);
-    result_.seconds += report.seconds;
-    for (const std::string& line : report.notes) said_of_[line].push_back(signal.name);
-    for (const char* key : {"filter", "filterParameters", "filterBackground", "filterExposure", "filterSource",
-                            "filterFrames", "filterFeatures", "filterOutliers"})
-      if (const auto it = clean.header.find(key); it != clean.header.end()) result_.header[key] = it->second;
-    return {*clean.find("R"), *clean.find("G"), *clean.find("B")};
-  }
-  static ForeignSignal of_name(const ForeignFrame& picture, const ForeignSignal& like) {
-    for (const ForeignSignal& s : cleaned_signals(picture))
-      if (s.name == like.name) return s;
-    return picture.color;
-  }
 
   const FilterSettings& filter_;
-  const PictureInFile& picture_;
+  const ForeignFrame& picture_;
+  Layers& file_;
+  const ExrInfo& info_;
   const std::vector<PictureInFile>& others_;
   ApplyOptions options_;
   CleanPicture& result_;
   std::set<std::string> extra_;
+  Layers frame_;                                             // without a signal between two runs
   std::vector<std::string> estimated_;                       // signals without statistics
   std::map<std::string, std::vector<std::string>> said_of_;  // notes, by their text: of which signals
 };
@@ -254,115 +279,87 @@ std::vector<ForeignSignal> cleaned_signals(const ForeignFrame& picture) {
   return picture.passes.empty() ? std::vector<ForeignSignal>{picture.color} : picture.passes;
 }
 
-Layers frame_of_signal(const PictureInFile& in, const ForeignSignal& signal, const std::set<std::string>& extra,
-                       std::vector<std::string>* notes) {
-  const Layers& file = *in.file;
-  Layers frame(file.width(), file.height());
-  frame.lie_like(file);
-  frame.header = file.header;
-  const std::vector<std::string> own = in.picture->channels();
-  for (const std::string& name : extra) {
-    // Parts of the picture under brume's names would be cleaned in place of the signal.
-    if (name.find('.') == std::string::npos || name.starts_with("direct.") || name.starts_with("indirect.")) continue;
-    const Plane* plane = file.find(name);
-    if (plane && !std::binary_search(own.begin(), own.end(), name)) frame.set(name, *plane);
-  }
-  adopt_features(*in.picture, file, frame);
-  const std::string unusable = adopt_signal(*in.picture, signal, file, frame);
-  if (notes) add_unique(*notes, unusable);
+Layers frame_of_signal(const ForeignFrame& picture, const ForeignSignal& signal, const Layers& file,
+                       const std::set<std::string>& extra) {
+  Layers frame = surroundings(picture, file, extra);
+  adopt_signal(picture, signal, file, frame);
   return frame;
 }
 
-CleanPicture clean_picture(const FilterSettings& filter, const PictureInFile& in, const ExrInfo& file,
+CleanPicture clean_picture(const FilterSettings& filter, const ForeignFrame& picture, Layers file, const ExrInfo& info,
                            const std::vector<PictureInFile>& others, const ApplyOptions& options, const Task& task) {
-  const ForeignFrame& picture = *in.picture;
-  const Layers& planes = *in.file;
   CleanPicture result;
   result.notes = picture.remarks;
   for (const std::string& name : picture.channels())
-    if (type_of(file, name) == "uint" && name != picture.sample_count)
+    if (type_of(info, name) == "uint" && name != picture.sample_count)
       throw InputError(fmt::format("channel {} holds whole numbers, which are no light", name));
-  SignalFilter clean(filter, in, others, options, result);
-
-  Parts parts;
-  std::list<Plane> kept;
-  for (const ForeignSignal& pass : picture.passes) {
-    parts.signals.push_back(pass);
-    const auto views = [&](const ChannelTriple& channels) {
-      return std::array{planes.find(channels[0]), planes.find(channels[1]), planes.find(channels[2])};
-    };
-    parts.planes.push_back(views(pass.channels));
-    parts.factors.push_back(pass.factor ? views(*pass.factor) : std::array<const Plane*, 3>{});
-  }
-  const bool half = type_of(file, picture.color.channels[0]) == "half" ||
-                    std::any_of(picture.passes.begin(), picture.passes.end(),
-                                [&](const ForeignSignal& pass) { return type_of(file, pass.channels[0]) == "half"; });
-  std::optional<Rgb> rest;
-  if (!picture.passes.empty()) rest = rest_of(planes, picture, parts, half);
+  std::vector<ForeignSignal> signals = cleaned_signals(picture);
   const bool only_indirect = options.component == Component::kIndirect;
   const auto wanted = [&](const ForeignSignal& s) { return !only_indirect || s.indirect; };
-  const std::vector<ForeignSignal> signals = cleaned_signals(picture);
   if (std::none_of(signals.begin(), signals.end(), wanted))
     throw InputError("no pass is known to be light scattered more than once, which --component indirect cleans");
-  const double jobs = static_cast<double>(signals.size() + rest.has_value());
-  double done = 0;
-  const auto next = [&] {
-    const Task part = share(task, done / jobs, (done + 1) / jobs);
-    ++done;
-    return part;
+  const auto planes = [&](const ChannelTriple& channels) {
+    return std::array{file.find(channels[0]), file.find(channels[1]), file.find(channels[2])};
   };
 
-  std::vector<Rgb> stored(signals.size());
-  for (size_t i = 0; i < signals.size(); ++i) {
-    const ForeignSignal& signal = signals[i];
-    const Task part = next();
-    const bool uniform = std::all_of(signal.channels.begin(), signal.channels.end(),
-                                     [&](const std::string& c) { return is_uniform(planes.at(c)); });
-    if (!wanted(signal) || (uniform && !picture.passes.empty())) continue;
-    stored[i] = clean(signal, part);
-    result.cleaned.push_back(signal.name);
-    if (picture.passes.empty()) break;
-    for (size_t c = 0; c < 3; ++c) {
-      round_as_stored(file, signal.channels[c], stored[i][c]);
-      parts.planes[i][c] = &stored[i][c];
+  Parts parts;
+  const auto add_part = [&](const ForeignSignal& signal) {
+    const auto of = [&](const ChannelTriple& channels) {
+      const auto p = planes(channels);
+      return std::array<const Plane*, 3>{p[0], p[1], p[2]};
+    };
+    parts.signals.push_back(signal);
+    parts.planes.push_back(of(signal.channels));
+    parts.factors.push_back(signal.factor ? of(*signal.factor) : std::array<const Plane*, 3>{});
+  };
+  if (!picture.passes.empty()) {
+    bool half = type_of(info, picture.color.channels[0]) == "half";
+    for (const ForeignSignal& pass : picture.passes) {
+      add_part(pass);
+      half |= type_of(info, pass.channels[0]) == "half";
+    }
+    if (subtract(parts, planes(picture.color.channels), half)) {
+      signals.push_back({.name = kRest, .channels = picture.color.channels});
+      add_part(signals.back());
+      result.notes.push_back(
+          fmt::format("the passes do not make up the whole of {}: what they leave is {} too, as a part of its own that "
+                      "no channel holds",
+                      picture.color.name, only_indirect ? "kept" : "cleaned"));
     }
   }
-  if (picture.passes.empty()) {
-    for (size_t c = 0; c < 3; ++c) {
-      if (c > 0 && picture.target[c] == picture.target[0]) break;  // grey
-      round_as_stored(file, picture.target[c], stored[0][c]);
-      result.channels.push_back({picture.target[c], std::move(stored[0][c])});
-    }
-  } else {
-    if (rest) {
-      ForeignSignal left{.name = kRest, .channels = {}};
-      if (!only_indirect) {
-        rest = clean(left, std::move(*rest), next());
-        result.cleaned.push_back(kRest);
-      }
-      result.notes.push_back(
-          fmt::format("the passes do not make up the whole of {}: what they leave is {} too, as a part "
-                      "of its own that no channel holds",
-                      picture.color.name, only_indirect ? "kept" : "cleaned"));
-      parts.signals.push_back(left);
-      parts.planes.push_back({&(*rest)[0], &(*rest)[1], &(*rest)[2]});
-      parts.factors.push_back({});
-    }
-    const std::string& target = picture.target[0];
-    const std::string layer = target.substr(0, target.rfind('.'));
-    result.sum = fmt::format("{} = {}", layer == target ? "RGB" : layer.substr(layer.rfind('.') + 1), parts.text());
-    for (size_t c = 0; c < 3; ++c) {
-      Plane whole(planes.width(), planes.height());
-      for (int y = 0; y < planes.height(); ++y)
-        for (int x = 0; x < planes.width(); ++x) whole(x, y) = parts.sum(c, x, y);
-      round_as_stored(file, picture.target[c], whole);
-      result.channels.push_back({picture.target[c], std::move(whole)});
-    }
-    for (size_t i = 0; i < signals.size(); ++i)
-      for (size_t c = 0; c < 3; ++c)
-        if (!stored[i][c].empty()) result.channels.push_back({signals[i].channels[c], std::move(stored[i][c])});
+
+  SignalFilter clean(filter, picture, file, info, others, options, task, result);
+  for (size_t i = 0; i < signals.size(); ++i) {
+    const auto colours = planes(signals[i].channels);
+    const bool uniform = std::all_of(colours.begin(), colours.end(), [](const Plane* p) { return is_uniform(*p); });
+    if (!wanted(signals[i]) || (uniform && !picture.passes.empty())) continue;
+    const double count = static_cast<double>(signals.size());
+    clean(signals[i], share(task, static_cast<double>(i) / count, static_cast<double>(i + 1) / count));
   }
   clean.finish();
+
+  if (!picture.passes.empty()) {
+    result.sum = fmt::format("{} = {}", name_of_layer(picture.target[0]), parts.text());
+    const bool rest = signals.size() > picture.passes.size();
+    for (size_t c = 0; c < 3; ++c) {
+      Plane whole(file.width(), file.height());
+      for (int y = 0; y < file.height(); ++y)
+        for (int x = 0; x < file.width(); ++x) whole(x, y) = parts.sum(c, x, y);
+      if (type_of(info, picture.target[c]) == "half") round_to_half(whole);
+      if (rest) *file.find(picture.color.channels[c]) = Plane();
+      result.channels.push_back({picture.target[c], std::move(whole)});
+    }
+  }
+  const auto was_cleaned = [&](const ForeignSignal& s) {
+    return s.name != kRest && std::find(result.cleaned.begin(), result.cleaned.end(), s.name) != result.cleaned.end();
+  };
+  for (const ForeignSignal& signal : signals) {
+    if (!was_cleaned(signal)) continue;
+    const ChannelTriple& target = picture.passes.empty() ? picture.target : signal.channels;
+    const size_t channels = target[0] == target[1] ? 1 : 3;  // grey
+    for (size_t c = 0; c < channels; ++c)
+      result.channels.push_back({target[c], std::move(*file.find(signal.channels[c]))});
+  }
   return result;
 }
 

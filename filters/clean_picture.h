@@ -1,4 +1,5 @@
 #pragma once
+#include <set>
 #include <string>
 #include <vector>
 
@@ -7,11 +8,11 @@
 
 namespace brume {
 
-/// A picture of another renderer with its planes.
+/// The same picture in another frame of the sequence.
 struct PictureInFile {
+  int distance = 0;  ///< in frames: before < 0 < after
   const ForeignFrame* picture = nullptr;
   const Layers* file = nullptr;  ///< as read_exr gives it, with the picture's channels at least
-  int distance = 0;              ///< in frames, of others of the sequence
   RecordReader* records = nullptr;
 };
 
@@ -36,16 +37,17 @@ struct CleanPicture {
 /// Where the file has no variance of a signal, NoiseSource::kSpatial is used for it. A variance of unstated level is
 /// given the level of that estimate. So are pixels that have light and no variance, where the picture is noisy there.
 /// Passes that are the same everywhere are left alone. With Component::kIndirect only indirect passes are cleaned.
-/// @param file    the channels' types say how values are stored
+/// @param file    as read_exr gives it, with the picture's channels at least
+/// @param info    of the file: the channels' types say how values are stored
 /// @param others  of the sequence
 /// @throws InputError as apply_filter; for whole numbers as colours
-CleanPicture clean_picture(const FilterSettings& filter, const PictureInFile& picture, const ExrInfo& file,
+CleanPicture clean_picture(const FilterSettings& filter, const ForeignFrame& picture, Layers file, const ExrInfo& info,
                            const std::vector<PictureInFile>& others, const ApplyOptions& options, const Task& task);
 
 /// The frame that the filter would be given for a signal of the picture, with the file's statistics as they are.
 /// @param extra  channels under brume's names that are passed on
-Layers frame_of_signal(const PictureInFile& picture, const ForeignSignal& signal, const std::set<std::string>& extra,
-                       std::vector<std::string>* notes = nullptr);
+Layers frame_of_signal(const ForeignFrame& picture, const ForeignSignal& signal, const Layers& file,
+                       const std::set<std::string>& extra);
 
 /// What is cleaned: the passes, or the picture where it has none.
 std::vector<ForeignSignal> cleaned_signals(const ForeignFrame& picture);
