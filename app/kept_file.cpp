@@ -77,18 +77,22 @@ std::optional<KeptFile> KeptFile::open(const std::string& path, const KeepOption
   return KeptFile(path, std::move(info), options, std::move(pictures));
 }
 
-Layers KeptFile::outline() const {
+Layers KeptFile::channel_names() const {
   Layers file(1, 1);
   file.header = info_.header;
-  std::set<std::string> names;
-  for (const ExrInfo::Channel& c : info_.channels) names.insert(c.name);
+  for (const ExrInfo::Channel& c : info_.channels) file.add(c.name);
   for (const ForeignFrame& picture : pictures_)
-    for (const std::string& name : picture.channels()) names.insert(name);
-  for (const std::string& name : names) file.add(name);
+    for (const std::string& name : picture.channels()) file.add(name);
+  return file;
+}
+
+Layers KeptFile::outline() const {
+  const Layers file = channel_names();
+  const std::vector<std::string> names = file.names();
+  const std::set<std::string> extra(names.begin(), names.end());
   std::optional<Layers> least;
   for (const ForeignFrame& picture : pictures_)
     for (const ForeignSignal& signal : cleaned_signals(picture)) {
-      const std::set<std::string> extra(names);
       Layers frame = frame_of_signal(picture, signal, file, extra);
       if (!least || frame.channels().size() < least->channels().size()) least = std::move(frame);
     }
@@ -98,7 +102,7 @@ Layers KeptFile::outline() const {
 void KeptFile::clean(const Common& common, const FilterSettings& filter, const ApplyOptions& options,
                      const std::map<int, std::string>& others, const std::map<int, RecordReader*>& records,
                      const std::string& output, Layers* preview) const {
-  const std::set<std::string> extra = readable_channels(filter, options, Layers(1, 1));
+  const std::set<std::string> extra = readable_channels(filter, options, channel_names());
   std::list<CleanPicture> cleaned;
   std::vector<ExrEdit> edits;
   std::map<std::string, Attribute> attributes = {{"brume.version", version_text()}};

@@ -41,6 +41,8 @@ class KeptFile {
  private:
   KeptFile(std::string path, ExrInfo info, KeepOptions options, std::vector<ForeignFrame> pictures)
       : path_(std::move(path)), info_(std::move(info)), options_(std::move(options)), pictures_(std::move(pictures)) {}
+  /// A frame of one pixel with the file's channels.
+  Layers channel_names() const;
   /// One line on what was done with a picture.
   std::string told(const ForeignFrame& picture, const FilterSettings& filter, const CleanPicture& result) const;
 

@@ -202,7 +202,7 @@ class SignalFilter {
         options_(options),
         result_(result) {
     options_.component = Component::kAll;
-    extra_ = readable_channels(filter, options_, Layers(1, 1));
+    extra_ = readable_channels(filter, options_, file);
     frame_ = surroundings(picture, file, extra_);
     if (filter.uses_features()) estimate_features(frame_, task);
   }
