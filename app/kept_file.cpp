@@ -36,6 +36,20 @@ Layers read_picture(const std::string& path, const std::set<std::string>& channe
   return read_exr(path, [&](const std::string& name) { return channels.contains(name); });
 }
 
+/// What its colours and passes cover: features may lie in parts of other sizes.
+Layers cut_to_light(Layers frame, const ForeignFrame& picture, const ExrInfo& info) {
+  std::set<std::string> light(picture.target.begin(), picture.target.end());
+  for (const ForeignSignal& signal : cleaned_signals(picture))
+    light.insert(signal.channels.begin(), signal.channels.end());
+  std::optional<PixelWindow> window;
+  for (const ExrInfo::Channel& c : info.channels) {
+    if (!light.contains(c.name)) continue;
+    if (!window) window = c.data;
+    window = {glm::min(window->lo, c.data.lo), glm::max(window->hi, c.data.hi)};
+  }
+  return !window || *window == frame.data_window() ? std::move(frame) : frame.cut(*window);
+}
+
 /// The picture of another frame of the sequence that is the same view.
 const ForeignFrame& same_view(const std::vector<ForeignFrame>& pictures, const ForeignFrame& view,
                               const std::string& path) {
@@ -108,14 +122,15 @@ void KeptFile::clean(const Common& common, const FilterSettings& filter, const A
   std::map<std::string, Attribute> attributes = {{"brume.version", version_text()}};
   for (ForeignFrame picture : pictures_) {
     if (!filter.uses_features()) picture.features.clear();
-    Layers file = read_picture(path_, read_channels(picture, extra));
+    Layers file = cut_to_light(read_picture(path_, read_channels(picture, extra)), picture, info_);
     std::list<Layers> nearby;
     std::list<std::vector<ForeignFrame>> nearby_pictures;
     std::vector<PictureInFile> sequence;
     for (const auto& [distance, path] : others) {
-      const auto& theirs = nearby_pictures.emplace_back(pictures_of(path, read_exr_info(path), options_));
+      const ExrInfo info = read_exr_info(path);
+      const auto& theirs = nearby_pictures.emplace_back(pictures_of(path, info, options_));
       const ForeignFrame& same = same_view(theirs, picture, path);
-      nearby.push_back(read_picture(path, read_channels(same, extra)));
+      nearby.push_back(cut_to_light(read_picture(path, read_channels(same, extra)), same, info));
       sequence.push_back({distance, &same, &nearby.back(), records.at(distance)});
     }
     // Several pictures may lie in parts of their own, each with its data window.

@@ -264,6 +264,13 @@ bool loses_bits(Imf::Compression compression) {
          compression == Imf::DWAA_COMPRESSION || compression == Imf::DWAB_COMPRESSION;
 }
 
+void check_covers(const ExrEdit& edit, const Imf::Header& header) {
+  const PixelWindow part = window_of(header.dataWindow());
+  if (part.common(edit.window) != part)
+    throw std::logic_error("channel " + edit.channel + " lies in " + part.text() + ", its new values in " +
+                           edit.window.text());
+}
+
 /// Places the edits of one part. @return how many it took
 size_t plan_part(const Imf::MultiPartInputFile& file, int index, std::span<const ExrEdit> edits, PartPlan& plan) {
   const Imf::Header& header = file.header(index);
@@ -280,12 +287,14 @@ size_t plan_part(const Imf::MultiPartInputFile& file, int index, std::span<const
       for (size_t c = 0; c < 3; ++c)
         if (edit.channel == channel_name_in_frame(file, index, *chroma + "RGB"[c])) {
           colours[c] = &edit;
+          check_covers(edit, header);
           ++taken;
         }
     for (auto c = header.channels().begin(); c != header.channels().end(); ++c) {
       const std::string name = c.name();
       if (channel_name_in_frame(file, index, name) != edit.channel) continue;
       if (c.channel().type == Imf::UINT) throw std::logic_error("channel " + edit.channel + " holds whole numbers");
+      check_covers(edit, header);
       const bool named_in_full = name == edit.channel;
       const std::string target = edit.beside.empty() ? name : named_in_full ? edit.beside : own(edit.beside);
       plan.changes.push_back({name, target, edit.values, edit.window.lo});

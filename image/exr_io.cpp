@@ -141,7 +141,8 @@ ExrInfo read_exr_info(const fs::path& path) {
     info.height = info.display.height();
     info.compression = compression_name(header.compression());
     for (auto c = header.channels().begin(); c != header.channels().end(); ++c)
-      info.channels.push_back({channel_name_in_frame(file, part, c.name()), pixel_type_name(c.channel().type)});
+      info.channels.push_back({channel_name_in_frame(file, part, c.name()), pixel_type_name(c.channel().type),
+                               window_of(header.dataWindow())});
     info.header.merge(attributes(header));
   }
   return info;

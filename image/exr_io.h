@@ -13,6 +13,7 @@ namespace brume {
 struct ExrInfo {
   struct Channel {
     std::string name, type;
+    PixelWindow data = {};  ///< of its part
   };
   int width = 0, height = 0;  ///< of the display window
   PixelWindow data, display;  ///< the data window is the first part's

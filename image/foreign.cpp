@@ -166,7 +166,7 @@ std::string adopt_foreign_layers(Layers& layers) {
   if (layers.has(layer::beauty)) return "";
   ExrInfo info;
   info.header = layers.header;
-  for (const std::string& name : layers.names()) info.channels.push_back({name, "float"});
+  for (const std::string& name : layers.names()) info.channels.push_back({name, "float", layers.data_window()});
   const std::vector<ForeignFrame> pictures = recognise(info);
   if (pictures.empty()) return "";
   const ForeignFrame& picture = pictures.front();

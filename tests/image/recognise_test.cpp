@@ -12,7 +12,7 @@ namespace {
 
 ExrInfo file_of(const std::vector<std::string>& channels, const std::string& type = "float") {
   ExrInfo info;
-  for (const std::string& name : channels) info.channels.push_back({name, type});
+  for (const std::string& name : channels) info.channels.push_back({name, type, {}});
   return info;
 }
 
