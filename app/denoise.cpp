@@ -163,6 +163,8 @@ int run_keeping(const Common& common, const KeptFile& file, ApplyOptions options
     throw InputError(
         "--carry: the passes of this frame are cleaned by themselves, and add up; it is for frames by brume");
   const Layers outline = file.outline();
+  options.exposure =
+      choose_exposure(o.picture.exposure, o.picture.exposure == "auto" ? read_frame(common, o.input) : outline);
   ApplyOptions for_choice = options;
   for_choice.component = Component::kAll;
   if (!outline.has(layer::beauty, statistic::mean_variance) && !has_halves(outline, layer::beauty))
@@ -182,8 +184,7 @@ int run_keeping(const Common& common, const KeptFile& file, ApplyOptions options
     Layers clean;
     file.clean(common, filters[i], options, paths, records, path.string(), o.preview.empty() ? nullptr : &clean);
     if (!o.preview.empty())
-      o.picture.write(output_for(o.preview, filters, i), clean, clean.rgb(layer::beauty),
-                      choose_exposure(o.picture.exposure, clean));
+      o.picture.write(output_for(o.preview, filters, i), clean, clean.rgb(layer::beauty), options.exposure);
     print(path.string() + "\n");
   }
   return kDone;

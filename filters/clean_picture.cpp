@@ -77,7 +77,7 @@ void settle_variance(const ForeignSignal& signal, Layers& frame, std::vector<std
       const vec3 s(spatial[0](x, y), spatial[1](x, y), spatial[2](x, y));
       if (m == vec3(0)) continue;
       ++lit;
-      if (v != vec3(0) || luminance(s) <= 1e-6f * luminance(m * m)) continue;
+      if (v != vec3(0) || !(luminance(s) > 1e-6f * luminance(m * m))) continue;
       ++without;
       for (int c = 0; c < 3; ++c) (*variance[static_cast<size_t>(c)])(x, y) = s[c];
     }
@@ -105,6 +105,7 @@ struct Parts {
 
   float sum(size_t c, int x, int y) const {
     float sum = 0, group = 0;
+    bool first = true;
     for (size_t i = 0; i < signals.size(); ++i) {
       const float value = (*planes[i][c])(x, y);
       const bool goes_on = i > 0 && factors[i][c] && factors[i][c] == factors[i - 1][c];
@@ -112,7 +113,8 @@ struct Parts {
       const bool last = i + 1 == signals.size() || !factors[i][c] || factors[i + 1][c] != factors[i][c];
       if (!last) continue;
       const float term = factors[i][c] ? group * (*factors[i][c])(x, y) : group;
-      sum = i == 0 ? term : sum + term;
+      sum = first ? term : sum + term;
+      first = false;
     }
     return sum;
   }
@@ -205,6 +207,11 @@ class SignalFilter {
     extra_ = readable_channels(filter, options_, file);
     frame_ = surroundings(picture, file, extra_);
     if (filter.uses_features()) estimate_features(frame_, task);
+    ForeignFrame light = picture;
+    light.features.clear();
+    const std::vector<std::string> still_read = light.channels();
+    for (const std::string& name : file.names())
+      if (!std::binary_search(still_read.begin(), still_read.end(), name)) *file.find(name) = Plane();
   }
 
   void operator()(const ForeignSignal& signal, const Task& task) {

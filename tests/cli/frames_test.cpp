@@ -161,6 +161,14 @@ TEST_F(Frames, WithoutAFilterItTakesTheBestThatTheFileAllows) {
   expect_sum(out, false);
 }
 
+TEST_F(Frames, TheExposureIsTheFiltersAndThePictures) {
+  write({{cycles_header(Imf::FLOAT), cycles_value}});
+  denoise("-f bilateral --exposure 2");
+  EXPECT_EQ(read_exr(out).number("brume.filterExposure"), 2.0);
+  denoise("-f bilateral --exposure auto --png " + path("p.png"));
+  EXPECT_NEAR(read_exr(out).number("brume.filterExposure").value_or(0), 1 / 3.6, 0.05);
+}
+
 TEST_F(Frames, OnlyIndirectPassesWhereThatIsAsked) {
   write({{cycles_header(Imf::FLOAT), cycles_value}});
   denoise("-f bilateral --component indirect");
