@@ -180,6 +180,10 @@ ForeignFrame picture_of(const toml::value& root, const ExrInfo& file) {
       MapTable pass(entry, file);
       const auto channels = pass.triple("layer");
       if (!channels) fail("a pass has no 'layer'", entry, "add layer = ...");
+      const auto is_same = [&](const ForeignSignal& other) { return other.channels == *channels; };
+      if (*channels == *colour || std::any_of(picture.passes.begin(), picture.passes.end(), is_same))
+        fail(*channels == *colour ? "a pass is the picture itself" : "a pass is named twice", pass.at("layer"),
+             "expected a part of 'color'");
       const std::string name = (*channels)[0].substr(0, (*channels)[0].rfind('.'));
       picture.passes.push_back({.name = name,
                                 .channels = *channels,

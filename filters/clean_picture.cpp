@@ -206,12 +206,12 @@ class SignalFilter {
     options_.component = Component::kAll;
     extra_ = readable_channels(filter, options_, file);
     frame_ = surroundings(picture, file, extra_);
-    if (filter.uses_features()) estimate_features(frame_, task);
     ForeignFrame light = picture;
     light.features.clear();
     const std::vector<std::string> still_read = light.channels();
     for (const std::string& name : file.names())
       if (!std::binary_search(still_read.begin(), still_read.end(), name)) *file.find(name) = Plane();
+    if (filter.uses_features()) estimate_features(frame_, task);
   }
 
   void operator()(const ForeignSignal& signal, const Task& task) {

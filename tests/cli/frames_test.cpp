@@ -430,6 +430,8 @@ TEST_F(Frames, AMapsMistakesAreUnderlined) {
       {"color = \"\"\nvariance_is = \"mean\"\n", "'variance_is' stands without 'variance'"},
       {"color = \"\"\nhalves = [\"albedo\"]\n", "'halves' are not two"},
       {"color = \"\"\n[[passes]]\nindirect = true\n", "a pass has no 'layer'"},
+      {"color = \"\"\n[[passes]]\nlayer = \"\"\n", "a pass is the picture itself"},
+      {"color = \"\"\n[[passes]]\nlayer = \"albedo\"\n[[passes]]\nlayer = \"albedo\"\n", "a pass is named twice"},
       {"color = \"\n", "layers.toml"},
   };
   for (const auto& [map, message] : mistakes) {
