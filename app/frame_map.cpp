@@ -106,7 +106,7 @@ class MapTable {
         {"samples", VarianceMeaning::kOfSamples},
         {"second moment", VarianceMeaning::kSecondMoment},
         {"unstated", VarianceMeaning::kUnstated}};
-    ForeignVariance result{{channels->begin(), channels->end()}, VarianceMeaning::kUnstated};
+    ForeignVariance result{.channels = {channels->begin(), channels->end()}, .meaning = VarianceMeaning::kUnstated};
     if (!has("variance_is")) return result;
     const std::string said = text("variance_is");
     std::vector<std::string> names;

@@ -46,14 +46,16 @@ float median(std::vector<float> values) {
   return *middle;
 }
 
-/// Gives a variance of unstated level that of the picture's own second differences, and pixels with light but without
-/// variance their estimate. Some renderers count only the samples that met a surface.
+/// Gives a variance of unstated level that of the picture's own second differences, and one that only counts samples
+/// which met a surface their estimate where it is 0.
 void settle_variance(const ForeignSignal& signal, Layers& frame, std::vector<std::string>& notes, const Task& task) {
   if (!frame.has(layer::beauty, statistic::mean_variance)) return;
+  const bool unstated = signal.variance->meaning == VarianceMeaning::kUnstated;
+  if (!unstated && !signal.variance->of_surfaces) return;
   const RgbPlanes mean = frame.rgb(layer::beauty);
   const Rgb spatial = spatial_variance(mean, quiet(task));
   const auto variance = frame.add_rgb(layer::beauty, statistic::mean_variance);
-  if (signal.variance->meaning == VarianceMeaning::kUnstated) {
+  if (unstated) {
     std::vector<float> ratios;
     for (size_t c = 0; c < 3; ++c)
       for (int y = 0; y < frame.height(); ++y)
@@ -69,6 +71,7 @@ void settle_variance(const ForeignSignal& signal, Layers& frame, std::vector<std
                     "{:.3g}): the file does not say whether it is of samples or of their mean",
                     signal.name, scale));
   }
+  if (!signal.variance->of_surfaces) return;
   size_t lit = 0, without = 0;
   for (int y = 0; y < frame.height(); ++y)
     for (int x = 0; x < frame.width(); ++x) {

@@ -35,7 +35,7 @@ struct CleanPicture {
 /// and rounded once, so that who adds them up gets it to the last bit. A picture without passes is cleaned as it is.
 ///
 /// Where the file has no variance of a signal, NoiseSource::kSpatial is used for it. A variance of unstated level is
-/// given the level of that estimate. So are pixels that have light and no variance, where the picture is noisy there.
+/// given the level of that estimate; one that only counts samples which met a surface is that estimate where it is 0.
 /// Passes that are the same everywhere are left alone. With Component::kIndirect only indirect passes are cleaned.
 /// @param file    as read_exr gives it, with the picture's channels at least
 /// @param info    of the file: the channels' types say how values are stored

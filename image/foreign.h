@@ -29,6 +29,7 @@ struct ForeignVariance {
   /// Of second moments of CIE XYZ: the means of X, Y and Z, from which red, green and blue follow, taken to err
   /// together.
   std::optional<ChannelTriple> xyz = {};
+  bool of_surfaces = false;  ///< counts only samples that met a surface: 0 in a medium, whatever the noise
 };
 
 /// Light in a file of another renderer, with its statistics where there are any.

@@ -195,7 +195,8 @@ std::vector<ForeignFrame> pbrt(const Channels& file, const ExrInfo& info) {
   if (!colour || !(surfaces || (variance && file.colour("RelativeVariance.")))) return {};
   ForeignFrame p{.renderer = "pbrt-v4 G-buffer film", .target = *colour};
   p.color = {.name = "RGB", .channels = *colour};
-  if (variance) p.color.variance = {listed(*variance), VarianceMeaning::kOfSamples};
+  if (variance)
+    p.color.variance = {.channels = listed(*variance), .meaning = VarianceMeaning::kOfSamples, .of_surfaces = true};
   add_alpha(file, p, "");
   add_vector(p, layer::albedo, file.colour("Albedo."));
   add_vector(p, layer::normal, normal("Ns"));
@@ -209,7 +210,8 @@ std::vector<ForeignFrame> pbrt(const Channels& file, const ExrInfo& info) {
 /// The second moment of a layer: of its colours, or of its CIE XYZ.
 std::optional<ForeignVariance> mitsuba_moment(const Channels& file, const std::string& prefix) {
   const auto squares = file.colour("m2_" + prefix);
-  if (squares && !prefix.empty()) return ForeignVariance{listed(*squares), VarianceMeaning::kSecondMoment};
+  if (squares && !prefix.empty())
+    return ForeignVariance{.channels = listed(*squares), .meaning = VarianceMeaning::kSecondMoment};
   // Beside colours on top stands the moment of the integrator inside, of one name that the user chose.
   std::vector<std::string> inside;
   for (const std::string& name : file.before("X"))
@@ -218,7 +220,7 @@ std::optional<ForeignVariance> mitsuba_moment(const Channels& file, const std::s
     const auto xyz = file.vector(layer), moment = file.vector("m2_" + layer);
     // An integrator's name stands alone; those of its layers follow it.
     if (xyz && moment && std::count(layer.begin(), layer.end(), '.') == 1)
-      return ForeignVariance{listed(*moment), VarianceMeaning::kSecondMoment, xyz};
+      return ForeignVariance{.channels = listed(*moment), .meaning = VarianceMeaning::kSecondMoment, .xyz = xyz};
   }
   return std::nullopt;
 }
@@ -253,9 +255,11 @@ std::optional<ForeignVariance> renderman_variance(const Channels& file, const st
   };
   const bool beauty = layer == "Ci";
   for (const std::string& name : beauty ? std::vector<std::string>{"Ci_mse", "mse"} : std::vector{layer + "_mse"})
-    if (const auto mse = channels(name)) return ForeignVariance{listed(*mse), VarianceMeaning::kOfMean};
+    if (const auto mse = channels(name))
+      return ForeignVariance{.channels = listed(*mse), .meaning = VarianceMeaning::kOfMean};
   for (const std::string& name : beauty ? std::vector<std::string>{"Ci_var", "variance"} : std::vector{layer + "_var"})
-    if (const auto var = channels(name)) return ForeignVariance{listed(*var), VarianceMeaning::kOfSamples};
+    if (const auto var = channels(name))
+      return ForeignVariance{.channels = listed(*var), .meaning = VarianceMeaning::kOfSamples};
   return std::nullopt;
 }
 
@@ -304,13 +308,14 @@ std::vector<ForeignFrame> arnold(const Channels& file, const ExrInfo&) {
   if (!colour || !(variance || media || file.colour("denoise_albedo."))) return {};
   ForeignFrame p{.renderer = "Arnold", .target = *colour};
   p.color = {.name = "RGBA", .channels = *colour};
-  if (variance) p.color.variance = {listed(*variance), VarianceMeaning::kUnstated};
+  if (variance) p.color.variance = {.channels = listed(*variance), .meaning = VarianceMeaning::kUnstated};
   const auto add_pass = [&](const std::string& name, bool indirect) {
     const auto channels = file.colour(name + ".");
     if (!channels) return;
     ForeignSignal& pass =
         p.passes.emplace_back(ForeignSignal{.name = name, .channels = *channels, .indirect = indirect});
-    if (const auto own = file.colour(name + "_variance.")) pass.variance = {listed(*own), VarianceMeaning::kUnstated};
+    if (const auto own = file.colour(name + "_variance."))
+      pass.variance = {.channels = listed(*own), .meaning = VarianceMeaning::kUnstated};
   };
   // One set of parts only: others are the same light, cut another way.
   if (media) {
@@ -339,7 +344,7 @@ ForeignSignal brume_signal(const Channels& file, const LayerName& layer) {
   ForeignSignal signal{.name = layer.label(), .channels = named(""), .indirect = layer == layer::indirect};
   const auto there = [&](const ChannelTriple& c) { return file.has(c[0]) && file.has(c[1]) && file.has(c[2]); };
   if (there(named(statistic::mean_variance)))
-    signal.variance = {listed(named(statistic::mean_variance)), VarianceMeaning::kOfMean};
+    signal.variance = {.channels = listed(named(statistic::mean_variance)), .meaning = VarianceMeaning::kOfMean};
   if (there(named(statistic::half_a)) && there(named(statistic::half_b)))
     signal.halves = {named(statistic::half_a), named(statistic::half_b)};
   return signal;
@@ -347,7 +352,7 @@ ForeignSignal brume_signal(const Channels& file, const LayerName& layer) {
 
 std::vector<ForeignFrame> brume_frame(const Channels& file, const ExrInfo& info) {
   if (!is_brume_frame(info) || !file.colour("")) return {};
-  ForeignFrame p{.renderer = "brume", .target = *file.colour("")};
+  ForeignFrame p{.renderer = "a frame by brume", .target = *file.colour("")};
   p.color = brume_signal(file, layer::beauty);
   if (file.colour("direct.") && file.colour("indirect."))
     p.passes = {brume_signal(file, layer::direct), brume_signal(file, layer::indirect)};
@@ -408,7 +413,7 @@ void add_common_layers(const Channels& file, const std::set<std::string>& prefix
   if (!p.color.variance)
     choose(p, "variance", keep(called(file, prefixes, {"variance", "rgba_variance", "color_variance"}), is_colour),
            [&](const std::string& name) {
-             p.color.variance = {listed(*file.colour(name + ".")), VarianceMeaning::kUnstated};
+             p.color.variance = {.channels = listed(*file.colour(name + ".")), .meaning = VarianceMeaning::kUnstated};
            });
 }
 
