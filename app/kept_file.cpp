@@ -160,6 +160,8 @@ void KeptFile::clean(const Common& common, const FilterSettings& filter, const A
     log(common, told(picture, filter, result));
   }
   const ExrCopyReport report = copy_exr(path_, output, edits, attributes, {common.threads, {}, &interrupted});
+  for (const std::string& part : report.rounded)
+    note(fmt::format("{} is stored as PXR24, which keeps 24 bits of a float: sums are right to those", part));
   for (const std::string& part : report.recoded)
     note(
         fmt::format("{} is stored with a compression that loses some of every value: it was packed anew, so that its "

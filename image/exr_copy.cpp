@@ -359,6 +359,10 @@ ExrCopyReport copy_exr(const fs::path& from, const fs::path& to, std::span<const
     PartPlan& plan = plans[static_cast<size_t>(index)];
     placed += plan_part(in, index, edits, plan);
     if (!plan.changes.empty() && loses_bits(header.compression())) report.recoded.push_back(part_label(in, index));
+    const auto is_float = [&](const PartPlan::Change& c) { return header.channels()[c.channel].type == Imf::FLOAT; };
+    if (header.compression() == Imf::PXR24_COMPRESSION &&
+        std::any_of(plan.changes.begin(), plan.changes.end(), is_float))
+      report.rounded.push_back(part_label(in, index));
   }
   if (placed != edits.size()) throw std::logic_error("an edited channel is not in " + from.string());
 

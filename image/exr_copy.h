@@ -22,6 +22,7 @@ struct ExrEdit {
 /// What could not be kept to the bit.
 struct ExrCopyReport {
   std::vector<std::string> recoded;  ///< parts whose other channels were unpacked and packed again with loss
+  std::vector<std::string> rounded;  ///< parts that keep 24 bits of the floats that were put in (PXR24)
 };
 
 /// Writes a file again with some channels replaced or added: every part, channel, pixel type, compression, window,

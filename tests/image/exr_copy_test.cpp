@@ -170,6 +170,14 @@ TEST_F(CopiedExr, PartsKeepOrderNamesAndWindowsAndOthersAreNotUnpacked) {
   expect_kept_but(from, to, {"rgba/R", "depth/B"});
 }
 
+TEST_F(CopiedExr, FloatsThatLoseBitsAreNamed) {
+  Imf::Header header = mixed_header(8, 8);
+  header.compression() = Imf::PXR24_COMPRESSION;
+  test::write_exr_file(from, {{header, noise}});
+  EXPECT_TRUE(copy_with(from, to, {"R"}).rounded.empty()) << "half values are kept whole";
+  EXPECT_EQ(copy_with(from, to, {"depth.Z"}).rounded, std::vector<std::string>{"its only part"});
+}
+
 TEST_F(CopiedExr, LossyPartsThatAreTouchedAreNamed) {
   for (const Imf::Compression compression :
        {Imf::B44_COMPRESSION, Imf::B44A_COMPRESSION, Imf::DWAA_COMPRESSION, Imf::DWAB_COMPRESSION}) {
