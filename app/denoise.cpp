@@ -9,6 +9,7 @@
 #include "app/command.h"
 #include "app/filter_options.h"
 #include "app/frame.h"
+#include "app/kept_file.h"
 #include "base/error.h"
 #include "base/output_file.h"
 #include "base/text.h"
@@ -29,6 +30,7 @@ struct Options {
   int tile = 0, extra_frames = 0;
   std::vector<std::string> filters;
   FilterOptions common{.component = "all"};
+  KeepOptions keep;
   PictureOptions picture;
 } o;
 
@@ -131,35 +133,80 @@ auto about_the_frame(const Work& work) {
   }
 }
 
-/// The filters that are asked for, or else the best that the frame's layers allow, which is told.
-std::vector<FilterSettings> choose_filters(const Common& common, const ApplyOptions& options) {
+/// The filters that are asked for, or else the best that the frame's layers allow.
+/// @param ours  whether more of brume render could allow a better one, which is told
+std::vector<FilterSettings> choose_filters(const Common& common, const Layers& outline, const ApplyOptions& options,
+                                           bool ours) {
   std::vector<FilterSettings> filters;
   for (const std::string& text : o.filters) filters.push_back(parse_filter(text));
   if (!filters.empty()) return filters;
-  const Layers outline = read_outline(o.input);
   const Recommendation best =
       about_the_frame([&] { return recommend_filter(outline, options, /*sequence=*/o.extra_frames > 0); });
-  log(common, best.reason);
+  log(common, ours ? best.reason : split(best.reason, ';')[0]);
   return {best.filter};
+}
+
+/// @throws InputError before anything is computed
+void check_outputs(const std::vector<FilterSettings>& filters, const std::map<int, fs::path>& others) {
+  std::vector<fs::path> inputs = {o.input};
+  if (!o.keep.map.empty()) inputs.push_back(o.keep.map);
+  if (!o.keep.guides.empty()) inputs.push_back(o.keep.guides);
+  for (const auto& [distance, file] : others) inputs.push_back(file);
+  for (size_t i = 0; i < filters.size(); ++i) {
+    check_writable(output_for(o.output, filters, i), inputs, ".exr");
+    if (!o.preview.empty()) check_writable(output_for(o.preview, filters, i), inputs, ".png");
+  }
+}
+
+/// Gives the file back as it came, but for what is cleaned.
+int run_keeping(const Common& common, const KeptFile& file, ApplyOptions options) {
+  if (!options.carried.empty())
+    throw InputError(
+        "--carry: the passes of this frame are cleaned by themselves, and add up; it is for frames by brume");
+  const Layers outline = file.outline();
+  options.exposure =
+      choose_exposure(o.picture.exposure, o.picture.exposure == "auto" ? read_frame(common, o.input) : outline);
+  ApplyOptions for_choice = options;
+  for_choice.component = Component::kAll;
+  if (!outline.has(layer::beauty, statistic::mean_variance) && !has_halves(outline, layer::beauty))
+    for_choice.noise = NoiseSource::kSpatial;
+  const std::vector<FilterSettings> filters = choose_filters(common, outline, for_choice, /*ours=*/false);
+  const std::map<int, fs::path> others = extra_files();
+  check_outputs(filters, others);
+  std::map<int, std::string> paths;
+  std::list<RecordReader> readers;
+  std::map<int, RecordReader*> records;
+  for (const auto& [distance, path] : others) {
+    paths[distance] = path.string();
+    records[distance] = o.records.empty() ? nullptr : &readers.emplace_back(file_of_frame(o.records, distance));
+  }
+  for (size_t i = 0; i < filters.size(); ++i) {
+    const fs::path path = output_for(o.output, filters, i);
+    Layers clean;
+    file.clean(common, filters[i], options, paths, records, path.string(), o.preview.empty() ? nullptr : &clean);
+    if (!o.preview.empty())
+      o.picture.write(output_for(o.preview, filters, i), clean, clean.rgb(layer::beauty), options.exposure);
+    print(path.string() + "\n");
+  }
+  return kDone;
 }
 
 int run(const Common& common) {
   ApplyOptions options = apply_options();
   std::optional<RecordReader> records;
   if (!o.records.empty()) options.records = &records.emplace(o.records);
-  const std::vector<FilterSettings> filters = choose_filters(common, options);
+  if (const std::optional<KeptFile> kept = KeptFile::open(o.input, o.keep)) return run_keeping(common, *kept, options);
+  Layers outline = read_outline(o.input);
+  if (!o.keep.guides.empty())
+    for (const std::string& name : guide_channels(o.keep.guides)) outline.add(name);
+  const std::vector<FilterSettings> filters = choose_filters(common, outline, options, /*ours=*/true);
   const std::map<int, fs::path> others = extra_files();
-  std::vector<fs::path> inputs = {o.input};
-  for (const auto& [distance, file] : others) inputs.push_back(file);
-  for (size_t i = 0; i < filters.size(); ++i) {
-    check_writable(output_for(o.output, filters, i), inputs, ".exr");
-    if (!o.preview.empty()) check_writable(output_for(o.preview, filters, i), inputs, ".png");
-  }
+  check_outputs(filters, others);
   std::set<std::string> channels = {"R", "G", "B"};
-  const Layers outline = read_outline(o.input);
   for (const FilterSettings& filter : filters) channels.merge(readable_channels(filter, options, outline));
   for (const std::string& name : layer::noisy.channel_names()) channels.insert(name);
   Layers frame = read_frame(common, o.input, channels);
+  add_guides(o.keep.guides, o.input, frame);
   if (frame.has(layer::noisy)) {
     note("the frame is clean already: what it was made from, its layer noisy, is cleaned");
     for (size_t c = 0; c < 3; ++c) frame.set(layer::beauty.channel(c), frame.at(layer::noisy.channel(c)));
@@ -208,6 +255,9 @@ void add_denoise(CLI::App& app, Common& common, Commands& commands) {
       ->allow_extra_args(false);
   command->add_option("-o,--output", o.output, "EXR to write; with several filters OUT.FILTER.exr each")->required();
   command->add_option("--png", o.preview, "also write a PNG");
+  o.keep.add_to(*command);
+  command->add_option("--guides", o.keep.guides,
+                      "EXR with guides of this frame, by brume guides: what is known of the light without noise");
   o.common.add_to(*command);
   command->add_option("--features", o.features,
                       "of those that the frame has, use these: " + join(FeaturePlan::names(), ",") + ", or none");

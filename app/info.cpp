@@ -8,6 +8,7 @@
 #include "base/error.h"
 #include "base/text.h"
 #include "image/exr_io.h"
+#include "image/foreign.h"
 #include "volume/vdb_io.h"
 
 namespace brume::app {
@@ -111,6 +112,32 @@ json to_json(const Attribute& a) {
   return std::visit([](const auto& v) -> json { return v; }, a);
 }
 
+/// What `denoise` makes of another renderer's frame.
+void describe(const ForeignFrame& picture, std::string& text, json& list) {
+  static const char* const meanings[] = {"variance of the mean", "variance of the samples", "second moment",
+                                         "variance of unstated meaning"};
+  const auto described = [](const ForeignSignal& signal) {
+    std::string line = signal.name;
+    if (signal.variance) line += fmt::format(", with {}", meanings[static_cast<size_t>(signal.variance->meaning)]);
+    if (signal.halves) line += ", with halves";
+    return line;
+  };
+  json j = {{"read_as", picture.label()}, {"color", picture.color.channels}, {"samples", picture.samples}};
+  text += fmt::format("  read as {}: {}", picture.label(), described(picture.color));
+  for (const ForeignSignal& pass : picture.passes) {
+    j["passes"].push_back({{"name", pass.name}, {"channels", pass.channels}});
+    text += fmt::format("; {}{}", &pass == &picture.passes.front() ? "passes " : "", described(pass));
+  }
+  for (const ForeignFeature& feature : picture.features) {
+    j["features"][std::string(feature.layer.name)] = feature.channels;
+    text += fmt::format("; {}{}", &feature == &picture.features.front() ? "features " : "", feature.layer.name);
+  }
+  text += picture.samples > 0 ? fmt::format("; {:g} samples per pixel\n", picture.samples) : "\n";
+  for (const std::string& conflict : picture.conflicts) text += fmt::format("  {}\n", conflict);
+  if (!picture.conflicts.empty()) j["conflicts"] = picture.conflicts;
+  list.push_back(j);
+}
+
 int info_exr(const std::string& path, bool as_json) {
   const ExrInfo info = read_exr_info(path);
   json channels = json::array(), header;
@@ -123,6 +150,9 @@ int info_exr(const std::string& path, bool as_json) {
     const std::string shown = header[name].is_string() ? header[name].get<std::string>() : header[name].dump();
     text += fmt::format("  {} = {}\n", name, join(split(shown, '\n'), "\n      "));
   }
+  json pictures = json::array();
+  if (!is_brume_frame(info))
+    for (const ForeignFrame& picture : recognise(info)) describe(picture, text, pictures);
   text += "\n";
   for (const ExrInfo::Channel& c : info.channels) {
     channels.push_back({{"name", c.name}, {"type", c.type}});
@@ -133,6 +163,7 @@ int info_exr(const std::string& path, bool as_json) {
                        {"width", info.width},
                        {"height", info.height},
                        {"data_window", {info.data.lo.x, info.data.lo.y, info.data.hi.x, info.data.hi.y}},
+                       {"pictures", pictures},
                        {"channels", channels},
                        {"header", header}}
                           .dump(2, ' ', false, nlohmann::json::error_handler_t::replace) +

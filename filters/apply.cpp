@@ -192,7 +192,7 @@ struct Prepared {
   FilterFrame frame;
 
   Prepared(const Run& run, const Source& source, const Layers& layers, const LayerName& name, const Task& task)
-      : frame{name, {}, {}, layers, run.options.exposure} {
+      : frame{run.options.light.name.empty() ? name : run.options.light, {}, {}, layers, run.options.exposure} {
     const FilterEntry& entry = run.filter.entry();
     read_signal(signal, layers, name, run, task);
     if (run.filter.uses_features())

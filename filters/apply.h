@@ -33,6 +33,8 @@ struct ApplyOptions {
   /// Layers filtered with the weights of the component and stored under their own names, so that passes which sum to it
   /// before the filter sum to it after.
   std::vector<LayerName> carried = {};
+  /// Which light the beauty of a frame is, where it is a part: direct or indirect; no name: the whole.
+  LayerName light = {};
   RecordReader* records = nullptr;
   std::vector<SequenceFrame> sequence = {};  ///< for filters that look through time
   int tile = 0;  ///< side of the squares that are filtered one after another [px]; 0: as large as memory allows

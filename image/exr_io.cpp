@@ -26,7 +26,9 @@
 #include "base/error.h"
 #include "base/output_file.h"
 #include "base/parallel_for.h"
+#include "image/exr_common.h"
 #include "image/exr_zip.h"
+#include "image/luminance_chroma.h"
 
 namespace brume {
 namespace {
@@ -64,25 +66,6 @@ std::map<std::string, Attribute> attributes(const Imf::Header& header) {
   return result;
 }
 
-void insert_attribute(Imf::Header& header, const std::string& name, const Attribute& value) {
-  if (const auto* s = std::get_if<std::string>(&value)) header.insert(name, Imf::StringAttribute(*s));
-  if (const auto* i = std::get_if<int>(&value)) header.insert(name, Imf::IntAttribute(*i));
-  if (const auto* f = std::get_if<float>(&value)) header.insert(name, Imf::FloatAttribute(*f));
-  if (const auto* m = std::get_if<std::array<float, 16>>(&value)) {
-    Imath::M44f matrix;
-    for (size_t k = 0; k < 16; ++k) matrix[static_cast<int>(k / 4)][k % 4] = (*m)[k];
-    header.insert(name, Imf::M44fAttribute(matrix));
-  }
-}
-
-Imath::Box2i box_of(const PixelWindow& w) {
-  return {Imath::V2i(w.lo.x, w.lo.y), Imath::V2i(w.hi.x - 1, w.hi.y - 1)};
-}
-
-PixelWindow window_of(const Imath::Box2i& b) {
-  return {{b.min.x, b.min.y}, {b.max.x + 1, b.max.y + 1}};
-}
-
 /// Places a frame where the file says, unless its data and display windows are one and begin at 0.
 void place(Layers& layers, const PixelWindow& data, const PixelWindow& display) {
   if (data == display && display.lo == ivec2(0)) return;
@@ -118,44 +101,12 @@ const char* compression_name(Imf::Compression c) {
   return c >= 0 && c < Imf::NUM_COMPRESSION_METHODS ? names[c] : "unknown";
 }
 
-constexpr int kLongestSide = 1 << 16;  // pixels; no header makes us reserve more
-
-/// Refuses what a header asks for and this machine does not have.
-void check_memory(const fs::path& path, double bytes) {
-  if (bytes > 0.8 * physical_memory())
-    throw InputError(fmt::format("{}: its pixels need {:.1f} GB, this machine has {:.1f} GB", path.string(),
-                                 bytes / 1e9, physical_memory() / 1e9));
-}
-
-Imf::MultiPartInputFile open(const fs::path& path) {
-  std::error_code ignored;
-  if (!fs::exists(path, ignored)) throw InputError(fmt::format("{}: no such file", path.string()));
-  if (fs::is_directory(path, ignored))
-    throw InputError(fmt::format("{}: is a folder, expected an OpenEXR file", path.string()));
-  try {
-    Imf::Header::setMaxImageSize(kLongestSide, kLongestSide);
-    return Imf::MultiPartInputFile(path.c_str());
-  } catch (const std::exception& error) {
-    throw InputError(fmt::format("{}: not a readable OpenEXR file: {}", path.string(), error.what()));
-  }
-}
-
 /// A channel of 32-bit values whose first one is the data window's top left.
 Imf::Slice slice(Imf::PixelType type, void* first, size_t stride, const Imath::Box2i& data) {
   const auto row = static_cast<std::ptrdiff_t>(stride * 4);
   char* const base = static_cast<char*>(first) - 4 * static_cast<std::ptrdiff_t>(data.min.x) - row * data.min.y;
   return {type, base, 4, static_cast<size_t>(row)};
 }
-
-std::string prefixed(const Imf::MultiPartInputFile& file, int part, const std::string& channel) {
-  const Imf::Header& header = file.header(part);
-  if (file.parts() < 2 || !header.hasName() || channel.starts_with(header.name() + ".")) return channel;
-  return header.name() + "." + channel;
-}
-
-}  // namespace
-
-namespace {
 
 /// Reads the first and the last line of a part, whose chunks a file that was cut off has lost.
 void check_ends(Imf::MultiPartInputFile& file, int part, const fs::path& path) {
@@ -179,7 +130,7 @@ void check_ends(Imf::MultiPartInputFile& file, int part, const fs::path& path) {
 }  // namespace
 
 ExrInfo read_exr_info(const fs::path& path) {
-  Imf::MultiPartInputFile file = open(path);
+  Imf::MultiPartInputFile file = open_exr(path);
   ExrInfo info;
   for (int part = 0; part < file.parts(); ++part) {
     const Imf::Header& header = file.header(part);
@@ -190,55 +141,98 @@ ExrInfo read_exr_info(const fs::path& path) {
     info.height = info.display.height();
     info.compression = compression_name(header.compression());
     for (auto c = header.channels().begin(); c != header.channels().end(); ++c)
-      info.channels.push_back({prefixed(file, part, c.name()), pixel_type_name(c.channel().type)});
+      info.channels.push_back({channel_name_in_frame(file, part, c.name()), pixel_type_name(c.channel().type),
+                               window_of(header.dataWindow())});
     info.header.merge(attributes(header));
   }
   return info;
 }
 
+namespace {
+
+/// What is read of one part: planes over its data window, by their names in the frame.
+struct Part {
+  PixelWindow data;
+  std::map<std::string, Plane> planes;
+};
+
+struct Subsampled {
+  Plane plane;
+  int step_x, step_y;
+};
+
+/// Red, green and blue in place of the luminance and chroma of a layer ("LAYER." or empty).
+void replace_chroma(std::map<std::string, Plane>& planes, const std::string& layer,
+                    const std::array<float, 3>& weights) {
+  const auto take = [&](const char* channel) { return std::move(planes.extract(layer + channel).mapped()); };
+  std::array<Plane, 3> rgb = rgb_from_luminance_chroma({take("Y"), take("RY"), take("BY")}, weights);
+  for (size_t c = 0; c < 3; ++c) planes.insert_or_assign(layer + "RGB"[c], std::move(rgb[c]));
+}
+
+/// @param bytes  of all planes so far, added to
+Part read_part(Imf::MultiPartInputFile& file, int index, const fs::path& path,
+               const std::function<bool(const std::string&)>& wanted, double& bytes) {
+  const Imf::Header& header = file.header(index);
+  Part part{window_of(header.dataWindow()), {}};
+  const auto name_of = [&](const std::string& channel) { return channel_name_in_frame(file, index, channel); };
+  const auto is_wanted = [&](const std::string& channel) { return !wanted || wanted(name_of(channel)); };
+  const std::optional<std::string> chroma = chroma_layer(header.channels());
+  const bool colours = chroma && (is_wanted(*chroma + "R") || is_wanted(*chroma + "G") || is_wanted(*chroma + "B"));
+  std::map<std::string, Subsampled> subsampled;
+  Imf::FrameBuffer frame;
+  for (auto c = header.channels().begin(); c != header.channels().end(); ++c) {
+    const std::string channel = c.name(), name = name_of(channel);
+    const bool of_chroma =
+        chroma && (channel == *chroma + "Y" || channel == *chroma + "RY" || channel == *chroma + "BY");
+    if (of_chroma ? !colours : !is_wanted(channel)) continue;
+    if (name.starts_with("state.") && c.channel().type == Imf::UINT) continue;  // large, and for read_exr_state() alone
+    const int step_x = c.channel().xSampling, step_y = c.channel().ySampling;
+    const auto size = part.data.hi - part.data.lo;
+    bytes += 4.0 * size.x * size.y;
+    check_exr_memory(path, bytes);
+    Plane* plane;
+    if (step_x == 1 && step_y == 1) {
+      plane = &part.planes.try_emplace(name, size.x, size.y).first->second;
+    } else {
+      Subsampled coarse{Plane((size.x + step_x - 1) / step_x, (size.y + step_y - 1) / step_y), step_x, step_y};
+      plane = &subsampled.insert_or_assign(name, std::move(coarse)).first->second.plane;
+    }
+    frame.insert(channel, Imf::Slice::Make(Imf::FLOAT, plane->row(0), header.dataWindow(), 4, 4 * plane->stride(),
+                                           step_x, step_y));
+  }
+  if (part.planes.empty() && subsampled.empty()) return part;
+  try {
+    Imf::InputPart input(file, index);
+    input.setFrameBuffer(frame);
+    input.readPixels(part.data.lo.y, part.data.hi.y - 1);
+  } catch (const std::exception& error) {
+    throw InputError(fmt::format("{}: truncated or damaged: {}", path.string(), error.what()));
+  }
+  for (const auto& [name, coarse] : subsampled)
+    part.planes.insert_or_assign(
+        name, upsampled(coarse.plane, part.data.width(), part.data.height(), coarse.step_x, coarse.step_y));
+  if (colours) replace_chroma(part.planes, name_of(*chroma), luminance_weights(header));
+  return part;
+}
+
+}  // namespace
+
 Layers read_exr(const fs::path& path, const std::function<bool(const std::string&)>& wanted) {
-  Imf::MultiPartInputFile file = open(path);
+  Imf::MultiPartInputFile file = open_exr(path);
   const PixelWindow display = window_of(file.header(0).displayWindow());
   std::map<std::string, Attribute> header_of_all;
-  struct Part {
-    PixelWindow data;
-    std::map<std::string, Plane> planes;
-  };
   std::vector<Part> parts;
   double bytes = 0;
   for (int index = 0; index < file.parts(); ++index) {
     const Imf::Header& header = file.header(index);
     if (header.hasType() && Imf::isDeepData(header.type()))
-      throw InputError(fmt::format("{}: holds deep pixels; brume reads flat images", path.string()));
+      throw InputError(
+          fmt::format("{}: {} holds deep pixels; brume reads flat images", path.string(), part_label(file, index)));
     if (window_of(header.displayWindow()) != display)
       throw InputError(fmt::format("{}: its parts differ in size; expected one size", path.string()));
     header_of_all.merge(attributes(header));
-
-    Part part{window_of(header.dataWindow()), {}};
-    Imf::FrameBuffer frame;
-    for (auto c = header.channels().begin(); c != header.channels().end(); ++c) {
-      const std::string name = prefixed(file, index, c.name());
-      if (wanted && !wanted(name)) continue;
-      if (c.channel().xSampling != 1 || c.channel().ySampling != 1)
-        throw InputError(
-            fmt::format("{}: channel {} is subsampled; brume reads full resolution only", path.string(), name));
-      if (name.starts_with("state.") && c.channel().type == Imf::UINT) {
-        continue;  // large, and for read_exr_state() alone
-      }
-      bytes += 4.0 * part.data.width() * part.data.height();
-      check_memory(path, bytes);
-      Plane& plane = part.planes.try_emplace(name, part.data.width(), part.data.height()).first->second;
-      frame.insert(c.name(), slice(Imf::FLOAT, plane.row(0), plane.stride(), header.dataWindow()));
-    }
-    if (part.planes.empty()) continue;
-    try {
-      Imf::InputPart input(file, index);
-      input.setFrameBuffer(frame);
-      input.readPixels(part.data.lo.y, part.data.hi.y - 1);
-    } catch (const std::exception& error) {
-      throw InputError(fmt::format("{}: truncated or damaged: {}", path.string(), error.what()));
-    }
-    parts.push_back(std::move(part));
+    Part part = read_part(file, index, path, wanted, bytes);
+    if (!part.planes.empty()) parts.push_back(std::move(part));
   }
   PixelWindow data = parts.empty() ? window_of(file.header(0).dataWindow()) : parts[0].data;
   for (const Part& part : parts) data = {glm::min(data.lo, part.data.lo), glm::max(data.hi, part.data.hi)};
@@ -265,7 +259,7 @@ Layers read_exr(const fs::path& path, const std::function<bool(const std::string
 }
 
 Layers read_exr_state(const fs::path& path, const Task& task) {
-  Imf::MultiPartInputFile file = open(path);
+  Imf::MultiPartInputFile file = open_exr(path);
   const Imf::Header& header = file.header(0);
   const Imath::Box2i data = header.dataWindow();
   const PixelWindow window = window_of(data);
@@ -279,7 +273,7 @@ Layers read_exr_state(const fs::path& path, const Task& task) {
     const bool guide = std::string_view(c.name()).starts_with("guide.") && c.channel().type == Imf::FLOAT;
     if (!state && !guide) continue;
     bytes += 4.0 * layers.width() * layers.height();
-    check_memory(path, bytes);
+    check_exr_memory(path, bytes);
     if (state) {
       frame.insert(c.name(),
                    slice(Imf::UINT, layers.add_words(c.name()).data(), static_cast<size_t>(layers.width()), data));

@@ -13,6 +13,7 @@ namespace brume {
 struct ExrInfo {
   struct Channel {
     std::string name, type;
+    PixelWindow data = {};  ///< of its part
   };
   int width = 0, height = 0;  ///< of the display window
   PixelWindow data, display;  ///< the data window is the first part's
@@ -27,12 +28,14 @@ ExrInfo read_exr_info(const std::filesystem::path& path);
 /// Reads the channels that `wanted` accepts (all without it) as float, over the data window, which may be smaller than
 /// the display window (a crop) or reach beyond it (overscan): Layers::origin and Layers::display say where it lies.
 /// Several parts become one frame, their channels prefixed with the part's name where it is missing; it spans the data
-/// windows of all parts that are read, 0 where a part has no pixels.
-/// @throws InputError: missing, not an EXR, truncated, deep, subsampled, parts of different sizes
+/// windows of all parts that are read, 0 where a part has no pixels. Subsampled channels are spread over all pixels;
+/// luminance and chroma (Y, RY, BY) become R, G, B.
+/// @throws InputError: missing, not an EXR, truncated, deep, parts of different sizes
 Layers read_exr(const std::filesystem::path& path, const std::function<bool(const std::string&)>& wanted = {});
 
 /// Reads the words that Layers::words() held, over the data window, with the header and the layers `guide.*`, which are
-/// made of no samples; no words where the frame was written without. @throws InputError: missing, not an EXR, truncated; Interrupted
+/// made of no samples; no words where the frame was written without. @throws InputError: missing, not an EXR,
+/// truncated; Interrupted
 Layers read_exr_state(const std::filesystem::path& path, const Task& task = {});
 
 /// Writes float32 scan lines, ZIP, single part. The file appears whole or not at all.

@@ -25,6 +25,7 @@ class Defaults : public ::testing::Test {
   /// A frame whose layers hold a slope.
   std::string frame(const std::string& name, const std::vector<LayerName>& layers) {
     Layers frame(20, 16);
+    frame.header["software"] = std::string("brume");  // which other renderers' frames are not
     for (const LayerName& l : layers)
       for (const std::string& channel : l.channel_names()) {
         Plane& plane = frame.add(channel);
@@ -205,14 +206,12 @@ TEST_F(Defaults, EveryLineOnStderrHasOnePrefix) {
 }
 
 TEST_F(Defaults, ARemarkIsMadeOnceForAllFrames) {
-  for (const int number : {1, 2, 3}) {
+  for (const int number : {1, 2}) {
     Layers layers(12, 10);
     for (const char* channel : {"R", "G", "B"}) layers.add(std::string("Layer.Combined.") + channel, 0.5f);
-    layers.add_rgb(layer::flash);
     write_exr(folder_ / ("shot." + std::to_string(number) + ".exr"), layers);
   }
-  const auto r = run_brume("denoise " + path("shot.2.exr") +
-                           " -f virtual_flash:guide=signal --noise spatial --extra-frames 1 -o " + path("out.exr"));
+  const auto r = run_brume("compare " + path("shot.1.exr") + " " + path("shot.2.exr"));
   ASSERT_EQ(r.status, 0) << r.err;
   const std::string remark = "read as Blender Cycles multilayer 'Layer'";
   const size_t first = r.err.find(remark);

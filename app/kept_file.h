@@ -1,0 +1,58 @@
+#pragma once
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "app/command.h"
+#include "filters/clean_picture.h"
+
+namespace brume::app {
+
+/// How a file is given back as it came: --keep-file, --suffix, --map, --samples, --guides.
+struct KeepOptions {
+  bool keep = false;
+  std::string suffix, map, guides;
+  int samples = 0;
+
+  void add_to(CLI::App& command);
+  bool asked() const { return keep || !suffix.empty() || !map.empty(); }
+};
+
+/// The pictures that a mapping file names in an EXR. @throws InputError with the line underlined
+std::vector<ForeignFrame> read_map(const std::string& path, const ExrInfo& file);
+
+/// A file that is cleaned where it stands: everything in it is kept, what is cleaned is replaced or stands beside.
+class KeptFile {
+ public:
+  /// Nothing for a file that is to be written as brume writes its own. @throws InputError
+  static std::optional<KeptFile> open(const std::string& path, const KeepOptions& options);
+
+  /// The frame, of one pixel, that filters will be given for the signal of which the file says least.
+  Layers outline() const;
+
+  /// Cleans all pictures and writes the file again.
+  /// @param others  files of the sequence, by their distance, and their records
+  /// @param preview  where to leave the first picture, clean, as R, G, B; null: nobody wants it
+  void clean(const Common& common, const FilterSettings& filter, const ApplyOptions& options,
+             const std::map<int, std::string>& others, const std::map<int, RecordReader*>& records,
+             const std::string& output, Layers* preview) const;
+
+ private:
+  KeptFile(std::string path, ExrInfo info, KeepOptions options, std::vector<ForeignFrame> pictures)
+      : path_(std::move(path)), info_(std::move(info)), options_(std::move(options)), pictures_(std::move(pictures)) {}
+  /// A frame of one pixel with the file's channels.
+  Layers channel_names() const;
+  /// One line on what was done with a picture.
+  std::string told(const ForeignFrame& picture, const FilterSettings& filter, const CleanPicture& result) const;
+
+  std::string path_;
+  ExrInfo info_;
+  KeepOptions options_;
+  std::vector<ForeignFrame> pictures_;
+};
+
+/// "ViewLayer.Combined_clean.R" for "ViewLayer.Combined.R" and "_clean"; "clean.R" for "R".
+std::string channel_beside(const std::string& channel, const std::string& suffix);
+
+}  // namespace brume::app

@@ -1,0 +1,41 @@
+#pragma once
+#include <ImfFrameBuffer.h>
+#include <ImfHeader.h>
+#include <ImfMultiPartInputFile.h>
+
+#include <filesystem>
+#include <map>
+#include <string>
+
+#include "image/layers.h"
+
+// What the files that know OpenEXR share.
+
+namespace brume {
+
+/// Opens a file of flat pixels, or of deep ones. @throws InputError: missing, a folder, not an EXR
+Imf::MultiPartInputFile open_exr(const std::filesystem::path& path);
+
+/// Refuses what a header asks for and this machine does not have. @throws InputError
+void check_exr_memory(const std::filesystem::path& path, double bytes);
+
+/// "part 'depth'" where a file has several, "its only part" otherwise.
+std::string part_label(const Imf::MultiPartInputFile& file, int part);
+
+/// A channel's name in a frame: in files of several parts it begins with the part's name.
+std::string channel_name_in_frame(const Imf::MultiPartInputFile& file, int part, const std::string& channel);
+
+/// Adds an attribute, or replaces one of that name.
+void insert_attribute(Imf::Header& header, const std::string& name, const Attribute& value);
+
+Imath::Box2i box_of(const PixelWindow& w);
+PixelWindow window_of(const Imath::Box2i& b);
+
+/// The layer's name with its dot where a part holds a picture as luminance and chroma: its channels are Y, RY and BY,
+/// and a frame is given R, G and B in their place.
+std::optional<std::string> chroma_layer(const Imf::ChannelList& channels);
+
+/// Luminance of red, green and blue in the file's colour space.
+std::array<float, 3> luminance_weights(const Imf::Header& header);
+
+}  // namespace brume

@@ -1,0 +1,564 @@
+// Frames of other renderers through the program: the file that comes back is compared with the one that went in.
+
+#include "tests/support/frames.h"
+
+#include <ImfChannelList.h>
+#include <ImfKeyCodeAttribute.h>
+#include <ImfStringAttribute.h>
+#include <gtest/gtest.h>
+
+#include <bit>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <limits>
+#include <nlohmann/json.hpp>
+#include <sstream>
+
+#include "image/exr_copy.h"
+#include "image/exr_io.h"
+#include "tests/support/exr_files.h"
+#include "tests/support/files.h"
+
+namespace brume {
+namespace {
+
+using test::channels_of;
+using test::ExrPart;
+using test::run_brume;
+
+constexpr int kWidth = 30, kHeight = 22;
+
+bool holds(const std::string& text, const std::string& part) {
+  return text.find(part) != std::string::npos;
+}
+
+/// A smooth picture of its own for each channel, with the noise of a renderer.
+double truth(const std::string& channel, int x, int y) {
+  return 1 + 0.2 * std::sin(0.1 * x + 0.07 * y + static_cast<double>(std::hash<std::string>()(channel) % 7));
+}
+double noisy(const std::string& channel, int x, int y) {
+  return std::max(0.0, truth(channel, x, y) + 0.1 * test::normal(x, y, std::hash<std::string>()(channel)));
+}
+
+/// Channels in groups of one layer and type: "V.Combined:RGBA".
+Imf::Header header_of(const std::vector<std::string>& layers, Imf::PixelType type) {
+  Imf::Header header = test::exr_header(kWidth, kHeight);
+  header.compression() = Imf::ZIP_COMPRESSION;
+  for (const std::string& text : layers) {
+    const size_t colon = text.rfind(':');
+    test::add_channels(header, channels_of(text.substr(0, colon), text.substr(colon + 1)), type);
+  }
+  return header;
+}
+
+class Frames : public testing::Test {
+ protected:
+  std::string path(const std::string& name) const { return (folder_ / name).string(); }
+  void write(const std::vector<ExrPart>& parts) { test::write_exr_file(in, parts); }
+  /// Cleans `in` to `out`. @return what was said
+  std::string denoise(const std::string& options = "-f bilateral") {
+    const auto r = run_brume("denoise " + in + " -o " + out + " " + options);
+    EXPECT_EQ(r.status, 0) << r.err;
+    return r.err;
+  }
+  std::string refused(const std::string& options = "-f bilateral") {
+    const auto r = run_brume("denoise " + in + " -o " + out + " " + options);
+    EXPECT_EQ(r.status, 2) << r.err;
+    EXPECT_FALSE(std::filesystem::exists(out));
+    EXPECT_FALSE(std::filesystem::exists(out + ".part"));
+    return r.err;
+  }
+  /// Everything is as it was but these layers of colours, and what says so in the header.
+  void expect_kept_but(const std::vector<std::string>& layers, const std::string& letters = "RGB") {
+    EXPECT_EQ(test::exr_channels(in), test::exr_channels(out));
+    for (const std::string& name : test::differing(test::exr_attributes(in), test::exr_attributes(out)))
+      EXPECT_TRUE(holds(name, "/brume.")) << name;
+    std::set<std::string> changed;
+    for (const std::string& layer : layers)
+      for (const std::string& name : channels_of(layer, letters)) changed.insert("/" + name + "/0,0");
+    EXPECT_EQ(test::differing(test::exr_bits(in), test::exr_bits(out)), changed);
+  }
+
+  test::TemporaryFolder folder_;
+  std::string in = path("shot.exr"), out = path("clean.exr");
+};
+
+double error(const Layers& frame, const std::string& channel) {
+  double sum = 0;
+  for (int y = 0; y < frame.height(); ++y)
+    for (int x = 0; x < frame.width(); ++x)
+      sum += std::pow(static_cast<double>(frame.at(channel)(x, y)) - truth(channel, x, y), 2);
+  return std::sqrt(sum / (frame.width() * frame.height()));
+}
+
+Imf::Header cycles_header(Imf::PixelType type) {
+  Imf::Header header =
+      header_of({"My Layer.Combined:RGBA", "My Layer.VolumeDir:RGB", "My Layer.VolumeInd:RGB", "My Layer.Env:RGB",
+                 "My Layer.Emit:RGB", "My Layer.Denoising Albedo:RGB", "My Layer.Shadow:RGB"},
+                type);
+  test::add_channels(header, channels_of("My Layer.CryptoObject00", "rgba"), Imf::FLOAT);
+  test::add_channels(header, channels_of("My Layer.Vector", "XYZW"), Imf::FLOAT);
+  test::add_channels(header, {"My Layer.Depth.Z"}, Imf::FLOAT);
+  test::add_channels(header, {"My Layer.IndexOB.X"}, Imf::UINT);
+  header.insert("cycles.My Layer.samples", Imf::StringAttribute("8"));
+  header.insert("key", Imf::KeyCodeAttribute(Imf::KeyCode(1, 2, 3, 4, 5)));
+  return header;
+}
+
+double cycles_value(const std::string& channel, int x, int y) {
+  const char c = channel.back();
+  if (holds(channel, ".Emit.")) return 0;
+  if (!holds(channel, ".Combined.") || c == 'A') return noisy(channel, x, y);
+  double sum = 0;
+  for (const char* pass : {"VolumeDir", "VolumeInd", "Env"})
+    sum += noisy(std::string("My Layer.") + pass + "." + c, x, y);
+  return sum;
+}
+
+// The sum of the passes as they are stored, in the order that the header states, is the picture to the last bit.
+void expect_sum(const std::string& path, bool half) {
+  const Layers frame = read_exr(path);
+  for (const char c : {'R', 'G', 'B'}) {
+    const auto pass = [&](const char* name) -> const Plane& {
+      return frame.at(std::string("My Layer.") + name + "." + c);
+    };
+    Plane sum(frame.width(), frame.height());
+    for (int y = 0; y < frame.height(); ++y)
+      for (int x = 0; x < frame.width(); ++x)
+        sum(x, y) = ((pass("VolumeDir")(x, y) + pass("VolumeInd")(x, y)) + pass("Env")(x, y)) + pass("Emit")(x, y);
+    if (half) round_to_half(sum);
+    size_t differing = 0;
+    for (int y = 0; y < frame.height(); ++y)
+      for (int x = 0; x < frame.width(); ++x)
+        differing += std::bit_cast<uint32_t>(sum(x, y)) != std::bit_cast<uint32_t>(pass("Combined")(x, y));
+    EXPECT_EQ(differing, 0u) << c;
+  }
+}
+
+TEST_F(Frames, ACyclesFrameComesBackWithItsPassesCleanAndTheirSumExact) {
+  for (const Imf::PixelType type : {Imf::HALF, Imf::FLOAT}) {
+    write({{cycles_header(type), cycles_value}});
+    const std::string said = denoise();
+    expect_kept_but({"My Layer.Combined", "My Layer.VolumeDir", "My Layer.VolumeInd", "My Layer.Env"});
+    expect_sum(out, type == Imf::HALF);
+    EXPECT_TRUE(holds(said,
+                      "Blender Cycles multilayer 'My Layer': cleaned VolumeDir, VolumeInd, Env with bilateral, "
+                      "Combined = VolumeDir + VolumeInd + Env + Emit"))
+        << said;
+    EXPECT_TRUE(holds(said, "no variance in the file for VolumeDir, VolumeInd, Env: estimated")) << said;
+    const Layers before = read_exr(in), after = read_exr(out);
+    for (const char* channel : {"My Layer.VolumeDir.R", "My Layer.VolumeInd.G", "My Layer.Env.B"})
+      EXPECT_LT(error(after, channel), 0.6 * error(before, channel)) << channel;
+    EXPECT_EQ(after.text("brume.filter"), "bilateral");
+    EXPECT_EQ(after.text("brume.sum"), "Combined = VolumeDir + VolumeInd + Env + Emit");
+  }
+}
+
+TEST_F(Frames, WithoutAFilterItTakesTheBestThatTheFileAllows) {
+  write({{cycles_header(Imf::FLOAT), cycles_value}});
+  EXPECT_TRUE(holds(denoise(""), "Env with sbf"));
+  expect_sum(out, false);
+}
+
+TEST_F(Frames, TheExposureIsTheFiltersAndThePictures) {
+  write({{cycles_header(Imf::FLOAT), cycles_value}});
+  denoise("-f bilateral --exposure 2");
+  EXPECT_EQ(read_exr(out).number("brume.filterExposure"), 2.0);
+  denoise("-f bilateral --exposure auto --png " + path("p.png"));
+  EXPECT_NEAR(read_exr(out).number("brume.filterExposure").value_or(0), 1 / 3.6, 0.05);
+}
+
+TEST_F(Frames, OnlyIndirectPassesWhereThatIsAsked) {
+  write({{cycles_header(Imf::FLOAT), cycles_value}});
+  denoise("-f bilateral --component indirect");
+  expect_kept_but({"My Layer.Combined", "My Layer.VolumeInd"});
+  expect_sum(out, false);
+}
+
+TEST_F(Frames, WhatThePassesLeaveIsCleanedToo) {
+  const auto value = [](const std::string& channel, int x, int y) {
+    return cycles_value(channel, x, y) + (holds(channel, ".Combined.") ? noisy(channel, x, y) : 0);
+  };
+  write({{cycles_header(Imf::FLOAT), value}});
+  const std::string said = denoise();
+  EXPECT_TRUE(holds(said, "the passes do not make up the whole of Combined")) << said;
+  EXPECT_TRUE(holds(said, "+ Emit + the rest")) << said;
+  const Layers before = read_exr(in), after = read_exr(out);
+  double light = 0, kept = 0;
+  for (int y = 0; y < kHeight; ++y)
+    for (int x = 0; x < kWidth; ++x) {
+      light += static_cast<double>(before.at("My Layer.Combined.R")(x, y));
+      kept += static_cast<double>(after.at("My Layer.Combined.R")(x, y));
+    }
+  EXPECT_NEAR(kept / light, 1.0, 0.02);
+}
+
+TEST_F(Frames, SurfacePassesAreMultipliedByTheirColour) {
+  Imf::Header header =
+      header_of({"V.Combined:RGB", "V.DiffDir:RGB", "V.DiffInd:RGB", "V.DiffCol:RGB", "V.VolumeDir:RGB"}, Imf::FLOAT);
+  const auto value = [](const std::string& channel, int x, int y) -> double {
+    const std::string c(1, channel.back());
+    const auto stored = [&](const std::string& pass) { return static_cast<float>(noisy("V." + pass + "." + c, x, y)); };
+    if (!holds(channel, "Combined")) return noisy(channel, x, y);
+    return static_cast<double>((stored("DiffDir") + stored("DiffInd")) * stored("DiffCol") + stored("VolumeDir"));
+  };
+  write({{header, value}});
+  EXPECT_TRUE(holds(denoise(), "Combined = (DiffDir + DiffInd) * DiffCol + VolumeDir"));
+  expect_kept_but({"V.Combined", "V.DiffDir", "V.DiffInd", "V.VolumeDir"});
+  const Layers frame = read_exr(out);
+  const auto at = [&](const char* pass) { return frame.at(std::string("V.") + pass + ".G")(7, 5); };
+  EXPECT_EQ(at("Combined"), (at("DiffDir") + at("DiffInd")) * at("DiffCol") + at("VolumeDir"));
+}
+
+TEST_F(Frames, CleanLayersMayStandBesideTheNoisy) {
+  write({{cycles_header(Imf::HALF), cycles_value}});
+  denoise("-f bilateral --suffix _clean");
+  const auto before = test::exr_bits(in), after = test::exr_bits(out);
+  std::set<std::string> added;
+  for (const char* pass : {"Combined", "VolumeDir", "VolumeInd", "Env"})
+    for (const std::string& name : channels_of(std::string("My Layer.") + pass + "_clean"))
+      added.insert("/" + name + "/0,0");
+  EXPECT_EQ(test::differing(before, after), added);
+  const auto again = run_brume("denoise " + out + " -o " + path("again.exr") + " -f bilateral --suffix _clean");
+  EXPECT_EQ(again.status, 2);
+  EXPECT_TRUE(holds(again.err, "take another suffix")) << again.err;
+  write({{header_of({":RGB"}, Imf::FLOAT), noisy}});
+  denoise("-f bilateral --suffix _clean");
+  EXPECT_NE(read_exr(out).find("clean.R"), nullptr) << "no layer's name begins with an underline";
+}
+
+TEST_F(Frames, EveryViewLayerIsCleaned) {
+  Imf::Header header = header_of({"fog.Combined:RGBA", "set.Combined:RGBA"}, Imf::FLOAT);
+  write({{header, noisy}});
+  const std::string said = denoise();
+  expect_kept_but({"fog.Combined", "set.Combined"});
+  EXPECT_TRUE(holds(said, "'fog'") && holds(said, "'set'")) << said;
+}
+
+TEST_F(Frames, PbrtsFilmIsCleanedByItsOwnVariance) {
+  Imf::Header header = header_of(
+      {":RGB", "Albedo:RGB", "Ns:XYZ", "N:XYZ", "P:XYZ", "Variance:RGB", "RelativeVariance:RGB", "dzdx:Y"}, Imf::HALF);
+  const auto value = [](const std::string& channel, int x, int y) {
+    return holds(channel, "Variance") ? 0.16 : noisy(channel, x, y);  // 16 samples of standard deviation 0.4
+  };
+  write({{header, value}});
+  const std::string guessed = denoise("-f sbf");
+  EXPECT_TRUE(holds(guessed, "the variance of the samples of RGB cannot be used")) << guessed;
+  EXPECT_TRUE(holds(guessed, "no variance in the file for RGB: estimated")) << guessed;
+  EXPECT_TRUE(holds(guessed, "16 bits")) << guessed;
+  const std::string said = denoise("-f sbf --samples 16");
+  EXPECT_FALSE(holds(said, "estimated")) << said;
+  expect_kept_but({""});
+  EXPECT_LT(error(read_exr(out), "G"), 0.7 * error(read_exr(in), "G"));
+}
+
+// As pbrt-v4 does where no sample of a pixel meets a surface.
+TEST_F(Frames, PixelsWithLightAndNoVarianceGetAnEstimate) {
+  Imf::Header header =
+      header_of({":RGB", "Albedo:RGB", "Ns:XYZ", "P:XYZ", "Variance:RGB", "RelativeVariance:RGB"}, Imf::FLOAT);
+  const auto value = [](const std::string& channel, int x, int y) {
+    return holds(channel, "Variance") ? (x < kWidth / 2 ? 0.16 : 0.0) : noisy(channel, x, y);
+  };
+  write({{header, value}});
+  const std::string said = denoise("-f sbf --samples 16");
+  EXPECT_TRUE(holds(said, "50 % of the lit pixels of RGB have no variance")) << said;
+}
+
+TEST_F(Frames, FramesOfOtherRenderersComeBackAsTheyCame) {
+  struct Case {
+    std::vector<std::string> layers;
+    std::string renderer;
+    std::vector<std::string> cleaned;
+    std::string letters = "RGB";
+  };
+  const std::vector<Case> cases = {
+      {{":RGBA", "img:RGBA", "nn:XYZ", "dd:T", "m:XYZ", "m2_img:RGBA", "m2_m:XYZ"}, "Mitsuba 3", {"", "img"}},
+      {{"Ci:rgba", "mse:rgb", "albedo:rgb", "albedo_mse:rgb", "normal:xyz", "normal_var:xyz", "sampleCount:r",
+        "CryptoMaterial00:rgba"},
+       "RenderMan",
+       {"Ci"},
+       "rgb"},
+      {{":RGBA", "variance:RGB", "denoise_albedo:RGB", "N:XYZ", "Z:Z", "sss:RGB"}, "Arnold", {""}},
+      {{":RGB", "albedo:RGB", "normal:XYZ"}, "a frame of colours", {""}},
+      {{"beauty:rgb", "alb:rgb", "nrm:xyz", "uv:xy", "motion:xy"}, "a frame of colours 'beauty'", {"beauty"}, "rgb"},
+  };
+  for (const Case& c : cases)
+    for (const Imf::PixelType type : {Imf::HALF, Imf::FLOAT}) {
+      write({{header_of(c.layers, type), noisy}});
+      EXPECT_TRUE(holds(denoise("-f bilateral"), "brume: " + c.renderer)) << c.renderer;
+      expect_kept_but(c.cleaned, c.letters);
+    }
+}
+
+TEST_F(Frames, VarianceOfUnstatedLevelIsGivenThePicturesOwn) {
+  Imf::Header header = header_of({":RGBA", "variance:RGB", "denoise_albedo:RGB"}, Imf::FLOAT);
+  const auto value = [](const std::string& channel, int x, int y) {
+    return holds(channel, "variance") ? 0.01 * 64 : noisy(channel, x, y);  // of 64 samples each
+  };
+  write({{header, value}});
+  const std::string said = denoise("-f sbf");
+  const size_t at = said.find("(times ");
+  ASSERT_NE(at, std::string::npos) << said;
+  EXPECT_NEAR(std::stod(said.substr(at + 7)), 1.0 / 64, 0.3 / 64) << said;
+}
+
+TEST_F(Frames, PartsTilesAndLevelsComeBack) {
+  std::vector<ExrPart> parts;
+  for (const std::string name : {"rgba", "albedo", "crypto"}) {
+    Imf::Header header = test::exr_header(kWidth, kHeight);
+    header.setName(name);
+    test::add_channels(header, channels_of("", name == "crypto" ? "rgba" : "RGB"),
+                       name == "rgba" ? Imf::HALF : Imf::FLOAT);
+    if (name == "rgba") header.setTileDescription(Imf::TileDescription(16, 16, Imf::MIPMAP_LEVELS, Imf::ROUND_UP));
+    if (name == "crypto") header.dataWindow() = Imath::Box2i(Imath::V2i(3, 4), Imath::V2i(9, 11));
+    if (name == "albedo") header.dataWindow() = Imath::Box2i(Imath::V2i(-5, 2), Imath::V2i(40, 30));
+    parts.push_back({header, noisy});
+  }
+  write(parts);
+  denoise("-f sbf");
+  EXPECT_EQ(test::exr_channels(in), test::exr_channels(out));
+  const auto brightness = [&](const std::string& path) {
+    return read_exr(path, [](const std::string& name) { return name == "rgba.G"; }).at("rgba.G")(0, 0);
+  };
+  EXPECT_NEAR(brightness(out), brightness(in), 0.3f) << "no black comes in from the wider part of the albedo";
+  for (const std::string& name : test::differing(test::exr_attributes(in), test::exr_attributes(out)))
+    EXPECT_TRUE(holds(name, "rgba/brume.")) << name;
+  std::set<std::string> changed;
+  for (const char* channel : {"R", "G", "B"})
+    for (const char* level : {"0,0", "1,1", "2,2", "3,3", "4,4", "5,5"})
+      changed.insert(std::string("rgba/") + channel + "/" + level);
+  EXPECT_EQ(test::differing(test::exr_bits(in), test::exr_bits(out)), changed);
+}
+
+TEST_F(Frames, LuminanceAndChromaAreCleaned) {
+  Imf::Header header = test::exr_header(kWidth, kHeight);
+  header.channels().insert("Y", Imf::Channel(Imf::HALF));
+  header.channels().insert("RY", Imf::Channel(Imf::HALF, 2, 2));
+  header.channels().insert("BY", Imf::Channel(Imf::HALF, 2, 2));
+  write({{header, [](const std::string& c, int x, int y) { return c == "Y" ? noisy(c, x, y) : 0.25; }}});
+  denoise();
+  EXPECT_EQ(test::exr_channels(in), test::exr_channels(out));
+  const auto bits = test::exr_bits(out);
+  double before = 0, after = 0;
+  const auto noisy_bits = test::exr_bits(in);
+  for (int i = 0; i < kWidth * kHeight; ++i) {
+    const auto value = [&](const std::map<std::string, test::ExrBits>& all) {
+      half h;
+      h.setBits(static_cast<uint16_t>(all.at("/Y/0,0")[static_cast<size_t>(i)]));
+      return static_cast<double>(static_cast<float>(h));
+    };
+    before += std::pow(value(noisy_bits) - truth("Y", i % kWidth, i / kWidth), 2);
+    after += std::pow(value(bits) - truth("Y", i % kWidth, i / kWidth), 2);
+  }
+  EXPECT_LT(after, 0.5 * before);
+  for (const uint32_t v : bits.at("/RY/0,0")) {
+    half h;
+    h.setBits(static_cast<uint16_t>(v));
+    EXPECT_NEAR(static_cast<float>(h), 0.25f, 2e-3f);
+  }
+}
+
+TEST_F(Frames, ADataWindowUnlikeTheDisplayWindowIsKept) {
+  Imf::Header header = header_of({":RGB", "albedo:RGB"}, Imf::HALF);
+  header.dataWindow() = Imath::Box2i(Imath::V2i(-4, 3), Imath::V2i(12, 40));
+  write({{header, noisy}});
+  denoise("-f bilateral --png " + path("p.png"));
+  expect_kept_but({""});
+}
+
+TEST_F(Frames, NotANumberIsCountedAndNotSmeared) {
+  Imf::Header header = cycles_header(Imf::FLOAT);
+  const auto value = [](const std::string& channel, int x, int y) {
+    const bool bad = x == 9 && y == 9 && (holds(channel, ".VolumeInd.") || holds(channel, ".Combined."));
+    return bad ? std::numeric_limits<double>::quiet_NaN() : cycles_value(channel, x, y);
+  };
+  write({{header, value}});
+  const std::string said = denoise("-f sbf");
+  EXPECT_TRUE(holds(said, "note: VolumeInd: 1 pixels were NaN or infinite")) << said;
+  const Layers clean = read_exr(out);
+  for (const char* layer : {"Combined", "VolumeInd"})
+    EXPECT_EQ(count_not_finite(clean.at(std::string("My Layer.") + layer + ".R")), 0u) << layer;
+  expect_sum(out, false);
+}
+
+TEST_F(Frames, TwoCandidatesAreListedAndAMapDecides) {
+  write({{header_of({":RGB", "albedo:RGB", "diffuse_albedo:RGB"}, Imf::FLOAT), noisy}});
+  EXPECT_TRUE(holds(refused(), "the albedo could be any of albedo, diffuse_albedo; say which in a mapping file"));
+  test::write_file(path("layers.toml"), "color = \"\"\nalbedo = \"diffuse_albedo\"\n");
+  denoise("-f bilateral --map " + path("layers.toml"));
+  expect_kept_but({""});
+}
+
+TEST_F(Frames, AMapNamesPassesVarianceAndSamples) {
+  write({{header_of({"look.dev:RGB", "fog:rgb", "fog noise:rgb", "rest of it:RGB", "cnt:Y", "odd:RGB", "even:RGB"},
+                    Imf::FLOAT),
+          [](const std::string& channel, int x, int y) {
+            if (channel == "cnt.Y") return 4.0;
+            if (!holds(channel, "look.dev")) return noisy(channel, x, y);
+            const char c = channel.back();
+            return noisy(std::string("fog.") + static_cast<char>(std::tolower(c)), x, y) +
+                   noisy(std::string("rest of it.") + c, x, y);
+          }}});
+  test::write_file(
+      path("layers.toml"),
+      "renderer = \"House\"\ncolor = [\"look.dev.R\", \"look.dev.G\", \"look.dev.B\"]\nsample_count = \"cnt\"\n"
+      "halves = [\"odd\", \"even\"]\n"
+      "[[passes]]\nlayer = \"fog\"\nvariance = \"fog noise\"\nvariance_is = \"samples\"\nindirect = true\n"
+      "[[passes]]\nlayer = \"rest of it\"\n");
+  const std::string said = denoise("-f sbf --map " + path("layers.toml"));
+  EXPECT_TRUE(holds(said, "House: cleaned fog, rest of it with sbf, dev = fog + rest of it")) << said;
+  EXPECT_TRUE(holds(said, "no variance in the file for rest of it: estimated")) << said;
+}
+
+TEST_F(Frames, AMapsMistakesAreUnderlined) {
+  Imf::Header header = header_of({":RGB", "albedo:RGB", "CryptoObject00:RGB"}, Imf::FLOAT);
+  test::add_channels(header, channels_of("id"), Imf::UINT);
+  write({{header, noisy}});
+  const std::pair<std::string, std::string> mistakes[] = {
+      {"color = \"\"\nalbdo = \"albedo\"\n", "unknown key 'albdo'; did you mean 'albedo'?"},
+      {"color = \"\"\nalbedo = \"albeda\"\n",
+       "the file has no layer 'albeda' of three channels R G B or X Y Z; did you mean "
+       "'albedo'?"},
+      {"color = [\"R\", \"G\", \"b\"]\n", "the file has no channel 'b'"},
+      {"color = \"CryptoObject00\"\n", "holds identities, which are never filtered"},
+      {"color = \"id\"\n", "holds identities, which are never filtered"},
+      {"albedo = \"albedo\"\n", "the map has no 'color'"},
+      {"color = \"\"\nsamples = 0\n", "'samples' is out of range"},
+      {"color = \"\"\nvariance = \"albedo\"\nvariance_is = \"men\"\n",
+       "'variance_is' cannot be 'men'; did you mean 'mean'?"},
+      {"color = \"\"\nvariance_is = \"mean\"\n", "'variance_is' stands without 'variance'"},
+      {"color = \"\"\nhalves = [\"albedo\"]\n", "'halves' are not two"},
+      {"color = \"\"\n[[passes]]\nindirect = true\n", "a pass has no 'layer'"},
+      {"color = \"\"\n[[passes]]\nlayer = \"\"\n", "a pass is the picture itself"},
+      {"color = \"\"\n[[passes]]\nlayer = \"albedo\"\n[[passes]]\nlayer = \"albedo\"\n", "a pass is named twice"},
+      {"color = \"\n", "layers.toml"},
+  };
+  for (const auto& [map, message] : mistakes) {
+    test::write_file(path("layers.toml"), map);
+    const std::string said = refused("-f bilateral --map " + path("layers.toml"));
+    EXPECT_TRUE(holds(said, message)) << said;
+    EXPECT_TRUE(holds(said, "layers.toml")) << said;
+  }
+  EXPECT_TRUE(holds(refused("--map " + path("none.toml")), "none.toml: no such file"));
+}
+
+TEST_F(Frames, DamagedFilesAreRefused) {
+  test::write_file(in, "");
+  EXPECT_TRUE(holds(refused(), "is empty, 0 bytes"));
+  write({{cycles_header(Imf::FLOAT), cycles_value}});
+  const std::string bytes = test::read_file(in);
+  for (const size_t size : {bytes.size() / 10, bytes.size() / 2, bytes.size() - 5}) {
+    test::write_file(in, bytes.substr(0, size));
+    const std::string said = refused();
+    EXPECT_TRUE(holds(said, "shot.exr")) << said;
+  }
+}
+
+TEST_F(Frames, TheInputIsNeverWrittenOver) {
+  write({{cycles_header(Imf::FLOAT), cycles_value}});
+  const std::string bytes = test::read_file(in);
+  const auto r = run_brume("denoise " + in + " -o " + in + " -f bilateral");
+  EXPECT_EQ(r.status, 2);
+  EXPECT_TRUE(holds(r.err, "would be destroyed")) << r.err;
+  EXPECT_EQ(test::read_file(in), bytes);
+}
+
+TEST_F(Frames, WholeNumbersAreNoLight) {
+  write({{header_of({":RGB"}, Imf::UINT), [](const std::string&, int, int) { return 3.0; }}});
+  EXPECT_TRUE(holds(refused(), "channel B holds whole numbers"));
+}
+
+TEST_F(Frames, BrumesOwnFramesAreKeptWhereAsked) {
+  write_exr(in, test::noisy_frame(kWidth, kHeight, 3));
+  denoise("-f bilateral");
+  EXPECT_EQ(read_exr(out).find("gradient.X"), nullptr) << "as ever";
+  const std::string said = denoise("-f bilateral --keep-file");
+  expect_kept_but({"", "direct", "indirect"});
+  EXPECT_TRUE(holds(said, "RGB = direct + indirect")) << said;
+  EXPECT_FALSE(holds(said, "no variance in the file for direct, indirect")) << said;
+  const Layers frame = read_exr(out);
+  EXPECT_EQ(frame.at("R")(4, 4), frame.at("direct.R")(4, 4) + frame.at("indirect.R")(4, 4));
+}
+
+TEST_F(Frames, SequencesAreCleanedFrameByFrame) {
+  for (const int number : {1, 2, 3}) {
+    Imf::Header header = header_of({"V.Combined:RGBA", "V.VolumeDir:RGB", "flash:RGB"}, Imf::FLOAT);
+    test::write_exr_file(path("shot.000" + std::to_string(number) + ".exr"), {{header, noisy}});
+  }
+  in = path("shot.0002.exr");
+  denoise("-f virtual_flash:guide=signal --noise spatial --extra-frames 1");
+  expect_kept_but({"V.Combined", "V.VolumeDir"});
+  test::write_exr_file(path("shot.0003.exr"), {{header_of({"W.Combined:RGBA", "flash:RGB"}, Imf::FLOAT), noisy}});
+  std::filesystem::remove(out);
+  EXPECT_TRUE(holds(refused("-f virtual_flash:guide=signal --noise spatial --extra-frames 1"),
+                    "shot.0003.exr: has no picture Blender Cycles multilayer 'V'"));
+}
+
+TEST_F(Frames, InfoSaysWhatIsRecognised) {
+  write({{cycles_header(Imf::FLOAT), cycles_value}});
+  const auto r = run_brume("info " + in);
+  EXPECT_TRUE(holds(r.out,
+                    "read as Blender Cycles multilayer 'My Layer': Combined; passes VolumeDir; VolumeInd; Env; "
+                    "Emit; features albedo; depth; 8 samples per pixel"))
+      << r.out;
+  const auto j = nlohmann::json::parse(run_brume("info --json " + in).out);
+  EXPECT_EQ(j["pictures"][0]["passes"][1]["name"], "VolumeInd");
+  EXPECT_EQ(j["pictures"][0]["samples"], 8.0);
+}
+
+// A real one: half and float mixed, names of more than 31 letters, layers of every kind.
+TEST_F(Frames, AFrameByCyclesWithEveryPassComesBack) {
+  const auto odd = test::shared("references/cycles/odd/allpasses_half_64.exr");
+  if (odd.empty()) GTEST_SKIP() << "no reference frames beside the project";
+  in = odd.string();
+  denoise("");
+  expect_kept_but({"My Layer.Combined", "My Layer.VolumeDir", "My Layer.VolumeInd", "My Layer.Env"});
+  expect_sum(out, true);
+}
+
+/// What a program says on stdout; its exit status must be 0.
+std::string said_by(const std::string& command) {
+  std::string text;
+  FILE* const pipe = popen(command.c_str(), "r");
+  char buffer[4096];
+  while (const size_t count = std::fread(buffer, 1, sizeof(buffer), pipe)) text.append(buffer, count);
+  EXPECT_EQ(pclose(pipe), 0) << command << "\n" << text;
+  return text;
+}
+
+// An independent reader: the same channels and attributes but ours, and no difference in what was not cleaned.
+TEST_F(Frames, OpenImageIOFindsNothingElseChanged) {
+  if (std::system("command -v oiiotool >/dev/null") != 0) GTEST_SKIP() << "oiiotool (openimageio-tools) is not there";
+  for (const Imf::PixelType type : {Imf::HALF, Imf::FLOAT}) {
+    write({{cycles_header(type), cycles_value}});
+    denoise();
+    const auto lines = [&](const std::string& path) {
+      std::istringstream all(said_by("oiiotool --info -v " + path));
+      std::set<std::string> kept;
+      for (std::string line; std::getline(all, line);)
+        if (!holds(line, path) && !holds(line, " brume.")) kept.insert(line);
+      return kept;
+    };
+    EXPECT_EQ(lines(in), lines(out));
+    std::string untouched;
+    for (const ExrInfo::Channel& c : read_exr_info(in).channels)
+      if (!holds(c.name, "Volume") && !holds(c.name, "Env") && (!holds(c.name, "Combined") || c.name.ends_with("A")))
+        untouched += (untouched.empty() ? "" : ",") + c.name;
+    const std::string chosen = " --ch \"" + untouched + "\" ";
+    EXPECT_TRUE(holds(said_by("oiiotool " + in + chosen + out + chosen + "--fail 0 --warn 0 --diff"), "PASS"));
+  }
+}
+
+TEST_F(Frames, OptionsThatMakeNoSenseAreRefused) {
+  write({{cycles_header(Imf::FLOAT), cycles_value}});
+  EXPECT_TRUE(
+      holds(refused("-f bilateral --carry direct"), "--carry: the passes of this frame are cleaned by themselves"));
+  EXPECT_TRUE(holds(refused("-f bilateral --suffix ._"), "expected letters or digits"));
+  write({{header_of({"V.Combined:RGBA"}, Imf::FLOAT), noisy}});
+  EXPECT_TRUE(
+      holds(refused("-f bilateral --component indirect"), "no pass is known to be light scattered more than once"));
+}
+
+}  // namespace
+}  // namespace brume

@@ -1,0 +1,288 @@
+// Which renderer wrote a file, and what its statistics mean: names as each renderer writes them (docs/frames.md).
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+
+#include "image/foreign.h"
+#include "tests/support/frames.h"
+
+namespace brume {
+namespace {
+
+ExrInfo file_of(const std::vector<std::string>& channels, const std::string& type = "float") {
+  ExrInfo info;
+  for (const std::string& name : channels) info.channels.push_back({name, type, {}});
+  return info;
+}
+
+std::vector<std::string> layers_of(const std::vector<std::pair<std::string, std::string>>& layers) {
+  std::vector<std::string> names;
+  for (const auto& [layer, letters] : layers)
+    for (const char letter : letters) names.push_back((layer.empty() ? "" : layer + ".") + letter);
+  return names;
+}
+
+ForeignFrame only(const ExrInfo& file) {
+  const std::vector<ForeignFrame> pictures = recognise(file);
+  EXPECT_EQ(pictures.size(), 1u);
+  return pictures.empty() ? ForeignFrame() : pictures[0];
+}
+
+std::vector<std::string> names_of(const std::vector<ForeignSignal>& signals) {
+  std::vector<std::string> names;
+  for (const ForeignSignal& s : signals) names.push_back(s.name);
+  return names;
+}
+
+std::string feature(const ForeignFrame& picture, const LayerName& layer) {
+  for (const ForeignFeature& f : picture.features)
+    if (f.layer == layer) return f.channels[0];
+  return "";
+}
+
+/// A frame of one value per channel.
+Layers values(const std::map<std::string, float>& channels) {
+  Layers frame(2, 1);
+  for (const auto& [name, value] : channels) frame.add(name, value);
+  return frame;
+}
+
+/// What the signal's statistics become.
+Layers adopted(const ForeignFrame& picture, const Layers& file, std::string* why = nullptr) {
+  Layers frame(file.width(), file.height());
+  adopt_features(picture, file, frame);
+  const std::string unusable = adopt_signal(picture, picture.color, file, frame);
+  if (why) *why = unusable;
+  return frame;
+}
+
+TEST(Recognise, CyclesWhateverItsViewLayerIsCalled) {
+  ExrInfo file = file_of(layers_of({{"A.b c.Combined", "RGBA"},
+                                    {"A.b c.VolumeDir", "RGB"},
+                                    {"A.b c.VolumeInd", "RGB"},
+                                    {"A.b c.Env", "RGB"},
+                                    {"A.b c.Emit", "RGB"},
+                                    {"A.b c.DiffDir", "RGB"},
+                                    {"A.b c.DiffInd", "RGB"},
+                                    {"A.b c.DiffCol", "RGB"},
+                                    {"A.b c.GlossCol", "RGB"},
+                                    {"A.b c.Shadow", "RGB"},
+                                    {"A.b c.CryptoObject00", "rgba"},
+                                    {"A.b c.Denoising Albedo", "RGB"},
+                                    {"A.b c.Denoising Normal", "XYZ"},
+                                    {"A.b c.Normal", "XYZ"},
+                                    {"A.b c.Depth", "Z"},
+                                    {"A.b c.IndexOB", "X"},
+                                    {"A.b c.Debug Sample Count", "X"}}));
+  file.header["cycles.A.b c.samples"] = std::string("48");
+  const ForeignFrame p = only(file);
+  EXPECT_EQ(p.label(), "Blender Cycles multilayer 'A.b c'");
+  EXPECT_EQ(names_of(p.passes),
+            (std::vector<std::string>{"DiffDir", "DiffInd", "VolumeDir", "VolumeInd", "Env", "Emit"}));
+  EXPECT_EQ((*p.passes[0].factor)[2], "A.b c.DiffCol.B");
+  EXPECT_FALSE(p.passes[2].factor.has_value());
+  EXPECT_TRUE(p.passes[3].indirect);
+  EXPECT_EQ(feature(p, layer::albedo), "A.b c.Denoising Albedo.R");
+  EXPECT_EQ(feature(p, layer::normal), "A.b c.Denoising Normal.X");
+  EXPECT_EQ(feature(p, layer::depth), "A.b c.Depth.Z");
+  EXPECT_EQ(p.alpha, "A.b c.Combined.A");
+  EXPECT_EQ(p.samples, 48);
+  for (const std::string& name : p.channels()) {
+    EXPECT_EQ(name.find("Crypto"), std::string::npos);
+    EXPECT_EQ(name.find("Index"), std::string::npos);
+  }
+  // The sample count is a share of the layer's samples.
+  std::map<std::string, float> pixels;
+  for (const std::string& name : p.channels()) pixels[name] = 0.5f;
+  const Layers frame = adopted(p, values(pixels));
+  EXPECT_EQ(frame.at("sample_count.Y")(1, 0), 24.0f);
+}
+
+TEST(Recognise, CyclesPassesUnderTheNamesOfBlender5) {
+  const ForeignFrame p = only(file_of(layers_of({{"V.Combined", "RGBA"},
+                                                 {"V.Volume Direct", "RGB"},
+                                                 {"V.Volume Indirect", "RGB"},
+                                                 {"V.Environment", "RGB"},
+                                                 {"V.Emission", "RGB"},
+                                                 {"V.Transmission Indirect", "RGB"},
+                                                 {"V.Transmission Color", "RGB"}})));
+  EXPECT_EQ(names_of(p.passes), (std::vector<std::string>{"TransInd", "VolumeDir", "VolumeInd", "Env", "Emit"}));
+}
+
+TEST(Recognise, EveryViewLayerIsAPicture) {
+  const auto pictures = recognise(file_of(layers_of({{"fog.Combined", "RGBA"}, {"set.Combined", "RGBA"}})));
+  ASSERT_EQ(pictures.size(), 2u);
+  EXPECT_EQ(pictures[0].view, "fog");
+  EXPECT_EQ(pictures[1].view, "set");
+}
+
+TEST(Recognise, APictureThatBlenderDenoisedIsMadeFromTheNoisyOne) {
+  const ForeignFrame p = only(file_of(layers_of({{"V.Combined", "RGBA"}, {"V.Noisy Image", "RGBA"}})));
+  EXPECT_EQ(p.color.channels[0], "V.Noisy Image.R");
+  EXPECT_EQ(p.target[0], "V.Combined.R");
+  EXPECT_EQ(p.remarks.size(), 1u);
+}
+
+TEST(Recognise, TheVarianceOfPbrtIsThatOfTheSamples) {
+  for (const bool dotted : {true, false}) {
+    std::vector<std::string> channels =
+        layers_of({{"", "RGB"}, {"Albedo", "RGB"}, {"Variance", "RGB"}, {"RelativeVariance", "RGB"}});
+    for (const std::string name : {"P", "N", "Ns"})
+      for (const char axis : {'x', 'y', 'z'})
+        channels.push_back(dotted ? name + "." + static_cast<char>(std::toupper(axis)) : name + axis);
+    ExrInfo file = file_of(channels, "half");
+    file.header["samplesPerPixel"] = 64;
+    const ForeignFrame p = only(file);
+    EXPECT_EQ(p.renderer, "pbrt-v4 G-buffer film");
+    EXPECT_EQ(feature(p, layer::normal), dotted ? "Ns.X" : "Nsx");
+    EXPECT_EQ(feature(p, layer::position), dotted ? "P.X" : "Px");
+    ASSERT_EQ(p.remarks.size(), 1u);
+    EXPECT_NE(p.remarks[0].find("16 bits"), std::string::npos);
+    std::map<std::string, float> pixels;
+    for (const std::string& name : channels) pixels[name] = name.starts_with("Variance") ? 3.2f : 0.5f;
+    EXPECT_FLOAT_EQ(adopted(p, values(pixels)).at("mean_variance.G")(0, 0), 0.05f) << "3.2 / 64";
+    file.header.clear();
+    std::string why;
+    const Layers without = adopted(only(file), values(pixels), &why);
+    EXPECT_FALSE(without.find("mean_variance.R")) << "a guess would be wrong by a factor";
+    EXPECT_NE(why.find("--samples"), std::string::npos) << why;
+  }
+}
+
+TEST(Recognise, TheMomentsOfMitsubaBecomeVariance) {
+  // aov below moment: the colours' own second moments.
+  const std::vector<std::string> channels = layers_of({{"", "RGBA"},
+                                                       {"m.img", "RGBA"},
+                                                       {"m.nn", "XYZ"},
+                                                       {"m.dd", "T"},
+                                                       {"m", "XYZ"},
+                                                       {"m2_m.img", "RGBA"},
+                                                       {"m2_m.nn", "XYZ"},
+                                                       {"m2_m", "XYZ"}});
+  ExrInfo file = file_of(channels);
+  file.header["samplesPerPixel"] = 5;
+  const auto pictures = recognise(file);
+  ASSERT_EQ(pictures.size(), 2u) << "the film's own picture, and the same as a layer";
+  EXPECT_EQ(pictures[1].label(), "Mitsuba 3 'm.img'");
+  EXPECT_EQ(pictures[1].color.variance->channels[0], "m2_m.img.R");
+  EXPECT_EQ(feature(pictures[1], layer::depth), "m.dd.T");
+  std::map<std::string, float> pixels;
+  for (const std::string& name : channels) pixels[name] = name.starts_with("m2_") ? 8.0f : 2.0f;
+  EXPECT_FLOAT_EQ(adopted(pictures[1], values(pixels)).at("mean_variance.R")(0, 0), 1.0f) << "(8 - 2 * 2) / (5 - 1)";
+
+  // The picture on top has moments in CIE XYZ only. Grey light: X, Y, Z = white's times one number.
+  EXPECT_TRUE(pictures[0].color.variance->xyz.has_value());
+  const double white[] = {0.95047, 1.0, 1.08883};
+  for (size_t c = 0; c < 3; ++c) {
+    pixels[std::string("m.") + "XYZ"[c]] = static_cast<float>(2 * white[c]);
+    pixels[std::string("m2_m.") + "XYZ"[c]] = static_cast<float>(8 * white[c] * white[c]);
+  }
+  const Layers grey = adopted(pictures[0], values(pixels));
+  for (const char* c : {"R", "G", "B"}) EXPECT_NEAR(grey.at(std::string("mean_variance.") + c)(0, 0), 1.0f, 2e-5f) << c;
+}
+
+TEST(Recognise, TheStatisticsOfRenderMan) {
+  const ForeignFrame p = only(file_of(layers_of({{"Ci", "rgba"},
+                                                 {"mse", "rgb"},
+                                                 {"diffuse", "rgb"},
+                                                 {"diffuse_mse", "rgb"},
+                                                 {"diffuse_even", "rgb"},
+                                                 {"diffuse_odd", "rgb"},
+                                                 {"specular", "rgb"},
+                                                 {"specular_var", "rgb"},
+                                                 {"albedo", "rgb"},
+                                                 {"albedo_var", "rgb"},
+                                                 {"albedo_mse", "rgb"},
+                                                 {"normal", "xyz"},
+                                                 {"normal_var", "xyz"},
+                                                 {"sampleCount", "r"},
+                                                 {"CryptoMaterial00", "rgba"}})));
+  EXPECT_EQ(p.renderer, "RenderMan");
+  EXPECT_EQ(names_of(p.passes), (std::vector<std::string>{"diffuse", "specular"}));
+  EXPECT_EQ(p.color.variance->meaning, VarianceMeaning::kOfMean);
+  EXPECT_EQ(p.passes[0].variance->meaning, VarianceMeaning::kOfMean);
+  EXPECT_EQ((*p.passes[0].halves)[1][2], "diffuse_odd.b");
+  EXPECT_EQ(p.passes[1].variance->meaning, VarianceMeaning::kOfSamples);
+  EXPECT_EQ(p.sample_count, "sampleCount.r");
+  std::map<std::string, float> pixels;
+  for (const std::string& name : p.channels()) pixels[name] = name == "sampleCount.r" ? 10.0f : 2.5f;
+  const Layers file = values(pixels);
+  Layers frame(2, 1);
+  adopt_features(p, file, frame);
+  EXPECT_EQ(adopt_signal(p, p.passes[1], file, frame), "");
+  EXPECT_FLOAT_EQ(frame.at("mean_variance.R")(0, 0), 0.25f) << "divided by each pixel's own count";
+  EXPECT_FLOAT_EQ(frame.at("albedo.mean_variance.R")(0, 0), 2.5f) << "_mse goes before _var";
+  EXPECT_FLOAT_EQ(frame.at("normal.mean_variance.Z")(0, 0), 0.25f);
+}
+
+TEST(Recognise, ArnoldsVarianceHasNoStatedLevel) {
+  const ForeignFrame p = only(file_of(layers_of({{"", "RGBA"},
+                                                 {"variance", "RGB"},
+                                                 {"volume_direct", "RGB"},
+                                                 {"volume_indirect", "RGB"},
+                                                 {"direct", "RGB"},
+                                                 {"denoise_albedo", "RGB"},
+                                                 {"N", "XYZ"}})));
+  EXPECT_EQ(p.renderer, "Arnold");
+  EXPECT_EQ(p.color.variance->meaning, VarianceMeaning::kUnstated);
+  EXPECT_EQ(names_of(p.passes), (std::vector<std::string>{"volume_direct", "volume_indirect"}))
+      << "direct is the same light, cut another way";
+  EXPECT_EQ(feature(p, layer::albedo), "denoise_albedo.R");
+}
+
+TEST(Recognise, ColoursWithLayersOfCommonNames) {
+  const ForeignFrame p = only(file_of(layers_of({{"", "RGBA"}, {"Albedo", "RGB"}, {"NORMAL", "XYZ"}, {"z", "Z"}})));
+  EXPECT_EQ(feature(p, layer::albedo), "Albedo.R");
+  EXPECT_EQ(feature(p, layer::normal), "NORMAL.X");
+  EXPECT_EQ(feature(p, layer::depth), "z.Z");
+  EXPECT_TRUE(p.conflicts.empty());
+  const ForeignFrame odd =
+      only(file_of({"beauty.red", "beauty.green", "beauty.blue", "albedo.r", "albedo.g", "albedo.b"}));
+  EXPECT_EQ(odd.color.channels, (ChannelTriple{"beauty.red", "beauty.green", "beauty.blue"}));
+  EXPECT_EQ(feature(odd, layer::albedo), "albedo.r");
+  EXPECT_EQ(only(file_of({"Y"})).target, (ChannelTriple{"Y", "Y", "Y"}));
+  EXPECT_EQ(only(file_of({"Y", "RY", "BY"})).target, (ChannelTriple{"R", "G", "B"})) << "as read_exr gives them";
+}
+
+TEST(Recognise, BothEyesAreCleaned) {
+  const auto pictures = recognise(
+      file_of(layers_of({{"left", "RGBA"}, {"right", "RGBA"}, {"left.albedo", "RGB"}, {"right.albedo", "RGB"}})));
+  ASSERT_EQ(pictures.size(), 2u);
+  EXPECT_EQ(feature(pictures[1], layer::albedo), "right.albedo.R");
+}
+
+TEST(Recognise, TwoCandidatesForOnePartAreListed) {
+  const ForeignFrame p = only(file_of(layers_of({{"", "RGB"}, {"albedo", "RGB"}, {"diffuse_albedo", "RGB"}})));
+  ASSERT_EQ(p.conflicts.size(), 1u);
+  EXPECT_NE(p.conflicts[0].find("albedo could be any of albedo, diffuse_albedo"), std::string::npos) << p.conflicts[0];
+  const ForeignFrame colours = only(file_of(layers_of({{"beauty", "RGB"}, {"rgba", "RGBA"}})));
+  ASSERT_EQ(colours.conflicts.size(), 1u);
+  EXPECT_NE(colours.conflicts[0].find("beauty, rgba"), std::string::npos) << colours.conflicts[0];
+}
+
+TEST(Recognise, NothingWhereThereIsNoColour) {
+  EXPECT_TRUE(recognise(file_of({"depth.Z", "id"})).empty());
+  EXPECT_TRUE(recognise(file_of(layers_of({{"Noisy Picture", "RGB"}}))).empty());
+}
+
+TEST(Recognise, BrumesOwnFramesAreKnownByTheirStatistics) {
+  const Layers frame = test::noisy_frame(4, 4, 1);
+  EXPECT_TRUE(is_brume_frame(file_of(frame.names())));
+  EXPECT_FALSE(is_brume_frame(file_of(layers_of({{"", "RGB"}, {"albedo", "RGB"}}))));
+  ExrInfo stamped = file_of(layers_of({{"", "RGB"}}));
+  stamped.header["software"] = std::string("brume");
+  EXPECT_TRUE(is_brume_frame(stamped));
+}
+
+TEST(Recognise, ADepthWhereNothingIsMetIsNone) {
+  const ForeignFrame p = only(file_of({"R", "G", "B", "Z"}));
+  Layers file = values({{"R", 1}, {"G", 1}, {"B", 1}, {"Z", 1e10f}});
+  (*file.find("Z"))(1, 0) = 7;
+  const Layers frame = adopted(p, file);
+  EXPECT_EQ(frame.at("depth.Z")(0, 0), 0.0f);
+  EXPECT_EQ(frame.at("depth.Z")(1, 0), 7.0f);
+}
+
+}  // namespace
+}  // namespace brume
