@@ -78,9 +78,9 @@ std::string to_path(py::handle path) {
 
 std::string to_toml(py::handle value) {
   if (PyUnicode_Check(value.ptr())) return to_text(value);
+  if (py::hasattr(value, "tolist")) return to_toml(value.attr("tolist")());  // of NumPy
   if (PyBool_Check(value.ptr())) return value.ptr() == Py_True ? "true" : "false";
   if (PyIndex_Check(value.ptr()) || PyFloat_Check(value.ptr())) return to_text(py::str(value));
-  if (py::hasattr(value, "tolist")) return to_toml(value.attr("tolist")());
   if (py::hasattr(value, "__fspath__")) return to_path(value);
   if (py::isinstance<py::sequence>(value)) {
     std::vector<std::string> parts;
@@ -103,7 +103,7 @@ py::object to_object(const Attribute& attribute) {
 
 Attribute to_attribute(const std::string& key, py::handle value) {
   if (PyUnicode_Check(value.ptr())) return to_text(value);
-  if (PyIndex_Check(value.ptr())) return value.cast<int>();
+  if (PyLong_Check(value.ptr())) return value.cast<int>();
   if (PyFloat_Check(value.ptr())) return value.cast<float>();
   const Array array = Array::ensure(value);
   if (!array) PyErr_Clear();

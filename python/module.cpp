@@ -1,6 +1,7 @@
 // The extension module brume._brume; python/brume/__init__.py gives it to Python.
 
 #include <fmt/format.h>
+#include <pybind11/stl.h>
 
 #include <filesystem>
 #include <limits>

@@ -39,7 +39,7 @@ void deliver(Mailbox& mail, const py::object& progress, double& told) {
     const py::object logger = py::module_::import("logging").attr("getLogger")("brume");
     for (const auto& [level, text] : lines) logger.attr(level)("%s", to_str(text));
   }
-  if (!progress.is_none() && fraction > told) {
+  if (!progress.is_none()) {
     told = fraction;
     progress(fraction);
   }

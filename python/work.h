@@ -18,7 +18,7 @@ struct Work {
 };
 
 /// Runs `body` in a thread of its own, without Python's lock. Meanwhile the calling thread serves signals, tells
-/// `progress` (None, or called with the finished fraction) twenty times a second at most, and passes notes on. A signal
+/// `progress` (None, or called with the finished fraction) about twenty times a second, and passes notes on. A signal
 /// handler's exception, as KeyboardInterrupt, or one of `progress` ends the work and is raised.
 void run_work(const py::object& progress, int threads, const std::function<void(const Work&)>& body);
 
