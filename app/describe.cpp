@@ -44,7 +44,9 @@ Word word_of(const CLI::Option& option) {
   for (const std::string& name : option.get_snames()) word.names.push_back("-" + name);
   for (const std::string& name : option.get_lnames()) word.names.push_back("--" + name);
   word.description = option.get_description();
-  word.type = option.get_items_expected_max() == 0 ? "" : option.get_type_name();
+  // "INT:INT in [0 - 4096]": what a check adds says it all.
+  if (option.get_items_expected_max() != 0) word.type = option.get_type_name();
+  if (const size_t check = word.type.find(':'); check != std::string::npos) word.type.erase(0, check + 1);
   word.choices = choices_of(option);
   word.required = option.get_required();
   if (word.names.empty()) word.type = option.get_name(/*positional=*/true);

@@ -46,7 +46,7 @@ install(FILES ${PROJECT_BINARY_DIR}/brumeConfig.cmake ${PROJECT_BINARY_DIR}/brum
 
 if(TARGET brume_python)
   add_dependencies(brume_install_parts brume_python_package)
-  install(DIRECTORY ${PROJECT_BINARY_DIR}/python/ DESTINATION lib/python3/dist-packages USE_SOURCE_PERMISSIONS
+  install(DIRECTORY ${PROJECT_BINARY_DIR}/python_package/ DESTINATION lib/python3/dist-packages USE_SOURCE_PERMISSIONS
     PATTERN __pycache__ EXCLUDE)
 endif()
 
