@@ -9,7 +9,7 @@ add_library(brume_archive STATIC $<TARGET_OBJECTS:brume_base> $<TARGET_OBJECTS:b
   $<TARGET_OBJECTS:brume_scene> $<TARGET_OBJECTS:brume_world> $<TARGET_OBJECTS:brume_trace> $<TARGET_OBJECTS:brume_lanes>
   $<TARGET_OBJECTS:brume_guides> $<TARGET_OBJECTS:brume_frame> $<TARGET_OBJECTS:brume_filters> $<TARGET_OBJECTS:brume_evaluate>
   $<TARGET_OBJECTS:brume_work>)
-set_target_properties(brume_archive PROPERTIES OUTPUT_NAME brume LINKER_LANGUAGE CXX EXCLUDE_FROM_ALL ON)
+set_target_properties(brume_archive PROPERTIES OUTPUT_NAME brume LINKER_LANGUAGE CXX)
 
 # The program describes itself.
 set(described ${PROJECT_BINARY_DIR}/described)
@@ -24,7 +24,7 @@ endforeach()
 add_custom_target(brume_described DEPENDS ${pages})
 
 # Everything that is installed, and nothing else: what ./run install builds.
-add_custom_target(brume_install_parts DEPENDS brume brume-vdb-reader brume_archive brume_described)
+add_custom_target(brume_install_parts ALL DEPENDS brume brume-vdb-reader brume_archive brume_described)
 
 install(TARGETS brume brume-vdb-reader RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})
 install(FILES $<TARGET_FILE:brume_archive> DESTINATION ${CMAKE_INSTALL_LIBDIR})
