@@ -7,7 +7,7 @@
 #include <string>
 
 #include "base/progress.h"
-#include "image/layers.h"
+#include "work/version.h"
 
 namespace brume::app {
 
@@ -56,9 +56,5 @@ void warn(const std::string& text);
 void note(const std::string& text);
 /// To stdout.
 void print(const std::string& text);
-
-/// Software, version, commit.
-void stamp(Layers& layers);
-std::string version_text();
 
 }  // namespace brume::app

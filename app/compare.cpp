@@ -8,7 +8,6 @@
 #include "base/error.h"
 #include "base/text.h"
 #include "evaluate/metric.h"
-#include "filters/requirements.h"
 
 namespace brume::app {
 namespace {
@@ -18,45 +17,6 @@ struct Options {
   bool no_clip = false;
   std::vector<std::string> limits;
 } o;
-
-/// A picture to compare, named by its file.
-struct Picture {
-  std::string path;
-  Layers frame;
-
-  Picture(const Common& common, std::string file) : path(std::move(file)), frame(read_frame(common, path)) {}
-  RgbPlanes planes() const {
-    const LayerName name{o.layer, "RGB", ""};
-    if (!frame.has(name))
-      throw InputError(fmt::format("{}: has no layer '{}'; it has: {}", path, name.label(), join(layer_names(frame))));
-    return frame.rgb(name);
-  }
-};
-
-/// The pixels that all pictures have: what lies outside a data window is absent, not black. Pictures are cut to them.
-/// @throws InputError for unequal display windows, and when no pixel is common
-PixelWindow cut_to_common_window(const std::vector<Picture*>& pictures) {
-  const Picture& reference = *pictures[0];
-  const PixelWindow display = reference.frame.display_window();
-  PixelWindow common = reference.frame.data_window();
-  for (const Picture* other : pictures) {
-    const PixelWindow shown = other->frame.display_window();
-    if (shown.width() != display.width() || shown.height() != display.height())
-      throw InputError(fmt::format("{} is {} x {}, {} is {} x {}; expected one size", other->path, shown.width(),
-                                   shown.height(), reference.path, display.width(), display.height()));
-    if (shown != display)
-      throw InputError(fmt::format("{} is shown in the window {}, {} in {}; expected one display window", other->path,
-                                   shown.text(), reference.path, display.text()));
-    common = common.common(other->frame.data_window());
-    if (common.empty())
-      throw InputError(fmt::format("{} has pixels in {}, {} in {}: none is in both", other->path,
-                                   other->frame.data_window().text(), reference.path,
-                                   reference.frame.data_window().text()));
-  }
-  for (Picture* picture : pictures)
-    if (picture->frame.data_window() != common) picture->frame = picture->frame.cut(common);
-  return common;
-}
 
 nlohmann::json to_json(const Errors& e) {
   nlohmann::json j;
@@ -87,16 +47,17 @@ std::vector<std::string> exceeded(const Errors& e) {
 }
 
 int run(const Common& common) {
-  Picture picture(common, o.picture), reference(common, o.reference);
-  std::optional<Picture> second;
-  if (!o.second.empty()) second.emplace(common, o.second);
-  std::vector<Picture*> pictures = {&reference, &picture};
+  const auto read = [&](const std::string& path) { return NamedFrame{path, read_frame(common, path)}; };
+  NamedFrame picture = read(o.picture), reference = read(o.reference);
+  std::optional<NamedFrame> second;
+  if (!o.second.empty()) second = read(o.second);
+  std::vector<NamedFrame*> pictures = {&reference, &picture};
   if (second) pictures.push_back(&*second);
   const PixelWindow window = cut_to_common_window(pictures);
   const PixelWindow display = reference.frame.display_window();
   const LabPolicy policy{choose_exposure(o.exposure, reference.frame), !o.no_clip};
-  const RgbPlanes x = picture.planes(), r = reference.planes();
-  const RgbPlanes second_planes = second ? second->planes() : RgbPlanes{};
+  const RgbPlanes x = picture.colours(o.layer), r = reference.colours(o.layer);
+  const RgbPlanes second_planes = second ? second->colours(o.layer) : RgbPlanes{};
   const RgbPlanes* r2 = second ? &second_planes : nullptr;
   const Errors whole = compare(x, r, policy, {}, r2);
   const Mask mask = medium_mask(reference.frame);

@@ -5,6 +5,7 @@
 #include "app/command.h"
 #include "image/layers.h"
 #include "image/picture_io.h"
+#include "work/frame.h"
 
 namespace brume::app {
 
@@ -16,19 +17,8 @@ Layers read_frame(const Common& common, const std::string& path, const std::set<
 /// The same frame with one pixel, from the file's header alone: what layers it has. @throws InputError
 Layers read_outline(const std::string& path);
 
-/// The channels of a file of guides. @throws InputError where it has none
-std::vector<std::string> guide_channels(const std::string& path);
-
-/// Gives a frame the guides of a file, as brume guides writes it; nothing for an empty path.
-/// @throws InputError where they are not guides of this frame: another size, camera or scene
-void add_guides(const std::string& path, const std::string& frame_path, Layers& frame);
-
 /// Accepts "header", "auto" or a number above 0.
 CLI::Validator exposure_validator();
-
-/// The number that an exposure's text stands for: "header" is 1 where the header has none.
-/// @throws InputError when auto has no picture to measure
-double choose_exposure(const std::string& option, const Layers& frame);
 
 /// How a PNG is made of a frame: --exposure and --tone.
 struct PictureOptions {

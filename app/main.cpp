@@ -8,20 +8,9 @@
 #include "app/command.h"
 #include "base/error.h"
 #include "base/text.h"
-#include "commit.h"
 #include "image/exr_io.h"
 
 namespace brume::app {
-
-std::string version_text() {
-  return fmt::format("brume {} ({})", BRUME_VERSION, BRUME_COMMIT);
-}
-
-void stamp(Layers& layers) {
-  layers.header["software"] = std::string("brume");
-  layers.header["version"] = std::string(BRUME_VERSION);
-  layers.header["commit"] = std::string(BRUME_COMMIT);
-}
 
 namespace {
 

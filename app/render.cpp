@@ -2,11 +2,9 @@
 
 #include <cmath>
 #include <filesystem>
-#include <fstream>
 #include <memory>
 #include <optional>
 
-#include "app/clean.h"
 #include "app/command.h"
 #include "app/frame.h"
 #include "app/tev.h"
@@ -15,8 +13,8 @@
 #include "base/text.h"
 #include "image/exr_io.h"
 #include "render/frame/renderer.h"
-#include "render/scene/scene_io.h"
-#include "render/world/volume_scene.h"
+#include "work/clean.h"
+#include "work/scene.h"
 
 namespace brume::app {
 namespace {
@@ -109,32 +107,24 @@ void tell_error(const Common& common, const RenderReport& report, bool missed) {
     log(common, reached);
 }
 
-bool is_volume(const std::filesystem::path& path) {
-  char magic[4] = {};
-  std::ifstream(path, std::ios::binary).read(magic, sizeof magic);
-  return std::string_view(magic, sizeof magic) == std::string_view(" BDV", 4);
-}
-
 /// A scene file, or what is made up around a bare volume, which is told and may be saved.
 Scene load_scene(const Common& common) {
-  const std::filesystem::path path(o.scene);
-  if (!is_volume(path)) {
+  LoadedScene loaded = brume::load_scene(o.scene, o.overrides, {common.threads, {}, &interrupted});
+  if (!loaded.made) {
     if (!o.save_scene.empty())
       throw InputError(fmt::format("--save-scene writes what is assumed about a bare volume; {} is a scene", o.scene));
-    return read_scene(path, o.overrides);
+    return std::move(loaded.scene);
   }
-  const Task task{common.threads, {}, &interrupted};
-  const VolumeScene made = scene_for_volume(path, task);
-  for (const std::string& line : made.assumptions) log(common, "assumed " + line);
+  for (const std::string& line : loaded.made->assumptions) log(common, "assumed " + line);
   if (!o.save_scene.empty()) {
-    const std::filesystem::path inputs[] = {path};
+    const std::filesystem::path path(o.scene), inputs[] = {path};
     check_writable(o.save_scene, inputs, ".toml");
     const auto folder = std::filesystem::absolute(o.save_scene).parent_path();
-    write_text(o.save_scene, made.text(std::filesystem::proximate(path, folder).generic_string()));
+    write_text(o.save_scene, loaded.made->text(std::filesystem::proximate(path, folder).generic_string()));
   } else {
     log(common, "--save-scene FILE.toml keeps these as a scene to edit, -D KEY=VALUE changes one");
   }
-  return parse_scene(made.text(path.filename().string()), path, o.overrides);
+  return std::move(loaded.scene);
 }
 
 /// Says what the clean picture's error is estimated to be.
@@ -174,7 +164,9 @@ int run(const Common& common) {
   std::optional<Cleaner> cleaner;
   if (o.clean || !o.clean_filter.empty()) {
     if (!o.part.empty()) throw InputError("--clean: a part is cleaned once it is merged, by brume denoise");
-    cleaner.emplace(o.clean_filter.empty() ? "transport_regression" : o.clean_filter, common, scene.film.exposure);
+    cleaner.emplace(
+        o.clean_filter.empty() ? "transport_regression" : o.clean_filter, scene.film.exposure,
+        [&](const std::string& filter) { return make_task(common, filter); }, note);
     layers = cleaner->request(layers);
     if (o.target_error > 0 && !cleaner->estimates_error())
       throw InputError(

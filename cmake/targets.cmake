@@ -4,6 +4,11 @@ set(CMAKE_CXX_STANDARD 20)
 set(CMAKE_CXX_STANDARD_REQUIRED ON)
 set(CMAKE_CXX_EXTENSIONS OFF)
 set(CMAKE_CXX_FLAGS_RELEASE "-O3")
+# The Python module is a shared library made of the static ones. With hidden symbols, which nothing can replace when the
+# module is loaded, code that may lie anywhere runs as fast as other code (docs/python.md).
+set(CMAKE_POSITION_INDEPENDENT_CODE ON)
+set(CMAKE_CXX_VISIBILITY_PRESET hidden)
+set(CMAKE_VISIBILITY_INLINES_HIDDEN ON)
 
 add_library(brume_options INTERFACE)
 target_include_directories(brume_options INTERFACE ${PROJECT_SOURCE_DIR})

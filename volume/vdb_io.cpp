@@ -1,5 +1,6 @@
 #include "volume/vdb_io.h"
 
+#include <dlfcn.h>
 #include <fmt/format.h>
 #include <unistd.h>
 
@@ -15,6 +16,7 @@
 #include "base/memory_file.h"
 #include "base/output_file.h"
 #include "base/parallel_for.h"
+#include "base/text.h"
 #include "volume/vdb_exchange.h"
 
 namespace brume {
@@ -30,15 +32,31 @@ constexpr double kStallSeconds = 120;
   throw InputError(fmt::format("{}: {}", path.string(), what));
 }
 
-/// The program that reads files: where the environment says, or near this program.
+/// The folder of the program, or of the shared library that this code lies in: of the Python module.
+fs::path own_folder() {
+  std::error_code error;
+  Dl_info info{};
+  fs::path file;
+  // Of a program that was found by its bare name the path is unknown here.
+  if (dladdr(reinterpret_cast<const void*>(&own_folder), &info) != 0 && info.dli_fname) file = info.dli_fname;
+  if (!file.has_parent_path() || file.extension() != ".so") file = fs::read_symlink("/proc/self/exe", error);
+  return fs::absolute(file, error).parent_path();
+}
+
+/// The program that reads files: where the environment says, near this program, or among the programs of the system.
 fs::path find_reader() {
   if (const char* const named = std::getenv(kReaderVariable)) return named;
   std::error_code error;
-  const fs::path here = fs::read_symlink("/proc/self/exe", error).parent_path();
+  const fs::path here = own_folder();
   for (const fs::path& folder : {here, here.parent_path(), here.parent_path() / "libexec"})
     if (fs::exists(folder / kReader, error)) return folder / kReader;
-  throw InputError(fmt::format("{}: not found; expected it beside this program, in {}, or where {} says", kReader,
-                               here.string(), kReaderVariable));
+  if (const char* const path = std::getenv("PATH"))
+    for (const std::string& folder : split(path, ':'))
+      if (!folder.empty() && fs::exists(fs::path(folder) / kReader, error)) return fs::path(folder) / kReader;
+  throw InputError(
+      fmt::format("{}: not found; expected it beside this program, in {}, among the programs that PATH finds, or where "
+                  "{} says",
+                  kReader, here.string(), kReaderVariable));
 }
 
 /// What to say of a reader that ended without an answer.

@@ -36,9 +36,10 @@ struct VdbSummary {
 
 // OpenVDB is known to a program of its own, brume-vdb-reader, which reads and writes the files: OpenVDB trusts what a
 // file says, and a damaged one can crash it. The reader runs with limits on its memory and processor time, and cuts
-// grids to bricks in memory that both programs share. It is looked for beside this program, in the folder above and in
-// libexec there; the environment variable BRUME_VDB_READER names another one. Cancelling a task ends it. All that
-// follow throw InputError when a file is damaged, whatever the reader did over it.
+// grids to bricks in memory that both programs share. It is looked for beside this program or the shared library that
+// this code is in, in the folder above, in libexec there and in PATH; the environment variable BRUME_VDB_READER names
+// another one. Cancelling a task ends it. All that follow throw InputError when a file is damaged, whatever the reader
+// did over it.
 
 /// @throws InputError: missing, not a VDB, truncated
 VdbSummary read_vdb_info(const std::filesystem::path& path, const Task& task = {});

@@ -1,4 +1,4 @@
-#include "app/clean.h"
+#include "work/clean.h"
 
 #include <fmt/format.h>
 
@@ -10,7 +10,7 @@
 #include "filters/registry.h"
 #include "filters/requirements.h"
 
-namespace brume::app {
+namespace brume {
 namespace {
 
 // Of a tile's squared error: it falls like samples to the power of -kDecay, a little less than without a filter.
@@ -33,8 +33,9 @@ ApplyOptions options_of(double exposure) {
 
 }  // namespace
 
-Cleaner::Cleaner(const std::string& filter, const Common& common, double exposure)
-    : filter_(parse_filter(filter)), common_(common), exposure_(exposure) {}
+Cleaner::Cleaner(const std::string& filter, double exposure, std::function<Task(const std::string&)> task,
+                 std::function<void(const std::string&)> note)
+    : filter_(parse_filter(filter)), exposure_(exposure), task_(std::move(task)), note_(std::move(note)) {}
 
 bool Cleaner::estimates_error() const {
   return makes(filter_.entry(), layer::clean_error);
@@ -62,8 +63,8 @@ LayerRequest Cleaner::request(const LayerRequest& wanted) {
 
 Layers Cleaner::clean(const Layers& frame) {
   ApplyReport report;
-  Layers clean = apply_filter(filter_, frame, options_of(exposure_), make_task(common_, filter_.entry().name), &report);
-  for (const std::string& line : report.notes) note(line);
+  Layers clean = apply_filter(filter_, frame, options_of(exposure_), task_(filter_.entry().name), &report);
+  for (const std::string& line : report.notes) note_(line);
   seconds_ += report.seconds;
   Layers all(frame.width(), frame.height());
   all.header = frame.header;
@@ -150,4 +151,4 @@ std::vector<uint32_t> Cleaner::next_round(const RenderRound& round, double targe
   return gains ? goals : std::vector<uint32_t>();
 }
 
-}  // namespace brume::app
+}  // namespace brume

@@ -1,21 +1,25 @@
 #pragma once
 #include <cstdint>
+#include <functional>
 #include <string>
 #include <vector>
 
-#include "app/command.h"
+#include "base/progress.h"
 #include "filters/filter.h"
 #include "render/frame/film.h"
 #include "render/frame/render_job.h"
 
-namespace brume::app {
+namespace brume {
 
 /// The clean picture of a render, and where its next samples do most for it.
 class Cleaner {
  public:
   /// @param filter  as `denoise -f` takes it: NAME or NAME:parameter=value,...
+  /// @param task    for a run of the filter of that name
+  /// @param note    told what the user should know
   /// @throws InputError
-  Cleaner(const std::string& filter, const Common& common, double exposure);
+  Cleaner(const std::string& filter, double exposure, std::function<Task(const std::string&)> task,
+          std::function<void(const std::string&)> note);
 
   /// What a render must record for it, beside `wanted`. Guides that nobody wanted are not in the clean frame. @throws
   /// InputError for a filter that needs sample records
@@ -45,10 +49,11 @@ class Cleaner {
   double relative_square(double error, const RgbPlanes& rgb, int x, int y) const;
 
   FilterSettings filter_;
-  const Common& common_;
   double exposure_, error_ = -1, seconds_ = 0;
+  std::function<Task(const std::string&)> task_;
+  std::function<void(const std::string&)> note_;
   Layers picture_;
   bool keep_guides_ = false;
 };
 
-}  // namespace brume::app
+}  // namespace brume

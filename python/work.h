@@ -1,0 +1,25 @@
+#pragma once
+#include <pybind11/pybind11.h>
+
+#include <functional>
+#include <string>
+
+#include "base/progress.h"
+
+namespace brume::python {
+
+namespace py = pybind11;
+
+/// What a piece of work is given while Python runs on.
+struct Work {
+  Task task;
+  std::function<void(const std::string&)> note;  ///< what the user should know: a warning of the logger "brume"
+  std::function<void(const std::string&)> log;   ///< what may interest them: its level INFO
+};
+
+/// Runs `body` in a thread of its own, without Python's lock. Meanwhile the calling thread serves signals, tells
+/// `progress` (None, or called with the finished fraction) about twenty times a second, and passes notes on. A signal
+/// handler's exception, as KeyboardInterrupt, or one of `progress` ends the work and is raised.
+void run_work(const py::object& progress, int threads, const std::function<void(const Work&)>& body);
+
+}  // namespace brume::python

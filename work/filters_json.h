@@ -1,0 +1,12 @@
+#pragma once
+#include <string>
+#include <vector>
+
+#include "filters/filter.h"
+
+namespace brume {
+
+/// The declarations of filters as one JSON object: `brume filters --json`.
+std::string filters_json(const std::vector<const FilterEntry*>& filters);
+
+}  // namespace brume

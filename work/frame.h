@@ -1,0 +1,37 @@
+#pragma once
+#include <array>
+#include <string>
+#include <vector>
+
+#include "image/layers.h"
+
+namespace brume {
+
+/// The channels of a file of guides. @throws InputError where it has none
+std::vector<std::string> guide_channels(const std::string& path);
+
+/// Gives a frame the guides of a file, as brume guides writes it; nothing for an empty path.
+/// @throws InputError where they are not guides of this frame: another size, camera or scene
+void add_guides(const std::string& path, const std::string& frame_path, Layers& frame);
+/// The same of guides in memory. @param names  by which errors call the guides and the frame
+void add_guides(Layers guides, const std::array<std::string, 2>& names, Layers& frame);
+
+/// The number that an exposure's text stands for: "header" is 1 where the header has none.
+/// @throws InputError when auto has no picture to measure
+double choose_exposure(const std::string& option, const Layers& frame);
+
+/// A picture to compare, under the name by which errors call it.
+struct NamedFrame {
+  std::string name;
+  Layers frame;
+
+  /// The colours of a layer; the beauty for an empty name. @throws InputError with the layers there are
+  RgbPlanes colours(const std::string& layer) const;
+};
+
+/// The pixels that all pictures have: what lies outside a data window is absent, not black. Pictures are cut to them.
+/// @param pictures  the reference first
+/// @throws InputError for unequal display windows, and when no pixel is common
+PixelWindow cut_to_common_window(const std::vector<NamedFrame*>& pictures);
+
+}  // namespace brume

@@ -1,0 +1,23 @@
+#pragma once
+#include <filesystem>
+#include <optional>
+#include <span>
+#include <string>
+
+#include "base/progress.h"
+#include "render/scene/scene.h"
+#include "render/world/volume_scene.h"
+
+namespace brume {
+
+struct LoadedScene {
+  Scene scene;
+  std::optional<VolumeScene> made;  ///< what was made up around a bare volume
+};
+
+/// Reads a scene file, or makes up a scene around an OpenVDB file.
+/// @param overrides  as read_scene   @throws InputError: as read_scene, scene_for_volume
+LoadedScene load_scene(const std::filesystem::path& path, std::span<const std::string> overrides,
+                       const Task& task = {});
+
+}  // namespace brume
