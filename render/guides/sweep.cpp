@@ -91,6 +91,8 @@ void SweepLattice(const SweepDomain& domain, const SweepMedia& media, std::span<
   state.reserve(beams.size());
   for (const SweepBeam& b : beams) state.emplace_back(b, along, plane);
   std::vector<float> sums(4 * static_cast<size_t>(domain.row));  // of a row's moments
+  // What lies behind the first plane: the border, which has no extinction, with room before its first node.
+  const std::vector<float> border(plane + 2 * Lattice::kVector, 0.0f);
 
   const auto part_of = [&](const SweepRow* of, int p, int r) {
     if (!of) return SweepRow{0, domain.row};
@@ -112,7 +114,10 @@ void SweepLattice(const SweepDomain& domain, const SweepMedia& media, std::span<
       for (size_t k = 0; k < beams.size(); ++k) {
         const SweepBeam& b = beams[k];
         Beam& beam = state[k];
-        const Upwind extinction = beam.foot.upwind(-sign * stride[along], stride[across]);
+        const bool at_border = p == begin;
+        const Upwind extinction =
+            at_border ? beam.foot.upwind(0, domain.row) : beam.foot.upwind(-sign * stride[along], stride[across]);
+        const float* const behind = at_border ? border.data() + Lattice::kVector + in_plane : media.extinction + row;
         const Upwind light_before = beam.foot.upwind(beam.light.before - beam.light.now, domain.row);
         const Upwind gained_before = beam.foot.upwind(beam.gained.before - beam.gained.now, domain.row);
         const V length = set(beam.length), half_length = set(0.5f * beam.length);
@@ -125,7 +130,7 @@ void SweepLattice(const SweepDomain& domain, const SweepMedia& media, std::span<
         clear(part.end, domain.row);
         for (int z = part.begin; z < part.end; z += lanes) {
           const float* const here = media.extinction + row + z;
-          const V tau = hn::Mul(half_length, hn::Add(extinction(here), hn::LoadU(d, here)));
+          const V tau = hn::Mul(half_length, hn::Add(extinction(behind + z), hn::LoadU(d, here)));
           // exp(-tau) = 1 / (1 + tau m), by the exponential's series; (1 - exp(-tau)) / tau is m / (1 + tau m).
           V m = hn::Add(set(1.0f / 6), hn::Mul(tau, set(1.0f / 24)));
           m = hn::Add(half, hn::Mul(tau, m));
