@@ -28,6 +28,20 @@ bool has_camera(const ExrInfo& info) {
   return info.header.contains("worldToCamera") && info.header.contains("worldToNDC");
 }
 
+/// The fingerprint that a render of the scene has, seen by its own camera; empty where it has none.
+std::string own_hash(const ExrInfo& like) {
+  if (o.scene.empty()) return "";
+  std::vector<std::string> overrides = {fmt::format("film.width={}", like.width),
+                                        fmt::format("film.height={}", like.height)};
+  if (!o.volume.empty()) overrides.push_back("volumes.0.file=" + fs::absolute(o.volume).string());
+  overrides.insert(overrides.end(), o.overrides.begin(), o.overrides.end());
+  try {
+    return read_scene(o.scene, overrides).hash;
+  } catch (const InputError&) {
+    return "";  // a scene of lights and media alone
+  }
+}
+
 /// The scene, or what is made up around the volume, seen as the frame was.
 Scene scene_like(const Common& common, const ExrInfo& like) {
   std::vector<std::string> overrides = {fmt::format("film.width={}", like.width),
@@ -88,7 +102,7 @@ int run(const Common& common) {
   if (frame.channels().empty())
     throw InputError(fmt::format("{}: nothing in it scatters or glows", o.scene.empty() ? o.volume : o.scene));
   frame.header["scene"] = scene.name;
-  frame.header["sceneHash"] = scene.hash;
+  if (const std::string hash = own_hash(like); !hash.empty()) frame.header["sceneHash"] = hash;
   frame.header["worldToCamera"] = camera.world_to_camera();
   frame.header["worldToNDC"] = camera.world_to_ndc();
   stamp(frame);

@@ -1,0 +1,151 @@
+// Guides for frames that brume did not render: `brume guides`, `brume denoise --guides`, a scene out of Blender.
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstdlib>
+
+#include "image/exr_io.h"
+#include "tests/support/exr_files.h"
+#include "tests/support/files.h"
+#include "tests/support/volumes.h"
+
+namespace brume {
+namespace {
+
+using test::run_brume;
+
+const std::string kSmoke = test::source("data/scenes/smoke.toml").string();
+const std::string kSize = " -D film.width=72 -D film.height=64 -q ";
+
+bool holds(const std::string& text, const std::string& part) {
+  return text.find(part) != std::string::npos;
+}
+
+class ForeignGuides : public ::testing::Test {
+ protected:
+  std::string path(const std::string& name) const { return (folder_ / name).string(); }
+  void run(const std::string& arguments) {
+    const auto r = run_brume(arguments);
+    ASSERT_EQ(r.status, 0) << arguments << "\n" << r.err;
+  }
+  Layers rendered(const std::string& name, const std::string& options) {
+    run("render " + kSmoke + kSize + options + " -o " + path(name));
+    return read_exr(folder_ / name);
+  }
+  std::string refused(const std::string& arguments) {
+    const auto r = run_brume(arguments + " -o " + path("refused.exr"));
+    EXPECT_EQ(r.status, 2) << arguments << "\n" << r.err;
+    EXPECT_FALSE(std::filesystem::exists(folder_ / "refused.exr"));
+    return r.err;
+  }
+  /// The render as Cycles would have written it: passes, no statistics, no camera.
+  std::string as_cycles(const Layers& frame, const std::string& name) {
+    test::ExrPart part{test::exr_header(frame.width(), frame.height()), {}};
+    for (const char* pass : {"Combined", "VolumeDir", "VolumeInd"})
+      test::add_channels(part.header, test::channels_of(std::string("View Layer.") + pass), Imf::FLOAT);
+    part.value = [&](const std::string& channel, int x, int y) {
+      const std::string c(1, channel.back());
+      const auto at = [&](const std::string& layer) { return static_cast<double>(frame.at(layer + c)(x, y)); };
+      if (holds(channel, "VolumeDir")) return at("direct.");
+      return holds(channel, "VolumeInd") ? at("indirect.") : at("direct.") + at("indirect.");
+    };
+    test::write_exr_file(folder_ / name, {part});
+    return path(name);
+  }
+  test::TemporaryFolder folder_;
+};
+
+TEST_F(ForeignGuides, AreThoseThatARenderOfTheSceneRecords) {
+  const Layers own = rendered("own.exr", "--spp 2 --layers direct,guides");
+  run("guides --like " + path("own.exr") + " --scene " + kSmoke + " -q -o " + path("guides.exr"));
+  const Layers guides = read_exr(folder_ / "guides.exr");
+  EXPECT_EQ(guides.text("sceneHash"), own.text("sceneHash"));
+  EXPECT_GT(guides.channels().size(), 30u);
+  for (const auto& [name, plane] : guides.channels()) {
+    // The header's camera is in single precision.
+    const Plane& theirs = own.at(name);
+    double difference = 0, size = 0;
+    for (int y = 0; y < plane.height(); ++y)
+      for (int x = 0; x < plane.width(); ++x) {
+        difference += std::abs(static_cast<double>(plane(x, y) - theirs(x, y)));
+        size += std::abs(static_cast<double>(theirs(x, y)));
+      }
+    EXPECT_LE(difference, 2e-3 * size) << name;
+  }
+}
+
+TEST_F(ForeignGuides, CleanAFrameOfAnotherRenderer) {
+  const Layers truth = rendered("truth.exr", "--spp 1024 --seed 9 --layers none --no-statistics");
+  const std::string noisy = as_cycles(rendered("noisy.exr", "--spp 8 --layers direct,indirect"), "cycles.exr");
+  const std::string without = run_brume("guides --like " + noisy + " --volume " +
+                                        test::source("data/volumes/smoke.vdb").string() + " -o " + path("no.exr"))
+                                  .err;
+  EXPECT_TRUE(holds(without, "no camera in its header")) << without;
+  run("guides --like " + noisy + " --scene " + kSmoke + " --spp 8 -q -o " + path("guides.exr"));
+  run("denoise " + noisy + " -o " + path("plain.exr"));
+  run("denoise " + noisy + " --guides " + path("guides.exr") + " -o " + path("clean.exr"));
+  const auto error = [&](const std::string& name) {
+    const Layers frame = read_exr(folder_ / name);
+    double sum = 0;
+    for (const char c : {'R', 'G', 'B'})
+      for (int y = 0; y < frame.height(); ++y)
+        for (int x = 0; x < frame.width(); ++x)
+          sum += std::pow(static_cast<double>(frame.at(std::string("View Layer.Combined.") + c)(x, y) -
+                                              truth.at(std::string(1, c))(x, y)),
+                          2);
+    return std::sqrt(sum);
+  };
+  EXPECT_LT(error("plain.exr"), error("cycles.exr"));
+  EXPECT_LT(error("clean.exr"), 0.6 * error("plain.exr"));
+  const Layers clean = read_exr(folder_ / "clean.exr");
+  for (const char c : {'R', 'G', 'B'}) {
+    const auto of = [&](const std::string& pass) -> const Plane& { return clean.at("View Layer." + pass + "." + c); };
+    for (int y = 0; y < clean.height(); ++y)
+      for (int x = 0; x < clean.width(); ++x)
+        ASSERT_EQ(of("Combined")(x, y), of("VolumeDir")(x, y) + of("VolumeInd")(x, y));
+  }
+}
+
+TEST_F(ForeignGuides, OfAnotherPictureAreRefused) {
+  rendered("frame.exr", "--spp 2 --layers direct,indirect");
+  const std::string denoise = "denoise " + path("frame.exr") + " --guides ";
+  const std::string guides = "guides --like " + path("frame.exr") + " --scene " + kSmoke + " -q ";
+  EXPECT_TRUE(holds(refused(denoise + path("frame.exr")), "no channel guide.*"));
+
+  run("render " + kSmoke + " -D film.width=40 -D film.height=40 --spp 1 --layers guides -q -o " + path("small.exr"));
+  EXPECT_TRUE(holds(refused(denoise + path("small.exr")), "guides of a picture of"));
+
+  run("render " + kSmoke + kSize + "-D camera.fov=30 --spp 1 --layers guides -o " + path("camera.exr"));
+  EXPECT_TRUE(holds(refused(denoise + path("camera.exr")), "another camera saw these guides"));
+
+  run(guides + " -o " + path("right.exr"));
+  run(denoise + path("right.exr") + " -q -o " + path("clean.exr"));
+  EXPECT_EQ(read_exr(folder_ / "clean.exr").text("filter"), "transport_regression");
+
+  run(guides + "-D volumes.0.sigma_t=9 -o " + path("scene.exr"));
+  EXPECT_TRUE(holds(refused(denoise + path("scene.exr")), "guides of another scene"));
+
+  EXPECT_TRUE(holds(refused("guides --like " + path("frame.exr")), "neither --volume nor --scene"));
+  EXPECT_TRUE(holds(refused("guides --like " + path("missing.exr") + " --scene " + kSmoke), "no such file"));
+}
+
+TEST_F(ForeignGuides, ASceneOutOfBlenderIsOneThatBrumeReads) {
+  if (std::system("command -v blender >/dev/null") != 0) GTEST_SKIP() << "blender is not there";
+  const std::string command =
+      "blender -b --factory-startup --python " + test::source("tests/data/blender_scene.py").string() + " -- " +
+      test::source("extras/blender_export.py").string() + " " + test::source("data/volumes/smoke.vdb").string() + " " +
+      path("out.toml") + " >" + path("log.txt") + " 2>&1";
+  ASSERT_EQ(std::system(command.c_str()), 0);
+  ASSERT_TRUE(std::filesystem::exists(folder_ / "out.toml")) << test::read_file(folder_ / "log.txt");
+  const std::string scene = test::read_file(folder_ / "out.toml");
+  for (const char* line :
+       {"position = [0, -7, 1.5]", "fov = 26.", "width = 64", "type = \"sun\"", "irradiance = [6, 6, 6]",
+        "type = \"point\"", "type = \"rectangle\"", "preset = \"principled\"", "grid = \"density_noise\"",
+        "absorption_color = [0.5", "index_offset = [0.5, 0.5, 0.5]", "# Left out: Cube: the mesh is left out"})
+    EXPECT_TRUE(holds(scene, line)) << line << "\n" << scene;
+  run("render " + path("out.toml") + " --spp 1 -q -o " + path("out.exr"));
+}
+
+}  // namespace
+}  // namespace brume
