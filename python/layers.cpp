@@ -38,7 +38,6 @@ std::shared_ptr<Layers> make_layers(const py::object& channels, const py::object
 /// A layer as an array of height x width x channels, a copy: its channels lie apart.
 py::array_t<float> image_of(const Layers& layers, const std::string& layer, const std::string& statistic) {
   const std::string name = layer == layer::beauty.label() ? "" : layer;
-  const std::string prefix = LayerName{name, "", ""}.channel_of(statistic, 0);
   std::vector<const Plane*> planes;
   for (const char* letters : {"RGB", "XYZ", "A", "Y", "Z"}) {
     const LayerName wanted{name, letters, ""};

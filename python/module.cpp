@@ -3,7 +3,8 @@
 #include <fmt/format.h>
 #include <pybind11/stl.h>
 
-#include <filesystem>
+#include <algorithm>
+#include <array>
 #include <limits>
 #include <optional>
 #include <set>

@@ -1,5 +1,7 @@
 #include "python/work.h"
 
+#include <algorithm>
+#include <atomic>
 #include <chrono>
 #include <condition_variable>
 #include <exception>
