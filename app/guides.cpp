@@ -28,15 +28,20 @@ bool has_camera(const ExrInfo& info) {
   return info.header.contains("worldToCamera") && info.header.contains("worldToNDC");
 }
 
+/// What the frame and the command line say of the scene.
+std::vector<std::string> overrides_for(const ExrInfo& like) {
+  std::vector<std::string> overrides = {fmt::format("film.width={}", like.width),
+                                        fmt::format("film.height={}", like.height)};
+  if (!o.scene.empty() && !o.volume.empty()) overrides.push_back("volumes.0.file=" + fs::absolute(o.volume).string());
+  overrides.insert(overrides.end(), o.overrides.begin(), o.overrides.end());
+  return overrides;
+}
+
 /// The fingerprint that a render of the scene has, seen by its own camera; empty where it has none.
 std::string own_hash(const ExrInfo& like) {
   if (o.scene.empty()) return "";
-  std::vector<std::string> overrides = {fmt::format("film.width={}", like.width),
-                                        fmt::format("film.height={}", like.height)};
-  if (!o.volume.empty()) overrides.push_back("volumes.0.file=" + fs::absolute(o.volume).string());
-  overrides.insert(overrides.end(), o.overrides.begin(), o.overrides.end());
   try {
-    return read_scene(o.scene, overrides).hash;
+    return read_scene(o.scene, overrides_for(like)).hash;
   } catch (const InputError&) {
     return "";  // a scene of lights and media alone
   }
@@ -44,16 +49,12 @@ std::string own_hash(const ExrInfo& like) {
 
 /// The scene, or what is made up around the volume, seen as the frame was.
 Scene scene_like(const Common& common, const ExrInfo& like) {
-  std::vector<std::string> overrides = {fmt::format("film.width={}", like.width),
-                                        fmt::format("film.height={}", like.height)};
+  std::vector<std::string> overrides = overrides_for(like);
   if (has_camera(like)) {
-    overrides.push_back("camera.from_exr=" + fs::absolute(o.like).string());
+    overrides.insert(overrides.begin(), "camera.from_exr=" + fs::absolute(o.like).string());
     log(common, fmt::format("camera: of {}'s header", o.like));
   }
-  const auto add_own = [&] { overrides.insert(overrides.end(), o.overrides.begin(), o.overrides.end()); };
   if (!o.scene.empty()) {
-    if (!o.volume.empty()) overrides.push_back("volumes.0.file=" + fs::absolute(o.volume).string());
-    add_own();
     if (!has_camera(like)) log(common, fmt::format("camera: of {}, since {}'s header has none", o.scene, o.like));
     return read_scene(o.scene, overrides);
   }
@@ -67,7 +68,6 @@ Scene scene_like(const Common& common, const ExrInfo& like) {
   const VolumeScene made = scene_for_volume(o.volume, {common.threads, {}, &interrupted});
   for (const std::string& line : made.assumptions) log(common, "assumed " + line);
   note("what lights the volume is assumed: guides of the frame's own lights, in --scene, know more");
-  add_own();
   return parse_scene(made.text(fs::absolute(o.volume).string()), o.volume, overrides);
 }
 

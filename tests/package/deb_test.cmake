@@ -1,13 +1,7 @@
 # Packs the Debian package, unpacks it and runs the program from it.
 # cmake -DBUILD= -DSOURCE= -DWORK= -DCPACK= -P deb_test.cmake
 
-function(run name)
-  execute_process(COMMAND ${ARGN} RESULT_VARIABLE status OUTPUT_VARIABLE output ERROR_VARIABLE output)
-  if(NOT status EQUAL 0)
-    message(FATAL_ERROR "${name}: ${status}\n${output}")
-  endif()
-  set(output "${output}" PARENT_SCOPE)
-endfunction()
+include(${CMAKE_CURRENT_LIST_DIR}/run.cmake)
 
 find_program(SHLIBDEPS dpkg-shlibdeps)
 find_program(DPKG_DEB dpkg-deb)

@@ -1,13 +1,7 @@
 # Installs a build into a folder of its own, moves that away, and uses it as somebody else would.
 # cmake -DBUILD= -DSOURCE= -DWORK= -DCXX= -DGENERATOR= [-DPYTHON=] -P install_test.cmake
 
-function(run name)
-  execute_process(COMMAND ${ARGN} RESULT_VARIABLE status OUTPUT_VARIABLE output ERROR_VARIABLE output)
-  if(NOT status EQUAL 0)
-    message(FATAL_ERROR "${name}: ${status}\n${output}")
-  endif()
-  set(output "${output}" PARENT_SCOPE)
-endfunction()
+include(${CMAKE_CURRENT_LIST_DIR}/run.cmake)
 
 function(expect_text file text)
   file(READ ${file} content)
