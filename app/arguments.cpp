@@ -105,7 +105,14 @@ std::vector<std::string> arrange(const CLI::App& app, const std::vector<std::str
   for (size_t i = 1; i < words.size(); ++i) {
     if (has_filters && filters.take(words, i)) continue;
     const bool scene_follows = i + 1 < words.size() && words[i + 1].ends_with(".toml");
-    result.push_back(words[i] == "--tev" && scene_follows ? "--tev=default" : words[i]);
+    const bool file_follows = i + 1 < words.size() && words[i + 1].ends_with(".exr");
+    // Their values may be left out.
+    if (words[i] == "--tev" && scene_follows)
+      result.push_back("--tev=default");
+    else if (words[i] == "--resume" && !file_follows && words[0] == "render")
+      result.push_back("--resume=frames");
+    else
+      result.push_back(words[i]);
   }
   const std::vector<std::string> arranged = filters.words();
   result.insert(result.begin() + 1, arranged.begin(), arranged.end());

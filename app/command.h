@@ -20,6 +20,7 @@ struct Common {
   bool quiet = false;
   std::string progress = "auto";  ///< auto, bar, lines, json, none
   bool json = false;
+  std::string command;  ///< what the user typed, for tables
 };
 
 enum ExitStatus { kDone = 0, kThresholdFailed = 1, kBadInput = 2, kInterrupted = 3 };
@@ -33,6 +34,7 @@ void add_halve(CLI::App& app, Common& common, Commands& commands);
 void add_render(CLI::App& app, Common& common, Commands& commands);
 void add_guides(CLI::App& app, Common& common, Commands& commands);
 void add_merge(CLI::App& app, Common& common, Commands& commands);
+void add_submit(CLI::App& app, Common& common, Commands& commands);
 void add_denoise(CLI::App& app, Common& common, Commands& commands);
 void add_compare(CLI::App& app, Common& common, Commands& commands);
 void add_evaluate(CLI::App& app, Common& common, Commands& commands);

@@ -1,5 +1,6 @@
 #include "app/command.h"
 #include "app/describe.h"
+#include "app/experiment_file.h"
 #include "filters/registry.h"
 #include "render/scene/scene_reference.h"
 
@@ -10,15 +11,17 @@ void add_docs(CLI::App& app, Common& common, Commands& commands) {
   CLI::App* command =
       add_command(app, common, "docs", "print a reference page, the manual page, or completions for a shell");
   command
-      ->add_option("page", page,
-                   "scene or filters, as Markdown; man, as troff; bash, zsh or fish: what that shell completes by")
+      ->add_option(
+          "page", page,
+          "scene, experiment or filters, as Markdown; man, as troff; bash, zsh or fish: what that shell completes by")
       ->required()
-      ->check(CLI::IsMember({"scene", "filters", "man", "bash", "zsh", "fish"}));
+      ->check(CLI::IsMember({"scene", "experiment", "filters", "man", "bash", "zsh", "fish"}));
   commands[command] = [&app] {
-    print(page == "scene"     ? scene_reference()
-          : page == "filters" ? filters_reference()
-          : page == "man"     ? man_page(app)
-                              : completions(app, page));
+    print(page == "scene"        ? scene_reference()
+          : page == "experiment" ? experiment_reference()
+          : page == "filters"    ? filters_reference()
+          : page == "man"        ? man_page(app)
+                                 : completions(app, page));
     return static_cast<int>(kDone);
   };
 }

@@ -1,20 +1,26 @@
-#include <fcntl.h>
 #include <fmt/format.h>
-#include <sys/file.h>
-#include <unistd.h>
 
 #include <cstdlib>
 #include <filesystem>
+#include <fstream>
+#include <map>
 #include <memory>
 #include <optional>
-#include <utility>
+#include <thread>
 
 #include "app/command.h"
+#include "app/experiment_file.h"
 #include "app/filter_options.h"
+#include "app/frame.h"
+#include "app/output_folder.h"
 #include "base/error.h"
 #include "base/text.h"
+#include "evaluate/page.h"
 #include "evaluate/report.h"
+#include "filters/registry.h"
+#include "image/exr_io.h"
 #include "render/frame/renderer.h"
+#include "render/scene/scene_fingerprint.h"
 #include "render/scene/scene_io.h"
 
 namespace brume::app {
@@ -24,10 +30,11 @@ namespace fs = std::filesystem;
 
 struct Options {
   std::vector<std::string> scenes, overrides, filters;
-  std::string output, spp = "16,36,64";
+  std::string output, cache, spp = "16,36,64";
   int seeds = 5, reference_spp = 4096, size = 0;
   bool no_tuning = false;
   FilterOptions common{.component = "indirect"};  // as the papers do
+  CLI::App* command = nullptr;
 } o;
 
 std::vector<int> parse_spp(const std::string& text) {
@@ -42,158 +49,237 @@ std::vector<int> parse_spp(const std::string& text) {
   return result;
 }
 
-/// A lock on a file that its process holds until it ends, however it ends.
-class FileLock {
- public:
-  /// Makes the file and locks it before it gets its name, so that nobody sees it without its lock.
-  static FileLock make(const fs::path& path) {
-    const fs::path unnamed = path.string() + ".new";
-    FileLock lock(open(unnamed.c_str(), O_CREAT | O_RDWR | O_CLOEXEC, 0666));
-    std::error_code error;
-    if (lock.held()) fs::rename(unnamed, path, error);
-    if (!lock.held() || error) throw InputError(fmt::format("{}: cannot be written", path.string()));
-    return lock;
+/// What is to be done: the file's words, and over them the command line's.
+Experiment chosen_experiment() {
+  Experiment e;
+  const bool from_file = is_experiment(o.scenes.front());
+  if (from_file) {
+    if (o.scenes.size() > 1)
+      throw InputError(fmt::format("{} is an experiment, which names its scenes; give it alone", o.scenes.front()));
+    e = read_experiment(o.scenes.front());
   }
-  /// Locks a file that is there; not held where another process holds it, or there is no such file.
-  static FileLock take(const fs::path& path) { return FileLock(open(path.c_str(), O_RDWR | O_CLOEXEC)); }
-  ~FileLock() {
-    if (file_ >= 0) close(file_);
-  }
-  FileLock(FileLock&& other) noexcept : file_(std::exchange(other.file_, -1)) {}
-  bool held() const { return file_ >= 0; }
-
- private:
-  explicit FileLock(int file) : file_(file) {
-    if (file_ >= 0 && flock(file_, LOCK_EX | LOCK_NB) != 0) {
-      close(file_);
-      file_ = -1;
+  const auto given = [&](const char* option) { return !from_file || o.command->count(option) > 0; };
+  if (given("--spp")) e.spp = parse_spp(o.spp);
+  if (given("--seeds")) e.seeds = o.seeds;
+  if (given("--reference-spp")) e.reference_spp = o.reference_spp;
+  if (given("--size")) e.size = o.size;
+  if (given("--component")) e.component = o.common.component;
+  if (given("--background")) e.background = o.common.background;
+  if (o.no_tuning) e.search = false;
+  if (!from_file)
+    for (const std::string& path : o.scenes) e.scenes.push_back({path, "", {}});
+  for (ExperimentScene& scene : e.scenes) scene.set.insert(scene.set.end(), o.overrides.begin(), o.overrides.end());
+  if (!o.filters.empty()) {
+    e.filters.clear();
+    for (const std::string& text : o.filters) {
+      const size_t colon = text.find(':');
+      e.filters.push_back({text.substr(0, colon), colon == std::string::npos ? "" : text.substr(colon + 1), "", {}});
     }
   }
-  int file_;
-};
+  return e;
+}
 
-/// Results are written beside the target under a name of this run alone and moved in when they are whole. What else
-/// lies in the target stays; files of an earlier evaluation are replaced. What killed runs have left is removed.
-class OutputFolder {
- public:
-  explicit OutputFolder(const std::string& path) : path_(fs::absolute(path + "/x").lexically_normal().parent_path()) {
-    if (fs::exists(path_) && !fs::is_directory(path_))
-      throw InputError(fmt::format("{}: is a file, expected the name of a folder to write", path));
-    const std::string prefix = path_.string() + ".part.";
-    std::error_code error;
-    fs::create_directories(path_.parent_path(), error);
-    remove_abandoned(prefix);
-    std::string name = prefix + "XXXXXX";
-    if (!mkdtemp(name.data()))
-      throw InputError(fmt::format("{}: cannot be made: {}", name, std::generic_category().message(errno)));
-    part_ = name;
-    lock_.emplace(FileLock::make(part_ / kLock));
-  }
-  ~OutputFolder() {
-    std::error_code ignored;
-    fs::remove_all(part_, ignored);
-  }
-  const fs::path& part() const { return part_; }
-  void commit() {
-    std::error_code error;
-    fs::create_directories(path_, error);
-    for (const auto& entry : fs::directory_iterator(part_)) {
-      if (entry.path().filename() == kLock) continue;
-      fs::rename(entry.path(), path_ / entry.path().filename(), error);
-      if (error) throw InputError(fmt::format("{}: cannot be written: {}", path_.string(), error.message()));
-    }
-  }
+Contender contender_of(const ExperimentFilter& filter) {
+  Contender c = parse_contender(filter.parameters.empty() ? filter.filter : filter.filter + ":" + filter.parameters);
+  c.features = filter.features;
+  c.guides = filter.guides;
+  c.time_limit = filter.time_limit;
+  c.study = filter.study;
+  if (!filter.features.empty()) c.label += " " + join(filter.features, " ");
+  if (!filter.guides) c.label += " without guides";
+  if (!filter.label.empty()) c.label = filter.label;
+  return c;
+}
 
- private:
-  static constexpr const char* kLock = "in_use";
-
-  static void remove_abandoned(const std::string& prefix) {
-    std::error_code ignored;
-    for (const auto& entry : fs::directory_iterator(fs::path(prefix).parent_path(), ignored)) {
-      if (!entry.path().string().starts_with(prefix)) continue;
-      const FileLock lock = FileLock::take(entry.path() / kLock);
-      if (lock.held()) fs::remove_all(entry.path(), ignored);
-    }
-  }
-
-  fs::path path_, part_;
-  std::optional<FileLock> lock_;
-};
-
-int run(const Common& common) {
-  EvaluationSettings settings;
-  settings.spp = parse_spp(o.spp);
-  settings.seeds = o.seeds;
-  settings.reference_spp = o.reference_spp;
-  settings.tune = !o.no_tuning;
-  settings.component = o.common.chosen_component();
-  settings.background = o.common.chosen_background();
-  if (o.filters.empty()) settings.contenders = all_contenders();
-  for (const std::string& text : o.filters) settings.contenders.push_back(parse_contender(text));
-
-  if (std::find(settings.spp.begin(), settings.spp.end(), 1) != settings.spp.end())
-    for (const Contender& c : settings.contenders)
-      if (c.settings.entry().statistics == Statistics::kHalves)
+EvaluationSettings settings_of(const Experiment& e, const Common& common) {
+  EvaluationSettings s;
+  const FilterOptions how{e.component, e.background};
+  s.spp = e.spp;
+  s.seeds = e.seeds;
+  s.reference_spp = e.reference_spp;
+  s.reference_noise = e.reference_noise;
+  s.most_reference_spp = e.most_reference_spp;
+  s.tune = e.search;
+  s.restarts = e.restarts;
+  s.component = how.chosen_component();
+  s.background = how.chosen_background();
+  s.time_limit = e.time_limit;
+  s.time_layers = e.time_layers;
+  s.all_layers = !o.cache.empty();
+  s.ablation = e.ablation;
+  s.sensitivity = e.sensitivity;
+  s.study_spp = e.study_spp;
+  s.name = e.name;
+  s.text = e.text;
+  s.provenance = {version_number(), version_commit(), common.command, processor_name(),
+                  common.threads > 0 ? common.threads : static_cast<int>(std::thread::hardware_concurrency())};
+  if (e.filters.empty()) s.contenders = all_contenders();
+  for (const ExperimentFilter& filter : e.filters) s.contenders.push_back(contender_of(filter));
+  for (size_t i = 0; i < s.contenders.size(); ++i)
+    for (size_t k = 0; k < i; ++k)
+      if (s.contenders[i].label == s.contenders[k].label)
+        throw InputError(fmt::format("two filters are called '{}'; give one a label of its own, or leave it out",
+                                     s.contenders[i].label));
+  std::vector<std::string> known;
+  for (const MetricInfo& m : all_metrics()) known.emplace_back(m.id);
+  for (const std::string& id : e.metrics)
+    if (std::find(known.begin(), known.end(), id) == known.end())
+      throw InputError(fmt::format("no metric '{}'{}", id, suggestion(id, known)));
+  s.metrics = e.metrics;
+  for (const int spp : e.study_spp)
+    if (std::find(e.spp.begin(), e.spp.end(), spp) == e.spp.end())
+      throw InputError(fmt::format("study_spp {} is none of the experiment's sample counts", spp));
+  if (std::find(s.spp.begin(), s.spp.end(), 1) != s.spp.end())
+    for (const Contender& c : s.contenders)
+      if (!o.filters.empty() && c.settings.entry().statistics == Statistics::kHalves)
         throw InputError(
             fmt::format("--spp 1: {} needs two half images, and of one sample the second is empty; leave it out with "
                         "-f, or begin at 2",
                         c.label));
+  return s;
+}
 
-  OutputFolder folder(o.output);
+/// Renders the frames of all scenes. Keeps one scene loaded, with what was recorded last.
+class SceneRenderer {
+ public:
+  explicit SceneRenderer(const Common& common) : common_(common) {}
 
-  const RecordedData data = data_to_record(settings);
-  LayerRequest layers = LayerRequest::of(data.layers, data.statistics, data.buckets);
-  layers.records = data.records;
-  if (data.records) {
-    settings.records = folder.part() / "records";
-    fs::create_directories(settings.records);
-  }
-  const LayerRequest plain = LayerRequest::of({"direct", "indirect", "coverage"}, /*statistics=*/false);
-  std::vector<std::unique_ptr<PreparedScene>> prepared;
-  std::vector<EvaluationScene> scenes;
-  const auto render = [](const PreparedScene& scene, int spp, int64_t seed, const fs::path& records, const Task& task) {
+  TimedFrame render(const Scene& scene, const FrameRequest& request, const Task& task) {
+    LayerRequest layers = LayerRequest::of(request.data.layers, request.data.statistics, request.data.buckets);
+    layers.records = request.data.records;
     RenderJob job;
-    job.spp = spp;
-    job.seed = seed;
-    job.records = records;
-    RenderResult r = scene.render(job, task);
+    job.spp = request.spp;
+    job.seed = request.seed;
+    job.records = request.records;
+    RenderResult r = prepared(scene, layers, request.data.text(), task).render(job, task);
     stamp(r.layers);
     if (r.report.invalid_samples || r.report.counters.capped_paths) note(r.report.summary());
-    return TimedFrame{std::move(r.layers), r.report.seconds, records};
-  };
-  for (const std::string& path : o.scenes) {
-    Scene scene = read_scene(path, o.overrides);
-    if (o.size > 0) {
-      scene.film.height = std::max(1, o.size * scene.film.height / scene.film.width);
-      scene.film.width = o.size;
-    }
-    const auto prepare = [&](const LayerRequest& what) {
-      return prepared.emplace_back(std::make_unique<PreparedScene>(scene, what, Task{common.threads, {}, &interrupted}))
-          .get();
-    };
-    const PreparedScene *full = prepare(layers), *reference = prepare(plain);
-    for (const std::string& text : full->notes()) note(text);
-    for (const EvaluationScene& other : scenes)
-      if (other.name == full->scene().name)
-        throw InputError(fmt::format("two scenes are named '{}'; give each its own name", other.name));
-    scenes.push_back({full->scene().name, full->scene().film.exposure,
-                      [full, render](int spp, int64_t seed, const fs::path& records, const Task& task) {
-                        return render(*full, spp, seed, records, task);
-                      },
-                      [reference, render](int spp, int64_t seed, const Task& task) {
-                        return render(*reference, spp, seed, {}, task);
-                      }});
+    return {std::move(r.layers), r.report.seconds};
   }
+
+  /// Seconds of solving the light and of marching it to the pixels.
+  double time_guides(const Scene& scene, int spp, const Task& task) {
+    const PreparedScene fresh(scene, LayerRequest::of({"guides"}, /*statistics=*/false), quiet(task));
+    Layers guides(scene.film.width, scene.film.height);
+    const Stopwatch clock;
+    fresh.guides(spp, task)->record(fresh.camera(), {0, 0}, guides, task);
+    return clock.seconds();
+  }
+
+ private:
+  const PreparedScene& prepared(const Scene& scene, const LayerRequest& layers, const std::string& data,
+                                const Task& task) {
+    const std::string key = scene.hash + data;
+    if (!prepared_ || key != key_) {
+      prepared_.reset();
+      prepared_ = std::make_unique<PreparedScene>(scene, layers, Task{common_.threads, {}, task.cancel});
+      key_ = key;
+      for (const std::string& text : prepared_->notes()) note(text);
+    }
+    return *prepared_;
+  }
+
+  const Common& common_;
+  std::string key_;
+  std::unique_ptr<PreparedScene> prepared_;
+};
+
+EvaluationScene rendered_scene(const ExperimentScene& given, int size, SceneRenderer& renderer) {
+  Scene scene = read_scene(given.file, given.set);
+  if (size > 0) {
+    scene.film.height = std::max(1, size * scene.film.height / scene.film.width);
+    scene.film.width = size;
+    add_fingerprint(scene);
+  }
+  if (!given.name.empty()) scene.name = given.name;
+  return {
+      .name = scene.name,
+      .hash = scene.hash,
+      .exposure = scene.film.exposure,
+      .render = [scene, &renderer](const FrameRequest& request,
+                                   const Task& task) { return renderer.render(scene, request, task); },
+      .time_guides = [scene, &renderer](int spp, const Task& task) { return renderer.time_guides(scene, spp, task); }};
+}
+
+std::string content_hash(const std::vector<fs::path>& files) {
+  std::string all;
+  for (const fs::path& path : files) {
+    std::ifstream stream(path, std::ios::binary);
+    const std::string bytes((std::istreambuf_iterator<char>(stream)), {});
+    all += Cache::hash(bytes);
+  }
+  return Cache::hash(all);
+}
+
+EvaluationScene foreign_scene(const ExperimentFrames& given, const Common& common) {
+  std::vector<fs::path> references = {given.reference};
+  if (!given.second_reference.empty()) references.push_back(given.second_reference);
+  std::vector<fs::path> all = references;
+  all.insert(all.end(), given.noisy.begin(), given.noisy.end());
+  const Layers first = read_outline(given.reference.string());
+  int width = 0, height = 0;
+  for (const fs::path& path : all) {
+    const ExrInfo info = read_exr_info(path);
+    if (path != given.reference && (info.data.width() != width || info.data.height() != height))
+      throw InputError(fmt::format("{}: has {} x {} pixels, expected {} x {} as in {}", path.string(),
+                                   info.data.width(), info.data.height(), width, height, given.reference.string()));
+    width = info.data.width();
+    height = info.data.height();
+  }
+  EvaluationScene scene;
+  scene.name = given.name;
+  scene.hash = content_hash(all);
+  scene.exposure = given.exposure > 0 ? given.exposure : choose_exposure("header", first);
+  scene.foreign = {static_cast<int>(references.size()), given.spp, static_cast<int>(given.noisy.size())};
+  scene.render = [references, given, &common](const FrameRequest& request, const Task&) {
+    const bool is_reference = request.seed >= kReferenceSeed;
+    const auto index = static_cast<size_t>(request.seed - (is_reference ? kReferenceSeed : kFirstNoisySeed));
+    return TimedFrame{read_frame(common, (is_reference ? references : given.noisy).at(index).string()), 0};
+  };
+  return scene;
+}
+
+/// The commit says which sources a program was built from, its contents also what was not yet committed.
+std::string program_version() {
+  return fmt::format("{} {}", version_text(), content_hash({"/proc/self/exe"}).substr(0, 8));
+}
+
+int run(const Common& common) {
+  const Experiment experiment = chosen_experiment();
+  const EvaluationSettings settings = settings_of(experiment, common);
+  OutputFolder folder(o.output);
+  const fs::path own_cache = folder.part() / "cache";
+  const Cache cache(o.cache.empty() ? own_cache : fs::path(o.cache), program_version());
+  if (!cache.others().empty())
+    note(fmt::format("{} holds results of another version too, which are not used: {}", o.cache, join(cache.others())));
+
+  SceneRenderer renderer(common);
+  std::vector<EvaluationScene> scenes;
+  for (const ExperimentScene& scene : experiment.scenes)
+    scenes.push_back(rendered_scene(scene, experiment.size, renderer));
+  for (const ExperimentFrames& frames : experiment.frames) scenes.push_back(foreign_scene(frames, common));
+  for (const EvaluationScene& scene : scenes)
+    if (scene.name.empty() || scene.name.find('/') != std::string::npos)
+      throw InputError(fmt::format("a scene is named '{}'; expected what can be part of a file's name", scene.name));
+  for (size_t i = 0; i < scenes.size(); ++i)
+    for (size_t k = 0; k < i; ++k)
+      if (scenes[i].name == scenes[k].name)
+        throw InputError(fmt::format("two scenes are named '{}'; give each its own name", scenes[i].name));
+
   size_t stage = 0;
-  const size_t stages = stage_count(settings, scenes.size());
-  const Evaluation result = evaluate(scenes, settings, [&](const std::string& name) {
+  const size_t stages = stage_count(scenes, settings);
+  const Evaluation result = evaluate(scenes, settings, cache, [&](const std::string& name) {
     return make_task(common, fmt::format("[{}/{}] {}", ++stage, stages, name));
   });
-  if (!settings.records.empty()) fs::remove_all(settings.records);
+  if (o.cache.empty()) fs::remove_all(own_cache);
   write_report(result, folder.part());
   folder.commit();
   print(common.json ? json_report(result) : markdown_report(result));
-  log(common, fmt::format("\nEXRs, strips, plots and the table are in {}", o.output));
+  log(common, fmt::format("\n{} frames rendered, {} results filtered; out of the cache {} and {}", result.work.rendered,
+                          result.work.filtered, result.work.frames_found, result.work.results_found));
+  log(common, fmt::format("EXRs, strips, plots and tables are in {}", o.output));
+  log(common, page_is_built_in() ? fmt::format("All of it in one page: open {}/index.html in a browser", o.output)
+                                 : "No page (index.html): this program was built without Node");
   return kDone;
 }
 
@@ -202,9 +288,19 @@ int run(const Common& common) {
 void add_evaluate(CLI::App& app, Common& common, Commands& commands) {
   CLI::App* command = add_command(app, common, "evaluate",
                                   "compare the filters: references, noisy frames, tuning, tables, strips, plots");
-  command->add_option("scenes", o.scenes, "scene files; with several, parameters are also transferred between them")
+  o.command = command;
+  command
+      ->add_option("scenes", o.scenes,
+                   "scene files, or one experiment (docs/experiment.md); with several scenes, parameters are also "
+                   "transferred between them")
       ->required();
-  command->add_option("-o,--output", o.output, "folder to write")->required();
+  command
+      ->add_option("-o,--output", o.output,
+                   "folder to write: tables, plots, EXRs, and index.html, a page to look at it all")
+      ->required();
+  command->add_option("--cache", o.cache,
+                      "folder that keeps all frames and results: nothing in it is made again, and an interrupted run "
+                      "goes on; frames then hold what any filter may read");
   command->add_option("--spp", o.spp, "sample counts of the noisy frames")->capture_default_str();
   command->add_option("--seeds", o.seeds, "noisy frames per sample count")
       ->check(CLI::Range(1, 1000))

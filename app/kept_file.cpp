@@ -117,12 +117,13 @@ Layers KeptFile::outline() const {
 }
 
 void KeptFile::clean(const Common& common, const FilterSettings& filter, const ApplyOptions& options,
-                     const std::map<int, std::string>& others, const std::map<int, RecordReader*>& records,
+                     const std::vector<KeptNeighbour>& others, const std::map<std::string, Attribute>& more_attributes,
                      const std::string& output, Layers* preview) const {
   const std::set<std::string> extra = readable_channels(filter, options, channel_names());
   std::list<CleanPicture> cleaned;
   std::vector<ExrEdit> edits;
-  std::map<std::string, Attribute> attributes = {{"brume.version", version_text()}};
+  std::map<std::string, Attribute> attributes = more_attributes;
+  attributes["brume.version"] = version_text();
   for (ForeignFrame picture : pictures_) {
     if (!filter.uses_features()) picture.features.clear();
     Layers file = cut_to_light(read_picture(path_, read_channels(picture, extra)), picture, info_);
@@ -130,12 +131,13 @@ void KeptFile::clean(const Common& common, const FilterSettings& filter, const A
     std::list<Layers> nearby;
     std::list<std::vector<ForeignFrame>> nearby_pictures;
     std::vector<PictureInFile> sequence;
-    for (const auto& [distance, path] : others) {
-      const ExrInfo info = read_exr_info(path);
-      const auto& theirs = nearby_pictures.emplace_back(pictures_of(path, info, options_));
-      const ForeignFrame& same = same_view(theirs, picture, path);
-      nearby.push_back(cut_to_light(read_picture(path, read_channels(same, extra)), same, info));
-      sequence.push_back({distance, &same, &nearby.back(), records.at(distance)});
+    for (const KeptNeighbour& other : others) {
+      const ExrInfo info = read_exr_info(other.path);
+      const auto& theirs = nearby_pictures.emplace_back(pictures_of(other.path, info, options_));
+      const ForeignFrame& same = same_view(theirs, picture, other.path);
+      nearby.push_back(cut_to_light(read_picture(other.path, read_channels(same, extra)), same, info));
+      if (filter.entry().guides || filter.uses_features()) add_guides(other.guides, other.path, nearby.back());
+      sequence.push_back({other.distance, &same, &nearby.back(), other.records});
     }
     // Several pictures may lie in parts of their own, each with its data window.
     const PixelWindow window = file.data_window();

@@ -22,6 +22,13 @@ struct KeepOptions {
 /// The pictures that a mapping file names in an EXR. @throws InputError with the line underlined
 std::vector<ForeignFrame> read_map(const std::string& path, const ExrInfo& file);
 
+/// A file of the sequence beside the one that is cleaned.
+struct KeptNeighbour {
+  int distance;
+  std::string path, guides;  ///< no guides: empty
+  RecordReader* records;     ///< null: none
+};
+
 /// A file that is cleaned where it stands: everything in it is kept, what is cleaned is replaced or stands beside.
 class KeptFile {
  public:
@@ -32,10 +39,10 @@ class KeptFile {
   Layers outline() const;
 
   /// Cleans all pictures and writes the file again.
-  /// @param others  files of the sequence, by their distance, and their records
+  /// @param attributes  to write beside the filter's
   /// @param preview  where to leave the first picture, clean, as R, G, B; null: nobody wants it
   void clean(const Common& common, const FilterSettings& filter, const ApplyOptions& options,
-             const std::map<int, std::string>& others, const std::map<int, RecordReader*>& records,
+             const std::vector<KeptNeighbour>& others, const std::map<std::string, Attribute>& attributes,
              const std::string& output, Layers* preview) const;
 
  private:

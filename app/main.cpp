@@ -43,6 +43,19 @@ int parse_error(const CLI::App& app, const CLI::ParseError& error, int argc, cha
   return kBadInput;
 }
 
+/// The words as a shell takes them, the program by its name alone.
+std::string command_line(int argc, char** argv) {
+  std::string text = "brume";
+  for (int i = 1; i < argc; ++i) {
+    const std::string word = argv[i];
+    const bool plain = !word.empty() && word.find_first_of(" \t\n\"'`$&|;<>()*?[]#~!{}\\") == std::string::npos;
+    std::string quoted;
+    for (const char c : word) quoted += c == '\'' ? std::string("'\\''") : std::string(1, c);
+    text += plain ? " " + word : " '" + quoted + "'";
+  }
+  return text;
+}
+
 int run(int argc, char** argv) {
   CLI::App app("Renders OpenVDB smoke and clouds without bias, and removes Monte Carlo noise from media passes.",
                "brume");
@@ -50,6 +63,7 @@ int run(int argc, char** argv) {
   app.require_subcommand(1);
   app.get_formatter()->column_width(36);
   Common common;
+  common.command = command_line(argc, argv);
   Commands commands;
   add_info(app, common, commands);
   add_generate(app, common, commands);
@@ -57,6 +71,7 @@ int run(int argc, char** argv) {
   add_render(app, common, commands);
   add_guides(app, common, commands);
   add_merge(app, common, commands);
+  add_submit(app, common, commands);
   add_denoise(app, common, commands);
   add_compare(app, common, commands);
   add_evaluate(app, common, commands);
@@ -78,7 +93,8 @@ int run(int argc, char** argv) {
   std::signal(SIGINT, on_interrupt);
   std::signal(SIGTERM, on_interrupt);
   std::signal(SIGHUP, on_interrupt);
-  std::signal(SIGXFSZ, SIG_IGN);  // a file that may not grow is an error of that write, with its message
+  std::signal(SIGUSR1, on_interrupt);  // what farms send before a job's time is over
+  std::signal(SIGXFSZ, SIG_IGN);       // a file that may not grow is an error of that write, with its message
   try {
     return commands.at(app.get_subcommands().front())();
   } catch (const InputError& error) {

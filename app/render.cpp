@@ -2,34 +2,43 @@
 
 #include <cmath>
 #include <filesystem>
+#include <limits>
 #include <memory>
 #include <optional>
 
 #include "app/command.h"
 #include "app/frame.h"
+#include "app/sequence.h"
 #include "app/tev.h"
 #include "base/error.h"
 #include "base/output_file.h"
+#include "base/sequence.h"
 #include "base/text.h"
 #include "image/exr_io.h"
 #include "render/frame/renderer.h"
+#include "render/scene/scene_io.h"
 #include "work/clean.h"
+#include "work/finished_frame.h"
 #include "work/scene.h"
 
 namespace brume::app {
 namespace {
 
-constexpr int kSamplesWithoutLimit = 16;  // that guides are made for where time or error end the render
+namespace fs = std::filesystem;
+
+constexpr const char* kResumeFrames = "frames";  // --resume without a file
+constexpr int kSkipped = -1;                     // what run() says of a frame that was complete
+constexpr int kSamplesWithoutLimit = 16;         // that guides are made for where time or error end the render
 
 struct Options {
   std::string scene, output, preview, layers = "direct,indirect,gradient,coverage,transmittance", replay;
-  std::string part, crop, time, checkpoint, resume, tev, records, save_scene, clean_filter;
+  std::string part, crop, time, checkpoint, resume, tev, records, save_scene, clean_filter, frames;
   std::vector<std::string> overrides;
   int spp = 0;
   int64_t seed = -1;
   double target_error = 0, checkpoint_every = 300;
   bool clean = false, layers_given = false, no_statistics = false, buckets = false, explain = false,
-       require_valid = false;
+       require_valid = false, fixed_seed = false, skip_complete = false;
   PictureOptions picture;
 } o;
 
@@ -107,23 +116,28 @@ void tell_error(const Common& common, const RenderReport& report, bool missed) {
     log(common, reached);
 }
 
-/// A scene file, or what is made up around a bare volume, which is told and may be saved.
-Scene load_scene(const Common& common) {
-  LoadedScene loaded = brume::load_scene(o.scene, o.overrides, {common.threads, {}, &interrupted});
-  if (!loaded.made) {
-    if (!o.save_scene.empty())
-      throw InputError(fmt::format("--save-scene writes what is assumed about a bare volume; {} is a scene", o.scene));
-    return std::move(loaded.scene);
-  }
-  for (const std::string& line : loaded.made->assumptions) log(common, "assumed " + line);
-  if (!o.save_scene.empty()) {
-    const std::filesystem::path path(o.scene), inputs[] = {path};
-    check_writable(o.save_scene, inputs, ".toml");
-    const auto folder = std::filesystem::absolute(o.save_scene).parent_path();
-    write_text(o.save_scene, loaded.made->text(std::filesystem::proximate(path, folder).generic_string()));
-  } else {
+/// Tells what is made up around a bare volume, and saves it where that is asked for.
+void tell_assumptions(const Common& common, const VolumeScene& made) {
+  for (const std::string& line : made.assumptions) log(common, "assumed " + line);
+  if (o.save_scene.empty()) {
     log(common, "--save-scene FILE.toml keeps these as a scene to edit, -D KEY=VALUE changes one");
+    return;
   }
+  const fs::path path(o.scene), inputs[] = {path};
+  check_writable(o.save_scene, inputs, ".toml");
+  const auto folder = fs::absolute(o.save_scene).parent_path();
+  write_text(o.save_scene, made.text(fs::proximate(path, folder).generic_string()));
+}
+
+/// A scene file, or what is made up around a bare volume.
+/// @param made  around a sequence of volumes; null: there is none
+Scene load_scene(const Common& common, const VolumeScene* made) {
+  if (made) return parse_scene(made->text(fs::path(o.scene).filename().string()), o.scene, o.overrides);
+  LoadedScene loaded = brume::load_scene(o.scene, o.overrides, {common.threads, {}, &interrupted});
+  if (loaded.made)
+    tell_assumptions(common, *loaded.made);
+  else if (!o.save_scene.empty())
+    throw InputError(fmt::format("--save-scene writes what is assumed about a bare volume; {} is a scene", o.scene));
   return std::move(loaded.scene);
 }
 
@@ -136,8 +150,29 @@ void tell_clean_error(const Common& common, const Cleaner& cleaner, bool missed,
     log(common, reached);
 }
 
-int run(const Common& common) {
-  Scene scene = load_scene(common);
+/// Why a frame of a sequence that is resumed must be rendered, told where its file is there; nothing where it need not.
+std::optional<std::string> why_to_render(const Common& common, const Scene& scene, const LayerRequest& layers,
+                                         const RenderJob& job, const std::optional<Cleaner>& cleaner) {
+  const Task task{common.threads, {}, &interrupted};
+  RenderJob asked = job;
+  asked.target_error = o.target_error;  // also where the clean picture's error ends the render
+  const std::string wrong =
+      what_is_unfinished(o.output, scene, layers, asked, cleaner ? &cleaner->filter() : nullptr, task);
+  if (!wrong.empty()) return wrong;
+  for (const std::string& beside : {o.preview, o.records})
+    if (!beside.empty() && !fs::exists(beside)) return fmt::format("{} is not there", beside);
+  return std::nullopt;
+}
+
+LayerRequest requested_layers() {
+  return LayerRequest::of(o.layers.empty() || o.layers == "none" ? std::vector<std::string>{} : split(o.layers, ','),
+                          !o.no_statistics, o.buckets);
+}
+
+/// Renders one picture.
+/// @param made  as load_scene
+int run(const Common& common, const VolumeScene* made = nullptr) {
+  Scene scene = load_scene(common, made);
   std::vector<std::filesystem::path> inputs = {o.scene, scene.environment.file, scene.camera.from_exr};
   for (const VolumeSettings& volume : scene.volumes) inputs.push_back(volume.file);
   for (const SurfaceSettings& surface : scene.surfaces)
@@ -157,9 +192,7 @@ int run(const Common& common) {
   if (o.seed >= 0) scene.render.seed = o.seed;
   // A clean picture needs two of them, and what else there is would only be written.
   if (o.clean && !o.layers_given) o.layers = "direct,indirect";
-  LayerRequest layers =
-      LayerRequest::of(o.layers.empty() || o.layers == "none" ? std::vector<std::string>{} : split(o.layers, ','),
-                       !o.no_statistics, o.buckets);
+  LayerRequest layers = requested_layers();
   layers.records = !o.records.empty();
   std::optional<Cleaner> cleaner;
   if (o.clean || !o.clean_filter.empty()) {
@@ -191,6 +224,20 @@ int run(const Common& common) {
   if (!o.resume.empty() && o.checkpoint.empty()) job.checkpoint = o.resume;
   job.program = version_text();
   job.stamp = [](Layers& frame) { stamp(frame); };
+  if (o.skip_complete) {
+    const std::optional<std::string> why = why_to_render(common, scene, layers, job, cleaner);
+    if (!why) return kSkipped;
+    if (fs::exists(o.output)) warn(fmt::format("{} is rendered again: {}", o.output, *why));
+    if (!o.checkpoint.empty() && fs::exists(o.checkpoint)) {
+      const std::string forbids =
+          what_forbids_resuming(o.checkpoint, scene, layers, job, {common.threads, {}, &interrupted});
+      if (forbids.empty())
+        job.resume = o.checkpoint;
+      else
+        warn(fmt::format("the checkpoint {} is left aside: {}", o.checkpoint, forbids));
+    }
+    job.checkpoint_at_end = false;
+  }
   job.warn = [](const std::string& text) { warn("warning: " + text); };
 
   const PreparedScene prepared(scene, layers, {common.threads, {}, &interrupted});
@@ -219,6 +266,8 @@ int run(const Common& common) {
     if (viewer) viewer->show(result.layers);
   }
   write_exr(o.output, result.layers);
+  std::error_code ignored;
+  if (o.skip_complete && !o.checkpoint.empty()) fs::remove(o.checkpoint, ignored);
   if (!o.preview.empty())
     o.picture.write(o.preview, result.layers, result.layers.rgb(layer::beauty),
                     choose_exposure(o.picture.exposure, result.layers));
@@ -244,6 +293,60 @@ int run(const Common& common) {
   // One bad sample in a million is reported; more is a failure (docs/methods.md, Numerical rules).
   const double allowed = o.require_valid ? 0.0 : 1e-6 * static_cast<double>(result.report.counters.paths);
   return missed || static_cast<double>(result.report.invalid_samples) > allowed ? kThresholdFailed : kDone;
+}
+
+/// The options of one frame: its names, its number.
+Options of_frame(const Options& sequence, int frame) {
+  Options options = sequence;
+  for (std::string Options::*name :
+       {&Options::output, &Options::preview, &Options::records, &Options::checkpoint, &Options::resume})
+    options.*name = file_of_frame(options.*name, frame).string();
+  options.overrides.push_back(fmt::format("render.frame={}", frame));
+  if (options.fixed_seed) options.overrides.push_back("render.noise_frame=0");
+  return options;
+}
+
+/// The folder of an output may be named by the frame: then it is made.
+void make_folder_of_frame(const std::string& pattern, int frame) {
+  const fs::path folder = fs::path(pattern).parent_path();
+  std::error_code ignored;  // told when the file is written
+  if (FramePattern::of(folder)) fs::create_directory(file_of_frame(folder, frame), ignored);
+}
+
+int run_sequence(const Common& common) {
+  const std::vector<int> frames = parse_frames(o.frames);
+  if (o.output.empty()) throw InputError("no output; expected -o with a name such as shot.####.exr");
+  if (o.explain || !o.replay.empty())
+    throw InputError(fmt::format("{} looks at one frame; expected it without --frames, with -D render.frame={}",
+                                 o.explain ? "--explain" : "--replay", frames[0]));
+  for (const auto& [option, name] : {std::pair("-o", &o.output),
+                                     {"--png", &o.preview},
+                                     {"--records", &o.records},
+                                     {"--checkpoint", &o.checkpoint},
+                                     {"--resume", &o.resume}})
+    check_pattern(option, *name, frames);
+  // What is wrong with the options is told once, not for every frame.
+  parse_time();
+  RenderJob any;
+  any.spp = std::numeric_limits<int>::max();
+  parse_part(any);
+  requested_layers();
+  const Options sequence = o;
+  // One camera for a sequence of bare volumes: what lies around the last one, which is the largest more often than not.
+  const fs::path last = file_of_frame(o.scene, frames.back());
+  std::optional<VolumeScene> made;
+  if (is_volume(last)) {
+    made = scene_for_volume(last, {common.threads, {}, &interrupted});
+    tell_assumptions(common, *made);
+  }
+  return each_frame(common, frames, [&](int frame) {
+    o = of_frame(sequence, frame);
+    if (!made) o.scene = file_of_frame(sequence.scene, frame).string();
+    for (const std::string& name : {sequence.output, sequence.preview, sequence.records, sequence.checkpoint})
+      make_folder_of_frame(name, frame);
+    const int end = run(common, made ? &*made : nullptr);
+    return end == kSkipped ? FrameEnd::kSkipped : end == kDone ? FrameEnd::kDone : FrameEnd::kMissed;
+  });
 }
 
 }  // namespace
@@ -290,7 +393,19 @@ void add_render(CLI::App& app, Common& common, Commands& commands) {
   command->add_option("--checkpoint-every", o.checkpoint_every, "seconds between checkpoints")
       ->check(above_zero)
       ->capture_default_str();
-  command->add_option("--resume", o.resume, "go on from a checkpoint, also with more --spp; same picture as in one go");
+  command
+      ->add_option("--resume", o.resume,
+                   "go on from a checkpoint FILE.exr, also with more --spp; same picture as in one go. Alone, with "
+                   "--frames: leave out the frames that are complete, and go on from the --checkpoint of the others, "
+                   "which is removed when its frame is there")
+      ->expected(0, 1)
+      ->default_str(kResumeFrames);
+  command->add_option("--frames", o.frames,
+                      "render these: 7, 1-240, 1-240x2, or several with commas between; names with ####, $F4 or %04d "
+                      "become each frame's, also the scene's and those in it; a frame that fails is named and the rest "
+                      "goes on");
+  command->add_flag("--fixed-seed", o.fixed_seed,
+                    "with --frames: the same random numbers in every frame, whose noise then stands still");
   command->add_option("--part", o.part, "i/N: the i-th of N shares of the samples, to be joined by brume merge");
   command->add_option("--records", o.records,
                       "also write what happened to each sample (random numbers, positions, colours) to FILE.records");
@@ -303,6 +418,11 @@ void add_render(CLI::App& app, Common& common, Commands& commands) {
   command->add_option("--replay", o.replay, "trace one sample again and print it: x,y,sample");
   commands[command] = [&common, command] {
     o.layers_given = command->count("--layers") > 0;
+    o.skip_complete = o.resume == kResumeFrames;
+    if (o.skip_complete) o.resume.clear();
+    if (!o.frames.empty()) return run_sequence(common);
+    if (o.skip_complete) throw InputError("--resume needs the checkpoint to go on from, or --frames");
+    if (o.fixed_seed) throw InputError("--fixed-seed is for --frames: one frame has one seed");
     return run(common);
   };
 }

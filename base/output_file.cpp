@@ -3,7 +3,9 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
+#include <cstdlib>
 #include <cstring>
 #include <fstream>
 
@@ -31,7 +33,19 @@ void check_writable(const fs::path& path, std::span<const fs::path> inputs, std:
         fmt::format("{}: cannot be written: {}: {}", path.string(), folder.string(), std::strerror(errno)));
 }
 
-OutputFile::OutputFile(fs::path path) : path_(std::move(path)), part_(path_.string() + ".part") {
+namespace {
+
+std::string name_of_writer() {
+  const char* const writer = std::getenv("BRUME_WRITER");
+  if (!writer || !*writer) return "";
+  std::string name = std::string(".") + writer;
+  std::replace(name.begin(), name.end(), '/', '_');
+  return name;
+}
+
+}  // namespace
+
+OutputFile::OutputFile(fs::path path) : path_(std::move(path)), part_(path_.string() + name_of_writer() + ".part") {
   check_writable(path_);
 }
 

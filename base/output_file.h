@@ -6,7 +6,8 @@
 namespace brume {
 
 /// A file that appears whole or not at all: written under `PATH.part`, renamed by commit(), removed if that never
-/// comes.
+/// comes. Where the environment names a BRUME_WRITER, as farms do whose machines may do the same work twice, the name
+/// is `PATH.WRITER.part`: two never write into one file.
 class OutputFile {
  public:
   /// @throws InputError when the folder is missing or cannot be written to

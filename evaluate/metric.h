@@ -2,6 +2,7 @@
 #include <string>
 #include <vector>
 
+#include "base/progress.h"
 #include "image/layers.h"
 
 namespace brume {
@@ -19,25 +20,49 @@ struct LabPolicy {
   std::string text() const;
 };
 
-/// Errors of a picture against a reference, over the pixels of a mask.
+/// Which value of a metric is the best.
+enum class Better { kLower, kHigher, kZero };
+/// "lower", "higher" or "zero".
+const char* better_name(Better better);
+
+/// What a metric is, once: tables, pages and programs take it from here.
+struct MetricInfo {
+  const char *id, *name, *unit;
+  Better better;
+  const char* definition;
+};
+/// In the order in which reports print them; the first is the primary one.
+const std::vector<MetricInfo>& all_metrics();
+
+/// Errors of a picture against a reference, over the pixels of a mask; all_metrics() says what they are.
 struct Errors {
-  double lab_rms =
-      0;  ///< clipped as LabPolicy says: sqrt(mean dL^2 + da^2 + db^2), equation 3 of the gradient-kernel paper
-  double lab_rms_unclipped = 0;
-  double mse = 0;                ///< channel mean
-  double rel_mse = 0;            ///< mean (x - r)^2 / (r^2 + 0.01), channel mean
-  double rel_mse_trimmed = 0;    ///< the same without the worst 0.1 % of pixels
-  double log_luminance_mse = 0;  ///< of ln max(Y, 1e-4), Y = .265 R + .670 G + .065 B: the extended-bilateral paper's
-  double relative_bias = 0;      ///< mean(x) / mean(r) - 1: energy lost or gained
+  double lab_rms = 0, lab_rms_unclipped = 0;
+  double mse = 0, rel_mse = 0, rel_mse_trimmed = 0, log_luminance_mse = 0;
+  double psnr = 0, ssim = 0, flip = 0, hdr_flip = 0;
+  double relative_bias = 0;
   size_t pixels = 0;
 };
 
+/// Which errors are taken: those of single pixels, or those too that look around pixels, SSIM and FLIP, which cost
+/// more.
+enum class ErrorScope { kPixels, kAll };
+
 /// @param second  another, independent reference: the squared errors become products (x - r1)(x - r2), whose
 /// expectation
-///                is free of the references' noise; an estimate below zero is reported as 0
-/// @throws std::logic_error for other sizes; InputError when a picture has NaN or infinite pixels
+///                is free of the references' noise; an estimate below zero is reported as 0. SSIM and FLIP are taken
+///                against the mean of the two
+/// @throws std::logic_error for other sizes; InputError when a picture has NaN or infinite pixels, and where the first
+/// is
 Errors compare(const RgbPlanes& x, const RgbPlanes& reference, const LabPolicy& policy, const Mask& mask = {},
-               const RgbPlanes* second = nullptr);
+               const RgbPlanes* second = nullptr, ErrorScope scope = ErrorScope::kAll, const Task& task = {});
+
+/// The same over several masks at once, for the work of one.
+std::vector<Errors> compare_regions(const RgbPlanes& x, const RgbPlanes& reference, const LabPolicy& policy,
+                                    const std::vector<Mask>& masks, const RgbPlanes* second = nullptr,
+                                    ErrorScope scope = ErrorScope::kAll, const Task& task = {});
+
+/// A picture in CIE-Lab, as the policy has it.
+std::array<Plane, 3> lab_planes(const RgbPlanes& rgb, const LabPolicy& policy);
 
 /// The Lab RMS alone, prepared for many pictures against one reference pair: what tuning calls thousands of times.
 class LabRms {
@@ -50,22 +75,13 @@ class LabRms {
   Plane error_map(const RgbPlanes& x) const;
 
  private:
-  std::array<Plane, 3> to_lab(const RgbPlanes& rgb) const;
-
   LabPolicy policy_;
   Mask mask_;
   size_t pixels_ = 0;
   std::array<Plane, 3> first_, second_;  // Lab; the same where there is one reference
 };
 
-/// Names and values in the order reports print them.
+/// Names and values in the order of all_metrics().
 std::vector<std::pair<std::string, double>> listed(const Errors& errors);
-
-/// Mean and half width of the two-sided 95 % confidence interval of the mean, by Student's t.
-struct MeanInterval {
-  double mean = 0, half_width = 0;
-  size_t count = 0;
-};
-MeanInterval mean_interval(const std::vector<double>& values);
 
 }  // namespace brume

@@ -30,9 +30,16 @@ struct Axis {
   }
 };
 
+std::string xml_text(const std::string& text) {
+  std::string escaped;
+  for (const char c : text) escaped += c == '<' ? "&lt;" : c == '>' ? "&gt;" : c == '&' ? "&amp;" : std::string(1, c);
+  return escaped;
+}
+
 }  // namespace
 
-std::string error_seconds_plot(const SceneResult& scene) {
+std::string error_seconds_plot(const SceneResult& scene,
+                               const std::vector<std::pair<std::string, std::string>>& origin) {
   struct Series {
     std::string name;
     bool dotted;
@@ -45,19 +52,20 @@ std::string error_seconds_plot(const SceneResult& scene) {
   std::map<std::string, size_t> colour;
   for (const MethodResult& m : scene.methods) {
     // Searched parameters where there are any, dotted beside them the defaults.
-    if (m.tuning == Tuning::kTransfer || m.tuning == Tuning::kPaper) continue;
+    if (m.tuning == Tuning::kTransfer || m.tuning == Tuning::kPaper || !m.failed.empty() || m.seconds() <= 0) continue;
     const bool dotted = searched && m.tuning == Tuning::kDefault;
     const std::string name = m.label() + (dotted ? " (default)" : "");
     colour.emplace(m.label(), colour.size());
     auto it = std::find_if(series.begin(), series.end(), [&](const Series& s) { return s.name == name; });
     if (it == series.end()) it = series.insert(series.end(), {name, dotted, {}});
-    const double seconds = m.render_seconds + m.filter_seconds, rms = std::max(m.whole.mean, 1e-6);
+    const double seconds = m.seconds(), rms = std::max(m.whole().mean, 1e-6);
     it->points.emplace_back(seconds, rms);
     x_lo = std::min(x_lo, seconds);
     x_hi = std::max(x_hi, seconds);
     y_lo = std::min(y_lo, rms);
     y_hi = std::max(y_hi, rms);
   }
+  if (series.empty()) return {};
   const Axis x(x_lo / 1.2, x_hi * 1.2, kLeft, kWidth - kRight), y(y_lo / 1.2, y_hi * 1.2, kHeight - kBottom, kTop);
   std::string svg = fmt::format(
       "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {0} {1}\" width=\"{0}\" height=\"{1}\" "
@@ -65,6 +73,9 @@ std::string error_seconds_plot(const SceneResult& scene) {
       "<rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n<text x=\"{2}\" y=\"24\" font-size=\"15\">{3}: error "
       "against seconds</text>\n",
       kWidth, kHeight, kLeft, scene.name);
+  svg += "<desc>";
+  for (const auto& [key, value] : origin) svg += xml_text(key + ": " + value + "; ");
+  svg += "</desc>\n";
   for (const double t : x.ticks())
     svg += fmt::format(
         "<line x1=\"{0:.1f}\" x2=\"{0:.1f}\" y1=\"{1}\" y2=\"{2}\" stroke=\"#ddd\"/><text x=\"{0:.1f}\" y=\"{3}\" "
@@ -75,7 +86,7 @@ std::string error_seconds_plot(const SceneResult& scene) {
         "<line x1=\"{0}\" x2=\"{1}\" y1=\"{2:.1f}\" y2=\"{2:.1f}\" stroke=\"#ddd\"/><text x=\"{3}\" y=\"{4:.1f}\" "
         "text-anchor=\"end\">{5:g}</text>\n",
         kLeft, kWidth - kRight, y.at(t), kLeft - 6, y.at(t) + 4, t);
-  svg += fmt::format("<text x=\"{}\" y=\"{}\" text-anchor=\"middle\">render + filter [s]</text>\n",
+  svg += fmt::format("<text x=\"{}\" y=\"{}\" text-anchor=\"middle\">render + guides + filter [s]</text>\n",
                      (kLeft + kWidth - kRight) / 2, kHeight - 18);
   svg += fmt::format(
       "<text transform=\"translate(20 {}) rotate(-90)\" text-anchor=\"middle\">Lab RMS, whole frame</text>\n",

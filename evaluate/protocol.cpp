@@ -3,27 +3,23 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cctype>
 #include <cmath>
 #include <fstream>
-#include <optional>
+#include <limits>
+#include <memory>
 #include <set>
-#include <thread>
 
+#include "base/error.h"
+#include "base/text.h"
+#include "evaluate/result_store.h"
+#include "evaluate/studies.h"
 #include "filters/guide_layers.h"
+#include "filters/registry.h"
 #include "filters/requirements.h"
 
 namespace brume {
 namespace {
-
-// Seeds: two references, one frame to tune on, then the frames that are reported. None is shared.
-constexpr int64_t kReferenceSeed = 1000001, kTuningSeed = 2000001, kNoisySeed = 1;
-
-/// One scene's frames while the protocol runs.
-struct Frames {
-  TimedFrame reference[2];
-  std::vector<TimedFrame> tuning;              // by spp
-  std::vector<std::vector<TimedFrame>> noisy;  // by spp, seed
-};
 
 /// What the search found for a contender at one spp of one scene.
 struct Found {
@@ -31,81 +27,17 @@ struct Found {
   std::optional<FilterSettings> elsewhere;  // on the other scenes' frames, where there are any
 };
 
+const RecordedData kPlain = {{"coverage", "direct", "indirect"}, false, false, false};
+
 double median(std::vector<double> values) {
   std::sort(values.begin(), values.end());
   const size_t n = values.size();
   return n % 2 ? values[n / 2] : 0.5 * (values[n / 2 - 1] + values[n / 2]);
 }
 
-/// Runs `filter` (null: none) over a scene's noisy frames of one spp and measures.
-MethodResult measure(const std::vector<TimedFrame>& noisy, const FilterSettings* filter, const ApplyOptions& options,
-                     const SceneResult& scene, const Frames& frames, const Task& task) {
-  MethodResult result;
-  std::vector<double> whole, medium, rel, bias, filter_seconds, render_seconds;
-  const RgbPlanes r1 = frames.reference[0].layers.rgb(layer::beauty),
-                  r2 = frames.reference[1].layers.rgb(layer::beauty);
-  for (size_t seed = 0; seed < noisy.size(); ++seed) {
-    Layers clean;
-    if (filter) {
-      ApplyReport report;
-      std::optional<RecordReader> records;
-      ApplyOptions own = options;
-      if (filter->entry().parts) own.component = Component::kAll;
-      if (!noisy[seed].records.empty()) own.records = &records.emplace(noisy[seed].records);
-      // The first run warms caches and threads; slow filters do not notice.
-      clean = apply_filter(*filter, noisy[seed].layers, own, task, &report);
-      if (seed == 0 && report.seconds < 1) clean = apply_filter(*filter, noisy[seed].layers, own, task, &report);
-      filter_seconds.push_back(report.seconds);
-    } else {
-      clean = noisy[seed].layers;
-    }
-    const RgbPlanes x = clean.rgb(layer::beauty);
-    const Errors all = compare(x, r1, scene.policy, {}, &r2), inside = compare(x, r1, scene.policy, scene.mask, &r2);
-    whole.push_back(all.lab_rms);
-    medium.push_back(inside.lab_rms);
-    rel.push_back(inside.rel_mse);
-    bias.push_back(inside.relative_bias);
-    render_seconds.push_back(noisy[seed].seconds);
-    if (seed == 0) {
-      result.example = Layers(clean.width(), clean.height());
-      result.example.header = clean.header;
-      for (size_t c = 0; c < 3; ++c) result.example.set(layer::beauty.channel(c), *x[c]);
-    }
-  }
-  result.whole = mean_interval(whole);
-  result.medium = mean_interval(medium);
-  result.rel_mse_medium = mean_interval(rel);
-  result.relative_bias = mean_interval(bias).mean;
-  result.render_seconds = median(render_seconds);
-  result.filter_seconds = filter ? median(filter_seconds) : 0.0;
-  result.whole_by_seed = whole;
-  if (filter) result.parameters = filter->text();
-  return result;
-}
-
-SceneResult describe_scene(const EvaluationScene& scene, const EvaluationSettings& settings, const Frames& frames) {
-  const Layers &a = frames.reference[0].layers, &b = frames.reference[1].layers;
-  SceneResult result;
-  result.name = scene.name;
-  result.policy = {scene.exposure, true};
-  result.width = a.width();
-  result.height = a.height();
-  result.reference_spp = settings.reference_spp;
-  result.reference_seconds = frames.reference[0].seconds + frames.reference[1].seconds;
-  result.reference = Layers(a.width(), a.height());
-  for (const LayerName& l : {layer::beauty, layer::coverage})
-    for (size_t c = 0; c < l.channels.size(); ++c) {
-      Plane mean = a.at(l.channel(c));
-      const Plane& other = b.at(l.channel(c));
-      for (int y = 0; y < mean.height(); ++y)
-        for (int x = 0; x < mean.width(); ++x) mean(x, y) = 0.5f * (mean(x, y) + other(x, y));
-      result.reference.set(l.channel(c), std::move(mean));
-    }
-  result.mask = medium_mask(result.reference);
-  for (const uint8_t m : result.mask) result.medium_share += m / static_cast<double>(result.mask.size());
-  // The difference of two references carries the noise of both.
-  result.reference_rms = compare(a.rgb(layer::beauty), b.rgb(layer::beauty), result.policy).lab_rms / std::sqrt(2.0);
-  return result;
+bool is_reference_channel(const std::string& channel) {
+  const auto names = layer::beauty.channel_names();
+  return std::find(names.begin(), names.end(), channel) != names.end() || channel == layer::coverage.channel(0);
 }
 
 }  // namespace
@@ -125,10 +57,39 @@ const char* tuning_name(Tuning tuning) {
   }
 }
 
+const char* region_name(Region region) {
+  return region == Region::kFrame ? "frame" : "medium";
+}
+
+std::string MethodResult::id() const {
+  std::string text = filter.empty() ? "noisy" : filter + "_" + tuning_name(tuning);
+  for (char& c : text)
+    if (!std::isalnum(static_cast<unsigned char>(c)) && std::string("-._").find(c) == std::string::npos) c = '_';
+  return text;
+}
+
+std::vector<double> MethodResult::values(Region region, double Errors::*metric) const {
+  std::vector<double> list;
+  for (const Errors& e : errors[static_cast<size_t>(region)]) list.push_back(e.*metric);
+  return list;
+}
+
 const MethodResult* SceneResult::find(const std::string& filter, Tuning tuning, int spp) const {
   for (const MethodResult& m : methods)
     if (m.filter == filter && m.tuning == tuning && m.spp == spp) return &m;
   return nullptr;
+}
+
+bool is_reported(const EvaluationSettings& settings, const std::string& metric) {
+  const std::vector<std::string>& chosen = settings.metrics;
+  return chosen.empty() || std::find(chosen.begin(), chosen.end(), metric) != chosen.end();
+}
+
+std::vector<int> spp_of(const SceneResult& scene) {
+  std::vector<int> list;
+  for (const MethodResult& m : scene.methods)
+    if (std::find(list.begin(), list.end(), m.spp) == list.end()) list.push_back(m.spp);
+  return list;
 }
 
 /// Whether any of the settings that will run reads features.
@@ -145,6 +106,7 @@ bool prefers_guides(const Contender& contender, bool tune) {
     const std::vector<std::string> names = s.preferred_features();
     return s.uses_features() && std::any_of(names.begin(), names.end(), FeaturePlan::is_of_guides);
   };
+  if (std::any_of(contender.features.begin(), contender.features.end(), FeaturePlan::is_of_guides)) return true;
   if (prefers(contender.settings)) return true;
   if (!tune) return false;
   const std::vector<FilterSettings> all = candidate_settings(contender);
@@ -152,6 +114,13 @@ bool prefers_guides(const Contender& contender, bool tune) {
 }
 
 RecordedData data_to_record(const EvaluationSettings& settings) {
+  if (settings.all_layers) {
+    EvaluationSettings all = settings;
+    all.all_layers = false;
+    all.tune = true;
+    for (Contender& other : all_contenders()) all.contenders.push_back(std::move(other));
+    return data_to_record(all);
+  }
   std::set<std::string> names = {"coverage"};  // the mask of medium pixels
   RecordedData data;
   for (const Contender& contender : settings.contenders) {
@@ -159,11 +128,12 @@ RecordedData data_to_record(const EvaluationSettings& settings) {
     std::vector<LayerName> layers = required_layers(filter, {settings.component, settings.background});
     if (filter.parts) layers.insert(layers.end(), {layer::direct, layer::indirect});
     layers.insert(layers.end(), filter.can_use.begin(), filter.can_use.end());
-    const bool features = reads_features(contender, settings.tune);
+    const bool features =
+        contender.features != std::vector<std::string>{"none"} && reads_features(contender, settings.tune);
     if (features) layers.insert(layers.end(), FeaturePlan::sources().begin(), FeaturePlan::sources().end());
     for (const LayerName& l : layers)
       if (!l.name.empty() && !is_guide(l.name)) names.insert(std::string(l.name));
-    if (filter.guides || prefers_guides(contender, settings.tune)) names.insert("guides");
+    if (contender.guides && (filter.guides || prefers_guides(contender, settings.tune))) names.insert("guides");
     data.statistics |= filter.can_use_statistics >= Statistics::kVariance || features || filter.variances;
     data.buckets |= filter.can_use_statistics >= Statistics::kBuckets;
     data.records |= filter.records == FilterEntry::Records::kNeeds;
@@ -172,114 +142,402 @@ RecordedData data_to_record(const EvaluationSettings& settings) {
   return data;
 }
 
-size_t stage_count(const EvaluationSettings& settings, size_t scenes) {
-  const size_t spp = settings.spp.size(), tune = settings.tune ? 1 : 0;
-  const size_t frames = 2 + spp * (tune + static_cast<size_t>(settings.seeds));
-  return scenes * (frames + tune * spp * settings.contenders.size() + 1);
-}
-
-std::string machine_name() {
+std::string processor_name() {
   std::ifstream info("/proc/cpuinfo");
-  std::string processor = "unknown processor";
   for (std::string line; std::getline(info, line);)
-    if (line.starts_with("model name")) {
-      processor = line.substr(line.find(':') + 2);
-      break;
-    }
-  return fmt::format("{}, {} threads", processor, std::thread::hardware_concurrency());
+    if (line.starts_with("model name")) return line.substr(line.find(':') + 2);
+  return "unknown processor";
 }
 
-Evaluation evaluate(const std::vector<EvaluationScene>& scenes, const EvaluationSettings& settings,
-                    const std::function<Task(const std::string&)>& stage) {
-  Evaluation result{settings, {}, machine_name()};
-  std::vector<Frames> all(scenes.size());
-  for (size_t s = 0; s < scenes.size(); ++s) {
-    const EvaluationScene& scene = scenes[s];
-    Frames& frames = all[s];
-    const auto record_file = [&](int64_t seed, int spp) {
-      return settings.records.empty() ? std::filesystem::path()
-                                      : settings.records / fmt::format("{}.{}.{}.records", scene.name, spp, seed);
-    };
-    for (int r = 0; r < 2; ++r)
-      frames.reference[r] = scene.render_reference(settings.reference_spp, kReferenceSeed + r,
-                                                   stage(fmt::format("{}: reference {} of 2", scene.name, r + 1)));
-    for (const int spp : settings.spp) {
-      if (settings.tune)
-        frames.tuning.push_back(scene.render(spp, kTuningSeed, record_file(kTuningSeed, spp),
-                                             stage(fmt::format("{}: {} spp to tune on", scene.name, spp))));
-      auto& noisy = frames.noisy.emplace_back();
-      for (int seed = 0; seed < settings.seeds; ++seed)
-        noisy.push_back(
-            scene.render(spp, kNoisySeed + seed, record_file(kNoisySeed + seed, spp),
-                         stage(fmt::format("{}: {} spp, seed {} of {}", scene.name, spp, seed + 1, settings.seeds))));
+std::string RecordedData::text() const {
+  return fmt::format("layers {}\nstatistics {}\nbuckets {}\nrecords {}", join(layers, " "), statistics, buckets,
+                     records);
+}
+
+namespace {
+
+/// What a contender alone asks to be recorded, guides aside: they are timed by themselves.
+RecordedData own_data(const Contender& contender, EvaluationSettings settings) {
+  settings.contenders = {contender};
+  settings.all_layers = false;
+  RecordedData data = data_to_record(settings);
+  std::erase(data.layers, "guides");
+  return data;
+}
+
+/// The protocol on one scene: its frames, references and lines.
+class SceneRun {
+ public:
+  SceneRun(const EvaluationScene& scene, const EvaluationSettings& settings, const ResultStore& store)
+      : scene_(scene), settings_(settings), store_(store), data_(data_to_record(settings)) {
+    if (scene.foreign) {
+      spp_ = {scene.foreign->spp};
+      seeds_ = scene.foreign->seeds;
+    } else {
+      spp_ = settings.spp;
+      seeds_ = settings.seeds;
     }
-    result.scenes.push_back(describe_scene(scene, settings, frames));
+    options_.component = settings.component;
+    options_.background = settings.background;
+    options_.exposure = scene.exposure;
+    if (scene.foreign) options_.component = Component::kAll;
+    for (const char* id : {"ssim", "flip", "hdr_flip"})
+      if (is_reported(settings, id)) scope_ = ErrorScope::kAll;
   }
 
-  const auto options = [&](size_t s) {
-    return ApplyOptions{settings.component, settings.background, scenes[s].exposure};
-  };
-  std::vector<std::vector<TuningFrame>> tuning_frames(scenes.size());  // by scene, spp
-  if (settings.tune)
-    for (size_t s = 0; s < scenes.size(); ++s) {
-      const RgbPlanes r1 = all[s].reference[0].layers.rgb(layer::beauty),
-                      r2 = all[s].reference[1].layers.rgb(layer::beauty);
-      const LabRms metric(r1, &r2, result.scenes[s].policy, {});
-      for (const TimedFrame& noisy : all[s].tuning)
-        tuning_frames[s].emplace_back(noisy.layers, noisy.records, options(s), metric);
-    }
-  const auto find = [&](size_t s, size_t k, const Contender& contender) {
-    const Task task = stage(fmt::format("{}: tune {}, {} spp", scenes[s].name, contender.label, settings.spp[k]));
-    std::vector<TuningFrame*> others;
-    for (size_t o = 0; o < scenes.size(); ++o)
-      if (o != s) others.push_back(&tuning_frames[o][k]);
-    Found found{search(contender, {&tuning_frames[s][k]}, share(task, 0, others.empty() ? 1 : 0.5)), {}};
-    if (!others.empty()) found.elsewhere = search(contender, others, share(task, 0.5, 1));
-    return found;
-  };
-  std::vector<std::vector<std::vector<Found>>> found(scenes.size());  // by scene, spp, contender
-  if (settings.tune)
-    for (size_t s = 0; s < scenes.size(); ++s)
-      for (size_t k = 0; k < settings.spp.size(); ++k) {
-        std::vector<Found>& list = found[s].emplace_back();
-        for (const Contender& contender : settings.contenders) list.push_back(find(s, k, contender));
-      }
+  const EvaluationScene& scene() const { return scene_; }
+  const std::vector<int>& spp() const { return spp_; }
+  int seeds() const { return seeds_; }
+  bool is_searched() const { return settings_.tune && !scene_.foreign; }
+  SceneResult& result() { return result_; }
 
-  for (size_t s = 0; s < scenes.size(); ++s) {
-    SceneResult& scene = result.scenes[s];
-    const Task task = stage(fmt::format("{}: filter and measure", scene.name));
+  void load_references(int spp, const Task& task) {
+    const int count = scene_.foreign ? scene_.foreign->references : 2;
+    references_.clear();
+    for (int r = 0; r < count; ++r)
+      references_.push_back(store_.frame(scene_, spp, kReferenceSeed + r, kPlain,
+                                         share(task, r / static_cast<double>(count), (r + 1.0) / count),
+                                         is_reference_channel));
+    reference_spp_ = scene_.foreign ? 0 : spp;
+    describe();
+  }
+
+  void render(int spp, int seed, const Task& task) {
+    if (!scene_.foreign)
+      store_.frame(scene_, spp, kFirstNoisySeed + seed, data_, task, [](const std::string&) { return false; });
+  }
+
+  TuningFrame tuning_frame(int spp, const Task& task) {
+    TimedFrame frame = store_.frame(scene_, spp, kTuningSeed, data_, task);
+    const std::string key = store_.frame_key(scene_, spp, kTuningSeed, data_);
+    const RgbPlanes r1 = references_.front().layers.rgb(layer::beauty), r2 = second();
+    return TuningFrame(std::move(frame.layers), data_.records ? store_.records(key) : std::filesystem::path(), options_,
+                       LabRms(r1, &r2, result_.policy, {}), key + fmt::format("\nreferences {}", reference_spp_));
+  }
+
+  /// What a render costs that records only what a method reads; measured where it is asked for first.
+  double render_seconds(NoisyFrames& frames, const Contender* contender, const Task& task) {
+    if (scene_.foreign) return 0;
+    RecordedData data = contender ? own_data(*contender, settings_) : kPlain;
+    const bool as_recorded = data.statistics || data.buckets || data.records || !settings_.time_layers;
+    if (!as_recorded && contender) data = light_data_;
+    if (!as_recorded && !(data == data_)) return store_.render_seconds(scene_, frames.spp(), data, task);
+    std::vector<double> seconds;
+    for (size_t seed = 0; seed < frames.count(); ++seed) seconds.push_back(frames.at(seed, task).seconds);
+    return median(seconds);
+  }
+
+  MethodResult run(NoisyFrames& frames, const Contender* contender, const FilterSettings* filter, Tuning tuning,
+                   const Task& task) {
+    MethodResult m;
+    m.spp = frames.spp();
+    m.tuning = tuning;
+    m.render_seconds = render_seconds(frames, contender, task);
+    if (!contender) {
+      for (size_t seed = 0; seed < frames.count(); ++seed) m.pictures.push_back(frames.key(seed));
+      return m;
+    }
+    m.filter = contender->label;
+    m.parameters = filter->text();
+    if (tuning == Tuning::kSearched) m.edges = on_the_edge(*contender, *filter);
+    if (contender->reads_guides(*filter)) m.guide_seconds = store_.guide_seconds(scene_, frames.spp(), task);
+    run_all(filter_run(*contender, *filter), frames, m, task);
+    return m;
+  }
+
+  FilterRun filter_run(const Contender& contender, const FilterSettings& filter) const {
+    FilterRun run{&filter, options_};
+    run.options.features = contender.features;
+    if (!contender.guides) run.left_out = {guide_root()};
+    run.time_limit = contender.time_limit > 0 ? contender.time_limit : settings_.time_limit;
+    return run;
+  }
+
+  /// A filter on the frames of all seeds, into a line.
+  void run_all(const FilterRun& run, NoisyFrames& frames, MethodResult& m, const Task& task) {
+    std::vector<double> seconds;
+    for (size_t seed = 0; seed < frames.count(); ++seed) {
+      const FilterOutcome outcome = store_.filter(run, frames, seed, quiet(task));
+      if (!outcome.failed.empty()) {
+        m.failed = fmt::format("seed {}: {}", kFirstNoisySeed + static_cast<int64_t>(seed), outcome.failed);
+        return;
+      }
+      seconds.push_back(outcome.seconds);
+      m.pictures.push_back(outcome.key);
+      if (outcome.peak_bytes) m.peak_bytes = std::max(m.peak_bytes.value_or(0.0), *outcome.peak_bytes);
+    }
+    m.filter_seconds = median(seconds);
+  }
+
+  /// Fills in the errors of a line from its pictures.
+  void measure(MethodResult& m, NoisyFrames& frames, const Task& task) {
+    for (auto& list : m.errors) list.clear();
+    if (!m.failed.empty()) return;
+    const RgbPlanes r1 = references_.front().layers.rgb(layer::beauty), r2 = second();
+    const RgbPlanes* other = references_.size() > 1 ? &r2 : nullptr;
+    for (size_t seed = 0; seed < m.pictures.size(); ++seed) {
+      task.check();
+      Layers picture = m.filter.empty() ? frames.colours(seed, task) : store_.picture(m.pictures[seed]);
+      const RgbPlanes x = picture.rgb(layer::beauty);
+      try {
+        const std::vector<Errors> errors =
+            result_.mask.empty() ? compare_regions(x, r1, result_.policy, {{}}, other, scope_, task)
+                                 : compare_regions(x, r1, result_.policy, {{}, result_.mask}, other, scope_, task);
+        for (size_t region = 0; region < errors.size(); ++region) m.errors[region].push_back(errors[region]);
+      } catch (const InputError& error) {
+        m.failed = fmt::format("seed {}: {}", kFirstNoisySeed + static_cast<int64_t>(seed), error.what());
+        for (auto& list : m.errors) list.clear();
+        return;
+      }
+      if (seed == 0) m.example = std::move(picture);
+    }
+  }
+
+  /// Doubles the references' samples until their noise is the wanted share of the best method's error.
+  void refine_references(const std::vector<std::unique_ptr<NoisyFrames>>& frames, const Task& task) {
+    if (scene_.foreign || !(settings_.reference_noise > 0)) return;
+    while (2 * reference_spp_ <= settings_.most_reference_spp) {
+      double best = std::numeric_limits<double>::infinity();
+      for (const MethodResult& m : result_.methods)
+        if (m.failed.empty()) best = std::min(best, m.whole().mean);
+      const double noise_of_mean = result_.reference_rms / std::sqrt(2.0);
+      if (noise_of_mean <= settings_.reference_noise * best) return;
+      load_references(2 * reference_spp_, task);
+      for (MethodResult& m : result_.methods)
+        for (const auto& noisy : frames)
+          if (noisy->spp() == m.spp) measure(m, *noisy, task);
+    }
+  }
+
+  void filter_and_measure(const std::vector<std::vector<Found>>& found, const Task& task) {
+    prepare_light_data();
+    std::vector<std::unique_ptr<NoisyFrames>> all;
     size_t done = 0;
-    const size_t total = settings.spp.size() * (1 + settings.contenders.size());
-    for (size_t k = 0; k < settings.spp.size(); ++k) {
+    const size_t total = spp_.size() * (1 + settings_.contenders.size());
+    const auto report = [&] { task.report(static_cast<double>(++done) / static_cast<double>(total)); };
+    for (size_t k = 0; k < spp_.size(); ++k) {
+      // Of another renderer's frames each is read again where it is needed.
+      NoisyFrames& frames = *all.emplace_back(std::make_unique<NoisyFrames>(store_, scene_, spp_[k], seeds_, data_));
       const auto add = [&](const Contender* contender, const FilterSettings* filter, Tuning tuning) {
-        const auto same = std::find_if(scene.methods.begin(), scene.methods.end(), [&](const MethodResult& m) {
-          return contender && m.filter == contender->label && m.spp == settings.spp[k] &&
-                 m.parameters == filter->text();
+        const auto same = std::find_if(result_.methods.begin(), result_.methods.end(), [&](const MethodResult& m) {
+          return contender && m.filter == contender->label && m.spp == spp_[k] && m.parameters == filter->text();
         });
         // What has been measured is not measured again.
-        MethodResult m = same != scene.methods.end()
-                             ? *same
-                             : measure(all[s].noisy[k], filter, options(s), scene, all[s], quiet(task));
-        m.spp = settings.spp[k];
-        m.tuning = tuning;
-        m.edges.clear();
-        if (contender) m.filter = contender->label;
-        if (tuning == Tuning::kSearched) m.edges = on_the_edge(*contender, *filter);
-        scene.methods.push_back(std::move(m));
+        MethodResult m;
+        if (same != result_.methods.end()) {
+          m = *same;
+          m.tuning = tuning;
+          m.edges = tuning == Tuning::kSearched ? on_the_edge(*contender, *filter) : std::vector<std::string>();
+        } else {
+          m = run(frames, contender, filter, tuning, task);
+          measure(m, frames, task);
+        }
+        result_.methods.push_back(std::move(m));
       };
       add(nullptr, nullptr, Tuning::kNone);
-      task.report(static_cast<double>(++done) / static_cast<double>(total));
-      for (size_t f = 0; f < settings.contenders.size(); ++f) {
-        const Contender& contender = settings.contenders[f];
+      report();
+      for (size_t f = 0; f < settings_.contenders.size(); ++f) {
+        const Contender& contender = settings_.contenders[f];
         if (contender.paper) add(&contender, &*contender.paper, Tuning::kPaper);
         add(&contender, &contender.settings, Tuning::kDefault);
-        if (settings.tune) {
-          add(&contender, &found[s][k][f].here, Tuning::kSearched);
-          if (found[s][k][f].elsewhere) add(&contender, &*found[s][k][f].elsewhere, Tuning::kTransfer);
+        if (!found.empty()) {
+          add(&contender, &found[k][f].here, Tuning::kSearched);
+          if (found[k][f].elsewhere) add(&contender, &*found[k][f].elsewhere, Tuning::kTransfer);
         }
-        task.report(static_cast<double>(++done) / static_cast<double>(total));
+        report();
       }
+      frames.forget();
     }
+    refine_references(all, task);
+  }
+
+  /// Each filter with its best settings of this scene, its layers left out and its parameters changed one by one.
+  void study(const Task& task) {
+    std::vector<std::pair<int, const Contender*>> studies;
+    for (const int spp : spp_)
+      if (is_studied(spp))
+        for (const Contender& contender : settings_.contenders)
+          if (contender.study) studies.emplace_back(spp, &contender);
+    std::unique_ptr<NoisyFrames> frames;
+    for (size_t i = 0; i < studies.size(); ++i) {
+      const auto& [spp, contender] = studies[i];
+      if (!frames || frames->spp() != spp) frames = std::make_unique<NoisyFrames>(store_, scene_, spp, seeds_, data_);
+      const MethodResult* best = result_.find(contender->label, Tuning::kSearched, spp);
+      if (!best) best = result_.find(contender->label, Tuning::kDefault, spp);
+      if (best->failed.empty()) {
+        const FilterSettings settings = settings_from(contender->settings.entry(), best->parameters);
+        const Task part = share(task, static_cast<double>(i) / static_cast<double>(studies.size()),
+                                static_cast<double>(i + 1) / static_cast<double>(studies.size()));
+        if (settings_.ablation) ablate(*contender, settings, *best, *frames, part);
+        if (settings_.sensitivity) vary(*contender, settings, *best, *frames, part);
+      }
+      task.report(static_cast<double>(i + 1) / static_cast<double>(studies.size()));
+    }
+  }
+
+ private:
+  bool is_studied(int spp) const {
+    if (scene_.foreign || settings_.study_spp.empty()) return spp == spp_[spp_.size() / 2];
+    return std::find(settings_.study_spp.begin(), settings_.study_spp.end(), spp) != settings_.study_spp.end();
+  }
+
+  MethodResult studied(const FilterRun& run, const MethodResult& like, NoisyFrames& frames, const Task& task) {
+    MethodResult m;
+    m.filter = like.filter;
+    m.tuning = like.tuning;
+    m.spp = like.spp;
+    m.parameters = run.filter->text();
+    run_all(run, frames, m, task);
+    measure(m, frames, task);
+    m.example = Layers();
+    return m;
+  }
+
+  void ablate(const Contender& contender, const FilterSettings& settings, const MethodResult& best, NoisyFrames& frames,
+              const Task& task) {
+    const FilterRun run = filter_run(contender, settings);
+    const std::vector<StudiedLayer> layers = layers_to_study(contender, settings, frames.at(0, task).layers, task);
+    for (size_t i = 0; i < layers.size(); ++i) {
+      result_.ablation.push_back({layers[i].name, false, studied(without_layer(run, layers, i), best, frames, task)});
+      if (layers.size() > 1)
+        result_.ablation.push_back(
+            {layers[i].name, true, studied(with_layer_alone(run, layers, i), best, frames, task)});
+    }
+  }
+
+  void vary(const Contender& contender, const FilterSettings& settings, const MethodResult& best, NoisyFrames& frames,
+            const Task& task) {
+    for (const StudiedParameter& parameter : parameters_to_study(contender, settings))
+      for (const auto& [value, changed] : parameter.values)
+        result_.sensitivity.push_back(
+            {parameter.name, value, studied(filter_run(contender, changed), best, frames, task)});
+  }
+
+  const RgbPlanes second() const { return references_.back().layers.rgb(layer::beauty); }
+
+  /// One render for all methods that need no statistics.
+  void prepare_light_data() {
+    std::set<std::string> names(kPlain.layers.begin(), kPlain.layers.end());
+    for (const Contender& contender : settings_.contenders) {
+      const RecordedData own = own_data(contender, settings_);
+      if (!own.statistics && !own.buckets && !own.records) names.insert(own.layers.begin(), own.layers.end());
+    }
+    light_data_.layers = {names.begin(), names.end()};
+  }
+
+  void describe() {
+    const Layers& a = references_.front().layers;
+    const Layers& b = references_.back().layers;
+    result_.name = scene_.name;
+    result_.hash = scene_.hash;
+    result_.policy = {scene_.exposure, true};
+    result_.width = a.width();
+    result_.height = a.height();
+    result_.references = static_cast<int>(references_.size());
+    result_.reference_spp = reference_spp_;
+    result_.reference_seconds = 0;
+    for (const TimedFrame& r : references_) result_.reference_seconds += r.seconds;
+    result_.reference = Layers(a.width(), a.height());
+    result_.reference.header = a.header;
+    for (const LayerName& l : {layer::beauty, layer::coverage})
+      for (const std::string& channel : l.channel_names()) {
+        if (!a.find(channel) || !b.find(channel)) continue;
+        Plane mean = a.at(channel);
+        const Plane& other = b.at(channel);
+        for (int y = 0; y < mean.height(); ++y)
+          for (int x = 0; x < mean.width(); ++x) mean(x, y) = 0.5f * (mean(x, y) + other(x, y));
+        result_.reference.set(channel, std::move(mean));
+      }
+    result_.mask = medium_mask(result_.reference);
+    result_.medium_share = 0;
+    for (const uint8_t m : result_.mask) result_.medium_share += m / static_cast<double>(result_.mask.size());
+    // The difference of two references carries the noise of both.
+    result_.reference_rms =
+        compare(a.rgb(layer::beauty), b.rgb(layer::beauty), result_.policy, {}, nullptr, ErrorScope::kPixels).lab_rms /
+        std::sqrt(2.0);
+  }
+
+  const EvaluationScene& scene_;
+  const EvaluationSettings& settings_;
+  const ResultStore& store_;
+  RecordedData data_, light_data_;
+  ApplyOptions options_;
+  ErrorScope scope_ = ErrorScope::kPixels;
+  std::vector<int> spp_;
+  int seeds_ = 0, reference_spp_ = 0;
+  std::vector<TimedFrame> references_;
+  SceneResult result_;
+};
+
+}  // namespace
+
+size_t stage_count(const std::vector<EvaluationScene>& scenes, const EvaluationSettings& settings) {
+  const size_t spp = settings.spp.size();
+  size_t count = 0;
+  for (const EvaluationScene& scene : scenes) {
+    count += 2;  // references; filter and measure
+    if (scene.foreign) continue;
+    count += spp * static_cast<size_t>(settings.seeds);
+    if (settings.tune) count += spp * (1 + settings.contenders.size());
+  }
+  if (settings.ablation || settings.sensitivity) count += scenes.size();
+  return count;
+}
+
+Evaluation evaluate(const std::vector<EvaluationScene>& scenes, const EvaluationSettings& settings, const Cache& cache,
+                    const std::function<Task(const std::string&)>& stage) {
+  Evaluation result{settings, {}, {}};
+  const ResultStore store(cache, result.settings, result.work);
+  std::vector<SceneRun> runs;
+  for (const EvaluationScene& scene : scenes) runs.emplace_back(scene, result.settings, store);
+
+  for (SceneRun& run : runs) {
+    const std::string& name = run.scene().name;
+    run.load_references(settings.reference_spp, stage(fmt::format("{}: references", name)));
+    if (run.scene().foreign) continue;
+    for (const int spp : run.spp())
+      for (int seed = 0; seed < run.seeds(); ++seed)
+        run.render(spp, seed, stage(fmt::format("{}: {} spp, seed {} of {}", name, spp, seed + 1, run.seeds())));
+  }
+
+  std::vector<std::vector<TuningFrame>> tuning_frames(runs.size());  // by scene, spp
+  for (size_t s = 0; s < runs.size(); ++s)
+    if (runs[s].is_searched())
+      for (const int spp : settings.spp)
+        tuning_frames[s].push_back(
+            runs[s].tuning_frame(spp, stage(fmt::format("{}: {} spp to search on", scenes[s].name, spp))));
+  const auto find = [&](size_t s, size_t k, const Contender& contender) {
+    const Task task = stage(fmt::format("{}: search for {}, {} spp", scenes[s].name, contender.label, settings.spp[k]));
+    std::vector<TuningFrame*> others;
+    for (size_t o = 0; o < runs.size(); ++o)
+      if (o != s && !tuning_frames[o].empty()) others.push_back(&tuning_frames[o][k]);
+    const auto on = [&](std::vector<TuningFrame*> frames, const Task& part) {
+      std::string key = fmt::format("search\n{}\nrestarts {}", contender.key(), settings.restarts);
+      for (const TuningFrame* frame : frames) key += "\n" + frame->key();
+      return store.found(key, contender.settings.entry(),
+                         [&] { return search(contender, frames, settings.restarts, part); });
+    };
+    Found found{on({&tuning_frames[s][k]}, share(task, 0, others.empty() ? 1 : 0.5)), {}};
+    if (!others.empty()) found.elsewhere = on(others, share(task, 0.5, 1));
+    task.report(1);
+    return found;
+  };
+  std::vector<std::vector<std::vector<Found>>> found(runs.size());  // by scene, spp, contender
+  for (size_t s = 0; s < runs.size(); ++s)
+    for (size_t k = 0; k < tuning_frames[s].size(); ++k) {
+      std::vector<Found>& list = found[s].emplace_back();
+      for (const Contender& contender : settings.contenders) list.push_back(find(s, k, contender));
+    }
+  tuning_frames.clear();
+
+  for (size_t s = 0; s < runs.size(); ++s) {
+    runs[s].filter_and_measure(found[s], stage(fmt::format("{}: filter and measure", scenes[s].name)));
+    if (settings.ablation || settings.sensitivity)
+      runs[s].study(stage(fmt::format("{}: {}", scenes[s].name,
+                                      settings.ablation && settings.sensitivity ? "ablation and sensitivity"
+                                      : settings.ablation                       ? "ablation"
+                                                                                : "sensitivity")));
+    result.scenes.push_back(std::move(runs[s].result()));
   }
   return result;
 }

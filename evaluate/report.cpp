@@ -5,18 +5,18 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <nlohmann/json.hpp>
 
 #include "base/output_file.h"
 #include "base/text.h"
+#include "evaluate/page.h"
 #include "evaluate/plot.h"
+#include "evaluate/speed.h"
 #include "evaluate/strips.h"
+#include "evaluate/table.h"
 #include "image/exr_io.h"
 
 namespace brume {
 namespace {
-
-using nlohmann::json;
 
 struct PaperRow {
   const char* filter;
@@ -47,18 +47,14 @@ std::string interval(const MeanInterval& m) {
   return m.count > 1 ? fmt::format("{:.3f} ± {:.3f}", m.mean, m.half_width) : fmt::format("{:.3f}", m.mean);
 }
 
-/// How many times longer plain path tracing would take for this method's error, its error falling as 1 / sqrt(spp).
-double speed_up(const MethodResult& m, const MethodResult& plain) {
-  const double equal_seconds = plain.render_seconds * std::pow(plain.whole.mean / m.whole.mean, 2);
-  return m.whole.mean > 0 ? equal_seconds / (m.render_seconds + m.filter_seconds) : 0.0;
+std::string machine_text(const Provenance& p) {
+  return fmt::format("{}, {} threads", p.processor, p.threads);
 }
 
-/// File name part of a method.
-std::string file_name(const MethodResult& m) {
-  std::string name = m.filter.empty() ? "noisy" : m.filter + "_" + tuning_name(m.tuning);
-  std::replace_if(
-      name.begin(), name.end(), [](char c) { return c == ' ' || c == '='; }, '_');
-  return name;
+/// How many times longer plain path tracing would take for this method's error, its error falling as 1 / sqrt(spp).
+double speed_up(const MethodResult& m, const MethodResult& plain) {
+  const double equal_seconds = plain.render_seconds * std::pow(plain.whole().mean / m.whole().mean, 2);
+  return m.whole().mean > 0 ? equal_seconds / (m.seconds()) : 0.0;
 }
 
 /// Standard error that the references' noise leaves in every RMS of a scene, the same for all its methods and so
@@ -70,129 +66,356 @@ double common_error(const SceneResult& scene, double rms) {
 
 double best_rms(const SceneResult& scene) {
   double best = std::numeric_limits<double>::infinity();
-  for (const MethodResult& m : scene.methods) best = std::min(best, m.whole.mean);
+  for (const MethodResult& m : scene.methods)
+    if (m.failed.empty()) best = std::min(best, m.whole().mean);
   return best;
 }
 
-std::string scene_table(const SceneResult& scene, const Evaluation& e) {
-  std::string text = fmt::format(
-      "\n## {}\n\n{} x {}, {:.1f} % of the pixels show the medium. Two independent references of {} spp each ({:.0f} s "
-      "in all), each with a Lab RMS "
-      "noise of {:.3f}; their noise is taken off by multiplying the differences to the two, which leaves a standard "
-      "error of {:.4f} in every RMS, common to all methods and not in the intervals. {}{}.\n\n"
-      "| spp | method | parameters | Lab RMS, frame | Lab RMS, medium | bias, medium | filter [ms] | render + filter "
-      "[s] | times faster than path tracing at equal RMS | paper: RMS | paper: time [s] |\n"
-      "|---:|---|---|---:|---:|---:|---:|---:|---:|---:|---:|\n",
-      scene.name, scene.width, scene.height, 100 * scene.medium_share, scene.reference_spp, scene.reference_seconds,
-      scene.reference_rms, common_error(scene, best_rms(scene)),
-      scene.reference_rms > 0.1 * best_rms(scene)
-          ? fmt::format("One reference's noise is {:.2f} of the best method's RMS: without the second it would decide "
-                        "the order. ",
-                        scene.reference_rms / best_rms(scene))
-          : "",
-      scene.policy.text());
-  for (const int spp : e.settings.spp)
+/// What a table was made with.
+std::vector<std::pair<std::string, std::string>> origin(const Evaluation& e, const SceneResult* scene = nullptr) {
+  const Provenance& p = e.settings.provenance;
+  std::vector<std::string> hashes;
+  for (const SceneResult& s : e.scenes)
+    if (!scene || scene == &s) hashes.push_back(s.name + " " + s.hash);
+  const int64_t last = kFirstNoisySeed + e.settings.seeds - 1;
+  return {{"brume", fmt::format("{} ({})", p.version, p.commit)},
+          {"command", p.command},
+          {"scenes", join(hashes)},
+          {"seeds", fmt::format("{} .. {}", kFirstNoisySeed, last)},
+          {"machine", machine_text(p)}};
+}
+
+std::string error_text(const MethodResult& m, const MeanInterval& value) {
+  return m.failed.empty() ? interval(value) : "failed";
+}
+
+std::string scene_text(const SceneResult& scene) {
+  std::string text = fmt::format("{} x {}, {:.1f} % of the pixels show the medium. ", scene.width, scene.height,
+                                 100 * scene.medium_share);
+  if (scene.references > 1) {
+    const double best = best_rms(scene);
+    text += fmt::format(
+        "Two independent references{} ({:.0f} s in all), each with a Lab RMS noise of {:.3f}; their noise is taken off "
+        "by multiplying the differences to the two, which leaves a standard error of {:.4f} in every RMS, common to "
+        "all methods and not in the intervals. ",
+        scene.reference_spp > 0 ? fmt::format(" of {} spp each", scene.reference_spp) : "", scene.reference_seconds,
+        scene.reference_rms, common_error(scene, best));
+    if (scene.reference_rms > 0.1 * best)
+      text += fmt::format(
+          "One reference's noise is {:.2f} of the best method's RMS: without the second it would decide the order. ",
+          scene.reference_rms / best);
+  } else {
+    text += "One reference, whose noise is in every error. ";
+  }
+  return text + scene.policy.text() + ".";
+}
+
+Table scene_table(const SceneResult& scene, const Evaluation& e) {
+  Table table{scene.name + "_methods",
+              scene.name,
+              scene_text(scene),
+              {{"spp"},
+               {"method", false},
+               {"parameters", false},
+               {"Lab RMS, frame"},
+               {"Lab RMS, medium"},
+               {"bias, medium"},
+               {"render [s]"},
+               {"guides [s]"},
+               {"filter [ms]"},
+               {"all [s]"},
+               {"memory [MB]"},
+               {"times faster than path tracing at equal RMS"},
+               {"paper: RMS"},
+               {"paper: time [s]"}},
+              {},
+              origin(e, &scene)};
+  for (const int spp : spp_of(scene))
     for (const MethodResult& m : scene.methods) {
       if (m.spp != spp) continue;
       const auto paper = m.tuning == Tuning::kNone || m.tuning == Tuning::kPaper
                              ? paper_numbers(scene.name, m.filter, spp)
                              : std::nullopt;
-      text += fmt::format(
-          "| {} | {} | {} | {} | {} | {:+.2f} % | {} | {:.3f} | {} | {} | {} |\n", spp, m.label(),
-          tuning_name(m.tuning), interval(m.whole), interval(m.medium), 100 * m.relative_bias,
-          m.filter.empty() ? "" : fmt::format("{:.1f}", 1e3 * m.filter_seconds), m.render_seconds + m.filter_seconds,
-          m.filter.empty() ? "1" : fmt::format("{:.1f}", speed_up(m, *scene.find("", Tuning::kNone, spp))),
-          paper ? fmt::format("{:.2f}", paper->rms) : "",
-          paper && paper->seconds > 0 ? fmt::format("{:.0f}", paper->seconds) : "");
+      const bool plain = m.filter.empty(), ran = m.failed.empty();
+      const auto times = [&]() -> std::string {
+        if (plain || !ran || m.seconds() <= 0) return plain ? "1" : "";
+        return fmt::format("{:.1f}", speed_up(m, *scene.find("", Tuning::kNone, spp)));
+      };
+      table.rows.push_back(
+          {fmt::format("{}", spp), m.label(), tuning_name(m.tuning), error_text(m, m.whole()),
+           scene.mask.empty() ? "" : error_text(m, m.medium()),
+           ran && !scene.mask.empty()
+               ? fmt::format("{:+.2f} %", 100 * m.interval(Region::kMedium, &Errors::relative_bias).mean)
+               : "",
+           fmt::format("{:.3f}", m.render_seconds), m.guide_seconds > 0 ? fmt::format("{:.3f}", m.guide_seconds) : "",
+           plain || !ran ? "" : fmt::format("{:.1f}", 1e3 * m.filter_seconds),
+           ran ? fmt::format("{:.3f}", m.seconds()) : "",
+           m.peak_bytes ? fmt::format("{:.0f}", *m.peak_bytes / 1e6) : "", times(),
+           paper ? fmt::format("{:.2f}", paper->rms) : "",
+           paper && paper->seconds > 0 ? fmt::format("{:.0f}", paper->seconds) : ""});
     }
-  return text;
+  return table;
 }
 
 /// One line for each filter, with every tuning's error side by side.
-std::string summary_table(const SceneResult& scene, const Evaluation& e) {
-  std::vector<Tuning> tunings = {Tuning::kPaper, Tuning::kDefault};
-  if (e.settings.tune) tunings.push_back(Tuning::kSearched);
-  if (e.settings.tune && e.scenes.size() > 1) tunings.push_back(Tuning::kTransfer);
-  std::string head = "| filter", rule = "|---";
-  for (const int spp : e.settings.spp)
-    for (const Tuning tuning : tunings) {
-      head += fmt::format(" | {} spp, {}", spp, tuning_name(tuning));
-      rule += "|---:";
-    }
-  std::string text = fmt::format("\n## {}, every filter\n\nLab RMS of the whole frame.\n\n{} | ms |\n{}|---:|\n",
-                                 scene.name, head, rule);
+Table summary_table(const SceneResult& scene, const Evaluation& e) {
+  std::vector<Tuning> tunings;
+  for (const Tuning tuning : {Tuning::kPaper, Tuning::kDefault, Tuning::kSearched, Tuning::kTransfer})
+    if (std::any_of(scene.methods.begin(), scene.methods.end(),
+                    [&](const MethodResult& m) { return m.tuning == tuning; }))
+      tunings.push_back(tuning);
+  Table table{
+      scene.name + "_summary", scene.name + ", every filter", "Lab RMS of the whole frame.", {{"filter", false}}, {},
+      origin(e, &scene)};
+  for (const int spp : spp_of(scene))
+    for (const Tuning tuning : tunings) table.columns.push_back({fmt::format("{} spp, {}", spp, tuning_name(tuning))});
+  table.columns.push_back({"ms"});
   const auto line = [&](const std::string& filter) {
-    text += "| " + (filter.empty() ? "path tracing" : filter);
+    std::vector<std::string> row = {filter.empty() ? "path tracing" : filter};
     double seconds = 0;
-    for (const int spp : e.settings.spp)
+    for (const int spp : spp_of(scene))
       for (const Tuning tuning : tunings) {
         const MethodResult* m = scene.find(filter, filter.empty() ? Tuning::kNone : tuning, spp);
-        text += m ? " | " + interval(m->whole) : " | ";
+        row.push_back(m ? error_text(*m, m->whole()) : "");
         if (m && tuning == Tuning::kDefault) seconds = m->filter_seconds;
       }
-    text += filter.empty() ? " |  |\n" : fmt::format(" | {:.1f} |\n", 1e3 * seconds);
+    row.push_back(filter.empty() ? "" : fmt::format("{:.1f}", 1e3 * seconds));
+    table.rows.push_back(std::move(row));
   };
   line("");
   for (const Contender& contender : e.settings.contenders) line(contender.label);
-  return text;
+  return table;
+}
+
+/// Of two methods' Lab RMS over the whole frame, paired over the seeds.
+MeanInterval lab_difference(const MethodResult& a, const MethodResult& b) {
+  return paired_difference(a.values(Region::kFrame, &Errors::lab_rms), b.values(Region::kFrame, &Errors::lab_rms))
+      .difference;
 }
 
 /// The winner of each spp, and whether it leads the second by more than the noise of the seeds.
-std::string winners(const SceneResult& scene, const Evaluation& e) {
-  std::string text;
-  for (const Tuning tuning : {Tuning::kPaper, Tuning::kDefault, Tuning::kSearched, Tuning::kTransfer})
-    for (const int spp : e.settings.spp) {
-      const MethodResult *first = nullptr, *second = nullptr;
-      for (const MethodResult& m : scene.methods) {
-        if (m.spp != spp || m.tuning != tuning) continue;
-        if (!first || m.whole.mean < first->whole.mean) {
-          second = first;
-          first = &m;
-        } else if (!second || m.whole.mean < second->whole.mean)
-          second = &m;
+Table winners(const Evaluation& e) {
+  Table table{"winners",
+              "Which filter wins",
+              "The lead is paired over the seeds, with the half width of a 95 % interval.",
+              {{"scene", false},
+               {"parameters", false},
+               {"spp"},
+               {"best (Lab RMS)", false},
+               {"second", false},
+               {"lead, paired over seeds"}},
+              {},
+              origin(e)};
+  for (const SceneResult& scene : e.scenes)
+    for (const Tuning tuning : {Tuning::kPaper, Tuning::kDefault, Tuning::kSearched, Tuning::kTransfer})
+      for (const int spp : spp_of(scene)) {
+        const MethodResult *first = nullptr, *second = nullptr;
+        for (const MethodResult& m : scene.methods) {
+          if (m.spp != spp || m.tuning != tuning || !m.failed.empty()) continue;
+          if (!first || m.whole().mean < first->whole().mean) {
+            second = first;
+            first = &m;
+          } else if (!second || m.whole().mean < second->whole().mean) {
+            second = &m;
+          }
+        }
+        if (!first || !second) continue;
+        const MeanInterval d = lab_difference(*second, *first);
+        table.rows.push_back({scene.name, tuning_name(tuning), fmt::format("{}", spp),
+                              fmt::format("{} ({:.3f})", first->label(), first->whole().mean),
+                              fmt::format("{} ({:.3f})", second->label(), second->whole().mean),
+                              d.count > 1 ? fmt::format("{:.4f} ± {:.4f}{}", d.mean, d.half_width,
+                                                        d.mean > d.half_width ? "" : " (not significant)")
+                                          : fmt::format("{:.4f}", d.mean)});
       }
-      if (!first || !second) continue;
-      std::vector<double> lead;
-      for (size_t i = 0; i < first->whole_by_seed.size(); ++i)
-        lead.push_back(second->whole_by_seed[i] - first->whole_by_seed[i]);
-      const MeanInterval d = mean_interval(lead);
-      text += fmt::format("| {} | {} | {} | {} ({:.3f}) | {} ({:.3f}) | {} |\n", scene.name, tuning_name(tuning), spp,
-                          first->label(), first->whole.mean, second->label(), second->whole.mean,
-                          d.count > 1 ? fmt::format("{:.4f} ± {:.4f}{}", d.mean, d.half_width,
-                                                    d.mean > d.half_width ? "" : " (not significant)")
-                                      : fmt::format("{:.4f}", d.mean));
-    }
-  return text;
+  return table;
 }
 
 /// The paper's claims about its own filter, one by one.
-std::string claims(const SceneResult& scene, const Evaluation& e) {
-  std::string text;
-  for (const Tuning tuning : {Tuning::kPaper, Tuning::kSearched})
-    for (const int spp : e.settings.spp) {
-      const MethodResult* own = scene.find("gradient_kernel", tuning, spp);
-      if (!own) continue;
-      for (const char* rival : {"bilateral", "extended_bilateral", "trilateral"}) {
-        const MethodResult* r = scene.find(rival, tuning, spp);
-        if (!r) continue;
-        std::vector<double> difference;
-        for (size_t i = 0; i < own->whole_by_seed.size(); ++i)
-          difference.push_back(own->whole_by_seed[i] - r->whole_by_seed[i]);
-        const MeanInterval d = mean_interval(difference);
-        const char* verdict = d.count < 2              ? "one seed: cannot tell"
-                              : d.mean < -d.half_width ? "yes"
-                              : d.mean > d.half_width  ? "no"
-                                                       : "level";
-        const std::string spread = d.count > 1 ? fmt::format(" ± {:.4f}", d.half_width) : "";
-        text += fmt::format("| {} | {} | {} | {} | {:+.4f}{} | {} | {:.2f} |\n", scene.name, tuning_name(tuning), spp,
-                            rival, d.mean, spread, verdict, own->filter_seconds / r->filter_seconds);
+Table claims(const Evaluation& e) {
+  Table table{"paper_order",
+              "Does the paper's order hold?",
+              "It finds its gradient-kernel filter below the bilateral and extended "
+              "bilateral at every spp, close to the trilateral, at under a sixth of the trilateral's time. `paper` "
+              "compares all four as published. Differences of Lab RMS are paired over seeds; below zero the gradient "
+              "kernel is better.",
+              {{"scene", false},
+               {"parameters", false},
+               {"spp"},
+               {"against", false},
+               {"RMS difference"},
+               {"gradient kernel better?", false},
+               {"its time / theirs"}},
+              {},
+              origin(e)};
+  for (const SceneResult& scene : e.scenes)
+    for (const Tuning tuning : {Tuning::kPaper, Tuning::kSearched})
+      for (const int spp : spp_of(scene)) {
+        const MethodResult* own = scene.find("gradient_kernel", tuning, spp);
+        if (!own || !own->failed.empty()) continue;
+        for (const char* rival : {"bilateral", "extended_bilateral", "trilateral"}) {
+          const MethodResult* r = scene.find(rival, tuning, spp);
+          if (!r || !r->failed.empty()) continue;
+          const MeanInterval d = lab_difference(*own, *r);
+          const char* verdict = d.count < 2              ? "one seed: cannot tell"
+                                : d.mean < -d.half_width ? "yes"
+                                : d.mean > d.half_width  ? "no"
+                                                         : "level";
+          const std::string spread = d.count > 1 ? fmt::format(" ± {:.4f}", d.half_width) : "";
+          table.rows.push_back({scene.name, tuning_name(tuning), fmt::format("{}", spp), rival,
+                                fmt::format("{:+.4f}{}", d.mean, spread), verdict,
+                                fmt::format("{:.2f}", own->filter_seconds / r->filter_seconds)});
+        }
       }
-    }
-  return text;
+  return table;
 }
 
-json to_json(const MeanInterval& m) {
-  return {{"mean", m.mean}, {"half_width_95", m.half_width}, {"count", m.count}};
+Table parameters(const Evaluation& e) {
+  Table table{
+      "parameters",
+      "Parameters",
+      "Where a searched value is the first or last of its candidates, the optimum may lie further "
+      "out.",
+      {{"scene", false}, {"spp"}, {"filter", false}, {"setting", false}, {"parameters", false}, {"at the edge", false}},
+      {},
+      origin(e)};
+  for (const SceneResult& scene : e.scenes)
+    for (const MethodResult& m : scene.methods)
+      if (!m.filter.empty())
+        table.rows.push_back({scene.name, fmt::format("{}", m.spp), m.filter, tuning_name(m.tuning),
+                              fmt::format("`{}`", m.parameters), join(m.edges)});
+  return table;
+}
+
+Table failures(const Evaluation& e) {
+  Table table{"failures", "What failed, and why",
+              "",         {{"scene", false}, {"spp"}, {"filter", false}, {"setting", false}, {"reason", false}},
+              {},         origin(e)};
+  for (const SceneResult& scene : e.scenes)
+    for (const MethodResult& m : scene.methods)
+      if (!m.failed.empty())
+        table.rows.push_back({scene.name, fmt::format("{}", m.spp), m.filter, tuning_name(m.tuning), m.failed});
+  return table;
+}
+
+Table pareto(const Evaluation& e) {
+  Table table{
+      "pareto",
+      "Speed against error",
+      "The methods that no other beats in both time (render, guides and filter) and Lab RMS of the whole frame.",
+      {{"scene", false}, {"method", false}, {"spp"}, {"seconds"}, {"Lab RMS"}},
+      {},
+      origin(e)};
+  for (const SceneResult& scene : e.scenes)
+    for (const MethodResult* m : pareto_front(scene))
+      table.rows.push_back(
+          {scene.name, m->id(), fmt::format("{}", m->spp), fmt::format("{:.3f}", m->seconds()), interval(m->whole())});
+  return table;
+}
+
+Table time_to_error(const Evaluation& e) {
+  Table table{
+      "time_to_error",
+      "Time to an error",
+      "Seconds of render, guides and filter to a Lab RMS of the whole frame, between the neighbouring sample "
+      "counts; how many times faster than path tracing, whose error falls as 1/√spp beyond what was measured, "
+      "and than the gradient kernel with the same setting.",
+      {{"scene", false}, {"Lab RMS"}, {"method", false}, {"seconds"}, {"over path tracing"}, {"over gradient_kernel"}},
+      {},
+      origin(e)};
+  const auto factor = [](const std::optional<double>& value) { return value ? fmt::format("{:.2f}", *value) : ""; };
+  for (const SceneResult& scene : e.scenes)
+    for (const TimeToError& t : times_to_error(scene))
+      table.rows.push_back({scene.name, fmt::format("{:g}", t.error), t.method, fmt::format("{:.3f}", t.seconds),
+                            factor(t.over_path_tracing), factor(t.over_gradient_kernel)});
+  return table;
+}
+
+/// A study's error, and how many times that of the method as it is.
+std::vector<std::string> study_cells(const SceneResult& scene, const MethodResult& m) {
+  const MethodResult* whole = scene.find(m.filter, m.tuning, m.spp);
+  if (!m.failed.empty()) return {"failed: " + m.failed, ""};
+  return {interval(m.whole()), fmt::format("{:.3f}", m.whole().mean / whole->whole().mean)};
+}
+
+Table ablation(const Evaluation& e) {
+  Table table{
+      "ablation",
+      "What each layer is worth",
+      "Lab RMS of the whole frame with a feature or guide left out, and with that one alone; times the error of "
+      "the filter with all of them.",
+      {{"scene", false}, {"spp"}, {"method", false}, {"layer", false}, {"how", false}, {"Lab RMS"}, {"times"}},
+      {},
+      origin(e)};
+  for (const SceneResult& scene : e.scenes)
+    for (const AblationResult& a : scene.ablation) {
+      std::vector<std::string> row = {scene.name, fmt::format("{}", a.result.spp), a.result.id(), a.layer,
+                                      a.alone ? "alone" : "without"};
+      for (std::string& cell : study_cells(scene, a.result)) row.push_back(std::move(cell));
+      table.rows.push_back(std::move(row));
+    }
+  return table;
+}
+
+Table sensitivity(const Evaluation& e) {
+  Table table{"sensitivity",
+              "What each parameter does",
+              "Lab RMS of the whole frame with one parameter at each of its candidates, the others as they are; times "
+              "the error of the filter as it is.",
+              {{"scene", false}, {"spp"}, {"method", false}, {"parameter", false}, {"value"}, {"Lab RMS"}, {"times"}},
+              {},
+              origin(e)};
+  for (const SceneResult& scene : e.scenes)
+    for (const SensitivityResult& s : scene.sensitivity) {
+      std::vector<std::string> row = {scene.name, fmt::format("{}", s.result.spp), s.result.id(), s.parameter, s.value};
+      for (std::string& cell : study_cells(scene, s.result)) row.push_back(std::move(cell));
+      table.rows.push_back(std::move(row));
+    }
+  return table;
+}
+
+/// Every metric of every method.
+Table all_errors(const Evaluation& e) {
+  Table table{"metrics",
+              "Every metric",
+              "Mean over the seeds and half width of its 95 % interval.",
+              {{"scene", false}, {"spp"}, {"method", false}, {"region", false}},
+              {},
+              origin(e)};
+  std::vector<size_t> chosen;
+  for (size_t i = 0; i < all_metrics().size(); ++i)
+    if (is_reported(e.settings, all_metrics()[i].id)) {
+      chosen.push_back(i);
+      table.columns.push_back({all_metrics()[i].id});
+      table.columns.push_back({fmt::format("{} ±", all_metrics()[i].id)});
+    }
+  for (const SceneResult& scene : e.scenes)
+    for (const MethodResult& m : scene.methods)
+      for (const Region region : kRegions) {
+        const std::vector<Errors>& by_seed = m.errors[static_cast<size_t>(region)];
+        if (by_seed.empty()) continue;
+        std::vector<std::string> row = {scene.name, fmt::format("{}", m.spp), m.id(), region_name(region)};
+        for (const size_t i : chosen) {
+          std::vector<double> values;
+          for (const Errors& errors : by_seed) values.push_back(listed(errors)[i].second);
+          const MeanInterval mean = mean_interval(values);
+          row.push_back(fmt::format("{:.5g}", mean.mean));
+          row.push_back(mean.count > 1 ? fmt::format("{:.2g}", mean.half_width) : "");
+        }
+        table.rows.push_back(std::move(row));
+      }
+  return table;
+}
+
+/// The tables of the report, in its order.
+std::vector<Table> report_tables(const Evaluation& e) {
+  std::vector<Table> tables;
+  for (const SceneResult& scene : e.scenes) tables.push_back(summary_table(scene, e));
+  for (const SceneResult& scene : e.scenes) tables.push_back(scene_table(scene, e));
+  for (Table& table : std::vector<Table>{winners(e), claims(e), pareto(e), time_to_error(e), ablation(e),
+                                         sensitivity(e), parameters(e), failures(e)})
+    if (!table.rows.empty()) tables.push_back(std::move(table));
+  return tables;
 }
 
 }  // namespace
@@ -222,114 +445,124 @@ std::string markdown_report(const Evaluation& e) {
       "path "
       "tracing would need for the same RMS, its error taken to fall as 1/√spp from the same spp, over render + filter "
       "time; "
-      "every frame pays for the layers that the filters read.\n",
-      e.settings.component == Component::kIndirect ? "indirect component" : "whole picture",
+      "methods that read no statistics are charged for a render without them, and those that read guides for these.\n",
+      e.settings.component == Component::kIndirect ? "indirect component"
+      : e.settings.component == Component::kApart  ? "direct and indirect component, apart,"
+                                                   : "whole picture",
       e.settings.background == BackgroundRule::kBilateral ? "get the bilateral filter, as there"
                                                           : "are filtered like the rest",
-      e.settings.seeds, e.machine);
-  for (const SceneResult& scene : e.scenes) text += summary_table(scene, e);
-  for (const SceneResult& scene : e.scenes) text += scene_table(scene, e);
-  text +=
-      "\n## Which filter wins\n\n| scene | parameters | spp | best (Lab RMS) | second | lead, paired over seeds "
-      "|\n|---|---|---:|---|---|---|\n";
-  for (const SceneResult& scene : e.scenes) text += winners(scene, e);
-  text +=
-      "\n## Does the paper's order hold?\n\nIt finds its gradient-kernel filter below the bilateral and extended "
-      "bilateral at every spp, close to the "
-      "trilateral, at under a sixth of the trilateral's time. `paper` compares all four as published. Differences of "
-      "Lab RMS are paired over seeds; below zero "
-      "the gradient kernel is better.\n\n"
-      "| scene | parameters | spp | against | RMS difference | gradient kernel better? | its time / theirs "
-      "|\n|---|---|---:|---|---:|---|---:|\n";
-  for (const SceneResult& scene : e.scenes) text += claims(scene, e);
-  text +=
-      "\n## Parameters\n\nWhere a searched value is the first or last of its candidates, the optimum may lie further "
-      "out.\n\n"
-      "| scene | spp | filter | parameters | | at the edge |\n|---|---:|---|---|---|---|\n";
-  for (const SceneResult& scene : e.scenes)
-    for (const MethodResult& m : scene.methods)
-      if (!m.filter.empty())
-        text += fmt::format("| {} | {} | {} | {} | `{}` | {} |\n", scene.name, m.spp, m.filter, tuning_name(m.tuning),
-                            m.parameters, join(m.edges));
+      e.settings.seeds, machine_text(e.settings.provenance));
+  for (const Table& table : report_tables(e)) {
+    text += fmt::format("\n## {}\n\n{}{}", table.title, table.caption.empty() ? "" : table.caption + "\n\n",
+                        table.markdown_grid());
+  }
   text += "\n## Pictures\n\n";
   for (const SceneResult& scene : e.scenes) {
     text += fmt::format("![{0}: error against seconds]({0}_error_seconds.svg)\n\n", scene.name);
-    for (const int spp : e.settings.spp)
+    for (const int spp : spp_of(scene))
       text += fmt::format("![{0}, {1} spp]({0}_{1}spp_{2}.png)\n\n", scene.name, spp,
                           tuning_name(e.settings.tune ? Tuning::kSearched : Tuning::kDefault));
   }
+  text += "## Made with\n\n";
+  for (const auto& [key, value] : origin(e)) text += fmt::format("- {}: `{}`\n", key, value);
   return text;
 }
 
 std::string csv_report(const Evaluation& e) {
-  std::string text =
-      "scene,spp,method,tuning,lab_rms,lab_rms_ci95,lab_rms_medium,lab_rms_medium_ci95,rel_mse_medium,bias_medium,"
-      "render_seconds,filter_seconds,"
-      "speed_up_equal_rms,paper_rms,paper_seconds,parameters\n";
+  Table table{"table", "", "", {}, {}, {}};
+  for (const char* title : {"scene",
+                            "spp",
+                            "method",
+                            "tuning",
+                            "lab_rms",
+                            "lab_rms_ci95",
+                            "lab_rms_medium",
+                            "lab_rms_medium_ci95",
+                            "rel_mse_medium",
+                            "bias_medium",
+                            "render_seconds",
+                            "guide_seconds",
+                            "filter_seconds",
+                            "peak_memory_bytes",
+                            "speed_up_equal_rms",
+                            "paper_rms",
+                            "paper_seconds",
+                            "parameters",
+                            "failed",
+                            "scene_hash"})
+    table.columns.push_back({title});
+  table.origin = origin(e);
+  const auto number = [](double value) { return fmt::format("{:.6g}", value); };
   for (const SceneResult& scene : e.scenes)
     for (const MethodResult& m : scene.methods) {
       const auto paper = paper_numbers(scene.name, m.filter, m.spp);
-      text += fmt::format("{},{},{},{},{:.6g},{:.6g},{:.6g},{:.6g},{:.6g},{:.6g},{:.6g},{:.6g},{:.6g},{},{},{}\n",
-                          scene.name, m.spp, m.label(), tuning_name(m.tuning), m.whole.mean, m.whole.half_width,
-                          m.medium.mean, m.medium.half_width, m.rel_mse_medium.mean, m.relative_bias, m.render_seconds,
-                          m.filter_seconds, speed_up(m, *scene.find("", Tuning::kNone, m.spp)),
-                          paper ? fmt::format("{}", paper->rms) : "",
-                          paper && paper->seconds > 0 ? fmt::format("{}", paper->seconds) : "", m.parameters);
+      const auto measured = [&](double value) { return m.failed.empty() ? number(value) : ""; };
+      const auto medium = [&](double value) { return scene.mask.empty() ? "" : measured(value); };
+      table.rows.push_back({scene.name,
+                            fmt::format("{}", m.spp),
+                            m.label(),
+                            tuning_name(m.tuning),
+                            measured(m.whole().mean),
+                            measured(m.whole().half_width),
+                            medium(m.medium().mean),
+                            medium(m.medium().half_width),
+                            medium(m.interval(Region::kMedium, &Errors::rel_mse).mean),
+                            medium(m.interval(Region::kMedium, &Errors::relative_bias).mean),
+                            number(m.render_seconds),
+                            number(m.guide_seconds),
+                            measured(m.filter_seconds),
+                            m.peak_bytes ? number(*m.peak_bytes) : "",
+                            m.failed.empty() ? number(speed_up(m, *scene.find("", Tuning::kNone, m.spp))) : "",
+                            paper ? number(paper->rms) : "",
+                            paper && paper->seconds > 0 ? number(paper->seconds) : "",
+                            m.parameters,
+                            m.failed,
+                            scene.hash});
     }
-  return text;
+  return table.csv();
 }
 
-std::string json_report(const Evaluation& e) {
-  json scenes = json::array();
-  for (const SceneResult& scene : e.scenes) {
-    json methods = json::array();
-    for (const MethodResult& m : scene.methods) {
-      json j = {{"spp", m.spp},
-                {"method", m.label()},
-                {"tuning", tuning_name(m.tuning)},
-                {"at_the_edge", m.edges},
-                {"parameters", m.parameters},
-                {"lab_rms", to_json(m.whole)},
-                {"lab_rms_medium", to_json(m.medium)},
-                {"rel_mse_medium", to_json(m.rel_mse_medium)},
-                {"bias_medium", m.relative_bias},
-                {"render_seconds", m.render_seconds},
-                {"filter_seconds", m.filter_seconds},
-                {"lab_rms_by_seed", m.whole_by_seed},
-                {"speed_up_equal_rms", speed_up(m, *scene.find("", Tuning::kNone, m.spp))}};
-      if (const auto paper = paper_numbers(scene.name, m.filter, m.spp))
-        j["paper"] = {{"rms", paper->rms}, {"seconds", paper->seconds}};
-      methods.push_back(j);
-    }
-    scenes.push_back({{"name", scene.name},
-                      {"width", scene.width},
-                      {"height", scene.height},
-                      {"medium_share", scene.medium_share},
-                      {"reference_spp", scene.reference_spp},
-                      {"reference_rms", scene.reference_rms},
-                      {"exposure", scene.policy.exposure},
-                      {"policy", scene.policy.text()},
-                      {"methods", methods}});
-  }
-  return json{{"machine", e.machine}, {"seeds", e.settings.seeds}, {"scenes", scenes}}.dump(
-             1, ' ', false, json::error_handler_t::replace) +
-         "\n";
+std::string picture_file(const SceneResult& scene, const MethodResult& m) {
+  return fmt::format("{}_{}spp_{}.exr", scene.name, m.spp, m.id());
+}
+
+/// A picture with what it was made with in its header.
+Layers stamped(Layers picture, const Evaluation& e, const SceneResult& scene) {
+  for (const char* own : {"evaluationSeconds", "evaluationPeakBytes"}) picture.header.erase(own);
+  const Provenance& p = e.settings.provenance;
+  picture.header["version"] = p.version;
+  picture.header["commit"] = p.commit;
+  picture.header["evaluateCommand"] = p.command;
+  picture.header["machine"] = machine_text(p);
+  picture.header["sceneHash"] = scene.hash;
+  return picture;
 }
 
 void write_report(const Evaluation& e, const std::filesystem::path& folder) {
   write_text(folder / "table.md", markdown_report(e));
   write_text(folder / "table.csv", csv_report(e));
-  write_text(folder / "table.json", json_report(e));
+  write_text(folder / "results.json", json_report(e));
+  if (page_is_built_in()) write_text(folder / "index.html", results_page(e));
+  std::filesystem::create_directories(folder / "tables");
+  std::vector<Table> tables = report_tables(e);
+  tables.push_back(all_errors(e));
+  for (const Table& table : tables) {
+    const std::string base = (folder / "tables" / table.name).string();
+    write_text(base + ".md", table.markdown());
+    write_text(base + ".csv", table.csv());
+    write_text(base + ".tex", table.latex());
+    write_text(base + ".json", table.json());
+  }
   for (const SceneResult& scene : e.scenes) {
-    write_text(folder / fmt::format("{}_error_seconds.svg", scene.name), error_seconds_plot(scene));
-    write_exr(folder / fmt::format("{}_reference.exr", scene.name), scene.reference);
-    for (const int spp : e.settings.spp)
+    write_text(folder / fmt::format("{}_error_seconds.svg", scene.name), error_seconds_plot(scene, origin(e, &scene)));
+    write_exr(folder / fmt::format("{}_reference.exr", scene.name), stamped(scene.reference, e, scene));
+    for (const int spp : spp_of(scene))
       for (const Tuning tuning : {Tuning::kPaper, Tuning::kDefault, Tuning::kSearched, Tuning::kTransfer}) {
         if (const auto strip = comparison_strip(scene, spp, tuning))
           write_png(folder / fmt::format("{}_{}spp_{}.png", scene.name, spp, tuning_name(tuning)), *strip);
       }
     for (const MethodResult& m : scene.methods)
-      write_exr(folder / fmt::format("{}_{}spp_{}.exr", scene.name, m.spp, file_name(m)), m.example);
+      if (m.failed.empty()) write_exr(folder / picture_file(scene, m), stamped(m.example, e, scene));
   }
 }
 

@@ -5,10 +5,15 @@
 
 namespace brume {
 
-/// The whole evaluation as tables: Markdown for people, CSV and JSON for programs.
+/// The whole evaluation as tables: Markdown for people, CSV for programs.
 std::string markdown_report(const Evaluation& evaluation);
 std::string csv_report(const Evaluation& evaluation);
+
+/// Everything that was measured as one JSON object, results.json: docs/experiment.md describes its keys.
 std::string json_report(const Evaluation& evaluation);
+
+/// The EXR of a method's first seed, in the folder of results.
+std::string picture_file(const SceneResult& scene, const MethodResult& method);
 
 /// What Table 1 of the gradient-kernel paper prints for a scene, spp and filter.
 struct PaperNumbers {

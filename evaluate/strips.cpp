@@ -60,12 +60,14 @@ Picture error_picture(const Plane& error, double full) {
 
 std::optional<Picture> comparison_strip(const SceneResult& scene, int spp, Tuning tuning) {
   const MethodResult* noisy = scene.find("", Tuning::kNone, spp);
-  std::vector<Column> columns = {{fmt::format("{} spp  {:.2f}", spp, noisy->whole.mean), &noisy->example}};
+  std::vector<Column> columns = {{fmt::format("{} spp  {:.2f}", spp, noisy->whole().mean), &noisy->example}};
   for (const MethodResult& m : scene.methods)
-    if (m.spp == spp && m.tuning == tuning)
-      columns.push_back({fmt::format("{}  {:.2f}", m.filter, m.whole.mean), &m.example});
+    if (m.spp == spp && m.tuning == tuning && m.failed.empty())
+      columns.push_back({fmt::format("{}  {:.2f}", m.filter, m.whole().mean), &m.example});
   if (columns.size() == 1) return std::nullopt;
-  columns.push_back({fmt::format("reference {} spp", 2 * scene.reference_spp), &scene.reference});
+  columns.push_back({scene.reference_spp > 0 ? fmt::format("reference {} spp", scene.references * scene.reference_spp)
+                                             : std::string("reference"),
+                     &scene.reference});
 
   // Cells are as wide as the widest caption asks for; small pictures leave room.
   const int h = scene.height, scale = scene.width >= 300 ? 2 : 1;

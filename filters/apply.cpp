@@ -11,6 +11,7 @@
 #include "base/error.h"
 #include "base/parallel_for.h"
 #include "base/text.h"
+#include "filters/alignment.h"
 #include "filters/planes.h"
 #include "filters/registry.h"
 #include "filters/requirements.h"
@@ -75,14 +76,26 @@ class Source {
     std::set<std::pair<int, int>> bad;
     for (size_t i = 0; i < channels_.size(); ++i)
       if (damaged[i]) {
-        if (bad.empty()) fixed_ = *frame.layers;
+        if (!own_) fixed_ = *frame.layers;
+        own_ = true;
         fixed_.set(channels_[i], repaired_plane(frame.layers->at(channels_[i]), bad));
       }
     repaired = bad.size();
     if (const Plane* count = layers().find(layer::sample_count.channel(0))) samples = mean_of(*count);
   }
-  const Layers& layers() const { return repaired ? fixed_ : *frame_; }
+  const Layers& layers() const { return own_ ? fixed_ : *frame_; }
   size_t channels() const { return channels_.size(); }
+  /// Brings what is read of it to where it is in the frame to clean, channel by channel.
+  void align_with(const Source& target, const Alignment& alignment, const Task& task) {
+    Layers aligned(layers().width(), layers().height());
+    aligned.header = layers().header;
+    aligned.lie_like(layers());
+    for (const std::string& name : channels_)
+      if (const Plane* own = target.layers().find(name))
+        aligned.set(name, alignment.bring(layers().at(name), *own, task));
+    fixed_ = std::move(aligned);
+    own_ = true;
+  }
   /// What is read of a part of it.
   Layers crop_to(const Box& box) const {
     Layers part(box.width(), box.height());
@@ -97,6 +110,7 @@ class Source {
   size_t repaired = 0;  // pixels
 
  private:
+  bool own_ = false;  // fixed_ is what there is
   const Layers* frame_;
   Layers fixed_;
   std::vector<std::string> channels_;
@@ -408,6 +422,12 @@ TilePlan plan_tiles(const Run& run, const Layers& frame, const std::vector<Sourc
   return {side, apron, (frame.width() + side - 1) / side, (frame.height() + side - 1) / side};
 }
 
+/// Brings the frames nearby to where the frame to clean is.
+void align(std::vector<Source>& sources, const LayerName& signal, const Task& task) {
+  for (size_t i = 1; i < sources.size(); ++i)
+    sources[i].align_with(sources[0], find_alignment(sources[0].layers(), sources[i].layers(), signal, task), task);
+}
+
 std::vector<Source> read_sources(const FilterSettings& filter, const Layers& frame, const ApplyOptions& options,
                                  const Task& task, ApplyReport& report) {
   const std::set<std::string> readable = readable_channels(filter, options, frame);
@@ -415,6 +435,7 @@ std::vector<Source> read_sources(const FilterSettings& filter, const Layers& fra
   sources.reserve(1 + options.sequence.size());
   sources.emplace_back(SequenceFrame{0, &frame, options.records}, readable, task);
   for (const SequenceFrame& other : options.sequence) sources.emplace_back(other, readable, task);
+  if (filter.entry().aligned) align(sources, signals_of(options)[0], task);
   for (const Source& s : sources) report.repaired_pixels += s.repaired;
   if (report.repaired_pixels)
     report.notes.push_back(fmt::format(
@@ -538,7 +559,10 @@ void report_totals(const Totals& totals, const Run& run, const Layers& source, A
 
 Layers apply_filter(const FilterSettings& requested, const Layers& frame, const ApplyOptions& wanted, const Task& task,
                     ApplyReport* report) {
-  const ApplyOptions options = options_for(requested.entry(), frame, wanted);
+  ApplyOptions options = options_for(requested.entry(), frame, wanted);
+  // Sums over frames have one order.
+  std::sort(options.sequence.begin(), options.sequence.end(),
+            [](const SequenceFrame& a, const SequenceFrame& b) { return a.distance < b.distance; });
   check_requirements(requested, frame, options);
   ApplyReport local;
   ApplyReport& r = report ? *report : local;

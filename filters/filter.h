@@ -140,6 +140,8 @@ struct FilterEntry {
   bool whole_frame = false;  ///< measures over the whole frame, which is not cut into tiles
   enum class Records { kNo, kCanUse, kNeeds } records = Records::kNo;  ///< of what happened to each sample
   bool sequences = false;                                              ///< looks into FilterFrame::nearby
+  int reach = 0;                                                       ///< frames on either side that serve it best
+  bool aligned = false;     ///< wants pixels of the frames nearby brought to where they are in the frame to clean
   bool carries = false;     ///< can average other layers with the signal's weights
   bool seeded = false;      ///< depends on the order or place of pixels, so that a turned picture differs a little
   bool background = false;  ///< knows FilterFrame::medium; the others treat every pixel unless asked otherwise
@@ -266,8 +268,17 @@ class Declaration {
   /// Reads the file of per-sample records; can_use: in place of the bucket means.
   Declaration& needs_records() { return entry_.records = FilterEntry::Records::kNeeds, *this; }
   Declaration& can_use_records() { return entry_.records = FilterEntry::Records::kCanUse, *this; }
-  /// Looks into the frames before and after.
-  Declaration& sequences() { return entry_.sequences = true, *this; }
+  /// Looks into the frames before and after. @param reach  so many on either side unless a caller says otherwise
+  Declaration& sequences(int reach = 1) {
+    entry_.reach = reach;
+    return entry_.sequences = true, *this;
+  }
+  /// The same, each pixel of theirs brought to where it is in the frame to clean; where it is not found, or changed by
+  /// more than noise, they show the frame to clean.
+  Declaration& aligned_sequences(int reach = 1) {
+    entry_.aligned = true;
+    return sequences(reach);
+  }
   /// Averages FilterFrame::values with weights from the signal alone.
   Declaration& carries() { return entry_.carries = true, *this; }
   /// Draws random numbers by the pixel's place, or takes pixels in an order.

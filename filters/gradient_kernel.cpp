@@ -1,4 +1,5 @@
 #include <cmath>
+#include <deque>
 
 #include "base/error.h"
 #include "filters/directions.h"
@@ -33,23 +34,38 @@ kernels::GradientWeights weights(const GradientKernel& p, const FilterFrame& fra
   return w;
 }
 
+/// What the kernel looks at in a frame, padded.
+struct Looked {
+  LabWindow window;
+  WorkImage gradient, opacity;
+
+  Looked(const GradientKernel& p, const FilterFrame& frame, const Task& task)
+      : window(frame, p.radius, p.average, task),
+        gradient(padded(pointers(unit_directions(frame.layers.rgb(layer::gradient), task)), p.radius)) {
+    if (p.variant != Variant::kGate) return;
+    const Plane* plane[] = {&frame.layers.at(layer::alpha.channel(0))};
+    opacity = padded(plane, p.radius);
+  }
+  const PaddedPlane* alpha() const { return opacity.channels.empty() ? nullptr : &opacity.channels[0]; }
+};
+
 void run(const GradientKernel& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
   if (p.variant == Variant::kGate && !frame.layers.has(layer::alpha))
     throw InputError(
         "filter gradient_kernel: variant=gate compares opacity and needs the channel 'A', which the frame does not "
         "have");
-  LabWindow window(frame, p.radius, p.average, task);
-  const WorkImage gradient = padded(pointers(unit_directions(frame.layers.rgb(layer::gradient), task)), p.radius);
-  WorkImage opacity;
-  if (p.variant == Variant::kGate) {
-    const Plane* plane[] = {&frame.layers.at(layer::alpha.channel(0))};
-    opacity = padded(plane, p.radius);
+  Looked own(p, frame, task);
+  std::deque<Looked> others;
+  std::vector<kernels::GradientSlice> nearby;
+  for (const NearbyFrame& other : frame.nearby) {
+    const Looked& there = others.emplace_back(p, *other.frame, task);
+    nearby.push_back({&there.window.guide(), &there.window.values(), &there.gradient, there.alpha()});
   }
-  const kernels::WindowInput in = window.input();
-  const PaddedPlane* alpha = opacity.channels.empty() ? nullptr : &opacity.channels[0];
+  const kernels::WindowInput in = own.window.input();
   const kernels::GradientWeights w = weights(p, frame);
-  for_each_row(frame.height(), task, [&](int y) { kernels::gradient_kernel_row(in, w, gradient, alpha, y); });
-  window.finish(out, task);
+  for_each_row(frame.height(), task,
+               [&](int y) { kernels::gradient_kernel_row(in, w, own.gradient, own.alpha(), y, nearby); });
+  own.window.finish(out, task);
 }
 
 const FilterEntry entry =
@@ -84,6 +100,7 @@ const FilterEntry entry =
         .param("average", &GradientKernel::average, kAverageNames, kAverageHelp, kAverageNames)
         .apron([](const GradientKernel& p) { return p.radius; })
         .background()
+        .aligned_sequences()
         .carries()
         .run(run);
 const Registration registration(entry);

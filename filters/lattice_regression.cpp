@@ -40,8 +40,11 @@ struct Shape {
         down((p.weight->height() + side - 1) / side) {}
 };
 
+// Pixels of a row that are packed at a time, so that what is packed stays in cache.
+constexpr int kChunk = 64;
+
 /// The columns' values of some pixels of a row, `stride` floats from one to the next.
-void pack_columns(const LatticeProblem& p, int y, int from, int to, size_t stride, const float* factors, float* out) {
+void pack_columns(const LatticePixels& p, int y, int from, int to, size_t stride, const float* factors, float* out) {
   const float* base = p.columns[0].values->row(y);
   for (size_t k = 0; k < p.columns.size(); ++k) {
     const LatticeColumn& c = p.columns[k];
@@ -52,11 +55,8 @@ void pack_columns(const LatticeProblem& p, int y, int from, int to, size_t strid
   }
 }
 
-// Pixels of a row that are packed at a time, so that what is packed stays in cache.
-constexpr int kChunk = 64;
-
 /// Adds up the pixels of a row of blocks.
-void add_blocks(const LatticeProblem& p, const Shape& s, int row, float* nodes) {
+void add_blocks(const LatticePixels& p, const Shape& s, int row, float* nodes) {
   const int width = p.weight->width(), height = p.weight->height(), side = s.block;
   const int first_row = row * side, last_row = std::min(height, first_row + side);
   std::vector<float> vectors(static_cast<size_t>(side) * static_cast<size_t>(side) * s.stride);
@@ -239,7 +239,7 @@ Rows smooth(const Rows& nodes, const Shape& s, double deviation, const Task& tas
   return out;
 }
 
-std::vector<Plane> predict(const LatticeProblem& p, const Shape& s, const Rows& nodes, const Task& task) {
+std::vector<Plane> predict_pixels(const LatticePixels& p, const Shape& s, const Rows& nodes, const Task& task) {
   const int width = p.weight->width(), height = p.weight->height();
   std::vector<Plane> out;
   for (size_t t = 0; t < s.targets; ++t) out.emplace_back(width, height);
@@ -276,6 +276,13 @@ std::vector<Plane> predict(const LatticeProblem& p, const Shape& s, const Rows& 
   return out;
 }
 
+std::vector<Plane> predict(const LatticeProblem& p, const Shape& s, const Rows& nodes, const Task& task) {
+  std::vector<Plane> out = predict_pixels(p, s, nodes, task);
+  for (const LatticePixels& other : p.nearby)
+    for (Plane& plane : predict_pixels(other, s, nodes, task)) out.push_back(std::move(plane));
+  return out;
+}
+
 }  // namespace
 
 int lattice_block(double deviation) {
@@ -302,14 +309,12 @@ SplinePlaces::SplinePlaces(int pixels, int block, int count) {
   }
 }
 
-std::vector<LatticeColumn> standardised(const std::vector<const Plane*>& columns, const Plane& weight,
-                                        const Task& task) {
-  std::vector<LatticeColumn> out(columns.size());
+std::vector<LatticeColumn> standardised(std::vector<LatticeColumn> columns, const Plane& weight, const Task& task) {
   parallel_for(static_cast<int>(columns.size()), quiet(task), [&](int i) {
-    const Plane& column = *columns[static_cast<size_t>(i)];
+    const Plane& column = *columns[static_cast<size_t>(i)].values;
     double base = 0, cross = 0, own = 0, total = 0;
     for (int y = 0; y < weight.height(); ++y) {
-      const float *w = weight.row(y), *c = column.row(y), *b = columns[0]->row(y);
+      const float *w = weight.row(y), *c = column.row(y), *b = columns[0].values->row(y);
       // Sums of one row in float, of all rows in double.
       float bases = 0, crosses = 0, owns = 0, totals = 0;
       for (int x = 0; x < weight.width(); ++x) {
@@ -326,10 +331,10 @@ std::vector<LatticeColumn> standardised(const std::vector<const Plane*>& columns
     const double offset = i == 0 || !(base > 0) ? 0.0 : cross / base;
     const double left = own - offset * cross;
     const bool nothing = !(total > 0) || !(left > kDependent * own);
-    out[static_cast<size_t>(i)] = {&column, static_cast<float>(offset),
-                                   nothing ? 0.0f : static_cast<float>(std::sqrt(total / left))};
+    columns[static_cast<size_t>(i)].offset = static_cast<float>(offset);
+    columns[static_cast<size_t>(i)].scale = nothing ? 0.0f : static_cast<float>(std::sqrt(total / left));
   });
-  return out;
+  return columns;
 }
 
 std::vector<Plane> lattice_regression(const LatticeProblem& problem, const LatticeWindow& window, const Task& task) {
@@ -342,6 +347,7 @@ std::vector<Plane> lattice_regression(const LatticeProblem& problem, const Latti
     std::vector<float>& row = sums[static_cast<size_t>(r)];
     row.assign(static_cast<size_t>(s.across) * s.node, 0.0f);
     add_blocks(problem, s, r, row.data());
+    for (const LatticePixels& other : problem.nearby) add_blocks(other, s, r, row.data());
     if (global) return;
     std::vector<float> blurred(row.size());
     blur_row(row.data(), blurred.data(), s.across, s.node, taps);

@@ -13,15 +13,20 @@ struct LatticeColumn {
 
 /// Columns free of one another's level and of one scale: each but the first less its weighted projection on the first,
 /// and divided by what is left, root mean square. A column of nothing gets scale 0.
-std::vector<LatticeColumn> standardised(const std::vector<const Plane*>& columns, const Plane& weight,
-                                        const Task& task);
+std::vector<LatticeColumn> standardised(std::vector<LatticeColumn> columns, const Plane& weight, const Task& task);
+
+/// What is known of each pixel: columns, targets, and how much it counts.
+struct LatticePixels {
+  std::vector<LatticeColumn> columns;
+  std::vector<const Plane*> targets;
+  const Plane* weight = nullptr;  ///< >= 0; pixels at 0 get a prediction of 0
+};
 
 /// Targets that are explained, each by itself, as sums of columns with coefficients that vary smoothly over the frame.
-struct LatticeProblem {
-  std::vector<LatticeColumn> columns;
+struct LatticeProblem : LatticePixels {
   size_t free = 1;  ///< so many columns are not shrunk
-  std::vector<const Plane*> targets;
-  const Plane* weight = nullptr;  ///< of each pixel, >= 0; those at 0 get a prediction of 0
+  /// Other frames with the same coefficients: columns and targets in the same order.
+  std::vector<LatticePixels> nearby = {};
 };
 
 struct LatticeWindow {
@@ -34,7 +39,7 @@ struct LatticeWindow {
 /// pixels, blurred on the lattice of blocks, solved once per block by a Cholesky factorisation in which the columns
 /// that are not free are scaled to unit variance (given the free ones) and shrunk by a ridge; coefficients are smoothed
 /// on the lattice and interpolated by quadratic B-splines. The same bits for any number of threads.
-/// @return  a prediction of each target
+/// @return  a prediction of each target, then of those of each frame nearby
 std::vector<Plane> lattice_regression(const LatticeProblem& problem, const LatticeWindow& window, const Task& task);
 
 /// Side of the blocks for a window [px], and the Gaussian's taps on their lattice.

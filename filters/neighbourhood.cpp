@@ -34,6 +34,14 @@ Distance noise_distance(std::span<const Plane* const> guide, std::span<const Pla
   return d;
 }
 
+Distance noise_distance(const Noisy& here, const Noisy& there, int patch_radius, float k) {
+  Distance d = noise_distance(here.mean, here.variance, patch_radius, k);
+  if (here.mean == there.mean) return d;
+  d.guide_there.assign(there.mean.begin(), there.mean.end());
+  d.variance_there.assign(there.variance.begin(), there.variance.end());
+  return d;
+}
+
 Plane sum_of(const std::vector<Plane>& planes) {
   Plane sum = planes[0];
   for (size_t i = 1; i < planes.size(); ++i)
@@ -75,8 +83,13 @@ FeatureDistances::FeatureDistances(const std::vector<Feature>& features, float k
   }
 }
 
-void FeatureDistances::add_to(WeightModel& model) const {
-  model.distances.insert(model.distances.end(), distances_.begin(), distances_.end());
+void FeatureDistances::add_to(WeightModel& model, const std::vector<Feature>* there) const {
+  for (size_t i = 0; i < distances_.size(); ++i) {
+    Distance& d = model.distances.emplace_back(distances_[i]);
+    if (!there) continue;
+    d.guide_there = pointers((*there)[i].mean);
+    d.variance_there = pointers((*there)[i].variance);
+  }
 }
 
 void for_each_block(int width, int height, int block_width, int block_height, const Task& task,

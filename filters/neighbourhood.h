@@ -26,13 +26,21 @@ std::vector<float> box_patch(int radius);
 Distance noise_distance(std::span<const Plane* const> guide, std::span<const Plane* const> variance, int patch_radius,
                         float k);
 
+/// A noisy picture, and the variance of its pixels.
+struct Noisy {
+  RgbPlanes mean, variance;
+};
+/// The same between a pixel of one frame and its neighbours in another, or in the same.
+Distance noise_distance(const Noisy& here, const Noisy& there, int patch_radius, float k);
+
 /// Distances of features in units of their own noise and slope, the rule of Rousselle, Manzi and Zwicker 2013, equation
 /// 6: ((df)^2 - (V_p + min(V_p, V_q))) / (k^2 max(tau, V_p, |grad f_p|^2)), where the gradient takes the smaller of the
 /// two one-sided differences along each axis.
 class FeatureDistances {
  public:
   FeatureDistances(const std::vector<Feature>& features, float k, float tau, const Task& task);
-  void add_to(WeightModel& model) const;
+  /// @param there  the features of the neighbours' frame, where it is another
+  void add_to(WeightModel& model, const std::vector<Feature>* there = nullptr) const;
 
  private:
   std::vector<Distance> distances_;

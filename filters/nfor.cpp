@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <deque>
 
 #include "filters/registry.h"
 #include "filters/regression.h"
@@ -18,12 +19,6 @@ struct Nfor {
 constexpr int kFeatureSearch = 5, kFeaturePatch = 3, kFinalFeatureSearch = 2, kErrorPatch = 1;
 constexpr float kFeatureStrength = 0.5f, kErrorStrength = 1;
 constexpr float kOvershoot = 1.5f;
-
-/// One half of everything: colours, and the features' prefiltered channels.
-struct Half {
-  Rgb color;
-  std::vector<Plane> features;
-};
 
 Rgb rgb_of(std::vector<Plane> planes) {
   return {std::move(planes[0]), std::move(planes[1]), std::move(planes[2])};
@@ -55,21 +50,32 @@ Plane half_difference_squared(const Plane& a, const Plane& b, const Task& task) 
   });
 }
 
-void run(const Nfor& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
-  const int width = frame.width(), height = frame.height();
-  // Step 1: each half's features, filtered with the other's weights.
-  Half a, b;
-  std::vector<Plane> final_features;
-  for (const Feature& f : *frame.features) {
+/// A frame whose features are filtered, each half with the other's weights, and the mean of both for the last step.
+struct Prefiltered {
+  const FilterFrame* frame;
+  std::vector<Plane> features_a, features_b, final_features;
+  Rgb variance;  // of a half
+
+  Prefiltered(const FilterFrame& of, const Task& task) : frame(&of) {
+    for (const Feature& f : *of.features) add(f, task);
+    for (size_t c = 0; c < 3; ++c)
+      variance[c] = make_plane(of.width(), of.height(), quiet(task),
+                               [&](int x, int y) { return 2.0f * (*of.variance[c])(x, y); });
+  }
+  Noisy noisy_a() const { return {frame->half_a, view(variance)}; }
+  Noisy noisy_b() const { return {frame->half_b, view(variance)}; }
+
+ private:
+  void add(const Feature& f, const Task& task) {
     std::vector<Plane> fa, fb;
     if (is_free_of_noise(f)) {
       fa = f.half_a;
       fb = f.half_b;
     } else {
-      const std::vector<Plane> variance = scaled(f.variance, 2, task);
+      const std::vector<Plane> twice = scaled(f.variance, 2, task);
       const auto smooth = [&](const std::vector<Plane>& guide, const std::vector<Plane>& values) {
         WeightModel model;
-        model.distances.push_back(noise_distance(pointers(guide), pointers(variance), kFeaturePatch, kFeatureStrength));
+        model.distances.push_back(noise_distance(pointers(guide), pointers(twice), kFeaturePatch, kFeatureStrength));
         return weighted_average(model, square_window(kFeatureSearch), pointers(values), quiet(task)).values;
       };
       fa = smooth(f.half_b, f.half_a);
@@ -85,28 +91,42 @@ void run(const Nfor& p, const FilterFrame& frame, const FilterOutput& out, const
     model.distances.push_back(noise_distance(pointers(mean), pointers(residual), kFeaturePatch, kFeatureStrength));
     for (Plane& plane : weighted_average(model, square_window(kFinalFeatureSearch), pointers(mean), quiet(task)).values)
       final_features.push_back(std::move(plane));
-    for (Plane& plane : fa) a.features.push_back(std::move(plane));
-    for (Plane& plane : fb) b.features.push_back(std::move(plane));
+    for (Plane& plane : fa) features_a.push_back(std::move(plane));
+    for (Plane& plane : fb) features_b.push_back(std::move(plane));
   }
+};
+
+std::vector<const Plane*> list(const RgbPlanes& planes) {
+  return {planes.begin(), planes.end()};
+}
+
+void run(const Nfor& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
+  const int width = frame.width(), height = frame.height();
+  // Step 1: the features, of the frame to clean first.
+  std::deque<Prefiltered> frames;
+  frames.emplace_back(frame, task);
+  for (const NearbyFrame& other : frame.nearby) frames.emplace_back(*other.frame, task);
   task.report(0.1);
 
   // Step 2: regress each half with weights and features of the other.
-  Rgb variance;
-  for (size_t c = 0; c < 3; ++c)
-    variance[c] =
-        make_plane(width, height, quiet(task), [&](int x, int y) { return 2.0f * (*frame.variance[c])(x, y); });
   const float strengths[] = {p.strength_1, p.strength_2};
   std::vector<HalfPair> candidates;
   for (size_t k = 0; k < 2; ++k) {
-    const auto regress = [&](const RgbPlanes& guide, const std::vector<Plane>& features, const RgbPlanes& values,
-                             int step) {
-      WeightModel model;
-      model.distances.push_back(noise_distance(guide, view(variance), p.patch_radius, strengths[k]));
-      return rgb_of(collaborative_regression(model, p.search_radius, pointers(features), values,
-                                             share(task, 0.1 + 0.17 * step, 0.1 + 0.17 * (step + 1))));
+    const auto regress = [&](bool half_a, int step) {
+      const auto weights_from = [&](const Prefiltered& f) { return half_a ? f.noisy_b() : f.noisy_a(); };
+      std::vector<RegressionFrame> stack;
+      for (const Prefiltered& f : frames) {
+        RegressionFrame& of = stack.emplace_back();
+        of.model.distances.push_back(
+            noise_distance(weights_from(frames[0]), weights_from(f), p.patch_radius, strengths[k]));
+        of.features = pointers(half_a ? f.features_b : f.features_a);
+        of.values = list(half_a ? f.frame->half_a : f.frame->half_b);
+      }
+      return rgb_of(
+          collaborative_regression(stack, p.search_radius, share(task, 0.1 + 0.17 * step, 0.1 + 0.17 * (step + 1))));
     };
-    candidates.push_back({regress(frame.half_b, b.features, frame.half_a, static_cast<int>(2 * k)),
-                          regress(frame.half_a, a.features, frame.half_b, static_cast<int>(2 * k + 1))});
+    candidates.push_back(
+        {regress(/*half_a=*/true, static_cast<int>(2 * k)), regress(/*half_a=*/false, static_cast<int>(2 * k + 1))});
   }
 
   // Step 3: per pixel the candidate with the smaller error, which each half measures on the other.
@@ -120,10 +140,11 @@ void run(const Nfor& p, const FilterFrame& frame, const FilterOutput& out, const
     mean[c] = mean_of(chosen.a[c], chosen.b[c], task);
     residual[c] = half_difference_squared(chosen.a[c], chosen.b[c], task);
   }
-  WeightModel model;
-  model.distances.push_back(noise_distance(view(mean), view(residual), p.patch_radius, p.final_strength));
-  const std::vector<Plane> result =
-      collaborative_regression(model, p.search_radius, pointers(final_features), view(mean), share(task, 0.8, 1));
+  RegressionFrame last;
+  last.model.distances.push_back(noise_distance(view(mean), view(residual), p.patch_radius, p.final_strength));
+  last.features = pointers(frames[0].final_features);
+  last.values = list(view(mean));
+  const std::vector<Plane> result = collaborative_regression({&last, 1}, p.search_radius, share(task, 0.8, 1));
   // Lines may overshoot where features do; no result is far brighter than anything around it, nor darker than black.
   for (size_t c = 0; c < 3; ++c) {
     const Plane top = window_maximum(*frame.signal[c], p.search_radius, task),
@@ -151,6 +172,7 @@ const FilterEntry entry =
             "them from the other, whose noise is independent.")
         .statistics(Statistics::kHalves)
         .features()
+        .aligned_sequences()
         .feature_set(&Nfor::feature_set)
         .paper("")
         .param("search-radius", &Nfor::search_radius, {1, 20}, "px", "half width of a window")

@@ -22,29 +22,51 @@ void run(const NlMeans& p, const FilterFrame& frame, const FilterOutput& out, co
         "them unless --no-statistics is given. buffers=one works without");
   const FeatureDistances features(*frame.features, p.feature_strength, kFeatureFloor, task);
   const std::vector<Offset> window = square_window(p.search_radius);
-  const auto average = [&](const RgbPlanes& guide, const RgbPlanes& variance, const RgbPlanes& values,
-                           const Task& part) {
-    WeightModel model;
-    model.join = WeightModel::Join::kLargest;
-    model.distances.push_back(noise_distance(guide, variance, p.patch_radius, p.strength));
-    features.add_to(model);
-    return weighted_average(model, window, values, part).values;
+  const auto frame_at = [&](size_t i) -> const FilterFrame& { return i == 0 ? frame : *frame.nearby[i - 1].frame; };
+  // Over the frame to clean and those nearby; `noisy` and `values` say which pictures of a frame.
+  const auto average = [&](const auto& noisy, const auto& values, const Task& part) {
+    std::vector<Slice> slices;
+    const Noisy here = noisy(0);
+    for (size_t i = 0; i <= frame.nearby.size(); ++i) {
+      const FilterFrame& there = frame_at(i);
+      Slice& slice = slices.emplace_back();
+      slice.model.join = WeightModel::Join::kLargest;
+      slice.model.distances.push_back(noise_distance(here, noisy(i), p.patch_radius, p.strength));
+      features.add_to(slice.model, i == 0 ? nullptr : there.features);
+      slice.offsets = window;
+      const RgbPlanes of_frame = values(there);
+      slice.values.assign(of_frame.begin(), of_frame.end());
+    }
+    return average_over_frames(slices, values(frame), part);
   };
   if (p.buffers == Buffers::kOne) {
-    std::vector<Plane> clean = average(frame.signal, frame.variance, frame.values, task);
+    std::vector<Plane> clean = average(
+        [&](size_t i) {
+          return Noisy{frame_at(i).signal, frame_at(i).variance};
+        },
+        [](const FilterFrame& f) { return f.values; }, task);
     for (size_t c = 0; c < 3; ++c) *out[c] = std::move(clean[c]);
     return;
   }
   // Weights of one half are independent of the noise of the other, which they average. Where layers are carried along,
   // which have no halves here, both sets of weights average the whole of each.
-  Rgb variance;
-  for (size_t c = 0; c < 3; ++c)
-    variance[c] = make_plane(frame.width(), frame.height(), quiet(task),
-                             [&](int x, int y) { return 2.0f * (*frame.variance[c])(x, y); });
-  const std::vector<Plane> a = average(frame.half_b, view(variance), frame.together ? frame.values : frame.half_a,
-                                       share(task, 0, 0.5)),
-                           b = average(frame.half_a, view(variance), frame.together ? frame.values : frame.half_b,
-                                       share(task, 0.5, 1));
+  std::vector<Rgb> variance(1 + frame.nearby.size());
+  for (size_t i = 0; i < variance.size(); ++i)
+    for (size_t c = 0; c < 3; ++c)
+      variance[i][c] = make_plane(frame.width(), frame.height(), quiet(task),
+                                  [&](int x, int y) { return 2.0f * (*frame_at(i).variance[c])(x, y); });
+  const std::vector<Plane> a = average(
+                               [&](size_t i) {
+                                 return Noisy{frame_at(i).half_b, view(variance[i])};
+                               },
+                               [&](const FilterFrame&f) { return frame.together ? f.values : f.half_a; },
+                               share(task, 0, 0.5)),
+                           b = average(
+                               [&](size_t i) {
+                                 return Noisy{frame_at(i).half_a, view(variance[i])};
+                               },
+                               [&](const FilterFrame&f) { return frame.together ? f.values : f.half_b; },
+                               share(task, 0.5, 1));
   for (size_t c = 0; c < 3; ++c)
     for_each_row(frame.height(), quiet(task), [&](int y) {
       for (int x = 0; x < frame.width(); ++x) (*out[c])(x, y) = 0.5f * (a[c](x, y) + b[c](x, y));
@@ -66,6 +88,7 @@ const FilterEntry entry =
         .statistics(Statistics::kVariance, Statistics::kHalves)
         .features([](const NlMeans& p) { return p.feature_strength > 0; })
         .carries()
+        .aligned_sequences()
         .param("search-radius", &NlMeans::search_radius, {0, 40}, "px", "half width of the search window")
         .param("patch-radius", &NlMeans::patch_radius, {0, 8}, "px", "half width of a patch", {1, 3})
         .param("strength", &NlMeans::strength, {0.05, 100}, "1", "k, noise deviations still taken as equal",

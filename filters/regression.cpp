@@ -46,9 +46,8 @@ Plane window_minimum(const Plane& in, int radius, const Task& task) {
   return extreme(in, radius, task, [](float a, float b) { return a < b ? a : b; });
 }
 
-std::vector<Plane> collaborative_regression(const WeightModel& model, int radius,
-                                            std::span<const Plane* const> features,
-                                            std::span<const Plane* const> values, const Task& task) {
+std::vector<Plane> collaborative_regression(std::span<const RegressionFrame> frames, int radius, const Task& task) {
+  const std::span<const Plane*const> features = frames[0].features, values = frames[0].values;
   const int width = values[0]->width(), height = values[0]->height();
   const int n = static_cast<int>(features.size()) + 3, m = static_cast<int>(values.size()), side = 2 * radius + 1;
   std::vector<Plane> sums;
@@ -72,40 +71,46 @@ std::vector<Plane> collaborative_regression(const WeightModel& model, int radius
     parallel_for(static_cast<int>(blocks.size()), share(task, 0.25 * colour, 0.25 * (colour + 1)), [&](int i) {
       const Box& block = blocks[static_cast<size_t>(i)];
       kernels::WeightScratch scratch;
-      std::vector<float> weights(plane * static_cast<size_t>(side * side));
-      const auto weight_of = [&](int dx, int dy) {
-        return weights.data() + plane * static_cast<size_t>((dy + radius) * side + dx + radius);
+      const size_t window = plane * static_cast<size_t>(side * side);
+      std::vector<float> weights(window * frames.size());
+      const auto weight_of = [&](size_t f, int dx, int dy) {
+        return weights.data() + window * f + plane * static_cast<size_t>((dy + radius) * side + dx + radius);
       };
-      for (int dy = -radius; dy <= radius; ++dy)
-        for (int dx = -radius; dx <= radius; ++dx) {
-          float* const w = weight_of(dx, dy);
-          kernels::block_distances(model, block, dx, dy, scratch, w, stride);
-          kernels::block_weights(model, {width, height}, block, dx, dy, w, 1, nullptr, w, stride);
-        }
+      for (size_t f = 0; f < frames.size(); ++f)
+        for (int dy = -radius; dy <= radius; ++dy)
+          for (int dx = -radius; dx <= radius; ++dx) {
+            float* const w = weight_of(f, dx, dy);
+            kernels::block_distances(frames[f].model, block, dx, dy, scratch, w, stride);
+            kernels::block_weights(frames[f].model, {width, height}, block, dx, dy, w, 1, nullptr, w, stride);
+          }
       std::vector<float> a(stride * static_cast<size_t>(n * (n + 1) / 2)), b(stride * static_cast<size_t>(n * m)),
           work(kernels::normal_scratch(features.size(), values.size(), stride));
       for (int y = block.y0; y < block.y1; ++y) {
         const size_t line = stride * static_cast<size_t>(y - block.y0);
-        float* centre = weight_of(0, 0) + line;
+        float* centre = weight_of(0, 0, 0) + line;
         for (int x = 0; x < block.width(); ++x) centre[x] = std::max(centre[x], kCentreWeight);
         std::fill(a.begin(), a.end(), 0.0f);
         std::fill(b.begin(), b.end(), 0.0f);
         const int top = std::max(-radius, -y), bottom = std::min(radius, height - 1 - y);
         // Where the whole window is inside, neighbours are taken several at once; beside the edges one by one.
-        for (int dy = top; dy <= bottom; ++dy) {
-          if (block.x0 - radius >= 0 && block.x1 + radius <= width) {
-            const kernels::RegressionRow row{features, values, block.x0, y, block.width(), radius, stride};
-            kernels::accumulate_normal(row, weight_of(-radius, dy) + line, plane, -radius, dy, side, work.data(),
-                                       a.data(), b.data());
-            continue;
-          }
-          for (int dx = -radius; dx <= radius; ++dx) {
-            const int first = std::max(block.x0, -dx), last = std::min(block.x1, width - dx);
-            if (first >= last) continue;
-            const size_t skip = static_cast<size_t>(first - block.x0);
-            const kernels::RegressionRow row{features, values, first, y, last - first, radius, stride};
-            kernels::accumulate_normal(row, weight_of(dx, dy) + line + skip, plane, dx, dy, 1, work.data(),
-                                       a.data() + skip, b.data() + skip);
+        for (size_t f = 0; f < frames.size(); ++f) {
+          const auto row = [&](int x0, int count) {
+            return kernels::RegressionRow{features, values, frames[f].features, frames[f].values, x0, y, count,
+                                          radius,   stride};
+          };
+          for (int dy = top; dy <= bottom; ++dy) {
+            if (block.x0 - radius >= 0 && block.x1 + radius <= width) {
+              kernels::accumulate_normal(row(block.x0, block.width()), weight_of(f, -radius, dy) + line, plane, -radius,
+                                         dy, side, work.data(), a.data(), b.data());
+              continue;
+            }
+            for (int dx = -radius; dx <= radius; ++dx) {
+              const int first = std::max(block.x0, -dx), last = std::min(block.x1, width - dx);
+              if (first >= last) continue;
+              const size_t skip = static_cast<size_t>(first - block.x0);
+              kernels::accumulate_normal(row(first, last - first), weight_of(f, dx, dy) + line + skip, plane, dx, dy, 1,
+                                         work.data(), a.data() + skip, b.data() + skip);
+            }
           }
         }
         kernels::solve_rows(a.data(), b.data(), n, m, block.width(), stride, kRidge, kFloor);
@@ -114,8 +119,8 @@ std::vector<Plane> collaborative_regression(const WeightModel& model, int radius
             const int first = std::max(block.x0, -dx), last = std::min(block.x1, width - dx);
             if (first >= last) continue;
             const size_t skip = static_cast<size_t>(first - block.x0);
-            kernels::scatter_prediction({features, values, first, y, last - first, radius, stride},
-                                        weight_of(dx, dy) + line + skip, dx, dy, b.data() + skip, targets, total);
+            kernels::scatter_prediction({features, values, features, values, first, y, last - first, radius, stride},
+                                        weight_of(0, dx, dy) + line + skip, dx, dy, b.data() + skip, targets, total);
           }
       }
     });

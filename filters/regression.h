@@ -3,13 +3,20 @@
 
 namespace brume {
 
+/// A frame as the windows around the pixels of the frame to clean see it.
+struct RegressionFrame {
+  WeightModel model;  ///< how pixels of the frame to clean compare with this one's
+  std::vector<const Plane*> features, values;
+};
+
 /// Weighted linear regression around every pixel p on position and features, whose predictions for all pixels of the
 /// window are averaged ("collaborative"): minimises sum_q w_pq |v_q - b^T (1, q - p, f_q - f_p)|^2 and returns
 /// sum_p w_pq b_p^T (1, q - p, f_q - f_p) / sum_p w_pq at every pixel q.
 /// Source: Bitterli et al. 2016, Nonlinearly Weighted First-order Regression, section 4.
-std::vector<Plane> collaborative_regression(const WeightModel& model, int radius,
-                                            std::span<const Plane* const> features,
-                                            std::span<const Plane* const> values, const Task& task);
+/// @param frames  the frame to clean, then others of the sequence, whose pixels lines are fitted to as well;
+/// predictions
+///                are those for the frame to clean
+std::vector<Plane> collaborative_regression(std::span<const RegressionFrame> frames, int radius, const Task& task);
 
 /// Largest and smallest value in the square of half width `radius`.
 Plane window_maximum(const Plane& in, int radius, const Task& task);

@@ -2,8 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <deque>
 
 #include "base/error.h"
+#include "base/text.h"
 #include "base/vec.h"
 #include "filters/guide_layers.h"
 #include "filters/lattice_regression.h"
@@ -19,6 +21,7 @@ struct TransportRegression {
   float stacking_window = 28, caution = 5000;
   float limit = 8;
   float weight_power = 1.2f;
+  float frames = 2;
 };
 
 // A pixel shows the medium where its opacity is above this.
@@ -41,24 +44,32 @@ constexpr float kNoiseShare = 1.8f, kBiasShare = 0.4f;
 
 /// Columns for each colour; the same planes where no guide has colour.
 struct Columns {
-  std::array<std::vector<const Plane*>, 3> of;
+  std::array<std::vector<LatticeColumn>, 3> of;
   size_t free = 0;  // the first ones, which are not shrunk
   bool coloured = false;
-  std::array<std::vector<LatticeColumn>, 3> scaled;
 
+  size_t sets() const { return coloured ? 3 : 1; }
   /// To be called once no column is added any more.
   void standardise(const Plane& weight, const Task& task) {
-    for (size_t c = 0; c < (coloured ? 3u : 1u); ++c) scaled[c] = standardised(of[c], weight, task);
+    for (size_t c = 0; c < sets(); ++c) of[c] = standardised(std::move(of[c]), weight, task);
+  }
+  /// The scales of the frame to clean, so that coefficients mean the same.
+  void scale_like(const Columns& own) {
+    for (size_t c = 0; c < sets(); ++c)
+      for (size_t k = 0; k < of[c].size(); ++k) {
+        of[c][k].offset = own.of[c][k].offset;
+        of[c][k].scale = own.of[c][k].scale;
+      }
   }
   void add(const Guide& g) {
     coloured |= g.coloured;
     if (g.coloured)
-      for (size_t c = 0; c < 3; ++c) of[c].push_back(g.channels[c]);
+      for (size_t c = 0; c < 3; ++c) of[c].push_back({g.channels[c]});
     else
       for (const Plane* p : g.channels) add(*p);
   }
   void add(const Plane& p) {
-    for (auto& columns : of) columns.push_back(&p);
+    for (auto& columns : of) columns.push_back({&p});
   }
 };
 
@@ -84,43 +95,22 @@ double sum_of(const Plane& plane) {
   return sum;
 }
 
-/// Fits both halves, each colour by itself; those with the same columns together.
-HalfPair regress(const Columns& columns, const RgbPlanes& a, const RgbPlanes& b, const Plane& weight,
-                 const LatticeWindow& window, const Task& task) {
-  HalfPair out;
-  const auto solve = [&](const std::vector<size_t>& colours) {
-    LatticeProblem problem{columns.scaled[colours[0]], columns.free, {}, &weight};
-    for (const size_t c : colours) {
-      problem.targets.push_back(a[c]);
-      problem.targets.push_back(b[c]);
-    }
-    std::vector<Plane> found = lattice_regression(problem, window, task);
-    for (size_t i = 0; i < colours.size(); ++i) {
-      out.a[colours[i]] = std::move(found[2 * i]);
-      out.b[colours[i]] = std::move(found[2 * i + 1]);
-    }
-  };
-  if (columns.coloured)
-    for (size_t c = 0; c < 3; ++c) solve({c});
-  else
-    solve({0, 1, 2});
-  return out;
-}
-
 /// Local weighted means: of targets / base where both are summed first.
 std::vector<Plane> local_ratio(const std::vector<const Plane*>& targets, const Plane& base, const Plane& weight,
                                double window, const Task& task) {
-  return lattice_regression({{{&base, 0, 1}}, 1, targets, &weight}, {window, 0, 0}, task);
+  return lattice_regression({{{{&base}}, targets, &weight}}, {window, 0, 0}, task);
 }
 
-/// What is known of the frame without noise, sorted by what it may explain.
+/// What is known of a frame without noise, sorted by what it may explain.
 struct Knowledge {
   Columns all, medium, few;
   Plane one, mask, bright;  // `bright`: a first idea of the brightness
+  std::vector<std::string> names;
   bool guided = true;
 
   Knowledge(const FilterFrame& frame, const Task& task) : one(frame.width(), frame.height(), 1.0f) {
     const std::vector<Guide> guides = guides_of(frame.layers);
+    for (const Guide& g : guides) names.push_back(g.name);
     const bool direct = frame.name == layer::direct, beauty = frame.name == layer::beauty;
     const auto opacity =
         std::find_if(guides.begin(), guides.end(), [](const Guide& g) { return g.kind == GuideClass::kOpacity; });
@@ -173,6 +163,12 @@ struct Knowledge {
     if (!guided) add_features(frame.layers);
   }
 
+  void scale_like(const Knowledge& own) {
+    all.scale_like(own.all);
+    medium.scale_like(own.medium);
+    few.scale_like(own.few);
+  }
+
  private:
   /// Frames of other renderers: what features they have.
   void add_features(const Layers& layers) {
@@ -180,14 +176,17 @@ struct Knowledge {
                                layer::albedo, layer::normal, layer::depth})
       if (layers.has(l))
         for (const std::string& channel : l.channel_names()) {
+          names.push_back(channel);
           all.add(layers.at(channel));
           medium.add(layers.at(channel));
         }
   }
 };
 
-/// Samples / (brightness + a share of its mean)^power within the mask, both relative to their means.
-Plane weight_of(const Plane& level, const Plane& mask, float power, const FilterFrame& frame, const Task& task) {
+/// share * samples / (brightness + a share of its mean)^power within the mask, both relative to their means.
+/// @param samples  of each pixel, relative to the mean; empty: alike
+Plane weight_of(const Plane& level, const Plane& mask, float power, float share, const Plane& samples,
+                const Task& task) {
   double sum = 0, count = 0;
   for (int y = 0; y < level.height(); ++y)
     for (int x = 0; x < level.width(); ++x)
@@ -198,8 +197,8 @@ Plane weight_of(const Plane& level, const Plane& mask, float power, const Filter
   const float scale = sum > 0 ? static_cast<float>(count / sum) : 0.0f;
   return make_plane(level.width(), level.height(), quiet(task), [&](int x, int y) {
     if (!(mask(x, y) > 0)) return 0.0f;
-    const float samples = frame.samples > 0 ? static_cast<float>(frame.samples_at(x, y) / frame.samples) : 1.0f;
-    return samples * std::pow(scale * std::max(0.0f, level(x, y)) + kDark, -power);
+    const float pixel = samples.empty() ? share : share * samples(x, y);
+    return pixel * std::pow(scale * std::max(0.0f, level(x, y)) + kDark, -power);
   });
 }
 
@@ -385,89 +384,194 @@ void say_what_is_missing(const FilterFrame& frame, bool guided, bool halves) {
         "takes the noise of neighbouring pixels to be independent");
 }
 
-/// A fit to the frame, and what narrower and narrower windows make of what it leaves, with fewer and fewer columns.
-std::vector<HalfPair> cascade(HalfPair frame_fit, const Knowledge& known, const RgbPlanes& a, const RgbPlanes& b,
-                              const Plane& weight, const TransportRegression& p, const Task& task) {
-  std::vector<HalfPair> fits;
-  fits.push_back(std::move(frame_fit));
-  const auto refine = [&](const Columns& columns, double window) {
-    const HalfPair& wider = fits.back();
-    const Rgb left_a = minus(a, view(wider.a), task), left_b = minus(b, view(wider.b), task);
-    HalfPair fit = regress(columns, view(left_a), view(left_b), weight,
-                           {window, static_cast<double>(p.ridge), static_cast<double>(p.ridge_per_pixel)}, task);
-    add_to(fit.a, wider.a, task);
-    add_to(fit.b, wider.b, task);
-    fits.push_back(std::move(fit));
-    task.report(0.2 + 0.15 * static_cast<double>(fits.size() - 1));
+Plane brightness(const HalfPair& fit, const Task& task) {
+  return make_plane(fit.a[0].width(), fit.a[0].height(), quiet(task), [&](int x, int y) {
+    const auto at = [&](size_t c) { return 0.5f * (fit.a[c](x, y) + fit.b[c](x, y)); };
+    return luminance(vec3(at(0), at(1), at(2)));
+  });
+}
+
+Rgb mean(const HalfPair& fit, const Task& task) {
+  Rgb m;
+  for (size_t c = 0; c < 3; ++c)
+    m[c] = make_plane(fit.a[c].width(), fit.a[c].height(), quiet(task),
+                      [&](int x, int y) { return 0.5f * (fit.a[c](x, y) + fit.b[c](x, y)); });
+  return m;
+}
+
+struct Halves {
+  RgbPlanes a, b;
+};
+
+/// A frame of the sequence, or the one to clean.
+struct Picture {
+  Knowledge known;
+  float share;  // of its pixels against those of the frame to clean
+  bool halves;  // or the whole signal twice
+  Halves seen;
+  Limited data;
+  Plane samples, weight, level;
+
+  Picture(const FilterFrame& frame, float share_, const Task& task)
+      : known(frame, task),
+        share(share_),
+        halves(frame.half_a[0] != nullptr && (frame.samples == 0 || frame.samples >= 2)),
+        seen{halves ? frame.half_a : frame.signal, halves ? frame.half_b : frame.signal} {
+    if (frame.samples > 0 && frame.sample_count)
+      samples = make_plane(frame.width(), frame.height(), quiet(task),
+                           [&](int x, int y) { return static_cast<float>(frame.samples_at(x, y) / frame.samples); });
+  }
+  Halves limited() const { return {view(data.a), view(data.b)}; }
+};
+
+/// The frame to clean first, then those nearby. They stay where they are: columns point into them.
+using Pictures = std::deque<Picture>;
+
+/// @throws InputError for a frame with other guides
+Pictures pictures_of(const TransportRegression& p, const FilterFrame& frame, const Task& task) {
+  Pictures pictures;
+  pictures.emplace_back(frame, 1.0f, task);
+  for (const NearbyFrame& other : frame.nearby) {
+    const float apart = static_cast<float>(other.distance) / p.frames;
+    const float samples =
+        frame.samples > 0 && other.frame->samples > 0 ? static_cast<float>(other.frame->samples / frame.samples) : 1.0f;
+    pictures.emplace_back(*other.frame, samples * std::exp(-0.5f * apart * apart), task);
+    if (pictures.back().known.names != pictures[0].known.names)
+      throw InputError(
+          fmt::format("the frame at {:+} of the sequence: its guides are {}, those of the frame to clean {}; record "
+                      "the same layers "
+                      "in every frame",
+                      other.distance, join(pictures.back().known.names), join(pictures[0].known.names)));
+  }
+  return pictures;
+}
+
+/// Fits both halves of the frame to clean and of those nearby with the same coefficients, each colour by itself; those
+/// with the same columns together.
+/// @param targets  of each picture
+std::vector<HalfPair> regress(const Pictures& pictures, Columns Knowledge::*which, const std::vector<Halves>& targets,
+                              const LatticeWindow& window, const Task& task) {
+  std::vector<HalfPair> out(targets.size());
+  const auto solve = [&](const std::vector<size_t>& colours) {
+    const auto pixels = [&](size_t i) {
+      LatticePixels known{(pictures[i].known.*which).of[colours[0]], {}, &pictures[i].weight};
+      for (const size_t c : colours) {
+        known.targets.push_back(targets[i].a[c]);
+        known.targets.push_back(targets[i].b[c]);
+      }
+      return known;
+    };
+    LatticeProblem problem{pixels(0), (pictures[0].known.*which).free};
+    for (size_t i = 1; i < targets.size(); ++i) problem.nearby.push_back(pixels(i));
+    std::vector<Plane> found = lattice_regression(problem, window, task);
+    size_t next = 0;
+    for (HalfPair& fit : out)
+      for (const size_t c : colours) {
+        fit.a[c] = std::move(found[next++]);
+        fit.b[c] = std::move(found[next++]);
+      }
+  };
+  if ((pictures[0].known.*which).coloured)
+    for (size_t c = 0; c < 3; ++c) solve({c});
+  else
+    solve({0, 1, 2});
+  return out;
+}
+
+/// Fits of the frame to clean, from one window for the frame to narrower and narrower ones, each to what the one before
+/// leaves, with fewer and fewer columns. Those of the frames nearby are `fits` at first, then the latest.
+std::vector<HalfPair> cascade(std::vector<HalfPair> fits, const Pictures& pictures, const TransportRegression& p,
+                              const Task& task) {
+  std::vector<HalfPair> candidates = {fits[0]};
+  const auto refine = [&](Columns Knowledge::*which, double window, size_t frames) {
+    std::vector<HalfPair> left(frames);
+    std::vector<Halves> targets;
+    for (size_t i = 0; i < frames; ++i) {
+      const Halves seen = pictures[i].limited();
+      left[i] = {minus(seen.a, view(fits[i].a), task), minus(seen.b, view(fits[i].b), task)};
+      targets.push_back({view(left[i].a), view(left[i].b)});
+    }
+    const std::vector<HalfPair> found = regress(
+        pictures, which, targets, {window, static_cast<double>(p.ridge), static_cast<double>(p.ridge_per_pixel)}, task);
+    for (size_t i = 0; i < frames; ++i) {
+      add_to(fits[i].a, found[i].a, task);
+      add_to(fits[i].b, found[i].b, task);
+    }
+    candidates.push_back(fits[0]);
+    task.report(0.2 + 0.15 * static_cast<double>(candidates.size() - 1));
   };
   const double window = static_cast<double>(p.window);
-  refine(known.all, 2 * window);
-  refine(known.all, window);
-  refine(known.medium, window / 2);
-  refine(known.few, window / 4);
-  return fits;
+  const size_t all = pictures.size();
+  refine(&Knowledge::all, 2 * window, all);
+  refine(&Knowledge::all, window, all);
+  refine(&Knowledge::medium, window / 2, all);
+  refine(&Knowledge::few, window / 4, all);
+  // What the frame shows that those nearby do not, as where a light changes.
+  if (all > 1) refine(&Knowledge::all, window, 1);
+  return candidates;
 }
 
 void run(const TransportRegression& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
   const int width = frame.width(), height = frame.height();
-  Knowledge known(frame, task);
-  const bool halves = frame.half_a[0] != nullptr && (frame.samples == 0 || frame.samples >= 2);
-  say_what_is_missing(frame, known.guided, halves);
-  const RgbPlanes a = halves ? frame.half_a : frame.signal, b = halves ? frame.half_b : frame.signal;
+  Pictures pictures = pictures_of(p, frame, task);
+  Picture& own = pictures[0];
+  const Knowledge& known = own.known;
+  say_what_is_missing(frame, known.guided, own.halves);
   const double samples = std::max(1.0, frame.samples);
   const double limit = static_cast<double>(p.limit) * std::max(1.0, std::pow(samples / 16, 0.25));
-
-  const auto brightness = [&](const HalfPair& fit) {
-    return make_plane(width, height, quiet(task), [&](int x, int y) {
-      const auto at = [&](size_t c) { return 0.5f * (fit.a[c](x, y) + fit.b[c](x, y)); };
-      return luminance(vec3(at(0), at(1), at(2)));
-    });
-  };
-  const auto mean = [&](const HalfPair& fit) {
-    Rgb m;
-    for (size_t c = 0; c < 3; ++c)
-      m[c] = make_plane(width, height, quiet(task),
-                        [&](int x, int y) { return 0.5f * (fit.a[c](x, y) + fit.b[c](x, y)); });
-    return m;
-  };
 
   // Noise grows with light that paths find; direct light holds background, too, so that its brightness says nothing.
   const float power = frame.name == layer::direct ? 0.0f : p.weight_power;
   // One window, the frame: weights from the guides, then from the fit, whose outliers are drawn in.
-  const Plane first_weight = weight_of(known.bright, known.mask, power, frame, task);
-  known.all.standardise(first_weight, task);
-  HalfPair frame_fit = regress(known.all, a, b, first_weight, {0, kGlobalRidge, 0}, task);
-  Limited data = limit_outliers(a, b, mean(frame_fit), brightness(frame_fit), known.mask, limit, halves, task);
-  if (!halves) {
-    HalfPair pixels = chessboard_halves(data.a, frame_fit.a, known.mask, task);
-    data.a = std::move(pixels.a);
-    data.b = std::move(pixels.b);
+  std::vector<Halves> targets;
+  for (Picture& q : pictures) {
+    q.weight = weight_of(q.known.bright, q.known.mask, power, q.share, q.samples, task);
+    targets.push_back(q.seen);
   }
-  const RgbPlanes data_a = view(data.a), data_b = view(data.b);
-  frame_fit = regress(known.all, data_a, data_b, first_weight, {0, kGlobalRidge, 0}, task);
-  // Averaged over a few pixels: weights must not follow what a guide holds of noise.
-  const Plane level = box_mean(brightness(frame_fit), kLevelRadius, task);
-  const Plane weight = weight_of(level, known.mask, power, frame, task);
-  known.few.add(level);
-  known.medium.add(level);
-  known.few.standardise(weight, task);
-  known.medium.standardise(weight, task);
-  known.all.free = 0;
+  own.known.all.standardise(own.weight, task);
+  for (size_t i = 1; i < pictures.size(); ++i) pictures[i].known.all.scale_like(own.known.all);
+  const LatticeWindow whole{0, kGlobalRidge, 0};
+  std::vector<HalfPair> fits = regress(pictures, &Knowledge::all, targets, whole, task);
+  for (size_t i = 0; i < pictures.size(); ++i) {
+    Picture& q = pictures[i];
+    q.data = limit_outliers(q.seen.a, q.seen.b, mean(fits[i], task), brightness(fits[i], task), q.known.mask, limit,
+                            q.halves, task);
+    if (!q.halves) {
+      HalfPair pixels = chessboard_halves(q.data.a, fits[i].a, q.known.mask, task);
+      q.data.a = std::move(pixels.a);
+      q.data.b = std::move(pixels.b);
+    }
+    targets[i] = q.limited();
+  }
+  fits = regress(pictures, &Knowledge::all, targets, whole, task);
+  for (size_t i = 0; i < pictures.size(); ++i) {
+    Picture& q = pictures[i];
+    // Averaged over a few pixels: weights must not follow what a guide holds of noise.
+    q.level = box_mean(brightness(fits[i], task), kLevelRadius, task);
+    q.weight = weight_of(q.level, q.known.mask, power, q.share, q.samples, task);
+    q.known.few.add(q.level);
+    q.known.medium.add(q.level);
+    q.known.all.free = 0;
+  }
+  own.known.few.standardise(own.weight, task);
+  own.known.medium.standardise(own.weight, task);
+  for (size_t i = 1; i < pictures.size(); ++i) pictures[i].known.scale_like(own.known);
   task.report(0.2);
 
-  std::vector<HalfPair> candidates = cascade(std::move(frame_fit), known, data_a, data_b, weight, p, task);
+  std::vector<HalfPair> candidates = cascade(std::move(fits), pictures, p, task);
   const size_t narrow = candidates.size() - 1;
   // The data are a candidate themselves: with many samples nothing is nearer to the truth.
-  candidates.push_back({data.a, data.b});
+  const Halves data = own.limited();
+  candidates.push_back({own.data.a, own.data.b});
 
   const std::vector<Plane> maps =
-      stacking_weights(candidates, data_a, data_b, weight,
+      stacking_weights(candidates, data.a, data.b, own.weight,
                        {static_cast<double>(p.stacking_window), static_cast<double>(p.caution)}, task);
   task.report(0.9);
   const HalfPair chosen = blend(candidates, maps, task);
-  Rgb clean = mean(chosen);
-  give_back(data.taken, clean, known.mask, task);
-  if (halves) return_to_data(chosen, a, b, known.mask, samples, clean, task);
+  Rgb clean = mean(chosen, task);
+  give_back(own.data.taken, clean, known.mask, task);
+  if (own.halves) return_to_data(chosen, own.seen.a, own.seen.b, known.mask, samples, clean, task);
   for (size_t c = 0; c < 3; ++c)
     for_each_row(height, quiet(task), [&](int y) {
       for (int x = 0; x < width; ++x)
@@ -529,6 +633,9 @@ const FilterEntry entry =
         .param("weight-power", &TransportRegression::weight_power, {0, 2}, "1",
                "in what cleans all but the direct light, pixels weigh as their brightness to minus this power: 2 is "
                "constant relative noise, 4/3 what CIE-Lab sees")
+        .param("frames", &TransportRegression::frames, {0.1, 100}, "frames",
+               "of a sequence: deviation of the Gaussian over frames that share coefficients")
+        .sequences(3)
         .scratch(80)
         .apron([](const TransportRegression&) { return 1 << 20; })
         .run(run);

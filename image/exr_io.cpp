@@ -299,6 +299,41 @@ Layers read_exr_state(const fs::path& path, const Task& task) {
   return layers;
 }
 
+void check_exr(const fs::path& path, const Task& task) {
+  constexpr int kRows = 64;  // at a time
+  Imf::MultiPartInputFile file = open_exr(path);
+  for (int index = 0; index < file.parts(); ++index) {
+    const Imf::Header& header = file.header(index);
+    if (header.hasType() && Imf::isDeepData(header.type()))
+      throw InputError(
+          fmt::format("{}: {} holds deep pixels; brume reads flat images", path.string(), part_label(file, index)));
+    const Imath::Box2i data = header.dataWindow();
+    const auto width = static_cast<size_t>(window_of(data).width());
+    std::vector<uint32_t> rows(width * kRows);
+    try {
+      Imf::InputPart input(file, index);
+      for (int y = data.min.y; y <= data.max.y; y += kRows) {
+        task.check();
+        // All channels into one place: a file is decoded whole, whichever of its channels are wanted.
+        Imath::Box2i window = data;
+        window.min.y = y;
+        Imf::FrameBuffer frame;
+        const auto channel = header.channels().begin();
+        if (channel == header.channels().end()) break;
+        frame.insert(channel.name(),
+                     Imf::Slice::Make(channel.channel().type == Imf::UINT ? Imf::UINT : Imf::FLOAT, rows.data(), window,
+                                      4, 4 * width, channel.channel().xSampling, channel.channel().ySampling));
+        input.setFrameBuffer(frame);
+        input.readPixels(y, std::min(y + kRows - 1, data.max.y));
+      }
+    } catch (const Interrupted&) {
+      throw;
+    } catch (const std::exception& error) {
+      throw InputError(fmt::format("{}: truncated or damaged: {}", path.string(), error.what()));
+    }
+  }
+}
+
 void set_exr_threads(int threads) {
   Imf::setGlobalThreadCount(threads > 0 ? threads : static_cast<int>(std::thread::hardware_concurrency()));
   packing_threads = threads;

@@ -38,6 +38,10 @@ Layers read_exr(const std::filesystem::path& path, const std::function<bool(cons
 /// truncated; Interrupted
 Layers read_exr_state(const std::filesystem::path& path, const Task& task = {});
 
+/// Reads every pixel of a file and forgets it, to know that it is whole. @throws InputError: missing, not an EXR,
+/// truncated or damaged, deep; Interrupted
+void check_exr(const std::filesystem::path& path, const Task& task = {});
+
 /// Writes float32 scan lines, ZIP, single part. The file appears whole or not at all.
 /// @param task  only whether it is cancelled   @throws InputError; Interrupted
 void write_exr(const std::filesystem::path& path, const Layers& layers, const Task& task = {});

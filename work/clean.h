@@ -41,6 +41,7 @@ class Cleaner {
   /// white^2), white being 1 / exposure. Below 0 where the filter estimates none.
   double error() const { return error_; }
   bool estimates_error() const;
+  const FilterSettings& filter() const { return filter_; }
   /// The last clean picture.
   const Layers& picture() const { return picture_; }
   double seconds() const { return seconds_; }

@@ -6,15 +6,12 @@
 #include "render/scene/scene_io.h"
 
 namespace brume {
-namespace {
 
 bool is_volume(const std::filesystem::path& path) {
   char magic[4] = {};
   std::ifstream(path, std::ios::binary).read(magic, sizeof magic);
   return std::string_view(magic, sizeof magic) == std::string_view(" BDV", 4);
 }
-
-}  // namespace
 
 LoadedScene load_scene(const std::filesystem::path& path, std::span<const std::string> overrides, const Task& task) {
   if (!is_volume(path)) return {read_scene(path, overrides), std::nullopt};

@@ -10,6 +10,9 @@
 
 namespace brume {
 
+/// Whether a file is an OpenVDB file, by its first bytes.
+bool is_volume(const std::filesystem::path& path);
+
 struct LoadedScene {
   Scene scene;
   std::optional<VolumeScene> made;  ///< what was made up around a bare volume

@@ -8,22 +8,21 @@
 #include <algorithm>
 #include <array>
 #include <numbers>
+#include <vector>
 
 HWY_BEFORE_NAMESPACE();
 namespace brume::kernels::HWY_NAMESPACE {
 #include "filters/kernels/exp2_negative.h"
 
-// Most channels in a level: the layers of a frame make fewer.
-constexpr size_t kMost = 32;
-
 // Beyond this a neighbour has no weight at all.
 constexpr float kFarthest = 80.0f;
 
 struct Rows {
-  std::array<const float*, kMost> row;
+  std::vector<const float*> row;
   size_t count = 0;
   void set(const WorkImage* image, int y) {
     count = image ? image->channels.size() : 0;
+    row.resize(count);
     for (size_t c = 0; c < count; ++c) row[c] = image->channels[c].row(y);
   }
 };

@@ -89,7 +89,8 @@ void AccumulateNormal(const RegressionRow& row, const float* weights, size_t wei
         wy[x] = v * py;
       }
       for (size_t k = 0; k < features; ++k) {
-        const float *p = row.features[k]->row(row.y) + row.x0, *q = row.features[k]->row(row.y + dy) + row.x0 + dx;
+        const float *p = row.features[k]->row(row.y) + row.x0,
+                    *q = row.features_there[k]->row(row.y + dy) + row.x0 + dx;
         float* HWY_RESTRICT to = x_row(static_cast<int>(k) + 3, j);
         float* HWY_RESTRICT weighted = wx_row(static_cast<int>(k) + 3, j);
         const float* HWY_RESTRICT v = w0;
@@ -99,7 +100,7 @@ void AccumulateNormal(const RegressionRow& row, const float* weights, size_t wei
         }
       }
       for (size_t c = 0; c < values; ++c) {
-        const float *p = row.values[c]->row(row.y) + row.x0, *q = row.values[c]->row(row.y + dy) + row.x0 + dx;
+        const float *p = row.values[c]->row(row.y) + row.x0, *q = row.values_there[c]->row(row.y + dy) + row.x0 + dx;
         float* HWY_RESTRICT to = y_row(static_cast<int>(c), j);
         for (int x = 0; x < count; ++x) to[x] = q[x] - p[x];
       }

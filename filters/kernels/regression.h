@@ -19,7 +19,8 @@ inline int triangle(int row, int column, int n) {
 /// (x0, y): regressors 1, dx / radius, dy / radius, f_k(q) - f_k(p); values v_c(q) - v_c(p). All q must lie inside.
 /// @param weights  offset by offset, `weight_step` floats apart
 struct RegressionRow {
-  std::span<const Plane*const> features, values;
+  std::span<const Plane*const> features, values;              ///< of p
+  std::span<const Plane*const> features_there, values_there;  ///< of q, which may be in another frame
   int x0, y, count, radius;
   size_t stride;
 };

@@ -75,17 +75,17 @@ struct Sums {
   }
 };
 
-/// Walks the window of the block at (x, y): clipped by rows, masked by columns where the block is near an edge.
+/// Adds the window of the block at (x, y) in one frame: clipped by rows, masked by columns where the block is near an
+/// edge.
 template <size_t CV, class Weight>
-HWY_INLINE Sums<CV> sum_window(D d, const WindowInput& in, int x, int y, float domain_factor, const Weight& weight) {
-  const int width = in.values->width(), height = in.values->height(), radius = in.radius;
+HWY_INLINE void add_window(D d, const WorkImage& values, int radius, int x, int y, float domain_factor,
+                           const Weight& weight, Sums<CV>& s) {
+  const int width = values.width(), height = values.height();
   const int lanes = static_cast<int>(hn::Lanes(d));
-  Sums<CV> s{hn::Zero(d), load(d, rows_at<CV>(*in.values, y), x), {}};
-  for (size_t c = 0; c < CV; ++c) s.value.v[c] = hn::Zero(d);
   const bool inside = x - radius >= 0 && x + lanes - 1 + radius < width;
   const V lane = hn::Add(hn::Iota(d, 0.0f), hn::Set(d, static_cast<float>(x)));
   for (int ty = std::max(0, y - radius); ty <= std::min(height - 1, y + radius); ++ty) {
-    const auto rows = rows_at<CV>(*in.values, ty);
+    const auto rows = rows_at<CV>(values, ty);
     const float dy2 = static_cast<float>((ty - y) * (ty - y));
     for (int dx = -radius; dx <= radius; ++dx) {
       V w = weight(Tap{x + dx, ty, ty - y + radius, domain_factor * (dy2 + static_cast<float>(dx * dx))});
@@ -99,6 +99,13 @@ HWY_INLINE Sums<CV> sum_window(D d, const WindowInput& in, int x, int y, float d
         s.value.v[c] = hn::MulAdd(w, hn::Sub(hn::LoadU(d, rows[c] + x + dx), s.centre.v[c]), s.value.v[c]);
     }
   }
+}
+
+template <size_t CV, class Weight>
+HWY_INLINE Sums<CV> sum_window(D d, const WindowInput& in, int x, int y, float domain_factor, const Weight& weight) {
+  Sums<CV> s{hn::Zero(d), load(d, rows_at<CV>(*in.values, y), x), {}};
+  for (size_t c = 0; c < CV; ++c) s.value.v[c] = hn::Zero(d);
+  add_window(d, *in.values, in.radius, x, y, domain_factor, weight, s);
   return s;
 }
 
@@ -181,44 +188,60 @@ void extended(const WindowInput& in, const Bilateral& weights, const WorkImage& 
   });
 }
 
+/// What a pixel of one frame compares with its neighbours in it or in another.
+struct GradientWindow {
+  WindowRows<3> guide;
+  WindowRows<4> directions;
+  const WorkImage* values;
+  const PaddedPlane* opacity;
+};
+
 template <GradientVariant kVariant>
 void gradient_kernel(const WindowInput& in, const GradientWeights& weights, const WorkImage& gradient,
-                     const PaddedPlane* opacity, int y) {
+                     const PaddedPlane* opacity, int y, std::span<const GradientSlice> nearby) {
   const D d;
-  const WindowRows<3> guide(*in.guide, y, in.radius);
-  const WindowRows<4> directions(gradient, y, in.radius);
+  std::vector<GradientWindow> windows;
+  windows.push_back({{*in.guide, y, in.radius}, {gradient, y, in.radius}, in.values, opacity});
+  for (const GradientSlice& other : nearby)
+    windows.push_back({{*other.guide, y, in.radius}, {*other.gradient, y, in.radius}, other.values, other.opacity});
   const float domain = exponent_factor(weights.bilateral.sigma_domain);
   const V range = hn::Set(d, exponent_factor(weights.bilateral.sigma_range)),
           angle = hn::Set(d, exponent_factor(weights.sigma_gradient));
   const V one = hn::Set(d, 1.0f);
-  run_row<3, 3>(d, in, guide, y, [&](int x, Pixels<3>& result) HWY_ATTR {
+  run_row<3, 3>(d, in, windows[0].guide, y, [&](int x, Pixels<3>& result) HWY_ATTR {
     const Pixels<3> centre = load(d, rows_at<3>(*in.guide, y), x);
     const Pixels<4> direction = load(d, rows_at<4>(gradient, y), x);
     const V undefined = hn::Sub(one, direction.v[3]);
     const V centre_opacity = kVariant == GradientVariant::kGate ? hn::LoadU(d, opacity->row(y) + x) : hn::Zero(d);
-    const Sums<3> s = sum_window<3>(d, in, x, y, domain, [&](const Tap& tap) HWY_ATTR {
-      const V distance = squared_distance(load(d, guide[tap.row], tap.x), centre);
-      const Pixels<4> other = load(d, directions[tap.row], tap.x);
-      V cosine = hn::MulAdd(direction.v[2], other.v[2],
-                            hn::MulAdd(direction.v[1], other.v[1], hn::Mul(direction.v[0], other.v[0])));
-      cosine = hn::Max(hn::Min(cosine, one), hn::Set(d, -1.0f));
-      const V apart = hn::Sub(one, cosine);
-      const V turned = hn::Mul(hn::Mul(apart, apart), angle);
-      const V defined = hn::Mul(direction.v[3], other.v[3]);
-      const V position = hn::Set(d, tap.domain);
-      const V similar = exp2_negative(d, hn::MulAdd(distance, range, position));
-      if constexpr (kVariant == GradientVariant::kMultiply) {
-        const V both = exp2_negative(d, hn::Add(hn::MulAdd(distance, range, position), turned));
-        return hn::MulAdd(both, defined, hn::Mul(similar, undefined));
-      } else if constexpr (kVariant == GradientVariant::kGate) {
-        const V o = hn::Sub(hn::LoadU(d, opacity->row(tap.y) + tap.x), centre_opacity);
-        const V veil = hn::Mul(hn::Mul(o, o), hn::Set(d, exponent_factor(weights.sigma_opacity)));
-        const V aligned = exp2_negative(d, hn::Add(hn::Add(turned, veil), position));
-        return hn::MulAdd(hn::Mul(aligned, defined), hn::Set(d, weights.gate_strength), similar);
-      } else {
-        return hn::MulAdd(exp2_negative(d, hn::Add(turned, position)), defined, similar);
-      }
-    });
+    Sums<3> s{hn::Zero(d), load(d, rows_at<3>(*in.values, y), x), {}};
+    for (size_t c = 0; c < 3; ++c) s.value.v[c] = hn::Zero(d);
+    for (const GradientWindow& window : windows)
+      add_window(
+          d, *window.values, in.radius, x, y, domain,
+          [&](const Tap& tap) HWY_ATTR {
+            const V distance = squared_distance(load(d, window.guide[tap.row], tap.x), centre);
+            const Pixels<4> other = load(d, window.directions[tap.row], tap.x);
+            V cosine = hn::MulAdd(direction.v[2], other.v[2],
+                                  hn::MulAdd(direction.v[1], other.v[1], hn::Mul(direction.v[0], other.v[0])));
+            cosine = hn::Max(hn::Min(cosine, one), hn::Set(d, -1.0f));
+            const V apart = hn::Sub(one, cosine);
+            const V turned = hn::Mul(hn::Mul(apart, apart), angle);
+            const V defined = hn::Mul(direction.v[3], other.v[3]);
+            const V position = hn::Set(d, tap.domain);
+            const V similar = exp2_negative(d, hn::MulAdd(distance, range, position));
+            if constexpr (kVariant == GradientVariant::kMultiply) {
+              const V both = exp2_negative(d, hn::Add(hn::MulAdd(distance, range, position), turned));
+              return hn::MulAdd(both, defined, hn::Mul(similar, undefined));
+            } else if constexpr (kVariant == GradientVariant::kGate) {
+              const V o = hn::Sub(hn::LoadU(d, window.opacity->row(tap.y) + tap.x), centre_opacity);
+              const V veil = hn::Mul(hn::Mul(o, o), hn::Set(d, exponent_factor(weights.sigma_opacity)));
+              const V aligned = exp2_negative(d, hn::Add(hn::Add(turned, veil), position));
+              return hn::MulAdd(hn::Mul(aligned, defined), hn::Set(d, weights.gate_strength), similar);
+            } else {
+              return hn::MulAdd(exp2_negative(d, hn::Add(turned, position)), defined, similar);
+            }
+          },
+          s);
     s.finish(d, hn::Zero(d), s.centre, result);
   });
 }
@@ -353,14 +376,14 @@ void ExtendedBilateralRow(const WindowInput& in, const Bilateral& weights, const
 }
 
 void GradientKernelRow(const WindowInput& in, const GradientWeights& weights, const WorkImage& gradient,
-                       const PaddedPlane* opacity, int y) {
+                       const PaddedPlane* opacity, int y, std::span<const GradientSlice> nearby) {
   switch (weights.variant) {
     case GradientVariant::kAdd:
-      return gradient_kernel<GradientVariant::kAdd>(in, weights, gradient, opacity, y);
+      return gradient_kernel<GradientVariant::kAdd>(in, weights, gradient, opacity, y, nearby);
     case GradientVariant::kMultiply:
-      return gradient_kernel<GradientVariant::kMultiply>(in, weights, gradient, opacity, y);
+      return gradient_kernel<GradientVariant::kMultiply>(in, weights, gradient, opacity, y, nearby);
     case GradientVariant::kGate:
-      return gradient_kernel<GradientVariant::kGate>(in, weights, gradient, opacity, y);
+      return gradient_kernel<GradientVariant::kGate>(in, weights, gradient, opacity, y, nearby);
   }
 }
 
@@ -388,8 +411,8 @@ void extended_bilateral_row(const WindowInput& in, const Bilateral& weights, con
   HWY_DYNAMIC_DISPATCH(ExtendedBilateralRow)(in, weights, prefiltered, y);
 }
 void gradient_kernel_row(const WindowInput& in, const GradientWeights& weights, const WorkImage& gradient,
-                         const PaddedPlane* opacity, int y) {
-  HWY_DYNAMIC_DISPATCH(GradientKernelRow)(in, weights, gradient, opacity, y);
+                         const PaddedPlane* opacity, int y, std::span<const GradientSlice> nearby) {
+  HWY_DYNAMIC_DISPATCH(GradientKernelRow)(in, weights, gradient, opacity, y, nearby);
 }
 void road_row(const WorkImage& guide, PaddedPlane& road, int y) {
   HWY_DYNAMIC_DISPATCH(RoadRow)(guide, road, y);

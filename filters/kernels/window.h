@@ -1,4 +1,6 @@
 #pragma once
+#include <span>
+
 #include "filters/kernels/work_image.h"
 
 namespace brume::kernels {
@@ -49,8 +51,13 @@ struct GradientWeights {
 /// pixels
 ///                  of which one is undefined w_G = 0; a pixel whose own is undefined gets w_D w_L in every variant
 /// @param opacity   for the gate only
+/// @param nearby    other frames, whose windows at the same place count as well
+struct GradientSlice {
+  const WorkImage *guide, *values, *gradient;
+  const PaddedPlane* opacity;
+};
 void gradient_kernel_row(const WindowInput& in, const GradientWeights& weights, const WorkImage& gradient,
-                         const PaddedPlane* opacity, int y);
+                         const PaddedPlane* opacity, int y, std::span<const GradientSlice> nearby = {});
 
 struct TrilateralWeights {
   Bilateral bilateral;

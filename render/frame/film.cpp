@@ -9,6 +9,7 @@
 #include <numeric>
 
 #include "base/error.h"
+#include "base/parallel_for.h"
 
 namespace brume {
 namespace {
@@ -271,7 +272,7 @@ void Film::save_state(Layers& layers) const {
   }
 }
 
-void Film::merge_state(const Layers& saved, const std::string& name) {
+void Film::merge_state(const Layers& saved, const std::string& name, const Task& task) {
   const size_t doubles = sums_.doubles(), groups = sums_.groups(), words = 2 * doubles + groups + 1;
   if (saved.width() != width_ || saved.height() != height_)
     throw InputError(
@@ -285,8 +286,8 @@ void Film::merge_state(const Layers& saved, const std::string& name) {
                       "--checkpoint, of the same layers and statistics",
                       name, w == 0 ? "part" : "complete set"));
   }
-  std::vector<double> sums(doubles);
-  for (int tile = 0; tile < tile_count(); ++tile) {
+  parallel_for(tile_count(), task, [&](int tile) {
+    std::vector<double> sums(doubles);
     TileState& state = opened(tile);
     const Bounds b = bounds(tile);
     uint32_t taken = 0;
@@ -307,7 +308,7 @@ void Film::merge_state(const Layers& saved, const std::string& name) {
         taken = n;  // the same for all pixels of a tile
       }
     state.taken += taken;
-  }
+  });
 }
 
 double Film::layer_bytes(int width, int height, const LayerRequest& request) {

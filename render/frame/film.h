@@ -1,6 +1,7 @@
 #pragma once
 #include <vector>
 
+#include "base/progress.h"
 #include "image/layers.h"
 #include "image/pixel_statistics.h"
 #include "render/trace/path_sample.h"
@@ -56,8 +57,8 @@ class Film {
   /// The sums as 32-bit words in channels "state.*" of `layers`, so that a frame can go on or be merged elsewhere; what
   /// develop() computed is in there too.
   void save_state(Layers& layers) const;
-  /// Adds the sums of a saved state to this film's. @throws InputError naming what does not fit
-  void merge_state(const Layers& saved, const std::string& name);
+  /// Adds the sums of a saved state to this film's. @throws InputError naming what does not fit; Interrupted
+  void merge_state(const Layers& saved, const std::string& name, const Task& task = {});
 
   /// Memory of the layers, and of the sums of all tiles at once.
   static double layer_bytes(int width, int height, const LayerRequest& request);

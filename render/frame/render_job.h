@@ -7,6 +7,7 @@
 
 #include "image/layers.h"
 #include "render/frame/film.h"
+#include "render/scene/scene.h"
 #include "render/trace/integrator.h"
 
 namespace brume {
@@ -48,6 +49,8 @@ struct RenderJob {
   int samples_for_guides() const { return guide_samples > 0 ? guide_samples : spp; }
   int64_t seed = 0;
   int part = 1, parts = 1;  ///< this render takes the part-th of `parts` equal shares of the samples, counted from 1
+  int first_sample() const { return share(part - 1); }
+  int end_sample() const { return share(part); }  ///< exclusive
   struct Crop {
     int x0, y0, x1, y1;  ///< x1, y1 exclusive
     int width() const { return x1 - x0; }
@@ -67,8 +70,9 @@ struct RenderJob {
   /// nothing: `warn` is told, and the next one is tried.
   std::filesystem::path checkpoint;
   double checkpoint_seconds = 300;
-  std::filesystem::path resume;  ///< a checkpoint (or part) to go on from
-  std::string program;           ///< who renders: states of another program version are refused
+  bool checkpoint_at_end = true;  ///< not needed where the result is kept and the checkpoint is not
+  std::filesystem::path resume;   ///< a checkpoint (or part) to go on from
+  std::string program;            ///< who renders: states of another program version are refused
 
   std::filesystem::path
       records;  ///< per-sample records go here (PathRecord); needs LayerRequest::records, and one pass
@@ -79,6 +83,12 @@ struct RenderJob {
   std::function<void(const std::string&)> warn;
   /// Called between passes with what the frame holds; to fill in what its caller adds to headers.
   std::function<void(Layers&)> stamp;
+
+ private:
+  int share(int of_parts) const { return static_cast<int>(static_cast<int64_t>(spp) * of_parts / parts); }
 };
+
+/// Writes into a header what tells this render from others: scene, seed, frame, layers, program.
+void describe_render(Layers& frame, const Scene& scene, const LayerRequest& layers, const RenderJob& job);
 
 }  // namespace brume

@@ -24,10 +24,6 @@ void check_memory(double bytes, const std::string& what, const std::string& advi
         fmt::format("{} needs {:.1f} GB, this machine has {:.1f} GB; {}", what, bytes / 1e9, available / 1e9, advice));
 }
 
-int share_of(int spp, int part, int parts) {
-  return static_cast<int>(static_cast<int64_t>(spp) * part / parts);
-}
-
 }  // namespace
 
 RenderSession::RenderSession(const PreparedScene& scene, const RenderJob& job, const Task& task)
@@ -35,8 +31,8 @@ RenderSession::RenderSession(const PreparedScene& scene, const RenderJob& job, c
       job_(job),
       task_(task),
       window_(job.crop.value_or(RenderJob::Crop{0, 0, scene.scene().film.width, scene.scene().film.height})),
-      first_(share_of(job.spp, job.part - 1, job.parts)),
-      end_(share_of(job.spp, job.part, job.parts)),
+      first_(job.first_sample()),
+      end_(job.end_sample()),
       progressive_(job.time_limit > 0 || job.target_error > 0 || !job.checkpoint.empty() || job.watch != nullptr ||
                    job.next_round != nullptr),
       keep_(progressive_ || job.keep_state || !job.resume.empty()),
@@ -65,7 +61,7 @@ void RenderSession::resume() {
   Layers expected(film_.width(), film_.height());
   finish_header(expected, {});
   check_same_render(saved, job_.resume.string(), expected, "this render", /*same_samples=*/true);
-  film_.merge_state(saved, job_.resume.string());
+  film_.merge_state(saved, job_.resume.string(), quiet(task_));
   for (int tile = 0; tile < film_.tile_count(); ++tile) film_.develop(tile);
   resumed_.seconds = saved.number("renderTimeSeconds").value_or(0.0);
   resumed_.cpu_seconds = saved.number("cpuSeconds").value_or(0.0);
@@ -102,7 +98,7 @@ RenderResult RenderSession::run() {
   }
   if (task_.progress && done_ < static_cast<uint32_t>(end_ - first_)) task_.report(1.0);
   if (records_) records_->commit();
-  if (!job_.checkpoint.empty()) write_checkpoint();
+  if (!job_.checkpoint.empty() && job_.checkpoint_at_end) write_checkpoint();
   RenderResult result;
   result.report = report();
   record_guides(quiet(task_));
@@ -338,11 +334,7 @@ void RenderSession::describe(Layers& frame, const RenderReport& report, int firs
   const Scene& scene = scene_.scene();
   const Plan& plan = scene_.plan();
   auto& header = frame.header;
-  header["scene"] = scene.name;
-  header["sceneHash"] = scene.hash;
-  header["sceneSettings"] = scene.settings;
-  header["seed"] = std::to_string(job_.seed);
-  header["frame"] = scene.render.frame;
+  describe_render(frame, scene, plan.layers, job_);
   header["samplesPerPixel"] = end - first;
   header["sampleFirst"] = first;
   header["sampleEnd"] = end;
@@ -350,9 +342,6 @@ void RenderSession::describe(Layers& frame, const RenderReport& report, int firs
   const bool open_ended = job_.parts == 1 && (job_.time_limit > 0 || job_.target_error > 0);
   header["sampleTotal"] = open_ended ? end - first : job_.spp;
   header["sampleRanges"] = fmt::format("{}-{}", first, end);
-  header["recordedLayers"] = join(plan.layers.text(), ",");
-  header["statistics"] = std::string(plan.layers.buckets ? "buckets" : plan.layers.statistics ? "halves" : "none");
-  header["program"] = job_.program;
   header["exposure"] = static_cast<float>(scene.film.exposure);
   header["renderTimeSeconds"] = static_cast<float>(report.seconds);
   header["cpuSeconds"] = static_cast<float>(report.cpu_seconds);
@@ -373,6 +362,18 @@ void RenderSession::describe(Layers& frame, const RenderReport& report, int firs
   if (plan.flash) header["flashIntensity"] = static_cast<float>(context_.flash.intensity);
   header["worldToCamera"] = camera_.world_to_camera();
   header["worldToNDC"] = camera_.world_to_ndc();
+}
+
+void describe_render(Layers& frame, const Scene& scene, const LayerRequest& layers, const RenderJob& job) {
+  auto& header = frame.header;
+  header["scene"] = scene.name;
+  header["sceneHash"] = scene.hash;
+  header["sceneSettings"] = scene.settings;
+  header["seed"] = std::to_string(job.seed);
+  header["frame"] = scene.render.frame;
+  header["recordedLayers"] = join(layers.text(), ",");
+  header["statistics"] = std::string(layers.buckets ? "buckets" : layers.statistics ? "halves" : "none");
+  header["program"] = job.program;
 }
 
 std::string RenderReport::summary() const {

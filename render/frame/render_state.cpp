@@ -7,6 +7,7 @@
 #include <set>
 
 #include "base/error.h"
+#include "base/parallel_for.h"
 #include "base/text.h"
 #include "image/exr_io.h"
 #include "render/frame/film.h"
@@ -50,7 +51,8 @@ std::map<std::string, std::string> settings_of(const Layers& frame) {
 }
 
 /// "camera.fov is 30 in the first, its default in the second", for each key in which two scenes differ.
-std::vector<std::string> differing_settings(const Layers& a, const Layers& b) {
+std::vector<std::string> differing_settings(const Layers& a, const Layers& b, const std::string& says_a,
+                                            const std::string& says_b) {
   const auto in_a = settings_of(a), in_b = settings_of(b);
   std::set<std::string> keys;
   for (const auto* settings : {&in_a, &in_b})
@@ -62,35 +64,40 @@ std::vector<std::string> differing_settings(const Layers& a, const Layers& b) {
   std::vector<std::string> differing;
   for (const std::string& key : keys)
     if (value(in_a, key) != value(in_b, key))
-      differing.push_back(
-          fmt::format("{} is {} in the first, {} in the second", key, value(in_a, key), value(in_b, key)));
+      differing.push_back(fmt::format("{} is {} {}, {} {}", key, value(in_a, key), says_a, value(in_b, key), says_b));
   return differing;
 }
 
 }  // namespace
 
-void check_same_render(const Layers& a, const std::string& name_a, const Layers& b, const std::string& name_b,
-                       bool same_samples) {
-  const auto differ = [&](const std::string& what, const std::string& in_a, const std::string& in_b) {
-    throw InputError(fmt::format("{} and {} are not parts of one render: {} is {} in the first, {} in the second",
-                                 name_a, name_b, what, in_a, in_b));
-  };
-  if (a.words().empty())
-    throw InputError(
-        fmt::format("{}: holds no sums of its samples; expected a frame written with --part or --checkpoint", name_a));
+std::string differing_render(const Layers& a, const Layers& b, const std::string& in_a, const std::string& in_b) {
   if (attribute_text(a, "sceneHash") != attribute_text(b, "sceneHash"))
-    if (const std::vector<std::string> differing = differing_settings(a, b); !differing.empty())
-      throw InputError(fmt::format("{} and {} are not parts of one render: {}", name_a, name_b, join(differing, "; ")));
+    if (const std::vector<std::string> differing = differing_settings(a, b, in_a, in_b); !differing.empty())
+      return join(differing, "; ");
   for (const auto& [key, what] : {std::pair("sceneHash", "the scene's fingerprint"),
                                   {"seed", "the seed"},
                                   {"frame", "the frame"},
                                   {"recordedLayers", "the list of layers"},
                                   {"statistics", "what is kept of their statistics"},
                                   {"program", "the program version"}})
-    if (attribute_text(a, key) != attribute_text(b, key)) differ(what, attribute_text(a, key), attribute_text(b, key));
-  if (window_text(a) != window_text(b)) differ("the crop", window_text(a), window_text(b));
-  if (same_samples && attribute_text(a, "sampleFirst") != attribute_text(b, "sampleFirst"))
-    differ("the first sample", attribute_text(a, "sampleFirst"), attribute_text(b, "sampleFirst"));
+    if (attribute_text(a, key) != attribute_text(b, key))
+      return fmt::format("{} is {} {}, {} {}", what, attribute_text(a, key), in_a, attribute_text(b, key), in_b);
+  if (window_text(a) != window_text(b))
+    return fmt::format("the crop is {} {}, {} {}", window_text(a), in_a, window_text(b), in_b);
+  return "";
+}
+
+void check_same_render(const Layers& a, const std::string& name_a, const Layers& b, const std::string& name_b,
+                       bool same_samples) {
+  if (a.words().empty())
+    throw InputError(
+        fmt::format("{}: holds no sums of its samples; expected a frame written with --part or --checkpoint", name_a));
+  std::string differing = differing_render(a, b);
+  if (differing.empty() && same_samples && attribute_text(a, "sampleFirst") != attribute_text(b, "sampleFirst"))
+    differing = fmt::format("the first sample is {} in the first, {} in the second", attribute_text(a, "sampleFirst"),
+                            attribute_text(b, "sampleFirst"));
+  if (!differing.empty())
+    throw InputError(fmt::format("{} and {} are not parts of one render: {}", name_a, name_b, differing));
 }
 
 LayerRequest recorded_in(const Layers& frame) {
@@ -150,7 +157,7 @@ Layers merge_parts(const std::vector<std::filesystem::path>& files, bool keep_st
                                        whose, name, std::max(r.first, other.first), std::min(r.end, other.end) - 1));
       held.emplace_back(r, name);
     }
-    film.merge_state(part, name);
+    film.merge_state(part, name, task);
     seconds += part.number("renderTimeSeconds").value_or(0.0);
     cpu += part.number("cpuSeconds").value_or(0.0);
     total = std::max(total, planned);
@@ -166,10 +173,7 @@ Layers merge_parts(const std::vector<std::filesystem::path>& files, bool keep_st
         if (channel.starts_with("guide.")) first.set(channel, plane);
     }
   }
-  for (int tile = 0; tile < film.tile_count(); ++tile) {
-    task.check();
-    film.develop(tile);
-  }
+  parallel_for(film.tile_count(), task, [&](int tile) { film.develop(tile); });
   Layers result = film.layers();
   if (keep_state) film.save_state(result);
   result.origin = first.origin;

@@ -9,6 +9,12 @@
 
 namespace brume {
 
+/// What tells apart the renders that two headers are of, "the seed is 0 in the first, 4 in the second"; empty where
+/// scene, seed, frame, layers, statistics, program and crop are the same.
+/// @param in_a, in_b  how the two are called
+std::string differing_render(const Layers& a, const Layers& b, const std::string& in_a = "in the first",
+                             const std::string& in_b = "in the second");
+
 /// Throws InputError, naming both sides and what differs, unless two frames are parts of one render: the same scene,
 /// seed, frame, crop, layers, statistics and program.
 /// @param same_samples  and they also begin at the same sample

@@ -21,6 +21,7 @@ struct CameraSettings {
   double blade_rotation = 0;
   dvec2 shutter{0};
   std::vector<double> position_end, look_at_end;  ///< three numbers, or none: the camera stands still
+  std::vector<std::vector<double>> keys;          ///< of a moving camera; none once a frame's camera is taken from them
   std::filesystem::path from_exr;
 };
 
@@ -104,6 +105,7 @@ struct RenderSettings {
   int spp = 64;
   int64_t seed = 0;
   int frame = 0;
+  int noise_frame = -1;
   int max_events = 100000;
   int roulette_start = 16;
   std::string light_sampling = "auto";

@@ -36,6 +36,12 @@ void describe(Visitor& v, CameraSettings& c) {
   v({"position_end", "scene units", "where the eye is when the shutter closes; empty: it stands still"},
     c.position_end);
   v({"look_at_end", "scene units", "what the eye looks at when the shutter closes; empty: as before"}, c.look_at_end);
+  v({"keys", "frame, scene units",
+     "a camera that moves from frame to frame, instead of position and look_at: [[frame, position x, y, z, look_at x, "
+     "y, "
+     "z], ...], rising in the first. A smooth curve through the keys (cubic Hermite, tangents from the neighbouring "
+     "keys), straight between two, at rest before the first and after the last; it moves over the shutter too"},
+    c.keys);
   v({"from_exr", "",
      "take position, view and projection from the worldToCamera and worldToNDC of an EXR's header; the film has its "
      "shape"},
@@ -56,7 +62,13 @@ template <class Visitor>
 void describe(Visitor& v, RenderSettings& r) {
   v({"spp", "", "paths per pixel", 1, 1 << 24}, r.spp);
   v({"seed", "", "of the random numbers; another seed is an independent picture", 0, 9e18}, r.seed);
-  v({"frame", "", "number of the frame, mixed into the random numbers", 0, 1 << 30}, r.frame);
+  v({"frame", "", "number of the frame: for names with ####, camera.keys, and mixed into the random numbers", 0,
+     999'999'999},
+    r.frame);
+  v({"noise_frame", "",
+     "frame whose random numbers are used; below 0: this one's, so that the noise of every frame is another", -1,
+     999'999'999},
+    r.noise_frame);
   v({"max_events", "", "scatterings after which a path is cut; cuts are counted and reported", 1, 1e9}, r.max_events);
   v({"roulette_start", "", "scatterings after which Russian roulette begins", 1, 1e9}, r.roulette_start);
   v({.key = "light_sampling",

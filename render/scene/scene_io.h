@@ -13,6 +13,9 @@ namespace brume {
 ///         wrong type, value out of range
 Scene read_scene(const std::filesystem::path& path, std::span<const std::string> overrides = {});
 
+/// The same without its fingerprint, which takes reading every file that the scene names.
+Scene read_scene_alone(const std::filesystem::path& path, std::span<const std::string> overrides = {});
+
 /// The same of a scene's text; relative paths start at the folder of `path`, which names it in errors.
 Scene parse_scene(const std::string& text, const std::filesystem::path& path,
                   std::span<const std::string> overrides = {});

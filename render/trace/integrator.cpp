@@ -20,7 +20,8 @@ PathRequest camera_request(const Scene& scene, const Plan& plan, const Camera& c
   r.start = start;
   // Below 2^32: a film has at most 65536 x 65536 pixels.
   const uint32_t pixel = static_cast<uint32_t>(y) * static_cast<uint32_t>(scene.film.width) + static_cast<uint32_t>(x);
-  r.key = {static_cast<uint64_t>(seed), static_cast<uint32_t>(scene.render.frame), pixel, sample};
+  const int frame = scene.render.noise_frame >= 0 ? scene.render.noise_frame : scene.render.frame;
+  r.key = {static_cast<uint64_t>(seed), static_cast<uint32_t>(frame), pixel, sample};
   const Sobol sobol(r.key);
   if (plan.shutter) r.time = sobol.pair(2).x;
   r.ray = camera.ray(dvec2(x, y) + sobol.pair(0), plan.lens ? sobol.pair(1) : dvec2(0.5), r.time);

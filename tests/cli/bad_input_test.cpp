@@ -203,7 +203,8 @@ TEST_F(BadInput, SizesAndNonFinitePixels) {
   write_exr(folder_ / "b.exr", b);
   write_exr(folder_ / "nan.exr", nan);
   expect_refused("compare " + path("a.exr") + " " + path("b.exr"), {"a.exr is 8 x 8", "b.exr is 9 x 8"});
-  expect_refused("compare " + path("nan.exr") + " " + path("a.exr"), {"1 pixels are NaN or infinite"});
+  expect_refused("compare " + path("nan.exr") + " " + path("a.exr"),
+                 {"1 pixels are NaN or infinite in a picture to compare, the first at pixel 3,3"});
   const auto cleaned = run_brume("denoise " + path("nan.exr") + " -q -f bilateral -o " + path("clean.exr"));
   EXPECT_EQ(cleaned.status, 0);
   EXPECT_NE(cleaned.err.find("1 pixels were NaN or infinite"), std::string::npos) << cleaned.err;

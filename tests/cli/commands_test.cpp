@@ -8,6 +8,8 @@
 
 #include <algorithm>
 #include <cstring>
+#include <filesystem>
+#include <fstream>
 #include <nlohmann/json.hpp>
 #include <thread>
 
@@ -27,7 +29,7 @@ TEST(Commands, HelpAndVersion) {
   EXPECT_EQ(run_brume("--help").status, 0);
   EXPECT_TRUE(run_brume("--version").out.starts_with("brume 0."));
   for (const char* verb : {"info", "generate", "halve", "render", "merge", "denoise", "compare", "evaluate", "filters",
-                           "docs", "picture"}) {
+                           "docs", "picture", "submit"}) {
     const auto r = run_brume(std::string(verb) + " --help");
     EXPECT_EQ(r.status, 0) << verb;
     EXPECT_NE(r.out.find("--threads"), std::string::npos) << verb;
@@ -119,6 +121,59 @@ TEST(Commands, SequencesAreFoundByTheirNumbers) {
   const auto alone = run_brume("denoise " + shot("0012") + " -f virtual_flash --extra-frames 1 -o " + out);
   EXPECT_EQ(alone.status, 2);
   EXPECT_NE(alone.err.find("none of shot.0011.exr, shot.0013.exr is there"), std::string::npos) << alone.err;
+}
+
+TEST(Commands, SequencesAreCleanedFrameByFrameAndResumed) {
+  const test::TemporaryFolder folder;
+  const std::string frames = (folder / "shot.####.exr").string(), clean = (folder / "clean.####.exr").string();
+  const auto shot = [&](const std::string& number) { return folder / ("shot." + number + ".exr"); };
+  const auto result = [&](const std::string& number) { return folder / ("clean." + number + ".exr"); };
+  for (const std::string number : {"0001", "0002", "0003", "0005"})
+    ASSERT_EQ(run_brume("render " + kScene + kSmall + " --layers direct,indirect,guides --seed 1" + number + " -o " +
+                        shot(number).string())
+                  .status,
+              0);
+  const std::string whole = test::read_file(shot("0003"));
+  std::ofstream(shot("0003"), std::ios::binary) << whole.substr(0, whole.size() / 2);
+  const std::string command = "denoise " + frames + " --frames 1-5 -o " + clean;
+  const auto first = run_brume(command);
+  EXPECT_EQ(first.status, 1);
+  EXPECT_NE(first.err.find("frame 3 failed"), std::string::npos) << first.err;
+  EXPECT_NE(first.err.find("frame 4 failed"), std::string::npos) << first.err;
+  EXPECT_NE(first.err.find("3 done (1-2, 5); 2 failed (3-4)"), std::string::npos) << first.err;
+  EXPECT_EQ(read_exr(result("0001")).text("filterFrames"), "+1");
+  EXPECT_FALSE(std::filesystem::exists(result("0003")));
+  // What is complete stays; what looked at a frame that has changed since is cleaned anew.
+  std::ofstream(shot("0003"), std::ios::binary) << whole;
+  const auto again = run_brume(command + " --resume");
+  EXPECT_NE(again.err.find("4 done (1-3, 5); 1 failed (4)"), std::string::npos) << again.err;
+  EXPECT_EQ(read_exr(result("0003")).text("filterFrames"), "-2, -1, +2");
+  const auto once_more = run_brume(command + " --resume");
+  EXPECT_NE(once_more.err.find("4 were complete (1-3, 5); 1 failed (4)"), std::string::npos) << once_more.err;
+  // An output that was cut off is no result.
+  std::filesystem::resize_file(result("0002"), std::filesystem::file_size(result("0002")) / 2);
+  const auto repaired = run_brume(command + " --resume");
+  EXPECT_NE(repaired.err.find("1 done (2); 3 were complete (1, 3, 5)"), std::string::npos) << repaired.err;
+  const auto one_file = run_brume("denoise " + frames + " --frames 1-2 -o " + (folder / "out.exr").string());
+  EXPECT_EQ(one_file.status, 2);
+  EXPECT_NE(one_file.err.find("all 2 frames would go into one file"), std::string::npos) << one_file.err;
+}
+
+TEST(Commands, AFrameOfASequenceIsCleanedAsByItself) {
+  const test::TemporaryFolder folder;
+  const std::string frames = (folder / "shot.####.exr").string(), clean = (folder / "clean.####.exr").string();
+  for (const std::string number : {"1", "2", "3"})
+    ASSERT_EQ(run_brume("render " + kScene + kSmall + " --layers direct,indirect,guides --seed " + number + " -o " +
+                        (folder / ("shot.000" + number + ".exr")).string())
+                  .status,
+              0);
+  ASSERT_EQ(run_brume("denoise " + frames + " --frames 1-3 --extra-frames 1 -o " + clean).status, 0);
+  const std::string alone = (folder / "alone.exr").string();
+  ASSERT_EQ(run_brume("denoise " + (folder / "shot.0002.exr").string() + " --extra-frames 1 -o " + alone).status, 0);
+  const Layers a = read_exr(folder / "clean.0002.exr"), b = read_exr(alone);
+  for (const char* c : {"R", "G", "B"})
+    for (int y = 0; y < a.height(); ++y)
+      for (int x = 0; x < a.width(); ++x) ASSERT_EQ(a.at(c)(x, y), b.at(c)(x, y));
 }
 
 TEST(Commands, FramesOfOtherRenderersAreCleaned) {

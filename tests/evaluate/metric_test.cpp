@@ -7,6 +7,9 @@
 
 #include "base/error.h"
 #include "base/rng.h"
+#include "evaluate/statistics.h"
+#include "evaluate/temporal.h"
+#include "image/color.h"
 
 namespace brume {
 namespace {
@@ -19,7 +22,11 @@ struct Rgb {
 
 TEST(Compare, EqualPicturesHaveNoError) {
   const Rgb a(7, 5, 0.4f);
-  for (const auto& [name, value] : listed(compare(a.view(), a.view(), {}))) EXPECT_EQ(value, 0.0) << name;
+  const Errors e = compare(a.view(), a.view(), {});
+  for (const auto& [name, value] : listed(e))
+    EXPECT_NEAR(value, name == "psnr" ? 100.0 : name == "ssim" ? 1.0 : 0.0, 1e-6) << name;
+  EXPECT_EQ(e.lab_rms, 0.0);
+  EXPECT_EQ(e.flip, 0.0);
 }
 
 TEST(Compare, HandComputedPair) {
@@ -45,6 +52,49 @@ TEST(Compare, ClippingIsDeclaredAndFollowsExposure) {
   EXPECT_EQ(compare(x.view(), r.view(), {0.01, true}).lab_rms, compare(x.view(), r.view(), {0.01, false}).lab_rms);
 }
 
+TEST(Compare, PsnrAndSsimAreThoseOfTheDisplaysCodes) {
+  // Linear 0.2140 is shown as 0.5, 0.0331 as 0.2: PSNR is -20 log10 of 0.3.
+  const Rgb x(12, 12, 0.21404f), r(12, 12, 0.033105f);
+  const Errors e = compare(x.view(), r.view(), {});
+  EXPECT_NEAR(e.psnr, -20 * std::log10(0.3), 1e-3);
+  // Of constant pictures only the term of the means is left.
+  EXPECT_NEAR(e.ssim, (2 * 0.5 * 0.2 + 1e-4) / (0.25 + 0.04 + 1e-4), 1e-5);
+  EXPECT_NEAR(compare(x.view(), r.view(), {2.0, true}).psnr,
+              -20 * std::log10(srgb_encode(0.42808) - srgb_encode(0.06621)), 1e-3)
+      << "the exposure counts";
+}
+
+// A white pixel on black, against black: windows sum to one, so that the mean of the windows' means is the pixel's.
+TEST(Compare, SsimOfOnePixelIsThatOfItsWindow) {
+  Rgb x(21, 21, 0.0f);
+  const Rgb r(21, 21, 0.0f);
+  for (Plane& p : x.planes) p(10, 10) = 1.0f;
+  Mask centre(21 * 21);
+  centre[10 * 21 + 10] = 1;
+  double sum = 0;
+  for (int i = -5; i <= 5; ++i) sum += std::exp(-i * i / 4.5);
+  const double weight = 1 / (sum * sum), c1 = 1e-4, c2 = 9e-4;
+  const double expected = c1 * c2 / ((weight * weight + c1) * (weight - weight * weight + c2));
+  EXPECT_NEAR(compare(x.view(), r.view(), {}, centre).ssim, expected, 1e-6);
+}
+
+TEST(Compare, SeveralRegionsAtOnceAreTheSameNumbers) {
+  Rng rng(3);
+  Rgb x(30, 20, 0), r(30, 20, 0);
+  for (Rgb* p : {&x, &r})
+    for (Plane& plane : p->planes)
+      for (int y = 0; y < 20; ++y)
+        for (float& v : plane.pixels(y)) v = static_cast<float>(rng.uniform());
+  Mask mask(600);
+  for (size_t i = 0; i < mask.size(); ++i) mask[i] = i % 7 == 0;
+  const std::vector<Errors> both = compare_regions(x.view(), r.view(), {}, {{}, mask});
+  const auto same = [](const Errors& a, const Errors& b) { return listed(a) == listed(b) && a.pixels == b.pixels; };
+  EXPECT_TRUE(same(both[0], compare(x.view(), r.view(), {})));
+  EXPECT_TRUE(same(both[1], compare(x.view(), r.view(), {}, mask)));
+  EXPECT_TRUE(same(both[1], compare(x.view(), r.view(), {}, mask, nullptr, ErrorScope::kAll, {5, {}, nullptr})))
+      << "for any number of threads";
+}
+
 TEST(Compare, AMaskCountsItsPixelsOnly) {
   Rgb x(4, 1, 0.2f), r(4, 1, 0.2f);
   for (Plane& p : x.planes) p(1, 0) = 0.5f;
@@ -55,7 +105,12 @@ TEST(Compare, AMaskCountsItsPixelsOnly) {
 TEST(Compare, NonFinitePixelsAreRefused) {
   Rgb x(4, 4, 0.2f);
   x.planes[1](2, 2) = std::numeric_limits<float>::quiet_NaN();
-  EXPECT_THROW(compare(x.view(), Rgb(4, 4, 0.2f).view(), {}), InputError);
+  try {
+    compare(x.view(), Rgb(4, 4, 0.2f).view(), {});
+    ADD_FAILURE() << "NaN was taken";
+  } catch (const InputError& error) {
+    EXPECT_NE(std::string(error.what()).find("the first at pixel 2,2"), std::string::npos) << error.what();
+  }
   EXPECT_THROW(compare(Rgb(4, 4, 0.2f).view(), Rgb(5, 4, 0.2f).view(), {}), std::logic_error);
 }
 
@@ -102,6 +157,35 @@ TEST(MeanInterval, IsStudentsT) {
   EXPECT_NEAR(m.half_width, 2.7764 * std::sqrt(2.5 / 5), 1e-3);
   EXPECT_NEAR(mean_interval({1, 2, 3}).half_width, 4.3027 * std::sqrt(1.0 / 3), 1e-3);
   EXPECT_EQ(mean_interval({4}).half_width, 0);
+}
+
+TEST(TemporalError, IsHowThePictureChangesLessHowTheReferenceDoes) {
+  TemporalError error(LabPolicy{});
+  EXPECT_FALSE(error.result());
+  const float pictures[] = {0.2f, 0.3f, 0.25f}, references[] = {0.2f, 0.22f, 0.3f};
+  const auto lightness = [](float y) { return lab_from_rgb(dvec3(static_cast<double>(y))).x; };
+  for (size_t i = 0; i < 3; ++i) error.add(Rgb(4, 3, pictures[i]).view(), Rgb(4, 3, references[i]).view(), nullptr, {});
+  double errors = 0, changes = 0, reference = 0;
+  for (size_t i = 1; i < 3; ++i) {
+    const double x = lightness(pictures[i]) - lightness(pictures[i - 1]),
+                 r = lightness(references[i]) - lightness(references[i - 1]);
+    errors += (x - r) * (x - r);
+    changes += x * x;
+    reference += r * r;
+  }
+  const auto result = error.result();
+  ASSERT_TRUE(result);
+  EXPECT_EQ(result->pairs, 2);
+  EXPECT_NEAR(result->temporal_error, std::sqrt(errors / 2), 1e-3);
+  EXPECT_NEAR(result->flicker, std::sqrt(changes / 2) - std::sqrt(reference / 2), 1e-3);
+  EXPECT_NEAR(result->reference, std::sqrt(reference / 2), 1e-3);
+}
+
+TEST(TemporalError, AConstantErrorDoesNotFlicker) {
+  TemporalError error(LabPolicy{});
+  for (int i = 0; i < 4; ++i) error.add(Rgb(4, 3, 0.5f).view(), Rgb(4, 3, 0.4f).view(), nullptr, Mask(12, 1));
+  EXPECT_EQ(error.result()->temporal_error, 0);
+  EXPECT_EQ(error.result()->flicker, 0);
 }
 
 }  // namespace

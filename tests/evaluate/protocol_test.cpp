@@ -1,5 +1,6 @@
 #include "evaluate/protocol.h"
 
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -8,6 +9,8 @@
 
 #include "base/rng.h"
 #include "evaluate/report.h"
+#include "evaluate/speed.h"
+#include "evaluate/table.h"
 #include "evaluate/tuning.h"
 #include "filters/registry.h"
 #include "image/exr_io.h"
@@ -35,7 +38,18 @@ TimedFrame synthetic(int spp, int64_t seed) {
         (*frame.add_rgb(layer::beauty)[c])(x, y) = indirect + 0.1f;
       }
     }
-  return {std::move(frame), spp * 0.01, {}};
+  return {std::move(frame), spp * 0.01};
+}
+
+std::vector<EvaluationScene> two_scenes() {
+  std::vector<EvaluationScene> scenes;
+  for (const int64_t shift : {0, 77})
+    scenes.push_back({.name = shift ? "smoke" : "cloud",
+                      .hash = shift ? "02" : "01",
+                      .render = [shift](const FrameRequest& request, const Task&) {
+                        return synthetic(request.spp, request.seed + shift);
+                      }});
+  return scenes;
 }
 
 Evaluation run(bool tune) {
@@ -47,21 +61,15 @@ Evaluation run(bool tune) {
   for (const char* name :
        {"bilateral", "gaussian", "gradient_kernel:variant=mul", "extended_bilateral", "gradient_kernel"})
     settings.contenders.push_back(parse_contender(name));
-  std::vector<EvaluationScene> scenes;
-  for (const char* name : {"cloud", "smoke"})
-    scenes.push_back({name, 1.0,
-                      [name](int spp, int64_t seed, const std::filesystem::path&, const Task&) {
-                        return synthetic(spp, seed + (std::string(name) == "cloud" ? 0 : 77));
-                      },
-                      [name](int spp, int64_t seed, const Task&) {
-                        return synthetic(spp, seed + (std::string(name) == "cloud" ? 0 : 77));
-                      }});
+  const test::TemporaryFolder folder;
+  const Cache cache(folder.path(), "test");
+  const std::vector<EvaluationScene> scenes = two_scenes();
   size_t stages = 0;
-  const Evaluation result = evaluate(scenes, settings, [&](const std::string&) {
+  const Evaluation result = evaluate(scenes, settings, cache, [&](const std::string&) {
     ++stages;
     return Task{2, {}, nullptr};
   });
-  EXPECT_EQ(stages, stage_count(settings, scenes.size()));
+  EXPECT_EQ(stages, stage_count(scenes, settings));
   return result;
 }
 
@@ -75,20 +83,21 @@ TEST(Evaluate, FillsEveryLineWithWhatItMeasured) {
     for (const int spp : {16, 64}) {
       const MethodResult* plain = scene.find("", Tuning::kNone, spp);
       ASSERT_TRUE(plain);
-      EXPECT_EQ(plain->whole.count, 5u);
-      EXPECT_NEAR(plain->medium.mean / plain->whole.mean, 1 / std::sqrt(0.75), 0.01) << "the background has no error";
+      EXPECT_EQ(plain->whole().count, 5u);
+      EXPECT_NEAR(plain->medium().mean / plain->whole().mean, 1 / std::sqrt(0.75), 0.01)
+          << "the background has no error";
       EXPECT_DOUBLE_EQ(plain->render_seconds, spp * 0.01);
       for (const Contender& f : e.settings.contenders) {
         const MethodResult *untuned = scene.find(f.label, Tuning::kDefault, spp),
                            *best = scene.find(f.label, Tuning::kSearched, spp);
-        EXPECT_LT(untuned->whole.mean, plain->whole.mean) << f.label;
+        EXPECT_LT(untuned->whole().mean, plain->whole().mean) << f.label;
         // Searched on another frame, so it may lose to the default by a hair where that is not among the candidates.
-        EXPECT_LT(best->whole.mean, 1.1 * untuned->whole.mean) << f.label;
+        EXPECT_LT(best->whole().mean, 1.1 * untuned->whole().mean) << f.label;
         EXPECT_GT(untuned->filter_seconds, 0);
         EXPECT_FALSE(best->parameters.empty());
       }
     }
-    EXPECT_NEAR(scene.find("", Tuning::kNone, 16)->whole.mean / scene.find("", Tuning::kNone, 64)->whole.mean, 2.0,
+    EXPECT_NEAR(scene.find("", Tuning::kNone, 16)->whole().mean / scene.find("", Tuning::kNone, 64)->whole().mean, 2.0,
                 0.15);
   }
 }
@@ -103,10 +112,10 @@ TEST(Evaluate, ReportsHoldTheSameNumbers) {
   const auto json = nlohmann::json::parse(json_report(e));
   const MethodResult* m = e.scenes[0].find("bilateral", Tuning::kPaper, 16);
   bool found = false;
-  for (const auto& j : json["scenes"][0]["methods"])
-    if (j["method"] == "bilateral" && j["tuning"] == "paper" && j["spp"] == 16) {
+  for (const auto& j : json["rows"])
+    if (j["scene"] == "cloud" && j["method"] == "bilateral_paper" && j["spp"] == 16 && j["region"] == "frame") {
       found = true;
-      EXPECT_DOUBLE_EQ(j["lab_rms"]["mean"].get<double>(), m->whole.mean);
+      EXPECT_DOUBLE_EQ(j["metrics"]["lab_rms"]["mean"].get<double>(), m->whole().mean);
       EXPECT_EQ(j["paper"]["rms"].get<double>(), 2.09);
     }
   EXPECT_TRUE(found);
@@ -116,9 +125,9 @@ TEST(Evaluate, WritesTablesStripsPlotsAndFrames) {
   const test::TemporaryFolder folder;
   const Evaluation e = run(false);
   write_report(e, folder.path());
-  for (const char* name : {"table.md", "table.csv", "table.json", "cloud_error_seconds.svg", "smoke_error_seconds.svg",
-                           "cloud_16spp_paper.png", "smoke_64spp_paper.png", "cloud_reference.exr",
-                           "cloud_16spp_noisy.exr", "smoke_64spp_gradient_kernel_paper.exr"})
+  for (const char* name : {"table.md", "table.csv", "results.json", "cloud_error_seconds.svg",
+                           "smoke_error_seconds.svg", "cloud_16spp_paper.png", "smoke_64spp_paper.png",
+                           "cloud_reference.exr", "cloud_16spp_noisy.exr", "smoke_64spp_gradient_kernel_paper.exr"})
     EXPECT_TRUE(std::filesystem::exists(folder / name)) << name;
   // Every picture the table shows is there.
   const std::string md = test::read_file(folder / "table.md");
@@ -133,22 +142,22 @@ TEST(Evaluate, WritesTablesStripsPlotsAndFrames) {
 TEST(Tuning, FindsThePlantedBest) {
   const TimedFrame noisy = synthetic(16, 5), reference = synthetic(1 << 20, 6);
   const LabRms metric(reference.layers.rgb(layer::beauty), nullptr, {}, {});
-  TuningFrame frame(noisy.layers, {}, {}, metric);
+  TuningFrame frame(noisy.layers, {}, {}, metric, "");
   const Contender gaussian = parse_contender("gaussian");
-  const FilterSettings best = search(gaussian, {&frame}, {});
+  const FilterSettings best = search(gaussian, {&frame}, 0, {});
   // A slope and an edge of no width to keep within the medium: the widest blur wins.
   EXPECT_NE(best.text().find("sigma=4"), std::string::npos) << best.text();
-  const double lowest = frame.squared_errors({best}, {})[0];
-  for (const double e : frame.squared_errors(candidate_settings(gaussian), {})) EXPECT_LE(lowest, e);
+  const double lowest = frame.squared_errors(gaussian, {best}, {})[0];
+  for (const double e : frame.squared_errors(gaussian, candidate_settings(gaussian), {})) EXPECT_LE(lowest, e);
 }
 
 TEST(Tuning, StartsFromThePublishedParametersWhereTheyAreBetter) {
   const TimedFrame noisy = synthetic(16, 5), reference = synthetic(1 << 20, 6);
   const LabRms metric(reference.layers.rgb(layer::beauty), nullptr, {}, {});
-  TuningFrame frame(noisy.layers, {}, {}, metric);
+  TuningFrame frame(noisy.layers, {}, {}, metric, "");
   Contender contender = parse_contender("gaussian:sigma=0.4,average=linear");
   contender.paper = parse_filter("gaussian:sigma=2,radius=9");
-  EXPECT_EQ(search(contender, {&frame}, {}).text(), contender.paper->text());
+  EXPECT_EQ(search(contender, {&frame}, 0, {}).text(), contender.paper->text());
 }
 
 TEST(Contenders, AreEveryFilterAndTheSettingsItDeclares) {
@@ -198,6 +207,111 @@ TEST(Protocol, RecordsTheUnionOfTheLayersThatTheFiltersDeclare) {
   settings.tune = true;
   settings.contenders = {parse_contender("nl_means:feature-strength=0")};
   EXPECT_FALSE(transmittance());
+}
+
+/// A method of one seed with this time and error.
+MethodResult timed(const std::string& filter, int spp, double seconds, double error) {
+  MethodResult m;
+  m.filter = filter;
+  m.tuning = filter.empty() ? Tuning::kNone : Tuning::kDefault;
+  m.spp = spp;
+  m.parameters = filter;
+  m.render_seconds = 0.5 * seconds;
+  m.guide_seconds = 0.25 * seconds;
+  m.filter_seconds = 0.25 * seconds;
+  Errors errors;
+  errors.lab_rms = error;
+  m.errors[0] = {errors};
+  return m;
+}
+
+// Path tracing: 4 in 1 s, 2 in 4 s. The gradient kernel: 2 in 1.5 s, 0.8 in 6 s. A slow filter: 1.5 in 10 s, 0.5 in 40
+// s.
+TEST(Speed, HandComputed) {
+  SceneResult scene;
+  scene.methods = {timed("", 4, 1, 4),  timed("gradient_kernel", 4, 1.5, 2),  timed("slow", 4, 10, 1.5),
+                   timed("", 16, 4, 2), timed("gradient_kernel", 16, 6, 0.8), timed("slow", 16, 40, 0.5)};
+  MethodResult published = scene.methods[1];
+  published.tuning = Tuning::kPaper;
+  scene.methods.push_back(published);  // the same parameters under another name are no method of their own
+  std::vector<std::string> front;
+  for (const MethodResult* m : pareto_front(scene)) front.push_back(fmt::format("{} {}", m->id(), m->spp));
+  EXPECT_EQ(front, (std::vector<std::string>{"noisy 4", "gradient_kernel_default 4", "gradient_kernel_default 16",
+                                             "slow_default 16"}));
+  const std::vector<TimeToError> times = times_to_error(scene);
+  const auto find = [&](const std::string& method, double error) {
+    const auto it = std::find_if(times.begin(), times.end(), [&](const TimeToError& t) {
+      return t.method == method && std::abs(t.error - error) < 1e-9;
+    });
+    EXPECT_NE(it, times.end()) << method << " " << error;
+    return it == times.end() ? TimeToError{} : *it;
+  };
+  const TimeToError own = find("gradient_kernel_default", 1);
+  EXPECT_NEAR(own.seconds, 1.5 * std::pow(4.0, std::log(0.5) / std::log(0.4)), 1e-9);
+  EXPECT_NEAR(*own.over_path_tracing, 16 / own.seconds, 1e-9) << "half of what takes 4 s takes 16";
+  EXPECT_NEAR(*own.over_gradient_kernel, 1, 1e-12);
+  const TimeToError slow = find("slow_default", 1);
+  EXPECT_NEAR(*slow.over_gradient_kernel, own.seconds / slow.seconds, 1e-9);
+  EXPECT_FALSE(find("slow_default", 0.5).over_gradient_kernel) << "it never gets there";
+  EXPECT_NEAR(find("noisy", 2).seconds, 4, 1e-9);
+}
+
+TEST(Tuning, TriesEveryCombinationWhereThereAreFew) {
+  const TimedFrame noisy = synthetic(16, 5), reference = synthetic(1 << 20, 6);
+  const LabRms metric(reference.layers.rgb(layer::beauty), nullptr, {}, {});
+  TuningFrame frame(noisy.layers, {}, {}, metric);
+  const Contender contender = parse_contender("bilateral:noise-factor=0,average=linear,sigma-range=40");
+  std::vector<FilterSettings> all = candidate_settings(contender);
+  ASSERT_GT(all.size(), 3u);
+  const std::vector<double> errors = frame.squared_errors(contender, all, {2, {}, nullptr});
+  const FilterSettings found = search(contender, {&frame}, 0, {2, {}, nullptr});
+  EXPECT_EQ(frame.squared_errors(contender, {found}, {})[0], *std::min_element(errors.begin(), errors.end()));
+}
+
+TEST(Tuning, MorePlacesToBeginFromAreNeverWorse) {
+  const TimedFrame noisy = synthetic(16, 5), reference = synthetic(1 << 20, 6);
+  const LabRms metric(reference.layers.rgb(layer::beauty), nullptr, {}, {});
+  TuningFrame frame(noisy.layers, {}, {}, metric);
+  const Contender contender = parse_contender("gradient_kernel");
+  double before = 1e300;
+  for (const int restarts : {0, 1, 3}) {
+    const FilterSettings found = search(contender, {&frame}, restarts, {2, {}, nullptr});
+    const double error = frame.squared_errors(contender, {found}, {})[0];
+    EXPECT_LE(error, before) << restarts;
+    EXPECT_EQ(found.text(), search(contender, {&frame}, restarts, {1, {}, nullptr}).text()) << "the same every time";
+    before = error;
+  }
+}
+
+// References begin with much noise and are rendered on until it is a tenth of the best method's error.
+TEST(Evaluate, ReferencesAreRenderedUntilTheirNoiseIsSmall) {
+  const test::TemporaryFolder folder;
+  const Cache cache(folder.path(), "test");
+  EvaluationSettings settings;
+  settings.spp = {16};
+  settings.seeds = 2;
+  settings.reference_spp = 64;
+  settings.reference_noise = 0.1;
+  settings.tune = false;
+  settings.metrics = {"lab_rms"};
+  settings.contenders = {parse_contender("gaussian")};
+  const std::vector<EvaluationScene> scenes = two_scenes();
+  const Evaluation e = evaluate(scenes, settings, cache, [](const std::string&) { return Task{2, {}, nullptr}; });
+  for (const SceneResult& scene : e.scenes) {
+    double best = 1e300;
+    for (const MethodResult& m : scene.methods) best = std::min(best, m.whole().mean);
+    EXPECT_LE(scene.reference_rms / std::sqrt(2.0), 0.1 * best);
+    EXPECT_GT(scene.reference_spp, 64);
+    EXPECT_GT(2 * scene.reference_rms / std::sqrt(2.0), 0.1 * best) << "and no longer";
+  }
+}
+
+TEST(Tables, EscapeWhatTheirFormatsMeanOtherwise) {
+  const Table table{"t", "Title", "", {{"a|b", false}, {"c,d"}}, {{"x_y", "1 \"2\""}}, {{"made", "50 % & more"}}};
+  EXPECT_EQ(table.markdown_grid(), "| a\\|b | c,d |\n|---|---:|\n| x_y | 1 \"2\" |\n");
+  EXPECT_EQ(table.csv(), "a|b,\"c,d\",made\nx_y,\"1 \"\"2\"\"\",50 % & more\n");
+  EXPECT_NE(table.latex().find("x\\_y & 1 \"2\" \\\\"), std::string::npos) << table.latex();
+  EXPECT_EQ(nlohmann::json::parse(table.json())["rows"][0][0], "x_y");
 }
 
 }  // namespace

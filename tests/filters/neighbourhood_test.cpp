@@ -272,7 +272,8 @@ TEST(CollaborativeRegression, ReproducesAffinePicturesWhateverTheWeights) {
   const Plane *values[] = {&v}, *features[] = {&f[0], &f[1]}, *guide[] = {&v}, *variance[] = {&noise};
   WeightModel model;
   model.distances.push_back(noise_distance(guide, variance, 1, 1));
-  const std::vector<Plane> out = collaborative_regression(model, 5, features, values, {});
+  const std::vector<Plane> out = collaborative_regression(
+      {{{model, {std::begin(features), std::end(features)}, {std::begin(values), std::end(values)}}}}, 5, {});
   for (int y = 0; y < height; ++y)
     for (int x = 0; x < width; ++x) ASSERT_NEAR(out[0](x, y), v(x, y), 3e-4) << x << " " << y;
 }
@@ -284,7 +285,8 @@ TEST(CollaborativeRegression, MatchesLeastSquaresWrittenOut) {
   const Plane *features[] = {&f[0]}, *values[] = {&v[0]}, *guide[] = {&f[1]}, *variance[] = {&noise};
   WeightModel model;
   model.distances.push_back(noise_distance(guide, variance, 0, 1));
-  const std::vector<Plane> out = collaborative_regression(model, r, features, values, {});
+  const std::vector<Plane> out = collaborative_regression(
+      {{{model, {std::begin(features), std::end(features)}, {std::begin(values), std::end(values)}}}}, r, {});
   const auto weight = [&](int px, int py, int qx, int qy) {
     const double d = static_cast<double>(f[1](px, py)) - f[1](qx, qy);
     return std::exp(-std::max(0.0, (d * d - 0.1) / 0.1));

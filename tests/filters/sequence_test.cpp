@@ -7,6 +7,7 @@
 
 #include "base/error.h"
 #include "filters/apply.h"
+#include "filters/guide_layers.h"
 #include "filters/registry.h"
 #include "tests/support/frames.h"
 
@@ -78,7 +79,7 @@ double rms(const Layers& clean, const Layers& frame, const test::Value& truth) {
 }
 
 TEST(Sequence, MoreFramesOfTheSamePictureMakeItBetter) {
-  ASSERT_EQ(sequence_filters().size(), 2u);
+  ASSERT_EQ(sequence_filters().size(), 6u);
   const Shot shot(2);
   for (const FilterEntry* e : sequence_filters()) {
     ApplyOptions still = shot.options;
@@ -157,6 +158,28 @@ TEST(Sequence, TilesAndCarriedLayersWorkAsForOneFrame) {
   }
 }
 
+TEST(Sequence, FramesWithOtherGuidesAreRefused) {
+  Shot shot(1);
+  const auto put_guides = [](Layers& frame, bool more) {
+    test::put(frame, guide_layer::opacity, "", [](int, int, size_t) { return 0.9f; });
+    if (more)
+      test::put(frame, guide_layer::density, "", [](int x, int, size_t) { return 0.01f * static_cast<float>(x); });
+  };
+  bool more = true;
+  for (Layers& frame : shot.layers) {
+    put_guides(frame, more);
+    more = false;
+  }
+  try {
+    apply_filter(parse_filter("transport_regression"), *shot.own, shot.options, {});
+    FAIL();
+  } catch (const InputError& error) {
+    EXPECT_NE(std::string(error.what()).find("the frame at -1 of the sequence: its guides are density, opacity"),
+              std::string::npos)
+        << error.what();
+  }
+}
+
 TEST(Sequence, SaysWhichFrameIsUnfit) {
   const Shot shot(1);
   const auto message = [&](const std::string& filter, const ApplyOptions& options) -> std::string {
@@ -171,7 +194,7 @@ TEST(Sequence, SaysWhichFrameIsUnfit) {
     return text.find(part) != std::string::npos ? ::testing::AssertionSuccess() : ::testing::AssertionFailure() << text;
   };
   EXPECT_TRUE(
-      holds(message("nl_means", shot.options), "these look into the frames before and after: random_parameter"));
+      holds(message("bilateral", shot.options), "these look into the frames before and after: gradient_kernel, nfor"));
   ApplyOptions options = shot.options;
   const Layers small = sampled_frame(20, 20, 8, 0.1, 1, scene(0));
   options.sequence[1].layers = &small;

@@ -341,6 +341,29 @@ TEST(GuideFeatures, OneWordTakesAllOfThem) {
         for (const float value : v.pixels(y)) ASSERT_EQ(value, 0.0f);
 }
 
+TEST(GuideFeatures, EveryFilterTakesAllFeaturesAtOnce) {
+  // 38 channels with the colour: more than a fixed array once held.
+  Layers frame = test::noisy_frame(40, 30, 3);
+  uint64_t purpose = 0;
+  for (const LayerName& l : FeaturePlan::sources()) {
+    ++purpose;
+    if (l == layer::optical_depth) continue;
+    put(frame, l, "", [&](int x, int y, size_t c) { return static_cast<float>(chance(x, y, 3 * purpose + c)); });
+  }
+  for (const FilterEntry* e : all_filters()) {
+    if (!e->features || e->records == FilterEntry::Records::kNeeds) continue;
+    FilterSettings settings(*e);
+    if (e->find("feature-strength")) settings.set("feature-strength", "1");
+    ApplyOptions options;
+    options.component = Component::kIndirect;
+    options.features = FeaturePlan::names();
+    ApplyReport report;
+    const Layers out = apply_filter(settings, frame, options, {}, &report);
+    EXPECT_EQ(report.not_finite_results, 0u) << e->name;
+    EXPECT_EQ(count_not_finite(out.at("G")), 0u) << e->name;
+  }
+}
+
 TEST(Stacking, WeightsOnTheSimplexMinimiseTheSquare) {
   // Independent errors of variance 1, 4 and 100: weights as their inverses.
   const std::vector<double> apart = simplex_minimum({1, 0, 0, 0, 4, 0, 0, 0, 100}, {1.0 / 3, 1.0 / 3, 1.0 / 3});

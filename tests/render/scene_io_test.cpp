@@ -104,6 +104,53 @@ TEST(ReadScene, TheHashFollowsWhatDecidesThePicture) {
   EXPECT_NE(hash({}), hash({"volumes.0.g=0.1"}));
 }
 
+TEST(ReadScene, NamesOfFilesHoldTheFrame) {
+  const test::TemporaryFolder folder;
+  for (const char* name : {"s.0007.vdb", "take#2.vdb", "s.####.exr"}) test::write_file(folder / name, name);
+  const auto files = [&](const std::string& file, const std::string& frame) {
+    return parse_scene(std::string(kCamera) + "[[volumes]]\nfile = \"" + file + "\"\n", folder / "s.toml",
+                       std::vector<std::string>{"render.frame=" + frame})
+        .volumes[0]
+        .file.filename()
+        .string();
+  };
+  EXPECT_EQ(files("s.####.vdb", "7"), "s.0007.vdb");
+  EXPECT_EQ(files("s.$F4.vdb", "7"), "s.0007.vdb");
+  EXPECT_EQ(files("take#2.vdb", "7"), "take#2.vdb") << "a file of that very name";
+  EXPECT_TRUE(holds(error_of(std::string(kCamera) + "[[volumes]]\nfile = \"s.####.vdb\"\n", {"render.frame=12"}),
+                    "s.0012.vdb: no such file"));
+}
+
+TEST(ReadScene, CameraKeysMoveTheCameraFromFrameToFrame) {
+  const auto camera = [](const std::string& keys, double frame, const std::string& more = "") {
+    return parse_scene("[camera]\nkeys = " + keys + "\n" + more, "s.toml",
+                       std::vector<std::string>{"render.frame=" + std::to_string(static_cast<int>(frame))})
+        .camera;
+  };
+  const std::string two = "[[10, 0,-5,1, 0,0,0], [20, 10,-5,1, 0,2,0]]";
+  EXPECT_EQ(camera(two, 1).position, dvec3(0, -5, 1)) << "at rest before the first";
+  EXPECT_EQ(camera(two, 99).position, dvec3(10, -5, 1)) << "and after the last";
+  EXPECT_NEAR(camera(two, 13).position.x, 3, 1e-12) << "straight between two";
+  EXPECT_NEAR(camera(two, 13).look_at.y, 0.6, 1e-12);
+  // Keys on a parabola, which the curve follows where tangents have both neighbours.
+  const std::string four = "[[0, 0,-5,1, 0,0,0], [2, 4,-5,1, 0,0,0], [4, 16,-5,1, 0,0,0], [6, 36,-5,1, 0,0,0]]";
+  EXPECT_NEAR(camera(four, 2).position.x, 4, 1e-12);
+  EXPECT_NEAR(camera(four, 3).position.x, 9, 1e-12);
+  // It moves over the shutter as it does over the frames, and where it rests it does not.
+  const CameraSettings blurred = camera(two, 13, "shutter = [-0.5, 0.5]\n");
+  EXPECT_NEAR(blurred.position.x, 2.5, 1e-12);
+  ASSERT_EQ(blurred.position_end.size(), 3u);
+  EXPECT_NEAR(blurred.position_end[0], 3.5, 1e-12);
+  EXPECT_TRUE(camera(two, 30, "shutter = [-0.5, 0.5]\n").position_end.empty());
+  EXPECT_TRUE(holds(error_of("[camera]\nkeys = " + two + "\nposition = [0,0,0]\n"), "'position' stands beside 'keys'"));
+  EXPECT_TRUE(holds(error_of("[camera]\nkeys = [[1, 0,-5,1, 0,0], [2, 0,0,0, 0,0]]\n"), "a row that is not 7 numbers"));
+  // A frame's fingerprint follows its own camera, not keys that lie elsewhere.
+  const auto hash = [&](const std::string& keys) {
+    return parse_scene("[camera]\nkeys = " + keys, "s.toml", std::vector<std::string>{"render.frame=1"}).hash;
+  };
+  EXPECT_EQ(hash(two), hash("[[10, 0,-5,1, 0,0,0], [20, 11,-5,1, 0,2,0]]"));
+}
+
 TEST(SceneReference, DocsAreInStep) {
   EXPECT_EQ(test::read_file(test::source("docs/scene.md")), scene_reference())
       << "run: brume docs scene > docs/scene.md";

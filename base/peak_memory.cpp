@@ -1,0 +1,41 @@
+#include "base/peak_memory.h"
+
+#include <malloc.h>
+
+#include <algorithm>
+#include <fstream>
+#include <sstream>
+#include <string>
+
+namespace brume {
+namespace {
+
+/// A line of /proc/self/status, which is in kB, in bytes.
+std::optional<double> status(const std::string& name) {
+  std::ifstream file("/proc/self/status");
+  for (std::string line; std::getline(file, line);)
+    if (line.starts_with(name + ":")) {
+      std::istringstream words(line.substr(name.size() + 1));
+      double kilobytes = 0;
+      if (words >> kilobytes) return 1024 * kilobytes;
+    }
+  return std::nullopt;
+}
+
+}  // namespace
+
+PeakMemory::PeakMemory() {
+  malloc_trim(0);
+  std::ofstream marks("/proc/self/clear_refs");
+  marks << "5";  // the highest mark of resident memory becomes today's
+  marks.close();
+  if (marks) before_ = status("VmRSS");
+}
+
+std::optional<double> PeakMemory::growth() const {
+  const std::optional<double> peak = status("VmHWM");
+  if (!before_ || !peak) return std::nullopt;
+  return std::max(0.0, *peak - *before_);
+}
+
+}  // namespace brume

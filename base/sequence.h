@@ -1,0 +1,42 @@
+#pragma once
+#include <filesystem>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace brume {
+
+/// The files of a sequence: a name in which the frame's number stands as "####", "$F", "$F4", "${F4}" or "%04d", at
+/// one place or several, in folders too. "####" and the like give the fewest digits: frame 12345 of "####" has five.
+class FramePattern {
+ public:
+  /// Nothing for a name without a number's place. @throws InputError for one of more than nine digits
+  static std::optional<FramePattern> of(const std::filesystem::path& name);
+
+  /// @param frame  at least 0
+  std::filesystem::path path(int frame) const;
+
+  /// The frames whose files there are, rising. Empty where the folder is missing.
+  std::vector<int> frames_on_disk() const;
+
+  const std::filesystem::path& name() const { return name_; }
+
+ private:
+  explicit FramePattern(std::filesystem::path name) : name_(std::move(name)) {}
+  std::filesystem::path name_;
+};
+
+/// The name itself, or where it is a pattern the file of that frame. @throws InputError as FramePattern::of
+std::filesystem::path file_of_frame(const std::filesystem::path& name, int frame);
+
+/// The frames that "7", "1-240", "1-240x2" (every second) or several of these with commas between them name: rising,
+/// each once. Frames count from 0; there are none below it, since "-" stands between first and last.
+/// @throws InputError that says which piece is wrong
+std::vector<int> parse_frames(std::string_view text);
+
+/// "1-10, 20" for rising frames.
+std::string frames_text(std::span<const int> frames);
+
+}  // namespace brume

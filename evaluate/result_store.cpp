@@ -1,0 +1,260 @@
+#include "evaluate/result_store.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <condition_variable>
+#include <new>
+#include <thread>
+
+#include "base/error.h"
+#include "base/peak_memory.h"
+#include "base/text.h"
+#include "filters/guide_layers.h"
+#include "filters/registry.h"
+
+namespace brume {
+namespace {
+
+// Of entries in the cache.
+constexpr const char *kSeconds = "evaluationSeconds", *kPeak = "evaluationPeakBytes";
+
+std::string exact(double value) {
+  return fmt::format("{}", value);
+}
+
+/// What exact() wrote into an entry's header.
+std::optional<double> number_of(const Layers& entry, const std::string& key) {
+  const std::string text = entry.text(key);
+  return text.empty() ? std::nullopt : std::optional(std::stod(text));
+}
+
+double median(std::vector<double> values) {
+  std::sort(values.begin(), values.end());
+  const size_t n = values.size();
+  return n % 2 ? values[n / 2] : 0.5 * (values[n / 2 - 1] + values[n / 2]);
+}
+
+/// Cancels a task when its time is up, or when the user does.
+class Deadline {
+ public:
+  Deadline(double seconds, const Task& task) {
+    if (!(seconds > 0)) {
+      cancel_ = task.cancel;
+      return;
+    }
+    cancel_ = &stop_;
+    watch_ = std::thread([this, seconds, user = task.cancel] {
+      const Stopwatch clock;
+      std::unique_lock lock(mutex_);
+      while (!done_) {
+        if (user && user->load()) stop_ = true;
+        if (clock.seconds() > seconds) {
+          over_ = true;
+          stop_ = true;
+        }
+        changed_.wait_for(lock, std::chrono::milliseconds(20));
+      }
+    });
+  }
+  ~Deadline() {
+    if (!watch_.joinable()) return;
+    {
+      const std::lock_guard lock(mutex_);
+      done_ = true;
+    }
+    changed_.notify_one();
+    watch_.join();
+  }
+  Deadline(const Deadline&) = delete;
+  Deadline& operator=(const Deadline&) = delete;
+  const std::atomic<bool>* cancel() const { return cancel_; }
+  bool over() const { return over_; }
+
+ private:
+  const std::atomic<bool>* cancel_ = nullptr;
+  std::atomic<bool> stop_ = false, over_ = false;
+  bool done_ = false;
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  std::thread watch_;
+};
+
+Layers only_colours(const Layers& frame) {
+  Layers picture(frame.width(), frame.height());
+  picture.header = frame.header;
+  picture.lie_like(frame);
+  const RgbPlanes rgb = frame.rgb(layer::beauty);
+  for (size_t c = 0; c < 3; ++c) picture.set(layer::beauty.channel(c), *rgb[c]);
+  return picture;
+}
+
+bool is_colour(const std::string& channel) {
+  return channel == "R" || channel == "G" || channel == "B";
+}
+
+}  // namespace
+
+Layers without_layers(const Layers& frame, const std::vector<std::string>& names) {
+  Layers rest(frame.width(), frame.height());
+  rest.header = frame.header;
+  rest.lie_like(frame);
+  for (const auto& [channel_name, plane] : frame.channels()) {
+    const bool out = std::any_of(names.begin(), names.end(), [&, &channel = channel_name](const std::string& name) {
+      return channel.starts_with(name + ".");
+    });
+    if (!out) rest.set(channel_name, plane);
+  }
+  return rest;
+}
+
+std::string guide_root() {
+  return std::string(kGuidePrefix.substr(0, kGuidePrefix.size() - 1));
+}
+
+FilterSettings settings_from(const FilterEntry& filter, const std::string& text) {
+  std::string assignments = text;
+  std::replace(assignments.begin(), assignments.end(), ' ', ',');
+  return parse_filter(assignments.empty() ? filter.name : filter.name + ":" + assignments);
+}
+
+std::string ResultStore::machine() const {
+  return fmt::format("machine {}, {} threads", settings_.provenance.processor, settings_.provenance.threads);
+}
+
+std::string ResultStore::frame_key(const EvaluationScene& scene, int spp, int64_t seed,
+                                   const RecordedData& data) const {
+  return fmt::format("frame\nscene {}\nspp {}\nseed {}\n{}\n{}", scene.hash, spp, seed, data.text(), machine());
+}
+
+TimedFrame ResultStore::frame(const EvaluationScene& scene, int spp, int64_t seed, const RecordedData& data,
+                              const Task& task, const std::function<bool(const std::string&)>& wanted) const {
+  if (scene.foreign) return scene.render({spp, seed, data, {}}, task);
+  const std::string key = frame_key(scene, spp, seed, data);
+  std::error_code ignored;
+  if (!data.records || std::filesystem::exists(records(key), ignored))
+    if (std::optional<Layers> found = cache_.find(key, wanted)) {
+      count_found(key, work_.frames_found);
+      task.report(1);
+      const double seconds = number_of(*found, kSeconds).value_or(0.0);
+      return {std::move(*found), seconds};
+    }
+  const std::filesystem::path aside = data.records ? records(key).string() + ".new" : "";
+  TimedFrame frame = scene.render({spp, seed, data, aside}, task);
+  ++work_.rendered;
+  known_.insert(key);
+  if (data.records) std::filesystem::rename(aside, records(key));
+  frame.layers.header[kSeconds] = exact(frame.seconds);
+  cache_.store(key, frame.layers);
+  return frame;
+}
+
+double ResultStore::render_seconds(const EvaluationScene& scene, int spp, const RecordedData& data,
+                                   const Task& task) const {
+  if (scene.foreign) return 0;
+  const std::string key = "seconds of " + frame_key(scene, spp, kFirstNoisySeed, data);
+  if (const auto known = cache_.find_text(key)) return std::stod(*known);
+  std::vector<double> seconds;
+  do seconds.push_back(scene.render({spp, kFirstNoisySeed, data, {}}, quiet(task)).seconds);
+  while (seconds.back() < 1 && seconds.size() < 3);
+  ++work_.rendered;
+  cache_.store_text(key, exact(median(seconds)));
+  return median(seconds);
+}
+
+double ResultStore::guide_seconds(const EvaluationScene& scene, int spp, const Task& task) const {
+  if (!scene.time_guides) return 0;
+  const std::string key = fmt::format("guides\nscene {}\nspp {}\n{}", scene.hash, spp, machine());
+  if (const auto known = cache_.find_text(key)) return std::stod(*known);
+  const double seconds = scene.time_guides(spp, quiet(task));
+  cache_.store_text(key, exact(seconds));
+  return seconds;
+}
+
+FilterOutcome ResultStore::filter(const FilterRun& run, NoisyFrames& frames, size_t seed, const Task& task) const {
+  FilterOutcome outcome;
+  outcome.key =
+      fmt::format("filtered\n{} {}\ncomponent {}\nbackground {}\nexposure {}\nfeatures {}\nwithout {}\ninput {}",
+                  run.filter->entry().name, run.filter->text(), static_cast<int>(run.options.component),
+                  static_cast<int>(run.options.background), exact(run.options.exposure),
+                  join(run.options.features, " "), join(run.left_out, " "), frames.key(seed));
+  const std::string failure_key = fmt::format("{}\ntime limit {}", outcome.key, exact(run.time_limit));
+  if (const auto known = cache_.find(outcome.key, is_colour)) {
+    count_found(outcome.key, work_.results_found);
+    outcome.seconds = number_of(*known, kSeconds).value_or(0.0);
+    outcome.peak_bytes = number_of(*known, kPeak);
+    return outcome;
+  }
+  if (const auto known = cache_.find_text(failure_key)) {
+    count_found(outcome.key, work_.results_found);
+    outcome.failed = *known;
+    return outcome;
+  }
+  const Layers& whole = frames.at(seed, task).layers;
+  const std::optional<Layers> part =
+      run.left_out.empty() ? std::nullopt : std::optional(without_layers(whole, run.left_out));
+  const Layers& input = part ? *part : whole;
+  ++work_.filtered;
+  known_.insert(outcome.key);
+  const Deadline deadline(run.time_limit, task);
+  const Task limited{task.threads, {}, deadline.cancel()};
+  Layers picture;
+  try {
+    ApplyOptions options = run.options;
+    if (run.filter->entry().parts) options.component = Component::kAll;
+    std::optional<RecordReader> reader;
+    const auto apply = [&](ApplyReport& report) {
+      if (run.filter->entry().records == FilterEntry::Records::kNeeds)
+        options.records = &reader.emplace(frames.records(seed));
+      return apply_filter(*run.filter, input, options, limited, &report);
+    };
+    ApplyReport report;
+    const PeakMemory memory;
+    Layers clean = apply(report);
+    outcome.peak_bytes = memory.growth();
+    // The first run warms caches and threads, and finds its memory given back; slow filters do not notice.
+    if (report.seconds < 1) clean = apply(report);
+    outcome.seconds = report.seconds;
+    picture = only_colours(clean);
+  } catch (const InputError& error) {
+    outcome.failed = error.what();
+  } catch (const std::bad_alloc&) {
+    outcome.failed = "not enough memory";
+  } catch (const Interrupted&) {
+    if (!deadline.over() || task.cancelled()) throw;
+    outcome.failed = fmt::format("took longer than {:g} s", run.time_limit);
+    cache_.store_text(failure_key, outcome.failed);
+  }
+  if (!outcome.failed.empty()) return outcome;
+  picture.header[kSeconds] = exact(outcome.seconds);
+  if (outcome.peak_bytes) picture.header[kPeak] = exact(*outcome.peak_bytes);
+  cache_.store(outcome.key, std::move(picture));
+  return outcome;
+}
+
+Layers ResultStore::picture(const std::string& key) const {
+  std::optional<Layers> found = cache_.find(key, is_colour);
+  if (!found) throw InputError("a picture has gone from the cache while it was in use");
+  return std::move(*found);
+}
+
+FilterSettings ResultStore::found(const std::string& key, const FilterEntry& filter,
+                                  const std::function<FilterSettings()>& search) const {
+  std::optional<std::string> text = cache_.find_text(key);
+  if (!text) cache_.store_text(key, *(text = search().text()));
+  // Always from the text, so that a search gives the same whether it was kept or made.
+  return settings_from(filter, *text);
+}
+
+Layers NoisyFrames::colours(size_t seed, const Task& task) const {
+  if (frames_.at(seed)) return only_colours(frames_[seed]->layers);
+  return only_colours(store_.frame(scene_, spp_, number(seed), data_, quiet(task), is_colour).layers);
+}
+
+const TimedFrame& NoisyFrames::at(size_t seed, const Task& task) {
+  std::optional<TimedFrame>& frame = frames_.at(seed);
+  if (!frame) frame = store_.frame(scene_, spp_, number(seed), data_, quiet(task));
+  return *frame;
+}
+
+}  // namespace brume

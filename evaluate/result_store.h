@@ -1,0 +1,105 @@
+#pragma once
+#include <set>
+
+#include "evaluate/protocol.h"
+
+namespace brume {
+
+/// The frame without some of its layers, what is below them and what is known of them: "guide" leaves out all guides.
+Layers without_layers(const Layers& frame, const std::vector<std::string>& names);
+/// What all guides are below.
+std::string guide_root();
+
+/// A filter's settings from their text. @throws InputError
+FilterSettings settings_from(const FilterEntry& filter, const std::string& text);
+
+/// One run of a filter: what decides its result beside the frame.
+struct FilterRun {
+  const FilterSettings* filter;
+  ApplyOptions options;
+  std::vector<std::string> left_out = {};  ///< layers by name that the filter does not get to see
+  double time_limit = 0;                   ///< seconds; 0: none
+};
+
+/// What came of it; the picture lies in the cache.
+struct FilterOutcome {
+  std::string key;  ///< of the picture: R G B
+  double seconds = 0;
+  std::optional<double> peak_bytes;
+  std::string failed;  ///< why there is no picture; empty: there is one
+};
+
+/// The noisy frames of a scene at one sample count, which differ in their seeds.
+class NoisyFrames;
+
+/// Frames and results out of the cache, rendered and filtered where it lacks them.
+class ResultStore {
+ public:
+  ResultStore(const Cache& cache, const EvaluationSettings& settings, Evaluation::Work& work)
+      : cache_(cache), settings_(settings), work_(work) {}
+
+  /// A frame; its seconds are what rendering it took when it was rendered.
+  /// @param wanted  channels to read; all without it
+  TimedFrame frame(const EvaluationScene& scene, int spp, int64_t seed, const RecordedData& data, const Task& task,
+                   const std::function<bool(const std::string&)>& wanted = {}) const;
+  std::string frame_key(const EvaluationScene& scene, int spp, int64_t seed, const RecordedData& data) const;
+  std::filesystem::path records(const std::string& frame_key) const { return cache_.companion(frame_key, ".records"); }
+
+  /// Seconds of a render that records so much, median of three where one takes less than a second.
+  double render_seconds(const EvaluationScene& scene, int spp, const RecordedData& data, const Task& task) const;
+  /// Seconds of the guides of a frame; 0 where they cannot be timed.
+  double guide_seconds(const EvaluationScene& scene, int spp, const Task& task) const;
+
+  /// @throws InputError when the cache cannot be written; Interrupted when the user ends it
+  FilterOutcome filter(const FilterRun& run, NoisyFrames& frames, size_t seed, const Task& task) const;
+
+  /// The R G B of a result or frame that is there. @throws InputError when it has gone meanwhile
+  Layers picture(const std::string& key) const;
+
+  /// What a search found: the text of the settings.
+  FilterSettings found(const std::string& key, const FilterEntry& filter,
+                       const std::function<FilterSettings()>& search) const;
+
+ private:
+  std::string machine() const;
+
+  /// Counts an entry that lay in the cache before this run.
+  void count_found(const std::string& key, int& count) const {
+    if (known_.insert(key).second) ++count;
+  }
+
+  const Cache& cache_;
+  const EvaluationSettings& settings_;
+  Evaluation::Work& work_;
+  mutable std::set<std::string> known_;  // made or found in this run
+};
+
+class NoisyFrames {
+ public:
+  NoisyFrames(const ResultStore& store, const EvaluationScene& scene, int spp, int seeds, RecordedData data)
+      : store_(store), scene_(scene), spp_(spp), data_(std::move(data)), frames_(static_cast<size_t>(seeds)) {}
+
+  size_t count() const { return frames_.size(); }
+  int spp() const { return spp_; }
+  const EvaluationScene& scene() const { return scene_; }
+  const RecordedData& data() const { return data_; }
+  std::string key(size_t seed) const { return store_.frame_key(scene_, spp_, number(seed), data_); }
+  /// Read, or rendered, when it is first asked for.
+  const TimedFrame& at(size_t seed, const Task& task);
+  /// Its R G B alone.
+  Layers colours(size_t seed, const Task& task) const;
+  std::filesystem::path records(size_t seed) const { return store_.records(key(seed)); }
+  /// Makes room; they are read again where they are needed.
+  void forget() { frames_.assign(frames_.size(), std::nullopt); }
+
+ private:
+  static int64_t number(size_t seed) { return kFirstNoisySeed + static_cast<int64_t>(seed); }
+
+  const ResultStore& store_;
+  const EvaluationScene& scene_;
+  int spp_;
+  RecordedData data_;
+  std::vector<std::optional<TimedFrame>> frames_;
+};
+
+}  // namespace brume

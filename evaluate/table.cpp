@@ -1,0 +1,98 @@
+#include "evaluate/table.h"
+
+#include <nlohmann/json.hpp>
+#include <string_view>
+
+#include "base/text.h"
+
+namespace brume {
+namespace {
+
+void replace_all(std::string& text, std::string_view from, std::string_view to) {
+  for (size_t at = text.find(from); at != std::string::npos; at = text.find(from, at + to.size()))
+    text.replace(at, from.size(), to);
+}
+
+std::string latex_text(std::string text) {
+  replace_all(text, "\\", "\\textbackslash ");
+  for (const char* special : {"_", "%", "&", "#", "$", "{", "}"})
+    replace_all(text, special, std::string("\\") + special);
+  replace_all(text, "±", "$\\pm$");
+  replace_all(text, "–", "--");
+  replace_all(text, "√", "$\\sqrt{}$");
+  return text;
+}
+
+std::string markdown_text(std::string text) {
+  replace_all(text, "|", "\\|");
+  return text;
+}
+
+std::string line_of(const std::vector<std::string>& cells, const std::string& separator,
+                    std::string (*field)(std::string)) {
+  std::vector<std::string> fields;
+  for (const std::string& cell : cells) fields.push_back(field(cell));
+  return join(fields, separator);
+}
+
+std::vector<std::string> titles(const Table& table) {
+  std::vector<std::string> list;
+  for (const Table::Column& c : table.columns) list.push_back(c.title);
+  return list;
+}
+
+}  // namespace
+
+std::string csv_field(const std::string& text) {
+  if (text.find_first_of(",\"\n\r") == std::string::npos) return text;
+  std::string quoted = text;
+  replace_all(quoted, "\"", "\"\"");
+  return "\"" + quoted + "\"";
+}
+
+std::string Table::markdown_grid() const {
+  std::string text = "| " + line_of(titles(*this), " | ", markdown_text) + " |\n|";
+  for (const Column& c : columns) text += c.number ? "---:|" : "---|";
+  text += "\n";
+  for (const auto& row : rows) text += "| " + line_of(row, " | ", markdown_text) + " |\n";
+  return text;
+}
+
+std::string Table::markdown() const {
+  std::string text = "# " + title + "\n\n" + (caption.empty() ? "" : caption + "\n\n") + markdown_grid() + "\n";
+  for (const auto& [key, value] : origin) text += "- " + key + ": `" + value + "`\n";
+  return text;
+}
+
+std::string Table::csv() const {
+  std::vector<std::string> head = titles(*this);
+  for (const auto& entry : origin) head.push_back(entry.first);
+  const auto field = [](std::string cell) { return csv_field(cell); };
+  std::string text = line_of(head, ",", field) + "\n";
+  for (std::vector<std::string> row : rows) {
+    for (const auto& entry : origin) row.push_back(entry.second);
+    text += line_of(row, ",", field) + "\n";
+  }
+  return text;
+}
+
+std::string Table::latex() const {
+  std::string text = "% " + title + "\n", columns_text;
+  for (const auto& [key, value] : origin) text += "% " + key + ": " + value + "\n";
+  for (const Column& c : columns) columns_text += c.number ? 'r' : 'l';
+  text += "\\begin{tabular}{" + columns_text + "}\n\\hline\n" + line_of(titles(*this), " & ", latex_text) +
+          " \\\\\n\\hline\n";
+  for (const auto& row : rows) text += line_of(row, " & ", latex_text) + " \\\\\n";
+  return text + "\\hline\n\\end{tabular}\n";
+}
+
+std::string Table::json() const {
+  using nlohmann::ordered_json;
+  ordered_json object = {{"name", name}, {"title", title}, {"caption", caption}};
+  for (const auto& [key, value] : origin) object["origin"][key] = value;
+  object["columns"] = titles(*this);
+  object["rows"] = rows;
+  return object.dump(1, ' ', false, ordered_json::error_handler_t::replace) + "\n";
+}
+
+}  // namespace brume

@@ -1,0 +1,329 @@
+#include "farm/plan.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cstdlib>
+#include <fstream>
+
+#include "base/error.h"
+#include "base/output_file.h"
+#include "base/text.h"
+#include "image/exr_io.h"
+
+namespace brume {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char* kNotThere = "is not there";
+constexpr const char* kMark = "brume task: ";  // begins the lines of a log that its script writes
+
+/// What is wrong with a file of a shot; empty: it is whole and of this shot.
+/// @param first, end  its samples
+/// @param filter  that must have cleaned it; empty: none
+std::string what_is_wrong(const Shot& shot, const fs::path& path, int frame, int first, int end,
+                          const std::string& filter, bool thorough, const Task& task) {
+  std::error_code ignored;
+  if (!fs::exists(path, ignored)) return kNotThere;
+  try {
+    Layers header(1, 1);
+    header.header = read_exr_info(path).header;
+    const auto number = [&](const char* key) { return static_cast<int64_t>(header.number(key).value_or(-1)); };
+    const auto differs = [&](const char* what, const auto& found, const auto& wanted) {
+      return fmt::format("{} is {} in the file, {} in the shot", what, found, wanted);
+    };
+    if (header.text("program") != shot.program)
+      return differs("the program version", header.text("program"), shot.program);
+    if (number("frame") != frame) return differs("the frame", number("frame"), frame);
+    if (header.text("seed") != std::to_string(shot.seed)) return differs("the seed", header.text("seed"), shot.seed);
+    if (header.text("recordedLayers") != shot.layers)
+      return differs("the list of layers", header.text("recordedLayers"), shot.layers);
+    if (header.text("statistics") != shot.statistics)
+      return differs("what is kept of statistics", header.text("statistics"), shot.statistics);
+    if (number("sampleFirst") != first || number("sampleEnd") != end || number("samplesPerPixel") != end - first)
+      return fmt::format("holds the samples {} .. {}, not {} .. {}", number("sampleFirst"), number("sampleEnd") - 1,
+                         first, end - 1);
+    if (header.text("interrupted").starts_with("true")) return "was interrupted in the middle of a pass";
+    if (header.text("filter") != filter) return differs("the filter", header.text("filter", "none"), filter);
+    if (thorough) check_exr(path, task);
+    return "";
+  } catch (const InputError& error) {
+    const std::string message = error.what(), name = path.string() + ": ";
+    return message.starts_with(name) ? message.substr(name.size()) : message;
+  }
+}
+
+/// The first sample of a part, numbered from 1 on, as render --part shares them.
+int first_sample(const Shot& shot, int part) {
+  return static_cast<int>(static_cast<int64_t>(shot.spp) * (part - 1) / shot.parts);
+}
+
+std::string frame_name(int frame) {
+  return fmt::format("{:04}", frame);
+}
+
+Command render_command(const Shot& shot, int frame, int part) {
+  std::vector<std::string> words = {shot.brume, "render", shot.scene, "--frames", std::to_string(frame)};
+  for (const std::string& assignment : shot.overrides) words.insert(words.end(), {"-D", assignment});
+  words.insert(words.end(), {"--spp", std::to_string(shot.spp), "--seed", std::to_string(shot.seed), "--layers",
+                             shot.layers.empty() ? "none" : shot.layers});
+  if (shot.statistics == "buckets") words.push_back("--buckets");
+  std::string name = "render." + frame_name(frame);
+  const bool whole = shot.parts == 1;
+  if (!whole) {
+    words.insert(words.end(), {"--part", fmt::format("{}/{}", part, shot.parts)});
+    name += fmt::format(".{:05}", part);
+  }
+  const fs::path output = whole ? shot.frame(frame) : shot.part(frame, part);
+  const fs::path checkpoint =
+      whole ? fs::path(output).replace_extension(".checkpoint.exr") : shot.checkpoint(frame, part);
+  words.insert(words.end(),
+               {"--checkpoint", checkpoint.string(), "-o", output.string(), "--progress", "lines", "--resume"});
+  if (shot.threads > 0) words.insert(words.end(), {"--threads", std::to_string(shot.threads)});
+  for (std::string& word : words) word = shell_word(word);
+  return {name, whole ? "" : fmt::format("mkdir -p {} && ", shell_word(output.parent_path().string())),
+          join(words, " ")};
+}
+
+std::string threads_of(const Shot& shot) {
+  return shot.threads > 0 ? fmt::format(" --threads {}", shot.threads) : "";
+}
+
+/// Merges files that a pattern names into one.
+std::string merge_call(const Shot& shot, const fs::path& pattern, int first, int last, const fs::path& output,
+                       const std::string& options) {
+  return fmt::format("{} merge {} --parts {}-{} -o {} --resume{}{}{}", shell_word(shot.brume),
+                     shell_word(pattern.string()), first, last, shell_word(output.string()),
+                     shot.keep_parts ? "" : " --discard", options, threads_of(shot));
+}
+
+Command gather_command(const Shot& shot, int frame, int group) {
+  const auto [first, last] = shot.parts_of_group(group);
+  const fs::path pattern = shot.part(frame, 1).parent_path() / "#####.exr";
+  return {fmt::format("gather.{}.{:05}", frame_name(frame), group), "",
+          merge_call(shot, pattern, first, last, shot.group(frame, group), " --mergeable")};
+}
+
+Command merge_command(const Shot& shot, int frame) {
+  const fs::path folder = shot.part(frame, 1).parent_path();
+  const int groups = shot.groups();
+  return {"merge." + frame_name(frame), "",
+          merge_call(shot, folder / (groups > 0 ? "group.#####.exr" : "#####.exr"), 1, groups > 0 ? groups : shot.parts,
+                     shot.frame(frame), "")};
+}
+
+Command denoise_command(const Shot& shot, int frame) {
+  std::string missing;
+  for (const int f : shot.window_of(frame)) missing += " " + shell_word(shot.frame(f).string());
+  const std::string prepare = fmt::format(
+      "for f in{}; do [ -e \"$f\" ] || {{ echo \"brume: $f is not there, which this frame is cleaned with\" >&2; exit "
+      "1; "
+      "}}; done; ",
+      missing);
+  std::string call = fmt::format("{} denoise {} -f {} -o {} --progress lines{}", shell_word(shot.brume),
+                                 shell_word(shot.frame(frame).string()), shell_word(shot.filter),
+                                 shell_word(shot.clean(frame).string()), threads_of(shot));
+  if (shot.window_of(frame).size() > 1) call += fmt::format(" --extra-frames {}", shot.window);
+  return {"denoise." + frame_name(frame), prepare, call};
+}
+
+}  // namespace
+
+bool ShotFiles::complete() const {
+  const auto good = [](const auto& entry) { return entry.second.empty(); };
+  return std::all_of(frames.begin(), frames.end(), good) && std::all_of(clean.begin(), clean.end(), good);
+}
+
+ShotFiles examine(const Shot& shot, bool thorough, const Task& task) {
+  ShotFiles files;
+  for (const int frame : shot.frames) {
+    task.check();
+    const auto wrong = [&](const fs::path& path, int first, int end, const std::string& filter) {
+      std::string what = what_is_wrong(shot, path, frame, first, end, filter, thorough, task);
+      if (!what.empty() && what != kNotThere)
+        files.refused.push_back(fmt::format("{}: {}", path.lexically_relative(shot.folder).string(), what));
+      return what;
+    };
+    std::string& state = files.frames[frame] = wrong(shot.frame(frame), 0, shot.spp, "");
+    if (!shot.filter.empty())
+      files.clean[frame] = wrong(shot.clean(frame), 0, shot.spp, shot.filter.substr(0, shot.filter.find(':')));
+    if (state.empty() || shot.parts == 1) continue;
+    const auto examine_part = [&](int part) {
+      files.parts.push_back(
+          {frame, part, wrong(shot.part(frame, part), first_sample(shot, part), first_sample(shot, part + 1), "")});
+    };
+    for (int group = 1; group <= shot.groups(); ++group) {
+      const auto [first, last] = shot.parts_of_group(group);
+      const std::string of_group =
+          wrong(shot.group(frame, group), first_sample(shot, first), first_sample(shot, last + 1), "");
+      files.groups.push_back({frame, group, of_group});
+      if (!of_group.empty())
+        for (int part = first; part <= last; ++part) examine_part(part);
+    }
+    if (shot.groups() == 0)
+      for (int part = 1; part <= shot.parts; ++part) examine_part(part);
+    // Whole parts that could not be merged do not belong together: each is held against the scene again.
+    const auto of_frame = [&](const ShotFiles::Part& part) { return part.frame == frame; };
+    const CommandLog merge = read_log(shot, "merge." + frame_name(frame));
+    const bool refused = !merge.attempts.empty() && merge.attempts.back().status.value_or(0) == 2;
+    for (auto* list : {&files.parts, &files.groups})
+      if (refused && std::none_of(list->begin(), list->end(),
+                                  [&](const ShotFiles::Part& part) { return of_frame(part) && !part.wrong.empty(); }))
+        for (ShotFiles::Part& part : *list)
+          if (of_frame(part)) part.wrong = "could not be merged: " + merge.last_line;
+  }
+  return files;
+}
+
+CommandLog read_log(const Shot& shot, const std::string& command) {
+  CommandLog log;
+  std::ifstream stream(shot.log(command));
+  for (std::string line; std::getline(stream, line);) {
+    if (!line.starts_with(kMark)) {
+      if (line.find_first_not_of(" \t\r") == std::string::npos) continue;
+      log.last_line = line;
+      if (const size_t at = line.rfind(" %"); at != std::string::npos && line.starts_with("brume: ")) {
+        const size_t begin = line.find_last_not_of("0123456789", at - 1) + 1;
+        if (begin < at) log.percent = std::atoi(line.substr(begin, at - begin).c_str());
+      }
+      continue;
+    }
+    const std::string text = line.substr(std::string(kMark).size());
+    Attempt attempt;
+    char node[256] = {};
+    int status = 0;
+    double seconds = 0;
+    if (std::sscanf(text.c_str(), "begun in round %d on %255s", &attempt.round, node) == 2) {
+      attempt.node = node;
+      log.attempts.push_back(attempt);
+      log.percent = -1;
+    } else if (std::sscanf(text.c_str(), "ended with %d after %lf", &status, &seconds) == 2 && !log.attempts.empty()) {
+      log.attempts.back().status = status;
+      log.attempts.back().seconds = seconds;
+    }
+  }
+  return log;
+}
+
+std::vector<Stage> plan(const Shot& shot, const ShotFiles& files) {
+  Stage render{"render", {}}, gather{"gather", {}}, merge{"merge", {}}, denoise{"denoise", {}};
+  for (const auto& [frame, wrong] : files.frames) {
+    if (wrong.empty()) continue;
+    if (shot.parts == 1)
+      render.commands.push_back(render_command(shot, frame, 1));
+    else
+      merge.commands.push_back(merge_command(shot, frame));
+  }
+  for (const ShotFiles::Part& part : files.parts)
+    if (!part.wrong.empty()) render.commands.push_back(render_command(shot, part.frame, part.number));
+  for (const ShotFiles::Part& group : files.groups)
+    if (!group.wrong.empty()) gather.commands.push_back(gather_command(shot, group.frame, group.number));
+  for (const auto& [frame, wrong] : files.clean)
+    if (!wrong.empty()) denoise.commands.push_back(denoise_command(shot, frame));
+  std::vector<Stage> stages;
+  for (Stage* stage : {&render, &gather, &merge, &denoise})
+    if (!stage->commands.empty()) stages.push_back(std::move(*stage));
+  return stages;
+}
+
+std::vector<Stage> plan(const Shot& shot) {
+  ShotFiles nothing;
+  const std::string missing = kNotThere;
+  for (const int frame : shot.frames) {
+    nothing.frames[frame] = missing;
+    if (!shot.filter.empty()) nothing.clean[frame] = missing;
+    if (shot.parts == 1) continue;
+    for (int part = 1; part <= shot.parts; ++part) nothing.parts.push_back({frame, part, missing});
+    for (int group = 1; group <= shot.groups(); ++group) nothing.groups.push_back({frame, group, missing});
+  }
+  return plan(shot, nothing);
+}
+
+int last_round(const Shot& shot) {
+  int last = 0;
+  std::error_code error;
+  for (fs::directory_iterator entry(shot.folder / "rounds", error), end; !error && entry != end; entry.increment(error))
+    last = std::max(last, std::atoi(entry->path().filename().c_str()));
+  return last;
+}
+
+fs::path write_round(const Shot& shot, const std::vector<Stage>& stages) {
+  fs::path folder;
+  std::error_code error;
+  // Making a folder is the one thing that only one of several can do.
+  for (int number = last_round(shot) + 1;; ++number) {
+    folder = shot.folder / "rounds" / std::to_string(number);
+    if (fs::create_directory(folder, error)) break;
+    if (error) throw InputError(fmt::format("{}: cannot be made: {}", folder.string(), error.message()));
+  }
+  for (const Stage& stage : stages) {
+    std::string text;
+    for (const Command& command : stage.commands)
+      text += command.name + "\t" + command.prepare + "exec " + command.call + "\n";
+    write_text(folder / (stage.name + ".commands"), text);
+  }
+  write_text(folder / "run.sh", run_script());
+  return folder;
+}
+
+std::string run_script() {
+  // A wait that a trapped signal interrupts returns above 128 while the child lives.
+  return R"sh(#!/bin/sh
+# sh run.sh STAGE FIRST COUNT: runs these lines of STAGE.commands, counted from 1, each with a log of its own.
+# Ends with 0, with 3 where it was asked to stop and may be run again, or else with the status of the last that failed.
+# USR1: stop soon, what is rendered is kept in a checkpoint. TERM is taken to have reached the command as well.
+here=$(cd "$(dirname "$0")" && pwd)
+folder=$(dirname "$(dirname "$here")")
+stage=$1 first=$2 count=$3
+tab=$(printf '\t')
+# Where the same command runs twice, on a node that was given up and on another, each writes aside under its own name.
+[ -n "$BRUME_WRITER" ] || BRUME_WRITER=$(uname -n).$$
+export BRUME_WRITER
+child='' stop='' worst=0
+trap 'stop=1; [ -z "$child" ] || kill -TERM "$child" 2>/dev/null' USR1
+trap 'stop=1' TERM
+
+# run NAME COMMAND
+run() {
+  log=$folder/logs/$1.log
+  begun=$(date +%s)
+  echo "brume task: begun in round $(basename "$here") on ${SLURMD_NODENAME:-$(uname -n)}" >>"$log"
+  sh -c "$2" >>"$log" 2>&1 &
+  child=$!
+  wait "$child"
+  status=$?
+  while [ $status -gt 128 ] && kill -0 "$child" 2>/dev/null; do
+    wait "$child"
+    status=$?
+  done
+  child=''
+  echo "brume task: ended with $status after $(($(date +%s) - begun)) s" >>"$log"
+  return $status
+}
+
+line=$first
+while [ "$line" -lt $((first + count)) ] && [ -z "$stop" ]; do
+  text=$(sed -n "${line}p" "$here/$stage.commands")
+  line=$((line + 1))
+  [ -n "$text" ] || continue
+  name=${text%%"$tab"*}
+  if run "$name" "${text#*"$tab"}"; then
+    # The part that completes a frame merges it; what is left is for the stage of that name.
+    frame=${name#render.}
+    merge=''
+    [ "$stage" != render ] || [ ! -f "$here/merge.commands" ] || [ -f "$here/gather.commands" ] || \
+      merge=$(grep "^merge.${frame%.*}$tab" "$here/merge.commands")
+    [ -z "$merge" ] || sh -c "${merge#*"$tab"} --when-complete -q" >>"$log" 2>&1 || :
+  else
+    worst=$status
+    # A node on which everything fails at once must not take all there is to do.
+    [ -n "$stop" ] || sleep "${BRUME_PAUSE:-10}"
+  fi
+done
+[ -z "$stop" ] || exit 3
+exit $worst
+)sh";
+}
+
+}  // namespace brume

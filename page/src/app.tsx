@@ -1,0 +1,258 @@
+import { useCallback, useEffect, useLayoutEffect, useMemo, useRef, useState } from "preact/hooks";
+import { About } from "./about";
+import { AblationView } from "./ablation";
+import { PageProvider, type Page } from "./context";
+import { Choice, Select } from "./controls";
+import { Help } from "./help";
+import { handleKey, tabsOf, type Actions } from "./keys";
+import { Library } from "./library";
+import { Look } from "./look";
+import { Methods } from "./methods";
+import { Numbers } from "./numbers";
+import { palette } from "./palette";
+import { Plots } from "./plots";
+import type { Index, PictureEntry } from "./results";
+import { SensitivityView } from "./sensitivity";
+import { defaultView, fitting, fromHash, nameIn, toHash, type Tab, type View } from "./state";
+import { fitScale, movedBy, zoomedAt, type Size } from "./viewport";
+
+const TAB_NAMES: Record<Tab, string> = {
+  look: "Look",
+  numbers: "Numbers",
+  plots: "Plots",
+  ablation: "Ablation",
+  sensitivity: "Sensitivity",
+  about: "About",
+};
+
+type Theme = "auto" | "light" | "dark";
+
+/** Whether a media query holds now. */
+function useMedia(query: string): boolean {
+  const media = useMemo(() => matchMedia(query), []);
+  const [matches, setMatches] = useState(media.matches);
+  useEffect(() => {
+    const change = () => setMatches(media.matches);
+    media.addEventListener("change", change);
+    return () => media.removeEventListener("change", change);
+  }, []);
+  return matches;
+}
+
+/** Light or dark: as the system has it until the reader chooses; paper is light. */
+function useTheme(): [boolean, () => void] {
+  const systemDark = useMedia("(prefers-color-scheme: dark)");
+  const printing = useMedia("print");
+  const [theme, setTheme] = useState<Theme>("auto");
+  const dark = !printing && (theme === "auto" ? systemDark : theme === "dark");
+  useLayoutEffect(() => {
+    document.documentElement.dataset["theme"] = dark ? "dark" : "light";
+  }, [dark]);
+  return [dark, () => setTheme(dark ? "light" : "dark")];
+}
+
+export function App({ index, entries }: { index: Index; entries: PictureEntry[] }) {
+  // Counts the pictures that have become available: each is a reason to draw again.
+  const [, setArrived] = useState(0);
+  const [message, setMessage] = useState("");
+  const library = useMemo(() => new Library(entries, () => setArrived((n) => n + 1), setMessage), []);
+  const normal = useMemo(() => defaultView(index, library), []);
+  const [view, setView] = useState<View>(() => fromHash(location.hash, normal, index));
+  const [dark, switchTheme] = useTheme();
+  const [help, setHelp] = useState(false);
+  const pane = useRef<{ pane: Size; picture: Size } | undefined>(undefined);
+  const set = useCallback((change: Partial<View>) => setView((old) => fitting(index, { ...old, ...change })), []);
+  const styles = useMemo(() => palette(index.results, dark), [dark]);
+  const page: Page = { index, library, view, set, dark, name: (id) => nameIn(index, view, id) };
+  const tabs = tabsOf(page);
+  const tab = tabs.includes(view.tab) ? view.tab : "look";
+
+  useEffect(
+    () => document.getElementById(`tab-${tab}`)?.scrollIntoView({ block: "nearest", inline: "nearest" }),
+    [tab],
+  );
+  // Dragging changes the view with every frame; browsers allow a page only so many changes of its address.
+  useEffect(() => {
+    const later = setTimeout(() => {
+      const hash = toHash(view, normal);
+      if (hash !== location.hash.replace(/^#/, ""))
+        history.replaceState(null, "", hash ? `#${hash}` : location.pathname + location.search);
+    }, 150);
+    return () => clearTimeout(later);
+  }, [view]);
+  useEffect(() => {
+    const follow = () => setView(fromHash(location.hash, normal, index));
+    addEventListener("hashchange", follow);
+    return () => removeEventListener("hashchange", follow);
+  }, []);
+  useEffect(() => {
+    if (!message) return;
+    const later = setTimeout(() => setMessage(""), 6000);
+    return () => clearTimeout(later);
+  }, [message]);
+
+  const zoom = (factor: number) => {
+    const p = pane.current;
+    if (p) set(zoomedAt(view, factor, p.pane.width / 2, p.pane.height / 2, p.picture, p.pane));
+  };
+  const actions: Actions = {
+    tabs,
+    help: () => setHelp(true),
+    theme: switchTheme,
+    zoom,
+    pan: (dx, dy) => {
+      const p = pane.current;
+      if (p && tab === "look") set(movedBy(view, (dx * p.pane.width) / 8, (dy * p.pane.height) / 8, p.picture, p.pane));
+    },
+    actualSize: () => {
+      const p = pane.current;
+      if (p)
+        set(
+          zoomedAt(
+            view,
+            1 / devicePixelRatio / fitScale(p.picture, p.pane) / view.zoom,
+            p.pane.width / 2,
+            p.pane.height / 2,
+            p.picture,
+            p.pane,
+          ),
+        );
+    },
+    link: () => {
+      const hash = toHash(view, normal);
+      const address = location.href.replace(/#.*$/, "") + (hash ? `#${hash}` : "");
+      const told = () => setMessage("The address bar holds a link to this view");
+      if (navigator.clipboard)
+        navigator.clipboard.writeText(address).then(() => setMessage("Link to this view copied"), told);
+      else told();
+    },
+  };
+  const latest = useRef({ page, actions });
+  latest.current = { page: { ...page, view: { ...view, tab } }, actions };
+  useEffect(() => {
+    const key = (event: KeyboardEvent) => handleKey(event, latest.current.page, latest.current.actions);
+    addEventListener("keydown", key);
+    return () => removeEventListener("keydown", key);
+  }, []);
+
+  const { scenes, metrics, brume, commit, command } = index.results;
+  const spp = index.spp(view.scene);
+  const regions = index.regions();
+  const sceneChoice = {
+    values: scenes.map((s) => ({ value: s.name, text: s.name })),
+    value: view.scene,
+    onChange: (scene: string) => set({ scene }),
+  };
+  const onTabKey = (event: KeyboardEvent) => {
+    const by = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
+    if (!by) return;
+    const next = tabs[(tabs.indexOf(tab) + by + tabs.length) % tabs.length]!;
+    set({ tab: next });
+    document.getElementById(`tab-${next}`)?.focus();
+  };
+
+  return (
+    <PageProvider value={page}>
+      <header class="top">
+        <h1>
+          <svg viewBox="0 0 32 32" aria-hidden="true">
+            <path d="M4 11c5-5 9 3 14 0s6-4 10-2M3 18c6-5 10 3 15 0s7-4 11-2M7 25c5-4 8 2 12 0s5-3 8-2" />
+          </svg>
+          brume
+        </h1>
+        <div class="choices">
+          {scenes.length > 4 && <Select label="Scene" {...sceneChoice} />}
+          {scenes.length > 1 && scenes.length <= 4 && <Choice label="Scene" {...sceneChoice} />}
+          <Choice
+            label="Samples per pixel"
+            before="spp"
+            values={spp.map((n) => ({ value: n, text: String(n), title: `${n} samples per pixel` }))}
+            value={view.spp}
+            onChange={(n) => set({ spp: n })}
+          />
+          {metrics.length > 0 && (
+            <Select
+              label="Metric"
+              value={view.metric}
+              values={metrics.map((m) => ({ value: m.id, text: m.name }))}
+              onChange={(metric) => set({ metric, sort: metric, descending: false })}
+            />
+          )}
+          {regions.length > 1 && (
+            <Choice
+              label="Pixels that count"
+              values={regions.map((r) => ({
+                value: r,
+                text: r,
+                title: r === "medium" ? "Pixels that show the medium" : "The whole frame",
+              }))}
+              value={view.region}
+              onChange={(region) => set({ region })}
+            />
+          )}
+        </div>
+        <div class="tools">
+          <button type="button" title="Copy a link to this view (y)" onClick={actions.link}>
+            Link
+          </button>
+          <button
+            type="button"
+            class="icon"
+            title="Light or dark (u)"
+            aria-label={dark ? "Light colours" : "Dark colours"}
+            onClick={switchTheme}
+          >
+            {dark ? "☀" : "☾"}
+          </button>
+          <button type="button" class="icon" title="Keys (?)" aria-label="Keys" onClick={() => setHelp(true)}>
+            ?
+          </button>
+        </div>
+      </header>
+      <nav aria-label="Views">
+        <div role="tablist" onKeyDown={onTabKey}>
+          {tabs.map((t) => (
+            <button
+              key={t}
+              id={`tab-${t}`}
+              type="button"
+              role="tab"
+              aria-selected={t === tab}
+              aria-controls="view"
+              tabIndex={t === tab ? 0 : -1}
+              onClick={() => set({ tab: t })}
+            >
+              {TAB_NAMES[t]}
+            </button>
+          ))}
+        </div>
+      </nav>
+      <div class="body">
+        <Methods styles={styles} />
+        <main>
+          <div id="view" role="tabpanel" aria-labelledby={`tab-${tab}`}>
+            {tab === "look" && (
+              <Look
+                zoom={zoom}
+                actualSize={actions.actualSize}
+                onPane={(p, picture) => (pane.current = { pane: p, picture })}
+              />
+            )}
+            {tab === "numbers" && <Numbers />}
+            {tab === "plots" && <Plots styles={styles} />}
+            {tab === "ablation" && <AblationView />}
+            {tab === "sensitivity" && <SensitivityView styles={styles} />}
+            {tab === "about" && <About />}
+          </div>
+        </main>
+      </div>
+      <p class="origin">
+        brume {brume} {commit}: <code>{command}</code>
+      </p>
+      <div class="message" role="status">
+        {message}
+      </div>
+      <Help open={help} onClose={() => setHelp(false)} />
+    </PageProvider>
+  );
+}

@@ -1,0 +1,84 @@
+// Small parts that several views use.
+import type { ComponentChildren } from "preact";
+import { REFERENCE } from "./results";
+import { listedMethods } from "./state";
+import { usePage } from "./context";
+
+/** One choice of a few, as buttons in a row. */
+export function Choice<T extends string | number>(props: {
+  label: string;
+  /** Printed in front of the buttons. */
+  before?: string;
+  values: readonly { value: T; text: string; title?: string }[];
+  value: T;
+  onChange: (value: T) => void;
+}) {
+  return (
+    <div class="choice" role="group" aria-label={props.label}>
+      {props.before && <span aria-hidden="true">{props.before}</span>}
+      {props.values.map(({ value, text, title }) => (
+        <button
+          key={value}
+          type="button"
+          aria-pressed={value === props.value}
+          title={title}
+          onClick={() => props.onChange(value)}
+        >
+          {text}
+        </button>
+      ))}
+    </div>
+  );
+}
+
+export function Select<T extends string>(props: {
+  label: string;
+  value: T;
+  values: readonly { value: T; text: string }[];
+  onChange: (value: T) => void;
+  class?: string;
+}) {
+  return (
+    <select
+      class={props.class}
+      aria-label={props.label}
+      title={props.label}
+      value={props.value}
+      onChange={(e) => props.onChange(e.currentTarget.value as T)}
+    >
+      {props.values.map(({ value, text }) => (
+        <option key={value} value={value} selected={value === props.value}>
+          {text}
+        </option>
+      ))}
+    </select>
+  );
+}
+
+/** Which picture is A or B. */
+export function PicturePicker({ which }: { which: "a" | "b" }) {
+  const { index, library, view, set, name } = usePage();
+  const ids = [REFERENCE, ...listedMethods(index, view)].filter((id) => library.has(view.scene, view.spp, id));
+  if (!ids.includes(view[which])) ids.push(view[which]);
+  return (
+    <label class={`picker ${which}`}>
+      <span class={`badge ${which}`}>{which.toUpperCase()}</span>
+      <Select
+        label={`Picture ${which.toUpperCase()}`}
+        value={view[which]}
+        values={ids.map((id) => ({ value: id, text: name(id) }))}
+        onChange={(id) => set({ [which]: id })}
+      />
+    </label>
+  );
+}
+
+export function Section(props: { title: string; note?: ComponentChildren; children?: ComponentChildren }) {
+  return (
+    <section class="section">
+      <h2>{props.title}</h2>
+      {props.note && <p class="note">{props.note}</p>}
+      {props.children}
+    </section>
+  );
+}

@@ -1,0 +1,353 @@
+// The pictures: swipe, flip and grid.
+import { useState } from "preact/hooks";
+import { cssGradient, luminance, TONE_NAMES, TONES } from "./color";
+import { usePage } from "./context";
+import { Choice, PicturePicker, Select } from "./controls";
+import { number, signed, stops as stopsText } from "./format";
+import { ERROR_KINDS, errorColours, ERRORS, type Look as Colours } from "./library";
+import { Pane, type Pixel } from "./pane";
+import { REFERENCE } from "./results";
+import { shownMethods, type Mode } from "./state";
+import type { Size } from "./viewport";
+import { WHOLE } from "./viewport";
+
+interface Props {
+  onPane: (pane: Size, picture: Size) => void;
+  zoom: (factor: number) => void;
+  actualSize: () => void;
+}
+
+const MODE_NAMES: { value: Mode; text: string; title: string }[] = [
+  { value: "swipe", text: "Swipe", title: "A left of a divider, B right of it (1)" },
+  { value: "flip", text: "Flip", title: "One picture at a time, Space for the other (2)" },
+  { value: "grid", text: "Grid", title: "All of them side by side (3)" },
+];
+
+export function fullScale(kind: keyof typeof ERRORS, gain: number): number {
+  return ERRORS[kind].full * 2 ** gain;
+}
+
+export function Look({ onPane, zoom, actualSize }: Props) {
+  const { index, library, view, set, name } = usePage();
+  const [probe, setProbe] = useState<Pixel | undefined>();
+  const scene = index.results.scenes.find((s) => s.name === view.scene);
+  const size = library.size(view.scene);
+  if (!size) return <p class="empty">This page holds no pictures of {view.scene}.</p>;
+
+  const sceneExposure = scene?.exposure ?? 1;
+  const errors = view.show === "error";
+  const coloursOf = (id: string): Colours =>
+    errors && id !== REFERENCE
+      ? { show: "error", kind: view.error, full: fullScale(view.error, view.gain), exposure: sceneExposure }
+      : { show: "picture", tone: view.tone, exposure: sceneExposure * 2 ** view.stops };
+  const canvasOf = (id: string) => library.canvas(view.scene, view.spp, id, coloursOf(id));
+  const value = (id: string) => index.estimate(view.scene, view.spp, id, view.region, view.metric)?.mean;
+  const metricName = index.metrics.get(view.metric)?.name ?? "";
+  const describe = (id: string) =>
+    `${name(id)}${id === REFERENCE ? "" : `, ${view.spp} spp`}${errors && id !== REFERENCE ? `, ${ERRORS[view.error].name}` : ""}`;
+  const pane = {
+    picture: size,
+    view,
+    onView: (next: { x: number; y: number; zoom: number }) => set({ x: next.x, y: next.y, zoom: next.zoom }),
+    onProbe: setProbe,
+    onSize: (s: Size) => onPane(s, size),
+  };
+  /** In the grid, the error at the pixel under the pointer. */
+  const here = (id: string) => {
+    const picture = library.get(view.scene, view.spp, id);
+    const reference = library.get(view.scene, 0, REFERENCE);
+    if (view.mode !== "grid" || !probe || !picture || !reference) return undefined;
+    const error = library.error(view.error, picture, reference, sceneExposure)[probe.y * picture.width + probe.x]!;
+    return `${ERRORS[view.error].short} here ${ERRORS[view.error].signed ? signed(error) : number(error)}`;
+  };
+  const caption = (id: string) => (
+    <>
+      <span class="name">{name(id)}</span>
+      {index.row(view.scene, view.spp, id, view.region)?.failed && <span class="failed">failed</span>}
+      {id !== REFERENCE && value(id) !== undefined && (
+        <span class="value">{here(id) ?? `${metricName} ${number(value(id))}`}</span>
+      )}
+    </>
+  );
+  const tiles = [REFERENCE, ...shownMethods(index, view)].filter((id) => library.has(view.scene, view.spp, id));
+
+  return (
+    <div class="look">
+      <div class="toolbar">
+        <Choice label="How to compare" values={MODE_NAMES} value={view.mode} onChange={(mode) => set({ mode })} />
+        {view.mode !== "grid" && (
+          <div class="pickers">
+            <PicturePicker which="a" />
+            <button
+              type="button"
+              class="icon"
+              title="Exchange A and B (x)"
+              aria-label="Exchange A and B"
+              onClick={() => set({ a: view.b, b: view.a })}
+            >
+              ⇄
+            </button>
+            <PicturePicker which="b" />
+          </div>
+        )}
+        <div class="zooms" role="group" aria-label="Zoom">
+          <button
+            type="button"
+            class="icon"
+            title="Further (−)"
+            aria-label="Zoom out"
+            onClick={() => zoom(Math.SQRT1_2)}
+          >
+            −
+          </button>
+          <button type="button" title="The whole picture (0)" onClick={() => set({ ...WHOLE })}>
+            Fit
+          </button>
+          <button type="button" title="One picture pixel for one of the screen (o)" onClick={actualSize}>
+            1:1
+          </button>
+          <button type="button" class="icon" title="Closer (+)" aria-label="Zoom in" onClick={() => zoom(Math.SQRT2)}>
+            +
+          </button>
+        </div>
+      </div>
+
+      {view.mode === "grid" ? (
+        <div class="grid">
+          {tiles.map((id) => (
+            <figure
+              key={id}
+              class={`tile${id === view.a ? " is-a" : ""}${id === view.b ? " is-b" : ""}`}
+              style={{ "--aspect": `${size.width} / ${size.height}` }}
+            >
+              <Pane {...pane} left={canvasOf(id)} label={describe(id)} mark={probe} />
+              <figcaption>{caption(id)}</figcaption>
+            </figure>
+          ))}
+        </div>
+      ) : (
+        <div class="stage" style={{ "--aspect": `${size.width} / ${size.height}` }}>
+          {view.mode === "swipe" ? (
+            <Pane
+              {...pane}
+              left={canvasOf(view.a)}
+              right={canvasOf(view.b)}
+              split={view.split}
+              label={`Left ${describe(view.a)}; right ${describe(view.b)}`}
+              onSplit={(split) => set({ split })}
+            />
+          ) : (
+            <Pane
+              {...pane}
+              left={canvasOf(view[view.front])}
+              label={describe(view[view.front])}
+              onTap={() => set({ front: view.front === "a" ? "b" : "a" })}
+            />
+          )}
+          {(view.mode === "swipe" || view.front === "a") && (
+            <div class="corner a">
+              <span class="badge a">A</span> {caption(view.a)}
+            </div>
+          )}
+          {(view.mode === "swipe" || view.front === "b") && (
+            <div class="corner b">
+              <span class="badge b">B</span> {caption(view.b)}
+            </div>
+          )}
+          {view.mode === "swipe" && <Divider split={view.split} onSplit={(split) => set({ split })} />}
+        </div>
+      )}
+
+      <div class="toolbar below">
+        <Choice
+          label="What to show"
+          values={[
+            { value: "picture", text: "Picture", title: "(e)" },
+            { value: "error", text: "Error", title: "Error map against the reference (e)" },
+          ]}
+          value={view.show}
+          onChange={(show) => set({ show })}
+        />
+        {errors ? (
+          <>
+            <Select
+              label="Kind of error"
+              value={view.error}
+              values={ERROR_KINDS.map((kind) => ({ value: kind, text: ERRORS[kind].name }))}
+              onChange={(error) => set({ error, gain: 0 })}
+            />
+            <Legend />
+          </>
+        ) : (
+          <>
+            <Select
+              label="Tone curve"
+              value={view.tone}
+              values={TONES.map((tone) => ({ value: tone, text: TONE_NAMES[tone] }))}
+              onChange={(tone) => set({ tone })}
+            />
+            <label class="slider">
+              <span>Exposure</span>
+              <input
+                type="range"
+                min={-6}
+                max={6}
+                step={0.25}
+                value={view.stops}
+                aria-valuetext={stopsText(view.stops)}
+                onInput={(e) => set({ stops: Number(e.currentTarget.value) })}
+              />
+              <output>{stopsText(view.stops)}</output>
+            </label>
+            {view.stops !== 0 && (
+              <button type="button" title="The scene's exposure (\)" onClick={() => set({ stops: 0 })}>
+                Reset
+              </button>
+            )}
+          </>
+        )}
+      </div>
+
+      <Probe pixel={probe} exposure={sceneExposure} />
+    </div>
+  );
+}
+
+function Divider({ split, onSplit }: { split: number; onSplit: (split: number) => void }) {
+  const percent = Math.round(100 * split);
+  const step = (event: KeyboardEvent) => {
+    const by = { ArrowLeft: -0.02, ArrowRight: 0.02, PageUp: 0.2, PageDown: -0.2, Home: -1, End: 1 }[event.key];
+    if (by === undefined) return;
+    event.preventDefault();
+    onSplit(Math.min(1, Math.max(0, split + by)));
+  };
+  return (
+    <div
+      class="divider"
+      role="separator"
+      tabIndex={0}
+      aria-orientation="vertical"
+      aria-label="Divider between A and B"
+      aria-valuemin={0}
+      aria-valuemax={100}
+      aria-valuenow={percent}
+      style={{ left: `${100 * split}%` }}
+      onKeyDown={step}
+    >
+      <svg viewBox="0 0 34 34" aria-hidden="true">
+        <path d="M13 12l-5 5 5 5M21 12l5 5-5 5" />
+      </svg>
+    </div>
+  );
+}
+
+/** A round number without trailing zeros. */
+function plain(value: number): string {
+  return String(Number(value.toPrecision(4)));
+}
+
+function Legend() {
+  const { view, set } = usePage();
+  const { unit, signed: both } = ERRORS[view.error];
+  const full = fullScale(view.error, view.gain);
+  return (
+    <div class="legend">
+      <button
+        type="button"
+        class="icon"
+        aria-label="÷2: halve the scale"
+        title="Halve the scale (<)"
+        disabled={view.gain <= -8}
+        onClick={() => set({ gain: view.gain - 1 })}
+      >
+        ÷2
+      </button>
+      <div class="ramp">
+        <div class="bar" style={{ background: cssGradient(errorColours(view.error)) }} />
+        <div class="ticks">
+          <span>{both ? `−${plain(full)}` : "0"}</span>
+          <span>{both ? "0" : plain(full / 2)}</span>
+          <span>
+            {plain(full)} {unit}
+          </span>
+        </div>
+      </div>
+      <button
+        type="button"
+        class="icon"
+        aria-label="×2: double the scale"
+        title="Double the scale (>)"
+        disabled={view.gain >= 8}
+        onClick={() => set({ gain: view.gain + 1 })}
+      >
+        ×2
+      </button>
+    </div>
+  );
+}
+
+/** Values of A, B and the reference at the pixel under the pointer. */
+function Probe({ pixel, exposure }: { pixel: Pixel | undefined; exposure: number }) {
+  const { library, view, name } = usePage();
+  const reference = library.get(view.scene, 0, REFERENCE);
+  const rows: { id: string; badge?: "a" | "b" }[] = [
+    { id: view.a, badge: "a" },
+    { id: view.b, badge: "b" },
+    { id: REFERENCE },
+  ];
+  return (
+    <div class="scroll" tabIndex={0} role="region" aria-label="Values of a pixel">
+      <table class="probe">
+        <caption>
+          {pixel ? (
+            <>
+              Pixel{" "}
+              <b class="where">
+                {pixel.x}, {pixel.y}
+              </b>
+            </>
+          ) : (
+            "Point at a picture for its values"
+          )}
+        </caption>
+        <thead>
+          <tr>
+            <th scope="col">Linear Rec. 709</th>
+            <th scope="col">R</th>
+            <th scope="col">G</th>
+            <th scope="col">B</th>
+            <th scope="col">Luminance</th>
+            {ERROR_KINDS.map((kind) => (
+              <th key={kind} scope="col">
+                {ERRORS[kind].short}
+              </th>
+            ))}
+          </tr>
+        </thead>
+        <tbody>
+          {rows.map(({ id, badge }, i) => {
+            const picture = library.get(view.scene, view.spp, id);
+            const rgb = pixel && picture ? picture.rgb(pixel.x, pixel.y) : undefined;
+            const at = pixel && picture ? pixel.y * picture.width + pixel.x : 0;
+            return (
+              <tr key={i}>
+                <th scope="row">
+                  {badge && <span class={`badge ${badge}`}>{badge.toUpperCase()}</span>} {name(id)}
+                </th>
+                {[0, 1, 2].map((c) => (
+                  <td key={c}>{rgb ? number(rgb[c]) : "–"}</td>
+                ))}
+                <td>{rgb ? number(luminance(...rgb)) : "–"}</td>
+                {ERROR_KINDS.map((kind) => {
+                  if (!pixel || !picture || !reference || id === REFERENCE) return <td key={kind}>–</td>;
+                  const error = library.error(kind, picture, reference, exposure)[at]!;
+                  return <td key={kind}>{ERRORS[kind].signed ? signed(error) : number(error)}</td>;
+                })}
+              </tr>
+            );
+          })}
+        </tbody>
+      </table>
+    </div>
+  );
+}

@@ -1,0 +1,297 @@
+// Tables: every metric of every method, who beats whom, time to an error, what failed.
+import { usePage } from "./context";
+import { Section } from "./controls";
+import { bytes, number, seconds, signed } from "./format";
+import { isBetter, settingOf, totalSeconds, type Metric, type Row } from "./results";
+import { shownMethods } from "./state";
+
+interface Column {
+  id: string;
+  name: string;
+  title: string;
+  /** What rows are sorted by; nothing sorts last. */
+  value: (row: Row | undefined, id: string) => number | string | undefined;
+  metric?: Metric;
+}
+
+export function Numbers() {
+  const { index, view, set, name } = usePage();
+  const { scene, spp, region } = view;
+  const rows = shownMethods(index, view);
+  const rowOf = (id: string) => index.row(scene, spp, id, region);
+  const measured = index.results.metrics.filter((m) => rows.some((id) => rowOf(id)?.metrics[m.id]));
+  const any = (what: (row: Row) => unknown) => rows.some((id) => rowOf(id) && what(rowOf(id)!));
+
+  const columns: Column[] = [
+    { id: "method", name: "Method", title: "Name", value: (_, id) => name(id) },
+    ...measured.map((metric) => ({
+      id: metric.id,
+      name: metric.name,
+      title: `${metric.definition ?? metric.name}${metric.unit ? ` [${metric.unit}]` : ""}; ${BETTER[metric.better]} is better`,
+      metric,
+      value: (row: Row | undefined) => {
+        const mean = row?.metrics[metric.id]?.mean;
+        return mean !== undefined && metric.better === "zero" ? Math.abs(mean) : mean;
+      },
+    })),
+    ...(any((r) => r.seconds?.render !== undefined)
+      ? [{ id: "render", name: "Render", title: "Seconds to render", value: (r?: Row) => r?.seconds?.render }]
+      : []),
+    ...(any((r) => r.seconds?.guides)
+      ? [
+          {
+            id: "guides",
+            name: "Guides",
+            title: "Seconds for guides and the layers that the filter needs",
+            value: (r?: Row) => r?.seconds?.guides,
+          },
+        ]
+      : []),
+    ...(any((r) => r.seconds?.filter !== undefined)
+      ? [{ id: "filter", name: "Filter", title: "Seconds to filter", value: (r?: Row) => r?.seconds?.filter }]
+      : []),
+    ...(any((r) => totalSeconds(r.seconds) !== undefined)
+      ? [
+          {
+            id: "total",
+            name: "In all",
+            title: "Render, guides and filter",
+            value: (r?: Row) => totalSeconds(r?.seconds),
+          },
+        ]
+      : []),
+    ...(any((r) => r.peak_memory_bytes)
+      ? [
+          {
+            id: "memory",
+            name: "Memory",
+            title: "Most memory held at a time",
+            value: (r?: Row) => r?.peak_memory_bytes ?? undefined,
+          },
+        ]
+      : []),
+  ];
+  const sort = columns.find((c) => c.id === view.sort) ?? columns[1] ?? columns[0]!;
+  const sign = (sort.metric?.better === "higher") !== view.descending ? -1 : 1;
+  const sorted = [...rows].sort((x, y) => {
+    const [u, v] = [sort.value(rowOf(x), x), sort.value(rowOf(y), y)];
+    if (u === undefined || v === undefined) return Number(u === undefined) - Number(v === undefined);
+    return sign * (typeof u === "string" ? u.localeCompare(String(v)) : u - Number(v));
+  });
+  const best = new Map(measured.map((m) => [m.id, bestOf(m, rows, (id) => rowOf(id)?.metrics[m.id]?.mean)]));
+  const level = (metric: string, id: string) => {
+    const first = best.get(metric);
+    return !!first && first !== id && index.verdict(scene, spp, region, metric, first, id)?.better === null;
+  };
+
+  return (
+    <div class="numbers">
+      <Section
+        title={`${scene}, ${spp} spp, ${region === "medium" ? "pixels of the medium" : "whole frame"}`}
+        note={
+          <>
+            Means over {index.results.seeds?.length ?? "the"} seeds with the half width of their 95 % interval.{" "}
+            <span class="mark best">●</span> best of a column
+            {index.results.pairs.length > 0 && (
+              <>
+                , <span class="mark level">○</span> not told apart from it by the paired difference
+              </>
+            )}
+            .
+          </>
+        }
+      >
+        <div class="scroll" tabIndex={0} role="region" aria-label="Table of metrics">
+          <table class="metrics">
+            <thead>
+              <tr>
+                {columns.map((c) => (
+                  <th
+                    key={c.id}
+                    scope="col"
+                    aria-sort={c.id === sort.id ? (sign > 0 ? "ascending" : "descending") : "none"}
+                  >
+                    <button
+                      type="button"
+                      title={c.title}
+                      onClick={() => set({ sort: c.id, descending: c.id === sort.id ? !view.descending : false })}
+                    >
+                      {c.name}
+                      <span class="arrow" aria-hidden="true">
+                        {c.id === sort.id ? (sign > 0 ? "▲" : "▼") : ""}
+                      </span>
+                    </button>
+                  </th>
+                ))}
+              </tr>
+            </thead>
+            <tbody>
+              {sorted.map((id) => {
+                const row = rowOf(id);
+                const method = index.methods.get(id)!;
+                return (
+                  <tr key={id} data-method={id} class={id === view.a ? "is-a" : id === view.b ? "is-b" : ""}>
+                    <th scope="row">
+                      {method.label}
+                      {view.setting === "" && settingOf(method) && <small> {settingOf(method)}</small>}
+                      {row?.failed && <span class="failed"> failed</span>}
+                    </th>
+                    {columns.slice(1).map((c) => {
+                      if (c.metric) {
+                        const e = row?.metrics[c.metric.id];
+                        const mark = best.get(c.id) === id ? "best" : level(c.id, id) ? "level" : "";
+                        return (
+                          <td key={c.id} data-metric={c.id} data-value={e?.mean} class={mark}>
+                            {mark && <span class={`mark ${mark}`}>{mark === "best" ? "●" : "○"}</span>}
+                            {e ? (c.metric.better === "zero" ? signed(e.mean) : number(e.mean)) : "–"}
+                            {e?.half_width ? <small> ± {number(e.half_width)}</small> : ""}
+                          </td>
+                        );
+                      }
+                      const v = c.value(row, id) as number | undefined;
+                      return <td key={c.id}>{c.id === "memory" ? bytes(v) : seconds(v)}</td>;
+                    })}
+                  </tr>
+                );
+              })}
+            </tbody>
+          </table>
+        </div>
+      </Section>
+      <Matrix methods={sorted} />
+      <TimeToError />
+      <Failures />
+    </div>
+  );
+}
+
+const BETTER = { lower: "lower", higher: "higher", zero: "closer to 0" };
+
+function bestOf(metric: Metric, ids: string[], value: (id: string) => number | undefined): string | undefined {
+  let best: string | undefined;
+  for (const id of ids) {
+    const v = value(id);
+    if (v === undefined || v === null) continue;
+    if (best === undefined || isBetter(metric, v, value(best)!)) best = id;
+  }
+  return best;
+}
+
+/** Each method against each other, by the paired differences over the seeds. */
+function Matrix({ methods }: { methods: string[] }) {
+  const { index, view, name } = usePage();
+  const { scene, spp, region } = view;
+  const paired = new Set(index.results.pairs.map((p) => p.metric));
+  const metric = paired.has(view.metric) ? view.metric : ([...paired][0] ?? view.metric);
+  const verdict = (row: string, column: string) => index.verdict(scene, spp, region, metric, row, column);
+  const there = methods.filter((id) => methods.some((other) => verdict(id, other)));
+  if (there.length < 2) return null;
+  const wins = (id: string) => there.filter((other) => verdict(id, other)?.better === "row").length;
+  const ordered = [...there].sort((x, y) => wins(y) - wins(x));
+  return (
+    <Section
+      title={`Who beats whom: ${index.metrics.get(metric)?.name ?? metric}`}
+      note="Row against column, paired over seeds: a filled square where the row is better, an empty one where it is worse, a dot where the seeds cannot tell (5 % level over all pairs). Point at a cell for the difference."
+    >
+      <div class="scroll" tabIndex={0} role="region" aria-label="Matrix of methods">
+        <table class="matrix">
+          <thead>
+            <tr>
+              <th scope="col">better than</th>
+              {ordered.map((id) => (
+                <th key={id} scope="col">
+                  <span>{name(id)}</span>
+                </th>
+              ))}
+              <th scope="col">
+                <span>beats</span>
+              </th>
+            </tr>
+          </thead>
+          <tbody>
+            {ordered.map((row) => (
+              <tr key={row}>
+                <th scope="row">{name(row)}</th>
+                {ordered.map((column) => {
+                  const v = row === column ? undefined : verdict(row, column);
+                  if (!v) return <td key={column} class="none" />;
+                  const kind = v.better === "row" ? "win" : v.better === "column" ? "loss" : "even";
+                  const text = `${name(row)} − ${name(column)}: ${signed(v.difference)} ± ${number(v.half_width)}`;
+                  return (
+                    <td key={column} class={kind} title={text}>
+                      <span class="hidden-text">{kind === "win" ? "better" : kind === "loss" ? "worse" : "level"}</span>
+                      <span aria-hidden="true">{kind === "win" ? "■" : kind === "loss" ? "□" : "·"}</span>
+                    </td>
+                  );
+                })}
+                <td class="count">{wins(row)}</td>
+              </tr>
+            ))}
+          </tbody>
+        </table>
+      </div>
+    </Section>
+  );
+}
+
+function TimeToError() {
+  const { index, view } = usePage();
+  const entries = index.results.time_to_error.filter((t) => t.scene === view.scene && !view.hidden.includes(t.method));
+  if (entries.length === 0) return null;
+  const factor = (v: number | null | undefined) => (v === null || v === undefined ? "–" : `${number(v)} ×`);
+  return (
+    <Section
+      title={`${view.scene}: time to an error`}
+      note="Seconds of rendering, guides and filtering until a method's error has fallen to the one given, and how many times faster that is."
+    >
+      <div class="scroll" tabIndex={0} role="region" aria-label="Time to an error">
+        <table class="metrics">
+          <thead>
+            <tr>
+              <th scope="col">Method</th>
+              <th scope="col">Error</th>
+              <th scope="col">Time</th>
+              <th scope="col">than path tracing</th>
+              <th scope="col">than the gradient kernel</th>
+            </tr>
+          </thead>
+          <tbody>
+            {[...entries]
+              .sort((x, y) => x.error - y.error || (x.seconds ?? Infinity) - (y.seconds ?? Infinity))
+              .map((t, i) => (
+                <tr key={i}>
+                  <th scope="row">{index.fullLabel(t.method)}</th>
+                  <td>{number(t.error)}</td>
+                  <td>{t.seconds === null ? "not reached" : seconds(t.seconds)}</td>
+                  <td>{factor(t.factor_over_path_tracing)}</td>
+                  <td>{factor(t.factor_over_gradient_kernel)}</td>
+                </tr>
+              ))}
+          </tbody>
+        </table>
+      </div>
+    </Section>
+  );
+}
+
+function Failures() {
+  const { index, name } = usePage();
+  const failed = index.results.rows.filter((r) => r.failed);
+  const seen = new Set<string>();
+  const once = failed.filter((r) => {
+    const key = `${r.scene} ${r.spp} ${r.method} ${r.failed}`;
+    return !seen.has(key) && seen.add(key);
+  });
+  if (once.length === 0) return null;
+  return (
+    <Section title="What failed">
+      <ul class="failures">
+        {once.map((r, i) => (
+          <li key={i}>
+            <b>{name(r.method)}</b>, {r.scene}, {r.spp} spp: {r.failed}
+          </li>
+        ))}
+      </ul>
+    </Section>
+  );
+}
