@@ -8,8 +8,10 @@
 #include "app/command.h"
 #include "app/frame.h"
 #include "base/error.h"
+#include "base/output_file.h"
 #include "base/sequence.h"
 #include "base/text.h"
+#include "evaluate/contact_sheet.h"
 #include "evaluate/metric.h"
 #include "evaluate/temporal.h"
 
@@ -20,7 +22,7 @@ struct Options {
   std::string picture, reference, second, layer, exposure = "header";
   bool no_clip = false, each_layer = false;
   std::vector<std::string> limits, floors;
-  std::string frames;
+  std::string frames, contact_sheet;
 } o;
 
 nlohmann::json to_json(const Errors& e) {
@@ -172,6 +174,8 @@ int run_sequence(const Common& common) {
     throw InputError("--frames compares the beauty of a sequence; leave out layers");
   const std::vector<int> frames = parse_frames(o.frames);
   const Task task{common.threads, {}, &interrupted};
+  if (!o.contact_sheet.empty()) check_writable(o.contact_sheet, {}, ".png");
+  std::optional<ContactSheet> sheet;
   std::optional<LabPolicy> policy;
   std::optional<SequenceErrors> whole, medium;
   std::vector<std::string> failures;
@@ -197,6 +201,10 @@ int run_sequence(const Common& common) {
     if (!whole) whole.emplace(*policy);
     whole->lab_rms.push_back(errors[0].lab_rms);
     whole->temporal.add(x, r, r2, {});
+    if (!o.contact_sheet.empty()) {
+      if (!sheet) sheet.emplace(*policy, static_cast<int>(frames.size()));
+      sheet->add(number, x, r, errors[0].lab_rms, whole->temporal.last_change());
+    }
     if (!mask.empty()) {
       if (!medium) medium.emplace(*policy);
       medium->lab_rms.push_back(errors[1].lab_rms);
@@ -207,6 +215,7 @@ int run_sequence(const Common& common) {
         failures.push_back(fmt::format("frame {}: {}", number, failure));
   }
   if (medium && medium->lab_rms.size() != whole->lab_rms.size()) medium.reset();
+  if (sheet) write_png(o.contact_sheet, sheet->draw());
   if (common.json) {
     nlohmann::json j = {{"picture", o.picture},     {"reference", o.reference},
                         {"policy", policy->text()}, {"frames", frames},
@@ -261,6 +270,11 @@ void add_compare(CLI::App& app, Common& common, Commands& commands) {
       "--frames", o.frames,
       "compare these frames of sequences, whose names have ####, $F4 or %04d: the error of each, and how "
       "much the picture flickers beyond its reference");
+  command
+      ->add_option("--contact-sheet", o.contact_sheet,
+                   "with --frames: a PNG of up to twelve of them side by side, with their errors and how wrongly they "
+                   "change in false colour")
+      ->needs("--frames");
   commands[command] = [&common] { return o.frames.empty() ? run(common) : run_sequence(common); };
 }
 

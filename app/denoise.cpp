@@ -381,7 +381,8 @@ FrameEnd run_shot(const Common& common, const Shot& shot, Window& window) {
   check_outputs(filters, shot, others);
   const std::string inputs = shot.sequence ? made_from(filters, shot.own, others) : "";
   if (o.resume && is_complete(filters, shot.own, inputs)) return FrameEnd::kSkipped;
-  std::set<std::string> channels = {"R", "G", "B"};
+  std::set<std::string> channels;
+  if (o.picture.exposure == "auto") channels = {"R", "G", "B"};
   for (const FilterSettings& filter : filters) channels.merge(readable_channels(filter, options, outline));
   for (const std::string& name : layer::noisy.channel_names()) channels.insert(name);
   window.keep(shot.own, others);

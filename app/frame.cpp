@@ -12,7 +12,7 @@ namespace brume::app {
 
 Layers read_frame(const Common& common, const std::string& path, const std::set<std::string>& wanted) {
   Layers frame = read_exr(path, [&](const std::string& name) { return wanted.empty() || wanted.contains(name); });
-  if (!wanted.empty() && !frame.has(layer::beauty)) frame = read_exr(path);
+  if (wanted.contains("R") && !frame.has(layer::beauty)) frame = read_exr(path);
   const std::string recognised = adopt_foreign_layers(frame);
   if (!recognised.empty() && !common.quiet) note(recognised);
   return frame;

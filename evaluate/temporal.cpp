@@ -46,6 +46,16 @@ void TemporalError::add(const RgbPlanes& x, const RgbPlanes& reference, const Rg
     changes_ += mean_product(size, either, of_picture, of_picture);
     reference_changes_ += mean_product(size, either, of_first, of_second);
     ++pairs_;
+    last_change_.emplace(size.width(), size.height());
+    for (int y = 0; y < size.height(); ++y)
+      for (int x_ = 0; x_ < size.width(); ++x_) {
+        double square = 0;
+        for (size_t c = 0; c < 3; ++c) {
+          const double d = of_picture(c, x_, y) - of_first(c, x_, y);
+          square += d * d;
+        }
+        (*last_change_)(x_, y) = static_cast<float>(std::sqrt(square));
+      }
   }
   last_ = std::move(now);
 }

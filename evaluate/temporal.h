@@ -25,6 +25,9 @@ class TemporalError {
   };
   /// Nothing until there are two frames with pixels that count.
   std::optional<Result> result() const;
+  /// At every pixel of the frame added last, how far the picture's change since the one before is from the (first)
+  /// reference's [Lab]. Nothing after one frame.
+  const std::optional<Plane>& last_change() const { return last_change_; }
 
  private:
   using Lab = std::array<Plane, 3>;
@@ -35,6 +38,7 @@ class TemporalError {
 
   LabPolicy policy_;
   std::optional<Frame> last_;
+  std::optional<Plane> last_change_;
   double errors_ = 0, changes_ = 0, reference_changes_ = 0;  // sums over pairs of means over pixels
   int pairs_ = 0;
 };

@@ -173,7 +173,7 @@ void read_signal(Signal& s, const Layers& layers, const LayerName& name, const R
     s.half_a = layers.rgb(name, statistic::half_a);
     s.half_b = layers.rgb(name, statistic::half_b);
   }
-  if (entry.can_use_statistics >= Statistics::kVariance || limits) {
+  if ((entry.can_use_statistics >= Statistics::kVariance && entry.signal_variance) || limits) {
     if (run.options.noise == NoiseSource::kSpatial)
       s.own.variance = spatial_variance(s.mean, task);
     else if (layers.has(name, statistic::mean_variance))

@@ -125,6 +125,7 @@ struct FilterEntry {
   std::vector<LayerName> produces;            ///< beside the clean picture
   Statistics statistics = Statistics::kNone;  ///< that it needs
   Statistics can_use_statistics = Statistics::kNone;
+  bool signal_variance = true;  ///< whether the variance is among them
   /// Whether it weighs by features or regresses on them with these parameters, whichever the frame has; null: never.
   std::function<bool(const std::any&)> features;
   /// Which it takes where the caller names none; null: all.
@@ -225,6 +226,8 @@ class Declaration {
     entry_.can_use_statistics = useful;
     return *this;
   }
+  /// Of the statistics, reads the halves and not the variance.
+  Declaration& no_variance() { return entry_.signal_variance = false, *this; }
   /// Reads the variance of the layers it needs or can use, where the frame has it.
   Declaration& with_variance() { return entry_.variances = true, *this; }
   /// Reads every layer `guide.*` that the frame has.

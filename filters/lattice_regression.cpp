@@ -196,7 +196,7 @@ class Solver {
 using Rows = std::vector<std::vector<float>>;
 
 /// Coefficients of every node, their weights behind them, from sums that are blurred along the rows already.
-Rows solve_nodes(const LatticeProblem& p, const LatticeWindow& window, const Shape& s, const Rows& sums,
+Rows solve_nodes(const LatticeProblem& p, const LatticeWindow& window, const Shape& s, Rows sums,
                  const std::vector<float>& taps, const Task& task) {
   Rows nodes(static_cast<size_t>(s.down));
   parallel_for(s.down, quiet(task), [&](int r) {
@@ -216,30 +216,42 @@ Rows solve_nodes(const LatticeProblem& p, const LatticeWindow& window, const Sha
   return nodes;
 }
 
+/// A row of nodes that all have the coefficients of the frame as one window.
+std::vector<float> solve_frame(const LatticeProblem& p, const LatticeWindow& window, const Shape& s, const Rows& sums) {
+  std::vector<double> whole(s.node);
+  for (const std::vector<float>& row : sums)
+    for (size_t i = 0; i < row.size(); ++i) whole[i % s.node] += static_cast<double>(row[i]);
+  std::vector<float> node(s.coefficients), nodes;
+  Solver(s, p.free, window).solve(whole.data(), node.data());
+  for (int b = 0; b < s.across; ++b) nodes.insert(nodes.end(), node.begin(), node.end());
+  return nodes;
+}
+
 void divide_by_weight(float* node, const Shape& s) {
   const float weight = node[s.coefficients - 16];
   const float scale = weight > 0 ? 1.0f / weight : 0.0f;
   for (size_t k = 0; k < s.coefficients - 16; ++k) node[k] *= scale;
 }
 
-Rows smooth(const Rows& nodes, const Shape& s, double deviation, const Task& task) {
+Rows smooth(Rows nodes, const Shape& s, double deviation, const Task& task) {
   const std::vector<float> taps = lattice_taps(deviation);
   Rows along(nodes.size()), out(nodes.size());
   parallel_for(s.down, quiet(task), [&](int r) {
     const size_t i = static_cast<size_t>(r);
     along[i].resize(nodes[i].size());
     blur_row(nodes[i].data(), along[i].data(), s.across, s.coefficients, taps);
+    nodes[i] = {};
   });
   parallel_for(s.down, quiet(task), [&](int r) {
     const size_t i = static_cast<size_t>(r);
-    out[i].resize(nodes[i].size());
+    out[i].resize(along[i].size());
     blur_down(along, r, taps, out[i].data());
     for (int b = 0; b < s.across; ++b) divide_by_weight(out[i].data() + static_cast<size_t>(b) * s.coefficients, s);
   });
   return out;
 }
 
-std::vector<Plane> predict_pixels(const LatticePixels& p, const Shape& s, const Rows& nodes, const Task& task) {
+std::vector<Plane> predict(const LatticePixels& p, const Shape& s, const Rows& nodes, const Task& task) {
   const int width = p.weight->width(), height = p.weight->height();
   std::vector<Plane> out;
   for (size_t t = 0; t < s.targets; ++t) out.emplace_back(width, height);
@@ -273,13 +285,6 @@ std::vector<Plane> predict_pixels(const LatticePixels& p, const Shape& s, const 
       for (int x = from; x < to; ++x)
         if (!(w[x] > 0)) plane(x, y) = 0;
   });
-  return out;
-}
-
-std::vector<Plane> predict(const LatticeProblem& p, const Shape& s, const Rows& nodes, const Task& task) {
-  std::vector<Plane> out = predict_pixels(p, s, nodes, task);
-  for (const LatticePixels& other : p.nearby)
-    for (Plane& plane : predict_pixels(other, s, nodes, task)) out.push_back(std::move(plane));
   return out;
 }
 
@@ -337,7 +342,8 @@ std::vector<LatticeColumn> standardised(std::vector<LatticeColumn> columns, cons
   return columns;
 }
 
-std::vector<Plane> lattice_regression(const LatticeProblem& problem, const LatticeWindow& window, const Task& task) {
+std::vector<Plane> lattice_regression(const LatticeProblem& problem, const LatticeWindow& window, const Task& task,
+                                      const std::function<void(size_t, std::vector<Plane>)>& take) {
   const bool global = !(window.deviation > 0);
   const Shape s(problem, global ? kGlobalBlock : lattice_block(window.deviation));
   const double in_blocks = window.deviation / s.block;
@@ -354,18 +360,11 @@ std::vector<Plane> lattice_regression(const LatticeProblem& problem, const Latti
     row = std::move(blurred);
   });
   task.check();
-  if (!global)
-    return predict(problem, s,
-                   smooth(solve_nodes(problem, window, s, sums, taps, task), s, kCoefficientBlur * in_blocks, task),
-                   task);
-  std::vector<double> whole(s.node);
-  for (const std::vector<float>& row : sums)
-    for (size_t i = 0; i < row.size(); ++i) whole[i % s.node] += static_cast<double>(row[i]);
-  std::vector<float> node(s.coefficients);
-  Solver(s, problem.free, window).solve(whole.data(), node.data());
-  std::vector<float> nodes;
-  for (int b = 0; b < s.across; ++b) nodes.insert(nodes.end(), node.begin(), node.end());
-  return predict(problem, s, Rows(static_cast<size_t>(s.down), nodes), task);
+  const Rows nodes = global ? Rows(static_cast<size_t>(s.down), solve_frame(problem, window, s, sums))
+                            : smooth(solve_nodes(problem, window, s, std::move(sums), taps, task), s,
+                                     kCoefficientBlur * in_blocks, task);
+  for (size_t i = 0; take && i < problem.nearby.size(); ++i) take(i, predict(problem.nearby[i], s, nodes, task));
+  return predict(problem, s, nodes, task);
 }
 
 }  // namespace brume

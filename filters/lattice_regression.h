@@ -1,4 +1,5 @@
 #pragma once
+#include <functional>
 #include <vector>
 
 #include "filters/planes.h"
@@ -39,8 +40,11 @@ struct LatticeWindow {
 /// pixels, blurred on the lattice of blocks, solved once per block by a Cholesky factorisation in which the columns
 /// that are not free are scaled to unit variance (given the free ones) and shrunk by a ridge; coefficients are smoothed
 /// on the lattice and interpolated by quadratic B-splines. The same bits for any number of threads.
-/// @return  a prediction of each target, then of those of each frame nearby
-std::vector<Plane> lattice_regression(const LatticeProblem& problem, const LatticeWindow& window, const Task& task);
+/// @param take  is given the predictions for the frames nearby, one frame after another; null: nobody wants them
+/// @return  a prediction of each target
+std::vector<Plane> lattice_regression(
+    const LatticeProblem& problem, const LatticeWindow& window, const Task& task,
+    const std::function<void(size_t nearby, std::vector<Plane> predictions)>& take = nullptr);
 
 /// Side of the blocks for a window [px], and the Gaussian's taps on their lattice.
 int lattice_block(double deviation);

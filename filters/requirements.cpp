@@ -207,7 +207,8 @@ std::set<std::string> readable_channels(const FilterSettings& settings, const Ap
   const bool limits = options.outliers != Outliers::kKeep;
   for (const LayerName& l : signals_of(options)) {
     if (statistics >= Statistics::kVariance || limits)
-      for (const auto which : {statistic::mean_variance, statistic::half_a, statistic::half_b}) add(l, which);
+      for (const auto which : {statistic::half_a, statistic::half_b}) add(l, which);
+    if ((statistics >= Statistics::kVariance && filter.signal_variance) || limits) add(l, statistic::mean_variance);
     if (statistics >= Statistics::kBuckets || limits)
       for (const auto which : statistic::buckets) add(l, which);
   }

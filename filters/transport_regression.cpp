@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <deque>
+#include <functional>
 
 #include "base/error.h"
 #include "base/text.h"
@@ -73,19 +74,11 @@ struct Columns {
   }
 };
 
-Rgb minus(const RgbPlanes& x, const RgbPlanes& y, const Task& task) {
-  Rgb out;
-  for (size_t c = 0; c < 3; ++c)
-    out[c] = make_plane(x[0]->width(), x[0]->height(), quiet(task),
-                        [&](int i, int j) { return (*x[c])(i, j) - (*y[c])(i, j); });
-  return out;
-}
-
-void add_to(Rgb& x, const Rgb& y, const Task& task) {
-  for (size_t c = 0; c < 3; ++c)
-    for_each_row(x[0].height(), quiet(task), [&](int j) {
-      for (int i = 0; i < x[0].width(); ++i) x[c](i, j) += y[c](i, j);
-    });
+/// x += factor * y
+void add_to(Plane& x, float factor, const Plane& y, const Task& task) {
+  for_each_row(x.height(), quiet(task), [&](int j) {
+    for (int i = 0; i < x.width(); ++i) x(i, j) += factor * y(i, j);
+  });
 }
 
 double sum_of(const Plane& plane) {
@@ -104,11 +97,12 @@ std::vector<Plane> local_ratio(const std::vector<const Plane*>& targets, const P
 /// What is known of a frame without noise, sorted by what it may explain.
 struct Knowledge {
   Columns all, medium, few;
-  Plane one, mask, bright;  // `bright`: a first idea of the brightness
+  Plane mask, bright;  // `bright`: a first idea of the brightness
   std::vector<std::string> names;
   bool guided = true;
 
-  Knowledge(const FilterFrame& frame, const Task& task) : one(frame.width(), frame.height(), 1.0f) {
+  /// @param one  a plane of ones, which stays where it is
+  Knowledge(const FilterFrame& frame, const Plane& one, const Task& task) {
     const std::vector<Guide> guides = guides_of(frame.layers);
     for (const Guide& g : guides) names.push_back(g.name);
     const bool direct = frame.name == layer::direct, beauty = frame.name == layer::beauty;
@@ -409,11 +403,11 @@ struct Picture {
   float share;  // of its pixels against those of the frame to clean
   bool halves;  // or the whole signal twice
   Halves seen;
-  Limited data;
+  HalfPair left;  // of `seen`, outliers drawn in: what no fit explains so far
   Plane samples, weight, level;
 
-  Picture(const FilterFrame& frame, float share_, const Task& task)
-      : known(frame, task),
+  Picture(const FilterFrame& frame, const Plane& one, float share_, const Task& task)
+      : known(frame, one, task),
         share(share_),
         halves(frame.half_a[0] != nullptr && (frame.samples == 0 || frame.samples >= 2)),
         seen{halves ? frame.half_a : frame.signal, halves ? frame.half_b : frame.signal} {
@@ -421,21 +415,25 @@ struct Picture {
       samples = make_plane(frame.width(), frame.height(), quiet(task),
                            [&](int x, int y) { return static_cast<float>(frame.samples_at(x, y) / frame.samples); });
   }
-  Halves limited() const { return {view(data.a), view(data.b)}; }
+  /// Takes what a fit explains of a colour.
+  void explain(size_t c, const Plane& a, const Plane& b, const Task& task) {
+    add_to(left.a[c], -1, a, task);
+    add_to(left.b[c], -1, b, task);
+  }
 };
 
 /// The frame to clean first, then those nearby. They stay where they are: columns point into them.
 using Pictures = std::deque<Picture>;
 
 /// @throws InputError for a frame with other guides
-Pictures pictures_of(const TransportRegression& p, const FilterFrame& frame, const Task& task) {
+Pictures pictures_of(const TransportRegression& p, const FilterFrame& frame, const Plane& one, const Task& task) {
   Pictures pictures;
-  pictures.emplace_back(frame, 1.0f, task);
+  pictures.emplace_back(frame, one, 1.0f, task);
   for (const NearbyFrame& other : frame.nearby) {
     const float apart = static_cast<float>(other.distance) / p.frames;
     const float samples =
         frame.samples > 0 && other.frame->samples > 0 ? static_cast<float>(other.frame->samples / frame.samples) : 1.0f;
-    pictures.emplace_back(*other.frame, samples * std::exp(-0.5f * apart * apart), task);
+    pictures.emplace_back(*other.frame, one, samples * std::exp(-0.5f * apart * apart), task);
     if (pictures.back().known.names != pictures[0].known.names)
       throw InputError(
           fmt::format("the frame at {:+} of the sequence: its guides are {}, those of the frame to clean {}; record "
@@ -446,12 +444,14 @@ Pictures pictures_of(const TransportRegression& p, const FilterFrame& frame, con
   return pictures;
 }
 
+/// What becomes of a fit to a picture: its colour c of both halves.
+using TakeFit = std::function<void(size_t picture, size_t c, Plane a, Plane b)>;
+
 /// Fits both halves of the frame to clean and of those nearby with the same coefficients, each colour by itself; those
 /// with the same columns together.
 /// @param targets  of each picture
-std::vector<HalfPair> regress(const Pictures& pictures, Columns Knowledge::*which, const std::vector<Halves>& targets,
-                              const LatticeWindow& window, const Task& task) {
-  std::vector<HalfPair> out(targets.size());
+void regress(const Pictures& pictures, Columns Knowledge::*which, const std::vector<Halves>& targets,
+             const LatticeWindow& window, const TakeFit& take, const Task& task) {
   const auto solve = [&](const std::vector<size_t>& colours) {
     const auto pixels = [&](size_t i) {
       LatticePixels known{(pictures[i].known.*which).of[colours[0]], {}, &pictures[i].weight};
@@ -461,116 +461,141 @@ std::vector<HalfPair> regress(const Pictures& pictures, Columns Knowledge::*whic
       }
       return known;
     };
+    const auto hand_on = [&](size_t i, std::vector<Plane> found) {
+      for (size_t k = 0; k < colours.size(); ++k)
+        take(i, colours[k], std::move(found[2 * k]), std::move(found[2 * k + 1]));
+    };
     LatticeProblem problem{pixels(0), (pictures[0].known.*which).free};
     for (size_t i = 1; i < targets.size(); ++i) problem.nearby.push_back(pixels(i));
-    std::vector<Plane> found = lattice_regression(problem, window, task);
-    size_t next = 0;
-    for (HalfPair& fit : out)
-      for (const size_t c : colours) {
-        fit.a[c] = std::move(found[next++]);
-        fit.b[c] = std::move(found[next++]);
-      }
+    const auto nearby = [&](size_t i, std::vector<Plane> found) { hand_on(i + 1, std::move(found)); };
+    hand_on(0, lattice_regression(problem, window, task, nearby));
   };
   if ((pictures[0].known.*which).coloured)
     for (size_t c = 0; c < 3; ++c) solve({c});
   else
     solve({0, 1, 2});
-  return out;
 }
 
+/// What the fits of `count` pictures leave.
+std::vector<Halves> left_of(const Pictures& pictures, size_t count) {
+  std::vector<Halves> left;
+  for (size_t i = 0; i < count; ++i) left.push_back({view(pictures[i].left.a), view(pictures[i].left.b)});
+  return left;
+}
+
+/// One window, the frame: weights from the guides, then from the fit, whose outliers are drawn in.
+struct FirstFit {
+  Limited data;  // of the frame to clean
+  HalfPair fit;
+
+  FirstFit(Pictures& pictures, const TransportRegression& p, const FilterFrame& frame, double limit, const Task& task) {
+    // Noise grows with light that paths find; direct light holds background, too, so that its brightness says nothing.
+    const float power = frame.name == layer::direct ? 0.0f : p.weight_power;
+    Picture& own = pictures[0];
+    std::vector<Halves> seen;
+    for (Picture& q : pictures) {
+      q.weight = weight_of(q.known.bright, q.known.mask, power, q.share, q.samples, task);
+      q.known.bright = {};
+      seen.push_back(q.seen);
+    }
+    own.known.all.standardise(own.weight, task);
+    for (Picture& q : pictures) q.known.all.scale_like(own.known.all);
+    const LatticeWindow whole{0, kGlobalRidge, 0};
+    std::vector<HalfPair> fits(pictures.size());
+    const auto keep = [&](size_t i, size_t c, Plane a, Plane b) {
+      fits[i].a[c] = std::move(a);
+      fits[i].b[c] = std::move(b);
+    };
+    regress(pictures, &Knowledge::all, seen, whole, keep, task);
+    for (size_t i = 0; i < pictures.size(); ++i) {
+      Picture& q = pictures[i];
+      Limited limited = limit_outliers(q.seen.a, q.seen.b, mean(fits[i], task), brightness(fits[i], task), q.known.mask,
+                                       limit, q.halves, task);
+      q.left = q.halves ? HalfPair{std::move(limited.a), std::move(limited.b)}
+                        : chessboard_halves(limited.a, fits[i].a, q.known.mask, task);
+      fits[i] = {};
+      if (i == 0) data = {q.left.a, q.left.b, std::move(limited.taken)};
+      q.level = Plane(frame.width(), frame.height());
+    }
+    const auto explain = [&](size_t i, size_t c, Plane a, Plane b) {
+      Picture& q = pictures[i];
+      q.explain(c, a, b, task);
+      const float share = 0.5f * luminance(vec3(c == 0, c == 1, c == 2));
+      add_to(q.level, share, a, task);
+      add_to(q.level, share, b, task);
+      if (i > 0) return;
+      fit.a[c] = std::move(a);
+      fit.b[c] = std::move(b);
+    };
+    regress(pictures, &Knowledge::all, left_of(pictures, pictures.size()), whole, explain, task);
+    for (Picture& q : pictures) {
+      // Averaged over a few pixels: weights must not follow what a guide holds of noise.
+      q.level = box_mean(q.level, kLevelRadius, task);
+      q.weight = weight_of(q.level, q.known.mask, power, q.share, q.samples, task);
+      q.known.few.add(q.level);
+      q.known.medium.add(q.level);
+      q.known.all.free = 0;
+    }
+    own.known.few.standardise(own.weight, task);
+    own.known.medium.standardise(own.weight, task);
+    for (Picture& q : pictures) q.known.scale_like(own.known);
+  }
+};
+
 /// Fits of the frame to clean, from one window for the frame to narrower and narrower ones, each to what the one before
-/// leaves, with fewer and fewer columns. Those of the frames nearby are `fits` at first, then the latest.
-std::vector<HalfPair> cascade(std::vector<HalfPair> fits, const Pictures& pictures, const TransportRegression& p,
-                              const Task& task) {
-  std::vector<HalfPair> candidates = {fits[0]};
-  const auto refine = [&](Columns Knowledge::*which, double window, size_t frames) {
-    std::vector<HalfPair> left(frames);
-    std::vector<Halves> targets;
-    for (size_t i = 0; i < frames; ++i) {
-      const Halves seen = pictures[i].limited();
-      left[i] = {minus(seen.a, view(fits[i].a), task), minus(seen.b, view(fits[i].b), task)};
-      targets.push_back({view(left[i].a), view(left[i].b)});
-    }
-    const std::vector<HalfPair> found = regress(
-        pictures, which, targets, {window, static_cast<double>(p.ridge), static_cast<double>(p.ridge_per_pixel)}, task);
-    for (size_t i = 0; i < frames; ++i) {
-      add_to(fits[i].a, found[i].a, task);
-      add_to(fits[i].b, found[i].b, task);
-    }
-    candidates.push_back(fits[0]);
+/// leaves, with fewer and fewer columns. Lets go of the frames nearby.
+std::vector<HalfPair> cascade(HalfPair fit, Pictures& pictures, const TransportRegression& p, const Task& task) {
+  std::vector<HalfPair> candidates = {fit};
+  const auto refine = [&](Columns Knowledge::*which, double window) {
+    const auto take = [&](size_t i, size_t c, Plane a, Plane b) {
+      pictures[i].explain(c, a, b, task);
+      if (i > 0) return;
+      add_to(fit.a[c], 1, a, task);
+      add_to(fit.b[c], 1, b, task);
+    };
+    regress(pictures, which, left_of(pictures, pictures.size()),
+            {window, static_cast<double>(p.ridge), static_cast<double>(p.ridge_per_pixel)}, take, task);
+    candidates.push_back(fit);
     task.report(0.2 + 0.15 * static_cast<double>(candidates.size() - 1));
   };
   const double window = static_cast<double>(p.window);
-  const size_t all = pictures.size();
-  refine(&Knowledge::all, 2 * window, all);
-  refine(&Knowledge::all, window, all);
-  refine(&Knowledge::medium, window / 2, all);
-  refine(&Knowledge::few, window / 4, all);
+  refine(&Knowledge::all, 2 * window);
+  refine(&Knowledge::all, window);
+  refine(&Knowledge::medium, window / 2);
+  refine(&Knowledge::few, window / 4);
+  if (pictures.size() == 1) return candidates;
   // What the frame shows that those nearby do not, as where a light changes.
-  if (all > 1) refine(&Knowledge::all, window, 1);
+  while (pictures.size() > 1) pictures.pop_back();
+  refine(&Knowledge::all, window);
   return candidates;
 }
 
 void run(const TransportRegression& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
   const int width = frame.width(), height = frame.height();
-  Pictures pictures = pictures_of(p, frame, task);
+  const Plane one(width, height, 1.0f);
+  Pictures pictures = pictures_of(p, frame, one, task);
   Picture& own = pictures[0];
   const Knowledge& known = own.known;
   say_what_is_missing(frame, known.guided, own.halves);
   const double samples = std::max(1.0, frame.samples);
   const double limit = static_cast<double>(p.limit) * std::max(1.0, std::pow(samples / 16, 0.25));
-
-  // Noise grows with light that paths find; direct light holds background, too, so that its brightness says nothing.
-  const float power = frame.name == layer::direct ? 0.0f : p.weight_power;
-  // One window, the frame: weights from the guides, then from the fit, whose outliers are drawn in.
-  std::vector<Halves> targets;
-  for (Picture& q : pictures) {
-    q.weight = weight_of(q.known.bright, q.known.mask, power, q.share, q.samples, task);
-    targets.push_back(q.seen);
-  }
-  own.known.all.standardise(own.weight, task);
-  for (size_t i = 1; i < pictures.size(); ++i) pictures[i].known.all.scale_like(own.known.all);
-  const LatticeWindow whole{0, kGlobalRidge, 0};
-  std::vector<HalfPair> fits = regress(pictures, &Knowledge::all, targets, whole, task);
-  for (size_t i = 0; i < pictures.size(); ++i) {
-    Picture& q = pictures[i];
-    q.data = limit_outliers(q.seen.a, q.seen.b, mean(fits[i], task), brightness(fits[i], task), q.known.mask, limit,
-                            q.halves, task);
-    if (!q.halves) {
-      HalfPair pixels = chessboard_halves(q.data.a, fits[i].a, q.known.mask, task);
-      q.data.a = std::move(pixels.a);
-      q.data.b = std::move(pixels.b);
-    }
-    targets[i] = q.limited();
-  }
-  fits = regress(pictures, &Knowledge::all, targets, whole, task);
-  for (size_t i = 0; i < pictures.size(); ++i) {
-    Picture& q = pictures[i];
-    // Averaged over a few pixels: weights must not follow what a guide holds of noise.
-    q.level = box_mean(brightness(fits[i], task), kLevelRadius, task);
-    q.weight = weight_of(q.level, q.known.mask, power, q.share, q.samples, task);
-    q.known.few.add(q.level);
-    q.known.medium.add(q.level);
-    q.known.all.free = 0;
-  }
-  own.known.few.standardise(own.weight, task);
-  own.known.medium.standardise(own.weight, task);
-  for (size_t i = 1; i < pictures.size(); ++i) pictures[i].known.scale_like(own.known);
+  FirstFit first(pictures, p, frame, limit, task);
   task.report(0.2);
 
-  std::vector<HalfPair> candidates = cascade(std::move(fits), pictures, p, task);
+  std::vector<HalfPair> candidates = cascade(std::move(first.fit), pictures, p, task);
+  own.left = {};
   const size_t narrow = candidates.size() - 1;
   // The data are a candidate themselves: with many samples nothing is nearer to the truth.
-  const Halves data = own.limited();
-  candidates.push_back({own.data.a, own.data.b});
+  candidates.push_back({std::move(first.data.a), std::move(first.data.b)});
+  const HalfPair& data = candidates.back();
 
   const std::vector<Plane> maps =
-      stacking_weights(candidates, data.a, data.b, own.weight,
+      stacking_weights(candidates, view(data.a), view(data.b), own.weight,
                        {static_cast<double>(p.stacking_window), static_cast<double>(p.caution)}, task);
   task.report(0.9);
   const HalfPair chosen = blend(candidates, maps, task);
   Rgb clean = mean(chosen, task);
-  give_back(own.data.taken, clean, known.mask, task);
+  give_back(first.data.taken, clean, known.mask, task);
   if (own.halves) return_to_data(chosen, own.seen.a, own.seen.b, known.mask, samples, clean, task);
   for (size_t c = 0; c < 3; ++c)
     for_each_row(height, quiet(task), [&](int y) {
@@ -606,6 +631,7 @@ const FilterEntry entry =
             "where. Frames without guides are cleaned with the features they have, at two to four times the error: "
             "nfor does better there.")
         .statistics(Statistics::kNone, Statistics::kHalves)
+        .no_variance()
         .guides()
         .can_use(layer::transmittance, layer::gradient, layer::gradient_transmittance_weighted, layer::albedo,
                  layer::normal, layer::depth)

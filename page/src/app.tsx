@@ -58,14 +58,21 @@ export function App({ index, entries }: { index: Index; entries: PictureEntry[] 
   const library = useMemo(() => new Library(entries, () => setArrived((n) => n + 1), setMessage), []);
   const normal = useMemo(() => defaultView(index, library), []);
   const [view, setView] = useState<View>(() => fromHash(location.hash, normal, index));
+  // The newest view, before it is drawn: two keys between two drawings are two steps.
+  const newest = useRef(view);
+  const show = useCallback((next: View) => setView((newest.current = next)), []);
   const [dark, switchTheme] = useTheme();
   const [help, setHelp] = useState(false);
   const pane = useRef<{ pane: Size; picture: Size } | undefined>(undefined);
-  const set = useCallback((change: Partial<View>) => setView((old) => fitting(index, { ...old, ...change })), []);
+  const set = useCallback<Page["set"]>((change) => {
+    const now = newest.current;
+    show(fitting(index, { ...now, ...(typeof change === "function" ? change(now) : change) }));
+  }, []);
   const styles = useMemo(() => palette(index.results, dark), [dark]);
   const page: Page = { index, library, view, set, dark, name: (id) => nameIn(index, view, id) };
   const tabs = tabsOf(page);
-  const tab = tabs.includes(view.tab) ? view.tab : "look";
+  const tabOf = (view: View): Tab => (tabs.includes(view.tab) ? view.tab : "look");
+  const tab = tabOf(view);
 
   useEffect(
     () => document.getElementById(`tab-${tab}`)?.scrollIntoView({ block: "nearest", inline: "nearest" }),
@@ -81,7 +88,7 @@ export function App({ index, entries }: { index: Index; entries: PictureEntry[] 
     return () => clearTimeout(later);
   }, [view]);
   useEffect(() => {
-    const follow = () => setView(fromHash(location.hash, normal, index));
+    const follow = () => show(fromHash(location.hash, normal, index));
     addEventListener("hashchange", follow);
     return () => removeEventListener("hashchange", follow);
   }, []);
@@ -93,7 +100,7 @@ export function App({ index, entries }: { index: Index; entries: PictureEntry[] 
 
   const zoom = (factor: number) => {
     const p = pane.current;
-    if (p) set(zoomedAt(view, factor, p.pane.width / 2, p.pane.height / 2, p.picture, p.pane));
+    if (p) set(zoomedAt(newest.current, factor, p.pane.width / 2, p.pane.height / 2, p.picture, p.pane));
   };
   const actions: Actions = {
     tabs,
@@ -102,15 +109,16 @@ export function App({ index, entries }: { index: Index; entries: PictureEntry[] 
     zoom,
     pan: (dx, dy) => {
       const p = pane.current;
-      if (p && tab === "look") set(movedBy(view, (dx * p.pane.width) / 8, (dy * p.pane.height) / 8, p.picture, p.pane));
+      if (p && tabOf(newest.current) === "look")
+        set(movedBy(newest.current, (dx * p.pane.width) / 8, (dy * p.pane.height) / 8, p.picture, p.pane));
     },
     actualSize: () => {
       const p = pane.current;
       if (p)
         set(
           zoomedAt(
-            view,
-            1 / devicePixelRatio / fitScale(p.picture, p.pane) / view.zoom,
+            newest.current,
+            1 / devicePixelRatio / fitScale(p.picture, p.pane) / newest.current.zoom,
             p.pane.width / 2,
             p.pane.height / 2,
             p.picture,
@@ -128,9 +136,13 @@ export function App({ index, entries }: { index: Index; entries: PictureEntry[] 
     },
   };
   const latest = useRef({ page, actions });
-  latest.current = { page: { ...page, view: { ...view, tab } }, actions };
+  latest.current = { page, actions };
   useEffect(() => {
-    const key = (event: KeyboardEvent) => handleKey(event, latest.current.page, latest.current.actions);
+    const key = (event: KeyboardEvent) => {
+      const { page, actions } = latest.current;
+      const view = newest.current;
+      handleKey(event, { ...page, view: { ...view, tab: tabOf(view) } }, actions);
+    };
     addEventListener("keydown", key);
     return () => removeEventListener("keydown", key);
   }, []);

@@ -10,7 +10,8 @@ export interface Page {
   view: View;
   /** A method's name, with its setting where more than one is listed. */
   name: (method: string) => string;
-  set: (change: Partial<View>) => void;
+  /** Changes the view: by values, or by what follows from the newest view. */
+  set: (change: Partial<View> | ((view: View) => Partial<View>)) => void;
   dark: boolean;
 }
 

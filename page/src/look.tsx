@@ -8,8 +8,7 @@ import { ERROR_KINDS, errorColours, ERRORS, type Look as Colours } from "./libra
 import { Pane, type Pixel } from "./pane";
 import { REFERENCE } from "./results";
 import { shownMethods, type Mode } from "./state";
-import type { Size } from "./viewport";
-import { WHOLE } from "./viewport";
+import { WHOLE, type Size, type Viewport } from "./viewport";
 
 interface Props {
   onPane: (pane: Size, picture: Size) => void;
@@ -48,7 +47,11 @@ export function Look({ onPane, zoom, actualSize }: Props) {
   const pane = {
     picture: size,
     view,
-    onView: (next: { x: number; y: number; zoom: number }) => set({ x: next.x, y: next.y, zoom: next.zoom }),
+    onView: (step: (view: Viewport) => Viewport) =>
+      set((now) => {
+        const { x, y, zoom } = step(now);
+        return { x, y, zoom };
+      }),
     onProbe: setProbe,
     onSize: (s: Size) => onPane(s, size),
   };

@@ -19,7 +19,8 @@ interface Props {
   label: string;
   /** A pixel to mark, as the one under the pointer in another pane. */
   mark?: Pixel | undefined;
-  onView: (view: Viewport) => void;
+  /** Called with the step from a view to the next: moves that come between two drawings add up. */
+  onView: (step: (view: Viewport) => Viewport) => void;
   onSplit?: (split: number) => void;
   onProbe: (pixel: Pixel | undefined) => void;
   onTap?: () => void;
@@ -170,10 +171,12 @@ function listen(canvas: HTMLCanvasElement, now: () => { props: Props; size: Size
       const factor =
         Math.hypot(point.x - other.x, point.y - other.y) /
         Math.max(1, Math.hypot(before.x - other.x, before.y - other.y));
-      const moved = movedBy(props.view, dx / 2, dy / 2, props.picture, size);
-      props.onView(zoomedAt(moved, factor, (point.x + other.x) / 2, (point.y + other.y) / 2, props.picture, size));
+      const [x, y] = [(point.x + other.x) / 2, (point.y + other.y) / 2];
+      props.onView((v) =>
+        zoomedAt(movedBy(v, dx / 2, dy / 2, props.picture, size), factor, x, y, props.picture, size),
+      );
     } else if (dragsDivider) divide(point.x);
-    else props.onView(movedBy(props.view, dx, dy, props.picture, size));
+    else props.onView((v) => movedBy(v, dx, dy, props.picture, size));
     pointers.set(event.pointerId, point);
   };
   const up = (event: PointerEvent) => {
@@ -192,12 +195,13 @@ function listen(canvas: HTMLCanvasElement, now: () => { props: Props; size: Size
     const { props, size } = now();
     const { x, y } = place(event);
     const lines = event.deltaMode === WheelEvent.DOM_DELTA_LINE ? 30 : 1;
-    props.onView(zoomedAt(props.view, Math.exp(-event.deltaY * lines * 0.0015), x, y, props.picture, size));
+    const factor = Math.exp(-event.deltaY * lines * 0.0015);
+    props.onView((v) => zoomedAt(v, factor, x, y, props.picture, size));
   };
   const whole = () => {
     const { props, size } = now();
     if (!props.onTap)
-      props.onView(contained({ x: 0.5, y: 0.5, zoom: showsAll(props.view) ? 4 : 1 }, props.picture, size));
+      props.onView((v) => contained({ x: 0.5, y: 0.5, zoom: showsAll(v) ? 4 : 1 }, props.picture, size));
   };
 
   const listening = new AbortController();

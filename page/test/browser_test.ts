@@ -7,6 +7,7 @@ import { createRequire } from "node:module";
 import { dirname, join } from "node:path";
 import test, { after, before, describe } from "node:test";
 import { fileURLToPath, pathToFileURL } from "node:url";
+import { isDeepStrictEqual } from "node:util";
 import type { Browser, BrowserContext, Locator, Page } from "playwright-core";
 import type { AxeResults } from "axe-core";
 import { fromBase64, inflate, unpredict } from "../src/half";
@@ -77,6 +78,15 @@ async function drawn(canvas: Locator, before = ""): Promise<string> {
   throw new Error("the picture did not change");
 }
 
+/** Waits until the page shows what it should: it draws itself anew a while after a key or a click. */
+async function comesTo<T>(read: () => Promise<T>, wanted: T, what = ""): Promise<void> {
+  for (let i = 0; i < 400; ++i) {
+    if (isDeepStrictEqual(await read(), wanted)) return;
+    await new Promise((resolve) => setTimeout(resolve, 50));
+  }
+  assert.deepEqual(await read(), wanted, what);
+}
+
 /** The link to what is shown, once it is as it should be: it follows the view after a while. */
 async function linkOnce(page: Page, right: (link: URLSearchParams) => boolean): Promise<URLSearchParams> {
   for (let i = 0; ; ++i) {
@@ -141,6 +151,10 @@ describe("the page that brume evaluate writes", () => {
             .locator(".methods li")
             .evaluateAll((rows) => rows.map((r) => (r as HTMLElement).dataset["method"]));
           assert.deepEqual(listed.sort(), ["reference", ...results.methods.map((m) => m.id)].sort());
+          await comesTo(
+            () => page.locator(".metrics td[data-metric]").count(),
+            results.methods.length * results.metrics.length,
+          );
           const cells = await page
             .locator(".metrics td[data-metric]")
             .evaluateAll((all) =>
@@ -154,7 +168,6 @@ describe("the page that brume evaluate writes", () => {
                   ] as const,
               ),
             );
-          assert.equal(cells.length, results.methods.length * results.metrics.length);
           for (const [method, metric, value, text] of cells) {
             const row = results.rows.find(
               (r) => r.scene === scene.name && r.spp === spp && r.method === method && r.region === region,
@@ -232,7 +245,7 @@ describe("looking at pictures", () => {
     const pixel = await where.textContent();
     await page.mouse.wheel(0, -900);
     const close = await drawn(canvas, whole);
-    assert.equal(await where.textContent(), pixel);
+    await comesTo(() => where.textContent(), pixel);
     await linkOnce(page, (link) => Number(link.get("zoom")) > 2);
     await page.mouse.move(box.x + box.width * 0.8, box.y + box.height * 0.5);
     await page.mouse.down();
@@ -251,11 +264,11 @@ describe("looking at pictures", () => {
     await drawn(canvas);
     const box = (await canvas.boundingBox())!;
     await page.mouse.move(box.x + box.width / 2 + 1, box.y + box.height / 2 + 1);
-    assert.equal(await page.locator(".probe .where").textContent(), "20, 15");
+    await comesTo(() => page.locator(".probe .where").textContent(), "20, 15");
     // The made-up ball is brightest there: 0.2 + 0.6 in red.
     const cells = page.locator(".probe tbody tr").nth(2).locator("td");
-    assert.equal(await cells.nth(0).textContent(), "0.800");
-    assert.equal(await cells.nth(1).textContent(), "0.850");
+    await comesTo(() => cells.nth(0).textContent(), "0.800");
+    await comesTo(() => cells.nth(1).textContent(), "0.850");
     await context.close();
   });
 
@@ -265,7 +278,7 @@ describe("looking at pictures", () => {
     await drawn(page.locator(".stage canvas"));
     await page.keyboard.press("Tab");
     await page.locator(".stage canvas").focus();
-    assert.equal(await page.locator(".probe .where").textContent(), "20, 15");
+    await comesTo(() => page.locator(".probe .where").textContent(), "20, 15");
     for (const key of ["+", "+", "+", "+", "d"]) await page.keyboard.press(key);
     await page.waitForFunction(() => document.querySelector(".probe .where")?.textContent !== "20, 15");
     await context.close();
@@ -296,7 +309,7 @@ describe("looking at pictures", () => {
     await turns(["2"], "mode", "flip");
     await turns([" "], "front", "a");
     await turns(["3"], "mode", "grid");
-    assert.equal(await page.locator(".tile").count(), 6);
+    await comesTo(() => page.locator(".tile").count(), 6);
     await turns(["."], "spp", "16");
     await turns(["m"], "scene", "smoke");
     await turns(["f"], "region", "frame");
@@ -310,13 +323,14 @@ describe("looking at pictures", () => {
     ] as const)
       await turns([key], "tab", tab);
     await press("l", "?");
-    assert.ok(await page.getByRole("dialog").isVisible());
+    const dialog = page.getByRole("dialog");
+    await dialog.waitFor({ state: "visible" });
     await press("Escape");
-    assert.ok(!(await page.getByRole("dialog").isVisible()));
+    await dialog.waitFor({ state: "hidden" });
     const theme = () => page.evaluate(() => document.documentElement.dataset["theme"]);
     assert.equal(await theme(), "dark");
     await press("u");
-    assert.equal(await theme(), "light");
+    await comesTo(theme, "light");
     assert.notEqual(await drawn(canvas), first);
     await context.close();
   });
@@ -330,7 +344,7 @@ describe("looking at pictures", () => {
     );
     const seen = await drawn(page.locator(".stage canvas"));
     const again = await open(context, made, (await linkOnce(page, (link) => link.get("zoom") === "3")).toString());
-    assert.equal(await drawn(again.locator(".stage canvas")), seen);
+    await comesTo(() => pixels(again.locator(".stage canvas")), seen);
     await context.close();
   });
 
@@ -364,13 +378,13 @@ describe("tables and plots", () => {
       "bilateral_searched",
       "noisy",
     ];
-    assert.deepEqual(await order(), best);
+    await comesTo(order, best);
     await page.getByRole("button", { name: "PSNR" }).click();
-    assert.deepEqual(await order(), best);
+    await comesTo(order, best);
     await page.getByRole("button", { name: "PSNR" }).click();
-    assert.deepEqual(await order(), [...best].reverse());
+    await comesTo(order, [...best].reverse());
     await page.getByRole("button", { name: "Method" }).click();
-    assert.equal((await order())[0], "bilateral_searched");
+    await comesTo(async () => (await order())[0], "bilateral_searched");
     await context.close();
   });
 
@@ -378,11 +392,11 @@ describe("tables and plots", () => {
     const context = await reader();
     const page = await open(context, made, "tab=numbers");
     const rows = page.locator(".metrics").first().locator("tbody tr");
-    assert.equal(await rows.count(), 5);
+    await comesTo(() => rows.count(), 5);
     await page.getByRole("checkbox", { name: "nl_means" }).uncheck();
-    assert.equal(await rows.count(), 4);
+    await comesTo(() => rows.count(), 4);
     await page.keyboard.press("p");
-    assert.equal(await page.locator(".plot").first().locator(".key li").count(), 4);
+    await comesTo(() => page.locator(".plot").first().locator(".key li").count(), 4);
     await context.close();
   });
 
@@ -412,7 +426,7 @@ describe("tables and plots", () => {
     );
     const context = await reader();
     const page = await open(context, bare, "tab=ablation");
-    assert.deepEqual(await page.getByRole("tab").allTextContents(), ["Look", "Numbers", "Plots", "About"]);
+    await comesTo(() => page.getByRole("tab").allTextContents(), ["Look", "Numbers", "Plots", "About"]);
     await drawn(page.locator(".stage canvas"));
     for (const key of ["n", "p", "i"]) await page.keyboard.press(key);
     await context.close();
@@ -455,6 +469,7 @@ describe("every view", () => {
         }
         const page = await open(context, made);
         await page.keyboard.press("?");
+        await page.getByRole("dialog").waitFor({ state: "visible" });
         await page.screenshot({ path: join(shots, `${device}_${scheme}_help.png`) });
         found.push(...(await violations(page, "help")));
         await context.close();
@@ -468,9 +483,9 @@ describe("every view", () => {
       for (const canvas of await page.locator(".pane canvas").all()) await drawn(canvas);
       await page.emulateMedia({ media: "print" });
       await page.screenshot({ path: join(shots, `print_${name}.png`), fullPage: true });
-      assert.ok(!(await page.locator(".methods").isVisible()));
-      const ground = await page.evaluate(() => getComputedStyle(document.documentElement).backgroundColor);
-      assert.equal(ground, "rgb(255, 255, 255)");
+      await page.locator(".methods").waitFor({ state: "hidden" });
+      const ground = () => page.evaluate(() => getComputedStyle(document.documentElement).backgroundColor);
+      await comesTo(ground, "rgb(255, 255, 255)");
       await page.close();
     }
     await context.close();

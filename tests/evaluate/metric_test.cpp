@@ -7,6 +7,7 @@
 
 #include "base/error.h"
 #include "base/rng.h"
+#include "evaluate/contact_sheet.h"
 #include "evaluate/statistics.h"
 #include "evaluate/temporal.h"
 #include "image/color.h"
@@ -179,6 +180,34 @@ TEST(TemporalError, IsHowThePictureChangesLessHowTheReferenceDoes) {
   EXPECT_NEAR(result->temporal_error, std::sqrt(errors / 2), 1e-3);
   EXPECT_NEAR(result->flicker, std::sqrt(changes / 2) - std::sqrt(reference / 2), 1e-3);
   EXPECT_NEAR(result->reference, std::sqrt(reference / 2), 1e-3);
+  const double last = std::abs((lightness(0.25f) - lightness(0.3f)) - (lightness(0.3f) - lightness(0.22f)));
+  ASSERT_TRUE(error.last_change());
+  EXPECT_NEAR((*error.last_change())(3, 2), last, 1e-3);
+}
+
+TEST(ContactSheet, ShowsAtMostTwelveFramesSmallEnough) {
+  constexpr int kFrames = 30, kWidth = 700, kHeight = 300;
+  ContactSheet sheet(LabPolicy{}, kFrames);
+  TemporalError temporal(LabPolicy{});
+  // Black, then a bright frame in the middle: what changes wrongly is there and in the one after.
+  for (int i = 0; i < kFrames; ++i) {
+    const Rgb picture(kWidth, kHeight, i == 15 ? 1.0f : 0.2f), reference(kWidth, kHeight, 0.2f);
+    temporal.add(picture.view(), reference.view(), nullptr, {});
+    sheet.add(i, picture.view(), reference.view(), 0, temporal.last_change());
+  }
+  const Picture drawn = sheet.draw();
+  const int cell = kWidth / 3, row = kHeight / 3;  // 700 pixels are more than 320 by less than a factor of three
+  EXPECT_NEAR(drawn.width, ContactSheet::kMostColumns * cell, ContactSheet::kMostColumns * 5);
+  EXPECT_NEAR(drawn.height, 4 * row, 100);
+  const auto bright = [&](int x, int y) {
+    const size_t at = 3 * (static_cast<size_t>(y) * static_cast<size_t>(drawn.width) + static_cast<size_t>(x));
+    return drawn.rgb[at] + drawn.rgb[at + 1] + drawn.rgb[at + 2];
+  };
+  // Frame 15 is the first of the seventh column: its error and its change shine, those of the others do not.
+  const int pitch = (drawn.width + 4) / ContactSheet::kMostColumns;
+  for (int column = 1; column < ContactSheet::kMostColumns; ++column)
+    for (const int y : {26 + 2 * (row + 4) + row / 2, 26 + 3 * (row + 4) + row / 2})
+      EXPECT_EQ(bright(column * pitch + cell / 2, y) > 300, column == 6) << column << ", " << y;
 }
 
 TEST(TemporalError, AConstantErrorDoesNotFlicker) {
