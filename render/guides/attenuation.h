@@ -12,7 +12,8 @@ namespace brume {
 inline double attenuation(double depth) {
   if (!(depth < 700)) return 0;
   // 2^-k times exp(-r), r in [-0.35, 0.35].
-  const double k = std::floor(depth * std::numbers::log2e + 0.5), r = depth - k * std::numbers::ln2;
+  const auto k = static_cast<int64_t>(depth * std::numbers::log2e + 0.5);
+  const double r = depth - static_cast<double>(k) * std::numbers::ln2;
   double p = 1.0 / 5040;
   p = 1.0 / 720 - r * p;
   p = 1.0 / 120 - r * p;
@@ -21,7 +22,7 @@ inline double attenuation(double depth) {
   p = 0.5 - r * p;
   p = 1.0 - r * p;
   p = 1.0 - r * p;
-  return p * std::bit_cast<double>(static_cast<uint64_t>(1023 - static_cast<int64_t>(k)) << 52);
+  return p * std::bit_cast<double>(static_cast<uint64_t>(1023 - k) << 52);
 }
 
 }  // namespace brume

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstring>
 #include <optional>
 #include <stdexcept>
 
@@ -43,6 +44,14 @@ bool is_sky(const GroupLight& g) {
 
 double henyey_greenstein(double g, double c) {
   return HenyeyGreenstein{g}.value(c);
+}
+
+/// Four numbers at once, which compilers do not find by themselves here.
+using Four = float __attribute__((vector_size(16)));
+Four four_at(const float* values) {
+  Four four;
+  std::memcpy(&four, values, sizeof four);
+  return four;
 }
 
 vec3 tinted(const dvec3& colour, double value) {
@@ -219,10 +228,9 @@ void GuideMarch::interpolate(const dvec3& world, float* values) const {
                            f.x * e.y * e.z, f.x * e.y * f.z, f.x * f.y * e.z, f.x * f.y * f.z};
   const size_t offset[8] = {0, z, y, y + z, x, x + z, x + y, x + y + z};
   for (size_t m = 0; m < field_count_; m += 4) {
-    float sum[4] = {0, 0, 0, 0};
-    for (size_t c = 0; c < 8; ++c)
-      for (size_t k = 0; k < 4; ++k) sum[k] += weight[c] * node[offset[c] + m + k];
-    for (size_t k = 0; k < 4; ++k) values[m + k] = sum[k];
+    Four sum = weight[0] * four_at(node + m);
+    for (size_t c = 1; c < 8; ++c) sum += weight[c] * four_at(node + offset[c] + m);
+    std::memcpy(values + m, &sum, sizeof sum);
   }
 }
 
@@ -276,6 +284,8 @@ void GuideMarch::record(const ivec2& corner, Layers& frame, const Task& task) {
   const int across = rays_across();
   parallel_for(frame.height(), task, [&](int y) {
     Sums sums(names_.size(), slots_.size(), field_count_);
+    std::vector<MediaLine> lines;  // as media_
+    for (const GuideMedia& media : media_) lines.emplace_back(media, colour_);
     for (int x = 0; x < frame.width(); ++x) {
       sums.clear();
       for (int r = 0; r < across * across; ++r) {
@@ -284,8 +294,8 @@ void GuideMarch::record(const ivec2& corner, Layers& frame, const Task& task) {
         // Sixteen points of the lens and as many times, in an order unlike the rays'.
         const dvec2 lens = across == 4 ? (dvec2(r * 7 % 16, r * 11 % 16) + 0.5) / 16.0 : dvec2(0.5);
         const double time = across == 4 ? ((r * 5 + 3) % 16 + 0.5) / 16 : 0;
-        trace(camera_.ray(film, lens, time), media_[static_cast<size_t>(time * static_cast<double>(media_.size()))],
-              sums);
+        const auto moment = static_cast<size_t>(time * static_cast<double>(media_.size()));
+        trace(camera_.ray(film, lens, time), media_[moment], lines[moment], sums);
       }
       collect_fields(sums);
       const double share = 1.0 / (across * across);
@@ -313,7 +323,7 @@ void GuideMarch::record(const ivec2& corner, Layers& frame, const Task& task) {
 }
 
 // The first surface that is not glass, with the medium in front of it.
-void GuideMarch::trace(const Ray& ray, const GuideMedia& media, Sums& sums) const {
+void GuideMarch::trace(const Ray& ray, const GuideMedia& media, MediaLine& line, Sums& sums) const {
   std::optional<SurfaceHit> hit;
   if (context_.surfaces) {
     double from = 0;
@@ -327,7 +337,7 @@ void GuideMarch::trace(const Ray& ray, const GuideMedia& media, Sums& sums) cons
       hit.reset();
     }
   }
-  const double t_end = hit ? hit->t : kFar, passed = march(ray, media, t_end, sums);
+  const double t_end = hit ? hit->t : kFar, passed = march(ray, media, line, t_end, sums);
   const auto [light, distance] = context_.lights->nearest(ray, t_end, /*seen=*/true);
   if (light) {
     sums.background += tinted(light->radiance(ray, distance), passed);
@@ -346,17 +356,17 @@ struct GuideMarch::Piece {
   double thickness = 0, distance = 0, albedo = 0, g = 0;  // the last three times thickness
 };
 
-double GuideMarch::march(const Ray& ray, const GuideMedia& media, double t_max, Sums& sums) const {
+double GuideMarch::march(const Ray& ray, const GuideMedia& media, MediaLine& line, double t_max, Sums& sums) const {
   static thread_local std::vector<std::pair<double, double>> parts;
   media.intervals(ray, t_max, parts);
   if (parts.empty()) return 1;
-  MediaLine line(media, colour_);
   line.follow(ray);
   const bool glows = !media.emissions().empty();
   const double scale = fields_.scaled_extinction();
   const double light_step = kLightSteps * step_;
   double passed = 1, passed2 = 1, passed4 = 1, passed8 = 1, passed_scaled = 1, depth = 0;
-  std::vector<double>& out = sums.value;
+  double seen = 0, seen_depth = 0, seen_depth2 = 0, seen_density = 0;
+  dvec3 seen_gradient(0);
   Piece piece;
   for (size_t k = 0; k < slots_.size(); ++k)
     if (const Sun* const sun = fields_.groups()[k].group.sun; sun && media.media().size() == 1)
@@ -405,15 +415,20 @@ double GuideMarch::march(const Ray& ray, const GuideMedia& media, double t_max, 
       depth += thickness;
 
       const double from_middle = middle - reference_depth_;
-      out[kOpacity] += w;
-      out[kDepth] += w * from_middle;
-      sums.depth2 += w * from_middle * from_middle;
-      const double steepness = glm::length(gradient) + gentle_;
-      for (int a = 0; a < 3; ++a) out[kGradient + static_cast<size_t>(a)] += w * gradient[a] / steepness;
-      out[kDensity] += w * point.density;
+      seen += w;
+      seen_depth += w * from_middle;
+      seen_depth2 += w * from_middle * from_middle;
+      seen_gradient += w / (glm::length(gradient) + gentle_) * gradient;
+      seen_density += w * point.density;
     }
   }
   light_of(piece, media, ray, sums);
+  std::vector<double>& out = sums.value;
+  out[kOpacity] += seen;
+  out[kDepth] += seen_depth;
+  sums.depth2 += seen_depth2;
+  for (int a = 0; a < 3; ++a) out[kGradient + static_cast<size_t>(a)] += seen_gradient[a];
+  out[kDensity] += seen_density;
   return passed;
 }
 

@@ -12,6 +12,8 @@
 
 namespace brume {
 
+class MediaLine;
+
 /// Camera rays through the light of LightFields, for one colour: one ray for each pixel that is small against voxels,
 /// four for larger ones, sixteen where the camera has a lens or anything moves.
 class GuideMarch {
@@ -36,9 +38,9 @@ class GuideMarch {
   void interleave(const Task& task);
   /// Rays of a pixel along each of its sides.
   int rays_across() const;
-  void trace(const Ray& ray, const GuideMedia& media, Sums& sums) const;
+  void trace(const Ray& ray, const GuideMedia& media, MediaLine& line, Sums& sums) const;
   /// @return transmittance of what lies before t_max
-  double march(const Ray& ray, const GuideMedia& media, double t_max, Sums& sums) const;
+  double march(const Ray& ray, const GuideMedia& media, MediaLine& line, double t_max, Sums& sums) const;
   void interpolate(const dvec3& world, float* values) const;
   std::array<double, 4> phases(const GuideMedia& media, double cosine, double g) const;
   void light_of(const Piece& piece, const GuideMedia& media, const Ray& ray, Sums& sums) const;

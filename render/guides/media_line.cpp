@@ -23,7 +23,7 @@ float lerp(float a, float b, float t) {
 
 /// Of values at the corners of a voxel, `x` and `y` floats apart along these axes, at the place f in it. The gradient
 /// jumps where voxels meet.
-float trilinear(const float* b, size_t x, size_t y, const vec3& f, dvec3* gradient) {
+[[gnu::always_inline]] inline float trilinear(const float* b, size_t x, size_t y, const vec3& f, dvec3* gradient) {
   // Edges along z, then faces, then the cube.
   const float z00 = lerp(b[0], b[1], f.z), z01 = lerp(b[y], b[y + 1], f.z), z10 = lerp(b[x], b[x + 1], f.z),
               z11 = lerp(b[x + y], b[x + y + 1], f.z);
@@ -45,6 +45,7 @@ MediaLine::MediaLine(const GuideMedia& media, GuideColour colour) : media_(media
     local.bricks = &m.bricks();
     local.cell_bits = std::countr_zero(static_cast<unsigned>(local.bricks->cell_size()));
   }
+  one_ = locals_.size() == 1 && !locals_[0].medium->coloured();
 }
 
 void MediaLine::follow(const Ray& ray) {
@@ -52,44 +53,50 @@ void MediaLine::follow(const Ray& ray) {
   for (Local& local : locals_) local.ray = local.medium->to_local(ray);
 }
 
+[[gnu::always_inline]] inline double MediaLine::density(Local& local, double t, dvec3* gradient) {
+  const dvec3 p = local.ray.at(t);
+  if (!local.bricks) return general_density(*local.medium, p, gradient);
+  const BrickGrid& grid = *local.bricks;
+  const dvec3 &lo = grid.support_lo(), &hi = grid.support_hi();
+  if (!(p.x > lo.x && p.y > lo.y && p.z > lo.z && p.x < hi.x && p.y < hi.y && p.z < hi.z)) return 0;
+  const ivec3 voxel(p), cell = voxel >> local.cell_bits;
+  if (cell != local.coordinates) {
+    local.coordinates = cell;
+    local.cell = &grid.cell(cell);
+  }
+  if (local.cell->brick == 0) return 0;
+  const ivec3 inside = voxel & ((1 << local.cell_bits) - 1);
+  const size_t y = static_cast<size_t>(grid.stored()), x = y * y;
+  const float* const values = grid.brick(*local.cell) + inside.x * x + inside.y * y + inside.z;
+  return static_cast<double>(trilinear(values, x, y, vec3(p - dvec3(voxel)), gradient));
+}
+
 GuideMedia::Point MediaLine::look(double t, dvec3* gradient) {
   GuideMedia::Point point;
   if (gradient) *gradient = dvec3(0);
+  dvec3 slope(0);
+  dvec3* const wanted = gradient ? &slope : nullptr;
+  const auto colour = static_cast<size_t>(colour_ + 1);
+  if (one_) {
+    const double found = density(locals_[0], t, wanted);
+    if (!(found > 0)) return point;
+    const GuideMedia::Constants& c = media_.constants_[0];
+    if (gradient) *gradient = c.per_density[colour] * locals_[0].medium->gradient_to_world(slope);
+    return {found * c.per_density[colour], c.albedo[colour], media_.mean_cosine_[0], found * c.inverse_maximum};
+  }
   double scattered = 0, forward = 0;
   for (size_t i = 0; i < locals_.size(); ++i) {
-    Local& local = locals_[i];
-    const Medium& m = *local.medium;
-    const dvec3 p = local.ray.at(t);
-    dvec3 slope(0);
-    double density = 0;
-    if (!local.bricks) {
-      density = general_density(m, p, gradient ? &slope : nullptr);
-    } else {
-      const BrickGrid& grid = *local.bricks;
-      const dvec3 &lo = grid.support_lo(), &hi = grid.support_hi();
-      if (!(p.x > lo.x && p.y > lo.y && p.z > lo.z && p.x < hi.x && p.y < hi.y && p.z < hi.z)) continue;
-      const ivec3 voxel(p), cell = voxel >> local.cell_bits;
-      if (cell != local.coordinates) {
-        local.coordinates = cell;
-        local.cell = &grid.cell(cell);
-      }
-      if (local.cell->brick == 0) continue;
-      const ivec3 inside = voxel & ((1 << local.cell_bits) - 1);
-      const size_t y = static_cast<size_t>(grid.stored()), x = y * y;
-      const float* const values = grid.brick(*local.cell) + inside.x * x + inside.y * y + inside.z;
-      density = trilinear(values, x, y, vec3(p - dvec3(voxel)), gradient ? &slope : nullptr);
-    }
-    if (!(density > 0)) continue;
+    const Medium& m = *locals_[i].medium;
+    const double found = density(locals_[i], t, wanted);
+    if (!(found > 0)) continue;
     const GuideMedia::Constants& c = media_.constants_[i];
-    const double per_density = c.per_density[static_cast<size_t>(colour_ + 1)], sigma = density * per_density;
-    if (gradient) *gradient += per_density * m.gradient_to_world(slope);
-    const double albedo =
-        m.coloured() ? in_colour(m.albedo(ray_.at(t)), colour_) : c.albedo[static_cast<size_t>(colour_ + 1)];
-    const double sigma_s = sigma * albedo;
+    const double sigma = found * c.per_density[colour];
+    if (gradient) *gradient += c.per_density[colour] * m.gradient_to_world(slope);
+    const double sigma_s = sigma * (m.coloured() ? in_colour(m.albedo(ray_.at(t)), colour_) : c.albedo[colour]);
     point.sigma_t += sigma;
     scattered += sigma_s;
     forward += sigma_s * media_.mean_cosine_[i];
-    point.density = std::max(point.density, density * c.inverse_maximum);
+    point.density = std::max(point.density, found * c.inverse_maximum);
   }
   if (point.sigma_t > 0) point.albedo = scattered / point.sigma_t;
   if (scattered > 0) point.g = forward / scattered;

@@ -28,11 +28,14 @@ class MediaLine {
     const BrickGrid::Cell* cell = nullptr;
   };
   GuideMedia::Point look(double t, dvec3* gradient);
+  /// Density of a medium, and its gradient; local space. The gradient is left alone where there is no density.
+  static double density(Local& local, double t, dvec3* gradient);
 
   const GuideMedia& media_;
   const GuideColour colour_;
   Ray ray_{};
   std::vector<Local> locals_;
+  bool one_ = false;  ///< one medium, the same everywhere but for its density
 };
 
 }  // namespace brume
