@@ -13,10 +13,13 @@
 #include "app/filter_options.h"
 #include "app/frame.h"
 #include "app/output_folder.h"
+#include "app/program.h"
 #include "base/error.h"
+#include "base/sequence.h"
 #include "base/text.h"
 #include "evaluate/page.h"
 #include "evaluate/report.h"
+#include "evaluate/sequences.h"
 #include "filters/registry.h"
 #include "image/exr_io.h"
 #include "render/frame/renderer.h"
@@ -201,6 +204,25 @@ EvaluationScene rendered_scene(const ExperimentScene& given, int size, SceneRend
       .time_guides = [scene, &renderer](int spp, const Task& task) { return renderer.time_guides(scene, spp, task); }};
 }
 
+EvaluationSequence rendered_sequence(const ExperimentSequence& given, int size, SceneRenderer& renderer) {
+  EvaluationSequence sequence;
+  try {
+    sequence.frames = parse_frames(given.frames);
+  } catch (const InputError& error) {
+    throw InputError(fmt::format("[[sequences]] frames = \"{}\": {}", given.frames, error.what()));
+  }
+  if (sequence.frames.size() < 2)
+    throw InputError(
+        fmt::format("[[sequences]] frames = \"{}\": expected at least two, such as \"1-16\"", given.frames));
+  for (const int frame : sequence.frames) {
+    ExperimentScene scene{given.file, given.name, given.set};
+    scene.set.push_back(fmt::format("render.frame={}", frame));
+    sequence.scenes.push_back(rendered_scene(scene, size, renderer));
+  }
+  sequence.name = sequence.scenes[0].name;
+  return sequence;
+}
+
 std::string content_hash(const std::vector<fs::path>& files) {
   std::string all;
   for (const fs::path& path : files) {
@@ -244,6 +266,22 @@ std::string program_version() {
   return fmt::format("{} {}", version_text(), content_hash({"/proc/self/exe"}).substr(0, 8));
 }
 
+/// PNGs beside the plots, by rsvg-convert.
+void draw_plots(const fs::path& folder) {
+  for (const fs::directory_entry& entry : fs::directory_iterator(folder)) {
+    const fs::path& plot = entry.path();
+    if (plot.extension() != ".svg") continue;
+    fs::path picture = plot;
+    picture.replace_extension(".png");
+    if (const auto status = run_program({"rsvg-convert", "--zoom=2", "-o", picture.string(), plot.string()}); !status) {
+      note("the plots are there as SVG alone: PNGs of them are made by rsvg-convert (Debian's librsvg2-bin)");
+      return;
+    } else if (*status != 0) {
+      warn(fmt::format("{}: rsvg-convert made no PNG of it (exit status {})", plot.filename().string(), *status));
+    }
+  }
+}
+
 int run(const Common& common) {
   const Experiment experiment = chosen_experiment();
   const EvaluationSettings settings = settings_of(experiment, common);
@@ -258,6 +296,9 @@ int run(const Common& common) {
   for (const ExperimentScene& scene : experiment.scenes)
     scenes.push_back(rendered_scene(scene, experiment.size, renderer));
   for (const ExperimentFrames& frames : experiment.frames) scenes.push_back(foreign_scene(frames, common));
+  std::vector<EvaluationSequence> sequences;
+  for (const ExperimentSequence& sequence : experiment.sequences)
+    sequences.push_back(rendered_sequence(sequence, experiment.size, renderer));
   for (const EvaluationScene& scene : scenes)
     if (scene.name.empty() || scene.name.find('/') != std::string::npos)
       throw InputError(fmt::format("a scene is named '{}'; expected what can be part of a file's name", scene.name));
@@ -267,19 +308,24 @@ int run(const Common& common) {
         throw InputError(fmt::format("two scenes are named '{}'; give each its own name", scenes[i].name));
 
   size_t stage = 0;
-  const size_t stages = stage_count(scenes, settings);
-  const Evaluation result = evaluate(scenes, settings, cache, [&](const std::string& name) {
+  const size_t stages = stage_count(scenes, settings) + stage_count(sequences, settings);
+  const auto task_of = [&](const std::string& name) {
     return make_task(common, fmt::format("[{}/{}] {}", ++stage, stages, name));
-  });
+  };
+  Evaluation result = evaluate(scenes, settings, cache, task_of);
+  evaluate_sequences(sequences, cache, task_of, result);
   if (o.cache.empty()) fs::remove_all(own_cache);
   write_report(result, folder.part());
+  draw_plots(folder.part());
   folder.commit();
   print(common.json ? json_report(result) : markdown_report(result));
   log(common, fmt::format("\n{} frames rendered, {} results filtered; out of the cache {} and {}", result.work.rendered,
                           result.work.filtered, result.work.frames_found, result.work.results_found));
   log(common, fmt::format("EXRs, strips, plots and tables are in {}", o.output));
-  log(common, page_is_built_in() ? fmt::format("All of it in one page: open {}/index.html in a browser", o.output)
-                                 : "No page (index.html): this program was built without Node");
+  log(common, !page_is_built_in() ? "No page (index.html): this program was built without Node"
+              : result.scenes.empty()
+                  ? "No page (index.html), which shows scenes and frames: sequences alone have none"
+                  : fmt::format("All of it in one page: open {}/index.html in a browser", o.output));
   return kDone;
 }
 

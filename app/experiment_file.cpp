@@ -46,6 +46,14 @@ void describe(Visitor& v, ExperimentFrames& f) {
 }
 
 template <class Visitor>
+void describe(Visitor& v, ExperimentSequence& s) {
+  v({.key = "file", .help = "scene file", .required = true}, s.file);
+  v({.key = "frames", .help = "\"1-16\", \"1-240x2\"; at least two", .required = true}, s.frames);
+  v({"name", "", "in tables; empty: the scene's own"}, s.name);
+  v({"set", "", "keys of the scene with other values, as -D takes them"}, s.set);
+}
+
+template <class Visitor>
 void describe(Visitor& v, Experiment& e) {
   v({"name", "", "of the experiment; empty: the file's"}, e.name);
   v({"size", "px", "width of the rendered frames; 0: the scenes' own", 0, 65536}, e.size);
@@ -129,7 +137,8 @@ bool is_experiment(const fs::path& path) {
   stream.seekg(0);
   try {
     const toml::value root = parse_toml(stream, path.string());
-    return !root.contains("camera") && (root.contains("scenes") || root.contains("frames") || root.contains("filters"));
+    return !root.contains("camera") && (root.contains("scenes") || root.contains("frames") ||
+                                        root.contains("sequences") || root.contains("filters"));
   } catch (const InputError&) {
     return false;  // the reader of scenes says what is wrong
   }
@@ -149,12 +158,13 @@ Experiment read_experiment(const fs::path& path) {
   experiment.scenes = scenes_of(root, folder);
   experiment.filters = tables<ExperimentFilter>(root, "filters", folder);
   experiment.frames = tables<ExperimentFrames>(root, "frames", folder);
-  table.knows({"scenes", "filters", "frames"});
+  experiment.sequences = tables<ExperimentSequence>(root, "sequences", folder);
+  table.knows({"scenes", "filters", "frames", "sequences"});
   table.reject_unknown();
-  if (experiment.scenes.empty() && experiment.frames.empty())
+  if (experiment.scenes.empty() && experiment.frames.empty() && experiment.sequences.empty())
     throw InputError(
-        fmt::format("{}: has neither scenes nor frames; expected scenes = [\"FILE\"], [[scenes]] or "
-                    "[[frames]]",
+        fmt::format("{}: has neither scenes, frames nor sequences; expected scenes = [\"FILE\"], [[scenes]], "
+                    "[[frames]] or [[sequences]]",
                     path.string()));
   for (const ExperimentFrames& frames : experiment.frames)
     if (frames.noisy.empty())
@@ -204,7 +214,8 @@ constexpr const char* kResults =
     "are taken against their mean.\n\n"
     "## What is written\n\n"
     "`table.md` is everything for people, `table.csv` a line for each method; `tables/` has each table by itself as "
-    "Markdown, CSV, LaTeX and JSON; `SCENE_error_seconds.svg` are plots, `*.png` strips, `*.exr` the references and "
+    "Markdown, CSV, LaTeX and JSON; `SCENE_error_seconds.svg` are plots (`.png` too, where rsvg-convert is there), the "
+    "other `*.png` strips, `*.exr` the references and "
     "the first seed's frames. Each says the version, commit, command, scene hash and machine that made it. "
     "`results.json` holds all numbers:\n\n"
     "| key | holds |\n|---|---|\n"
@@ -228,6 +239,10 @@ constexpr const char* kResults =
     "`factor_over_gradient_kernel` (null where that never gets there) |\n"
     "| `ablation` | `metrics` of a method with a `layer` left out or alone (`how`) |\n"
     "| `sensitivity` | `metrics` of a method with a `parameter` at a `value` |\n"
+    "| `sequences` | `name`, `frames`, their scenes' `hashes`, `reference_change` (RMS from frame to frame) and "
+    "`rows`: for "
+    "each `spp`, `label`, `reach` (frames on either side) and `region`, `lab_rms`, `temporal_error` and `flicker` with "
+    "`mean`, `half_width` and `values`; `filter_seconds` of a frame; `failed` |\n"
     "| `pictures` | EXR `file` of each `scene`, `spp`, `method`; the `reference` has 0 spp |\n";
 
 }  // namespace
@@ -246,6 +261,12 @@ std::string experiment_reference() {
         "Frames that another renderer made stand beside the scenes: their noisy frames are cleaned as a whole and "
         "judged by their own reference. Nothing is searched on them.",
         ExperimentFrames{});
+  table("[[sequences]]",
+        "Frames of a moving scene, each with random numbers of its own, `reference_spp` samples in each of two "
+        "references. Every filter cleans them with its fixed and default parameters, each frame alone and, where it "
+        "looks through time, with as many on either side as it declares; what is told is Lab RMS over all frames, and "
+        "temporal error and flicker ([sequences.md](sequences.md)).",
+        ExperimentSequence{});
   reference.text += "\n## Metrics\n\n| id | name | unit | best | definition |\n|---|---|---|---|---|\n";
   for (const MetricInfo& m : all_metrics())
     reference.text +=

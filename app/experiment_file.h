@@ -31,6 +31,14 @@ struct ExperimentFrames {
   double exposure = 0;
 };
 
+/// Frames of a moving scene, one after another.
+struct ExperimentSequence {
+  std::filesystem::path file;
+  std::string name;              ///< empty: the scene's own
+  std::string frames;            ///< "1-16"
+  std::vector<std::string> set;  ///< as of a scene
+};
+
 /// What brume evaluate is to do, as a file says it or the command line.
 struct Experiment {
   std::string name;
@@ -51,10 +59,11 @@ struct Experiment {
   std::vector<ExperimentScene> scenes;
   std::vector<ExperimentFilter> filters;
   std::vector<ExperimentFrames> frames;
+  std::vector<ExperimentSequence> sequences;
   std::string text;  ///< of the file
 };
 
-/// Whether a file is an experiment rather than a scene: TOML with scenes or frames.
+/// Whether a file is an experiment rather than a scene: TOML with scenes, frames or sequences.
 bool is_experiment(const std::filesystem::path& path);
 
 /// @throws InputError: no TOML, unknown keys (the nearest one), values out of range, missing files

@@ -72,7 +72,7 @@ std::string error_seconds_plot(const SceneResult& scene,
       "font-family=\"sans-serif\" font-size=\"12\">\n"
       "<rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n<text x=\"{2}\" y=\"24\" font-size=\"15\">{3}: error "
       "against seconds</text>\n",
-      kWidth, kHeight, kLeft, scene.name);
+      kWidth, kHeight, kLeft, xml_text(scene.name));
   svg += "<desc>";
   for (const auto& [key, value] : origin) svg += xml_text(key + ": " + value + "; ");
   svg += "</desc>\n";
@@ -105,7 +105,8 @@ std::string error_seconds_plot(const SceneResult& scene,
     svg += fmt::format(
         "<line x1=\"{0}\" x2=\"{1}\" y1=\"{2}\" y2=\"{2}\" stroke=\"{3}\" stroke-width=\"2\"{4}/><text x=\"{5}\" "
         "y=\"{6}\">{7}</text>\n",
-        kWidth - kRight + 12, kWidth - kRight + 36, legend, c, dash, kWidth - kRight + 42, legend + 4, s.name);
+        kWidth - kRight + 12, kWidth - kRight + 36, legend, c, dash, kWidth - kRight + 42, legend + 4,
+        xml_text(s.name));
     legend += 20;
   }
   return svg + "</svg>\n";

@@ -27,8 +27,6 @@ struct Found {
   std::optional<FilterSettings> elsewhere;  // on the other scenes' frames, where there are any
 };
 
-const RecordedData kPlain = {{"coverage", "direct", "indirect"}, false, false, false};
-
 double median(std::vector<double> values) {
   std::sort(values.begin(), values.end());
   const size_t n = values.size();
@@ -113,6 +111,10 @@ bool prefers_guides(const Contender& contender, bool tune) {
   return std::any_of(all.begin(), all.end(), prefers);
 }
 
+RecordedData data_of_references() {
+  return {{"coverage", "direct", "indirect"}, false, false, false};
+}
+
 RecordedData data_to_record(const EvaluationSettings& settings) {
   if (settings.all_layers) {
     EvaluationSettings all = settings;
@@ -177,9 +179,7 @@ class SceneRun {
       spp_ = settings.spp;
       seeds_ = settings.seeds;
     }
-    options_.component = settings.component;
-    options_.background = settings.background;
-    options_.exposure = scene.exposure;
+    options_ = options_of(settings, scene.exposure);
     if (scene.foreign) options_.component = Component::kAll;
     for (const char* id : {"ssim", "flip", "hdr_flip"})
       if (is_reported(settings, id)) scope_ = ErrorScope::kAll;
@@ -195,7 +195,7 @@ class SceneRun {
     const int count = scene_.foreign ? scene_.foreign->references : 2;
     references_.clear();
     for (int r = 0; r < count; ++r)
-      references_.push_back(store_.frame(scene_, spp, kReferenceSeed + r, kPlain,
+      references_.push_back(store_.frame(scene_, spp, kReferenceSeed + r, data_of_references(),
                                          share(task, r / static_cast<double>(count), (r + 1.0) / count),
                                          is_reference_channel));
     reference_spp_ = scene_.foreign ? 0 : spp;
@@ -218,7 +218,7 @@ class SceneRun {
   /// What a render costs that records only what a method reads; measured where it is asked for first.
   double render_seconds(NoisyFrames& frames, const Contender* contender, const Task& task) {
     if (scene_.foreign) return 0;
-    RecordedData data = contender ? own_data(*contender, settings_) : kPlain;
+    RecordedData data = contender ? own_data(*contender, settings_) : data_of_references();
     const bool as_recorded = data.statistics || data.buckets || data.records || !settings_.time_layers;
     if (!as_recorded && contender) data = light_data_;
     if (!as_recorded && !(data == data_)) return store_.render_seconds(scene_, frames.spp(), data, task);
@@ -246,11 +246,7 @@ class SceneRun {
   }
 
   FilterRun filter_run(const Contender& contender, const FilterSettings& filter) const {
-    FilterRun run{&filter, options_};
-    run.options.features = contender.features;
-    if (!contender.guides) run.left_out = {guide_root()};
-    run.time_limit = contender.time_limit > 0 ? contender.time_limit : settings_.time_limit;
-    return run;
+    return FilterRun(contender, filter, settings_, options_);
   }
 
   /// A filter on the frames of all seeds, into a line.
@@ -417,7 +413,8 @@ class SceneRun {
 
   /// One render for all methods that need no statistics.
   void prepare_light_data() {
-    std::set<std::string> names(kPlain.layers.begin(), kPlain.layers.end());
+    const RecordedData plain = data_of_references();
+    std::set<std::string> names(plain.layers.begin(), plain.layers.end());
     for (const Contender& contender : settings_.contenders) {
       const RecordedData own = own_data(contender, settings_);
       if (!own.statistics && !own.buckets && !own.records) names.insert(own.layers.begin(), own.layers.end());
@@ -486,7 +483,7 @@ size_t stage_count(const std::vector<EvaluationScene>& scenes, const EvaluationS
 
 Evaluation evaluate(const std::vector<EvaluationScene>& scenes, const EvaluationSettings& settings, const Cache& cache,
                     const std::function<Task(const std::string&)>& stage) {
-  Evaluation result{settings, {}, {}};
+  Evaluation result{settings, {}, {}, {}};
   const ResultStore store(cache, result.settings, result.work);
   std::vector<SceneRun> runs;
   for (const EvaluationScene& scene : scenes) runs.emplace_back(scene, result.settings, store);

@@ -156,9 +156,34 @@ struct SceneResult {
 /// The sample counts of a scene's lines, in order.
 std::vector<int> spp_of(const SceneResult& scene);
 
+/// A method on a sequence.
+struct SequenceMethod {
+  std::string filter;  ///< the contender's label; empty: unfiltered
+  int spp = 0;
+  int reach = 0;  ///< frames on either side that it looks into
+  std::string parameters;
+  struct Values {
+    std::vector<double> lab_rms, temporal_error, flicker;  ///< over all frames, by seed; evaluate/temporal.h
+  };
+  std::array<Values, 2> regions;  ///< nothing for the medium where no frame shows one
+  double filter_seconds = 0;      ///< of a frame, median
+  std::string failed;             ///< why there are no numbers; empty: there are
+};
+
+struct SequenceResult {
+  std::string name;
+  std::vector<int> frames;
+  std::vector<std::string> hashes;  ///< of the frames' scenes
+  LabPolicy policy;
+  int width = 0, height = 0;
+  std::array<double, 2> reference_change{};  ///< RMS in Lab from frame to frame, by region
+  std::vector<SequenceMethod> methods;
+};
+
 struct Evaluation {
   EvaluationSettings settings;
   std::vector<SceneResult> scenes;
+  std::vector<SequenceResult> sequences = {};
   /// What was done, and what lay in the cache.
   struct Work {
     int rendered = 0, frames_found = 0, filtered = 0, results_found = 0;
@@ -174,6 +199,9 @@ inline constexpr int64_t kTuningSeed = 2000001;
 
 /// How many stages evaluate() will announce.
 size_t stage_count(const std::vector<EvaluationScene>& scenes, const EvaluationSettings& settings);
+
+/// What references hold.
+RecordedData data_of_references();
 
 /// What the noisy frames must hold for these settings.
 RecordedData data_to_record(const EvaluationSettings& settings);

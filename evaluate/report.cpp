@@ -77,6 +77,9 @@ std::vector<std::pair<std::string, std::string>> origin(const Evaluation& e, con
   std::vector<std::string> hashes;
   for (const SceneResult& s : e.scenes)
     if (!scene || scene == &s) hashes.push_back(s.name + " " + s.hash);
+  if (!scene)
+    for (const SequenceResult& s : e.sequences)
+      hashes.push_back(fmt::format("{} {} .. {}", s.name, s.hashes.front(), s.hashes.back()));
   const int64_t last = kFirstNoisySeed + e.settings.seeds - 1;
   return {{"brume", fmt::format("{} ({})", p.version, p.commit)},
           {"command", p.command},
@@ -295,6 +298,11 @@ Table failures(const Evaluation& e) {
     for (const MethodResult& m : scene.methods)
       if (!m.failed.empty())
         table.rows.push_back({scene.name, fmt::format("{}", m.spp), m.filter, tuning_name(m.tuning), m.failed});
+  for (const SequenceResult& sequence : e.sequences)
+    for (const SequenceMethod& m : sequence.methods)
+      if (!m.failed.empty())
+        table.rows.push_back(
+            {sequence.name, fmt::format("{}", m.spp), m.filter, tuning_name(Tuning::kDefault), m.failed});
   return table;
 }
 
@@ -328,6 +336,41 @@ Table time_to_error(const Evaluation& e) {
     for (const TimeToError& t : times_to_error(scene))
       table.rows.push_back({scene.name, fmt::format("{:g}", t.error), t.method, fmt::format("{:.3f}", t.seconds),
                             factor(t.over_path_tracing), factor(t.over_gradient_kernel)});
+  return table;
+}
+
+Table sequences(const Evaluation& e) {
+  Table table{"sequences",
+              "Through time",
+              "Each filter with its default parameters, alone and with as many frames on either side as it declares. "
+              "Temporal error: RMS in CIE-Lab of how the picture changes from frame to frame less how the reference "
+              "does; flicker: RMS of how it changes, less that of the reference.",
+              {{"sequence", false},
+               {"spp"},
+               {"method", false},
+               {"frames beside"},
+               {"Lab RMS, frame"},
+               {"Lab RMS, medium"},
+               {"temporal error, frame"},
+               {"temporal error, medium"},
+               {"flicker, medium"},
+               {"filter s"}},
+              {},
+              origin(e)};
+  for (const SequenceResult& sequence : e.sequences)
+    for (const SequenceMethod& m : sequence.methods) {
+      std::vector<std::string> row = {sequence.name, fmt::format("{}", m.spp),
+                                      m.filter.empty() ? "path tracing" : m.filter, fmt::format("{}", m.reach)};
+      const auto add = [&](const std::vector<double>& values) {
+        row.push_back(!m.failed.empty() ? "failed" : values.empty() ? "" : interval(mean_interval(values)));
+      };
+      const auto& [frame, medium] = m.regions;
+      for (const auto* values :
+           {&frame.lab_rms, &medium.lab_rms, &frame.temporal_error, &medium.temporal_error, &medium.flicker})
+        add(*values);
+      row.push_back(m.filter.empty() || !m.failed.empty() ? "" : fmt::format("{:.3f}", m.filter_seconds));
+      table.rows.push_back(std::move(row));
+    }
   return table;
 }
 
@@ -412,7 +455,7 @@ std::vector<Table> report_tables(const Evaluation& e) {
   std::vector<Table> tables;
   for (const SceneResult& scene : e.scenes) tables.push_back(summary_table(scene, e));
   for (const SceneResult& scene : e.scenes) tables.push_back(scene_table(scene, e));
-  for (Table& table : std::vector<Table>{winners(e), claims(e), pareto(e), time_to_error(e), ablation(e),
+  for (Table& table : std::vector<Table>{winners(e), claims(e), sequences(e), pareto(e), time_to_error(e), ablation(e),
                                          sensitivity(e), parameters(e), failures(e)})
     if (!table.rows.empty()) tables.push_back(std::move(table));
   return tables;
@@ -456,7 +499,7 @@ std::string markdown_report(const Evaluation& e) {
     text += fmt::format("\n## {}\n\n{}{}", table.title, table.caption.empty() ? "" : table.caption + "\n\n",
                         table.markdown_grid());
   }
-  text += "\n## Pictures\n\n";
+  if (!e.scenes.empty()) text += "\n## Pictures\n\n";
   for (const SceneResult& scene : e.scenes) {
     text += fmt::format("![{0}: error against seconds]({0}_error_seconds.svg)\n\n", scene.name);
     for (const int spp : spp_of(scene))
@@ -542,7 +585,7 @@ void write_report(const Evaluation& e, const std::filesystem::path& folder) {
   write_text(folder / "table.md", markdown_report(e));
   write_text(folder / "table.csv", csv_report(e));
   write_text(folder / "results.json", json_report(e));
-  if (page_is_built_in()) write_text(folder / "index.html", results_page(e));
+  if (page_is_built_in() && !e.scenes.empty()) write_text(folder / "index.html", results_page(e));
   std::filesystem::create_directories(folder / "tables");
   std::vector<Table> tables = report_tables(e);
   tables.push_back(all_errors(e));

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <condition_variable>
+#include <list>
 #include <new>
 #include <thread>
 
@@ -171,13 +172,38 @@ double ResultStore::guide_seconds(const EvaluationScene& scene, int spp, const T
   return seconds;
 }
 
+ApplyOptions options_of(const EvaluationSettings& settings, double exposure) {
+  ApplyOptions options;
+  options.component = settings.component;
+  options.background = settings.background;
+  options.exposure = exposure;
+  return options;
+}
+
+FilterRun::FilterRun(const Contender& contender, const FilterSettings& filter_, const EvaluationSettings& settings,
+                     ApplyOptions options_)
+    : filter(&filter_),
+      options(std::move(options_)),
+      time_limit(contender.time_limit > 0 ? contender.time_limit : settings.time_limit) {
+  options.features = contender.features;
+  if (!contender.guides) left_out = {guide_root()};
+}
+
 FilterOutcome ResultStore::filter(const FilterRun& run, NoisyFrames& frames, size_t seed, const Task& task) const {
+  const bool records = run.filter->entry().records == FilterEntry::Records::kNeeds;
+  return filter(run,
+                {frames.key(seed), [&]() -> const Layers& { return frames.at(seed, task).layers; },
+                 records ? frames.records(seed) : std::filesystem::path()},
+                task);
+}
+
+FilterOutcome ResultStore::filter(const FilterRun& run, const FilterInput& given, const Task& task) const {
   FilterOutcome outcome;
   outcome.key =
       fmt::format("filtered\n{} {}\ncomponent {}\nbackground {}\nexposure {}\nfeatures {}\nwithout {}\ninput {}",
                   run.filter->entry().name, run.filter->text(), static_cast<int>(run.options.component),
                   static_cast<int>(run.options.background), exact(run.options.exposure),
-                  join(run.options.features, " "), join(run.left_out, " "), frames.key(seed));
+                  join(run.options.features, " "), join(run.left_out, " "), given.key);
   const std::string failure_key = fmt::format("{}\ntime limit {}", outcome.key, exact(run.time_limit));
   if (const auto known = cache_.find(outcome.key, is_colour)) {
     count_found(outcome.key, work_.results_found);
@@ -190,10 +216,12 @@ FilterOutcome ResultStore::filter(const FilterRun& run, NoisyFrames& frames, siz
     outcome.failed = *known;
     return outcome;
   }
-  const Layers& whole = frames.at(seed, task).layers;
-  const std::optional<Layers> part =
-      run.left_out.empty() ? std::nullopt : std::optional(without_layers(whole, run.left_out));
-  const Layers& input = part ? *part : whole;
+  std::list<Layers> parts;  // of frames without what is left out
+  const auto seen = [&](const Layers& whole) {
+    return run.left_out.empty() ? &whole : &parts.emplace_back(without_layers(whole, run.left_out));
+  };
+  const Layers& input = *seen(given.frame());
+  const std::vector<NearbyInput> nearby = given.nearby ? given.nearby() : std::vector<NearbyInput>();
   ++work_.filtered;
   known_.insert(outcome.key);
   const Deadline deadline(run.time_limit, task);
@@ -202,10 +230,13 @@ FilterOutcome ResultStore::filter(const FilterRun& run, NoisyFrames& frames, siz
   try {
     ApplyOptions options = run.options;
     if (run.filter->entry().parts) options.component = Component::kAll;
-    std::optional<RecordReader> reader;
+    for (const NearbyInput& other : nearby) options.sequence.push_back({other.distance, seen(*other.layers)});
+    std::list<RecordReader> readers;
     const auto apply = [&](ApplyReport& report) {
-      if (run.filter->entry().records == FilterEntry::Records::kNeeds)
-        options.records = &reader.emplace(frames.records(seed));
+      readers.clear();
+      if (!given.records.empty()) options.records = &readers.emplace_back(given.records);
+      for (size_t i = 0; i < nearby.size(); ++i)
+        if (!nearby[i].records.empty()) options.sequence[i].records = &readers.emplace_back(nearby[i].records);
       return apply_filter(*run.filter, input, options, limited, &report);
     };
     ApplyReport report;

@@ -13,12 +13,34 @@ std::string guide_root();
 /// A filter's settings from their text. @throws InputError
 FilterSettings settings_from(const FilterEntry& filter, const std::string& text);
 
+/// How the settings have frames of that exposure filtered.
+ApplyOptions options_of(const EvaluationSettings& settings, double exposure);
+
 /// One run of a filter: what decides its result beside the frame.
 struct FilterRun {
   const FilterSettings* filter;
   ApplyOptions options;
   std::vector<std::string> left_out = {};  ///< layers by name that the filter does not get to see
   double time_limit = 0;                   ///< seconds; 0: none
+
+  /// @param filter  the contender's, with parameters of their own
+  FilterRun(const Contender& contender, const FilterSettings& filter, const EvaluationSettings& settings,
+            ApplyOptions options);
+};
+
+/// A frame of a sequence beside the one that is filtered.
+struct NearbyInput {
+  int distance;
+  const Layers* layers;
+  std::filesystem::path records;  ///< empty: none
+};
+
+/// What a filter is run on; it is read where the cache lacks the result.
+struct FilterInput {
+  std::string key;  ///< everything that decides it
+  std::function<const Layers&()> frame;
+  std::filesystem::path records = {};
+  std::function<std::vector<NearbyInput>()> nearby = {};  ///< null: a still
 };
 
 /// What came of it; the picture lies in the cache.
@@ -51,6 +73,7 @@ class ResultStore {
   double guide_seconds(const EvaluationScene& scene, int spp, const Task& task) const;
 
   /// @throws InputError when the cache cannot be written; Interrupted when the user ends it
+  FilterOutcome filter(const FilterRun& run, const FilterInput& input, const Task& task) const;
   FilterOutcome filter(const FilterRun& run, NoisyFrames& frames, size_t seed, const Task& task) const;
 
   /// The R G B of a result or frame that is there. @throws InputError when it has gone meanwhile

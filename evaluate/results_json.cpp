@@ -94,6 +94,11 @@ json methods_json(const Evaluation& e) {
   return list;
 }
 
+json interval_json(const std::vector<double>& values) {
+  const MeanInterval interval = mean_interval(values);
+  return {{"mean", interval.mean}, {"half_width", interval.half_width}, {"values", values}};
+}
+
 json metric_values(const EvaluationSettings& settings, const MethodResult& m, Region region) {
   const std::vector<Errors>& by_seed = m.errors[static_cast<size_t>(region)];
   std::map<std::string, std::vector<double>> values;
@@ -101,10 +106,7 @@ json metric_values(const EvaluationSettings& settings, const MethodResult& m, Re
     for (const auto& [id, value] : listed(e))
       if (is_reported(settings, id)) values[id].push_back(value);
   json metrics = json::object();
-  for (const auto& [id, list] : values) {
-    const MeanInterval interval = mean_interval(list);
-    metrics[id] = {{"mean", interval.mean}, {"half_width", interval.half_width}, {"values", list}};
-  }
+  for (const auto& [id, list] : values) metrics[id] = interval_json(list);
   return metrics;
 }
 
@@ -226,6 +228,36 @@ json sensitivity_json(const SceneResult& scene, const EvaluationSettings& settin
   return list;
 }
 
+json sequence_json(const SequenceResult& sequence) {
+  json rows = json::array();
+  for (const SequenceMethod& m : sequence.methods)
+    for (const Region region : kRegions) {
+      const SequenceMethod::Values& values = m.regions[static_cast<size_t>(region)];
+      if (m.failed.empty() && values.lab_rms.empty()) continue;
+      json row = {{"spp", m.spp},
+                  {"label", m.filter.empty() ? "path tracing" : m.filter},
+                  {"reach", m.reach},
+                  {"region", region_name(region)},
+                  {"parameters", m.parameters},
+                  {"filter_seconds", m.filter_seconds}};
+      if (m.failed.empty()) {
+        row["lab_rms"] = interval_json(values.lab_rms);
+        row["temporal_error"] = interval_json(values.temporal_error);
+        row["flicker"] = interval_json(values.flicker);
+      } else {
+        row["failed"] = m.failed;
+      }
+      rows.push_back(std::move(row));
+    }
+  return {{"name", sequence.name},
+          {"frames", sequence.frames},
+          {"hashes", sequence.hashes},
+          {"width", sequence.width},
+          {"height", sequence.height},
+          {"reference_change", {{"frame", sequence.reference_change[0]}, {"medium", sequence.reference_change[1]}}},
+          {"rows", rows}};
+}
+
 void append(json& list, json&& more) {
   for (json& entry : more) list.push_back(std::move(entry));
 }
@@ -246,6 +278,8 @@ std::string json_report(const Evaluation& e) {
     append(ablation, ablation_json(scene, e.settings));
     append(sensitivity, sensitivity_json(scene, e.settings));
   }
+  json sequences = json::array();
+  for (const SequenceResult& sequence : e.sequences) sequences.push_back(sequence_json(sequence));
   json seeds = json::array();
   for (int seed = 0; seed < e.settings.seeds; ++seed) seeds.push_back(kFirstNoisySeed + seed);
   const json result = {{"brume", made.version},
@@ -264,6 +298,7 @@ std::string json_report(const Evaluation& e) {
                        {"time_to_error", times},
                        {"ablation", ablation},
                        {"sensitivity", sensitivity},
+                       {"sequences", sequences},
                        {"pictures", pictures}};
   return result.dump(1, ' ', false, json::error_handler_t::replace) + "\n";
 }

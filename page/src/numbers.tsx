@@ -2,7 +2,7 @@
 import { usePage } from "./context";
 import { Section } from "./controls";
 import { bytes, number, seconds, signed } from "./format";
-import { isBetter, settingOf, totalSeconds, type Metric, type Row } from "./results";
+import { isBetter, settingOf, totalSeconds, type Estimate, type Metric, type Row } from "./results";
 import { shownMethods } from "./state";
 
 interface Column {
@@ -160,6 +160,7 @@ export function Numbers() {
       </Section>
       <Matrix methods={sorted} />
       <TimeToError />
+      <Sequences />
       <Failures />
     </div>
   );
@@ -271,6 +272,66 @@ function TimeToError() {
         </table>
       </div>
     </Section>
+  );
+}
+
+/** Sequences at the sample count and over the pixels that are looked at. */
+function Sequences() {
+  const { index, view } = usePage();
+  const estimate = (e: Estimate | undefined, text: (value: number) => string = number) =>
+    e ? `${text(e.mean)} ± ${number(e.half_width ?? 0)}` : "–";
+  return (
+    <>
+      {index.results.sequences.map(({ name, frames, reference_change, rows }) => {
+        const counts = [...new Set(rows.map((r) => r.spp))];
+        const spp = counts.includes(view.spp) ? view.spp : counts[0];
+        const regions = new Set(rows.map((r) => r.region));
+        const region = regions.has(view.region) ? view.region : "frame";
+        return (
+          <Section
+            key={name}
+            title={`${name}: ${frames.length} frames through time, ${spp} spp, ${region}`}
+            note={`Temporal error: how the picture changes from frame to frame less how the reference does (${number(reference_change[region])} by itself), RMS in CIE-Lab. Flicker: how much more than the reference it changes; below zero where a filter smears.`}
+          >
+            <div class="scroll" tabIndex={0} role="region" aria-label={`${name} through time`}>
+              <table class="metrics sequence">
+                <thead>
+                  <tr>
+                    <th scope="col">Method</th>
+                    <th scope="col">Frames beside</th>
+                    <th scope="col">Lab RMS</th>
+                    <th scope="col">Temporal error</th>
+                    <th scope="col">Flicker</th>
+                    <th scope="col">Filter</th>
+                  </tr>
+                </thead>
+                <tbody>
+                  {rows
+                    .filter((r) => r.spp === spp && r.region === region)
+                    .sort((x, y) => (x.temporal_error?.mean ?? Infinity) - (y.temporal_error?.mean ?? Infinity))
+                    .map((r, i) => (
+                      <tr key={i}>
+                        <th scope="row">{r.label}</th>
+                        <td>{r.reach}</td>
+                        {r.failed ? (
+                          <td colSpan={3}>{r.failed}</td>
+                        ) : (
+                          <>
+                            <td>{estimate(r.lab_rms)}</td>
+                            <td>{estimate(r.temporal_error)}</td>
+                            <td>{estimate(r.flicker, signed)}</td>
+                          </>
+                        )}
+                        <td>{seconds(r.filter_seconds)}</td>
+                      </tr>
+                    ))}
+                </tbody>
+              </table>
+            </div>
+          </Section>
+        );
+      })}
+    </>
   );
 }
 

@@ -101,6 +101,26 @@ export interface Sensitivity {
   metrics: Record<string, Estimate>;
 }
 
+/** A method on a sequence of frames, alone or with some on either side. */
+export interface SequenceRow {
+  spp: number;
+  label: string;
+  reach: number;
+  region: Region;
+  lab_rms?: Estimate;
+  temporal_error?: Estimate;
+  flicker?: Estimate;
+  filter_seconds: number;
+  failed?: string;
+}
+
+export interface Sequence {
+  name: string;
+  frames: number[];
+  reference_change: Record<Region, number>;
+  rows: SequenceRow[];
+}
+
 /** One embedded picture. */
 export interface PictureEntry {
   scene: string;
@@ -132,6 +152,7 @@ export interface Results {
   time_to_error: TimeToError[];
   ablation: Ablation[];
   sensitivity: Sensitivity[];
+  sequences: Sequence[];
 }
 
 export const REFERENCE = "reference";
@@ -159,6 +180,7 @@ export function complete(raw: Partial<Results>): Results {
     time_to_error: raw.time_to_error ?? [],
     ablation: measured(raw.ablation),
     sensitivity: measured(raw.sensitivity),
+    sequences: raw.sequences ?? [],
   };
 }
 

@@ -400,6 +400,18 @@ describe("tables and plots", () => {
     await context.close();
   });
 
+  test("sequences are told by their temporal error, the best first", async () => {
+    const context = await reader();
+    const page = await open(context, made, "tab=numbers");
+    const rows = page.locator(".sequence tbody tr");
+    await comesTo(() => rows.count(), 2);
+    await comesTo(
+      () => rows.first().locator("td").allTextContents(),
+      ["3", "0.250 ± 0.0100", "0.500 ± 0.0100", "−0.0100 ± 0.00100", "250 ms"],
+    );
+    await context.close();
+  });
+
   test("what failed says so", async () => {
     const context = await reader();
     const page = await open(context, made, "tab=numbers&scene=smoke");

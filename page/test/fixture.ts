@@ -121,6 +121,26 @@ export function fixture(): {
     ],
     ablation: [],
     sensitivity: [],
+    sequences: [
+      {
+        name: "shot",
+        frames: [1, 2, 3],
+        reference_change: { frame: 0.5, medium: 1.25 },
+        rows: [
+          { reach: 0, temporal_error: 0.75 },
+          { reach: 3, temporal_error: 0.5 },
+        ].map(({ reach, temporal_error }) => ({
+          spp: 4,
+          label: "transport_regression",
+          reach,
+          region: "frame" as const,
+          lab_rms: { mean: 0.25, half_width: 0.01 },
+          temporal_error: { mean: temporal_error, half_width: 0.01 },
+          flicker: { mean: -0.01, half_width: 0.001 },
+          filter_seconds: 0.25,
+        })),
+      },
+    ],
   };
   const pictures: PictureEntry[] = [];
   const packed: string[] = [];

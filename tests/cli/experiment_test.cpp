@@ -211,6 +211,51 @@ TEST_F(Experiments, FramesOfOtherRenderersStandBesideScenes) {
   EXPECT_TRUE(holds(run_brume(command()).err, "has 16 x 16 pixels, expected 20 x 20")) << "another size";
 }
 
+TEST_F(Experiments, SequencesAreJudgedByHowTheyFlicker) {
+  const auto experiment = [&](const std::string& frames) {
+    return "size = 24\nspp = [8]\nseeds = 2\nreference_spp = 64\nsearch = false\ncomponent = \"all\"\n"
+           "scenes = [\"cloud.toml\"]\n[[filters]]\nfilter = \"gaussian\"\n[[filters]]\nfilter = \"nl_means\"\n"
+           "[[filters]]\nfilter = \"sbf\"\ntime_limit = 1e-4\n"
+           "[[sequences]]\nfile = \"cloud.toml\"\nname = \"shot\"\nframes = \"" +
+           frames + "\"\nset = [\"render.max_events=40\"]\n";
+  };
+  test::write_file(folder_ / "small.toml", experiment("1-4"));
+  const auto r = run_brume(command());
+  ASSERT_EQ(r.status, 0) << r.err;
+  EXPECT_TRUE(holds(r.out, "## Through time")) << r.out;
+  const json all = results();
+  ASSERT_EQ(all["sequences"].size(), 1u);
+  const json& shot = all["sequences"][0];
+  EXPECT_EQ(shot["name"], "shot");
+  EXPECT_EQ(shot["frames"], json({1, 2, 3, 4}));
+  // Nothing moves but noise.
+  EXPECT_LT(shot["reference_change"]["frame"].get<double>(), 1);
+  std::map<std::string, json> rows;
+  for (const json& row : shot["rows"])
+    if (row["region"] == "frame") rows[row["label"].get<std::string>() + row["reach"].dump()] = row;
+  ASSERT_EQ(rows.size(), 5u) << "path tracing, gaussian, sbf, nl_means alone and with frames beside: " << shot["rows"];
+  EXPECT_TRUE(holds(rows["sbf0"].value("failed", ""), "frame 1, seed 1: took longer than 0.0001 s"));
+  EXPECT_TRUE(holds(r.out, "took longer than 0.0001 s"));
+  const auto mean = [&](const char* row, const char* what) { return rows[row][what]["mean"].get<double>(); };
+  for (const char* row : {"path tracing0", "gaussian0", "nl_means0"}) {
+    EXPECT_EQ(rows[row]["lab_rms"]["values"].size(), 2u);
+    // Independent noise changes by the root of two times itself; a filter's bias does not change.
+    EXPECT_LT(mean(row, "temporal_error"), 1.1 * std::sqrt(2.0) * mean(row, "lab_rms")) << row;
+    EXPECT_GT(mean(row, "flicker"), 0) << row;
+  }
+  EXPECT_NEAR(mean("path tracing0", "temporal_error"), std::sqrt(2.0) * mean("path tracing0", "lab_rms"),
+              0.15 * mean("path tracing0", "temporal_error"));
+  EXPECT_LT(mean("gaussian0", "temporal_error"), mean("path tracing0", "temporal_error"));
+  for (const auto& [name, row] : rows) {
+    if (!name.starts_with("nl_means") || row["reach"] == 0) continue;
+    EXPECT_LT(row["temporal_error"]["mean"].get<double>(), mean("nl_means0", "temporal_error"));
+  }
+  EXPECT_TRUE(holds(run_brume(command()).err, "0 frames rendered, 0 results filtered")) << "nothing anew";
+
+  for (const auto& [frames, what] : {std::pair("7", "expected at least two"), {"4-1", "4-1"}})
+    EXPECT_TRUE(holds(refused(experiment(frames)), what)) << frames;
+}
+
 TEST_F(Experiments, WhatIsWrongInTheFileIsNamed) {
   const std::string scene = "scenes = [\"cloud.toml\"]\n";
   EXPECT_TRUE(holds(refused(scene + "seds = 3\n"), "unknown key 'seds' in an experiment; did you mean 'seeds'?"));
@@ -222,7 +267,7 @@ TEST_F(Experiments, WhatIsWrongInTheFileIsNamed) {
   EXPECT_TRUE(holds(refused(scene + "metrics = [\"lab_rsm\"]\n"), "no metric 'lab_rsm'; did you mean 'lab_rms'?"));
   EXPECT_TRUE(holds(refused(scene + "study_spp = [5]\n"), "study_spp 5 is none of"));
   EXPECT_TRUE(holds(refused(scene + "component = \"some\"\n"), "'component' cannot be 'some'"));
-  EXPECT_TRUE(holds(refused("[[filters]]\nfilter = \"bilateral\"\n"), "neither scenes nor frames"));
+  EXPECT_TRUE(holds(refused("[[filters]]\nfilter = \"bilateral\"\n"), "neither scenes, frames nor sequences"));
   EXPECT_TRUE(holds(refused(scene + "[[filters]]\nfilter = \"bilateral\"\n[[filters]]\nfilter = \"bilateral\"\n"),
                     "two filters are called 'bilateral'"));
   EXPECT_TRUE(holds(refused("[[scenes]]\nfile = \"cloud.toml\"\n[[scenes]]\nfile = \"cloud.toml\"\n"),
