@@ -1,7 +1,7 @@
 // Where it all comes from: versions, command, machine, scenes, metrics, parameters.
 import { usePage } from "./context";
 import { number } from "./format";
-import { Section } from "./controls";
+import { ScrollTable, Section } from "./controls";
 import { listed, settingOf } from "./results";
 
 export function About() {
@@ -35,36 +35,25 @@ export function About() {
         </dl>
       </Section>
       <Section title="Scenes">
-        <div class="scroll" tabIndex={0} role="region" aria-label="Scenes">
-          <table class="metrics text">
-            <thead>
-              <tr>
-                <th scope="col">Scene</th>
-                <th scope="col">Size</th>
-                <th scope="col">Medium</th>
-                <th scope="col">References</th>
-                <th scope="col">Their noise, Lab RMS</th>
-                <th scope="col">Exposure</th>
-                <th scope="col">Hash</th>
-              </tr>
-            </thead>
-            <tbody>
-              {results.scenes.map((s) => (
-                <tr key={s.name}>
-                  <th scope="row">{s.name}</th>
-                  <td>{s.width && s.height ? `${s.width}\u00a0×\u00a0${s.height}` : "–"}</td>
-                  <td>{s.medium_share === undefined ? "–" : `${(100 * s.medium_share).toFixed(1)} % of the pixels`}</td>
-                  <td>{s.reference_spp === undefined ? "–" : `${s.references ?? 2} × ${s.reference_spp} spp`}</td>
-                  <td>{number(s.reference_noise)}</td>
-                  <td>{s.exposure ?? "–"}</td>
-                  <td>
-                    <code>{s.hash ?? "–"}</code>
-                  </td>
-                </tr>
-              ))}
-            </tbody>
-          </table>
-        </div>
+        <ScrollTable
+          label="Scenes"
+          class="metrics text"
+          columns={["Scene", "Size", "Medium", "References", "Their noise, Lab RMS", "Exposure", "Hash"]}
+        >
+          {results.scenes.map((s) => (
+            <tr key={s.name}>
+              <th scope="row">{s.name}</th>
+              <td>{s.width && s.height ? `${s.width}\u00a0×\u00a0${s.height}` : "–"}</td>
+              <td>{s.medium_share === undefined ? "–" : `${(100 * s.medium_share).toFixed(1)} % of the pixels`}</td>
+              <td>{s.reference_spp === undefined ? "–" : `${s.references ?? 2} × ${s.reference_spp} spp`}</td>
+              <td>{number(s.reference_noise)}</td>
+              <td>{s.exposure ?? "–"}</td>
+              <td>
+                <code>{s.hash ?? "–"}</code>
+              </td>
+            </tr>
+          ))}
+        </ScrollTable>
       </Section>
       {results.metrics.length > 0 && (
         <Section title="Metrics">
@@ -84,44 +73,37 @@ export function About() {
         title="Methods and their parameters"
         note={`Of ${view.scene} at ${view.spp} spp. A searched value at the edge of what was tried is marked: the best may lie further out.`}
       >
-        <div class="scroll" tabIndex={0} role="region" aria-label="Methods and their parameters">
-          <table class="metrics text">
-            <thead>
-              <tr>
-                <th scope="col">Method</th>
-                <th scope="col">Parameters</th>
-                <th scope="col">Features</th>
-              </tr>
-            </thead>
-            <tbody>
-              {results.methods.map((m) => (
-                <tr key={m.id} data-method={m.id}>
-                  <th scope="row">
-                    {m.label}
-                    {settingOf(m) && <small> {settingOf(m)}</small>}
-                  </th>
-                  <td>
-                    {index.parameters(view.scene, view.spp, m.id).map(([name, value]) => (
-                      <code key={name} class="parameter">
-                        {name}
-                        {value && <b>{value}</b>}
-                        {edges(m.id).includes(name) && <span class="edge"> at the edge</span>}
-                      </code>
-                    ))}
-                  </td>
-                  <td>
-                    {listed(m.features).map(([name, value]) => (
-                      <code key={name} class="parameter">
-                        {name}
-                        {value && <b>{value}</b>}
-                      </code>
-                    ))}
-                  </td>
-                </tr>
-              ))}
-            </tbody>
-          </table>
-        </div>
+        <ScrollTable
+          label="Methods and their parameters"
+          class="metrics text"
+          columns={["Method", "Parameters", "Features"]}
+        >
+          {results.methods.map((m) => (
+            <tr key={m.id} data-method={m.id}>
+              <th scope="row">
+                {m.label}
+                {settingOf(m) && <small> {settingOf(m)}</small>}
+              </th>
+              <td>
+                {index.parameters(view.scene, view.spp, m.id).map(([name, value]) => (
+                  <code key={name} class="parameter">
+                    {name}
+                    {value && <b>{value}</b>}
+                    {edges(m.id).includes(name) && <span class="edge"> at the edge</span>}
+                  </code>
+                ))}
+              </td>
+              <td>
+                {listed(m.features).map(([name, value]) => (
+                  <code key={name} class="parameter">
+                    {name}
+                    {value && <b>{value}</b>}
+                  </code>
+                ))}
+              </td>
+            </tr>
+          ))}
+        </ScrollTable>
       </Section>
       {results.experiment && (
         <Section title="Experiment">

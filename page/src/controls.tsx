@@ -82,3 +82,23 @@ export function Section(props: { title: string; note?: ComponentChildren; childr
     </section>
   );
 }
+
+/** A table that scrolls by itself where it is wider than the page. */
+export function ScrollTable(props: { label: string; class: string; columns: string[]; children: ComponentChildren }) {
+  return (
+    <div class="scroll" tabIndex={0} role="region" aria-label={props.label}>
+      <table class={props.class}>
+        <thead>
+          <tr>
+            {props.columns.map((column) => (
+              <th key={column} scope="col">
+                {column}
+              </th>
+            ))}
+          </tr>
+        </thead>
+        <tbody>{props.children}</tbody>
+      </table>
+    </div>
+  );
+}

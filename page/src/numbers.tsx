@@ -1,6 +1,6 @@
 // Tables: every metric of every method, who beats whom, time to an error, what failed.
 import { usePage } from "./context";
-import { Section } from "./controls";
+import { ScrollTable, Section } from "./controls";
 import { bytes, number, seconds, signed } from "./format";
 import { isBetter, settingOf, totalSeconds, type Estimate, type Metric, type Row } from "./results";
 import { shownMethods } from "./state";
@@ -245,32 +245,23 @@ function TimeToError() {
       title={`${view.scene}: time to an error`}
       note="Seconds of rendering, guides and filtering until a method's error has fallen to the one given, and how many times faster that is."
     >
-      <div class="scroll" tabIndex={0} role="region" aria-label="Time to an error">
-        <table class="metrics">
-          <thead>
-            <tr>
-              <th scope="col">Method</th>
-              <th scope="col">Error</th>
-              <th scope="col">Time</th>
-              <th scope="col">than path tracing</th>
-              <th scope="col">than the gradient kernel</th>
+      <ScrollTable
+        label="Time to an error"
+        class="metrics"
+        columns={["Method", "Error", "Time", "than path tracing", "than the gradient kernel"]}
+      >
+        {[...entries]
+          .sort((x, y) => x.error - y.error || (x.seconds ?? Infinity) - (y.seconds ?? Infinity))
+          .map((t, i) => (
+            <tr key={i}>
+              <th scope="row">{index.fullLabel(t.method)}</th>
+              <td>{number(t.error)}</td>
+              <td>{t.seconds === null ? "not reached" : seconds(t.seconds)}</td>
+              <td>{factor(t.factor_over_path_tracing)}</td>
+              <td>{factor(t.factor_over_gradient_kernel)}</td>
             </tr>
-          </thead>
-          <tbody>
-            {[...entries]
-              .sort((x, y) => x.error - y.error || (x.seconds ?? Infinity) - (y.seconds ?? Infinity))
-              .map((t, i) => (
-                <tr key={i}>
-                  <th scope="row">{index.fullLabel(t.method)}</th>
-                  <td>{number(t.error)}</td>
-                  <td>{t.seconds === null ? "not reached" : seconds(t.seconds)}</td>
-                  <td>{factor(t.factor_over_path_tracing)}</td>
-                  <td>{factor(t.factor_over_gradient_kernel)}</td>
-                </tr>
-              ))}
-          </tbody>
-        </table>
-      </div>
+          ))}
+      </ScrollTable>
     </Section>
   );
 }
@@ -293,41 +284,31 @@ function Sequences() {
             title={`${name}: ${frames.length} frames through time, ${spp} spp, ${region}`}
             note={`Temporal error: how the picture changes from frame to frame less how the reference does (${number(reference_change[region])} by itself), RMS in CIE-Lab. Flicker: how much more than the reference it changes; below zero where a filter smears.`}
           >
-            <div class="scroll" tabIndex={0} role="region" aria-label={`${name} through time`}>
-              <table class="metrics sequence">
-                <thead>
-                  <tr>
-                    <th scope="col">Method</th>
-                    <th scope="col">Frames beside</th>
-                    <th scope="col">Lab RMS</th>
-                    <th scope="col">Temporal error</th>
-                    <th scope="col">Flicker</th>
-                    <th scope="col">Filter</th>
+            <ScrollTable
+              label={`${name} through time`}
+              class="metrics sequence"
+              columns={["Method", "Frames beside", "Lab RMS", "Temporal error", "Flicker", "Filter"]}
+            >
+              {rows
+                .filter((r) => r.spp === spp && r.region === region)
+                .sort((x, y) => (x.temporal_error?.mean ?? Infinity) - (y.temporal_error?.mean ?? Infinity))
+                .map((r, i) => (
+                  <tr key={i}>
+                    <th scope="row">{r.label}</th>
+                    <td>{r.reach}</td>
+                    {r.failed ? (
+                      <td colSpan={3}>{r.failed}</td>
+                    ) : (
+                      <>
+                        <td>{estimate(r.lab_rms)}</td>
+                        <td>{estimate(r.temporal_error)}</td>
+                        <td>{estimate(r.flicker, signed)}</td>
+                      </>
+                    )}
+                    <td>{seconds(r.filter_seconds)}</td>
                   </tr>
-                </thead>
-                <tbody>
-                  {rows
-                    .filter((r) => r.spp === spp && r.region === region)
-                    .sort((x, y) => (x.temporal_error?.mean ?? Infinity) - (y.temporal_error?.mean ?? Infinity))
-                    .map((r, i) => (
-                      <tr key={i}>
-                        <th scope="row">{r.label}</th>
-                        <td>{r.reach}</td>
-                        {r.failed ? (
-                          <td colSpan={3}>{r.failed}</td>
-                        ) : (
-                          <>
-                            <td>{estimate(r.lab_rms)}</td>
-                            <td>{estimate(r.temporal_error)}</td>
-                            <td>{estimate(r.flicker, signed)}</td>
-                          </>
-                        )}
-                        <td>{seconds(r.filter_seconds)}</td>
-                      </tr>
-                    ))}
-                </tbody>
-              </table>
-            </div>
+                ))}
+            </ScrollTable>
           </Section>
         );
       })}
