@@ -285,6 +285,7 @@ void draw_plots(const fs::path& folder) {
 int run(const Common& common) {
   const Experiment experiment = chosen_experiment();
   const EvaluationSettings settings = settings_of(experiment, common);
+  if (const std::string remark = remark_on_parts(settings); !remark.empty()) note(remark);
   OutputFolder folder(o.output);
   const fs::path own_cache = folder.part() / "cache";
   const Cache cache(o.cache.empty() ? own_cache : fs::path(o.cache), program_version());

@@ -78,6 +78,16 @@ const MethodResult* SceneResult::find(const std::string& filter, Tuning tuning, 
   return nullptr;
 }
 
+std::string remark_on_parts(const EvaluationSettings& settings) {
+  std::vector<std::string> names;
+  for (const Contender& c : settings.contenders)
+    if (c.settings.entry().parts) names.push_back(c.label);
+  if (settings.component != Component::kIndirect || names.empty()) return "";
+  return fmt::format(
+      "{} clean{} the direct light as well, which the others leave noisy here: --component all compares them alike",
+      join(names), names.size() == 1 ? "s" : "");
+}
+
 bool is_reported(const EvaluationSettings& settings, const std::string& metric) {
   const std::vector<std::string>& chosen = settings.metrics;
   return chosen.empty() || std::find(chosen.begin(), chosen.end(), metric) != chosen.end();

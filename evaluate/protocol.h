@@ -80,6 +80,10 @@ struct EvaluationSettings {
   Provenance provenance;
 };
 
+/// What readers must know where only the indirect light is to be cleaned and some filters clean the direct light by
+/// themselves, too; empty: nothing.
+std::string remark_on_parts(const EvaluationSettings& settings);
+
 /// Whether a metric is among those that are reported.
 bool is_reported(const EvaluationSettings& settings, const std::string& metric);
 

@@ -495,6 +495,7 @@ std::string markdown_report(const Evaluation& e) {
       e.settings.background == BackgroundRule::kBilateral ? "get the bilateral filter, as there"
                                                           : "are filtered like the rest",
       e.settings.seeds, machine_text(e.settings.provenance));
+  if (const std::string remark = remark_on_parts(e.settings); !remark.empty()) text += fmt::format("\n{}.\n", remark);
   for (const Table& table : report_tables(e)) {
     text += fmt::format("\n## {}\n\n{}{}", table.title, table.caption.empty() ? "" : table.caption + "\n\n",
                         table.markdown_grid());

@@ -211,6 +211,16 @@ TEST_F(Experiments, FramesOfOtherRenderersStandBesideScenes) {
   EXPECT_TRUE(holds(run_brume(command()).err, "has 16 x 16 pixels, expected 20 x 20")) << "another size";
 }
 
+TEST_F(Experiments, SayWhereFiltersAreNotComparedAlike) {
+  const std::string run = "--spp 2 --seeds 1 -f bilateral -f transport_regression --component ";
+  const auto indirect = run_brume(command(run + "indirect"));
+  ASSERT_EQ(indirect.status, 0) << indirect.err;
+  for (const std::string& told : {indirect.err, indirect.out})
+    EXPECT_TRUE(holds(told, "transport_regression cleans the direct light as well")) << told;
+  const auto all = run_brume(command(run + "all"));
+  EXPECT_FALSE(holds(all.err + all.out, "direct light as well"));
+}
+
 TEST_F(Experiments, SequencesAreJudgedByHowTheyFlicker) {
   const auto experiment = [&](const std::string& frames) {
     return "size = 24\nspp = [8]\nseeds = 2\nreference_spp = 64\nsearch = false\ncomponent = \"all\"\n"
