@@ -290,15 +290,18 @@ const std::vector<ListedMetric>& metrics() {
       {{"ssim", "SSIM", "1", Better::kHigher,
         "structural similarity (Wang et al. 2004) of the sRGB-encoded luma, Gaussian windows of 11 x 11 pixels, "
         "against "
-        "the mean of the references"},
+        "the mean of the references",
+        ErrorScope::kAll},
        &Errors::ssim},
       {{"flip", "FLIP", "1", Better::kLower,
         "mean of FLIP (Andersson et al. 2020) of the picture times the exposure, clipped to [0, 1], at 67 pixels per "
-        "degree, against the mean of the references"},
+        "degree, against the mean of the references",
+        ErrorScope::kAll},
        &Errors::flip},
       {{"hdr_flip", "HDR-FLIP", "1", Better::kLower,
         "mean of HDR-FLIP (Andersson et al. 2021) over exposures from the reference, ACES tone curve, at 67 pixels per "
-        "degree, against the mean of the references"},
+        "degree, against the mean of the references",
+        ErrorScope::kAll},
        &Errors::hdr_flip},
       {{"relative_bias", "relative bias", "1", Better::kZero,
         "mean of x over mean of r, less 1: energy gained or lost"},
@@ -320,6 +323,12 @@ const std::vector<MetricInfo>& all_metrics() {
 std::vector<std::pair<std::string, double>> listed(const Errors& e) {
   std::vector<std::pair<std::string, double>> values;
   for (const ListedMetric& m : metrics()) values.emplace_back(m.info.id, e.*m.value);
+  return values;
+}
+
+std::vector<double> values_of(const std::vector<Errors>& by_seed, size_t metric) {
+  std::vector<double> values;
+  for (const Errors& e : by_seed) values.push_back(e.*metrics().at(metric).value);
   return values;
 }
 

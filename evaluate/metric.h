@@ -25,14 +25,20 @@ enum class Better { kLower, kHigher, kZero };
 /// "lower", "higher" or "zero".
 const char* better_name(Better better);
 
+/// Which errors are taken: those of single pixels, or those too that look around pixels, SSIM and FLIP, which cost
+/// more.
+enum class ErrorScope { kPixels, kAll };
+
 /// What a metric is, once: tables, pages and programs take it from here.
 struct MetricInfo {
   const char *id, *name, *unit;
   Better better;
   const char* definition;
+  ErrorScope scope = ErrorScope::kPixels;  ///< that it needs
 };
 /// In the order in which reports print them; the first is the primary one.
 const std::vector<MetricInfo>& all_metrics();
+inline constexpr size_t kLabRms = 0;
 
 /// Errors of a picture against a reference, over the pixels of a mask; all_metrics() says what they are.
 struct Errors {
@@ -42,10 +48,6 @@ struct Errors {
   double relative_bias = 0;
   size_t pixels = 0;
 };
-
-/// Which errors are taken: those of single pixels, or those too that look around pixels, SSIM and FLIP, which cost
-/// more.
-enum class ErrorScope { kPixels, kAll };
 
 /// @param second  another, independent reference: the squared errors become products (x - r1)(x - r2), whose
 /// expectation
@@ -83,5 +85,8 @@ class LabRms {
 
 /// Names and values in the order of all_metrics().
 std::vector<std::pair<std::string, double>> listed(const Errors& errors);
+
+/// Of one metric, by its place in all_metrics(), each seed's.
+std::vector<double> values_of(const std::vector<Errors>& by_seed, size_t metric);
 
 }  // namespace brume

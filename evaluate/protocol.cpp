@@ -34,9 +34,15 @@ double median(std::vector<double> values) {
 }
 
 bool is_reference_channel(const std::string& channel) {
-  const auto names = layer::beauty.channel_names();
-  return std::find(names.begin(), names.end(), channel) != names.end() || channel == layer::coverage.channel(0);
+  return is_judged(channel) || channel == layer::coverage.channel(0);
 }
+
+/// A light that is judged by itself, of a noisy frame or reference and of a clean picture.
+struct JudgedLight {
+  LayerName light, clean;
+};
+constexpr JudgedLight kJudgedLights[] = {{layer::direct, layer::clean_direct},
+                                         {layer::indirect, layer::clean_indirect}};
 
 }  // namespace
 
@@ -191,8 +197,8 @@ class SceneRun {
     }
     options_ = options_of(settings, scene.exposure);
     if (scene.foreign) options_.component = Component::kAll;
-    for (const char* id : {"ssim", "flip", "hdr_flip"})
-      if (is_reported(settings, id)) scope_ = ErrorScope::kAll;
+    for (const MetricInfo& m : all_metrics())
+      if (m.scope == ErrorScope::kAll && is_reported(settings, m.id)) scope_ = ErrorScope::kAll;
   }
 
   const EvaluationScene& scene() const { return scene_; }
@@ -256,7 +262,9 @@ class SceneRun {
   }
 
   FilterRun filter_run(const Contender& contender, const FilterSettings& filter) const {
-    return FilterRun(contender, filter, settings_, options_);
+    FilterRun run(contender, filter, settings_, options_);
+    run.options.keep_parts = true;
+    return run;
   }
 
   /// A filter on the frames of all seeds, into a line.
@@ -277,25 +285,24 @@ class SceneRun {
 
   /// Fills in the errors of a line from its pictures.
   void measure(MethodResult& m, NoisyFrames& frames, const Task& task) {
-    for (auto& list : m.errors) list.clear();
+    m.forget_errors();
     if (!m.failed.empty()) return;
-    const RgbPlanes r1 = references_.front().layers.rgb(layer::beauty), r2 = second();
-    const RgbPlanes* other = references_.size() > 1 ? &r2 : nullptr;
     for (size_t seed = 0; seed < m.pictures.size(); ++seed) {
       task.check();
-      Layers picture = m.filter.empty() ? frames.colours(seed, task) : store_.picture(m.pictures[seed]);
-      const RgbPlanes x = picture.rgb(layer::beauty);
+      Layers picture = m.filter.empty() ? frames.judged(seed, task) : store_.picture(m.pictures[seed]);
       try {
-        const std::vector<Errors> errors =
-            result_.mask.empty() ? compare_regions(x, r1, result_.policy, {{}}, other, scope_, task)
-                                 : compare_regions(x, r1, result_.policy, {{}, result_.mask}, other, scope_, task);
-        for (size_t region = 0; region < errors.size(); ++region) m.errors[region].push_back(errors[region]);
+        add_errors(picture, layer::beauty, layer::beauty, scope_, m.errors, task);
+        for (const auto& [light, clean] : kJudgedLights) {
+          const LayerName& own = m.filter.empty() ? light : clean;
+          if (picture.has(own) && references_.front().layers.has(light))
+            add_errors(picture, own, light, ErrorScope::kPixels, m.lights[std::string(light.name)], task);
+        }
       } catch (const InputError& error) {
         m.failed = fmt::format("seed {}: {}", kFirstNoisySeed + static_cast<int64_t>(seed), error.what());
-        for (auto& list : m.errors) list.clear();
+        m.forget_errors();
         return;
       }
-      if (seed == 0) m.example = std::move(picture);
+      if (seed == 0) m.example = only_colours(picture);
     }
   }
 
@@ -417,6 +424,17 @@ class SceneRun {
       for (const auto& [value, changed] : parameter.values)
         result_.sensitivity.push_back(
             {parameter.name, value, studied(filter_run(contender, changed), best, frames, task)});
+  }
+
+  /// Of a layer of a picture against one of the references.
+  void add_errors(const Layers& picture, const LayerName& own, const LayerName& theirs, ErrorScope scope,
+                  RegionErrors& errors, const Task& task) const {
+    const RgbPlanes first = references_.front().layers.rgb(theirs), other = references_.back().layers.rgb(theirs);
+    std::vector<Mask> masks = {{}};
+    if (!result_.mask.empty()) masks.push_back(result_.mask);
+    const std::vector<Errors> found = compare_regions(picture.rgb(own), first, result_.policy, masks,
+                                                      references_.size() > 1 ? &other : nullptr, scope, task);
+    for (size_t region = 0; region < found.size(); ++region) errors[region].push_back(found[region]);
   }
 
   const RgbPlanes second() const { return references_.back().layers.rgb(layer::beauty); }

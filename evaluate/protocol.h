@@ -1,6 +1,7 @@
 #pragma once
 #include <filesystem>
 #include <functional>
+#include <map>
 #include <optional>
 
 #include "evaluate/cache.h"
@@ -102,14 +103,19 @@ enum class Region { kFrame, kMedium };
 inline constexpr std::array<Region, 2> kRegions = {Region::kFrame, Region::kMedium};
 const char* region_name(Region region);
 
+/// By region and seed.
+using RegionErrors = std::array<std::vector<Errors>, 2>;
+
 /// One line of the table: a method at one spp.
 struct MethodResult {
   std::string filter;  ///< the contender's label; empty: unfiltered
   Tuning tuning = Tuning::kNone;
   int spp = 0;
   std::string parameters;
-  std::vector<std::string> edges;             ///< searched parameters that ended on the edge of their candidates
-  std::array<std::vector<Errors>, 2> errors;  ///< by region and seed; reference noise removed
+  std::vector<std::string> edges;              ///< searched parameters that ended on the edge of their candidates
+  RegionErrors errors;                         ///< of the picture; reference noise removed
+  std::map<std::string, RegionErrors> lights;  ///< of `direct` and `indirect`, where they are clean by themselves;
+                                               ///< single pixels' metrics alone
   double render_seconds = 0, guide_seconds = 0, filter_seconds = 0;  ///< of a frame, median over the seeds
   std::optional<double> peak_bytes;   ///< memory that the filter held at most beside its input
   std::string failed;                 ///< why there are no numbers; empty: there are
@@ -117,6 +123,10 @@ struct MethodResult {
   Layers example;                     ///< of the first seed: R G B
   double seconds() const { return render_seconds + guide_seconds + filter_seconds; }
 
+  void forget_errors() {
+    errors = {};
+    lights.clear();
+  }
   std::string label() const { return filter.empty() ? "path tracing" : filter; }
   /// What tells it from the other methods, in file names and tables for programs: "noisy", "gradient_kernel_mul_paper".
   std::string id() const;

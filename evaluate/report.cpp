@@ -417,12 +417,41 @@ Table sensitivity(const Evaluation& e) {
   return table;
 }
 
+/// Direct and indirect light by themselves, where they are cleaned so.
+Table lights(const Evaluation& e) {
+  Table table{"lights",
+              "Direct and indirect light by themselves",
+              "Lab RMS over the pixels that show the medium, or the whole frame where none do, of the light that was "
+              "scattered once and of the rest, where a method cleans them apart.",
+              {{"scene", false}, {"spp"}, {"method", false}, {"picture"}, {"direct"}, {"indirect"}},
+              {},
+              origin(e)};
+  const bool filtered = std::any_of(e.scenes.begin(), e.scenes.end(), [](const SceneResult& scene) {
+    return std::any_of(scene.methods.begin(), scene.methods.end(),
+                       [](const MethodResult& m) { return !m.filter.empty() && !m.lights.empty(); });
+  });
+  if (!filtered) return table;
+  for (const SceneResult& scene : e.scenes)
+    for (const MethodResult& m : scene.methods) {
+      if (m.lights.empty()) continue;
+      const auto region = static_cast<size_t>(scene.mask.empty() ? Region::kFrame : Region::kMedium);
+      const auto light = [&](const char* name) {
+        const auto found = m.lights.find(name);
+        return found == m.lights.end() ? "" : interval(mean_interval(values_of(found->second[region], kLabRms)));
+      };
+      table.rows.push_back({scene.name, fmt::format("{}", m.spp), m.id(),
+                            interval(mean_interval(values_of(m.errors[region], kLabRms))), light("direct"),
+                            light("indirect")});
+    }
+  return table;
+}
+
 /// Every metric of every method.
 Table all_errors(const Evaluation& e) {
   Table table{"metrics",
               "Every metric",
               "Mean over the seeds and half width of its 95 % interval.",
-              {{"scene", false}, {"spp"}, {"method", false}, {"region", false}},
+              {{"scene", false}, {"spp"}, {"method", false}, {"region", false}, {"light", false}},
               {},
               origin(e)};
   std::vector<size_t> chosen;
@@ -432,21 +461,26 @@ Table all_errors(const Evaluation& e) {
       table.columns.push_back({all_metrics()[i].id});
       table.columns.push_back({fmt::format("{} ±", all_metrics()[i].id)});
     }
-  for (const SceneResult& scene : e.scenes)
-    for (const MethodResult& m : scene.methods)
-      for (const Region region : kRegions) {
-        const std::vector<Errors>& by_seed = m.errors[static_cast<size_t>(region)];
-        if (by_seed.empty()) continue;
-        std::vector<std::string> row = {scene.name, fmt::format("{}", m.spp), m.id(), region_name(region)};
-        for (const size_t i : chosen) {
-          std::vector<double> values;
-          for (const Errors& errors : by_seed) values.push_back(listed(errors)[i].second);
-          const MeanInterval mean = mean_interval(values);
-          row.push_back(fmt::format("{:.5g}", mean.mean));
-          row.push_back(mean.count > 1 ? fmt::format("{:.2g}", mean.half_width) : "");
-        }
-        table.rows.push_back(std::move(row));
+  const auto add = [&](const SceneResult& scene, const MethodResult& m, const std::string& light,
+                       const RegionErrors& errors, ErrorScope scope) {
+    for (const Region region : kRegions) {
+      const std::vector<Errors>& by_seed = errors[static_cast<size_t>(region)];
+      if (by_seed.empty()) continue;
+      std::vector<std::string> row = {scene.name, fmt::format("{}", m.spp), m.id(), region_name(region), light};
+      for (const size_t i : chosen) {
+        const MeanInterval mean = mean_interval(values_of(by_seed, i));
+        const bool measured = all_metrics()[i].scope <= scope;
+        row.push_back(measured ? fmt::format("{:.5g}", mean.mean) : "");
+        row.push_back(measured && mean.count > 1 ? fmt::format("{:.2g}", mean.half_width) : "");
       }
+      table.rows.push_back(std::move(row));
+    }
+  };
+  for (const SceneResult& scene : e.scenes)
+    for (const MethodResult& m : scene.methods) {
+      add(scene, m, "all", m.errors, ErrorScope::kAll);
+      for (const auto& [light, errors] : m.lights) add(scene, m, light, errors, ErrorScope::kPixels);
+    }
   return table;
 }
 
@@ -455,8 +489,8 @@ std::vector<Table> report_tables(const Evaluation& e) {
   std::vector<Table> tables;
   for (const SceneResult& scene : e.scenes) tables.push_back(summary_table(scene, e));
   for (const SceneResult& scene : e.scenes) tables.push_back(scene_table(scene, e));
-  for (Table& table : std::vector<Table>{winners(e), claims(e), sequences(e), pareto(e), time_to_error(e), ablation(e),
-                                         sensitivity(e), parameters(e), failures(e)})
+  for (Table& table : std::vector<Table>{winners(e), claims(e), lights(e), sequences(e), pareto(e), time_to_error(e),
+                                         ablation(e), sensitivity(e), parameters(e), failures(e)})
     if (!table.rows.empty()) tables.push_back(std::move(table));
   return tables;
 }

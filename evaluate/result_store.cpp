@@ -6,6 +6,7 @@
 #include <condition_variable>
 #include <list>
 #include <new>
+#include <span>
 #include <thread>
 
 #include "base/error.h"
@@ -82,20 +83,33 @@ class Deadline {
   std::thread watch_;
 };
 
-Layers only_colours(const Layers& frame) {
+/// What is judged of a frame or clean picture.
+constexpr LayerName kJudged[] = {layer::beauty, layer::direct, layer::indirect, layer::clean_direct,
+                                 layer::clean_indirect};
+
+/// Those of some layers that a frame has.
+Layers only(std::span<const LayerName> names, const Layers& frame) {
   Layers picture(frame.width(), frame.height());
   picture.header = frame.header;
   picture.lie_like(frame);
-  const RgbPlanes rgb = frame.rgb(layer::beauty);
-  for (size_t c = 0; c < 3; ++c) picture.set(layer::beauty.channel(c), *rgb[c]);
+  for (const LayerName& name : names)
+    if (frame.has(name))
+      for (const std::string& channel : name.channel_names()) picture.set(channel, frame.at(channel));
   return picture;
 }
 
-bool is_colour(const std::string& channel) {
-  return channel == "R" || channel == "G" || channel == "B";
+}  // namespace
+
+bool is_judged(const std::string& channel) {
+  return std::any_of(std::begin(kJudged), std::end(kJudged), [&](const LayerName& name) {
+    const auto channels = name.channel_names();
+    return std::find(channels.begin(), channels.end(), channel) != channels.end();
+  });
 }
 
-}  // namespace
+Layers only_colours(const Layers& frame) {
+  return only({&layer::beauty, 1}, frame);
+}
 
 Layers without_layers(const Layers& frame, const std::vector<std::string>& names) {
   Layers rest(frame.width(), frame.height());
@@ -200,13 +214,13 @@ FilterOutcome ResultStore::filter(const FilterRun& run, NoisyFrames& frames, siz
 
 FilterOutcome ResultStore::filter(const FilterRun& run, const FilterInput& given, const Task& task) const {
   FilterOutcome outcome;
-  outcome.key =
-      fmt::format("filtered\n{} {}\ncomponent {}\nbackground {}\nexposure {}\nfeatures {}\nwithout {}\ninput {}",
-                  run.filter->entry().name, run.filter->text(), static_cast<int>(run.options.component),
-                  static_cast<int>(run.options.background), exact(run.options.exposure),
-                  join(run.options.features, " "), join(run.left_out, " "), given.key);
+  outcome.key = fmt::format(
+      "filtered\n{} {}\ncomponent {}, parts {}\nbackground {}\nexposure {}\nfeatures {}\nwithout {}\ninput {}",
+      run.filter->entry().name, run.filter->text(), static_cast<int>(run.options.component), run.options.keep_parts,
+      static_cast<int>(run.options.background), exact(run.options.exposure), join(run.options.features, " "),
+      join(run.left_out, " "), given.key);
   const std::string failure_key = fmt::format("{}\ntime limit {}", outcome.key, exact(run.time_limit));
-  if (const auto known = cache_.find(outcome.key, is_colour)) {
+  if (const auto known = cache_.find(outcome.key, is_judged)) {
     count_found(outcome.key, work_.results_found);
     outcome.seconds = number_of(*known, kSeconds).value_or(0.0);
     outcome.peak_bytes = number_of(*known, kPeak);
@@ -251,7 +265,7 @@ FilterOutcome ResultStore::filter(const FilterRun& run, const FilterInput& given
     // The first run warms caches and threads, and finds its memory given back; slow filters do not notice.
     if (report.seconds < 1) clean = apply(report);
     outcome.seconds = report.seconds;
-    picture = only_colours(clean);
+    picture = only(kJudged, clean);
   } catch (const InputError& error) {
     outcome.failed = error.what();
   } catch (const std::bad_alloc&) {
@@ -270,7 +284,7 @@ FilterOutcome ResultStore::filter(const FilterRun& run, const FilterInput& given
 }
 
 Layers ResultStore::picture(const std::string& key) const {
-  std::optional<Layers> found = cache_.find(key, is_colour);
+  std::optional<Layers> found = cache_.find(key, is_judged);
   if (!found) throw InputError("a picture has gone from the cache while it was in use");
   return std::move(*found);
 }
@@ -283,9 +297,9 @@ FilterSettings ResultStore::found(const std::string& key, const FilterEntry& fil
   return settings_from(filter, *text);
 }
 
-Layers NoisyFrames::colours(size_t seed, const Task& task) const {
-  if (frames_.at(seed)) return only_colours(frames_[seed]->layers);
-  return only_colours(store_.frame(scene_, spp_, number(seed), data_, quiet(task), is_colour).layers);
+Layers NoisyFrames::judged(size_t seed, const Task& task) const {
+  if (frames_.at(seed)) return only(kJudged, frames_[seed]->layers);
+  return store_.frame(scene_, spp_, number(seed), data_, quiet(task), is_judged).layers;
 }
 
 const TimedFrame& NoisyFrames::at(size_t seed, const Task& task) {

@@ -7,6 +7,10 @@ namespace brume {
 
 /// The frame without some of its layers, what is below them and what is known of them: "guide" leaves out all guides.
 Layers without_layers(const Layers& frame, const std::vector<std::string>& names);
+/// The beauty alone.
+Layers only_colours(const Layers& frame);
+/// Whether errors are taken of a channel: the beauty, and direct and indirect light by themselves.
+bool is_judged(const std::string& channel);
 /// What all guides are below.
 std::string guide_root();
 
@@ -45,7 +49,7 @@ struct FilterInput {
 
 /// What came of it; the picture lies in the cache.
 struct FilterOutcome {
-  std::string key;  ///< of the picture: R G B
+  std::string key;  ///< of the picture, what is judged of it
   double seconds = 0;
   std::optional<double> peak_bytes;
   std::string failed;  ///< why there is no picture; empty: there is one
@@ -76,7 +80,7 @@ class ResultStore {
   FilterOutcome filter(const FilterRun& run, const FilterInput& input, const Task& task) const;
   FilterOutcome filter(const FilterRun& run, NoisyFrames& frames, size_t seed, const Task& task) const;
 
-  /// The R G B of a result or frame that is there. @throws InputError when it has gone meanwhile
+  /// What is judged of a result or frame that is there. @throws InputError when it has gone meanwhile
   Layers picture(const std::string& key) const;
 
   /// What a search found: the text of the settings.
@@ -109,8 +113,8 @@ class NoisyFrames {
   std::string key(size_t seed) const { return store_.frame_key(scene_, spp_, number(seed), data_); }
   /// Read, or rendered, when it is first asked for.
   const TimedFrame& at(size_t seed, const Task& task);
-  /// Its R G B alone.
-  Layers colours(size_t seed, const Task& task) const;
+  /// What is judged of it alone.
+  Layers judged(size_t seed, const Task& task) const;
   std::filesystem::path records(size_t seed) const { return store_.records(key(seed)); }
   /// Makes room; they are read again where they are needed.
   void forget() { frames_.assign(frames_.size(), std::nullopt); }

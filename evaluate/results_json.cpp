@@ -99,14 +99,16 @@ json interval_json(const std::vector<double>& values) {
   return {{"mean", interval.mean}, {"half_width", interval.half_width}, {"values", values}};
 }
 
-json metric_values(const EvaluationSettings& settings, const MethodResult& m, Region region) {
-  const std::vector<Errors>& by_seed = m.errors[static_cast<size_t>(region)];
-  std::map<std::string, std::vector<double>> values;
-  for (const Errors& e : by_seed)
-    for (const auto& [id, value] : listed(e))
-      if (is_reported(settings, id)) values[id].push_back(value);
+/// @param scope  of the errors: what it lacks was not measured
+json metric_values(const EvaluationSettings& settings, const std::vector<Errors>& by_seed,
+                   ErrorScope scope = ErrorScope::kAll) {
   json metrics = json::object();
-  for (const auto& [id, list] : values) metrics[id] = interval_json(list);
+  if (by_seed.empty()) return metrics;
+  for (size_t i = 0; i < all_metrics().size(); ++i) {
+    const MetricInfo& info = all_metrics()[i];
+    if (info.scope > scope || !is_reported(settings, info.id)) continue;
+    metrics[info.id] = interval_json(values_of(by_seed, i));
+  }
   return metrics;
 }
 
@@ -122,8 +124,10 @@ json rows_json(const SceneResult& scene, const EvaluationSettings& settings) {
           {"region", region_name(region)},
           {"parameters", m.parameters},
           {"at_the_edge", m.edges},
-          {"metrics", metric_values(settings, m, region)},
+          {"metrics", metric_values(settings, m.errors[static_cast<size_t>(region)])},
           {"seconds", {{"render", m.render_seconds}, {"guides", m.guide_seconds}, {"filter", m.filter_seconds}}}};
+      for (const auto& [light, errors] : m.lights)
+        row["lights"][light] = metric_values(settings, errors[static_cast<size_t>(region)], ErrorScope::kPixels);
       if (m.peak_bytes) row["peak_memory_bytes"] = *m.peak_bytes;
       if (!m.failed.empty()) row["failed"] = m.failed;
       if (const auto paper = paper_numbers(scene.name, m.filter, m.spp); paper && m.tuning <= Tuning::kPaper)
@@ -208,7 +212,7 @@ void add_study(json& list, const SceneResult& scene, const EvaluationSettings& s
     json row = {{"scene", scene.name}, {"spp", m.spp}, {"method", m.id()}};
     row.update(about);
     row["region"] = region_name(region);
-    row["metrics"] = metric_values(settings, m, region);
+    row["metrics"] = metric_values(settings, m.errors[static_cast<size_t>(region)]);
     if (!m.failed.empty()) row["failed"] = m.failed;
     list.push_back(std::move(row));
   }

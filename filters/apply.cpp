@@ -135,10 +135,11 @@ struct Gathered {
     layers.lie_like(frame);
     sum = layers.add_rgb(layer::beauty);
     for (const LayerName& l : run.options.carried) carried.push_back(layers.add_rgb(l));
-    if (run.filter.entry().parts && run.options.component == Component::kApart) {
-      parts[layer::direct.name] = layers.add_rgb(layer::clean_direct);
-      parts[layer::indirect.name] = layers.add_rgb(layer::clean_indirect);
-    }
+    if (run.options.keep_parts || (run.filter.entry().parts && run.options.component == Component::kApart))
+      for (const LayerName& signal : signals_of(run.options)) {
+        if (signal.name == layer::direct.name) parts[signal.name] = layers.add_rgb(layer::clean_direct);
+        if (signal.name == layer::indirect.name) parts[signal.name] = layers.add_rgb(layer::clean_indirect);
+      }
     for (const LayerName& l : run.filter.entry().produces)
       for (const std::string& channel : l.channel_names()) products[channel] = &layers.add(channel);
   }

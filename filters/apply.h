@@ -37,6 +37,8 @@ struct ApplyOptions {
   LayerName light = {};
   RecordReader* records = nullptr;
   std::vector<SequenceFrame> sequence = {};  ///< for filters that look through time
+  bool keep_parts = false;  ///< store the direct and indirect light, where they are cleaned by themselves, as
+                            ///< clean_direct and clean_indirect, whatever the filter
   int tile = 0;  ///< side of the squares that are filtered one after another [px]; 0: as large as memory allows
 };
 

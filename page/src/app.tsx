@@ -44,11 +44,12 @@ function useTheme(): [boolean, () => void] {
   const systemDark = useMedia("(prefers-color-scheme: dark)");
   const printing = useMedia("print");
   const [theme, setTheme] = useState<Theme>("auto");
-  const dark = !printing && (theme === "auto" ? systemDark : theme === "dark");
+  const isDark = (chosen: Theme) => (chosen === "auto" ? systemDark : chosen === "dark");
+  const dark = !printing && isDark(theme);
   useLayoutEffect(() => {
     document.documentElement.dataset["theme"] = dark ? "dark" : "light";
   }, [dark]);
-  return [dark, () => setTheme(dark ? "light" : "dark")];
+  return [dark, () => setTheme((chosen) => (isDark(chosen) ? "light" : "dark"))];
 }
 
 export function App({ index, entries }: { index: Index; entries: PictureEntry[] }) {

@@ -2,7 +2,7 @@
 import { usePage } from "./context";
 import { ScrollTable, Section } from "./controls";
 import { bytes, number, seconds, signed } from "./format";
-import { isBetter, settingOf, totalSeconds, type Estimate, type Metric, type Row } from "./results";
+import { isBetter, isUnfiltered, settingOf, totalSeconds, type Estimate, type Metric, type Row } from "./results";
 import { shownMethods } from "./state";
 
 interface Column {
@@ -92,7 +92,7 @@ export function Numbers() {
           <>
             Means over {index.results.seeds?.length ?? "the"} seeds with the half width of their 95 % interval.{" "}
             <span class="mark best">●</span> best of a column
-            {index.results.pairs.length > 0 && (
+            {(index.results.seeds?.length ?? 0) > 1 && (
               <>
                 , <span class="mark level">○</span> not told apart from it by the paired difference
               </>
@@ -159,6 +159,7 @@ export function Numbers() {
         </div>
       </Section>
       <Matrix methods={sorted} />
+      <Lights methods={sorted} />
       <TimeToError />
       <Sequences />
       <Failures />
@@ -182,8 +183,7 @@ function bestOf(metric: Metric, ids: string[], value: (id: string) => number | u
 function Matrix({ methods }: { methods: string[] }) {
   const { index, view, name } = usePage();
   const { scene, spp, region } = view;
-  const paired = new Set(index.results.pairs.map((p) => p.metric));
-  const metric = paired.has(view.metric) ? view.metric : ([...paired][0] ?? view.metric);
+  const metric = index.isPaired(view.metric) ? view.metric : (index.results.metrics.find((m) => index.isPaired(m.id))?.id ?? "");
   const verdict = (row: string, column: string) => index.verdict(scene, spp, region, metric, row, column);
   const there = methods.filter((id) => methods.some((other) => verdict(id, other)));
   if (there.length < 2) return null;
@@ -231,6 +231,36 @@ function Matrix({ methods }: { methods: string[] }) {
           </tbody>
         </table>
       </div>
+    </Section>
+  );
+}
+
+/** Direct and indirect light by themselves, in the metric that is looked at, or the first where that needs the picture. */
+function Lights({ methods }: { methods: string[] }) {
+  const { index, view, name } = usePage();
+  const { scene, spp, region } = view;
+  const rows = methods
+    .map((id) => index.row(scene, spp, id, region))
+    .filter((row): row is Row & Required<Pick<Row, "lights">> => !!row?.lights);
+  const known = [...new Set(rows.flatMap((row) => Object.keys(row.lights)))];
+  if (!rows.some((row) => !isUnfiltered(index.methods.get(row.method)!))) return null;
+  const there = (id: string) => rows.some((row) => known.some((light) => row.lights[light]?.[id]));
+  const metric = index.results.metrics.find((m) => m.id === view.metric && there(m.id)) ?? index.results.metrics[0]!;
+  const cell = (e: Estimate | undefined) => <td>{e ? `${number(e.mean)} ± ${number(e.half_width ?? 0)}` : "–"}</td>;
+  return (
+    <Section
+      title={`Direct and indirect light: ${metric.name}`}
+      note="Of the light scattered once and of the rest, each against the reference's own, where a method cleans them apart."
+    >
+      <ScrollTable label="Direct and indirect light" class="metrics lights" columns={["Method", "Picture", ...known]}>
+        {rows.map((row) => (
+          <tr key={row.method}>
+            <th scope="row">{name(row.method)}</th>
+            {cell(row.metrics[metric.id])}
+            {known.map((light) => cell(row.lights[light]?.[metric.id]))}
+          </tr>
+        ))}
+      </ScrollTable>
     </Section>
   );
 }

@@ -1,6 +1,8 @@
 // What brume evaluate hands over: the JSON of one evaluation (docs/experiment.md). Everything but scenes, methods and rows
 // may be missing, and the page leaves out what is not there.
 
+import { holmSignificant, pairedDifference } from "./statistics";
+
 export type Region = "medium" | "frame";
 
 export interface Scene {
@@ -52,6 +54,8 @@ export interface Row {
   method: string;
   region: Region;
   metrics: Record<string, Estimate>;
+  /** The same of direct and indirect light, where a method cleans them by themselves. */
+  lights?: Record<string, Record<string, Estimate>>;
   parameters?: unknown;
   /** Searched parameters that ended on the edge of their candidates. */
   at_the_edge?: string[];
@@ -216,6 +220,11 @@ function print(value: unknown): string {
   return typeof value === "string" ? value : JSON.stringify(value);
 }
 
+/** Whether two methods are set against each other: those of one setting, and path tracing with all. */
+function areCompared(a: Method, b: Method): boolean {
+  return isUnfiltered(a) || isUnfiltered(b) || a.setting === b.setting;
+}
+
 /** Whether `x` is the better of two values of a metric. */
 export function isBetter(metric: Metric, x: number, y: number): boolean {
   if (metric.better === "higher") return x > y;
@@ -234,19 +243,46 @@ export class Index {
   readonly metrics: Map<string, Metric>;
   private readonly rows: Map<string, Row>;
   private readonly verdicts: Map<string, { difference: number; half_width: number; better: "row" | "column" | null }>;
+  /** Scenes, sample counts, regions and metrics of which all pairs are known. */
+  private readonly paired: Set<string>;
 
   constructor(readonly results: Results) {
     this.methods = new Map(results.methods.map((m) => [m.id, m]));
     this.metrics = new Map(results.metrics.map((m) => [m.id, m]));
     this.rows = new Map(results.rows.map((r) => [key(r.scene, r.spp, r.method, r.region), r]));
     this.verdicts = new Map();
-    for (const p of results.pairs) {
-      const at = [p.scene, p.spp, p.region, p.metric] as const;
-      const { difference, half_width } = p;
-      const flipped = p.better === "a" ? "column" : p.better === "b" ? "row" : null;
-      const straight = p.better === "a" ? "row" : p.better === "b" ? "column" : null;
-      this.verdicts.set(key(...at, p.a, p.b), { difference, half_width, better: straight });
-      this.verdicts.set(key(...at, p.b, p.a), { difference: -difference, half_width, better: flipped });
+    this.paired = new Set();
+    for (const pair of results.pairs) this.remember(pair);
+  }
+
+  private remember(p: Pair) {
+    const at = [p.scene, p.spp, p.region, p.metric] as const;
+    const { difference, half_width } = p;
+    const flipped = p.better === "a" ? "column" : p.better === "b" ? "row" : null;
+    const straight = p.better === "a" ? "row" : p.better === "b" ? "column" : null;
+    this.paired.add(key(...at));
+    this.verdicts.set(key(...at, p.a, p.b), { difference, half_width, better: straight });
+    this.verdicts.set(key(...at, p.b, p.a), { difference: -difference, half_width, better: flipped });
+  }
+
+  /** The pairs that results.json does not hold, from the values of the seeds: it has those of the first metric. */
+  private pair(scene: string, spp: number, region: Region, metric: Metric) {
+    if (this.paired.has(key(scene, spp, region, metric.id))) return;
+    this.paired.add(key(scene, spp, region, metric.id));
+    const measured = this.results.methods.flatMap((method) => {
+      const values = this.estimate(scene, spp, method.id, region, metric.id)?.values ?? [];
+      return values.length > 1 ? [{ method, values }] : [];
+    });
+    const pairs = measured.flatMap((a, i) =>
+      measured
+        .slice(i + 1)
+        .filter((b) => a.values.length === b.values.length && areCompared(a.method, b.method))
+        .map((b) => ({ a: a.method.id, b: b.method.id, ...pairedDifference(a.values, b.values) })),
+    );
+    const significant = holmSignificant(pairs.map(({ p }) => p));
+    for (const [i, { a, b, mean, halfWidth }] of pairs.entries()) {
+      const better = !significant[i] ? null : isBetter(metric, mean, 0) ? "a" : "b";
+      this.remember({ scene, spp, region, metric: metric.id, a, b, difference: mean, half_width: halfWidth, better });
     }
   }
 
@@ -260,7 +296,14 @@ export class Index {
 
   /** The paired difference `row - column`, and which of both is better beyond the noise of the seeds. */
   verdict(scene: string, spp: number, region: Region, metric: string, row: string, column: string) {
+    if (this.isPaired(metric)) this.pair(scene, spp, region, this.metrics.get(metric)!);
     return this.verdicts.get(key(scene, spp, region, metric, row, column));
+  }
+
+  /** Whether methods are compared by a metric: a bias of zero is the best, of which differences tell nothing. */
+  isPaired(metric: string): boolean {
+    const found = this.metrics.get(metric);
+    return found !== undefined && found.better !== "zero";
   }
 
   /** What a method ran with, which a search may have found for this scene and sample count alone. */

@@ -400,6 +400,28 @@ describe("tables and plots", () => {
     await context.close();
   });
 
+  test("direct and indirect light stand by themselves where a method cleans them so", async () => {
+    const context = await reader();
+    const page = await open(context, made, "tab=numbers");
+    const rows = page.locator(".lights tbody tr");
+    await comesTo(() => rows.count(), 2);
+    await comesTo(() => rows.locator("th").allTextContents(), ["bilateral", "path tracing"]);
+    await context.close();
+  });
+
+  test("who beats whom follows the metric", async () => {
+    const context = await reader();
+    const page = await open(context, made, "tab=numbers");
+    const title = page.getByRole("heading", { name: "Who beats whom" });
+    await comesTo(() => title.textContent(), "Who beats whom: Lab RMS");
+    await page.keyboard.press("c");
+    await comesTo(() => title.textContent(), "Who beats whom: PSNR");
+    await comesTo(async () => (await page.locator(".matrix td.win").count()) > 0, true);
+    await page.keyboard.press("c");
+    await comesTo(() => title.textContent(), "Who beats whom: Lab RMS");
+    await context.close();
+  });
+
   test("sequences are told by their temporal error, the best first", async () => {
     const context = await reader();
     const page = await open(context, made, "tab=numbers");

@@ -172,6 +172,12 @@ export function fixture(): {
                 psnr: { mean: 40 - error, half_width: 0.1, values },
                 relative_bias: { mean: k % 2 ? -0.01 * k : 0.012 * k + 0.001, half_width: 0.001 },
               },
+              ...(["noisy", "bilateral_searched"].includes(m.id) && {
+                lights: {
+                  direct: { lab_rms: { mean: 0.5 * error, half_width: 0.01 } },
+                  indirect: { lab_rms: { mean: 0.25 * error, half_width: 0.01 } },
+                },
+              }),
               parameters: m.setting === "searched" ? `strength=${0.3 + 0.1 * s} radius=6` : m.parameters,
               at_the_edge: m.id === "bilateral_searched" ? ["radius"] : [],
             });

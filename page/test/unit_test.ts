@@ -6,6 +6,7 @@ import { floatOfHalf, fromBase64, inflate, unpredict } from "../src/half";
 import { colourErrors, colourPicture, errorMap, Library, Picture } from "../src/library";
 import { logTicks } from "../src/plots";
 import { complete, Index, listed } from "../src/results";
+import { holmSignificant, pairedDifference, studentQuantile, studentWithin } from "../src/statistics";
 import { defaultView, fromHash, listedMethods, measuredMethods, nearest, toHash, type View } from "../src/state";
 import { contained, fitScale, movedBy, pixelAt, transform, WHOLE, zoomedAt } from "../src/viewport";
 import { fixture, pack, toHalf } from "./fixture";
@@ -233,4 +234,48 @@ test("logarithmic axes have round ticks, as many as there is room for", () => {
   assert.deepEqual(logTicks(0.9, 60), [1, 2, 5, 10, 20, 50]);
   assert.deepEqual(logTicks(0.9, 3.5), [1, 1.5, 2, 3]);
   assert.deepEqual(logTicks(0.001, 100), [0.001, 0.01, 0.1, 1, 10, 100]);
+});
+
+test("Student's t is that of the tables", () => {
+  for (const [degrees, quantile] of [
+    [1, 12.7062],
+    [2, 4.30265],
+    [3, 3.18245],
+    [4, 2.77645],
+    [5, 2.57058],
+    [30, 2.04227],
+  ] as const) {
+    assert.ok(Math.abs(studentQuantile(degrees) - quantile) < 1e-4, `${degrees} degrees of freedom`);
+    assert.ok(Math.abs(studentWithin(-quantile, degrees) - 0.95) < 1e-6);
+  }
+  assert.equal(studentWithin(0, 3), 0);
+});
+
+// The numbers are those of tests/evaluate/statistics_test.cpp.
+test("pairs are told apart as the program does", () => {
+  const { mean, halfWidth, p } = pairedDifference([2, 4, 6], [1, 2, 3]);
+  assert.equal(mean, 2);
+  assert.ok(Math.abs(halfWidth - 4.3027 / Math.sqrt(3)) < 1e-3);
+  assert.ok(Math.abs(p - 0.0742) < 1e-4);
+  assert.equal(pairedDifference([1, 1], [1, 1]).p, 1);
+  assert.equal(pairedDifference([2, 2], [1, 1]).p, 0);
+  assert.deepEqual(holmSignificant([0.03, 0.01, 0.04, 0.013]), [false, true, false, true]);
+});
+
+test("pairs of other metrics come from the seeds' values, the higher first where higher is better", () => {
+  const values = { bilateral_default: [30, 31, 32], nl_means_default: [33.01, 34, 35], nl_means_searched: [36, 37, 38] };
+  const rows = Object.entries(values).map(([method, list]) => ({
+    scene: "cloud",
+    spp: 4,
+    method,
+    region: "frame" as const,
+    metrics: { psnr: { mean: list[1]!, values: list }, relative_bias: { mean: 0, values: list } },
+  }));
+  const bare = new Index(complete({ ...results, rows, pairs: [] }));
+  const verdict = (metric: string, a: string, b: string) => bare.verdict("cloud", 4, "frame", metric, a, b);
+  assert.equal(verdict("psnr", "nl_means_default", "bilateral_default")?.better, "row");
+  assert.equal(verdict("psnr", "bilateral_default", "nl_means_default")?.better, "column");
+  assert.ok(Math.abs(verdict("psnr", "nl_means_default", "bilateral_default")!.difference - 9.01 / 3) < 1e-9);
+  assert.equal(verdict("psnr", "nl_means_searched", "bilateral_default"), undefined, "of another setting");
+  assert.equal(verdict("relative_bias", "nl_means_default", "bilateral_default"), undefined);
 });

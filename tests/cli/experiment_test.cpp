@@ -221,6 +221,37 @@ TEST_F(Experiments, SayWhereFiltersAreNotComparedAlike) {
   EXPECT_FALSE(holds(all.err + all.out, "direct light as well"));
 }
 
+TEST_F(Experiments, DirectAndIndirectLightAreJudgedByThemselves) {
+  const auto rows = [&](const std::string& component) {
+    const auto r = run_brume(command("--spp 4 --seeds 2 -f gaussian --no-tuning --component " + component));
+    EXPECT_EQ(r.status, 0) << r.err;
+    EXPECT_EQ(holds(r.out, "## Direct and indirect light by themselves"), component != "all");
+    const json all = results();
+    std::map<std::string, json> found;
+    for (const json& row : all["rows"])
+      if (row["region"] == "medium") found[row["method"]] = row.value("lights", json::object());
+    return found;
+  };
+  for (const char* component : {"all", "indirect", "apart"}) {
+    auto found = rows(component);
+    const json noisy = found["noisy"], clean = found["gaussian_default"];
+    if (component != std::string("all"))
+      for (const char* light : {"direct", "indirect"}) {
+        ASSERT_TRUE(noisy.contains(light)) << component << noisy;
+        EXPECT_FALSE(noisy[light].contains("ssim")) << "not measured";
+      }
+    EXPECT_EQ(clean.contains("direct"), component == std::string("apart")) << clean;
+    EXPECT_EQ(clean.contains("indirect"), component != std::string("all")) << clean;
+    for (const auto& [light, metrics] : clean.items()) {
+      EXPECT_EQ(metrics["lab_rms"]["values"].size(), 2u);
+      // Twenty pixels are few: what a Gaussian blurs of the shadows' edges is more than the noise of the direct light.
+      const double ratio = metrics["mse"]["mean"].get<double>() / noisy[light]["mse"]["mean"].get<double>();
+      EXPECT_LT(ratio, light == "indirect" ? 0.9 : 5) << component << light;
+      EXPECT_NE(ratio, 1);
+    }
+  }
+}
+
 TEST_F(Experiments, SequencesAreJudgedByHowTheyFlicker) {
   const auto experiment = [&](const std::string& frames) {
     return "size = 24\nspp = [8]\nseeds = 2\nreference_spp = 64\nsearch = false\ncomponent = \"all\"\n"

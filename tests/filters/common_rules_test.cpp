@@ -103,6 +103,27 @@ TEST(CommonRules, ApartIsEachComponentByItself) {
           1e-5);
 }
 
+TEST(CommonRules, PartsThatAreKeptAddUpToThePicture) {
+  const Layers frame = noisy_frame(40, 30, 3);
+  for (const char* name : {"nl_means", "bilateral:average=linear"})
+    for (const Component component : {Component::kAll, Component::kIndirect, Component::kApart}) {
+      ApplyOptions options;
+      options.component = component;
+      const Layers plain = apply_filter(parse_filter(name), frame, options, {});
+      EXPECT_FALSE(plain.has(layer::clean_direct) || plain.has(layer::clean_indirect)) << name;
+      options.keep_parts = true;
+      const Layers kept = apply_filter(parse_filter(name), frame, options, {});
+      EXPECT_EQ(worst_difference(plain, kept), 0) << name;
+      EXPECT_EQ(kept.has(layer::clean_direct), component == Component::kApart) << name;
+      EXPECT_EQ(kept.has(layer::clean_indirect), component != Component::kAll) << name;
+      if (component == Component::kAll) continue;
+      const Plane& direct = component == Component::kApart ? kept.at("clean_direct.G") : frame.at("direct.G");
+      for (int y = 0; y < 30; ++y)
+        for (int x = 0; x < 40; ++x)
+          ASSERT_NEAR(kept.at("G")(x, y), direct(x, y) + kept.at("clean_indirect.G")(x, y), 1e-5) << name;
+    }
+}
+
 /// A frame whose features carry nothing: each constant, absent, or noise.
 Layers without_signal_in_features(Layers frame, const std::string& how) {
   Layers out(frame.width(), frame.height());
