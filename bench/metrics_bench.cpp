@@ -30,29 +30,22 @@ Frame frame(float noise) {
   return result;
 }
 
-const Frame& test() {
-  static const Frame f = frame(0.1f);
-  return f;
-}
-
-const Frame& reference() {
-  static const Frame f = frame(0.0f);
-  return f;
-}
+// Made before the clock runs.
+const Frame kTest = frame(0.1f), kReference = frame(0.0f);
 
 void pixel_metrics(benchmark::State& state) {
   for (auto _ : state)
-    benchmark::DoNotOptimize(compare(test().view(), reference().view(), {}, {}, nullptr, ErrorScope::kPixels));
+    benchmark::DoNotOptimize(compare(kTest.view(), kReference.view(), {}, {}, nullptr, ErrorScope::kPixels));
 }
 void ssim(benchmark::State& state) {
-  for (auto _ : state) benchmark::DoNotOptimize(ssim_map(test().view(), reference().view(), 1, {}));
+  for (auto _ : state) benchmark::DoNotOptimize(ssim_map(kTest.view(), kReference.view(), 1, {}));
 }
 void flip(benchmark::State& state) {
-  for (auto _ : state) benchmark::DoNotOptimize(flip_map(test().view(), reference().view(), {}));
+  for (auto _ : state) benchmark::DoNotOptimize(flip_map(kTest.view(), kReference.view(), {}));
 }
 void hdr_flip(benchmark::State& state) {
-  state.counters["exposures"] = static_cast<double>(hdr_flip_exposures(reference().view()).size());
-  for (auto _ : state) benchmark::DoNotOptimize(hdr_flip_map(test().view(), reference().view(), {}));
+  state.counters["exposures"] = static_cast<double>(hdr_flip_exposures(kReference.view()).size());
+  for (auto _ : state) benchmark::DoNotOptimize(hdr_flip_map(kTest.view(), kReference.view(), {}));
 }
 BENCHMARK(pixel_metrics)->Name("metrics/pixels_4k")->Unit(benchmark::kMillisecond)->MeasureProcessCPUTime();
 BENCHMARK(ssim)->Name("metrics/ssim_4k")->Unit(benchmark::kMillisecond)->MeasureProcessCPUTime();

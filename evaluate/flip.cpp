@@ -6,6 +6,8 @@
 
 #include "base/math.h"
 #include "base/parallel_for.h"
+#include "filters/kernels/lab.h"
+#include "filters/kernels/rows.h"
 #include "image/color.h"
 
 namespace brume {
@@ -15,6 +17,7 @@ namespace {
 constexpr float kQc = 0.7f, kPc = 0.4f, kPt = 0.95f;
 constexpr double kFeatureWidth = 0.082;  // degrees
 constexpr int kBand = 64;                // rows that are worked on together
+constexpr int kBeyond = 16;              // floats that kernels may read and write past a row
 
 struct Xyz {
   float x, y, z;  // over the white point's
@@ -145,7 +148,7 @@ struct FeatureKernels {
   }
 };
 
-/// Rows of floats with room for a kernel's reach on either side.
+/// Rows of floats with room on either side.
 class Rows {
  public:
   Rows(int width, int height, int reach)
@@ -167,25 +170,34 @@ class Rows {
   std::vector<float> data_;
 };
 
-void along_row(const float* in, const Kernel& kernel, float* out, int width) {
-  const int radius = kernel.radius();
-  std::fill(out, out + width, 0.0f);
-  for (int k = -radius; k <= radius; ++k) {
-    const float weight = kernel.weights[static_cast<size_t>(k + radius)];
-    const float* from = in + k;
-    for (int x = 0; x < width; ++x) out[x] += weight * from[x];
+/// Sums of rows with weights, gathered first.
+class WeightedRows {
+ public:
+  /// The neighbours along a row.
+  WeightedRows& along(const float* row, const Kernel& kernel) {
+    return add(kernel, [&](int k) { return row + k; });
   }
-}
+  /// The rows around row `y`.
+  WeightedRows& across(Rows& rows, int y, const Kernel& kernel) {
+    return add(kernel, [&](int k) { return rows.row(y + k); });
+  }
+  void sum(float* out, int width) {
+    kernels::weighted_sum_rows(rows_.data(), weights_.data(), static_cast<int>(rows_.size()), out, width);
+    rows_.clear();
+    weights_.clear();
+  }
 
-/// The sum over rows around row `y` of `in`.
-void along_column(Rows& in, int y, const Kernel& kernel, float* out, int width) {
-  const int radius = kernel.radius();
-  for (int k = -radius; k <= radius; ++k) {
-    const float weight = kernel.weights[static_cast<size_t>(k + radius)];
-    const float* from = in.row(y + k);
-    for (int x = 0; x < width; ++x) out[x] += weight * from[x];
+ private:
+  template <class Row>
+  WeightedRows& add(const Kernel& kernel, const Row& row) {
+    for (int k = -kernel.radius(); k <= kernel.radius(); ++k) rows_.push_back(row(k));
+    weights_.insert(weights_.end(), kernel.weights.begin(), kernel.weights.end());
+    return *this;
   }
-}
+
+  std::vector<const float*> rows_;
+  std::vector<float> weights_;
+};
 
 /// What one picture looks like in a band of rows.
 class Band {
@@ -198,7 +210,7 @@ class Band {
                          features.gaussian.radius(), features.edge.radius(), features.point.radius()})),
         source_(width, 3, reach_),
         across_{make(), make(), make(), make(), make(), make(), make()},
-        sums_(width, 8, 0) {}
+        sums_(width, 7, kBeyond) {}
 
   /// @param shown  the picture as displayed, in [0, 1]
   template <class Shown>
@@ -214,13 +226,16 @@ class Band {
         cz[x] = 200 * (c.y - c.z);
       }
       for (int c = 0; c < 3; ++c) source_.continue_row(c);
-      along_row(ys, spatial_.y, across_[0].row(i), width_);
-      along_row(cx, spatial_.cx, across_[1].row(i), width_);
-      along_row(cz, spatial_.cz1, across_[2].row(i), width_);
-      along_row(cz, spatial_.cz2, across_[3].row(i), width_);
-      along_row(ys, features_.gaussian, across_[4].row(i), width_);
-      along_row(ys, features_.edge, across_[5].row(i), width_);
-      along_row(ys, features_.point, across_[6].row(i), width_);
+      const auto filter = [&](const float* row, const Kernel& kernel, size_t to) {
+        gathered_.along(row, kernel).sum(across_[to].row(i), width_);
+      };
+      filter(ys, spatial_.y, 0);
+      filter(cx, spatial_.cx, 1);
+      filter(cz, spatial_.cz1, 2);
+      filter(cz, spatial_.cz2, 3);
+      filter(ys, features_.gaussian, 4);
+      filter(ys, features_.edge, 5);
+      filter(ys, features_.point, 6);
     }
   }
 
@@ -230,17 +245,18 @@ class Band {
   };
   void look(int row, const Look& out) {
     const int y = row + reach_;
-    for (int i = 0; i < 7; ++i) std::fill(sums_.row(i), sums_.row(i) + width_, 0.0f);
     float *ys = sums_.row(0), *cx = sums_.row(1), *cz = sums_.row(2), *edge_x = sums_.row(3), *edge_y = sums_.row(4),
           *point_x = sums_.row(5), *point_y = sums_.row(6);
-    along_column(across_[0], y, spatial_.y, ys, width_);
-    along_column(across_[1], y, spatial_.cx, cx, width_);
-    along_column(across_[2], y, spatial_.cz1, cz, width_);
-    along_column(across_[3], y, spatial_.cz2, cz, width_);
-    along_column(across_[5], y, features_.gaussian, edge_x, width_);
-    along_column(across_[4], y, features_.edge, edge_y, width_);
-    along_column(across_[6], y, features_.gaussian, point_x, width_);
-    along_column(across_[4], y, features_.point, point_y, width_);
+    const auto filter = [&](size_t from, const Kernel& kernel, float* to) {
+      gathered_.across(across_[from], y, kernel).sum(to, width_);
+    };
+    filter(0, spatial_.y, ys);
+    filter(1, spatial_.cx, cx);
+    gathered_.across(across_[2], y, spatial_.cz1).across(across_[3], y, spatial_.cz2).sum(cz, width_);
+    filter(5, features_.gaussian, edge_x);
+    filter(4, features_.edge, edge_y);
+    filter(6, features_.gaussian, point_x);
+    filter(4, features_.point, point_y);
     static const dmat3 inverse = rgb_from_xyz();
     for (int x = 0; x < width_; ++x) {
       const float y_of = (ys[x] + 16) / 116;
@@ -251,7 +267,14 @@ class Band {
                             static_cast<float>(inverse[2][c]) * seen.z;
         return std::clamp(value, 0.0f, 1.0f);
       };
-      out.lab[x] = hunt_lab(xyz_from_rgb(channel(0), channel(1), channel(2)));
+      ys[x] = channel(0);
+      cx[x] = channel(1);
+      cz[x] = channel(2);
+    }
+    kernels::lab_from_rgb_row({ys, cx, cz}, 1, {ys, cx, cz}, width_);
+    for (int x = 0; x < width_; ++x) {
+      const float hunt = 0.01f * ys[x];
+      out.lab[x] = {ys[x], hunt * cx[x], hunt * cz[x]};
       // Of luminance in [0, 1], not of Y in 0 .. 100.
       out.edge[x] = std::sqrt(edge_x[x] * edge_x[x] + edge_y[x] * edge_y[x]) / 116;
       out.point[x] = std::sqrt(point_x[x] * point_x[x] + point_y[x] * point_y[x]) / 116;
@@ -267,6 +290,7 @@ class Band {
   Rows source_;
   std::array<Rows, 7> across_;  // filtered along rows
   Rows sums_;
+  WeightedRows gathered_;
 };
 
 /// @param test, reference  (x, y) -> the three channels as displayed

@@ -179,10 +179,17 @@ std::vector<Errors> compare_regions(const RgbPlanes& x, const RgbPlanes& r1, con
   std::vector<std::vector<Sums>> rows(static_cast<size_t>(height), std::vector<Sums>(masks.size()));
   Plane relative(width, height);
   parallel_for(height, silent, [&](int y) {
-    LabRow lab_x(width), lab_1(width), lab_2(width), open_x(width), open_1(width), open_2(width);
-    for (const auto& [row, rgb] : {std::pair{&lab_x, &x}, {&lab_1, &r1}, {&lab_2, &r2}}) row->load(*rgb, y, policy);
-    for (const auto& [row, rgb] : {std::pair{&open_x, &x}, {&open_1, &r1}, {&open_2, &r2}})
-      row->load(*rgb, y, unclipped);
+    LabRow lab_x(width), lab_1(width), open_x(width), open_1(width), lab_other(second ? width : 0),
+        open_other(second ? width : 0);
+    const LabRow &lab_2 = second ? lab_other : lab_1, &open_2 = second ? open_other : open_1;
+    lab_x.load(x, y, policy);
+    lab_1.load(r1, y, policy);
+    open_x.load(x, y, unclipped);
+    open_1.load(r1, y, unclipped);
+    if (second) {
+      lab_other.load(r2, y, policy);
+      open_other.load(r2, y, unclipped);
+    }
     for (int px = 0; px < width; ++px) {
       Sums pixel;
       pixel.pixels = 1;
@@ -199,15 +206,16 @@ std::vector<Errors> compare_regions(const RgbPlanes& x, const RgbPlanes& r1, con
         pixel.mse += product / 3;
         relative_product += product / (mean * mean + 0.01) / 3;
         const float code = srgb_code(v[c], policy.exposure);
-        pixel.code += static_cast<double>(code - srgb_code(a[c], policy.exposure)) *
-                      (code - srgb_code(b[c], policy.exposure)) / 3;
+        const float code_a = srgb_code(a[c], policy.exposure);
+        const float code_b = second ? srgb_code(b[c], policy.exposure) : code_a;
+        pixel.code += static_cast<double>(code - code_a) * (code - code_b) / 3;
         pixel.x += v[c];
         pixel.r += mean;
       }
       relative(px, y) = static_cast<float>(relative_product);
-      const float log_x = log_luminance(v[0], v[1], v[2]);
-      pixel.log_luminance =
-          static_cast<double>(log_x - log_luminance(a[0], a[1], a[2])) * (log_x - log_luminance(b[0], b[1], b[2]));
+      const float log_x = log_luminance(v[0], v[1], v[2]), log_a = log_luminance(a[0], a[1], a[2]);
+      const float log_b = second ? log_luminance(b[0], b[1], b[2]) : log_a;
+      pixel.log_luminance = static_cast<double>(log_x - log_a) * (log_x - log_b);
       if (maps) {
         pixel.ssim = maps->ssim(px, y);
         pixel.flip = maps->flip(px, y);
