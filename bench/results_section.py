@@ -1,8 +1,11 @@
 #!/usr/bin/env python3
-"""Prints the section of docs/results.md about six media from the results.json of bench/experiments/results.toml.
+"""Prints a section of docs/results.md from the results.json of one of its experiments.
 
-  brume evaluate bench/experiments/results.toml --cache build/cache -o build/results
+  brume evaluate bench/experiments/results.toml --cache build/cache -o build/results   # or papers.toml, studies.toml
   bench/results_section.py build/results/results.json
+
+Where parameters were searched: each filter by setting, and what the studies found. Otherwise: all filters on all media, and
+transport_regression over the others.
 """
 import json
 import math
@@ -13,8 +16,63 @@ TITLES = {"cloud": "dense cloud", "smoke": "thin smoke", "fire": "fire", "forwar
           "coloured_smoke": "coloured smoke", "solid_smoke": "smoke around a solid"}
 
 
-def main():
-    results = json.load(open(sys.argv[1]))
+def table(columns, rows):
+    """Numbers to the right, the least of each column bold; None is an empty cell."""
+    print("| " + " | ".join(columns) + " |")
+    print("|---|" + "---:|" * (len(columns) - 1))
+    least = [min((row[i] for row in rows if isinstance(row[i], float)), default=None) for i in range(len(columns))]
+    for row in rows:
+        cells = ["" if v is None else v if isinstance(v, str) else f"**{v:.2f}**" if v == best else f"{v:.2f}"
+                 for v, best in zip(row, least)]
+        print("| " + " | ".join(cells) + " |")
+    print()
+
+
+def searched(results):
+    """Each filter by setting, over the whole frame; its channels and parameters where they were studied."""
+    settings = ["paper", "default", "searched", "transfer"]
+    methods = {(m["label"], m["setting"]): m["id"] for m in results["methods"]}
+    labels = list(dict.fromkeys(m["label"] for m in results["methods"]))
+    means = {(r["scene"], r["spp"], r["method"]): r["metrics"]["lab_rms"]["mean"] for r in results["rows"]
+             if r["region"] == "frame" and "lab_rms" in r["metrics"]}
+    for scene in (s["name"] for s in results["scenes"]):
+        print(f"### {scene.capitalize()}\n")
+        rows = []
+        for label in labels:
+            setting = lambda s: methods.get((label, s)) or (methods.get((label, "none")) if s == "paper" else None)
+            rows.append([label] + [means.get((scene, n, setting(s))) for n in results["spp"] for s in settings])
+        table(["filter"] + [f"{n} {s}" for n in results["spp"] for s in settings], rows)
+    if results["ablation"]:
+        studied(results, means, "ablation", "layer", lambda r: (r["layer"], r["how"]))
+    if results["sensitivity"]:
+        studied(results, means, "sensitivity", "parameter", lambda r: (r["parameter"], r["value"]))
+
+
+def studied(results, means, study, what, of):
+    """Times the error of the filter as it is."""
+    scenes = [s["name"] for s in results["scenes"]]
+    labels = {m["id"]: m["label"] for m in results["methods"]}
+    ratios = {}
+    for r in results[study]:
+        if r["region"] == "frame" and "lab_rms" in r["metrics"]:
+            thing, value = of(r)
+            ratio = r["metrics"]["lab_rms"]["mean"] / means[r["scene"], r["spp"], r["method"]]
+            ratios.setdefault((labels[r["method"]], thing), {})[r["scene"], value] = ratio
+    if study == "ablation":
+        print("| filter | layer | " + " | ".join(f"{s}, without | {s}, alone" for s in scenes) + " |")
+        print("|---|---|" + "---:|" * (2 * len(scenes)))
+        for (label, layer), found in ratios.items():
+            cells = [f"{found[s, how]:.2f}" if (s, how) in found else "" for s in scenes for how in ("without", "alone")]
+            print(f"| {label} | {layer} | " + " | ".join(cells) + " |")
+    else:
+        print("| filter | parameter | " + " | ".join(scenes) + " |\n|---|---|" + "---|" * len(scenes))
+        for (label, parameter), found in ratios.items():
+            cells = [", ".join(f"{value}: {r:.2f}" for (s, value), r in found.items() if s == scene) for scene in scenes]
+            print(f"| {label} | {parameter} | " + " | ".join(cells) + " |")
+    print()
+
+
+def clean_frames(results):
     methods = {m["id"]: m for m in results["methods"]}
     rows = {(r["scene"], r["spp"], r["method"], r["region"]): r for r in results["rows"]}
     scenes = [s["name"] for s in results["scenes"]]
@@ -78,6 +136,16 @@ def main():
     print(f"\nOurs beats the other in {wins} of {len(pairs)} pairs over the medium, loses {losses}.")
     bias = [(abs(mean(s, n, ours, name="relative_bias")), s, n) for s in scenes for n in counts]
     print("Largest relative bias over the medium:", "; ".join(f"{100 * b:.2f} % ({s}, {n} spp)" for b, s, n in sorted(bias)[-4:]))
+
+
+
+def main():
+    with open(sys.argv[1]) as file:
+        results = json.load(file)
+    if results["experiment"]["searched"]:
+        searched(results)
+    else:
+        clean_frames(results)
 
 
 if __name__ == "__main__":

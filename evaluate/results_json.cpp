@@ -137,37 +137,45 @@ json rows_json(const SceneResult& scene, const EvaluationSettings& settings) {
   return rows;
 }
 
-/// All pairs of methods under the same tuning; the unfiltered frames stand with each.
+/// All pairs of some methods, and who is better when all of these are looked at together.
+void add_pairs(json& pairs, const SceneResult& scene, const std::vector<const MethodResult*>& methods, Region region) {
+  std::vector<double> p_values;
+  const size_t first = pairs.size();
+  for (size_t i = 0; i < methods.size(); ++i)
+    for (size_t k = i + 1; k < methods.size(); ++k) {
+      const MethodResult &a = *methods[i], &b = *methods[k];
+      const PairedDifference d =
+          paired_difference(a.values(region, &Errors::lab_rms), b.values(region, &Errors::lab_rms));
+      p_values.push_back(d.p_value);
+      pairs.push_back({{"scene", scene.name},
+                       {"spp", a.spp},
+                       {"region", region_name(region)},
+                       {"metric", "lab_rms"},
+                       {"a", a.id()},
+                       {"b", b.id()},
+                       {"difference", d.difference.mean},
+                       {"half_width", d.difference.half_width},
+                       {"p", d.p_value},
+                       {"better", nullptr}});
+    }
+  const std::vector<bool> significant = holm_significant(p_values);
+  for (size_t i = 0; i < significant.size(); ++i)
+    if (significant[i]) pairs[first + i]["better"] = pairs[first + i]["difference"].get<double>() < 0 ? "a" : "b";
+}
+
+/// The methods of one tuning against one another, the unfiltered frames among them.
 json pairs_json(const SceneResult& scene) {
   json pairs = json::array();
   for (const int spp : spp_of(scene))
-    for (const Region region : kRegions) {
-      std::vector<double> p_values;
-      const size_t first = pairs.size();
-      for (size_t i = 0; i < scene.methods.size(); ++i)
-        for (size_t k = i + 1; k < scene.methods.size(); ++k) {
-          const MethodResult &a = scene.methods[i], &b = scene.methods[k];
-          if (a.spp != spp || b.spp != spp || !a.failed.empty() || !b.failed.empty()) continue;
-          if (region == Region::kMedium && scene.mask.empty()) continue;
-          if (a.tuning != b.tuning && a.tuning != Tuning::kNone && b.tuning != Tuning::kNone) continue;
-          const PairedDifference d =
-              paired_difference(a.values(region, &Errors::lab_rms), b.values(region, &Errors::lab_rms));
-          p_values.push_back(d.p_value);
-          pairs.push_back({{"scene", scene.name},
-                           {"spp", spp},
-                           {"region", region_name(region)},
-                           {"metric", "lab_rms"},
-                           {"a", a.id()},
-                           {"b", b.id()},
-                           {"difference", d.difference.mean},
-                           {"half_width", d.difference.half_width},
-                           {"p", d.p_value},
-                           {"better", nullptr}});
-        }
-      const std::vector<bool> significant = holm_significant(p_values);
-      for (size_t i = 0; i < significant.size(); ++i)
-        if (significant[i]) pairs[first + i]["better"] = pairs[first + i]["difference"].get<double>() < 0 ? "a" : "b";
-    }
+    for (const Region region : kRegions)
+      for (const Tuning tuning : {Tuning::kPaper, Tuning::kDefault, Tuning::kSearched, Tuning::kTransfer}) {
+        if (region == Region::kMedium && scene.mask.empty()) continue;
+        std::vector<const MethodResult*> methods;
+        for (const MethodResult& m : scene.methods)
+          if (m.spp == spp && m.failed.empty() && (m.tuning == tuning || m.tuning == Tuning::kNone))
+            methods.push_back(&m);
+        add_pairs(pairs, scene, methods, region);
+      }
   return pairs;
 }
 

@@ -220,11 +220,6 @@ function print(value: unknown): string {
   return typeof value === "string" ? value : JSON.stringify(value);
 }
 
-/** Whether two methods are set against each other: those of one setting, and path tracing with all. */
-function areCompared(a: Method, b: Method): boolean {
-  return isUnfiltered(a) || isUnfiltered(b) || a.setting === b.setting;
-}
-
 /** Whether `x` is the better of two values of a metric. */
 export function isBetter(metric: Metric, x: number, y: number): boolean {
   if (metric.better === "higher") return x > y;
@@ -269,20 +264,21 @@ export class Index {
   private pair(scene: string, spp: number, region: Region, metric: Metric) {
     if (this.paired.has(key(scene, spp, region, metric.id))) return;
     this.paired.add(key(scene, spp, region, metric.id));
-    const measured = this.results.methods.flatMap((method) => {
-      const values = this.estimate(scene, spp, method.id, region, metric.id)?.values ?? [];
-      return values.length > 1 ? [{ method, values }] : [];
-    });
-    const pairs = measured.flatMap((a, i) =>
-      measured
-        .slice(i + 1)
-        .filter((b) => a.values.length === b.values.length && areCompared(a.method, b.method))
-        .map((b) => ({ a: a.method.id, b: b.method.id, ...pairedDifference(a.values, b.values) })),
-    );
-    const significant = holmSignificant(pairs.map(({ p }) => p));
-    for (const [i, { a, b, mean, halfWidth }] of pairs.entries()) {
-      const better = !significant[i] ? null : isBetter(metric, mean, 0) ? "a" : "b";
-      this.remember({ scene, spp, region, metric: metric.id, a, b, difference: mean, half_width: halfWidth, better });
+    const methods = this.results.methods.map((method) => ({
+      ...method,
+      values: this.estimate(scene, spp, method.id, region, metric.id)?.values ?? [],
+    }));
+    const settings = new Set(methods.filter((m) => !isUnfiltered(m)).map((m) => m.setting));
+    for (const setting of settings) {
+      const compared = methods.filter((m) => m.values.length > 1 && (isUnfiltered(m) || m.setting === setting));
+      const pairs = compared.flatMap((a, i) =>
+        compared.slice(i + 1).map((b) => ({ a: a.id, b: b.id, ...pairedDifference(a.values, b.values) })),
+      );
+      const significant = holmSignificant(pairs.map(({ p }) => p));
+      for (const [i, { a, b, mean, halfWidth }] of pairs.entries()) {
+        const better = !significant[i] ? null : isBetter(metric, mean, 0) ? "a" : "b";
+        this.remember({ scene, spp, region, metric: metric.id, a, b, difference: mean, half_width: halfWidth, better });
+      }
     }
   }
 

@@ -279,3 +279,23 @@ test("pairs of other metrics come from the seeds' values, the higher first where
   assert.equal(verdict("psnr", "nl_means_searched", "bilateral_default"), undefined, "of another setting");
   assert.equal(verdict("relative_bias", "nl_means_default", "bilateral_default"), undefined);
 });
+
+test("the pairs of each setting are corrected by themselves", () => {
+  // p is 0.032: enough for one pair, too much for the smallest of four.
+  const values = {
+    bilateral_default: [30, 31, 32],
+    nl_means_default: [30.685, 32, 33.315],
+    bilateral_searched: [30, 31, 32],
+    nl_means_searched: [31, 31, 31],
+    gradient_kernel_searched: [32, 31, 30],
+  };
+  const rows = Object.entries(values).map(([method, list]) => ({
+    scene: "cloud",
+    spp: 4,
+    method,
+    region: "frame" as const,
+    metrics: { psnr: { mean: list[1]!, values: list } },
+  }));
+  const bare = new Index(complete({ ...results, rows, pairs: [] }));
+  assert.equal(bare.verdict("cloud", 4, "frame", "psnr", "nl_means_default", "bilateral_default")?.better, "row");
+});
