@@ -1,14 +1,18 @@
 #pragma once
-#include <tbb/global_control.h>
 #include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
 
 #include <atomic>
+#include <functional>
 #include <mutex>
 
 #include "base/progress.h"
 
 namespace brume {
+
+/// Calls work() on so many threads.
+/// @param threads  0: as many as there are processors. More than these are asked for by tests of determinism
+void run_on_threads(int threads, const std::function<void()>& work);
 
 /// Calls body(i) for i in [0, count), each once, on the task's threads, reporting progress and stopping when cancelled.
 /// The bodies must not depend on one another: then the result does not depend on the number of threads.
@@ -32,11 +36,10 @@ void parallel_for(int count, const Task& task, const Body& body) {
   if (task.threads == 1) {
     for (int i = 0; i < count; ++i) one(i);
   } else {
-    const int threads = task.threads > 0 ? task.threads : tbb::this_task_arena::max_concurrency();
-    // More threads than processors are asked for by tests of determinism; TBB wants to be told.
-    const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, static_cast<size_t>(threads));
-    tbb::task_arena arena(threads);
-    arena.execute([&] { tbb::parallel_for(0, count, one); });
+    run_on_threads(task.threads, [&] {
+      // A thread that waits for the end of this loop must not begin another body of a loop around it.
+      tbb::this_task_arena::isolate([&] { tbb::parallel_for(0, count, one); });
+    });
   }
   task.check();
   if (reported < count || count == 0) task.report(1.0);

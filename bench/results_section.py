@@ -67,7 +67,11 @@ def studied(results, means, study, what, of):
     else:
         print("| filter | parameter | " + " | ".join(scenes) + " |\n|---|---|" + "---|" * len(scenes))
         for (label, parameter), found in ratios.items():
-            cells = [", ".join(f"{value}: {r:.2f}" for (s, value), r in found.items() if s == scene) for scene in scenes]
+            cells = []
+            for scene in scenes:
+                values = [(ratio, value) for (s, value), ratio in found.items() if s == scene]
+                extremes = [min(values), max(values)] if values else []
+                cells.append(", ".join(f"{ratio:.2f} at {value}" for ratio, value in dict.fromkeys(extremes)))
             print(f"| {label} | {parameter} | " + " | ".join(cells) + " |")
     print()
 
