@@ -175,6 +175,8 @@ const FilterEntry entry =
         .aligned_sequences()
         .feature_set(&Nfor::feature_set)
         .paper("")
+        .preset("guides", "for the guides that the renderer computes, found on the same scenes as the defaults",
+                "feature-set=guides,strength-1=0.8,strength-2=4,final-strength=4")
         .param("search-radius", &Nfor::search_radius, {1, 20}, "px", "half width of a window")
         .param("patch-radius", &Nfor::patch_radius, {0, 8}, "px", "half width of a patch")
         .param("strength-1", &Nfor::strength_1, {0.05, 100}, "1", "k of the first candidate", {0.5, 0.8})
