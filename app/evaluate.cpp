@@ -285,7 +285,6 @@ void draw_plots(const fs::path& folder) {
 int run(const Common& common) {
   const Experiment experiment = chosen_experiment();
   const EvaluationSettings settings = settings_of(experiment, common);
-  if (const std::string remark = remark_on_parts(settings); !remark.empty()) note(remark);
   OutputFolder folder(o.output);
   const fs::path own_cache = folder.part() / "cache";
   const Cache cache(o.cache.empty() ? own_cache : fs::path(o.cache), program_version());
@@ -307,6 +306,8 @@ int run(const Common& common) {
     for (size_t k = 0; k < i; ++k)
       if (scenes[i].name == scenes[k].name)
         throw InputError(fmt::format("two scenes are named '{}'; give each its own name", scenes[i].name));
+  // After all that may be refused, which is one line.
+  if (const std::string remark = remark_on_parts(settings); !remark.empty()) note(remark);
 
   size_t stage = 0;
   const size_t stages = stage_count(scenes, settings) + stage_count(sequences, settings);

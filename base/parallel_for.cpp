@@ -1,6 +1,7 @@
 #include "base/parallel_for.h"
 
 #include <tbb/global_control.h>
+#include <tbb/info.h>
 
 #include <map>
 #include <optional>
@@ -15,7 +16,7 @@ struct Arena {
   tbb::task_arena arena;
 
   explicit Arena(int threads) : arena(threads) {
-    if (threads > tbb::this_task_arena::max_concurrency())
+    if (threads > tbb::info::default_concurrency())
       limit.emplace(tbb::global_control::max_allowed_parallelism, static_cast<size_t>(threads));
   }
 };
