@@ -103,6 +103,14 @@ double parse_time() {
   return total;
 }
 
+/// "64 samples per pixel", or how many where tiles have different numbers.
+std::string samples_text(const RenderReport& report) {
+  if (report.most_samples_per_pixel == report.samples_per_pixel)
+    return fmt::format("{} samples per pixel", report.samples_per_pixel);
+  return fmt::format("{} to {} samples per pixel, {:.1f} on average", report.samples_per_pixel,
+                     report.most_samples_per_pixel, report.mean_samples_per_pixel);
+}
+
 /// What was reached of a target error.
 void tell_error(const Common& common, const RenderReport& report, bool missed) {
   const std::string reached =
@@ -110,8 +118,7 @@ void tell_error(const Common& common, const RenderReport& report, bool missed) {
           ? fmt::format("estimated relative error {:.4g}", *report.error)
           : std::string("no error can be estimated: fewer than 8 samples per pixel, or no light was found");
   if (missed)
-    warn(fmt::format("target error {} not reached with {} samples per pixel: {}", o.target_error,
-                     report.samples_per_pixel, reached));
+    warn(fmt::format("target error {} not reached with {}: {}", o.target_error, samples_text(report), reached));
   else
     log(common, reached);
 }
@@ -142,10 +149,10 @@ Scene load_scene(const Common& common, const VolumeScene* made) {
 }
 
 /// Says what the clean picture's error is estimated to be.
-void tell_clean_error(const Common& common, const Cleaner& cleaner, bool missed, int samples) {
+void tell_clean_error(const Common& common, const Cleaner& cleaner, bool missed, const RenderReport& report) {
   const std::string reached = fmt::format("estimated relative error of the clean picture {:.4g}", cleaner.error());
   if (missed)
-    warn(fmt::format("target error {} not reached with {} samples per pixel: {}", o.target_error, samples, reached));
+    warn(fmt::format("target error {} not reached with {}: {}", o.target_error, samples_text(report), reached));
   else
     log(common, reached);
 }
@@ -256,9 +263,9 @@ int run(const Common& common, const VolumeScene* made = nullptr) {
   }
   if (cleaner && (job.time_limit > 0 || o.target_error > 0))
     job.next_round = [&](const RenderRound& round) {
-      std::vector<uint32_t> goals = cleaner->next_round(round, o.target_error);
+      NextRound next = cleaner->next_round(round, o.target_error);
       if (viewer) viewer->show(cleaner->picture());
-      return goals;
+      return next;
     };
   RenderResult result = prepared.render(job, make_task(common, "render " + scene.name));
   if (cleaner) {
@@ -280,13 +287,14 @@ int run(const Common& common, const VolumeScene* made = nullptr) {
     note(fmt::format("the checkpoint held more samples per pixel, {}, than the {} asked for", report.samples_per_pixel,
                      scene.render.spp));
   if (cleaner) {
+    if (open_ended) log(common, samples_text(report));
     log(common, fmt::format("cleaned in {:.2f} s", cleaner->seconds()));
     const bool missed = o.target_error > 0 && !(cleaner->error() <= o.target_error);
-    if (cleaner->error() >= 0) tell_clean_error(common, *cleaner, missed, report.samples_per_pixel);
+    if (cleaner->error() >= 0) tell_clean_error(common, *cleaner, missed, report);
     print(o.output + "\n");
     return missed ? kThresholdFailed : kDone;
   }
-  if (open_ended) log(common, fmt::format("{} samples per pixel", result.report.samples_per_pixel));
+  if (open_ended) log(common, samples_text(report));
   const bool missed = o.target_error > 0 && !(report.error.value_or(0) <= o.target_error);
   if (o.target_error > 0) tell_error(common, report, missed);
   print(o.output + "\n");

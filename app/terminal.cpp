@@ -20,18 +20,20 @@ class ProgressLine {
   }
   void update(double fraction) {
     const double elapsed = watch_.seconds();
-    const std::string left = fraction < 1 ? time_left(fraction, elapsed) : "";
+    // The pace is that since the first report: what came before it was preparation.
+    if (fraction < first_fraction_) first_fraction_ = fraction, first_seconds_ = elapsed;
+    const double pace = (fraction - first_fraction_) / (1 - first_fraction_);
+    const std::string left = fraction < 1 ? time_left(pace, elapsed - first_seconds_) : "";
     if (style_ == "json") {
       if (fraction < 1 && elapsed - last_ < 0.2) return;
       last_ = elapsed;
-      std::fputs((nlohmann::json{{"stage", label_},
-                                 {"progress", fraction},
-                                 {"seconds", elapsed},
-                                 {"seconds_left", fraction > 0 ? elapsed * (1 - fraction) / fraction : 0.0}}
-                      .dump() +
-                  "\n")
-                     .c_str(),
-                 stderr);
+      nlohmann::json line = {
+          {"stage", label_}, {"progress", fraction}, {"seconds", elapsed}, {"seconds_left", nullptr}};
+      if (fraction >= 1)
+        line["seconds_left"] = 0.0;
+      else if (pace > 0)
+        line["seconds_left"] = (elapsed - first_seconds_) * (1 - pace) / pace;
+      std::fputs((line.dump() + "\n").c_str(), stderr);
     } else if (style_ == "bar") {
       if (fraction < 1 && elapsed - last_ < 0.1) return;
       last_ = elapsed;
@@ -59,7 +61,7 @@ class ProgressLine {
  private:
   std::string label_, style_;
   Stopwatch watch_;
-  double last_ = -1;
+  double last_ = -1, first_fraction_ = 2, first_seconds_ = 0;
   int tenth_ = -1;
 };
 

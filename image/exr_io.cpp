@@ -26,6 +26,7 @@
 #include "base/error.h"
 #include "base/output_file.h"
 #include "base/parallel_for.h"
+#include "image/exr_checksum.h"
 #include "image/exr_common.h"
 #include "image/exr_zip.h"
 #include "image/luminance_chroma.h"
@@ -44,7 +45,7 @@ constexpr double kMostPixelsOfParts = 1 << 30;
 bool is_structural(const std::string& name) {
   static const char* const names[] = {"channels",          "compression", "dataWindow",       "displayWindow",
                                       "lineOrder",         "type",        "pixelAspectRatio", "screenWindowCenter",
-                                      "screenWindowWidth", "tiles",       "chunkCount"};
+                                      "screenWindowWidth", "tiles",       "chunkCount",       "fileChecksum"};
   return std::any_of(std::begin(names), std::end(names), [&](const char* n) { return name == n; });
 }
 
@@ -81,6 +82,7 @@ std::string header_bytes(const Layers& layers, const Imf::ChannelList& channels)
   header.compression() = Imf::ZIP_COMPRESSION;
   header.channels() = channels;
   for (const auto& [name, value] : layers.header) insert_attribute(header, name, value);
+  if (!layers.words().empty()) insert_attribute(header, std::string(kChecksumAttribute), std::string(kNoChecksum));
   header.sanityCheck();
   bool long_names = false;  // which older readers do not know
   for (auto c = channels.begin(); c != channels.end(); ++c) long_names |= std::strlen(c.name()) > 31;
@@ -106,6 +108,47 @@ Imf::Slice slice(Imf::PixelType type, void* first, size_t stride, const Imath::B
   const auto row = static_cast<std::ptrdiff_t>(stride * 4);
   char* const base = static_cast<char*>(first) - 4 * static_cast<std::ptrdiff_t>(data.min.x) - row * data.min.y;
   return {type, base, 4, static_cast<size_t>(row)};
+}
+
+/// Whether a channel holds sums of samples.
+bool is_state(const char* channel) {
+  return std::string_view(channel).starts_with("state.");
+}
+
+bool has_state(const Imf::Header& header) {
+  for (auto c = header.channels().begin(); c != header.channels().end(); ++c)
+    if (is_state(c.name())) return true;
+  return false;
+}
+
+/// Refuses what write_exr never writes, in words. @throws InputError
+void check_own_header(const Imf::MultiPartInputFile& file, const fs::path& path) {
+  const Imf::Header& header = file.header(0);
+  const auto expect = [&](const std::string& what, const auto& found, const auto& expected) {
+    if (found != expected)
+      throw InputError(fmt::format("{}: damaged, or written by another program: {} is {}, brume writes {}",
+                                   path.string(), what, found, expected));
+  };
+  expect("the number of parts", file.parts(), 1);
+  expect("tiles", header.hasTileDescription() ? "there" : "absent", std::string("absent"));
+  expect("compression", compression_name(header.compression()), std::string("ZIP"));
+  expect("lineOrder", static_cast<int>(header.lineOrder()), static_cast<int>(Imf::INCREASING_Y));
+  expect("pixelAspectRatio", header.pixelAspectRatio(), 1.0f);
+  expect("screenWindowWidth", header.screenWindowWidth(), 1.0f);
+  for (auto c = header.channels().begin(); c != header.channels().end(); ++c) {
+    const std::string of_channel = fmt::format(" of channel {}", c.name());
+    expect("the type" + of_channel, pixel_type_name(c.channel().type),
+           std::string(is_state(c.name()) ? "uint" : "float"));
+    expect("xSampling" + of_channel, c.channel().xSampling, 1);
+    expect("ySampling" + of_channel, c.channel().ySampling, 1);
+  }
+}
+
+/// Refuses a file with sums of samples that is not as it was written. @throws InputError; Interrupted
+void check_own_file(const Imf::MultiPartInputFile& file, const fs::path& path, const Task& task) {
+  if (!has_state(file.header(0))) return;
+  check_own_header(file, path);
+  verify_checksum(path, task);
 }
 
 /// Reads the first and the last line of a part, whose chunks a file that was cut off has lost.
@@ -219,6 +262,7 @@ Part read_part(Imf::MultiPartInputFile& file, int index, const fs::path& path,
 
 Layers read_exr(const fs::path& path, const std::function<bool(const std::string&)>& wanted) {
   Imf::MultiPartInputFile file = open_exr(path);
+  check_own_file(file, path, {});
   const PixelWindow display = window_of(file.header(0).displayWindow());
   std::map<std::string, Attribute> header_of_all;
   std::vector<Part> parts;
@@ -261,6 +305,7 @@ Layers read_exr(const fs::path& path, const std::function<bool(const std::string
 Layers read_exr_state(const fs::path& path, const Task& task) {
   Imf::MultiPartInputFile file = open_exr(path);
   const Imf::Header& header = file.header(0);
+  check_own_file(file, path, task);
   const Imath::Box2i data = header.dataWindow();
   const PixelWindow window = window_of(data);
   Layers layers(window.width(), window.height());
@@ -269,7 +314,7 @@ Layers read_exr_state(const fs::path& path, const Task& task) {
   Imf::FrameBuffer frame;
   double bytes = 0;
   for (auto c = header.channels().begin(); c != header.channels().end(); ++c) {
-    const bool state = std::string_view(c.name()).starts_with("state.") && c.channel().type == Imf::UINT;
+    const bool state = is_state(c.name());
     const bool guide = std::string_view(c.name()).starts_with("guide.") && c.channel().type == Imf::FLOAT;
     if (!state && !guide) continue;
     bytes += 4.0 * layers.width() * layers.height();
@@ -302,6 +347,7 @@ Layers read_exr_state(const fs::path& path, const Task& task) {
 void check_exr(const fs::path& path, const Task& task) {
   constexpr int kRows = 64;  // at a time
   Imf::MultiPartInputFile file = open_exr(path);
+  check_own_file(file, path, task);
   for (int index = 0; index < file.parts(); ++index) {
     const Imf::Header& header = file.header(index);
     if (header.hasType() && Imf::isDeepData(header.type()))
@@ -388,6 +434,7 @@ void write_exr(const fs::path& path, const Layers& layers, const Task& task) {
   write_table();
   file.close();
   if (!file) fail(std::strerror(errno));
+  if (!layers.words().empty()) write_checksum(output.part());
   output.commit();
 }
 

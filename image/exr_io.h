@@ -34,12 +34,12 @@ ExrInfo read_exr_info(const std::filesystem::path& path);
 Layers read_exr(const std::filesystem::path& path, const std::function<bool(const std::string&)>& wanted = {});
 
 /// Reads the words that Layers::words() held, over the data window, with the header and the layers `guide.*`, which are
-/// made of no samples; no words where the frame was written without. @throws InputError: missing, not an EXR,
-/// truncated; Interrupted
+/// made of no samples; no words where the frame was written without. Every byte of a file with words is held to its
+/// checksum. @throws InputError: missing, not an EXR, truncated, damaged; Interrupted
 Layers read_exr_state(const std::filesystem::path& path, const Task& task = {});
 
-/// Reads every pixel of a file and forgets it, to know that it is whole. @throws InputError: missing, not an EXR,
-/// truncated or damaged, deep; Interrupted
+/// Reads every pixel of a file and forgets it, to know that it is whole; the checksum too of files with words.
+/// @throws InputError: missing, not an EXR, truncated or damaged, deep; Interrupted
 void check_exr(const std::filesystem::path& path, const Task& task = {});
 
 /// Writes float32 scan lines, ZIP, single part. The file appears whole or not at all.

@@ -99,7 +99,7 @@ double Cleaner::relative_square(double error, const RgbPlanes& rgb, int x, int y
   return error * error * exposure_ * exposure_ / (mean * mean + 0.01);
 }
 
-std::vector<uint32_t> Cleaner::next_round(const RenderRound& round, double target) {
+NextRound Cleaner::next_round(const RenderRound& round, double target) {
   const Layers all = clean(round.frame);
   const bool known = estimates_error();
   if (known && target > 0 && error_ <= target) return {};
@@ -133,7 +133,10 @@ std::vector<uint32_t> Cleaner::next_round(const RenderRound& round, double targe
   // What a tile has already it keeps; the others share the rest in proportion.
   const double budget = growth * total;
   double lowest = 0, highest = 1e30;
-  std::vector<uint32_t> goals(tiles);
+  NextRound next;
+  std::vector<uint32_t>& goals = next.goals;
+  goals.resize(tiles);
+  if (known && target > 0) next.samples_needed = total * std::pow(error_ / target, 2 / kDecay);
   for (int step = 0; step < 200; ++step) {
     const double factor = std::sqrt(std::max(lowest, 1e-30) * highest);
     double sum = 0;
@@ -148,7 +151,7 @@ std::vector<uint32_t> Cleaner::next_round(const RenderRound& round, double targe
   const bool gains = std::any_of(goals.begin(), goals.end(), [&, t = size_t{0}](uint32_t goal) mutable {
     return goal > film.taken(static_cast<int>(t++));
   });
-  return gains ? goals : std::vector<uint32_t>();
+  return gains ? next : NextRound();
 }
 
 }  // namespace brume

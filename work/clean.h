@@ -29,13 +29,13 @@ class Cleaner {
   /// clean_indirect, the estimated error to clean_error, where the filter makes them.
   Layers clean(const Layers& frame);
 
-  /// Samples that each tile is to have after the next round; empty: the target is reached, or nothing can be gained.
+  /// The round after this one; without goals where the target is reached, or nothing can be gained.
   ///
   /// With a filter that estimates its error, samples are spread so that the sum of the squared relative errors falls
   /// most, each tile's error falling like samples^-0.8; with one that makes a map of samples (sobel_guided), by it;
   /// evenly otherwise.
   /// @param target  relative error of the clean picture (Cleaner::error); 0: none
-  std::vector<uint32_t> next_round(const RenderRound& round, double target);
+  NextRound next_round(const RenderRound& round, double target);
 
   /// Estimated relative error of the last picture: root of the mean over pixels of clean_error^2 / (mean^2 + 0.01
   /// white^2), white being 1 / exposure. Below 0 where the filter estimates none.

@@ -79,8 +79,12 @@ std::string what_forbids_resuming(const std::filesystem::path& path, const Scene
     const std::string differing = differing_render(found, expected_header(scene, layers, job), "in the file", "now");
     if (!differing.empty()) return differing;
     const auto first = static_cast<int>(found.number("sampleFirst").value_or(0));
-    const auto total = static_cast<int>(found.number("sampleTotal").value_or(0));
-    return first == job.first_sample() && total == job.spp ? "" : "is of another part, or of another number of samples";
+    const double all = found.number("samplesPerPixel").value_or(0),
+                 most = found.number("samplesPerPixelMost").value_or(all);
+    if (first != job.first_sample() || first + most > job.end_sample())
+      return fmt::format("holds the samples {} .. {:.0f}, this render takes {} .. {}", first, first + most - 1,
+                         job.first_sample(), job.end_sample() - 1);
+    return "";
   });
 }
 

@@ -249,13 +249,13 @@ double Film::relative_error(double exposure) const {
   return all_light > 0 ? std::sqrt(sum / (3.0 * static_cast<double>(pixels))) : kUnknown;
 }
 
-void Film::save_state(Layers& layers) const {
+void Film::save_state(Layers& layers, const Task& task) const {
   const size_t doubles = sums_.doubles(), groups = sums_.groups(), words = 2 * doubles + groups + 1;
   std::vector<std::vector<uint32_t>*> channels;
   for (size_t w = 0; w < words; ++w) channels.push_back(&layers.add_words(state_channel(w)));
-  for (int tile = 0; tile < tile_count(); ++tile) {
+  parallel_for(tile_count(), task, [&](int tile) {
     const TileState& state = state_[static_cast<size_t>(tile)];
-    if (state.sums.empty()) continue;
+    if (state.sums.empty()) return;
     const Bounds b = bounds(tile);
     for (int y = b.y0; y < b.y1; ++y)
       for (int x = b.x0; x < b.x1; ++x) {
@@ -269,7 +269,7 @@ void Film::save_state(Layers& layers) const {
         for (size_t g = 0; g < groups; ++g) (*channels[2 * doubles + g])[at] = state.counts[p * groups + g];
         (*channels[words - 1])[at] = state.invalid[p];
       }
-  }
+  });
 }
 
 void Film::merge_state(const Layers& saved, const std::string& name, const Task& task) {

@@ -56,7 +56,7 @@ class Film {
 
   /// The sums as 32-bit words in channels "state.*" of `layers`, so that a frame can go on or be merged elsewhere; what
   /// develop() computed is in there too.
-  void save_state(Layers& layers) const;
+  void save_state(Layers& layers, const Task& task = {}) const;
   /// Adds the sums of a saved state to this film's. @throws InputError naming what does not fit; Interrupted
   void merge_state(const Layers& saved, const std::string& name, const Task& task = {});
 

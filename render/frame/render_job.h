@@ -4,6 +4,7 @@
 #include <functional>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "image/layers.h"
 #include "render/frame/film.h"
@@ -23,8 +24,10 @@ struct RenderReport {
   };
   std::optional<Where> first_invalid;  ///< first in row order
   int samples_per_pixel = 0;           ///< that every pixel of the frame holds now
-  bool uneven = false;                 ///< stopped in the middle of a pass: some tiles hold more
-  std::optional<double> error;         ///< Film::relative_error, where statistics are kept
+  int most_samples_per_pixel = 0;      ///< of any tile; more than the others where samples went in rounds
+  double mean_samples_per_pixel = 0;
+  bool uneven = false;          ///< stopped in the middle of a pass: some tiles hold more
+  std::optional<double> error;  ///< Film::relative_error, where statistics are kept
 
   /// One line a person reads, and a line for each promise not kept.
   std::string summary() const;
@@ -40,6 +43,12 @@ struct RenderRound {
   const Film& film;
   const Layers& frame;  ///< what the film holds, with header and guides
   double most_growth;   ///< of the number of samples, that the time allows
+};
+
+/// What comes after a round.
+struct NextRound {
+  std::vector<uint32_t> goals;  ///< samples that each tile of the film is to have; empty: the render is done
+  double samples_needed = 0;    ///< of all pixels together until the target is reached, estimated; 0: unknown
 };
 
 /// Which samples to take, and what to do on the way.
@@ -60,9 +69,9 @@ struct RenderJob {
   double time_limit = 0;    ///< seconds of sampling after which no new pass begins; one that takes much longer is cut
   double target_error = 0;  ///< relative error (Film::relative_error) at which to stop; 0: none
 
-  /// Takes samples in rounds: asked between them for the samples that each tile of the film is to have after the next
-  /// one; empty ends the render. The first round takes first_round samples everywhere.
-  std::function<std::vector<uint32_t>(const RenderRound&)> next_round;
+  /// Takes samples in rounds: asked between them for the next one. The first round takes first_round samples
+  /// everywhere.
+  std::function<NextRound(const RenderRound&)> next_round;
   int first_round = 8;
 
   bool keep_state = false;  ///< the result carries the sums of its samples, to be merged

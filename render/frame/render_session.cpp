@@ -3,6 +3,8 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <charconv>
+#include <cmath>
 #include <limits>
 
 #include "base/error.h"
@@ -62,11 +64,31 @@ void RenderSession::resume() {
   finish_header(expected, {});
   check_same_render(saved, job_.resume.string(), expected, "this render", /*same_samples=*/true);
   film_.merge_state(saved, job_.resume.string(), quiet(task_));
-  for (int tile = 0; tile < film_.tile_count(); ++tile) film_.develop(tile);
+  if (job_.parts > 1 && most_taken() > static_cast<uint32_t>(end_ - first_))
+    throw InputError(fmt::format("{}: holds {} samples per pixel from sample {} on, part {}/{} only {}",
+                                 job_.resume.string(), most_taken(), first_, job_.part, job_.parts, end_ - first_));
+  develop_all();
+  if (const std::string goals = saved.text("roundGoals"); job_.next_round && !goals.empty()) read_goals(goals);
   resumed_.seconds = saved.number("renderTimeSeconds").value_or(0.0);
   resumed_.cpu_seconds = saved.number("cpuSeconds").value_or(0.0);
   resumed_.counters.capped_paths = static_cast<uint64_t>(saved.number("cappedPaths").value_or(0.0));
   resumed_.invalid_samples = static_cast<uint64_t>(saved.number("invalidSampleCount").value_or(0.0));
+}
+
+void RenderSession::develop_all() {
+  parallel_for(film_.tile_count(), {task_.threads}, [&](int tile) { film_.develop(tile); });
+}
+
+void RenderSession::read_goals(const std::string& text) {
+  for (const std::string& word : split(text, ',')) {
+    uint32_t goal = 0;
+    const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), goal);
+    if (error != std::errc() || end != word.data() + word.size()) break;
+    goals_.push_back(goal);
+  }
+  if (goals_.size() != tiles_.size())
+    throw InputError(fmt::format("{}: roundGoals in its header holds {} numbers; expected {}, one for each tile",
+                                 job_.resume.string(), goals_.size(), tiles_.size()));
 }
 
 void RenderSession::open_records() {
@@ -85,8 +107,7 @@ RenderResult RenderSession::run() {
   try {
     run_passes();
   } catch (const Interrupted&) {
-    for (int tile = 0; tile < film_.tile_count(); ++tile)
-      if (keep_) film_.develop(tile);
+    if (keep_) develop_all();
     const bool out_of_time = !task_.cancelled() && stop_.due();
     if (!out_of_time) {
       if (job_.checkpoint.empty()) throw;
@@ -96,22 +117,23 @@ RenderResult RenderSession::run() {
       throw Interrupted(fmt::format("the checkpoint {0} is written; go on with --resume {0}", name));
     }
   }
-  if (task_.progress && done_ < static_cast<uint32_t>(end_ - first_)) task_.report(1.0);
+  task_.report(1.0);
   if (records_) records_->commit();
+  record_guides(quiet(task_));
   if (!job_.checkpoint.empty() && job_.checkpoint_at_end) write_checkpoint();
   RenderResult result;
   result.report = report();
-  record_guides(quiet(task_));
   result.layers = film_.take();
   for (const auto& [name, plane] : guides_.channels()) result.layers.set(name, plane);
   finish_header(result.layers, result.report);
-  if (job_.keep_state) film_.save_state(result.layers);
+  if (job_.keep_state) film_.save_state(result.layers, {task_.threads});
   return result;
 }
 
 void RenderSession::run_passes() {
   const auto total = static_cast<uint32_t>(end_ - first_);
   done_ = resumed_at_ = std::min(total, fewest_taken());
+  resumed_samples_ = samples_taken();
   if (done_ == total) return;
   if (job_.time_limit > 0) {
     // Whole passes end by themselves near the limit. What takes half as long again is stuck in a flight.
@@ -120,53 +142,68 @@ void RenderSession::run_passes() {
                                                             std::chrono::duration<double>(std::min(most, 1e9)));
   }
   bounds_ = scene_.entry_bounds(camera_, window_, quiet(task_));
+  last_checkpoint_ = wall_.seconds();
+  task_.report(0);
   if (job_.next_round) return run_rounds();
-  double last_checkpoint = wall_.seconds();
-  while (done_ < total) {
-    const uint32_t goal = next_goal();
+  // The pass that a checkpoint was interrupted in is ended first.
+  uint32_t goal = most_taken();
+  if (goal > done_)
+    goal = std::min(goal, total);
+  else if (done_ > 0 && enough())
+    return;
+  else
+    goal = next_goal();
+  for (;; goal = next_goal()) {
     pass(std::vector<uint32_t>(tiles_.size(), goal));
     done_ = goal;
-    if (done_ < total && !job_.checkpoint.empty() && wall_.seconds() - last_checkpoint > job_.checkpoint_seconds) {
-      write_checkpoint();
-      last_checkpoint = wall_.seconds();
-    }
-    if (enough()) break;
+    if (done_ < total) write_regular_checkpoint();
+    if (done_ == total || enough()) break;
   }
+}
+
+void RenderSession::write_regular_checkpoint() {
+  if (job_.checkpoint.empty() || wall_.seconds() - last_checkpoint_ <= job_.checkpoint_seconds) return;
+  write_checkpoint();
+  last_checkpoint_ = wall_.seconds();
 }
 
 void RenderSession::run_rounds() {
   const auto most = static_cast<uint32_t>(end_ - first_);
-  std::vector<uint32_t> goals(tiles_.size(), std::min(most, static_cast<uint32_t>(job_.first_round)));
-  double last_checkpoint = wall_.seconds();
-  const auto samples = [&] {
-    double sum = 0;
-    for (int tile = 0; tile < film_.tile_count(); ++tile)
-      sum += static_cast<double>(film_.bounds(tile).pixels()) * film_.taken(tile);
-    return sum;
-  };
-  const double resumed = samples();
+  if (goals_.empty()) goals_.assign(tiles_.size(), static_cast<uint32_t>(job_.first_round));
   double sampling = 0;  // seconds
-  for (;;) {
+  for (bool resumed = fewest_taken() > 0;; resumed = false) {
     bool more = false;
-    for (size_t tile = 0; tile < goals.size(); ++tile) {
-      goals[tile] = std::min(goals[tile], most);
-      more = more || goals[tile] > film_.taken(static_cast<int>(tile));
+    for (size_t tile = 0; tile < goals_.size(); ++tile) {
+      goals_[tile] = std::min(goals_[tile], most);
+      more = more || goals_[tile] > film_.taken(static_cast<int>(tile));
     }
-    if (!more) break;
-    const Stopwatch watch;
-    pass(goals);
-    sampling += watch.seconds();
-    done_ = fewest_taken();
-    if (!job_.checkpoint.empty() && wall_.seconds() - last_checkpoint > job_.checkpoint_seconds) {
-      write_checkpoint();
-      last_checkpoint = wall_.seconds();
+    // A checkpoint may hold all of its round.
+    if (!more && !resumed) break;
+    if (more) {
+      const Stopwatch watch;
+      pass(goals_);
+      sampling += watch.seconds();
+      done_ = fewest_taken();
+      write_regular_checkpoint();
     }
-    double growth = std::numeric_limits<double>::infinity();
-    const double taken = samples();
-    if (job_.time_limit > 0) growth = 1 + (job_.time_limit - elapsed()) * (taken - resumed) / (sampling * taken);
-    const Layers frame = frame_so_far(quiet(task_));
-    goals = job_.next_round({film_, frame, growth});
+    NextRound next = ask_for_round(sampling);
+    if (next.goals.empty()) break;
+    goals_ = std::move(next.goals);
+    needed_samples_ = next.samples_needed;
   }
+}
+
+NextRound RenderSession::ask_for_round(double sampling_seconds) {
+  double growth = std::numeric_limits<double>::infinity();
+  if (job_.time_limit > 0) {
+    const double taken = samples_taken(), fresh = taken - resumed_samples_;
+    // Before a session has samples of its own, those that it resumed tell their pace.
+    const double seconds_per_sample = fresh > 0 ? sampling_seconds / fresh : resumed_.seconds / taken;
+    growth = 1 + (job_.time_limit - elapsed()) / (seconds_per_sample * taken);
+  }
+  record_guides(quiet(task_));
+  const Layers frame = film_so_far();
+  return job_.next_round({film_, frame, growth});
 }
 
 void RenderSession::record_guides(const Task& task) {
@@ -176,8 +213,7 @@ void RenderSession::record_guides(const Task& task) {
   guides->record(camera_, {window_.x0, window_.y0}, guides_, task);
 }
 
-Layers RenderSession::frame_so_far(const Task& task) {
-  record_guides(task);
+Layers RenderSession::film_so_far() const {
   Layers frame = film_.layers();
   for (const auto& [name, plane] : guides_.channels()) frame.set(name, plane);
   finish_header(frame, report());
@@ -196,26 +232,42 @@ uint32_t RenderSession::next_goal() const {
   return static_cast<uint32_t>(std::min<double>(total, done_ + length));
 }
 
-bool RenderSession::enough() const {
+bool RenderSession::enough() {
   if (job_.time_limit > 0 && done_ < static_cast<uint32_t>(end_ - first_)) {
-    const double per_sample = wall_.seconds() / (done_ - resumed_at_);
+    const double per_sample = done_ > resumed_at_ ? wall_.seconds() / (done_ - resumed_at_) : 0.0;
     if (elapsed() + 0.5 * per_sample > job_.time_limit) return true;
   }
-  return job_.target_error > 0 && film_.relative_error(scene_.scene().film.exposure) <= job_.target_error;
+  if (!(job_.target_error > 0)) return false;
+  const double error = film_.relative_error(scene_.scene().film.exposure);
+  // The squared error falls like the samples.
+  if (std::isfinite(error)) needed_samples_ = samples_taken() * std::pow(error / job_.target_error, 2);
+  return error <= job_.target_error;
+}
+
+double RenderSession::samples_taken() const {
+  double sum = 0;
+  for (int tile = 0; tile < film_.tile_count(); ++tile)
+    sum += static_cast<double>(film_.bounds(tile).pixels()) * film_.taken(tile);
+  return sum;
+}
+
+double RenderSession::done_share(double samples) const {
+  const auto of_samples = [&](double goal) { return (samples - resumed_samples_) / (goal - resumed_samples_); };
+  double share = of_samples(static_cast<double>(film_.width()) * film_.height() * (end_ - first_));
+  if (job_.time_limit > 0) share = std::max(share, wall_.seconds() / (job_.time_limit - resumed_.seconds));
+  if (needed_samples_ > 0) share = std::max(share, of_samples(needed_samples_));
+  return std::clamp(share, 0.0, 0.999);
 }
 
 void RenderSession::pass(const std::vector<uint32_t>& goals) {
   Task task = task_;
-  const uint32_t goal = *std::max_element(goals.begin(), goals.end());
-  if (task_.progress && job_.next_round)
-    task.progress = [&](double f) { task_.report(0.999 * f); };
-  else if (task_.progress)
-    task.progress = [&, from = done_](double f) {
-      const auto total = static_cast<uint32_t>(end_ - first_);
-      double fraction = (from - resumed_at_ + f * (goal - from)) / (total - resumed_at_);
-      if (job_.time_limit > 0) fraction = std::max(fraction, std::min(elapsed() / job_.time_limit, 1.0));
-      task_.report(fraction < 1 || goal == total ? fraction : 0.999);
-    };
+  const double before = samples_taken();
+  double after = 0;
+  for (int tile = 0; tile < film_.tile_count(); ++tile)
+    after += static_cast<double>(film_.bounds(tile).pixels()) *
+             std::max(film_.taken(tile), goals[static_cast<size_t>(tile)]);
+  if (needed_samples_ > 0) needed_samples_ = std::max(needed_samples_, after);  // no pass ends early
+  if (task_.progress) task.progress = [&](double f) { task_.report(done_share(before + f * (after - before))); };
   parallel_for(film_.tile_count(), task, [&](int tile) {
     const uint32_t own = goals[static_cast<size_t>(tile)];
     if (film_.taken(tile) >= own) return;
@@ -288,11 +340,10 @@ uint32_t RenderSession::fewest_taken() const {
   return fewest;
 }
 
-bool RenderSession::uneven() const {
-  const uint32_t fewest = fewest_taken();
-  for (int tile = 0; tile < film_.tile_count(); ++tile)
-    if (film_.taken(tile) != fewest) return true;
-  return false;
+uint32_t RenderSession::most_taken() const {
+  uint32_t most = 0;
+  for (int tile = 0; tile < film_.tile_count(); ++tile) most = std::max(most, film_.taken(tile));
+  return most;
 }
 
 RenderReport RenderSession::report() const {
@@ -305,15 +356,27 @@ RenderReport RenderSession::report() const {
   total.seconds = elapsed();
   total.cpu_seconds = resumed_.cpu_seconds + cpu_seconds() - cpu_start_;
   total.samples_per_pixel = static_cast<int>(fewest_taken());
-  total.uneven = !job_.next_round && uneven();
+  total.most_samples_per_pixel = static_cast<int>(most_taken());
+  total.mean_samples_per_pixel = samples_taken() / (static_cast<double>(film_.width()) * film_.height());
+  total.uneven = !job_.next_round && total.most_samples_per_pixel > total.samples_per_pixel;
   if (scene_.plan().layers.statistics) total.error = film_.relative_error(scene_.scene().film.exposure);
   return total;
 }
 
 bool RenderSession::write_checkpoint() {
-  // Interrupted or not, it is written whole.
-  Layers frame = frame_so_far(Task{task_.threads});
-  film_.save_state(frame);
+  // Interrupted or not, it is written whole, and soon: who ends this render waits for the file. Beside the sums it has
+  // a picture to look at, and the guides where they were made already; other layers follow from the sums.
+  Layers frame(film_.width(), film_.height());
+  for (const LayerName& l : {layer::beauty, layer::alpha})
+    for (const std::string& channel : l.channel_names()) frame.set(channel, film_.layers().at(channel));
+  for (const auto& [name, plane] : guides_.channels()) frame.set(name, plane);
+  finish_header(frame, report());
+  film_.save_state(frame, {task_.threads});
+  if (!goals_.empty()) {
+    std::vector<std::string> goals;
+    for (const uint32_t goal : goals_) goals.push_back(std::to_string(goal));
+    frame.header["roundGoals"] = join(goals, ",");
+  }
   return checkpoint_.write(frame);
 }
 
@@ -323,6 +386,8 @@ void RenderSession::finish_header(Layers& frame, const RenderReport& report) con
     frame.display = ivec2(scene_.scene().film.width, scene_.scene().film.height);
   }
   describe(frame, report, first_, first_ + report.samples_per_pixel);
+  if (report.most_samples_per_pixel > report.samples_per_pixel)
+    frame.header["samplesPerPixelMost"] = report.most_samples_per_pixel;
   if (report.uneven)
     frame.header["interrupted"] = std::string("true: some tiles have more samples than samplesPerPixel");
   if (job_.next_round)

@@ -35,24 +35,37 @@ class RenderSession {
   void run_passes();
   /// How far the next pass goes: longer and longer, but never so far that time or a checkpoint is overrun by much.
   uint32_t next_goal() const;
-  /// Rounds of samples where next_round wants them.
+  /// Rounds of samples where next_round wants them, from the round that a checkpoint was interrupted in.
   void run_rounds();
+  /// The next round, for the film as it is.
+  NextRound ask_for_round(double sampling_seconds);
+  void write_regular_checkpoint();
   /// Each tile up to its goal of samples of each pixel.
   void pass(const std::vector<uint32_t>& goals);
-  /// The frame that the film holds now, with the guides.
-  Layers frame_so_far(const Task& task);
+  void develop_all();
+  /// What each tile was to have after the round in which a checkpoint was written. @throws InputError
+  void read_goals(const std::string& text);
+  /// The frame that the film holds now, with the guides where they are recorded.
+  Layers film_so_far() const;
   void record_guides(const Task& task);
   /// Traces the next samples of a tile and adds them to the film.
   void trace_batch(int tile, uint32_t goal, std::vector<PathRecord>& records);
   void finish_tile(int tile, const std::vector<PathRecord>& records);
-  bool enough() const;
+  /// Whether the time is over or the target error reached.
+  bool enough();
   /// @return whether the disk took it
   bool write_checkpoint();
 
   /// Samples that every pixel has by now.
   uint32_t fewest_taken() const;
-  bool uneven() const;
+  /// Samples of the pixels that have most.
+  uint32_t most_taken() const;
   double elapsed() const { return resumed_.seconds + wall_.seconds(); }
+  /// Samples of all pixels together.
+  double samples_taken() const;
+  /// The share of this session's work that is done at this many samples: of the samples, the time or the way to the
+  /// target error, whichever ends the render first. Below 1, and 0 while nothing is known.
+  double done_share(double samples) const;
   /// Of all samples so far, those of the resumed session included.
   RenderReport report() const;
   /// Writes the header of a frame that holds what the film holds.
@@ -80,6 +93,10 @@ class RenderSession {
   Stopwatch wall_;
   double cpu_start_ = 0;
   uint32_t resumed_at_ = 0, done_ = 0;  // samples of each pixel
+  std::vector<uint32_t> goals_;         // of the tiles in this round
+  double resumed_samples_ = 0;          // of all pixels together
+  double needed_samples_ = 0;           // until the target error is reached, estimated; 0: unknown
+  double last_checkpoint_ = 0;          // on the wall clock
 };
 
 }  // namespace brume

@@ -140,6 +140,9 @@ Layers merge_parts(const std::vector<std::filesystem::path>& files, bool keep_st
     }
     if (part.text("interrupted").starts_with("true"))
       throw InputError(fmt::format("{}: was interrupted in the middle of a pass; finish it with --resume first", name));
+    if (files.size() > 1 && part.text("adaptive").starts_with("true"))
+      throw InputError(fmt::format(
+          "{}: was rendered in rounds, its tiles hold different samples; expected parts of even samples", name));
     // A finished frame may be joined by the later samples of a longer one, parts only by those of their own.
     const double planned = part.number("sampleTotal").value_or(0.0);
     if (part.number("samplesPerPixel").value_or(0.0) < planned) {
@@ -169,9 +172,11 @@ Layers merge_parts(const std::vector<std::filesystem::path>& files, bool keep_st
       first.header = part.header;
       first.origin = part.origin;
       first.display = part.display;
+    }
+    // The same in all of them; a checkpoint may have none.
+    if (first.channels().empty())
       for (const auto& [channel, plane] : part.channels())
         if (channel.starts_with("guide.")) first.set(channel, plane);
-    }
   }
   parallel_for(film.tile_count(), task, [&](int tile) { film.develop(tile); });
   Layers result = film.layers();

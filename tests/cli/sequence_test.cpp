@@ -152,7 +152,7 @@ TEST_F(Sequence, AnInterruptedFrameGoesOnFromItsCheckpoint) {
   // Another render's checkpoint is not gone on with, and says why.
   const auto r = render(parts);
   EXPECT_EQ(r.status, 0) << r.err;
-  EXPECT_NE(r.err.find("c.0001.exr is left aside: is of another part"), std::string::npos) << r.err;
+  EXPECT_NE(r.err.find("c.0001.exr is left aside: holds the samples 0 .. "), std::string::npos) << r.err;
   EXPECT_EQ(read_exr_state(frame(1)).words(), read_exr_state(pixels).words());
   // Its own is: no sample is taken again.
   ASSERT_EQ(render("--spp 8 --frames 1 -o '" + path("a.####.exr") + "'").status, 0);
@@ -163,6 +163,38 @@ TEST_F(Sequence, AnInterruptedFrameGoesOnFromItsCheckpoint) {
   EXPECT_NE(resumed.err.find("0 paths in"), std::string::npos) << resumed.err;
   const Layers whole = read_exr(path("a.0001.exr")), gone_on = read_exr(path("d.0001.exr"));
   for (const auto& [name, plane] : whole.channels()) EXPECT_TRUE(same(plane, gone_on.at(name))) << name;
+}
+
+// The time is over when it goes on, so that what the checkpoint held is what the frame has.
+TEST_F(Sequence, AFrameThatTimeOrErrorEndsGoesOnFromItsCheckpoint) {
+  const auto interrupted = [&](const std::string& options) {
+    fs::remove(frame(1));
+    test::RunningProgram program("render " + path("shot.toml") + " --layers direct,indirect --progress none " +
+                                 options + " --frames 1 --checkpoint '" + path("c.####.exr") +
+                                 "' --checkpoint-every 0.001 --resume -o '" + path("f.####.exr") + "'");
+    EXPECT_TRUE(program.wait_until([&] { return fs::exists(path("c.0001.exr")); })) << program.err();
+    program.send(SIGTERM);
+    EXPECT_EQ(program.finish().status, 3) << options;
+  };
+  const auto resumed = [&](const std::string& options) {
+    const auto r =
+        run_brume("render " + path("shot.toml") + " --layers direct,indirect --progress none " + options +
+                  " --frames 1 --checkpoint '" + path("c.####.exr") + "' --resume -o '" + path("f.####.exr") + "'");
+    EXPECT_EQ(r.status, 0) << options << r.err;
+    EXPECT_EQ(r.err.find("left aside"), std::string::npos) << options << r.err;
+    return read_exr(frame(1));
+  };
+  for (const std::string samples : {"", "--spp 4000000 "})
+    for (const std::string clean : {"", "--clean "}) {
+      interrupted(samples + clean + "--time 1h");
+      const Layers checkpoint = read_exr(path("c.0001.exr"));
+      const Layers whole = resumed(samples + clean + "--time 0.001s");
+      EXPECT_GE(whole.number("samplesPerPixel"), checkpoint.number("samplesPerPixel")) << samples << clean;
+      EXPECT_GT(whole.number("renderTimeSeconds"), 0.001);
+      EXPECT_EQ(whole.header.count("interrupted"), 0u) << "the pass it was interrupted in is ended";
+    }
+  interrupted("--target-error 1e-9");
+  EXPECT_GT(resumed("--target-error 1").number("samplesPerPixel").value_or(0), 0);
 }
 
 TEST_F(Sequence, PartsAreMergedWhenAllAreThereAndOnce) {

@@ -152,6 +152,92 @@ TEST_F(PartsTest, InterruptedAndResumedIsAsIfNothingHadHappened) {
   EXPECT_NE(error_of([&] { prepared().render(j, {}); }).find("the seed"), std::string::npos);
 }
 
+/// Rounds in which tiles are given different numbers of samples, as a filter's error estimate gives them.
+NextRound uneven_rounds(const RenderRound& round) {
+  NextRound next;
+  for (int tile = 0; tile < round.film.tile_count(); ++tile)
+    next.goals.push_back(round.film.taken(tile) * (tile % 2 ? 2 : 1) + 1);
+  next.samples_needed = 40.0 * round.film.width() * round.film.height();
+  return next.goals[1] > 40 ? NextRound() : next;
+}
+
+TEST_F(PartsTest, RoundsThatAreInterruptedGoOnAsIfNothingHadHappened) {
+  RenderJob j = job(1 << 20);
+  j.guide_samples = 4;
+  j.first_round = 3;
+  j.next_round = uneven_rounds;
+  const RenderResult whole = prepared().render(j, {});
+  EXPECT_EQ(whole.report.most_samples_per_pixel, 31);
+  EXPECT_EQ(whole.report.samples_per_pixel, 6);
+  EXPECT_EQ(whole.layers.number("samplesPerPixelMost"), 31);
+  j.checkpoint = folder_ / "state.exr";
+  int cuts = 0;
+  for (bool done = false; !done;) {
+    std::atomic<bool> cancel{false};
+    int tiles = 0;
+    j.watch = [&](const Film&, int) { cancel = ++tiles > 4; };
+    try {
+      test::expect_same_bits(whole.layers, prepared().render(j, {1, {}, &cancel}).layers);
+      done = true;
+    } catch (const Interrupted&) {
+      ++cuts;
+    }
+    j.resume = j.checkpoint;
+  }
+  EXPECT_GE(cuts, 3);
+  // Each tile has samples of its own, which no part of other samples can join.
+  EXPECT_NE(error_of([&] {
+              merge_parts({j.checkpoint, part(2, 2)}, false);
+            }).find("was rendered in rounds"),
+            std::string::npos);
+}
+
+// What a bar shows between rounds is the way to the target, not the way through the round.
+TEST_F(PartsTest, ProgressOfRoundsIsThatOfTheWholeRender) {
+  RenderJob j = job(1 << 20);
+  j.guide_samples = 4;
+  j.first_round = 3;
+  double last = 0, largest_in_first_round = 0, largest = 0;
+  int rounds = 0;
+  j.next_round = [&](const RenderRound& round) {
+    ++rounds;
+    return uneven_rounds(round);
+  };
+  const auto report = [&](double fraction) {
+    last = fraction;
+    if (rounds == 0) largest_in_first_round = std::max(largest_in_first_round, fraction);
+    if (fraction < 1) largest = std::max(largest, fraction);
+  };
+  prepared().render(j, {1, report});
+  EXPECT_LT(largest_in_first_round, 0.01) << "nothing is known yet";
+  EXPECT_GT(largest, 0.2);
+  EXPECT_LT(largest, 0.9) << "fewer samples than were thought to be needed";
+  EXPECT_EQ(last, 1);
+}
+
+// No flipped bit of a part is ever merged: the header is held to what brume writes, each byte to a checksum.
+TEST_F(PartsTest, ADamagedPartIsRefusedAndSaysWhere) {
+  const auto whole = part(1, 2);
+  const std::string bytes = test::read_file(whole);
+  const auto damaged = [&](size_t at, char value) {
+    std::string changed = bytes;
+    changed[at] = value;
+    test::write_file(folder_ / "damaged.exr", changed);
+    const std::string error = error_of([&] { merge_parts({folder_ / "damaged.exr"}, false); });
+    EXPECT_EQ(error_of([&] { check_exr(folder_ / "damaged.exr"); }).empty(), error.empty()) << at;
+    return error;
+  };
+  // A channel's name is followed by its type, four bytes that are not used for anything, xSampling and ySampling.
+  const size_t channel = bytes.find("state.0007") + 11;
+  EXPECT_NE(damaged(channel + 8, 37).find("xSampling of channel state.0007 is 37, brume writes 1"), std::string::npos);
+  EXPECT_NE(damaged(channel + 12, 7).find("ySampling of channel state.0007 is 7"), std::string::npos);
+  EXPECT_NE(damaged(channel, 2).find("the type of channel state.0007 is float"), std::string::npos);
+  const size_t seed = bytes.find(std::string("seed\0string\0", 12)) + 16;
+  EXPECT_NE(damaged(seed, bytes[seed] ^ 1).find("fileChecksum is"), std::string::npos);
+  EXPECT_EQ(error_of([&] { merge_parts({whole}, false); }), "");
+  for (size_t at = 0; at < bytes.size(); at += bytes.size() / 100) EXPECT_NE(damaged(at, bytes[at] ^ 0x10), "") << at;
+}
+
 TEST_F(PartsTest, ACropHasTheWholesPixels) {
   const Layers whole = prepared().render(job(3), {}).layers;
   RenderJob j = job(3);

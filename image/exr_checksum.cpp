@@ -1,0 +1,75 @@
+#include "image/exr_checksum.h"
+
+#include <fmt/format.h>
+#include <libdeflate.h>
+
+#include <cerrno>
+#include <cstring>
+#include <fstream>
+#include <string>
+#include <vector>
+
+#include "base/error.h"
+
+namespace brume {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct Checksum {
+  std::string found, computed;  // eight digits; found is empty where the file has none
+  size_t at = 0;                // where they stand
+};
+
+Checksum checksum_of(const fs::path& path, const Task& task) {
+  constexpr size_t kBlock = 1 << 22;  // the header lies in the first
+  std::ifstream file(path, std::ios::binary);
+  std::vector<char> block(kBlock);
+  Checksum sum;
+  uint32_t crc = 0;
+  for (bool first = true; file; first = false) {
+    task.check();
+    file.read(block.data(), static_cast<std::streamsize>(block.size()));
+    const auto count = static_cast<size_t>(file.gcount());
+    if (first) {
+      // Name, type, size, value: as OpenEXR lays out an attribute.
+      std::string attribute(kChecksumAttribute);
+      attribute += std::string("\0string\0\x08\0\0\0", 12);
+      const size_t name = std::string_view(block.data(), count).find(attribute);
+      if (name != std::string_view::npos && name + attribute.size() + kNoChecksum.size() <= count) {
+        sum.at = name + attribute.size();
+        sum.found.assign(block.data() + sum.at, kNoChecksum.size());
+        std::memcpy(block.data() + sum.at, kNoChecksum.data(), kNoChecksum.size());
+      }
+    }
+    crc = libdeflate_crc32(crc, block.data(), count);
+  }
+  if (!file.eof()) throw InputError(fmt::format("{}: cannot be read: {}", path.string(), std::strerror(errno)));
+  sum.computed = fmt::format("{:08x}", crc);
+  return sum;
+}
+
+}  // namespace
+
+void write_checksum(const fs::path& path) {
+  const Checksum sum = checksum_of(path, {});
+  std::fstream file(path, std::ios::binary | std::ios::in | std::ios::out);
+  file.seekp(static_cast<std::streamoff>(sum.at));
+  file.write(sum.computed.data(), static_cast<std::streamsize>(sum.computed.size()));
+  file.close();
+  if (sum.found != kNoChecksum || !file)
+    throw InputError(fmt::format("{}: cannot be written: {}", path.string(), std::strerror(errno)));
+}
+
+void verify_checksum(const fs::path& path, const Task& task) {
+  const Checksum sum = checksum_of(path, task);
+  if (sum.found.empty())
+    throw InputError(
+        fmt::format("{}: damaged, or written by another program: holds sums of samples but no attribute {}",
+                    path.string(), kChecksumAttribute));
+  if (sum.found != sum.computed)
+    throw InputError(fmt::format("{}: truncated or damaged: {} is {} in its header, {} of its bytes", path.string(),
+                                 kChecksumAttribute, sum.found, sum.computed));
+}
+
+}  // namespace brume

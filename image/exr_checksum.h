@@ -1,0 +1,22 @@
+#pragma once
+#include <filesystem>
+#include <string_view>
+
+#include "base/progress.h"
+
+namespace brume {
+
+/// Frames that hold the sums of their samples carry a checksum of the whole file in their header, so that no flipped
+/// bit is ever merged or rendered on. Other frames have none: other programs change them and keep their attributes.
+///
+/// The attribute's value is the file's CRC-32 in hexadecimal digits, taken with eight zeros in their place.
+inline constexpr std::string_view kChecksumAttribute = "fileChecksum", kNoChecksum = "00000000";
+
+/// Fills in the checksum of a file whose header has the attribute with kNoChecksum. @throws InputError where it cannot
+/// be read or written
+void write_checksum(const std::filesystem::path& path);
+
+/// @throws InputError: the attribute is missing, or says otherwise than the file; Interrupted
+void verify_checksum(const std::filesystem::path& path, const Task& task = {});
+
+}  // namespace brume
