@@ -200,7 +200,7 @@ void describe(Archive& archive, VoxelBox& box) {
 }
 template <class Archive>
 void describe(Archive& archive, ScalarOptions& o) {
-  archive(o.grid, o.usual_names, o.convert_level_set, o.remap);
+  archive(o.grid, o.usual_names, o.convert_level_set, o.remap, o.limit);
 }
 template <class Archive>
 void describe(Archive& archive, VdbRequest& r) {

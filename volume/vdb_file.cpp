@@ -315,8 +315,7 @@ void fill_brick(const ivec3& lo, float* values, const Value& value) {
 }
 
 template <class Grid>
-void build_bricks(const Grid& grid, const std::vector<std::pair<double, double>>& remap, ScalarField& field,
-                  Reading& reading) {
+void build_bricks(const Grid& grid, const ScalarOptions& options, ScalarField& field, Reading& reading) {
   const CoordBBox box = grid.evalActiveVoxelBoundingBox();
   const GridSummary& s = field.summary;
   const auto note = [&](uint64_t count, const char* what, const std::string& became) {
@@ -329,11 +328,21 @@ void build_bricks(const Grid& grid, const std::vector<std::pair<double, double>>
   if (grid.background() != 0)
     field.notes.push_back(fmt::format("grid '{}': background {} counts inside the active bounding box and is 0 outside",
                                       s.name, s.background));
-  const auto clean = [&remap, largest](double v) {
+  const auto unlimited = [&remap = options.remap, largest](double v) {
     if (std::isinf(v)) v = v > 0 ? largest : 0.0;
     if (!remap.empty() && v > 0) v = remapped(remap, v);
     return v > 0 ? std::min(static_cast<float>(v), std::numeric_limits<float>::max()) : 0.0f;  // false for NaN too
   };
+  const float limit = options.limit > 0 ? static_cast<float>(options.limit) : std::numeric_limits<float>::max();
+  const auto clean = [&](double v) { return std::min(unlimited(v), limit); };
+  if (options.limit > 0) {
+    uint64_t limited = 0;
+    for (auto it = grid.cbeginValueOn(); it; ++it)
+      if (unlimited(static_cast<double>(*it)) > limit) limited += it.getVoxelCount();
+    if (limited)
+      field.notes.push_back(
+          fmt::format("grid '{}': {} voxels above {} were limited to it", s.name, limited, options.limit));
+  }
   const auto sample = [&](const ivec3& lo, float* values) {
     auto accessor = grid.getConstUnsafeAccessor();
     fill_brick(lo, values, [&](const Coord& c) {
@@ -398,10 +407,8 @@ ScalarField read_scalar(Reading& reading, const fs::path& path, const ScalarOpti
   if (s.grid_class != "fog volume" && 4 * s.negative_count > s.active_voxels)
     field.notes.push_back(fmt::format("grid '{}' is mostly negative; if it is a level set, mark it as one", s.name));
   try {
-    if (auto typed = openvdb::gridPtrCast<openvdb::FloatGrid>(grid))
-      build_bricks(*typed, options.remap, field, reading);
-    if (auto typed = openvdb::gridPtrCast<openvdb::DoubleGrid>(grid))
-      build_bricks(*typed, options.remap, field, reading);
+    if (auto typed = openvdb::gridPtrCast<openvdb::FloatGrid>(grid)) build_bricks(*typed, options, field, reading);
+    if (auto typed = openvdb::gridPtrCast<openvdb::DoubleGrid>(grid)) build_bricks(*typed, options, field, reading);
   } catch (const InputError& error) {
     fail(path, fmt::format("grid '{}': {}", s.name, error.what()));
   }

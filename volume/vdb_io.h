@@ -49,6 +49,7 @@ struct ScalarOptions {
   std::vector<std::string> usual_names = {"density"};  ///< a single grid whose name begins with the first will do too
   bool convert_level_set = false;                      ///< take a level set's inside as fog
   std::vector<std::pair<double, double>> remap = {};   ///< a curve through (stored, meant) that voxels go through
+  double limit = 0;                                    ///< voxels above are taken as this, after remap; 0: none
 };
 
 /// A scalar field as the renderer walks it, and what was found on the way.

@@ -44,6 +44,7 @@ struct VolumeSettings {
   dvec3 scatter_color{0.5}, transparent{0.36787944117144233};
   double transparent_depth = 1.0;
   std::vector<std::vector<double>> remap;
+  double max_density = 0;
   std::string phase = "henyey_greenstein";
   double g = 0.0, g2 = 0.0, lobe_weight = 0.5, droplet_diameter = 20.0;
   std::string albedo_grid = "none";

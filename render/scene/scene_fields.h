@@ -167,6 +167,8 @@ void describe(Visitor& v, VolumeSettings& s) {
     s.transparent);
   v({"transparent_depth", "scene units", "standard_volume: the depth of transparent", 1e-12}, s.transparent_depth);
   v({"remap", "", "a curve [[stored, meant], ...] that voxels go through, rising in the first"}, s.remap);
+  v({"max_density", "", "voxels above are taken as this, after remap: what a few damaged voxels need; 0: no limit", 0},
+    s.max_density);
   v({.key = "phase",
      .help = "henyey_greenstein: g; two_lobes: g and g2 mixed by lobe_weight; mie: water droplets of droplet_diameter",
      .choices = {"henyey_greenstein", "two_lobes", "mie"}},

@@ -2,6 +2,9 @@
 
 #include <fmt/format.h>
 
+#include "base/error.h"
+#include "volume/majorant_cost.h"
+
 namespace brume {
 
 struct SceneMedia::Volume {
@@ -90,6 +93,7 @@ class SceneMedia::Loader {
     // Last: what bounds moving fields reads them in the cells they were loaded in.
     for (ScalarField* field : {&volume_->density, &volume_->temperature, &volume_->flame})
       field->bricks = field->bricks.recut(scene_.render.cell_size, task_);
+    check_majorants();
   }
 
  private:
@@ -126,6 +130,7 @@ class SceneMedia::Loader {
     ScalarOptions options{v_.grid};
     options.convert_level_set = v_.convert_level_set;
     for (const auto& row : v_.remap) options.remap.emplace_back(row[0], row[1]);
+    options.limit = v_.max_density;
     ScalarField& density = volume_->density;
     density = load_scalar(v_.file, options, task_);
     adopt(density.notes);
@@ -144,6 +149,28 @@ class SceneMedia::Loader {
     if (const double highest = density.bricks.maximum(); v_.emission != dvec3(0) && !medium.empty())
       into_.emissions_.emplace_back(medium,
                                     EmissionRamp::of_colours({{0.0, dvec3(0)}, {highest, v_.emission * highest}}, 1.0));
+  }
+
+  /// Says before anything is rendered where flights would take very long, and refuses where they would never end.
+  void check_majorants() {
+    constexpr double kSlow = 1e6, kEndless = 1e12;  // tentative collisions; a core takes some ten million a second
+    Medium medium = into_.media_.empty() ? Medium() : into_.media_.back();
+    if (medium.empty() || medium.homogeneous() || &medium.bricks() != &volume_->density.bricks) return;
+    medium.set_majorants(scene_.render.majorant_scale, scene_.render.majorants == "global");
+    const double most = most_tentative_collisions(medium);
+    if (!(most > kSlow)) return;
+    const auto q = density_quantiles(volume_->density.bricks, {0.5, 0.99, 0.9999});
+    const bool few = q.at(2) < 0.1 * medium.maximum_density();  // so large that they may be damage
+    const std::string text = fmt::format(
+        "{}: grid '{}' holds densities up to {:.3g}: a flight through one cell may take {:.1g} steps{}; half of its "
+        "positive voxels are at most {:.3g}, 99 % {:.3g}, 99.99 % {:.3g}; {}",
+        v_.file.string(), volume_->density.summary.name, medium.maximum_density(), most,
+        most > kEndless ? ", which never ends" : ", and the render be slow", q.at(0), q.at(1), q.at(2),
+        few ? fmt::format("if the rest is damage, limit it: -D volumes.{}.max_density={:.3g}",
+                          &v_ - scene_.volumes.data(), q.at(2))
+            : "expected a smaller sigma_t or density");
+    if (most > kEndless) throw InputError(text);
+    note(text);
   }
 
   void load_colour_into(Medium& medium) {

@@ -7,6 +7,7 @@
 #include <array>
 #include <cmath>
 
+#include "base/error.h"
 #include "render/frame/renderer.h"
 #include "render/scene/scene_io.h"
 #include "tests/support/files.h"
@@ -545,6 +546,41 @@ TEST(Remap, GoesThroughTheCurve) {
   EXPECT_EQ(at(3), 0.5f);
   EXPECT_EQ(at(6), 5.5f);
   EXPECT_EQ(at(9), 10.0f);
+}
+
+// Delta tracking takes a step for each free path of the cell's largest density: a damaged voxel would make them
+// endless.
+TEST(MajorantCost, DamagedVoxelsAreToldBeforeRenderingWithTheKeyThatLimitsThem) {
+  const test::TemporaryFolder folder;
+  const auto with_voxel = [&](float value) {
+    test::write_affine_vdb(folder / "a.vdb", {ivec3(0), ivec3(23)}, dmat4(1), [&](const ivec3& v) {
+      return v == ivec3(12, 11, 10) ? value : 0.5f + 0.5f * static_cast<float>((v.x + v.y) % 2);
+    });
+    return test::scene_of(folder / "a.vdb", 0.3, 0.9, 0);
+  };
+  const auto notes = [](const Scene& s) {
+    std::string all;
+    const PreparedScene prepared(s, {});
+    for (const std::string& note : prepared.notes()) all += note + "\n";
+    return all;
+  };
+  EXPECT_EQ(notes(with_voxel(1e3f)).find("max_density"), std::string::npos) << "bright, and no hindrance";
+  const std::string slow = notes(with_voxel(1e9f));
+  EXPECT_NE(slow.find("may take 2e+09 steps, and the render be slow"), std::string::npos) << slow;
+  EXPECT_NE(slow.find("99.99 % 1; if the rest is damage, limit it: -D volumes.0.max_density=1"), std::string::npos);
+  Scene s = with_voxel(6.5e32f);
+  std::string endless;
+  try {
+    PreparedScene(s, {});
+  } catch (const InputError& error) {
+    endless = error.what();
+  }
+  EXPECT_NE(endless.find("a.vdb: grid 'density' holds densities up to 6.5e+32"), std::string::npos) << endless;
+  EXPECT_NE(endless.find("which never ends"), std::string::npos) << endless;
+  s.volumes[0].max_density = 1;
+  EXPECT_NE(notes(s).find("1 voxels above 1 were limited to it"), std::string::npos);
+  const Layers limited = PreparedScene(s, {}).render(4, 1, {}).layers;
+  test::expect_same_bits(limited, PreparedScene(with_voxel(1), {}).render(4, 1, {}).layers);
 }
 
 TEST(Temperature, TooColdToGlowIsSaidWithItsRange) {
