@@ -26,7 +26,7 @@
 #include "base/error.h"
 #include "base/output_file.h"
 #include "base/parallel_for.h"
-#include "image/exr_checksum.h"
+#include "image/checksum.h"
 #include "image/exr_common.h"
 #include "image/exr_zip.h"
 #include "image/luminance_chroma.h"

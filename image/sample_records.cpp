@@ -7,11 +7,12 @@
 #include <numeric>
 
 #include "base/error.h"
+#include "image/checksum.h"
 
 namespace brume {
 namespace {
 
-constexpr const char* kMagic = "brume-records 1";
+constexpr const char* kMagic = "brume-records 2";
 
 }  // namespace
 
@@ -22,6 +23,10 @@ int RecordLayout::components() const {
 RecordLayout::Bounds RecordLayout::bounds(int i) const {
   const int x0 = i % tiles_x() * tile, y0 = i / tiles_x() * tile;
   return {x0, y0, std::min(x0 + tile, width), std::min(y0 + tile, height)};
+}
+
+uint64_t RecordLayout::values() const {
+  return static_cast<uint64_t>(width) * height * samples * components();
 }
 
 size_t RecordLayout::block_size(int i) const {
@@ -44,12 +49,15 @@ RecordWriter::RecordWriter(const std::filesystem::path& path, const RecordLayout
     header["fields"].push_back({{"name", f.name}, {"components", f.components}});
   const std::string text = fmt::format("{}\n{}\n", kMagic, header.dump());
   data_begin_ = text.size();
+  checksums_.resize(1 + static_cast<size_t>(layout.tile_count()));
+  checksums_[0] = crc32(std::as_bytes(std::span(text)));
   stream_.open(output_.part(), std::ios::binary);
   if (!(stream_ << text)) throw InputError(fmt::format("{}: cannot be written", path.string()));
 }
 
 void RecordWriter::write(int tile, const std::vector<float>& values) {
   const std::lock_guard lock(writing_);
+  checksums_[1 + static_cast<size_t>(tile)] = crc32(std::as_bytes(std::span(values)));
   stream_.seekp(static_cast<std::streamoff>(data_begin_ + layout_.block_offset(tile) * sizeof(float)));
   stream_.write(reinterpret_cast<const char*>(values.data()),
                 static_cast<std::streamsize>(values.size() * sizeof(float)));
@@ -57,6 +65,9 @@ void RecordWriter::write(int tile, const std::vector<float>& values) {
 }
 
 void RecordWriter::commit() {
+  stream_.seekp(static_cast<std::streamoff>(data_begin_ + layout_.values() * sizeof(float)));
+  stream_.write(reinterpret_cast<const char*>(checksums_.data()),
+                static_cast<std::streamsize>(checksums_.size() * sizeof(uint32_t)));
   stream_.close();
   if (!stream_) throw InputError(fmt::format("{}: cannot be written; is the disk full?", output_.part().string()));
   output_.commit();
@@ -81,11 +92,23 @@ RecordReader::RecordReader(const std::filesystem::path& path) : path_(path), str
   } catch (const nlohmann::json::exception& error) {
     fail(fmt::format("damaged header: {}", error.what()));
   }
-  if (layout_.width < 1 || layout_.height < 1 || layout_.tile < 1 || layout_.samples < 1) fail("damaged header: sizes");
-  const uint64_t expected =
-      data_begin_ + static_cast<uint64_t>(layout_.width) * layout_.height * layout_.samples * layout_.components() * 4;
+  constexpr int kLongestSide = 1 << 16;
+  if (std::min({layout_.width, layout_.height, layout_.tile, layout_.samples}) < 1 ||
+      std::max(layout_.width, layout_.height) > kLongestSide)
+    fail("damaged header: sizes");
+  const auto along = [&](int side) { return (static_cast<uint64_t>(side) + layout_.tile - 1) / layout_.tile; };
+  const uint64_t tiles = along(layout_.width) * along(layout_.height);
+  const uint64_t data_end = data_begin_ + layout_.values() * sizeof(float);
+  const uint64_t expected = data_end + (1 + tiles) * sizeof(uint32_t);
   const uint64_t found = std::filesystem::file_size(path);
   if (found != expected) fail(fmt::format("truncated or damaged: {} bytes, its header promises {}", found, expected));
+  checksums_.resize(1 + tiles);
+  stream_.seekg(static_cast<std::streamoff>(data_end));
+  stream_.read(reinterpret_cast<char*>(checksums_.data()),
+               static_cast<std::streamsize>(checksums_.size() * sizeof(uint32_t)));
+  const std::string text = magic + "\n" + header + "\n";
+  if (!stream_ || crc32(std::as_bytes(std::span(text))) != checksums_[0])
+    fail("damaged: its header's checksum differs");
 }
 
 std::vector<float> RecordReader::read(int tile) {
@@ -93,6 +116,8 @@ std::vector<float> RecordReader::read(int tile) {
   stream_.seekg(static_cast<std::streamoff>(data_begin_ + layout_.block_offset(tile) * sizeof(float)));
   stream_.read(reinterpret_cast<char*>(values.data()), static_cast<std::streamsize>(values.size() * sizeof(float)));
   if (!stream_) throw InputError(fmt::format("{}: damaged: tile {} cannot be read", path_.string(), tile));
+  if (crc32(std::as_bytes(std::span(values))) != checksums_[1 + static_cast<size_t>(tile)])
+    throw InputError(fmt::format("{}: damaged: the checksum of tile {} differs", path_.string(), tile));
   return values;
 }
 

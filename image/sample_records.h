@@ -11,9 +11,10 @@ namespace brume {
 
 /// What a file of per-sample records holds: for each sample of each pixel the same list of numbers.
 ///
-/// On disk: a line "brume-records 1", a line of JSON with the members below, then the tiles in row order, each a block
+/// On disk: a line "brume-records 2", a line of JSON with the members below, then the tiles in row order, each a block
 /// of float32 [pixel][sample][number], little-endian, pixels row by row. Every block's place follows from its number,
 /// so that tiles can be written in any order and read one at a time: no frame of records ever needs to fit in memory.
+/// Last come CRC-32s as uint32: of the two lines, then of each tile.
 struct RecordLayout {
   int width = 0, height = 0, tile = 16, samples = 0;
   struct Field {
@@ -32,6 +33,8 @@ struct RecordLayout {
     size_t pixels() const { return static_cast<size_t>(x1 - x0) * static_cast<size_t>(y1 - y0); }
   };
   Bounds bounds(int tile_index) const;
+  /// Numbers in all blocks.
+  uint64_t values() const;
   /// Numbers in a tile's block, and in all blocks before it.
   size_t block_size(int tile_index) const;
   uint64_t block_offset(int tile_index) const;
@@ -53,12 +56,13 @@ class RecordWriter {
   std::ofstream stream_;
   std::mutex writing_;
   uint64_t data_begin_ = 0;
+  std::vector<uint32_t> checksums_;
 };
 
 /// Reads records one tile at a time.
 class RecordReader {
  public:
-  /// @throws InputError: missing, another format, truncated
+  /// @throws InputError: missing, another format, truncated, damaged
   explicit RecordReader(const std::filesystem::path& path);
   const RecordLayout& layout() const { return layout_; }
   /// @throws InputError: damaged
@@ -69,6 +73,7 @@ class RecordReader {
   std::ifstream stream_;
   RecordLayout layout_;
   uint64_t data_begin_ = 0;
+  std::vector<uint32_t> checksums_;
 };
 
 }  // namespace brume

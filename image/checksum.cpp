@@ -1,4 +1,4 @@
-#include "image/exr_checksum.h"
+#include "image/checksum.h"
 
 #include <fmt/format.h>
 #include <libdeflate.h>
@@ -12,6 +12,11 @@
 #include "base/error.h"
 
 namespace brume {
+
+uint32_t crc32(std::span<const std::byte> bytes, uint32_t before) {
+  return libdeflate_crc32(before, bytes.data(), bytes.size());
+}
+
 namespace {
 
 namespace fs = std::filesystem;
@@ -42,7 +47,7 @@ Checksum checksum_of(const fs::path& path, const Task& task) {
         std::memcpy(block.data() + sum.at, kNoChecksum.data(), kNoChecksum.size());
       }
     }
-    crc = libdeflate_crc32(crc, block.data(), count);
+    crc = crc32(std::as_bytes(std::span(block.data(), count)), crc);
   }
   if (!file.eof()) throw InputError(fmt::format("{}: cannot be read: {}", path.string(), std::strerror(errno)));
   sum.computed = fmt::format("{:08x}", crc);
