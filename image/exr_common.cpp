@@ -7,7 +7,12 @@
 #include <ImfRgbaYca.h>
 #include <ImfStandardAttributes.h>
 #include <ImfStringAttribute.h>
+#include <ImfVersion.h>
 #include <fmt/format.h>
+#include <libdeflate.h>
+
+#include <fstream>
+#include <memory>
 
 #include "base/error.h"
 #include "base/parallel_for.h"
@@ -15,6 +20,52 @@
 namespace brume {
 
 namespace fs = std::filesystem;
+
+namespace {
+
+/// Refuses channel lists that are not in the order of their names, as the format wants them. OpenEXR sorts what it
+/// reads and takes the pixels in that order: a damaged name would give one channel's values to another.
+void check_channel_order(const fs::path& path) {
+  std::ifstream file(path, std::ios::binary);
+  int32_t begin[2] = {};
+  file.read(reinterpret_cast<char*>(begin), sizeof begin);
+  if (!file || begin[0] != Imf::MAGIC) return;  // not an EXR
+  const auto attribute = [&](std::string& name, std::string& bytes) {
+    std::string type;
+    int32_t size = 0;
+    if (!std::getline(file, name, '\0') || name.empty() || !std::getline(file, type, '\0')) return false;
+    file.read(reinterpret_cast<char*>(&size), sizeof size);
+    bytes.clear();
+    if (!file || size < 0) return false;
+    if (name != "channels") {
+      file.seekg(size, std::ios::cur);
+    } else {
+      bytes.resize(std::min(static_cast<uintmax_t>(size), fs::file_size(path)));
+      file.read(bytes.data(), static_cast<std::streamsize>(bytes.size()));
+    }
+    return static_cast<bool>(file);
+  };
+  constexpr size_t kAfterName = 16;  // bytes: type, linearity, subsampling
+  std::string name, bytes;
+  for (bool last = false; !last;) {  // of a file's headers, an empty one is the last
+    last = true;
+    while (attribute(name, bytes)) {
+      last = false;
+      std::string before;
+      for (size_t at = 0; at < bytes.size() && bytes[at] != '\0';) {
+        const std::string channel = bytes.c_str() + at;
+        if (channel <= before)
+          throw InputError(fmt::format("{}: damaged: its list of channels has '{}' after '{}'; expected them in order",
+                                       path.string(), channel, before));
+        before = channel;
+        at += channel.size() + 1 + kAfterName;
+      }
+    }
+    if (!Imf::isMultiPart(begin[1])) break;
+  }
+}
+
+}  // namespace
 
 Imf::MultiPartInputFile open_exr(const fs::path& path) {
   constexpr int kLongestSide = 1 << 16;  // pixels; no header makes us reserve more
@@ -26,10 +77,52 @@ Imf::MultiPartInputFile open_exr(const fs::path& path) {
     throw InputError(fmt::format("{}: is empty, 0 bytes; expected an OpenEXR file", path.string()));
   try {
     Imf::Header::setMaxImageSize(kLongestSide, kLongestSide);
+    check_channel_order(path);
     return Imf::MultiPartInputFile(path.c_str());
+  } catch (const InputError&) {
+    throw;
   } catch (const std::exception& error) {
     throw InputError(fmt::format("{}: not a readable OpenEXR file: {}", path.string(), error.what()));
   }
+}
+
+void check_first_chunk(Imf::InputPart& part, const fs::path& path) {
+  const Imf::Header& header = part.header();
+  const Imf::Compression compression = header.compression();
+  const bool packed = compression == Imf::ZIP_COMPRESSION || compression == Imf::ZIPS_COMPRESSION;
+  if (header.hasTileDescription() || !(packed || compression == Imf::NO_COMPRESSION)) return;
+  const Imath::Box2i data = header.dataWindow();
+  const int first = header.lineOrder() == Imf::DECREASING_Y ? data.max.y : data.min.y;
+  const int lines = compression == Imf::ZIP_COMPRESSION ? 16 : 1;
+  const int begin = data.min.y + (first - data.min.y) / lines * lines, end = std::min(begin + lines - 1, data.max.y);
+  size_t expected = 0;
+  for (auto c = header.channels().begin(); c != header.channels().end(); ++c) {
+    const Imf::Channel& channel = c.channel();
+    const auto count = [](int lo, int hi, int step) {
+      size_t n = 0;
+      for (int i = lo; i <= hi; ++i) n += i % step == 0;
+      return n;
+    };
+    expected += count(data.min.x, data.max.x, channel.xSampling) * count(begin, end, channel.ySampling) *
+                (channel.type == Imf::HALF ? 2 : 4);
+  }
+  const char* bytes = nullptr;
+  int size = 0;
+  part.rawPixelData(begin, bytes, size);
+  // What packing would not make smaller is stored as it is.
+  bool right = static_cast<size_t>(size) == expected;
+  if (packed && !right && static_cast<size_t>(size) < expected) {
+    std::vector<char> plain(expected);
+    const std::unique_ptr<libdeflate_decompressor, decltype(&libdeflate_free_decompressor)> unpack(
+        libdeflate_alloc_decompressor(), libdeflate_free_decompressor);
+    right = unpack && libdeflate_zlib_decompress(unpack.get(), bytes, static_cast<size_t>(size), plain.data(), expected,
+                                                 nullptr) == LIBDEFLATE_SUCCESS;
+  }
+  if (!right)
+    throw InputError(fmt::format(
+        "{}: truncated or damaged: the lines {} .. {} do not hold the {} bytes that the types and subsampling of its "
+        "channels ask for",
+        path.string(), begin, end, expected));
 }
 
 void check_exr_memory(const fs::path& path, double bytes) {

@@ -1,6 +1,7 @@
 #pragma once
 #include <ImfFrameBuffer.h>
 #include <ImfHeader.h>
+#include <ImfInputPart.h>
 #include <ImfMultiPartInputFile.h>
 
 #include <filesystem>
@@ -15,6 +16,10 @@ namespace brume {
 
 /// Opens a file of flat pixels, or of deep ones. @throws InputError: missing, a folder, not an EXR
 Imf::MultiPartInputFile open_exr(const std::filesystem::path& path);
+
+/// Refuses a part whose first lines do not hold as many bytes as its list of channels says: OpenEXR would take them for
+/// other channels' values without a word. Looks into ZIP and unpacked scan lines. @throws InputError
+void check_first_chunk(Imf::InputPart& part, const std::filesystem::path& path);
 
 /// Refuses what a header asks for and this machine does not have. @throws InputError
 void check_exr_memory(const std::filesystem::path& path, double bytes);

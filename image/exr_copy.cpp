@@ -7,6 +7,7 @@
 #include <ImfOutputPart.h>
 #include <ImfPartType.h>
 #include <ImfStdIO.h>
+#include <ImfStringAttribute.h>
 #include <ImfThreading.h>
 #include <ImfTiledInputPart.h>
 #include <ImfTiledOutputFile.h>
@@ -25,6 +26,7 @@
 
 #include "base/error.h"
 #include "base/output_file.h"
+#include "image/checksum.h"
 #include "image/exr_common.h"
 #include "image/luminance_chroma.h"
 
@@ -370,6 +372,9 @@ ExrCopyReport copy_exr(const fs::path& from, const fs::path& to, std::span<const
   std::vector<Imf::Header> headers = stored_headers(from, version);
   for (size_t i = 0; i < headers.size(); ++i)
     if (!plans[i].changes.empty()) change_header(headers[i], plans[i], attributes, from);
+  const std::string checksum(kChecksumAttribute);
+  const bool has_checksum = headers[0].findTypedAttribute<Imf::StringAttribute>(checksum);
+  if (has_checksum) insert_attribute(headers[0], checksum, std::string(kNoChecksum));
 
   OutputFile output(to);
   try {
@@ -411,6 +416,7 @@ ExrCopyReport copy_exr(const fs::path& from, const fs::path& to, std::span<const
       }
     }
     stream.close();
+    if (has_checksum) write_checksum(output.part());
   } catch (const Interrupted&) {
     throw;
   } catch (const InputError&) {

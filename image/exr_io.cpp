@@ -82,7 +82,7 @@ std::string header_bytes(const Layers& layers, const Imf::ChannelList& channels)
   header.compression() = Imf::ZIP_COMPRESSION;
   header.channels() = channels;
   for (const auto& [name, value] : layers.header) insert_attribute(header, name, value);
-  if (!layers.words().empty()) insert_attribute(header, std::string(kChecksumAttribute), std::string(kNoChecksum));
+  insert_attribute(header, std::string(kChecksumAttribute), std::string(kNoChecksum));
   header.sanityCheck();
   bool long_names = false;  // which older readers do not know
   for (auto c = channels.begin(); c != channels.end(); ++c) long_names |= std::strlen(c.name()) > 31;
@@ -144,11 +144,12 @@ void check_own_header(const Imf::MultiPartInputFile& file, const fs::path& path)
   }
 }
 
-/// Refuses a file with sums of samples that is not as it was written. @throws InputError; Interrupted
+/// Refuses a file that is not as brume wrote it. @throws InputError; Interrupted
 void check_own_file(const Imf::MultiPartInputFile& file, const fs::path& path, const Task& task) {
-  if (!has_state(file.header(0))) return;
-  check_own_header(file, path);
-  verify_checksum(path, task);
+  const bool own = has_state(file.header(0));
+  if (own) check_own_header(file, path);
+  if (own || file.header(0).findTypedAttribute<Imf::StringAttribute>(kChecksumAttribute.data()))
+    verify_checksum(path, own, task);
 }
 
 /// Reads the first and the last line of a part, whose chunks a file that was cut off has lost.
@@ -246,8 +247,11 @@ Part read_part(Imf::MultiPartInputFile& file, int index, const fs::path& path,
   if (part.planes.empty() && subsampled.empty()) return part;
   try {
     Imf::InputPart input(file, index);
+    check_first_chunk(input, path);
     input.setFrameBuffer(frame);
     input.readPixels(part.data.lo.y, part.data.hi.y - 1);
+  } catch (const InputError&) {
+    throw;
   } catch (const std::exception& error) {
     throw InputError(fmt::format("{}: truncated or damaged: {}", path.string(), error.what()));
   }
@@ -434,7 +438,7 @@ void write_exr(const fs::path& path, const Layers& layers, const Task& task) {
   write_table();
   file.close();
   if (!file) fail(std::strerror(errno));
-  if (!layers.words().empty()) write_checksum(output.part());
+  write_checksum(output.part());
   output.commit();
 }
 

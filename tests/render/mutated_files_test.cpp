@@ -10,6 +10,7 @@
 
 #include "base/error.h"
 #include "base/rng.h"
+#include "image/exr_copy.h"
 #include "image/exr_io.h"
 #include "image/hdr_io.h"
 #include "image/sample_records.h"
@@ -142,10 +143,75 @@ TEST_F(MutatedFiles, PartsAndCheckpointsAreReadAsTheyWereOrNotAtAll) {
   EXPECT_EQ(o.changed, 0);
 }
 
-TEST_F(MutatedFiles, FramesNeverShowWhatNobodyWrote) {
-  const Outcome o =
-      read_mutated("frame", part(false), 4096, [](const fs::path& path) { return pixels_of(read_exr(path)); });
-  (void)o;
+TEST_F(MutatedFiles, FramesShowWhatWasWrittenWhileTheirChecksumIsThere) {
+  const Outcome o = read_mutated("frame", part(false), 4096, [](const fs::path& path) {
+    if (test::read_file(path).find("fileChecksum") == std::string::npos) throw InputError("another program's");
+    return pixels_of(read_exr(path));
+  });
+  EXPECT_EQ(o.changed, 0);
+}
+
+TEST_F(MutatedFiles, RecordsAreReadAsTheyWereOrNotAtAll) {
+  const test::Records records(test::noisy_frame(20, 18, 1));
+  const Outcome o = read_mutated("sample", records.folder / "x.records", 2048, [](const fs::path& path) {
+    RecordReader reader(path);
+    std::string text;
+    for (int tile = 0; tile < reader.layout().tile_count(); ++tile)
+      for (const float v : reader.read(tile)) text.append(reinterpret_cast<const char*>(&v), sizeof v);
+    return text;
+  });
+  EXPECT_EQ(o.changed, 0);
+}
+
+// Formats without a checksum say what they say now; nothing else is asked of them than not to crash, and to be finite.
+TEST_F(MutatedFiles, FramesOfOtherProgramsAreReadOrRefused) {
+  const fs::path cycles = test::shared("references/cycles/odd/allpasses_half_64.exr");
+  if (cycles.empty()) GTEST_SKIP() << "no shared files";
+  const Outcome o = read_mutated("cycles", cycles, 8192, [](const fs::path& path) {
+    read_exr_info(path);
+    check_exr(path);
+    return pixels_of(read_exr(path));
+  });
+  EXPECT_LT(o.changed, mutations() / 10);
+  read_mutated("copied", cycles, 8192, [&](const fs::path& path) {
+    copy_exr(path, folder_ / "copy.exr", {});
+    return std::string();
+  });
+}
+
+TEST_F(MutatedFiles, SkiesMeshesAndScenesAreReadOrRefused) {
+  const auto finite = [](const Layers& frame) {
+    for (const auto& [name, plane] : frame.channels())
+      for (int y = 0; y < plane.height(); ++y)
+        for (const float v : plane.pixels(y)) EXPECT_TRUE(std::isfinite(v));
+    return pixels_of(frame);
+  };
+  for (const char* name : {"flat", "new_runs", "old_runs"})
+    read_mutated(name, test::source(std::string("tests/fuzz/corpus/hdr/") + name + ".hdr"), 100,
+                 [&](const fs::path& path) { return finite(read_hdr(path)); });
+  for (const char* name : {"quad.obj", "quads_binary.ply", "triangle_ascii.ply"})
+    read_mutated(name, test::source(std::string("tests/fuzz/corpus/mesh/") + name), 200, [&](const fs::path& path) {
+      for (const dvec3& p : load_mesh(path, dmat4(1)).positions) EXPECT_TRUE(std::isfinite(p.x + p.y + p.z));
+      return std::string();
+    });
+  fs::create_directory(folder_ / "data");
+  fs::copy(test::source("data"), folder_ / "data", fs::copy_options::recursive | fs::copy_options::overwrite_existing);
+  for (const char* name : {"smoke", "fire"})
+    read_mutated(name, test::source(std::string("data/scenes/") + name + ".toml"), 4096, [&](const fs::path& path) {
+      // Beside the volumes and meshes that it names.
+      fs::copy_file(path, folder_ / "data/scenes/x.toml", fs::copy_options::overwrite_existing);
+      return read_scene(folder_ / "data/scenes/x.toml").settings;
+    });
+}
+
+TEST_F(MutatedFiles, VolumesAreReadOrRefused) {
+  for (const char* name : {"blosc", "double", "zip"})
+    read_mutated(name, test::source(std::string("tests/fuzz/corpus/vdb/") + name + ".vdb"), 2048,
+                 [](const fs::path& path) {
+                   const ScalarField field = load_scalar(path, {});
+                   EXPECT_TRUE(field.bricks.empty() || std::isfinite(field.bricks.maximum()));
+                   return std::string();
+                 });
 }
 
 }  // namespace
