@@ -3,8 +3,10 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <atomic>
 #include <csignal>
+#include <cstdlib>
 #include <fstream>
 #include <sstream>
 
@@ -41,8 +43,18 @@ void write_file(const fs::path& path, const std::string& text) {
   std::ofstream(path, std::ios::binary) << text;
 }
 
-void make_disk_full_for(const fs::path& output) {
-  fs::create_symlink("/dev/full", output.string() + ".part");
+FullDisk::FullDisk(const fs::path& output) {
+  setenv("BRUME_WRITER", "full", 1);
+  fs::create_symlink("/dev/full", output.string() + ".full.part");
+}
+
+FullDisk::~FullDisk() {
+  unsetenv("BRUME_WRITER");
+}
+
+bool has_half_written(const fs::path& folder) {
+  return std::any_of(fs::directory_iterator(folder), fs::directory_iterator(),
+                     [](const fs::directory_entry& entry) { return entry.path().extension() == ".part"; });
 }
 
 ProgramResult run_brume(const std::string& arguments) {

@@ -54,9 +54,16 @@ class RunningProgram {
   bool ended_ = false;
 };
 
-/// Lets the next writing of a file meet a full disk, the one after that find room: what is written before it gets its
-/// name goes to /dev/full.
-void make_disk_full_for(const std::filesystem::path& output);
+/// Lets the next writing of a file, here or in a program that is started, meet a full disk, the one after that find
+/// room: what is written before it gets its name goes to /dev/full.
+class FullDisk {
+ public:
+  explicit FullDisk(const std::filesystem::path& output);
+  ~FullDisk();
+};
+
+/// Whether a folder holds a file that is being written, or was left so.
+bool has_half_written(const std::filesystem::path& folder);
 
 void write_file(const std::filesystem::path& path, const std::string& text);
 std::string read_file(const std::filesystem::path& path);

@@ -248,9 +248,8 @@ TEST(VdbReader, EndsWhenTheTaskIsCancelled) {
 TEST(WriteDensity, AFullDiskIsAnErrorAndLeavesNothing) {
   const test::TemporaryFolder folder;
   const ProceduralVolume v = procedural_cloud(40, 1);
-  test::make_disk_full_for(folder / "cloud.vdb");
+  const test::FullDisk full(folder / "cloud.vdb"), full_too(folder / "half.vdb");
   EXPECT_THROW(write_density(folder / "cloud.vdb", v.box, v.voxel_size, v.density, false, {}), InputError);
-  test::make_disk_full_for(folder / "half.vdb");
   EXPECT_THROW(write_halved_density(test::source("data/volumes/cloud.vdb"), "", folder / "half.vdb"), InputError);
   EXPECT_TRUE(fs::is_empty(folder.path()));
 }
