@@ -44,6 +44,15 @@ std::string sbatch_word(const std::string& text) {
   return word + "\"";
 }
 
+/// An option as it was given: with quotes or backslashes as a line of #SBATCH, else as a word of a shell.
+std::string sbatch_option(const std::string& option) {
+  const size_t equals = option.find('=');
+  if (!option.starts_with("--") || equals == std::string::npos || option.find_first_of("\"'\\") != std::string::npos ||
+      option.find_first_of(" \t#") == std::string::npos)
+    return option;
+  return option.substr(0, equals + 1) + sbatch_word(option.substr(equals + 1));
+}
+
 /// A folder in the name of a log, where %a stands for the number of a task.
 std::string log_folder(const fs::path& folder) {
   std::string text;
@@ -61,7 +70,7 @@ std::string directives(const Shot& shot, const std::string& stage, const fs::pat
     const std::vector<std::string> nodes(options.exclude.begin(), options.exclude.end());
     add("--exclude=" + join(nodes, ","));
   }
-  for (const std::string& option : options.sbatch) add(option);
+  for (const std::string& option : options.sbatch) add(sbatch_option(option));
   return text;
 }
 
