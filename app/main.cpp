@@ -103,8 +103,11 @@ int run(int argc, char** argv) {
   } catch (const Interrupted& error) {
     warn(error.what());
     return kInterrupted;
+  } catch (const OutOfMemory& error) {
+    warn(error.what());
+    return kBadInput;
   } catch (const std::bad_alloc&) {
-    warn("not enough memory for this; try a smaller picture or volume");
+    warn(fmt::format("{} for this; try a smaller picture or volume", kNotEnoughMemory));
     return kBadInput;
   } catch (const std::exception& error) {
     warn(fmt::format("{}. This should have been caught earlier; please report it", error.what()));

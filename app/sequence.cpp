@@ -33,8 +33,10 @@ int each_frame(const Common& common, const std::vector<int>& frames, const std::
       throw;
     } catch (const InputError& error) {
       fail(frame, error.what());
+    } catch (const OutOfMemory& error) {
+      fail(frame, error.what());
     } catch (const std::bad_alloc&) {
-      fail(frame, "not enough memory for it");
+      fail(frame, fmt::format("{} for it", kNotEnoughMemory));
     }
   }
   const bool well = failed.empty() && missed.empty();

@@ -166,7 +166,8 @@ ShotFiles examine(const Shot& shot, bool thorough, const Task& task) {
     // Whole parts that could not be merged do not belong together: each is held against the scene again.
     const auto of_frame = [&](const ShotFiles::Part& part) { return part.frame == frame; };
     const CommandLog merge = read_log(shot, "merge." + frame_name(frame));
-    const bool refused = !merge.attempts.empty() && merge.attempts.back().status.value_or(0) == 2;
+    const bool refused = !merge.attempts.empty() && merge.attempts.back().status.value_or(0) == 2 &&
+                         merge.reason.find(kNotEnoughMemory) == std::string::npos;
     for (auto* list : {&files.parts, &files.groups})
       if (refused && std::none_of(list->begin(), list->end(),
                                   [&](const ShotFiles::Part& part) { return of_frame(part) && !part.wrong.empty(); }))

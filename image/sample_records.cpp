@@ -88,12 +88,14 @@ RecordReader::RecordReader(const std::filesystem::path& path) : path_(path), str
   if (found != expected) fail(fmt::format("truncated or damaged: {} bytes, its header promises {}", found, expected));
 }
 
-std::vector<float> RecordReader::read(int tile) {
+std::vector<float> RecordReader::read(int tile) try {
   std::vector<float> values(layout_.block_size(tile));
   stream_.seekg(static_cast<std::streamoff>(data_begin_ + layout_.block_offset(tile) * sizeof(float)));
   stream_.read(reinterpret_cast<char*>(values.data()), static_cast<std::streamsize>(values.size() * sizeof(float)));
   if (!stream_) throw InputError(fmt::format("{}: damaged: tile {} cannot be read", path_.string(), tile));
   return values;
+} catch (const std::bad_alloc&) {
+  throw OutOfMemory(path_.string(), "read a tile", sizeof(float) * static_cast<double>(layout_.block_size(tile)));
 }
 
 }  // namespace brume

@@ -131,6 +131,32 @@ TEST_F(Farm, WhatIsDamagedOrOfAnotherShotIsNamedAndDoneAgain) {
   refused("the program version is brume older in the file, brume test in the shot");
 }
 
+TEST_F(Farm, TooLittleMemoryIsNotDamage) {
+  // A merge that ended for it is not a reason to hold its parts against the scene.
+  for (int part = 1; part <= shot_.parts; ++part) write(shot_.part(1, part), 1, 10 * (part - 1) / 4, 10 * part / 4);
+  EXPECT_EQ(left("render").size(), 8u);
+  for (const auto& [why, commands] : {std::pair("a and b are not parts of one render", 12u),
+                                      {"a.exr: not enough memory to read it, which takes at least 3 GB", 8u}}) {
+    test::write_file(shot_.log("merge.0001"), std::string("brume task: begun in round 1 on n7\nbrume: ") + why +
+                                                  "\nbrume task: ended with 2 after 5 s\n");
+    EXPECT_EQ(left("render").size(), commands) << why;
+  }
+  if (!test::can_limit_memory()) GTEST_SKIP() << "memory cannot be limited here";
+  {
+    Layers large(8192, 256);
+    for (const char* name : {"R", "G", "B", "A", "Z"}) large.add(name, 0.5f);
+    const Layers small = read_exr((write(shot_.frame(1), 1, 0, 10), shot_.frame(1)));
+    large.header = small.header;
+    write_exr(shot_.frame(1), large);
+  }
+  for (size_t bytes = size_t{1} << 16; bytes < size_t{1} << 28; bytes *= 2) {
+    const int found =
+        test::status_with_memory(bytes, [&] { return examine(shot_, true).frames.at(1).empty() ? 0 : 1; });
+    EXPECT_TRUE(found == 0 || found == test::kOutOfMemory) << "with " << bytes << " bytes: " << found;
+  }
+  EXPECT_TRUE(examine(shot_, true).frames.at(1).empty());
+}
+
 TEST_F(Farm, TimesOfFilesMeanNothing) {
   write(shot_.frame(1), 1, 0, 10);
   write(shot_.clean(1), 1, 0, 10, "gaussian");

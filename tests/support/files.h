@@ -62,6 +62,20 @@ class FullDisk {
   ~FullDisk();
 };
 
+/// Does something in a child process that may take no more than so many bytes of memory beyond what this one has.
+/// @return its exit status: what `work` returns, or kOutOfMemory, kInputError where it throws these
+constexpr int kOutOfMemory = 101, kInputError = 102;
+int status_with_memory(size_t bytes, const std::function<int()>& work);
+
+/// Whether memory can be limited here: not under AddressSanitizer, which needs all addresses.
+constexpr bool can_limit_memory() {
+#ifdef __SANITIZE_ADDRESS__
+  return false;
+#else
+  return true;
+#endif
+}
+
 /// Whether a folder holds a file that is being written, or was left so.
 bool has_half_written(const std::filesystem::path& folder);
 

@@ -41,6 +41,8 @@ std::string load_error(const fs::path& path, const ScalarOptions& options = {}) 
     load_scalar(path, options);
   } catch (const InputError& error) {
     return error.what();
+  } catch (const OutOfMemory& error) {
+    return std::string("memory: ") + error.what();
   }
   return "";
 }
@@ -233,6 +235,8 @@ TEST(VdbReader, WhateverBecomesOfItTheMessageSaysSo) {
   EXPECT_TRUE(holds(error_with("kill -SEGV $$"), "cloud.vdb: damaged: OpenVDB crashed on it (Segmentation fault)"));
   EXPECT_TRUE(holds(error_with("kill -XCPU $$"), "OpenVDB took far longer over it than its size allows"));
   EXPECT_TRUE(holds(error_with("kill -KILL $$"), "out of memory perhaps"));
+  EXPECT_TRUE(holds(error_with("kill -KILL $$"), "memory: ")) << "and is not damage";
+  EXPECT_TRUE(holds(error_with("exit 12"), "memory: ")) << "without the memory to say more";
   EXPECT_TRUE(holds(error_with("exit 3"), "OpenVDB ended on it with status 3"));
   EXPECT_TRUE(holds(error_with("exit 0"), "damaged: its reader left no answer"));
   EXPECT_TRUE(holds(error_with("printf 'overwritten, all of what was asked, the header too' >&3"), "damaged"));
