@@ -53,6 +53,7 @@ struct ExchangeHeader {
   uint64_t request_offset = 0, request_size = 0;
   uint64_t reply_offset = 0, reply_size = 0;
   VdbOutcome outcome = VdbOutcome::kAnswered;
+  uint64_t begun = 0;   ///< whether the reader has come as far as this
   double progress = 0;  ///< finished fraction, for the one who waits
 };
 

@@ -655,6 +655,7 @@ std::string answer_or_explain(Reading& reading, VdbRequest& request, Packer& pac
 void answer_vdb_request(MemoryFile& file) {
   const Mapping beginning(file, 0, sizeof(ExchangeHeader), /*writable=*/true);
   auto& header = *reinterpret_cast<ExchangeHeader*>(beginning.data());
+  header.begun = 1;
   VdbRequest request;
   {
     Unpacker unpack(std::make_shared<Mapping>(file, 0, file.size(), /*writable=*/false), header.request_offset,

@@ -74,9 +74,10 @@ void run_reader(const VdbRequest& request, const MemoryFile& file, ExchangeHeade
   const ChildEnd end = run_child(find_reader(), {}, file.descriptor(), task, kStallSeconds, report);
   // What a terminal sends reaches the reader too, perhaps before it has begun to ignore it.
   if (end.signal == SIGINT || end.signal == SIGTERM || end.signal == SIGHUP) throw Interrupted();
+  // Its libraries are not loaded, or one of them gives up before the program begins.
   constexpr int kNotLoaded = 127;
-  if (end.status == kNotLoaded)
-    fail(request.path, fmt::format("cannot be read: {} does not start: a library is missing, or memory", kReader));
+  if (!header.begun && (end.status == kNotLoaded || end.signal == SIGABRT))
+    fail(request.path, fmt::format("cannot be read: {} does not start, for lack of memory or of a library", kReader));
   if (end.status == kReaderOutOfMemory) throw OutOfMemory(request.path, "read it");
   if (end.signal == SIGKILL && !end.stalled)
     throw OutOfMemory(fmt::format("{}: {}? The system stopped OpenVDB over it, out of memory perhaps", request.path,
