@@ -53,8 +53,9 @@ struct ExchangeHeader {
   uint64_t request_offset = 0, request_size = 0;
   uint64_t reply_offset = 0, reply_size = 0;
   VdbOutcome outcome = VdbOutcome::kAnswered;
-  uint64_t begun = 0;   ///< whether the reader has come as far as this
-  double progress = 0;  ///< finished fraction, for the one who waits
+  uint64_t begun = 0;    ///< whether the reader has come as far as this
+  uint64_t cramped = 0;  ///< whether it may take less memory than a whole file of this size can need
+  double progress = 0;   ///< finished fraction, for the one who waits
 };
 
 /// Answers the request in `file` with what it asks for or with an error message, for the reading process alone: while

@@ -73,7 +73,7 @@ class ParsingLimits {
     const double bytes = 5e8 + 128.0 * static_cast<double>(file_bytes);
     const double seconds = cpu_seconds() + 10 + 1e-6 * static_cast<double>(file_bytes);
     const double data = used_bytes(kDataColumn);
-    honest_ = bytes <= std::min({physical_memory(), most(RLIMIT_DATA) - data, most(RLIMIT_AS) - used_bytes(1)});
+    cramped_ = bytes > std::min({physical_memory(), most(RLIMIT_DATA) - data, most(RLIMIT_AS) - used_bytes(1)});
     set(RLIMIT_DATA, data + std::min(bytes, physical_memory()), memory_);
     set(RLIMIT_CPU, seconds, processor_);
   }
@@ -81,8 +81,8 @@ class ParsingLimits {
     setrlimit(RLIMIT_DATA, &memory_);
     setrlimit(RLIMIT_CPU, &processor_);
   }
-  /// Whether there is all the memory that an honest file of this size may need.
-  bool enough_for_honest() const { return honest_; }
+  /// Whether the machine, or limits that held before, allow less than a file of this size can honestly need.
+  bool cramped() const { return cramped_; }
   ParsingLimits(const ParsingLimits&) = delete;
   ParsingLimits& operator=(const ParsingLimits&) = delete;
 
@@ -108,12 +108,13 @@ class ParsingLimits {
     setrlimit(static_cast<__rlimit_resource>(resource), &now);
   }
   rlimit memory_{}, processor_{};
-  bool honest_ = false;
+  bool cramped_ = false;
 };
 
 /// One request being answered.
 struct Reading {
   MemoryFile& memory;  ///< where bricks go
+  ExchangeHeader& header;
   Task task;
   std::optional<ParsingLimits> limits = {};
 };
@@ -127,6 +128,7 @@ std::unique_ptr<openvdb::io::File> open(Reading& reading, const fs::path& path) 
   if (!fs::is_regular_file(path, error)) fail(path, "is no regular file, expected an OpenVDB file");
   const uint64_t size = fs::file_size(path, error);
   reading.limits.emplace(size);
+  reading.header.cramped = reading.limits->cramped();
   char magic[4] = {};
   std::ifstream(path, std::ios::binary).read(magic, 4);
   if (std::string_view(magic, 4) != std::string_view(" BDV", 4))
@@ -638,13 +640,18 @@ std::string answer_or_explain(Reading& reading, VdbRequest& request, Packer& pac
   } catch (const InputError& error) {
     return error.what();
   } catch (const std::bad_alloc&) {
-    if (reading.limits && reading.limits->enough_for_honest())
+    if (reading.limits && !reading.header.cramped)
       return message("damaged: reading it asks for more memory than a file of its size can need");
     outcome = VdbOutcome::kOutOfMemory;
     return request.path;
   } catch (const std::ios::failure&) {
     return message("truncated or damaged: the file ends where its contents go on");
   } catch (const std::exception& error) {
+    // What TBB throws for a thread that cannot be started.
+    if (std::string_view(error.what()).find("pthread_create") != std::string_view::npos) {
+      outcome = VdbOutcome::kOutOfMemory;
+      return request.path;
+    }
     return message(
         fmt::format("damaged, or not readable by OpenVDB {}: {}", openvdb::getLibraryVersionString(), error.what()));
   }
@@ -663,7 +670,7 @@ void answer_vdb_request(MemoryFile& file) {
     unpack(request);
   }
   const auto report = [&](double fraction) { std::atomic_ref(header.progress).store(fraction); };
-  Reading reading{file, {request.threads, report, nullptr}};
+  Reading reading{file, header, {request.threads, report, nullptr}};
   Packer reply(file), explanation(file);
   VdbOutcome outcome{};
   std::string message = answer_or_explain(reading, request, reply, outcome);

@@ -82,7 +82,9 @@ void run_reader(const VdbRequest& request, const MemoryFile& file, ExchangeHeade
   if (end.signal == SIGKILL && !end.stalled)
     throw OutOfMemory(fmt::format("{}: {}? The system stopped OpenVDB over it, out of memory perhaps", request.path,
                                   kNotEnoughMemory));
-  const char* const failed = request.kind == VdbRequest::Kind::kWrite ? "cannot be written" : "damaged";
+  const char* const failed = request.kind == VdbRequest::Kind::kWrite ? "cannot be written"
+                             : header.cramped                         ? "not enough memory to read it, or damaged"
+                                                                      : "damaged";
   if (end.signal != 0 || end.status != 0) fail(request.path, fmt::format("{}: {}", failed, cause(end)));
 }
 

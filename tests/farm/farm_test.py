@@ -319,6 +319,26 @@ def one_submitter_at_a_time(shot):
     check(shot.status()["complete"], shot.logs() + out)
 
 
+def its_lock_goes_with_a_submitter_that_fails(shot):
+    """When sbatch refuses, and when Ctrl-C comes while it works."""
+    bin_folder = shot.scene.parent / "bin_failing"
+    bin_folder.mkdir()
+    sbatch = bin_folder / "sbatch"
+    environment = dict(shot.environment, PATH=f"{bin_folder}:{shot.environment['PATH']}")
+    words = ["submit", "slurm", shot.scene, "--frames", "1-4", "-o", shot.folder]
+    lock = shot.folder / "submit.lock"
+    sbatch.write_text("#!/bin/sh\necho no such partition; exit 1\n")
+    sbatch.chmod(0o755)
+    refused = brume(*words, environment=environment, status=2)
+    check("no such partition" in refused.stderr and not lock.exists(), refused.stderr)
+    sbatch.write_text(f"#!/bin/sh\ntouch '{bin_folder}/called'\nexec sleep 1000\n")
+    stopped = subprocess.Popen([BRUME, *map(str, words)], env=environment, stderr=subprocess.DEVNULL, start_new_session=True)
+    shot.wait(lambda: (bin_folder / "called").exists())
+    check(lock.exists(), "it holds no lock")
+    os.killpg(stopped.pid, signal.SIGINT)
+    check(stopped.wait(60) != 0 and not lock.exists(), "its lock is left")
+
+
 def commands_run_three_times_at_once(shot):
     """Every line of a plan, by three shells in one moment: no one fails, and the frame is whole."""
     brume("submit", "commands", shot.scene, "--frames", 1, "--parts", 2, "--spp", 2, "--layers", "direct,indirect", "-o",
@@ -362,6 +382,8 @@ def main():
             told("odd names", lambda: odd_names(cluster, folder))
             told("what never began", lambda: what_never_began_has_failed(Shot(cluster, folder, "cancelled"), cluster))
             told("one submitter at a time", lambda: one_submitter_at_a_time(Shot(cluster, folder, "twice", spp=2)))
+            told("the lock goes with a submitter that fails", lambda: its_lock_goes_with_a_submitter_that_fails(
+                Shot(cluster, folder, "failing")))
             told("commands three times at once", lambda: commands_run_three_times_at_once(Shot(cluster, folder, "thrice")))
             told("the bits of one machine", lambda: ends_with_the_bits_of_one_machine(
                 Shot(cluster, folder, "plain", options=["--clean", "--clean-filter", "gaussian"]), reference))

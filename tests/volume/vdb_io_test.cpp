@@ -1,5 +1,6 @@
 #include "volume/vdb_io.h"
 
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 #include <openvdb/openvdb.h>
 #include <openvdb/points/PointConversion.h>
@@ -242,6 +243,22 @@ TEST(VdbReader, WhateverBecomesOfItTheMessageSaysSo) {
   EXPECT_TRUE(holds(error_with("printf 'overwritten, all of what was asked, the header too' >&3"), "damaged"));
   const ReaderIs nowhere("/no/such/reader");
   EXPECT_TRUE(holds(load_error(cloud), "/no/such/reader: cannot be started: No such file"));
+}
+
+// From too little memory to load its libraries to enough of it: a whole file is read, or memory is named.
+TEST(VdbReader, TooLittleMemoryIsNotDamage) {
+  if (!test::can_limit_memory()) GTEST_SKIP() << "memory cannot be limited here";
+  const test::TemporaryFolder folder;
+  const fs::path reader = fs::path(BRUME_PROGRAM).parent_path() / "brume-vdb-reader";
+  for (int megabytes = 40; megabytes <= 1280; megabytes += megabytes / 8) {
+    test::write_file(folder / "reader",
+                     fmt::format("#!/bin/sh\nulimit -v {}000\nexec {}\n", megabytes, reader.string()));
+    fs::permissions(folder / "reader", fs::perms::owner_all);
+    const ReaderIs limited((folder / "reader").string());
+    const std::string error = load_error(test::source("data/volumes/cloud.vdb"));
+    EXPECT_TRUE(error.empty() || holds(error, "memory")) << megabytes << " MB: " << error;
+    EXPECT_FALSE(holds(error, ": damaged")) << megabytes << " MB: " << error;
+  }
 }
 
 TEST(VdbReader, EndsWhenTheTaskIsCancelled) {
