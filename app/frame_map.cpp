@@ -207,6 +207,8 @@ std::vector<ForeignFrame> read_map(const std::string& path, const ExrInfo& file)
     return {picture_of(toml::parse(stream, path), file)};
   } catch (const InputError&) {
     throw;
+  } catch (const std::bad_alloc& error) {
+    fail_reading(path, error);
   } catch (const std::exception& error) {
     std::string text = error.what();
     if (text.starts_with("[error] ")) text.erase(0, 8);

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <csignal>
+#include <system_error>
 
 #include "app/arguments.h"
 #include "app/command.h"
@@ -89,13 +90,13 @@ int run(int argc, char** argv) {
     warn(error.what());
     return kBadInput;
   }
-  set_exr_threads(common.threads);
   std::signal(SIGINT, on_interrupt);
   std::signal(SIGTERM, on_interrupt);
   std::signal(SIGHUP, on_interrupt);
   std::signal(SIGUSR1, on_interrupt);  // what farms send before a job's time is over
   std::signal(SIGXFSZ, SIG_IGN);       // a file that may not grow is an error of that write, with its message
   try {
+    set_exr_threads(common.threads);
     return commands.at(app.get_subcommands().front())();
   } catch (const InputError& error) {
     warn(error.what());
@@ -103,11 +104,17 @@ int run(int argc, char** argv) {
   } catch (const Interrupted& error) {
     warn(error.what());
     return kInterrupted;
+  } catch (const OutOfMemory& error) {
+    warn(error.what());
+    return kBadInput;
   } catch (const std::bad_alloc&) {
-    warn("not enough memory for this; try a smaller picture or volume");
+    warn(fmt::format("{} for this; try a smaller picture or volume", kNotEnoughMemory));
     return kBadInput;
   } catch (const std::exception& error) {
-    warn(fmt::format("{}. This should have been caught earlier; please report it", error.what()));
+    const auto* const system = dynamic_cast<const std::system_error*>(&error);
+    warn(system && system->code() == std::errc::resource_unavailable_try_again
+             ? fmt::format("no further thread can be started: {}, or a limit on processes", kNotEnoughMemory)
+             : fmt::format("{}. This should have been caught earlier; please report it", error.what()));
     return kBadInput;
   }
 }

@@ -33,16 +33,17 @@ int each_frame(const Common& common, const std::vector<int>& frames, const std::
       throw;
     } catch (const InputError& error) {
       fail(frame, error.what());
+    } catch (const OutOfMemory& error) {
+      fail(frame, error.what());
     } catch (const std::bad_alloc&) {
-      fail(frame, "not enough memory for it");
+      fail(frame, fmt::format("{} for it", kNotEnoughMemory));
     }
   }
-  if (frames.size() == 1 && failed.empty()) return missed.empty() ? kDone : kThresholdFailed;
-  if (failed.empty() && missed.empty())
-    log(common, summary());
-  else
-    warn(summary());
-  return failed.empty() && missed.empty() ? kDone : kThresholdFailed;
+  const bool well = failed.empty() && missed.empty();
+  // Of a single frame all is said, and an error that is the last line is what a farm's log is read for.
+  if (frames.size() > 1 && well) log(common, summary());
+  if (frames.size() > 1 && !well) warn(summary());
+  return well ? kDone : kThresholdFailed;
 }
 
 void check_pattern(const std::string& option, const std::string& name, const std::vector<int>& frames) {

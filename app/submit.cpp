@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <filesystem>
 #include <fstream>
+#include <optional>
 #include <sstream>
 
 #include "app/command.h"
@@ -14,6 +15,7 @@
 #include "farm/progress.h"
 #include "farm/shot.h"
 #include "farm/slurm.h"
+#include "farm/submit_lock.h"
 #include "filters/registry.h"
 #include "render/scene/scene_io.h"
 #include "work/clean.h"
@@ -30,10 +32,13 @@ struct Options {
   std::vector<std::string> overrides;
   int parts = 1, spp = 0, window = -1, after = 0;
   int64_t seed = -1;
-  bool clean = false, layers_given = false, buckets = false, keep_parts = false, dry_run = false;
+  bool clean = false, layers_given = false, buckets = false, keep_parts = false, dry_run = false, break_lock = false;
   SlurmOptions slurm;
   std::vector<std::string> slurm_given;  // which of its options stand on the command line
 } o;
+
+/// Names a writer for every time that a line runs, also where one shell runs several at once.
+constexpr const char* kWriter = "BRUME_WRITER=$(uname -n).$(mktemp -u XXXXXXXXXX) ";
 
 std::string text_of_file(const fs::path& path) {
   std::ifstream stream(path, std::ios::binary);
@@ -140,13 +145,17 @@ Shot chosen_shot(const Common& common) {
                       o.target, shot.scene));
     return shot;
   }
-  Shot shot = asked_shot(common);
-  if (!fs::exists(shot.folder / "shot.json")) return shot;
+  return asked_shot(common);
+}
+
+/// Refuses a shot whose folder holds another one. @return whether the folder holds this one
+bool is_in_folder(const Shot& shot) {
+  if (!fs::exists(shot.folder / "shot.json")) return false;
   const std::string difference = Shot::load(shot.folder).difference(shot);
   if (!difference.empty())
     throw InputError(fmt::format(
         "{}: holds another shot: {}; expected another folder, or the same again to complete it", o.folder, difference));
-  return shot;
+  return true;
 }
 
 void tell_plan(const Common& common, const std::vector<Stage>& stages) {
@@ -180,7 +189,12 @@ int submit(const Common& common) {
   if (given("--warning")) slurm.warning_seconds = o.slurm.warning_seconds;
   if (given("--retries")) slurm.retries = o.slurm.retries;
   const bool to_slurm = o.action == "slurm" || o.action == "resume";
-  const bool exists = fs::exists(shot.folder / "shot.json");
+  shot.check();
+  if (to_slurm) check_slurm(shot, slurm);
+  std::optional<SubmitLock> lock;
+  if (!o.dry_run) lock.emplace(shot.folder, o.break_lock);
+  if (lock && !lock->broken().empty()) log(common, "broke the lock of " + lock->broken());
+  const bool exists = is_in_folder(shot);
   if (exists) {
     const SlurmQueue queue = ask_slurm(shot);
     if (!queue.jobs.empty() && !o.dry_run)
@@ -204,7 +218,7 @@ int submit(const Common& common) {
     std::string text;
     for (const Stage& stage : stages) {
       if (!text.empty()) text += "\n";
-      for (const Command& command : stage.commands) text += command.line() + "\n";
+      for (const Command& command : stage.commands) text += command.prepare + kWriter + command.call + "\n";
     }
     print(text);
   } else if (o.action == "opencue") {
@@ -318,6 +332,8 @@ void add_submit(CLI::App& app, Common& common, Commands& commands) {
   command->add_flag("--keep-parts", o.keep_parts, "keep the parts after they are merged");
   command->add_option("--program", o.program, "brume as the nodes call it, where it is not this file");
   command->add_flag("--dry-run", o.dry_run, "print what would be submitted, and write nothing");
+  command->add_flag("--break-lock", o.break_lock,
+                    "submit even if another process holds the shot's lock: where that one was killed");
   command->add_flag("--json", common.json, "status for machines");
   command
       ->add_option("--sbatch", o.slurm.sbatch, "Slurm: an option for every job, as --sbatch=--partition=render; repeat")

@@ -19,6 +19,8 @@ int main() {
   try {
     brume::MemoryFile exchange(brume::kHandedOver);
     brume::answer_vdb_request(exchange);
+  } catch (const std::bad_alloc&) {
+    return brume::kReaderOutOfMemory;
   } catch (const std::exception& error) {
     std::fprintf(stderr, "brume-vdb-reader: %s. brume starts this program; it is of no use by itself\n", error.what());
     return 2;

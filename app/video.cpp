@@ -28,9 +28,10 @@ bool write_video(const fs::path& path, const std::vector<fs::path>& pictures, do
     return false;
   }
   // ffmpeg's list of files, since frames may be missing; the film appears under its name once it is whole.
-  fs::path list = path, film = path;
+  OutputFile output(path);
+  fs::path list = output.part(), film = output.part();
   list += ".list";
-  film.replace_filename("." + path.stem().string() + ".part" + path.extension().string());
+  film += path.extension();
   std::string text;
   for (const fs::path& picture : pictures)
     text += fmt::format("file {}\nduration {:.9f}\n", quoted(picture), 1 / frame_rate);
@@ -42,7 +43,8 @@ bool write_video(const fs::path& path, const std::vector<fs::path>& pictures, do
   std::error_code ignored;
   fs::remove(list, ignored);
   if (status == 0) {
-    fs::rename(film, path);
+    fs::rename(film, output.part());
+    output.commit();
     return true;
   }
   fs::remove(film, ignored);

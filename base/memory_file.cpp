@@ -14,7 +14,8 @@
 namespace brume {
 namespace {
 
-[[noreturn]] void fail() {
+[[noreturn]] void fail(size_t size = 0) {
+  if (errno == ENOMEM) throw OutOfMemory("shared with another process", "exchange data", static_cast<double>(size));
   throw InputError(fmt::format("no memory to share with another process: {}", std::strerror(errno)));
 }
 
@@ -48,7 +49,7 @@ void MemoryFile::update_size() {
 }
 
 void MemoryFile::resize(size_t size) {
-  if (ftruncate(descriptor_, static_cast<off_t>(size)) != 0) fail();
+  if (ftruncate(descriptor_, static_cast<off_t>(size)) != 0) fail(size);
   size_ = size;
 }
 
@@ -69,7 +70,7 @@ size_t MemoryFile::append(std::span<const std::byte> bytes) {
 Mapping::Mapping(const MemoryFile& file, size_t offset, size_t size, bool writable) : size_(size) {
   void* const at = mmap(nullptr, size, writable ? PROT_READ | PROT_WRITE : PROT_READ, MAP_SHARED, file.descriptor(),
                         static_cast<off_t>(offset));
-  if (at == MAP_FAILED) fail();
+  if (at == MAP_FAILED) fail(size);
   data_ = static_cast<std::byte*>(at);
 }
 
@@ -79,7 +80,7 @@ Mapping::~Mapping() {
 
 void Mapping::resize(size_t size) {
   void* const at = mremap(data_, size_, size, MREMAP_MAYMOVE);
-  if (at == MAP_FAILED) fail();
+  if (at == MAP_FAILED) fail(size);
   data_ = static_cast<std::byte*>(at);
   size_ = size;
 }

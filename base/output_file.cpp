@@ -4,18 +4,29 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cerrno>
 #include <cstdlib>
 #include <cstring>
 #include <fstream>
+#include <random>
 
 #include "base/error.h"
+#include "base/host.h"
 
 namespace brume {
 namespace fs = std::filesystem;
 
+namespace {
+
+fs::path folder_of(const fs::path& path) {
+  return path.parent_path().empty() ? fs::path(".") : path.parent_path();
+}
+
+}  // namespace
+
 void check_writable(const fs::path& path, std::span<const fs::path> inputs, std::string_view extension) {
-  const fs::path folder = path.parent_path().empty() ? fs::path(".") : path.parent_path();
+  const fs::path folder = folder_of(path);
   std::error_code ignored;
   if (!extension.empty() && path.extension() != extension && !fs::is_directory(path, ignored))
     throw InputError(
@@ -35,18 +46,39 @@ void check_writable(const fs::path& path, std::span<const fs::path> inputs, std:
 
 namespace {
 
-std::string name_of_writer() {
-  const char* const writer = std::getenv("BRUME_WRITER");
-  if (!writer || !*writer) return "";
-  std::string name = std::string(".") + writer;
-  std::replace(name.begin(), name.end(), '/', '_');
-  return name;
+constexpr std::string_view kPart = ".part";
+
+/// Removes what killed processes of this machine have left of a file.
+/// @param prefix  "shot.exr.HOST.", after which the process's number stands
+void remove_abandoned(const fs::path& folder, const std::string& host, const std::string& prefix) {
+  std::error_code error;
+  for (fs::directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error)) {
+    const std::string name = entry->path().filename().string();
+    if (!name.starts_with(prefix) || !name.ends_with(kPart)) continue;
+    std::error_code ignored;
+    if (is_gone(host, std::atoi(name.c_str() + prefix.size()))) fs::remove(entry->path(), ignored);
+  }
+}
+
+/// Where to write aside.
+fs::path own_part(const fs::path& path) {
+  if (const char* const named = std::getenv("BRUME_WRITER"); named && *named) {
+    std::string writer = named;
+    std::replace(writer.begin(), writer.end(), '/', '_');
+    return fmt::format("{}.{}{}", path.string(), writer, kPart);
+  }
+  // Processes in containers may share a machine's name and their numbers.
+  static std::atomic<uint32_t> number{std::random_device{}()};
+  const std::string host = host_name();
+  remove_abandoned(folder_of(path), host, fmt::format("{}.{}.", path.filename().string(), host));
+  return fmt::format("{}.{}.{}.{:08x}{}", path.string(), host, getpid(), ++number, kPart);
 }
 
 }  // namespace
 
-OutputFile::OutputFile(fs::path path) : path_(std::move(path)), part_(path_.string() + name_of_writer() + ".part") {
+OutputFile::OutputFile(fs::path path) : path_(std::move(path)) {
   check_writable(path_);
+  part_ = own_part(path_);
 }
 
 OutputFile::~OutputFile() {

@@ -5,9 +5,12 @@
 
 namespace brume {
 
-/// A file that appears whole or not at all: written under `PATH.part`, renamed by commit(), removed if that never
-/// comes. Where the environment names a BRUME_WRITER, as farms do whose machines may do the same work twice, the name
-/// is `PATH.WRITER.part`: two never write into one file.
+/// A file that appears whole or not at all: written aside, renamed by commit(), removed if that never comes.
+///
+/// Machines that share a folder may do the same work twice, so each writer has a name of its own to write under:
+/// `PATH.HOST.PROCESS.NUMBER.part`, where the number begins at random. Where the environment names a BRUME_WRITER, it
+/// is `PATH.WRITER.part`; whoever sets that sees to it that no other writer has the same. What a killed process of this
+/// machine has left of the same file is removed by the next writer.
 class OutputFile {
  public:
   /// @throws InputError when the folder is missing or cannot be written to

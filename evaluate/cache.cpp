@@ -6,6 +6,7 @@
 #include <chrono>
 
 #include "base/error.h"
+#include "base/host.h"
 #include "base/rng.h"
 #include "image/exr_io.h"
 
@@ -77,7 +78,7 @@ std::optional<Layers> Cache::find(const std::string& key, const std::function<bo
 
 void Cache::store(const std::string& key, Layers entry) const {
   entry.header[kKey] = key;
-  const fs::path aside = folder_ / fmt::format("writing.{}.{}.exr", getpid(), hash(key));
+  const fs::path aside = folder_ / fmt::format("writing.{}.{}.{}.exr", host_name(), getpid(), hash(key));
   std::error_code error;
   try {
     write_exr(aside, entry);

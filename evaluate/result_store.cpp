@@ -155,11 +155,9 @@ TimedFrame ResultStore::frame(const EvaluationScene& scene, int spp, int64_t see
       const double seconds = number_of(*found, kSeconds).value_or(0.0);
       return {std::move(*found), seconds};
     }
-  const std::filesystem::path aside = data.records ? records(key).string() + ".new" : "";
-  TimedFrame frame = scene.render({spp, seed, data, aside}, task);
+  TimedFrame frame = scene.render({spp, seed, data, data.records ? records(key) : ""}, task);
   ++work_.rendered;
   known_.insert(key);
-  if (data.records) std::filesystem::rename(aside, records(key));
   frame.layers.header[kSeconds] = exact(frame.seconds);
   cache_.store(key, frame.layers);
   return frame;

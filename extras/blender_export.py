@@ -13,6 +13,7 @@ Units: Blender's watts become radiance of areas and spheres, intensity of points
 
 import math
 import os
+import socket
 import sys
 
 import bpy
@@ -304,10 +305,11 @@ def export(path):
             note(f"{instance.object.name}: the mesh is left out; give it as a file in [[surfaces]]")
     head = [f"# {bpy.path.basename(bpy.data.filepath) or 'A scene'} of Blender {bpy.app.version_string}, frame {scene.frame_current}."]
     head += ["# Left out: " + text for text in left_out]
-    with open(path + ".part", "w", encoding="utf-8") as out:
+    part = f"{path}.{socket.gethostname()}.{os.getpid()}.part"
+    with open(part, "w", encoding="utf-8") as out:
         out.write("\n".join(head) + f'\nname = "{scene.name}"\n\n')
         out.write("\n\n".join("\n".join(table) for table in tables) + "\n")
-    os.replace(path + ".part", path)
+    os.replace(part, path)
 
 
 def main():

@@ -166,27 +166,44 @@ ShotFiles examine(const Shot& shot, bool thorough, const Task& task) {
     // Whole parts that could not be merged do not belong together: each is held against the scene again.
     const auto of_frame = [&](const ShotFiles::Part& part) { return part.frame == frame; };
     const CommandLog merge = read_log(shot, "merge." + frame_name(frame));
-    const bool refused = !merge.attempts.empty() && merge.attempts.back().status.value_or(0) == 2;
+    const bool refused = !merge.attempts.empty() && merge.attempts.back().status.value_or(0) == 2 &&
+                         merge.reason.find(kNotEnoughMemory) == std::string::npos;
     for (auto* list : {&files.parts, &files.groups})
       if (refused && std::none_of(list->begin(), list->end(),
                                   [&](const ShotFiles::Part& part) { return of_frame(part) && !part.wrong.empty(); }))
         for (ShotFiles::Part& part : *list)
-          if (of_frame(part)) part.wrong = "could not be merged: " + merge.last_line;
+          if (of_frame(part)) part.wrong = "could not be merged: " + merge.reason;
   }
   return files;
 }
+
+namespace {
+
+constexpr std::string_view kProgram = "brume: ";  // begins what brume says
+
+/// Of a line of progress: "brume: render smoke: 30 %, 4 s left".
+std::optional<int> percent_of(const std::string& line) {
+  const size_t at = line.rfind(" %");
+  if (at == std::string::npos || !line.starts_with(kProgram)) return std::nullopt;
+  const size_t begin = line.find_last_not_of("0123456789", at - 1) + 1;
+  const std::string_view before(line.data(), begin), after = std::string_view(line).substr(at + 2);
+  if (begin == at || !before.ends_with(": ") || !(after.empty() || after.starts_with(", "))) return std::nullopt;
+  return std::atoi(line.c_str() + begin);
+}
+
+}  // namespace
 
 CommandLog read_log(const Shot& shot, const std::string& command) {
   CommandLog log;
   std::ifstream stream(shot.log(command));
   for (std::string line; std::getline(stream, line);) {
     if (!line.starts_with(kMark)) {
-      if (line.find_first_not_of(" \t\r") == std::string::npos) continue;
-      log.last_line = line;
-      if (const size_t at = line.rfind(" %"); at != std::string::npos && line.starts_with("brume: ")) {
-        const size_t begin = line.find_last_not_of("0123456789", at - 1) + 1;
-        if (begin < at) log.percent = std::atoi(line.substr(begin, at - begin).c_str());
-      }
+      const std::optional<int> percent = percent_of(line);
+      if (percent) log.percent = *percent;
+      // Lines that begin with a blank go on with the message before: the place in a scene's file.
+      const bool of_attempt = !log.attempts.empty() && !log.attempts.back().status;
+      if (of_attempt && !percent && line.find_first_of(" \t\r") != 0 && !line.empty())
+        log.reason = line.starts_with(kProgram) ? line.substr(kProgram.size()) : line;
       continue;
     }
     const std::string text = line.substr(std::string(kMark).size());
@@ -198,6 +215,7 @@ CommandLog read_log(const Shot& shot, const std::string& command) {
       attempt.node = node;
       log.attempts.push_back(attempt);
       log.percent = -1;
+      log.reason.clear();
     } else if (std::sscanf(text.c_str(), "ended with %d after %lf", &status, &seconds) == 2 && !log.attempts.empty()) {
       log.attempts.back().status = status;
       log.attempts.back().seconds = seconds;
@@ -277,9 +295,6 @@ here=$(cd "$(dirname "$0")" && pwd)
 folder=$(dirname "$(dirname "$here")")
 stage=$1 first=$2 count=$3
 tab=$(printf '\t')
-# Where the same command runs twice, on a node that was given up and on another, each writes aside under its own name.
-[ -n "$BRUME_WRITER" ] || BRUME_WRITER=$(uname -n).$$
-export BRUME_WRITER
 child='' stop='' worst=0
 trap 'stop=1; [ -z "$child" ] || kill -TERM "$child" 2>/dev/null' USR1
 trap 'stop=1' TERM

@@ -54,8 +54,8 @@ struct Attempt {
 };
 struct CommandLog {
   std::vector<Attempt> attempts;
-  std::string last_line;  ///< of what the command said
-  int percent = -1;       ///< of its progress, where it says so
+  std::string reason;  ///< last message of the last attempt: of one that failed, why
+  int percent = -1;    ///< of its progress, where it says so
 };
 CommandLog read_log(const Shot& shot, const std::string& command);
 

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cstring>
 #include <set>
 
 #include "farm/plan.h"
@@ -15,12 +16,19 @@ std::string why_failed(const CommandLog& log) {
   const std::optional<int>& status = log.attempts.back().status;
   if (!status) return "ended without a word: killed, or its node is gone";
   if (*status == 3) return "was stopped, and can go on";
-  return log.last_line.empty() ? fmt::format("ended with {}", *status) : log.last_line;
+  if (*status > 128) return fmt::format("was killed: {}", strsignal(*status - 128));
+  return log.reason.empty() ? fmt::format("ended with {}", *status) : log.reason;
 }
 
 /// Sorts a command that is not done by its last attempt and by what Slurm says of it.
 void sort_in(StageProgress& stage, const std::string& command, const CommandLog& log, const SlurmQueue& queue) {
-  if (log.attempts.empty()) return;
+  if (log.attempts.empty()) {
+    if (const auto over = queue.over.find(command); over != queue.over.end())
+      stage.failed.push_back({command, "no node",
+                              fmt::format("never began: job {} was cancelled, or could not be started; ask sacct -j {}",
+                                          over->second, over->second)});
+    return;
+  }
   const Attempt& last = log.attempts.back();
   const auto state = queue.states.find(command);
   const bool queued = state != queue.states.end(), at_work = queued && state->second == "RUNNING";

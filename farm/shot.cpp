@@ -94,6 +94,39 @@ std::vector<int> Shot::window_of(int frame) const {
   return around;
 }
 
+void Shot::check() const {
+  constexpr size_t kLongestName = 128, kLongestFolder = 3500;  // bytes: room for what is appended to them
+  std::vector<std::pair<std::string, std::string>> texts = {{"the folder of the shot", folder.string()},
+                                                            {"the name of the shot", name},
+                                                            {"the scene", scene},
+                                                            {"the program", brume},
+                                                            {"the layers", layers},
+                                                            {"the filter", filter}};
+  for (const std::string& assignment : overrides) texts.emplace_back("-D", assignment);
+  for (const auto& [what, text] : texts) {
+    check_one_line(what, text);
+    try {
+      json(text).dump();
+    } catch (const json::type_error&) {
+      throw InputError(fmt::format("{} {}: is not UTF-8; expected a name in UTF-8, as shot.json keeps it", what, text));
+    }
+  }
+  if (name.size() > kLongestName)
+    throw InputError(
+        fmt::format("the name of the shot {}: has {} bytes; expected at most {}, as its frames are named "
+                    "by it; name it in the scene: name = \"smoke\"",
+                    name, name.size(), kLongestName));
+  if (folder.string().size() > kLongestFolder)
+    throw InputError(fmt::format("the folder of the shot {}: has {} bytes; expected at most {}", folder.string(),
+                                 folder.string().size(), kLongestFolder));
+  // Every command would put its frame's number there.
+  if (FramePattern::of(folder / name))
+    throw InputError(
+        fmt::format("{}: holds a place for a frame's number (#, $F or %d); expected a folder and a name "
+                    "of the shot without",
+                    (folder / name).string()));
+}
+
 void Shot::save() const {
   std::vector<std::string> folders = {"frames", "logs", "rounds"};
   if (parts > 1) folders.emplace_back("parts");
@@ -142,6 +175,14 @@ std::string fingerprint(const std::string& text) {
   uint64_t hash = 0;
   for (const char c : text) hash = hash_combine(hash, static_cast<unsigned char>(c));
   return fmt::format("{:016x}", hash);
+}
+
+void check_one_line(const std::string& what, const std::string& text) {
+  const auto control = [](unsigned char c) { return (c < 0x20 && c != '\t') || c == 0x7f; };
+  if (std::none_of(text.begin(), text.end(), control)) return;
+  std::string shown;
+  for (const char c : text) shown += control(c) ? fmt::format("\\x{:02x}", c) : std::string(1, c);
+  throw InputError(fmt::format("{} {}: holds a line break or another control character; expected none", what, shown));
 }
 
 std::string shell_word(const std::string& text) {

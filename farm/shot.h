@@ -51,6 +51,8 @@ struct Shot {
 
   /// The frames that a frame is cleaned with, itself included.
   std::vector<int> window_of(int frame) const;
+  /// Refuses what the files, commands and scripts of the shot cannot hold. @throws InputError
+  void check() const;
   /// Writes FOLDER/shot.json and makes the folders. @throws InputError
   void save() const;
   /// @throws InputError: there is none, or it is damaged
@@ -61,6 +63,11 @@ struct Shot {
 
 /// A number that is another one for another text. Not for secrets.
 std::string fingerprint(const std::string& text);
+
+/// Refuses control characters in what stands in a script or in a list of commands, one a line: a line break would begin
+/// another one. A tab is none of them.
+/// @param what  that text is: "the folder"   @throws InputError
+void check_one_line(const std::string& what, const std::string& text);
 
 /// A word that a shell takes as it is.
 std::string shell_word(const std::string& text);

@@ -37,17 +37,40 @@ Output output_of(const std::string& command) {
   return output;
 }
 
+/// A value in a line of #SBATCH, where blanks end it, # begins a comment, and quotes and backslashes are taken away.
+std::string sbatch_word(const std::string& text) {
+  std::string word = "\"";
+  for (const char c : text) word += c == '"' || c == '\\' ? std::string("\\") + c : std::string(1, c);
+  return word + "\"";
+}
+
+/// An option as it was given: with quotes or backslashes as a line of #SBATCH, else as a word of a shell.
+std::string sbatch_option(const std::string& option) {
+  const size_t equals = option.find('=');
+  if (!option.starts_with("--") || equals == std::string::npos || option.find_first_of("\"'\\") != std::string::npos ||
+      option.find_first_of(" \t#") == std::string::npos)
+    return option;
+  return option.substr(0, equals + 1) + sbatch_word(option.substr(equals + 1));
+}
+
+/// A folder in the name of a log, where %a stands for the number of a task.
+std::string log_folder(const fs::path& folder) {
+  std::string text;
+  for (const char c : folder.string()) text += c == '%' ? "%%" : std::string(1, c);
+  return text;
+}
+
 std::string directives(const Shot& shot, const std::string& stage, const fs::path& round, const SlurmOptions& options) {
   std::string text = "#!/bin/sh\n";
   const auto add = [&](const std::string& option) { text += "#SBATCH " + option + "\n"; };
-  add(fmt::format("--job-name={}.{}", shot.name, stage));
+  add("--job-name=" + sbatch_word(shot.name + "." + stage));
   add("--open-mode=append");
-  add(fmt::format("--output={}/{}.log", round.string(), stage == "retry" ? stage : stage + ".%a"));
+  add("--output=" + sbatch_word(fmt::format("{}/{}.log", log_folder(round), stage == "retry" ? stage : stage + ".%a")));
   if (!options.exclude.empty()) {
     const std::vector<std::string> nodes(options.exclude.begin(), options.exclude.end());
     add("--exclude=" + join(nodes, ","));
   }
-  for (const std::string& option : options.sbatch) add(option);
+  for (const std::string& option : options.sbatch) add(sbatch_option(option));
   return text;
 }
 
@@ -90,8 +113,10 @@ SlurmJob retry_job(const Shot& shot, const fs::path& round, const SlurmOptions& 
   std::string text = directives(shot, "retry", round, options);
   text += "#SBATCH --ntasks=1\n#SBATCH --requeue\n";
   text += fmt::format(
-      "\n# What is missing or damaged is submitted again, without the nodes on which most failed.\n"
-      "{} submit resume {} --retries {} --after {}\n",
+      "\n# What is missing or damaged is submitted again, without the nodes on which most failed. Begun once more "
+      "after\n"
+      "# its node has died, it finds its own lock.\n"
+      "{} submit resume {} --retries {} --after {} ${{SLURM_RESTART_COUNT:+--break-lock}}\n",
       shell_word(shot.brume), shell_word(shot.folder.string()), options.retries - 1, round.filename().string());
   SlurmJob job;
   job.stage = "retry";
@@ -137,6 +162,21 @@ SlurmOptions SlurmOptions::load(const Shot& shot) {
     throw InputError(fmt::format("{}: damaged: {}", file.string(), error.what()));
   }
   return options;
+}
+
+void check_slurm(const Shot& shot, const SlurmOptions& options) {
+  // A backslash anywhere in the name of a log tells Slurm to replace nothing, so that all tasks would write to one.
+  if (shot.folder.string().find('\\') != std::string::npos)
+    throw InputError(
+        fmt::format("{}: Slurm cannot write logs to a folder with a backslash in its name; expected one without",
+                    shot.folder.string()));
+  check_one_line("--time", options.time);
+  for (const std::string& option : options.sbatch) {
+    check_one_line("--sbatch", option);
+    if (!option.starts_with('-'))
+      throw InputError(
+          fmt::format("--sbatch {}: expected an option of sbatch, as --sbatch=--partition=render", option));
+  }
 }
 
 std::vector<SlurmJob> slurm_jobs(const Shot& shot, const std::vector<Stage>& stages, const fs::path& round,
@@ -205,10 +245,12 @@ SlurmQueue ask_slurm(const Shot& shot) {
       const bool forgotten = output.text.find("Invalid job id") != std::string::npos;
       if (output.status != 0 && !forgotten) return queue;
       queue.known = true;
-      if (forgotten || stage == "retry") continue;
+      if (stage == "retry") continue;
       std::vector<std::string> names;
       std::ifstream commands(round / (stage + ".commands"));
       for (std::string line; std::getline(commands, line);) names.push_back(line.substr(0, line.find('\t')));
+      for (const std::string& name : names) queue.over[name] = id;
+      if (forgotten) continue;
       std::istringstream tasks(output.text);
       bool at_work = false;
       std::string state;
@@ -216,7 +258,10 @@ SlurmQueue ask_slurm(const Shot& shot) {
         if (is_over(state)) continue;
         at_work = true;
         const size_t first = task * static_cast<size_t>(chunk), end = first + static_cast<size_t>(chunk);
-        for (size_t i = first; i < std::min(names.size(), end); ++i) queue.states[names[i]] = state;
+        for (size_t i = first; i < std::min(names.size(), end); ++i) {
+          queue.states[names[i]] = state;
+          queue.over.erase(names[i]);
+        }
       }
       if (at_work) queue.jobs.push_back(id);
     }

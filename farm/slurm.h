@@ -25,6 +25,9 @@ struct SlurmOptions {
   static SlurmOptions load(const Shot& shot);
 };
 
+/// Refuses what a script for sbatch cannot hold. @throws InputError
+void check_slurm(const Shot& shot, const SlurmOptions& options);
+
 /// One job of a submission.
 struct SlurmJob {
   std::string stage;
@@ -51,6 +54,7 @@ struct SlurmQueue {
   bool known = false;                         ///< whether Slurm could be asked
   std::vector<std::string> jobs;              ///< numbers of the arrays that are not over
   std::map<std::string, std::string> states;  ///< by the command's name
+  std::map<std::string, std::string> over;    ///< of commands that Slurm has done with: the array's number
 };
 SlurmQueue ask_slurm(const Shot& shot);
 

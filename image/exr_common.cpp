@@ -82,8 +82,16 @@ Imf::MultiPartInputFile open_exr(const fs::path& path) {
   } catch (const InputError&) {
     throw;
   } catch (const std::exception& error) {
-    throw InputError(fmt::format("{}: not a readable OpenEXR file: {}", path.string(), error.what()));
+    fail_exr(path, "not a readable OpenEXR file", error);
   }
+}
+
+void fail_exr(const fs::path& path, const std::string& state, const std::exception& error) {
+  if (const auto* const memory = dynamic_cast<const std::bad_alloc*>(&error)) fail_reading(path.string(), *memory);
+  const std::string_view said = error.what();
+  for (const char* const word : {"bad_alloc", "allocate memory"})
+    if (said.find(word) != std::string_view::npos) throw OutOfMemory(path.string(), "read it");
+  throw InputError(fmt::format("{}: {}: {}", path.string(), state, said));
 }
 
 void check_first_chunk(Imf::InputPart& part, const fs::path& path) {
@@ -127,8 +135,8 @@ void check_first_chunk(Imf::InputPart& part, const fs::path& path) {
 
 void check_exr_memory(const fs::path& path, double bytes) {
   if (bytes > 0.8 * physical_memory())
-    throw InputError(fmt::format("{}: its pixels need {:.1f} GB, this machine has {:.1f} GB", path.string(),
-                                 bytes / 1e9, physical_memory() / 1e9));
+    throw OutOfMemory(fmt::format("{}: {}: its pixels need {:.1f} GB, this machine has {:.1f} GB", path.string(),
+                                  kNotEnoughMemory, bytes / 1e9, physical_memory() / 1e9));
 }
 
 std::string part_label(const Imf::MultiPartInputFile& file, int part) {

@@ -21,7 +21,12 @@ Imf::MultiPartInputFile open_exr(const std::filesystem::path& path);
 /// other channels' values without a word. Looks into ZIP and unpacked scan lines. @throws InputError
 void check_first_chunk(Imf::InputPart& part, const std::filesystem::path& path);
 
-/// Refuses what a header asks for and this machine does not have. @throws InputError
+/// Says what a failure inside OpenEXR means, for a handler of exceptions: that memory was not enough, which OpenEXR's
+/// threads pass on as text, or that the file is in this state: "truncated or damaged".
+/// @throws OutOfMemory or InputError
+[[noreturn]] void fail_exr(const std::filesystem::path& path, const std::string& state, const std::exception& error);
+
+/// Refuses what a header asks for and this machine does not have. @throws OutOfMemory
 void check_exr_memory(const std::filesystem::path& path, double bytes);
 
 /// "part 'depth'" where a file has several, "its only part" otherwise.

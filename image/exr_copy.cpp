@@ -234,7 +234,7 @@ class PartCopier {
     try {
       pixels();
     } catch (const std::exception& error) {
-      throw InputError(fmt::format("{}: truncated or damaged: {}", in_path_, error.what()));
+      fail_exr(in_path_, "truncated or damaged", error);
     }
   }
   /// What is read as it is, and what is written: that, and the changes.
@@ -344,7 +344,7 @@ void round_to_half(Plane& plane) {
 }
 
 ExrCopyReport copy_exr(const fs::path& from, const fs::path& to, std::span<const ExrEdit> edits,
-                       const std::map<std::string, Attribute>& attributes, const Task& task) {
+                       const std::map<std::string, Attribute>& attributes, const Task& task) try {
   Imf::MultiPartInputFile in = open_exr(from);
   const auto damaged = [&](const std::string& why) {
     return InputError(fmt::format("{}: truncated or damaged: {}", from.string(), why));
@@ -422,10 +422,12 @@ ExrCopyReport copy_exr(const fs::path& from, const fs::path& to, std::span<const
   } catch (const InputError&) {
     throw;
   } catch (const std::exception& error) {
-    throw InputError(fmt::format("{}: cannot be written from {}: {}", to.string(), from.string(), error.what()));
+    fail_exr(to, fmt::format("cannot be written from {}", from.string()), error);
   }
   output.commit();
   return report;
+} catch (const std::bad_alloc& error) {
+  fail_reading(from.string(), error);
 }
 
 }  // namespace brume

@@ -103,6 +103,8 @@ const char* compression_name(Imf::Compression c) {
   return c >= 0 && c < Imf::NUM_COMPRESSION_METHODS ? names[c] : "unknown";
 }
 
+constexpr const char* kHoldPixels = "hold its pixels";
+
 /// A channel of 32-bit values whose first one is the data window's top left.
 Imf::Slice slice(Imf::PixelType type, void* first, size_t stride, const Imath::Box2i& data) {
   const auto row = static_cast<std::ptrdiff_t>(stride * 4);
@@ -167,13 +169,13 @@ void check_ends(Imf::MultiPartInputFile& file, int part, const fs::path& path) {
     input.setFrameBuffer(buffer);
     for (const int y : {data.min.y, data.max.y}) input.readPixels(y, y);
   } catch (const std::exception& error) {
-    throw InputError(fmt::format("{}: truncated or damaged: {}", path.string(), error.what()));
+    fail_exr(path, "truncated or damaged", error);
   }
 }
 
 }  // namespace
 
-ExrInfo read_exr_info(const fs::path& path) {
+ExrInfo read_exr_info(const fs::path& path) try {
   Imf::MultiPartInputFile file = open_exr(path);
   ExrInfo info;
   for (int part = 0; part < file.parts(); ++part) {
@@ -190,6 +192,8 @@ ExrInfo read_exr_info(const fs::path& path) {
     info.header.merge(attributes(header));
   }
   return info;
+} catch (const std::bad_alloc& error) {
+  fail_reading(path.string(), error);
 }
 
 namespace {
@@ -235,11 +239,15 @@ Part read_part(Imf::MultiPartInputFile& file, int index, const fs::path& path,
     bytes += 4.0 * size.x * size.y;
     check_exr_memory(path, bytes);
     Plane* plane;
-    if (step_x == 1 && step_y == 1) {
-      plane = &part.planes.try_emplace(name, size.x, size.y).first->second;
-    } else {
-      Subsampled coarse{Plane((size.x + step_x - 1) / step_x, (size.y + step_y - 1) / step_y), step_x, step_y};
-      plane = &subsampled.insert_or_assign(name, std::move(coarse)).first->second.plane;
+    try {
+      if (step_x == 1 && step_y == 1) {
+        plane = &part.planes.try_emplace(name, size.x, size.y).first->second;
+      } else {
+        Subsampled coarse{Plane((size.x + step_x - 1) / step_x, (size.y + step_y - 1) / step_y), step_x, step_y};
+        plane = &subsampled.insert_or_assign(name, std::move(coarse)).first->second.plane;
+      }
+    } catch (const std::bad_alloc&) {
+      throw OutOfMemory(path.string(), kHoldPixels, bytes);
     }
     frame.insert(channel, Imf::Slice::Make(Imf::FLOAT, plane->row(0), header.dataWindow(), 4, 4 * plane->stride(),
                                            step_x, step_y));
@@ -253,7 +261,7 @@ Part read_part(Imf::MultiPartInputFile& file, int index, const fs::path& path,
   } catch (const InputError&) {
     throw;
   } catch (const std::exception& error) {
-    throw InputError(fmt::format("{}: truncated or damaged: {}", path.string(), error.what()));
+    fail_exr(path, "truncated or damaged", error);
   }
   for (const auto& [name, coarse] : subsampled)
     part.planes.insert_or_assign(
@@ -264,7 +272,7 @@ Part read_part(Imf::MultiPartInputFile& file, int index, const fs::path& path,
 
 }  // namespace
 
-Layers read_exr(const fs::path& path, const std::function<bool(const std::string&)>& wanted) {
+Layers read_exr(const fs::path& path, const std::function<bool(const std::string&)>& wanted) try {
   Imf::MultiPartInputFile file = open_exr(path);
   check_own_file(file, path, {});
   const PixelWindow display = window_of(file.header(0).displayWindow());
@@ -304,9 +312,11 @@ Layers read_exr(const fs::path& path, const std::function<bool(const std::string
     }
   }
   return layers;
+} catch (const std::bad_alloc& error) {
+  fail_reading(path.string(), error);
 }
 
-Layers read_exr_state(const fs::path& path, const Task& task) {
+Layers read_exr_state(const fs::path& path, const Task& task) try {
   Imf::MultiPartInputFile file = open_exr(path);
   const Imf::Header& header = file.header(0);
   check_own_file(file, path, task);
@@ -323,12 +333,16 @@ Layers read_exr_state(const fs::path& path, const Task& task) {
     if (!state && !guide) continue;
     bytes += 4.0 * layers.width() * layers.height();
     check_exr_memory(path, bytes);
-    if (state) {
-      frame.insert(c.name(),
-                   slice(Imf::UINT, layers.add_words(c.name()).data(), static_cast<size_t>(layers.width()), data));
-    } else {
-      Plane& plane = layers.add(c.name());
-      frame.insert(c.name(), slice(Imf::FLOAT, plane.row(0), plane.stride(), data));
+    try {
+      if (state) {
+        frame.insert(c.name(),
+                     slice(Imf::UINT, layers.add_words(c.name()).data(), static_cast<size_t>(layers.width()), data));
+      } else {
+        Plane& plane = layers.add(c.name());
+        frame.insert(c.name(), slice(Imf::FLOAT, plane.row(0), plane.stride(), data));
+      }
+    } catch (const std::bad_alloc&) {
+      throw OutOfMemory(path.string(), kHoldPixels, bytes);
     }
   }
   if (layers.words().empty()) return layers;
@@ -343,12 +357,14 @@ Layers read_exr_state(const fs::path& path, const Task& task) {
   } catch (const Interrupted&) {
     throw;
   } catch (const std::exception& error) {
-    throw InputError(fmt::format("{}: truncated or damaged: {}", path.string(), error.what()));
+    fail_exr(path, "truncated or damaged", error);
   }
   return layers;
+} catch (const std::bad_alloc& error) {
+  fail_reading(path.string(), error);
 }
 
-void check_exr(const fs::path& path, const Task& task) {
+void check_exr(const fs::path& path, const Task& task) try {
   constexpr int kRows = 64;  // at a time
   Imf::MultiPartInputFile file = open_exr(path);
   check_own_file(file, path, task);
@@ -379,9 +395,11 @@ void check_exr(const fs::path& path, const Task& task) {
     } catch (const Interrupted&) {
       throw;
     } catch (const std::exception& error) {
-      throw InputError(fmt::format("{}: truncated or damaged: {}", path.string(), error.what()));
+      fail_exr(path, "truncated or damaged", error);
     }
   }
+} catch (const std::bad_alloc& error) {
+  fail_reading(path.string(), error);
 }
 
 void set_exr_threads(int threads) {

@@ -173,12 +173,14 @@ bool is_hdr(const fs::path& path) {
   return beginning.starts_with("#?RADIANCE") || beginning.starts_with("#?RGBE");
 }
 
-Layers read_hdr(const fs::path& path, const Task& task) {
+Layers read_hdr(const fs::path& path, const Task& task) try {
   std::error_code ignored;
   if (!fs::exists(path, ignored)) throw InputError(fmt::format("{}: no such file", path.string()));
   if (!fs::is_regular_file(path, ignored))
     throw InputError(fmt::format("{}: is no regular file, expected a Radiance HDR picture", path.string()));
   return HdrReader(path).read(task);
+} catch (const std::bad_alloc& error) {
+  fail_reading(path.string(), error);
 }
 
 }  // namespace brume

@@ -90,7 +90,7 @@ void write_png(const fs::path& path, const Picture& picture) {
   write_text(path, bytes);
 }
 
-Layers read_any_picture(const fs::path& path) {
+Layers read_any_picture(const fs::path& path) try {
   check_exists(path);
   if (is_hdr(path)) return read_hdr(path);
   if (path.extension() == ".exr") {
@@ -102,9 +102,12 @@ Layers read_any_picture(const fs::path& path) {
   int width = 0, height = 0, channels = 0;
   const std::unique_ptr<uint8_t, void (*)(void*)> data(stbi_load(path.c_str(), &width, &height, &channels, 3),
                                                        stbi_image_free);
+  if (!data && std::string_view(stbi_failure_reason()) == "outofmem") throw OutOfMemory(path.string(), "read it");
   if (!data) throw InputError(fmt::format("{}: not a readable picture: {}", path.string(), stbi_failure_reason()));
   return from_interleaved(data.get(), width, height,
                           [](uint8_t v) { return static_cast<float>(srgb_decode(v / 255.0)); });
+} catch (const std::bad_alloc& error) {
+  fail_reading(path.string(), error);
 }
 
 }  // namespace brume

@@ -111,7 +111,7 @@ RecordReader::RecordReader(const std::filesystem::path& path) : path_(path), str
     fail("damaged: its header's checksum differs");
 }
 
-std::vector<float> RecordReader::read(int tile) {
+std::vector<float> RecordReader::read(int tile) try {
   std::vector<float> values(layout_.block_size(tile));
   stream_.seekg(static_cast<std::streamoff>(data_begin_ + layout_.block_offset(tile) * sizeof(float)));
   stream_.read(reinterpret_cast<char*>(values.data()), static_cast<std::streamsize>(values.size() * sizeof(float)));
@@ -119,6 +119,8 @@ std::vector<float> RecordReader::read(int tile) {
   if (crc32(std::as_bytes(std::span(values))) != checksums_[1 + static_cast<size_t>(tile)])
     throw InputError(fmt::format("{}: damaged: the checksum of tile {} differs", path_.string(), tile));
   return values;
+} catch (const std::bad_alloc&) {
+  throw OutOfMemory(path_.string(), "read a tile", sizeof(float) * static_cast<double>(layout_.block_size(tile)));
 }
 
 }  // namespace brume

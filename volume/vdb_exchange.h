@@ -42,12 +42,20 @@ struct VelocityReply {
   std::vector<std::string> notes;
 };
 
+/// What the reply is: what was asked for, an error message, or the name of what memory was not enough for.
+enum class VdbOutcome : uint64_t { kAnswered, kRefused, kOutOfMemory };
+
+/// The exit status of a reader that had not even the memory to say so.
+constexpr int kReaderOutOfMemory = 12;
+
 /// The beginning of the memory file.
 struct ExchangeHeader {
   uint64_t request_offset = 0, request_size = 0;
   uint64_t reply_offset = 0, reply_size = 0;
-  uint64_t error = 0;   ///< the reply is an error message instead
-  double progress = 0;  ///< finished fraction, for the one who waits
+  VdbOutcome outcome = VdbOutcome::kAnswered;
+  uint64_t begun = 0;    ///< whether the reader has come as far as this
+  uint64_t cramped = 0;  ///< whether it may take less memory than a whole file of this size can need
+  double progress = 0;   ///< finished fraction, for the one who waits
 };
 
 /// Answers the request in `file` with what it asks for or with an error message, for the reading process alone: while

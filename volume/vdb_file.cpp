@@ -72,23 +72,34 @@ class ParsingLimits {
   explicit ParsingLimits(uint64_t file_bytes) {
     const double bytes = 5e8 + 128.0 * static_cast<double>(file_bytes);
     const double seconds = cpu_seconds() + 10 + 1e-6 * static_cast<double>(file_bytes);
-    set(RLIMIT_DATA, data_bytes() + std::min(bytes, physical_memory()), memory_);
+    const double data = used_bytes(kDataColumn);
+    cramped_ = bytes > std::min({physical_memory(), most(RLIMIT_DATA) - data, most(RLIMIT_AS) - used_bytes(1)});
+    set(RLIMIT_DATA, data + std::min(bytes, physical_memory()), memory_);
     set(RLIMIT_CPU, seconds, processor_);
   }
   ~ParsingLimits() {
     setrlimit(RLIMIT_DATA, &memory_);
     setrlimit(RLIMIT_CPU, &processor_);
   }
+  /// Whether the machine, or limits that held before, allow less than a file of this size can honestly need.
+  bool cramped() const { return cramped_; }
   ParsingLimits(const ParsingLimits&) = delete;
   ParsingLimits& operator=(const ParsingLimits&) = delete;
 
  private:
-  /// Writable memory that this process has mapped: what the limit counts.
-  static double data_bytes() {
+  /// Memory that this process has mapped: all of it (column 1), or what is writable, which RLIMIT_DATA counts.
+  static constexpr int kDataColumn = 6;
+  static double used_bytes(int column) {
     std::ifstream stream("/proc/self/statm");
     double pages = 0;
-    for (int column = 0; column < 6; ++column) stream >> pages;
+    for (int i = 0; i < column; ++i) stream >> pages;
     return pages * static_cast<double>(sysconf(_SC_PAGESIZE));
+  }
+  static double most(int resource) {
+    rlimit limit{};
+    getrlimit(static_cast<__rlimit_resource>(resource), &limit);
+    return limit.rlim_cur == RLIM_INFINITY ? std::numeric_limits<double>::infinity()
+                                           : static_cast<double>(limit.rlim_cur);
   }
   static void set(int resource, double most, rlimit& before) {
     getrlimit(static_cast<__rlimit_resource>(resource), &before);
@@ -97,11 +108,13 @@ class ParsingLimits {
     setrlimit(static_cast<__rlimit_resource>(resource), &now);
   }
   rlimit memory_{}, processor_{};
+  bool cramped_ = false;
 };
 
 /// One request being answered.
 struct Reading {
   MemoryFile& memory;  ///< where bricks go
+  ExchangeHeader& header;
   Task task;
   std::optional<ParsingLimits> limits = {};
 };
@@ -115,6 +128,7 @@ std::unique_ptr<openvdb::io::File> open(Reading& reading, const fs::path& path) 
   if (!fs::is_regular_file(path, error)) fail(path, "is no regular file, expected an OpenVDB file");
   const uint64_t size = fs::file_size(path, error);
   reading.limits.emplace(size);
+  reading.header.cramped = reading.limits->cramped();
   char magic[4] = {};
   std::ifstream(path, std::ios::binary).read(magic, 4);
   if (std::string_view(magic, 4) != std::string_view(" BDV", 4))
@@ -535,6 +549,8 @@ void write_grid(const fs::path& path, const fs::path& part, const openvdb::Float
     stream.close();
   } catch (const std::ios::failure&) {
     fail(path, fmt::format("cannot be written: {}", std::strerror(errno)));
+  } catch (const std::bad_alloc&) {
+    throw OutOfMemory(path.string(), "write it");
   } catch (const std::exception& error) {
     fail(path, fmt::format("cannot be written: {}", error.what()));
   }
@@ -621,18 +637,28 @@ void answer(Reading& reading, VdbRequest& request, Packer& pack) {
 
 /// The same; what goes wrong becomes a message.
 /// @return the message; empty when all went well
-std::string answer_or_explain(Reading& reading, VdbRequest& request, Packer& pack) {
+std::string answer_or_explain(Reading& reading, VdbRequest& request, Packer& pack, VdbOutcome& outcome) {
   const auto message = [&](const std::string& what) { return fmt::format("{}: {}", request.path, what); };
+  outcome = VdbOutcome::kRefused;
   try {
     answer(reading, request, pack);
+    outcome = VdbOutcome::kAnswered;
     return {};
   } catch (const InputError& error) {
     return error.what();
   } catch (const std::bad_alloc&) {
-    return message("damaged, or too large for this machine: reading it asks for more memory than its size allows");
+    if (reading.limits && !reading.header.cramped)
+      return message("damaged: reading it asks for more memory than a file of its size can need");
+    outcome = VdbOutcome::kOutOfMemory;
+    return request.path;
   } catch (const std::ios::failure&) {
     return message("truncated or damaged: the file ends where its contents go on");
   } catch (const std::exception& error) {
+    // What TBB throws for a thread that cannot be started.
+    if (std::string_view(error.what()).find("pthread_create") != std::string_view::npos) {
+      outcome = VdbOutcome::kOutOfMemory;
+      return request.path;
+    }
     return message(
         fmt::format("damaged, or not readable by OpenVDB {}: {}", openvdb::getLibraryVersionString(), error.what()));
   }
@@ -643,6 +669,7 @@ std::string answer_or_explain(Reading& reading, VdbRequest& request, Packer& pac
 void answer_vdb_request(MemoryFile& file) {
   const Mapping beginning(file, 0, sizeof(ExchangeHeader), /*writable=*/true);
   auto& header = *reinterpret_cast<ExchangeHeader*>(beginning.data());
+  header.begun = 1;
   VdbRequest request;
   {
     Unpacker unpack(std::make_shared<Mapping>(file, 0, file.size(), /*writable=*/false), header.request_offset,
@@ -650,12 +677,13 @@ void answer_vdb_request(MemoryFile& file) {
     unpack(request);
   }
   const auto report = [&](double fraction) { std::atomic_ref(header.progress).store(fraction); };
-  Reading reading{file, {request.threads, report, nullptr}};
+  Reading reading{file, header, {request.threads, report, nullptr}};
   Packer reply(file), explanation(file);
-  std::string message = answer_or_explain(reading, request, reply);
+  VdbOutcome outcome{};
+  std::string message = answer_or_explain(reading, request, reply, outcome);
   reading.limits.reset();
   explanation(message);
-  header.error = !message.empty();
+  header.outcome = outcome;
   const std::string& bytes = message.empty() ? reply.bytes() : explanation.bytes();
   header.reply_offset = file.append(std::as_bytes(std::span(bytes)));
   header.reply_size = bytes.size();

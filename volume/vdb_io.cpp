@@ -63,7 +63,6 @@ fs::path find_reader() {
 std::string cause(const ChildEnd& end) {
   if (end.stalled) return "OpenVDB came to a standstill over it";
   if (end.signal == SIGXCPU) return "OpenVDB took far longer over it than its size allows";
-  if (end.signal == SIGKILL) return "the system stopped OpenVDB over it, out of memory perhaps";
   if (end.signal != 0) return fmt::format("OpenVDB crashed on it ({})", strsignal(end.signal));
   return fmt::format("OpenVDB ended on it with status {}", end.status);
 }
@@ -75,14 +74,24 @@ void run_reader(const VdbRequest& request, const MemoryFile& file, ExchangeHeade
   const ChildEnd end = run_child(find_reader(), {}, file.descriptor(), task, kStallSeconds, report);
   // What a terminal sends reaches the reader too, perhaps before it has begun to ignore it.
   if (end.signal == SIGINT || end.signal == SIGTERM || end.signal == SIGHUP) throw Interrupted();
-  const char* const failed = request.kind == VdbRequest::Kind::kWrite ? "cannot be written" : "damaged";
+  // Its libraries are not loaded, or one of them gives up before the program begins.
+  constexpr int kNotLoaded = 127;
+  if (!header.begun && (end.status == kNotLoaded || end.signal == SIGABRT))
+    fail(request.path, fmt::format("cannot be read: {} does not start, for lack of memory or of a library", kReader));
+  if (end.status == kReaderOutOfMemory) throw OutOfMemory(request.path, "read it");
+  if (end.signal == SIGKILL && !end.stalled)
+    throw OutOfMemory(fmt::format("{}: {}? The system stopped OpenVDB over it, out of memory perhaps", request.path,
+                                  kNotEnoughMemory));
+  const char* const failed = request.kind == VdbRequest::Kind::kWrite ? "cannot be written"
+                             : header.cramped                         ? "not enough memory to read it, or damaged"
+                                                                      : "damaged";
   if (end.signal != 0 || end.status != 0) fail(request.path, fmt::format("{}: {}", failed, cause(end)));
 }
 
 /// Has a file read by a process of its own, which a damaged one may crash, and takes over what that leaves in memory.
 /// @param file  begins with room for the header
 template <class Result>
-Result ask(VdbRequest& request, MemoryFile& file, const Task& task) {
+Result ask(VdbRequest& request, MemoryFile& file, const Task& task) try {
   request.threads = task.threads;
   const Mapping beginning(file, 0, sizeof(ExchangeHeader), /*writable=*/true);
   auto& header = *new (beginning.data()) ExchangeHeader();
@@ -99,9 +108,10 @@ Result ask(VdbRequest& request, MemoryFile& file, const Task& task) {
   try {
     Unpacker unpack(std::make_shared<Mapping>(file, 0, file.size(), /*writable=*/false), header.reply_offset,
                     header.reply_size);
-    if (header.error) {
+    if (header.outcome != VdbOutcome::kAnswered) {
       std::string message;
       unpack(message);
+      if (header.outcome == VdbOutcome::kOutOfMemory) throw OutOfMemory(message, "read it");
       throw InputError(message);
     }
     Result result{};
@@ -111,6 +121,8 @@ Result ask(VdbRequest& request, MemoryFile& file, const Task& task) {
   } catch (const std::out_of_range& error) {
     fail(request.path, fmt::format("damaged: its reader left no answer ({})", error.what()));
   }
+} catch (const std::bad_alloc& error) {
+  fail_reading(request.path, error);
 }
 
 template <class Result>

@@ -42,6 +42,8 @@ toml::value parse_toml(std::istream& stream, const std::string& name) {
     std::string text = error.what();
     if (text.starts_with("[error] ")) text.erase(0, 8);
     throw InputError(text);
+  } catch (const std::bad_alloc& error) {
+    fail_reading(name, error);
   } catch (const std::exception& error) {
     throw InputError(fmt::format("{}: {}", name, error.what()));
   }

@@ -205,7 +205,7 @@ class PlyReader {
 
 }  // namespace
 
-TriangleMesh load_mesh(const fs::path& path, const dmat4& world_from_object) {
+TriangleMesh load_mesh(const fs::path& path, const dmat4& world_from_object) try {
   std::error_code error;
   if (!fs::exists(path, error)) fail(path, "no such file");
   if (fs::is_directory(path, error)) fail(path, "is a folder, expected a mesh (OBJ or PLY)");
@@ -259,6 +259,8 @@ TriangleMesh load_mesh(const fs::path& path, const dmat4& world_from_object) {
   if (glm::determinant(dmat3(world_from_object)) < 0)
     for (ivec3& t : mesh.triangles) std::swap(t.y, t.z);
   return mesh;
+} catch (const std::bad_alloc& error) {
+  fail_reading(path.string(), error);
 }
 
 }  // namespace brume

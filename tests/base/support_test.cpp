@@ -1,4 +1,6 @@
 #include <gtest/gtest.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
 #include <atomic>
 #include <csignal>
@@ -35,6 +37,42 @@ TEST(OutputFile, AppearsWholeOrNotAtAll) {
   write_text(path, "whole");
   EXPECT_EQ(test::read_file(path), "whole");
   EXPECT_THROW(write_text(folder / "no/such/folder.txt", "x"), InputError);
+}
+
+TEST(OutputFile, WritersOfOneFileDoNotMeet) {
+  const test::TemporaryFolder folder;
+  const auto path = folder / "out.txt";
+  {
+    OutputFile a(path), b(path);
+    EXPECT_NE(a.part(), b.part());
+    std::ofstream(a.part()) << "whole a";
+    std::ofstream(b.part()) << "whole b";
+    b.commit();
+    EXPECT_EQ(test::read_file(path), "whole b");
+    a.commit();
+    EXPECT_EQ(test::read_file(path), "whole a");
+  }
+  EXPECT_FALSE(test::has_half_written(folder.path()));
+}
+
+TEST(OutputFile, WhatAKilledProcessHasLeftIsRemovedByTheNextWriter) {
+  const test::TemporaryFolder folder;
+  const auto path = folder / "out.txt";
+  const pid_t child = fork();
+  if (child == 0) {
+    const OutputFile file(path);
+    std::ofstream(file.part()) << "half";
+    _exit(0);
+  }
+  waitpid(child, nullptr, 0);
+  EXPECT_TRUE(test::has_half_written(folder.path()));
+  test::write_file(folder / "out.txt.another-machine.1.00000000.part", "being written");
+  const OutputFile living(path);
+  std::ofstream(living.part()) << "being written";
+  write_text(path, "whole");
+  EXPECT_TRUE(std::filesystem::exists(living.part()));
+  EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder.path()), {}), 3)
+      << "the file, and what a living process and another machine are writing";
 }
 
 TEST(ParallelFor, CallsEachIndexOnceReportsToOneAndStops) {

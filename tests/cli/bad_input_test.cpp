@@ -271,7 +271,7 @@ TEST_F(BadInput, KilledInTheMiddleOfACheckpoint) {
   for (int i = 0; i < 4; ++i) {
     test::RunningProgram program(render + "--checkpoint-every 0.001 --spp 16777216 -o " + path("out.exr"));
     ASSERT_TRUE(program.wait_until([&] {
-      return std::filesystem::exists(path("c.exr")) && std::filesystem::exists(path("c.exr.part"));
+      return std::filesystem::exists(path("c.exr")) && test::has_half_written(folder_.path());
     })) << program.err();
     program.send(SIGKILL);
     EXPECT_EQ(program.finish().status, 128 + SIGKILL);
@@ -287,7 +287,7 @@ TEST_F(BadInput, AFullDisk) {
        {std::pair("render " + kScene + " -q -D film.width=64 -D film.height=64 --spp 1 -o ", path("out.exr")),
         {"generate cloud -q --resolution 64 -o ", path("cloud.vdb")},
         {"halve -q " + kCloud + " -o ", path("half.vdb")}}) {
-    test::make_disk_full_for(output);
+    const test::FullDisk full(output);
     expect_refused(command + output, {output + ": cannot be written: No space left on device"});
     EXPECT_FALSE(std::filesystem::exists(output));
     expect_nothing_written();

@@ -66,7 +66,7 @@ class Frames : public testing::Test {
     const auto r = run_brume("denoise " + in + " -o " + out + " " + options);
     EXPECT_EQ(r.status, 2) << r.err;
     EXPECT_FALSE(std::filesystem::exists(out));
-    EXPECT_FALSE(std::filesystem::exists(out + ".part"));
+    EXPECT_FALSE(test::has_half_written(folder_.path()));
     return r.err;
   }
   /// Everything is as it was but these layers of colours, and what says so in the header.

@@ -83,7 +83,7 @@ TEST_F(Kills, ACleanFrameToo) {
   expect_undisturbed("--spp 1000 --clean");
 }
 TEST_F(Kills, RoundsThatEndByTheCleanErrorToo) {
-  expect_undisturbed("--clean --target-error 0.0011");
+  expect_undisturbed("--clean --target-error 0.004");
 }
 
 TEST_F(Kills, ATargetErrorIsReached) {

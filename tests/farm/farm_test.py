@@ -43,8 +43,13 @@ def check(condition, message):
         raise AssertionError(message)
 
 
+def as_path(word):
+    return word if isinstance(word, (bytes, os.PathLike)) else str(word)
+
+
 def brume(*words, environment=None, status=0):
-    result = subprocess.run([BRUME, *map(str, words)], env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    result = subprocess.run([BRUME, *map(os.fsencode, map(as_path, words))], env=environment, stdout=subprocess.PIPE,
+                            stderr=subprocess.PIPE, text=True, errors="replace")
     if status is not None:
         check(result.returncode == status, f"brume {' '.join(map(str, words))} ended with {result.returncode}:\n{result.stderr}")
     return result
@@ -174,6 +179,14 @@ def a_node_without_disk(shot, reference):
     shot.check_complete(reference)
 
 
+def the_status_says_why(shot):
+    """What fails on n2 and is not retried."""
+    shot.submit()
+    shot.wait()
+    failed = [entry for stage in shot.status()["stages"].values() for entry in stage["failed"]]
+    check(failed and all("File too large" in entry["why"] for entry in failed), f"{failed}\n{shot.logs()}")
+
+
 def goes_on_from_its_checkpoint(shot, reference, cluster):
     """Slurm puts a running part back into the queue: it stops with a checkpoint and goes on from it."""
     shot.submit()
@@ -212,6 +225,135 @@ def parts_of_others_are_named(shot, cluster):
     check("is rendered again: camera.fov is 30 in the file" in log, log)
 
 
+# What a folder may hold that shells, sbatch or its names of logs take for something else.
+ODD = ["a b", " a", "a ", "a\tb", "it's", 'a"b', "$(touch pwned)", "`touch pwned`", "$HOME", "a%jb", "%a%A%x", "%%", "100%", "~a",
+       "-a", "a;b&c|d", "<a>", "a*b?[1]{2}!", "a=b,c:d@e^f(g)", "$FF", "é雲", "x" * 200]
+# What one of them cannot hold, and what is said of it.
+REFUSED = [("a\nb", "holds a line break"), ("a\rb", "holds a line break"), ("a\x1bb", "control character"),
+           ("a\\b", "backslash"), ("ab\\", "backslash"), ("a####b", "a place for a frame's number"),
+           ("a#b", "a place for a frame's number"), ("a$Fb.$F", "a place for a frame's number"),
+           ("a$F4", "a place for a frame's number"), ("a%04d", "a place for a frame's number"),
+           (b"a\xe9b", "is not UTF-8"), ("/".join(["x" * 200] * 18), "expected at most 3500")]
+
+
+def odd_names(cluster, folder):
+    """Every folder either works to the end or is refused before anything is written."""
+    environment = dict(cluster.environment, BRUME_PAUSE="1")
+    inside = folder / "odd"
+    inside.mkdir()
+    (inside / "v.0001.vdb").symlink_to(folder / "v.0001.vdb")
+    # The shot is named by the file, where the scene's name has characters that no file's name should have.
+    scene = inside / "it's a $(touch pwned) \"scene\" of 100 %.toml"
+    scene.write_text(SCENE.replace('name = "shot"', 'name = "two words"'))
+    small = ["--frames", 1, "--spp", 2, "--layers", "direct,indirect", "--threads", 1, "-D", "film.width=8", "-D", "film.height=8"]
+    for name in ODD:
+        brume("submit", "slurm", scene, *small, "--retries", 0, "--sbatch=--comment=two #words", "-o", inside / "shots" / name,
+              environment=environment)
+    everything = inside / "shots" / "".join(ODD[:-1])[:200]
+    brume("submit", "slurm", scene, *small, "--parts", 2, "--clean", "--clean-filter", "gaussian", "-o", everything,
+          environment=environment)
+    before = sorted(path for path in inside.rglob("*"))
+    for name, why in REFUSED:
+        to = os.path.join(os.fsencode(inside / "shots"), os.fsencode(name))
+        for action in ["slurm"] if why == "backslash" else ["slurm", "commands", "opencue"]:
+            result = brume("submit", action, scene, *small, "-o", to, environment=environment, status=2)
+            check(why in result.stderr and result.stderr.count("\n") == 1 and not result.stdout, f"{name!r}: {result.stderr}")
+            check(not os.path.exists(to), f"{name!r} was made")
+    elsewhere = inside / "shots" / "never"
+    for words in [("-D", "film.width=8\n"), ("--sbatch=--comment=a\ntouch pwned",), ("--sbatch=a",), ("--time=1\n2",),
+                  ("--program", "a\nb")]:
+        result = brume("submit", "slurm", scene, *small, "-o", elsewhere, *words, environment=environment, status=2)
+        check(result.stderr.count("\n") == 1, result.stderr)
+    lines = inside / "two\nlines.toml"
+    lines.write_text(SCENE)
+    result = brume("submit", "slurm", lines, *small, "-o", elsewhere, environment=environment, status=2)
+    check("two\\x0alines.toml: holds a line break" in result.stderr, result.stderr)
+    check(not elsewhere.exists(), "something was written")
+    Shot(cluster, folder, "odd").wait()
+    for name in ODD + [everything.name]:
+        shot = inside / "shots" / name
+        status = json.loads(brume("submit", "status", shot, "--json", environment=environment, status=None).stdout)
+        check(status["complete"], f"{name!r}: {json.dumps(status)}")
+        check((shot / "rounds/1/render.0.log").exists(), f"{name!r}: its log lies elsewhere")
+    check(not [path for path in inside.rglob("pwned")] and not os.path.exists("pwned"), "a name was executed")
+
+
+def what_never_began_has_failed(shot, cluster):
+    """Tasks that end before they write a word: cancelled, here, while they wait."""
+    cluster.drain("n1"), cluster.drain("n2")
+    jobs = shot.submit()
+    cluster.run("scancel", *jobs.values())
+    shot.wait()
+    cluster.resume("n1"), cluster.resume("n2")
+    status = shot.status()["stages"]
+    failed = [entry for stage in status.values() for entry in stage["failed"]]
+    check(len(failed) == len(FRAMES) * (PARTS + 1), f"{json.dumps(status)}")
+    why = f"never began: job {jobs['render']} was cancelled, or could not be started; ask sacct -j {jobs['render']}"
+    check(status["render"]["failed"][0]["why"] == why, f"{status['render']['failed'][0]}")
+
+
+def one_submitter_at_a_time(shot):
+    """The first is held in its call of sbatch while others try."""
+    bin_folder = shot.scene.parent / "bin"
+    bin_folder.mkdir()
+    sbatch = bin_folder / "sbatch"
+    sbatch.write_text(f"#!/bin/sh\ntouch '{bin_folder}/called'\nwhile [ ! -e '{bin_folder}/go' ]; do sleep 0.1; done\n"
+                      f"exec {slurm_cluster.find('sbatch')} \"$@\"\n")
+    sbatch.chmod(0o755)
+    slowly = dict(shot.environment, PATH=f"{bin_folder}:{shot.environment['PATH']}")
+    words = ["submit", "slurm", shot.scene, "--frames", "1-4", "--spp", shot.spp, "--layers", "direct,indirect", "--threads", 1,
+             "-o", shot.folder]
+    first = subprocess.Popen([BRUME, *map(str, words)], env=slowly, stdout=subprocess.PIPE, text=True)
+    try:
+        shot.wait(lambda: (bin_folder / "called").exists())
+        for refused in [words, ["submit", "resume", shot.folder], ["submit", "commands", shot.folder]]:
+            second = brume(*refused, environment=shot.environment, status=2)
+            check(f"is being submitted by {os.uname().nodename}, process {first.pid}, since 2" in second.stderr, second.stderr)
+    finally:
+        (bin_folder / "go").touch()
+        out = first.communicate()[0]
+    check(first.returncode == 0, f"the first was not taken: {first.returncode}")
+    check(not (shot.folder / "submit.lock").exists(), "its lock is left")
+    check(len(list((shot.folder / "rounds").iterdir())) == 1, "two rounds were planned")
+    shot.wait()
+    check(shot.status()["complete"], shot.logs() + out)
+
+
+def its_lock_goes_with_a_submitter_that_fails(shot):
+    """When sbatch refuses, and when Ctrl-C comes while it works."""
+    bin_folder = shot.scene.parent / "bin_failing"
+    bin_folder.mkdir()
+    sbatch = bin_folder / "sbatch"
+    environment = dict(shot.environment, PATH=f"{bin_folder}:{shot.environment['PATH']}")
+    words = ["submit", "slurm", shot.scene, "--frames", "1-4", "-o", shot.folder]
+    lock = shot.folder / "submit.lock"
+    sbatch.write_text("#!/bin/sh\necho no such partition; exit 1\n")
+    sbatch.chmod(0o755)
+    refused = brume(*words, environment=environment, status=2)
+    check("no such partition" in refused.stderr and not lock.exists(), refused.stderr)
+    sbatch.write_text(f"#!/bin/sh\ntouch '{bin_folder}/called'\nexec sleep 1000\n")
+    stopped = subprocess.Popen([BRUME, *map(str, words)], env=environment, stderr=subprocess.DEVNULL, start_new_session=True)
+    shot.wait(lambda: (bin_folder / "called").exists())
+    check(lock.exists(), "it holds no lock")
+    os.killpg(stopped.pid, signal.SIGINT)
+    check(stopped.wait(60) != 0 and not lock.exists(), "its lock is left")
+
+
+def commands_run_three_times_at_once(shot):
+    """Every line of a plan, by three shells in one moment: no one fails, and the frame is whole."""
+    brume("submit", "commands", shot.scene, "--frames", 1, "--parts", 2, "--spp", 2, "--layers", "direct,indirect", "-o",
+          shot.folder, "--keep-parts")
+    # Of what is missing: nothing is yet.
+    lines = brume("submit", "commands", shot.folder).stdout.splitlines()
+    check(len(lines) == 4 and all("BRUME_WRITER=" in line for line in lines if line), "\n".join(lines))
+    for line in filter(None, lines):
+        together = subprocess.run(["sh", "-c", f"for i in 1 2 3; do ({line}) & done; s=0; for i in $(jobs -p); do wait $i || s=1; done; exit $s"],
+                                  stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        check(together.returncode == 0, f"{line}\n{together.stdout}")
+    check(shot.status()["complete"], "the frame is not complete")
+    check(not list(shot.folder.rglob("*.part")), "something is left half written")
+
+
 def main():
     folder = pathlib.Path(tempfile.mkdtemp(prefix="brume_farm_"))
     try:
@@ -237,6 +379,12 @@ def main():
 
         with slurm_cluster.Cluster(folder / "slurm") as cluster:
             told("one array per stage", lambda: one_array_per_stage(Shot(cluster, folder, "none")))
+            told("odd names", lambda: odd_names(cluster, folder))
+            told("what never began", lambda: what_never_began_has_failed(Shot(cluster, folder, "cancelled"), cluster))
+            told("one submitter at a time", lambda: one_submitter_at_a_time(Shot(cluster, folder, "twice", spp=2)))
+            told("the lock goes with a submitter that fails", lambda: its_lock_goes_with_a_submitter_that_fails(
+                Shot(cluster, folder, "failing")))
+            told("commands three times at once", lambda: commands_run_three_times_at_once(Shot(cluster, folder, "thrice")))
             told("the bits of one machine", lambda: ends_with_the_bits_of_one_machine(
                 Shot(cluster, folder, "plain", options=["--clean", "--clean-filter", "gaussian"]), reference))
             told("a part killed, a node drained, a part cut off, the controller restarted", lambda:
@@ -246,6 +394,8 @@ def main():
             told("parts of another scene", lambda: parts_of_others_are_named(
                 Shot(cluster, folder, "foreign", options=["--keep-parts"]), cluster))
         with slurm_cluster.Cluster(folder / "full", limits={"n2": "-f 40"}) as cluster:
+            told("the status says why", lambda: the_status_says_why(
+                Shot(cluster, folder, "why", parts=1, options=["--retries", 0])))
             told("a node without disk", lambda: a_node_without_disk(Shot(cluster, folder, "full_node"), reference))
     except slurm_cluster.CannotStart as reason:
         print(f"skipped: {reason}")

@@ -2,11 +2,20 @@
 
 #include "farm/plan.h"
 
+#include <fmt/format.h>
 #include <gtest/gtest.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <atomic>
+#include <optional>
+#include <thread>
 
 #include "base/error.h"
+#include "base/host.h"
 #include "farm/opencue.h"
 #include "farm/slurm.h"
+#include "farm/submit_lock.h"
 #include "image/exr_io.h"
 #include "tests/support/files.h"
 
@@ -122,6 +131,32 @@ TEST_F(Farm, WhatIsDamagedOrOfAnotherShotIsNamedAndDoneAgain) {
   refused("the program version is brume older in the file, brume test in the shot");
 }
 
+TEST_F(Farm, TooLittleMemoryIsNotDamage) {
+  // A merge that ended for it is not a reason to hold its parts against the scene.
+  for (int part = 1; part <= shot_.parts; ++part) write(shot_.part(1, part), 1, 10 * (part - 1) / 4, 10 * part / 4);
+  EXPECT_EQ(left("render").size(), 8u);
+  for (const auto& [why, commands] : {std::pair("a and b are not parts of one render", 12u),
+                                      {"a.exr: not enough memory to read it, which takes at least 3 GB", 8u}}) {
+    test::write_file(shot_.log("merge.0001"), std::string("brume task: begun in round 1 on n7\nbrume: ") + why +
+                                                  "\nbrume task: ended with 2 after 5 s\n");
+    EXPECT_EQ(left("render").size(), commands) << why;
+  }
+  if (!test::can_limit_memory()) GTEST_SKIP() << "memory cannot be limited here";
+  {
+    Layers large(8192, 256);
+    for (const char* name : {"R", "G", "B", "A", "Z"}) large.add(name, 0.5f);
+    const Layers small = read_exr((write(shot_.frame(1), 1, 0, 10), shot_.frame(1)));
+    large.header = small.header;
+    write_exr(shot_.frame(1), large);
+  }
+  for (size_t bytes = size_t{1} << 16; bytes < size_t{1} << 28; bytes *= 2) {
+    const int found =
+        test::status_with_memory(bytes, [&] { return examine(shot_, true).frames.at(1).empty() ? 0 : 1; });
+    EXPECT_TRUE(found == 0 || found == test::kOutOfMemory) << "with " << bytes << " bytes: " << found;
+  }
+  EXPECT_TRUE(examine(shot_, true).frames.at(1).empty());
+}
+
 TEST_F(Farm, TimesOfFilesMeanNothing) {
   write(shot_.frame(1), 1, 0, 10);
   write(shot_.clean(1), 1, 0, 10, "gaussian");
@@ -182,6 +217,115 @@ TEST_F(Farm, LogsTellWhoDidWhatAndWhy) {
   EXPECT_EQ(log.percent, 70);
 }
 
+TEST_F(Farm, TheReasonIsTheLastMessageOfTheLastAttempt) {
+  const auto reason = [&](const std::string& said) {
+    test::write_file(shot_.log("render.0001.00002"),
+                     "brume task: begun in round 1 on n7\nbrume: no space\nbrume task: ended with 2 after 5 s\n"
+                     "brume: merged beside it\nbrume task: begun in round 2 on n8\n" +
+                         said + "brume task: ended with 1 after 1 s\nbrume: merged beside it\n");
+    return read_log(shot_, "render.0001.00002").reason;
+  };
+  EXPECT_EQ(
+      reason("brume: note: 3 %, 9 s left\nbrume: f.exr: No space left on device\nbrume: render s: 30 %, 4 s left\n"),
+      "f.exr: No space left on device");
+  EXPECT_EQ(reason("brume: f.exr: fills the disk to 100 %: No space left on device\n"),
+            "f.exr: fills the disk to 100 %: No space left on device");
+  EXPECT_EQ(reason("brume: s.toml: unknown key\n --> s.toml\n   |\n 3 | k = 1\n   | ^ here\n\n"),
+            "s.toml: unknown key");
+  EXPECT_EQ(reason("sh: 1: exec: /opt/brume: not found\n"), "sh: 1: exec: /opt/brume: not found");
+  EXPECT_EQ(reason(""), "") << "of an earlier attempt";
+}
+
+TEST_F(Farm, WhatCommandsOrScriptsCannotHoldIsRefused) {
+  EXPECT_NO_THROW(shot_.check());
+  const auto refused = [&](const auto& change, const std::string& why, bool by_slurm_alone = false) {
+    Shot shot = shot_;
+    SlurmOptions options;
+    change(shot, options);
+    if (by_slurm_alone) {
+      EXPECT_NO_THROW(shot.check());
+    }
+    try {
+      shot.check();
+      check_slurm(shot, options);
+      ADD_FAILURE() << "taken; expected: " << why;
+    } catch (const InputError& error) {
+      EXPECT_NE(std::string(error.what()).find(why), std::string::npos) << error.what();
+    }
+  };
+  refused([](Shot& s, auto&) { s.folder = "/a\nb"; }, "/a\\x0ab: holds a line break");
+  refused([](Shot& s, auto&) { s.scene = "/a\rb"; }, "the scene /a\\x0db: holds a line break");
+  refused([](Shot& s, auto&) { s.brume = "/a\x1b"; }, "the program /a\\x1b: holds");
+  refused([](Shot& s, auto&) { s.overrides = {"a=1\n"}; }, "-D a=1\\x0a: holds");
+  refused([](Shot& s, auto&) { s.folder = "/a/sh\xe9t"; }, "is not UTF-8");
+  refused([](Shot& s, auto&) { s.folder = "/a/####"; }, "holds a place for a frame's number");
+  refused([](Shot& s, auto&) { s.name = "a$F"; }, "holds a place for a frame's number");
+  refused([](Shot& s, auto&) { s.name = std::string(129, 'x'); }, "has 129 bytes; expected at most 128");
+  refused([](Shot& s, auto&) { s.folder = "/a/b\\"; }, "backslash", true);
+  refused([](Shot&, SlurmOptions& o) { o.sbatch = {"--comment=a\ntouch b"}; },
+          "--sbatch --comment=a\\x0atouch b: holds", true);
+  refused([](Shot&, SlurmOptions& o) { o.sbatch = {"render"}; }, "expected an option of sbatch", true);
+  refused([](Shot&, SlurmOptions& o) { o.time = "1\n2"; }, "--time 1\\x0a2: holds", true);
+}
+
+TEST_F(Farm, OneSubmitterHoldsTheLock) {
+  const fs::path file = shot_.folder / "submit.lock";
+  const auto refusal = [&] {
+    try {
+      const SubmitLock lock(shot_.folder, false);
+    } catch (const InputError& error) {
+      return std::string(error.what());
+    }
+    return std::string();
+  };
+  {
+    const SubmitLock lock(shot_.folder, false);
+    EXPECT_NE(refusal().find(fmt::format("is being submitted by {}, process {}, since 2", host_name(), getpid())),
+              std::string::npos)
+        << refusal();
+    EXPECT_NE(refusal().find("wait for it"), std::string::npos) << refusal();
+  }
+  EXPECT_FALSE(fs::exists(file));
+  // As another machine holds it; as a process of this one left it that is gone.
+  test::write_file(file, "render7 4711 2026-01-02T03:04:05Z\n");
+  EXPECT_NE(refusal().find("by render7, process 4711, since 2026-01-02T03:04:05Z; wait for it"), std::string::npos)
+      << refusal();
+  const pid_t child = fork();
+  if (child == 0) _exit(0);
+  waitpid(child, nullptr, 0);
+  test::write_file(file, fmt::format("{} {} 2026-01-02T03:04:05Z\n", host_name(), child));
+  EXPECT_NE(refusal().find("that process is gone, and --break-lock goes on without it"), std::string::npos)
+      << refusal();
+  EXPECT_TRUE(fs::exists(file));
+  {
+    const SubmitLock first(shot_.folder, true);
+    EXPECT_EQ(first.broken(), fmt::format("{}, process {}, since 2026-01-02T03:04:05Z", host_name(), child));
+    // Broken, the first does not take away the lock of who broke it.
+    test::write_file(file, "render7 4711 2026-01-02T03:04:05Z\n");
+  }
+  EXPECT_TRUE(fs::exists(file));
+}
+
+TEST_F(Farm, OfSubmittersAtOnceOneHoldsTheLock) {
+  std::atomic<int> holders{0}, refused{0}, ready{0};
+  std::vector<std::thread> threads;
+  for (int i = 0; i < 8; ++i)
+    threads.emplace_back([&] {
+      std::optional<SubmitLock> lock;
+      try {
+        lock.emplace(shot_.folder, false);
+        ++holders;
+      } catch (const InputError&) {
+        ++refused;
+      }
+      // Nobody gives it up before all have tried.
+      for (++ready; ready < 8;) std::this_thread::yield();
+    });
+  for (std::thread& thread : threads) thread.join();
+  EXPECT_EQ(holders, 1);
+  EXPECT_EQ(refused, 7);
+}
+
 TEST_F(Farm, ANodeWhereMostFailsIsLeftOut) {
   const fs::path round = write_round(shot_, plan(shot_));
   EXPECT_EQ(round.filename(), "1");
@@ -215,6 +359,13 @@ TEST_F(Farm, OpenCueGetsALayerForEachStage) {
             std::string::npos)
       << outline;
   EXPECT_NE(outline.find("merge.depend_all(render)"), std::string::npos) << outline;
+}
+
+TEST_F(Farm, OpenCueHandsWordsToAShell) {
+  shot_.folder = "/it's a \"shot\"";
+  const std::string outline = opencue_outline(shot_, plan(shot_), shot_.folder / "rounds/1");
+  EXPECT_NE(outline.find(R"(command=["sh", "'/it'\\''s a \"shot\"/rounds/1/run.sh'", "render")"), std::string::npos)
+      << outline;
 }
 
 TEST(ShellWord, IsTakenAsItIs) {

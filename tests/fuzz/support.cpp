@@ -33,6 +33,8 @@ int read_as_file(const uint8_t* data, size_t size, const std::string& extension,
     read(path);
   } catch (const InputError& error) {
     if (std::string(error.what()).size() < 10) std::abort();
+  } catch (const OutOfMemory&) {
+    // A header may ask for more than there is.
   }
   return 0;
 }

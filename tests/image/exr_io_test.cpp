@@ -53,6 +53,37 @@ TEST(Exr, EveryValueAndAttributeSurvives) {
   EXPECT_EQ(read_exr_info(folder / "a.exr").channels.size(), 2u);
 }
 
+// From hardly any memory to enough of it: a whole file is read, or said not to fit.
+TEST(Exr, TooLittleMemoryIsNotDamage) {
+  if (!test::can_limit_memory()) GTEST_SKIP() << "memory cannot be limited here";
+  const test::TemporaryFolder folder;
+  const std::filesystem::path path = folder / "large.exr";
+  {
+    Layers frame(4096, 256);
+    for (const char* name : {"R", "G", "B", "A", "guide.x", "guide.y"}) frame.add(name, 0.5f);
+    frame.add_words("state.x");
+    write_exr(path, frame);
+  }
+  const std::pair<const char*, std::function<void()>> readers[] = {{"info", [&] { read_exr_info(path); }},
+                                                                   {"check", [&] { check_exr(path); }},
+                                                                   {"pixels", [&] { read_exr(path); }},
+                                                                   {"state", [&] { read_exr_state(path); }}};
+  for (const auto& [name, read] : readers) {
+    const auto status = [&](size_t bytes) {
+      return test::status_with_memory(bytes, [&, &work = read] {
+        work();
+        return 0;
+      });
+    };
+    for (size_t bytes = size_t{1} << 16; bytes < size_t{1} << 28; bytes *= 2) {
+      const int found = status(bytes);
+      EXPECT_TRUE(found == 0 || found == test::kOutOfMemory) << name << " with " << bytes << " bytes: " << found;
+    }
+    EXPECT_EQ(status(size_t{1} << 30), 0) << name;
+  }
+  EXPECT_EQ(test::status_with_memory(size_t{1} << 20, [&] { return read_exr(path).width(); }), test::kOutOfMemory);
+}
+
 // Noise, which packing cannot make smaller and which is stored as it is, beside smoothness, over many groups of lines.
 TEST(Exr, NoiseAndWordsSurvive) {
   const test::TemporaryFolder folder;

@@ -7,6 +7,7 @@ import os
 import pathlib
 import signal
 import subprocess
+import sys
 import tempfile
 import threading
 import time
@@ -93,6 +94,21 @@ class Files(Folder):
         self.assertIn("direct.half_a.G", brume.read(self.folder / "a.exr", ["direct"]))
         with self.assertRaisesRegex(brume.InputError, "no channel speed; it has: .*indirect"):
             brume.read(self.folder / "a.exr", "speed")
+
+    def test_too_little_memory_is_a_memory_error(self):
+        brume.write(self.folder / "large.exr", {name: np.zeros((1024, 2048), np.float32) for name in "RGBA"})
+        # Room for a thread's stack, not for 32 MB of pixels.
+        script = """if True:
+            import resource, sys, brume
+            pages = int(open("/proc/self/statm").read().split()[0])
+            limit = pages * resource.getpagesize() + (24 << 20)
+            resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+            try:
+                brume.read(sys.argv[1])
+            except MemoryError as error:
+                print(error)"""
+        said = subprocess.run([sys.executable, "-c", script, self.folder / "large.exr"], stdout=subprocess.PIPE, text=True).stdout
+        self.assertRegex(said, "large.exr: not enough memory to hold its pixels, which takes at least .* MB")
 
     def test_windows_of_a_crop_are_kept(self):
         whole = brume.render(TEXT, spp=1)

@@ -324,14 +324,14 @@ TEST_F(PartsTest, AFullDiskCostsTheCheckpointAndNotTheRender) {
   j.checkpoint_seconds = 1e-9;
   std::vector<std::string> warnings;
   j.warn = [&](const std::string& text) { warnings.push_back(text); };
-  test::make_disk_full_for(j.checkpoint);
+  const test::FullDisk full(j.checkpoint);
   const Layers frame = prepared().render(j, {}).layers;
   ASSERT_EQ(warnings.size(), 2u);
   EXPECT_NE(warnings[0].find("no checkpoint for now, the render goes on"), std::string::npos) << warnings[0];
   EXPECT_NE(warnings[1].find("is written again"), std::string::npos) << warnings[1];
   test::expect_same_bits(prepared().render(job(13), {}).layers, frame);
   test::expect_same_bits(merge_parts({j.checkpoint}, false), frame);
-  EXPECT_FALSE(std::filesystem::exists(folder_ / "c.exr.part"));
+  EXPECT_FALSE(test::has_half_written(folder_.path()));
 }
 
 TEST_F(PartsTest, MergingStopsWhenItIsCancelled) {
@@ -340,7 +340,7 @@ TEST_F(PartsTest, MergingStopsWhenItIsCancelled) {
   EXPECT_THROW(merge_parts({a, b}, false, {1, {}, &cancel}), Interrupted);
   EXPECT_THROW(write_exr(folder_ / "none.exr", read_exr(a), {1, {}, &cancel}), Interrupted);
   EXPECT_FALSE(std::filesystem::exists(folder_ / "none.exr"));
-  EXPECT_FALSE(std::filesystem::exists(folder_ / "none.exr.part"));
+  EXPECT_FALSE(test::has_half_written(folder_.path()));
 }
 
 TEST_F(PartsTest, BucketsHalvesAndMeansAgree) {

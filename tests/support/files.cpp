@@ -1,12 +1,19 @@
 #include "tests/support/files.h"
 
+#include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <atomic>
 #include <csignal>
+#include <cstdio>
+#include <cstdlib>
 #include <fstream>
 #include <sstream>
+#include <string_view>
+
+#include "base/error.h"
 
 namespace brume::test {
 namespace fs = std::filesystem;
@@ -41,8 +48,41 @@ void write_file(const fs::path& path, const std::string& text) {
   std::ofstream(path, std::ios::binary) << text;
 }
 
-void make_disk_full_for(const fs::path& output) {
-  fs::create_symlink("/dev/full", output.string() + ".part");
+FullDisk::FullDisk(const fs::path& output) {
+  setenv("BRUME_WRITER", "full", 1);
+  fs::create_symlink("/dev/full", output.string() + ".full.part");
+}
+
+FullDisk::~FullDisk() {
+  unsetenv("BRUME_WRITER");
+}
+
+int status_with_memory(size_t bytes, const std::function<int()>& work) {
+  const pid_t child = fork();
+  if (child == 0) {
+    size_t pages = 0;
+    std::ifstream("/proc/self/statm") >> pages;
+    const rlim_t most = pages * static_cast<size_t>(sysconf(_SC_PAGESIZE)) + bytes;
+    const rlimit limit{most, most};
+    setrlimit(RLIMIT_AS, &limit);
+    try {
+      _exit(work());
+    } catch (const OutOfMemory& error) {
+      const std::string_view said = error.what();
+      _exit(said.find(kNotEnoughMemory) == std::string_view::npos || !said.starts_with('/') ? 1 : kOutOfMemory);
+    } catch (const InputError& error) {
+      std::fputs((std::string(error.what()) + "\n").c_str(), stderr);
+      _exit(kInputError);
+    }
+  }
+  int status = 0;
+  waitpid(child, &status, 0);
+  return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
+}
+
+bool has_half_written(const fs::path& folder) {
+  return std::any_of(fs::directory_iterator(folder), fs::directory_iterator(),
+                     [](const fs::directory_entry& entry) { return entry.path().extension() == ".part"; });
 }
 
 ProgramResult run_brume(const std::string& arguments) {

@@ -54,9 +54,30 @@ class RunningProgram {
   bool ended_ = false;
 };
 
-/// Lets the next writing of a file meet a full disk, the one after that find room: what is written before it gets its
-/// name goes to /dev/full.
-void make_disk_full_for(const std::filesystem::path& output);
+/// Lets the next writing of a file, here or in a program that is started, meet a full disk, the one after that find
+/// room: what is written before it gets its name goes to /dev/full.
+class FullDisk {
+ public:
+  explicit FullDisk(const std::filesystem::path& output);
+  ~FullDisk();
+};
+
+/// Does something in a child process that may take no more than so many bytes of memory beyond what this one has.
+/// @return its exit status: what `work` returns, or kOutOfMemory, kInputError where it throws these
+constexpr int kOutOfMemory = 101, kInputError = 102;
+int status_with_memory(size_t bytes, const std::function<int()>& work);
+
+/// Whether memory can be limited here: not under AddressSanitizer, which needs all addresses.
+constexpr bool can_limit_memory() {
+#ifdef __SANITIZE_ADDRESS__
+  return false;
+#else
+  return true;
+#endif
+}
+
+/// Whether a folder holds a file that is being written, or was left so.
+bool has_half_written(const std::filesystem::path& folder);
 
 void write_file(const std::filesystem::path& path, const std::string& text);
 std::string read_file(const std::filesystem::path& path);

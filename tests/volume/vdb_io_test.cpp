@@ -1,5 +1,6 @@
 #include "volume/vdb_io.h"
 
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 #include <openvdb/openvdb.h>
 #include <openvdb/points/PointConversion.h>
@@ -41,6 +42,8 @@ std::string load_error(const fs::path& path, const ScalarOptions& options = {}) 
     load_scalar(path, options);
   } catch (const InputError& error) {
     return error.what();
+  } catch (const OutOfMemory& error) {
+    return std::string("memory: ") + error.what();
   }
   return "";
 }
@@ -233,11 +236,29 @@ TEST(VdbReader, WhateverBecomesOfItTheMessageSaysSo) {
   EXPECT_TRUE(holds(error_with("kill -SEGV $$"), "cloud.vdb: damaged: OpenVDB crashed on it (Segmentation fault)"));
   EXPECT_TRUE(holds(error_with("kill -XCPU $$"), "OpenVDB took far longer over it than its size allows"));
   EXPECT_TRUE(holds(error_with("kill -KILL $$"), "out of memory perhaps"));
+  EXPECT_TRUE(holds(error_with("kill -KILL $$"), "memory: ")) << "and is not damage";
+  EXPECT_TRUE(holds(error_with("exit 12"), "memory: ")) << "without the memory to say more";
   EXPECT_TRUE(holds(error_with("exit 3"), "OpenVDB ended on it with status 3"));
   EXPECT_TRUE(holds(error_with("exit 0"), "damaged: its reader left no answer"));
   EXPECT_TRUE(holds(error_with("printf 'overwritten, all of what was asked, the header too' >&3"), "damaged"));
   const ReaderIs nowhere("/no/such/reader");
   EXPECT_TRUE(holds(load_error(cloud), "/no/such/reader: cannot be started: No such file"));
+}
+
+// From too little memory to load its libraries to enough of it: a whole file is read, or memory is named.
+TEST(VdbReader, TooLittleMemoryIsNotDamage) {
+  if (!test::can_limit_memory()) GTEST_SKIP() << "memory cannot be limited here";
+  const test::TemporaryFolder folder;
+  const fs::path reader = fs::path(BRUME_PROGRAM).parent_path() / "brume-vdb-reader";
+  for (int megabytes = 40; megabytes <= 1280; megabytes += megabytes / 8) {
+    test::write_file(folder / "reader",
+                     fmt::format("#!/bin/sh\nulimit -v {}000\nexec {}\n", megabytes, reader.string()));
+    fs::permissions(folder / "reader", fs::perms::owner_all);
+    const ReaderIs limited((folder / "reader").string());
+    const std::string error = load_error(test::source("data/volumes/cloud.vdb"));
+    EXPECT_TRUE(error.empty() || holds(error, "memory")) << megabytes << " MB: " << error;
+    EXPECT_FALSE(holds(error, ": damaged")) << megabytes << " MB: " << error;
+  }
 }
 
 TEST(VdbReader, EndsWhenTheTaskIsCancelled) {
@@ -248,9 +269,8 @@ TEST(VdbReader, EndsWhenTheTaskIsCancelled) {
 TEST(WriteDensity, AFullDiskIsAnErrorAndLeavesNothing) {
   const test::TemporaryFolder folder;
   const ProceduralVolume v = procedural_cloud(40, 1);
-  test::make_disk_full_for(folder / "cloud.vdb");
+  const test::FullDisk full(folder / "cloud.vdb"), full_too(folder / "half.vdb");
   EXPECT_THROW(write_density(folder / "cloud.vdb", v.box, v.voxel_size, v.density, false, {}), InputError);
-  test::make_disk_full_for(folder / "half.vdb");
   EXPECT_THROW(write_halved_density(test::source("data/volumes/cloud.vdb"), "", folder / "half.vdb"), InputError);
   EXPECT_TRUE(fs::is_empty(folder.path()));
 }
