@@ -37,12 +37,13 @@ constexpr int kAsTheFilter = -1;  // --extra-frames is not given
 
 struct Options {
   std::string input, output, preview;
-  std::string noise = "layers", outliers = "keep", features, carry, records, frames, video;
+  std::string noise = "layers", features, carry, records, frames, video;
   int tile = 0, extra_frames = kAsTheFilter;
   double frame_rate = 24;
   bool resume = false;
   std::vector<std::string> filters;
   FilterOptions common{.component = "all"};
+  OutlierOption outliers;
   KeepOptions keep;
   PictureOptions picture;
 } o;
@@ -224,8 +225,8 @@ std::string made_from(const std::vector<FilterSettings>& filters, const Files& o
   };
   add_text(version_text());
   for (const FilterSettings& filter : filters) add_text(filter.entry().name + filter.text());
-  for (const std::string& text : {o.noise, o.outliers, o.features, o.carry, o.common.component, o.common.background,
-                                  o.picture.exposure, o.keep.suffix, o.keep.map})
+  for (const std::string& text : {o.noise, o.outliers.text, o.features, o.carry, o.common.component,
+                                  o.common.background, o.picture.exposure, o.keep.suffix, o.keep.map})
     add_text(text + ";");
   add_text(fmt::format("{} {} {}", o.tile, o.extra_frames, o.keep.samples));
   for (const fs::path& path : {own.frame, own.records, own.guides}) add_file(path);
@@ -270,9 +271,7 @@ ApplyOptions apply_options() {
   options.component = o.common.chosen_component();
   options.background = o.common.chosen_background();
   options.noise = o.noise == "spatial" ? NoiseSource::kSpatial : NoiseSource::kLayers;
-  options.outliers = o.outliers == "clamp"          ? Outliers::kClamp
-                     : o.outliers == "redistribute" ? Outliers::kRedistribute
-                                                    : Outliers::kKeep;
+  options.outliers = o.outliers.chosen();
   options.tile = o.tile;
   if (!o.features.empty()) options.features = split(o.features, ',');
   if (!o.carry.empty())
@@ -473,11 +472,7 @@ void add_denoise(CLI::App& app, Common& common, Commands& commands) {
                    "where variance comes from: the frame's layers, or the picture's own second differences")
       ->check(CLI::IsMember({"layers", "spatial"}))
       ->capture_default_str();
-  command
-      ->add_option("--outliers", o.outliers,
-                   "fireflies before the filter: keep; clamp, their energy being lost; or redistribute it")
-      ->check(CLI::IsMember({"keep", "clamp", "redistribute"}))
-      ->capture_default_str();
+  o.outliers.add_to(*command);
   command->add_option(
       "--carry", o.carry,
       "layers to filter with the same weights, so that passes still add up: direct,indirect,emission,...");

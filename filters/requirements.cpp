@@ -55,7 +55,7 @@ void check_statistics(const FilterSettings& settings, const Layers& frame, const
       need(statistic::mean_variance, "the variance",
            "brume render records it unless --no-statistics is given; for other frames, --noise spatial estimates it "
            "from the picture");
-    if (options.outliers != Outliers::kKeep && options.noise == NoiseSource::kLayers && !halves &&
+    if (limits_outliers(options) && options.noise == NoiseSource::kLayers && !halves &&
         !frame.has(signal, statistic::mean_variance))
       throw InputError(
           fmt::format("limiting outliers needs the variance of '{}', which the frame does not have; "
@@ -102,7 +102,7 @@ void check_statistics(const FilterSettings& settings, const Layers& frame, const
   }
   if (!options.carried.empty() && options.component == Component::kApart)
     throw InputError("carrying layers along takes one component's weights: indirect or all, not apart");
-  if (!options.carried.empty() && options.outliers != Outliers::kKeep)
+  if (!options.carried.empty() && limits_outliers(options))
     throw InputError(
         "carried layers would keep the light that --outliers takes from what carries them; use one of both");
   for (const LayerName& l : options.carried)
@@ -163,6 +163,10 @@ ApplyOptions options_for(const FilterEntry& filter, const Layers& frame, const A
   return options;
 }
 
+bool limits_outliers(const ApplyOptions& options) {
+  return options.outliers == Outliers::kClamp || options.outliers == Outliers::kRedistribute;
+}
+
 std::vector<LayerName> signals_of(const ApplyOptions& options) {
   switch (options.component) {
     case Component::kAll:
@@ -204,9 +208,9 @@ std::set<std::string> readable_channels(const FilterSettings& settings, const Ap
   for (const LayerName& l : options.carried) add(l);
   for (const LayerName& l : {layer::coverage, layer::alpha}) add(l);
   const Statistics statistics = std::max(filter.statistics, filter.can_use_statistics);
-  const bool limits = options.outliers != Outliers::kKeep;
+  const bool limits = limits_outliers(options), extremes = options.outliers != Outliers::kKeep;
   for (const LayerName& l : signals_of(options)) {
-    if (statistics >= Statistics::kVariance || limits)
+    if (statistics >= Statistics::kVariance || extremes)
       for (const auto which : {statistic::half_a, statistic::half_b}) add(l, which);
     if ((statistics >= Statistics::kVariance && filter.signal_variance) || limits) add(l, statistic::mean_variance);
     if (statistics >= Statistics::kBuckets || limits)
@@ -215,7 +219,7 @@ std::set<std::string> readable_channels(const FilterSettings& settings, const Ap
   if (settings.uses_noise_level() && options.noise == NoiseSource::kLayers)
     for (const LayerName& l : signals_of(options))
       for (const auto which : {statistic::mean_variance, statistic::half_a, statistic::half_b}) add(l, which);
-  if (statistics >= Statistics::kVariance || limits) add(layer::sample_count);
+  if (statistics >= Statistics::kVariance || extremes) add(layer::sample_count);
   if (settings.uses_features())
     for (const LayerName& l : FeaturePlan::sources())
       for (const auto which : {std::string_view(), statistic::mean_variance, statistic::half_a, statistic::half_b})

@@ -16,6 +16,9 @@ ApplyOptions options_for(const FilterEntry& filter, const Layers& frame, const A
 /// one sample.
 bool has_halves(const Layers& frame, const LayerName& signal);
 
+/// Whether outliers are limited by the signal's variance.
+bool limits_outliers(const ApplyOptions& options);
+
 /// What a run cleans, one after another.
 std::vector<LayerName> signals_of(const ApplyOptions& options);
 

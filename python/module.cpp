@@ -202,7 +202,8 @@ std::string denoise_help() {
       "bilateral\n"
       "or filter for pixels without coverage, or default. noise: layers or spatial: where variance comes from. "
       "outliers:\n"
-      "keep, clamp or redistribute fireflies. features: names to use, \"none\", or all. carry: layers to filter with "
+      "extreme limits single samples that outshine all around them; clamp, redistribute or keep fireflies. features: "
+      "names to use, \"none\", or all. carry: layers to filter with "
       "the\n"
       "same weights. guides: a path or Layers by brume guides. exposure: a number, \"header\" or \"auto\". tile: side "
       "of\n"
@@ -280,9 +281,11 @@ LayersPointer denoise(const py::object& layers, const py::object& filter, const 
                                                {"filter", BackgroundRule::kFilter}});
   options.noise =
       choose<NoiseSource>("noise", noise, {{"layers", NoiseSource::kLayers}, {"spatial", NoiseSource::kSpatial}});
-  options.outliers = choose<Outliers>(
-      "outliers", outliers,
-      {{"keep", Outliers::kKeep}, {"clamp", Outliers::kClamp}, {"redistribute", Outliers::kRedistribute}});
+  options.outliers = choose<Outliers>("outliers", outliers,
+                                      {{"extreme", Outliers::kExtreme},
+                                       {"clamp", Outliers::kClamp},
+                                       {"redistribute", Outliers::kRedistribute},
+                                       {"keep", Outliers::kKeep}});
   if (!features.is_none()) options.features = to_words(features);
   options.carried = to_colour_layers(carry);
   if (tile < 0) throw InputError(fmt::format("tile: expected 0 or more, found {}", tile));
@@ -426,7 +429,7 @@ PYBIND11_MODULE(_brume, module) {
              py::arg("progress") = py::none(), kRenderHelp);
   module.def("denoise", &denoise, py::arg("layers"), py::arg("filter") = py::none(), py::kw_only(),
              py::arg("component") = "all", py::arg("background") = "default", py::arg("noise") = "layers",
-             py::arg("outliers") = "keep", py::arg("features") = py::none(), py::arg("carry") = py::tuple(),
+             py::arg("outliers") = "extreme", py::arg("features") = py::none(), py::arg("carry") = py::tuple(),
              py::arg("guides") = py::none(), py::arg("exposure") = "header", py::arg("tile") = 0,
              py::arg("threads") = 0, py::arg("progress") = py::none(), denoise_help().c_str());
   module.def("metrics", &metrics, py::arg("picture"), py::arg("reference"), py::arg("second") = py::none(),

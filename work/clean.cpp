@@ -24,18 +24,23 @@ bool makes(const FilterEntry& filter, const LayerName& layer) {
   return std::find(filter.produces.begin(), filter.produces.end(), layer) != filter.produces.end();
 }
 
-ApplyOptions options_of(double exposure) {
+ApplyOptions options_of(double exposure, Outliers outliers) {
   ApplyOptions options;
   options.component = Component::kAll;
   options.exposure = exposure;
+  options.outliers = outliers;
   return options;
 }
 
 }  // namespace
 
 Cleaner::Cleaner(const std::string& filter, double exposure, std::function<Task(const std::string&)> task,
-                 std::function<void(const std::string&)> note)
-    : filter_(parse_filter(filter)), exposure_(exposure), task_(std::move(task)), note_(std::move(note)) {}
+                 std::function<void(const std::string&)> note, Outliers outliers)
+    : filter_(parse_filter(filter)),
+      exposure_(exposure),
+      outliers_(outliers),
+      task_(std::move(task)),
+      note_(std::move(note)) {}
 
 bool Cleaner::estimates_error() const {
   return makes(filter_.entry(), layer::clean_error);
@@ -63,7 +68,7 @@ LayerRequest Cleaner::request(const LayerRequest& wanted) {
 
 Layers Cleaner::clean(const Layers& frame) {
   ApplyReport report;
-  Layers clean = apply_filter(filter_, frame, options_of(exposure_), task_(filter_.entry().name), &report);
+  Layers clean = apply_filter(filter_, frame, options_of(exposure_, outliers_), task_(filter_.entry().name), &report);
   for (const std::string& line : report.notes) note_(line);
   seconds_ += report.seconds;
   Layers all(frame.width(), frame.height());
