@@ -500,7 +500,7 @@ std::vector<Source> read_sources(const FilterSettings& filter, const Layers& fra
   const std::vector<LayerName> signals = signals_of(options);
   // What is carried along would keep the light that is taken from what carries it.
   const std::vector<LayerName> limited =
-      options.outliers == Outliers::kKeep || !options.carried.empty() ? std::vector<LayerName>() : signals;
+      options.outliers == Outliers::kExtreme && options.carried.empty() ? signals : std::vector<LayerName>();
   std::vector<Source> sources;
   sources.reserve(1 + options.sequence.size());
   sources.emplace_back(SequenceFrame{0, &frame, options.records}, readable, signals, limited, task);

@@ -10,7 +10,7 @@
 namespace brume {
 namespace {
 
-// Limit over the level of the surroundings: for one sample per pixel, and at least.
+// What is extreme over the level of the surroundings: for one sample per pixel, and at least.
 constexpr double kRatioOfOneSample = 100, kLeastRatio = 10;
 constexpr int kSurroundings = 10, kArea = 2;  // half widths [px]
 constexpr double kTrimmed = 0.05;             // of the surroundings' pixels, the brightest
@@ -111,11 +111,11 @@ std::vector<Extreme> find_extremes(const Layers& frame, const LayerName& signal,
         ++around;
       });
       if (2 * like_it >= around) continue;
-      const double level = surrounding_level(mean, x, y, values) + typical, limit = ratio * level;
-      if (!(light > limit)) continue;
+      const double level = surrounding_level(mean, x, y, values);
+      if (!(light > ratio * (level + typical))) continue;
       const bool kept = halves ? kAgreement * std::min(luminance_at(a, x, y), luminance_at(b, x, y)) > light
                                : kLoneRatio * brightest > light;
-      rows[static_cast<size_t>(y)].push_back({x, y, (kept ? level : limit) / light, kept});
+      rows[static_cast<size_t>(y)].push_back({x, y, level / light, kept});
     }
   });
   std::vector<Extreme> found;

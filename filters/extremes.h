@@ -8,7 +8,7 @@ namespace brume {
 /// A pixel that outshines everything around it.
 struct Extreme {
   int x, y;
-  double factor;  ///< that brings it down
+  double factor;  ///< that brings it down to the level of its surroundings
   bool kept;      ///< it is real: the filter is not to see it, but it stays in the picture
 };
 
@@ -26,13 +26,11 @@ struct Extremes {
   Rgb aside;                     ///< to be added to the filtered picture; empty where no pixel is kept
 };
 
-/// Keeps single pixels from deciding about their whole neighbourhood, in any filter.
-/// - One sample is brought down to its limit. What it loses goes to its neighbourhood (Gaussian, 32 px) in proportion
-/// to
-///   the light there, each colour by itself, but a single pixel adds no more than 3 % to it; the rest is lost.
-/// - Instead of what is real the filter gets the level of its surroundings, and `aside` holds what is to be put back.
-///
-/// The signal's mean, halves, buckets and variance change alike.
+/// Keeps single pixels from deciding about their whole neighbourhood, in any filter. One sample is brought down to the
+/// level of its surroundings. What it loses goes to its neighbourhood (Gaussian, 32 px) in proportion to the light
+/// there, each colour by itself, but a single pixel adds no more than 3 % to it; the rest is lost. What is real is
+/// brought down for the filter, too, and `aside` holds what is to be put back. The signal's mean, halves, buckets and
+/// variance change alike.
 Extremes limit_extremes(Layers& frame, const LayerName& signal, const std::vector<Extreme>& found, const Task& task);
 
 }  // namespace brume

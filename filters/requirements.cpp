@@ -208,7 +208,7 @@ std::set<std::string> readable_channels(const FilterSettings& settings, const Ap
   for (const LayerName& l : options.carried) add(l);
   for (const LayerName& l : {layer::coverage, layer::alpha}) add(l);
   const Statistics statistics = std::max(filter.statistics, filter.can_use_statistics);
-  const bool limits = limits_outliers(options), extremes = options.outliers != Outliers::kKeep;
+  const bool limits = limits_outliers(options), extremes = options.outliers == Outliers::kExtreme;
   for (const LayerName& l : signals_of(options)) {
     if (statistics >= Statistics::kVariance || extremes)
       for (const auto which : {statistic::half_a, statistic::half_b}) add(l, which);
