@@ -27,6 +27,7 @@
 #include "filters/registry.h"
 #include "filters/requirements.h"
 #include "image/exr_io.h"
+#include "work/finished_frame.h"
 
 namespace brume::app {
 namespace {
@@ -363,8 +364,39 @@ FrameEnd run_keeping(const Common& common, const Shot& shot, const KeptFile& fil
   return FrameEnd::kDone;
 }
 
+/// What forbids the use of the guides that the command line names, measured where their header does not tell.
+std::string what_speaks_against_guides(const Common& common, const Files& files) {
+  const Task task{common.threads, {}, &interrupted};
+  KeepOptions keep = o.keep;
+  keep.guides = files.guides.string();
+  const std::vector<std::string> guides = guide_channels(keep.guides);
+  if (of_one_scene(read_header(files.guides), read_header(files.frame))) return "";
+  if (const std::optional<KeptFile> kept = KeptFile::open(files.frame, keep))
+    return kept->what_speaks_against_guides(task);
+  std::set<std::string> channels(guides.begin(), guides.end());
+  for (const std::string_view which : {std::string_view(), statistic::half_a, statistic::half_b})
+    for (const std::string& name : layer::beauty.channel_names(which)) channels.insert(name);
+  for (const LayerName& l : find_filter("transport_regression").can_use)
+    for (const std::string& name : l.channel_names()) channels.insert(name);
+  return brume::what_speaks_against_guides(load(common, files, channels), keep.guides, task);
+}
+
+Shot without_guides(const Shot& shot) {
+  Shot bare = shot;
+  bare.own.guides.clear();
+  bare.beside = [beside = shot.beside](int distance) {
+    Files files = beside(distance);
+    files.guides.clear();
+    return files;
+  };
+  return bare;
+}
+
 /// @param window  frames that are read already
-FrameEnd run_shot(const Common& common, const Shot& shot, Window& window) {
+FrameEnd run_shot(const Common& common, const Shot& asked, Window& window) {
+  const std::string wrong = asked.own.guides.empty() ? "" : what_speaks_against_guides(common, asked.own);
+  if (!wrong.empty()) warn("warning: " + wrong);
+  const Shot& shot = wrong.empty() ? asked : without_guides(asked);
   ApplyOptions options = apply_options();
   std::optional<RecordReader> records;
   if (!shot.own.records.empty()) options.records = &records.emplace(shot.own.records);

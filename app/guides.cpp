@@ -102,6 +102,8 @@ int run(const Common& common) {
   if (frame.channels().empty())
     throw InputError(fmt::format("{}: nothing in it scatters or glows", o.scene.empty() ? o.volume : o.scene));
   frame.header["scene"] = scene.name;
+  frame.header["guidesOf"] = fs::path(o.like).filename().string();
+  frame.header["guidesFingerprint"] = scene.hash;
   if (const std::string hash = own_hash(like); !hash.empty()) frame.header["sceneHash"] = hash;
   frame.header["worldToCamera"] = camera.world_to_camera();
   frame.header["worldToNDC"] = camera.world_to_ndc();

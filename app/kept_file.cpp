@@ -116,6 +116,20 @@ Layers KeptFile::outline() const {
   return std::move(*least);
 }
 
+std::string KeptFile::what_speaks_against_guides(const Task& task) const {
+  if (options_.guides.empty()) return "";
+  const std::vector<std::string> guides = guide_channels(options_.guides);
+  const std::set<std::string> extra(guides.begin(), guides.end());
+  for (const ForeignFrame& picture : pictures_) {
+    Layers file = cut_to_light(read_picture(path_, read_channels(picture, {})), picture, info_);
+    add_guides(options_.guides, path_, file);
+    const std::string wrong =
+        brume::what_speaks_against_guides(frame_of_signal(picture, picture.color, file, extra), options_.guides, task);
+    if (!wrong.empty()) return wrong;
+  }
+  return "";
+}
+
 void KeptFile::clean(const Common& common, const FilterSettings& filter, const ApplyOptions& options,
                      const std::vector<KeptNeighbour>& others, const std::map<std::string, Attribute>& more_attributes,
                      const std::string& output, Layers* preview) const {

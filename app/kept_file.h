@@ -38,6 +38,9 @@ class KeptFile {
   /// The frame, of one pixel, that filters will be given for the signal of which the file says least.
   Layers outline() const;
 
+  /// As what_speaks_against_guides: of the first picture that they do not suit; empty without guides.
+  std::string what_speaks_against_guides(const Task& task) const;
+
   /// Cleans all pictures and writes the file again.
   /// @param attributes  to write beside the filter's
   /// @param preview  where to leave the first picture, clean, as R, G, B; null: nobody wants it

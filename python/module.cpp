@@ -310,6 +310,21 @@ LayersPointer denoise(const py::object& layers, const py::object& filter, const 
     std::vector<std::string> guide_names;
     if (!guide_path.empty()) guide_names = guide_channels(guide_path);
     if (guide_layers) guide_names = guide_layers->names();
+    if (!guide_names.empty()) {
+      const Layers known = guide_layers ? *guide_layers : read_exr(guide_path, is_guide);
+      if (!of_one_scene(known, *frame)) {
+        const std::string path = guide_layers ? "the guides" : guide_path;
+        Layers both = *frame;
+        adopt_foreign_layers(both);
+        add_guides(known, {path, "the frame"}, both);
+        if (const std::string wrong = what_speaks_against_guides(both, path, quiet(work.task)); !wrong.empty()) {
+          work.note(wrong);
+          guide_names.clear();
+          guide_path.clear();
+          guide_layers = nullptr;
+        }
+      }
+    }
     const Layers outline = outline_of(*frame, guide_names);
     if (!settings) {
       const Recommendation best = recommend_filter(outline, options);
