@@ -112,7 +112,7 @@ Shot shot_of_frame(int frame) {
   return {files(0), files, /*sequence=*/true};
 }
 
-/// The frames before and after that there are, by their distance.
+/// The frames before and after that there are, with all that is read of them, by their distance.
 /// @throws InputError when some are asked for and none is there
 std::map<int, Files> extra_files(const Shot& shot, int reach) {
   std::map<int, Files> files;
@@ -120,15 +120,23 @@ std::map<int, Files> extra_files(const Shot& shot, int reach) {
   for (int d = -reach; d <= reach; ++d) {
     if (d == 0) continue;
     const Files there = shot.beside(d);
-    if (!there.frame.empty() && fs::exists(there.frame))
-      files[d] = there;
+    if (there.frame.empty()) continue;  // before frame 0
+    const auto absent = [](const fs::path& path) { return !path.empty() && !fs::exists(path); };
+    if (absent(there.frame))
+      missing.push_back(there.frame.filename().string());
+    else if (absent(there.guides) || absent(there.records))
+      missing.push_back(fmt::format("{} for {}",
+                                    (absent(there.guides) ? there.guides : there.records).filename().string(),
+                                    there.frame.filename().string()));
     else
-      missing.push_back(there.frame.empty() ? fmt::format("{:+}", d) : there.frame.filename().string());
+      files[d] = there;
   }
   if (reach > 0 && files.empty() && !shot.sequence)
-    throw InputError(
-        fmt::format("{}: --extra-frames {}: none of {} is there", shot.own.frame.string(), reach, join(missing)));
-  if (!missing.empty()) note("the sequence has no " + join(missing));
+    throw InputError(fmt::format("{}: --extra-frames {}: no frame beside it can be used{}", shot.own.frame.string(),
+                                 reach, missing.empty() ? "" : "; not there: " + join(missing)));
+  if (!missing.empty())
+    note(fmt::format("{} is cleaned with {} of the frames beside it; not there: {}", shot.own.frame.filename().string(),
+                     files.empty() ? "none" : std::to_string(files.size()), join(missing)));
   return files;
 }
 
@@ -138,6 +146,15 @@ int reach_of(const FilterSettings& filter, const Shot& shot) {
   return shot.sequence ? filter.entry().reach : 0;
 }
 
+/// What a frame that was filtered before, and has no noisy layer to go back to, is told to be.
+void tell_clean(const std::string& filter) {
+  if (!filter.empty())
+    note(
+        fmt::format("the frame is clean already, by {}: what is cleaned is that picture, and filtering it again loses "
+                    "detail; expected the frame that it was made from",
+                    filter));
+}
+
 /// A frame as filters get it: with its guides, and raw where it is clean already.
 Layers load(const Common& common, const Files& files, const std::set<std::string>& channels) {
   Layers frame = read_frame(common, files.frame, channels);
@@ -145,6 +162,8 @@ Layers load(const Common& common, const Files& files, const std::set<std::string
   if (frame.has(layer::noisy)) {
     note("the frame is clean already: what it was made from, its layer noisy, is cleaned");
     for (size_t c = 0; c < 3; ++c) frame.set(layer::beauty.channel(c), frame.at(layer::noisy.channel(c)));
+  } else {
+    tell_clean(frame.text("filter"));
   }
   return frame;
 }
@@ -302,6 +321,13 @@ std::vector<FilterSettings> choose_filters(const Common& common, const Shot& sho
   static std::string told;  // not for every frame of a sequence
   const std::string reason = ours ? best.reason : split(best.reason, ';')[0];
   if (reason != told) log(common, reason);
+  if (reason != told && !ours && !best.filter.entry().guides)
+    log(common,
+        fmt::format(
+            "of smoke and clouds in it, guides from their volume leave a quarter of the error: brume guides "
+            "--like {0} --scene SCENE.toml -o GUIDES.exr (or --volume FILE.vdb), then brume denoise {0} --guides "
+            "GUIDES.exr",
+            shot.own.frame.string()));
   told = reason;
   return {best.filter};
 }
@@ -331,6 +357,7 @@ FrameEnd run_keeping(const Common& common, const Shot& shot, const KeptFile& fil
     throw InputError(
         "--carry: the passes of this frame are cleaned by themselves, and add up; it is for frames by brume");
   const Layers outline = file.outline();
+  tell_clean(outline.text("brume.filter"));
   options.exposure =
       choose_exposure(o.picture.exposure, o.picture.exposure == "auto" ? read_frame(common, shot.own.frame) : outline);
   ApplyOptions for_choice = options;
@@ -346,7 +373,7 @@ FrameEnd run_keeping(const Common& common, const Shot& shot, const KeptFile& fil
   std::vector<KeptNeighbour> neighbours;
   for (const auto& [distance, files] : others)
     neighbours.push_back({distance, files.frame.string(), files.guides.string(),
-                          files.records.empty() ? nullptr : &readers.emplace_back(files.records)});
+                          files.records.empty() ? nullptr : &readers.emplace_back(files.records), shot.sequence});
   for (size_t i = 0; i < filters.size(); ++i) {
     const fs::path path = output_for(shot.own.output, filters, i);
     std::vector<KeptNeighbour> near;

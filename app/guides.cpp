@@ -3,12 +3,15 @@
 #include <filesystem>
 
 #include "app/command.h"
+#include "app/sequence.h"
 #include "base/error.h"
 #include "base/output_file.h"
+#include "base/sequence.h"
 #include "image/exr_io.h"
 #include "render/frame/renderer.h"
 #include "render/scene/scene_io.h"
 #include "render/world/volume_scene.h"
+#include "work/finished_frame.h"
 
 namespace brume::app {
 namespace {
@@ -18,7 +21,7 @@ namespace fs = std::filesystem;
 constexpr int kUnknownSamples = 16;
 
 struct Options {
-  std::string like, volume, scene, output;
+  std::string like, volume, scene, output, frames;
   int samples = 0;
   std::vector<std::string> overrides;
   bool explain = false;
@@ -72,6 +75,7 @@ Scene scene_like(const Common& common, const ExrInfo& like) {
 }
 
 int run(const Common& common) {
+  read_header(o.like);  // refuses deep pixels, whose headers alone could be read
   const ExrInfo like = read_exr_info(o.like);
   const Scene scene = scene_like(common, like);
   std::vector<fs::path> inputs = {o.like, o.scene, o.volume};
@@ -113,6 +117,24 @@ int run(const Common& common) {
   return kDone;
 }
 
+int run_sequence(const Common& common) {
+  const std::vector<int> frames = parse_frames(o.frames);
+  if (o.explain)
+    throw InputError(
+        fmt::format("--explain looks at one frame; expected it without --frames, with -D render.frame={}", frames[0]));
+  for (const auto& [option, name] : {std::pair("--like", &o.like), {"-o", &o.output}})
+    check_pattern(option, *name, frames);
+  const Options sequence = o;
+  return each_frame(common, frames, [&](int frame) {
+    o = sequence;
+    for (std::string Options::*name : {&Options::like, &Options::scene, &Options::volume, &Options::output})
+      o.*name = file_of_frame(sequence.*name, frame).string();
+    o.overrides.push_back(fmt::format("render.frame={}", frame));
+    run(common);
+    return FrameEnd::kDone;
+  });
+}
+
 }  // namespace
 
 void add_guides(CLI::App& app, Common& common, Commands& commands) {
@@ -124,13 +146,18 @@ void add_guides(CLI::App& app, Common& common, Commands& commands) {
   command->add_option("--volume", o.volume,
                       "OpenVDB file: instead of the scene's first one, or with assumed coefficients and lights");
   command->add_option("-o,--output", o.output, "EXR to write")->required();
+  command->add_option(
+      "--frames", o.frames,
+      "guides of these: 7, 1-240, 1-240x2, or several with commas between; names with ####, $F4 or %04d "
+      "become each frame's, also the volumes' in the scene; a frame that fails is named and the rest "
+      "goes on");
   command
       ->add_option("--spp", o.samples,
                    "samples per pixel of the frame: more of them deserve guides in more detail; else its header's")
       ->check(CLI::Range(1, 1 << 24));
   command->add_option("-D", o.overrides, "set a key of the scene: -D volumes.0.sigma_t=18")->allow_extra_args(false);
   command->add_flag("--explain", o.explain, "say what is solved, and with how much memory and time");
-  commands[command] = [&common] { return run(common); };
+  commands[command] = [&common] { return o.frames.empty() ? run(common) : run_sequence(common); };
 }
 
 }  // namespace brume::app

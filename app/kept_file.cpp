@@ -74,13 +74,6 @@ void KeepOptions::add_to(CLI::App& command) {
       ->check(CLI::Range(1, 1 << 30));
 }
 
-std::string channel_beside(const std::string& channel, const std::string& suffix) {
-  const size_t dot = channel.rfind('.');
-  if (dot != std::string::npos) return channel.substr(0, dot) + suffix + channel.substr(dot);
-  const auto letter = std::find_if(suffix.begin(), suffix.end(), [](unsigned char c) { return std::isalnum(c); });
-  return std::string(letter, suffix.end()) + "." + channel;
-}
-
 std::optional<KeptFile> KeptFile::open(const std::string& path, const KeepOptions& options) {
   ExrInfo info = read_exr_info(path);
   if (is_brume_frame(info) && !options.asked()) return std::nullopt;
@@ -146,12 +139,21 @@ void KeptFile::clean(const Common& common, const FilterSettings& filter, const A
     std::list<std::vector<ForeignFrame>> nearby_pictures;
     std::vector<PictureInFile> sequence;
     for (const KeptNeighbour& other : others) {
-      const ExrInfo info = read_exr_info(other.path);
-      const auto& theirs = nearby_pictures.emplace_back(pictures_of(other.path, info, options_));
-      const ForeignFrame& same = same_view(theirs, picture, other.path);
-      nearby.push_back(cut_to_light(read_picture(other.path, read_channels(same, extra)), same, info));
-      if (filter.entry().guides || filter.uses_features()) add_guides(other.guides, other.path, nearby.back());
-      sequence.push_back({other.distance, &same, &nearby.back(), other.records});
+      try {
+        const ExrInfo info = read_exr_info(other.path);
+        const auto& theirs = nearby_pictures.emplace_back(pictures_of(other.path, info, options_));
+        const ForeignFrame& same = same_view(theirs, picture, other.path);
+        Layers& layers =
+            nearby.emplace_back(cut_to_light(read_picture(other.path, read_channels(same, extra)), same, info));
+        if (filter.entry().guides || filter.uses_features()) add_guides(other.guides, other.path, layers);
+        if (other.optional && layers.data_window() != file.data_window())
+          throw InputError(fmt::format("{}: it has the pixels {}, {} has {}", other.path, layers.data_window().text(),
+                                       path_, file.data_window().text()));
+        sequence.push_back({other.distance, &same, &layers, other.records});
+      } catch (const InputError& error) {
+        if (!other.optional) throw;
+        warn(fmt::format("left out beside {}: {}", path_, error.what()));
+      }
     }
     // Several pictures may lie in parts of their own, each with its data window.
     const PixelWindow window = file.data_window();
@@ -164,7 +166,7 @@ void KeptFile::clean(const Common& common, const FilterSettings& filter, const A
     CleanPicture& result = cleaned.emplace_back();
     try {
       result = clean_picture(filter, picture, std::move(file), info_, sequence, options,
-                             make_task(common, filter.entry().name));
+                             make_task(common, filter.entry().name), options_.suffix);
     } catch (const InputError& error) {
       throw InputError(fmt::format("{}: {}", path_, error.what()));
     }

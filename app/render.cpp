@@ -202,7 +202,7 @@ int run(const Common& common, const VolumeScene* made = nullptr) {
     cleaner.emplace(
         o.clean_filter.empty() ? "transport_regression" : o.clean_filter, scene.film.exposure,
         [&](const std::string& filter) { return make_task(common, filter); }, note, o.outliers.chosen());
-    layers = cleaner->request(layers);
+    layers = cleaner->request(layers, scene.render.spp);
     if (o.target_error > 0 && !cleaner->estimates_error())
       throw InputError(
           fmt::format("--target-error with --clean needs a filter that estimates its error, which {} does "

@@ -17,8 +17,7 @@ namespace {
 constexpr float kLeastOpacity = 1e-3f;   // of a pixel of the medium
 constexpr float kAlmostNothing = 1e-7f;  // weight of pixels that are predicted and not known
 constexpr double kRidge = 2e-3, kGlobalRidge = 1e-4;
-constexpr double kNarrow = 4;  // deviation of the narrowest window [px]
-constexpr int kBlock = 16;     // side of the squares whose errors count as independent [px]
+constexpr int kBlock = 16;  // side of the squares whose errors count as independent [px]
 
 Plane grey(const RgbPlanes& rgb) {
   Plane out(rgb[0]->width(), rgb[0]->height());
@@ -46,11 +45,24 @@ struct Trials {
     for (int y = 0; y < height; ++y)
       for (int x = 0; x < width; ++x) ((x + y) % 2 == 0 ? weight_a : weight_b)(x, y) = 1;
   }
-  /// Squared error of the fits at a pixel: what each did not know.
+  /// Squared error of the mean of both fits at a pixel, plus noise that is the same for all fits: each is held against
+  /// what it did not know.
   double squared_error(const Plane& fit_a, const Plane& fit_b, int x, int y) const {
     const double of_a = static_cast<double>(b(x, y)) - fit_a(x, y), of_b = static_cast<double>(a(x, y)) - fit_b(x, y);
-    if (halves) return 0.5 * (of_a * of_a + of_b * of_b);
+    const double apart = static_cast<double>(fit_a(x, y)) - fit_b(x, y);
+    if (halves) return 0.5 * (of_a * of_a + of_b * of_b) - 0.25 * apart * apart;
     return weight_b(x, y) == 1 ? of_a * of_a : of_b * of_b;
+  }
+  /// The same where a pixel is left as it is.
+  double squared_error_of_data(int x, int y) const {
+    if (halves) return squared_error(a, b, x, y);
+    // Noise twice: once of the pixel, once of what it is held against (the mask of spatial_variance, filters/noise.h).
+    const int l = std::max(0, x - 1), r = std::min(a.width() - 1, x + 1);
+    const int u = std::max(0, y - 1), d = std::min(a.height() - 1, y + 1);
+    const double response = static_cast<double>(a(l, u) + a(r, u) + a(l, d) + a(r, d)) -
+                            2.0 * static_cast<double>(a(x, u) + a(x, d) + a(l, y) + a(r, y)) +
+                            4.0 * static_cast<double>(a(x, y));
+    return response * response / 18;
   }
 };
 
@@ -85,8 +97,9 @@ struct Stage {
 };
 
 /// Fits in narrower and narrower windows, each to what the one before leaves.
+/// @param mask  outside, pixels are left as they are
 /// @param first  where to leave the mean of the first fit
-/// @return  squared errors of the best of them, in the mask; 0 outside
+/// @return  squared errors of the best of them
 Plane best_errors(const Trials& trials, const std::vector<Stage>& stages, const Plane& mask, Plane& first,
                   const Task& task) {
   const int width = mask.width(), height = mask.height();
@@ -100,12 +113,11 @@ Plane best_errors(const Trials& trials, const std::vector<Stage>& stages, const 
     Plane errors(width, height);
     double sum = 0;
     for (int y = 0; y < height; ++y)
-      for (int x = 0; x < width; ++x)
-        if (mask(x, y) > 0) {
-          const double e = trials.squared_error(fit_a, fit_b, x, y);
-          errors(x, y) = static_cast<float>(e);
-          sum += e;
-        }
+      for (int x = 0; x < width; ++x) {
+        const double e = mask(x, y) > 0 ? trials.squared_error(fit_a, fit_b, x, y) : trials.squared_error_of_data(x, y);
+        errors(x, y) = static_cast<float>(e);
+        sum += e;
+      }
     if (!(sum < least)) continue;
     least = sum;
     best = std::move(errors);
@@ -128,15 +140,17 @@ GuideCheck check_guides(const Layers& given, const Task& task) {
   const Plane one(width, height, 1.0f);
   std::deque<Plane> made;
   Columns guides = {&one}, features = {&one}, few = {&one};
-  Plane mask = one;
+  Plane mask(width, height);  // where guides see something
   for (const Guide& guide : guides_of(frame)) {
     if (guide.kind == GuideClass::kPredicted) continue;
-    if (guide.kind == GuideClass::kOpacity) {
-      const Plane& opacity = *guide.channels[0];
-      mask = make_plane(width, height, quiet(task),
-                        [&](int x, int y) { return opacity(x, y) > kLeastOpacity ? 1.0f : 0.0f; });
-      few.push_back(&opacity);
-    }
+    if (guide.kind == GuideClass::kOpacity) few.push_back(guide.channels[0]);
+    const bool of_medium = guide.kind == GuideClass::kOpacity;
+    if (of_medium || guide.kind == GuideClass::kSurface || guide.name == "normal")
+      for (const Plane* plane : guide.channels)
+        for_each_row(height, quiet(task), [&](int y) {
+          for (int x = 0; x < width; ++x)
+            if (of_medium ? (*plane)(x, y) > kLeastOpacity : (*plane)(x, y) != 0) mask(x, y) = 1;
+        });
     if (guide.coloured)
       guides.push_back(&made.emplace_back(grey({guide.channels[0], guide.channels[1], guide.channels[2]})));
     else
@@ -149,21 +163,17 @@ GuideCheck check_guides(const Layers& given, const Task& task) {
   const Trials trials(frame);
   Plane level(width, height), ignored;
   few.push_back(&level);
-  const Plane of_guides = best_errors(trials, {{0, &guides}, {16, &guides}, {kNarrow, &few}}, mask, level, task);
-  const Plane of_features =
-      best_errors(trials, {{0, &features}, {16, &features}, {8, &features}, {kNarrow, &features}}, mask, ignored, task);
+  const Plane of_guides = best_errors(trials, {{0, &guides}, {16, &guides}, {4, &few}}, mask, level, task);
+  const Plane of_features = best_errors(
+      trials, {{0, &features}, {16, &features}, {8, &features}, {4, &features}, {2, &features}}, one, ignored, task);
 
   GuideCheck check;
-  double pixels = 0;
+  const double pixels = static_cast<double>(width) * height;
   for (int y = 0; y < height; ++y)
     for (int x = 0; x < width; ++x) {
-      pixels += static_cast<double>(mask(x, y));
-      check.guides += static_cast<double>(of_guides(x, y));
-      check.features += static_cast<double>(of_features(x, y));
+      check.guides += static_cast<double>(of_guides(x, y)) / pixels;
+      check.features += static_cast<double>(of_features(x, y)) / pixels;
     }
-  if (pixels == 0) return {};
-  check.guides /= pixels;
-  check.features /= pixels;
   const double mean = check.guides - check.features;
   double squares = 0;
   for (int by = 0; by < height; by += kBlock)

@@ -6,12 +6,12 @@ namespace brume {
 
 /// How well guides explain a frame, against its own features.
 struct GuideCheck {
-  /// Mean squared error of the luminance at pixels of the medium that the fits do not know, noise included.
+  /// Mean squared error of the luminance at pixels that the fits do not know, noise included.
   double guides = 0, features = 0;
   double standard_error = 0;  ///< of their difference
   /// Guides of another scene or camera do; the right ones of four media do not, at 1 to 64 samples per pixel
   /// (docs/frames.md).
-  bool misleads() const { return guides - features > 3 * standard_error; }
+  bool misleads() const { return guides > 1.1 * features && guides - features > 2 * standard_error; }
 };
 
 /// Fits the luminance of a frame's beauty twice, by regression on its guides and by regression on a constant and the

@@ -5,6 +5,9 @@
 
 namespace brume {
 
+/// Header entry of a frame by another renderer, with its name: errors then say what its user can do.
+inline constexpr const char* kForeignRenderer = "brume.foreignRenderer";
+
 /// Names of the layers in a frame, without their statistics: "beauty" for R G B on top.
 std::vector<std::string> layer_names(const Layers& frame);
 

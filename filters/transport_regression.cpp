@@ -11,6 +11,7 @@
 #include "filters/guide_layers.h"
 #include "filters/lattice_regression.h"
 #include "filters/registry.h"
+#include "filters/requirements.h"
 #include "filters/stacking.h"
 
 namespace brume {
@@ -385,14 +386,19 @@ Plane squared_error(const HalfPair& chosen, const HalfPair& narrow, const Plane&
 
 void say_what_is_missing(const FilterFrame& frame, bool guided, bool halves) {
   if (!frame.notes) return;
+  const bool foreign = !frame.layers.text(kForeignRenderer).empty();
   if (!guided)
     frame.notes->push_back(
-        "the frame has no guides: two to four times the error of a frame with them, and more than other filters leave. "
-        "Record them with: brume render SCENE -o OUT.exr --layers direct,indirect,guides");
+        fmt::format("the frame has no guides: two to four times the error of a frame with them, and more than other "
+                    "filters leave. {}",
+                    foreign ? "Make them with: brume guides --like FRAME.exr --scene SCENE.toml -o GUIDES.exr"
+                            : "Record them with: brume render SCENE -o OUT.exr --layers direct,indirect,guides"));
   if (!halves)
-    frame.notes->push_back(
-        "no two halves to judge by (one sample per pixel, or no statistics): fits are judged by pixels left out, which "
-        "takes the noise of neighbouring pixels to be independent");
+    frame.notes->push_back(fmt::format(
+        "{} to judge by: fits are judged by pixels left out, which takes the noise of neighbouring pixels to "
+        "be independent",
+        frame.layers.number("samplesPerPixel").value_or(frame.samples) == 1 ? "one sample per pixel makes no two halves"
+                                                                            : "the frame has no half images"));
 }
 
 Plane brightness(const HalfPair& fit, const Task& task) {

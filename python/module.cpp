@@ -168,7 +168,7 @@ LayersPointer render(const py::object& scene, const py::object& spp, const py::o
     if (cleans) {
       cleaner.emplace(
           filter, film.exposure, [&](const std::string&) { return share(work.task, 0.9, 1); }, work.note);
-      recorded = cleaner->request(request);
+      recorded = cleaner->request(request, samples.value_or(loaded.scene.render.spp));
     }
     RenderJob job;
     job.spp = samples.value_or(loaded.scene.render.spp);

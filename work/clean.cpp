@@ -7,6 +7,8 @@
 
 #include "base/error.h"
 #include "filters/apply.h"
+#include "filters/features.h"
+#include "filters/guide_layers.h"
 #include "filters/registry.h"
 #include "filters/requirements.h"
 
@@ -32,6 +34,28 @@ ApplyOptions options_of(double exposure, Outliers outliers) {
   return options;
 }
 
+/// A frame of one pixel with the layers that will be recorded.
+Layers outline_of(const LayerRequest& request, int samples) {
+  Layers outline(1, 1);
+  outline.header["samplesPerPixel"] = samples;
+  const auto add = [&](const LayerName& l, std::string_view which = "") {
+    for (const std::string& channel : l.channel_names(which)) outline.add(channel);
+  };
+  const auto add_recorded = [&](const LayerName& l) {
+    add(l);
+    if (request.statistics)
+      for (const auto which : {statistic::mean_variance, statistic::half_a, statistic::half_b}) add(l, which);
+    if (request.buckets)
+      for (const auto which : statistic::buckets) add(l, which);
+  };
+  add_recorded(layer::beauty);
+  for (const RecordedLayer& l : recordable_layers())
+    if (request.has(l.name)) add_recorded(l.name);
+  for (const LayerName& l : FeaturePlan::sources())
+    if (request.guides && is_guide(l.name)) add(l);
+  return outline;
+}
+
 }  // namespace
 
 Cleaner::Cleaner(const std::string& filter, double exposure, std::function<Task(const std::string&)> task,
@@ -46,7 +70,7 @@ bool Cleaner::estimates_error() const {
   return makes(filter_.entry(), layer::clean_error);
 }
 
-LayerRequest Cleaner::request(const LayerRequest& wanted) {
+LayerRequest Cleaner::request(const LayerRequest& wanted, int samples) {
   const FilterEntry& entry = filter_.entry();
   if (entry.records == FilterEntry::Records::kNeeds)
     throw InputError(
@@ -63,6 +87,11 @@ LayerRequest Cleaner::request(const LayerRequest& wanted) {
   request.statistics = true;
   request.buckets = request.buckets || entry.statistics == Statistics::kBuckets;
   request.guides = request.guides || entry.guides;
+  try {
+    check_requirements(filter_, outline_of(request, samples), options_of(exposure_, outliers_));
+  } catch (const InputError& error) {
+    throw InputError(fmt::format("--clean-filter {}: {}", entry.name, error.what()));
+  }
   return request;
 }
 
