@@ -135,8 +135,8 @@ std::map<int, Files> extra_files(const Shot& shot, int reach) {
     throw InputError(fmt::format("{}: --extra-frames {}: no frame beside it can be used{}", shot.own.frame.string(),
                                  reach, missing.empty() ? "" : "; not there: " + join(missing)));
   if (!missing.empty())
-    note(fmt::format("{} is cleaned with {} of the frames beside it; not there: {}", shot.own.frame.filename().string(),
-                     files.empty() ? "none" : std::to_string(files.size()), join(missing)));
+    note(fmt::format("{}: of the frames beside it, {} {} not there", shot.own.frame.filename().string(), join(missing),
+                     missing.size() == 1 ? "is" : "are"));
   return files;
 }
 

@@ -11,7 +11,6 @@
 #include "render/frame/renderer.h"
 #include "render/scene/scene_io.h"
 #include "render/world/volume_scene.h"
-#include "work/finished_frame.h"
 
 namespace brume::app {
 namespace {
@@ -75,7 +74,7 @@ Scene scene_like(const Common& common, const ExrInfo& like) {
 }
 
 int run(const Common& common) {
-  read_header(o.like);  // refuses deep pixels, whose headers alone could be read
+  read_exr(o.like, [](const std::string&) { return false; });  // refuses deep pixels, whose headers alone can be read
   const ExrInfo like = read_exr_info(o.like);
   const Scene scene = scene_like(common, like);
   std::vector<fs::path> inputs = {o.like, o.scene, o.volume};

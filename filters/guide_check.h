@@ -11,7 +11,7 @@ struct GuideCheck {
   double standard_error = 0;  ///< of their difference
   /// Guides of another scene or camera do; the right ones of four media do not, at 1 to 64 samples per pixel
   /// (docs/frames.md).
-  bool misleads() const { return guides > 1.1 * features && guides - features > 2 * standard_error; }
+  bool misleads() const { return guides > 1.1 * features && guides - features > 1.5 * standard_error; }
 };
 
 /// Fits the luminance of a frame's beauty twice, by regression on its guides and by regression on a constant and the

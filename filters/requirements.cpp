@@ -12,16 +12,6 @@
 namespace brume {
 namespace {
 
-/// How a frame gets what it lacks: of brume's own, by recording it; of another renderer's, with another filter.
-std::string way_to(const std::string& recording, const Layers& frame, const std::string& other = "") {
-  const std::string renderer = frame.text(kForeignRenderer);
-  if (renderer.empty()) return recording;
-  return fmt::format(
-      "This frame is by another renderer (read as {}): {}take a filter that needs none; without -f the "
-      "best for the frame is taken",
-      renderer, other);
-}
-
 void check_layers(const FilterEntry& filter, const Layers& frame, const ApplyOptions& options) {
   std::vector<std::string> missing, record;
   for (const LayerName& l : required_layers(filter, options))
@@ -148,6 +138,15 @@ void check_frame(const FilterSettings& filter, const Layers& frame, const ApplyO
 }
 
 }  // namespace
+
+std::string way_to(const std::string& recording, const Layers& frame, const std::string& other) {
+  const std::string renderer = frame.text(kForeignRenderer);
+  if (renderer.empty()) return recording;
+  return fmt::format(
+      "This frame is by another renderer (read as {}): {}take a filter that needs none; without -f the "
+      "best for the frame is taken",
+      renderer, other);
+}
 
 std::vector<std::string> layer_names(const Layers& frame) {
   std::set<std::string> names;

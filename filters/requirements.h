@@ -8,6 +8,11 @@ namespace brume {
 /// Header entry of a frame by another renderer, with its name: errors then say what its user can do.
 inline constexpr const char* kForeignRenderer = "brume.foreignRenderer";
 
+/// What to do about something that a frame lacks: `recording`, or of another renderer's frame, which brume cannot
+/// record, another filter.
+/// @param other  what else its user can do, followed by the filter: "say ..., or "
+std::string way_to(const std::string& recording, const Layers& frame, const std::string& other = "");
+
 /// Names of the layers in a frame, without their statistics: "beauty" for R G B on top.
 std::vector<std::string> layer_names(const Layers& frame);
 

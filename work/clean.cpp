@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "base/error.h"
+#include "base/rng.h"
 #include "filters/apply.h"
 #include "filters/features.h"
 #include "filters/guide_layers.h"
@@ -34,12 +35,18 @@ ApplyOptions options_of(double exposure, Outliers outliers) {
   return options;
 }
 
-/// A frame of one pixel with the layers that will be recorded.
-Layers outline_of(const LayerRequest& request, int samples) {
-  Layers outline(1, 1);
-  outline.header["samplesPerPixel"] = samples;
+/// A small frame of noise with the layers that will be recorded, on which a filter can be tried.
+Layers trial_frame(const LayerRequest& request, int samples) {
+  constexpr int kSize = 16;
+  Layers trial(kSize, kSize);
+  trial.header["samplesPerPixel"] = samples;
+  Rng rng(1);
   const auto add = [&](const LayerName& l, std::string_view which = "") {
-    for (const std::string& channel : l.channel_names(which)) outline.add(channel);
+    for (const std::string& channel : l.channel_names(which)) {
+      Plane& plane = trial.add(channel);
+      for (int y = 0; y < kSize; ++y)
+        for (float& v : plane.pixels(y)) v = static_cast<float>(rng.uniform());
+    }
   };
   const auto add_recorded = [&](const LayerName& l) {
     add(l);
@@ -53,7 +60,7 @@ Layers outline_of(const LayerRequest& request, int samples) {
     if (request.has(l.name)) add_recorded(l.name);
   for (const LayerName& l : FeaturePlan::sources())
     if (request.guides && is_guide(l.name)) add(l);
-  return outline;
+  return trial;
 }
 
 }  // namespace
@@ -88,7 +95,7 @@ LayerRequest Cleaner::request(const LayerRequest& wanted, int samples) {
   request.buckets = request.buckets || entry.statistics == Statistics::kBuckets;
   request.guides = request.guides || entry.guides;
   try {
-    check_requirements(filter_, outline_of(request, samples), options_of(exposure_, outliers_));
+    apply_filter(filter_, trial_frame(request, samples), options_of(exposure_, outliers_), {});
   } catch (const InputError& error) {
     throw InputError(fmt::format("--clean-filter {}: {}", entry.name, error.what()));
   }
