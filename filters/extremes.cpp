@@ -76,7 +76,7 @@ double give_back(double taken, const Extreme& from, const Plane& picture, Plane&
   for_each_around(from.x, from.y, radius, width, height, [&](int x, int y) {
     if (picture(x, y) > 0) factor(x, y) += static_cast<float>(share * weight(x, y));
   });
-  return taken - share * light;
+  return share < kMostReturn && light > 0 ? 0.0 : taken - share * light;
 }
 
 }  // namespace

@@ -12,6 +12,7 @@
 #include "base/output_file.h"
 #include "evaluate/metric.h"
 #include "filters/apply.h"
+#include "filters/guide_layers.h"
 #include "filters/recommend.h"
 #include "filters/registry.h"
 #include "filters/requirements.h"
