@@ -210,6 +210,9 @@ int run(const Common& common, const VolumeScene* made = nullptr) {
                       o.clean_filter));
   }
 
+  if (!cleaner && o.outliers.text != OutlierOption().text)
+    throw InputError("--outliers is about what a filter gets; expected --clean");
+
   RenderJob job;
   job.spp = scene.render.spp;
   if (open_ended) job.guide_samples = kSamplesWithoutLimit;

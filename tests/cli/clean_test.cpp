@@ -126,6 +126,7 @@ TEST_F(Clean, BadInputIsRefused) {
   const std::string guided = refused("render " + kSmoke + kTiny + "--clean-filter guided --clean --spp 1000000");
   EXPECT_TRUE(holds(guided, "is led by features, and the frame has none")) << guided;
   EXPECT_TRUE(holds(refused("render " + kSmoke + kTiny + "--clean --outliers none"), "--outliers"));
+  EXPECT_TRUE(holds(refused("render " + kSmoke + kTiny + "--outliers keep"), "expected --clean"));
   const auto fog = folder_ / "empty.vdb";
   test::write_affine_vdb(fog, {{0, 0, 0}, {7, 7, 7}}, dmat4(1.0), [](const ivec3&) { return 0.0f; });
   EXPECT_TRUE(holds(refused("render " + fog.string() + " --clean"), "empty"));
