@@ -27,6 +27,7 @@
 #include "filters/registry.h"
 #include "filters/requirements.h"
 #include "image/exr_io.h"
+#include "work/finished_frame.h"
 
 namespace brume::app {
 namespace {
@@ -37,12 +38,13 @@ constexpr int kAsTheFilter = -1;  // --extra-frames is not given
 
 struct Options {
   std::string input, output, preview;
-  std::string noise = "layers", outliers = "keep", features, carry, records, frames, video;
+  std::string noise = "layers", features, carry, records, frames, video;
   int tile = 0, extra_frames = kAsTheFilter;
   double frame_rate = 24;
   bool resume = false;
   std::vector<std::string> filters;
   FilterOptions common{.component = "all"};
+  OutlierOption outliers;
   KeepOptions keep;
   PictureOptions picture;
 } o;
@@ -110,7 +112,7 @@ Shot shot_of_frame(int frame) {
   return {files(0), files, /*sequence=*/true};
 }
 
-/// The frames before and after that there are, by their distance.
+/// The frames before and after that there are, with all that is read of them, by their distance.
 /// @throws InputError when some are asked for and none is there
 std::map<int, Files> extra_files(const Shot& shot, int reach) {
   std::map<int, Files> files;
@@ -118,15 +120,23 @@ std::map<int, Files> extra_files(const Shot& shot, int reach) {
   for (int d = -reach; d <= reach; ++d) {
     if (d == 0) continue;
     const Files there = shot.beside(d);
-    if (!there.frame.empty() && fs::exists(there.frame))
-      files[d] = there;
+    if (there.frame.empty()) continue;  // before frame 0
+    const auto absent = [](const fs::path& path) { return !path.empty() && !fs::exists(path); };
+    if (absent(there.frame))
+      missing.push_back(there.frame.filename().string());
+    else if (absent(there.guides) || absent(there.records))
+      missing.push_back(fmt::format("{} for {}",
+                                    (absent(there.guides) ? there.guides : there.records).filename().string(),
+                                    there.frame.filename().string()));
     else
-      missing.push_back(there.frame.empty() ? fmt::format("{:+}", d) : there.frame.filename().string());
+      files[d] = there;
   }
   if (reach > 0 && files.empty() && !shot.sequence)
-    throw InputError(
-        fmt::format("{}: --extra-frames {}: none of {} is there", shot.own.frame.string(), reach, join(missing)));
-  if (!missing.empty()) note("the sequence has no " + join(missing));
+    throw InputError(fmt::format("{}: --extra-frames {}: no frame beside it can be used{}", shot.own.frame.string(),
+                                 reach, missing.empty() ? "" : "; not there: " + join(missing)));
+  if (!missing.empty())
+    note(fmt::format("{}: of the frames beside it, {} {} not there", shot.own.frame.filename().string(), join(missing),
+                     missing.size() == 1 ? "is" : "are"));
   return files;
 }
 
@@ -136,6 +146,15 @@ int reach_of(const FilterSettings& filter, const Shot& shot) {
   return shot.sequence ? filter.entry().reach : 0;
 }
 
+/// What a frame that was filtered before, and has no noisy layer to go back to, is told to be.
+void tell_clean(const std::string& filter) {
+  if (!filter.empty())
+    note(
+        fmt::format("the frame is clean already, by {}: what is cleaned is that picture, and filtering it again loses "
+                    "detail; expected the frame that it was made from",
+                    filter));
+}
+
 /// A frame as filters get it: with its guides, and raw where it is clean already.
 Layers load(const Common& common, const Files& files, const std::set<std::string>& channels) {
   Layers frame = read_frame(common, files.frame, channels);
@@ -143,6 +162,8 @@ Layers load(const Common& common, const Files& files, const std::set<std::string
   if (frame.has(layer::noisy)) {
     note("the frame is clean already: what it was made from, its layer noisy, is cleaned");
     for (size_t c = 0; c < 3; ++c) frame.set(layer::beauty.channel(c), frame.at(layer::noisy.channel(c)));
+  } else {
+    tell_clean(frame.text("filter"));
   }
   return frame;
 }
@@ -224,8 +245,8 @@ std::string made_from(const std::vector<FilterSettings>& filters, const Files& o
   };
   add_text(version_text());
   for (const FilterSettings& filter : filters) add_text(filter.entry().name + filter.text());
-  for (const std::string& text : {o.noise, o.outliers, o.features, o.carry, o.common.component, o.common.background,
-                                  o.picture.exposure, o.keep.suffix, o.keep.map})
+  for (const std::string& text : {o.noise, o.outliers.text, o.features, o.carry, o.common.component,
+                                  o.common.background, o.picture.exposure, o.keep.suffix, o.keep.map})
     add_text(text + ";");
   add_text(fmt::format("{} {} {}", o.tile, o.extra_frames, o.keep.samples));
   for (const fs::path& path : {own.frame, own.records, own.guides}) add_file(path);
@@ -270,9 +291,7 @@ ApplyOptions apply_options() {
   options.component = o.common.chosen_component();
   options.background = o.common.chosen_background();
   options.noise = o.noise == "spatial" ? NoiseSource::kSpatial : NoiseSource::kLayers;
-  options.outliers = o.outliers == "clamp"          ? Outliers::kClamp
-                     : o.outliers == "redistribute" ? Outliers::kRedistribute
-                                                    : Outliers::kKeep;
+  options.outliers = o.outliers.chosen();
   options.tile = o.tile;
   if (!o.features.empty()) options.features = split(o.features, ',');
   if (!o.carry.empty())
@@ -302,6 +321,13 @@ std::vector<FilterSettings> choose_filters(const Common& common, const Shot& sho
   static std::string told;  // not for every frame of a sequence
   const std::string reason = ours ? best.reason : split(best.reason, ';')[0];
   if (reason != told) log(common, reason);
+  if (reason != told && !ours && !best.filter.entry().guides)
+    log(common,
+        fmt::format(
+            "of smoke and clouds in it, guides from their volume leave a quarter of the error: brume guides "
+            "--like {0} --scene SCENE.toml -o GUIDES.exr (or --volume FILE.vdb), then brume denoise {0} --guides "
+            "GUIDES.exr",
+            shot.own.frame.string()));
   told = reason;
   return {best.filter};
 }
@@ -331,6 +357,7 @@ FrameEnd run_keeping(const Common& common, const Shot& shot, const KeptFile& fil
     throw InputError(
         "--carry: the passes of this frame are cleaned by themselves, and add up; it is for frames by brume");
   const Layers outline = file.outline();
+  tell_clean(outline.text("brume.filter"));
   options.exposure =
       choose_exposure(o.picture.exposure, o.picture.exposure == "auto" ? read_frame(common, shot.own.frame) : outline);
   ApplyOptions for_choice = options;
@@ -346,7 +373,7 @@ FrameEnd run_keeping(const Common& common, const Shot& shot, const KeptFile& fil
   std::vector<KeptNeighbour> neighbours;
   for (const auto& [distance, files] : others)
     neighbours.push_back({distance, files.frame.string(), files.guides.string(),
-                          files.records.empty() ? nullptr : &readers.emplace_back(files.records)});
+                          files.records.empty() ? nullptr : &readers.emplace_back(files.records), shot.sequence});
   for (size_t i = 0; i < filters.size(); ++i) {
     const fs::path path = output_for(shot.own.output, filters, i);
     std::vector<KeptNeighbour> near;
@@ -364,8 +391,39 @@ FrameEnd run_keeping(const Common& common, const Shot& shot, const KeptFile& fil
   return FrameEnd::kDone;
 }
 
+/// What forbids the use of the guides that the command line names, measured where their header does not tell.
+std::string what_speaks_against_guides(const Common& common, const Files& files) {
+  const Task task{common.threads, {}, &interrupted};
+  KeepOptions keep = o.keep;
+  keep.guides = files.guides.string();
+  const std::vector<std::string> guides = guide_channels(keep.guides);
+  if (of_one_scene(read_header(files.guides), read_header(files.frame))) return "";
+  if (const std::optional<KeptFile> kept = KeptFile::open(files.frame, keep))
+    return kept->what_speaks_against_guides(task);
+  std::set<std::string> channels(guides.begin(), guides.end());
+  for (const std::string_view which : {std::string_view(), statistic::half_a, statistic::half_b})
+    for (const std::string& name : layer::beauty.channel_names(which)) channels.insert(name);
+  for (const LayerName& l : find_filter("transport_regression").can_use)
+    for (const std::string& name : l.channel_names()) channels.insert(name);
+  return brume::what_speaks_against_guides(load(common, files, channels), keep.guides, task);
+}
+
+Shot without_guides(const Shot& shot) {
+  Shot bare = shot;
+  bare.own.guides.clear();
+  bare.beside = [beside = shot.beside](int distance) {
+    Files files = beside(distance);
+    files.guides.clear();
+    return files;
+  };
+  return bare;
+}
+
 /// @param window  frames that are read already
-FrameEnd run_shot(const Common& common, const Shot& shot, Window& window) {
+FrameEnd run_shot(const Common& common, const Shot& asked, Window& window) {
+  const std::string wrong = asked.own.guides.empty() ? "" : what_speaks_against_guides(common, asked.own);
+  if (!wrong.empty()) warn("warning: " + wrong);
+  const Shot& shot = wrong.empty() ? asked : without_guides(asked);
   ApplyOptions options = apply_options();
   std::optional<RecordReader> records;
   if (!shot.own.records.empty()) options.records = &records.emplace(shot.own.records);
@@ -473,11 +531,7 @@ void add_denoise(CLI::App& app, Common& common, Commands& commands) {
                    "where variance comes from: the frame's layers, or the picture's own second differences")
       ->check(CLI::IsMember({"layers", "spatial"}))
       ->capture_default_str();
-  command
-      ->add_option("--outliers", o.outliers,
-                   "fireflies before the filter: keep; clamp, their energy being lost; or redistribute it")
-      ->check(CLI::IsMember({"keep", "clamp", "redistribute"}))
-      ->capture_default_str();
+  o.outliers.add_to(*command);
   command->add_option(
       "--carry", o.carry,
       "layers to filter with the same weights, so that passes still add up: direct,indirect,emission,...");

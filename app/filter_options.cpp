@@ -26,4 +26,21 @@ BackgroundRule FilterOptions::chosen_background() const {
                                      : BackgroundRule::kDefault;
 }
 
+void OutlierOption::add_to(CLI::App& command) {
+  command
+      .add_option("--outliers", text,
+                  "what the filter gets of fireflies: extreme limits single samples that outshine everything around "
+                  "them and returns their light nearby, as far as it is not seen; clamp limits all that stand out of "
+                  "their noise, their light being lost, redistribute moves it to their neighbours; keep: all of them")
+      ->check(CLI::IsMember({"extreme", "clamp", "redistribute", "keep"}))
+      ->capture_default_str();
+}
+
+Outliers OutlierOption::chosen() const {
+  return text == "clamp"          ? Outliers::kClamp
+         : text == "redistribute" ? Outliers::kRedistribute
+         : text == "keep"         ? Outliers::kKeep
+                                  : Outliers::kExtreme;
+}
+
 }  // namespace brume::app

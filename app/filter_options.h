@@ -14,4 +14,12 @@ struct FilterOptions {
   BackgroundRule chosen_background() const;
 };
 
+/// --outliers, which denoise and render share.
+struct OutlierOption {
+  std::string text = "extreme";
+
+  void add_to(CLI::App& command);
+  Outliers chosen() const;
+};
+
 }  // namespace brume::app

@@ -3,8 +3,10 @@
 #include <filesystem>
 
 #include "app/command.h"
+#include "app/sequence.h"
 #include "base/error.h"
 #include "base/output_file.h"
+#include "base/sequence.h"
 #include "image/exr_io.h"
 #include "render/frame/renderer.h"
 #include "render/scene/scene_io.h"
@@ -18,7 +20,7 @@ namespace fs = std::filesystem;
 constexpr int kUnknownSamples = 16;
 
 struct Options {
-  std::string like, volume, scene, output;
+  std::string like, volume, scene, output, frames;
   int samples = 0;
   std::vector<std::string> overrides;
   bool explain = false;
@@ -72,6 +74,7 @@ Scene scene_like(const Common& common, const ExrInfo& like) {
 }
 
 int run(const Common& common) {
+  read_exr(o.like, [](const std::string&) { return false; });  // refuses deep pixels, whose headers alone can be read
   const ExrInfo like = read_exr_info(o.like);
   const Scene scene = scene_like(common, like);
   std::vector<fs::path> inputs = {o.like, o.scene, o.volume};
@@ -102,6 +105,8 @@ int run(const Common& common) {
   if (frame.channels().empty())
     throw InputError(fmt::format("{}: nothing in it scatters or glows", o.scene.empty() ? o.volume : o.scene));
   frame.header["scene"] = scene.name;
+  frame.header["guidesOf"] = fs::path(o.like).filename().string();
+  frame.header["guidesFingerprint"] = scene.hash;
   if (const std::string hash = own_hash(like); !hash.empty()) frame.header["sceneHash"] = hash;
   frame.header["worldToCamera"] = camera.world_to_camera();
   frame.header["worldToNDC"] = camera.world_to_ndc();
@@ -109,6 +114,24 @@ int run(const Common& common) {
   write_exr(o.output, frame, task);
   print(o.output + "\n");
   return kDone;
+}
+
+int run_sequence(const Common& common) {
+  const std::vector<int> frames = parse_frames(o.frames);
+  if (o.explain)
+    throw InputError(
+        fmt::format("--explain looks at one frame; expected it without --frames, with -D render.frame={}", frames[0]));
+  for (const auto& [option, name] : {std::pair("--like", &o.like), {"-o", &o.output}})
+    check_pattern(option, *name, frames);
+  const Options sequence = o;
+  return each_frame(common, frames, [&](int frame) {
+    o = sequence;
+    for (std::string Options::*name : {&Options::like, &Options::scene, &Options::volume, &Options::output})
+      o.*name = file_of_frame(sequence.*name, frame).string();
+    o.overrides.push_back(fmt::format("render.frame={}", frame));
+    run(common);
+    return FrameEnd::kDone;
+  });
 }
 
 }  // namespace
@@ -122,13 +145,18 @@ void add_guides(CLI::App& app, Common& common, Commands& commands) {
   command->add_option("--volume", o.volume,
                       "OpenVDB file: instead of the scene's first one, or with assumed coefficients and lights");
   command->add_option("-o,--output", o.output, "EXR to write")->required();
+  command->add_option(
+      "--frames", o.frames,
+      "guides of these: 7, 1-240, 1-240x2, or several with commas between; names with ####, $F4 or %04d "
+      "become each frame's, also the volumes' in the scene; a frame that fails is named and the rest "
+      "goes on");
   command
       ->add_option("--spp", o.samples,
                    "samples per pixel of the frame: more of them deserve guides in more detail; else its header's")
       ->check(CLI::Range(1, 1 << 24));
   command->add_option("-D", o.overrides, "set a key of the scene: -D volumes.0.sigma_t=18")->allow_extra_args(false);
   command->add_flag("--explain", o.explain, "say what is solved, and with how much memory and time");
-  commands[command] = [&common] { return run(common); };
+  commands[command] = [&common] { return o.frames.empty() ? run(common) : run_sequence(common); };
 }
 
 }  // namespace brume::app

@@ -74,13 +74,6 @@ void KeepOptions::add_to(CLI::App& command) {
       ->check(CLI::Range(1, 1 << 30));
 }
 
-std::string channel_beside(const std::string& channel, const std::string& suffix) {
-  const size_t dot = channel.rfind('.');
-  if (dot != std::string::npos) return channel.substr(0, dot) + suffix + channel.substr(dot);
-  const auto letter = std::find_if(suffix.begin(), suffix.end(), [](unsigned char c) { return std::isalnum(c); });
-  return std::string(letter, suffix.end()) + "." + channel;
-}
-
 std::optional<KeptFile> KeptFile::open(const std::string& path, const KeepOptions& options) {
   ExrInfo info = read_exr_info(path);
   if (is_brume_frame(info) && !options.asked()) return std::nullopt;
@@ -116,6 +109,20 @@ Layers KeptFile::outline() const {
   return std::move(*least);
 }
 
+std::string KeptFile::what_speaks_against_guides(const Task& task) const {
+  if (options_.guides.empty()) return "";
+  const std::vector<std::string> guides = guide_channels(options_.guides);
+  const std::set<std::string> extra(guides.begin(), guides.end());
+  for (const ForeignFrame& picture : pictures_) {
+    Layers file = cut_to_light(read_picture(path_, read_channels(picture, {})), picture, info_);
+    add_guides(options_.guides, path_, file);
+    const std::string wrong =
+        brume::what_speaks_against_guides(frame_of_signal(picture, picture.color, file, extra), options_.guides, task);
+    if (!wrong.empty()) return wrong;
+  }
+  return "";
+}
+
 void KeptFile::clean(const Common& common, const FilterSettings& filter, const ApplyOptions& options,
                      const std::vector<KeptNeighbour>& others, const std::map<std::string, Attribute>& more_attributes,
                      const std::string& output, Layers* preview) const {
@@ -132,12 +139,21 @@ void KeptFile::clean(const Common& common, const FilterSettings& filter, const A
     std::list<std::vector<ForeignFrame>> nearby_pictures;
     std::vector<PictureInFile> sequence;
     for (const KeptNeighbour& other : others) {
-      const ExrInfo info = read_exr_info(other.path);
-      const auto& theirs = nearby_pictures.emplace_back(pictures_of(other.path, info, options_));
-      const ForeignFrame& same = same_view(theirs, picture, other.path);
-      nearby.push_back(cut_to_light(read_picture(other.path, read_channels(same, extra)), same, info));
-      if (filter.entry().guides || filter.uses_features()) add_guides(other.guides, other.path, nearby.back());
-      sequence.push_back({other.distance, &same, &nearby.back(), other.records});
+      try {
+        const ExrInfo info = read_exr_info(other.path);
+        const auto& theirs = nearby_pictures.emplace_back(pictures_of(other.path, info, options_));
+        const ForeignFrame& same = same_view(theirs, picture, other.path);
+        Layers& layers =
+            nearby.emplace_back(cut_to_light(read_picture(other.path, read_channels(same, extra)), same, info));
+        if (filter.entry().guides || filter.uses_features()) add_guides(other.guides, other.path, layers);
+        if (other.optional && layers.data_window() != file.data_window())
+          throw InputError(fmt::format("{}: it has the pixels {}, {} has {}", other.path, layers.data_window().text(),
+                                       path_, file.data_window().text()));
+        sequence.push_back({other.distance, &same, &layers, other.records});
+      } catch (const InputError& error) {
+        if (!other.optional) throw;
+        warn(fmt::format("left out beside {}: {}", path_, error.what()));
+      }
     }
     // Several pictures may lie in parts of their own, each with its data window.
     const PixelWindow window = file.data_window();
@@ -150,7 +166,7 @@ void KeptFile::clean(const Common& common, const FilterSettings& filter, const A
     CleanPicture& result = cleaned.emplace_back();
     try {
       result = clean_picture(filter, picture, std::move(file), info_, sequence, options,
-                             make_task(common, filter.entry().name));
+                             make_task(common, filter.entry().name), options_.suffix);
     } catch (const InputError& error) {
       throw InputError(fmt::format("{}: {}", path_, error.what()));
     }

@@ -27,6 +27,7 @@ struct KeptNeighbour {
   int distance;
   std::string path, guides;  ///< no guides: empty
   RecordReader* records;     ///< null: none
+  bool optional;             ///< left out, with a warning, where it cannot be used
 };
 
 /// A file that is cleaned where it stands: everything in it is kept, what is cleaned is replaced or stands beside.
@@ -37,6 +38,9 @@ class KeptFile {
 
   /// The frame, of one pixel, that filters will be given for the signal of which the file says least.
   Layers outline() const;
+
+  /// As what_speaks_against_guides: of the first picture that they do not suit; empty without guides.
+  std::string what_speaks_against_guides(const Task& task) const;
 
   /// Cleans all pictures and writes the file again.
   /// @param attributes  to write beside the filter's
@@ -58,8 +62,5 @@ class KeptFile {
   KeepOptions options_;
   std::vector<ForeignFrame> pictures_;
 };
-
-/// "ViewLayer.Combined_clean.R" for "ViewLayer.Combined.R" and "_clean"; "clean.R" for "R".
-std::string channel_beside(const std::string& channel, const std::string& suffix);
 
 }  // namespace brume::app

@@ -7,6 +7,7 @@
 #include <optional>
 
 #include "app/command.h"
+#include "app/filter_options.h"
 #include "app/frame.h"
 #include "app/sequence.h"
 #include "app/tev.h"
@@ -39,6 +40,7 @@ struct Options {
   double target_error = 0, checkpoint_every = 300;
   bool clean = false, layers_given = false, no_statistics = false, buckets = false, explain = false,
        require_valid = false, fixed_seed = false, skip_complete = false;
+  OutlierOption outliers;
   PictureOptions picture;
 } o;
 
@@ -206,14 +208,17 @@ int run(const Common& common, const VolumeScene* made = nullptr) {
     if (!o.part.empty()) throw InputError("--clean: a part is cleaned once it is merged, by brume denoise");
     cleaner.emplace(
         o.clean_filter.empty() ? "transport_regression" : o.clean_filter, scene.film.exposure,
-        [&](const std::string& filter) { return make_task(common, filter); }, note);
-    layers = cleaner->request(layers);
+        [&](const std::string& filter) { return make_task(common, filter); }, note, o.outliers.chosen());
+    layers = cleaner->request(layers, scene.render.spp);
     if (o.target_error > 0 && !cleaner->estimates_error())
       throw InputError(
           fmt::format("--target-error with --clean needs a filter that estimates its error, which {} does "
                       "not; take transport_regression",
                       o.clean_filter));
   }
+
+  if (!cleaner && o.outliers.text != OutlierOption().text)
+    throw InputError("--outliers is about what a filter gets; expected --clean");
 
   RenderJob job;
   job.spp = scene.render.spp;
@@ -374,6 +379,7 @@ void add_render(CLI::App& app, Common& common, Commands& commands) {
                     "samples where the clean picture needs them");
   command->add_option("--clean-filter", o.clean_filter,
                       "clean with this filter instead: NAME or NAME:parameter=value,...");
+  o.outliers.add_to(*command);
   command->add_option("--save-scene", o.save_scene,
                       "of a bare volume: write the scene that is assumed, a TOML to edit");
   command->add_option("-o,--output,--outfile", o.output, "EXR to write");

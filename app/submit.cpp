@@ -114,7 +114,7 @@ Shot asked_shot(const Common& common) {
   LayerRequest layers = LayerRequest::of(
       o.layers.empty() || o.layers == "none" ? std::vector<std::string>{} : split(o.layers, ','), true, o.buckets);
   if (o.clean) {
-    layers = Cleaner(o.filter, scene.film.exposure, {}, {}).request(layers);
+    layers = Cleaner(o.filter, scene.film.exposure, {}, {}).request(layers, shot.spp);
     shot.filter = o.filter;
     const FilterEntry& filter = parse_filter(o.filter).entry();
     if (o.window > 0 && !filter.sequences)

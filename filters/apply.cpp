@@ -12,6 +12,7 @@
 #include "base/parallel_for.h"
 #include "base/text.h"
 #include "filters/alignment.h"
+#include "filters/extremes.h"
 #include "filters/planes.h"
 #include "filters/registry.h"
 #include "filters/requirements.h"
@@ -19,25 +20,42 @@
 namespace brume {
 namespace {
 
+/// The median of the finite pixels among the 3 x 3; not finite where there are none.
 float median_of_finite_neighbours(const Plane& plane, int x, int y) {
   std::vector<float> values;
   for (int qy = std::max(0, y - 1); qy <= std::min(plane.height() - 1, y + 1); ++qy)
     for (int qx = std::max(0, x - 1); qx <= std::min(plane.width() - 1, x + 1); ++qx)
       if (std::isfinite(plane(qx, qy))) values.push_back(plane(qx, qy));
-  if (values.empty()) return 0.0f;
+  if (values.empty()) return plane(x, y);
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
   std::nth_element(values.begin(), middle, values.end());
   return *middle;
 }
 
+/// Holes are closed from their rims inward; a plane without any finite pixel becomes 0.
 Plane repaired_plane(const Plane& plane, std::set<std::pair<int, int>>& bad) {
   Plane result = plane;
+  std::vector<ivec2> holes;
   for (int y = 0; y < plane.height(); ++y)
     for (int x = 0; x < plane.width(); ++x)
       if (!std::isfinite(plane(x, y))) {
-        result(x, y) = median_of_finite_neighbours(plane, x, y);
+        holes.emplace_back(x, y);
         bad.insert({x, y});
       }
+  if (holes.size() == static_cast<size_t>(plane.width()) * static_cast<size_t>(plane.height()))
+    return Plane(plane.width(), plane.height());
+  while (!holes.empty()) {
+    // Every pixel of a rim is made from what was there before it.
+    std::vector<float> values;
+    for (const ivec2& p : holes) values.push_back(median_of_finite_neighbours(result, p.x, p.y));
+    std::vector<ivec2> inner;
+    for (size_t i = 0; i < holes.size(); ++i)
+      if (std::isfinite(values[i]))
+        result(holes[i].x, holes[i].y) = values[i];
+      else
+        inner.push_back(holes[i]);
+    holes = std::move(inner);
+  }
   return result;
 }
 
@@ -65,7 +83,10 @@ struct SignalLevel {
 /// A frame that is read: the one to clean, or another of the sequence. Not copied unless it has something to repair.
 class Source {
  public:
-  Source(const SequenceFrame& frame, const std::set<std::string>& readable, const Task& task)
+  /// @param limited  signals whose extremes are limited
+  /// @throws InputError for a signal without a finite pixel
+  Source(const SequenceFrame& frame, const std::set<std::string>& readable, const std::vector<LayerName>& signals,
+         const std::vector<LayerName>& limited, const Task& task)
       : distance(frame.distance), records(frame.records), frame_(frame.layers) {
     for (const std::string& name : readable)
       if (frame.layers->find(name)) channels_.push_back(name);
@@ -73,14 +94,22 @@ class Source {
     parallel_for(static_cast<int>(channels_.size()), quiet(task), [&](int i) {
       damaged[static_cast<size_t>(i)] = count_not_finite(frame.layers->at(channels_[static_cast<size_t>(i)])) > 0;
     });
+    for (const LayerName& signal : signals)
+      for (const std::string& name : signal.channel_names())
+        if (const Plane* plane = frame.layers->find(name);
+            plane &&
+            count_not_finite(*plane) == static_cast<size_t>(plane->width()) * static_cast<size_t>(plane->height()))
+          throw InputError(
+              fmt::format("channel {}: all {} x {} pixels are NaN or infinite, so that there is nothing to "
+                          "clean",
+                          name, plane->width(), plane->height()));
     std::set<std::pair<int, int>> bad;
     for (size_t i = 0; i < channels_.size(); ++i)
-      if (damaged[i]) {
-        if (!own_) fixed_ = *frame.layers;
-        own_ = true;
-        fixed_.set(channels_[i], repaired_plane(frame.layers->at(channels_[i]), bad));
-      }
+      if (damaged[i]) own_copy().set(channels_[i], repaired_plane(frame.layers->at(channels_[i]), bad));
     repaired = bad.size();
+    for (const LayerName& signal : limited)
+      if (const std::vector<Extreme> found = find_extremes(layers(), signal, task); !found.empty())
+        extremes[signal.name] = limit_extremes(own_copy(), signal, found, task);
     if (const Plane* count = layers().find(layer::sample_count.channel(0))) samples = mean_of(*count);
   }
   const Layers& layers() const { return own_ ? fixed_ : *frame_; }
@@ -106,10 +135,17 @@ class Source {
 
   int distance;
   RecordReader* records;
-  double samples = 0;   // per pixel
-  size_t repaired = 0;  // pixels
+  double samples = 0;                             // per pixel
+  size_t repaired = 0;                            // pixels
+  std::map<std::string_view, Extremes> extremes;  // by signal
 
  private:
+  Layers& own_copy() {
+    if (!own_) fixed_ = *frame_;
+    own_ = true;
+    return fixed_;
+  }
+
   bool own_ = false;  // fixed_ is what there is
   const Layers* frame_;
   Layers fixed_;
@@ -167,7 +203,7 @@ Rgb copied(const RgbPlanes& from) {
 
 void read_signal(Signal& s, const Layers& layers, const LayerName& name, const Run& run, const Task& task) {
   const FilterEntry& entry = run.filter.entry();
-  const bool limits = run.options.outliers != Outliers::kKeep;
+  const bool limits = limits_outliers(run.options);
   s.mean = layers.rgb(name);
   const bool halves = has_halves(layers, name);
   if (halves) {
@@ -315,7 +351,12 @@ void filter_signal(const Run& run, const std::vector<Source>& sources, const Til
   std::map<std::string, Plane> produced;
   const bool parts = run.filter.entry().parts;
   if ((first_signal || parts) && !gathered.products.empty()) frame.products = &produced;
-  const Rgb clean = filtered(run, frame, interior, part(0), totals);
+  Rgb clean = filtered(run, frame, interior, part(0), totals);
+  if (const auto found = sources[0].extremes.find(name.name);
+      found != sources[0].extremes.end() && !found->second.aside[0].empty())
+    for (size_t c = 0; c < 3; ++c)
+      for_each_pixel(interior,
+                     [&](int x, int y) { clean[c](x, y) += found->second.aside[c](x + origin.x, y + origin.y); });
   for (size_t c = 0; c < 3; ++c) add(clean[c], *gathered.sum[c]);
   if (const auto kept = gathered.parts.find(name.name); kept != gathered.parts.end())
     for (size_t c = 0; c < 3; ++c) store(clean[c], *kept->second[c]);
@@ -409,7 +450,7 @@ int choose_tile(const FilterEntry& filter, const Layers& frame, const ApplyOptio
 TilePlan plan_tiles(const Run& run, const Layers& frame, const std::vector<Source>& sources) {
   const FilterEntry& entry = run.filter.entry();
   const int apron = run.filter.apron() + (entry.can_use_statistics > Statistics::kNone ? kNoiseReach : 0) +
-                    (run.options.outliers != Outliers::kKeep ? kOutlierReach : 0);
+                    (limits_outliers(run.options) ? kOutlierReach : 0);
   size_t channels = 0;
   for (const Source& s : sources) channels += s.channels();
   double peak = 0;
@@ -429,18 +470,47 @@ void align(std::vector<Source>& sources, const LayerName& signal, const Task& ta
     sources[i].align_with(sources[0], find_alignment(sources[0].layers(), sources[i].layers(), signal, task), task);
 }
 
+void tell_extremes(const Source& source, ApplyReport& report) {
+  std::vector<LayerName> signals;
+  Extremes all;
+  for (const auto& [name, found] : source.extremes) {
+    signals.push_back({name, "RGB", ""});
+    all.limited += found.limited;
+    all.kept += found.kept;
+    all.taken += found.taken;
+    all.lost += found.lost;
+  }
+  report.extreme_pixels = all.limited + all.kept;
+  const double percent = 100 / (light_of(source.layers(), signals) + all.lost);
+  if (all.limited > 0)
+    report.notes.push_back(fmt::format(
+        "{} pixel{} that one sample makes far brighter than all around {} limited: of {:.3g} % of the light {:.3g} % "
+        "went to the neighbourhood, {:.3g} % is lost (--outliers keep leaves them)",
+        all.limited, all.limited == 1 ? "" : "s", all.limited == 1 ? "was" : "were", percent * all.taken,
+        percent * (all.taken - all.lost), percent * all.lost));
+  if (all.kept > 0)
+    report.notes.push_back(
+        fmt::format("{} pixel{} far brighter than all around, by more than one sample, {} kept as {}", all.kept,
+                    all.kept == 1 ? "" : "s", all.kept == 1 ? "is" : "are", all.kept == 1 ? "it is" : "they are"));
+}
+
 std::vector<Source> read_sources(const FilterSettings& filter, const Layers& frame, const ApplyOptions& options,
                                  const Task& task, ApplyReport& report) {
   const std::set<std::string> readable = readable_channels(filter, options, frame);
+  const std::vector<LayerName> signals = signals_of(options);
+  // What is carried along would keep the light that is taken from what carries it.
+  const std::vector<LayerName> limited =
+      options.outliers == Outliers::kExtreme && options.carried.empty() ? signals : std::vector<LayerName>();
   std::vector<Source> sources;
   sources.reserve(1 + options.sequence.size());
-  sources.emplace_back(SequenceFrame{0, &frame, options.records}, readable, task);
-  for (const SequenceFrame& other : options.sequence) sources.emplace_back(other, readable, task);
-  if (filter.entry().aligned) align(sources, signals_of(options)[0], task);
+  sources.emplace_back(SequenceFrame{0, &frame, options.records}, readable, signals, limited, task);
+  for (const SequenceFrame& other : options.sequence) sources.emplace_back(other, readable, signals, limited, task);
+  if (filter.entry().aligned) align(sources, signals[0], task);
   for (const Source& s : sources) report.repaired_pixels += s.repaired;
   if (report.repaired_pixels)
     report.notes.push_back(fmt::format(
         "{} pixels were NaN or infinite and were replaced by the median of their neighbours", report.repaired_pixels));
+  tell_extremes(sources[0], report);
   return sources;
 }
 
@@ -512,7 +582,7 @@ void add_layer(const FilterOutput& sum, const RgbPlanes& other) {
 }
 
 /// Filter, parameters, and what was done around them.
-void describe(std::map<std::string, Attribute>& header, const Run& run, double seconds) {
+void describe(std::map<std::string, Attribute>& header, const Run& run, double seconds, size_t extremes) {
   const ApplyOptions& options = run.options;
   const FilterEntry& entry = run.filter.entry();
   header["biased"] = "true: filtered by " + entry.name;
@@ -532,8 +602,10 @@ void describe(std::map<std::string, Attribute>& header, const Run& run, double s
   }
   if (run.filter.uses_features()) header["filterFeatures"] = run.features.note();
   if (options.noise == NoiseSource::kSpatial) header["filterNoise"] = std::string("estimated from the picture");
-  if (options.outliers != Outliers::kKeep)
-    header["filterOutliers"] = std::string(options.outliers == Outliers::kClamp ? "clamped" : "redistributed");
+  if (limits_outliers(options) || extremes > 0)
+    header["filterOutliers"] = std::string(options.outliers == Outliers::kClamp          ? "clamped"
+                                           : options.outliers == Outliers::kRedistribute ? "redistributed"
+                                                                                         : "extremes limited");
 }
 
 void report_totals(const Totals& totals, const Run& run, const Layers& source, ApplyReport& report) {
@@ -588,7 +660,7 @@ Layers apply_filter(const FilterSettings& requested, const Layers& frame, const 
   if (options.component == Component::kIndirect) add_layer(gathered.sum, source.rgb(layer::direct));
   if (const Plane* alpha = source.find(layer::alpha.channel(0))) gathered.layers.set(layer::alpha.channel(0), *alpha);
   report_totals(totals, run, source, r);
-  describe(gathered.layers.header, run, r.seconds);
+  describe(gathered.layers.header, run, r.seconds, r.extreme_pixels);
   return std::move(gathered.layers);
 }
 

@@ -28,7 +28,7 @@ struct ApplyOptions {
   BackgroundRule background = BackgroundRule::kDefault;
   double exposure = 1.0;
   NoiseSource noise = NoiseSource::kLayers;
-  Outliers outliers = Outliers::kKeep;
+  Outliers outliers = Outliers::kExtreme;
   std::vector<std::string> features = {};  ///< names of features.h; empty: all that the frame has; "none": none
   /// Layers filtered with the weights of the component and stored under their own names, so that passes which sum to it
   /// before the filter sum to it after.
@@ -45,6 +45,7 @@ struct ApplyOptions {
 struct ApplyReport {
   double seconds = 0;             ///< of the filter, conversions included
   size_t repaired_pixels = 0;     ///< not finite in a layer that was read
+  size_t extreme_pixels = 0;      ///< of the frame to clean, limited or kept (filters/extremes.h)
   size_t repaired_records = 0;    ///< pixels with recorded samples that were not finite
   size_t not_finite_results = 0;  ///< pixels the filter could not finish; they kept their input
   size_t tiles = 1;
@@ -52,11 +53,13 @@ struct ApplyReport {
 };
 
 /// Cleans a frame. The result holds R G B, A where the frame has it, the carried layers, and the header with the filter
-/// and every parameter. Non-finite pixels are replaced by the median of their finite neighbours before the filter and
-/// counted. Frames that need more room than a quarter of the layers read are filtered tile by tile.
+/// and every parameter. Non-finite pixels are replaced by the median of their finite neighbours before the filter, from
+/// the rim of a hole inward, and counted. Frames that need more room than a quarter of the layers read are filtered
+/// tile by tile.
 /// @throws InputError when a needed layer or statistic is missing: names all of them, and the command that records
 /// them;
-///                    for another frame of the sequence too; when the machine has not the memory
+///                    for another frame of the sequence too; when a signal has no finite pixel; when the machine has
+///                    not the memory
 Layers apply_filter(const FilterSettings& filter, const Layers& frame, const ApplyOptions& options, const Task& task,
                     ApplyReport* report = nullptr);
 

@@ -3,7 +3,9 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cctype>
 #include <cmath>
+#include <functional>
 #include <list>
 
 #include "base/error.h"
@@ -127,10 +129,11 @@ struct Parts {
       sum += std::abs((*planes[i][c])(x, y) * (factors[i][c] ? (*factors[i][c])(x, y) : 1.0f));
     return sum;
   }
-  std::string text() const {
+  /// @param name_of  a signal's name
+  std::string text(const std::function<std::string(const ForeignSignal&)>& name_of) const {
     std::vector<std::string> terms, group;
     for (size_t i = 0; i < signals.size(); ++i) {
-      group.push_back(signals[i].name);
+      group.push_back(name_of(signals[i]));
       if (i + 1 < signals.size() && signals[i].factor && signals[i + 1].factor == signals[i].factor) continue;
       if (signals[i].factor) {
         const std::string sum = group.size() > 1 ? "(" + join(group, " + ") + ")" : group[0];
@@ -168,6 +171,7 @@ Layers surroundings(const ForeignFrame& picture, const Layers& file, const std::
   Layers frame(file.width(), file.height());
   frame.lie_like(file);
   frame.header = file.header;
+  if (!picture.of_brume) frame.header[kForeignRenderer] = picture.renderer;
   const std::vector<std::string> own = picture.channels();
   for (const std::string& name : extra) {
     // Parts of the picture under brume's names would be cleaned in place of the signal.
@@ -287,6 +291,13 @@ class SignalFilter {
 
 }  // namespace
 
+std::string channel_beside(const std::string& channel, const std::string& suffix) {
+  const size_t dot = channel.rfind('.');
+  if (dot != std::string::npos) return channel.substr(0, dot) + suffix + channel.substr(dot);
+  const auto letter = std::find_if(suffix.begin(), suffix.end(), [](unsigned char c) { return std::isalnum(c); });
+  return std::string(letter, suffix.end()) + "." + channel;
+}
+
 std::vector<ForeignSignal> cleaned_signals(const ForeignFrame& picture) {
   return picture.passes.empty() ? std::vector<ForeignSignal>{picture.color} : picture.passes;
 }
@@ -299,7 +310,8 @@ Layers frame_of_signal(const ForeignFrame& picture, const ForeignSignal& signal,
 }
 
 CleanPicture clean_picture(const FilterSettings& filter, const ForeignFrame& picture, Layers file, const ExrInfo& info,
-                           const std::vector<PictureInFile>& others, const ApplyOptions& options, const Task& task) {
+                           const std::vector<PictureInFile>& others, const ApplyOptions& options, const Task& task,
+                           const std::string& suffix) {
   CleanPicture result;
   result.notes = picture.remarks;
   for (const std::string& name : picture.channels())
@@ -351,7 +363,6 @@ CleanPicture clean_picture(const FilterSettings& filter, const ForeignFrame& pic
   clean.finish();
 
   if (!picture.passes.empty()) {
-    result.sum = fmt::format("{} = {}", name_of_layer(picture.target[0]), parts.text());
     const bool rest = signals.size() > picture.passes.size();
     for (size_t c = 0; c < 3; ++c) {
       Plane whole(file.width(), file.height());
@@ -365,6 +376,13 @@ CleanPicture clean_picture(const FilterSettings& filter, const ForeignFrame& pic
   const auto was_cleaned = [&](const ForeignSignal& s) {
     return s.name != kRest && std::find(result.cleaned.begin(), result.cleaned.end(), s.name) != result.cleaned.end();
   };
+  const auto written_name = [&](const std::string& channel) {
+    return name_of_layer(suffix.empty() ? channel : channel_beside(channel, suffix));
+  };
+  if (!picture.passes.empty())
+    result.sum = fmt::format("{} = {}", written_name(picture.target[0]), parts.text([&](const ForeignSignal& s) {
+      return was_cleaned(s) && !suffix.empty() ? written_name(s.channels[0]) : s.name;
+    }));
   for (const ForeignSignal& signal : signals) {
     if (!was_cleaned(signal)) continue;
     const ChannelTriple& target = picture.passes.empty() ? picture.target : signal.channels;

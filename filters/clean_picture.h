@@ -40,9 +40,15 @@ struct CleanPicture {
 /// @param file    as read_exr gives it, with the picture's channels at least
 /// @param info    of the file: the channels' types say how values are stored
 /// @param others  of the sequence
+/// @param suffix  clean layers stand beside the noisy ones under names with this behind, which `sum` uses; empty: they
+///                replace them
 /// @throws InputError as apply_filter; for whole numbers as colours
 CleanPicture clean_picture(const FilterSettings& filter, const ForeignFrame& picture, Layers file, const ExrInfo& info,
-                           const std::vector<PictureInFile>& others, const ApplyOptions& options, const Task& task);
+                           const std::vector<PictureInFile>& others, const ApplyOptions& options, const Task& task,
+                           const std::string& suffix = "");
+
+/// "ViewLayer.Combined_clean.R" for "ViewLayer.Combined.R" and "_clean"; "clean.R" for "R".
+std::string channel_beside(const std::string& channel, const std::string& suffix);
 
 /// The frame that the filter would be given for a signal of the picture, with the file's statistics as they are.
 /// @param extra  channels under brume's names that are passed on

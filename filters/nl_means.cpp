@@ -1,6 +1,7 @@
 #include "base/error.h"
 #include "filters/neighbourhood.h"
 #include "filters/registry.h"
+#include "filters/requirements.h"
 
 namespace brume {
 namespace {
@@ -18,8 +19,10 @@ constexpr float kFeatureFloor = 1e-3f;
 void run(const NlMeans& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
   if (p.buffers == Buffers::kTwo && !frame.half_a[0])
     throw InputError(
-        "filter nl_means: buffers=two needs the two half images, which the frame does not have; brume render records "
-        "them unless --no-statistics is given. buffers=one works without");
+        "filter nl_means: buffers=two needs the two half images, which the frame does not have; buffers=one works "
+        "without. " +
+        way_to("brume render records them unless --no-statistics is given, or there is one sample per pixel",
+               frame.layers));
   const FeatureDistances features(*frame.features, p.feature_strength, kFeatureFloor, task);
   const std::vector<Offset> window = square_window(p.search_radius);
   const auto frame_at = [&](size_t i) -> const FilterFrame& { return i == 0 ? frame : *frame.nearby[i - 1].frame; };

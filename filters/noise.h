@@ -42,6 +42,7 @@ double typical_luminance(const RgbPlanes& picture);
 /// What becomes of pixels far brighter than their surroundings and their own noise explain.
 enum class Outliers {
   kKeep,
+  kExtreme,       ///< only those that outshine everything around them (filters/extremes.h)
   kClamp,         ///< down to the limit; their energy is lost
   kRedistribute,  ///< down to the limit; the energy goes to the neighbourhood (Gaussian, sigma 5)
 };

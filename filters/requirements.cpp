@@ -35,9 +35,10 @@ void check_layers(const FilterEntry& filter, const Layers& frame, const ApplyOpt
       : options.component != Component::kAll ? "; or clean the whole picture with --component all"
                                              : "";
   throw InputError(fmt::format(
-      "filter {} needs the layer{} {}, which the frame does not have ({}). Record it with: brume render SCENE -o "
-      "OUT.exr --layers {}{}",
-      filter.name, missing.size() > 1 ? "s" : "", join(missing), there, join(record, ","), way_out));
+      "filter {} needs the layer{} {}, which the frame does not have ({}). {}", filter.name,
+      missing.size() > 1 ? "s" : "", join(missing), there,
+      way_to(fmt::format("Record it with: brume render SCENE -o OUT.exr --layers {}{}", join(record, ","), way_out),
+             frame)));
 }
 
 void check_statistics(const FilterSettings& settings, const Layers& frame, const ApplyOptions& options) {
@@ -52,10 +53,12 @@ void check_statistics(const FilterSettings& settings, const Layers& frame, const
     };
     const bool halves = has_halves(frame, signal);
     if (filter.statistics == Statistics::kVariance && options.noise == NoiseSource::kLayers && !halves)
-      need(statistic::mean_variance, "the variance",
-           "brume render records it unless --no-statistics is given; for other frames, --noise spatial estimates it "
-           "from the picture");
-    if (options.outliers != Outliers::kKeep && options.noise == NoiseSource::kLayers && !halves &&
+      need(
+          statistic::mean_variance, "the variance",
+          way_to("brume render records it unless --no-statistics is given; for other frames, --noise spatial estimates "
+                 "it from the picture",
+                 frame, "--noise spatial estimates it from the picture, or "));
+    if (limits_outliers(options) && options.noise == NoiseSource::kLayers && !halves &&
         !frame.has(signal, statistic::mean_variance))
       throw InputError(
           fmt::format("limiting outliers needs the variance of '{}', which the frame does not have; "
@@ -66,7 +69,8 @@ void check_statistics(const FilterSettings& settings, const Layers& frame, const
            "noise-factor measures the noise from them; --noise spatial estimates it from the picture");
     if (filter.statistics == Statistics::kHalves) {
       need(statistic::half_a, "the two half images",
-           "brume render records them unless --no-statistics is given; a filter that needs none is bilateral");
+           way_to("brume render records them unless --no-statistics is given; a filter that needs none is bilateral",
+                  frame, "say with --map which of its layers are its halves, or "));
       if (!halves)
         throw InputError(fmt::format(
             "filter {} needs two half images of '{}', and with one sample per pixel the second is empty. Render with "
@@ -76,13 +80,15 @@ void check_statistics(const FilterSettings& settings, const Layers& frame, const
     if (filter.statistics == Statistics::kBuckets &&
         !(options.records && filter.records == FilterEntry::Records::kCanUse))
       need(statistic::buckets[0], "the eight bucket means",
-           "Record them with: brume render SCENE -o OUT.exr --buckets");
+           way_to("Record them with: brume render SCENE -o OUT.exr --buckets", frame));
   }
   if (filter.records == FilterEntry::Records::kNeeds && !options.records)
-    throw InputError(
-        fmt::format("filter {} needs the record of every sample: brume render SCENE -o OUT.exr --records "
-                    "OUT.records, then brume denoise OUT.exr --records OUT.records ...",
-                    filter.name));
+    throw InputError(fmt::format(
+        "filter {} needs the record of every sample. {}", filter.name,
+        way_to(
+            "Record it with: brume render SCENE -o OUT.exr --records OUT.records, then brume denoise OUT.exr --records "
+            "OUT.records ...",
+            frame)));
   if (filter.needs_features) {
     const auto& sources = FeaturePlan::sources();
     const bool offered = std::any_of(sources.begin(), sources.end(), [&](const LayerName& l) { return frame.has(l); });
@@ -102,7 +108,7 @@ void check_statistics(const FilterSettings& settings, const Layers& frame, const
   }
   if (!options.carried.empty() && options.component == Component::kApart)
     throw InputError("carrying layers along takes one component's weights: indirect or all, not apart");
-  if (!options.carried.empty() && options.outliers != Outliers::kKeep)
+  if (!options.carried.empty() && limits_outliers(options))
     throw InputError(
         "carried layers would keep the light that --outliers takes from what carries them; use one of both");
   for (const LayerName& l : options.carried)
@@ -120,9 +126,9 @@ void check_features(const FilterEntry& filter, const Layers& frame, const ApplyO
     if (!is_guide(l.name)) names.push_back(std::string(l.name));
   names.push_back("guides");
   throw InputError(
-      fmt::format("filter {} is led by features, and {}. They are made from the layers {}: brume render SCENE -o "
-                  "OUT.exr --layers ...; without them take another filter",
-                  filter.name, none_wanted ? "--features none leaves it none" : "the frame has none", join(names)));
+      fmt::format("filter {} is led by features, and {}. They are made from the layers {}: {}", filter.name,
+                  none_wanted ? "--features none leaves it none" : "the frame has none", join(names),
+                  way_to("brume render SCENE -o OUT.exr --layers ...; without them take another filter", frame)));
 }
 
 void check_frame(const FilterSettings& filter, const Layers& frame, const ApplyOptions& options) {
@@ -132,6 +138,15 @@ void check_frame(const FilterSettings& filter, const Layers& frame, const ApplyO
 }
 
 }  // namespace
+
+std::string way_to(const std::string& recording, const Layers& frame, const std::string& other) {
+  const std::string renderer = frame.text(kForeignRenderer);
+  if (renderer.empty()) return recording;
+  return fmt::format(
+      "This frame is by another renderer (read as {}): {}take a filter that needs none; without -f the "
+      "best for the frame is taken",
+      renderer, other);
+}
 
 std::vector<std::string> layer_names(const Layers& frame) {
   std::set<std::string> names;
@@ -161,6 +176,10 @@ ApplyOptions options_for(const FilterEntry& filter, const Layers& frame, const A
   if (filter.parts && options.component == Component::kAll && frame.has(layer::direct) && frame.has(layer::indirect))
     options.component = Component::kApart;
   return options;
+}
+
+bool limits_outliers(const ApplyOptions& options) {
+  return options.outliers == Outliers::kClamp || options.outliers == Outliers::kRedistribute;
 }
 
 std::vector<LayerName> signals_of(const ApplyOptions& options) {
@@ -204,9 +223,9 @@ std::set<std::string> readable_channels(const FilterSettings& settings, const Ap
   for (const LayerName& l : options.carried) add(l);
   for (const LayerName& l : {layer::coverage, layer::alpha}) add(l);
   const Statistics statistics = std::max(filter.statistics, filter.can_use_statistics);
-  const bool limits = options.outliers != Outliers::kKeep;
+  const bool limits = limits_outliers(options), extremes = options.outliers == Outliers::kExtreme;
   for (const LayerName& l : signals_of(options)) {
-    if (statistics >= Statistics::kVariance || limits)
+    if (statistics >= Statistics::kVariance || extremes)
       for (const auto which : {statistic::half_a, statistic::half_b}) add(l, which);
     if ((statistics >= Statistics::kVariance && filter.signal_variance) || limits) add(l, statistic::mean_variance);
     if (statistics >= Statistics::kBuckets || limits)
@@ -215,7 +234,7 @@ std::set<std::string> readable_channels(const FilterSettings& settings, const Ap
   if (settings.uses_noise_level() && options.noise == NoiseSource::kLayers)
     for (const LayerName& l : signals_of(options))
       for (const auto which : {statistic::mean_variance, statistic::half_a, statistic::half_b}) add(l, which);
-  if (statistics >= Statistics::kVariance || limits) add(layer::sample_count);
+  if (statistics >= Statistics::kVariance || extremes) add(layer::sample_count);
   if (settings.uses_features())
     for (const LayerName& l : FeaturePlan::sources())
       for (const auto which : {std::string_view(), statistic::mean_variance, statistic::half_a, statistic::half_b})

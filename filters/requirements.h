@@ -5,6 +5,14 @@
 
 namespace brume {
 
+/// Header entry of a frame by another renderer, with its name: errors then say what its user can do.
+inline constexpr const char* kForeignRenderer = "brume.foreignRenderer";
+
+/// What to do about something that a frame lacks: `recording`, or of another renderer's frame, which brume cannot
+/// record, another filter.
+/// @param other  what else its user can do, followed by the filter: "say ..., or "
+std::string way_to(const std::string& recording, const Layers& frame, const std::string& other = "");
+
 /// Names of the layers in a frame, without their statistics: "beauty" for R G B on top.
 std::vector<std::string> layer_names(const Layers& frame);
 
@@ -15,6 +23,9 @@ ApplyOptions options_for(const FilterEntry& filter, const Layers& frame, const A
 /// Whether a frame has two half images of a signal that hold samples both: not where its header says that pixels have
 /// one sample.
 bool has_halves(const Layers& frame, const LayerName& signal);
+
+/// Whether outliers are limited by the signal's variance.
+bool limits_outliers(const ApplyOptions& options);
 
 /// What a run cleans, one after another.
 std::vector<LayerName> signals_of(const ApplyOptions& options);

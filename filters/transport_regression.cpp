@@ -11,6 +11,7 @@
 #include "filters/guide_layers.h"
 #include "filters/lattice_regression.h"
 #include "filters/registry.h"
+#include "filters/requirements.h"
 #include "filters/stacking.h"
 
 namespace brume {
@@ -32,6 +33,10 @@ constexpr double kNoiseWindow = 10, kErrorWindow = 6, kBiasWindow = 24, kReturnW
 constexpr double kGlobalRidge = 1e-4;
 // An outlier is this many times what the other half shows, and more.
 constexpr float kAgreement = 3;
+// What both halves show is a point, a lamp or a star, where within this radius [px] no more pixels than these have a
+// quarter of it.
+constexpr int kPointRadius = 3, kPointPixels = 4;
+constexpr float kPointShare = 0.25f;
 // Window of the return to the data [px], and squared bias over the noise's variance from which on it is beyond doubt:
 // more with few samples, whose noise is skewed.
 constexpr double kDetailWindow = 1.5;
@@ -196,13 +201,15 @@ Plane weight_of(const Plane& level, const Plane& mask, float power, float share,
   });
 }
 
-/// Half images whose outliers are drawn in, and what was taken from their mean.
+/// Half images whose outliers are drawn in, and what was taken from their mean: `taken` belongs to the neighbourhood,
+/// `points`, which both halves show, to where it was.
 struct Limited {
-  Rgb a, b, taken;
+  Rgb a, b, taken, points;
 };
 
 /// Draws samples' means that lie far above a first fit to `limit` deviations from it. Deviations are those of the
-/// neighbourhood, relative to the fit, themselves robust.
+/// neighbourhood, relative to the fit, themselves robust. Points are drawn in, too: no fit explains them, and one that
+/// is bright enough would make all of its neighbourhood seem unexplained.
 Limited limit_outliers(const RgbPlanes& a, const RgbPlanes& b, const Rgb& fit, const Plane& level, const Plane& mask,
                        double limit, bool halves, const Task& task) {
   const int width = level.width(), height = level.height();
@@ -246,21 +253,32 @@ Limited limit_outliers(const RgbPlanes& a, const RgbPlanes& b, const Rgb& fit, c
     out.a[c] = *a[c];
     out.b[c] = *b[c];
     out.taken[c] = Plane(width, height);
+    out.points[c] = Plane(width, height);
   }
+  const auto is_point = [&](int x, int y) {
+    const float agreed = std::min(ua(x, y), ub(x, y));
+    int like_it = 0;
+    const Box box = Box{x, y, x + 1, y + 1}.grown(kPointRadius, width, height);
+    for (int v = box.y0; v < box.y1; ++v)
+      for (int u = box.x0; u < box.x1; ++u) like_it += std::min(ua(u, v), ub(u, v)) > kPointShare * agreed;
+    return like_it <= kPointPixels;
+  };
   for_each_row(height, quiet(task), [&](int y) {
     for (int x = 0; x < width; ++x) {
       if (!(mask(x, y) > 0)) continue;
       const float most = static_cast<float>(limit) * std::sqrt(std::max(0.5f * local(x, y), 0.0f) +
                                                                0.5f * top * top / static_cast<float>(limit * limit));
       // What both halves show is no outlier.
+      const bool point = halves && std::min(ua(x, y), ub(x, y)) > most && is_point(x, y);
       const auto draw = [&](const Plane& u, const Plane& other, Rgb& half) {
         const float bound = halves ? std::max(most, kAgreement * other(x, y)) : most;
-        if (!(u(x, y) > bound)) return;
-        const float share = 1 - bound / u(x, y);
+        if (!(u(x, y) > (point ? most : bound))) return;
+        const float share = 1 - std::min(1.0f, bound / u(x, y)), all = point ? 1 - most / u(x, y) : share;
         for (size_t c = 0; c < 3; ++c) {
-          const float off = share * (half[c](x, y) - fit[c](x, y));
-          half[c](x, y) -= off;
-          out.taken[c](x, y) += 0.5f * off;
+          const float missed = half[c](x, y) - fit[c](x, y);
+          half[c](x, y) -= all * missed;
+          out.taken[c](x, y) += 0.5f * share * missed;
+          out.points[c](x, y) += 0.5f * (all - share) * missed;
         }
       };
       draw(ua, ub, out.a);
@@ -368,14 +386,19 @@ Plane squared_error(const HalfPair& chosen, const HalfPair& narrow, const Plane&
 
 void say_what_is_missing(const FilterFrame& frame, bool guided, bool halves) {
   if (!frame.notes) return;
+  const bool foreign = !frame.layers.text(kForeignRenderer).empty();
   if (!guided)
     frame.notes->push_back(
-        "the frame has no guides: two to four times the error of a frame with them, and more than other filters leave. "
-        "Record them with: brume render SCENE -o OUT.exr --layers direct,indirect,guides");
+        fmt::format("the frame has no guides: two to four times the error of a frame with them, and more than other "
+                    "filters leave. {}",
+                    foreign ? "Make them with: brume guides --like FRAME.exr --scene SCENE.toml -o GUIDES.exr"
+                            : "Record them with: brume render SCENE -o OUT.exr --layers direct,indirect,guides"));
   if (!halves)
-    frame.notes->push_back(
-        "no two halves to judge by (one sample per pixel, or no statistics): fits are judged by pixels left out, which "
-        "takes the noise of neighbouring pixels to be independent");
+    frame.notes->push_back(fmt::format(
+        "{} to judge by: fits are judged by pixels left out, which takes the noise of neighbouring pixels to "
+        "be independent",
+        frame.layers.number("samplesPerPixel").value_or(frame.samples) == 1 ? "one sample per pixel makes no two halves"
+                                                                            : "the frame has no half images"));
 }
 
 Plane brightness(const HalfPair& fit, const Task& task) {
@@ -514,7 +537,7 @@ struct FirstFit {
       q.left = q.halves ? HalfPair{std::move(limited.a), std::move(limited.b)}
                         : chessboard_halves(limited.a, fits[i].a, q.known.mask, task);
       fits[i] = {};
-      if (i == 0) data = {q.left.a, q.left.b, std::move(limited.taken)};
+      if (i == 0) data = {q.left.a, q.left.b, std::move(limited.taken), std::move(limited.points)};
       q.level = Plane(frame.width(), frame.height());
     }
     const auto explain = [&](size_t i, size_t c, Plane a, Plane b) {
@@ -596,7 +619,8 @@ void run(const TransportRegression& p, const FilterFrame& frame, const FilterOut
   const HalfPair chosen = blend(candidates, maps, task);
   Rgb clean = mean(chosen, task);
   give_back(first.data.taken, clean, known.mask, task);
-  if (own.halves) return_to_data(chosen, own.seen.a, own.seen.b, known.mask, samples, clean, task);
+  if (own.halves) return_to_data(chosen, view(data.a), view(data.b), known.mask, samples, clean, task);
+  for (size_t c = 0; c < 3; ++c) add_to(clean[c], 1, first.data.points[c], task);
   for (size_t c = 0; c < 3; ++c)
     for_each_row(height, quiet(task), [&](int y) {
       for (int x = 0; x < width; ++x)

@@ -7,6 +7,7 @@
 #include "base/error.h"
 #include "filters/neighbourhood.h"
 #include "filters/registry.h"
+#include "filters/requirements.h"
 #include "filters/student.h"
 
 namespace brume {
@@ -86,11 +87,12 @@ FlashImage flash_image(const VirtualFlash& p, const FilterFrame& frame) {
   } else {
     for (const std::string_view which : {std::string_view(), statistic::mean_variance})
       if (!frame.layers.has(source, which))
-        throw InputError(
-            fmt::format("filter virtual_flash: guide={} needs the layer '{}' and its variance, which the frame does "
-                        "not have. Record "
-                        "them with: brume render SCENE -o OUT.exr --layers direct,indirect,flash; or take guide=signal",
-                        source.label(), source.label()));
+        throw InputError(fmt::format(
+            "filter virtual_flash: guide={} needs the layer '{}' and its variance, which the frame does not have. {}",
+            source.label(), source.label(),
+            way_to(
+                "Record them with: brume render SCENE -o OUT.exr --layers direct,indirect,flash; or take guide=signal",
+                frame.layers, "take guide=signal, or ")));
     take(frame.layers.rgb(source), frame.layers.rgb(source, statistic::mean_variance));
   }
   return flash;

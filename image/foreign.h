@@ -51,7 +51,8 @@ struct ForeignFeature {
 
 /// One picture in a file of another renderer.
 struct ForeignFrame {
-  std::string renderer;       ///< "Blender Cycles multilayer"
+  std::string renderer;  ///< "Blender Cycles multilayer"
+  bool of_brume = false;
   std::string view = {};      ///< its view layer, part or eye; may be empty
   ForeignSignal color = {};   ///< what is read
   ChannelTriple target = {};  ///< where its clean picture goes: the same channels, as a rule

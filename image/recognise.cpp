@@ -352,7 +352,7 @@ ForeignSignal brume_signal(const Channels& file, const LayerName& layer) {
 
 std::vector<ForeignFrame> brume_frame(const Channels& file, const ExrInfo& info) {
   if (!is_brume_frame(info) || !file.colour("")) return {};
-  ForeignFrame p{.renderer = "a frame by brume", .target = *file.colour("")};
+  ForeignFrame p{.renderer = "a frame by brume", .of_brume = true, .target = *file.colour("")};
   p.color = brume_signal(file, layer::beauty);
   if (file.colour("direct.") && file.colour("indirect."))
     p.passes = {brume_signal(file, layer::direct), brume_signal(file, layer::indirect)};

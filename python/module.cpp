@@ -12,6 +12,7 @@
 #include "base/output_file.h"
 #include "evaluate/metric.h"
 #include "filters/apply.h"
+#include "filters/guide_layers.h"
 #include "filters/recommend.h"
 #include "filters/registry.h"
 #include "filters/requirements.h"
@@ -168,7 +169,7 @@ LayersPointer render(const py::object& scene, const py::object& spp, const py::o
     if (cleans) {
       cleaner.emplace(
           filter, film.exposure, [&](const std::string&) { return share(work.task, 0.9, 1); }, work.note);
-      recorded = cleaner->request(request);
+      recorded = cleaner->request(request, samples.value_or(loaded.scene.render.spp));
     }
     RenderJob job;
     job.spp = samples.value_or(loaded.scene.render.spp);
@@ -202,7 +203,8 @@ std::string denoise_help() {
       "bilateral\n"
       "or filter for pixels without coverage, or default. noise: layers or spatial: where variance comes from. "
       "outliers:\n"
-      "keep, clamp or redistribute fireflies. features: names to use, \"none\", or all. carry: layers to filter with "
+      "extreme limits single samples that outshine all around them; clamp, redistribute or keep fireflies. features: "
+      "names to use, \"none\", or all. carry: layers to filter with "
       "the\n"
       "same weights. guides: a path or Layers by brume guides. exposure: a number, \"header\" or \"auto\". tile: side "
       "of\n"
@@ -280,9 +282,11 @@ LayersPointer denoise(const py::object& layers, const py::object& filter, const 
                                                {"filter", BackgroundRule::kFilter}});
   options.noise =
       choose<NoiseSource>("noise", noise, {{"layers", NoiseSource::kLayers}, {"spatial", NoiseSource::kSpatial}});
-  options.outliers = choose<Outliers>(
-      "outliers", outliers,
-      {{"keep", Outliers::kKeep}, {"clamp", Outliers::kClamp}, {"redistribute", Outliers::kRedistribute}});
+  options.outliers = choose<Outliers>("outliers", outliers,
+                                      {{"extreme", Outliers::kExtreme},
+                                       {"clamp", Outliers::kClamp},
+                                       {"redistribute", Outliers::kRedistribute},
+                                       {"keep", Outliers::kKeep}});
   if (!features.is_none()) options.features = to_words(features);
   options.carried = to_colour_layers(carry);
   if (tile < 0) throw InputError(fmt::format("tile: expected 0 or more, found {}", tile));
@@ -307,6 +311,21 @@ LayersPointer denoise(const py::object& layers, const py::object& filter, const 
     std::vector<std::string> guide_names;
     if (!guide_path.empty()) guide_names = guide_channels(guide_path);
     if (guide_layers) guide_names = guide_layers->names();
+    if (!guide_names.empty()) {
+      const Layers known = guide_layers ? *guide_layers : read_exr(guide_path, is_guide);
+      if (!of_one_scene(known, *frame)) {
+        const std::string path = guide_layers ? "the guides" : guide_path;
+        Layers both = *frame;
+        adopt_foreign_layers(both);
+        add_guides(known, {path, "the frame"}, both);
+        if (const std::string wrong = what_speaks_against_guides(both, path, quiet(work.task)); !wrong.empty()) {
+          work.note(wrong);
+          guide_names.clear();
+          guide_path.clear();
+          guide_layers = nullptr;
+        }
+      }
+    }
     const Layers outline = outline_of(*frame, guide_names);
     if (!settings) {
       const Recommendation best = recommend_filter(outline, options);
@@ -426,7 +445,7 @@ PYBIND11_MODULE(_brume, module) {
              py::arg("progress") = py::none(), kRenderHelp);
   module.def("denoise", &denoise, py::arg("layers"), py::arg("filter") = py::none(), py::kw_only(),
              py::arg("component") = "all", py::arg("background") = "default", py::arg("noise") = "layers",
-             py::arg("outliers") = "keep", py::arg("features") = py::none(), py::arg("carry") = py::tuple(),
+             py::arg("outliers") = "extreme", py::arg("features") = py::none(), py::arg("carry") = py::tuple(),
              py::arg("guides") = py::none(), py::arg("exposure") = "header", py::arg("tile") = 0,
              py::arg("threads") = 0, py::arg("progress") = py::none(), denoise_help().c_str());
   module.def("metrics", &metrics, py::arg("picture"), py::arg("reference"), py::arg("second") = py::none(),

@@ -6,7 +6,10 @@
 #include <cmath>
 
 #include "base/error.h"
+#include "base/rng.h"
 #include "filters/apply.h"
+#include "filters/features.h"
+#include "filters/guide_layers.h"
 #include "filters/registry.h"
 #include "filters/requirements.h"
 
@@ -24,24 +27,57 @@ bool makes(const FilterEntry& filter, const LayerName& layer) {
   return std::find(filter.produces.begin(), filter.produces.end(), layer) != filter.produces.end();
 }
 
-ApplyOptions options_of(double exposure) {
+ApplyOptions options_of(double exposure, Outliers outliers) {
   ApplyOptions options;
   options.component = Component::kAll;
   options.exposure = exposure;
+  options.outliers = outliers;
   return options;
+}
+
+/// A small frame of noise with the layers that will be recorded, on which a filter can be tried.
+Layers trial_frame(const LayerRequest& request, int samples) {
+  constexpr int kSize = 16;
+  Layers trial(kSize, kSize);
+  trial.header["samplesPerPixel"] = samples;
+  Rng rng(1);
+  const auto add = [&](const LayerName& l, std::string_view which = "") {
+    for (const std::string& channel : l.channel_names(which)) {
+      Plane& plane = trial.add(channel);
+      for (int y = 0; y < kSize; ++y)
+        for (float& v : plane.pixels(y)) v = static_cast<float>(rng.uniform());
+    }
+  };
+  const auto add_recorded = [&](const LayerName& l) {
+    add(l);
+    if (request.statistics)
+      for (const auto which : {statistic::mean_variance, statistic::half_a, statistic::half_b}) add(l, which);
+    if (request.buckets)
+      for (const auto which : statistic::buckets) add(l, which);
+  };
+  add_recorded(layer::beauty);
+  for (const RecordedLayer& l : recordable_layers())
+    if (request.has(l.name)) add_recorded(l.name);
+  for (const LayerName& l : FeaturePlan::sources())
+    if (request.guides && is_guide(l.name)) add(l);
+  return trial;
 }
 
 }  // namespace
 
 Cleaner::Cleaner(const std::string& filter, double exposure, std::function<Task(const std::string&)> task,
-                 std::function<void(const std::string&)> note)
-    : filter_(parse_filter(filter)), exposure_(exposure), task_(std::move(task)), note_(std::move(note)) {}
+                 std::function<void(const std::string&)> note, Outliers outliers)
+    : filter_(parse_filter(filter)),
+      exposure_(exposure),
+      outliers_(outliers),
+      task_(std::move(task)),
+      note_(std::move(note)) {}
 
 bool Cleaner::estimates_error() const {
   return makes(filter_.entry(), layer::clean_error);
 }
 
-LayerRequest Cleaner::request(const LayerRequest& wanted) {
+LayerRequest Cleaner::request(const LayerRequest& wanted, int samples) {
   const FilterEntry& entry = filter_.entry();
   if (entry.records == FilterEntry::Records::kNeeds)
     throw InputError(
@@ -58,12 +94,17 @@ LayerRequest Cleaner::request(const LayerRequest& wanted) {
   request.statistics = true;
   request.buckets = request.buckets || entry.statistics == Statistics::kBuckets;
   request.guides = request.guides || entry.guides;
+  try {
+    apply_filter(filter_, trial_frame(request, samples), options_of(exposure_, outliers_), {});
+  } catch (const InputError& error) {
+    throw InputError(fmt::format("--clean-filter {}: {}", entry.name, error.what()));
+  }
   return request;
 }
 
 Layers Cleaner::clean(const Layers& frame) {
   ApplyReport report;
-  Layers clean = apply_filter(filter_, frame, options_of(exposure_), task_(filter_.entry().name), &report);
+  Layers clean = apply_filter(filter_, frame, options_of(exposure_, outliers_), task_(filter_.entry().name), &report);
   for (const std::string& line : report.notes) note_(line);
   seconds_ += report.seconds;
   Layers all(frame.width(), frame.height());

@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "base/progress.h"
-#include "filters/filter.h"
+#include "filters/apply.h"
 #include "render/frame/film.h"
 #include "render/frame/render_job.h"
 
@@ -19,11 +19,12 @@ class Cleaner {
   /// @param note    told what the user should know
   /// @throws InputError
   Cleaner(const std::string& filter, double exposure, std::function<Task(const std::string&)> task,
-          std::function<void(const std::string&)> note);
+          std::function<void(const std::string&)> note, Outliers outliers = Outliers::kExtreme);
 
-  /// What a render must record for it, beside `wanted`. Guides that nobody wanted are not in the clean frame. @throws
-  /// InputError for a filter that needs sample records
-  LayerRequest request(const LayerRequest& wanted);
+  /// What a render must record for it, beside `wanted`. Guides that nobody wanted are not in the clean frame.
+  /// @param samples  per pixel that will be rendered
+  /// @throws InputError for a filter that could not run on what will be recorded
+  LayerRequest request(const LayerRequest& wanted, int samples);
 
   /// The frame with the clean picture on top: the raw one goes to `noisy`, the parts to clean_direct and
   /// clean_indirect, the estimated error to clean_error, where the filter makes them.
@@ -51,6 +52,7 @@ class Cleaner {
 
   FilterSettings filter_;
   double exposure_, error_ = -1, seconds_ = 0;
+  Outliers outliers_;
   std::function<Task(const std::string&)> task_;
   std::function<void(const std::string&)> note_;
   Layers picture_;

@@ -9,6 +9,7 @@
 
 #include "base/error.h"
 #include "base/text.h"
+#include "filters/guide_check.h"
 #include "filters/guide_layers.h"
 #include "filters/requirements.h"
 #include "image/color.h"
@@ -77,6 +78,20 @@ void add_guides(Layers guides, const std::array<std::string, 2>& names, Layers& 
   if (guides.data_window() != data) guides = guides.cut(data);
   for (const auto& [name, plane] : guides.channels())
     if (is_guide(name)) frame.set(name, plane);
+}
+
+bool of_one_scene(const Layers& guides, const Layers& frame) {
+  const std::string ours = frame.text("sceneHash");
+  return !ours.empty() && ours == guides.text("sceneHash");
+}
+
+std::string what_speaks_against_guides(const Layers& frame, const std::string& path, const Task& task) {
+  const GuideCheck check = check_guides(frame, task);
+  if (!check.misleads()) return "";
+  return fmt::format(
+      "{} explains the frame worse than its own features do (mean squared error at pixels left out {:.3g} and {:.3g}): "
+      "are these guides of its scene, its camera, its frame? It is cleaned without them",
+      path, check.guides, check.features);
 }
 
 double choose_exposure(const std::string& option, const Layers& frame) {

@@ -3,6 +3,7 @@
 #include <string>
 #include <vector>
 
+#include "base/progress.h"
 #include "image/layers.h"
 
 namespace brume {
@@ -15,6 +16,14 @@ std::vector<std::string> guide_channels(const std::string& path);
 void add_guides(const std::string& path, const std::string& frame_path, Layers& frame);
 /// The same of guides in memory. @param names  by which errors call the guides and the frame
 void add_guides(Layers guides, const std::array<std::string, 2>& names, Layers& frame);
+
+/// Whether two headers name one scene and camera, so that nothing needs to be measured.
+bool of_one_scene(const Layers& guides, const Layers& frame);
+
+/// Whether guides explain a frame worse than its own features do, as those of another scene or camera; in one sentence,
+/// empty where they do not (filters/guide_check.h).
+/// @param frame  with R, G, B, features and guides   @param path  of the guides
+std::string what_speaks_against_guides(const Layers& frame, const std::string& path, const Task& task);
 
 /// The number that an exposure's text stands for: "header" is 1 where the header has none.
 /// @throws InputError when auto has no picture to measure

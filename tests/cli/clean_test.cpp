@@ -116,6 +116,17 @@ TEST_F(Clean, BadInputIsRefused) {
   EXPECT_TRUE(holds(refused("render " + kSmoke + kTiny + "--clean-filter random_parameter"), "record"));
   EXPECT_TRUE(holds(refused("render " + kSmoke + kTiny + "--save-scene " + path("a.toml")), "is a scene"));
   EXPECT_TRUE(holds(refused("render " + kSmoke + kTiny + "--clean-filter nforr"), "nfor"));
+  // Before anything is rendered: these samples would take an hour.
+  const std::string one = refused("render " + kSmoke + kTiny + "--clean-filter nfor --spp 1");
+  EXPECT_TRUE(holds(one, "--clean-filter nfor")) << one;
+  EXPECT_TRUE(holds(one, "Render with --spp 2 or more")) << one;
+  EXPECT_FALSE(holds(one, "paths")) << "it was rendered: " << one;
+  EXPECT_TRUE(
+      holds(refused("render " + kSmoke + kTiny + "--clean-filter nl_means --spp 1"), "buffers=one works without"));
+  const std::string guided = refused("render " + kSmoke + kTiny + "--clean-filter guided --clean --spp 1000000");
+  EXPECT_TRUE(holds(guided, "is led by features, and the frame has none")) << guided;
+  EXPECT_TRUE(holds(refused("render " + kSmoke + kTiny + "--clean --outliers none"), "--outliers"));
+  EXPECT_TRUE(holds(refused("render " + kSmoke + kTiny + "--outliers keep"), "expected --clean"));
   const auto fog = folder_ / "empty.vdb";
   test::write_affine_vdb(fog, {{0, 0, 0}, {7, 7, 7}}, dmat4(1.0), [](const ivec3&) { return 0.0f; });
   EXPECT_TRUE(holds(refused("render " + fog.string() + " --clean"), "empty"));

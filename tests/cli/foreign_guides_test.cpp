@@ -127,7 +127,54 @@ TEST_F(ForeignGuides, OfAnotherPictureAreRefused) {
   EXPECT_TRUE(holds(refused(denoise + path("scene.exr")), "guides of another scene"));
 
   EXPECT_TRUE(holds(refused("guides --like " + path("frame.exr")), "neither --volume nor --scene"));
+  test::write_deep_exr(folder_ / "deep.exr");
+  EXPECT_TRUE(holds(refused("guides --like " + path("deep.exr") + " --scene " + kSmoke), "holds deep pixels"));
   EXPECT_TRUE(holds(refused("guides --like " + path("missing.exr") + " --scene " + kSmoke), "no such file"));
+}
+
+TEST_F(ForeignGuides, OfAnotherSceneAreSaidToBeAndLeftOut) {
+  const std::string cloud = test::source("data/scenes/cloud.toml").string();
+  const std::string noisy = as_cycles(rendered("noisy.exr", "--spp 16 --layers direct,indirect"), "cycles.exr");
+  run("guides --like " + noisy + " --scene " + kSmoke + " --spp 16 -q -o " + path("right.exr"));
+  run("guides --like " + noisy + " --scene " + cloud + " --spp 16 -q -o " + path("wrong.exr"));
+  const Layers right = read_exr(folder_ / "right.exr"), wrong = read_exr(folder_ / "wrong.exr");
+  EXPECT_EQ(right.text("guidesOf"), "cycles.exr");
+  EXPECT_NE(right.text("guidesFingerprint"), wrong.text("guidesFingerprint"));
+  run("denoise " + noisy + " -q -o " + path("none.exr"));
+  const auto denoised = [&](const std::string& guides) {
+    const auto r = run_brume("denoise " + noisy + " --guides " + path(guides) + " -o " + path("clean.exr"));
+    EXPECT_EQ(r.status, 0) << r.err;
+    return r.err;
+  };
+  const std::string said = denoised("wrong.exr");
+  EXPECT_TRUE(holds(said, "wrong.exr explains the frame worse than its own features do")) << said;
+  test::expect_same_bits(read_exr(folder_ / "none.exr"), read_exr(folder_ / "clean.exr"), "without guides");
+  EXPECT_FALSE(holds(denoised("right.exr"), "explains the frame worse"));
+  EXPECT_EQ(read_exr(folder_ / "clean.exr").text("brume.filter"), "transport_regression");
+}
+
+TEST_F(ForeignGuides, OfASequenceAreMadeFrameByFrameAndOptionalBesideIt) {
+  for (const char* number : {"0000", "0001", "0002"})
+    as_cycles(rendered("noisy.exr", std::string("--spp 4 --layers direct,indirect --seed ") + number),
+              std::string("shot.") + number + ".exr");
+  const std::string frames = " '" + path("shot.####.exr") + "' ", guides = " '" + path("g.####.exr") + "' ";
+  const auto r = run_brume("guides --like" + frames + "--scene " + kSmoke + " --frames 0-1 -q -o" + guides);
+  ASSERT_EQ(r.status, 0) << r.err;
+  EXPECT_EQ(r.out, path("g.0000.exr") + "\n" + path("g.0001.exr") + "\n");
+  EXPECT_TRUE(
+      holds(refused("guides --like" + frames + "--scene " + kSmoke + " --frames 0-1"), "would go into one file"));
+  const auto clean =
+      run_brume("denoise" + frames + "--guides" + guides + "--frames 0-1 -o '" + path("c.####.exr") + "'");
+  EXPECT_EQ(clean.status, 0) << clean.err;
+  EXPECT_TRUE(holds(clean.err, "of the frames beside it, g.0002.exr for shot.0002.exr")) << clean.err;
+  EXPECT_FALSE(holds(clean.err, " -1,")) << "there is no frame before the first: " << clean.err;
+  EXPECT_EQ(read_exr(folder_ / "c.0001.exr").text("brume.filterFrames"), "-1");
+  // A frame beside it that cannot be read is left out, too.
+  test::write_file(folder_ / "g.0001.exr", "damaged");
+  const auto damaged =
+      run_brume("denoise" + frames + "--guides" + guides + "--frames 0 -o '" + path("d.####.exr") + "'");
+  EXPECT_EQ(damaged.status, 0) << damaged.err;
+  EXPECT_TRUE(holds(damaged.err, "left out beside")) << damaged.err;
 }
 
 TEST_F(ForeignGuides, ASceneOutOfBlenderIsOneThatBrumeReads) {

@@ -220,12 +220,37 @@ TEST_F(Frames, CleanLayersMayStandBesideTheNoisy) {
     for (const std::string& name : channels_of(std::string("My Layer.") + pass + "_clean"))
       added.insert("/" + name + "/0,0");
   EXPECT_EQ(test::differing(before, after), added);
+  EXPECT_EQ(read_exr(out).text("brume.sum"), "Combined_clean = VolumeDir_clean + VolumeInd_clean + Env_clean + Emit");
   const auto again = run_brume("denoise " + out + " -o " + path("again.exr") + " -f bilateral --suffix _clean");
   EXPECT_EQ(again.status, 2);
   EXPECT_TRUE(holds(again.err, "take another suffix")) << again.err;
   write({{header_of({":RGB"}, Imf::FLOAT), noisy}});
   denoise("-f bilateral --suffix _clean");
   EXPECT_NE(read_exr(out).find("clean.R"), nullptr) << "no layer's name begins with an underline";
+}
+
+TEST_F(Frames, WhatIsSaidIsTrueOfTheFrame) {
+  write({{cycles_header(Imf::FLOAT), cycles_value}});
+  const std::string best = denoise("");
+  EXPECT_TRUE(holds(best, "guides from their volume leave a quarter of the error: brume guides --like " + in)) << best;
+  std::filesystem::copy_file(out, path("again.exr"));
+  const std::string regression = denoise("-f transport_regression");
+  EXPECT_TRUE(holds(regression, "the frame has no half images to judge by")) << regression;
+  EXPECT_FALSE(holds(regression, "brume render")) << regression;
+  std::filesystem::remove(out);
+  for (const std::string filter : {"nfor", "welch", "random_parameter", "virtual_flash:guide=flash"}) {
+    const std::string said = refused("-f " + filter);
+    EXPECT_TRUE(holds(said, "This frame is by another renderer (read as Blender Cycles multilayer)")) << said;
+    EXPECT_FALSE(holds(said, "brume render")) << said;
+  }
+  // Clean frames are not cleaned once more in silence.
+  in = path("again.exr");
+  EXPECT_TRUE(holds(denoise("-f bilateral"), "the frame is clean already, by ")) << in;
+  write_exr(path("noisy.exr"), test::noisy_frame(kWidth, kHeight, 3));
+  in = path("noisy.exr"), out = path("once.exr");
+  EXPECT_FALSE(holds(denoise("-f bilateral"), "clean already"));
+  in = path("once.exr"), out = path("twice.exr");
+  EXPECT_TRUE(holds(denoise(""), "the frame is clean already, by bilateral"));
 }
 
 TEST_F(Frames, EveryViewLayerIsCleaned) {

@@ -238,6 +238,7 @@ TEST(CommonRules, OutliersAreLimitedAndTheirLightIsAccountedFor) {
   const FilterSettings f = parse_filter("gaussian");
   ApplyOptions keep, clamp, redistribute;
   for (ApplyOptions* o : {&keep, &clamp, &redistribute}) o->background = BackgroundRule::kFilter;
+  keep.outliers = Outliers::kKeep;
   clamp.outliers = Outliers::kClamp;
   redistribute.outliers = Outliers::kRedistribute;
   ApplyReport report;

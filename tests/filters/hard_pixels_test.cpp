@@ -56,8 +56,10 @@ TEST(HardPixels, OnePixelOf1e20LeavesTheOthersOfBayesianCollaborativeFiltered) {
     (*hit.add_rgb(layer::indirect, statistic::half_a)[c])(40, 40) = 2e20f;
   }
   const FilterSettings f(find_filter("bayesian_collaborative"));
+  ApplyOptions keep;
+  keep.outliers = Outliers::kKeep;
   ApplyReport report;
-  const Layers clean = apply_filter(f, frame, {}, {}), out = apply_filter(f, hit, {}, {}, &report);
+  const Layers clean = apply_filter(f, frame, keep, {}), out = apply_filter(f, hit, keep, {}, &report);
   EXPECT_EQ(report.not_finite_results, 1u);
   EXPECT_EQ(out.at("G")(40, 40), 1e20f) << "keeps its input";
   EXPECT_LT(rms_around(out, frame, 40, 40), 1.1 * rms_around(clean, frame, 40, 40));
@@ -69,7 +71,9 @@ TEST(HardPixels, OnePixelOf1e8DoesNotMoveTheFloorOfLogLuminance) {
   for (Plane* p : hit.add_rgb(layer::indirect)) (*p)(20, 20) = 1e8f;
   const FilterSettings f = parse_filter("extended_bilateral:domain=log-luminance");
   const int reach = f.apron();
-  EXPECT_EQ(largest_difference(apply_filter(f, frame, {}, {}), apply_filter(f, hit, {}, {}),
+  ApplyOptions keep;
+  keep.outliers = Outliers::kKeep;
+  EXPECT_EQ(largest_difference(apply_filter(f, frame, keep, {}), apply_filter(f, hit, keep, {}),
                                [&](int x, int y) { return std::max(std::abs(x - 20), std::abs(y - 20)) > reach; }),
             0);
 }
@@ -99,6 +103,152 @@ TEST(HardPixels, RecordsThatAreNotFiniteAreReplacedAndCounted) {
   }
 }
 
+std::string refusal(const FilterSettings& f, const Layers& frame, const ApplyOptions& options) {
+  try {
+    apply_filter(f, frame, options, {});
+  } catch (const InputError& error) {
+    return error.what();
+  }
+  return "";
+}
+
+TEST(HardPixels, AHoleOfNanIsClosedFromItsRimAndNeverBlack) {
+  Layers frame = sampled_frame(60, 50, 16, 0.2, 5, flat);
+  for (const std::string& name : frame.names())
+    for (int y = 0; y < 50; ++y)
+      for (int x = 0; x < 60; ++x)
+        if ((x >= 20 && x < 29 && y >= 20 && y < 29) || (x > 47 && y > 40) || (x >= 5 && x < 8 && y >= 5 && y < 8))
+          (*frame.find(name))(x, y) = std::numeric_limits<float>::quiet_NaN();
+  for (const std::string name : {"transport_regression", "nfor", "gaussian"}) {
+    ApplyOptions options;
+    options.component = Component::kAll;
+    ApplyReport report;
+    const Layers clean = apply_filter(parse_filter(name), frame, options, {}, &report);
+    EXPECT_EQ(report.repaired_pixels, 9u * 9u + 12u * 9u + 3u * 3u) << name;
+    for (const char* channel : {"R", "G", "B"})
+      for (int y = 0; y < 50; ++y)
+        for (int x = 0; x < 60; ++x) ASSERT_GT(clean.at(channel)(x, y), 0.3) << name << " at " << x << ", " << y;
+  }
+}
+
+TEST(HardPixels, APictureWithoutAFinitePixelIsRefused) {
+  Layers frame = noisy_frame(30, 20, 5);
+  for (Plane* p : frame.add_rgb(layer::indirect)) *p = Plane(30, 20, std::numeric_limits<float>::infinity());
+  const std::string text = refusal(FilterSettings(find_filter("gaussian")), frame, {});
+  EXPECT_NE(text.find("channel indirect.R: all 30 x 20 pixels are NaN or infinite"), std::string::npos) << text;
+}
+
+/// Adds to a pixel of the indirect light, its halves, buckets and variance, what one sample of 16, or all of them,
+/// bring.
+Layers with_bright_pixel(Layers frame, float value, bool one_sample) {
+  for (const size_t c : {0u, 1u, 2u}) {
+    const auto at = [&](std::string_view which) -> float& {
+      return (*frame.add_rgb(layer::indirect, which)[c])(64, 60);
+    };
+    at("") += value;
+    for (const std::string_view half : {statistic::half_a, statistic::half_b})
+      if (!one_sample)
+        at(half) += value;
+      else if (half == statistic::half_a)
+        at(half) += 2 * value;
+    for (const std::string_view bucket : statistic::buckets)
+      if (!one_sample)
+        at(bucket) += value;
+      else if (bucket == statistic::buckets[0])
+        at(bucket) += 8 * value;
+    if (one_sample) at(statistic::mean_variance) += value * value;
+  }
+  return frame;
+}
+
+Layers without_halves(const Layers& frame) {
+  Layers less(frame.width(), frame.height());
+  for (const auto& [name, plane] : frame.channels())
+    if (name.find("half_") == std::string::npos && name.find("bucket_") == std::string::npos) less.set(name, plane);
+  return less;
+}
+
+// Before there was a limit, 1,000 changed 5,000 pixels of a cloud by more than 0.1, and 1e5 all of them.
+TEST(BrightPixels, OneSampleChangesNoOtherPixelNoticeably) {
+  const Layers frame = sampled_frame(128, 128, 16, 0.2, 8, flat), bare = without_halves(frame);
+  for (const std::string name : {"transport_regression", "nl_means:buffers=one", "gaussian"}) {
+    const FilterSettings f = parse_filter(name);
+    const Layers clean = apply_filter(f, frame, {}, {}), clean_bare = apply_filter(f, bare, {}, {});
+    for (const float value : {100.0f, 300.0f, 1e3f, 1e5f, 1e10f, 1e19f, 3e38f}) {
+      const Layers hit = with_bright_pixel(frame, value, /*one_sample=*/true);
+      ApplyReport report;
+      const auto everywhere = [](int, int) { return true; };
+      EXPECT_LT(largest_difference(apply_filter(f, hit, {}, {}, &report), clean, everywhere), 0.05)
+          << name << " " << value;
+      EXPECT_EQ(report.extreme_pixels, 1u) << name << " " << value;
+      EXPECT_LT(largest_difference(apply_filter(f, without_halves(hit), {}, {}), clean_bare, everywhere), 0.05)
+          << name << " without halves, " << value;
+    }
+  }
+}
+
+TEST(BrightPixels, TheLightOfOneSampleStaysInThePicture) {
+  const Layers frame = sampled_frame(128, 128, 16, 0.2, 8, flat);
+  const auto light = [](const Layers& l) {
+    double sum = 0;
+    for (int y = 0; y < l.height(); ++y)
+      for (const float v : l.at("G").pixels(y)) sum += static_cast<double>(v);
+    return sum;
+  };
+  for (const std::string name : {"transport_regression", "gaussian"}) {
+    const FilterSettings f = parse_filter(name);
+    ApplyReport report;
+    const Layers clean = apply_filter(f, with_bright_pixel(frame, 60, /*one_sample=*/true), {}, {}, &report);
+    EXPECT_NEAR(light(clean) - light(apply_filter(f, frame, {}, {})), 60, 4) << name;
+    const std::string said = report.notes.empty() ? "" : report.notes.front();
+    EXPECT_NE(said.find("1 pixel that one sample makes far brighter"), std::string::npos) << said;
+    EXPECT_NE(said.find(" 0 % is lost"), std::string::npos) << said;
+  }
+}
+
+TEST(BrightPixels, WhatBothHalvesShowStaysAndChangesNoOther) {
+  const Layers frame = sampled_frame(128, 128, 16, 0.2, 8, flat);
+  const FilterSettings f = parse_filter("transport_regression");
+  const Layers clean = apply_filter(f, frame, {}, {});
+  for (const float value : {5.0f, 10.0f, 17.0f, 100.0f, 1e5f, 3e38f}) {
+    const Layers lit = apply_filter(f, with_bright_pixel(frame, value, /*one_sample=*/false), {}, {});
+    EXPECT_NEAR(lit.at("G")(64, 60) / (value + 0.5 + frame.at("direct.G")(64, 60)), 1, 0.3) << value;
+    EXPECT_LT(largest_difference(lit, clean, [](int x, int y) { return x != 64 || y != 60; }), 0.05) << value;
+  }
+}
+
+TEST(BrightPixels, AreNotFoundInSkewedNoise) {
+  for (const int samples : {1, 4, 16, 64}) {
+    Layers frame = sampled_frame(128, 128, samples, 0, 9, flat);
+    for (int y = 0; y < 128; ++y)
+      for (int x = 0; x < 128; ++x) {
+        // One path in twenty finds the light.
+        Rng rng(hash_combine(hash_combine(11, static_cast<uint64_t>(x)), static_cast<uint64_t>(y)));
+        double sum = 0;
+        for (int s = 0; s < samples; ++s)
+          if (rng.uniform() < 0.05) sum += 10 * rng.exponential();
+        for (Plane* p : frame.add_rgb(layer::indirect)) (*p)(x, y) = static_cast<float>(sum / samples);
+      }
+    ApplyReport report;
+    apply_filter(parse_filter("gaussian"), without_halves(frame), {}, {}, &report);
+    EXPECT_EQ(report.extreme_pixels, 0u) << samples;
+  }
+}
+
+TEST(BrightPixels, DoNotReachTheFramesBeforeAndAfter) {
+  const Layers frame = sampled_frame(128, 128, 16, 0.2, 8, flat), other = sampled_frame(128, 128, 16, 0.2, 9, flat);
+  for (const bool one_sample : {true, false}) {
+    const Layers hit = with_bright_pixel(other, 1e5f, one_sample);
+    const FilterSettings f = parse_filter("transport_regression");
+    ApplyOptions calm, disturbed;
+    calm.sequence = {{1, &other, nullptr}};
+    disturbed.sequence = {{1, &hit, nullptr}};
+    EXPECT_LT(largest_difference(apply_filter(f, frame, disturbed, {}), apply_filter(f, frame, calm, {}),
+                                 [](int, int) { return true; }),
+              0.02);
+  }
+}
+
 // Left 4 samples per pixel, right 64: far from the seam each side is what a frame of such pixels alone gives.
 TEST(SampleCounts, EachPixelsOwnDecides) {
   const auto frame_with = [](const test::Value& count) {
@@ -121,15 +271,6 @@ TEST(SampleCounts, EachPixelsOwnDecides) {
     EXPECT_EQ(largest_difference(c, b, [&](int x, int) { return x >= 65 + reach; }), 0) << name;
     EXPECT_GT(largest_difference(a, b, [](int, int) { return true; }), 1e-4) << name << " does not read the counts";
   }
-}
-
-std::string refusal(const FilterSettings& f, const Layers& frame, const ApplyOptions& options) {
-  try {
-    apply_filter(f, frame, options, {});
-  } catch (const InputError& error) {
-    return error.what();
-  }
-  return "";
 }
 
 TEST(Guided, RefusesWithoutFeaturesInsteadOfBlurring) {

@@ -9,6 +9,7 @@
 #include "base/error.h"
 #include "base/rng.h"
 #include "filters/apply.h"
+#include "filters/guide_check.h"
 #include "filters/guide_layers.h"
 #include "filters/recommend.h"
 #include "filters/registry.h"
@@ -140,6 +141,27 @@ void expect_the_same_bits(const Layers& a, const Layers& b) {
 TEST(TransportRegression, NoiseFallsFifteenfoldWhereGuidesExplainThePicture) {
   const Layers frame = make_frame(0.5, 1);
   EXPECT_LT(error_of(clean(frame)), error_of(frame) / 15);
+}
+
+// With half images and, judged by pixels left out, without.
+TEST(GuideCheck, FindsGuidesOfAnotherPlaceAndNeverThoseOfTheFrame) {
+  for (const double deviation : {0.02, 0.1, 0.3, 1.0})
+    for (const Value& truth : {Value(indirect_truth), Value(unknown_truth)})
+      for (const bool halves : {true, false}) {
+        Layers frame = make_frame(deviation, 1, truth);
+        for (const std::string_view which : {statistic::half_a, statistic::half_b})
+          if (halves)
+            put(frame, layer::beauty, which, [&](int x, int y, size_t c) {
+              return (*frame.rgb(layer::direct, which)[c])(x, y) + (*frame.rgb(layer::indirect, which)[c])(x, y);
+            });
+        EXPECT_FALSE(check_guides(frame, {}).misleads()) << deviation << " halves " << halves;
+        Layers shifted = frame;
+        for (const auto& [name, plane] : frame.channels())
+          if (is_guide(name))
+            for (int y = 0; y < kHeight; ++y)
+              for (int x = 0; x < kWidth; ++x) (*shifted.find(name))(x, y) = plane((x + 40) % kWidth, y);
+        EXPECT_TRUE(check_guides(shifted, {}).misleads()) << deviation << " halves " << halves;
+      }
 }
 
 TEST(TransportRegression, APictureWithoutNoiseIsReproduced) {

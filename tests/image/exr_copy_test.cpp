@@ -4,8 +4,6 @@
 
 #include <ImfChannelList.h>
 #include <ImfChromaticitiesAttribute.h>
-#include <ImfDeepFrameBuffer.h>
-#include <ImfDeepScanLineOutputFile.h>
 #include <ImfKeyCodeAttribute.h>
 #include <ImfMatrixAttribute.h>
 #include <ImfOpaqueAttribute.h>
@@ -285,22 +283,7 @@ TEST_F(CopiedExr, SubsampledChannelsOfOtherKindsAreSpreadAndKept) {
 }
 
 TEST_F(CopiedExr, DeepPartsAreRefusedByName) {
-  Imf::Header header(4, 4);
-  header.setName("smoke");
-  header.setType(Imf::DEEPSCANLINE);
-  header.compression() = Imf::ZIPS_COMPRESSION;
-  test::add_channels(header, {"Z"}, Imf::FLOAT);
-  {
-    Imf::DeepScanLineOutputFile out(from.c_str(), header);
-    std::vector<unsigned> counts(16, 0);
-    std::vector<float*> samples(16, nullptr);
-    Imf::DeepFrameBuffer buffer;
-    buffer.insertSampleCountSlice(Imf::Slice(Imf::UINT, reinterpret_cast<char*>(counts.data()), 4, 16));
-    buffer.insert("Z", Imf::DeepSlice(Imf::FLOAT, reinterpret_cast<char*>(samples.data()), sizeof(float*),
-                                      4 * sizeof(float*), sizeof(float)));
-    out.setFrameBuffer(buffer);
-    out.writePixels(4);
-  }
+  test::write_deep_exr(from);
   const auto refused = [&](const auto& work) {
     try {
       work();

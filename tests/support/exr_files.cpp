@@ -1,6 +1,8 @@
 #include "tests/support/exr_files.h"
 
 #include <ImfChannelList.h>
+#include <ImfDeepFrameBuffer.h>
+#include <ImfDeepScanLineOutputFile.h>
 #include <ImfFrameBuffer.h>
 #include <ImfInputPart.h>
 #include <ImfMultiPartInputFile.h>
@@ -136,6 +138,23 @@ void write_exr_file(const std::filesystem::path& path, const std::vector<ExrPart
       write_lines(part, out);
     }
   }
+}
+
+void write_deep_exr(const std::filesystem::path& path) {
+  Imf::Header header(4, 4);
+  header.setName("smoke");
+  header.setType(Imf::DEEPSCANLINE);
+  header.compression() = Imf::ZIPS_COMPRESSION;
+  add_channels(header, {"Z"}, Imf::FLOAT);
+  Imf::DeepScanLineOutputFile out(path.c_str(), header);
+  std::vector<unsigned> counts(16, 0);
+  std::vector<float*> samples(16, nullptr);
+  Imf::DeepFrameBuffer buffer;
+  buffer.insertSampleCountSlice(Imf::Slice(Imf::UINT, reinterpret_cast<char*>(counts.data()), 4, 16));
+  buffer.insert("Z", Imf::DeepSlice(Imf::FLOAT, reinterpret_cast<char*>(samples.data()), sizeof(float*),
+                                    4 * sizeof(float*), sizeof(float)));
+  out.setFrameBuffer(buffer);
+  out.writePixels(4);
 }
 
 std::map<std::string, ExrBits> exr_bits(const std::filesystem::path& path) {

@@ -28,6 +28,9 @@ std::vector<std::string> channels_of(const std::string& layer, const std::string
 /// Writes all resolution levels of all parts; values of lower levels are those of their own pixels.
 void write_exr_file(const std::filesystem::path& path, const std::vector<ExrPart>& parts);
 
+/// Writes 4 x 4 deep pixels without samples, as a part `smoke`.
+void write_deep_exr(const std::filesystem::path& path);
+
 /// Raw values of one channel at one resolution level, row by row, as 32 bits each.
 using ExrBits = std::vector<uint32_t>;
 /// "PART/CHANNEL/LX,LY" to its values.
