@@ -70,21 +70,20 @@ class FilterWords {
     else if (i + 1 < words.size() && !is_long_option(words[i + 1]))
       value = words[++i];
     else
-      throw InputError(fmt::format("--{} has no value{}", name, belongs_to()));
+      refuse_parameter_without_value(name);
     own_.resize(filters_.size());
     (filters_.empty() ? common_ : own_.back()).push_back(name + "=" + value);
   }
-  std::string belongs_to() const {
-    return filters_.empty() ? "" : fmt::format("; it follows -f {} and is read as its parameter", filters_.back());
+  [[noreturn]] void refuse_parameter_without_value(const std::string& name) const {
+    const std::string said = no_option(verb_, "--" + name);
+    if (filters_.empty()) throw InputError(said);
+    throw InputError(fmt::format("--{} has no value; it follows -f {} and is read as its parameter: {}", name,
+                                 filters_.back(), said));
   }
   [[noreturn]] void refuse_parameter_without_filter() const {
-    std::vector<std::string> options;
-    for (const CLI::Option* option : verb_.get_options())
-      for (const std::string& name : option->get_lnames()) options.push_back("--" + name);
-    const std::string word = "--" + common_[0].substr(0, common_[0].find('=')), nearest = nearest_name(word, options);
-    throw InputError(
-        fmt::format("{} has no option '{}'{}; the parameter of a filter follows its filter: -f NAME {} VALUE",
-                    verb_.get_name(), word, nearest.empty() ? "" : fmt::format("; did you mean '{}'?", nearest), word));
+    const std::string word = "--" + common_[0].substr(0, common_[0].find('='));
+    throw InputError(fmt::format("{}; the parameter of a filter follows its filter: -f NAME {} VALUE",
+                                 no_option(verb_, word), word));
   }
 
   const CLI::App& verb_;
@@ -93,6 +92,15 @@ class FilterWords {
 };
 
 }  // namespace
+
+std::string no_option(const CLI::App& verb, const std::string& word) {
+  std::vector<std::string> options;
+  for (const CLI::Option* option : verb.get_options())
+    for (const std::string& name : option->get_lnames()) options.push_back(name);
+  const std::string name = word.substr(2, word.find('=') - 2), nearest = nearest_name(name, options);
+  return fmt::format("{} has no option '--{}'{}", verb.get_name(), name,
+                     nearest.empty() ? "" : fmt::format("; did you mean '--{}'?", nearest));
+}
 
 std::vector<std::string> arrange(const CLI::App& app, const std::vector<std::string>& words) {
   const std::vector<const CLI::App*> verbs =

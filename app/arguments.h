@@ -14,6 +14,9 @@ namespace brume::app {
 /// @throws InputError for a parameter without its value or without a filter
 std::vector<std::string> arrange(const CLI::App& app, const std::vector<std::string>& words);
 
+/// "render has no option '--ssp'; did you mean '--spp'?". @param word  as typed, with its dashes and perhaps "=value"
+std::string no_option(const CLI::App& verb, const std::string& word);
+
 /// Lets every integer option of every verb take its number as decimal, leading zeros or not; CLI11 takes 010 for octal.
 void read_integers_as_decimal(CLI::App& app);
 

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <csignal>
+#include <sstream>
 
 #include "app/arguments.h"
 #include "app/command.h"
@@ -21,7 +22,12 @@ void on_interrupt(int signal) {
 }
 
 int parse_error(const CLI::App& app, const CLI::ParseError& error, int argc, char** argv) {
-  if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
+  if (error.get_exit_code() == 0) {  // --help, --version
+    std::ostringstream text;
+    app.exit(error, text);
+    print(text.str());
+    return kDone;
+  }
   std::string message = error.what();
   std::vector<std::string> verbs;
   for (const CLI::App* command : app.get_subcommands({})) verbs.push_back(command->get_name());
@@ -31,12 +37,7 @@ int parse_error(const CLI::App& app, const CLI::ParseError& error, int argc, cha
   if (const auto chosen = app.get_subcommands(); !chosen.empty() && dynamic_cast<const CLI::ExtrasError*>(&error))
     for (const std::string& word : chosen[0]->remaining())
       if (word.starts_with("--")) {
-        std::vector<std::string> options;
-        for (const CLI::Option* option : chosen[0]->get_options())
-          for (const std::string& name : option->get_lnames()) options.push_back("--" + name);
-        const std::string nearest = nearest_name(word, options);
-        message = fmt::format("{} has no option '{}'{}", chosen[0]->get_name(), word,
-                              nearest.empty() ? "" : fmt::format("; did you mean '{}'?", nearest));
+        message = no_option(*chosen[0], word);
         break;
       }
   warn(message + " (--help tells what there is)");
@@ -119,5 +120,6 @@ int main(int argc, char** argv) {
   // Filters make and drop many planes of megabytes: keep them, where the system would clear fresh pages for each.
   mallopt(M_MMAP_THRESHOLD, 32 << 20);
   mallopt(M_TRIM_THRESHOLD, 1 << 30);
-  return brume::app::run(argc, argv);
+  brume::app::open_streams();
+  return brume::app::close_output(brume::app::run(argc, argv));
 }
