@@ -33,13 +33,6 @@ int parse_error(const CLI::App& app, const CLI::ParseError& error, int argc, cha
   for (const CLI::App* command : app.get_subcommands({})) verbs.push_back(command->get_name());
   if (argc > 1 && app.get_subcommands().empty() && argv[1][0] != '-')
     message = fmt::format("no command '{}'{}", argv[1], suggestion(argv[1], verbs));
-  // An option that is not there: the nearest one that is.
-  if (const auto chosen = app.get_subcommands(); !chosen.empty() && dynamic_cast<const CLI::ExtrasError*>(&error))
-    for (const std::string& word : chosen[0]->remaining())
-      if (word.starts_with("--")) {
-        message = no_option(*chosen[0], word);
-        break;
-      }
   warn(message + " (--help tells what there is)");
   return kBadInput;
 }
