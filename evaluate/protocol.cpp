@@ -304,18 +304,22 @@ class SceneRun {
           pictures[seed] = m.filter.empty() ? frames.judged(seed, task) : store_.picture(m.pictures[seed]);
         return *pictures[seed];
       };
-      try {
-        const std::string key = errors_key(m.pictures[seed]);
-        std::optional<PictureErrors> errors = store_.known_errors(key);
-        if (!errors) store_.keep_errors(key, *(errors = errors_of_picture(picture(), m.filter.empty(), task)));
-        for (const auto& [light, by_region] : *errors)
-          for (size_t region = 0; region < by_region.size(); ++region)
-            (light.empty() ? m.errors : m.lights[light])[region].push_back(by_region[region]);
-      } catch (const InputError& error) {
-        m.failed = fmt::format("seed {}: {}", kFirstNoisySeed + static_cast<int64_t>(seed), error.what());
-        m.forget_errors();
-        return;
+      const std::string key = errors_key(m.pictures[seed]);
+      std::optional<PictureErrors> errors = store_.known_errors(key);
+      if (!errors) {
+        const Layers& judged = picture();
+        try {
+          errors = errors_of_picture(judged, m.filter.empty(), task);
+        } catch (const InputError& error) {
+          m.failed = fmt::format("seed {}: {}", kFirstNoisySeed + static_cast<int64_t>(seed), error.what());
+          m.forget_errors();
+          return;
+        }
+        store_.keep_errors(key, *errors);
       }
+      for (const auto& [light, by_region] : *errors)
+        for (size_t region = 0; region < by_region.size(); ++region)
+          (light.empty() ? m.errors : m.lights[light])[region].push_back(by_region[region]);
       if (seed == 0 && example) m.example = only_colours(picture());
       pictures[seed].reset();
     }
