@@ -14,6 +14,17 @@ bool is_long_option(const std::string& word) {
   return word.starts_with("--") && word.size() > 2;
 }
 
+/// "render has no option '--ssp'; did you mean '--spp'?"
+/// @param word  as typed, with its dashes and perhaps "=value"
+std::string no_option(const CLI::App& verb, const std::string& word) {
+  std::vector<std::string> options;
+  for (const CLI::Option* option : verb.get_options())
+    for (const std::string& name : option->get_lnames()) options.push_back(name);
+  const std::string name = word.substr(2, word.find('=') - 2), nearest = nearest_name(name, options);
+  return fmt::format("{} has no option '--{}'{}", verb.get_name(), name,
+                     nearest.empty() ? "" : fmt::format("; did you mean '--{}'?", nearest));
+}
+
 std::string without_leading_zeros(std::string text) {
   const size_t first = text.starts_with("-") || text.starts_with("+") ? 1 : 0;
   while (text.size() > first + 1 && text[first] == '0' && std::isdigit(static_cast<unsigned char>(text[first + 1])))
@@ -70,21 +81,20 @@ class FilterWords {
     else if (i + 1 < words.size() && !is_long_option(words[i + 1]))
       value = words[++i];
     else
-      throw InputError(fmt::format("--{} has no value{}", name, belongs_to()));
+      refuse_parameter_without_value(name);
     own_.resize(filters_.size());
     (filters_.empty() ? common_ : own_.back()).push_back(name + "=" + value);
   }
-  std::string belongs_to() const {
-    return filters_.empty() ? "" : fmt::format("; it follows -f {} and is read as its parameter", filters_.back());
+  [[noreturn]] void refuse_parameter_without_value(const std::string& name) const {
+    const std::string said = no_option(verb_, "--" + name);
+    if (filters_.empty()) throw InputError(said);
+    throw InputError(fmt::format("--{} has no value; it follows -f {} and is read as its parameter: {}", name,
+                                 filters_.back(), said));
   }
   [[noreturn]] void refuse_parameter_without_filter() const {
-    std::vector<std::string> options;
-    for (const CLI::Option* option : verb_.get_options())
-      for (const std::string& name : option->get_lnames()) options.push_back("--" + name);
-    const std::string word = "--" + common_[0].substr(0, common_[0].find('=')), nearest = nearest_name(word, options);
-    throw InputError(
-        fmt::format("{} has no option '{}'{}; the parameter of a filter follows its filter: -f NAME {} VALUE",
-                    verb_.get_name(), word, nearest.empty() ? "" : fmt::format("; did you mean '{}'?", nearest), word));
+    const std::string word = "--" + common_[0].substr(0, common_[0].find('='));
+    throw InputError(fmt::format("{}; the parameter of a filter follows its filter: -f NAME {} VALUE",
+                                 no_option(verb_, word), word));
   }
 
   const CLI::App& verb_;
@@ -102,8 +112,12 @@ std::vector<std::string> arrange(const CLI::App& app, const std::vector<std::str
   const bool has_filters = verb->get_option_no_throw("--filter") != nullptr;
   FilterWords filters(*verb);
   std::vector<std::string> result = {words[0]};
+  bool options_end = false;  // after --, words are files
   for (size_t i = 1; i < words.size(); ++i) {
-    if (has_filters && filters.take(words, i)) continue;
+    options_end |= words[i] == "--";
+    if (has_filters && !options_end && filters.take(words, i)) continue;
+    if (!options_end && is_long_option(words[i]) && !verb->get_option_no_throw(words[i].substr(0, words[i].find('='))))
+      throw InputError(no_option(*verb, words[i]));
     const bool scene_follows = i + 1 < words.size() && words[i + 1].ends_with(".toml");
     const bool file_follows = i + 1 < words.size() && words[i + 1].ends_with(".exr");
     // Their values may be left out.

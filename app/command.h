@@ -56,7 +56,12 @@ void log(const Common& common, const std::string& text);
 void warn(const std::string& text);
 /// "note: ..." to stderr, always, but each text once only: not for every frame of a sequence.
 void note(const std::string& text);
-/// To stdout.
+/// To stdout. Whether it got there, close_output tells.
 void print(const std::string& text);
+
+/// Before anything is opened: closed streams stay what they are, with writes to stdout failing.
+void open_streams();
+/// After the last print. @return `status`, or kBadInput, with a message, where stdout could not be written
+int close_output(int status);
 
 }  // namespace brume::app

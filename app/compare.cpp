@@ -92,11 +92,17 @@ std::string table_of(const Compared& compared, bool named, const char* first_reg
                             medium ? fmt::format("{:>14}", compared.regions[1].pixels) : "");
 }
 
+void note_scenes(const NamedFrame& picture, const std::optional<NamedFrame>& second, const NamedFrame& reference) {
+  for (const NamedFrame* frame : {&picture, second ? &*second : nullptr})
+    if (const std::string remark = frame ? remark_on_scenes(*frame, reference) : ""; !remark.empty()) note(remark);
+}
+
 int run(const Common& common) {
   const auto read = [&](const std::string& path) { return NamedFrame{path, read_frame(common, path)}; };
   NamedFrame picture = read(o.picture), reference = read(o.reference);
   std::optional<NamedFrame> second;
   if (!o.second.empty()) second = read(o.second);
+  note_scenes(picture, second, reference);
   std::vector<NamedFrame*> pictures = {&reference, &picture};
   if (second) pictures.push_back(&*second);
   const PixelWindow window = cut_to_common_window(pictures);
@@ -187,6 +193,7 @@ int run_sequence(const Common& common) {
     NamedFrame picture = read(o.picture), reference = read(o.reference);
     std::optional<NamedFrame> second;
     if (!o.second.empty()) second = read(o.second);
+    note_scenes(picture, second, reference);
     std::vector<NamedFrame*> pictures = {&reference, &picture};
     if (second) pictures.push_back(&*second);
     cut_to_common_window(pictures);

@@ -320,14 +320,16 @@ int run(const Common& common) {
   write_report(result, folder.part());
   draw_plots(folder.part());
   folder.commit();
-  print(common.json ? json_report(result) : markdown_report(result));
-  log(common, fmt::format("\n{} frames rendered, {} results filtered; out of the cache {} and {}", result.work.rendered,
+  const std::string page = !page_is_built_in() ? "no page (index.html): this program was built without Node"
+                           : result.scenes.empty()
+                               ? "no page (index.html), which shows scenes and frames: sequences alone have none"
+                               : fmt::format("all of it in one page: open {}/index.html in a browser", o.output);
+  const std::string rest =
+      fmt::format("{}/table.md has every table; EXRs, strips and plots lie there, too; {}", o.output, page);
+  print(common.json ? json_report(result) : short_report(result) + rest + "\n");
+  log(common, fmt::format("{} frames rendered, {} results filtered; out of the cache {} and {}", result.work.rendered,
                           result.work.filtered, result.work.frames_found, result.work.results_found));
-  log(common, fmt::format("EXRs, strips, plots and tables are in {}", o.output));
-  log(common, !page_is_built_in() ? "No page (index.html): this program was built without Node"
-              : result.scenes.empty()
-                  ? "No page (index.html), which shows scenes and frames: sequences alone have none"
-                  : fmt::format("All of it in one page: open {}/index.html in a browser", o.output));
+  if (common.json) log(common, rest);
   return kDone;
 }
 
@@ -364,8 +366,19 @@ void add_evaluate(CLI::App& app, Common& common, Commands& commands) {
   o.common.component = "indirect";  // the papers' protocol
   o.common.add_to(*command);
   command->add_flag("--no-tuning", o.no_tuning, "published and default parameters only");
-  command->add_flag("--json", common.json, "the table as JSON on stdout");
-  commands[command] = [&common] { return run(common); };
+  command->add_flag("--json", common.json, "all numbers as JSON on stdout, as in results.json");
+  commands[command] = [&common] {
+    try {
+      return run(common);
+    } catch (const Interrupted&) {
+      throw Interrupted(
+          o.cache.empty()
+              ? "no file was left half-written; with --cache DIR the same command would go on where it stopped"
+              : fmt::format("no file was left half-written; what is done lies in {}: the same command goes "
+                            "on from there",
+                            o.cache));
+    }
+  };
 }
 
 }  // namespace brume::app

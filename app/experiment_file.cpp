@@ -213,7 +213,7 @@ constexpr const char* kResults =
     "FLIP "
     "are taken against their mean.\n\n"
     "## What is written\n\n"
-    "`table.md` is everything for people, `table.csv` a line for each method; `tables/` has each table by itself as "
+    "stdout gets a short table of each scene, the best filter first, and what failed. `table.md` is everything for people, `table.csv` a line for each method; `tables/` has each table by itself as "
     "Markdown, CSV, LaTeX and JSON; `SCENE_error_seconds.svg` are plots (`.png` too, where rsvg-convert is there), the "
     "other `*.png` strips, `*.exr` the references and "
     "the first seed's frames. Each says the version, commit, command, scene hash and machine that made it. "

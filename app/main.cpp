@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <csignal>
+#include <sstream>
 #include <system_error>
 
 #include "app/arguments.h"
@@ -22,24 +23,17 @@ void on_interrupt(int signal) {
 }
 
 int parse_error(const CLI::App& app, const CLI::ParseError& error, int argc, char** argv) {
-  if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
+  if (error.get_exit_code() == 0) {  // --help, --version
+    std::ostringstream text;
+    app.exit(error, text);
+    print(text.str());
+    return kDone;
+  }
   std::string message = error.what();
   std::vector<std::string> verbs;
   for (const CLI::App* command : app.get_subcommands({})) verbs.push_back(command->get_name());
   if (argc > 1 && app.get_subcommands().empty() && argv[1][0] != '-')
     message = fmt::format("no command '{}'{}", argv[1], suggestion(argv[1], verbs));
-  // An option that is not there: the nearest one that is.
-  if (const auto chosen = app.get_subcommands(); !chosen.empty() && dynamic_cast<const CLI::ExtrasError*>(&error))
-    for (const std::string& word : chosen[0]->remaining())
-      if (word.starts_with("--")) {
-        std::vector<std::string> options;
-        for (const CLI::Option* option : chosen[0]->get_options())
-          for (const std::string& name : option->get_lnames()) options.push_back("--" + name);
-        const std::string nearest = nearest_name(word, options);
-        message = fmt::format("{} has no option '{}'{}", chosen[0]->get_name(), word,
-                              nearest.empty() ? "" : fmt::format("; did you mean '{}'?", nearest));
-        break;
-      }
   warn(message + " (--help tells what there is)");
   return kBadInput;
 }
@@ -126,5 +120,6 @@ int main(int argc, char** argv) {
   // Filters make and drop many planes of megabytes: keep them, where the system would clear fresh pages for each.
   mallopt(M_MMAP_THRESHOLD, 32 << 20);
   mallopt(M_TRIM_THRESHOLD, 1 << 30);
-  return brume::app::run(argc, argv);
+  brume::app::open_streams();
+  return brume::app::close_output(brume::app::run(argc, argv));
 }

@@ -1,8 +1,12 @@
+#include <fcntl.h>
 #include <fmt/format.h>
 #include <unistd.h>
 
+#include <cerrno>
 #include <cmath>
+#include <csignal>
 #include <cstdio>
+#include <cstring>
 #include <memory>
 #include <set>
 
@@ -65,6 +69,8 @@ class ProgressLine {
   int tenth_ = -1;
 };
 
+int output_error = 0;  // errno of the first thing that could not be printed
+
 }  // namespace
 
 std::atomic<bool> interrupted{false};
@@ -102,7 +108,21 @@ void note(const std::string& text) {
   if (told.insert(text).second) warn("note: " + text);
 }
 void print(const std::string& text) {
-  std::fputs(text.c_str(), stdout);
+  if (std::fputs(text.c_str(), stdout) == EOF && output_error == 0) output_error = errno;
+}
+
+void open_streams() {
+  // A file that is opened while one of the three is closed would take its number, and what is printed.
+  for (const int stream : {STDIN_FILENO, STDOUT_FILENO, STDERR_FILENO})
+    if (fcntl(stream, F_GETFD) < 0) open("/dev/null", stream == STDOUT_FILENO ? O_RDONLY : O_RDWR);
+  std::signal(SIGPIPE, SIG_IGN);  // a reader who leaves is an error of that write
+}
+
+int close_output(int status) {
+  if (std::fclose(stdout) != 0 && output_error == 0) output_error = errno;
+  if (output_error == 0) return status;
+  warn(fmt::format("stdout cannot be written: {}; what was printed is not complete", std::strerror(output_error)));
+  return status == kInterrupted ? status : kBadInput;
 }
 
 }  // namespace brume::app

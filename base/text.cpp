@@ -24,8 +24,12 @@ size_t edit_distance(std::string_view a, std::string_view b) {
 }  // namespace
 
 std::string nearest_name(std::string_view word, std::span<const std::string> candidates) {
-  size_t best = std::max<size_t>(2, word.size() / 2) + 1;
   std::string nearest;
+  if (word.size() >= 3)
+    for (const std::string& candidate : candidates)
+      if (candidate.starts_with(word) && (nearest.empty() || candidate.size() < nearest.size())) nearest = candidate;
+  if (!nearest.empty()) return nearest;
+  size_t best = std::max<size_t>(2, word.size() / 3) + 1;
   for (const std::string& candidate : candidates)
     if (const size_t distance = edit_distance(word, candidate); distance < best) {
       best = distance;

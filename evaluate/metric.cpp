@@ -9,6 +9,7 @@
 
 #include "base/error.h"
 #include "base/parallel_for.h"
+#include "base/text.h"
 #include "evaluate/encoded.h"
 #include "evaluate/flip.h"
 #include "evaluate/similarity.h"
@@ -332,6 +333,20 @@ std::vector<std::pair<std::string, double>> listed(const Errors& e) {
   std::vector<std::pair<std::string, double>> values;
   for (const ListedMetric& m : metrics()) values.emplace_back(m.info.id, e.*m.value);
   return values;
+}
+
+std::string text_of(const Errors& e) {
+  std::string text = fmt::format("{}", e.pixels);
+  for (const ListedMetric& m : metrics()) text += fmt::format(" {}", e.*m.value);
+  return text;
+}
+
+Errors errors_of(const std::string& text) {
+  const std::vector<std::string> words = split(text, ' ');
+  Errors e;
+  e.pixels = std::stoull(words.at(0));
+  for (size_t i = 0; i < metrics().size(); ++i) e.*metrics()[i].value = std::stod(words.at(i + 1));
+  return e;
 }
 
 std::vector<double> values_of(const std::vector<Errors>& by_seed, size_t metric) {

@@ -86,6 +86,10 @@ class LabRms {
 /// Names and values in the order of all_metrics().
 std::vector<std::pair<std::string, double>> listed(const Errors& errors);
 
+/// Every number of it, exactly, and back. @throws std::exception for a text of anything else
+std::string text_of(const Errors& errors);
+Errors errors_of(const std::string& text);
+
 /// Of one metric, by its place in all_metrics(), each seed's.
 std::vector<double> values_of(const std::vector<Errors>& by_seed, size_t metric);
 

@@ -219,8 +219,7 @@ class SceneRun {
   }
 
   void render(int spp, int seed, const Task& task) {
-    if (!scene_.foreign)
-      store_.frame(scene_, spp, kFirstNoisySeed + seed, data_, task, [](const std::string&) { return false; });
+    if (!scene_.foreign) store_.frame(scene_, spp, kFirstNoisySeed + seed, data_, task, no_channel);
   }
 
   TuningFrame tuning_frame(int spp, const Task& task) {
@@ -239,10 +238,11 @@ class SceneRun {
     if (!as_recorded && contender) data = light_data_;
     if (!as_recorded && !(data == data_)) return store_.render_seconds(scene_, frames.spp(), data, task);
     std::vector<double> seconds;
-    for (size_t seed = 0; seed < frames.count(); ++seed) seconds.push_back(frames.at(seed, task).seconds);
+    for (size_t seed = 0; seed < frames.count(); ++seed) seconds.push_back(frames.seconds(seed, task));
     return median(seconds);
   }
 
+  /// A method's line with its errors.
   MethodResult run(NoisyFrames& frames, const Contender* contender, const FilterSettings* filter, Tuning tuning,
                    const Task& task) {
     MethodResult m;
@@ -251,6 +251,7 @@ class SceneRun {
     m.render_seconds = render_seconds(frames, contender, task);
     if (!contender) {
       for (size_t seed = 0; seed < frames.count(); ++seed) m.pictures.push_back(frames.key(seed));
+      measure(m, frames, task);
       return m;
     }
     m.filter = contender->label;
@@ -267,42 +268,60 @@ class SceneRun {
     return run;
   }
 
-  /// A filter on the frames of all seeds, into a line.
-  void run_all(const FilterRun& run, NoisyFrames& frames, MethodResult& m, const Task& task) {
+  /// A filter on the frames of all seeds, and its errors, into a line.
+  /// @param example  whether the line is to have one
+  void run_all(const FilterRun& run, NoisyFrames& frames, MethodResult& m, const Task& task, bool example = true) {
     std::vector<double> seconds;
+    std::vector<std::optional<Layers>> pictures;
     for (size_t seed = 0; seed < frames.count(); ++seed) {
-      const FilterOutcome outcome = store_.filter(run, frames, seed, quiet(task));
+      FilterOutcome outcome = store_.filter(run, frames, seed, quiet(task), [&](const std::string& key) {
+        return (example && seed == 0) || !store_.known_errors(errors_key(key));
+      });
       if (!outcome.failed.empty()) {
         m.failed = fmt::format("seed {}: {}", kFirstNoisySeed + static_cast<int64_t>(seed), outcome.failed);
         return;
       }
       seconds.push_back(outcome.seconds);
       m.pictures.push_back(outcome.key);
+      pictures.push_back(std::move(outcome.picture));
       if (outcome.peak_bytes) m.peak_bytes = std::max(m.peak_bytes.value_or(0.0), *outcome.peak_bytes);
     }
     m.filter_seconds = median(seconds);
+    measure(m, frames, task, std::move(pictures), example);
   }
 
-  /// Fills in the errors of a line from its pictures.
-  void measure(MethodResult& m, NoisyFrames& frames, const Task& task) {
+  /// Fills in the errors of a line, which are taken of its pictures where they are not known.
+  /// @param pictures  those that are in memory
+  void measure(MethodResult& m, NoisyFrames& frames, const Task& task, std::vector<std::optional<Layers>> pictures = {},
+               bool example = true) {
     m.forget_errors();
     if (!m.failed.empty()) return;
+    pictures.resize(m.pictures.size());
     for (size_t seed = 0; seed < m.pictures.size(); ++seed) {
       task.check();
-      Layers picture = m.filter.empty() ? frames.judged(seed, task) : store_.picture(m.pictures[seed]);
-      try {
-        add_errors(picture, layer::beauty, layer::beauty, scope_, m.errors, task);
-        for (const auto& [light, clean] : kJudgedLights) {
-          const LayerName& own = m.filter.empty() ? light : clean;
-          if (picture.has(own) && references_.front().layers.has(light))
-            add_errors(picture, own, light, ErrorScope::kPixels, m.lights[std::string(light.name)], task);
+      const auto picture = [&]() -> const Layers& {
+        if (!pictures[seed])
+          pictures[seed] = m.filter.empty() ? frames.judged(seed, task) : store_.picture(m.pictures[seed]);
+        return *pictures[seed];
+      };
+      const std::string key = errors_key(m.pictures[seed]);
+      std::optional<PictureErrors> errors = store_.known_errors(key);
+      if (!errors) {
+        const Layers& judged = picture();
+        try {
+          errors = errors_of_picture(judged, m.filter.empty(), task);
+        } catch (const InputError& error) {
+          m.failed = fmt::format("seed {}: {}", kFirstNoisySeed + static_cast<int64_t>(seed), error.what());
+          m.forget_errors();
+          return;
         }
-      } catch (const InputError& error) {
-        m.failed = fmt::format("seed {}: {}", kFirstNoisySeed + static_cast<int64_t>(seed), error.what());
-        m.forget_errors();
-        return;
+        store_.keep_errors(key, *errors);
       }
-      if (seed == 0) m.example = only_colours(picture);
+      for (const auto& [light, by_region] : *errors)
+        for (size_t region = 0; region < by_region.size(); ++region)
+          (light.empty() ? m.errors : m.lights[light])[region].push_back(by_region[region]);
+      if (seed == 0 && example) m.example = only_colours(picture());
+      pictures[seed].reset();
     }
   }
 
@@ -343,7 +362,6 @@ class SceneRun {
           m.edges = tuning == Tuning::kSearched ? on_the_edge(*contender, *filter) : std::vector<std::string>();
         } else {
           m = run(frames, contender, filter, tuning, task);
-          measure(m, frames, task);
         }
         result_.methods.push_back(std::move(m));
       };
@@ -400,9 +418,7 @@ class SceneRun {
     m.tuning = like.tuning;
     m.spp = like.spp;
     m.parameters = run.filter->text();
-    run_all(run, frames, m, task);
-    measure(m, frames, task);
-    m.example = Layers();
+    run_all(run, frames, m, task, /*example=*/false);
     return m;
   }
 
@@ -411,10 +427,10 @@ class SceneRun {
     const FilterRun run = filter_run(contender, settings);
     const std::vector<StudiedLayer> layers = layers_to_study(contender, settings, frames.at(0, task).layers, task);
     for (size_t i = 0; i < layers.size(); ++i) {
-      result_.ablation.push_back({layers[i].name, false, studied(without_layer(run, layers, i), best, frames, task)});
+      result_.ablation.push_back({layers[i].label, false, studied(without_layer(run, layers, i), best, frames, task)});
       if (layers.size() > 1)
         result_.ablation.push_back(
-            {layers[i].name, true, studied(with_layer_alone(run, layers, i), best, frames, task)});
+            {layers[i].label, true, studied(with_layer_alone(run, layers, i), best, frames, task)});
     }
   }
 
@@ -426,15 +442,31 @@ class SceneRun {
             {parameter.name, value, studied(filter_run(contender, changed), best, frames, task)});
   }
 
-  /// Of a layer of a picture against one of the references.
-  void add_errors(const Layers& picture, const LayerName& own, const LayerName& theirs, ErrorScope scope,
-                  RegionErrors& errors, const Task& task) const {
+  /// What decides the errors of a picture.
+  std::string errors_key(const std::string& picture_key) const {
+    return fmt::format("errors\n{}\nscope {}\nexposure {}\n{} references of {} spp", picture_key,
+                       static_cast<int>(scope_), result_.policy.exposure, references_.size(), reference_spp_);
+  }
+
+  /// @param noisy  whether it is a frame that nothing has cleaned
+  PictureErrors errors_of_picture(const Layers& picture, bool noisy, const Task& task) const {
+    PictureErrors errors = {{"", errors_of_layer(picture, layer::beauty, layer::beauty, scope_, task)}};
+    for (const auto& [light, clean] : kJudgedLights) {
+      const LayerName& own = noisy ? light : clean;
+      if (picture.has(own) && references_.front().layers.has(light))
+        errors[std::string(light.name)] = errors_of_layer(picture, own, light, ErrorScope::kPixels, task);
+    }
+    return errors;
+  }
+
+  /// Of a layer of a picture against one of the references, by region.
+  std::vector<Errors> errors_of_layer(const Layers& picture, const LayerName& own, const LayerName& theirs,
+                                      ErrorScope scope, const Task& task) const {
     const RgbPlanes first = references_.front().layers.rgb(theirs), other = references_.back().layers.rgb(theirs);
     std::vector<Mask> masks = {{}};
     if (!result_.mask.empty()) masks.push_back(result_.mask);
-    const std::vector<Errors> found = compare_regions(picture.rgb(own), first, result_.policy, masks,
-                                                      references_.size() > 1 ? &other : nullptr, scope, task);
-    for (size_t region = 0; region < found.size(); ++region) errors[region].push_back(found[region]);
+    return compare_regions(picture.rgb(own), first, result_.policy, masks, references_.size() > 1 ? &other : nullptr,
+                           scope, task);
   }
 
   const RgbPlanes second() const { return references_.back().layers.rgb(layer::beauty); }

@@ -190,6 +190,38 @@ Table summary_table(const SceneResult& scene, const Evaluation& e) {
   return table;
 }
 
+/// One line for each filter, with its best setting, the best first: at most samples, and what failed last.
+Table ranking(const SceneResult& scene, const Evaluation& e) {
+  const bool searched = std::any_of(scene.methods.begin(), scene.methods.end(),
+                                    [](const MethodResult& m) { return m.tuning == Tuning::kSearched; });
+  const Tuning tuning = searched ? Tuning::kSearched : Tuning::kDefault;
+  const std::vector<int> counts = spp_of(scene);
+  Table table{scene.name,
+              fmt::format("{}: Lab RMS of the whole frame, {} parameters, and milliseconds of filtering", scene.name,
+                          tuning_name(tuning)),
+              "",
+              {{"", false}},
+              {}};
+  for (const int spp : counts) table.columns.push_back({fmt::format("{} spp", spp)});
+  table.columns.push_back({"ms"});
+  std::vector<std::pair<double, std::vector<std::string>>> lines;
+  const auto add = [&](const std::string& filter) {
+    const auto found = [&](int spp) { return scene.find(filter, filter.empty() ? Tuning::kNone : tuning, spp); };
+    const MethodResult* last = found(counts.back());
+    if (!last) return;
+    std::vector<std::string> line = {last->label()};
+    for (const int spp : counts) line.push_back(error_text(*found(spp), found(spp)->whole()));
+    line.push_back(filter.empty() || !last->failed.empty() ? "" : fmt::format("{:.1f}", 1e3 * last->filter_seconds));
+    lines.emplace_back(last->failed.empty() ? last->whole().mean : std::numeric_limits<double>::infinity(),
+                       std::move(line));
+  };
+  add("");
+  for (const Contender& contender : e.settings.contenders) add(contender.label);
+  std::stable_sort(lines.begin(), lines.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
+  for (auto& [error, line] : lines) table.rows.push_back(std::move(line));
+  return table;
+}
+
 /// Of two methods' Lab RMS over the whole frame, paired over the seeds.
 MeanInterval lab_difference(const MethodResult& a, const MethodResult& b) {
   return paired_difference(a.values(Region::kFrame, &Errors::lab_rms), b.values(Region::kFrame, &Errors::lab_rms))
@@ -504,6 +536,15 @@ std::optional<PaperNumbers> paper_numbers(const std::string& scene, const std::s
       if (scene == "smoke") return row.smoke;
     }
   return std::nullopt;
+}
+
+std::string short_report(const Evaluation& e) {
+  std::string text;
+  for (const SceneResult& scene : e.scenes) text += ranking(scene, e).text() + "\n";
+  for (const Table& table : {sequences(e), failures(e)})
+    if (!table.rows.empty()) text += table.text() + "\n";
+  if (const std::string remark = remark_on_parts(e.settings); !remark.empty()) text += remark + ".\n\n";
+  return text;
 }
 
 std::string markdown_report(const Evaluation& e) {

@@ -5,6 +5,9 @@
 
 namespace brume {
 
+/// What to read first, for a terminal: each scene's methods, the best first, and what failed.
+std::string short_report(const Evaluation& evaluation);
+
 /// The whole evaluation as tables: Markdown for people, CSV for programs.
 std::string markdown_report(const Evaluation& evaluation);
 std::string csv_report(const Evaluation& evaluation);

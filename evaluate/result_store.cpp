@@ -100,6 +100,10 @@ Layers only(std::span<const LayerName> names, const Layers& frame) {
 
 }  // namespace
 
+bool no_channel(const std::string&) {
+  return false;
+}
+
 bool is_judged(const std::string& channel) {
   return std::any_of(std::begin(kJudged), std::end(kJudged), [&](const LayerName& name) {
     const auto channels = name.channel_names();
@@ -202,15 +206,17 @@ FilterRun::FilterRun(const Contender& contender, const FilterSettings& filter_, 
   if (!contender.guides) left_out = {guide_root()};
 }
 
-FilterOutcome ResultStore::filter(const FilterRun& run, NoisyFrames& frames, size_t seed, const Task& task) const {
+FilterOutcome ResultStore::filter(const FilterRun& run, NoisyFrames& frames, size_t seed, const Task& task,
+                                  const std::function<bool(const std::string&)>& needs_picture) const {
   const bool records = run.filter->entry().records == FilterEntry::Records::kNeeds;
   return filter(run,
                 {frames.key(seed), [&]() -> const Layers& { return frames.at(seed, task).layers; },
                  records ? frames.records(seed) : std::filesystem::path()},
-                task);
+                task, needs_picture);
 }
 
-FilterOutcome ResultStore::filter(const FilterRun& run, const FilterInput& given, const Task& task) const {
+FilterOutcome ResultStore::filter(const FilterRun& run, const FilterInput& given, const Task& task,
+                                  const std::function<bool(const std::string&)>& needs_picture) const {
   FilterOutcome outcome;
   outcome.key = fmt::format(
       "filtered\n{} {}\ncomponent {}, parts {}\nbackground {}\nexposure {}\nfeatures {}\nwithout {}\ninput {}",
@@ -218,10 +224,12 @@ FilterOutcome ResultStore::filter(const FilterRun& run, const FilterInput& given
       static_cast<int>(run.options.background), exact(run.options.exposure), join(run.options.features, " "),
       join(run.left_out, " "), given.key);
   const std::string failure_key = fmt::format("{}\ntime limit {}", outcome.key, exact(run.time_limit));
-  if (const auto known = cache_.find(outcome.key, is_judged)) {
+  const bool is_needed = !needs_picture || needs_picture(outcome.key);
+  if (auto known = cache_.find(outcome.key, is_needed ? is_judged : no_channel)) {
     count_found(outcome.key, work_.results_found);
     outcome.seconds = number_of(*known, kSeconds).value_or(0.0);
     outcome.peak_bytes = number_of(*known, kPeak);
+    if (is_needed) outcome.picture = std::move(*known);
     return outcome;
   }
   if (const auto known = cache_.find_text(failure_key)) {
@@ -277,7 +285,8 @@ FilterOutcome ResultStore::filter(const FilterRun& run, const FilterInput& given
   if (!outcome.failed.empty()) return outcome;
   picture.header[kSeconds] = exact(outcome.seconds);
   if (outcome.peak_bytes) picture.header[kPeak] = exact(*outcome.peak_bytes);
-  cache_.store(outcome.key, std::move(picture));
+  cache_.store(outcome.key, picture);
+  outcome.picture = std::move(picture);
   return outcome;
 }
 
@@ -287,12 +296,34 @@ Layers ResultStore::picture(const std::string& key) const {
   return std::move(*found);
 }
 
+std::optional<PictureErrors> ResultStore::known_errors(const std::string& key) const {
+  const std::optional<std::string> text = cache_.find_text(key);
+  if (!text) return std::nullopt;
+  PictureErrors errors;
+  for (const std::string& line : split(*text, '\n'))
+    if (const size_t colon = line.find(": "); colon != std::string::npos)
+      errors[line.substr(0, colon)].push_back(errors_of(line.substr(colon + 2)));
+  return errors;
+}
+
+void ResultStore::keep_errors(const std::string& key, const PictureErrors& errors) const {
+  std::string text;
+  for (const auto& [light, by_region] : errors)
+    for (const Errors& e : by_region) text += fmt::format("{}: {}\n", light, text_of(e));
+  cache_.store_text(key, text);
+}
+
 FilterSettings ResultStore::found(const std::string& key, const FilterEntry& filter,
                                   const std::function<FilterSettings()>& search) const {
   std::optional<std::string> text = cache_.find_text(key);
   if (!text) cache_.store_text(key, *(text = search().text()));
   // Always from the text, so that a search gives the same whether it was kept or made.
   return settings_from(filter, *text);
+}
+
+double NoisyFrames::seconds(size_t seed, const Task& task) const {
+  if (frames_.at(seed)) return frames_[seed]->seconds;
+  return store_.frame(scene_, spp_, number(seed), data_, quiet(task), no_channel).seconds;
 }
 
 Layers NoisyFrames::judged(size_t seed, const Task& task) const {

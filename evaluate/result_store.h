@@ -11,6 +11,8 @@ Layers without_layers(const Layers& frame, const std::vector<std::string>& names
 Layers only_colours(const Layers& frame);
 /// Whether errors are taken of a channel: the beauty, and direct and indirect light by themselves.
 bool is_judged(const std::string& channel);
+/// What reads an entry's header alone.
+bool no_channel(const std::string& channel);
 /// What all guides are below.
 std::string guide_root();
 
@@ -49,11 +51,15 @@ struct FilterInput {
 
 /// What came of it; the picture lies in the cache.
 struct FilterOutcome {
-  std::string key;  ///< of the picture, what is judged of it
+  std::string key;                     ///< of the picture, what is judged of it
+  std::optional<Layers> picture = {};  ///< where it was asked for, or made
   double seconds = 0;
   std::optional<double> peak_bytes;
   std::string failed;  ///< why there is no picture; empty: there is one
 };
+
+/// Errors of a picture by what is judged, "" being the beauty, and by region.
+using PictureErrors = std::map<std::string, std::vector<Errors>>;
 
 /// The noisy frames of a scene at one sample count, which differ in their seeds.
 class NoisyFrames;
@@ -76,12 +82,19 @@ class ResultStore {
   /// Seconds of the guides of a frame; 0 where they cannot be timed.
   double guide_seconds(const EvaluationScene& scene, int spp, const Task& task) const;
 
+  /// @param needs_picture  whether it is to be read, where it is there, by its key; null: always
   /// @throws InputError when the cache cannot be written; Interrupted when the user ends it
-  FilterOutcome filter(const FilterRun& run, const FilterInput& input, const Task& task) const;
-  FilterOutcome filter(const FilterRun& run, NoisyFrames& frames, size_t seed, const Task& task) const;
+  FilterOutcome filter(const FilterRun& run, const FilterInput& input, const Task& task,
+                       const std::function<bool(const std::string&)>& needs_picture = {}) const;
+  FilterOutcome filter(const FilterRun& run, NoisyFrames& frames, size_t seed, const Task& task,
+                       const std::function<bool(const std::string&)>& needs_picture) const;
 
   /// What is judged of a result or frame that is there. @throws InputError when it has gone meanwhile
   Layers picture(const std::string& key) const;
+
+  /// Errors that were measured before; nothing: they were not.
+  std::optional<PictureErrors> known_errors(const std::string& key) const;
+  void keep_errors(const std::string& key, const PictureErrors& errors) const;
 
   /// What a search found: the text of the settings.
   FilterSettings found(const std::string& key, const FilterEntry& filter,
@@ -113,6 +126,8 @@ class NoisyFrames {
   std::string key(size_t seed) const { return store_.frame_key(scene_, spp_, number(seed), data_); }
   /// Read, or rendered, when it is first asked for.
   const TimedFrame& at(size_t seed, const Task& task);
+  /// What rendering it took.
+  double seconds(size_t seed, const Task& task) const;
   /// What is judged of it alone.
   Layers judged(size_t seed, const Task& task) const;
   std::filesystem::path records(size_t seed) const { return store_.records(key(seed)); }

@@ -46,7 +46,7 @@ class SequenceRun {
       store_.frame(sequence_.scenes[i], spp, noisy_seed(i, seed), data_,
                    share(task, static_cast<double>(i) / static_cast<double>(count()),
                          static_cast<double>(i + 1) / static_cast<double>(count())),
-                   [](const std::string&) { return false; });
+                   no_channel);
   }
 
   void run_methods(int spp, const Task& task) {
@@ -166,12 +166,12 @@ class SequenceRun {
         picture = store_.picture(key(i, m.spp, seed));
       } else {
         const bool records = contender->settings.entry().records == FilterEntry::Records::kNeeds;
-        const FilterOutcome outcome = store_.filter(
+        FilterOutcome outcome = store_.filter(
             FilterRun(*contender, contender->settings, settings_, options_of(settings_, result_.policy.exposure)),
             input_of(i, m.reach, m.spp, seed, records, task), quiet(task));
         if (!outcome.failed.empty()) throw InputError(about(outcome.failed));
         seconds.push_back(outcome.seconds);
-        picture = store_.picture(outcome.key);
+        picture = std::move(*outcome.picture);
       }
       const Layers first = reference(i, 0, quiet(task)), second = reference(i, 1, quiet(task));
       const RgbPlanes x = picture.rgb(layer::beauty), r1 = first.rgb(layer::beauty), r2 = second.rgb(layer::beauty);

@@ -14,6 +14,18 @@ std::string guide_group(const std::string& channel) {
   return channel.substr(0, end);
 }
 
+/// "guide.predicted_direct" for the feature "guide-direct"; a feature that is made of no guide is itself.
+std::string layer_of(const std::string& feature) {
+  constexpr std::string_view kPredicted = "predicted_";
+  for (const LayerName& source : FeaturePlan::sources()) {
+    if (!is_guide(source.name)) continue;
+    std::string_view what = source.name.substr(kGuidePrefix.size());
+    if (what.starts_with(kPredicted)) what.remove_prefix(kPredicted.size());
+    if (feature == "guide-" + std::string(what)) return std::string(source.name);
+  }
+  return feature;
+}
+
 /// The features that a filter gets by itself on this frame.
 std::vector<std::string> features_of(const Contender& contender, const FilterSettings& settings, const Layers& frame,
                                      const Task& task) {
@@ -52,13 +64,14 @@ FilterRun with(FilterRun run, const std::vector<StudiedLayer>& all, const std::v
 std::vector<StudiedLayer> layers_to_study(const Contender& contender, const FilterSettings& settings,
                                           const Layers& frame, const Task& task) {
   std::vector<StudiedLayer> layers;
-  for (std::string& name : features_of(contender, settings, frame, task)) layers.push_back({std::move(name), true});
+  for (const std::string& name : features_of(contender, settings, frame, task))
+    layers.push_back({name, true, layer_of(name)});
   if (settings.entry().guides && contender.guides)
     for (const auto& [channel, plane] : frame.channels()) {
       if (!channel.starts_with(kGuidePrefix)) continue;
       const std::string group = guide_group(channel);
       if (std::none_of(layers.begin(), layers.end(), [&](const StudiedLayer& l) { return l.name == group; }))
-        layers.push_back({group, false});
+        layers.push_back({group, false, group});
     }
   return layers;
 }

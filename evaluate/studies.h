@@ -8,6 +8,7 @@ namespace brume {
 struct StudiedLayer {
   std::string name;
   bool is_feature;
+  std::string label;  ///< of tables: a guide is one layer there, whether it is read as such or as a feature
 };
 
 /// What a filter with these settings reads of a frame beside the picture's own light and can be taken from it: the

@@ -1,5 +1,6 @@
 #include "evaluate/table.h"
 
+#include <algorithm>
 #include <nlohmann/json.hpp>
 #include <string_view>
 
@@ -48,6 +49,28 @@ std::string csv_field(const std::string& text) {
   std::string quoted = text;
   replace_all(quoted, "\"", "\"\"");
   return "\"" + quoted + "\"";
+}
+
+std::string Table::text() const {
+  // Every character of ours is one column wide; in UTF-8 all bytes but its first begin with 10.
+  const auto width_of = [](const std::string& cell) {
+    return static_cast<size_t>(std::count_if(cell.begin(), cell.end(), [](char c) { return (c & 0xc0) != 0x80; }));
+  };
+  std::vector<std::vector<std::string>> lines = {titles(*this)};
+  lines.insert(lines.end(), rows.begin(), rows.end());
+  std::vector<size_t> widths(columns.size());
+  for (const auto& line : lines)
+    for (size_t c = 0; c < line.size(); ++c) widths[c] = std::max(widths[c], width_of(line[c]));
+  std::string all = title + "\n";
+  for (const auto& line : lines) {
+    std::string written;
+    for (size_t c = 0; c < line.size(); ++c) {
+      const std::string space(widths[c] - width_of(line[c]), ' ');
+      written += (c > 0 ? "  " : "") + (columns[c].number ? space + line[c] : line[c] + space);
+    }
+    all += written.substr(0, written.find_last_not_of(' ') + 1) + "\n";
+  }
+  return all;
 }
 
 std::string Table::markdown_grid() const {

@@ -18,6 +18,8 @@ struct Table {
   /// What it was made with, by name: a comment or further columns.
   std::vector<std::pair<std::string, std::string>> origin = {};
 
+  /// The title, and the grid in columns of spaces, for a terminal.
+  std::string text() const;
   /// The grid alone, as GitHub reads it.
   std::string markdown_grid() const;
   std::string markdown() const;

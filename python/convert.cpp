@@ -18,13 +18,18 @@ std::string shape_of(const py::array& array) {
   return sizes.empty() ? "a single number" : join(sizes, " x ");
 }
 
-/// @throws InputError for what is no array of numbers
-Array to_array(const std::string& name, py::handle value) {
-  Array array = Array::ensure(value);
-  if (array) return array;
+/// @param what  as errors call it: "layers['R']"
+/// @throws InputError for what is no array; py::type_error for one whose values are not real numbers
+Array to_array(const std::string& what, py::handle value) {
+  const auto given = py::array::ensure(value);
   PyErr_Clear();
-  throw InputError(fmt::format("layers['{}']: expected an array of numbers, found {}", name,
-                               to_text(py::str(py::type::handle_of(value).attr("__name__")))));
+  if (!given || PyUnicode_Check(value.ptr()))
+    throw InputError(fmt::format("{}: expected an array of numbers, found {}", what,
+                                 to_text(py::str(py::type::handle_of(value).attr("__name__")))));
+  if (std::string_view("biuf").find(given.dtype().kind()) == std::string_view::npos)
+    throw py::type_error(
+        fmt::format("{}: expected real numbers, found {}", what, to_text(py::str(given.dtype().attr("name")))));
+  return Array::ensure(given);
 }
 
 /// The full names of the channels of an array height x width x channels.
@@ -105,11 +110,11 @@ Attribute to_attribute(const std::string& key, py::handle value) {
   if (PyUnicode_Check(value.ptr())) return to_text(value);
   if (PyLong_Check(value.ptr())) return value.cast<int>();
   if (PyFloat_Check(value.ptr())) return value.cast<float>();
-  const Array array = Array::ensure(value);
-  if (!array) PyErr_Clear();
-  if (!array || array.size() != 16)
-    throw InputError(fmt::format("header['{}']: expected a str, a number or 4 x 4 numbers, found {}", key,
-                                 to_text(py::repr(value))));
+  const std::string what = fmt::format("header['{}']", key);
+  const Array array = to_array(what, value);
+  if (array.size() != 16)
+    throw InputError(
+        fmt::format("{}: expected a str, a number or 4 x 4 numbers, found {}", what, to_text(py::repr(value))));
   std::array<float, 16> matrix{};
   std::copy_n(array.data(), 16, matrix.begin());
   return matrix;
@@ -122,7 +127,7 @@ py::array_t<float> view_of(Plane& plane, py::handle owner) {
 }
 
 void copy_into(Plane& plane, const std::string& name, py::handle value) {
-  const Array array = to_array(name, value);
+  const Array array = to_array(fmt::format("layers['{}']", name), value);
   if (array.ndim() == 0) {
     plane.fill(*array.data());
     return;
@@ -143,7 +148,7 @@ std::shared_ptr<Layers> to_layers(py::handle value) {
   std::shared_ptr<Layers> layers;
   for (const auto& [key, entry] : arrays) {
     const std::string name = to_text(key);
-    const Array array = to_array(name, entry);
+    const Array array = to_array(fmt::format("layers['{}']", name), entry);
     if (array.ndim() != 2 && array.ndim() != 3)
       throw InputError(
           fmt::format("layers['{}']: expected height x width for a channel, or height x width x channels for "

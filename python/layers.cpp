@@ -1,7 +1,9 @@
 #include "python/layers.h"
 
 #include <fmt/format.h>
+#include <pybind11/stl.h>
 
+#include <array>
 #include <memory>
 
 #include "filters/requirements.h"
@@ -17,6 +19,32 @@ Plane& channel_of(Layers& layers, const std::string& name) {
   throw py::key_error(fmt::format("no channel '{}'{}", name, suggestion(name, names)));
 }
 
+std::map<std::string, Attribute> to_header(const py::dict& dict) {
+  std::map<std::string, Attribute> header;
+  for (const auto& [key, value] : dict) header[to_text(key)] = to_attribute(to_text(key), value);
+  return header;
+}
+
+py::tuple state_of(const py::object& self) {
+  const auto& frame = self.cast<const Layers&>();
+  const auto pair = [](const ivec2& v) { return py::make_tuple(v.x, v.y); };
+  return py::make_tuple(py::dict(self.attr("items")()), self.attr("header"), pair(frame.origin), pair(frame.display),
+                        pair(frame.display_origin));
+}
+
+std::shared_ptr<Layers> layers_of_state(const py::tuple& state) {
+  const std::shared_ptr<Layers> frame = to_layers(state[0]);
+  frame->header = to_header(state[1]);
+  const auto pair = [&](size_t i) {
+    const auto [x, y] = state[i].cast<std::array<int, 2>>();
+    return ivec2(x, y);
+  };
+  frame->origin = pair(2);
+  frame->display = pair(3);
+  frame->display_origin = pair(4);
+  return frame;
+}
+
 std::shared_ptr<Layers> make_layers(const py::object& channels, const py::object& header, const py::object& like) {
   const std::shared_ptr<Layers> given = to_layers(channels);
   auto layers = py::isinstance<Layers>(channels) ? std::make_shared<Layers>(*given) : given;
@@ -28,10 +56,7 @@ std::shared_ptr<Layers> make_layers(const py::object& channels, const py::object
     layers->lie_like(other);
     layers->header = other.header;
   }
-  if (!header.is_none()) {
-    layers->header.clear();
-    for (const auto& [key, value] : py::dict(header)) layers->header[to_text(key)] = to_attribute(to_text(key), value);
-  }
+  if (!header.is_none()) layers->header = to_header(header);
   return layers;
 }
 
@@ -126,6 +151,9 @@ void bind_layers(py::module_& module) {
       "layers", [](const Layers& self) { return layer_names(self); }, "Names of the layers, without statistics.");
   type.def(
       "copy", [](const Layers& self) { return std::make_shared<Layers>(self); }, "A frame with memory of its own.");
+  type.def("__copy__", [](const Layers& self) { return std::make_shared<Layers>(self); });
+  type.def("__deepcopy__", [](const Layers& self, const py::dict&) { return std::make_shared<Layers>(self); });
+  type.def(py::pickle(&state_of, &layers_of_state));
   type.def_property_readonly("width", &Layers::width, "[px]");
   type.def_property_readonly("height", &Layers::height, "[px]");
   type.def_property_readonly(
@@ -143,11 +171,7 @@ void bind_layers(py::module_& module) {
         for (const auto& [key, value] : self.header) header[to_str(key)] = to_object(value);
         return header;
       },
-      [](Layers& self, const py::dict& header) {
-        std::map<std::string, Attribute> attributes;
-        for (const auto& [key, value] : header) attributes[to_text(key)] = to_attribute(to_text(key), value);
-        self.header = std::move(attributes);
-      },
+      [](Layers& self, const py::dict& header) { self.header = to_header(header); },
       "What the file's header says, by name, as a copy: assign a dict to change it.");
   type.def("__repr__", [](const Layers& self) {
     return to_str(fmt::format("<brume.Layers {} x {} (height x width): {}>", self.height(), self.width(),

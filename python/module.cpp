@@ -392,7 +392,9 @@ py::dict metrics(const py::object& picture, const py::object& reference, const p
   const std::string exposure_text = to_exposure(exposure);
   Errors whole, medium;
   bool has_medium = false;
-  run_work(py::none(), 0, [&](const Work&) {
+  run_work(py::none(), 0, [&](const Work& work) {
+    for (const NamedFrame* frame : {&x, r2 ? &*r2 : nullptr})
+      if (const std::string remark = frame ? remark_on_scenes(*frame, r) : ""; !remark.empty()) work.note(remark);
     std::vector<NamedFrame*> pictures = {&r, &x};
     if (r2) pictures.push_back(&*r2);
     cut_to_common_window(pictures);

@@ -14,6 +14,7 @@
 #include "filters/requirements.h"
 #include "image/color.h"
 #include "image/exr_io.h"
+#include "render/frame/render_state.h"
 
 namespace brume {
 namespace {
@@ -118,6 +119,16 @@ RgbPlanes NamedFrame::colours(const std::string& layer) const {
   if (!frame.has(wanted))
     throw InputError(fmt::format("{}: has no layer '{}'; it has: {}", name, wanted.label(), join(layer_names(frame))));
   return frame.rgb(wanted);
+}
+
+std::string remark_on_scenes(const NamedFrame& picture, const NamedFrame& reference) {
+  const Layers &a = picture.frame, &b = reference.frame;
+  const std::string ours = a.text("sceneHash"), theirs = b.text("sceneHash");
+  if (ours.empty() || theirs.empty() || ours == theirs) return "";
+  const bool renamed = a.text("scene") != b.text("scene");
+  return fmt::format("{} and {} were rendered from scenes that differ: {}", picture.name, reference.name,
+                     renamed ? fmt::format("{} and {}", a.text("scene"), b.text("scene"))
+                             : differing_render(a, b, "in the one", "in the other"));
 }
 
 PixelWindow cut_to_common_window(const std::vector<NamedFrame*>& pictures) {

@@ -38,6 +38,10 @@ struct NamedFrame {
   RgbPlanes colours(const std::string& layer) const;
 };
 
+/// What is to be said where two frames were rendered from scenes that differ, so that their difference is no error
+/// alone; empty: nothing, as where another renderer made one of them.
+std::string remark_on_scenes(const NamedFrame& picture, const NamedFrame& reference);
+
 /// The pixels that all pictures have: what lies outside a data window is absent, not black. Pictures are cut to them.
 /// @param pictures  the reference first
 /// @throws InputError for unequal display windows, and when no pixel is common

@@ -63,7 +63,7 @@ export function App({ index, entries }: { index: Index; entries: PictureEntry[] 
   const newest = useRef(view);
   const show = useCallback((next: View) => setView((newest.current = next)), []);
   const [dark, switchTheme] = useTheme();
-  const [help, setHelp] = useState(false);
+  const help = useRef<HTMLDialogElement>(null);
   const pane = useRef<{ pane: Size; picture: Size } | undefined>(undefined);
   const set = useCallback<Page["set"]>((change) => {
     const now = newest.current;
@@ -105,7 +105,7 @@ export function App({ index, entries }: { index: Index; entries: PictureEntry[] 
   };
   const actions: Actions = {
     tabs,
-    help: () => setHelp(true),
+    help: () => !help.current!.open && help.current!.showModal(),
     theme: switchTheme,
     zoom,
     pan: (dx, dy) => {
@@ -128,7 +128,7 @@ export function App({ index, entries }: { index: Index; entries: PictureEntry[] 
         );
     },
     link: () => {
-      const hash = toHash(view, normal);
+      const hash = toHash(newest.current, normal);
       const address = location.href.replace(/#.*$/, "") + (hash ? `#${hash}` : "");
       const told = () => setMessage("The address bar holds a link to this view");
       if (navigator.clipboard)
@@ -159,7 +159,7 @@ export function App({ index, entries }: { index: Index; entries: PictureEntry[] 
   const onTabKey = (event: KeyboardEvent) => {
     const by = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
     if (!by) return;
-    const next = tabs[(tabs.indexOf(tab) + by + tabs.length) % tabs.length]!;
+    const next = tabs[(tabs.indexOf(tabOf(newest.current)) + by + tabs.length) % tabs.length]!;
     set({ tab: next });
     document.getElementById(`tab-${next}`)?.focus();
   };
@@ -217,7 +217,7 @@ export function App({ index, entries }: { index: Index; entries: PictureEntry[] 
           >
             {dark ? "☀" : "☾"}
           </button>
-          <button type="button" class="icon" title="Keys (?)" aria-label="Keys" onClick={() => setHelp(true)}>
+          <button type="button" class="icon" title="Keys (?)" aria-label="Keys" onClick={actions.help}>
             ?
           </button>
         </div>
@@ -265,7 +265,7 @@ export function App({ index, entries }: { index: Index; entries: PictureEntry[] 
       <div class="message" role="status">
         {message}
       </div>
-      <Help open={help} onClose={() => setHelp(false)} />
+      <Help dialog={help} />
     </PageProvider>
   );
 }

@@ -1,23 +1,19 @@
-import { useEffect, useRef } from "preact/hooks";
+import type { RefObject } from "preact";
 import { BINDINGS } from "./keys";
 
-export function Help({ open, onClose }: { open: boolean; onClose: () => void }) {
-  const dialog = useRef<HTMLDialogElement>(null);
-  useEffect(() => {
-    if (open && !dialog.current!.open) dialog.current!.showModal();
-    if (!open && dialog.current!.open) dialog.current!.close();
-  }, [open]);
+/** The dialog itself knows whether it is open: showModal() opens it before the next key comes. */
+export function Help({ dialog }: { dialog: RefObject<HTMLDialogElement | null> }) {
+  const close = () => dialog.current!.close();
   return (
     <dialog
       ref={dialog}
       class="help"
       aria-labelledby="help-title"
-      onClose={onClose}
-      onClick={(e) => e.target === dialog.current && onClose()}
+      onClick={(e) => e.target === dialog.current && close()}
     >
       <header>
         <h2 id="help-title">Keys</h2>
-        <button type="button" onClick={onClose}>
+        <button type="button" onClick={close}>
           Close
         </button>
       </header>

@@ -75,7 +75,7 @@ export const BINDINGS: { group: string; bindings: Binding[] }[] = [
         keys: ["ArrowLeft", "ArrowRight"],
         print: "← →",
         what: "move the divider",
-        run: (p, _, k) => p.set({ split: clamp(p.view.split + (k === "ArrowRight" ? 0.02 : -0.02)) }),
+        run: (p, _, k) => p.set({ split: p.view.split + (k === "ArrowRight" ? 0.02 : -0.02) }),
       },
     ],
   },
@@ -102,7 +102,7 @@ export const BINDINGS: { group: string; bindings: Binding[] }[] = [
         keys: ["[", "]"],
         print: "[ ]",
         what: "half a stop darker, brighter",
-        run: (p, _, k) => p.set({ stops: Math.min(12, Math.max(-12, p.view.stops + (k === "]" ? 0.5 : -0.5))) }),
+        run: (p, _, k) => p.set({ stops: p.view.stops + (k === "]" ? 0.5 : -0.5) }),
       },
       { keys: ["\\"], what: "the scene's exposure", run: (p) => p.set({ stops: 0 }) },
       {
@@ -181,12 +181,8 @@ export const BINDINGS: { group: string; bindings: Binding[] }[] = [
   },
 ];
 
-function clamp(v: number): number {
-  return Math.min(1, Math.max(0, v));
-}
-
 function stepGain(page: Page, by: number): void {
-  page.set({ tab: "look", show: "error", gain: Math.min(8, Math.max(-8, page.view.gain + by)) });
+  page.set({ tab: "look", show: "error", gain: page.view.gain + by });
 }
 
 function stepSpp(page: Page, by: number): void {
@@ -208,7 +204,9 @@ export function tabsOf(page: Pick<Page, "index">): Tab[] {
 /** Runs what an event's key stands for. */
 export function handleKey(event: KeyboardEvent, page: Page, actions: Actions): void {
   if (event.ctrlKey || event.metaKey || event.altKey) return;
-  const target = event.target as HTMLElement;
+  // A closed dialog keeps the keyboard until the next drawing: its keys are the page's.
+  const focused = event.target as HTMLElement;
+  const target = focused.closest("dialog:not([open])") ? document.body : focused;
   if (target.closest("input:not([type=checkbox]), select, textarea, dialog")) return;
   if ((event.key === " " || event.key === "Enter") && target.closest("button, a, input, summary")) return;
   if (event.key.startsWith("Arrow") && target.closest("[role=tablist], [role=separator]")) return;

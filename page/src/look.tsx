@@ -86,7 +86,7 @@ export function Look({ onPane, zoom, actualSize }: Props) {
               class="icon"
               title="Exchange A and B (x)"
               aria-label="Exchange A and B"
-              onClick={() => set({ a: view.b, b: view.a })}
+              onClick={() => set(({ a, b }) => ({ a: b, b: a }))}
             >
               ⇄
             </button>
@@ -144,7 +144,7 @@ export function Look({ onPane, zoom, actualSize }: Props) {
               {...pane}
               left={canvasOf(view[view.front])}
               label={describe(view[view.front])}
-              onTap={() => set({ front: view.front === "a" ? "b" : "a" })}
+              onTap={() => set(({ front }) => ({ front: front === "a" ? "b" : "a" }))}
             />
           )}
           {(view.mode === "swipe" || view.front === "a") && (
@@ -157,7 +157,7 @@ export function Look({ onPane, zoom, actualSize }: Props) {
               <span class="badge b">B</span> {caption(view.b)}
             </div>
           )}
-          {view.mode === "swipe" && <Divider split={view.split} onSplit={(split) => set({ split })} />}
+          {view.mode === "swipe" && <Divider split={view.split} onStep={(by) => set(({ split }) => ({ split: split + by }))} />}
         </div>
       )}
 
@@ -216,13 +216,13 @@ export function Look({ onPane, zoom, actualSize }: Props) {
   );
 }
 
-function Divider({ split, onSplit }: { split: number; onSplit: (split: number) => void }) {
+function Divider({ split, onStep }: { split: number; onStep: (by: number) => void }) {
   const percent = Math.round(100 * split);
   const step = (event: KeyboardEvent) => {
     const by = { ArrowLeft: -0.02, ArrowRight: 0.02, PageUp: 0.2, PageDown: -0.2, Home: -1, End: 1 }[event.key];
     if (by === undefined) return;
     event.preventDefault();
-    onSplit(Math.min(1, Math.max(0, split + by)));
+    onStep(by);
   };
   return (
     <div
@@ -261,7 +261,7 @@ function Legend() {
         aria-label="÷2: halve the scale"
         title="Halve the scale (<)"
         disabled={view.gain <= -8}
-        onClick={() => set({ gain: view.gain - 1 })}
+        onClick={() => set(({ gain }) => ({ gain: gain - 1 }))}
       >
         ÷2
       </button>
@@ -281,7 +281,7 @@ function Legend() {
         aria-label="×2: double the scale"
         title="Double the scale (>)"
         disabled={view.gain >= 8}
-        onClick={() => set({ gain: view.gain + 1 })}
+        onClick={() => set(({ gain }) => ({ gain: gain + 1 }))}
       >
         ×2
       </button>

@@ -16,7 +16,7 @@ export function Methods({ styles }: { styles: Map<string, Style> }) {
   const look = (which: "a" | "b", id: string) =>
     set({ tab: "look", [which]: id, ...(view.mode === "flip" ? { front: which } : {}) });
   const toggle = (id: string) =>
-    set({ hidden: view.hidden.includes(id) ? view.hidden.filter((h) => h !== id) : [...view.hidden, id] });
+    set(({ hidden }) => ({ hidden: hidden.includes(id) ? hidden.filter((h) => h !== id) : [...hidden, id] }));
 
   return (
     <aside class="methods" aria-label="Methods">

@@ -3,7 +3,7 @@ import { usePage } from "./context";
 import { ScrollTable, Section } from "./controls";
 import { bytes, number, seconds, signed } from "./format";
 import { isBetter, isUnfiltered, settingOf, totalSeconds, type Estimate, type Metric, type Row } from "./results";
-import { shownMethods } from "./state";
+import { shownMethods, type View } from "./state";
 
 interface Column {
   id: string;
@@ -71,7 +71,8 @@ export function Numbers() {
         ]
       : []),
   ];
-  const sort = columns.find((c) => c.id === view.sort) ?? columns[1] ?? columns[0]!;
+  const sortOf = (v: View) => columns.find((c) => c.id === v.sort) ?? columns[1] ?? columns[0]!;
+  const sort = sortOf(view);
   const sign = (sort.metric?.better === "higher") !== view.descending ? -1 : 1;
   const sorted = [...rows].sort((x, y) => {
     const [u, v] = [sort.value(rowOf(x), x), sort.value(rowOf(y), y)];
@@ -114,7 +115,9 @@ export function Numbers() {
                     <button
                       type="button"
                       title={c.title}
-                      onClick={() => set({ sort: c.id, descending: c.id === sort.id ? !view.descending : false })}
+                      onClick={() =>
+                        set((now) => ({ sort: c.id, descending: c.id === sortOf(now).id ? !now.descending : false }))
+                      }
                     >
                       {c.name}
                       <span class="arrow" aria-hidden="true">

@@ -123,10 +123,18 @@ export function nearest(counts: readonly number[], spp: number): number {
   return [...counts].sort((x, y) => Math.abs(Math.log(x / spp)) - Math.abs(Math.log(y / spp)))[0] ?? spp;
 }
 
-/** The view with a sample count that its scene has. */
+const within = (value: number, low: number, high: number) => Math.min(high, Math.max(low, value));
+
+/** The view with a sample count that its scene has, and numbers in their ranges. */
 export function fitting(index: Index, view: View): View {
   const counts = index.spp(view.scene);
-  return counts.includes(view.spp) ? view : { ...view, spp: nearest(counts, view.spp) };
+  return {
+    ...view,
+    spp: counts.includes(view.spp) ? view.spp : nearest(counts, view.spp),
+    split: within(view.split, 0, 1),
+    gain: within(view.gain, -8, 8),
+    stops: within(view.stops, -12, 12),
+  };
 }
 
 function short(value: number): string {

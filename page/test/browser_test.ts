@@ -335,6 +335,59 @@ describe("looking at pictures", () => {
     await context.close();
   });
 
+  test("what is done between two drawings of the page counts", async () => {
+    const context = await reader();
+    const page = await open(context, made);
+    await drawn(page.locator("canvas").first());
+    // Clicks and keys of one script: the browser draws after its end.
+    const act = (...steps: string[]) =>
+      page.evaluate((steps) => {
+        const key = (key: string) =>
+          (document.activeElement ?? document.body).dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true }));
+        for (const step of steps) {
+          const [what, name] = step.split(": ");
+          if (what === "key") key(name === "Space" ? " " : name!);
+          else if (what === "close") document.querySelector("dialog")!.close();
+          else document.querySelector<HTMLElement>(name!)!.click();
+        }
+      }, steps);
+    const dialog = page.getByRole("dialog");
+
+    await act("key: ?", "close", "key: u");
+    await comesTo(() => page.evaluate(() => document.documentElement.dataset["theme"]), "light");
+    await act("key: ?", "close", "key: ?");
+    await dialog.waitFor({ state: "visible" });
+    await act("close", "key: 2", "key: Space");
+    await linkSays(page, "front", "a");
+    await act("click: .stage canvas", "key: 1");
+    await page.locator("#tab-look").focus();
+    await act("key: ArrowRight", "key: ArrowRight");
+    await linkSays(page, "tab", "plots");
+    await act("key: n");
+    await page.locator(".metrics thead button").first().waitFor();
+    await act("click: .metrics th:nth-child(4) button", "click: .metrics th:nth-child(4) button");
+    await linkSays(page, "descending", "true");
+    await act("click: .methods li:nth-child(2) input", "click: .methods li:nth-child(3) input");
+    await linkOnce(page, (link) => link.get("hidden")?.split("|").length === 2);
+    await act("key: l", "key: e");
+    await page.getByRole("separator").focus();
+    await act("key: ArrowRight", "key: ArrowRight", "key: PageDown");
+    await linkSays(page, "split", "0.34");
+    await act("click: [title='Double the scale (>)']", "click: [title='Double the scale (>)']");
+    await linkSays(page, "gain", "2");
+    const pair = (link: URLSearchParams) => [link.get("a"), link.get("b")];
+    const before = pair(new URL(page.url().replace("#", "?")).searchParams);
+    await act("click: [title='Exchange A and B (x)']", "click: [title='Exchange A and B (x)']", "key: t");
+    assert.deepEqual(pair(await linkOnce(page, (link) => link.get("tone") !== null)), before);
+    await page.evaluate(() => {
+      const writeText = async (text: string) => void (document.title = text);
+      Object.defineProperty(navigator, "clipboard", { value: { writeText } });
+    });
+    await act("key: 3", "key: y");
+    await comesTo(async () => (await page.title()).includes("mode=grid"), true);
+    await context.close();
+  });
+
   test("a link shows the same view again", async () => {
     const context = await reader();
     const page = await open(

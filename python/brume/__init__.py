@@ -10,20 +10,46 @@ Errors are brume.InputError. What the command line tells as a note goes to the l
 --quiet would silence as information. docs/python.md says more.
 """
 
-from ._brume import (
-    InputError,
-    Layers,
-    __commit__,
-    __version__,
-    denoise,
-    filters,
-    metrics,
-    read,
-    render,
-    write,
-)
+import functools as _functools
+import inspect as _inspect
+
+from . import _brume
+from ._brume import InputError, Layers, __commit__, __version__
 
 __all__ = ["InputError", "Layers", "denoise", "filters", "metrics", "read", "render", "write"]
 
-for _value in (Layers, denoise, filters, metrics, read, render, write):
-    _value.__module__ = "brume"
+
+def _signature(function):
+    """What the first line of a compiled function's help says."""
+    head = function.__doc__.partition("\n")[0].replace("brume._brume.", "")
+    model = {}
+    exec(f"from __future__ import annotations\ndef {head}: ...", model)
+    return _inspect.signature(model[function.__name__])
+
+
+def _of_method(signature):
+    first, *rest = signature.parameters.values()
+    return signature.replace(parameters=[first.replace(name="self", annotation=first.empty), *rest])
+
+
+def _in_python(function, signature, name):
+    """A compiled function as one of Python, which has a signature and can be pickled by its name."""
+
+    @_functools.wraps(function)
+    def call(*arguments, **keywords):
+        return function(*arguments, **keywords)
+
+    call.__signature__, call.__module__, call.__qualname__ = signature, "brume", name
+    return call
+
+
+for _name in ("denoise", "filters", "metrics", "read", "render", "write"):
+    _value = getattr(_brume, _name)
+    globals()[_name] = _in_python(_value, _signature(_value), _name)
+for _name, _value in list(vars(Layers).items()):
+    if callable(_value) and not _name.startswith("_"):
+        setattr(Layers, _name, _in_python(_value, _of_method(_signature(_value)), f"Layers.{_name}"))
+_init = _of_method(_signature(Layers.__init__))
+Layers.__signature__ = _init.replace(parameters=list(_init.parameters.values())[1:], return_annotation=Layers)
+Layers.__module__ = "brume"
+InputError.__signature__ = _inspect.Signature([_inspect.Parameter("args", _inspect.Parameter.VAR_POSITIONAL)])

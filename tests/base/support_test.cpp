@@ -23,6 +23,12 @@ TEST(NearestName, FindsWhatWasMeant) {
   EXPECT_EQ(nearest_name("postion", known), "position");
   EXPECT_EQ(nearest_name("lookat", known), "look_at");
   EXPECT_EQ(nearest_name("temperature", known), "");
+  const std::vector<std::string> options = {"json", "second-reference", "seconds", "seeds"};
+  EXPECT_EQ(nearest_name("second", options), "seconds") << "the shortest that begins so";
+  EXPECT_EQ(nearest_name("second-r", options), "second-reference") << "its beginning";
+  EXPECT_EQ(nearest_name("seed", options), "seeds");
+  EXPECT_EQ(nearest_name("jsno", options), "json");
+  EXPECT_EQ(nearest_name("minute", options), "") << "of six letters four differ";
 }
 
 TEST(OutputFile, AppearsWholeOrNotAtAll) {

@@ -349,6 +349,8 @@ TEST_F(BadInput, CtrlCLeavesNothingHalfWritten) {
     const auto r = program.finish();
     EXPECT_EQ(r.status, 3) << r.err;
     EXPECT_NE(r.err.find("interrupted; no file was left half-written"), std::string::npos) << r.err;
+    EXPECT_EQ(r.err.find("with --cache DIR the same command would go on") != std::string::npos,
+              command.starts_with("evaluate"));
     expect_nothing_written();
     EXPECT_FALSE(std::filesystem::exists(folder_ / "out"));
   }

@@ -241,7 +241,10 @@ TEST(Commands, EvaluateWritesItsFolder) {
                 " --size 24 --spp 2,4 --seeds 2 --reference-spp 8 -f bilateral -f gradient_kernel --no-tuning -q -o " +
                 (folder / "out").string());
   ASSERT_EQ(r.status, 0) << r.err;
-  EXPECT_TRUE(r.out.starts_with("# Filters on media passes"));
+  EXPECT_TRUE(r.out.starts_with("smoke: Lab RMS of the whole frame, default parameters"));
+  EXPECT_LE(std::count(r.out.begin(), r.out.end(), '\n'), 7) << "every other table is in table.md\n" << r.out;
+  EXPECT_NE(r.out.find((folder / "out").string() + "/table.md"), std::string::npos) << r.out;
+  EXPECT_TRUE(test::read_file(folder / "out/table.md").starts_with("# Filters on media passes"));
   EXPECT_TRUE(std::filesystem::exists(folder / "out/table.csv"));
   EXPECT_TRUE(std::filesystem::exists(folder / "out/smoke_4spp_paper.png"));
   EXPECT_FALSE(std::filesystem::exists(folder / "out.part"));
@@ -252,7 +255,8 @@ TEST(Commands, EvaluateWritesItsFolder) {
                 " --size 24 --spp 2 --seeds 1 --reference-spp 8 -f bilateral -f gradient_kernel --no-tuning -q -o " +
                 (folder / "out/").string());
   ASSERT_EQ(again.status, 0) << again.err;
-  EXPECT_NE(again.out.find("one seed: cannot tell"), std::string::npos) << "a single seed proves nothing";
+  EXPECT_NE(test::read_file(folder / "out/table.md").find("one seed: cannot tell"), std::string::npos)
+      << "a single seed proves nothing";
   EXPECT_EQ(test::read_file(folder / "out/mine.txt"), "keep");
   EXPECT_TRUE(std::filesystem::exists(folder / "out/table.csv"));
 }

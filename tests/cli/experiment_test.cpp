@@ -78,6 +78,28 @@ TEST_F(Experiments, NothingIsMadeAgainWhereNothingChanged) {
   EXPECT_TRUE(holds(run_brume(command("--seeds 3")).err, "2 frames rendered, "));
 }
 
+TEST_F(Experiments, DamagedEntriesAreMadeAgain) {
+  ASSERT_EQ(run_brume(command()).status, 0);
+  const json before = without_times(results());
+  int damaged = 0;
+  for (const auto& file : fs::recursive_directory_iterator(folder_ / "cache"))
+    if (file.path().extension() == ".exr" && ++damaged % 2 == 0)
+      fs::resize_file(file.path(), fs::file_size(file.path()) - fs::file_size(file.path()) / 4);
+  EXPECT_GT(damaged, 20);
+  const auto r = run_brume(command());
+  ASSERT_EQ(r.status, 0) << r.err;
+  EXPECT_EQ(without_times(results()), before);
+}
+
+TEST_F(Experiments, AnInterruptedRunSaysThatItsCacheGoesOn) {
+  test::RunningProgram program(command("--reference-spp 16384 --progress json"));
+  ASSERT_TRUE(program.wait_until([&] { return holds(program.err(), "\"progress\""); }));
+  program.send(SIGINT);
+  const auto r = program.finish();
+  EXPECT_EQ(r.status, 3);
+  EXPECT_TRUE(holds(r.err, path("cache") + ": the same command goes on from there")) << r.err;
+}
+
 TEST_F(Experiments, EverythingIsMadeAgainWhenTheVolumeChanged) {
   ASSERT_EQ(run_brume(command("--spp 2")).status, 0);
   const json before = results();
@@ -172,7 +194,7 @@ TEST_F(Experiments, AFilterThatFailsIsALineThatSaysSo) {
   EXPECT_EQ(halves, 2) << "frame and medium";
   EXPECT_EQ(late, 4);
   EXPECT_EQ(numbers, 4);
-  EXPECT_TRUE(holds(r.out, "## What failed, and why")) << r.out;
+  EXPECT_TRUE(holds(r.out, "What failed, and why")) << r.out;
   EXPECT_TRUE(holds(run_brume(command()).err, " results filtered")) << "again, from the cache";
 }
 
@@ -225,7 +247,8 @@ TEST_F(Experiments, DirectAndIndirectLightAreJudgedByThemselves) {
   const auto rows = [&](const std::string& component) {
     const auto r = run_brume(command("--spp 4 --seeds 2 -f gaussian --no-tuning --component " + component));
     EXPECT_EQ(r.status, 0) << r.err;
-    EXPECT_EQ(holds(r.out, "## Direct and indirect light by themselves"), component != "all");
+    EXPECT_EQ(holds(test::read_file(folder_ / "out/table.md"), "## Direct and indirect light by themselves"),
+              component != "all");
     const json all = results();
     std::map<std::string, json> found;
     for (const json& row : all["rows"])
@@ -263,7 +286,7 @@ TEST_F(Experiments, SequencesAreJudgedByHowTheyFlicker) {
   test::write_file(folder_ / "small.toml", experiment("1-4"));
   const auto r = run_brume(command());
   ASSERT_EQ(r.status, 0) << r.err;
-  EXPECT_TRUE(holds(r.out, "## Through time")) << r.out;
+  EXPECT_TRUE(holds(r.out, "Through time")) << r.out;
   const json all = results();
   ASSERT_EQ(all["sequences"].size(), 1u);
   const json& shot = all["sequences"][0];
@@ -314,6 +337,21 @@ TEST_F(Experiments, WhatIsWrongInTheFileIsNamed) {
   EXPECT_TRUE(holds(refused("[[scenes]]\nfile = \"cloud.toml\"\n[[scenes]]\nfile = \"cloud.toml\"\n"),
                     "two scenes are named 'cloud'"));
   EXPECT_TRUE(holds(refused("[[scenes]]\nfile = \"cloud.toml\"\nname = \"a/b\"\n"), "a scene is named 'a/b'"));
+}
+
+TEST_F(Experiments, AGuideIsOneLayerWhoeverReadsIt) {
+  test::write_file(folder_ / "small.toml",
+                   "scenes = [\"cloud.toml\"]\nsize = 20\nspp = [4]\nseeds = 1\nreference_spp = 8\nsearch = false\n"
+                   "component = \"all\"\nablation = true\n[[filters]]\nfilter = \"transport_regression\"\n"
+                   "[[filters]]\nfilter = \"guided\"\nparameters = \"preset=guides\"\n");
+  const auto r = run_brume(command());
+  ASSERT_EQ(r.status, 0) << r.err;
+  std::map<std::string, std::set<std::string>> readers;
+  const json all = results();
+  for (const json& row : all["ablation"]) readers[row["layer"]].insert(row["method"]);
+  EXPECT_EQ(readers["guide.opacity"].size(), 2u);
+  EXPECT_EQ(readers["guide.predicted_direct"].size(), 2u);
+  for (const auto& [layer, methods] : readers) EXPECT_FALSE(layer.starts_with("guide-")) << layer;
 }
 
 TEST_F(Experiments, StudiesFillTheirTables) {

@@ -186,11 +186,28 @@ TEST_F(ForeignGuides, ASceneOutOfBlenderIsOneThatBrumeReads) {
   ASSERT_EQ(std::system(command.c_str()), 0);
   ASSERT_TRUE(std::filesystem::exists(folder_ / "out.toml")) << test::read_file(folder_ / "log.txt");
   const std::string scene = test::read_file(folder_ / "out.toml");
-  for (const char* line :
-       {"position = [0, -7, 1.5]", "fov = 26.", "width = 64", "type = \"sun\"", "irradiance = [6, 6, 6]",
-        "type = \"point\"", "type = \"rectangle\"", "preset = \"principled\"", "grid = \"density_noise\"",
-        "absorption_color = [0.5", "index_offset = [0.5, 0.5, 0.5]", "# Left out: Cube: the mesh is left out"})
+  for (const char* line : {"position = [0, -7, 1.5]",
+                           "fov = 26.",
+                           "width = 64",
+                           "type = \"sun\"",
+                           "irradiance = [6, 6, 6]",
+                           "type = \"point\"",
+                           "type = \"rectangle\"",
+                           "preset = \"principled\"",
+                           "grid = \"density_noise\"",
+                           "absorption_color = [0.5",
+                           "index_offset = [0.5, 0.5, 0.5]",
+                           "density = 7.5",                // an attribute halved, times the 15 of a Value node
+                           "intensity = [1.5915494, 1.5",  // 10 W times the 2 of the light's Emission node
+                           "# Left out: Cube: the mesh is left out",
+                           "# Left out: Fog: the volume inside the mesh is left out",
+                           "# Left out: Procedural: the volume is left out: no grid of its file drives its density",
+                           "# Left out: Camera: its animation is left out; it is as in frame 1",
+                           "# Left out: Sun: its animation",
+                           "# Left out: Render border",
+                           "# Left out: Pixel aspect 2 : 1"})
     EXPECT_TRUE(holds(scene, line)) << line << "\n" << scene;
+  EXPECT_FALSE(holds(scene, "Point: ")) << "nothing of it is left out";
   run("render " + path("out.toml") + " --spp 1 -q -o " + path("out.exr"));
 }
 

@@ -51,6 +51,60 @@ mesh = bpy.data.meshes.new("Cube")
 mesh.from_pydata([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [], [(0, 1, 2)])
 add("Cube", mesh)
 
+
+def volume_material(name, plug):
+    """A Principled Volume, whose density `plug` fills: a function of the nodes' maker, linker and input."""
+    made = bpy.data.materials.new(name)
+    made.use_nodes = True
+    tree = made.node_tree
+    tree.nodes.clear()
+    principled = tree.nodes.new("ShaderNodeVolumePrincipled")
+    tree.links.new(principled.outputs[0], tree.nodes.new("ShaderNodeOutputMaterial").inputs["Volume"])
+    plug(tree.nodes.new, tree.links.new, principled.inputs["Density"])
+    return made
+
+
+def times(number):
+    """The attribute density_noise, halved, times a Value node."""
+
+    def plug(new, link, density):
+        attribute, halved, scaled, factor = (
+            new("ShaderNode" + kind) for kind in ("Attribute", "Math", "Math", "Value")
+        )
+        attribute.attribute_name = "density_noise"
+        halved.operation, scaled.operation = "DIVIDE", "MULTIPLY"
+        halved.inputs[1].default_value = 2
+        factor.outputs[0].default_value = number
+        link(attribute.outputs["Fac"], halved.inputs[0])
+        link(factor.outputs[0], scaled.inputs[0])
+        link(halved.outputs[0], scaled.inputs[1])
+        link(scaled.outputs[0], density)
+
+    return plug
+
+
+def noise(new, link, density):
+    link(new("ShaderNodeTexNoise").outputs["Fac"], density)
+
+
+for name, plug in (("Scaled", times(15)), ("Procedural", noise)):
+    data = bpy.data.volumes.new(name)
+    data.filepath = volume
+    data.materials.append(volume_material(name, plug))
+    add(name, data)
+
+fog = bpy.data.meshes.new("Fog")
+fog.from_pydata([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], [], [(0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)])
+fog.materials.append(volume_material("Fog", noise))
+for place in (3, 5):
+    add("Fog", fog, (place, 0, 0)).name = "Fog"
+
+point.data.use_nodes = True
+point.data.node_tree.nodes["Emission"].inputs["Strength"].default_value = 2
+camera.keyframe_insert("location", frame=1)
+sun.data.keyframe_insert("energy", frame=1)
+scene.render.use_border = True
+scene.render.pixel_aspect_x = 2
 bpy.context.view_layer.update()
 sys.argv = sys.argv[: sys.argv.index("--") + 1] + [out]
 runpy.run_path(exporter, run_name="__main__")

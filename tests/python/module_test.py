@@ -1,10 +1,14 @@
 """The Python package against files, the command line and its own promises."""
 
 import ast
+import copy
+import inspect
 import json
 import logging
+import multiprocessing
 import os
 import pathlib
+import pickle
 import signal
 import subprocess
 import sys
@@ -165,6 +169,39 @@ class Views(unittest.TestCase):
         self.assertFalse(np.shares_memory(frame["R"], frame.copy()["R"]))
 
 
+    def test_a_frame_can_be_pickled_and_copied(self):
+        frame = brume.render(TEXT, spp=1, crop=(3, 2, 11, 9))
+        frame.header = {**frame.header, "odd": "gr\udcfc\u00df", "third": 1 / 3, "m": np.arange(16.0).reshape(4, 4)}
+        copies = [pickle.loads(pickle.dumps(frame, protocol)) for protocol in range(2, pickle.HIGHEST_PROTOCOL + 1)]
+        for again in copies + [copy.copy(frame), copy.deepcopy(frame), copy.deepcopy([frame, frame])[1]]:
+            self.assertEqual(again.keys(), frame.keys())
+            for name in frame:
+                np.testing.assert_array_equal(again[name], frame[name])
+                self.assertFalse(np.shares_memory(again[name], frame[name]))
+            self.assertEqual((again.data_window, again.display_window), (frame.data_window, frame.display_window))
+            self.assertEqual({k: str(v) for k, v in again.header.items()}, {k: str(v) for k, v in frame.header.items()})
+
+    def test_only_arrays_of_real_numbers_are_taken(self):
+        frame = random_frame()
+        for array, kind in (
+            (np.zeros((23, 37), complex), "complex128"),
+            (np.zeros((23, 37), object), "object"),
+            (np.full((23, 37), "1.5"), "str"),
+            (np.zeros((23, 37), "datetime64[s]"), "datetime64"),
+            (1j, "complex128"),
+        ):
+            words = f"expected real numbers, found {kind}"
+            with self.assertRaisesRegex(TypeError, r"layers\['G'\]: " + words):
+                frame["G"] = array
+            with self.assertRaisesRegex(TypeError, words):
+                brume.denoise({"R": array}, "gaussian")
+        for kind in (bool, np.int8, np.uint64, np.float16, np.longdouble):
+            frame["G"] = np.ones((23, 37), kind)
+            self.assertEqual(frame["G"].min(), 1)
+        with self.assertRaisesRegex(TypeError, r"header\['m'\]: expected real numbers, found complex128"):
+            frame.header = {"m": np.eye(4, dtype=complex)}
+
+
 class Denoise(Folder):
     def test_it_equals_the_command_line_to_the_bit(self):
         noisy = brume.render(CLOUD, spp=4, **TINY)
@@ -307,6 +344,24 @@ class Declarations(unittest.TestCase):
         methods = {n.name for n in layers.body if isinstance(n, ast.FunctionDef)}
         self.assertLessEqual({n for n in vars(brume.Layers) if not n.startswith("_")}, methods)
 
+    def test_everything_public_has_a_signature(self):
+        public = [getattr(brume, name) for name in brume.__all__ if name != "InputError"]
+        public += [member for name, member in vars(brume.Layers).items() if callable(member) and not name.startswith("_")]
+        self.assertGreater(len(public), 12)
+        for thing in public:
+            parameters = inspect.signature(thing).parameters
+            for name in parameters:
+                self.assertNotRegex(name, "^arg[0-9]", thing)
+        self.assertEqual(
+            str(inspect.signature(brume.write)).replace("'", ""), "(path: object, layers: object) -> None"
+        )
+        self.assertIs(inspect.signature(brume.render).parameters["statistics"].default, True)
+        inspect.signature(brume.render).bind("cloud.toml", spp=4, camera__fov=30)
+        with self.assertRaises(TypeError):
+            inspect.signature(brume.read).bind()
+        self.assertEqual(list(inspect.signature(brume.Layers).parameters), ["channels", "header", "like"])
+        inspect.signature(brume.InputError)
+
     def test_the_version_is_the_programs(self):
         self.assertEqual(run("--version").split()[1], brume.__version__)
 
@@ -352,6 +407,12 @@ class WhileItWorks(unittest.TestCase):
         with self.assertRaises(StopIteration):
             brume.render(CLOUD, spp=1 << 20, progress=stop_when_counted)
         counter.join()
+
+    def test_several_processes_may_clean_at_once(self):
+        frames = [random_frame(23, 37), random_frame(11, 7)]
+        with multiprocessing.get_context("spawn").Pool(2) as pool:
+            for frame, clean in zip(frames, pool.map(brume.denoise, frames)):
+                np.testing.assert_array_equal(clean.image(), brume.denoise(frame).image())
 
     def test_several_threads_may_clean_at_once(self):
         frame, results = random_frame(), []
