@@ -233,7 +233,7 @@ TEST_F(PartsTest, ADamagedPartIsRefusedAndSaysWhere) {
   EXPECT_NE(damaged(channel + 12, 7).find("ySampling of channel state.0007 is 7"), std::string::npos);
   EXPECT_NE(damaged(channel, 2).find("the type of channel state.0007 is float"), std::string::npos);
   const size_t seed = bytes.find(std::string("seed\0string\0", 12)) + 16;
-  EXPECT_NE(damaged(seed, bytes[seed] ^ 1).find("fileChecksum is"), std::string::npos);
+  EXPECT_NE(damaged(seed, bytes[seed] ^ 1).find("fileChecksum in its header is"), std::string::npos);
   EXPECT_EQ(error_of([&] { merge_parts({whole}, false); }), "");
   for (size_t at = 0; at < bytes.size(); at += bytes.size() / 100) EXPECT_NE(damaged(at, bytes[at] ^ 0x10), "") << at;
 }
