@@ -35,26 +35,29 @@ float median_of_finite_neighbours(const Plane& plane, int x, int y) {
 /// Holes are closed from their rims inward; a plane without any finite pixel becomes 0.
 Plane repaired_plane(const Plane& plane, std::set<std::pair<int, int>>& bad) {
   Plane result = plane;
-  std::vector<ivec2> holes;
+  std::vector<ivec2> rim;
+  size_t holes = 0;
   for (int y = 0; y < plane.height(); ++y)
     for (int x = 0; x < plane.width(); ++x)
       if (!std::isfinite(plane(x, y))) {
-        holes.emplace_back(x, y);
+        ++holes;
         bad.insert({x, y});
+        if (std::isfinite(median_of_finite_neighbours(plane, x, y))) rim.emplace_back(x, y);
       }
-  if (holes.size() == static_cast<size_t>(plane.width()) * static_cast<size_t>(plane.height()))
+  if (holes == static_cast<size_t>(plane.width()) * static_cast<size_t>(plane.height()))
     return Plane(plane.width(), plane.height());
-  while (!holes.empty()) {
+  while (!rim.empty()) {
     // Every pixel of a rim is made from what was there before it.
     std::vector<float> values;
-    for (const ivec2& p : holes) values.push_back(median_of_finite_neighbours(result, p.x, p.y));
-    std::vector<ivec2> inner;
-    for (size_t i = 0; i < holes.size(); ++i)
-      if (std::isfinite(values[i]))
-        result(holes[i].x, holes[i].y) = values[i];
-      else
-        inner.push_back(holes[i]);
-    holes = std::move(inner);
+    for (const ivec2& p : rim) values.push_back(median_of_finite_neighbours(result, p.x, p.y));
+    for (size_t i = 0; i < rim.size(); ++i) result(rim[i].x, rim[i].y) = values[i];
+    std::set<std::pair<int, int>> next;
+    for (const ivec2& p : rim)
+      for (int y = std::max(0, p.y - 1); y <= std::min(plane.height() - 1, p.y + 1); ++y)
+        for (int x = std::max(0, p.x - 1); x <= std::min(plane.width() - 1, p.x + 1); ++x)
+          if (!std::isfinite(result(x, y))) next.insert({x, y});
+    rim.clear();
+    for (const auto& [x, y] : next) rim.emplace_back(x, y);
   }
   return result;
 }

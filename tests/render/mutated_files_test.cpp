@@ -1,6 +1,6 @@
 // Files with flipped bits, cut, patched and shuffled: whatever brume reads itself is refused in words, or read as it
 // was written, or, where the format has no checksum, read as what it now says, without a crash and without reserving
-// memory for what is not there. BRUME_MUTATIONS says how many of each kind (100 unless set; the long run takes 10,000).
+// memory for what is not there. BRUME_MUTATIONS says how many of each kind (50 unless set; the long run takes 10,000).
 
 #include <gtest/gtest.h>
 
@@ -30,7 +30,7 @@ namespace fs = std::filesystem;
 
 int mutations() {
   const char* const wanted = std::getenv("BRUME_MUTATIONS");
-  return wanted ? std::atoi(wanted) : 100;
+  return wanted ? std::atoi(wanted) : 50;
 }
 
 /// A file with one to four changes, three of four of them in its first `header` bytes.
