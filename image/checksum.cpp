@@ -72,12 +72,12 @@ void write_checksum(const fs::path& path) {
 void verify_checksum(const fs::path& path, bool own, const Task& task) {
   const Checksum sum = checksum_of(path, task);
   if (sum.found == sum.computed) return;
-  if (own && sum.found.empty())
+  if (sum.found.empty())
     throw InputError(
-        fmt::format("{}: damaged, or written by another program: holds sums of samples but no attribute {}",
+        fmt::format("{}: damaged, or written by another program: expected an attribute {} as brume writes it",
                     path.string(), kChecksumAttribute));
   const size_t digits = 8;
-  if (own || (!sum.found.empty() && sum.found.substr(digits) == sum.computed.substr(digits)))
+  if (own || sum.found.substr(digits) == sum.computed.substr(digits))
     throw InputError(fmt::format("{}: truncated or damaged: {} in its header is {}, its bytes have {}", path.string(),
                                  kChecksumAttribute, sum.found, sum.computed));
 }

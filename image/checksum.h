@@ -22,6 +22,7 @@ inline constexpr std::string_view kChecksumAttribute = "fileChecksum",
 /// be read or written
 void write_checksum(const std::filesystem::path& path);
 
+/// For files that have the attribute, or must have it.
 /// @param own  whether no other program may have written the file anew: a part or a checkpoint
 /// @throws InputError: damaged; Interrupted
 void verify_checksum(const std::filesystem::path& path, bool own, const Task& task = {});

@@ -150,8 +150,8 @@ void check_own_header(const Imf::MultiPartInputFile& file, const fs::path& path)
 void check_own_file(const Imf::MultiPartInputFile& file, const fs::path& path, const Task& task) {
   const bool own = has_state(file.header(0));
   if (own) check_own_header(file, path);
-  if (own || file.header(0).findTypedAttribute<Imf::StringAttribute>(kChecksumAttribute.data()))
-    verify_checksum(path, own, task);
+  const Imf::Header& header = file.header(0);
+  if (own || header.find(std::string(kChecksumAttribute)) != header.end()) verify_checksum(path, own, task);
 }
 
 /// Reads the first and the last line of a part, whose chunks a file that was cut off has lost.
