@@ -73,7 +73,7 @@ void write_checksum(const fs::path& path) {
 
 void verify_checksum(const fs::path& path, bool own, const Task& task) {
   const Checksum sum = checksum_of(path, task);
-  if (sum.found == sum.computed) return;
+  if (sum.found == sum.computed || !kChecksumsHold) return;
   // As kNoChecksum, but for the digits.
   const bool legible = std::equal(
       sum.found.begin(), sum.found.end(), kNoChecksum.begin(), kNoChecksum.end(),
