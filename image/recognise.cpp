@@ -134,7 +134,7 @@ void add_cycles_surfaces(const Channels& file, const std::string& view, ForeignF
   const std::pair<const char*, const char*> kinds[] = {
       {"Diff", "Diffuse"}, {"Gloss", "Glossy"}, {"Trans", "Transmission"}, {"Subsurface", "Subsurface"}};
   for (const auto& [old_kind, new_kind] : kinds) {
-    const auto named = [&](const std::string& o, const std::string& n) {
+    const auto named = [&, old_kind = old_kind, new_kind = new_kind](const std::string& o, const std::string& n) {
       return cycles_pass(file, view, (old_kind + o).c_str(), (new_kind + n).c_str());
     };
     const auto colour = named("Col", " Color"), direct = named("Dir", " Direct"), indirect = named("Ind", " Indirect");
