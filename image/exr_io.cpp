@@ -407,7 +407,7 @@ void set_exr_threads(int threads) {
   packing_threads = threads;
 }
 
-void write_exr(const fs::path& path, const Layers& layers, const Task& task) {
+void write_exr(const fs::path& path, const Layers& layers, const Task& task, const WordRows& rows) {
   constexpr int kLines = 16;  // packed together: ZIP's
   const int width = layers.width(), height = layers.height(), chunks = (height + kLines - 1) / kLines;
   std::map<std::string, ExrChannel> named;
@@ -416,8 +416,13 @@ void write_exr(const fs::path& path, const Layers& layers, const Task& task) {
     list.insert(name, Imf::Channel(Imf::FLOAT)), named[name] = {plane.row(0), plane.stride()};
   for (const auto& [name, words] : layers.words())
     list.insert(name, Imf::Channel(Imf::UINT)), named[name] = {words.data(), static_cast<size_t>(width)};
+  for (const std::string& name : rows.names) list.insert(name, Imf::Channel(Imf::UINT)), named[name] = {};
   std::vector<ExrChannel> channels;
-  for (const auto& [name, channel] : named) channels.push_back(channel);
+  std::vector<size_t> made;  // places of `rows` in them
+  for (const auto& [name, channel] : named) {
+    if (!channel.values) made.push_back(channels.size());
+    channels.push_back(channel);
+  }
 
   OutputFile output(path);
   const auto fail = [&](const char* why) {
@@ -442,7 +447,16 @@ void write_exr(const fs::path& path, const Layers& layers, const Task& task) {
     const int count = std::min(chunks - first, static_cast<int>(packed.size()));
     const auto line = [&](int k) { return (first + k) * kLines; };
     parallel_for(count, {packing_threads, {}, task.cancel}, [&](int k) {
-      packed[static_cast<size_t>(k)] = zip_exr_lines(channels, width, line(k), std::min(kLines, height - line(k)));
+      const int y = line(k), lines = std::min(kLines, height - y);
+      std::vector<ExrChannel> here = channels;
+      for (ExrChannel& c : here)
+        if (c.values) c.values = static_cast<const uint32_t*>(c.values) + static_cast<size_t>(y) * c.stride;
+      static thread_local std::vector<uint32_t> words;
+      const size_t size = static_cast<size_t>(lines) * width;
+      words.resize(made.size() * size);
+      if (!made.empty()) rows.fill(y, lines, words.data());
+      for (size_t i = 0; i < made.size(); ++i) here[made[i]] = {words.data() + i * size, static_cast<size_t>(width)};
+      packed[static_cast<size_t>(k)] = zip_exr_lines(here, width, 0, lines);
     });
     for (int k = 0; k < count; ++k) {
       const std::vector<uint8_t>& bytes = packed[static_cast<size_t>(k)];

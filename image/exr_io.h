@@ -42,9 +42,19 @@ Layers read_exr_state(const std::filesystem::path& path, const Task& task = {});
 /// @throws InputError: missing, not an EXR, truncated or damaged, deep; Interrupted
 void check_exr(const std::filesystem::path& path, const Task& task = {});
 
+/// Channels of 32-bit words that are made while they are written, so that they never lie in memory whole.
+struct WordRows {
+  std::vector<std::string> names;  ///< sorted
+  /// Fills words[(channel * lines + line) * width + x] for the lines from y on, of which there are 16 at most and y is
+  /// a multiple of 16. Called from several threads.
+  std::function<void(int y, int lines, uint32_t* words)> fill;
+};
+
 /// Writes float32 scan lines, ZIP, single part. The file appears whole or not at all.
-/// @param task  only whether it is cancelled   @throws InputError; Interrupted
-void write_exr(const std::filesystem::path& path, const Layers& layers, const Task& task = {});
+/// @param task  only whether it is cancelled   @param rows  beside the layers' own words
+/// @throws InputError; Interrupted
+void write_exr(const std::filesystem::path& path, const Layers& layers, const Task& task = {},
+               const WordRows& rows = {});
 
 /// Threads that pack and unpack EXRs from now on; 0: all of the machine's. One until called.
 void set_exr_threads(int threads);

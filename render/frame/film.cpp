@@ -249,31 +249,53 @@ double Film::relative_error(double exposure) const {
   return all_light > 0 ? std::sqrt(sum / (3.0 * static_cast<double>(pixels))) : kUnknown;
 }
 
+template <class Put>
+void Film::visit_state(int tile, const Put& put) const {
+  const TileState& state = state_[static_cast<size_t>(tile)];
+  if (state.sums.empty()) return;
+  const size_t doubles = sums_.doubles(), groups = sums_.groups();
+  for (size_t p = 0; p < static_cast<size_t>(bounds(tile).pixels()); ++p) {
+    for (size_t d = 0; d < doubles; ++d) {
+      const auto bits = std::bit_cast<uint64_t>(state.sums[p * doubles + d]);
+      put(2 * d, p, static_cast<uint32_t>(bits));
+      put(2 * d + 1, p, static_cast<uint32_t>(bits >> 32));
+    }
+    for (size_t g = 0; g < groups; ++g) put(2 * doubles + g, p, state.counts[p * groups + g]);
+    put(2 * doubles + groups, p, state.invalid[p]);
+  }
+}
+
 void Film::save_state(Layers& layers, const Task& task) const {
-  const size_t doubles = sums_.doubles(), groups = sums_.groups(), words = 2 * doubles + groups + 1;
   std::vector<std::vector<uint32_t>*> channels;
-  for (size_t w = 0; w < words; ++w) channels.push_back(&layers.add_words(state_channel(w)));
+  for (size_t w = 0; w < state_words(); ++w) channels.push_back(&layers.add_words(state_channel(w)));
   parallel_for(tile_count(), task, [&](int tile) {
-    const TileState& state = state_[static_cast<size_t>(tile)];
-    if (state.sums.empty()) return;
     const Bounds b = bounds(tile);
-    for (int y = b.y0; y < b.y1; ++y)
-      for (int x = b.x0; x < b.x1; ++x) {
-        const auto p = static_cast<size_t>((y - b.y0) * b.width() + x - b.x0);
-        const size_t at = static_cast<size_t>(y) * width_ + x;
-        for (size_t d = 0; d < doubles; ++d) {
-          const auto bits = std::bit_cast<uint64_t>(state.sums[p * doubles + d]);
-          (*channels[2 * d])[at] = static_cast<uint32_t>(bits);
-          (*channels[2 * d + 1])[at] = static_cast<uint32_t>(bits >> 32);
-        }
-        for (size_t g = 0; g < groups; ++g) (*channels[2 * doubles + g])[at] = state.counts[p * groups + g];
-        (*channels[words - 1])[at] = state.invalid[p];
-      }
+    visit_state(tile, [&](size_t channel, size_t p, uint32_t word) {
+      const size_t x = b.x0 + p % static_cast<size_t>(b.width()), y = b.y0 + p / static_cast<size_t>(b.width());
+      (*channels[channel])[y * width_ + x] = word;
+    });
   });
 }
 
+WordRows Film::state_rows() const {
+  WordRows rows;
+  for (size_t w = 0; w < state_words(); ++w) rows.names.push_back(state_channel(w));
+  rows.fill = [this](int y, int lines, uint32_t* words) {
+    std::fill_n(words, state_words() * static_cast<size_t>(lines) * width_, 0u);
+    for (int column = 0; column < tiles_.x; ++column) {
+      const int tile = y / kTile * tiles_.x + column;
+      const Bounds b = bounds(tile);
+      visit_state(tile, [&](size_t channel, size_t p, uint32_t word) {
+        const size_t x = b.x0 + p % static_cast<size_t>(b.width()), line = p / static_cast<size_t>(b.width());
+        words[(channel * lines + line) * width_ + x] = word;
+      });
+    }
+  };
+  return rows;
+}
+
 void Film::merge_state(const Layers& saved, const std::string& name, const Task& task) {
-  const size_t doubles = sums_.doubles(), groups = sums_.groups(), words = 2 * doubles + groups + 1;
+  const size_t doubles = sums_.doubles(), groups = sums_.groups(), words = state_words();
   if (saved.width() != width_ || saved.height() != height_)
     throw InputError(
         fmt::format("{}: is {} x {}, expected {} x {}", name, saved.width(), saved.height(), width_, height_));

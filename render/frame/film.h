@@ -2,6 +2,7 @@
 #include <vector>
 
 #include "base/progress.h"
+#include "image/exr_io.h"
 #include "image/layers.h"
 #include "image/pixel_statistics.h"
 #include "render/trace/path_sample.h"
@@ -57,6 +58,8 @@ class Film {
   /// The sums as 32-bit words in channels "state.*" of `layers`, so that a frame can go on or be merged elsewhere; what
   /// develop() computed is in there too.
   void save_state(Layers& layers, const Task& task = {}) const;
+  /// The same channels for write_exr, made as they are written. The film must outlive it.
+  WordRows state_rows() const;
   /// Adds the sums of a saved state to this film's. @throws InputError naming what does not fit; Interrupted
   void merge_state(const Layers& saved, const std::string& name, const Task& task = {});
 
@@ -79,6 +82,10 @@ class Film {
   };
   void record(const LayerName& name, size_t offset, bool complement = false);
   TileState& opened(int tile);
+  /// Calls put(channel, pixel of the tile, word) for all words of a tile's sums.
+  template <class Put>
+  void visit_state(int tile, const Put& put) const;
+  size_t state_words() const { return 2 * sums_.doubles() + sums_.groups() + 1; }
 
   int width_, height_;
   ivec2 tiles_;

@@ -371,13 +371,12 @@ bool RenderSession::write_checkpoint() {
     for (const std::string& channel : l.channel_names()) frame.set(channel, film_.layers().at(channel));
   for (const auto& [name, plane] : guides_.channels()) frame.set(name, plane);
   finish_header(frame, report());
-  film_.save_state(frame, {task_.threads});
   if (!goals_.empty()) {
     std::vector<std::string> goals;
     for (const uint32_t goal : goals_) goals.push_back(std::to_string(goal));
     frame.header["roundGoals"] = join(goals, ",");
   }
-  return checkpoint_.write(frame);
+  return checkpoint_.write(frame, film_.state_rows());
 }
 
 void RenderSession::finish_header(Layers& frame, const RenderReport& report) const {

@@ -106,10 +106,10 @@ LayerRequest recorded_in(const Layers& frame) {
                           statistics == "buckets");
 }
 
-bool CheckpointWriter::write(const Layers& frame) {
+bool CheckpointWriter::write(const Layers& frame, const WordRows& state) {
   std::string message;
   try {
-    write_exr(path_, frame);
+    write_exr(path_, frame, {}, state);
     if (failing_) message = fmt::format("the checkpoint {} is written again", path_.string());
     failing_ = false;
   } catch (const InputError& error) {

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "base/progress.h"
+#include "image/exr_io.h"
 #include "image/layers.h"
 
 namespace brume {
@@ -32,7 +33,7 @@ class CheckpointWriter {
   CheckpointWriter(std::filesystem::path path, std::function<void(const std::string&)> warn)
       : path_(std::move(path)), warn_(std::move(warn)) {}
   /// @return whether it was written
-  bool write(const Layers& frame);
+  bool write(const Layers& frame, const WordRows& state);
 
  private:
   std::filesystem::path path_;
