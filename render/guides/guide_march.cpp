@@ -10,6 +10,7 @@
 #include "base/math.h"
 #include "base/parallel_for.h"
 #include "render/guides/attenuation.h"
+#include "render/guides/forward_peak.h"
 #include "render/guides/media_line.h"
 #include "render/world/bsdf.h"
 
@@ -22,6 +23,8 @@ constexpr double kStepGrowth = 0.25;  // of the step for each free path behind t
 constexpr double kLongestStep = 4;
 // What shares one look at the light: as many first steps, of no more extinction than this.
 constexpr double kLightSteps = 2, kLightThickness = 0.12;
+// Scatterings that the light of forward peaks stands for, on average.
+constexpr double kForwardOrder = 2.5;
 constexpr double kOpaque = 2e-3;  // transmittance of an eighth of the extinction at which a ray ends
 constexpr double kFar = 1e30;
 constexpr size_t kMostFields = 64;  // of all lights together: light_groups() limits them
@@ -80,9 +83,15 @@ struct GuideMarch::Sums {
   // Fields times the weight of what is seen of them, with the whole extinction and without the forward peak.
   std::vector<float> plain, scaled;
   std::vector<std::array<double, 4>> phases;  // of a group's light, towards the eye: no sum
+  std::vector<ForwardPeak> peaks;             // the same
 
   Sums(size_t values, size_t groups, size_t fields)
-      : value(values, 0.0), surface(groups, vec3(0)), plain(fields, 0.0f), scaled(fields, 0.0f), phases(groups) {}
+      : value(values, 0.0),
+        surface(groups, vec3(0)),
+        plain(fields, 0.0f),
+        scaled(fields, 0.0f),
+        phases(groups),
+        peaks(groups) {}
   void clear() {
     std::fill(value.begin(), value.end(), 0.0);
     std::fill(plain.begin(), plain.end(), 0.0f);
@@ -137,12 +146,13 @@ void GuideMarch::lay_out() {
     } else if (is_sky(g)) {
       s.soft = add_all(std::array{"soft2", "soft4"});
     }
+    s.forward = add("multiple." + name + "_forward");
     s.orders = add_all(kOrderNames);
     s.flux = add("multiple." + name + "_flux");
     s.tail = add_all(std::array{"tail_half", "tail_quarter", "tail_eighth"});
     s.field_orders = fields(kOrders + 1);
     if (is_sky(g))
-      s.field_single = fields(3);
+      s.field_single = fields(3), s.field_forward = fields(1);
     else if (!sharp(g))
       s.field_single = fields(1);
     if (!g.depth.empty()) s.field_depth = fields(1);
@@ -195,16 +205,22 @@ void GuideMarch::interleave(const Task& task) {
           out[s.field_orders + kOrders] = static_cast<float>(coarsely(tail, p + step) - coarsely(tail, p - step));
           if (is_sky(g)) {
             const double anisotropy = one ? 0 : media_[0].at(p, colour_).g;
-            double single = 0, half = 0, quarter = 0;
+            double single = 0, forward = 0, half = 0, quarter = 0;
             for (size_t d = 0; d < directions.size(); ++d) {
               const double c = glm::dot(directions[d], -view), light = g.sky[d][i];
               single += solid_angle * light *
                         (one ? media_[0].media()[0].phase().value(c) : henyey_greenstein(anisotropy, c));
               const double root = std::sqrt(light);
+              if (light > 0 && g.incoming[d] > 0) {
+                const double depth = std::max(0.0, portable_log(g.incoming[d] / light));
+                const ForwardPeak peak(one ? media_[0].mean_cosine(0) : anisotropy, c);
+                forward += solid_angle * light * peak.repeated((1 - fields_.scaled_extinction()) * depth);
+              }
               half += root;
               quarter += std::sqrt(root);
             }
             out[s.field_single] = static_cast<float>(single);
+            out[s.field_forward] = static_cast<float>(single + forward);
             out[s.field_single + 1] = static_cast<float>(half / static_cast<double>(directions.size()));
             out[s.field_single + 2] = static_cast<float>(quarter / static_cast<double>(directions.size()));
           } else if (!sharp(g)) {
@@ -353,7 +369,7 @@ void GuideMarch::trace(const Ray& ray, const GuideMedia& media, MediaLine& line,
 /// quarter, an eighth of it, and without the forward peak; and means over it.
 struct GuideMarch::Piece {
   double w = 0, w2 = 0, w4 = 0, w8 = 0, scaled = 0;
-  double thickness = 0, distance = 0, albedo = 0, g = 0;  // the last three times thickness
+  double thickness = 0, distance = 0, depth = 0, albedo = 0, g = 0;  // the last four times thickness
 };
 
 double GuideMarch::march(const Ray& ray, const GuideMedia& media, MediaLine& line, double t_max, Sums& sums) const {
@@ -370,7 +386,7 @@ double GuideMarch::march(const Ray& ray, const GuideMedia& media, MediaLine& lin
   Piece piece;
   for (size_t k = 0; k < slots_.size(); ++k)
     if (const Sun* const sun = fields_.groups()[k].group.sun; sun && media.media().size() == 1)
-      sums.phases[k] = phases(media, glm::dot(sun->axis(), ray.d), media.mean_cosine(0));
+      look_from(media, glm::dot(sun->axis(), ray.d), media.mean_cosine(0), k, sums);
 
   for (const auto& [begin, end] : parts) {
     // Steps of neighbouring pixels begin at the same distances from the eye, wherever their cells begin.
@@ -404,6 +420,7 @@ double GuideMarch::march(const Ray& ray, const GuideMedia& media, MediaLine& lin
       piece.scaled += passed_scaled * (1 - q_scaled);
       piece.thickness += thickness;
       piece.distance += thickness * middle;
+      piece.depth += thickness * (depth + 0.5 * thickness);
       piece.albedo += thickness * point.albedo;
       piece.g += thickness * point.g;
       if (glows) sums.emission += tinted(glow, w / point.sigma_t);
@@ -432,11 +449,13 @@ double GuideMarch::march(const Ray& ray, const GuideMedia& media, MediaLine& lin
   return passed;
 }
 
-// The phase function of the only medium, or one with that mean cosine, and its octaves.
-std::array<double, 4> GuideMarch::phases(const GuideMedia& media, double cosine, double g) const {
+// The phase function of the only medium, or one with that mean cosine, its octaves and its forward peak.
+void GuideMarch::look_from(const GuideMedia& media, double cosine, double g, size_t group, Sums& sums) const {
   const bool one = media.media().size() == 1;
-  return {one ? media.media()[0].phase().value(cosine) : henyey_greenstein(g, cosine), henyey_greenstein(g / 2, cosine),
-          henyey_greenstein(g / 4, cosine), henyey_greenstein(g / 8, cosine)};
+  sums.phases[group] = {one ? media.media()[0].phase().value(cosine) : henyey_greenstein(g, cosine),
+                        henyey_greenstein(g / 2, cosine), henyey_greenstein(g / 4, cosine),
+                        henyey_greenstein(g / 8, cosine)};
+  sums.peaks[group] = ForwardPeak(g, cosine);
 }
 
 void GuideMarch::light_of(const Piece& piece, const GuideMedia& media, const Ray& ray, Sums& sums) const {
@@ -457,7 +476,9 @@ void GuideMarch::light_of(const Piece& piece, const GuideMedia& media, const Ray
     out[s.tail + 1] += piece.w4 * tail;
     out[s.tail + 2] += piece.w8 * tail;
     if (is_sky(g)) {
-      out[s.single] += piece.w * albedo * fields[s.field_single];
+      const double single = piece.w * albedo * fields[s.field_single];
+      out[s.single] += single;
+      out[s.forward] += piece.scaled / fields_.scaled_extinction() * albedo * fields[s.field_forward] - single;
       continue;
     }
     if (!sharp(g)) continue;
@@ -466,18 +487,20 @@ void GuideMarch::light_of(const Piece& piece, const GuideMedia& media, const Ray
       irradiance = in_colour(g.group.sun->irradiance(), colour_);
       tau = g.sun.at(p);
       // Of a sun in one medium the angle does not change along the ray.
-      if (media.media().size() > 1) sums.phases[k] = phases(media, glm::dot(g.group.sun->axis(), ray.d), g_mean);
+      if (media.media().size() > 1) look_from(media, glm::dot(g.group.sun->axis(), ray.d), g_mean, k, sums);
     } else {
       const LocalLight light = local_light(*g.group.lights[0], p);
       irradiance = in_colour(light.irradiance, colour_);
       tau = fields[s.field_depth];
-      sums.phases[k] = phases(media, glm::dot(light.towards, ray.d), g_mean);
+      look_from(media, glm::dot(light.towards, ray.d), g_mean, k, sums);
     }
     if (!g.visible.empty()) irradiance *= fields[s.field_visible];
     irradiance *= albedo;
     const std::array<double, 4>& phase = sums.phases[k];
     const double v16 = attenuation(tau / 16), v8 = v16 * v16, v4 = v8 * v8, v2 = v4 * v4, v = v2 * v2;
     out[s.single] += piece.w * irradiance * phase[0] * v;
+    const double peak = (1 - fields_.scaled_extinction()) * (tau + piece.depth / piece.thickness);
+    out[s.forward] += piece.w * irradiance * v * sums.peaks[k].repeated(peak);
     out[s.octave] += piece.w2 * irradiance * phase[1] * v2;
     out[s.octave + 1] += piece.w4 * irradiance * phase[2] * v4;
     out[s.octave + 2] += piece.w8 * irradiance * phase[3] * v8;
@@ -497,6 +520,7 @@ void GuideMarch::collect_fields(Sums& sums) const {
     const Slots& s = slots_[k];
     for (size_t order = 0; order < kOrders; ++order) out[s.orders + order] = sums.scaled[s.field_orders + order];
     out[s.flux] = sums.scaled[s.field_orders + kOrders];
+    if (!sharp(g) && !is_sky(g)) out[s.forward] = sums.scaled[s.field_single] - sums.plain[s.field_single];
     if (is_sky(g)) {
       out[s.soft] = sums.plain[s.field_single + 1];
       out[s.soft + 1] = sums.plain[s.field_single + 2];
@@ -527,9 +551,11 @@ vec3 GuideMarch::predicted_direct(const Sums& sums) const {
 
 vec3 GuideMarch::predicted_indirect(const Sums& sums) const {
   vec3 light(0);
-  for (size_t k = 0; k < slots_.size(); ++k)
+  for (size_t k = 0; k < slots_.size(); ++k) {
+    light += tinted(power(tint(), kForwardOrder) * colour_of(fields_.groups()[k]), sums.value[slots_[k].forward]);
     for (size_t order = 0; order < kOrders; ++order)
       light += tinted(order_tint_[order] * colour_of(fields_.groups()[k]), sums.value[slots_[k].orders + order]);
+  }
   return light;
 }
 

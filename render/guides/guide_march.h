@@ -29,8 +29,8 @@ class GuideMarch {
   struct Piece;
   /// Where a light's guides lie among the sums, and its fields among the interleaved ones.
   struct Slots {
-    size_t single = 0, octave = 0, soft = 0, orders = 0, flux = 0, tail = 0;
-    size_t field_orders = 0, field_single = 0, field_depth = 0, field_visible = 0;
+    size_t single = 0, octave = 0, soft = 0, forward = 0, orders = 0, flux = 0, tail = 0;
+    size_t field_orders = 0, field_single = 0, field_forward = 0, field_depth = 0, field_visible = 0;
   };
   enum Base : size_t { kOpacity, kDepth, kSpread, kGradient, kDensity = kGradient + 3, kBaseCount };
 
@@ -42,7 +42,7 @@ class GuideMarch {
   /// @return transmittance of what lies before t_max
   double march(const Ray& ray, const GuideMedia& media, MediaLine& line, double t_max, Sums& sums) const;
   void interpolate(const dvec3& world, float* values) const;
-  std::array<double, 4> phases(const GuideMedia& media, double cosine, double g) const;
+  void look_from(const GuideMedia& media, double cosine, double g, size_t group, Sums& sums) const;
   void light_of(const Piece& piece, const GuideMedia& media, const Ray& ray, Sums& sums) const;
   void collect_fields(Sums& sums) const;
   void add_surface(const Ray& ray, const SurfaceHit& hit, double passed, Sums& sums) const;

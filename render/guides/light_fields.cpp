@@ -178,6 +178,7 @@ LightFields::LightFields(const GuideMedia& media, const Lights& lights, const Su
         if (surfaces) hide_sky(media, *surfaces, incoming);
         g.sky = solver.arriving(incoming, /*everywhere=*/surfaces != nullptr);
         arriving = solver.entering(incoming);
+        g.incoming = std::move(incoming);
         break;
       }
       case LightGroup::Kind::kGlow: {

@@ -18,11 +18,12 @@ struct GroupLight {
   static constexpr size_t kFineGuides = 3;
 
   LightGroup group;
-  SunDepth sun;                 ///< of a sun
-  NodeValues depth;             ///< of a local light: optical depth towards it
-  NodeValues visible;           ///< of a sun or local light where there are surfaces: share that passes them
-  Moments once;                 ///< of others and the glow: scattered for the first time
-  std::vector<NodeValues> sky;  ///< of the sky: radiance that arrives unscattered, for each direction of travel
+  SunDepth sun;                  ///< of a sun
+  NodeValues depth;              ///< of a local light: optical depth towards it
+  NodeValues visible;            ///< of a sun or local light where there are surfaces: share that passes them
+  Moments once;                  ///< of others and the glow: scattered for the first time
+  std::vector<double> incoming;  ///< of the sky: radiance outside, for each direction of travel
+  std::vector<NodeValues> sky;   ///< of the sky: radiance that arrives unscattered, for each direction of travel
   struct Flame {
     dvec3 position{0}, intensity{0};  ///< [W / sr]
   };

@@ -1,0 +1,61 @@
+#pragma once
+#include <array>
+
+#include "base/math.h"
+#include "volume/phase_function.h"
+
+namespace brume {
+
+/// Light that turns towards the eye at one place and is scattered nearly straight on any number of times before or
+/// behind it.
+///
+/// A Henyey-Greenstein phase function of Legendre moments g^l is split into a peak of weight g^2 with moments 1, 1, 1,
+/// g, g^2, ... and a rest that is linear in the cosine. The turn is one scattering by the rest among n + 1, or all n +
+/// 1 lie in the peak and any of them may be called the turn:
+///
+///     p_n = [1 - g^2 + 3 g (1 - g) cos] / 4 pi
+///           + g^2 / (n + 1) { (1 + 3 cos) / 4 pi + g^(-2 n - 2) [HG(g^(n + 1), cos) - (1 + 3 g^(n + 1) cos) / 4 pi] }
+///
+/// p_0 is the phase function itself. Sources for the peak: Joseph, Wiscombe, Weinman 1976; for light that is scattered
+/// by the exact function where the peak counts as not scattered: Nakajima, Tanaka 1988.
+class ForwardPeak {
+ public:
+  ForwardPeak() = default;
+  ForwardPeak(double g, double cosine) {
+    if (!(g > 0)) return;
+    constexpr double kEven = 1 / (4 * kPi);
+    double power = g, factor = 1 / (g * g), count = 1;
+    for (double& phase : phase_) {
+      power *= g;
+      factor /= g * g;
+      count += 1;
+      // Where the difference would be rounding, its first term.
+      const double narrow = power < 0.02
+                                ? 5 * (1.5 * cosine * cosine - 0.5) * kEven
+                                : factor * (HenyeyGreenstein{power}.value(cosine) - (1 + 3 * power * cosine) * kEven);
+      phase = (1 - g * g + 3 * g * (1 - g) * cosine) * kEven + g * g / count * ((1 + 3 * cosine) * kEven + narrow);
+    }
+  }
+  /// Sum over n >= 1 of depth^n / n! p_n: what light has that is scattered so often, where light that is scattered once
+  /// has p_0.
+  /// @param depth  mean number of scatterings in the peak
+  double repeated(double depth) const {
+    double sum = 0, weight = 1;
+    for (size_t n = 0; n < kTerms; ++n) {
+      weight *= depth / static_cast<double>(n + 1);
+      sum += weight * phase_[n];
+    }
+    // More of them have the shape of the last.
+    for (size_t n = kTerms; n < kMostTerms; ++n) {
+      weight *= depth / static_cast<double>(n + 1);
+      sum += weight * phase_.back();
+    }
+    return sum;
+  }
+
+ private:
+  static constexpr size_t kTerms = 8, kMostTerms = 32;
+  std::array<double, kTerms> phase_{};
+};
+
+}  // namespace brume
