@@ -8,11 +8,13 @@
 #include "base/error.h"
 #include "base/text.h"
 #include "base/vec.h"
-#include "filters/guide_layers.h"
 #include "filters/lattice_regression.h"
+#include "filters/mixing.h"
 #include "filters/registry.h"
+#include "filters/regression.h"
 #include "filters/requirements.h"
 #include "filters/stacking.h"
+#include "filters/transport_columns.h"
 
 namespace brume {
 namespace {
@@ -26,58 +28,27 @@ struct TransportRegression {
   float frames = 2;
 };
 
-// A pixel shows the medium where its opacity is above this.
-constexpr float kLeastOpacity = 1e-3f;
 // Windows of local means of noise and error, and of what returns the light taken from outliers [px].
 constexpr double kNoiseWindow = 10, kErrorWindow = 6, kBiasWindow = 24, kReturnWindow = 32;
 constexpr double kGlobalRidge = 1e-4;
+// Ridges per pixel of the fits to the whole frame, one after another: what few samples can tell of many columns first.
+constexpr double kRidgesOfFrame[] = {1e4, 100, 1};
+// Standard errors that must be proven before a result is moved, by what pixels show; Gaussian windows of local means of
+// what a result misses [px], and of the brightness that errors are relative to.
+constexpr double kSureOfMedia = 3, kSureOfSurfaces = 2;
+constexpr double kLocalMeans[] = {1, 2, 4}, kLightWindow = 1.5;
 // An outlier is this many times what the other half shows, and more.
 constexpr float kAgreement = 3;
 // What both halves show is a point, a lamp or a star, where within this radius [px] no more pixels than these have a
 // quarter of it.
 constexpr int kPointRadius = 3, kPointPixels = 4;
 constexpr float kPointShare = 0.25f;
-// Window of the return to the data [px], and squared bias over the noise's variance from which on it is beyond doubt:
-// more with few samples, whose noise is skewed.
-constexpr double kDetailWindow = 1.5;
-constexpr float kSureBias = 4, kSureBiasOfOneSample = 48;
 constexpr int kLevelRadius = 1;
 // Brightness below this share of the mean counts as that much where a division is at stake.
 constexpr float kDark = 0.1f;
 // Squared error over what the halves' difference and the narrower fit show of it, measured on four media where the
 // truth is known (docs/transport_regression.md).
 constexpr float kNoiseShare = 1.8f, kBiasShare = 0.4f;
-
-/// Columns for each colour; the same planes where no guide has colour.
-struct Columns {
-  std::array<std::vector<LatticeColumn>, 3> of;
-  size_t free = 0;  // the first ones, which are not shrunk
-  bool coloured = false;
-
-  size_t sets() const { return coloured ? 3 : 1; }
-  /// To be called once no column is added any more.
-  void standardise(const Plane& weight, const Task& task) {
-    for (size_t c = 0; c < sets(); ++c) of[c] = standardised(std::move(of[c]), weight, task);
-  }
-  /// The scales of the frame to clean, so that coefficients mean the same.
-  void scale_like(const Columns& own) {
-    for (size_t c = 0; c < sets(); ++c)
-      for (size_t k = 0; k < of[c].size(); ++k) {
-        of[c][k].offset = own.of[c][k].offset;
-        of[c][k].scale = own.of[c][k].scale;
-      }
-  }
-  void add(const Guide& g) {
-    coloured |= g.coloured;
-    if (g.coloured)
-      for (size_t c = 0; c < 3; ++c) of[c].push_back({g.channels[c]});
-    else
-      for (const Plane* p : g.channels) add(*p);
-  }
-  void add(const Plane& p) {
-    for (auto& columns : of) columns.push_back({&p});
-  }
-};
 
 /// x += factor * y
 void add_to(Plane& x, float factor, const Plane& y, const Task& task) {
@@ -98,89 +69,6 @@ std::vector<Plane> local_ratio(const std::vector<const Plane*>& targets, const P
                                double window, const Task& task) {
   return lattice_regression({{{{&base}}, targets, &weight}}, {window, 0, 0}, task);
 }
-
-/// What is known of a frame without noise, sorted by what it may explain.
-struct Knowledge {
-  Columns all, medium, few;
-  Plane mask, bright;  // `bright`: a first idea of the brightness
-  std::vector<std::string> names;
-  bool guided = true;
-
-  /// @param one  a plane of ones, which stays where it is
-  Knowledge(const FilterFrame& frame, const Plane& one, const Task& task) {
-    const std::vector<Guide> guides = guides_of(frame.layers);
-    for (const Guide& g : guides) names.push_back(g.name);
-    const bool direct = frame.name == layer::direct, beauty = frame.name == layer::beauty;
-    const auto opacity =
-        std::find_if(guides.begin(), guides.end(), [](const Guide& g) { return g.kind == GuideClass::kOpacity; });
-    guided = opacity != guides.end();
-    const auto has = [&](GuideClass kind) {
-      return std::any_of(guides.begin(), guides.end(), [&](const Guide& g) { return g.kind == kind; });
-    };
-    const bool surfaces = has(GuideClass::kSurface);
-    mask = make_plane(frame.width(), frame.height(), quiet(task), [&](int x, int y) {
-      if (!guided) return 1.0f;
-      bool seen = (*opacity->channels[0])(x, y) > kLeastOpacity;
-      for (const Guide& g : guides)
-        if (g.kind == GuideClass::kSurface || g.name == "normal")
-          for (const Plane* p : g.channels) seen |= (*p)(x, y) != 0;
-      return seen ? 1.0f : 0.0f;
-    });
-    bright = Plane(frame.width(), frame.height());
-    if (guided) all.add(*opacity);
-    // Premultiplied guides fall to 0 where there is nothing to see, and so does the light that they explain; a constant
-    // is needed for light that no guide knows.
-    if (!guided || surfaces || ((direct || beauty) && !has(GuideClass::kBackground))) all.add(one);
-    // What shines through is known but for the noise of the transmittance: its coefficient is 1 everywhere.
-    if (direct || beauty)
-      for (const Guide& g : guides)
-        if (g.kind == GuideClass::kBackground) all.add(g);
-    all.free = all.of[0].size();
-    medium = few = all;
-    medium.free = few.free = 0;
-    const Guide* predicted = nullptr;
-    for (const Guide& g : guides) {
-      if (g.kind == GuideClass::kOpacity) continue;
-      if (g.kind == GuideClass::kPredicted) {
-        if (g.name == "predicted_" + std::string(frame.name.name)) predicted = &g;
-        continue;
-      }
-      if (g.kind == GuideClass::kBackground || (direct && g.kind == GuideClass::kMultiple)) continue;
-      all.add(g);
-      if (g.kind != GuideClass::kMultiple) medium.add(g);
-      if (g.kind == GuideClass::kSingle || g.kind == GuideClass::kEmission || g.kind == GuideClass::kSurface)
-        for (const Plane* p : g.channels)
-          for_each_row(bright.height(), quiet(task), [&](int y) {
-            for (int x = 0; x < bright.width(); ++x) bright(x, y) += (*p)(x, y) / static_cast<float>(g.channels.size());
-          });
-    }
-    if (predicted)
-      bright = make_plane(frame.width(), frame.height(), quiet(task), [&](int x, int y) {
-        const auto at = [&](size_t c) { return (*predicted->channels[c % predicted->channels.size()])(x, y); };
-        return luminance(vec3(at(0), at(1), at(2)));
-      });
-    if (!guided) add_features(frame.layers);
-  }
-
-  void scale_like(const Knowledge& own) {
-    all.scale_like(own.all);
-    medium.scale_like(own.medium);
-    few.scale_like(own.few);
-  }
-
- private:
-  /// Frames of other renderers: what features they have.
-  void add_features(const Layers& layers) {
-    for (const LayerName& l : {layer::transmittance, layer::gradient, layer::gradient_transmittance_weighted,
-                               layer::albedo, layer::normal, layer::depth})
-      if (layers.has(l))
-        for (const std::string& channel : l.channel_names()) {
-          names.push_back(channel);
-          all.add(layers.at(channel));
-          medium.add(layers.at(channel));
-        }
-  }
-};
 
 /// share * samples / (brightness + a share of its mean)^power within the mask, both relative to their means.
 /// @param samples  of each pixel, relative to the mean; empty: alike
@@ -332,37 +220,6 @@ void give_back(const Rgb& taken, Rgb& picture, const Plane& mask, const Task& ta
   }
 }
 
-/// Returns to the data where both halves miss the same in the result, in a window of a few pixels: a squared bias that
-/// stands far above the noise of the pixels' means.
-void return_to_data(const HalfPair& chosen, const RgbPlanes& a, const RgbPlanes& b, const Plane& mask, double samples,
-                    Rgb& picture, const Task& task) {
-  const float sure = kSureBias + kSureBiasOfOneSample / static_cast<float>(samples);
-  const int width = mask.width(), height = mask.height();
-  Plane bias(width, height), noise(width, height);
-  for_each_row(height, quiet(task), [&](int y) {
-    for (int x = 0; x < width; ++x)
-      for (size_t c = 0; c < 3 && mask(x, y) > 0; ++c) {
-        const float ya = (*a[c])(x, y), yb = (*b[c])(x, y);
-        bias(x, y) += (ya - chosen.b[c](x, y)) * (yb - chosen.a[c](x, y));
-        noise(x, y) += 0.25f * (ya - yb) * (ya - yb);
-      }
-  });
-  bias = gaussian_blur(bias, kDetailWindow, task);
-  // Few samples are dark in whole neighbourhoods by chance: the noise of a wider one counts, too.
-  const Plane one(width, height, 1.0f);
-  const Plane wide = std::move(local_ratio({&noise}, one, mask, kNoiseWindow, task)[0]);
-  noise = gaussian_blur(noise, kDetailWindow, task);
-  for_each_row(height, quiet(task), [&](int y) {
-    for (int x = 0; x < width; ++x) {
-      const float surplus = bias(x, y) - sure * std::max(noise(x, y), wide(x, y));
-      if (!(surplus > 0) || !(mask(x, y) > 0)) continue;
-      const float share = surplus / bias(x, y);
-      for (size_t c = 0; c < 3; ++c)
-        picture[c](x, y) += share * (0.5f * ((*a[c])(x, y) + (*b[c])(x, y)) - picture[c](x, y));
-    }
-  });
-}
-
 /// Squared error at each pixel, mean over colours: the noise that the halves' difference shows, and the bias that a fit
 /// in narrower windows shows, whose halves' noise is independent.
 Plane squared_error(const HalfPair& chosen, const HalfPair& narrow, const Plane& mask, const Task& task) {
@@ -422,7 +279,7 @@ struct Halves {
 
 /// A frame of the sequence, or the one to clean.
 struct Picture {
-  Knowledge known;
+  TransportColumns known;
   float share;  // of its pixels against those of the frame to clean
   bool halves;  // or the whole signal twice
   Halves seen;
@@ -473,7 +330,7 @@ using TakeFit = std::function<void(size_t picture, size_t c, Plane a, Plane b)>;
 /// Fits both halves of the frame to clean and of those nearby with the same coefficients, each colour by itself; those
 /// with the same columns together.
 /// @param targets  of each picture
-void regress(const Pictures& pictures, Columns Knowledge::*which, const std::vector<Halves>& targets,
+void regress(const Pictures& pictures, ColourColumns TransportColumns::*which, const std::vector<Halves>& targets,
              const LatticeWindow& window, const TakeFit& take, const Task& task) {
   const auto solve = [&](const std::vector<size_t>& colours) {
     const auto pixels = [&](size_t i) {
@@ -506,91 +363,213 @@ std::vector<Halves> left_of(const Pictures& pictures, size_t count) {
   return left;
 }
 
-/// One window, the frame: weights from the guides, then from the fit, whose outliers are drawn in.
-struct FirstFit {
-  Limited data;  // of the frame to clean
-  HalfPair fit;
+/// Fits to what the ones before leave, one after another.
+struct Fits {
+  Pictures& pictures;
+  const Task& task;
+  HalfPair sum;                      // of all so far, of the frame to clean
+  std::vector<HalfPair> candidates;  // the sum after each
 
-  FirstFit(Pictures& pictures, const TransportRegression& p, const FilterFrame& frame, double limit, const Task& task) {
-    // Noise grows with light that paths find; direct light holds background, too, so that its brightness says nothing.
-    const float power = frame.name == layer::direct ? 0.0f : p.weight_power;
-    Picture& own = pictures[0];
-    std::vector<Halves> seen;
-    for (Picture& q : pictures) {
-      q.weight = weight_of(q.known.bright, q.known.mask, power, q.share, q.samples, task);
-      q.known.bright = {};
-      seen.push_back(q.seen);
-    }
-    own.known.all.standardise(own.weight, task);
-    for (Picture& q : pictures) q.known.all.scale_like(own.known.all);
-    const LatticeWindow whole{0, kGlobalRidge, 0};
-    std::vector<HalfPair> fits(pictures.size());
-    const auto keep = [&](size_t i, size_t c, Plane a, Plane b) {
-      fits[i].a[c] = std::move(a);
-      fits[i].b[c] = std::move(b);
-    };
-    regress(pictures, &Knowledge::all, seen, whole, keep, task);
-    for (size_t i = 0; i < pictures.size(); ++i) {
-      Picture& q = pictures[i];
-      Limited limited = limit_outliers(q.seen.a, q.seen.b, mean(fits[i], task), brightness(fits[i], task), q.known.mask,
-                                       limit, q.halves, task);
-      q.left = q.halves ? HalfPair{std::move(limited.a), std::move(limited.b)}
-                        : chessboard_halves(limited.a, fits[i].a, q.known.mask, task);
-      fits[i] = {};
-      if (i == 0) data = {q.left.a, q.left.b, std::move(limited.taken), std::move(limited.points)};
-      q.level = Plane(frame.width(), frame.height());
-    }
-    const auto explain = [&](size_t i, size_t c, Plane a, Plane b) {
+  Fits(Pictures& of, const Task& task_) : pictures(of), task(task_) {
+    for (Rgb* half : {&sum.a, &sum.b})
+      for (Plane& plane : *half) plane = Plane(of[0].known.mask.width(), of[0].known.mask.height());
+  }
+  void refine(ColourColumns TransportColumns::*which, const LatticeWindow& window) {
+    const auto take = [&](size_t i, size_t c, Plane a, Plane b) {
       Picture& q = pictures[i];
       q.explain(c, a, b, task);
-      const float share = 0.5f * luminance(vec3(c == 0, c == 1, c == 2));
-      add_to(q.level, share, a, task);
-      add_to(q.level, share, b, task);
       if (i > 0) return;
-      fit.a[c] = std::move(a);
-      fit.b[c] = std::move(b);
+      add_to(sum.a[c], 1, a, task);
+      add_to(sum.b[c], 1, b, task);
     };
-    regress(pictures, &Knowledge::all, left_of(pictures, pictures.size()), whole, explain, task);
-    for (Picture& q : pictures) {
-      // Averaged over a few pixels: weights must not follow what a guide holds of noise.
-      q.level = box_mean(q.level, kLevelRadius, task);
-      q.weight = weight_of(q.level, q.known.mask, power, q.share, q.samples, task);
-      q.known.few.add(q.level);
-      q.known.medium.add(q.level);
-      q.known.all.free = 0;
-    }
-    own.known.few.standardise(own.weight, task);
-    own.known.medium.standardise(own.weight, task);
-    for (Picture& q : pictures) q.known.scale_like(own.known);
+    regress(pictures, which, left_of(pictures, pictures.size()), window, take, task);
+    candidates.push_back(sum);
+  }
+  /// The same, after which only the candidates stay.
+  void refine_aside(ColourColumns TransportColumns::*which, const std::vector<LatticeWindow>& windows) {
+    std::vector<HalfPair> left;
+    for (const Picture& q : pictures) left.push_back(q.left);
+    HalfPair before = sum;
+    for (const LatticeWindow& window : windows) refine(which, window);
+    sum = std::move(before);
+    for (size_t i = 0; i < left.size(); ++i) pictures[i].left = std::move(left[i]);
   }
 };
 
-/// Fits of the frame to clean, from one window for the frame to narrower and narrower ones, each to what the one before
-/// leaves, with fewer and fewer columns. Lets go of the frames nearby.
-std::vector<HalfPair> cascade(HalfPair fit, Pictures& pictures, const TransportRegression& p, const Task& task) {
-  std::vector<HalfPair> candidates = {fit};
-  const auto refine = [&](Columns Knowledge::*which, double window) {
-    const auto take = [&](size_t i, size_t c, Plane a, Plane b) {
-      pictures[i].explain(c, a, b, task);
-      if (i > 0) return;
-      add_to(fit.a[c], 1, a, task);
-      add_to(fit.b[c], 1, b, task);
-    };
-    regress(pictures, which, left_of(pictures, pictures.size()),
-            {window, static_cast<double>(p.ridge), static_cast<double>(p.ridge_per_pixel)}, take, task);
-    candidates.push_back(fit);
-    task.report(0.2 + 0.15 * static_cast<double>(candidates.size() - 1));
+/// Half images of the frame to clean whose outliers are drawn in to a first fit, the same of those nearby in `left`,
+/// and weights.
+Limited limited_pictures(Pictures& pictures, float power, double limit, const Task& task) {
+  std::vector<Halves> seen;
+  for (Picture& q : pictures) {
+    q.weight = weight_of(q.known.bright, q.known.mask, power, q.share, q.samples, task);
+    seen.push_back(q.seen);
+  }
+  TransportColumns& own = pictures[0].known;
+  for (ColourColumns* columns : {&own.predicted, &own.shape, &own.all}) columns->standardise(pictures[0].weight, task);
+  for (Picture& q : pictures) q.known.scale_like(own);
+  std::vector<HalfPair> fits(pictures.size());
+  const auto keep = [&](size_t i, size_t c, Plane a, Plane b) {
+    fits[i].a[c] = std::move(a);
+    fits[i].b[c] = std::move(b);
   };
-  const double window = static_cast<double>(p.window);
-  refine(&Knowledge::all, 2 * window);
-  refine(&Knowledge::all, window);
-  refine(&Knowledge::medium, window / 2);
-  refine(&Knowledge::few, window / 4);
-  if (pictures.size() == 1) return candidates;
+  regress(pictures, &TransportColumns::all, seen, {0, kGlobalRidge, 0}, keep, task);
+  Limited own_data;
+  for (size_t i = 0; i < pictures.size(); ++i) {
+    Picture& q = pictures[i];
+    Limited limited = limit_outliers(q.seen.a, q.seen.b, mean(fits[i], task), brightness(fits[i], task), q.known.mask,
+                                     limit, q.halves, task);
+    q.left = q.halves ? HalfPair{std::move(limited.a), std::move(limited.b)}
+                      : chessboard_halves(limited.a, fits[i].a, q.known.mask, task);
+    fits[i] = {};
+    if (i == 0) own_data = {q.left.a, q.left.b, std::move(limited.taken), std::move(limited.points)};
+  }
+  return own_data;
+}
+
+/// Weights from what the fits say of the brightness, averaged over a few pixels: they must not follow what a guide
+/// holds of noise.
+void weigh_by_fits(Pictures& pictures, float power, const std::vector<HalfPair>& before, const Task& task) {
+  for (size_t i = 0; i < pictures.size(); ++i) {
+    Picture& q = pictures[i];
+    HalfPair fit = before[i];
+    for (size_t c = 0; c < 3; ++c) {
+      add_to(fit.a[c], -1, q.left.a[c], task);
+      add_to(fit.b[c], -1, q.left.b[c], task);
+    }
+    q.level = box_mean(brightness(fit, task), kLevelRadius, task);
+    q.weight = weight_of(q.level, q.known.mask, power, q.share, q.samples, task);
+    q.known.few.add(q.level);
+    q.known.medium.add(q.level);
+  }
+  TransportColumns& own = pictures[0].known;
+  own.few.standardise(pictures[0].weight, task);
+  own.medium.standardise(pictures[0].weight, task);
+  for (Picture& q : pictures) q.known.scale_like(own);
+}
+
+/// Fits of the frame to clean: first what is predicted, then wide windows with many columns, and narrower and narrower
+/// ones with fewer, each to what the one before leaves. Lets go of the frames nearby.
+std::vector<HalfPair> cascade(Pictures& pictures, const TransportRegression& p, float power, const Task& task) {
+  Fits fits(pictures, task);
+  std::vector<HalfPair> before;
+  for (const Picture& q : pictures) before.push_back(q.left);
+  const auto window = [&](double deviation) {
+    return LatticeWindow{deviation, static_cast<double>(p.ridge), static_cast<double>(p.ridge_per_pixel)};
+  };
+  const double middle = static_cast<double>(p.window);
+  fits.refine(&TransportColumns::predicted, {0, kGlobalRidge, 0});
+  fits.refine_aside(&TransportColumns::shape,
+                    {window(2 * middle), window(middle), window(middle / 2), window(middle / 4)});
+  task.report(0.35);
+  for (Picture& q : pictures) q.known.all.free = 0;
+  for (const double ridge : kRidgesOfFrame) fits.refine(&TransportColumns::all, {0, kGlobalRidge, ridge});
+  weigh_by_fits(pictures, power, before, task);
+  before.clear();
+  fits.refine(&TransportColumns::all, window(2 * middle));
+  fits.refine(&TransportColumns::all, window(middle));
+  task.report(0.5);
+  fits.refine(&TransportColumns::medium, window(middle / 2));
+  fits.refine(&TransportColumns::few, window(middle / 4));
+  task.report(0.6);
+  if (pictures.size() == 1) return std::move(fits.candidates);
   // What the frame shows that those nearby do not, as where a light changes.
   while (pictures.size() > 1) pictures.pop_back();
-  refine(&Knowledge::all, window);
-  return candidates;
+  fits.refine(&TransportColumns::all, window(middle));
+  return std::move(fits.candidates);
+}
+
+/// The result plus what it misses, averaged over a Gaussian window of so many pixels.
+HalfPair with_local_mean(const HalfPair& result, const HalfPair& data, double window, const Task& task) {
+  const auto corrected = [&](const Rgb& half, const Rgb& of) {
+    Rgb out;
+    for (size_t c = 0; c < 3; ++c) {
+      out[c] = make_plane(half[c].width(), half[c].height(), quiet(task),
+                          [&](int x, int y) { return of[c](x, y) - half[c](x, y); });
+      out[c] = gaussian_blur(out[c], window, task);
+      add_to(out[c], 1, half[c], task);
+    }
+    return out;
+  };
+  return {corrected(result.a, data.a), corrected(result.b, data.b)};
+}
+
+/// Lines in position, weighted by non-local means, each half with the weights of the other: for what no guide knows.
+/// Only tiles of which anything is `wanted`; the rest is the result. Source: Bitterli et al. 2016, section 4.
+HalfPair local_lines(const HalfPair& result, const HalfPair& data, const Plane& wanted, const Task& task) {
+  constexpr int kTile = 64, kRadius = 9, kPatch = 3;
+  constexpr float kStrength = 0.8f;
+  constexpr double kVarianceWindow = 2;
+  const int width = wanted.width(), height = wanted.height();
+  HalfPair out = result;
+  for (int y = 0; y < height; y += kTile)
+    for (int x = 0; x < width; x += kTile) {
+      const Box tile{x, y, std::min(width, x + kTile), std::min(height, y + kTile)};
+      bool any = false;
+      for (int v = tile.y0; v < tile.y1 && !any; ++v)
+        any = std::any_of(wanted.row(v) + tile.x0, wanted.row(v) + tile.x1, [](float w) { return w > 0; });
+      if (!any) continue;
+      const Box outer = tile.grown(2 * kRadius + kPatch, width, height);
+      Rgb a, b, variance;
+      for (size_t c = 0; c < 3; ++c) {
+        a[c] = crop(data.a[c], outer);
+        b[c] = crop(data.b[c], outer);
+        variance[c] = make_plane(outer.width(), outer.height(), quiet(task), [&](int u, int v) {
+          const float d = a[c](u, v) - b[c](u, v);
+          return 0.5f * d * d + 1e-12f;
+        });
+        variance[c] = gaussian_blur(variance[c], kVarianceWindow, task);
+      }
+      const auto fit = [&](const Rgb& values, const Rgb& other, Rgb& to) {
+        RegressionFrame frame;
+        const Noisy noisy{view(other), view(variance)};
+        frame.model.distances.push_back(noise_distance(noisy, noisy, kPatch, kStrength));
+        frame.values = {&values[0], &values[1], &values[2]};
+        const std::vector<Plane> found = collaborative_regression({&frame, 1}, kRadius, quiet(task));
+        for (size_t c = 0; c < 3; ++c)
+          for (int v = tile.y0; v < tile.y1; ++v)
+            std::copy_n(found[c].row(v - outer.y0) + (tile.x0 - outer.x0), tile.width(), to[c].row(v) + tile.x0);
+      };
+      fit(a, b, out.a);
+      fit(b, a, out.b);
+    }
+  return out;
+}
+
+/// Moves what the fits say together to what single fits, the data and their local means say where those prove better.
+/// @param candidates  the data last
+void improve(HalfPair& result, const std::vector<HalfPair>& candidates, const TransportColumns& known,
+             const Task& task) {
+  const int width = known.mask.width(), height = known.mask.height();
+  const HalfPair& data = candidates.back();
+  // Relative errors, as CIE-Lab sees them.
+  const Plane light = gaussian_blur(brightness(result, task), kLightWindow, task);
+  double sum = 0;
+  for (int y = 0; y < height; ++y)
+    for (const float v : light.pixels(y)) sum += std::abs(static_cast<double>(v));
+  const float scale = sum > 0 ? static_cast<float>(static_cast<double>(width) * height / sum) : 0.0f;
+  const Plane weight = make_plane(width, height, quiet(task), [&](int x, int y) {
+    return known.mask(x, y) > 0 ? std::pow(scale * std::abs(light(x, y)) + 0.05f, -4.0f / 3) : 0.0f;
+  });
+  std::vector<MixingRegion> regions;
+  if (!known.solid.empty()) regions.push_back({known.solid, kSureOfSurfaces});
+  regions.push_back({make_plane(width, height, quiet(task),
+                                [&](int x, int y) {
+                                  return known.mask(x, y) * (known.solid.empty() ? 1.0f : 1 - known.solid(x, y));
+                                }),
+                     kSureOfMedia});
+  const MixingFrame frame{view(data.a), view(data.b), weight, std::move(regions)};
+  std::vector<Proposal> proposals;
+  for (const HalfPair& candidate : candidates)
+    proposals.emplace_back([&candidate](const HalfPair&, HalfPair&) -> const HalfPair& { return candidate; });
+  for (const double window : kLocalMeans)
+    proposals.emplace_back([&data, window, &task](const HalfPair& now, HalfPair& room) -> const HalfPair& {
+      return room = with_local_mean(now, data, window, task);
+    });
+  const Plane moved = mix(result, proposals, frame, task);
+  task.report(0.9);
+  const HalfPair lines = local_lines(result, data, moved, task);
+  proposals.emplace_back([&lines](const HalfPair&, HalfPair&) -> const HalfPair& { return lines; });
+  mix(result, proposals, frame, task);
 }
 
 void run(const TransportRegression& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
@@ -598,29 +577,31 @@ void run(const TransportRegression& p, const FilterFrame& frame, const FilterOut
   const Plane one(width, height, 1.0f);
   Pictures pictures = pictures_of(p, frame, one, task);
   Picture& own = pictures[0];
-  const Knowledge& known = own.known;
+  const TransportColumns& known = own.known;
   say_what_is_missing(frame, known.guided, own.halves);
   const double samples = std::max(1.0, frame.samples);
   const double limit = static_cast<double>(p.limit) * std::max(1.0, std::pow(samples / 16, 0.25));
-  FirstFit first(pictures, p, frame, limit, task);
+  // Noise grows with light that paths find; direct light holds background, too, so that its brightness says nothing.
+  const float power = frame.name == layer::direct ? 0.0f : p.weight_power;
+  Limited limited = limited_pictures(pictures, power, limit, task);
   task.report(0.2);
 
-  std::vector<HalfPair> candidates = cascade(std::move(first.fit), pictures, p, task);
+  std::vector<HalfPair> candidates = cascade(pictures, p, power, task);
   own.left = {};
   const size_t narrow = candidates.size() - 1;
   // The data are a candidate themselves: with many samples nothing is nearer to the truth.
-  candidates.push_back({std::move(first.data.a), std::move(first.data.b)});
+  candidates.push_back({std::move(limited.a), std::move(limited.b)});
   const HalfPair& data = candidates.back();
 
   const std::vector<Plane> maps =
       stacking_weights(candidates, view(data.a), view(data.b), own.weight,
                        {static_cast<double>(p.stacking_window), static_cast<double>(p.caution)}, task);
-  task.report(0.9);
-  const HalfPair chosen = blend(candidates, maps, task);
+  HalfPair chosen = blend(candidates, maps, task);
+  task.report(0.7);
+  improve(chosen, candidates, known, task);
   Rgb clean = mean(chosen, task);
-  give_back(first.data.taken, clean, known.mask, task);
-  if (own.halves) return_to_data(chosen, view(data.a), view(data.b), known.mask, samples, clean, task);
-  for (size_t c = 0; c < 3; ++c) add_to(clean[c], 1, first.data.points[c], task);
+  give_back(limited.taken, clean, known.mask, task);
+  for (size_t c = 0; c < 3; ++c) add_to(clean[c], 1, limited.points[c], task);
   for (size_t c = 0; c < 3; ++c)
     for_each_row(height, quiet(task), [&](int y) {
       for (int x = 0; x < width; ++x)

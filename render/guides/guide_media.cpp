@@ -41,8 +41,9 @@ void add_intervals(const Medium& medium, const Ray& ray, double t_max, std::vect
   }
   MajorantWalk walk = medium.walk(local, 0, t_max);
   MajorantWalk::Segment segment;
+  const size_t own = parts.size();  // the parts of other media stay as they are
   while (walk.next(segment)) {
-    if (!parts.empty() && segment.t0 <= parts.back().second * (1 + 1e-9))
+    if (parts.size() > own && segment.t0 <= parts.back().second * (1 + 1e-9))
       parts.back().second = std::max(parts.back().second, segment.t1);
     else
       parts.emplace_back(segment.t0, segment.t1);

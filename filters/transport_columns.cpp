@@ -1,0 +1,145 @@
+#include "filters/transport_columns.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "base/vec.h"
+
+namespace brume {
+namespace {
+
+// A pixel shows the medium where its opacity is above this.
+constexpr float kLeastOpacity = 1e-3f;
+
+}  // namespace
+
+void ColourColumns::add(const Guide& g) {
+  coloured |= g.coloured;
+  if (g.coloured)
+    for (size_t c = 0; c < 3; ++c) of[c].push_back({g.channels[c]});
+  else
+    for (const Plane* p : g.channels) add(*p);
+}
+
+void ColourColumns::add(const Plane& p) {
+  for (auto& columns : of) columns.push_back({&p});
+}
+
+void ColourColumns::standardise(const Plane& weight, const Task& task) {
+  for (size_t c = 0; c < sets(); ++c) of[c] = standardised(std::move(of[c]), weight, task);
+}
+
+void ColourColumns::scale_like(const ColourColumns& own) {
+  for (size_t c = 0; c < sets(); ++c)
+    for (size_t k = 0; k < of[c].size(); ++k) {
+      of[c][k].offset = own.of[c][k].offset;
+      of[c][k].scale = own.of[c][k].scale;
+    }
+}
+
+TransportColumns::TransportColumns(const FilterFrame& frame, const Plane& one, const Task& task) {
+  const std::vector<Guide> guides = guides_of(frame.layers);
+  for (const Guide& g : guides) names.push_back(g.name);
+  const bool direct = frame.name == layer::direct, indirect = frame.name == layer::indirect,
+             beauty = frame.name == layer::beauty;
+  const auto opacity =
+      std::find_if(guides.begin(), guides.end(), [](const Guide& g) { return g.kind == GuideClass::kOpacity; });
+  guided = opacity != guides.end();
+  const auto has = [&](GuideClass kind) {
+    return std::any_of(guides.begin(), guides.end(), [&](const Guide& g) { return g.kind == kind; });
+  };
+  // Of a picture whose parts are not apart all that is predicted, each by a coefficient of its own.
+  const auto is_expected = [&](const Guide& g) {
+    return g.kind == GuideClass::kPredicted &&
+           ((!direct && !indirect) || g.name == "predicted_" + std::string(frame.name.name));
+  };
+  const bool surfaces = has(GuideClass::kSurface);
+  mask = make_plane(frame.width(), frame.height(), quiet(task), [&](int x, int y) {
+    if (!guided) return 1.0f;
+    bool seen = (*opacity->channels[0])(x, y) > kLeastOpacity;
+    for (const Guide& g : guides)
+      if (g.kind == GuideClass::kSurface || g.name == "normal")
+        for (const Plane* p : g.channels) seen |= (*p)(x, y) != 0;
+    return seen ? 1.0f : 0.0f;
+  });
+  bright = Plane(frame.width(), frame.height());
+  if (guided) all.add(*opacity);
+  // Premultiplied guides fall to 0 where there is nothing to see, and so does the light that they explain; a constant
+  // is needed for light that no guide knows.
+  if (!guided || surfaces || ((direct || beauty) && !has(GuideClass::kBackground))) all.add(one);
+  predicted = all;
+  // What shines through is known but for the noise of the transmittance: its coefficient is 1 everywhere.
+  if (direct || beauty)
+    for (const Guide& g : guides)
+      if (g.kind == GuideClass::kBackground) all.add(g);
+  all.free = all.of[0].size();
+  medium = few = all;
+  medium.free = few.free = 0;
+  for (const Guide& g : guides)
+    if (is_expected(g)) predicted.add(g);
+  predicted.free = predicted.of[0].size();
+  shape = predicted;
+  shape.free = 0;
+  size_t expected = 0;
+  for (const Guide& g : guides) {
+    if (g.kind == GuideClass::kOpacity) continue;
+    if (is_expected(g)) {
+      ++expected;
+      for_each_row(bright.height(), quiet(task), [&](int y) {
+        for (int x = 0; x < bright.width(); ++x) {
+          const auto at = [&](size_t c) { return (*g.channels[c % g.channels.size()])(x, y); };
+          bright(x, y) += luminance(vec3(at(0), at(1), at(2)));
+        }
+      });
+      continue;
+    }
+    if (g.kind == GuideClass::kPredicted) {
+      if (!direct) shape.add(g);
+      continue;
+    }
+    if (g.kind == GuideClass::kGeometry || g.kind == GuideClass::kEmission || g.kind == GuideClass::kSurface ||
+        (g.kind == GuideClass::kBackground && !direct))
+      shape.add(g);
+    if (g.kind == GuideClass::kBackground || (direct && g.kind == GuideClass::kMultiple)) continue;
+    all.add(g);
+    if (g.kind != GuideClass::kMultiple) medium.add(g);
+  }
+  // Guides of other versions may predict nothing.
+  if (expected == 0)
+    for (const Guide& g : guides)
+      if (g.kind == GuideClass::kSingle || g.kind == GuideClass::kEmission || g.kind == GuideClass::kSurface)
+        for (const Plane* p : g.channels)
+          for_each_row(bright.height(), quiet(task), [&](int y) {
+            for (int x = 0; x < bright.width(); ++x) bright(x, y) += (*p)(x, y) / static_cast<float>(g.channels.size());
+          });
+  for (const Guide& g : guides)
+    if (g.name == "normal")
+      solid = make_plane(frame.width(), frame.height(), quiet(task), [&](int x, int y) {
+        const vec3 n((*g.channels[0])(x, y), (*g.channels[1])(x, y), (*g.channels[2])(x, y));
+        return std::min(1.0f, glm::length(n));
+      });
+  if (!guided) add_features(frame.layers);
+}
+
+void TransportColumns::scale_like(const TransportColumns& own) {
+  predicted.scale_like(own.predicted);
+  shape.scale_like(own.shape);
+  all.scale_like(own.all);
+  medium.scale_like(own.medium);
+  few.scale_like(own.few);
+}
+
+/// Frames of other renderers: what features they have.
+void TransportColumns::add_features(const Layers& layers) {
+  for (const LayerName& l : {layer::transmittance, layer::gradient, layer::gradient_transmittance_weighted,
+                             layer::albedo, layer::normal, layer::depth})
+    if (layers.has(l))
+      for (const std::string& channel : l.channel_names()) {
+        names.push_back(channel);
+        all.add(layers.at(channel));
+        medium.add(layers.at(channel));
+        shape.add(layers.at(channel));
+      }
+}
+
+}  // namespace brume
