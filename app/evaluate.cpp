@@ -156,7 +156,8 @@ class SceneRenderer {
     job.records = request.records;
     RenderResult r = prepared(scene, layers, request.data.text(), task).render(job, task);
     stamp(r.layers);
-    if (r.report.invalid_samples || r.report.counters.capped_paths) note(r.report.summary());
+    if (r.report.invalid_samples || r.report.counters.capped_paths || r.report.counters.limited.paths)
+      note(r.report.summary());
     return {std::move(r.layers), r.report.seconds};
   }
 

@@ -8,6 +8,7 @@
 #include "filters/kernels/histogram.h"
 #include "filters/neighbourhood.h"
 #include "filters/registry.h"
+#include "filters/regression.h"
 #include "filters/samples.h"
 
 namespace brume {
@@ -431,7 +432,13 @@ void run(const BayesianCollaborative& p, const FilterFrame& frame, const FilterO
           for (int x = 0; x < up.width(); ++x) fine[c].row(y)[x] += up(x, y);
         });
       }
-    clean = std::move(fine);
+    // A low frequency that single samples lift or sink would lead beyond all values around.
+    for (size_t c = 0; c < 3; ++c) {
+      const Plane low = window_minimum(scales[i].color[c], p.search_radius, task),
+                  high = window_maximum(scales[i].color[c], p.search_radius, task);
+      clean[c] = make_plane(low.width(), low.height(), quiet(task),
+                            [&](int x, int y) { return std::clamp(fine[c](x, y), low(x, y), high(x, y)); });
+    }
   }
   for (size_t c = 0; c < 3; ++c) {
     *out[c] = std::move(clean[c]);

@@ -1,6 +1,9 @@
+#include <algorithm>
+
 #include "base/error.h"
 #include "filters/guided_filter.h"
 #include "filters/registry.h"
+#include "filters/regression.h"
 
 namespace brume {
 namespace {
@@ -21,7 +24,22 @@ void run(const Guided& p, const FilterFrame& frame, const FilterOutput& out, con
         "filter guided: no feature of the frame varies by more than its noise, and without one it would only blur. A "
         "filter that needs none is nl_means; more samples make features cleaner");
   std::vector<Plane> clean = guided_filter(frame.values, guide, p.radius, p.epsilon, task);
-  for (size_t c = 0; c < 3; ++c) *out[c] = std::move(clean[c]);
+  // A line that leads beyond the values of its window is drawn back to their mean as far as that. The signal decides,
+  // so that layers that are carried along are drawn back alike.
+  const std::vector<Plane> own =
+      frame.carries() ? guided_filter(frame.signal, guide, p.radius, p.epsilon, quiet(task)) : std::vector<Plane>();
+  for (size_t c = 0; c < 3; ++c) {
+    const Plane &signal = *frame.signal[c], &line = own.empty() ? clean[c] : own[c];
+    const Plane low = window_minimum(signal, p.radius, task), high = window_maximum(signal, p.radius, task),
+                level = box_mean(signal, p.radius, task),
+                mean = own.empty() ? level : box_mean(*frame.values[c], p.radius, task);
+    *out[c] = make_plane(frame.width(), frame.height(), quiet(task), [&](int x, int y) {
+      const float slope = line(x, y) - level(x, y),
+                  inside = std::clamp(line(x, y), low(x, y), high(x, y)) - level(x, y);
+      const float share = slope == 0 ? 1.0f : std::clamp(inside / slope, 0.0f, 1.0f);
+      return share == 1.0f ? clean[c](x, y) : mean(x, y) + share * (clean[c](x, y) - mean(x, y));
+    });
+  }
 }
 
 const FilterEntry entry =

@@ -18,7 +18,6 @@ struct Nfor {
 // Windows of the features' and the errors' own filters (Bitterli et al. 2016, section 5).
 constexpr int kFeatureSearch = 5, kFeaturePatch = 3, kFinalFeatureSearch = 2, kErrorPatch = 1;
 constexpr float kFeatureStrength = 0.5f, kErrorStrength = 1;
-constexpr float kOvershoot = 1.5f;
 
 Rgb rgb_of(std::vector<Plane> planes) {
   return {std::move(planes[0]), std::move(planes[1]), std::move(planes[2])};
@@ -101,7 +100,6 @@ std::vector<const Plane*> list(const RgbPlanes& planes) {
 }
 
 void run(const Nfor& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
-  const int width = frame.width(), height = frame.height();
   // Step 1: the features, of the frame to clean first.
   std::deque<Prefiltered> frames;
   frames.emplace_back(frame, task);
@@ -144,17 +142,8 @@ void run(const Nfor& p, const FilterFrame& frame, const FilterOutput& out, const
   last.model.distances.push_back(noise_distance(view(mean), view(residual), p.patch_radius, p.final_strength));
   last.features = pointers(frames[0].final_features);
   last.values = list(view(mean));
-  const std::vector<Plane> result = collaborative_regression({&last, 1}, p.search_radius, share(task, 0.8, 1));
-  // Lines may overshoot where features do; no result is far brighter than anything around it, nor darker than black.
-  for (size_t c = 0; c < 3; ++c) {
-    const Plane top = window_maximum(*frame.signal[c], p.search_radius, task),
-                bottom = window_minimum(*frame.signal[c], p.search_radius, task);
-    for_each_row(height, quiet(task), [&](int y) {
-      for (int x = 0; x < width; ++x)
-        (*out[c])(x, y) = std::clamp(result[c](x, y), std::min(0.0f, bottom(x, y)),
-                                     std::max(kOvershoot * top(x, y), std::min(0.0f, bottom(x, y))));
-    });
-  }
+  std::vector<Plane> result = collaborative_regression({&last, 1}, p.search_radius, share(task, 0.8, 1));
+  for (size_t c = 0; c < 3; ++c) *out[c] = std::move(result[c]);
 }
 
 const FilterEntry entry =

@@ -1,6 +1,7 @@
 #include "filters/regression.h"
 
 #include <algorithm>
+#include <bit>
 
 #include "base/parallel_for.h"
 #include "filters/kernels/regression.h"
@@ -13,25 +14,36 @@ constexpr float kRidge = 3e-6f, kFloor = 1e-7f;
 // The pixel itself counts at least this much, however unlike its neighbours it is.
 constexpr float kCentreWeight = 1e-4f;
 
+/// Spans of a power of two, doubled step by step; two of them cover a window.
 template <class Better>
 Plane extreme(const Plane& in, int radius, const Task& task, const Better& better) {
-  const int width = in.width(), height = in.height();
-  Plane horizontal = in, out;
+  const int width = in.width(), height = in.height(), whole = 2 * radius + 1;
+  const int longest = static_cast<int>(std::bit_floor(static_cast<unsigned>(whole)));
+  // Beyond the edges stands what every window there holds anyway.
+  Plane padded(width, height + 2 * radius), out(width, height);
   for_each_row(height, quiet(task), [&](int y) {
-    const float* from = in.row(y);
-    float* to = horizontal.row(y);
-    for (int j = 1; j <= std::min(radius, width - 1); ++j) {
-      for (int x = 0; x < width - j; ++x) to[x] = better(to[x], from[x + j]);
-      for (int x = j; x < width; ++x) to[x] = better(to[x], from[x - j]);
-    }
+    std::vector<float> row(static_cast<size_t>(width + 2 * radius));
+    for (int i = 0; i < width + 2 * radius; ++i)
+      row[static_cast<size_t>(i)] = in(std::clamp(i - radius, 0, width - 1), y);
+    float* const v = row.data();
+    for (int span = 1; span < longest; span *= 2)
+      for (int i = 0; i + span < width + 2 * radius; ++i) v[i] = better(v[i], v[i + span]);
+    float* const to = padded.row(y + radius);
+    for (int x = 0; x < width; ++x) to[x] = better(v[x], v[x + whole - longest]);
   });
-  out = horizontal;
-  for_each_row(height, quiet(task), [&](int y) {
-    float* to = out.row(y);
-    for (int q = std::max(0, y - radius); q <= std::min(height - 1, y + radius); ++q) {
-      const float* from = horizontal.row(q);
-      for (int x = 0; x < width; ++x) to[x] = better(to[x], from[x]);
+  constexpr int kStrip = 64;
+  parallel_for((width + kStrip - 1) / kStrip, quiet(task), [&](int strip) {
+    const int x0 = strip * kStrip, n = std::min(kStrip, width - x0);
+    const auto row = [&](int y) { return padded.row(y) + x0; };
+    for (int y = 0; y < radius; ++y) {
+      std::copy_n(row(radius), n, row(y));
+      std::copy_n(row(radius + height - 1), n, row(radius + height + y));
     }
+    for (int span = 1; span < longest; span *= 2)
+      for (int y = 0; y + span < height + 2 * radius; ++y)
+        for (int x = 0; x < n; ++x) row(y)[x] = better(row(y)[x], row(y + span)[x]);
+    for (int y = 0; y < height; ++y)
+      for (int x = 0; x < n; ++x) out.row(y)[x0 + x] = better(row(y)[x], row(y + whole - longest)[x]);
   });
   return out;
 }
@@ -55,6 +67,23 @@ std::vector<Plane> collaborative_regression(std::span<const RegressionFrame> fra
   Plane total(width, height);
   std::vector<Plane*> targets;
   for (Plane& p : sums) targets.push_back(&p);
+
+  std::vector<Plane> lowest, highest;
+  for (size_t c = 0; c < values.size(); ++c)
+    for (const RegressionFrame& f : frames) {
+      Plane low = window_minimum(*f.values[c], radius, task), high = window_maximum(*f.values[c], radius, task);
+      if (&f == &frames[0]) {
+        lowest.push_back(std::move(low));
+        highest.push_back(std::move(high));
+        continue;
+      }
+      for_each_row(height, quiet(task), [&](int y) {
+        for (int x = 0; x < width; ++x) {
+          lowest[c](x, y) = std::min(lowest[c](x, y), low(x, y));
+          highest[c](x, y) = std::max(highest[c](x, y), high(x, y));
+        }
+      });
+    }
 
   // A block's predictions reach `radius` beyond it. Blocks of one colour of a 2 x 2 pattern are far enough apart to run
   // at once, and the colours follow one another: every pixel's sum has one order, for any number of threads.
@@ -120,7 +149,8 @@ std::vector<Plane> collaborative_regression(std::span<const RegressionFrame> fra
             if (first >= last) continue;
             const size_t skip = static_cast<size_t>(first - block.x0);
             kernels::scatter_prediction({features, values, features, values, first, y, last - first, radius, stride},
-                                        weight_of(0, dx, dy) + line + skip, dx, dy, b.data() + skip, targets, total);
+                                        weight_of(0, dx, dy) + line + skip, dx, dy, b.data() + skip, lowest, highest,
+                                        targets, total);
           }
       }
     });

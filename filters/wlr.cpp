@@ -164,7 +164,7 @@ class Regression {
     return best_bandwidth({kBandwidths, bias, variance, n}, k, light_(x, y), kSmallestBandwidth, kLargestBandwidth);
   }
 
-  std::array<double, 3> estimate(int x, int y, const Window& w, std::vector<double>& l, double h) const {
+  std::array<double, 3> estimate(const Window& w, std::vector<double>& l, double h) const {
     hat(w, h, l);
     const auto sums = [&](const RgbPlanes& planes) {
       std::array<double, 3> total{};
@@ -174,10 +174,16 @@ class Regression {
     };
     // The signal decides, so that layers that are carried along get its weights.
     const std::array<double, 3> line = sums(frame_.signal);
-    bool below = false;
-    for (size_t c = 0; c < 3; ++c) below |= line[c] < 0 && (*frame_.signal[c])(x, y) >= 0;
-    if (!below) return frame_.carries() ? sums(frame_.values) : line;
-    // A line that leads below black: its positive weights alone are an average.
+    bool beyond = false;
+    for (size_t c = 0; c < 3; ++c) {
+      const auto less = [&](const ivec2& a, const ivec2& b) {
+        return (*frame_.signal[c])(a.x, a.y) < (*frame_.signal[c])(b.x, b.y);
+      };
+      const auto [low, high] = std::minmax_element(w.places.begin(), w.places.end(), less);
+      beyond |= line[c] < (*frame_.signal[c])(low->x, low->y) || line[c] > (*frame_.signal[c])(high->x, high->y);
+    }
+    if (!beyond) return frame_.carries() ? sums(frame_.values) : line;
+    // A line that leads beyond all values of its window: its positive weights alone are an average.
     double total = 0;
     for (double& v : l) {
       v = std::max(v, 0.0);
@@ -238,7 +244,7 @@ void run(const Wlr& p, const FilterFrame& frame, const FilterOutput& out, const 
     std::vector<double> l;
     for (int x = 0; x < frame.width(); ++x) {
       regression.open(x, y, window);
-      const std::array<double, 3> value = regression.estimate(x, y, window, l, bandwidths(x, y));
+      const std::array<double, 3> value = regression.estimate(window, l, bandwidths(x, y));
       for (size_t c = 0; c < 3; ++c) (*out[c])(x, y) = static_cast<float>(value[c]);
     }
   });

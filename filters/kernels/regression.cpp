@@ -119,7 +119,8 @@ void AccumulateNormal(const RegressionRow& row, const float* weights, size_t wei
 }
 
 void ScatterPrediction(const RegressionRow& row, const float* weights, int dx, int dy, const float* b,
-                       std::span<Plane* const> sums, Plane& total) {
+                       std::span<const Plane> lowest, std::span<const Plane> highest, std::span<Plane* const> sums,
+                       Plane& total) {
   const size_t features = row.features.size(), m = row.values.size(), stride = row.stride;
   const int count = row.count;
   const float inverse = 1.0f / static_cast<float>(std::max(row.radius, 1));
@@ -140,8 +141,12 @@ void ScatterPrediction(const RegressionRow& row, const float* weights, int dx, i
                     *bk = b + stride * ((k + 3) * m + c) + at;
         for (int x = 0; x < n; ++x) prediction[x] += bk[x] * (q[x] - p[x]);
       }
+      const float *lo = lowest[c].row(row.y) + row.x0 + first, *hi = highest[c].row(row.y) + row.x0 + first;
       float* HWY_RESTRICT sum = sums[c]->row(row.y + dy) + row.x0 + dx + first;
-      for (int x = 0; x < n; ++x) sum[x] += w[x] * prediction[x];
+      for (int x = 0; x < n; ++x) {
+        const float p = prediction[x] > lo[x] ? prediction[x] : lo[x];
+        sum[x] += w[x] * (p < hi[x] ? p : hi[x]);
+      }
     }
     float* HWY_RESTRICT t = total.row(row.y + dy) + row.x0 + dx + first;
     for (int x = 0; x < n; ++x) t[x] += w[x];
@@ -171,8 +176,9 @@ size_t normal_scratch(size_t features, size_t values, size_t stride) {
 }
 
 void scatter_prediction(const RegressionRow& row, const float* weights, int dx, int dy, const float* b,
-                        std::span<Plane* const> sums, Plane& total) {
-  HWY_DYNAMIC_DISPATCH(ScatterPrediction)(row, weights, dx, dy, b, sums, total);
+                        std::span<const Plane> lowest, std::span<const Plane> highest, std::span<Plane* const> sums,
+                        Plane& total) {
+  HWY_DYNAMIC_DISPATCH(ScatterPrediction)(row, weights, dx, dy, b, lowest, highest, sums, total);
 }
 
 }  // namespace brume::kernels

@@ -32,7 +32,9 @@ size_t normal_scratch(size_t features, size_t values, size_t stride);
 /// Adds each pixel's prediction for its neighbour (dx, dy), times the weight, to the neighbour's sums; the weight
 /// itself to `total`.
 /// @param b  the solution of the normal equations
+/// @param lowest, highest  bounds of every pixel's predictions
 void scatter_prediction(const RegressionRow& row, const float* weights, int dx, int dy, const float* b,
-                        std::span<Plane* const> sums, Plane& total);
+                        std::span<const Plane> lowest, std::span<const Plane> highest, std::span<Plane* const> sums,
+                        Plane& total);
 
 }  // namespace brume::kernels

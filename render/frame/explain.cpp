@@ -84,6 +84,9 @@ std::string explain(const Plan& plan, const Scene& scene, const SceneMedia& medi
                              : "none: direction sampling only");
   if (lights.sampled_count() > 1) line("  choice", "one light by its estimated irradiance at the vertex");
   if (!plan.near_lights.empty()) line("  near lights", "sampled along flights too, equiangularly");
+  if (scene.render.indirect_limit > 0)
+    line("indirect limit",
+         fmt::format("paths bring a mean radiance of {} at most: biased", scene.render.indirect_limit));
   line("environment",
        lights.environment()->black() ? "black"
        : lights.environment()->constant()

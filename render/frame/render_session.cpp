@@ -72,6 +72,7 @@ void RenderSession::resume() {
   resumed_.seconds = saved.number("renderTimeSeconds").value_or(0.0);
   resumed_.cpu_seconds = saved.number("cpuSeconds").value_or(0.0);
   resumed_.counters.capped_paths = static_cast<uint64_t>(saved.number("cappedPaths").value_or(0.0));
+  resumed_.counters.limited = limited_light_of(saved);
   resumed_.invalid_samples = static_cast<uint64_t>(saved.number("invalidSampleCount").value_or(0.0));
 }
 
@@ -411,6 +412,7 @@ void RenderSession::describe(Layers& frame, const RenderReport& report, int firs
   header["cpuSeconds"] = static_cast<float>(report.cpu_seconds);
   header["invalidSampleCount"] = static_cast<int>(std::min<uint64_t>(report.invalid_samples, INT32_MAX));
   header["cappedPaths"] = static_cast<int>(std::min<uint64_t>(report.counters.capped_paths, INT32_MAX));
+  if (scene.render.indirect_limit > 0) write_limited_light(frame, report.counters.limited);
   if (report.error) header["estimatedRelativeError"] = static_cast<float>(*report.error);
   std::string estimators = plan.media == Plan::Media::kNone        ? "no medium"
                            : plan.media == Plan::Media::kChromatic ? "delta tracking with spectral MIS"
@@ -419,9 +421,11 @@ void RenderSession::describe(Layers& frame, const RenderReport& report, int firs
   estimators += plan.light_sampling ? "; ratio tracking; next-event estimation with balance heuristic"
                                     : "; direction sampling only";
   header["estimators"] = estimators;
-  header["biased"] = std::string(report.counters.capped_paths ? "true: paths were cut at max_events"
-                                 : scene_.straight_shadows()  ? "true: straight shadows of dielectrics"
-                                                              : "false");
+  std::vector<std::string> biases;
+  if (report.counters.capped_paths) biases.emplace_back("paths were cut at max_events");
+  if (report.counters.limited.paths) biases.emplace_back("paths were limited by indirect_limit");
+  if (scene_.straight_shadows()) biases.emplace_back("straight shadows of dielectrics");
+  write_biases(frame, biases);
   header["varianceConvention"] = std::string("mean_variance is the variance of the pixel mean: sample variance / n");
   if (plan.flash) header["flashIntensity"] = static_cast<float>(context_.flash.intensity);
   header["worldToCamera"] = camera_.world_to_camera();
@@ -453,6 +457,9 @@ std::string RenderReport::summary() const {
   if (counters.capped_paths)
     text += fmt::format("warning: {} paths were cut at max_events, carrying {:.3g} of the throughput of all paths\n",
                         counters.capped_paths, counters.capped_throughput / paths);
+  if (const LimitedLight& limited = counters.limited; limited.paths)
+    text += fmt::format("warning: indirect_limit took {:.3g} % of the indirect light, from {} paths\n",
+                        100 * limited.taken / limited.found, limited.paths);
   if (invalid_samples)
     text += fmt::format("warning: {} samples were not finite and were left out{}\n", invalid_samples,
                         first_invalid ? fmt::format("; the first: --replay {},{},{}", first_invalid->x,

@@ -106,6 +106,32 @@ LayerRequest recorded_in(const Layers& frame) {
                           statistics == "buckets");
 }
 
+void write_limited_light(Layers& frame, const LimitedLight& limited) {
+  frame.header["indirectLimitPaths"] = static_cast<int>(std::min<uint64_t>(limited.paths, INT32_MAX));
+  frame.header["indirectLimitTaken"] = static_cast<float>(limited.taken);
+  frame.header["indirectLimitFound"] = static_cast<float>(limited.found);
+}
+
+LimitedLight limited_light_of(const Layers& frame) {
+  return {static_cast<uint64_t>(frame.number("indirectLimitPaths").value_or(0.0)),
+          frame.number("indirectLimitTaken").value_or(0.0), frame.number("indirectLimitFound").value_or(0.0)};
+}
+
+void write_biases(Layers& frame, const std::vector<std::string>& biases) {
+  frame.header["biased"] = biases.empty() ? std::string("false") : "true: " + join(biases, "; ");
+}
+
+std::vector<std::string> biases_of(const Layers& frame) {
+  const std::string text = frame.text("biased");
+  std::vector<std::string> biases;
+  if (!text.starts_with("true: ")) return biases;
+  for (size_t begin = 6, end = 0; end != std::string::npos; begin = end + 2) {
+    end = text.find("; ", begin);
+    biases.push_back(text.substr(begin, end - begin));
+  }
+  return biases;
+}
+
 bool CheckpointWriter::write(const Layers& frame, const WordRows& state) {
   std::string message;
   try {
@@ -126,8 +152,9 @@ Layers merge_parts(const std::vector<std::filesystem::path>& files, bool keep_st
   Film film(first.width(), first.height(), recorded_in(first));
   std::vector<std::pair<Range, std::string>> held;
   double seconds = 0, cpu = 0, invalid = 0, capped = 0, total = 0, whole = 0;
+  LimitedLight limited;
   std::string whole_of;  // the part that says so
-  std::string biased = "false";
+  std::vector<std::string> biases;
   for (const auto& path : files) {
     const std::string name = path.string();
     const Layers part = path == files[0] ? std::move(first) : read_exr_state(path, task);
@@ -166,7 +193,9 @@ Layers merge_parts(const std::vector<std::filesystem::path>& files, bool keep_st
     total = std::max(total, planned);
     invalid += part.number("invalidSampleCount").value_or(0.0);
     capped += part.number("cappedPaths").value_or(0.0);
-    if (part.text("biased").starts_with("true")) biased = part.text("biased");
+    limited.merge(limited_light_of(part));
+    for (const std::string& bias : biases_of(part))
+      if (std::find(biases.begin(), biases.end(), bias) == biases.end()) biases.push_back(bias);
     if (path == files[0]) {
       first = Layers(part.width(), part.height());
       first.header = part.header;
@@ -208,7 +237,8 @@ Layers merge_parts(const std::vector<std::filesystem::path>& files, bool keep_st
   header["cpuSeconds"] = static_cast<float>(cpu);
   header["invalidSampleCount"] = static_cast<int>(invalid);
   header["cappedPaths"] = static_cast<int>(capped);
-  header["biased"] = biased;
+  if (header.contains("indirectLimitPaths")) write_limited_light(result, limited);
+  write_biases(result, biases);
   return result;
 }
 

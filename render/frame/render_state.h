@@ -7,6 +7,7 @@
 #include "base/progress.h"
 #include "image/exr_io.h"
 #include "image/layers.h"
+#include "render/trace/integrator.h"
 
 namespace brume {
 
@@ -24,6 +25,14 @@ void check_same_render(const Layers& a, const std::string& name_a, const Layers&
 
 /// The layers a frame's header says were recorded, for a film that takes its sums.
 struct LayerRequest recorded_in(const Layers& frame);
+
+/// What indirect_limit took, in a header: indirectLimitPaths, indirectLimitTaken, indirectLimitFound.
+void write_limited_light(Layers& frame, const LimitedLight& limited);
+LimitedLight limited_light_of(const Layers& frame);
+
+/// Why the expected picture is not exact, in a header: biased = "false", or "true: reason; another".
+void write_biases(Layers& frame, const std::vector<std::string>& biases);
+std::vector<std::string> biases_of(const Layers& frame);
 
 /// Writes a render's checkpoints. A disk that is full, or gone for a while, costs the checkpoint and not the render:
 /// the last one that could be written stays, and the next is tried again.

@@ -43,6 +43,7 @@ PreparedScene::PreparedScene(Scene scene, const LayerRequest& layers, const Task
   context_.lights = &lights_;
   context_.surfaces = surfaces_.get();
   context_.max_events = scene_.render.max_events;
+  context_.indirect_limit = scene_.render.indirect_limit;
   context_.roulette_start = scene_.render.roulette_start;
   context_.surface_density = scene_.render.surface_density;
   context_.world_shift = media_.world_shift();

@@ -381,6 +381,7 @@ class Wavefront {
 
   void deliver(size_t request, PathSample& s) const {
     s.direct = s.background + s.emission + s.single;
+    limit_indirect(c_.indirect_limit, s.indirect, counters_.limited);
     s.beauty = s.direct + s.indirect;
     if (c_.plan.flash) s.flash = flash_image(s.direct, c_.flash.intensity, s.flash);
     sink_(request, s);

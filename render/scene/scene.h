@@ -108,6 +108,7 @@ struct RenderSettings {
   int frame = 0;
   int noise_frame = -1;
   int max_events = 100000;
+  double indirect_limit = 0;
   int roulette_start = 16;
   std::string light_sampling = "auto";
   double surface_density = 0.01;

@@ -70,6 +70,12 @@ void describe(Visitor& v, RenderSettings& r) {
      999'999'999},
     r.noise_frame);
   v({"max_events", "", "scatterings after which a path is cut; cuts are counted and reported", 1, 1e9}, r.max_events);
+  v({"indirect_limit", "radiance",
+     "mean of the three channels that the indirect light of one path may bring to its pixel; 0: no limit. Brighter "
+     "paths are scaled down to it and keep their hue. It takes fireflies and darkens the picture: what it takes is "
+     "counted and reported. Cycles (clamp indirect) limits the same mean, but at each light that a path finds",
+     0, 1e30},
+    r.indirect_limit);
   v({"roulette_start", "", "scatterings after which Russian roulette begins", 1, 1e9}, r.roulette_start);
   v({.key = "light_sampling",
      .help = "auto: next-event estimation towards all lights but a constant environment, which phase sampling finds "

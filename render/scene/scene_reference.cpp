@@ -25,7 +25,8 @@ std::string scene_reference() {
       "This page is written by `brume docs scene`; a test keeps it in step with the parser.\n";
   reference.table("[camera]", "Box filter of one pixel, row 0 on top.", CameraSettings{});
   reference.table("[film]", "The picture.", FilmSettings{});
-  reference.table("[render]", "The estimator. No setting here but max_events changes the expected picture.",
+  reference.table("[render]",
+                  "The estimator. No setting here but max_events and indirect_limit changes the expected picture.",
                   RenderSettings{});
   reference.table("[environment]", "Light from infinitely far away.", EnvironmentSettings{});
   reference.table("[[volumes]]",

@@ -1,10 +1,27 @@
 #include "render/trace/integrator.h"
 
 #include <algorithm>
+#include <cmath>
 
 #include "render/world/camera.h"
 
 namespace brume {
+
+void LimitedLight::merge(const LimitedLight& other) {
+  paths += other.paths;
+  taken += other.taken;
+  found += other.found;
+}
+
+void limit_indirect(double limit, dvec3& indirect, LimitedLight& count) {
+  const double found = (indirect.x + indirect.y + indirect.z) / 3;
+  if (!(limit > 0) || !std::isfinite(found)) return;
+  count.found += found;
+  if (!(found > limit)) return;
+  ++count.paths;
+  count.taken += found - limit;
+  indirect *= limit / found;
+}
 
 void PathCounters::merge(const PathCounters& other) {
   tracking.merge(other.tracking);
@@ -12,6 +29,7 @@ void PathCounters::merge(const PathCounters& other) {
   capped_paths += other.capped_paths;
   capped_throughput += other.capped_throughput;
   longest = std::max(longest, other.longest);
+  limited.merge(other.limited);
 }
 
 PathRequest camera_request(const Scene& scene, const Plan& plan, const Camera& camera, int64_t seed, int x, int y,

@@ -17,6 +17,14 @@ namespace brume {
 
 class Camera;
 
+/// What render.indirect_limit took. Radiance is the mean of the channels, summed over paths; 0 without a limit.
+struct LimitedLight {
+  uint64_t paths = 0;  ///< that were limited
+  double taken = 0;    ///< radiance that they lost
+  double found = 0;    ///< indirect light of all paths before
+  void merge(const LimitedLight& other);
+};
+
 /// Counted per thread and summed.
 struct PathCounters {
   TrackingCounters tracking;
@@ -24,6 +32,7 @@ struct PathCounters {
   uint64_t capped_paths = 0;     ///< cut at max_events
   double capped_throughput = 0;  ///< what they still carried, summed
   uint64_t longest = 0;          ///< most scatterings of a path
+  LimitedLight limited;
   void merge(const PathCounters& other);
 };
 
@@ -46,6 +55,7 @@ struct PathContext {
   std::span<const LaneGrid> emission_grids;  ///< of the emissions, where plan.lanes
   Plan plan;
   int max_events = 100000, roulette_start = 16;
+  double indirect_limit = 0;   ///< see limit_indirect; 0: none
   double surface_density = 0;  ///< share of each medium's maximum
   FlashLamp flash;
   dvec3 world_shift{0};
@@ -80,7 +90,12 @@ std::vector<PathRequest> coarse_requests(const Scene& scene, const Plan& plan, c
 /// Takes the sample of the request with an index, in any order, one at a time.
 using SampleSink = std::function<void(size_t index, const PathSample& sample)>;
 
-/// Follows a batch of paths from the eye; each sample depends on its request alone. Unbiased but for max_events.
+/// Scales the indirect light of a path whose mean over the channels is above the limit down to it, and counts what it
+/// takes. Light that is not finite is left, to be rejected with its sample.
+void limit_indirect(double limit, dvec3& indirect, LimitedLight& count);
+
+/// Follows a batch of paths from the eye; each sample depends on its request alone. Unbiased but for max_events and
+/// indirect_limit.
 ///
 /// Sources: docs/methods.md; Veach 1997 for the balance heuristic.
 /// Proof: tests/render/furnace_test.cpp, slab_test.cpp, sphere_test.cpp, analogue_test.cpp

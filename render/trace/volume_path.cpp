@@ -59,6 +59,7 @@ class PathTracer {
     while (step()) {
     }
     counters_.longest = std::max(counters_.longest, events_);
+    limit_indirect(c_.indirect_limit, s_.indirect, counters_.limited);
     s_.beauty = s_.direct + s_.indirect;
     if (record_) finish_record();
   }

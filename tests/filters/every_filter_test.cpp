@@ -11,6 +11,7 @@
 #include "base/rng.h"
 #include "filters/apply.h"
 #include "filters/registry.h"
+#include "filters/regression.h"
 #include "tests/support/frames.h"
 
 namespace brume {
@@ -111,6 +112,42 @@ TEST(EveryFilter, OneBadPixelStaysWithinTheWindowAndIsCounted) {
                   << label(f) << " reach " << reach << " at " << x << " " << y << " value " << bad;
             }
     }
+}
+
+// Skewed noise in which rare samples are hundreds of times as bright as the rest, as light in water droplets has it: no
+// filter may leave the range of the values around a pixel, far less turn black or negative there.
+TEST(EveryFilter, StaysWithinTheValuesAroundAPixelWhateverTheFireflies) {
+  constexpr int kWidth = 64, kHeight = 44, kReach = 15;
+  const auto truth = [](int x, int y, size_t) { return x + y / 2 < 40 ? 1.0f : 3.0f; };
+  const Layers frame = test::sampled_frame(kWidth, kHeight, 8, 5, truth, [&](int x, int y, size_t c, Rng& rng) {
+    const double level = truth(x, y, c), skewed = level * (0.5 + 0.5 * rng.exponential());
+    return rng.uniform() < 0.002 ? 300 * level * (1 + rng.uniform()) : skewed;
+  });
+  Rgb lowest, highest;
+  for (size_t c = 0; c < 3; ++c) {
+    const Plane &a = *frame.rgb(layer::indirect, statistic::half_a)[c],
+                &b = *frame.rgb(layer::indirect, statistic::half_b)[c];
+    const auto of_halves = [&](auto better) {
+      return make_plane(kWidth, kHeight, {}, [&](int x, int y) { return better(a(x, y), b(x, y)); });
+    };
+    lowest[c] = window_minimum(of_halves([](float p, float q) { return std::min(p, q); }), kReach, {});
+    highest[c] = window_maximum(of_halves([](float p, float q) { return std::max(p, q); }), kReach, {});
+  }
+  ApplyOptions options;
+  options.outliers = Outliers::kKeep;
+  for (const FilterSettings& f : every_filter()) {
+    const Layers out = apply(f, frame, options);
+    expect_all_finite(out, label(f));
+    for (size_t c = 0; c < 3; ++c) {
+      const Plane &result = *out.rgb(layer::beauty)[c], &direct = *frame.rgb(layer::direct)[c];
+      for (int y = 0; y < kHeight; ++y)
+        for (int x = 0; x < kWidth; ++x) {
+          const float clean = result(x, y) - direct(x, y);
+          EXPECT_GE(clean, 0.9f * lowest[c](x, y)) << label(f) << " at " << x << " " << y;
+          EXPECT_LE(clean, 1.1f * highest[c](x, y)) << label(f) << " at " << x << " " << y;
+        }
+    }
+  }
 }
 
 TEST(EveryFilter, RefusesAFrameOfNothingButNaN) {

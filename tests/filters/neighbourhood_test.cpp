@@ -313,6 +313,42 @@ TEST(CollaborativeRegression, MatchesLeastSquaresWrittenOut) {
   EXPECT_NEAR(out[0](tx, ty), sum / total, 1e-4);
 }
 
+// A sample hundreds of times as bright as the rest tilts every line that sees it, whose other end leads far below
+// black.
+TEST(CollaborativeRegression, StaysWithinTheValuesOfTheWindow) {
+  const int width = 40, height = 30;
+  const std::vector<Plane> f = noise_planes(width, height, 13);
+  const Plane v =
+      plane_of(width, height, [&](int x, int y) { return x == 20 && y == 15 ? 400.0 : 1 + 0.2 * chance(x, y, 4); });
+  const Plane noise = plane_of(width, height, [](int, int) { return 1e5; });
+  const Plane *values[] = {&v}, *features[] = {&f[0], &f[1]}, *guide[] = {&v}, *variance[] = {&noise};
+  WeightModel model;
+  model.distances.push_back(noise_distance(guide, variance, 1, 1));
+  const std::vector<Plane> out = collaborative_regression(
+      {{{model, {std::begin(features), std::end(features)}, {std::begin(values), std::end(values)}}}}, 5, {});
+  for (int y = 0; y < height; ++y)
+    for (int x = 0; x < width; ++x) {
+      EXPECT_GE(out[0](x, y), 1.0f);
+      EXPECT_LE(out[0](x, y), std::hypot(x - 20, y - 15) > 15 ? 1.2f : 400.0f);
+    }
+}
+
+TEST(Regression, WindowExtremesAreThoseOfEveryWindow) {
+  const Plane v = noise_planes(23, 17, 14)[0];
+  for (const int r : {0, 1, 2, 3, 7, 8, 30}) {
+    const Plane low = window_minimum(v, r, {}), high = window_maximum(v, r, {});
+    for (int y = 0; y < 17; ++y)
+      for (int x = 0; x < 23; ++x) {
+        float a = v(x, y), b = v(x, y);
+        for (int qy = std::max(0, y - r); qy <= std::min(16, y + r); ++qy)
+          for (int qx = std::max(0, x - r); qx <= std::min(22, x + r); ++qx)
+            a = std::min(a, v(qx, qy)), b = std::max(b, v(qx, qy));
+        ASSERT_EQ(low(x, y), a) << r;
+        ASSERT_EQ(high(x, y), b) << r;
+      }
+  }
+}
+
 // Statistics.
 
 TEST(Student, QuantilesAreTheTables) {

@@ -68,6 +68,27 @@ TEST_F(PartsTest, AnyNumberOfPartsMergesToTheWholeBitForBit) {
   }
 }
 
+// Counted once: in parts, in their merge, in a checkpoint and in what goes on from it.
+TEST_F(PartsTest, WhatTheIndirectLimitTookIsCountedOverAllParts) {
+  scene_.render.indirect_limit = 0.2 / scene_.film.exposure;
+  const Layers whole = prepared().render(job(13), {}).layers;
+  const auto expect_counts = [&](const Layers& frame, const char* what) {
+    EXPECT_EQ(frame.number("indirectLimitPaths"), whole.number("indirectLimitPaths")) << what;
+    for (const char* key : {"indirectLimitTaken", "indirectLimitFound"})
+      EXPECT_NEAR(*frame.number(key), *whole.number(key), 1e-6 * *whole.number(key)) << what << " " << key;
+    EXPECT_EQ(frame.text("biased"), "true: paths were limited by indirect_limit") << what;
+    test::expect_same_bits(whole, frame, what);
+  };
+  EXPECT_GT(*whole.number("indirectLimitPaths"), 100);
+  expect_counts(merge_parts({part(1, 3), part(2, 3), part(3, 3)}, false), "parts");
+  RenderJob first = job(5);
+  first.checkpoint = folder_ / "checkpoint.exr";
+  prepared().render(first, {});
+  RenderJob rest = job(13);
+  rest.resume = first.checkpoint;
+  expect_counts(prepared().render(rest, {}).layers, "resumed");
+}
+
 TEST_F(PartsTest, PartsMergeStepByStep) {
   const auto a = part(1, 3), b = part(2, 3), c = part(3, 3);
   write_exr(folder_ / "ac.exr", merge_parts({a, c}, true));

@@ -108,6 +108,85 @@ TEST(Renderer, TheDepthCapIsCountedAndMarkedAsBias) {
   EXPECT_TRUE(r.layers.text("biased").starts_with("true"));
 }
 
+// The path is the same with and without a limit: what one sample loses is known, and so is what the picture loses.
+TEST(Renderer, TheIndirectLimitBoundsEachSampleAndCountsWhatItTakes) {
+  constexpr int kSpp = 6;
+  const LayerRequest layers = LayerRequest::of({"direct", "indirect"}, true);
+  const auto mean_of = [](const dvec3& v) { return (v.x + v.y + v.z) / 3; };
+  const auto picture = [](const Layers& f, const LayerName& l) {
+    double sum = 0;
+    for (const Plane* p : f.rgb(l))
+      for (int y = 0; y < p->height(); ++y)
+        for (const float v : p->pixels(y)) sum += v;
+    return sum / 3;
+  };
+  for (const char* lanes : {"auto", "off"}) {
+    Scene scene = small_scene("cloud", 16);
+    scene.render.lanes = lanes;
+    const PreparedScene free(scene, layers);
+    ASSERT_EQ(free.plan().lanes, std::string(lanes) == "auto");
+    const RenderResult whole = free.render(kSpp, 1, {});
+    scene.render.indirect_limit = 1e9;
+    const RenderResult same = PreparedScene(scene, layers).render(kSpp, 1, {});
+    test::expect_same_bits(whole.layers, same.layers, "a limit that nothing reaches");
+    EXPECT_EQ(same.layers.number("indirectLimitPaths"), 0.0);
+    EXPECT_EQ(same.layers.text("biased"), "false");
+
+    const double limit = scene.render.indirect_limit = 0.3 / scene.film.exposure;
+    const PreparedScene prepared(scene, layers);
+    const RenderResult r = prepared.render(kSpp, 1, {});
+    double taken = 0, found = 0;
+    uint64_t count = 0;
+    for (int y = 0; y < scene.film.height; ++y)
+      for (int x = 0; x < scene.film.width; ++x)
+        for (uint32_t s = 0; s < kSpp; ++s) {
+          const PathSample a = free.replay(1, x, y, s), b = prepared.replay(1, x, y, s);
+          const double before = mean_of(a.indirect);
+          const dvec3 expected = before > limit ? a.indirect * (limit / before) : a.indirect;
+          EXPECT_EQ(b.indirect, expected);
+          EXPECT_EQ(b.direct, a.direct);
+          EXPECT_EQ(b.beauty, b.direct + b.indirect);
+          EXPECT_LE(mean_of(b.indirect), limit * (1 + 1e-12));
+          found += before;
+          taken += before - mean_of(b.indirect);
+          count += before > limit;
+        }
+    const LimitedLight& limited = r.report.counters.limited;
+    EXPECT_GT(count, 100u);
+    EXPECT_EQ(limited.paths, count);
+    EXPECT_NEAR(limited.taken, taken, 1e-9 * found);
+    EXPECT_NEAR(limited.found, found, 1e-9 * found);
+    EXPECT_NEAR(picture(whole.layers, layer::indirect) - picture(r.layers, layer::indirect), taken / kSpp,
+                1e-5 * found / kSpp);
+    EXPECT_NEAR(picture(whole.layers, layer::beauty) - picture(r.layers, layer::beauty), taken / kSpp,
+                1e-5 * picture(whole.layers, layer::beauty));
+    for (size_t c = 0; c < 3; ++c)
+      for (int y = 0; y < scene.film.height; ++y)
+        for (int x = 0; x < scene.film.width; ++x)
+          EXPECT_EQ((*r.layers.rgb(layer::beauty)[c])(x, y),
+                    (*r.layers.rgb(layer::direct)[c])(x, y) + (*r.layers.rgb(layer::indirect)[c])(x, y));
+    EXPECT_EQ(r.layers.number("indirectLimitPaths"), static_cast<double>(count));
+    EXPECT_NEAR(*r.layers.number("indirectLimitTaken"), taken, 1e-6 * taken);
+    EXPECT_TRUE(r.layers.text("biased").starts_with("true: paths were limited by indirect_limit"));
+    EXPECT_NE(r.report.summary().find("indirect_limit took"), std::string::npos);
+  }
+}
+
+TEST(Renderer, TheIndirectLimitIsTheSameInLanes) {
+  Scene scene = small_scene("cloud", 32);
+  scene.render.indirect_limit = 0.3 / scene.film.exposure;
+  const auto render = [&](const char* lanes, int64_t seed) {
+    scene.render.lanes = lanes;
+    return PreparedScene(scene, {}).render(64, seed, {});
+  };
+  const RenderResult a = render("auto", 1), b = render("off", 2);
+  const test::Mean x = test::mean_radiance(a.layers, layer::indirect),
+                   y = test::mean_radiance(b.layers, layer::indirect);
+  for (int c = 0; c < 3; ++c) EXPECT_NEAR(x.value[c], y.value[c], 4 * std::hypot(x.error[c], y.error[c]));
+  const LimitedLight &p = a.report.counters.limited, &q = b.report.counters.limited;
+  EXPECT_NEAR(p.taken / p.found, q.taken / q.found, 0.05 * p.taken / p.found);
+}
+
 TEST(Renderer, RouletteDoesNotChangeTheMean) {
   Scene scene = small_scene();
   scene.volumes[0].sigma_t = dvec3(60);

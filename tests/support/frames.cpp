@@ -118,6 +118,13 @@ double normal(int x, int y, uint64_t purpose) {
 }
 
 Layers sampled_frame(int width, int height, int samples, double deviation, uint64_t seed, const Value& truth) {
+  return sampled_frame(width, height, samples, seed, truth, [&](int x, int y, size_t c, Rng& rng) {
+    const double radius = std::sqrt(2 * rng.exponential());
+    return truth(x, y, c) + deviation * radius * portable_sincos_2pi(rng.uniform()).cos;
+  });
+}
+
+Layers sampled_frame(int width, int height, int samples, uint64_t seed, const Value& truth, const Sample& sample) {
   Layers frame = frame_of(width, height, truth);
   put(frame, layer::sample_count, "", [&](int, int, size_t) { return static_cast<float>(samples); });
   for (size_t c = 0; c < 3; ++c)
@@ -126,8 +133,7 @@ Layers sampled_frame(int width, int height, int samples, double deviation, uint6
         Rng rng(hash_combine(hash_combine(mix64(seed * 3 + c), static_cast<uint64_t>(x)), static_cast<uint64_t>(y)));
         double sum = 0, squares = 0, bucket[8] = {}, bucket_count[8] = {};
         for (int s = 0; s < samples; ++s) {
-          const double radius = std::sqrt(2 * rng.exponential());
-          const double v = truth(x, y, c) + deviation * radius * portable_sincos_2pi(rng.uniform()).cos;
+          const double v = sample(x, y, c, rng);
           sum += v, squares += v * v, bucket[s % 8] += v, ++bucket_count[s % 8];
         }
         const double n = samples, mean = sum / n;

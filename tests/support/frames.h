@@ -2,6 +2,7 @@
 #include <functional>
 #include <optional>
 
+#include "base/rng.h"
 #include "image/layers.h"
 #include "image/sample_records.h"
 #include "tests/support/files.h"
@@ -33,6 +34,9 @@ Layers noisy_frame(int width, int height, uint64_t seed);
 /// A frame sampled as a renderer would: each of `samples` samples of the indirect light is the truth plus a normal
 /// deviate, and mean, variance, halves and buckets follow from the samples.
 Layers sampled_frame(int width, int height, int samples, double deviation, uint64_t seed, const Value& truth);
+/// Likewise, of any samples around the truth.
+using Sample = std::function<double(int, int, size_t, Rng&)>;
+Layers sampled_frame(int width, int height, int samples, uint64_t seed, const Value& truth, const Sample& sample);
 
 /// A frame's buckets as recorded samples, each with random numbers on which its colour depends.
 struct Records {
