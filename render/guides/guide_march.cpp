@@ -45,6 +45,11 @@ bool is_sky(const GroupLight& g) {
   return g.group.kind == LightGroup::Kind::kSky;
 }
 
+/// Whether the light was scattered before it entered the media.
+bool from_surfaces(const GroupLight& g) {
+  return g.group.kind == LightGroup::Kind::kSurfaces;
+}
+
 double henyey_greenstein(double g, double c) {
   return HenyeyGreenstein{g}.value(c);
 }
@@ -139,7 +144,7 @@ void GuideMarch::lay_out() {
       field_count_ += count;
       return first;
     };
-    s.single = add("single." + name);
+    s.single = add(from_surfaces(g) ? "multiple." + name + "_once" : "single." + name);
     if (sharp(g)) {
       s.octave = add_all(kOctaveNames);
       s.soft = add_all(kSoftNames);
@@ -545,16 +550,19 @@ dvec3 GuideMarch::tint() const {
 vec3 GuideMarch::predicted_direct(const Sums& sums) const {
   vec3 light = sums.background + sums.emission;
   for (size_t k = 0; k < slots_.size(); ++k)
-    light += sums.surface[k] + tinted(tint() * colour_of(fields_.groups()[k]), sums.value[slots_[k].single]);
+    if (!from_surfaces(fields_.groups()[k]))
+      light += sums.surface[k] + tinted(tint() * colour_of(fields_.groups()[k]), sums.value[slots_[k].single]);
   return light;
 }
 
 vec3 GuideMarch::predicted_indirect(const Sums& sums) const {
   vec3 light(0);
   for (size_t k = 0; k < slots_.size(); ++k) {
-    light += tinted(power(tint(), kForwardOrder) * colour_of(fields_.groups()[k]), sums.value[slots_[k].forward]);
+    const GroupLight& g = fields_.groups()[k];
+    light += tinted(power(tint(), kForwardOrder) * colour_of(g), sums.value[slots_[k].forward]);
+    if (from_surfaces(g)) light += tinted(tint() * colour_of(g), sums.value[slots_[k].single]);
     for (size_t order = 0; order < kOrders; ++order)
-      light += tinted(order_tint_[order] * colour_of(fields_.groups()[k]), sums.value[slots_[k].orders + order]);
+      light += tinted(order_tint_[order] * colour_of(g), sums.value[slots_[k].orders + order]);
   }
   return light;
 }

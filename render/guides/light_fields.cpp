@@ -7,7 +7,9 @@
 
 #include "base/math.h"
 #include "render/guides/attenuation.h"
+#include "render/guides/lit_surface.h"
 #include "render/guides/media_line.h"
+#include "render/guides/surface_light.h"
 
 namespace brume {
 namespace {
@@ -36,17 +38,15 @@ std::vector<double> sky_radiance(const Environment& sky, GuideColour colour) {
   return sum;
 }
 
-/// Where surfaces stand between the sky and the media, light comes from them: their albedo times the mean sky.
+/// Where surfaces stand between the sky and the media.
 void hide_sky(const GuideMedia& media, const Surfaces& surfaces, std::vector<double>& incoming) {
   // Seen from the corners of a box half as large as the media's.
   const dvec3 middle = 0.5 * (media.lo() + media.hi()), half = 0.25 * (media.hi() - media.lo());
-  const double mean = std::accumulate(incoming.begin(), incoming.end(), 0.0) / static_cast<double>(incoming.size());
   for (size_t k = 0; k < incoming.size(); ++k) {
     double sum = 0;
     for (int corner = 0; corner < 8; ++corner) {
       const dvec3 p = middle + half * dvec3(corner & 1 ? 1 : -1, corner & 2 ? 1 : -1, corner & 4 ? 1 : -1);
-      const auto hit = surfaces.intersect({p, -ScatteringSolver::directions()[k]}, kUnseen);
-      sum += hit ? in_colour(surfaces.bsdf(*hit).albedo, kGrey) * mean : incoming[k];
+      if (!surfaces.intersect({p, -ScatteringSolver::directions()[k]}, kUnseen)) sum += incoming[k];
     }
     incoming[k] = sum / 8;
   }
@@ -74,6 +74,21 @@ std::vector<GroupLight::Flame> gathered_flames(const GuideMedia& media, const La
   for (size_t i = 0; i < cells.size(); ++i)
     if (weight[i] > 0) flames.push_back({cells[i].position / weight[i], cells[i].intensity});
   return flames;
+}
+
+/// Optical depth from a point along a direction, through the lattice's own extinction, a node a step.
+double depth_along(const ScatteringSolver& solver, const dvec3& from, const dvec3& towards, double distance) {
+  const Lattice& lattice = solver.lattice();
+  const dvec3 start = lattice.to_lattice(from);
+  const int steps = static_cast<int>(std::min(std::ceil(distance / lattice.spacing), 4096.0));
+  double depth = 0;
+  for (int s = 0; s < steps; ++s) {
+    const dvec3 q = start + towards * (s + 0.5);
+    if (glm::any(glm::lessThan(q, dvec3(0))) || glm::any(glm::greaterThan(q, dvec3(lattice.n - 1)))) break;
+    const ivec3 node = ivec3(glm::round(q));
+    depth += static_cast<double>(solver.extinction()[lattice.index(node.x, node.y, node.z)]);
+  }
+  return depth;
 }
 
 /// Moments of light along one direction.
@@ -150,22 +165,13 @@ LightFields::LightFields(const GuideMedia& media, const Lights& lights, const Su
         const bool alone = group.kind == LightGroup::Kind::kLocal;
         if (alone) g.depth = NodeValues(fine_.size());
         if (alone && surfaces) g.visible = NodeValues(fine_.size());
-        const double step = fine_.spacing;
         solver.each_node([&](int x, int y, int z, size_t i) {
           const dvec3 p = fine_.node(x, y, z);
           for (const Light* light : group.lights) {
             const LocalLight l = local_light(*light, p);
             double share = 1, depth = 0;
             if (surfaces) share = in_colour(surfaces->passage({p, l.towards}, l.distance).light, kGrey);
-            // Through the lattice's own extinction, a node a step.
-            const dvec3 start = fine_.to_lattice(p);
-            const int steps = static_cast<int>(std::min(std::ceil(l.distance / step), 4096.0));
-            for (int s = 0; s < steps; ++s) {
-              const dvec3 q = start + l.towards * (s + 0.5);
-              if (glm::any(glm::lessThan(q, dvec3(0))) || glm::any(glm::greaterThan(q, dvec3(fine_.n - 1)))) break;
-              const ivec3 node = ivec3(glm::round(q));
-              depth += solver.extinction()[fine_.index(node.x, node.y, node.z)];
-            }
+            depth = depth_along(solver, p, l.towards, l.distance);
             if (alone) g.depth[i] = static_cast<float>(depth);
             if (!g.visible.empty()) g.visible[i] = static_cast<float>(share);
             add_beam(arriving, i, in_colour(l.irradiance, colour) * share * scaled_transmittance(depth), l.towards);
@@ -190,11 +196,41 @@ LightFields::LightFields(const GuideMedia& media, const Lights& lights, const Su
         g.flames = gathered_flames(media, fine_);
         break;
       }
+      case LightGroup::Kind::kSurfaces:
+        break;  // not among those of light_groups()
     }
     solve(g, std::move(arriving), solver, coarse);
     groups_.push_back(std::move(g));
     task.check();
   }
+  if (surfaces) add_surface_light(media, lights, *surfaces, colour, solver, coarse, own);
+}
+
+void LightFields::add_surface_light(const GuideMedia& media, const Lights& lights, const Surfaces& surfaces,
+                                    GuideColour colour, ScatteringSolver& fine, ScatteringSolver& coarse,
+                                    const Task& task) {
+  const SurfaceLight light(
+      media, surfaces,
+      [&](const Ray& ray, const SurfaceHit& hit) {
+        dvec3 sum(0);
+        for (const GroupLight& g : groups_) sum += reflected_light(g, fine_, lights, surfaces, colour, ray, hit);
+        return sum;
+      },
+      [&](const dvec3& from, const dvec3& towards, double distance) {
+        return attenuation(scale_ * depth_along(fine, from, towards, distance));
+      },
+      task);
+  if (light.colour() == dvec3(0)) return;
+  GroupLight g;
+  g.group = {LightGroup::Kind::kSurfaces, "surfaces", nullptr, {}, light.colour()};
+  Moments arriving = fine.nothing();
+  fine.each_node([&](int x, int y, int z, size_t i) {
+    if (fine.extinction()[i] == 0) return;
+    const std::array<double, 4> moments = light.at(fine_.node(x, y, z), colour);
+    for (size_t a = 0; a < 4; ++a) arriving[a][i] = static_cast<float>(moments[a]);
+  });
+  solve(g, std::move(arriving), fine, coarse);
+  groups_.push_back(std::move(g));
 }
 
 void LightFields::solve(GroupLight& light, Moments scattered, ScatteringSolver& fine, ScatteringSolver& coarse) {
@@ -202,7 +238,8 @@ void LightFields::solve(GroupLight& light, Moments scattered, ScatteringSolver& 
   for (size_t g = 0; g < first.size(); ++g)
     light.orders.push_back(g < GroupLight::kFineGuides ? fine.nothing() : coarse.nothing());
   fine.scatter(scattered);
-  if (light.group.kind == LightGroup::Kind::kOthers || light.group.kind == LightGroup::Kind::kGlow)
+  if (light.group.kind == LightGroup::Kind::kOthers || light.group.kind == LightGroup::Kind::kGlow ||
+      light.group.kind == LightGroup::Kind::kSurfaces)
     light.once = scattered;
   size_t g = 0;
   const auto gather = [&](const ScatteringSolver& solver, int order) {

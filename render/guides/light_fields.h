@@ -21,7 +21,7 @@ struct GroupLight {
   SunDepth sun;                  ///< of a sun
   NodeValues depth;              ///< of a local light: optical depth towards it
   NodeValues visible;            ///< of a sun or local light where there are surfaces: share that passes them
-  Moments once;                  ///< of others and the glow: scattered for the first time
+  Moments once;                  ///< of others, the glow and surfaces: scattered for the first time in the media
   std::vector<double> incoming;  ///< of the sky: radiance outside, for each direction of travel
   std::vector<NodeValues> sky;   ///< of the sky: radiance that arrives unscattered, for each direction of travel
   struct Flame {
@@ -36,8 +36,8 @@ struct GroupLight {
 /// on nodes twice as far, then a geometric series of the last two.
 class LightFields {
  public:
-  /// @param surfaces  null where there are none. They cast shadows into the media and hide the sky; light that they
-  ///                  reflect is their albedo times the mean sky.
+  /// @param surfaces  null where there are none. They cast shadows into the media, hide the sky, and send what lights
+  ///                  them back into the media once.
   /// @param detail    nodes lie as many times closer together
   LightFields(const GuideMedia& media, const Lights& lights, const Surfaces* surfaces, GuideColour colour,
               double detail, const Task& task);
@@ -55,6 +55,9 @@ class LightFields {
  private:
   /// @param light  is given its orders   @param scattered  what arrives, not yet scattered
   void solve(GroupLight& light, Moments scattered, ScatteringSolver& fine, ScatteringSolver& coarse);
+  /// A group more: what surfaces send into the media of all that lights them.
+  void add_surface_light(const GuideMedia& media, const Lights& lights, const Surfaces& surfaces, GuideColour colour,
+                         ScatteringSolver& fine, ScatteringSolver& coarse, const Task& task);
 
   Lattice fine_, coarse_;
   std::vector<uint8_t> near_;

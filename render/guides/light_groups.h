@@ -9,8 +9,8 @@ namespace brume {
 
 /// A light, or several that share their guides because a frame has no use for guides of each.
 struct LightGroup {
-  enum class Kind { kSun, kLocal, kOthers, kSky, kGlow } kind = Kind::kSky;
-  std::string name;                  ///< of its guides: "sun", "sphere_2", "others", "sky", "glow"
+  enum class Kind { kSun, kLocal, kOthers, kSky, kGlow, kSurfaces } kind = Kind::kSky;
+  std::string name;                  ///< of its guides: "sun", "sphere_2", "others", "sky", "glow", "surfaces"
   const Sun* sun = nullptr;          ///< of kSun
   std::vector<const Light*> lights;  ///< one of kSun and kLocal, several of kOthers
   dvec3 colour{1};                   ///< of mean 1: what a grey guide is multiplied by to be seen
