@@ -82,7 +82,7 @@ dvec3 power(const dvec3& base, double exponent) {
 /// What one pixel gathers; every ray adds to it.
 struct GuideMarch::Sums {
   std::vector<double> value;  // as names_
-  vec3 emission{0}, background{0}, normal{0}, surface_albedo{0};
+  vec3 emission{0}, background{0}, normal{0}, surface_albedo{0}, surface_bounced{0};
   double surface_depth = 0, depth2 = 0;
   std::vector<vec3> surface;  // by group
   // Fields times the weight of what is seen of them, with the whole extinction and without the forward peak.
@@ -102,7 +102,7 @@ struct GuideMarch::Sums {
     std::fill(plain.begin(), plain.end(), 0.0f);
     std::fill(scaled.begin(), scaled.end(), 0.0f);
     std::fill(surface.begin(), surface.end(), vec3(0));
-    emission = background = normal = surface_albedo = vec3(0);
+    emission = background = normal = surface_albedo = surface_bounced = vec3(0);
     surface_depth = depth2 = 0;
   }
 };
@@ -284,7 +284,7 @@ void GuideMarch::record(const ivec2& corner, Layers& frame, const Task& task) {
   const std::vector<size_t> channels =
       colour_ == kGrey ? std::vector<size_t>{0, 1, 2} : std::vector<size_t>{static_cast<size_t>(colour_)};
   const bool surfaces = context_.surfaces != nullptr, glows = !media_[0].emissions().empty();
-  std::array<Plane*, 3> emission{}, background{}, albedo{}, direct{}, indirect{}, normal{};
+  std::array<Plane*, 3> emission{}, background{}, albedo{}, bounced{}, direct{}, indirect{}, normal{};
   std::vector<std::array<Plane*, 3>> lit(slots_.size());
   for (const size_t c : channels) {
     if (glows) emission[c] = &layer_of("emission", "RGB"[c]);
@@ -293,6 +293,7 @@ void GuideMarch::record(const ivec2& corner, Layers& frame, const Task& task) {
     indirect[c] = &layer_of("predicted_indirect", "RGB"[c]);
     if (!surfaces) continue;
     albedo[c] = &layer_of("surface_albedo", "RGB"[c]);
+    if (fields_.surface_light()) bounced[c] = &layer_of("surface.bounced", "RGB"[c]);
     for (size_t g = 0; g < lit.size(); ++g)
       lit[g][c] = &layer_of("surface." + fields_.groups()[g].group.name, "RGB"[c]);
   }
@@ -336,6 +337,7 @@ void GuideMarch::record(const ivec2& corner, Layers& frame, const Task& task) {
       store(direct, predicted_direct(sums));
       store(indirect, predicted_indirect(sums));
       store(albedo, sums.surface_albedo);
+      store(bounced, sums.surface_bounced);
       store(normal, sums.normal);
       for (size_t g = 0; g < lit.size(); ++g) store(lit[g], sums.surface[g]);
       if (surface_depth) (*surface_depth)(x, y) = static_cast<float>(share * sums.surface_depth);
@@ -556,7 +558,7 @@ vec3 GuideMarch::predicted_direct(const Sums& sums) const {
 }
 
 vec3 GuideMarch::predicted_indirect(const Sums& sums) const {
-  vec3 light(0);
+  vec3 light = sums.surface_bounced;
   for (size_t k = 0; k < slots_.size(); ++k) {
     const GroupLight& g = fields_.groups()[k];
     light += tinted(power(tint(), kForwardOrder) * colour_of(g), sums.value[slots_[k].forward]);
@@ -581,6 +583,8 @@ void GuideMarch::add_surface(const Ray& ray, const SurfaceHit& hit, double passe
   sums.surface_depth += passed * (hit.t - reference_depth_);
   const dvec3 emitted = context_.surfaces->settings(hit.surface).radiance;
   sums.background += tinted(emitted, passed);
+  if (const SurfaceLight* const others = fields_.surface_light())
+    sums.surface_bounced += tinted(bsdf.albedo * others->onto(p, normal), passed);
   float fields[kMostFields];
   interpolate(p, fields);
   const auto& directions = ScatteringSolver::directions();

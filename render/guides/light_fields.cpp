@@ -9,7 +9,6 @@
 #include "render/guides/attenuation.h"
 #include "render/guides/lit_surface.h"
 #include "render/guides/media_line.h"
-#include "render/guides/surface_light.h"
 
 namespace brume {
 namespace {
@@ -209,7 +208,7 @@ LightFields::LightFields(const GuideMedia& media, const Lights& lights, const Su
 void LightFields::add_surface_light(const GuideMedia& media, const Lights& lights, const Surfaces& surfaces,
                                     GuideColour colour, ScatteringSolver& fine, ScatteringSolver& coarse,
                                     const Task& task) {
-  const SurfaceLight light(
+  const SurfaceLight& light = surface_light_.emplace(
       media, surfaces,
       [&](const Ray& ray, const SurfaceHit& hit) {
         dvec3 sum(0);
@@ -220,7 +219,10 @@ void LightFields::add_surface_light(const GuideMedia& media, const Lights& light
         return attenuation(scale_ * depth_along(fine, from, towards, distance));
       },
       task);
-  if (light.colour() == dvec3(0)) return;
+  if (light.colour() == dvec3(0)) {
+    surface_light_.reset();
+    return;
+  }
   GroupLight g;
   g.group = {LightGroup::Kind::kSurfaces, "surfaces", nullptr, {}, light.colour()};
   Moments arriving = fine.nothing();

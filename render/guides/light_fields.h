@@ -1,11 +1,13 @@
 #pragma once
 #include <array>
+#include <optional>
 #include <vector>
 
 #include "base/progress.h"
 #include "render/guides/light_groups.h"
 #include "render/guides/scattering_solver.h"
 #include "render/guides/sun_depth.h"
+#include "render/guides/surface_light.h"
 #include "render/world/surfaces.h"
 
 namespace brume {
@@ -46,6 +48,8 @@ class LightFields {
   /// Of the orders from kFineGuides on.
   const Lattice& coarse_lattice() const { return coarse_; }
   const std::vector<GroupLight>& groups() const { return groups_; }
+  /// Null where there are no surfaces, or no light on them.
+  const SurfaceLight* surface_light() const { return surface_light_ ? &*surface_light_ : nullptr; }
   /// Nodes whose light may be asked for: those near the media, or all where there are surfaces.
   const std::vector<uint8_t>& near() const { return near_; }
   /// What the forward peak leaves of the extinction, on average.
@@ -62,6 +66,7 @@ class LightFields {
   Lattice fine_, coarse_;
   std::vector<uint8_t> near_;
   std::vector<GroupLight> groups_;
+  std::optional<SurfaceLight> surface_light_;
   double scale_ = 1;
 };
 

@@ -8,7 +8,7 @@
 namespace brume {
 namespace {
 
-constexpr int kProbesAcross = 12;  // the longest side
+constexpr int kProbesAcross = 24;  // the longest side
 constexpr int kDirections = 96;
 constexpr int kMostPanes = 8;  // of glass that a ray goes through, or mirrors that turn it
 constexpr double kFar = 1e30;
@@ -64,17 +64,38 @@ SurfaceLight::SurfaceLight(const GuideMedia& media, const Surfaces& surfaces, co
   colour_ = mean > 0 ? colour_ / mean : dvec3(0);
 }
 
-std::array<double, 4> SurfaceLight::at(const dvec3& world, GuideColour colour) const {
+template <class Weight>
+SurfaceLight::Probe SurfaceLight::between(const dvec3& world, const Weight& weight) const {
   const dvec3 p = glm::clamp((world - lo_) / spacing_, dvec3(0), dvec3(n_ - 1));
   const ivec3 i = glm::clamp(ivec3(p), ivec3(0), glm::max(n_ - 2, ivec3(0)));
   const dvec3 f = p - dvec3(i);
-  std::array<double, 4> sums{};
+  Probe sum;
+  double total = 0;
   for (int corner = 0; corner < 8; ++corner) {
     const ivec3 o(corner >> 2, corner >> 1 & 1, corner & 1), q = glm::min(i + o, n_ - 1);
-    const double weight = (o.x ? f.x : 1 - f.x) * (o.y ? f.y : 1 - f.y) * (o.z ? f.z : 1 - f.z);
-    for (size_t a = 0; a < 4; ++a) sums[a] += weight * in_colour(probe(q.x, q.y, q.z).light[a], colour);
+    const double linear = (o.x ? f.x : 1 - f.x) * (o.y ? f.y : 1 - f.y) * (o.z ? f.z : 1 - f.z);
+    const double w = linear * weight(lo_ + spacing_ * dvec3(q));
+    total += w;
+    for (size_t a = 0; a < 4; ++a) sum.light[a] += w * probe(q).light[a];
   }
-  return sums;
+  for (dvec3& light : sum.light) light = total > 0 ? light / total : dvec3(0);
+  return sum;
+}
+
+std::array<double, 4> SurfaceLight::at(const dvec3& world, GuideColour colour) const {
+  const Probe found = between(world, [](const dvec3&) { return 1.0; });
+  std::array<double, 4> moments;
+  for (size_t a = 0; a < 4; ++a) moments[a] = in_colour(found.light[a], colour);
+  return moments;
+}
+
+dvec3 SurfaceLight::onto(const dvec3& world, const dvec3& normal) const {
+  // Probes behind the surface know nothing of what it faces.
+  constexpr double kBehind = 1e-3;
+  const Probe found = between(world, [&](const dvec3& at) { return glm::dot(at - world, normal) > 0 ? 1.0 : kBehind; });
+  // Of radiance that is linear in the direction, less than none of which is none.
+  return glm::max(dvec3(0), found.light[0] - 2.0 * (normal.x * found.light[1] + normal.y * found.light[2] +
+                                                    normal.z * found.light[3]));
 }
 
 }  // namespace brume

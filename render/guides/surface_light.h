@@ -26,12 +26,17 @@ class SurfaceLight {
   dvec3 colour() const { return colour_; }
   /// Moments of the light on its way at a point, in a colour: mean radiance, mean flux.
   std::array<double, 4> at(const dvec3& world, GuideColour colour) const;
+  /// Mean radiance over the hemisphere of a normal, by the cosine: what a diffuse surface of albedo 1 reflects. RGB.
+  dvec3 onto(const dvec3& world, const dvec3& normal) const;
 
  private:
   struct Probe {
     dvec3 light[4]{};  ///< RGB of each moment
   };
-  const Probe& probe(int x, int y, int z) const { return probes_[static_cast<size_t>((x * n_.y + y) * n_.z + z)]; }
+  const Probe& probe(const ivec3& p) const { return probes_[static_cast<size_t>((p.x * n_.y + p.y) * n_.z + p.z)]; }
+  /// Linear between the probes, as beyond the outermost ones. @param weight  of each probe around
+  template <class Weight>
+  Probe between(const dvec3& world, const Weight& weight) const;
 
   dvec3 lo_{0}, spacing_{1};
   ivec3 n_{1};
