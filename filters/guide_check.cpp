@@ -142,7 +142,7 @@ GuideCheck check_guides(const Layers& given, const Task& task) {
   Columns guides = {&one}, features = {&one}, few = {&one};
   Plane mask(width, height);  // where guides see something
   for (const Guide& guide : guides_of(frame)) {
-    if (guide.kind == GuideClass::kPredicted) continue;
+    if (guide.kind == GuideClass::kPredicted || guide.kind == GuideClass::kMaterial) continue;
     if (guide.kind == GuideClass::kOpacity) few.push_back(guide.channels[0]);
     const bool of_medium = guide.kind == GuideClass::kOpacity;
     if (of_medium || guide.kind == GuideClass::kSurface || guide.name == "normal")

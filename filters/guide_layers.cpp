@@ -14,6 +14,7 @@ GuideClass kind_of(std::string_view name) {
   if (first == "background") return GuideClass::kBackground;
   if (first.starts_with("predicted")) return GuideClass::kPredicted;
   if (first == "surface") return GuideClass::kSurface;
+  if (first == "surface_material") return GuideClass::kMaterial;
   return GuideClass::kGeometry;
 }
 

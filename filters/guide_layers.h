@@ -21,10 +21,11 @@ inline constexpr LayerName predicted_indirect{"guide.predicted_indirect", "RGB",
 inline constexpr LayerName emission{"guide.emission", "RGB", "the medium's own glow"};
 inline constexpr LayerName background{"guide.background", "RGB", "lights and sky seen through the medium"};
 inline constexpr LayerName normal{"guide.normal", "XYZ", "of the first surface"};
+inline constexpr LayerName surface_material{"guide.surface_material", "RGB", "shares of diffuse, metal and glass"};
 }  // namespace guide_layer
 
-/// What a guide says about a pixel, by the second word of its name.
-enum class GuideClass { kOpacity, kSingle, kMultiple, kEmission, kBackground, kSurface, kGeometry, kPredicted };
+/// What a guide says about a pixel, by the second word of its name. Materials tell pixels apart and explain no light.
+enum class GuideClass { kOpacity, kSingle, kMultiple, kEmission, kBackground, kSurface, kGeometry, kPredicted, kMaterial };
 
 /// A layer `guide.CLASS[.WHAT]` without noise: one number, three numbers, or one number for each colour.
 struct Guide {

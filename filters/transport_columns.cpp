@@ -82,7 +82,7 @@ TransportColumns::TransportColumns(const FilterFrame& frame, const Plane& one, c
   shape.free = 0;
   size_t expected = 0;
   for (const Guide& g : guides) {
-    if (g.kind == GuideClass::kOpacity) continue;
+    if (g.kind == GuideClass::kOpacity || g.kind == GuideClass::kMaterial) continue;
     if (is_expected(g)) {
       ++expected;
       for_each_row(bright.height(), quiet(task), [&](int y) {

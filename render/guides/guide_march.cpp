@@ -27,8 +27,7 @@ constexpr double kLightSteps = 2, kLightThickness = 0.12;
 constexpr double kForwardOrder = 2.5;
 constexpr double kOpaque = 2e-3;  // transmittance of an eighth of the extinction at which a ray ends
 constexpr double kFar = 1e30;
-constexpr size_t kMostFields = 64;  // of all lights together: light_groups() limits them
-constexpr int kMostPanes = 8;       // of glass that a ray goes through
+constexpr int kMostUnseen = 8;  // surfaces that a camera ray goes through
 // Scatterings that a guide of GroupLight::kFirstOrder stands for, on average: what tints it by the albedo's colour.
 constexpr std::array<double, 6> kTypicalOrder = {2, 3, 4.5, 7, 11, 20};
 constexpr std::array<const char*, 6> kOrderNames = {"order2", "order3", "order4", "order6", "order9", "tail"};
@@ -82,7 +81,8 @@ dvec3 power(const dvec3& base, double exponent) {
 /// What one pixel gathers; every ray adds to it.
 struct GuideMarch::Sums {
   std::vector<double> value;  // as names_
-  vec3 emission{0}, background{0}, normal{0}, surface_albedo{0}, surface_bounced{0};
+  vec3 emission{0}, background{0}, normal{0}, surface_albedo{0};
+  vec3 bounced{0}, mirrored{0}, mirrored_indirect{0}, material{0};
   double surface_depth = 0, depth2 = 0;
   std::vector<vec3> surface;  // by group
   // Fields times the weight of what is seen of them, with the whole extinction and without the forward peak.
@@ -102,7 +102,7 @@ struct GuideMarch::Sums {
     std::fill(plain.begin(), plain.end(), 0.0f);
     std::fill(scaled.begin(), scaled.end(), 0.0f);
     std::fill(surface.begin(), surface.end(), vec3(0));
-    emission = background = normal = surface_albedo = surface_bounced = vec3(0);
+    emission = background = normal = surface_albedo = bounced = mirrored = mirrored_indirect = material = vec3(0);
     surface_depth = depth2 = 0;
   }
 };
@@ -266,6 +266,7 @@ int GuideMarch::rays_across() const {
 
 void GuideMarch::record(const ivec2& corner, Layers& frame, const Task& task) {
   interleave(task);
+  gather_light(task);
   const auto layer_of = [&](const std::string& name, char channel) -> Plane& {
     return frame.add("guide." + name + "." + channel);
   };
@@ -284,7 +285,8 @@ void GuideMarch::record(const ivec2& corner, Layers& frame, const Task& task) {
   const std::vector<size_t> channels =
       colour_ == kGrey ? std::vector<size_t>{0, 1, 2} : std::vector<size_t>{static_cast<size_t>(colour_)};
   const bool surfaces = context_.surfaces != nullptr, glows = !media_[0].emissions().empty();
-  std::array<Plane*, 3> emission{}, background{}, albedo{}, bounced{}, direct{}, indirect{}, normal{};
+  std::array<Plane*, 3> emission{}, background{}, albedo{}, direct{}, indirect{}, normal{}, bounced{}, mirrored{},
+      mirrored_indirect{}, material{};
   std::vector<std::array<Plane*, 3>> lit(slots_.size());
   for (const size_t c : channels) {
     if (glows) emission[c] = &layer_of("emission", "RGB"[c]);
@@ -296,10 +298,16 @@ void GuideMarch::record(const ivec2& corner, Layers& frame, const Task& task) {
     if (fields_.surface_light()) bounced[c] = &layer_of("surface.bounced", "RGB"[c]);
     for (size_t g = 0; g < lit.size(); ++g)
       lit[g][c] = &layer_of("surface." + fields_.groups()[g].group.name, "RGB"[c]);
+    if (node_light_.empty()) continue;
+    mirrored[c] = &layer_of("surface.mirrored", "RGB"[c]);
+    mirrored_indirect[c] = &layer_of("surface.mirrored_indirect", "RGB"[c]);
   }
   Plane* surface_depth = nullptr;
   if (surfaces && first) {
-    for (size_t a = 0; a < 3; ++a) normal[a] = &layer_of("normal", "XYZ"[a]);
+    for (size_t a = 0; a < 3; ++a) {
+      normal[a] = &layer_of("normal", "XYZ"[a]);
+      material[a] = &layer_of("surface_material", "RGB"[a]);
+    }
     surface_depth = &layer_of("surface_depth", 'Z');
   }
 
@@ -317,7 +325,7 @@ void GuideMarch::record(const ivec2& corner, Layers& frame, const Task& task) {
         const dvec2 lens = across == 4 ? (dvec2(r * 7 % 16, r * 11 % 16) + 0.5) / 16.0 : dvec2(0.5);
         const double time = across == 4 ? ((r * 5 + 3) % 16 + 0.5) / 16 : 0;
         const auto moment = static_cast<size_t>(time * static_cast<double>(media_.size()));
-        trace(camera_.ray(film, lens, time), media_[moment], lines[moment], sums);
+        trace({film, lens, time, 1.0 / across}, media_[moment], lines[moment], sums);
       }
       collect_fields(sums);
       const double share = 1.0 / (across * across);
@@ -337,25 +345,28 @@ void GuideMarch::record(const ivec2& corner, Layers& frame, const Task& task) {
       store(direct, predicted_direct(sums));
       store(indirect, predicted_indirect(sums));
       store(albedo, sums.surface_albedo);
-      store(bounced, sums.surface_bounced);
+      store(bounced, sums.bounced);
       store(normal, sums.normal);
+      store(material, sums.material);
+      store(mirrored, sums.mirrored);
+      store(mirrored_indirect, sums.mirrored_indirect);
       for (size_t g = 0; g < lit.size(); ++g) store(lit[g], sums.surface[g]);
       if (surface_depth) (*surface_depth)(x, y) = static_cast<float>(share * sums.surface_depth);
     }
   });
 }
 
-// The first surface that is not glass, with the medium in front of it.
-void GuideMarch::trace(const Ray& ray, const GuideMedia& media, MediaLine& line, Sums& sums) const {
+// The first surface that is seen, with the medium in front of it.
+void GuideMarch::trace(const Eye& eye, const GuideMedia& media, MediaLine& line, Sums& sums) const {
+  const Ray ray = camera_.ray(eye.film, eye.lens, eye.time);
   std::optional<SurfaceHit> hit;
   if (context_.surfaces) {
     double from = 0;
-    for (int pane = 0; pane < kMostPanes; ++pane) {
+    for (int unseen = 0; unseen < kMostUnseen; ++unseen) {
       hit = context_.surfaces->intersect({ray.at(from), ray.d}, kFar);
       if (!hit) break;
       hit->t += from;
-      const SurfaceSettings& settings = context_.surfaces->settings(hit->surface);
-      if (settings.material != "dielectric" && settings.role == "visible") break;
+      if (context_.surfaces->settings(hit->surface).role == "visible") break;
       from = hit->t + 2 * hit->margin;
       hit.reset();
     }
@@ -365,7 +376,7 @@ void GuideMarch::trace(const Ray& ray, const GuideMedia& media, MediaLine& line,
   if (light) {
     sums.background += tinted(light->radiance(ray, distance), passed);
   } else if (hit) {
-    add_surface(ray, *hit, passed, sums);
+    add_surface(eye, ray, *hit, passed, media, line, sums);
   } else {
     for (const InfiniteLight* sky : context_.lights->infinite())
       if (sky->visible()) sums.background += tinted(sky->radiance(ray.d), passed);
@@ -456,12 +467,14 @@ double GuideMarch::march(const Ray& ray, const GuideMedia& media, MediaLine& lin
   return passed;
 }
 
-// The phase function of the only medium, or one with that mean cosine, its octaves and its forward peak.
+double GuideMarch::phase_value(const GuideMedia& media, double cosine, double g) const {
+  return media.media().size() == 1 ? media.media()[0].phase().value(cosine) : henyey_greenstein(g, cosine);
+}
+
+// Its phase function, octaves and forward peak.
 void GuideMarch::look_from(const GuideMedia& media, double cosine, double g, size_t group, Sums& sums) const {
-  const bool one = media.media().size() == 1;
-  sums.phases[group] = {one ? media.media()[0].phase().value(cosine) : henyey_greenstein(g, cosine),
-                        henyey_greenstein(g / 2, cosine), henyey_greenstein(g / 4, cosine),
-                        henyey_greenstein(g / 8, cosine)};
+  sums.phases[group] = {phase_value(media, cosine, g), henyey_greenstein(g / 2, cosine),
+                        henyey_greenstein(g / 4, cosine), henyey_greenstein(g / 8, cosine)};
   sums.peaks[group] = ForwardPeak(g, cosine);
 }
 
@@ -550,7 +563,7 @@ dvec3 GuideMarch::tint() const {
 }
 
 vec3 GuideMarch::predicted_direct(const Sums& sums) const {
-  vec3 light = sums.background + sums.emission;
+  vec3 light = sums.background + sums.emission + sums.mirrored;
   for (size_t k = 0; k < slots_.size(); ++k)
     if (!from_surfaces(fields_.groups()[k]))
       light += sums.surface[k] + tinted(tint() * colour_of(fields_.groups()[k]), sums.value[slots_[k].single]);
@@ -558,7 +571,7 @@ vec3 GuideMarch::predicted_direct(const Sums& sums) const {
 }
 
 vec3 GuideMarch::predicted_indirect(const Sums& sums) const {
-  vec3 light = sums.surface_bounced;
+  vec3 light = sums.bounced + sums.mirrored_indirect;
   for (size_t k = 0; k < slots_.size(); ++k) {
     const GroupLight& g = fields_.groups()[k];
     light += tinted(power(tint(), kForwardOrder) * colour_of(g), sums.value[slots_[k].forward]);
@@ -569,68 +582,86 @@ vec3 GuideMarch::predicted_indirect(const Sums& sums) const {
   return light;
 }
 
-// Lit by every light's irradiance through the medium, and by the sky; metals show what they mirror of it.
-void GuideMarch::add_surface(const Ray& ray, const SurfaceHit& hit, double passed, Sums& sums) const {
-  const dvec3 p = Surfaces::leave(hit, ray.at(hit.t), -ray.d);
-  const dvec3 normal = glm::dot(hit.shading, ray.d) > 0 ? -hit.shading : hit.shading;
-  const Bsdf bsdf = context_.surfaces->bsdf(hit);
-  const Frame frame(normal);
-  const auto to_frame = [&](const dvec3& d) {
-    return dvec3(glm::dot(d, frame.x), glm::dot(d, frame.y), glm::dot(d, frame.z));
-  };
-  sums.normal += tinted(normal, passed);
-  sums.surface_albedo += tinted(bsdf.albedo, passed);
+GuideMarch::Shaded GuideMarch::shaded(const Ray& ray, const SurfaceHit& hit) const {
+  const bool front = glm::dot(hit.normal, ray.d) < 0;
+  // As the tracer: the shading normal's angles, but the geometry's side.
+  const dvec3 outside = front ? hit.normal : -hit.normal, smooth = front ? hit.shading : -hit.shading;
+  const dvec3 normal = glm::dot(-ray.d, smooth) > 1e-4 ? smooth : outside;
+  const dvec3 p = ray.at(hit.t);
+  return {p, Surfaces::leave(hit, p, -ray.d), normal, -ray.d, !front, context_.surfaces->bsdf(hit), Frame(normal)};
+}
+
+// Lit by every light's irradiance through the medium, and by the sky; metals and glass show what they mirror.
+void GuideMarch::add_surface(const Eye& eye, const Ray& ray, const SurfaceHit& hit, double passed,
+                             const GuideMedia& media, MediaLine& line, Sums& sums) const {
+  const Shaded at = shaded(ray, hit);
+  sums.normal += tinted(at.normal, passed);
+  sums.surface_albedo += tinted(at.bsdf.albedo, passed);
   sums.surface_depth += passed * (hit.t - reference_depth_);
-  const dvec3 emitted = context_.surfaces->settings(hit.surface).radiance;
-  sums.background += tinted(emitted, passed);
-  if (const SurfaceLight* const others = fields_.surface_light())
-    sums.surface_bounced += tinted(bsdf.albedo * others->onto(p, normal), passed);
-  float fields[kMostFields];
-  interpolate(p, fields);
-  const auto& directions = ScatteringSolver::directions();
-  for (size_t k = 0; k < slots_.size(); ++k) {
-    const GroupLight& g = fields_.groups()[k];
-    dvec3 light(0);
-    if (sharp(g)) {
-      dvec3 towards, irradiance;
-      double tau, distance = kFar;
-      if (g.group.sun) {
-        towards = g.group.sun->axis();
-        irradiance = g.group.sun->irradiance();
-        tau = g.sun.at(p);
-      } else {
-        const LocalLight local = local_light(*g.group.lights[0], p);
-        towards = local.towards;
-        irradiance = local.irradiance;
-        distance = local.distance;
-        tau = fields[slots_[k].field_depth];
-      }
-      const double facing = glm::dot(towards, normal);
-      if (facing > 0 && tau < 50)
-        light = irradiance * attenuation(tau) * context_.surfaces->passage({p, towards}, distance).light *
-                bsdf.value(to_frame(-ray.d), to_frame(towards), false);
-    } else if (is_sky(g)) {
-      const ivec3 n = fields_.lattice().n;
-      const ivec3 node = glm::clamp(ivec3(glm::round(fields_.lattice().to_lattice(p))), ivec3(1), n - 2);
-      const size_t i = fields_.lattice().index(node.x, node.y, node.z);
-      double sum = 0;
-      for (size_t d = 0; d < directions.size(); ++d)
-        sum += std::max(0.0, glm::dot(normal, -directions[d])) * g.sky[d][i];
-      light = bsdf.albedo * colour_of(g) * (4 * sum / static_cast<double>(directions.size()));
-      if (bsdf.kind == Bsdf::Kind::kConductor)
-        light = bsdf.albedo * context_.lights->environment()->radiance(glm::reflect(ray.d, normal));
-    } else if (!g.flames.empty()) {
-      // No nearer than a flame's own extent, where it is no point.
-      const double extent = 0.25 * fields_.lattice().spacing * max_component(dvec3(fields_.lattice().n)) / 4;
-      for (const GroupLight::Flame& flame : g.flames) {
-        const dvec3 to = flame.position - p;
-        const double distance2 = glm::dot(to, to) + extent * extent, facing = glm::dot(to, normal);
-        if (facing <= 0) continue;
-        light += flame.intensity / distance2 * bsdf.value(to_frame(-ray.d), to_frame(to / std::sqrt(distance2)), false);
-      }
-    }
-    sums.surface[k] += tinted(light, passed);
+  sums.material[static_cast<int>(at.bsdf.kind)] += static_cast<float>(passed);
+  if (!at.inside) sums.background += tinted(context_.surfaces->settings(hit.surface).radiance, passed);
+  sums.bounced += tinted(light_of_surfaces_on(at), passed);
+  if (!at.bsdf.delta()) {
+    float fields[kMostFields];
+    interpolate(at.p, fields);
+    for (size_t k = 0; k < slots_.size(); ++k) sums.surface[k] += tinted(light_on(at, k, fields), passed);
   }
+  if (at.bsdf.kind == Bsdf::Kind::kDiffuse) return;
+  const Seen seen = mirrored(eye, at, hit, media, line);
+  sums.mirrored += tinted(seen.straight, passed);
+  sums.mirrored_indirect += tinted(seen.scattered, passed);
+}
+
+dvec3 GuideMarch::light_of_surfaces_on(const Shaded& at) const {
+  const SurfaceLight* const others = fields_.surface_light();
+  return others && at.bsdf.kind == Bsdf::Kind::kDiffuse ? at.bsdf.albedo * others->onto(at.p, at.normal) : dvec3(0);
+}
+
+dvec3 GuideMarch::light_on(const Shaded& at, size_t group, const float* fields) const {
+  const GroupLight& g = fields_.groups()[group];
+  const bool diffuse = at.bsdf.kind == Bsdf::Kind::kDiffuse;
+  dvec3 light(0);
+  if (sharp(g)) {
+    dvec3 towards, irradiance;
+    double tau, distance = kFar;
+    if (g.group.sun) {
+      towards = g.group.sun->axis();
+      irradiance = g.group.sun->irradiance();
+      tau = g.sun.at(at.p);
+    } else {
+      const LocalLight local = local_light(*g.group.lights[0], at.p);
+      towards = local.towards;
+      irradiance = local.irradiance;
+      distance = local.distance;
+      tau = fields[slots_[group].field_depth];
+    }
+    if (!(glm::dot(towards, at.normal) > 0) || !(tau < 50)) return light;
+    light = attenuation(tau) * context_.surfaces->passage({at.p, towards}, distance).light;
+    if (light == dvec3(0)) return light;
+    return light * (diffuse ? irradiance * at.bsdf.value(at.to_frame(at.wo), at.to_frame(towards), at.inside)
+                            : highlight(at, *g.group.lights[0]));
+  }
+  if (!diffuse) return light;
+  if (is_sky(g)) {
+    const auto& directions = ScatteringSolver::directions();
+    const ivec3 n = fields_.lattice().n;
+    const ivec3 node = glm::clamp(ivec3(glm::round(fields_.lattice().to_lattice(at.p))), ivec3(1), n - 2);
+    const size_t i = fields_.lattice().index(node.x, node.y, node.z);
+    double sum = 0;
+    for (size_t d = 0; d < directions.size(); ++d)
+      sum += std::max(0.0, glm::dot(at.normal, -directions[d])) * g.sky[d][i];
+    return at.bsdf.albedo * colour_of(g) * (4 * sum / static_cast<double>(directions.size()));
+  }
+  // No nearer than a flame's own extent, where it is no point.
+  const double extent = 0.25 * fields_.lattice().spacing * max_component(dvec3(fields_.lattice().n)) / 4;
+  for (const GroupLight::Flame& flame : g.flames) {
+    const dvec3 to = flame.position - at.p;
+    const double distance2 = glm::dot(to, to) + extent * extent, facing = glm::dot(to, at.normal);
+    if (facing <= 0) continue;
+    light += flame.intensity / distance2 *
+             at.bsdf.value(at.to_frame(at.wo), at.to_frame(to / std::sqrt(distance2)), at.inside);
+  }
+  return light;
 }
 
 }  // namespace brume

@@ -27,25 +27,68 @@ class GuideMarch {
  private:
   struct Sums;
   struct Piece;
+  /// A camera ray, and the size of the square of film that it stands for [px].
+  struct Eye {
+    dvec2 film, lens;
+    double time, cell;
+  };
+  /// What a ray sees, by the events that the light has gone through on it: none, or more.
+  struct Seen {
+    dvec3 straight{0}, scattered{0};
+    void add(const dvec3& weight, const Seen& other) {
+      straight += weight * other.straight;
+      scattered += weight * other.scattered;
+    }
+  };
+  struct Way;
   /// Where a light's guides lie among the sums, and its fields among the interleaved ones.
   struct Slots {
     size_t single = 0, octave = 0, soft = 0, forward = 0, orders = 0, flux = 0, tail = 0;
     size_t field_orders = 0, field_single = 0, field_forward = 0, field_depth = 0, field_visible = 0;
   };
+  static constexpr size_t kMostFields = 64;  // of all lights together: light_groups() limits them
   enum Base : size_t { kOpacity, kDepth, kSpread, kGradient, kDensity = kGradient + 3, kBaseCount };
 
   void lay_out();
   void interleave(const Task& task);
   /// Rays of a pixel along each of its sides.
   int rays_across() const;
-  void trace(const Ray& ray, const GuideMedia& media, MediaLine& line, Sums& sums) const;
+  void trace(const Eye& eye, const GuideMedia& media, MediaLine& line, Sums& sums) const;
   /// @return transmittance of what lies before t_max
   double march(const Ray& ray, const GuideMedia& media, MediaLine& line, double t_max, Sums& sums) const;
   void interpolate(const dvec3& world, float* values) const;
+  /// Of the only medium, or of one with that mean cosine.
+  double phase_value(const GuideMedia& media, double cosine, double g) const;
   void look_from(const GuideMedia& media, double cosine, double g, size_t group, Sums& sums) const;
   void light_of(const Piece& piece, const GuideMedia& media, const Ray& ray, Sums& sums) const;
   void collect_fields(Sums& sums) const;
-  void add_surface(const Ray& ray, const SurfaceHit& hit, double passed, Sums& sums) const;
+  void add_surface(const Eye& eye, const Ray& ray, const SurfaceHit& hit, double passed, const GuideMedia& media,
+                   MediaLine& line, Sums& sums) const;
+  /// A point of a surface as its shading sees it.
+  struct Shaded {
+    dvec3 on, p;       ///< on the surface, and a margin in front of it
+    dvec3 normal, wo;  ///< the normal lies on the side of wo, which points back along the ray
+    bool inside;       ///< of the solid
+    Bsdf bsdf;
+    Frame frame;
+    dvec3 to_frame(const dvec3& d) const { return {glm::dot(d, frame.x), glm::dot(d, frame.y), glm::dot(d, frame.z)}; }
+  };
+  Shaded shaded(const Ray& ray, const SurfaceHit& hit) const;
+  /// Radiance that a diffuse surface reflects of light from other surfaces.
+  dvec3 light_of_surfaces_on(const Shaded& at) const;
+  /// Light of a group that a surface reflects once. @param fields  interpolated at its point
+  dvec3 light_on(const Shaded& at, size_t group, const float* fields) const;
+  dvec3 highlight(const Shaded& at, const Light& light) const;
+
+  // guide_mirrors.cpp: rays that go on from metals and glass.
+  void gather_light(const Task& task);
+  Seen look(const Ray& ray, const GuideMedia& media, MediaLine& line, const Way& way) const;
+  Seen bounce(const Shaded& at, const SurfaceHit& hit, const GuideMedia& media, MediaLine& line, const Way& way) const;
+  double see_media(const Ray& ray, const GuideMedia& media, MediaLine& line, double t_max, double spread,
+                   Seen& seen) const;
+  dvec3 lights_ahead(const Ray& ray, const FiniteLight* light, double distance, const Way& way) const;
+  Seen mirrored(const Eye& eye, const Shaded& at, const SurfaceHit& hit, const GuideMedia& media,
+                MediaLine& line) const;
   dvec3 colour_of(const GroupLight& light) const;
   dvec3 tint() const;
   vec3 predicted_direct(const Sums& sums) const;
@@ -63,6 +106,9 @@ class GuideMarch {
   std::vector<std::string> names_;  // of the sums that are one number each, as layers without "guide."
   size_t field_count_ = 0;          // interleaved fields, a multiple of four
   NodeValues node_fields_;
+  // On the coarse lattice, in every colour: moments of the light scattered once, but for suns and lamps with guides of
+  // their own, and of the light scattered more often. Empty where no surface mirrors or refracts.
+  NodeValues node_light_;
 };
 
 }  // namespace brume
