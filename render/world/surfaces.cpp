@@ -9,6 +9,7 @@
 #include <limits>
 
 #include "base/error.h"
+#include "base/parallel_for.h"
 #include "image/picture_io.h"
 #include "volume/placement.h"
 
@@ -46,8 +47,9 @@ struct Surfaces::Texture {
 };
 
 struct Surfaces::Embree {
-  // One instruction set for all machines: their roundings differ. No file of the user's may choose another.
-  RTCDevice device = rtcNewDevice("ignore_config_files=1,isa=sse2,threads=1");
+  // One instruction set for all machines: their roundings differ. No file of the user's may choose another. Embree
+  // limits the whole program's TBB to so many threads: more than any machine has are no limit.
+  RTCDevice device = rtcNewDevice("ignore_config_files=1,isa=sse2,threads=4096");
   RTCScene scene = rtcNewScene(device);
   Embree() { rtcSetSceneFlags(scene, RTC_SCENE_FLAG_ROBUST); }
   ~Embree() {
@@ -104,7 +106,8 @@ Surfaces::Surfaces(const std::vector<SurfaceSettings>& settings, const dvec3& wo
   scale_ = std::exp2(-std::ceil(std::log2(extent)));
   half_ = 0.5 * (hi - lo) * scale_;
   for (const TriangleMesh& mesh : meshes_) embree_->add(mesh, [&](const dvec3& p) { return (p - centre_) * scale_; });
-  rtcCommitScene(embree_->scene);
+  // The same tree for any number of threads.
+  run_on_threads(1, [&] { rtcCommitScene(embree_->scene); });
 }
 
 Surfaces::~Surfaces() = default;
