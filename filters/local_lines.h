@@ -9,7 +9,7 @@ namespace brume {
 /// other, whose noise is independent: for what no guide explains over wider windows. Source: Bitterli et al. 2016,
 /// Nonlinearly Weighted First-order Regression, section 4.
 /// @param features  free of noise, at most 1
-/// @param wanted    tiles with nothing above 0 keep the data
+/// @param wanted    above 0 where lines are asked for; elsewhere the data are returned
 HalfPair local_lines(const HalfPair& data, const std::vector<const Plane*>& features, const Plane& wanted,
                      const Task& task);
 
