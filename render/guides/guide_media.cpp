@@ -23,6 +23,12 @@ double mean_cosine_of(const PhaseFunction& phase) {
   return sum / norm;
 }
 
+/// How much more than the mean a medium's albedo gives each colour by one scattering.
+dvec3 tint_of(const Medium& medium) {
+  const double mean = in_colour(medium.albedo(), kGrey);
+  return mean > 0 ? medium.albedo() / mean : dvec3(1);
+}
+
 void enclose(const Medium& medium, dvec3& lo, dvec3& hi) {
   const auto [a, b] = medium.support();
   for (int k = 0; k < 8; ++k) {
@@ -77,7 +83,7 @@ GuideMedia::GuideMedia(std::span<const Medium> media, std::span<const EmissionFi
     take(media_.back());
   }
   // Several grey media of unlike tints: their mixture changes its colour from place to place.
-  for (const Medium& m : media_) coloured_ = coloured_ || glm::distance(m.albedo(), media_[0].albedo()) > 1e-9;
+  for (const Medium& m : media_) coloured_ = coloured_ || glm::distance(tint_of(m), tint_of(media_[0])) > 1e-9;
   for (const EmissionField& e : emissions) {
     emissions_.push_back(e.at_time(time));
     take(emissions_.back().shape());

@@ -75,6 +75,14 @@ std::vector<GroupLight::Flame> gathered_flames(const GuideMedia& media, const La
   return flames;
 }
 
+/// Of mean 1.
+dvec3 colour_of(const std::vector<GroupLight::Flame>& flames) {
+  dvec3 sum(0);
+  for (const GroupLight::Flame& flame : flames) sum += flame.intensity;
+  const double mean = in_colour(sum, kGrey);
+  return mean > 0 ? sum / mean : dvec3(1);
+}
+
 /// Optical depth from a point along a direction, through the lattice's own extinction, a node a step.
 double depth_along(const ScatteringSolver& solver, const dvec3& from, const dvec3& towards, double distance) {
   const Lattice& lattice = solver.lattice();
@@ -193,6 +201,7 @@ LightFields::LightFields(const GuideMedia& media, const Lights& lights, const Su
         });
         arriving = solver.emitted(glow);
         g.flames = gathered_flames(media, fine_);
+        g.group.colour = colour_of(g.flames);
         break;
       }
       case LightGroup::Kind::kSurfaces:
