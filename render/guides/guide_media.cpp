@@ -9,6 +9,9 @@
 namespace brume {
 namespace {
 
+constexpr int kSamplesPerVoxel = 2;      // of displaced densities, along each axis
+constexpr double kMostResampled = 16e6;  // points
+
 /// By Simpson's rule in the cosine, finer towards the forward peak.
 double mean_cosine_of(const PhaseFunction& phase) {
   if (phase.is_henyey_greenstein()) return phase.first.g;
@@ -62,7 +65,17 @@ double in_colour(const dvec3& rgb, GuideColour colour) {
   return colour == kGrey ? (rgb.x + rgb.y + rgb.z) / 3 : rgb[colour];
 }
 
-GuideMedia::GuideMedia(std::span<const Medium> media, std::span<const EmissionField> emissions, double time) {
+// Displaced densities are looked up many times: they are resampled once, unless that would take much memory.
+Medium GuideMedia::resampled(const Medium& medium, const Task& task) {
+  if (!medium.displacement()) return medium;
+  const dvec3 cells(medium.walked().cells());
+  const double voxels = cells.x * cells.y * cells.z * std::pow(medium.walked().cell_size(), 3);
+  if (voxels * std::pow(kSamplesPerVoxel, 3) > kMostResampled) return medium;
+  return medium.resampled(kSamplesPerVoxel, *resampled_.emplace_back(std::make_shared<BrickGrid>()), task);
+}
+
+GuideMedia::GuideMedia(std::span<const Medium> media, std::span<const EmissionField> emissions, double time,
+                       const Task& task) {
   lo_ = dvec3(std::numeric_limits<double>::infinity());
   hi_ = -lo_;
   voxel_ = std::numeric_limits<double>::infinity();
@@ -71,7 +84,7 @@ GuideMedia::GuideMedia(std::span<const Medium> media, std::span<const EmissionFi
     if (!m.homogeneous()) voxel_ = std::min(voxel_, m.voxel_size());
   };
   for (const Medium& m : media) {
-    media_.push_back(m.at_time(time));
+    media_.push_back(resampled(m.at_time(time), task));
     mean_cosine_.push_back(mean_cosine_of(m.phase()));
     coloured_ = coloured_ || m.chromatic() || m.coloured();
     Constants& c = constants_.emplace_back();
@@ -80,13 +93,14 @@ GuideMedia::GuideMedia(std::span<const Medium> media, std::span<const EmissionFi
       c.albedo[static_cast<size_t>(colour + 1)] = in_colour(m.albedo(), colour);
     }
     c.inverse_maximum = m.maximum_density() > 0 ? 1 / m.maximum_density() : 0;
-    take(media_.back());
+    take(m.at_time(time));
   }
   // Several grey media of unlike tints: their mixture changes its colour from place to place.
   for (const Medium& m : media_) coloured_ = coloured_ || glm::distance(tint_of(m), tint_of(media_[0])) > 1e-9;
   for (const EmissionField& e : emissions) {
-    emissions_.push_back(e.at_time(time));
-    take(emissions_.back().shape());
+    const EmissionField now = e.at_time(time);
+    emissions_.push_back(now.shape().displacement() ? EmissionField(resampled(now.shape(), task), now.ramp()) : now);
+    take(now.shape());
   }
   if (!std::isfinite(voxel_)) voxel_ = max_component(hi_ - lo_) / 128;
 }

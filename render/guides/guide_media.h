@@ -1,5 +1,6 @@
 #pragma once
 #include <array>
+#include <memory>
 #include <span>
 #include <utility>
 #include <vector>
@@ -18,7 +19,8 @@ double in_colour(const dvec3& rgb, GuideColour colour);
 /// density at any world point, the extinctions of several media being added.
 class GuideMedia {
  public:
-  GuideMedia(std::span<const Medium> media, std::span<const EmissionField> emissions, double time);
+  GuideMedia(std::span<const Medium> media, std::span<const EmissionField> emissions, double time,
+             const Task& task = {});
 
   bool empty() const { return media_.empty() && emissions_.empty(); }
   /// Whether one colour's guides differ from another's by more than a factor.
@@ -49,6 +51,9 @@ class GuideMedia {
 
  private:
   friend class MediaLine;
+  Medium resampled(const Medium& medium, const Task& task);
+
+  std::vector<std::shared_ptr<BrickGrid>> resampled_;  // of those that are displaced
   std::vector<Medium> media_;
   std::vector<EmissionField> emissions_;
   /// What does not change from point to point, by colour, kGrey first.

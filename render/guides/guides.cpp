@@ -33,7 +33,7 @@ Guides::Guides(const PathContext& context, int samples, const Task& task, double
   const bool moving = std::any_of(context.media.begin(), context.media.end(), moves) ||
                       std::any_of(context.emissions.begin(), context.emissions.end(), moves);
   const int times = moving ? kTimes : 1;
-  for (int i = 0; i < times; ++i) media_.emplace_back(context.media, context.emissions, (i + 0.5) / times);
+  for (int i = 0; i < times; ++i) media_.emplace_back(context.media, context.emissions, (i + 0.5) / times, quiet(task));
   if (media_[0].empty()) return;
   colours_ = media_[0].coloured() || sky_is_coloured(*context.lights) ? std::vector<GuideColour>{0, 1, 2}
                                                                       : std::vector<GuideColour>{kGrey};
