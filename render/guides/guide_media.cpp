@@ -26,7 +26,6 @@ double mean_cosine_of(const PhaseFunction& phase) {
   return sum / norm;
 }
 
-/// How much more than the mean a medium's albedo gives each colour by one scattering.
 dvec3 tint_of(const Medium& medium) {
   const double mean = in_colour(medium.albedo(), kGrey);
   return mean > 0 ? medium.albedo() / mean : dvec3(1);
@@ -57,6 +56,19 @@ void add_intervals(const Medium& medium, const Ray& ray, double t_max, std::vect
     else
       parts.emplace_back(segment.t0, segment.t1);
   }
+}
+
+/// Puts intervals in order, those that touch together.
+void merge(std::vector<std::pair<double, double>>& parts) {
+  std::sort(parts.begin(), parts.end());
+  size_t kept = 0;
+  for (const auto& part : parts) {
+    if (kept > 0 && part.first <= parts[kept - 1].second)
+      parts[kept - 1].second = std::max(parts[kept - 1].second, part.second);
+    else
+      parts[kept++] = part;
+  }
+  parts.resize(kept);
 }
 
 }  // namespace
@@ -92,11 +104,12 @@ GuideMedia::GuideMedia(std::span<const Medium> media, std::span<const EmissionFi
       c.per_density[static_cast<size_t>(colour + 1)] = in_colour(m.coefficients().sigma_t, colour);
       c.albedo[static_cast<size_t>(colour + 1)] = in_colour(m.albedo(), colour);
     }
+    c.tint = tint_of(m);
     c.inverse_maximum = m.maximum_density() > 0 ? 1 / m.maximum_density() : 0;
     take(m.at_time(time));
   }
-  // Several grey media of unlike tints: their mixture changes its colour from place to place.
-  for (const Medium& m : media_) coloured_ = coloured_ || glm::distance(tint_of(m), tint_of(media_[0])) > 1e-9;
+  for (const Constants& c : constants_)
+    mixed_tints_ = mixed_tints_ || (!coloured_ && glm::distance(c.tint, constants_[0].tint) > 1e-9);
   for (const EmissionField& e : emissions) {
     const EmissionField now = e.at_time(time);
     emissions_.push_back(now.shape().displacement() ? EmissionField(resampled(now.shape(), task), now.ramp()) : now);
@@ -121,16 +134,16 @@ void GuideMedia::intervals(const Ray& ray, double t_max, std::vector<std::pair<d
   parts.clear();
   for (const Medium& m : media_) add_intervals(m, ray, t_max, parts);
   for (const EmissionField& e : emissions_) add_intervals(e.shape(), ray, t_max, parts);
-  if (media_.size() + emissions_.size() < 2) return;
-  std::sort(parts.begin(), parts.end());
-  size_t kept = 0;
-  for (const auto& part : parts) {
-    if (kept > 0 && part.first <= parts[kept - 1].second)
-      parts[kept - 1].second = std::max(parts[kept - 1].second, part.second);
-    else
-      parts[kept++] = part;
-  }
-  parts.resize(kept);
+  if (media_.size() + emissions_.size() > 1) merge(parts);
+}
+
+void GuideMedia::uneven_intervals(const Ray& ray, double t_max, std::vector<std::pair<double, double>>& parts) const {
+  parts.clear();
+  for (const Medium& m : media_)
+    if (!m.homogeneous()) add_intervals(m, ray, t_max, parts);
+  for (const EmissionField& e : emissions_)
+    if (!e.shape().homogeneous()) add_intervals(e.shape(), ray, t_max, parts);
+  if (media_.size() + emissions_.size() > 1) merge(parts);
 }
 
 }  // namespace brume

@@ -23,8 +23,12 @@ class GuideMedia {
              const Task& task = {});
 
   bool empty() const { return media_.empty() && emissions_.empty(); }
-  /// Whether one colour's guides differ from another's by more than a factor.
+  /// Whether one colour's guides differ from another's by more than the albedo's tint.
   bool coloured() const { return coloured_; }
+  /// Whether that tint changes from place to place.
+  bool mixed_tints() const { return mixed_tints_; }
+  /// How much more than the mean a medium's albedo gives each colour by one scattering.
+  const dvec3& tint(size_t medium) const { return constants_[medium].tint; }
   /// Box around everything, world space.
   const dvec3& lo() const { return lo_; }
   const dvec3& hi() const { return hi_; }
@@ -41,6 +45,7 @@ class GuideMedia {
     double albedo = 0;   ///< single-scattering albedo
     double g = 0;        ///< mean cosine
     double density = 0;  ///< as a share of the medium's maximum, the largest of them
+    dvec3 tint{1};       ///< of the light scattered here; only in grey
   };
   Point at(const dvec3& world, GuideColour colour) const;
   /// Emission coefficient [radiance / world unit].
@@ -48,6 +53,8 @@ class GuideMedia {
 
   /// The parts of a world ray in which anything may be found, in order and apart from one another.
   void intervals(const Ray& ray, double t_max, std::vector<std::pair<double, double>>& parts) const;
+  /// Those of them in which anything changes from voxel to voxel; elsewhere media are homogeneous.
+  void uneven_intervals(const Ray& ray, double t_max, std::vector<std::pair<double, double>>& parts) const;
 
  private:
   friend class MediaLine;
@@ -60,10 +67,11 @@ class GuideMedia {
   struct Constants {
     std::array<double, 4> per_density{}, albedo{};
     double inverse_maximum = 0;
+    dvec3 tint{1};
   };
   std::vector<Constants> constants_;
   std::vector<double> mean_cosine_;
-  bool coloured_ = false;
+  bool coloured_ = false, mixed_tints_ = false;
   dvec3 lo_{0}, hi_{0};
   double voxel_ = 0;
 };

@@ -14,10 +14,6 @@ namespace {
 constexpr int kTimes = 4;
 constexpr double kMostDetail = 2;
 
-bool sky_is_coloured(const Lights& lights) {
-  return !lights.environment()->black() && !lights.environment()->constant();
-}
-
 }  // namespace
 
 double Guides::detail(int samples) {
@@ -35,8 +31,7 @@ Guides::Guides(const PathContext& context, int samples, const Task& task, double
   const int times = moving ? kTimes : 1;
   for (int i = 0; i < times; ++i) media_.emplace_back(context.media, context.emissions, (i + 0.5) / times, quiet(task));
   if (media_[0].empty()) return;
-  colours_ = media_[0].coloured() || sky_is_coloured(*context.lights) ? std::vector<GuideColour>{0, 1, 2}
-                                                                      : std::vector<GuideColour>{kGrey};
+  colours_ = media_[0].coloured() ? std::vector<GuideColour>{0, 1, 2} : std::vector<GuideColour>{kGrey};
   const GuideMedia& middle = media_[static_cast<size_t>(times / 2)];
   for (const GuideColour colour : colours_)
     fields_.emplace_back(middle, *context.lights, context.surfaces, colour, detail(samples), task);

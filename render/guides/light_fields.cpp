@@ -141,7 +141,7 @@ LightFields::LightFields(const GuideMedia& media, const Lights& lights, const Su
   const auto scaled_transmittance = [&](double depth) { return attenuation(depth * scale_); };
   const Task own = quiet(task);
 
-  std::vector<LightGroup> groups = light_groups(lights, media);
+  std::vector<LightGroup> groups = light_groups(lights, media, colour);
   groups_.reserve(groups.size());
   for (LightGroup& group : groups) {
     GroupLight g;
@@ -187,11 +187,10 @@ LightFields::LightFields(const GuideMedia& media, const Lights& lights, const Su
         break;
       }
       case LightGroup::Kind::kSky: {
-        std::vector<double> incoming = sky_radiance(*lights.environment(), colour);
-        if (surfaces) hide_sky(media, *surfaces, incoming);
-        g.sky = solver.arriving(incoming, /*everywhere=*/surfaces != nullptr);
-        arriving = solver.entering(incoming);
-        g.incoming = std::move(incoming);
+        g.incoming = sky_radiance(*lights.environment(), colour == kGrey ? group.channel : colour);
+        if (surfaces) hide_sky(media, *surfaces, g.incoming);
+        if (sky_.empty()) sky_ = solver.arriving(/*everywhere=*/surfaces != nullptr);
+        arriving = solver.entering(g.incoming);
         break;
       }
       case LightGroup::Kind::kGlow: {
@@ -221,7 +220,7 @@ void LightFields::add_surface_light(const GuideMedia& media, const Lights& light
       media, surfaces,
       [&](const Ray& ray, const SurfaceHit& hit) {
         dvec3 sum(0);
-        for (const GroupLight& g : groups_) sum += reflected_light(g, fine_, lights, surfaces, colour, ray, hit);
+        for (const GroupLight& g : groups_) sum += reflected_light(g, sky_, fine_, lights, surfaces, colour, ray, hit);
         return sum;
       },
       [&](const dvec3& from, const dvec3& towards, double distance) {
@@ -291,11 +290,10 @@ void LightFields::solve(GroupLight& light, Moments scattered, ScatteringSolver& 
 }
 
 size_t LightFields::bytes() const {
-  size_t floats = 0, others = 0;
+  size_t floats = 0, others = sky_.bytes();
   for (const GroupLight& g : groups_) {
     floats += g.depth.size() + g.visible.size();
     for (const NodeValues& v : g.once) floats += v.size();
-    for (const NodeValues& v : g.sky) floats += v.size();
     for (const Moments& order : g.orders)
       for (const NodeValues& v : order) floats += v.size();
     others += g.sun.bytes();

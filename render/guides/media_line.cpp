@@ -82,9 +82,10 @@ GuideMedia::Point MediaLine::look(double t, dvec3* gradient) {
     if (!(found > 0)) return point;
     const GuideMedia::Constants& c = media_.constants_[0];
     if (gradient) *gradient = c.per_density[colour] * locals_[0].medium->gradient_to_world(slope);
-    return {found * c.per_density[colour], c.albedo[colour], media_.mean_cosine_[0], found * c.inverse_maximum};
+    return {found * c.per_density[colour], c.albedo[colour], media_.mean_cosine_[0], found * c.inverse_maximum, c.tint};
   }
   double scattered = 0, forward = 0;
+  dvec3 tint(0);
   for (size_t i = 0; i < locals_.size(); ++i) {
     const Medium& m = *locals_[i].medium;
     const double found = density(locals_[i], t, wanted);
@@ -96,10 +97,14 @@ GuideMedia::Point MediaLine::look(double t, dvec3* gradient) {
     point.sigma_t += sigma;
     scattered += sigma_s;
     forward += sigma_s * media_.mean_cosine_[i];
+    tint += sigma_s * c.tint;
     point.density = std::max(point.density, found * c.inverse_maximum);
   }
   if (point.sigma_t > 0) point.albedo = scattered / point.sigma_t;
-  if (scattered > 0) point.g = forward / scattered;
+  if (scattered > 0) {
+    point.g = forward / scattered;
+    point.tint = tint / scattered;
+  }
   return point;
 }
 

@@ -273,35 +273,34 @@ void ScatteringSolver::gather(Moments& light) const {
   });
 }
 
-std::vector<NodeValues> ScatteringSolver::arriving(const std::vector<double>& incoming, bool everywhere) const {
-  std::vector<NodeValues> all(directions().size());
+SkyShares ScatteringSolver::arriving(bool everywhere) const {
+  SkyShares all(lattice_, directions().size());
   const ivec3 n = lattice_.n;
-  parallel_for(static_cast<int>(bundles_.size()), task_, [&](int i) {
-    const Bundle& bundle = bundles_[static_cast<size_t>(i)];
+  // One bundle after another, so that few directions are held in full at once.
+  for (const Bundle& bundle : bundles_) {
     SweepDomain domain = near(bundle);
     if (everywhere) domain.kept = nullptr;
-    std::vector<SweepBeam> swept = beams(bundle);
-    std::vector<NodeValues> light;
-    for (size_t k = 0; k < swept.size(); ++k) {
-      swept[k].incoming = static_cast<float>(incoming[bundle.directions[k]]);
-      swept[k].radiance = light.emplace_back(domain.size()).data();
-    }
-    sweep(domain, {bundle.lying ? lying_extinction_.data() : extinction_.data(), {}, 0}, swept, {});
-    for (size_t k = 0; k < swept.size(); ++k) {
-      NodeValues& values = all[bundle.directions[k]];
-      if (!bundle.lying) {
-        values = std::move(light[k]);
-        continue;
-      }
-      values = NodeValues(lattice_.size());
-      for (int x = 1; x < n.x - 1; ++x)
-        for (int y = 1; y < n.y - 1; ++y) {
-          const SweepRow row = everywhere ? SweepRow{0, n.z} : rows_[static_cast<size_t>(x) * n.y + y];
-          for (int z = row.begin; z < std::min(row.end, n.z); ++z)
-            values[lattice_.index(x, y, z)] = light[k][(static_cast<size_t>(z) * n.x + x) * lying_.row + y];
+    const std::vector<SweepBeam> swept = beams(bundle);
+    std::vector<NodeValues> light(swept.size());
+    parallel_for(static_cast<int>(swept.size()), task_, [&](int k) {
+      SweepBeam beam = swept[static_cast<size_t>(k)];
+      NodeValues& radiance = light[static_cast<size_t>(k)] = NodeValues(domain.size());
+      beam.incoming = 1;
+      beam.radiance = radiance.data();
+      sweep(domain, {bundle.lying ? lying_extinction_.data() : extinction_.data(), {}, 0}, {&beam, 1}, {});
+    });
+    parallel_for(n.x - 2, task_, [&](int i) {
+      const int x = i + 1;
+      for (int y = 1; y < n.y - 1; ++y) {
+        const SweepRow row = everywhere ? SweepRow{0, n.z} : rows_[static_cast<size_t>(x) * n.y + y];
+        for (int z = row.begin; z < std::min(row.end, n.z); ++z) {
+          const size_t node = lattice_.index(x, y, z);
+          const size_t from = bundle.lying ? (static_cast<size_t>(z) * n.x + x) * lying_.row + y : node;
+          for (size_t k = 0; k < light.size(); ++k) all.set(node, bundle.directions[k], light[k][from]);
         }
-    }
-  });
+      }
+    });
+  }
   return all;
 }
 
