@@ -22,7 +22,7 @@ double Guides::detail(int samples) {
   return std::min(detail, kMostDetail);
 }
 
-Guides::Guides(const PathContext& context, int samples, const Task& task, double step)
+Guides::Guides(const PathContext& context, int samples, double pixels, const Task& task, double step)
     : context_(context), step_(step) {
   const Stopwatch watch;
   const auto moves = [](const auto& field) { return field.moves(); };
@@ -34,7 +34,7 @@ Guides::Guides(const PathContext& context, int samples, const Task& task, double
   colours_ = media_[0].coloured() ? std::vector<GuideColour>{0, 1, 2} : std::vector<GuideColour>{kGrey};
   const GuideMedia& middle = media_[static_cast<size_t>(times / 2)];
   for (const GuideColour colour : colours_)
-    fields_.emplace_back(middle, *context.lights, context.surfaces, colour, detail(samples), task);
+    fields_.emplace_back(middle, *context.lights, context.surfaces, colour, detail(samples), pixels, task);
   seconds_ = watch.seconds();
 }
 

@@ -22,8 +22,9 @@ class Guides {
   /// @param context  media, emissions, lights and surfaces; must outlive the object
   /// @param samples  of each pixel of the pictures that they will serve: the more there are, the less their noise hides
   ///                 what the guides do not know, and the closer together lie the nodes at which light is solved
+  /// @param pixels   of the whole picture: small ones show nothing of what many nodes would know
   /// @param step     of the marches [voxels], where the medium is still transparent
-  explicit Guides(const PathContext& context, int samples, const Task& task = {}, double step = 0.7);
+  Guides(const PathContext& context, int samples, double pixels, const Task& task = {}, double step = 0.7);
 
   /// How many times closer than for the fewest: 1 below 8 samples, and a third of an octave more for four times as
   /// many.

@@ -16,6 +16,8 @@ namespace {
 constexpr int kLastOrder = 64;
 // Between nodes, at a detail of 1: as many voxels, or more where light goes farther.
 constexpr double kVoxelsPerNode = 2, kMostVoxelsPerNode = 4, kFreePathsPerNode = 0.5;
+// Of them at a detail of 1, where media are large: as many for each pixel, within limits.
+constexpr double kNodesPerPixel = 12, kFewestNodes = 2.5e5;
 constexpr double kMostNodes = 1e6, kMostNodesInDetail = 4e6;
 constexpr size_t kMostSunNodes = 16000000;
 constexpr double kNegligible = 2e-3;    // of all orders together, for the last one
@@ -128,10 +130,11 @@ double free_path(const GuideMedia& media, GuideColour colour, const Task& task) 
 }  // namespace
 
 LightFields::LightFields(const GuideMedia& media, const Lights& lights, const Surfaces* surfaces, GuideColour colour,
-                         double detail, const Task& task) {
+                         double detail, double pixels, const Task& task) {
   const double wanted = kFreePathsPerNode * free_path(media, colour, task) / media.voxel();
   const double voxels = std::clamp(wanted, kVoxelsPerNode, kMostVoxelsPerNode) / detail;
-  const double most = std::min(kMostNodes * detail * detail * detail, kMostNodesInDetail);
+  const double most_for_picture = std::clamp(kNodesPerPixel * pixels, kFewestNodes, kMostNodes);
+  const double most = std::min(most_for_picture * detail * detail * detail, kMostNodesInDetail);
   fine_ = Lattice::over(media.lo(), media.hi(), voxels * media.voxel(), static_cast<size_t>(most));
   coarse_ = Lattice::over(media.lo(), media.hi(), 2 * fine_.spacing, static_cast<size_t>(most));
   ScatteringSolver solver(fine_, media, colour, task), coarse(coarse_, solver, task);

@@ -40,8 +40,9 @@ class LightFields {
   /// @param surfaces  null where there are none. They cast shadows into the media, hide the sky, and send what lights
   ///                  them back into the media once.
   /// @param detail    nodes lie as many times closer together
+  /// @param pixels    of the picture: they limit how many nodes there are
   LightFields(const GuideMedia& media, const Lights& lights, const Surfaces* surfaces, GuideColour colour,
-              double detail, const Task& task);
+              double detail, double pixels, const Task& task);
 
   const Lattice& lattice() const { return fine_; }
   /// Of the orders from kFineGuides on.

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <limits>
 
 namespace brume {
 namespace {
@@ -50,10 +51,28 @@ MediaLine::MediaLine(const GuideMedia& media, GuideColour colour) : media_(media
 
 void MediaLine::follow(const Ray& ray) {
   ray_ = ray;
-  for (Local& local : locals_) local.ray = local.medium->to_local(ray);
+  for (Local& local : locals_) {
+    local.ray = local.medium->to_local(ray);
+    find_extent(local);
+  }
+}
+
+// Where the line crosses the box around the medium, and a little more: look-ups tell exactly where it ends.
+void MediaLine::find_extent(Local& local) {
+  const auto [lo, hi] = local.medium->support();
+  local.begin = -std::numeric_limits<double>::infinity();
+  local.end = -local.begin;
+  for (int a = 0; a < 3; ++a) {
+    if (local.ray.d[a] == 0) continue;
+    const double margin = 1e-9 * (hi[a] - lo[a]), inverse = 1 / local.ray.d[a];
+    const double t0 = (lo[a] - margin - local.ray.o[a]) * inverse, t1 = (hi[a] + margin - local.ray.o[a]) * inverse;
+    local.begin = std::max(local.begin, std::min(t0, t1));
+    local.end = std::min(local.end, std::max(t0, t1));
+  }
 }
 
 [[gnu::always_inline]] inline double MediaLine::density(Local& local, double t, dvec3* gradient) {
+  if (t < local.begin || t > local.end) return 0;
   const dvec3 p = local.ray.at(t);
   if (!local.bricks) return general_density(*local.medium, p, gradient);
   const BrickGrid& grid = *local.bricks;

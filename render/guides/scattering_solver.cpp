@@ -35,19 +35,24 @@ ScatteringSolver::ScatteringSolver(const Lattice& lattice, const GuideMedia& med
   const double cube = lattice.spacing;
   const int inner = std::clamp(static_cast<int>(std::lround(cube / media.voxel())), 1, 4);
   fill([&](int x, int y, std::vector<NodeMedia>& row) {
+    static thread_local std::vector<std::pair<double, double>> parts;
     MediaLine line(media, colour);
     for (int k = 0; k < inner * inner; ++k) {
       const dvec3 place(k % inner, k / inner, 0);
-      line.follow({lattice_.node(x, y, 0) + cube * ((place + 0.5) / static_cast<double>(inner) - 0.5), {0, 0, cube}});
-      for (int z = 1; z < lattice_.n.z - 1; ++z) {
-        NodeMedia& node = row[static_cast<size_t>(z)];
-        for (int i = 0; i < inner; ++i) {
-          const GuideMedia::Point point = line.at(z + static_cast<double>(i) / inner);
-          node.extinction += point.sigma_t;
-          node.scattered += point.sigma_t * point.albedo;
-          node.linear += point.sigma_t * point.albedo * point.g;
+      const Ray ray{lattice_.node(x, y, 0) + cube * ((place + 0.5) / static_cast<double>(inner) - 0.5), {0, 0, cube}};
+      media.intervals(ray, lattice_.n.z - 1, parts);
+      line.follow(ray);
+      int z = 1;
+      for (const auto& [begin, end] : parts)
+        for (z = std::max(z, static_cast<int>(begin)); z < lattice_.n.z - 1 && z <= end; ++z) {
+          NodeMedia& node = row[static_cast<size_t>(z)];
+          for (int i = 0; i < inner; ++i) {
+            const GuideMedia::Point point = line.at(z + static_cast<double>(i) / inner);
+            node.extinction += point.sigma_t;
+            node.scattered += point.sigma_t * point.albedo;
+            node.linear += point.sigma_t * point.albedo * point.g;
+          }
         }
-      }
     }
     for (NodeMedia& node : row) {
       if (!(node.extinction > 0)) continue;
