@@ -16,7 +16,8 @@ namespace brume {
 /// without noise. Every value is an integral along the ray, weighted by what the eye sees of each piece of it, so that
 /// it falls to 0 where the medium ends. docs/guides.md lists them.
 ///
-/// The light inside the media is solved when the object is made, and serves any camera and any number of frames.
+/// The light inside the media is solved when the object is made, and serves any camera and any number of frames; of
+/// large chromatic media that of green and blue is solved for each frame, so that it is never held for all three.
 class Guides {
  public:
   /// @param context  media, emissions, lights and surfaces; must outlive the object
@@ -39,11 +40,14 @@ class Guides {
   size_t bytes() const;
 
  private:
+  LightFields solved(GuideColour colour, const Task& task) const;
+
   const PathContext& context_;
   std::vector<GuideMedia> media_;     // one for each time of the shutter that rays are marched at
   std::vector<GuideColour> colours_;  // grey alone, or red, green and blue
-  std::vector<LightFields> fields_;   // for each colour
-  double step_, seconds_ = 0;
+  std::vector<LightFields> fields_;   // for each colour, or for the first where all would take much memory
+  int samples_ = 1;
+  double pixels_ = 0, step_, seconds_ = 0;
 };
 
 }  // namespace brume
