@@ -16,6 +16,8 @@ namespace {
 constexpr int kLastOrder = 64;
 // Between nodes, at a detail of 1: as many voxels, or more where light goes farther.
 constexpr double kVoxelsPerNode = 2, kMostVoxelsPerNode = 4, kFreePathsPerNode = 0.5;
+// Of them at a detail of 1, where media are large: as many for each pixel, within limits.
+constexpr double kNodesPerPixel = 12, kFewestNodes = 2.5e5;
 constexpr double kMostNodes = 1e6, kMostNodesInDetail = 4e6;
 constexpr size_t kMostSunNodes = 16000000;
 constexpr double kNegligible = 2e-3;    // of all orders together, for the last one
@@ -75,6 +77,14 @@ std::vector<GroupLight::Flame> gathered_flames(const GuideMedia& media, const La
   return flames;
 }
 
+/// Of mean 1.
+dvec3 colour_of(const std::vector<GroupLight::Flame>& flames) {
+  dvec3 sum(0);
+  for (const GroupLight::Flame& flame : flames) sum += flame.intensity;
+  const double mean = in_colour(sum, kGrey);
+  return mean > 0 ? sum / mean : dvec3(1);
+}
+
 /// Optical depth from a point along a direction, through the lattice's own extinction, a node a step.
 double depth_along(const ScatteringSolver& solver, const dvec3& from, const dvec3& towards, double distance) {
   const Lattice& lattice = solver.lattice();
@@ -120,10 +130,11 @@ double free_path(const GuideMedia& media, GuideColour colour, const Task& task) 
 }  // namespace
 
 LightFields::LightFields(const GuideMedia& media, const Lights& lights, const Surfaces* surfaces, GuideColour colour,
-                         double detail, const Task& task) {
+                         double detail, double pixels, const Task& task) {
   const double wanted = kFreePathsPerNode * free_path(media, colour, task) / media.voxel();
   const double voxels = std::clamp(wanted, kVoxelsPerNode, kMostVoxelsPerNode) / detail;
-  const double most = std::min(kMostNodes * detail * detail * detail, kMostNodesInDetail);
+  const double most_for_picture = std::clamp(kNodesPerPixel * pixels, kFewestNodes, kMostNodes);
+  const double most = std::min(most_for_picture * detail * detail * detail, kMostNodesInDetail);
   fine_ = Lattice::over(media.lo(), media.hi(), voxels * media.voxel(), static_cast<size_t>(most));
   coarse_ = Lattice::over(media.lo(), media.hi(), 2 * fine_.spacing, static_cast<size_t>(most));
   ScatteringSolver solver(fine_, media, colour, task), coarse(coarse_, solver, task);
@@ -133,7 +144,7 @@ LightFields::LightFields(const GuideMedia& media, const Lights& lights, const Su
   const auto scaled_transmittance = [&](double depth) { return attenuation(depth * scale_); };
   const Task own = quiet(task);
 
-  std::vector<LightGroup> groups = light_groups(lights, media);
+  std::vector<LightGroup> groups = light_groups(lights, media, colour);
   groups_.reserve(groups.size());
   for (LightGroup& group : groups) {
     GroupLight g;
@@ -179,11 +190,10 @@ LightFields::LightFields(const GuideMedia& media, const Lights& lights, const Su
         break;
       }
       case LightGroup::Kind::kSky: {
-        std::vector<double> incoming = sky_radiance(*lights.environment(), colour);
-        if (surfaces) hide_sky(media, *surfaces, incoming);
-        g.sky = solver.arriving(incoming, /*everywhere=*/surfaces != nullptr);
-        arriving = solver.entering(incoming);
-        g.incoming = std::move(incoming);
+        g.incoming = sky_radiance(*lights.environment(), colour == kGrey ? group.channel : colour);
+        if (surfaces) hide_sky(media, *surfaces, g.incoming);
+        if (sky_.empty()) sky_ = solver.arriving(/*everywhere=*/surfaces != nullptr);
+        arriving = solver.entering(g.incoming);
         break;
       }
       case LightGroup::Kind::kGlow: {
@@ -193,6 +203,7 @@ LightFields::LightFields(const GuideMedia& media, const Lights& lights, const Su
         });
         arriving = solver.emitted(glow);
         g.flames = gathered_flames(media, fine_);
+        g.group.colour = colour_of(g.flames);
         break;
       }
       case LightGroup::Kind::kSurfaces:
@@ -212,7 +223,7 @@ void LightFields::add_surface_light(const GuideMedia& media, const Lights& light
       media, surfaces,
       [&](const Ray& ray, const SurfaceHit& hit) {
         dvec3 sum(0);
-        for (const GroupLight& g : groups_) sum += reflected_light(g, fine_, lights, surfaces, colour, ray, hit);
+        for (const GroupLight& g : groups_) sum += reflected_light(g, sky_, fine_, lights, surfaces, colour, ray, hit);
         return sum;
       },
       [&](const dvec3& from, const dvec3& towards, double distance) {
@@ -282,11 +293,10 @@ void LightFields::solve(GroupLight& light, Moments scattered, ScatteringSolver& 
 }
 
 size_t LightFields::bytes() const {
-  size_t floats = 0, others = 0;
+  size_t floats = 0, others = sky_.bytes();
   for (const GroupLight& g : groups_) {
     floats += g.depth.size() + g.visible.size();
     for (const NodeValues& v : g.once) floats += v.size();
-    for (const NodeValues& v : g.sky) floats += v.size();
     for (const Moments& order : g.orders)
       for (const NodeValues& v : order) floats += v.size();
     others += g.sun.bytes();

@@ -25,7 +25,6 @@ struct GroupLight {
   NodeValues visible;            ///< of a sun or local light where there are surfaces: share that passes them
   Moments once;                  ///< of others, the glow and surfaces: scattered for the first time in the media
   std::vector<double> incoming;  ///< of the sky: radiance outside, for each direction of travel
-  std::vector<NodeValues> sky;   ///< of the sky: radiance that arrives unscattered, for each direction of travel
   struct Flame {
     dvec3 position{0}, intensity{0};  ///< [W / sr]
   };
@@ -41,13 +40,16 @@ class LightFields {
   /// @param surfaces  null where there are none. They cast shadows into the media, hide the sky, and send what lights
   ///                  them back into the media once.
   /// @param detail    nodes lie as many times closer together
+  /// @param pixels    of the picture: they limit how many nodes there are
   LightFields(const GuideMedia& media, const Lights& lights, const Surfaces* surfaces, GuideColour colour,
-              double detail, const Task& task);
+              double detail, double pixels, const Task& task);
 
   const Lattice& lattice() const { return fine_; }
   /// Of the orders from kFineGuides on.
   const Lattice& coarse_lattice() const { return coarse_; }
   const std::vector<GroupLight>& groups() const { return groups_; }
+  /// What arrives of GroupLight::incoming; empty without a sky.
+  const SkyShares& sky() const { return sky_; }
   /// Null where there are no surfaces, or no light on them.
   const SurfaceLight* surface_light() const { return surface_light_ ? &*surface_light_ : nullptr; }
   /// Nodes whose light may be asked for: those near the media, or all where there are surfaces.
@@ -66,6 +68,7 @@ class LightFields {
   Lattice fine_, coarse_;
   std::vector<uint8_t> near_;
   std::vector<GroupLight> groups_;
+  SkyShares sky_;
   std::optional<SurfaceLight> surface_light_;
   double scale_ = 1;
 };

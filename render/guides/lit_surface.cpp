@@ -15,8 +15,8 @@ constexpr double kDark = 50;  // optical depth behind which nothing is lit
 
 }  // namespace
 
-dvec3 reflected_light(const GroupLight& g, const Lattice& lattice, const Lights& lights, const Surfaces& surfaces,
-                      GuideColour colour, const Ray& ray, const SurfaceHit& hit) {
+dvec3 reflected_light(const GroupLight& g, const SkyShares& sky, const Lattice& lattice, const Lights& lights,
+                      const Surfaces& surfaces, GuideColour colour, const Ray& ray, const SurfaceHit& hit) {
   const dvec3 p = Surfaces::leave(hit, ray.at(hit.t), -ray.d);
   const dvec3 normal = glm::dot(hit.shading, ray.d) > 0 ? -hit.shading : hit.shading;
   const Bsdf bsdf = surfaces.bsdf(hit);
@@ -42,13 +42,14 @@ dvec3 reflected_light(const GroupLight& g, const Lattice& lattice, const Lights&
     }
     case LightGroup::Kind::kSky: {
       if (bsdf.kind == Bsdf::Kind::kConductor)
-        return bsdf.albedo * lights.environment()->radiance(glm::reflect(ray.d, normal));
+        return bsdf.albedo * lights.environment()->radiance(glm::reflect(ray.d, normal)) *
+               (g.group.channel == kGrey ? dvec3(1) : g.group.colour);
       const ivec3 node = glm::clamp(ivec3(glm::round(lattice.to_lattice(p))), ivec3(1), lattice.n - 2);
       const size_t i = lattice.index(node.x, node.y, node.z);
       const std::vector<dvec3>& directions = ScatteringSolver::directions();
       double sum = 0;
       for (size_t d = 0; d < directions.size(); ++d)
-        sum += std::max(0.0, glm::dot(normal, -directions[d])) * static_cast<double>(g.sky[d][i]);
+        sum += std::max(0.0, glm::dot(normal, -directions[d])) * g.incoming[d] * static_cast<double>(sky(i, d));
       return bsdf.albedo * (colour == kGrey ? g.group.colour : dvec3(1)) *
              (4 * sum / static_cast<double>(directions.size()));
     }
