@@ -30,8 +30,9 @@ struct TransportRegression {
   float frames = 2;
 };
 
-// Windows of local means of noise and error, and of what returns the light taken from outliers [px].
-constexpr double kNoiseWindow = 10, kErrorWindow = 6, kBiasWindow = 24, kReturnWindow = 32;
+// Windows of local means of noise, error and bias, of what returns the light taken from outliers, and of what single
+// pixels miss [px].
+constexpr double kNoiseWindow = 10, kErrorWindow = 6, kBiasWindow = 24, kReturnWindow = 32, kMissedWindow = 1;
 constexpr double kGlobalRidge = 1e-4;
 // Ridges per pixel of the fits to the whole frame, one after another: what few samples can tell of many columns first.
 constexpr double kRidgesOfFrame[] = {1e4, 100, 1};
@@ -48,9 +49,9 @@ constexpr float kPointShare = 0.25f;
 constexpr int kLevelRadius = 1;
 // Brightness below this share of the mean counts as that much where a division is at stake.
 constexpr float kDark = 0.1f;
-// Squared error over what the halves' difference and the narrower fit show of it, measured on four media where the
-// truth is known (docs/transport_regression.md).
-constexpr float kNoiseShare = 1.8f, kBiasShare = 0.4f;
+// Squared error over what the halves' difference and what both miss show of it, measured on scenes where the truth is
+// known (docs/transport_regression.md).
+constexpr float kNoiseShare = 1.6f, kBiasShare = 1.5f;
 
 /// x += factor * y
 void add_to(Plane& x, float factor, const Plane& y, const Task& task) {
@@ -222,25 +223,61 @@ void give_back(const Rgb& taken, Rgb& picture, const Plane& mask, const Task& ta
   }
 }
 
-/// Squared error at each pixel, mean over colours: the noise that the halves' difference shows, and the bias that a fit
-/// in narrower windows shows, whose halves' noise is independent.
-Plane squared_error(const HalfPair& chosen, const HalfPair& narrow, const Plane& mask, const Task& task) {
-  const int width = mask.width(), height = mask.height();
-  Plane noise(width, height), bias(width, height);
-  for_each_row(height, quiet(task), [&](int y) {
-    for (int x = 0; x < width; ++x)
-      for (size_t c = 0; c < 3; ++c) {
-        const float d = chosen.a[c](x, y) - chosen.b[c](x, y);
-        noise(x, y) += d * d / 12;
-        bias(x, y) += (chosen.a[c](x, y) - narrow.a[c](x, y)) * (chosen.b[c](x, y) - narrow.b[c](x, y)) / 3;
-      }
+/// What both halves miss of their own data in a region, each averaged over a few pixels, multiplied: a square of the
+/// bias, as the halves' noise is independent. Mean over colours.
+Plane missed_by_both(const HalfPair& result, const HalfPair& data, const Plane& region, const Task& task) {
+  const int width = region.width(), height = region.height();
+  const Plane around = gaussian_blur(region, kMissedWindow, task);
+  const auto missed = [&](const Plane& half, const Plane& of) {
+    return gaussian_blur(
+        make_plane(width, height, quiet(task), [&](int x, int y) { return region(x, y) * (half(x, y) - of(x, y)); }),
+        kMissedWindow, task);
+  };
+  Plane product(width, height);
+  for (size_t c = 0; c < 3; ++c) {
+    const Plane a = missed(data.a[c], result.a[c]), b = missed(data.b[c], result.b[c]);
+    for_each_row(height, quiet(task), [&](int y) {
+      for (int x = 0; x < width; ++x)
+        if (region(x, y) > 0) product(x, y) += a(x, y) * b(x, y) / (3 * around(x, y) * around(x, y));
+    });
+  }
+  return product;
+}
+
+/// Squared error at each pixel, mean over colours: the noise that the halves' difference shows, and the bias that both
+/// halves miss of their own data as far as it is beyond that estimate's standard error.
+/// @param regions  what is averaged in one says nothing about another
+Plane squared_error(const HalfPair& result, const HalfPair& data, const std::vector<MixingRegion>& regions,
+                    const Task& task) {
+  const int width = result.a[0].width(), height = result.a[0].height();
+  const Plane noise = make_plane(width, height, quiet(task), [&](int x, int y) {
+    float sum = 0;
+    for (size_t c = 0; c < 3; ++c) {
+      const float d = result.a[c](x, y) - result.b[c](x, y);
+      sum += d * d / 12;
+    }
+    return sum;
   });
   const Plane one(width, height, 1.0f);
-  const Plane local[] = {std::move(local_ratio({&noise}, one, mask, kErrorWindow, task)[0]),
-                         std::move(local_ratio({&bias}, one, mask, kBiasWindow, task)[0])};
-  return make_plane(width, height, quiet(task), [&](int x, int y) {
-    return kNoiseShare * std::max(0.0f, local[0](x, y)) + kBiasShare * std::max(0.0f, local[1](x, y));
-  });
+  Plane sum(width, height);
+  for (const MixingRegion& region : regions) {
+    const Plane bias = missed_by_both(result, data, region.share, task);
+    const Plane square = make_plane(width, height, quiet(task), [&](int x, int y) { return bias(x, y) * bias(x, y); });
+    const auto local = [&](const Plane& plane, double window) {
+      return std::move(local_ratio({&plane}, one, region.share, window, task)[0]);
+    };
+    const Plane n = local(noise, kErrorWindow), m = local(bias, kBiasWindow), m2 = local(square, kBiasWindow);
+    // Neighbours that are averaged together count as one.
+    const auto independent = static_cast<float>(kBiasWindow * kBiasWindow / (kMissedWindow * kMissedWindow));
+    for_each_row(height, quiet(task), [&](int y) {
+      for (int x = 0; x < width; ++x) {
+        const float error = std::sqrt(std::max(0.0f, m2(x, y) - m(x, y) * m(x, y)) / independent);
+        sum(x, y) +=
+            region.share(x, y) * (kNoiseShare * std::max(0.0f, n(x, y)) + kBiasShare * std::max(0.0f, m(x, y) - error));
+      }
+    });
+  }
+  return sum;
 }
 
 void say_what_is_missing(const FilterFrame& frame, bool guided, bool halves) {
@@ -511,6 +548,18 @@ HalfPair with_local_mean(const HalfPair& result, const HalfPair& data, double wi
   return {corrected(result.a, data.a), corrected(result.b, data.b)};
 }
 
+/// Edges and materials of surfaces, and what shows none.
+std::vector<MixingRegion> regions_of(const TransportColumns& known, const Task& task) {
+  std::vector<MixingRegion> regions;
+  for (const Plane& share : known.solids) regions.push_back({share, kSureOfSurfaces});
+  regions.push_back({make_plane(known.mask.width(), known.mask.height(), quiet(task),
+                                [&](int x, int y) {
+                                  return known.mask(x, y) * (known.solid.empty() ? 1.0f : 1 - known.solid(x, y));
+                                }),
+                     kSureOfMedia});
+  return regions;
+}
+
 /// Moves what the fits say together to what single fits, the data and their local means say where those prove better.
 /// @param candidates   the data last
 /// @param over_frames  of a sequence, the data with the noise of its frames' mean
@@ -527,14 +576,7 @@ void improve(HalfPair& result, const std::vector<HalfPair>& candidates, const st
   const Plane weight = make_plane(width, height, quiet(task), [&](int x, int y) {
     return known.mask(x, y) > 0 ? std::pow(scale * std::abs(light(x, y)) + 0.05f, -4.0f / 3) : 0.0f;
   });
-  std::vector<MixingRegion> regions;
-  for (const Plane& share : known.solids) regions.push_back({share, kSureOfSurfaces});
-  regions.push_back({make_plane(width, height, quiet(task),
-                                [&](int x, int y) {
-                                  return known.mask(x, y) * (known.solid.empty() ? 1.0f : 1 - known.solid(x, y));
-                                }),
-                     kSureOfMedia});
-  const MixingFrame frame{view(data.a), view(data.b), weight, std::move(regions)};
+  const MixingFrame frame{view(data.a), view(data.b), weight, regions_of(known, task)};
   std::vector<Proposal> proposals;
   for (const HalfPair& candidate : candidates)
     proposals.emplace_back([&candidate](const HalfPair&, HalfPair&) -> const HalfPair& { return candidate; });
@@ -569,7 +611,6 @@ void run(const TransportRegression& p, const FilterFrame& frame, const FilterOut
   std::optional<HalfPair> over_frames;
   std::vector<HalfPair> candidates = cascade(pictures, p, power, over_frames, task);
   own.left = {};
-  const size_t narrow = candidates.size() - 1;
   // The data are a candidate themselves: with many samples nothing is nearer to the truth.
   candidates.push_back({std::move(limited.a), std::move(limited.b)});
   const HalfPair& data = candidates.back();
@@ -590,7 +631,7 @@ void run(const TransportRegression& p, const FilterFrame& frame, const FilterOut
     });
   task.report(1);
   if (!frame.products) return;
-  Plane error = squared_error(chosen, candidates[narrow], known.mask, task);
+  Plane error = squared_error(chosen, data, regions_of(known, task), task);
   (*frame.products)[layer::clean_error.channel(0)] = std::move(error);
 }
 
