@@ -281,14 +281,49 @@ TEST(TransportRegression, TheEstimatedErrorIsTheTrueOne) {
   EXPECT_NEAR(std::sqrt(estimated / truth), 1.0, 0.25);
 }
 
-TEST(TransportRegression, WhereThereIsNoMediumPixelsStay) {
+/// Whether no medium shows at a pixel or beside it.
+bool is_away(int x, int y) {
+  for (int v = y - 1; v <= y + 1; ++v)
+    for (int u = x - 1; u <= x + 1; ++u)
+      if (opacity(u, v) > 0) return false;
+  return true;
+}
+
+TEST(TransportRegression, WhereThereIsNeitherMediumNorNoisePixelsStay) {
   const Layers frame = make_frame(0.5, 7), out = clean(frame);
   for (size_t c = 0; c < 3; ++c)
     for (int y = 0; y < kHeight; ++y)
       for (int x = 0; x < kWidth; ++x)
-        if (opacity(x, y) == 0) {
+        if (is_away(x, y)) {
           ASSERT_EQ((*out.rgb(layer::beauty)[c])(x, y), (*frame.rgb(layer::beauty)[c])(x, y));
         }
+}
+
+TEST(TransportRegression, NoiseBesideTheMediumIsCleaned) {
+  // As of a sky that a lens blurs.
+  Layers frame = make_frame(0.5, 7);
+  for (size_t c = 0; c < 3; ++c)
+    for (int y = 0; y < kHeight; ++y)
+      for (int x = 0; x < kWidth; ++x) {
+        if (opacity(x, y) > 0) continue;
+        const float a = static_cast<float>(0.1 * normal(x, y, 31)), b = static_cast<float>(0.1 * normal(x, y, 32));
+        const float sky = constant_sky(x, y, c);
+        frame.at(layer::direct.channel_of(statistic::half_a, c))(x, y) = sky + a;
+        frame.at(layer::direct.channel_of(statistic::half_b, c))(x, y) = sky + b;
+        frame.at(layer::direct.channel(c))(x, y) = sky + 0.5f * (a + b);
+        frame.at(layer::beauty.channel(c))(x, y) = sky + 0.5f * (a + b);
+      }
+  const Layers out = clean(frame);
+  double before = 0, after = 0;
+  for (size_t c = 0; c < 3; ++c)
+    for (int y = 0; y < kHeight; ++y)
+      for (int x = 0; x < kWidth; ++x)
+        if (is_away(x, y)) {
+          const float sky = constant_sky(x, y, c);
+          before += std::pow((*frame.rgb(layer::beauty)[c])(x, y) - sky, 2);
+          after += std::pow((*out.rgb(layer::beauty)[c])(x, y) - sky, 2);
+        }
+  EXPECT_LT(after, 0.1 * before);
 }
 
 TEST(TransportRegression, ThePartsAreKeptAndSumToThePicture) {

@@ -2,6 +2,8 @@
 
 #include <fmt/format.h>
 #include <gtest/gtest.h>
+#include <tbb/global_control.h>
+#include <tbb/info.h>
 
 #include <algorithm>
 #include <cmath>
@@ -58,6 +60,13 @@ class SurfaceTest : public ::testing::Test {
   }
   test::TemporaryFolder folder_;
 };
+
+TEST_F(SurfaceTest, LeaveAllThreadsToTheProgram) {
+  // Embree tells TBB how many threads there are, for as long as its device lives.
+  const Surfaces surfaces(scene("ball.obj").surfaces, dvec3(0));
+  EXPECT_GE(tbb::global_control::active_value(tbb::global_control::max_allowed_parallelism),
+            static_cast<size_t>(tbb::info::default_concurrency()));
+}
 
 // Surfaces that absorb nothing under a sky of 1 cannot be seen, whatever they do to directions. Polished ones are
 // exact; rough microfacets lose what bounces between facets, so they are not held to 1.
