@@ -81,7 +81,7 @@ dvec3 power(const dvec3& base, double exponent) {
 /// What one pixel gathers; every ray adds to it.
 struct GuideMarch::Sums {
   std::vector<double> value;  // as names_
-  vec3 emission{0}, background{0}, normal{0}, surface_albedo{0};
+  vec3 emission{0}, emission_once{0}, behind{0}, background{0}, normal{0}, surface_albedo{0};
   vec3 bounced{0}, mirrored{0}, mirrored_indirect{0}, material{0};
   double surface_depth = 0, depth2 = 0;
   std::vector<vec3> surface;  // by group
@@ -102,7 +102,8 @@ struct GuideMarch::Sums {
     std::fill(plain.begin(), plain.end(), 0.0f);
     std::fill(scaled.begin(), scaled.end(), 0.0f);
     std::fill(surface.begin(), surface.end(), vec3(0));
-    emission = background = normal = surface_albedo = bounced = mirrored = mirrored_indirect = material = vec3(0);
+    emission = emission_once = behind = background = normal = surface_albedo = bounced = mirrored = mirrored_indirect =
+        material = vec3(0);
     surface_depth = depth2 = 0;
   }
 };
@@ -286,10 +287,12 @@ void GuideMarch::record(const ivec2& corner, Layers& frame, const Task& task) {
       colour_ == kGrey ? std::vector<size_t>{0, 1, 2} : std::vector<size_t>{static_cast<size_t>(colour_)};
   const bool surfaces = context_.surfaces != nullptr, glows = !media_[0].emissions().empty();
   std::array<Plane*, 3> emission{}, background{}, albedo{}, direct{}, indirect{}, normal{}, bounced{}, mirrored{},
-      mirrored_indirect{}, material{};
+      mirrored_indirect{}, material{}, emission_once{}, behind{};
   std::vector<std::array<Plane*, 3>> lit(slots_.size());
   for (const size_t c : channels) {
     if (glows) emission[c] = &layer_of("emission", "RGB"[c]);
+    if (glows) emission_once[c] = &layer_of("single.emission", "RGB"[c]);
+    if (glows || surfaces) behind[c] = &layer_of("multiple.behind", "RGB"[c]);
     background[c] = &layer_of("background", "RGB"[c]);
     direct[c] = &layer_of("predicted_direct", "RGB"[c]);
     indirect[c] = &layer_of("predicted_indirect", "RGB"[c]);
@@ -341,6 +344,8 @@ void GuideMarch::record(const ivec2& corner, Layers& frame, const Task& task) {
           if (Plane* const plane = to[static_cast<size_t>(c)]) (*plane)(x, y) = static_cast<float>(share) * value[c];
       };
       store(emission, sums.emission);
+      store(emission_once, sums.emission_once);
+      store(behind, sums.behind);
       store(background, sums.background);
       store(direct, predicted_direct(sums));
       store(indirect, predicted_indirect(sums));
@@ -371,15 +376,16 @@ void GuideMarch::trace(const Eye& eye, const GuideMedia& media, MediaLine& line,
       hit.reset();
     }
   }
-  const double t_end = hit ? hit->t : kFar, passed = march(ray, media, line, t_end, sums);
+  const double t_end = hit ? hit->t : kFar;
+  const Passed passed = march(ray, media, line, t_end, sums);
   const auto [light, distance] = context_.lights->nearest(ray, t_end, /*seen=*/true);
   if (light) {
-    sums.background += tinted(light->radiance(ray, distance), passed);
+    sums.background += tinted(light->radiance(ray, distance), passed.straight);
   } else if (hit) {
     add_surface(eye, ray, *hit, passed, media, line, sums);
   } else {
     for (const InfiniteLight* sky : context_.lights->infinite())
-      if (sky->visible()) sums.background += tinted(sky->radiance(ray.d), passed);
+      if (sky->visible()) sums.background += tinted(sky->radiance(ray.d), passed.straight);
   }
 }
 
@@ -390,10 +396,11 @@ struct GuideMarch::Piece {
   double thickness = 0, distance = 0, depth = 0, albedo = 0, g = 0;  // the last four times thickness
 };
 
-double GuideMarch::march(const Ray& ray, const GuideMedia& media, MediaLine& line, double t_max, Sums& sums) const {
+GuideMarch::Passed GuideMarch::march(const Ray& ray, const GuideMedia& media, MediaLine& line, double t_max,
+                                     Sums& sums) const {
   static thread_local std::vector<std::pair<double, double>> parts;
   media.intervals(ray, t_max, parts);
-  if (parts.empty()) return 1;
+  if (parts.empty()) return {};
   line.follow(ray);
   const bool glows = !media.emissions().empty();
   const double scale = fields_.scaled_extinction();
@@ -420,7 +427,7 @@ double GuideMarch::march(const Ray& ray, const GuideMedia& media, MediaLine& lin
       const dvec3 glow = glows ? media.glow(ray.at(middle)) : dvec3(0);
       const double thickness = point.sigma_t * length;
       if (!(thickness > 0)) {
-        if (glows) sums.emission += tinted(glow, passed * length);
+        if (glows) add_glow(glow, passed * length, passed_scaled * length, depth, sums);
         continue;
       }
       if (middle >= piece_end || piece.thickness > kLightThickness) {
@@ -441,7 +448,9 @@ double GuideMarch::march(const Ray& ray, const GuideMedia& media, MediaLine& lin
       piece.depth += thickness * (depth + 0.5 * thickness);
       piece.albedo += thickness * point.albedo;
       piece.g += thickness * point.g;
-      if (glows) sums.emission += tinted(glow, w / point.sigma_t);
+      if (glows)
+        add_glow(glow, w / point.sigma_t, passed_scaled * (1 - q_scaled) / (point.sigma_t * scale),
+                 depth + 0.5 * thickness, sums);
       passed *= q;
       passed2 *= q2;
       passed4 *= q4;
@@ -464,7 +473,15 @@ double GuideMarch::march(const Ray& ray, const GuideMedia& media, MediaLine& lin
   sums.depth2 += seen_depth2;
   for (int a = 0; a < 3; ++a) out[kGradient + static_cast<size_t>(a)] += seen_gradient[a];
   out[kDensity] += seen_density;
-  return passed;
+  return {passed, std::max(0.0, passed_scaled - passed)};
+}
+
+// Seen straight on, and after one scattering or more by forward peaks.
+void GuideMarch::add_glow(const dvec3& glow, double straight, double scaled, double depth, Sums& sums) const {
+  const double once = std::min(straight * (1 - fields_.scaled_extinction()) * depth, std::max(0.0, scaled - straight));
+  sums.emission += tinted(glow, straight);
+  sums.emission_once += tinted(glow, once);
+  sums.behind += tinted(glow, std::max(0.0, scaled - straight - once));
 }
 
 double GuideMarch::phase_value(const GuideMedia& media, double cosine, double g) const {
@@ -540,12 +557,14 @@ void GuideMarch::collect_fields(Sums& sums) const {
     const Slots& s = slots_[k];
     for (size_t order = 0; order < kOrders; ++order) out[s.orders + order] = sums.scaled[s.field_orders + order];
     out[s.flux] = sums.scaled[s.field_orders + kOrders];
-    if (!sharp(g) && !is_sky(g)) out[s.forward] = sums.scaled[s.field_single] - sums.plain[s.field_single];
+    // These fields are per extinction without the forward peak.
+    const double once = fields_.scaled_extinction() * sums.plain[s.field_single];
+    if (!sharp(g) && !is_sky(g)) out[s.forward] = std::max(0.0, sums.scaled[s.field_single] - once);
     if (is_sky(g)) {
       out[s.soft] = sums.plain[s.field_single + 1];
       out[s.soft + 1] = sums.plain[s.field_single + 2];
     } else if (!sharp(g)) {
-      out[s.single] = sums.plain[s.field_single];
+      out[s.single] = once;
     }
   }
 }
@@ -563,7 +582,7 @@ dvec3 GuideMarch::tint() const {
 }
 
 vec3 GuideMarch::predicted_direct(const Sums& sums) const {
-  vec3 light = sums.background + sums.emission + sums.mirrored;
+  vec3 light = sums.background + sums.emission + sums.emission_once + sums.mirrored;
   for (size_t k = 0; k < slots_.size(); ++k)
     if (!from_surfaces(fields_.groups()[k]))
       light += sums.surface[k] + tinted(tint() * colour_of(fields_.groups()[k]), sums.value[slots_[k].single]);
@@ -571,7 +590,7 @@ vec3 GuideMarch::predicted_direct(const Sums& sums) const {
 }
 
 vec3 GuideMarch::predicted_indirect(const Sums& sums) const {
-  vec3 light = sums.bounced + sums.mirrored_indirect;
+  vec3 light = sums.bounced + sums.mirrored_indirect + sums.behind;
   for (size_t k = 0; k < slots_.size(); ++k) {
     const GroupLight& g = fields_.groups()[k];
     light += tinted(power(tint(), kForwardOrder) * colour_of(g), sums.value[slots_[k].forward]);
@@ -592,24 +611,33 @@ GuideMarch::Shaded GuideMarch::shaded(const Ray& ray, const SurfaceHit& hit) con
 }
 
 // Lit by every light's irradiance through the medium, and by the sky; metals and glass show what they mirror.
-void GuideMarch::add_surface(const Eye& eye, const Ray& ray, const SurfaceHit& hit, double passed,
+void GuideMarch::add_surface(const Eye& eye, const Ray& ray, const SurfaceHit& hit, const Passed& passed,
                              const GuideMedia& media, MediaLine& line, Sums& sums) const {
   const Shaded at = shaded(ray, hit);
-  sums.normal += tinted(at.normal, passed);
-  sums.surface_albedo += tinted(at.bsdf.albedo, passed);
-  sums.surface_depth += passed * (hit.t - reference_depth_);
-  sums.material[static_cast<int>(at.bsdf.kind)] += static_cast<float>(passed);
-  if (!at.inside) sums.background += tinted(context_.surfaces->settings(hit.surface).radiance, passed);
-  sums.bounced += tinted(light_of_surfaces_on(at), passed);
+  const double straight = passed.straight;
+  sums.normal += tinted(at.normal, straight);
+  sums.surface_albedo += tinted(at.bsdf.albedo, straight);
+  sums.surface_depth += straight * (hit.t - reference_depth_);
+  sums.material[static_cast<int>(at.bsdf.kind)] += static_cast<float>(straight);
+  if (!at.inside) sums.background += tinted(context_.surfaces->settings(hit.surface).radiance, straight);
+  dvec3 leaving = light_of_surfaces_on(at);
+  sums.bounced += tinted(leaving, straight);
   if (!at.bsdf.delta()) {
     float fields[kMostFields];
     interpolate(at.p, fields);
-    for (size_t k = 0; k < slots_.size(); ++k) sums.surface[k] += tinted(light_on(at, k, fields), passed);
+    for (size_t k = 0; k < slots_.size(); ++k) {
+      const dvec3 light = light_on(at, k, fields);
+      sums.surface[k] += tinted(light, straight);
+      leaving += light;
+    }
   }
-  if (at.bsdf.kind == Bsdf::Kind::kDiffuse) return;
-  const Seen seen = mirrored(eye, at, hit, media, line);
-  sums.mirrored += tinted(seen.straight, passed);
-  sums.mirrored_indirect += tinted(seen.scattered, passed);
+  if (at.bsdf.kind != Bsdf::Kind::kDiffuse) {
+    const Seen seen = mirrored(eye, at, hit, media, line);
+    sums.mirrored += tinted(seen.straight, straight);
+    sums.mirrored_indirect += tinted(seen.scattered, straight);
+    leaving += seen.straight + seen.scattered;
+  }
+  sums.behind += tinted(leaving, passed.peaks);
 }
 
 dvec3 GuideMarch::light_of_surfaces_on(const Shaded& at) const {

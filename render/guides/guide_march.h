@@ -54,15 +54,24 @@ class GuideMarch {
   /// Rays of a pixel along each of its sides.
   int rays_across() const;
   void trace(const Eye& eye, const GuideMedia& media, MediaLine& line, Sums& sums) const;
-  /// @return transmittance of what lies before t_max
-  double march(const Ray& ray, const GuideMedia& media, MediaLine& line, double t_max, Sums& sums) const;
+  /// Transmittance of what lies before a point; and what light has more from there that was only scattered by forward
+  /// peaks, which count as straight on.
+  struct Passed {
+    double straight = 1, peaks = 0;
+  };
+  /// Of what lies before t_max.
+  Passed march(const Ray& ray, const GuideMedia& media, MediaLine& line, double t_max, Sums& sums) const;
+  /// @param straight, scaled  length of a piece of a ray times transmittance, with the extinction and without the
+  /// forward
+  ///                          peak   @param depth  optical depth before it
+  void add_glow(const dvec3& glow, double straight, double scaled, double depth, Sums& sums) const;
   void interpolate(const dvec3& world, float* values) const;
   /// Of the only medium, or of one with that mean cosine.
   double phase_value(const GuideMedia& media, double cosine, double g) const;
   void look_from(const GuideMedia& media, double cosine, double g, size_t group, Sums& sums) const;
   void light_of(const Piece& piece, const GuideMedia& media, const Ray& ray, Sums& sums) const;
   void collect_fields(Sums& sums) const;
-  void add_surface(const Eye& eye, const Ray& ray, const SurfaceHit& hit, double passed, const GuideMedia& media,
+  void add_surface(const Eye& eye, const Ray& ray, const SurfaceHit& hit, const Passed& passed, const GuideMedia& media,
                    MediaLine& line, Sums& sums) const;
   /// A point of a surface as its shading sees it.
   struct Shaded {
@@ -84,7 +93,7 @@ class GuideMarch {
   void gather_light(const Task& task);
   Seen look(const Ray& ray, const GuideMedia& media, MediaLine& line, const Way& way) const;
   Seen bounce(const Shaded& at, const SurfaceHit& hit, const GuideMedia& media, MediaLine& line, const Way& way) const;
-  double see_media(const Ray& ray, const GuideMedia& media, MediaLine& line, double t_max, double spread,
+  Passed see_media(const Ray& ray, const GuideMedia& media, MediaLine& line, double t_max, double spread,
                    Seen& seen) const;
   dvec3 lights_ahead(const Ray& ray, const FiniteLight* light, double distance, const Way& way) const;
   Seen mirrored(const Eye& eye, const Shaded& at, const SurfaceHit& hit, const GuideMedia& media,

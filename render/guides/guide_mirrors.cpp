@@ -112,11 +112,11 @@ void GuideMarch::gather_light(const Task& task) {
 }
 
 // As march(), but that all light is added up, and of many times scattered light there is a coarse table for all eyes.
-double GuideMarch::see_media(const Ray& ray, const GuideMedia& media, MediaLine& line, double t_max, double spread,
-                             Seen& seen) const {
+GuideMarch::Passed GuideMarch::see_media(const Ray& ray, const GuideMedia& media, MediaLine& line, double t_max,
+                                         double spread, Seen& seen) const {
   static thread_local std::vector<std::pair<double, double>> parts;
   media.intervals(ray, t_max, parts);
-  if (parts.empty()) return 1;
+  if (parts.empty()) return {};
   line.follow(ray);
   const bool glows = !media.emissions().empty();
   const double scale = fields_.scaled_extinction();
@@ -168,8 +168,14 @@ double GuideMarch::see_media(const Ray& ray, const GuideMedia& media, MediaLine&
       const GuideMedia::Point point = line.at(middle);
       const double thickness = point.sigma_t * length;
       const double q = attenuation(thickness), q_scaled = attenuation(thickness * scale), share = passed * (1 - q);
-      if (glows)
-        seen.straight += (thickness > 0 ? share / point.sigma_t : passed * length) * media.glow(ray.at(middle));
+      if (glows) {
+        const double straight = thickness > 0 ? share / point.sigma_t : passed * length;
+        const double peaks = thickness > 0 ? passed_scaled * (1 - q_scaled) / (point.sigma_t * scale) - straight
+                                           : (passed_scaled - passed) * length;
+        const dvec3 glow = media.glow(ray.at(middle));
+        seen.straight += straight * glow;
+        seen.scattered += std::max(0.0, peaks) * glow;
+      }
       if (!(thickness > 0)) continue;
       if (thickness_sum > kLightThickness || t - looked > kLightSteps * length) {
         light_of();
@@ -188,7 +194,7 @@ double GuideMarch::see_media(const Ray& ray, const GuideMedia& media, MediaLine&
     }
   }
   light_of();
-  return passed;
+  return {passed, std::max(0.0, passed_scaled - passed)};
 }
 
 // Of a ray that meets no surface before t_end: the light that it ends on there, or everything infinitely far.
@@ -223,7 +229,7 @@ GuideMarch::Seen GuideMarch::look(const Ray& ray, const GuideMedia& media, Media
   const std::optional<SurfaceHit> hit = context_.surfaces->intersect(ray, kFar);
   const auto [light, t_end] = context_.lights->nearest(ray, hit ? hit->t : kFar, /*seen=*/false);
   Seen seen;
-  const double passed = way.only_lights ? 1 : see_media(ray, media, line, t_end, way.spread, seen);
+  const Passed passed = way.only_lights ? Passed{} : see_media(ray, media, line, t_end, way.spread, seen);
   Seen end;
   if (light || !hit) {
     end.straight = lights_ahead(ray, light, t_end, way);
@@ -244,7 +250,8 @@ GuideMarch::Seen GuideMarch::look(const Ray& ray, const GuideMedia& media, Media
       end.scattered += behind.straight + behind.scattered;
     }
   }
-  seen.add(dvec3(passed), end);
+  seen.add(dvec3(passed.straight), end);
+  if (hit && !light) seen.scattered += passed.peaks * (end.straight + end.scattered);
   return seen;
 }
 

@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdlib>
 #include <numeric>
@@ -49,6 +50,13 @@ double block_sum(const Plane& plane, int bx, int by) {
   for (int y = by; y < by + kBlock; ++y)
     for (int x = bx; x < bx + kBlock; ++x) sum += plane(x, y);
   return sum;
+}
+
+float least(const Plane& plane) {
+  float value = plane(0, 0);
+  for (int y = 0; y < plane.height(); ++y)
+    for (const float v : plane.pixels(y)) value = std::min(value, v);
+  return value;
 }
 
 /// Relative error of a prediction over the blocks that a medium fills: root of the mean square of its difference from
@@ -133,6 +141,9 @@ TEST_P(RandomScene, IsPredictedByItsGuidesAndNeverWorseClean) {
   const PreparedScene scene(random.scene, LayerRequest::of({"direct", "indirect", "guides"}, true));
   const Layers frame = scene.render(128, 1, {}).layers;
   for (const auto& [name, plane] : frame.channels()) EXPECT_EQ(count_not_finite(plane), 0u) << name;
+  for (const std::string part : {"direct", "indirect"})
+    for (const char channel : {'R', 'G', 'B'})
+      EXPECT_GE(least(frame.at("guide.predicted_" + part + "." + channel)), 0.0f) << part << " " << channel;
   const Difference direct = difference(frame, layer::direct, "guide.predicted_direct"),
                    indirect = difference(frame, layer::indirect, "guide.predicted_indirect");
 
