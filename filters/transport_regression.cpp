@@ -4,6 +4,7 @@
 #include <cmath>
 #include <deque>
 #include <functional>
+#include <optional>
 
 #include "base/error.h"
 #include "base/text.h"
@@ -447,9 +448,24 @@ void weigh_by_fits(Pictures& pictures, float power, const std::vector<HalfPair>&
   for (Picture& q : pictures) q.known.scale_like(own);
 }
 
+/// The fits of the frame to clean, and the mean over all frames of what their fits miss.
+HalfPair mean_over_frames(const Pictures& pictures, const HalfPair& fits, const Task& task) {
+  float shares = 0;
+  for (const Picture& q : pictures) shares += q.share;
+  HalfPair mean = fits;
+  for (const Picture& q : pictures)
+    for (size_t c = 0; c < 3; ++c) {
+      add_to(mean.a[c], q.share / shares, q.left.a[c], task);
+      add_to(mean.b[c], q.share / shares, q.left.b[c], task);
+    }
+  return mean;
+}
+
 /// Fits of the frame to clean: first what is predicted, then wide windows with many columns, and narrower and narrower
 /// ones with fewer, each to what the one before leaves. Lets go of the frames nearby.
-std::vector<HalfPair> cascade(Pictures& pictures, const TransportRegression& p, float power, const Task& task) {
+/// @param over_frames  is given mean_over_frames() where there are frames nearby
+std::vector<HalfPair> cascade(Pictures& pictures, const TransportRegression& p, float power,
+                              std::optional<HalfPair>& over_frames, const Task& task) {
   Fits fits(pictures, task);
   std::vector<HalfPair> before;
   for (const Picture& q : pictures) before.push_back(q.left);
@@ -472,6 +488,7 @@ std::vector<HalfPair> cascade(Pictures& pictures, const TransportRegression& p, 
   fits.refine(&TransportColumns::few, window(middle / 4));
   task.report(0.6);
   if (pictures.size() == 1) return std::move(fits.candidates);
+  over_frames = mean_over_frames(pictures, fits.sum, task);
   // What the frame shows that those nearby do not, as where a light changes.
   while (pictures.size() > 1) pictures.pop_back();
   fits.refine(&TransportColumns::all, window(middle));
@@ -536,9 +553,10 @@ HalfPair local_lines(const HalfPair& result, const HalfPair& data, const Plane& 
 }
 
 /// Moves what the fits say together to what single fits, the data and their local means say where those prove better.
-/// @param candidates  the data last
-void improve(HalfPair& result, const std::vector<HalfPair>& candidates, const TransportColumns& known,
-             const Task& task) {
+/// @param candidates   the data last
+/// @param over_frames  of a sequence, the data with the noise of its frames' mean
+void improve(HalfPair& result, const std::vector<HalfPair>& candidates, const std::optional<HalfPair>& over_frames,
+             const TransportColumns& known, const Task& task) {
   const int width = known.mask.width(), height = known.mask.height();
   const HalfPair& data = candidates.back();
   // Relative errors, as CIE-Lab sees them.
@@ -561,9 +579,12 @@ void improve(HalfPair& result, const std::vector<HalfPair>& candidates, const Tr
   std::vector<Proposal> proposals;
   for (const HalfPair& candidate : candidates)
     proposals.emplace_back([&candidate](const HalfPair&, HalfPair&) -> const HalfPair& { return candidate; });
+  if (over_frames)
+    proposals.emplace_back([&over_frames](const HalfPair&, HalfPair&) -> const HalfPair& { return *over_frames; });
+  const HalfPair& averaged = over_frames ? *over_frames : data;
   for (const double window : kLocalMeans)
-    proposals.emplace_back([&data, window, &task](const HalfPair& now, HalfPair& room) -> const HalfPair& {
-      return room = with_local_mean(now, data, window, task);
+    proposals.emplace_back([&averaged, window, &task](const HalfPair& now, HalfPair& room) -> const HalfPair& {
+      return room = with_local_mean(now, averaged, window, task);
     });
   const Plane moved = mix(result, proposals, frame, task);
   task.report(0.9);
@@ -586,7 +607,8 @@ void run(const TransportRegression& p, const FilterFrame& frame, const FilterOut
   Limited limited = limited_pictures(pictures, power, limit, task);
   task.report(0.2);
 
-  std::vector<HalfPair> candidates = cascade(pictures, p, power, task);
+  std::optional<HalfPair> over_frames;
+  std::vector<HalfPair> candidates = cascade(pictures, p, power, over_frames, task);
   own.left = {};
   const size_t narrow = candidates.size() - 1;
   // The data are a candidate themselves: with many samples nothing is nearer to the truth.
@@ -598,7 +620,7 @@ void run(const TransportRegression& p, const FilterFrame& frame, const FilterOut
                        {static_cast<double>(p.stacking_window), static_cast<double>(p.caution)}, task);
   HalfPair chosen = blend(candidates, maps, task);
   task.report(0.7);
-  improve(chosen, candidates, known, task);
+  improve(chosen, candidates, over_frames, known, task);
   Rgb clean = mean(chosen, task);
   give_back(limited.taken, clean, known.mask, task);
   for (size_t c = 0; c < 3; ++c) add_to(clean[c], 1, limited.points[c], task);
