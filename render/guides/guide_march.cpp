@@ -28,8 +28,6 @@ constexpr double kForwardOrder = 2.5;
 constexpr double kOpaque = 2e-3;  // transmittance of an eighth of the extinction at which a ray ends
 constexpr double kFar = 1e30;
 constexpr int kMostUnseen = 8;  // surfaces that a camera ray goes through
-// Scatterings that a guide of GroupLight::kFirstOrder stands for, on average: what tints it by the albedo's colour.
-constexpr std::array<double, 6> kTypicalOrder = {2, 3, 4.5, 7, 11, 20};
 constexpr std::array<const char*, 6> kOrderNames = {"order2", "order3", "order4", "order6", "order9", "tail"};
 constexpr size_t kOrders = kOrderNames.size();
 // Octaves: the same light with a half, a quarter, an eighth of the extinction and of the anisotropy.
@@ -65,24 +63,13 @@ vec3 tinted(const dvec3& colour, double value) {
   return vec3(colour * value);
 }
 
-/// Of numbers above 0; 0 stays.
-dvec3 power(const dvec3& base, double exponent) {
-  dvec3 result(0);
-  for (int c = 0; c < 3; ++c) {
-    if (!(base[c] > 0)) continue;
-    const double log = exponent * portable_log(base[c]);
-    result[c] = log < 0 ? attenuation(-log) : 1 / attenuation(log);
-  }
-  return result;
-}
-
 }  // namespace
 
 /// What one pixel gathers; every ray adds to it.
 struct GuideMarch::Sums {
   std::vector<double> value;  // as names_
   vec3 emission{0}, emission_once{0}, behind{0}, background{0}, normal{0}, surface_albedo{0};
-  vec3 bounced{0}, mirrored{0}, mirrored_indirect{0}, material{0};
+  vec3 indirect{0}, mirrored{0}, mirrored_indirect{0}, material{0};
   double surface_depth = 0, depth2 = 0;
   std::vector<vec3> surface;  // by group
   // Fields times the weight of what is seen of them, with the whole extinction and without the forward peak.
@@ -102,7 +89,7 @@ struct GuideMarch::Sums {
     std::fill(plain.begin(), plain.end(), 0.0f);
     std::fill(scaled.begin(), scaled.end(), 0.0f);
     std::fill(surface.begin(), surface.end(), vec3(0));
-    emission = emission_once = behind = background = normal = surface_albedo = bounced = mirrored = mirrored_indirect =
+    emission = emission_once = behind = background = normal = surface_albedo = indirect = mirrored = mirrored_indirect =
         material = vec3(0);
     surface_depth = depth2 = 0;
   }
@@ -115,14 +102,14 @@ GuideMarch::GuideMarch(const PathContext& context, const std::vector<GuideMedia>
       fields_(fields),
       colour_(colour),
       camera_(camera),
-      step_(step_voxels * media[0].voxel()) {
+      step_(step_voxels * media[0].voxel()),
+      tint_(media[0], colour) {
   const dvec3 middle = 0.5 * (media[0].lo() + media[0].hi());
   reference_depth_ = glm::distance(camera.ray(dvec2(0)).o, middle);
   double densest = 0;
   for (const Medium& m : media[0].media())
     densest = std::max(densest, m.maximum_density() * in_colour(m.coefficients().sigma_t, colour));
   gentle_ = std::max(kGentleGradient * densest / media[0].voxel(), 1e-300);
-  for (size_t order = 0; order < kOrders; ++order) order_tint_[order] = power(tint(), kTypicalOrder[order]);
   lay_out();
 }
 
@@ -286,7 +273,7 @@ void GuideMarch::record(const ivec2& corner, Layers& frame, const Task& task) {
   const std::vector<size_t> channels =
       colour_ == kGrey ? std::vector<size_t>{0, 1, 2} : std::vector<size_t>{static_cast<size_t>(colour_)};
   const bool surfaces = context_.surfaces != nullptr, glows = !media_[0].emissions().empty();
-  std::array<Plane*, 3> emission{}, background{}, albedo{}, direct{}, indirect{}, normal{}, bounced{}, mirrored{},
+  std::array<Plane*, 3> emission{}, background{}, albedo{}, direct{}, indirect{}, normal{}, lit_indirect{}, mirrored{},
       mirrored_indirect{}, material{}, emission_once{}, behind{};
   std::vector<std::array<Plane*, 3>> lit(slots_.size());
   for (const size_t c : channels) {
@@ -298,9 +285,10 @@ void GuideMarch::record(const ivec2& corner, Layers& frame, const Task& task) {
     indirect[c] = &layer_of("predicted_indirect", "RGB"[c]);
     if (!surfaces) continue;
     albedo[c] = &layer_of("surface_albedo", "RGB"[c]);
-    if (fields_.surface_light()) bounced[c] = &layer_of("surface.bounced", "RGB"[c]);
+    lit_indirect[c] = &layer_of("surface.indirect", "RGB"[c]);
     for (size_t g = 0; g < lit.size(); ++g)
-      lit[g][c] = &layer_of("surface." + fields_.groups()[g].group.name, "RGB"[c]);
+      if (!from_surfaces(fields_.groups()[g]))
+        lit[g][c] = &layer_of("surface." + fields_.groups()[g].group.name, "RGB"[c]);
     if (node_light_.empty()) continue;
     mirrored[c] = &layer_of("surface.mirrored", "RGB"[c]);
     mirrored_indirect[c] = &layer_of("surface.mirrored_indirect", "RGB"[c]);
@@ -350,7 +338,7 @@ void GuideMarch::record(const ivec2& corner, Layers& frame, const Task& task) {
       store(direct, predicted_direct(sums));
       store(indirect, predicted_indirect(sums));
       store(albedo, sums.surface_albedo);
-      store(bounced, sums.bounced);
+      store(lit_indirect, sums.indirect);
       store(normal, sums.normal);
       store(material, sums.material);
       store(mirrored, sums.mirrored);
@@ -569,34 +557,22 @@ void GuideMarch::collect_fields(Sums& sums) const {
   }
 }
 
-dvec3 GuideMarch::colour_of(const GroupLight& light) const {
-  return colour_ == kGrey ? light.group.colour : dvec3(1);
-}
-
-// How much more than the mean a medium's albedo gives each colour by one scattering.
-dvec3 GuideMarch::tint() const {
-  if (colour_ != kGrey || media_[0].media().empty()) return dvec3(1);
-  const dvec3 albedo = media_[0].media()[0].albedo();
-  const double mean = in_colour(albedo, kGrey);
-  return mean > 0 ? albedo / mean : dvec3(1);
-}
-
 vec3 GuideMarch::predicted_direct(const Sums& sums) const {
   vec3 light = sums.background + sums.emission + sums.emission_once + sums.mirrored;
   for (size_t k = 0; k < slots_.size(); ++k)
     if (!from_surfaces(fields_.groups()[k]))
-      light += sums.surface[k] + tinted(tint() * colour_of(fields_.groups()[k]), sums.value[slots_[k].single]);
+      light += sums.surface[k] + tinted(tint_.once() * colour_of(fields_.groups()[k]), sums.value[slots_[k].single]);
   return light;
 }
 
 vec3 GuideMarch::predicted_indirect(const Sums& sums) const {
-  vec3 light = sums.bounced + sums.mirrored_indirect + sums.behind;
+  vec3 light = sums.indirect + sums.mirrored_indirect + sums.behind;
   for (size_t k = 0; k < slots_.size(); ++k) {
     const GroupLight& g = fields_.groups()[k];
-    light += tinted(power(tint(), kForwardOrder) * colour_of(g), sums.value[slots_[k].forward]);
-    if (from_surfaces(g)) light += tinted(tint() * colour_of(g), sums.value[slots_[k].single]);
+    light += tinted(tint_.at(kForwardOrder) * colour_of(g), sums.value[slots_[k].forward]);
+    if (from_surfaces(g)) light += tinted(tint_.once() * colour_of(g), sums.value[slots_[k].single]);
     for (size_t order = 0; order < kOrders; ++order)
-      light += tinted(order_tint_[order] * colour_of(g), sums.value[slots_[k].orders + order]);
+      light += tinted(tint_.of_guide(order) * colour_of(g), sums.value[slots_[k].orders + order]);
   }
   return light;
 }
@@ -620,17 +596,15 @@ void GuideMarch::add_surface(const Eye& eye, const Ray& ray, const SurfaceHit& h
   sums.surface_depth += straight * (hit.t - reference_depth_);
   sums.material[static_cast<int>(at.bsdf.kind)] += static_cast<float>(straight);
   if (!at.inside) sums.background += tinted(context_.surfaces->settings(hit.surface).radiance, straight);
-  dvec3 leaving = light_of_surfaces_on(at);
-  sums.bounced += tinted(leaving, straight);
-  if (!at.bsdf.delta()) {
-    float fields[kMostFields];
-    interpolate(at.p, fields);
-    for (size_t k = 0; k < slots_.size(); ++k) {
-      const dvec3 light = light_on(at, k, fields);
-      sums.surface[k] += tinted(light, straight);
-      leaving += light;
-    }
+  dvec3 indirect = indirect_light_on(at), leaving(0);
+  for (size_t k = 0; k < slots_.size() && !at.bsdf.delta(); ++k) {
+    const Lit light = light_on(at, k);
+    sums.surface[k] += tinted(light.direct, straight);
+    leaving += light.direct;
+    indirect += light.indirect;
   }
+  sums.indirect += tinted(indirect, straight);
+  leaving += indirect;
   if (at.bsdf.kind != Bsdf::Kind::kDiffuse) {
     const Seen seen = mirrored(eye, at, hit, media, line);
     sums.mirrored += tinted(seen.straight, straight);
@@ -640,54 +614,26 @@ void GuideMarch::add_surface(const Eye& eye, const Ray& ray, const SurfaceHit& h
   sums.behind += tinted(leaving, passed.peaks);
 }
 
-dvec3 GuideMarch::light_of_surfaces_on(const Shaded& at) const {
-  const SurfaceLight* const others = fields_.surface_light();
-  return others && at.bsdf.kind == Bsdf::Kind::kDiffuse ? at.bsdf.albedo * others->onto(at.p, at.normal) : dvec3(0);
+Surroundings GuideMarch::surroundings() const {
+  return {fields_.lattice(), fields_.scaled_extinction(), *context_.lights,       *context_.surfaces,
+          colour_,           fields_.ambient_light(),     fields_.surface_light()};
 }
 
-dvec3 GuideMarch::light_on(const Shaded& at, size_t group, const float* fields) const {
+dvec3 GuideMarch::indirect_light_on(const Shaded& at) const {
+  const AmbientLight* const ambient = fields_.ambient_light();
+  if (!ambient || at.bsdf.kind != Bsdf::Kind::kDiffuse) return dvec3(0);
+  return at.bsdf.albedo * ambient->onto(at.p, at.normal).scattered;
+}
+
+Lit GuideMarch::light_on(const Shaded& at, size_t group) const {
   const GroupLight& g = fields_.groups()[group];
-  const bool diffuse = at.bsdf.kind == Bsdf::Kind::kDiffuse;
-  dvec3 light(0);
-  if (sharp(g)) {
-    dvec3 towards, irradiance;
-    double tau, distance = kFar;
-    if (g.group.sun) {
-      towards = g.group.sun->axis();
-      irradiance = g.group.sun->irradiance();
-      tau = g.sun.at(at.p);
-    } else {
-      const LocalLight local = local_light(*g.group.lights[0], at.p);
-      towards = local.towards;
-      irradiance = local.irradiance;
-      distance = local.distance;
-      tau = fields[slots_[group].field_depth];
-    }
-    if (!(glm::dot(towards, at.normal) > 0) || !(tau < 50)) return light;
-    light = attenuation(tau) * context_.surfaces->passage({at.p, towards}, distance).light;
-    if (light == dvec3(0)) return light;
-    return light * (diffuse ? irradiance * at.bsdf.value(at.to_frame(at.wo), at.to_frame(towards), at.inside)
-                            : highlight(at, *g.group.lights[0]));
-  }
-  if (!diffuse) return light;
-  if (is_sky(g)) {
-    const auto& directions = ScatteringSolver::directions();
-    const ivec3 n = fields_.lattice().n;
-    const ivec3 node = glm::clamp(ivec3(glm::round(fields_.lattice().to_lattice(at.p))), ivec3(1), n - 2);
-    const size_t i = fields_.lattice().index(node.x, node.y, node.z);
-    double sum = 0;
-    for (size_t d = 0; d < directions.size(); ++d)
-      sum += std::max(0.0, glm::dot(at.normal, -directions[d])) * g.sky[d][i];
-    return at.bsdf.albedo * colour_of(g) * (4 * sum / static_cast<double>(directions.size()));
-  }
-  // No nearer than a flame's own extent, where it is no point.
-  const double extent = 0.25 * fields_.lattice().spacing * max_component(dvec3(fields_.lattice().n)) / 4;
-  for (const GroupLight::Flame& flame : g.flames) {
-    const dvec3 to = flame.position - at.p;
-    const double distance2 = glm::dot(to, to) + extent * extent, facing = glm::dot(to, at.normal);
-    if (facing <= 0) continue;
-    light += flame.intensity / distance2 *
-             at.bsdf.value(at.to_frame(at.wo), at.to_frame(to / std::sqrt(distance2)), at.inside);
+  Lit light;
+  if (at.bsdf.kind == Bsdf::Kind::kDiffuse) {
+    light.add(at.bsdf.albedo, diffuse_light(g, surroundings(), at.p, at.normal));
+  } else if (sharp(g)) {
+    const Beam beam = beam_at(g, surroundings(), at.p);
+    if (glm::dot(beam.towards, at.normal) > 0 && beam.passed.direct != dvec3(0))
+      light.add(highlight(at, *g.group.lights[0]), beam.passed);
   }
   return light;
 }

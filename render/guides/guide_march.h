@@ -7,6 +7,7 @@
 #include "image/layers.h"
 #include "render/guides/guide_media.h"
 #include "render/guides/light_fields.h"
+#include "render/guides/lit_surface.h"
 #include "render/trace/integrator.h"
 #include "render/world/camera.h"
 
@@ -83,10 +84,11 @@ class GuideMarch {
     dvec3 to_frame(const dvec3& d) const { return {glm::dot(d, frame.x), glm::dot(d, frame.y), glm::dot(d, frame.z)}; }
   };
   Shaded shaded(const Ray& ray, const SurfaceHit& hit) const;
-  /// Radiance that a diffuse surface reflects of light from other surfaces.
-  dvec3 light_of_surfaces_on(const Shaded& at) const;
-  /// Light of a group that a surface reflects once. @param fields  interpolated at its point
-  dvec3 light_on(const Shaded& at, size_t group, const float* fields) const;
+  Surroundings surroundings() const;
+  /// Light of a group that a surface reflects once.
+  Lit light_on(const Shaded& at, size_t group) const;
+  /// What a diffuse surface reflects of all light that was scattered or reflected before it arrives in any direction.
+  dvec3 indirect_light_on(const Shaded& at) const;
   dvec3 highlight(const Shaded& at, const Light& light) const;
 
   // guide_mirrors.cpp: rays that go on from metals and glass.
@@ -98,8 +100,7 @@ class GuideMarch {
   dvec3 lights_ahead(const Ray& ray, const FiniteLight* light, double distance, const Way& way) const;
   Seen mirrored(const Eye& eye, const Shaded& at, const SurfaceHit& hit, const GuideMedia& media,
                 MediaLine& line) const;
-  dvec3 colour_of(const GroupLight& light) const;
-  dvec3 tint() const;
+  dvec3 colour_of(const GroupLight& light) const { return light.group.colour_in(colour_); }
   vec3 predicted_direct(const Sums& sums) const;
   vec3 predicted_indirect(const Sums& sums) const;
 
@@ -110,8 +111,8 @@ class GuideMarch {
   const Camera& camera_;
   double step_ = 1, reference_depth_ = 0, gentle_ = 0;
 
-  std::array<dvec3, GroupLight::kFirstOrder.size()> order_tint_{};  // what a colour makes of each guide of orders
-  std::vector<Slots> slots_;                                        // for each group
+  OrderTint tint_;
+  std::vector<Slots> slots_;        // for each group
   std::vector<std::string> names_;  // of the sums that are one number each, as layers without "guide."
   size_t field_count_ = 0;          // interleaved fields, a multiple of four
   NodeValues node_fields_;

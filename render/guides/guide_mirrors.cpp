@@ -93,8 +93,8 @@ void GuideMarch::gather_light(const Task& task) {
           const dvec3 colour = colour_of(g);
           for (size_t order = 0; order < g.orders.size(); ++order)
             add_moments(kOften, order < GroupLight::kFineGuides ? fine : coarse, g.orders[order],
-                        colour * order_tint_[order]);
-          if (!g.once[0].empty()) add_moments(kOnce, fine, g.once, colour * tint());
+                        colour * tint_.of_guide(order));
+          if (!g.once[0].empty()) add_moments(kOnce, fine, g.once, colour * tint_.once());
           if (g.sky.empty()) continue;
           const GuideMedia::Point point = media_[0].at(p, colour_);
           double mean = 0;
@@ -105,7 +105,7 @@ void GuideMarch::gather_light(const Task& task) {
             flux += light * directions[d];
           }
           const double share = point.albedo / static_cast<double>(directions.size());
-          add(kOnce, share * mean, 3 * point.g * share * flux, colour * tint());
+          add(kOnce, share * mean, 3 * point.g * share * flux, colour * tint_.once());
         }
       }
   });
@@ -155,7 +155,8 @@ GuideMarch::Passed GuideMarch::see_media(const Ray& ray, const GuideMedia& media
       if (!g.visible.empty()) irradiance *= interpolated(fields_.lattice(), g.visible, p);
       const double cosine = glm::dot(towards, ray.d), peak = (1 - scale) * (tau + depth_sum / thickness_sum);
       const double phase = phase_value(media, cosine, g_mean) + ForwardPeak(g_mean, cosine).repeated(peak);
-      seen.scattered += w * irradiance * albedo / thickness_sum * phase * attenuation(tau) * tint() * colour_of(g);
+      seen.scattered +=
+          w * irradiance * albedo / thickness_sum * phase * attenuation(tau) * tint_.once() * colour_of(g);
     }
     w = scaled = thickness_sum = distance = depth_sum = albedo = g_sum = 0;
   };
@@ -238,12 +239,11 @@ GuideMarch::Seen GuideMarch::look(const Ray& ray, const GuideMedia& media, Media
     if (way.only_lights && !at.bsdf.delta()) return seen;
     if (!way.only_lights) {
       if (!at.inside) end.straight = context_.surfaces->settings(hit->surface).radiance;
-      if (!at.bsdf.delta()) {
-        float fields[kMostFields];
-        interpolate(at.p, fields);
-        for (size_t k = 0; k < slots_.size(); ++k) end.scattered += light_on(at, k, fields);
-        end.scattered += light_of_surfaces_on(at);
+      for (size_t k = 0; k < slots_.size() && !at.bsdf.delta(); ++k) {
+        const Lit lit = light_on(at, k);
+        end.scattered += lit.direct + lit.indirect;
       }
+      end.scattered += indirect_light_on(at);
     }
     if (at.bsdf.kind != Bsdf::Kind::kDiffuse) {
       const Seen behind = bounce(at, *hit, media, line, way);

@@ -21,6 +21,7 @@ constexpr size_t kMostSunNodes = 16000000;
 constexpr double kNegligible = 2e-3;    // of all orders together, for the last one
 constexpr double kLargestRatio = 0.99;  // of an order to the one before, in the tail
 constexpr double kUnseen = 1e30;        // world units
+constexpr double kFineOrder = 2;        // scatterings of the orders on fine nodes, on average
 
 /// Averages of the sky over the directions nearest to each of the solver's, where light travels from it.
 std::vector<double> sky_radiance(const Environment& sky, GuideColour colour) {
@@ -51,28 +52,12 @@ void hide_sky(const GuideMedia& media, const Surfaces& surfaces, std::vector<dou
   }
 }
 
-/// The glow of the cells of a coarse grid, each as a point in its middle of brightness.
-std::vector<GroupLight::Flame> gathered_flames(const GuideMedia& media, const Lattice& lattice) {
-  constexpr int kAcross = 4;
-  std::vector<GroupLight::Flame> cells(kAcross * kAcross * kAcross);
-  std::vector<double> weight(cells.size(), 0.0);
-  const double volume = lattice.spacing * lattice.spacing * lattice.spacing;
-  for (int x = 0; x < lattice.n.x; ++x)
-    for (int y = 0; y < lattice.n.y; ++y)
-      for (int z = 0; z < lattice.n.z; ++z) {
-        const dvec3 p = lattice.node(x, y, z), glow = media.glow(p) * volume;
-        const double bright = luminance(glow);
-        if (!(bright > 0)) continue;
-        const ivec3 c = ivec3(x, y, z) * kAcross / lattice.n;
-        const auto cell = static_cast<size_t>((c.x * kAcross + c.y) * kAcross + c.z);
-        cells[cell].intensity += glow;
-        cells[cell].position += bright * p;
-        weight[cell] += bright;
-      }
-  std::vector<GroupLight::Flame> flames;
-  for (size_t i = 0; i < cells.size(); ++i)
-    if (weight[i] > 0) flames.push_back({cells[i].position / weight[i], cells[i].intensity});
-  return flames;
+/// Over a cube around a point.
+dvec3 mean_glow(const GuideMedia& media, const dvec3& middle, double size) {
+  dvec3 sum(0);
+  for (int corner = 0; corner < 8; ++corner)
+    sum += media.glow(middle + 0.25 * size * dvec3(corner & 1 ? 1 : -1, corner & 2 ? 1 : -1, corner & 4 ? 1 : -1));
+  return 0.125 * sum;
 }
 
 /// Optical depth from a point along a direction, through the lattice's own extinction, a node a step.
@@ -130,6 +115,17 @@ LightFields::LightFields(const GuideMedia& media, const Lights& lights, const Su
   near_ = solver.near_media();
   if (surfaces) std::fill(near_.begin(), near_.end(), uint8_t{1});
   scale_ = solver.mean_scale();
+  tint_ = OrderTint(media, colour);
+  if (surfaces) {
+    ambient_light_.emplace(media, coarse_, scale_);
+    coarse.each_node([&](int x, int y, int z, size_t i) {
+      AmbientLight::Node& node = ambient_light_->nodes()[ambient_light_->index(x, y, z)];
+      node.extinction = coarse.scaled_extinction()[i];
+      if (media.emissions().empty()) return;
+      const vec3 glow(mean_glow(media, coarse_.node(x, y, z), coarse_.spacing) * coarse_.spacing);
+      node.glow = {glow.x, glow.y, glow.z};
+    });
+  }
   const auto scaled_transmittance = [&](double depth) { return attenuation(depth * scale_); };
   const Task own = quiet(task);
 
@@ -192,7 +188,6 @@ LightFields::LightFields(const GuideMedia& media, const Lights& lights, const Su
           glow[i] = static_cast<float>(in_colour(media.glow(fine_.node(x, y, z)), colour) * fine_.spacing);
         });
         arriving = solver.emitted(glow);
-        g.flames = gathered_flames(media, fine_);
         break;
       }
       case LightGroup::Kind::kSurfaces:
@@ -208,17 +203,12 @@ LightFields::LightFields(const GuideMedia& media, const Lights& lights, const Su
 void LightFields::add_surface_light(const GuideMedia& media, const Lights& lights, const Surfaces& surfaces,
                                     GuideColour colour, ScatteringSolver& fine, ScatteringSolver& coarse,
                                     const Task& task) {
+  ambient_light_->gather(surfaces, *lights.environment(), task);
+  const Surroundings around{fine_, scale_, lights, surfaces, colour, &*ambient_light_, nullptr};
   const SurfaceLight& light = surface_light_.emplace(
       media, surfaces,
-      [&](const Ray& ray, const SurfaceHit& hit) {
-        dvec3 sum(0);
-        for (const GroupLight& g : groups_) sum += reflected_light(g, fine_, lights, surfaces, colour, ray, hit);
-        return sum;
-      },
-      [&](const dvec3& from, const dvec3& towards, double distance) {
-        return attenuation(scale_ * depth_along(fine, from, towards, distance));
-      },
-      task);
+      [&](const Ray& ray, const SurfaceHit& hit) { return reflected_light(groups_, around, ray, hit); },
+      *ambient_light_, task);
   if (light.colour() == dvec3(0)) {
     surface_light_.reset();
     return;
@@ -233,6 +223,23 @@ void LightFields::add_surface_light(const GuideMedia& media, const Lights& light
   });
   solve(g, std::move(arriving), fine, coarse);
   groups_.push_back(std::move(g));
+  ambient_light_->gather(surfaces, *lights.environment(), task);
+}
+
+void LightFields::add_to_ambient(const GroupLight& light, const Moments& fine_orders, const ScatteringSolver& fine,
+                                 const ScatteringSolver& coarse) {
+  const auto add = [&](const dvec3& tint, const Moments& source, bool per_extinction) {
+    const vec3 colour(light.group.colour_in(tint_.colour()) * tint);
+    coarse.each_node([&](int x, int y, int z, size_t i) {
+      AmbientLight::Node& node = ambient_light_->nodes()[ambient_light_->index(x, y, z)];
+      const float share = per_extinction ? coarse.scaled_extinction()[i] : 1.0f;
+      for (size_t moment = 0; moment < 4; ++moment)
+        for (int c = 0; c < 3; ++c)
+          node.scattered[3 * moment + static_cast<size_t>(c)] += share * colour[c] * source[moment][i];
+    });
+  };
+  add(tint_.at(kFineOrder), coarse.source_from(fine, fine_orders), false);
+  for (size_t g = GroupLight::kFineGuides; g < light.orders.size(); ++g) add(tint_.of_guide(g), light.orders[g], true);
 }
 
 void LightFields::solve(GroupLight& light, Moments scattered, ScatteringSolver& fine, ScatteringSolver& coarse) {
@@ -243,6 +250,8 @@ void LightFields::solve(GroupLight& light, Moments scattered, ScatteringSolver& 
   if (light.group.kind == LightGroup::Kind::kOthers || light.group.kind == LightGroup::Kind::kGlow ||
       light.group.kind == LightGroup::Kind::kSurfaces)
     light.once = scattered;
+  Moments fine_orders;
+  if (ambient_light_) fine_orders = scattered;
   size_t g = 0;
   const auto gather = [&](const ScatteringSolver& solver, int order) {
     if (order == first[g])
@@ -255,6 +264,7 @@ void LightFields::solve(GroupLight& light, Moments scattered, ScatteringSolver& 
     fine.scatter(scattered);
     if (order >= first[g + 1]) ++g;
     gather(fine, order);
+    if (ambient_light_) fine.add(scattered, fine_orders);
   }
   const Moments source = coarse.source_from(fine, scattered);
   scattered = coarse.nothing();
@@ -279,6 +289,7 @@ void LightFields::solve(GroupLight& light, Moments scattered, ScatteringSolver& 
     const float ratio = std::clamp(scattered[0][i] / (before[i] + 1e-20f), 0.0f, static_cast<float>(kLargestRatio));
     for (size_t a = 0; a < 4; ++a) tail[a][i] += scattered[a][i] * ratio / (1 - ratio);
   }
+  if (ambient_light_) add_to_ambient(light, fine_orders, fine, coarse);
 }
 
 size_t LightFields::bytes() const {

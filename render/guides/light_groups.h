@@ -14,6 +14,7 @@ struct LightGroup {
   const Sun* sun = nullptr;          ///< of kSun
   std::vector<const Light*> lights;  ///< one of kSun and kLocal, several of kOthers
   dvec3 colour{1};                   ///< of mean 1: what a grey guide is multiplied by to be seen
+  dvec3 colour_in(GuideColour guide) const { return guide == kGrey ? colour : dvec3(1); }
 };
 
 /// The lights of a scene by their guides: suns and local lights one by one while they are few, the weaker ones

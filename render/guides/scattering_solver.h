@@ -30,6 +30,8 @@ class ScatteringSolver {
   const Lattice& lattice() const { return lattice_; }
   /// Per spacing.
   const NodeValues& extinction() const { return extinction_; }
+  /// The same without the forward peak.
+  const NodeValues& scaled_extinction() const { return scaled_; }
   /// What the forward peak leaves of the extinction, averaged over the media.
   double mean_scale() const { return mean_scale_; }
 
