@@ -7,6 +7,11 @@
 
 namespace brume {
 
+/// Share of scattering by a Henyey-Greenstein phase function that counts as its forward peak.
+inline double peak_weight(double g) {
+  return g > 0 ? std::min(g * g, 2 * g * g * g * g) : 0;
+}
+
 /// Light that turns towards the eye at one place and is scattered nearly straight on any number of times before or
 /// behind it.
 ///
@@ -24,6 +29,7 @@ class ForwardPeak {
   ForwardPeak() = default;
   ForwardPeak(double g, double cosine) {
     if (!(g > 0)) return;
+    const double f = peak_weight(g);
     constexpr double kEven = 1 / (4 * kPi);
     double power = g, factor = 1 / (g * g), count = 1;
     for (double& phase : phase_) {
@@ -34,7 +40,7 @@ class ForwardPeak {
       const double narrow = power < 0.02
                                 ? 5 * (1.5 * cosine * cosine - 0.5) * kEven
                                 : factor * (HenyeyGreenstein{power}.value(cosine) - (1 + 3 * power * cosine) * kEven);
-      phase = (1 - g * g + 3 * g * (1 - g) * cosine) * kEven + g * g / count * ((1 + 3 * cosine) * kEven + narrow);
+      phase = (1 - f + 3 * (g - f) * cosine) * kEven + f / count * ((1 + 3 * cosine) * kEven + narrow);
     }
   }
   /// Sum over n >= 1 of depth^n / n! p_n: what light has that is scattered so often, where light that is scattered once

@@ -27,7 +27,8 @@ constexpr double kLightSteps = 2, kLightThickness = 0.12;
 constexpr double kForwardOrder = 2.5;
 constexpr double kOpaque = 2e-3;  // transmittance of an eighth of the extinction at which a ray ends
 constexpr double kFar = 1e30;
-constexpr int kMostUnseen = 8;  // surfaces that a camera ray goes through
+constexpr double kNarrow = 0.99;  // mean cosine of directions that count as one
+constexpr int kMostUnseen = 8;    // surfaces that a camera ray goes through
 constexpr std::array<const char*, 6> kOrderNames = {"order2", "order3", "order4", "order6", "order9", "tail"};
 constexpr size_t kOrders = kOrderNames.size();
 // Octaves: the same light with a half, a quarter, an eighth of the extinction and of the anisotropy.
@@ -364,9 +365,9 @@ void GuideMarch::trace(const Eye& eye, const GuideMedia& media, MediaLine& line,
       hit.reset();
     }
   }
-  const double t_end = hit ? hit->t : kFar;
+  const auto [light, distance] = context_.lights->nearest(ray, hit ? hit->t : kFar, /*seen=*/true);
+  const double t_end = light ? distance : hit ? hit->t : kFar;
   const Passed passed = march(ray, media, line, t_end, sums);
-  const auto [light, distance] = context_.lights->nearest(ray, t_end, /*seen=*/true);
   if (light) {
     sums.background += tinted(light->radiance(ray, distance), passed.straight);
   } else if (hit) {
@@ -399,7 +400,7 @@ GuideMarch::Passed GuideMarch::march(const Ray& ray, const GuideMedia& media, Me
   Piece piece;
   for (size_t k = 0; k < slots_.size(); ++k)
     if (const Sun* const sun = fields_.groups()[k].group.sun; sun && media.media().size() == 1)
-      look_from(media, glm::dot(sun->axis(), ray.d), media.mean_cosine(0), k, sums);
+      look_from(media, glm::dot(sun->axis(), ray.d), media.mean_cosine(0), 1, k, sums);
 
   for (const auto& [begin, end] : parts) {
     // Steps of neighbouring pixels begin at the same distances from the eye, wherever their cells begin.
@@ -472,13 +473,15 @@ void GuideMarch::add_glow(const dvec3& glow, double straight, double scaled, dou
   sums.behind += tinted(glow, std::max(0.0, scaled - straight - once));
 }
 
-double GuideMarch::phase_value(const GuideMedia& media, double cosine, double g) const {
+double GuideMarch::phase_value(const GuideMedia& media, double cosine, double g, double spread) const {
+  if (spread < kNarrow) return henyey_greenstein(spread * g, cosine);
   return media.media().size() == 1 ? media.media()[0].phase().value(cosine) : henyey_greenstein(g, cosine);
 }
 
 // Its phase function, octaves and forward peak.
-void GuideMarch::look_from(const GuideMedia& media, double cosine, double g, size_t group, Sums& sums) const {
-  sums.phases[group] = {phase_value(media, cosine, g), henyey_greenstein(g / 2, cosine),
+void GuideMarch::look_from(const GuideMedia& media, double cosine, double g, double spread, size_t group,
+                           Sums& sums) const {
+  sums.phases[group] = {phase_value(media, cosine, g, spread), henyey_greenstein(g / 2, cosine),
                         henyey_greenstein(g / 4, cosine), henyey_greenstein(g / 8, cosine)};
   sums.peaks[group] = ForwardPeak(g, cosine);
 }
@@ -507,25 +510,27 @@ void GuideMarch::light_of(const Piece& piece, const GuideMedia& media, const Ray
       continue;
     }
     if (!sharp(g)) continue;
-    double irradiance, tau;
+    double irradiance, tau, arriving;
     if (g.group.sun) {
       irradiance = in_colour(g.group.sun->irradiance(), colour_);
       tau = g.sun.at(p);
+      arriving = attenuation(tau);
       // Of a sun in one medium the angle does not change along the ray.
-      if (media.media().size() > 1) look_from(media, glm::dot(g.group.sun->axis(), ray.d), g_mean, k, sums);
+      if (media.media().size() > 1) look_from(media, glm::dot(g.group.sun->axis(), ray.d), g_mean, 1, k, sums);
     } else {
       const LocalLight light = local_light(*g.group.lights[0], p);
       irradiance = in_colour(light.irradiance, colour_);
       tau = fields[s.field_depth];
-      look_from(media, glm::dot(light.towards, ray.d), g_mean, k, sums);
+      arriving = light.transmittance(tau);
+      look_from(media, glm::dot(light.towards, ray.d), g_mean, light.mean_cosine(), k, sums);
     }
     if (!g.visible.empty()) irradiance *= fields[s.field_visible];
     irradiance *= albedo;
     const std::array<double, 4>& phase = sums.phases[k];
-    const double v16 = attenuation(tau / 16), v8 = v16 * v16, v4 = v8 * v8, v2 = v4 * v4, v = v2 * v2;
-    out[s.single] += piece.w * irradiance * phase[0] * v;
+    const double v16 = attenuation(tau / 16), v8 = v16 * v16, v4 = v8 * v8, v2 = v4 * v4;
+    out[s.single] += piece.w * irradiance * phase[0] * arriving;
     const double peak = (1 - fields_.scaled_extinction()) * (tau + piece.depth / piece.thickness);
-    out[s.forward] += piece.w * irradiance * v * sums.peaks[k].repeated(peak);
+    out[s.forward] += piece.w * irradiance * arriving * sums.peaks[k].repeated(peak);
     out[s.octave] += piece.w2 * irradiance * phase[1] * v2;
     out[s.octave + 1] += piece.w4 * irradiance * phase[2] * v4;
     out[s.octave + 2] += piece.w8 * irradiance * phase[3] * v8;

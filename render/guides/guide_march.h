@@ -68,8 +68,9 @@ class GuideMarch {
   void add_glow(const dvec3& glow, double straight, double scaled, double depth, Sums& sums) const;
   void interpolate(const dvec3& world, float* values) const;
   /// Of the only medium, or of one with that mean cosine.
-  double phase_value(const GuideMedia& media, double cosine, double g) const;
-  void look_from(const GuideMedia& media, double cosine, double g, size_t group, Sums& sums) const;
+  /// @param spread  mean cosine of the light's directions to their middle, which `cosine` is of
+  double phase_value(const GuideMedia& media, double cosine, double g, double spread) const;
+  void look_from(const GuideMedia& media, double cosine, double g, double spread, size_t group, Sums& sums) const;
   void light_of(const Piece& piece, const GuideMedia& media, const Ray& ray, Sums& sums) const;
   void collect_fields(Sums& sums) const;
   void add_surface(const Eye& eye, const Ray& ray, const SurfaceHit& hit, const Passed& passed, const GuideMedia& media,

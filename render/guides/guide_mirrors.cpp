@@ -140,23 +140,25 @@ GuideMarch::Passed GuideMarch::see_media(const Ray& ray, const GuideMedia& media
     const double g_mean = g_sum / thickness_sum;
     for (const GroupLight& g : fields_.groups()) {
       if (!sharp(g)) continue;
-      double irradiance, tau;
+      double irradiance, tau, arriving, extent = 1;
       dvec3 towards;
       if (g.group.sun) {
         towards = g.group.sun->axis();
         irradiance = in_colour(g.group.sun->irradiance(), colour_);
         tau = g.sun.at(p);
+        arriving = attenuation(tau);
       } else {
         const LocalLight local = local_light(*g.group.lights[0], p);
         towards = local.towards;
         irradiance = in_colour(local.irradiance, colour_);
         tau = interpolated(fields_.lattice(), g.depth, p);
+        arriving = local.transmittance(tau);
+        extent = local.mean_cosine();
       }
       if (!g.visible.empty()) irradiance *= interpolated(fields_.lattice(), g.visible, p);
       const double cosine = glm::dot(towards, ray.d), peak = (1 - scale) * (tau + depth_sum / thickness_sum);
-      const double phase = phase_value(media, cosine, g_mean) + ForwardPeak(g_mean, cosine).repeated(peak);
-      seen.scattered +=
-          w * irradiance * albedo / thickness_sum * phase * attenuation(tau) * tint_.once() * colour_of(g);
+      const double phase = phase_value(media, cosine, g_mean, extent) + ForwardPeak(g_mean, cosine).repeated(peak);
+      seen.scattered += w * irradiance * albedo / thickness_sum * phase * arriving * tint_.once() * colour_of(g);
     }
     w = scaled = thickness_sum = distance = depth_sum = albedo = g_sum = 0;
   };

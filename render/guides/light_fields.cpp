@@ -64,15 +64,40 @@ dvec3 mean_glow(const GuideMedia& media, const dvec3& middle, double size) {
 double depth_along(const ScatteringSolver& solver, const dvec3& from, const dvec3& towards, double distance) {
   const Lattice& lattice = solver.lattice();
   const dvec3 start = lattice.to_lattice(from);
-  const int steps = static_cast<int>(std::min(std::ceil(distance / lattice.spacing), 4096.0));
+  const double length = distance / lattice.spacing;
+  const int steps = static_cast<int>(std::min(std::ceil(length), 4096.0));
   double depth = 0;
   for (int s = 0; s < steps; ++s) {
-    const dvec3 q = start + towards * (s + 0.5);
+    const double share = std::min(1.0, length - s);
+    const dvec3 q = start + towards * (s + 0.5 * share);
     if (glm::any(glm::lessThan(q, dvec3(0))) || glm::any(glm::greaterThan(q, dvec3(lattice.n - 1)))) break;
     const ivec3 node = ivec3(glm::round(q));
-    depth += static_cast<double>(solver.extinction()[lattice.index(node.x, node.y, node.z)]);
+    depth += share * static_cast<double>(solver.extinction()[lattice.index(node.x, node.y, node.z)]);
   }
   return depth;
+}
+
+/// What arrives from a lamp in the cube around a node, on average: where the lamp is near, it differs much from place
+/// to place. Nothing is lit inside the lamp.
+LocalLight mean_over_cube(const Light& light, const dvec3& node, double size) {
+  constexpr int kAcross = 4;
+  constexpr double kNear = 2.5;  // sizes
+  LocalLight mean = local_light(light, node);
+  const dvec3* const centre = light.centre();
+  if (!centre || glm::distance(*centre, node) > kNear * size) return mean;
+  const double share = 1.0 / (kAcross * kAcross * kAcross);
+  mean.irradiance = mean.towards = dvec3(0);
+  for (int i = 0; i < kAcross * kAcross * kAcross; ++i) {
+    const dvec3 place(i % kAcross, i / kAcross % kAcross, i / (kAcross * kAcross));
+    const dvec3 p = node + size * ((place + 0.5) / static_cast<double>(kAcross) - 0.5);
+    const LocalLight here = local_light(light, p);
+    if (here.distance > glm::distance(*centre, p)) continue;
+    mean.irradiance += share * here.irradiance;
+    mean.towards += share * in_colour(here.irradiance, kGrey) * here.towards;
+  }
+  const double all = in_colour(mean.irradiance, kGrey);
+  mean.towards = all > 0 ? mean.towards / all : dvec3(0);
+  return mean;
 }
 
 /// Moments of light along one direction.
@@ -169,7 +194,9 @@ LightFields::LightFields(const GuideMedia& media, const Lights& lights, const Su
             depth = depth_along(solver, p, l.towards, l.distance);
             if (alone) g.depth[i] = static_cast<float>(depth);
             if (!g.visible.empty()) g.visible[i] = static_cast<float>(share);
-            add_beam(arriving, i, in_colour(l.irradiance, colour) * share * scaled_transmittance(depth), l.towards);
+            const LocalLight mean = mean_over_cube(*light, p, fine_.spacing);
+            add_beam(arriving, i, in_colour(mean.irradiance, colour) * share * l.transmittance(scale_ * depth),
+                     mean.mean_cosine() * mean.towards);
           }
         });
         break;

@@ -26,6 +26,11 @@ struct LocalLight {
   dvec3 towards{0};  ///< unit
   double distance = 0;
   dvec3 irradiance{0};  ///< in empty space, across that direction
+  double radius = 0;    ///< of a sphere; its middle lies as much farther
+  /// Mean over the directions towards it, of which `depth` is the optical depth along the shortest.
+  double transmittance(double depth) const;
+  /// Mean cosine of the directions towards it to that of its middle: 1 of a small or distant one.
+  double mean_cosine() const;
 };
 LocalLight local_light(const Light& light, const dvec3& p);
 

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "base/math.h"
+#include "render/guides/forward_peak.h"
 #include "render/guides/media_line.h"
 
 namespace brume {
@@ -53,7 +54,7 @@ ScatteringSolver::ScatteringSolver(const Lattice& lattice, const GuideMedia& med
       if (!(node.extinction > 0)) continue;
       const double albedo = node.scattered / node.extinction;
       const double g = node.scattered > 0 ? node.linear / node.scattered : 0;
-      const double peak = g > 0 ? g * g : 0, left = 1 - albedo * peak;
+      const double peak = peak_weight(g), left = 1 - albedo * peak;
       node.extinction *= cube / (inner * inner * inner);
       node.scaled = node.extinction * left;
       node.scattered = node.scaled * albedo * (1 - peak) / left;
