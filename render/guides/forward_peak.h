@@ -7,9 +7,14 @@
 
 namespace brume {
 
-/// Share of scattering by a Henyey-Greenstein phase function that counts as its forward peak.
+/// Share of scattering by a Henyey-Greenstein phase function that counts as straight on. The square of the mean cosine
+/// keeps the second moment; where the peak is broad (g below 0.7) that would keep together what spreads, and there is
+/// less of it.
 inline double peak_weight(double g) {
-  return g > 0 ? std::min(g * g, 2 * g * g * g * g) : 0;
+  constexpr double kNarrow = 0.7;
+  if (!(g > 0)) return 0;
+  const double share = std::min(1.0, g / kNarrow);
+  return g * g * share * share * share * share;
 }
 
 /// Light that turns towards the eye at one place and is scattered nearly straight on any number of times before or

@@ -27,8 +27,9 @@ constexpr double kLightSteps = 2, kLightThickness = 0.12;
 constexpr double kForwardOrder = 2.5;
 constexpr double kOpaque = 2e-3;  // transmittance of an eighth of the extinction at which a ray ends
 constexpr double kFar = 1e30;
-constexpr double kNarrow = 0.99;  // mean cosine of directions that count as one
-constexpr int kMostUnseen = 8;    // surfaces that a camera ray goes through
+constexpr double kCapMeanCosine = 0.96;  // of a cap of a 24th of the sphere
+constexpr double kNarrow = 0.99;         // mean cosine of directions that count as one
+constexpr int kMostUnseen = 8;           // surfaces that a camera ray goes through
 constexpr std::array<const char*, 6> kOrderNames = {"order2", "order3", "order4", "order6", "order9", "tail"};
 constexpr size_t kOrders = kOrderNames.size();
 // Octaves: the same light with a half, a quarter, an eighth of the extinction and of the anisotropy.
@@ -111,6 +112,9 @@ GuideMarch::GuideMarch(const PathContext& context, const std::vector<GuideMedia>
   for (const Medium& m : media[0].media())
     densest = std::max(densest, m.maximum_density() * in_colour(m.coefficients().sigma_t, colour));
   gentle_ = std::max(kGentleGradient * densest / media[0].voxel(), 1e-300);
+  if (media[0].media().size() == 1)
+    cap_phase_ =
+        CapPhase(media[0].media()[0].phase(), 1.0 / static_cast<double>(ScatteringSolver::directions().size()));
   lay_out();
 }
 
@@ -198,21 +202,23 @@ void GuideMarch::interleave(const Task& task) {
           const NodeValues& tail = g.orders.back()[0];
           out[s.field_orders + kOrders] = static_cast<float>(coarsely(tail, p + step) - coarsely(tail, p - step));
           if (is_sky(g)) {
-            const double anisotropy = one ? 0 : media_[0].at(p, colour_).g;
-            double single = 0, forward = 0, half = 0, quarter = 0;
+            const double anisotropy = one ? media_[0].mean_cosine(0) : media_[0].at(p, colour_).g;
+            double single = 0, forward = 0, half = 0, quarter = 0, weights = 0;
             for (size_t d = 0; d < directions.size(); ++d) {
               const double c = glm::dot(directions[d], -view), light = g.sky[d][i];
-              single += solid_angle * light *
-                        (one ? media_[0].media()[0].phase().value(c) : henyey_greenstein(anisotropy, c));
+              const double weight = one ? cap_phase_.value(c) : henyey_greenstein(kCapMeanCosine * anisotropy, c);
+              weights += weight;
+              single += weight * light;
               const double root = std::sqrt(light);
               if (light > 0 && g.incoming[d] > 0) {
                 const double depth = std::max(0.0, portable_log(g.incoming[d] / light));
-                const ForwardPeak peak(one ? media_[0].mean_cosine(0) : anisotropy, c);
+                const ForwardPeak peak(anisotropy, c);
                 forward += solid_angle * light * peak.repeated((1 - fields_.scaled_extinction()) * depth);
               }
               half += root;
               quarter += std::sqrt(root);
             }
+            single /= weights;
             out[s.field_single] = static_cast<float>(single);
             out[s.field_forward] = static_cast<float>(single + forward);
             out[s.field_single + 1] = static_cast<float>(half / static_cast<double>(directions.size()));

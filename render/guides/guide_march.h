@@ -5,6 +5,7 @@
 
 #include "base/progress.h"
 #include "image/layers.h"
+#include "render/guides/cap_phase.h"
 #include "render/guides/guide_media.h"
 #include "render/guides/light_fields.h"
 #include "render/guides/lit_surface.h"
@@ -113,6 +114,7 @@ class GuideMarch {
   double step_ = 1, reference_depth_ = 0, gentle_ = 0;
 
   OrderTint tint_;
+  CapPhase cap_phase_;              // of the only medium
   std::vector<Slots> slots_;        // for each group
   std::vector<std::string> names_;  // of the sums that are one number each, as layers without "guide."
   size_t field_count_ = 0;          // interleaved fields, a multiple of four

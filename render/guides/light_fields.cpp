@@ -138,7 +138,6 @@ LightFields::LightFields(const GuideMedia& media, const Lights& lights, const Su
   coarse_ = Lattice::over(media.lo(), media.hi(), 2 * fine_.spacing, static_cast<size_t>(most));
   ScatteringSolver solver(fine_, media, colour, task), coarse(coarse_, solver, task);
   near_ = solver.near_media();
-  if (surfaces) std::fill(near_.begin(), near_.end(), uint8_t{1});
   scale_ = solver.mean_scale();
   tint_ = OrderTint(media, colour);
   if (surfaces) {
@@ -204,7 +203,7 @@ LightFields::LightFields(const GuideMedia& media, const Lights& lights, const Su
       case LightGroup::Kind::kSky: {
         std::vector<double> incoming = sky_radiance(*lights.environment(), colour);
         if (surfaces) hide_sky(media, *surfaces, incoming);
-        g.sky = solver.arriving(incoming, /*everywhere=*/surfaces != nullptr);
+        g.sky = solver.arriving(incoming);
         arriving = solver.entering(incoming);
         g.incoming = std::move(incoming);
         break;

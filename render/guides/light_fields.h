@@ -50,7 +50,7 @@ class LightFields {
   const SurfaceLight* surface_light() const { return surface_light_ ? &*surface_light_ : nullptr; }
   /// Null where there are no surfaces.
   const AmbientLight* ambient_light() const { return ambient_light_ ? &*ambient_light_ : nullptr; }
-  /// Nodes whose light may be asked for: those near the media, or all where there are surfaces.
+  /// Nodes whose light may be asked for: those near the media.
   const std::vector<uint8_t>& near() const { return near_; }
   /// What the forward peak leaves of the extinction, on average.
   double scaled_extinction() const { return scale_; }

@@ -274,13 +274,12 @@ void ScatteringSolver::gather(Moments& light) const {
   });
 }
 
-std::vector<NodeValues> ScatteringSolver::arriving(const std::vector<double>& incoming, bool everywhere) const {
+std::vector<NodeValues> ScatteringSolver::arriving(const std::vector<double>& incoming) const {
   std::vector<NodeValues> all(directions().size());
   const ivec3 n = lattice_.n;
   parallel_for(static_cast<int>(bundles_.size()), task_, [&](int i) {
     const Bundle& bundle = bundles_[static_cast<size_t>(i)];
-    SweepDomain domain = near(bundle);
-    if (everywhere) domain.kept = nullptr;
+    const SweepDomain domain = near(bundle);
     std::vector<SweepBeam> swept = beams(bundle);
     std::vector<NodeValues> light;
     for (size_t k = 0; k < swept.size(); ++k) {
@@ -297,7 +296,7 @@ std::vector<NodeValues> ScatteringSolver::arriving(const std::vector<double>& in
       values = NodeValues(lattice_.size());
       for (int x = 1; x < n.x - 1; ++x)
         for (int y = 1; y < n.y - 1; ++y) {
-          const SweepRow row = everywhere ? SweepRow{0, n.z} : rows_[static_cast<size_t>(x) * n.y + y];
+          const SweepRow row = rows_[static_cast<size_t>(x) * n.y + y];
           for (int z = row.begin; z < std::min(row.end, n.z); ++z)
             values[lattice_.index(x, y, z)] = light[k][(static_cast<size_t>(z) * n.x + x) * lying_.row + y];
         }

@@ -41,8 +41,7 @@ class ScatteringSolver {
   /// Light is told near the media, and 0 elsewhere.
   Moments nothing() const;
   /// Radiance that enters from outside and arrives unscattered, for each direction, the forward peak being scattering.
-  /// @param everywhere  not only near the media
-  std::vector<NodeValues> arriving(const std::vector<double>& incoming, bool everywhere) const;
+  std::vector<NodeValues> arriving(const std::vector<double>& incoming) const;
   /// The same as moments, the forward peak being none.
   Moments entering(const std::vector<double>& incoming);
   /// Moments of emitted light. @param glow  emission per spacing at the nodes
