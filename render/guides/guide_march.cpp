@@ -492,10 +492,20 @@ void GuideMarch::look_from(const GuideMedia& media, double cosine, double g, dou
   sums.peaks[group] = ForwardPeak(g, cosine);
 }
 
+dvec3 GuideMarch::in_light(const GuideMedia& media, const dvec3& p) const {
+  const GuideMedia& solved = media_[media_.size() / 2];
+  if (&media == &solved) return p;
+  for (size_t i = 0; i < media.media().size(); ++i) {
+    const Medium& medium = media.media()[i];
+    if (medium.density(medium.to_local(p)) > 0) return medium.followed(p, solved.media()[i]);
+  }
+  return p;
+}
+
 void GuideMarch::light_of(const Piece& piece, const GuideMedia& media, const Ray& ray, Sums& sums) const {
   if (!(piece.thickness > 0)) return;
   std::vector<double>& out = sums.value;
-  const dvec3 p = ray.at(piece.distance / piece.thickness);
+  const dvec3 p = in_light(media, ray.at(piece.distance / piece.thickness));
   const double albedo = piece.albedo / piece.thickness, g_mean = piece.g / piece.thickness;
   const auto w = static_cast<float>(piece.w), scaled = static_cast<float>(piece.scaled);
   alignas(16) float fields[kMostFields];

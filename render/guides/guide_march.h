@@ -72,6 +72,8 @@ class GuideMarch {
   /// @param spread  mean cosine of the light's directions to their middle, which `cosine` is of
   double phase_value(const GuideMedia& media, double cosine, double g, double spread) const;
   void look_from(const GuideMedia& media, double cosine, double g, double spread, size_t group, Sums& sums) const;
+  /// Where the light of what is at a point was solved: it may move.
+  dvec3 in_light(const GuideMedia& media, const dvec3& p) const;
   void light_of(const Piece& piece, const GuideMedia& media, const Ray& ray, Sums& sums) const;
   void collect_fields(Sums& sums) const;
   void add_surface(const Eye& eye, const Ray& ray, const SurfaceHit& hit, const Passed& passed, const GuideMedia& media,

@@ -126,7 +126,7 @@ GuideMarch::Passed GuideMarch::see_media(const Ray& ray, const GuideMedia& media
   double w = 0, scaled = 0, thickness_sum = 0, distance = 0, depth_sum = 0, albedo = 0, g_sum = 0;
   const auto light_of = [&] {
     if (!(thickness_sum > 0)) return;
-    const dvec3 p = ray.at(distance / thickness_sum);
+    const dvec3 p = in_light(media, ray.at(distance / thickness_sum));
     const auto light = interpolate_nodes<kLightCount>(fields_.coarse_lattice(), node_light_, p);
     const auto towards_eye = [&](size_t first) {
       dvec3 sum;
