@@ -18,7 +18,7 @@ constexpr int kDirections = 64;
 constexpr double kDark = 1e-3;  // transmittance at which a march ends
 constexpr int kSourcesAcross = 4;
 constexpr int kMostPanes = 8;  // of glass that are looked through
-constexpr double kFar = 1e30;
+constexpr float kFar = 1e30f;
 constexpr double kMostBacks = 0.25;  // of a probe's rays, that meet surfaces from behind
 
 /// Averages of a sky over the directions nearest to each of some.
@@ -38,13 +38,13 @@ std::vector<dvec3> sky_towards(const Environment& sky, const std::vector<dvec3>&
 
 /// What a ray meets that is not glass.
 struct Wall {
-  double distance = kFar;
+  double distance = static_cast<double>(kFar);
   bool back = false;  ///< met from behind
 };
 Wall first_wall(const Surfaces& surfaces, const Ray& ray) {
   double from = 0;
   for (int pane = 0; pane < kMostPanes; ++pane) {
-    const auto hit = surfaces.intersect({ray.at(from), ray.d}, kFar);
+    const auto hit = surfaces.intersect({ray.at(from), ray.d}, static_cast<double>(kFar));
     if (!hit) return {};
     from += hit->t;
     if (surfaces.bsdf(*hit).kind != Bsdf::Kind::kDielectric) return {from, glm::dot(hit->normal, ray.d) > 0};
@@ -111,27 +111,40 @@ AmbientLight::Seen AmbientLight::along(const dvec3& p, const dvec3& direction, d
   return light;
 }
 
+void AmbientLight::find_walls(const Surfaces& surfaces, const Task& task) {
+  probes_.resize(static_cast<size_t>(grid_.count()));
+  walls_.resize(probes_.size() * kDirections);
+  const std::vector<dvec3> directions = spiral_of_directions(kDirections);
+  parallel_for(grid_.count(), quiet(task), [&](int i) {
+    int backs = 0;
+    for (size_t k = 0; k < directions.size(); ++k) {
+      const Wall wall = first_wall(surfaces, {grid_.at(i), directions[k]});
+      walls_[static_cast<size_t>(i) * kDirections + k] = static_cast<float>(wall.distance);
+      backs += wall.back ? 1 : 0;
+    }
+    probes_[static_cast<size_t>(i)].outside = backs < kMostBacks * kDirections;
+  });
+}
+
 void AmbientLight::gather(const Surfaces& surfaces, const Environment& sky, const Task& task) {
-  probes_.assign(static_cast<size_t>(grid_.count()), {});
+  if (walls_.empty()) find_walls(surfaces, task);
   const std::vector<dvec3> directions = spiral_of_directions(kDirections), radiance = sky_towards(sky, directions);
   AmbientCube whole;
   for (const dvec3& direction : directions) whole.add(dvec3(1), direction);
   parallel_for(grid_.count(), quiet(task), [&](int i) {
     const dvec3 p = grid_.at(i);
     Probe& probe = probes_[static_cast<size_t>(i)];
-    int backs = 0;
+    probe.sky = probe.glow = probe.scattered = probe.sky_scattered = {};
     for (size_t k = 0; k < directions.size(); ++k) {
       const dvec3& direction = directions[k];
-      const Wall wall = first_wall(surfaces, {p, direction});
-      backs += wall.back ? 1 : 0;
-      const Seen light = along(p, direction, wall.distance);
+      const float wall = walls_[static_cast<size_t>(i) * kDirections + k];
+      const Seen light = along(p, direction, static_cast<double>(wall));
       probe.glow.add(light.glow, direction);
       probe.scattered.add(light.scattered, direction);
-      if (wall.distance < kFar) continue;
+      if (wall < kFar) continue;
       probe.sky.add(light.straight * radiance[k], direction);
       probe.sky_scattered.add(std::max(0.0, light.passed - light.straight) * radiance[k], direction);
     }
-    probe.outside = backs < kMostBacks * kDirections;
     for (AmbientCube* const cube : {&probe.sky, &probe.glow, &probe.scattered, &probe.sky_scattered})
       for (size_t face = 0; face < 6; ++face) cube->face[face] /= whole.face[face];
   });

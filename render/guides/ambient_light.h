@@ -53,6 +53,7 @@ class AmbientLight {
   };
   Seen along(const dvec3& p, const dvec3& direction, double distance) const;
   const Node* node_at(const dvec3& place) const;
+  void find_walls(const Surfaces& surfaces, const Task& task);
   void find_sources();
   /// How much light falls on a surface, but for shadows and a factor: what it fades by outside the probes' box.
   double strength(const dvec3& p, const dvec3& normal) const;
@@ -62,6 +63,7 @@ class AmbientLight {
   ProbeGrid grid_;
   std::vector<Node> nodes_;
   std::vector<Probe> probes_;
+  std::vector<float> walls_;  // for each probe, in each direction: how far it is to a surface
   struct Source {
     dvec3 position{0};
     double power = 0;

@@ -99,9 +99,8 @@ struct Limit {
   const char* kind;
   double direct, indirect;
 };
-constexpr Limit kLimits[] = {{"", 0.25, 0.6},          {"mie", 0.8, 1.0},        {"floor", 0.6, 1.0},
-                             {"mesh light", 2.3, 0.9}, {"glass", 0.5, 0.9},      {"mirror", 0.3, 0.7},
-                             {"mesh inside", 0.4, 1},  {"camera inside", 0.6, 1}};
+constexpr Limit kLimits[] = {{"", 0.12, 0.22},          {"two lobes", 0.27, 0.5},    {"mie", 0.26, 1.0},
+                             {"mesh light", 0.95, 0.6}, {"mesh inside", 0.12, 0.31}, {"camera inside", 0.26, 0.36}};
 
 Limit limit_of(const test::RandomScene& random) {
   Limit limit = kLimits[0];
