@@ -18,7 +18,7 @@ GuideClass kind_of(std::string_view name) {
   return GuideClass::kGeometry;
 }
 
-/// Whether one plane is the other times a number, to the rounding of the numbers.
+/// Whether `b` is `a` times a number, to the rounding of the numbers.
 bool proportional(const Plane& a, const Plane& b) {
   double aa = 0, ab = 0, bb = 0;
   for (int y = 0; y < a.height(); ++y)
@@ -28,7 +28,7 @@ bool proportional(const Plane& a, const Plane& b) {
       ab += u * v;
       bb += v * v;
     }
-  return ab * ab >= (1 - 1e-8) * aa * bb;
+  return aa > 0 ? ab * ab >= (1 - 1e-8) * aa * bb : bb == 0;
 }
 
 }  // namespace

@@ -25,7 +25,17 @@ inline constexpr LayerName surface_material{"guide.surface_material", "RGB", "sh
 }  // namespace guide_layer
 
 /// What a guide says about a pixel, by the second word of its name. Materials tell pixels apart and explain no light.
-enum class GuideClass { kOpacity, kSingle, kMultiple, kEmission, kBackground, kSurface, kGeometry, kPredicted, kMaterial };
+enum class GuideClass {
+  kOpacity,
+  kSingle,
+  kMultiple,
+  kEmission,
+  kBackground,
+  kSurface,
+  kGeometry,
+  kPredicted,
+  kMaterial
+};
 
 /// A layer `guide.CLASS[.WHAT]` without noise: one number, three numbers, or one number for each colour.
 struct Guide {

@@ -13,24 +13,11 @@ struct Window {
   double deviation;
   int block;
 };
-constexpr Window kWindows[] = {{28, 8}, {12, 4}, {6, 2}, {3, 1}};
+constexpr Window kWindows[] = {{3, 2}, {6, 4}, {12, 8}, {28, 16}};  // each block twice as wide as the one before
 constexpr int kRounds = 6;
 constexpr float kLargeValue = 1.5f;   // of the largest value over the pixels of a window, taken off a gain
 constexpr double kFirefly = 0.999;    // quantile of gains at which single pixels are cut: none decides alone
 constexpr double kShareWindow = 1.5;  // over which shares are smoothed [px]
-
-/// Means over blocks, those at the right and bottom edges of what pixels there are.
-Plane block_means(const Plane& plane, int block, const Task& task) {
-  if (block == 1) return plane;
-  const int width = (plane.width() + block - 1) / block, height = (plane.height() + block - 1) / block;
-  return make_plane(width, height, quiet(task), [&](int bx, int by) {
-    const int x1 = std::min(plane.width(), (bx + 1) * block), y1 = std::min(plane.height(), (by + 1) * block);
-    float sum = 0;
-    for (int y = by * block; y < y1; ++y)
-      for (int x = bx * block; x < x1; ++x) sum += plane(x, y);
-    return sum / static_cast<float>((x1 - bx * block) * (y1 - by * block));
-  });
-}
 
 /// Between the middles of blocks, bilinearly.
 struct BlockPlace {
@@ -100,49 +87,98 @@ struct Best {
   int& of(int x, int y) { return proposal[static_cast<size_t>(y) * gain.width() + x]; }
 };
 
-void consider(int proposal, const Step& step, const MixingRegion& region, Best& best, const Task& task) {
-  const int width = region.share.width(), height = region.share.height();
-  const auto powers = [&](int power) {
-    return make_plane(width, height, quiet(task), [&](int x, int y) {
-      float v = region.share(x, y);
-      for (int i = 0; i < power; ++i) v *= step.gain(x, y);
-      return v;
+/// What is averaged over windows, as means over blocks; what lies beyond the picture's edge counts as nothing.
+struct Measures {
+  Plane share, gain, square, fourth, loss;  ///< the gain's powers and the loss times the region's share
+
+  Measures(const Step& step, const Plane& region, const Task& task)
+      : Measures((region.width() + 1) / 2, (region.height() + 1) / 2) {
+    fold(region.width(), region.height(), task, [&](int x, int y, float* sums) {
+      const float n = region(x, y), g = step.gain(x, y);
+      sums[0] += n;
+      sums[1] += n * g;
+      sums[2] += n * g * g;
+      sums[3] += n * g * g * g * g;
+      sums[4] += n * step.loss(x, y);
     });
-  };
-  const Plane gain = powers(1), square = powers(2), fourth = powers(4);
-  const Plane loss =
-      make_plane(width, height, quiet(task), [&](int x, int y) { return region.share(x, y) * step.loss(x, y); });
-  const float sure = static_cast<float>(region.sure);
-  for (const Window& window : kWindows) {
-    const double s = window.deviation;
-    const auto mean = [&](const Plane& plane) {
-      return gaussian_blur(block_means(plane, window.block, task), s / window.block, task);
-    };
-    const Plane n = mean(region.share), g = mean(gain), g2 = mean(square), g4 = mean(fourth), l = mean(loss);
-    const auto pixels = static_cast<float>(4 * kPi * s * s);  // that count as much as the window
-    Plane sure_gain(n.width(), n.height()), share(n.width(), n.height());
-    for_each_row(n.height(), quiet(task), [&](int y) {
-      for (int x = 0; x < n.width(); ++x) {
-        if (!(n(x, y) > 1e-6f) || !(g(x, y) > 0)) continue;
-        const float b = g(x, y) / n(x, y), count = pixels * n(x, y);
-        const float variance = std::max(0.0f, g2(x, y) / n(x, y) - b * b);
-        const float largest = std::pow(g4(x, y) / n(x, y) * count, 0.25f);
-        const float low = b - sure * std::sqrt(variance / count) - kLargeValue * largest / count;
-        if (!(low > 0)) continue;
-        const float a = std::max(l(x, y) / n(x, y), 1e-30f);
-        share(x, y) = std::min(1.0f, low / a);
-        sure_gain(x, y) = share(x, y) * (2 * low - share(x, y) * a);
+  }
+  /// Over blocks twice as wide.
+  Measures(const Measures& fine, const Task& task)
+      : Measures((fine.share.width() + 1) / 2, (fine.share.height() + 1) / 2) {
+    fold(fine.share.width(), fine.share.height(), task, [&](int x, int y, float* sums) {
+      sums[0] += fine.share(x, y);
+      sums[1] += fine.gain(x, y);
+      sums[2] += fine.square(x, y);
+      sums[3] += fine.fourth(x, y);
+      sums[4] += fine.loss(x, y);
+    });
+  }
+  Measures blurred(double deviation, const Task& task) const {
+    const auto blur = [&](const Plane& plane) { return gaussian_blur(plane, deviation, task); };
+    return {blur(share), blur(gain), blur(square), blur(fourth), blur(loss)};
+  }
+
+ private:
+  Measures(int width, int height)
+      : share(width, height), gain(width, height), square(width, height), fourth(width, height), loss(width, height) {}
+  Measures(Plane n, Plane g, Plane g2, Plane g4, Plane l)
+      : share(std::move(n)), gain(std::move(g)), square(std::move(g2)), fourth(std::move(g4)), loss(std::move(l)) {}
+  /// @param add  called as add(x, y, sums) for the places of a finer grid
+  template <class Add>
+  void fold(int width, int height, const Task& task, const Add& add) {
+    for_each_row(share.height(), quiet(task), [&](int by) {
+      for (int bx = 0; bx < share.width(); ++bx) {
+        float sums[5] = {};
+        for (int y = 2 * by; y < std::min(height, 2 * by + 2); ++y)
+          for (int x = 2 * bx; x < std::min(width, 2 * bx + 2); ++x) add(x, y, sums);
+        Plane* const to[] = {&share, &gain, &square, &fourth, &loss};
+        for (size_t i = 0; i < 5; ++i) (*to[i])(bx, by) = 0.25f * sums[i];
       }
     });
-    for_each_row(height, quiet(task), [&](int y) {
-      const BlockPlace v(y, window.block, n.height());
-      for (int x = 0; x < width; ++x) {
+  }
+};
+
+/// What a step is sure to gain, and its best length, at each block.
+struct SureGain {
+  Plane gain, share;
+  bool any = false;
+
+  SureGain(const Measures& m, double sure, double pixels)
+      : gain(m.share.width(), m.share.height()), share(m.share.width(), m.share.height()) {
+    for (int y = 0; y < gain.height(); ++y)
+      for (int x = 0; x < gain.width(); ++x) {
+        const float n = m.share(x, y);
+        if (!(n > 1e-6f) || !(m.gain(x, y) > 0)) continue;
+        const float b = m.gain(x, y) / n, count = static_cast<float>(pixels) * n;
+        const float variance = std::max(0.0f, m.square(x, y) / n - b * b);
+        const float largest = std::pow(m.fourth(x, y) / n * count, 0.25f);
+        const float low = b - static_cast<float>(sure) * std::sqrt(variance / count) - kLargeValue * largest / count;
+        if (!(low > 0)) continue;
+        const float a = std::max(m.loss(x, y) / n, 1e-30f);
+        share(x, y) = std::min(1.0f, low / a);
+        gain(x, y) = share(x, y) * (2 * low - share(x, y) * a);
+        any = true;
+      }
+  }
+};
+
+void consider(int proposal, const Step& step, const MixingRegion& region, Best& best, const Task& task) {
+  Measures measures(step, region.share, task);
+  for (const Window& window : kWindows) {
+    if (window.block > 2) measures = Measures(measures, task);
+    const double s = window.deviation;
+    // So many pixels count as much as the window.
+    const SureGain sure(measures.blurred(s / window.block, task), region.sure, 4 * kPi * s * s);
+    if (!sure.any) continue;
+    for_each_row(region.share.height(), quiet(task), [&](int y) {
+      const BlockPlace v(y, window.block, sure.gain.height());
+      for (int x = 0; x < region.share.width(); ++x) {
         if (!(region.share(x, y) > 0)) continue;
-        const BlockPlace u(x, window.block, n.width());
-        const float found = between(sure_gain, u, v);
+        const BlockPlace u(x, window.block, sure.gain.width());
+        const float found = between(sure.gain, u, v);
         if (!(found > best.gain(x, y))) continue;
         best.gain(x, y) = found;
-        best.share(x, y) = between(share, u, v);
+        best.share(x, y) = between(sure.share, u, v);
         best.of(x, y) = proposal;
       }
     });

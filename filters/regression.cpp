@@ -14,6 +14,12 @@ constexpr float kRidge = 3e-6f, kFloor = 1e-7f;
 // The pixel itself counts at least this much, however unlike its neighbours it is.
 constexpr float kCentreWeight = 1e-4f;
 
+bool any_above_0(const Plane& plane, const Box& box) {
+  for (int y = box.y0; y < box.y1; ++y)
+    if (std::any_of(plane.row(y) + box.x0, plane.row(y) + box.x1, [](float v) { return v > 0; })) return true;
+  return false;
+}
+
 /// Spans of a power of two, doubled step by step; two of them cover a window.
 template <class Better>
 Plane extreme(const Plane& in, int radius, const Task& task, const Better& better) {
@@ -58,7 +64,8 @@ Plane window_minimum(const Plane& in, int radius, const Task& task) {
   return extreme(in, radius, task, [](float a, float b) { return a < b ? a : b; });
 }
 
-std::vector<Plane> collaborative_regression(std::span<const RegressionFrame> frames, int radius, const Task& task) {
+std::vector<Plane> collaborative_regression(std::span<const RegressionFrame> frames, int radius, const Task& task,
+                                            const Plane* wanted) {
   const std::span<const Plane*const> features = frames[0].features, values = frames[0].values;
   const int width = values[0]->width(), height = values[0]->height();
   const int n = static_cast<int>(features.size()) + 3, m = static_cast<int>(values.size()), side = 2 * radius + 1;
@@ -94,9 +101,11 @@ std::vector<Plane> collaborative_regression(std::span<const RegressionFrame> fra
   for (int colour = 0; colour < 4; ++colour) {
     std::vector<Box> blocks;
     for (int by = colour / 2; by < down; by += 2)
-      for (int bx = colour % 2; bx < across; bx += 2)
-        blocks.push_back({bx * block_width, by * block_height, std::min(width, (bx + 1) * block_width),
-                          std::min(height, (by + 1) * block_height)});
+      for (int bx = colour % 2; bx < across; bx += 2) {
+        const Box block{bx * block_width, by * block_height, std::min(width, (bx + 1) * block_width),
+                        std::min(height, (by + 1) * block_height)};
+        if (!wanted || any_above_0(*wanted, block.grown(radius, width, height))) blocks.push_back(block);
+      }
     parallel_for(static_cast<int>(blocks.size()), share(task, 0.25 * colour, 0.25 * (colour + 1)), [&](int i) {
       const Box& block = blocks[static_cast<size_t>(i)];
       kernels::WeightScratch scratch;
@@ -157,7 +166,8 @@ std::vector<Plane> collaborative_regression(std::span<const RegressionFrame> fra
   }
   for (Plane& sum : sums)
     for_each_row(height, quiet(task), [&](int y) {
-      for (int x = 0; x < width; ++x) sum.row(y)[x] /= total.row(y)[x];
+      for (int x = 0; x < width; ++x)
+        if (total(x, y) > 0) sum(x, y) /= total(x, y);
     });
   return sums;
 }

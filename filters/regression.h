@@ -17,7 +17,9 @@ struct RegressionFrame {
 /// @param frames  the frame to clean, then others of the sequence, whose pixels lines are fitted to as well;
 /// predictions
 ///                are those for the frame to clean
-std::vector<Plane> collaborative_regression(std::span<const RegressionFrame> frames, int radius, const Task& task);
+/// @param wanted  null: all; else lines are fitted near the pixels above 0 alone, and what no line reaches is 0
+std::vector<Plane> collaborative_regression(std::span<const RegressionFrame> frames, int radius, const Task& task,
+                                            const Plane* wanted = nullptr);
 
 /// Largest and smallest value in the square of half width `radius`.
 Plane window_maximum(const Plane& in, int radius, const Task& task);

@@ -4,12 +4,38 @@
 #include <cmath>
 
 #include "base/vec.h"
+#include "filters/regression.h"
 
 namespace brume {
 namespace {
 
 // A pixel shows the medium where its opacity is above this.
 constexpr float kLeastOpacity = 1e-3f;
+// Halves whose difference is below this share of their sum differ by rounding.
+constexpr float kNoisy = 2e-3f;
+// An edge is where normals change by so much, all components together, in a square of so many pixels on either side.
+constexpr int kEdgeRadius = 1;
+constexpr float kEdgeOfNormals = 0.5f;
+
+/// Whether the halves differ at a pixel or beside it, as where a lens blurs the sky.
+bool is_noisy(const FilterFrame& frame, int x, int y) {
+  if (!frame.half_a[0]) return false;
+  const Box around = Box{x, y, x + 1, y + 1}.grown(1, frame.width(), frame.height());
+  for (size_t c = 0; c < 3; ++c)
+    for (int v = around.y0; v < around.y1; ++v)
+      for (int u = around.x0; u < around.x1; ++u) {
+        const float a = (*frame.half_a[c])(u, v), b = (*frame.half_b[c])(u, v);
+        if (std::abs(a - b) > kNoisy * std::abs(a + b)) return true;
+      }
+  return false;
+}
+
+bool any_above_0(const Plane& plane) {
+  for (int y = 0; y < plane.height(); ++y)
+    for (const float v : plane.pixels(y))
+      if (v > 0) return true;
+  return false;
+}
 
 }  // namespace
 
@@ -60,7 +86,7 @@ TransportColumns::TransportColumns(const FilterFrame& frame, const Plane& one, c
     for (const Guide& g : guides)
       if (g.kind == GuideClass::kSurface || g.name == "normal")
         for (const Plane* p : g.channels) seen |= (*p)(x, y) != 0;
-    return seen ? 1.0f : 0.0f;
+    return seen || is_noisy(frame, x, y) ? 1.0f : 0.0f;
   });
   bright = Plane(frame.width(), frame.height());
   if (guided) all.add(*opacity);
@@ -75,8 +101,12 @@ TransportColumns::TransportColumns(const FilterFrame& frame, const Plane& one, c
   all.free = all.of[0].size();
   medium = few = all;
   medium.free = few.free = 0;
-  for (const Guide& g : guides)
+  for (const Guide& g : guides) {
     if (is_expected(g)) predicted.add(g);
+    if (is_expected(g) || g.kind == GuideClass::kOpacity || g.name == "normal" || g.name == "depth" ||
+        (g.kind == GuideClass::kBackground && !indirect))
+      for (const Plane* p : g.channels) add_feature(*p, task);
+  }
   predicted.free = predicted.of[0].size();
   shape = predicted;
   shape.free = 0;
@@ -118,7 +148,48 @@ TransportColumns::TransportColumns(const FilterFrame& frame, const Plane& one, c
         const vec3 n((*g.channels[0])(x, y), (*g.channels[1])(x, y), (*g.channels[2])(x, y));
         return std::min(1.0f, glm::length(n));
       });
+  if (!solid.empty()) part_solids(guides, task);
   if (!guided) add_features(frame.layers);
+}
+
+void TransportColumns::part_solids(const std::vector<Guide>& guides, const Task& task) {
+  const int width = mask.width(), height = mask.height();
+  const auto channels = [&](std::string_view name) -> std::vector<const Plane*> {
+    for (const Guide& g : guides)
+      if (g.name == name) return g.channels;
+    return {};
+  };
+  Plane change(width, height);
+  const auto add_change = [&](const Plane& plane, float unit) {
+    const Plane low = window_minimum(plane, kEdgeRadius, task), high = window_maximum(plane, kEdgeRadius, task);
+    for_each_row(height, quiet(task), [&](int y) {
+      for (int x = 0; x < width; ++x) change(x, y) += (high(x, y) - low(x, y)) / unit;
+    });
+  };
+  for (const Plane* p : channels("normal")) add_change(*p, kEdgeOfNormals);
+  std::vector<Plane> shares;
+  Plane edge =
+      make_plane(width, height, quiet(task), [&](int x, int y) { return change(x, y) > 1 ? solid(x, y) : 0.0f; });
+  const std::vector<const Plane*> materials = channels("surface_material");
+  for (const Plane* material : materials)
+    shares.push_back(make_plane(width, height, quiet(task), [&](int x, int y) {
+      return change(x, y) > 1 ? 0.0f : std::min((*material)(x, y), solid(x, y));
+    }));
+  if (materials.empty())
+    shares.push_back(
+        make_plane(width, height, quiet(task), [&](int x, int y) { return change(x, y) > 1 ? 0.0f : solid(x, y); }));
+  shares.push_back(std::move(edge));
+  for (Plane& share : shares)
+    if (any_above_0(share)) solids.push_back(std::move(share));
+}
+
+void TransportColumns::add_feature(const Plane& plane, const Task& task) {
+  float largest = 0;
+  for (int y = 0; y < plane.height(); ++y)
+    for (const float v : plane.pixels(y)) largest = std::max(largest, std::abs(v));
+  if (largest > 0)
+    features.push_back(
+        make_plane(plane.width(), plane.height(), quiet(task), [&](int x, int y) { return plane(x, y) / largest; }));
 }
 
 void TransportColumns::scale_like(const TransportColumns& own) {

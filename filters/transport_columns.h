@@ -30,11 +30,13 @@ struct TransportColumns {
   ColourColumns predicted;  ///< the light that is expected, and opacity
   ColourColumns shape;      ///< that, geometry, surfaces, emission and background
   ColourColumns all;
-  ColourColumns medium;  ///< all but multiple scattering
-  ColourColumns few;     ///< opacity and a constant
-  Plane mask;            ///< 1 where there is anything that guides know
-  Plane bright;          ///< a first idea of the brightness
-  Plane solid;           ///< share of the pixel that shows surfaces; empty where there are none
+  ColourColumns medium;         ///< all but multiple scattering
+  ColourColumns few;            ///< opacity and a constant
+  Plane mask;                   ///< 1 where there is anything that guides know
+  std::vector<Plane> features;  ///< what tells pixels apart, each at most 1: expected light, opacity, surfaces
+  Plane bright;                 ///< a first idea of the brightness
+  Plane solid;                  ///< share of the pixel that shows surfaces; empty where there are none
+  std::vector<Plane> solids;    ///< that, parted into edges and materials
   std::vector<std::string> names;
   bool guided = true;
 
@@ -46,6 +48,8 @@ struct TransportColumns {
 
  private:
   void add_features(const Layers& layers);
+  void add_feature(const Plane& plane, const Task& task);
+  void part_solids(const std::vector<Guide>& guides, const Task& task);
 };
 
 }  // namespace brume

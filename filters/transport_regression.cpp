@@ -10,6 +10,7 @@
 #include "base/text.h"
 #include "base/vec.h"
 #include "filters/lattice_regression.h"
+#include "filters/local_lines.h"
 #include "filters/mixing.h"
 #include "filters/registry.h"
 #include "filters/regression.h"
@@ -510,48 +511,6 @@ HalfPair with_local_mean(const HalfPair& result, const HalfPair& data, double wi
   return {corrected(result.a, data.a), corrected(result.b, data.b)};
 }
 
-/// Lines in position, weighted by non-local means, each half with the weights of the other: for what no guide knows.
-/// Only tiles of which anything is `wanted`; the rest is the result. Source: Bitterli et al. 2016, section 4.
-HalfPair local_lines(const HalfPair& result, const HalfPair& data, const Plane& wanted, const Task& task) {
-  constexpr int kTile = 64, kRadius = 9, kPatch = 3;
-  constexpr float kStrength = 0.8f;
-  constexpr double kVarianceWindow = 2;
-  const int width = wanted.width(), height = wanted.height();
-  HalfPair out = result;
-  for (int y = 0; y < height; y += kTile)
-    for (int x = 0; x < width; x += kTile) {
-      const Box tile{x, y, std::min(width, x + kTile), std::min(height, y + kTile)};
-      bool any = false;
-      for (int v = tile.y0; v < tile.y1 && !any; ++v)
-        any = std::any_of(wanted.row(v) + tile.x0, wanted.row(v) + tile.x1, [](float w) { return w > 0; });
-      if (!any) continue;
-      const Box outer = tile.grown(2 * kRadius + kPatch, width, height);
-      Rgb a, b, variance;
-      for (size_t c = 0; c < 3; ++c) {
-        a[c] = crop(data.a[c], outer);
-        b[c] = crop(data.b[c], outer);
-        variance[c] = make_plane(outer.width(), outer.height(), quiet(task), [&](int u, int v) {
-          const float d = a[c](u, v) - b[c](u, v);
-          return 0.5f * d * d + 1e-12f;
-        });
-        variance[c] = gaussian_blur(variance[c], kVarianceWindow, task);
-      }
-      const auto fit = [&](const Rgb& values, const Rgb& other, Rgb& to) {
-        RegressionFrame frame;
-        const Noisy noisy{view(other), view(variance)};
-        frame.model.distances.push_back(noise_distance(noisy, noisy, kPatch, kStrength));
-        frame.values = {&values[0], &values[1], &values[2]};
-        const std::vector<Plane> found = collaborative_regression({&frame, 1}, kRadius, quiet(task));
-        for (size_t c = 0; c < 3; ++c)
-          for (int v = tile.y0; v < tile.y1; ++v)
-            std::copy_n(found[c].row(v - outer.y0) + (tile.x0 - outer.x0), tile.width(), to[c].row(v) + tile.x0);
-      };
-      fit(a, b, out.a);
-      fit(b, a, out.b);
-    }
-  return out;
-}
-
 /// Moves what the fits say together to what single fits, the data and their local means say where those prove better.
 /// @param candidates   the data last
 /// @param over_frames  of a sequence, the data with the noise of its frames' mean
@@ -569,7 +528,7 @@ void improve(HalfPair& result, const std::vector<HalfPair>& candidates, const st
     return known.mask(x, y) > 0 ? std::pow(scale * std::abs(light(x, y)) + 0.05f, -4.0f / 3) : 0.0f;
   });
   std::vector<MixingRegion> regions;
-  if (!known.solid.empty()) regions.push_back({known.solid, kSureOfSurfaces});
+  for (const Plane& share : known.solids) regions.push_back({share, kSureOfSurfaces});
   regions.push_back({make_plane(width, height, quiet(task),
                                 [&](int x, int y) {
                                   return known.mask(x, y) * (known.solid.empty() ? 1.0f : 1 - known.solid(x, y));
@@ -588,7 +547,7 @@ void improve(HalfPair& result, const std::vector<HalfPair>& candidates, const st
     });
   const Plane moved = mix(result, proposals, frame, task);
   task.report(0.9);
-  const HalfPair lines = local_lines(result, data, moved, task);
+  const HalfPair lines = local_lines(data, pointers(known.features), moved, task);
   proposals.emplace_back([&lines](const HalfPair&, HalfPair&) -> const HalfPair& { return lines; });
   mix(result, proposals, frame, task);
 }
