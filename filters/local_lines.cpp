@@ -6,7 +6,7 @@ namespace brume {
 namespace {
 
 // Half widths of a window and of its non-local means' patches [px], and noise deviations still taken as equal.
-constexpr int kRadius = 9, kPatch = 3;
+constexpr int kRadius = 6, kPatch = 3;
 constexpr float kStrength = 0.8f;
 constexpr double kVarianceWindow = 2;  // over which the halves' difference is averaged [px]
 

@@ -14,7 +14,7 @@ struct Window {
   int block;
 };
 constexpr Window kWindows[] = {{3, 2}, {6, 4}, {12, 8}, {28, 16}};  // each block twice as wide as the one before
-constexpr int kRounds = 6;
+constexpr int kRounds = 3;
 constexpr float kLargeValue = 1.5f;   // of the largest value over the pixels of a window, taken off a gain
 constexpr double kFirefly = 0.999;    // quantile of gains at which single pixels are cut: none decides alone
 constexpr double kShareWindow = 1.5;  // over which shares are smoothed [px]

@@ -105,7 +105,7 @@ TransportColumns::TransportColumns(const FilterFrame& frame, const Plane& one, c
     if (is_expected(g)) predicted.add(g);
     if (is_expected(g) || g.kind == GuideClass::kOpacity || g.name == "normal" || g.name == "depth" ||
         (g.kind == GuideClass::kBackground && !indirect))
-      for (const Plane* p : g.channels) add_feature(*p, task);
+      add_features_of(g, task);
   }
   predicted.free = predicted.of[0].size();
   shape = predicted;
@@ -183,13 +183,28 @@ void TransportColumns::part_solids(const std::vector<Guide>& guides, const Task&
     if (any_above_0(share)) solids.push_back(std::move(share));
 }
 
-void TransportColumns::add_feature(const Plane& plane, const Task& task) {
-  float largest = 0;
-  for (int y = 0; y < plane.height(); ++y)
-    for (const float v : plane.pixels(y)) largest = std::max(largest, std::abs(v));
-  if (largest > 0)
-    features.push_back(
-        make_plane(plane.width(), plane.height(), quiet(task), [&](int x, int y) { return plane(x, y) / largest; }));
+/// A colour counts by its mean: it is the shape that lines follow.
+void TransportColumns::add_features_of(const Guide& guide, const Task& task) {
+  const bool colour = guide.kind == GuideClass::kPredicted || guide.kind == GuideClass::kBackground;
+  std::vector<Plane> planes;
+  for (const Plane* p : guide.channels) {
+    if (!colour || planes.empty())
+      planes.push_back(*p);
+    else
+      for_each_row(p->height(), quiet(task), [&](int y) {
+        for (int x = 0; x < p->width(); ++x) planes[0](x, y) += (*p)(x, y);
+      });
+  }
+  for (Plane& plane : planes) {
+    float largest = 0;
+    for (int y = 0; y < plane.height(); ++y)
+      for (const float v : plane.pixels(y)) largest = std::max(largest, std::abs(v));
+    if (!(largest > 0)) continue;
+    for_each_row(plane.height(), quiet(task), [&](int y) {
+      for (float& v : plane.pixels(y)) v /= largest;
+    });
+    features.push_back(std::move(plane));
+  }
 }
 
 void TransportColumns::scale_like(const TransportColumns& own) {

@@ -48,7 +48,7 @@ struct TransportColumns {
 
  private:
   void add_features(const Layers& layers);
-  void add_feature(const Plane& plane, const Task& task);
+  void add_features_of(const Guide& guide, const Task& task);
   void part_solids(const std::vector<Guide>& guides, const Task& task);
 };
 

@@ -68,6 +68,45 @@ Medium Medium::at_time(double time) const {
   return moved;
 }
 
+Medium Medium::resampled(int per_voxel, BrickGrid& bricks, const Task& task) const {
+  if (!displacement_) return *this;
+  const double spacing = 1.0 / per_voxel;  // of the lattice, whose index coordinates are local ones over it
+  const auto [lo, hi] = support();
+  const VoxelBox box{ivec3(glm::ceil(lo / spacing)), ivec3(glm::floor(hi / spacing))};
+  const BrickGrid& envelope = walked();
+  constexpr int kCell = BrickGrid::kCell;
+  const auto may_hold = [&](const ivec3& block) {
+    const double cell = envelope.cell_size();
+    const dvec3 corner = spacing * kCell * dvec3(block) + walked_shift();
+    const ivec3 from = glm::max(ivec3(glm::floor((corner - spacing) / cell)), ivec3(0));
+    const ivec3 to = glm::min(ivec3(glm::floor((corner + spacing * (kCell + 1)) / cell)), envelope.cells() - 1);
+    for (int x = from.x; x <= to.x; ++x)
+      for (int y = from.y; y <= to.y; ++y)
+        for (int z = from.z; z <= to.z; ++z)
+          if (envelope.cell({x, y, z}).majorant > 0) return true;
+    return false;
+  };
+  std::vector<ivec3> blocks;
+  const ivec3 first(glm::floor(dvec3(box.lo) / static_cast<double>(kCell))), last = box.hi / kCell;
+  for (int x = first.x; x <= last.x; ++x)
+    for (int y = first.y; y <= last.y; ++y)
+      for (int z = first.z; z <= last.z; ++z)
+        if (may_hold({x, y, z})) blocks.emplace_back(kCell * ivec3(x, y, z));
+  const auto sample = [&](const ivec3& corner, float* values) {
+    for (int x = 0; x <= kCell; ++x)
+      for (int y = 0; y <= kCell; ++y)
+        for (int z = 0; z <= kCell; ++z)
+          *values++ = static_cast<float>(density(spacing * dvec3(corner + ivec3(x, y, z))));
+  };
+  bricks = BrickGrid::build(box, blocks, sample, task);
+  Medium still = *this;
+  still.displacement_ = nullptr;
+  still.bricks_ = &bricks;
+  const dmat4 finer{dmat3(spacing)};
+  still.placement_ = Placement(placement_.world_from_local() * finer * translation(dvec3(bricks.origin())));
+  return still;
+}
+
 std::pair<dvec3, dvec3> Medium::support() const {
   if (homogeneous_) return {homogeneous_->lo, homogeneous_->hi};
   return {walked().support_lo() - walked_shift(), walked().support_hi() - walked_shift()};

@@ -89,6 +89,11 @@ class Medium {
       there = stored + other.time_ * displacement_->field.lookup(there + displacement_->origin_shift);
     return other.to_world(there);
   }
+  /// The medium with its density as it is now at the points of a finer lattice, linear between them: one that is
+  /// displaced is looked up far faster so. Any other medium as it is.
+  /// @param per_voxel  points of the lattice along a voxel
+  /// @param bricks     is given the density; must outlive the medium
+  Medium resampled(int per_voxel, BrickGrid& bricks, const Task& task) const;
 
   bool empty() const { return !homogeneous_ && (bricks_ == nullptr || bricks_->empty()); }
   const std::optional<HomogeneousShape>& homogeneous() const { return homogeneous_; }

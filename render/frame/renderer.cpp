@@ -57,8 +57,9 @@ const Guides* PreparedScene::guides(int samples, const Task& task) const {
   if (!plan().layers.guides) return nullptr;
   const std::lock_guard lock(solving_);
   const double detail = Guides::detail(samples);
-  const auto found = guides_.find(detail);
-  return found != guides_.end() ? &found->second : &guides_.try_emplace(detail, context_, samples, task).first->second;
+  if (const auto found = guides_.find(detail); found != guides_.end()) return &found->second;
+  const double pixels = static_cast<double>(scene_.film.width) * scene_.film.height;
+  return &guides_.try_emplace(detail, context_, samples, pixels, task).first->second;
 }
 
 void PreparedScene::prepare_lanes(const Task& task) {

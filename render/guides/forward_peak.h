@@ -56,11 +56,13 @@ class ForwardPeak {
     for (size_t n = 0; n < kTerms; ++n) {
       weight *= depth / static_cast<double>(n + 1);
       sum += weight * phase_[n];
+      if (weight<kNegligible&& static_cast<double>(n)> depth) return sum;
     }
     // More of them have the shape of the last.
     for (size_t n = kTerms; n < kMostTerms; ++n) {
       weight *= depth / static_cast<double>(n + 1);
       sum += weight * phase_.back();
+      if (weight<kNegligible&& static_cast<double>(n)> depth) break;
     }
     // The split is exact in the first moments alone: it may leave a little less than nothing to the side.
     return std::max(0.0, sum);
@@ -68,6 +70,7 @@ class ForwardPeak {
 
  private:
   static constexpr size_t kTerms = 8, kMostTerms = 32;
+  static constexpr double kNegligible = 1e-6;
   std::array<double, kTerms> phase_{};
 };
 

@@ -4,8 +4,9 @@
 #include <array>
 #include <cmath>
 #include <cstring>
-#include <optional>
+#include <limits>
 #include <stdexcept>
+#include <utility>
 
 #include "base/math.h"
 #include "base/parallel_for.h"
@@ -21,10 +22,14 @@ namespace {
 constexpr double kGentleGradient = 0.03;
 constexpr double kStepGrowth = 0.25;  // of the step for each free path behind the eye's first two
 constexpr double kLongestStep = 4;
+// Of a step where a pixel has several rays, as far as the medium at the last one was thinner than this.
+constexpr double kManyRaysStride = 1.5, kThinStep = 0.03;
+// The same at most, where all media are homogeneous and no lamp is near, as far as such a step is as thin as this.
+constexpr double kEvenStride = 4, kEvenThickness = 0.02;
+// Transmittances of four rays that stand for sixteen differ by less.
+constexpr double kAlike = 0.02;
 // What shares one look at the light: as many first steps, of no more extinction than this.
 constexpr double kLightSteps = 2, kLightThickness = 0.12;
-// Scatterings that the light of forward peaks stands for, on average.
-constexpr double kForwardOrder = 2.5;
 constexpr double kOpaque = 2e-3;  // transmittance of an eighth of the extinction at which a ray ends
 constexpr double kFar = 1e30;
 constexpr double kCapMeanCosine = 0.96;  // of a cap of a 24th of the sphere
@@ -69,7 +74,7 @@ vec3 tinted(const dvec3& colour, double value) {
 
 /// What one pixel gathers; every ray adds to it.
 struct GuideMarch::Sums {
-  std::vector<double> value;  // as names_
+  std::vector<double> value;  // as outputs_
   vec3 emission{0}, emission_once{0}, behind{0}, background{0}, normal{0}, surface_albedo{0};
   vec3 indirect{0}, mirrored{0}, mirrored_indirect{0}, material{0};
   double surface_depth = 0, depth2 = 0;
@@ -78,6 +83,14 @@ struct GuideMarch::Sums {
   std::vector<float> plain, scaled;
   std::vector<std::array<double, 4>> phases;  // of a group's light, towards the eye: no sum
   std::vector<ForwardPeak> peaks;             // the same
+  std::vector<double> phase_g;                // mean cosines that those of suns were made for on this ray
+  // Of media of unlike tints: light in all colours, and of a group at one place what is predicted; the last tint seen.
+  dvec3 tinted_direct{0}, tinted_indirect{0};
+  struct AtOnePlace {
+    double single = 0, forward = 0;
+  };
+  std::vector<AtOnePlace> here;
+  OrderTint tint;
 
   Sums(size_t values, size_t groups, size_t fields)
       : value(values, 0.0),
@@ -85,7 +98,9 @@ struct GuideMarch::Sums {
         plain(fields, 0.0f),
         scaled(fields, 0.0f),
         phases(groups),
-        peaks(groups) {}
+        peaks(groups),
+        phase_g(groups),
+        here(groups) {}
   void clear() {
     std::fill(value.begin(), value.end(), 0.0);
     std::fill(plain.begin(), plain.end(), 0.0f);
@@ -93,6 +108,7 @@ struct GuideMarch::Sums {
     std::fill(surface.begin(), surface.end(), vec3(0));
     emission = emission_once = behind = background = normal = surface_albedo = indirect = mirrored = mirrored_indirect =
         material = vec3(0);
+    tinted_direct = tinted_indirect = dvec3(0);
     surface_depth = depth2 = 0;
   }
 };
@@ -104,8 +120,7 @@ GuideMarch::GuideMarch(const PathContext& context, const std::vector<GuideMedia>
       fields_(fields),
       colour_(colour),
       camera_(camera),
-      step_(step_voxels * media[0].voxel()),
-      tint_(media[0], colour) {
+      step_(step_voxels * media[0].voxel()) {
   const dvec3 middle = 0.5 * (media[0].lo() + media[0].hi());
   reference_depth_ = glm::distance(camera.ray(dvec2(0)).o, middle);
   double densest = 0;
@@ -115,20 +130,29 @@ GuideMarch::GuideMarch(const PathContext& context, const std::vector<GuideMedia>
   if (media[0].media().size() == 1)
     cap_phase_ =
         CapPhase(media[0].media()[0].phase(), 1.0 / static_cast<double>(ScatteringSolver::directions().size()));
+  double even = 0;
+  for (const Medium& m : media[0].media())
+    if (m.homogeneous()) even += in_colour(m.coefficients().sigma_t, colour);
+  if (even > 0) even_stride_ = std::clamp(kEvenThickness / (even * step_), 1.0, kEvenStride);
+  for (const GroupLight& g : fields.groups())
+    if (g.group.kind == LightGroup::Kind::kLocal) even_stride_ = 1;
+  if (colour == kGrey && !media[0].media().empty()) tint_ = OrderTint(media[0].tint(0));
   lay_out();
 }
 
 void GuideMarch::lay_out() {
-  names_ = {"opacity", "depth", "spread", "gradient", "gradient", "gradient", "density"};
+  const char letter = colour_ == kGrey ? 'Y' : "RGB"[colour_];
+  outputs_ = {{"opacity", letter}, {"depth", 'Z'},    {"spread", 'Z'}, {"gradient", 'X'},
+              {"gradient", 'Y'},   {"gradient", 'Z'}, {"density", 'Y'}};
   for (const GroupLight& g : fields_.groups()) {
     const std::string& name = g.group.name;
     Slots s;
     const auto add = [&](const std::string& what) {
-      names_.push_back(what);
-      return names_.size() - 1;
+      outputs_.push_back({what, g.group.channel == kGrey ? letter : "RGB"[g.group.channel]});
+      return outputs_.size() - 1;
     };
     const auto add_all = [&](const auto& list) {
-      const size_t first = names_.size();
+      const size_t first = outputs_.size();
       for (const char* what : list) add("multiple." + name + "_" + what);
       return first;
     };
@@ -161,15 +185,68 @@ void GuideMarch::lay_out() {
   if (field_count_ > kMostFields) throw std::logic_error("more lights have guides of their own than the march holds");
 }
 
+namespace {
+
+/// What the sky's light from each direction of travel adds at a node, for radiance 1 outside.
+struct SkyAtNode {
+  static constexpr size_t kMost = 32;
+  std::array<double, kMost> single{}, forward{}, root{}, fourth_root{};
+};
+
+/// Of one medium, for cosines from -1 to 1.
+std::vector<ForwardPeak> tabulated_peaks(double g) {
+  constexpr int kSteps = 4096;
+  std::vector<ForwardPeak> peaks;
+  for (int i = 0; i <= kSteps; ++i) peaks.emplace_back(g, 2.0 * i / kSteps - 1);
+  return peaks;
+}
+
+}  // namespace
+
 // The light that leaves each node towards the eye, all groups beside one another.
 void GuideMarch::interleave(const Task& task) {
   const Lattice& lattice = fields_.lattice();
   const Lattice& coarse = fields_.coarse_lattice();
   const ivec3 n = lattice.n;
   const auto& directions = ScatteringSolver::directions();
-  const double solid_angle = 4 * kPi / static_cast<double>(directions.size());
+  const auto count = static_cast<double>(directions.size());
   node_fields_ = NodeValues(static_cast<size_t>(n.x) * n.y * n.z * field_count_);
   const bool one = media_[0].media().size() == 1;
+  std::vector<std::vector<ForwardPeak>> peaks;  // of each medium
+  for (size_t m = 0; m < media_[0].media().size() && !fields_.sky().empty(); ++m)
+    peaks.push_back(tabulated_peaks(media_[0].mean_cosine(m)));
+  std::vector<std::vector<double>> roots(slots_.size());  // of each group's incoming light
+  for (size_t k = 0; k < slots_.size(); ++k)
+    for (const double light : fields_.groups()[k].incoming) roots[k].push_back(std::sqrt(light));
+  const auto peak_of = [&](double g, double cosine) {
+    for (size_t m = 0; m < peaks.size(); ++m) {
+      if (!one && std::abs(g - media_[0].mean_cosine(m)) > 1e-6) continue;
+      const double last = static_cast<double>(peaks[m].size()) - 1;
+      return peaks[m][static_cast<size_t>(std::clamp(0.5 * (cosine + 1), 0.0, 1.0) * last + 0.5)];
+    }
+    return ForwardPeak(g, cosine);
+  };
+  const auto sky_at = [&](size_t i, const dvec3& p, const dvec3& view) {
+    const double g = one ? 0 : media_[0].at(p, colour_).g;
+    SkyAtNode at;
+    double weights = 0;
+    for (size_t d = 0; d < directions.size(); ++d) {
+      const double c = glm::dot(directions[d], -view), share = fields_.sky()(i, d);
+      const double weight = one ? cap_phase_.value(c) : henyey_greenstein(kCapMeanCosine * g, c);
+      weights += weight;
+      if (!(share > 0)) continue;
+      at.single[d] = weight * share;
+      const double depth = (1 - fields_.scaled_extinction()) * std::max(0.0, -portable_log(share));
+      if (depth > 0) at.forward[d] = 4 * kPi / count * share * peak_of(g, c).repeated(depth);
+      at.root[d] = std::sqrt(share) / count;
+      at.fourth_root[d] = std::sqrt(std::sqrt(share)) / count;
+    }
+    for (size_t d = 0; d < directions.size(); ++d) {
+      at.single[d] /= weights;
+      at.forward[d] += at.single[d];
+    }
+    return at;
+  };
   parallel_for(n.x, quiet(task), [&](int x) {
     for (int y = 0; y < n.y; ++y)
       for (int z = 0; z < n.z; ++z) {
@@ -177,54 +254,37 @@ void GuideMarch::interleave(const Task& task) {
         if (!fields_.near()[i]) continue;
         float* const out = node_fields_.data() + ((static_cast<size_t>(x) * n.y + y) * n.z + z) * field_count_;
         const dvec3 p = lattice.node(x, y, z), view = camera_.view_direction(p);
-        const auto towards_eye = [&](const Moments& light) {
-          const double flux = view.x * light[1][i] + view.y * light[2][i] + view.z * light[3][i];
-          return static_cast<float>(std::max(0.0, light[0][i] - flux));
+        const dvec3 step = 0.75 * coarse.spacing * view;
+        const NodeWeights here(coarse, p), before(coarse, p - step), behind(coarse, p + step);
+        const SkyAtNode sky = fields_.sky().empty() ? SkyAtNode{} : sky_at(i, p, view);
+        const auto towards_eye = [&](const Moments& light, const auto& at) {
+          const double flux = view.x * at(light[1]) + view.y * at(light[2]) + view.z * at(light[3]);
+          return static_cast<float>(std::max(0.0, at(light[0]) - flux));
         };
-        const auto coarsely = [&](const NodeValues& values, const dvec3& at) {
-          return static_cast<double>(interpolated(coarse, values, at));
-        };
+        const auto at_node = [&](const NodeValues& values) { return static_cast<double>(values[i]); };
+        const auto coarsely = [&](const NodeValues& values) { return static_cast<double>(here(values)); };
         for (size_t k = 0; k < slots_.size(); ++k) {
           const GroupLight& g = fields_.groups()[k];
           const Slots& s = slots_[k];
-          for (size_t order = 0; order < kOrders; ++order) {
-            const Moments& light = g.orders[order];
-            float& towards = out[s.field_orders + order];
-            if (order < GroupLight::kFineGuides) {
-              towards = towards_eye(light);
-              continue;
-            }
-            const double flux =
-                view.x * coarsely(light[1], p) + view.y * coarsely(light[2], p) + view.z * coarsely(light[3], p);
-            towards = static_cast<float>(std::max(0.0, coarsely(light[0], p) - flux));
-          }
-          const dvec3 step = 0.75 * coarse.spacing * view;
+          for (size_t order = 0; order < kOrders; ++order)
+            out[s.field_orders + order] = order < GroupLight::kFineGuides ? towards_eye(g.orders[order], at_node)
+                                                                          : towards_eye(g.orders[order], coarsely);
           const NodeValues& tail = g.orders.back()[0];
-          out[s.field_orders + kOrders] = static_cast<float>(coarsely(tail, p + step) - coarsely(tail, p - step));
+          out[s.field_orders + kOrders] = behind(tail) - before(tail);
           if (is_sky(g)) {
-            const double anisotropy = one ? media_[0].mean_cosine(0) : media_[0].at(p, colour_).g;
-            double single = 0, forward = 0, half = 0, quarter = 0, weights = 0;
+            double single = 0, forward = 0, root = 0, fourth_root = 0;
             for (size_t d = 0; d < directions.size(); ++d) {
-              const double c = glm::dot(directions[d], -view), light = g.sky[d][i];
-              const double weight = one ? cap_phase_.value(c) : henyey_greenstein(kCapMeanCosine * anisotropy, c);
-              weights += weight;
-              single += weight * light;
-              const double root = std::sqrt(light);
-              if (light > 0 && g.incoming[d] > 0) {
-                const double depth = std::max(0.0, portable_log(g.incoming[d] / light));
-                const ForwardPeak peak(anisotropy, c);
-                forward += solid_angle * light * peak.repeated((1 - fields_.scaled_extinction()) * depth);
-              }
-              half += root;
-              quarter += std::sqrt(root);
+              single += g.incoming[d] * sky.single[d];
+              forward += g.incoming[d] * sky.forward[d];
+              root += roots[k][d] * sky.root[d];
+              fourth_root += std::sqrt(roots[k][d]) * sky.fourth_root[d];
             }
-            single /= weights;
             out[s.field_single] = static_cast<float>(single);
-            out[s.field_forward] = static_cast<float>(single + forward);
-            out[s.field_single + 1] = static_cast<float>(half / static_cast<double>(directions.size()));
-            out[s.field_single + 2] = static_cast<float>(quarter / static_cast<double>(directions.size()));
+            out[s.field_forward] = static_cast<float>(forward);
+            out[s.field_single + 1] = static_cast<float>(root);
+            out[s.field_single + 2] = static_cast<float>(fourth_root);
           } else if (!sharp(g)) {
-            out[s.field_single] = towards_eye(g.once);
+            out[s.field_single] = towards_eye(g.once, at_node);
           }
           if (!g.depth.empty()) out[s.field_depth] = g.depth[i];
           if (!g.visible.empty()) out[s.field_visible] = g.visible[i];
@@ -250,8 +310,12 @@ void GuideMarch::interpolate(const dvec3& world, float* values) const {
   }
 }
 
+bool GuideMarch::blurred() const {
+  return camera_.has_lens() || camera_.moves() || media_.size() > 1;
+}
+
 int GuideMarch::rays_across() const {
-  if (camera_.has_lens() || camera_.moves() || media_.size() > 1) return 4;
+  if (blurred()) return 2;
   const dvec3 middle = 0.5 * (media_[0].lo() + media_[0].hi());
   const dvec2 pixel = 0.5 * dvec2(camera_.film_size());
   const Ray a = camera_.ray(pixel), b = camera_.ray(pixel + 1.0);
@@ -266,16 +330,11 @@ void GuideMarch::record(const ivec2& corner, Layers& frame, const Task& task) {
     return frame.add("guide." + name + "." + channel);
   };
   const bool first = colour_ == kGrey || colour_ == 0;
-  const char letter = colour_ == kGrey ? 'Y' : "RGB"[colour_];
   // Where the sums go; null for what another colour has recorded already.
   std::vector<Plane*> planes;
-  for (size_t i = 0; i < names_.size(); ++i) {
+  for (size_t i = 0; i < outputs_.size(); ++i) {
     const bool once = i > kOpacity && i < kBaseCount;
-    const char channel = i == kDepth || i == kSpread      ? 'Z'
-                         : i >= kGradient && i < kDensity ? static_cast<char>('X' + (i - kGradient))
-                         : i == kDensity                  ? 'Y'
-                                                          : letter;
-    planes.push_back(once && !first ? nullptr : &layer_of(names_[i], channel));
+    planes.push_back(once && !first ? nullptr : &layer_of(outputs_[i].name, outputs_[i].channel));
   }
   const std::vector<size_t> channels =
       colour_ == kGrey ? std::vector<size_t>{0, 1, 2} : std::vector<size_t>{static_cast<size_t>(colour_)};
@@ -293,9 +352,12 @@ void GuideMarch::record(const ivec2& corner, Layers& frame, const Task& task) {
     if (!surfaces) continue;
     albedo[c] = &layer_of("surface_albedo", "RGB"[c]);
     lit_indirect[c] = &layer_of("surface.indirect", "RGB"[c]);
-    for (size_t g = 0; g < lit.size(); ++g)
-      if (!from_surfaces(fields_.groups()[g]))
-        lit[g][c] = &layer_of("surface." + fields_.groups()[g].group.name, "RGB"[c]);
+    for (size_t g = 0; g < lit.size(); ++g) {
+      const LightGroup& group = fields_.groups()[g].group;
+      if (from_surfaces(fields_.groups()[g])) continue;
+      if (group.channel == kGrey || group.channel == static_cast<int>(c))
+        lit[g][c] = &layer_of("surface." + group.name, "RGB"[c]);
+    }
     if (node_light_.empty()) continue;
     mirrored[c] = &layer_of("surface.mirrored", "RGB"[c]);
     mirrored_indirect[c] = &layer_of("surface.mirrored_indirect", "RGB"[c]);
@@ -311,22 +373,13 @@ void GuideMarch::record(const ivec2& corner, Layers& frame, const Task& task) {
 
   const int across = rays_across();
   parallel_for(frame.height(), task, [&](int y) {
-    Sums sums(names_.size(), slots_.size(), field_count_);
+    Sums sums(outputs_.size(), slots_.size(), field_count_);
     std::vector<MediaLine> lines;  // as media_
     for (const GuideMedia& media : media_) lines.emplace_back(media, colour_);
     for (int x = 0; x < frame.width(); ++x) {
-      sums.clear();
-      for (int r = 0; r < across * across; ++r) {
-        const dvec2 film =
-            dvec2(corner + ivec2(x, y)) + (dvec2(r % across, r / across) + 0.5) / static_cast<double>(across);
-        // Sixteen points of the lens and as many times, in an order unlike the rays'.
-        const dvec2 lens = across == 4 ? (dvec2(r * 7 % 16, r * 11 % 16) + 0.5) / 16.0 : dvec2(0.5);
-        const double time = across == 4 ? ((r * 5 + 3) % 16 + 0.5) / 16 : 0;
-        const auto moment = static_cast<size_t>(time * static_cast<double>(media_.size()));
-        trace({film, lens, time, 1.0 / across}, media_[moment], lines[moment], sums);
-      }
+      const int rays = trace_pixel(corner + ivec2(x, y), across, lines, sums);
       collect_fields(sums);
-      const double share = 1.0 / (across * across);
+      const double share = 1.0 / rays;
       const double opacity = sums.value[kOpacity];
       if (opacity > 0) {
         const double mean = sums.value[kDepth] / opacity;
@@ -356,8 +409,48 @@ void GuideMarch::record(const ivec2& corner, Layers& frame, const Task& task) {
   });
 }
 
+GuideMarch::Eye GuideMarch::eye(const ivec2& pixel, int ray, int across) const {
+  Eye eye;
+  eye.cell = 1.0 / across;
+  eye.film = dvec2(pixel) + eye.cell * (dvec2(ray % across, ray / across) + 0.5);
+  if (across == 1) return eye;
+  eye.stride = kManyRaysStride;
+  if (!blurred()) {
+    eye.offset = ray / 4.0;
+  } else if (across == 2) {
+    // Opposite sides of the lens, as far from its middle as its points are on average.
+    eye.lens = dvec2(0.5) + 0.35 * (dvec2(ray * 2 / 4, ray % 2) * 2.0 - 1.0);
+    eye.time = ((ray * 3 + 1) % 4 + 0.5) / 4;
+    eye.offset = ray / 4.0;
+  } else {
+    // Sixteen points of the lens and as many times, in an order unlike the rays'.
+    eye.lens = (dvec2(ray * 7 % 16, ray * 11 % 16) + 0.5) / 16.0;
+    eye.time = ((ray * 5 + 3) % 16 + 0.5) / 16;
+    eye.offset = ray * 3 % 16 / 16.0;
+  }
+  return eye;
+}
+
+int GuideMarch::trace_pixel(const ivec2& pixel, int across, std::vector<MediaLine>& lines, Sums& sums) const {
+  sums.clear();
+  double least = 1, most = 0;
+  bool alike = true;
+  std::optional<uint32_t> surface;
+  for (int r = 0; r < across * across; ++r) {
+    const Eye ray = eye(pixel, r, across);
+    const auto moment = static_cast<size_t>(ray.time * static_cast<double>(media_.size()));
+    const Met met = trace(ray, media_[moment], lines[moment], sums);
+    if (r == 0) surface = met.surface;
+    alike = alike && met.surface == surface;
+    least = std::min(least, met.passed);
+    most = std::max(most, met.passed);
+  }
+  if (across == 2 && blurred() && !(alike && most - least < kAlike)) return trace_pixel(pixel, 4, lines, sums);
+  return across * across;
+}
+
 // The first surface that is seen, with the medium in front of it.
-void GuideMarch::trace(const Eye& eye, const GuideMedia& media, MediaLine& line, Sums& sums) const {
+GuideMarch::Met GuideMarch::trace(const Eye& eye, const GuideMedia& media, MediaLine& line, Sums& sums) const {
   const Ray ray = camera_.ray(eye.film, eye.lens, eye.time);
   std::optional<SurfaceHit> hit;
   if (context_.surfaces) {
@@ -373,7 +466,7 @@ void GuideMarch::trace(const Eye& eye, const GuideMedia& media, MediaLine& line,
   }
   const auto [light, distance] = context_.lights->nearest(ray, hit ? hit->t : kFar, /*seen=*/true);
   const double t_end = light ? distance : hit ? hit->t : kFar;
-  const Passed passed = march(ray, media, line, t_end, sums);
+  const Passed passed = march(eye, ray, media, line, t_end, sums);
   if (light) {
     sums.background += tinted(light->radiance(ray, distance), passed.straight);
   } else if (hit) {
@@ -382,6 +475,7 @@ void GuideMarch::trace(const Eye& eye, const GuideMedia& media, MediaLine& line,
     for (const InfiniteLight* sky : context_.lights->infinite())
       if (sky->visible()) sums.background += tinted(sky->radiance(ray.d), passed.straight);
   }
+  return {passed.straight, hit && !light ? std::optional(hit->surface) : std::nullopt};
 }
 
 /// A piece of a ray whose light is looked up once: weights of what is seen of it, with the extinction, a half, a
@@ -389,31 +483,44 @@ void GuideMarch::trace(const Eye& eye, const GuideMedia& media, MediaLine& line,
 struct GuideMarch::Piece {
   double w = 0, w2 = 0, w4 = 0, w8 = 0, scaled = 0;
   double thickness = 0, distance = 0, depth = 0, albedo = 0, g = 0;  // the last four times thickness
+  dvec3 tint{0};                                                     // the same times albedo
 };
 
-GuideMarch::Passed GuideMarch::march(const Ray& ray, const GuideMedia& media, MediaLine& line, double t_max,
-                                     Sums& sums) const {
-  static thread_local std::vector<std::pair<double, double>> parts;
+GuideMarch::Passed GuideMarch::march(const Eye& eye, const Ray& ray, const GuideMedia& media, MediaLine& line,
+                                     double t_max, Sums& sums) const {
+  static thread_local std::vector<std::pair<double, double>> parts, uneven;
   media.intervals(ray, t_max, parts);
   if (parts.empty()) return {};
+  const bool some_even = even_stride_ > 1;
+  if (some_even) media.uneven_intervals(ray, t_max, uneven);
+  auto ahead = uneven.begin();
   line.follow(ray);
-  const bool glows = !media.emissions().empty();
+  const bool glows = !media.emissions().empty(), mixed = media.mixed_tints();
   const double scale = fields_.scaled_extinction();
-  const double light_step = kLightSteps * step_;
-  double passed = 1, passed2 = 1, passed4 = 1, passed8 = 1, passed_scaled = 1, depth = 0;
+  const double step = eye.stride * step_;
+  double passed = 1, passed2 = 1, passed4 = 1, passed8 = 1, passed_scaled = 1, depth = 0, sigma_t = 0;
   double seen = 0, seen_depth = 0, seen_depth2 = 0, seen_density = 0;
   dvec3 seen_gradient(0);
   Piece piece;
+  std::fill(sums.phase_g.begin(), sums.phase_g.end(), std::numeric_limits<double>::quiet_NaN());
   for (size_t k = 0; k < slots_.size(); ++k)
     if (const Sun* const sun = fields_.groups()[k].group.sun; sun && media.media().size() == 1)
       look_from(media, glm::dot(sun->axis(), ray.d), media.mean_cosine(0), 1, k, sums);
 
   for (const auto& [begin, end] : parts) {
     // Steps of neighbouring pixels begin at the same distances from the eye, wherever their cells begin.
-    double t = std::floor(begin / step_) * step_;
+    double t = (std::floor(begin / step - eye.offset) + eye.offset) * step;
     double piece_end = t;
     while (t < end && passed8 > kOpaque) {
-      const double length = step_ * std::min(kLongestStep, 1 + kStepGrowth * std::max(0.0, depth - 2));
+      const double own_step = sigma_t * step < kThinStep ? step : step_, light_step = kLightSteps * own_step;
+      double length = own_step * std::min(kLongestStep, 1 + kStepGrowth * std::max(0.0, depth - 2));
+      if (some_even) {
+        while (ahead != uneven.end() && ahead->second <= t) ++ahead;
+        const double free = (ahead == uneven.end() ? end : std::min(end, ahead->first)) - t;
+        length = std::max(length, step * std::min(even_stride_, std::floor(free / step)));
+      }
+      if (t < begin) length -= begin - std::exchange(t, begin);
+      length = std::min(length, end - t);
       const double middle = t + 0.5 * length;
       t += length;
       if (middle > t_max) break;
@@ -421,6 +528,7 @@ GuideMarch::Passed GuideMarch::march(const Ray& ray, const GuideMedia& media, Me
       const GuideMedia::Point point = line.at(middle, gradient);
       const dvec3 glow = glows ? media.glow(ray.at(middle)) : dvec3(0);
       const double thickness = point.sigma_t * length;
+      sigma_t = point.sigma_t;
       if (!(thickness > 0)) {
         if (glows) add_glow(glow, passed * length, passed_scaled * length, depth, sums);
         continue;
@@ -428,7 +536,7 @@ GuideMarch::Passed GuideMarch::march(const Ray& ray, const GuideMedia& media, Me
       if (middle >= piece_end || piece.thickness > kLightThickness) {
         light_of(piece, media, ray, sums);
         piece = {};
-        piece_end = (std::floor(middle / light_step) + 1) * light_step;
+        piece_end = (std::floor(middle / light_step - eye.offset) + 1 + eye.offset) * light_step;
       }
       const double q8 = attenuation(thickness / 8), q4 = q8 * q8, q2 = q4 * q4, q = q2 * q2;
       const double q_scaled = attenuation(thickness * scale);
@@ -443,6 +551,7 @@ GuideMarch::Passed GuideMarch::march(const Ray& ray, const GuideMedia& media, Me
       piece.depth += thickness * (depth + 0.5 * thickness);
       piece.albedo += thickness * point.albedo;
       piece.g += thickness * point.g;
+      if (mixed) piece.tint += thickness * point.albedo * point.tint;
       if (glows)
         add_glow(glow, w / point.sigma_t, passed_scaled * (1 - q_scaled) / (point.sigma_t * scale),
                  depth + 0.5 * thickness, sums);
@@ -494,12 +603,16 @@ void GuideMarch::look_from(const GuideMedia& media, double cosine, double g, dou
 
 dvec3 GuideMarch::in_light(const GuideMedia& media, const dvec3& p) const {
   const GuideMedia& solved = media_[media_.size() / 2];
-  if (&media == &solved) return p;
-  for (size_t i = 0; i < media.media().size(); ++i) {
-    const Medium& medium = media.media()[i];
-    if (medium.density(medium.to_local(p)) > 0) return medium.followed(p, solved.media()[i]);
-  }
-  return p;
+  return &media == &solved ? p : media.followed(p, solved);
+}
+
+void GuideMarch::look_from_sun(const GuideMedia& media, const Ray& ray, double g, size_t group, Sums& sums) const {
+  // In steps, so that it seldom changes.
+  constexpr double kSteps = 1024;
+  const double rounded = std::round(g * kSteps) / kSteps;
+  if (sums.phase_g[group] == rounded) return;
+  sums.phase_g[group] = rounded;
+  look_from(media, glm::dot(fields_.groups()[group].group.sun->axis(), ray.d), rounded, 1, group, sums);
 }
 
 void GuideMarch::light_of(const Piece& piece, const GuideMedia& media, const Ray& ray, Sums& sums) const {
@@ -521,18 +634,25 @@ void GuideMarch::light_of(const Piece& piece, const GuideMedia& media, const Ray
     out[s.tail + 2] += piece.w8 * tail;
     if (is_sky(g)) {
       const double single = piece.w * albedo * fields[s.field_single];
+      const double forward = piece.scaled / fields_.scaled_extinction() * albedo * fields[s.field_forward] - single;
       out[s.single] += single;
-      out[s.forward] += piece.scaled / fields_.scaled_extinction() * albedo * fields[s.field_forward] - single;
+      out[s.forward] += forward;
+      sums.here[k] = {single, forward};
       continue;
     }
-    if (!sharp(g)) continue;
+    if (!sharp(g)) {
+      // These fields are per extinction without the forward peak.
+      const double single = fields_.scaled_extinction() * piece.w * fields[s.field_single];
+      sums.here[k] = {single, std::max(0.0, piece.scaled * fields[s.field_single] - single)};
+      continue;
+    }
     double irradiance, tau, arriving;
     if (g.group.sun) {
       irradiance = in_colour(g.group.sun->irradiance(), colour_);
       tau = g.sun.at(p);
       arriving = attenuation(tau);
       // Of a sun in one medium the angle does not change along the ray.
-      if (media.media().size() > 1) look_from(media, glm::dot(g.group.sun->axis(), ray.d), g_mean, 1, k, sums);
+      if (media.media().size() > 1) look_from_sun(media, ray, g_mean, k, sums);
     } else {
       const LocalLight light = local_light(*g.group.lights[0], p);
       irradiance = in_colour(light.irradiance, colour_);
@@ -544,9 +664,12 @@ void GuideMarch::light_of(const Piece& piece, const GuideMedia& media, const Ray
     irradiance *= albedo;
     const std::array<double, 4>& phase = sums.phases[k];
     const double v16 = attenuation(tau / 16), v8 = v16 * v16, v4 = v8 * v8, v2 = v4 * v4;
-    out[s.single] += piece.w * irradiance * phase[0] * arriving;
+    const double single = piece.w * irradiance * phase[0] * arriving;
+    out[s.single] += single;
     const double peak = (1 - fields_.scaled_extinction()) * (tau + piece.depth / piece.thickness);
-    out[s.forward] += piece.w * irradiance * arriving * sums.peaks[k].repeated(peak);
+    const double forward = piece.w * irradiance * arriving * sums.peaks[k].repeated(peak);
+    out[s.forward] += forward;
+    sums.here[k] = {single, forward};
     out[s.octave] += piece.w2 * irradiance * phase[1] * v2;
     out[s.octave + 1] += piece.w4 * irradiance * phase[2] * v4;
     out[s.octave + 2] += piece.w8 * irradiance * phase[3] * v8;
@@ -555,6 +678,24 @@ void GuideMarch::light_of(const Piece& piece, const GuideMedia& media, const Ray
     out[s.soft + 1] += even * v4;
     out[s.soft + 2] += even * v8;
     out[s.soft + 3] += even * v16;
+  }
+  if (media.mixed_tints()) add_tinted(piece, fields, sums);
+}
+
+void GuideMarch::add_tinted(const Piece& piece, const float* fields, Sums& sums) const {
+  if (!(piece.albedo > 0)) return;
+  // In steps, so that it seldom changes.
+  constexpr double kSteps = 4096;
+  const dvec3 tint = glm::round(piece.tint / piece.albedo * kSteps) / kSteps;
+  if (tint != sums.tint.once()) sums.tint = OrderTint(tint);
+  for (size_t k = 0; k < slots_.size(); ++k) {
+    const GroupLight& g = fields_.groups()[k];
+    const dvec3 colour = colour_of(g), once = sums.here[k].single * sums.tint.once();
+    dvec3 more = sums.here[k].forward * sums.tint.forward();
+    for (size_t order = 0; order < kOrders; ++order)
+      more += piece.scaled * fields[slots_[k].field_orders + order] * sums.tint.of_guide(order);
+    (from_surfaces(g) ? sums.tinted_indirect : sums.tinted_direct) += colour * once;
+    sums.tinted_indirect += colour * more;
   }
 }
 
@@ -579,18 +720,23 @@ void GuideMarch::collect_fields(Sums& sums) const {
 }
 
 vec3 GuideMarch::predicted_direct(const Sums& sums) const {
-  vec3 light = sums.background + sums.emission + sums.emission_once + sums.mirrored;
-  for (size_t k = 0; k < slots_.size(); ++k)
-    if (!from_surfaces(fields_.groups()[k]))
-      light += sums.surface[k] + tinted(tint_.once() * colour_of(fields_.groups()[k]), sums.value[slots_[k].single]);
+  vec3 light = sums.background + sums.emission + sums.emission_once + sums.mirrored + vec3(sums.tinted_direct);
+  const bool mixed = media_[0].mixed_tints();
+  for (size_t k = 0; k < slots_.size(); ++k) {
+    const GroupLight& g = fields_.groups()[k];
+    if (from_surfaces(g)) continue;
+    light += sums.surface[k];
+    if (!mixed) light += tinted(tint_.once() * colour_of(g), sums.value[slots_[k].single]);
+  }
   return light;
 }
 
 vec3 GuideMarch::predicted_indirect(const Sums& sums) const {
-  vec3 light = sums.indirect + sums.mirrored_indirect + sums.behind;
+  vec3 light = sums.indirect + sums.mirrored_indirect + sums.behind + vec3(sums.tinted_indirect);
+  if (media_[0].mixed_tints()) return light;
   for (size_t k = 0; k < slots_.size(); ++k) {
     const GroupLight& g = fields_.groups()[k];
-    light += tinted(tint_.at(kForwardOrder) * colour_of(g), sums.value[slots_[k].forward]);
+    light += tinted(tint_.forward() * colour_of(g), sums.value[slots_[k].forward]);
     if (from_surfaces(g)) light += tinted(tint_.once() * colour_of(g), sums.value[slots_[k].single]);
     for (size_t order = 0; order < kOrders; ++order)
       light += tinted(tint_.of_guide(order) * colour_of(g), sums.value[slots_[k].orders + order]);

@@ -1,5 +1,6 @@
 #pragma once
 #include <array>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -17,7 +18,7 @@ namespace brume {
 class MediaLine;
 
 /// Camera rays through the light of LightFields, for one colour: one ray for each pixel that is small against voxels,
-/// four for larger ones, sixteen where the camera has a lens or anything moves.
+/// four for larger ones; through a lens or where anything moves four, or sixteen where those four differ.
 class GuideMarch {
  public:
   GuideMarch(const PathContext& context, const std::vector<GuideMedia>& media, const LightFields& fields,
@@ -29,10 +30,17 @@ class GuideMarch {
  private:
   struct Sums;
   struct Piece;
-  /// A camera ray, and the size of the square of film that it stands for [px].
+  /// A camera ray, the size of the square of film that it stands for [px], and how it is marched: by steps so many
+  /// times longer than those of a pixel's only ray, the first one shortened by a share of it, so that the rays of a
+  /// pixel look between one another's steps.
   struct Eye {
-    dvec2 film, lens;
-    double time, cell;
+    dvec2 film, lens{0.5};
+    double time = 0, cell = 1, stride = 1, offset = 0;
+  };
+  /// What a camera ray meets, for comparison with the other rays of its pixel.
+  struct Met {
+    double passed = 1;
+    std::optional<uint32_t> surface;
   };
   /// What a ray sees, by the events that the light has gone through on it: none, or more.
   struct Seen {
@@ -49,20 +57,32 @@ class GuideMarch {
     size_t field_orders = 0, field_single = 0, field_forward = 0, field_depth = 0, field_visible = 0;
   };
   static constexpr size_t kMostFields = 64;  // of all lights together: light_groups() limits them
+  /// A sum that is one number, as a layer without "guide.".
+  struct Output {
+    std::string name;
+    char channel;
+  };
   enum Base : size_t { kOpacity, kDepth, kSpread, kGradient, kDensity = kGradient + 3, kBaseCount };
 
   void lay_out();
   void interleave(const Task& task);
-  /// Rays of a pixel along each of its sides.
+  /// Whether rays of one pixel differ by more than where they meet the film.
+  bool blurred() const;
+  /// Rays of a pixel along each of its sides, where nothing is blurred.
   int rays_across() const;
-  void trace(const Eye& eye, const GuideMedia& media, MediaLine& line, Sums& sums) const;
+  /// One of a pixel's rays. @param across  of them along each of its sides
+  Eye eye(const ivec2& pixel, int ray, int across) const;
+  /// The rays of a pixel. @return how many they were
+  int trace_pixel(const ivec2& pixel, int across, std::vector<MediaLine>& lines, Sums& sums) const;
+  Met trace(const Eye& eye, const GuideMedia& media, MediaLine& line, Sums& sums) const;
   /// Transmittance of what lies before a point; and what light has more from there that was only scattered by forward
   /// peaks, which count as straight on.
   struct Passed {
     double straight = 1, peaks = 0;
   };
   /// Of what lies before t_max.
-  Passed march(const Ray& ray, const GuideMedia& media, MediaLine& line, double t_max, Sums& sums) const;
+  Passed march(const Eye& eye, const Ray& ray, const GuideMedia& media, MediaLine& line, double t_max,
+               Sums& sums) const;
   /// @param straight, scaled  length of a piece of a ray times transmittance, with the extinction and without the
   /// forward
   ///                          peak   @param depth  optical depth before it
@@ -72,6 +92,8 @@ class GuideMarch {
   /// @param spread  mean cosine of the light's directions to their middle, which `cosine` is of
   double phase_value(const GuideMedia& media, double cosine, double g, double spread) const;
   void look_from(const GuideMedia& media, double cosine, double g, double spread, size_t group, Sums& sums) const;
+  /// The same of parallel light where the mean cosine changes from place to place.
+  void look_from_sun(const GuideMedia& media, const Ray& ray, double g, size_t group, Sums& sums) const;
   /// Where the light of what is at a point was solved: it may move.
   dvec3 in_light(const GuideMedia& media, const dvec3& p) const;
   void light_of(const Piece& piece, const GuideMedia& media, const Ray& ray, Sums& sums) const;
@@ -105,6 +127,8 @@ class GuideMarch {
   Seen mirrored(const Eye& eye, const Shaded& at, const SurfaceHit& hit, const GuideMedia& media,
                 MediaLine& line) const;
   dvec3 colour_of(const GroupLight& light) const { return light.group.colour_in(colour_); }
+  /// Of light that several media of unlike tints scatter at one place, what is predicted of it.
+  void add_tinted(const Piece& piece, const float* fields, Sums& sums) const;
   vec3 predicted_direct(const Sums& sums) const;
   vec3 predicted_indirect(const Sums& sums) const;
 
@@ -113,13 +137,13 @@ class GuideMarch {
   const LightFields& fields_;
   const GuideColour colour_;
   const Camera& camera_;
-  double step_ = 1, reference_depth_ = 0, gentle_ = 0;
+  double step_ = 1, even_stride_ = 1, reference_depth_ = 0, gentle_ = 0;
 
-  OrderTint tint_;
-  CapPhase cap_phase_;              // of the only medium
-  std::vector<Slots> slots_;        // for each group
-  std::vector<std::string> names_;  // of the sums that are one number each, as layers without "guide."
-  size_t field_count_ = 0;          // interleaved fields, a multiple of four
+  OrderTint tint_;            // of the first medium
+  CapPhase cap_phase_;        // of the only medium
+  std::vector<Slots> slots_;  // for each group
+  std::vector<Output> outputs_;
+  size_t field_count_ = 0;  // interleaved fields, a multiple of four
   NodeValues node_fields_;
   // On the coarse lattice, in every colour: moments of the light scattered once, but for suns and lamps with guides of
   // their own, and of the light scattered more often. Empty where no surface mirrors or refracts.

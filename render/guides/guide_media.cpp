@@ -9,6 +9,9 @@
 namespace brume {
 namespace {
 
+constexpr int kSamplesPerVoxel = 2;      // of displaced densities, along each axis
+constexpr double kMostResampled = 16e6;  // points
+
 /// By Simpson's rule in the cosine, finer towards the forward peak.
 double mean_cosine_of(const PhaseFunction& phase) {
   if (phase.is_henyey_greenstein()) return phase.first.g;
@@ -21,6 +24,11 @@ double mean_cosine_of(const PhaseFunction& phase) {
     norm += weight;
   }
   return sum / norm;
+}
+
+dvec3 tint_of(const Medium& medium) {
+  const double mean = in_colour(medium.albedo(), kGrey);
+  return mean > 0 ? medium.albedo() / mean : dvec3(1);
 }
 
 void enclose(const Medium& medium, dvec3& lo, dvec3& hi) {
@@ -50,13 +58,36 @@ void add_intervals(const Medium& medium, const Ray& ray, double t_max, std::vect
   }
 }
 
+/// Puts intervals in order, those that touch together.
+void merge(std::vector<std::pair<double, double>>& parts) {
+  std::sort(parts.begin(), parts.end());
+  size_t kept = 0;
+  for (const auto& part : parts) {
+    if (kept > 0 && part.first <= parts[kept - 1].second)
+      parts[kept - 1].second = std::max(parts[kept - 1].second, part.second);
+    else
+      parts[kept++] = part;
+  }
+  parts.resize(kept);
+}
+
 }  // namespace
 
 double in_colour(const dvec3& rgb, GuideColour colour) {
   return colour == kGrey ? (rgb.x + rgb.y + rgb.z) / 3 : rgb[colour];
 }
 
-GuideMedia::GuideMedia(std::span<const Medium> media, std::span<const EmissionField> emissions, double time) {
+// Displaced densities are looked up many times: they are resampled once, unless that would take much memory.
+Medium GuideMedia::resampled(const Medium& medium, const Task& task) {
+  if (!medium.displacement()) return medium;
+  const dvec3 cells(medium.walked().cells());
+  const double voxels = cells.x * cells.y * cells.z * std::pow(medium.walked().cell_size(), 3);
+  if (voxels * std::pow(kSamplesPerVoxel, 3) > kMostResampled) return medium;
+  return medium.resampled(kSamplesPerVoxel, *resampled_.emplace_back(std::make_shared<BrickGrid>()), task);
+}
+
+GuideMedia::GuideMedia(std::span<const Medium> media, std::span<const EmissionField> emissions, double time,
+                       const Task& task) {
   lo_ = dvec3(std::numeric_limits<double>::infinity());
   hi_ = -lo_;
   voxel_ = std::numeric_limits<double>::infinity();
@@ -65,7 +96,8 @@ GuideMedia::GuideMedia(std::span<const Medium> media, std::span<const EmissionFi
     if (!m.homogeneous()) voxel_ = std::min(voxel_, m.voxel_size());
   };
   for (const Medium& m : media) {
-    media_.push_back(m.at_time(time));
+    displaced_.push_back(m.at_time(time));
+    media_.push_back(resampled(displaced_.back(), task));
     mean_cosine_.push_back(mean_cosine_of(m.phase()));
     coloured_ = coloured_ || m.chromatic() || m.coloured();
     Constants& c = constants_.emplace_back();
@@ -73,14 +105,16 @@ GuideMedia::GuideMedia(std::span<const Medium> media, std::span<const EmissionFi
       c.per_density[static_cast<size_t>(colour + 1)] = in_colour(m.coefficients().sigma_t, colour);
       c.albedo[static_cast<size_t>(colour + 1)] = in_colour(m.albedo(), colour);
     }
+    c.tint = tint_of(m);
     c.inverse_maximum = m.maximum_density() > 0 ? 1 / m.maximum_density() : 0;
-    take(media_.back());
+    take(displaced_.back());
   }
-  // Several grey media of unlike tints: their mixture changes its colour from place to place.
-  for (const Medium& m : media_) coloured_ = coloured_ || glm::distance(m.albedo(), media_[0].albedo()) > 1e-9;
+  for (const Constants& c : constants_)
+    mixed_tints_ = mixed_tints_ || (!coloured_ && glm::distance(c.tint, constants_[0].tint) > 1e-9);
   for (const EmissionField& e : emissions) {
-    emissions_.push_back(e.at_time(time));
-    take(emissions_.back().shape());
+    const EmissionField now = e.at_time(time);
+    emissions_.push_back(now.shape().displacement() ? EmissionField(resampled(now.shape(), task), now.ramp()) : now);
+    take(now.shape());
   }
   if (!std::isfinite(voxel_)) voxel_ = max_component(hi_ - lo_) / 128;
 }
@@ -97,20 +131,26 @@ dvec3 GuideMedia::glow(const dvec3& world) const {
   return sum;
 }
 
+dvec3 GuideMedia::followed(const dvec3& world, const GuideMedia& other) const {
+  for (size_t i = 0; i < media_.size(); ++i)
+    if (media_[i].density(media_[i].to_local(world)) > 0) return displaced_[i].followed(world, other.displaced_[i]);
+  return world;
+}
+
 void GuideMedia::intervals(const Ray& ray, double t_max, std::vector<std::pair<double, double>>& parts) const {
   parts.clear();
   for (const Medium& m : media_) add_intervals(m, ray, t_max, parts);
   for (const EmissionField& e : emissions_) add_intervals(e.shape(), ray, t_max, parts);
-  if (media_.size() + emissions_.size() < 2) return;
-  std::sort(parts.begin(), parts.end());
-  size_t kept = 0;
-  for (const auto& part : parts) {
-    if (kept > 0 && part.first <= parts[kept - 1].second)
-      parts[kept - 1].second = std::max(parts[kept - 1].second, part.second);
-    else
-      parts[kept++] = part;
-  }
-  parts.resize(kept);
+  if (media_.size() + emissions_.size() > 1) merge(parts);
+}
+
+void GuideMedia::uneven_intervals(const Ray& ray, double t_max, std::vector<std::pair<double, double>>& parts) const {
+  parts.clear();
+  for (const Medium& m : media_)
+    if (!m.homogeneous()) add_intervals(m, ray, t_max, parts);
+  for (const EmissionField& e : emissions_)
+    if (!e.shape().homogeneous()) add_intervals(e.shape(), ray, t_max, parts);
+  if (media_.size() + emissions_.size() > 1) merge(parts);
 }
 
 }  // namespace brume

@@ -1,5 +1,6 @@
 #pragma once
 #include <array>
+#include <memory>
 #include <span>
 #include <utility>
 #include <vector>
@@ -18,11 +19,16 @@ double in_colour(const dvec3& rgb, GuideColour colour);
 /// density at any world point, the extinctions of several media being added.
 class GuideMedia {
  public:
-  GuideMedia(std::span<const Medium> media, std::span<const EmissionField> emissions, double time);
+  GuideMedia(std::span<const Medium> media, std::span<const EmissionField> emissions, double time,
+             const Task& task = {});
 
   bool empty() const { return media_.empty() && emissions_.empty(); }
-  /// Whether one colour's guides differ from another's by more than a factor.
+  /// Whether one colour's guides differ from another's by more than the albedo's tint.
   bool coloured() const { return coloured_; }
+  /// Whether that tint changes from place to place.
+  bool mixed_tints() const { return mixed_tints_; }
+  /// How much more than the mean a medium's albedo gives each colour by one scattering.
+  const dvec3& tint(size_t medium) const { return constants_[medium].tint; }
   /// Box around everything, world space.
   const dvec3& lo() const { return lo_; }
   const dvec3& hi() const { return hi_; }
@@ -39,26 +45,36 @@ class GuideMedia {
     double albedo = 0;   ///< single-scattering albedo
     double g = 0;        ///< mean cosine
     double density = 0;  ///< as a share of the medium's maximum, the largest of them
+    dvec3 tint{1};       ///< of the light scattered here; only in grey
   };
   Point at(const dvec3& world, GuideColour colour) const;
   /// Emission coefficient [radiance / world unit].
   dvec3 glow(const dvec3& world) const;
 
+  /// Where what scatters at a world point is at another time of the shutter: that of `other`, of the same scene.
+  dvec3 followed(const dvec3& world, const GuideMedia& other) const;
+
   /// The parts of a world ray in which anything may be found, in order and apart from one another.
   void intervals(const Ray& ray, double t_max, std::vector<std::pair<double, double>>& parts) const;
+  /// Those of them in which anything changes from voxel to voxel; elsewhere media are homogeneous.
+  void uneven_intervals(const Ray& ray, double t_max, std::vector<std::pair<double, double>>& parts) const;
 
  private:
   friend class MediaLine;
-  std::vector<Medium> media_;
+  Medium resampled(const Medium& medium, const Task& task);
+
+  std::vector<std::shared_ptr<BrickGrid>> resampled_;  // of those that are displaced
+  std::vector<Medium> media_, displaced_;              // as they are looked up, and before they were resampled
   std::vector<EmissionField> emissions_;
   /// What does not change from point to point, by colour, kGrey first.
   struct Constants {
     std::array<double, 4> per_density{}, albedo{};
     double inverse_maximum = 0;
+    dvec3 tint{1};
   };
   std::vector<Constants> constants_;
   std::vector<double> mean_cosine_;
-  bool coloured_ = false;
+  bool coloured_ = false, mixed_tints_ = false;
   dvec3 lo_{0}, hi_{0};
   double voxel_ = 0;
 };

@@ -86,26 +86,34 @@ void GuideMarch::gather_light(const Task& task) {
                   static_cast<float>(colour[c] * (moment == 0 ? mean : flux[static_cast<int>(moment) - 1]));
         };
         const auto add_moments = [&](size_t first, const Lattice& lattice, const Moments& light, const dvec3& colour) {
-          const auto at = [&](size_t m) { return static_cast<double>(interpolated(lattice, light[m], p)); };
+          const NodeWeights around(lattice, p);
+          const auto at = [&](size_t m) { return static_cast<double>(around(light[m])); };
           add(first, at(0), {at(1), at(2), at(3)}, colour);
         };
+        const GuideMedia::Point point = media_[0].at(p, colour_);
+        const OrderTint tints = media_[0].mixed_tints() ? OrderTint(point.tint) : tint_;
+        std::vector<double> arriving;  // share of the sky's light, by its direction
+        if (!fields_.sky().empty()) {
+          const NodeWeights around(fine, p);
+          for (size_t d = 0; d < directions.size(); ++d)
+            arriving.push_back(around.mean([&](size_t node) { return fields_.sky()(node, d); }));
+        }
         for (const GroupLight& g : fields_.groups()) {
           const dvec3 colour = colour_of(g);
           for (size_t order = 0; order < g.orders.size(); ++order)
             add_moments(kOften, order < GroupLight::kFineGuides ? fine : coarse, g.orders[order],
-                        colour * tint_.of_guide(order));
-          if (!g.once[0].empty()) add_moments(kOnce, fine, g.once, colour * tint_.once());
-          if (g.sky.empty()) continue;
-          const GuideMedia::Point point = media_[0].at(p, colour_);
+                        colour * tints.of_guide(order));
+          if (!g.once[0].empty()) add_moments(kOnce, fine, g.once, colour * tints.once());
+          if (g.incoming.empty()) continue;
           double mean = 0;
           dvec3 flux(0);
           for (size_t d = 0; d < directions.size(); ++d) {
-            const double light = static_cast<double>(interpolated(fine, g.sky[d], p));
+            const double light = g.incoming[d] * arriving[d];
             mean += light;
             flux += light * directions[d];
           }
           const double share = point.albedo / static_cast<double>(directions.size());
-          add(kOnce, share * mean, 3 * point.g * share * flux, colour * tint_.once());
+          add(kOnce, share * mean, 3 * point.g * share * flux, colour * tints.once());
         }
       }
   });
@@ -124,6 +132,7 @@ GuideMarch::Passed GuideMarch::see_media(const Ray& ray, const GuideMedia& media
   double depth = 0;
   // Of what shares a look at light.
   double w = 0, scaled = 0, thickness_sum = 0, distance = 0, depth_sum = 0, albedo = 0, g_sum = 0;
+  dvec3 tint(0);
   const auto light_of = [&] {
     if (!(thickness_sum > 0)) return;
     const dvec3 p = in_light(media, ray.at(distance / thickness_sum));
@@ -139,7 +148,7 @@ GuideMarch::Passed GuideMarch::see_media(const Ray& ray, const GuideMedia& media
     seen.scattered += w * towards_eye(kOnce) + scaled * towards_eye(kOften);
     const double g_mean = g_sum / thickness_sum;
     for (const GroupLight& g : fields_.groups()) {
-      if (!sharp(g)) continue;
+      if (!sharp(g) || !(albedo > 0)) continue;
       double irradiance, tau, arriving, extent = 1;
       dvec3 towards;
       if (g.group.sun) {
@@ -158,9 +167,10 @@ GuideMarch::Passed GuideMarch::see_media(const Ray& ray, const GuideMedia& media
       if (!g.visible.empty()) irradiance *= interpolated(fields_.lattice(), g.visible, p);
       const double cosine = glm::dot(towards, ray.d), peak = (1 - scale) * (tau + depth_sum / thickness_sum);
       const double phase = phase_value(media, cosine, g_mean, extent) + ForwardPeak(g_mean, cosine).repeated(peak);
-      seen.scattered += w * irradiance * albedo / thickness_sum * phase * arriving * tint_.once() * colour_of(g);
+      seen.scattered += w * irradiance * albedo / thickness_sum * phase * arriving * (tint / albedo) * colour_of(g);
     }
     w = scaled = thickness_sum = distance = depth_sum = albedo = g_sum = 0;
+    tint = dvec3(0);
   };
   for (const auto& [begin, end] : parts) {
     double t = std::floor(begin / step_) * step_, looked = t;
@@ -191,6 +201,7 @@ GuideMarch::Passed GuideMarch::see_media(const Ray& ray, const GuideMedia& media
       depth_sum += thickness * (depth + 0.5 * thickness);
       depth += thickness;
       albedo += thickness * point.albedo;
+      tint += thickness * point.albedo * (colour_ == kGrey ? point.tint : dvec3(1));
       g_sum += thickness * point.g;
       passed *= q;
       passed_scaled *= q_scaled;

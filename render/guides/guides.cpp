@@ -13,10 +13,7 @@ namespace {
 // Times of the shutter that are marched where anything moves; the light is solved for the one in the middle.
 constexpr int kTimes = 4;
 constexpr double kMostDetail = 2;
-
-bool sky_is_coloured(const Lights& lights) {
-  return !lights.environment()->black() && !lights.environment()->constant();
-}
+constexpr double kMostKept = 150e6;  // bytes of light of all colours
 
 }  // namespace
 
@@ -26,27 +23,37 @@ double Guides::detail(int samples) {
   return std::min(detail, kMostDetail);
 }
 
-Guides::Guides(const PathContext& context, int samples, const Task& task, double step)
-    : context_(context), step_(step) {
+Guides::Guides(const PathContext& context, int samples, double pixels, const Task& task, double step)
+    : context_(context), samples_(samples), pixels_(pixels), step_(step) {
   const Stopwatch watch;
   const auto moves = [](const auto& field) { return field.moves(); };
   const bool moving = std::any_of(context.media.begin(), context.media.end(), moves) ||
                       std::any_of(context.emissions.begin(), context.emissions.end(), moves);
   const int times = moving ? kTimes : 1;
-  for (int i = 0; i < times; ++i) media_.emplace_back(context.media, context.emissions, (i + 0.5) / times);
+  for (int i = 0; i < times; ++i) media_.emplace_back(context.media, context.emissions, (i + 0.5) / times, quiet(task));
   if (media_[0].empty()) return;
-  colours_ = media_[0].coloured() || sky_is_coloured(*context.lights) ? std::vector<GuideColour>{0, 1, 2}
-                                                                      : std::vector<GuideColour>{kGrey};
-  const GuideMedia& middle = media_[static_cast<size_t>(times / 2)];
-  for (const GuideColour colour : colours_)
-    fields_.emplace_back(middle, *context.lights, context.surfaces, colour, detail(samples), task);
+  colours_ = media_[0].coloured() ? std::vector<GuideColour>{0, 1, 2} : std::vector<GuideColour>{kGrey};
+  fields_.reserve(colours_.size());
+  fields_.push_back(solved(colours_[0], task));
+  if (static_cast<double>(fields_[0].bytes()) * static_cast<double>(colours_.size()) <= kMostKept)
+    for (size_t i = 1; i < colours_.size(); ++i) fields_.push_back(solved(colours_[i], task));
   seconds_ = watch.seconds();
+}
+
+LightFields Guides::solved(GuideColour colour, const Task& task) const {
+  return {media_[media_.size() / 2], *context_.lights, context_.surfaces, colour, detail(samples_), pixels_, task};
 }
 
 void Guides::record(const Camera& camera, const ivec2& corner, Layers& frame, const Task& task) const {
   if (media_[0].empty()) return;
+  const auto march = [&](const LightFields& fields, GuideColour colour) {
+    GuideMarch(context_, media_, fields, colour, camera, step_).record(corner, frame, task);
+  };
   for (size_t i = 0; i < colours_.size(); ++i)
-    GuideMarch(context_, media_, fields_[i], colours_[i], camera, step_).record(corner, frame, task);
+    if (i < fields_.size())
+      march(fields_[i], colours_[i]);
+    else
+      march(solved(colours_[i], task), colours_[i]);
 }
 
 size_t Guides::bytes() const {

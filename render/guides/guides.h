@@ -16,14 +16,16 @@ namespace brume {
 /// without noise. Every value is an integral along the ray, weighted by what the eye sees of each piece of it, so that
 /// it falls to 0 where the medium ends. docs/guides.md lists them.
 ///
-/// The light inside the media is solved when the object is made, and serves any camera and any number of frames.
+/// The light inside the media is solved when the object is made, and serves any camera and any number of frames; of
+/// large chromatic media that of green and blue is solved for each frame, so that it is never held for all three.
 class Guides {
  public:
   /// @param context  media, emissions, lights and surfaces; must outlive the object
   /// @param samples  of each pixel of the pictures that they will serve: the more there are, the less their noise hides
   ///                 what the guides do not know, and the closer together lie the nodes at which light is solved
+  /// @param pixels   of the whole picture: small ones show nothing of what many nodes would know
   /// @param step     of the marches [voxels], where the medium is still transparent
-  explicit Guides(const PathContext& context, int samples, const Task& task = {}, double step = 0.7);
+  Guides(const PathContext& context, int samples, double pixels, const Task& task = {}, double step = 0.7);
 
   /// How many times closer than for the fewest: 1 below 8 samples, and a third of an octave more for four times as
   /// many.
@@ -38,11 +40,14 @@ class Guides {
   size_t bytes() const;
 
  private:
+  LightFields solved(GuideColour colour, const Task& task) const;
+
   const PathContext& context_;
   std::vector<GuideMedia> media_;     // one for each time of the shutter that rays are marched at
   std::vector<GuideColour> colours_;  // grey alone, or red, green and blue
-  std::vector<LightFields> fields_;   // for each colour
-  double step_, seconds_ = 0;
+  std::vector<LightFields> fields_;   // for each colour, or for the first where all would take much memory
+  int samples_ = 1;
+  double pixels_ = 0, step_, seconds_ = 0;
 };
 
 }  // namespace brume

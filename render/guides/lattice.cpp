@@ -22,16 +22,19 @@ Lattice Lattice::over(const dvec3& lo, const dvec3& hi, double spacing, size_t m
   }
 }
 
-float interpolated(const Lattice& lattice, const NodeValues& values, const dvec3& world) {
+NodeWeights::NodeWeights(const Lattice& lattice, const dvec3& world) {
   const dvec3 p = glm::clamp(lattice.to_lattice(world), dvec3(0), dvec3(lattice.n - 1));
   const ivec3 i = glm::min(ivec3(p), lattice.n - 2);
-  const vec3 f(p - dvec3(i));
+  const vec3 f(p - dvec3(i)), e = 1.0f - f;
   const size_t y = static_cast<size_t>(lattice.row()), x = y * static_cast<size_t>(lattice.n.y);
-  const float* const v = values.data() + lattice.index(i.x, i.y, i.z);
-  const auto lerp = [](float a, float b, float t) { return a + t * (b - a); };
-  const float y0 = lerp(lerp(v[0], v[1], f.z), lerp(v[y], v[y + 1], f.z), f.y);
-  const float y1 = lerp(lerp(v[x], v[x + 1], f.z), lerp(v[x + y], v[x + y + 1], f.z), f.y);
-  return lerp(y0, y1, f.x);
+  const size_t first = lattice.index(i.x, i.y, i.z);
+  node_ = {first, first + 1, first + y, first + y + 1, first + x, first + x + 1, first + x + y, first + x + y + 1};
+  weight_ = {e.x * e.y * e.z, e.x * e.y * f.z, e.x * f.y * e.z, e.x * f.y * f.z,
+             f.x * e.y * e.z, f.x * e.y * f.z, f.x * f.y * e.z, f.x * f.y * f.z};
+}
+
+float interpolated(const Lattice& lattice, const NodeValues& values, const dvec3& world) {
+  return NodeWeights(lattice, world)(values);
 }
 
 namespace {

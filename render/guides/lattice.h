@@ -1,4 +1,5 @@
 #pragma once
+#include <array>
 #include <cstddef>
 #include <vector>
 
@@ -29,6 +30,26 @@ struct Lattice {
 };
 
 using NodeValues = std::vector<float, LazyZeros<float>>;
+
+/// The nodes around a point, for looking up several fields there: linear between the nodes, outside as on the border.
+class NodeWeights {
+ public:
+  NodeWeights(const Lattice& lattice, const dvec3& world);
+  float operator()(const NodeValues& values) const {
+    return mean([&](size_t node) { return values[node]; });
+  }
+  /// @param value  of a node, by its index
+  template <class Value>
+  float mean(const Value& value) const {
+    float sum = weight_[0] * value(node_[0]);
+    for (size_t k = 1; k < 8; ++k) sum += weight_[k] * value(node_[k]);
+    return sum;
+  }
+
+ private:
+  std::array<size_t, 8> node_;
+  std::array<float, 8> weight_;
+};
 
 /// Linear between the nodes; outside as on the border.
 float interpolated(const Lattice& lattice, const NodeValues& values, const dvec3& world);

@@ -16,6 +16,8 @@ namespace {
 constexpr int kLastOrder = 64;
 // Between nodes, at a detail of 1: as many voxels, or more where light goes farther.
 constexpr double kVoxelsPerNode = 2, kMostVoxelsPerNode = 4, kFreePathsPerNode = 0.5;
+// Of them at a detail of 1, where media are large: as many for each pixel, within limits.
+constexpr double kNodesPerPixel = 12, kFewestNodes = 2.5e5;
 constexpr double kMostNodes = 1e6, kMostNodesInDetail = 4e6;
 constexpr size_t kMostSunNodes = 16000000;
 constexpr double kNegligible = 2e-3;    // of all orders together, for the last one
@@ -58,6 +60,27 @@ dvec3 mean_glow(const GuideMedia& media, const dvec3& middle, double size) {
   for (int corner = 0; corner < 8; ++corner)
     sum += media.glow(middle + 0.25 * size * dvec3(corner & 1 ? 1 : -1, corner & 2 ? 1 : -1, corner & 4 ? 1 : -1));
   return 0.125 * sum;
+}
+
+dvec3 of_mean_one(const dvec3& colour) {
+  const double mean = in_colour(colour, kGrey);
+  return mean > 0 ? colour / mean : dvec3(1);
+}
+
+/// Of what the media scatter, over a cube around a point.
+dvec3 mean_tint(const GuideMedia& media, const dvec3& middle, double size) {
+  MediaLine line(media, kGrey);
+  dvec3 sum(0);
+  double scattered = 0;
+  for (int edge = 0; edge < 4; ++edge) {
+    line.follow({middle + 0.25 * size * dvec3(edge & 1 ? 1 : -1, edge & 2 ? 1 : -1, -1), {0, 0, 0.5 * size}});
+    for (int end = 0; end < 2; ++end) {
+      const GuideMedia::Point point = line.at(end);
+      scattered += point.sigma_t * point.albedo;
+      sum += point.sigma_t * point.albedo * point.tint;
+    }
+  }
+  return scattered > 0 ? sum / scattered : dvec3(1);
 }
 
 /// Optical depth from a point along a direction, through the lattice's own extinction, a node a step.
@@ -130,21 +153,26 @@ double free_path(const GuideMedia& media, GuideColour colour, const Task& task) 
 }  // namespace
 
 LightFields::LightFields(const GuideMedia& media, const Lights& lights, const Surfaces* surfaces, GuideColour colour,
-                         double detail, const Task& task) {
+                         double detail, double pixels, const Task& task) {
   const double wanted = kFreePathsPerNode * free_path(media, colour, task) / media.voxel();
   const double voxels = std::clamp(wanted, kVoxelsPerNode, kMostVoxelsPerNode) / detail;
-  const double most = std::min(kMostNodes * detail * detail * detail, kMostNodesInDetail);
+  const double most_for_picture = std::clamp(kNodesPerPixel * pixels, kFewestNodes, kMostNodes);
+  const double most = std::min(most_for_picture * detail * detail * detail, kMostNodesInDetail);
   fine_ = Lattice::over(media.lo(), media.hi(), voxels * media.voxel(), static_cast<size_t>(most));
   coarse_ = Lattice::over(media.lo(), media.hi(), 2 * fine_.spacing, static_cast<size_t>(most));
   ScatteringSolver solver(fine_, media, colour, task), coarse(coarse_, solver, task);
   near_ = solver.near_media();
   scale_ = solver.mean_scale();
-  tint_ = OrderTint(media, colour);
+  colour_ = colour;
+  if (colour == kGrey && !media.media().empty()) tint_ = OrderTint(media.tint(0));
   if (surfaces) {
     ambient_light_.emplace(media, coarse_, scale_);
+    if (colour == kGrey && media.mixed_tints()) node_tints_.resize(ambient_light_->nodes().size());
     coarse.each_node([&](int x, int y, int z, size_t i) {
-      AmbientLight::Node& node = ambient_light_->nodes()[ambient_light_->index(x, y, z)];
+      const size_t at = ambient_light_->index(x, y, z);
+      AmbientLight::Node& node = ambient_light_->nodes()[at];
       node.extinction = coarse.scaled_extinction()[i];
+      if (!node_tints_.empty()) node_tints_[at] = vec3(mean_tint(media, coarse_.node(x, y, z), coarse_.spacing));
       if (media.emissions().empty()) return;
       const vec3 glow(mean_glow(media, coarse_.node(x, y, z), coarse_.spacing) * coarse_.spacing);
       node.glow = {glow.x, glow.y, glow.z};
@@ -153,7 +181,7 @@ LightFields::LightFields(const GuideMedia& media, const Lights& lights, const Su
   const auto scaled_transmittance = [&](double depth) { return attenuation(depth * scale_); };
   const Task own = quiet(task);
 
-  std::vector<LightGroup> groups = light_groups(lights, media);
+  std::vector<LightGroup> groups = light_groups(lights, media, colour);
   groups_.reserve(groups.size());
   for (LightGroup& group : groups) {
     GroupLight g;
@@ -201,19 +229,24 @@ LightFields::LightFields(const GuideMedia& media, const Lights& lights, const Su
         break;
       }
       case LightGroup::Kind::kSky: {
-        std::vector<double> incoming = sky_radiance(*lights.environment(), colour);
-        if (surfaces) hide_sky(media, *surfaces, incoming);
-        g.sky = solver.arriving(incoming);
-        arriving = solver.entering(incoming);
-        g.incoming = std::move(incoming);
+        g.incoming = sky_radiance(*lights.environment(), colour == kGrey ? group.channel : colour);
+        if (surfaces) hide_sky(media, *surfaces, g.incoming);
+        if (sky_.empty()) sky_ = solver.arriving();
+        arriving = solver.entering(g.incoming);
         break;
       }
       case LightGroup::Kind::kGlow: {
         NodeValues glow(fine_.size());
+        std::vector<dvec3> sums(static_cast<size_t>(fine_.n.x), dvec3(0));
         solver.each_node([&](int x, int y, int z, size_t i) {
-          glow[i] = static_cast<float>(in_colour(media.glow(fine_.node(x, y, z)), colour) * fine_.spacing);
+          const dvec3 here = media.glow(fine_.node(x, y, z));
+          sums[static_cast<size_t>(x)] += here;
+          glow[i] = static_cast<float>(in_colour(here, colour) * fine_.spacing);
         });
+        dvec3 colours(0);
+        for (const dvec3& sum : sums) colours += sum;
         arriving = solver.emitted(glow);
+        g.group.colour = of_mean_one(colours);
         break;
       }
       case LightGroup::Kind::kSurfaces:
@@ -224,6 +257,7 @@ LightFields::LightFields(const GuideMedia& media, const Lights& lights, const Su
     task.check();
   }
   if (surfaces) add_surface_light(media, lights, *surfaces, colour, solver, coarse, own);
+  node_tints_ = {};
 }
 
 void LightFields::add_surface_light(const GuideMedia& media, const Lights& lights, const Surfaces& surfaces,
@@ -254,18 +288,22 @@ void LightFields::add_surface_light(const GuideMedia& media, const Lights& light
 
 void LightFields::add_to_ambient(const GroupLight& light, const Moments& fine_orders, const ScatteringSolver& fine,
                                  const ScatteringSolver& coarse) {
-  const auto add = [&](const dvec3& tint, const Moments& source, bool per_extinction) {
-    const vec3 colour(light.group.colour_in(tint_.colour()) * tint);
-    coarse.each_node([&](int x, int y, int z, size_t i) {
-      AmbientLight::Node& node = ambient_light_->nodes()[ambient_light_->index(x, y, z)];
-      const float share = per_extinction ? coarse.scaled_extinction()[i] : 1.0f;
+  const dvec3 colour = light.group.colour_in(colour_);
+  const Moments fine_source = coarse.source_from(fine, fine_orders);
+  coarse.each_node([&](int x, int y, int z, size_t i) {
+    const size_t at = ambient_light_->index(x, y, z);
+    AmbientLight::Node& node = ambient_light_->nodes()[at];
+    const OrderTint tint = node_tints_.empty() ? tint_ : OrderTint(dvec3(node_tints_[at]));
+    const auto add = [&](const dvec3& own, const Moments& source, float share) {
+      const vec3 seen(colour * own);
       for (size_t moment = 0; moment < 4; ++moment)
         for (int c = 0; c < 3; ++c)
-          node.scattered[3 * moment + static_cast<size_t>(c)] += share * colour[c] * source[moment][i];
-    });
-  };
-  add(tint_.at(kFineOrder), coarse.source_from(fine, fine_orders), false);
-  for (size_t g = GroupLight::kFineGuides; g < light.orders.size(); ++g) add(tint_.of_guide(g), light.orders[g], true);
+          node.scattered[3 * moment + static_cast<size_t>(c)] += share * seen[c] * source[moment][i];
+    };
+    add(tint.at(kFineOrder), fine_source, 1);
+    for (size_t g = GroupLight::kFineGuides; g < light.orders.size(); ++g)
+      add(tint.of_guide(g), light.orders[g], coarse.scaled_extinction()[i]);
+  });
 }
 
 void LightFields::solve(GroupLight& light, Moments scattered, ScatteringSolver& fine, ScatteringSolver& coarse) {
@@ -319,11 +357,10 @@ void LightFields::solve(GroupLight& light, Moments scattered, ScatteringSolver& 
 }
 
 size_t LightFields::bytes() const {
-  size_t floats = 0, others = 0;
+  size_t floats = 0, others = sky_.bytes();
   for (const GroupLight& g : groups_) {
     floats += g.depth.size() + g.visible.size();
     for (const NodeValues& v : g.once) floats += v.size();
-    for (const NodeValues& v : g.sky) floats += v.size();
     for (const Moments& order : g.orders)
       for (const NodeValues& v : order) floats += v.size();
     others += g.sun.bytes();

@@ -27,7 +27,6 @@ struct GroupLight {
   NodeValues visible;            ///< of a sun or local light where there are surfaces: share that passes them
   Moments once;                  ///< of others, the glow and surfaces: scattered for the first time in the media
   std::vector<double> incoming;  ///< of the sky: radiance outside, for each direction of travel
-  std::vector<NodeValues> sky;   ///< of the sky: radiance that arrives unscattered, for each direction of travel
   std::vector<Moments> orders;   ///< for each of kFirstOrder, scattered
 };
 
@@ -39,13 +38,16 @@ class LightFields {
   /// @param surfaces  null where there are none. They cast shadows into the media, hide the sky, and send what lights
   ///                  them back into the media once.
   /// @param detail    nodes lie as many times closer together
+  /// @param pixels    of the picture: they limit how many nodes there are
   LightFields(const GuideMedia& media, const Lights& lights, const Surfaces* surfaces, GuideColour colour,
-              double detail, const Task& task);
+              double detail, double pixels, const Task& task);
 
   const Lattice& lattice() const { return fine_; }
   /// Of the orders from kFineGuides on.
   const Lattice& coarse_lattice() const { return coarse_; }
   const std::vector<GroupLight>& groups() const { return groups_; }
+  /// What arrives of GroupLight::incoming; empty without a sky.
+  const SkyShares& sky() const { return sky_; }
   /// Null where there are no surfaces, or no light on them.
   const SurfaceLight* surface_light() const { return surface_light_ ? &*surface_light_ : nullptr; }
   /// Null where there are no surfaces.
@@ -70,8 +72,11 @@ class LightFields {
   std::vector<uint8_t> near_;
   std::vector<GroupLight> groups_;
   std::optional<AmbientLight> ambient_light_;
+  SkyShares sky_;
   std::optional<SurfaceLight> surface_light_;
-  OrderTint tint_;
+  GuideColour colour_ = kGrey;
+  OrderTint tint_;                // of the first medium
+  std::vector<vec3> node_tints_;  // while light is solved, of media of unlike tints at the ambient light's nodes
   double scale_ = 1;
 };
 

@@ -73,7 +73,7 @@ double LocalLight::transmittance(double depth) const {
   return sum / kRings;
 }
 
-std::vector<LightGroup> light_groups(const Lights& lights, const GuideMedia& media) {
+std::vector<LightGroup> light_groups(const Lights& lights, const GuideMedia& media, GuideColour colour) {
   const dvec3 middle = 0.5 * (media.lo() + media.hi());
   std::vector<Candidate> candidates;
   const auto add = [&](const Light* light, const Sun* sun, const char* type) {
@@ -109,10 +109,17 @@ std::vector<LightGroup> light_groups(const Lights& lights, const GuideMedia& med
     others.colour = of_mean_one(others.colour);
     groups.push_back(std::move(others));
   }
-  if (!lights.environment()->black()) {
+  const Environment& sky = *lights.environment();
+  if (!sky.black() && !sky.constant() && colour == kGrey) {
+    for (GuideColour channel = 0; channel < 3; ++channel) {
+      dvec3 own(0);
+      own[channel] = 1;
+      groups.push_back({LightGroup::Kind::kSky, "sky", nullptr, {}, own, channel});
+    }
+  } else if (!sky.black()) {
     dvec3 mean(0);
     for (const dvec3& d : {dvec3(1, 0, 0), dvec3(-1, 0, 0), dvec3(0, 1, 0), dvec3(0, -1, 0), dvec3(0, 0, 1)})
-      mean += lights.environment()->radiance(d);
+      mean += sky.radiance(d);
     groups.push_back({LightGroup::Kind::kSky, "sky", nullptr, {}, of_mean_one(mean)});
   }
   if (!media.emissions().empty()) groups.push_back({LightGroup::Kind::kGlow, "glow", nullptr, {}, dvec3(1)});

@@ -14,12 +14,16 @@ struct LightGroup {
   const Sun* sun = nullptr;          ///< of kSun
   std::vector<const Light*> lights;  ///< one of kSun and kLocal, several of kOthers
   dvec3 colour{1};                   ///< of mean 1: what a grey guide is multiplied by to be seen
+  GuideColour channel = kGrey;       ///< or the only one that it has light of: of a sky of many colours in grey media
   dvec3 colour_in(GuideColour guide) const { return guide == kGrey ? colour : dvec3(1); }
+  /// What the group has of light whose colours are known.
+  dvec3 share() const { return channel == kGrey ? dvec3(1) : colour; }
 };
 
 /// The lights of a scene by their guides: suns and local lights one by one while they are few, the weaker ones
 /// together; everything infinitely far but the suns is the sky; what the media emit is the glow.
-std::vector<LightGroup> light_groups(const Lights& lights, const GuideMedia& media);
+/// @param colour  that they are wanted in: for kGrey a sky of many colours is three groups, its red, green and blue
+std::vector<LightGroup> light_groups(const Lights& lights, const GuideMedia& media, GuideColour colour);
 
 /// Irradiance-like: what arrives at a point from a local light, along one direction towards its middle.
 struct LocalLight {

@@ -54,7 +54,7 @@ Lit diffuse_light(const GroupLight& g, const Surroundings& around, const dvec3& 
       }
       break;
     case LightGroup::Kind::kSky:
-      if (around.ambient_light) lit.direct = around.ambient_light->onto(p, normal).sky;
+      if (around.ambient_light) lit.direct = around.ambient_light->onto(p, normal).sky * g.group.share();
       break;
     case LightGroup::Kind::kGlow:
       if (around.ambient_light) lit.direct = around.ambient_light->onto(p, normal).glow;
@@ -91,7 +91,7 @@ dvec3 reflected_light(const std::vector<GroupLight>& groups, const Surroundings&
         sum += beam.irradiance * (beam.passed.direct + beam.passed.indirect) *
                bsdf.value(to_frame(-ray.d), to_frame(beam.towards), false);
     } else if (g.group.kind == LightGroup::Kind::kSky && bsdf.kind == Bsdf::Kind::kConductor) {
-      sum += bsdf.albedo * around.lights.environment()->radiance(glm::reflect(ray.d, normal));
+      sum += bsdf.albedo * around.lights.environment()->radiance(glm::reflect(ray.d, normal)) * g.group.share();
     }
   }
   return sum;

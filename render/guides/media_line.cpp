@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <limits>
 
 namespace brume {
 namespace {
@@ -50,10 +51,28 @@ MediaLine::MediaLine(const GuideMedia& media, GuideColour colour) : media_(media
 
 void MediaLine::follow(const Ray& ray) {
   ray_ = ray;
-  for (Local& local : locals_) local.ray = local.medium->to_local(ray);
+  for (Local& local : locals_) {
+    local.ray = local.medium->to_local(ray);
+    find_extent(local);
+  }
+}
+
+// Where the line crosses the box around the medium, and a little more: look-ups tell exactly where it ends.
+void MediaLine::find_extent(Local& local) {
+  const auto [lo, hi] = local.medium->support();
+  local.begin = -std::numeric_limits<double>::infinity();
+  local.end = -local.begin;
+  for (int a = 0; a < 3; ++a) {
+    if (local.ray.d[a] == 0) continue;
+    const double margin = 1e-9 * (hi[a] - lo[a]), inverse = 1 / local.ray.d[a];
+    const double t0 = (lo[a] - margin - local.ray.o[a]) * inverse, t1 = (hi[a] + margin - local.ray.o[a]) * inverse;
+    local.begin = std::max(local.begin, std::min(t0, t1));
+    local.end = std::min(local.end, std::max(t0, t1));
+  }
 }
 
 [[gnu::always_inline]] inline double MediaLine::density(Local& local, double t, dvec3* gradient) {
+  if (t < local.begin || t > local.end) return 0;
   const dvec3 p = local.ray.at(t);
   if (!local.bricks) return general_density(*local.medium, p, gradient);
   const BrickGrid& grid = *local.bricks;
@@ -82,9 +101,10 @@ GuideMedia::Point MediaLine::look(double t, dvec3* gradient) {
     if (!(found > 0)) return point;
     const GuideMedia::Constants& c = media_.constants_[0];
     if (gradient) *gradient = c.per_density[colour] * locals_[0].medium->gradient_to_world(slope);
-    return {found * c.per_density[colour], c.albedo[colour], media_.mean_cosine_[0], found * c.inverse_maximum};
+    return {found * c.per_density[colour], c.albedo[colour], media_.mean_cosine_[0], found * c.inverse_maximum, c.tint};
   }
   double scattered = 0, forward = 0;
+  dvec3 tint(0);
   for (size_t i = 0; i < locals_.size(); ++i) {
     const Medium& m = *locals_[i].medium;
     const double found = density(locals_[i], t, wanted);
@@ -96,10 +116,14 @@ GuideMedia::Point MediaLine::look(double t, dvec3* gradient) {
     point.sigma_t += sigma;
     scattered += sigma_s;
     forward += sigma_s * media_.mean_cosine_[i];
+    tint += sigma_s * c.tint;
     point.density = std::max(point.density, found * c.inverse_maximum);
   }
   if (point.sigma_t > 0) point.albedo = scattered / point.sigma_t;
-  if (scattered > 0) point.g = forward / scattered;
+  if (scattered > 0) {
+    point.g = forward / scattered;
+    point.tint = tint / scattered;
+  }
   return point;
 }
 

@@ -24,9 +24,11 @@ class MediaLine {
     const BrickGrid* bricks = nullptr;  ///< null where densities are not simply its interpolated values
     int cell_bits = 0;
     Ray ray{};
+    double begin = 0, end = 0;  ///< of the line, outside of which the medium is not
     ivec3 coordinates{-1};
     const BrickGrid::Cell* cell = nullptr;
   };
+  static void find_extent(Local& local);
   GuideMedia::Point look(double t, dvec3* gradient);
   /// Density of a medium, and its gradient; local space. The gradient is left alone where there is no density.
   static double density(Local& local, double t, dvec3* gradient);

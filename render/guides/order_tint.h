@@ -1,7 +1,7 @@
 #pragma once
 #include <array>
 
-#include "render/guides/guide_media.h"
+#include "base/vec.h"
 
 namespace brume {
 
@@ -10,18 +10,19 @@ namespace brume {
 class OrderTint {
  public:
   OrderTint() = default;
-  OrderTint(const GuideMedia& media, GuideColour colour);
-  GuideColour colour() const { return colour_; }
-  /// RGB; ones but in grey guides.
+  /// @param once  how much more than the mean the albedo gives each colour
+  explicit OrderTint(const dvec3& once);
   dvec3 at(double order) const;
-  dvec3 once() const { return once_; }
+  const dvec3& once() const { return once_; }
+  /// Of light that was scattered by forward peaks.
+  const dvec3& forward() const { return forward_; }
   /// Of the mean number of scatterings that a guide of GroupLight::kFirstOrder stands for.
   const dvec3& of_guide(size_t guide) const { return of_guide_[guide]; }
 
  private:
   static constexpr std::array<double, 6> kTypicalOrder = {2, 3, 4.5, 7, 11, 20};
-  GuideColour colour_ = kGrey;
-  dvec3 once_{1};  // how much more than the mean the albedo gives each colour
+  static constexpr double kForwardOrder = 2.5;
+  dvec3 once_{1}, log_{0}, forward_{1};
   std::array<dvec3, kTypicalOrder.size()> of_guide_{dvec3(1), dvec3(1), dvec3(1), dvec3(1), dvec3(1), dvec3(1)};
 };
 

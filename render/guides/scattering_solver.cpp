@@ -36,19 +36,24 @@ ScatteringSolver::ScatteringSolver(const Lattice& lattice, const GuideMedia& med
   const double cube = lattice.spacing;
   const int inner = std::clamp(static_cast<int>(std::lround(cube / media.voxel())), 1, 4);
   fill([&](int x, int y, std::vector<NodeMedia>& row) {
+    static thread_local std::vector<std::pair<double, double>> parts;
     MediaLine line(media, colour);
     for (int k = 0; k < inner * inner; ++k) {
       const dvec3 place(k % inner, k / inner, 0);
-      line.follow({lattice_.node(x, y, 0) + cube * ((place + 0.5) / static_cast<double>(inner) - 0.5), {0, 0, cube}});
-      for (int z = 1; z < lattice_.n.z - 1; ++z) {
-        NodeMedia& node = row[static_cast<size_t>(z)];
-        for (int i = 0; i < inner; ++i) {
-          const GuideMedia::Point point = line.at(z + static_cast<double>(i) / inner);
-          node.extinction += point.sigma_t;
-          node.scattered += point.sigma_t * point.albedo;
-          node.linear += point.sigma_t * point.albedo * point.g;
+      const Ray ray{lattice_.node(x, y, 0) + cube * ((place + 0.5) / static_cast<double>(inner) - 0.5), {0, 0, cube}};
+      media.intervals(ray, lattice_.n.z - 1, parts);
+      line.follow(ray);
+      int z = 1;
+      for (const auto& [begin, end] : parts)
+        for (z = std::max(z, static_cast<int>(begin)); z < lattice_.n.z - 1 && z <= end; ++z) {
+          NodeMedia& node = row[static_cast<size_t>(z)];
+          for (int i = 0; i < inner; ++i) {
+            const GuideMedia::Point point = line.at(z + static_cast<double>(i) / inner);
+            node.extinction += point.sigma_t;
+            node.scattered += point.sigma_t * point.albedo;
+            node.linear += point.sigma_t * point.albedo * point.g;
+          }
         }
-      }
     }
     for (NodeMedia& node : row) {
       if (!(node.extinction > 0)) continue;
@@ -274,34 +279,33 @@ void ScatteringSolver::gather(Moments& light) const {
   });
 }
 
-std::vector<NodeValues> ScatteringSolver::arriving(const std::vector<double>& incoming) const {
-  std::vector<NodeValues> all(directions().size());
+SkyShares ScatteringSolver::arriving() const {
+  SkyShares all(lattice_, directions().size());
   const ivec3 n = lattice_.n;
-  parallel_for(static_cast<int>(bundles_.size()), task_, [&](int i) {
-    const Bundle& bundle = bundles_[static_cast<size_t>(i)];
+  // One bundle after another, so that few directions are held in full at once.
+  for (const Bundle& bundle : bundles_) {
     const SweepDomain domain = near(bundle);
-    std::vector<SweepBeam> swept = beams(bundle);
-    std::vector<NodeValues> light;
-    for (size_t k = 0; k < swept.size(); ++k) {
-      swept[k].incoming = static_cast<float>(incoming[bundle.directions[k]]);
-      swept[k].radiance = light.emplace_back(domain.size()).data();
-    }
-    sweep(domain, {bundle.lying ? lying_extinction_.data() : extinction_.data(), {}, 0}, swept, {});
-    for (size_t k = 0; k < swept.size(); ++k) {
-      NodeValues& values = all[bundle.directions[k]];
-      if (!bundle.lying) {
-        values = std::move(light[k]);
-        continue;
-      }
-      values = NodeValues(lattice_.size());
-      for (int x = 1; x < n.x - 1; ++x)
-        for (int y = 1; y < n.y - 1; ++y) {
-          const SweepRow row = rows_[static_cast<size_t>(x) * n.y + y];
-          for (int z = row.begin; z < std::min(row.end, n.z); ++z)
-            values[lattice_.index(x, y, z)] = light[k][(static_cast<size_t>(z) * n.x + x) * lying_.row + y];
+    const std::vector<SweepBeam> swept = beams(bundle);
+    std::vector<NodeValues> light(swept.size());
+    parallel_for(static_cast<int>(swept.size()), task_, [&](int k) {
+      SweepBeam beam = swept[static_cast<size_t>(k)];
+      NodeValues& radiance = light[static_cast<size_t>(k)] = NodeValues(domain.size());
+      beam.incoming = 1;
+      beam.radiance = radiance.data();
+      sweep(domain, {bundle.lying ? lying_extinction_.data() : extinction_.data(), {}, 0}, {&beam, 1}, {});
+    });
+    parallel_for(n.x - 2, task_, [&](int i) {
+      const int x = i + 1;
+      for (int y = 1; y < n.y - 1; ++y) {
+        const SweepRow& row = rows_[static_cast<size_t>(x) * n.y + y];
+        for (int z = row.begin; z < std::min(row.end, n.z); ++z) {
+          const size_t node = lattice_.index(x, y, z);
+          const size_t from = bundle.lying ? (static_cast<size_t>(z) * n.x + x) * lying_.row + y : node;
+          for (size_t k = 0; k < light.size(); ++k) all.set(node, bundle.directions[k], light[k][from]);
         }
-    }
-  });
+      }
+    });
+  }
   return all;
 }
 

@@ -1,5 +1,7 @@
 #pragma once
 #include <array>
+#include <cmath>
+#include <cstdint>
 #include <utility>
 #include <vector>
 
@@ -13,6 +15,28 @@ namespace brume {
 /// The first two moments of a field of directions at every node: for light on its way mean radiance and mean flux; for
 /// light that has been scattered, what leaves towards d per extinction is [0] + d . ([1], [2], [3]).
 using Moments = std::array<NodeValues, 4>;
+
+/// A number in [0, 1] for each node of a lattice and each of the solver's directions of travel, within 4e-5 of its
+/// root.
+class SkyShares {
+ public:
+  SkyShares() = default;
+  SkyShares(const Lattice& lattice, size_t directions) : directions_(directions), roots_(lattice.size() * directions) {}
+  float operator()(size_t node, size_t direction) const {
+    const float root = static_cast<float>(roots_[node * directions_ + direction]) * (1.0f / kOne);
+    return root * root;
+  }
+  void set(size_t node, size_t direction, float share) {
+    roots_[node * directions_ + direction] = static_cast<uint16_t>(kOne * std::sqrt(share) + 0.5f);
+  }
+  bool empty() const { return roots_.empty(); }
+  size_t bytes() const { return roots_.size() * sizeof(uint16_t); }
+
+ private:
+  static constexpr float kOne = 65535;
+  size_t directions_ = 0;
+  std::vector<uint16_t, LazyZeros<uint16_t>> roots_;
+};
 
 /// Multiple scattering on a lattice, order by order: each is swept from the one before along 24 directions.
 ///
@@ -40,9 +64,10 @@ class ScatteringSolver {
 
   /// Light is told near the media, and 0 elsewhere.
   Moments nothing() const;
-  /// Radiance that enters from outside and arrives unscattered, for each direction, the forward peak being scattering.
-  std::vector<NodeValues> arriving(const std::vector<double>& incoming) const;
-  /// The same as moments, the forward peak being none.
+  /// For each direction of travel, the share of the light from outside that arrives unscattered, the forward peak being
+  /// scattering.
+  SkyShares arriving() const;
+  /// Moments of the light that enters from outside, for each direction, the forward peak being none.
   Moments entering(const std::vector<double>& incoming);
   /// Moments of emitted light. @param glow  emission per spacing at the nodes
   Moments emitted(const NodeValues& glow);

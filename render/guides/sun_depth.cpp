@@ -37,7 +37,7 @@ SunDepth::SunDepth(const GuideMedia& media, GuideColour colour, const dvec3& tow
   origin_ = media.lo();
   origin_[u_] += low.x;
   origin_[v_] += low.y;
-  depth_ = NodeValues(static_cast<size_t>(n_.x) * n_.y * n_.z);
+  roots_ = decltype(roots_)(static_cast<size_t>(n_.x) * n_.y * n_.z);
 
   const bool upwards = towards[axis_] > 0;
   const double length = spacing / std::abs(towards[axis_]);  // between nodes of a column [world units]
@@ -46,7 +46,7 @@ SunDepth::SunDepth(const GuideMedia& media, GuideColour colour, const dvec3& tow
     std::vector<std::pair<double, double>> parts;
     MediaLine line(media, colour);
     for (int v = 0; v < n_.z; ++v) {
-      float* const column = depth_.data() + (static_cast<size_t>(u) * n_.z + v) * n_.x;
+      uint16_t* const column = roots_.data() + (static_cast<size_t>(u) * n_.z + v) * n_.x;
       // The column's node farthest from the light, and the ray from there towards it.
       const int first = upwards ? 0 : n_.x - 1, step = upwards ? 1 : -1;
       dvec3 start = origin_;
@@ -69,7 +69,7 @@ SunDepth::SunDepth(const GuideMedia& media, GuideColour colour, const dvec3& tow
           for (int i = 0; i < inner; ++i) sum += line.at(t0 + (i + 0.5) / inner * length).sigma_t;
           depth += sum * length / inner;
         }
-        if (depth > 0) column[first + step * k] = static_cast<float>(depth);
+        if (depth > 0) column[first + step * k] = root_of(depth);
       }
     }
   });
@@ -85,8 +85,11 @@ float SunDepth::at(const dvec3& world) const {
   ivec3 i{0};
   const float fk = clamped(q.x, n_.x, i.x), fu = clamped(q.y, n_.y, i.y), fv = clamped(q.z, n_.z, i.z);
   const size_t next_v = static_cast<size_t>(n_.x), next_u = next_v * n_.z;
-  const float* const d = depth_.data() + (static_cast<size_t>(i.y) * n_.z + i.z) * n_.x + i.x;
-  const auto along = [&](size_t offset) { return d[offset] + fk * (d[offset + 1] - d[offset]); };
+  const uint16_t* const d = roots_.data() + (static_cast<size_t>(i.y) * n_.z + i.z) * n_.x + i.x;
+  const auto along = [&](size_t offset) {
+    const float first = depth_of(d[offset]);
+    return first + fk * (depth_of(d[offset + 1]) - first);
+  };
   const float a = along(0), b = along(next_v), c = along(next_u), e = along(next_u + next_v);
   const float near = a + fv * (b - a), far = c + fv * (e - c);
   return near + fu * (far - near);

@@ -1,4 +1,7 @@
 #pragma once
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
 #include <vector>
 
 #include "base/progress.h"
@@ -21,7 +24,7 @@ class SunDepth {
 
   /// At a world point; linear between the nodes.
   float at(const dvec3& world) const;
-  size_t bytes() const { return depth_.size() * sizeof(float); }
+  size_t bytes() const { return roots_.size() * sizeof(uint16_t); }
 
  private:
   /// Lattice coordinates: along the column, and the two across.
@@ -34,8 +37,17 @@ class SunDepth {
   dvec3 origin_{0};
   double inverse_ = 1, slope_u_ = 0, slope_v_ = 0;
   int axis_ = 0, u_ = 1, v_ = 2;
-  ivec3 n_{0};        // along, u, v
-  NodeValues depth_;  // v fastest but for the column, which is contiguous
+  /// Depths are kept as their roots in 16 bits: within 0.001 at a depth of 1, up to the largest that matters.
+  static constexpr float kLargest = 676, kRootStep = 26.0f / 65535;
+  static float depth_of(uint16_t root) {
+    const float r = kRootStep * static_cast<float>(root);
+    return r * r;
+  }
+  static uint16_t root_of(double depth) {
+    return static_cast<uint16_t>(std::sqrt(std::min(static_cast<float>(depth), kLargest)) / kRootStep + 0.5f);
+  }
+  ivec3 n_{0};                                        // along, u, v
+  std::vector<uint16_t, LazyZeros<uint16_t>> roots_;  // v fastest but for the column, which is contiguous
 };
 
 }  // namespace brume

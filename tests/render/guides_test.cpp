@@ -36,7 +36,8 @@ Layers guides_of(const Scene& scene, double step = 0.7, int threads = 0) {
   const PreparedScene prepared(scene, LayerRequest::of({"direct"}, false));
   Layers frame(scene.film.width, scene.film.height);
   const Task task{threads};
-  Guides(prepared.context(), 1, task, step).record(prepared.camera(), {0, 0}, frame, task);
+  Guides(prepared.context(), 1, scene.film.width * scene.film.height, task, step)
+      .record(prepared.camera(), {0, 0}, frame, task);
   return frame;
 }
 
