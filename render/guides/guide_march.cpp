@@ -30,13 +30,11 @@ constexpr double kEvenStride = 4, kEvenThickness = 0.02;
 constexpr double kAlike = 0.02;
 // What shares one look at the light: as many first steps, of no more extinction than this.
 constexpr double kLightSteps = 2, kLightThickness = 0.12;
-// Scatterings that the light of forward peaks stands for, on average.
-constexpr double kForwardOrder = 2.5;
 constexpr double kOpaque = 2e-3;  // transmittance of an eighth of the extinction at which a ray ends
 constexpr double kFar = 1e30;
-constexpr int kMostUnseen = 8;  // surfaces that a camera ray goes through
-// Scatterings that a guide of GroupLight::kFirstOrder stands for, on average: what tints it by the albedo's colour.
-constexpr std::array<double, 6> kTypicalOrder = {2, 3, 4.5, 7, 11, 20};
+constexpr double kCapMeanCosine = 0.96;  // of a cap of a 24th of the sphere
+constexpr double kNarrow = 0.99;         // mean cosine of directions that count as one
+constexpr int kMostUnseen = 8;           // surfaces that a camera ray goes through
 constexpr std::array<const char*, 6> kOrderNames = {"order2", "order3", "order4", "order6", "order9", "tail"};
 constexpr size_t kOrders = kOrderNames.size();
 // Octaves: the same light with a half, a quarter, an eighth of the extinction and of the anisotropy.
@@ -72,27 +70,13 @@ vec3 tinted(const dvec3& colour, double value) {
   return vec3(colour * value);
 }
 
-/// Powers of a number; all powers of 0 are 0.
-class Powers {
- public:
-  explicit Powers(double base) : base_(base), log_(base > 0 ? portable_log(base) : 0) {}
-  double operator()(double exponent) const {
-    if (!(base_ > 0)) return 0;
-    const double log = exponent * log_;
-    return log < 0 ? attenuation(-log) : 1 / attenuation(log);
-  }
-
- private:
-  double base_, log_;
-};
-
 }  // namespace
 
 /// What one pixel gathers; every ray adds to it.
 struct GuideMarch::Sums {
   std::vector<double> value;  // as outputs_
-  vec3 emission{0}, background{0}, normal{0}, surface_albedo{0};
-  vec3 bounced{0}, mirrored{0}, mirrored_indirect{0}, material{0};
+  vec3 emission{0}, emission_once{0}, behind{0}, background{0}, normal{0}, surface_albedo{0};
+  vec3 indirect{0}, mirrored{0}, mirrored_indirect{0}, material{0};
   double surface_depth = 0, depth2 = 0;
   std::vector<vec3> surface;  // by group
   // Fields times the weight of what is seen of them, with the whole extinction and without the forward peak.
@@ -106,7 +90,7 @@ struct GuideMarch::Sums {
     double single = 0, forward = 0;
   };
   std::vector<AtOnePlace> here;
-  Tints tints = tints_of(dvec3(1));
+  OrderTint tint;
 
   Sums(size_t values, size_t groups, size_t fields)
       : value(values, 0.0),
@@ -122,7 +106,8 @@ struct GuideMarch::Sums {
     std::fill(plain.begin(), plain.end(), 0.0f);
     std::fill(scaled.begin(), scaled.end(), 0.0f);
     std::fill(surface.begin(), surface.end(), vec3(0));
-    emission = background = normal = surface_albedo = bounced = mirrored = mirrored_indirect = material = vec3(0);
+    emission = emission_once = behind = background = normal = surface_albedo = indirect = mirrored = mirrored_indirect =
+        material = vec3(0);
     tinted_direct = tinted_indirect = dvec3(0);
     surface_depth = depth2 = 0;
   }
@@ -142,13 +127,16 @@ GuideMarch::GuideMarch(const PathContext& context, const std::vector<GuideMedia>
   for (const Medium& m : media[0].media())
     densest = std::max(densest, m.maximum_density() * in_colour(m.coefficients().sigma_t, colour));
   gentle_ = std::max(kGentleGradient * densest / media[0].voxel(), 1e-300);
+  if (media[0].media().size() == 1)
+    cap_phase_ =
+        CapPhase(media[0].media()[0].phase(), 1.0 / static_cast<double>(ScatteringSolver::directions().size()));
   double even = 0;
   for (const Medium& m : media[0].media())
     if (m.homogeneous()) even += in_colour(m.coefficients().sigma_t, colour);
   if (even > 0) even_stride_ = std::clamp(kEvenThickness / (even * step_), 1.0, kEvenStride);
   for (const GroupLight& g : fields.groups())
     if (g.group.kind == LightGroup::Kind::kLocal) even_stride_ = 1;
-  tints_ = tints_of(colour == kGrey && !media[0].media().empty() ? media[0].tint(0) : dvec3(1));
+  if (colour == kGrey && !media[0].media().empty()) tint_ = OrderTint(media[0].tint(0));
   lay_out();
 }
 
@@ -241,15 +229,21 @@ void GuideMarch::interleave(const Task& task) {
   const auto sky_at = [&](size_t i, const dvec3& p, const dvec3& view) {
     const double g = one ? 0 : media_[0].at(p, colour_).g;
     SkyAtNode at;
+    double weights = 0;
     for (size_t d = 0; d < directions.size(); ++d) {
       const double c = glm::dot(directions[d], -view), share = fields_.sky()(i, d);
+      const double weight = one ? cap_phase_.value(c) : henyey_greenstein(kCapMeanCosine * g, c);
+      weights += weight;
       if (!(share > 0)) continue;
-      const double weight = 4 * kPi / count * share;
-      at.single[d] = weight * (one ? media_[0].media()[0].phase().value(c) : henyey_greenstein(g, c));
+      at.single[d] = weight * share;
       const double depth = (1 - fields_.scaled_extinction()) * std::max(0.0, -portable_log(share));
-      at.forward[d] = at.single[d] + (depth > 0 ? weight * peak_of(g, c).repeated(depth) : 0);
+      if (depth > 0) at.forward[d] = 4 * kPi / count * share * peak_of(g, c).repeated(depth);
       at.root[d] = std::sqrt(share) / count;
       at.fourth_root[d] = std::sqrt(std::sqrt(share)) / count;
+    }
+    for (size_t d = 0; d < directions.size(); ++d) {
+      at.single[d] /= weights;
+      at.forward[d] += at.single[d];
     }
     return at;
   };
@@ -345,19 +339,22 @@ void GuideMarch::record(const ivec2& corner, Layers& frame, const Task& task) {
   const std::vector<size_t> channels =
       colour_ == kGrey ? std::vector<size_t>{0, 1, 2} : std::vector<size_t>{static_cast<size_t>(colour_)};
   const bool surfaces = context_.surfaces != nullptr, glows = !media_[0].emissions().empty();
-  std::array<Plane*, 3> emission{}, background{}, albedo{}, direct{}, indirect{}, normal{}, bounced{}, mirrored{},
-      mirrored_indirect{}, material{};
+  std::array<Plane*, 3> emission{}, background{}, albedo{}, direct{}, indirect{}, normal{}, lit_indirect{}, mirrored{},
+      mirrored_indirect{}, material{}, emission_once{}, behind{};
   std::vector<std::array<Plane*, 3>> lit(slots_.size());
   for (const size_t c : channels) {
     if (glows) emission[c] = &layer_of("emission", "RGB"[c]);
+    if (glows) emission_once[c] = &layer_of("single.emission", "RGB"[c]);
+    if (glows || surfaces) behind[c] = &layer_of("multiple.behind", "RGB"[c]);
     background[c] = &layer_of("background", "RGB"[c]);
     direct[c] = &layer_of("predicted_direct", "RGB"[c]);
     indirect[c] = &layer_of("predicted_indirect", "RGB"[c]);
     if (!surfaces) continue;
     albedo[c] = &layer_of("surface_albedo", "RGB"[c]);
-    if (fields_.surface_light()) bounced[c] = &layer_of("surface.bounced", "RGB"[c]);
+    lit_indirect[c] = &layer_of("surface.indirect", "RGB"[c]);
     for (size_t g = 0; g < lit.size(); ++g) {
       const LightGroup& group = fields_.groups()[g].group;
+      if (from_surfaces(fields_.groups()[g])) continue;
       if (group.channel == kGrey || group.channel == static_cast<int>(c))
         lit[g][c] = &layer_of("surface." + group.name, "RGB"[c]);
     }
@@ -395,11 +392,13 @@ void GuideMarch::record(const ivec2& corner, Layers& frame, const Task& task) {
           if (Plane* const plane = to[static_cast<size_t>(c)]) (*plane)(x, y) = static_cast<float>(share) * value[c];
       };
       store(emission, sums.emission);
+      store(emission_once, sums.emission_once);
+      store(behind, sums.behind);
       store(background, sums.background);
       store(direct, predicted_direct(sums));
       store(indirect, predicted_indirect(sums));
       store(albedo, sums.surface_albedo);
-      store(bounced, sums.bounced);
+      store(lit_indirect, sums.indirect);
       store(normal, sums.normal);
       store(material, sums.material);
       store(mirrored, sums.mirrored);
@@ -465,17 +464,18 @@ GuideMarch::Met GuideMarch::trace(const Eye& eye, const GuideMedia& media, Media
       hit.reset();
     }
   }
-  const double t_end = hit ? hit->t : kFar, passed = march(eye, ray, media, line, t_end, sums);
-  const auto [light, distance] = context_.lights->nearest(ray, t_end, /*seen=*/true);
+  const auto [light, distance] = context_.lights->nearest(ray, hit ? hit->t : kFar, /*seen=*/true);
+  const double t_end = light ? distance : hit ? hit->t : kFar;
+  const Passed passed = march(eye, ray, media, line, t_end, sums);
   if (light) {
-    sums.background += tinted(light->radiance(ray, distance), passed);
+    sums.background += tinted(light->radiance(ray, distance), passed.straight);
   } else if (hit) {
     add_surface(eye, ray, *hit, passed, media, line, sums);
   } else {
     for (const InfiniteLight* sky : context_.lights->infinite())
-      if (sky->visible()) sums.background += tinted(sky->radiance(ray.d), passed);
+      if (sky->visible()) sums.background += tinted(sky->radiance(ray.d), passed.straight);
   }
-  return {passed, hit ? std::optional(hit->surface) : std::nullopt};
+  return {passed.straight, hit && !light ? std::optional(hit->surface) : std::nullopt};
 }
 
 /// A piece of a ray whose light is looked up once: weights of what is seen of it, with the extinction, a half, a
@@ -486,11 +486,11 @@ struct GuideMarch::Piece {
   dvec3 tint{0};                                                     // the same times albedo
 };
 
-double GuideMarch::march(const Eye& eye, const Ray& ray, const GuideMedia& media, MediaLine& line, double t_max,
-                         Sums& sums) const {
+GuideMarch::Passed GuideMarch::march(const Eye& eye, const Ray& ray, const GuideMedia& media, MediaLine& line,
+                                     double t_max, Sums& sums) const {
   static thread_local std::vector<std::pair<double, double>> parts, uneven;
   media.intervals(ray, t_max, parts);
-  if (parts.empty()) return 1;
+  if (parts.empty()) return {};
   const bool some_even = even_stride_ > 1;
   if (some_even) media.uneven_intervals(ray, t_max, uneven);
   auto ahead = uneven.begin();
@@ -505,7 +505,7 @@ double GuideMarch::march(const Eye& eye, const Ray& ray, const GuideMedia& media
   std::fill(sums.phase_g.begin(), sums.phase_g.end(), std::numeric_limits<double>::quiet_NaN());
   for (size_t k = 0; k < slots_.size(); ++k)
     if (const Sun* const sun = fields_.groups()[k].group.sun; sun && media.media().size() == 1)
-      look_from(media, glm::dot(sun->axis(), ray.d), media.mean_cosine(0), k, sums);
+      look_from(media, glm::dot(sun->axis(), ray.d), media.mean_cosine(0), 1, k, sums);
 
   for (const auto& [begin, end] : parts) {
     // Steps of neighbouring pixels begin at the same distances from the eye, wherever their cells begin.
@@ -530,7 +530,7 @@ double GuideMarch::march(const Eye& eye, const Ray& ray, const GuideMedia& media
       const double thickness = point.sigma_t * length;
       sigma_t = point.sigma_t;
       if (!(thickness > 0)) {
-        if (glows) sums.emission += tinted(glow, passed * length);
+        if (glows) add_glow(glow, passed * length, passed_scaled * length, depth, sums);
         continue;
       }
       if (middle >= piece_end || piece.thickness > kLightThickness) {
@@ -552,7 +552,9 @@ double GuideMarch::march(const Eye& eye, const Ray& ray, const GuideMedia& media
       piece.albedo += thickness * point.albedo;
       piece.g += thickness * point.g;
       if (mixed) piece.tint += thickness * point.albedo * point.tint;
-      if (glows) sums.emission += tinted(glow, w / point.sigma_t);
+      if (glows)
+        add_glow(glow, w / point.sigma_t, passed_scaled * (1 - q_scaled) / (point.sigma_t * scale),
+                 depth + 0.5 * thickness, sums);
       passed *= q;
       passed2 *= q2;
       passed4 *= q4;
@@ -575,18 +577,33 @@ double GuideMarch::march(const Eye& eye, const Ray& ray, const GuideMedia& media
   sums.depth2 += seen_depth2;
   for (int a = 0; a < 3; ++a) out[kGradient + static_cast<size_t>(a)] += seen_gradient[a];
   out[kDensity] += seen_density;
-  return passed;
+  return {passed, std::max(0.0, passed_scaled - passed)};
 }
 
-double GuideMarch::phase_value(const GuideMedia& media, double cosine, double g) const {
+// Seen straight on, and after one scattering or more by forward peaks.
+void GuideMarch::add_glow(const dvec3& glow, double straight, double scaled, double depth, Sums& sums) const {
+  const double once = std::min(straight * (1 - fields_.scaled_extinction()) * depth, std::max(0.0, scaled - straight));
+  sums.emission += tinted(glow, straight);
+  sums.emission_once += tinted(glow, once);
+  sums.behind += tinted(glow, std::max(0.0, scaled - straight - once));
+}
+
+double GuideMarch::phase_value(const GuideMedia& media, double cosine, double g, double spread) const {
+  if (spread < kNarrow) return henyey_greenstein(spread * g, cosine);
   return media.media().size() == 1 ? media.media()[0].phase().value(cosine) : henyey_greenstein(g, cosine);
 }
 
 // Its phase function, octaves and forward peak.
-void GuideMarch::look_from(const GuideMedia& media, double cosine, double g, size_t group, Sums& sums) const {
-  sums.phases[group] = {phase_value(media, cosine, g), henyey_greenstein(g / 2, cosine),
+void GuideMarch::look_from(const GuideMedia& media, double cosine, double g, double spread, size_t group,
+                           Sums& sums) const {
+  sums.phases[group] = {phase_value(media, cosine, g, spread), henyey_greenstein(g / 2, cosine),
                         henyey_greenstein(g / 4, cosine), henyey_greenstein(g / 8, cosine)};
   sums.peaks[group] = ForwardPeak(g, cosine);
+}
+
+dvec3 GuideMarch::in_light(const GuideMedia& media, const dvec3& p) const {
+  const GuideMedia& solved = media_[media_.size() / 2];
+  return &media == &solved ? p : media.followed(p, solved);
 }
 
 void GuideMarch::look_from_sun(const GuideMedia& media, const Ray& ray, double g, size_t group, Sums& sums) const {
@@ -595,13 +612,13 @@ void GuideMarch::look_from_sun(const GuideMedia& media, const Ray& ray, double g
   const double rounded = std::round(g * kSteps) / kSteps;
   if (sums.phase_g[group] == rounded) return;
   sums.phase_g[group] = rounded;
-  look_from(media, glm::dot(fields_.groups()[group].group.sun->axis(), ray.d), rounded, group, sums);
+  look_from(media, glm::dot(fields_.groups()[group].group.sun->axis(), ray.d), rounded, 1, group, sums);
 }
 
 void GuideMarch::light_of(const Piece& piece, const GuideMedia& media, const Ray& ray, Sums& sums) const {
   if (!(piece.thickness > 0)) return;
   std::vector<double>& out = sums.value;
-  const dvec3 p = ray.at(piece.distance / piece.thickness);
+  const dvec3 p = in_light(media, ray.at(piece.distance / piece.thickness));
   const double albedo = piece.albedo / piece.thickness, g_mean = piece.g / piece.thickness;
   const auto w = static_cast<float>(piece.w), scaled = static_cast<float>(piece.scaled);
   alignas(16) float fields[kMostFields];
@@ -624,30 +641,33 @@ void GuideMarch::light_of(const Piece& piece, const GuideMedia& media, const Ray
       continue;
     }
     if (!sharp(g)) {
-      const double once = fields[s.field_single];
-      sums.here[k] = {piece.w * once, (piece.scaled - piece.w) * once};
+      // These fields are per extinction without the forward peak.
+      const double single = fields_.scaled_extinction() * piece.w * fields[s.field_single];
+      sums.here[k] = {single, std::max(0.0, piece.scaled * fields[s.field_single] - single)};
       continue;
     }
-    double irradiance, tau;
+    double irradiance, tau, arriving;
     if (g.group.sun) {
       irradiance = in_colour(g.group.sun->irradiance(), colour_);
       tau = g.sun.at(p);
+      arriving = attenuation(tau);
       // Of a sun in one medium the angle does not change along the ray.
       if (media.media().size() > 1) look_from_sun(media, ray, g_mean, k, sums);
     } else {
       const LocalLight light = local_light(*g.group.lights[0], p);
       irradiance = in_colour(light.irradiance, colour_);
       tau = fields[s.field_depth];
-      look_from(media, glm::dot(light.towards, ray.d), g_mean, k, sums);
+      arriving = light.transmittance(tau);
+      look_from(media, glm::dot(light.towards, ray.d), g_mean, light.mean_cosine(), k, sums);
     }
     if (!g.visible.empty()) irradiance *= fields[s.field_visible];
     irradiance *= albedo;
     const std::array<double, 4>& phase = sums.phases[k];
-    const double v16 = attenuation(tau / 16), v8 = v16 * v16, v4 = v8 * v8, v2 = v4 * v4, v = v2 * v2;
-    const double single = piece.w * irradiance * phase[0] * v;
+    const double v16 = attenuation(tau / 16), v8 = v16 * v16, v4 = v8 * v8, v2 = v4 * v4;
+    const double single = piece.w * irradiance * phase[0] * arriving;
     out[s.single] += single;
     const double peak = (1 - fields_.scaled_extinction()) * (tau + piece.depth / piece.thickness);
-    const double forward = piece.w * irradiance * v * sums.peaks[k].repeated(peak);
+    const double forward = piece.w * irradiance * arriving * sums.peaks[k].repeated(peak);
     out[s.forward] += forward;
     sums.here[k] = {single, forward};
     out[s.octave] += piece.w2 * irradiance * phase[1] * v2;
@@ -667,13 +687,13 @@ void GuideMarch::add_tinted(const Piece& piece, const float* fields, Sums& sums)
   // In steps, so that it seldom changes.
   constexpr double kSteps = 4096;
   const dvec3 tint = glm::round(piece.tint / piece.albedo * kSteps) / kSteps;
-  if (tint != sums.tints.once) sums.tints = tints_of(tint);
+  if (tint != sums.tint.once()) sums.tint = OrderTint(tint);
   for (size_t k = 0; k < slots_.size(); ++k) {
     const GroupLight& g = fields_.groups()[k];
-    const dvec3 colour = colour_of(g), once = sums.here[k].single * sums.tints.once;
-    dvec3 more = sums.here[k].forward * sums.tints.forward;
+    const dvec3 colour = colour_of(g), once = sums.here[k].single * sums.tint.once();
+    dvec3 more = sums.here[k].forward * sums.tint.forward();
     for (size_t order = 0; order < kOrders; ++order)
-      more += piece.scaled * fields[slots_[k].field_orders + order] * sums.tints.orders[order];
+      more += piece.scaled * fields[slots_[k].field_orders + order] * sums.tint.of_guide(order);
     (from_surfaces(g) ? sums.tinted_indirect : sums.tinted_direct) += colour * once;
     sums.tinted_indirect += colour * more;
   }
@@ -687,51 +707,39 @@ void GuideMarch::collect_fields(Sums& sums) const {
     const Slots& s = slots_[k];
     for (size_t order = 0; order < kOrders; ++order) out[s.orders + order] = sums.scaled[s.field_orders + order];
     out[s.flux] = sums.scaled[s.field_orders + kOrders];
-    if (!sharp(g) && !is_sky(g)) out[s.forward] = sums.scaled[s.field_single] - sums.plain[s.field_single];
+    // These fields are per extinction without the forward peak.
+    const double once = fields_.scaled_extinction() * sums.plain[s.field_single];
+    if (!sharp(g) && !is_sky(g)) out[s.forward] = std::max(0.0, sums.scaled[s.field_single] - once);
     if (is_sky(g)) {
       out[s.soft] = sums.plain[s.field_single + 1];
       out[s.soft + 1] = sums.plain[s.field_single + 2];
     } else if (!sharp(g)) {
-      out[s.single] = sums.plain[s.field_single];
+      out[s.single] = once;
     }
   }
 }
 
-dvec3 GuideMarch::colour_of(const GroupLight& light) const {
-  return colour_ == kGrey ? light.group.colour : dvec3(1);
-}
-
-GuideMarch::Tints GuideMarch::tints_of(const dvec3& tint) {
-  Tints tints{tint, {}, {}};
-  for (int c = 0; c < 3; ++c) {
-    const Powers power(tint[c]);
-    tints.forward[c] = power(kForwardOrder);
-    for (size_t order = 0; order < kOrders; ++order) tints.orders[order][c] = power(kTypicalOrder[order]);
-  }
-  return tints;
-}
-
 vec3 GuideMarch::predicted_direct(const Sums& sums) const {
-  vec3 light = sums.background + sums.emission + sums.mirrored + vec3(sums.tinted_direct);
+  vec3 light = sums.background + sums.emission + sums.emission_once + sums.mirrored + vec3(sums.tinted_direct);
   const bool mixed = media_[0].mixed_tints();
   for (size_t k = 0; k < slots_.size(); ++k) {
     const GroupLight& g = fields_.groups()[k];
     if (from_surfaces(g)) continue;
     light += sums.surface[k];
-    if (!mixed) light += tinted(tints_.once * colour_of(g), sums.value[slots_[k].single]);
+    if (!mixed) light += tinted(tint_.once() * colour_of(g), sums.value[slots_[k].single]);
   }
   return light;
 }
 
 vec3 GuideMarch::predicted_indirect(const Sums& sums) const {
-  vec3 light = sums.bounced + sums.mirrored_indirect + vec3(sums.tinted_indirect);
+  vec3 light = sums.indirect + sums.mirrored_indirect + sums.behind + vec3(sums.tinted_indirect);
   if (media_[0].mixed_tints()) return light;
   for (size_t k = 0; k < slots_.size(); ++k) {
     const GroupLight& g = fields_.groups()[k];
-    light += tinted(tints_.forward * colour_of(g), sums.value[slots_[k].forward]);
-    if (from_surfaces(g)) light += tinted(tints_.once * colour_of(g), sums.value[slots_[k].single]);
+    light += tinted(tint_.forward() * colour_of(g), sums.value[slots_[k].forward]);
+    if (from_surfaces(g)) light += tinted(tint_.once() * colour_of(g), sums.value[slots_[k].single]);
     for (size_t order = 0; order < kOrders; ++order)
-      light += tinted(tints_.orders[order] * colour_of(g), sums.value[slots_[k].orders + order]);
+      light += tinted(tint_.of_guide(order) * colour_of(g), sums.value[slots_[k].orders + order]);
   }
   return light;
 }
@@ -746,74 +754,53 @@ GuideMarch::Shaded GuideMarch::shaded(const Ray& ray, const SurfaceHit& hit) con
 }
 
 // Lit by every light's irradiance through the medium, and by the sky; metals and glass show what they mirror.
-void GuideMarch::add_surface(const Eye& eye, const Ray& ray, const SurfaceHit& hit, double passed,
+void GuideMarch::add_surface(const Eye& eye, const Ray& ray, const SurfaceHit& hit, const Passed& passed,
                              const GuideMedia& media, MediaLine& line, Sums& sums) const {
   const Shaded at = shaded(ray, hit);
-  sums.normal += tinted(at.normal, passed);
-  sums.surface_albedo += tinted(at.bsdf.albedo, passed);
-  sums.surface_depth += passed * (hit.t - reference_depth_);
-  sums.material[static_cast<int>(at.bsdf.kind)] += static_cast<float>(passed);
-  if (!at.inside) sums.background += tinted(context_.surfaces->settings(hit.surface).radiance, passed);
-  sums.bounced += tinted(light_of_surfaces_on(at), passed);
-  if (!at.bsdf.delta()) {
-    float fields[kMostFields];
-    interpolate(at.p, fields);
-    for (size_t k = 0; k < slots_.size(); ++k) sums.surface[k] += tinted(light_on(at, k, fields), passed);
+  const double straight = passed.straight;
+  sums.normal += tinted(at.normal, straight);
+  sums.surface_albedo += tinted(at.bsdf.albedo, straight);
+  sums.surface_depth += straight * (hit.t - reference_depth_);
+  sums.material[static_cast<int>(at.bsdf.kind)] += static_cast<float>(straight);
+  if (!at.inside) sums.background += tinted(context_.surfaces->settings(hit.surface).radiance, straight);
+  dvec3 indirect = indirect_light_on(at), leaving(0);
+  for (size_t k = 0; k < slots_.size() && !at.bsdf.delta(); ++k) {
+    const Lit light = light_on(at, k);
+    sums.surface[k] += tinted(light.direct, straight);
+    leaving += light.direct;
+    indirect += light.indirect;
   }
-  if (at.bsdf.kind == Bsdf::Kind::kDiffuse) return;
-  const Seen seen = mirrored(eye, at, hit, media, line);
-  sums.mirrored += tinted(seen.straight, passed);
-  sums.mirrored_indirect += tinted(seen.scattered, passed);
+  sums.indirect += tinted(indirect, straight);
+  leaving += indirect;
+  if (at.bsdf.kind != Bsdf::Kind::kDiffuse) {
+    const Seen seen = mirrored(eye, at, hit, media, line);
+    sums.mirrored += tinted(seen.straight, straight);
+    sums.mirrored_indirect += tinted(seen.scattered, straight);
+    leaving += seen.straight + seen.scattered;
+  }
+  sums.behind += tinted(leaving, passed.peaks);
 }
 
-dvec3 GuideMarch::light_of_surfaces_on(const Shaded& at) const {
-  const SurfaceLight* const others = fields_.surface_light();
-  return others && at.bsdf.kind == Bsdf::Kind::kDiffuse ? at.bsdf.albedo * others->onto(at.p, at.normal) : dvec3(0);
+Surroundings GuideMarch::surroundings() const {
+  return {fields_.lattice(), fields_.scaled_extinction(), *context_.lights,       *context_.surfaces,
+          colour_,           fields_.ambient_light(),     fields_.surface_light()};
 }
 
-dvec3 GuideMarch::light_on(const Shaded& at, size_t group, const float* fields) const {
+dvec3 GuideMarch::indirect_light_on(const Shaded& at) const {
+  const AmbientLight* const ambient = fields_.ambient_light();
+  if (!ambient || at.bsdf.kind != Bsdf::Kind::kDiffuse) return dvec3(0);
+  return at.bsdf.albedo * ambient->onto(at.p, at.normal).scattered;
+}
+
+Lit GuideMarch::light_on(const Shaded& at, size_t group) const {
   const GroupLight& g = fields_.groups()[group];
-  const bool diffuse = at.bsdf.kind == Bsdf::Kind::kDiffuse;
-  dvec3 light(0);
-  if (sharp(g)) {
-    dvec3 towards, irradiance;
-    double tau, distance = kFar;
-    if (g.group.sun) {
-      towards = g.group.sun->axis();
-      irradiance = g.group.sun->irradiance();
-      tau = g.sun.at(at.p);
-    } else {
-      const LocalLight local = local_light(*g.group.lights[0], at.p);
-      towards = local.towards;
-      irradiance = local.irradiance;
-      distance = local.distance;
-      tau = fields[slots_[group].field_depth];
-    }
-    if (!(glm::dot(towards, at.normal) > 0) || !(tau < 50)) return light;
-    light = attenuation(tau) * context_.surfaces->passage({at.p, towards}, distance).light;
-    if (light == dvec3(0)) return light;
-    return light * (diffuse ? irradiance * at.bsdf.value(at.to_frame(at.wo), at.to_frame(towards), at.inside)
-                            : highlight(at, *g.group.lights[0]));
-  }
-  if (!diffuse) return light;
-  if (is_sky(g)) {
-    const auto& directions = ScatteringSolver::directions();
-    const ivec3 n = fields_.lattice().n;
-    const ivec3 node = glm::clamp(ivec3(glm::round(fields_.lattice().to_lattice(at.p))), ivec3(1), n - 2);
-    const size_t i = fields_.lattice().index(node.x, node.y, node.z);
-    double sum = 0;
-    for (size_t d = 0; d < directions.size(); ++d)
-      sum += std::max(0.0, glm::dot(at.normal, -directions[d])) * g.incoming[d] * fields_.sky()(i, d);
-    return at.bsdf.albedo * colour_of(g) * (4 * sum / static_cast<double>(directions.size()));
-  }
-  // No nearer than a flame's own extent, where it is no point.
-  const double extent = 0.25 * fields_.lattice().spacing * max_component(dvec3(fields_.lattice().n)) / 4;
-  for (const GroupLight::Flame& flame : g.flames) {
-    const dvec3 to = flame.position - at.p;
-    const double distance2 = glm::dot(to, to) + extent * extent, facing = glm::dot(to, at.normal);
-    if (facing <= 0) continue;
-    light += flame.intensity / distance2 *
-             at.bsdf.value(at.to_frame(at.wo), at.to_frame(to / std::sqrt(distance2)), at.inside);
+  Lit light;
+  if (at.bsdf.kind == Bsdf::Kind::kDiffuse) {
+    light.add(at.bsdf.albedo, diffuse_light(g, surroundings(), at.p, at.normal));
+  } else if (sharp(g)) {
+    const Beam beam = beam_at(g, surroundings(), at.p);
+    if (glm::dot(beam.towards, at.normal) > 0 && beam.passed.direct != dvec3(0))
+      light.add(highlight(at, *g.group.lights[0]), beam.passed);
   }
   return light;
 }

@@ -6,8 +6,10 @@
 
 #include "base/progress.h"
 #include "image/layers.h"
+#include "render/guides/cap_phase.h"
 #include "render/guides/guide_media.h"
 #include "render/guides/light_fields.h"
+#include "render/guides/lit_surface.h"
 #include "render/trace/integrator.h"
 #include "render/world/camera.h"
 
@@ -60,12 +62,6 @@ class GuideMarch {
     std::string name;
     char channel;
   };
-  /// What a medium's tint makes of light that has been scattered as often as each guide of orders stands for, and as
-  /// that of forward peaks.
-  struct Tints {
-    dvec3 once{1}, forward{1};
-    std::array<dvec3, GroupLight::kFirstOrder.size()> orders{};
-  };
   enum Base : size_t { kOpacity, kDepth, kSpread, kGradient, kDensity = kGradient + 3, kBaseCount };
 
   void lay_out();
@@ -79,18 +75,30 @@ class GuideMarch {
   /// The rays of a pixel. @return how many they were
   int trace_pixel(const ivec2& pixel, int across, std::vector<MediaLine>& lines, Sums& sums) const;
   Met trace(const Eye& eye, const GuideMedia& media, MediaLine& line, Sums& sums) const;
-  /// @return transmittance of what lies before t_max
-  double march(const Eye& eye, const Ray& ray, const GuideMedia& media, MediaLine& line, double t_max,
+  /// Transmittance of what lies before a point; and what light has more from there that was only scattered by forward
+  /// peaks, which count as straight on.
+  struct Passed {
+    double straight = 1, peaks = 0;
+  };
+  /// Of what lies before t_max.
+  Passed march(const Eye& eye, const Ray& ray, const GuideMedia& media, MediaLine& line, double t_max,
                Sums& sums) const;
+  /// @param straight, scaled  length of a piece of a ray times transmittance, with the extinction and without the
+  /// forward
+  ///                          peak   @param depth  optical depth before it
+  void add_glow(const dvec3& glow, double straight, double scaled, double depth, Sums& sums) const;
   void interpolate(const dvec3& world, float* values) const;
   /// Of the only medium, or of one with that mean cosine.
-  double phase_value(const GuideMedia& media, double cosine, double g) const;
-  void look_from(const GuideMedia& media, double cosine, double g, size_t group, Sums& sums) const;
+  /// @param spread  mean cosine of the light's directions to their middle, which `cosine` is of
+  double phase_value(const GuideMedia& media, double cosine, double g, double spread) const;
+  void look_from(const GuideMedia& media, double cosine, double g, double spread, size_t group, Sums& sums) const;
   /// The same of parallel light where the mean cosine changes from place to place.
   void look_from_sun(const GuideMedia& media, const Ray& ray, double g, size_t group, Sums& sums) const;
+  /// Where the light of what is at a point was solved: it may move.
+  dvec3 in_light(const GuideMedia& media, const dvec3& p) const;
   void light_of(const Piece& piece, const GuideMedia& media, const Ray& ray, Sums& sums) const;
   void collect_fields(Sums& sums) const;
-  void add_surface(const Eye& eye, const Ray& ray, const SurfaceHit& hit, double passed, const GuideMedia& media,
+  void add_surface(const Eye& eye, const Ray& ray, const SurfaceHit& hit, const Passed& passed, const GuideMedia& media,
                    MediaLine& line, Sums& sums) const;
   /// A point of a surface as its shading sees it.
   struct Shaded {
@@ -102,23 +110,23 @@ class GuideMarch {
     dvec3 to_frame(const dvec3& d) const { return {glm::dot(d, frame.x), glm::dot(d, frame.y), glm::dot(d, frame.z)}; }
   };
   Shaded shaded(const Ray& ray, const SurfaceHit& hit) const;
-  /// Radiance that a diffuse surface reflects of light from other surfaces.
-  dvec3 light_of_surfaces_on(const Shaded& at) const;
-  /// Light of a group that a surface reflects once. @param fields  interpolated at its point
-  dvec3 light_on(const Shaded& at, size_t group, const float* fields) const;
+  Surroundings surroundings() const;
+  /// Light of a group that a surface reflects once.
+  Lit light_on(const Shaded& at, size_t group) const;
+  /// What a diffuse surface reflects of all light that was scattered or reflected before it arrives in any direction.
+  dvec3 indirect_light_on(const Shaded& at) const;
   dvec3 highlight(const Shaded& at, const Light& light) const;
 
   // guide_mirrors.cpp: rays that go on from metals and glass.
   void gather_light(const Task& task);
   Seen look(const Ray& ray, const GuideMedia& media, MediaLine& line, const Way& way) const;
   Seen bounce(const Shaded& at, const SurfaceHit& hit, const GuideMedia& media, MediaLine& line, const Way& way) const;
-  double see_media(const Ray& ray, const GuideMedia& media, MediaLine& line, double t_max, double spread,
+  Passed see_media(const Ray& ray, const GuideMedia& media, MediaLine& line, double t_max, double spread,
                    Seen& seen) const;
   dvec3 lights_ahead(const Ray& ray, const FiniteLight* light, double distance, const Way& way) const;
   Seen mirrored(const Eye& eye, const Shaded& at, const SurfaceHit& hit, const GuideMedia& media,
                 MediaLine& line) const;
-  dvec3 colour_of(const GroupLight& light) const;
-  static Tints tints_of(const dvec3& tint);
+  dvec3 colour_of(const GroupLight& light) const { return light.group.colour_in(colour_); }
   /// Of light that several media of unlike tints scatter at one place, what is predicted of it.
   void add_tinted(const Piece& piece, const float* fields, Sums& sums) const;
   vec3 predicted_direct(const Sums& sums) const;
@@ -131,7 +139,8 @@ class GuideMarch {
   const Camera& camera_;
   double step_ = 1, even_stride_ = 1, reference_depth_ = 0, gentle_ = 0;
 
-  Tints tints_;               // of the first medium
+  OrderTint tint_;            // of the first medium
+  CapPhase cap_phase_;        // of the only medium
   std::vector<Slots> slots_;  // for each group
   std::vector<Output> outputs_;
   size_t field_count_ = 0;  // interleaved fields, a multiple of four

@@ -96,7 +96,8 @@ GuideMedia::GuideMedia(std::span<const Medium> media, std::span<const EmissionFi
     if (!m.homogeneous()) voxel_ = std::min(voxel_, m.voxel_size());
   };
   for (const Medium& m : media) {
-    media_.push_back(resampled(m.at_time(time), task));
+    displaced_.push_back(m.at_time(time));
+    media_.push_back(resampled(displaced_.back(), task));
     mean_cosine_.push_back(mean_cosine_of(m.phase()));
     coloured_ = coloured_ || m.chromatic() || m.coloured();
     Constants& c = constants_.emplace_back();
@@ -106,7 +107,7 @@ GuideMedia::GuideMedia(std::span<const Medium> media, std::span<const EmissionFi
     }
     c.tint = tint_of(m);
     c.inverse_maximum = m.maximum_density() > 0 ? 1 / m.maximum_density() : 0;
-    take(m.at_time(time));
+    take(displaced_.back());
   }
   for (const Constants& c : constants_)
     mixed_tints_ = mixed_tints_ || (!coloured_ && glm::distance(c.tint, constants_[0].tint) > 1e-9);
@@ -128,6 +129,12 @@ dvec3 GuideMedia::glow(const dvec3& world) const {
   dvec3 sum(0);
   for (const EmissionField& field : emissions_) sum += field.coefficient(world);
   return sum;
+}
+
+dvec3 GuideMedia::followed(const dvec3& world, const GuideMedia& other) const {
+  for (size_t i = 0; i < media_.size(); ++i)
+    if (media_[i].density(media_[i].to_local(world)) > 0) return displaced_[i].followed(world, other.displaced_[i]);
+  return world;
 }
 
 void GuideMedia::intervals(const Ray& ray, double t_max, std::vector<std::pair<double, double>>& parts) const {

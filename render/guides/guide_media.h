@@ -51,6 +51,9 @@ class GuideMedia {
   /// Emission coefficient [radiance / world unit].
   dvec3 glow(const dvec3& world) const;
 
+  /// Where what scatters at a world point is at another time of the shutter: that of `other`, of the same scene.
+  dvec3 followed(const dvec3& world, const GuideMedia& other) const;
+
   /// The parts of a world ray in which anything may be found, in order and apart from one another.
   void intervals(const Ray& ray, double t_max, std::vector<std::pair<double, double>>& parts) const;
   /// Those of them in which anything changes from voxel to voxel; elsewhere media are homogeneous.
@@ -61,7 +64,7 @@ class GuideMedia {
   Medium resampled(const Medium& medium, const Task& task);
 
   std::vector<std::shared_ptr<BrickGrid>> resampled_;  // of those that are displaced
-  std::vector<Medium> media_;
+  std::vector<Medium> media_, displaced_;              // as they are looked up, and before they were resampled
   std::vector<EmissionField> emissions_;
   /// What does not change from point to point, by colour, kGrey first.
   struct Constants {

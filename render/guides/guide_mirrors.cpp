@@ -91,7 +91,7 @@ void GuideMarch::gather_light(const Task& task) {
           add(first, at(0), {at(1), at(2), at(3)}, colour);
         };
         const GuideMedia::Point point = media_[0].at(p, colour_);
-        const Tints tints = media_[0].mixed_tints() ? tints_of(point.tint) : tints_;
+        const OrderTint tints = media_[0].mixed_tints() ? OrderTint(point.tint) : tint_;
         std::vector<double> arriving;  // share of the sky's light, by its direction
         if (!fields_.sky().empty()) {
           const NodeWeights around(fine, p);
@@ -102,8 +102,8 @@ void GuideMarch::gather_light(const Task& task) {
           const dvec3 colour = colour_of(g);
           for (size_t order = 0; order < g.orders.size(); ++order)
             add_moments(kOften, order < GroupLight::kFineGuides ? fine : coarse, g.orders[order],
-                        colour * tints.orders[order]);
-          if (!g.once[0].empty()) add_moments(kOnce, fine, g.once, colour * tints.once);
+                        colour * tints.of_guide(order));
+          if (!g.once[0].empty()) add_moments(kOnce, fine, g.once, colour * tints.once());
           if (g.incoming.empty()) continue;
           double mean = 0;
           dvec3 flux(0);
@@ -113,18 +113,18 @@ void GuideMarch::gather_light(const Task& task) {
             flux += light * directions[d];
           }
           const double share = point.albedo / static_cast<double>(directions.size());
-          add(kOnce, share * mean, 3 * point.g * share * flux, colour * tints.once);
+          add(kOnce, share * mean, 3 * point.g * share * flux, colour * tints.once());
         }
       }
   });
 }
 
 // As march(), but that all light is added up, and of many times scattered light there is a coarse table for all eyes.
-double GuideMarch::see_media(const Ray& ray, const GuideMedia& media, MediaLine& line, double t_max, double spread,
-                             Seen& seen) const {
+GuideMarch::Passed GuideMarch::see_media(const Ray& ray, const GuideMedia& media, MediaLine& line, double t_max,
+                                         double spread, Seen& seen) const {
   static thread_local std::vector<std::pair<double, double>> parts;
   media.intervals(ray, t_max, parts);
-  if (parts.empty()) return 1;
+  if (parts.empty()) return {};
   line.follow(ray);
   const bool glows = !media.emissions().empty();
   const double scale = fields_.scaled_extinction();
@@ -135,7 +135,7 @@ double GuideMarch::see_media(const Ray& ray, const GuideMedia& media, MediaLine&
   dvec3 tint(0);
   const auto light_of = [&] {
     if (!(thickness_sum > 0)) return;
-    const dvec3 p = ray.at(distance / thickness_sum);
+    const dvec3 p = in_light(media, ray.at(distance / thickness_sum));
     const auto light = interpolate_nodes<kLightCount>(fields_.coarse_lattice(), node_light_, p);
     const auto towards_eye = [&](size_t first) {
       dvec3 sum;
@@ -149,23 +149,25 @@ double GuideMarch::see_media(const Ray& ray, const GuideMedia& media, MediaLine&
     const double g_mean = g_sum / thickness_sum;
     for (const GroupLight& g : fields_.groups()) {
       if (!sharp(g) || !(albedo > 0)) continue;
-      double irradiance, tau;
+      double irradiance, tau, arriving, extent = 1;
       dvec3 towards;
       if (g.group.sun) {
         towards = g.group.sun->axis();
         irradiance = in_colour(g.group.sun->irradiance(), colour_);
         tau = g.sun.at(p);
+        arriving = attenuation(tau);
       } else {
         const LocalLight local = local_light(*g.group.lights[0], p);
         towards = local.towards;
         irradiance = in_colour(local.irradiance, colour_);
         tau = interpolated(fields_.lattice(), g.depth, p);
+        arriving = local.transmittance(tau);
+        extent = local.mean_cosine();
       }
       if (!g.visible.empty()) irradiance *= interpolated(fields_.lattice(), g.visible, p);
       const double cosine = glm::dot(towards, ray.d), peak = (1 - scale) * (tau + depth_sum / thickness_sum);
-      const double phase = phase_value(media, cosine, g_mean) + ForwardPeak(g_mean, cosine).repeated(peak);
-      seen.scattered +=
-          w * irradiance * albedo / thickness_sum * phase * attenuation(tau) * (tint / albedo) * colour_of(g);
+      const double phase = phase_value(media, cosine, g_mean, extent) + ForwardPeak(g_mean, cosine).repeated(peak);
+      seen.scattered += w * irradiance * albedo / thickness_sum * phase * arriving * (tint / albedo) * colour_of(g);
     }
     w = scaled = thickness_sum = distance = depth_sum = albedo = g_sum = 0;
     tint = dvec3(0);
@@ -179,8 +181,14 @@ double GuideMarch::see_media(const Ray& ray, const GuideMedia& media, MediaLine&
       const GuideMedia::Point point = line.at(middle);
       const double thickness = point.sigma_t * length;
       const double q = attenuation(thickness), q_scaled = attenuation(thickness * scale), share = passed * (1 - q);
-      if (glows)
-        seen.straight += (thickness > 0 ? share / point.sigma_t : passed * length) * media.glow(ray.at(middle));
+      if (glows) {
+        const double straight = thickness > 0 ? share / point.sigma_t : passed * length;
+        const double peaks = thickness > 0 ? passed_scaled * (1 - q_scaled) / (point.sigma_t * scale) - straight
+                                           : (passed_scaled - passed) * length;
+        const dvec3 glow = media.glow(ray.at(middle));
+        seen.straight += straight * glow;
+        seen.scattered += std::max(0.0, peaks) * glow;
+      }
       if (!(thickness > 0)) continue;
       if (thickness_sum > kLightThickness || t - looked > kLightSteps * length) {
         light_of();
@@ -200,7 +208,7 @@ double GuideMarch::see_media(const Ray& ray, const GuideMedia& media, MediaLine&
     }
   }
   light_of();
-  return passed;
+  return {passed, std::max(0.0, passed_scaled - passed)};
 }
 
 // Of a ray that meets no surface before t_end: the light that it ends on there, or everything infinitely far.
@@ -235,7 +243,7 @@ GuideMarch::Seen GuideMarch::look(const Ray& ray, const GuideMedia& media, Media
   const std::optional<SurfaceHit> hit = context_.surfaces->intersect(ray, kFar);
   const auto [light, t_end] = context_.lights->nearest(ray, hit ? hit->t : kFar, /*seen=*/false);
   Seen seen;
-  const double passed = way.only_lights ? 1 : see_media(ray, media, line, t_end, way.spread, seen);
+  const Passed passed = way.only_lights ? Passed{} : see_media(ray, media, line, t_end, way.spread, seen);
   Seen end;
   if (light || !hit) {
     end.straight = lights_ahead(ray, light, t_end, way);
@@ -244,19 +252,19 @@ GuideMarch::Seen GuideMarch::look(const Ray& ray, const GuideMedia& media, Media
     if (way.only_lights && !at.bsdf.delta()) return seen;
     if (!way.only_lights) {
       if (!at.inside) end.straight = context_.surfaces->settings(hit->surface).radiance;
-      if (!at.bsdf.delta()) {
-        float fields[kMostFields];
-        interpolate(at.p, fields);
-        for (size_t k = 0; k < slots_.size(); ++k) end.scattered += light_on(at, k, fields);
-        end.scattered += light_of_surfaces_on(at);
+      for (size_t k = 0; k < slots_.size() && !at.bsdf.delta(); ++k) {
+        const Lit lit = light_on(at, k);
+        end.scattered += lit.direct + lit.indirect;
       }
+      end.scattered += indirect_light_on(at);
     }
     if (at.bsdf.kind != Bsdf::Kind::kDiffuse) {
       const Seen behind = bounce(at, *hit, media, line, way);
       end.scattered += behind.straight + behind.scattered;
     }
   }
-  seen.add(dvec3(passed), end);
+  seen.add(dvec3(passed.straight), end);
+  if (hit && !light) seen.scattered += passed.peaks * (end.straight + end.scattered);
   return seen;
 }
 

@@ -23,6 +23,7 @@ constexpr size_t kMostSunNodes = 16000000;
 constexpr double kNegligible = 2e-3;    // of all orders together, for the last one
 constexpr double kLargestRatio = 0.99;  // of an order to the one before, in the tail
 constexpr double kUnseen = 1e30;        // world units
+constexpr double kFineOrder = 2;        // scatterings of the orders on fine nodes, on average
 
 /// Averages of the sky over the directions nearest to each of the solver's, where light travels from it.
 std::vector<double> sky_radiance(const Environment& sky, GuideColour colour) {
@@ -53,51 +54,73 @@ void hide_sky(const GuideMedia& media, const Surfaces& surfaces, std::vector<dou
   }
 }
 
-/// The glow of the cells of a coarse grid, each as a point in its middle of brightness.
-std::vector<GroupLight::Flame> gathered_flames(const GuideMedia& media, const Lattice& lattice) {
-  constexpr int kAcross = 4;
-  std::vector<GroupLight::Flame> cells(kAcross * kAcross * kAcross);
-  std::vector<double> weight(cells.size(), 0.0);
-  const double volume = lattice.spacing * lattice.spacing * lattice.spacing;
-  for (int x = 0; x < lattice.n.x; ++x)
-    for (int y = 0; y < lattice.n.y; ++y)
-      for (int z = 0; z < lattice.n.z; ++z) {
-        const dvec3 p = lattice.node(x, y, z), glow = media.glow(p) * volume;
-        const double bright = luminance(glow);
-        if (!(bright > 0)) continue;
-        const ivec3 c = ivec3(x, y, z) * kAcross / lattice.n;
-        const auto cell = static_cast<size_t>((c.x * kAcross + c.y) * kAcross + c.z);
-        cells[cell].intensity += glow;
-        cells[cell].position += bright * p;
-        weight[cell] += bright;
-      }
-  std::vector<GroupLight::Flame> flames;
-  for (size_t i = 0; i < cells.size(); ++i)
-    if (weight[i] > 0) flames.push_back({cells[i].position / weight[i], cells[i].intensity});
-  return flames;
+/// Over a cube around a point.
+dvec3 mean_glow(const GuideMedia& media, const dvec3& middle, double size) {
+  dvec3 sum(0);
+  for (int corner = 0; corner < 8; ++corner)
+    sum += media.glow(middle + 0.25 * size * dvec3(corner & 1 ? 1 : -1, corner & 2 ? 1 : -1, corner & 4 ? 1 : -1));
+  return 0.125 * sum;
 }
 
-/// Of mean 1.
-dvec3 colour_of(const std::vector<GroupLight::Flame>& flames) {
+dvec3 of_mean_one(const dvec3& colour) {
+  const double mean = in_colour(colour, kGrey);
+  return mean > 0 ? colour / mean : dvec3(1);
+}
+
+/// Of what the media scatter, over a cube around a point.
+dvec3 mean_tint(const GuideMedia& media, const dvec3& middle, double size) {
+  MediaLine line(media, kGrey);
   dvec3 sum(0);
-  for (const GroupLight::Flame& flame : flames) sum += flame.intensity;
-  const double mean = in_colour(sum, kGrey);
-  return mean > 0 ? sum / mean : dvec3(1);
+  double scattered = 0;
+  for (int edge = 0; edge < 4; ++edge) {
+    line.follow({middle + 0.25 * size * dvec3(edge & 1 ? 1 : -1, edge & 2 ? 1 : -1, -1), {0, 0, 0.5 * size}});
+    for (int end = 0; end < 2; ++end) {
+      const GuideMedia::Point point = line.at(end);
+      scattered += point.sigma_t * point.albedo;
+      sum += point.sigma_t * point.albedo * point.tint;
+    }
+  }
+  return scattered > 0 ? sum / scattered : dvec3(1);
 }
 
 /// Optical depth from a point along a direction, through the lattice's own extinction, a node a step.
 double depth_along(const ScatteringSolver& solver, const dvec3& from, const dvec3& towards, double distance) {
   const Lattice& lattice = solver.lattice();
   const dvec3 start = lattice.to_lattice(from);
-  const int steps = static_cast<int>(std::min(std::ceil(distance / lattice.spacing), 4096.0));
+  const double length = distance / lattice.spacing;
+  const int steps = static_cast<int>(std::min(std::ceil(length), 4096.0));
   double depth = 0;
   for (int s = 0; s < steps; ++s) {
-    const dvec3 q = start + towards * (s + 0.5);
+    const double share = std::min(1.0, length - s);
+    const dvec3 q = start + towards * (s + 0.5 * share);
     if (glm::any(glm::lessThan(q, dvec3(0))) || glm::any(glm::greaterThan(q, dvec3(lattice.n - 1)))) break;
     const ivec3 node = ivec3(glm::round(q));
-    depth += static_cast<double>(solver.extinction()[lattice.index(node.x, node.y, node.z)]);
+    depth += share * static_cast<double>(solver.extinction()[lattice.index(node.x, node.y, node.z)]);
   }
   return depth;
+}
+
+/// What arrives from a lamp in the cube around a node, on average: where the lamp is near, it differs much from place
+/// to place. Nothing is lit inside the lamp.
+LocalLight mean_over_cube(const Light& light, const dvec3& node, double size) {
+  constexpr int kAcross = 4;
+  constexpr double kNear = 2.5;  // sizes
+  LocalLight mean = local_light(light, node);
+  const dvec3* const centre = light.centre();
+  if (!centre || glm::distance(*centre, node) > kNear * size) return mean;
+  const double share = 1.0 / (kAcross * kAcross * kAcross);
+  mean.irradiance = mean.towards = dvec3(0);
+  for (int i = 0; i < kAcross * kAcross * kAcross; ++i) {
+    const dvec3 place(i % kAcross, i / kAcross % kAcross, i / (kAcross * kAcross));
+    const dvec3 p = node + size * ((place + 0.5) / static_cast<double>(kAcross) - 0.5);
+    const LocalLight here = local_light(light, p);
+    if (here.distance > glm::distance(*centre, p)) continue;
+    mean.irradiance += share * here.irradiance;
+    mean.towards += share * in_colour(here.irradiance, kGrey) * here.towards;
+  }
+  const double all = in_colour(mean.irradiance, kGrey);
+  mean.towards = all > 0 ? mean.towards / all : dvec3(0);
+  return mean;
 }
 
 /// Moments of light along one direction.
@@ -139,8 +162,22 @@ LightFields::LightFields(const GuideMedia& media, const Lights& lights, const Su
   coarse_ = Lattice::over(media.lo(), media.hi(), 2 * fine_.spacing, static_cast<size_t>(most));
   ScatteringSolver solver(fine_, media, colour, task), coarse(coarse_, solver, task);
   near_ = solver.near_media();
-  if (surfaces) std::fill(near_.begin(), near_.end(), uint8_t{1});
   scale_ = solver.mean_scale();
+  colour_ = colour;
+  if (colour == kGrey && !media.media().empty()) tint_ = OrderTint(media.tint(0));
+  if (surfaces) {
+    ambient_light_.emplace(media, coarse_, scale_);
+    if (colour == kGrey && media.mixed_tints()) node_tints_.resize(ambient_light_->nodes().size());
+    coarse.each_node([&](int x, int y, int z, size_t i) {
+      const size_t at = ambient_light_->index(x, y, z);
+      AmbientLight::Node& node = ambient_light_->nodes()[at];
+      node.extinction = coarse.scaled_extinction()[i];
+      if (!node_tints_.empty()) node_tints_[at] = vec3(mean_tint(media, coarse_.node(x, y, z), coarse_.spacing));
+      if (media.emissions().empty()) return;
+      const vec3 glow(mean_glow(media, coarse_.node(x, y, z), coarse_.spacing) * coarse_.spacing);
+      node.glow = {glow.x, glow.y, glow.z};
+    });
+  }
   const auto scaled_transmittance = [&](double depth) { return attenuation(depth * scale_); };
   const Task own = quiet(task);
 
@@ -184,7 +221,9 @@ LightFields::LightFields(const GuideMedia& media, const Lights& lights, const Su
             depth = depth_along(solver, p, l.towards, l.distance);
             if (alone) g.depth[i] = static_cast<float>(depth);
             if (!g.visible.empty()) g.visible[i] = static_cast<float>(share);
-            add_beam(arriving, i, in_colour(l.irradiance, colour) * share * scaled_transmittance(depth), l.towards);
+            const LocalLight mean = mean_over_cube(*light, p, fine_.spacing);
+            add_beam(arriving, i, in_colour(mean.irradiance, colour) * share * l.transmittance(scale_ * depth),
+                     mean.mean_cosine() * mean.towards);
           }
         });
         break;
@@ -192,18 +231,22 @@ LightFields::LightFields(const GuideMedia& media, const Lights& lights, const Su
       case LightGroup::Kind::kSky: {
         g.incoming = sky_radiance(*lights.environment(), colour == kGrey ? group.channel : colour);
         if (surfaces) hide_sky(media, *surfaces, g.incoming);
-        if (sky_.empty()) sky_ = solver.arriving(/*everywhere=*/surfaces != nullptr);
+        if (sky_.empty()) sky_ = solver.arriving();
         arriving = solver.entering(g.incoming);
         break;
       }
       case LightGroup::Kind::kGlow: {
         NodeValues glow(fine_.size());
+        std::vector<dvec3> sums(static_cast<size_t>(fine_.n.x), dvec3(0));
         solver.each_node([&](int x, int y, int z, size_t i) {
-          glow[i] = static_cast<float>(in_colour(media.glow(fine_.node(x, y, z)), colour) * fine_.spacing);
+          const dvec3 here = media.glow(fine_.node(x, y, z));
+          sums[static_cast<size_t>(x)] += here;
+          glow[i] = static_cast<float>(in_colour(here, colour) * fine_.spacing);
         });
+        dvec3 colours(0);
+        for (const dvec3& sum : sums) colours += sum;
         arriving = solver.emitted(glow);
-        g.flames = gathered_flames(media, fine_);
-        g.group.colour = colour_of(g.flames);
+        g.group.colour = of_mean_one(colours);
         break;
       }
       case LightGroup::Kind::kSurfaces:
@@ -214,22 +257,18 @@ LightFields::LightFields(const GuideMedia& media, const Lights& lights, const Su
     task.check();
   }
   if (surfaces) add_surface_light(media, lights, *surfaces, colour, solver, coarse, own);
+  node_tints_ = {};
 }
 
 void LightFields::add_surface_light(const GuideMedia& media, const Lights& lights, const Surfaces& surfaces,
                                     GuideColour colour, ScatteringSolver& fine, ScatteringSolver& coarse,
                                     const Task& task) {
+  ambient_light_->gather(surfaces, *lights.environment(), task);
+  const Surroundings around{fine_, scale_, lights, surfaces, colour, &*ambient_light_, nullptr};
   const SurfaceLight& light = surface_light_.emplace(
       media, surfaces,
-      [&](const Ray& ray, const SurfaceHit& hit) {
-        dvec3 sum(0);
-        for (const GroupLight& g : groups_) sum += reflected_light(g, sky_, fine_, lights, surfaces, colour, ray, hit);
-        return sum;
-      },
-      [&](const dvec3& from, const dvec3& towards, double distance) {
-        return attenuation(scale_ * depth_along(fine, from, towards, distance));
-      },
-      task);
+      [&](const Ray& ray, const SurfaceHit& hit) { return reflected_light(groups_, around, ray, hit); },
+      *ambient_light_, task);
   if (light.colour() == dvec3(0)) {
     surface_light_.reset();
     return;
@@ -244,6 +283,27 @@ void LightFields::add_surface_light(const GuideMedia& media, const Lights& light
   });
   solve(g, std::move(arriving), fine, coarse);
   groups_.push_back(std::move(g));
+  ambient_light_->gather(surfaces, *lights.environment(), task);
+}
+
+void LightFields::add_to_ambient(const GroupLight& light, const Moments& fine_orders, const ScatteringSolver& fine,
+                                 const ScatteringSolver& coarse) {
+  const dvec3 colour = light.group.colour_in(colour_);
+  const Moments fine_source = coarse.source_from(fine, fine_orders);
+  coarse.each_node([&](int x, int y, int z, size_t i) {
+    const size_t at = ambient_light_->index(x, y, z);
+    AmbientLight::Node& node = ambient_light_->nodes()[at];
+    const OrderTint tint = node_tints_.empty() ? tint_ : OrderTint(dvec3(node_tints_[at]));
+    const auto add = [&](const dvec3& own, const Moments& source, float share) {
+      const vec3 seen(colour * own);
+      for (size_t moment = 0; moment < 4; ++moment)
+        for (int c = 0; c < 3; ++c)
+          node.scattered[3 * moment + static_cast<size_t>(c)] += share * seen[c] * source[moment][i];
+    };
+    add(tint.at(kFineOrder), fine_source, 1);
+    for (size_t g = GroupLight::kFineGuides; g < light.orders.size(); ++g)
+      add(tint.of_guide(g), light.orders[g], coarse.scaled_extinction()[i]);
+  });
 }
 
 void LightFields::solve(GroupLight& light, Moments scattered, ScatteringSolver& fine, ScatteringSolver& coarse) {
@@ -254,6 +314,8 @@ void LightFields::solve(GroupLight& light, Moments scattered, ScatteringSolver& 
   if (light.group.kind == LightGroup::Kind::kOthers || light.group.kind == LightGroup::Kind::kGlow ||
       light.group.kind == LightGroup::Kind::kSurfaces)
     light.once = scattered;
+  Moments fine_orders;
+  if (ambient_light_) fine_orders = scattered;
   size_t g = 0;
   const auto gather = [&](const ScatteringSolver& solver, int order) {
     if (order == first[g])
@@ -266,6 +328,7 @@ void LightFields::solve(GroupLight& light, Moments scattered, ScatteringSolver& 
     fine.scatter(scattered);
     if (order >= first[g + 1]) ++g;
     gather(fine, order);
+    if (ambient_light_) fine.add(scattered, fine_orders);
   }
   const Moments source = coarse.source_from(fine, scattered);
   scattered = coarse.nothing();
@@ -290,6 +353,7 @@ void LightFields::solve(GroupLight& light, Moments scattered, ScatteringSolver& 
     const float ratio = std::clamp(scattered[0][i] / (before[i] + 1e-20f), 0.0f, static_cast<float>(kLargestRatio));
     for (size_t a = 0; a < 4; ++a) tail[a][i] += scattered[a][i] * ratio / (1 - ratio);
   }
+  if (ambient_light_) add_to_ambient(light, fine_orders, fine, coarse);
 }
 
 size_t LightFields::bytes() const {

@@ -4,7 +4,9 @@
 #include <vector>
 
 #include "base/progress.h"
+#include "render/guides/ambient_light.h"
 #include "render/guides/light_groups.h"
+#include "render/guides/order_tint.h"
 #include "render/guides/scattering_solver.h"
 #include "render/guides/sun_depth.h"
 #include "render/guides/surface_light.h"
@@ -25,11 +27,7 @@ struct GroupLight {
   NodeValues visible;            ///< of a sun or local light where there are surfaces: share that passes them
   Moments once;                  ///< of others, the glow and surfaces: scattered for the first time in the media
   std::vector<double> incoming;  ///< of the sky: radiance outside, for each direction of travel
-  struct Flame {
-    dvec3 position{0}, intensity{0};  ///< [W / sr]
-  };
-  std::vector<Flame> flames;    ///< of the glow, gathered into a few points: what surfaces see of it
-  std::vector<Moments> orders;  ///< for each of kFirstOrder, scattered
+  std::vector<Moments> orders;   ///< for each of kFirstOrder, scattered
 };
 
 /// Transmittances for single scattering and a coarse solution of multiple scattering, order by order: the first five on
@@ -52,7 +50,9 @@ class LightFields {
   const SkyShares& sky() const { return sky_; }
   /// Null where there are no surfaces, or no light on them.
   const SurfaceLight* surface_light() const { return surface_light_ ? &*surface_light_ : nullptr; }
-  /// Nodes whose light may be asked for: those near the media, or all where there are surfaces.
+  /// Null where there are no surfaces.
+  const AmbientLight* ambient_light() const { return ambient_light_ ? &*ambient_light_ : nullptr; }
+  /// Nodes whose light may be asked for: those near the media.
   const std::vector<uint8_t>& near() const { return near_; }
   /// What the forward peak leaves of the extinction, on average.
   double scaled_extinction() const { return scale_; }
@@ -61,15 +61,22 @@ class LightFields {
  private:
   /// @param light  is given its orders   @param scattered  what arrives, not yet scattered
   void solve(GroupLight& light, Moments scattered, ScatteringSolver& fine, ScatteringSolver& coarse);
-  /// A group more: what surfaces send into the media of all that lights them.
+  /// Adds what the media scatter of a group's light to the ambient light's nodes. @param fine_orders  a sum of orders
+  void add_to_ambient(const GroupLight& light, const Moments& fine_orders, const ScatteringSolver& fine,
+                      const ScatteringSolver& coarse);
+  /// The ambient light, and one more group: what surfaces send into the media of all that lights them.
   void add_surface_light(const GuideMedia& media, const Lights& lights, const Surfaces& surfaces, GuideColour colour,
                          ScatteringSolver& fine, ScatteringSolver& coarse, const Task& task);
 
   Lattice fine_, coarse_;
   std::vector<uint8_t> near_;
   std::vector<GroupLight> groups_;
+  std::optional<AmbientLight> ambient_light_;
   SkyShares sky_;
   std::optional<SurfaceLight> surface_light_;
+  GuideColour colour_ = kGrey;
+  OrderTint tint_;                // of the first medium
+  std::vector<vec3> node_tints_;  // while light is solved, of media of unlike tints at the ambient light's nodes
   double scale_ = 1;
 };
 

@@ -1,7 +1,11 @@
 #include "render/guides/light_groups.h"
 
 #include <algorithm>
+#include <cmath>
 #include <map>
+
+#include "base/math.h"
+#include "render/guides/attenuation.h"
 
 namespace brume {
 namespace {
@@ -23,13 +27,50 @@ dvec3 of_mean_one(const dvec3& colour) {
   return mean > 0 ? colour / mean : dvec3(1);
 }
 
+/// As of a sphere of the same projected area.
+LocalLight mesh_light(const MeshLight& light, const dvec3& p) {
+  constexpr double kClear = 1.1;  // of the sphere's radius: shadow rays end before the mesh
+  const dvec3 to = light.middle() - p;
+  const double distance = glm::length(to);
+  if (!(distance > 0)) return {};
+  const dvec3 towards = to / distance;
+  const double area = light.projected_area(towards), radius = kClear * std::sqrt(area / kPi);
+  const double sine2 = std::min(1.0, area / (kPi * distance * distance));
+  const double solid_angle = 2 * kPi * sine2 / (1 + std::sqrt(1 - sine2));
+  return {towards, std::max(0.01 * distance, distance - radius), solid_angle * light.radiance(),
+          std::min(radius, 0.99 * distance)};
+}
+
 }  // namespace
 
 LocalLight local_light(const Light& light, const dvec3& p) {
+  if (const auto* const mesh = dynamic_cast<const MeshLight*>(&light)) return mesh_light(*mesh, p);
   // Round lights are sampled along their axis, flat ones in their middle.
   const LightSample s = light.sample(p, light.centre() ? dvec2(0, 0.5) : dvec2(0.5));
   if (!(s.pdf > 0)) return {};
-  return {s.wi, s.distance, s.radiance / s.pdf};
+  const double radius = light.centre() ? std::max(0.0, glm::distance(*light.centre(), p) - s.distance) : 0;
+  return {s.wi, s.distance, s.radiance / s.pdf, radius};
+}
+
+double LocalLight::mean_cosine() const {
+  const double sine = radius / (distance + radius);
+  return radius > 0 ? 0.5 * (1 + std::sqrt(std::max(0.0, 1 - sine * sine))) : 1;
+}
+
+double LocalLight::transmittance(double depth) const {
+  constexpr double kSmall = 0.2;  // of the distance of its middle: all directions are alike
+  constexpr int kRings = 4;
+  const double middle = distance + radius;
+  if (!(distance > 0) || radius < kSmall * middle) return attenuation(depth);
+  const double cap = 1 - std::sqrt(1 - radius / middle * (radius / middle));
+  double sum = 0;
+  for (int ring = 0; ring < kRings; ++ring) {
+    const double cosine = 1 - cap * (ring + 0.5) / kRings;
+    const double way =
+        middle * cosine - std::sqrt(std::max(0.0, radius * radius - middle * middle * (1 - cosine * cosine)));
+    sum += attenuation(depth * way / distance);
+  }
+  return sum / kRings;
 }
 
 std::vector<LightGroup> light_groups(const Lights& lights, const GuideMedia& media, GuideColour colour) {

@@ -15,6 +15,9 @@ struct LightGroup {
   std::vector<const Light*> lights;  ///< one of kSun and kLocal, several of kOthers
   dvec3 colour{1};                   ///< of mean 1: what a grey guide is multiplied by to be seen
   GuideColour channel = kGrey;       ///< or the only one that it has light of: of a sky of many colours in grey media
+  dvec3 colour_in(GuideColour guide) const { return guide == kGrey ? colour : dvec3(1); }
+  /// What the group has of light whose colours are known.
+  dvec3 share() const { return channel == kGrey ? dvec3(1) : colour; }
 };
 
 /// The lights of a scene by their guides: suns and local lights one by one while they are few, the weaker ones
@@ -27,6 +30,11 @@ struct LocalLight {
   dvec3 towards{0};  ///< unit
   double distance = 0;
   dvec3 irradiance{0};  ///< in empty space, across that direction
+  double radius = 0;    ///< of a sphere; its middle lies as much farther
+  /// Mean over the directions towards it, of which `depth` is the optical depth along the shortest.
+  double transmittance(double depth) const;
+  /// Mean cosine of the directions towards it to that of its middle: 1 of a small or distant one.
+  double mean_cosine() const;
 };
 LocalLight local_light(const Light& light, const dvec3& p);
 

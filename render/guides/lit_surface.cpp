@@ -1,6 +1,5 @@
 #include "render/guides/lit_surface.h"
 
-#include <algorithm>
 #include <cmath>
 
 #include "base/math.h"
@@ -13,64 +12,89 @@ namespace {
 constexpr double kFar = 1e30;
 constexpr double kDark = 50;  // optical depth behind which nothing is lit
 
+/// @param depth  without the forward peak
+Beam beam_of(const LocalLight& light, double depth, const Surroundings& around, const dvec3& p) {
+  Beam beam{light.towards, light.irradiance, {}};
+  if (!(depth < kDark)) return beam;
+  const dvec3 open = around.surfaces.passage({p, light.towards}, light.distance).light;
+  const double straight = attenuation(depth / around.scale);
+  beam.passed = {straight * open, (attenuation(depth) - straight) * open};
+  return beam;
+}
+
 }  // namespace
 
-dvec3 reflected_light(const GroupLight& g, const SkyShares& sky, const Lattice& lattice, const Lights& lights,
-                      const Surfaces& surfaces, GuideColour colour, const Ray& ray, const SurfaceHit& hit) {
+Beam beam_at(const GroupLight& g, const Surroundings& around, const dvec3& p) {
+  if (g.group.sun)
+    return beam_of({g.group.sun->axis(), kFar, g.group.sun->irradiance()},
+                   around.scale * static_cast<double>(g.sun.at(p)), around, p);
+  const double depth = static_cast<double>(interpolated(around.lattice, g.depth, p));
+  return beam_of(local_light(*g.group.lights[0], p), around.scale * depth, around, p);
+}
+
+Lit diffuse_light(const GroupLight& g, const Surroundings& around, const dvec3& p, const dvec3& normal) {
+  Lit lit;
+  switch (g.group.kind) {
+    case LightGroup::Kind::kSun:
+    case LightGroup::Kind::kLocal: {
+      const dvec3 towards = g.group.sun ? g.group.sun->axis() : local_light(*g.group.lights[0], p).towards;
+      const double cosine = glm::dot(towards, normal);
+      if (!(cosine > 0)) break;
+      const Beam beam = beam_at(g, around, p);
+      lit.add(cosine / kPi * beam.irradiance, beam.passed);
+      break;
+    }
+    case LightGroup::Kind::kOthers:
+      for (const Light* const light : g.group.lights) {
+        const LocalLight local = local_light(*light, p);
+        const double cosine = glm::dot(local.towards, normal);
+        if (!(cosine > 0)) continue;
+        const double depth = around.ambient_light ? around.ambient_light->depth(p, local.towards, local.distance) : 0;
+        lit.add(cosine / kPi * local.irradiance, beam_of(local, depth, around, p).passed);
+      }
+      break;
+    case LightGroup::Kind::kSky:
+      if (around.ambient_light) lit.direct = around.ambient_light->onto(p, normal).sky * g.group.share();
+      break;
+    case LightGroup::Kind::kGlow:
+      if (around.ambient_light) lit.direct = around.ambient_light->onto(p, normal).glow;
+      break;
+    case LightGroup::Kind::kSurfaces:
+      if (around.surface_light) lit.indirect = around.surface_light->onto(p, normal);
+      break;
+  }
+  return lit;
+}
+
+dvec3 reflected_light(const std::vector<GroupLight>& groups, const Surroundings& around, const Ray& ray,
+                      const SurfaceHit& hit) {
   const dvec3 p = Surfaces::leave(hit, ray.at(hit.t), -ray.d);
   const dvec3 normal = glm::dot(hit.shading, ray.d) > 0 ? -hit.shading : hit.shading;
-  const Bsdf bsdf = surfaces.bsdf(hit);
+  const Bsdf bsdf = around.surfaces.bsdf(hit);
+  dvec3 sum(0);
+  if (bsdf.kind == Bsdf::Kind::kDiffuse) {
+    if (around.ambient_light) sum += around.ambient_light->onto(p, normal).scattered;
+    for (const GroupLight& g : groups) {
+      const Lit lit = diffuse_light(g, around, p, normal);
+      sum += lit.direct + lit.indirect;
+    }
+    return bsdf.albedo * sum;
+  }
   const Frame frame(normal);
   const auto to_frame = [&](const dvec3& d) {
     return dvec3(glm::dot(d, frame.x), glm::dot(d, frame.y), glm::dot(d, frame.z));
   };
-  switch (g.group.kind) {
-    case LightGroup::Kind::kSun:
-    case LightGroup::Kind::kLocal: {
-      LocalLight light;
-      double depth;
-      if (g.group.sun) {
-        light = {g.group.sun->axis(), kFar, g.group.sun->irradiance()};
-        depth = g.sun.at(p);
-      } else {
-        light = local_light(*g.group.lights[0], p);
-        depth = static_cast<double>(interpolated(lattice, g.depth, p));
-      }
-      if (!(glm::dot(light.towards, normal) > 0) || !(depth < kDark)) return dvec3(0);
-      return light.irradiance * attenuation(depth) * surfaces.passage({p, light.towards}, light.distance).light *
-             bsdf.value(to_frame(-ray.d), to_frame(light.towards), false);
+  for (const GroupLight& g : groups) {
+    if (g.group.kind == LightGroup::Kind::kSun || g.group.kind == LightGroup::Kind::kLocal) {
+      const Beam beam = beam_at(g, around, p);
+      if (glm::dot(beam.towards, normal) > 0)
+        sum += beam.irradiance * (beam.passed.direct + beam.passed.indirect) *
+               bsdf.value(to_frame(-ray.d), to_frame(beam.towards), false);
+    } else if (g.group.kind == LightGroup::Kind::kSky && bsdf.kind == Bsdf::Kind::kConductor) {
+      sum += bsdf.albedo * around.lights.environment()->radiance(glm::reflect(ray.d, normal)) * g.group.share();
     }
-    case LightGroup::Kind::kSky: {
-      if (bsdf.kind == Bsdf::Kind::kConductor)
-        return bsdf.albedo * lights.environment()->radiance(glm::reflect(ray.d, normal)) *
-               (g.group.channel == kGrey ? dvec3(1) : g.group.colour);
-      const ivec3 node = glm::clamp(ivec3(glm::round(lattice.to_lattice(p))), ivec3(1), lattice.n - 2);
-      const size_t i = lattice.index(node.x, node.y, node.z);
-      const std::vector<dvec3>& directions = ScatteringSolver::directions();
-      double sum = 0;
-      for (size_t d = 0; d < directions.size(); ++d)
-        sum += std::max(0.0, glm::dot(normal, -directions[d])) * g.incoming[d] * static_cast<double>(sky(i, d));
-      return bsdf.albedo * (colour == kGrey ? g.group.colour : dvec3(1)) *
-             (4 * sum / static_cast<double>(directions.size()));
-    }
-    case LightGroup::Kind::kGlow: {
-      // No nearer than a flame's own extent, where it is no point.
-      const double extent = 0.25 * lattice.spacing * max_component(dvec3(lattice.n)) / 4;
-      dvec3 light(0);
-      for (const GroupLight::Flame& flame : g.flames) {
-        const dvec3 to = flame.position - p;
-        const double distance2 = glm::dot(to, to) + extent * extent;
-        if (glm::dot(to, normal) > 0)
-          light +=
-              flame.intensity / distance2 * bsdf.value(to_frame(-ray.d), to_frame(to / std::sqrt(distance2)), false);
-      }
-      return light;
-    }
-    case LightGroup::Kind::kOthers:
-    case LightGroup::Kind::kSurfaces:
-      break;
   }
-  return dvec3(0);
+  return sum;
 }
 
 }  // namespace brume

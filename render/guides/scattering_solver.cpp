@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "base/math.h"
+#include "render/guides/forward_peak.h"
 #include "render/guides/media_line.h"
 
 namespace brume {
@@ -58,7 +59,7 @@ ScatteringSolver::ScatteringSolver(const Lattice& lattice, const GuideMedia& med
       if (!(node.extinction > 0)) continue;
       const double albedo = node.scattered / node.extinction;
       const double g = node.scattered > 0 ? node.linear / node.scattered : 0;
-      const double peak = g > 0 ? g * g : 0, left = 1 - albedo * peak;
+      const double peak = peak_weight(g), left = 1 - albedo * peak;
       node.extinction *= cube / (inner * inner * inner);
       node.scaled = node.extinction * left;
       node.scattered = node.scaled * albedo * (1 - peak) / left;
@@ -278,13 +279,12 @@ void ScatteringSolver::gather(Moments& light) const {
   });
 }
 
-SkyShares ScatteringSolver::arriving(bool everywhere) const {
+SkyShares ScatteringSolver::arriving() const {
   SkyShares all(lattice_, directions().size());
   const ivec3 n = lattice_.n;
   // One bundle after another, so that few directions are held in full at once.
   for (const Bundle& bundle : bundles_) {
-    SweepDomain domain = near(bundle);
-    if (everywhere) domain.kept = nullptr;
+    const SweepDomain domain = near(bundle);
     const std::vector<SweepBeam> swept = beams(bundle);
     std::vector<NodeValues> light(swept.size());
     parallel_for(static_cast<int>(swept.size()), task_, [&](int k) {
@@ -297,7 +297,7 @@ SkyShares ScatteringSolver::arriving(bool everywhere) const {
     parallel_for(n.x - 2, task_, [&](int i) {
       const int x = i + 1;
       for (int y = 1; y < n.y - 1; ++y) {
-        const SweepRow row = everywhere ? SweepRow{0, n.z} : rows_[static_cast<size_t>(x) * n.y + y];
+        const SweepRow& row = rows_[static_cast<size_t>(x) * n.y + y];
         for (int z = row.begin; z < std::min(row.end, n.z); ++z) {
           const size_t node = lattice_.index(x, y, z);
           const size_t from = bundle.lying ? (static_cast<size_t>(z) * n.x + x) * lying_.row + y : node;

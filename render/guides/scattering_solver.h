@@ -54,6 +54,8 @@ class ScatteringSolver {
   const Lattice& lattice() const { return lattice_; }
   /// Per spacing.
   const NodeValues& extinction() const { return extinction_; }
+  /// The same without the forward peak.
+  const NodeValues& scaled_extinction() const { return scaled_; }
   /// What the forward peak leaves of the extinction, averaged over the media.
   double mean_scale() const { return mean_scale_; }
 
@@ -64,8 +66,7 @@ class ScatteringSolver {
   Moments nothing() const;
   /// For each direction of travel, the share of the light from outside that arrives unscattered, the forward peak being
   /// scattering.
-  /// @param everywhere  not only near the media
-  SkyShares arriving(bool everywhere) const;
+  SkyShares arriving() const;
   /// Moments of the light that enters from outside, for each direction, the forward peak being none.
   Moments entering(const std::vector<double>& incoming);
   /// Moments of emitted light. @param glow  emission per spacing at the nodes

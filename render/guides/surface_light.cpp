@@ -4,6 +4,7 @@
 
 #include "base/math.h"
 #include "base/parallel_for.h"
+#include "render/guides/attenuation.h"
 
 namespace brume {
 namespace {
@@ -16,18 +17,12 @@ constexpr double kFar = 1e30;
 }  // namespace
 
 SurfaceLight::SurfaceLight(const GuideMedia& media, const Surfaces& surfaces, const Reflected& reflected,
-                           const Transmittance& transmittance, const Task& task) {
-  const dvec3 size = media.hi() - media.lo();
-  const double spacing = max_component(size) / kProbesAcross;
-  n_ = glm::clamp(ivec3(glm::round(size / spacing)), ivec3(1), ivec3(kProbesAcross));
-  spacing_ = size / dvec3(n_);
-  // In the middle of cells: none stands on a floor below the media.
-  lo_ = media.lo() + 0.5 * spacing_;
-  probes_.resize(static_cast<size_t>(n_.x) * n_.y * n_.z);
+                           const AmbientLight& ambient_light, const Task& task)
+    // In the middle of cells: no probe stands on a floor below the media.
+    : grid_(media.lo(), media.hi(), kProbesAcross), probes_(static_cast<size_t>(grid_.count())) {
   const std::vector<dvec3> directions = spiral_of_directions(kDirections);
-  parallel_for(static_cast<int>(probes_.size()), quiet(task), [&](int i) {
-    const ivec3 place(i / (n_.y * n_.z), i / n_.z % n_.y, i % n_.z);
-    const dvec3 p = lo_ + spacing_ * dvec3(place);
+  parallel_for(grid_.count(), quiet(task), [&](int i) {
+    const dvec3 p = grid_.at(i);
     Probe& probe = probes_[static_cast<size_t>(i)];
     for (const dvec3& direction : directions) {
       Ray ray{p, direction};
@@ -47,7 +42,8 @@ SurfaceLight::SurfaceLight(const GuideMedia& media, const Surfaces& surfaces, co
         straight = false;
         const dvec3 light = left * reflected(ray, *hit);
         if (bsdf.kind != Bsdf::Kind::kConductor) {
-          const dvec3 arriving = light * transmittance(p, direction, before);
+          const dvec3 arriving = light * attenuation(ambient_light.depth(p, direction, before));
+          probe.cube.add(arriving, direction);
           probe.light[0] += arriving;
           for (int a = 0; a < 3; ++a) probe.light[a + 1] -= arriving * direction[a];
           break;
@@ -64,38 +60,21 @@ SurfaceLight::SurfaceLight(const GuideMedia& media, const Surfaces& surfaces, co
   colour_ = mean > 0 ? colour_ / mean : dvec3(0);
 }
 
-template <class Weight>
-SurfaceLight::Probe SurfaceLight::between(const dvec3& world, const Weight& weight) const {
-  const dvec3 p = glm::clamp((world - lo_) / spacing_, dvec3(0), dvec3(n_ - 1));
-  const ivec3 i = glm::clamp(ivec3(p), ivec3(0), glm::max(n_ - 2, ivec3(0)));
-  const dvec3 f = p - dvec3(i);
-  Probe sum;
-  double total = 0;
-  for (int corner = 0; corner < 8; ++corner) {
-    const ivec3 o(corner >> 2, corner >> 1 & 1, corner & 1), q = glm::min(i + o, n_ - 1);
-    const double linear = (o.x ? f.x : 1 - f.x) * (o.y ? f.y : 1 - f.y) * (o.z ? f.z : 1 - f.z);
-    const double w = linear * weight(lo_ + spacing_ * dvec3(q));
-    total += w;
-    for (size_t a = 0; a < 4; ++a) sum.light[a] += w * probe(q).light[a];
-  }
-  for (dvec3& light : sum.light) light = total > 0 ? light / total : dvec3(0);
-  return sum;
-}
-
 std::array<double, 4> SurfaceLight::at(const dvec3& world, GuideColour colour) const {
-  const Probe found = between(world, [](const dvec3&) { return 1.0; });
-  std::array<double, 4> moments;
-  for (size_t a = 0; a < 4; ++a) moments[a] = in_colour(found.light[a], colour);
+  const ProbeGrid::Around around = grid_.around(world);
+  std::array<double, 4> moments{};
+  for (size_t k = 0; k < 8; ++k)
+    for (size_t a = 0; a < 4; ++a)
+      moments[a] += around.weight[k] * in_colour(probes_[static_cast<size_t>(around.probe[k])].light[a], colour);
   return moments;
 }
 
 dvec3 SurfaceLight::onto(const dvec3& world, const dvec3& normal) const {
-  // Probes behind the surface know nothing of what it faces.
-  constexpr double kBehind = 1e-3;
-  const Probe found = between(world, [&](const dvec3& at) { return glm::dot(at - world, normal) > 0 ? 1.0 : kBehind; });
-  // Of radiance that is linear in the direction, less than none of which is none.
-  return glm::max(dvec3(0), found.light[0] - 2.0 * (normal.x * found.light[1] + normal.y * found.light[2] +
-                                                    normal.z * found.light[3]));
+  const ProbeGrid::Around around = grid_.before(world, normal, [](int) { return true; });
+  dvec3 sum(0);
+  for (size_t k = 0; k < 8; ++k)
+    sum += around.weight[k] * probes_[static_cast<size_t>(around.probe[k])].cube.onto(normal);
+  return sum;
 }
 
 }  // namespace brume

@@ -1,11 +1,12 @@
 #pragma once
+#include <array>
 #include <functional>
 #include <vector>
 
 #include "base/progress.h"
+#include "render/guides/ambient_light.h"
 #include "render/guides/guide_media.h"
-#include "render/guides/lattice.h"
-#include "render/guides/scattering_solver.h"
+#include "render/guides/probe_grid.h"
 #include "render/world/surfaces.h"
 
 namespace brume {
@@ -16,11 +17,9 @@ class SurfaceLight {
  public:
   /// Radiance that a surface sends back along a ray that hit it.
   using Reflected = std::function<dvec3(const Ray& ray, const SurfaceHit& hit)>;
-  /// Transmittance of the media from a point along a direction, so far [world units].
-  using Transmittance = std::function<double(const dvec3& from, const dvec3& towards, double distance)>;
 
   SurfaceLight(const GuideMedia& media, const Surfaces& surfaces, const Reflected& reflected,
-               const Transmittance& transmittance, const Task& task);
+               const AmbientLight& ambient_light, const Task& task);
 
   /// Of mean 1; black where no surface sends any light.
   dvec3 colour() const { return colour_; }
@@ -32,14 +31,10 @@ class SurfaceLight {
  private:
   struct Probe {
     dvec3 light[4]{};  ///< RGB of each moment
+    AmbientCube cube;
   };
-  const Probe& probe(const ivec3& p) const { return probes_[static_cast<size_t>((p.x * n_.y + p.y) * n_.z + p.z)]; }
-  /// Linear between the probes, as beyond the outermost ones. @param weight  of each probe around
-  template <class Weight>
-  Probe between(const dvec3& world, const Weight& weight) const;
 
-  dvec3 lo_{0}, spacing_{1};
-  ivec3 n_{1};
+  ProbeGrid grid_;
   std::vector<Probe> probes_;
   dvec3 colour_{0};
 };

@@ -160,11 +160,22 @@ MeshLight::MeshLight(const TriangleMesh& mesh, const dvec3& radiance) : mesh_(&m
   for (size_t i = 0; i < mesh.triangles.size(); ++i) {
     area_ += mesh.area(i);
     cdf_.push_back(area_);
+    const dvec3 facing = mesh.area(i) * mesh.normal(i);
+    for (int axis = 0; axis < 3; ++axis)
+      projected_[static_cast<size_t>(2 * axis + (facing[axis] < 0 ? 1 : 0))] += std::abs(facing[axis]);
   }
   for (double& c : cdf_) c /= area_;
   for (const dvec3& v : mesh.positions) centre_ += v;
   centre_ /= static_cast<double>(mesh.positions.size());
   for (const dvec3& v : mesh.positions) reach_ = std::max(reach_, glm::distance(centre_, v));
+}
+
+double MeshLight::projected_area(const dvec3& direction) const {
+  double sum = 0;
+  for (int axis = 0; axis < 3; ++axis)
+    sum +=
+        direction[axis] * direction[axis] * projected_[static_cast<size_t>(2 * axis + (direction[axis] > 0 ? 1 : 0))];
+  return sum;
 }
 
 LightSample MeshLight::sample(const dvec3& p, const dvec2& u) const {

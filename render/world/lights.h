@@ -1,4 +1,5 @@
 #pragma once
+#include <array>
 #include <memory>
 #include <string>
 #include <vector>
@@ -150,11 +151,16 @@ class MeshLight : public Light {
   /// In solid angle at distance t, for a point of the mesh met under cos_theta.
   double pdf(double t, double cos_theta) const { return t * t / (area_ * std::abs(cos_theta)); }
   const dvec3& radiance() const { return radiance_; }
+  const dvec3& middle() const { return centre_; }
+  /// Of the front faces, seen from afar along a direction that leads to the mesh; self-occlusion is left out, and what
+  /// lies between the axes interpolated.
+  double projected_area(const dvec3& direction) const;
 
  private:
   const TriangleMesh* mesh_;
   dvec3 radiance_, centre_{0};
   double area_ = 0, reach_ = 0;
+  std::array<double, 6> projected_{};  // along -x, x, -y, y, -z, z
   std::vector<double> cdf_;
 };
 

@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdlib>
 #include <numeric>
@@ -51,6 +52,13 @@ double block_sum(const Plane& plane, int bx, int by) {
   return sum;
 }
 
+float least(const Plane& plane) {
+  float value = plane(0, 0);
+  for (int y = 0; y < plane.height(); ++y)
+    for (const float v : plane.pixels(y)) value = std::min(value, v);
+  return value;
+}
+
 /// Relative error of a prediction over the blocks that a medium fills: root of the mean square of its difference from
 /// the traced light, without what the traced light's noise makes of it, over that of the traced light; and how far the
 /// noise alone would reach.
@@ -91,9 +99,8 @@ struct Limit {
   const char* kind;
   double direct, indirect;
 };
-constexpr Limit kLimits[] = {{"", 0.25, 0.6},          {"mie", 0.8, 1.0},        {"floor", 0.6, 1.0},
-                             {"mesh light", 2.3, 0.9}, {"glass", 0.5, 0.9},      {"mirror", 0.3, 0.7},
-                             {"mesh inside", 0.4, 1},  {"camera inside", 0.6, 1}};
+constexpr Limit kLimits[] = {{"", 0.12, 0.22},          {"two lobes", 0.27, 0.5},    {"mie", 0.26, 1.0},
+                             {"mesh light", 0.95, 0.6}, {"mesh inside", 0.12, 0.31}, {"camera inside", 0.26, 0.36}};
 
 Limit limit_of(const test::RandomScene& random) {
   Limit limit = kLimits[0];
@@ -133,6 +140,9 @@ TEST_P(RandomScene, IsPredictedByItsGuidesAndNeverWorseClean) {
   const PreparedScene scene(random.scene, LayerRequest::of({"direct", "indirect", "guides"}, true));
   const Layers frame = scene.render(128, 1, {}).layers;
   for (const auto& [name, plane] : frame.channels()) EXPECT_EQ(count_not_finite(plane), 0u) << name;
+  for (const std::string part : {"direct", "indirect"})
+    for (const char channel : {'R', 'G', 'B'})
+      EXPECT_GE(least(frame.at("guide.predicted_" + part + "." + channel)), 0.0f) << part << " " << channel;
   const Difference direct = difference(frame, layer::direct, "guide.predicted_direct"),
                    indirect = difference(frame, layer::indirect, "guide.predicted_indirect");
 
