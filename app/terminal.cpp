@@ -50,6 +50,7 @@ class ProgressLine {
                  stderr);
     } else if (style_ == "lines") {
       const int tenth = static_cast<int>(std::floor(fraction * 10 + 1e-9));
+      if (fraction * 10 < tenth_ - 0.5) tenth_ = tenth - 1;  // more is to do than was thought
       if (tenth <= tenth_ || (elapsed < 2 && fraction < 1)) return;
       tenth_ = tenth;
       std::fputs(fmt::format("brume: {}: {} %{}\n", label_, tenth * 10,

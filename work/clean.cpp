@@ -12,15 +12,16 @@
 #include "filters/guide_layers.h"
 #include "filters/registry.h"
 #include "filters/requirements.h"
+#include "work/error_curve.h"
 
 namespace brume {
 namespace {
 
-// Of a tile's squared error: it falls like samples to the power of -kDecay, a little less than without a filter.
-constexpr double kDecay = 0.8;
-// A round takes between a third more and twice as many samples as there are, so that errors are known before they are
+// Of a tile's squared error: it falls like samples to the power of -kDecay.
+constexpr double kDecay = ErrorCurve::kUsualDecay;
+// A round takes between a tenth more and twice as many samples as there are, so that errors are known before they are
 // acted on and few pictures are cleaned.
-constexpr double kLeastGrowth = 1.3, kMostGrowth = 2;
+constexpr double kLeastGrowth = 1.1, kMostGrowth = 2;
 constexpr double kMostShare = 16;  // samples of a tile over the mean's
 
 bool makes(const FilterEntry& filter, const LayerName& layer) {
@@ -154,8 +155,18 @@ NextRound Cleaner::next_round(const RenderRound& round, double target) {
     total += pixels[t] * taken[t];
     all_pixels += pixels[t];
   }
+  NextRound next;
   double growth = kMostGrowth;
-  if (known && target > 0) growth = std::clamp(std::pow(error_ / target, 2 / kDecay), kLeastGrowth, kMostGrowth);
+  if (known && target > 0) {
+    ErrorCurve curve;
+    for (const RoundError& e : round.earlier) curve.add(e.samples, e.error);
+    curve.add(total, error_);
+    next.error = error_;
+    next.samples_needed = curve.samples_needed(target);
+    const RoundsLeft left = rounds_left(next.samples_needed / total, kLeastGrowth, kMostGrowth);
+    next.rounds_needed = left.rounds;
+    growth = left.growth;
+  }
   growth = std::min(growth, round.most_growth);
   if (!(growth > 1)) return {};
 
@@ -174,10 +185,8 @@ NextRound Cleaner::next_round(const RenderRound& round, double target) {
   // What a tile has already it keeps; the others share the rest in proportion.
   const double budget = growth * total;
   double lowest = 0, highest = 1e30;
-  NextRound next;
   std::vector<uint32_t>& goals = next.goals;
   goals.resize(tiles);
-  if (known && target > 0) next.samples_needed = total * std::pow(error_ / target, 2 / kDecay);
   for (int step = 0; step < 200; ++step) {
     const double factor = std::sqrt(std::max(lowest, 1e-30) * highest);
     double sum = 0;

@@ -33,8 +33,8 @@ class Cleaner {
   /// The round after this one; without goals where the target is reached, or nothing can be gained.
   ///
   /// With a filter that estimates its error, samples are spread so that the sum of the squared relative errors falls
-  /// most, each tile's error falling like samples^-0.8; with one that makes a map of samples (sobel_guided), by it;
-  /// evenly otherwise.
+  /// most, each tile's squared error falling like samples^-0.8; with one that makes a map of samples (sobel_guided), by
+  /// it; evenly otherwise. The last round is as long as the errors of the rounds so far say that it must be.
   /// @param target  relative error of the clean picture (Cleaner::error); 0: none
   NextRound next_round(const RenderRound& round, double target);
 

@@ -38,17 +38,25 @@ struct RenderResult {
   RenderReport report;
 };
 
+/// The error that was estimated after a round.
+struct RoundError {
+  double samples, error;  ///< of all pixels together; relative
+};
+
 /// A render between two rounds of samples.
 struct RenderRound {
   const Film& film;
-  const Layers& frame;  ///< what the film holds, with header and guides
-  double most_growth;   ///< of the number of samples, that the time allows
+  const Layers& frame;                     ///< what the film holds, with header and guides
+  double most_growth;                      ///< of the number of samples, that the time allows
+  const std::vector<RoundError>& earlier;  ///< rounds, also those before a checkpoint that is resumed
 };
 
 /// What comes after a round.
 struct NextRound {
   std::vector<uint32_t> goals;  ///< samples that each tile of the film is to have; empty: the render is done
   double samples_needed = 0;    ///< of all pixels together until the target is reached, estimated; 0: unknown
+  int rounds_needed = 1;        ///< that it takes to get there, estimated
+  double error = 0;             ///< estimated after the round that is over; 0: unknown
 };
 
 /// Which samples to take, and what to do on the way.

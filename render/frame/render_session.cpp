@@ -69,6 +69,7 @@ void RenderSession::resume() {
                                  job_.resume.string(), most_taken(), first_, job_.part, job_.parts, end_ - first_));
   develop_all();
   if (const std::string goals = saved.text("roundGoals"); job_.next_round && !goals.empty()) read_goals(goals);
+  if (const std::string errors = saved.text("roundErrors"); !errors.empty()) read_errors(errors);
   resumed_.seconds = saved.number("renderTimeSeconds").value_or(0.0);
   resumed_.cpu_seconds = saved.number("cpuSeconds").value_or(0.0);
   resumed_.counters.capped_paths = static_cast<uint64_t>(saved.number("cappedPaths").value_or(0.0));
@@ -90,6 +91,20 @@ void RenderSession::read_goals(const std::string& text) {
   if (goals_.size() != tiles_.size())
     throw InputError(fmt::format("{}: roundGoals in its header holds {} numbers; expected {}, one for each tile",
                                  job_.resume.string(), goals_.size(), tiles_.size()));
+}
+
+void RenderSession::read_errors(const std::string& text) {
+  for (const std::string& word : split(text, ',')) {
+    RoundError round{};
+    const char* const end = word.data() + word.size();
+    const auto samples = std::from_chars(word.data(), end, round.samples);
+    const bool more = samples.ec == std::errc() && samples.ptr != end && *samples.ptr == ':';
+    const auto error = std::from_chars(more ? samples.ptr + 1 : end, end, round.error);
+    if (error.ec != std::errc() || error.ptr != end)
+      throw InputError(
+          fmt::format("{}: roundErrors in its header holds '{}'; expected SAMPLES:ERROR", job_.resume.string(), word));
+    errors_.push_back(round);
+  }
 }
 
 void RenderSession::open_records() {
@@ -182,15 +197,20 @@ void RenderSession::run_rounds() {
     if (!more && !resumed) break;
     if (more) {
       const Stopwatch watch;
+      const double before = samples_taken();
       pass(goals_);
       sampling += watch.seconds();
+      rounds_.add_sampling(samples_taken() - before, watch.seconds());
       done_ = fewest_taken();
       write_regular_checkpoint();
     }
+    const Stopwatch watch;
     NextRound next = ask_for_round(sampling);
+    rounds_.add_estimate(watch.seconds());
     if (next.goals.empty()) break;
+    if (next.error > 0) errors_.push_back({samples_taken(), next.error});
     goals_ = std::move(next.goals);
-    needed_samples_ = next.samples_needed;
+    rounds_.expect(next.samples_needed, next.rounds_needed);
   }
 }
 
@@ -204,7 +224,7 @@ NextRound RenderSession::ask_for_round(double sampling_seconds) {
   }
   record_guides(quiet(task_));
   const Layers frame = film_so_far();
-  return job_.next_round({film_, frame, growth});
+  return job_.next_round({film_, frame, growth, errors_});
 }
 
 void RenderSession::record_guides(const Task& task) {
@@ -260,15 +280,27 @@ double RenderSession::done_share(double samples) const {
   return std::clamp(share, 0.0, 0.999);
 }
 
+double RenderSession::rounds_share(double samples, double before, double pass_seconds) const {
+  const double left = rounds_.seconds_left(samples, samples - before, pass_seconds), spent = wall_.seconds();
+  return std::max(done_share(samples), left > 0 ? spent / (spent + left) : 0.0);
+}
+
 void RenderSession::pass(const std::vector<uint32_t>& goals) {
   Task task = task_;
+  const Stopwatch watch;
   const double before = samples_taken();
-  double after = 0;
+  double after = 0, share = 0;
   for (int tile = 0; tile < film_.tile_count(); ++tile)
     after += static_cast<double>(film_.bounds(tile).pixels()) *
              std::max(film_.taken(tile), goals[static_cast<size_t>(tile)]);
   if (needed_samples_ > 0) needed_samples_ = std::max(needed_samples_, after);  // no pass ends early
-  if (task_.progress) task.progress = [&](double f) { task_.report(done_share(before + f * (after - before))); };
+  if (task_.progress)
+    task.progress = [&](double f) {
+      const double samples = before + f * (after - before);
+      // Within a round a slower pace holds the bar; more samples than were thought to be needed pull it back after it.
+      share = std::max(share, job_.next_round ? rounds_share(samples, before, watch.seconds()) : done_share(samples));
+      task_.report(share);
+    };
   parallel_for(film_.tile_count(), task, [&](int tile) {
     const uint32_t own = goals[static_cast<size_t>(tile)];
     if (film_.taken(tile) >= own) return;
@@ -376,6 +408,9 @@ bool RenderSession::write_checkpoint() {
     std::vector<std::string> goals;
     for (const uint32_t goal : goals_) goals.push_back(std::to_string(goal));
     frame.header["roundGoals"] = join(goals, ",");
+    std::vector<std::string> errors;  // in full: what follows from them must not depend on a checkpoint
+    for (const RoundError& e : errors_) errors.push_back(fmt::format("{}:{}", e.samples, e.error));
+    if (!errors.empty()) frame.header["roundErrors"] = join(errors, ",");
   }
   return checkpoint_.write(frame, film_.state_rows());
 }

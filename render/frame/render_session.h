@@ -11,6 +11,7 @@
 #include "render/frame/render_job.h"
 #include "render/frame/render_state.h"
 #include "render/frame/renderer.h"
+#include "render/frame/round_progress.h"
 
 namespace brume {
 
@@ -39,12 +40,17 @@ class RenderSession {
   void run_rounds();
   /// The next round, for the film as it is.
   NextRound ask_for_round(double sampling_seconds);
+  /// The share of a render in rounds that is done at this many samples, in seconds spent and left.
+  /// @param before  samples when the pass began
+  double rounds_share(double samples, double before, double pass_seconds) const;
   void write_regular_checkpoint();
   /// Each tile up to its goal of samples of each pixel.
   void pass(const std::vector<uint32_t>& goals);
   void develop_all();
   /// What each tile was to have after the round in which a checkpoint was written. @throws InputError
   void read_goals(const std::string& text);
+  /// The errors after the rounds before that. @throws InputError
+  void read_errors(const std::string& text);
   /// The frame that the film holds now, with the guides where they are recorded.
   Layers film_so_far() const;
   void record_guides(const Task& task);
@@ -94,9 +100,11 @@ class RenderSession {
   double cpu_start_ = 0;
   uint32_t resumed_at_ = 0, done_ = 0;  // samples of each pixel
   std::vector<uint32_t> goals_;         // of the tiles in this round
-  double resumed_samples_ = 0;          // of all pixels together
-  double needed_samples_ = 0;           // until the target error is reached, estimated; 0: unknown
-  double last_checkpoint_ = 0;          // on the wall clock
+  std::vector<RoundError> errors_;      // after the rounds so far
+  RoundProgress rounds_;
+  double resumed_samples_ = 0;  // of all pixels together
+  double needed_samples_ = 0;   // until the target error is reached, estimated; 0: unknown
+  double last_checkpoint_ = 0;  // on the wall clock
 };
 
 }  // namespace brume

@@ -61,10 +61,10 @@ TEST_F(Clean, ABareVolumeIsFramedLitAndCleaned) {
 }
 
 TEST_F(Clean, ATargetErrorSendsSamplesWhereTheCleanPictureNeedsThem) {
-  const auto r = run_brume("render " + kSmoke + kTiny + "--clean --target-error 0.01 -o " + path("smoke.exr"));
+  const auto r = run_brume("render " + kSmoke + kTiny + "--clean --target-error 0.005 -o " + path("smoke.exr"));
   ASSERT_EQ(r.status, 0) << r.err;
   const Layers frame = read_exr(folder_ / "smoke.exr");
-  EXPECT_LE(frame.number("estimatedCleanError").value_or(1), 0.01);
+  EXPECT_LE(frame.number("estimatedCleanError").value_or(1), 0.005);
   const Plane& count = frame.at("sample_count.Y");
   float least = count(0, 0), most = least;
   for (int y = 0; y < frame.height(); ++y)

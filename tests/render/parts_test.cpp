@@ -176,6 +176,9 @@ TEST_F(PartsTest, InterruptedAndResumedIsAsIfNothingHadHappened) {
 /// Rounds in which tiles are given different numbers of samples, as a filter's error estimate gives them.
 NextRound uneven_rounds(const RenderRound& round) {
   NextRound next;
+  next.error = 0.1 / round.film.taken(0);
+  EXPECT_EQ(round.earlier.size(), round.film.taken(0) - 3) << "rounds before a checkpoint are not forgotten";
+  for (const RoundError& e : round.earlier) EXPECT_GE(e.error, 0.1 / (round.film.taken(0) - 1));
   for (int tile = 0; tile < round.film.tile_count(); ++tile)
     next.goals.push_back(round.film.taken(tile) * (tile % 2 ? 2 : 1) + 1);
   next.samples_needed = 40.0 * round.film.width() * round.film.height();
