@@ -308,10 +308,10 @@ TEST(TransportRegression, NoiseBesideTheMediumIsCleaned) {
         if (opacity(x, y) > 0) continue;
         const float a = static_cast<float>(0.1 * normal(x, y, 31)), b = static_cast<float>(0.1 * normal(x, y, 32));
         const float sky = constant_sky(x, y, c);
-        frame.at(layer::direct.channel_of(statistic::half_a, c))(x, y) = sky + a;
-        frame.at(layer::direct.channel_of(statistic::half_b, c))(x, y) = sky + b;
-        frame.at(layer::direct.channel(c))(x, y) = sky + 0.5f * (a + b);
-        frame.at(layer::beauty.channel(c))(x, y) = sky + 0.5f * (a + b);
+        (*frame.find(layer::direct.channel_of(statistic::half_a, c)))(x, y) = sky + a;
+        (*frame.find(layer::direct.channel_of(statistic::half_b, c)))(x, y) = sky + b;
+        (*frame.find(layer::direct.channel(c)))(x, y) = sky + 0.5f * (a + b);
+        (*frame.find(layer::beauty.channel(c)))(x, y) = sky + 0.5f * (a + b);
       }
   const Layers out = clean(frame);
   double before = 0, after = 0;
