@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
 """Prints a section of docs/results.md from the results.json of one of its experiments.
 
-  brume evaluate bench/experiments/results.toml --cache build/cache -o build/results   # or papers.toml, studies.toml
+  brume evaluate bench/experiments/results.toml --cache build/cache -o build/results   # or papers, studies, scenes.toml
   bench/results_section.py build/results/results.json
 
 Where parameters were searched: each filter by setting, and what the studies found. Otherwise: all filters on all media, and
-transport_regression over the others.
+transport_regression over the others; of scenes.toml, which has no gradient_kernel, one table over whole frames.
 """
 import json
 import math
@@ -142,12 +142,35 @@ def clean_frames(results):
     print("Largest relative bias over the medium:", "; ".join(f"{100 * b:.2f} % ({s}, {n} spp)" for b, s, n in sorted(bias)[-4:]))
 
 
+def whole_frames(results):
+    """A line for each scene: path tracing, ours and the best other filter at each sample count, over the whole frame."""
+    methods = {m["id"]: m for m in results["methods"] if m["setting"] in ("none", "default")}
+    ours = next(m["id"] for m in methods.values() if m["filter"] == OURS)
+    counts = results["spp"]
+    ratios = {n: [] for n in counts}
+    print("| scene | " + " | ".join(f"{n} spp: path tracing, ours, best other" for n in counts) + " |")
+    print("|---|" + "---|" * len(counts))
+    for scene in (s["name"] for s in results["scenes"]):
+        cells = []
+        for n in counts:
+            rms = {r["method"]: r["metrics"]["lab_rms"]["mean"] for r in results["rows"]
+                   if (r["scene"], r["spp"], r["region"]) == (scene, n, "frame") and r["method"] in methods and "lab_rms" in r["metrics"]}
+            other = min((m for m in rms if m != ours and methods[m]["filter"]), key=rms.get)
+            noisy = next(v for m, v in rms.items() if not methods[m]["filter"])
+            ratios[n].append(rms[ours] / rms[other])
+            cells.append(f"{noisy:.2f}, {rms[ours]:.2f}, {rms[other]:.2f} {methods[other]['label']} ({ratios[n][-1]:.2f})")
+        print(f"| {scene} | " + " | ".join(cells) + " |")
+    means = [f"{math.exp(sum(map(math.log, r)) / len(r)):.2f}" for r in ratios.values()]
+    print("| geometric mean of ours over the best other | " + " | ".join(means) + " |")
+
 
 def main():
     with open(sys.argv[1]) as file:
         results = json.load(file)
     if results["experiment"]["searched"]:
         searched(results)
+    elif not any(m["filter"] == "gradient_kernel" for m in results["methods"]):
+        whole_frames(results)
     else:
         clean_frames(results)
 
