@@ -185,13 +185,6 @@ void consider(int proposal, const Step& step, const MixingRegion& region, Best& 
   }
 }
 
-bool any(const Plane& plane) {
-  for (int y = 0; y < plane.height(); ++y)
-    for (const float v : plane.pixels(y))
-      if (v > 0) return true;
-  return false;
-}
-
 }  // namespace
 
 Plane mix(HalfPair& result, const std::vector<Proposal>& proposals, const MixingFrame& frame, const Task& task) {
@@ -219,7 +212,7 @@ Plane mix(HalfPair& result, const std::vector<Proposal>& proposals, const Mixing
         Plane share = make_plane(width, height, quiet(task), [&](int x, int y) {
           return best[r].of(x, y) == static_cast<int>(m) ? region(x, y) * best[r].share(x, y) : 0.0f;
         });
-        if (!any(share)) continue;
+        if (!any_above_0(share)) continue;
         share = gaussian_blur(share, kShareWindow, task);
         const Plane around = gaussian_blur(region, kShareWindow, task);
         for_each_row(height, quiet(task), [&](int y) {

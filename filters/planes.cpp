@@ -16,6 +16,12 @@ void for_each_row(int height, const Task& task, const std::function<void(int)>& 
   });
 }
 
+bool any_above_0(const Plane& plane, const Box& box) {
+  for (int y = box.y0; y < box.y1; ++y)
+    if (std::any_of(plane.row(y) + box.x0, plane.row(y) + box.x1, [](float v) { return v > 0; })) return true;
+  return false;
+}
+
 Plane box_mean(const Plane& in, int radius, const Task& task) {
   const int width = in.width(), height = in.height();
   Plane horizontal(width, height), out(width, height);

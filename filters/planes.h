@@ -47,6 +47,12 @@ struct Box {
   int height() const { return y1 - y0; }
   Box grown(int by, int image_width, int image_height) const;
 };
+
+/// Whether any value in the box is above 0.
+bool any_above_0(const Plane& plane, const Box& box);
+inline bool any_above_0(const Plane& plane) {
+  return any_above_0(plane, {0, 0, plane.width(), plane.height()});
+}
 Plane crop(const Plane& in, const Box& box);
 
 }  // namespace brume

@@ -14,12 +14,6 @@ constexpr float kRidge = 3e-6f, kFloor = 1e-7f;
 // The pixel itself counts at least this much, however unlike its neighbours it is.
 constexpr float kCentreWeight = 1e-4f;
 
-bool any_above_0(const Plane& plane, const Box& box) {
-  for (int y = box.y0; y < box.y1; ++y)
-    if (std::any_of(plane.row(y) + box.x0, plane.row(y) + box.x1, [](float v) { return v > 0; })) return true;
-  return false;
-}
-
 /// Spans of a power of two, doubled step by step; two of them cover a window.
 template <class Better>
 Plane extreme(const Plane& in, int radius, const Task& task, const Better& better) {

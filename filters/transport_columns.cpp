@@ -30,13 +30,6 @@ bool is_noisy(const FilterFrame& frame, int x, int y) {
   return false;
 }
 
-bool any_above_0(const Plane& plane) {
-  for (int y = 0; y < plane.height(); ++y)
-    for (const float v : plane.pixels(y))
-      if (v > 0) return true;
-  return false;
-}
-
 }  // namespace
 
 void ColourColumns::add(const Guide& g) {
