@@ -53,6 +53,7 @@ bool any_above_0(const Plane& plane, const Box& box);
 inline bool any_above_0(const Plane& plane) {
   return any_above_0(plane, {0, 0, plane.width(), plane.height()});
 }
+
 Plane crop(const Plane& in, const Box& box);
 
 }  // namespace brume
