@@ -32,7 +32,7 @@ struct TransportColumns {
   ColourColumns all;
   ColourColumns medium;         ///< all but multiple scattering
   ColourColumns few;            ///< opacity and a constant
-  Plane mask;                   ///< 1 where there is anything that guides know
+  Plane mask;                   ///< 1 where guides know anything, or the halves differ
   std::vector<Plane> features;  ///< what tells pixels apart, each at most 1: expected light, opacity, surfaces
   Plane bright;                 ///< a first idea of the brightness
   Plane solid;                  ///< share of the pixel that shows surfaces; empty where there are none
