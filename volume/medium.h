@@ -76,19 +76,6 @@ class Medium {
   bool moves() const { return displacement_ != nullptr || end_.has_value(); }
   /// The medium as it is at a time in [0, 1] of the shutter.
   Medium at_time(double time) const;
-  /// Where what is at a world point is in the same medium at another time: it goes on by its velocity and with the
-  /// object.
-  dvec3 followed(const dvec3& world, const Medium& other) const {
-    const dvec3 local = to_local(world);
-    if (!displacement_) return other.to_world(local);
-    // The point that is stored in the same place, by iteration.
-    constexpr int kSteps = 3;
-    const dvec3 stored = displaced(local);
-    dvec3 there = local;
-    for (int i = 0; i < kSteps; ++i)
-      there = stored + other.time_ * displacement_->field.lookup(there + displacement_->origin_shift);
-    return other.to_world(there);
-  }
   /// The medium with its density as it is now at the points of a finer lattice, linear between them: one that is
   /// displaced is looked up far faster so. Any other medium as it is.
   /// @param per_voxel  points of the lattice along a voxel

@@ -618,7 +618,7 @@ void GuideMarch::look_from_sun(const GuideMedia& media, const Ray& ray, double g
 void GuideMarch::light_of(const Piece& piece, const GuideMedia& media, const Ray& ray, Sums& sums) const {
   if (!(piece.thickness > 0)) return;
   std::vector<double>& out = sums.value;
-  const dvec3 p = in_light(media, ray.at(piece.distance / piece.thickness));
+  const dvec3 here = ray.at(piece.distance / piece.thickness), p = in_light(media, here);
   const double albedo = piece.albedo / piece.thickness, g_mean = piece.g / piece.thickness;
   const auto w = static_cast<float>(piece.w), scaled = static_cast<float>(piece.scaled);
   alignas(16) float fields[kMostFields];
@@ -649,7 +649,7 @@ void GuideMarch::light_of(const Piece& piece, const GuideMedia& media, const Ray
     double irradiance, tau, arriving;
     if (g.group.sun) {
       irradiance = in_colour(g.group.sun->irradiance(), colour_);
-      tau = g.sun.at(p);
+      tau = g.sun[time_of(media)].at(here);
       arriving = attenuation(tau);
       // Of a sun in one medium the angle does not change along the ray.
       if (media.media().size() > 1) look_from_sun(media, ray, g_mean, k, sums);

@@ -95,6 +95,8 @@ class GuideMarch {
   /// The same of parallel light where the mean cosine changes from place to place.
   void look_from_sun(const GuideMedia& media, const Ray& ray, double g, size_t group, Sums& sums) const;
   /// Where the light of what is at a point was solved: it may move.
+  /// Of the shutter's.
+  size_t time_of(const GuideMedia& media) const { return static_cast<size_t>(&media - media_.data()); }
   dvec3 in_light(const GuideMedia& media, const dvec3& p) const;
   void light_of(const Piece& piece, const GuideMedia& media, const Ray& ray, Sums& sums) const;
   void collect_fields(Sums& sums) const;

@@ -154,7 +154,7 @@ GuideMarch::Passed GuideMarch::see_media(const Ray& ray, const GuideMedia& media
       if (g.group.sun) {
         towards = g.group.sun->axis();
         irradiance = in_colour(g.group.sun->irradiance(), colour_);
-        tau = g.sun.at(p);
+        tau = g.sun[time_of(media)].at(ray.at(distance / thickness_sum));
         arriving = attenuation(tau);
       } else {
         const LocalLight local = local_light(*g.group.lights[0], p);
@@ -220,7 +220,7 @@ dvec3 GuideMarch::lights_ahead(const Ray& ray, const FiniteLight* light, double 
       if (way.shown == Way::Shown::kUngrouped) return false;
       // Media were not marched.
       if (way.only_lights)
-        left = attenuation(g.group.sun ? g.sun.at(ray.o) : interpolated(fields_.lattice(), g.depth, ray.o));
+        left = attenuation(g.group.sun ? g.sun_in_middle().at(ray.o) : interpolated(fields_.lattice(), g.depth, ray.o));
     }
     return true;
   };

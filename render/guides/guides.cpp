@@ -11,7 +11,7 @@ namespace brume {
 namespace {
 
 // Times of the shutter that are marched where anything moves; the light is solved for the one in the middle.
-constexpr int kTimes = 4;
+constexpr int kTimes = 9;
 constexpr double kMostDetail = 2;
 constexpr double kMostKept = 150e6;  // bytes of light of all colours
 
@@ -41,7 +41,7 @@ Guides::Guides(const PathContext& context, int samples, double pixels, const Tas
 }
 
 LightFields Guides::solved(GuideColour colour, const Task& task) const {
-  return {media_[media_.size() / 2], *context_.lights, context_.surfaces, colour, detail(samples_), pixels_, task};
+  return {media_, *context_.lights, context_.surfaces, colour, detail(samples_), pixels_, task};
 }
 
 void Guides::record(const Camera& camera, const ivec2& corner, Layers& frame, const Task& task) const {

@@ -152,8 +152,9 @@ double free_path(const GuideMedia& media, GuideColour colour, const Task& task) 
 
 }  // namespace
 
-LightFields::LightFields(const GuideMedia& media, const Lights& lights, const Surfaces* surfaces, GuideColour colour,
-                         double detail, double pixels, const Task& task) {
+LightFields::LightFields(const std::vector<GuideMedia>& times, const Lights& lights, const Surfaces* surfaces,
+                         GuideColour colour, double detail, double pixels, const Task& task) {
+  const GuideMedia& media = times[times.size() / 2];
   const double wanted = kFreePathsPerNode * free_path(media, colour, task) / media.voxel();
   const double voxels = std::clamp(wanted, kVoxelsPerNode, kMostVoxelsPerNode) / detail;
   const double most_for_picture = std::clamp(kNodesPerPixel * pixels, kFewestNodes, kMostNodes);
@@ -190,7 +191,7 @@ LightFields::LightFields(const GuideMedia& media, const Lights& lights, const Su
     switch (group.kind) {
       case LightGroup::Kind::kSun: {
         const dvec3 towards = group.sun->axis();
-        g.sun = SunDepth(media, colour, towards, media.voxel(), kMostSunNodes, own);
+        for (const GuideMedia& m : times) g.sun.emplace_back(m, colour, towards, m.voxel(), kMostSunNodes, own);
         if (surfaces) g.visible = NodeValues(fine_.size());
         arriving = solver.nothing();
         const double irradiance = in_colour(group.sun->irradiance(), colour);
@@ -202,7 +203,7 @@ LightFields::LightFields(const GuideMedia& media, const Lights& lights, const Su
             g.visible[i] = static_cast<float>(share);
           }
           if (solver.extinction()[i] == 0) return;
-          add_beam(arriving, i, irradiance * share * scaled_transmittance(g.sun.at(p)), towards);
+          add_beam(arriving, i, irradiance * share * scaled_transmittance(g.sun_in_middle().at(p)), towards);
         });
         break;
       }
@@ -363,7 +364,7 @@ size_t LightFields::bytes() const {
     for (const NodeValues& v : g.once) floats += v.size();
     for (const Moments& order : g.orders)
       for (const NodeValues& v : order) floats += v.size();
-    others += g.sun.bytes();
+    for (const SunDepth& sun : g.sun) others += sun.bytes();
   }
   return floats * sizeof(float) + others;
 }

@@ -22,12 +22,15 @@ struct GroupLight {
   static constexpr size_t kFineGuides = 3;
 
   LightGroup group;
-  SunDepth sun;                  ///< of a sun
+  std::vector<SunDepth> sun;     ///< of a sun, at each time of the shutter
   NodeValues depth;              ///< of a local light: optical depth towards it
   NodeValues visible;            ///< of a sun or local light where there are surfaces: share that passes them
   Moments once;                  ///< of others, the glow and surfaces: scattered for the first time in the media
   std::vector<double> incoming;  ///< of the sky: radiance outside, for each direction of travel
   std::vector<Moments> orders;   ///< for each of kFirstOrder, scattered
+
+  /// Where the rest is known: in the middle of the shutter.
+  const SunDepth& sun_in_middle() const { return sun[sun.size() / 2]; }
 };
 
 /// Transmittances for single scattering and a coarse solution of multiple scattering, order by order: the first five on
@@ -35,11 +38,12 @@ struct GroupLight {
 /// on nodes twice as far, then a geometric series of the last two.
 class LightFields {
  public:
+  /// @param times     the media at times of the shutter, the one that is solved in the middle
   /// @param surfaces  null where there are none. They cast shadows into the media, hide the sky, and send what lights
   ///                  them back into the media once.
   /// @param detail    nodes lie as many times closer together
   /// @param pixels    of the picture: they limit how many nodes there are
-  LightFields(const GuideMedia& media, const Lights& lights, const Surfaces* surfaces, GuideColour colour,
+  LightFields(const std::vector<GuideMedia>& times, const Lights& lights, const Surfaces* surfaces, GuideColour colour,
               double detail, double pixels, const Task& task);
 
   const Lattice& lattice() const { return fine_; }

@@ -27,7 +27,7 @@ Beam beam_of(const LocalLight& light, double depth, const Surroundings& around, 
 Beam beam_at(const GroupLight& g, const Surroundings& around, const dvec3& p) {
   if (g.group.sun)
     return beam_of({g.group.sun->axis(), kFar, g.group.sun->irradiance()},
-                   around.scale * static_cast<double>(g.sun.at(p)), around, p);
+                   around.scale * static_cast<double>(g.sun_in_middle().at(p)), around, p);
   const double depth = static_cast<double>(interpolated(around.lattice, g.depth, p));
   return beam_of(local_light(*g.group.lights[0], p), around.scale * depth, around, p);
 }
