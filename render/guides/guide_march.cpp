@@ -34,6 +34,8 @@ constexpr double kOpaque = 2e-3;  // transmittance of an eighth of the extinctio
 constexpr double kFar = 1e30;
 constexpr double kCapMeanCosine = 0.96;  // of a cap of a 24th of the sphere
 constexpr double kNarrow = 0.99;         // mean cosine of directions that count as one
+constexpr int kEdgeRaysAcross = 4;       // of a pixel that shows the edge of a surface or light, where nothing is blurred
+constexpr double kEdgeCosine = 0.9;      // between the normals at a pixel's corners
 constexpr int kMostUnseen = 8;           // surfaces that a camera ray goes through
 constexpr std::array<const char*, 6> kOrderNames = {"order2", "order3", "order4", "order6", "order9", "tail"};
 constexpr size_t kOrders = kOrderNames.size();
@@ -416,7 +418,7 @@ GuideMarch::Eye GuideMarch::eye(const ivec2& pixel, int ray, int across) const {
   if (across == 1) return eye;
   eye.stride = kManyRaysStride;
   if (!blurred()) {
-    eye.offset = ray / 4.0;
+    eye.offset = ray % 4 / 4.0;
   } else if (across == 2) {
     // Opposite sides of the lens, as far from its middle as its points are on average.
     eye.lens = dvec2(0.5) + 0.35 * (dvec2(ray * 2 / 4, ray % 2) * 2.0 - 1.0);
@@ -431,7 +433,26 @@ GuideMarch::Eye GuideMarch::eye(const ivec2& pixel, int ray, int across) const {
   return eye;
 }
 
+bool GuideMarch::shows_edge(const ivec2& pixel) const {
+  std::optional<SurfaceHit> first;
+  const FiniteLight* first_light = nullptr;
+  for (int corner = 0; corner < 4; ++corner) {
+    const Ray ray = camera_.ray(dvec2(pixel + ivec2(corner % 2, corner / 2)));
+    const std::optional<SurfaceHit> hit = first_seen(ray);
+    const FiniteLight* const light = context_.lights->nearest(ray, hit ? hit->t : kFar, /*seen=*/true).first;
+    if (corner == 0) {
+      first = hit;
+      first_light = light;
+    } else if (light != first_light || hit.has_value() != first.has_value() ||
+               (hit && (hit->surface != first->surface || glm::dot(hit->shading, first->shading) < kEdgeCosine))) {
+      return true;
+    }
+  }
+  return false;
+}
+
 int GuideMarch::trace_pixel(const ivec2& pixel, int across, std::vector<MediaLine>& lines, Sums& sums) const {
+  if (context_.surfaces && !blurred() && shows_edge(pixel)) across = kEdgeRaysAcross;
   sums.clear();
   double least = 1, most = 0;
   bool alike = true;
@@ -449,21 +470,23 @@ int GuideMarch::trace_pixel(const ivec2& pixel, int across, std::vector<MediaLin
   return across * across;
 }
 
+std::optional<SurfaceHit> GuideMarch::first_seen(const Ray& ray) const {
+  if (!context_.surfaces) return std::nullopt;
+  double from = 0;
+  for (int unseen = 0; unseen < kMostUnseen; ++unseen) {
+    std::optional<SurfaceHit> hit = context_.surfaces->intersect({ray.at(from), ray.d}, kFar);
+    if (!hit) break;
+    hit->t += from;
+    if (context_.surfaces->settings(hit->surface).role == "visible") return hit;
+    from = hit->t + 2 * hit->margin;
+  }
+  return std::nullopt;
+}
+
 // The first surface that is seen, with the medium in front of it.
 GuideMarch::Met GuideMarch::trace(const Eye& eye, const GuideMedia& media, MediaLine& line, Sums& sums) const {
   const Ray ray = camera_.ray(eye.film, eye.lens, eye.time);
-  std::optional<SurfaceHit> hit;
-  if (context_.surfaces) {
-    double from = 0;
-    for (int unseen = 0; unseen < kMostUnseen; ++unseen) {
-      hit = context_.surfaces->intersect({ray.at(from), ray.d}, kFar);
-      if (!hit) break;
-      hit->t += from;
-      if (context_.surfaces->settings(hit->surface).role == "visible") break;
-      from = hit->t + 2 * hit->margin;
-      hit.reset();
-    }
-  }
+  const std::optional<SurfaceHit> hit = first_seen(ray);
   const auto [light, distance] = context_.lights->nearest(ray, hit ? hit->t : kFar, /*seen=*/true);
   const double t_end = light ? distance : hit ? hit->t : kFar;
   const Passed passed = march(eye, ray, media, line, t_end, sums);

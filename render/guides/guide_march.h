@@ -18,7 +18,8 @@ namespace brume {
 class MediaLine;
 
 /// Camera rays through the light of LightFields, for one colour: one ray for each pixel that is small against voxels,
-/// four for larger ones; through a lens or where anything moves four, or sixteen where those four differ.
+/// four for larger ones, sixteen at edges of surfaces; through a lens or where anything moves four, or sixteen where
+/// those four differ.
 class GuideMarch {
  public:
   GuideMarch(const PathContext& context, const std::vector<GuideMedia>& media, const LightFields& fields,
@@ -70,6 +71,10 @@ class GuideMarch {
   bool blurred() const;
   /// Rays of a pixel along each of its sides, where nothing is blurred.
   int rays_across() const;
+  /// Whether a pixel's corners see unlike surfaces or lights.
+  bool shows_edge(const ivec2& pixel) const;
+  /// The first surface on a camera ray that such rays see.
+  std::optional<SurfaceHit> first_seen(const Ray& ray) const;
   /// One of a pixel's rays. @param across  of them along each of its sides
   Eye eye(const ivec2& pixel, int ray, int across) const;
   /// The rays of a pixel. @return how many they were

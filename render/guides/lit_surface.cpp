@@ -12,11 +12,31 @@ namespace {
 constexpr double kFar = 1e30;
 constexpr double kDark = 50;  // optical depth behind which nothing is lit
 
+/// What surfaces leave of a light at a point: its middle if it is small, else the mean over it, closer where parts
+/// of it are hidden.
+dvec3 passage_of(const Light& light, const LocalLight& middle, const Surfaces& surfaces, const dvec3& p) {
+  const auto mean_of = [&](int across) {
+    dvec3 sum(0);
+    bool alike = true;
+    for (int i = 0; i < across * across; ++i) {
+      const LightSample s = light.sample(p, (dvec2(i % across, i / across) + 0.5) / static_cast<double>(across));
+      const dvec3 light_there = surfaces.passage({p, s.wi}, std::min(s.distance, kFar)).light;
+      alike = alike && (i == 0 || light_there == sum / static_cast<double>(i));
+      sum += light_there;
+    }
+    return std::pair(sum / static_cast<double>(across * across), alike);
+  };
+  if (light.delta() || dynamic_cast<const MeshLight*>(&light))
+    return surfaces.passage({p, middle.towards}, middle.distance).light;
+  const auto [few, alike] = mean_of(2);
+  return alike ? few : mean_of(4).first;
+}
+
 /// @param depth  without the forward peak
-Beam beam_of(const LocalLight& light, double depth, const Surroundings& around, const dvec3& p) {
+Beam beam_of(const Light& source, const LocalLight& light, double depth, const Surroundings& around, const dvec3& p) {
   Beam beam{light.towards, light.irradiance, {}};
   if (!(depth < kDark)) return beam;
-  const dvec3 open = around.surfaces.passage({p, light.towards}, light.distance).light;
+  const dvec3 open = passage_of(source, light, around.surfaces, p);
   const double straight = attenuation(depth / around.scale);
   beam.passed = {straight * open, (attenuation(depth) - straight) * open};
   return beam;
@@ -26,10 +46,10 @@ Beam beam_of(const LocalLight& light, double depth, const Surroundings& around, 
 
 Beam beam_at(const GroupLight& g, const Surroundings& around, const dvec3& p) {
   if (g.group.sun)
-    return beam_of({g.group.sun->axis(), kFar, g.group.sun->irradiance()},
+    return beam_of(*g.group.sun, {g.group.sun->axis(), kFar, g.group.sun->irradiance()},
                    around.scale * static_cast<double>(g.sun_in_middle().at(p)), around, p);
   const double depth = static_cast<double>(interpolated(around.lattice, g.depth, p));
-  return beam_of(local_light(*g.group.lights[0], p), around.scale * depth, around, p);
+  return beam_of(*g.group.lights[0], local_light(*g.group.lights[0], p), around.scale * depth, around, p);
 }
 
 Lit diffuse_light(const GroupLight& g, const Surroundings& around, const dvec3& p, const dvec3& normal) {
@@ -50,7 +70,7 @@ Lit diffuse_light(const GroupLight& g, const Surroundings& around, const dvec3& 
         const double cosine = glm::dot(local.towards, normal);
         if (!(cosine > 0)) continue;
         const double depth = around.ambient_light ? around.ambient_light->depth(p, local.towards, local.distance) : 0;
-        lit.add(cosine / kPi * local.irradiance, beam_of(local, depth, around, p).passed);
+        lit.add(cosine / kPi * local.irradiance, beam_of(*light, local, depth, around, p).passed);
       }
       break;
     case LightGroup::Kind::kSky:
