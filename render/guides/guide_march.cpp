@@ -34,7 +34,7 @@ constexpr double kOpaque = 2e-3;  // transmittance of an eighth of the extinctio
 constexpr double kFar = 1e30;
 constexpr double kCapMeanCosine = 0.96;  // of a cap of a 24th of the sphere
 constexpr double kNarrow = 0.99;         // mean cosine of directions that count as one
-constexpr int kEdgeRaysAcross = 4;       // of a pixel that shows the edge of a surface or light, where nothing is blurred
+constexpr int kMostRaysAcross = 4;       // of a pixel that shows the edge of a surface or light
 constexpr double kEdgeCosine = 0.9;      // between the normals at a pixel's corners
 constexpr int kMostUnseen = 8;           // surfaces that a camera ray goes through
 constexpr std::array<const char*, 6> kOrderNames = {"order2", "order3", "order4", "order6", "order9", "tail"};
@@ -436,8 +436,10 @@ GuideMarch::Eye GuideMarch::eye(const ivec2& pixel, int ray, int across) const {
 bool GuideMarch::shows_edge(const ivec2& pixel) const {
   std::optional<SurfaceHit> first;
   const FiniteLight* first_light = nullptr;
+  // Through the rim of a lens, and at both ends of the shutter.
   for (int corner = 0; corner < 4; ++corner) {
-    const Ray ray = camera_.ray(dvec2(pixel + ivec2(corner % 2, corner / 2)));
+    const dvec2 square(corner % 2, corner / 2);
+    const Ray ray = camera_.ray(dvec2(pixel) + square, square, corner == 0 || corner == 3 ? 0.0 : 1.0);
     const std::optional<SurfaceHit> hit = first_seen(ray);
     const FiniteLight* const light = context_.lights->nearest(ray, hit ? hit->t : kFar, /*seen=*/true).first;
     if (corner == 0) {
@@ -452,7 +454,7 @@ bool GuideMarch::shows_edge(const ivec2& pixel) const {
 }
 
 int GuideMarch::trace_pixel(const ivec2& pixel, int across, std::vector<MediaLine>& lines, Sums& sums) const {
-  if (context_.surfaces && !blurred() && shows_edge(pixel)) across = kEdgeRaysAcross;
+  if (context_.surfaces && shows_edge(pixel)) across = kMostRaysAcross;
   sums.clear();
   double least = 1, most = 0;
   bool alike = true;
@@ -466,7 +468,7 @@ int GuideMarch::trace_pixel(const ivec2& pixel, int across, std::vector<MediaLin
     least = std::min(least, met.passed);
     most = std::max(most, met.passed);
   }
-  if (across == 2 && blurred() && !(alike && most - least < kAlike)) return trace_pixel(pixel, 4, lines, sums);
+  if (across == 2 && blurred() && !(alike && most - least < kAlike)) return trace_pixel(pixel, kMostRaysAcross, lines, sums);
   return across * across;
 }
 
