@@ -22,6 +22,8 @@ struct Projection {
 /// along +z as RenderMan's do). @param width, height  of the film
 Projection adopt_exr(CameraSettings& s, int width, int height) {
   const std::string name = s.from_exr.string();
+  // Of what the scene's camera looks at: where it focuses and how it turns may depend on it.
+  const double distance = glm::distance(s.position, s.look_at);
   const ExrInfo info = read_exr_info(s.from_exr);
   const double aspect = static_cast<double>(info.width) / info.height,
                film_aspect = static_cast<double>(width) / height;
@@ -76,6 +78,7 @@ Projection adopt_exr(CameraSettings& s, int width, int height) {
       !std::isfinite(projection.half.y) || !(glm::length(projection.shift) < 1e3))
     throw InputError(
         fmt::format("{}: worldToNDC is neither a perspective nor a parallel projection of that camera", name));
+  if (distance > 0) s.look_at = s.position + distance * forward;
   return projection;
 }
 

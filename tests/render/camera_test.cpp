@@ -130,6 +130,21 @@ TEST(Camera, IsTakenFromAnExrHeader) {
   }
   EXPECT_THROW(Camera(copy, 90, 40), InputError) << "another shape";
 
+  // Lens and motion are the scene's; while it turns, up is the header's.
+  CameraSettings moving = s;
+  moving.shutter = dvec2(0, 1);
+  moving.position_end = {s.position.x + 0.5, s.position.y, s.position.z};
+  moving.look_at_end = {s.look_at.x + 0.2, s.look_at.y + 0.1, s.look_at.z};
+  moving.lens_radius = 0.1;
+  const Camera in_motion(moving, 60, 40);
+  moving.from_exr = folder / "frame.exr";
+  for (const double time : {0.0, 0.3, 1.0}) {
+    const Ray a = in_motion.ray(dvec2(11, 7), dvec2(0.9, 0.3), time),
+              b = Camera(moving, 60, 40).ray(dvec2(11, 7), dvec2(0.9, 0.3), time);
+    EXPECT_NEAR(glm::distance(a.o, b.o), 0, 2e-4) << time;
+    EXPECT_NEAR(glm::distance(a.d, b.d), 0, 2e-4) << time;
+  }
+
   // Orthographic; shifted, as by a film back; along +z, as RenderMan's matrices are.
   const auto adopted = [&](std::array<float, 16> to_camera, std::array<float, 16> to_ndc) {
     frame.header["worldToCamera"] = to_camera, frame.header["worldToNDC"] = to_ndc;
