@@ -47,6 +47,8 @@ constexpr float kAgreement = 3;
 constexpr int kPointRadius = 3, kPointPixels = 4;
 constexpr float kPointShare = 0.25f;
 constexpr int kLevelRadius = 1;
+// From neighbours that are more times as bright, as in a highlight, less is taken over.
+constexpr float kBrighter = 2;
 // Brightness below this share of the mean counts as that much where a division is at stake.
 constexpr float kDark = 0.1f;
 // Squared error over what the halves' difference and what both miss show of it, measured on scenes where the truth is
@@ -180,8 +182,8 @@ Limited limit_outliers(const RgbPlanes& a, const RgbPlanes& b, const Rgb& fit, c
 }
 
 /// Two pictures from one, for frames without halves: each has the pixels of one colour of a chessboard, and between
-/// them what the fit says there and the mean of what it misses at the four neighbours. Their noise is independent where
-/// the noise of neighbouring pixels is.
+/// them what the fit says there and the mean of what it misses at the four neighbours, less where the fit
+/// is much brighter there. Their noise is independent where the noise of neighbouring pixels is.
 HalfPair chessboard_halves(const Rgb& data, const Rgb& fit, const Plane& mask, const Task& task) {
   const int width = mask.width(), height = mask.height();
   constexpr int kNext[4][2] = {{-1, 0}, {1, 0}, {0, -1}, {0, 1}};
@@ -190,12 +192,16 @@ HalfPair chessboard_halves(const Rgb& data, const Rgb& fit, const Plane& mask, c
     for (int x = 0; x < width; ++x) {
       if (!(mask(x, y) > 0)) continue;
       Rgb& half = (x + y) % 2 == 0 ? out.b : out.a;
+      const auto share_of = [&](size_t c, int u, int v) {
+        const float here = std::abs(fit[c](x, y)), there = std::abs(fit[c](u, v));
+        return there > kBrighter * here ? kBrighter * here / there : 1.0f;
+      };
       for (size_t c = 0; c < 3; ++c) {
         float missed = 0, count = 0;
         for (const auto& [dx, dy] : kNext) {
           const int u = x + dx, v = y + dy;
           if (u < 0 || v < 0 || u >= width || v >= height || !(mask(u, v) > 0)) continue;
-          missed += data[c](u, v) - fit[c](u, v);
+          missed += share_of(c, u, v) * (data[c](u, v) - fit[c](u, v));
           ++count;
         }
         half[c](x, y) = fit[c](x, y) + (count > 0 ? missed / count : 0.0f);
