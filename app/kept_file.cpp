@@ -132,7 +132,7 @@ void KeptFile::clean(const Common& common, const FilterSettings& filter, const A
   std::map<std::string, Attribute> attributes = more_attributes;
   attributes["brume.version"] = version_text();
   for (ForeignFrame picture : pictures_) {
-    if (!filter.uses_features()) picture.features.clear();
+    if (!filter.uses_features() && !filter.entry().guides) picture.features.clear();
     Layers file = cut_to_light(read_picture(path_, read_channels(picture, extra)), picture, info_);
     if (filter.entry().guides || filter.uses_features()) add_guides(options_.guides, path_, file);
     std::list<Layers> nearby;

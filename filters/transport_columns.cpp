@@ -30,6 +30,23 @@ bool is_noisy(const FilterFrame& frame, int x, int y) {
   return false;
 }
 
+float normal_length(const Layers& layers, int x, int y) {
+  float squares = 0;
+  for (const std::string& channel : layer::normal.channel_names()) {
+    const float v = layers.at(channel)(x, y);
+    squares += std::isfinite(v) ? v * v : 0.0f;
+  }
+  return std::sqrt(squares);
+}
+
+bool shows_surfaces(const Layers& layers) {
+  if (!layers.has(layer::normal)) return false;
+  for (int y = 0; y < layers.height(); ++y)
+    for (int x = 0; x < layers.width(); ++x)
+      if (normal_length(layers, x, y) > 0) return true;
+  return false;
+}
+
 }  // namespace
 
 void ColourColumns::add(const Guide& g) {
@@ -72,20 +89,22 @@ TransportColumns::TransportColumns(const FilterFrame& frame, const Plane& one, c
     return g.kind == GuideClass::kPredicted &&
            ((!direct && !indirect) || g.name == "predicted_" + std::string(frame.name.name));
   };
-  const bool surfaces = has(GuideClass::kSurface);
+  const bool surfaces = has(GuideClass::kSurface),
+             unknown_surfaces = guided && !surfaces && shows_surfaces(frame.layers);
   mask = make_plane(frame.width(), frame.height(), quiet(task), [&](int x, int y) {
     if (!guided) return 1.0f;
     bool seen = (*opacity->channels[0])(x, y) > kLeastOpacity;
     for (const Guide& g : guides)
       if (g.kind == GuideClass::kSurface || g.name == "normal")
         for (const Plane* p : g.channels) seen |= (*p)(x, y) != 0;
+    if (unknown_surfaces) seen |= normal_length(frame.layers, x, y) > 0;
     return seen || is_noisy(frame, x, y) ? 1.0f : 0.0f;
   });
   bright = Plane(frame.width(), frame.height());
   if (guided) all.add(*opacity);
   // Premultiplied guides fall to 0 where there is nothing to see, and so does the light that they explain; a constant
   // is needed for light that no guide knows.
-  if (!guided || surfaces || ((direct || beauty) && !has(GuideClass::kBackground))) all.add(one);
+  if (!guided || surfaces || unknown_surfaces || ((direct || beauty) && !has(GuideClass::kBackground))) all.add(one);
   predicted = all;
   // What shines through is known but for the noise of the transmittance: its coefficient is 1 everywhere.
   if (direct || beauty)
@@ -141,17 +160,19 @@ TransportColumns::TransportColumns(const FilterFrame& frame, const Plane& one, c
         const vec3 n((*g.channels[0])(x, y), (*g.channels[1])(x, y), (*g.channels[2])(x, y));
         return std::min(1.0f, glm::length(n));
       });
-  if (!solid.empty()) part_solids(guides, task);
-  if (!guided) add_features(frame.layers);
-}
-
-void TransportColumns::part_solids(const std::vector<Guide>& guides, const Task& task) {
-  const int width = mask.width(), height = mask.height();
   const auto channels = [&](std::string_view name) -> std::vector<const Plane*> {
     for (const Guide& g : guides)
       if (g.name == name) return g.channels;
     return {};
   };
+  if (!solid.empty()) part_solids(channels("normal"), channels("surface_material"), task);
+  if (unknown_surfaces) add_surfaces(frame.layers, *opacity->channels[0], task);
+  if (!guided) add_features(frame.layers);
+}
+
+void TransportColumns::part_solids(const std::vector<const Plane*>& normal, const std::vector<const Plane*>& materials,
+                                   const Task& task) {
+  const int width = mask.width(), height = mask.height();
   Plane change(width, height);
   const auto add_change = [&](const Plane& plane, float unit) {
     const Plane low = window_minimum(plane, kEdgeRadius, task), high = window_maximum(plane, kEdgeRadius, task);
@@ -159,11 +180,10 @@ void TransportColumns::part_solids(const std::vector<Guide>& guides, const Task&
       for (int x = 0; x < width; ++x) change(x, y) += (high(x, y) - low(x, y)) / unit;
     });
   };
-  for (const Plane* p : channels("normal")) add_change(*p, kEdgeOfNormals);
+  for (const Plane* p : normal) add_change(*p, kEdgeOfNormals);
   std::vector<Plane> shares;
   Plane edge =
       make_plane(width, height, quiet(task), [&](int x, int y) { return change(x, y) > 1 ? solid(x, y) : 0.0f; });
-  const std::vector<const Plane*> materials = channels("surface_material");
   for (const Plane* material : materials)
     shares.push_back(make_plane(width, height, quiet(task), [&](int x, int y) {
       return change(x, y) > 1 ? 0.0f : std::min((*material)(x, y), solid(x, y));
@@ -206,6 +226,33 @@ void TransportColumns::scale_like(const TransportColumns& own) {
   all.scale_like(own.all);
   medium.scale_like(own.medium);
   few.scale_like(own.few);
+}
+
+void TransportColumns::add_surfaces(const Layers& layers, const Plane& opacity, const Task& task) {
+  std::vector<const Plane*> normal;
+  for (const LayerName& l : {layer::normal, layer::albedo, layer::depth}) {
+    if (!layers.has(l)) continue;
+    for (const std::string& channel : l.channel_names()) {
+      const Plane& plane = layers.at(channel);
+      float largest = 1e-30f;
+      for (int y = 0; y < plane.height(); ++y)
+        for (const float v : plane.pixels(y))
+          if (std::isfinite(v)) largest = std::max(largest, std::abs(v));
+      seen_through_.push_back(make_plane(plane.width(), plane.height(), quiet(task), [&](int x, int y) {
+        const float v = plane(x, y) / largest;
+        return std::isfinite(v) ? (1 - opacity(x, y)) * v : 0.0f;
+      }));
+      const Plane& seen = seen_through_.back();
+      names.push_back(channel);
+      for (ColourColumns* columns : {&all, &medium, &shape}) columns->add(seen);
+      features.push_back(seen);
+      if (l == layer::normal) normal.push_back(&seen);
+    }
+  }
+  solid = make_plane(opacity.width(), opacity.height(), quiet(task), [&](int x, int y) {
+    return std::min(1.0f, glm::length(vec3((*normal[0])(x, y), (*normal[1])(x, y), (*normal[2])(x, y))));
+  });
+  part_solids(normal, {}, task);
 }
 
 /// Frames of other renderers: what features they have.

@@ -1,5 +1,6 @@
 #pragma once
 #include <array>
+#include <deque>
 #include <string>
 #include <vector>
 
@@ -48,8 +49,13 @@ struct TransportColumns {
 
  private:
   void add_features(const Layers& layers);
+  /// What the frame itself knows of surfaces that its guides do not, as far as they are seen through the media.
+  void add_surfaces(const Layers& layers, const Plane& opacity, const Task& task);
   void add_features_of(const Guide& guide, const Task& task);
-  void part_solids(const std::vector<Guide>& guides, const Task& task);
+  void part_solids(const std::vector<const Plane*>& normal, const std::vector<const Plane*>& materials,
+                   const Task& task);
+
+  std::deque<Plane> seen_through_;  // columns point into it
 };
 
 }  // namespace brume

@@ -229,6 +229,18 @@ void give_back(const Rgb& taken, Rgb& picture, const Plane& mask, const Task& ta
   }
 }
 
+/// Keeps surfaces within the values of the 3 x 3 pixels around them: without halves nothing tells what edges of bright
+/// highlights make of a fit.
+void keep_within_neighbours(const RgbPlanes& data, const Plane& solid, Rgb& picture, const Task& task) {
+  for (size_t c = 0; c < 3; ++c) {
+    const Plane low = window_minimum(*data[c], 1, task), high = window_maximum(*data[c], 1, task);
+    for_each_row(solid.height(), quiet(task), [&](int y) {
+      for (int x = 0; x < solid.width(); ++x)
+        if (solid(x, y) > 0) picture[c](x, y) = std::clamp(picture[c](x, y), low(x, y), high(x, y));
+    });
+  }
+}
+
 /// What both halves miss of their own data in a region, each averaged over a few pixels, multiplied: a square of the
 /// bias, as the halves' noise is independent. Mean over colours.
 Plane missed_by_both(const HalfPair& result, const HalfPair& data, const Plane& region, const Task& task) {
@@ -630,6 +642,7 @@ void run(const TransportRegression& p, const FilterFrame& frame, const FilterOut
   Rgb clean = mean(chosen, task);
   give_back(limited.taken, clean, known.mask, task);
   for (size_t c = 0; c < 3; ++c) add_to(clean[c], 1, limited.points[c], task);
+  if (!own.halves && !known.solid.empty()) keep_within_neighbours(frame.signal, known.solid, clean, task);
   for (size_t c = 0; c < 3; ++c)
     for_each_row(height, quiet(task), [&](int y) {
       for (int x = 0; x < width; ++x)

@@ -468,7 +468,8 @@ int GuideMarch::trace_pixel(const ivec2& pixel, int across, std::vector<MediaLin
     least = std::min(least, met.passed);
     most = std::max(most, met.passed);
   }
-  if (across == 2 && blurred() && !(alike && most - least < kAlike)) return trace_pixel(pixel, kMostRaysAcross, lines, sums);
+  if (across == 2 && blurred() && !(alike && most - least < kAlike))
+    return trace_pixel(pixel, kMostRaysAcross, lines, sums);
   return across * across;
 }
 

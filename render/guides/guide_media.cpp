@@ -133,7 +133,7 @@ dvec3 GuideMedia::glow(const dvec3& world) const {
 
 dvec3 GuideMedia::followed(const dvec3& world, const GuideMedia& other) const {
   for (size_t i = 0; i < media_.size(); ++i)
-    if (media_[i].density(media_[i].to_local(world)) > 0) 
+    if (media_[i].density(media_[i].to_local(world)) > 0)
       return other.displaced_[i].to_world(displaced_[i].to_local(world));
   return world;
 }

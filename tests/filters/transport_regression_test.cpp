@@ -349,6 +349,45 @@ TEST(TransportRegression, WithoutHalvesFitsAreJudgedByPixelsLeftOut) {
                           [](const std::string& n) { return n.find("pixels left out") != std::string::npos; }));
 }
 
+TEST(TransportRegression, WithoutHalvesSurfacesAreCleanedWhetherGuidesKnowThemOrNot) {
+  constexpr float kSurface = 0.5f, kHighlight = 40;
+  const auto in_highlight = [](int x, int y, double radius) { return std::hypot(x - 14.0, y - 13.0) < radius; };
+  const auto truth = [&](int x, int y, size_t) { return in_highlight(x, y, 4) ? kHighlight : kSurface; };
+  for (const bool known : {false, true}) {
+    Layers frame(kWidth, kHeight);
+    put_guides(frame);
+    put(frame, layer::beauty, "", [&](int x, int y, size_t c) {
+      if (opacity(x, y) > 0) return direct_truth(x, y, c) + indirect_truth(x, y, c);
+      return truth(x, y, c) * static_cast<float>(1 + (in_highlight(x, y, 6) ? 0.01 : 0.2) * normal(x, y, 41));
+    });
+    put(frame, layer::sample_count, "", [](int, int, size_t) { return 16.0f; });
+    const auto facing = [](int x, int y, size_t c) { return c == 1 && !(opacity(x, y) > 0) ? -1.0f : 0.0f; };
+    if (known) {
+      // The highlight's rim is wrong by half a pixel.
+      put(frame, {"guide.normal", "XYZ", ""}, "", facing);
+      put(frame, {"guide.surface.sun", "RGB", ""}, "", [&](int x, int y, size_t c) {
+        return opacity(x, y) > 0 ? 0.0f : in_highlight(x, y, 4.5) ? kHighlight : truth(x, y, c);
+      });
+    } else {
+      put(frame, layer::normal, "", facing);
+    }
+    const Layers out = clean(frame);
+    double before = 0, after = 0;
+    for (size_t c = 0; c < 3; ++c)
+      for (int y = 0; y < kHeight; ++y)
+        for (int x = 0; x < kWidth; ++x) {
+          if (opacity(x, y) > 0) continue;
+          const float found = (*out.rgb(layer::beauty)[c])(x, y);
+          ASSERT_GT(found, 0.1f) << known << " " << x << " " << y;
+          if (in_highlight(x, y, 12) || !is_away(x, y)) continue;
+          before += std::pow((*frame.rgb(layer::beauty)[c])(x, y) - kSurface, 2);
+          after += std::pow(found - kSurface, 2);
+        }
+    // A highlight that no guide knows disturbs the fits around it.
+    EXPECT_LT(after, (known ? 0.15 : 0.7) * before) << known;
+  }
+}
+
 TEST(TransportRegression, FramesWithoutGuidesAreCleanedAndSaySo) {
   const Layers frame = make_frame(0.5, 11, indirect_truth, /*guided=*/false);
   ApplyReport report;
