@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "base/text.h"
-#include "filters/registry.h"
+#include "filters/api/registry.h"
 #include "work/version.h"
 
 namespace brume::app {

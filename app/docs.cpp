@@ -3,7 +3,7 @@
 #include "app/command.h"
 #include "app/describe.h"
 #include "app/experiment_file.h"
-#include "filters/registry.h"
+#include "filters/api/registry.h"
 #include "render/scene/scene_reference.h"
 
 namespace brume::app {

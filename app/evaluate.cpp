@@ -20,7 +20,7 @@
 #include "evaluate/page.h"
 #include "evaluate/report.h"
 #include "evaluate/sequences.h"
-#include "filters/registry.h"
+#include "filters/api/registry.h"
 #include "image/exr_io.h"
 #include "render/frame/renderer.h"
 #include "render/scene/scene_fingerprint.h"

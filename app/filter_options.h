@@ -1,7 +1,7 @@
 #pragma once
 #include <CLI/CLI.hpp>
 
-#include "filters/apply.h"
+#include "filters/run/apply.h"
 
 namespace brume::app {
 

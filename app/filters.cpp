@@ -3,7 +3,7 @@
 #include <algorithm>
 
 #include "app/command.h"
-#include "filters/registry.h"
+#include "filters/api/registry.h"
 #include "work/filters_json.h"
 
 namespace brume::app {

@@ -10,7 +10,7 @@
 #include "app/frame.h"
 #include "base/error.h"
 #include "base/text.h"
-#include "filters/requirements.h"
+#include "filters/api/requirements.h"
 #include "image/exr_copy.h"
 #include "image/exr_io.h"
 

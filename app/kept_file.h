@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "app/command.h"
-#include "filters/clean_picture.h"
+#include "filters/run/clean_picture.h"
 
 namespace brume::app {
 

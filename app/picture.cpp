@@ -7,7 +7,7 @@
 #include "base/error.h"
 #include "base/output_file.h"
 #include "base/text.h"
-#include "filters/requirements.h"
+#include "filters/api/requirements.h"
 
 namespace brume::app {
 namespace {

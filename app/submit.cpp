@@ -16,7 +16,7 @@
 #include "farm/shot.h"
 #include "farm/slurm.h"
 #include "farm/submit_lock.h"
-#include "filters/registry.h"
+#include "filters/api/registry.h"
 #include "render/scene/scene_io.h"
 #include "work/clean.h"
 #include "work/scene.h"

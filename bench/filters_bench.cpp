@@ -14,8 +14,8 @@
 #endif
 
 #include "base/rng.h"
-#include "filters/apply.h"
-#include "filters/registry.h"
+#include "filters/api/registry.h"
+#include "filters/run/apply.h"
 
 namespace brume {
 namespace {

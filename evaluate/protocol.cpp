@@ -14,9 +14,9 @@
 #include "base/text.h"
 #include "evaluate/result_store.h"
 #include "evaluate/studies.h"
-#include "filters/guide_layers.h"
-#include "filters/registry.h"
-#include "filters/requirements.h"
+#include "filters/api/registry.h"
+#include "filters/api/requirements.h"
+#include "filters/inputs/guide_layers.h"
 
 namespace brume {
 namespace {

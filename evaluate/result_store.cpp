@@ -12,8 +12,8 @@
 #include "base/error.h"
 #include "base/peak_memory.h"
 #include "base/text.h"
-#include "filters/guide_layers.h"
-#include "filters/registry.h"
+#include "filters/api/registry.h"
+#include "filters/inputs/guide_layers.h"
 
 namespace brume {
 namespace {

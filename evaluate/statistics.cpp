@@ -5,7 +5,7 @@
 #include <numeric>
 #include <stdexcept>
 
-#include "filters/student.h"
+#include "filters/patch/student.h"
 
 namespace brume {
 

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "filters/guide_layers.h"
+#include "filters/inputs/guide_layers.h"
 
 namespace brume {
 namespace {

@@ -10,7 +10,7 @@
 #include "base/rng.h"
 #include "base/text.h"
 #include "evaluate/result_store.h"
-#include "filters/registry.h"
+#include "filters/api/registry.h"
 
 namespace brume {
 

@@ -4,7 +4,7 @@
 #include <optional>
 
 #include "evaluate/metric.h"
-#include "filters/apply.h"
+#include "filters/run/apply.h"
 
 namespace brume {
 

@@ -6,7 +6,7 @@
 #include <array>
 #include <memory>
 
-#include "filters/requirements.h"
+#include "filters/api/requirements.h"
 #include "python/convert.h"
 
 namespace brume::python {

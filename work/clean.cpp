@@ -7,11 +7,11 @@
 
 #include "base/error.h"
 #include "base/rng.h"
-#include "filters/apply.h"
-#include "filters/features.h"
-#include "filters/guide_layers.h"
-#include "filters/registry.h"
-#include "filters/requirements.h"
+#include "filters/api/registry.h"
+#include "filters/api/requirements.h"
+#include "filters/inputs/features.h"
+#include "filters/inputs/guide_layers.h"
+#include "filters/run/apply.h"
 #include "work/error_curve.h"
 
 namespace brume {

@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "base/progress.h"
-#include "filters/apply.h"
+#include "filters/run/apply.h"
 #include "render/frame/film.h"
 #include "render/frame/render_job.h"
 

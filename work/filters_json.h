@@ -2,7 +2,7 @@
 #include <string>
 #include <vector>
 
-#include "filters/filter.h"
+#include "filters/api/filter.h"
 
 namespace brume {
 

@@ -3,7 +3,7 @@
 #include <string>
 
 #include "base/progress.h"
-#include "filters/filter.h"
+#include "filters/api/filter.h"
 #include "image/layers.h"
 #include "render/frame/render_job.h"
 

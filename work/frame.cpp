@@ -9,9 +9,9 @@
 
 #include "base/error.h"
 #include "base/text.h"
-#include "filters/guide_check.h"
-#include "filters/guide_layers.h"
-#include "filters/requirements.h"
+#include "filters/api/requirements.h"
+#include "filters/inputs/guide_check.h"
+#include "filters/inputs/guide_layers.h"
 #include "image/color.h"
 #include "image/exr_io.h"
 #include "render/frame/render_state.h"

@@ -21,7 +21,7 @@ void add_guides(Layers guides, const std::array<std::string, 2>& names, Layers& 
 bool of_one_scene(const Layers& guides, const Layers& frame);
 
 /// Whether guides explain a frame worse than its own features do, as those of another scene or camera; in one sentence,
-/// empty where they do not (filters/guide_check.h).
+/// empty where they do not (filters/inputs/guide_check.h).
 /// @param frame  with R, G, B, features and guides   @param path  of the guides
 std::string what_speaks_against_guides(const Layers& frame, const std::string& path, const Task& task);
 

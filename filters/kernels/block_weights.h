@@ -2,7 +2,7 @@
 #include <span>
 #include <vector>
 
-#include "filters/planes.h"
+#include "filters/inputs/planes.h"
 
 namespace brume::kernels {
 

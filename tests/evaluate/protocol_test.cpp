@@ -12,7 +12,7 @@
 #include "evaluate/speed.h"
 #include "evaluate/table.h"
 #include "evaluate/tuning.h"
-#include "filters/registry.h"
+#include "filters/api/registry.h"
 #include "image/exr_io.h"
 #include "tests/support/files.h"
 

@@ -1,6 +1,6 @@
 // Frames of a sequence brought to where the frame to clean is.
 
-#include "filters/alignment.h"
+#include "filters/run/alignment.h"
 
 #include <gtest/gtest.h>
 

@@ -1,15 +1,15 @@
 // Widths from curves of bias and variance, and what is made of them: docs/methods.md, Widths from bias
 // and variance.
 
-#include "filters/bandwidth.h"
+#include "filters/regression/bandwidth.h"
 
 #include <gtest/gtest.h>
 
 #include <array>
 #include <cmath>
 
-#include "filters/apply.h"
-#include "filters/registry.h"
+#include "filters/api/registry.h"
+#include "filters/run/apply.h"
 #include "tests/support/frames.h"
 
 namespace brume {

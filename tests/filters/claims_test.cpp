@@ -6,11 +6,11 @@
 #include <cmath>
 
 #include "base/rng.h"
-#include "filters/apply.h"
-#include "filters/guided_filter.h"
-#include "filters/neighbourhood.h"
-#include "filters/registry.h"
-#include "filters/student.h"
+#include "filters/api/registry.h"
+#include "filters/patch/neighbourhood.h"
+#include "filters/patch/student.h"
+#include "filters/regression/guided_filter.h"
+#include "filters/run/apply.h"
 #include "render/frame/renderer.h"
 #include "render/scene/scene_io.h"
 #include "tests/support/frames.h"

@@ -5,8 +5,8 @@
 #include <cmath>
 
 #include "base/error.h"
-#include "filters/apply.h"
-#include "filters/registry.h"
+#include "filters/api/registry.h"
+#include "filters/run/apply.h"
 #include "tests/support/frames.h"
 
 namespace brume {

@@ -7,7 +7,7 @@
 
 #include "base/rng.h"
 #include "filters/kernels/reference.h"
-#include "filters/lab_window.h"
+#include "filters/window/lab_window.h"
 
 namespace brume::kernels {
 namespace {

@@ -8,8 +8,8 @@
 
 #include "base/error.h"
 #include "base/rng.h"
-#include "filters/apply.h"
-#include "filters/registry.h"
+#include "filters/api/registry.h"
+#include "filters/run/apply.h"
 #include "tests/support/frames.h"
 
 namespace brume {

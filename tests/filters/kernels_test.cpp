@@ -8,7 +8,7 @@
 #include "filters/kernels/lab.h"
 #include "filters/kernels/moments.h"
 #include "filters/kernels/reference.h"
-#include "filters/lab_window.h"
+#include "filters/window/lab_window.h"
 #include "image/color.h"
 #include "tests/support/targets.h"
 

@@ -1,6 +1,6 @@
 // What filters are built from, against definitions written out in double.
 
-#include "filters/neighbourhood.h"
+#include "filters/patch/neighbourhood.h"
 
 #include <gtest/gtest.h>
 
@@ -8,14 +8,14 @@
 #include <cmath>
 
 #include "base/rng.h"
-#include "filters/features.h"
-#include "filters/guided_filter.h"
+#include "filters/inputs/features.h"
+#include "filters/inputs/noise.h"
 #include "filters/kernels/histogram.h"
 #include "filters/kernels/regression.h"
-#include "filters/mutual_information.h"
-#include "filters/noise.h"
-#include "filters/regression.h"
-#include "filters/student.h"
+#include "filters/patch/student.h"
+#include "filters/per_sample/mutual_information.h"
+#include "filters/regression/guided_filter.h"
+#include "filters/regression/regression.h"
 #include "tests/support/frames.h"
 #include "tests/support/targets.h"
 

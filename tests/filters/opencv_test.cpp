@@ -7,10 +7,10 @@
 #include <opencv2/photo.hpp>
 #include <opencv2/ximgproc/edge_filter.hpp>
 
-#include "filters/guided_filter.h"
 #include "filters/kernels/reference.h"
-#include "filters/lab_window.h"
-#include "filters/neighbourhood.h"
+#include "filters/patch/neighbourhood.h"
+#include "filters/regression/guided_filter.h"
+#include "filters/window/lab_window.h"
 #include "tests/support/frames.h"
 
 namespace brume {

@@ -1,10 +1,10 @@
-#include "filters/recommend.h"
+#include "filters/api/recommend.h"
 
 #include <gtest/gtest.h>
 
 #include "base/error.h"
-#include "filters/registry.h"
-#include "filters/requirements.h"
+#include "filters/api/registry.h"
+#include "filters/api/requirements.h"
 #include "tests/support/frames.h"
 
 namespace brume {

@@ -1,4 +1,4 @@
-#include "filters/registry.h"
+#include "filters/api/registry.h"
 
 #include <gtest/gtest.h>
 
@@ -26,7 +26,7 @@ bool holds(const std::string& text, const std::string& part) {
 // A filter's file declares it once; the linker, or a file that CMake does not know, must not lose it.
 TEST(Registry, HoldsEveryFilterThatAFileDeclares) {
   size_t declared = 0;
-  for (const auto& file : std::filesystem::directory_iterator(test::source("filters"))) {
+  for (const auto& file : std::filesystem::recursive_directory_iterator(test::source("filters"))) {
     if (file.path().extension() != ".cpp") continue;
     const std::string text = test::read_file(file.path());
     const std::string registration = "const Registration registration(entry);";

@@ -1,12 +1,12 @@
 // Estimated errors against true ones, on pictures whose noise is known.
 
-#include "filters/selection.h"
+#include "filters/patch/selection.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 
-#include "filters/neighbourhood.h"
+#include "filters/patch/neighbourhood.h"
 #include "tests/support/frames.h"
 
 namespace brume {

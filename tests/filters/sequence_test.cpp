@@ -6,9 +6,9 @@
 #include <list>
 
 #include "base/error.h"
-#include "filters/apply.h"
-#include "filters/guide_layers.h"
-#include "filters/registry.h"
+#include "filters/api/registry.h"
+#include "filters/inputs/guide_layers.h"
+#include "filters/run/apply.h"
 #include "tests/support/frames.h"
 
 namespace brume {

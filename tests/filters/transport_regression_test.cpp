@@ -8,12 +8,12 @@
 
 #include "base/error.h"
 #include "base/rng.h"
-#include "filters/apply.h"
-#include "filters/guide_check.h"
-#include "filters/guide_layers.h"
-#include "filters/recommend.h"
-#include "filters/registry.h"
-#include "filters/stacking.h"
+#include "filters/api/recommend.h"
+#include "filters/api/registry.h"
+#include "filters/inputs/guide_check.h"
+#include "filters/inputs/guide_layers.h"
+#include "filters/regression/stacking.h"
+#include "filters/run/apply.h"
 #include "tests/support/frames.h"
 
 namespace brume {

@@ -1,0 +1,162 @@
+#include "filters/inputs/extremes.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "filters/api/requirements.h"
+#include "filters/inputs/noise.h"
+#include "image/color.h"
+
+namespace brume {
+namespace {
+
+// What is extreme over the level of the surroundings: for one sample per pixel, and at least.
+constexpr double kRatioOfOneSample = 100, kLeastRatio = 10;
+constexpr int kSurroundings = 10, kArea = 2;  // half widths [px]
+constexpr double kTrimmed = 0.05;             // of the surroundings' pixels, the brightest
+constexpr double kAreaRatio = 4, kLoneRatio = 2, kAgreement = 3;
+constexpr double kReturnWindow = 32, kMostReturn = 0.03;  // deviation [px]; share of the light there
+
+double luminance_at(const RgbPlanes& rgb, int x, int y) {
+  return luminance(dvec3((*rgb[0])(x, y), (*rgb[1])(x, y), (*rgb[2])(x, y)));
+}
+
+/// Calls visit(x, y) for the pixels of a square around one, without it.
+template <class Visit>
+void for_each_around(int x, int y, int radius, int width, int height, const Visit& visit) {
+  const Box box = Box{x, y, x + 1, y + 1}.grown(radius, width, height);
+  for (int qy = box.y0; qy < box.y1; ++qy)
+    for (int qx = box.x0; qx < box.x1; ++qx)
+      if (qx != x || qy != y) visit(qx, qy);
+}
+
+/// Mean of the surroundings without their brightest pixels.
+double surrounding_level(const RgbPlanes& mean, int x, int y, std::vector<double>& values) {
+  values.clear();
+  for_each_around(x, y, kSurroundings, mean[0]->width(), mean[0]->height(),
+                  [&](int qx, int qy) { values.push_back(luminance_at(mean, qx, qy)); });
+  const size_t count = values.size() - static_cast<size_t>(kTrimmed * static_cast<double>(values.size()));
+  if (count == 0) return 0;
+  std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(count - 1), values.end());
+  double sum = 0;
+  for (size_t i = 0; i < count; ++i) sum += values[i];
+  return std::max(0.0, sum / static_cast<double>(count));
+}
+
+/// One colour of everything that is known of a signal, and whether it goes with the square of it.
+std::vector<std::pair<Plane*, bool>> planes_of(Layers& frame, const LayerName& signal, size_t c) {
+  std::vector<std::pair<Plane*, bool>> planes;
+  const auto add = [&](std::string_view which) {
+    if (Plane* const plane = frame.find(signal.channel_of(which, c)))
+      planes.emplace_back(plane, which == statistic::mean_variance);
+  };
+  for (const auto which : {std::string_view(), statistic::mean_variance, statistic::half_a, statistic::half_b})
+    add(which);
+  for (const auto which : statistic::buckets) add(which);
+  return planes;
+}
+
+float scaled(float value, double factor, bool squared) {
+  return static_cast<float>(static_cast<double>(value) * (squared ? factor * factor : factor));
+}
+
+/// Adds to `factor` what gives the light taken from a pixel back, as a share of the picture. @return what is lost
+double give_back(double taken, const Extreme& from, const Plane& picture, Plane& factor) {
+  const int width = picture.width(), height = picture.height(), radius = static_cast<int>(3 * kReturnWindow);
+  std::vector<double> falloff(static_cast<size_t>(radius) + 1);
+  for (size_t d = 0; d < falloff.size(); ++d)
+    falloff[d] = std::exp(-0.5 * static_cast<double>(d * d) / (kReturnWindow * kReturnWindow));
+  const auto weight = [&](int x, int y) {
+    return falloff[static_cast<size_t>(std::abs(x - from.x))] * falloff[static_cast<size_t>(std::abs(y - from.y))];
+  };
+  double light = 0;
+  for_each_around(from.x, from.y, radius, width, height,
+                  [&](int x, int y) { light += weight(x, y) * static_cast<double>(std::max(0.0f, picture(x, y))); });
+  const double share = light > 0 ? std::min(taken / light, kMostReturn) : 0.0;
+  for_each_around(from.x, from.y, radius, width, height, [&](int x, int y) {
+    if (picture(x, y) > 0) factor(x, y) += static_cast<float>(share * weight(x, y));
+  });
+  return share < kMostReturn && light > 0 ? 0.0 : taken - share * light;
+}
+
+}  // namespace
+
+std::vector<Extreme> find_extremes(const Layers& frame, const LayerName& signal, const Task& task) {
+  const RgbPlanes mean = frame.rgb(signal);
+  const int width = frame.width(), height = frame.height();
+  const double typical = typical_luminance(mean);
+  if (!(typical > 0)) return {};
+  const Plane* const counts = frame.find(layer::sample_count.channel(0));
+  const double samples = frame.number("samplesPerPixel").value_or(1.0);
+  RgbPlanes a{}, b{};
+  const bool halves = has_halves(frame, signal);
+  if (halves) {
+    a = frame.rgb(signal, statistic::half_a);
+    b = frame.rgb(signal, statistic::half_b);
+  }
+  std::vector<std::vector<Extreme>> rows(static_cast<size_t>(height));
+  for_each_row(height, quiet(task), [&](int y) {
+    std::vector<double> values;
+    for (int x = 0; x < width; ++x) {
+      const double light = luminance_at(mean, x, y);
+      const double n = counts ? static_cast<double>((*counts)(x, y)) : samples;
+      const double ratio = std::max(kLeastRatio, kRatioOfOneSample / std::sqrt(std::max(1.0, n)));
+      if (!(light > ratio * typical)) continue;
+      int around = 0, like_it = 0;
+      double brightest = 0;
+      for_each_around(x, y, kArea, width, height, [&](int qx, int qy) {
+        const double other = luminance_at(mean, qx, qy);
+        brightest = std::max(brightest, other);
+        like_it += kAreaRatio * other > light;
+        ++around;
+      });
+      if (2 * like_it >= around) continue;
+      const double level = surrounding_level(mean, x, y, values);
+      if (!(light > ratio * (level + typical))) continue;
+      const bool kept = halves ? kAgreement * std::min(luminance_at(a, x, y), luminance_at(b, x, y)) > light
+                               : kLoneRatio * brightest > light;
+      rows[static_cast<size_t>(y)].push_back({x, y, level / light, kept});
+    }
+  });
+  std::vector<Extreme> found;
+  for (const auto& row : rows) found.insert(found.end(), row.begin(), row.end());
+  return found;
+}
+
+Extremes limit_extremes(Layers& frame, const LayerName& signal, const std::vector<Extreme>& found, const Task& task) {
+  const int width = frame.width(), height = frame.height();
+  Extremes result;
+  result.kept = static_cast<size_t>(std::count_if(found.begin(), found.end(), [](const Extreme& e) { return e.kept; }));
+  result.limited = found.size() - result.kept;
+  dvec3 taken(0), lost(0);
+  for (size_t c = 0; c < 3; ++c) {
+    const auto planes = planes_of(frame, signal, c);
+    Plane& mean = *planes[0].first;
+    if (result.kept > 0) result.aside[c] = Plane(width, height);
+    std::vector<std::pair<Extreme, double>> removed;
+    for (const Extreme& e : found) {
+      const double off = static_cast<double>(mean(e.x, e.y)) * (1 - e.factor);
+      if (e.kept)
+        result.aside[c](e.x, e.y) = static_cast<float>(off);
+      else
+        removed.emplace_back(e, std::max(0.0, off));
+      for (const auto& [plane, squared] : planes) (*plane)(e.x, e.y) = scaled((*plane)(e.x, e.y), e.factor, squared);
+    }
+    Plane factor(width, height, 1.0f);
+    for (const auto& [from, light] : removed) {
+      taken[static_cast<int>(c)] += light;
+      lost[static_cast<int>(c)] += give_back(light, from, mean, factor);
+    }
+    if (removed.empty()) continue;
+    for (const auto& [plane, squared] : planes)
+      for_each_row(height, quiet(task), [&, plane = plane, squared = squared](int y) {
+        for (int x = 0; x < width; ++x)
+          (*plane)(x, y) = scaled((*plane)(x, y), static_cast<double>(factor(x, y)), squared);
+      });
+  }
+  result.taken = luminance(taken);
+  result.lost = luminance(lost);
+  return result;
+}
+
+}  // namespace brume

@@ -1,0 +1,60 @@
+#include "filters/inputs/guide_layers.h"
+
+#include <map>
+
+namespace brume {
+namespace {
+
+GuideClass kind_of(std::string_view name) {
+  const std::string_view first = name.substr(0, name.find('.'));
+  if (first == "opacity") return GuideClass::kOpacity;
+  if (first == "single") return GuideClass::kSingle;
+  if (first == "multiple") return GuideClass::kMultiple;
+  if (first == "emission") return GuideClass::kEmission;
+  if (first == "background") return GuideClass::kBackground;
+  if (first.starts_with("predicted")) return GuideClass::kPredicted;
+  if (first == "surface") return GuideClass::kSurface;
+  if (first == "surface_material") return GuideClass::kMaterial;
+  return GuideClass::kGeometry;
+}
+
+/// Whether `b` is `a` times a number, to the rounding of the numbers.
+bool proportional(const Plane& a, const Plane& b) {
+  double aa = 0, ab = 0, bb = 0;
+  for (int y = 0; y < a.height(); ++y)
+    for (int x = 0; x < a.width(); ++x) {
+      const double u = static_cast<double>(a(x, y)), v = static_cast<double>(b(x, y));
+      aa += u * u;
+      ab += u * v;
+      bb += v * v;
+    }
+  return aa > 0 ? ab * ab >= (1 - 1e-8) * aa * bb : bb == 0;
+}
+
+}  // namespace
+
+std::vector<Guide> guides_of(const Layers& frame) {
+  std::map<std::string, std::map<char, const Plane*>> found;
+  for (const auto& [channel, plane] : frame.channels()) {
+    const size_t dot = channel.rfind('.');
+    if (!is_guide(channel) || dot < kGuidePrefix.size() || dot + 2 != channel.size()) continue;
+    found[channel.substr(kGuidePrefix.size(), dot - kGuidePrefix.size())][channel.back()] = &plane;
+  }
+  std::vector<Guide> guides;
+  for (const auto& [name, channels] : found) {
+    Guide guide{name, kind_of(name), false, {}};
+    guide.coloured = channels.size() == 3 && channels.count('R') && channels.count('G') && channels.count('B');
+    if (guide.coloured && guide.kind != GuideClass::kPredicted && proportional(*channels.at('G'), *channels.at('R')) &&
+        proportional(*channels.at('G'), *channels.at('B'))) {
+      guide.coloured = false;
+      guide.channels = {channels.at('G')};
+    } else if (guide.coloured)
+      guide.channels = {channels.at('R'), channels.at('G'), channels.at('B')};
+    else
+      for (const auto& [letter, plane] : channels) guide.channels.push_back(plane);
+    guides.push_back(std::move(guide));
+  }
+  return guides;
+}
+
+}  // namespace brume

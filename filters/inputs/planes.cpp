@@ -1,0 +1,96 @@
+#include "filters/inputs/planes.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <vector>
+
+#include "base/parallel_for.h"
+#include "filters/kernels/rows.h"
+
+namespace brume {
+
+void for_each_row(int height, const Task& task, const std::function<void(int)>& row) {
+  parallel_for((height + kRowsPerTask - 1) / kRowsPerTask, task, [&](int band) {
+    for (int y = band * kRowsPerTask; y < std::min(height, (band + 1) * kRowsPerTask); ++y) row(y);
+  });
+}
+
+bool any_above_0(const Plane& plane, const Box& box) {
+  for (int y = box.y0; y < box.y1; ++y)
+    if (std::any_of(plane.row(y) + box.x0, plane.row(y) + box.x1, [](float v) { return v > 0; })) return true;
+  return false;
+}
+
+Plane box_mean(const Plane& in, int radius, const Task& task) {
+  const int width = in.width(), height = in.height();
+  Plane horizontal(width, height), out(width, height);
+  for_each_row(height, quiet(task), [&](int y) { kernels::box_row(in.row(y), horizontal.row(y), width, radius); });
+  const auto count = [radius](int i, int n) { return std::min(n - 1, i + radius) - std::max(0, i - radius) + 1; };
+  std::vector<float> columns;
+  for (int x = 0; x < width; ++x) columns.push_back(1.0f / static_cast<float>(count(x, width)));
+  for_each_row(height, quiet(task), [&](int y) {
+    std::vector<const float*> rows;
+    for (int q = std::max(0, y - radius); q <= std::min(height - 1, y + radius); ++q) rows.push_back(horizontal.row(q));
+    kernels::sum_rows(rows.data(), static_cast<int>(rows.size()), out.row(y), width);
+    const float scale = 1.0f / static_cast<float>(rows.size());
+    for (int x = 0; x < width; ++x) out.row(y)[x] *= scale * columns[static_cast<size_t>(x)];
+  });
+  return out;
+}
+
+Plane gaussian_blur(const Plane& in, double sigma, const Task& task) {
+  const int width = in.width(), height = in.height(), radius = std::max(1, static_cast<int>(std::ceil(3 * sigma)));
+  std::vector<float> taps;
+  for (int j = -radius; j <= radius; ++j) taps.push_back(static_cast<float>(std::exp(-j * j / (2 * sigma * sigma))));
+  // The same pass twice, with a transposition in between, would cost more than columns that are summed row by row.
+  Plane horizontal(width, height), out(width, height);
+  const size_t w = static_cast<size_t>(width), r = static_cast<size_t>(radius);
+  for_each_row(height, quiet(task), [&](int y) {
+    std::vector<float> wide(w + 2 * r, 0.0f), ones(w + 2 * r, 0.0f), total(w);
+    std::memcpy(wide.data() + r, in.row(y), w * sizeof(float));
+    std::fill_n(ones.begin() + radius, width, 1.0f);
+    std::vector<const float*> rows, units;
+    for (size_t j = 0; j <= 2 * r; ++j) {
+      rows.push_back(wide.data() + j);
+      units.push_back(ones.data() + j);
+    }
+    kernels::weighted_sum_rows(rows.data(), taps.data(), 2 * radius + 1, horizontal.row(y), width);
+    kernels::weighted_sum_rows(units.data(), taps.data(), 2 * radius + 1, total.data(), width);
+    for (int x = 0; x < width; ++x) horizontal.row(y)[x] /= total[static_cast<size_t>(x)];
+  });
+  for_each_row(height, quiet(task), [&](int y) {
+    std::vector<const float*> rows;
+    const int first = std::max(0, y - radius), last = std::min(height - 1, y + radius);
+    float total = 0;
+    for (int q = first; q <= last; ++q) {
+      rows.push_back(horizontal.row(q));
+      total += taps[static_cast<size_t>(q - y + radius)];
+    }
+    kernels::weighted_sum_rows(rows.data(), taps.data() + (first - y + radius), last - first + 1, out.row(y), width);
+    for (int x = 0; x < width; ++x) out.row(y)[x] /= total;
+  });
+  return out;
+}
+
+Plane median3x3(const Plane& in, const Task& task) {
+  Plane out(in.width(), in.height());
+  for_each_row(in.height(), quiet(task), [&](int y) {
+    kernels::median9_row(in.row(std::max(0, y - 1)), in.row(y), in.row(std::min(in.height() - 1, y + 1)), out.row(y),
+                         in.width());
+  });
+  return out;
+}
+
+Box Box::grown(int by, int image_width, int image_height) const {
+  return {std::max(0, x0 - by), std::max(0, y0 - by), std::min(image_width, x1 + by), std::min(image_height, y1 + by)};
+}
+
+Plane crop(const Plane& in, const Box& box) {
+  Plane out(box.width(), box.height());
+  for (int y = box.y0; y < box.y1; ++y)
+    std::memcpy(out.row(y - box.y0), in.row(y) + box.x0, sizeof(float) * static_cast<size_t>(box.width()));
+  return out;
+}
+
+}  // namespace brume

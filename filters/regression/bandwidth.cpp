@@ -1,0 +1,61 @@
+#include "filters/regression/bandwidth.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace brume {
+namespace {
+
+/// A straight line by least squares.
+class Line {
+ public:
+  void add(double x, double y) {
+    n_ += 1;
+    x_ += x;
+    xx_ += x * x;
+    y_ += y;
+    xy_ += x * y;
+  }
+  double slope() const { return (n_ * xy_ - x_ * y_) / (n_ * xx_ - x_ * x_); }
+  double at_zero() const { return (y_ - slope() * x_) / n_; }
+
+ private:
+  double n_ = 0, x_ = 0, xx_ = 0, y_ = 0, xy_ = 0;
+};
+
+}  // namespace
+
+double best_pixel_width(const WidthTrials& t, double smallest, double largest, bool literal) {
+  Line bias, variance;
+  for (size_t i = 0; i < t.widths.size(); ++i) {
+    const double a2 = t.widths[i] * t.widths[i];
+    bias.add(a2, t.biases[i]);
+    // A kernel of a tenth of a pixel is a point: its regressor would decide alone.
+    if (literal || t.widths[i] >= 0.5) variance.add(1 / a2, t.samples * t.variances[i]);
+  }
+  const double b1 = bias.slope(), b0 = bias.at_zero(), v1 = variance.slope();
+  if (std::abs(b1) < 1e-6) return largest;
+  if (!(v1 > 0)) return std::clamp(0.5, smallest, largest);
+  double a2 = std::cbrt(v1 / (2 * b1 * b1 * t.samples));
+  if (!literal && b0 * b1 > 0) {
+    // The closed form holds for b0 = 0; otherwise 2 b1 a^4 (b0 + b1 a^2) = v1 / n, by Newton in a^2 from there.
+    for (int i = 0; i < 8; ++i) {
+      const double f = 2 * b1 * a2 * a2 * (b0 + b1 * a2) - v1 / t.samples, slope = 2 * b1 * a2 * (2 * b0 + 3 * b1 * a2);
+      a2 = std::clamp(a2 - f / slope, 1e-4, 1e4);
+    }
+  }
+  return std::clamp(std::sqrt(a2), smallest, largest);
+}
+
+double best_bandwidth(const WidthTrials& t, int dimensions, double light, double smallest, double largest) {
+  Line bias, variance;
+  for (size_t i = 0; i < t.widths.size(); ++i) {
+    bias.add(t.widths[i] * t.widths[i], t.biases[i]);
+    variance.add(std::pow(t.widths[i], -dimensions), t.samples * t.variances[i]);
+  }
+  const double b1 = bias.slope(), v1 = std::abs(variance.slope());
+  if (!(std::abs(b1) > 1e-9 * std::abs(light))) return largest;
+  return std::clamp(std::pow(dimensions * v1 / (4 * b1 * b1 * t.samples), 1.0 / (dimensions + 4)), smallest, largest);
+}
+
+}  // namespace brume

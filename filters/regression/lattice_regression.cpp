@@ -1,0 +1,370 @@
+#include "filters/regression/lattice_regression.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "base/parallel_for.h"
+#include "filters/kernels/moments.h"
+#include "filters/kernels/rows.h"
+
+namespace brume {
+namespace {
+
+constexpr double kBlocksPerDeviation = 1.6;
+constexpr double kTruncation = 2.5;       // of the windows, in deviations
+constexpr double kCoefficientBlur = 0.6;  // deviation of the coefficients' smoothing, in windows
+constexpr int kGlobalBlock = 32;          // where one window is the frame: sums stay short
+constexpr double kDependent = 3e-6;       // share of a column that the free ones leave: less is rounding
+constexpr size_t kCounts = 16;            // floats behind the products: sum of weights, and of their squares
+
+size_t padded(size_t n) {
+  return (n + 15) / 16 * 16;
+}
+
+/// Sizes of one problem on its lattice.
+struct Shape {
+  size_t columns, targets, stride, products, node;  // `node`: floats of a node's sums
+  size_t used, coefficients;                        // per target; of a node, its weight behind them
+  int block, across, down;
+
+  Shape(const LatticeProblem& p, int side)
+      : columns(p.columns.size()),
+        targets(p.targets.size()),
+        stride(padded(columns + targets)),
+        products(kernels::product_floats(columns, stride)),
+        node(products + kCounts),
+        used(padded(columns)),
+        coefficients(targets * used + 16),
+        block(side),
+        across((p.weight->width() + side - 1) / side),
+        down((p.weight->height() + side - 1) / side) {}
+};
+
+// Pixels of a row that are packed at a time, so that what is packed stays in cache.
+constexpr int kChunk = 64;
+
+/// The columns' values of some pixels of a row, `stride` floats from one to the next.
+void pack_columns(const LatticePixels& p, int y, int from, int to, size_t stride, const float* factors, float* out) {
+  const float* base = p.columns[0].values->row(y);
+  for (size_t k = 0; k < p.columns.size(); ++k) {
+    const LatticeColumn& c = p.columns[k];
+    const float* v = c.values->row(y);
+    float* place = out + k;
+    for (int x = from; x < to; ++x, place += stride)
+      *place = factors[x - from] * (c.scale * (v[x] - c.offset * base[x]));
+  }
+}
+
+/// Adds up the pixels of a row of blocks.
+void add_blocks(const LatticePixels& p, const Shape& s, int row, float* nodes) {
+  const int width = p.weight->width(), height = p.weight->height(), side = s.block;
+  const int first_row = row * side, last_row = std::min(height, first_row + side);
+  std::vector<float> vectors(static_cast<size_t>(side) * static_cast<size_t>(side) * s.stride);
+  std::vector<float> root(static_cast<size_t>(side));
+  for (int b = 0; b < s.across; ++b) {
+    const int from = b * side, to = std::min(width, from + side);
+    float* node = nodes + static_cast<size_t>(b) * s.node;
+    size_t packed = 0;
+    for (int y = first_row; y < last_row; ++y) {
+      const float* w = p.weight->row(y);
+      bool any = false;
+      for (int x = from; x < to; ++x) {
+        root[static_cast<size_t>(x - from)] = w[x] > 0 ? std::sqrt(w[x]) : 0.0f;
+        any |= w[x] > 0;
+        node[s.products] += w[x];
+        node[s.products + 1] += w[x] * w[x];
+      }
+      if (!any) continue;
+      float* line = vectors.data() + packed * s.stride;
+      pack_columns(p, y, from, to, s.stride, root.data(), line);
+      for (size_t t = 0; t < s.targets; ++t) {
+        const float* v = p.targets[t]->row(y);
+        for (int x = from; x < to; ++x)
+          line[static_cast<size_t>(x - from) * s.stride + s.columns + t] = root[static_cast<size_t>(x - from)] * v[x];
+      }
+      packed += static_cast<size_t>(to - from);
+    }
+    if (packed) kernels::add_products(vectors.data(), packed, s.stride, s.columns, node);
+  }
+}
+
+/// Blurs `count` nodes of `size` floats that lie in a row.
+void blur_row(const float* in, float* out, int count, size_t size, const std::vector<float>& taps) {
+  const int reach = static_cast<int>(taps.size()) / 2;
+  std::vector<const float*> rows;
+  for (int i = 0; i < count; ++i) {
+    const int first = std::max(0, i - reach), last = std::min(count - 1, i + reach);
+    rows.clear();
+    for (int j = first; j <= last; ++j) rows.push_back(in + static_cast<size_t>(j) * size);
+    kernels::weighted_sum_rows(rows.data(), taps.data() + (first - i + reach), last - first + 1,
+                               out + static_cast<size_t>(i) * size, static_cast<int>(size));
+  }
+}
+
+/// Rows of a lattice, and what blurs one with those above and below.
+void blur_down(const std::vector<std::vector<float>>& rows, int row, const std::vector<float>& taps, float* out) {
+  const int reach = static_cast<int>(taps.size()) / 2, down = static_cast<int>(rows.size());
+  const int first = std::max(0, row - reach), last = std::min(down - 1, row + reach);
+  std::vector<const float*> sources;
+  for (int j = first; j <= last; ++j) sources.push_back(rows[static_cast<size_t>(j)].data());
+  kernels::weighted_sum_rows(sources.data(), taps.data() + (first - row + reach), last - first + 1, out,
+                             static_cast<int>(rows[0].size()));
+}
+
+/// Solves the normal equations of one node.
+class Solver {
+ public:
+  Solver(const Shape& shape, size_t free, const LatticeWindow& window)
+      : s_(shape),
+        free_(free),
+        window_(window),
+        a_(s_.columns * s_.columns),
+        b_(s_.columns * s_.targets),
+        scale_(s_.columns) {}
+
+  /// @param sums  products and counts    @param out  coefficients, then the node's weight; zeroed before
+  template <class Number>
+  void solve(const Number* sums, float* out) {
+    const size_t n = s_.columns, m = s_.targets;
+    const double weight = static_cast<double>(sums[s_.products]), squares = static_cast<double>(sums[s_.products + 1]);
+    if (!(weight > 0)) return;
+    const double pixels = weight * weight / std::max(squares, 1e-30);
+    const double ridge = window_.ridge + window_.ridge_per_pixel / pixels;
+    for (size_t i = 0; i < n; ++i) {
+      for (size_t j = i; j < n; ++j)
+        a_[i * n + j] = static_cast<double>(sums[kernels::product_index(i, j, s_.stride)]) / weight;
+      for (size_t t = 0; t < m; ++t)
+        b_[i * m + t] = static_cast<double>(sums[kernels::product_index(i, n + t, s_.stride)]) / weight;
+      scale_[i] = a_[i * n + i];
+    }
+    // The free columns go first, so that what is left of the diagonal is the others' variance given them.
+    for (size_t i = 0; i < n; ++i) {
+      if (i == free_) shrink(ridge);
+      factor(i);
+    }
+    for (size_t i = n; i-- > 0;) {
+      double* row = b_.data() + i * m;
+      for (size_t j = i + 1; j < n; ++j) {
+        const double l = a_[i * n + j];
+        for (size_t t = 0; t < m; ++t) row[t] -= l * b_[j * m + t];
+      }
+      for (size_t t = 0; t < m; ++t) out[t * s_.used + i] = static_cast<float>(row[t]);
+    }
+    out[m * s_.used] = static_cast<float>(weight);
+  }
+
+ private:
+  /// One step of elimination without square roots: row i becomes the factor's, b the solution of the lower system.
+  void factor(size_t i) {
+    const size_t n = s_.columns, m = s_.targets;
+    double* row = a_.data() + i * n;
+    double* right = b_.data() + i * m;
+    if (!(row[i] > kDependent * scale_[i])) {
+      std::fill(row + i, row + n, 0.0);
+      std::fill(right, right + m, 0.0);
+      return;
+    }
+    const double inverse = 1.0 / row[i];
+    for (size_t j = i + 1; j < n; ++j) {
+      const double l = row[j] * inverse;
+      if (l == 0) continue;
+      double* target = a_.data() + j * n;
+      for (size_t k = j; k < n; ++k) target[k] -= l * row[k];
+      for (size_t t = 0; t < m; ++t) b_[j * m + t] -= l * right[t];
+    }
+    for (size_t j = i + 1; j < n; ++j) row[j] *= inverse;
+    for (size_t t = 0; t < m; ++t) right[t] *= inverse;
+  }
+
+  void shrink(double ridge) {
+    const size_t n = s_.columns;
+    for (size_t i = free_; i < n; ++i) {
+      double& d = a_[i * n + i];
+      if (!(d > kDependent * scale_[i]))
+        d = 0;
+      else
+        d += ridge * d;
+    }
+  }
+
+  const Shape& s_;
+  size_t free_;
+  const LatticeWindow& window_;
+  std::vector<double> a_, b_, scale_;
+};
+
+using Rows = std::vector<std::vector<float>>;
+
+/// Coefficients of every node, their weights behind them, from sums that are blurred along the rows already.
+Rows solve_nodes(const LatticeProblem& p, const LatticeWindow& window, const Shape& s, Rows sums,
+                 const std::vector<float>& taps, const Task& task) {
+  Rows nodes(static_cast<size_t>(s.down));
+  parallel_for(s.down, quiet(task), [&](int r) {
+    std::vector<float> blurred(static_cast<size_t>(s.across) * s.node);
+    blur_down(sums, r, taps, blurred.data());
+    std::vector<float>& out = nodes[static_cast<size_t>(r)];
+    out.assign(static_cast<size_t>(s.across) * s.coefficients, 0.0f);
+    Solver solver(s, p.free, window);
+    for (int i = 0; i < s.across; ++i) {
+      float* to = out.data() + static_cast<size_t>(i) * s.coefficients;
+      solver.solve(blurred.data() + static_cast<size_t>(i) * s.node, to);
+      // Coefficients are averaged by weight.
+      const float weight = to[s.coefficients - 16];
+      for (size_t k = 0; k < s.coefficients - 16; ++k) to[k] *= weight;
+    }
+  });
+  return nodes;
+}
+
+/// A row of nodes that all have the coefficients of the frame as one window.
+std::vector<float> solve_frame(const LatticeProblem& p, const LatticeWindow& window, const Shape& s, const Rows& sums) {
+  std::vector<double> whole(s.node);
+  for (const std::vector<float>& row : sums)
+    for (size_t i = 0; i < row.size(); ++i) whole[i % s.node] += static_cast<double>(row[i]);
+  std::vector<float> node(s.coefficients), nodes;
+  Solver(s, p.free, window).solve(whole.data(), node.data());
+  for (int b = 0; b < s.across; ++b) nodes.insert(nodes.end(), node.begin(), node.end());
+  return nodes;
+}
+
+void divide_by_weight(float* node, const Shape& s) {
+  const float weight = node[s.coefficients - 16];
+  const float scale = weight > 0 ? 1.0f / weight : 0.0f;
+  for (size_t k = 0; k < s.coefficients - 16; ++k) node[k] *= scale;
+}
+
+Rows smooth(Rows nodes, const Shape& s, double deviation, const Task& task) {
+  const std::vector<float> taps = lattice_taps(deviation);
+  Rows along(nodes.size()), out(nodes.size());
+  parallel_for(s.down, quiet(task), [&](int r) {
+    const size_t i = static_cast<size_t>(r);
+    along[i].resize(nodes[i].size());
+    blur_row(nodes[i].data(), along[i].data(), s.across, s.coefficients, taps);
+    nodes[i] = {};
+  });
+  parallel_for(s.down, quiet(task), [&](int r) {
+    const size_t i = static_cast<size_t>(r);
+    out[i].resize(along[i].size());
+    blur_down(along, r, taps, out[i].data());
+    for (int b = 0; b < s.across; ++b) divide_by_weight(out[i].data() + static_cast<size_t>(b) * s.coefficients, s);
+  });
+  return out;
+}
+
+std::vector<Plane> predict(const LatticePixels& p, const Shape& s, const Rows& nodes, const Task& task) {
+  const int width = p.weight->width(), height = p.weight->height();
+  std::vector<Plane> out;
+  for (size_t t = 0; t < s.targets; ++t) out.emplace_back(width, height);
+  const SplinePlaces along(width, s.block, s.across), down(height, s.block, s.down);
+  for_each_row(height, quiet(task), [&](int y) {
+    const float* w = p.weight->row(y);
+    int from = 0, to = width;
+    while (from < to && !(w[from] > 0)) ++from;
+    while (to > from && !(w[to - 1] > 0)) --to;
+    if (from == to) return;
+    std::vector<float> coefficients(nodes[0].size());
+    const float* rows[3];
+    for (size_t i = 0; i < 3; ++i)
+      rows[i] = nodes[static_cast<size_t>(down.nodes[3 * static_cast<size_t>(y) + i])].data();
+    kernels::weighted_sum_rows(rows, down.weights.data() + 3 * static_cast<size_t>(y), 3, coefficients.data(),
+                               static_cast<int>(coefficients.size()));
+    std::vector<float> vectors(static_cast<size_t>(kChunk) * s.used);
+    const std::vector<float> ones(static_cast<size_t>(kChunk), 1.0f);
+    for (int begin = from; begin < to; begin += kChunk) {
+      const int end = std::min(to, begin + kChunk);
+      pack_columns(p, y, begin, end, s.used, ones.data(), vectors.data());
+      std::vector<float*> results;
+      for (Plane& plane : out) results.push_back(plane.row(y) + begin);
+      const size_t first = 3 * static_cast<size_t>(begin);
+      kernels::predict_row(vectors.data(), static_cast<size_t>(end - begin),
+                           {coefficients.data(), along.nodes.data() + first, along.weights.data() + first,
+                            s.coefficients, s.targets, s.used, s.used, s.used},
+                           results.data());
+    }
+    for (Plane& plane : out)
+      for (int x = from; x < to; ++x)
+        if (!(w[x] > 0)) plane(x, y) = 0;
+  });
+  return out;
+}
+
+}  // namespace
+
+int lattice_block(double deviation) {
+  return std::max(1, static_cast<int>(std::lround(deviation / kBlocksPerDeviation)));
+}
+
+std::vector<float> lattice_taps(double deviation_in_blocks) {
+  const int reach = std::max(1, static_cast<int>(std::ceil(kTruncation * deviation_in_blocks)));
+  std::vector<float> taps;
+  for (int j = -reach; j <= reach; ++j)
+    taps.push_back(static_cast<float>(std::exp(-j * j / (2 * deviation_in_blocks * deviation_in_blocks))));
+  return taps;
+}
+
+SplinePlaces::SplinePlaces(int pixels, int block, int count) {
+  for (int i = 0; i < pixels; ++i) {
+    const float at = (static_cast<float>(i) + 0.5f) / static_cast<float>(block) - 0.5f;
+    const int nearest = std::clamp(static_cast<int>(std::lround(at)), 0, count - 1);
+    const float t = std::clamp(at - static_cast<float>(nearest), -0.5f, 0.5f);
+    for (int j = -1; j <= 1; ++j) nodes.push_back(std::clamp(nearest + j, 0, count - 1));
+    weights.push_back(0.5f * (0.5f - t) * (0.5f - t));
+    weights.push_back(0.75f - t * t);
+    weights.push_back(0.5f * (0.5f + t) * (0.5f + t));
+  }
+}
+
+std::vector<LatticeColumn> standardised(std::vector<LatticeColumn> columns, const Plane& weight, const Task& task) {
+  parallel_for(static_cast<int>(columns.size()), quiet(task), [&](int i) {
+    const Plane& column = *columns[static_cast<size_t>(i)].values;
+    double base = 0, cross = 0, own = 0, total = 0;
+    for (int y = 0; y < weight.height(); ++y) {
+      const float *w = weight.row(y), *c = column.row(y), *b = columns[0].values->row(y);
+      // Sums of one row in float, of all rows in double.
+      float bases = 0, crosses = 0, owns = 0, totals = 0;
+      for (int x = 0; x < weight.width(); ++x) {
+        owns += w[x] * c[x] * c[x];
+        crosses += w[x] * c[x] * b[x];
+        bases += w[x] * b[x] * b[x];
+        totals += w[x];
+      }
+      base += static_cast<double>(bases);
+      cross += static_cast<double>(crosses);
+      own += static_cast<double>(owns);
+      total += static_cast<double>(totals);
+    }
+    const double offset = i == 0 || !(base > 0) ? 0.0 : cross / base;
+    const double left = own - offset * cross;
+    const bool nothing = !(total > 0) || !(left > kDependent * own);
+    columns[static_cast<size_t>(i)].offset = static_cast<float>(offset);
+    columns[static_cast<size_t>(i)].scale = nothing ? 0.0f : static_cast<float>(std::sqrt(total / left));
+  });
+  return columns;
+}
+
+std::vector<Plane> lattice_regression(const LatticeProblem& problem, const LatticeWindow& window, const Task& task,
+                                      const std::function<void(size_t, std::vector<Plane>)>& take) {
+  const bool global = !(window.deviation > 0);
+  const Shape s(problem, global ? kGlobalBlock : lattice_block(window.deviation));
+  const double in_blocks = window.deviation / s.block;
+  const std::vector<float> taps = lattice_taps(global ? 1 : in_blocks);
+  Rows sums(static_cast<size_t>(s.down));
+  parallel_for(s.down, quiet(task), [&](int r) {
+    std::vector<float>& row = sums[static_cast<size_t>(r)];
+    row.assign(static_cast<size_t>(s.across) * s.node, 0.0f);
+    add_blocks(problem, s, r, row.data());
+    for (const LatticePixels& other : problem.nearby) add_blocks(other, s, r, row.data());
+    if (global) return;
+    std::vector<float> blurred(row.size());
+    blur_row(row.data(), blurred.data(), s.across, s.node, taps);
+    row = std::move(blurred);
+  });
+  task.check();
+  const Rows nodes = global ? Rows(static_cast<size_t>(s.down), solve_frame(problem, window, s, sums))
+                            : smooth(solve_nodes(problem, window, s, std::move(sums), taps, task), s,
+                                     kCoefficientBlur * in_blocks, task);
+  for (size_t i = 0; take && i < problem.nearby.size(); ++i) take(i, predict(problem.nearby[i], s, nodes, task));
+  return predict(problem, s, nodes, task);
+}
+
+}  // namespace brume

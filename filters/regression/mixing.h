@@ -1,0 +1,39 @@
+#pragma once
+#include <functional>
+
+#include "filters/patch/selection.h"
+
+namespace brume {
+
+/// A share of each pixel, [0, 1]: what is measured in one region says nothing about another.
+struct MixingRegion {
+  Plane share;
+  double sure;  ///< standard errors that a gain must exceed
+};
+
+/// What candidates are held against.
+struct MixingFrame {
+  RgbPlanes half_a, half_b;  ///< the data
+  const Plane& weight;       ///< of squared errors at each pixel, >= 0; 0 leaves a pixel alone
+  std::vector<MixingRegion> regions;
+};
+
+/// A candidate: one that is there, or one made in `room` from the result that it is to improve.
+using Proposal = std::function<const HalfPair&(const HalfPair& result, HalfPair& room)>;
+
+/// Moves a result towards candidates where the data prove that this lowers its error, and leaves it alone elsewhere.
+///
+/// With T the result, f a candidate, d = f - T, a share s of the way changes the squared error of the mean of both
+/// halves by s^2 a - 2 s b, where
+///
+///     a = E |(d_A + d_B) / 2|^2
+///     b = E [(y_B - T_A) d_A + (y_A - T_B) d_B] / 2 + E [(T_B - T_A) (d_B - d_A)] / 4
+///
+/// and every product pairs what one half's fit says with the other half's data, so that noise drops out of the mean.
+/// In place of b stands a lower bound of it over a Gaussian window: so many standard errors less, and a term for single
+/// large values after Bernstein. Each pixel takes the candidate, window and share of the largest sure gain, in rounds
+/// until nothing is sure any more.
+/// @return  where the result was moved: 1, elsewhere 0
+Plane mix(HalfPair& result, const std::vector<Proposal>& proposals, const MixingFrame& frame, const Task& task);
+
+}  // namespace brume

@@ -1,0 +1,396 @@
+#include "filters/run/clean_picture.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cctype>
+#include <cmath>
+#include <functional>
+#include <list>
+
+#include "base/error.h"
+#include "base/text.h"
+#include "filters/api/requirements.h"
+#include "filters/inputs/planes.h"
+#include "image/exr_copy.h"
+
+namespace brume {
+namespace {
+
+constexpr const char* kRest = "the rest";
+
+std::string type_of(const ExrInfo& file, const std::string& channel) {
+  const auto it = std::find_if(file.channels.begin(), file.channels.end(),
+                               [&](const ExrInfo::Channel& c) { return c.name == channel; });
+  return it == file.channels.end() ? "" : it->type;  // colours made of luminance and chroma have none
+}
+
+std::string name_of_layer(const std::string& channel) {
+  const std::string layer = channel.substr(0, channel.rfind('.'));
+  return layer == channel ? "RGB" : layer.substr(layer.rfind('.') + 1);
+}
+
+bool is_uniform(const Plane& plane) {
+  const float value = plane(0, 0);
+  for (int y = 0; y < plane.height(); ++y)
+    for (const float v : plane.pixels(y))
+      if (v != value) return false;
+  return true;
+}
+
+bool has_variance(const Layers& frame) {
+  return frame.has(layer::beauty, statistic::mean_variance) || has_halves(frame, layer::beauty);
+}
+
+float median(std::vector<float> values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+/// Gives a variance of unstated level that of the picture's own second differences, and one that only counts samples
+/// which met a surface their estimate where it is 0.
+void settle_variance(const ForeignSignal& signal, Layers& frame, std::vector<std::string>& notes, const Task& task) {
+  if (!frame.has(layer::beauty, statistic::mean_variance)) return;
+  const bool unstated = signal.variance->meaning == VarianceMeaning::kUnstated;
+  if (!unstated && !signal.variance->of_surfaces) return;
+  const RgbPlanes mean = frame.rgb(layer::beauty);
+  const Rgb spatial = spatial_variance(mean, quiet(task));
+  const auto variance = frame.add_rgb(layer::beauty, statistic::mean_variance);
+  if (unstated) {
+    std::vector<float> ratios;
+    for (size_t c = 0; c < 3; ++c)
+      for (int y = 0; y < frame.height(); ++y)
+        for (int x = 0; x < frame.width(); ++x)
+          if ((*variance[c])(x, y) > 0 && spatial[c](x, y) > 0)
+            ratios.push_back(spatial[c](x, y) / (*variance[c])(x, y));
+    const float scale = ratios.empty() ? 1.0f : median(std::move(ratios));
+    for (Plane* plane : variance)
+      for (int y = 0; y < frame.height(); ++y)
+        for (float& v : plane->pixels(y)) v *= scale;
+    notes.push_back(
+        fmt::format("the variance of {} is taken as a pattern whose level the picture's own noise gives (times "
+                    "{:.3g}): the file does not say whether it is of samples or of their mean",
+                    signal.name, scale));
+  }
+  if (!signal.variance->of_surfaces) return;
+  size_t lit = 0, without = 0;
+  for (int y = 0; y < frame.height(); ++y)
+    for (int x = 0; x < frame.width(); ++x) {
+      const vec3 m((*mean[0])(x, y), (*mean[1])(x, y), (*mean[2])(x, y));
+      const vec3 v((*variance[0])(x, y), (*variance[1])(x, y), (*variance[2])(x, y));
+      const vec3 s(spatial[0](x, y), spatial[1](x, y), spatial[2](x, y));
+      if (m == vec3(0)) continue;
+      ++lit;
+      if (v != vec3(0) || !(luminance(s) > 1e-6f * luminance(m * m))) continue;
+      ++without;
+      for (int c = 0; c < 3; ++c) (*variance[static_cast<size_t>(c)])(x, y) = s[c];
+    }
+  if (without > 0)
+    notes.push_back(
+        fmt::format("{:.3g} % of the lit pixels of {} have no variance in the file; theirs is estimated from "
+                    "the picture",
+                    100.0 * static_cast<double>(without) / static_cast<double>(lit), signal.name));
+}
+
+/// Estimates the variance of features that come without, so that a noisy one is not taken for a clean one.
+void estimate_features(Layers& frame, const Task& task) {
+  for (const LayerName& l : {layer::albedo, layer::normal}) {
+    if (!frame.has(l) || frame.has(l, statistic::mean_variance)) continue;
+    const Rgb variance = spatial_variance(frame.rgb(l), quiet(task));
+    for (size_t c = 0; c < 3; ++c) frame.set(l.channel_of(statistic::mean_variance, c), variance[c]);
+  }
+}
+
+/// Passes as they are stored, in their order: signals[i] is planes[i].
+struct Parts {
+  std::vector<ForeignSignal> signals;
+  std::vector<std::array<const Plane*, 3>> planes;
+  std::vector<std::array<const Plane*, 3>> factors;  // null: none
+
+  float sum(size_t c, int x, int y) const {
+    float sum = 0, group = 0;
+    bool first = true;
+    for (size_t i = 0; i < signals.size(); ++i) {
+      const float value = (*planes[i][c])(x, y);
+      const bool goes_on = i > 0 && factors[i][c] && factors[i][c] == factors[i - 1][c];
+      group = goes_on ? group + value : value;
+      const bool last = i + 1 == signals.size() || !factors[i][c] || factors[i + 1][c] != factors[i][c];
+      if (!last) continue;
+      const float term = factors[i][c] ? group * (*factors[i][c])(x, y) : group;
+      sum = first ? term : sum + term;
+      first = false;
+    }
+    return sum;
+  }
+  float sum_of_sizes(size_t c, int x, int y) const {
+    float sum = 0;
+    for (size_t i = 0; i < signals.size(); ++i)
+      sum += std::abs((*planes[i][c])(x, y) * (factors[i][c] ? (*factors[i][c])(x, y) : 1.0f));
+    return sum;
+  }
+  /// @param name_of  a signal's name
+  std::string text(const std::function<std::string(const ForeignSignal&)>& name_of) const {
+    std::vector<std::string> terms, group;
+    for (size_t i = 0; i < signals.size(); ++i) {
+      group.push_back(name_of(signals[i]));
+      if (i + 1 < signals.size() && signals[i].factor && signals[i + 1].factor == signals[i].factor) continue;
+      if (signals[i].factor) {
+        const std::string sum = group.size() > 1 ? "(" + join(group, " + ") + ")" : group[0];
+        terms.push_back(sum + " * " + name_of_layer(signals[i].factor->front()));
+      } else {
+        terms.push_back(group[0]);
+      }
+      group.clear();
+    }
+    return join(terms, " + ");
+  }
+};
+
+/// Takes the passes away from the picture. @return whether more than rounding is left
+bool subtract(const Parts& parts, const std::array<Plane*, 3>& picture, bool half) {
+  const float tolerance = half ? 4e-3f : 1e-4f;
+  bool any = false;
+  for (size_t c = 0; c < 3; ++c)
+    for (int y = 0; y < picture[c]->height(); ++y)
+      for (int x = 0; x < picture[c]->width(); ++x) {
+        float& value = (*picture[c])(x, y);
+        const float whole = value;
+        value -= parts.sum(c, x, y);
+        any |= std::abs(value) > tolerance * (std::abs(whole) + parts.sum_of_sizes(c, x, y)) + 1e-6f;
+      }
+  return any;
+}
+
+void add_unique(std::vector<std::string>& list, const std::string& text) {
+  if (!text.empty() && std::find(list.begin(), list.end(), text) == list.end()) list.push_back(text);
+}
+
+/// Everything that the filter is given beside its signal.
+Layers surroundings(const ForeignFrame& picture, const Layers& file, const std::set<std::string>& extra) {
+  Layers frame(file.width(), file.height());
+  frame.lie_like(file);
+  frame.header = file.header;
+  if (!picture.of_brume) frame.header[kForeignRenderer] = picture.renderer;
+  const std::vector<std::string> own = picture.channels();
+  for (const std::string& name : extra) {
+    // Parts of the picture under brume's names would be cleaned in place of the signal.
+    if (name.find('.') == std::string::npos || name.starts_with("direct.") || name.starts_with("indirect.")) continue;
+    const Plane* plane = file.find(name);
+    if (plane && !std::binary_search(own.begin(), own.end(), name)) frame.set(name, *plane);
+  }
+  adopt_features(picture, file, frame);
+  return frame;
+}
+
+/// The frame without its beauty and what belongs to that.
+Layers without_signal(Layers frame) {
+  std::set<std::string> signal;
+  for (const auto which : {std::string_view(), statistic::mean_variance, statistic::half_a, statistic::half_b})
+    for (const std::string& name : layer::beauty.channel_names(which)) signal.insert(name);
+  Layers rest(frame.width(), frame.height());
+  rest.lie_like(frame);
+  rest.header = frame.header;
+  for (const std::string& name : frame.names())
+    if (!signal.contains(name)) rest.set(name, std::move(*frame.find(name)));
+  return rest;
+}
+
+/// Runs the filter on one signal after another and puts what comes out in its place, rounded as it is stored. Planes
+/// that are not needed any more are given back early, so that large frames fit.
+class SignalFilter {
+ public:
+  SignalFilter(const FilterSettings& filter, const ForeignFrame& picture, Layers& file, const ExrInfo& info,
+               const std::vector<PictureInFile>& others, const ApplyOptions& options, const Task& task,
+               CleanPicture& result)
+      : filter_(filter),
+        picture_(picture),
+        file_(file),
+        info_(info),
+        others_(others),
+        options_(options),
+        result_(result) {
+    options_.component = Component::kAll;
+    extra_ = readable_channels(filter, options_, file);
+    frame_ = surroundings(picture, file, extra_);
+    ForeignFrame light = picture;
+    light.features.clear();
+    const std::vector<std::string> still_read = light.channels();
+    for (const std::string& name : file.names())
+      if (!std::binary_search(still_read.begin(), still_read.end(), name)) *file.find(name) = Plane();
+    if (filter.uses_features()) estimate_features(frame_, task);
+  }
+
+  void operator()(const ForeignSignal& signal, const Task& task) {
+    add_unique(result_.notes, adopt_signal(picture_, signal, file_, frame_));
+    settle_variance(signal, frame_, result_.notes, task);
+    ApplyOptions options = options_;
+    if (!picture_.passes.empty() && signal.name != kRest)
+      options.light = signal.indirect ? layer::indirect : layer::direct;
+    if (!has_variance(frame_)) {
+      options.noise = NoiseSource::kSpatial;
+      estimated_.push_back(signal.name);
+    }
+    std::list<Layers> nearby;
+    // What the passes of other frames leave is not known.
+    for (const PictureInFile& other : signal.name == kRest ? std::vector<PictureInFile>() : others_) {
+      Layers& theirs = nearby.emplace_back(neighbour(other, signal, task));
+      options.sequence.push_back({other.distance, &theirs, other.records});
+    }
+    for (const std::string& channel : signal.channels) *file_.find(channel) = Plane();
+    ApplyReport report;
+    Layers clean = apply_filter(filter_, frame_, options, task, &report);
+    frame_ = without_signal(std::move(frame_));
+    for (size_t c = 0; c < 3; ++c) {
+      Plane& values = *file_.find(signal.channels[c]);
+      values = std::move(*clean.find(layer::beauty.channel(c)));
+      if (type_of(info_, signal.channels[c]) == "half" && signal.name != kRest) round_to_half(values);
+    }
+    result_.cleaned.push_back(signal.name);
+    result_.seconds += report.seconds;
+    for (const std::string& line : report.notes) said_of_[line].push_back(signal.name);
+    for (const char* key : {"filter", "filterParameters", "filterBackground", "filterExposure", "filterSource",
+                            "filterFrames", "filterFeatures", "filterOutliers"})
+      if (const auto it = clean.header.find(key); it != clean.header.end()) result_.header[key] = it->second;
+  }
+
+  /// What was said of several signals is said once, of all of them.
+  void finish() {
+    for (const auto& [line, names] : said_of_) add_unique(result_.notes, fmt::format("{}: {}", join(names), line));
+    if (!estimated_.empty() && options_.noise != NoiseSource::kSpatial)
+      add_unique(result_.notes,
+                 fmt::format("no variance in the file for {}: estimated from the picture (--noise spatial)",
+                             join(estimated_)));
+  }
+
+ private:
+  /// The same signal of another frame of the sequence.
+  Layers neighbour(const PictureInFile& other, const ForeignSignal& signal, const Task& task) const {
+    ForeignSignal theirs = other.picture->color;
+    for (const ForeignSignal& s : cleaned_signals(*other.picture))
+      if (s.name == signal.name) theirs = s;
+    std::vector<std::string> ignored;
+    Layers frame = frame_of_signal(*other.picture, theirs, *other.file, extra_);
+    settle_variance(theirs, frame, ignored, task);
+    if (filter_.uses_features()) estimate_features(frame, task);
+    return frame;
+  }
+
+  const FilterSettings& filter_;
+  const ForeignFrame& picture_;
+  Layers& file_;
+  const ExrInfo& info_;
+  const std::vector<PictureInFile>& others_;
+  ApplyOptions options_;
+  CleanPicture& result_;
+  std::set<std::string> extra_;
+  Layers frame_;                                             // without a signal between two runs
+  std::vector<std::string> estimated_;                       // signals without statistics
+  std::map<std::string, std::vector<std::string>> said_of_;  // notes, by their text: of which signals
+};
+
+}  // namespace
+
+std::string channel_beside(const std::string& channel, const std::string& suffix) {
+  const size_t dot = channel.rfind('.');
+  if (dot != std::string::npos) return channel.substr(0, dot) + suffix + channel.substr(dot);
+  const auto letter = std::find_if(suffix.begin(), suffix.end(), [](unsigned char c) { return std::isalnum(c); });
+  return std::string(letter, suffix.end()) + "." + channel;
+}
+
+std::vector<ForeignSignal> cleaned_signals(const ForeignFrame& picture) {
+  return picture.passes.empty() ? std::vector<ForeignSignal>{picture.color} : picture.passes;
+}
+
+Layers frame_of_signal(const ForeignFrame& picture, const ForeignSignal& signal, const Layers& file,
+                       const std::set<std::string>& extra) {
+  Layers frame = surroundings(picture, file, extra);
+  adopt_signal(picture, signal, file, frame);
+  return frame;
+}
+
+CleanPicture clean_picture(const FilterSettings& filter, const ForeignFrame& picture, Layers file, const ExrInfo& info,
+                           const std::vector<PictureInFile>& others, const ApplyOptions& options, const Task& task,
+                           const std::string& suffix) {
+  CleanPicture result;
+  result.notes = picture.remarks;
+  for (const std::string& name : picture.channels())
+    if (type_of(info, name) == "uint" && name != picture.sample_count)
+      throw InputError(fmt::format("channel {} holds whole numbers, which are no light", name));
+  std::vector<ForeignSignal> signals = cleaned_signals(picture);
+  const bool only_indirect = options.component == Component::kIndirect;
+  const auto wanted = [&](const ForeignSignal& s) { return !only_indirect || s.indirect; };
+  if (std::none_of(signals.begin(), signals.end(), wanted))
+    throw InputError("no pass is known to be light scattered more than once, which --component indirect cleans");
+  const auto planes = [&](const ChannelTriple& channels) {
+    return std::array{file.find(channels[0]), file.find(channels[1]), file.find(channels[2])};
+  };
+
+  Parts parts;
+  const auto add_part = [&](const ForeignSignal& signal) {
+    const auto of = [&](const ChannelTriple& channels) {
+      const auto p = planes(channels);
+      return std::array<const Plane*, 3>{p[0], p[1], p[2]};
+    };
+    parts.signals.push_back(signal);
+    parts.planes.push_back(of(signal.channels));
+    parts.factors.push_back(signal.factor ? of(*signal.factor) : std::array<const Plane*, 3>{});
+  };
+  if (!picture.passes.empty()) {
+    bool half = type_of(info, picture.color.channels[0]) == "half";
+    for (const ForeignSignal& pass : picture.passes) {
+      add_part(pass);
+      half |= type_of(info, pass.channels[0]) == "half";
+    }
+    if (subtract(parts, planes(picture.color.channels), half)) {
+      signals.push_back({.name = kRest, .channels = picture.color.channels});
+      add_part(signals.back());
+      result.notes.push_back(
+          fmt::format("the passes do not make up the whole of {}: what they leave is {} too, as a part of its own that "
+                      "no channel holds",
+                      picture.color.name, only_indirect ? "kept" : "cleaned"));
+    }
+  }
+
+  SignalFilter clean(filter, picture, file, info, others, options, task, result);
+  for (size_t i = 0; i < signals.size(); ++i) {
+    const auto colours = planes(signals[i].channels);
+    const bool uniform = std::all_of(colours.begin(), colours.end(), [](const Plane* p) { return is_uniform(*p); });
+    if (!wanted(signals[i]) || (uniform && !picture.passes.empty())) continue;
+    const double count = static_cast<double>(signals.size());
+    clean(signals[i], share(task, static_cast<double>(i) / count, static_cast<double>(i + 1) / count));
+  }
+  clean.finish();
+
+  if (!picture.passes.empty()) {
+    const bool rest = signals.size() > picture.passes.size();
+    for (size_t c = 0; c < 3; ++c) {
+      Plane whole(file.width(), file.height());
+      for (int y = 0; y < file.height(); ++y)
+        for (int x = 0; x < file.width(); ++x) whole(x, y) = parts.sum(c, x, y);
+      if (type_of(info, picture.target[c]) == "half") round_to_half(whole);
+      if (rest) *file.find(picture.color.channels[c]) = Plane();
+      result.channels.push_back({picture.target[c], std::move(whole)});
+    }
+  }
+  const auto was_cleaned = [&](const ForeignSignal& s) {
+    return s.name != kRest && std::find(result.cleaned.begin(), result.cleaned.end(), s.name) != result.cleaned.end();
+  };
+  const auto written_name = [&](const std::string& channel) {
+    return name_of_layer(suffix.empty() ? channel : channel_beside(channel, suffix));
+  };
+  if (!picture.passes.empty())
+    result.sum = fmt::format("{} = {}", written_name(picture.target[0]), parts.text([&](const ForeignSignal& s) {
+      return was_cleaned(s) && !suffix.empty() ? written_name(s.channels[0]) : s.name;
+    }));
+  for (const ForeignSignal& signal : signals) {
+    if (!was_cleaned(signal)) continue;
+    const ChannelTriple& target = picture.passes.empty() ? picture.target : signal.channels;
+    const size_t channels = target[0] == target[1] ? 1 : 3;  // grey
+    for (size_t c = 0; c < channels; ++c)
+      result.channels.push_back({target[c], std::move(*file.find(signal.channels[c]))});
+  }
+  return result;
+}
+
+}  // namespace brume
