@@ -147,7 +147,7 @@ def whole_frames(results):
     methods = {m["id"]: m for m in results["methods"] if m["setting"] in ("none", "default")}
     ours = next(m["id"] for m in methods.values() if m["filter"] == OURS)
     counts = results["spp"]
-    ratios = {n: [] for n in counts}
+    ratios, without = {n: [] for n in counts}, {n: [] for n in counts}
     print("| scene | " + " | ".join(f"{n} spp: path tracing, ours, best other" for n in counts) + " |")
     print("|---|" + "---|" * len(counts))
     for scene in (s["name"] for s in results["scenes"]):
@@ -158,10 +158,13 @@ def whole_frames(results):
             other = min((m for m in rms if m != ours and methods[m]["filter"]), key=rms.get)
             noisy = next(v for m, v in rms.items() if not methods[m]["filter"])
             ratios[n].append(rms[ours] / rms[other])
+            without[n].append(rms[ours] / min(v for m, v in rms.items() if m != ours and methods[m]["filter"]
+                                              and "guides" not in methods[m]["label"]))
             cells.append(f"{noisy:.2f}, {rms[ours]:.2f}, {rms[other]:.2f} {methods[other]['label']} ({ratios[n][-1]:.2f})")
         print(f"| {scene} | " + " | ".join(cells) + " |")
-    means = [f"{math.exp(sum(map(math.log, r)) / len(r)):.2f}" for r in ratios.values()]
-    print("| geometric mean of ours over the best other | " + " | ".join(means) + " |")
+    for name, of in (("the best other", ratios), ("the best without guides", without)):
+        means = [f"{math.exp(sum(map(math.log, r)) / len(r)):.2f}" for r in of.values()]
+        print(f"| geometric mean of ours over {name} | " + " | ".join(means) + " |")
 
 
 def main():
