@@ -7,7 +7,7 @@
 #include <string>
 
 #include "base/progress.h"
-#include "work/version.h"
+#include "workflows/version.h"
 
 namespace brume::app {
 

@@ -11,9 +11,9 @@
 #include "base/output_file.h"
 #include "base/sequence.h"
 #include "base/text.h"
-#include "evaluate/contact_sheet.h"
-#include "evaluate/metric.h"
-#include "evaluate/temporal.h"
+#include "evaluate/metrics/metric.h"
+#include "evaluate/metrics/temporal.h"
+#include "evaluate/report/contact_sheet.h"
 
 namespace brume::app {
 namespace {

@@ -27,7 +27,7 @@
 #include "filters/api/requirements.h"
 #include "filters/run/apply.h"
 #include "image/exr_io.h"
-#include "work/finished_frame.h"
+#include "workflows/finished_frame.h"
 
 namespace brume::app {
 namespace {

@@ -7,7 +7,7 @@
 
 #include "base/text.h"
 #include "filters/api/registry.h"
-#include "work/version.h"
+#include "workflows/version.h"
 
 namespace brume::app {
 namespace {

@@ -6,7 +6,7 @@
 #include <sstream>
 
 #include "base/error.h"
-#include "evaluate/metric.h"
+#include "evaluate/metrics/metric.h"
 #include "render/scene/field_reference.h"
 #include "render/scene/toml_table.h"
 

@@ -4,7 +4,7 @@
 
 #include "app/command.h"
 #include "filters/api/registry.h"
-#include "work/filters_json.h"
+#include "workflows/filters_json.h"
 
 namespace brume::app {
 namespace {

@@ -5,7 +5,7 @@
 #include "app/command.h"
 #include "image/layers.h"
 #include "image/picture_io.h"
-#include "work/frame.h"
+#include "workflows/frame.h"
 
 namespace brume::app {
 

@@ -9,7 +9,7 @@
 #include "base/sequence.h"
 #include "image/exr_io.h"
 #include "render/frame/render_state.h"
-#include "work/finished_frame.h"
+#include "workflows/finished_frame.h"
 
 namespace brume::app {
 namespace {

@@ -18,9 +18,9 @@
 #include "image/exr_io.h"
 #include "render/frame/renderer.h"
 #include "render/scene/scene_io.h"
-#include "work/clean.h"
-#include "work/finished_frame.h"
-#include "work/scene.h"
+#include "workflows/clean.h"
+#include "workflows/finished_frame.h"
+#include "workflows/scene.h"
 
 namespace brume::app {
 namespace {

@@ -18,8 +18,8 @@
 #include "farm/submit_lock.h"
 #include "filters/api/registry.h"
 #include "render/scene/scene_io.h"
-#include "work/clean.h"
-#include "work/scene.h"
+#include "workflows/clean.h"
+#include "workflows/scene.h"
 
 namespace brume::app {
 namespace {

@@ -4,9 +4,9 @@
 
 #include <cmath>
 
-#include "evaluate/flip.h"
-#include "evaluate/metric.h"
-#include "evaluate/similarity.h"
+#include "evaluate/metrics/flip.h"
+#include "evaluate/metrics/metric.h"
+#include "evaluate/metrics/similarity.h"
 
 namespace brume {
 namespace {

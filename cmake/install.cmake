@@ -8,7 +8,7 @@ include(CMakePackageConfigHelpers)
 add_library(brume_archive STATIC $<TARGET_OBJECTS:brume_base> $<TARGET_OBJECTS:brume_image> $<TARGET_OBJECTS:brume_volume>
   $<TARGET_OBJECTS:brume_scene> $<TARGET_OBJECTS:brume_world> $<TARGET_OBJECTS:brume_trace> $<TARGET_OBJECTS:brume_lanes>
   $<TARGET_OBJECTS:brume_guides> $<TARGET_OBJECTS:brume_frame> $<TARGET_OBJECTS:brume_filters> $<TARGET_OBJECTS:brume_evaluate>
-  $<TARGET_OBJECTS:brume_work>)
+  $<TARGET_OBJECTS:brume_workflows>)
 set_target_properties(brume_archive PROPERTIES OUTPUT_NAME brume LINKER_LANGUAGE CXX)
 
 # The program describes itself.
@@ -30,7 +30,7 @@ install(TARGETS brume brume-vdb-reader RUNTIME DESTINATION ${CMAKE_INSTALL_BINDI
 install(FILES $<TARGET_FILE:brume_archive> DESTINATION ${CMAKE_INSTALL_LIBDIR})
 install(DIRECTORY include/brume DESTINATION ${CMAKE_INSTALL_INCLUDEDIR})
 # What knows OpenEXR's headers is no part of the interface.
-install(DIRECTORY base volume image render filters evaluate work DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/brume
+install(DIRECTORY base volume image render filters evaluate workflows DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/brume
   FILES_MATCHING PATTERN "*.h" PATTERN exr_common.h EXCLUDE PATTERN exr_zip.h EXCLUDE)
 install(FILES ${described}/man DESTINATION ${CMAKE_INSTALL_MANDIR}/man1 RENAME brume.1)
 install(FILES ${described}/bash DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions RENAME brume)

@@ -2,7 +2,7 @@
 # Node. Included where the program's part that embeds it is built. Sets BRUME_PAGE, for all folders, and BRUME_PAGE_SOURCE.
 
 set(BRUME_PAGE OFF CACHE INTERNAL "whether the page is built in")
-set(BRUME_PAGE_SOURCE ${PROJECT_SOURCE_DIR}/evaluate/page_absent.cpp)
+set(BRUME_PAGE_SOURCE ${PROJECT_SOURCE_DIR}/evaluate/report/page_absent.cpp)
 set(page_folder ${PROJECT_SOURCE_DIR}/page)
 
 function(brume_no_page why)

@@ -57,7 +57,7 @@ if (what === "tests") {
   };
   const source = [
     "// Written by page/build.mjs.",
-    '#include "evaluate/page_bundle.h"',
+    '#include "evaluate/report/page_bundle.h"',
     "namespace brume {",
     "namespace {",
     `constexpr char kScript[] = {${bytes("page.js", "script")}};`,

@@ -10,7 +10,7 @@
 #include <set>
 
 #include "base/output_file.h"
-#include "evaluate/metric.h"
+#include "evaluate/metrics/metric.h"
 #include "filters/api/recommend.h"
 #include "filters/api/registry.h"
 #include "filters/api/requirements.h"
@@ -23,11 +23,11 @@
 #include "python/work.h"
 #include "render/frame/renderer.h"
 #include "render/scene/scene_io.h"
-#include "work/clean.h"
-#include "work/filters_json.h"
-#include "work/frame.h"
-#include "work/scene.h"
-#include "work/version.h"
+#include "workflows/clean.h"
+#include "workflows/filters_json.h"
+#include "workflows/frame.h"
+#include "workflows/scene.h"
+#include "workflows/version.h"
 
 namespace brume::python {
 namespace {

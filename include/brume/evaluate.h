@@ -1,7 +1,7 @@
 #pragma once
 // How far a picture is from a reference.
 
-#include "evaluate/metric.h"
-#include "evaluate/protocol.h"
-#include "evaluate/report.h"
-#include "evaluate/tuning.h"
+#include "evaluate/metrics/metric.h"
+#include "evaluate/protocol/protocol.h"
+#include "evaluate/protocol/tuning.h"
+#include "evaluate/report/report.h"

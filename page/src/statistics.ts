@@ -1,4 +1,4 @@
-// Who beats whom, as evaluate/statistics.cpp decides it for the pairs of results.json.
+// Who beats whom, as evaluate/metrics/statistics.cpp decides it for the pairs of results.json.
 
 /** How likely Student's t stays within ±t. Source: Abramowitz and Stegun, 26.7.3 and 26.7.4. */
 export function studentWithin(t: number, degrees: number): number {

@@ -25,10 +25,10 @@ const std::map<std::string, std::set<std::string>> kMayInclude = {
     {"render", {"render", "volume", "image", "base"}},
     {"filters", {"filters", "image", "base"}},
     {"evaluate", {"evaluate", "filters", "image", "base"}},
-    {"work", {"work", "evaluate", "filters", "render", "volume", "image", "base"}},
+    {"workflows", {"workflows", "evaluate", "filters", "render", "volume", "image", "base"}},
     {"farm", {"farm", "image", "base"}},
-    {"app", {"app", "farm", "work", "evaluate", "filters", "render", "volume", "image", "base"}},
-    {"python", {"python", "work", "evaluate", "filters", "render", "volume", "image", "base"}},
+    {"app", {"app", "farm", "workflows", "evaluate", "filters", "render", "volume", "image", "base"}},
+    {"python", {"python", "workflows", "evaluate", "filters", "render", "volume", "image", "base"}},
 };
 
 TEST(Architecture, EachRoomIncludesOnlyWhatItMayKnow) {
@@ -115,8 +115,8 @@ TEST(Architecture, WhatCommentsCiteStandsInTheClone) {
     if (line.starts_with("## ")) headings.push_back(line.substr(3));
   const std::regex page("([A-Za-z_./]+\\.md)\\b(, ([A-Z]))?");
   int cited = 0;
-  for (const char* room :
-       {"base", "volume", "image", "render", "filters", "evaluate", "work", "farm", "python", "app", "tests", "bench"})
+  for (const char* room : {"base", "volume", "image", "render", "filters", "evaluate", "workflows", "farm", "python",
+                           "app", "tests", "bench"})
     for (const auto& entry : fs::recursive_directory_iterator(test::source(room))) {
       if (entry.path().extension() != ".h" && entry.path().extension() != ".cpp") continue;
       const std::string text = comments(test::read_file(entry.path()));

@@ -1,4 +1,4 @@
-#include "evaluate/flip.h"
+#include "evaluate/metrics/flip.h"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "evaluate/metric.h"
+#include "evaluate/metrics/metric.h"
 
 #include <gtest/gtest.h>
 
@@ -7,9 +7,9 @@
 
 #include "base/error.h"
 #include "base/rng.h"
-#include "evaluate/contact_sheet.h"
-#include "evaluate/statistics.h"
-#include "evaluate/temporal.h"
+#include "evaluate/metrics/statistics.h"
+#include "evaluate/metrics/temporal.h"
+#include "evaluate/report/contact_sheet.h"
 #include "image/color.h"
 
 namespace brume {

@@ -1,11 +1,11 @@
-#include "evaluate/page.h"
+#include "evaluate/report/page.h"
 
 #include <gtest/gtest.h>
 
 #include <nlohmann/json.hpp>
 #include <string>
 
-#include "evaluate/page_bundle.h"
+#include "evaluate/report/page_bundle.h"
 #include "image/packed_half.h"
 
 namespace brume {

@@ -1,4 +1,4 @@
-#include "evaluate/protocol.h"
+#include "evaluate/protocol/protocol.h"
 
 #include <fmt/format.h>
 #include <gtest/gtest.h>
@@ -8,10 +8,10 @@
 #include <nlohmann/json.hpp>
 
 #include "base/rng.h"
-#include "evaluate/report.h"
-#include "evaluate/speed.h"
-#include "evaluate/table.h"
-#include "evaluate/tuning.h"
+#include "evaluate/protocol/speed.h"
+#include "evaluate/protocol/tuning.h"
+#include "evaluate/report/report.h"
+#include "evaluate/report/table.h"
 #include "filters/api/registry.h"
 #include "image/exr_io.h"
 #include "tests/support/files.h"

@@ -1,4 +1,4 @@
-#include "evaluate/statistics.h"
+#include "evaluate/metrics/statistics.h"
 
 #include <gtest/gtest.h>
 

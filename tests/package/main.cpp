@@ -6,7 +6,7 @@
 #include <brume/image.h>
 #include <brume/render.h>
 #include <brume/volume.h>
-#include <brume/work.h>
+#include <brume/workflows.h>
 
 #include <cstdio>
 

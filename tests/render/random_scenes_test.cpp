@@ -13,7 +13,7 @@
 #include "render/frame/renderer.h"
 #include "tests/support/files.h"
 #include "tests/support/random_scene.h"
-#include "work/clean.h"
+#include "workflows/clean.h"
 
 namespace brume {
 namespace {

@@ -7,7 +7,7 @@
 #include <sstream>
 
 #include "base/running_statistics.h"
-#include "evaluate/metric.h"
+#include "evaluate/metrics/metric.h"
 #include "image/exr_io.h"
 #include "image/foreign.h"
 #include "render/frame/renderer.h"

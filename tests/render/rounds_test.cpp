@@ -7,7 +7,7 @@
 
 #include "base/rng.h"
 #include "render/frame/round_progress.h"
-#include "work/error_curve.h"
+#include "workflows/error_curve.h"
 
 namespace brume {
 namespace {

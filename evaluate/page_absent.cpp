@@ -1,7 +1,0 @@
-#include "evaluate/page_bundle.h"
-
-namespace brume {
-
-const std::string_view page_script, page_style;
-
-}  // namespace brume

@@ -1,0 +1,318 @@
+// results.json: everything that an evaluation measured, for the page and for programs.
+
+#include <algorithm>
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "evaluate/protocol/speed.h"
+#include "evaluate/report/report.h"
+
+namespace brume {
+namespace {
+
+using json = nlohmann::ordered_json;
+
+const char* component_name(Component component) {
+  switch (component) {
+    case Component::kIndirect:
+      return "indirect";
+    case Component::kApart:
+      return "apart";
+    default:
+      return "all";
+  }
+}
+
+json experiment_json(const EvaluationSettings& s) {
+  json contenders = json::array();
+  for (const Contender& c : s.contenders) contenders.push_back(c.label);
+  return {{"name", s.name},
+          {"component", component_name(s.component)},
+          {"background", s.background == BackgroundRule::kBilateral ? "bilateral"
+                         : s.background == BackgroundRule::kFilter  ? "filter"
+                                                                    : "default"},
+          {"reference_spp", s.reference_spp},
+          {"reference_noise", s.reference_noise},
+          {"searched", s.tune},
+          {"time_limit", s.time_limit},
+          {"contenders", contenders},
+          {"file", s.text}};
+}
+
+json metrics_json(const EvaluationSettings& s) {
+  json list = json::array();
+  for (const MetricInfo& m : all_metrics())
+    if (is_reported(s, m.id))
+      list.push_back({{"id", m.id},
+                      {"name", m.name},
+                      {"unit", m.unit},
+                      {"better", better_name(m.better)},
+                      {"definition", m.definition}});
+  return list;
+}
+
+json scene_json(const SceneResult& scene) {
+  return {{"name", scene.name},
+          {"hash", scene.hash},
+          {"exposure", scene.policy.exposure},
+          {"width", scene.width},
+          {"height", scene.height},
+          {"medium_share", scene.medium_share},
+          {"references", scene.references},
+          {"reference_spp", scene.reference_spp},
+          {"reference_noise", scene.reference_rms},
+          {"reference_seconds", scene.reference_seconds},
+          {"colours", scene.policy.text()}};
+}
+
+/// Each method once, whatever scenes and sample counts it ran on.
+json methods_json(const Evaluation& e) {
+  json list = json::array();
+  std::vector<std::string> known;
+  for (const SceneResult& scene : e.scenes)
+    for (const MethodResult& m : scene.methods) {
+      if (std::find(known.begin(), known.end(), m.id()) != known.end()) continue;
+      known.push_back(m.id());
+      const auto contender = std::find_if(e.settings.contenders.begin(), e.settings.contenders.end(),
+                                          [&](const Contender& c) { return c.label == m.filter; });
+      const bool is_filter = contender != e.settings.contenders.end();
+      json features = json::array();
+      if (is_filter)
+        for (const std::string& name :
+             contender->features.empty() ? contender->settings.preferred_features() : contender->features)
+          features.push_back(name);
+      // Those of a search are another in every row.
+      const bool fixed = m.tuning == Tuning::kDefault || m.tuning == Tuning::kPaper;
+      list.push_back({{"id", m.id()},
+                      {"label", m.label()},
+                      {"filter", is_filter ? contender->settings.entry().name : ""},
+                      {"parameters", fixed ? m.parameters : ""},
+                      {"features", features},
+                      {"guides", is_filter && contender->reads_guides(contender->settings)},
+                      {"setting", is_filter ? tuning_name(m.tuning) : "none"}});
+    }
+  return list;
+}
+
+json interval_json(const std::vector<double>& values) {
+  const MeanInterval interval = mean_interval(values);
+  return {{"mean", interval.mean}, {"half_width", interval.half_width}, {"values", values}};
+}
+
+/// @param scope  of the errors: what it lacks was not measured
+json metric_values(const EvaluationSettings& settings, const std::vector<Errors>& by_seed,
+                   ErrorScope scope = ErrorScope::kAll) {
+  json metrics = json::object();
+  if (by_seed.empty()) return metrics;
+  for (size_t i = 0; i < all_metrics().size(); ++i) {
+    const MetricInfo& info = all_metrics()[i];
+    if (info.scope > scope || !is_reported(settings, info.id)) continue;
+    metrics[info.id] = interval_json(values_of(by_seed, i));
+  }
+  return metrics;
+}
+
+json rows_json(const SceneResult& scene, const EvaluationSettings& settings) {
+  json rows = json::array();
+  for (const MethodResult& m : scene.methods)
+    for (const Region region : kRegions) {
+      if (region == Region::kMedium && scene.mask.empty()) continue;
+      json row = {
+          {"scene", scene.name},
+          {"spp", m.spp},
+          {"method", m.id()},
+          {"region", region_name(region)},
+          {"parameters", m.parameters},
+          {"at_the_edge", m.edges},
+          {"metrics", metric_values(settings, m.errors[static_cast<size_t>(region)])},
+          {"seconds", {{"render", m.render_seconds}, {"guides", m.guide_seconds}, {"filter", m.filter_seconds}}}};
+      for (const auto& [light, errors] : m.lights)
+        row["lights"][light] = metric_values(settings, errors[static_cast<size_t>(region)], ErrorScope::kPixels);
+      if (m.peak_bytes) row["peak_memory_bytes"] = *m.peak_bytes;
+      if (!m.failed.empty()) row["failed"] = m.failed;
+      if (const auto paper = paper_numbers(scene.name, m.filter, m.spp); paper && m.tuning <= Tuning::kPaper)
+        row["paper"] = {{"rms", paper->rms}, {"seconds", paper->seconds}};
+      rows.push_back(std::move(row));
+    }
+  return rows;
+}
+
+/// All pairs of some methods, and who is better when all of these are looked at together.
+void add_pairs(json& pairs, const SceneResult& scene, const std::vector<const MethodResult*>& methods, Region region) {
+  std::vector<double> p_values;
+  const size_t first = pairs.size();
+  for (size_t i = 0; i < methods.size(); ++i)
+    for (size_t k = i + 1; k < methods.size(); ++k) {
+      const MethodResult &a = *methods[i], &b = *methods[k];
+      const PairedDifference d =
+          paired_difference(a.values(region, &Errors::lab_rms), b.values(region, &Errors::lab_rms));
+      p_values.push_back(d.p_value);
+      pairs.push_back({{"scene", scene.name},
+                       {"spp", a.spp},
+                       {"region", region_name(region)},
+                       {"metric", "lab_rms"},
+                       {"a", a.id()},
+                       {"b", b.id()},
+                       {"difference", d.difference.mean},
+                       {"half_width", d.difference.half_width},
+                       {"p", d.p_value},
+                       {"better", nullptr}});
+    }
+  const std::vector<bool> significant = holm_significant(p_values);
+  for (size_t i = 0; i < significant.size(); ++i)
+    if (significant[i]) pairs[first + i]["better"] = pairs[first + i]["difference"].get<double>() < 0 ? "a" : "b";
+}
+
+/// The methods of one tuning against one another, the unfiltered frames among them.
+json pairs_json(const SceneResult& scene) {
+  json pairs = json::array();
+  for (const int spp : spp_of(scene))
+    for (const Region region : kRegions)
+      for (const Tuning tuning : {Tuning::kPaper, Tuning::kDefault, Tuning::kSearched, Tuning::kTransfer}) {
+        if (region == Region::kMedium && scene.mask.empty()) continue;
+        std::vector<const MethodResult*> methods;
+        for (const MethodResult& m : scene.methods)
+          if (m.spp == spp && m.failed.empty() && (m.tuning == tuning || m.tuning == Tuning::kNone))
+            methods.push_back(&m);
+        add_pairs(pairs, scene, methods, region);
+      }
+  return pairs;
+}
+
+json pictures_json(const SceneResult& scene) {
+  json pictures = json::array();
+  pictures.push_back(
+      {{"scene", scene.name}, {"spp", 0}, {"method", "reference"}, {"file", scene.name + "_reference.exr"}});
+  for (const MethodResult& m : scene.methods)
+    if (m.failed.empty())
+      pictures.push_back({{"scene", scene.name}, {"spp", m.spp}, {"method", m.id()}, {"file", picture_file(scene, m)}});
+  return pictures;
+}
+
+json number_or_null(const std::optional<double>& value) {
+  return value ? json(*value) : json(nullptr);
+}
+
+json pareto_json(const SceneResult& scene) {
+  json list = json::array();
+  for (const MethodResult* m : pareto_front(scene))
+    list.push_back({{"scene", scene.name}, {"method", m->id()}, {"spp", m->spp}});
+  return list;
+}
+
+json times_json(const SceneResult& scene) {
+  json list = json::array();
+  for (const TimeToError& t : times_to_error(scene))
+    list.push_back({{"scene", scene.name},
+                    {"method", t.method},
+                    {"error", t.error},
+                    {"seconds", t.seconds},
+                    {"factor_over_path_tracing", number_or_null(t.over_path_tracing)},
+                    {"factor_over_gradient_kernel", number_or_null(t.over_gradient_kernel)}});
+  return list;
+}
+
+/// A line of a study for each region: what it is about, then its numbers.
+void add_study(json& list, const SceneResult& scene, const EvaluationSettings& settings, const MethodResult& m,
+               const json& about) {
+  for (const Region region : kRegions) {
+    if (region == Region::kMedium && scene.mask.empty()) continue;
+    json row = {{"scene", scene.name}, {"spp", m.spp}, {"method", m.id()}};
+    row.update(about);
+    row["region"] = region_name(region);
+    row["metrics"] = metric_values(settings, m.errors[static_cast<size_t>(region)]);
+    if (!m.failed.empty()) row["failed"] = m.failed;
+    list.push_back(std::move(row));
+  }
+}
+
+json ablation_json(const SceneResult& scene, const EvaluationSettings& settings) {
+  json list = json::array();
+  for (const AblationResult& a : scene.ablation)
+    add_study(list, scene, settings, a.result, {{"layer", a.layer}, {"how", a.alone ? "alone" : "without"}});
+  return list;
+}
+
+json sensitivity_json(const SceneResult& scene, const EvaluationSettings& settings) {
+  json list = json::array();
+  for (const SensitivityResult& s : scene.sensitivity)
+    add_study(list, scene, settings, s.result, {{"parameter", s.parameter}, {"value", s.value}});
+  return list;
+}
+
+json sequence_json(const SequenceResult& sequence) {
+  json rows = json::array();
+  for (const SequenceMethod& m : sequence.methods)
+    for (const Region region : kRegions) {
+      const SequenceMethod::Values& values = m.regions[static_cast<size_t>(region)];
+      if (m.failed.empty() && values.lab_rms.empty()) continue;
+      json row = {{"spp", m.spp},
+                  {"label", m.filter.empty() ? "path tracing" : m.filter},
+                  {"reach", m.reach},
+                  {"region", region_name(region)},
+                  {"parameters", m.parameters},
+                  {"filter_seconds", m.filter_seconds}};
+      if (m.failed.empty()) {
+        row["lab_rms"] = interval_json(values.lab_rms);
+        row["temporal_error"] = interval_json(values.temporal_error);
+        row["flicker"] = interval_json(values.flicker);
+      } else {
+        row["failed"] = m.failed;
+      }
+      rows.push_back(std::move(row));
+    }
+  return {{"name", sequence.name},
+          {"frames", sequence.frames},
+          {"hashes", sequence.hashes},
+          {"width", sequence.width},
+          {"height", sequence.height},
+          {"reference_change", {{"frame", sequence.reference_change[0]}, {"medium", sequence.reference_change[1]}}},
+          {"rows", rows}};
+}
+
+void append(json& list, json&& more) {
+  for (json& entry : more) list.push_back(std::move(entry));
+}
+
+}  // namespace
+
+std::string json_report(const Evaluation& e) {
+  const Provenance& made = e.settings.provenance;
+  json scenes = json::array(), rows = json::array(), pairs = json::array(), pictures = json::array(),
+       pareto = json::array(), times = json::array(), ablation = json::array(), sensitivity = json::array();
+  for (const SceneResult& scene : e.scenes) {
+    scenes.push_back(scene_json(scene));
+    append(rows, rows_json(scene, e.settings));
+    append(pairs, pairs_json(scene));
+    append(pictures, pictures_json(scene));
+    append(pareto, pareto_json(scene));
+    append(times, times_json(scene));
+    append(ablation, ablation_json(scene, e.settings));
+    append(sensitivity, sensitivity_json(scene, e.settings));
+  }
+  json sequences = json::array();
+  for (const SequenceResult& sequence : e.sequences) sequences.push_back(sequence_json(sequence));
+  json seeds = json::array();
+  for (int seed = 0; seed < e.settings.seeds; ++seed) seeds.push_back(kFirstNoisySeed + seed);
+  const json result = {{"brume", made.version},
+                       {"commit", made.commit},
+                       {"command", made.command},
+                       {"machine", {{"cpu", made.processor}, {"threads", made.threads}}},
+                       {"experiment", experiment_json(e.settings)},
+                       {"scenes", scenes},
+                       {"spp", e.settings.spp},
+                       {"seeds", seeds},
+                       {"metrics", metrics_json(e.settings)},
+                       {"methods", methods_json(e)},
+                       {"rows", rows},
+                       {"pairs", pairs},
+                       {"pareto", pareto},
+                       {"time_to_error", times},
+                       {"ablation", ablation},
+                       {"sensitivity", sensitivity},
+                       {"sequences", sequences},
+                       {"pictures", pictures}};
+  return result.dump(1, ' ', false, json::error_handler_t::replace) + "\n";
+}
+
+}  // namespace brume

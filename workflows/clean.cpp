@@ -1,0 +1,207 @@
+#include "workflows/clean.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "base/error.h"
+#include "base/rng.h"
+#include "filters/api/registry.h"
+#include "filters/api/requirements.h"
+#include "filters/inputs/features.h"
+#include "filters/inputs/guide_layers.h"
+#include "filters/run/apply.h"
+#include "workflows/error_curve.h"
+
+namespace brume {
+namespace {
+
+// Of a tile's squared error: it falls like samples to the power of -kDecay.
+constexpr double kDecay = ErrorCurve::kUsualDecay;
+// A round takes between a tenth more and twice as many samples as there are, so that errors are known before they are
+// acted on and few pictures are cleaned.
+constexpr double kLeastGrowth = 1.1, kMostGrowth = 2;
+constexpr double kMostShare = 16;  // samples of a tile over the mean's
+
+bool makes(const FilterEntry& filter, const LayerName& layer) {
+  return std::find(filter.produces.begin(), filter.produces.end(), layer) != filter.produces.end();
+}
+
+ApplyOptions options_of(double exposure, Outliers outliers) {
+  ApplyOptions options;
+  options.component = Component::kAll;
+  options.exposure = exposure;
+  options.outliers = outliers;
+  return options;
+}
+
+/// A small frame of noise with the layers that will be recorded, on which a filter can be tried.
+Layers trial_frame(const LayerRequest& request, int samples) {
+  constexpr int kSize = 16;
+  Layers trial(kSize, kSize);
+  trial.header["samplesPerPixel"] = samples;
+  Rng rng(1);
+  const auto add = [&](const LayerName& l, std::string_view which = "") {
+    for (const std::string& channel : l.channel_names(which)) {
+      Plane& plane = trial.add(channel);
+      for (int y = 0; y < kSize; ++y)
+        for (float& v : plane.pixels(y)) v = static_cast<float>(rng.uniform());
+    }
+  };
+  const auto add_recorded = [&](const LayerName& l) {
+    add(l);
+    if (request.statistics)
+      for (const auto which : {statistic::mean_variance, statistic::half_a, statistic::half_b}) add(l, which);
+    if (request.buckets)
+      for (const auto which : statistic::buckets) add(l, which);
+  };
+  add_recorded(layer::beauty);
+  for (const RecordedLayer& l : recordable_layers())
+    if (request.has(l.name)) add_recorded(l.name);
+  for (const LayerName& l : FeaturePlan::sources())
+    if (request.guides && is_guide(l.name)) add(l);
+  return trial;
+}
+
+}  // namespace
+
+Cleaner::Cleaner(const std::string& filter, double exposure, std::function<Task(const std::string&)> task,
+                 std::function<void(const std::string&)> note, Outliers outliers)
+    : filter_(parse_filter(filter)),
+      exposure_(exposure),
+      outliers_(outliers),
+      task_(std::move(task)),
+      note_(std::move(note)) {}
+
+bool Cleaner::estimates_error() const {
+  return makes(filter_.entry(), layer::clean_error);
+}
+
+LayerRequest Cleaner::request(const LayerRequest& wanted, int samples) {
+  const FilterEntry& entry = filter_.entry();
+  if (entry.records == FilterEntry::Records::kNeeds)
+    throw InputError(
+        fmt::format("--clean-filter {}: needs the record of every sample; render with --records, then "
+                    "brume denoise",
+                    entry.name));
+  LayerRequest request = wanted;
+  keep_guides_ = wanted.guides;
+  const auto record = [&](const LayerName& l) {
+    if (!l.name.empty() && !request.has(l)) request.names.emplace_back(l.name);
+  };
+  for (const LayerName& l : {layer::direct, layer::indirect}) record(l);
+  for (const LayerName& l : entry.needs) record(l);
+  request.statistics = true;
+  request.buckets = request.buckets || entry.statistics == Statistics::kBuckets;
+  request.guides = request.guides || entry.guides;
+  try {
+    apply_filter(filter_, trial_frame(request, samples), options_of(exposure_, outliers_), {});
+  } catch (const InputError& error) {
+    throw InputError(fmt::format("--clean-filter {}: {}", entry.name, error.what()));
+  }
+  return request;
+}
+
+Layers Cleaner::clean(const Layers& frame) {
+  ApplyReport report;
+  Layers clean = apply_filter(filter_, frame, options_of(exposure_, outliers_), task_(filter_.entry().name), &report);
+  for (const std::string& line : report.notes) note_(line);
+  seconds_ += report.seconds;
+  Layers all(frame.width(), frame.height());
+  all.header = frame.header;
+  all.lie_like(frame);
+  for (const auto& [name, plane] : frame.channels())
+    if (keep_guides_ || !name.starts_with("guide.")) all.set(name, plane);
+  for (size_t c = 0; c < 3; ++c) {
+    const std::string raw = layer::beauty.channel(c);
+    all.set(layer::noisy.channel(c), frame.at(raw));
+    all.set(raw, clean.at(raw));
+  }
+  for (const auto& [name, plane] : clean.channels())
+    if (!frame.find(name)) all.set(name, plane);
+  for (const auto& [key, value] : clean.header) all.header[key] = value;
+
+  error_ = -1;
+  if (estimates_error()) {
+    const Plane& error = clean.at(layer::clean_error.channel(0));
+    const RgbPlanes rgb = clean.rgb(layer::beauty);
+    double sum = 0;
+    for (int y = 0; y < error.height(); ++y)
+      for (int x = 0; x < error.width(); ++x) sum += relative_square(error(x, y), rgb, x, y);
+    error_ = std::sqrt(sum / (static_cast<double>(error.width()) * error.height()));
+    all.header["estimatedCleanError"] = static_cast<float>(error_);
+  }
+  picture_ = all;
+  return all;
+}
+
+double Cleaner::relative_square(double error, const RgbPlanes& rgb, int x, int y) const {
+  const double mean = luminance(vec3((*rgb[0])(x, y), (*rgb[1])(x, y), (*rgb[2])(x, y))) * exposure_;
+  return error * error * exposure_ * exposure_ / (mean * mean + 0.01);
+}
+
+NextRound Cleaner::next_round(const RenderRound& round, double target) {
+  const Layers all = clean(round.frame);
+  const bool known = estimates_error();
+  if (known && target > 0 && error_ <= target) return {};
+  const Film& film = round.film;
+  const auto tiles = static_cast<size_t>(film.tile_count());
+  std::vector<double> pixels(tiles), taken(tiles), wanted(tiles, 0.0);
+  double total = 0, all_pixels = 0;
+  for (size_t t = 0; t < tiles; ++t) {
+    pixels[t] = film.bounds(static_cast<int>(t)).pixels();
+    taken[t] = film.taken(static_cast<int>(t));
+    total += pixels[t] * taken[t];
+    all_pixels += pixels[t];
+  }
+  NextRound next;
+  double growth = kMostGrowth;
+  if (known && target > 0) {
+    ErrorCurve curve;
+    for (const RoundError& e : round.earlier) curve.add(e.samples, e.error);
+    curve.add(total, error_);
+    next.error = error_;
+    next.samples_needed = curve.samples_needed(target);
+    const RoundsLeft left = rounds_left(next.samples_needed / total, kLeastGrowth, kMostGrowth);
+    next.rounds_needed = left.rounds;
+    growth = left.growth;
+  }
+  growth = std::min(growth, round.most_growth);
+  if (!(growth > 1)) return {};
+
+  const RgbPlanes rgb = all.rgb(layer::beauty);
+  const Plane* const error = known ? all.find(layer::clean_error.channel(0)) : nullptr;
+  const Plane* const map = all.find(layer::sampling_map.channel(0));
+  for (size_t t = 0; t < tiles; ++t) {
+    const Film::Bounds b = film.bounds(static_cast<int>(t));
+    double sum = 0;
+    for (int y = b.y0; y < b.y1; ++y)
+      for (int x = b.x0; x < b.x1; ++x)
+        sum += error ? relative_square((*error)(x, y), rgb, x, y) : map ? (*map)(x, y) : 1.0;
+    // Minimises sum E_t (n_t / taken_t)^-decay at a given sum of n_t.
+    wanted[t] = error ? std::pow(sum / pixels[t] * std::pow(taken[t], kDecay), 1 / (1 + kDecay)) : sum / pixels[t];
+  }
+  // What a tile has already it keeps; the others share the rest in proportion.
+  const double budget = growth * total;
+  double lowest = 0, highest = 1e30;
+  std::vector<uint32_t>& goals = next.goals;
+  goals.resize(tiles);
+  for (int step = 0; step < 200; ++step) {
+    const double factor = std::sqrt(std::max(lowest, 1e-30) * highest);
+    double sum = 0;
+    for (size_t t = 0; t < tiles; ++t) {
+      const double fresh = error ? factor * wanted[t] : taken[t] + factor * wanted[t];
+      const double goal = std::clamp(fresh, taken[t], std::max(taken[t], kMostShare * budget / all_pixels));
+      goals[t] = static_cast<uint32_t>(std::min(goal + 0.5, 1e9));
+      sum += pixels[t] * goal;
+    }
+    (sum > budget ? highest : lowest) = factor;
+  }
+  const bool gains = std::any_of(goals.begin(), goals.end(), [&, t = size_t{0}](uint32_t goal) mutable {
+    return goal > film.taken(static_cast<int>(t++));
+  });
+  return gains ? next : NextRound();
+}
+
+}  // namespace brume

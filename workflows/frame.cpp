@@ -1,0 +1,157 @@
+#include "workflows/frame.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdlib>
+
+#include "base/error.h"
+#include "base/text.h"
+#include "filters/api/requirements.h"
+#include "filters/inputs/guide_check.h"
+#include "filters/inputs/guide_layers.h"
+#include "image/color.h"
+#include "image/exr_io.h"
+#include "render/frame/render_state.h"
+
+namespace brume {
+namespace {
+
+/// Refuses guides that another camera saw, as far as both headers tell.
+void check_same_camera(const std::string& guides_path, const Layers& guides, const std::string& frame_path,
+                       const Layers& frame) {
+  constexpr float kTolerance = 1e-3f;  // of the largest number in a matrix
+  for (const char* key : {"worldToCamera", "worldToNDC"}) {
+    const auto matrix = [&](const Layers& layers) {
+      const auto found = layers.header.find(key);
+      return found == layers.header.end() ? nullptr : std::get_if<std::array<float, 16>>(&found->second);
+    };
+    const std::array<float, 16>*const a = matrix(guides), *const b = matrix(frame);
+    if (!a || !b) continue;
+    float largest = 0, difference = 0;
+    for (size_t i = 0; i < 16; ++i) {
+      largest = std::max(largest, std::abs((*b)[i]));
+      difference = std::max(difference, std::abs((*a)[i] - (*b)[i]));
+    }
+    if (difference > kTolerance * largest)
+      throw InputError(
+          fmt::format("{}: another camera saw these guides: {} differs from that of {}; make them with "
+                      "brume guides --like {}",
+                      guides_path, key, frame_path, frame_path));
+  }
+}
+
+}  // namespace
+
+std::vector<std::string> guide_channels(const std::string& path) {
+  std::vector<std::string> names;
+  for (const ExrInfo::Channel& channel : read_exr_info(path).channels)
+    if (is_guide(channel.name)) names.push_back(channel.name);
+  if (names.empty())
+    throw InputError(
+        fmt::format("{}: no channel guide.*; expected a file by brume guides, or by brume render with "
+                    "--layers guides",
+                    path));
+  return names;
+}
+
+void add_guides(const std::string& path, const std::string& frame_path, Layers& frame) {
+  if (path.empty()) return;
+  guide_channels(path);
+  add_guides(read_exr(path, is_guide), {path, frame_path}, frame);
+}
+
+void add_guides(Layers guides, const std::array<std::string, 2>& names, Layers& frame) {
+  const auto& [path, frame_path] = names;
+  if (guides.display_window() != frame.display_window())
+    throw InputError(fmt::format("{}: guides of a picture of {}, {} is one of {}", path, guides.display_window().text(),
+                                 frame_path, frame.display_window().text()));
+  const PixelWindow data = frame.data_window();
+  if (guides.data_window().common(data) != data)
+    throw InputError(fmt::format("{}: guides of the pixels {}, {} holds {}", path, guides.data_window().text(),
+                                 frame_path, data.text()));
+  check_same_camera(path, guides, frame_path, frame);
+  if (const std::string ours = frame.text("sceneHash"), theirs = guides.text("sceneHash");
+      !ours.empty() && !theirs.empty() && ours != theirs)
+    throw InputError(fmt::format("{}: guides of another scene than {}", path, frame_path));
+  if (guides.data_window() != data) guides = guides.cut(data);
+  for (const auto& [name, plane] : guides.channels())
+    if (is_guide(name)) frame.set(name, plane);
+}
+
+bool of_one_scene(const Layers& guides, const Layers& frame) {
+  const std::string ours = frame.text("sceneHash");
+  return !ours.empty() && ours == guides.text("sceneHash");
+}
+
+std::string what_speaks_against_guides(const Layers& frame, const std::string& path, const Task& task) {
+  const GuideCheck check = check_guides(frame, task);
+  if (!check.misleads()) return "";
+  return fmt::format(
+      "{} explains the frame worse than its own features do (mean squared error at pixels left out {:.3g} and {:.3g}): "
+      "are these guides of its scene, its camera, its frame? It is cleaned without them",
+      path, check.guides, check.features);
+}
+
+double choose_exposure(const std::string& option, const Layers& frame) {
+  if (option == "header") return frame.number("exposure").value_or(1.0);
+  if (option == "auto") {
+    if (!frame.has(layer::beauty)) throw InputError("--exposure auto needs the channels R, G, B");
+    const auto rgb = frame.rgb(layer::beauty);
+    std::vector<float> values;
+    for (int y = 0; y < frame.height(); ++y)
+      for (int x = 0; x < frame.width(); ++x) {
+        const float v = luminance(vec3((*rgb[0])(x, y), (*rgb[1])(x, y), (*rgb[2])(x, y)));
+        if (std::isfinite(v)) values.push_back(v);
+      }
+    if (values.empty()) return 1.0;
+    const auto nth = values.begin() + static_cast<std::ptrdiff_t>(0.99 * static_cast<double>(values.size() - 1));
+    std::nth_element(values.begin(), nth, values.end());
+    return *nth > 0 ? 1.0 / *nth : 1.0;
+  }
+  return std::strtod(option.c_str(), nullptr);
+}
+
+RgbPlanes NamedFrame::colours(const std::string& layer) const {
+  const LayerName wanted{layer, "RGB", ""};
+  if (!frame.has(wanted))
+    throw InputError(fmt::format("{}: has no layer '{}'; it has: {}", name, wanted.label(), join(layer_names(frame))));
+  return frame.rgb(wanted);
+}
+
+std::string remark_on_scenes(const NamedFrame& picture, const NamedFrame& reference) {
+  const Layers &a = picture.frame, &b = reference.frame;
+  const std::string ours = a.text("sceneHash"), theirs = b.text("sceneHash");
+  if (ours.empty() || theirs.empty() || ours == theirs) return "";
+  const bool renamed = a.text("scene") != b.text("scene");
+  return fmt::format("{} and {} were rendered from scenes that differ: {}", picture.name, reference.name,
+                     renamed ? fmt::format("{} and {}", a.text("scene"), b.text("scene"))
+                             : differing_render(a, b, "in the one", "in the other"));
+}
+
+PixelWindow cut_to_common_window(const std::vector<NamedFrame*>& pictures) {
+  const NamedFrame& reference = *pictures[0];
+  const PixelWindow display = reference.frame.display_window();
+  PixelWindow common = reference.frame.data_window();
+  for (const NamedFrame* other : pictures) {
+    const PixelWindow shown = other->frame.display_window();
+    if (shown.width() != display.width() || shown.height() != display.height())
+      throw InputError(fmt::format("{} is {} x {}, {} is {} x {}; expected one size", other->name, shown.width(),
+                                   shown.height(), reference.name, display.width(), display.height()));
+    if (shown != display)
+      throw InputError(fmt::format("{} is shown in the window {}, {} in {}; expected one display window", other->name,
+                                   shown.text(), reference.name, display.text()));
+    common = common.common(other->frame.data_window());
+    if (common.empty())
+      throw InputError(fmt::format("{} has pixels in {}, {} in {}: none is in both", other->name,
+                                   other->frame.data_window().text(), reference.name,
+                                   reference.frame.data_window().text()));
+  }
+  for (NamedFrame* picture : pictures)
+    if (picture->frame.data_window() != common) picture->frame = picture->frame.cut(common);
+  return common;
+}
+
+}  // namespace brume
