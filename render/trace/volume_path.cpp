@@ -314,7 +314,7 @@ class PathTracer {
     if (front && settings.radiance != dvec3(0)) {
       const double pdf_light = [&] {
         if (!F.light_sampling) return 0.0;
-        const MeshLight& light = c_.lights->mesh(mesh_light_of(hit.surface));
+        const MeshLight& light = c_.lights->mesh(c_.surfaces->light_of(hit.surface));
         return c_.lights->choice_probability(light, ray_.o) * light.pdf(hit.t, glm::dot(wo, hit.normal));
       }();
       if (!straight_ || pdf_light == 0)
@@ -354,12 +354,6 @@ class PathTracer {
     ray_.o = Surfaces::leave(hit, p, ray_.d);
     ++events_;
     return true;
-  }
-
-  size_t mesh_light_of(uint32_t surface) const {
-    size_t index = 0;
-    for (uint32_t i = 0; i < surface; ++i) index += c_.surfaces->settings(i).radiance != dvec3(0);
-    return index;
   }
 
   dvec2 pair() {
