@@ -34,7 +34,7 @@ void track(const LaneScene& scene, PathStates& paths, const SlotList& rays, Slot
   RayQueue queue(rays);
   CellWalk walk(scene);
   GeneratorBuffer generators;
-  HWY_ALIGN float result[kMost] = {}, carried[kMost], x[kMost], y[kMost], z[kMost];
+  HWY_ALIGN float result[kMost] = {}, carried[kMost] = {}, x[kMost], y[kMost], z[kMost];
 
   const V zero = hn::Zero(d), one = set(1.0f);
   V tau = zero, weight = one, reach = zero;
@@ -51,7 +51,7 @@ void track(const LaneScene& scene, PathStates& paths, const SlotList& rays, Slot
       hn::Store(hn::Max(scattered, set(0.01f)), d, carried);
     }
     generators.store(rng);
-    hn::Store(weight, d, result);
+    hn::Store(kWalk == Walk::kFlight ? walk.t : weight, d, result);
     if (!kShadow) {
       hn::Store(hit_at.x, d, x);
       hn::Store(hit_at.y, d, y);
@@ -69,6 +69,7 @@ void track(const LaneScene& scene, PathStates& paths, const SlotList& rays, Slot
         paths.ox[s] = x[lane];
         paths.oy[s] = y[lane];
         paths.oz[s] = z[lane];
+        if (kWalk == Walk::kFlight && kReach) paths.reach[s] = result[lane];
         hits->push(static_cast<int32_t>(s));
       } else {
         escapes->push(static_cast<int32_t>(s));
@@ -86,10 +87,11 @@ void track(const LaneScene& scene, PathStates& paths, const SlotList& rays, Slot
       buffer.dz[lane] = (kShadow ? paths.sz : paths.lz)[s];
       generators.fetch(paths, s, lane);
       if (kReach) result[lane] = (kShadow ? paths.shadow_reach : paths.reach)[s];
+      if (kShadow) carried[lane] = paths.transmittance[s];
     }));
     walk.load(buffer, fresh);
     rng = generators.load();
-    weight = hn::IfThenElse(fresh, one, weight);
+    weight = hn::IfThenElse(fresh, kShadow ? hn::Load(d, carried) : one, weight);
     if (kFirst) {
       scattered = hn::IfThenElse(fresh, zero, scattered);
       lost = hn::IfThenElse(fresh, zero, lost);
@@ -172,8 +174,8 @@ void First(const LaneScene& scene, PathStates& paths, const SlotList& rays, Slot
 }
 
 void Shadow(const LaneScene& scene, PathStates& paths, const SlotList& rays, uint64_t& lookups) {
-  (scene.lights ? track<Walk::kShadow, true> : track<Walk::kShadow, false>)(scene, paths, rays, nullptr, nullptr,
-                                                                            lookups);
+  (scene.shadows_end ? track<Walk::kShadow, true> : track<Walk::kShadow, false>)(scene, paths, rays, nullptr, nullptr,
+                                                                                 lookups);
 }
 
 }  // namespace brume::HWY_NAMESPACE

@@ -10,18 +10,29 @@
 namespace brume {
 namespace {
 
-/// Whether the lanes can trace it: one still medium of grey extinction in a grid that LaneGrid can hold, emission from
-/// such grids, no meshes.
-bool fits_lanes(const Plan& plan, const SceneMedia& media, const Lights& lights) {
-  if (plan.media != Plan::Media::kOneGrey || plan.moving_media || plan.surfaces) return false;
-  for (const EmissionField& e : media.emissions())
-    if (e.moves() || e.shape().homogeneous() || !LaneGrid::fits(e.shape().bricks())) return false;
-  const Medium& m = media.media()[0];
-  if (m.homogeneous()) return false;
+/// Whether single precision holds a medium: a homogeneous one, or a grid that LaneGrid fits and resolves.
+bool fits_lanes(const Medium& m) {
+  if (m.homogeneous()) return true;
   const double longest_voxel = m.voxel_volume() / (m.voxel_size() * m.voxel_size());  // at least its longest edge
   const double free_path = 1 / (m.extinction_per_density() * m.maximum_density() * longest_voxel);
-  return !m.global_majorant() && LaneGrid::fits(m.bricks()) && LaneGrid::resolves(m.bricks(), free_path) &&
+  return !m.global_majorant() && LaneGrid::fits(m.bricks()) && LaneGrid::resolves(m.bricks(), free_path);
+}
+
+/// Whether the lanes can trace it: still media of grey extinction, still fields that emit, meshes.
+bool fits_lanes(const Plan& plan, const SceneMedia& media, const Lights& lights) {
+  if (plan.media == Plan::Media::kChromatic || plan.moving_media) return false;
+  for (const EmissionField& e : media.emissions())
+    if (e.moves() || (!e.shape().homogeneous() && !LaneGrid::fits(e.shape().bricks()))) return false;
+  const auto& all = media.media();
+  return std::all_of(all.begin(), all.end(), [](const Medium& m) { return fits_lanes(m); }) &&
          (lights.local() || lights.suns().size() <= kMostLaneSuns);
+}
+
+/// Whether all there is lies in one grid, but for fields that emit.
+bool is_one_grid(const Plan& plan, const SceneMedia& media) {
+  const auto& glow = media.emissions();
+  return plan.media == Plan::Media::kOneGrey && !plan.surfaces && !media.media()[0].homogeneous() &&
+         std::none_of(glow.begin(), glow.end(), [](const EmissionField& e) { return bool(e.shape().homogeneous()); });
 }
 
 }  // namespace
@@ -57,7 +68,8 @@ Plan make_plan(const Scene& scene, const SceneMedia& media, const Lights& lights
   plan.near_lights = choose_near_lights(all, lights, scene.render.near_lights);
   plan.interpolate = scene.render.lookup == "interpolated";
   plan.lanes = scene.render.lanes != "off" && !layers.records && fits_lanes(plan, media, lights);
-  if (plan.lanes && !plan.emission) {  // emission is integrated along free flights
+  plan.one_grid = plan.lanes && is_one_grid(plan, media);
+  if (plan.one_grid && !plan.emission) {  // emission is integrated along free flights
     std::vector<Ray> rays;
     for (const PathRequest& r : coarse_requests(scene, plan, camera, 24, 1)) rays.push_back(r.ray);
     plan.first_collision = choose_first_collision(all[0], rays, scene.render.first_collision);

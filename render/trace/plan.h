@@ -25,6 +25,7 @@ struct Plan {
   bool emission = false;        ///< fields that emit
   bool lens = false, shutter = false;
   bool lanes = false;                  ///< the paths run side by side in SIMD lanes (render/lanes/wavefront.h)
+  bool one_grid = false;               ///< in lanes: in the local coordinates of the one grid that there is
   bool interpolate = false;            ///< in lanes: interpolate all eight voxels around a point, not one at random
   FirstCollision first_collision;      ///< of camera rays, in lanes
   std::vector<NearLight> near_lights;  ///< small lights in homogeneous media, sampled along flights too
