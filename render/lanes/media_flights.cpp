@@ -15,6 +15,18 @@ std::pair<double, double> part_inside(const HomogeneousShape& shape, const Ray& 
   return {std::max(enters, 0.0), std::min(leaves, end)};
 }
 
+/// The same for the box of a grid, where the exit may lie outside: walks end there anyway.
+std::pair<double, double> part_in_grid(const HomogeneousShape& box, const Ray& local, double end) {
+  bool inside = true;
+  for (int a = 0; a < 3; ++a) {
+    const bool below = local.o[a] < box.lo[a], above = local.o[a] > box.hi[a];
+    if ((below && !(local.d[a] > 0)) || (above && !(local.d[a] < 0))) return {1, 0};
+    inside = inside && !below && !above;
+  }
+  if (inside) return {0, end};
+  return part_inside(box, local, end);
+}
+
 }  // namespace
 
 MediaFlights::MediaFlights(const PathContext& context, const WorldPaths& world) : c_(context) {
@@ -58,7 +70,7 @@ void MediaFlights::enter(size_t m, PathStates& paths, WorldPaths& world, const S
   for (size_t k = 0; k < rays.count; ++k) {
     const auto i = static_cast<size_t>(rays.slot[k]);
     const Ray local = medium.to_local(world.ray[i]);
-    const auto [t0, t1] = part_inside(bounds_[m], local, world.end[i]);
+    const auto [t0, t1] = part_in_grid(bounds_[m], local, world.end[i]);
     if (!(t0 < t1)) continue;
     world.begin[i] = t0;
     put_local(paths, i, local, t0, t1, scenes_[m].unit, {paths.lx, paths.ly, paths.lz, paths.reach});
@@ -112,7 +124,7 @@ void MediaFlights::shadow(PathStates& paths, WorldPaths& world, const SlotList& 
       const auto i = static_cast<size_t>(rays.slot[k]);
       if (!(paths.transmittance[i] > 0)) continue;
       const Ray local = medium.to_local(world.shadow[i]);
-      const auto [t0, t1] = part_inside(bounds_[m], local, world.shadow_end[i]);
+      const auto [t0, t1] = part_in_grid(bounds_[m], local, world.shadow_end[i]);
       if (!(t0 < t1)) continue;
       put_local(paths, i, local, t0, t1, scenes_[m].unit, {paths.sx, paths.sy, paths.sz, paths.shadow_reach});
       inside_.push(rays.slot[k]);
