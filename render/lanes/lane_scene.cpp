@@ -45,7 +45,11 @@ void set_medium(LaneScene& s, const Medium& medium, double first_majorant) {
     s.g = static_cast<float>(medium.phase().first.g);
   else
     s.phase = &medium.phase();
-  for (int c = 0; c < 3; ++c) s.albedo[c] = static_cast<float>(medium.albedo()[c]);
+  s.chromatic = medium.chromatic();
+  for (int c = 0; c < 3; ++c) {
+    s.albedo[c] = static_cast<float>(medium.albedo()[c]);
+    s.extinction_ratio[c] = static_cast<float>(medium.extinction_ratio()[c]);
+  }
   s.medium = &medium;
 }
 

@@ -42,7 +42,9 @@ struct LaneScene : LaneCells {
   float g = 0;                           ///< of the phase function, where it is Henyey-Greenstein's
   const PhaseFunction* phase = nullptr;  ///< the others
   float albedo[3];
-  bool coloured;  ///< the albedo varies in space
+  bool chromatic = false;          ///< the extinction has a colour
+  float extinction_ratio[3] = {};  ///< of each channel to the largest
+  bool coloured;                   ///< the albedo varies in space
   int roulette_start;
   int max_events;
   bool interpolate;

@@ -26,6 +26,10 @@ struct PathStates {
   Column<float> pdf;           // of the last direction
   Column<float> mis;           // the light sample's weight against direction sampling; only where LaneScene::world
   Column<float> transmittance;
+  // Only in chromatic scenes: each channel's density of the path's choices; what a flight through a medium
+  // multiplied weight and density with; the colour of the shadow ray's transmittance; the channel that decides.
+  Column<float> qr, qg, qb, fr, fg, fb, shadow_r, shadow_g, shadow_b;
+  Column<int32_t> hero;
   Column<float> passed;  // transmittance of the camera ray
   Column<float> direct_r, direct_g, direct_b, indirect_r, indirect_g, indirect_b;
   Column<uint32_t> s0, s1, s2, s3;  // generator: xoshiro128++

@@ -110,6 +110,7 @@ class Wavefront {
 
   /// Whether paths live in the world, not in the local coordinates of the one grid that there is.
   bool in_world() const { return flights_.has_value(); }
+  bool chromatic() const { return c_.plan.media == Plan::Media::kChromatic; }
 
   /// Fills the free slots, and records what follows from the camera rays alone.
   void start_paths() {
@@ -147,7 +148,7 @@ class Wavefront {
     const bool meets = entry < exit;
     if (!meets && !may_glow(request.ray)) {
       PathSample sample;
-      see_background(request.ray, 1, sample);
+      see_background(request.ray, dvec3(1), sample);
       deliver(index, sample);
       return;
     }
@@ -172,7 +173,7 @@ class Wavefront {
     ++counters_.paths;
     if (!surfaces_ && !flights_->met_by(request.ray) && !may_glow(request.ray)) {
       PathSample sample;
-      see_background(request.ray, 1, sample);
+      see_background(request.ray, dvec3(1), sample);
       deliver(index, sample);
       return;
     }
@@ -206,6 +207,10 @@ class Wavefront {
     p.s2[i] = static_cast<uint32_t>(b);
     p.s3[i] = static_cast<uint32_t>(b >> 32);
     if (!glow_.empty()) state_->glowing->emission[i] = vec3(0);
+    if (chromatic()) {
+      p.qr[i] = p.qg[i] = p.qb[i] = 1.0f;
+      p.hero[i] = std::min(2, static_cast<int>(3 * PathGenerator(p, i).uniform()));
+    }
     return slot;
   }
 
@@ -599,8 +604,8 @@ class Wavefront {
   }
 
   /// What a camera ray sees behind the medium, in full precision.
-  void see_background(const Ray& ray, double transmittance, PathSample& sample) const {
-    sample.transmittance = dvec3(transmittance);
+  void see_background(const Ray& ray, const dvec3& transmittance, PathSample& sample) const {
+    sample.transmittance = transmittance;
     const auto [light, t] = c_.lights->nearest(ray, kFar, true);
     if (light) {
       sample.background = transmittance * light->radiance(ray, t);
@@ -663,8 +668,8 @@ class Wavefront {
     const Medium& medium = c_.media[in_world() ? static_cast<size_t>(state_->world->medium[i]) : 0];
     const dvec3 at = in_world() ? state_->world->ray[i].at(state_->world->end[i])
                                 : medium.to_world(dvec3(p.ox[i], p.oy[i], p.oz[i]));
-    sample.flash = record_first_scatter(c_, c_.media, medium, request.ray.o, at, request.ray.d, dvec3(p.tr[i]),
-                                        medium.albedo(at), sample);
+    sample.flash = record_first_scatter(c_, c_.media, medium, request.ray.o, at, request.ray.d,
+                                        dvec3(p.tr[i], p.tg[i], p.tb[i]), medium.albedo(at), sample);
   }
 
   /// Adds light found after `events` events. Scattered once it is direct (docs/methods.md, Direct and indirect light).
@@ -685,7 +690,8 @@ class Wavefront {
     PathStates& p = state_->paths;
     for (size_t k = 0; k < state_->shadows.count; ++k) {
       const auto i = static_cast<size_t>(state_->shadows.slot[k]);
-      const vec3 L = vec3(p.cr[i], p.cg[i], p.cb[i]) * p.transmittance[i];
+      vec3 L = vec3(p.cr[i], p.cg[i], p.cb[i]) * p.transmittance[i];
+      if (chromatic()) L *= vec3(p.shadow_r[i], p.shadow_g[i], p.shadow_b[i]);
       if (in_world() && state_->world->past[i].to_catcher)
         state_->samples[i].catcher += dvec3(L);
       else
@@ -701,7 +707,8 @@ class Wavefront {
     if (keeps_samples()) s = sample_of(slot);
     const bool in_hole = in_world() && state_->world->past[i].in_hole;
     if ((c_.plan.first_collision.forced || p.events[i] == 0) && !in_hole)
-      see_background(requests_[p.request[i]].ray, static_cast<double>(p.passed[i]), s);
+      see_background(requests_[p.request[i]].ray, chromatic() ? dvec3(p.tr[i], p.tg[i], p.tb[i]) : dvec3(p.passed[i]),
+                     s);
     if (c_.plan.medium_surface && camera.covered[i] > 0)
       s.coverage = 1, s.gradient = {camera.gx[i], camera.gy[i], camera.gz[i]};
     if (!glow_.empty()) s.emission = dvec3(state_->glowing->emission[i]);

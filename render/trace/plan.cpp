@@ -18,9 +18,10 @@ bool fits_lanes(const Medium& m) {
   return !m.global_majorant() && LaneGrid::fits(m.bricks()) && LaneGrid::resolves(m.bricks(), free_path);
 }
 
-/// Whether the lanes can trace it: still media of grey extinction, still fields that emit, meshes.
+/// Whether the lanes can trace it: still media, still fields that emit, meshes. Not yet emission in chromatic media: at
+/// each point of a flight it has the weights of the collisions before.
 bool fits_lanes(const Plan& plan, const SceneMedia& media, const Lights& lights) {
-  if (plan.media == Plan::Media::kChromatic || plan.moving_media) return false;
+  if (plan.moving_media || (plan.media == Plan::Media::kChromatic && plan.emission)) return false;
   for (const EmissionField& e : media.emissions())
     if (e.moves() || (!e.shape().homogeneous() && !LaneGrid::fits(e.shape().bricks()))) return false;
   const auto& all = media.media();
