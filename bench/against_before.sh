@@ -1,37 +1,38 @@
-#!/bin/sh
+#!/bin/bash
 # Paths per second of this program and of one built before, in pairs, alternating: the whole process, two threads, default
-# layers. Prints for each scene the paths per second of both and the ratio of the fastest runs of each.
+# layers. Prints for each scene the ratio of the fastest runs of each, by wall time and by processor time; the latter says
+# more on a machine that does other work, too.
 #
-#   bench/against_before.sh OLD_BRUME [NEW_BRUME]      SCENES="two_volumes ..." SPP=16 PAIRS=4
+#   bench/against_before.sh OLD_BRUME [NEW_BRUME]      SCENES="two_volumes ..." SPP=64 PAIRS=4
 #
 # OLD_BRUME stands beside its brume-vdb-reader.
 set -eu
 cd "$(dirname "$0")/.."
 old=$1
 new=${2:-build/release/brume}
-spp=${SPP:-16}
+spp=${SPP:-64}
 pairs=${PAIRS:-4}
 folder=$(mktemp -d)
 trap 'rm -r "$folder"' EXIT
+TIMEFORMAT='%R %U %S'
 
-# Wall time of one render.
-seconds() {
-  begin=$(date +%s.%N)
-  "$1" render "$2" --spp "$spp" --threads 2 -o "$folder/frame.exr" --quiet >/dev/null
-  date +%s.%N | awk -v b="$begin" '{printf "%.3f\n", $1 - b}'
+# Appends a run's wall and processor seconds to a file.
+run() {
+  { time "$1" render "$2" -D film.width=240 -D film.height=180 --spp "$spp" --threads 2 -o "$folder/frame.exr" --quiet \
+    >/dev/null 2>&1; } 2>&1 | awk '{print $1, $2 + $3}' >>"$3"
 }
+least() { sort -n -k "$2" "$1" | awk -v k="$2" 'NR == 1 {print $k}'; }
 
-for name in ${SCENES:-two_volumes floor_and_balls fire_room motion fog_and_spot coloured_cloud}; do
+for name in ${SCENES:-two_volumes floor_and_balls fire_room motion fog_and_spot coloured_cloud cloud smoke}; do
   scene=bench/scenes/general/$name.toml
   [ -f "$scene" ] || scene=bench/scenes/$name.toml
   [ -f "$scene" ] || scene=data/scenes/$name.toml
-  : >"$folder/old"
-  : >"$folder/new"
+  rm -f "$folder/old" "$folder/new"
   for _ in $(seq "$pairs"); do
-    seconds "$old" "$scene" >>"$folder/old"
-    seconds "$new" "$scene" >>"$folder/new"
+    run "$old" "$scene" "$folder/old"
+    run "$new" "$scene" "$folder/new"
   done
-  size=$(sed -n 's/^\(width\|height\) = //p' "$scene" | awk 'BEGIN {n = 1} {n *= $1} END {print n}')
-  awk -v old="$(sort -n "$folder/old" | head -1)" -v new="$(sort -n "$folder/new" | head -1)" -v paths="$((size * spp))" \
-    -v name="$name" 'BEGIN {printf "%-16s before %.3g paths/s, now %.3g paths/s: %.2f times\n", name, paths / old, paths / new, old / new}'
+  awk -v name="$name" -v paths=$((240 * 180 * spp)) -v a="$(least "$folder/old" 1)" -v b="$(least "$folder/new" 1)" \
+    -v c="$(least "$folder/old" 2)" -v d="$(least "$folder/new" 2)" 'BEGIN {
+      printf "%-16s before %.3g paths/s, now %.3g: %.2f times; by processor time %.2f times\n", name, paths / a, paths / b, a / b, c / d}'
 done

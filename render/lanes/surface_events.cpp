@@ -53,12 +53,10 @@ void SurfaceEvents::set_throughput(size_t i, const dvec3& t) {
 bool SurfaceEvents::meet(int32_t slot, const dvec3& eye, SlotList& shadows) {
   const auto i = static_cast<size_t>(slot);
   WorldPaths::Past& past = w_.past[i];
-  PathSample& sample = samples_[i];
   past.to_catcher = false;
   const bool first = p_.events[i] == 0;
   const Vertex v(*c_.surfaces, w_.ray[i], w_.hit[i]);
   if (first && v.settings.role == "holdout") {
-    sample.transmittance = throughput(i);  // a hole: nothing is there, and alpha says so
     past.in_hole = true;
     return false;
   }
@@ -66,6 +64,9 @@ bool SurfaceEvents::meet(int32_t slot, const dvec3& eye, SlotList& shadows) {
   if (v.front && v.settings.radiance != dvec3(0)) emit(i, v);
   if (first) {
     past.first_on_surface = true;
+  }
+  if (first && c_.plan.first_surface) {
+    PathSample& sample = samples_[i];
     sample.albedo = v.bsdf.albedo;
     sample.normal = v.frame.z;
     sample.depth = glm::distance(eye, v.p);
@@ -76,9 +77,9 @@ bool SurfaceEvents::meet(int32_t slot, const dvec3& eye, SlotList& shadows) {
   return scatter(i, v);
 }
 
-/// Unseen itself: the same path goes on behind it.
+/// Unseen itself: the same path goes on behind it. What it gathers is for its layers.
 bool SurfaceEvents::pass_catcher(size_t i, const Vertex& v, SlotList& shadows) {
-  if (c_.plan.light_sampling) {
+  if (c_.plan.light_sampling && c_.plan.first_surface) {
     w_.past[i].to_catcher = true;
     sample_light(i, v, Surfaces::leave(v.hit, v.p, v.wo), true, shadows);
   }
@@ -99,7 +100,7 @@ void SurfaceEvents::emit(size_t i, const Vertex& v) {
   const double weight = one_technique ? 1.0 : balance(static_cast<double>(p_.pdf[i]), pdf_light);
   const dvec3 L = throughput(i) * v.settings.radiance * weight;
   if (p_.events[i] == 0 || (is_direct(p_.events[i]) && past.first_on_surface)) {
-    samples_[i].surface += L;
+    w_.surface[i] += vec3(L);
     return;
   }
   const bool direct = is_direct(p_.events[i]);

@@ -26,6 +26,9 @@ namespace brume {
 namespace {
 
 constexpr double kFar = std::numeric_limits<double>::infinity();
+/// Paths in flight where there are meshes, whose scalar work reads more of each path's state: that of fewer stays in
+/// the cache. In kernels alone more paths keep lanes busier.
+constexpr size_t kPoolAtSurfaces = kPool / 4;
 
 /// The paths in flight on one thread.
 class Wavefront {
@@ -54,8 +57,9 @@ class Wavefront {
   void run() {
     State& s = *state_;
     s.active.count = 0;
-    free_.resize(kPool);
-    for (size_t i = 0; i < kPool; ++i) free_[i] = static_cast<int32_t>(kPool - 1 - i);
+    const size_t pool = surfaces_ ? kPoolAtSurfaces : kPool;
+    free_.resize(pool);
+    for (size_t i = 0; i < pool; ++i) free_[i] = static_cast<int32_t>(pool - 1 - i);
     counters_.tracking.stop = c_.stop;
     for (;;) {
       if (c_.stop != nullptr) c_.stop->check();
@@ -106,7 +110,7 @@ class Wavefront {
   };
 
   /// Whether layers are recorded that PathStates has no column for.
-  bool keeps_samples() const { return c_.plan.marched() || c_.plan.first_event || c_.plan.surfaces; }
+  bool keeps_samples() const { return c_.plan.marched() || c_.plan.first_event || c_.plan.first_surface; }
 
   /// Whether paths live in the world, not in the local coordinates of the one grid that there is.
   bool in_world() const { return flights_.has_value(); }
@@ -180,6 +184,7 @@ class Wavefront {
     const int32_t slot = take_slot(index);
     state_->world->ray[static_cast<size_t>(slot)] = request.ray;
     state_->world->past[static_cast<size_t>(slot)] = {};
+    state_->world->surface[static_cast<size_t>(slot)] = vec3(0);
     state_->fresh.push(slot);
   }
 
@@ -677,7 +682,7 @@ class Wavefront {
     PathStates& p = state_->paths;
     const bool direct = is_direct(events);
     if (direct && in_world() && state_->world->past[i].first_on_surface) {
-      state_->samples[i].surface += dvec3(L);
+      state_->world->surface[i] += L;
       return;
     }
     (direct ? p.direct_r : p.indirect_r)[i] += L.x;
@@ -705,7 +710,9 @@ class Wavefront {
     const auto i = static_cast<size_t>(slot);
     PathSample s;
     if (keeps_samples()) s = sample_of(slot);
-    const bool in_hole = in_world() && state_->world->past[i].in_hole;
+    const bool in_hole = in_world() && state_->world->past[i].in_hole;  // nothing is there, and alpha says so
+    if (in_hole) s.transmittance = dvec3(p.tr[i], p.tg[i], p.tb[i]);
+    if (in_world()) s.surface = dvec3(state_->world->surface[i]);
     if ((c_.plan.first_collision.forced || p.events[i] == 0) && !in_hole)
       see_background(requests_[p.request[i]].ray, chromatic() ? dvec3(p.tr[i], p.tg[i], p.tb[i]) : dvec3(p.passed[i]),
                      s);

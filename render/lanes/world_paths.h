@@ -39,6 +39,7 @@ struct WorldPaths {
     bool to_catcher = false;        ///< the light sample is a shadow catcher's
   };
   std::array<Past, kPool> past;
+  std::array<vec3, kPool> surface;  ///< light of surfaces that emit or are lit directly
 };
 
 /// The generator of one path, number by number; the lanes' Generator is the same one.

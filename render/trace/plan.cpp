@@ -65,6 +65,10 @@ Plan make_plan(const Scene& scene, const SceneMedia& media, const Lights& lights
     plan.weighted_gradient = layers.has(layer::gradient_transmittance_weighted);
     plan.optical_depth = layers.has(layer::optical_depth);
   }
+  if (plan.surfaces)
+    for (const LayerName& l :
+         {layer::albedo, layer::normal, layer::depth, layer::position, layer::catcher, layer::catcher_unshadowed})
+      plan.first_surface = plan.first_surface || layers.has(l);
   plan.layers = layers;
   plan.near_lights = choose_near_lights(all, lights, scene.render.near_lights);
   plan.interpolate = scene.render.lookup == "interpolated";
