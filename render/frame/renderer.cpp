@@ -65,19 +65,26 @@ const Guides* PreparedScene::guides(int samples, const Task& task) const {
 void PreparedScene::prepare_lanes(const Task& task) {
   lane_grids_.reserve(context_.media.size());
   for (const Medium& medium : context_.media) {
+    DisplacedLaneGrid& displaced = displaced_grids_.emplace_back();
     if (medium.homogeneous()) {
       lane_grids_.emplace_back();
       continue;
     }
-    LaneGrid& grid = lane_grids_.emplace_back(medium.bricks(), scene_.render.majorant_scale);
-    if (context_.plan.medium_surface)
+    if (const Displacement* const d = medium.displacement())
+      displaced = {LaneGrid::of_values(medium.bricks()),
+                   {LaneGrid::of_values(d->field.parts[0]), LaneGrid::of_values(d->field.parts[1]),
+                    LaneGrid::of_values(d->field.parts[2])}};
+    LaneGrid& grid = lane_grids_.emplace_back(medium.walked(), scene_.render.majorant_scale);
+    if (context_.plan.medium_surface && !medium.moves())
       grid.find_surface(medium.bricks(), static_cast<float>(scene_.render.surface_density * medium.maximum_density()),
                         task);
   }
   for (const EmissionField& field : context_.emissions)
-    emission_grids_.push_back(field.shape().homogeneous() ? LaneGrid() : LaneGrid(field.shape().bricks()));
+    emission_grids_.push_back(field.shape().homogeneous() || field.moves() ? LaneGrid()
+                                                                           : LaneGrid(field.shape().bricks()));
   context_.lane_grids = lane_grids_;
   context_.emission_grids = emission_grids_;
+  context_.displaced_grids = displaced_grids_;
 }
 
 // Cones of blocks of 8 x 8 pixels are bounded first, then their quarters from there on, down to single pixels. Blocks

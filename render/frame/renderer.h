@@ -68,6 +68,7 @@ class PreparedScene {
   std::unique_ptr<Surfaces> surfaces_;
   Lights lights_;
   std::vector<LaneGrid> lane_grids_, emission_grids_;  // of media and emissions
+  std::vector<DisplacedLaneGrid> displaced_grids_;     // of media
   StopSignal stop_;                                    // while it is prepared
   PathContext context_;
   mutable std::mutex solving_;

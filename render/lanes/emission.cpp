@@ -116,8 +116,9 @@ namespace brume {
 
 HWY_EXPORT(Emission);
 
-LaneEmission::LaneEmission(const EmissionField& field, const LaneGrid* grid)
-    : shape(field.shape()),
+LaneEmission::LaneEmission(const EmissionField& emission, const LaneGrid* grid)
+    : field(emission),
+      shape(field.shape()),
       bounds(shape.homogeneous()
                  ? *shape.homogeneous()
                  : HomogeneousShape{HomogeneousShape::Shape::kBox, shape.support().first, shape.support().second}),

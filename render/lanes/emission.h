@@ -28,14 +28,15 @@ struct EmissionSegments {
 
 /// An EmissionField as the kernels need it.
 struct LaneEmission {
-  /// @param grid  of its values; null for a homogeneous shape
-  LaneEmission(const EmissionField& field, const LaneGrid* grid);
+  /// @param grid  of its values; null for a homogeneous shape, or a field that moves
+  LaneEmission(const EmissionField& emission, const LaneGrid* grid);
   LaneEmission(const LaneEmission&) = delete;  // the cells refer to its table
   LaneEmission& operator=(const LaneEmission&) = delete;
 
   /// The integral of the emission coefficient along each segment: lanes_emission, or in closed form.
   void integrate(PathStates& paths, const SlotList& rays, EmissionSegments& segments) const;
 
+  const EmissionField& field;
   const Medium& shape;
   HomogeneousShape bounds;
   vec3 coefficient{0};  ///< of a homogeneous shape

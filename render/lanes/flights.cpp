@@ -20,11 +20,23 @@ namespace brume::HWY_NAMESPACE {
 
 enum class Walk { kFlight, kFirst, kShadow };
 
+/// The density at points of a displaced grid, envelope coordinates: what is stored where it comes from.
+/// @param time  in frames
+HWY_INLINE V displaced_density(const LaneScene& scene, const V3& p, V time) {
+  const auto stored = [&](size_t axis, V x) {
+    const V there = hn::Sub(x, set(scene.origin_shift[axis]));
+    const LaneCells& field = scene.displacement[axis];
+    return field.values ? hn::Sub(there, hn::Mul(time, density_at(field, p))) : there;
+  };
+  return density_at(scene.density, {stored(0, p.x), stored(1, p.y), stored(2, p.z)});
+}
+
 /// Takes the rays of a list through the majorant cells, up to a light at `reach` where kReach. Free flights end at a
 /// real collision, whose position becomes the path's, or leave the grid; forced flights cross the whole grid
 /// (lanes_fly_first); shadow rays estimate their transmittance by ratio tracking. Where kColour, the hero channel
 /// decides for all, and each channel's share of what happened is accounted for (docs/methods.md, Spectral tracking).
-template <Walk kWalk, bool kReach, bool kColour = false>
+/// kMoved: the density is displaced.
+template <Walk kWalk, bool kReach, bool kColour = false, bool kMoved = false>
 void track(const LaneScene& scene, PathStates& paths, const SlotList& rays, SlotList* hits, SlotList* escapes,
            uint64_t& lookups) {
   constexpr bool kShadow = kWalk == Walk::kShadow, kFirst = kWalk == Walk::kFirst;
@@ -46,6 +58,9 @@ void track(const LaneScene& scene, PathStates& paths, const SlotList& rays, Slot
   [[maybe_unused]] V hero = one;                            // extinction of the hero channel, relative to the largest
   [[maybe_unused]] V3 colour{one, one, one};                // of the choices' probability, or of the transmittance
   [[maybe_unused]] HWY_ALIGN float channel[4][kMost] = {};  // in memory: colour and hero
+
+  [[maybe_unused]] V time = zero;
+  [[maybe_unused]] HWY_ALIGN float frames[kMost] = {};
 
   const auto finish = [&]() BRUME_INLINE_LAMBDA {
     if (kFirst) {
@@ -102,6 +117,7 @@ void track(const LaneScene& scene, PathStates& paths, const SlotList& rays, Slot
       generators.fetch(paths, s, lane);
       if (kReach) result[lane] = (kShadow ? paths.shadow_reach : paths.reach)[s];
       if (kShadow) carried[lane] = paths.transmittance[s];
+      if (kMoved) frames[lane] = scene.open + (scene.close - scene.open) * paths.time[s];
       if (kColour && kShadow) {
         channel[0][lane] = paths.shadow_r[s];
         channel[1][lane] = paths.shadow_g[s];
@@ -113,6 +129,7 @@ void track(const LaneScene& scene, PathStates& paths, const SlotList& rays, Slot
     walk.load(buffer, fresh);
     rng = generators.load();
     weight = hn::IfThenElse(fresh, kShadow ? hn::Load(d, carried) : one, weight);
+    if (kMoved) time = hn::Load(d, frames);
     if constexpr (kColour) {
       const auto start = [&](size_t c, V before) {
         return hn::IfThenElse(fresh, kShadow ? hn::Load(d, channel[c]) : one, before);
@@ -146,9 +163,14 @@ void track(const LaneScene& scene, PathStates& paths, const SlotList& rays, Slot
     if (!hn::AllFalse(d, collides)) {
       walk.t = hn::IfThenElse(collides, hn::Add(walk.t, hn::Div(tau, sigma_maj)), walk.t);
       const V3 p = walk.at(walk.t);
-      const VI brick = brick_of(scene, cell_index, collides);
-      const V value = scene.interpolate ? hn::IfThenElseZero(collides, interpolated(scene, brick, walk.within(p)))
-                                        : one_voxel(walk, rng, p, brick, collides);
+      V value = zero;
+      if constexpr (kMoved) {
+        value = hn::IfThenElseZero(collides, displaced_density(scene, p, time));
+      } else {
+        const VI brick = brick_of(scene, cell_index, collides);
+        value = scene.interpolate ? hn::IfThenElseZero(collides, interpolated(scene, brick, walk.within(p)))
+                                  : one_voxel(walk, rng, p, brick, collides);
+      }
       lookups += hn::CountTrue(d, collides);
       // 24 random bits are enough for roulette only: a collision may be less likely than 2^-24.
       const V u = kShadow ? rng.uniform(collides) : rng.fine_uniform(collides);
@@ -214,9 +236,12 @@ void track(const LaneScene& scene, PathStates& paths, const SlotList& rays, Slot
 
 void Flight(const LaneScene& scene, PathStates& paths, const SlotList& rays, SlotList& hits, SlotList& escapes,
             uint64_t& lookups) {
-  (scene.chromatic     ? track<Walk::kFlight, true, true>
-   : scene.flights_end ? track<Walk::kFlight, true>
-                       : track<Walk::kFlight, false>)(scene, paths, rays, &hits, &escapes, lookups);
+  const auto flight = scene.displaced     ? scene.chromatic ? track<Walk::kFlight, true, true, true>
+                                                            : track<Walk::kFlight, true, false, true>
+                          : scene.chromatic ? track<Walk::kFlight, true, true>
+                      : scene.flights_end ? track<Walk::kFlight, true>
+                                          : track<Walk::kFlight, false>;
+  flight(scene, paths, rays, &hits, &escapes, lookups);
 }
 
 void First(const LaneScene& scene, PathStates& paths, const SlotList& rays, SlotList& hits, SlotList& escapes,
@@ -226,9 +251,12 @@ void First(const LaneScene& scene, PathStates& paths, const SlotList& rays, Slot
 }
 
 void Shadow(const LaneScene& scene, PathStates& paths, const SlotList& rays, uint64_t& lookups) {
-  (scene.chromatic     ? track<Walk::kShadow, true, true>
-   : scene.shadows_end ? track<Walk::kShadow, true>
-                       : track<Walk::kShadow, false>)(scene, paths, rays, nullptr, nullptr, lookups);
+  const auto shadow = scene.displaced     ? scene.chromatic ? track<Walk::kShadow, true, true, true>
+                                                            : track<Walk::kShadow, true, false, true>
+                          : scene.chromatic ? track<Walk::kShadow, true, true>
+                      : scene.shadows_end ? track<Walk::kShadow, true>
+                                          : track<Walk::kShadow, false>;
+  shadow(scene, paths, rays, nullptr, nullptr, lookups);
 }
 
 }  // namespace brume::HWY_NAMESPACE

@@ -1,5 +1,6 @@
 #include "render/lanes/lane_scene.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include "volume/gradient.h"
@@ -15,7 +16,7 @@ void set_cells(LaneCells& c, const LaneGrid& grid) {
   c.nz = static_cast<float>(grid.nz);
   c.nz_int = grid.nz;
   c.cell = static_cast<float>(grid.cell_size);
-  c.inverse_cell = 1.0f / c.cell;
+  c.inverse_cell = 1.0f / std::max(c.cell, 1.0f);
   c.stored = grid.cell_size + 1;
 }
 
@@ -51,6 +52,17 @@ void set_medium(LaneScene& s, const Medium& medium, double first_majorant) {
     s.extinction_ratio[c] = static_cast<float>(medium.extinction_ratio()[c]);
   }
   s.medium = &medium;
+}
+
+void set_displacement(LaneScene& s, const Displacement& displacement, const DisplacedLaneGrid& grids) {
+  s.displaced = true;
+  set_cells(s.density, grids.density);
+  for (size_t a = 0; a < 3; ++a) {
+    set_cells(s.displacement[a], grids.displacement[a]);
+    s.origin_shift[a] = static_cast<float>(displacement.origin_shift[static_cast<int>(a)]);
+  }
+  s.open = static_cast<float>(displacement.open);
+  s.close = static_cast<float>(displacement.close);
 }
 
 void set_lights(LaneScene& s, const Lights& lights) {
@@ -96,6 +108,7 @@ LaneScene lane_scene(const PathContext& context, size_t number, const WorldPaths
     s.surface_cell = grid.surface_cell.data();
     s.surface_density = grid.surface_density;
   }
+  if (const Displacement* const d = medium.displacement()) set_displacement(s, *d, context.displaced_grids[number]);
   set_medium(s, medium, context.plan.first_collision.majorant);
   s.stop = context.stop;
   s.roulette_start = context.roulette_start;

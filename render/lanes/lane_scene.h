@@ -45,6 +45,12 @@ struct LaneScene : LaneCells {
   bool chromatic = false;          ///< the extinction has a colour
   float extinction_ratio[3] = {};  ///< of each channel to the largest
   bool coloured;                   ///< the albedo varies in space
+  /// Where the density is displaced by its velocity: the cells above are the envelope's.
+  bool displaced = false;
+  LaneCells density;           ///< as it is stored
+  LaneCells displacement[3];   ///< per frame; without values where it is 0
+  float origin_shift[3] = {};  ///< from the density's coordinates to those of displacement and envelope
+  float open = 0, close = 0;   ///< of the shutter, in frames
   int roulette_start;
   int max_events;
   bool interpolate;

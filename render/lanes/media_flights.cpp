@@ -62,15 +62,21 @@ MediaFlights::MediaFlights(const PathContext& context, const WorldPaths& world) 
     scenes_.push_back(lane_scene(context, m, &world));
     const Medium& medium = c_.media[m];
     flown_.push_back(medium.chromatic() && !medium.homogeneous() ? std::make_unique<Flown>() : nullptr);
+    placed_.push_back(medium.transform_moves() ? std::make_unique<Placements>() : nullptr);
     const auto [lo, hi] = medium.support();
     bounds_.push_back(medium.homogeneous() ? *medium.homogeneous()
                                            : HomogeneousShape{HomogeneousShape::Shape::kBox, lo, hi});
   }
 }
 
-bool MediaFlights::met_by(const Ray& ray) const {
+void MediaFlights::place(size_t slot, double time) {
+  for (size_t m = 0; m < placed_.size(); ++m)
+    if (placed_[m]) (*placed_[m])[slot] = c_.media[m].placement_at(time);
+}
+
+bool MediaFlights::met_by(const Ray& ray, double time) const {
   for (size_t m = 0; m < bounds_.size(); ++m) {
-    const auto [enters, leaves] = bounds_[m].intersect(c_.media[m].to_local(ray));
+    const auto [enters, leaves] = bounds_[m].intersect(c_.media[m].placement_at(time).to_local(ray));
     if (std::max(enters, 0.0) < leaves) return true;
   }
   return false;
@@ -81,11 +87,12 @@ void MediaFlights::enter(size_t m, PathStates& paths, WorldPaths& world, const S
   inside.count = 0;
   for (size_t k = 0; k < rays.count; ++k) {
     const auto i = static_cast<size_t>(rays.slot[k]);
-    const Ray local = medium.to_local(world.ray[i]);
+    const Ray local = to_local(m, i, world.ray[i]);
     const auto [t0, t1] = part_in_grid(bounds_[m], local, world.end[i]);
     if (!(t0 < t1)) continue;
     world.begin[i] = t0;
-    put_local(paths, i, local, t0, t1, scenes_[m].unit, {paths.lx, paths.ly, paths.lz, paths.reach});
+    put_local(paths, i, {local.o + medium.walked_shift(), local.d}, t0, t1, scenes_[m].unit,
+              {paths.lx, paths.ly, paths.lz, paths.reach});
     inside.push(rays.slot[k]);
   }
 }
@@ -108,7 +115,7 @@ void MediaFlights::fly_through_shape(size_t m, PathStates& paths, WorldPaths& wo
   const bool chromatic = c_.plan.media == Plan::Media::kChromatic;
   for (size_t k = 0; k < rays.count; ++k) {
     const auto i = static_cast<size_t>(rays.slot[k]);
-    const auto [t0, t1] = part_inside(bounds_[m], medium.to_local(world.ray[i]), world.end[i]);
+    const auto [t0, t1] = part_inside(bounds_[m], to_local(m, i, world.ray[i]), world.end[i]);
     if (!(t0 < t1)) continue;
     const double sigma = medium.coefficients().sigma_t[chromatic ? paths.hero[i] : 0];
     const double t = t0 + PathGenerator(paths, i).exponential() / sigma;
@@ -190,7 +197,7 @@ void MediaFlights::weigh_channels(PathStates& p, const WorldPaths& world, const 
         factor *= dvec3(flown_[m]->probability[i]);
         continue;
       }
-      const auto [t0, t1] = part_inside(bounds_[m], medium.to_local(world.ray[i]), world.end[i]);
+      const auto [t0, t1] = part_inside(bounds_[m], to_local(m, i, world.ray[i]), world.end[i]);
       const dvec3 sigma = medium.coefficients().sigma_t;
       if (t0 < t1) factor *= glm::exp((sigma[p.hero[i]] - sigma) * (t1 - t0));
       if (world.medium[i] == static_cast<int32_t>(m)) factor *= medium.extinction_ratio();
@@ -223,7 +230,7 @@ void MediaFlights::shadow(PathStates& paths, WorldPaths& world, const SlotList& 
     if (!medium.homogeneous()) continue;
     for (size_t k = 0; k < rays.count; ++k) {
       const auto i = static_cast<size_t>(rays.slot[k]);
-      const auto [t0, t1] = part_inside(bounds_[m], medium.to_local(world.shadow[i]), world.shadow_end[i]);
+      const auto [t0, t1] = part_inside(bounds_[m], to_local(m, i, world.shadow[i]), world.shadow_end[i]);
       if (!(t0 < t1)) continue;
       if (!medium.chromatic()) {
         paths.transmittance[i] *= static_cast<float>(std::exp(-medium.extinction_per_density() * (t1 - t0)));
@@ -242,19 +249,21 @@ void MediaFlights::shadow(PathStates& paths, WorldPaths& world, const SlotList& 
     for (size_t k = 0; k < rays.count; ++k) {
       const auto i = static_cast<size_t>(rays.slot[k]);
       if (dark(i)) continue;
-      const Ray local = medium.to_local(world.shadow[i]);
+      const Ray local = to_local(m, i, world.shadow[i]);
       const auto [t0, t1] = part_in_grid(bounds_[m], local, world.shadow_end[i]);
       if (!(t0 < t1)) continue;
-      put_local(paths, i, local, t0, t1, scenes_[m].unit, {paths.sx, paths.sy, paths.sz, paths.shadow_reach});
+      put_local(paths, i, {local.o + medium.walked_shift(), local.d}, t0, t1, scenes_[m].unit,
+                {paths.sx, paths.sy, paths.sz, paths.shadow_reach});
       inside_.push(rays.slot[k]);
     }
     lanes_shadow(scenes_[m], paths, inside_, counters.lookups);
   }
 }
 
-dvec3 MediaFlights::transmittance(const Ray& ray, double end, Rng& rng, TrackingCounters& counters) const {
+dvec3 MediaFlights::transmittance(std::span<const Medium> media, const Ray& ray, double end, Rng& rng,
+                                  TrackingCounters& counters) const {
   dvec3 product(1);
-  for (const Medium& m : c_.media) {
+  for (const Medium& m : media) {
     if (product == dvec3(0)) break;
     if (m.chromatic())
       product *= estimate_chromatic_transmittance(m, m.to_local(ray), end, rng, counters);

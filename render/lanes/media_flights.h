@@ -8,7 +8,7 @@
 
 namespace brume {
 
-/// Flights and shadow rays through any number of still media: grids in lanes, homogeneous shapes in closed form.
+/// Flights and shadow rays through any number of media: grids in lanes, homogeneous shapes in closed form.
 class MediaFlights {
  public:
   /// Refers to context and world.
@@ -18,8 +18,10 @@ class MediaFlights {
   size_t count() const { return scenes_.size(); }
   const LaneScene& scene(size_t medium) const { return scenes_[medium]; }
 
-  /// Whether a ray passes through a medium.
-  bool met_by(const Ray& ray) const;
+  /// Whether a ray passes through a medium at a time of the shutter.
+  bool met_by(const Ray& ray, double time) const;
+  /// Places the media for a path in a slot, at its time.
+  void place(size_t slot, double time);
   /// Free flights: moves WorldPaths::end to the first real collision of all media before it, and notes whose it is.
   /// Collisions with each medium are independent Poisson processes, so the first of all is the path's. Where media are
   /// chromatic the hero channel's collisions count, and the paths' throughput and densities get what each channel's
@@ -31,11 +33,16 @@ class MediaFlights {
   /// Puts the rays that cross a grid before `end` on a list, and their parts inside it into the local columns.
   /// @param end  of slots; null for infinity
   void enter(size_t medium, PathStates& paths, WorldPaths& world, const SlotList& rays, SlotList& inside) const;
-  /// Unbiased transmittance of one ray.
-  dvec3 transmittance(const Ray& ray, double end, Rng& rng, TrackingCounters& counters) const;
+  /// Unbiased transmittance of one ray. @param media  at the path's time
+  dvec3 transmittance(std::span<const Medium> media, const Ray& ray, double end, Rng& rng,
+                      TrackingCounters& counters) const;
 
  private:
+  using Placements = std::array<Placement, kPool>;
   struct Flown;
+  Ray to_local(size_t medium, size_t slot, const Ray& ray) const {
+    return (placed_[medium] ? (*placed_[medium])[slot] : c_.media[medium].placement()).to_local(ray);
+  }
   void fly_through_shape(size_t medium, PathStates& paths, WorldPaths& world, const SlotList& rays) const;
   void fly_through_grid(size_t medium, PathStates& paths, WorldPaths& world, const SlotList& rays,
                         TrackingCounters& counters);
@@ -43,8 +50,9 @@ class MediaFlights {
   void weigh_channels(PathStates& paths, const WorldPaths& world, const SlotList& rays) const;
 
   const PathContext& c_;
-  std::vector<LaneScene> scenes_;         // of the media
-  std::vector<HomogeneousShape> bounds_;  // of the media, local
+  std::vector<LaneScene> scenes_;                    // of the media
+  std::vector<HomogeneousShape> bounds_;             // of the media, local
+  std::vector<std::unique_ptr<Placements>> placed_;  // of the media, by slot; only of those whose transforms move
   SlotList inside_, hits_, escapes_, passed_;
   std::vector<std::unique_ptr<Flown>> flown_;  // of the media; only of chromatic grids
 };

@@ -30,6 +30,7 @@ struct PathStates {
   // multiplied weight and density with; the colour of the shadow ray's transmittance; the channel that decides.
   Column<float> qr, qg, qb, fr, fg, fb, shadow_r, shadow_g, shadow_b;
   Column<int32_t> hero;
+  Column<float> time;    // in [0, 1] of the shutter; only where LaneScene::displaced
   Column<float> passed;  // transmittance of the camera ray
   Column<float> direct_r, direct_g, direct_b, indirect_r, indirect_g, indirect_b;
   Column<uint32_t> s0, s1, s2, s3;  // generator: xoshiro128++

@@ -40,7 +40,9 @@ class Wavefront {
     state_ = &state;
     if (keeps_samples()) state.samples.resize(kPool);
     for (size_t f = 0; f < c_.emissions.size(); ++f)
-      glow_.emplace_back(c_.emissions[f], c_.emissions[f].shape().homogeneous() ? nullptr : &c_.emission_grids[f]);
+      glow_.emplace_back(c_.emissions[f], c_.emissions[f].shape().homogeneous() || c_.emissions[f].moves()
+                                              ? nullptr
+                                              : &c_.emission_grids[f]);
     if (!glow_.empty() && !state.glowing) state.glowing = std::make_unique<Glowing>();
     if (c_.plan.one_grid) {
       scene_ = lane_scene(c_, 0, nullptr);
@@ -70,7 +72,7 @@ class Wavefront {
         fly_in_world();
       else
         fly_in_grid();
-      for (const LaneEmission& field : glow_) add_glow(field);
+      for (const LaneEmission& field : glow_) field.field.moves() ? add_moving_glow(field.field) : add_glow(field);
       for (size_t i = 0; i < s.escapes.count; ++i) escape(s.escapes.slot[i]);
       counters_.tracking.collisions += s.hits.count;
       if (c_.plan.first_event)
@@ -175,7 +177,7 @@ class Wavefront {
   void start_in_world(size_t index) {
     const PathRequest& request = requests_[index];
     ++counters_.paths;
-    if (!surfaces_ && !flights_->met_by(request.ray) && !may_glow(request.ray)) {
+    if (!surfaces_ && !flights_->met_by(request.ray, request.time) && !may_glow(request.ray)) {
       PathSample sample;
       see_background(request.ray, dvec3(1), sample);
       deliver(index, sample);
@@ -183,6 +185,9 @@ class Wavefront {
     }
     const int32_t slot = take_slot(index);
     state_->world->ray[static_cast<size_t>(slot)] = request.ray;
+    state_->world->time[static_cast<size_t>(slot)] = request.time;
+    state_->paths.time[static_cast<size_t>(slot)] = static_cast<float>(request.time);
+    flights_->place(static_cast<size_t>(slot), request.time);
     state_->world->past[static_cast<size_t>(slot)] = {};
     state_->world->surface[static_cast<size_t>(slot)] = vec3(0);
     state_->fresh.push(slot);
@@ -222,6 +227,7 @@ class Wavefront {
   /// Whether a camera ray passes through an emitting field.
   bool may_glow(const Ray& ray) const {
     return std::any_of(glow_.begin(), glow_.end(), [&](const LaneEmission& field) {
+      if (field.field.moves()) return true;
       const auto [enters, leaves] = field.bounds.intersect(field.shape.to_local(ray));
       return std::max(enters, 0.0) < leaves;
     });
@@ -282,28 +288,41 @@ class Wavefront {
     if (c_.plan.marched()) {
       for (size_t k = 0; k < s.fresh.count; ++k) {
         const PathRequest& request = requests_[s.paths.request[static_cast<size_t>(s.fresh.slot[k])]];
-        record_camera_ray(c_, c_.media, request.ray, Rng(request.key), sample_of(s.fresh.slot[k]));
+        record_camera_ray(c_, media_at(request.time), request.ray, Rng(request.key), sample_of(s.fresh.slot[k]));
       }
     } else if (c_.plan.medium_surface) {
       for (size_t k = 0; k < s.fresh.count; ++k) s.world->end[static_cast<size_t>(s.fresh.slot[k])] = kFar;
       for (size_t m = 0; m < c_.media.size(); ++m) {
-        if (c_.media[m].homogeneous())
-          record_shape(c_.media[m]);
+        if (c_.media[m].homogeneous() || c_.media[m].moves())
+          record_one_by_one(c_.media[m]);
         else
           record_isosurface(m);
       }
     }
   }
 
-  /// The boundary of a homogeneous medium, which has no gradient.
-  void record_shape(const Medium& medium) {
+  /// The media as they are at a time of the shutter.
+  std::span<const Medium> media_at(double time) const {
+    if (!c_.plan.moving_media) return c_.media;
+    static thread_local std::vector<Medium> moved;
+    moved.clear();
+    for (const Medium& m : c_.media) moved.push_back(m.at_time(time));
+    return moved;
+  }
+
+  /// The isosurfaces of media that move, and the boundaries of homogeneous ones.
+  void record_one_by_one(const Medium& medium) {
     State& s = *state_;
     for (size_t k = 0; k < s.fresh.count; ++k) {
       const auto i = static_cast<size_t>(s.fresh.slot[k]);
-      const auto t = find_surface(medium, medium.to_local(s.world->ray[i]), static_cast<float>(c_.surface_density));
+      const Medium now = medium.at_time(s.world->time[i]);
+      const Ray local = now.to_local(s.world->ray[i]);
+      const auto t = find_surface(now, local, static_cast<float>(c_.surface_density * now.maximum_density()));
       if (!t || !(*t < s.world->end[i])) continue;
       s.world->end[i] = *t;
-      cover(i, dvec3(0));
+      PathSample sample;
+      record_medium_surface(now, local, *t, sample);
+      cover(i, sample.gradient);
     }
   }
 
@@ -488,7 +507,8 @@ class Wavefront {
     const LightSample sample = near.light->sample(p, numbers.pair());
     if (!(sample.pdf > 0)) return;
     dvec3 scattered(0);
-    for (const Medium& m : c_.media) {
+    const std::span<const Medium> media = media_at(state_->world->time[i]);
+    for (const Medium& m : media) {
       const double density = m.density(m.to_local(p));
       counters_.tracking.look_up();
       if (density > 0)
@@ -500,8 +520,8 @@ class Wavefront {
     if (surfaces_) L *= c_.surfaces->passage(shadow, sample.distance * (1.0 - 1e-4)).light;
     if (L == dvec3(0)) return;
     Rng rng = numbers.stream();
-    L *= flights_->transmittance(shadow, sample.distance, rng, counters_.tracking) *
-         flights_->transmittance(ray, t, rng, counters_.tracking);
+    L *= flights_->transmittance(media, shadow, sample.distance, rng, counters_.tracking) *
+         flights_->transmittance(media, ray, t, rng, counters_.tracking);
     const PathStates& paths = state_->paths;
     deposit(i, vec3(paths.tr[i], paths.tg[i], paths.tb[i]) * vec3(L), paths.events[i] + 1);
   }
@@ -594,6 +614,25 @@ class Wavefront {
     }
   }
 
+  /// The same for a field that moves over the shutter, path by path.
+  void add_moving_glow(const EmissionField& field) {
+    State& s = *state_;
+    PathStates& p = s.paths;
+    for (const SlotList* ended : {&s.hits, &s.met, &s.escapes})
+      for (size_t k = 0; k < ended->count; ++k) {
+        const auto i = static_cast<size_t>(ended->slot[k]);
+        const Glowing::Flight& flight = s.glowing->flights[i];
+        Rng rng = PathGenerator(p, i).stream();
+        const dvec3 sum =
+            field.integrate(flight.ray, 0, flight.end, emission_stride(p.events[i]), s.world->time[i], rng);
+        const vec3 glow = vec3(p.tr[i], p.tg[i], p.tb[i]) * vec3(sum);
+        if (p.events[i] == 0)
+          s.glowing->emission[i] += glow;
+        else
+          deposit(i, glow, p.events[i]);
+      }
+  }
+
   vec3 local_direction(int32_t slot) const {
     const PathStates& p = state_->paths;
     const auto i = static_cast<size_t>(slot);
@@ -670,10 +709,11 @@ class Wavefront {
     const auto i = static_cast<size_t>(slot);
     const PathRequest& request = requests_[p.request[i]];
     PathSample& sample = sample_of(slot);
-    const Medium& medium = c_.media[in_world() ? static_cast<size_t>(state_->world->medium[i]) : 0];
+    const std::span<const Medium> media = media_at(request.time);
+    const Medium& medium = media[in_world() ? static_cast<size_t>(state_->world->medium[i]) : 0];
     const dvec3 at = in_world() ? state_->world->ray[i].at(state_->world->end[i])
                                 : medium.to_world(dvec3(p.ox[i], p.oy[i], p.oz[i]));
-    sample.flash = record_first_scatter(c_, c_.media, medium, request.ray.o, at, request.ray.d,
+    sample.flash = record_first_scatter(c_, media, medium, request.ray.o, at, request.ray.d,
                                         dvec3(p.tr[i], p.tg[i], p.tb[i]), medium.albedo(at), sample);
   }
 

@@ -23,6 +23,7 @@ struct WorldPaths {
   std::array<const FiniteLight*, kPool> light;  ///< at `end`; null for none
   std::array<SurfaceHit, kPool> hit;            ///< at `end`, where on_surface
   std::array<bool, kPool> on_surface;
+  std::array<double, kPool> time;   ///< in [0, 1] of the shutter
   std::array<double, kPool> begin;  ///< ray parameter at which the local ray begins
 
   std::array<Ray, kPool> shadow;  ///< towards the light sample

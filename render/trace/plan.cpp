@@ -13,27 +13,34 @@ namespace {
 /// Whether single precision holds a medium: a homogeneous one, or a grid that LaneGrid fits and resolves.
 bool fits_lanes(const Medium& m) {
   if (m.homogeneous()) return true;
+  if (const Displacement* const d = m.displacement()) {
+    for (const BrickGrid& part : d->field.parts)
+      if (!part.empty() && !LaneGrid::fits(part)) return false;
+    if (!LaneGrid::fits(d->envelope)) return false;
+  }
   const double longest_voxel = m.voxel_volume() / (m.voxel_size() * m.voxel_size());  // at least its longest edge
   const double free_path = 1 / (m.extinction_per_density() * m.maximum_density() * longest_voxel);
   return !m.global_majorant() && LaneGrid::fits(m.bricks()) && LaneGrid::resolves(m.bricks(), free_path);
 }
 
-/// Whether the lanes can trace it: still media, still fields that emit, meshes. Not yet emission in chromatic media: at
+/// Whether the lanes can trace it: all that fits. Not yet emission in chromatic media: at
 /// each point of a flight it has the weights of the collisions before.
 bool fits_lanes(const Plan& plan, const SceneMedia& media, const Lights& lights) {
-  if (plan.moving_media || (plan.media == Plan::Media::kChromatic && plan.emission)) return false;
+  if (plan.media == Plan::Media::kChromatic && plan.emission) return false;
   for (const EmissionField& e : media.emissions())
-    if (e.moves() || (!e.shape().homogeneous() && !LaneGrid::fits(e.shape().bricks()))) return false;
+    if (!e.moves() && !e.shape().homogeneous() && !LaneGrid::fits(e.shape().bricks())) return false;
   const auto& all = media.media();
   return std::all_of(all.begin(), all.end(), [](const Medium& m) { return fits_lanes(m); }) &&
          (lights.local() || lights.suns().size() <= kMostLaneSuns);
 }
 
-/// Whether all there is lies in one grid, but for fields that emit.
+/// Whether all there is lies in one still grid, but for still fields that emit.
 bool is_one_grid(const Plan& plan, const SceneMedia& media) {
   const auto& glow = media.emissions();
-  return plan.media == Plan::Media::kOneGrey && !plan.surfaces && !media.media()[0].homogeneous() &&
-         std::none_of(glow.begin(), glow.end(), [](const EmissionField& e) { return bool(e.shape().homogeneous()); });
+  return plan.media == Plan::Media::kOneGrey && !plan.surfaces && !plan.moving_media &&
+         !media.media()[0].homogeneous() && std::none_of(glow.begin(), glow.end(), [](const EmissionField& e) {
+           return e.moves() || e.shape().homogeneous().has_value();
+         });
 }
 
 }  // namespace
