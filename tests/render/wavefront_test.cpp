@@ -77,7 +77,7 @@ TEST(Wavefront, EveryInstructionSetGivesTheSameBits) {
 TEST(Wavefront, PathsInTheWorldHaveTheSameBitsEverywhere) {
   const test::TemporaryFolder folder;
   std::set<std::string> kinds;
-  for (const uint64_t seed : {45, 65, 68, 2}) {
+  for (const uint64_t seed : {45, 65, 68, 2, 121, 135}) {
     const test::RandomScene random = test::random_scene(seed, folder.path(), 4);
     LayerRequest layers = LayerRequest::of({"all"}, true);
     layers.guides = false;
@@ -93,8 +93,8 @@ TEST(Wavefront, PathsInTheWorldHaveTheSameBitsEverywhere) {
     }
     hwy::SetSupportedTargetsForTest(0);
   }
-  for (const char* kind :
-       {"overlapping", "chromatic", "box", "sphere", "grid", "emissive", "floor", "glass", "sun", "spot"})
+  for (const char* kind : {"overlapping", "chromatic", "box", "sphere", "grid", "emissive", "floor", "glass", "sun",
+                           "spot", "velocities", "moving object"})
     EXPECT_TRUE(kinds.contains(kind)) << kind;
 }
 
@@ -702,6 +702,7 @@ TEST(Wavefront, IsTakenOnlyWhereItModelsTheScene) {
   EXPECT_FALSE(lanes([](Scene& s) { s.volumes[0].sigma_t = dvec3(1, 2, 3), s.volumes[0].emission = dvec3(1); }));
   EXPECT_TRUE(lanes([](Scene& s) { s.volumes.push_back(s.volumes[0]); }));
   EXPECT_TRUE(lanes([](Scene& s) { s.volumes[0].emission = dvec3(1); }));
+  EXPECT_FALSE(lanes([](Scene& s) { s.render.majorants = "global"; }));
   EXPECT_TRUE(lanes([](Scene& s) {
     VolumeSettings lamp;
     lamp.shape = "box";
