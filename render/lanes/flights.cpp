@@ -20,17 +20,6 @@ namespace brume::HWY_NAMESPACE {
 
 enum class Walk { kFlight, kFirst, kShadow };
 
-/// The density at points of a displaced grid, envelope coordinates: what is stored where it comes from.
-/// @param time  in frames
-HWY_INLINE V displaced_density(const LaneScene& scene, const V3& p, V time) {
-  const auto stored = [&](size_t axis, V x) {
-    const V there = hn::Sub(x, set(scene.origin_shift[axis]));
-    const LaneCells& field = scene.displacement[axis];
-    return field.values ? hn::Sub(there, hn::Mul(time, density_at(field, p))) : there;
-  };
-  return density_at(scene.density, {stored(0, p.x), stored(1, p.y), stored(2, p.z)});
-}
-
 /// Takes the rays of a list through the majorant cells, up to a light at `reach` where kReach. Free flights end at a
 /// real collision, whose position becomes the path's, or leave the grid; forced flights cross the whole grid
 /// (lanes_fly_first); shadow rays estimate their transmittance by ratio tracking. Where kColour, the hero channel

@@ -294,7 +294,7 @@ class Wavefront {
       for (size_t k = 0; k < s.fresh.count; ++k) s.world->end[static_cast<size_t>(s.fresh.slot[k])] = kFar;
       for (size_t m = 0; m < c_.media.size(); ++m) {
         if (c_.media[m].homogeneous() || c_.media[m].moves())
-          record_one_by_one(c_.media[m]);
+          record_one_by_one(m);
         else
           record_isosurface(m);
       }
@@ -311,19 +311,34 @@ class Wavefront {
   }
 
   /// The isosurfaces of media that move, and the boundaries of homogeneous ones.
-  void record_one_by_one(const Medium& medium) {
+  void record_one_by_one(size_t medium) {
     State& s = *state_;
-    for (size_t k = 0; k < s.fresh.count; ++k) {
-      const auto i = static_cast<size_t>(s.fresh.slot[k]);
-      const Medium now = medium.at_time(s.world->time[i]);
-      const Ray local = now.to_local(s.world->ray[i]);
-      const auto t = find_surface(now, local, static_cast<float>(c_.surface_density * now.maximum_density()));
-      if (!t || !(*t < s.world->end[i])) continue;
-      s.world->end[i] = *t;
-      PathSample sample;
-      record_medium_surface(now, local, *t, sample);
-      cover(i, sample.gradient);
+    if (!flights_->scene(medium).displaced) {
+      for (size_t k = 0; k < s.fresh.count; ++k) record_isosurface_of(s.fresh.slot[k], c_.media[medium], 0);
+      return;
     }
+    flights_->enter(medium, s.paths, *s.world, s.fresh, s.walks);
+    s.crossings.slots.count = 0;
+    lanes_find_displaced_surface(flights_->scene(medium), s.paths, s.walks, s.crossings);
+    for (size_t k = 0; k < s.crossings.slots.count; ++k) {
+      const double outside = static_cast<double>(s.crossings.outside[k]) * flights_->scene(medium).unit;
+      const int32_t slot = s.crossings.slots.slot[k];
+      record_isosurface_of(slot, c_.media[medium], s.world->begin[static_cast<size_t>(slot)] + outside);
+    }
+  }
+
+  /// @param begin  ray parameter before which the isosurface is not met
+  void record_isosurface_of(int32_t slot, const Medium& medium, double begin) {
+    const auto i = static_cast<size_t>(slot);
+    WorldPaths& w = *state_->world;
+    const Medium now = medium.at_time(w.time[i]);
+    const Ray local = now.to_local(w.ray[i]);
+    const auto t = find_surface(now, local, static_cast<float>(c_.surface_density * now.maximum_density()), begin);
+    if (!t || !(*t < w.end[i])) return;
+    w.end[i] = *t;
+    PathSample sample;
+    record_medium_surface(now, local, *t, sample);
+    cover(i, sample.gradient);
   }
 
   /// Where camera rays meet a grid's isosurface before those of the media already looked at.
