@@ -65,6 +65,8 @@ class EmissionField {
   /// tests/render/media_test.cpp
   /// @param time  in [0, 1] of the shutter
   dvec3 integrate(const Ray& world, double t_min, double t_max, double stride, double time, Rng& rng) const;
+  /// The coefficient of a homogeneous shape.
+  const dvec3& coefficient() const { return coefficient_; }
   /// The coefficient at a world point, of a field that does not move.
   dvec3 coefficient(const dvec3& world) const {
     const dvec3 local = shape_.to_local(world);

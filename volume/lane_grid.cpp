@@ -121,6 +121,27 @@ LaneGrid::LaneGrid(const BrickGrid& grid, double scale)
     if (empty[i]) majorant[i] = std::bit_cast<float>(OctantSkip::pack(reach[i]));
 }
 
+LaneGrid LaneGrid::of_values(const BrickGrid& grid) {
+  LaneGrid result;
+  if (grid.empty()) return result;
+  const ivec3 n = grid.cells();
+  result.nx = n.x, result.ny = n.y, result.nz = n.z;
+  result.cell_size = grid.cell_size();
+  for (int x = 0; x < n.x; ++x)
+    for (int y = 0; y < n.y; ++y)
+      for (int z = 0; z < n.z; ++z) {
+        const BrickGrid::Cell& cell = grid.cell({x, y, z});
+        if (cell.brick == 0) {
+          result.brick.push_back(-1);
+          continue;
+        }
+        const size_t offset = (cell.brick - 1) * grid.brick_values();
+        if (!result.values) result.values = grid.brick(cell) - offset;
+        result.brick.push_back(static_cast<int32_t>(offset));
+      }
+  return result;
+}
+
 uint32_t OctantSkip::pack(const std::array<uint16_t, 8>& reach) {
   // Of the steps, the one that keeps most of the product of the sides; none longer than the longest side needs.
   const uint32_t longest = *std::max_element(reach.begin(), reach.end());

@@ -35,6 +35,8 @@ struct LaneGrid {
   static bool resolves(const BrickGrid& grid, double free_path);
   /// @param scale  factor on all majorants, at least 1: a looser bound changes no expectation
   explicit LaneGrid(const BrickGrid& grid, double scale = 1.0);
+  /// For look-ups alone, of values of any sign: without majorants.
+  static LaneGrid of_values(const BrickGrid& grid);
 
   /// Computes each voxel's distance from those that can reach a density, so that a search for the isosurface
   /// interpolates nowhere else and takes long steps.
@@ -72,6 +74,12 @@ struct LaneGrid {
   /// surface_density.
   std::vector<int32_t> surface_cell;
   float surface_density = 0;
+};
+
+/// What a displaced density field is looked up in.
+struct DisplacedLaneGrid {
+  LaneGrid density;                      ///< as it is stored
+  std::array<LaneGrid, 3> displacement;  ///< without cells where a component is 0 everywhere
 };
 
 }  // namespace brume

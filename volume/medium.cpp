@@ -61,10 +61,14 @@ void Medium::set_motion(const dmat4& world_from_index_end) {
   end_ = end;
 }
 
+Placement Medium::placement_at(double time) const {
+  return end_ ? Placement(placement_.world_from_local() * (1.0 - time) + *end_ * time) : placement_;
+}
+
 Medium Medium::at_time(double time) const {
   Medium moved = *this;
   if (displacement_) moved.time_ = displacement_->open + (displacement_->close - displacement_->open) * time;
-  if (end_) moved.placement_ = Placement(placement_.world_from_local() * (1.0 - time) + *end_ * time);
+  moved.placement_ = placement_at(time);
   return moved;
 }
 

@@ -74,6 +74,10 @@ class Medium {
   /// The transform at the shutter's end; it moves there in a straight line from the one given at construction.
   void set_motion(const dmat4& world_from_index_end);
   bool moves() const { return displacement_ != nullptr || end_.has_value(); }
+  /// Where it is placed at a time in [0, 1] of the shutter.
+  Placement placement_at(double time) const;
+  /// Whether that depends on the time.
+  bool transform_moves() const { return end_.has_value(); }
   /// The medium as it is at a time in [0, 1] of the shutter.
   Medium at_time(double time) const;
   /// The medium with its density as it is now at the points of a finer lattice, linear between them: one that is

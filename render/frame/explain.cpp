@@ -69,7 +69,7 @@ std::string explain(const Plan& plan, const Scene& scene, const SceneMedia& medi
   static const char* const flights[] = {
       "none", "delta tracking through the majorant grid",
       "delta tracking in each medium, the first collision of all is the path's",
-      "merged tentative collisions; spectral multiple importance sampling over a hero channel"};
+      "delta tracking by a hero channel; spectral multiple importance sampling over the channels"};
   if (plan.has_media()) {
     line("flight", flights[static_cast<int>(plan.media)]);
     line("lanes", plan.lanes ? "paths run side by side in SIMD lanes" : "paths run one by one");

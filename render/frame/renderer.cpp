@@ -63,14 +63,28 @@ const Guides* PreparedScene::guides(int samples, const Task& task) const {
 }
 
 void PreparedScene::prepare_lanes(const Task& task) {
-  const Medium& medium = context_.media[0];
-  lane_grid_ = LaneGrid(medium.bricks(), scene_.render.majorant_scale);
-  if (context_.plan.medium_surface)
-    lane_grid_.find_surface(medium.bricks(),
-                            static_cast<float>(scene_.render.surface_density * medium.maximum_density()), task);
-  for (const EmissionField& field : context_.emissions) emission_grids_.emplace_back(field.shape().bricks());
-  context_.lane_grid = &lane_grid_;
+  lane_grids_.reserve(context_.media.size());
+  for (const Medium& medium : context_.media) {
+    DisplacedLaneGrid& displaced = displaced_grids_.emplace_back();
+    if (medium.homogeneous()) {
+      lane_grids_.emplace_back();
+      continue;
+    }
+    if (const Displacement* const d = medium.displacement())
+      displaced = {LaneGrid::of_values(medium.bricks()),
+                   {LaneGrid::of_values(d->field.parts[0]), LaneGrid::of_values(d->field.parts[1]),
+                    LaneGrid::of_values(d->field.parts[2])}};
+    LaneGrid& grid = lane_grids_.emplace_back(medium.walked(), scene_.render.majorant_scale);
+    if (context_.plan.medium_surface && !medium.moves())
+      grid.find_surface(medium.bricks(), static_cast<float>(scene_.render.surface_density * medium.maximum_density()),
+                        task);
+  }
+  for (const EmissionField& field : context_.emissions)
+    emission_grids_.push_back(field.shape().homogeneous() || field.moves() ? LaneGrid()
+                                                                           : LaneGrid(field.shape().bricks()));
+  context_.lane_grids = lane_grids_;
   context_.emission_grids = emission_grids_;
+  context_.displaced_grids = displaced_grids_;
 }
 
 // Cones of blocks of 8 x 8 pixels are bounded first, then their quarters from there on, down to single pixels. Blocks
@@ -80,13 +94,13 @@ std::vector<EntryBound> PreparedScene::entry_bounds(const Camera& camera, const 
   constexpr int kBlock = 8;
   const int width = window.width();
   std::vector<EntryBound> bounds(static_cast<size_t>(width) * window.height());
-  if (!plan().lanes || camera.moves()) return bounds;
+  if (!plan().one_grid || camera.moves()) return bounds;
   const auto rounded_down = [](double t) { return std::nextafter(static_cast<float>(t), 0.0f); };
   const auto visit = [&](const auto& self, const ivec2& corner, int size, const LaneGrid::Entry& from) -> void {
     const auto inside = [](int begin, int extent, int low, int high) { return begin + extent > low && begin < high; };
     if (!inside(corner.x, size, window.x0, window.x1) || !inside(corner.y, size, window.y0, window.y1)) return;
     const LaneGrid::Entry entry =
-        lane_grid_.entry_bound(context_.media[0].to_local(*camera.ray_cone(corner, corner + size)), from);
+        lane_grids_[0].entry_bound(context_.media[0].to_local(*camera.ray_cone(corner, corner + size)), from);
     if (size > 1) {
       for (int k = 0; k < 4; ++k) self(self, corner + ivec2(k & 1, k >> 1) * (size / 2), size / 2, entry);
       return;

@@ -67,9 +67,9 @@ class PreparedScene {
   SceneMedia media_;
   std::unique_ptr<Surfaces> surfaces_;
   Lights lights_;
-  LaneGrid lane_grid_;
-  std::vector<LaneGrid> emission_grids_;
-  StopSignal stop_;  // while it is prepared
+  std::vector<LaneGrid> lane_grids_, emission_grids_;  // of media and emissions
+  std::vector<DisplacedLaneGrid> displaced_grids_;     // of media
+  StopSignal stop_;                                    // while it is prepared
   PathContext context_;
   mutable std::mutex solving_;
   mutable std::map<double, Guides> guides_;  // by their detail

@@ -113,6 +113,53 @@ void Surface(const LaneScene& scene, const PathStates& paths, const SlotList& ra
   });
 }
 
+void DisplacedSurface(const LaneScene& scene, const PathStates& paths, const SlotList& rays,
+                      SurfaceCrossings& crossings) {
+  const D d;
+  const V zero = hn::Zero(d), iso = set(scene.surface_density);
+  RayQueue queue(rays);
+  CellWalk walk(scene);
+  HWY_ALIGN float times[RayQueue::kMost] = {}, inside[RayQueue::kMost], outside[RayQueue::kMost];
+  V step = set(1.0f), time = zero, before = zero;
+  uint32_t collided = 0;
+
+  const auto finish = [&]() BRUME_INLINE_LAMBDA {
+    hn::Store(walk.t, d, inside);
+    hn::Store(before, d, outside);
+    queue.finished &= collided;
+    queue.collect([&](size_t lane, size_t s) {
+      crossings.outside[crossings.slots.count] = outside[lane];
+      crossings.inside[crossings.slots.count] = inside[lane];
+      crossings.slots.push(static_cast<int32_t>(s));
+    });
+  };
+  const auto load = [&](CellWalk::Buffer& buffer) BRUME_INLINE_LAMBDA {
+    const M fresh = load_rays(queue, buffer, paths, [&](size_t lane, size_t s) {
+      times[lane] = scene.open + (scene.close - scene.open) * paths.time[s];
+    });
+    walk.load(buffer, fresh);
+    step = hn::Mul(set(0.25f), voxel_length(walk));
+    time = hn::Load(d, times);
+    before = hn::IfThenElse(fresh, zero, before);
+    collided &= ~bits_of(fresh);
+  };
+  drive(queue, walk, scene.stop, finish, load, [&](M active) BRUME_INLINE_LAMBDA {
+    const V bound = hn::GatherIndex(d, scene.majorant, walk.index(active));
+    const CellWalk::Crossing crossing = walk.ahead(hn::BitCast(DI(), bound), hn::Lt(bound, zero));
+    const M low = hn::Lt(bound, iso), passes = hn::And(active, hn::Or(low, hn::Ge(walk.t, crossing.until)));
+    const M looks = hn::AndNot(passes, active);
+    M hit = hn::FirstN(d, 0);
+    if (!hn::AllFalse(d, looks)) hit = hn::And(looks, hn::Ge(displaced_density(scene, walk.at(walk.t), time), iso));
+    collided |= bits_of(hit);
+    const M moves = hn::AndNot(hit, looks);
+    before = hn::IfThenElse(moves, walk.t, hn::IfThenElse(hn::And(passes, low), crossing.until, before));
+    const V next = hn::Min(hn::Add(walk.t, step), crossing.until);
+    const M left = walk.cross(crossing, hn::Or(passes, hn::And(moves, hn::Ge(next, crossing.until))));
+    walk.t = hn::IfThenElse(moves, next, walk.t);
+    queue.end(hn::Or(hit, left));
+  });
+}
+
 void SurfacePoints(const LaneScene& scene, const PathStates& paths, SurfaceCrossings& crossings,
                    GradientPoints& points) {
   const D d;
@@ -235,6 +282,7 @@ HWY_AFTER_NAMESPACE();
 namespace brume {
 
 HWY_EXPORT(Surface);
+HWY_EXPORT(DisplacedSurface);
 HWY_EXPORT(SurfacePoints);
 HWY_EXPORT(March);
 HWY_EXPORT(Gradient);
@@ -242,6 +290,11 @@ HWY_EXPORT(Gradient);
 void lanes_find_surface(const LaneScene& scene, const PathStates& paths, const SlotList& rays,
                         const CameraRayLayers& camera, SurfaceCrossings& crossings) {
   HWY_DYNAMIC_DISPATCH(Surface)(scene, paths, rays, camera, crossings);
+}
+
+void lanes_find_displaced_surface(const LaneScene& scene, const PathStates& paths, const SlotList& rays,
+                                  SurfaceCrossings& crossings) {
+  HWY_DYNAMIC_DISPATCH(DisplacedSurface)(scene, paths, rays, crossings);
 }
 
 void lanes_surface_points(const LaneScene& scene, const PathStates& paths, SurfaceCrossings& crossings,

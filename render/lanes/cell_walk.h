@@ -307,6 +307,17 @@ HWY_INLINE V density_at(const LaneCells& grid, const V3& p) {
   return hn::IfThenZeroElse(outside, interpolated(grid, hn::Max(brick, hn::Zero(di)), q));
 }
 
+/// The density at points of a displaced grid, envelope coordinates: what is stored where it comes from.
+/// @param time  in frames
+HWY_INLINE V displaced_density(const LaneScene& scene, const V3& p, V time) {
+  const auto stored = [&](size_t axis, V x) {
+    const V there = hn::Sub(x, set(scene.origin_shift[axis]));
+    const LaneCells& field = scene.displacement[axis];
+    return field.values ? hn::Sub(there, hn::Mul(time, density_at(field, p))) : there;
+  };
+  return density_at(scene.density, {stored(0, p.x), stored(1, p.y), stored(2, p.z)});
+}
+
 /// One voxel of the eight around points of the walk's cells, drawn by its trilinear weight.
 HWY_INLINE V one_voxel(const CellWalk& walk, Generator& rng, const V3& p, VI brick, M mask) {
   const DI di;

@@ -116,11 +116,18 @@ namespace brume {
 
 HWY_EXPORT(Emission);
 
-LaneEmission::LaneEmission(const EmissionField& field, const LaneGrid& grid)
-    : shape(field.shape()),
-      box{HomogeneousShape::Shape::kBox, shape.support().first, shape.support().second},
+LaneEmission::LaneEmission(const EmissionField& emission, const LaneGrid* grid)
+    : field(emission),
+      shape(field.shape()),
+      bounds(shape.homogeneous()
+                 ? *shape.homogeneous()
+                 : HomogeneousShape{HomogeneousShape::Shape::kBox, shape.support().first, shape.support().second}),
       unit(lane_unit(shape)) {
-  set_cells(cells, grid);
+  if (!grid) {
+    coefficient = vec3(field.coefficient());
+    return;
+  }
+  set_cells(cells, *grid);
   const EmissionRamp& ramp = field.ramp();
   const auto floats = [](const auto& values, const auto& of) {
     std::vector<float> result;
@@ -143,6 +150,20 @@ LaneEmission::LaneEmission(const EmissionField& field, const LaneGrid& grid)
   cells.stops = stops.data();
   cells.inverse_widths = inverse_widths.data();
   cells.last = static_cast<int32_t>(ramp.entries().size()) - 2;
+}
+
+void LaneEmission::integrate(PathStates& paths, const SlotList& rays, EmissionSegments& segments) const {
+  if (!shape.homogeneous()) {
+    lanes_emission(cells, paths, rays, segments);
+    return;
+  }
+  for (size_t k = 0; k < rays.count; ++k) {
+    const auto i = static_cast<size_t>(rays.slot[k]);
+    const vec3 sum = coefficient * (segments.end[i] * static_cast<float>(unit));
+    segments.r[i] = sum.x;
+    segments.g[i] = sum.y;
+    segments.b[i] = sum.z;
+  }
 }
 
 void lanes_emission(const EmissionCells& cells, PathStates& paths, const SlotList& rays, EmissionSegments& segments) {

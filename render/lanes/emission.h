@@ -18,26 +18,32 @@ struct EmissionCells : LaneCells {
   float unit;                   ///< lane_unit() of the field
 };
 
-/// An EmissionField as the kernels need it.
-struct LaneEmission {
-  LaneEmission(const EmissionField& field, const LaneGrid& grid);
-  LaneEmission(const LaneEmission&) = delete;  // the cells refer to its table
-  LaneEmission& operator=(const LaneEmission&) = delete;
-
-  const Medium& shape;
-  HomogeneousShape box;
-  double unit;
-  std::array<std::vector<float>, 3> table;
-  std::vector<float> stops, inverse_widths;
-  EmissionCells cells{};
-};
-
 /// The parts of flights inside an emitting field, by slot.
 struct EmissionSegments {
   PathStates::Column<float> ox, oy, oz, dx, dy, dz;  ///< rays in local coordinates and lane units of the field
   PathStates::Column<float> end;                     ///< ray parameter
   PathStates::Column<float> stride;                  ///< length of a stratum [voxels]
   PathStates::Column<float> r, g, b;                 ///< the result
+};
+
+/// An EmissionField as the kernels need it.
+struct LaneEmission {
+  /// @param grid  of its values; null for a homogeneous shape, or a field that moves
+  LaneEmission(const EmissionField& emission, const LaneGrid* grid);
+  LaneEmission(const LaneEmission&) = delete;  // the cells refer to its table
+  LaneEmission& operator=(const LaneEmission&) = delete;
+
+  /// The integral of the emission coefficient along each segment: lanes_emission, or in closed form.
+  void integrate(PathStates& paths, const SlotList& rays, EmissionSegments& segments) const;
+
+  const EmissionField& field;
+  const Medium& shape;
+  HomogeneousShape bounds;
+  vec3 coefficient{0};  ///< of a homogeneous shape
+  double unit;
+  std::array<std::vector<float>, 3> table;
+  std::vector<float> stops, inverse_widths;
+  EmissionCells cells{};
 };
 
 /// The integral of the emission coefficient along each segment, by stratified sampling: one look-up per stratum of

@@ -22,8 +22,10 @@ enum class Walk { kFlight, kFirst, kShadow };
 
 /// Takes the rays of a list through the majorant cells, up to a light at `reach` where kReach. Free flights end at a
 /// real collision, whose position becomes the path's, or leave the grid; forced flights cross the whole grid
-/// (lanes_fly_first); shadow rays estimate their transmittance by ratio tracking.
-template <Walk kWalk, bool kReach>
+/// (lanes_fly_first); shadow rays estimate their transmittance by ratio tracking. Where kColour, the hero channel
+/// decides for all, and each channel's share of what happened is accounted for (docs/methods.md, Spectral tracking).
+/// kMoved: the density is displaced.
+template <Walk kWalk, bool kReach, bool kColour = false, bool kMoved = false>
 void track(const LaneScene& scene, PathStates& paths, const SlotList& rays, SlotList* hits, SlotList* escapes,
            uint64_t& lookups) {
   constexpr bool kShadow = kWalk == Walk::kShadow, kFirst = kWalk == Walk::kFirst;
@@ -34,7 +36,7 @@ void track(const LaneScene& scene, PathStates& paths, const SlotList& rays, Slot
   RayQueue queue(rays);
   CellWalk walk(scene);
   GeneratorBuffer generators;
-  HWY_ALIGN float result[kMost] = {}, carried[kMost], x[kMost], y[kMost], z[kMost];
+  HWY_ALIGN float result[kMost] = {}, carried[kMost] = {}, x[kMost], y[kMost], z[kMost];
 
   const V zero = hn::Zero(d), one = set(1.0f);
   V tau = zero, weight = one, reach = zero;
@@ -42,6 +44,12 @@ void track(const LaneScene& scene, PathStates& paths, const SlotList& rays, Slot
   V3 hit_at{zero, zero, zero};
   Generator rng = generators.load();
   uint32_t collided = 0;
+  [[maybe_unused]] V hero = one;                            // extinction of the hero channel, relative to the largest
+  [[maybe_unused]] V3 colour{one, one, one};                // of the choices' probability, or of the transmittance
+  [[maybe_unused]] HWY_ALIGN float channel[4][kMost] = {};  // in memory: colour and hero
+
+  [[maybe_unused]] V time = zero;
+  [[maybe_unused]] HWY_ALIGN float frames[kMost] = {};
 
   const auto finish = [&]() BRUME_INLINE_LAMBDA {
     if (kFirst) {
@@ -51,7 +59,12 @@ void track(const LaneScene& scene, PathStates& paths, const SlotList& rays, Slot
       hn::Store(hn::Max(scattered, set(0.01f)), d, carried);
     }
     generators.store(rng);
-    hn::Store(weight, d, result);
+    hn::Store(kWalk == Walk::kFlight ? walk.t : weight, d, result);
+    if constexpr (kColour) {
+      hn::Store(colour.x, d, channel[0]);
+      hn::Store(colour.y, d, channel[1]);
+      hn::Store(colour.z, d, channel[2]);
+    }
     if (!kShadow) {
       hn::Store(hit_at.x, d, x);
       hn::Store(hit_at.y, d, y);
@@ -59,6 +72,11 @@ void track(const LaneScene& scene, PathStates& paths, const SlotList& rays, Slot
     }
     queue.collect([&](size_t lane, size_t s) {
       generators.give_back(paths, s, lane);
+      if (kColour) {
+        (kShadow ? paths.shadow_r : paths.fr)[s] = channel[0][lane];
+        (kShadow ? paths.shadow_g : paths.fg)[s] = channel[1][lane];
+        (kShadow ? paths.shadow_b : paths.fb)[s] = channel[2][lane];
+      }
       if (kFirst) {
         paths.passed[s] = result[lane];
         paths.tr[s] = paths.tg[s] = paths.tb[s] = carried[lane];
@@ -69,6 +87,7 @@ void track(const LaneScene& scene, PathStates& paths, const SlotList& rays, Slot
         paths.ox[s] = x[lane];
         paths.oy[s] = y[lane];
         paths.oz[s] = z[lane];
+        if (kWalk == Walk::kFlight && kReach) paths.reach[s] = result[lane];
         hits->push(static_cast<int32_t>(s));
       } else {
         escapes->push(static_cast<int32_t>(s));
@@ -86,10 +105,27 @@ void track(const LaneScene& scene, PathStates& paths, const SlotList& rays, Slot
       buffer.dz[lane] = (kShadow ? paths.sz : paths.lz)[s];
       generators.fetch(paths, s, lane);
       if (kReach) result[lane] = (kShadow ? paths.shadow_reach : paths.reach)[s];
+      if (kShadow) carried[lane] = paths.transmittance[s];
+      if (kMoved) frames[lane] = scene.open + (scene.close - scene.open) * paths.time[s];
+      if (kColour && kShadow) {
+        channel[0][lane] = paths.shadow_r[s];
+        channel[1][lane] = paths.shadow_g[s];
+        channel[2][lane] = paths.shadow_b[s];
+      } else if (kColour) {
+        channel[3][lane] = scene.extinction_ratio[paths.hero[s]];
+      }
     }));
     walk.load(buffer, fresh);
     rng = generators.load();
-    weight = hn::IfThenElse(fresh, one, weight);
+    weight = hn::IfThenElse(fresh, kShadow ? hn::Load(d, carried) : one, weight);
+    if (kMoved) time = hn::Load(d, frames);
+    if constexpr (kColour) {
+      const auto start = [&](size_t c, V before) {
+        return hn::IfThenElse(fresh, kShadow ? hn::Load(d, channel[c]) : one, before);
+      };
+      colour = {start(0, colour.x), start(1, colour.y), start(2, colour.z)};
+      hero = hn::Load(d, channel[3]);
+    }
     if (kFirst) {
       scattered = hn::IfThenElse(fresh, zero, scattered);
       lost = hn::IfThenElse(fresh, zero, lost);
@@ -116,9 +152,14 @@ void track(const LaneScene& scene, PathStates& paths, const SlotList& rays, Slot
     if (!hn::AllFalse(d, collides)) {
       walk.t = hn::IfThenElse(collides, hn::Add(walk.t, hn::Div(tau, sigma_maj)), walk.t);
       const V3 p = walk.at(walk.t);
-      const VI brick = brick_of(scene, cell_index, collides);
-      const V value = scene.interpolate ? hn::IfThenElseZero(collides, interpolated(scene, brick, walk.within(p)))
-                                        : one_voxel(walk, rng, p, brick, collides);
+      V value = zero;
+      if constexpr (kMoved) {
+        value = hn::IfThenElseZero(collides, displaced_density(scene, p, time));
+      } else {
+        const VI brick = brick_of(scene, cell_index, collides);
+        value = scene.interpolate ? hn::IfThenElseZero(collides, interpolated(scene, brick, walk.within(p)))
+                                  : one_voxel(walk, rng, p, brick, collides);
+      }
       lookups += hn::CountTrue(d, collides);
       // 24 random bits are enough for roulette only: a collision may be less likely than 2^-24.
       const V u = kShadow ? rng.uniform(collides) : rng.fine_uniform(collides);
@@ -138,6 +179,29 @@ void track(const LaneScene& scene, PathStates& paths, const SlotList& rays, Slot
         scattered = hn::IfThenElse(collides, hn::IfThenElse(decided, one, sum), scattered);
         weight = hn::Sub(one, scattered);
         done = hn::Or(done, decided);
+      } else if constexpr (kColour) {
+        const V share = hn::Min(hn::Div(value, bound), one);
+        const auto real = [&](int c) { return hn::Mul(share, set(scene.extinction_ratio[c])); };
+        M hit = hn::FirstN(d, 0);
+        if (!kShadow) {
+          hit = hn::And(collides, hn::Lt(u, hn::Mul(share, hero)));
+          done = hn::Or(done, hit);
+          collided |= bits_of(hit);
+        }
+        const auto times = [&](V before, int c) {
+          return hn::IfThenElse(collides, hn::Mul(before, hn::IfThenElse(hit, real(c), hn::Sub(one, real(c)))), before);
+        };
+        colour = {times(colour.x, 0), times(colour.y, 1), times(colour.z, 2)};
+        if (kShadow) {
+          const V largest = hn::Max(hn::Max(colour.x, colour.y), colour.z);
+          const V surviving = set(static_cast<float>(kSurvivingTransmittance));
+          const M small = hn::And(collides, hn::Lt(largest, set(static_cast<float>(kLeastTransmittance))));
+          const M survives = hn::Lt(hn::Mul(u, surviving), largest);
+          const V factor = hn::IfThenElseZero(survives, hn::Div(surviving, largest));
+          const auto rescaled = [&](V v) { return hn::IfThenElse(small, hn::Mul(v, factor), v); };
+          colour = {rescaled(colour.x), rescaled(colour.y), rescaled(colour.z)};
+          done = hn::Or(done, hn::AndNot(survives, small));
+        }
       } else if (kShadow) {
         weight = hn::IfThenElse(collides, hn::Sub(weight, hn::Mul(weight, hn::Div(value, bound))), weight);
         const V surviving = set(static_cast<float>(kSurvivingTransmittance));
@@ -161,8 +225,12 @@ void track(const LaneScene& scene, PathStates& paths, const SlotList& rays, Slot
 
 void Flight(const LaneScene& scene, PathStates& paths, const SlotList& rays, SlotList& hits, SlotList& escapes,
             uint64_t& lookups) {
-  (scene.flights_end ? track<Walk::kFlight, true> : track<Walk::kFlight, false>)(scene, paths, rays, &hits, &escapes,
-                                                                                 lookups);
+  const auto flight = scene.displaced     ? scene.chromatic ? track<Walk::kFlight, true, true, true>
+                                                            : track<Walk::kFlight, true, false, true>
+                          : scene.chromatic ? track<Walk::kFlight, true, true>
+                      : scene.flights_end ? track<Walk::kFlight, true>
+                                          : track<Walk::kFlight, false>;
+  flight(scene, paths, rays, &hits, &escapes, lookups);
 }
 
 void First(const LaneScene& scene, PathStates& paths, const SlotList& rays, SlotList& hits, SlotList& escapes,
@@ -172,8 +240,12 @@ void First(const LaneScene& scene, PathStates& paths, const SlotList& rays, Slot
 }
 
 void Shadow(const LaneScene& scene, PathStates& paths, const SlotList& rays, uint64_t& lookups) {
-  (scene.lights ? track<Walk::kShadow, true> : track<Walk::kShadow, false>)(scene, paths, rays, nullptr, nullptr,
-                                                                            lookups);
+  const auto shadow = scene.displaced     ? scene.chromatic ? track<Walk::kShadow, true, true, true>
+                                                            : track<Walk::kShadow, true, false, true>
+                          : scene.chromatic ? track<Walk::kShadow, true, true>
+                      : scene.shadows_end ? track<Walk::kShadow, true>
+                                          : track<Walk::kShadow, false>;
+  shadow(scene, paths, rays, nullptr, nullptr, lookups);
 }
 
 }  // namespace brume::HWY_NAMESPACE

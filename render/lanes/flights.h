@@ -9,11 +9,14 @@
 namespace brume {
 
 /// Delta tracking: takes each ray of a list to its next real collision, whose position becomes the path's, or out of
-/// the grid, or to its end on a light (PathStates::reach).
+/// the grid, or to its end on a light (PathStates::reach). Where LaneScene::flights_end, `reach` is the collision's ray
+/// parameter afterwards. In a chromatic medium the hero channel decides, and `fr`, `fg`, `fb` are each channel's
+/// probability of what happened.
 void lanes_fly(const LaneScene& scene, PathStates& paths, const SlotList& rays, SlotList& hits, SlotList& escapes,
                uint64_t& lookups);
 
-/// Ratio tracking: estimates the transmittance of each shadow ray up to its light and stores it in `transmittance`.
+/// Ratio tracking: multiplies `transmittance` by an estimate of each shadow ray's up to its light;
+/// in a chromatic medium `shadow_r`, `shadow_g`, `shadow_b`.
 void lanes_shadow(const LaneScene& scene, PathStates& paths, const SlotList& rays, uint64_t& lookups);
 
 /// Forced first collisions: camera rays cross the whole grid, or end on a light. Their transmittance by ratio tracking

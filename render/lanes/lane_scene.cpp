@@ -1,5 +1,6 @@
 #include "render/lanes/lane_scene.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include "volume/gradient.h"
@@ -15,7 +16,7 @@ void set_cells(LaneCells& c, const LaneGrid& grid) {
   c.nz = static_cast<float>(grid.nz);
   c.nz_int = grid.nz;
   c.cell = static_cast<float>(grid.cell_size);
-  c.inverse_cell = 1.0f / c.cell;
+  c.inverse_cell = 1.0f / std::max(c.cell, 1.0f);
   c.stored = grid.cell_size + 1;
 }
 
@@ -23,18 +24,12 @@ double lane_unit(const Medium& medium) {
   return std::exp2(std::round(std::log2(medium.voxel_size())));
 }
 
-LaneScene lane_scene(const PathContext& context) {
-  const Medium& medium = context.media[0];
-  const LaneGrid& grid = *context.lane_grid;
-  LaneScene s{};
-  set_cells(s, grid);
-  s.distances = grid.distances.data();
-  s.surface_cell = grid.surface_cell.data();
-  s.surface_density = grid.surface_density;
+namespace {
+
+void set_medium(LaneScene& s, const Medium& medium, double first_majorant) {
   s.unit = lane_unit(medium);
-  s.stop = context.stop;
   s.sigma = static_cast<float>(medium.extinction_per_density() * s.unit);
-  s.first_sigma = static_cast<float>(medium.extinction_per_density() * s.unit * context.plan.first_collision.majorant);
+  s.first_sigma = static_cast<float>(medium.extinction_per_density() * s.unit * first_majorant);
   const dmat3& m = medium.placement().local_from_world();
   for (int row = 0; row < 3; ++row)
     for (int column = 0; column < 3; ++column)
@@ -51,21 +46,34 @@ LaneScene lane_scene(const PathContext& context) {
     s.g = static_cast<float>(medium.phase().first.g);
   else
     s.phase = &medium.phase();
-  for (int c = 0; c < 3; ++c) s.albedo[c] = static_cast<float>(medium.albedo()[c]);
-  s.roulette_start = context.roulette_start;
-  s.max_events = context.max_events;
-  s.interpolate = context.plan.interpolate;
+  s.chromatic = medium.chromatic();
+  for (int c = 0; c < 3; ++c) {
+    s.albedo[c] = static_cast<float>(medium.albedo()[c]);
+    s.extinction_ratio[c] = static_cast<float>(medium.extinction_ratio()[c]);
+  }
   s.medium = &medium;
-  s.flights_end = context.plan.finite_lights;
-  if (!context.plan.light_sampling) return s;
-  if (context.lights->local()) {
-    s.lights = context.lights;
-    return s;
+}
+
+void set_displacement(LaneScene& s, const Displacement& displacement, const DisplacedLaneGrid& grids) {
+  s.displaced = true;
+  set_cells(s.density, grids.density);
+  for (size_t a = 0; a < 3; ++a) {
+    set_cells(s.displacement[a], grids.displacement[a]);
+    s.origin_shift[a] = static_cast<float>(displacement.origin_shift[static_cast<int>(a)]);
+  }
+  s.open = static_cast<float>(displacement.open);
+  s.close = static_cast<float>(displacement.close);
+}
+
+void set_lights(LaneScene& s, const Lights& lights) {
+  if (lights.local()) {
+    s.lights = &lights;
+    return;
   }
   double end = 0;
   const dvec3 anywhere(0);
-  for (const Sun* sun : context.lights->suns()) {
-    const double share = context.lights->choice_probability(*sun, anywhere);
+  for (const Sun* sun : lights.suns()) {
+    const double share = lights.choice_probability(*sun, anywhere);
     if (!(share > 0)) continue;
     LaneScene::SunLight& lane_sun = s.suns[s.sun_count++];
     const Frame frame(sun->axis());
@@ -81,10 +89,40 @@ LaneScene lane_scene(const PathContext& context) {
     lane_sun.share = static_cast<float>(share);
     lane_sun.share_end = static_cast<float>(end += share);
   }
-  const double share = context.lights->choice_probability(*context.lights->environment(), anywhere);
+  const double share = lights.choice_probability(*lights.environment(), anywhere);
   if (share > 0) {
-    s.environment = context.lights->environment();
+    s.environment = lights.environment();
     s.environment_share = static_cast<float>(share);
+  }
+}
+
+}  // namespace
+
+LaneScene lane_scene(const PathContext& context, size_t number, const WorldPaths* world) {
+  const Medium& medium = context.media[number];
+  LaneScene s{};
+  if (!medium.homogeneous()) {
+    const LaneGrid& grid = context.lane_grids[number];
+    set_cells(s, grid);
+    s.distances = grid.distances.data();
+    s.surface_cell = grid.surface_cell.data();
+    s.surface_density = static_cast<float>(context.surface_density * medium.maximum_density());
+  }
+  if (const Displacement* const d = medium.displacement()) set_displacement(s, *d, context.displaced_grids[number]);
+  set_medium(s, medium, context.plan.first_collision.majorant);
+  s.stop = context.stop;
+  s.roulette_start = context.roulette_start;
+  s.max_events = context.max_events;
+  s.interpolate = context.plan.interpolate;
+  s.flights_end = context.plan.finite_lights;
+  if (context.plan.light_sampling) set_lights(s, *context.lights);
+  s.near_lights = context.plan.near_lights;
+  s.shadows_end = s.lights != nullptr;
+  s.world = world;
+  if (world) {
+    s.flights_end = s.shadows_end = true;
+    for (int row = 0; row < 3; ++row)
+      for (int column = 0; column < 3; ++column) s.local_from_world[row][column] = row == column ? 1.0f : 0.0f;
   }
   return s;
 }

@@ -9,6 +9,8 @@
 
 namespace brume {
 
+struct WorldPaths;
+
 /// A LaneGrid as the kernels read it.
 struct LaneCells {
   const float* majorant;
@@ -27,7 +29,7 @@ double lane_unit(const Medium& medium);
 /// @param cells  refers to the grid afterwards
 void set_cells(LaneCells& cells, const LaneGrid& grid);
 
-/// The scene: its one medium, whose cells these are, and its lights.
+/// A medium of the scene, whose cells these are, and the scene's lights.
 struct LaneScene : LaneCells {
   const uint8_t* distances;
   const int32_t* surface_cell;
@@ -40,7 +42,15 @@ struct LaneScene : LaneCells {
   float g = 0;                           ///< of the phase function, where it is Henyey-Greenstein's
   const PhaseFunction* phase = nullptr;  ///< the others
   float albedo[3];
-  bool coloured;  ///< the albedo varies in space
+  bool chromatic = false;          ///< the extinction has a colour
+  float extinction_ratio[3] = {};  ///< of each channel to the largest
+  bool coloured;                   ///< the albedo varies in space
+  /// Where the density is displaced by its velocity: the cells above are the envelope's.
+  bool displaced = false;
+  LaneCells density;           ///< as it is stored
+  LaneCells displacement[3];   ///< per frame; without values where it is 0
+  float origin_shift[3] = {};  ///< from the density's coordinates to those of displacement and envelope
+  float open = 0, close = 0;   ///< of the shutter, in frames
   int roulette_start;
   int max_events;
   bool interpolate;
@@ -60,12 +70,18 @@ struct LaneScene : LaneCells {
   /// All lights, where one has a position, so that the choice between them depends on the point; else null, and the
   /// suns and the environment above are used.
   const Lights* lights = nullptr;
+  std::span<const NearLight> near_lights;  ///< the part of their light that is left to collisions is sampled there
   const Medium* medium;
-  bool flights_end = false;  ///< whether flights can end on lights
+  /// Of the paths, where they live in the world; null where they live in the medium's local coordinates. There,
+  /// local_from_world is the identity.
+  const WorldPaths* world = nullptr;
+  bool flights_end = false;  ///< whether flights can end before the grid does
+  bool shadows_end = false;  ///< whether shadow rays can
   const StopSignal* stop;    ///< polled inside flights; may be null
 };
 
-/// Refers to the context's grid, media and lights. @param context  of a plan that runs in lanes
-LaneScene lane_scene(const PathContext& context);
+/// Refers to the context's grids, media and lights. @param context  of a plan that runs in lanes
+/// @param world  of the paths, where they live in the world
+LaneScene lane_scene(const PathContext& context, size_t medium, const WorldPaths* world);
 
 }  // namespace brume

@@ -21,10 +21,16 @@ struct PathStates {
   Column<float> sx, sy, sz;    // direction of the shadow ray, local
   Column<float> tr, tg, tb;    // throughput
   Column<float> cr, cg, cb;    // contribution of the light sample, unoccluded
-  Column<float> reach;         // ray parameter of the light that the flight ends on; only where LaneScene::flights_end
-  Column<float> shadow_reach;  // distance of the light sample; only where LaneScene::lights
+  Column<float> reach;         // ray parameter where the flight ends; only where LaneScene::flights_end
+  Column<float> shadow_reach;  // distance of the light sample; only where LaneScene::shadows_end
   Column<float> pdf;           // of the last direction
+  Column<float> mis;           // the light sample's weight against direction sampling; only where LaneScene::world
   Column<float> transmittance;
+  // Only in chromatic scenes: each channel's density of the path's choices; what a flight through a medium
+  // multiplied weight and density with; the colour of the shadow ray's transmittance; the channel that decides.
+  Column<float> qr, qg, qb, fr, fg, fb, shadow_r, shadow_g, shadow_b;
+  Column<int32_t> hero;
+  Column<float> time;    // in [0, 1] of the shutter; only where LaneScene::displaced
   Column<float> passed;  // transmittance of the camera ray
   Column<float> direct_r, direct_g, direct_b, indirect_r, indirect_g, indirect_b;
   Column<uint32_t> s0, s1, s2, s3;  // generator: xoshiro128++

@@ -10,6 +10,7 @@
 #include <cstring>
 #include <numbers>
 
+#include "render/lanes/world_paths.h"
 #include "render/trace/rules.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -48,7 +49,7 @@ void Scatter(const LaneScene& scene, PathStates& paths, SlotList& slots, SlotLis
     const V3 dir{get(paths.dx), get(paths.dy), get(paths.dz)};
     const auto position = [&](size_t lane) {
       const auto s = static_cast<size_t>(slots.slot[i + lane]);
-      return scene.medium->to_world(dvec3(paths.ox[s], paths.oy[s], paths.oz[s]));
+      return scene.world ? scene.world->ray[s].o : scene.medium->to_world(dvec3(paths.ox[s], paths.oy[s], paths.oz[s]));
     };
     // Angles are measured from the phase function's peak: a negative g is the positive one, mirrored.
     const V side = set(scene.g < 0 ? -1.0f : 1.0f);
@@ -121,7 +122,9 @@ void Scatter(const LaneScene& scene, PathStates& paths, SlotList& slots, SlotLis
           const dvec2 u(f[0][lane], f[1][lane]);
           LightSample sample;
           if (scene.lights) {
-            sample = scene.lights->sample_visible(position(lane), static_cast<double>(c[lane]), u);
+            const dvec3 p = position(lane);
+            sample = scene.lights->sample_visible(p, static_cast<double>(c[lane]), u);
+            sample.radiance *= far_share(scene.near_lights, sample.light, p);
             paths.shadow_reach[static_cast<size_t>(slots.slot[i + lane])] =
                 static_cast<float>(std::min(sample.distance / scene.unit, 1e30));
             delta |= static_cast<uint32_t>(sample.delta) << lane;
@@ -156,6 +159,8 @@ void Scatter(const LaneScene& scene, PathStates& paths, SlotList& slots, SlotLis
       put(local.x, paths.sx);
       put(local.y, paths.sy);
       put(local.z, paths.sz);
+      put(one, paths.transmittance);
+      if (scene.world) put(mis, paths.mis);
       uint32_t worth = valid_bits & bits_of(hn::Gt(hn::Max(hn::Max(cr, cg), cb), zero));
       for (; worth; worth &= worth - 1) shadows.push(slots.slot[i + static_cast<size_t>(std::countr_zero(worth))]);
     }

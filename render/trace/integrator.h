@@ -51,8 +51,9 @@ struct PathContext {
   std::span<const EmissionField> emissions;
   const Lights* lights = nullptr;
   const Surfaces* surfaces = nullptr;
-  const LaneGrid* lane_grid = nullptr;       ///< of the one medium, where plan.lanes
-  std::span<const LaneGrid> emission_grids;  ///< of the emissions, where plan.lanes
+  std::span<const LaneGrid> lane_grids;                ///< of the media, where plan.lanes; empty for homogeneous ones
+  std::span<const LaneGrid> emission_grids;            ///< of the emissions, likewise
+  std::span<const DisplacedLaneGrid> displaced_grids;  ///< of the media, likewise; empty for those not displaced
   Plan plan;
   int max_events = 100000, roulette_start = 16;
   double indirect_limit = 0;   ///< see limit_indirect; 0: none

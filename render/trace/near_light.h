@@ -31,6 +31,13 @@ struct NearLight {
   double far_part(double r2) const { return r2 / (r2 + reach * reach); }
 };
 
+/// The part of a light's contribution at a point in a medium that is left to collisions: 1 but close to a near light.
+inline double far_share(std::span<const NearLight> near_lights, const Light* light, const dvec3& p) {
+  for (const NearLight& near : near_lights)
+    if (near.light == light) return near.far_part(p);
+  return 1.0;
+}
+
 /// Point, spot and sphere lights inside homogeneous media, which are even enough for it: in a grid, whose density says
 /// more about where light scatters than the distance does, it gained nothing (docs/performance.md). Their reach is a
 /// fifth of the mean free path; beyond, collisions do as well.

@@ -25,6 +25,7 @@ struct Plan {
   bool emission = false;        ///< fields that emit
   bool lens = false, shutter = false;
   bool lanes = false;                  ///< the paths run side by side in SIMD lanes (render/lanes/wavefront.h)
+  bool one_grid = false;               ///< in lanes: in the local coordinates of the one grid that there is
   bool interpolate = false;            ///< in lanes: interpolate all eight voxels around a point, not one at random
   FirstCollision first_collision;      ///< of camera rays, in lanes
   std::vector<NearLight> near_lights;  ///< small lights in homogeneous media, sampled along flights too
@@ -32,6 +33,7 @@ struct Plan {
   // Recorded beyond what the path computes anyway.
   bool medium_surface = false;  ///< intersected once per path
   bool first_event = false;     ///< where and at what the path scatters first
+  bool first_surface = false;   ///< what surface it meets first, and what shadow catchers gather
   bool first_scatter_gradient = false;
   bool weighted_gradient = false;  ///< marched once per path
   bool optical_depth = false;      ///< marched once per path

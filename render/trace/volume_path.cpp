@@ -113,7 +113,7 @@ class PathTracer {
       const double pdf_light =
           F.light_sampling ? c_.lights->choice_probability(*light, ray_.o) * light->pdf(ray_, t_max) : 0;
       if (straight_ && pdf_light > 0) return false;
-      const double share = left_in_medium_ ? far_share(*light, ray_.o) : 1.0;
+      const double share = left_in_medium_ ? far_share(c_.plan.near_lights, light, ray_.o) : 1.0;
       deposit(light->radiance(ray_, t_max) * (share * weight_against(pdf_light)), events_, Source::kBackground);
     } else {
       escape();
@@ -121,15 +121,8 @@ class PathTracer {
     return false;
   }
 
-  /// The part of a light's contribution at a vertex in a medium that is left to collisions: 1 but close to a near
+  /// What far_share leaves out, of light scattered once along this flight: at a point chosen by its distance from the
   /// light.
-  double far_share(const Light& light, const dvec3& p) const {
-    for (const NearLight& near : c_.plan.near_lights)
-      if (near.light == &light) return near.far_part(p);
-    return 1.0;
-  }
-
-  /// The other part, of light scattered once along this flight: at a point chosen by its distance from the light.
   void gather_near(const NearLight& near, double t_max) {
     double t0 = t_max, t1 = 0;
     for (const Medium& m : media_) {
@@ -314,7 +307,7 @@ class PathTracer {
     if (front && settings.radiance != dvec3(0)) {
       const double pdf_light = [&] {
         if (!F.light_sampling) return 0.0;
-        const MeshLight& light = c_.lights->mesh(mesh_light_of(hit.surface));
+        const MeshLight& light = c_.lights->mesh(c_.surfaces->light_of(hit.surface));
         return c_.lights->choice_probability(light, ray_.o) * light.pdf(hit.t, glm::dot(wo, hit.normal));
       }();
       if (!straight_ || pdf_light == 0)
@@ -356,12 +349,6 @@ class PathTracer {
     return true;
   }
 
-  size_t mesh_light_of(uint32_t surface) const {
-    size_t index = 0;
-    for (uint32_t i = 0; i < surface; ++i) index += c_.surfaces->settings(i).radiance != dvec3(0);
-    return index;
-  }
-
   dvec2 pair() {
     const double x = rng_.uniform();
     return {x, rng_.uniform()};
@@ -397,7 +384,7 @@ class PathTracer {
     if (!(light.pdf > 0)) return dvec3(0);
     const auto [value, pdf] = scattering(light.wi);
     const double weight = light.delta || only_technique ? 1.0 : balance(light.pdf, pdf);
-    const double share = in_medium ? far_share(*light.light, p) : 1.0;
+    const double share = in_medium ? far_share(c_.plan.near_lights, light.light, p) : 1.0;
     const dvec3 unoccluded = light.radiance * value * (share * weight / light.pdf);
     if (unoccluded == dvec3(0) || !shadowed) return unoccluded;
     const Ray shadow{from ? Surfaces::leave(*from, p, light.wi) : p, light.wi};

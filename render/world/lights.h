@@ -215,8 +215,8 @@ class Lights {
   const std::vector<const PointLight*>& points() const { return points_; }
   /// Null where the scene has none.
   const Environment* environment() const { return environment_; }
-  /// Whether analytic lights stand somewhere.
-  bool local() const { return !finite_.empty() || !points_.empty(); }
+  /// Whether lights stand somewhere.
+  bool local() const { return !finite_.empty() || !points_.empty() || !meshes_.empty(); }
   /// The light that a ray ends on before t_max, and where; null for none.
   /// @param seen  only lights that rays see which never scattered
   std::pair<const FiniteLight*, double> nearest(const Ray& ray, double t_max, bool seen) const;

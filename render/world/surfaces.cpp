@@ -221,6 +221,12 @@ Bsdf Surfaces::bsdf(const SurfaceHit& hit) const {
   return bsdf;
 }
 
+size_t Surfaces::light_of(uint32_t surface) const {
+  size_t index = 0;
+  for (uint32_t i = 0; i < surface; ++i) index += settings_[i].radiance != dvec3(0);
+  return index;
+}
+
 dvec3 Surfaces::leave(const SurfaceHit& hit, const dvec3& p, const dvec3& d) {
   return p + hit.normal * (glm::dot(hit.normal, d) < 0 ? -hit.margin : hit.margin);
 }

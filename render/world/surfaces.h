@@ -45,6 +45,8 @@ class Surfaces {
   const SurfaceSettings& settings(uint32_t surface) const { return settings_[surface]; }
   const TriangleMesh& mesh(uint32_t surface) const { return meshes_[surface]; }
   size_t count() const { return meshes_.size(); }
+  /// The number of a surface among those that emit: Lights::mesh's.
+  size_t light_of(uint32_t surface) const;
   /// The surface's scattering at a hit: its texture looked up.
   Bsdf bsdf(const SurfaceHit& hit) const;
   /// A point of the surface that was hit, moved off it by its margin, to the side of d.

@@ -136,6 +136,31 @@ TEST_F(HardCases, TheWorldMayBeOfAnySize) {
   }
 }
 
+// The same where paths live in the world: two grids across one another, one of a colour, and a shape around them.
+TEST_F(HardCases, AWorldOfSeveralMediaMayBeOfAnySize) {
+  const auto picture = [&](double scale) {
+    Scene s = scene(block(noise), 0.3, scale);
+    add_sun(s, 0.5);
+    s.volumes.push_back(s.volumes[0]);
+    s.volumes[1].object_to_world = test::translation(dvec3(scale * 6, 0, 0)) * s.volumes[1].object_to_world;
+    s.volumes[1].sigma_t = dvec3(0.2, 0.3, 0.5) / scale;
+    VolumeSettings fog;
+    fog.shape = "sphere";
+    fog.lo = scale * dvec3(-6);
+    fog.hi = scale * dvec3(26);
+    fog.sigma_t = dvec3(0.02 / scale);
+    fog.albedo = dvec3(0.8);
+    s.volumes.push_back(fog);
+    const PreparedScene prepared(s, LayerRequest::of({"direct", "indirect", "gradient", "coverage"}, false));
+    EXPECT_TRUE(prepared.plan().lanes && !prepared.plan().one_grid);
+    return prepared.render(4, 1).layers;
+  };
+  const Layers ordinary = picture(1);
+  EXPECT_GT(mean(ordinary, "R"), 0.1);
+  for (const int power : {-73, -40, 40, 73})
+    test::expect_same_bits(ordinary, picture(std::ldexp(1.0, power)), "2^" + std::to_string(power));
+}
+
 // A hundred million mean free paths across a voxel: more than single precision can tell apart.
 TEST_F(HardCases, FlightsThroughExtremelyDenseMediaEnd) {
   Scene s = scene(block([](const ivec3&) { return 1.0f; }), 1e8);

@@ -92,7 +92,7 @@ TEST(NearLight, ChangesNoMean) {
         const auto light = [&](const char* setting, const LayerName& l, double& variance) {
           s.render.near_lights = setting;
           const Layers frame =
-              PreparedScene(s, LayerRequest::of({"direct", "indirect"}, true)).render(600, 3, {}).layers;
+              PreparedScene(s, LayerRequest::of({"direct", "indirect"}, true)).render(600, 4, {}).layers;
           double sum = 0;
           for (size_t c = 0; c < 3; ++c)
             for (int y = 0; y < 12; ++y)

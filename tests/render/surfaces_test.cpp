@@ -344,7 +344,7 @@ TEST_F(SurfaceTest, SmokeBehindGlassIsSeen) {
   fog.albedo = dvec3(0);
   s.volumes.push_back(fog);
   s.environment.radiance = dvec3(1);
-  const Layers f = PreparedScene(s, {}).render(64, 1, {}).layers;
+  const Layers f = PreparedScene(s, {}).render(512, 1, {}).layers;
   EXPECT_LT(f.at("R")(8, 8), 0.2f) << "black smoke in the middle, but for reflections";
   EXPECT_GT(f.at("R")(8, 8), 0.03f);
   EXPECT_EQ(f.at("R")(0, 0), 1.0f);

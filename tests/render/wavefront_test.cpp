@@ -6,6 +6,8 @@
 #include <cmath>
 #include <limits>
 #include <memory>
+#include <set>
+#include <string>
 
 #include "image/exr_io.h"
 #include "render/frame/renderer.h"
@@ -13,6 +15,7 @@
 #include "render/lanes/lane_scene.h"
 #include "render/world/camera.h"
 #include "tests/support/files.h"
+#include "tests/support/random_scene.h"
 #include "tests/support/volumes.h"
 #include "volume/tracking.h"
 
@@ -68,6 +71,31 @@ TEST(Wavefront, EveryInstructionSetGivesTheSameBits) {
     EXPECT_GT(seen, 1);
   }
   EXPECT_EQ(bundles, 1) << "one scene's pixels are fine, the other's are coarse";
+}
+
+// Several media, chromatic ones, homogeneous shapes, meshes, lamps: whatever the lanes are and however many threads.
+TEST(Wavefront, PathsInTheWorldHaveTheSameBitsEverywhere) {
+  const test::TemporaryFolder folder;
+  std::set<std::string> kinds;
+  for (const uint64_t seed : {45, 65, 68, 2, 121, 135}) {
+    const test::RandomScene random = test::random_scene(seed, folder.path(), 4);
+    LayerRequest layers = LayerRequest::of({"all"}, true);
+    layers.guides = false;
+    const PreparedScene prepared(random.scene, layers);
+    ASSERT_TRUE(prepared.plan().lanes && !prepared.plan().one_grid) << seed;
+    kinds.insert(random.kinds.begin(), random.kinds.end());
+    const Layers best = prepared.render(4, 1, {}).layers;
+    test::expect_same_bits(best, prepared.render(4, 1, {1, {}, nullptr}).layers, "one thread");
+    for (int64_t targets = hwy::SupportedTargets(); targets; targets &= targets - 1) {
+      const int64_t target = targets & -targets;
+      hwy::SetSupportedTargetsForTest(target);
+      test::expect_same_bits(best, prepared.render(4, 1, {}).layers, hwy::TargetName(target));
+    }
+    hwy::SetSupportedTargetsForTest(0);
+  }
+  for (const char* kind : {"overlapping", "chromatic", "box", "sphere", "grid", "emissive", "floor", "glass", "sun",
+                           "spot", "velocities", "moving object"})
+    EXPECT_TRUE(kinds.contains(kind)) << kind;
 }
 
 // Lanes and the general loop are two programs for one expectation, layer by layer. Over 48 x 48 pixels of 64 paths
@@ -670,10 +698,12 @@ TEST(Wavefront, IsTakenOnlyWhereItModelsTheScene) {
     return PreparedScene(scene, {}).plan().lanes;
   };
   EXPECT_TRUE(lanes([](Scene&) {}));
-  EXPECT_FALSE(lanes([](Scene& s) { s.volumes[0].sigma_t = dvec3(1, 2, 3); }));
-  EXPECT_FALSE(lanes([](Scene& s) { s.volumes.push_back(s.volumes[0]); }));
+  EXPECT_TRUE(lanes([](Scene& s) { s.volumes[0].sigma_t = dvec3(1, 2, 3); }));
+  EXPECT_FALSE(lanes([](Scene& s) { s.volumes[0].sigma_t = dvec3(1, 2, 3), s.volumes[0].emission = dvec3(1); }));
+  EXPECT_TRUE(lanes([](Scene& s) { s.volumes.push_back(s.volumes[0]); }));
   EXPECT_TRUE(lanes([](Scene& s) { s.volumes[0].emission = dvec3(1); }));
-  EXPECT_FALSE(lanes([](Scene& s) {
+  EXPECT_FALSE(lanes([](Scene& s) { s.render.majorants = "global"; }));
+  EXPECT_TRUE(lanes([](Scene& s) {
     VolumeSettings lamp;
     lamp.shape = "box";
     lamp.sigma_t = dvec3(0);

@@ -33,7 +33,8 @@ std::string placement(double scale, const dvec3& at) {
 /// Draws a scene and writes it down table by table. No expression draws twice but in braces, whose order is fixed.
 class Writer {
  public:
-  Writer(uint64_t seed, fs::path folder) : seed_(seed), folder_(std::move(folder)), rng_(mix64(seed)) {}
+  Writer(uint64_t seed, fs::path folder, int most_media)
+      : seed_(seed), folder_(std::move(folder)), most_media_(most_media), rng_(mix64(seed)) {}
 
   RandomScene write() {
     head();
@@ -101,7 +102,7 @@ class Writer {
 
   void media() {
     bodies_.push_back(first_);
-    const int count = 1 + below(3);
+    const int count = 1 + below(most_media_);
     for (int i = 1; i < count; ++i) {
       const Body& other = bodies_[static_cast<size_t>(below(i))];
       Body body{{}, between(0.4, 1.0), false};
@@ -366,6 +367,7 @@ class Writer {
 
   uint64_t seed_;
   fs::path folder_;
+  int most_media_;
   Rng rng_;
   std::string camera_, environment_, tables_;
   std::set<std::string> kinds_;
@@ -381,8 +383,8 @@ std::string RandomScene::text() const {
   return join(std::vector<std::string>(kinds.begin(), kinds.end()));
 }
 
-RandomScene random_scene(uint64_t seed, const fs::path& folder) {
-  return Writer(seed, folder).write();
+RandomScene random_scene(uint64_t seed, const fs::path& folder, int most_media) {
+  return Writer(seed, folder, most_media).write();
 }
 
 }  // namespace brume::test

@@ -8,7 +8,7 @@
 
 namespace brume::test {
 
-/// A small scene drawn from a seed: one to three media of every kind, apart, behind, inside or overlapping one another;
+/// A small scene drawn from a seed: a few media of every kind, apart, behind, inside or overlapping one another;
 /// lights of every kind, outside and inside; meshes of every material; a camera outside or inside; lens and motion.
 /// Radiance is about 1, optical depths are between 0.3 and 12, and no light has a mean that a few hundred samples per
 /// pixel cannot find.
@@ -24,6 +24,7 @@ struct RandomScene {
 
 /// Writes the scene, "seed.toml", and its volumes, meshes and pictures into a folder. The same for the same seed, on
 /// every machine.
-RandomScene random_scene(uint64_t seed, const std::filesystem::path& folder);
+/// @param most_media  there are one to so many
+RandomScene random_scene(uint64_t seed, const std::filesystem::path& folder, int most_media = 3);
 
 }  // namespace brume::test
