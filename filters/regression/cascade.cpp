@@ -6,7 +6,6 @@
 namespace brume {
 namespace {
 
-constexpr double kGlobalRidge = 1e-4;
 // Ridges per pixel of the fits to the whole frame, one after another: what few samples can tell of many columns first.
 constexpr double kRidgesOfFrame[] = {1e4, 100, 1};
 

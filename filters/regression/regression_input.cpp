@@ -13,7 +13,6 @@
 namespace brume {
 namespace {
 
-constexpr double kGlobalRidge = 1e-4;  // of the first fit
 constexpr int kLevelRadius = 1;
 // From neighbours that are more times as bright, as in a highlight, less is taken over.
 constexpr float kBrighter = 2;

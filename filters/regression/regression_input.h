@@ -9,6 +9,9 @@
 
 namespace brume {
 
+/// Of fits to the whole frame.
+inline constexpr double kGlobalRidge = 1e-4;
+
 struct Halves {
   RgbPlanes a, b;
 };

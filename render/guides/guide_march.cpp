@@ -454,7 +454,7 @@ bool GuideMarch::shows_edge(const ivec2& pixel) const {
 }
 
 int GuideMarch::trace_pixel(const ivec2& pixel, int across, std::vector<MediaLine>& lines, Sums& sums) const {
-  if (context_.surfaces && shows_edge(pixel)) across = kMostRaysAcross;
+  if (context_.surfaces && across < kMostRaysAcross && shows_edge(pixel)) across = kMostRaysAcross;
   sums.clear();
   double least = 1, most = 0;
   bool alike = true;

@@ -16,12 +16,13 @@ constexpr double kDark = 50;  // optical depth behind which nothing is lit
 /// of it are hidden.
 dvec3 passage_of(const Light& light, const LocalLight& middle, const Surfaces& surfaces, const dvec3& p) {
   const auto mean_of = [&](int across) {
-    dvec3 sum(0);
+    dvec3 sum(0), first(0);
     bool alike = true;
     for (int i = 0; i < across * across; ++i) {
       const LightSample s = light.sample(p, (dvec2(i % across, i / across) + 0.5) / static_cast<double>(across));
       const dvec3 light_there = surfaces.passage({p, s.wi}, std::min(s.distance, kFar)).light;
-      alike = alike && (i == 0 || light_there == sum / static_cast<double>(i));
+      if (i == 0) first = light_there;
+      alike = alike && light_there == first;
       sum += light_there;
     }
     return std::pair(sum / static_cast<double>(across * across), alike);
