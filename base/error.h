@@ -6,7 +6,7 @@
 namespace brume {
 
 /// Bad input: a file, a scene, an option. The message says where, what was found, what was expected and what exists
-/// instead. Only app/ catches it: one line on stderr, exit status 2.
+/// instead. Only apps/ catches it: one line on stderr, exit status 2.
 struct InputError : std::runtime_error {
   using std::runtime_error::runtime_error;
 };

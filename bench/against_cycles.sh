@@ -1,8 +1,9 @@
 #!/bin/sh
 # brume against Blender's Cycles on the same pictures, in one run on one machine: needs the package blender and the reference
-# scenes beside the project. Cycles renders two seeds of each; its wall time is what bpy.ops.render takes, loading left out.
+# scenes beside the project. Cycles renders two seeds of each; its time is what bpy.ops.render takes, loading left out.
+# After them scenes of several media, colours and meshes, by processor time, four seeds and 64 bounces in both.
 #
-#   bench/against_cycles.sh [FOLDER FOR CYCLES' FRAMES]
+#   bench/against_cycles.sh [FOLDER FOR CYCLES' FRAMES]      SCENES="cloud ..." GENERAL="two_volumes ..." SPP=64
 set -eu
 cd "$(dirname "$0")/.."
 references=../shared/references/cycles
@@ -10,7 +11,7 @@ folder=${1:-build/cycles}
 mkdir -p "$folder"
 [ -d $references ] || { echo "needs the reference scenes in $references, which are no part of the project" >&2; exit 1; }
 command -v blender >/dev/null || { echo "needs Blender: apt-get install blender" >&2; exit 1; }
-for scene in ${SCENES:-cloud smoke_plume}; do
+for scene in ${SCENES-cloud smoke_plume}; do
   name=cycles_${scene%_plume}
   seconds=0
   for seed in 1 2; do
@@ -24,4 +25,22 @@ for scene in ${SCENES:-cloud smoke_plume}; do
   build/release/bench/brume_efficiency bench/scenes/$name.toml --frames "$folder/${scene}_1.exr" "$folder/${scene}_2.exr" --seconds "$seconds"
   echo "brume:"
   build/release/bench/brume_efficiency bench/scenes/$name.toml
+done
+for scene in ${GENERAL-two_volumes floor_and_balls coloured_cloud}; do
+  file=bench/scenes/general/$scene.toml
+  frames=""
+  seconds=0
+  for seed in 1 2 3 4; do
+    frame=$folder/${scene}_$seed.exr
+    log=$folder/${scene}_$seed.log
+    blender -b --factory-startup --python bench/cycles_scene.py -- "$file" "$frame" "${SPP:-64}" $seed >"$log" 2>&1
+    rendered=$(sed -n 's/^RENDERED.* cpu //p' "$log")
+    seconds=$(awk -v s=$seconds -v r="$rendered" 'BEGIN {print s + r / 4}')
+    frames="$frames $frame"
+  done
+  echo "Cycles, processor time:"
+  # shellcheck disable=SC2086
+  build/release/bench/brume_efficiency "$file" -D render.max_events=64 --frames $frames --seconds "$seconds"
+  echo "brume, processor time:"
+  build/release/bench/brume_efficiency "$file" -D render.max_events=64 --spp "${SPP:-64}" --processor-time
 done

@@ -1,7 +1,7 @@
 // Equal-time error of a scene: efficiency = 1 / (relMSE x seconds), relMSE = mean((x - mean)^2 / (mean^2 + 0.01)) over
 // the pixels that show a medium (alpha above 0.5 %).
 //
-//   brume_efficiency SCENE.toml [--spp 16] [--seeds 4] [--threads 0] [-D key=value ...]
+//   brume_efficiency SCENE.toml [--spp 16] [--seeds 4] [--threads 0] [--processor-time] [-D key=value ...]
 //   brume_efficiency SCENE.toml --frames A.exr B.exr ... --seconds S     another renderer's frames, S seconds each
 //
 // The error of a frame is its variance, from pairs of independent frames: no reference is needed but for the
@@ -19,8 +19,8 @@
 #include "base/running_statistics.h"
 #include "image/exr_io.h"
 #include "image/foreign.h"
-#include "render/frame/renderer.h"
 #include "render/scene/scene_io.h"
+#include "render/session/renderer.h"
 
 namespace brume {
 namespace {
@@ -43,6 +43,7 @@ int run(int argc, char** argv) {
   std::vector<std::string> overrides, frames;
   int spp = 16, seeds = 4, threads = 0;
   double seconds = 0;
+  bool processor_time = false;
   for (int i = 1; i < argc; ++i) {
     const std::string a = argv[i];
     const auto value = [&] {
@@ -57,6 +58,8 @@ int run(int argc, char** argv) {
       threads = std::stoi(value());
     else if (a == "--seconds")
       seconds = std::stod(value());
+    else if (a == "--processor-time")
+      processor_time = true;
     else if (a == "-D")
       overrides.push_back(value());
     else if (a == "--frames")
@@ -74,11 +77,12 @@ int run(int argc, char** argv) {
     scene.render(1, 999, task);  // warms the caches up
     for (int s = 0; s < seeds; ++s) {
       RenderResult r = scene.render(spp, 1000 + s, task);
-      measured.push_back(planes_of(r.layers, r.report.seconds));
+      const double took = processor_time ? r.report.cpu_seconds : r.report.seconds;
+      measured.push_back(planes_of(r.layers, took));
       paths += static_cast<double>(r.report.counters.paths);
       lookups += static_cast<double>(r.report.counters.tracking.lookups);
       collisions += static_cast<double>(r.report.counters.tracking.collisions);
-      total_seconds += r.report.seconds;
+      total_seconds += took;
     }
   } else {
     for (const std::string& path : frames) {

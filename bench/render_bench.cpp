@@ -2,8 +2,8 @@
 
 #include <benchmark/benchmark.h>
 
-#include "render/frame/renderer.h"
 #include "render/scene/scene_io.h"
+#include "render/session/renderer.h"
 
 namespace brume {
 namespace {

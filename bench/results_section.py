@@ -7,6 +7,7 @@
 Where parameters were searched: each filter by setting, and what the studies found. Otherwise: all filters on all media, and
 transport_regression over the others; of scenes.toml, which has no gradient_kernel, one table over whole frames.
 """
+import itertools
 import json
 import math
 import sys
@@ -134,9 +135,11 @@ def clean_frames(results):
     for s in scenes:
         print(f"- {s}: " + "; ".join(f"{n} spp {best(s, n, without)[1]}, {best(s, n, given)[1]}" for n in counts))
 
-    pairs = [p for p in results["pairs"] if p["region"] == "medium" and ours["id"] in (p["a"], p["b"])]
-    wins = sum(p["better"] is not None and p[p["better"]] == ours["id"] for p in pairs)
-    losses = sum(p["better"] is not None and p[p["better"]] != ours["id"] for p in pairs)
+    pairs = [("ab"[pair.index(ours["id"])], letter) for group in results["pairs"]
+             if group["region"] == "medium" and group["metric"] == "lab_rms"
+             for pair, letter in zip(itertools.combinations(group["methods"], 2), group["better"]) if ours["id"] in pair]
+    wins = sum(own == letter for own, letter in pairs)
+    losses = sum(letter not in (own, "-") for own, letter in pairs)
     print(f"\nOurs beats the other in {wins} of {len(pairs)} pairs over the medium, loses {losses}.")
     bias = [(abs(mean(s, n, ours, name="relative_bias")), s, n) for s in scenes for n in counts]
     print("Largest relative bias over the medium:", "; ".join(f"{100 * b:.2f} % ({s}, {n} spp)" for b, s, n in sorted(bias)[-4:]))

@@ -1,9 +1,9 @@
-# The page of `brume evaluate`: its front end in page/ is bundled by Node and embedded in the program, which then needs no
+# The page of `brume evaluate`: its front end in apps/page/ is bundled by Node and embedded in the program, which then needs no
 # Node. Included where the program's part that embeds it is built. Sets BRUME_PAGE, for all folders, and BRUME_PAGE_SOURCE.
 
 set(BRUME_PAGE OFF CACHE INTERNAL "whether the page is built in")
 set(BRUME_PAGE_SOURCE ${PROJECT_SOURCE_DIR}/evaluate/report/page_absent.cpp)
-set(page_folder ${PROJECT_SOURCE_DIR}/page)
+set(page_folder ${PROJECT_SOURCE_DIR}/apps/page)
 
 function(brume_no_page why)
   message(STATUS "${why}: `brume evaluate` will write no page (index.html); all else is built")
@@ -26,7 +26,7 @@ endif()
 set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS ${page_folder}/package-lock.json)
 set(installed ${page_folder}/node_modules/.package-lock.json)
 if(NOT EXISTS ${installed} OR ${page_folder}/package-lock.json IS_NEWER_THAN ${installed})
-  message(STATUS "Installing the page's npm packages into page/node_modules")
+  message(STATUS "Installing the page's npm packages into apps/page/node_modules")
   execute_process(COMMAND ${NPM_PROGRAM} ci --ignore-scripts --no-audit --no-fund --prefer-offline --fetch-retries=1
     --fetch-retry-mintimeout=2000 WORKING_DIRECTORY ${page_folder}
     RESULT_VARIABLE failed OUTPUT_VARIABLE log ERROR_VARIABLE log TIMEOUT 300)

@@ -5,58 +5,44 @@
 #include <algorithm>
 #include <cstdlib>
 #include <fstream>
+#include <tuple>
 
 #include "base/error.h"
 #include "base/output_file.h"
+#include "base/shares.h"
 #include "base/text.h"
-#include "image/exr_io.h"
+#include "image/finished_frame.h"
 
 namespace brume {
 namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* kNotThere = "is not there";
 constexpr const char* kMark = "brume task: ";  // begins the lines of a log that its script writes
 
 /// What is wrong with a file of a shot; empty: it is whole and of this shot.
-/// @param first, end  its samples
-/// @param filter  that must have cleaned it; empty: none
-std::string what_is_wrong(const Shot& shot, const fs::path& path, int frame, int first, int end,
-                          const std::string& filter, bool thorough, const Task& task) {
-  std::error_code ignored;
-  if (!fs::exists(path, ignored)) return kNotThere;
-  try {
-    Layers header(1, 1);
-    header.header = read_exr_info(path).header;
-    const auto number = [&](const char* key) { return static_cast<int64_t>(header.number(key).value_or(-1)); };
-    const auto differs = [&](const char* what, const auto& found, const auto& wanted) {
-      return fmt::format("{} is {} in the file, {} in the shot", what, found, wanted);
-    };
-    if (header.text("program") != shot.program)
-      return differs("the program version", header.text("program"), shot.program);
-    if (number("frame") != frame) return differs("the frame", number("frame"), frame);
-    if (header.text("seed") != std::to_string(shot.seed)) return differs("the seed", header.text("seed"), shot.seed);
-    if (header.text("recordedLayers") != shot.layers)
-      return differs("the list of layers", header.text("recordedLayers"), shot.layers);
-    if (header.text("statistics") != shot.statistics)
-      return differs("what is kept of statistics", header.text("statistics"), shot.statistics);
-    if (number("sampleFirst") != first || number("sampleEnd") != end || number("samplesPerPixel") != end - first)
-      return fmt::format("holds the samples {} .. {}, not {} .. {}", number("sampleFirst"), number("sampleEnd") - 1,
-                         first, end - 1);
-    if (header.text("interrupted").starts_with("true")) return "was interrupted in the middle of a pass";
-    if (header.text("filter") != filter) return differs("the filter", header.text("filter", "none"), filter);
-    if (thorough) check_exr(path, task);
-    return "";
-  } catch (const InputError& error) {
-    const std::string message = error.what(), name = path.string() + ": ";
-    return message.starts_with(name) ? message.substr(name.size()) : message;
-  }
+std::string what_is_wrong(const Shot& shot, const fs::path& path, int frame, const FrameContent& content, bool thorough,
+                          const Task& task) {
+  const std::tuple<const char*, const char*, std::string> wanted[] = {
+      {"program", "the program version", shot.program},
+      {"frame", "the frame", std::to_string(frame)},
+      {"seed", "the seed", std::to_string(shot.seed)},
+      {"recordedLayers", "the list of layers", shot.layers},
+      {"statistics", "what is kept of statistics", shot.statistics}};
+  const auto differs = [&](const Layers& header) {
+    for (const auto& [key, what, text] : wanted) {
+      const std::optional<double> number = header.number(key);
+      const std::string found = header.text(key, number ? fmt::format("{:.0f}", *number) : "");
+      if (found != text) return fmt::format("{} is {} in the file, {} in the shot", what, found, text);
+    }
+    return content.differs(header);
+  };
+  return what_is_wrong_with(path, differs, thorough, task);
 }
 
-/// The first sample of a part, numbered from 1 on, as render --part shares them.
-int first_sample(const Shot& shot, int part) {
-  return static_cast<int>(static_cast<int64_t>(shot.spp) * (part - 1) / shot.parts);
+/// The samples of parts, numbered from 1 on, as render --part shares them.
+FrameContent content_of(const Shot& shot, int first_part, int last_part) {
+  return {end_of_share(shot.spp, first_part - 1, shot.parts), end_of_share(shot.spp, last_part, shot.parts), false, ""};
 }
 
 std::string frame_name(int frame) {
@@ -139,24 +125,23 @@ ShotFiles examine(const Shot& shot, bool thorough, const Task& task) {
   ShotFiles files;
   for (const int frame : shot.frames) {
     task.check();
-    const auto wrong = [&](const fs::path& path, int first, int end, const std::string& filter) {
-      std::string what = what_is_wrong(shot, path, frame, first, end, filter, thorough, task);
+    const auto wrong = [&](const fs::path& path, const FrameContent& content) {
+      std::string what = what_is_wrong(shot, path, frame, content, thorough, task);
       if (!what.empty() && what != kNotThere)
         files.refused.push_back(fmt::format("{}: {}", path.lexically_relative(shot.folder).string(), what));
       return what;
     };
-    std::string& state = files.frames[frame] = wrong(shot.frame(frame), 0, shot.spp, "");
-    if (!shot.filter.empty())
-      files.clean[frame] = wrong(shot.clean(frame), 0, shot.spp, shot.filter.substr(0, shot.filter.find(':')));
+    FrameContent whole = content_of(shot, 1, shot.parts);
+    std::string& state = files.frames[frame] = wrong(shot.frame(frame), whole);
+    whole.filter = shot.filter.substr(0, shot.filter.find(':'));
+    if (!shot.filter.empty()) files.clean[frame] = wrong(shot.clean(frame), whole);
     if (state.empty() || shot.parts == 1) continue;
     const auto examine_part = [&](int part) {
-      files.parts.push_back(
-          {frame, part, wrong(shot.part(frame, part), first_sample(shot, part), first_sample(shot, part + 1), "")});
+      files.parts.push_back({frame, part, wrong(shot.part(frame, part), content_of(shot, part, part))});
     };
     for (int group = 1; group <= shot.groups(); ++group) {
       const auto [first, last] = shot.parts_of_group(group);
-      const std::string of_group =
-          wrong(shot.group(frame, group), first_sample(shot, first), first_sample(shot, last + 1), "");
+      const std::string of_group = wrong(shot.group(frame, group), content_of(shot, first, last));
       files.groups.push_back({frame, group, of_group});
       if (!of_group.empty())
         for (int part = first; part <= last; ++part) examine_part(part);

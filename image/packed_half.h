@@ -6,7 +6,7 @@
 
 namespace brume {
 
-/// A picture as half floats for a web page, which unpacks it with the browser's own inflate (page/src/half.ts).
+/// A picture as half floats for a web page, which unpacks it with the browser's own inflate (apps/page/src/half.ts).
 ///
 /// The bits of each half become integers in the order of the values; planes are G, R - G + 32768 and B - G + 32768,
 /// modulo 65536. Each value is predicted from its left, upper and upper left neighbours by the median predictor of

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <optional>
 
 namespace brume {
 namespace {
@@ -94,33 +95,53 @@ EmissionField EmissionField::at_time(double time) const {
   return moved;
 }
 
-dvec3 EmissionField::integrate(const Ray& world, double t_min, double t_max, double stride, double time,
-                               Rng& rng) const {
-  if (moves()) return integrate(shape_.at_time(time), world, t_min, t_max, stride, rng);
-  return integrate(shape_, world, t_min, t_max, stride, rng);
-}
-
-dvec3 EmissionField::integrate(const Medium& shape, const Ray& world, double t_min, double t_max, double stride,
-                               Rng& rng) const {
+/// Calls visitor(t, part) for each look-up of the integral along a ray.
+template <class Visit>
+void EmissionField::visit(const Ray& world, double t_min, double t_max, double stride, double time, Rng& rng,
+                          Visit&& visitor) const {
+  std::optional<Medium> moved;
+  if (moves()) moved = shape_.at_time(time);
+  const Medium& shape = moved ? *moved : shape_;
   const Ray local = shape.to_local(world);
-  if (shape.homogeneous()) {
-    const auto [t0, t1] = shape.homogeneous()->intersect(local);
-    return coefficient_ * std::max(0.0, std::min(t1, t_max) - std::max(t0, t_min));
-  }
   const double step = stride / glm::length(local.d);
   MajorantWalk walk = shape.walk(local, t_min, t_max);
   MajorantWalk::Segment s;
-  dvec3 sum(0);
   while (walk.next(s)) {
     const double length = s.t1 - s.t0;
     const int count = std::max(1, static_cast<int>(std::ceil(length / step - 1e-9)));
     const double width = length / count;
     for (int i = 0; i < count; ++i) {
-      const dvec3 p = local.at(s.t0 + (i + rng.uniform()) * width);
-      sum += ramp_(shape.density(s, p)) * width;
+      const double t = s.t0 + (i + rng.uniform()) * width;
+      visitor(t, ramp_(shape.density(s, local.at(t))) * width);
     }
   }
+}
+
+dvec3 EmissionField::integrate(const Ray& world, double t_min, double t_max, double stride, double time,
+                               Rng& rng) const {
+  if (shape_.homogeneous()) {
+    const auto [t0, t1] = inside(world, t_min, t_max, time);
+    return coefficient_ * std::max(0.0, t1 - t0);
+  }
+  dvec3 sum(0);
+  visit(world, t_min, t_max, stride, time, rng, [&](double, const dvec3& part) { sum += part; });
   return sum;
+}
+
+void EmissionField::offer(const Ray& world, double t_min, double t_max, double stride, double time, Rng& rng,
+                          EmittingPoint& point) const {
+  if (shape_.homogeneous()) {
+    const auto [t0, t1] = inside(world, t_min, t_max, time);
+    if (t0 < t1) point.offer(t0 + rng.uniform() * (t1 - t0), coefficient_ * (t1 - t0), rng);
+    return;
+  }
+  visit(world, t_min, t_max, stride, time, rng, [&](double t, const dvec3& part) { point.offer(t, part, rng); });
+}
+
+/// The part of a ray in a homogeneous shape.
+std::pair<double, double> EmissionField::inside(const Ray& world, double t_min, double t_max, double time) const {
+  const auto [t0, t1] = shape_.homogeneous()->intersect(shape_.placement_at(time).to_local(world));
+  return {std::max(t0, t_min), std::min(t1, t_max)};
 }
 
 }  // namespace brume

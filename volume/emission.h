@@ -50,6 +50,28 @@ class EmissionRamp {
   std::vector<dvec3> entries_;
 };
 
+/// One point of a flight, drawn in proportion to what it emits: for where the emission of each point has its own
+/// weight. The sum of the weighted parts that were offered has the expectation weight(t) * value().
+class EmittingPoint {
+ public:
+  /// @param part  of the integral, at the ray parameter t
+  void offer(double t, const dvec3& part, Rng& rng) {
+    const double size = (part.x + part.y + part.z) / 3;
+    if (!(size > 0)) return;
+    total_ += size;
+    if (!(rng.uniform() * total_ < size)) return;
+    t_ = t;
+    colour_ = part / size;
+  }
+  bool any() const { return total_ > 0; }
+  double t() const { return t_; }
+  dvec3 value() const { return colour_ * total_; }
+
+ private:
+  double t_ = 0, total_ = 0;
+  dvec3 colour_{0};
+};
+
 /// A field that emits: coefficient [radiance per world unit] = ramp(value), independent of extinction, so that flames
 /// without smoke shine. Its shape may move over the shutter as a medium's does.
 class EmissionField {
@@ -65,6 +87,9 @@ class EmissionField {
   /// tests/render/media_test.cpp
   /// @param time  in [0, 1] of the shutter
   dvec3 integrate(const Ray& world, double t_min, double t_max, double stride, double time, Rng& rng) const;
+  /// Offers the look-ups of that integral to a point.
+  void offer(const Ray& world, double t_min, double t_max, double stride, double time, Rng& rng,
+             EmittingPoint& point) const;
   /// The coefficient of a homogeneous shape.
   const dvec3& coefficient() const { return coefficient_; }
   /// The coefficient at a world point, of a field that does not move.
@@ -82,7 +107,9 @@ class EmissionField {
   Medium::Sphere bounding_sphere() const { return shape_.bounding_sphere(); }
 
  private:
-  dvec3 integrate(const Medium& shape, const Ray& world, double t_min, double t_max, double stride, Rng& rng) const;
+  template <class Visit>
+  void visit(const Ray& world, double t_min, double t_max, double stride, double time, Rng& rng, Visit&& visitor) const;
+  std::pair<double, double> inside(const Ray& world, double t_min, double t_max, double time) const;
 
   Medium shape_;
   dvec3 coefficient_{0};  // of a homogeneous shape

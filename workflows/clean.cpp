@@ -66,13 +66,8 @@ Layers trial_frame(const LayerRequest& request, int samples) {
 
 }  // namespace
 
-Cleaner::Cleaner(const std::string& filter, double exposure, std::function<Task(const std::string&)> task,
-                 std::function<void(const std::string&)> note, Outliers outliers)
-    : filter_(parse_filter(filter)),
-      exposure_(exposure),
-      outliers_(outliers),
-      task_(std::move(task)),
-      note_(std::move(note)) {}
+Cleaner::Cleaner(const std::string& filter, double exposure, Host host, Outliers outliers)
+    : filter_(parse_filter(filter)), exposure_(exposure), outliers_(outliers), host_(std::move(host)) {}
 
 bool Cleaner::estimates_error() const {
   return makes(filter_.entry(), layer::clean_error);
@@ -105,8 +100,8 @@ LayerRequest Cleaner::request(const LayerRequest& wanted, int samples) {
 
 Layers Cleaner::clean(const Layers& frame) {
   ApplyReport report;
-  Layers clean = apply_filter(filter_, frame, options_of(exposure_, outliers_), task_(filter_.entry().name), &report);
-  for (const std::string& line : report.notes) note_(line);
+  Layers clean = apply_filter(filter_, frame, options_of(exposure_, outliers_), host_.task(filter_.entry().name), &report);
+  for (const std::string& line : report.notes) host_.note(line);
   seconds_ += report.seconds;
   Layers all(frame.width(), frame.height());
   all.header = frame.header;

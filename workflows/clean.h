@@ -1,25 +1,20 @@
 #pragma once
 #include <cstdint>
-#include <functional>
 #include <string>
 #include <vector>
 
-#include "base/progress.h"
 #include "filters/run/apply.h"
-#include "render/frame/film.h"
-#include "render/frame/render_job.h"
+#include "render/film/film.h"
+#include "render/session/render_job.h"
+#include "workflows/host.h"
 
 namespace brume {
 
 /// The clean picture of a render, and where its next samples do most for it.
 class Cleaner {
  public:
-  /// @param filter  as `denoise -f` takes it: NAME or NAME:parameter=value,...
-  /// @param task    for a run of the filter of that name
-  /// @param note    told what the user should know
-  /// @throws InputError
-  Cleaner(const std::string& filter, double exposure, std::function<Task(const std::string&)> task,
-          std::function<void(const std::string&)> note, Outliers outliers = Outliers::kExtreme);
+  /// @param filter  as `denoise -f` takes it: NAME or NAME:parameter=value,...   @throws InputError
+  Cleaner(const std::string& filter, double exposure, Host host, Outliers outliers = Outliers::kExtreme);
 
   /// What a render must record for it, beside `wanted`. Guides that nobody wanted are not in the clean frame.
   /// @param samples  per pixel that will be rendered
@@ -53,8 +48,7 @@ class Cleaner {
   FilterSettings filter_;
   double exposure_, error_ = -1, seconds_ = 0;
   Outliers outliers_;
-  std::function<Task(const std::string&)> task_;
-  std::function<void(const std::string&)> note_;
+  Host host_;
   Layers picture_;
   bool keep_guides_ = false;
 };

@@ -4,18 +4,13 @@
 
 #include "base/progress.h"
 #include "filters/api/filter.h"
-#include "image/layers.h"
-#include "render/frame/render_job.h"
+#include "image/finished_frame.h"
+#include "render/session/render_job.h"
 
 namespace brume {
 
-/// Header and windows of a file, without a channel. @throws InputError: missing, not an EXR, truncated
-Layers read_header(const std::filesystem::path& path);
-
 /// Whether a file is what a render would write, so that it need not be rendered again.
-///
-/// Times of files say nothing: clocks differ from machine to machine. The file is read to its last pixel, and its
-/// header says what it is of.
+/// The file is read to its last pixel, and its header says what it is of.
 /// @param layers  that are recorded   @param filter  that cleans the frame; null: none does
 /// @return empty where it is whole and of this render; else what is wrong with it: "is not there", "is truncated ...",
 /// "the seed is 1 in the file, 2 now"

@@ -14,7 +14,9 @@
 #include "filters/inputs/guide_layers.h"
 #include "image/color.h"
 #include "image/exr_io.h"
-#include "render/frame/render_state.h"
+#include "image/foreign.h"
+#include "image/picture_io.h"
+#include "render/session/render_state.h"
 
 namespace brume {
 namespace {
@@ -44,6 +46,43 @@ void check_same_camera(const std::string& guides_path, const Layers& guides, con
 }
 
 }  // namespace
+
+Layers read_frame(const std::filesystem::path& path, const Host& host, const std::set<std::string>& wanted) {
+  Layers frame = read_exr(path, [&](const std::string& name) { return wanted.empty() || wanted.contains(name); });
+  if (wanted.contains("R") && !frame.has(layer::beauty)) frame = read_exr(path);
+  if (const std::string recognised = adopt_foreign_layers(frame); !recognised.empty())
+    host.say(Host::Word::kRemark, recognised);
+  return frame;
+}
+
+Layers part_of(const Layers& frame, const std::set<std::string>& channels) {
+  Layers part(frame.width(), frame.height());
+  part.header = frame.header;
+  part.lie_like(frame);
+  for (const std::string& name : channels)
+    if (const Plane* const plane = frame.find(name)) part.set(name, *plane);
+  return part;
+}
+
+Layers read_outline(const std::filesystem::path& path) {
+  Layers outline(1, 1);
+  const ExrInfo info = read_exr_info(path);
+  outline.header = info.header;
+  for (const ExrInfo::Channel& channel : info.channels) outline.add(channel.name);
+  adopt_foreign_layers(outline);
+  return outline;
+}
+
+void PictureOptions::write(const std::filesystem::path& path, const Layers& frame, const RgbPlanes& rgb,
+                           double exposure_factor) const {
+  Layers colours(frame.width(), frame.height());
+  colours.lie_like(frame);
+  for (size_t c = 0; c < 3; ++c) colours.set(layer::beauty.channel(c), *rgb[c]);
+  const PixelWindow shown = frame.data_window().common(frame.display_window());
+  if (!shown.empty() && shown != frame.data_window()) colours = colours.cut(shown);
+  write_png(path,
+            to_picture(colours.rgb(layer::beauty), exposure_factor, tone == "filmic" ? Tone::kFilmic : Tone::kClip));
+}
 
 std::vector<std::string> guide_channels(const std::string& path) {
   std::vector<std::string> names;
@@ -81,6 +120,11 @@ void add_guides(Layers guides, const std::array<std::string, 2>& names, Layers& 
     if (is_guide(name)) frame.set(name, plane);
 }
 
+NamedFrame read_guides(const std::string& path) {
+  guide_channels(path);
+  return {path, read_exr(path, is_guide)};
+}
+
 bool of_one_scene(const Layers& guides, const Layers& frame) {
   const std::string ours = frame.text("sceneHash");
   return !ours.empty() && ours == guides.text("sceneHash");
@@ -112,46 +156,6 @@ double choose_exposure(const std::string& option, const Layers& frame) {
     return *nth > 0 ? 1.0 / *nth : 1.0;
   }
   return std::strtod(option.c_str(), nullptr);
-}
-
-RgbPlanes NamedFrame::colours(const std::string& layer) const {
-  const LayerName wanted{layer, "RGB", ""};
-  if (!frame.has(wanted))
-    throw InputError(fmt::format("{}: has no layer '{}'; it has: {}", name, wanted.label(), join(layer_names(frame))));
-  return frame.rgb(wanted);
-}
-
-std::string remark_on_scenes(const NamedFrame& picture, const NamedFrame& reference) {
-  const Layers &a = picture.frame, &b = reference.frame;
-  const std::string ours = a.text("sceneHash"), theirs = b.text("sceneHash");
-  if (ours.empty() || theirs.empty() || ours == theirs) return "";
-  const bool renamed = a.text("scene") != b.text("scene");
-  return fmt::format("{} and {} were rendered from scenes that differ: {}", picture.name, reference.name,
-                     renamed ? fmt::format("{} and {}", a.text("scene"), b.text("scene"))
-                             : differing_render(a, b, "in the one", "in the other"));
-}
-
-PixelWindow cut_to_common_window(const std::vector<NamedFrame*>& pictures) {
-  const NamedFrame& reference = *pictures[0];
-  const PixelWindow display = reference.frame.display_window();
-  PixelWindow common = reference.frame.data_window();
-  for (const NamedFrame* other : pictures) {
-    const PixelWindow shown = other->frame.display_window();
-    if (shown.width() != display.width() || shown.height() != display.height())
-      throw InputError(fmt::format("{} is {} x {}, {} is {} x {}; expected one size", other->name, shown.width(),
-                                   shown.height(), reference.name, display.width(), display.height()));
-    if (shown != display)
-      throw InputError(fmt::format("{} is shown in the window {}, {} in {}; expected one display window", other->name,
-                                   shown.text(), reference.name, display.text()));
-    common = common.common(other->frame.data_window());
-    if (common.empty())
-      throw InputError(fmt::format("{} has pixels in {}, {} in {}: none is in both", other->name,
-                                   other->frame.data_window().text(), reference.name,
-                                   reference.frame.data_window().text()));
-  }
-  for (NamedFrame* picture : pictures)
-    if (picture->frame.data_window() != common) picture->frame = picture->frame.cut(common);
-  return common;
 }
 
 }  // namespace brume

@@ -1,12 +1,26 @@
 #pragma once
 #include <array>
+#include <filesystem>
+#include <set>
 #include <string>
 #include <vector>
 
 #include "base/progress.h"
 #include "image/layers.h"
+#include "workflows/host.h"
 
 namespace brume {
+
+/// An EXR with brume's layer names, whoever wrote it. Says so when another renderer's are recognised.
+/// @param wanted  channels to load; empty: all. Another renderer's frame is loaded whole
+/// @throws InputError
+Layers read_frame(const std::filesystem::path& path, const Host& host, const std::set<std::string>& wanted = {});
+
+/// Some channels of a frame, copied; those that it does not have are left out.
+Layers part_of(const Layers& frame, const std::set<std::string>& channels);
+
+/// The same frame with one pixel, from the file's header alone: what layers it has. @throws InputError
+Layers read_outline(const std::filesystem::path& path);
 
 /// The channels of a file of guides. @throws InputError where it has none
 std::vector<std::string> guide_channels(const std::string& path);
@@ -16,6 +30,15 @@ std::vector<std::string> guide_channels(const std::string& path);
 void add_guides(const std::string& path, const std::string& frame_path, Layers& frame);
 /// The same of guides in memory. @param names  by which errors call the guides and the frame
 void add_guides(Layers guides, const std::array<std::string, 2>& names, Layers& frame);
+
+/// A frame, and the name by which errors call it.
+struct NamedFrame {
+  std::string name;
+  Layers frame;
+};
+
+/// The guides of a file, under its name. @throws InputError where it has none
+NamedFrame read_guides(const std::string& path);
 
 /// Whether two headers name one scene and camera, so that nothing needs to be measured.
 bool of_one_scene(const Layers& guides, const Layers& frame);
@@ -29,22 +52,17 @@ std::string what_speaks_against_guides(const Layers& frame, const std::string& p
 /// @throws InputError when auto has no picture to measure
 double choose_exposure(const std::string& option, const Layers& frame);
 
-/// A picture to compare, under the name by which errors call it.
-struct NamedFrame {
-  std::string name;
-  Layers frame;
+/// How a PNG is made of a frame.
+struct PictureOptions {
+  std::string exposure = "header";  ///< as choose_exposure takes it
+  std::string tone = "clip";        ///< clip or filmic
 
-  /// The colours of a layer; the beauty for an empty name. @throws InputError with the layers there are
-  RgbPlanes colours(const std::string& layer) const;
+  /// What lies inside the display window, or everything where nothing does. @throws InputError
+  void write(const std::filesystem::path& path, const Layers& frame) const {
+    write(path, frame, frame.rgb(layer::beauty), choose_exposure(exposure, frame));
+  }
+  void write(const std::filesystem::path& path, const Layers& frame, const RgbPlanes& rgb,
+             double exposure_factor) const;
 };
-
-/// What is to be said where two frames were rendered from scenes that differ, so that their difference is no error
-/// alone; empty: nothing, as where another renderer made one of them.
-std::string remark_on_scenes(const NamedFrame& picture, const NamedFrame& reference);
-
-/// The pixels that all pictures have: what lies outside a data window is absent, not black. Pictures are cut to them.
-/// @param pictures  the reference first
-/// @throws InputError for unequal display windows, and when no pixel is common
-PixelWindow cut_to_common_window(const std::vector<NamedFrame*>& pictures);
 
 }  // namespace brume

@@ -113,9 +113,8 @@ std::string scene_text(const SceneResult& scene) {
   return text + scene.policy.text() + ".";
 }
 
-Table scene_table(const SceneResult& scene, const Evaluation& e) {
-  Table table{scene.name + "_methods",
-              scene.name,
+Table scene_table(const SceneResult& scene) {
+  Table table{scene.name,
               scene_text(scene),
               {{"spp"},
                {"method", false},
@@ -130,9 +129,7 @@ Table scene_table(const SceneResult& scene, const Evaluation& e) {
                {"memory [MB]"},
                {"times faster than path tracing at equal RMS"},
                {"paper: RMS"},
-               {"paper: time [s]"}},
-              {},
-              origin(e, &scene)};
+               {"paper: time [s]"}}};
   for (const int spp : spp_of(scene))
     for (const MethodResult& m : scene.methods) {
       if (m.spp != spp) continue;
@@ -167,9 +164,7 @@ Table summary_table(const SceneResult& scene, const Evaluation& e) {
     if (std::any_of(scene.methods.begin(), scene.methods.end(),
                     [&](const MethodResult& m) { return m.tuning == tuning; }))
       tunings.push_back(tuning);
-  Table table{
-      scene.name + "_summary", scene.name + ", every filter", "Lab RMS of the whole frame.", {{"filter", false}}, {},
-      origin(e, &scene)};
+  Table table{scene.name + ", every filter", "Lab RMS of the whole frame.", {{"filter", false}}};
   for (const int spp : spp_of(scene))
     for (const Tuning tuning : tunings) table.columns.push_back({fmt::format("{} spp, {}", spp, tuning_name(tuning))});
   table.columns.push_back({"ms"});
@@ -196,12 +191,10 @@ Table ranking(const SceneResult& scene, const Evaluation& e) {
                                     [](const MethodResult& m) { return m.tuning == Tuning::kSearched; });
   const Tuning tuning = searched ? Tuning::kSearched : Tuning::kDefault;
   const std::vector<int> counts = spp_of(scene);
-  Table table{scene.name,
-              fmt::format("{}: Lab RMS of the whole frame, {} parameters, and milliseconds of filtering", scene.name,
+  Table table{fmt::format("{}: Lab RMS of the whole frame, {} parameters, and milliseconds of filtering", scene.name,
                           tuning_name(tuning)),
               "",
-              {{"", false}},
-              {}};
+              {{"", false}}};
   for (const int spp : counts) table.columns.push_back({fmt::format("{} spp", spp)});
   table.columns.push_back({"ms"});
   std::vector<std::pair<double, std::vector<std::string>>> lines;
@@ -230,17 +223,14 @@ MeanInterval lab_difference(const MethodResult& a, const MethodResult& b) {
 
 /// The winner of each spp, and whether it leads the second by more than the noise of the seeds.
 Table winners(const Evaluation& e) {
-  Table table{"winners",
-              "Which filter wins",
+  Table table{"Which filter wins",
               "The lead is paired over the seeds, with the half width of a 95 % interval.",
               {{"scene", false},
                {"parameters", false},
                {"spp"},
                {"best (Lab RMS)", false},
                {"second", false},
-               {"lead, paired over seeds"}},
-              {},
-              origin(e)};
+               {"lead, paired over seeds"}}};
   for (const SceneResult& scene : e.scenes)
     for (const Tuning tuning : {Tuning::kPaper, Tuning::kDefault, Tuning::kSearched, Tuning::kTransfer})
       for (const int spp : spp_of(scene)) {
@@ -268,8 +258,7 @@ Table winners(const Evaluation& e) {
 
 /// The paper's claims about its own filter, one by one.
 Table claims(const Evaluation& e) {
-  Table table{"paper_order",
-              "Does the paper's order hold?",
+  Table table{"Does the paper's order hold?",
               "It finds its gradient-kernel filter below the bilateral and extended "
               "bilateral at every spp, close to the trilateral, at under a sixth of the trilateral's time. `paper` "
               "compares all four as published. Differences of Lab RMS are paired over seeds; below zero the gradient "
@@ -280,9 +269,7 @@ Table claims(const Evaluation& e) {
                {"against", false},
                {"RMS difference"},
                {"gradient kernel better?", false},
-               {"its time / theirs"}},
-              {},
-              origin(e)};
+               {"its time / theirs"}}};
   for (const SceneResult& scene : e.scenes)
     for (const Tuning tuning : {Tuning::kPaper, Tuning::kSearched})
       for (const int spp : spp_of(scene)) {
@@ -306,14 +293,10 @@ Table claims(const Evaluation& e) {
 }
 
 Table parameters(const Evaluation& e) {
-  Table table{
-      "parameters",
-      "Parameters",
+  Table table{"Parameters",
       "Where a searched value is the first or last of its candidates, the optimum may lie further "
       "out.",
-      {{"scene", false}, {"spp"}, {"filter", false}, {"setting", false}, {"parameters", false}, {"at the edge", false}},
-      {},
-      origin(e)};
+      {{"scene", false}, {"spp"}, {"filter", false}, {"setting", false}, {"parameters", false}, {"at the edge", false}}};
   for (const SceneResult& scene : e.scenes)
     for (const MethodResult& m : scene.methods)
       if (!m.filter.empty())
@@ -323,9 +306,8 @@ Table parameters(const Evaluation& e) {
 }
 
 Table failures(const Evaluation& e) {
-  Table table{"failures", "What failed, and why",
-              "",         {{"scene", false}, {"spp"}, {"filter", false}, {"setting", false}, {"reason", false}},
-              {},         origin(e)};
+  Table table{"What failed, and why",
+              "",         {{"scene", false}, {"spp"}, {"filter", false}, {"setting", false}, {"reason", false}}};
   for (const SceneResult& scene : e.scenes)
     for (const MethodResult& m : scene.methods)
       if (!m.failed.empty())
@@ -339,13 +321,9 @@ Table failures(const Evaluation& e) {
 }
 
 Table pareto(const Evaluation& e) {
-  Table table{
-      "pareto",
-      "Speed against error",
+  Table table{"Speed against error",
       "The methods that no other beats in both time (render, guides and filter) and Lab RMS of the whole frame.",
-      {{"scene", false}, {"method", false}, {"spp"}, {"seconds"}, {"Lab RMS"}},
-      {},
-      origin(e)};
+      {{"scene", false}, {"method", false}, {"spp"}, {"seconds"}, {"Lab RMS"}}};
   for (const SceneResult& scene : e.scenes)
     for (const MethodResult* m : pareto_front(scene))
       table.rows.push_back(
@@ -354,15 +332,11 @@ Table pareto(const Evaluation& e) {
 }
 
 Table time_to_error(const Evaluation& e) {
-  Table table{
-      "time_to_error",
-      "Time to an error",
+  Table table{"Time to an error",
       "Seconds of render, guides and filter to a Lab RMS of the whole frame, between the neighbouring sample "
       "counts; how many times faster than path tracing, whose error falls as 1/√spp beyond what was measured, "
       "and than the gradient kernel with the same setting.",
-      {{"scene", false}, {"Lab RMS"}, {"method", false}, {"seconds"}, {"over path tracing"}, {"over gradient_kernel"}},
-      {},
-      origin(e)};
+      {{"scene", false}, {"Lab RMS"}, {"method", false}, {"seconds"}, {"over path tracing"}, {"over gradient_kernel"}}};
   const auto factor = [](const std::optional<double>& value) { return value ? fmt::format("{:.2f}", *value) : ""; };
   for (const SceneResult& scene : e.scenes)
     for (const TimeToError& t : times_to_error(scene))
@@ -372,8 +346,7 @@ Table time_to_error(const Evaluation& e) {
 }
 
 Table sequences(const Evaluation& e) {
-  Table table{"sequences",
-              "Through time",
+  Table table{"Through time",
               "Each filter with its default parameters, alone and with as many frames on either side as it declares. "
               "Temporal error: RMS in CIE-Lab of how the picture changes from frame to frame less how the reference "
               "does; flicker: RMS of how it changes, less that of the reference.",
@@ -386,9 +359,7 @@ Table sequences(const Evaluation& e) {
                {"temporal error, frame"},
                {"temporal error, medium"},
                {"flicker, medium"},
-               {"filter s"}},
-              {},
-              origin(e)};
+               {"filter s"}}};
   for (const SequenceResult& sequence : e.sequences)
     for (const SequenceMethod& m : sequence.methods) {
       std::vector<std::string> row = {sequence.name, fmt::format("{}", m.spp),
@@ -414,14 +385,10 @@ std::vector<std::string> study_cells(const SceneResult& scene, const MethodResul
 }
 
 Table ablation(const Evaluation& e) {
-  Table table{
-      "ablation",
-      "What each layer is worth",
+  Table table{"What each layer is worth",
       "Lab RMS of the whole frame with a feature or guide left out, and with that one alone; times the error of "
       "the filter with all of them.",
-      {{"scene", false}, {"spp"}, {"method", false}, {"layer", false}, {"how", false}, {"Lab RMS"}, {"times"}},
-      {},
-      origin(e)};
+      {{"scene", false}, {"spp"}, {"method", false}, {"layer", false}, {"how", false}, {"Lab RMS"}, {"times"}}};
   for (const SceneResult& scene : e.scenes)
     for (const AblationResult& a : scene.ablation) {
       std::vector<std::string> row = {scene.name, fmt::format("{}", a.result.spp), a.result.id(), a.layer,
@@ -433,13 +400,10 @@ Table ablation(const Evaluation& e) {
 }
 
 Table sensitivity(const Evaluation& e) {
-  Table table{"sensitivity",
-              "What each parameter does",
+  Table table{"What each parameter does",
               "Lab RMS of the whole frame with one parameter at each of its candidates, the others as they are; times "
               "the error of the filter as it is.",
-              {{"scene", false}, {"spp"}, {"method", false}, {"parameter", false}, {"value"}, {"Lab RMS"}, {"times"}},
-              {},
-              origin(e)};
+              {{"scene", false}, {"spp"}, {"method", false}, {"parameter", false}, {"value"}, {"Lab RMS"}, {"times"}}};
   for (const SceneResult& scene : e.scenes)
     for (const SensitivityResult& s : scene.sensitivity) {
       std::vector<std::string> row = {scene.name, fmt::format("{}", s.result.spp), s.result.id(), s.parameter, s.value};
@@ -451,13 +415,10 @@ Table sensitivity(const Evaluation& e) {
 
 /// Direct and indirect light by themselves, where they are cleaned so.
 Table lights(const Evaluation& e) {
-  Table table{"lights",
-              "Direct and indirect light by themselves",
+  Table table{"Direct and indirect light by themselves",
               "Lab RMS over the pixels that show the medium, or the whole frame where none do, of the light that was "
               "scattered once and of the rest, where a method cleans them apart.",
-              {{"scene", false}, {"spp"}, {"method", false}, {"picture"}, {"direct"}, {"indirect"}},
-              {},
-              origin(e)};
+              {{"scene", false}, {"spp"}, {"method", false}, {"picture"}, {"direct"}, {"indirect"}}};
   const bool filtered = std::any_of(e.scenes.begin(), e.scenes.end(), [](const SceneResult& scene) {
     return std::any_of(scene.methods.begin(), scene.methods.end(),
                        [](const MethodResult& m) { return !m.filter.empty() && !m.lights.empty(); });
@@ -478,49 +439,11 @@ Table lights(const Evaluation& e) {
   return table;
 }
 
-/// Every metric of every method.
-Table all_errors(const Evaluation& e) {
-  Table table{"metrics",
-              "Every metric",
-              "Mean over the seeds and half width of its 95 % interval.",
-              {{"scene", false}, {"spp"}, {"method", false}, {"region", false}, {"light", false}},
-              {},
-              origin(e)};
-  std::vector<size_t> chosen;
-  for (size_t i = 0; i < all_metrics().size(); ++i)
-    if (is_reported(e.settings, all_metrics()[i].id)) {
-      chosen.push_back(i);
-      table.columns.push_back({all_metrics()[i].id});
-      table.columns.push_back({fmt::format("{} ±", all_metrics()[i].id)});
-    }
-  const auto add = [&](const SceneResult& scene, const MethodResult& m, const std::string& light,
-                       const RegionErrors& errors, ErrorScope scope) {
-    for (const Region region : kRegions) {
-      const std::vector<Errors>& by_seed = errors[static_cast<size_t>(region)];
-      if (by_seed.empty()) continue;
-      std::vector<std::string> row = {scene.name, fmt::format("{}", m.spp), m.id(), region_name(region), light};
-      for (const size_t i : chosen) {
-        const MeanInterval mean = mean_interval(values_of(by_seed, i));
-        const bool measured = all_metrics()[i].scope <= scope;
-        row.push_back(measured ? fmt::format("{:.5g}", mean.mean) : "");
-        row.push_back(measured && mean.count > 1 ? fmt::format("{:.2g}", mean.half_width) : "");
-      }
-      table.rows.push_back(std::move(row));
-    }
-  };
-  for (const SceneResult& scene : e.scenes)
-    for (const MethodResult& m : scene.methods) {
-      add(scene, m, "all", m.errors, ErrorScope::kAll);
-      for (const auto& [light, errors] : m.lights) add(scene, m, light, errors, ErrorScope::kPixels);
-    }
-  return table;
-}
-
 /// The tables of the report, in its order.
 std::vector<Table> report_tables(const Evaluation& e) {
   std::vector<Table> tables;
   for (const SceneResult& scene : e.scenes) tables.push_back(summary_table(scene, e));
-  for (const SceneResult& scene : e.scenes) tables.push_back(scene_table(scene, e));
+  for (const SceneResult& scene : e.scenes) tables.push_back(scene_table(scene));
   for (Table& table : std::vector<Table>{winners(e), claims(e), lights(e), sequences(e), pareto(e), time_to_error(e),
                                          ablation(e), sensitivity(e), parameters(e), failures(e)})
     if (!table.rows.empty()) tables.push_back(std::move(table));
@@ -565,7 +488,7 @@ std::string markdown_report(const Evaluation& e) {
       "time; "
       "methods that read no statistics are charged for a render without them, and those that read guides for these.\n",
       e.settings.component == Component::kIndirect ? "indirect component"
-      : e.settings.component == Component::kApart  ? "direct and indirect component, apart,"
+      : e.settings.component == Component::kSeparate  ? "direct and indirect component, apart,"
                                                    : "whole picture",
       e.settings.background == BackgroundRule::kBilateral ? "get the bilateral filter, as there"
                                                           : "are filtered like the rest",
@@ -588,7 +511,7 @@ std::string markdown_report(const Evaluation& e) {
 }
 
 std::string csv_report(const Evaluation& e) {
-  Table table{"table", "", "", {}, {}, {}};
+  Table table{"", ""};
   for (const char* title : {"scene",
                             "spp",
                             "method",
@@ -662,16 +585,6 @@ void write_report(const Evaluation& e, const std::filesystem::path& folder) {
   write_text(folder / "table.csv", csv_report(e));
   write_text(folder / "results.json", json_report(e));
   if (page_is_built_in() && !e.scenes.empty()) write_text(folder / "index.html", results_page(e));
-  std::filesystem::create_directories(folder / "tables");
-  std::vector<Table> tables = report_tables(e);
-  tables.push_back(all_errors(e));
-  for (const Table& table : tables) {
-    const std::string base = (folder / "tables" / table.name).string();
-    write_text(base + ".md", table.markdown());
-    write_text(base + ".csv", table.csv());
-    write_text(base + ".tex", table.latex());
-    write_text(base + ".json", table.json());
-  }
   for (const SceneResult& scene : e.scenes) {
     write_text(folder / fmt::format("{}_error_seconds.svg", scene.name), error_seconds_plot(scene, origin(e, &scene)));
     write_exr(folder / fmt::format("{}_reference.exr", scene.name), stamped(scene.reference, e, scene));

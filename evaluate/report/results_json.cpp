@@ -1,5 +1,7 @@
 // results.json: everything that an evaluation measured, for the page and for programs.
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
@@ -16,8 +18,8 @@ const char* component_name(Component component) {
   switch (component) {
     case Component::kIndirect:
       return "indirect";
-    case Component::kApart:
-      return "apart";
+    case Component::kSeparate:
+      return "separate";
     default:
       return "all";
   }
@@ -137,34 +139,33 @@ json rows_json(const SceneResult& scene, const EvaluationSettings& settings) {
   return rows;
 }
 
-/// All pairs of some methods, and who is better when all of these are looked at together.
-void add_pairs(json& pairs, const SceneResult& scene, const std::vector<const MethodResult*>& methods, Region region) {
+/// All pairs of some methods by one metric, and who is better when all of these are looked at together.
+json pairs_of(const std::vector<const MethodResult*>& methods, Region region, size_t metric) {
+  std::vector<std::vector<double>> values;
+  json ids = json::array(), half_widths = json::array();
+  for (const MethodResult* m : methods) {
+    values.push_back(values_of(m->errors[static_cast<size_t>(region)], metric));
+    ids.push_back(m->id());
+  }
+  std::vector<PairedDifference> differences;
   std::vector<double> p_values;
-  const size_t first = pairs.size();
-  for (size_t i = 0; i < methods.size(); ++i)
-    for (size_t k = i + 1; k < methods.size(); ++k) {
-      const MethodResult &a = *methods[i], &b = *methods[k];
-      const PairedDifference d =
-          paired_difference(a.values(region, &Errors::lab_rms), b.values(region, &Errors::lab_rms));
-      p_values.push_back(d.p_value);
-      pairs.push_back({{"scene", scene.name},
-                       {"spp", a.spp},
-                       {"region", region_name(region)},
-                       {"metric", "lab_rms"},
-                       {"a", a.id()},
-                       {"b", b.id()},
-                       {"difference", d.difference.mean},
-                       {"half_width", d.difference.half_width},
-                       {"p", d.p_value},
-                       {"better", nullptr}});
+  for (size_t i = 0; i < values.size(); ++i)
+    for (size_t k = i + 1; k < values.size(); ++k) {
+      differences.push_back(paired_difference(values[i], values[k]));
+      p_values.push_back(differences.back().p_value);
+      half_widths.push_back(std::stod(fmt::format("{:.4g}", differences.back().difference.half_width)));
     }
   const std::vector<bool> significant = holm_significant(p_values);
-  for (size_t i = 0; i < significant.size(); ++i)
-    if (significant[i]) pairs[first + i]["better"] = pairs[first + i]["difference"].get<double>() < 0 ? "a" : "b";
+  const bool lower = all_metrics()[metric].better == Better::kLower;
+  std::string better;
+  for (size_t i = 0; i < differences.size(); ++i)
+    better += !significant[i] ? '-' : (differences[i].difference.mean < 0) == lower ? 'a' : 'b';
+  return {{"metric", all_metrics()[metric].id}, {"methods", ids}, {"half_width", half_widths}, {"better", better}};
 }
 
-/// The methods of one tuning against one another, the unfiltered frames among them.
-json pairs_json(const SceneResult& scene) {
+/// The methods of one tuning against one another, the unfiltered frames among them, by every metric of which differences
+/// tell something: not by a bias, of which zero is the best.
+json pairs_json(const SceneResult& scene, const EvaluationSettings& settings) {
   json pairs = json::array();
   for (const int spp : spp_of(scene))
     for (const Region region : kRegions)
@@ -174,7 +175,15 @@ json pairs_json(const SceneResult& scene) {
         for (const MethodResult& m : scene.methods)
           if (m.spp == spp && m.failed.empty() && (m.tuning == tuning || m.tuning == Tuning::kNone))
             methods.push_back(&m);
-        add_pairs(pairs, scene, methods, region);
+        if (methods.size() < 2) continue;
+        for (size_t metric = 0; metric < all_metrics().size(); ++metric) {
+          const MetricInfo& info = all_metrics()[metric];
+          if (info.better == Better::kZero || !is_reported(settings, info.id)) continue;
+          json group = {
+              {"scene", scene.name}, {"spp", spp}, {"region", region_name(region)}, {"setting", tuning_name(tuning)}};
+          group.update(pairs_of(methods, region, metric));
+          pairs.push_back(std::move(group));
+        }
       }
   return pairs;
 }
@@ -283,7 +292,7 @@ std::string json_report(const Evaluation& e) {
   for (const SceneResult& scene : e.scenes) {
     scenes.push_back(scene_json(scene));
     append(rows, rows_json(scene, e.settings));
-    append(pairs, pairs_json(scene));
+    append(pairs, pairs_json(scene, e.settings));
     append(pictures, pictures_json(scene));
     append(pareto, pareto_json(scene));
     append(times, times_json(scene));

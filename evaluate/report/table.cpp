@@ -1,7 +1,6 @@
 #include "evaluate/report/table.h"
 
 #include <algorithm>
-#include <nlohmann/json.hpp>
 #include <string_view>
 
 #include "base/text.h"
@@ -14,19 +13,15 @@ void replace_all(std::string& text, std::string_view from, std::string_view to) 
     text.replace(at, from.size(), to);
 }
 
-std::string latex_text(std::string text) {
-  replace_all(text, "\\", "\\textbackslash ");
-  for (const char* special : {"_", "%", "&", "#", "$", "{", "}"})
-    replace_all(text, special, std::string("\\") + special);
-  replace_all(text, "±", "$\\pm$");
-  replace_all(text, "–", "--");
-  replace_all(text, "√", "$\\sqrt{}$");
-  return text;
-}
-
 std::string markdown_text(std::string text) {
   replace_all(text, "|", "\\|");
   return text;
+}
+
+std::string csv_field(std::string text) {
+  if (text.find_first_of(",\"\n\r") == std::string::npos) return text;
+  replace_all(text, "\"", "\"\"");
+  return "\"" + text + "\"";
 }
 
 std::string line_of(const std::vector<std::string>& cells, const std::string& separator,
@@ -43,13 +38,6 @@ std::vector<std::string> titles(const Table& table) {
 }
 
 }  // namespace
-
-std::string csv_field(const std::string& text) {
-  if (text.find_first_of(",\"\n\r") == std::string::npos) return text;
-  std::string quoted = text;
-  replace_all(quoted, "\"", "\"\"");
-  return "\"" + quoted + "\"";
-}
 
 std::string Table::text() const {
   // Every character of ours is one column wide; in UTF-8 all bytes but its first begin with 10.
@@ -81,41 +69,15 @@ std::string Table::markdown_grid() const {
   return text;
 }
 
-std::string Table::markdown() const {
-  std::string text = "# " + title + "\n\n" + (caption.empty() ? "" : caption + "\n\n") + markdown_grid() + "\n";
-  for (const auto& [key, value] : origin) text += "- " + key + ": `" + value + "`\n";
-  return text;
-}
-
 std::string Table::csv() const {
   std::vector<std::string> head = titles(*this);
   for (const auto& entry : origin) head.push_back(entry.first);
-  const auto field = [](std::string cell) { return csv_field(cell); };
-  std::string text = line_of(head, ",", field) + "\n";
+  std::string text = line_of(head, ",", csv_field) + "\n";
   for (std::vector<std::string> row : rows) {
     for (const auto& entry : origin) row.push_back(entry.second);
-    text += line_of(row, ",", field) + "\n";
+    text += line_of(row, ",", csv_field) + "\n";
   }
   return text;
-}
-
-std::string Table::latex() const {
-  std::string text = "% " + title + "\n", columns_text;
-  for (const auto& [key, value] : origin) text += "% " + key + ": " + value + "\n";
-  for (const Column& c : columns) columns_text += c.number ? 'r' : 'l';
-  text += "\\begin{tabular}{" + columns_text + "}\n\\hline\n" + line_of(titles(*this), " & ", latex_text) +
-          " \\\\\n\\hline\n";
-  for (const auto& row : rows) text += line_of(row, " & ", latex_text) + " \\\\\n";
-  return text + "\\hline\n\\end{tabular}\n";
-}
-
-std::string Table::json() const {
-  using nlohmann::ordered_json;
-  ordered_json object = {{"name", name}, {"title", title}, {"caption", caption}};
-  for (const auto& [key, value] : origin) object["origin"][key] = value;
-  object["columns"] = titles(*this);
-  object["rows"] = rows;
-  return object.dump(1, ' ', false, ordered_json::error_handler_t::replace) + "\n";
 }
 
 }  // namespace brume

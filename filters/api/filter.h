@@ -28,14 +28,6 @@ inline constexpr LayerName clean_error{
     "clean_error", "Y", "of a filter: estimated error of its result at the pixel, root mean square over colours"};
 }  // namespace layer
 
-struct FilterFrame;
-
-/// A frame of a sequence beside the one that is cleaned.
-struct NearbyFrame {
-  int distance;  ///< in frames: before < 0 < after
-  const FilterFrame* frame;
-};
-
 /// What a filter is given: one signal to clean, and what it declared to read. Everything finite, all of one size.
 struct FilterFrame {
   LayerName name;    ///< of the signal
@@ -59,7 +51,8 @@ struct FilterFrame {
   RecordReader* records = nullptr;      ///< null where none were given, unless needed
   /// Where to leave the pixels of the frame whose records were not all finite; null: nobody wants to know.
   std::set<std::pair<int, int>>* repaired_records = nullptr;
-  std::vector<NearbyFrame> nearby = {};  ///< by distance; none for a still
+  int distance = 0;                             ///< in frames, to the one that is cleaned: before < 0 < after
+  std::vector<const FilterFrame*> nearby = {};  ///< of its sequence, by distance; none for a still
   /// Where to leave the layers that the filter declared to produce, by full channel name; null: nobody wants them.
   std::map<std::string, Plane>* products = nullptr;
   ivec2 origin{0};  ///< of this tile in the frame
@@ -73,8 +66,8 @@ struct FilterFrame {
   int height() const { return signal[0]->height(); }
 };
 
-/// A frame and those nearby in their order, the frame itself at distance 0.
-std::vector<NearbyFrame> in_order(const FilterFrame& frame);
+/// A frame and those nearby in their order.
+std::vector<const FilterFrame*> in_order(const FilterFrame& frame);
 
 using FilterOutput = std::array<Plane*, 3>;
 

@@ -109,11 +109,11 @@ std::vector<std::pair<std::string, std::string>> FilterEntry::inputs_and_outputs
   return lines;
 }
 
-std::vector<NearbyFrame> in_order(const FilterFrame& frame) {
-  std::vector<NearbyFrame> frames = frame.nearby;
-  frames.push_back({0, &frame});
+std::vector<const FilterFrame*> in_order(const FilterFrame& frame) {
+  std::vector<const FilterFrame*> frames = frame.nearby;
+  frames.push_back(&frame);
   std::sort(frames.begin(), frames.end(),
-            [](const NearbyFrame& a, const NearbyFrame& b) { return a.distance < b.distance; });
+            [](const FilterFrame* a, const FilterFrame* b) { return a->distance < b->distance; });
   return frames;
 }
 
@@ -198,67 +198,71 @@ std::string merit_table() {
 
 std::string filters_reference() {
   std::string text =
-      "# Filters\n\n"
-      "Each is one file in `filters/`, with one declaration from which this page, the command line, the range checks, "
-      "the\n"
-      "benchmark and the generic tests follow. `brume denoise IN.exr -o OUT.exr` takes the best filter that the "
-      "frame's\n"
-      "layers allow and says which; `-f NAME --PARAMETER VALUE` names one, and `-f A --radius 3 -f B --radius 4` runs "
-      "several:\n"
-      "what follows a filter is its own, what stands before the first `-f` goes to all. `-f "
-      "NAME:parameter=value,...` is the\n"
-      "same in one word. This page is written by `brume docs filters`; a test keeps it in step with the code.\n\n"
-      "## Which to take\n\n"
-      "Worth: how many times the samples the result is worth on media, by squared error at the defaults "
-      "(docs/results.md).\n\n"
-      "| filter | worth | take it |\n|---|---:|---|\n" +
+      "# Filters\n"
+      "\n"
+      "`brume denoise IN.exr -o OUT.exr` takes the best filter that the frame's layers allow and says which. `-f NAME "
+      "--PARAMETER VALUE`, or\n"
+      "`-f NAME:parameter=value,...`, names one; `-f A --radius 3 -f B --radius 4` runs several: what follows a filter "
+      "is its own, what stands\n"
+      "before the first `-f` goes to all. This page is written by `brume docs filters`; a test compares it with the "
+      "code.\n"
+      "\n"
+      "## Which to take\n"
+      "\n"
+      "Worth: the result is as good, by squared error at the defaults, as path tracing with this many times the "
+      "samples\n"
+      "([results.md](results.md)).\n"
+      "\n"
+      "| filter | worth | take it |\n"
+      "|---|---:|---|\n" +
       merit_table() +
-      "\n## What is common to all\n\n"
-      "- **Component**: `all`, the default of `brume denoise`, cleans the beauty; `indirect`, the default of `brume "
-      "evaluate`\n"
-      "  and the rule of the papers, cleans the `indirect` layer and adds `direct` back untouched; `apart` cleans "
-      "both, "
-      "each by\n"
-      "  itself. Filters that clean the parts apart (`transport_regression`) do so for `all`, too.\n"
-      "- **Windows**: what is cleaned is the data window: a crop has no black around it, overscan is cleaned too, and "
-      "both\n"
-      "  windows are kept.\n"
-      "- **Carried layers**: `--carry direct,indirect` filters these layers with the weights of the "
-      "beauty and\n"
-      "  stores them, so that passes which add up before the filter add up after it.\n"
-      "- **Presets**: `-f NAME:preset=paper` takes the published parameters; the defaults are what served best on\n"
-      "  clouds and smokes that no table of docs/results.md reports. Parameters given by name stand above a preset.\n"
-      "- **Noise**: variance comes from the frame's `mean_variance`; its level is corrected by the two halves, "
-      "because\n"
-      "  low-discrepancy samples vary less than it says, and no pixel is certain that its neighbours do not back.\n"
-      "  `--noise spatial` estimates it from the picture, for frames without statistics.\n"
+      "\n"
+      "## What is common to all\n"
+      "\n"
+      "- **Component**: `all`, the default of `brume denoise`, cleans the whole picture; `indirect`, the default of "
+      "`brume evaluate` and the\n"
+      "  rule of the papers, cleans the `indirect` layer and adds `direct` back untouched; `separate` cleans both, "
+      "each by itself, as\n"
+      "  `transport_regression` always does.\n"
+      "- **Windows**: the data window is cleaned, overscan included; a crop has no black around it.\n"
+      "- **Carried layers**: `--carry direct,indirect` filters these layers with the weights of the picture, so that "
+      "passes which add up\n"
+      "  before the filter add up after it.\n"
+      "- **Presets**: `-f NAME:preset=paper` takes the published parameters; the defaults were chosen on scenes that "
+      "no table of\n"
+      "  [results.md](results.md) reports. Parameters given by name stand above a preset.\n"
+      "- **Noise**: variance comes from the frame's `mean_variance`; its level is corrected by the two halves, because "
+      "low-discrepancy samples\n"
+      "  vary less than it says. `--noise spatial` estimates it from the picture, for frames without statistics.\n"
       "- **Features**: " +
       join(FeaturePlan::names()) +
-      ", made from the layers that a frame has, mapped so that the 1st to\n"
-      "  99th percentile is [0, 1]. What is absent, constant or noisier than its signal is left out, with a note;\n"
-      "  `--features` chooses; `--features guides` takes all that are made from the renderer's guides, which no filter "
-      "does by\n"
-      "  itself.\n"
-      "- **Outliers**: before the filter, single samples that outshine everything around them are limited; their "
-      "light goes\n"
-      "  to the neighbourhood, of which one sample adds no more than 3 %. What both halves show, as a lamp or a star, "
-      "is "
-      "kept\n"
-      "  as it is. `--outliers clamp` limits all fireflies that stand out of their noise, `redistribute` hands their "
-      "light to\n"
-      "  their neighbours, `keep` leaves everything; the light concerned is reported.\n"
+      ", made from the layers that a\n"
+      "  frame has and scaled so that their 1st to 99th percentile is [0, 1]. What is absent, constant or noisier than "
+      "its signal is left out,\n"
+      "  with a note. `--features` chooses; `--features guides` takes all that are made from the renderer's guides, "
+      "which no filter does unasked.\n"
+      "- **Outliers**: before the filter, single samples far brighter than everything around them are limited; their "
+      "light goes to the\n"
+      "  neighbourhood, of which one sample adds no more than 3 %. What both halves show, as a lamp or a star, is "
+      "kept. `--outliers clamp` limits\n"
+      "  all fireflies that stand out of their noise, `redistribute` hands their light to their neighbours, `keep` "
+      "leaves everything; the light\n"
+      "  concerned is reported.\n"
       "- **Background**: pixels without coverage get the bilateral filter in the filters of the gradient-kernel paper; "
-      "the\n"
-      "  others treat every pixel. `--background` says otherwise.\n"
+      "the others treat every\n"
+      "  pixel. `--background` says otherwise.\n"
       "- **Size**: a frame that needs more room than a quarter of the layers read is filtered tile by tile "
       "(`--tile`).\n"
-      "- The perceptual filters work in CIE-Lab of radiance times the frame's exposure, and average there (`average =\n"
-      "  domain`, as published, which darkens noisy pixels) or in linear light with the weights from Lab (`linear`).\n";
+      "- **Averages**: the perceptual filters work in CIE-Lab of radiance times the frame's exposure, and average "
+      "there (`average=domain`, as\n"
+      "  published, which darkens noisy pixels) or in linear light with the weights from Lab (`average=linear`).\n";
   for (const FilterEntry* e : all_filters()) {
-    text += fmt::format("\n## `{}`\n\n{}\n\nSource: {}.\n\n", e->name, e->summary, e->source);
-    for (const auto& [verb, what] : e->inputs_and_outputs()) text += fmt::format("- {} {}\n", verb, what);
-    if (!e->inputs_and_outputs().empty()) text += "\n";
-    if (!e->notes.empty()) text += e->notes + "\n\n";
+    text += fmt::format("\n## `{}`\n\n{} Source: {}.\n", e->name, e->summary, e->source);
+    if (!e->notes.empty()) text += e->notes + "\n";
+    text += "\n";
+    std::vector<std::string> facts;
+    for (const auto& [verb, what] : e->inputs_and_outputs()) facts.push_back(fmt::format("{} {}", verb, what));
+    if (!facts.empty()) text += "Layers and options: " + join(facts, "; ") + ".\n\n";
     text += "| parameter | default | range | searched when tuned | meaning |\n|---|---|---|---|---|\n";
     const FilterSettings settings(*e);
     for (const Parameter& p : e->parameters) {

@@ -89,16 +89,6 @@ void check_statistics(const FilterSettings& settings, const Layers& frame, const
             "Record it with: brume render SCENE -o OUT.exr --records OUT.records, then brume denoise OUT.exr --records "
             "OUT.records ...",
             frame)));
-  if (filter.needs_features) {
-    const auto& sources = FeaturePlan::sources();
-    const bool offered = std::any_of(sources.begin(), sources.end(), [&](const LayerName& l) { return frame.has(l); });
-    if (!offered || options.features == std::vector<std::string>{"none"})
-      throw InputError(
-          fmt::format("filter {} is guided by features ({}), and {}. Record them with: brume render SCENE -o OUT.exr "
-                      "--layers direct,indirect,transmittance,gradient,single; a filter that needs none is nl_means",
-                      filter.name, join(FeaturePlan::names()),
-                      offered ? "--features none leaves it none" : "the frame has no layer to make one from"));
-  }
   if (!options.carried.empty() && !filter.carries) {
     std::vector<std::string> able;
     for (const FilterEntry* e : all_filters())
@@ -106,8 +96,8 @@ void check_statistics(const FilterSettings& settings, const Layers& frame, const
     throw InputError(fmt::format("filter {} cannot filter other layers with the weights of one; these can: {}",
                                  filter.name, join(able)));
   }
-  if (!options.carried.empty() && options.component == Component::kApart)
-    throw InputError("carrying layers along takes one component's weights: indirect or all, not apart");
+  if (!options.carried.empty() && options.component == Component::kSeparate)
+    throw InputError("carrying layers along takes one component's weights: indirect or all, not separate");
   if (!options.carried.empty() && limits_outliers(options))
     throw InputError(
         "carried layers would keep the light that --outliers takes from what carries them; use one of both");
@@ -174,7 +164,7 @@ bool has_halves(const Layers& frame, const LayerName& signal) {
 ApplyOptions options_for(const FilterEntry& filter, const Layers& frame, const ApplyOptions& wanted) {
   ApplyOptions options = wanted;
   if (filter.parts && options.component == Component::kAll && frame.has(layer::direct) && frame.has(layer::indirect))
-    options.component = Component::kApart;
+    options.component = Component::kSeparate;
   return options;
 }
 
@@ -186,7 +176,7 @@ std::vector<LayerName> signals_of(const ApplyOptions& options) {
   switch (options.component) {
     case Component::kAll:
       return {layer::beauty};
-    case Component::kApart:
+    case Component::kSeparate:
       return {layer::indirect, layer::direct};
     default:
       return {layer::indirect};

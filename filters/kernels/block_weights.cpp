@@ -132,10 +132,9 @@ void reject_row(const Membership& t, size_t c, int y, int dx, int dy, int x0, fl
                   (t.squared_bound_there.empty() ? t.squared_bound : t.squared_bound_there)[c]->row(y + dy) + x0 + dx;
   for (int x = 0; x < n; ++x) {
     const float d = v[x] - m[x];
-    const float bound = kBound == Membership::Bound::kOwn      ? own[x]
-                        : kBound == Membership::Bound::kSum    ? own[x] + other[x]
-                        : kBound == Membership::Bound::kLarger ? larger(own[x], other[x])
-                                                               : smaller(own[x], other[x]);
+    const float bound = kBound == Membership::Bound::kOwn   ? own[x]
+                        : kBound == Membership::Bound::kSum ? own[x] + other[x]
+                                                            : larger(own[x], other[x]);
     w[x] = d * d <= bound ? w[x] : 0.0f;
   }
 }
@@ -152,9 +151,6 @@ void reject(const Membership& t, int y, int dx, int dy, int x0, float* w, int n)
         break;
       case Bound::kLarger:
         reject_row<Bound::kLarger>(t, c, y, dx, dy, x0, w, n);
-        break;
-      case Bound::kSmaller:
-        reject_row<Bound::kSmaller>(t, c, y, dx, dy, x0, w, n);
         break;
     }
   }

@@ -33,7 +33,7 @@ struct Distance {
 /// A yes-or-no test of a neighbour, channel by channel: rejected when (value(q) - centre(p))^2 is more than the bound
 /// that p and q make of `squared_bound`. All channels must pass.
 struct Membership {
-  enum class Bound { kOwn, kSum, kLarger, kSmaller } bound = Bound::kOwn;  ///< p's, p's + q's, ...
+  enum class Bound { kOwn, kSum, kLarger } bound = Bound::kOwn;  ///< p's, p's + q's, ...
   std::vector<const Plane*> value, centre, squared_bound;
   std::vector<const Plane*> squared_bound_there;  ///< q's, where it is in another frame; empty: as of p
 };

@@ -64,12 +64,6 @@ void ShrinkRow(Shrink rule, float strength, float gain, const float* HWY_RESTRIC
     case Shrink::kSoft:
       for (int x = 0; x < width; ++x) sum[x] += shrunk(fine[x] - coarse[x], strength * std::sqrt(gain * variance[x]));
       break;
-    case Shrink::kWiener:
-      for (int x = 0; x < width; ++x) {
-        const float w = fine[x] - coarse[x], noise = strength * strength * gain * variance[x];
-        sum[x] += w * w > noise ? w * (1 - noise / (w * w)) : 0.0f;
-      }
-      break;
     case Shrink::kBayes:
       for (int x = 0; x < width; ++x) {
         const float w = fine[x] - coarse[x], noise = gain * variance[x], signal = larger(0.0f, energy[x] - noise);

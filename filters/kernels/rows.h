@@ -17,9 +17,8 @@ void median9_row(const float* above, const float* row, const float* below, float
 
 /// What is kept of a wavelet's detail w whose noise has the variance V.
 enum class Shrink {
-  kSoft,    ///< |w| - c sqrt(V)
-  kWiener,  ///< w (1 - c^2 V / w^2)
-  kBayes,   ///< |w| - c V / sqrt(energy - V)
+  kSoft,   ///< |w| - c sqrt(V)
+  kBayes,  ///< |w| - c V / sqrt(energy - V)
 };
 /// sum[x] += what is kept of fine[x] - coarse[x], V being gain * variance[x].
 /// @param energy  mean of w^2 around x; read by kBayes alone

@@ -100,7 +100,7 @@ void run(const ATrous& p, const FilterFrame& frame, const FilterOutput& out, con
 
 const FilterEntry entry =
     declare<ATrous>("a_trous", "Edge-avoiding a-trous wavelets: a few sparse 5 x 5 passes that stop at edges.")
-        .merit(3.6, "for previews of large frames: few taps, wide reach")
+        .merit(3.6, "for previews of large frames: few taps, wide windows")
         .source("Dammertz, Sewtz, Hanika and Lensch 2010; media features in place of normal and position")
         .notes(
             "Level i spreads its 25 taps 2^i pixels apart; the colour term tightens and the direction term widens by 2 "

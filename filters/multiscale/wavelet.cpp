@@ -114,18 +114,15 @@ const FilterEntry entry =
             "undecimated B3-spline wavelets (Starck and Murtagh 1994) shrunk in the spirit of Overbeck, Donner and "
             "Ramamoorthi 2009, Adaptive Wavelet Rendering, which takes one standard deviation off")
         .notes(
-            "Each band's noise follows from the variance of the pixels and the band's impulse response. With `soft` "
-            "and "
-            "`wiener`, `strength=0` gives the input back; `bayes` drops bands whose energy the noise explains. Results "
+            "Each band's noise follows from the variance of the pixels and the band's impulse response. With `soft`, "
+            "`strength=0` gives the input back; `bayes` drops bands whose energy the noise explains. Results "
             "can be negative beside bright edges; they are left so.")
         .paper("shrink=soft")
         .statistics(Statistics::kVariance)
         .param("scales", &Wavelet::scales, {1, 8}, "", "bands; the rest stays as it is", {3, 4, 5})
         .param("strength", &Wavelet::strength, {0, 100}, "deviations", "c, of the threshold", {0.7, 1, 1.5, 2, 3})
-        .param("shrink", &Wavelet::shrink, {"soft", "wiener", "bayes"},
-               "soft: |w| - c sigma; wiener: 1 - c^2 sigma^2 / w^2; bayes: threshold sigma^2 over the band's local "
-               "signal",
-               {"soft", "wiener", "bayes"})
+        .param("shrink", &Wavelet::shrink, {"soft", "bayes"},
+               "soft: |w| - c sigma; bayes: threshold sigma^2 over the band's local signal", {"soft", "bayes"})
         .scratch(14)
         .apron([](const Wavelet& p) { return 2 * ((1 << p.scales) - 1) + 3; })
         .run(run);

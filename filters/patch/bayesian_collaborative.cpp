@@ -359,11 +359,24 @@ class Collaboration {
       done_(centre.x, centre.y) = 1;
       return;
     }
+    const Matrix noise = noise_of(similar);
+    const Patches first = shrunk(patches, mean, covariance_of(patches, mean) - noise, noise);
+    // The second step takes the first's result for the signal.
+    const Patch second_mean = first.rowwise().mean();
+    const Patches second = shrunk(patches, second_mean, covariance_of(first, second_mean), noise);
+    for (Eigen::Index i = 0; i < n; ++i) {
+      add(similar[static_cast<size_t>(i)], second.col(i));
+      done_(similar[static_cast<size_t>(i)].x, similar[static_cast<size_t>(i)].y) = 1;
+    }
+  }
+
+  /// Mean covariance of the noise of some patches: pixels are independent, their channels are not.
+  Matrix noise_of(const std::vector<ivec2>& similar) const {
     Matrix noise = Matrix::Zero();
     for (const ivec2& q : similar)
       for (int k = 0; k < kPatchPixels; ++k) {
         const int x = q.x + k % 3 - 1, y = q.y + k / 3 - 1, at = 3 * k;
-        const auto cov = [&](size_t i) { return s_.covariance[i](x, y) / static_cast<float>(n); };
+        const auto cov = [&](size_t i) { return s_.covariance[i](x, y) / static_cast<float>(similar.size()); };
         noise(at, at) += cov(0);
         noise(at + 1, at + 1) += cov(1);
         noise(at + 2, at + 2) += cov(2);
@@ -375,14 +388,7 @@ class Collaboration {
         noise(at, at + 1) += rg;
         noise(at + 1, at) += rg;
       }
-    const Patches first = shrunk(patches, mean, covariance_of(patches, mean) - noise, noise);
-    // The second step takes the first's result for the signal.
-    const Patch second_mean = first.rowwise().mean();
-    const Patches second = shrunk(patches, second_mean, covariance_of(first, second_mean), noise);
-    for (Eigen::Index i = 0; i < n; ++i) {
-      add(similar[static_cast<size_t>(i)], second.col(i));
-      done_(similar[static_cast<size_t>(i)].x, similar[static_cast<size_t>(i)].y) = 1;
-    }
+    return noise;
   }
 
   Patch patch_at(ivec2 q) const {

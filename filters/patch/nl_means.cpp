@@ -25,7 +25,7 @@ void run(const NlMeans& p, const FilterFrame& frame, const FilterOutput& out, co
                frame.layers));
   const FeatureDistances features(*frame.features, p.feature_strength, kFeatureFloor, task);
   const std::vector<Offset> window = square_window(p.search_radius);
-  const auto frame_at = [&](size_t i) -> const FilterFrame& { return i == 0 ? frame : *frame.nearby[i - 1].frame; };
+  const auto frame_at = [&](size_t i) -> const FilterFrame& { return i == 0 ? frame : *frame.nearby[i - 1]; };
   // Over the frame to clean and those nearby; `noisy` and `values` say which pictures of a frame.
   const auto average = [&](const auto& noisy, const auto& values, const Task& part) {
     std::vector<Slice> slices;

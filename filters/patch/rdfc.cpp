@@ -63,44 +63,49 @@ std::vector<Feature> cleaned(const std::vector<Feature>& features, const Task& t
   return out;
 }
 
-void run(const Rdfc& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
-  const int width = frame.width(), height = frame.height();
-  const std::vector<Feature> features = cleaned(*frame.features, task);
-  const FeatureDistances coarse(features, p.feature_strength, kTau, task),
-      fine(features, p.feature_strength, kFineTau, task);
-  const std::vector<Offset> window = square_window(p.search_radius);
-  task.report(0.15);
+/// The candidates that compete; without features those with and without them are the same.
+std::vector<Candidate> candidates_of(const Rdfc& p, bool features) {
+  if (p.candidates == Candidates::kPublished || !features)
+    return {std::begin(kPublished), std::end(kPublished) - (features ? 0 : 1)};
+  return {std::begin(kWithColor), std::end(kWithColor)};
+}
 
+/// Distances of features with both tolerances.
+struct FeatureModels {
+  FeatureDistances coarse, fine;
+};
+
+/// Each candidate's halves, and its error at every pixel by Stein's risk.
+struct Tried {
+  std::vector<HalfPair> halves;
+  std::vector<Plane> errors;
+};
+
+Tried try_candidates(const Rdfc& p, const FilterFrame& frame, const FeatureModels& features, bool any_features,
+                     const Task& task) {
   const auto model_of = [&](const Candidate& candidate, const RgbPlanes& guide) {
     WeightModel model;
     model.join = WeightModel::Join::kLargest;
     if (candidate.patch_radius >= 0)
       model.distances.push_back(noise_distance(guide, frame.variance, candidate.patch_radius, p.strength));
-    if (candidate.tau > 0) (candidate.tau == kTau ? coarse : fine).add_to(model);
+    if (candidate.tau > 0) (candidate.tau == kTau ? features.coarse : features.fine).add_to(model);
     return model;
   };
+  const std::vector<Offset> window = square_window(p.search_radius);
   const Nudged other = nudged(frame.signal, frame.variance, frame.origin, task);
-
   const float dark = 1e-6f / static_cast<float>(frame.exposure * frame.exposure);
-  std::vector<HalfPair> candidates;
-  std::vector<Plane> errors;
-  // Without features the candidates with and without them are the same.
-  std::vector<Candidate> tried;
-  if (p.candidates == Candidates::kPublished || features.empty())
-    tried.assign(std::begin(kPublished), std::end(kPublished) - (features.empty() ? 1 : 0));
-  else
-    tried.assign(std::begin(kWithColor), std::end(kWithColor));
-  double done = 0.15;
-  const double step = 0.6 / static_cast<double>(tried.size());
-  for (const Candidate& candidate : tried) {
-    const std::vector<const Plane*> halves = {frame.half_a[0], frame.half_a[1], frame.half_a[2],
-                                              frame.half_b[0], frame.half_b[1], frame.half_b[2]};
-    Averages f =
-        weighted_average(model_of(candidate, frame.signal), window, halves, share(task, done, done + 0.6 * step));
-    const Averages g = weighted_average(model_of(candidate, view(other.picture)), window, view(other.picture),
-                                        share(task, done + 0.6 * step, done + step));
-    done += step;
-    errors.push_back(make_plane(width, height, quiet(task), [&](int x, int y) {
+  const std::vector<Candidate> candidates = candidates_of(p, any_features);
+  const std::vector<const Plane*> halves = {frame.half_a[0], frame.half_a[1], frame.half_a[2],
+                                            frame.half_b[0], frame.half_b[1], frame.half_b[2]};
+  Tried tried;
+  const double step = 1 / static_cast<double>(candidates.size());
+  for (size_t i = 0; i < candidates.size(); ++i) {
+    const double begin = static_cast<double>(i) * step;
+    Averages f = weighted_average(model_of(candidates[i], frame.signal), window, halves,
+                                  share(task, begin, begin + 0.6 * step));
+    const Averages g = weighted_average(model_of(candidates[i], view(other.picture)), window, view(other.picture),
+                                        share(task, begin + 0.6 * step, begin + step));
+    tried.errors.push_back(make_plane(frame.width(), frame.height(), quiet(task), [&](int x, int y) {
       float sum = 0;
       for (size_t c = 0; c < 3; ++c) {
         const float v = (*frame.variance[c])(x, y), clean = 0.5f * (f.values[c](x, y) + f.values[c + 3](x, y));
@@ -110,24 +115,36 @@ void run(const Rdfc& p, const FilterFrame& frame, const FilterOutput& out, const
       }
       return sum;
     }));
-    HalfPair pair;
+    HalfPair& pair = tried.halves.emplace_back();
     for (size_t c = 0; c < 3; ++c) {
       pair.a[c] = std::move(f.values[c]);
       pair.b[c] = std::move(f.values[c + 3]);
     }
-    candidates.push_back(std::move(pair));
   }
-  // Error maps, then the maps of the winners, smoothed with weights from the picture.
+  return tried;
+}
+
+/// Error maps, then the maps of the winners, smoothed with weights from the picture.
+HalfPair best_of(const FilterFrame& frame, const Tried& tried, const Task& task) {
   WeightModel guide;
   guide.distances.push_back(noise_distance(frame.signal, frame.variance, kFeaturePatch, kFeatureStrength));
-  errors = weighted_average(guide, square_window(1), pointers(errors), quiet(task)).values;
+  const std::vector<Plane> errors =
+      weighted_average(guide, square_window(1), pointers(tried.errors), quiet(task)).values;
   const std::vector<Plane> won = winners(errors, task);
   const std::vector<Plane> maps =
       weighted_average(guide, square_window(kFeatureSearch), pointers(won), quiet(task)).values;
-  const HalfPair chosen = blend(candidates, maps, task);
+  return blend(tried.halves, maps, task);
+}
+
+void run(const Rdfc& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
+  const std::vector<Feature> features = cleaned(*frame.features, task);
+  const FeatureModels models{{features, p.feature_strength, kTau, task}, {features, p.feature_strength, kFineTau, task}};
+  task.report(0.15);
+  const HalfPair chosen =
+      best_of(frame, try_candidates(p, frame, models, !features.empty(), share(task, 0.15, 0.75)), task);
   Rgb mean, residual;
   for (size_t c = 0; c < 3; ++c) {
-    mean[c] = make_plane(width, height, quiet(task),
+    mean[c] = make_plane(frame.width(), frame.height(), quiet(task),
                          [&](int x, int y) { return 0.5f * (chosen.a[c](x, y) + chosen.b[c](x, y)); });
     residual[c] = halves_noise(chosen.a[c], chosen.b[c], task);
   }
@@ -141,7 +158,7 @@ void run(const Rdfc& p, const FilterFrame& frame, const FilterOutput& out, const
   WeightModel model;
   model.join = WeightModel::Join::kLargest;
   model.distances.push_back(noise_distance(view(mean), view(residual), kFeaturePatch, p.strength));
-  if (p.candidates == Candidates::kPublished) fine.add_to(model);
+  if (p.candidates == Candidates::kPublished) models.fine.add_to(model);
   std::vector<Plane> clean =
       weighted_average(model, square_window(p.search_radius / 2), view(mean), share(task, 0.8, 1)).values;
   for (size_t c = 0; c < 3; ++c) *out[c] = std::move(clean[c]);

@@ -14,7 +14,7 @@
 namespace brume {
 namespace {
 
-enum class Formulas { kPaper, kTechReport, kRelease };
+enum class Formulas { kPaper, kTechReport };
 enum class Information { kLiteral, kCorrected };
 
 struct RandomParameter {
@@ -25,10 +25,8 @@ struct RandomParameter {
   int keep_energy = 1;
 };
 
-// The released program cuts samples off here, white being 1.
-constexpr float kReleaseLimit = 10;
 constexpr int kPasses = 4;
-constexpr std::array<int, kPasses> kBlocks = {55, 35, 17, 7}, kReleaseBlocks = {45, 30, 15, 5};
+constexpr std::array<int, kPasses> kBlocks = {55, 35, 17, 7};
 // Lanes of the kernel: of pixels with more samples, groups are averaged first.
 constexpr int kMostSamples = 16;
 // Fewer samples in a neighbourhood say nothing about dependence.
@@ -212,32 +210,121 @@ struct Importance {
   double color_noise = 0;  // share of the colour that random parameters explain
 };
 
+/// Which columns of a store are of each kind: the colour stands before them.
+struct Kinds {
+  std::vector<size_t> features, parameters, positions;
+
+  explicit Kinds(const Columns& columns) {
+    for (size_t i = 0; i < columns.list().size(); ++i) {
+      const Kind kind = columns.list()[i].kind;
+      (kind == Kind::kFeature ? features : kind == Kind::kParameter ? parameters : positions).push_back(3 + i);
+    }
+  }
+};
+
+/// The samples of a neighbourhood, the pixel's own first: records side by side, each with its colour behind.
+struct Neighborhood {
+  std::vector<float> data;
+  size_t count = 0, width = 0;
+  std::vector<const float*> drawn, colors;  // what was drawn, of which some belong to it
+  const float* row(size_t i) const { return data.data() + i * width; }
+};
+
+/// Mean of each column over a neighbourhood, and the inverse of its deviation; 0: it is constant.
+struct Scales {
+  std::vector<float> mean, inverse;
+
+  Scales(const Neighborhood& hood, size_t columns) : mean(columns), inverse(columns) {
+    std::vector<double> sum(columns), squares(columns);
+    kernels::column_moments(hood.data.data(), hood.count, hood.width, columns, sum.data(), squares.data());
+    const double n = static_cast<double>(hood.count);
+    for (size_t k = 0; k < columns; ++k) {
+      mean[k] = static_cast<float>(hood.row(0)[k] + sum[k] / n);
+      const double deviation = std::sqrt(std::max(0.0, squares[k] / n - sum[k] * sum[k] / (n * n)));
+      inverse[k] = deviation > 1e-8 ? static_cast<float>(1 / deviation) : 0.0f;
+    }
+  }
+};
+
+/// Dependences are measured within the neighbourhood.
+Importance importance(const RandomParameter& p, const Kinds& kinds, const Neighborhood& hood, const Scales& scales,
+                      int pass) {
+  const bool corrected = p.information == Information::kCorrected;
+  const size_t n = std::min(hood.count, static_cast<size_t>(p.information_samples));
+  MutualInformation mi(n);
+  std::vector<float> column(n);
+  const auto add = [&](size_t at) {
+    for (size_t i = 0; i < n; ++i) column[i] = (hood.row(i)[at] - scales.mean[at]) * scales.inverse[at];
+    return mi.add(column);
+  };
+  std::vector<size_t> c, f, r, q;
+  for (size_t k = 0; k < 3; ++k) c.push_back(add(k));
+  for (const size_t at : kinds.features) f.push_back(add(at));
+  for (const size_t at : kinds.parameters) r.push_back(add(at));
+  for (const size_t at : kinds.positions) q.push_back(add(at));
+  // Sums over the columns of a kind; corrected ones are means, so that many parameters do not outvote two positions.
+  const auto depends = [&](size_t a, const std::vector<size_t>& on) {
+    double sum = 0;
+    for (const size_t b : on) sum += mi(a, b, corrected);
+    return corrected && !on.empty() ? sum / static_cast<double>(on.size()) : sum;
+  };
+  constexpr double kEps = 1e-10;
+  const double growth = p.formulas == Formulas::kPaper ? 1 : 1 + 0.1 * pass;
+  Importance out;
+  double color_r = 0, color_p = 0;
+  for (size_t k = 0; k < 3; ++k) {
+    const double dr = depends(c[k], r), dp = depends(c[k], q);
+    color_r += dr;
+    color_p += dp;
+    out.alpha[k] = std::max(0.0, 1 - growth * dr / (dr + dp + kEps));
+  }
+  std::vector<double> color_f;
+  double all_f = 0;
+  for (size_t k = 0; k < f.size(); ++k) {
+    double sum = 0;
+    for (const size_t a : c) sum += mi(a, f[k], corrected);
+    color_f.push_back(sum);
+    all_f += sum;
+  }
+  if (corrected && !f.empty()) all_f /= static_cast<double>(f.size());
+  for (size_t k = 0; k < f.size(); ++k) {
+    const double dr = depends(f[k], r), dp = depends(f[k], q);
+    const double by_color = color_f[k] / (color_r + color_p + all_f + kEps);
+    out.beta.push_back(by_color * std::max(0.0, 1 - growth * dr / (dr + dp + kEps)));
+  }
+  out.color_noise = color_r / (color_r + color_p + kEps);
+  return out;
+}
+
+/// Samples more than a deviation from the pixel's mean become the mean; what light that takes is given back to all.
+void limit_spikes(std::span<vec3> colors, bool keep_energy) {
+  if (colors.size() < 2) return;
+  const double n = static_cast<double>(colors.size());
+  dvec3 mean(0);
+  for (const vec3& c : colors) mean += dvec3(c) / n;
+  double squares = 0;
+  for (const vec3& c : colors) squares += glm::dot(dvec3(c) - mean, dvec3(c) - mean);
+  const double deviation = std::sqrt(squares / (n - 1));
+  dvec3 after(0);
+  for (vec3& c : colors) {
+    if (glm::distance(dvec3(c), mean) > deviation) c = vec3(mean);
+    after += dvec3(c) / n;
+  }
+  if (keep_energy)
+    for (vec3& c : colors) c += vec3(mean - after);
+}
+
 class Filter {
  public:
   /// @param frames  of a sequence in their order; the `own`-th is to be cleaned
   Filter(const RandomParameter& p, const std::vector<const FilterFrame*>& frames, size_t own, const Task& task)
-      : p_(p), frame_(*frames[own]), own_(own), columns_(*frame_.records) {
-    for (size_t i = 0; i < columns_.list().size(); ++i) {
-      const size_t at = 3 + i;
-      switch (columns_.list()[i].kind) {
-        case Kind::kFeature:
-          features_.push_back(at);
-          break;
-        case Kind::kParameter:
-          parameters_.push_back(at);
-          break;
-        default:
-          positions_.push_back(at);
-      }
-    }
+      : p_(p), frame_(*frames[own]), own_(own), columns_(*frame_.records), kinds_(columns_) {
     for (const FilterFrame* f : frames) {
       stores_.emplace_back(*f, columns_);
       const Store& store = stores_.back();
       std::vector<float>& color = current_.emplace_back(store.count() * 3);
-      const float limit = p_.formulas == Formulas::kRelease ? kReleaseLimit / static_cast<float>(frame_.exposure)
-                                                            : std::numeric_limits<float>::infinity();
       for (size_t i = 0; i < store.count(); ++i)
-        for (size_t c = 0; c < 3; ++c) color[3 * i + c] = std::min(store.sample(i)[c], limit);
+        for (size_t c = 0; c < 3; ++c) color[3 * i + c] = store.sample(i)[c];
     }
     next_ = current_;
     around_.resize(frames.size());
@@ -246,7 +333,7 @@ class Filter {
       for (const size_t g : {f - 1, f + 1})
         if (g < frames.size())
           around_[f].push_back(
-              {g, best_matches(stores_[f], stores_[g], {frame_.width(), frame_.height()}, features_, task)});
+              {g, best_matches(stores_[f], stores_[g], {frame_.width(), frame_.height()}, kinds_.features, task)});
     }
     for (int pass = 0; pass < kPasses; ++pass) draw_places(pass);
   }
@@ -285,9 +372,8 @@ class Filter {
 
   /// Side of a pass's blocks [px]: with frames before and after smaller, so that the block holds as many samples.
   int block(int pass) const {
-    const int published = (p_.formulas == Formulas::kRelease ? kReleaseBlocks : kBlocks)[static_cast<size_t>(pass)];
     const double frames = static_cast<double>(std::min<size_t>(stores_.size(), 3));
-    return std::max(3, static_cast<int>(published / std::sqrt(frames)) | 1);
+    return std::max(3, static_cast<int>(kBlocks[static_cast<size_t>(pass)] / std::sqrt(frames)) | 1);
   }
 
   /// Places of neighbours, from a Gaussian of a quarter of the block, inside the block and not the pixel itself: one
@@ -307,38 +393,28 @@ class Filter {
   /// Mean and deviation of the features over the pixel's own samples; of a pixel with one, over its 3 x 3.
   void own_statistics(const Store& own, int x, int y, std::vector<float>& mean, std::vector<float>& deviation) const {
     const int reach = own.samples() > 1 ? 0 : 1;
-    mean.assign(features_.size(), 0.0f);
-    deviation.assign(features_.size(), 0.0f);
+    mean.assign(kinds_.features.size(), 0.0f);
+    deviation.assign(kinds_.features.size(), 0.0f);
     std::vector<const float*> rows;
     for (int qy = std::max(0, y - reach); qy <= std::min(frame_.height() - 1, y + reach); ++qy)
       for (int qx = std::max(0, x - reach); qx <= std::min(frame_.width() - 1, x + reach); ++qx)
         for (int s = 0; s < own.samples(); ++s) rows.push_back(own.sample(qx, qy, s));
-    for (size_t k = 0; k < features_.size(); ++k) {
+    for (size_t k = 0; k < kinds_.features.size(); ++k) {
       double sum = 0, squares = 0;
-      for (const float* row : rows) sum += row[features_[k]];
+      for (const float* row : rows) sum += row[kinds_.features[k]];
       const double m = sum / static_cast<double>(rows.size());
-      for (const float* row : rows) squares += (row[features_[k]] - m) * (row[features_[k]] - m);
+      for (const float* row : rows) squares += (row[kinds_.features[k]] - m) * (row[kinds_.features[k]] - m);
       mean[k] = static_cast<float>(m);
       deviation[k] = static_cast<float>(std::sqrt(squares / static_cast<double>(std::max<size_t>(rows.size() - 1, 1))));
     }
   }
 
-  /// The samples of a neighbourhood, the pixel's own first: records side by side, each with its colour behind.
-  struct Neighborhood {
-    std::vector<float> data;
-    size_t count = 0, width = 0;
-    std::vector<const float*> drawn, colors;  // what was drawn, of which some belong to it
-    const float* row(size_t i) const { return data.data() + i * width; }
-  };
-
   /// The pixel's samples, then samples of its surroundings drawn from a Gaussian of a quarter of the block, in this
   /// frame and in those before and after, as far as their features lie within three deviations of the pixel's own.
   void gather(size_t frame, int x, int y, int pass, Neighborhood& n) const {
     const Store& own = stores_[frame];
-    const bool release = p_.formulas == Formulas::kRelease;
-    const int side = (release ? kReleaseBlocks : kBlocks)[static_cast<size_t>(pass)], s = own.samples();
-    const int share = release && pass < 2 ? 3 : 2;
-    const int most = std::min(side * side * s / share, p_.largest_neighborhood);
+    const int side = kBlocks[static_cast<size_t>(pass)], s = own.samples();
+    const int most = std::min(side * side * s / 2, p_.largest_neighborhood);
     std::vector<float> mean, deviation;
     own_statistics(own, x, y, mean, deviation);
     const auto take = [&](size_t f, int qx, int qy, int k) {
@@ -350,9 +426,9 @@ class Filter {
     n.colors.clear();
     for (int k = 0; k < s; ++k) take(frame, x, y, k);
     const int gx = x + frame_.origin.x, gy = y + frame_.origin.y;
-    std::vector<float> low(features_.size()), high(features_.size());
-    for (size_t k = 0; k < features_.size(); ++k) {
-      const float times = columns_.list()[features_[k] - 3].is_place ? kPositionDeviations : kClusterDeviations;
+    std::vector<float> low(kinds_.features.size()), high(kinds_.features.size());
+    for (size_t k = 0; k < kinds_.features.size(); ++k) {
+      const float times = columns_.list()[kinds_.features[k] - 3].is_place ? kPositionDeviations : kClusterDeviations;
       // Where both the deviation and the difference are small, the difference is forgiven.
       const float width = std::max(times * deviation[k], deviation[k] < kClusterFloor ? kClusterFloor : 0.0f);
       low[k] = mean[k] - width;
@@ -379,58 +455,8 @@ class Filter {
     n.width = own.stride() + 4;
     n.data.resize(n.drawn.size() * n.width);
     n.count = kernels::collect_records(n.drawn, n.colors, static_cast<size_t>(s), own.stride(),
-                                       {3, features_.size(), low.data(), high.data()},  // features follow the colour
+                                       {3, kinds_.features.size(), low.data(), high.data()},  // features follow the colour
                                        n.data.data(), n.width);
-  }
-
-  Importance importance(const Neighborhood& hood, const std::vector<float>& mean, const std::vector<float>& inverse,
-                        int pass) const {
-    const bool corrected = p_.information == Information::kCorrected;
-    const size_t n = std::min(hood.count, static_cast<size_t>(p_.information_samples));
-    MutualInformation mi(n);
-    std::vector<float> column(n);
-    const auto add = [&](size_t at) {
-      for (size_t i = 0; i < n; ++i) column[i] = (hood.row(i)[at] - mean[at]) * inverse[at];
-      return mi.add(column);
-    };
-    std::vector<size_t> c, f, r, q;
-    for (size_t k = 0; k < 3; ++k) c.push_back(add(k));
-    for (const size_t at : features_) f.push_back(add(at));
-    for (const size_t at : parameters_) r.push_back(add(at));
-    for (const size_t at : positions_) q.push_back(add(at));
-    // Sums over the columns of a kind; corrected ones are means, so that many parameters do not outvote two positions.
-    const auto depends = [&](size_t a, const std::vector<size_t>& on) {
-      double sum = 0;
-      for (const size_t b : on) sum += mi(a, b, corrected);
-      return corrected && !on.empty() ? sum / static_cast<double>(on.size()) : sum;
-    };
-    constexpr double kEps = 1e-10;
-    const bool release = p_.formulas == Formulas::kRelease;
-    const double growth = p_.formulas == Formulas::kPaper ? 1 : release ? 1 + 0.3 + 0.05 * pass : 1 + 0.1 * pass;
-    Importance out;
-    double color_r = 0, color_p = 0;
-    for (size_t k = 0; k < 3; ++k) {
-      const double dr = depends(c[k], r), dp = depends(c[k], q);
-      color_r += dr;
-      color_p += dp;
-      out.alpha[k] = std::max(0.0, 1 - (release ? 4 : 1) * growth * dr / (dr + dp + kEps));
-    }
-    std::vector<double> color_f;
-    double all_f = 0;
-    for (size_t k = 0; k < f.size(); ++k) {
-      double sum = 0;
-      for (const size_t a : c) sum += mi(a, f[k], corrected);
-      color_f.push_back(sum);
-      all_f += sum;
-    }
-    if (corrected && !f.empty()) all_f /= static_cast<double>(f.size());
-    for (size_t k = 0; k < f.size(); ++k) {
-      const double dr = depends(f[k], r), dp = depends(f[k], q);
-      const double by_color = color_f[k] / (color_r + color_p + all_f + kEps);
-      out.beta.push_back(by_color * std::max(0.0, 1 - growth * dr / (dr + dp + kEps)));
-    }
-    out.color_noise = color_r / (color_r + color_p + kEps);
-    return out;
   }
 
   void filter_pixel(size_t frame, int x, int y, int pass) {
@@ -441,54 +467,26 @@ class Filter {
       for (int k = 0; k < s; ++k) store(frame, x, y, k, color(frame, x, y, k));
       return;
     }
-    const size_t columns = 3 + columns_.list().size();
-    std::vector<float> mean(columns), inverse(columns);
-    std::vector<double> sum(columns), squares(columns);
-    const float* const first = hood.row(0);
-    kernels::column_moments(hood.data.data(), hood.count, hood.width, columns, sum.data(), squares.data());
-    const double n = static_cast<double>(hood.count);
-    for (size_t k = 0; k < columns; ++k) {
-      mean[k] = static_cast<float>(first[k] + sum[k] / n);
-      const double deviation = std::sqrt(std::max(0.0, squares[k] / n - sum[k] * sum[k] / (n * n)));
-      inverse[k] = deviation > 1e-8 ? static_cast<float>(1 / deviation) : 0.0f;
-    }
-    const Importance w = importance(hood, mean, inverse, pass);
+    const Scales scales(hood, 3 + columns_.list().size());
+    const Importance w = importance(p_, kinds_, hood, scales, pass);
     // w_ij = exp(-(1 - W_c^r)^2 / (2 sigma^2) [sum alpha dc^2 + sum beta df^2]), sigma^2 = 8 sigma_8^2 / s. Samples
     // that were averaged in groups count as one of their group's size.
     const double sigma2 = 8.0 * static_cast<double>(p_.variance) / (s * stores_[frame].group());
     const double factor = (1 - w.color_noise) * (1 - w.color_noise) / (2 * sigma2);
     std::vector<kernels::ScaledComponent> components;
     const auto use = [&](size_t at, double share) {
-      const float scale = static_cast<float>(std::sqrt(factor * share)) * inverse[at];
+      const float scale = static_cast<float>(std::sqrt(factor * share)) * scales.inverse[at];
       if (scale > 0) components.push_back({static_cast<int>(at), scale});
     };
     for (size_t k = 0; k < 3; ++k) use(k, w.alpha[k]);
-    for (size_t k = 0; k < features_.size(); ++k) use(features_[k], w.beta[k]);
+    for (size_t k = 0; k < kinds_.features.size(); ++k) use(kinds_.features[k], w.beta[k]);
     float sums[4][16];
     kernels::filter_samples(hood.data.data(), static_cast<size_t>(s), hood.count, hood.width, stores_[frame].stride(),
                             components, sums);
     std::array<vec3, kMostSamples> result;
     for (int k = 0; k < s; ++k) result[static_cast<size_t>(k)] = vec3(sums[1][k], sums[2][k], sums[3][k]) / sums[0][k];
-    limit_spikes({result.data(), static_cast<size_t>(s)});
+    limit_spikes({result.data(), static_cast<size_t>(s)}, p_.keep_energy != 0);
     for (int k = 0; k < s; ++k) store(frame, x, y, k, result[static_cast<size_t>(k)]);
-  }
-
-  /// Samples more than a deviation from the pixel's mean become the mean; what light that takes is given back to all.
-  void limit_spikes(std::span<vec3> colors) const {
-    if (colors.size() < 2) return;
-    const double n = static_cast<double>(colors.size());
-    dvec3 mean(0);
-    for (const vec3& c : colors) mean += dvec3(c) / n;
-    double squares = 0;
-    for (const vec3& c : colors) squares += glm::dot(dvec3(c) - mean, dvec3(c) - mean);
-    const double deviation = std::sqrt(squares / (n - 1));
-    dvec3 after(0);
-    for (vec3& c : colors) {
-      if (glm::distance(dvec3(c), mean) > deviation) c = vec3(mean);
-      after += dvec3(c) / n;
-    }
-    if (p_.keep_energy)
-      for (vec3& c : colors) c += vec3(mean - after);
   }
 
   void store(size_t frame, int x, int y, int s, const vec3& c) {
@@ -508,21 +506,17 @@ class Filter {
   const FilterFrame& frame_;
   size_t own_;
   Columns columns_;
+  Kinds kinds_;
   std::vector<Store> stores_;                              // of each frame
   std::vector<std::vector<Around>> around_;                // of each frame, itself first
-  std::vector<size_t> features_, parameters_, positions_;  // columns of each kind
   std::vector<std::vector<float>> current_, next_;         // colours of every sample, of each frame
   static constexpr size_t kDraws = 1 << 16;
   std::array<std::vector<ivec2>, kPasses> draws_;
 };
 
 void run(const RandomParameter& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
-  std::vector<const FilterFrame*> frames;
-  size_t own = 0;
-  for (const NearbyFrame& f : in_order(frame)) {
-    if (f.distance == 0) own = frames.size();
-    frames.push_back(f.frame);
-  }
+  const std::vector<const FilterFrame*> frames = in_order(frame);
+  const auto own = static_cast<size_t>(std::find(frames.begin(), frames.end(), &frame) - frames.begin());
   Filter filter(p, frames, own, task);
   filter.run(task);
   for (int y = 0; y < frame.height(); ++y)
@@ -539,17 +533,15 @@ const FilterEntry entry =
         "the random parameters.")
         .merit(0.9, "to compare with, on frames with `--records`")
         .source(
-            "Sen and Darabi 2012, On filtering the noise from the random parameters in Monte Carlo rendering; presets "
-            "of its technical report and of the authors' later program")
+            "Sen and Darabi 2012, On filtering the noise from the random parameters in Monte Carlo rendering; and its "
+            "technical report")
         .notes(
             "For media the random parameters are flights (as the share of light they outlive), directions, the sampled "
             "light and its point, lens and time; features are positions, density gradients, albedo, density, the "
             "shadow "
             "ray's transmittance and the surface normal. `paper`: alpha = 1 - W; `techreport`: 1 - (1 + 0.1 t) W, the "
-            "report's further factor of 2 being held for a slip by both who re-implemented it; `release`: 1 - 4 (1.3 + "
-            "0.05 t) W, smaller blocks. `information=corrected` takes off what independent parameters have by chance "
-            "and "
-            "compares means, not sums, because a dozen parameters would outvote two positions by their bias alone. "
+            "report's further factor of 2 being held for a slip by both who re-implemented it. "
+            "`information=corrected` takes off what independent parameters have by chance and compares means, not sums, because a dozen parameters would outvote two positions by their bias alone. "
             "Pixels with more than 16 samples average them in groups first. Cost grows with the square of the samples. "
             "Blocks reach into the frames before and after, where they lie around the pixel whose features are most "
             "alike within 7 x 7 (section 6.4), and are smaller in return; all frames given are filtered pass by pass.")
@@ -558,9 +550,7 @@ const FilterEntry entry =
         .sequences()
         .paper("formulas=paper,information=literal")
         .preset("techreport", "as in its technical report", "information=literal")
-        .preset("release", "as in the authors' later program", "formulas=release,information=literal")
-        .param("formulas", &RandomParameter::formulas, {"paper", "techreport", "release"}, "whose formulas and blocks",
-               {"paper", "techreport", "release"})
+        .param("formulas", &RandomParameter::formulas, {"paper", "techreport"}, "whose formulas", {"paper", "techreport"})
         .param("variance", &RandomParameter::variance, {1e-6, 100}, "1",
                "sigma_8^2, at eight samples per pixel; 0.02 for noisy scenes, 0.002 otherwise", {0.002, 0.02, 0.2})
         .param("largest-neighborhood", &RandomParameter::largest_neighborhood, {50, 100000}, "samples",

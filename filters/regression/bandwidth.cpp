@@ -25,26 +25,17 @@ class Line {
 
 }  // namespace
 
-double best_pixel_width(const WidthTrials& t, double smallest, double largest, bool literal) {
+double best_pixel_width(const WidthTrials& t, double smallest, double largest) {
   Line bias, variance;
   for (size_t i = 0; i < t.widths.size(); ++i) {
     const double a2 = t.widths[i] * t.widths[i];
     bias.add(a2, t.biases[i]);
-    // A kernel of a tenth of a pixel is a point: its regressor would decide alone.
-    if (literal || t.widths[i] >= 0.5) variance.add(1 / a2, t.samples * t.variances[i]);
+    variance.add(1 / a2, t.samples * t.variances[i]);
   }
-  const double b1 = bias.slope(), b0 = bias.at_zero(), v1 = variance.slope();
+  const double b1 = bias.slope(), v1 = variance.slope();
   if (std::abs(b1) < 1e-6) return largest;
   if (!(v1 > 0)) return std::clamp(0.5, smallest, largest);
-  double a2 = std::cbrt(v1 / (2 * b1 * b1 * t.samples));
-  if (!literal && b0 * b1 > 0) {
-    // The closed form holds for b0 = 0; otherwise 2 b1 a^4 (b0 + b1 a^2) = v1 / n, by Newton in a^2 from there.
-    for (int i = 0; i < 8; ++i) {
-      const double f = 2 * b1 * a2 * a2 * (b0 + b1 * a2) - v1 / t.samples, slope = 2 * b1 * a2 * (2 * b0 + 3 * b1 * a2);
-      a2 = std::clamp(a2 - f / slope, 1e-4, 1e4);
-    }
-  }
-  return std::clamp(std::sqrt(a2), smallest, largest);
+  return std::clamp(std::sqrt(std::cbrt(v1 / (2 * b1 * b1 * t.samples))), smallest, largest);
 }
 
 double best_bandwidth(const WidthTrials& t, int dimensions, double light, double smallest, double largest) {

@@ -12,10 +12,9 @@ struct WidthTrials {
 };
 
 /// bias = b0 + b1 a^2, samples * variance = v0 + v1 / a^2, for a kernel over the picture's plane.
-/// @param literal  as published: all widths take part in both fits, and b0 is left out of the optimum. Otherwise widths
-///                 under half a pixel, points that 1 / a^2 does not describe, stay out of the variance's fit
+/// As published, b0 is left out of the optimum.
 /// Source: the Sobel and guided image filter paper, section 5.1
-double best_pixel_width(const WidthTrials& trials, double smallest, double largest, bool literal);
+double best_pixel_width(const WidthTrials& trials, double smallest, double largest);
 
 /// bias = b0 + b1 h^2, samples * variance = v0 + v1 / h^dimensions, for a local line in that many dimensions.
 /// @param light  brightness of the pixel: a bias is told from none against it

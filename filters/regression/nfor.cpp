@@ -103,7 +103,7 @@ void run(const Nfor& p, const FilterFrame& frame, const FilterOutput& out, const
   // Step 1: the features, of the frame to clean first.
   std::deque<Prefiltered> frames;
   frames.emplace_back(frame, task);
-  for (const NearbyFrame& other : frame.nearby) frames.emplace_back(*other.frame, task);
+  for (const FilterFrame* other : frame.nearby) frames.emplace_back(*other, task);
   task.report(0.1);
 
   // Step 2: regress each half with weights and features of the other.

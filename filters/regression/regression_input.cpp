@@ -71,17 +71,17 @@ HalfPair chessboard_halves(const Rgb& data, const Rgb& fit, const Plane& mask, c
 RegressionInputs inputs_of(float frames, const FilterFrame& frame, const Plane& one, const Task& task) {
   RegressionInputs inputs;
   inputs.emplace_back(frame, one, 1.0f, task);
-  for (const NearbyFrame& other : frame.nearby) {
-    const float apart = static_cast<float>(other.distance) / frames;
+  for (const FilterFrame* other : frame.nearby) {
+    const float apart = static_cast<float>(other->distance) / frames;
     const float samples =
-        frame.samples > 0 && other.frame->samples > 0 ? static_cast<float>(other.frame->samples / frame.samples) : 1.0f;
-    inputs.emplace_back(*other.frame, one, samples * std::exp(-0.5f * apart * apart), task);
+        frame.samples > 0 && other->samples > 0 ? static_cast<float>(other->samples / frame.samples) : 1.0f;
+    inputs.emplace_back(*other, one, samples * std::exp(-0.5f * apart * apart), task);
     if (inputs.back().known.names != inputs[0].known.names)
       throw InputError(
           fmt::format("the frame at {:+} of the sequence: its guides are {}, those of the frame to clean {}; record "
                       "the same layers "
                       "in every frame",
-                      other.distance, join(inputs.back().known.names), join(inputs[0].known.names)));
+                      other->distance, join(inputs.back().known.names), join(inputs[0].known.names)));
   }
   return inputs;
 }

@@ -10,14 +10,12 @@
 namespace brume {
 namespace {
 
-enum class Fit { kLiteral, kRepaired };
-enum class Spikes { kRepaired, kLiteral, kKeep };
+enum class Spikes { kLiteral, kKeep };
 
 struct SobelGuided {
   int radius = 10;
   float epsilon = 1e-3f;
   float gamma_1 = 0.4f, gamma_2 = 0.3f, gamma_3 = 0.4f;
-  Fit fit = Fit::kLiteral;
   Spikes spikes = Spikes::kKeep;
   FeatureSet feature_set = FeatureSet::kScalar;
 };
@@ -78,22 +76,19 @@ Plane luminance_of(const RgbPlanes& rgb, const Task& task) {
 }
 
 /// How much each pixel is trusted as a neighbour: spikes not at all, what surrounds them half.
-Plane trust(Spikes rule, const Plane& light, const Plane& gradient, double exposure, const Task& task) {
+Plane trust(const Plane& light, const Plane& gradient, double exposure, const Task& task) {
   const int width = light.width(), height = light.height();
   Plane spikes = make_plane(width, height, quiet(task), [&](int x, int y) {
     double sum = 0, squares = 0;
     int n = 0;
     for (int qy = std::max(0, y - 2); qy <= std::min(height - 1, y + 2); ++qy)
       for (int qx = std::max(0, x - 2); qx <= std::min(width - 1, x + 2); ++qx) {
-        // The repaired rule leaves the pixel itself out of its own judgement.
-        if (rule == Spikes::kRepaired && qx == x && qy == y) continue;
         sum += light(qx, qy);
         squares += static_cast<double>(light(qx, qy)) * light(qx, qy);
         ++n;
       }
     if (n < 4) return 0.0f;
     const double mean = sum / n, deviation = std::sqrt(std::max(0.0, squares / n - mean * mean));
-    if (rule == Spikes::kRepaired) return light(x, y) > mean + 3 * deviation && light(x, y) > mean ? 1.0f : 0.0f;
     // As published, brightness is compared with a gradient of features; white being 1, both have a range of one.
     return exposure * std::abs(mean - light(x, y)) > std::max(static_cast<double>(gradient(x, y)), exposure * deviation)
                ? 1.0f
@@ -179,7 +174,7 @@ class SmoothFeatures {
 };
 
 /// Each pixel's width, from curves through bias and variance at five of them.
-Plane fitted_widths(const SobelGuided& p, const FilterFrame& frame, const SmoothFeatures& features, const Plane& light,
+Plane fitted_widths(const FilterFrame& frame, const SmoothFeatures& features, const Plane& light,
                     const Plane& noise, const std::vector<Offset>& window, const Task& task) {
   const int width = frame.width(), height = frame.height();
   std::vector<Variant> widths(kAlphas.size());
@@ -206,8 +201,7 @@ Plane fitted_widths(const SobelGuided& p, const FilterFrame& frame, const Smooth
       v[i] = tried[i].noise(x, y);
     }
     const double n = std::max(frame.samples_at(x, y), 1.0);
-    return static_cast<float>(
-        best_pixel_width({kAlphas, b, v, n}, kSmallestAlpha, kLargestAlpha, p.fit == Fit::kLiteral));
+    return static_cast<float>(best_pixel_width({kAlphas, b, v, n}, kSmallestAlpha, kLargestAlpha));
   });
   return gaussian_blur(alpha, 1, task);
 }
@@ -316,9 +310,9 @@ void run(const SobelGuided& p, const FilterFrame& frame, const FilterOutput& out
     const float sum = luminance(vec3(s(0), s(1), s(2)));
     return sum * sum;
   });
-  const Plane trusted = p.spikes == Spikes::kKeep ? Plane() : trust(p.spikes, light, gradient, frame.exposure, task);
+  const Plane trusted = p.spikes == Spikes::kKeep ? Plane() : trust(light, gradient, frame.exposure, task);
   const std::vector<Offset> window = square_window(p.radius);
-  const Plane alpha = fitted_widths(p, frame, features, light, noise, window, share(task, 0.05, 0.35));
+  const Plane alpha = fitted_widths(frame, features, light, noise, window, share(task, 0.05, 0.35));
   const std::vector<Averages> candidates =
       filter_candidates(frame, features, alpha, trusted, noise, window, share(task, 0.35, 0.9));
   const Rgb reference = reference_picture(p, frame, features, light, dim, task);
@@ -349,10 +343,9 @@ const FilterEntry entry =
         .notes(
             "The published fit takes the width 0.1 px into the variance's law of 1 / a^2, which a kernel that small "
             "does "
-            "not follow, and leaves out the fitted constant of the bias: `fit=repaired` does neither, and yet lost on "
-            "every frame tried, so that the published fit is the default. The published "
-            "spike test, one deviation, takes a third of plain noise for spikes: `spikes=repaired` asks for three, of "
-            "the other pixels, and for brightness; the default `keep` keeps the light of all. Media features: opacity, "
+            "not follow, and leaves out the fitted constant of the bias; a fit that did neither lost on every frame "
+            "tried. The published spike test (`spikes=literal`), one deviation, takes a third of plain noise for "
+            "spikes; the default `keep` keeps the light of all. Media features: opacity, "
             "albedo and single scattering for the "
             "texture, the density gradient for the normal, depth for depth. The layer `sampling_map` says where the "
             "next "
@@ -374,9 +367,7 @@ const FilterEntry entry =
         .param("gamma-2", &SobelGuided::gamma_2, {0.01, 100}, "deviations", "of the density gradient and the normal",
                {0.3, 1, 3})
         .param("gamma-3", &SobelGuided::gamma_3, {0.01, 100}, "deviations", "of depth")
-        .param("fit", &SobelGuided::fit, {"literal", "repaired"}, "how the width is fitted", {"literal", "repaired"})
-        .param("spikes", &SobelGuided::spikes, {"repaired", "literal", "keep"}, "what is taken for a spike",
-               {"repaired", "literal", "keep"})
+        .param("spikes", &SobelGuided::spikes, {"literal", "keep"}, "what is taken for a spike", {"literal", "keep"})
         .scratch(90)
         .apron([](const SobelGuided& p) { return p.radius + 24; })
         .run(run);

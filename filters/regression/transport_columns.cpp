@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 
 #include "base/vec.h"
 #include "filters/regression/regression.h"
@@ -73,6 +74,36 @@ void ColourColumns::scale_like(const ColourColumns& own) {
     }
 }
 
+namespace {
+
+/// What the guides that predict the light make of it; of guides that predict nothing, as of other versions, their light.
+Plane brightness(const std::vector<Guide>& guides, const std::function<bool(const Guide&)>& predicts,
+                 const FilterFrame& frame, const Task& task) {
+  Plane bright(frame.width(), frame.height());
+  const bool predicted = std::any_of(guides.begin(), guides.end(), [&](const Guide& g) {
+    return predicts(g);
+  });
+  const auto add = [&](const auto& light) {
+    for_each_row(bright.height(), quiet(task), [&](int y) {
+      for (int x = 0; x < bright.width(); ++x) bright(x, y) += light(x, y);
+    });
+  };
+  for (const Guide& g : guides) {
+    if (predicted && predicts(g))
+      add([&](int x, int y) {
+        const auto at = [&](size_t c) { return (*g.channels[c % g.channels.size()])(x, y); };
+        return luminance(vec3(at(0), at(1), at(2)));
+      });
+    if (!predicted &&
+        (g.kind == GuideClass::kSingle || g.kind == GuideClass::kEmission || g.kind == GuideClass::kSurface))
+      for (const Plane* p : g.channels)
+        add([&](int x, int y) { return (*p)(x, y) / static_cast<float>(g.channels.size()); });
+  }
+  return bright;
+}
+
+}  // namespace
+
 TransportColumns::TransportColumns(const FilterFrame& frame, const Plane& one, const Task& task) {
   const std::vector<Guide> guides = guides_of(frame.layers);
   for (const Guide& g : guides) names.push_back(g.name);
@@ -100,7 +131,6 @@ TransportColumns::TransportColumns(const FilterFrame& frame, const Plane& one, c
     if (unknown_surfaces) seen |= normal_length(frame.layers, x, y) > 0;
     return seen || is_noisy(frame, x, y) ? 1.0f : 0.0f;
   });
-  bright = Plane(frame.width(), frame.height());
   if (guided) all.add(*opacity);
   // Premultiplied guides fall to 0 where there is nothing to see, and so does the light that they explain; a constant
   // is needed for light that no guide knows.
@@ -122,19 +152,9 @@ TransportColumns::TransportColumns(const FilterFrame& frame, const Plane& one, c
   predicted.free = predicted.of[0].size();
   shape = predicted;
   shape.free = 0;
-  size_t expected = 0;
   for (const Guide& g : guides) {
     if (g.kind == GuideClass::kOpacity || g.kind == GuideClass::kMaterial) continue;
-    if (is_expected(g)) {
-      ++expected;
-      for_each_row(bright.height(), quiet(task), [&](int y) {
-        for (int x = 0; x < bright.width(); ++x) {
-          const auto at = [&](size_t c) { return (*g.channels[c % g.channels.size()])(x, y); };
-          bright(x, y) += luminance(vec3(at(0), at(1), at(2)));
-        }
-      });
-      continue;
-    }
+    if (is_expected(g)) continue;
     if (g.kind == GuideClass::kPredicted) {
       if (!direct) shape.add(g);
       continue;
@@ -146,14 +166,7 @@ TransportColumns::TransportColumns(const FilterFrame& frame, const Plane& one, c
     all.add(g);
     if (g.kind != GuideClass::kMultiple) medium.add(g);
   }
-  // Guides of other versions may predict nothing.
-  if (expected == 0)
-    for (const Guide& g : guides)
-      if (g.kind == GuideClass::kSingle || g.kind == GuideClass::kEmission || g.kind == GuideClass::kSurface)
-        for (const Plane* p : g.channels)
-          for_each_row(bright.height(), quiet(task), [&](int y) {
-            for (int x = 0; x < bright.width(); ++x) bright(x, y) += (*p)(x, y) / static_cast<float>(g.channels.size());
-          });
+  bright = brightness(guides, is_expected, frame, task);
   for (const Guide& g : guides)
     if (g.name == "normal")
       solid = make_plane(frame.width(), frame.height(), quiet(task), [&](int x, int y) {

@@ -159,10 +159,10 @@ void settle(Layers& layers) {
 }
 
 const FilterEntry entry =
-    declare<TransportRegression>(
-        "transport_regression",
-        "Local linear regression of direct and indirect light, apart, on noise-free guides that the renderer computes "
-        "from the volume.")
+    declare<TransportRegression>("transport_regression",
+                                 "Local linear regression of direct and indirect light, each by itself, on noise-free "
+                                 "guides that the renderer computes "
+                                 "from the volume.")
         .merit(108, "first of all, where the renderer's guides are recorded (`--layers direct,indirect,guides`)")
         .source(
             "our own, docs/transport_regression.md; local regression on features: Bitterli et al. 2016; stacking: "

@@ -16,7 +16,7 @@ namespace {
 enum class Second { kRecentred, kStrict };
 enum class RangeKernel { kNoise, kLiteral };
 enum class Guide { kFlash, kDirect, kSignal };
-enum class Agreement { kOne, kEither, kBoth };
+enum class Agreement { kOne, kEither };
 
 struct VirtualFlash {
   int small_radius = 3, large_radius = 7, patch_radius = 2;
@@ -118,11 +118,11 @@ struct Stack {
   size_t own = 0;
 
   Stack(const VirtualFlash& p, const FilterFrame& frame) {
-    for (const NearbyFrame& f : in_order(frame)) {
-      if (f.distance == 0) own = frames.size();
-      frames.push_back(f.frame);
-      times.push_back(f.distance);
-      flash.push_back(flash_image(p, *f.frame));
+    for (const FilterFrame* f : in_order(frame)) {
+      if (f == &frame) own = frames.size();
+      frames.push_back(f);
+      times.push_back(f->distance);
+      flash.push_back(flash_image(p, *f));
     }
   }
   /// The frame at a time; frames.size() if the stack has none.
@@ -188,9 +188,7 @@ std::vector<Plane> average(const VirtualFlash& p, const Stack& stack, const Step
     for (Offset& o : slice.offsets) o.weight *= static_cast<float>(std::exp(-apart * apart / (2 * sigma * sigma)));
     slice.values = planes(j);
     Membership test;
-    test.bound = p.agreement == Agreement::kOne      ? Membership::Bound::kOwn
-                 : p.agreement == Agreement::kEither ? Membership::Bound::kLarger
-                                                     : Membership::Bound::kSmaller;
+    test.bound = p.agreement == Agreement::kOne ? Membership::Bound::kOwn : Membership::Bound::kLarger;
     for (size_t c = 0; c < 3; ++c) {
       test.value.push_back(&step.values[j][c]);
       test.centre.push_back(step.centres[i][c]);
@@ -296,8 +294,8 @@ const FilterEntry entry =
                "patch distance per pixel's noise, or one sigma for the picture as published", {"noise", "literal"})
         .param("guide", &VirtualFlash::guide, {"flash", "direct", "signal"}, "where patches are compared",
                {"flash", "direct", "signal"})
-        .param("agreement", &VirtualFlash::agreement, {"one", "either", "both"},
-               "whose interval must hold the other's mean: the centre's, either's or both", {"one", "either", "both"})
+        .param("agreement", &VirtualFlash::agreement, {"one", "either"},
+               "whose interval must hold the other's mean: the centre's or either's", {"one", "either"})
         .scratch(90)
         .apron([](const VirtualFlash& p) { return p.small_radius + p.large_radius + 2 * p.patch_radius; })
         .run(run);

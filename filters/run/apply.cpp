@@ -174,7 +174,7 @@ struct Gathered {
     layers.lie_like(frame);
     sum = layers.add_rgb(layer::beauty);
     for (const LayerName& l : run.options.carried) carried.push_back(layers.add_rgb(l));
-    if (run.options.keep_parts || (run.filter.entry().parts && run.options.component == Component::kApart))
+    if (run.options.keep_parts || (run.filter.entry().parts && run.options.component == Component::kSeparate))
       for (const LayerName& signal : signals_of(run.options)) {
         if (signal.name == layer::direct.name) parts[signal.name] = layers.add_rgb(layer::clean_direct);
         if (signal.name == layer::indirect.name) parts[signal.name] = layers.add_rgb(layer::clean_indirect);
@@ -278,14 +278,14 @@ PreparedFrames prepare(const Run& run, const std::vector<Source>& sources, const
   for (size_t i = 0; i < sources.size(); ++i) {
     prepared.push_back(std::make_unique<Prepared>(run, sources[i], *tile.sources[i], name, task));
     FilterFrame& f = prepared.back()->frame;
+    f.distance = sources[i].distance;
     f.origin = {tile.outer.x0, tile.outer.y0};
     f.repaired_records = &totals.repaired_records;
     f.notes = i == 0 ? &totals.notes : nullptr;
     f.typical_luminance = level.typical_luminance;
     f.lab_noise = level.lab_noise;
   }
-  for (size_t i = 1; i < sources.size(); ++i)
-    prepared[0]->frame.nearby.push_back({sources[i].distance, &prepared[i]->frame});
+  for (size_t i = 1; i < sources.size(); ++i) prepared[0]->frame.nearby.push_back(&prepared[i]->frame);
   return prepared;
 }
 
@@ -592,7 +592,7 @@ void describe(std::map<std::string, Attribute>& header, const Run& run, double s
   header["filter"] = entry.name;
   header["filterParameters"] = run.filter.text();
   header["filterComponent"] = std::string(options.component == Component::kIndirect ? "indirect; direct added back"
-                                          : options.component == Component::kApart  ? "direct and indirect apart"
+                                          : options.component == Component::kSeparate  ? "direct and indirect apart"
                                                                                     : "all");
   header["filterBackground"] = std::string(run.mask ? "bilateral sigma-domain=2 sigma-range=20" : "as the medium");
   header["filterExposure"] = static_cast<float>(options.exposure);

@@ -7,7 +7,7 @@ namespace brume {
 enum class Component {
   kIndirect,  ///< clean `indirect`, add `direct` back untouched: the rule of the papers
   kAll,       ///< clean the beauty
-  kApart,     ///< clean `direct` and `indirect`, each by itself, and add them
+  kSeparate,     ///< clean `direct` and `indirect`, each by itself, and add them
 };
 enum class BackgroundRule {
   kDefault,    ///< the gradient-kernel paper's for the filters compared there, none for the others
@@ -15,11 +15,14 @@ enum class BackgroundRule {
   kFilter,     ///< every pixel gets the filter
 };
 
-/// Another frame of a sequence.
+struct ForeignFrame;
+
+/// A frame of a sequence beside the one that is cleaned.
 struct SequenceFrame {
   int distance = 0;  ///< in frames: before < 0 < after
   const Layers* layers = nullptr;
-  RecordReader* records = nullptr;
+  RecordReader* records = nullptr;        ///< of every sample; null: none
+  const ForeignFrame* picture = nullptr;  ///< of another renderer: what the layers mean; null: they have brume's names
 };
 
 /// What of a frame is filtered, what is done before, and how it is put together again.

@@ -201,16 +201,16 @@ Layers without_signal(Layers frame) {
 class SignalFilter {
  public:
   SignalFilter(const FilterSettings& filter, const ForeignFrame& picture, Layers& file, const ExrInfo& info,
-               const std::vector<PictureInFile>& others, const ApplyOptions& options, const Task& task,
-               CleanPicture& result)
+               const ApplyOptions& options, const Task& task, CleanPicture& result)
       : filter_(filter),
         picture_(picture),
         file_(file),
         info_(info),
-        others_(others),
         options_(options),
+        others_(options.sequence),
         result_(result) {
     options_.component = Component::kAll;
+    options_.sequence.clear();
     extra_ = readable_channels(filter, options_, file);
     frame_ = surroundings(picture, file, extra_);
     ForeignFrame light = picture;
@@ -233,8 +233,8 @@ class SignalFilter {
     }
     std::list<Layers> nearby;
     // What the passes of other frames leave is not known.
-    for (const PictureInFile& other : signal.name == kRest ? std::vector<PictureInFile>() : others_) {
-      Layers& theirs = nearby.emplace_back(neighbour(other, signal, task));
+    for (const SequenceFrame& other : signal.name == kRest ? std::vector<SequenceFrame>() : others_) {
+      const Layers& theirs = nearby.emplace_back(neighbour(other, signal, task));
       options.sequence.push_back({other.distance, &theirs, other.records});
     }
     for (const std::string& channel : signal.channels) *file_.find(channel) = Plane();
@@ -265,12 +265,12 @@ class SignalFilter {
 
  private:
   /// The same signal of another frame of the sequence.
-  Layers neighbour(const PictureInFile& other, const ForeignSignal& signal, const Task& task) const {
+  Layers neighbour(const SequenceFrame& other, const ForeignSignal& signal, const Task& task) const {
     ForeignSignal theirs = other.picture->color;
     for (const ForeignSignal& s : cleaned_signals(*other.picture))
       if (s.name == signal.name) theirs = s;
     std::vector<std::string> ignored;
-    Layers frame = frame_of_signal(*other.picture, theirs, *other.file, extra_);
+    Layers frame = frame_of_signal(*other.picture, theirs, *other.layers, extra_);
     settle_variance(theirs, frame, ignored, task);
     if (filter_.uses_features()) estimate_features(frame, task);
     return frame;
@@ -280,8 +280,8 @@ class SignalFilter {
   const ForeignFrame& picture_;
   Layers& file_;
   const ExrInfo& info_;
-  const std::vector<PictureInFile>& others_;
-  ApplyOptions options_;
+  ApplyOptions options_;  // for a signal
+  const std::vector<SequenceFrame>& others_;
   CleanPicture& result_;
   std::set<std::string> extra_;
   Layers frame_;                                             // without a signal between two runs
@@ -310,8 +310,7 @@ Layers frame_of_signal(const ForeignFrame& picture, const ForeignSignal& signal,
 }
 
 CleanPicture clean_picture(const FilterSettings& filter, const ForeignFrame& picture, Layers file, const ExrInfo& info,
-                           const std::vector<PictureInFile>& others, const ApplyOptions& options, const Task& task,
-                           const std::string& suffix) {
+                           const ApplyOptions& options, const Task& task, const std::string& suffix) {
   CleanPicture result;
   result.notes = picture.remarks;
   for (const std::string& name : picture.channels())
@@ -352,7 +351,7 @@ CleanPicture clean_picture(const FilterSettings& filter, const ForeignFrame& pic
     }
   }
 
-  SignalFilter clean(filter, picture, file, info, others, options, task, result);
+  SignalFilter clean(filter, picture, file, info, options, task, result);
   for (size_t i = 0; i < signals.size(); ++i) {
     const auto colours = planes(signals[i].channels);
     const bool uniform = std::all_of(colours.begin(), colours.end(), [](const Plane* p) { return is_uniform(*p); });

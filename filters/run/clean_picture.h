@@ -8,14 +8,6 @@
 
 namespace brume {
 
-/// The same picture in another frame of the sequence.
-struct PictureInFile {
-  int distance = 0;  ///< in frames: before < 0 < after
-  const ForeignFrame* picture = nullptr;
-  const Layers* file = nullptr;  ///< as read_exr gives it, with the picture's channels at least
-  RecordReader* records = nullptr;
-};
-
 /// What a cleaned picture's channels become.
 struct CleanPicture {
   struct Channel {
@@ -39,13 +31,12 @@ struct CleanPicture {
 /// Passes that are the same everywhere are left alone. With Component::kIndirect only indirect passes are cleaned.
 /// @param file    as read_exr gives it, with the picture's channels at least
 /// @param info    of the file: the channels' types say how values are stored
-/// @param others  of the sequence
+/// @param options  the frames of its sequence are the same picture in other files
 /// @param suffix  clean layers stand beside the noisy ones under names with this behind, which `sum` uses; empty: they
 ///                replace them
 /// @throws InputError as apply_filter; for whole numbers as colours
 CleanPicture clean_picture(const FilterSettings& filter, const ForeignFrame& picture, Layers file, const ExrInfo& info,
-                           const std::vector<PictureInFile>& others, const ApplyOptions& options, const Task& task,
-                           const std::string& suffix = "");
+                           const ApplyOptions& options, const Task& task, const std::string& suffix = "");
 
 /// "ViewLayer.Combined_clean.R" for "ViewLayer.Combined.R" and "_clean"; "clean.R" for "R".
 std::string channel_beside(const std::string& channel, const std::string& suffix);

@@ -10,8 +10,6 @@ namespace brume {
 namespace {
 
 enum class Domain { kLab, kLogLuminance };
-enum class Hue { kWindow, kOwn };
-enum class Logarithm { kNatural, kDecimal };
 
 struct ExtendedBilateral {
   Domain domain = Domain::kLab;
@@ -19,8 +17,6 @@ struct ExtendedBilateral {
   float noise_factor = 0;
   float sigma_domain = 2, sigma_range = 0;  // 0: the domain's published values, below
   Average average = Average::kLinear;
-  Hue hue = Hue::kWindow;
-  Logarithm logarithm = Logarithm::kNatural;
 };
 
 kernels::Bilateral weights(const ExtendedBilateral& p) {
@@ -66,15 +62,14 @@ void run_log(const ExtendedBilateral& p, const FilterFrame& frame, const FilterO
       const double l = radiance_luminance((*frame.signal[0])(x, y), (*frame.signal[1])(x, y), (*frame.signal[2])(x, y));
       luminances(x, y) = static_cast<float>(l);
     }
-  const double unit = p.logarithm == Logarithm::kNatural ? 1.0 : std::log(10.0),
-               lowest = 1e-4 * frame.typical_luminance;
+  const double lowest = 1e-4 * frame.typical_luminance;
   if (!(frame.typical_luminance > 0)) {  // black, or nothing a logarithm could take
     for (size_t c = 0; c < 3; ++c) *out[c] = *frame.signal[c];
     return;
   }
   for (int y = 0; y < height; ++y)
     for (int x = 0; x < width; ++x)
-      logarithms(x, y) = static_cast<float>(std::log(std::max<double>(luminances(x, y), lowest)) / unit);
+      logarithms(x, y) = static_cast<float>(std::log(std::max<double>(luminances(x, y), lowest)));
 
   const Plane* guide_plane[] = {&logarithms};
   const Plane* value_planes[] = {&logarithms, frame.signal[0], frame.signal[1], frame.signal[2]};
@@ -95,22 +90,12 @@ void run_log(const ExtendedBilateral& p, const FilterFrame& frame, const FilterO
   for_each_row(height, task, [&](int y) {
     kernels::extended_bilateral_row(in, weights(p), prefiltered, y);
     for (int x = 0; x < width; ++x) {
-      const auto channel = [&](size_t c) { return static_cast<double>(result.channels[c].row(y)[x]); };
-      const double r = channel(1), g = channel(2), b = channel(3);
-      double scale = 1;
-      if (p.average == Average::kDomain) {
-        const double luminance_out = std::exp(channel(0) * unit);
-        if (p.hue == Hue::kWindow) {
-          const double l = radiance_luminance(r, g, b);
-          scale = l > 0 ? luminance_out / l : 0;
-        } else {
-          scale = luminance_out / std::max<double>(luminances(x, y), lowest);
-        }
-      }
-      const bool own = p.average == Average::kDomain && p.hue == Hue::kOwn;
-      (*out[0])(x, y) = static_cast<float>(scale * (own ? (*frame.signal[0])(x, y) : r));
-      (*out[1])(x, y) = static_cast<float>(scale * (own ? (*frame.signal[1])(x, y) : g));
-      (*out[2])(x, y) = static_cast<float>(scale * (own ? (*frame.signal[2])(x, y) : b));
+      // In its domain the paper averages luminance alone, and the noisy pixel keeps its colour.
+      const double clean = std::exp(static_cast<double>(result.channels[0].row(y)[x])),
+                   scale = clean / std::max<double>(luminances(x, y), lowest);
+      for (size_t c = 0; c < 3; ++c)
+        (*out[c])(x, y) = p.average == Average::kDomain ? static_cast<float>(scale * (*frame.signal[c])(x, y))
+                                                        : result.channels[c + 1].row(y)[x];
     }
   });
 }
@@ -143,10 +128,6 @@ const FilterEntry entry =
         .param("noise-factor", &ExtendedBilateral::noise_factor, {0, 100}, "deviations", kNoiseFactorHelp)
         .noise_level([](const ExtendedBilateral& p) { return p.noise_factor > 0; })
         .param("average", &ExtendedBilateral::average, kAverageNames, kAverageHelp, kAverageNames)
-        .param("hue", &ExtendedBilateral::hue, {"window", "own"},
-               "log-luminance: colour of the weighted window, or of the noisy pixel as published")
-        .param("logarithm", &ExtendedBilateral::logarithm, {"natural", "decimal"},
-               "log-luminance: base, which the paper does not give")
         .apron([](const ExtendedBilateral& p) { return 2 * p.radius; })
         .background()
         .carries()

@@ -10,7 +10,7 @@
 namespace brume {
 namespace {
 
-enum class Variant { kPaper, kAddSharp, kMultiply, kGate };
+enum class Variant { kPaper, kMultiply, kGate };
 
 struct GradientKernel {
   Variant variant = Variant::kPaper;
@@ -57,8 +57,8 @@ void run(const GradientKernel& p, const FilterFrame& frame, const FilterOutput& 
   Looked own(p, frame, task);
   std::deque<Looked> others;
   std::vector<kernels::GradientSlice> nearby;
-  for (const NearbyFrame& other : frame.nearby) {
-    const Looked& there = others.emplace_back(p, *other.frame, task);
+  for (const FilterFrame* other : frame.nearby) {
+    const Looked& there = others.emplace_back(p, *other, task);
     nearby.push_back({&there.window.guide(), &there.window.values(), &there.gradient, there.alpha()});
   }
   const kernels::WindowInput in = own.window.input();
@@ -77,15 +77,15 @@ const FilterEntry entry =
         .notes(
             "`paper` adds w_G to the range kernel; at its sigma_G = 3 the weight never falls below 0.8, so the "
             "published filter is close to a fixed "
-            "cross-fade of a bilateral filter and a Gaussian blur. `add-sharp` makes w_G a real gate on orientation, "
-            "`mul` multiplies it to the "
+            "cross-fade of a bilateral filter and a Gaussian blur, and a sigma_G of 0.2 makes w_G a real gate on "
+            "orientation. `mul` multiplies w_G to the "
             "others, `gate` weighs it by how equal the opacities are. Pixels without a direction are filtered by the "
             "range kernel alone.")
         .paper("sigma-domain=2,sigma-range=0,sigma-gradient=0,average=domain")
         .needs(layer::gradient)
         .also_compare({"variant=mul", "variant=gate"})
         .can_use(layer::alpha)
-        .param("variant", &GradientKernel::variant, {"paper", "add-sharp", "mul", "gate"},
+        .param("variant", &GradientKernel::variant, {"paper", "mul", "gate"},
                "how the gradient kernel joins the others")
         .param("radius", &GradientKernel::radius, {0, 32}, "px", "half width of the window")
         .param("sigma-domain", &GradientKernel::sigma_domain, {0, 100}, "px", "sigma_D, of distance",

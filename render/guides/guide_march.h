@@ -10,7 +10,7 @@
 #include "render/guides/guide_media.h"
 #include "render/guides/light_fields.h"
 #include "render/guides/lit_surface.h"
-#include "render/trace/integrator.h"
+#include "render/transport/integrator.h"
 #include "render/world/camera.h"
 
 namespace brume {

@@ -6,7 +6,7 @@
 #include "image/layers.h"
 #include "render/guides/guide_media.h"
 #include "render/guides/light_fields.h"
-#include "render/trace/integrator.h"
+#include "render/transport/integrator.h"
 #include "render/world/camera.h"
 
 namespace brume {

@@ -112,7 +112,6 @@ struct RenderSettings {
   int roulette_start = 16;
   std::string light_sampling = "auto";
   double surface_density = 0.01;
-  std::string lanes = "auto";
   std::string lookup = "stochastic";
   std::string first_collision = "auto";
   std::string near_lights = "auto";

@@ -82,22 +82,18 @@ void describe(Visitor& v, RenderSettings& r) {
              "without noise; all: that one too; none: phase sampling only",
      .choices = {"auto", "all", "none"}},
     r.light_sampling);
-  v({"surface_density", "of the maximum",
-     "density at which the medium's surface lies, for the gradient and coverage layers", 1e-9, 1},
+  v({"surface_density", "of the maximum", "density of the medium's isosurface, for the gradient and coverage layers",
+     1e-9, 1},
     r.surface_density);
-  v({.key = "lanes",
-     .help = "auto: paths run side by side in SIMD lanes where the scene allows it; off: one by one, to compare",
-     .choices = {"auto", "off"}},
-    r.lanes);
   v({.key = "lookup",
-     .help = "lanes only. stochastic: one voxel of the eight around a point, by its trilinear weight; interpolated: "
-             "all eight",
+     .help = "look-ups of density. stochastic: one voxel of the eight around a point, by its trilinear weight; "
+             "interpolated: all eight",
      .choices = {"stochastic", "interpolated"}},
     r.lookup);
   v({.key = "first_collision",
-     .help = "lanes only. forced: each camera ray scatters what does not pass, wherever there is anything to scatter; "
-             "free: it collides or passes by chance, as it must where something glows; auto: forced where the medium "
-             "is thin",
+     .help = "where all there is lies in one still grey grid and nothing emits. forced: each camera ray scatters what "
+             "does not pass, wherever there is anything to scatter; free: it collides or passes by chance; auto: "
+             "forced where the medium is thin",
      .choices = {"auto", "forced", "free"}},
     r.first_collision);
   v({.key = "near_lights",
@@ -113,8 +109,8 @@ void describe(Visitor& v, RenderSettings& r) {
      .choices = {"both", "falloff", "gradient", "none", "offset"}},
     r.flash_relief);
   v({.key = "majorants",
-     .help =
-         "cells: bounds of cell_size^3 voxels; global: one bound for the whole grid, the textbook's tracer, to compare",
+     .help = "cells: bounds of cell_size^3 voxels; global: one bound for the whole grid and flights in double "
+             "precision, the textbook's tracer, to compare",
      .choices = {"cells", "global"}},
     r.majorants);
   v({"cell_size", "voxels",
@@ -185,21 +181,21 @@ void describe(Visitor& v, VolumeSettings& s) {
   v({"droplet_diameter", "micrometres", "mie: of the droplets", 5, 50}, s.droplet_diameter);
   v({"albedo_grid", "", "colour grid that multiplies albedo; none, or auto: color or Cd"}, s.albedo_grid);
   v({"emission", "W/(m^2 sr) / scene unit", "emission coefficient per density", 0}, s.emission);
-  v({"temperature_grid", "", "glows as a black body; none, or auto: temperature"}, s.temperature_grid);
+  v({"temperature_grid", "", "emits as a black body; none, or auto: temperature"}, s.temperature_grid);
   v({"temperature_offset", "K", "kelvin = temperature_offset + temperature_scale * value"}, s.temperature_offset);
   v({"temperature_scale", "K",
      "what one unit of the grid is: 1 for kelvin; Blender's fluids store about 0 .. 3, their shader's default is 1000",
      0},
     s.temperature_scale);
   v({"blackbody_intensity", "1 / scene unit",
-     "emission coefficient where the glow has luminance 1; planck: a body at 6500 K has it", 0},
+     "emission coefficient where emitted light has luminance 1; planck: a body at 6500 K has it", 0},
     s.blackbody_intensity);
   v({.key = "blackbody_law",
      .help =
          "planck: visible radiance of a black body; stefan_boltzmann: Blender's sigma T^4 1e-6 / pi with its colour",
      .choices = {"planck", "stefan_boltzmann"}},
     s.blackbody_law);
-  v({"flame_grid", "", "glows in the colours of flame_ramp; none, or auto: flame, flames, heat"}, s.flame_grid);
+  v({"flame_grid", "", "emits the colours of flame_ramp; none, or auto: flame, flames, heat"}, s.flame_grid);
   v({"flame_ramp", "", "[[value, r, g, b], ...], rising in the first; empty: from dark red to pale yellow over 0 .. 1"},
     s.flame_ramp);
   v({"flame_intensity", "W/(m^2 sr) / scene unit", "emission coefficient of the ramp's colour 1", 0},

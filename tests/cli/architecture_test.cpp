@@ -27,12 +27,12 @@ const std::map<std::string, std::set<std::string>> kMayInclude = {
     {"evaluate", {"evaluate", "filters", "image", "base"}},
     {"workflows", {"workflows", "evaluate", "filters", "render", "volume", "image", "base"}},
     {"farm", {"farm", "image", "base"}},
-    {"app", {"app", "farm", "workflows", "evaluate", "filters", "render", "volume", "image", "base"}},
-    {"python", {"python", "workflows", "evaluate", "filters", "render", "volume", "image", "base"}},
+    {"apps/cli", {"apps/cli", "farm", "workflows", "evaluate", "filters", "render", "volume", "image", "base"}},
+    {"apps/python", {"apps/python", "workflows", "evaluate", "filters", "render", "volume", "image", "base"}},
 };
 
 TEST(Architecture, EachRoomIncludesOnlyWhatItMayKnow) {
-  const std::regex include("#include \"([a-z]+)/");
+  const std::regex include("#include \"(apps/[a-z]+|[a-z]+)/");
   int seen = 0;
   for (const auto& [room, allowed] : kMayInclude)
     for (const auto& entry : fs::recursive_directory_iterator(test::source(room))) {
@@ -47,7 +47,7 @@ TEST(Architecture, EachRoomIncludesOnlyWhatItMayKnow) {
 
 // Inside render/ the rooms stand in a row: each knows those before it and itself.
 TEST(Architecture, TheRendererKnowsItsRoomsInOneDirection) {
-  const std::vector<std::string> rooms = {"scene", "world", "trace", "lanes", "guides", "frame"};
+  const std::vector<std::string> rooms = {"scene", "world", "transport", "guides", "film", "session"};
   const std::regex include("#include \"render/([a-z_]+)/");
   int seen = 0;
   for (const auto& entry : fs::recursive_directory_iterator(test::source("render"))) {
@@ -69,7 +69,7 @@ TEST(Architecture, EachLibraryIsKnownToItsOwnFiles) {
       {"<openvdb/", {"volume/vdb_file.cpp"}},
       {"<Imf", {"image/exr_common.cpp", "image/exr_common.h", "image/exr_copy.cpp", "image/exr_io.cpp"}},
       {"<libdeflate", {"image/checksum.cpp", "image/exr_common.cpp", "image/exr_zip.cpp", "image/packed_half.cpp"}},
-      {"<toml.hpp>", {"app/frame_map.cpp", "render/scene/toml_table.h"}},
+      {"<toml.hpp>", {"render/scene/toml_table.h", "workflows/frame_map.cpp"}},
       {"<embree", {"render/world/surfaces.cpp"}},
       {"<tiny_obj", {"render/world/mesh.cpp"}}};
   const auto includes = [](const std::filesystem::path& file, const std::string& header) {
@@ -82,8 +82,8 @@ TEST(Architecture, EachLibraryIsKnownToItsOwnFiles) {
           EXPECT_TRUE(behind.contains(fs::relative(entry.path(), test::source(".")).string())) << entry.path();
         }
   // Their headers are for them alone.
-  const std::set<std::string> tables = {"app/experiment_file.cpp", "render/scene/scene_io.cpp",
-                                        "render/scene/toml_table.cpp"};
+  const std::set<std::string> tables = {"render/scene/scene_io.cpp", "render/scene/toml_table.cpp",
+                                        "workflows/experiment_file.cpp"};
   for (const auto& [room, allowed] : kMayInclude)
     for (const auto& entry : fs::recursive_directory_iterator(test::source(room)))
       if (entry.is_regular_file() && includes(entry.path(), "\"render/scene/toml_table.h\"")) {
@@ -115,8 +115,8 @@ TEST(Architecture, WhatCommentsCiteStandsInTheClone) {
     if (line.starts_with("## ")) headings.push_back(line.substr(3));
   const std::regex page("([A-Za-z_./]+\\.md)\\b(, ([A-Z]))?");
   int cited = 0;
-  for (const char* room : {"base", "volume", "image", "render", "filters", "evaluate", "workflows", "farm", "python",
-                           "app", "tests", "bench"})
+  for (const char* room : {"base", "volume", "image", "render", "filters", "evaluate", "workflows", "farm", "apps",
+                           "tests", "bench"})
     for (const auto& entry : fs::recursive_directory_iterator(test::source(room))) {
       if (entry.path().extension() != ".h" && entry.path().extension() != ".cpp") continue;
       const std::string text = comments(test::read_file(entry.path()));

@@ -307,11 +307,9 @@ TEST(Evaluate, ReferencesAreRenderedUntilTheirNoiseIsSmall) {
 }
 
 TEST(Tables, EscapeWhatTheirFormatsMeanOtherwise) {
-  const Table table{"t", "Title", "", {{"a|b", false}, {"c,d"}}, {{"x_y", "1 \"2\""}}, {{"made", "50 % & more"}}};
+  const Table table{"Title", "", {{"a|b", false}, {"c,d"}}, {{"x_y", "1 \"2\""}}, {{"made", "50 % & more"}}};
   EXPECT_EQ(table.markdown_grid(), "| a\\|b | c,d |\n|---|---:|\n| x_y | 1 \"2\" |\n");
   EXPECT_EQ(table.csv(), "a|b,\"c,d\",made\nx_y,\"1 \"\"2\"\"\",50 % & more\n");
-  EXPECT_NE(table.latex().find("x\\_y & 1 \"2\" \\\\"), std::string::npos) << table.latex();
-  EXPECT_EQ(nlohmann::json::parse(table.json())["rows"][0][0], "x_y");
 }
 
 }  // namespace

@@ -34,8 +34,7 @@ TEST(Bandwidth, PlantedCurvesGiveTheClosedFormsWidth) {
       for (const double n : {4.0, 64.0}) {
         const Planted p(kAlphas, 0, b1, 0.02, v1, n, 2);
         const double closed = std::clamp(std::pow(v1 / (2 * b1 * b1 * n), 1.0 / 6), 0.1, 8.0);
-        for (const bool literal : {true, false})
-          EXPECT_NEAR(best_pixel_width({kAlphas, p.bias, p.variance, n}, 0.1, 8, literal), closed, 1e-6 * closed);
+        EXPECT_NEAR(best_pixel_width({kAlphas, p.bias, p.variance, n}, 0.1, 8), closed, 1e-6 * closed);
         for (const int k : {2, 3, 7}) {
           const Planted q(kBandwidths, 0.1, b1, 0.02, v1, n, k);
           const double h = std::clamp(std::pow(k * v1 / (4 * b1 * b1 * n), 1.0 / (k + 4)), 0.01, 1.0);
@@ -44,22 +43,10 @@ TEST(Bandwidth, PlantedCurvesGiveTheClosedFormsWidth) {
       }
 }
 
-// With a bias at width zero the closed form is no optimum; the repaired fit finds the true one, by brute force here.
-TEST(Bandwidth, RepairedFitMinimisesTheError) {
-  const double b0 = 0.05, b1 = 0.01, v1 = 0.2, n = 16;
-  const Planted p(kAlphas, b0, b1, 0, v1, n, 2);
-  const auto error = [&](double a) { return std::pow(b0 + b1 * a * a, 2) + v1 / (n * a * a); };
-  double best = 0.1;
-  for (double a = 0.1; a < 8; a += 1e-4)
-    if (error(a) < error(best)) best = a;
-  EXPECT_NEAR(best_pixel_width({kAlphas, p.bias, p.variance, n}, 0.1, 8, false), best, 2e-4);
-  EXPECT_GT(std::abs(best_pixel_width({kAlphas, p.bias, p.variance, n}, 0.1, 8, true) - best), 0.1);
-}
-
 TEST(Bandwidth, NoBiasOrNoVarianceEndAtTheLimits) {
   const Planted flat(kAlphas, 0.1, 0, 0, 0.5, 4, 2), quiet(kAlphas, 0, 0.1, 0, -0.5, 4, 2);
-  EXPECT_EQ(best_pixel_width({kAlphas, flat.bias, flat.variance, 4}, 0.1, 8, false), 8);
-  EXPECT_EQ(best_pixel_width({kAlphas, quiet.bias, quiet.variance, 4}, 0.1, 8, false), 0.5);
+  EXPECT_EQ(best_pixel_width({kAlphas, flat.bias, flat.variance, 4}, 0.1, 8), 8);
+  EXPECT_EQ(best_pixel_width({kAlphas, quiet.bias, quiet.variance, 4}, 0.1, 8), 0.5);
   EXPECT_EQ(best_bandwidth({kBandwidths, flat.bias, flat.variance, 4}, 2, 1, 0.01, 1), 1);
 }
 

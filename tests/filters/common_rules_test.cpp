@@ -85,7 +85,7 @@ TEST(CommonRules, ApartIsEachComponentByItself) {
   const Layers frame = noisy_frame(40, 30, 3);
   const FilterSettings f = parse_filter("nl_means");
   ApplyOptions apart;
-  apart.component = Component::kApart;
+  apart.component = Component::kSeparate;
   const Layers both = apply_filter(f, frame, apart, {}), indirect = apply_filter(f, frame, {}, {});
   Layers swapped = frame;  // the direct component filtered alone: swap the names
   for (const std::string_view which :
@@ -106,7 +106,7 @@ TEST(CommonRules, ApartIsEachComponentByItself) {
 TEST(CommonRules, PartsThatAreKeptAddUpToThePicture) {
   const Layers frame = noisy_frame(40, 30, 3);
   for (const char* name : {"nl_means", "bilateral:average=linear"})
-    for (const Component component : {Component::kAll, Component::kIndirect, Component::kApart}) {
+    for (const Component component : {Component::kAll, Component::kIndirect, Component::kSeparate}) {
       ApplyOptions options;
       options.component = component;
       const Layers plain = apply_filter(parse_filter(name), frame, options, {});
@@ -114,10 +114,10 @@ TEST(CommonRules, PartsThatAreKeptAddUpToThePicture) {
       options.keep_parts = true;
       const Layers kept = apply_filter(parse_filter(name), frame, options, {});
       EXPECT_EQ(worst_difference(plain, kept), 0) << name;
-      EXPECT_EQ(kept.has(layer::clean_direct), component == Component::kApart) << name;
+      EXPECT_EQ(kept.has(layer::clean_direct), component == Component::kSeparate) << name;
       EXPECT_EQ(kept.has(layer::clean_indirect), component != Component::kAll) << name;
       if (component == Component::kAll) continue;
-      const Plane& direct = component == Component::kApart ? kept.at("clean_direct.G") : frame.at("direct.G");
+      const Plane& direct = component == Component::kSeparate ? kept.at("clean_direct.G") : frame.at("direct.G");
       for (int y = 0; y < 30; ++y)
         for (int x = 0; x < 40; ++x)
           ASSERT_NEAR(kept.at("G")(x, y), direct(x, y) + kept.at("clean_indirect.G")(x, y), 1e-5) << name;

@@ -1,5 +1,5 @@
 #include "image/exr_io.h"
-#include "render/frame/render_state.h"
+#include "render/session/render_state.h"
 #include "tests/fuzz/support.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {

@@ -247,7 +247,7 @@ class Denoise(Folder):
             ({"filter": "nl_means", "search_radius": 4000}, "search-radius"),
             ({"filter": "nl_means", "sarch_radius": 4}, "sarch-radius.*search-radius"),
             ({"search_radius": 4}, "search_radius: a parameter without a filter"),
-            ({"component": "some"}, "component 'some': expected one of all, indirect, apart"),
+            ({"component": "some"}, "component 'some': expected one of all, indirect, separate"),
             ({"exposure": -1}, "exposure -1: expected header, auto or a number above 0"),
             ({"filter": "sbf"}, "."),
         ):

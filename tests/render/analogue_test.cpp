@@ -8,7 +8,7 @@
 #include <random>
 
 #include "base/running_statistics.h"
-#include "render/frame/renderer.h"
+#include "render/session/renderer.h"
 #include "tests/support/files.h"
 #include "tests/support/volumes.h"
 

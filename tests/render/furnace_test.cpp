@@ -6,8 +6,8 @@
 
 #include "base/running_statistics.h"
 #include "image/exr_io.h"
-#include "render/frame/renderer.h"
-#include "render/lanes/wavefront.h"
+#include "render/session/renderer.h"
+#include "render/transport/wavefront.h"
 #include "tests/support/files.h"
 #include "tests/support/volumes.h"
 
@@ -89,7 +89,7 @@ TEST(CollisionCount, IsFourTimesTheMassOverTheSurface) {
     const ScalarField field = load_scalar(test::source("data/volumes/cloud.vdb"), {});
     Rng rng(11);
     const dmat4 turn = test::random_affine(rng);
-    const Medium medium(field.bricks, turn * field.world_from_index, 4.0, dvec3(1), g);
+    Medium medium(field.bricks, turn * field.world_from_index, 4.0, dvec3(1), g);
     double mass = 0;
     ivec3 v;
     const ivec3 end(field.bricks.support_hi());
@@ -100,13 +100,13 @@ TEST(CollisionCount, IsFourTimesTheMassOverTheSurface) {
     const Medium::Sphere sphere = medium.bounding_sphere();
     const double expected = 4 * mass / (4 * kPi * sphere.radius * sphere.radius);
 
+    medium.set_majorants(1, true);
     Lights lights;
     PathContext context;
     context.media = {&medium, 1};
     context.lights = &lights;
-    context.plan.media = Plan::Media::kOneGrey;
+    context.plan.media = 1;
     context.max_events = context.roulette_start = 1000000;
-    const TracePaths trace = select_path_tracer(context.plan);
     RunningStatistics count;
     for (uint32_t i = 0; i < 400000; ++i) {
       const dvec3 n = test::random_direction(rng);
@@ -115,7 +115,7 @@ TEST(CollisionCount, IsFourTimesTheMassOverTheSurface) {
       const dvec3 d = Frame(-n).to_world({std::sqrt(sin2) * phi.cos, std::sqrt(sin2) * phi.sin, std::sqrt(1 - sin2)});
       PathCounters counters;
       const PathRequest request{{sphere.centre + sphere.radius * n, d}, 0, {17, 0, i, 0}};
-      trace(
+      trace_paths(
           context, {&request, 1}, [](size_t, const PathSample&) {}, counters);
       count.add(static_cast<double>(counters.tracking.collisions));
     }

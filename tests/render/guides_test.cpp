@@ -8,11 +8,11 @@
 #include <array>
 #include <cmath>
 
-#include "render/frame/renderer.h"
 #include "render/guides/attenuation.h"
 #include "render/guides/scattering_solver.h"
 #include "render/guides/sun_depth.h"
 #include "render/guides/sweep.h"
+#include "render/session/renderer.h"
 #include "tests/support/files.h"
 #include "tests/support/targets.h"
 #include "tests/support/volumes.h"

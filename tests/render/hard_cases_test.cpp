@@ -6,8 +6,8 @@
 #include <cmath>
 
 #include "image/exr_io.h"
-#include "render/frame/renderer.h"
-#include "render/lanes/wavefront.h"
+#include "render/session/renderer.h"
+#include "render/transport/wavefront.h"
 #include "tests/support/files.h"
 #include "tests/support/volumes.h"
 
@@ -121,18 +121,18 @@ TEST_F(HardCases, ATargetThatIsReachedEndsTheRender) {
 
 // All numbers scale with the world by powers of two: not one bit of the picture may depend on it.
 TEST_F(HardCases, TheWorldMayBeOfAnySize) {
-  const auto picture = [&](double scale, const char* lanes) {
+  const auto picture = [&](double scale, const char* majorants) {
     Scene s = scene(block(noise), 0.6, scale);
     add_sun(s, 0.5);
-    s.render.lanes = lanes;
+    s.render.majorants = majorants;
     return render(s, 4, {"direct", "indirect", "gradient", "coverage"});
   };
-  for (const char* lanes : {"auto", "off"}) {
-    const Layers ordinary = picture(1, lanes);
+  for (const char* majorants : {"cells", "global"}) {
+    const Layers ordinary = picture(1, majorants);
     EXPECT_GT(mean(ordinary, "R"), 0.1);
     for (const int power : {-73, -40, 40, 73})
-      test::expect_same_bits(ordinary, picture(std::ldexp(1.0, power), lanes),
-                             "2^" + std::to_string(power) + ", lanes " + lanes);
+      test::expect_same_bits(ordinary, picture(std::ldexp(1.0, power), majorants),
+                             "2^" + std::to_string(power) + ", majorants " + majorants);
   }
 }
 
@@ -152,7 +152,7 @@ TEST_F(HardCases, AWorldOfSeveralMediaMayBeOfAnySize) {
     fog.albedo = dvec3(0.8);
     s.volumes.push_back(fog);
     const PreparedScene prepared(s, LayerRequest::of({"direct", "indirect", "gradient", "coverage"}, false));
-    EXPECT_TRUE(prepared.plan().lanes && !prepared.plan().one_grid);
+    EXPECT_FALSE(prepared.plan().one_grid);
     return prepared.render(4, 1).layers;
   };
   const Layers ordinary = picture(1);
@@ -166,7 +166,7 @@ TEST_F(HardCases, FlightsThroughExtremelyDenseMediaEnd) {
   Scene s = scene(block([](const ivec3&) { return 1.0f; }), 1e8);
   s.volumes[0].albedo = dvec3(0.5);
   const PreparedScene prepared(s, LayerRequest::of({"direct", "indirect"}, false));
-  EXPECT_FALSE(prepared.plan().lanes);
+  EXPECT_FALSE(fits_lanes(*prepared.medium()));
   const double dense = mean(prepared.render(64, 1).layers, "R");
   s.volumes[0].sigma_t = dvec3(1e4);  // as opaque
   EXPECT_NEAR(dense, mean(render(s, 64), "R"), 0.01 * dense);
@@ -195,7 +195,7 @@ TEST_F(HardCases, ForcedCollisionsSeeHazeBesideDenseVoxels) {
   s.film.width = s.film.height = 8;
   s.render.first_collision = "forced";
   const PreparedScene prepared(s, LayerRequest::of({"direct", "indirect", "transmittance"}, false));
-  ASSERT_TRUE(prepared.plan().lanes && prepared.plan().first_collision.forced);
+  ASSERT_TRUE(prepared.plan().first_collision.forced);
   const double optical_depth = 1250 * 1e-7 * 16;  // fifteen voxels and, on either side, one that falls to 0
   const double passed = mean(prepared.render(256, 1).layers, "transmittance.R");
   EXPECT_NEAR(1 - passed, -std::expm1(-optical_depth), 0.01 * optical_depth);
@@ -222,22 +222,22 @@ TEST_F(HardCases, CoverageOfARoughDensityIsTheSameForAll) {
         }
     return met / (64 * 64 * 4);
   }();
-  for (const char* lanes : {"auto", "off"})
+  for (const char* majorants : {"cells", "global"})
     for (const int size : {16, 64, 128}) {
       s.film.width = s.film.height = size;
-      s.render.lanes = lanes;
+      s.render.majorants = majorants;
       const double coverage = mean(render(s, 64 * 64 * 4 / (size * size), {"coverage"}), "coverage.A");
-      EXPECT_NEAR(coverage, exact, size == 64 ? 2e-4 : 4e-3) << size << " pixels, lanes " << lanes;
+      EXPECT_NEAR(coverage, exact, size == 64 ? 2e-4 : 4e-3) << size << " pixels, majorants " << majorants;
     }
 }
 
 // What a flight asks while it is under way: majorants a hundred million times too large make it practically endless.
 TEST_F(HardCases, EndlessFlightsListenToTheStopSignal) {
-  for (const char* lanes : {"auto", "off"}) {
+  for (const char* majorants : {"cells", "global"}) {
     Scene s = scene(block([](const ivec3&) { return 1e-3f; }), 1e-3);
     s.render.majorant_scale = 1e12;
     s.render.first_collision = "free";
-    s.render.lanes = lanes;
+    s.render.majorants = majorants;
     const PreparedScene prepared(s, LayerRequest::of({"direct", "indirect"}, false));
     std::atomic<bool> cancel{true};
     StopSignal stop{&cancel};
@@ -245,17 +245,16 @@ TEST_F(HardCases, EndlessFlightsListenToTheStopSignal) {
     context.stop = &stop;
     const PathRequest request = prepared.request(prepared.camera(), 1, 12, 12, 0);
     PathCounters counters;
-    EXPECT_THROW(select_path_tracer(context.plan)(
+    EXPECT_THROW(trace_paths(
                      context, {&request, 1}, [](size_t, const PathSample&) {}, counters),
                  Interrupted)
-        << lanes;
+        << majorants;
   }
 }
 
 TEST_F(HardCases, TimeThatRunsOutInsideAFlightLeavesWhatThereIs) {
   Scene s = scene(block([](const ivec3&) { return 1e-3f; }), 1e-3);
   s.render.majorant_scale = 1e12;
-  s.render.lanes = "off";
   s.film.width = s.film.height = 4;
   RenderJob job;
   job.spp = 4;

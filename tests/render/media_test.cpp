@@ -8,8 +8,8 @@
 #include <cmath>
 
 #include "base/error.h"
-#include "render/frame/renderer.h"
 #include "render/scene/scene_io.h"
+#include "render/session/renderer.h"
 #include "tests/support/files.h"
 #include "tests/support/volumes.h"
 
@@ -366,7 +366,8 @@ TEST(Emission, OfARampIsExactBetweenItsStops) {
   EXPECT_NEAR(ramp(-1).z, 0, 1e-12);
 }
 
-// A block that glows by a ramp or by its heat, in lanes and one by one, beside a voxel that stretches the grid's range.
+// A block that emits by a ramp or by its heat, in grey and in chromatic media, beside a voxel that stretches the grid's
+// range.
 TEST(Emission, DoesNotDependOnTheRangeOfTheGrid) {
   const test::TemporaryFolder folder;
   const VoxelBox box{{0, 0, 0}, {31, 15, 15}};
@@ -383,15 +384,13 @@ TEST(Emission, DoesNotDependOnTheRangeOfTheGrid) {
     s.film.width = s.film.height = 4;
     s.volumes.emplace_back();
     s.volumes[0].file = folder / name;
-    s.volumes[0].sigma_t = dvec3(1e-9);
     s.volumes[0].albedo = dvec3(0);
     set(s.volumes[0]);
     std::array<double, 2> seen{};
-    for (const bool lanes : {false, true}) {
-      s.render.lanes = lanes ? "auto" : "off";
+    for (const bool grey : {false, true}) {
+      s.volumes[0].sigma_t = grey ? dvec3(1e-9) : dvec3(1e-9, 2e-9, 3e-9);
       const PreparedScene prepared(s, LayerRequest::of({"emission"}, true));
-      EXPECT_EQ(prepared.plan().lanes, lanes);
-      seen[lanes] = test::mean_radiance(prepared.render(256, 1).layers, layer::emission).value.x;
+      seen[grey] = test::mean_radiance(prepared.render(256, 1).layers, layer::emission).value.x;
     }
     return seen;
   };
@@ -406,7 +405,7 @@ TEST(Emission, DoesNotDependOnTheRangeOfTheGrid) {
   // Sixteen voxels of 1, and on either side a tenth of the one in which the value falls to 0 is dimmer.
   for (const double seen : glow("ramp.vdb", 1, 1000, by_ramp)) EXPECT_NEAR(seen, 16.9, 0.02);
   const auto cold = glow("cold.vdb", 1000, 0, by_heat), hot = glow("hot.vdb", 1000, 9999, by_heat);
-  for (const size_t lanes : {0, 1}) EXPECT_NEAR(hot[lanes] / cold[lanes], 1, 1e-4);
+  for (const size_t grey : {0, 1}) EXPECT_NEAR(hot[grey] / cold[grey], 1, 1e-4);
   EXPECT_NEAR(cold[0] / cold[1], 1, 0.01);
 }
 

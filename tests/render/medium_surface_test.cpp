@@ -4,14 +4,14 @@
 #include <algorithm>
 #include <cmath>
 
-#include "render/frame/renderer.h"
-#include "render/lanes/wavefront.h"
+#include "render/session/renderer.h"
+#include "render/transport/wavefront.h"
 #include "render/world/camera.h"
 #include "tests/support/files.h"
 #include "tests/support/volumes.h"
 #include "volume/gradient.h"
 
-// The layers `coverage` and `gradient`, in lanes.
+// The layers `coverage` and `gradient`.
 
 namespace brume {
 namespace {
@@ -27,7 +27,7 @@ struct Found {
 /// Two rays of every step-th pixel, against fine steps; and again alone, or with others than before.
 Found against_fine_steps(const Scene& scene, int begin, int step) {
   const PreparedScene prepared(scene, LayerRequest::of({"gradient", "coverage"}, false));
-  EXPECT_TRUE(prepared.plan().lanes);
+  EXPECT_TRUE(prepared.plan().one_grid);
   const Medium& medium = *prepared.medium();
   const double iso = scene.render.surface_density * medium.maximum_density();
   const int size = scene.film.width;
@@ -44,7 +44,7 @@ Found against_fine_steps(const Scene& scene, int begin, int step) {
   found.rays = static_cast<double>(requests.size());
   const auto trace = [&](std::span<const PathRequest> some, PathSample* samples) {
     PathCounters counters;
-    trace_paths_in_lanes(
+    trace_paths(
         prepared.context(), some, [&](size_t i, const PathSample& s) { samples[i] = s; }, counters);
   };
   std::vector<PathSample> samples(requests.size());

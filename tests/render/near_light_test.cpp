@@ -1,12 +1,12 @@
 // Small lights inside homogeneous media: their light along flights, against quadrature and against collisions alone.
 
-#include "render/trace/near_light.h"
+#include "render/transport/near_light.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 
-#include "render/frame/renderer.h"
+#include "render/session/renderer.h"
 
 namespace brume {
 namespace {

@@ -6,9 +6,9 @@
 
 #include "base/error.h"
 #include "image/exr_io.h"
-#include "render/frame/render_state.h"
-#include "render/frame/renderer.h"
 #include "render/scene/scene_io.h"
+#include "render/session/render_state.h"
+#include "render/session/renderer.h"
 #include "tests/support/files.h"
 #include "tests/support/volumes.h"
 
@@ -306,7 +306,7 @@ TEST_F(PartsTest, SampleRecordsStreamByTile) {
   LayerRequest layers;
   layers.records = true;
   const PreparedScene scene(scene_, layers);
-  EXPECT_FALSE(scene.plan().lanes);
+  EXPECT_FALSE(scene.plan().one_grid);
   RenderJob j = job(5);
   j.records = folder_ / "samples.records";
   const Layers frame = scene.render(j, {}).layers;

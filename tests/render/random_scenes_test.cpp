@@ -10,7 +10,7 @@
 #include <numeric>
 #include <vector>
 
-#include "render/frame/renderer.h"
+#include "render/session/renderer.h"
 #include "tests/support/files.h"
 #include "tests/support/random_scene.h"
 #include "workflows/clean.h"
@@ -146,8 +146,7 @@ TEST_P(RandomScene, IsPredictedByItsGuidesAndNeverWorseClean) {
   const Difference direct = difference(frame, layer::direct, "guide.predicted_direct"),
                    indirect = difference(frame, layer::indirect, "guide.predicted_indirect");
 
-  Cleaner cleaner(
-      "transport_regression", 1, [](const std::string&) { return Task(); }, [](const std::string&) {});
+  Cleaner cleaner("transport_regression", 1, {});
   const PreparedScene to_clean(random.scene, cleaner.request(LayerRequest::of({"direct", "indirect"}, true), 4));
   const Layers noisy = to_clean.render(4, 2, {}).layers, clean = cleaner.clean(noisy);
   const Distance before = distance(noisy, frame), after = distance(clean, frame);

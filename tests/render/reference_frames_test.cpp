@@ -10,7 +10,7 @@
 #include "evaluate/metrics/metric.h"
 #include "image/exr_io.h"
 #include "image/foreign.h"
-#include "render/frame/renderer.h"
+#include "render/session/renderer.h"
 #include "tests/support/files.h"
 #include "tests/support/volumes.h"
 

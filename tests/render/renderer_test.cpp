@@ -1,4 +1,4 @@
-#include "render/frame/renderer.h"
+#include "render/session/renderer.h"
 
 #include <gtest/gtest.h>
 
@@ -120,11 +120,11 @@ TEST(Renderer, TheIndirectLimitBoundsEachSampleAndCountsWhatItTakes) {
         for (const float v : p->pixels(y)) sum += v;
     return sum / 3;
   };
-  for (const char* lanes : {"auto", "off"}) {
+  for (const char* majorants : {"cells", "global"}) {
     Scene scene = small_scene("cloud", 16);
-    scene.render.lanes = lanes;
+    scene.render.majorants = majorants;
     const PreparedScene free(scene, layers);
-    ASSERT_EQ(free.plan().lanes, std::string(lanes) == "auto");
+    ASSERT_EQ(free.plan().one_grid, std::string(majorants) == "cells");
     const RenderResult whole = free.render(kSpp, 1, {});
     scene.render.indirect_limit = 1e9;
     const RenderResult same = PreparedScene(scene, layers).render(kSpp, 1, {});
@@ -172,14 +172,14 @@ TEST(Renderer, TheIndirectLimitBoundsEachSampleAndCountsWhatItTakes) {
   }
 }
 
-TEST(Renderer, TheIndirectLimitIsTheSameInLanes) {
+TEST(Renderer, TheIndirectLimitIsTheSameInDoublePrecision) {
   Scene scene = small_scene("cloud", 32);
   scene.render.indirect_limit = 0.3 / scene.film.exposure;
-  const auto render = [&](const char* lanes, int64_t seed) {
-    scene.render.lanes = lanes;
+  const auto render = [&](const char* majorants, int64_t seed) {
+    scene.render.majorants = majorants;
     return PreparedScene(scene, {}).render(64, seed, {});
   };
-  const RenderResult a = render("auto", 1), b = render("off", 2);
+  const RenderResult a = render("cells", 1), b = render("global", 2);
   const test::Mean x = test::mean_radiance(a.layers, layer::indirect),
                    y = test::mean_radiance(b.layers, layer::indirect);
   for (int c = 0; c < 3; ++c) EXPECT_NEAR(x.value[c], y.value[c], 4 * std::hypot(x.error[c], y.error[c]));

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "base/rng.h"
-#include "render/frame/round_progress.h"
+#include "render/session/round_progress.h"
 #include "workflows/error_curve.h"
 
 namespace brume {

@@ -5,7 +5,7 @@
 #include <gtest/gtest.h>
 
 #include "image/exr_io.h"
-#include "render/frame/renderer.h"
+#include "render/session/renderer.h"
 #include "tests/support/files.h"
 #include "tests/support/volumes.h"
 

@@ -5,7 +5,7 @@
 
 #include <cmath>
 
-#include "render/frame/renderer.h"
+#include "render/session/renderer.h"
 #include "tests/support/files.h"
 #include "tests/support/volumes.h"
 #include "volume/tracking.h"

@@ -13,7 +13,7 @@
 #include "base/running_statistics.h"
 #include "image/exr_io.h"
 #include "image/picture_io.h"
-#include "render/frame/renderer.h"
+#include "render/session/renderer.h"
 #include "tests/support/files.h"
 #include "tests/support/volumes.h"
 

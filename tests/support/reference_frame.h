@@ -1,7 +1,7 @@
 #pragma once
 #include <string>
 
-#include "render/frame/renderer.h"
+#include "render/session/renderer.h"
 
 namespace brume::test {
 

@@ -8,7 +8,7 @@
 #include <utility>
 #include <vector>
 
-#include "render/trace/path_layers.h"
+#include "render/transport/path_layers.h"
 
 namespace brume::test {
 namespace {

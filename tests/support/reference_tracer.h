@@ -1,5 +1,5 @@
 #pragma once
-#include "render/trace/integrator.h"
+#include "render/transport/integrator.h"
 
 namespace brume::test {
 

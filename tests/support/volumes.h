@@ -4,7 +4,7 @@
 #include <string>
 
 #include "base/rng.h"
-#include "render/frame/renderer.h"
+#include "render/session/renderer.h"
 #include "volume/medium.h"
 
 namespace brume::test {

@@ -10,8 +10,8 @@
 
 #include "base/progress.h"
 #include "image/exr_io.h"
-#include "render/frame/renderer.h"
 #include "render/scene/scene_io.h"
+#include "render/session/renderer.h"
 #include "tests/support/files.h"
 #include "tests/support/volumes.h"
 
@@ -40,16 +40,15 @@ test::Mean render(const Scene& scene, int spp, int64_t seed, const LayerName& la
 }
 
 void furnaces() {
-  for (const char* lanes : {"auto", "off"}) {
+  for (const char* majorants : {"cells", "global"}) {
     Scene s = test::scene_of(test::source("data/volumes/cloud.vdb"), 20, 1, 0.8);
     s.film.width = s.film.height = 64;
     s.environment.radiance = dvec3(1);
     s.render.light_sampling = "all";
-    s.render.lanes = lanes;
+    s.render.majorants = majorants;
     const int spp = 4000;
     const test::Mean m = render(s, spp, 1);
-    row(fmt::format("white furnace, light sampling, {}", std::string(lanes) == "auto" ? "lanes" : "one by one"),
-        m.value.x, m.error.x, 1, 0, 0, spp);
+    row(fmt::format("white furnace, light sampling, majorants = {}", majorants), m.value.x, m.error.x, 1, 0, 0, spp);
   }
   Scene s = test::scene_of(test::source("data/volumes/smoke.vdb"), 20, 0.6, 0.3);
   s.film.width = s.film.height = 64;
@@ -110,33 +109,33 @@ void demo_scenes() {
     s.render.majorant_scale = 1;
     s.render.lookup = "interpolated";
     const Layers interpolated = frame(3);
-    s.render.lanes = "off";
-    const Layers one_by_one = frame(4);
+    s.render.majorants = "global";
+    const Layers in_double = frame(4);
     for (const LayerName& l : {layer::direct, layer::indirect}) {
-      const test::Mean expected = test::mean_radiance(one_by_one, l);
+      const test::Mean expected = test::mean_radiance(in_double, l);
       for (const auto& [what, layers] : {std::pair("lanes", &lanes),
                                          {"lanes, forced first collisions", &forced},
                                          {"lanes, majorants tripled", &loose},
                                          {"lanes, interpolated look-ups", &interpolated}}) {
         const test::Mean m = test::mean_radiance(*layers, l);
-        row(fmt::format("{}, {}: {} against one by one", name, l.label(), what), m.value.y, m.error.y, expected.value.y,
-            expected.error.y, 0, spp);
+        row(fmt::format("{}, {}: {} against double precision", name, l.label(), what), m.value.y, m.error.y,
+            expected.value.y, expected.error.y, 0, spp);
       }
     }
   }
 }
 
-void lanes_against_one_by_one(const char* name, Scene s, int spp, std::span<const LayerName> layers) {
+void lanes_against_double(const char* name, Scene s, int spp, std::span<const LayerName> layers) {
   std::vector<std::string> names;
   for (const LayerName& l : layers) names.emplace_back(l.name);
-  const auto frame = [&](const char* lanes, int64_t seed) {
-    s.render.lanes = lanes;
+  const auto frame = [&](const char* majorants, int64_t seed) {
+    s.render.majorants = majorants;
     return PreparedScene(s, LayerRequest::of(names, true)).render(spp, seed, {}).layers;
   };
-  const Layers lanes = frame("auto", 1), one_by_one = frame("off", 2);
+  const Layers lanes = frame("cells", 1), in_double = frame("global", 2);
   for (const LayerName& l : layers) {
-    const test::Mean m = test::mean_radiance(lanes, l), expected = test::mean_radiance(one_by_one, l);
-    row(fmt::format("{}, {}: lanes against one by one", name, l.label()), m.value.y, m.error.y, expected.value.y,
+    const test::Mean m = test::mean_radiance(lanes, l), expected = test::mean_radiance(in_double, l);
+    row(fmt::format("{}, {}: lanes against double precision", name, l.label()), m.value.y, m.error.y, expected.value.y,
         expected.error.y, 0, spp);
   }
 }
@@ -163,14 +162,14 @@ void lamps() {
   s.lights[2].type = "point";
   s.lights[2].position = dvec3(1.5, -1, 1);
   s.lights[2].intensity = dvec3(3);
-  lanes_against_one_by_one("smoke among lamps", s, 2000, std::array{layer::direct, layer::indirect});
+  lanes_against_double("smoke among lamps", s, 2000, std::array{layer::direct, layer::indirect});
 }
 
 void fire() {
   Scene s = read_scene(test::source("data/scenes/fire.toml"));
   s.film.width = s.film.height = 100;
   s.surfaces.clear();
-  lanes_against_one_by_one("fire without meshes", s, 2000, std::array{layer::emission, layer::direct, layer::indirect});
+  lanes_against_double("fire without meshes", s, 2000, std::array{layer::emission, layer::direct, layer::indirect});
 }
 
 // A lamp in fog: its near part along flights against collisions alone. The lamp is beyond the picture's edge: close to

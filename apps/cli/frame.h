@@ -1,0 +1,15 @@
+#pragma once
+#include <CLI/CLI.hpp>
+#include <string>
+
+#include "workflows/frame.h"
+
+namespace brume::app {
+
+/// Accepts "header", "auto" or a number above 0.
+CLI::Validator exposure_validator();
+
+/// --exposure and --tone.
+void add_picture_options(CLI::App& command, PictureOptions& options, const std::string& exposure_help);
+
+}  // namespace brume::app

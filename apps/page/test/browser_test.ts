@@ -1,0 +1,584 @@
+// The page in a real browser: node browser_test.mjs BRUME CHROMIUM FOLDER. The pages and a picture of each view are left
+// in FOLDER.
+import assert from "node:assert/strict";
+import { execFileSync } from "node:child_process";
+import { mkdirSync, readFileSync, writeFileSync } from "node:fs";
+import { createRequire } from "node:module";
+import { dirname, join } from "node:path";
+import test, { after, before, describe } from "node:test";
+import { fileURLToPath, pathToFileURL } from "node:url";
+import { isDeepStrictEqual } from "node:util";
+import type { Browser, BrowserContext, Locator, Page } from "playwright-core";
+import type { AxeResults } from "axe-core";
+import { fromBase64, inflate, unpredict } from "../src/half";
+import { errorMap, Picture } from "../src/library";
+import type { PictureEntry, Results } from "../src/results";
+import { fixture } from "./fixture";
+
+declare const PAGE_FOLDER: string;
+const modules = createRequire(join(PAGE_FOLDER, "package.json"));
+const { chromium } = modules("playwright-core") as typeof import("playwright-core");
+const axe = readFileSync(modules.resolve("axe-core/axe.min.js"), "utf8");
+
+const [brume, program, folder] = process.argv.slice(2) as [string, string, string];
+const shots = join(folder, "views");
+mkdirSync(shots, { recursive: true });
+
+const DESKTOP = { width: 1440, height: 900 };
+const PHONE = { width: 390, height: 844 };
+
+let browser: Browser;
+/** What pages said or asked for that they should not have. */
+const complaints: string[] = [];
+
+async function open(context: BrowserContext, file: string, hash = ""): Promise<Page> {
+  const page = await context.newPage();
+  page.on("console", (m) => ["error", "warning"].includes(m.type()) && complaints.push(`${file}#${hash}: ${m.text()}`));
+  page.on("pageerror", (e) => complaints.push(`${file}#${hash}: ${e.stack}`));
+  page.on(
+    "request",
+    (r) => /^(file|data|blob):/.test(r.url()) || complaints.push(`${file}#${hash}: asked for ${r.url()}`),
+  );
+  await page.goto(pathToFileURL(file).href + (hash ? `#${hash}` : ""));
+  await page.locator(".methods li").first().waitFor();
+  return page;
+}
+
+/** A context without a network. */
+async function reader(viewport = DESKTOP, colorScheme: "light" | "dark" = "dark"): Promise<BrowserContext> {
+  const context = await browser.newContext({
+    viewport,
+    colorScheme,
+    offline: true,
+    hasTouch: viewport === PHONE,
+    deviceScaleFactor: 1,
+  });
+  context.setDefaultTimeout(20_000);
+  return context;
+}
+
+/** The canvas' pixels, as text to compare. */
+async function pixels(canvas: Locator): Promise<string> {
+  return canvas.evaluate((c) => (c as HTMLCanvasElement).toDataURL());
+}
+
+/** Waits until a canvas shows something, and something else than `before`. */
+async function drawn(canvas: Locator, before = ""): Promise<string> {
+  for (let i = 0; i < 200; ++i) {
+    const now = await pixels(canvas);
+    const empty = await canvas.evaluate((c) => {
+      const { width, height } = c as HTMLCanvasElement;
+      const middle = new OffscreenCanvas(1, 1).getContext("2d", { willReadFrequently: true })!;
+      if (width) middle.drawImage(c as HTMLCanvasElement, -width / 2, -height / 2);
+      return !middle.getImageData(0, 0, 1, 1).data[3];
+    });
+    if (!empty && now !== before) return now;
+    await new Promise((resolve) => setTimeout(resolve, 50));
+  }
+  throw new Error("the picture did not change");
+}
+
+/** Waits until the page shows what it should: it draws itself anew a while after a key or a click. */
+async function comesTo<T>(read: () => Promise<T>, wanted: T, what = ""): Promise<void> {
+  for (let i = 0; i < 400; ++i) {
+    if (isDeepStrictEqual(await read(), wanted)) return;
+    await new Promise((resolve) => setTimeout(resolve, 50));
+  }
+  assert.deepEqual(await read(), wanted, what);
+}
+
+/** The link to what is shown, once it is as it should be: it follows the view after a while. */
+async function linkOnce(page: Page, right: (link: URLSearchParams) => boolean): Promise<URLSearchParams> {
+  for (let i = 0; ; ++i) {
+    const link = new URLSearchParams(new URL(page.url()).hash.slice(1));
+    if (right(link)) return link;
+    assert.ok(i < 200, `the link says ${link}`);
+    await page.waitForTimeout(50);
+  }
+}
+
+/** Waits until the link says so: null where it is to say nothing. */
+async function linkSays(page: Page, name: string, value: string | null): Promise<void> {
+  await linkOnce(page, (link) => link.get(name) === value);
+}
+
+/** What axe finds. */
+async function violations(page: Page, what: string): Promise<string[]> {
+  await page.evaluate(axe);
+  const found = (await page.evaluate("axe.run(document, { resultTypes: ['violations'] })")) as AxeResults;
+  return found.violations.map(
+    (v) => `${what}: ${v.id}: ${v.help}: ${v.nodes.map((n) => n.target.join(" ")).join("; ")}`,
+  );
+}
+
+const made = join(folder, "made_up.html");
+const evaluated = join(folder, "evaluation");
+const { html } = fixture();
+
+before(async () => {
+  const built = join(dirname(fileURLToPath(import.meta.url)), "..");
+  writeFileSync(
+    made,
+    html(readFileSync(join(built, "page.js"), "utf8"), readFileSync(join(built, "page.css"), "utf8")),
+  );
+  const scenes = join(PAGE_FOLDER, "..", "..", "data", "scenes");
+  const filters = ["bilateral", "gradient_kernel", "nl_means"].flatMap((f) => ["-f", f]);
+  const small = ["--size", "40", "--spp", "2,4", "--seeds", "2", "--reference-spp", "16", "--no-tuning", "-q"];
+  execFileSync(
+    brume,
+    ["evaluate", join(scenes, "smoke.toml"), join(scenes, "cloud.toml"), ...small, ...filters, "-o", evaluated],
+    { stdio: "ignore" },
+  );
+  browser = await chromium.launch({ executablePath: program, args: ["--disable-dev-shm-usage"] });
+});
+after(() => browser?.close());
+
+describe("the page that brume evaluate writes", () => {
+  const file = join(evaluated, "index.html");
+
+  test("shows every method and the numbers of results.json", async () => {
+    const results = JSON.parse(readFileSync(join(evaluated, "results.json"), "utf8")) as Results;
+    const context = await reader();
+    for (const scene of results.scenes)
+      for (const spp of results.spp)
+        for (const region of ["medium", "frame"]) {
+          const page = await open(
+            context,
+            file,
+            `tab=numbers&setting=&scene=${scene.name}&spp=${spp}&region=${region}`,
+          );
+          const listed = await page
+            .locator(".methods li")
+            .evaluateAll((rows) => rows.map((r) => (r as HTMLElement).dataset["method"]));
+          assert.deepEqual(listed.sort(), ["reference", ...results.methods.map((m) => m.id)].sort());
+          await comesTo(
+            () => page.locator(".metrics td[data-metric]").count(),
+            results.methods.length * results.metrics.length,
+          );
+          const cells = await page
+            .locator(".metrics td[data-metric]")
+            .evaluateAll((all) =>
+              all.map(
+                (td) =>
+                  [
+                    td.closest("tr")!.dataset["method"]!,
+                    (td as HTMLElement).dataset["metric"]!,
+                    (td as HTMLElement).dataset["value"]!,
+                    td.textContent!,
+                  ] as const,
+              ),
+            );
+          for (const [method, metric, value, text] of cells) {
+            const row = results.rows.find(
+              (r) => r.scene === scene.name && r.spp === spp && r.method === method && r.region === region,
+            )!;
+            const { mean } = row.metrics[metric]!;
+            assert.equal(Number(value), mean, `${method} ${metric}`);
+            const printed = Number(
+              text.replace(/[●○]/g, "").split("±")[0]!.replace("−", "-").replace("e−", "e-").trim(),
+            );
+            assert.ok(Math.abs(printed - mean) <= 0.006 * Math.abs(mean), `${text} is not ${mean}`);
+          }
+          await page.close();
+        }
+    await context.close();
+  });
+
+  test("holds the pictures that the EXRs hold", async () => {
+    const text = readFileSync(file, "utf8");
+    const part = (id: string) => text.match(new RegExp(`id="${id}">([^<]*)</script>`))![1]!;
+    const entries = JSON.parse(part("pictures")) as PictureEntry[];
+    const load = async (e: PictureEntry) =>
+      new Picture(
+        e.width,
+        e.height,
+        unpredict(await inflate(fromBase64(part(`picture-${e.data}`))), e.width, e.height),
+      );
+    const reference = entries.find((e) => e.scene === "smoke" && e.spp === 0)!;
+    for (const method of ["noisy", "bilateral_default"]) {
+      const picture = await load(entries.find((e) => e.scene === "smoke" && e.spp === 2 && e.method === method)!);
+      const map = errorMap("lab", picture, await load(reference), 1);
+      const rms = Math.sqrt(map.reduce((sum, e) => sum + e * e, 0) / map.length);
+      const names = [`smoke_2spp_${method}.exr`, "smoke_reference.exr"].map((name) => join(evaluated, name));
+      const compared = JSON.parse(execFileSync(brume, ["compare", ...names, "--json"], { encoding: "utf8" })) as {
+        metrics: { lab_rms: number };
+      };
+      assert.ok(
+        Math.abs(rms - compared.metrics.lab_rms) < 2e-3 * rms,
+        `${method}: ${rms} is not ${compared.metrics.lab_rms}`,
+      );
+    }
+  });
+});
+
+describe("looking at pictures", () => {
+  test("the divider follows keys and pointer", async () => {
+    const context = await reader();
+    const page = await open(context, made);
+    const canvas = page.locator(".stage canvas");
+    const first = await drawn(canvas);
+    await page.keyboard.press("ArrowLeft");
+    await page.keyboard.press("ArrowLeft");
+    const second = await drawn(canvas, first);
+    await linkSays(page, "split", "0.46");
+    const box = (await canvas.boundingBox())!;
+    await page.mouse.move(box.x + box.width / 2, box.y + 200);
+    await page.mouse.down();
+    await page.mouse.move(box.x + box.width / 4, box.y + 200, { steps: 4 });
+    await page.mouse.up();
+    await drawn(canvas, second);
+    await linkOnce(page, (link) => Math.abs(Number(link.get("split")) - 0.25) < 0.01);
+    await page.getByRole("separator").focus();
+    await page.keyboard.press("End");
+    await linkSays(page, "split", "1");
+    await context.close();
+  });
+
+  test("the wheel zooms at the pointer, a drag moves, 0 shows all again", async () => {
+    const context = await reader();
+    const page = await open(context, made);
+    const canvas = page.locator(".stage canvas");
+    const whole = await drawn(canvas);
+    const box = (await canvas.boundingBox())!;
+    await page.mouse.move(box.x + box.width * 0.6, box.y + box.height * 0.4);
+    const where = page.locator(".probe .where");
+    const pixel = await where.textContent();
+    await page.mouse.wheel(0, -900);
+    const close = await drawn(canvas, whole);
+    await comesTo(() => where.textContent(), pixel);
+    await linkOnce(page, (link) => Number(link.get("zoom")) > 2);
+    await page.mouse.move(box.x + box.width * 0.8, box.y + box.height * 0.5);
+    await page.mouse.down();
+    await page.mouse.move(box.x + box.width * 0.7, box.y + box.height * 0.6, { steps: 3 });
+    await page.mouse.up();
+    await drawn(canvas, close);
+    await page.keyboard.press("0");
+    await linkOnce(page, (link) => link.get("zoom") === null && link.get("x") === null);
+    await context.close();
+  });
+
+  test("values under the pointer are those of the picture", async () => {
+    const context = await reader();
+    const page = await open(context, made);
+    const canvas = page.locator(".stage canvas");
+    await drawn(canvas);
+    const box = (await canvas.boundingBox())!;
+    await page.mouse.move(box.x + box.width / 2 + 1, box.y + box.height / 2 + 1);
+    await comesTo(() => page.locator(".probe .where").textContent(), "20, 15");
+    // The made-up ball is brightest there: 0.2 + 0.6 in red.
+    const cells = page.locator(".probe tbody tr").nth(2).locator("td");
+    await comesTo(() => cells.nth(0).textContent(), "0.800");
+    await comesTo(() => cells.nth(1).textContent(), "0.850");
+    await context.close();
+  });
+
+  test("with the keyboard on the picture the pixel in the middle is read", async () => {
+    const context = await reader();
+    const page = await open(context, made);
+    await drawn(page.locator(".stage canvas"));
+    await page.keyboard.press("Tab");
+    await page.locator(".stage canvas").focus();
+    await comesTo(() => page.locator(".probe .where").textContent(), "20, 15");
+    for (const key of ["+", "+", "+", "+", "d"]) await page.keyboard.press(key);
+    await page.waitForFunction(() => document.querySelector(".probe .where")?.textContent !== "20, 15");
+    await context.close();
+  });
+
+  test("keys do what the help says", async () => {
+    const context = await reader();
+    const page = await open(context, made);
+    const canvas = page.locator("canvas").first();
+    const first = await drawn(canvas);
+    const press = async (...keys: string[]) => {
+      for (const key of keys) await page.keyboard.press(key);
+    };
+    const turns = async (keys: string[], name: string, value: string | null) => {
+      await press(...keys);
+      await linkSays(page, name, value);
+    };
+    await turns(["ArrowDown"], "b", "nl_means_searched");
+    await turns(["Shift+ArrowUp"], "a", "bilateral_searched");
+    await turns(["x"], "a", "nl_means_searched");
+    await turns(["r"], "a", "reference");
+    await turns(["]", "]"], "stops", "1");
+    await turns(["\\"], "stops", null);
+    await turns(["t"], "tone", "filmic");
+    await turns(["e"], "show", "error");
+    await turns(["k"], "error", "luminance");
+    await turns([">"], "gain", "1");
+    await turns(["2"], "mode", "flip");
+    await turns([" "], "front", "a");
+    await turns(["3"], "mode", "grid");
+    await comesTo(() => page.locator(".tile").count(), 6);
+    await turns(["."], "spp", "16");
+    await turns(["m"], "scene", "smoke");
+    await turns(["f"], "region", "frame");
+    await turns(["c"], "metric", "psnr");
+    for (const [key, tab] of [
+      ["n", "numbers"],
+      ["p", "plots"],
+      ["b", "ablation"],
+      ["v", "sensitivity"],
+      ["i", "about"],
+    ] as const)
+      await turns([key], "tab", tab);
+    await press("l", "?");
+    const dialog = page.getByRole("dialog");
+    await dialog.waitFor({ state: "visible" });
+    await press("Escape");
+    await dialog.waitFor({ state: "hidden" });
+    const theme = () => page.evaluate(() => document.documentElement.dataset["theme"]);
+    assert.equal(await theme(), "dark");
+    await press("u");
+    await comesTo(theme, "light");
+    assert.notEqual(await drawn(canvas), first);
+    await context.close();
+  });
+
+  test("what is done between two drawings of the page counts", async () => {
+    const context = await reader();
+    const page = await open(context, made);
+    await drawn(page.locator("canvas").first());
+    // Clicks and keys of one script: the browser draws after its end.
+    const act = (...steps: string[]) =>
+      page.evaluate((steps) => {
+        const key = (key: string) =>
+          (document.activeElement ?? document.body).dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true }));
+        for (const step of steps) {
+          const [what, name] = step.split(": ");
+          if (what === "key") key(name === "Space" ? " " : name!);
+          else if (what === "close") document.querySelector("dialog")!.close();
+          else document.querySelector<HTMLElement>(name!)!.click();
+        }
+      }, steps);
+    const dialog = page.getByRole("dialog");
+
+    await act("key: ?", "close", "key: u");
+    await comesTo(() => page.evaluate(() => document.documentElement.dataset["theme"]), "light");
+    await act("key: ?", "close", "key: ?");
+    await dialog.waitFor({ state: "visible" });
+    await act("close", "key: 2", "key: Space");
+    await linkSays(page, "front", "a");
+    await act("click: .stage canvas", "key: 1");
+    await page.locator("#tab-look").focus();
+    await act("key: ArrowRight", "key: ArrowRight");
+    await linkSays(page, "tab", "plots");
+    await act("key: n");
+    await page.locator(".metrics thead button").first().waitFor();
+    await act("click: .metrics th:nth-child(4) button", "click: .metrics th:nth-child(4) button");
+    await linkSays(page, "descending", "true");
+    await act("click: .methods li:nth-child(2) input", "click: .methods li:nth-child(3) input");
+    await linkOnce(page, (link) => link.get("hidden")?.split("|").length === 2);
+    await act("key: l", "key: e");
+    await page.getByRole("separator").focus();
+    await act("key: ArrowRight", "key: ArrowRight", "key: PageDown");
+    await linkSays(page, "split", "0.34");
+    await act("click: [title='Double the scale (>)']", "click: [title='Double the scale (>)']");
+    await linkSays(page, "gain", "2");
+    const pair = (link: URLSearchParams) => [link.get("a"), link.get("b")];
+    const before = pair(new URL(page.url().replace("#", "?")).searchParams);
+    await act("click: [title='Exchange A and B (x)']", "click: [title='Exchange A and B (x)']", "key: t");
+    assert.deepEqual(pair(await linkOnce(page, (link) => link.get("tone") !== null)), before);
+    await page.evaluate(() => {
+      const writeText = async (text: string) => void (document.title = text);
+      Object.defineProperty(navigator, "clipboard", { value: { writeText } });
+    });
+    await act("key: 3", "key: y");
+    await comesTo(async () => (await page.title()).includes("mode=grid"), true);
+    await context.close();
+  });
+
+  test("a link shows the same view again", async () => {
+    const context = await reader();
+    const page = await open(
+      context,
+      made,
+      "scene=smoke&spp=16&mode=flip&b=bilateral_searched&show=error&gain=-1&zoom=3&x=0.4&y=0.6",
+    );
+    const seen = await drawn(page.locator(".stage canvas"));
+    const again = await open(context, made, (await linkOnce(page, (link) => link.get("zoom") === "3")).toString());
+    await comesTo(() => pixels(again.locator(".stage canvas")), seen);
+    await context.close();
+  });
+
+  test("tiles of the grid zoom together", async () => {
+    const context = await reader();
+    const page = await open(context, made, "mode=grid");
+    const [one, other] = [page.locator(".tile canvas").nth(1), page.locator(".tile canvas").nth(3)];
+    const [before, beforeOther] = [await drawn(one), await drawn(other)];
+    await one.hover();
+    await page.mouse.wheel(0, -600);
+    await drawn(one, before);
+    await drawn(other, beforeOther);
+    await context.close();
+  });
+});
+
+describe("tables and plots", () => {
+  test("a click on a column sorts by it, another the other way round", async () => {
+    const context = await reader();
+    const page = await open(context, made, "tab=numbers");
+    const order = () =>
+      page
+        .locator(".metrics")
+        .first()
+        .locator("tbody tr")
+        .evaluateAll((rows) => rows.map((r) => (r as HTMLElement).dataset["method"]));
+    const best = [
+      "transport_regression_searched",
+      "nl_means_searched",
+      "gradient_kernel_searched",
+      "bilateral_searched",
+      "noisy",
+    ];
+    await comesTo(order, best);
+    await page.getByRole("button", { name: "PSNR" }).click();
+    await comesTo(order, best);
+    await page.getByRole("button", { name: "PSNR" }).click();
+    await comesTo(order, [...best].reverse());
+    await page.getByRole("button", { name: "Method" }).click();
+    await comesTo(async () => (await order())[0], "bilateral_searched");
+    await context.close();
+  });
+
+  test("methods that are left out leave tables and plots", async () => {
+    const context = await reader();
+    const page = await open(context, made, "tab=numbers");
+    const rows = page.locator(".metrics").first().locator("tbody tr");
+    await comesTo(() => rows.count(), 5);
+    await page.getByRole("checkbox", { name: "nl_means" }).uncheck();
+    await comesTo(() => rows.count(), 4);
+    await page.keyboard.press("p");
+    await comesTo(() => page.locator(".plot").first().locator(".key li").count(), 4);
+    await context.close();
+  });
+
+  test("direct and indirect light stand by themselves where a method cleans them so", async () => {
+    const context = await reader();
+    const page = await open(context, made, "tab=numbers");
+    const rows = page.locator(".lights tbody tr");
+    await comesTo(() => rows.count(), 2);
+    await comesTo(() => rows.locator("th").allTextContents(), ["bilateral", "path tracing"]);
+    await context.close();
+  });
+
+  test("who beats whom follows the metric", async () => {
+    const context = await reader();
+    const page = await open(context, made, "tab=numbers");
+    const title = page.getByRole("heading", { name: "Who beats whom" });
+    await comesTo(() => title.textContent(), "Who beats whom: Lab RMS");
+    await page.keyboard.press("c");
+    await comesTo(() => title.textContent(), "Who beats whom: PSNR");
+    await comesTo(async () => (await page.locator(".matrix td.win").count()) > 0, true);
+    await page.keyboard.press("c");
+    await comesTo(() => title.textContent(), "Who beats whom: Lab RMS");
+    await context.close();
+  });
+
+  test("sequences are told by their temporal error, the best first", async () => {
+    const context = await reader();
+    const page = await open(context, made, "tab=numbers");
+    const rows = page.locator(".sequence tbody tr");
+    await comesTo(() => rows.count(), 2);
+    await comesTo(
+      () => rows.first().locator("td").allTextContents(),
+      ["3", "0.250 ± 0.0100", "0.500 ± 0.0100", "−0.0100 ± 0.00100", "250 ms"],
+    );
+    await context.close();
+  });
+
+  test("what failed says so", async () => {
+    const context = await reader();
+    const page = await open(context, made, "tab=numbers&scene=smoke");
+    assert.match(
+      (await page.locator(".failures").textContent())!,
+      /nl_means.*smoke, 4 spp: a layer that it needs is missing/,
+    );
+    await context.close();
+  });
+
+  test("a bare evaluation has no tabs without content", async () => {
+    const bare = join(folder, "bare.html");
+    const { results } = fixture();
+    const few = {
+      scenes: results.scenes,
+      spp: results.spp,
+      methods: results.methods,
+      rows: results.rows,
+      metrics: results.metrics,
+    };
+    writeFileSync(
+      bare,
+      readFileSync(made, "utf8").replace(/id="results">[^<]*</, () => `id="results">${JSON.stringify(few)}<`),
+    );
+    const context = await reader();
+    const page = await open(context, bare, "tab=ablation");
+    await comesTo(() => page.getByRole("tab").allTextContents(), ["Look", "Numbers", "Plots", "About"]);
+    await drawn(page.locator(".stage canvas"));
+    for (const key of ["n", "p", "i"]) await page.keyboard.press(key);
+    await context.close();
+  });
+});
+
+const VIEWS: Record<string, string> = {
+  swipe: "",
+  swipe_error: "show=error",
+  flip: "mode=flip",
+  grid: "mode=grid",
+  grid_error: "mode=grid&show=error&error=luminance",
+  zoomed: "zoom=5&x=0.4&y=0.45",
+  numbers: "tab=numbers",
+  numbers_all: "tab=numbers&setting=&scene=smoke",
+  plots: "tab=plots",
+  ablation: "tab=ablation",
+  sensitivity: "tab=sensitivity",
+  about: "tab=about",
+};
+
+describe("every view", () => {
+  for (const [device, viewport] of [
+    ["desktop", DESKTOP],
+    ["phone", PHONE],
+  ] as const)
+    for (const scheme of ["light", "dark"] as const)
+      test(`is accessible and fits a ${device} in ${scheme} colours`, async () => {
+        const context = await reader(viewport, scheme);
+        const found: string[] = [];
+        for (const [name, hash] of Object.entries(VIEWS)) {
+          const page = await open(context, made, hash);
+          for (const canvas of await page.locator(".pane canvas").all()) await drawn(canvas);
+          await page.screenshot({ path: join(shots, `${device}_${scheme}_${name}.png`), fullPage: true });
+          const wide = await page.evaluate(() => document.documentElement.scrollWidth - innerWidth);
+          if (wide > 0) found.push(`${name} is ${wide} pixels wider than the ${device}`);
+          // What depends on the size does not on the colours.
+          if (device === "desktop" || scheme === "light") found.push(...(await violations(page, name)));
+          await page.close();
+        }
+        const page = await open(context, made);
+        await page.keyboard.press("?");
+        await page.getByRole("dialog").waitFor({ state: "visible" });
+        await page.screenshot({ path: join(shots, `${device}_${scheme}_help.png`) });
+        found.push(...(await violations(page, "help")));
+        await context.close();
+        assert.deepEqual(found, []);
+      });
+
+  test("can be printed", async () => {
+    const context = await reader({ width: 794, height: 1123 }, "dark");
+    for (const name of ["swipe", "grid", "numbers", "plots", "about"]) {
+      const page = await open(context, made, VIEWS[name]);
+      for (const canvas of await page.locator(".pane canvas").all()) await drawn(canvas);
+      await page.emulateMedia({ media: "print" });
+      await page.screenshot({ path: join(shots, `print_${name}.png`), fullPage: true });
+      await page.locator(".methods").waitFor({ state: "hidden" });
+      const ground = () => page.evaluate(() => getComputedStyle(document.documentElement).backgroundColor);
+      await comesTo(ground, "rgb(255, 255, 255)");
+      await page.close();
+    }
+    await context.close();
+  });
+
+  test("said nothing to the console and asked no host", () => {
+    assert.deepEqual(complaints, []);
+  });
+});

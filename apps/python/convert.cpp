@@ -1,0 +1,176 @@
+#include "apps/python/convert.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cstring>
+
+#include "render/transport/path_sample.h"
+
+namespace brume::python {
+namespace {
+
+using Array = py::array_t<float, py::array::c_style | py::array::forcecast>;
+
+std::string shape_of(const py::array& array) {
+  std::vector<std::string> sizes;
+  for (py::ssize_t i = 0; i < array.ndim(); ++i) sizes.push_back(std::to_string(array.shape(i)));
+  return sizes.empty() ? "a single number" : join(sizes, " x ");
+}
+
+/// @param what  as errors call it: "layers['R']"
+/// @throws InputError for what is no array; py::type_error for one whose values are not real numbers
+Array to_array(const std::string& what, py::handle value) {
+  const auto given = py::array::ensure(value);
+  PyErr_Clear();
+  if (!given || PyUnicode_Check(value.ptr()))
+    throw InputError(fmt::format("{}: expected an array of numbers, found {}", what,
+                                 to_text(py::str(py::type::handle_of(value).attr("__name__")))));
+  if (std::string_view("biuf").find(given.dtype().kind()) == std::string_view::npos)
+    throw py::type_error(
+        fmt::format("{}: expected real numbers, found {}", what, to_text(py::str(given.dtype().attr("name")))));
+  return Array::ensure(given);
+}
+
+/// The full names of the channels of an array height x width x channels.
+std::vector<std::string> channels_of(const std::string& name, py::ssize_t count) {
+  const std::string key = name == layer::beauty.label() ? "" : name;
+  for (const RecordedLayer& recorded : recordable_layers()) {
+    const std::string own(recorded.name.name);
+    const bool same = key == own || key.starts_with(own + ".");
+    if (same && static_cast<py::ssize_t>(recorded.name.channels.size()) == count)
+      return LayerName{key, recorded.name.channels, ""}.channel_names();
+  }
+  const char* const letters[] = {"Y", "", "RGB", "RGBA"};
+  if (count < 1 || count > 4 || count == 2)
+    throw InputError(fmt::format("layers['{}']: expected 1, 3 or 4 channels, found {}", name, count));
+  return LayerName{key, letters[count - 1], ""}.channel_names();
+}
+
+void copy_rows(Plane& plane, const float* from, size_t step, size_t row_step) {
+  for (int y = 0; y < plane.height(); ++y) {
+    const float* const row = from + static_cast<size_t>(y) * row_step;
+    const auto pixels = plane.pixels(y);
+    if (step == 1)
+      std::memcpy(pixels.data(), row, pixels.size_bytes());
+    else
+      for (size_t x = 0; x < pixels.size(); ++x) pixels[x] = row[x * step];
+  }
+}
+
+}  // namespace
+
+py::str to_str(std::string_view text) {
+  PyObject* const result = PyUnicode_DecodeUTF8(text.data(), static_cast<py::ssize_t>(text.size()), "surrogateescape");
+  if (!result) throw py::error_already_set();
+  return py::reinterpret_steal<py::str>(result);
+}
+
+std::string to_text(py::handle text) {
+  if (!PyUnicode_Check(text.ptr()))
+    throw py::type_error("expected a str, found " + std::string(Py_TYPE(text.ptr())->tp_name));
+  const auto bytes =
+      py::reinterpret_steal<py::bytes>(PyUnicode_AsEncodedString(text.ptr(), "utf-8", "surrogateescape"));
+  if (!bytes) throw py::error_already_set();
+  return bytes;
+}
+
+std::string to_path(py::handle path) {
+  PyObject* bytes = nullptr;
+  if (!PyUnicode_FSConverter(path.ptr(), &bytes)) throw py::error_already_set();
+  return py::reinterpret_steal<py::bytes>(bytes);
+}
+
+std::string to_toml(py::handle value) {
+  if (PyUnicode_Check(value.ptr())) return to_text(value);
+  if (py::hasattr(value, "tolist")) return to_toml(value.attr("tolist")());  // of NumPy
+  if (PyBool_Check(value.ptr())) return value.ptr() == Py_True ? "true" : "false";
+  if (PyIndex_Check(value.ptr()) || PyFloat_Check(value.ptr())) return to_text(py::str(value));
+  if (py::hasattr(value, "__fspath__")) return to_path(value);
+  if (py::isinstance<py::sequence>(value)) {
+    std::vector<std::string> parts;
+    for (const py::handle part : value) {
+      const std::string text = to_toml(part);
+      parts.push_back(PyUnicode_Check(part.ptr()) ? "\"" + text + "\"" : text);
+    }
+    return "[" + join(parts) + "]";
+  }
+  return to_text(py::str(value));
+}
+
+py::object to_object(const Attribute& attribute) {
+  if (const auto* text = std::get_if<std::string>(&attribute)) return to_str(*text);
+  if (const auto* number = std::get_if<int>(&attribute)) return py::int_(*number);
+  if (const auto* number = std::get_if<float>(&attribute)) return py::float_(static_cast<double>(*number));
+  const auto& matrix = std::get<std::array<float, 16>>(attribute);
+  return py::array_t<float>({4, 4}, matrix.data());
+}
+
+Attribute to_attribute(const std::string& key, py::handle value) {
+  if (PyUnicode_Check(value.ptr())) return to_text(value);
+  if (PyLong_Check(value.ptr())) return value.cast<int>();
+  if (PyFloat_Check(value.ptr())) return value.cast<float>();
+  const std::string what = fmt::format("header['{}']", key);
+  const Array array = to_array(what, value);
+  if (array.size() != 16)
+    throw InputError(
+        fmt::format("{}: expected a str, a number or 4 x 4 numbers, found {}", what, to_text(py::repr(value))));
+  std::array<float, 16> matrix{};
+  std::copy_n(array.data(), 16, matrix.begin());
+  return matrix;
+}
+
+py::array_t<float> view_of(Plane& plane, py::handle owner) {
+  const auto row = static_cast<py::ssize_t>(plane.stride() * sizeof(float));
+  return py::array_t<float>({plane.height(), plane.width()}, {row, static_cast<py::ssize_t>(sizeof(float))},
+                            plane.row(0), owner);
+}
+
+void copy_into(Plane& plane, const std::string& name, py::handle value) {
+  const Array array = to_array(fmt::format("layers['{}']", name), value);
+  if (array.ndim() == 0) {
+    plane.fill(*array.data());
+    return;
+  }
+  if (array.ndim() != 2 || array.shape(0) != plane.height() || array.shape(1) != plane.width())
+    throw InputError(fmt::format("layers['{}']: expected {} x {} (height x width), found {}", name, plane.height(),
+                                 plane.width(), shape_of(array)));
+  copy_rows(plane, array.data(), 1, static_cast<size_t>(plane.width()));
+}
+
+std::shared_ptr<Layers> to_layers(py::handle value) {
+  if (py::isinstance<Layers>(value)) return value.cast<std::shared_ptr<Layers>>();
+  py::dict arrays;
+  if (PyMapping_Check(value.ptr()) && py::hasattr(value, "items"))
+    arrays = py::dict(py::reinterpret_borrow<py::object>(value));
+  else
+    arrays["beauty"] = value;
+  std::shared_ptr<Layers> layers;
+  for (const auto& [key, entry] : arrays) {
+    const std::string name = to_text(key);
+    const Array array = to_array(fmt::format("layers['{}']", name), entry);
+    if (array.ndim() != 2 && array.ndim() != 3)
+      throw InputError(
+          fmt::format("layers['{}']: expected height x width for a channel, or height x width x channels for "
+                      "a layer, found {}",
+                      name, shape_of(array)));
+    if (array.size() == 0) throw InputError(fmt::format("layers['{}']: has no pixels: {}", name, shape_of(array)));
+    const auto height = static_cast<int>(array.shape(0)), width = static_cast<int>(array.shape(1));
+    if (!layers) layers = std::make_shared<Layers>(width, height);
+    if (height != layers->height() || width != layers->width())
+      throw InputError(fmt::format("layers['{}']: {} x {} pixels, the layers before it have {} x {}", name, height,
+                                   width, layers->height(), layers->width()));
+    if (array.ndim() == 2) {
+      copy_rows(layers->add(name), array.data(), 1, static_cast<size_t>(width));
+      continue;
+    }
+    const auto count = static_cast<size_t>(array.shape(2));
+    const std::vector<std::string> channels = channels_of(name, array.shape(2));
+    for (size_t c = 0; c < count; ++c)
+      copy_rows(layers->add(channels[c]), array.data() + c, count, count * static_cast<size_t>(width));
+  }
+  if (!layers) throw InputError("no layers: expected at least one channel");
+  return layers;
+}
+
+}  // namespace brume::python

@@ -1,0 +1,107 @@
+#include "apps/python/work.h"
+
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <condition_variable>
+#include <exception>
+#include <mutex>
+#include <optional>
+#include <thread>
+#include <utility>
+#include <vector>
+
+#include "base/error.h"
+#include "apps/python/convert.h"
+
+namespace brume::python {
+namespace {
+
+constexpr std::chrono::milliseconds kBetweenLooks{50};
+
+/// What the thread that works tells the one that waits.
+struct Mailbox {
+  std::mutex mutex;
+  std::condition_variable changed;
+  bool done = false;
+  double fraction = 0;
+  std::vector<std::pair<const char*, std::string>> lines;  // the logger's method, the text
+};
+
+/// With Python's lock: hands over what has come in. @throws py::error_already_set
+void deliver(Mailbox& mail, const py::object& progress, double& told) {
+  std::vector<std::pair<const char*, std::string>> lines;
+  double fraction = 0;
+  {
+    const std::scoped_lock lock(mail.mutex);
+    lines.swap(mail.lines);
+    fraction = mail.fraction;
+  }
+  if (!lines.empty()) {
+    const py::object logger = py::module_::import("logging").attr("getLogger")("brume");
+    for (const auto& [level, text] : lines) logger.attr(level)("%s", to_str(text));
+  }
+  if (!progress.is_none()) {
+    told = fraction;
+    progress(fraction);
+  }
+  if (PyErr_CheckSignals() != 0) throw py::error_already_set();
+}
+
+}  // namespace
+
+void run_work(const py::object& progress, int threads, const std::function<void(const Work&)>& body) {
+  if (threads < 0)
+    throw InputError("threads: expected 0 (all of the machine's) or more, found " + std::to_string(threads));
+  Mailbox mail;
+  std::atomic<bool> cancel{false};
+  std::exception_ptr failure;
+  Work work;
+  work.task = {threads, {}, &cancel};
+  if (!progress.is_none())
+    work.task.progress = [&mail](double fraction) {
+      const std::scoped_lock lock(mail.mutex);
+      mail.fraction = std::max(mail.fraction, std::min(fraction, 1.0));
+    };
+  const auto post = [&mail](const char* level) {
+    return [&mail, level](const std::string& text) {
+      const std::scoped_lock lock(mail.mutex);
+      mail.lines.emplace_back(level, text);
+    };
+  };
+  work.note = post("warning");
+  work.log = post("info");
+
+  std::thread thread([&] {
+    try {
+      body(work);
+    } catch (...) {
+      failure = std::current_exception();
+    }
+    const std::scoped_lock lock(mail.mutex);
+    mail.done = true;
+    mail.changed.notify_one();
+  });
+  double told = 0;
+  std::optional<py::error_already_set> raised;
+  for (bool done = false; !done;) {
+    {
+      const py::gil_scoped_release released;
+      std::unique_lock lock(mail.mutex);
+      done = mail.changed.wait_for(lock, kBetweenLooks, [&] { return mail.done; });
+    }
+    if (raised) continue;
+    try {
+      deliver(mail, progress, told);
+    } catch (const py::error_already_set& error) {
+      raised = error;
+      cancel = true;
+    }
+  }
+  thread.join();
+  if (raised) throw py::error_already_set(std::move(*raised));
+  if (failure) std::rethrow_exception(failure);
+  if (!progress.is_none() && told < 1) progress(1.0);
+}
+
+}  // namespace brume::python

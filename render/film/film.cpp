@@ -1,0 +1,348 @@
+#include "render/film/film.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <limits>
+#include <numeric>
+
+#include "base/error.h"
+#include "base/parallel_for.h"
+
+namespace brume {
+namespace {
+
+size_t groups_of(const LayerRequest& request) {
+  return request.buckets ? 8 : request.statistics ? 2 : 1;
+}
+
+size_t offset_of(const LayerName& name) {
+  for (const RecordedLayer& l : recordable_layers())
+    if (l.name == name) return l.offset;
+  return 0;  // the beauty comes first
+}
+
+// Every value of a frame: the beauty, direct and indirect whose stored sum it is, alpha's transmittance, what is asked
+// for.
+std::vector<size_t> value_offsets(const LayerRequest& request) {
+  std::vector<size_t> offsets;
+  const auto add = [&](const LayerName& name) {
+    for (size_t c = 0; c < name.channels.size(); ++c) offsets.push_back(offset_of(name) + c);
+  };
+  add(layer::beauty);
+  add(layer::direct);
+  add(layer::indirect);
+  add(layer::transmittance);
+  for (const RecordedLayer& l : recordable_layers())
+    if (request.has(l.name) && !(l.name == layer::direct) && !(l.name == layer::indirect) &&
+        !(l.name == layer::transmittance))
+      add(l.name);
+  return offsets;
+}
+
+size_t state_doubles(const LayerRequest& request) {
+  return PixelSums(value_offsets(request).size(), groups_of(request), request.statistics).doubles();
+}
+
+std::string state_channel(size_t word) {
+  return fmt::format("state.{:04d}", word);
+}
+
+}  // namespace
+
+Film::Film(int width, int height, const LayerRequest& request)
+    : width_(width),
+      height_(height),
+      tiles_((width + kTile - 1) / kTile, (height + kTile - 1) / kTile),
+      request_(request),
+      layers_(width, height),
+      offsets_(value_offsets(request)),
+      sums_(offsets_.size(), groups_of(request), request.statistics),
+      state_(static_cast<size_t>(tiles_.x) * tiles_.y) {
+  record(layer::beauty, 0);
+  record(layer::alpha, offset_of(layer::transmittance), true);
+  for (const RecordedLayer& l : recordable_layers())
+    if (request.has(l.name)) record(l.name, l.offset);
+  beauty_ = layers_.add_rgb(layer::beauty);
+  for (size_t v = 0; v < offsets_.size(); ++v) {
+    if (offsets_[v] == offset_of(layer::direct)) direct_ = v;
+    if (offsets_[v] == offset_of(layer::indirect)) indirect_ = v;
+  }
+  sample_count_ = &layers_.add(layer::sample_count.channel(0));
+  invalid_count_ = &layers_.add(layer::invalid_count.channel(0));
+}
+
+void Film::record(const LayerName& name, size_t offset, bool complement) {
+  for (size_t i = 0; i < name.channels.size(); ++i) {
+    const auto plane = [&](std::string_view which) { return &layers_.add(name.channel_of(which, i)); };
+    Target target{};
+    target.mean = plane("");
+    if (request_.statistics) {
+      target.mean_variance = plane(statistic::mean_variance);
+      target.half_a = plane(statistic::half_a);
+      target.half_b = plane(statistic::half_b);
+    }
+    if (request_.buckets)
+      for (const std::string_view bucket : statistic::buckets) target.buckets.push_back(plane(bucket));
+    target.value = static_cast<size_t>(std::find(offsets_.begin(), offsets_.end(), offset + i) - offsets_.begin());
+    target.complement = complement;
+    targets_.push_back(std::move(target));
+  }
+}
+
+Film::Bounds Film::bounds(int tile) const {
+  const int x0 = tile % tiles_.x * kTile, y0 = tile / tiles_.x * kTile;
+  return {x0, y0, std::min(x0 + kTile, width_), std::min(y0 + kTile, height_)};
+}
+
+void Film::drop(int tile) {
+  TileState& state = state_[static_cast<size_t>(tile)];
+  TileState done;
+  done.taken = state.taken;
+  state = std::move(done);  // a vector that is assigned {} would keep its memory
+}
+
+Film::TileState& Film::opened(int tile) {
+  TileState& state = state_[static_cast<size_t>(tile)];
+  if (state.sums.empty()) {
+    const auto pixels = static_cast<size_t>(bounds(tile).pixels());
+    state.sums.assign(pixels * sums_.doubles(), 0.0);
+    state.counts.assign(pixels * sums_.groups(), 0);
+    state.invalid.assign(pixels, 0);
+  }
+  return state;
+}
+
+void Film::pack(const PathSample& sample, float* row) const {
+  const double* const values = sample.values();
+  for (size_t i = 0; i < offsets_.size(); ++i) row[i] = static_cast<float>(values[offsets_[i]]);
+}
+
+std::vector<uint32_t> Film::add(int tile, int pixel, const float* rows, uint32_t count, uint32_t first) {
+  TileState& state = opened(tile);
+  const size_t size = row_size(), groups = sums_.groups();
+  const auto p = static_cast<size_t>(pixel);
+  // Without a branch for each value, so that the compiler takes many at once.
+  const auto finite = [&](const float* begin, size_t n) {
+    uint32_t bad = 0;
+    for (size_t i = 0; i < n; ++i) bad |= (std::bit_cast<uint32_t>(begin[i]) & 0x7fffffff) >= 0x7f800000;
+    return bad == 0;
+  };
+  const auto add_run = [&](uint32_t begin, uint32_t end) {
+    sums_.add(state.sums.data() + p * sums_.doubles(), rows + begin * size, end - begin, first + begin);
+    for (uint32_t k = begin; k < end; ++k) ++state.counts[p * groups + (first + k) % groups];
+  };
+  std::vector<uint32_t> rejected;
+  uint32_t begin = 0;
+  if (!finite(rows, count * size))
+    for (uint32_t k = 0; k < count; ++k) {
+      if (finite(rows + k * size, size)) continue;
+      add_run(begin, k);
+      begin = k + 1;
+      rejected.push_back(k);
+    }
+  add_run(begin, count);
+  state.invalid[p] += static_cast<uint32_t>(rejected.size());
+  return rejected;
+}
+
+void Film::develop(int tile) {
+  const TileState& state = opened(tile);
+  const Bounds b = bounds(tile);
+  const size_t groups = sums_.groups(), buckets = request_.buckets ? groups : 0;
+  std::vector<double> mean(row_size()), variance(row_size()), half_a(row_size()), half_b(row_size());
+  std::vector<std::vector<double>> bucket(buckets, std::vector<double>(row_size()));
+  for (int y = b.y0; y < b.y1; ++y)
+    for (int x = b.x0; x < b.x1; ++x) {
+      const auto p = static_cast<size_t>((y - b.y0) * b.width() + x - b.x0);
+      const double* const sums = state.sums.data() + p * sums_.doubles();
+      const uint32_t* const counts = state.counts.data() + p * groups;
+      const auto count = [&](size_t first, size_t step) {
+        uint64_t n = 0;
+        for (size_t g = first; g < groups; g += step) n += counts[g];
+        return n;
+      };
+      const uint64_t n = count(0, 1);
+      sums_.means(sums, 0, 1, n, mean.data());
+      if (request_.statistics) {
+        sums_.mean_variances(sums, n, variance.data());
+        sums_.means(sums, 0, 2, count(0, 2), half_a.data());
+        sums_.means(sums, 1, 2, count(1, 2), half_b.data());
+      }
+      for (size_t k = 0; k < buckets; ++k) sums_.means(sums, k, groups, counts[k], bucket[k].data());
+      for (const Target& t : targets_) {
+        const auto stored = [&](double v) { return static_cast<float>(t.complement ? 1.0 - v : v); };
+        (*t.mean)(x, y) = stored(mean[t.value]);
+        if (t.mean_variance) {
+          (*t.mean_variance)(x, y) = static_cast<float>(variance[t.value]);
+          (*t.half_a)(x, y) = stored(half_a[t.value]);
+          (*t.half_b)(x, y) = stored(half_b[t.value]);
+        }
+        for (size_t k = 0; k < t.buckets.size(); ++k) (*t.buckets[k])(x, y) = stored(bucket[k][t.value]);
+      }
+      // The sum of the stored floats, so that the passes add up to the beauty to the last bit.
+      for (size_t c = 0; c < 3; ++c)
+        (*beauty_[c])(x, y) = static_cast<float>(mean[direct_ + c]) + static_cast<float>(mean[indirect_ + c]);
+      (*sample_count_)(x, y) = static_cast<float>(n);
+      (*invalid_count_)(x, y) = static_cast<float>(state.invalid[p]);
+    }
+}
+
+namespace {
+
+/// Sums over the windows of 2 radius + 1 pixels around each pixel, cut at the border.
+std::vector<double> window_sums(const std::vector<double>& values, int width, int height, int radius) {
+  std::vector<double> table(static_cast<size_t>(width + 1) * (height + 1));
+  const auto at = [&](int x, int y) -> double& { return table[static_cast<size_t>(y) * (width + 1) + x]; };
+  for (int y = 0; y < height; ++y)
+    for (int x = 0; x < width; ++x)
+      at(x + 1, y + 1) = values[static_cast<size_t>(y) * width + x] + at(x, y + 1) + at(x + 1, y) - at(x, y);
+  std::vector<double> sums(values.size());
+  for (int y = 0; y < height; ++y)
+    for (int x = 0; x < width; ++x) {
+      const int x0 = std::max(x - radius, 0), x1 = std::min(x + radius + 1, width);
+      const int y0 = std::max(y - radius, 0), y1 = std::min(y + radius + 1, height);
+      sums[static_cast<size_t>(y) * width + x] = at(x1, y1) - at(x0, y1) - at(x1, y0) + at(x0, y0);
+    }
+  return sums;
+}
+
+}  // namespace
+
+double Film::relative_error(double exposure) const {
+  constexpr int kRadius = 3;
+  constexpr double kLeastSamples = 8;       // per pixel, before anything is said
+  constexpr double kBorrowedSamples = 256;  // of the whole picture's, in every window
+  constexpr double kUnknown = std::numeric_limits<double>::infinity();
+  const double floor = 0.01 / (exposure * exposure);
+  const Plane& counts = layers_.at(layer::sample_count.channel(0));
+  const auto mean = layers_.rgb(layer::beauty), mean_variance = layers_.rgb(layer::beauty, statistic::mean_variance);
+  const auto pixels = static_cast<size_t>(width_) * height_;
+  std::vector<double> taken(pixels), light(pixels), variance(pixels);
+  const auto each_pixel = [&](const auto& visit) {
+    for (int y = 0; y < height_; ++y)
+      for (int x = 0; x < width_; ++x) visit(x, y, static_cast<size_t>(y) * width_ + x);
+  };
+  each_pixel([&](int x, int y, size_t i) { taken[i] = counts(x, y); });
+  if (*std::min_element(taken.begin(), taken.end()) < kLeastSamples) return kUnknown;
+  const std::vector<double> taken_around = window_sums(taken, width_, height_, kRadius);
+  double sum = 0, all_light = 0;
+  for (size_t c = 0; c < 3; ++c) {
+    double all_variance = 0;
+    each_pixel([&](int x, int y, size_t i) {
+      light[i] = taken[i] * (*mean[c])(x, y);
+      variance[i] = taken[i] * taken[i] * (*mean_variance[c])(x, y);  // of one sample, times the samples
+      all_light += std::abs(light[i]);
+      all_variance += variance[i];
+    });
+    all_variance /= std::accumulate(taken.begin(), taken.end(), 0.0);
+    const std::vector<double> light_around = window_sums(light, width_, height_, kRadius);
+    const std::vector<double> variance_around = window_sums(variance, width_, height_, kRadius);
+    for (size_t i = 0; i < pixels; ++i) {
+      const double n = taken_around[i], m = light_around[i] / n;
+      const double v = (std::max(variance_around[i], 0.0) + kBorrowedSamples * all_variance) / (n + kBorrowedSamples);
+      sum += v / taken[i] / (m * m + floor);
+    }
+  }
+  return all_light > 0 ? std::sqrt(sum / (3.0 * static_cast<double>(pixels))) : kUnknown;
+}
+
+template <class Put>
+void Film::visit_state(int tile, const Put& put) const {
+  const TileState& state = state_[static_cast<size_t>(tile)];
+  if (state.sums.empty()) return;
+  const size_t doubles = sums_.doubles(), groups = sums_.groups();
+  for (size_t p = 0; p < static_cast<size_t>(bounds(tile).pixels()); ++p) {
+    for (size_t d = 0; d < doubles; ++d) {
+      const auto bits = std::bit_cast<uint64_t>(state.sums[p * doubles + d]);
+      put(2 * d, p, static_cast<uint32_t>(bits));
+      put(2 * d + 1, p, static_cast<uint32_t>(bits >> 32));
+    }
+    for (size_t g = 0; g < groups; ++g) put(2 * doubles + g, p, state.counts[p * groups + g]);
+    put(2 * doubles + groups, p, state.invalid[p]);
+  }
+}
+
+void Film::save_state(Layers& layers, const Task& task) const {
+  std::vector<std::vector<uint32_t>*> channels;
+  for (size_t w = 0; w < state_words(); ++w) channels.push_back(&layers.add_words(state_channel(w)));
+  parallel_for(tile_count(), task, [&](int tile) {
+    const Bounds b = bounds(tile);
+    visit_state(tile, [&](size_t channel, size_t p, uint32_t word) {
+      const size_t x = b.x0 + p % static_cast<size_t>(b.width()), y = b.y0 + p / static_cast<size_t>(b.width());
+      (*channels[channel])[y * width_ + x] = word;
+    });
+  });
+}
+
+WordRows Film::state_rows() const {
+  WordRows rows;
+  for (size_t w = 0; w < state_words(); ++w) rows.names.push_back(state_channel(w));
+  rows.fill = [this](int y, int lines, uint32_t* words) {
+    std::fill_n(words, state_words() * static_cast<size_t>(lines) * width_, 0u);
+    for (int column = 0; column < tiles_.x; ++column) {
+      const int tile = y / kTile * tiles_.x + column;
+      const Bounds b = bounds(tile);
+      visit_state(tile, [&](size_t channel, size_t p, uint32_t word) {
+        const size_t x = b.x0 + p % static_cast<size_t>(b.width()), line = p / static_cast<size_t>(b.width());
+        words[(channel * lines + line) * width_ + x] = word;
+      });
+    }
+  };
+  return rows;
+}
+
+void Film::merge_state(const Layers& saved, const std::string& name, const Task& task) {
+  const size_t doubles = sums_.doubles(), groups = sums_.groups(), words = state_words();
+  if (saved.width() != width_ || saved.height() != height_)
+    throw InputError(
+        fmt::format("{}: is {} x {}, expected {} x {}", name, saved.width(), saved.height(), width_, height_));
+  std::vector<const std::vector<uint32_t>*> channels;
+  for (size_t w = 0; w < words; ++w) {
+    channels.push_back(saved.find_words(state_channel(w)));
+    if (!channels.back())
+      throw InputError(
+          fmt::format("{}: holds no {} of the sums of its samples; expected a frame written with --part or "
+                      "--checkpoint, of the same layers and statistics",
+                      name, w == 0 ? "part" : "complete set"));
+  }
+  parallel_for(tile_count(), task, [&](int tile) {
+    std::vector<double> sums(doubles);
+    TileState& state = opened(tile);
+    const Bounds b = bounds(tile);
+    uint32_t taken = 0;
+    for (int y = b.y0; y < b.y1; ++y)
+      for (int x = b.x0; x < b.x1; ++x) {
+        const auto p = static_cast<size_t>((y - b.y0) * b.width() + x - b.x0);
+        const size_t at = static_cast<size_t>(y) * width_ + x;
+        for (size_t d = 0; d < doubles; ++d)
+          sums[d] =
+              std::bit_cast<double>((*channels[2 * d])[at] | static_cast<uint64_t>((*channels[2 * d + 1])[at]) << 32);
+        sums_.merge(state.sums.data() + p * doubles, sums.data());
+        uint32_t n = (*channels[words - 1])[at];
+        state.invalid[p] += n;
+        for (size_t g = 0; g < groups; ++g) {
+          state.counts[p * groups + g] += (*channels[2 * doubles + g])[at];
+          n += (*channels[2 * doubles + g])[at];
+        }
+        taken = n;  // the same for all pixels of a tile
+      }
+    state.taken += taken;
+  });
+}
+
+double Film::layer_bytes(int width, int height, const LayerRequest& request) {
+  double channels = 4;  // beauty and alpha
+  for (const RecordedLayer& l : recordable_layers())
+    if (request.has(l.name)) channels += static_cast<double>(l.name.channels.size());
+  return (channels * (1 + 3 * request.statistics + 8 * request.buckets) + 2) * sizeof(float) * width * height;
+}
+
+double Film::state_bytes(int width, int height, const LayerRequest& request) {
+  return static_cast<double>(state_doubles(request) * sizeof(double) + (groups_of(request) + 1) * sizeof(uint32_t)) *
+         width * height;
+}
+
+}  // namespace brume

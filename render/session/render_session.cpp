@@ -1,0 +1,508 @@
+#include "render/session/render_session.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <limits>
+
+#include "base/error.h"
+#include "base/parallel_for.h"
+#include "base/text.h"
+#include "image/exr_io.h"
+#include "render/transport/wavefront.h"
+
+namespace brume {
+namespace {
+
+// Paths traced together: many enough to fill the lanes, few enough that their samples stay in the cache.
+constexpr int kBatch = 16384;
+
+void check_memory(double bytes, const std::string& what, const std::string& advice) {
+  const double available = physical_memory();
+  if (bytes > 0.8 * available)
+    throw InputError(
+        fmt::format("{} needs {:.1f} GB, this machine has {:.1f} GB; {}", what, bytes / 1e9, available / 1e9, advice));
+}
+
+}  // namespace
+
+RenderSession::RenderSession(const PreparedScene& scene, const RenderJob& job, const Task& task)
+    : scene_(scene),
+      job_(job),
+      task_(task),
+      window_(job.crop.value_or(RenderJob::Crop{0, 0, scene.scene().film.width, scene.scene().film.height})),
+      first_(job.first_sample()),
+      end_(job.end_sample()),
+      progressive_(job.time_limit > 0 || job.target_error > 0 || !job.checkpoint.empty() || job.watch != nullptr ||
+                   job.next_round != nullptr),
+      keep_(progressive_ || job.keep_state || !job.resume.empty()),
+      camera_(scene.camera()),
+      film_((check_memory(Film::layer_bytes(window_.width(), window_.height(), scene.plan().layers) +
+                              (keep_ ? Film::state_bytes(window_.width(), window_.height(), scene.plan().layers) : 0.0),
+                          fmt::format("a film of {} x {}", window_.width(), window_.height()),
+                          "make it smaller, or record fewer layers or no statistics"),
+             window_.width()),
+            window_.height(), scene.plan().layers),
+      context_(scene.context()),
+      checkpoint_(job.checkpoint, job.warn),
+      tiles_(static_cast<size_t>(film_.tile_count())) {
+  if (job.target_error > 0 && !scene.plan().layers.statistics)
+    throw InputError("a target error needs statistics: without them no error is estimated");
+  if (!job.resume.empty()) resume();
+  if (!job.records.empty()) open_records();
+  stop_.cancel = task.cancel;
+  context_.stop = &stop_;
+  scene.guides(job.samples_for_guides(), quiet(task));
+}
+
+void RenderSession::resume() {
+  const Layers saved = read_exr_state(job_.resume);
+  Layers expected(film_.width(), film_.height());
+  finish_header(expected, {});
+  check_same_render(saved, job_.resume.string(), expected, "this render", /*same_samples=*/true);
+  film_.merge_state(saved, job_.resume.string(), quiet(task_));
+  if (job_.parts > 1 && most_taken() > static_cast<uint32_t>(end_ - first_))
+    throw InputError(fmt::format("{}: holds {} samples per pixel from sample {} on, part {}/{} only {}",
+                                 job_.resume.string(), most_taken(), first_, job_.part, job_.parts, end_ - first_));
+  develop_all();
+  if (const std::string goals = saved.text("roundGoals"); job_.next_round && !goals.empty()) read_goals(goals);
+  if (const std::string errors = saved.text("roundErrors"); !errors.empty()) read_errors(errors);
+  resumed_.seconds = saved.number("renderTimeSeconds").value_or(0.0);
+  resumed_.cpu_seconds = saved.number("cpuSeconds").value_or(0.0);
+  resumed_.counters.capped_paths = static_cast<uint64_t>(saved.number("cappedPaths").value_or(0.0));
+  resumed_.counters.limited = limited_light_of(saved);
+  resumed_.invalid_samples = static_cast<uint64_t>(saved.number("invalidSampleCount").value_or(0.0));
+}
+
+void RenderSession::develop_all() {
+  parallel_for(film_.tile_count(), {task_.threads}, [&](int tile) { film_.develop(tile); });
+}
+
+void RenderSession::read_goals(const std::string& text) {
+  for (const std::string& word : split(text, ',')) {
+    uint32_t goal = 0;
+    const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), goal);
+    if (error != std::errc() || end != word.data() + word.size()) break;
+    goals_.push_back(goal);
+  }
+  if (goals_.size() != tiles_.size())
+    throw InputError(fmt::format("{}: roundGoals in its header holds {} numbers; expected {}, one for each tile",
+                                 job_.resume.string(), goals_.size(), tiles_.size()));
+}
+
+void RenderSession::read_errors(const std::string& text) {
+  for (const std::string& word : split(text, ',')) {
+    RoundError round{};
+    const char* const end = word.data() + word.size();
+    const auto samples = std::from_chars(word.data(), end, round.samples);
+    const bool more = samples.ec == std::errc() && samples.ptr != end && *samples.ptr == ':';
+    const auto error = std::from_chars(more ? samples.ptr + 1 : end, end, round.error);
+    if (error.ec != std::errc() || error.ptr != end)
+      throw InputError(
+          fmt::format("{}: roundErrors in its header holds '{}'; expected SAMPLES:ERROR", job_.resume.string(), word));
+    errors_.push_back(round);
+  }
+}
+
+void RenderSession::open_records() {
+  if (progressive_ || !job_.resume.empty() || job_.parts > 1)
+    throw InputError("sample records are written in one go: not with time, error, checkpoint, resume, part or viewer");
+  const Scene& scene = scene_.scene();
+  const RecordLayout layout{
+      film_.width(), film_.height(),       Film::kTile,
+      end_ - first_, PathRecord::fields(), fmt::format("scene {} hash {} seed {}", scene.name, scene.hash, job_.seed)};
+  records_ = std::make_unique<RecordWriter>(job_.records, layout);
+}
+
+RenderResult RenderSession::run() {
+  wall_ = Stopwatch();
+  cpu_start_ = cpu_seconds();
+  try {
+    run_passes();
+  } catch (const Interrupted&) {
+    if (keep_) develop_all();
+    const bool out_of_time = !task_.cancelled() && stop_.due();
+    if (!out_of_time) {
+      if (job_.checkpoint.empty()) throw;
+      const std::string name = job_.checkpoint.string();
+      if (!write_checkpoint())
+        throw Interrupted(fmt::format("the checkpoint {} could not be brought up to date", name));
+      throw Interrupted(fmt::format("the checkpoint {0} is written; go on with --resume {0}", name));
+    }
+  }
+  task_.report(1.0);
+  if (records_) records_->commit();
+  record_guides(quiet(task_));
+  if (!job_.checkpoint.empty() && job_.checkpoint_at_end) write_checkpoint();
+  RenderResult result;
+  result.report = report();
+  result.layers = film_.take();
+  for (const auto& [name, plane] : guides_.channels()) result.layers.set(name, plane);
+  finish_header(result.layers, result.report);
+  if (job_.keep_state) film_.save_state(result.layers, {task_.threads});
+  return result;
+}
+
+void RenderSession::run_passes() {
+  const auto total = static_cast<uint32_t>(end_ - first_);
+  done_ = resumed_at_ = std::min(total, fewest_taken());
+  resumed_samples_ = samples_taken();
+  if (done_ == total) return;
+  if (job_.time_limit > 0) {
+    // Whole passes end by themselves near the limit. What takes half as long again is stuck in a flight.
+    const double most = std::max(0.0, 1.5 * job_.time_limit + 1 - resumed_.seconds);
+    stop_.deadline = std::chrono::steady_clock::now() + std::chrono::duration_cast<std::chrono::steady_clock::duration>(
+                                                            std::chrono::duration<double>(std::min(most, 1e9)));
+  }
+  bounds_ = scene_.entry_bounds(camera_, window_, quiet(task_));
+  last_checkpoint_ = wall_.seconds();
+  task_.report(0);
+  if (job_.next_round) return run_rounds();
+  // The pass that a checkpoint was interrupted in is ended first.
+  uint32_t goal = most_taken();
+  if (goal > done_)
+    goal = std::min(goal, total);
+  else if (done_ > 0 && enough())
+    return;
+  else
+    goal = next_goal();
+  for (;; goal = next_goal()) {
+    pass(std::vector<uint32_t>(tiles_.size(), goal));
+    done_ = goal;
+    if (done_ < total) write_regular_checkpoint();
+    if (done_ == total || enough()) break;
+  }
+}
+
+void RenderSession::write_regular_checkpoint() {
+  if (job_.checkpoint.empty() || wall_.seconds() - last_checkpoint_ <= job_.checkpoint_seconds) return;
+  write_checkpoint();
+  last_checkpoint_ = wall_.seconds();
+}
+
+void RenderSession::run_rounds() {
+  const auto most = static_cast<uint32_t>(end_ - first_);
+  if (goals_.empty()) goals_.assign(tiles_.size(), static_cast<uint32_t>(job_.first_round));
+  double sampling = 0;  // seconds
+  for (bool resumed = fewest_taken() > 0;; resumed = false) {
+    bool more = false;
+    for (size_t tile = 0; tile < goals_.size(); ++tile) {
+      goals_[tile] = std::min(goals_[tile], most);
+      more = more || goals_[tile] > film_.taken(static_cast<int>(tile));
+    }
+    // A checkpoint may hold all of its round.
+    if (!more && !resumed) break;
+    if (more) {
+      const Stopwatch watch;
+      const double before = samples_taken();
+      pass(goals_);
+      sampling += watch.seconds();
+      rounds_.add_sampling(samples_taken() - before, watch.seconds());
+      done_ = fewest_taken();
+      write_regular_checkpoint();
+    }
+    const Stopwatch watch;
+    NextRound next = ask_for_round(sampling);
+    rounds_.add_estimate(watch.seconds());
+    if (next.goals.empty()) break;
+    if (next.error > 0) errors_.push_back({samples_taken(), next.error});
+    goals_ = std::move(next.goals);
+    rounds_.expect(next.samples_needed, next.rounds_needed);
+  }
+}
+
+NextRound RenderSession::ask_for_round(double sampling_seconds) {
+  double growth = std::numeric_limits<double>::infinity();
+  if (job_.time_limit > 0) {
+    const double taken = samples_taken(), fresh = taken - resumed_samples_;
+    // Before a session has samples of its own, those that it resumed tell their pace.
+    const double seconds_per_sample = fresh > 0 ? sampling_seconds / fresh : resumed_.seconds / taken;
+    growth = 1 + (job_.time_limit - elapsed()) / (seconds_per_sample * taken);
+  }
+  record_guides(quiet(task_));
+  const Layers frame = film_so_far();
+  return job_.next_round({film_, frame, growth, errors_});
+}
+
+void RenderSession::record_guides(const Task& task) {
+  const Guides* const guides = scene_.guides(job_.samples_for_guides(), task);
+  if (!guides || guides_.width() > 0) return;
+  guides_ = Layers(film_.width(), film_.height());
+  guides->record(camera_, {window_.x0, window_.y0}, guides_, task);
+}
+
+Layers RenderSession::film_so_far() const {
+  Layers frame = film_.layers();
+  for (const auto& [name, plane] : guides_.channels()) frame.set(name, plane);
+  finish_header(frame, report());
+  return frame;
+}
+
+uint32_t RenderSession::next_goal() const {
+  const auto total = static_cast<uint32_t>(end_ - first_);
+  if (!progressive_) return total;
+  const double taken = done_ - resumed_at_, per_sample = taken > 0 ? wall_.seconds() / taken : 0.0;
+  double length = std::max(1.0, 0.5 * taken);
+  if (per_sample > 0) {
+    length = std::min(length, std::max(1.0, 10.0 / per_sample));
+    if (job_.time_limit > 0) length = std::min(length, std::max(1.0, (job_.time_limit - elapsed()) / per_sample));
+  }
+  return static_cast<uint32_t>(std::min<double>(total, done_ + length));
+}
+
+bool RenderSession::enough() {
+  if (job_.time_limit > 0 && done_ < static_cast<uint32_t>(end_ - first_)) {
+    const double per_sample = done_ > resumed_at_ ? wall_.seconds() / (done_ - resumed_at_) : 0.0;
+    if (elapsed() + 0.5 * per_sample > job_.time_limit) return true;
+  }
+  if (!(job_.target_error > 0)) return false;
+  const double error = film_.relative_error(scene_.scene().film.exposure);
+  // The squared error falls like the samples.
+  if (std::isfinite(error)) needed_samples_ = samples_taken() * std::pow(error / job_.target_error, 2);
+  return error <= job_.target_error;
+}
+
+double RenderSession::samples_taken() const {
+  double sum = 0;
+  for (int tile = 0; tile < film_.tile_count(); ++tile)
+    sum += static_cast<double>(film_.bounds(tile).pixels()) * film_.taken(tile);
+  return sum;
+}
+
+double RenderSession::done_share(double samples) const {
+  const auto of_samples = [&](double goal) { return (samples - resumed_samples_) / (goal - resumed_samples_); };
+  double share = of_samples(static_cast<double>(film_.width()) * film_.height() * (end_ - first_));
+  if (job_.time_limit > 0) share = std::max(share, wall_.seconds() / (job_.time_limit - resumed_.seconds));
+  if (needed_samples_ > 0) share = std::max(share, of_samples(needed_samples_));
+  return std::clamp(share, 0.0, 0.999);
+}
+
+double RenderSession::rounds_share(double samples, double before, double pass_seconds) const {
+  const double left = rounds_.seconds_left(samples, samples - before, pass_seconds), spent = wall_.seconds();
+  return std::max(done_share(samples), left > 0 ? spent / (spent + left) : 0.0);
+}
+
+void RenderSession::pass(const std::vector<uint32_t>& goals) {
+  Task task = task_;
+  const Stopwatch watch;
+  const double before = samples_taken();
+  double after = 0, share = 0;
+  for (int tile = 0; tile < film_.tile_count(); ++tile)
+    after += static_cast<double>(film_.bounds(tile).pixels()) *
+             std::max(film_.taken(tile), goals[static_cast<size_t>(tile)]);
+  if (needed_samples_ > 0) needed_samples_ = std::max(needed_samples_, after);  // no pass ends early
+  if (task_.progress)
+    task.progress = [&](double f) {
+      const double samples = before + f * (after - before);
+      // Within a round a slower pace holds the bar; more samples than were thought to be needed pull it back after it.
+      share = std::max(share, job_.next_round ? rounds_share(samples, before, watch.seconds()) : done_share(samples));
+      task_.report(share);
+    };
+  parallel_for(film_.tile_count(), task, [&](int tile) {
+    const uint32_t own = goals[static_cast<size_t>(tile)];
+    if (film_.taken(tile) >= own) return;
+    std::vector<PathRecord> records(records_ ? static_cast<size_t>(film_.bounds(tile).pixels()) * own : 0);
+    while (film_.taken(tile) < own) {
+      stop_.check();
+      trace_batch(tile, own, records);
+    }
+    finish_tile(tile, records);
+  });
+}
+
+void RenderSession::trace_batch(int tile, uint32_t goal, std::vector<PathRecord>& records) {
+  static thread_local std::vector<PathRequest> requests;
+  static thread_local std::vector<float> rows;
+  TileReport& report = tiles_[static_cast<size_t>(tile)];
+  const Film::Bounds b = film_.bounds(tile);
+  const uint32_t start = film_.taken(tile);
+  const uint32_t count = std::min(goal - start, static_cast<uint32_t>(std::max(1, kBatch / b.pixels())));
+  const auto first = static_cast<uint32_t>(first_);
+  requests.clear();
+  for (int y = b.y0; y < b.y1; ++y)
+    for (int x = b.x0; x < b.x1; ++x)
+      for (uint32_t s = start; s < start + count; ++s)
+        requests.push_back(scene_.request(camera_, job_.seed, window_.x0 + x, window_.y0 + y, first + s,
+                                          bounds_[static_cast<size_t>(y) * film_.width() + x]));
+  if (records_)
+    for (size_t i = 0; i < requests.size(); ++i) {
+      PathRecord& record = records[i / count * goal + requests[i].key.sample - first];
+      const Sobol sobol(requests[i].key);
+      record.film = vec2(sobol.pair(0));
+      record.lens = vec2(sobol.pair(1));
+      record.time = static_cast<float>(requests[i].time);
+      requests[i].record = &record;
+    }
+  // What the film keeps of the samples, in the requests' order: the tracer hands them in as they end.
+  const size_t row_size = film_.row_size();
+  rows.resize(requests.size() * row_size);
+  trace_paths(
+      context_, requests, [&](size_t i, const PathSample& s) { film_.pack(s, rows.data() + i * row_size); },
+      report.counters);
+  for (int pixel = 0; pixel < b.pixels(); ++pixel) {
+    const size_t at = static_cast<size_t>(pixel) * count;
+    const uint32_t index = requests[at].key.sample;
+    const auto rejected = film_.add(tile, pixel, rows.data() + at * row_size, count, index);
+    report.invalid += rejected.size();
+    if (!rejected.empty() && !report.first_invalid)
+      report.first_invalid = {window_.x0 + b.x0 + pixel % b.width(), window_.y0 + b.y0 + pixel / b.width(),
+                              index + rejected.front()};
+  }
+  film_.set_taken(tile, start + count);
+}
+
+void RenderSession::finish_tile(int tile, const std::vector<PathRecord>& records) {
+  if (records_) {
+    const float* const begin = records.front().values();
+    records_->write(tile, std::vector<float>(begin, begin + records.size() * (sizeof(PathRecord) / sizeof(float))));
+  }
+  film_.develop(tile);
+  if (!keep_) film_.drop(tile);
+  if (job_.watch) {
+    const std::lock_guard lock(watching_);
+    job_.watch(film_, tile);
+  }
+}
+
+uint32_t RenderSession::fewest_taken() const {
+  uint32_t fewest = UINT32_MAX;
+  for (int tile = 0; tile < film_.tile_count(); ++tile) fewest = std::min(fewest, film_.taken(tile));
+  return fewest;
+}
+
+uint32_t RenderSession::most_taken() const {
+  uint32_t most = 0;
+  for (int tile = 0; tile < film_.tile_count(); ++tile) most = std::max(most, film_.taken(tile));
+  return most;
+}
+
+RenderReport RenderSession::report() const {
+  RenderReport total = resumed_;
+  for (const TileReport& r : tiles_) {  // in tile order: the sums do not depend on the threads
+    total.counters.merge(r.counters);
+    total.invalid_samples += r.invalid;
+    if (!total.first_invalid) total.first_invalid = r.first_invalid;
+  }
+  total.seconds = elapsed();
+  total.cpu_seconds = resumed_.cpu_seconds + cpu_seconds() - cpu_start_;
+  total.samples_per_pixel = static_cast<int>(fewest_taken());
+  total.most_samples_per_pixel = static_cast<int>(most_taken());
+  total.mean_samples_per_pixel = samples_taken() / (static_cast<double>(film_.width()) * film_.height());
+  total.uneven = !job_.next_round && total.most_samples_per_pixel > total.samples_per_pixel;
+  if (scene_.plan().layers.statistics) total.error = film_.relative_error(scene_.scene().film.exposure);
+  return total;
+}
+
+bool RenderSession::write_checkpoint() {
+  // Interrupted or not, it is written whole, and soon: who ends this render waits for the file. Beside the sums it has
+  // a picture to look at, and the guides where they were made already; other layers follow from the sums.
+  Layers frame(film_.width(), film_.height());
+  for (const LayerName& l : {layer::beauty, layer::alpha})
+    for (const std::string& channel : l.channel_names()) frame.set(channel, film_.layers().at(channel));
+  for (const auto& [name, plane] : guides_.channels()) frame.set(name, plane);
+  finish_header(frame, report());
+  if (!goals_.empty()) {
+    std::vector<std::string> goals;
+    for (const uint32_t goal : goals_) goals.push_back(std::to_string(goal));
+    frame.header["roundGoals"] = join(goals, ",");
+    std::vector<std::string> errors;  // in full: what follows from them must not depend on a checkpoint
+    for (const RoundError& e : errors_) errors.push_back(fmt::format("{}:{}", e.samples, e.error));
+    if (!errors.empty()) frame.header["roundErrors"] = join(errors, ",");
+  }
+  return checkpoint_.write(frame, film_.state_rows());
+}
+
+void RenderSession::finish_header(Layers& frame, const RenderReport& report) const {
+  if (job_.crop) {
+    frame.origin = ivec2(window_.x0, window_.y0);
+    frame.display = ivec2(scene_.scene().film.width, scene_.scene().film.height);
+  }
+  describe(frame, report, first_, first_ + report.samples_per_pixel);
+  if (report.most_samples_per_pixel > report.samples_per_pixel)
+    frame.header["samplesPerPixelMost"] = report.most_samples_per_pixel;
+  if (report.uneven)
+    frame.header["interrupted"] = std::string("true: some tiles have more samples than samplesPerPixel");
+  if (job_.next_round)
+    frame.header["adaptive"] = std::string("true: sample_count says how many samples each pixel has");
+  if (job_.stamp) job_.stamp(frame);
+}
+
+void RenderSession::describe(Layers& frame, const RenderReport& report, int first, int end) const {
+  const Scene& scene = scene_.scene();
+  const Plan& plan = scene_.plan();
+  auto& header = frame.header;
+  describe_render(frame, scene, plan.layers, job_);
+  header["samplesPerPixel"] = end - first;
+  header["sampleFirst"] = first;
+  header["sampleEnd"] = end;
+  // A whole frame that stopped by time or error is finished with the samples it has.
+  const bool open_ended = job_.parts == 1 && (job_.time_limit > 0 || job_.target_error > 0);
+  header["sampleTotal"] = open_ended ? end - first : job_.spp;
+  header["sampleRanges"] = fmt::format("{}-{}", first, end);
+  header["exposure"] = static_cast<float>(scene.film.exposure);
+  header["renderTimeSeconds"] = static_cast<float>(report.seconds);
+  header["cpuSeconds"] = static_cast<float>(report.cpu_seconds);
+  header["invalidSampleCount"] = static_cast<int>(std::min<uint64_t>(report.invalid_samples, INT32_MAX));
+  header["cappedPaths"] = static_cast<int>(std::min<uint64_t>(report.counters.capped_paths, INT32_MAX));
+  if (scene.render.indirect_limit > 0) write_limited_light(frame, report.counters.limited);
+  if (report.error) header["estimatedRelativeError"] = static_cast<float>(*report.error);
+  std::string estimators = !plan.has_media() ? "no medium"
+                           : plan.chromatic  ? "delta tracking with spectral MIS"
+                                             : "delta tracking";
+  if (plan.emission) estimators += "; stratified emission";
+  estimators += plan.light_sampling ? "; ratio tracking; next-event estimation with balance heuristic"
+                                    : "; direction sampling only";
+  header["estimators"] = estimators;
+  std::vector<std::string> biases;
+  if (report.counters.capped_paths) biases.emplace_back("paths were cut at max_events");
+  if (report.counters.limited.paths) biases.emplace_back("paths were limited by indirect_limit");
+  if (scene_.straight_shadows()) biases.emplace_back("straight shadows of dielectrics");
+  write_biases(frame, biases);
+  header["varianceConvention"] = std::string("mean_variance is the variance of the pixel mean: sample variance / n");
+  if (plan.flash) header["flashIntensity"] = static_cast<float>(context_.flash.intensity);
+  header["worldToCamera"] = camera_.world_to_camera();
+  header["worldToNDC"] = camera_.world_to_ndc();
+}
+
+void describe_render(Layers& frame, const Scene& scene, const LayerRequest& layers, const RenderJob& job) {
+  auto& header = frame.header;
+  header["scene"] = scene.name;
+  header["sceneHash"] = scene.hash;
+  header["sceneSettings"] = scene.settings;
+  header["seed"] = std::to_string(job.seed);
+  header["frame"] = scene.render.frame;
+  header["recordedLayers"] = join(layers.text(), ",");
+  header["statistics"] = std::string(layers.buckets ? "buckets" : layers.statistics ? "halves" : "none");
+  header["program"] = job.program;
+}
+
+std::string RenderReport::summary() const {
+  const double paths = static_cast<double>(counters.paths), lookups = static_cast<double>(counters.tracking.lookups);
+  std::string text = fmt::format(
+      "{:.3g} paths in {} ({} of processor time): {:.3g} paths/s, {:.3g} look-ups/s, {:.1f} scatterings per path, "
+      "longest {}\n",
+      paths, format_duration(seconds), format_duration(cpu_seconds), paths / seconds, lookups / seconds,
+      paths > 0 ? static_cast<double>(counters.tracking.collisions) / paths : 0.0, counters.longest);
+  if (uneven)
+    text += fmt::format("warning: the time ran out in the middle of a pass: some tiles have more than {} samples\n",
+                        samples_per_pixel);
+  if (counters.capped_paths)
+    text += fmt::format("warning: {} paths were cut at max_events, carrying {:.3g} of the throughput of all paths\n",
+                        counters.capped_paths, counters.capped_throughput / paths);
+  if (const LimitedLight& limited = counters.limited; limited.paths)
+    text += fmt::format("warning: indirect_limit took {:.3g} % of the indirect light, from {} paths\n",
+                        100 * limited.taken / limited.found, limited.paths);
+  if (invalid_samples)
+    text += fmt::format("warning: {} samples were not finite and were left out{}\n", invalid_samples,
+                        first_invalid ? fmt::format("; the first: --replay {},{},{}", first_invalid->x,
+                                                    first_invalid->y, first_invalid->sample)
+                                      : ", all of them before this session");
+  if (counters.tracking.majorant_violations)
+    text += fmt::format("warning: {} look-ups passed their majorant: a bug, please report it\n",
+                        counters.tracking.majorant_violations);
+  return text;
+}
+
+}  // namespace brume

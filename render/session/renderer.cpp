@@ -1,0 +1,140 @@
+#include "render/session/renderer.h"
+
+#include <cmath>
+
+#include "base/error.h"
+#include "base/parallel_for.h"
+#include "render/session/flash_lamp.h"
+#include "render/session/render_session.h"
+#include "render/session/scene_notes.h"
+#include "render/transport/emission.h"
+#include "render/transport/wavefront.h"
+
+namespace brume {
+
+PreparedScene::PreparedScene(Scene scene, const LayerRequest& layers, const Task& task)
+    : scene_(std::move(scene)), media_(scene_, task), lights_(scene_, media_.world_shift(), task) {
+  bool catcher = false;
+  if (!scene_.surfaces.empty()) {
+    surfaces_ = std::make_unique<Surfaces>(scene_.surfaces, media_.world_shift());
+    for (uint32_t i = 0; i < surfaces_->count(); ++i) {
+      if (scene_.surfaces[i].radiance != dvec3(0)) lights_.add_mesh(surfaces_->mesh(i), scene_.surfaces[i].radiance);
+      catcher = catcher || scene_.surfaces[i].role == "shadow_catcher";
+    }
+  }
+  const std::string& sampling = scene_.render.light_sampling;
+  // A shadow catcher gathers light by light sampling alone, so the constant sky takes part in it.
+  lights_.finish(catcher && sampling == "auto" ? "all" : sampling);
+  if (sampling == "none" && lights_.any_delta())
+    throw InputError(
+        "light_sampling = \"none\" cannot find exactly parallel light or points; give the sun an angular_diameter "
+        "above 0, "
+        "or use spheres");
+  notes_ = media_.notes();
+  const auto add_notes = [&](const std::vector<std::string>& more) {
+    notes_.insert(notes_.end(), more.begin(), more.end());
+  };
+  if (surfaces_) add_notes(surfaces_->notes());
+  add_notes(scene_notes(scene_, media_, lights_, layers));
+
+  stop_.cancel = task.cancel;
+  context_.stop = &stop_;
+  context_.media = media_.media();
+  context_.emissions = media_.emissions();
+  context_.lights = &lights_;
+  context_.surfaces = surfaces_.get();
+  context_.max_events = scene_.render.max_events;
+  context_.indirect_limit = scene_.render.indirect_limit;
+  context_.roulette_start = scene_.render.roulette_start;
+  context_.surface_density = scene_.render.surface_density;
+  context_.world_shift = media_.world_shift();
+  context_.plan = make_plan(scene_, media_, lights_, surfaces_.get(), camera(), layers);
+  prepare_lanes(task);
+  if (context_.plan.flash) context_.flash = calibrated_flash_lamp(context_, scene_, camera(), media_.bounds());
+  context_.stop = nullptr;
+}
+
+const Guides* PreparedScene::guides(int samples, const Task& task) const {
+  if (!plan().layers.guides) return nullptr;
+  const std::lock_guard lock(solving_);
+  const double detail = Guides::detail(samples);
+  if (const auto found = guides_.find(detail); found != guides_.end()) return &found->second;
+  const double pixels = static_cast<double>(scene_.film.width) * scene_.film.height;
+  return &guides_.try_emplace(detail, context_, samples, pixels, task).first->second;
+}
+
+void PreparedScene::prepare_lanes(const Task& task) {
+  lane_grids_.reserve(context_.media.size());
+  for (const Medium& medium : context_.media) {
+    DisplacedLaneGrid& displaced = displaced_grids_.emplace_back();
+    LaneGrid& grid = lane_grids_.emplace_back();
+    if (!fits_lanes(medium)) continue;
+    if (const Displacement* const d = medium.displacement())
+      displaced = {LaneGrid::of_values(medium.bricks()),
+                   {LaneGrid::of_values(d->field.parts[0]), LaneGrid::of_values(d->field.parts[1]),
+                    LaneGrid::of_values(d->field.parts[2])}};
+    grid = LaneGrid(medium.walked(), scene_.render.majorant_scale);
+    if (context_.plan.medium_surface && !medium.displacement())
+      grid.find_surface(medium.bricks(), static_cast<float>(scene_.render.surface_density * medium.maximum_density()),
+                        task);
+  }
+  for (const EmissionField& field : context_.emissions)
+    emission_grids_.push_back(
+        LaneEmission::fits(field) && !field.shape().homogeneous() ? LaneGrid(field.shape().bricks()) : LaneGrid());
+  context_.lane_grids = lane_grids_;
+  context_.emission_grids = emission_grids_;
+  context_.displaced_grids = displaced_grids_;
+}
+
+// Cones of blocks of 8 x 8 pixels are bounded first, then their quarters from there on, down to single pixels. Blocks
+// are the same in every crop.
+std::vector<EntryBound> PreparedScene::entry_bounds(const Camera& camera, const RenderJob::Crop& window,
+                                                    const Task& task) const {
+  constexpr int kBlock = 8;
+  const int width = window.width();
+  std::vector<EntryBound> bounds(static_cast<size_t>(width) * window.height());
+  if (!plan().one_grid || camera.moves()) return bounds;
+  const auto rounded_down = [](double t) { return std::nextafter(static_cast<float>(t), 0.0f); };
+  const auto visit = [&](const auto& self, const ivec2& corner, int size, const LaneGrid::Entry& from) -> void {
+    const auto inside = [](int begin, int extent, int low, int high) { return begin + extent > low && begin < high; };
+    if (!inside(corner.x, size, window.x0, window.x1) || !inside(corner.y, size, window.y0, window.y1)) return;
+    const LaneGrid::Entry entry =
+        lane_grids_[0].entry_bound(context_.media[0].to_local(*camera.ray_cone(corner, corner + size)), from);
+    if (size > 1) {
+      for (int k = 0; k < 4; ++k) self(self, corner + ivec2(k & 1, k >> 1) * (size / 2), size / 2, entry);
+      return;
+    }
+    bounds[static_cast<size_t>(corner.y - window.y0) * width + (corner.x - window.x0)] = {
+        rounded_down(entry.medium), rounded_down(entry.surface), static_cast<int16_t>(entry.axis),
+        static_cast<int16_t>(entry.layer)};
+  };
+  const int first_row = window.y0 / kBlock, rows = (window.y1 - 1) / kBlock - first_row + 1;
+  parallel_for(rows, task, [&](int row) {
+    for (int x = window.x0 / kBlock * kBlock; x < window.x1; x += kBlock)
+      visit(visit, {x, (first_row + row) * kBlock}, kBlock, {0, 0});
+  });
+  return bounds;
+}
+
+RenderResult PreparedScene::render(const RenderJob& job, const Task& task) const {
+  return RenderSession(*this, job, task).run();
+}
+
+RenderResult PreparedScene::render(int spp, int64_t seed, const Task& task) const {
+  RenderJob job;
+  job.spp = spp;
+  job.seed = seed;
+  return render(job, task);
+}
+
+PathSample PreparedScene::replay(int64_t seed, int x, int y, uint32_t sample) const {
+  const Camera own_camera = camera();
+  PathCounters counters;
+  const PathRequest r = request(own_camera, seed, x, y, sample, entry_bounds(own_camera, {x, y, x + 1, y + 1}).front());
+  PathSample result;
+  trace_paths(
+      context_, {&r, 1}, [&](size_t, const PathSample& traced) { result = traced; }, counters);
+  return result;
+}
+
+}  // namespace brume

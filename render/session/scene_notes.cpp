@@ -1,0 +1,49 @@
+#include "render/session/scene_notes.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+namespace brume {
+namespace {
+
+bool has_role(const Scene& scene, const char* role) {
+  return std::any_of(scene.surfaces.begin(), scene.surfaces.end(),
+                     [&](const SurfaceSettings& s) { return s.role == role; });
+}
+
+bool has_traced_glass(const Scene& scene) {
+  return std::any_of(scene.surfaces.begin(), scene.surfaces.end(),
+                     [](const SurfaceSettings& s) { return s.material == "dielectric" && s.shadow == "traced"; });
+}
+
+}  // namespace
+
+std::vector<std::string> scene_notes(const Scene& scene, const SceneMedia& media, const Lights& lights,
+                                     const LayerRequest& layers) {
+  std::vector<std::string> notes;
+  const bool no_sampling = scene.render.light_sampling == "none", catcher = has_role(scene, "shadow_catcher");
+  if (catcher && !layers.has(layer::catcher))
+    notes.push_back(
+        "a shadow catcher is unseen in the picture itself: record what it shows with --layers ...,catcher,"
+        "catcher_unshadowed");
+  if (catcher && (!media.emissions().empty() || no_sampling))
+    notes.push_back(fmt::format("shadow catchers gather light by light sampling alone: {} not reach them",
+                                no_sampling ? "with light_sampling = \"none\" light does" : "the media's glow does"));
+  if (has_traced_glass(scene) && lights.any_delta())
+    notes.push_back(
+        "no path finds points, spots and exactly parallel suns through dielectric meshes: behind them their light is "
+        "missing. Give them a radius or an angular_diameter, the larger the less noise, or the meshes shadow = "
+        "\"straight\"");
+  const bool shutter_opens = scene.camera.shutter.y > scene.camera.shutter.x;
+  if (!shutter_opens && !(scene.camera.position_end.empty() && scene.camera.look_at_end.empty()))
+    notes.push_back("the camera moves but camera.shutter opens and closes at once: it stands where it starts");
+  if (scene.volumes.empty() && scene.surfaces.empty())
+    notes.push_back("the scene has no [[volumes]]: there is nothing to scatter light");
+  const std::vector<std::string> of_lights = lights.notes();
+  notes.insert(notes.end(), of_lights.begin(), of_lights.end());
+  if (!lights.any() && media.emissions().empty()) notes.push_back("the scene has no light: the picture will be black");
+  return notes;
+}
+
+}  // namespace brume

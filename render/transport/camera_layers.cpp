@@ -1,0 +1,353 @@
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "render/transport/camera_layers.cpp"
+#include "render/transport/camera_layers.h"
+
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+#include <algorithm>
+#include <bit>
+#include <cstring>
+#include <numbers>
+
+#include "volume/lane_grid.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace brume::HWY_NAMESPACE {
+
+#include "render/transport/cell_walk.h"
+
+/// The next rays of a list. @param more(lane, slot)  called for each of them
+template <class More>
+HWY_INLINE M load_rays(RayQueue& queue, CellWalk::Buffer& buffer, const PathStates& paths, More&& more) {
+  return mask_of(queue.load([&](size_t lane, size_t s) {
+    buffer.ox[lane] = paths.ox[s];
+    buffer.oy[lane] = paths.oy[s];
+    buffer.oz[lane] = paths.oz[s];
+    buffer.dx[lane] = paths.lx[s];
+    buffer.dy[lane] = paths.ly[s];
+    buffer.dz[lane] = paths.lz[s];
+    more(lane, s);
+  }));
+}
+
+void Surface(const LaneScene& scene, const PathStates& paths, const SlotList& rays, const CameraRayLayers& camera,
+             SurfaceCrossings& crossings) {
+  const D d;
+  const DI di;
+  const V zero = hn::Zero(d), one = set(1.0f), iso = set(scene.surface_density);
+  RayQueue queue(rays);
+  CellWalk walk(scene);
+  HWY_ALIGN float t[RayQueue::kMost] = {}, outside[RayQueue::kMost], density[RayQueue::kMost];
+  V length = one, before = zero, value = zero;
+  uint32_t collided = 0, close = 0;  // lanes that have hit the surface, or may have crossed a corner of it unseen
+
+  const auto finish = [&]() BRUME_INLINE_LAMBDA {
+    hn::Store(walk.t, d, t);
+    hn::Store(before, d, outside);
+    hn::Store(value, d, density);
+    queue.finished &= collided | close;
+    queue.collect([&](size_t lane, size_t s) {
+      if (!(collided >> lane & 1)) {
+        crossings.unsure.push(static_cast<int32_t>(s));
+        return;
+      }
+      const size_t k = crossings.slots.count;
+      crossings.outside[k] = outside[lane];
+      crossings.inside[k] = t[lane];
+      crossings.below[k] = -1;
+      crossings.above[k] = density[lane];
+      crossings.slots.push(static_cast<int32_t>(s));
+    });
+  };
+  const auto load = [&](CellWalk::Buffer& buffer) BRUME_INLINE_LAMBDA {
+    const M fresh = load_rays(queue, buffer, paths, [&](size_t lane, size_t s) { t[lane] = camera.begin[s]; });
+    const V begin = hn::Load(d, t);
+    walk.load(buffer, fresh, begin);
+    length = voxel_length(walk);
+    before = hn::IfThenElse(fresh, begin, before);
+    collided &= ~bits_of(fresh);
+    close &= ~bits_of(fresh);
+  };
+  drive(queue, walk, scene.stop, finish, load, [&](M active) BRUME_INLINE_LAMBDA {
+    const VI word = hn::GatherIndex(di, scene.surface_cell, walk.index(active));
+    const M nothing = hn::RebindMask(d, hn::Lt(word, hn::Zero(di)));
+    const CellWalk::Crossing crossing = walk.ahead(word, nothing);
+    const M passes = hn::And(active, hn::Or(nothing, hn::Ge(walk.t, crossing.until)));
+    const M looks = hn::AndNot(passes, active);
+    // In a voxel that can reach the surface's density the density is interpolated; from any other voxel the ray steps
+    // as many voxels ahead as cannot reach it (distance field).
+    const V3 q = walk.within(walk.at(walk.t));
+    const V last = set(scene.cell - 1.0f);
+    const auto index = [&](V p) { return hn::ConvertTo(di, hn::Min(p, last)); };
+    const VI size = hn::Set(di, scene.stored - 1), brick = hn::IfThenElseZero(hn::RebindMask(di, looks), word);
+    const VI voxel = hn::Add(hn::Mul(hn::Add(hn::Mul(index(q.x), size), index(q.y)), size), index(q.z));
+    const VI byte = hn::Add(hn::Mul(brick, hn::Mul(size, hn::Mul(size, size))), voxel);
+    const VI bytes = hn::GatherOffset(di, reinterpret_cast<const int32_t*>(scene.distances),
+                                      hn::IfThenElseZero(hn::RebindMask(di, looks), byte));
+    const V distance = hn::ConvertTo(d, hn::And(bytes, hn::Set(di, 255)));
+    const M near = hn::And(looks, hn::Eq(distance, zero));
+    M hit = hn::FirstN(d, 0);
+    if (!hn::AllFalse(d, near)) {
+      const VI stored = hn::Set(di, scene.stored);
+      const VI values =
+          hn::Mul(hn::IfThenElseZero(hn::RebindMask(di, near), brick), hn::Mul(stored, hn::Mul(stored, stored)));
+      const V looked_up = interpolated(scene, values, q);
+      hit = hn::And(near, hn::Ge(looked_up, iso));
+      value = hn::IfThenElse(hit, looked_up, value);
+      collided |= bits_of(hit);
+    }
+    const M moves = hn::AndNot(hit, looks);
+    const V next = hn::Min(hn::Add(walk.t, hn::Mul(hn::Max(distance, one), length)), crossing.until);
+    // Between two samples a ray can cross the corner of a voxel that reaches the density: where a sample lies in an
+    // adjacent voxel, or the step ends at the cell's face.
+    const M corner = hn::Or(hn::Le(distance, one),
+                            hn::And(hn::Ge(next, crossing.until),
+                                    hn::Gt(hn::Sub(crossing.until, walk.t), hn::Mul(hn::Sub(distance, one), length))));
+    close |= bits_of(hn::And(moves, corner));
+    const V reached = hn::IfThenElse(passes, crossing.until, hn::Max(walk.t, hn::Sub(next, length)));
+    before = hn::IfThenElse(hn::Or(moves, hn::And(passes, nothing)), reached, before);
+    const M left = walk.cross(crossing, hn::Or(passes, hn::And(moves, hn::Ge(next, crossing.until))));
+    walk.t = hn::IfThenElse(moves, next, walk.t);
+    queue.end(hn::Or(hit, left));
+  });
+}
+
+void DisplacedSurface(const LaneScene& scene, const PathStates& paths, const SlotList& rays,
+                      SurfaceCrossings& crossings) {
+  const D d;
+  const V zero = hn::Zero(d), iso = set(scene.surface_density);
+  RayQueue queue(rays);
+  CellWalk walk(scene);
+  HWY_ALIGN float times[RayQueue::kMost] = {}, inside[RayQueue::kMost], outside[RayQueue::kMost],
+                  above[RayQueue::kMost];
+  V step = set(1.0f), time = zero, before = zero, value = zero;
+  uint32_t collided = 0;
+
+  const auto finish = [&]() BRUME_INLINE_LAMBDA {
+    hn::Store(walk.t, d, inside);
+    hn::Store(before, d, outside);
+    hn::Store(value, d, above);
+    queue.finished &= collided;
+    queue.collect([&](size_t lane, size_t s) {
+      const size_t n = crossings.slots.count;
+      crossings.outside[n] = outside[lane];
+      crossings.inside[n] = inside[lane];
+      crossings.below[n] = -1;
+      crossings.above[n] = above[lane];
+      crossings.slots.push(static_cast<int32_t>(s));
+    });
+  };
+  const auto load = [&](CellWalk::Buffer& buffer) BRUME_INLINE_LAMBDA {
+    const M fresh =
+        load_rays(queue, buffer, paths, [&](size_t lane, size_t s) { times[lane] = frame_of(scene, paths, s); });
+    walk.load(buffer, fresh);
+    step = hn::Mul(set(0.25f), voxel_length(walk));
+    time = hn::Load(d, times);
+    before = hn::IfThenElse(fresh, zero, before);
+    collided &= ~bits_of(fresh);
+  };
+  drive(queue, walk, scene.stop, finish, load, [&](M active) BRUME_INLINE_LAMBDA {
+    const V bound = hn::GatherIndex(d, scene.majorant, walk.index(active));
+    const CellWalk::Crossing crossing = walk.ahead(hn::BitCast(DI(), bound), hn::Lt(bound, zero));
+    const M low = hn::Lt(bound, iso), passes = hn::And(active, hn::Or(low, hn::Ge(walk.t, crossing.until)));
+    const M looks = hn::AndNot(passes, active);
+    M hit = hn::FirstN(d, 0);
+    if (!hn::AllFalse(d, looks)) {
+      const V looked_up = displaced_density(scene, walk.at(walk.t), time);
+      hit = hn::And(looks, hn::Ge(looked_up, iso));
+      value = hn::IfThenElse(hit, looked_up, value);
+    }
+    collided |= bits_of(hit);
+    const M moves = hn::AndNot(hit, looks);
+    before = hn::IfThenElse(moves, walk.t, hn::IfThenElse(hn::And(passes, low), crossing.until, before));
+    const V next = hn::Min(hn::Add(walk.t, step), crossing.until);
+    const M left = walk.cross(crossing, hn::Or(passes, hn::And(moves, hn::Ge(next, crossing.until))));
+    walk.t = hn::IfThenElse(moves, next, walk.t);
+    queue.end(hn::Or(hit, left));
+  });
+}
+
+/// The density of a scene's grid at points, displaced where it is. @param time  in frames
+template <bool kMoved>
+HWY_INLINE V density_of(const LaneScene& scene, const V3& p, V time) {
+  if constexpr (kMoved)
+    return displaced_density(scene, p, time);
+  else
+    return density_at(scene, p);
+}
+
+/// The times of the paths in slots, in frames; 0 where nothing is displaced.
+template <bool kMoved>
+HWY_INLINE V frames_of(const LaneScene& scene, const PathStates& paths, VI slot) {
+  if (!kMoved) return hn::Zero(D());
+  return hn::MulAdd(set(scene.close - scene.open), hn::GatherIndex(D(), paths.time.data(), slot), set(scene.open));
+}
+
+template <bool kMoved>
+void surface_points(const LaneScene& scene, const PathStates& paths, SurfaceCrossings& crossings,
+                    GradientPoints& points) {
+  const D d;
+  const DI di;
+  const V iso = set(scene.surface_density);
+  SlotList& slots = crossings.slots;
+  slots.pad();
+  points.slots.count = slots.count;
+  for (size_t i = 0; i < slots.count; i += hn::Lanes(d)) {
+    const VI slot = hn::LoadU(di, slots.slot.data() + i);
+    hn::StoreU(slot, di, points.slots.slot.data() + i);
+    const auto get = [&](const auto& column) { return hn::GatherIndex(d, column.data(), slot); };
+    const V3 o{get(paths.ox), get(paths.oy), get(paths.oz)}, dir{get(paths.lx), get(paths.ly), get(paths.lz)};
+    const auto along = [&](V by) {
+      return V3{hn::Add(o.x, hn::Mul(dir.x, by)), hn::Add(o.y, hn::Mul(dir.y, by)), hn::Add(o.z, hn::Mul(dir.z, by))};
+    };
+    const V time = frames_of<kMoved>(scene, paths, slot);
+    const auto root = [](V v) { return hn::Sqrt(hn::Max(v, hn::Zero(D()))); };
+    // In the half that holds the surface, where a straight line through the roots of the densities puts it. At its edge
+    // a medium begins more like a square than like a line.
+    V begin = hn::LoadU(d, crossings.outside.data() + i), end = hn::LoadU(d, crossings.inside.data() + i);
+    V below = hn::LoadU(d, crossings.below.data() + i), above = hn::LoadU(d, crossings.above.data() + i);
+    const M unknown = hn::Lt(below, hn::Zero(d));
+    if (!hn::AllFalse(d, unknown))
+      below = hn::IfThenElse(unknown, hn::Min(density_of<kMoved>(scene, along(begin), time), iso), below);
+    const V middle = hn::Mul(set(0.5f), hn::Add(begin, end)), there = density_of<kMoved>(scene, along(middle), time);
+    const M nearer = hn::Ge(there, iso);
+    end = hn::IfThenElse(nearer, middle, end);
+    above = root(hn::IfThenElse(nearer, there, above));
+    begin = hn::IfThenElse(nearer, begin, middle);
+    below = root(hn::IfThenElse(nearer, below, there));
+    const V share = hn::Div(hn::Sub(root(iso), below), hn::Max(hn::Sub(above, below), set(1e-30f)));
+    const V surface = hn::Add(begin, hn::Mul(hn::Sub(end, begin), hn::Min(share, set(1.0f))));
+    const V3 p = along(hn::Add(surface, hn::Div(set(0.5f), hn::Sqrt(dot(dir, dir)))));
+    hn::StoreU(p.x, d, points.x.data() + i);
+    hn::StoreU(p.y, d, points.y.data() + i);
+    hn::StoreU(p.z, d, points.z.data() + i);
+  }
+}
+
+void SurfacePoints(const LaneScene& scene, const PathStates& paths, SurfaceCrossings& crossings,
+                   GradientPoints& points) {
+  (scene.displaced ? surface_points<true> : surface_points<false>)(scene, paths, crossings, points);
+}
+
+void March(const LaneScene& scene, const PathStates& paths, const SlotList& rays, CameraRayLayers& camera) {
+  const D d;
+  const V zero = hn::Zero(d), one = set(1.0f), deepest = set(static_cast<float>(kDeepest));
+  RayQueue queue(rays);
+  CellWalk walk(scene);
+  GeneratorBuffer generators;
+  Generator rng = generators.load();
+  V length = one, offset = zero, depth = zero, level[kMarchedPoints], point[kMarchedPoints];
+  for (size_t k = 0; k < kMarchedPoints; ++k) level[k] = point[k] = zero;
+
+  const auto finish = [&]() BRUME_INLINE_LAMBDA {
+    HWY_ALIGN float depths[RayQueue::kMost], points[kMarchedPoints][RayQueue::kMost];
+    hn::Store(depth, d, depths);
+    for (size_t k = 0; k < kMarchedPoints; ++k) hn::Store(point[k], d, points[k]);
+    queue.collect([&](size_t lane, size_t s) {
+      camera.depth[s] = depths[lane];
+      for (size_t k = 0; k < kMarchedPoints; ++k) camera.point[k][s] = points[k][lane];
+    });
+  };
+  const auto load = [&](CellWalk::Buffer& buffer) BRUME_INLINE_LAMBDA {
+    generators.store(rng);
+    const M fresh = load_rays(queue, buffer, paths, [&](size_t lane, size_t s) { generators.fetch(paths, s, lane); });
+    walk.load(buffer, fresh);
+    rng = generators.load();
+    length = voxel_length(walk);
+    depth = hn::IfThenElse(fresh, zero, depth);
+    offset = hn::IfThenElse(fresh, rng.uniform(fresh), offset);
+    const V u = rng.uniform(fresh);
+    for (size_t k = 0; k < kMarchedPoints; ++k) {
+      const V v = hn::Mul(hn::Add(u, set(static_cast<float>(k))), set(1.0f / kMarchedPoints));
+      level[k] = hn::IfThenElse(fresh, hn::Neg(log_of(hn::Sub(one, v))), level[k]);
+      point[k] = hn::IfThenElse(fresh, set(-1.0f), point[k]);
+    }
+  };
+  drive(queue, walk, scene.stop, finish, load, [&](M active) BRUME_INLINE_LAMBDA {
+    const auto [cell_index, crossing, passes, looks] = walk.look(active);
+    M done = walk.cross(crossing, passes);
+
+    const V t0 = walk.t, t1 = hn::Min(hn::Add(t0, length), crossing.until), part = hn::Sub(t1, t0);
+    const V3 p = walk.at(hn::Add(t0, hn::Mul(offset, part)));
+    const V value = one_voxel(walk, rng, p, brick_of(scene, cell_index, looks), looks);
+    const V sigma = hn::IfThenElseZero(looks, hn::Mul(value, set(scene.sigma)));
+    const V after = hn::Add(depth, hn::Mul(sigma, part));
+    for (size_t k = 0; k < kMarchedPoints; ++k) {
+      const M passed = hn::And(hn::Lt(depth, level[k]), hn::Ge(after, level[k]));
+      const V where = hn::Add(t0, hn::Div(hn::Sub(level[k], depth), hn::Max(sigma, set(1e-30f))));
+      point[k] = hn::IfThenElse(passed, where, point[k]);
+    }
+    depth = hn::Min(after, deepest);
+    walk.t = hn::IfThenElse(looks, t1, t0);
+    queue.end(hn::Or(done, hn::And(looks, hn::Ge(depth, deepest))));
+  });
+}
+
+template <bool kMoved>
+void gradient(const LaneScene& scene, const PathStates& paths, GradientPoints& points) {
+  const D d;
+  const size_t lanes = hn::Lanes(d);
+  const V one = set(1.0f), half = set(0.5f);
+  for (auto* column : {&points.x, &points.y, &points.z})
+    std::fill_n(column->begin() + static_cast<std::ptrdiff_t>(points.slots.count), lanes, 0.0f);
+  points.slots.pad();
+  for (size_t i = 0; i < points.slots.count; i += lanes) {
+    V3 p{hn::LoadU(d, points.x.data() + i), hn::LoadU(d, points.y.data() + i), hn::LoadU(d, points.z.data() + i)};
+    if (kMoved) p = stored_at(scene, p, frames_of<kMoved>(scene, paths, hn::LoadU(DI(), points.slots.slot.data() + i)));
+    const auto& [x, y, z] = p;
+    const LaneCells& cells = kMoved ? scene.density : scene;
+    const auto density = [&](V px, V py, V pz) { return density_at(cells, {px, py, pz}); };
+    const V3 g{hn::Mul(half, hn::Sub(density(hn::Add(x, one), y, z), density(hn::Sub(x, one), y, z))),
+               hn::Mul(half, hn::Sub(density(x, hn::Add(y, one), z), density(x, hn::Sub(y, one), z))),
+               hn::Mul(half, hn::Sub(density(x, y, hn::Add(z, one)), density(x, y, hn::Sub(z, one))))};
+    const M clear = hn::Ge(hn::Sqrt(dot(g, g)), set(scene.least_gradient));
+    const V3 world = transform(scene.gradient_to_world, g);
+    const V scale = hn::IfThenElseZero(clear, hn::Div(one, hn::Sqrt(dot(world, world))));
+    hn::StoreU(hn::Mul(world.x, scale), d, points.gx.data() + i);
+    hn::StoreU(hn::Mul(world.y, scale), d, points.gy.data() + i);
+    hn::StoreU(hn::Mul(world.z, scale), d, points.gz.data() + i);
+  }
+}
+
+void Gradient(const LaneScene& scene, const PathStates& paths, GradientPoints& points) {
+  (scene.displaced ? gradient<true> : gradient<false>)(scene, paths, points);
+}
+
+}  // namespace brume::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace brume {
+
+HWY_EXPORT(Surface);
+HWY_EXPORT(DisplacedSurface);
+HWY_EXPORT(SurfacePoints);
+HWY_EXPORT(March);
+HWY_EXPORT(Gradient);
+
+void lanes_find_surface(const LaneScene& scene, const PathStates& paths, const SlotList& rays,
+                        const CameraRayLayers& camera, SurfaceCrossings& crossings) {
+  HWY_DYNAMIC_DISPATCH(Surface)(scene, paths, rays, camera, crossings);
+}
+
+void lanes_find_displaced_surface(const LaneScene& scene, const PathStates& paths, const SlotList& rays,
+                                  SurfaceCrossings& crossings) {
+  HWY_DYNAMIC_DISPATCH(DisplacedSurface)(scene, paths, rays, crossings);
+}
+
+void lanes_surface_points(const LaneScene& scene, const PathStates& paths, SurfaceCrossings& crossings,
+                          GradientPoints& points) {
+  HWY_DYNAMIC_DISPATCH(SurfacePoints)(scene, paths, crossings, points);
+}
+
+void lanes_march(const LaneScene& scene, const PathStates& paths, const SlotList& rays, CameraRayLayers& camera) {
+  HWY_DYNAMIC_DISPATCH(March)(scene, paths, rays, camera);
+}
+
+void lanes_gradient(const LaneScene& scene, const PathStates& paths, GradientPoints& points) {
+  HWY_DYNAMIC_DISPATCH(Gradient)(scene, paths, points);
+}
+
+}  // namespace brume
+#endif

@@ -1,0 +1,174 @@
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "render/transport/emission.cpp"
+#include "render/transport/emission.h"
+
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+#include <algorithm>
+#include <bit>
+#include <cstring>
+#include <numbers>
+
+#include "volume/lane_grid.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace brume::HWY_NAMESPACE {
+
+#include "render/transport/cell_walk.h"
+
+/// Which entries of the ramp a value lies between, and where; `glows` is cleared where nothing is emitted.
+struct RampPlace {
+  VI entry;
+  V f;
+};
+HWY_INLINE RampPlace place(const EmissionCells& cells, V value, M& glows) {
+  const D d;
+  const DI di;
+  const V zero = hn::Zero(d);
+  if (cells.blackbody) {
+    const V kelvin = hn::Add(set(cells.offset), hn::Mul(set(cells.scale), value));
+    glows = hn::And(glows, hn::And(hn::Gt(value, zero), hn::Ge(kelvin, set(EmissionRamp::kColdest))));
+    const VI bits = hn::IfThenElseZero(hn::RebindMask(di, glows),
+                                       hn::Sub(hn::BitCast(di, kelvin), hn::Set(di, EmissionRamp::kColdestBits)));
+    const VI entry = hn::Min(hn::ShiftRight<EmissionRamp::kEntryBits>(bits), hn::Set(di, cells.last));
+    const VI within = hn::And(bits, hn::Set(di, (1 << EmissionRamp::kEntryBits) - 1));
+    return {entry, hn::Mul(hn::ConvertTo(d, within), set(1.0f / (1 << EmissionRamp::kEntryBits)))};
+  }
+  VI entry = hn::Zero(di);
+  for (int32_t k = 1; k <= cells.last; ++k)
+    entry = hn::IfThenElse(hn::RebindMask(di, hn::Ge(value, set(cells.stops[k]))), hn::Set(di, k), entry);
+  const V from = hn::GatherIndex(d, cells.stops, entry), inverse = hn::GatherIndex(d, cells.inverse_widths, entry);
+  return {entry, hn::Min(hn::Max(hn::Mul(hn::Sub(value, from), inverse), zero), set(1.0f))};
+}
+
+void Emission(const EmissionCells& cells, PathStates& paths, const SlotList& rays, EmissionSegments& segments) {
+  const D d;
+  constexpr size_t kMost = RayQueue::kMost;
+  const V zero = hn::Zero(d);
+  RayQueue queue(rays);
+  CellWalk walk(cells);
+  GeneratorBuffer generators;
+  Generator rng = generators.load();
+  HWY_ALIGN float ends[kMost] = {}, strides[kMost] = {};
+  V end = zero, step = zero, offset = zero;
+  V3 sum{zero, zero, zero};
+
+  const auto finish = [&]() BRUME_INLINE_LAMBDA {
+    HWY_ALIGN float r[kMost], g[kMost], b[kMost];
+    const V unit = set(cells.unit);
+    hn::Store(hn::Mul(sum.x, unit), d, r);
+    hn::Store(hn::Mul(sum.y, unit), d, g);
+    hn::Store(hn::Mul(sum.z, unit), d, b);
+    generators.store(rng);
+    queue.collect([&](size_t lane, size_t s) {
+      generators.give_back(paths, s, lane);
+      segments.r[s] = r[lane];
+      segments.g[s] = g[lane];
+      segments.b[s] = b[lane];
+    });
+  };
+  const auto load = [&](CellWalk::Buffer& buffer) BRUME_INLINE_LAMBDA {
+    generators.store(rng);
+    const M fresh = mask_of(queue.load([&](size_t lane, size_t s) {
+      buffer.ox[lane] = segments.ox[s];
+      buffer.oy[lane] = segments.oy[s];
+      buffer.oz[lane] = segments.oz[s];
+      buffer.dx[lane] = segments.dx[s];
+      buffer.dy[lane] = segments.dy[s];
+      buffer.dz[lane] = segments.dz[s];
+      ends[lane] = segments.end[s];
+      strides[lane] = segments.stride[s];
+      generators.fetch(paths, s, lane);
+    }));
+    walk.load(buffer, fresh);
+    rng = generators.load();
+    end = hn::Load(d, ends);
+    step = hn::Mul(hn::Load(d, strides), voxel_length(walk));
+    offset = hn::IfThenElse(fresh, rng.uniform(fresh), offset);
+    sum = {hn::IfThenElse(fresh, zero, sum.x), hn::IfThenElse(fresh, zero, sum.y), hn::IfThenElse(fresh, zero, sum.z)};
+  };
+  drive(queue, walk, nullptr, finish, load, [&](M active) BRUME_INLINE_LAMBDA {
+    const auto [cell_index, crossing, passes, looks] = walk.look(active);
+    const V reached = hn::Min(hn::Min(hn::Add(walk.t, step), crossing.until), end);
+    if (!hn::AllFalse(d, looks)) {
+      const V3 p = walk.at(hn::Add(walk.t, hn::Mul(offset, hn::Sub(reached, walk.t))));
+      const V value = interpolated(cells, brick_of(cells, cell_index, looks), walk.within(p));
+      M glows = looks;
+      const RampPlace at = place(cells, value, glows);
+      const V part = hn::IfThenElseZero(glows, hn::Sub(reached, walk.t));
+      const auto add = [&](V to, const float* table) {
+        return hn::Add(to, hn::Mul(part, between_entries(table, at.entry, at.f)));
+      };
+      sum = {add(sum.x, cells.colour[0]), add(sum.y, cells.colour[1]), add(sum.z, cells.colour[2])};
+    }
+    const M left = walk.cross(crossing, hn::Or(passes, hn::And(looks, hn::Ge(reached, crossing.until))));
+    walk.t = hn::IfThenElse(looks, reached, walk.t);
+    queue.end(hn::Or(left, hn::And(active, hn::Ge(walk.t, end))));
+  });
+}
+
+}  // namespace brume::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace brume {
+
+HWY_EXPORT(Emission);
+
+LaneEmission::LaneEmission(const EmissionField& emission, const LaneGrid* grid)
+    : field(emission),
+      shape(field.shape()),
+      bounds(shape.homogeneous()
+                 ? *shape.homogeneous()
+                 : HomogeneousShape{HomogeneousShape::Shape::kBox, shape.support().first, shape.support().second}),
+      unit(lane_unit(shape)) {
+  if (!grid) {
+    coefficient = vec3(field.coefficient());
+    return;
+  }
+  set_cells(cells, *grid);
+  const EmissionRamp& ramp = field.ramp();
+  const auto floats = [](const auto& values, const auto& of) {
+    std::vector<float> result;
+    for (const auto& v : values) result.push_back(static_cast<float>(of(v)));
+    return result;
+  };
+  for (int c = 0; c < 3; ++c) {
+    table[c] = floats(ramp.entries(), [c](const dvec3& entry) { return entry[c]; });
+    cells.colour[c] = table[c].data();
+  }
+  stops = floats(ramp.stops(), [](double v) { return v; });
+  for (size_t i = 0; i + 1 < stops.size(); ++i) {
+    const double width = ramp.stops()[i + 1] - ramp.stops()[i];
+    inverse_widths.push_back(width > 0 ? static_cast<float>(1 / width) : 0.0f);
+  }
+  cells.unit = static_cast<float>(unit);
+  cells.blackbody = ramp.is_blackbody();
+  cells.offset = static_cast<float>(ramp.offset());
+  cells.scale = static_cast<float>(ramp.scale());
+  cells.stops = stops.data();
+  cells.inverse_widths = inverse_widths.data();
+  cells.last = static_cast<int32_t>(ramp.entries().size()) - 2;
+}
+
+void LaneEmission::integrate(PathStates& paths, const SlotList& rays, EmissionSegments& segments) const {
+  if (!shape.homogeneous()) {
+    lanes_emission(cells, paths, rays, segments);
+    return;
+  }
+  for (size_t k = 0; k < rays.count; ++k) {
+    const auto i = static_cast<size_t>(rays.slot[k]);
+    const vec3 sum = coefficient * (segments.end[i] * static_cast<float>(unit));
+    segments.r[i] = sum.x;
+    segments.g[i] = sum.y;
+    segments.b[i] = sum.z;
+  }
+}
+
+void lanes_emission(const EmissionCells& cells, PathStates& paths, const SlotList& rays, EmissionSegments& segments) {
+  HWY_DYNAMIC_DISPATCH(Emission)(cells, paths, rays, segments);
+}
+
+}  // namespace brume
+#endif

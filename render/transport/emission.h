@@ -1,0 +1,57 @@
+#pragma once
+#include <array>
+#include <vector>
+
+#include "render/transport/lane_scene.h"
+#include "render/transport/path_states.h"
+
+namespace brume {
+
+/// An emitting field: its cells, and its EmissionRamp.
+struct EmissionCells : LaneCells {
+  std::array<const float*, 3> colour;  ///< the ramp's entries, by channel
+  int32_t last;                        ///< the last entry that has another behind it
+  bool blackbody;
+  float offset, scale;          ///< from values to kelvin
+  const float* stops;           ///< of colours, one for each entry
+  const float* inverse_widths;  ///< 1 / the distance from a stop to the next; 0 where they coincide
+  float unit;                   ///< lane_unit() of the field
+};
+
+/// The parts of flights inside an emitting field, by slot.
+struct EmissionSegments {
+  PathStates::Column<float> ox, oy, oz, dx, dy, dz;  ///< rays in local coordinates and lane units of the field
+  PathStates::Column<float> end;                     ///< ray parameter
+  PathStates::Column<float> stride;                  ///< length of a stratum [voxels]
+  PathStates::Column<float> r, g, b;                 ///< the result
+};
+
+/// An EmissionField as the kernels need it.
+struct LaneEmission {
+  /// @param grid  of its values; null for a homogeneous shape
+  LaneEmission(const EmissionField& emission, const LaneGrid* grid);
+  /// Whether it can hold a field: a still one, homogeneous or of a grid that single precision resolves.
+  static bool fits(const EmissionField& emission) {
+    return !emission.moves() && (emission.shape().homogeneous() || LaneGrid::fits(emission.shape().bricks()));
+  }
+  LaneEmission(const LaneEmission&) = delete;  // the cells refer to its table
+  LaneEmission& operator=(const LaneEmission&) = delete;
+
+  /// The integral of the emission coefficient along each segment: lanes_emission, or in closed form.
+  void integrate(PathStates& paths, const SlotList& rays, EmissionSegments& segments) const;
+
+  const EmissionField& field;
+  const Medium& shape;
+  HomogeneousShape bounds;
+  vec3 coefficient{0};  ///< of a homogeneous shape
+  double unit;
+  std::array<std::vector<float>, 3> table;
+  std::vector<float> stops, inverse_widths;
+  EmissionCells cells{};
+};
+
+/// The integral of the emission coefficient along each segment, by stratified sampling: one look-up per stratum of
+/// `stride` voxels, all at the same relative offset, which is drawn once per segment.
+void lanes_emission(const EmissionCells& cells, PathStates& paths, const SlotList& rays, EmissionSegments& segments);
+
+}  // namespace brume

@@ -1,0 +1,100 @@
+#include "render/transport/flight_emission.h"
+
+#include <algorithm>
+
+#include "render/transport/rules.h"
+
+namespace brume {
+
+FlightEmission::FlightEmission(const PathContext& context, PathStates& paths, WorldPaths* world, Buffers& buffers)
+    : c_(context), p_(paths), w_(world), b_(buffers) {
+  for (size_t f = 0; f < c_.emissions.size(); ++f) {
+    const EmissionField& field = c_.emissions[f];
+    if (LaneEmission::fits(field))
+      in_lanes_.emplace_back(field, field.shape().homogeneous() ? nullptr : &c_.emission_grids[f]);
+    else
+      one_by_one_.push_back(&field);
+  }
+}
+
+bool FlightEmission::may_meet(const Ray& ray) const {
+  return !one_by_one_.empty() || std::any_of(in_lanes_.begin(), in_lanes_.end(), [&](const LaneEmission& field) {
+    const auto [enters, leaves] = field.bounds.intersect(field.shape.to_local(ray));
+    return std::max(enters, 0.0) < leaves;
+  });
+}
+
+void FlightEmission::add(std::initializer_list<const SlotList*> slots) {
+  for (const LaneEmission& field : in_lanes_) add_in_lanes(field, slots);
+  for (const EmissionField* field : one_by_one_) add_one_by_one(*field, slots);
+}
+
+/// Adds light that is emitted along the flight of a path.
+void FlightEmission::add(size_t i, const vec3& emitted) {
+  const vec3 L = vec3(p_.tr[i], p_.tg[i], p_.tb[i]) * emitted;
+  if (p_.events[i] == 0)
+    b_.seen[i] += L;
+  else
+    deposit(p_, w_, i, L, p_.events[i]);
+}
+
+void FlightEmission::add_in_lanes(const LaneEmission& field, std::initializer_list<const SlotList*> slots) {
+  EmissionSegments& segments = b_.segments;
+  b_.rays.count = 0;
+  for (const SlotList* list : slots)
+    for (size_t k = 0; k < list->count; ++k) {
+      const auto i = static_cast<size_t>(list->slot[k]);
+      const Buffers::Flight& flight = b_.flights[i];
+      const Ray local = field.shape.to_local(flight.ray);
+      const auto [enters, leaves] = field.bounds.intersect(local);
+      const double t0 = std::max(enters, 0.0), t1 = std::min(leaves, flight.end);
+      if (!(t0 < t1)) continue;
+      const vec3 o(local.at(t0)), d(local.d * field.unit);
+      segments.ox[i] = o.x;
+      segments.oy[i] = o.y;
+      segments.oz[i] = o.z;
+      segments.dx[i] = d.x;
+      segments.dy[i] = d.y;
+      segments.dz[i] = d.z;
+      segments.end[i] = static_cast<float>((t1 - t0) / field.unit);
+      segments.stride[i] = static_cast<float>(emission_stride(p_.events[i]));
+      b_.rays.push(list->slot[k]);
+    }
+  field.integrate(p_, b_.rays, segments);
+  for (size_t k = 0; k < b_.rays.count; ++k) {
+    const auto i = static_cast<size_t>(b_.rays.slot[k]);
+    add(i, {segments.r[i], segments.g[i], segments.b[i]});
+  }
+}
+
+void FlightEmission::add_one_by_one(const EmissionField& field, std::initializer_list<const SlotList*> slots) {
+  for (const SlotList* list : slots)
+    for (size_t k = 0; k < list->count; ++k) {
+      const auto i = static_cast<size_t>(list->slot[k]);
+      const Buffers::Flight& flight = b_.flights[i];
+      Rng rng = PathGenerator(p_, i).stream();
+      add(i, vec3(field.integrate(flight.ray, 0, flight.end, emission_stride(p_.events[i]), w_->time[i], rng)));
+    }
+}
+
+void FlightEmission::add_by_channel(const SlotList& slots, MediaFlights& flights) {
+  b_.rays.count = 0;
+  for (size_t k = 0; k < slots.count; ++k) {
+    const auto i = static_cast<size_t>(slots.slot[k]);
+    Rng rng = PathGenerator(p_, i).stream();
+    EmittingPoint point;
+    for (const EmissionField& field : c_.emissions)
+      field.offer(w_->ray[i], 0, w_->end[i], emission_stride(p_.events[i]), w_->time[i], rng, point);
+    if (!point.any()) continue;
+    b_.point[i] = point.t();
+    b_.emitted[i] = vec3(point.value());
+    b_.rays.push(slots.slot[k]);
+  }
+  flights.passing(b_.rays, b_.point, b_.passing);
+  for (size_t k = 0; k < b_.rays.count; ++k) {
+    const auto i = static_cast<size_t>(b_.rays.slot[k]);
+    add(i, vec3(channel_weights(p_, i, dvec3(b_.passing[i]))) * b_.emitted[i]);
+  }
+}
+
+}  // namespace brume

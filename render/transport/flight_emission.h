@@ -1,0 +1,56 @@
+#pragma once
+#include <array>
+#include <deque>
+#include <initializer_list>
+
+#include "render/transport/emission.h"
+#include "render/transport/media_flights.h"
+
+namespace brume {
+
+/// What fields emit along the flights of the paths on one thread. A flight passes a point with the probability of the
+/// transmittance to it, so no weight is needed. Scattering blurs: longer strata are enough after the first event.
+class FlightEmission {
+ public:
+  struct Buffers {
+    struct Flight {
+      Ray ray;  ///< in the world, the camera's from the eye on
+      double end;
+    };
+    std::array<Flight, kPool> flights;
+    std::array<vec3, kPool> seen;  ///< along camera rays
+    EmissionSegments segments;
+    SlotList rays;
+    std::array<double, kPool> point;  ///< ray parameters
+    std::array<vec3, kPool> emitted, passing;
+  };
+  /// Refers to all of them. @param world  null where one_grid
+  FlightEmission(const PathContext& context, PathStates& paths, WorldPaths* world, Buffers& buffers);
+
+  /// Whether a camera ray passes through a field.
+  bool may_meet(const Ray& ray) const;
+  void start(int32_t slot) { b_.seen[static_cast<size_t>(slot)] = vec3(0); }
+  /// The flight of a path in a slot, up to its end.
+  void set(int32_t slot, const Ray& ray, double end) { b_.flights[static_cast<size_t>(slot)] = {ray, end}; }
+  const Ray& ray(int32_t slot) const { return b_.flights[static_cast<size_t>(slot)].ray; }
+  /// Adds what is emitted along the flights of the slots.
+  void add(std::initializer_list<const SlotList*> slots);
+  /// The same where media are chromatic, between MediaFlights::fly and weigh_channels: at one point of each flight,
+  /// which each channel passes with its own probability.
+  void add_by_channel(const SlotList& slots, MediaFlights& flights);
+  vec3 seen(size_t slot) const { return b_.seen[slot]; }
+
+ private:
+  void add_in_lanes(const LaneEmission& field, std::initializer_list<const SlotList*> slots);
+  void add_one_by_one(const EmissionField& field, std::initializer_list<const SlotList*> slots);
+  void add(size_t slot, const vec3& emitted);
+
+  const PathContext& c_;
+  PathStates& p_;
+  WorldPaths* w_;
+  Buffers& b_;
+  std::deque<LaneEmission> in_lanes_;
+  std::vector<const EmissionField*> one_by_one_;  ///< they move, or single precision does not resolve them
+};
+
+}  // namespace brume

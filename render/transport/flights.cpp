@@ -1,0 +1,323 @@
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "render/transport/flights.cpp"
+#include "render/transport/flights.h"
+
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+#include <algorithm>
+#include <bit>
+#include <cstring>
+#include <numbers>
+
+#include "volume/lane_grid.h"
+#include "volume/tracking.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace brume::HWY_NAMESPACE {
+
+#include "render/transport/cell_walk.h"
+
+enum class Walk { kFlight, kFirst, kShadow };
+
+/// Takes the rays of a list through the majorant cells, up to an end at `reach` where kReach. Free flights end at a
+/// real collision, whose position becomes the path's, or leave the grid; forced flights cross the whole grid
+/// (lanes_fly_first); shadow rays estimate their transmittance by ratio tracking. Where kColour, the hero channel
+/// decides for all, and each channel's share of what happened is accounted for (docs/methods.md, Spectral tracking).
+/// kMoved: the density is displaced.
+template <Walk kWalk, bool kReach, bool kColour, bool kMoved>
+class Tracker {
+ public:
+  HWY_INLINE Tracker(const LaneScene& scene, PathStates& paths, const SlotList& rays, SlotList* hits, SlotList* escapes,
+                     uint64_t& lookups)
+      : scene_(scene),
+        paths_(paths),
+        hits_(hits),
+        escapes_(escapes),
+        lookups_(lookups),
+        queue_(rays),
+        walk_(scene),
+        rng_(generators_.load()) {}
+
+  HWY_INLINE void run() {
+    drive(
+        queue_, walk_, scene_.stop, [&]() BRUME_INLINE_LAMBDA { finish(); },
+        [&](CellWalk::Buffer& buffer) BRUME_INLINE_LAMBDA { load(buffer); },
+        [&](M active) BRUME_INLINE_LAMBDA { step(active); });
+  }
+
+ private:
+  static constexpr bool kShadow = kWalk == Walk::kShadow, kFirst = kWalk == Walk::kFirst;
+  static constexpr size_t kMost = RayQueue::kMost;
+
+  HWY_INLINE void finish() {
+    const D d;
+    if (kFirst) {
+      // The scattered share becomes the path's throughput; below a hundredth it plays Russian roulette.
+      const V u = rng_.uniform(mask_of(queue_.finished));
+      collided_ = bits_of(hn::Lt(hn::Mul(u, set(0.01f)), scattered_));
+      hn::Store(hn::Max(scattered_, set(0.01f)), d, carried_);
+    }
+    generators_.store(rng_);
+    hn::Store(kWalk == Walk::kFlight ? walk_.t : weight_, d, result_);
+    if constexpr (kColour) {
+      hn::Store(colour_.x, d, channel_[0]);
+      hn::Store(colour_.y, d, channel_[1]);
+      hn::Store(colour_.z, d, channel_[2]);
+    }
+    HWY_ALIGN float x[kMost], y[kMost], z[kMost];
+    if (!kShadow) {
+      hn::Store(hit_at_.x, d, x);
+      hn::Store(hit_at_.y, d, y);
+      hn::Store(hit_at_.z, d, z);
+    }
+    queue_.collect([&](size_t lane, size_t s) {
+      generators_.give_back(paths_, s, lane);
+      if (kColour) {
+        (kShadow ? paths_.shadow_r : paths_.fr)[s] = channel_[0][lane];
+        (kShadow ? paths_.shadow_g : paths_.fg)[s] = channel_[1][lane];
+        (kShadow ? paths_.shadow_b : paths_.fb)[s] = channel_[2][lane];
+      }
+      if (kFirst) {
+        paths_.passed[s] = result_[lane];
+        paths_.tr[s] = paths_.tg[s] = paths_.tb[s] = carried_[lane];
+      }
+      if (kShadow) {
+        paths_.transmittance[s] = result_[lane];
+      } else if (collided_ >> lane & 1) {
+        paths_.ox[s] = x[lane];
+        paths_.oy[s] = y[lane];
+        paths_.oz[s] = z[lane];
+        if (kWalk == Walk::kFlight && kReach) paths_.reach[s] = result_[lane];
+        hits_->push(static_cast<int32_t>(s));
+      } else {
+        escapes_->push(static_cast<int32_t>(s));
+      }
+    });
+  }
+
+  HWY_INLINE void load(CellWalk::Buffer& buffer) {
+    const D d;
+    const V zero = hn::Zero(d), one = set(1.0f);
+    generators_.store(rng_);
+    const M fresh = mask_of(queue_.load([&](size_t lane, size_t s) {
+      buffer.ox[lane] = paths_.ox[s];
+      buffer.oy[lane] = paths_.oy[s];
+      buffer.oz[lane] = paths_.oz[s];
+      buffer.dx[lane] = (kShadow ? paths_.sx : paths_.lx)[s];
+      buffer.dy[lane] = (kShadow ? paths_.sy : paths_.ly)[s];
+      buffer.dz[lane] = (kShadow ? paths_.sz : paths_.lz)[s];
+      generators_.fetch(paths_, s, lane);
+      if (kReach) result_[lane] = (kShadow ? paths_.shadow_reach : paths_.reach)[s];
+      if (kShadow) carried_[lane] = paths_.transmittance[s];
+      if (kMoved) frames_[lane] = frame_of(scene_, paths_, s);
+      if (kColour && kShadow) {
+        channel_[0][lane] = paths_.shadow_r[s];
+        channel_[1][lane] = paths_.shadow_g[s];
+        channel_[2][lane] = paths_.shadow_b[s];
+      } else if (kColour) {
+        channel_[3][lane] = scene_.extinction_ratio[paths_.hero[s]];
+      }
+    }));
+    walk_.load(buffer, fresh);
+    rng_ = generators_.load();
+    weight_ = hn::IfThenElse(fresh, kShadow ? hn::Load(d, carried_) : one, weight_);
+    if (kMoved) time_ = hn::Load(d, frames_);
+    if constexpr (kColour) {
+      const auto start = [&](size_t c, V before) {
+        return hn::IfThenElse(fresh, kShadow ? hn::Load(d, channel_[c]) : one, before);
+      };
+      colour_ = {start(0, colour_.x), start(1, colour_.y), start(2, colour_.z)};
+      hero_ = hn::Load(d, channel_[3]);
+    }
+    if (kFirst) {
+      scattered_ = hn::IfThenElse(fresh, zero, scattered_);
+      lost_ = hn::IfThenElse(fresh, zero, lost_);
+    }
+    tau_ = hn::IfThenElse(fresh, rng_.exponential(fresh), tau_);
+    if (kReach) reach_ = hn::IfThenElse(fresh, hn::Load(d, result_), reach_);
+  }
+
+  HWY_INLINE void step(M active) {
+    const D d;
+    const V zero = hn::Zero(d);
+    // The cell: its majorant, or, where it is empty, an OctantSkip.
+    const VI cell_index = walk_.index(active);
+    const V bound = hn::GatherIndex(d, scene_.majorant, cell_index);
+    const M empty = hn::Lt(bound, zero);
+    const CellWalk::Crossing crossing = walk_.ahead(hn::BitCast(DI(), bound), empty);
+    const V sigma_maj = hn::Mul(bound, set(kFirst ? scene_.first_sigma : scene_.sigma));
+    const V until = kReach ? hn::Min(crossing.until, reach_) : crossing.until;
+    const V remaining = hn::IfThenElse(empty, zero, hn::Mul(hn::Sub(until, walk_.t), sigma_maj));
+    const M passes = hn::And(active, hn::Or(empty, hn::Ge(tau_, remaining)));
+    const M collides = hn::AndNot(passes, active);
+    tau_ = hn::IfThenElse(passes, hn::Sub(tau_, remaining), tau_);
+    M done = walk_.cross(crossing, passes);
+    if (kReach) done = hn::Or(done, hn::And(passes, hn::Ge(crossing.until, reach_)));
+    if (!hn::AllFalse(d, collides)) {
+      walk_.t = hn::IfThenElse(collides, hn::Add(walk_.t, hn::Div(tau_, sigma_maj)), walk_.t);
+      done = hn::Or(done, collide(cell_index, bound, sigma_maj, collides));
+      tau_ = hn::IfThenElse(collides, rng_.exponential(collides), tau_);
+    }
+    if (!kShadow && !kFirst) collided_ &= ~(bits_of(done) & ~bits_of(hn::And(done, collides)));
+    queue_.end(done);
+  }
+
+  /// Tentative collisions: one density look-up each. Returns whose rays end there.
+  HWY_INLINE M collide(VI cell_index, V bound, V sigma_maj, M collides) {
+    const D d;
+    const V3 p = walk_.at(walk_.t);
+    V value = hn::Zero(d);
+    if constexpr (kMoved) {
+      value = hn::IfThenElseZero(collides, displaced_density(scene_, p, time_));
+    } else {
+      const VI brick = brick_of(scene_, cell_index, collides);
+      value = scene_.interpolate ? hn::IfThenElseZero(collides, interpolated(scene_, brick, walk_.within(p)))
+                                 : one_voxel(walk_, rng_, p, brick, collides);
+    }
+    lookups_ += hn::CountTrue(d, collides);
+    // 24 random bits are enough for roulette only: a collision may be less likely than 2^-24.
+    const V u = kShadow ? rng_.uniform(collides) : rng_.fine_uniform(collides);
+    if constexpr (kFirst) {
+      return scatter_share(p, hn::Div(hn::Mul(value, set(scene_.sigma)), sigma_maj), u, collides);
+    } else if constexpr (kColour) {
+      return collide_by_channel(hn::Min(hn::Div(value, bound), set(1.0f)), u, collides);
+    } else if constexpr (kShadow) {
+      weight_ = hn::IfThenElse(collides, hn::Sub(weight_, hn::Mul(weight_, hn::Div(value, bound))), weight_);
+      const auto [small, survives] = roulette(weight_, u, collides);
+      weight_ = hn::IfThenElse(small, hn::IfThenElseZero(survives, surviving()), weight_);
+      return hn::AndNot(survives, small);
+    } else {
+      const M hit = hn::And(collides, hn::Lt(hn::Mul(u, bound), value));
+      hit_at_ = {hn::IfThenElse(hit, p.x, hit_at_.x), hn::IfThenElse(hit, p.y, hit_at_.y),
+                 hn::IfThenElse(hit, p.z, hit_at_.z)};
+      collided_ |= bits_of(hit);
+      return hit;
+    }
+  }
+
+  /// Each tentative collision scatters its share sigma_t / sigma_maj of the remaining weight. One of them, drawn by
+  /// reservoir sampling in proportion to what it scattered, becomes the path's vertex. Once less than half is left, a
+  /// collision is real or null by chance, as in delta tracking.
+  HWY_INLINE M scatter_share(const V3& p, V share, V u, M collides) {
+    const V one = set(1.0f);
+    const M whole = hn::And(collides, hn::Lt(weight_, set(0.5f))), decided = hn::And(whole, hn::Lt(u, share));
+    const V part = hn::IfThenElse(whole, hn::IfThenElseZero(decided, weight_), hn::Mul(weight_, share));
+    // Summed with compensation (Kahan): shares may be far below the rounding of what is left.
+    const V more = hn::Sub(part, lost_), sum = hn::Add(scattered_, more);
+    const M taken = hn::And(collides, hn::Lt(hn::Mul(rng_.fine_uniform(collides), sum), part));
+    hit_at_ = {hn::IfThenElse(taken, p.x, hit_at_.x), hn::IfThenElse(taken, p.y, hit_at_.y),
+               hn::IfThenElse(taken, p.z, hit_at_.z)};
+    lost_ = hn::IfThenElse(collides, hn::Sub(hn::Sub(sum, scattered_), more), lost_);
+    scattered_ = hn::IfThenElse(collides, hn::IfThenElse(decided, one, sum), scattered_);
+    weight_ = hn::Sub(one, scattered_);
+    return decided;
+  }
+
+  /// @param share  of the largest channel: its extinction to the majorant
+  HWY_INLINE M collide_by_channel(V share, V u, M collides) {
+    const V one = set(1.0f);
+    const auto real = [&](int c) { return hn::Mul(share, set(scene_.extinction_ratio[c])); };
+    M hit = hn::FirstN(D(), 0);
+    if (!kShadow) {
+      hit = hn::And(collides, hn::Lt(u, hn::Mul(share, hero_)));
+      collided_ |= bits_of(hit);
+    }
+    const auto times = [&](V before, int c) {
+      return hn::IfThenElse(collides, hn::Mul(before, hn::IfThenElse(hit, real(c), hn::Sub(one, real(c)))), before);
+    };
+    colour_ = {times(colour_.x, 0), times(colour_.y, 1), times(colour_.z, 2)};
+    if (!kShadow) return hit;
+    const V largest = hn::Max(hn::Max(colour_.x, colour_.y), colour_.z);
+    const auto [small, survives] = roulette(largest, u, collides);
+    const V factor = hn::IfThenElseZero(survives, hn::Div(surviving(), largest));
+    const auto rescaled = [&](V v) { return hn::IfThenElse(small, hn::Mul(v, factor), v); };
+    colour_ = {rescaled(colour_.x), rescaled(colour_.y), rescaled(colour_.z)};
+    return hn::AndNot(survives, small);
+  }
+
+  static HWY_INLINE V surviving() { return set(static_cast<float>(kSurvivingTransmittance)); }
+  struct Roulette {
+    M plays, survives;
+  };
+  /// Of shadow rays with little weight left.
+  static HWY_INLINE Roulette roulette(V weight, V u, M collides) {
+    return {hn::And(collides, hn::Lt(weight, set(static_cast<float>(kLeastTransmittance)))),
+            hn::Lt(hn::Mul(u, surviving()), weight)};
+  }
+
+  const LaneScene& scene_;
+  PathStates& paths_;
+  SlotList *hits_, *escapes_;
+  uint64_t& lookups_;
+  RayQueue queue_;
+  CellWalk walk_;
+  GeneratorBuffer generators_;
+  Generator rng_;
+  HWY_ALIGN float result_[kMost] = {}, carried_[kMost] = {}, frames_[kMost] = {};
+  HWY_ALIGN float channel_[4][kMost] = {};  // in memory: colour and hero
+  V tau_ = hn::Zero(D()), weight_ = set(1.0f), reach_ = hn::Zero(D()), time_ = hn::Zero(D());
+  V scattered_ = hn::Zero(D()), lost_ = hn::Zero(D());  // of a forced flight: the share so far, its rounding error
+  V3 hit_at_{hn::Zero(D()), hn::Zero(D()), hn::Zero(D())};
+  V hero_ = set(1.0f);                          // extinction of the hero channel, relative to the largest
+  V3 colour_{set(1.0f), set(1.0f), set(1.0f)};  // of the choices' probability, or of the transmittance
+  uint32_t collided_ = 0;
+};
+
+template <Walk kWalk, bool kReach, bool kColour = false, bool kMoved = false>
+void track(const LaneScene& scene, PathStates& paths, const SlotList& rays, SlotList* hits, SlotList* escapes,
+           uint64_t& lookups) {
+  Tracker<kWalk, kReach, kColour, kMoved>(scene, paths, rays, hits, escapes, lookups).run();
+}
+
+void Flight(const LaneScene& scene, PathStates& paths, const SlotList& rays, SlotList& hits, SlotList& escapes,
+            uint64_t& lookups) {
+  const auto flight = scene.displaced     ? scene.chromatic ? track<Walk::kFlight, true, true, true>
+                                                            : track<Walk::kFlight, true, false, true>
+                          : scene.chromatic ? track<Walk::kFlight, true, true>
+                      : scene.flights_end ? track<Walk::kFlight, true>
+                                          : track<Walk::kFlight, false>;
+  flight(scene, paths, rays, &hits, &escapes, lookups);
+}
+
+void First(const LaneScene& scene, PathStates& paths, const SlotList& rays, SlotList& hits, SlotList& escapes,
+           uint64_t& lookups) {
+  (scene.flights_end ? track<Walk::kFirst, true> : track<Walk::kFirst, false>)(scene, paths, rays, &hits, &escapes,
+                                                                               lookups);
+}
+
+void Shadow(const LaneScene& scene, PathStates& paths, const SlotList& rays, uint64_t& lookups) {
+  const auto shadow = scene.displaced     ? scene.chromatic ? track<Walk::kShadow, true, true, true>
+                                                            : track<Walk::kShadow, true, false, true>
+                          : scene.chromatic ? track<Walk::kShadow, true, true>
+                      : scene.shadows_end ? track<Walk::kShadow, true>
+                                          : track<Walk::kShadow, false>;
+  shadow(scene, paths, rays, nullptr, nullptr, lookups);
+}
+
+}  // namespace brume::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace brume {
+
+HWY_EXPORT(Flight);
+HWY_EXPORT(First);
+HWY_EXPORT(Shadow);
+
+void lanes_fly(const LaneScene& scene, PathStates& paths, const SlotList& rays, SlotList& hits, SlotList& escapes,
+               uint64_t& lookups) {
+  HWY_DYNAMIC_DISPATCH(Flight)(scene, paths, rays, hits, escapes, lookups);
+}
+
+void lanes_fly_first(const LaneScene& scene, PathStates& paths, const SlotList& rays, SlotList& hits, SlotList& escapes,
+                     uint64_t& lookups) {
+  HWY_DYNAMIC_DISPATCH(First)(scene, paths, rays, hits, escapes, lookups);
+}
+
+void lanes_shadow(const LaneScene& scene, PathStates& paths, const SlotList& rays, uint64_t& lookups) {
+  HWY_DYNAMIC_DISPATCH(Shadow)(scene, paths, rays, lookups);
+}
+
+}  // namespace brume
+#endif

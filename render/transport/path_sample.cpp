@@ -1,0 +1,83 @@
+#include "render/transport/path_sample.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cstddef>
+#include <type_traits>
+
+#include "base/error.h"
+#include "base/text.h"
+
+namespace brume {
+
+namespace {
+
+constexpr const char* kGuides = "guides";
+
+}
+
+static_assert(std::is_standard_layout_v<PathSample> && sizeof(PathSample) % sizeof(double) == 0);
+
+const std::vector<RecordedLayer>& recordable_layers() {
+#define BRUME_LAYER(member) \
+  { layer::member, offsetof(PathSample, member) / sizeof(double) }
+  static const std::vector<RecordedLayer> layers = {BRUME_LAYER(direct),
+                                                    BRUME_LAYER(indirect),
+                                                    BRUME_LAYER(background),
+                                                    BRUME_LAYER(emission),
+                                                    BRUME_LAYER(single),
+                                                    BRUME_LAYER(surface),
+                                                    BRUME_LAYER(gradient),
+                                                    BRUME_LAYER(gradient_first_scatter),
+                                                    BRUME_LAYER(coverage),
+                                                    BRUME_LAYER(gradient_transmittance_weighted),
+                                                    BRUME_LAYER(transmittance),
+                                                    BRUME_LAYER(scatter_depth),
+                                                    BRUME_LAYER(scatter_density),
+                                                    BRUME_LAYER(scatter_position),
+                                                    BRUME_LAYER(scatter_share),
+                                                    BRUME_LAYER(optical_depth),
+                                                    BRUME_LAYER(albedo),
+                                                    BRUME_LAYER(normal),
+                                                    BRUME_LAYER(depth),
+                                                    BRUME_LAYER(position),
+                                                    BRUME_LAYER(flash),
+                                                    BRUME_LAYER(catcher),
+                                                    BRUME_LAYER(catcher_unshadowed)};
+#undef BRUME_LAYER
+  return layers;
+}
+
+LayerRequest LayerRequest::of(const std::vector<std::string>& names, bool statistics, bool buckets) {
+  std::vector<std::string> known;
+  for (const RecordedLayer& l : recordable_layers()) known.emplace_back(l.name.name);
+  LayerRequest request{{}, statistics, buckets};
+  if (names == std::vector<std::string>{"all"}) {
+    request.names = known;
+    request.guides = true;
+    return request;
+  }
+  known.emplace_back(kGuides);
+  for (const std::string& name : names) {
+    if (std::find(known.begin(), known.end(), name) == known.end())
+      throw InputError(fmt::format("no layer '{}' to record{}", name, suggestion(name, known)));
+    if (name == kGuides)
+      request.guides = true;
+    else
+      request.names.push_back(name);
+  }
+  return request;
+}
+
+std::vector<std::string> LayerRequest::text() const {
+  std::vector<std::string> all = names;
+  if (guides) all.emplace_back(kGuides);
+  return all;
+}
+
+bool LayerRequest::has(const LayerName& layer) const {
+  return std::find(names.begin(), names.end(), layer.name) != names.end();
+}
+
+}  // namespace brume

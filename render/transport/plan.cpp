@@ -1,0 +1,78 @@
+#include "render/transport/plan.h"
+
+#include <algorithm>
+
+#include "render/transport/emission.h"
+#include "render/transport/integrator.h"
+#include "render/world/camera.h"
+#include "render/world/surfaces.h"
+#include "volume/lane_grid.h"
+
+namespace brume {
+bool fits_lanes(const Medium& m) {
+  if (m.homogeneous() || m.global_majorant()) return false;
+  if (const Displacement* const d = m.displacement()) {
+    for (const BrickGrid& part : d->field.parts)
+      if (!part.empty() && !LaneGrid::fits(part)) return false;
+    if (!LaneGrid::fits(d->envelope)) return false;
+  }
+  const double longest_voxel = m.voxel_volume() / (m.voxel_size() * m.voxel_size());  // at least its longest edge
+  const double free_path = 1 / (m.extinction_per_density() * m.maximum_density() * longest_voxel);
+  return LaneGrid::fits(m.bricks()) && LaneGrid::resolves(m.bricks(), free_path);
+}
+
+namespace {
+
+/// Whether all there is lies in one still grid, but for still fields that emit.
+bool is_one_grid(const Plan& plan, const SceneMedia& media) {
+  const auto& fields = media.emissions();
+  return plan.media == 1 && !plan.chromatic && !plan.surfaces && !plan.moving_media && !plan.layers.records &&
+         fits_lanes(media.media()[0]) && std::all_of(fields.begin(), fields.end(), [](const EmissionField& e) {
+           return LaneEmission::fits(e) && !e.shape().homogeneous();
+         });
+}
+
+}  // namespace
+
+Plan make_plan(const Scene& scene, const SceneMedia& media, const Lights& lights, const Surfaces* surfaces,
+               const Camera& camera, const LayerRequest& layers) {
+  Plan plan;
+  const auto& all = media.media();
+  plan.media = all.size();
+  plan.chromatic = std::any_of(all.begin(), all.end(), [](const Medium& m) { return m.chromatic(); });
+  plan.moving_media = std::any_of(all.begin(), all.end(), [](const Medium& m) { return m.moves(); });
+  plan.surfaces = surfaces != nullptr;
+  plan.light_sampling = (plan.has_media() || plan.surfaces) && lights.any_sampled();
+  plan.finite_lights = !lights.finite().empty();
+  plan.emission = !media.emissions().empty();
+  plan.lens = camera.has_lens();
+  const auto& fields = media.emissions();
+  plan.shutter = camera.moves() || plan.moving_media ||
+                 std::any_of(fields.begin(), fields.end(), [](const EmissionField& e) { return e.moves(); });
+  if (plan.has_media()) {
+    plan.medium_surface = layers.has(layer::gradient) || layers.has(layer::coverage) || layers.records;
+    plan.flash = layers.has(layer::flash);
+    for (const LayerName& l : {layer::scatter_depth, layer::scatter_position, layer::scatter_density,
+                               layer::scatter_share, layer::albedo, layer::gradient_first_scatter, layer::flash})
+      plan.first_event = plan.first_event || layers.has(l) || layers.records;
+    plan.first_scatter_gradient = layers.has(layer::gradient_first_scatter) || plan.flash || layers.records;
+    plan.weighted_gradient = layers.has(layer::gradient_transmittance_weighted);
+    plan.optical_depth = layers.has(layer::optical_depth);
+  }
+  if (plan.surfaces)
+    for (const LayerName& l :
+         {layer::albedo, layer::normal, layer::depth, layer::position, layer::catcher, layer::catcher_unshadowed})
+      plan.first_surface = plan.first_surface || layers.has(l) || layers.records;
+  plan.layers = layers;
+  plan.near_lights = choose_near_lights(all, lights, scene.render.near_lights);
+  plan.interpolate = scene.render.lookup == "interpolated";
+  plan.one_grid = is_one_grid(plan, media);
+  if (plan.one_grid && !plan.emission) {  // emission is integrated along free flights
+    std::vector<Ray> rays;
+    for (const PathRequest& r : coarse_requests(scene, plan, camera, 24, 1)) rays.push_back(r.ray);
+    plan.first_collision = choose_first_collision(all[0], rays, scene.render.first_collision);
+  }
+  return plan;
+}
+
+}  // namespace brume

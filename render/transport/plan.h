@@ -1,0 +1,52 @@
+#pragma once
+#include <vector>
+
+#include "render/transport/first_collision.h"
+#include "render/transport/near_light.h"
+#include "render/transport/path_sample.h"
+#include "render/world/lights.h"
+#include "render/world/media.h"
+
+namespace brume {
+
+class Camera;
+class Surfaces;
+
+/// What exists in this render, decided once: paths model nothing else.
+struct Plan {
+  size_t media = 0;             ///< how many scatter or absorb
+  bool chromatic = false;       ///< the extinction of some has a colour
+  bool moving_media = false;    ///< some change over the shutter
+  bool light_sampling = false;  ///< next-event estimation towards at least one light
+  bool finite_lights = false;   ///< analytic lights that rays can end on
+  bool surfaces = false;        ///< triangle meshes
+  bool emission = false;        ///< fields that emit
+  bool lens = false, shutter = false;
+  bool one_grid = false;               ///< paths live in the local coordinates of the one grid that there is
+  bool interpolate = false;            ///< interpolate all eight voxels around a point, do not draw one
+  FirstCollision first_collision;      ///< of camera rays, where one_grid
+  std::vector<NearLight> near_lights;  ///< small lights in homogeneous media, sampled along flights too
+
+  // Recorded beyond what the path computes anyway.
+  bool medium_surface = false;  ///< intersected once per path
+  bool first_event = false;     ///< where and at what the path scatters first
+  bool first_surface = false;   ///< what surface it meets first, and what shadow catchers gather
+  bool first_scatter_gradient = false;
+  bool weighted_gradient = false;  ///< marched once per path
+  bool optical_depth = false;      ///< marched once per path
+  bool flash = false;
+
+  LayerRequest layers;
+
+  bool marched() const { return weighted_gradient || optical_depth; }
+  bool has_media() const { return media > 0; }
+};
+
+/// Whether single precision resolves a medium's grid, so that SIMD lanes can fly through it. Flights through the others
+/// are in double precision, one after the other.
+bool fits_lanes(const Medium& medium);
+
+Plan make_plan(const Scene& scene, const SceneMedia& media, const Lights& lights, const Surfaces* surfaces,
+               const Camera& camera, const LayerRequest& layers);
+
+}  // namespace brume

@@ -1,0 +1,20 @@
+#pragma once
+#include <cstddef>
+#include <span>
+
+#include "render/transport/camera_layers.h"
+
+namespace brume {
+
+/// The rays of one pixel in a list, close enough to each other to be marched as a packet: see LaneGrid::Entry.
+struct RayPacket {
+  size_t begin, end;
+  int axis, layer;
+};
+
+/// lanes_find_surface for packets, in steps of half a layer of voxels. The result of a ray does not depend on the other
+/// rays of its packet.
+void lanes_find_surface(const LaneScene& scene, const PathStates& paths, const SlotList& rays,
+                        std::span<const RayPacket> packets, SurfaceCrossings& crossings);
+
+}  // namespace brume

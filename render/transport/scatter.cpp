@@ -1,0 +1,291 @@
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "render/transport/scatter.cpp"
+#include "render/transport/scatter.h"
+
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+#include <bit>
+#include <cmath>
+#include <cstring>
+#include <numbers>
+
+#include "render/transport/rules.h"
+#include "render/transport/world_paths.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace brume::HWY_NAMESPACE {
+
+#include "render/transport/vector_math.h"
+
+/// A function of the numbers of the first lanes, one after the other.
+template <class Function>
+HWY_INLINE V each_lane(V v, size_t lanes, Function&& function) {
+  HWY_ALIGN float x[hn::MaxLanes(D())];
+  hn::Store(v, D(), x);
+  for (size_t lane = 0; lane < lanes; ++lane) x[lane] = static_cast<float>(function(static_cast<double>(x[lane])));
+  return hn::Load(D(), x);
+}
+
+/// The collisions of as many paths as there are lanes.
+class Collisions {
+ public:
+  HWY_INLINE Collisions(const LaneScene& scene, PathStates& paths, const SlotList& slots, size_t begin)
+      : scene_(scene),
+        paths_(paths),
+        slots_(slots.slot.data() + begin),
+        valid_(static_cast<uint32_t>(std::min(hn::Lanes(D()), slots.count - begin))),
+        valid_bits_(valid_ >= 32 ? ~0u : (1u << valid_) - 1),
+        everyone_(mask_of(valid_bits_)),
+        slot_(hn::LoadU(DI(), slots_)),
+        rng_{get_u(paths.s0), get_u(paths.s1), get_u(paths.s2), get_u(paths.s3)},
+        g_(std::abs(scene.g)) {
+    // Angles are measured from the phase function's peak: a negative g is the positive one, mirrored.
+    const V side = set(scene.g < 0 ? -1.0f : 1.0f);
+    peak_ = {hn::Mul(side, get(paths.dx)), hn::Mul(side, get(paths.dy)), hn::Mul(side, get(paths.dz))};
+    const V3 albedo = this->albedo();
+    throughput_ = {hn::Mul(get(paths.tr), albedo.x), hn::Mul(get(paths.tg), albedo.y),
+                   hn::Mul(get(paths.tb), albedo.z)};
+  }
+
+  /// Samples one light. @param shadows  gets those that are worth a shadow ray
+  HWY_INLINE void sample_light(SlotList& shadows) {
+    const V zero = hn::Zero(D()), one = set(1.0f);
+    const size_t lights =
+        scene_.lights ? scene_.lights->sampled_count() : scene_.sun_count + (scene_.environment != nullptr);
+    if (lights == 0) return;
+    const V choice = lights > 1 ? rng_.uniform(everyone_) : zero;
+    const V u1 = rng_.uniform(everyone_), u2 = rng_.uniform(everyone_);
+    Sample s{{zero, zero, one}, {zero, zero, zero}, zero, hn::FirstN(D(), 0)};
+    const M chosen = sample_suns(choice, u1, u2, s);
+    if (scene_.environment || scene_.lights) sample_others(valid_bits_ & ~bits_of(chosen), choice, u1, u2, s);
+    const V phase = phase_towards(s.wi);
+    const V mis = hn::IfThenElse(s.delta, one, hn::Div(s.pdf, hn::Add(s.pdf, phase)));
+    const V factor = hn::IfThenElseZero(hn::Gt(s.pdf, zero), hn::Div(hn::Mul(phase, mis), s.pdf));
+    const auto contribution = [&](V throughput, V light) { return hn::Mul(hn::Mul(throughput, light), factor); };
+    const V cr = contribution(throughput_.x, s.light.x), cg = contribution(throughput_.y, s.light.y);
+    const V cb = contribution(throughput_.z, s.light.z);
+    put(cr, paths_.cr);
+    put(cg, paths_.cg);
+    put(cb, paths_.cb);
+    const V3 local = transform(scene_.local_from_world, s.wi);
+    put(local.x, paths_.sx);
+    put(local.y, paths_.sy);
+    put(local.z, paths_.sz);
+    put(one, paths_.transmittance);
+    if (scene_.world) put(mis, paths_.mis);
+    push(bits_of(hn::Gt(hn::Max(hn::Max(cr, cg), cb), zero)), shadows);
+  }
+
+  /// Counts the event. Russian roulette, as survival() has it, and the cap on events. Returns who goes on.
+  HWY_INLINE M survive(uint64_t& capped_paths, double& capped_throughput) {
+    const D d;
+    const DI di;
+    const DU du;
+    const VU events = hn::Add(get_u(paths_.events), hn::Set(du, 1));
+    hn::ScatterIndex(events, du, paths_.events.data(), slot_);
+    const auto more_than = [&](int count) {
+      return hn::RebindMask(d, hn::Gt(hn::BitCast(di, events), hn::Set(di, count - 1)));
+    };
+    const V one = set(1.0f);
+    const V chance = hn::Min(hn::Max(largest(), set(static_cast<float>(kLeastSurvival))), one);
+    const M plays = hn::And(everyone_, hn::And(more_than(scene_.roulette_start), hn::Lt(chance, one)));
+    M lives = everyone_;
+    if (!hn::AllFalse(d, plays)) {
+      const V u = rng_.uniform(plays);
+      lives = hn::AndNot(hn::And(plays, hn::Ge(u, chance)), everyone_);
+      const V boost = hn::IfThenElse(plays, hn::Div(one, chance), one);
+      throughput_ = {hn::Mul(throughput_.x, boost), hn::Mul(throughput_.y, boost), hn::Mul(throughput_.z, boost)};
+    }
+    const M cut = hn::And(lives, more_than(scene_.max_events));
+    if (hn::AllFalse(d, cut)) return lives;
+    HWY_ALIGN float carried[hn::MaxLanes(D())];
+    hn::Store(largest(), d, carried);
+    for (uint32_t left = bits_of(cut); left; left &= left - 1) {
+      ++capped_paths;
+      capped_throughput += static_cast<double>(carried[std::countr_zero(left)]);
+    }
+    return hn::AndNot(cut, lives);
+  }
+
+  /// Draws a new direction, and writes the paths back. @param alive  gets those of `lives`
+  HWY_INLINE void turn(M lives, SlotList& alive) {
+    const DU du;
+    const V one = set(1.0f), xi = rng_.uniform(everyone_);
+    const V one_minus = scene_.phase
+                            ? each_lane(xi, valid_, [&](double x) { return 1.0 - scene_.phase->sample_cosine(x); })
+                            : phase_sample(g_, xi);
+    const V sin_theta = hn::Sqrt(hn::Max(hn::Mul(one_minus, hn::Sub(set(2.0f), one_minus)), hn::Zero(D())));
+    const SinCosV phi = sincos_2pi(rng_.uniform(everyone_));
+    const V3 turned = around(peak_, hn::Mul(sin_theta, phi.cos), hn::Mul(sin_theta, phi.sin), hn::Sub(one, one_minus));
+    put(phase_towards(turned), paths_.pdf);
+    put(turned.x, paths_.dx);
+    put(turned.y, paths_.dy);
+    put(turned.z, paths_.dz);
+    const V3 local = transform(scene_.local_from_world, turned);
+    put(local.x, paths_.lx);
+    put(local.y, paths_.ly);
+    put(local.z, paths_.lz);
+    put(throughput_.x, paths_.tr);
+    put(throughput_.y, paths_.tg);
+    put(throughput_.z, paths_.tb);
+    hn::ScatterIndex(rng_.s0, du, paths_.s0.data(), slot_);
+    hn::ScatterIndex(rng_.s1, du, paths_.s1.data(), slot_);
+    hn::ScatterIndex(rng_.s2, du, paths_.s2.data(), slot_);
+    hn::ScatterIndex(rng_.s3, du, paths_.s3.data(), slot_);
+    push(bits_of(lives), alive);
+  }
+
+ private:
+  struct Sample {
+    V3 wi, light;
+    V pdf;
+    M delta;
+  };
+
+  template <class Column>
+  HWY_INLINE V get(const Column& column) const {
+    return hn::GatherIndex(D(), column.data(), slot_);
+  }
+  template <class Column>
+  HWY_INLINE VU get_u(const Column& column) const {
+    return hn::GatherIndex(DU(), column.data(), slot_);
+  }
+  template <class Column>
+  HWY_INLINE void put(V v, Column& column) const {
+    hn::ScatterIndex(v, D(), column.data(), slot_);
+  }
+  HWY_INLINE void push(uint32_t lanes, SlotList& list) const {
+    for (lanes &= valid_bits_; lanes; lanes &= lanes - 1) list.push(slots_[std::countr_zero(lanes)]);
+  }
+  HWY_INLINE V largest() const { return hn::Max(hn::Max(throughput_.x, throughput_.y), throughput_.z); }
+
+  HWY_INLINE V phase_towards(const V3& wi) const {
+    const V one_minus = one_minus_cos(peak_, wi);
+    if (!scene_.phase) return phase_value(g_, one_minus);
+    return each_lane(one_minus, valid_, [&](double x) { return scene_.phase->value(1.0 - x); });
+  }
+
+  HWY_INLINE dvec3 position(size_t lane) const {
+    const auto s = static_cast<size_t>(slots_[lane]);
+    if (scene_.world) return scene_.world->ray[s].o;
+    return scene_.medium->to_world(dvec3(paths_.ox[s], paths_.oy[s], paths_.oz[s]));
+  }
+
+  HWY_INLINE V3 albedo() const {
+    if (!scene_.coloured) return {set(scene_.albedo[0]), set(scene_.albedo[1]), set(scene_.albedo[2])};
+    HWY_ALIGN float rgb[3][hn::MaxLanes(D())] = {};
+    for (size_t lane = 0; lane < valid_; ++lane) {
+      const vec3 a(scene_.medium->albedo(position(lane)));
+      rgb[0][lane] = a.x;
+      rgb[1][lane] = a.y;
+      rgb[2][lane] = a.z;
+    }
+    return {hn::Load(D(), rgb[0]), hn::Load(D(), rgb[1]), hn::Load(D(), rgb[2])};
+  }
+
+  /// Samples the suns in the lanes that choose one. Returns which.
+  HWY_INLINE M sample_suns(V choice, V u1, V u2, Sample& s) const {
+    const V one = set(1.0f);
+    const SinCosV phi = sincos_2pi(u2);
+    M chosen = hn::FirstN(D(), 0);
+    for (size_t k = 0; k < scene_.sun_count; ++k) {
+      const LaneScene::SunLight& sun = scene_.suns[k];
+      const M rest = mask_of(k + 1 == scene_.sun_count && !scene_.environment ? ~0u : 0u);
+      const M mine = hn::AndNot(chosen, hn::Or(hn::Lt(choice, set(sun.share_end)), rest));
+      chosen = hn::Or(chosen, mine);
+      const V h = hn::Mul(u1, set(sun.one_minus_cos));
+      const V sine = hn::Sqrt(hn::Max(hn::Mul(h, hn::Sub(set(2.0f), h)), hn::Zero(D())));
+      const V a = hn::Mul(sine, phi.cos), b = hn::Mul(sine, phi.sin), c = hn::Sub(one, h);
+      const auto axis = [&](int x) {
+        return hn::Add(hn::Add(hn::Mul(a, set(sun.x[x])), hn::Mul(b, set(sun.y[x]))), hn::Mul(c, set(sun.z[x])));
+      };
+      s.wi = {hn::IfThenElse(mine, axis(0), s.wi.x), hn::IfThenElse(mine, axis(1), s.wi.y),
+              hn::IfThenElse(mine, axis(2), s.wi.z)};
+      s.light = {hn::IfThenElse(mine, set(sun.radiance[0]), s.light.x),
+                 hn::IfThenElse(mine, set(sun.radiance[1]), s.light.y),
+                 hn::IfThenElse(mine, set(sun.radiance[2]), s.light.z)};
+      s.pdf = hn::IfThenElse(mine, set(sun.pdf * sun.share), s.pdf);
+      if (sun.delta) s.delta = hn::Or(s.delta, mine);
+    }
+    return chosen;
+  }
+
+  /// Samples the environment, or any light where the choice depends on the point, lane by lane.
+  HWY_INLINE void sample_others(uint32_t lanes, V choice, V u1, V u2, Sample& s) {
+    const D d;
+    HWY_ALIGN float c[hn::MaxLanes(D())], x[hn::MaxLanes(D())], y[hn::MaxLanes(D())];
+    hn::Store(choice, d, c);
+    hn::Store(u1, d, x);
+    hn::Store(u2, d, y);
+    V* const results[] = {&s.wi.x, &s.wi.y, &s.wi.z, &s.light.x, &s.light.y, &s.light.z, &s.pdf};
+    HWY_ALIGN float f[7][hn::MaxLanes(D())];
+    for (size_t k = 0; k < 7; ++k) hn::Store(*results[k], d, f[k]);
+    uint32_t delta = 0;
+    for (uint32_t left = lanes; left; left &= left - 1) {
+      const auto lane = static_cast<size_t>(std::countr_zero(left));
+      const LightSample sample = sample_other(lane, static_cast<double>(c[lane]), dvec2(x[lane], y[lane]));
+      delta |= static_cast<uint32_t>(sample.delta) << lane;
+      const double values[] = {sample.wi.x,       sample.wi.y,       sample.wi.z, sample.radiance.x,
+                               sample.radiance.y, sample.radiance.z, sample.pdf};
+      for (size_t k = 0; k < 7; ++k) f[k][lane] = static_cast<float>(values[k]);
+    }
+    s.delta = hn::Or(s.delta, mask_of(delta));
+    for (size_t k = 0; k < 7; ++k) *results[k] = hn::Load(d, f[k]);
+  }
+
+  LightSample sample_other(size_t lane, double choice, const dvec2& u) const {
+    const auto s = static_cast<size_t>(slots_[lane]);
+    if (!scene_.lights) {
+      LightSample sample = scene_.environment->sample(u);
+      sample.delta = false;
+      sample.pdf *= static_cast<double>(scene_.environment_share);
+      return sample;
+    }
+    const dvec3 p = position(lane);
+    LightSample sample = scene_.lights->sample_visible(p, choice, u);
+    sample.radiance *= far_share(scene_.near_lights, sample.light, p);
+    if (scene_.world)
+      scene_.world->note_light(s, sample, u, paths_.events[s] == 0);
+    else
+      paths_.shadow_reach[s] = static_cast<float>(std::min(sample.distance / scene_.unit, 1e30));
+    return sample;
+  }
+
+  const LaneScene& scene_;
+  PathStates& paths_;
+  const int32_t* slots_;
+  uint32_t valid_, valid_bits_;
+  M everyone_;
+  VI slot_;
+  Generator rng_;
+  float g_;
+  V3 peak_{hn::Zero(D()), hn::Zero(D()), hn::Zero(D())}, throughput_ = peak_;
+};
+
+void Scatter(const LaneScene& scene, PathStates& paths, SlotList& slots, SlotList& shadows, SlotList& alive,
+             uint64_t& capped_paths, double& capped_throughput) {
+  slots.pad();
+  for (size_t i = 0; i < slots.count; i += hn::Lanes(D())) {
+    Collisions collisions(scene, paths, slots, i);
+    collisions.sample_light(shadows);
+    const M lives = collisions.survive(capped_paths, capped_throughput);
+    collisions.turn(lives, alive);
+  }
+}
+
+}  // namespace brume::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace brume {
+
+HWY_EXPORT(Scatter);
+
+void lanes_scatter(const LaneScene& scene, PathStates& paths, SlotList& slots, SlotList& shadows, SlotList& alive,
+                   uint64_t& capped_paths, double& capped_throughput) {
+  HWY_DYNAMIC_DISPATCH(Scatter)(scene, paths, slots, shadows, alive, capped_paths, capped_throughput);
+}
+
+}  // namespace brume
+#endif

@@ -1,0 +1,183 @@
+#include "render/transport/surface_events.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "render/transport/rules.h"
+
+namespace brume {
+
+/// A point of a surface, and how it scatters.
+struct SurfaceEvents::Vertex {
+  Vertex(const Surfaces& surfaces, const Ray& ray, const SurfaceHit& met)
+      : hit(met),
+        settings(surfaces.settings(met.surface)),
+        bsdf(surfaces.bsdf(met)),
+        p(ray.at(met.t)),
+        wo(-ray.d),
+        front(glm::dot(wo, met.normal) > 0),
+        outside(front ? met.normal : -met.normal),
+        frame(shading_normal()),
+        wo_local(to_local(wo)) {}
+
+  /// Light takes the shading normal's angles but the geometry's side: what would leak through is left out.
+  dvec3 shading_normal() const {
+    const dvec3 smooth = front ? hit.shading : -hit.shading;
+    return glm::dot(wo, smooth) > 1e-4 ? smooth : outside;
+  }
+  dvec3 to_local(const dvec3& w) const { return {glm::dot(w, frame.x), glm::dot(w, frame.y), glm::dot(w, frame.z)}; }
+  bool leaks(const dvec3& wi, double local_z) const { return glm::dot(wi, outside) * local_z < 0; }
+  /// BSDF times cosine of a direction, and the density of drawing it.
+  std::pair<dvec3, double> scattering(const dvec3& wi) const {
+    const dvec3 wi_local = to_local(wi);
+    if (leaks(wi, wi_local.z)) return {dvec3(0), 0.0};
+    return {bsdf.value(wo_local, wi_local, !front), bsdf.pdf(wo_local, wi_local, !front)};
+  }
+
+  const SurfaceHit& hit;
+  const SurfaceSettings& settings;
+  Bsdf bsdf;
+  dvec3 p, wo;
+  bool front;
+  dvec3 outside;
+  Frame frame;
+  dvec3 wo_local;
+};
+
+void SurfaceEvents::set_throughput(size_t i, const dvec3& t) {
+  p_.tr[i] = static_cast<float>(t.x);
+  p_.tg[i] = static_cast<float>(t.y);
+  p_.tb[i] = static_cast<float>(t.z);
+}
+
+bool SurfaceEvents::meet(int32_t slot, const dvec3& eye, SlotList& shadows) {
+  const auto i = static_cast<size_t>(slot);
+  WorldPaths::Past& past = w_.past[i];
+  past.to_catcher = false;
+  const bool first = p_.events[i] == 0;
+  const Vertex v(*c_.surfaces, w_.ray[i], w_.hit[i]);
+  if (first && v.settings.role == "holdout") {
+    past.in_hole = true;
+    return false;
+  }
+  if (first && v.settings.role == "shadow_catcher") return pass_catcher(i, v, shadows);
+  if (v.front && v.settings.radiance != dvec3(0)) emit(i, v);
+  if (first) past.first_on_surface = true;
+  if (first && c_.plan.first_surface) {
+    PathSample& sample = samples_[i];
+    sample.albedo = v.bsdf.albedo;
+    sample.normal = v.frame.z;
+    sample.depth = glm::distance(eye, v.p);
+    sample.position = v.p + c_.world_shift;
+  }
+  ++p_.events[i];
+  if (c_.plan.light_sampling && !v.bsdf.delta()) sample_light(i, v, v.p, false, shadows);
+  return scatter(i, v);
+}
+
+/// Unseen itself: the same path goes on behind it. What it gathers is for its layers.
+bool SurfaceEvents::pass_catcher(size_t i, const Vertex& v, SlotList& shadows) {
+  if (c_.plan.light_sampling && c_.plan.first_surface) {
+    w_.past[i].to_catcher = true;
+    sample_light(i, v, Surfaces::leave(v.hit, v.p, v.wo), true, shadows);
+  }
+  w_.ray[i].o = Surfaces::leave(v.hit, v.p, w_.ray[i].d);
+  return true;
+}
+
+/// Light of the surface itself, against light sampling at the vertex before.
+void SurfaceEvents::emit(size_t i, const Vertex& v) {
+  const WorldPaths::Past& past = w_.past[i];
+  double pdf_light = 0;
+  if (c_.plan.light_sampling) {
+    const MeshLight& light = c_.lights->mesh(c_.surfaces->light_of(v.hit.surface));
+    pdf_light = c_.lights->choice_probability(light, w_.ray[i].o) * light.pdf(v.hit.t, glm::dot(v.wo, v.hit.normal));
+  }
+  if (past.straight && pdf_light > 0) return;
+  const bool one_technique = p_.events[i] == 0 || past.specular;
+  const double weight = one_technique ? 1.0 : balance(static_cast<double>(p_.pdf[i]), pdf_light);
+  const dvec3 L = throughput(i) * v.settings.radiance * weight;
+  if (p_.events[i] == 0)
+    w_.surface[i] += vec3(L);
+  else
+    deposit(p_, &w_, i, vec3(L), p_.events[i]);
+}
+
+/// @param from  where the shadow ray begins; the vertex itself is left to the light's side
+void SurfaceEvents::sample_light(size_t i, const Vertex& v, const dvec3& from, bool only_technique, SlotList& shadows) {
+  PathGenerator rng(p_, i);
+  const double choice = rng.uniform();
+  const dvec2 u = rng.pair();
+  const LightSample light = c_.lights->sample(from, choice, u);
+  w_.note_light(i, light, u, p_.events[i] == 1);
+  if (!(light.pdf > 0)) return;
+  const auto [value, pdf] = v.scattering(light.wi);
+  const double weight = light.delta || only_technique ? 1.0 : balance(light.pdf, pdf);
+  const dvec3 L = throughput(i) * light.radiance * value * (weight / light.pdf);
+  if (only_technique) samples_[i].catcher_unshadowed += L;
+  if (L == dvec3(0)) return;
+  // Lights on either side of the surface are reached from that side.
+  const Ray shadow{only_technique ? from : Surfaces::leave(v.hit, v.p, light.wi), light.wi};
+  if (c_.lights->blocked(shadow, light.distance, light.light)) return;
+  w_.shadow[i] = shadow;
+  p_.mis[i] = static_cast<float>(weight);
+  p_.cr[i] = static_cast<float>(L.x);
+  p_.cg[i] = static_cast<float>(L.y);
+  p_.cb[i] = static_cast<float>(L.z);
+  p_.transmittance[i] = 1;
+  shadows.push(static_cast<int32_t>(i));
+}
+
+bool SurfaceEvents::scatter(size_t i, const Vertex& v) {
+  PathGenerator rng(p_, i);
+  dvec3 weight = throughput(i);
+  if (p_.events[i] >= static_cast<uint32_t>(c_.roulette_start)) {
+    const double chance = survival(max_component(weight));
+    if (chance < 1) {
+      if (!(rng.uniform() < chance)) return false;
+      weight /= chance;
+    }
+  }
+  if (p_.events[i] >= static_cast<uint32_t>(c_.max_events)) {
+    ++counters_.capped_paths;
+    counters_.capped_throughput += max_component(weight);
+    return false;
+  }
+  Bsdf::Sample out;
+  const dvec2 u = rng.pair();
+  if (!v.bsdf.sample(v.wo_local, !v.front, {u.x, u.y, rng.uniform()}, out)) return false;
+  weight *= out.weight;
+  const dvec3 d = glm::normalize(v.frame.to_world(out.wi));
+  if (weight == dvec3(0) || v.leaks(d, out.wi.z)) return false;
+  set_throughput(i, weight);
+  WorldPaths::Past& past = w_.past[i];
+  past.specular = v.bsdf.delta();
+  // Light sampling sees past straight transmissions alone.
+  past.straight = past.sampled_light && v.settings.shadow == "straight" && out.wi.z * v.wo_local.z < 0;
+  past.sampled_light = !past.specular || past.straight;
+  past.in_medium = false;
+  p_.pdf[i] = static_cast<float>(out.pdf);
+  w_.ray[i] = {Surfaces::leave(v.hit, v.p, d), d};
+  p_.dx[i] = static_cast<float>(d.x);
+  p_.dy[i] = static_cast<float>(d.y);
+  p_.dz[i] = static_cast<float>(d.z);
+  return true;
+}
+
+void SurfaceEvents::shadow(SlotList& shadows) {
+  const size_t count = std::exchange(shadows.count, 0);
+  for (size_t k = 0; k < count; ++k) {
+    const int32_t slot = shadows.slot[k];
+    const auto i = static_cast<size_t>(slot);
+    const Surfaces::Passage passage = c_.surfaces->passage(w_.shadow[i], w_.shadow_end[i] * (1.0 - 1e-4));
+    if (passage.light == dvec3(0)) continue;
+    // Behind straight shadows no other technique finds the light.
+    const dvec3 left = passage.straight ? passage.light / static_cast<double>(p_.mis[i]) : passage.light;
+    p_.cr[i] *= static_cast<float>(left.x);
+    p_.cg[i] *= static_cast<float>(left.y);
+    p_.cb[i] *= static_cast<float>(left.z);
+    shadows.push(slot);
+  }
+}
+
+}  // namespace brume

@@ -1,0 +1,41 @@
+#pragma once
+#include <span>
+
+#include "render/transport/integrator.h"
+#include "render/transport/world_paths.h"
+
+namespace brume {
+
+/// What happens to paths on meshes, one path at a time: Embree and the BSDFs are scalar.
+class SurfaceEvents {
+ public:
+  /// Refers to all of them. @param samples  of the slots
+  SurfaceEvents(const PathContext& context, PathStates& paths, WorldPaths& world, std::span<PathSample> samples,
+                PathCounters& counters)
+      : c_(context), p_(paths), w_(world), samples_(samples), counters_(counters) {}
+
+  /// Lets a path meet the surface that its flight ends on: its emission, a sample of one light, roulette, a direction
+  /// of the BSDF. False where the path ends.
+  /// @param eye      where its camera ray begins
+  /// @param shadows  gets the slot where the light sample is worth a shadow ray
+  bool meet(int32_t slot, const dvec3& eye, SlotList& shadows);
+  /// What surfaces leave of the light samples. Drops those that are dark from the list.
+  void shadow(SlotList& shadows);
+
+ private:
+  struct Vertex;
+  void sample_light(size_t slot, const Vertex& vertex, const dvec3& from, bool only_technique, SlotList& shadows);
+  bool scatter(size_t slot, const Vertex& vertex);
+  bool pass_catcher(size_t slot, const Vertex& vertex, SlotList& shadows);
+  void emit(size_t slot, const Vertex& vertex);
+  dvec3 throughput(size_t i) const { return {p_.tr[i], p_.tg[i], p_.tb[i]}; }
+  void set_throughput(size_t i, const dvec3& t);
+
+  const PathContext& c_;
+  PathStates& p_;
+  WorldPaths& w_;
+  std::span<PathSample> samples_;
+  PathCounters& counters_;
+};
+
+}  // namespace brume

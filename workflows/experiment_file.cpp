@@ -1,0 +1,283 @@
+#include "workflows/experiment_file.h"
+
+#include <fmt/format.h>
+
+#include <fstream>
+#include <sstream>
+
+#include "base/error.h"
+#include "evaluate/metrics/metric.h"
+#include "render/scene/field_reference.h"
+#include "render/scene/toml_table.h"
+#include "workflows/choices.h"
+
+namespace brume {
+namespace {
+
+namespace fs = std::filesystem;
+
+// What a key means, once: the parser, its errors and docs/experiment.md come from here.
+
+template <class Visitor>
+void describe(Visitor& v, ExperimentScene& s) {
+  v({.key = "file", .help = "scene file", .required = true}, s.file);
+  v({"name", "", "in tables and file names; empty: the scene's own"}, s.name);
+  v({"set", "", "keys of the scene with other values, as -D takes them: \"camera.fov=30\""}, s.set);
+}
+
+template <class Visitor>
+void describe(Visitor& v, ExperimentFilter& f) {
+  v({.key = "filter", .help = "name of a filter, `brume filters` lists them", .required = true}, f.filter);
+  v({"parameters", "", "\"name=value,...\": fixed, and left alone by searches"}, f.parameters);
+  v({"label", "", "in tables; empty: the filter and what is fixed"}, f.label);
+  v({"features", "", "that it is given, as `denoise --features`; empty: those of its own choice"}, f.features);
+  v({"guides", "", "whether it is given guides, where it reads them"}, f.guides);
+  v({"time_limit", "s", "on a frame, after which it has failed; 0: the experiment's", 0}, f.time_limit);
+  v({"study", "", "whether ablation and sensitivity, where asked for, look at it"}, f.study);
+}
+
+template <class Visitor>
+void describe(Visitor& v, ExperimentFrames& f) {
+  v({.key = "name", .help = "in tables and file names", .required = true}, f.name);
+  v({.key = "reference", .help = "EXR that the filtered frames should equal", .required = true}, f.reference);
+  v({"second_reference", "", "an independent one, to take the references' noise off"}, f.second_reference);
+  v({.key = "noisy", .help = "EXRs that differ in their random numbers only", .required = true}, f.noisy);
+  v({"spp", "", "samples per pixel of the noisy frames, for the tables", 1, 1 << 24}, f.spp);
+  v({"exposure", "1", "factor from radiance to display; 0: the reference's header, or 1", 0, 1e12}, f.exposure);
+}
+
+template <class Visitor>
+void describe(Visitor& v, ExperimentSequence& s) {
+  v({.key = "file", .help = "scene file", .required = true}, s.file);
+  v({.key = "frames", .help = "\"1-16\", \"1-240x2\"; at least two", .required = true}, s.frames);
+  v({"name", "", "in tables; empty: the scene's own"}, s.name);
+  v({"set", "", "keys of the scene with other values, as -D takes them"}, s.set);
+}
+
+template <class Visitor>
+void describe(Visitor& v, Experiment& e) {
+  v({"name", "", "of the experiment; empty: the file's"}, e.name);
+  v({"size", "px", "width of the rendered frames; 0: the scenes' own", 0, 65536}, e.size);
+  v({"spp", "", "sample counts of the noisy frames", 1, 1 << 20}, e.spp);
+  v({"seeds", "", "noisy frames of each sample count; intervals are over them", 1, 1000}, e.seeds);
+  v({"reference_spp", "", "of each of the two references", 1, 1 << 24}, e.reference_spp);
+  v({"reference_noise", "of the best error",
+     "double the references' samples until the noise of their mean is this share of the best method's error; 0: leave "
+     "them. What noise they have is taken off by the product of the differences to both in any case",
+     0, 10},
+    e.reference_noise);
+  v({"most_reference_spp", "", "where that ends", 1, 1 << 24}, e.most_reference_spp);
+  v({.key = "component",
+     .help = "what of a frame is cleaned: the whole picture; the light scattered twice and more, as in the papers; or "
+             "that and the rest, each by itself",
+     .choices = kComponents.names()},
+    e.component);
+  v({.key = "background",
+     .help = "pixels without coverage: what the filter declares, the bilateral filter, or the filter",
+     .choices = kBackgrounds.names()},
+    e.background);
+  v({"search", "", "whether parameters are searched, on frames of their own and on the other scenes"}, e.search);
+  v({"restarts", "", "of searches in spaces too large to try everything, from random places", 0, 100}, e.restarts);
+  v({"time_limit", "s", "of a filter on a frame, after which it has failed; 0: none", 0}, e.time_limit);
+  v({"time_layers", "",
+     "charge methods that read no statistics for a render without them, which is timed once for each sample count; "
+     "otherwise for the frames as they are"},
+    e.time_layers);
+  v({"ablation", "", "run each filter with each layer and feature that it can do without left out, and alone"},
+    e.ablation);
+  v({"sensitivity", "", "run each filter with each parameter at each of its candidates, the others at their best"},
+    e.sensitivity);
+  v({"study_spp", "", "sample counts of ablation and sensitivity; empty: the one in the middle", 1, 1 << 20},
+    e.study_spp);
+  v({"metrics", "", "to report, of those that `brume compare` prints; empty: all"}, e.metrics);
+}
+
+template <class Entry>
+std::vector<Entry> tables(const toml::value& root, const char* name, const fs::path& folder) {
+  std::vector<Entry> entries;
+  if (!root.contains(name)) return entries;
+  const toml::value& list = root.at(name);
+  if (!list.is_array())
+    fail_at(fmt::format("'{}' is {}", name, toml_type_name(list)), list, fmt::format("expected [[{}]]", name));
+  for (const toml::value& entry : list.as_array()) {
+    TomlTable table(entry, fmt::format("[[{}]]", name), folder);
+    describe(table, entries.emplace_back());
+    table.reject_unknown();
+    table.check_files();
+  }
+  return entries;
+}
+
+std::vector<ExperimentScene> scenes_of(const toml::value& root, const fs::path& folder) {
+  if (!root.contains("scenes") || !root.at("scenes").is_array()) return tables<ExperimentScene>(root, "scenes", folder);
+  const auto& list = root.at("scenes").as_array();
+  if (list.empty() || !list.front().is_string()) return tables<ExperimentScene>(root, "scenes", folder);
+  std::vector<ExperimentScene> scenes;
+  for (const toml::value& entry : list) {
+    if (!entry.is_string()) fail_at("'scenes' is not texts alone", entry, "expected files, or [[scenes]]");
+    const fs::path file = folder / entry.as_string().str;
+    std::error_code ignored;
+    if (!fs::exists(file, ignored))
+      fail_at(fmt::format("a scene is {}: no such file", file.string()), entry,
+              "expected a file; its path starts at the experiment's folder");
+    scenes.push_back({file, "", {}});
+  }
+  return scenes;
+}
+
+}  // namespace
+
+bool is_experiment(const fs::path& path) {
+  std::error_code ignored;
+  if (!fs::is_regular_file(path, ignored)) return false;
+  std::ifstream stream(path, std::ios::binary);
+  char magic[4] = {};
+  stream.read(magic, sizeof magic);
+  if (std::find(std::begin(magic), std::end(magic), '\0') != std::end(magic) && stream) return false;  // binary
+  stream.clear();
+  stream.seekg(0);
+  try {
+    const toml::value root = parse_toml(stream, path.string());
+    return !root.contains("camera") && (root.contains("scenes") || root.contains("frames") ||
+                                        root.contains("sequences") || root.contains("filters"));
+  } catch (const InputError&) {
+    return false;  // the reader of scenes says what is wrong
+  }
+}
+
+Experiment read_experiment(const fs::path& path) {
+  std::ifstream stream(path, std::ios::binary);
+  std::stringstream text;
+  text << stream.rdbuf();
+  toml::value root = parse_toml(text, path.string());
+  if (root.contains("component") && root.at("component").is_string() && root.at("component").as_string().str == "apart")
+    root["component"] = "separate";  // the word of earlier versions
+  const fs::path folder = path.parent_path();
+  Experiment experiment;
+  experiment.name = path.stem().string();
+  experiment.text = text.str();
+  TomlTable table(root, "an experiment", folder);
+  describe(table, experiment);
+  experiment.scenes = scenes_of(root, folder);
+  experiment.filters = tables<ExperimentFilter>(root, "filters", folder);
+  experiment.frames = tables<ExperimentFrames>(root, "frames", folder);
+  experiment.sequences = tables<ExperimentSequence>(root, "sequences", folder);
+  table.knows({"scenes", "filters", "frames", "sequences"});
+  table.reject_unknown();
+  if (experiment.scenes.empty() && experiment.frames.empty() && experiment.sequences.empty())
+    throw InputError(
+        fmt::format("{}: has neither scenes, frames nor sequences; expected scenes = [\"FILE\"], [[scenes]], "
+                    "[[frames]] or [[sequences]]",
+                    path.string()));
+  for (const ExperimentFrames& frames : experiment.frames)
+    if (frames.noisy.empty())
+      throw InputError(fmt::format("{}: frames '{}' have no noisy ones; expected noisy = [\"FILE\", ...]",
+                                   path.string(), frames.name));
+  return experiment;
+}
+
+namespace {
+
+constexpr const char* kIntroduction =
+    "# Experiments\n"
+    "\n"
+    "`brume evaluate EXPERIMENT.toml -o results --cache cache` renders, filters and compares what a TOML file says: "
+    "[data/experiments/quick.toml](../data/experiments/quick.toml) is a small one, "
+    "[bench/experiments/results.toml](../bench/experiments/results.toml) makes tables of [results.md](results.md). "
+    "Paths in it start at its own folder, unknown keys are errors, and the options of `brume evaluate` go before its "
+    "keys. Scene files in place of the experiment are compared with the options alone.\n"
+    "\n"
+    "**Cache.** `--cache` keeps every frame, clean picture, search and timing in a folder, under everything that "
+    "decides it: the scene with the contents of its files, sample count, seed, layers, filter, parameters, the "
+    "program, and for times the machine and its threads. Nothing is made twice: a run that was killed goes on where it "
+    "stopped, and another filter needs no new frames. Results of another version of the program are not used.\n"
+    "\n"
+    "**Times.** One filter at a time, on the threads of `--threads`, the second of two runs where one takes less than "
+    "a second. A method's seconds are those of rendering what it reads, of the guides where it reads them, and of the "
+    "filter. Memory is what the process holds more, at most, while the filter runs.\n"
+    "\n"
+    "**Who beats whom.** Methods are compared on the same frames: the interval is Student's of the differences of the "
+    "seeds. Of all pairs of methods of one setting, scene, sample count and region, those are called better that stand "
+    "after Holm's correction: the chance that any of these is so by accident is at most 5 %. Five seeds suffice for "
+    "most pairs.\n"
+    "\n"
+    "**Searches** use a noisy frame of their own (`searched`) or the other scenes' (`transfer`), never those that are "
+    "reported. Up to 48 combinations of candidates are all tried; in larger spaces one parameter after another takes "
+    "the best of its candidates until nothing changes, from the better of our and the published parameters and from "
+    "`restarts` random places.\n"
+    "\n"
+    "This page is written by `brume docs experiment`; a test compares it with the parser.\n";
+
+constexpr const char* kResults =
+    "\n"
+    "Errors of two references are products of the differences to both, whose mean is free of their noise; SSIM and "
+    "FLIP are taken against their mean.\n"
+    "\n"
+    "## What is written\n"
+    "\n"
+    "stdout gets a short table of each scene, the best filter first, and what failed. `index.html` is the page "
+    "([page.md](page.md)), `table.md` has every table, `table.csv` a line for each method; `SCENE_error_seconds.svg` "
+    "are plots (`.png` too, where rsvg-convert is there), the other `*.png` strips, `*.exr` the references and the "
+    "first seed's frames. Each says the version, commit, command, scene hash and machine that made it. `results.json` "
+    "holds all numbers:\n"
+    "\n"
+    "| key | holds |\n"
+    "|---|---|\n"
+    "| `brume`, `commit`, `command`, `machine` | what made it: version, commit, the words of the command, `cpu` and "
+    "`threads` |\n"
+    "| `experiment` | the settings; `file` is the text of the experiment |\n"
+    "| `scenes` | `name`, `hash`, `exposure`, `width`, `height`, `medium_share` of the pixels, `references` and their "
+    "`reference_spp`, `reference_noise` (Lab RMS of one), `reference_seconds` |\n"
+    "| `spp`, `seeds` | of the noisy frames |\n"
+    "| `metrics` | `id`, `name`, `unit`, `better` (lower, higher, zero), `definition` |\n"
+    "| `methods` | `id`, `label`, `filter`, `parameters` (empty where a search found them: then they stand in the "
+    "rows), `features`, `guides`, `setting` (none, paper, default, searched, transfer). `noisy` is plain path tracing "
+    "|\n"
+    "| `rows` | for each `scene`, `spp`, `method` and `region` (frame, medium): `metrics` by id with `mean`, "
+    "`half_width` of the 95 % interval and the seeds' `values`; `lights`, the metrics of `direct` and `indirect` light "
+    "that a method cleans by themselves; `seconds` of `render`, `guides`, `filter`; `peak_memory_bytes`; `failed`, the "
+    "reason, instead of numbers |\n"
+    "| `pairs` | for each `scene`, `spp`, `region`, `setting` and `metric` all pairs of its `methods`, first with "
+    "second, first with third, ...: `half_width` of their paired difference, and in `better` a letter each: a or b "
+    "after Holm's correction, or - |\n"
+    "| `pareto` | methods that no other beats in time and error |\n"
+    "| `time_to_error` | `seconds` of a method to an `error` (Lab RMS, frame), `factor_over_path_tracing`, "
+    "`factor_over_gradient_kernel` (null where that never gets there) |\n"
+    "| `ablation` | `metrics` of a method with a `layer` left out or alone (`how`) |\n"
+    "| `sensitivity` | `metrics` of a method with a `parameter` at a `value` |\n"
+    "| `sequences` | `name`, `frames`, their scenes' `hashes`, `reference_change` (RMS from frame to frame) and "
+    "`rows`: for each `spp`, `label`, `reach` (frames on either side) and `region`, `lab_rms`, `temporal_error` and "
+    "`flicker` with `mean`, `half_width` and `values`; `filter_seconds` of a frame; `failed` |\n"
+    "| `pictures` | EXR `file` of each `scene`, `spp`, `method`; the `reference` has 0 spp |\n";
+
+}  // namespace
+
+std::string experiment_reference() {
+  FieldReference reference;
+  const auto table = [&](const char* heading, const char* about, auto settings) {
+    reference.begin(heading, about);
+    describe(reference, settings);
+  };
+  reference.text = kIntroduction;
+  table("an experiment", "The keys that stand above all tables.", Experiment{});
+  table("[[scenes]]", "Rendered scenes; `scenes = [\"FILE\", ...]` for files with nothing set.", ExperimentScene{});
+  table("[[filters]]", "Without any, every filter there is but those that read sample records.", ExperimentFilter{});
+  table("[[frames]]",
+        "Frames that another renderer made stand beside the scenes: their noisy frames are cleaned as a whole and "
+        "judged by their own reference. Nothing is searched on them.",
+        ExperimentFrames{});
+  table("[[sequences]]",
+        "Frames of a moving scene, each with random numbers of its own, `reference_spp` samples in each of two "
+        "references. Every filter cleans them with its fixed and default parameters, each frame alone and, where it "
+        "looks through time, with as many on either side as it declares; what is told is Lab RMS over all frames, and "
+        "temporal error and flicker ([sequences.md](sequences.md)).",
+        ExperimentSequence{});
+  reference.text += "\n## Metrics\n\n| id | name | unit | best | definition |\n|---|---|---|---|---|\n";
+  for (const MetricInfo& m : all_metrics())
+    reference.text +=
+        fmt::format("| `{}` | {} | {} | {} | {} |\n", m.id, m.name, m.unit, better_name(m.better), m.definition);
+  reference.text += kResults;
+  return reference.text;
+}
+
+}  // namespace brume

@@ -1,0 +1,75 @@
+#pragma once
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace brume {
+
+/// A scene of an experiment.
+struct ExperimentScene {
+  std::filesystem::path file;
+  std::string name;              ///< empty: the scene's own
+  std::vector<std::string> set;  ///< "camera.fov=30"
+};
+
+/// A filter of an experiment.
+struct ExperimentFilter {
+  std::string filter, parameters, label;
+  std::vector<std::string> features;
+  bool guides = true;
+  double time_limit = 0;
+  bool study = true;
+};
+
+/// Frames of another renderer.
+struct ExperimentFrames {
+  std::string name;
+  std::filesystem::path reference, second_reference;
+  std::vector<std::filesystem::path> noisy;
+  int spp = 1;
+  double exposure = 0;
+};
+
+/// Frames of a moving scene, one after another.
+struct ExperimentSequence {
+  std::filesystem::path file;
+  std::string name;              ///< empty: the scene's own
+  std::string frames;            ///< "1-16"
+  std::vector<std::string> set;  ///< as of a scene
+};
+
+/// What brume evaluate is to do, as a file says it or the command line.
+struct Experiment {
+  std::string name;
+  int size = 0;
+  std::vector<int> spp = {16, 36, 64};
+  int seeds = 5;
+  int reference_spp = 4096;
+  double reference_noise = 0;
+  int most_reference_spp = 65536;
+  std::string component = "indirect", background = "default";
+  bool search = true;
+  int restarts = 2;
+  double time_limit = 0;
+  bool time_layers = true;
+  bool ablation = false, sensitivity = false;
+  std::vector<int> study_spp;
+  std::vector<std::string> metrics;
+  std::vector<ExperimentScene> scenes;
+  std::vector<ExperimentFilter> filters;
+  std::vector<ExperimentFrames> frames;
+  std::vector<ExperimentSequence> sequences;
+  std::string text;  ///< of the file
+};
+
+/// Whether a file is an experiment rather than a scene: TOML with scenes, frames or sequences.
+bool is_experiment(const std::filesystem::path& path);
+
+/// @throws InputError: no TOML, unknown keys (the nearest one), values out of range, missing files
+Experiment read_experiment(const std::filesystem::path& path);
+
+/// docs/experiment.md: every table and key, from the declarations that parse them.
+std::string experiment_reference();
+
+}  // namespace brume

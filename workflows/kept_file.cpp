@@ -1,0 +1,262 @@
+// A file that is cleaned where it stands: everything in it is kept, what is cleaned is replaced or stands beside.
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cctype>
+#include <list>
+#include <set>
+
+#include "base/error.h"
+#include "base/text.h"
+#include "filters/api/requirements.h"
+#include "filters/run/clean_picture.h"
+#include "image/exr_copy.h"
+#include "image/exr_io.h"
+#include "workflows/open_frame.h"
+#include "workflows/version.h"
+
+namespace brume {
+namespace {
+
+/// The pictures of a file, by the user's map or by themselves. @throws InputError
+std::vector<ForeignFrame> pictures_of(const std::string& path, const ExrInfo& info, const FileOptions& options) {
+  std::vector<ForeignFrame> pictures = options.map.empty() ? recognise(info) : read_map(options.map, info);
+  for (ForeignFrame& picture : pictures) {
+    if (!picture.conflicts.empty()) throw InputError(fmt::format("{}: {}", path, join(picture.conflicts, "; ")));
+    if (options.samples > 0) picture.samples = options.samples;
+  }
+  return pictures;
+}
+
+/// What its colours and passes cover: features may lie in parts of other sizes.
+Layers cut_to_light(Layers frame, const ForeignFrame& picture, const ExrInfo& info) {
+  std::set<std::string> light(picture.target.begin(), picture.target.end());
+  for (const ForeignSignal& signal : cleaned_signals(picture))
+    light.insert(signal.channels.begin(), signal.channels.end());
+  std::optional<PixelWindow> window;
+  for (const ExrInfo::Channel& c : info.channels) {
+    if (!light.contains(c.name)) continue;
+    if (!window) window = c.data;
+    window = {glm::min(window->lo, c.data.lo), glm::max(window->hi, c.data.hi)};
+  }
+  return !window || *window == frame.data_window() ? std::move(frame) : frame.cut(*window);
+}
+
+/// The picture of another frame of the sequence that is the same view.
+const ForeignFrame& same_view(const std::vector<ForeignFrame>& pictures, const ForeignFrame& view,
+                              const std::string& path) {
+  for (const ForeignFrame& picture : pictures)
+    if (picture.view == view.view && picture.target == view.target) return picture;
+  throw InputError(fmt::format("{}: has no picture {} as the frame to clean has", path, view.label()));
+}
+
+/// A frame of the sequence as the same picture sees it: what its layers mean, and what they hold.
+struct NearbyPicture {
+  std::vector<ForeignFrame> pictures;
+  Layers layers{1, 1};
+};
+
+class KeptFile : public OpenFrame {
+ public:
+  KeptFile(const FrameFiles& files, ExrInfo info, const DenoiseOptions& options, std::vector<ForeignFrame> pictures,
+           const Host& host)
+      : files_(files),
+        path_(files.frame.string()),
+        info_(std::move(info)),
+        options_(options),
+        pictures_(std::move(pictures)),
+        host_(host) {
+    if (!files.records.empty()) records_.emplace(files.records);
+  }
+
+  bool ours() const override { return false; }
+  Layers outline() const override;
+  std::string what_speaks_against_guides() const override;
+  void read(const DenoisePlan& plan) override;
+  void clean(const FilterSettings& filter, const std::vector<FrameFiles>& near, const std::filesystem::path& output,
+             const std::filesystem::path& preview) override;
+
+ private:
+  /// A frame of one pixel with the file's channels.
+  Layers channel_names() const;
+  /// What of a file is read to clean a picture. @param extra  channels under brume's names
+  Layers read_picture(const FrameFiles& files, const ExrInfo& info, const ForeignFrame& picture,
+                      const std::set<std::string>& extra, bool guides) const;
+  /// The same picture in the frames beside this one.
+  std::list<NearbyPicture> read_nearby(const std::vector<FrameFiles>& near, const ForeignFrame& picture,
+                                       const PixelWindow& window, const std::set<std::string>& extra, bool guides,
+                                       std::vector<SequenceFrame>& sequence, std::list<RecordReader>& records) const;
+  /// One line on what was done with a picture.
+  std::string told(const ForeignFrame& picture, const FilterSettings& filter, const CleanPicture& result) const;
+
+  const FrameFiles files_;
+  const std::string path_;
+  const ExrInfo info_;
+  const DenoiseOptions& options_;
+  const std::vector<ForeignFrame> pictures_;
+  const Host& host_;
+  std::optional<RecordReader> records_;
+  const DenoisePlan* plan_ = nullptr;
+  double exposure_ = 1;
+};
+
+Layers KeptFile::channel_names() const {
+  Layers file(1, 1);
+  file.header = info_.header;
+  if (!files_.guides.empty())
+    for (const std::string& name : guide_channels(files_.guides)) file.add(name);
+  for (const ExrInfo::Channel& c : info_.channels) file.add(c.name);
+  for (const ForeignFrame& picture : pictures_)
+    for (const std::string& name : picture.channels()) file.add(name);
+  return file;
+}
+
+Layers KeptFile::outline() const {
+  const Layers file = channel_names();
+  const std::vector<std::string> names = file.names();
+  const std::set<std::string> extra(names.begin(), names.end());
+  std::optional<Layers> least;
+  for (const ForeignFrame& picture : pictures_)
+    for (const ForeignSignal& signal : cleaned_signals(picture)) {
+      Layers frame = frame_of_signal(picture, signal, file, extra);
+      if (!least || frame.channels().size() < least->channels().size()) least = std::move(frame);
+    }
+  return std::move(*least);
+}
+
+std::string KeptFile::what_speaks_against_guides() const {
+  const std::vector<std::string> guides = guide_channels(files_.guides);
+  const std::set<std::string> extra(guides.begin(), guides.end());
+  for (const ForeignFrame& picture : pictures_) {
+    const Layers file = read_picture(files_, info_, picture, {}, /*guides=*/true);
+    const std::string wrong = brume::what_speaks_against_guides(frame_of_signal(picture, picture.color, file, extra),
+                                                                files_.guides, host_.silent());
+    if (!wrong.empty()) return wrong;
+  }
+  return "";
+}
+
+Layers KeptFile::read_picture(const FrameFiles& files, const ExrInfo& info, const ForeignFrame& picture,
+                              const std::set<std::string>& extra, bool guides) const {
+  std::set<std::string> channels = extra;
+  for (const std::string& name : picture.channels()) channels.insert(name);
+  Layers file = read_exr(files.frame, [&](const std::string& name) { return channels.contains(name); });
+  file = cut_to_light(std::move(file), picture, info);
+  if (guides) add_guides(files.guides, files.frame, file);
+  return file;
+}
+
+void KeptFile::read(const DenoisePlan& plan) {
+  plan_ = &plan;
+  // Pixels are read picture by picture, as several of a large frame would not fit.
+  const std::string& exposure = options_.picture.exposure;
+  exposure_ = choose_exposure(exposure, exposure == "auto" ? read_frame(path_, host_) : channel_names());
+}
+
+std::list<NearbyPicture> KeptFile::read_nearby(const std::vector<FrameFiles>& near, const ForeignFrame& picture,
+                                               const PixelWindow& window, const std::set<std::string>& extra,
+                                               bool guides, std::vector<SequenceFrame>& sequence,
+                                               std::list<RecordReader>& records) const {
+  std::list<NearbyPicture> nearby;
+  for (const FrameFiles& other : near) {
+    const std::string path = other.frame.string();
+    try {
+      const ExrInfo info = read_exr_info(path);
+      NearbyPicture& there = nearby.emplace_back();
+      there.pictures = pictures_of(path, info, options_.file);
+      const ForeignFrame& same = same_view(there.pictures, picture, path);
+      there.layers = read_picture(other, info, same, extra, guides);
+      if (plan_->sequence && there.layers.data_window() != window)
+        throw InputError(fmt::format("{}: it has the pixels {}, {} has {}", path, there.layers.data_window().text(),
+                                     path_, window.text()));
+      RecordReader* const recorded = other.records.empty() ? nullptr : &records.emplace_back(other.records);
+      sequence.push_back({other.distance, &there.layers, recorded, &same});
+    } catch (const InputError& error) {
+      if (!plan_->sequence) throw;
+      host_.message(fmt::format("left out beside {}: {}", path_, error.what()));
+    }
+  }
+  return nearby;
+}
+
+void KeptFile::clean(const FilterSettings& filter, const std::vector<FrameFiles>& near,
+                     const std::filesystem::path& output, const std::filesystem::path& preview) {
+  const std::string& suffix = options_.file.suffix;
+  ApplyOptions how = plan_->how;
+  how.exposure = exposure_;
+  how.records = records_ ? &*records_ : nullptr;
+  const std::set<std::string> extra = readable_channels(filter, how, channel_names());
+  std::list<CleanPicture> cleaned;
+  std::vector<ExrEdit> edits;
+  std::optional<Layers> shown;  // the first picture, clean
+  std::map<std::string, Attribute> attributes = {{"brume.version", version_text()}};
+  if (!plan_->inputs.empty()) attributes[std::string("brume.") + kMadeFrom] = plan_->inputs;
+  for (ForeignFrame picture : pictures_) {
+    const bool features = filter.uses_features() || filter.entry().guides;
+    if (!features) picture.features.clear();
+    Layers file = read_picture(files_, info_, picture, extra, features);
+    // Several pictures may lie in parts of their own, each with its data window.
+    const PixelWindow window = file.data_window();
+    std::list<RecordReader> records;
+    how.sequence.clear();
+    const std::list<NearbyPicture> nearby = read_nearby(near, picture, window, extra, features, how.sequence, records);
+    const bool first = !preview.empty() && cleaned.empty();
+    if (first) {
+      shown.emplace(file.width(), file.height());
+      shown->lie_like(file);
+      shown->header = file.header;
+    }
+    CleanPicture& result = cleaned.emplace_back();
+    try {
+      result =
+          clean_picture(filter, picture, std::move(file), info_, how, host_.task(filter.entry().name), suffix);
+    } catch (const InputError& error) {
+      throw InputError(fmt::format("{}: {}", path_, error.what()));
+    }
+    for (const std::string& line : result.notes) host_.note(line);
+    for (const CleanPicture::Channel& channel : result.channels) {
+      edits.push_back(
+          {channel.name, &channel.values, window, suffix.empty() ? "" : channel_beside(channel.name, suffix)});
+      for (size_t c = 0; c < 3; ++c)
+        if (first && channel.name == picture.target[c]) shown->set(layer::beauty.channel(c), channel.values);
+    }
+    for (const auto& [key, value] : result.header) attributes["brume." + key] = value;
+    if (!result.sum.empty()) attributes["brume.sum"] = result.sum;
+    host_.log(told(picture, filter, result));
+  }
+  const ExrCopyReport report = copy_exr(path_, output, edits, attributes, host_.silent());
+  for (const std::string& part : report.rounded)
+    host_.note(fmt::format("{} is stored as PXR24, which keeps 24 bits of a float: sums are right to those", part));
+  for (const std::string& part : report.recoded)
+    host_.note(
+        fmt::format("{} is stored with a compression that loses some of every value: it was packed anew, so that its "
+                    "other channels changed a little, too, and sums are right to that loss only",
+                    part));
+  if (shown) options_.picture.write(preview, *shown, shown->rgb(layer::beauty), exposure_);
+}
+
+std::string KeptFile::told(const ForeignFrame& picture, const FilterSettings& filter,
+                           const CleanPicture& result) const {
+  const bool beside = !options_.file.suffix.empty();
+  const size_t made = result.channels.size(), kept = info_.channels.size() - (beside ? 0 : made);
+  return fmt::format("{}: cleaned {} with {}{}; {} channels {}, {} as they were ({:.1f} ms)", picture.label(),
+                     join(result.cleaned), filter.entry().name, result.sum.empty() ? "" : ", " + result.sum, made,
+                     beside ? "new" : "replaced", kept, 1e3 * result.seconds);
+}
+
+}  // namespace
+
+std::unique_ptr<OpenFrame> open_kept_file(const FrameFiles& files, const DenoiseOptions& options, const Host& host) {
+  const FileOptions& how = options.file;
+  ExrInfo info = read_exr_info(files.frame);
+  if (is_brume_frame(info) && !how.asked()) return nullptr;
+  if (!how.suffix.empty() &&
+      std::none_of(how.suffix.begin(), how.suffix.end(), [](unsigned char c) { return std::isalnum(c); }))
+    throw InputError(fmt::format("--suffix {}: expected letters or digits in it, as in _clean", how.suffix));
+  std::vector<ForeignFrame> pictures = pictures_of(files.frame.string(), info, how);
+  if (pictures.empty()) return nullptr;
+  return std::make_unique<KeptFile>(files, std::move(info), options, std::move(pictures), host);
+}
+
+}  // namespace brume

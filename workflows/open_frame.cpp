@@ -1,0 +1,161 @@
+#include "workflows/open_frame.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <list>
+
+#include "base/error.h"
+#include "filters/api/registry.h"
+#include "filters/api/requirements.h"
+#include "image/exr_io.h"
+#include "workflows/version.h"
+
+namespace brume {
+namespace {
+
+/// A frame whose layers have brume's names, and which is written as brume writes its own.
+class OwnFrame : public OpenFrame {
+ public:
+  OwnFrame(const FrameFiles& files, const DenoiseOptions& options, FrameWindow& window, const Host& host)
+      : files_(files), options_(options), window_(window), host_(host) {
+    if (!files.records.empty()) records_.emplace(files.records);
+  }
+
+  bool ours() const override { return true; }
+  Layers outline() const override {
+    Layers outline = read_outline(files_.frame);
+    if (!files_.guides.empty())
+      for (const std::string& name : guide_channels(files_.guides)) outline.add(name);
+    return outline;
+  }
+  std::string what_speaks_against_guides() const override;
+  void read(const DenoisePlan& plan) override;
+  void clean(const FilterSettings& filter, const std::vector<FrameFiles>& near, const std::filesystem::path& output,
+             const std::filesystem::path& preview) override;
+
+ private:
+  void read_others(const DenoisePlan& plan, const std::set<std::string>& channels);
+
+  const FrameFiles files_;
+  const DenoiseOptions& options_;
+  FrameWindow& window_;
+  const Host& host_;
+  std::optional<RecordReader> records_;
+  const Layers* frame_ = nullptr;  // in the window
+  ApplyOptions how_;
+  std::vector<SequenceFrame> others_;
+  std::list<RecordReader> records_of_others_;
+  std::string inputs_;
+};
+
+std::string OwnFrame::what_speaks_against_guides() const {
+  const std::vector<std::string> guides = guide_channels(files_.guides);
+  std::set<std::string> channels(guides.begin(), guides.end());
+  for (const std::string_view which : {std::string_view(), statistic::half_a, statistic::half_b})
+    for (const std::string& name : layer::beauty.channel_names(which)) channels.insert(name);
+  for (const LayerName& l : find_filter("transport_regression").can_use)
+    for (const std::string& name : l.channel_names()) channels.insert(name);
+  return brume::what_speaks_against_guides(window_.get(files_, channels, host_), files_.guides, host_.silent());
+}
+
+void OwnFrame::read(const DenoisePlan& plan) {
+  const Layers known = outline();
+  std::set<std::string> channels;
+  if (options_.picture.exposure == "auto") channels = {"R", "G", "B"};
+  for (const FilterSettings& filter : plan.filters) channels.merge(readable_channels(filter, plan.how, known));
+  for (const std::string& name : layer::noisy.channel_names()) channels.insert(name);
+  window_.keep(files_, plan.others);
+  frame_ = &window_.get(files_, channels, host_);
+  how_ = plan.how;
+  how_.exposure = choose_exposure(options_.picture.exposure, *frame_);
+  how_.records = records_ ? &*records_ : nullptr;
+  inputs_ = plan.inputs;
+  read_others(plan, channels);
+}
+
+void OwnFrame::read_others(const DenoisePlan& plan, const std::set<std::string>& channels) {
+  for (const FrameFiles& files : plan.others) {
+    try {
+      const Layers& layers = window_.get(files, channels, host_);
+      if (plan.sequence && layers.data_window() != frame_->data_window())
+        throw InputError(fmt::format("{}: it has the pixels {}, {} has {}", files.frame.string(),
+                                     layers.data_window().text(), files_.frame.string(),
+                                     frame_->data_window().text()));
+      others_.push_back({files.distance, &layers});
+      if (!files.records.empty()) others_.back().records = &records_of_others_.emplace_back(files.records);
+    } catch (const InputError& error) {
+      if (!plan.sequence) throw;
+      host_.message(fmt::format("left out beside {}: {}", files_.frame.filename().string(), error.what()));
+    }
+  }
+}
+
+void OwnFrame::clean(const FilterSettings& filter, const std::vector<FrameFiles>& near,
+                     const std::filesystem::path& output, const std::filesystem::path& preview) {
+  how_.sequence.clear();
+  for (const SequenceFrame& other : others_)
+    if (std::any_of(near.begin(), near.end(), [&](const FrameFiles& f) { return f.distance == other.distance; }))
+      how_.sequence.push_back(other);
+  CleanLayers clean;
+  try {
+    clean = run_filter(filter, *frame_, how_, host_);
+  } catch (const InputError& error) {
+    throw InputError(fmt::format("{}: {}", files_.frame.string(), error.what()));
+  }
+  if (!inputs_.empty()) clean.layers.header[kMadeFrom] = inputs_;
+  write_exr(output, clean.layers);
+  if (!preview.empty())
+    options_.picture.write(preview, clean.layers, clean.layers.rgb(layer::beauty), how_.exposure);
+  host_.log(fmt::format("{} ({}): {:.1f} ms", filter.entry().name, filter.text(), 1e3 * clean.seconds));
+}
+
+}  // namespace
+
+void tell_clean(const std::string& filter, const Host& host) {
+  if (!filter.empty())
+    host.note(
+        fmt::format("the frame is clean already, by {}: what is cleaned is that picture, and filtering it again loses "
+                    "detail; expected the frame that it was made from",
+                    filter));
+}
+
+void take_noisy(Layers& frame, const Host& host) {
+  host.note("the frame is clean already: what it was made from, its layer noisy, is cleaned");
+  for (size_t c = 0; c < 3; ++c) frame.set(layer::beauty.channel(c), frame.at(layer::noisy.channel(c)));
+}
+
+CleanLayers run_filter(const FilterSettings& filter, const Layers& frame, const ApplyOptions& how, const Host& host) {
+  ApplyReport report;
+  Layers clean = apply_filter(filter, frame, how, host.task(filter.entry().name), &report);
+  for (const std::string& line : report.notes) host.note(line);
+  stamp(clean);
+  return {std::move(clean), report.seconds};
+}
+
+const Layers& FrameWindow::get(const FrameFiles& files, const std::set<std::string>& channels, const Host& host) {
+  Entry& entry = frames_[files.frame];
+  if (entry.layers && entry.channels == channels) return *entry.layers;
+  Layers frame = read_frame(files.frame, host, channels);
+  if (!files.guides.empty()) add_guides(files.guides, files.frame, frame);
+  if (frame.has(layer::noisy))
+    take_noisy(frame, host);
+  else
+    tell_clean(frame.text("filter"), host);
+  entry = {channels, std::move(frame)};
+  return *entry.layers;
+}
+
+void FrameWindow::keep(const FrameFiles& own, const std::vector<FrameFiles>& others) {
+  std::set<std::filesystem::path> used = {own.frame};
+  for (const FrameFiles& files : others) used.insert(files.frame);
+  std::erase_if(frames_, [&](const auto& item) { return !used.contains(item.first); });
+}
+
+std::unique_ptr<OpenFrame> open_frame(const FrameFiles& files, const DenoiseOptions& options, FrameWindow& window,
+                                      const Host& host) {
+  if (std::unique_ptr<OpenFrame> kept = open_kept_file(files, options, host)) return kept;
+  return std::make_unique<OwnFrame>(files, options, window, host);
+}
+
+}  // namespace brume
