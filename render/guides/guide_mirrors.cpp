@@ -9,7 +9,7 @@
 #include "render/guides/forward_peak.h"
 #include "render/guides/guide_march.h"
 #include "render/guides/media_line.h"
-#include "render/transport/rules.h"
+#include "render/transport/estimator.h"
 
 namespace brume {
 namespace {

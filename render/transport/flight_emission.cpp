@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "render/transport/rules.h"
+#include "render/transport/estimator.h"
 
 namespace brume {
 

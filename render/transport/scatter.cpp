@@ -10,7 +10,7 @@
 #include <cstring>
 #include <numbers>
 
-#include "render/transport/rules.h"
+#include "render/transport/estimator.h"
 #include "render/transport/world_paths.h"
 
 HWY_BEFORE_NAMESPACE();

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <utility>
 
-#include "render/transport/rules.h"
+#include "render/transport/estimator.h"
 
 namespace brume {
 

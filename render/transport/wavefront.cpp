@@ -15,7 +15,7 @@
 #include "render/transport/near_flights.h"
 #include "render/transport/path_layers.h"
 #include "render/transport/path_recorder.h"
-#include "render/transport/rules.h"
+#include "render/transport/estimator.h"
 #include "render/transport/scatter.h"
 #include "render/transport/surface_events.h"
 

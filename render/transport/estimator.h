@@ -4,8 +4,8 @@
 
 #include "base/vec.h"
 
-// The rules of the estimator that both transports follow: the general loop path by path, the lanes' kernels many at a
-// time. What a kernel needs as a vector it builds from the constants here.
+// The rules of the estimator that several stages follow, scalar ones as they stand; SIMD kernels build what they need as
+// a vector from the constants.
 
 namespace brume {
 
