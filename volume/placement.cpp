@@ -35,15 +35,14 @@ dmat4 translation(const dvec3& t) {
 Placement::Placement(const dmat4& world_from_local) {
   check_transform(world_from_local, "the volume's transform");
   world_from_local_ = dmat3(world_from_local);
-  local_from_world_ = glm::inverse(world_from_local_);
+  to_local_.matrix = glm::inverse(world_from_local_);
   world_offset_ = dvec3(world_from_local[3]);
-  local_offset_ = -(local_from_world_ * world_offset_);
+  to_local_.offset = -(to_local_.matrix * world_offset_);
 }
 
 RayCone Placement::to_local(const RayCone& world) const {
   double most = 0;
-  for (const dvec3& row :
-       {glm::row(local_from_world_, 0), glm::row(local_from_world_, 1), glm::row(local_from_world_, 2)})
+  for (const dvec3& row : {glm::row(to_local_.matrix, 0), glm::row(to_local_.matrix, 1), glm::row(to_local_.matrix, 2)})
     most = std::max(most, glm::length(row));
   return {to_local(world.middle), most * world.apart, most * world.apart_per_t};
 }

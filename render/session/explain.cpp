@@ -73,8 +73,9 @@ std::string explain(const Plan& plan, const Scene& scene, const SceneMedia& medi
                        ? "delta tracking by a hero channel; spectral multiple importance sampling over the channels"
                    : plan.media == 1 ? "delta tracking through the majorant grid"
                                      : "delta tracking in each medium, the first collision of all is the path's");
-    const auto in_double = std::count_if(media.media().begin(), media.media().end(),
-                                         [](const Medium& m) { return !m.homogeneous() && !fits_lanes(m); });
+    const auto in_double = std::count_if(media.media().begin(), media.media().end(), [](const Medium& m) {
+      return !m.homogeneous() && !single_precision_resolves(m);
+    });
     if (in_double) line("  in double", fmt::format("{} of {} media, one path at a time", in_double, plan.media));
     line("first collision",
          plan.first_collision.forced ? "forced: camera rays scatter what does not pass" : "by chance");

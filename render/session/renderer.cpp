@@ -68,7 +68,7 @@ void PreparedScene::prepare_lanes(const Task& task) {
   for (const Medium& medium : context_.media) {
     DisplacedLaneGrid& displaced = displaced_grids_.emplace_back();
     LaneGrid& grid = lane_grids_.emplace_back();
-    if (!fits_lanes(medium)) continue;
+    if (!single_precision_resolves(medium)) continue;
     if (const Displacement* const d = medium.displacement())
       displaced = {LaneGrid::of_values(medium.bricks()),
                    {LaneGrid::of_values(d->field.parts[0]), LaneGrid::of_values(d->field.parts[1]),

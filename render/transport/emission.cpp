@@ -127,6 +127,7 @@ LaneEmission::LaneEmission(const EmissionField& emission, const LaneGrid* grid)
     coefficient = vec3(field.coefficient());
     return;
   }
+  box = {&shape.placement().to_local(), false, bounds.lo, bounds.hi, dvec3(0), unit};
   set_cells(cells, *grid);
   const EmissionRamp& ramp = field.ramp();
   const auto floats = [](const auto& values, const auto& of) {
@@ -150,6 +151,25 @@ LaneEmission::LaneEmission(const EmissionField& emission, const LaneGrid* grid)
   cells.stops = stops.data();
   cells.inverse_widths = inverse_widths.data();
   cells.last = static_cast<int32_t>(ramp.entries().size()) - 2;
+}
+
+void LaneEmission::enter(const std::array<Ray, kPool>& rays, const std::array<double, kPool>& ends,
+                         const SlotList& slots, EmissionSegments& segments, std::array<double, kPool>& begin,
+                         SlotList& inside) const {
+  if (!shape.homogeneous()) {
+    enter_box(box, rays, ends, slots,
+              {segments.ox, segments.oy, segments.oz, segments.dx, segments.dy, segments.dz, segments.end, begin},
+              inside);
+    return;
+  }
+  for (size_t k = 0; k < slots.count; ++k) {
+    const auto i = static_cast<size_t>(slots.slot[k]);
+    const auto [enters, leaves] = bounds.intersect(shape.to_local(rays[i]));
+    const double length = std::min(leaves, ends[i]) - std::max(enters, 0.0);
+    if (!(length > 0)) continue;
+    segments.end[i] = static_cast<float>(length / unit);
+    inside.push(slots.slot[k]);
+  }
 }
 
 void LaneEmission::integrate(PathStates& paths, const SlotList& rays, EmissionSegments& segments) const {

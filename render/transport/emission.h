@@ -3,6 +3,7 @@
 #include <vector>
 
 #include "render/transport/lane_scene.h"
+#include "render/transport/local_rays.h"
 #include "render/transport/path_states.h"
 
 namespace brume {
@@ -37,12 +38,16 @@ struct LaneEmission {
   LaneEmission(const LaneEmission&) = delete;  // the cells refer to its table
   LaneEmission& operator=(const LaneEmission&) = delete;
 
+  /// Makes segments of the parts of flights inside the field. @param inside  gets the slots of those that meet it
+  void enter(const std::array<Ray, kPool>& rays, const std::array<double, kPool>& ends, const SlotList& slots,
+             EmissionSegments& segments, std::array<double, kPool>& begin, SlotList& inside) const;
   /// The integral of the emission coefficient along each segment: lanes_emission, or in closed form.
   void integrate(PathStates& paths, const SlotList& rays, EmissionSegments& segments) const;
 
   const EmissionField& field;
   const Medium& shape;
   HomogeneousShape bounds;
+  LocalBox box;         ///< of a grid
   vec3 coefficient{0};  ///< of a homogeneous shape
   double unit;
   std::array<std::vector<float>, 3> table;

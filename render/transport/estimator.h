@@ -4,8 +4,8 @@
 
 #include "base/vec.h"
 
-// The rules of the estimator that several stages follow, scalar ones as they stand; SIMD kernels build what they need as
-// a vector from the constants.
+// The rules of the estimator that several stages follow, scalar ones as they stand; SIMD kernels build what they need
+// as a vector from the constants.
 
 namespace brume {
 

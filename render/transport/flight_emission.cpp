@@ -7,7 +7,12 @@
 namespace brume {
 
 FlightEmission::FlightEmission(const PathContext& context, PathStates& paths, WorldPaths* world, Buffers& buffers)
-    : c_(context), p_(paths), w_(world), b_(buffers) {
+    : c_(context),
+      p_(paths),
+      w_(world),
+      b_(buffers),
+      rays_(world ? world->ray : buffers.ray),
+      ends_(world ? world->end : buffers.end) {
   for (size_t f = 0; f < c_.emissions.size(); ++f) {
     const EmissionField& field = c_.emissions[f];
     if (LaneEmission::fits(field))
@@ -41,25 +46,11 @@ void FlightEmission::add(size_t i, const vec3& emitted) {
 void FlightEmission::add_in_lanes(const LaneEmission& field, std::initializer_list<const SlotList*> slots) {
   EmissionSegments& segments = b_.segments;
   b_.rays.count = 0;
-  for (const SlotList* list : slots)
-    for (size_t k = 0; k < list->count; ++k) {
-      const auto i = static_cast<size_t>(list->slot[k]);
-      const Buffers::Flight& flight = b_.flights[i];
-      const Ray local = field.shape.to_local(flight.ray);
-      const auto [enters, leaves] = field.bounds.intersect(local);
-      const double t0 = std::max(enters, 0.0), t1 = std::min(leaves, flight.end);
-      if (!(t0 < t1)) continue;
-      const vec3 o(local.at(t0)), d(local.d * field.unit);
-      segments.ox[i] = o.x;
-      segments.oy[i] = o.y;
-      segments.oz[i] = o.z;
-      segments.dx[i] = d.x;
-      segments.dy[i] = d.y;
-      segments.dz[i] = d.z;
-      segments.end[i] = static_cast<float>((t1 - t0) / field.unit);
-      segments.stride[i] = static_cast<float>(emission_stride(p_.events[i]));
-      b_.rays.push(list->slot[k]);
-    }
+  for (const SlotList* list : slots) field.enter(rays_, ends_, *list, segments, b_.point, b_.rays);
+  for (size_t k = 0; k < b_.rays.count; ++k) {
+    const auto i = static_cast<size_t>(b_.rays.slot[k]);
+    segments.stride[i] = static_cast<float>(emission_stride(p_.events[i]));
+  }
   field.integrate(p_, b_.rays, segments);
   for (size_t k = 0; k < b_.rays.count; ++k) {
     const auto i = static_cast<size_t>(b_.rays.slot[k]);
@@ -71,9 +62,8 @@ void FlightEmission::add_one_by_one(const EmissionField& field, std::initializer
   for (const SlotList* list : slots)
     for (size_t k = 0; k < list->count; ++k) {
       const auto i = static_cast<size_t>(list->slot[k]);
-      const Buffers::Flight& flight = b_.flights[i];
       Rng rng = PathGenerator(p_, i).stream();
-      add(i, vec3(field.integrate(flight.ray, 0, flight.end, emission_stride(p_.events[i]), w_->time[i], rng)));
+      add(i, vec3(field.integrate(rays_[i], 0, ends_[i], emission_stride(p_.events[i]), w_->time[i], rng)));
     }
 }
 

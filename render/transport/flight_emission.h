@@ -13,11 +13,8 @@ namespace brume {
 class FlightEmission {
  public:
   struct Buffers {
-    struct Flight {
-      Ray ray;  ///< in the world, the camera's from the eye on
-      double end;
-    };
-    std::array<Flight, kPool> flights;
+    std::array<Ray, kPool> ray;  ///< flights in the world, the camera's from the eye on; only where one_grid
+    std::array<double, kPool> end;
     std::array<vec3, kPool> seen;  ///< along camera rays
     EmissionSegments segments;
     SlotList rays;
@@ -30,9 +27,12 @@ class FlightEmission {
   /// Whether a camera ray passes through a field.
   bool may_meet(const Ray& ray) const;
   void start(int32_t slot) { b_.seen[static_cast<size_t>(slot)] = vec3(0); }
-  /// The flight of a path in a slot, up to its end.
-  void set(int32_t slot, const Ray& ray, double end) { b_.flights[static_cast<size_t>(slot)] = {ray, end}; }
-  const Ray& ray(int32_t slot) const { return b_.flights[static_cast<size_t>(slot)].ray; }
+  /// Where one_grid: the flight of a path in a slot, up to its end.
+  void set(size_t slot, const Ray& ray, double end) {
+    b_.ray[slot] = ray;
+    b_.end[slot] = end;
+  }
+  const Ray& ray(size_t slot) const { return b_.ray[slot]; }
   /// Adds what is emitted along the flights of the slots.
   void add(std::initializer_list<const SlotList*> slots);
   /// The same where media are chromatic, between MediaFlights::fly and weigh_channels: at one point of each flight,
@@ -49,6 +49,8 @@ class FlightEmission {
   PathStates& p_;
   WorldPaths* w_;
   Buffers& b_;
+  const std::array<Ray, kPool>& rays_;
+  const std::array<double, kPool>& ends_;
   std::deque<LaneEmission> in_lanes_;
   std::vector<const EmissionField*> one_by_one_;  ///< they move, or single precision does not resolve them
 };

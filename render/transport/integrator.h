@@ -51,9 +51,9 @@ struct PathContext {
   std::span<const EmissionField> emissions;
   const Lights* lights = nullptr;
   const Surfaces* surfaces = nullptr;
-  std::span<const LaneGrid> lane_grids;                ///< of the media; empty unless fits_lanes
-  std::span<const LaneGrid> emission_grids;            ///< of the emissions; empty unless they are still grids that fit
-  std::span<const DisplacedLaneGrid> displaced_grids;  ///< of the media; empty unless displaced and fits_lanes
+  std::span<const LaneGrid> lane_grids;                ///< of the media that single precision resolves
+  std::span<const LaneGrid> emission_grids;            ///< of the emissions that are still grids, likewise
+  std::span<const DisplacedLaneGrid> displaced_grids;  ///< of the media that are displaced, likewise
   Plan plan;
   int max_events = 100000, roulette_start = 16;
   double indirect_limit = 0;   ///< see limit_indirect; 0: none

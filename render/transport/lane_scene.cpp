@@ -101,7 +101,7 @@ void set_lights(LaneScene& s, const Lights& lights, bool recorded) {
 LaneScene lane_scene(const PathContext& context, size_t number, WorldPaths* world) {
   const Medium& medium = context.media[number];
   LaneScene s{};
-  if (fits_lanes(medium)) {
+  if (single_precision_resolves(medium)) {
     const LaneGrid& grid = context.lane_grids[number];
     set_cells(s, grid);
     s.distances = grid.distances.data();

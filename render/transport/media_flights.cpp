@@ -17,34 +17,6 @@ std::pair<double, double> part_inside(const HomogeneousShape& shape, const Ray& 
   return {std::max(enters, 0.0), std::min(leaves, end)};
 }
 
-/// The same for the box of a grid, where the exit may lie outside: walks end there anyway.
-std::pair<double, double> part_in_grid(const HomogeneousShape& box, const Ray& local, double end) {
-  bool inside = true;
-  for (int a = 0; a < 3; ++a) {
-    const bool below = local.o[a]<box.lo[a], above = local.o[a]> box.hi[a];
-    if ((below && !(local.d[a] > 0)) || (above && !(local.d[a] < 0))) return {1, 0};
-    inside = inside && !below && !above;
-  }
-  if (inside) return {0, end};
-  return part_inside(box, local, end);
-}
-
-/// Writes the part of a local ray between two parameters to columns, in the medium's unit.
-struct LocalColumns {
-  PathStates::Column<float>&dx, &dy, &dz, &length;
-};
-
-void put_local(PathStates& p, size_t i, const Ray& local, double t0, double t1, double unit, const LocalColumns& to) {
-  const dvec3 o = local.at(t0), d = local.d * unit;
-  p.ox[i] = static_cast<float>(o.x);
-  p.oy[i] = static_cast<float>(o.y);
-  p.oz[i] = static_cast<float>(o.z);
-  to.dx[i] = static_cast<float>(d.x);
-  to.dy[i] = static_cast<float>(d.y);
-  to.dz[i] = static_cast<float>(d.z);
-  to.length[i] = static_cast<float>(std::min((t1 - t0) / unit, 1e30));
-}
-
 }  // namespace
 
 /// Flights through a chromatic grid: what each channel's probability of them is, and what is needed to fly them again.
@@ -61,19 +33,23 @@ MediaFlights::MediaFlights(const PathContext& context, PathStates& paths, WorldP
     : c_(context), p_(paths), w_(world), counters_(counters) {
   for (size_t m = 0; m < c_.media.size(); ++m) {
     const Medium& medium = c_.media[m];
-    kinds_.push_back(medium.homogeneous() ? Kind::kShape : fits_lanes(medium) ? Kind::kLanes : Kind::kDouble);
+    kinds_.push_back(medium.homogeneous()                ? Kind::kShape
+                     : single_precision_resolves(medium) ? Kind::kLanes
+                                                         : Kind::kDouble);
     scenes_.push_back(lane_scene(context, m, &world));
     flown_.push_back(medium.chromatic() && !medium.homogeneous() ? std::make_unique<Flown>() : nullptr);
     placed_.push_back(medium.transform_moves() ? std::make_unique<Placements>() : nullptr);
     const auto [lo, hi] = medium.support();
     bounds_.push_back(medium.homogeneous() ? *medium.homogeneous()
                                            : HomogeneousShape{HomogeneousShape::Shape::kBox, lo, hi});
+    boxes_.push_back({placed_[m] ? placed_[m]->data() : &medium.placement().to_local(), placed_[m] != nullptr, lo, hi,
+                      medium.walked_shift(), scenes_[m].unit});
   }
 }
 
 void MediaFlights::place(size_t slot, double time) {
   for (size_t m = 0; m < placed_.size(); ++m)
-    if (placed_[m]) (*placed_[m])[slot] = c_.media[m].placement_at(time);
+    if (placed_[m]) (*placed_[m])[slot] = c_.media[m].placement_at(time).to_local();
 }
 
 bool MediaFlights::met_by(const Ray& ray, double time) const {
@@ -85,17 +61,8 @@ bool MediaFlights::met_by(const Ray& ray, double time) const {
 }
 
 void MediaFlights::enter(size_t m, const SlotList& rays, const std::array<double, kPool>& end, SlotList& inside) {
-  const dvec3 shift = c_.media[m].walked_shift();
   inside.count = 0;
-  for (size_t k = 0; k < rays.count; ++k) {
-    const auto i = static_cast<size_t>(rays.slot[k]);
-    const Ray local = to_local(m, i, w_.ray[i]);
-    const auto [t0, t1] = part_in_grid(bounds_[m], local, end[i]);
-    if (!(t0 < t1)) continue;
-    w_.begin[i] = t0;
-    put_local(p_, i, {local.o + shift, local.d}, t0, t1, scenes_[m].unit, {p_.lx, p_.ly, p_.lz, p_.reach});
-    inside.push(rays.slot[k]);
-  }
+  enter_box(boxes_[m], w_.ray, end, rays, {p_.ox, p_.oy, p_.oz, p_.lx, p_.ly, p_.lz, p_.reach, w_.begin}, inside);
 }
 
 void MediaFlights::fly(const SlotList& rays) {
@@ -325,17 +292,11 @@ void MediaFlights::shadow_through_shape(size_t m, const SlotList& rays) {
 }
 
 void MediaFlights::shadow_in_lanes(size_t m, const SlotList& rays) {
-  const dvec3 shift = c_.media[m].walked_shift();
-  inside_.count = 0;
-  for (size_t k = 0; k < rays.count; ++k) {
-    const auto i = static_cast<size_t>(rays.slot[k]);
-    if (dark(i)) continue;
-    const Ray local = to_local(m, i, w_.shadow[i]);
-    const auto [t0, t1] = part_in_grid(bounds_[m], local, w_.shadow_end[i]);
-    if (!(t0 < t1)) continue;
-    put_local(p_, i, {local.o + shift, local.d}, t0, t1, scenes_[m].unit, {p_.sx, p_.sy, p_.sz, p_.shadow_reach});
-    inside_.push(rays.slot[k]);
-  }
+  inside_.count = again_.count = 0;
+  for (size_t k = 0; k < rays.count; ++k)
+    if (!dark(static_cast<size_t>(rays.slot[k]))) again_.push(rays.slot[k]);
+  enter_box(boxes_[m], w_.shadow, w_.shadow_end, again_,
+            {p_.ox, p_.oy, p_.oz, p_.sx, p_.sy, p_.sz, p_.shadow_reach, w_.begin}, inside_);
   lanes_shadow(scenes_[m], p_, inside_, counters_.lookups);
 }
 

@@ -7,12 +7,13 @@
 
 #include "render/transport/camera_layers.h"
 #include "render/transport/lane_scene.h"
+#include "render/transport/local_rays.h"
 #include "render/transport/world_paths.h"
 
 namespace brume {
 
 /// Flights and shadow rays through any number of media: homogeneous shapes in closed form; grids in SIMD lanes; and, in
-/// double precision and one after the other, grids that single precision does not resolve (fits_lanes).
+/// double precision and one after the other, grids that single precision does not resolve (single_precision_resolves).
 class MediaFlights {
  public:
   /// Refers to all of them.
@@ -46,10 +47,10 @@ class MediaFlights {
 
  private:
   enum class Kind { kShape, kLanes, kDouble };
-  using Placements = std::array<Placement, kPool>;
+  using Placements = std::array<Placement::ToLocal, kPool>;
   struct Flown;
   Ray to_local(size_t medium, size_t slot, const Ray& ray) const {
-    return (placed_[medium] ? (*placed_[medium])[slot] : c_.media[medium].placement()).to_local(ray);
+    return (placed_[medium] ? (*placed_[medium])[slot] : c_.media[medium].placement().to_local())(ray);
   }
   std::pair<double, double> part_in_shape(size_t medium, size_t slot, const Ray& ray, double end) const;
   void fly_through_shape(size_t medium, const SlotList& rays);
@@ -72,6 +73,7 @@ class MediaFlights {
   std::vector<Kind> kinds_;                          // of the media
   std::vector<LaneScene> scenes_;                    // likewise
   std::vector<HomogeneousShape> bounds_;             // likewise, local
+  std::vector<LocalBox> boxes_;                      // likewise, of grids
   std::vector<std::unique_ptr<Placements>> placed_;  // likewise, by slot; only of those whose transforms move
   std::vector<std::unique_ptr<Flown>> flown_;        // likewise; only of chromatic grids
   std::array<vec3, kPool> replayed_;

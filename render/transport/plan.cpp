@@ -9,7 +9,7 @@
 #include "volume/lane_grid.h"
 
 namespace brume {
-bool fits_lanes(const Medium& m) {
+bool single_precision_resolves(const Medium& m) {
   if (m.homogeneous() || m.global_majorant()) return false;
   if (const Displacement* const d = m.displacement()) {
     for (const BrickGrid& part : d->field.parts)
@@ -27,9 +27,9 @@ namespace {
 bool is_one_grid(const Plan& plan, const SceneMedia& media) {
   const auto& fields = media.emissions();
   return plan.media == 1 && !plan.chromatic && !plan.surfaces && !plan.moving_media && !plan.layers.records &&
-         fits_lanes(media.media()[0]) && std::all_of(fields.begin(), fields.end(), [](const EmissionField& e) {
-           return LaneEmission::fits(e) && !e.shape().homogeneous();
-         });
+         single_precision_resolves(media.media()[0]) &&
+         std::all_of(fields.begin(), fields.end(),
+                     [](const EmissionField& e) { return LaneEmission::fits(e) && !e.shape().homogeneous(); });
 }
 
 }  // namespace

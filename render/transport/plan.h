@@ -44,7 +44,7 @@ struct Plan {
 
 /// Whether single precision resolves a medium's grid, so that SIMD lanes can fly through it. Flights through the others
 /// are in double precision, one after the other.
-bool fits_lanes(const Medium& medium);
+bool single_precision_resolves(const Medium& medium);
 
 Plan make_plan(const Scene& scene, const SceneMedia& media, const Lights& lights, const Surfaces* surfaces,
                const Camera& camera, const LayerRequest& layers);

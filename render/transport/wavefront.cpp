@@ -9,13 +9,13 @@
 #include <vector>
 
 #include "render/transport/camera_rays.h"
+#include "render/transport/estimator.h"
 #include "render/transport/flight_emission.h"
 #include "render/transport/flights.h"
 #include "render/transport/media_flights.h"
 #include "render/transport/near_flights.h"
 #include "render/transport/path_layers.h"
 #include "render/transport/path_recorder.h"
-#include "render/transport/estimator.h"
 #include "render/transport/scatter.h"
 #include "render/transport/surface_events.h"
 
@@ -237,7 +237,7 @@ class Wavefront {
         const double t_max = std::max(end - glm::dot(ray.o - whole.o, whole.d), 0.0);
         p_.reach[i] = static_cast<float>(std::min(t_max / grid_.unit, 1e30));
       }
-      if (emission_) emission_->set(rays.slot[k], whole, end);
+      if (emission_) emission_->set(i, whole, end);
     }
   }
 
@@ -248,9 +248,9 @@ class Wavefront {
     for (size_t k = 0; k < pool_.beside.count; ++k) pool_.escapes.push(pool_.beside.slot[k]);
     if (!emission_) return;
     for (size_t k = 0; k < pool_.hits.count; ++k) {
-      const int32_t slot = pool_.hits.slot[k];
-      const Ray& whole = emission_->ray(slot);
-      emission_->set(slot, whole, glm::dot(flight(static_cast<size_t>(slot)).o - whole.o, whole.d));
+      const auto i = static_cast<size_t>(pool_.hits.slot[k]);
+      const Ray& whole = emission_->ray(i);
+      emission_->set(i, whole, glm::dot(flight(i).o - whole.o, whole.d));
     }
   }
 
@@ -271,7 +271,6 @@ class Wavefront {
                        : w_->on_surface[i]                    ? pool_.met
                                                               : pool_.escapes;
       list.push(slot);
-      if (emission_) emission_->set(slot, w_->ray[i], w_->end[i]);
     }
   }
 

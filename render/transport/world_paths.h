@@ -5,9 +5,9 @@
 
 #include "base/math.h"
 #include "base/rng.h"
+#include "render/transport/estimator.h"
 #include "render/transport/path_record.h"
 #include "render/transport/path_states.h"
-#include "render/transport/estimator.h"
 #include "render/world/lights.h"
 #include "render/world/surfaces.h"
 

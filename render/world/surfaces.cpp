@@ -89,6 +89,10 @@ Surfaces::Surfaces(const std::vector<SurfaceSettings>& settings, const dvec3& wo
   for (const SurfaceSettings& s : settings_) {
     check_transform(s.object_to_world, "a surface's object_to_world");
     any_straight_ = any_straight_ || s.shadow == "straight";
+    bsdfs_.push_back({s.material == "conductor"    ? Bsdf::Kind::kConductor
+                      : s.material == "dielectric" ? Bsdf::Kind::kDielectric
+                                                   : Bsdf::Kind::kDiffuse,
+                      s.albedo, s.roughness, s.ior});
     meshes_.push_back(load_mesh(s.file, translation(-world_shift) * s.object_to_world));
     textures_.push_back(s.albedo_texture.empty() ? nullptr : std::make_unique<Texture>(s.albedo_texture));
     const TriangleMesh& mesh = meshes_.back();
@@ -209,15 +213,8 @@ Surfaces::Passage Surfaces::passage(const Ray& ray, double t_max) const {
 }
 
 Bsdf Surfaces::bsdf(const SurfaceHit& hit) const {
-  const SurfaceSettings& s = settings_[hit.surface];
-  Bsdf bsdf;
-  bsdf.kind = s.material == "conductor"    ? Bsdf::Kind::kConductor
-              : s.material == "dielectric" ? Bsdf::Kind::kDielectric
-                                           : Bsdf::Kind::kDiffuse;
-  bsdf.albedo = s.albedo;
+  Bsdf bsdf = bsdfs_[hit.surface];
   if (textures_[hit.surface]) bsdf.albedo *= textures_[hit.surface]->lookup(hit.texcoord);
-  bsdf.roughness = s.roughness;
-  bsdf.ior = s.ior;
   return bsdf;
 }
 

@@ -63,6 +63,7 @@ class Surfaces {
   std::optional<Query> query(const Ray& ray, double t_max) const;
 
   std::vector<SurfaceSettings> settings_;
+  std::vector<Bsdf> bsdfs_;  // without textures
   std::vector<TriangleMesh> meshes_;
   std::vector<std::unique_ptr<Texture>> textures_;
   std::unique_ptr<Embree> embree_;

@@ -1,0 +1,31 @@
+#pragma once
+#include <array>
+
+#include "render/transport/path_states.h"
+#include "volume/placement.h"
+
+namespace brume {
+
+/// A grid as rays meet it: a box in coordinates of its own.
+struct LocalBox {
+  const Placement::ToLocal* to_local = nullptr;  ///< of all rays, or by slot
+  bool by_slot = false;
+  dvec3 lo{0}, hi{0};
+  dvec3 shift{0};   ///< from the box's coordinates to those that the kernels walk in
+  double unit = 1;  ///< of ray parameters in lanes
+};
+
+/// Where the parts of rays inside a box go, by slot: origins, directions and lengths in local coordinates and lane
+/// units, and the world ray parameters at which they begin.
+struct LocalRays {
+  PathStates::Column<float>&ox, &oy, &oz, &dx, &dy, &dz, &length;
+  std::array<double, kPool>& begin;
+};
+
+/// Takes rays to a grid's coordinates in double precision and clips them to its box; what is left fits in single
+/// precision. Where a part ends only the ray's own end counts: walks through a grid end at its faces by themselves.
+/// @param rays, ends  by slot; the latter ray parameters   @param slots  whose   @param inside  gets those that meet it
+void enter_box(const LocalBox& box, const std::array<Ray, kPool>& rays, const std::array<double, kPool>& ends,
+               const SlotList& slots, const LocalRays& to, SlotList& inside);
+
+}  // namespace brume
