@@ -103,9 +103,7 @@ Command denoise_command(const Shot& shot, int frame) {
   std::string missing;
   for (const int f : shot.window_of(frame)) missing += " " + shell_word(shot.frame(f).string());
   const std::string prepare = fmt::format(
-      "for f in{}; do [ -e \"$f\" ] || {{ echo \"brume: $f is not there, which this frame is cleaned with\" >&2; exit "
-      "1; "
-      "}}; done; ",
+      "for f in{}; do [ -e \"$f\" ] || {{ echo \"brume: $f is not there, which this frame is cleaned with\" >&2; exit 1; }}; done; ",
       missing);
   std::string call = fmt::format("{} denoise {} -f {} -o {} --progress lines{}", shell_word(shot.brume),
                                  shell_word(shot.frame(frame).string()), shell_word(shot.filter),

@@ -112,19 +112,17 @@ void Shot::check() const {
     }
   }
   if (name.size() > kLongestName)
-    throw InputError(
-        fmt::format("the name of the shot {}: has {} bytes; expected at most {}, as its frames are named "
-                    "by it; name it in the scene: name = \"smoke\"",
-                    name, name.size(), kLongestName));
+    throw InputError(fmt::format(
+        "the name of the shot {}: has {} bytes; expected at most {}, as its frames are named by it; name it in the scene: name = \"smoke\"",
+        name, name.size(), kLongestName));
   if (folder.string().size() > kLongestFolder)
     throw InputError(fmt::format("the folder of the shot {}: has {} bytes; expected at most {}", folder.string(),
                                  folder.string().size(), kLongestFolder));
   // Every command would put its frame's number there.
   if (FramePattern::of(folder / name))
-    throw InputError(
-        fmt::format("{}: holds a place for a frame's number (#, $F or %d); expected a folder and a name "
-                    "of the shot without",
-                    (folder / name).string()));
+    throw InputError(fmt::format(
+        "{}: holds a place for a frame's number (#, $F or %d); expected a folder and a name of the shot without",
+        (folder / name).string()));
 }
 
 void Shot::save() const {

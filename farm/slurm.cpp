@@ -113,8 +113,7 @@ SlurmJob retry_job(const Shot& shot, const fs::path& round, const SlurmOptions& 
   std::string text = directives(shot, "retry", round, options);
   text += "#SBATCH --ntasks=1\n#SBATCH --requeue\n";
   text += fmt::format(
-      "\n# What is missing or damaged is submitted again, without the nodes on which most failed. Begun once more "
-      "after\n"
+      "\n# What is missing or damaged is submitted again, without the nodes on which most failed. Begun once more after\n"
       "# its node has died, it finds its own lock.\n"
       "{} submit resume {} --retries {} --after {} ${{SLURM_RESTART_COUNT:+--break-lock}}\n",
       shell_word(shot.brume), shell_word(shot.folder.string()), options.retries - 1, round.filename().string());

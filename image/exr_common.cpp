@@ -128,8 +128,7 @@ void check_first_chunk(Imf::InputPart& part, const fs::path& path) {
   }
   if (!right)
     throw InputError(fmt::format(
-        "{}: truncated or damaged: the lines {} .. {} do not hold the {} bytes that the types and subsampling of its "
-        "channels ask for",
+        "{}: truncated or damaged: the lines {} .. {} do not hold the {} bytes that the types and subsampling of its channels ask for",
         path.string(), begin, end, expected));
 }
 

@@ -67,8 +67,7 @@ std::string adopt_variance(const ForeignFrame& picture, const ForeignVariance& v
       variance.meaning == VarianceMeaning::kOfSamples || variance.meaning == VarianceMeaning::kSecondMoment;
   if (needs_count && !counts.known())
     return fmt::format(
-        "the {} of {} cannot be used, because the file does not say how many samples a pixel has; say it "
-        "with --samples",
+        "the {} of {} cannot be used, because the file does not say how many samples a pixel has; say it with --samples",
         variance.meaning == VarianceMeaning::kOfSamples ? "variance of the samples" : "second moment", name);
   std::vector<Plane> planes(layer.channels.size(), Plane(frame.width(), frame.height()));
   std::vector<const Plane*> values, means;

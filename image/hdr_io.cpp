@@ -82,10 +82,9 @@ class HdrReader {
       return error == std::errc() && end == text.data() + text.size() ? std::optional(value) : std::nullopt;
     };
     if (words.size() != 4 || words[0] != "-Y" || words[2] != "+X" || !number(words[1]) || !number(words[3]))
-      fail(
-          fmt::format("its resolution line is '{}'; expected '-Y height +X width', rows from the top, pixels from the "
-                      "left",
-                      resolution));
+      fail(fmt::format(
+          "its resolution line is '{}'; expected '-Y height +X width', rows from the top, pixels from the left",
+          resolution));
     height_ = *number(words[1]);
     width_ = *number(words[3]);
     if (width_ < 1 || height_ < 1 || width_ > kLongestSide || height_ > kLongestSide ||

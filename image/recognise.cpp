@@ -386,9 +386,8 @@ void choose(ForeignFrame& picture, const std::string& role, std::vector<std::str
   if (candidates.size() == 1) take(candidates[0]);
   if (candidates.size() > 1)
     picture.conflicts.push_back(
-        fmt::format("the {} could be any of {}; say which in a mapping file: {} = \"{}\" (--map, "
-                    "docs/frames.md)",
-                    role, join(candidates), role, candidates[0]));
+        fmt::format("the {} could be any of {}; say which in a mapping file: {} = \"{}\" (--map, docs/frames.md)", role,
+                    join(candidates), role, candidates[0]));
 }
 
 void add_common_layers(const Channels& file, const std::set<std::string>& prefixes, ForeignFrame& p) {
@@ -463,10 +462,9 @@ void remark_on_types(const Channels& file, ForeignFrame& picture) {
   const auto check = [&](const std::optional<ForeignVariance>& variance, const std::string& name) {
     if (variance && std::any_of(variance->channels.begin(), variance->channels.end(),
                                 [&](const std::string& c) { return file.is_half(c); }))
-      picture.remarks.push_back(
-          fmt::format("the variance of {} is stored in 16 bits, which hold nothing below 6e-8 or above 65504: write "
-                      "statistics in 32 bits",
-                      name));
+      picture.remarks.push_back(fmt::format(
+          "the variance of {} is stored in 16 bits, which hold nothing below 6e-8 or above 65504: write statistics in 32 bits",
+          name));
   };
   check(picture.color.variance, picture.color.name);
   for (const ForeignSignal& pass : picture.passes) check(pass.variance, pass.name);

@@ -565,9 +565,11 @@ uint64_t halve(Reading& reading, const fs::path& path, const std::string& name, 
   const GridSummary s = summarize(*base);
   check_scalar_field(path, s, *file);
   if (s.grid_class == "level set" || s.nan_count || s.infinite_count || s.negative_count)
-    fail(path, fmt::format("grid '{}' is a level set or holds NaN, infinite or negative voxels; expected a clean fog "
-                           "volume to average",
-                           s.name));
+    fail(
+        path,
+        fmt::format(
+            "grid '{}' is a level set or holds NaN, infinite or negative voxels; expected a clean fog volume to average",
+            s.name));
   const auto source = openvdb::gridPtrCast<openvdb::FloatGrid>(base);
   if (!source) fail(path, fmt::format("grid '{}' is of type double; halving takes float grids", s.name));
   auto grid = openvdb::FloatGrid::create(0.0f);

@@ -53,10 +53,9 @@ fs::path find_reader() {
   if (const char* const path = std::getenv("PATH"))
     for (const std::string& folder : split(path, ':'))
       if (!folder.empty() && fs::exists(fs::path(folder) / kReader, error)) return fs::path(folder) / kReader;
-  throw InputError(
-      fmt::format("{}: not found; expected it beside this program, in {}, among the programs that PATH finds, or where "
-                  "{} says",
-                  kReader, here.string(), kReaderVariable));
+  throw InputError(fmt::format(
+      "{}: not found; expected it beside this program, in {}, among the programs that PATH finds, or where {} says",
+      kReader, here.string(), kReaderVariable));
 }
 
 /// What to say of a reader that ended without an answer.

@@ -38,8 +38,8 @@ inline const Choices<BackgroundRule> kBackgrounds{"background",
                                                   {{"default", BackgroundRule::kDefault},
                                                    {"bilateral", BackgroundRule::kBilateral},
                                                    {"filter", BackgroundRule::kFilter}}};
-inline const Choices<NoiseSource> kNoiseSources{
-    "noise", {{"layers", NoiseSource::kLayers}, {"spatial", NoiseSource::kSpatial}}};
+inline const Choices<NoiseSource> kNoiseSources{"noise",
+                                                {{"layers", NoiseSource::kLayers}, {"spatial", NoiseSource::kSpatial}}};
 inline const Choices<Outliers> kOutlierRules{"outliers",
                                              {{"extreme", Outliers::kExtreme},
                                               {"clamp", Outliers::kClamp},

@@ -76,10 +76,8 @@ bool Cleaner::estimates_error() const {
 LayerRequest Cleaner::request(const LayerRequest& wanted, int samples) {
   const FilterEntry& entry = filter_.entry();
   if (entry.records == FilterEntry::Records::kNeeds)
-    throw InputError(
-        fmt::format("--clean-filter {}: needs the record of every sample; render with --records, then "
-                    "brume denoise",
-                    entry.name));
+    throw InputError(fmt::format(
+        "--clean-filter {}: needs the record of every sample; render with --records, then brume denoise", entry.name));
   LayerRequest request = wanted;
   keep_guides_ = wanted.guides;
   const auto record = [&](const LayerName& l) {
@@ -100,7 +98,8 @@ LayerRequest Cleaner::request(const LayerRequest& wanted, int samples) {
 
 Layers Cleaner::clean(const Layers& frame) {
   ApplyReport report;
-  Layers clean = apply_filter(filter_, frame, options_of(exposure_, outliers_), host_.task(filter_.entry().name), &report);
+  Layers clean =
+      apply_filter(filter_, frame, options_of(exposure_, outliers_), host_.task(filter_.entry().name), &report);
   for (const std::string& line : report.notes) host_.note(line);
   seconds_ += report.seconds;
   Layers all(frame.width(), frame.height());

@@ -64,8 +64,8 @@ Comparison::Comparison(NamedFrame picture, NamedFrame reference, std::optional<N
 RgbPlanes Comparison::colours(const NamedFrame& frame, const std::string& layer) {
   const LayerName wanted{layer, "RGB", ""};
   if (!frame.frame.has(wanted))
-    throw InputError(fmt::format("{}: has no layer '{}'; it has: {}", frame.name, wanted.label(),
-                                 join(layer_names(frame.frame))));
+    throw InputError(
+        fmt::format("{}: has no layer '{}'; it has: {}", frame.name, wanted.label(), join(layer_names(frame.frame))));
   return frame.frame.rgb(wanted);
 }
 

@@ -37,8 +37,8 @@ fs::path output_for(const fs::path& path, const std::vector<FilterSettings>& fil
   const std::string& name = filters[i].entry().name;
   size_t same = 1;
   for (size_t k = 0; k < i; ++k) same += filters[k].entry().name == name;
-  return path.parent_path() / (path.stem().string() + "." + name + (same > 1 ? "." + std::to_string(same) : "") +
-                               path.extension().string());
+  return path.parent_path() /
+         (path.stem().string() + "." + name + (same > 1 ? "." + std::to_string(same) : "") + path.extension().string());
 }
 
 /// "shot.0007.exr" for "shot.0005.exr" and 2: the last number of a file's name counts its frame. Empty for a number
@@ -75,8 +75,8 @@ FilesAt of_frame(const FrameFiles& patterns, int frame) {
     FrameFiles files;
     files.distance = distance;
     if (frame + distance < 0) return files;
-    for (fs::path FrameFiles::*name : {&FrameFiles::frame, &FrameFiles::records, &FrameFiles::guides,
-                                       &FrameFiles::output, &FrameFiles::preview})
+    for (fs::path FrameFiles::*name :
+         {&FrameFiles::frame, &FrameFiles::records, &FrameFiles::guides, &FrameFiles::output, &FrameFiles::preview})
       if (!(patterns.*name).empty()) files.*name = file_of_frame(patterns.*name, frame + distance);
     return files;
   };
@@ -119,8 +119,8 @@ std::string made_from(const DenoisePlan& plan, const FrameFiles& own, const Deno
                        options.extra_frames.value_or(-1)));
   add_text(join(how.features));
   for (const LayerName& l : how.carried) add_text(l.label());
-  for (const std::string& text : {options.picture.exposure, options.file.suffix, options.file.map.string(),
-                                  std::to_string(options.file.samples)})
+  for (const std::string& text :
+       {options.picture.exposure, options.file.suffix, options.file.map.string(), std::to_string(options.file.samples)})
     add_text(text);
   for (const fs::path& path : {own.frame, own.records, own.guides}) add_file(path);
   for (const FrameFiles& files : plan.others) {
@@ -213,11 +213,9 @@ class Denoiser {
     told_ = reason;
     host_.log(reason);
     if (!ours && !best.filter.entry().guides)
-      host_.log(
-          fmt::format("of smoke and clouds in it, guides from their volume leave a quarter of the error: brume guides "
-                      "--like {0} --scene SCENE.toml -o GUIDES.exr (or --volume FILE.vdb), then brume denoise {0} "
-                      "--guides GUIDES.exr",
-                      own.frame.string()));
+      host_.log(fmt::format(
+          "of smoke and clouds in it, guides from their volume leave a quarter of the error: brume guides --like {0} --scene SCENE.toml -o GUIDES.exr (or --volume FILE.vdb), then brume denoise {0} --guides GUIDES.exr",
+          own.frame.string()));
   }
 
   /// How far a filter looks: as it declares in a sequence, or as the caller says.

@@ -15,7 +15,7 @@ namespace brume {
 struct FrameFiles {
   std::filesystem::path frame, guides, records;  ///< read
   std::filesystem::path output, preview;         ///< written
-  int distance = 0;  ///< in frames, to the one that is cleaned: before < 0 < after
+  int distance = 0;                              ///< in frames, to the one that is cleaned: before < 0 < after
 };
 
 /// How a file that is not written as brume writes its own is read, and given back.
@@ -30,10 +30,10 @@ struct FileOptions {
 
 /// How a frame is cleaned.
 struct DenoiseOptions {
-  std::vector<FilterSettings> filters;                ///< empty: the best that the frame's layers allow
-  ApplyOptions how{.component = Component::kAll};     ///< its exposure, records and sequence are filled in
-  PictureOptions picture;                             ///< exposure for the filters too; of the preview
-  std::optional<int> extra_frames;                    ///< before and after; in a sequence else as the filter declares
+  std::vector<FilterSettings> filters;             ///< empty: the best that the frame's layers allow
+  ApplyOptions how{.component = Component::kAll};  ///< its exposure, records and sequence are filled in
+  PictureOptions picture;                          ///< exposure for the filters too; of the preview
+  std::optional<int> extra_frames;                 ///< before and after; in a sequence else as the filter declares
   FileOptions file;
   bool resume = false;  ///< in a sequence: leave out frames whose outputs are whole and made from the same
 };

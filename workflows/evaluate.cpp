@@ -77,10 +77,9 @@ EvaluationSettings settings_of(const EvaluateOptions& o, const Host& host) {
   if (std::find(s.spp.begin(), s.spp.end(), 1) != s.spp.end())
     for (const Contender& c : s.contenders)
       if (o.chosen_filters && c.settings.entry().statistics == Statistics::kHalves)
-        throw InputError(
-            fmt::format("--spp 1: {} needs two half images, and of one sample the second is empty; leave it out with "
-                        "-f, or begin at 2",
-                        c.label));
+        throw InputError(fmt::format(
+            "--spp 1: {} needs two half images, and of one sample the second is empty; leave it out with -f, or begin at 2",
+            c.label));
   return s;
 }
 

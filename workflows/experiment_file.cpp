@@ -62,14 +62,13 @@ void describe(Visitor& v, Experiment& e) {
   v({"seeds", "", "noisy frames of each sample count; intervals are over them", 1, 1000}, e.seeds);
   v({"reference_spp", "", "of each of the two references", 1, 1 << 24}, e.reference_spp);
   v({"reference_noise", "of the best error",
-     "double the references' samples until the noise of their mean is this share of the best method's error; 0: leave "
-     "them. What noise they have is taken off by the product of the differences to both in any case",
+     "double the references' samples until the noise of their mean is this share of the best method's error; 0: leave them. What noise they have is taken off by the product of the differences to both in any case",
      0, 10},
     e.reference_noise);
   v({"most_reference_spp", "", "where that ends", 1, 1 << 24}, e.most_reference_spp);
   v({.key = "component",
-     .help = "what of a frame is cleaned: the whole picture; the light scattered twice and more, as in the papers; or "
-             "that and the rest, each by itself",
+     .help =
+         "what of a frame is cleaned: the whole picture; the light scattered twice and more, as in the papers; or that and the rest, each by itself",
      .choices = kComponents.names()},
     e.component);
   v({.key = "background",
@@ -80,8 +79,7 @@ void describe(Visitor& v, Experiment& e) {
   v({"restarts", "", "of searches in spaces too large to try everything, from random places", 0, 100}, e.restarts);
   v({"time_limit", "s", "of a filter on a frame, after which it has failed; 0: none", 0}, e.time_limit);
   v({"time_layers", "",
-     "charge methods that read no statistics for a render without them, which is timed once for each sample count; "
-     "otherwise for the frames as they are"},
+     "charge methods that read no statistics for a render without them, which is timed once for each sample count; otherwise for the frames as they are"},
     e.time_layers);
   v({"ablation", "", "run each filter with each layer and feature that it can do without left out, and alone"},
     e.ablation);
@@ -165,10 +163,9 @@ Experiment read_experiment(const fs::path& path) {
   table.knows({"scenes", "filters", "frames", "sequences"});
   table.reject_unknown();
   if (experiment.scenes.empty() && experiment.frames.empty() && experiment.sequences.empty())
-    throw InputError(
-        fmt::format("{}: has neither scenes, frames nor sequences; expected scenes = [\"FILE\"], [[scenes]], "
-                    "[[frames]] or [[sequences]]",
-                    path.string()));
+    throw InputError(fmt::format(
+        "{}: has neither scenes, frames nor sequences; expected scenes = [\"FILE\"], [[scenes]], [[frames]] or [[sequences]]",
+        path.string()));
   for (const ExperimentFrames& frames : experiment.frames)
     if (frames.noisy.empty())
       throw InputError(fmt::format("{}: frames '{}' have no noisy ones; expected noisy = [\"FILE\", ...]",
@@ -181,73 +178,41 @@ namespace {
 constexpr const char* kIntroduction =
     "# Experiments\n"
     "\n"
-    "`brume evaluate EXPERIMENT.toml -o results --cache cache` renders, filters and compares what a TOML file says: "
-    "[data/experiments/quick.toml](../data/experiments/quick.toml) is a small one, "
-    "[bench/experiments/results.toml](../bench/experiments/results.toml) makes tables of [results.md](results.md). "
-    "Paths in it start at its own folder, unknown keys are errors, and the options of `brume evaluate` go before its "
-    "keys. Scene files in place of the experiment are compared with the options alone.\n"
+    "`brume evaluate EXPERIMENT.toml -o results --cache cache` renders, filters and compares what a TOML file says: [data/experiments/quick.toml](../data/experiments/quick.toml) is a small one, [bench/experiments/results.toml](../bench/experiments/results.toml) makes tables of [results.md](results.md). Paths in it start at its own folder, unknown keys are errors, and the options of `brume evaluate` go before its keys. Scene files in place of the experiment are compared with the options alone.\n"
     "\n"
-    "**Cache.** `--cache` keeps every frame, clean picture, search and timing in a folder, under everything that "
-    "decides it: the scene with the contents of its files, sample count, seed, layers, filter, parameters, the "
-    "program, and for times the machine and its threads. Nothing is made twice: a run that was killed goes on where it "
-    "stopped, and another filter needs no new frames. Results of another version of the program are not used.\n"
+    "**Cache.** `--cache` keeps every frame, clean picture, search and timing in a folder, under everything that decides it: the scene with the contents of its files, sample count, seed, layers, filter, parameters, the program, and for times the machine and its threads. Nothing is made twice: a run that was killed goes on where it stopped, and another filter needs no new frames. Results of another version of the program are not used.\n"
     "\n"
-    "**Times.** One filter at a time, on the threads of `--threads`, the second of two runs where one takes less than "
-    "a second. A method's seconds are those of rendering what it reads, of the guides where it reads them, and of the "
-    "filter. Memory is what the process holds more, at most, while the filter runs.\n"
+    "**Times.** One filter at a time, on the threads of `--threads`, the second of two runs where one takes less than a second. A method's seconds are those of rendering what it reads, of the guides where it reads them, and of the filter. Memory is what the process holds more, at most, while the filter runs.\n"
     "\n"
-    "**Who beats whom.** Methods are compared on the same frames: the interval is Student's of the differences of the "
-    "seeds. Of all pairs of methods of one setting, scene, sample count and region, those are called better that stand "
-    "after Holm's correction: the chance that any of these is so by accident is at most 5 %. Five seeds suffice for "
-    "most pairs.\n"
+    "**Who beats whom.** Methods are compared on the same frames: the interval is Student's of the differences of the seeds. Of all pairs of methods of one setting, scene, sample count and region, those are called better that stand after Holm's correction: the chance that any of these is so by accident is at most 5 %. Five seeds suffice for most pairs.\n"
     "\n"
-    "**Searches** use a noisy frame of their own (`searched`) or the other scenes' (`transfer`), never those that are "
-    "reported. Up to 48 combinations of candidates are all tried; in larger spaces one parameter after another takes "
-    "the best of its candidates until nothing changes, from the better of our and the published parameters and from "
-    "`restarts` random places.\n"
+    "**Searches** use a noisy frame of their own (`searched`) or the other scenes' (`transfer`), never those that are reported. Up to 48 combinations of candidates are all tried; in larger spaces one parameter after another takes the best of its candidates until nothing changes, from the better of our and the published parameters and from `restarts` random places.\n"
     "\n"
     "This page is written by `brume docs experiment`; a test compares it with the parser.\n";
 
 constexpr const char* kResults =
     "\n"
-    "Errors of two references are products of the differences to both, whose mean is free of their noise; SSIM and "
-    "FLIP are taken against their mean.\n"
+    "Errors of two references are products of the differences to both, whose mean is free of their noise; SSIM and FLIP are taken against their mean.\n"
     "\n"
     "## What is written\n"
     "\n"
-    "stdout gets a short table of each scene, the best filter first, and what failed. `index.html` is the page "
-    "([page.md](page.md)), `table.md` has every table, `table.csv` a line for each method; `SCENE_error_seconds.svg` "
-    "are plots (`.png` too, where rsvg-convert is there), the other `*.png` strips, `*.exr` the references and the "
-    "first seed's frames. Each says the version, commit, command, scene hash and machine that made it. `results.json` "
-    "holds all numbers:\n"
+    "stdout gets a short table of each scene, the best filter first, and what failed. `index.html` is the page ([page.md](page.md)), `table.md` has every table, `table.csv` a line for each method; `SCENE_error_seconds.svg` are plots (`.png` too, where rsvg-convert is there), the other `*.png` strips, `*.exr` the references and the first seed's frames. Each says the version, commit, command, scene hash and machine that made it. `results.json` holds all numbers:\n"
     "\n"
     "| key | holds |\n"
     "|---|---|\n"
-    "| `brume`, `commit`, `command`, `machine` | what made it: version, commit, the words of the command, `cpu` and "
-    "`threads` |\n"
+    "| `brume`, `commit`, `command`, `machine` | what made it: version, commit, the words of the command, `cpu` and `threads` |\n"
     "| `experiment` | the settings; `file` is the text of the experiment |\n"
-    "| `scenes` | `name`, `hash`, `exposure`, `width`, `height`, `medium_share` of the pixels, `references` and their "
-    "`reference_spp`, `reference_noise` (Lab RMS of one), `reference_seconds` |\n"
+    "| `scenes` | `name`, `hash`, `exposure`, `width`, `height`, `medium_share` of the pixels, `references` and their `reference_spp`, `reference_noise` (Lab RMS of one), `reference_seconds` |\n"
     "| `spp`, `seeds` | of the noisy frames |\n"
     "| `metrics` | `id`, `name`, `unit`, `better` (lower, higher, zero), `definition` |\n"
-    "| `methods` | `id`, `label`, `filter`, `parameters` (empty where a search found them: then they stand in the "
-    "rows), `features`, `guides`, `setting` (none, paper, default, searched, transfer). `noisy` is plain path tracing "
-    "|\n"
-    "| `rows` | for each `scene`, `spp`, `method` and `region` (frame, medium): `metrics` by id with `mean`, "
-    "`half_width` of the 95 % interval and the seeds' `values`; `lights`, the metrics of `direct` and `indirect` light "
-    "that a method cleans by themselves; `seconds` of `render`, `guides`, `filter`; `peak_memory_bytes`; `failed`, the "
-    "reason, instead of numbers |\n"
-    "| `pairs` | for each `scene`, `spp`, `region`, `setting` and `metric` all pairs of its `methods`, first with "
-    "second, first with third, ...: `half_width` of their paired difference, and in `better` a letter each: a or b "
-    "after Holm's correction, or - |\n"
+    "| `methods` | `id`, `label`, `filter`, `parameters` (empty where a search found them: then they stand in the rows), `features`, `guides`, `setting` (none, paper, default, searched, transfer). `noisy` is plain path tracing |\n"
+    "| `rows` | for each `scene`, `spp`, `method` and `region` (frame, medium): `metrics` by id with `mean`, `half_width` of the 95 % interval and the seeds' `values`; `lights`, the metrics of `direct` and `indirect` light that a method cleans by themselves; `seconds` of `render`, `guides`, `filter`; `peak_memory_bytes`; `failed`, the reason, instead of numbers |\n"
+    "| `pairs` | for each `scene`, `spp`, `region`, `setting` and `metric` all pairs of its `methods`, first with second, first with third, ...: `half_width` of their paired difference, and in `better` a letter each: a or b after Holm's correction, or - |\n"
     "| `pareto` | methods that no other beats in time and error |\n"
-    "| `time_to_error` | `seconds` of a method to an `error` (Lab RMS, frame), `factor_over_path_tracing`, "
-    "`factor_over_gradient_kernel` (null where that never gets there) |\n"
+    "| `time_to_error` | `seconds` of a method to an `error` (Lab RMS, frame), `factor_over_path_tracing`, `factor_over_gradient_kernel` (null where that never gets there) |\n"
     "| `ablation` | `metrics` of a method with a `layer` left out or alone (`how`) |\n"
     "| `sensitivity` | `metrics` of a method with a `parameter` at a `value` |\n"
-    "| `sequences` | `name`, `frames`, their scenes' `hashes`, `reference_change` (RMS from frame to frame) and "
-    "`rows`: for each `spp`, `label`, `reach` (frames on either side) and `region`, `lab_rms`, `temporal_error` and "
-    "`flicker` with `mean`, `half_width` and `values`; `filter_seconds` of a frame; `failed` |\n"
+    "| `sequences` | `name`, `frames`, their scenes' `hashes`, `reference_change` (RMS from frame to frame) and `rows`: for each `spp`, `label`, `reach` (frames on either side) and `region`, `lab_rms`, `temporal_error` and `flicker` with `mean`, `half_width` and `values`; `filter_seconds` of a frame; `failed` |\n"
     "| `pictures` | EXR `file` of each `scene`, `spp`, `method`; the `reference` has 0 spp |\n";
 
 }  // namespace
@@ -262,16 +227,14 @@ std::string experiment_reference() {
   table("an experiment", "The keys that stand above all tables.", Experiment{});
   table("[[scenes]]", "Rendered scenes; `scenes = [\"FILE\", ...]` for files with nothing set.", ExperimentScene{});
   table("[[filters]]", "Without any, every filter there is but those that read sample records.", ExperimentFilter{});
-  table("[[frames]]",
-        "Frames that another renderer made stand beside the scenes: their noisy frames are cleaned as a whole and "
-        "judged by their own reference. Nothing is searched on them.",
-        ExperimentFrames{});
-  table("[[sequences]]",
-        "Frames of a moving scene, each with random numbers of its own, `reference_spp` samples in each of two "
-        "references. Every filter cleans them with its fixed and default parameters, each frame alone and, where it "
-        "looks through time, with as many on either side as it declares; what is told is Lab RMS over all frames, and "
-        "temporal error and flicker ([sequences.md](sequences.md)).",
-        ExperimentSequence{});
+  table(
+      "[[frames]]",
+      "Frames that another renderer made stand beside the scenes: their noisy frames are cleaned as a whole and judged by their own reference. Nothing is searched on them.",
+      ExperimentFrames{});
+  table(
+      "[[sequences]]",
+      "Frames of a moving scene, each with random numbers of its own, `reference_spp` samples in each of two references. Every filter cleans them with its fixed and default parameters, each frame alone and, where it looks through time, with as many on either side as it declares; what is told is Lab RMS over all frames, and temporal error and flicker ([sequences.md](sequences.md)).",
+      ExperimentSequence{});
   reference.text += "\n## Metrics\n\n| id | name | unit | best | definition |\n|---|---|---|---|---|\n";
   for (const MetricInfo& m : all_metrics())
     reference.text +=

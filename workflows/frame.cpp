@@ -38,10 +38,9 @@ void check_same_camera(const std::string& guides_path, const Layers& guides, con
       difference = std::max(difference, std::abs((*a)[i] - (*b)[i]));
     }
     if (difference > kTolerance * largest)
-      throw InputError(
-          fmt::format("{}: another camera saw these guides: {} differs from that of {}; make them with "
-                      "brume guides --like {}",
-                      guides_path, key, frame_path, frame_path));
+      throw InputError(fmt::format(
+          "{}: another camera saw these guides: {} differs from that of {}; make them with brume guides --like {}",
+          guides_path, key, frame_path, frame_path));
   }
 }
 
@@ -89,10 +88,8 @@ std::vector<std::string> guide_channels(const std::string& path) {
   for (const ExrInfo::Channel& channel : read_exr_info(path).channels)
     if (is_guide(channel.name)) names.push_back(channel.name);
   if (names.empty())
-    throw InputError(
-        fmt::format("{}: no channel guide.*; expected a file by brume guides, or by brume render with "
-                    "--layers guides",
-                    path));
+    throw InputError(fmt::format(
+        "{}: no channel guide.*; expected a file by brume guides, or by brume render with --layers guides", path));
   return names;
 }
 
@@ -134,8 +131,7 @@ std::string what_speaks_against_guides(const Layers& frame, const std::string& p
   const GuideCheck check = check_guides(frame, task);
   if (!check.misleads()) return "";
   return fmt::format(
-      "{} explains the frame worse than its own features do (mean squared error at pixels left out {:.3g} and {:.3g}): "
-      "are these guides of its scene, its camera, its frame? It is cleaned without them",
+      "{} explains the frame worse than its own features do (mean squared error at pixels left out {:.3g} and {:.3g}): are these guides of its scene, its camera, its frame? It is cleaned without them",
       path, check.guides, check.features);
 }
 

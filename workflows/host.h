@@ -8,8 +8,8 @@
 
 namespace brume {
 
-/// What a front end hands to a workflow beside its options: threads, the stop signal, and where its words go. A workflow
-/// keeps nothing between two calls, and several may run at once.
+/// What a front end hands to a workflow beside its options: threads, the stop signal, and where its words go. A
+/// workflow keeps nothing between two calls, and several may run at once.
 struct Host {
   enum class Word {
     kLog,      ///< what was done, for who wants to follow it
@@ -19,8 +19,8 @@ struct Host {
     kWarning,  ///< what may spoil the result
   };
 
-  int threads = 0;                             ///< 0: all of the machine's
-  const std::atomic<bool>* cancel = nullptr;   ///< set from outside; the workflow ends with Interrupted
+  int threads = 0;                                          ///< 0: all of the machine's
+  const std::atomic<bool>* cancel = nullptr;                ///< set from outside; the workflow ends with Interrupted
   std::function<void(Word, const std::string&)> tell = {};  ///< from any thread, one at a time; null: nobody listens
   /// Begins a stage, "render smoke", and gives whom to tell the finished fraction of it; null: nobody watches.
   std::function<std::function<void(double)>(const std::string& stage)> progress = {};

@@ -209,8 +209,7 @@ void KeptFile::clean(const FilterSettings& filter, const std::vector<FrameFiles>
     }
     CleanPicture& result = cleaned.emplace_back();
     try {
-      result =
-          clean_picture(filter, picture, std::move(file), info_, how, host_.task(filter.entry().name), suffix);
+      result = clean_picture(filter, picture, std::move(file), info_, how, host_.task(filter.entry().name), suffix);
     } catch (const InputError& error) {
       throw InputError(fmt::format("{}: {}", path_, error.what()));
     }
@@ -229,10 +228,9 @@ void KeptFile::clean(const FilterSettings& filter, const std::vector<FrameFiles>
   for (const std::string& part : report.rounded)
     host_.note(fmt::format("{} is stored as PXR24, which keeps 24 bits of a float: sums are right to those", part));
   for (const std::string& part : report.recoded)
-    host_.note(
-        fmt::format("{} is stored with a compression that loses some of every value: it was packed anew, so that its "
-                    "other channels changed a little, too, and sums are right to that loss only",
-                    part));
+    host_.note(fmt::format(
+        "{} is stored with a compression that loses some of every value: it was packed anew, so that its other channels changed a little, too, and sums are right to that loss only",
+        part));
   if (shown) options_.picture.write(preview, *shown, shown->rgb(layer::beauty), exposure_);
 }
 

@@ -80,8 +80,7 @@ void OwnFrame::read_others(const DenoisePlan& plan, const std::set<std::string>&
       const Layers& layers = window_.get(files, channels, host_);
       if (plan.sequence && layers.data_window() != frame_->data_window())
         throw InputError(fmt::format("{}: it has the pixels {}, {} has {}", files.frame.string(),
-                                     layers.data_window().text(), files_.frame.string(),
-                                     frame_->data_window().text()));
+                                     layers.data_window().text(), files_.frame.string(), frame_->data_window().text()));
       others_.push_back({files.distance, &layers});
       if (!files.records.empty()) others_.back().records = &records_of_others_.emplace_back(files.records);
     } catch (const InputError& error) {
@@ -105,8 +104,7 @@ void OwnFrame::clean(const FilterSettings& filter, const std::vector<FrameFiles>
   }
   if (!inputs_.empty()) clean.layers.header[kMadeFrom] = inputs_;
   write_exr(output, clean.layers);
-  if (!preview.empty())
-    options_.picture.write(preview, clean.layers, clean.layers.rgb(layer::beauty), how_.exposure);
+  if (!preview.empty()) options_.picture.write(preview, clean.layers, clean.layers.rgb(layer::beauty), how_.exposure);
   host_.log(fmt::format("{} ({}): {:.1f} ms", filter.entry().name, filter.text(), 1e3 * clean.seconds));
 }
 
@@ -114,10 +112,9 @@ void OwnFrame::clean(const FilterSettings& filter, const std::vector<FrameFiles>
 
 void tell_clean(const std::string& filter, const Host& host) {
   if (!filter.empty())
-    host.note(
-        fmt::format("the frame is clean already, by {}: what is cleaned is that picture, and filtering it again loses "
-                    "detail; expected the frame that it was made from",
-                    filter));
+    host.note(fmt::format(
+        "the frame is clean already, by {}: what is cleaned is that picture, and filtering it again loses detail; expected the frame that it was made from",
+        filter));
 }
 
 void take_noisy(Layers& frame, const Host& host) {

@@ -9,8 +9,8 @@
 #include "base/output_file.h"
 #include "base/sequence.h"
 #include "image/exr_io.h"
-#include "render/session/renderer.h"
 #include "render/scene/scene_io.h"
+#include "render/session/renderer.h"
 #include "workflows/clean.h"
 #include "workflows/finished_frame.h"
 #include "workflows/scene.h"
@@ -64,10 +64,10 @@ void check_outputs(const RenderOptions& o, const Scene& scene) {
     inputs.insert(inputs.end(), {surface.file, surface.albedo_texture});
   if (!o.checkpoint.empty()) check_writable(o.checkpoint, inputs, ".exr");
   inputs.push_back(o.resume);
-  for (const auto& [file, ending] :
-       {std::pair(&o.output, ".exr"), {&o.preview, ".png"}, {&o.records, ".records"}})
+  for (const auto& [file, ending] : {std::pair(&o.output, ".exr"), {&o.preview, ".png"}, {&o.records, ".records"}})
     if (!file->empty()) check_writable(*file, inputs, ending);
-  if (!o.output.empty() && !o.checkpoint.empty() && fs::weakly_canonical(o.output) == fs::weakly_canonical(o.checkpoint))
+  if (!o.output.empty() && !o.checkpoint.empty() &&
+      fs::weakly_canonical(o.output) == fs::weakly_canonical(o.checkpoint))
     throw InputError(fmt::format("{}: is the checkpoint too, which the picture would replace; name another output",
                                  o.output.string()));
 }
@@ -114,10 +114,9 @@ struct Setup {
     cleaner.emplace(options.clean_filter, scene.film.exposure, host, options.outliers);
     layers = cleaner->request(layers, scene.render.spp);
     if (options.target_error > 0 && !cleaner->estimates_error())
-      throw InputError(
-          fmt::format("--target-error with --clean needs a filter that estimates its error, which {} does not; take "
-                      "transport_regression",
-                      options.clean_filter));
+      throw InputError(fmt::format(
+          "--target-error with --clean needs a filter that estimates its error, which {} does not; take transport_regression",
+          options.clean_filter));
   }
 
   void set_job() {
@@ -182,10 +181,10 @@ bool tell_error(const Setup& s, const RenderReport& report) {
   const double target = s.options.target_error, error = s.cleaner ? s.cleaner->error() : report.error.value_or(0);
   const bool missed = target > 0 && !(error <= target);
   if (s.cleaner ? error < 0 : !(target > 0)) return missed;
-  const std::string reached =
-      s.cleaner              ? fmt::format("estimated relative error of the clean picture {:.4g}", error)
-      : std::isfinite(error) ? fmt::format("estimated relative error {:.4g}", error)
-                             : "no error can be estimated: fewer than 8 samples per pixel, or no light was found";
+  const std::string reached = s.cleaner ? fmt::format("estimated relative error of the clean picture {:.4g}", error)
+                              : std::isfinite(error)
+                                  ? fmt::format("estimated relative error {:.4g}", error)
+                                  : "no error can be estimated: fewer than 8 samples per pixel, or no light was found";
   if (missed)
     s.host.message(fmt::format("target error {} not reached with {}: {}", target, samples_text(report), reached));
   else
@@ -246,8 +245,8 @@ RenderedFrame render_frame(const RenderOptions& options, const Host& host) {
   std::unique_ptr<RenderWatcher> watcher;
   if (options.watch) {
     const FilmSettings& film = s.scene.film;
-    watcher = options.watch(s.scene.name, s.job.crop ? ivec2(s.job.crop->width(), s.job.crop->height())
-                                                     : ivec2(film.width, film.height));
+    watcher = options.watch(
+        s.scene.name, s.job.crop ? ivec2(s.job.crop->width(), s.job.crop->height()) : ivec2(film.width, film.height));
     s.job.watch = [&](const Film& picture, int tile) { watcher->update(picture, tile); };
   }
   if (s.cleaner && (options.time_limit > 0 || options.target_error > 0))

@@ -33,10 +33,7 @@ SequenceEnd each_frame(const std::vector<int>& frames, const Host& host, const s
   for (const int frame : frames) {
     try {
       const FrameEnd end = work(frame);
-      (end == FrameEnd::kDone     ? ends.done
-       : end == FrameEnd::kMissed ? ends.missed
-                                  : ends.skipped)
-          .push_back(frame);
+      (end == FrameEnd::kDone ? ends.done : end == FrameEnd::kMissed ? ends.missed : ends.skipped).push_back(frame);
     } catch (const Interrupted&) {
       host.log(summary(ends, frames.size()));
       throw;
@@ -49,8 +46,7 @@ SequenceEnd each_frame(const std::vector<int>& frames, const Host& host, const s
     }
   }
   // Of a single frame all is said, and an error that is the last line is what a farm's log is read for.
-  if (frames.size() > 1)
-    host.say(ends.well() ? Host::Word::kLog : Host::Word::kMessage, summary(ends, frames.size()));
+  if (frames.size() > 1) host.say(ends.well() ? Host::Word::kLog : Host::Word::kMessage, summary(ends, frames.size()));
   return ends;
 }
 

@@ -107,12 +107,10 @@ int run(const Options& o, const Common& common) {
 
   const Errors& whole = all.front().regions.front();
   if (common.json) {
-    nlohmann::json j = {{"picture", o.picture},
-                        {"reference", o.reference},
-                        {"policy", policy.text()},
-                        {"window", {window.lo.x, window.lo.y, window.hi.x, window.hi.y}},
-                        {"reference_noise_removed", two},
-                        {"metrics", to_json(whole)}};
+    nlohmann::json j = {
+        {"picture", o.picture},           {"reference", o.reference},
+        {"policy", policy.text()},        {"window", {window.lo.x, window.lo.y, window.hi.x, window.hi.y}},
+        {"reference_noise_removed", two}, {"metrics", to_json(whole)}};
     if (medium) j["medium"] = to_json(all.front().regions[1]);
     for (size_t i = 1; i < all.size(); ++i) {
       j["layers"][all[i].layer]["metrics"] = to_json(all[i].regions[0]);
@@ -223,9 +221,9 @@ int run_sequence(const Options& o, const Common& common) {
 void add_compare(CLI::App& app, Common& common, Commands& commands) {
   const auto options = std::make_shared<Options>();
   Options& o = *options;
-  CLI::App* command = add_command(app, common, "compare",
-                                  "error measures of a picture against a reference (docs/experiment.md defines them), "
-                                  "over the pixels that both have");
+  CLI::App* command = add_command(
+      app, common, "compare",
+      "error measures of a picture against a reference (docs/experiment.md defines them), over the pixels that both have");
   command->add_option("picture", o.picture, "EXR to judge")->required();
   command->add_option("reference", o.reference, "EXR it should equal")->required();
   command->add_option("--second-reference", o.second, "an independent reference, to take the references' noise off");
@@ -245,12 +243,11 @@ void add_compare(CLI::App& app, Common& common, Commands& commands) {
   command->add_flag("--json", common.json, "as one JSON object");
   command->add_option(
       "--frames", o.frames,
-      "compare these frames of sequences, whose names have ####, $F4 or %04d: the error of each, and how "
-      "much the picture flickers beyond its reference");
+      "compare these frames of sequences, whose names have ####, $F4 or %04d: the error of each, and how much the picture flickers beyond its reference");
   command
-      ->add_option("--contact-sheet", o.contact_sheet,
-                   "with --frames: a PNG of up to twelve of them side by side, with their errors and how wrongly they "
-                   "change in false colour")
+      ->add_option(
+          "--contact-sheet", o.contact_sheet,
+          "with --frames: a PNG of up to twelve of them side by side, with their errors and how wrongly they change in false colour")
       ->needs("--frames");
   commands[command] = [options, &common] {
     return options->frames.empty() ? run(*options, common) : run_sequence(*options, common);

@@ -49,7 +49,8 @@ DenoiseOptions parsed(const Options& o) {
 int run_sequence(const Options& o, const DenoiseOptions& options, const Host& host) {
   const std::vector<int> frames = parse_frames(o.frames);
   const FrameFiles& names = o.files;
-  for (const auto& [option, name] : {std::pair("FRAME", &names.frame), {"-o", &names.output}, {"--png", &names.preview}})
+  for (const auto& [option, name] :
+       {std::pair("FRAME", &names.frame), {"-o", &names.output}, {"--png", &names.preview}})
     check_pattern(option, *name, frames);
   if (!o.video.empty()) {
     if (names.preview.empty())
@@ -110,11 +111,12 @@ void add_denoise(CLI::App& app, Common& common, Commands& commands) {
       add_command(app, common, "denoise", "clean a frame, with the best filter for it or with those named");
   command->add_option("frame", o.files.frame, "EXR with layers, by brume or another renderer")->required();
   command
-      ->add_option("-f,--filter", o.filters,
-                   "filter NAME instead of the best that the frame's layers allow; its parameters follow as NAME "
-                   "--PARAMETER VALUE or in NAME:parameter=value,...; repeat for several")
+      ->add_option(
+          "-f,--filter", o.filters,
+          "filter NAME instead of the best that the frame's layers allow; its parameters follow as NAME --PARAMETER VALUE or in NAME:parameter=value,...; repeat for several")
       ->allow_extra_args(false);
-  command->add_option("-o,--output", o.files.output, "EXR to write; with several filters OUT.FILTER.exr each")->required();
+  command->add_option("-o,--output", o.files.output, "EXR to write; with several filters OUT.FILTER.exr each")
+      ->required();
   command->add_option("--png", o.files.preview, "also write a PNG");
   add_file_options(*command, o.denoise.file);
   command->add_option("--guides", o.files.guides,
@@ -135,23 +137,24 @@ void add_denoise(CLI::App& app, Common& common, Commands& commands) {
   command
       ->add_option(
           "--extra-frames", o.extra_frames,
-          "frames before and after to look into, found by the number in the file's name, for filters that "
-          "clean sequences; records and guides are found likewise. With --frames, unless given: as many as the "
-          "filter declares (docs/filters.md)")
+          "frames before and after to look into, found by the number in the file's name, for filters that clean sequences; records and guides are found likewise. With --frames, unless given: as many as the filter declares (docs/filters.md)")
       ->check(CLI::Range(0, 100));
-  command->add_option("--frames", o.frames,
-                      "clean these: 7, 1-240, 1-240x2, or several with commas between; names with ####, $F4 or %04d "
-                      "stand for the files of each. A frame that fails is named, and the others go on");
-  command->add_flag("--resume", o.denoise.resume, "with --frames: leave out those that are there, whole, made from the same");
+  command->add_option(
+      "--frames", o.frames,
+      "clean these: 7, 1-240, 1-240x2, or several with commas between; names with ####, $F4 or %04d stand for the files of each. A frame that fails is named, and the others go on");
+  command->add_flag("--resume", o.denoise.resume,
+                    "with --frames: leave out those that are there, whole, made from the same");
   command->add_option("--video", o.video, "with --frames and --png: also a film of the PNGs, where ffmpeg is there");
   command->add_option("--frame-rate", o.frame_rate, "of the film [1/s]")
       ->check(CLI::Range(1.0, 1000.0))
       ->capture_default_str();
-  command->add_option("--tile", o.denoise.how.tile, "side of the squares that are filtered one after another [px]; 0: by memory")
+  command
+      ->add_option("--tile", o.denoise.how.tile,
+                   "side of the squares that are filtered one after another [px]; 0: by memory")
       ->check(CLI::Range(0, 1 << 20));
-  add_picture_options(*command, o.denoise.picture,
-                   "from radiance to display, for the PNG and filters that compare colours as seen: a number, "
-                   "header, or auto");
+  add_picture_options(
+      *command, o.denoise.picture,
+      "from radiance to display, for the PNG and filters that compare colours as seen: a number, header, or auto");
   command->footer(filter_help);
   commands[command] = [options, &common] { return run(*options, common); };
 }

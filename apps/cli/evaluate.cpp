@@ -1,3 +1,5 @@
+#include "workflows/evaluate.h"
+
 #include <fmt/format.h>
 
 #include <cstdlib>
@@ -12,7 +14,6 @@
 #include "base/text.h"
 #include "evaluate/report/page.h"
 #include "evaluate/report/report.h"
-#include "workflows/evaluate.h"
 
 namespace brume::app {
 namespace {
@@ -120,17 +121,17 @@ void add_evaluate(CLI::App& app, Common& common, Commands& commands) {
   CLI::App* command = add_command(app, common, "evaluate",
                                   "compare the filters: references, noisy frames, tuning, tables, strips, plots");
   command
-      ->add_option("scenes", o.scenes,
-                   "scene files, or one experiment (docs/experiment.md); with several scenes, parameters are also "
-                   "transferred between them")
+      ->add_option(
+          "scenes", o.scenes,
+          "scene files, or one experiment (docs/experiment.md); with several scenes, parameters are also transferred between them")
       ->required();
   command
       ->add_option("-o,--output", o.output,
                    "folder to write: tables, plots, EXRs, and index.html, a page to look at it all")
       ->required();
-  command->add_option("--cache", o.cache,
-                      "folder that keeps all frames and results: nothing in it is made again, and an interrupted run "
-                      "goes on; frames then hold what any filter may read");
+  command->add_option(
+      "--cache", o.cache,
+      "folder that keeps all frames and results: nothing in it is made again, and an interrupted run goes on; frames then hold what any filter may read");
   command->add_option("--spp", o.spp, "sample counts of the noisy frames")->capture_default_str();
   command->add_option("--seeds", o.seeds, "noisy frames per sample count")
       ->check(CLI::Range(1, 1000))
@@ -153,9 +154,9 @@ void add_evaluate(CLI::App& app, Common& common, Commands& commands) {
       throw Interrupted(
           options->cache.empty()
               ? "no file was left half-written; with --cache DIR the same command would go on where it stopped"
-              : fmt::format("no file was left half-written; what is done lies in {}: the same command goes "
-                            "on from there",
-                            options->cache));
+              : fmt::format(
+                    "no file was left half-written; what is done lies in {}: the same command goes on from there",
+                    options->cache));
     }
   };
 }

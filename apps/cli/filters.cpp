@@ -17,8 +17,7 @@ std::string table_of(const std::vector<const FilterEntry*>& entries) {
   std::string text = fmt::format("{:<{}}  worth  take it\n", "filter", width);
   for (const FilterEntry* e : entries) text += fmt::format("{:<{}}  {:>5.3g}  {}\n", e->name, width, e->merit, e->when);
   return text +
-         "worth: how many times the samples would leave as much error, on media at its defaults. brume filters NAME "
-         "tells\n"
+         "worth: how many times the samples would leave as much error, on media at its defaults. brume filters NAME tells\n"
          "all about one: its parameters, layers and source; brume filters --all about each.\n";
 }
 

@@ -30,9 +30,8 @@ void add_generate(CLI::App& app, Common& common, Commands& commands) {
   commands[command] = [options, &common] {
     const Options& chosen = *options;
     check_writable(chosen.output, {}, ".vdb");
-    const ProceduralVolume v =
-        chosen.kind == "cloud" ? procedural_cloud(chosen.resolution, chosen.seed)
-                               : procedural_smoke(chosen.resolution, chosen.seed);
+    const ProceduralVolume v = chosen.kind == "cloud" ? procedural_cloud(chosen.resolution, chosen.seed)
+                                                      : procedural_smoke(chosen.resolution, chosen.seed);
     write_density(chosen.output, v.box, v.voxel_size, v.density, chosen.half,
                   make_task(common, "generate " + chosen.kind));
     print(fmt::format("{}\n", chosen.output));

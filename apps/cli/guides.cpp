@@ -63,10 +63,9 @@ Scene scene_like(const Options& o, const Common& common, const ExrInfo& like) {
   if (o.volume.empty())
     throw InputError("neither --volume nor --scene: guides need what the frame shows, and what lights it");
   if (!has_camera(like))
-    throw InputError(
-        fmt::format("{}: no camera in its header (worldToCamera and worldToNDC); write it into the [camera] of a scene "
-                    "and give that with --scene",
-                    o.like));
+    throw InputError(fmt::format(
+        "{}: no camera in its header (worldToCamera and worldToNDC); write it into the [camera] of a scene and give that with --scene",
+        o.like));
   const VolumeScene made = scene_for_volume(o.volume, {common.threads, {}, &interrupted});
   for (const std::string& line : made.assumptions) log(common, "assumed " + line);
   note("what lights the volume is assumed: guides of the frame's own lights, in --scene, know more");
@@ -148,9 +147,7 @@ void add_guides(CLI::App& app, Common& common, Commands& commands) {
   command->add_option("-o,--output", o.output, "EXR to write")->required();
   command->add_option(
       "--frames", o.frames,
-      "guides of these: 7, 1-240, 1-240x2, or several with commas between; names with ####, $F4 or %04d "
-      "become each frame's, also the volumes' in the scene; a frame that fails is named and the rest "
-      "goes on");
+      "guides of these: 7, 1-240, 1-240x2, or several with commas between; names with ####, $F4 or %04d become each frame's, also the volumes' in the scene; a frame that fails is named and the rest goes on");
   command
       ->add_option("--spp", o.samples,
                    "samples per pixel of the frame: more of them deserve guides in more detail; else its header's")

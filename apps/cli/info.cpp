@@ -1,10 +1,9 @@
 #include <fmt/format.h>
 
-#include <memory>
-
 #include <filesystem>
 #include <fstream>
 #include <limits>
+#include <memory>
 
 #include "apps/cli/command.h"
 #include "base/error.h"

@@ -121,8 +121,7 @@ void add_merge(CLI::App& app, Common& common, Commands& commands) {
   command
       ->add_option(
           "parts", o.parts,
-          "EXRs written with --part, or finished checkpoints; a name such as parts/###.exr stands for all that "
-          "are there")
+          "EXRs written with --part, or finished checkpoints; a name such as parts/###.exr stands for all that are there")
       ->required();
   command->add_option("-o,--output", o.output, "EXR to write")->required();
   command->add_flag("--mergeable", o.mergeable, "keep the sums of the samples, so that more parts can be merged later");

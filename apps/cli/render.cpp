@@ -121,9 +121,9 @@ void add_render(CLI::App& app, Common& common, Commands& commands) {
   RenderOptions& r = o.render;
   CLI::App* command = add_command(app, common, "render", "render a scene, or a bare volume, to an EXR with layers");
   command->add_option("scene", r.scene, "scene file (TOML, see docs/scene.md), or an OpenVDB file")->required();
-  command->add_flag("--clean", o.clean,
-                    "clean the picture with noise-free guides; with --time or --target-error in rounds that put "
-                    "samples where the clean picture needs them");
+  command->add_flag(
+      "--clean", o.clean,
+      "clean the picture with noise-free guides; with --time or --target-error in rounds that put samples where the clean picture needs them");
   command->add_option("--clean-filter", o.clean_filter,
                       "clean with this filter instead: NAME or NAME:parameter=value,...");
   add_outlier_option(*command, o.outliers);
@@ -132,7 +132,7 @@ void add_render(CLI::App& app, Common& common, Commands& commands) {
   command->add_option("-o,--output,--outfile", r.output, "EXR to write");
   command->add_option("--png", r.preview, "also write the beauty as PNG");
   add_picture_options(*command, r.picture,
-                   "of the PNG: a number, header (the scene's), or auto: the 99th luminance percentile becomes 1");
+                      "of the PNG: a number, header (the scene's), or auto: the 99th luminance percentile becomes 1");
   command->add_option("--spp", o.spp, "paths per pixel instead of the scene's")->check(CLI::Range(1, 1 << 24));
   command->add_option("--seed", o.seed, "seed instead of the scene's")->check(CLI::NonNegativeNumber);
   command->add_option("-D", r.overrides, "set a key of the scene: -D camera.fov=30")->allow_extra_args(false);
@@ -147,24 +147,21 @@ void add_render(CLI::App& app, Common& common, Commands& commands) {
   command
       ->add_option(
           "--target-error", r.target_error,
-          "stop at this estimated relative error: root of the mean of variance / (mean^2 + 0.01 white^2); with --clean "
-          "that of the clean picture")
+          "stop at this estimated relative error: root of the mean of variance / (mean^2 + 0.01 white^2); with --clean that of the clean picture")
       ->check(above_zero);
   command->add_option("--checkpoint", r.checkpoint, "EXR to keep the state in, while rendering and after");
   command->add_option("--checkpoint-every", r.checkpoint_seconds, "seconds between checkpoints")
       ->check(above_zero)
       ->capture_default_str();
   command
-      ->add_option("--resume", r.resume,
-                   "go on from a checkpoint FILE.exr, also with more --spp; same picture as in one go. Alone, with "
-                   "--frames: leave out the frames that are complete, and go on from the --checkpoint of the others, "
-                   "which is removed when its frame is there")
+      ->add_option(
+          "--resume", r.resume,
+          "go on from a checkpoint FILE.exr, also with more --spp; same picture as in one go. Alone, with --frames: leave out the frames that are complete, and go on from the --checkpoint of the others, which is removed when its frame is there")
       ->expected(0, 1)
       ->default_str(kResumeFrames);
-  command->add_option("--frames", o.frames,
-                      "render these: 7, 1-240, 1-240x2, or several with commas between; names with ####, $F4 or %04d "
-                      "become each frame's, also the scene's and those in it; a frame that fails is named and the rest "
-                      "goes on");
+  command->add_option(
+      "--frames", o.frames,
+      "render these: 7, 1-240, 1-240x2, or several with commas between; names with ####, $F4 or %04d become each frame's, also the scene's and those in it; a frame that fails is named and the rest goes on");
   command->add_flag("--fixed-seed", r.fixed_seed,
                     "with --frames: the same random numbers in every frame, whose noise then stands still");
   command->add_option("--part", o.part, "i/N: the i-th of N shares of the samples, to be joined by brume merge");
@@ -179,7 +176,8 @@ void add_render(CLI::App& app, Common& common, Commands& commands) {
   command->add_option("--replay", o.replay, "trace one sample again and print it: x,y,sample");
   commands[command] = [options, &common, command] {
     if (options->clean && command->count("--layers") == 0)
-      options->layers = "direct,indirect";  // a clean picture needs two of them, and what else there is would be written
+      options->layers =
+          "direct,indirect";  // a clean picture needs two of them, and what else there is would be written
     RenderOptions& render = options->render;
     render.skip_complete = render.resume == kResumeFrames;
     if (render.skip_complete) render.resume.clear();

@@ -92,10 +92,9 @@ Shot asked_shot(const Options& o, const Common& common) {
   shot.frames = parse_frames(o.frames);
   const fs::path first = file_of_frame(shot.scene, shot.frames.front());
   if (is_volume(first))
-    throw InputError(
-        fmt::format("{}: is a bare volume, around which each machine would make up its own scene; expected a "
-                    "scene, which brume render {} --save-scene shot.toml --explain makes",
-                    o.target, o.target));
+    throw InputError(fmt::format(
+        "{}: is a bare volume, around which each machine would make up its own scene; expected a scene, which brume render {} --save-scene shot.toml --explain makes",
+        o.target, o.target));
   const Scene scene = check_scenes(shot);
   shot.name = scene.name;
   if (const size_t place =
@@ -139,10 +138,9 @@ Shot chosen_shot(const Options& o, const Common& common) {
       throw InputError(fmt::format("{}: is rendered by {}, this is {}; expected the same program for the whole shot",
                                    o.target, shot.program, version_text()));
     if (fingerprint_of_scenes(shot) != shot.scene_text)
-      throw InputError(
-          fmt::format("{}: the scene {} has changed since it was submitted; expected it as it was, or another "
-                      "folder for the new shot",
-                      o.target, shot.scene));
+      throw InputError(fmt::format(
+          "{}: the scene {} has changed since it was submitted; expected it as it was, or another folder for the new shot",
+          o.target, shot.scene));
     return shot;
   }
   return asked_shot(o, common);
@@ -306,9 +304,7 @@ void add_submit(CLI::App& app, Common& common, Commands& commands) {
   command
       ->add_option(
           "action", o.action,
-          "slurm: submit job arrays; commands: print one command a line, stages apart by an empty line; opencue: "
-          "print a script that launches it there; status: what is done, running, failed, and the time left; "
-          "resume: submit to Slurm what is missing")
+          "slurm: submit job arrays; commands: print one command a line, stages apart by an empty line; opencue: print a script that launches it there; status: what is done, running, failed, and the time left; resume: submit to Slurm what is missing")
       ->required()
       ->check(CLI::IsMember({"slurm", "commands", "opencue", "status", "resume"}));
   command->add_option("target", o.target, "scene (TOML) of a new shot, or the folder of one: what is missing of it")

@@ -150,10 +150,9 @@ std::shared_ptr<Layers> to_layers(py::handle value) {
     const std::string name = to_text(key);
     const Array array = to_array(fmt::format("layers['{}']", name), entry);
     if (array.ndim() != 2 && array.ndim() != 3)
-      throw InputError(
-          fmt::format("layers['{}']: expected height x width for a channel, or height x width x channels for "
-                      "a layer, found {}",
-                      name, shape_of(array)));
+      throw InputError(fmt::format(
+          "layers['{}']: expected height x width for a channel, or height x width x channels for a layer, found {}",
+          name, shape_of(array)));
     if (array.size() == 0) throw InputError(fmt::format("layers['{}']: has no pixels: {}", name, shape_of(array)));
     const auto height = static_cast<int>(array.shape(0)), width = static_cast<int>(array.shape(1));
     if (!layers) layers = std::make_shared<Layers>(width, height);

@@ -6,8 +6,8 @@
 #include <array>
 #include <memory>
 
-#include "filters/api/requirements.h"
 #include "apps/python/convert.h"
+#include "filters/api/requirements.h"
 
 namespace brume::python {
 namespace {
@@ -93,8 +93,7 @@ void bind_layers(py::module_& module) {
   py::class_<Layers, std::shared_ptr<Layers>> type(
       module, "Layers",
       "A frame: named float32 channels of one size, and a header.\n\n"
-      "A mapping from full channel names (\"R\", \"direct.mean_variance.G\") to arrays of height x width. The arrays "
-      "are\n"
+      "A mapping from full channel names (\"R\", \"direct.mean_variance.G\") to arrays of height x width. The arrays are\n"
       "views of the frame's own memory, not copies, and keep it alive; their rows are padded, so that they are not\n"
       "contiguous. Assigning to a channel copies the values into its memory, which older views go on to show.");
   type.def(

@@ -9,13 +9,13 @@
 #include <optional>
 #include <set>
 
+#include "apps/python/convert.h"
+#include "apps/python/layers.h"
+#include "apps/python/work.h"
 #include "base/output_file.h"
 #include "filters/api/registry.h"
 #include "image/exr_io.h"
 #include "image/foreign.h"
-#include "apps/python/convert.h"
-#include "apps/python/layers.h"
-#include "apps/python/work.h"
 #include "workflows/choices.h"
 #include "workflows/comparison.h"
 #include "workflows/denoise_frame.h"
@@ -87,12 +87,9 @@ void write(const py::object& path, const py::object& layers) {
 
 constexpr const char* kRenderHelp =
     "Renders a scene to layers.\n\n"
-    "scene: path of a scene file (TOML) or of an OpenVDB file, around which a scene is made up; or the text of a "
-    "scene,\n"
-    "which is a str of several lines. spp, seed: instead of the scene's. layers: names to record, \"none\" or "
-    "\"all\".\n"
-    "statistics: mean_variance, half_a and half_b too. buckets: eight bucket means too. clean: True cleans the "
-    "picture\n"
+    "scene: path of a scene file (TOML) or of an OpenVDB file, around which a scene is made up; or the text of a scene,\n"
+    "which is a str of several lines. spp, seed: instead of the scene's. layers: names to record, \"none\" or \"all\".\n"
+    "statistics: mean_variance, half_a and half_b too. buckets: eight bucket means too. clean: True cleans the picture\n"
     "with noise-free guides, a filter's name with that filter; the raw picture becomes the layer noisy. crop:\n"
     "(x0, y0, x1, y1), the last two exclusive. Every other keyword sets a key of the scene, a dot written as two\n"
     "underscores: camera__fov=30. Raises InputError.";
@@ -170,20 +167,13 @@ LayersPointer render(const py::object& scene, const py::object& spp, const py::o
 std::string denoise_help() {
   std::string text =
       "Cleans a frame with a filter; with the best that its layers allow where none is named.\n\n"
-      "layers: brume.Layers, which is read where it lies, or a mapping of arrays, which is copied first, or an array "
-      "of\n"
-      "height x width x 3. The result is a new brume.Layers: R, G, B, what else the filter makes, and a header with "
-      "the\n"
+      "layers: brume.Layers, which is read where it lies, or a mapping of arrays, which is copied first, or an array of\n"
+      "height x width x 3. The result is a new brume.Layers: R, G, B, what else the filter makes, and a header with the\n"
       "filter and its parameters.\n\n"
-      "component: all cleans the beauty, indirect that layer, direct being added back, separate both by themselves. background: "
-      "bilateral\n"
-      "or filter for pixels without coverage, or default. noise: layers or spatial: where variance comes from. "
-      "outliers:\n"
-      "extreme limits single samples that outshine all around them; clamp, redistribute or keep fireflies. features: "
-      "names to use, \"none\", or all. carry: layers to filter with "
-      "the\n"
-      "same weights. guides: a path or Layers by brume guides. exposure: a number, \"header\" or \"auto\". tile: side "
-      "of\n"
+      "component: all cleans the beauty, indirect that layer, direct being added back, separate both by themselves. background: bilateral\n"
+      "or filter for pixels without coverage, or default. noise: layers or spatial: where variance comes from. outliers:\n"
+      "extreme limits single samples that outshine all around them; clamp, redistribute or keep fireflies. features: names to use, \"none\", or all. carry: layers to filter with the\n"
+      "same weights. guides: a path or Layers by brume guides. exposure: a number, \"header\" or \"auto\". tile: side of\n"
       "the squares that are filtered one after another [px]; 0: by memory. Every other keyword is a parameter of the\n"
       "filter, a dash written as an underscore, or preset. Raises InputError.\n\n"
       "Filters, what serves best first, and their parameters:\n";
@@ -255,8 +245,7 @@ LayersPointer denoise(const py::object& layers, const py::object& filter, const 
 
 constexpr const char* kMetricsHelp =
     "Error measures of a picture against a reference, as `brume compare --json` gives them.\n\n"
-    "picture, reference, second: Layers, a mapping of arrays, or height x width x 3. second: an independent "
-    "reference,\n"
+    "picture, reference, second: Layers, a mapping of arrays, or height x width x 3. second: an independent reference,\n"
     "to take the references' noise off. layer: to compare; the beauty without it. exposure: a number, \"header\" or\n"
     "\"auto\", of the reference. clip: to [0, 1] before CIE-Lab. The dict has the measures and pixels, and with a\n"
     "reference that has coverage the same over the medium under \"medium\". Raises InputError: other sizes, NaN.";

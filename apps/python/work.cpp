@@ -11,8 +11,8 @@
 #include <utility>
 #include <vector>
 
-#include "base/error.h"
 #include "apps/python/convert.h"
+#include "base/error.h"
 
 namespace brume::python {
 namespace {

@@ -35,8 +35,7 @@ void check(const RgbPlanes& x, const RgbPlanes& reference) {
       if (const size_t bad = count_not_finite(*plane)) {
         const ivec2 first = first_not_finite(*plane);
         throw InputError(fmt::format(
-            "{} pixels are NaN or infinite in a picture to compare, the first at pixel {},{}; an error measure over "
-            "them would mean nothing",
+            "{} pixels are NaN or infinite in a picture to compare, the first at pixel {},{}; an error measure over them would mean nothing",
             bad, first.x, first.y));
       }
     }
@@ -275,8 +274,7 @@ struct ListedMetric {
 const std::vector<ListedMetric>& metrics() {
   static const std::vector<ListedMetric> list = {
       {{"lab_rms", "Lab RMS", "Lab", Better::kLower,
-        "root mean square distance in CIE-Lab (D65) of linear Rec. 709 times the exposure, clipped to [0, 1] before "
-        "the conversion; equation 3 of the gradient-kernel paper"},
+        "root mean square distance in CIE-Lab (D65) of linear Rec. 709 times the exposure, clipped to [0, 1] before the conversion; equation 3 of the gradient-kernel paper"},
        &Errors::lab_rms},
       {{"lab_rms_unclipped", "Lab RMS, unclipped", "Lab", Better::kLower, "the same without clipping"},
        &Errors::lab_rms_unclipped},
@@ -292,24 +290,18 @@ const std::vector<ListedMetric>& metrics() {
         "mean squared error of ln max(Y, 1e-4), Y = .265 R + .670 G + .065 B"},
        &Errors::log_luminance_mse},
       {{"psnr", "PSNR", "dB", Better::kHigher,
-        "-10 log10 of the mean squared error of the sRGB-encoded picture, times the exposure and clipped to [0, 1], "
-        "mean "
-        "of the channels; at most 100"},
+        "-10 log10 of the mean squared error of the sRGB-encoded picture, times the exposure and clipped to [0, 1], mean of the channels; at most 100"},
        &Errors::psnr},
       {{"ssim", "SSIM", "1", Better::kHigher,
-        "structural similarity (Wang et al. 2004) of the sRGB-encoded luma, Gaussian windows of 11 x 11 pixels, "
-        "against "
-        "the mean of the references",
+        "structural similarity (Wang et al. 2004) of the sRGB-encoded luma, Gaussian windows of 11 x 11 pixels, against the mean of the references",
         ErrorScope::kAll},
        &Errors::ssim},
       {{"flip", "FLIP", "1", Better::kLower,
-        "mean of FLIP (Andersson et al. 2020) of the picture times the exposure, clipped to [0, 1], at 67 pixels per "
-        "degree, against the mean of the references",
+        "mean of FLIP (Andersson et al. 2020) of the picture times the exposure, clipped to [0, 1], at 67 pixels per degree, against the mean of the references",
         ErrorScope::kAll},
        &Errors::flip},
       {{"hdr_flip", "HDR-FLIP", "1", Better::kLower,
-        "mean of HDR-FLIP (Andersson et al. 2021) over exposures from the reference, ACES tone curve, at 67 pixels per "
-        "degree, against the mean of the references",
+        "mean of HDR-FLIP (Andersson et al. 2021) over exposures from the reference, ACES tone curve, at 67 pixels per degree, against the mean of the references",
         ErrorScope::kAll},
        &Errors::hdr_flip},
       {{"relative_bias", "relative bias", "1", Better::kZero,

@@ -104,9 +104,9 @@ Picture ContactSheet::draw() const {
             "numbers: frame, Lab RMS of the whole of it; rows: picture, reference, and in these colours", 1);
   draw_text(
       sheet, 4, y + 24,
-      fmt::format("Lab distance to the reference, 0 ... {:g}; how far its change since the frame before is from the "
-                  "reference's, 0 ... {:g}",
-                  full_error, full_change),
+      fmt::format(
+          "Lab distance to the reference, 0 ... {:g}; how far its change since the frame before is from the reference's, 0 ... {:g}",
+          full_error, full_change),
       1);
   return sheet;
 }

@@ -90,23 +90,19 @@ std::string error_seconds_plot(const SceneResult& scene,
   const double height = std::max(kLeastHeight, kTop + kBottom + kLegendLine * static_cast<double>(lines));
   const Axis x(x_lo / 1.2, x_hi * 1.2, kLeft, kWidth - kRight), y(y_lo / 1.2, y_hi * 1.2, height - kBottom, kTop);
   std::string svg = fmt::format(
-      "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {0} {1}\" width=\"{0}\" height=\"{1}\" "
-      "font-family=\"sans-serif\" font-size=\"12\">\n"
-      "<rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n<text x=\"{2}\" y=\"24\" font-size=\"15\">{3}: error "
-      "against seconds</text>\n",
+      "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {0} {1}\" width=\"{0}\" height=\"{1}\" font-family=\"sans-serif\" font-size=\"12\">\n"
+      "<rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n<text x=\"{2}\" y=\"24\" font-size=\"15\">{3}: error against seconds</text>\n",
       kWidth, height, kLeft, xml_text(scene.name));
   svg += "<desc>";
   for (const auto& [key, value] : origin) svg += xml_text(key + ": " + value + "; ");
   svg += "</desc>\n";
   for (const double t : x.ticks())
     svg += fmt::format(
-        "<line x1=\"{0:.1f}\" x2=\"{0:.1f}\" y1=\"{1}\" y2=\"{2}\" stroke=\"#ddd\"/><text x=\"{0:.1f}\" y=\"{3}\" "
-        "text-anchor=\"middle\">{4:g}</text>\n",
+        "<line x1=\"{0:.1f}\" x2=\"{0:.1f}\" y1=\"{1}\" y2=\"{2}\" stroke=\"#ddd\"/><text x=\"{0:.1f}\" y=\"{3}\" text-anchor=\"middle\">{4:g}</text>\n",
         x.at(t), kTop, height - kBottom, height - kBottom + 18, t);
   for (const double t : y.ticks())
     svg += fmt::format(
-        "<line x1=\"{0}\" x2=\"{1}\" y1=\"{2:.1f}\" y2=\"{2:.1f}\" stroke=\"#ddd\"/><text x=\"{3}\" y=\"{4:.1f}\" "
-        "text-anchor=\"end\">{5:g}</text>\n",
+        "<line x1=\"{0}\" x2=\"{1}\" y1=\"{2:.1f}\" y2=\"{2:.1f}\" stroke=\"#ddd\"/><text x=\"{3}\" y=\"{4:.1f}\" text-anchor=\"end\">{5:g}</text>\n",
         kLeft, kWidth - kRight, y.at(t), kLeft - 6, y.at(t) + 4, t);
   svg += fmt::format("<text x=\"{}\" y=\"{}\" text-anchor=\"middle\">render + guides + filter [s]</text>\n",
                      (kLeft + kWidth - kRight) / 2, height - 18);

@@ -98,9 +98,7 @@ std::string scene_text(const SceneResult& scene) {
   if (scene.references > 1) {
     const double best = best_rms(scene);
     text += fmt::format(
-        "Two independent references{} ({:.0f} s in all), each with a Lab RMS noise of {:.3f}; their noise is taken off "
-        "by multiplying the differences to the two, which leaves a standard error of {:.4f} in every RMS, common to "
-        "all methods and not in the intervals. ",
+        "Two independent references{} ({:.0f} s in all), each with a Lab RMS noise of {:.3f}; their noise is taken off by multiplying the differences to the two, which leaves a standard error of {:.4f} in every RMS, common to all methods and not in the intervals. ",
         scene.reference_spp > 0 ? fmt::format(" of {} spp each", scene.reference_spp) : "", scene.reference_seconds,
         scene.reference_rms, common_error(scene, best));
     if (scene.reference_rms > 0.1 * best)
@@ -258,18 +256,16 @@ Table winners(const Evaluation& e) {
 
 /// The paper's claims about its own filter, one by one.
 Table claims(const Evaluation& e) {
-  Table table{"Does the paper's order hold?",
-              "It finds its gradient-kernel filter below the bilateral and extended "
-              "bilateral at every spp, close to the trilateral, at under a sixth of the trilateral's time. `paper` "
-              "compares all four as published. Differences of Lab RMS are paired over seeds; below zero the gradient "
-              "kernel is better.",
-              {{"scene", false},
-               {"parameters", false},
-               {"spp"},
-               {"against", false},
-               {"RMS difference"},
-               {"gradient kernel better?", false},
-               {"its time / theirs"}}};
+  Table table{
+      "Does the paper's order hold?",
+      "It finds its gradient-kernel filter below the bilateral and extended bilateral at every spp, close to the trilateral, at under a sixth of the trilateral's time. `paper` compares all four as published. Differences of Lab RMS are paired over seeds; below zero the gradient kernel is better.",
+      {{"scene", false},
+       {"parameters", false},
+       {"spp"},
+       {"against", false},
+       {"RMS difference"},
+       {"gradient kernel better?", false},
+       {"its time / theirs"}}};
   for (const SceneResult& scene : e.scenes)
     for (const Tuning tuning : {Tuning::kPaper, Tuning::kSearched})
       for (const int spp : spp_of(scene)) {
@@ -294,9 +290,13 @@ Table claims(const Evaluation& e) {
 
 Table parameters(const Evaluation& e) {
   Table table{"Parameters",
-      "Where a searched value is the first or last of its candidates, the optimum may lie further "
-      "out.",
-      {{"scene", false}, {"spp"}, {"filter", false}, {"setting", false}, {"parameters", false}, {"at the edge", false}}};
+              "Where a searched value is the first or last of its candidates, the optimum may lie further out.",
+              {{"scene", false},
+               {"spp"},
+               {"filter", false},
+               {"setting", false},
+               {"parameters", false},
+               {"at the edge", false}}};
   for (const SceneResult& scene : e.scenes)
     for (const MethodResult& m : scene.methods)
       if (!m.filter.empty())
@@ -307,7 +307,8 @@ Table parameters(const Evaluation& e) {
 
 Table failures(const Evaluation& e) {
   Table table{"What failed, and why",
-              "",         {{"scene", false}, {"spp"}, {"filter", false}, {"setting", false}, {"reason", false}}};
+              "",
+              {{"scene", false}, {"spp"}, {"filter", false}, {"setting", false}, {"reason", false}}};
   for (const SceneResult& scene : e.scenes)
     for (const MethodResult& m : scene.methods)
       if (!m.failed.empty())
@@ -321,7 +322,8 @@ Table failures(const Evaluation& e) {
 }
 
 Table pareto(const Evaluation& e) {
-  Table table{"Speed against error",
+  Table table{
+      "Speed against error",
       "The methods that no other beats in both time (render, guides and filter) and Lab RMS of the whole frame.",
       {{"scene", false}, {"method", false}, {"spp"}, {"seconds"}, {"Lab RMS"}}};
   for (const SceneResult& scene : e.scenes)
@@ -332,10 +334,9 @@ Table pareto(const Evaluation& e) {
 }
 
 Table time_to_error(const Evaluation& e) {
-  Table table{"Time to an error",
-      "Seconds of render, guides and filter to a Lab RMS of the whole frame, between the neighbouring sample "
-      "counts; how many times faster than path tracing, whose error falls as 1/√spp beyond what was measured, "
-      "and than the gradient kernel with the same setting.",
+  Table table{
+      "Time to an error",
+      "Seconds of render, guides and filter to a Lab RMS of the whole frame, between the neighbouring sample counts; how many times faster than path tracing, whose error falls as 1/√spp beyond what was measured, and than the gradient kernel with the same setting.",
       {{"scene", false}, {"Lab RMS"}, {"method", false}, {"seconds"}, {"over path tracing"}, {"over gradient_kernel"}}};
   const auto factor = [](const std::optional<double>& value) { return value ? fmt::format("{:.2f}", *value) : ""; };
   for (const SceneResult& scene : e.scenes)
@@ -346,20 +347,19 @@ Table time_to_error(const Evaluation& e) {
 }
 
 Table sequences(const Evaluation& e) {
-  Table table{"Through time",
-              "Each filter with its default parameters, alone and with as many frames on either side as it declares. "
-              "Temporal error: RMS in CIE-Lab of how the picture changes from frame to frame less how the reference "
-              "does; flicker: RMS of how it changes, less that of the reference.",
-              {{"sequence", false},
-               {"spp"},
-               {"method", false},
-               {"frames beside"},
-               {"Lab RMS, frame"},
-               {"Lab RMS, medium"},
-               {"temporal error, frame"},
-               {"temporal error, medium"},
-               {"flicker, medium"},
-               {"filter s"}}};
+  Table table{
+      "Through time",
+      "Each filter with its default parameters, alone and with as many frames on either side as it declares. Temporal error: RMS in CIE-Lab of how the picture changes from frame to frame less how the reference does; flicker: RMS of how it changes, less that of the reference.",
+      {{"sequence", false},
+       {"spp"},
+       {"method", false},
+       {"frames beside"},
+       {"Lab RMS, frame"},
+       {"Lab RMS, medium"},
+       {"temporal error, frame"},
+       {"temporal error, medium"},
+       {"flicker, medium"},
+       {"filter s"}}};
   for (const SequenceResult& sequence : e.sequences)
     for (const SequenceMethod& m : sequence.methods) {
       std::vector<std::string> row = {sequence.name, fmt::format("{}", m.spp),
@@ -385,9 +385,9 @@ std::vector<std::string> study_cells(const SceneResult& scene, const MethodResul
 }
 
 Table ablation(const Evaluation& e) {
-  Table table{"What each layer is worth",
-      "Lab RMS of the whole frame with a feature or guide left out, and with that one alone; times the error of "
-      "the filter with all of them.",
+  Table table{
+      "What each layer is worth",
+      "Lab RMS of the whole frame with a feature or guide left out, and with that one alone; times the error of the filter with all of them.",
       {{"scene", false}, {"spp"}, {"method", false}, {"layer", false}, {"how", false}, {"Lab RMS"}, {"times"}}};
   for (const SceneResult& scene : e.scenes)
     for (const AblationResult& a : scene.ablation) {
@@ -400,10 +400,10 @@ Table ablation(const Evaluation& e) {
 }
 
 Table sensitivity(const Evaluation& e) {
-  Table table{"What each parameter does",
-              "Lab RMS of the whole frame with one parameter at each of its candidates, the others as they are; times "
-              "the error of the filter as it is.",
-              {{"scene", false}, {"spp"}, {"method", false}, {"parameter", false}, {"value"}, {"Lab RMS"}, {"times"}}};
+  Table table{
+      "What each parameter does",
+      "Lab RMS of the whole frame with one parameter at each of its candidates, the others as they are; times the error of the filter as it is.",
+      {{"scene", false}, {"spp"}, {"method", false}, {"parameter", false}, {"value"}, {"Lab RMS"}, {"times"}}};
   for (const SceneResult& scene : e.scenes)
     for (const SensitivityResult& s : scene.sensitivity) {
       std::vector<std::string> row = {scene.name, fmt::format("{}", s.result.spp), s.result.id(), s.parameter, s.value};
@@ -415,10 +415,10 @@ Table sensitivity(const Evaluation& e) {
 
 /// Direct and indirect light by themselves, where they are cleaned so.
 Table lights(const Evaluation& e) {
-  Table table{"Direct and indirect light by themselves",
-              "Lab RMS over the pixels that show the medium, or the whole frame where none do, of the light that was "
-              "scattered once and of the rest, where a method cleans them apart.",
-              {{"scene", false}, {"spp"}, {"method", false}, {"picture"}, {"direct"}, {"indirect"}}};
+  Table table{
+      "Direct and indirect light by themselves",
+      "Lab RMS over the pixels that show the medium, or the whole frame where none do, of the light that was scattered once and of the rest, where a method cleans them apart.",
+      {{"scene", false}, {"spp"}, {"method", false}, {"picture"}, {"direct"}, {"indirect"}}};
   const bool filtered = std::any_of(e.scenes.begin(), e.scenes.end(), [](const SceneResult& scene) {
     return std::any_of(scene.methods.begin(), scene.methods.end(),
                        [](const MethodResult& m) { return !m.filter.empty() && !m.lights.empty(); });
@@ -473,23 +473,10 @@ std::string short_report(const Evaluation& e) {
 std::string markdown_report(const Evaluation& e) {
   std::string text = fmt::format(
       "# Filters on media passes\n\n"
-      "The protocol of Table 1 of Xu et al. 2011: each filter cleans the {} of path-traced frames and is judged by the "
-      "RMS in CIE-Lab (their equation "
-      "3). `paper` parameters are the filter's preset of that name, as published (the trilateral's sigma_R, which no "
-      "source gives, is 10); `default` are ours; `searched` are found by a search on a separate noisy frame of the "
-      "same scene and spp, one parameter after another from the better of both; `transfer` by the same search on the "
-      "other scenes. Pixels "
-      "without coverage {}. "
-      "Errors are means over {} seeds with the half width of a 95 % interval. Times were taken on {}; the paper's on a "
-      "2 GHz Pentium E2180, and its scenes are "
-      "not these, so its numbers stand beside ours for the order, not for the size. `Times faster` is the time plain "
-      "path "
-      "tracing would need for the same RMS, its error taken to fall as 1/√spp from the same spp, over render + filter "
-      "time; "
-      "methods that read no statistics are charged for a render without them, and those that read guides for these.\n",
-      e.settings.component == Component::kIndirect ? "indirect component"
-      : e.settings.component == Component::kSeparate  ? "direct and indirect component, apart,"
-                                                   : "whole picture",
+      "The protocol of Table 1 of Xu et al. 2011: each filter cleans the {} of path-traced frames and is judged by the RMS in CIE-Lab (their equation 3). `paper` parameters are the filter's preset of that name, as published (the trilateral's sigma_R, which no source gives, is 10); `default` are ours; `searched` are found by a search on a separate noisy frame of the same scene and spp, one parameter after another from the better of both; `transfer` by the same search on the other scenes. Pixels without coverage {}. Errors are means over {} seeds with the half width of a 95 % interval. Times were taken on {}; the paper's on a 2 GHz Pentium E2180, and its scenes are not these, so its numbers stand beside ours for the order, not for the size. `Times faster` is the time plain path tracing would need for the same RMS, its error taken to fall as 1/√spp from the same spp, over render + filter time; methods that read no statistics are charged for a render without them, and those that read guides for these.\n",
+      e.settings.component == Component::kIndirect   ? "indirect component"
+      : e.settings.component == Component::kSeparate ? "direct and indirect component, apart,"
+                                                     : "whole picture",
       e.settings.background == BackgroundRule::kBilateral ? "get the bilateral filter, as there"
                                                           : "are filtered like the rest",
       e.settings.seeds, machine_text(e.settings.provenance));

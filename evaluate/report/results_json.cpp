@@ -163,8 +163,8 @@ json pairs_of(const std::vector<const MethodResult*>& methods, Region region, si
   return {{"metric", all_metrics()[metric].id}, {"methods", ids}, {"half_width", half_widths}, {"better", better}};
 }
 
-/// The methods of one tuning against one another, the unfiltered frames among them, by every metric of which differences
-/// tell something: not by a bias, of which zero is the best.
+/// The methods of one tuning against one another, the unfiltered frames among them, by every metric of which
+/// differences tell something: not by a bias, of which zero is the best.
 json pairs_json(const SceneResult& scene, const EvaluationSettings& settings) {
   json pairs = json::array();
   for (const int spp : spp_of(scene))

@@ -252,8 +252,7 @@ class Declaration {
     entry_.feature_set = [member](const std::any& a) { return std::any_cast<const P&>(a).*member; };
     return param(
         "feature-set", member, {"all", "scalar", "opacity", "guides"},
-        "which features it takes where `--features` names none: all but those made from guides, those without a "
-        "direction, opacity, or those made from guides",
+        "which features it takes where `--features` names none: all but those made from guides, those without a direction, opacity, or those made from guides",
         std::move(candidates));
   }
   /// Reads the frame's noise level in CIE-Lab with these parameters.

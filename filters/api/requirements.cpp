@@ -47,23 +47,21 @@ void check_statistics(const FilterSettings& settings, const Layers& frame, const
     const auto need = [&](std::string_view statistic, const std::string& what, const std::string& how) {
       if (!frame.has(signal, statistic))
         throw InputError(
-            fmt::format("filter {} needs {} of '{}' (channel {} and its like), which the frame does not "
-                        "have. {}",
+            fmt::format("filter {} needs {} of '{}' (channel {} and its like), which the frame does not have. {}",
                         filter.name, what, signal.label(), signal.channel_of(statistic, 0), how));
     };
     const bool halves = has_halves(frame, signal);
     if (filter.statistics == Statistics::kVariance && options.noise == NoiseSource::kLayers && !halves)
       need(
           statistic::mean_variance, "the variance",
-          way_to("brume render records it unless --no-statistics is given; for other frames, --noise spatial estimates "
-                 "it from the picture",
-                 frame, "--noise spatial estimates it from the picture, or "));
+          way_to(
+              "brume render records it unless --no-statistics is given; for other frames, --noise spatial estimates it from the picture",
+              frame, "--noise spatial estimates it from the picture, or "));
     if (limits_outliers(options) && options.noise == NoiseSource::kLayers && !halves &&
         !frame.has(signal, statistic::mean_variance))
-      throw InputError(
-          fmt::format("limiting outliers needs the variance of '{}', which the frame does not have; "
-                      "--noise spatial estimates it from the picture",
-                      signal.label()));
+      throw InputError(fmt::format(
+          "limiting outliers needs the variance of '{}', which the frame does not have; --noise spatial estimates it from the picture",
+          signal.label()));
     if (settings.uses_noise_level() && options.noise == NoiseSource::kLayers && !halves)
       need(statistic::mean_variance, "the variance or the two half images",
            "noise-factor measures the noise from them; --noise spatial estimates it from the picture");
@@ -73,8 +71,7 @@ void check_statistics(const FilterSettings& settings, const Layers& frame, const
                   frame, "say with --map which of its layers are its halves, or "));
       if (!halves)
         throw InputError(fmt::format(
-            "filter {} needs two half images of '{}', and with one sample per pixel the second is empty. Render with "
-            "--spp 2 or more; a filter that needs none is bilateral",
+            "filter {} needs two half images of '{}', and with one sample per pixel the second is empty. Render with --spp 2 or more; a filter that needs none is bilateral",
             filter.name, signal.label()));
     }
     if (filter.statistics == Statistics::kBuckets &&
@@ -86,8 +83,7 @@ void check_statistics(const FilterSettings& settings, const Layers& frame, const
     throw InputError(fmt::format(
         "filter {} needs the record of every sample. {}", filter.name,
         way_to(
-            "Record it with: brume render SCENE -o OUT.exr --records OUT.records, then brume denoise OUT.exr --records "
-            "OUT.records ...",
+            "Record it with: brume render SCENE -o OUT.exr --records OUT.records, then brume denoise OUT.exr --records OUT.records ...",
             frame)));
   if (!options.carried.empty() && !filter.carries) {
     std::vector<std::string> able;
@@ -133,8 +129,7 @@ std::string way_to(const std::string& recording, const Layers& frame, const std:
   const std::string renderer = frame.text(kForeignRenderer);
   if (renderer.empty()) return recording;
   return fmt::format(
-      "This frame is by another renderer (read as {}): {}take a filter that needs none; without -f the "
-      "best for the frame is taken",
+      "This frame is by another renderer (read as {}): {}take a filter that needs none; without -f the best for the frame is taken",
       renderer, other);
 }
 
@@ -241,8 +236,7 @@ void check_requirements(const FilterSettings& filter, const Layers& frame, const
     for (const FilterEntry* e : all_filters())
       if (e->sequences) able.push_back(e->name);
     throw InputError(
-        fmt::format("filter {} cleans every frame by itself; these look into the frames before and "
-                    "after: {}",
+        fmt::format("filter {} cleans every frame by itself; these look into the frames before and after: {}",
                     entry.name, join(able)));
   }
   for (const SequenceFrame& other : options.sequence) {

@@ -103,9 +103,7 @@ const FilterEntry entry =
         .merit(3.6, "for previews of large frames: few taps, wide windows")
         .source("Dammertz, Sewtz, Hanika and Lensch 2010; media features in place of normal and position")
         .notes(
-            "Level i spreads its 25 taps 2^i pixels apart; the colour term tightens and the direction term widens by 2 "
-            "per level, as published. Colours are compared in CIE-Lab, the density gradient's direction stands for the "
-            "normal, depth and opacity for the position.")
+            "Level i spreads its 25 taps 2^i pixels apart; the colour term tightens and the direction term widens by 2 per level, as published. Colours are compared in CIE-Lab, the density gradient's direction stands for the normal, depth and opacity for the position.")
         .paper("levels=5,sigma-color=20,sigma-gradient=0.3")
         .features()
         .carries()

@@ -106,9 +106,7 @@ const FilterEntry entry =
         .merit(4.8, "when light must be conserved to the last digit")
         .source("in the spirit of McCool 1999; structure from its abstract, constants ours")
         .notes(
-            "The conductance between two pixels falls with their difference in units of its own variance, which "
-            "diffuses along and falls, so that the flow stops by itself; with the angle between density gradients; "
-            "and with the other features. Light is conserved.")
+            "The conductance between two pixels falls with their difference in units of its own variance, which diffuses along and falls, so that the flow stops by itself; with the angle between density gradients; and with the other features. Light is conserved.")
         .paper("iterations=100,sigma-color=2,sigma-gradient=0.1")
         .statistics(Statistics::kVariance)
         .features()

@@ -111,12 +111,9 @@ const FilterEntry entry =
     declare<Wavelet>("wavelet", "Shrinks the details of each scale by as much as their noise.")
         .merit(3.8, "for a result that stays close to the input, with nothing but variance")
         .source(
-            "undecimated B3-spline wavelets (Starck and Murtagh 1994) shrunk in the spirit of Overbeck, Donner and "
-            "Ramamoorthi 2009, Adaptive Wavelet Rendering, which takes one standard deviation off")
+            "undecimated B3-spline wavelets (Starck and Murtagh 1994) shrunk in the spirit of Overbeck, Donner and Ramamoorthi 2009, Adaptive Wavelet Rendering, which takes one standard deviation off")
         .notes(
-            "Each band's noise follows from the variance of the pixels and the band's impulse response. With `soft`, "
-            "`strength=0` gives the input back; `bayes` drops bands whose energy the noise explains. Results "
-            "can be negative beside bright edges; they are left so.")
+            "Each band's noise follows from the variance of the pixels and the band's impulse response. With `soft`, `strength=0` gives the input back; `bayes` drops bands whose energy the noise explains. Results can be negative beside bright edges; they are left so.")
         .paper("shrink=soft")
         .statistics(Statistics::kVariance)
         .param("scales", &Wavelet::scales, {1, 8}, "", "bands; the rest stays as it is", {3, 4, 5})

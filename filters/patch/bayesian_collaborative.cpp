@@ -456,18 +456,12 @@ void run(const BayesianCollaborative& p, const FilterFrame& frame, const FilterO
 const FilterEntry entry =
     declare<BayesianCollaborative>(
         "bayesian_collaborative",
-        "Finds patches whose samples have alike histograms, and shrinks each group toward its mean by as much as its "
-        "noise.")
+        "Finds patches whose samples have alike histograms, and shrinks each group toward its mean by as much as its noise.")
         .merit(5.1, "for fine detail that keeps its contrast, at 32 samples per pixel and more; wants `--buckets`")
         .source(
-            "Boughida and Boubekeur 2017, Bayesian Collaborative Denoising for Monte Carlo Rendering; Delbracio et "
-            "al. 2014, ray histogram fusion, for the distance and `estimate=mean`")
+            "Boughida and Boubekeur 2017, Bayesian Collaborative Denoising for Monte Carlo Rendering; Delbracio et al. 2014, ray histogram fusion, for the distance and `estimate=mean`")
         .notes(
-            "With `--records` the histograms and the noise covariance are those of every sample, as published; "
-            "without, "
-            "those of the eight bucket means. Good from 32 samples per pixel on. Pixels ten thousand times brighter "
-            "than "
-            "white and than the picture keep their input, and do not disturb their neighbours.")
+            "With `--records` the histograms and the noise covariance are those of every sample, as published; without, those of the eight bucket means. Good from 32 samples per pixel on. Pixels ten thousand times brighter than white and than the picture keep their input, and do not disturb their neighbours.")
         .paper("")
         .statistics(Statistics::kBuckets)
         .can_use_records()

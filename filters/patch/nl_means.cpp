@@ -19,8 +19,7 @@ constexpr float kFeatureFloor = 1e-3f;
 void run(const NlMeans& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
   if (p.buffers == Buffers::kTwo && !frame.half_a[0])
     throw InputError(
-        "filter nl_means: buffers=two needs the two half images, which the frame does not have; buffers=one works "
-        "without. " +
+        "filter nl_means: buffers=two needs the two half images, which the frame does not have; buffers=one works without. " +
         way_to("brume render records them unless --no-statistics is given, or there is one sample per pixel",
                frame.layers));
   const FeatureDistances features(*frame.features, p.feature_strength, kFeatureFloor, task);
@@ -82,11 +81,7 @@ const FilterEntry entry =
         .merit(3.3, "for texture as fine as the noise, when features say little")
         .source("Buades, Coll and Morel 2005; distance and two buffers of Rousselle, Knaus and Zwicker 2012, section 4")
         .notes(
-            "The patch distance takes the variance of each pixel off the squared difference and divides by it, so that "
-            "one strength serves every noise level. `buffers=two` filters each half image with the weights of the "
-            "other. "
-            "With `feature-strength` above 0, features count too: the weight is the smallest of the colour's and the "
-            "features'.")
+            "The patch distance takes the variance of each pixel off the squared difference and divides by it, so that one strength serves every noise level. `buffers=two` filters each half image with the weights of the other. With `feature-strength` above 0, features count too: the weight is the smallest of the colour's and the features'.")
         .paper("")
         .statistics(Statistics::kVariance, Statistics::kHalves)
         .features([](const NlMeans& p) { return p.feature_strength > 0; })

@@ -101,8 +101,8 @@ Tried try_candidates(const Rdfc& p, const FilterFrame& frame, const FeatureModel
   const double step = 1 / static_cast<double>(candidates.size());
   for (size_t i = 0; i < candidates.size(); ++i) {
     const double begin = static_cast<double>(i) * step;
-    Averages f = weighted_average(model_of(candidates[i], frame.signal), window, halves,
-                                  share(task, begin, begin + 0.6 * step));
+    Averages f =
+        weighted_average(model_of(candidates[i], frame.signal), window, halves, share(task, begin, begin + 0.6 * step));
     const Averages g = weighted_average(model_of(candidates[i], view(other.picture)), window, view(other.picture),
                                         share(task, begin + 0.6 * step, begin + step));
     tried.errors.push_back(make_plane(frame.width(), frame.height(), quiet(task), [&](int x, int y) {
@@ -138,7 +138,8 @@ HalfPair best_of(const FilterFrame& frame, const Tried& tried, const Task& task)
 
 void run(const Rdfc& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
   const std::vector<Feature> features = cleaned(*frame.features, task);
-  const FeatureModels models{{features, p.feature_strength, kTau, task}, {features, p.feature_strength, kFineTau, task}};
+  const FeatureModels models{{features, p.feature_strength, kTau, task},
+                             {features, p.feature_strength, kFineTau, task}};
   task.report(0.15);
   const HalfPair chosen =
       best_of(frame, try_candidates(p, frame, models, !features.empty(), share(task, 0.15, 0.75)), task);
@@ -165,17 +166,13 @@ void run(const Rdfc& p, const FilterFrame& frame, const FilterOutput& out, const
 }
 
 const FilterEntry entry =
-    declare<Rdfc>("rdfc",
-                  "Robust denoising with feature and colour information: three mixtures of both, chosen at each "
-                  "pixel by estimated risk.")
+    declare<Rdfc>(
+        "rdfc",
+        "Robust denoising with feature and colour information: three mixtures of both, chosen at each pixel by estimated risk.")
         .merit(4.7, "when some features help and others harm: it chooses at each pixel")
         .source("Rousselle, Manzi and Zwicker 2013, Robust Denoising using Feature and Color Information")
         .notes(
-            "Weights are the smallest of the colour's and the features'. Candidates as published: colour patches of "
-            "radius 1 and 3 with features, and features alone; in media, where no feature is flat, every one of them "
-            "keeps noise, so that by default the two colour patches without features compete too. The derivative in "
-            "the risk is taken with random signs on all pixels at "
-            "once; the authors scale each pixel by 1.01, which is dead where it is black.")
+            "Weights are the smallest of the colour's and the features'. Candidates as published: colour patches of radius 1 and 3 with features, and features alone; in media, where no feature is flat, every one of them keeps noise, so that by default the two colour patches without features compete too. The derivative in the risk is taken with random signs on all pixels at once; the authors scale each pixel by 1.01, which is dead where it is black.")
         .statistics(Statistics::kHalves)
         .features()
         .feature_set(&Rdfc::feature_set)

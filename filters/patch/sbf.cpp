@@ -83,16 +83,12 @@ void run(const Sbf& p, const FilterFrame& frame, const FilterOutput& out, const 
 }
 
 const FilterEntry entry =
-    declare<Sbf>("sbf",
-                 "Cross bilateral filter over features whose width Stein's unbiased risk estimate chooses at each "
-                 "pixel.")
+    declare<Sbf>(
+        "sbf", "Cross bilateral filter over features whose width Stein's unbiased risk estimate chooses at each pixel.")
         .merit(5.6, "when time is short: within a few per cent of the best on the whole picture, several times faster")
         .source("Li, Wu and Chuang 2012, SURE-based Optimization for Adaptive Sampling and Reconstruction, section 4")
         .notes(
-            "Candidates have spatial sigmas 1, 2, 4 and 8 px. Colour does not enter the weights, so that the risk has "
-            "a "
-            "closed form; its maps are smoothed by the widest candidate. The density gradient stands for the normal, "
-            "opacity and single scattering for the texture.")
+            "Candidates have spatial sigmas 1, 2, 4 and 8 px. Colour does not enter the weights, so that the risk has a closed form; its maps are smoothed by the widest candidate. The density gradient stands for the normal, opacity and single scattering for the texture.")
         .paper("sigma-direction=0.8,sigma-color=0.25")
         .statistics(Statistics::kVariance)
         .features()

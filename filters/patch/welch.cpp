@@ -92,11 +92,7 @@ const FilterEntry entry =
         .merit(3.2, "to compare with: a t-test on `--buckets` or `--records` of every sample")
         .source("Sakai, Freude, Auzinger, Hahn and Wimmer 2024, A Statistical Approach to Monte Carlo Denoising")
         .notes(
-            "A neighbour counts when Welch's test of the Box-Cox transformed samples, corrected for skewness, does not "
-            "tell it from the centre in any channel. With `--records` every sample is transformed, as published; "
-            "without, "
-            "the eight bucket means are, which are closer to normal and fewer. The weights of the "
-            "features are Gaussians, their variances the parameters.")
+            "A neighbour counts when Welch's test of the Box-Cox transformed samples, corrected for skewness, does not tell it from the centre in any channel. With `--records` every sample is transformed, as published; without, the eight bucket means are, which are closer to normal and fewer. The weights of the features are Gaussians, their variances the parameters.")
         .paper("sigma-spatial=10,significance=0.005")
         .statistics(Statistics::kBuckets)
         .can_use_records()

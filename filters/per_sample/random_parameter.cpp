@@ -454,9 +454,10 @@ class Filter {
     }
     n.width = own.stride() + 4;
     n.data.resize(n.drawn.size() * n.width);
-    n.count = kernels::collect_records(n.drawn, n.colors, static_cast<size_t>(s), own.stride(),
-                                       {3, kinds_.features.size(), low.data(), high.data()},  // features follow the colour
-                                       n.data.data(), n.width);
+    n.count =
+        kernels::collect_records(n.drawn, n.colors, static_cast<size_t>(s), own.stride(),
+                                 {3, kinds_.features.size(), low.data(), high.data()},  // features follow the colour
+                                 n.data.data(), n.width);
   }
 
   void filter_pixel(size_t frame, int x, int y, int pass) {
@@ -507,9 +508,9 @@ class Filter {
   size_t own_;
   Columns columns_;
   Kinds kinds_;
-  std::vector<Store> stores_;                              // of each frame
-  std::vector<std::vector<Around>> around_;                // of each frame, itself first
-  std::vector<std::vector<float>> current_, next_;         // colours of every sample, of each frame
+  std::vector<Store> stores_;                       // of each frame
+  std::vector<std::vector<Around>> around_;         // of each frame, itself first
+  std::vector<std::vector<float>> current_, next_;  // colours of every sample, of each frame
   static constexpr size_t kDraws = 1 << 16;
   std::array<std::vector<ivec2>, kPasses> draws_;
 };
@@ -529,28 +530,19 @@ void run(const RandomParameter& p, const FilterFrame& frame, const FilterOutput&
 const FilterEntry entry =
     declare<RandomParameter>(
         "random_parameter",
-        "Random parameter filtering: filters samples, and ignores what mutual information blames on "
-        "the random parameters.")
+        "Random parameter filtering: filters samples, and ignores what mutual information blames on the random parameters.")
         .merit(0.9, "to compare with, on frames with `--records`")
         .source(
-            "Sen and Darabi 2012, On filtering the noise from the random parameters in Monte Carlo rendering; and its "
-            "technical report")
+            "Sen and Darabi 2012, On filtering the noise from the random parameters in Monte Carlo rendering; and its technical report")
         .notes(
-            "For media the random parameters are flights (as the share of light they outlive), directions, the sampled "
-            "light and its point, lens and time; features are positions, density gradients, albedo, density, the "
-            "shadow "
-            "ray's transmittance and the surface normal. `paper`: alpha = 1 - W; `techreport`: 1 - (1 + 0.1 t) W, the "
-            "report's further factor of 2 being held for a slip by both who re-implemented it. "
-            "`information=corrected` takes off what independent parameters have by chance and compares means, not sums, because a dozen parameters would outvote two positions by their bias alone. "
-            "Pixels with more than 16 samples average them in groups first. Cost grows with the square of the samples. "
-            "Blocks reach into the frames before and after, where they lie around the pixel whose features are most "
-            "alike within 7 x 7 (section 6.4), and are smaller in return; all frames given are filtered pass by pass.")
+            "For media the random parameters are flights (as the share of light they outlive), directions, the sampled light and its point, lens and time; features are positions, density gradients, albedo, density, the shadow ray's transmittance and the surface normal. `paper`: alpha = 1 - W; `techreport`: 1 - (1 + 0.1 t) W, the report's further factor of 2 being held for a slip by both who re-implemented it. `information=corrected` takes off what independent parameters have by chance and compares means, not sums, because a dozen parameters would outvote two positions by their bias alone. Pixels with more than 16 samples average them in groups first. Cost grows with the square of the samples. Blocks reach into the frames before and after, where they lie around the pixel whose features are most alike within 7 x 7 (section 6.4), and are smaller in return; all frames given are filtered pass by pass.")
         .needs_records()
         .seeded()
         .sequences()
         .paper("formulas=paper,information=literal")
         .preset("techreport", "as in its technical report", "information=literal")
-        .param("formulas", &RandomParameter::formulas, {"paper", "techreport"}, "whose formulas", {"paper", "techreport"})
+        .param("formulas", &RandomParameter::formulas, {"paper", "techreport"}, "whose formulas",
+               {"paper", "techreport"})
         .param("variance", &RandomParameter::variance, {1e-6, 100}, "1",
                "sigma_8^2, at eight samples per pixel; 0.02 for noisy scenes, 0.002 otherwise", {0.002, 0.02, 0.2})
         .param("largest-neighborhood", &RandomParameter::largest_neighborhood, {50, 100000}, "samples",

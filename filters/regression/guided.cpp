@@ -21,8 +21,7 @@ void run(const Guided& p, const FilterFrame& frame, const FilterOutput& out, con
   // A single pixel has nothing to be guided to.
   if (guide.empty() && frame.frame_size != ivec2(1))
     throw InputError(
-        "filter guided: no feature of the frame varies by more than its noise, and without one it would only blur. A "
-        "filter that needs none is nl_means; more samples make features cleaner");
+        "filter guided: no feature of the frame varies by more than its noise, and without one it would only blur. A filter that needs none is nl_means; more samples make features cleaner");
   std::vector<Plane> clean = guided_filter(frame.values, guide, p.radius, p.epsilon, task);
   // A line that leads beyond the values of its window is drawn back to their mean as far as that. The signal decides,
   // so that layers that are carried along are drawn back alike.
@@ -47,9 +46,7 @@ const FilterEntry entry =
         .merit(3.8, "for a quick look with features: near the best at few samples, in hundredths of a second")
         .source("He, Sun and Tang 2013, equations 11 to 20")
         .notes(
-            "Each feature has its own coefficients. Without features it would be a box filter run twice, and refuses. "
-            "Time does not depend on the radius much. On noise-free guides it does best with wide windows and hardly a "
-            "ridge: preset=guides comes near transport_regression.")
+            "Each feature has its own coefficients. Without features it would be a box filter run twice, and refuses. Time does not depend on the radius much. On noise-free guides it does best with wide windows and hardly a ridge: preset=guides comes near transport_regression.")
         .needs_features()
         .feature_set(&Guided::feature_set)
         .preset("paper", "a usual choice, the paper giving none for this use", "radius=5,epsilon=0.001")

@@ -149,16 +149,11 @@ void run(const Nfor& p, const FilterFrame& frame, const FilterOutput& out, const
 const FilterEntry entry =
     declare<Nfor>(
         "nfor",
-        "Nonlinearly weighted first-order regression: in every window a line in position and features, weighted "
-        "by non-local means.")
+        "Nonlinearly weighted first-order regression: in every window a line in position and features, weighted by non-local means.")
         .merit(5.6, "first: the cleanest result from what `brume render` records by itself; the slowest but one")
         .source("Bitterli et al. 2016, algorithm 1")
         .notes(
-            "Two strengths of the colour weights are tried on each half image with the weights of the other, the "
-            "better "
-            "is chosen at each pixel by the error that each half measures on the other, and a last regression cleans "
-            "their mean. Where the authors' pseudocode takes the weights from the same half, their text and we take "
-            "them from the other, whose noise is independent.")
+            "Two strengths of the colour weights are tried on each half image with the weights of the other, the better is chosen at each pixel by the error that each half measures on the other, and a last regression cleans their mean. Where the authors' pseudocode takes the weights from the same half, their text and we take them from the other, whose noise is independent.")
         .statistics(Statistics::kHalves)
         .features()
         .aligned_sequences()

@@ -77,11 +77,9 @@ RegressionInputs inputs_of(float frames, const FilterFrame& frame, const Plane& 
         frame.samples > 0 && other->samples > 0 ? static_cast<float>(other->samples / frame.samples) : 1.0f;
     inputs.emplace_back(*other, one, samples * std::exp(-0.5f * apart * apart), task);
     if (inputs.back().known.names != inputs[0].known.names)
-      throw InputError(
-          fmt::format("the frame at {:+} of the sequence: its guides are {}, those of the frame to clean {}; record "
-                      "the same layers "
-                      "in every frame",
-                      other->distance, join(inputs.back().known.names), join(inputs[0].known.names)));
+      throw InputError(fmt::format(
+          "the frame at {:+} of the sequence: its guides are {}, those of the frame to clean {}; record the same layers in every frame",
+          other->distance, join(inputs.back().known.names), join(inputs[0].known.names)));
   }
   return inputs;
 }

@@ -174,8 +174,8 @@ class SmoothFeatures {
 };
 
 /// Each pixel's width, from curves through bias and variance at five of them.
-Plane fitted_widths(const FilterFrame& frame, const SmoothFeatures& features, const Plane& light,
-                    const Plane& noise, const std::vector<Offset>& window, const Task& task) {
+Plane fitted_widths(const FilterFrame& frame, const SmoothFeatures& features, const Plane& light, const Plane& noise,
+                    const std::vector<Offset>& window, const Task& task) {
   const int width = frame.width(), height = frame.height();
   std::vector<Variant> widths(kAlphas.size());
   for (size_t i = 0; i < kAlphas.size(); ++i) {
@@ -333,23 +333,14 @@ void run(const SobelGuided& p, const FilterFrame& frame, const FilterOutput& out
 }
 
 const FilterEntry entry =
-    declare<SobelGuided>("sobel_guided",
-                         "Cross bilateral filter over features that a guided filter has cleaned along their Sobel "
-                         "gradients, its width fitted at every pixel.")
+    declare<SobelGuided>(
+        "sobel_guided",
+        "Cross bilateral filter over features that a guided filter has cleaned along their Sobel gradients, its width fitted at every pixel.")
         .merit(2.8, "to learn where more samples are worth most: it writes `sampling_map`")
         .source(
-            "Liu, Zheng, Zheng and Yuan 2018, Removing Monte Carlo noise using a Sobel operator and a guided image "
-            "filter, sections 4 to 6")
+            "Liu, Zheng, Zheng and Yuan 2018, Removing Monte Carlo noise using a Sobel operator and a guided image filter, sections 4 to 6")
         .notes(
-            "The published fit takes the width 0.1 px into the variance's law of 1 / a^2, which a kernel that small "
-            "does "
-            "not follow, and leaves out the fitted constant of the bias; a fit that did neither lost on every frame "
-            "tried. The published spike test (`spikes=literal`), one deviation, takes a third of plain noise for "
-            "spikes; the default `keep` keeps the light of all. Media features: opacity, "
-            "albedo and single scattering for the "
-            "texture, the density gradient for the normal, depth for depth. The layer `sampling_map` says where the "
-            "next "
-            "samples are worth most.")
+            "The published fit takes the width 0.1 px into the variance's law of 1 / a^2, which a kernel that small does not follow, and leaves out the fitted constant of the bias; a fit that did neither lost on every frame tried. The published spike test (`spikes=literal`), one deviation, takes a third of plain noise for spikes; the default `keep` keeps the light of all. Media features: opacity, albedo and single scattering for the texture, the density gradient for the normal, depth for depth. The layer `sampling_map` says where the next samples are worth most.")
         .statistics(Statistics::kVariance)
         .features()
         .feature_set(&SobelGuided::feature_set)

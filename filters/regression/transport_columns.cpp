@@ -76,13 +76,12 @@ void ColourColumns::scale_like(const ColourColumns& own) {
 
 namespace {
 
-/// What the guides that predict the light make of it; of guides that predict nothing, as of other versions, their light.
+/// What the guides that predict the light make of it; of guides that predict nothing, as of other versions, their
+/// light.
 Plane brightness(const std::vector<Guide>& guides, const std::function<bool(const Guide&)>& predicts,
                  const FilterFrame& frame, const Task& task) {
   Plane bright(frame.width(), frame.height());
-  const bool predicted = std::any_of(guides.begin(), guides.end(), [&](const Guide& g) {
-    return predicts(g);
-  });
+  const bool predicted = std::any_of(guides.begin(), guides.end(), [&](const Guide& g) { return predicts(g); });
   const auto add = [&](const auto& light) {
     for_each_row(bright.height(), quiet(task), [&](int y) {
       for (int x = 0; x < bright.width(); ++x) bright(x, y) += light(x, y);

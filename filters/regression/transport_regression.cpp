@@ -35,15 +35,13 @@ void say_what_is_missing(const FilterFrame& frame, bool guided, bool halves) {
   if (!frame.notes) return;
   const bool foreign = !frame.layers.text(kForeignRenderer).empty();
   if (!guided)
-    frame.notes->push_back(
-        fmt::format("the frame has no guides: two to four times the error of a frame with them, and more than other "
-                    "filters leave. {}",
-                    foreign ? "Make them with: brume guides --like FRAME.exr --scene SCENE.toml -o GUIDES.exr"
-                            : "Record them with: brume render SCENE -o OUT.exr --layers direct,indirect,guides"));
+    frame.notes->push_back(fmt::format(
+        "the frame has no guides: two to four times the error of a frame with them, and more than other filters leave. {}",
+        foreign ? "Make them with: brume guides --like FRAME.exr --scene SCENE.toml -o GUIDES.exr"
+                : "Record them with: brume render SCENE -o OUT.exr --layers direct,indirect,guides"));
   if (!halves)
     frame.notes->push_back(fmt::format(
-        "{} to judge by: fits are judged by pixels left out, which takes the noise of neighbouring pixels to "
-        "be independent",
+        "{} to judge by: fits are judged by pixels left out, which takes the noise of neighbouring pixels to be independent",
         frame.layers.number("samplesPerPixel").value_or(frame.samples) == 1 ? "one sample per pixel makes no two halves"
                                                                             : "the frame has no half images"));
 }
@@ -159,20 +157,14 @@ void settle(Layers& layers) {
 }
 
 const FilterEntry entry =
-    declare<TransportRegression>("transport_regression",
-                                 "Local linear regression of direct and indirect light, each by itself, on noise-free "
-                                 "guides that the renderer computes "
-                                 "from the volume.")
+    declare<TransportRegression>(
+        "transport_regression",
+        "Local linear regression of direct and indirect light, each by itself, on noise-free guides that the renderer computes from the volume.")
         .merit(108, "first of all, where the renderer's guides are recorded (`--layers direct,indirect,guides`)")
         .source(
-            "our own, docs/transport_regression.md; local regression on features: Bitterli et al. 2016; stacking: "
-            "Breiman 1996")
+            "our own, docs/transport_regression.md; local regression on features: Bitterli et al. 2016; stacking: Breiman 1996")
         .notes(
-            "The light that no path has to find is computed without noise (`guide.*`); what is left to the data are a "
-            "few coefficients in every window. Each half image is fitted, in one window for the frame, then what that "
-            "leaves in narrower and narrower ones, and the halves say how much of each fit, and of the data, is best "
-            "where. Frames without guides are cleaned with the features they have, at two to four times the error: "
-            "nfor does better there.")
+            "The light that no path has to find is computed without noise (`guide.*`); what is left to the data are a few coefficients in every window. Each half image is fitted, in one window for the frame, then what that leaves in narrower and narrower ones, and the halves say how much of each fit, and of the data, is best where. Frames without guides are cleaned with the features they have, at two to four times the error: nfor does better there.")
         .statistics(Statistics::kNone, Statistics::kHalves)
         .no_variance()
         .guides()
@@ -197,11 +189,10 @@ const FilterEntry entry =
                "pull of these weights towards the frame's, in pixels")
         .param(
             "limit", &TransportRegression::limit, {1, 1e9}, "1",
-            "deviations above a first fit to which outliers are drawn in, at up to 16 samples per pixel; their light "
-            "is given to the neighbourhood")
-        .param("weight-power", &TransportRegression::weight_power, {0, 2}, "1",
-               "in what cleans all but the direct light, pixels weigh as their brightness to minus this power: 2 is "
-               "constant relative noise, 4/3 what CIE-Lab sees")
+            "deviations above a first fit to which outliers are drawn in, at up to 16 samples per pixel; their light is given to the neighbourhood")
+        .param(
+            "weight-power", &TransportRegression::weight_power, {0, 2}, "1",
+            "in what cleans all but the direct light, pixels weigh as their brightness to minus this power: 2 is constant relative noise, 4/3 what CIE-Lab sees")
         .param("frames", &TransportRegression::frames, {0.1, 100}, "frames",
                "of a sequence: deviation of the Gaussian over frames that share coefficients")
         .sequences(3)

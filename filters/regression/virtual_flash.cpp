@@ -249,28 +249,14 @@ void run(const VirtualFlash& p, const FilterFrame& frame, const FilterOutput& ou
 }
 
 const FilterEntry entry =
-    declare<VirtualFlash>("virtual_flash",
-                          "Non-local means on the virtual flash image, over pixels that are statistically equal to the "
-                          "centre, in two steps; with a bound of the error.")
+    declare<VirtualFlash>(
+        "virtual_flash",
+        "Non-local means on the virtual flash image, over pixels that are statistically equal to the centre, in two steps; with a bound of the error.")
         .merit(3.4, "for sequences, and where a bound of the error is wanted: it writes `error_bound`")
         .source(
-            "Moon, Jun, Lee, Kim, Hachisuka and Yoon 2013, Robust image denoising using a virtual flash image, "
-            "equations 1 and 2, theorem 3.1, section 4; the flash "
-            "image for media is ours")
+            "Moon, Jun, Lee, Kim, Hachisuka and Yoon 2013, Robust image denoising using a virtual flash image, equations 1 and 2, theorem 3.1, section 4; the flash image for media is ours")
         .notes(
-            "A neighbour counts when its mean lies in the centre's Student confidence interval in all three channels. "
-            "`second=strict` tests around the noisy mean, as the paper's bound asks for: the error is at most the "
-            "interval's length. `recentred` tests around the first step's result, which removes freckles. The layer "
-            "`error_bound` is the distance from the noisy mean to the result, plus half the length of the interval of "
-            "`large-confidence` around that mean: the error is no more wherever the truth lies in the interval, with "
-            "any setting, and the bound is never longer than the paper's. It held for 99 % of pixels with normal "
-            "samples, and for 97 to 99 % of a cloud's, whose light is skewed (the intervals alone cover 85 to 97 %). "
-            "Guides: "
-            "the flash image (direct light, and a lamp at the eye with falloff and relief from the density gradient, "
-            "in "
-            "place of the indirect light), direct light alone, or the signal itself. With frames before and after, "
-            "windows and patches become cubes as far as those frames reach (section 4); the paper takes five on either "
-            "side, and the bound needs them to be sampled independently.")
+            "A neighbour counts when its mean lies in the centre's Student confidence interval in all three channels. `second=strict` tests around the noisy mean, as the paper's bound asks for: the error is at most the interval's length. `recentred` tests around the first step's result, which removes freckles. The layer `error_bound` is the distance from the noisy mean to the result, plus half the length of the interval of `large-confidence` around that mean: the error is no more wherever the truth lies in the interval, with any setting, and the bound is never longer than the paper's. It held for 99 % of pixels with normal samples, and for 97 to 99 % of a cloud's, whose light is skewed (the intervals alone cover 85 to 97 %). Guides: the flash image (direct light, and a lamp at the eye with falloff and relief from the density gradient, in place of the indirect light), direct light alone, or the signal itself. With frames before and after, windows and patches become cubes as far as those frames reach (section 4); the paper takes five on either side, and the bound needs them to be sampled independently.")
         .paper("guide=flash,agreement=one,large-radius=15,second=strict,range=literal")
         .statistics(Statistics::kVariance)
         .can_use(layer::flash, layer::direct)

@@ -256,10 +256,7 @@ const FilterEntry entry =
         .merit(4.1, "to compare with: near the best at few samples with opacity as its feature, but the slowest")
         .source("Moon, Carr and Yoon 2014, Adaptive Rendering based on Weighted Local Regression, sections 4 and 5")
         .notes(
-            "Position and features of each window are reduced to the singular directions that their noise does not "
-            "explain. Lines at five bandwidths give the curves of bias and variance whose best trade-off is taken, and "
-            "smoothed over the picture. The authors' constants of brightness are for pictures whose white is 1; the "
-            "exposure takes the frame there.")
+            "Position and features of each window are reduced to the singular directions that their noise does not explain. Lines at five bandwidths give the curves of bias and variance whose best trade-off is taken, and smoothed over the picture. The authors' constants of brightness are for pictures whose white is 1; the exposure takes the frame there.")
         .statistics(Statistics::kVariance)
         .features()
         .feature_set(&Wlr::feature_set)

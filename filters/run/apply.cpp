@@ -103,9 +103,8 @@ class Source {
             plane &&
             count_not_finite(*plane) == static_cast<size_t>(plane->width()) * static_cast<size_t>(plane->height()))
           throw InputError(
-              fmt::format("channel {}: all {} x {} pixels are NaN or infinite, so that there is nothing to "
-                          "clean",
-                          name, plane->width(), plane->height()));
+              fmt::format("channel {}: all {} x {} pixels are NaN or infinite, so that there is nothing to clean", name,
+                          plane->width(), plane->height()));
     std::set<std::pair<int, int>> bad;
     for (size_t i = 0; i < channels_.size(); ++i)
       if (damaged[i]) own_copy().set(channels_[i], repaired_plane(frame.layers->at(channels_[i]), bad));
@@ -460,8 +459,7 @@ TilePlan plan_tiles(const Run& run, const Layers& frame, const std::vector<Sourc
   const int side = choose_tile(entry, frame, run.options, channels, apron, peak);
   if (peak > physical_memory())
     throw InputError(
-        fmt::format("filter {} would hold {:.1f} GB for this frame in tiles of {} px, this machine has {:.1f} "
-                    "GB{}",
+        fmt::format("filter {} would hold {:.1f} GB for this frame in tiles of {} px, this machine has {:.1f} GB{}",
                     entry.name, peak / 1e9, side, physical_memory() / 1e9,
                     side > kSmallestTile ? fmt::format("; try --tile {}", kSmallestTile) : ""));
   return {side, apron, (frame.width() + side - 1) / side, (frame.height() + side - 1) / side};
@@ -487,8 +485,7 @@ void tell_extremes(const Source& source, ApplyReport& report) {
   const double percent = 100 / (light_of(source.layers(), signals) + all.lost);
   if (all.limited > 0)
     report.notes.push_back(fmt::format(
-        "{} pixel{} that one sample makes far brighter than all around {} limited: of {:.3g} % of the light {:.3g} % "
-        "went to the neighbourhood, {:.3g} % is lost (--outliers keep leaves them)",
+        "{} pixel{} that one sample makes far brighter than all around {} limited: of {:.3g} % of the light {:.3g} % went to the neighbourhood, {:.3g} % is lost (--outliers keep leaves them)",
         all.limited, all.limited == 1 ? "" : "s", all.limited == 1 ? "was" : "were", percent * all.taken,
         percent * (all.taken - all.lost), percent * all.lost));
   if (all.kept > 0)
@@ -591,9 +588,9 @@ void describe(std::map<std::string, Attribute>& header, const Run& run, double s
   header["biased"] = "true: filtered by " + entry.name;
   header["filter"] = entry.name;
   header["filterParameters"] = run.filter.text();
-  header["filterComponent"] = std::string(options.component == Component::kIndirect ? "indirect; direct added back"
-                                          : options.component == Component::kSeparate  ? "direct and indirect apart"
-                                                                                    : "all");
+  header["filterComponent"] = std::string(options.component == Component::kIndirect   ? "indirect; direct added back"
+                                          : options.component == Component::kSeparate ? "direct and indirect apart"
+                                                                                      : "all");
   header["filterBackground"] = std::string(run.mask ? "bilateral sigma-domain=2 sigma-range=20" : "as the medium");
   header["filterExposure"] = static_cast<float>(options.exposure);
   header["filterSeconds"] = static_cast<float>(seconds);
@@ -616,10 +613,9 @@ void report_totals(const Totals& totals, const Run& run, const Layers& source, A
     if (std::find(report.notes.begin(), report.notes.end(), note) == report.notes.end()) report.notes.push_back(note);
   report.repaired_records = totals.repaired_records.size();
   if (report.repaired_records)
-    report.notes.push_back(
-        fmt::format("recorded samples of {} pixels were NaN or infinite and were replaced by the mean of the pixel's "
-                    "other samples",
-                    report.repaired_records));
+    report.notes.push_back(fmt::format(
+        "recorded samples of {} pixels were NaN or infinite and were replaced by the mean of the pixel's other samples",
+        report.repaired_records));
   report.not_finite_results = totals.not_finite;
   if (totals.not_finite)
     report.notes.push_back(

@@ -7,7 +7,7 @@ namespace brume {
 enum class Component {
   kIndirect,  ///< clean `indirect`, add `direct` back untouched: the rule of the papers
   kAll,       ///< clean the beauty
-  kSeparate,     ///< clean `direct` and `indirect`, each by itself, and add them
+  kSeparate,  ///< clean `direct` and `indirect`, each by itself, and add them
 };
 enum class BackgroundRule {
   kDefault,    ///< the gradient-kernel paper's for the filters compared there, none for the others

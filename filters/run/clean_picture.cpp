@@ -68,10 +68,9 @@ void settle_variance(const ForeignSignal& signal, Layers& frame, std::vector<std
     for (Plane* plane : variance)
       for (int y = 0; y < frame.height(); ++y)
         for (float& v : plane->pixels(y)) v *= scale;
-    notes.push_back(
-        fmt::format("the variance of {} is taken as a pattern whose level the picture's own noise gives (times "
-                    "{:.3g}): the file does not say whether it is of samples or of their mean",
-                    signal.name, scale));
+    notes.push_back(fmt::format(
+        "the variance of {} is taken as a pattern whose level the picture's own noise gives (times {:.3g}): the file does not say whether it is of samples or of their mean",
+        signal.name, scale));
   }
   if (!signal.variance->of_surfaces) return;
   size_t lit = 0, without = 0;
@@ -87,10 +86,9 @@ void settle_variance(const ForeignSignal& signal, Layers& frame, std::vector<std
       for (int c = 0; c < 3; ++c) (*variance[static_cast<size_t>(c)])(x, y) = s[c];
     }
   if (without > 0)
-    notes.push_back(
-        fmt::format("{:.3g} % of the lit pixels of {} have no variance in the file; theirs is estimated from "
-                    "the picture",
-                    100.0 * static_cast<double>(without) / static_cast<double>(lit), signal.name));
+    notes.push_back(fmt::format(
+        "{:.3g} % of the lit pixels of {} have no variance in the file; theirs is estimated from the picture",
+        100.0 * static_cast<double>(without) / static_cast<double>(lit), signal.name));
 }
 
 /// Estimates the variance of features that come without, so that a noisy one is not taken for a clean one.
@@ -344,10 +342,9 @@ CleanPicture clean_picture(const FilterSettings& filter, const ForeignFrame& pic
     if (subtract(parts, planes(picture.color.channels), half)) {
       signals.push_back({.name = kRest, .channels = picture.color.channels});
       add_part(signals.back());
-      result.notes.push_back(
-          fmt::format("the passes do not make up the whole of {}: what they leave is {} too, as a part of its own that "
-                      "no channel holds",
-                      picture.color.name, only_indirect ? "kept" : "cleaned"));
+      result.notes.push_back(fmt::format(
+          "the passes do not make up the whole of {}: what they leave is {} too, as a part of its own that no channel holds",
+          picture.color.name, only_indirect ? "kept" : "cleaned"));
     }
   }
 

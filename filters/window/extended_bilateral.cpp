@@ -53,8 +53,7 @@ void run_log(const ExtendedBilateral& p, const FilterFrame& frame, const FilterO
         "filter extended_bilateral: domain=log-luminance makes colour from luminance and cannot carry other layers");
   if (p.noise_factor > 0)
     throw InputError(
-        "filter extended_bilateral: noise-factor is a multiple of the noise in Lab; with domain=log-luminance give "
-        "sigma-range");
+        "filter extended_bilateral: noise-factor is a multiple of the noise in Lab; with domain=log-luminance give sigma-range");
   const int width = frame.width(), height = frame.height();
   Plane luminances(width, height), logarithms(width, height);
   for (int y = 0; y < height; ++y)
@@ -105,17 +104,13 @@ void run(const ExtendedBilateral& p, const FilterFrame& frame, const FilterOutpu
 }
 
 const FilterEntry entry =
-    declare<ExtendedBilateral>("extended_bilateral",
-                               "Bilateral filter whose range kernel is centred on a Gaussian-prefiltered value, so "
-                               "that outliers do not vouch for themselves.")
+    declare<ExtendedBilateral>(
+        "extended_bilateral",
+        "Bilateral filter whose range kernel is centred on a Gaussian-prefiltered value, so that outliers do not vouch for themselves.")
         .merit(1.9, "over the bilateral filter where single bright pixels abound")
         .source("Xu and Pattanaik 2005, equations 5 and 6; Lab settings of Xu et al. 2011, section 3")
         .notes(
-            "The paper prints sigma_r = 2, sigma_d = 0.4; taken literally they do nothing, because 0.4 px leaves 84 % "
-            "of the "
-            "weight on the centre. Swapped (2 px, 0.4 in log luminance) they span the 13 x 13 window the comparisons "
-            "use, and are "
-            "what zeros stand for with `log-luminance`; the literal pair is `sigma-domain=0.4 sigma-range=2`.")
+            "The paper prints sigma_r = 2, sigma_d = 0.4; taken literally they do nothing, because 0.4 px leaves 84 % of the weight on the centre. Swapped (2 px, 0.4 in log luminance) they span the 13 x 13 window the comparisons use, and are what zeros stand for with `log-luminance`; the literal pair is `sigma-domain=0.4 sigma-range=2`.")
         .paper("sigma-domain=0,average=domain")
         .param("domain", &ExtendedBilateral::domain, {"lab", "log-luminance"},
                "what is compared: CIE-Lab, or the logarithm of luminance as published")

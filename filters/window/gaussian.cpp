@@ -28,8 +28,7 @@ constexpr double kErrorSigma = 3;
 void run_per_pixel(const GaussianFilter& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
   if (!frame.variance[0])
     throw InputError(
-        "filter gaussian: choose=per-pixel needs the variance of its layer, which the frame does not have; --noise "
-        "spatial estimates it from the picture");
+        "filter gaussian: choose=per-pixel needs the variance of its layer, which the frame does not have; --noise spatial estimates it from the picture");
   std::vector<const Plane*> planes(frame.signal.begin(), frame.signal.end());
   if (frame.carries()) planes.insert(planes.end(), frame.values.begin(), frame.values.end());
   std::vector<std::vector<Plane>> candidates;
@@ -77,9 +76,7 @@ const FilterEntry entry =
         .merit(1.3, "for a quick look without features or statistics, and as the baseline that others must beat")
         .source("textbook; measured level with the best tuned bilateral on smooth volumes")
         .notes(
-            "Averages in linear light by default, where a blur belongs. `choose=per-pixel` takes at each pixel the "
-            "width "
-            "among eight, from a quarter to four times half of sigma, whose estimated error is the smallest.")
+            "Averages in linear light by default, where a blur belongs. `choose=per-pixel` takes at each pixel the width among eight, from a quarter to four times half of sigma, whose estimated error is the smallest.")
         .preset("paper", "the spatial kernel of the paper's bilateral filter", "")
         .statistics(Statistics::kNone, Statistics::kVariance)
         .also_compare({"choose=per-pixel"})

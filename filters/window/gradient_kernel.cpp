@@ -52,8 +52,7 @@ struct Looked {
 void run(const GradientKernel& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
   if (p.variant == Variant::kGate && !frame.layers.has(layer::alpha))
     throw InputError(
-        "filter gradient_kernel: variant=gate compares opacity and needs the channel 'A', which the frame does not "
-        "have");
+        "filter gradient_kernel: variant=gate compares opacity and needs the channel 'A', which the frame does not have");
   Looked own(p, frame, task);
   std::deque<Looked> others;
   std::vector<kernels::GradientSlice> nearby;
@@ -69,18 +68,13 @@ void run(const GradientKernel& p, const FilterFrame& frame, const FilterOutput& 
 }
 
 const FilterEntry entry =
-    declare<GradientKernel>("gradient_kernel",
-                            "Bilateral filter with a kernel over the direction of the density gradient where the "
-                            "pixel's paths meet the medium.")
+    declare<GradientKernel>(
+        "gradient_kernel",
+        "Bilateral filter with a kernel over the direction of the density gradient where the pixel's paths meet the medium.")
         .merit(2.3, "for smoke with orientation in it, with a recorded gradient, tuned; the paper's own filter")
         .source("Xu, Liu, Zhang, Bao, Scopigno, Sbert 2011, equations 1 and 2")
         .notes(
-            "`paper` adds w_G to the range kernel; at its sigma_G = 3 the weight never falls below 0.8, so the "
-            "published filter is close to a fixed "
-            "cross-fade of a bilateral filter and a Gaussian blur, and a sigma_G of 0.2 makes w_G a real gate on "
-            "orientation. `mul` multiplies w_G to the "
-            "others, `gate` weighs it by how equal the opacities are. Pixels without a direction are filtered by the "
-            "range kernel alone.")
+            "`paper` adds w_G to the range kernel; at its sigma_G = 3 the weight never falls below 0.8, so the published filter is close to a fixed cross-fade of a bilateral filter and a Gaussian blur, and a sigma_G of 0.2 makes w_G a real gate on orientation. `mul` multiplies w_G to the others, `gate` weighs it by how equal the opacities are. Pixels without a direction are filtered by the range kernel alone.")
         .paper("sigma-domain=2,sigma-range=0,sigma-gradient=0,average=domain")
         .needs(layer::gradient)
         .also_compare({"variant=mul", "variant=gate"})

@@ -34,15 +34,13 @@ void run(const Trilateral& p, const FilterFrame& frame, const FilterOutput& out,
 }
 
 const FilterEntry entry =
-    declare<Trilateral>("trilateral",
-                        "Bilateral filter with an impulse detector: pixels unlike their four most similar neighbours "
-                        "(ROAD) count less, and are rebuilt from the rest.")
+    declare<Trilateral>(
+        "trilateral",
+        "Bilateral filter with an impulse detector: pixels unlike their four most similar neighbours (ROAD) count less, and are rebuilt from the rest.")
         .merit(2.3, "over the bilateral filter where spikes must go")
         .source("Garnett et al. 2005; sigma_S, sigma_I, sigma_J of Xu et al. 2011, section 3")
         .notes(
-            "sigma_R is given by neither source for this use; 10 Lab units by default, searched when tuned. The "
-            "published sigma_I and "
-            "sigma_J were meant for 0..255 grey levels and are looser in Lab.")
+            "sigma_R is given by neither source for this use; 10 Lab units by default, searched when tuned. The published sigma_I and sigma_J were meant for 0..255 grey levels and are looser in Lab.")
         .paper("sigma-spatial=2,sigma-impulse=40,sigma-joint=50,average=domain")
         .param("radius", &Trilateral::radius, {0, 32}, "px", "half width of the window")
         .param("passes", &Trilateral::passes, {1, 8}, "", "ROAD is computed anew on each pass's input")

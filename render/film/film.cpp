@@ -303,10 +303,9 @@ void Film::merge_state(const Layers& saved, const std::string& name, const Task&
   for (size_t w = 0; w < words; ++w) {
     channels.push_back(saved.find_words(state_channel(w)));
     if (!channels.back())
-      throw InputError(
-          fmt::format("{}: holds no {} of the sums of its samples; expected a frame written with --part or "
-                      "--checkpoint, of the same layers and statistics",
-                      name, w == 0 ? "part" : "complete set"));
+      throw InputError(fmt::format(
+          "{}: holds no {} of the sums of its samples; expected a frame written with --part or --checkpoint, of the same layers and statistics",
+          name, w == 0 ? "part" : "complete set"));
   }
   parallel_for(tile_count(), task, [&](int tile) {
     std::vector<double> sums(doubles);

@@ -37,14 +37,10 @@ void describe(Visitor& v, CameraSettings& c) {
     c.position_end);
   v({"look_at_end", "scene units", "what the eye looks at when the shutter closes; empty: as before"}, c.look_at_end);
   v({"keys", "frame, scene units",
-     "a camera that moves from frame to frame, instead of position and look_at: [[frame, position x, y, z, look_at x, "
-     "y, "
-     "z], ...], rising in the first. A smooth curve through the keys (cubic Hermite, tangents from the neighbouring "
-     "keys), straight between two, at rest before the first and after the last; it moves over the shutter too"},
+     "a camera that moves from frame to frame, instead of position and look_at: [[frame, position x, y, z, look_at x, y, z], ...], rising in the first. A smooth curve through the keys (cubic Hermite, tangents from the neighbouring keys), straight between two, at rest before the first and after the last; it moves over the shutter too"},
     c.keys);
   v({"from_exr", "",
-     "take position, view and projection from the worldToCamera and worldToNDC of an EXR's header; the film has its "
-     "shape"},
+     "take position, view and projection from the worldToCamera and worldToNDC of an EXR's header; the film has its shape"},
     c.from_exr);
 }
 
@@ -71,46 +67,41 @@ void describe(Visitor& v, RenderSettings& r) {
     r.noise_frame);
   v({"max_events", "", "scatterings after which a path is cut; cuts are counted and reported", 1, 1e9}, r.max_events);
   v({"indirect_limit", "radiance",
-     "mean of the three channels that the indirect light of one path may bring to its pixel; 0: no limit. Brighter "
-     "paths are scaled down to it and keep their hue. It takes fireflies and darkens the picture: what it takes is "
-     "counted and reported. Cycles (clamp indirect) limits the same mean, but at each light that a path finds",
+     "mean of the three channels that the indirect light of one path may bring to its pixel; 0: no limit. Brighter paths are scaled down to it and keep their hue. It takes fireflies and darkens the picture: what it takes is counted and reported. Cycles (clamp indirect) limits the same mean, but at each light that a path finds",
      0, 1e30},
     r.indirect_limit);
   v({"roulette_start", "", "scatterings after which Russian roulette begins", 1, 1e9}, r.roulette_start);
   v({.key = "light_sampling",
-     .help = "auto: next-event estimation towards all lights but a constant environment, which phase sampling finds "
-             "without noise; all: that one too; none: phase sampling only",
+     .help =
+         "auto: next-event estimation towards all lights but a constant environment, which phase sampling finds without noise; all: that one too; none: phase sampling only",
      .choices = {"auto", "all", "none"}},
     r.light_sampling);
   v({"surface_density", "of the maximum", "density of the medium's isosurface, for the gradient and coverage layers",
      1e-9, 1},
     r.surface_density);
   v({.key = "lookup",
-     .help = "look-ups of density. stochastic: one voxel of the eight around a point, by its trilinear weight; "
-             "interpolated: all eight",
+     .help =
+         "look-ups of density. stochastic: one voxel of the eight around a point, by its trilinear weight; interpolated: all eight",
      .choices = {"stochastic", "interpolated"}},
     r.lookup);
   v({.key = "first_collision",
-     .help = "where all there is lies in one still grey grid and nothing emits. forced: each camera ray scatters what "
-             "does not pass, wherever there is anything to scatter; free: it collides or passes by chance; auto: "
-             "forced where the medium is thin",
+     .help =
+         "where all there is lies in one still grey grid and nothing emits. forced: each camera ray scatters what does not pass, wherever there is anything to scatter; free: it collides or passes by chance; auto: forced where the medium is thin",
      .choices = {"auto", "forced", "free"}},
     r.first_collision);
   v({.key = "near_lights",
-     .help = "auto: light of points, spots and spheres inside homogeneous media is sampled along flights too, "
-             "equiangularly; "
-             "off: at collisions only",
+     .help =
+         "auto: light of points, spots and spheres inside homogeneous media is sampled along flights too, equiangularly; off: at collisions only",
      .choices = {"auto", "off"}},
     r.near_lights);
   v({.key = "flash_relief",
-     .help = "what shapes the flash layer beyond opacity. falloff: the lamp's, by distance; gradient: shading by the "
-             "density gradient; both; none; offset: both, and the lamp not at the eye but a tenth of the medium's "
-             "diagonal up and to the right of it, seen through the medium",
+     .help =
+         "what shapes the flash layer beyond opacity. falloff: the lamp's, by distance; gradient: shading by the density gradient; both; none; offset: both, and the lamp not at the eye but a tenth of the medium's diagonal up and to the right of it, seen through the medium",
      .choices = {"both", "falloff", "gradient", "none", "offset"}},
     r.flash_relief);
   v({.key = "majorants",
-     .help = "cells: bounds of cell_size^3 voxels; global: one bound for the whole grid and flights in double "
-             "precision, the textbook's tracer, to compare",
+     .help =
+         "cells: bounds of cell_size^3 voxels; global: one bound for the whole grid and flights in double precision, the textbook's tracer, to compare",
      .choices = {"cells", "global"}},
     r.majorants);
   v({"cell_size", "voxels",
@@ -156,8 +147,8 @@ void describe(Visitor& v, VolumeSettings& s) {
   v({"sigma_a", "1 / scene unit", "absorption per density; with sigma_s instead of sigma_t and albedo", 0}, s.sigma_a);
   v({"sigma_s", "1 / scene unit", "scattering per density; with sigma_a", 0}, s.sigma_s);
   v({.key = "preset",
-     .help = "principled: density, color, absorption_color, g as Blender's Principled Volume takes them; "
-             "standard_volume: density, scatter, scatter_color, transparent, transparent_depth, g as Arnold does",
+     .help =
+         "principled: density, color, absorption_color, g as Blender's Principled Volume takes them; standard_volume: density, scatter, scatter_color, transparent, transparent_depth, g as Arnold does",
      .choices = {"none", "principled", "standard_volume"}},
     s.preset);
   v({"density", "1", "factor on the density grid; in presets their parameter of that name", 0}, s.density);
@@ -243,9 +234,8 @@ void describe(Visitor& v, SurfaceSettings& s) {
      .choices = {"diffuse", "conductor", "dielectric"}},
     s.material);
   v({"albedo", "1",
-     "diffuse: reflectance; conductor: reflectance seen head on; dielectric: tint of what passes, 1 unless "
-     "given",
-     0, 1},
+     "diffuse: reflectance; conductor: reflectance seen head on; dielectric: tint of what passes, 1 unless given", 0,
+     1},
     s.albedo);
   v({"albedo_texture", "", "picture that multiplies albedo: PNG, JPEG (sRGB), HDR or EXR (linear)"}, s.albedo_texture);
   v({"roughness", "1", "conductor, dielectric: square root of the GGX width; 0 is perfectly smooth", 0, 1},
@@ -257,15 +247,13 @@ void describe(Visitor& v, SurfaceSettings& s) {
     s.normals);
   v({"radiance", "W/(m^2 sr)", "emitted by the outside: an area light of any shape", 0}, s.radiance);
   v({.key = "role",
-     .help = "holdout: cuts a hole into the picture, alpha 0; shadow_catcher: unseen, its light goes to the layers "
-             "catcher and catcher_unshadowed",
+     .help =
+         "holdout: cuts a hole into the picture, alpha 0; shadow_catcher: unseen, its light goes to the layers catcher and catcher_unshadowed",
      .choices = {"visible", "holdout", "shadow_catcher"}},
     s.role);
   v({.key = "shadow",
      .help =
-         "smooth dielectric. traced: light passes bent, and only paths that end on a light find it behind: unbiased, "
-         "but dark behind points and noisy under small suns; straight: light sampling looks through, unbent and "
-         "dimmed by Fresnel: biased as far as the bending matters",
+         "smooth dielectric. traced: light passes bent, and only paths that end on a light find it behind: unbiased, but dark behind points and noisy under small suns; straight: light sampling looks through, unbent and dimmed by Fresnel: biased as far as the bending matters",
      .choices = {"traced", "straight"}},
     s.shadow);
   v({"object_to_world", "", "4 x 4, rows first; points are columns"}, s.object_to_world);

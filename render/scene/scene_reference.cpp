@@ -8,18 +8,12 @@ std::string scene_reference() {
   FieldReference reference;
   reference.text =
       "# Scenes\n\n"
-      "A scene is a TOML file. Paths in it start at its own folder. Unknown keys are errors. Any key can be set from "
-      "the\n"
-      "command line: `-D camera.fov=30`, `-D volumes.0.sigma_t=5`; paths given so start at the scene's folder too. "
-      "Colours are linear Rec. 709, `[r, g, b]` or one "
-      "grey\n"
+      "A scene is a TOML file. Paths in it start at its own folder. Unknown keys are errors. Any key can be set from the\n"
+      "command line: `-D camera.fov=30`, `-D volumes.0.sigma_t=5`; paths given so start at the scene's folder too. Colours are linear Rec. 709, `[r, g, b]` or one grey\n"
       "number. Lengths are in scene units, whichever the volumes use.\n\n"
-      "A sequence is one scene: `brume render shot.toml --frames 1-240 -o 'shot.####.exr'` sets `render.frame` for "
-      "each\n"
-      "frame. Names of files may hold its number, as `smoke.####.vdb`, `smoke.$F4.vdb` or `smoke.%04d.vdb` (a file "
-      "that\n"
-      "has that very name is taken as it is), and `camera.keys` move the camera. A camera with roll or zoom comes "
-      "from\n"
+      "A sequence is one scene: `brume render shot.toml --frames 1-240 -o 'shot.####.exr'` sets `render.frame` for each\n"
+      "frame. Names of files may hold its number, as `smoke.####.vdb`, `smoke.$F4.vdb` or `smoke.%04d.vdb` (a file that\n"
+      "has that very name is taken as it is), and `camera.keys` move the camera. A camera with roll or zoom comes from\n"
       "`from_exr = \"camera.####.exr\"`, whatever else changes from one scene file per frame: `brume render\n"
       "'shot.####.toml' --frames 1-240`.\n\n"
       "This page is written by `brume docs scene`; a test keeps it in step with the parser.\n";
@@ -29,10 +23,10 @@ std::string scene_reference() {
                   "The estimator. No setting here but max_events and indirect_limit changes the expected picture.",
                   RenderSettings{});
   reference.table("[environment]", "Light from infinitely far away.", EnvironmentSettings{});
-  reference.table("[[volumes]]",
-                  "A fog volume and its coefficients: sigma_t(x) = sigma_t * density(x), sigma_s = albedo * sigma_t. "
-                  "Several may overlap. `file` is required where shape is grid.",
-                  VolumeSettings{});
+  reference.table(
+      "[[volumes]]",
+      "A fog volume and its coefficients: sigma_t(x) = sigma_t * density(x), sigma_s = albedo * sigma_t. Several may overlap. `file` is required where shape is grid.",
+      VolumeSettings{});
   reference.table("[[lights]]", "Lights of finite size or parallel light.", LightSettings{});
   reference.table("[[surfaces]]", "Solid things.", SurfaceSettings{});
   return reference.text;

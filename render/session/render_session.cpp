@@ -481,8 +481,7 @@ void describe_render(Layers& frame, const Scene& scene, const LayerRequest& laye
 std::string RenderReport::summary() const {
   const double paths = static_cast<double>(counters.paths), lookups = static_cast<double>(counters.tracking.lookups);
   std::string text = fmt::format(
-      "{:.3g} paths in {} ({} of processor time): {:.3g} paths/s, {:.3g} look-ups/s, {:.1f} scatterings per path, "
-      "longest {}\n",
+      "{:.3g} paths in {} ({} of processor time): {:.3g} paths/s, {:.3g} look-ups/s, {:.1f} scatterings per path, longest {}\n",
       paths, format_duration(seconds), format_duration(cpu_seconds), paths / seconds, lookups / seconds,
       paths > 0 ? static_cast<double>(counters.tracking.collisions) / paths : 0.0, counters.longest);
   if (uneven)

@@ -27,9 +27,7 @@ PreparedScene::PreparedScene(Scene scene, const LayerRequest& layers, const Task
   lights_.finish(catcher && sampling == "auto" ? "all" : sampling);
   if (sampling == "none" && lights_.any_delta())
     throw InputError(
-        "light_sampling = \"none\" cannot find exactly parallel light or points; give the sun an angular_diameter "
-        "above 0, "
-        "or use spheres");
+        "light_sampling = \"none\" cannot find exactly parallel light or points; give the sun an angular_diameter above 0, or use spheres");
   notes_ = media_.notes();
   const auto add_notes = [&](const std::vector<std::string>& more) {
     notes_.insert(notes_.end(), more.begin(), more.end());

@@ -25,16 +25,13 @@ std::vector<std::string> scene_notes(const Scene& scene, const SceneMedia& media
   const bool no_sampling = scene.render.light_sampling == "none", catcher = has_role(scene, "shadow_catcher");
   if (catcher && !layers.has(layer::catcher))
     notes.push_back(
-        "a shadow catcher is unseen in the picture itself: record what it shows with --layers ...,catcher,"
-        "catcher_unshadowed");
+        "a shadow catcher is unseen in the picture itself: record what it shows with --layers ...,catcher,catcher_unshadowed");
   if (catcher && (!media.emissions().empty() || no_sampling))
     notes.push_back(fmt::format("shadow catchers gather light by light sampling alone: {} not reach them",
                                 no_sampling ? "with light_sampling = \"none\" light does" : "the media's glow does"));
   if (has_traced_glass(scene) && lights.any_delta())
     notes.push_back(
-        "no path finds points, spots and exactly parallel suns through dielectric meshes: behind them their light is "
-        "missing. Give them a radius or an angular_diameter, the larger the less noise, or the meshes shadow = "
-        "\"straight\"");
+        "no path finds points, spots and exactly parallel suns through dielectric meshes: behind them their light is missing. Give them a radius or an angular_diameter, the larger the less noise, or the meshes shadow = \"straight\"");
   const bool shutter_opens = scene.camera.shutter.y > scene.camera.shutter.x;
   if (!shutter_opens && !(scene.camera.position_end.empty() && scene.camera.look_at_end.empty()))
     notes.push_back("the camera moves but camera.shutter opens and closes at once: it stands where it starts");

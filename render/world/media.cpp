@@ -162,8 +162,7 @@ class SceneMedia::Loader {
     const auto q = density_quantiles(volume_->density.bricks, {0.5, 0.99, 0.9999});
     const bool few = q.at(2) < 0.1 * medium.maximum_density();  // so large that they may be damage
     const std::string text = fmt::format(
-        "{}: grid '{}' holds densities up to {:.3g}: a flight through one cell may take {:.1g} steps{}; half of its "
-        "positive voxels are at most {:.3g}, 99 % {:.3g}, 99.99 % {:.3g}; {}",
+        "{}: grid '{}' holds densities up to {:.3g}: a flight through one cell may take {:.1g} steps{}; half of its positive voxels are at most {:.3g}, 99 % {:.3g}, 99.99 % {:.3g}; {}",
         v_.file.string(), volume_->density.summary.name, medium.maximum_density(), most,
         most > kEndless ? ", which never ends" : ", and the render be slow", q.at(0), q.at(1), q.at(2),
         few ? fmt::format("if the rest is damage, limit it: -D volumes.{}.max_density={:.3g}",
@@ -212,8 +211,7 @@ class SceneMedia::Loader {
     const double highest = temperature.bricks.maximum();
     const double kelvin = v_.temperature_offset + v_.temperature_scale * highest;
     const std::string range = fmt::format(
-        "{}: grid '{}' holds {:.4g} .. {:.4g}, at most {:.4g} K with temperature_offset {} and "
-        "temperature_scale {}",
+        "{}: grid '{}' holds {:.4g} .. {:.4g}, at most {:.4g} K with temperature_offset {} and temperature_scale {}",
         v_.file.string(), temperature.summary.name, temperature.summary.minimum, highest, kelvin, v_.temperature_offset,
         v_.temperature_scale);
     if (kelvin < EmissionRamp::kColdest) {
@@ -232,10 +230,9 @@ class SceneMedia::Loader {
     // As if all of the way across were as bright as the brightest voxel.
     const double shown = brightest * scene_.film.exposure * 2 * into_.emissions_.back().bounding_sphere().radius;
     if (shown > 0.01 || !(shown > 0)) return;
-    note(
-        fmt::format("{}: its fire is too faint to be seen, at most {:.2g} of white with blackbody_intensity = {}; "
-                    "{:.1g} would show it",
-                    v_.file.string(), shown, v_.blackbody_intensity, 10 * v_.blackbody_intensity / shown));
+    note(fmt::format(
+        "{}: its fire is too faint to be seen, at most {:.2g} of white with blackbody_intensity = {}; {:.1g} would show it",
+        v_.file.string(), shown, v_.blackbody_intensity, 10 * v_.blackbody_intensity / shown));
   }
 
   void load_flame() {

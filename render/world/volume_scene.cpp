@@ -147,10 +147,9 @@ VolumeScene scene_for_volume(const std::filesystem::path& file, const Task& task
       const double intensity = std::stod(fmt::format("{:.2g}", kFlameRadiance / (0.1 * bounds.radius * glow)));
       text += fmt::format("temperature_grid = \"{}\"\ntemperature_scale = {}\nblackbody_intensity = {}\n",
                           temperature->name, scale, intensity);
-      assume(
-          fmt::format("fire from grid '{}': volumes.0.temperature_scale = {} makes its hottest voxel {:.4g} K, "
-                      "blackbody_intensity = {}",
-                      temperature->name, scale, kelvin, intensity));
+      assume(fmt::format(
+          "fire from grid '{}': volumes.0.temperature_scale = {} makes its hottest voxel {:.4g} K, blackbody_intensity = {}",
+          temperature->name, scale, kelvin, intensity));
     }
   }
   if (flame) {

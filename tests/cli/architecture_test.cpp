@@ -115,8 +115,8 @@ TEST(Architecture, WhatCommentsCiteStandsInTheClone) {
     if (line.starts_with("## ")) headings.push_back(line.substr(3));
   const std::regex page("([A-Za-z_./]+\\.md)\\b(, ([A-Z]))?");
   int cited = 0;
-  for (const char* room : {"base", "volume", "image", "render", "filters", "evaluate", "workflows", "farm", "apps",
-                           "tests", "bench"})
+  for (const char* room :
+       {"base", "volume", "image", "render", "filters", "evaluate", "workflows", "farm", "apps", "tests", "bench"})
     for (const auto& entry : fs::recursive_directory_iterator(test::source(room))) {
       if (entry.path().extension() != ".h" && entry.path().extension() != ".cpp") continue;
       const std::string text = comments(test::read_file(entry.path()));

@@ -33,10 +33,10 @@ class BadInput : public ::testing::Test {
  protected:
   std::string path(const std::string& name) const { return (folder_ / name).string(); }
   std::string scene(const std::string& volume, const std::string& more = "") {
-    test::write_file(folder_ / "scene.toml",
-                     "[camera]\nposition = [0, -5, 0]\nlook_at = [0, 0, 0]\n[film]\nwidth = 8\nheight = "
-                     "8\n[render]\nspp = 1\n[environment]\nradiance = 1\n[[volumes]]\nfile = \"" +
-                         volume + "\"\n" + more);
+    test::write_file(
+        folder_ / "scene.toml",
+        "[camera]\nposition = [0, -5, 0]\nlook_at = [0, 0, 0]\n[film]\nwidth = 8\nheight = 8\n[render]\nspp = 1\n[environment]\nradiance = 1\n[[volumes]]\nfile = \"" +
+            volume + "\"\n" + more);
     return path("scene.toml");
   }
   std::string frame(const std::string& layers, const std::string& name = "frame.exr") {
@@ -237,8 +237,7 @@ TEST_F(BadInput, LightsMeshesTexturesAndFields) {
       {"expected two edges that span an area"});
   refused("[[volumes]]\nshape = \"box\"\nlo = [1, 0, 0]\nhi = [0, 1, 1]\n", {"'lo' is not below 'hi'"});
   noted(
-      "[environment]\nradiance = 1\n[[volumes]]\nshape = \"sphere\"\n[[lights]]\ntype = \"point\"\nposition = [0, 0, "
-      "9]\nintensity = 0\n",
+      "[environment]\nradiance = 1\n[[volumes]]\nshape = \"sphere\"\n[[lights]]\ntype = \"point\"\nposition = [0, 0, 9]\nintensity = 0\n",
       "light 0 has no power");
   const std::string volume = "[environment]\nradiance = 1\n[[volumes]]\nfile = \"" + kCloud + "\"\n";
   refused(volume + "temperature_grid = \"auto\"\n", {"no grid 'temperature'", "density (float)"});

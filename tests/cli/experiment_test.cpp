@@ -203,9 +203,9 @@ TEST_F(Experiments, FramesOfOtherRenderersStandBesideScenes) {
   ASSERT_EQ(run_brume(render + "--spp 256 --seed 9 -o " + path("reference.exr")).status, 0);
   for (const char* seed : {"1", "2"})
     ASSERT_EQ(run_brume(render + "--spp 4 --seed " + seed + " -o " + path("noisy") + seed + ".exr").status, 0);
-  test::write_file(folder_ / "small.toml",
-                   "[[filters]]\nfilter = \"bilateral\"\n[[filters]]\nfilter = \"gradient_kernel\"\n[[frames]]\nname = "
-                   "\"theirs\"\nreference = \"reference.exr\"\nnoisy = [\"noisy1.exr\", \"noisy2.exr\"]\nspp = 4\n");
+  test::write_file(
+      folder_ / "small.toml",
+      "[[filters]]\nfilter = \"bilateral\"\n[[filters]]\nfilter = \"gradient_kernel\"\n[[frames]]\nname = \"theirs\"\nreference = \"reference.exr\"\nnoisy = [\"noisy1.exr\", \"noisy2.exr\"]\nspp = 4\n");
   const auto r = run_brume(command());
   ASSERT_EQ(r.status, 0) << r.err;
   EXPECT_TRUE(holds(r.err, "0 frames rendered")) << r.err;
@@ -263,7 +263,8 @@ TEST_F(Experiments, DirectAndIndirectLightAreJudgedByThemselves) {
         ASSERT_TRUE(noisy.contains(light)) << component << noisy;
         EXPECT_FALSE(noisy[light].contains("ssim")) << "not measured";
       }
-    EXPECT_EQ(clean.contains("direct"), component == std::string("separate") || component == std::string("apart")) << clean;
+    EXPECT_EQ(clean.contains("direct"), component == std::string("separate") || component == std::string("apart"))
+        << clean;
     EXPECT_EQ(clean.contains("indirect"), component != std::string("all")) << clean;
     for (const auto& [light, metrics] : clean.items()) {
       EXPECT_EQ(metrics["lab_rms"]["values"].size(), 2u);

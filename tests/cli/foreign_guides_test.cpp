@@ -181,8 +181,8 @@ TEST_F(ForeignGuides, ASceneOutOfBlenderIsOneThatBrumeReads) {
   if (std::system("command -v blender >/dev/null") != 0) GTEST_SKIP() << "blender is not there";
   const std::string command =
       "blender -b --factory-startup --python " + test::source("tests/data/blender_scene.py").string() + " -- " +
-      test::source("apps/blender/blender_export.py").string() + " " + test::source("data/volumes/smoke.vdb").string() + " " +
-      path("out.toml") + " >" + path("log.txt") + " 2>&1";
+      test::source("apps/blender/blender_export.py").string() + " " + test::source("data/volumes/smoke.vdb").string() +
+      " " + path("out.toml") + " >" + path("log.txt") + " 2>&1";
   ASSERT_EQ(std::system(command.c_str()), 0);
   ASSERT_TRUE(std::filesystem::exists(folder_ / "out.toml")) << test::read_file(folder_ / "log.txt");
   const std::string scene = test::read_file(folder_ / "out.toml");

@@ -142,9 +142,9 @@ TEST_F(Frames, ACyclesFrameComesBackWithItsPassesCleanAndTheirSumExact) {
     const std::string said = denoise();
     expect_kept_but({"My Layer.Combined", "My Layer.VolumeDir", "My Layer.VolumeInd", "My Layer.Env"});
     expect_sum(out, type == Imf::HALF);
-    EXPECT_TRUE(holds(said,
-                      "Blender Cycles multilayer 'My Layer': cleaned VolumeDir, VolumeInd, Env with bilateral, "
-                      "Combined = VolumeDir + VolumeInd + Env + Emit"))
+    EXPECT_TRUE(holds(
+        said,
+        "Blender Cycles multilayer 'My Layer': cleaned VolumeDir, VolumeInd, Env with bilateral, Combined = VolumeDir + VolumeInd + Env + Emit"))
         << said;
     EXPECT_TRUE(holds(said, "no variance in the file for VolumeDir, VolumeInd, Env: estimated")) << said;
     const Layers before = read_exr(in), after = read_exr(out);
@@ -443,8 +443,7 @@ TEST_F(Frames, AMapsMistakesAreUnderlined) {
   const std::pair<std::string, std::string> mistakes[] = {
       {"color = \"\"\nalbdo = \"albedo\"\n", "unknown key 'albdo'; did you mean 'albedo'?"},
       {"color = \"\"\nalbedo = \"albeda\"\n",
-       "the file has no layer 'albeda' of three channels R G B or X Y Z; did you mean "
-       "'albedo'?"},
+       "the file has no layer 'albeda' of three channels R G B or X Y Z; did you mean 'albedo'?"},
       {"color = [\"R\", \"G\", \"b\"]\n", "the file has no channel 'b'"},
       {"color = \"CryptoObject00\"\n", "holds identities, which are never filtered"},
       {"color = \"id\"\n", "holds identities, which are never filtered"},
@@ -523,9 +522,9 @@ TEST_F(Frames, SequencesAreCleanedFrameByFrame) {
 TEST_F(Frames, InfoSaysWhatIsRecognised) {
   write({{cycles_header(Imf::FLOAT), cycles_value}});
   const auto r = run_brume("info " + in);
-  EXPECT_TRUE(holds(r.out,
-                    "read as Blender Cycles multilayer 'My Layer': Combined; passes VolumeDir; VolumeInd; Env; "
-                    "Emit; features albedo; depth; 8 samples per pixel"))
+  EXPECT_TRUE(holds(
+      r.out,
+      "read as Blender Cycles multilayer 'My Layer': Combined; passes VolumeDir; VolumeInd; Env; Emit; features albedo; depth; 8 samples per pixel"))
       << r.out;
   const auto j = nlohmann::json::parse(run_brume("info --json " + in).out);
   EXPECT_EQ(j["pictures"][0]["passes"][1]["name"], "VolumeInd");

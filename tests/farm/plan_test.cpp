@@ -78,12 +78,11 @@ TEST_F(Farm, APlanIsTheCommandsThatWouldBeTyped) {
   ASSERT_EQ(stages.size(), 3u);
   EXPECT_EQ(stage(stages, "render")->commands.size(), 12u);
   const std::string folder = shot_.folder.string();
-  EXPECT_EQ(stage(stages, "render")->commands[1].line(),
-            "mkdir -p " + folder +
-                "/parts/0001 && '/opt/my brume/brume' render /scenes/smoke.toml --frames 1 --spp 10 "
-                "--seed 0 --layers direct,indirect --part 2/4 --checkpoint " +
-                folder + "/parts/0001/00002.checkpoint.exr -o " + folder +
-                "/parts/0001/00002.exr --progress lines --resume");
+  EXPECT_EQ(
+      stage(stages, "render")->commands[1].line(),
+      "mkdir -p " + folder +
+          "/parts/0001 && '/opt/my brume/brume' render /scenes/smoke.toml --frames 1 --spp 10 --seed 0 --layers direct,indirect --part 2/4 --checkpoint " +
+          folder + "/parts/0001/00002.checkpoint.exr -o " + folder + "/parts/0001/00002.exr --progress lines --resume");
   EXPECT_EQ(stage(stages, "merge")->commands[2].line(), "'/opt/my brume/brume' merge '" + folder +
                                                             "/parts/0003/#####.exr' --parts 1-4 -o " + folder +
                                                             "/frames/smoke.0003.exr --resume --discard");
@@ -354,9 +353,10 @@ TEST_F(Farm, TheSameShotIsFoundAgainAndAnotherIsNot) {
 
 TEST_F(Farm, OpenCueGetsALayerForEachStage) {
   const std::string outline = opencue_outline(shot_, plan(shot_), "/shot/rounds/1");
-  EXPECT_NE(outline.find("render = Shell(\"render\", command=[\"sh\", \"/shot/rounds/1/run.sh\", \"render\", "
-                         "\"#IFRAME#\", \"1\"], range=\"1-12\", chunk=1)"),
-            std::string::npos)
+  EXPECT_NE(
+      outline.find(
+          "render = Shell(\"render\", command=[\"sh\", \"/shot/rounds/1/run.sh\", \"render\", \"#IFRAME#\", \"1\"], range=\"1-12\", chunk=1)"),
+      std::string::npos)
       << outline;
   EXPECT_NE(outline.find("merge.depend_all(render)"), std::string::npos) << outline;
 }

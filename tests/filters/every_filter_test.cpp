@@ -139,8 +139,8 @@ TEST(EveryFilter, StaysWithinTheValuesAroundAPixelWhateverTheFireflies) {
     // As published it averages logarithms of luminance, and each noisy pixel keeps its own colour: then only the
     // luminance stays within the range.
     const std::string text = f.text();
-    const bool luminance_only = text.find("domain=log-luminance") != std::string::npos &&
-                                text.find("average=domain") != std::string::npos;
+    const bool luminance_only =
+        text.find("domain=log-luminance") != std::string::npos && text.find("average=domain") != std::string::npos;
     for (int y = 0; y < kHeight; ++y)
       for (int x = 0; x < kWidth; ++x) {
         vec3 clean, least, most;

@@ -158,8 +158,7 @@ TEST_P(RandomScene, IsPredictedByItsGuidesAndNeverWorseClean) {
                noise = std::sqrt(std::max(0.0, before.squares - before.noise));
   EXPECT_LE(left, 1.02 * noise + 0.1 * std::sqrt(after.noise));
   std::printf(
-      "seed %llu: direct %.3f (noise %.3f, mean %.3f), indirect %.3f (noise %.3f, mean %.3f), clean %.3f of noisy: "
-      "%s\n",
+      "seed %llu: direct %.3f (noise %.3f, mean %.3f), indirect %.3f (noise %.3f, mean %.3f), clean %.3f of noisy: %s\n",
       static_cast<unsigned long long>(random.seed), direct.error, direct.noise, direct.ratio, indirect.error,
       indirect.noise, indirect.ratio, left / noise, random.text().c_str());
 }

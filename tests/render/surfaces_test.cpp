@@ -511,10 +511,11 @@ TEST(LoadMesh, BrokenFilesSayWhatIsWrong) {
   EXPECT_TRUE(holds(error("b.obj", "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n"), "no triangle with an area"));
   EXPECT_TRUE(holds(error("c.ply", "ply\nformat ascii 1.0\nelement vertex 3\n"), "header has no end"));
   EXPECT_TRUE(holds(error("d.ply", "ply\nformat binary_big_endian 1.0\nend_header\n"), "binary_big_endian"));
-  EXPECT_TRUE(holds(error("e.ply",
-                          "ply\nformat binary_little_endian 1.0\nelement vertex 3\nproperty float x\nproperty "
-                          "float y\nproperty float z\nend_header\nabc"),
-                    "truncated"));
+  EXPECT_TRUE(holds(
+      error(
+          "e.ply",
+          "ply\nformat binary_little_endian 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nend_header\nabc"),
+      "truncated"));
   EXPECT_TRUE(holds(error("f.ply", "ply\nformat ascii 1.0\nelement vertex 1\nproperty float a\nend_header\n0\n"),
                     "no x, y, z"));
   // Degenerate triangles beside a good one are dropped and counted; edges shared by three triangles are no matter.

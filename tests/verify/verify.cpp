@@ -210,8 +210,7 @@ int main() {
   using namespace brume;
   const Stopwatch watch;
   fmt::print(
-      "| what | spp | measured | expected | difference | smallest bias found | "
-      "|\n|---|---:|---:|---:|---:|---:|---|\n");
+      "| what | spp | measured | expected | difference | smallest bias found | |\n|---|---:|---:|---:|---:|---:|---|\n");
   furnaces();
   slabs();
   demo_scenes();
