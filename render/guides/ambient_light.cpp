@@ -99,11 +99,11 @@ AmbientLight::Seen AmbientLight::along(const dvec3& p, const dvec3& direction, d
     for (int c = 0; c < 3; ++c) {
       const auto k = static_cast<size_t>(c);
       const auto of = [&](size_t moment) { return static_cast<double>(node->scattered[3 * moment + k]); };
-      const double glow = static_cast<double>(node->glow[k]);
-      light.glow[c] += seen_straight * glow;
+      const double emitted = static_cast<double>(node->emitted[k]);
+      light.emitted[c] += seen_straight * emitted;
       light.scattered[c] +=
           seen * std::max(0.0, of(0) - (direction.x * of(1) + direction.y * of(2) + direction.z * of(3))) +
-          std::max(0.0, seen - seen_straight) * glow;
+          std::max(0.0, seen - seen_straight) * emitted;
     }
     passed *= left;
     straight *= left_straight;
@@ -134,18 +134,18 @@ void AmbientLight::gather(const Surfaces& surfaces, const Environment& sky, cons
   parallel_for(grid_.count(), quiet(task), [&](int i) {
     const dvec3 p = grid_.at(i);
     Probe& probe = probes_[static_cast<size_t>(i)];
-    probe.sky = probe.glow = probe.scattered = probe.sky_scattered = {};
+    probe.sky = probe.emitted = probe.scattered = probe.sky_scattered = {};
     for (size_t k = 0; k < directions.size(); ++k) {
       const dvec3& direction = directions[k];
       const float wall = walls_[static_cast<size_t>(i) * kDirections + k];
       const Seen light = along(p, direction, static_cast<double>(wall));
-      probe.glow.add(light.glow, direction);
+      probe.emitted.add(light.emitted, direction);
       probe.scattered.add(light.scattered, direction);
       if (wall < kFar) continue;
       probe.sky.add(light.straight * radiance[k], direction);
       probe.sky_scattered.add(std::max(0.0, light.passed - light.straight) * radiance[k], direction);
     }
-    for (AmbientCube* const cube : {&probe.sky, &probe.glow, &probe.scattered, &probe.sky_scattered})
+    for (AmbientCube* const cube : {&probe.sky, &probe.emitted, &probe.scattered, &probe.sky_scattered})
       for (size_t face = 0; face < 6; ++face) cube->face[face] /= whole.face[face];
   });
   find_sources();
@@ -158,7 +158,7 @@ void AmbientLight::find_sources() {
       for (int z = 0; z < lattice_.n.z; ++z) {
         const Node& node = nodes_[index(x, y, z)];
         double power = 0;
-        for (size_t c = 0; c < 3; ++c) power += static_cast<double>(node.glow[c] + node.scattered[c]);
+        for (size_t c = 0; c < 3; ++c) power += static_cast<double>(node.emitted[c] + node.scattered[c]);
         if (!(power > 0)) continue;
         const ivec3 cell = ivec3(x, y, z) * kSourcesAcross / lattice_.n;
         Source& source = sources_[static_cast<size_t>((cell.x * kSourcesAcross + cell.y) * kSourcesAcross + cell.z)];
@@ -188,14 +188,14 @@ AmbientLight::Lit AmbientLight::onto(const dvec3& p, const dvec3& normal) const 
   for (size_t k = 0; k < 8; ++k) {
     const Probe& probe = probes_[static_cast<size_t>(around.probe[k])];
     light.sky += around.weight[k] * probe.sky.onto(normal);
-    light.glow += around.weight[k] * probe.glow.onto(normal);
+    light.emitted += around.weight[k] * probe.emitted.onto(normal);
     light.scattered += around.weight[k] * probe.scattered.onto(normal);
     sky_scattered += around.weight[k] * probe.sky_scattered.onto(normal);
   }
   const dvec3 nearest = glm::clamp(p, grid_.lo(), grid_.hi());
   if (nearest != p && !sources_.empty()) {
     const double fading = strength(p, normal) / strength(nearest, normal);
-    light.glow *= fading;
+    light.emitted *= fading;
     light.scattered *= fading;
   }
   light.scattered += sky_scattered;

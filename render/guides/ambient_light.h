@@ -19,7 +19,7 @@ class AmbientLight {
   /// What a node sends out, per spacing.
   struct Node {
     float extinction = 0;               ///< without the forward peak
-    std::array<float, 3> glow{};        ///< RGB, the same in every direction
+    std::array<float, 3> emitted{};     ///< RGB, the same in every direction
     std::array<float, 12> scattered{};  ///< RGB of the mean, and of the parts along x, y and z
   };
 
@@ -34,7 +34,7 @@ class AmbientLight {
   /// RGB that a diffuse surface of albedo 1 reflects: of the sky and of flames, unscattered; and of all light that was
   /// scattered.
   struct Lit {
-    dvec3 sky{0}, glow{0}, scattered{0};
+    dvec3 sky{0}, emitted{0}, scattered{0};
   };
   Lit onto(const dvec3& p, const dvec3& normal) const;
   /// Optical depth of the media, without the forward peak, along a part of a ray.
@@ -42,13 +42,13 @@ class AmbientLight {
 
  private:
   struct Probe {
-    AmbientCube sky, glow, scattered;
+    AmbientCube sky, emitted, scattered;
     AmbientCube sky_scattered;  ///< by forward peaks alone
     bool outside = true;        ///< of solids, and on the front of surfaces
   };
   /// Light that arrives at a point from a direction, of what lies nearer than a distance.
   struct Seen {
-    dvec3 glow{0}, scattered{0};
+    dvec3 emitted{0}, scattered{0};
     double straight = 1, passed = 1;  ///< transmittance, with the forward peak and without it
   };
   Seen along(const dvec3& p, const dvec3& direction, double distance) const;

@@ -1,19 +1,15 @@
 #include "render/guides/guide_march.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <cstring>
 #include <limits>
-#include <stdexcept>
 #include <utility>
 
 #include "base/math.h"
 #include "base/parallel_for.h"
 #include "render/guides/attenuation.h"
-#include "render/guides/forward_peak.h"
-#include "render/guides/media_line.h"
-#include "render/world/bsdf.h"
+#include "render/guides/guide_layers.h"
+#include "render/guides/guide_pixel.h"
 
 namespace brume {
 namespace {
@@ -32,40 +28,14 @@ constexpr double kAlike = 0.02;
 constexpr double kLightSteps = 2, kLightThickness = 0.12;
 constexpr double kOpaque = 2e-3;  // transmittance of an eighth of the extinction at which a ray ends
 constexpr double kFar = 1e30;
-constexpr double kCapMeanCosine = 0.96;  // of a cap of a 24th of the sphere
-constexpr double kNarrow = 0.99;         // mean cosine of directions that count as one
-constexpr int kMostRaysAcross = 4;       // of a pixel that shows the edge of a surface or light
-constexpr double kEdgeCosine = 0.9;      // between the normals at a pixel's corners
-constexpr int kMostUnseen = 8;           // surfaces that a camera ray goes through
-constexpr std::array<const char*, 6> kOrderNames = {"order2", "order3", "order4", "order6", "order9", "tail"};
-constexpr size_t kOrders = kOrderNames.size();
-// Octaves: the same light with a half, a quarter, an eighth of the extinction and of the anisotropy.
-// Source: Wrenninge, Kulla, Lundqvist 2013, Oz: The Great and Volumetric.
-constexpr std::array<const char*, 3> kOctaveNames = {"half", "quarter", "eighth"};
-constexpr std::array<const char*, 4> kSoftNames = {"soft2", "soft4", "soft8", "soft16"};
-
-bool sharp(const GroupLight& g) {
-  return g.group.kind == LightGroup::Kind::kSun || g.group.kind == LightGroup::Kind::kLocal;
-}
-bool is_sky(const GroupLight& g) {
-  return g.group.kind == LightGroup::Kind::kSky;
-}
-
-/// Whether the light was scattered before it entered the media.
-bool from_surfaces(const GroupLight& g) {
-  return g.group.kind == LightGroup::Kind::kSurfaces;
-}
+constexpr double kNarrow = 0.99;     // mean cosine of directions that count as one
+constexpr int kMostRaysAcross = 4;   // of a pixel that shows the edge of a surface or light
+constexpr double kEdgeCosine = 0.9;  // between the normals at a pixel's corners
+constexpr int kMostUnseen = 8;       // surfaces that a camera ray goes through
+constexpr size_t kOrders = SolvedLight::kFirstOrder.size();
 
 double henyey_greenstein(double g, double c) {
   return HenyeyGreenstein{g}.value(c);
-}
-
-/// Four numbers at once, which compilers do not find by themselves here.
-using Four = float __attribute__((vector_size(16)));
-Four four_at(const float* values) {
-  Four four;
-  std::memcpy(&four, values, sizeof four);
-  return four;
 }
 
 vec3 tinted(const dvec3& colour, double value) {
@@ -74,47 +44,6 @@ vec3 tinted(const dvec3& colour, double value) {
 
 }  // namespace
 
-/// What one pixel gathers; every ray adds to it.
-struct GuideMarch::Sums {
-  std::vector<double> value;  // as outputs_
-  vec3 emission{0}, emission_once{0}, behind{0}, background{0}, normal{0}, surface_albedo{0};
-  vec3 indirect{0}, mirrored{0}, mirrored_indirect{0}, material{0};
-  double surface_depth = 0, depth2 = 0;
-  std::vector<vec3> surface;  // by group
-  // Fields times the weight of what is seen of them, with the whole extinction and without the forward peak.
-  std::vector<float> plain, scaled;
-  std::vector<std::array<double, 4>> phases;  // of a group's light, towards the eye: no sum
-  std::vector<ForwardPeak> peaks;             // the same
-  std::vector<double> phase_g;                // mean cosines that those of suns were made for on this ray
-  // Of media of unlike tints: light in all colours, and of a group at one place what is predicted; the last tint seen.
-  dvec3 tinted_direct{0}, tinted_indirect{0};
-  struct AtOnePlace {
-    double single = 0, forward = 0;
-  };
-  std::vector<AtOnePlace> here;
-  OrderTint tint;
-
-  Sums(size_t values, size_t groups, size_t fields)
-      : value(values, 0.0),
-        surface(groups, vec3(0)),
-        plain(fields, 0.0f),
-        scaled(fields, 0.0f),
-        phases(groups),
-        peaks(groups),
-        phase_g(groups),
-        here(groups) {}
-  void clear() {
-    std::fill(value.begin(), value.end(), 0.0);
-    std::fill(plain.begin(), plain.end(), 0.0f);
-    std::fill(scaled.begin(), scaled.end(), 0.0f);
-    std::fill(surface.begin(), surface.end(), vec3(0));
-    emission = emission_once = behind = background = normal = surface_albedo = indirect = mirrored = mirrored_indirect =
-        material = vec3(0);
-    tinted_direct = tinted_indirect = dvec3(0);
-    surface_depth = depth2 = 0;
-  }
-};
-
 GuideMarch::GuideMarch(const PathContext& context, const std::vector<GuideMedia>& media, const LightFields& fields,
                        GuideColour colour, const Camera& camera, double step_voxels)
     : context_(context),
@@ -122,194 +51,21 @@ GuideMarch::GuideMarch(const PathContext& context, const std::vector<GuideMedia>
       fields_(fields),
       colour_(colour),
       camera_(camera),
-      step_(step_voxels * media[0].voxel()) {
+      step_(step_voxels * media[0].voxel()),
+      node_fields_(fields, media[0], colour) {
   const dvec3 middle = 0.5 * (media[0].lo() + media[0].hi());
   reference_depth_ = glm::distance(camera.ray(dvec2(0)).o, middle);
   double densest = 0;
   for (const Medium& m : media[0].media())
     densest = std::max(densest, m.maximum_density() * in_colour(m.coefficients().sigma_t, colour));
   gentle_ = std::max(kGentleGradient * densest / media[0].voxel(), 1e-300);
-  if (media[0].media().size() == 1)
-    cap_phase_ =
-        CapPhase(media[0].media()[0].phase(), 1.0 / static_cast<double>(ScatteringSolver::directions().size()));
   double even = 0;
   for (const Medium& m : media[0].media())
     if (m.homogeneous()) even += in_colour(m.coefficients().sigma_t, colour);
   if (even > 0) even_stride_ = std::clamp(kEvenThickness / (even * step_), 1.0, kEvenStride);
-  for (const GroupLight& g : fields.groups())
+  for (const SolvedLight& g : fields.lights())
     if (g.group.kind == LightGroup::Kind::kLocal) even_stride_ = 1;
   if (colour == kGrey && !media[0].media().empty()) tint_ = OrderTint(media[0].tint(0));
-  lay_out();
-}
-
-void GuideMarch::lay_out() {
-  const char letter = colour_ == kGrey ? 'Y' : "RGB"[colour_];
-  outputs_ = {{"opacity", letter}, {"depth", 'Z'},    {"spread", 'Z'}, {"gradient", 'X'},
-              {"gradient", 'Y'},   {"gradient", 'Z'}, {"density", 'Y'}};
-  for (const GroupLight& g : fields_.groups()) {
-    const std::string& name = g.group.name;
-    Slots s;
-    const auto add = [&](const std::string& what) {
-      outputs_.push_back({what, g.group.channel == kGrey ? letter : "RGB"[g.group.channel]});
-      return outputs_.size() - 1;
-    };
-    const auto add_all = [&](const auto& list) {
-      const size_t first = outputs_.size();
-      for (const char* what : list) add("multiple." + name + "_" + what);
-      return first;
-    };
-    const auto fields = [&](size_t count) {
-      const size_t first = field_count_;
-      field_count_ += count;
-      return first;
-    };
-    s.single = add(from_surfaces(g) ? "multiple." + name + "_once" : "single." + name);
-    if (sharp(g)) {
-      s.octave = add_all(kOctaveNames);
-      s.soft = add_all(kSoftNames);
-    } else if (is_sky(g)) {
-      s.soft = add_all(std::array{"soft2", "soft4"});
-    }
-    s.forward = add("multiple." + name + "_forward");
-    s.orders = add_all(kOrderNames);
-    s.flux = add("multiple." + name + "_flux");
-    s.tail = add_all(std::array{"tail_half", "tail_quarter", "tail_eighth"});
-    s.field_orders = fields(kOrders + 1);
-    if (is_sky(g))
-      s.field_single = fields(3), s.field_forward = fields(1);
-    else if (!sharp(g))
-      s.field_single = fields(1);
-    if (!g.depth.empty()) s.field_depth = fields(1);
-    if (!g.visible.empty()) s.field_visible = fields(1);
-    slots_.push_back(s);
-  }
-  field_count_ = (field_count_ + 3) / 4 * 4;
-  if (field_count_ > kMostFields) throw std::logic_error("more lights have guides of their own than the march holds");
-}
-
-namespace {
-
-/// What the sky's light from each direction of travel adds at a node, for radiance 1 outside.
-struct SkyAtNode {
-  static constexpr size_t kMost = 32;
-  std::array<double, kMost> single{}, forward{}, root{}, fourth_root{};
-};
-
-/// Of one medium, for cosines from -1 to 1.
-std::vector<ForwardPeak> tabulated_peaks(double g) {
-  constexpr int kSteps = 4096;
-  std::vector<ForwardPeak> peaks;
-  for (int i = 0; i <= kSteps; ++i) peaks.emplace_back(g, 2.0 * i / kSteps - 1);
-  return peaks;
-}
-
-}  // namespace
-
-// The light that leaves each node towards the eye, all groups beside one another.
-void GuideMarch::interleave(const Task& task) {
-  const Lattice& lattice = fields_.lattice();
-  const Lattice& coarse = fields_.coarse_lattice();
-  const ivec3 n = lattice.n;
-  const auto& directions = ScatteringSolver::directions();
-  const auto count = static_cast<double>(directions.size());
-  node_fields_ = NodeValues(static_cast<size_t>(n.x) * n.y * n.z * field_count_);
-  const bool one = media_[0].media().size() == 1;
-  std::vector<std::vector<ForwardPeak>> peaks;  // of each medium
-  for (size_t m = 0; m < media_[0].media().size() && !fields_.sky().empty(); ++m)
-    peaks.push_back(tabulated_peaks(media_[0].mean_cosine(m)));
-  std::vector<std::vector<double>> roots(slots_.size());  // of each group's incoming light
-  for (size_t k = 0; k < slots_.size(); ++k)
-    for (const double light : fields_.groups()[k].incoming) roots[k].push_back(std::sqrt(light));
-  const auto peak_of = [&](double g, double cosine) {
-    for (size_t m = 0; m < peaks.size(); ++m) {
-      if (!one && std::abs(g - media_[0].mean_cosine(m)) > 1e-6) continue;
-      const double last = static_cast<double>(peaks[m].size()) - 1;
-      return peaks[m][static_cast<size_t>(std::clamp(0.5 * (cosine + 1), 0.0, 1.0) * last + 0.5)];
-    }
-    return ForwardPeak(g, cosine);
-  };
-  const auto sky_at = [&](size_t i, const dvec3& p, const dvec3& view) {
-    const double g = one ? 0 : media_[0].at(p, colour_).g;
-    SkyAtNode at;
-    double weights = 0;
-    for (size_t d = 0; d < directions.size(); ++d) {
-      const double c = glm::dot(directions[d], -view), share = fields_.sky()(i, d);
-      const double weight = one ? cap_phase_.value(c) : henyey_greenstein(kCapMeanCosine * g, c);
-      weights += weight;
-      if (!(share > 0)) continue;
-      at.single[d] = weight * share;
-      const double depth = (1 - fields_.scaled_extinction()) * std::max(0.0, -portable_log(share));
-      if (depth > 0) at.forward[d] = 4 * kPi / count * share * peak_of(g, c).repeated(depth);
-      at.root[d] = std::sqrt(share) / count;
-      at.fourth_root[d] = std::sqrt(std::sqrt(share)) / count;
-    }
-    for (size_t d = 0; d < directions.size(); ++d) {
-      at.single[d] /= weights;
-      at.forward[d] += at.single[d];
-    }
-    return at;
-  };
-  parallel_for(n.x, quiet(task), [&](int x) {
-    for (int y = 0; y < n.y; ++y)
-      for (int z = 0; z < n.z; ++z) {
-        const size_t i = lattice.index(x, y, z);
-        if (!fields_.near()[i]) continue;
-        float* const out = node_fields_.data() + ((static_cast<size_t>(x) * n.y + y) * n.z + z) * field_count_;
-        const dvec3 p = lattice.node(x, y, z), view = camera_.view_direction(p);
-        const dvec3 step = 0.75 * coarse.spacing * view;
-        const NodeWeights here(coarse, p), before(coarse, p - step), behind(coarse, p + step);
-        const SkyAtNode sky = fields_.sky().empty() ? SkyAtNode{} : sky_at(i, p, view);
-        const auto towards_eye = [&](const Moments& light, const auto& at) {
-          const double flux = view.x * at(light[1]) + view.y * at(light[2]) + view.z * at(light[3]);
-          return static_cast<float>(std::max(0.0, at(light[0]) - flux));
-        };
-        const auto at_node = [&](const NodeValues& values) { return static_cast<double>(values[i]); };
-        const auto coarsely = [&](const NodeValues& values) { return static_cast<double>(here(values)); };
-        for (size_t k = 0; k < slots_.size(); ++k) {
-          const GroupLight& g = fields_.groups()[k];
-          const Slots& s = slots_[k];
-          for (size_t order = 0; order < kOrders; ++order)
-            out[s.field_orders + order] = order < GroupLight::kFineGuides ? towards_eye(g.orders[order], at_node)
-                                                                          : towards_eye(g.orders[order], coarsely);
-          const NodeValues& tail = g.orders.back()[0];
-          out[s.field_orders + kOrders] = behind(tail) - before(tail);
-          if (is_sky(g)) {
-            double single = 0, forward = 0, root = 0, fourth_root = 0;
-            for (size_t d = 0; d < directions.size(); ++d) {
-              single += g.incoming[d] * sky.single[d];
-              forward += g.incoming[d] * sky.forward[d];
-              root += roots[k][d] * sky.root[d];
-              fourth_root += std::sqrt(roots[k][d]) * sky.fourth_root[d];
-            }
-            out[s.field_single] = static_cast<float>(single);
-            out[s.field_forward] = static_cast<float>(forward);
-            out[s.field_single + 1] = static_cast<float>(root);
-            out[s.field_single + 2] = static_cast<float>(fourth_root);
-          } else if (!sharp(g)) {
-            out[s.field_single] = towards_eye(g.once, at_node);
-          }
-          if (!g.depth.empty()) out[s.field_depth] = g.depth[i];
-          if (!g.visible.empty()) out[s.field_visible] = g.visible[i];
-        }
-      }
-  });
-}
-
-void GuideMarch::interpolate(const dvec3& world, float* values) const {
-  const ivec3 n = fields_.lattice().n;
-  const dvec3 p = glm::clamp(fields_.lattice().to_lattice(world), dvec3(0), dvec3(n - 1));
-  const ivec3 i = glm::min(ivec3(p), n - 2);
-  const vec3 f(p - dvec3(i)), e = 1.0f - f;
-  const size_t z = field_count_, y = z * static_cast<size_t>(n.z), x = y * static_cast<size_t>(n.y);
-  const float* const node = node_fields_.data() + i.x * x + i.y * y + i.z * z;
-  const float weight[8] = {e.x * e.y * e.z, e.x * e.y * f.z, e.x * f.y * e.z, e.x * f.y * f.z,
-                           f.x * e.y * e.z, f.x * e.y * f.z, f.x * f.y * e.z, f.x * f.y * f.z};
-  const size_t offset[8] = {0, z, y, y + z, x, x + z, x + y, x + y + z};
-  for (size_t m = 0; m < field_count_; m += 4) {
-    Four sum = weight[0] * four_at(node + m);
-    for (size_t c = 1; c < 8; ++c) sum += weight[c] * four_at(node + offset[c] + m);
-    std::memcpy(values + m, &sum, sizeof sum);
-  }
 }
 
 bool GuideMarch::blurred() const {
@@ -326,87 +82,24 @@ int GuideMarch::rays_across() const {
 }
 
 void GuideMarch::record(const ivec2& corner, Layers& frame, const Task& task) {
-  interleave(task);
+  node_fields_.fill(camera_, task);
   gather_light(task);
-  const auto layer_of = [&](const std::string& name, char channel) -> Plane& {
-    return frame.add("guide." + name + "." + channel);
-  };
-  const bool first = colour_ == kGrey || colour_ == 0;
-  // Where the sums go; null for what another colour has recorded already.
-  std::vector<Plane*> planes;
-  for (size_t i = 0; i < outputs_.size(); ++i) {
-    const bool once = i > kOpacity && i < kBaseCount;
-    planes.push_back(once && !first ? nullptr : &layer_of(outputs_[i].name, outputs_[i].channel));
-  }
-  const std::vector<size_t> channels =
-      colour_ == kGrey ? std::vector<size_t>{0, 1, 2} : std::vector<size_t>{static_cast<size_t>(colour_)};
-  const bool surfaces = context_.surfaces != nullptr, glows = !media_[0].emissions().empty();
-  std::array<Plane*, 3> emission{}, background{}, albedo{}, direct{}, indirect{}, normal{}, lit_indirect{}, mirrored{},
-      mirrored_indirect{}, material{}, emission_once{}, behind{};
-  std::vector<std::array<Plane*, 3>> lit(slots_.size());
-  for (const size_t c : channels) {
-    if (glows) emission[c] = &layer_of("emission", "RGB"[c]);
-    if (glows) emission_once[c] = &layer_of("single.emission", "RGB"[c]);
-    if (glows || surfaces) behind[c] = &layer_of("multiple.behind", "RGB"[c]);
-    background[c] = &layer_of("background", "RGB"[c]);
-    direct[c] = &layer_of("predicted_direct", "RGB"[c]);
-    indirect[c] = &layer_of("predicted_indirect", "RGB"[c]);
-    if (!surfaces) continue;
-    albedo[c] = &layer_of("surface_albedo", "RGB"[c]);
-    lit_indirect[c] = &layer_of("surface.indirect", "RGB"[c]);
-    for (size_t g = 0; g < lit.size(); ++g) {
-      const LightGroup& group = fields_.groups()[g].group;
-      if (from_surfaces(fields_.groups()[g])) continue;
-      if (group.channel == kGrey || group.channel == static_cast<int>(c))
-        lit[g][c] = &layer_of("surface." + group.name, "RGB"[c]);
-    }
-    if (node_light_.empty()) continue;
-    mirrored[c] = &layer_of("surface.mirrored", "RGB"[c]);
-    mirrored_indirect[c] = &layer_of("surface.mirrored_indirect", "RGB"[c]);
-  }
-  Plane* surface_depth = nullptr;
-  if (surfaces && first) {
-    for (size_t a = 0; a < 3; ++a) {
-      normal[a] = &layer_of("normal", "XYZ"[a]);
-      material[a] = &layer_of("surface_material", "RGB"[a]);
-    }
-    surface_depth = &layer_of("surface_depth", 'Z');
-  }
-
+  const GuideLayers layers(frame, fields_.lights(), colour_,
+                           {.emission = !media_[0].emissions().empty(),
+                            .surfaces = context_.surfaces != nullptr,
+                            .mirrors = !node_light_.empty()});
   const int across = rays_across();
   parallel_for(frame.height(), task, [&](int y) {
-    Sums sums(outputs_.size(), slots_.size(), field_count_);
-    std::vector<MediaLine> lines;  // as media_
-    for (const GuideMedia& media : media_) lines.emplace_back(media, colour_);
+    Pixel pixel(*this);
+    GuideSums& sums = pixel.sums;
     for (int x = 0; x < frame.width(); ++x) {
-      const int rays = trace_pixel(corner + ivec2(x, y), across, lines, sums);
+      const int rays = trace_pixel(corner + ivec2(x, y), across, pixel);
       collect_fields(sums);
-      const double share = 1.0 / rays;
-      const double opacity = sums.value[kOpacity];
-      if (opacity > 0) {
-        const double mean = sums.value[kDepth] / opacity;
-        sums.value[kSpread] = opacity * std::sqrt(std::max(0.0, sums.depth2 / opacity - mean * mean));
+      if (sums.opacity > 0) {
+        const double mean = sums.depth / sums.opacity;
+        sums.spread = sums.opacity * std::sqrt(std::max(0.0, sums.depth2 / sums.opacity - mean * mean));
       }
-      for (size_t i = 0; i < planes.size(); ++i)
-        if (planes[i]) (*planes[i])(x, y) = static_cast<float>(share * sums.value[i]);
-      const auto store = [&](const std::array<Plane*, 3>& to, const vec3& value) {
-        for (int c = 0; c < 3; ++c)
-          if (Plane* const plane = to[static_cast<size_t>(c)]) (*plane)(x, y) = static_cast<float>(share) * value[c];
-      };
-      store(emission, sums.emission);
-      store(emission_once, sums.emission_once);
-      store(behind, sums.behind);
-      store(background, sums.background);
-      store(direct, predicted_direct(sums));
-      store(indirect, predicted_indirect(sums));
-      store(albedo, sums.surface_albedo);
-      store(lit_indirect, sums.indirect);
-      store(normal, sums.normal);
-      store(material, sums.material);
-      store(mirrored, sums.mirrored);
-      store(mirrored_indirect, sums.mirrored_indirect);
-      for (size_t g = 0; g < lit.size(); ++g) store(lit[g], sums.surface[g]);
-      if (surface_depth) (*surface_depth)(x, y) = static_cast<float>(share * sums.surface_depth);
+      layers.store(x, y, sums, predicted_direct(sums), predicted_indirect(sums), 1.0 / rays);
     }
   });
 }
@@ -453,23 +146,22 @@ bool GuideMarch::shows_edge(const ivec2& pixel) const {
   return false;
 }
 
-int GuideMarch::trace_pixel(const ivec2& pixel, int across, std::vector<MediaLine>& lines, Sums& sums) const {
-  if (context_.surfaces && across < kMostRaysAcross && shows_edge(pixel)) across = kMostRaysAcross;
-  sums.clear();
+int GuideMarch::trace_pixel(const ivec2& at, int across, Pixel& pixel) const {
+  if (context_.surfaces && across < kMostRaysAcross && shows_edge(at)) across = kMostRaysAcross;
+  pixel.sums.clear();
   double least = 1, most = 0;
   bool alike = true;
   std::optional<uint32_t> surface;
   for (int r = 0; r < across * across; ++r) {
-    const Eye ray = eye(pixel, r, across);
+    const Eye ray = eye(at, r, across);
     const auto moment = static_cast<size_t>(ray.time * static_cast<double>(media_.size()));
-    const Met met = trace(ray, media_[moment], lines[moment], sums);
+    const Met met = trace(ray, media_[moment], pixel.lines[moment], pixel);
     if (r == 0) surface = met.surface;
     alike = alike && met.surface == surface;
     least = std::min(least, met.passed);
     most = std::max(most, met.passed);
   }
-  if (across == 2 && blurred() && !(alike && most - least < kAlike))
-    return trace_pixel(pixel, kMostRaysAcross, lines, sums);
+  if (across == 2 && blurred() && !(alike && most - least < kAlike)) return trace_pixel(at, kMostRaysAcross, pixel);
   return across * across;
 }
 
@@ -487,12 +179,13 @@ std::optional<SurfaceHit> GuideMarch::first_seen(const Ray& ray) const {
 }
 
 // The first surface that is seen, with the medium in front of it.
-GuideMarch::Met GuideMarch::trace(const Eye& eye, const GuideMedia& media, MediaLine& line, Sums& sums) const {
+GuideMarch::Met GuideMarch::trace(const Eye& eye, const GuideMedia& media, MediaLine& line, Pixel& pixel) const {
   const Ray ray = camera_.ray(eye.film, eye.lens, eye.time);
   const std::optional<SurfaceHit> hit = first_seen(ray);
   const auto [light, distance] = context_.lights->nearest(ray, hit ? hit->t : kFar, /*seen=*/true);
   const double t_end = light ? distance : hit ? hit->t : kFar;
-  const Passed passed = march(eye, ray, media, line, t_end, sums);
+  const Passed passed = march(eye, ray, media, line, t_end, pixel);
+  GuideSums& sums = pixel.sums;
   if (light) {
     sums.background += tinted(light->radiance(ray, distance), passed.straight);
   } else if (hit) {
@@ -504,16 +197,8 @@ GuideMarch::Met GuideMarch::trace(const Eye& eye, const GuideMedia& media, Media
   return {passed.straight, hit && !light ? std::optional(hit->surface) : std::nullopt};
 }
 
-/// A piece of a ray whose light is looked up once: weights of what is seen of it, with the extinction, a half, a
-/// quarter, an eighth of it, and without the forward peak; and means over it.
-struct GuideMarch::Piece {
-  double w = 0, w2 = 0, w4 = 0, w8 = 0, scaled = 0;
-  double thickness = 0, distance = 0, depth = 0, albedo = 0, g = 0;  // the last four times thickness
-  dvec3 tint{0};                                                     // the same times albedo
-};
-
 GuideMarch::Passed GuideMarch::march(const Eye& eye, const Ray& ray, const GuideMedia& media, MediaLine& line,
-                                     double t_max, Sums& sums) const {
+                                     double t_max, Pixel& pixel) const {
   static thread_local std::vector<std::pair<double, double>> parts, uneven;
   media.intervals(ray, t_max, parts);
   if (parts.empty()) return {};
@@ -521,17 +206,18 @@ GuideMarch::Passed GuideMarch::march(const Eye& eye, const Ray& ray, const Guide
   if (some_even) media.uneven_intervals(ray, t_max, uneven);
   auto ahead = uneven.begin();
   line.follow(ray);
-  const bool glows = !media.emissions().empty(), mixed = media.mixed_tints();
+  const bool emits = !media.emissions().empty(), mixed = media.mixed_tints();
   const double scale = fields_.scaled_extinction();
   const double step = eye.stride * step_;
   double passed = 1, passed2 = 1, passed4 = 1, passed8 = 1, passed_scaled = 1, depth = 0, sigma_t = 0;
   double seen = 0, seen_depth = 0, seen_depth2 = 0, seen_density = 0;
   dvec3 seen_gradient(0);
   Piece piece;
-  std::fill(sums.phase_g.begin(), sums.phase_g.end(), std::numeric_limits<double>::quiet_NaN());
-  for (size_t k = 0; k < slots_.size(); ++k)
-    if (const Sun* const sun = fields_.groups()[k].group.sun; sun && media.media().size() == 1)
-      look_from(media, glm::dot(sun->axis(), ray.d), media.mean_cosine(0), 1, k, sums);
+  for (size_t k = 0; k < pixel.views.size(); ++k) {
+    pixel.views[k].g = std::numeric_limits<double>::quiet_NaN();
+    if (const Sun* const sun = fields_.lights()[k].group.sun; sun && media.media().size() == 1)
+      look_from(media, glm::dot(sun->axis(), ray.d), media.mean_cosine(0), 1, k, pixel);
+  }
 
   for (const auto& [begin, end] : parts) {
     // Steps of neighbouring pixels begin at the same distances from the eye, wherever their cells begin.
@@ -552,15 +238,15 @@ GuideMarch::Passed GuideMarch::march(const Eye& eye, const Ray& ray, const Guide
       if (middle > t_max) break;
       dvec3 gradient;
       const GuideMedia::Point point = line.at(middle, gradient);
-      const dvec3 glow = glows ? media.glow(ray.at(middle)) : dvec3(0);
+      const dvec3 emission = emits ? media.emission(ray.at(middle)) : dvec3(0);
       const double thickness = point.sigma_t * length;
       sigma_t = point.sigma_t;
       if (!(thickness > 0)) {
-        if (glows) add_glow(glow, passed * length, passed_scaled * length, depth, sums);
+        if (emits) add_emission(emission, passed * length, passed_scaled * length, depth, pixel.sums);
         continue;
       }
       if (middle >= piece_end || piece.thickness > kLightThickness) {
-        light_of(piece, media, ray, sums);
+        add_light(piece, media, ray, pixel);
         piece = {};
         piece_end = (std::floor(middle / light_step - eye.offset) + 1 + eye.offset) * light_step;
       }
@@ -578,9 +264,9 @@ GuideMarch::Passed GuideMarch::march(const Eye& eye, const Ray& ray, const Guide
       piece.albedo += thickness * point.albedo;
       piece.g += thickness * point.g;
       if (mixed) piece.tint += thickness * point.albedo * point.tint;
-      if (glows)
-        add_glow(glow, w / point.sigma_t, passed_scaled * (1 - q_scaled) / (point.sigma_t * scale),
-                 depth + 0.5 * thickness, sums);
+      if (emits)
+        add_emission(emission, w / point.sigma_t, passed_scaled * (1 - q_scaled) / (point.sigma_t * scale),
+                     depth + 0.5 * thickness, pixel.sums);
       passed *= q;
       passed2 *= q2;
       passed4 *= q4;
@@ -596,22 +282,23 @@ GuideMarch::Passed GuideMarch::march(const Eye& eye, const Ray& ray, const Guide
       seen_density += w * point.density;
     }
   }
-  light_of(piece, media, ray, sums);
-  std::vector<double>& out = sums.value;
-  out[kOpacity] += seen;
-  out[kDepth] += seen_depth;
+  add_light(piece, media, ray, pixel);
+  GuideSums& sums = pixel.sums;
+  sums.opacity += seen;
+  sums.depth += seen_depth;
   sums.depth2 += seen_depth2;
-  for (int a = 0; a < 3; ++a) out[kGradient + static_cast<size_t>(a)] += seen_gradient[a];
-  out[kDensity] += seen_density;
+  sums.gradient += seen_gradient;
+  sums.density += seen_density;
   return {passed, std::max(0.0, passed_scaled - passed)};
 }
 
 // Seen straight on, and after one scattering or more by forward peaks.
-void GuideMarch::add_glow(const dvec3& glow, double straight, double scaled, double depth, Sums& sums) const {
+void GuideMarch::add_emission(const dvec3& coefficient, double straight, double scaled, double depth,
+                              GuideSums& sums) const {
   const double once = std::min(straight * (1 - fields_.scaled_extinction()) * depth, std::max(0.0, scaled - straight));
-  sums.emission += tinted(glow, straight);
-  sums.emission_once += tinted(glow, once);
-  sums.behind += tinted(glow, std::max(0.0, scaled - straight - once));
+  sums.emission += tinted(coefficient, straight);
+  sums.emission_once += tinted(coefficient, once);
+  sums.behind += tinted(coefficient, std::max(0.0, scaled - straight - once));
 }
 
 double GuideMarch::phase_value(const GuideMedia& media, double cosine, double g, double spread) const {
@@ -621,10 +308,10 @@ double GuideMarch::phase_value(const GuideMedia& media, double cosine, double g,
 
 // Its phase function, octaves and forward peak.
 void GuideMarch::look_from(const GuideMedia& media, double cosine, double g, double spread, size_t group,
-                           Sums& sums) const {
-  sums.phases[group] = {phase_value(media, cosine, g, spread), henyey_greenstein(g / 2, cosine),
-                        henyey_greenstein(g / 4, cosine), henyey_greenstein(g / 8, cosine)};
-  sums.peaks[group] = ForwardPeak(g, cosine);
+                           Pixel& pixel) const {
+  pixel.views[group].phase = {phase_value(media, cosine, g, spread), henyey_greenstein(g / 2, cosine),
+                              henyey_greenstein(g / 4, cosine), henyey_greenstein(g / 8, cosine)};
+  pixel.views[group].peak = ForwardPeak(g, cosine);
 }
 
 dvec3 GuideMarch::in_light(const GuideMedia& media, const dvec3& p) const {
@@ -632,203 +319,108 @@ dvec3 GuideMarch::in_light(const GuideMedia& media, const dvec3& p) const {
   return &media == &solved ? p : media.followed(p, solved);
 }
 
-void GuideMarch::look_from_sun(const GuideMedia& media, const Ray& ray, double g, size_t group, Sums& sums) const {
+void GuideMarch::look_from_sun(const GuideMedia& media, const Ray& ray, double g, size_t group, Pixel& pixel) const {
   // In steps, so that it seldom changes.
   constexpr double kSteps = 1024;
   const double rounded = std::round(g * kSteps) / kSteps;
-  if (sums.phase_g[group] == rounded) return;
-  sums.phase_g[group] = rounded;
-  look_from(media, glm::dot(fields_.groups()[group].group.sun->axis(), ray.d), rounded, 1, group, sums);
+  if (pixel.views[group].g == rounded) return;
+  pixel.views[group].g = rounded;
+  look_from(media, glm::dot(fields_.lights()[group].group.sun->axis(), ray.d), rounded, 1, group, pixel);
 }
 
-void GuideMarch::light_of(const Piece& piece, const GuideMedia& media, const Ray& ray, Sums& sums) const {
+void GuideMarch::add_light(const Piece& piece, const GuideMedia& media, const Ray& ray, Pixel& pixel) const {
   if (!(piece.thickness > 0)) return;
-  std::vector<double>& out = sums.value;
-  const dvec3 here = ray.at(piece.distance / piece.thickness), p = in_light(media, here);
-  const double albedo = piece.albedo / piece.thickness, g_mean = piece.g / piece.thickness;
+  const double albedo = piece.albedo / piece.thickness;
   const auto w = static_cast<float>(piece.w), scaled = static_cast<float>(piece.scaled);
-  alignas(16) float fields[kMostFields];
-  interpolate(p, fields);
-  for (size_t i = 0; i < field_count_; ++i) sums.plain[i] += w * fields[i];
-  for (size_t i = 0; i < field_count_; ++i) sums.scaled[i] += scaled * fields[i];
-  for (size_t k = 0; k < slots_.size(); ++k) {
-    const GroupLight& g = fields_.groups()[k];
-    const Slots& s = slots_[k];
-    const double tail = fields[s.field_orders + kOrders - 1];
-    out[s.tail] += piece.w2 * tail;
-    out[s.tail + 1] += piece.w4 * tail;
-    out[s.tail + 2] += piece.w8 * tail;
-    if (is_sky(g)) {
-      const double single = piece.w * albedo * fields[s.field_single];
-      const double forward = piece.scaled / fields_.scaled_extinction() * albedo * fields[s.field_forward] - single;
-      out[s.single] += single;
-      out[s.forward] += forward;
-      sums.here[k] = {single, forward};
-      continue;
-    }
-    if (!sharp(g)) {
-      // These fields are per extinction without the forward peak.
-      const double single = fields_.scaled_extinction() * piece.w * fields[s.field_single];
-      sums.here[k] = {single, std::max(0.0, piece.scaled * fields[s.field_single] - single)};
-      continue;
-    }
-    double irradiance, tau, arriving;
-    if (g.group.sun) {
-      irradiance = in_colour(g.group.sun->irradiance(), colour_);
-      tau = g.sun[time_of(media)].at(here);
-      arriving = attenuation(tau);
-      // Of a sun in one medium the angle does not change along the ray.
-      if (media.media().size() > 1) look_from_sun(media, ray, g_mean, k, sums);
+  alignas(16) float fields[NodeFields::kMost];
+  node_fields_.interpolate(in_light(media, ray.at(piece.distance / piece.thickness)), fields);
+  GuideSums& sums = pixel.sums;
+  for (size_t i = 0; i < node_fields_.count(); ++i) sums.plain[i] += w * fields[i];
+  for (size_t i = 0; i < node_fields_.count(); ++i) sums.scaled[i] += scaled * fields[i];
+  for (size_t k = 0; k < sums.groups.size(); ++k) {
+    const LightGroup& group = fields_.lights()[k].group;
+    const NodeFields::Slots& s = node_fields_.of(k);
+    GroupSums& out = sums.groups[k];
+    Pixel::View& view = pixel.views[k];
+    const double tail = fields[s.orders + kOrders - 1];
+    out.tail[0] += piece.w2 * tail;
+    out.tail[1] += piece.w4 * tail;
+    out.tail[2] += piece.w8 * tail;
+    if (group.sky()) {
+      view.single = piece.w * albedo * fields[s.single];
+      view.forward = piece.scaled / fields_.scaled_extinction() * albedo * fields[s.forward] - view.single;
+      out.single += view.single;
+      out.forward += view.forward;
+    } else if (group.sharp()) {
+      add_sharp_light(piece, media, ray, fields, k, pixel);
     } else {
-      const LocalLight light = local_light(*g.group.lights[0], p);
-      irradiance = in_colour(light.irradiance, colour_);
-      tau = fields[s.field_depth];
-      arriving = light.transmittance(tau);
-      look_from(media, glm::dot(light.towards, ray.d), g_mean, light.mean_cosine(), k, sums);
+      // These fields are per extinction without the forward peak.
+      view.single = fields_.scaled_extinction() * piece.w * fields[s.single];
+      view.forward = std::max(0.0, piece.scaled * fields[s.single] - view.single);
     }
-    if (!g.visible.empty()) irradiance *= fields[s.field_visible];
-    irradiance *= albedo;
-    const std::array<double, 4>& phase = sums.phases[k];
-    const double v16 = attenuation(tau / 16), v8 = v16 * v16, v4 = v8 * v8, v2 = v4 * v4;
-    const double single = piece.w * irradiance * phase[0] * arriving;
-    out[s.single] += single;
-    const double peak = (1 - fields_.scaled_extinction()) * (tau + piece.depth / piece.thickness);
-    const double forward = piece.w * irradiance * arriving * sums.peaks[k].repeated(peak);
-    out[s.forward] += forward;
-    sums.here[k] = {single, forward};
-    out[s.octave] += piece.w2 * irradiance * phase[1] * v2;
-    out[s.octave + 1] += piece.w4 * irradiance * phase[2] * v4;
-    out[s.octave + 2] += piece.w8 * irradiance * phase[3] * v8;
-    const double even = piece.w * irradiance / (4 * kPi);
-    out[s.soft] += even * v2;
-    out[s.soft + 1] += even * v4;
-    out[s.soft + 2] += even * v8;
-    out[s.soft + 3] += even * v16;
   }
-  if (media.mixed_tints()) add_tinted(piece, fields, sums);
+  if (media.mixed_tints()) add_tinted(piece, fields, pixel);
 }
 
-void GuideMarch::add_tinted(const Piece& piece, const float* fields, Sums& sums) const {
-  if (!(piece.albedo > 0)) return;
-  // In steps, so that it seldom changes.
-  constexpr double kSteps = 4096;
-  const dvec3 tint = glm::round(piece.tint / piece.albedo * kSteps) / kSteps;
-  if (tint != sums.tint.once()) sums.tint = OrderTint(tint);
-  for (size_t k = 0; k < slots_.size(); ++k) {
-    const GroupLight& g = fields_.groups()[k];
-    const dvec3 colour = colour_of(g), once = sums.here[k].single * sums.tint.once();
-    dvec3 more = sums.here[k].forward * sums.tint.forward();
-    for (size_t order = 0; order < kOrders; ++order)
-      more += piece.scaled * fields[slots_[k].field_orders + order] * sums.tint.of_guide(order);
-    (from_surfaces(g) ? sums.tinted_indirect : sums.tinted_direct) += colour * once;
-    sums.tinted_indirect += colour * more;
+// Light of a sun or lamp, whose direction and optical depth are known.
+void GuideMarch::add_sharp_light(const Piece& piece, const GuideMedia& media, const Ray& ray, const float* fields,
+                                 size_t k, Pixel& pixel) const {
+  const SolvedLight& solved = fields_.lights()[k];
+  const NodeFields::Slots& s = node_fields_.of(k);
+  const dvec3 here = ray.at(piece.distance / piece.thickness);
+  const double g_mean = piece.g / piece.thickness;
+  double irradiance, tau, arriving;
+  if (solved.group.sun) {
+    irradiance = in_colour(solved.group.sun->irradiance(), colour_);
+    tau = solved.sun[time_of(media)].at(here);
+    arriving = attenuation(tau);
+    // Of a sun in one medium the angle does not change along the ray.
+    if (media.media().size() > 1) look_from_sun(media, ray, g_mean, k, pixel);
+  } else {
+    const LocalLight light = local_light(*solved.group.lights[0], in_light(media, here));
+    irradiance = in_colour(light.irradiance, colour_);
+    tau = fields[s.depth];
+    arriving = light.transmittance(tau);
+    look_from(media, glm::dot(light.towards, ray.d), g_mean, light.mean_cosine(), k, pixel);
   }
+  if (!solved.visible.empty()) irradiance *= fields[s.visible];
+  irradiance *= piece.albedo / piece.thickness;
+  Pixel::View& view = pixel.views[k];
+  GroupSums& out = pixel.sums.groups[k];
+  const std::array<double, 4>& phase = view.phase;
+  const double v16 = attenuation(tau / 16), v8 = v16 * v16, v4 = v8 * v8, v2 = v4 * v4;
+  const double peak = (1 - fields_.scaled_extinction()) * (tau + piece.depth / piece.thickness);
+  view.single = piece.w * irradiance * phase[0] * arriving;
+  view.forward = piece.w * irradiance * arriving * view.peak.repeated(peak);
+  out.single += view.single;
+  out.forward += view.forward;
+  out.octave[0] += piece.w2 * irradiance * phase[1] * v2;
+  out.octave[1] += piece.w4 * irradiance * phase[2] * v4;
+  out.octave[2] += piece.w8 * irradiance * phase[3] * v8;
+  const double even = piece.w * irradiance / (4 * kPi);
+  out.soft[0] += even * v2;
+  out.soft[1] += even * v4;
+  out.soft[2] += even * v8;
+  out.soft[3] += even * v16;
 }
 
 // What is a field times a weight has been summed for all fields at once.
-void GuideMarch::collect_fields(Sums& sums) const {
-  std::vector<double>& out = sums.value;
-  for (size_t k = 0; k < slots_.size(); ++k) {
-    const GroupLight& g = fields_.groups()[k];
-    const Slots& s = slots_[k];
-    for (size_t order = 0; order < kOrders; ++order) out[s.orders + order] = sums.scaled[s.field_orders + order];
-    out[s.flux] = sums.scaled[s.field_orders + kOrders];
-    // These fields are per extinction without the forward peak.
-    const double once = fields_.scaled_extinction() * sums.plain[s.field_single];
-    if (!sharp(g) && !is_sky(g)) out[s.forward] = std::max(0.0, sums.scaled[s.field_single] - once);
-    if (is_sky(g)) {
-      out[s.soft] = sums.plain[s.field_single + 1];
-      out[s.soft + 1] = sums.plain[s.field_single + 2];
-    } else if (!sharp(g)) {
-      out[s.single] = once;
+void GuideMarch::collect_fields(GuideSums& sums) const {
+  for (size_t k = 0; k < sums.groups.size(); ++k) {
+    const LightGroup& group = fields_.lights()[k].group;
+    const NodeFields::Slots& s = node_fields_.of(k);
+    GroupSums& out = sums.groups[k];
+    for (size_t order = 0; order < kOrders; ++order) out.orders[order] = sums.scaled[s.orders + order];
+    out.flux = sums.scaled[s.flux];
+    if (group.sky()) {
+      out.soft[0] = sums.plain[s.root];
+      out.soft[1] = sums.plain[s.fourth_root];
+    } else if (!group.sharp()) {
+      // These fields are per extinction without the forward peak.
+      out.single = fields_.scaled_extinction() * sums.plain[s.single];
+      out.forward = std::max(0.0, sums.scaled[s.single] - out.single);
     }
   }
-}
-
-vec3 GuideMarch::predicted_direct(const Sums& sums) const {
-  vec3 light = sums.background + sums.emission + sums.emission_once + sums.mirrored + vec3(sums.tinted_direct);
-  const bool mixed = media_[0].mixed_tints();
-  for (size_t k = 0; k < slots_.size(); ++k) {
-    const GroupLight& g = fields_.groups()[k];
-    if (from_surfaces(g)) continue;
-    light += sums.surface[k];
-    if (!mixed) light += tinted(tint_.once() * colour_of(g), sums.value[slots_[k].single]);
-  }
-  return light;
-}
-
-vec3 GuideMarch::predicted_indirect(const Sums& sums) const {
-  vec3 light = sums.indirect + sums.mirrored_indirect + sums.behind + vec3(sums.tinted_indirect);
-  if (media_[0].mixed_tints()) return light;
-  for (size_t k = 0; k < slots_.size(); ++k) {
-    const GroupLight& g = fields_.groups()[k];
-    light += tinted(tint_.forward() * colour_of(g), sums.value[slots_[k].forward]);
-    if (from_surfaces(g)) light += tinted(tint_.once() * colour_of(g), sums.value[slots_[k].single]);
-    for (size_t order = 0; order < kOrders; ++order)
-      light += tinted(tint_.of_guide(order) * colour_of(g), sums.value[slots_[k].orders + order]);
-  }
-  return light;
-}
-
-GuideMarch::Shaded GuideMarch::shaded(const Ray& ray, const SurfaceHit& hit) const {
-  const bool front = glm::dot(hit.normal, ray.d) < 0;
-  // As the tracer: the shading normal's angles, but the geometry's side.
-  const dvec3 outside = front ? hit.normal : -hit.normal, smooth = front ? hit.shading : -hit.shading;
-  const dvec3 normal = glm::dot(-ray.d, smooth) > 1e-4 ? smooth : outside;
-  const dvec3 p = ray.at(hit.t);
-  return {p, Surfaces::leave(hit, p, -ray.d), normal, -ray.d, !front, context_.surfaces->bsdf(hit), Frame(normal)};
-}
-
-// Lit by every light's irradiance through the medium, and by the sky; metals and glass show what they mirror.
-void GuideMarch::add_surface(const Eye& eye, const Ray& ray, const SurfaceHit& hit, const Passed& passed,
-                             const GuideMedia& media, MediaLine& line, Sums& sums) const {
-  const Shaded at = shaded(ray, hit);
-  const double straight = passed.straight;
-  sums.normal += tinted(at.normal, straight);
-  sums.surface_albedo += tinted(at.bsdf.albedo, straight);
-  sums.surface_depth += straight * (hit.t - reference_depth_);
-  sums.material[static_cast<int>(at.bsdf.kind)] += static_cast<float>(straight);
-  if (!at.inside) sums.background += tinted(context_.surfaces->settings(hit.surface).radiance, straight);
-  dvec3 indirect = indirect_light_on(at), leaving(0);
-  for (size_t k = 0; k < slots_.size() && !at.bsdf.delta(); ++k) {
-    const Lit light = light_on(at, k);
-    sums.surface[k] += tinted(light.direct, straight);
-    leaving += light.direct;
-    indirect += light.indirect;
-  }
-  sums.indirect += tinted(indirect, straight);
-  leaving += indirect;
-  if (at.bsdf.kind != Bsdf::Kind::kDiffuse) {
-    const Seen seen = mirrored(eye, at, hit, media, line);
-    sums.mirrored += tinted(seen.straight, straight);
-    sums.mirrored_indirect += tinted(seen.scattered, straight);
-    leaving += seen.straight + seen.scattered;
-  }
-  sums.behind += tinted(leaving, passed.peaks);
-}
-
-Surroundings GuideMarch::surroundings() const {
-  return {fields_.lattice(), fields_.scaled_extinction(), *context_.lights,       *context_.surfaces,
-          colour_,           fields_.ambient_light(),     fields_.surface_light()};
-}
-
-dvec3 GuideMarch::indirect_light_on(const Shaded& at) const {
-  const AmbientLight* const ambient = fields_.ambient_light();
-  if (!ambient || at.bsdf.kind != Bsdf::Kind::kDiffuse) return dvec3(0);
-  return at.bsdf.albedo * ambient->onto(at.p, at.normal).scattered;
-}
-
-Lit GuideMarch::light_on(const Shaded& at, size_t group) const {
-  const GroupLight& g = fields_.groups()[group];
-  Lit light;
-  if (at.bsdf.kind == Bsdf::Kind::kDiffuse) {
-    light.add(at.bsdf.albedo, diffuse_light(g, surroundings(), at.p, at.normal));
-  } else if (sharp(g)) {
-    const Beam beam = beam_at(g, surroundings(), at.p);
-    if (glm::dot(beam.towards, at.normal) > 0 && beam.passed.direct != dvec3(0))
-      light.add(highlight(at, *g.group.lights[0]), beam.passed);
-  }
-  return light;
 }
 
 }  // namespace brume

@@ -6,10 +6,11 @@
 
 #include "base/progress.h"
 #include "image/layers.h"
-#include "render/guides/cap_phase.h"
 #include "render/guides/guide_media.h"
+#include "render/guides/guide_sums.h"
 #include "render/guides/light_fields.h"
 #include "render/guides/lit_surface.h"
+#include "render/guides/node_fields.h"
 #include "render/transport/integrator.h"
 #include "render/world/camera.h"
 
@@ -29,7 +30,7 @@ class GuideMarch {
   void record(const ivec2& corner, Layers& frame, const Task& task);
 
  private:
-  struct Sums;
+  struct Pixel;
   struct Piece;
   /// A camera ray, the size of the square of film that it stands for [px], and how it is marched: by steps so many
   /// times longer than those of a pixel's only ray, the first one shortened by a share of it, so that the rays of a
@@ -52,21 +53,6 @@ class GuideMarch {
     }
   };
   struct Way;
-  /// Where a light's guides lie among the sums, and its fields among the interleaved ones.
-  struct Slots {
-    size_t single = 0, octave = 0, soft = 0, forward = 0, orders = 0, flux = 0, tail = 0;
-    size_t field_orders = 0, field_single = 0, field_forward = 0, field_depth = 0, field_visible = 0;
-  };
-  static constexpr size_t kMostFields = 64;  // of all lights together: light_groups() limits them
-  /// A sum that is one number, as a layer without "guide.".
-  struct Output {
-    std::string name;
-    char channel;
-  };
-  enum Base : size_t { kOpacity, kDepth, kSpread, kGradient, kDensity = kGradient + 3, kBaseCount };
-
-  void lay_out();
-  void interleave(const Task& task);
   /// Whether rays of one pixel differ by more than where they meet the film.
   bool blurred() const;
   /// Rays of a pixel along each of its sides, where nothing is blurred.
@@ -78,8 +64,8 @@ class GuideMarch {
   /// One of a pixel's rays. @param across  of them along each of its sides
   Eye eye(const ivec2& pixel, int ray, int across) const;
   /// The rays of a pixel. @return how many they were
-  int trace_pixel(const ivec2& pixel, int across, std::vector<MediaLine>& lines, Sums& sums) const;
-  Met trace(const Eye& eye, const GuideMedia& media, MediaLine& line, Sums& sums) const;
+  int trace_pixel(const ivec2& at, int across, Pixel& pixel) const;
+  Met trace(const Eye& eye, const GuideMedia& media, MediaLine& line, Pixel& pixel) const;
   /// Transmittance of what lies before a point; and what light has more from there that was only scattered by forward
   /// peaks, which count as straight on.
   struct Passed {
@@ -87,26 +73,29 @@ class GuideMarch {
   };
   /// Of what lies before t_max.
   Passed march(const Eye& eye, const Ray& ray, const GuideMedia& media, MediaLine& line, double t_max,
-               Sums& sums) const;
-  /// @param straight, scaled  length of a piece of a ray times transmittance, with the extinction and without the
-  /// forward
-  ///                          peak   @param depth  optical depth before it
-  void add_glow(const dvec3& glow, double straight, double scaled, double depth, Sums& sums) const;
-  void interpolate(const dvec3& world, float* values) const;
+               Pixel& pixel) const;
+  /// @param straight  length of a piece of a ray times its transmittance   @param scaled  the same without the forward
+  ///                  peak   @param depth  optical depth before it
+  void add_emission(const dvec3& coefficient, double straight, double scaled, double depth, GuideSums& sums) const;
   /// Of the only medium, or of one with that mean cosine.
   /// @param spread  mean cosine of the light's directions to their middle, which `cosine` is of
   double phase_value(const GuideMedia& media, double cosine, double g, double spread) const;
-  void look_from(const GuideMedia& media, double cosine, double g, double spread, size_t group, Sums& sums) const;
+  void look_from(const GuideMedia& media, double cosine, double g, double spread, size_t group, Pixel& pixel) const;
   /// The same of parallel light where the mean cosine changes from place to place.
-  void look_from_sun(const GuideMedia& media, const Ray& ray, double g, size_t group, Sums& sums) const;
-  /// Where the light of what is at a point was solved: it may move.
-  /// Of the shutter's.
+  void look_from_sun(const GuideMedia& media, const Ray& ray, double g, size_t group, Pixel& pixel) const;
+  /// Which of the shutter's times media are of.
   size_t time_of(const GuideMedia& media) const { return static_cast<size_t>(&media - media_.data()); }
+  /// Where the light of what is at a point was solved: it may move.
   dvec3 in_light(const GuideMedia& media, const dvec3& p) const;
-  void light_of(const Piece& piece, const GuideMedia& media, const Ray& ray, Sums& sums) const;
-  void collect_fields(Sums& sums) const;
+  /// Adds the light that a piece of a ray scatters towards the eye.
+  void add_light(const Piece& piece, const GuideMedia& media, const Ray& ray, Pixel& pixel) const;
+  void add_sharp_light(const Piece& piece, const GuideMedia& media, const Ray& ray, const float* fields, size_t group,
+                       Pixel& pixel) const;
+  void collect_fields(GuideSums& sums) const;
+
+  // guide_surfaces.cpp: what surfaces reflect.
   void add_surface(const Eye& eye, const Ray& ray, const SurfaceHit& hit, const Passed& passed, const GuideMedia& media,
-                   MediaLine& line, Sums& sums) const;
+                   MediaLine& line, GuideSums& sums) const;
   /// A point of a surface as its shading sees it.
   struct Shaded {
     dvec3 on, p;       ///< on the surface, and a margin in front of it
@@ -133,11 +122,13 @@ class GuideMarch {
   dvec3 lights_ahead(const Ray& ray, const FiniteLight* light, double distance, const Way& way) const;
   Seen mirrored(const Eye& eye, const Shaded& at, const SurfaceHit& hit, const GuideMedia& media,
                 MediaLine& line) const;
-  dvec3 colour_of(const GroupLight& light) const { return light.group.colour_in(colour_); }
+  dvec3 colour_of(const SolvedLight& light) const { return light.group.colour_in(colour_); }
+
+  // guide_prediction.cpp: all of them together.
   /// Of light that several media of unlike tints scatter at one place, what is predicted of it.
-  void add_tinted(const Piece& piece, const float* fields, Sums& sums) const;
-  vec3 predicted_direct(const Sums& sums) const;
-  vec3 predicted_indirect(const Sums& sums) const;
+  void add_tinted(const Piece& piece, const float* fields, Pixel& pixel) const;
+  vec3 predicted_direct(const GuideSums& sums) const;
+  vec3 predicted_indirect(const GuideSums& sums) const;
 
   const PathContext& context_;
   const std::vector<GuideMedia>& media_;
@@ -146,12 +137,8 @@ class GuideMarch {
   const Camera& camera_;
   double step_ = 1, even_stride_ = 1, reference_depth_ = 0, gentle_ = 0;
 
-  OrderTint tint_;            // of the first medium
-  CapPhase cap_phase_;        // of the only medium
-  std::vector<Slots> slots_;  // for each group
-  std::vector<Output> outputs_;
-  size_t field_count_ = 0;  // interleaved fields, a multiple of four
-  NodeValues node_fields_;
+  OrderTint tint_;  // of the first medium
+  NodeFields node_fields_;
   // On the coarse lattice, in every colour: moments of the light scattered once, but for suns and lamps with guides of
   // their own, and of the light scattered more often. Empty where no surface mirrors or refracts.
   NodeValues node_light_;

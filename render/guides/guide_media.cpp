@@ -125,7 +125,7 @@ GuideMedia::Point GuideMedia::at(const dvec3& world, GuideColour colour) const {
   return line.at(0);
 }
 
-dvec3 GuideMedia::glow(const dvec3& world) const {
+dvec3 GuideMedia::emission(const dvec3& world) const {
   dvec3 sum(0);
   for (const EmissionField& field : emissions_) sum += field.coefficient(world);
   return sum;

@@ -15,7 +15,7 @@ using GuideColour = int;
 inline constexpr GuideColour kGrey = -1;
 double in_colour(const dvec3& rgb, GuideColour colour);
 
-/// The media and glowing fields of a scene as guides see them, at one time of the shutter: extinction, albedo and
+/// The media and emitting fields of a scene as guides see them, at one time of the shutter: extinction, albedo and
 /// density at any world point, the extinctions of several media being added.
 class GuideMedia {
  public:
@@ -49,7 +49,7 @@ class GuideMedia {
   };
   Point at(const dvec3& world, GuideColour colour) const;
   /// Emission coefficient [radiance / world unit].
-  dvec3 glow(const dvec3& world) const;
+  dvec3 emission(const dvec3& world) const;
 
   /// Where what scatters at a world point is at another time of the shutter: that of `other`, of the same scene.
   dvec3 followed(const dvec3& world, const GuideMedia& other) const;

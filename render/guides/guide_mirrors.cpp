@@ -20,14 +20,9 @@ constexpr int kMostFaces = 8;          // of glass, crossed or met from within
 constexpr double kLeastWeight = 0.02;  // of a branch at a glass face; the other one has its light
 constexpr int kLobeRays = 16;          // of a rough surface, seen by a camera ray
 constexpr int kLightsAcross = 4;       // rays of a camera ray's square of film that look for small lights in mirrors
-constexpr int kHighlightAcross = 4;    // points of a light, and as many directions of a lobe
 constexpr double kGoldenRatio = 0.6180339887498949;
 constexpr double kLightSteps = 2, kLightThickness = 0.12, kOpaque = 2e-3;  // as of camera rays
 constexpr double kLongestStep = 6;
-
-bool sharp(const GroupLight& g) {
-  return g.group.kind == LightGroup::Kind::kSun || g.group.kind == LightGroup::Kind::kLocal;
-}
 
 /// Of nodes with kCount numbers each, linear between them.
 template <size_t kCount>
@@ -98,10 +93,10 @@ void GuideMarch::gather_light(const Task& task) {
           for (size_t d = 0; d < directions.size(); ++d)
             arriving.push_back(around.mean([&](size_t node) { return fields_.sky()(node, d); }));
         }
-        for (const GroupLight& g : fields_.groups()) {
+        for (const SolvedLight& g : fields_.lights()) {
           const dvec3 colour = colour_of(g);
           for (size_t order = 0; order < g.orders.size(); ++order)
-            add_moments(kOften, order < GroupLight::kFineGuides ? fine : coarse, g.orders[order],
+            add_moments(kOften, order < SolvedLight::kFineGuides ? fine : coarse, g.orders[order],
                         colour * tints.of_guide(order));
           if (!g.once[0].empty()) add_moments(kOnce, fine, g.once, colour * tints.once());
           if (g.incoming.empty()) continue;
@@ -126,7 +121,7 @@ GuideMarch::Passed GuideMarch::see_media(const Ray& ray, const GuideMedia& media
   media.intervals(ray, t_max, parts);
   if (parts.empty()) return {};
   line.follow(ray);
-  const bool glows = !media.emissions().empty();
+  const bool emits = !media.emissions().empty();
   const double scale = fields_.scaled_extinction();
   double passed = 1, passed_scaled = 1;
   double depth = 0;
@@ -147,8 +142,8 @@ GuideMarch::Passed GuideMarch::see_media(const Ray& ray, const GuideMedia& media
     };
     seen.scattered += w * towards_eye(kOnce) + scaled * towards_eye(kOften);
     const double g_mean = g_sum / thickness_sum;
-    for (const GroupLight& g : fields_.groups()) {
-      if (!sharp(g) || !(albedo > 0)) continue;
+    for (const SolvedLight& g : fields_.lights()) {
+      if (!g.group.sharp() || !(albedo > 0)) continue;
       double irradiance, tau, arriving, extent = 1;
       dvec3 towards;
       if (g.group.sun) {
@@ -181,13 +176,13 @@ GuideMarch::Passed GuideMarch::see_media(const Ray& ray, const GuideMedia& media
       const GuideMedia::Point point = line.at(middle);
       const double thickness = point.sigma_t * length;
       const double q = attenuation(thickness), q_scaled = attenuation(thickness * scale), share = passed * (1 - q);
-      if (glows) {
+      if (emits) {
         const double straight = thickness > 0 ? share / point.sigma_t : passed * length;
         const double peaks = thickness > 0 ? passed_scaled * (1 - q_scaled) / (point.sigma_t * scale) - straight
                                            : (passed_scaled - passed) * length;
-        const dvec3 glow = media.glow(ray.at(middle));
-        seen.straight += straight * glow;
-        seen.scattered += std::max(0.0, peaks) * glow;
+        const dvec3 emission = media.emission(ray.at(middle));
+        seen.straight += straight * emission;
+        seen.scattered += std::max(0.0, peaks) * emission;
       }
       if (!(thickness > 0)) continue;
       if (thickness_sum > kLightThickness || t - looked > kLightSteps * length) {
@@ -215,8 +210,8 @@ GuideMarch::Passed GuideMarch::see_media(const Ray& ray, const GuideMedia& media
 dvec3 GuideMarch::lights_ahead(const Ray& ray, const FiniteLight* light, double distance, const Way& way) const {
   const auto shown = [&](const Light* of, double& left) {
     if (way.shown == Way::Shown::kNone) return false;
-    for (const GroupLight& g : fields_.groups()) {
-      if (!sharp(g) || g.group.lights[0] != of) continue;
+    for (const SolvedLight& g : fields_.lights()) {
+      if (!g.group.sharp() || g.group.lights[0] != of) continue;
       if (way.shown == Way::Shown::kUngrouped) return false;
       // Media were not marched.
       if (way.only_lights)
@@ -252,7 +247,7 @@ GuideMarch::Seen GuideMarch::look(const Ray& ray, const GuideMedia& media, Media
     if (way.only_lights && !at.bsdf.delta()) return seen;
     if (!way.only_lights) {
       if (!at.inside) end.straight = context_.surfaces->settings(hit->surface).radiance;
-      for (size_t k = 0; k < slots_.size() && !at.bsdf.delta(); ++k) {
+      for (size_t k = 0; k < fields_.lights().size() && !at.bsdf.delta(); ++k) {
         const Lit lit = light_on(at, k);
         end.scattered += lit.direct + lit.indirect;
       }
@@ -333,50 +328,6 @@ GuideMarch::Seen GuideMarch::mirrored(const Eye& eye, const Shaded& at, const Su
     if (own && own->surface == hit.surface) seen.add(dvec3(share), bounce(shaded(ray, *own), *own, media, line, way));
   }
   return seen;
-}
-
-// The reflected light of a lamp or sun by points of it and by directions of the lobe, each weighted by the balance
-// heuristic, as the tracer does it.
-dvec3 GuideMarch::highlight(const Shaded& at, const Light& light) const {
-  constexpr int kPoints = kHighlightAcross * kHighlightAcross;
-  const dvec3 wo = at.to_frame(at.wo);
-  const auto* const finite = dynamic_cast<const FiniteLight*>(&light);
-  const auto* const far = dynamic_cast<const InfiniteLight*>(&light);
-  dvec3 sum(0);
-  for (int i = 0; i < kPoints; ++i) {
-    const dvec2 u = (dvec2(i % kHighlightAcross, i / kHighlightAcross) + 0.5) / static_cast<double>(kHighlightAcross);
-    const LightSample sample = light.sample(at.p, u);
-    if (!(sample.pdf > 0)) continue;
-    const dvec3 wi = at.to_frame(sample.wi);
-    if (!(wi.z > 0)) continue;
-    const double weight = sample.delta || (!finite && !far) ? 1 : balance(sample.pdf, at.bsdf.pdf(wo, wi, at.inside));
-    sum += sample.radiance * at.bsdf.value(wo, wi, at.inside) * (weight / sample.pdf / kPoints);
-  }
-  if (light.delta() || (!finite && !far)) return sum;
-  for (int i = 0; i < kPoints; ++i) {
-    Bsdf::Sample sample;
-    const dvec3 u((i + 0.5) / kPoints, i * kGoldenRatio - std::floor(i * kGoldenRatio), 0);
-    if (!at.bsdf.sample(wo, at.inside, u, sample)) continue;
-    const Ray ray{at.p, at.frame.to_world(sample.wi)};
-    double density = 0;
-    dvec3 radiance(0);
-    if (finite) {
-      if (const double t = finite->intersect(ray); t > 0) {
-        density = finite->pdf(ray, t);
-        radiance = finite->radiance(ray, t);
-      }
-    } else {
-      density = far->pdf(ray.d);
-      radiance = far->radiance(ray.d);
-    }
-    if (radiance == dvec3(0)) continue;
-    dvec3 weight = sample.weight;
-    if (at.bsdf.kind == Bsdf::Kind::kDielectric)
-      weight *=
-          fresnel_dielectric(glm::dot(wo, glm::normalize(wo + sample.wi)), at.inside ? 1 / at.bsdf.ior : at.bsdf.ior);
-    sum += radiance * weight * (balance(sample.pdf, density) / kPoints);
-  }
-  return sum;
 }
 
 }  // namespace brume

@@ -55,10 +55,10 @@ void hide_sky(const GuideMedia& media, const Surfaces& surfaces, std::vector<dou
 }
 
 /// Over a cube around a point.
-dvec3 mean_glow(const GuideMedia& media, const dvec3& middle, double size) {
+dvec3 mean_emission(const GuideMedia& media, const dvec3& middle, double size) {
   dvec3 sum(0);
   for (int corner = 0; corner < 8; ++corner)
-    sum += media.glow(middle + 0.25 * size * dvec3(corner & 1 ? 1 : -1, corner & 2 ? 1 : -1, corner & 4 ? 1 : -1));
+    sum += media.emission(middle + 0.25 * size * dvec3(corner & 1 ? 1 : -1, corner & 2 ? 1 : -1, corner & 4 ? 1 : -1));
   return 0.125 * sum;
 }
 
@@ -175,17 +175,17 @@ LightFields::LightFields(const std::vector<GuideMedia>& times, const Lights& lig
       node.extinction = coarse.scaled_extinction()[i];
       if (!node_tints_.empty()) node_tints_[at] = vec3(mean_tint(media, coarse_.node(x, y, z), coarse_.spacing));
       if (media.emissions().empty()) return;
-      const vec3 glow(mean_glow(media, coarse_.node(x, y, z), coarse_.spacing) * coarse_.spacing);
-      node.glow = {glow.x, glow.y, glow.z};
+      const vec3 emission(mean_emission(media, coarse_.node(x, y, z), coarse_.spacing) * coarse_.spacing);
+      node.emitted = {emission.x, emission.y, emission.z};
     });
   }
   const auto scaled_transmittance = [&](double depth) { return attenuation(depth * scale_); };
   const Task own = quiet(task);
 
   std::vector<LightGroup> groups = light_groups(lights, media, colour);
-  groups_.reserve(groups.size());
+  lights_.reserve(groups.size());
   for (LightGroup& group : groups) {
-    GroupLight g;
+    SolvedLight g;
     g.group = group;
     Moments arriving;
     switch (group.kind) {
@@ -236,17 +236,17 @@ LightFields::LightFields(const std::vector<GuideMedia>& times, const Lights& lig
         arriving = solver.entering(g.incoming);
         break;
       }
-      case LightGroup::Kind::kGlow: {
-        NodeValues glow(fine_.size());
+      case LightGroup::Kind::kEmission: {
+        NodeValues emission(fine_.size());
         std::vector<dvec3> sums(static_cast<size_t>(fine_.n.x), dvec3(0));
         solver.each_node([&](int x, int y, int z, size_t i) {
-          const dvec3 here = media.glow(fine_.node(x, y, z));
+          const dvec3 here = media.emission(fine_.node(x, y, z));
           sums[static_cast<size_t>(x)] += here;
-          glow[i] = static_cast<float>(in_colour(here, colour) * fine_.spacing);
+          emission[i] = static_cast<float>(in_colour(here, colour) * fine_.spacing);
         });
         dvec3 colours(0);
         for (const dvec3& sum : sums) colours += sum;
-        arriving = solver.emitted(glow);
+        arriving = solver.emitted(emission);
         g.group.colour = of_mean_one(colours);
         break;
       }
@@ -254,7 +254,7 @@ LightFields::LightFields(const std::vector<GuideMedia>& times, const Lights& lig
         break;  // not among those of light_groups()
     }
     solve(g, std::move(arriving), solver, coarse);
-    groups_.push_back(std::move(g));
+    lights_.push_back(std::move(g));
     task.check();
   }
   if (surfaces) add_surface_light(media, lights, *surfaces, colour, solver, coarse, own);
@@ -268,13 +268,13 @@ void LightFields::add_surface_light(const GuideMedia& media, const Lights& light
   const Surroundings around{fine_, scale_, lights, surfaces, colour, &*ambient_light_, nullptr};
   const SurfaceLight& light = surface_light_.emplace(
       media, surfaces,
-      [&](const Ray& ray, const SurfaceHit& hit) { return reflected_light(groups_, around, ray, hit); },
+      [&](const Ray& ray, const SurfaceHit& hit) { return reflected_light(lights_, around, ray, hit); },
       *ambient_light_, task);
   if (light.colour() == dvec3(0)) {
     surface_light_.reset();
     return;
   }
-  GroupLight g;
+  SolvedLight g;
   g.group = {LightGroup::Kind::kSurfaces, "surfaces", nullptr, {}, light.colour()};
   Moments arriving = fine.nothing();
   fine.each_node([&](int x, int y, int z, size_t i) {
@@ -283,11 +283,11 @@ void LightFields::add_surface_light(const GuideMedia& media, const Lights& light
     for (size_t a = 0; a < 4; ++a) arriving[a][i] = static_cast<float>(moments[a]);
   });
   solve(g, std::move(arriving), fine, coarse);
-  groups_.push_back(std::move(g));
+  lights_.push_back(std::move(g));
   ambient_light_->gather(surfaces, *lights.environment(), task);
 }
 
-void LightFields::add_to_ambient(const GroupLight& light, const Moments& fine_orders, const ScatteringSolver& fine,
+void LightFields::add_to_ambient(const SolvedLight& light, const Moments& fine_orders, const ScatteringSolver& fine,
                                  const ScatteringSolver& coarse) {
   const dvec3 colour = light.group.colour_in(colour_);
   const Moments fine_source = coarse.source_from(fine, fine_orders);
@@ -302,17 +302,17 @@ void LightFields::add_to_ambient(const GroupLight& light, const Moments& fine_or
           node.scattered[3 * moment + static_cast<size_t>(c)] += share * seen[c] * source[moment][i];
     };
     add(tint.at(kFineOrder), fine_source, 1);
-    for (size_t g = GroupLight::kFineGuides; g < light.orders.size(); ++g)
+    for (size_t g = SolvedLight::kFineGuides; g < light.orders.size(); ++g)
       add(tint.of_guide(g), light.orders[g], coarse.scaled_extinction()[i]);
   });
 }
 
-void LightFields::solve(GroupLight& light, Moments scattered, ScatteringSolver& fine, ScatteringSolver& coarse) {
-  constexpr auto& first = GroupLight::kFirstOrder;
+void LightFields::solve(SolvedLight& light, Moments scattered, ScatteringSolver& fine, ScatteringSolver& coarse) {
+  constexpr auto& first = SolvedLight::kFirstOrder;
   for (size_t g = 0; g < first.size(); ++g)
-    light.orders.push_back(g < GroupLight::kFineGuides ? fine.nothing() : coarse.nothing());
+    light.orders.push_back(g < SolvedLight::kFineGuides ? fine.nothing() : coarse.nothing());
   fine.scatter(scattered);
-  if (light.group.kind == LightGroup::Kind::kOthers || light.group.kind == LightGroup::Kind::kGlow ||
+  if (light.group.kind == LightGroup::Kind::kOthers || light.group.kind == LightGroup::Kind::kEmission ||
       light.group.kind == LightGroup::Kind::kSurfaces)
     light.once = scattered;
   Moments fine_orders;
@@ -324,7 +324,7 @@ void LightFields::solve(GroupLight& light, Moments scattered, ScatteringSolver& 
     else
       solver.add(scattered, light.orders[g]);
   };
-  for (int order = 2; order < first[GroupLight::kFineGuides]; ++order) {
+  for (int order = 2; order < first[SolvedLight::kFineGuides]; ++order) {
     fine.transport(scattered);
     fine.scatter(scattered);
     if (order >= first[g + 1]) ++g;
@@ -335,8 +335,8 @@ void LightFields::solve(GroupLight& light, Moments scattered, ScatteringSolver& 
   scattered = coarse.nothing();
   NodeValues before;
   double sum = 0;
-  for (int order = first[GroupLight::kFineGuides]; order <= kLastOrder; ++order) {
-    const bool begins = order == first[GroupLight::kFineGuides];
+  for (int order = first[SolvedLight::kFineGuides]; order <= kLastOrder; ++order) {
+    const bool begins = order == first[SolvedLight::kFineGuides];
     before = scattered[0];
     if (begins)
       coarse.transport_source(source, scattered);
@@ -359,7 +359,7 @@ void LightFields::solve(GroupLight& light, Moments scattered, ScatteringSolver& 
 
 size_t LightFields::bytes() const {
   size_t floats = 0, others = sky_.bytes();
-  for (const GroupLight& g : groups_) {
+  for (const SolvedLight& g : lights_) {
     floats += g.depth.size() + g.visible.size();
     for (const NodeValues& v : g.once) floats += v.size();
     for (const Moments& order : g.orders)

@@ -15,7 +15,7 @@
 namespace brume {
 
 /// The light of one group inside the media, without the camera: biased, without noise.
-struct GroupLight {
+struct SolvedLight {
   /// Orders of scattering that share a guide, each up to the next; the last one is all the rest. From the fourth on
   /// they live on the coarse lattice.
   static constexpr std::array<int, 6> kFirstOrder = {2, 3, 4, 6, 9, 14};
@@ -25,7 +25,7 @@ struct GroupLight {
   std::vector<SunDepth> sun;     ///< of a sun, at each time of the shutter
   NodeValues depth;              ///< of a local light: optical depth towards it
   NodeValues visible;            ///< of a sun or local light where there are surfaces: share that passes them
-  Moments once;                  ///< of others, the glow and surfaces: scattered for the first time in the media
+  Moments once;                  ///< of others, emission and surfaces: scattered for the first time in the media
   std::vector<double> incoming;  ///< of the sky: radiance outside, for each direction of travel
   std::vector<Moments> orders;   ///< for each of kFirstOrder, scattered
 
@@ -49,8 +49,8 @@ class LightFields {
   const Lattice& lattice() const { return fine_; }
   /// Of the orders from kFineGuides on.
   const Lattice& coarse_lattice() const { return coarse_; }
-  const std::vector<GroupLight>& groups() const { return groups_; }
-  /// What arrives of GroupLight::incoming; empty without a sky.
+  const std::vector<SolvedLight>& lights() const { return lights_; }
+  /// What arrives of SolvedLight::incoming; empty without a sky.
   const SkyShares& sky() const { return sky_; }
   /// Null where there are no surfaces, or no light on them.
   const SurfaceLight* surface_light() const { return surface_light_ ? &*surface_light_ : nullptr; }
@@ -64,9 +64,9 @@ class LightFields {
 
  private:
   /// @param light  is given its orders   @param scattered  what arrives, not yet scattered
-  void solve(GroupLight& light, Moments scattered, ScatteringSolver& fine, ScatteringSolver& coarse);
+  void solve(SolvedLight& light, Moments scattered, ScatteringSolver& fine, ScatteringSolver& coarse);
   /// Adds what the media scatter of a group's light to the ambient light's nodes. @param fine_orders  a sum of orders
-  void add_to_ambient(const GroupLight& light, const Moments& fine_orders, const ScatteringSolver& fine,
+  void add_to_ambient(const SolvedLight& light, const Moments& fine_orders, const ScatteringSolver& fine,
                       const ScatteringSolver& coarse);
   /// The ambient light, and one more group: what surfaces send into the media of all that lights them.
   void add_surface_light(const GuideMedia& media, const Lights& lights, const Surfaces& surfaces, GuideColour colour,
@@ -74,7 +74,7 @@ class LightFields {
 
   Lattice fine_, coarse_;
   std::vector<uint8_t> near_;
-  std::vector<GroupLight> groups_;
+  std::vector<SolvedLight> lights_;
   std::optional<AmbientLight> ambient_light_;
   SkyShares sky_;
   std::optional<SurfaceLight> surface_light_;

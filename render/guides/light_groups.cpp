@@ -122,7 +122,7 @@ std::vector<LightGroup> light_groups(const Lights& lights, const GuideMedia& med
       mean += sky.radiance(d);
     groups.push_back({LightGroup::Kind::kSky, "sky", nullptr, {}, of_mean_one(mean)});
   }
-  if (!media.emissions().empty()) groups.push_back({LightGroup::Kind::kGlow, "glow", nullptr, {}, dvec3(1)});
+  if (!media.emissions().empty()) groups.push_back({LightGroup::Kind::kEmission, "glow", nullptr, {}, dvec3(1)});
   return groups;
 }
 

@@ -45,7 +45,7 @@ Beam beam_of(const Light& source, const LocalLight& light, double depth, const S
 
 }  // namespace
 
-Beam beam_at(const GroupLight& g, const Surroundings& around, const dvec3& p) {
+Beam beam_at(const SolvedLight& g, const Surroundings& around, const dvec3& p) {
   if (g.group.sun)
     return beam_of(*g.group.sun, {g.group.sun->axis(), kFar, g.group.sun->irradiance()},
                    around.scale * static_cast<double>(g.sun_in_middle().at(p)), around, p);
@@ -53,7 +53,7 @@ Beam beam_at(const GroupLight& g, const Surroundings& around, const dvec3& p) {
   return beam_of(*g.group.lights[0], local_light(*g.group.lights[0], p), around.scale * depth, around, p);
 }
 
-Lit diffuse_light(const GroupLight& g, const Surroundings& around, const dvec3& p, const dvec3& normal) {
+Lit diffuse_light(const SolvedLight& g, const Surroundings& around, const dvec3& p, const dvec3& normal) {
   Lit lit;
   switch (g.group.kind) {
     case LightGroup::Kind::kSun:
@@ -77,8 +77,8 @@ Lit diffuse_light(const GroupLight& g, const Surroundings& around, const dvec3& 
     case LightGroup::Kind::kSky:
       if (around.ambient_light) lit.direct = around.ambient_light->onto(p, normal).sky * g.group.share();
       break;
-    case LightGroup::Kind::kGlow:
-      if (around.ambient_light) lit.direct = around.ambient_light->onto(p, normal).glow;
+    case LightGroup::Kind::kEmission:
+      if (around.ambient_light) lit.direct = around.ambient_light->onto(p, normal).emitted;
       break;
     case LightGroup::Kind::kSurfaces:
       if (around.surface_light) lit.indirect = around.surface_light->onto(p, normal);
@@ -87,7 +87,7 @@ Lit diffuse_light(const GroupLight& g, const Surroundings& around, const dvec3& 
   return lit;
 }
 
-dvec3 reflected_light(const std::vector<GroupLight>& groups, const Surroundings& around, const Ray& ray,
+dvec3 reflected_light(const std::vector<SolvedLight>& groups, const Surroundings& around, const Ray& ray,
                       const SurfaceHit& hit) {
   const dvec3 p = Surfaces::leave(hit, ray.at(hit.t), -ray.d);
   const dvec3 normal = glm::dot(hit.shading, ray.d) > 0 ? -hit.shading : hit.shading;
@@ -95,7 +95,7 @@ dvec3 reflected_light(const std::vector<GroupLight>& groups, const Surroundings&
   dvec3 sum(0);
   if (bsdf.kind == Bsdf::Kind::kDiffuse) {
     if (around.ambient_light) sum += around.ambient_light->onto(p, normal).scattered;
-    for (const GroupLight& g : groups) {
+    for (const SolvedLight& g : groups) {
       const Lit lit = diffuse_light(g, around, p, normal);
       sum += lit.direct + lit.indirect;
     }
@@ -105,7 +105,7 @@ dvec3 reflected_light(const std::vector<GroupLight>& groups, const Surroundings&
   const auto to_frame = [&](const dvec3& d) {
     return dvec3(glm::dot(d, frame.x), glm::dot(d, frame.y), glm::dot(d, frame.z));
   };
-  for (const GroupLight& g : groups) {
+  for (const SolvedLight& g : groups) {
     if (g.group.kind == LightGroup::Kind::kSun || g.group.kind == LightGroup::Kind::kLocal) {
       const Beam beam = beam_at(g, around, p);
       if (glm::dot(beam.towards, normal) > 0)

@@ -29,15 +29,15 @@ struct Beam {
   dvec3 irradiance{0};  ///< across `towards`, in empty space
   Lit passed;           ///< shares through the media and past surfaces; indirect: scattered by forward peaks alone
 };
-Beam beam_at(const GroupLight& group, const Surroundings& around, const dvec3& p);
+Beam beam_at(const SolvedLight& group, const Surroundings& around, const dvec3& p);
 
 /// What a diffuse surface of albedo 1 reflects of a group's light at a point in front of it: lit through the media,
 /// with shadows of surfaces.
-Lit diffuse_light(const GroupLight& group, const Surroundings& around, const dvec3& p, const dvec3& normal);
+Lit diffuse_light(const SolvedLight& group, const Surroundings& around, const dvec3& p, const dvec3& normal);
 
 /// Radiance that a surface sends back along a ray that hit it, of all groups; metals show highlights of suns and lamps,
 /// and of the sky what they mirror.
-dvec3 reflected_light(const std::vector<GroupLight>& groups, const Surroundings& around, const Ray& ray,
+dvec3 reflected_light(const std::vector<SolvedLight>& groups, const Surroundings& around, const Ray& ray,
                       const SurfaceHit& hit);
 
 }  // namespace brume

@@ -321,8 +321,8 @@ Moments ScatteringSolver::entering(const std::vector<double>& incoming) {
   return light;
 }
 
-Moments ScatteringSolver::emitted(const NodeValues& glow) {
-  source_[0] = glow;
+Moments ScatteringSolver::emitted(const NodeValues& emission) {
+  source_[0] = emission;
   sweep_sources(source_, 1);
   Moments light = nothing();
   gather(light);

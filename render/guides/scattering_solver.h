@@ -69,8 +69,8 @@ class ScatteringSolver {
   SkyShares arriving() const;
   /// Moments of the light that enters from outside, for each direction, the forward peak being none.
   Moments entering(const std::vector<double>& incoming);
-  /// Moments of emitted light. @param glow  emission per spacing at the nodes
-  Moments emitted(const NodeValues& glow);
+  /// Moments of emitted light. @param emission  emission per spacing at the nodes
+  Moments emitted(const NodeValues& emission);
 
   /// Makes of light on its way what the media scatter of it.
   void scatter(Moments& light) const;
