@@ -42,7 +42,7 @@ dvec3 blackbody(double kelvin) {
 
 EmissionRamp EmissionRamp::of_blackbody(double offset, double scale, double highest, double intensity, bool planck) {
   static const double reference = luminance(blackbody(6500));
-  const auto glow = [&](double kelvin) {
+  const auto black_body = [&](double kelvin) {
     dvec3 colour = blackbody(kelvin);
     const double y = luminance(colour);
     if (!planck && y > 0) colour *= 5.670374419e-8 * 1e-6 / kPi * kelvin * kelvin * kelvin * kelvin * reference / y;
@@ -55,7 +55,7 @@ EmissionRamp EmissionRamp::of_blackbody(double offset, double scale, double high
   const size_t count = ((std::bit_cast<uint32_t>(hottest) - kColdestBits) >> kEntryBits) + 2;
   for (size_t i = 0; i < count; ++i)
     ramp.entries_.push_back(
-        glow(static_cast<double>(std::bit_cast<float>(kColdestBits + (static_cast<uint32_t>(i) << kEntryBits)))));
+        black_body(static_cast<double>(std::bit_cast<float>(kColdestBits + (static_cast<uint32_t>(i) << kEntryBits)))));
   return ramp;
 }
 
@@ -77,7 +77,7 @@ dvec3 EmissionRamp::operator()(double value) const {
   double f = 0;
   if (is_blackbody()) {
     const auto kelvin = static_cast<float>(offset_ + scale_ * value);
-    if (!(value > 0) || !(kelvin >= kColdest)) return dvec3(0);  // outside of the grid nothing could glow
+    if (!(value > 0) || !(kelvin >= kColdest)) return dvec3(0);  // outside of the grid nothing could emit
     const uint32_t bits = std::bit_cast<uint32_t>(kelvin) - kColdestBits;
     i = std::min<size_t>(bits >> kEntryBits, entries_.size() - 2);
     f = (bits & ((1u << kEntryBits) - 1)) * std::ldexp(1.0, -kEntryBits);

@@ -15,23 +15,23 @@ namespace brume {
 dvec3 blackbody(double kelvin);
 
 /// Emission coefficient as a function of a grid's value: colours at given values, linear between and constant beyond,
-/// or the glow of a black body.
+/// or the emission of a black body.
 ///
-/// The glow is tabulated by temperature with 2048 entries per octave from 500 K, the leading bits of the temperature as
-/// a single-precision number, and linear between: within 1e-4 of blackbody() at every temperature, whatever the grid's
-/// range (tests/render/media_test.cpp).
+/// The black body is tabulated by temperature with 2048 entries per octave from 500 K, the leading bits of the
+/// temperature as a single-precision number, and linear between: within 1e-4 of blackbody() at every temperature,
+/// whatever the grid's range (tests/render/media_test.cpp).
 class EmissionRamp {
  public:
-  static constexpr float kColdest = 500.0f;  ///< [K] below it nothing is seen to glow
+  static constexpr float kColdest = 500.0f;  ///< [K] below it no emission is seen
   static constexpr uint32_t kColdestBits = 0x43fa0000u;
   static constexpr int kEntryBits = 12;  ///< of a temperature's bits, those that tell where it lies between entries
   static_assert(std::bit_cast<uint32_t>(kColdest) == kColdestBits);
 
   EmissionRamp() = default;
-  /// Black-body glow of kelvin = offset + scale * value, up to `highest` (a grid value), times `intensity`; a value of
-  /// 0 is no gas and does not glow.
+  /// Black-body emission of kelvin = offset + scale * value, up to `highest` (a grid value), times `intensity`; a value
+  /// of 0 is no gas and emits nothing.
   /// @param planck  luminance 1 at 6500 K, and every other temperature in its visible proportion to that; otherwise
-  ///                Blender's: luminance sigma T^4 1e-6 / pi in the colour of the glow
+  ///                Blender's: luminance sigma T^4 1e-6 / pi in the black body's colour
   static EmissionRamp of_blackbody(double offset, double scale, double highest, double intensity, bool planck);
   /// @param stops  in increasing order of value, at least one
   static EmissionRamp of_colours(const std::vector<std::pair<double, dvec3>>& stops, double intensity);

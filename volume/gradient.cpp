@@ -153,7 +153,7 @@ std::optional<dvec3> density_gradient(const Medium& medium, const dvec3& local) 
   return std::nullopt;
 }
 
-std::optional<double> find_surface(const Medium& medium, const Ray& ray, float iso, double begin) {
+std::optional<double> find_isosurface(const Medium& medium, const Ray& ray, float iso, double begin) {
   if (medium.empty()) return std::nullopt;
   if (medium.homogeneous()) {
     const auto [t0, t1] = medium.homogeneous()->intersect(ray);

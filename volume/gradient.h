@@ -15,12 +15,12 @@ inline constexpr double kLeastGradient = 1e-4;
 /// @return gradient [density / world unit], not normalised
 std::optional<dvec3> density_gradient(const Medium& medium, const dvec3& local);
 
-/// Where a ray meets the medium's surface: the first point at which the interpolated density reaches `iso`.
+/// Where a ray meets the medium's isosurface: the first point at which the interpolated density reaches `iso`.
 /// Exact for a still grid, up to rounding: between the faces of a voxel the density is a cubic along the ray, whose
 /// first root is found. A field displaced by its velocity is looked at every quarter of a voxel.
 /// @param ray    local coordinates
 /// @param begin  ray parameter before which nothing is looked for
 /// @return       the ray parameter; `begin` where the ray is inside there; nothing where the surface is never met
-std::optional<double> find_surface(const Medium& medium, const Ray& ray, float iso, double begin = 0);
+std::optional<double> find_isosurface(const Medium& medium, const Ray& ray, float iso, double begin = 0);
 
 }  // namespace brume

@@ -62,7 +62,7 @@ void measure_distances(Rows& rows, int n, uint8_t* distance) {
 // at most OctantSkip::kFarthest, by dynamic programming from the octant's far end. Outside the grid everything is
 // empty.
 void measure_empty_cubes(const std::vector<uint8_t>& empty, const ivec3& n, int octant,
-                         std::vector<std::array<uint16_t, 8>>& reach) {
+                         std::vector<std::array<uint16_t, 8>>& clear) {
   const auto at = [&](int x, int y, int z) { return (static_cast<size_t>(x) * n.y + y) * n.z + z; };
   const ivec3 step(octant & 4 ? -1 : 1, octant & 2 ? -1 : 1, octant & 1 ? -1 : 1);
   const auto first = [&](int a) { return step[a] > 0 ? n[a] - 1 : 0; };
@@ -70,14 +70,14 @@ void measure_empty_cubes(const std::vector<uint8_t>& empty, const ivec3& n, int 
   for (int x = first(0); inside(0, x); x -= step.x)
     for (int y = first(1); inside(1, y); y -= step.y)
       for (int z = first(2); inside(2, z); z -= step.z) {
-        uint16_t& own = reach[at(x, y, z)][octant];
+        uint16_t& own = clear[at(x, y, z)][octant];
         own = 0;
         if (!empty[at(x, y, z)]) continue;
         uint16_t shortest = OctantSkip::kFarthest - 1;
         for (int k = 1; k < 8; ++k) {
           const int qx = x + (k & 4 ? step.x : 0), qy = y + (k & 2 ? step.y : 0), qz = z + (k & 1 ? step.z : 0);
           if (inside(0, qx) && inside(1, qy) && inside(2, qz))
-            shortest = std::min(shortest, reach[at(qx, qy, qz)][octant]);
+            shortest = std::min(shortest, clear[at(qx, qy, qz)][octant]);
         }
         own = static_cast<uint16_t>(shortest + 1);
       }
@@ -115,10 +115,10 @@ LaneGrid::LaneGrid(const BrickGrid& grid, double scale)
         brick[i] = static_cast<int32_t>((cell.brick - 1) * grid.brick_values());
         empty[i] = 0;
       }
-  std::vector<std::array<uint16_t, 8>> reach(count);
-  for (int octant = 0; octant < 8; ++octant) measure_empty_cubes(empty, {nx, ny, nz}, octant, reach);
+  std::vector<std::array<uint16_t, 8>> clear(count);
+  for (int octant = 0; octant < 8; ++octant) measure_empty_cubes(empty, {nx, ny, nz}, octant, clear);
   for (size_t i = 0; i < count; ++i)
-    if (empty[i]) majorant[i] = std::bit_cast<float>(OctantSkip::pack(reach[i]));
+    if (empty[i]) majorant[i] = std::bit_cast<float>(OctantSkip::pack(clear[i]));
 }
 
 LaneGrid LaneGrid::of_values(const BrickGrid& grid) {
@@ -142,16 +142,16 @@ LaneGrid LaneGrid::of_values(const BrickGrid& grid) {
   return result;
 }
 
-uint32_t OctantSkip::pack(const std::array<uint16_t, 8>& reach) {
+uint32_t OctantSkip::pack(const std::array<uint16_t, 8>& clear) {
   // Of the steps, the one that keeps most of the product of the sides; none longer than the longest side needs.
-  const uint32_t longest = *std::max_element(reach.begin(), reach.end());
+  const uint32_t longest = *std::max_element(clear.begin(), clear.end());
   uint32_t best = 0;
   double most = -1;
   for (const uint32_t step : {1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 63}) {
     uint32_t word = kEmpty | step << kStepShift;
     double product = 1;
     for (int octant = 0; octant < 8; ++octant) {
-      const uint32_t steps = std::min<uint32_t>((reach[octant] - 1u) / step, 7);
+      const uint32_t steps = std::min<uint32_t>((clear[octant] - 1u) / step, 7);
       word |= steps << 3 * octant;
       product *= 1.0 + steps * step;
     }
@@ -182,9 +182,9 @@ LaneGrid::Entry LaneGrid::entry_bound(const RayCone& cone, const Entry& from) co
     return false;
   };
   const auto holds_medium = [&](const ivec3& c) { return !(majorant[index(c)] < 0); };
-  const auto holds_surface = [&](const ivec3& c) { return surface_cell[index(c)] >= 0; };
-  const auto reaches_surface = [&](const ivec3& v) {
-    const int32_t number = surface_cell[index(v >> bits)];
+  const auto holds_isosurface = [&](const ivec3& c) { return isosurface_cell[index(c)] >= 0; };
+  const auto reaches_isosurface = [&](const ivec3& v) {
+    const int32_t number = isosurface_cell[index(v >> bits)];
     const auto in_brick = static_cast<size_t>(((v.x & mask) << 2 * bits) + ((v.y & mask) << bits) + (v.z & mask));
     return number >= 0 && distances[(static_cast<size_t>(number) << 3 * bits) + in_brick] == 0;
   };
@@ -195,14 +195,14 @@ LaneGrid::Entry LaneGrid::entry_bound(const RayCone& cone, const Entry& from) co
     const RayConeLayers::Layer layer = cells.layer(k);
     if (holds(layer, holds_medium)) m.medium = std::max(layer.begin, 0.0);
   }
-  if (surface_cell.empty()) return {m.medium, m.medium};
+  if (isosurface_cell.empty()) return {m.medium, m.medium};
   const double begin = std::max(m.medium, from.surface);
   for (int v = begin < kNever ? voxels.first(begin) : -1; voxels.has(v);) {
     const int step = voxels.step(), in_cell = step > 0 ? v & mask : mask - (v & mask);
-    if (holds(cells.layer(v >> bits), holds_surface)) {
+    if (holds(cells.layer(v >> bits), holds_isosurface)) {
       for (int i = in_cell; i < cell_size; ++i, v += step) {
         const RayConeLayers::Layer layer = voxels.layer(v);
-        if (!holds(layer, reaches_surface)) continue;
+        if (!holds(layer, reaches_isosurface)) continue;
         m.surface = std::max(layer.begin, m.medium);
         if (voxels.most_crossed() <= kPacketVoxels) {
           m.axis = voxels.axis();
@@ -217,8 +217,8 @@ LaneGrid::Entry LaneGrid::entry_bound(const RayCone& cone, const Entry& from) co
   return m;
 }
 
-void LaneGrid::find_surface(const BrickGrid& grid, float density, const Task& task) {
-  surface_density = density;
+void LaneGrid::find_isosurface(const BrickGrid& grid, float density, const Task& task) {
+  isosurface_density = density;
   const size_t voxels = static_cast<size_t>(cell_size) * cell_size * cell_size;
   distances.assign(grid.brick_count() * voxels + sizeof(uint32_t), 0);  // read by words
   parallel_for(static_cast<int>(grid.brick_count()), {task.threads, {}, task.cancel}, [&](int k) {
@@ -227,11 +227,13 @@ void LaneGrid::find_surface(const BrickGrid& grid, float density, const Task& ta
     find_reaching(values + static_cast<size_t>(k) * grid.brick_values(), cell_size, density, rows);
     measure_distances(rows, cell_size, distances.data() + static_cast<size_t>(k) * voxels);
   });
-  surface_cell.resize(brick.size());
+  isosurface_cell.resize(brick.size());
   for (size_t i = 0; i < brick.size(); ++i) {
     const int32_t number = brick[i] / static_cast<int32_t>(grid.brick_values());
     constexpr auto kSingle = static_cast<int32_t>(OctantSkip::kEmpty | 1u << OctantSkip::kStepShift);
-    surface_cell[i] = majorant[i] < 0 ? std::bit_cast<int32_t>(majorant[i]) : majorant[i] < density ? kSingle : number;
+    isosurface_cell[i] = majorant[i] < 0         ? std::bit_cast<int32_t>(majorant[i])
+                         : majorant[i] < density ? kSingle
+                                                 : number;
   }
 }
 

@@ -17,7 +17,7 @@ struct OctantSkip {
   static constexpr int kStepShift = 24;
   static constexpr uint16_t kFarthest = 1 + 63 * 7;
   /// Octants: 4 for directions with negative x, plus 2 for negative y, plus 1 for negative z.
-  static uint32_t pack(const std::array<uint16_t, 8>& reach);
+  static uint32_t pack(const std::array<uint16_t, 8>& clear);
   static int side(uint32_t word, int octant) {
     return static_cast<int>(1 + (word >> kStepShift & 63) * (word >> 3 * octant & 7));
   }
@@ -40,13 +40,13 @@ struct LaneGrid {
 
   /// Computes each voxel's distance from those that can reach a density, so that a search for the isosurface
   /// interpolates nowhere else and takes long steps.
-  void find_surface(const BrickGrid& grid, float density, const Task& task = {});
+  void find_isosurface(const BrickGrid& grid, float density, const Task& task = {});
 
   /// Lower bounds of the ray parameters at which the rays of a cone enter the medium and reach its surface. Infinity:
   /// none of them ever does.
   struct Entry {
     double medium = 0;   ///< entry into a cell that is not empty
-    double surface = 0;  ///< after find_surface: entry into a voxel that can reach the surface's density
+    double surface = 0;  ///< after find_isosurface: entry into a voxel that can reach the isosurface's density
     /// The layer of that voxel, and the axis that layers are perpendicular to, where the rays are close enough to be
     /// marched as a packet: in every plane between layers they cross at most kPacketVoxels voxels in a row. Else the
     /// axis is -1.
@@ -58,7 +58,8 @@ struct LaneGrid {
   Entry entry_bound(const RayCone& cone) const { return entry_bound(cone, Entry()); }
 
   size_t bytes() const {
-    return majorant.size() * sizeof(float) + (brick.size() + surface_cell.size()) * sizeof(int32_t) + distances.size();
+    return majorant.size() * sizeof(float) + (brick.size() + isosurface_cell.size()) * sizeof(int32_t) +
+           distances.size();
   }
 
   int nx = 0, ny = 0, nz = 0;
@@ -68,12 +69,12 @@ struct LaneGrid {
   std::vector<int32_t> brick;  ///< where the cell's values begin in `values`; -1 where it is empty
   const float* values = nullptr;
   /// One for each voxel of a brick, the cubes between eight values, x slowest: its distance (Chebyshev) from the
-  /// nearest one in the brick of whose values one reaches surface_density.
+  /// nearest one in the brick of whose values one reaches isosurface_density.
   std::vector<uint8_t> distances;
   /// For the search: the number of the cell's brick, or, negative, an OctantSkip where the cell's majorant lies below
-  /// surface_density.
-  std::vector<int32_t> surface_cell;
-  float surface_density = 0;
+  /// isosurface_density.
+  std::vector<int32_t> isosurface_cell;
+  float isosurface_density = 0;
 };
 
 /// What a displaced density field is looked up in.

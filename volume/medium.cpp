@@ -27,8 +27,8 @@ std::pair<double, double> HomogeneousShape::intersect(const Ray& ray) const {
   const dvec3 nearest = o + middle * d;
   const double inside = 1.0 - glm::dot(nearest, nearest);
   if (!(inside > 0)) return none;
-  const double reach = std::sqrt(inside / dd);
-  return {middle - reach, middle + reach};
+  const double half_chord = std::sqrt(inside / dd);
+  return {middle - half_chord, middle + half_chord};
 }
 
 bool HomogeneousShape::contains(const dvec3& p) const {

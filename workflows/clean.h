@@ -16,7 +16,7 @@ class Cleaner {
   /// @param filter  as `denoise -f` takes it: NAME or NAME:parameter=value,...   @throws InputError
   Cleaner(const std::string& filter, double exposure, Host host, Outliers outliers = Outliers::kExtreme);
 
-  /// What a render must record for it, beside `wanted`. Guides that nobody wanted are not in the clean frame.
+  /// What a render must record for it, beside `wanted`. Guides that were not asked for are not in the clean frame.
   /// @param samples  per pixel that will be rendered
   /// @throws InputError for a filter that could not run on what will be recorded
   LayerRequest request(const LayerRequest& wanted, int samples);

@@ -153,7 +153,7 @@ class Denoiser {
     for (size_t i = 0; i < plan.filters.size(); ++i) {
       std::vector<FrameFiles> near;
       for (const FrameFiles& other : plan.others)
-        if (std::abs(other.distance) <= reach_of(plan.filters[i])) near.push_back(other);
+        if (std::abs(other.distance) <= frame_window_of(plan.filters[i])) near.push_back(other);
       const fs::path output = output_for(own.output, plan.filters, i);
       frame->clean(plan.filters[i], near, output,
                    own.preview.empty() ? own.preview : output_for(own.preview, plan.filters, i));
@@ -183,9 +183,9 @@ class Denoiser {
     if (!frame.ours()) tell_clean(outline.text("brume.filter"), host_);
     plan.filters = options_.filters;
     if (plan.filters.empty()) plan.filters = {recommended(frame, outline, own)};
-    int reach = 0;
-    for (const FilterSettings& filter : plan.filters) reach = std::max(reach, reach_of(filter));
-    plan.others = others_within(reach, files_at);
+    int frame_window = 0;
+    for (const FilterSettings& filter : plan.filters) frame_window = std::max(frame_window, frame_window_of(filter));
+    plan.others = others_within(frame_window, files_at);
     return plan;
   }
 
@@ -219,17 +219,17 @@ class Denoiser {
   }
 
   /// How far a filter looks: as it declares in a sequence, or as the caller says.
-  int reach_of(const FilterSettings& filter) const {
-    return options_.extra_frames.value_or(sequence_ ? filter.entry().reach : 0);
+  int frame_window_of(const FilterSettings& filter) const {
+    return options_.extra_frames.value_or(sequence_ ? filter.entry().frame_window : 0);
   }
 
   /// The frames before and after that there are, with all that is read of them.
   /// @throws InputError when some are asked for and none is there
-  std::vector<FrameFiles> others_within(int reach, const FilesAt& files_at) const {
+  std::vector<FrameFiles> others_within(int frame_window, const FilesAt& files_at) const {
     std::vector<FrameFiles> others;
     std::vector<std::string> missing;
     const auto absent = [](const fs::path& path) { return !path.empty() && !fs::exists(path); };
-    for (int d = -reach; d <= reach; ++d) {
+    for (int d = -frame_window; d <= frame_window; ++d) {
       const FrameFiles there = d == 0 ? FrameFiles() : files_at(d);
       if (there.frame.empty()) continue;  // itself, or before frame 0
       if (absent(there.frame))
@@ -242,9 +242,9 @@ class Denoiser {
         others.push_back(there);
     }
     const fs::path own = files_at(0).frame;
-    if (reach > 0 && others.empty() && !sequence_)
-      throw InputError(fmt::format("{}: --extra-frames {}: no frame beside it can be used{}", own.string(), reach,
-                                   missing.empty() ? "" : "; not there: " + join(missing)));
+    if (frame_window > 0 && others.empty() && !sequence_)
+      throw InputError(fmt::format("{}: --extra-frames {}: no frame beside it can be used{}", own.string(),
+                                   frame_window, missing.empty() ? "" : "; not there: " + join(missing)));
     if (!missing.empty())
       host_.note(fmt::format("{}: of the frames beside it, {} {} not there", own.filename().string(), join(missing),
                              missing.size() == 1 ? "is" : "are"));

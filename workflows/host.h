@@ -21,8 +21,8 @@ struct Host {
 
   int threads = 0;                                          ///< 0: all of the machine's
   const std::atomic<bool>* cancel = nullptr;                ///< set from outside; the workflow ends with Interrupted
-  std::function<void(Word, const std::string&)> tell = {};  ///< from any thread, one at a time; null: nobody listens
-  /// Begins a stage, "render smoke", and gives whom to tell the finished fraction of it; null: nobody watches.
+  std::function<void(Word, const std::string&)> tell = {};  ///< from any thread, one at a time; null: dropped
+  /// Begins a stage, "render smoke", and gives whom to tell the finished fraction of it; null: not reported.
   std::function<std::function<void(double)>(const std::string& stage)> progress = {};
   std::function<void(const std::filesystem::path&)> wrote = {};  ///< told of each EXR that is there, whole
 

@@ -15,7 +15,7 @@ namespace brume {
 struct DenoisePlan {
   std::vector<FilterSettings> filters;
   ApplyOptions how;
-  std::vector<FrameFiles> others;  ///< beside it, within reach of the filter that looks farthest
+  std::vector<FrameFiles> others;  ///< beside it, within the widest frame window of the filters
   bool sequence = false;           ///< one of many: another frame that cannot be used is named and left out
   std::string inputs;              ///< what it is made from, for its header; empty: not written
 };
@@ -50,7 +50,7 @@ class OpenFrame {
   /// Reads what the plan needs. @throws InputError
   virtual void read(const DenoisePlan& plan) = 0;
   /// Aligns, filters, combines and writes.
-  /// @param filter  of the plan   @param near  frames of the plan within its reach   @param preview  empty: none
+  /// @param filter  of the plan   @param near  frames of the plan within its frame window   @param preview  empty: none
   virtual void clean(const FilterSettings& filter, const std::vector<FrameFiles>& near,
                      const std::filesystem::path& output, const std::filesystem::path& preview) = 0;
 };

@@ -50,7 +50,7 @@ struct RenderOptions {
   bool skip_complete = false;  ///< leave out a frame whose output is whole and of this render; go on from checkpoints
   bool require_valid = false;  ///< miss a threshold by one sample that is not finite; else by one in a million
   bool fixed_seed = false;     ///< in a sequence: the same random numbers in every frame
-  /// Makes someone who watches a picture of this name and size; null: nobody does.
+  /// Makes someone who watches a picture of this name and size; null: nothing is made.
   std::function<std::unique_ptr<RenderWatcher>(const std::string& name, ivec2 size)> watch;
 };
 

@@ -118,7 +118,7 @@ Shot asked_shot(const Options& o, const Common& common) {
     const FilterEntry& filter = parse_filter(o.filter).entry();
     if (o.window > 0 && !filter.sequences)
       throw InputError(fmt::format("--window {}: {} cleans every frame by itself", o.window, filter.name));
-    shot.window = o.window >= 0 ? o.window : filter.reach;
+    shot.window = o.window >= 0 ? o.window : filter.frame_window;
   }
   shot.layers = join(layers.text(), ",");
   shot.statistics = layers.buckets ? "buckets" : "halves";

@@ -9,7 +9,7 @@ namespace brume::app {
 class TevViewer : public RenderWatcher {
  public:
   /// @param address  host:port, host alone, or empty for 127.0.0.1:14158
-  /// @throws InputError when nobody listens there
+  /// @throws InputError when dropped there
   TevViewer(const std::string& address, const std::string& name, int width, int height);
   ~TevViewer() override;
   TevViewer(const TevViewer&) = delete;

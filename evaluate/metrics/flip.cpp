@@ -66,7 +66,7 @@ float largest_colour_error() {
   return std::pow(hyab(hunt_lab(xyz_from_rgb(0, 1, 0)), hunt_lab(xyz_from_rgb(0, 0, 1))), kQc);
 }
 
-/// A symmetric or antisymmetric kernel, 2 radius + 1 weights; what is below any float's reach at the ends is cut.
+/// A symmetric or antisymmetric kernel, 2 radius + 1 weights; ends too small for a float are cut.
 struct Kernel {
   std::vector<float> weights;
   int radius() const { return static_cast<int>(weights.size()) / 2; }
@@ -151,21 +151,21 @@ struct FeatureKernels {
 /// Rows of floats with room on either side.
 class Rows {
  public:
-  Rows(int width, int height, int reach)
+  Rows(int width, int height, int radius)
       : width_(width),
-        reach_(reach),
-        stride_(static_cast<size_t>(width) + 2 * static_cast<size_t>(reach)),
+        radius_(radius),
+        stride_(static_cast<size_t>(width) + 2 * static_cast<size_t>(radius)),
         data_(stride_ * static_cast<size_t>(height)) {}
-  float* row(int y) { return &data_[stride_ * static_cast<size_t>(y) + static_cast<size_t>(reach_)]; }
+  float* row(int y) { return &data_[stride_ * static_cast<size_t>(y) + static_cast<size_t>(radius_)]; }
   /// Continues a row beyond its ends.
   void continue_row(int y) {
     float* r = row(y);
-    std::fill(r - reach_, r, r[0]);
-    std::fill(r + width_, r + width_ + reach_, r[width_ - 1]);
+    std::fill(r - radius_, r, r[0]);
+    std::fill(r + width_, r + width_ + radius_, r[width_ - 1]);
   }
 
  private:
-  int width_, reach_;
+  int width_, radius_;
   size_t stride_;
   std::vector<float> data_;
 };
@@ -206,17 +206,17 @@ class Band {
       : spatial_(spatial),
         features_(features),
         width_(width),
-        reach_(std::max({spatial.y.radius(), spatial.cx.radius(), spatial.cz1.radius(), spatial.cz2.radius(),
-                         features.gaussian.radius(), features.edge.radius(), features.point.radius()})),
-        source_(width, 3, reach_),
+        radius_(std::max({spatial.y.radius(), spatial.cx.radius(), spatial.cz1.radius(), spatial.cz2.radius(),
+                          features.gaussian.radius(), features.edge.radius(), features.point.radius()})),
+        source_(width, 3, radius_),
         across_{make(), make(), make(), make(), make(), make(), make()},
         sums_(width, 7, kBeyond) {}
 
   /// @param shown  the picture as displayed, in [0, 1]
   template <class Shown>
   void load(const Shown& shown, int height, int y0, int rows) {
-    for (int i = 0; i < rows + 2 * reach_; ++i) {
-      const int y = std::clamp(y0 + i - reach_, 0, height - 1);
+    for (int i = 0; i < rows + 2 * radius_; ++i) {
+      const int y = std::clamp(y0 + i - radius_, 0, height - 1);
       float *ys = source_.row(0), *cx = source_.row(1), *cz = source_.row(2);
       for (int x = 0; x < width_; ++x) {
         const auto [r, g, b] = shown(x, y);
@@ -244,7 +244,7 @@ class Band {
     float *edge, *point;  // how strong they are
   };
   void look(int row, const Look& out) {
-    const int y = row + reach_;
+    const int y = row + radius_;
     float *ys = sums_.row(0), *cx = sums_.row(1), *cz = sums_.row(2), *edge_x = sums_.row(3), *edge_y = sums_.row(4),
           *point_x = sums_.row(5), *point_y = sums_.row(6);
     const auto filter = [&](size_t from, const Kernel& kernel, float* to) {
@@ -282,11 +282,11 @@ class Band {
   }
 
  private:
-  Rows make() const { return {width_, kBand + 2 * reach_, 0}; }
+  Rows make() const { return {width_, kBand + 2 * radius_, 0}; }
 
   const SpatialKernels& spatial_;
   const FeatureKernels& features_;
-  int width_, reach_;
+  int width_, radius_;
   Rows source_;
   std::array<Rows, 7> across_;  // filtered along rows
   Rows sums_;

@@ -174,7 +174,7 @@ std::vector<int> spp_of(const SceneResult& scene);
 struct SequenceMethod {
   std::string filter;  ///< the contender's label; empty: unfiltered
   int spp = 0;
-  int reach = 0;  ///< frames on either side that it looks into
+  int frame_window = 0;  ///< frames on either side that it looks into
   std::string parameters;
   struct Values {
     std::vector<double> lab_rms, temporal_error, flicker;  ///< over all frames, by seed; evaluate/metrics/temporal.h

@@ -60,9 +60,9 @@ class SequenceRun {
     run(nullptr, 0, spp, next());
     for (const Contender& contender : settings_.contenders) {
       const Task part = next();
-      const int reach = contender.settings.entry().sequences ? contender.settings.entry().reach : 0;
-      run(&contender, 0, spp, share(part, 0, reach > 0 ? 0.5 : 1));
-      if (reach > 0) run(&contender, reach, spp, share(part, 0.5, 1));
+      const int frame_window = contender.settings.entry().sequences ? contender.settings.entry().frame_window : 0;
+      run(&contender, 0, spp, share(part, 0, frame_window > 0 ? 0.5 : 1));
+      if (frame_window > 0) run(&contender, frame_window, spp, share(part, 0.5, 1));
     }
     task.report(1);
   }
@@ -90,9 +90,9 @@ class SequenceRun {
     return store_.frame_key(sequence_.scenes[frame], spp, noisy_seed(frame, seed), data_);
   }
 
-  /// A noisy frame, in memory while it is within the filter's reach.
-  const Layers& noisy(size_t frame, int spp, int seed, size_t middle, int reach, const Task& task) {
-    const auto far = [&](size_t f) { return std::abs(static_cast<int>(f) - static_cast<int>(middle)) > reach; };
+  /// A noisy frame, in memory while it is within the filter's frame window.
+  const Layers& noisy(size_t frame, int spp, int seed, size_t middle, int frame_window, const Task& task) {
+    const auto far = [&](size_t f) { return std::abs(static_cast<int>(f) - static_cast<int>(middle)) > frame_window; };
     const std::string wanted = key(frame, spp, seed);
     std::erase_if(window_,
                   [&](const auto& item) { return far(item.first) || item.second.key != key(item.first, spp, seed); });
@@ -102,33 +102,34 @@ class SequenceRun {
     return window_.insert_or_assign(frame, Held{wanted, std::move(layers)}).first->second.layers;
   }
 
-  FilterInput input_of(size_t frame, int reach, int spp, int seed, bool records, const Task& task) {
-    const size_t distance = static_cast<size_t>(reach), first = frame > distance ? frame - distance : 0,
+  FilterInput input_of(size_t frame, int frame_window, int spp, int seed, bool records, const Task& task) {
+    const size_t distance = static_cast<size_t>(frame_window), first = frame > distance ? frame - distance : 0,
                  last = std::min(count() - 1, frame + distance);
     FilterInput input;
     input.key = key(frame, spp, seed);
     for (size_t f = first; f <= last; ++f)
       if (f != frame)
         input.key += fmt::format("\n{:+} {}", static_cast<int>(f) - static_cast<int>(frame), key(f, spp, seed));
-    input.frame = [this, frame, spp, seed, reach, task]() -> const Layers& {
-      return noisy(frame, spp, seed, frame, reach, task);
+    input.frame = [this, frame, spp, seed, frame_window, task]() -> const Layers& {
+      return noisy(frame, spp, seed, frame, frame_window, task);
     };
     if (records) input.records = store_.records(key(frame, spp, seed));
-    input.nearby = [this, frame, spp, seed, reach, task, first, last, records] {
+    input.nearby = [this, frame, spp, seed, frame_window, task, first, last, records] {
       std::vector<NearbyInput> list;
       for (size_t f = first; f <= last; ++f)
         if (f != frame)
-          list.push_back({static_cast<int>(f) - static_cast<int>(frame), &noisy(f, spp, seed, frame, reach, task),
+          list.push_back({static_cast<int>(f) - static_cast<int>(frame),
+                          &noisy(f, spp, seed, frame, frame_window, task),
                           records ? store_.records(key(f, spp, seed)) : std::filesystem::path()});
       return list;
     };
     return input;
   }
 
-  void run(const Contender* contender, int reach, int spp, const Task& task) {
+  void run(const Contender* contender, int frame_window, int spp, const Task& task) {
     SequenceMethod m;
     m.spp = spp;
-    m.reach = reach;
+    m.frame_window = frame_window;
     std::vector<double> seconds;
     if (contender) {
       m.filter = contender->label;
@@ -168,7 +169,7 @@ class SequenceRun {
         const bool records = contender->settings.entry().records == FilterEntry::Records::kNeeds;
         FilterOutcome outcome = store_.filter(
             FilterRun(*contender, contender->settings, settings_, options_of(settings_, result_.policy.exposure)),
-            input_of(i, m.reach, m.spp, seed, records, task), quiet(task));
+            input_of(i, m.frame_window, m.spp, seed, records, task), quiet(task));
         if (!outcome.failed.empty()) throw InputError(about(outcome.failed));
         seconds.push_back(outcome.seconds);
         picture = std::move(*outcome.picture);

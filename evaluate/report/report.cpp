@@ -363,7 +363,7 @@ Table sequences(const Evaluation& e) {
   for (const SequenceResult& sequence : e.sequences)
     for (const SequenceMethod& m : sequence.methods) {
       std::vector<std::string> row = {sequence.name, fmt::format("{}", m.spp),
-                                      m.filter.empty() ? "path tracing" : m.filter, fmt::format("{}", m.reach)};
+                                      m.filter.empty() ? "path tracing" : m.filter, fmt::format("{}", m.frame_window)};
       const auto add = [&](const std::vector<double>& values) {
         row.push_back(!m.failed.empty() ? "failed" : values.empty() ? "" : interval(mean_interval(values)));
       };

@@ -257,7 +257,7 @@ json sequence_json(const SequenceResult& sequence) {
       if (m.failed.empty() && values.lab_rms.empty()) continue;
       json row = {{"spp", m.spp},
                   {"label", m.filter.empty() ? "path tracing" : m.filter},
-                  {"reach", m.reach},
+                  {"reach", m.frame_window},
                   {"region", region_name(region)},
                   {"parameters", m.parameters},
                   {"filter_seconds", m.filter_seconds}};

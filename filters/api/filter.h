@@ -49,11 +49,11 @@ struct FilterFrame {
   double typical_luminance = 0;         ///< of the whole frame's signal (filters/inputs/noise.h)
   double lab_noise = 0;                 ///< of the whole frame's signal (filters/inputs/noise.h); 0 unless declared
   RecordReader* records = nullptr;      ///< null where none were given, unless needed
-  /// Where to leave the pixels of the frame whose records were not all finite; null: nobody wants to know.
+  /// Where to leave the pixels of the frame whose records were not all finite; null: not collected.
   std::set<std::pair<int, int>>* repaired_records = nullptr;
   int distance = 0;                             ///< in frames, to the one that is cleaned: before < 0 < after
   std::vector<const FilterFrame*> nearby = {};  ///< of its sequence, by distance; none for a still
-  /// Where to leave the layers that the filter declared to produce, by full channel name; null: nobody wants them.
+  /// Where to leave the layers that the filter declared to produce, by full channel name; null: not collected.
   std::map<std::string, Plane>* products = nullptr;
   ivec2 origin{0};  ///< of this tile in the frame
   ivec2 frame_size{0};
@@ -61,7 +61,7 @@ struct FilterFrame {
   bool carries() const { return values != signal; }
   /// How many samples a pixel's mean is made of; 0: unknown.
   double samples_at(int x, int y) const { return sample_count ? static_cast<double>((*sample_count)(x, y)) : samples; }
-  std::vector<std::string>* notes = nullptr;  ///< where to say what the user should know; null: nobody listens
+  std::vector<std::string>* notes = nullptr;  ///< where to say what the user should know; null: dropped
   int width() const { return signal[0]->width(); }
   int height() const { return signal[0]->height(); }
 };
@@ -134,7 +134,7 @@ struct FilterEntry {
   bool whole_frame = false;  ///< measures over the whole frame, which is not cut into tiles
   enum class Records { kNo, kCanUse, kNeeds } records = Records::kNo;  ///< of what happened to each sample
   bool sequences = false;                                              ///< looks into FilterFrame::nearby
-  int reach = 0;                                                       ///< frames on either side that serve it best
+  int frame_window = 0;                                                ///< frames on either side that serve it best
   bool aligned = false;     ///< wants pixels of the frames nearby brought to where they are in the frame to clean
   bool carries = false;     ///< can average other layers with the signal's weights
   bool seeded = false;      ///< depends on the order or place of pixels, so that a turned picture differs a little
@@ -263,16 +263,16 @@ class Declaration {
   /// Reads the file of per-sample records; can_use: in place of the bucket means.
   Declaration& needs_records() { return entry_.records = FilterEntry::Records::kNeeds, *this; }
   Declaration& can_use_records() { return entry_.records = FilterEntry::Records::kCanUse, *this; }
-  /// Looks into the frames before and after. @param reach  so many on either side unless a caller says otherwise
-  Declaration& sequences(int reach = 1) {
-    entry_.reach = reach;
+  /// Looks into the frames before and after. @param frame_window  so many on either side unless a caller says otherwise
+  Declaration& sequences(int frame_window = 1) {
+    entry_.frame_window = frame_window;
     return entry_.sequences = true, *this;
   }
   /// The same, each pixel of theirs brought to where it is in the frame to clean; where it is not found, or changed by
   /// more than noise, they show the frame to clean.
-  Declaration& aligned_sequences(int reach = 1) {
+  Declaration& aligned_sequences(int frame_window = 1) {
     entry_.aligned = true;
-    return sequences(reach);
+    return sequences(frame_window);
   }
   /// Averages FilterFrame::values with weights from the signal alone.
   Declaration& carries() { return entry_.carries = true, *this; }

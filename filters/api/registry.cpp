@@ -96,7 +96,7 @@ std::vector<std::pair<std::string, std::string>> FilterEntry::inputs_and_outputs
     lines.emplace_back(records == Records::kNeeds ? "needs" : "can use", "the record of every sample (`--records`)");
   if (sequences)
     lines.emplace_back("can", fmt::format("look into the frames before and after (`--frames`, `--extra-frames {}`){}",
-                                          reach, aligned ? ", aligned with the frame" : ""));
+                                          frame_window, aligned ? ", aligned with the frame" : ""));
   if (carries) lines.emplace_back("can", "carry other layers along (`--carry`)");
   for (const LayerName& l : produces)
     lines.emplace_back("writes", fmt::format("the layer `{}`, {}", l.label(), l.meaning));

@@ -18,7 +18,7 @@ inline constexpr LayerName density{"guide.density", "Y", "mean density"};
 inline constexpr LayerName gradient{"guide.gradient", "XYZ", "mean direction of the density's gradient"};
 inline constexpr LayerName predicted_direct{"guide.predicted_direct", "RGB", "light scattered at most once"};
 inline constexpr LayerName predicted_indirect{"guide.predicted_indirect", "RGB", "light scattered twice or more"};
-inline constexpr LayerName emission{"guide.emission", "RGB", "the medium's own glow"};
+inline constexpr LayerName emission{"guide.emission", "RGB", "the medium's own emission"};
 inline constexpr LayerName background{"guide.background", "RGB", "lights and sky seen through the medium"};
 inline constexpr LayerName normal{"guide.normal", "XYZ", "of the first surface"};
 inline constexpr LayerName surface_material{"guide.surface_material", "RGB", "shares of diffuse, metal and glass"};

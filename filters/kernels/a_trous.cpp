@@ -50,13 +50,13 @@ void Level(const ATrousLevel& level, WorkImage& out, int x0, int x1, int y) {
   // The rows of the taps, looked up once.
   constexpr size_t kRows = 5;
   std::array<Rows, kRows> other, direction, value;
-  std::array<int, kRows> reach;
+  std::array<int, kRows> offset;
   size_t rows = 0;
   const auto row_of = [&](int dy) {
     size_t r = 0;
-    while (r < rows && reach[r] != dy) ++r;
+    while (r < rows && offset[r] != dy) ++r;
     if (r < rows) return r;
-    reach[rows] = dy;
+    offset[rows] = dy;
     other[rows].set(level.compared, y + dy), direction[rows].set(level.directions, y + dy);
     value[rows].set(level.values, y + dy);
     return rows++;

@@ -10,7 +10,7 @@ namespace brume {
 class PaddedPlane {
  public:
   PaddedPlane() = default;
-  /// @param radius  widest reach of a window
+  /// @param radius  of the widest window
   PaddedPlane(int width, int height, int radius)
       : width_(width),
         height_(height),

@@ -33,14 +33,14 @@ float sigma_of(const ATrous& p, const Feature& f) {
 }
 
 /// The features in units of their sigmas, behind three channels for the colour; without either: nothing.
-WorkImage compared_channels(const ATrous& p, const FilterFrame& frame, int reach, const Task& task) {
+WorkImage compared_channels(const ATrous& p, const FilterFrame& frame, int radius, const Task& task) {
   std::vector<std::pair<const Plane*, float>> features;
   for (const Feature& f : *frame.features)
     if (const float sigma = sigma_of(p, f); f.name != "gradient" && sigma > 0)
       for (const Plane& channel : f.mean) features.emplace_back(&channel, 1 / sigma);
   const size_t colors = p.sigma_color > 0 ? 3 : 0;
   if (features.empty() && colors == 0) return {};
-  WorkImage image(frame.width(), frame.height(), reach, colors + features.size());
+  WorkImage image(frame.width(), frame.height(), radius, colors + features.size());
   for_each_row(frame.height(), quiet(task), [&](int y) {
     for (size_t i = 0; i < features.size(); ++i) {
       const auto& [plane, scale] = features[i];
@@ -53,13 +53,13 @@ WorkImage compared_channels(const ATrous& p, const FilterFrame& frame, int reach
 }
 
 void run(const ATrous& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
-  const int width = frame.width(), height = frame.height(), reach = 2 << (p.levels - 1);
+  const int width = frame.width(), height = frame.height(), radius = 2 << (p.levels - 1);
   std::vector<const Plane*> averaged(frame.signal.begin(), frame.signal.end());
   if (frame.carries()) averaged.insert(averaged.end(), frame.values.begin(), frame.values.end());
-  WorkImage values = padded(averaged, reach), smooth(width, height, reach, averaged.size());
-  WorkImage compared = compared_channels(p, frame, reach, task), directions;
+  WorkImage values = padded(averaged, radius), smooth(width, height, radius, averaged.size());
+  WorkImage compared = compared_channels(p, frame, radius, task), directions;
   if (const std::vector<Plane> unit = unit_directions(frame, task); !unit.empty() && p.sigma_gradient > 0)
-    directions = padded(pointers(unit), reach);
+    directions = padded(pointers(unit), radius);
   for (int level = 0; level < p.levels; ++level) {
     const float spread = static_cast<float>(1 << level);
     if (p.sigma_color > 0)

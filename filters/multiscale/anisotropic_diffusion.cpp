@@ -18,6 +18,42 @@ struct AnisotropicDiffusion {
 constexpr int kRefresh = 5;
 constexpr float kCorrelation = 1.1f;
 
+/// What two neighbours differ by: colour in units of its variance v, direction of the gradient, the other features.
+WeightModel conductance(const AnisotropicDiffusion& p, const FilterFrame& frame, const std::vector<Plane>& u,
+                        const Plane& v, const std::vector<Plane>& directions,
+                        const std::vector<Plane>& feature_variance) {
+  WeightModel model;
+  const auto add = [&](Distance d, float sigma) {
+    if (!(sigma > 0)) return;
+    d.scale = 1 / (2 * sigma * sigma);
+    model.distances.push_back(std::move(d));
+  };
+  Distance color;
+  color.kind = Distance::Kind::kRatio;
+  color.guide = {&u[0], &u[1], &u[2]};
+  color.variance = {&v};
+  color.floor = 1e-20f;
+  add(color, p.sigma_color);
+  if (!directions.empty()) {
+    Distance angle;
+    angle.kind = Distance::Kind::kAngle;
+    angle.guide = pointers(directions);
+    add(angle, p.sigma_gradient);
+  }
+  for (size_t k = 0; k < frame.features->size(); ++k) {
+    const Feature& f = (*frame.features)[k];
+    if (f.name == "gradient") continue;
+    Distance feature;
+    feature.kind = Distance::Kind::kRatio;
+    feature.guide = pointers(f.mean);
+    feature.variance = {&feature_variance[k]};
+    // What neighbours differ by on a slope across a twentieth of the range is no edge.
+    feature.floor = 2.5e-3f;
+    add(feature, p.sigma_feature);
+  }
+  return model;
+}
+
 void run(const AnisotropicDiffusion& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
   const int width = frame.width(), height = frame.height();
   const std::vector<Plane> directions = unit_directions(frame, task);
@@ -35,35 +71,7 @@ void run(const AnisotropicDiffusion& p, const FilterFrame& frame, const FilterOu
   Plane next_v = v, right, down;
   for (int i = 0; i < p.iterations; ++i) {
     if (i % kRefresh == 0) {
-      WeightModel model;
-      const auto add = [&](Distance d, float sigma) {
-        if (!(sigma > 0)) return;
-        d.scale = 1 / (2 * sigma * sigma);
-        model.distances.push_back(std::move(d));
-      };
-      Distance color;
-      color.kind = Distance::Kind::kRatio;
-      color.guide = {&u[0], &u[1], &u[2]};
-      color.variance = {&v};
-      color.floor = 1e-20f;
-      add(color, p.sigma_color);
-      if (!directions.empty()) {
-        Distance angle;
-        angle.kind = Distance::Kind::kAngle;
-        angle.guide = pointers(directions);
-        add(angle, p.sigma_gradient);
-      }
-      for (size_t k = 0; k < frame.features->size(); ++k) {
-        const Feature& f = (*frame.features)[k];
-        if (f.name == "gradient") continue;
-        Distance feature;
-        feature.kind = Distance::Kind::kRatio;
-        feature.guide = pointers(f.mean);
-        feature.variance = {&feature_variance[k]};
-        // What neighbours differ by on a slope across a twentieth of the range is no edge.
-        feature.floor = 2.5e-3f;
-        add(feature, p.sigma_feature);
-      }
+      const WeightModel model = conductance(p, frame, u, v, directions, feature_variance);
       // Conductance between each pixel and its right, and its lower, neighbour.
       right = weights_toward(model, 1, 0, width, height, task);
       down = weights_toward(model, 0, 1, width, height, task);

@@ -24,10 +24,10 @@ int mirrored(int i, int n) {
 
 /// Separable convolution with taps `spacing` apart, edges mirrored without repeating the edge pixel.
 Plane convolve(const Plane& in, const std::vector<float>& taps, int spacing, const Task& task) {
-  const int width = in.width(), height = in.height(), reach = static_cast<int>(taps.size()) / 2;
+  const int width = in.width(), height = in.height(), radius = static_cast<int>(taps.size()) / 2;
   Plane horizontal(width, height), out(width, height);
   for_each_row(height, quiet(task), [&](int y) {
-    const int pad = reach * spacing;
+    const int pad = radius * spacing;
     std::vector<float> wide(static_cast<size_t>(width + 2 * pad));
     std::memcpy(wide.data() + pad, in.row(y), sizeof(float) * static_cast<size_t>(width));
     for (int j = 1; j <= pad; ++j) {
@@ -35,12 +35,12 @@ Plane convolve(const Plane& in, const std::vector<float>& taps, int spacing, con
       wide[static_cast<size_t>(pad + width - 1 + j)] = in(mirrored(width - 1 + j, width), y);
     }
     std::vector<const float*> rows;
-    for (int j = -reach; j <= reach; ++j) rows.push_back(wide.data() + pad + j * spacing);
+    for (int j = -radius; j <= radius; ++j) rows.push_back(wide.data() + pad + j * spacing);
     kernels::weighted_sum_rows(rows.data(), taps.data(), static_cast<int>(taps.size()), horizontal.row(y), width);
   });
   for_each_row(height, quiet(task), [&](int y) {
     std::vector<const float*> rows;
-    for (int j = -reach; j <= reach; ++j) rows.push_back(horizontal.row(mirrored(y + j * spacing, height)));
+    for (int j = -radius; j <= radius; ++j) rows.push_back(horizontal.row(mirrored(y + j * spacing, height)));
     kernels::weighted_sum_rows(rows.data(), taps.data(), static_cast<int>(taps.size()), out.row(y), width);
   });
   return out;

@@ -392,12 +392,12 @@ class Filter {
 
   /// Mean and deviation of the features over the pixel's own samples; of a pixel with one, over its 3 x 3.
   void own_statistics(const Store& own, int x, int y, std::vector<float>& mean, std::vector<float>& deviation) const {
-    const int reach = own.samples() > 1 ? 0 : 1;
+    const int radius = own.samples() > 1 ? 0 : 1;
     mean.assign(kinds_.features.size(), 0.0f);
     deviation.assign(kinds_.features.size(), 0.0f);
     std::vector<const float*> rows;
-    for (int qy = std::max(0, y - reach); qy <= std::min(frame_.height() - 1, y + reach); ++qy)
-      for (int qx = std::max(0, x - reach); qx <= std::min(frame_.width() - 1, x + reach); ++qx)
+    for (int qy = std::max(0, y - radius); qy <= std::min(frame_.height() - 1, y + radius); ++qy)
+      for (int qx = std::max(0, x - radius); qx <= std::min(frame_.width() - 1, x + radius); ++qx)
         for (int s = 0; s < own.samples(); ++s) rows.push_back(own.sample(qx, qy, s));
     for (size_t k = 0; k < kinds_.features.size(); ++k) {
       double sum = 0, squares = 0;

@@ -90,24 +90,24 @@ void add_blocks(const LatticePixels& p, const Shape& s, int row, float* nodes) {
 
 /// Blurs `count` nodes of `size` floats that lie in a row.
 void blur_row(const float* in, float* out, int count, size_t size, const std::vector<float>& taps) {
-  const int reach = static_cast<int>(taps.size()) / 2;
+  const int radius = static_cast<int>(taps.size()) / 2;
   std::vector<const float*> rows;
   for (int i = 0; i < count; ++i) {
-    const int first = std::max(0, i - reach), last = std::min(count - 1, i + reach);
+    const int first = std::max(0, i - radius), last = std::min(count - 1, i + radius);
     rows.clear();
     for (int j = first; j <= last; ++j) rows.push_back(in + static_cast<size_t>(j) * size);
-    kernels::weighted_sum_rows(rows.data(), taps.data() + (first - i + reach), last - first + 1,
+    kernels::weighted_sum_rows(rows.data(), taps.data() + (first - i + radius), last - first + 1,
                                out + static_cast<size_t>(i) * size, static_cast<int>(size));
   }
 }
 
 /// Rows of a lattice, and what blurs one with those above and below.
 void blur_down(const std::vector<std::vector<float>>& rows, int row, const std::vector<float>& taps, float* out) {
-  const int reach = static_cast<int>(taps.size()) / 2, down = static_cast<int>(rows.size());
-  const int first = std::max(0, row - reach), last = std::min(down - 1, row + reach);
+  const int radius = static_cast<int>(taps.size()) / 2, down = static_cast<int>(rows.size());
+  const int first = std::max(0, row - radius), last = std::min(down - 1, row + radius);
   std::vector<const float*> sources;
   for (int j = first; j <= last; ++j) sources.push_back(rows[static_cast<size_t>(j)].data());
-  kernels::weighted_sum_rows(sources.data(), taps.data() + (first - row + reach), last - first + 1, out,
+  kernels::weighted_sum_rows(sources.data(), taps.data() + (first - row + radius), last - first + 1, out,
                              static_cast<int>(rows[0].size()));
 }
 
@@ -295,9 +295,9 @@ int lattice_block(double deviation) {
 }
 
 std::vector<float> lattice_taps(double deviation_in_blocks) {
-  const int reach = std::max(1, static_cast<int>(std::ceil(kTruncation * deviation_in_blocks)));
+  const int radius = std::max(1, static_cast<int>(std::ceil(kTruncation * deviation_in_blocks)));
   std::vector<float> taps;
-  for (int j = -reach; j <= reach; ++j)
+  for (int j = -radius; j <= radius; ++j)
     taps.push_back(static_cast<float>(std::exp(-j * j / (2 * deviation_in_blocks * deviation_in_blocks))));
   return taps;
 }

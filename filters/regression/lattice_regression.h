@@ -40,7 +40,7 @@ struct LatticeWindow {
 /// pixels, blurred on the lattice of blocks, solved once per block by a Cholesky factorisation in which the columns
 /// that are not free are scaled to unit variance (given the free ones) and shrunk by a ridge; coefficients are smoothed
 /// on the lattice and interpolated by quadratic B-splines. The same bits for any number of threads.
-/// @param take  is given the predictions for the frames nearby, one frame after another; null: nobody wants them
+/// @param take  is given the predictions for the frames nearby, one frame after another; null: not collected
 /// @return  a prediction of each target
 std::vector<Plane> lattice_regression(
     const LatticeProblem& problem, const LatticeWindow& window, const Task& task,

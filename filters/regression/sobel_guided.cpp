@@ -181,8 +181,8 @@ Plane fitted_widths(const FilterFrame& frame, const SmoothFeatures& features, co
   for (size_t i = 0; i < kAlphas.size(); ++i) {
     const auto a = static_cast<float>(kAlphas[i]);
     for (const Offset& o : window) {
-      const float r2 = static_cast<float>(o.dx * o.dx + o.dy * o.dy), reach = std::max(1.0f, 2.5f * a);
-      const bool inside = static_cast<float>(std::max(std::abs(o.dx), std::abs(o.dy))) <= reach;
+      const float r2 = static_cast<float>(o.dx * o.dx + o.dy * o.dy), radius = std::max(1.0f, 2.5f * a);
+      const bool inside = static_cast<float>(std::max(std::abs(o.dx), std::abs(o.dy))) <= radius;
       widths[i].offsets.push_back(inside ? std::exp(-r2 / (2 * a * a)) : 0.0f);
     }
   }

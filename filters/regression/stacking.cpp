@@ -80,7 +80,7 @@ std::vector<Plane> stacking_weights(const std::vector<HalfPair>& candidates, con
   const int width = weight.width(), height = weight.height(), side = lattice_block(window.deviation);
   const int across = (width + side - 1) / side, down = (height + side - 1) / side;
   const std::vector<float> taps = lattice_taps(window.deviation / side);
-  const int reach = static_cast<int>(taps.size()) / 2;
+  const int radius = static_cast<int>(taps.size()) / 2;
   std::vector<std::vector<float>> rows(static_cast<size_t>(down));
   parallel_for(down, quiet(task), [&](int r) {
     std::vector<float> row(static_cast<size_t>(across) * size);
@@ -108,10 +108,10 @@ std::vector<Plane> stacking_weights(const std::vector<HalfPair>& candidates, con
     std::vector<float>& out = rows[static_cast<size_t>(r)];
     out.resize(row.size());
     for (int i = 0; i < across; ++i) {
-      const int first = std::max(0, i - reach), last = std::min(across - 1, i + reach);
+      const int first = std::max(0, i - radius), last = std::min(across - 1, i + radius);
       std::vector<const float*> sources;
       for (int j = first; j <= last; ++j) sources.push_back(row.data() + static_cast<size_t>(j) * size);
-      kernels::weighted_sum_rows(sources.data(), taps.data() + (first - i + reach), last - first + 1,
+      kernels::weighted_sum_rows(sources.data(), taps.data() + (first - i + radius), last - first + 1,
                                  out.data() + static_cast<size_t>(i) * size, static_cast<int>(size));
     }
   });
@@ -124,10 +124,10 @@ std::vector<Plane> stacking_weights(const std::vector<HalfPair>& candidates, con
   std::vector<std::vector<float>> nodes(static_cast<size_t>(down));
   parallel_for(down, quiet(task), [&](int r) {
     std::vector<float> blurred(static_cast<size_t>(across) * size);
-    const int first = std::max(0, r - reach), last = std::min(down - 1, r + reach);
+    const int first = std::max(0, r - radius), last = std::min(down - 1, r + radius);
     std::vector<const float*> sources;
     for (int j = first; j <= last; ++j) sources.push_back(rows[static_cast<size_t>(j)].data());
-    kernels::weighted_sum_rows(sources.data(), taps.data() + (first - r + reach), last - first + 1, blurred.data(),
+    kernels::weighted_sum_rows(sources.data(), taps.data() + (first - r + radius), last - first + 1, blurred.data(),
                                static_cast<int>(blurred.size()));
     std::vector<float>& out = nodes[static_cast<size_t>(r)];
     for (int i = 0; i < across; ++i) {

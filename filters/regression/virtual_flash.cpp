@@ -167,9 +167,9 @@ struct Step {
   std::vector<std::vector<Plane>> carried;  // beside the values; empty: nothing
 };
 
-/// Frame i of a step, averaged over its homogeneous pixels in all frames within `reach`.
-std::vector<Plane> average(const VirtualFlash& p, const Stack& stack, const Step& step, size_t i, int radius, int reach,
-                           const Task& task) {
+/// Frame i of a step, averaged over its homogeneous pixels in all frames within `frame_window`.
+std::vector<Plane> average(const VirtualFlash& p, const Stack& stack, const Step& step, size_t i, int radius,
+                           int frame_window, const Task& task) {
   const auto planes = [&](size_t j) {
     std::vector<const Plane*> list;
     for (const Plane& v : step.values[j]) list.push_back(&v);
@@ -181,7 +181,7 @@ std::vector<Plane> average(const VirtualFlash& p, const Stack& stack, const Step
   std::vector<Slice> slices;
   for (size_t j = 0; j < stack.frames.size(); ++j) {
     const int apart = stack.times[j] - stack.times[i];
-    if (std::abs(apart) > reach) continue;
+    if (std::abs(apart) > frame_window) continue;
     Slice& slice = slices.emplace_back();
     slice.model = patch_distances(p, stack, i, j);
     slice.offsets = gaussian_window(radius, sigma);

@@ -87,9 +87,9 @@ struct Field {
 /// What a block may try: rest, the shifts of the coarser level's blocks around it, and the places beside each.
 std::vector<ivec2> candidates(const Field* coarser, int x, int y) {
   std::vector<ivec2> list;
-  const auto add_around = [&](ivec2 centre, int reach) {
-    for (int dy = -reach; dy <= reach; ++dy)
-      for (int dx = -reach; dx <= reach; ++dx) {
+  const auto add_around = [&](ivec2 centre, int radius) {
+    for (int dy = -radius; dy <= radius; ++dy)
+      for (int dx = -radius; dx <= radius; ++dx) {
         const ivec2 shift = centre + ivec2(dx, dy);
         if (std::find(list.begin(), list.end(), shift) == list.end()) list.push_back(shift);
       }

@@ -11,7 +11,7 @@
 
 namespace brume {
 
-/// Light from all around, as surfaces meet it: the sky's, what flames emit, and what the media scatter, on a grid of
+/// Light from all around, as surfaces meet it: the sky's, what media emit, and what the media scatter, on a grid of
 /// probes in a box around the media, marched in fixed directions through nodes. Surfaces hide what lies behind them;
 /// glass is looked through unbent.
 class AmbientLight {
@@ -31,8 +31,8 @@ class AmbientLight {
   /// Finds what of the nodes' and the sky's light is at the probes; called again when nodes have got more of it.
   void gather(const Surfaces& surfaces, const Environment& sky, const Task& task);
 
-  /// RGB that a diffuse surface of albedo 1 reflects: of the sky and of flames, unscattered; and of all light that was
-  /// scattered.
+  /// RGB that a diffuse surface of albedo 1 reflects: of the sky and of emission, unscattered; and of all light that
+  /// was scattered.
   struct Lit {
     dvec3 sky{0}, emitted{0}, scattered{0};
   };

@@ -152,7 +152,7 @@ void NodeFields::fill_node(const ivec3& node, const Camera& camera, const Sky& s
     const Slots& s = slots_[k];
     for (size_t order = 0; order < kOrders; ++order)
       out[s.orders + order] = order < SolvedLight::kFineGuides ? towards_eye(g.orders[order], at_node)
-                                                              : towards_eye(g.orders[order], coarsely);
+                                                               : towards_eye(g.orders[order], coarsely);
     const NodeValues& tail = g.orders.back()[0];
     out[s.flux] = behind(tail) - before(tail);
     if (g.group.sky()) {

@@ -89,12 +89,12 @@ ScatteringSolver::ScatteringSolver(const Lattice& lattice, const ScatteringSolve
 
 ScatteringSolver::ScatteringSolver(const Lattice& lattice, const Task& task) : lattice_(lattice), task_(quiet(task)) {
   const ivec3 n = lattice.n;
-  standing_ = {{n.x, n.y, n.z}, lattice.row(), nullptr};
-  lying_ = {{n.z, n.x, n.y}, padded(n.y), nullptr};
+  z_major_ = {{n.x, n.y, n.z}, lattice.row(), nullptr};
+  y_major_ = {{n.z, n.x, n.y}, padded(n.y), nullptr};
   for (NodeValues* field : {&extinction_, &scaled_, &albedo_, &linear_}) *field = NodeValues(lattice.size());
   for (NodeValues& values : source_) values = NodeValues(lattice.size());
-  for (NodeValues& values : lying_source_) values = NodeValues(lying_.size());
-  for (NodeValues* field : {&lying_extinction_, &lying_scaled_}) *field = NodeValues(lying_.size());
+  for (NodeValues& values : y_major_source_) values = NodeValues(y_major_.size());
+  for (NodeValues* field : {&y_major_extinction_, &y_major_scaled_}) *field = NodeValues(y_major_.size());
   for (size_t k = 0; k < directions().size(); ++k) {
     const dvec3 d = directions()[k];
     int axis = std::abs(d.y) > std::abs(d.x) ? 1 : 0;
@@ -102,9 +102,9 @@ ScatteringSolver::ScatteringSolver(const Lattice& lattice, const Task& task) : l
     bundles_[static_cast<size_t>(2 * axis + (d[axis] > 0 ? 1 : 0))].directions.push_back(k);
   }
   for (size_t i = 0; i < bundles_.size(); ++i) {
-    bundles_[i].lying = i >= 4;
+    bundles_[i].y_major = i >= 4;
     for (NodeValues& values : bundles_[i].light)
-      values = NodeValues(bundles_[i].lying ? lying_.size() : standing_.size());
+      values = NodeValues(bundles_[i].y_major ? y_major_.size() : z_major_.size());
   }
 }
 
@@ -141,8 +141,8 @@ void ScatteringSolver::fill(const Sample& sample) {
       }
   }
   find_rows();
-  lay_down(extinction_, lying_extinction_, true);
-  lay_down(scaled_, lying_scaled_, true);
+  to_y_major(extinction_, y_major_extinction_, true);
+  to_y_major(scaled_, y_major_scaled_, true);
 }
 
 std::vector<uint8_t> ScatteringSolver::near_media() const {
@@ -190,32 +190,32 @@ void ScatteringSolver::find_rows() {
       }
     return near;
   };
-  rows_ = ranges(standing_, extinction_);
-  NodeValues lying(lying_.size());
-  lay_down(extinction_, lying, true);
-  lying_rows_ = ranges(lying_, lying);
+  rows_ = ranges(z_major_, extinction_);
+  NodeValues y_major(y_major_.size());
+  to_y_major(extinction_, y_major, true);
+  y_major_rows_ = ranges(y_major_, y_major);
 }
 
-void ScatteringSolver::lay_down(const NodeValues& standing, NodeValues& lying, bool everywhere) const {
+void ScatteringSolver::to_y_major(const NodeValues& z_major, NodeValues& y_major, bool everywhere) const {
   const ivec3 n = lattice_.n;
   constexpr int kBlock = 16;
   parallel_for(n.x, task_, [&](int x) {
     for (int z0 = 0; z0 < n.z; z0 += kBlock)
       for (int y = 0; y < n.y; ++y) {
         const SweepRow row = everywhere ? SweepRow{0, n.z} : rows_[static_cast<size_t>(x) * n.y + y];
-        const float* const from = standing.data() + lattice_.index(x, y, 0);
+        const float* const from = z_major.data() + lattice_.index(x, y, 0);
         for (int z = std::max(z0, row.begin); z < std::min({n.z, z0 + kBlock, row.end}); ++z)
-          lying[(static_cast<size_t>(z) * n.x + x) * lying_.row + y] = from[z];
+          y_major[(static_cast<size_t>(z) * n.x + x) * y_major_.row + y] = from[z];
       }
   });
 }
 
 void ScatteringSolver::sweep_sources(const Moments& source, size_t count) {
-  for (size_t a = 0; a < count; ++a) lay_down(source[a], lying_source_[a], false);
+  for (size_t a = 0; a < count; ++a) to_y_major(source[a], y_major_source_[a], false);
   parallel_for(static_cast<int>(bundles_.size()), task_, [&](int i) {
     Bundle& bundle = bundles_[static_cast<size_t>(i)];
-    SweepMedia media{bundle.lying ? lying_scaled_.data() : scaled_.data(), {}, count};
-    for (size_t a = 0; a < count; ++a) media.source[a] = bundle.lying ? lying_source_[a].data() : source[a].data();
+    SweepMedia media{bundle.y_major ? y_major_scaled_.data() : scaled_.data(), {}, count};
+    for (size_t a = 0; a < count; ++a) media.source[a] = bundle.y_major ? y_major_source_[a].data() : source[a].data();
     SweepDomain domain = near(bundle);
     domain.rows = domain.kept;
     sweep(domain, media, beams(bundle), bundle.moments());
@@ -223,8 +223,8 @@ void ScatteringSolver::sweep_sources(const Moments& source, size_t count) {
 }
 
 SweepDomain ScatteringSolver::near(const Bundle& bundle) const {
-  SweepDomain domain = bundle.lying ? lying_ : standing_;
-  domain.kept = bundle.lying ? lying_rows_.data() : rows_.data();
+  SweepDomain domain = bundle.y_major ? y_major_ : z_major_;
+  domain.kept = bundle.y_major ? y_major_rows_.data() : rows_.data();
   return domain;
 }
 
@@ -233,7 +233,7 @@ std::vector<SweepBeam> ScatteringSolver::beams(const Bundle& bundle) const {
   for (const size_t k : bundle.directions) {
     const dvec3 d = directions()[k];
     SweepBeam& beam = beams.emplace_back();
-    beam.direction = bundle.lying ? std::array{d.z, d.x, d.y} : std::array{d.x, d.y, d.z};
+    beam.direction = bundle.y_major ? std::array{d.z, d.x, d.y} : std::array{d.x, d.y, d.z};
     beam.factor = {1, static_cast<float>(d.x), static_cast<float>(d.y), static_cast<float>(d.z)};
   }
   return beams;
@@ -250,8 +250,8 @@ void ScatteringSolver::gather(Moments& light) const {
   constexpr float kShare = 1.0f / kDirections;
   const ivec3 n = lattice_.n;
   parallel_for(n.x, task_, [&](int x) {
-    // Sums of a block of the lying bundles, y fastest.
-    std::vector<float> block(static_cast<size_t>(kBlock) * lying_.row);
+    // Sums of a block of the y-major bundles, y fastest.
+    std::vector<float> block(static_cast<size_t>(kBlock) * y_major_.row);
     for (size_t a = 0; a < 4; ++a) {
       const auto of = [&](size_t bundle) { return bundles_[bundle].light[a].data(); };
       const float *const left = of(0), *const right = of(1), *const front = of(2), *const back = of(3),
@@ -259,10 +259,10 @@ void ScatteringSolver::gather(Moments& light) const {
       for (int z0 = 0; z0 < n.z; z0 += kBlock) {
         const int count = std::min(kBlock, n.z - z0);
         for (int k = 0; k < count; ++k) {
-          const size_t line = (static_cast<size_t>(z0 + k) * n.x + x) * lying_.row;
-          float* const sum = block.data() + static_cast<size_t>(k) * lying_.row;
-          const SweepRow row = lying_rows_[line / lying_.row];
-          std::fill_n(sum, lying_.row, 0.0f);
+          const size_t line = (static_cast<size_t>(z0 + k) * n.x + x) * y_major_.row;
+          float* const sum = block.data() + static_cast<size_t>(k) * y_major_.row;
+          const SweepRow row = y_major_rows_[line / y_major_.row];
+          std::fill_n(sum, y_major_.row, 0.0f);
           for (int y = row.begin; y < row.end; ++y) sum[y] = down[line + y] + up[line + y];
         }
         for (int y = 0; y < n.y; ++y) {
@@ -271,7 +271,7 @@ void ScatteringSolver::gather(Moments& light) const {
           for (int z = std::max(z0, row.begin); z < std::min(z0 + count, row.end); ++z) {
             const size_t i = first + z;
             light[a][i] = kShare * (left[i] + right[i] + front[i] + back[i] +
-                                    block[static_cast<size_t>(z - z0) * lying_.row + y]);
+                                    block[static_cast<size_t>(z - z0) * y_major_.row + y]);
           }
         }
       }
@@ -292,7 +292,7 @@ SkyShares ScatteringSolver::arriving() const {
       NodeValues& radiance = light[static_cast<size_t>(k)] = NodeValues(domain.size());
       beam.incoming = 1;
       beam.radiance = radiance.data();
-      sweep(domain, {bundle.lying ? lying_extinction_.data() : extinction_.data(), {}, 0}, {&beam, 1}, {});
+      sweep(domain, {bundle.y_major ? y_major_extinction_.data() : extinction_.data(), {}, 0}, {&beam, 1}, {});
     });
     parallel_for(n.x - 2, task_, [&](int i) {
       const int x = i + 1;
@@ -300,7 +300,7 @@ SkyShares ScatteringSolver::arriving() const {
         const SweepRow& row = rows_[static_cast<size_t>(x) * n.y + y];
         for (int z = row.begin; z < std::min(row.end, n.z); ++z) {
           const size_t node = lattice_.index(x, y, z);
-          const size_t from = bundle.lying ? (static_cast<size_t>(z) * n.x + x) * lying_.row + y : node;
+          const size_t from = bundle.y_major ? (static_cast<size_t>(z) * n.x + x) * y_major_.row + y : node;
           for (size_t k = 0; k < light.size(); ++k) all.set(node, bundle.directions[k], light[k][from]);
         }
       }
@@ -314,7 +314,7 @@ Moments ScatteringSolver::entering(const std::vector<double>& incoming) {
     Bundle& bundle = bundles_[static_cast<size_t>(i)];
     std::vector<SweepBeam> swept = beams(bundle);
     for (size_t k = 0; k < swept.size(); ++k) swept[k].incoming = static_cast<float>(incoming[bundle.directions[k]]);
-    sweep(near(bundle), {bundle.lying ? lying_scaled_.data() : scaled_.data(), {}, 0}, swept, bundle.moments());
+    sweep(near(bundle), {bundle.y_major ? y_major_scaled_.data() : scaled_.data(), {}, 0}, swept, bundle.moments());
   });
   Moments light = nothing();
   gather(light);

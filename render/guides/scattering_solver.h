@@ -62,7 +62,7 @@ class ScatteringSolver {
   /// Whether a node or one of its 26 neighbours has any extinction.
   std::vector<uint8_t> near_media() const;
 
-  /// Light is told near the media, and 0 elsewhere.
+  /// Light is known at nodes near the media, and 0 elsewhere.
   Moments nothing() const;
   /// For each direction of travel, the share of the light from outside that arrives unscattered, the forward peak being
   /// scattering.
@@ -113,10 +113,10 @@ class ScatteringSolver {
   template <class Sample>
   void fill(const Sample& sample);
   void find_rows();
-  void lay_down(const NodeValues& standing, NodeValues& lying, bool everywhere) const;
+  void to_y_major(const NodeValues& z_major, NodeValues& y_major, bool everywhere) const;
   /// Directions with the same largest component and its sign: they are swept together.
   struct Bundle {
-    bool lying = false;
+    bool y_major = false;
     std::vector<size_t> directions;
     Moments light;  ///< sums over the directions, in the bundle's own order of nodes
     std::array<float*, 4> moments() { return {light[0].data(), light[1].data(), light[2].data(), light[3].data()}; }
@@ -142,11 +142,11 @@ class ScatteringSolver {
   Lattice lattice_;
   Task task_;
   // Nodes with z fastest, and with y fastest and z slowest: a sweep never goes along contiguous rows.
-  SweepDomain standing_, lying_;
-  std::vector<SweepRow> rows_, lying_rows_;                           // the nodes near the media
-  NodeValues extinction_, scaled_, lying_extinction_, lying_scaled_;  // per spacing; without the forward peak
+  SweepDomain z_major_, y_major_;
+  std::vector<SweepRow> rows_, y_major_rows_;                             // the nodes near the media
+  NodeValues extinction_, scaled_, y_major_extinction_, y_major_scaled_;  // per spacing; without the forward peak
   NodeValues albedo_, linear_;  // of what is left of scattering, and three times its mean cosine
-  Moments source_, lying_source_;
+  Moments source_, y_major_source_;
   std::array<Bundle, 6> bundles_;  // towards -x, x, -y, y, -z, z
   double mean_scale_ = 1;
 };

@@ -103,8 +103,7 @@ std::string explain(const Plan& plan, const Scene& scene, const SceneMedia& medi
                                           surfaces->any_straight() ? "; straight shadows of dielectrics: biased" : "")
                             : "none: Embree is not touched");
   line("camera", std::string(plan.lens ? "thin lens" : "pinhole") + (plan.shutter ? ", motion over the shutter" : ""));
-  line("medium surface",
-       plan.medium_surface ? "looked for once per path, for gradient and coverage" : "not looked for");
+  line("isosurface", plan.isosurface ? "looked for once per path, for gradient and coverage" : "not looked for");
   if (plan.marched()) line("marched layers", "once per path, one look-up per voxel length");
   if (guides) line("guides", guides->explain());
   line("layers", "beauty, alpha, sample_count, invalid_count" + std::string(plan.layers.text().empty() ? "" : ", ") +

@@ -19,14 +19,14 @@ dvec3 offset_lamp(const Camera& camera, const FilmSettings& film, double distanc
   return 0.2 * radius * glm::normalize(across({0, 0.5 * h}, {w, 0.5 * h}) + across({0.5 * w, h}, {0.5 * w, 0}));
 }
 
-/// The median length of the density gradient where rays meet the medium's surface.
+/// The median length of the density gradient where rays meet the medium's isosurface.
 double typical_gradient(const PathContext& context, const std::vector<PathRequest>& requests) {
   const Medium& medium = context.media[0];
-  const auto iso = static_cast<float>(context.surface_density * medium.maximum_density());
+  const auto iso = static_cast<float>(context.isosurface_density * medium.maximum_density());
   std::vector<double> steepness;
   for (const PathRequest& request : requests) {
     const Ray local = medium.to_local(request.ray);
-    const std::optional<double> t = find_surface(medium, local, iso);
+    const std::optional<double> t = find_isosurface(medium, local, iso);
     if (!t) continue;
     if (const auto g = density_gradient(medium, local.at(*t + 0.5 / glm::length(local.d))))
       steepness.push_back(glm::length(*g));

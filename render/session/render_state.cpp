@@ -146,66 +146,118 @@ bool CheckpointWriter::write(const Layers& frame, const WordRows& state) {
   return !failing_;
 }
 
-Layers merge_parts(const std::vector<std::filesystem::path>& files, bool keep_state, const Task& task) {
-  Layers first = read_exr_state(files.at(0), task);
-  check_same_render(first, files[0].string(), first, files[0].string(), false);
-  Film film(first.width(), first.height(), recorded_in(first));
-  std::vector<std::pair<Range, std::string>> held;
-  double seconds = 0, cpu = 0, invalid = 0, capped = 0, total = 0, whole = 0;
-  LimitedLight limited;
-  std::string whole_of;  // the part that says so
-  std::vector<std::string> biases;
-  for (const auto& path : files) {
-    const std::string name = path.string();
-    const Layers part = path == files[0] ? std::move(first) : read_exr_state(path, task);
-    if (path != files[0]) {
-      Layers header(film.width(), film.height());
-      header.header = first.header;
-      header.origin = first.origin;
-      header.display = first.display;
-      check_same_render(part, name, header, files[0].string(), false);
-    }
-    if (part.text("interrupted").starts_with("true"))
-      throw InputError(fmt::format("{}: was interrupted in the middle of a pass; finish it with --resume first", name));
-    if (files.size() > 1 && part.text("adaptive").starts_with("true"))
-      throw InputError(fmt::format(
-          "{}: was rendered in rounds, its tiles hold different samples; expected parts of even samples", name));
-    // A finished frame may be joined by the later samples of a longer one, parts only by those of their own.
-    const double planned = part.number("sampleTotal").value_or(0.0);
-    if (part.number("samplesPerPixel").value_or(0.0) < planned) {
-      if (!whole_of.empty() && planned != whole)
-        throw InputError(fmt::format(
-            "{} is a part of a render of {} samples per pixel, {} of one of {}; expected parts of one render", whole_of,
-            whole, name, planned));
-      whole = planned;
-      whole_of = name;
-    }
+namespace {
+
+/// The windows and header of a part, without its channels.
+Layers frame_like(const Layers& part) {
+  Layers frame(part.width(), part.height());
+  frame.header = part.header;
+  frame.origin = part.origin;
+  frame.display = part.display;
+  return frame;
+}
+
+/// The samples that parts hold, and the sums in their headers.
+class PartsHeader {
+ public:
+  /// @throws InputError when the part cannot be joined with those before
+  void add(const Layers& part, const std::string& name) {
+    add_total(part, name);
     for (const Range& r : ranges_of(part, name)) {
-      for (const auto& [other, whose] : held)
+      for (const auto& [other, whose] : held_)
         if (r.first < other.end && other.first < r.end)
           throw InputError(fmt::format("{} and {} overlap: samples {} .. {} are in both; expected disjoint parts",
                                        whose, name, std::max(r.first, other.first), std::min(r.end, other.end) - 1));
-      held.emplace_back(r, name);
+      held_.emplace_back(r, name);
     }
-    film.merge_state(part, name, task);
-    seconds += part.number("renderTimeSeconds").value_or(0.0);
-    cpu += part.number("cpuSeconds").value_or(0.0);
-    total = std::max(total, planned);
-    invalid += part.number("invalidSampleCount").value_or(0.0);
-    capped += part.number("cappedPaths").value_or(0.0);
-    limited.merge(limited_light_of(part));
+    seconds_ += part.number("renderTimeSeconds").value_or(0.0);
+    cpu_ += part.number("cpuSeconds").value_or(0.0);
+    invalid_ += part.number("invalidSampleCount").value_or(0.0);
+    capped_ += part.number("cappedPaths").value_or(0.0);
+    limited_.merge(limited_light_of(part));
     for (const std::string& bias : biases_of(part))
-      if (std::find(biases.begin(), biases.end(), bias) == biases.end()) biases.push_back(bias);
-    if (path == files[0]) {
-      first = Layers(part.width(), part.height());
-      first.header = part.header;
-      first.origin = part.origin;
-      first.display = part.display;
+      if (std::find(biases_.begin(), biases_.end(), bias) == biases_.end()) biases_.push_back(bias);
+  }
+
+  void write(Layers& frame, size_t parts) {
+    std::sort(held_.begin(), held_.end(), [](const auto& a, const auto& b) { return a.first.first < b.first.first; });
+    std::vector<Range> joined;
+    int samples = 0;
+    for (const auto& [r, name] : held_) {
+      samples += r.end - r.first;
+      if (!joined.empty() && joined.back().end == r.first)
+        joined.back().end = r.end;
+      else
+        joined.push_back(r);
     }
-    // The same in all of them; a checkpoint may have none.
-    if (first.channels().empty())
+    std::vector<std::string> texts;
+    for (const Range& r : joined) texts.push_back(fmt::format("{}-{}", r.first, r.end));
+    auto& header = frame.header;
+    header["sampleRanges"] = join(texts, ",");
+    header["sampleFirst"] = joined.empty() ? 0 : joined.front().first;
+    header["sampleEnd"] = joined.empty() ? 0 : joined.back().end;
+    header["samplesPerPixel"] = samples;
+    header["sampleTotal"] = static_cast<int>(total_);
+    header["partsMerged"] = static_cast<int>(parts);
+    header["renderTimeSeconds"] = static_cast<float>(seconds_);
+    header["cpuSeconds"] = static_cast<float>(cpu_);
+    header["invalidSampleCount"] = static_cast<int>(invalid_);
+    header["cappedPaths"] = static_cast<int>(capped_);
+    if (header.contains("indirectLimitPaths")) write_limited_light(frame, limited_);
+    write_biases(frame, biases_);
+  }
+
+ private:
+  /// A finished frame may be joined by the later samples of a longer one, parts only by those of their own.
+  void add_total(const Layers& part, const std::string& name) {
+    const double planned = part.number("sampleTotal").value_or(0.0);
+    total_ = std::max(total_, planned);
+    if (!(part.number("samplesPerPixel").value_or(0.0) < planned)) return;
+    if (!whole_of_.empty() && planned != whole_)
+      throw InputError(
+          fmt::format("{} is a part of a render of {} samples per pixel, {} of one of {}; expected parts of one render",
+                      whole_of_, whole_, name, planned));
+    whole_ = planned;
+    whole_of_ = name;
+  }
+
+  std::vector<std::pair<Range, std::string>> held_;
+  double seconds_ = 0, cpu_ = 0, invalid_ = 0, capped_ = 0, total_ = 0;
+  double whole_ = 0;      // samples of the render that a part is of
+  std::string whole_of_;  // the part that says so
+  LimitedLight limited_;
+  std::vector<std::string> biases_;
+};
+
+void check_even_samples(const Layers& part, const std::string& name, size_t parts) {
+  if (part.text("interrupted").starts_with("true"))
+    throw InputError(fmt::format("{}: was interrupted in the middle of a pass; finish it with --resume first", name));
+  if (parts > 1 && part.text("adaptive").starts_with("true"))
+    throw InputError(fmt::format(
+        "{}: was rendered in rounds, its tiles hold different samples; expected parts of even samples", name));
+}
+
+}  // namespace
+
+Layers merge_parts(const std::vector<std::filesystem::path>& files, bool keep_state, const Task& task) {
+  Layers part = read_exr_state(files.at(0), task);
+  const Layers first = frame_like(part);
+  check_same_render(part, files[0].string(), part, files[0].string(), false);
+  Film film(part.width(), part.height(), recorded_in(part));
+  std::map<std::string, Plane, std::less<>> guides;  // the same in all parts; a checkpoint may have none
+  PartsHeader header;
+  for (size_t i = 0; i < files.size(); ++i) {
+    const std::string name = files[i].string();
+    if (i > 0) {
+      part = read_exr_state(files[i], task);
+      check_same_render(part, name, first, files[0].string(), false);
+    }
+    check_even_samples(part, name, files.size());
+    header.add(part, name);
+    film.merge_state(part, name, task);
+    if (guides.empty())
       for (const auto& [channel, plane] : part.channels())
-        if (channel.starts_with("guide.")) first.set(channel, plane);
+        if (channel.starts_with("guide.")) guides.emplace(channel, plane);
   }
   parallel_for(film.tile_count(), task, [&](int tile) { film.develop(tile); });
   Layers result = film.layers();
@@ -213,32 +265,8 @@ Layers merge_parts(const std::vector<std::filesystem::path>& files, bool keep_st
   result.origin = first.origin;
   result.display = first.display;
   result.header = first.header;
-  for (const auto& [channel, plane] : first.channels()) result.set(channel, plane);
-  std::sort(held.begin(), held.end(), [](const auto& a, const auto& b) { return a.first.first < b.first.first; });
-  std::vector<Range> joined;
-  int samples = 0;
-  for (const auto& [r, name] : held) {
-    samples += r.end - r.first;
-    if (!joined.empty() && joined.back().end == r.first)
-      joined.back().end = r.end;
-    else
-      joined.push_back(r);
-  }
-  std::vector<std::string> texts;
-  for (const Range& r : joined) texts.push_back(fmt::format("{}-{}", r.first, r.end));
-  auto& header = result.header;
-  header["sampleRanges"] = join(texts, ",");
-  header["sampleFirst"] = joined.empty() ? 0 : joined.front().first;
-  header["sampleEnd"] = joined.empty() ? 0 : joined.back().end;
-  header["samplesPerPixel"] = samples;
-  header["sampleTotal"] = static_cast<int>(total);
-  header["partsMerged"] = static_cast<int>(files.size());
-  header["renderTimeSeconds"] = static_cast<float>(seconds);
-  header["cpuSeconds"] = static_cast<float>(cpu);
-  header["invalidSampleCount"] = static_cast<int>(invalid);
-  header["cappedPaths"] = static_cast<int>(capped);
-  if (header.contains("indirectLimitPaths")) write_limited_light(result, limited);
-  write_biases(result, biases);
+  for (auto& [channel, plane] : guides) result.set(channel, std::move(plane));
+  header.write(result, files.size());
   return result;
 }
 

@@ -44,7 +44,7 @@ PreparedScene::PreparedScene(Scene scene, const LayerRequest& layers, const Task
   context_.max_events = scene_.render.max_events;
   context_.indirect_limit = scene_.render.indirect_limit;
   context_.roulette_start = scene_.render.roulette_start;
-  context_.surface_density = scene_.render.surface_density;
+  context_.isosurface_density = scene_.render.surface_density;
   context_.world_shift = media_.world_shift();
   context_.plan = make_plan(scene_, media_, lights_, surfaces_.get(), camera(), layers);
   prepare_lanes(task);
@@ -72,9 +72,9 @@ void PreparedScene::prepare_lanes(const Task& task) {
                    {LaneGrid::of_values(d->field.parts[0]), LaneGrid::of_values(d->field.parts[1]),
                     LaneGrid::of_values(d->field.parts[2])}};
     grid = LaneGrid(medium.walked(), scene_.render.majorant_scale);
-    if (context_.plan.medium_surface && !medium.displacement())
-      grid.find_surface(medium.bricks(), static_cast<float>(scene_.render.surface_density * medium.maximum_density()),
-                        task);
+    if (context_.plan.isosurface && !medium.displacement())
+      grid.find_isosurface(medium.bricks(),
+                           static_cast<float>(scene_.render.surface_density * medium.maximum_density()), task);
   }
   for (const EmissionField& field : context_.emissions)
     emission_grids_.push_back(

@@ -32,10 +32,10 @@ HWY_INLINE M load_rays(RayQueue& queue, CellWalk::Buffer& buffer, const PathStat
 }
 
 void Surface(const LaneScene& scene, const PathStates& paths, const SlotList& rays, const CameraRayLayers& camera,
-             SurfaceCrossings& crossings) {
+             IsosurfaceCrossings& crossings) {
   const D d;
   const DI di;
-  const V zero = hn::Zero(d), one = set(1.0f), iso = set(scene.surface_density);
+  const V zero = hn::Zero(d), one = set(1.0f), iso = set(scene.isosurface_density);
   RayQueue queue(rays);
   CellWalk walk(scene);
   HWY_ALIGN float t[RayQueue::kMost] = {}, outside[RayQueue::kMost], density[RayQueue::kMost];
@@ -70,13 +70,13 @@ void Surface(const LaneScene& scene, const PathStates& paths, const SlotList& ra
     close &= ~bits_of(fresh);
   };
   drive(queue, walk, scene.stop, finish, load, [&](M active) BRUME_INLINE_LAMBDA {
-    const VI word = hn::GatherIndex(di, scene.surface_cell, walk.index(active));
+    const VI word = hn::GatherIndex(di, scene.isosurface_cell, walk.index(active));
     const M nothing = hn::RebindMask(d, hn::Lt(word, hn::Zero(di)));
     const CellWalk::Crossing crossing = walk.ahead(word, nothing);
     const M passes = hn::And(active, hn::Or(nothing, hn::Ge(walk.t, crossing.until)));
     const M looks = hn::AndNot(passes, active);
-    // In a voxel that can reach the surface's density the density is interpolated; from any other voxel the ray steps
-    // as many voxels ahead as cannot reach it (distance field).
+    // In a voxel that can reach the isosurface's density the density is interpolated; from any other voxel the ray
+    // steps as many voxels ahead as cannot reach it (distance field).
     const V3 q = walk.within(walk.at(walk.t));
     const V last = set(scene.cell - 1.0f);
     const auto index = [&](V p) { return hn::ConvertTo(di, hn::Min(p, last)); };
@@ -114,9 +114,9 @@ void Surface(const LaneScene& scene, const PathStates& paths, const SlotList& ra
 }
 
 void DisplacedSurface(const LaneScene& scene, const PathStates& paths, const SlotList& rays,
-                      SurfaceCrossings& crossings) {
+                      IsosurfaceCrossings& crossings) {
   const D d;
-  const V zero = hn::Zero(d), iso = set(scene.surface_density);
+  const V zero = hn::Zero(d), iso = set(scene.isosurface_density);
   RayQueue queue(rays);
   CellWalk walk(scene);
   HWY_ALIGN float times[RayQueue::kMost] = {}, inside[RayQueue::kMost], outside[RayQueue::kMost],
@@ -185,11 +185,11 @@ HWY_INLINE V frames_of(const LaneScene& scene, const PathStates& paths, VI slot)
 }
 
 template <bool kMoved>
-void surface_points(const LaneScene& scene, const PathStates& paths, SurfaceCrossings& crossings,
-                    GradientPoints& points) {
+void isosurface_points(const LaneScene& scene, const PathStates& paths, IsosurfaceCrossings& crossings,
+                       GradientPoints& points) {
   const D d;
   const DI di;
-  const V iso = set(scene.surface_density);
+  const V iso = set(scene.isosurface_density);
   SlotList& slots = crossings.slots;
   slots.pad();
   points.slots.count = slots.count;
@@ -225,9 +225,9 @@ void surface_points(const LaneScene& scene, const PathStates& paths, SurfaceCros
   }
 }
 
-void SurfacePoints(const LaneScene& scene, const PathStates& paths, SurfaceCrossings& crossings,
+void SurfacePoints(const LaneScene& scene, const PathStates& paths, IsosurfaceCrossings& crossings,
                    GradientPoints& points) {
-  (scene.displaced ? surface_points<true> : surface_points<false>)(scene, paths, crossings, points);
+  (scene.displaced ? isosurface_points<true> : isosurface_points<false>)(scene, paths, crossings, points);
 }
 
 void March(const LaneScene& scene, const PathStates& paths, const SlotList& rays, CameraRayLayers& camera) {
@@ -326,18 +326,18 @@ HWY_EXPORT(SurfacePoints);
 HWY_EXPORT(March);
 HWY_EXPORT(Gradient);
 
-void lanes_find_surface(const LaneScene& scene, const PathStates& paths, const SlotList& rays,
-                        const CameraRayLayers& camera, SurfaceCrossings& crossings) {
+void lanes_find_isosurface(const LaneScene& scene, const PathStates& paths, const SlotList& rays,
+                           const CameraRayLayers& camera, IsosurfaceCrossings& crossings) {
   HWY_DYNAMIC_DISPATCH(Surface)(scene, paths, rays, camera, crossings);
 }
 
-void lanes_find_displaced_surface(const LaneScene& scene, const PathStates& paths, const SlotList& rays,
-                                  SurfaceCrossings& crossings) {
+void lanes_find_displaced_isosurface(const LaneScene& scene, const PathStates& paths, const SlotList& rays,
+                                     IsosurfaceCrossings& crossings) {
   HWY_DYNAMIC_DISPATCH(DisplacedSurface)(scene, paths, rays, crossings);
 }
 
-void lanes_surface_points(const LaneScene& scene, const PathStates& paths, SurfaceCrossings& crossings,
-                          GradientPoints& points) {
+void lanes_isosurface_points(const LaneScene& scene, const PathStates& paths, IsosurfaceCrossings& crossings,
+                             GradientPoints& points) {
   HWY_DYNAMIC_DISPATCH(SurfacePoints)(scene, paths, crossings, points);
 }
 

@@ -5,7 +5,7 @@
 #include "render/transport/path_layers.h"
 #include "render/transport/path_states.h"
 
-// What camera rays record besides light: the medium's surface, the gradient there, optical depth.
+// What camera rays record besides light: the medium's isosurface, the gradient there, optical depth.
 
 namespace brume {
 
@@ -25,26 +25,26 @@ struct CameraRayLayers {
   std::array<PathStates::Column<float>, kMarchedPoints> point;  ///< ray parameters, -1 past the end
 };
 
-/// Brackets of the rays' intersections with the medium's surface: two ray parameters, outside and inside.
-struct SurfaceCrossings {
+/// Brackets of the rays' intersections with the medium's isosurface: two ray parameters, outside and inside.
+struct IsosurfaceCrossings {
   PathStates::Column<float> outside, inside;
   PathStates::Column<float> below, above;  ///< the densities there; negative where unknown
   SlotList slots;
   SlotList unsure;  ///< rays for which no sample was inside, but that passed close enough to have crossed the surface
 };
 
-/// Finds where the density along each ray first reaches `surface_density`, sampled once per voxel length from `begin`
-/// on, and adds the bracket to the crossings.
-void lanes_find_surface(const LaneScene& scene, const PathStates& paths, const SlotList& rays,
-                        const CameraRayLayers& camera, SurfaceCrossings& crossings);
+/// Finds where the density along each ray first reaches `isosurface_density`, sampled once per voxel length from
+/// `begin` on, and adds the bracket to the crossings.
+void lanes_find_isosurface(const LaneScene& scene, const PathStates& paths, const SlotList& rays,
+                           const CameraRayLayers& camera, IsosurfaceCrossings& crossings);
 
 /// The same for a displaced grid, sampled four times per voxel length, from 0 on.
-void lanes_find_displaced_surface(const LaneScene& scene, const PathStates& paths, const SlotList& rays,
-                                  SurfaceCrossings& crossings);
+void lanes_find_displaced_isosurface(const LaneScene& scene, const PathStates& paths, const SlotList& rays,
+                                     IsosurfaceCrossings& crossings);
 
 /// The points half a voxel behind the surface, where central differences see the medium on both sides.
-void lanes_surface_points(const LaneScene& scene, const PathStates& paths, SurfaceCrossings& crossings,
-                          GradientPoints& points);
+void lanes_isosurface_points(const LaneScene& scene, const PathStates& paths, IsosurfaceCrossings& crossings,
+                             GradientPoints& points);
 
 /// Optical depth of each ray from one look-up per voxel length, at an offset drawn for the ray, of one voxel by its
 /// trilinear weight: without bias. The points lie where exp(-optical depth) passes a random level in each quarter of

@@ -13,7 +13,7 @@ void CameraRays::start(int32_t slot, float begin) {
 }
 
 void CameraRays::record_in_grid(const LaneScene& scene, const SlotList& fresh) {
-  if (c_.plan.medium_surface) find_isosurface(scene, fresh);
+  if (c_.plan.isosurface) find_in_grid(scene, fresh);
   if (c_.plan.marched()) march(scene, fresh);
 }
 
@@ -25,13 +25,13 @@ void CameraRays::record_in_world(MediaFlights& flights, WorldPaths& world, const
     }
     return;
   }
-  if (!c_.plan.medium_surface) return;
+  if (!c_.plan.isosurface) return;
   // The nearest isosurface of all media counts.
   for (size_t k = 0; k < fresh.count; ++k)
     world.end[static_cast<size_t>(fresh.slot[k])] = std::numeric_limits<double>::infinity();
   for (size_t m = 0; m < c_.media.size(); ++m) {
     if (flights.in_lanes(m))
-      find_isosurface_in_world(flights, world, fresh, m);
+      find_in_world(flights, world, fresh, m);
     else
       for (size_t k = 0; k < fresh.count; ++k) find_one_by_one(world, fresh.slot[k], c_.media[m], 0);
   }
@@ -39,7 +39,7 @@ void CameraRays::record_in_world(MediaFlights& flights, WorldPaths& world, const
 
 void CameraRays::write(size_t slot, PathSample& sample) const {
   const CameraRayLayers& l = b_.layers;
-  if (c_.plan.medium_surface && l.covered[slot] > 0)
+  if (c_.plan.isosurface && l.covered[slot] > 0)
     sample.coverage = 1, sample.gradient = {l.gx[slot], l.gy[slot], l.gz[slot]};
 }
 
@@ -64,28 +64,28 @@ void CameraRays::sort(const SlotList& fresh) {
   }
 }
 
-void CameraRays::find_isosurface(const LaneScene& scene, const SlotList& fresh) {
+void CameraRays::find_in_grid(const LaneScene& scene, const SlotList& fresh) {
   sort(fresh);
   b_.crossings.slots.count = b_.crossings.unsure.count = 0;
-  lanes_find_surface(scene, p_, b_.walks, b_.layers, b_.crossings);
-  lanes_find_surface(scene, p_, b_.packed, b_.packets, b_.crossings);
+  lanes_find_isosurface(scene, p_, b_.walks, b_.layers, b_.crossings);
+  lanes_find_isosurface(scene, p_, b_.packed, b_.packets, b_.crossings);
   look_again(0);
-  lanes_surface_points(scene, p_, b_.crossings, b_.points);
+  lanes_isosurface_points(scene, p_, b_.crossings, b_.points);
   lanes_gradient(scene, p_, b_.points);
   for (size_t k = 0; k < b_.points.slots.count; ++k)
     cover(static_cast<size_t>(b_.points.slots.slot[k]), gradient_at(k, 0));
 }
 
 /// Where camera rays meet a grid's isosurface before those of the media already looked at.
-void CameraRays::find_isosurface_in_world(MediaFlights& flights, WorldPaths& world, const SlotList& fresh, size_t m) {
+void CameraRays::find_in_world(MediaFlights& flights, WorldPaths& world, const SlotList& fresh, size_t m) {
   const LaneScene& scene = flights.scene(m);
   flights.enter(m, fresh, world.end, b_.walks);
   b_.crossings.slots.count = b_.crossings.unsure.count = 0;
   if (scene.displaced) {
-    lanes_find_displaced_surface(scene, p_, b_.walks, b_.crossings);
+    lanes_find_displaced_isosurface(scene, p_, b_.walks, b_.crossings);
   } else {
     for (size_t k = 0; k < b_.walks.count; ++k) b_.layers.begin[static_cast<size_t>(b_.walks.slot[k])] = 0;
-    lanes_find_surface(scene, p_, b_.walks, b_.layers, b_.crossings);
+    lanes_find_isosurface(scene, p_, b_.walks, b_.layers, b_.crossings);
     look_again(m);
   }
   const auto at = [&](size_t slot, float t) { return world.begin[slot] + static_cast<double>(t) * scene.unit; };
@@ -96,7 +96,7 @@ void CameraRays::find_isosurface_in_world(MediaFlights& flights, WorldPaths& wor
     }
     return;
   }
-  lanes_surface_points(scene, p_, b_.crossings, b_.points);
+  lanes_isosurface_points(scene, p_, b_.crossings, b_.points);
   lanes_gradient(scene, p_, b_.points);
   for (size_t k = 0; k < b_.points.slots.count; ++k) {
     const auto i = static_cast<size_t>(b_.points.slots.slot[k]);
@@ -112,11 +112,11 @@ void CameraRays::find_one_by_one(WorldPaths& w, int32_t slot, const Medium& medi
   const auto i = static_cast<size_t>(slot);
   const Medium now = medium.at_time(w.time[i]);
   const Ray local = now.to_local(w.ray[i]);
-  const auto t = find_surface(now, local, static_cast<float>(c_.surface_density * now.maximum_density()), begin);
+  const auto t = find_isosurface(now, local, static_cast<float>(c_.isosurface_density * now.maximum_density()), begin);
   if (!t || !(*t < w.end[i])) return;
   w.end[i] = *t;
   PathSample sample;
-  record_medium_surface(now, local, *t, sample);
+  record_isosurface(now, local, *t, sample);
   cover(i, sample.gradient);
 }
 
@@ -127,8 +127,8 @@ void CameraRays::look_again(size_t medium) {
     const int32_t slot = b_.crossings.unsure.slot[k];
     const auto i = static_cast<size_t>(slot);
     const Ray local{dvec3(p_.ox[i], p_.oy[i], p_.oz[i]), dvec3(p_.lx[i], p_.ly[i], p_.lz[i])};
-    const float iso = c_.lane_grids[medium].surface_density;
-    const auto t = find_surface(c_.media[medium], local, iso, b_.layers.begin[i]);
+    const float iso = c_.lane_grids[medium].isosurface_density;
+    const auto t = find_isosurface(c_.media[medium], local, iso, b_.layers.begin[i]);
     if (!t) continue;
     const size_t n = b_.crossings.slots.count;
     b_.crossings.outside[n] = b_.crossings.inside[n] = static_cast<float>(*t);

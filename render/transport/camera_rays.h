@@ -14,7 +14,7 @@ class CameraRays {
  public:
   struct Buffers {
     CameraRayLayers layers;
-    SurfaceCrossings crossings;
+    IsosurfaceCrossings crossings;
     GradientPoints points;
     std::vector<RayPacket> packets;
     SlotList walks, packed;
@@ -36,8 +36,8 @@ class CameraRays {
 
  private:
   void sort(const SlotList& fresh);
-  void find_isosurface(const LaneScene& scene, const SlotList& fresh);
-  void find_isosurface_in_world(MediaFlights& flights, WorldPaths& world, const SlotList& fresh, size_t medium);
+  void find_in_grid(const LaneScene& scene, const SlotList& fresh);
+  void find_in_world(MediaFlights& flights, WorldPaths& world, const SlotList& fresh, size_t medium);
   void find_one_by_one(WorldPaths& world, int32_t slot, const Medium& medium, double begin);
   void look_again(size_t medium);
   void march(const LaneScene& scene, const SlotList& fresh);

@@ -20,12 +20,12 @@ namespace brume::HWY_NAMESPACE {
 
 enum class Walk { kFlight, kFirst, kShadow };
 
-/// Takes the rays of a list through the majorant cells, up to an end at `reach` where kReach. Free flights end at a
+/// Takes the rays of a list through the majorant cells, up to an end at `t_max` where kEnds. Free flights end at a
 /// real collision, whose position becomes the path's, or leave the grid; forced flights cross the whole grid
 /// (lanes_fly_first); shadow rays estimate their transmittance by ratio tracking. Where kColour, the hero channel
 /// decides for all, and each channel's share of what happened is accounted for (docs/methods.md, Spectral tracking).
 /// kMoved: the density is displaced.
-template <Walk kWalk, bool kReach, bool kColour, bool kMoved>
+template <Walk kWalk, bool kEnds, bool kColour, bool kMoved>
 class Tracker {
  public:
   HWY_INLINE Tracker(const LaneScene& scene, PathStates& paths, const SlotList& rays, SlotList* hits, SlotList* escapes,
@@ -88,7 +88,7 @@ class Tracker {
         paths_.ox[s] = x[lane];
         paths_.oy[s] = y[lane];
         paths_.oz[s] = z[lane];
-        if (kWalk == Walk::kFlight && kReach) paths_.reach[s] = result_[lane];
+        if (kWalk == Walk::kFlight && kEnds) paths_.t_max[s] = result_[lane];
         hits_->push(static_cast<int32_t>(s));
       } else {
         escapes_->push(static_cast<int32_t>(s));
@@ -108,7 +108,7 @@ class Tracker {
       buffer.dy[lane] = (kShadow ? paths_.sy : paths_.ly)[s];
       buffer.dz[lane] = (kShadow ? paths_.sz : paths_.lz)[s];
       generators_.fetch(paths_, s, lane);
-      if (kReach) result_[lane] = (kShadow ? paths_.shadow_reach : paths_.reach)[s];
+      if (kEnds) result_[lane] = (kShadow ? paths_.shadow_t_max : paths_.t_max)[s];
       if (kShadow) carried_[lane] = paths_.transmittance[s];
       if (kMoved) frames_[lane] = frame_of(scene_, paths_, s);
       if (kColour && kShadow) {
@@ -135,7 +135,7 @@ class Tracker {
       lost_ = hn::IfThenElse(fresh, zero, lost_);
     }
     tau_ = hn::IfThenElse(fresh, rng_.exponential(fresh), tau_);
-    if (kReach) reach_ = hn::IfThenElse(fresh, hn::Load(d, result_), reach_);
+    if (kEnds) t_max_ = hn::IfThenElse(fresh, hn::Load(d, result_), t_max_);
   }
 
   HWY_INLINE void step(M active) {
@@ -147,13 +147,13 @@ class Tracker {
     const M empty = hn::Lt(bound, zero);
     const CellWalk::Crossing crossing = walk_.ahead(hn::BitCast(DI(), bound), empty);
     const V sigma_maj = hn::Mul(bound, set(kFirst ? scene_.first_sigma : scene_.sigma));
-    const V until = kReach ? hn::Min(crossing.until, reach_) : crossing.until;
+    const V until = kEnds ? hn::Min(crossing.until, t_max_) : crossing.until;
     const V remaining = hn::IfThenElse(empty, zero, hn::Mul(hn::Sub(until, walk_.t), sigma_maj));
     const M passes = hn::And(active, hn::Or(empty, hn::Ge(tau_, remaining)));
     const M collides = hn::AndNot(passes, active);
     tau_ = hn::IfThenElse(passes, hn::Sub(tau_, remaining), tau_);
     M done = walk_.cross(crossing, passes);
-    if (kReach) done = hn::Or(done, hn::And(passes, hn::Ge(crossing.until, reach_)));
+    if (kEnds) done = hn::Or(done, hn::And(passes, hn::Ge(crossing.until, t_max_)));
     if (!hn::AllFalse(d, collides)) {
       walk_.t = hn::IfThenElse(collides, hn::Add(walk_.t, hn::Div(tau_, sigma_maj)), walk_.t);
       done = hn::Or(done, collide(cell_index, bound, sigma_maj, collides));
@@ -256,7 +256,7 @@ class Tracker {
   Generator rng_;
   HWY_ALIGN float result_[kMost] = {}, carried_[kMost] = {}, frames_[kMost] = {};
   HWY_ALIGN float channel_[4][kMost] = {};  // in memory: colour and hero
-  V tau_ = hn::Zero(D()), weight_ = set(1.0f), reach_ = hn::Zero(D()), time_ = hn::Zero(D());
+  V tau_ = hn::Zero(D()), weight_ = set(1.0f), t_max_ = hn::Zero(D()), time_ = hn::Zero(D());
   V scattered_ = hn::Zero(D()), lost_ = hn::Zero(D());  // of a forced flight: the share so far, its rounding error
   V3 hit_at_{hn::Zero(D()), hn::Zero(D()), hn::Zero(D())};
   V hero_ = set(1.0f);                          // extinction of the hero channel, relative to the largest
@@ -264,10 +264,10 @@ class Tracker {
   uint32_t collided_ = 0;
 };
 
-template <Walk kWalk, bool kReach, bool kColour = false, bool kMoved = false>
+template <Walk kWalk, bool kEnds, bool kColour = false, bool kMoved = false>
 void track(const LaneScene& scene, PathStates& paths, const SlotList& rays, SlotList* hits, SlotList* escapes,
            uint64_t& lookups) {
-  Tracker<kWalk, kReach, kColour, kMoved>(scene, paths, rays, hits, escapes, lookups).run();
+  Tracker<kWalk, kEnds, kColour, kMoved>(scene, paths, rays, hits, escapes, lookups).run();
 }
 
 void Flight(const LaneScene& scene, PathStates& paths, const SlotList& rays, SlotList& hits, SlotList& escapes,

@@ -9,7 +9,7 @@
 namespace brume {
 
 /// Delta tracking: takes each ray of a list to its next real collision, whose position becomes the path's, or out of
-/// the grid, or to its end on a light (PathStates::reach). Where LaneScene::flights_end, `reach` is the collision's ray
+/// the grid, or to its end on a light (PathStates::t_max). Where LaneScene::flights_end, `t_max` is the collision's ray
 /// parameter afterwards. In a chromatic medium the hero channel decides, and `fr`, `fg`, `fb` are each channel's
 /// probability of what happened.
 void lanes_fly(const LaneScene& scene, PathStates& paths, const SlotList& rays, SlotList& hits, SlotList& escapes,

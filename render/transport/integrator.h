@@ -56,8 +56,8 @@ struct PathContext {
   std::span<const DisplacedLaneGrid> displaced_grids;  ///< of the media that are displaced, likewise
   Plan plan;
   int max_events = 100000, roulette_start = 16;
-  double indirect_limit = 0;   ///< see limit_indirect; 0: none
-  double surface_density = 0;  ///< share of each medium's maximum
+  double indirect_limit = 0;      ///< see limit_indirect; 0: none
+  double isosurface_density = 0;  ///< share of each medium's maximum
   FlashLamp flash;
   dvec3 world_shift{0};
   const StopSignal* stop = nullptr;  ///< polled inside flights; tracing throws Interrupted where it says so

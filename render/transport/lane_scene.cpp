@@ -105,8 +105,8 @@ LaneScene lane_scene(const PathContext& context, size_t number, WorldPaths* worl
     const LaneGrid& grid = context.lane_grids[number];
     set_cells(s, grid);
     s.distances = grid.distances.data();
-    s.surface_cell = grid.surface_cell.data();
-    s.surface_density = static_cast<float>(context.surface_density * medium.maximum_density());
+    s.isosurface_cell = grid.isosurface_cell.data();
+    s.isosurface_density = static_cast<float>(context.isosurface_density * medium.maximum_density());
     if (const Displacement* const d = medium.displacement()) set_displacement(s, *d, context.displaced_grids[number]);
   }
   set_medium(s, medium, context.plan.first_collision.majorant);

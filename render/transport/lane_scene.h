@@ -36,7 +36,7 @@ void set_cells(LaneCells& cells, const LaneGrid& grid);
 /// A medium of the scene, whose cells these are, and the scene's lights.
 struct LaneScene : LaneCells {
   const uint8_t* distances;
-  const int32_t* surface_cell;
+  const int32_t* isosurface_cell;
   double unit;                   ///< lane_unit() of the medium: ray parameters in lanes are in these
   float sigma;                   ///< extinction per density and unit
   float local_from_world[3][3];  ///< of directions, in units
@@ -58,7 +58,7 @@ struct LaneScene : LaneCells {
   int roulette_start;
   int max_events;
   bool interpolate;
-  float surface_density;
+  float isosurface_density;
 
   struct SunLight {
     float x[3], y[3], z[3];  ///< a frame around its axis, world space

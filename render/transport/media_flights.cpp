@@ -62,7 +62,7 @@ bool MediaFlights::met_by(const Ray& ray, double time) const {
 
 void MediaFlights::enter(size_t m, const SlotList& rays, const std::array<double, kPool>& end, SlotList& inside) {
   inside.count = 0;
-  enter_box(boxes_[m], w_.ray, end, rays, {p_.ox, p_.oy, p_.oz, p_.lx, p_.ly, p_.lz, p_.reach, w_.begin}, inside);
+  enter_box(boxes_[m], w_.ray, end, rays, {p_.ox, p_.oy, p_.oz, p_.lx, p_.ly, p_.lz, p_.t_max, w_.begin}, inside);
 }
 
 void MediaFlights::fly(const SlotList& rays) {
@@ -112,7 +112,7 @@ void MediaFlights::fly_in_lanes(size_t m, const SlotList& rays) {
   lanes_fly(scenes_[m], p_, inside_, hits_, passed_, counters_.lookups);
   for (size_t k = 0; k < hits_.count; ++k) {
     const auto i = static_cast<size_t>(hits_.slot[k]);
-    w_.end[i] = std::min(w_.end[i], w_.begin[i] + static_cast<double>(p_.reach[i]) * scenes_[m].unit);
+    w_.end[i] = std::min(w_.end[i], w_.begin[i] + static_cast<double>(p_.t_max[i]) * scenes_[m].unit);
     w_.medium[i] = static_cast<int32_t>(m);
   }
   Flown* const flown = flown_[m].get();
@@ -296,7 +296,7 @@ void MediaFlights::shadow_in_lanes(size_t m, const SlotList& rays) {
   for (size_t k = 0; k < rays.count; ++k)
     if (!dark(static_cast<size_t>(rays.slot[k]))) again_.push(rays.slot[k]);
   enter_box(boxes_[m], w_.shadow, w_.shadow_end, again_,
-            {p_.ox, p_.oy, p_.oz, p_.sx, p_.sy, p_.sz, p_.shadow_reach, w_.begin}, inside_);
+            {p_.ox, p_.oy, p_.oz, p_.sx, p_.sy, p_.sz, p_.shadow_t_max, w_.begin}, inside_);
   lanes_shadow(scenes_[m], p_, inside_, counters_.lookups);
 }
 

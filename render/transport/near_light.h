@@ -21,14 +21,14 @@ namespace brume {
 struct NearLight {
   const Light* light;
   dvec3 position;
-  double reach;  ///< c: at this distance both parts are a half
+  double half_distance;  ///< c: at this distance both parts are a half
 
   /// The part that is left to collisions at a point.
   double far_part(const dvec3& p) const {
     const dvec3 d = position - p;
     return far_part(glm::dot(d, d));
   }
-  double far_part(double r2) const { return r2 / (r2 + reach * reach); }
+  double far_part(double r2) const { return r2 / (r2 + half_distance * half_distance); }
 };
 
 /// The part of a light's contribution at a point in a medium that is left to collisions: 1 but close to a near light.
@@ -39,7 +39,7 @@ inline double far_share(std::span<const NearLight> near_lights, const Light* lig
 }
 
 /// Point, spot and sphere lights inside homogeneous media, which are even enough for it: in a grid, whose density says
-/// more about where light scatters than the distance does, it gained nothing (docs/performance.md). Their reach is a
+/// more about where light scatters than the distance does, it gained nothing (docs/performance.md). That distance is a
 /// fifth of the mean free path; beyond, collisions do as well.
 /// @param setting  auto or off
 std::vector<NearLight> choose_near_lights(std::span<const Medium> media, const Lights& lights,
@@ -51,7 +51,7 @@ class NearSegment {
   NearSegment(const NearLight& near, const Ray& ray, double t0, double t1) {
     const dvec3 to_light = near.position - ray.o;
     nearest_ = glm::dot(to_light, ray.d);
-    distance_ = std::max(glm::length(to_light - nearest_ * ray.d), 1e-9 * near.reach);
+    distance_ = std::max(glm::length(to_light - nearest_ * ray.d), 1e-9 * near.half_distance);
     from_ = std::atan((t0 - nearest_) / distance_);
     to_ = std::atan((t1 - nearest_) / distance_);
     lo_ = t0;

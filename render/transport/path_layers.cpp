@@ -13,20 +13,20 @@ namespace {
 
 constexpr double kFar = std::numeric_limits<double>::infinity();
 
-void find_medium_surface(const PathContext& context, std::span<const Medium> media, const Ray& ray, PathSample& s) {
+void find_nearest_isosurface(const PathContext& context, std::span<const Medium> media, const Ray& ray, PathSample& s) {
   double first = kFar;
   const Medium* medium = nullptr;
   Ray local;
   for (const Medium& m : media) {
     const Ray r = m.to_local(ray);
-    const auto t = find_surface(m, r, static_cast<float>(context.surface_density * m.maximum_density()));
+    const auto t = find_isosurface(m, r, static_cast<float>(context.isosurface_density * m.maximum_density()));
     if (t && *t < first) {
       first = *t;
       medium = &m;
       local = r;
     }
   }
-  if (medium) record_medium_surface(*medium, local, first, s);
+  if (medium) record_isosurface(*medium, local, first, s);
 }
 
 struct March {
@@ -63,7 +63,7 @@ March march(const Medium& m, const Ray& local, Rng& rng) {
 
 }  // namespace
 
-void record_medium_surface(const Medium& medium, const Ray& local, double t, PathSample& s) {
+void record_isosurface(const Medium& medium, const Ray& local, double t, PathSample& s) {
   s.coverage = 1.0;
   // Half a voxel inside, where the differences see the medium on both sides.
   const double inside = t + 0.5 / glm::length(local.d);
@@ -73,7 +73,7 @@ void record_medium_surface(const Medium& medium, const Ray& local, double t, Pat
 void record_camera_ray(const PathContext& context, std::span<const Medium> media, const Ray& ray, Rng rng,
                        PathSample& sample) {
   const Plan& plan = context.plan;
-  if (plan.medium_surface) find_medium_surface(context, media, ray, sample);
+  if (plan.isosurface) find_nearest_isosurface(context, media, ray, sample);
   if (!plan.marched()) return;
   double depth = 0;
   for (const Medium& m : media) {

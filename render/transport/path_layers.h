@@ -9,10 +9,11 @@ inline constexpr double kDeepest = 50;  ///< where the layer optical_depth is cl
 /// Points on a camera ray, one in each quarter of the distribution of first scatterings, for the weighted gradient.
 inline constexpr size_t kMarchedPoints = 4;
 
-/// Coverage and gradient of a camera ray that hits a medium's surface at t. @param local  in the medium's coordinates
-void record_medium_surface(const Medium& medium, const Ray& local, double t, PathSample& sample);
+/// Coverage and gradient of a camera ray that hits a medium's isosurface at t. @param local  in the medium's
+/// coordinates
+void record_isosurface(const Medium& medium, const Ray& local, double t, PathSample& sample);
 
-/// Layers that follow from the camera ray alone: the medium's surface, optical depth, the marched gradient.
+/// Layers that follow from the camera ray alone: the medium's isosurface, optical depth, the marched gradient.
 void record_camera_ray(const PathContext& context, std::span<const Medium> media, const Ray& ray, Rng rng,
                        PathSample& sample);
 

@@ -23,7 +23,7 @@ struct PathRecord {
   float density_1 = 0;
   float light_transmittance_1 = 0;  ///< of the first event's shadow ray
   vec3 normal{0};
-  float flags = 0;  ///< 1: scattered, 2: scattered twice, 4: met a surface first, 8: met the medium's surface
+  float flags = 0;  ///< 1: scattered, 2: scattered twice, 4: met a surface first, 8: met the medium's isosurface
   // Colour.
   vec3 unscattered{0}, single{0}, indirect{0};  ///< background, emission and surfaces lit directly; once; more
 

@@ -21,8 +21,8 @@ struct PathStates {
   Column<float> sx, sy, sz;    // direction of the shadow ray, local
   Column<float> tr, tg, tb;    // throughput
   Column<float> cr, cg, cb;    // contribution of the light sample, unoccluded
-  Column<float> reach;         // ray parameter where the flight ends; only where LaneScene::flights_end
-  Column<float> shadow_reach;  // distance of the light sample; only where LaneScene::shadows_end
+  Column<float> t_max;         // ray parameter where the flight ends; only where LaneScene::flights_end
+  Column<float> shadow_t_max;  // distance of the light sample; only where LaneScene::shadows_end
   Column<float> pdf;           // of the last direction
   Column<float> mis;           // the light sample's weight against direction sampling; only where LaneScene::world
   Column<float> transmittance;

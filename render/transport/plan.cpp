@@ -50,7 +50,7 @@ Plan make_plan(const Scene& scene, const SceneMedia& media, const Lights& lights
   plan.shutter = camera.moves() || plan.moving_media ||
                  std::any_of(fields.begin(), fields.end(), [](const EmissionField& e) { return e.moves(); });
   if (plan.has_media()) {
-    plan.medium_surface = layers.has(layer::gradient) || layers.has(layer::coverage) || layers.records;
+    plan.isosurface = layers.has(layer::gradient) || layers.has(layer::coverage) || layers.records;
     plan.flash = layers.has(layer::flash);
     for (const LayerName& l : {layer::scatter_depth, layer::scatter_position, layer::scatter_density,
                                layer::scatter_share, layer::albedo, layer::gradient_first_scatter, layer::flash})

@@ -28,9 +28,9 @@ struct Plan {
   std::vector<NearLight> near_lights;  ///< small lights in homogeneous media, sampled along flights too
 
   // Recorded beyond what the path computes anyway.
-  bool medium_surface = false;  ///< intersected once per path
-  bool first_event = false;     ///< where and at what the path scatters first
-  bool first_surface = false;   ///< what surface it meets first, and what shadow catchers gather
+  bool isosurface = false;     ///< intersected once per path
+  bool first_event = false;    ///< where and at what the path scatters first
+  bool first_surface = false;  ///< what surface it meets first, and what shadow catchers gather
   bool first_scatter_gradient = false;
   bool weighted_gradient = false;  ///< marched once per path
   bool optical_depth = false;      ///< marched once per path

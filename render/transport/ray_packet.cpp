@@ -57,15 +57,15 @@ class PacketWalk {
   }
 
   /// Marches at most kVectors vectors of rays from a layer on. The result of a ray does not depend on the others.
-  void walk(const PathStates& paths, const int32_t* slots, size_t count, int first, SurfaceCrossings& crossings) {
+  void walk(const PathStates& paths, const int32_t* slots, size_t count, int first, IsosurfaceCrossings& crossings) {
     load_rays(paths, slots, count);
     const int step = hn::GetLane(rays_[0].d.x) < 0 ? -1 : 1, layers = cells_[0] * cell_;
     bool known = false;  // whether the last samples lie on the layer's near plane
-    bool close = false;  // whether a window held a voxel that can reach the surface's density
+    bool close = false;  // whether a window held a voxel that can reach the isosurface's density
     begun_ = false;
     for (int k = first; k >= 0 && k < layers && busy(); k += step) {
       const int near = step > 0 ? k : k + 1, far = step > 0 ? k + 1 : k;
-      // Cells that cannot reach the surface's density are skipped whole.
+      // Cells that cannot reach the isosurface's density are skipped whole.
       if (!known && (k == first || (near & (cell_ - 1)) == 0)) {
         const int end = step > 0 ? (k | (cell_ - 1)) + 1 : k & ~(cell_ - 1);
         if (!cells_reach(k, near, end)) {
@@ -155,13 +155,14 @@ class PacketWalk {
     return {floored(y), floored(z)};
   }
 
-  /// Whether the surface's density may be reached between two planes in the cells that hold layer k.
+  /// Whether the isosurface's density may be reached between two planes in the cells that hold layer k.
   bool cells_reach(int k, int near, int end) const {
     const ivec2 low = glm::min(lowest(static_cast<float>(near)), lowest(static_cast<float>(end))) >> cell_bits_;
     for (int i = 0; i < kWindow; ++i)
       for (int j = 0; j < kWindow; ++j) {
         const int y = std::clamp(low.x + i, 0, cells_[1] - 1), z = std::clamp(low.y + j, 0, cells_[2] - 1);
-        if (scene_.surface_cell[(k >> cell_bits_) * cell_stride_[0] + y * cell_stride_[1] + z * cell_stride_[2]] >= 0)
+        if (scene_.isosurface_cell[(k >> cell_bits_) * cell_stride_[0] + y * cell_stride_[1] + z * cell_stride_[2]] >=
+            0)
           return true;
       }
     return false;
@@ -200,13 +201,13 @@ class PacketWalk {
     return w;
   }
 
-  /// Whether a voxel of a window can reach the surface's density, with some room for rounding.
+  /// Whether a voxel of a window can reach the isosurface's density, with some room for rounding.
   HWY_INLINE bool reaches(const Window& w) const {
     const D d;
     V most = hn::Zero(d);
     for (size_t i = 0; i < kCorners; i += hn::Lanes(d))
       most = hn::Max(most, hn::Max(hn::Load(d, w.values[0] + i), hn::Load(d, w.values[1] + i)));
-    return !hn::AllFalse(d, hn::Ge(most, set(scene_.surface_density * (1 - 1e-6f))));
+    return !hn::AllFalse(d, hn::Ge(most, set(scene_.isosurface_density * (1 - 1e-6f))));
   }
 
   /// Positions in a window: the lower corner's index, and the interpolation weights.
@@ -239,7 +240,7 @@ class PacketWalk {
   /// Samples the density at the near plane of layer k unless that is known, half-way through the layer and at the far
   /// plane.
   HWY_INLINE void look_through(PacketRays& rays, int k, int near, int far, const Window* at_near,
-                               const Window& at_middle, const Window& at_far, SurfaceCrossings& crossings) const {
+                               const Window& at_middle, const Window& at_far, IsosurfaceCrossings& crossings) const {
     const V zero = hn::Zero(D());
     const V t0 = rays.crosses(static_cast<float>(near)), t1 = rays.crosses(static_cast<float>(far));
     const V begin = hn::Max(t0, zero);
@@ -269,13 +270,13 @@ class PacketWalk {
     return {by_axis[(3 - axes_[0]) % 3], by_axis[(4 - axes_[0]) % 3], by_axis[(5 - axes_[0]) % 3]};
   }
 
-  /// Takes a sample of the density along some of the rays: those above the surface's density have hit it.
+  /// Takes a sample of the density along some of the rays: those above the isosurface's density have hit it.
   /// @param until  ray parameter of the end of the layer
-  HWY_INLINE void look(PacketRays& rays, M some, V t, V until, V density, SurfaceCrossings& crossings) const {
+  HWY_INLINE void look(PacketRays& rays, M some, V t, V until, V density, IsosurfaceCrossings& crossings) const {
     const D d;
     const M inside = hn::And(hn::Le(t, rays.exit), hn::Gt(until, hn::Zero(d)));
     const V value = hn::IfThenElseZero(inside, density);
-    const M hits = hn::And(hn::And(mask_of(rays.busy), some), hn::Ge(value, set(scene_.surface_density)));
+    const M hits = hn::And(hn::And(mask_of(rays.busy), some), hn::Ge(value, set(scene_.isosurface_density)));
     if (!hn::AllFalse(d, hits)) {
       // Compressed in registers: to memory that is slow on some processors.
       const size_t k = crossings.slots.count;
@@ -305,7 +306,7 @@ class PacketWalk {
 };
 
 void SurfaceOfPackets(const LaneScene& scene, const PathStates& paths, const SlotList& rays,
-                      std::span<const RayPacket> packets, SurfaceCrossings& crossings) {
+                      std::span<const RayPacket> packets, IsosurfaceCrossings& crossings) {
   const size_t most = PacketWalk::kVectors * hn::Lanes(D());
   for (const RayPacket& b : packets) {
     PacketWalk packet(scene, b.axis);
@@ -322,8 +323,8 @@ namespace brume {
 
 HWY_EXPORT(SurfaceOfPackets);
 
-void lanes_find_surface(const LaneScene& scene, const PathStates& paths, const SlotList& rays,
-                        std::span<const RayPacket> packets, SurfaceCrossings& crossings) {
+void lanes_find_isosurface(const LaneScene& scene, const PathStates& paths, const SlotList& rays,
+                           std::span<const RayPacket> packets, IsosurfaceCrossings& crossings) {
   HWY_DYNAMIC_DISPATCH(SurfaceOfPackets)(scene, paths, rays, packets, crossings);
 }
 

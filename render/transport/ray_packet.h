@@ -12,9 +12,9 @@ struct RayPacket {
   int axis, layer;
 };
 
-/// lanes_find_surface for packets, in steps of half a layer of voxels. The result of a ray does not depend on the other
-/// rays of its packet.
-void lanes_find_surface(const LaneScene& scene, const PathStates& paths, const SlotList& rays,
-                        std::span<const RayPacket> packets, SurfaceCrossings& crossings);
+/// lanes_find_isosurface for packets, in steps of half a layer of voxels. The result of a ray does not depend on the
+/// other rays of its packet.
+void lanes_find_isosurface(const LaneScene& scene, const PathStates& paths, const SlotList& rays,
+                           std::span<const RayPacket> packets, IsosurfaceCrossings& crossings);
 
 }  // namespace brume

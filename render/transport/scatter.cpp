@@ -248,7 +248,7 @@ class Collisions {
     if (scene_.world)
       scene_.world->note_light(s, sample, u, paths_.events[s] == 0);
     else
-      paths_.shadow_reach[s] = static_cast<float>(std::min(sample.distance / scene_.unit, 1e30));
+      paths_.shadow_t_max[s] = static_cast<float>(std::min(sample.distance / scene_.unit, 1e30));
     return sample;
   }
 

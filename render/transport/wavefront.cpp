@@ -31,7 +31,7 @@ constexpr size_t kPoolAtSurfaces = kPool / 4;
 struct Pool {
   PathStates paths{};
   SlotList fresh, active, hits, met, escapes, shadows, alive, of_medium;
-  SlotList beside;                              // camera rays that miss the grid, but not what emits
+  SlotList emission_only;                       // camera rays that miss the grid, but not what emits
   std::array<const FiniteLight*, kPool> light;  // that a flight ends on, where Plan::one_grid
   std::vector<PathSample> samples;              // of the paths, where layers are recorded that PathStates has not
   CameraRays::Buffers camera_rays;
@@ -81,10 +81,11 @@ class Wavefront {
     counters_.tracking.stop = c_.stop;
     for (;;) {
       if (c_.stop != nullptr) c_.stop->check();
-      for (SlotList* list : {&pool_.hits, &pool_.met, &pool_.escapes, &pool_.shadows, &pool_.alive, &pool_.beside})
+      for (SlotList* list :
+           {&pool_.hits, &pool_.met, &pool_.escapes, &pool_.shadows, &pool_.alive, &pool_.emission_only})
         list->count = 0;
       start_paths();
-      if (pool_.active.count + pool_.hits.count + pool_.beside.count == 0) break;
+      if (pool_.active.count + pool_.hits.count + pool_.emission_only.count == 0) break;
       w_ ? fly_in_world() : fly_in_grid();
       if (emission_ && !c_.plan.chromatic) emission_->add({&pool_.hits, &pool_.met, &pool_.escapes});
       for (size_t k = 0; k < pool_.escapes.count; ++k) escape(pool_.escapes.slot[k]);
@@ -148,7 +149,7 @@ class Wavefront {
     p_.lz[i] = static_cast<float>(local.d.z * grid_.unit);
     const double ahead = request.start.surface;
     camera_rays_.start(slot, ahead < exit ? static_cast<float>(std::max(ahead - entry, 0.0) / grid_.unit) : -1.0f);
-    (meets ? pool_.fresh : pool_.beside).push(slot);
+    (meets ? pool_.fresh : pool_.emission_only).push(slot);
   }
 
   /// Starts a path in a free slot at the eye.
@@ -235,7 +236,7 @@ class Wavefront {
       if (grid_.flights_end) {
         std::tie(pool_.light[i], end) = c_.lights->nearest(whole, end, camera);
         const double t_max = std::max(end - glm::dot(ray.o - whole.o, whole.d), 0.0);
-        p_.reach[i] = static_cast<float>(std::min(t_max / grid_.unit, 1e30));
+        p_.t_max[i] = static_cast<float>(std::min(t_max / grid_.unit, 1e30));
       }
       if (emission_) emission_->set(i, whole, end);
     }
@@ -243,9 +244,9 @@ class Wavefront {
 
   void fly_in_grid() {
     find_ends_in_grid(pool_.active);
-    find_ends_in_grid(pool_.beside);
+    find_ends_in_grid(pool_.emission_only);
     lanes_fly(grid_, p_, pool_.active, pool_.hits, pool_.escapes, counters_.tracking.lookups);
-    for (size_t k = 0; k < pool_.beside.count; ++k) pool_.escapes.push(pool_.beside.slot[k]);
+    for (size_t k = 0; k < pool_.emission_only.count; ++k) pool_.escapes.push(pool_.emission_only.slot[k]);
     if (!emission_) return;
     for (size_t k = 0; k < pool_.hits.count; ++k) {
       const auto i = static_cast<size_t>(pool_.hits.slot[k]);
@@ -399,7 +400,7 @@ class Wavefront {
     };
     const FiniteLight* light = w_ ? w_->light[i] : grid_.flights_end ? pool_.light[i] : nullptr;
     if (light) {
-      const double t = w_ ? w_->end[i] : p_.reach[i] * grid_.unit;
+      const double t = w_ ? w_->end[i] : p_.t_max[i] * grid_.unit;
       const dvec3 L = light->radiance(ray, t) * weight(share(*light) * light->pdf(ray, t));
       return past.in_medium ? L * far_share(c_.plan.near_lights, light, ray.o) : L;
     }

@@ -167,7 +167,7 @@ MeshLight::MeshLight(const TriangleMesh& mesh, const dvec3& radiance) : mesh_(&m
   for (double& c : cdf_) c /= area_;
   for (const dvec3& v : mesh.positions) centre_ += v;
   centre_ /= static_cast<double>(mesh.positions.size());
-  for (const dvec3& v : mesh.positions) reach_ = std::max(reach_, glm::distance(centre_, v));
+  for (const dvec3& v : mesh.positions) extent_ = std::max(extent_, glm::distance(centre_, v));
 }
 
 double MeshLight::projected_area(const dvec3& direction) const {
@@ -195,7 +195,7 @@ LightSample MeshLight::sample(const dvec3& p, const dvec2& u) const {
 }
 
 double MeshLight::importance(const dvec3& p) const {
-  const double d = std::max(glm::distance(p, centre_), reach_);
+  const double d = std::max(glm::distance(p, centre_), extent_);
   return luminance(radiance_) * area_ / (d * d);
 }
 

@@ -159,7 +159,7 @@ class MeshLight : public Light {
  private:
   const TriangleMesh* mesh_;
   dvec3 radiance_, centre_{0};
-  double area_ = 0, reach_ = 0;
+  double area_ = 0, extent_ = 0;
   std::array<double, 6> projected_{};  // along -x, x, -y, y, -z, z
   std::vector<double> cdf_;
 };

@@ -61,7 +61,7 @@ SceneMedia::SceneMedia(const Scene& scene, const Task& task) {
   };
   for (const Medium& m : media_) enclose(m.bounding_sphere());
   if (!first) return;
-  for (const EmissionField& e : emissions_) enclose(e.bounding_sphere());  // flames without smoke
+  for (const EmissionField& e : emissions_) enclose(e.bounding_sphere());  // emission without density
 }
 
 /// One volume of a scene on its way from its settings to media and emissions.

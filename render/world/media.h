@@ -11,7 +11,7 @@
 
 namespace brume {
 
-/// The volumes of a scene, loaded: fields, the media that scatter, the fields that glow.
+/// The volumes of a scene, loaded: fields, the media that scatter, the fields that emit.
 class SceneMedia {
  public:
   SceneMedia() = default;

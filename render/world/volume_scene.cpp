@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 
 #include "base/error.h"
 #include "volume/emission.h"
@@ -74,6 +75,36 @@ double framing_distance(const Medium& medium, const dvec3& middle, const dvec3& 
   return distance;
 }
 
+using Assume = std::function<void(const std::string&)>;
+
+/// Lines of a volume that burns by its grid of temperatures; empty where it is too cold.
+std::string black_body_of(const GridSummary& temperature, double radius, const Assume& assume) {
+  const double scale =
+      temperature.maximum > kLeastKelvin ? 1.0 : std::stod(fmt::format("{:.3g}", kHottest / temperature.maximum));
+  const double kelvin = scale * temperature.maximum;
+  const double emitted =
+      luminance(EmissionRamp::of_blackbody(0, scale, temperature.maximum, 1, true)(temperature.maximum));
+  if (!(emitted > 0)) {
+    assume(fmt::format(
+        "grid '{}' holds at most {:.4g} K, which does not glow; volumes.0.temperature_scale makes it hotter",
+        temperature.name, kelvin));
+    return {};
+  }
+  const double intensity = std::stod(fmt::format("{:.2g}", kFlameRadiance / (0.1 * radius * emitted)));
+  assume(fmt::format(
+      "fire from grid '{}': volumes.0.temperature_scale = {} makes its hottest voxel {:.4g} K, blackbody_intensity = {}",
+      temperature.name, scale, kelvin, intensity));
+  return fmt::format("temperature_grid = \"{}\"\ntemperature_scale = {}\nblackbody_intensity = {}\n", temperature.name,
+                     scale, intensity);
+}
+
+/// Lines of a volume that burns by its grid of flames.
+std::string flames_of(const GridSummary& flame, double radius, const Assume& assume) {
+  const double intensity = std::stod(fmt::format("{:.2g}", kFlameRadiance / (0.1 * radius)));
+  assume(fmt::format("fire from grid '{}': volumes.0.flame_intensity = {}", flame.name, intensity));
+  return fmt::format("flame_grid = \"{}\"\nflame_intensity = {}\n", flame.name, intensity);
+}
+
 }  // namespace
 
 std::string VolumeScene::text(const std::string& file) const {
@@ -133,30 +164,8 @@ VolumeScene scene_for_volume(const std::filesystem::path& file, const Task& task
   std::string& text = scene.after_file;
   text = fmt::format("\"\ngrid = \"{}\"\nsigma_t = {}\nalbedo = {}\ng = {}\n", density.summary.name, sigma_t,
                      burns ? "0.6" : "0.98", burns ? "0.2" : "0.45");
-  if (temperature) {
-    const double scale =
-        temperature->maximum > kLeastKelvin ? 1.0 : std::stod(fmt::format("{:.3g}", kHottest / temperature->maximum));
-    const double kelvin = scale * temperature->maximum;
-    const double glow =
-        luminance(EmissionRamp::of_blackbody(0, scale, temperature->maximum, 1, true)(temperature->maximum));
-    if (!(glow > 0)) {
-      assume(fmt::format(
-          "grid '{}' holds at most {:.4g} K, which does not glow; volumes.0.temperature_scale makes it hotter",
-          temperature->name, kelvin));
-    } else {
-      const double intensity = std::stod(fmt::format("{:.2g}", kFlameRadiance / (0.1 * bounds.radius * glow)));
-      text += fmt::format("temperature_grid = \"{}\"\ntemperature_scale = {}\nblackbody_intensity = {}\n",
-                          temperature->name, scale, intensity);
-      assume(fmt::format(
-          "fire from grid '{}': volumes.0.temperature_scale = {} makes its hottest voxel {:.4g} K, blackbody_intensity = {}",
-          temperature->name, scale, kelvin, intensity));
-    }
-  }
-  if (flame) {
-    const double intensity = std::stod(fmt::format("{:.2g}", kFlameRadiance / (0.1 * bounds.radius)));
-    text += fmt::format("flame_grid = \"{}\"\nflame_intensity = {}\n", flame->name, intensity);
-    assume(fmt::format("fire from grid '{}': volumes.0.flame_intensity = {}", flame->name, intensity));
-  }
+  if (temperature) text += black_body_of(*temperature, bounds.radius, assume);
+  if (flame) text += flames_of(*flame, bounds.radius, assume);
   text += fmt::format("\n[[lights]]\ntype = \"sun\"\ndirection = {}\nirradiance = {}\n", triple(sun),
                       burns ? "[0.8, 0.7, 0.55]" : "[3.4, 3.0, 2.4]");
   return scene;

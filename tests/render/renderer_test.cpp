@@ -79,7 +79,7 @@ TEST(Renderer, RecordsOnlyWhatIsAskedFor) {
   const std::vector<std::string> expected = {
       "A", "B", "G", "R", "indirect.B", "indirect.G", "indirect.R", "invalid_count.Y", "sample_count.Y"};
   EXPECT_EQ(scene.render(1, 1, {}).layers.names(), expected);
-  EXPECT_FALSE(scene.plan().medium_surface) << "nobody asked for the medium's surface";
+  EXPECT_FALSE(scene.plan().isosurface) << "nobody asked for the medium's isosurface";
   EXPECT_THROW(LayerRequest::of({"normals"}, true), InputError);
 }
 

@@ -44,15 +44,15 @@ TEST(FindSurface, MeetsASphereWhereItsDensityPassesIso) {
   for (int i = 0; i < 200; ++i) {
     const dvec3 d = test::random_direction(rng);
     const Ray world{dvec3(2.0) - 7.0 * d, d};
-    const auto t = find_surface(medium, medium.to_local(world), 0.25f);
+    const auto t = find_isosurface(medium, medium.to_local(world), 0.25f);
     ASSERT_TRUE(t);
     EXPECT_NEAR(glm::distance(world.at(*t), dvec3(2.0)), 0.75 * radius * 0.1, 0.01);
     const auto g = density_gradient(medium, medium.to_local(world.at(*t + 0.05)));
     ASSERT_TRUE(g);
     EXPECT_GT(glm::dot(glm::normalize(*g), d), 0.99) << "the gradient points inwards, along a ray through the centre";
   }
-  EXPECT_FALSE(find_surface(medium, medium.to_local(Ray{dvec3(-1, -1, 0), dvec3(0, 0, 1)}), 0.25f));
-  EXPECT_EQ(find_surface(medium, medium.to_local(Ray{dvec3(2), dvec3(0, 0, 1)}), 0.25f), 0.0) << "a camera inside";
+  EXPECT_FALSE(find_isosurface(medium, medium.to_local(Ray{dvec3(-1, -1, 0), dvec3(0, 0, 1)}), 0.25f));
+  EXPECT_EQ(find_isosurface(medium, medium.to_local(Ray{dvec3(2), dvec3(0, 0, 1)}), 0.25f), 0.0) << "a camera inside";
 }
 
 }  // namespace

@@ -98,13 +98,13 @@ TEST(OctantSkip, LosesLittleOfTheOctantsProduct) {
 
 TEST_P(LaneGridOfCells, DistancesAreThoseToTheNearestVoxelThatReachesTheSurface) {
   constexpr float kSurface = 0.3f;
-  grid.find_surface(bricks, kSurface);
+  grid.find_isosurface(bricks, kSurface);
   const int n = GetParam();
   const size_t voxels = static_cast<size_t>(n) * n * n;
   Rng rng(3);
   int below = 0, seen = 0;
   each_cell([&](const ivec3& c) {
-    const int32_t entry = grid.surface_cell[at(c)];
+    const int32_t entry = grid.isosurface_cell[at(c)];
     const BrickGrid::Cell& cell = bricks.cell(c);
     ASSERT_EQ(entry < 0, cell.majorant < kSurface);
     if (entry < 0) {
@@ -142,11 +142,11 @@ TEST_P(LaneGridOfCells, DistancesAreThoseToTheNearestVoxelThatReachesTheSurface)
 TEST_P(LaneGridOfCells, BricksWithoutTheSurfaceAreCrossedUnderLooseMajorants) {
   constexpr float kSurface = 0.3f;
   LaneGrid loose(bricks, 5.0);
-  loose.find_surface(bricks, kSurface);
+  loose.find_isosurface(bricks, kSurface);
   const size_t voxels = static_cast<size_t>(GetParam()) * GetParam() * GetParam();
   int promised = 0;
   each_cell([&](const ivec3& c) {
-    const int32_t entry = loose.surface_cell[at(c)];
+    const int32_t entry = loose.isosurface_cell[at(c)];
     if (entry < 0 || bricks.cell(c).majorant >= kSurface) return;
     ++promised;
     for (size_t v = 0; v < voxels; ++v) ASSERT_EQ(loose.distances[static_cast<size_t>(entry) * voxels + v], GetParam());
@@ -158,10 +158,10 @@ TEST_P(LaneGridOfCells, BricksWithoutTheSurfaceAreCrossedUnderLooseMajorants) {
 // where they do.
 TEST_P(LaneGridOfCells, NoRayOfABeamMeetsAnythingBeforeIt) {
   constexpr float kSurface = 0.3f;
-  grid.find_surface(bricks, kSurface);
+  grid.find_isosurface(bricks, kSurface);
   const int n = GetParam();
   const auto holds_medium = [&](const dvec3& p) { return !empty(ivec3(glm::floor(p / static_cast<double>(n)))); };
-  const auto holds_surface = [&](const dvec3& p) {
+  const auto holds_isosurface = [&](const dvec3& p) {
     const ivec3 v(glm::floor(p));
     float most = 0;
     for (int k = 0; k < 8; ++k) most = std::max(most, bricks.voxel(v + ivec3(k & 1, k >> 1 & 1, k >> 2)));
@@ -211,7 +211,7 @@ TEST_P(LaneGridOfCells, NoRayOfABeamMeetsAnythingBeforeIt) {
       double medium = end, surface = end;
       for (double t = 0; t < end && surface == end; t += 0.1) {
         if (medium == end && holds_medium(ray.at(t))) medium = t;
-        if (medium < end && holds_surface(ray.at(t))) surface = t;
+        if (medium < end && holds_isosurface(ray.at(t))) surface = t;
       }
       ASSERT_GE(medium, std::min(told.medium, end)) << "ray " << k << " of cone " << i;
       ASSERT_GE(surface, std::min(told.surface, end)) << "ray " << k << " of cone " << i;

@@ -114,7 +114,7 @@ const View kViews[] = {{{0, -7, 1.5}},
 
 // Rays of fine pixels are walked together, with looks so near to each other that next to nothing is passed. A straight
 // line through the densities on both sides of the surface would turn the gradient by 5 %.
-TEST(MediumSurface, LiesWhereFineStepsFindIt) {
+TEST(Isosurface, LiesWhereFineStepsFindIt) {
   for (const View& v : kViews) {
     Scene scene = test::demo("smoke", 400);
     look_from(v, scene);
@@ -128,7 +128,7 @@ TEST(MediumSurface, LiesWhereFineStepsFindIt) {
 }
 
 // Those of coarse pixels are walked alone, in steps of a voxel: some of what sticks out is passed.
-TEST(MediumSurface, OfCoarsePixelsLiesThereNearly) {
+TEST(Isosurface, OfCoarsePixelsLiesThereNearly) {
   Scene scene = test::demo("smoke", 400);
   scene.camera.fov = 120;
   const Found found = against_fine_steps(scene, 140, 3);
@@ -140,7 +140,7 @@ TEST(MediumSurface, OfCoarsePixelsLiesThereNearly) {
 }
 
 // Blocks as far as the grid's sides, with gaps between them.
-TEST(MediumSurface, OfBlocks) {
+TEST(Isosurface, OfBlocks) {
   const test::TemporaryFolder folder;
   test::write_affine_vdb(
       folder / "blocks.vdb", {ivec3(0), ivec3(40, 43, 59)}, test::translation({-1, -1, 0}) * test::scaling(dvec3(0.05)),
@@ -167,7 +167,7 @@ TEST(MediumSurface, OfBlocks) {
 
 // A grid that begins beside a cell's face, so that some rays of a bundle are in it and others not yet: windows reach
 // beyond its first cell. What a ray finds there depends neither on the others nor on how many are walked at once.
-TEST(MediumSurface, OfRaysThatEnterTheGridOneByOne) {
+TEST(Isosurface, OfRaysThatEnterTheGridOneByOne) {
   const test::TemporaryFolder folder;
   test::write_affine_vdb(folder / "low.vdb", {ivec3(1), ivec3(40)}, dmat4(1), [](const ivec3& v) {
     return static_cast<float>(1 + std::sin(0.7 * v.x) * std::sin(0.6 * v.y + 0.3) * std::sin(0.5 * v.z));
@@ -194,7 +194,7 @@ TEST(MediumSurface, OfRaysThatEnterTheGridOneByOne) {
 }
 
 // What the walk to the surface finds does not depend on the cells either: the marked voxels are the same.
-TEST(MediumSurface, IsTheSameInCellsOfEverySize) {
+TEST(Isosurface, IsTheSameInCellsOfEverySize) {
   Scene scene = test::demo("smoke", 64);
   std::array<Plane, 2> coverage, gradient;
   for (const int k : {0, 1}) {
