@@ -87,8 +87,8 @@ void Mapping::resize(size_t size) {
 
 MappedTail::MappedTail(MemoryFile& file) : file_(&file), offset_(rounded_up(file.size(), page_size())) {}
 
-void MappedTail::append(std::span<const std::byte> bytes) {
-  const size_t needed = used_ + bytes.size();
+std::span<std::byte> MappedTail::extend(size_t bytes) {
+  const size_t begin = used_, needed = used_ + bytes;
   if (!mapping_ || needed > mapping_->size()) {
     constexpr size_t kFirst = size_t{1} << 22;
     const size_t capacity = rounded_up(std::max({kFirst, needed, 2 * used_}), page_size());
@@ -98,8 +98,8 @@ void MappedTail::append(std::span<const std::byte> bytes) {
     else
       mapping_ = std::make_shared<Mapping>(*file_, offset_, capacity, /*writable=*/true);
   }
-  std::memcpy(mapping_->data() + used_, bytes.data(), bytes.size());
   used_ = needed;
+  return {mapping_->data() + begin, bytes};
 }
 
 std::shared_ptr<const Mapping> MappedTail::finish() {

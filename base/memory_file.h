@@ -1,4 +1,5 @@
 #pragma once
+#include <algorithm>
 #include <cstddef>
 #include <memory>
 #include <optional>
@@ -58,8 +59,8 @@ class Mapping {
 class MappedTail {
  public:
   explicit MappedTail(MemoryFile& file);
-  /// @throws InputError
-  void append(std::span<const std::byte> bytes);
+  /// More bytes, 0 until they are written; valid until the next call. @throws InputError
+  std::span<std::byte> extend(size_t bytes);
   /// Cuts the file to what was appended. Nothing may be appended afterwards.
   std::shared_ptr<const Mapping> finish();
   size_t offset() const { return offset_; }
@@ -77,12 +78,13 @@ class GrowingArray {
   explicit GrowingArray(MemoryFile* file) {
     if (file) tail_.emplace(*file);
   }
-  void append(std::span<const T> values) {
-    size_ += values.size();
-    if (tail_)
-      tail_->append(std::as_bytes(values));
-    else
-      values_.insert(values_.end(), values.begin(), values.end());
+  void append(std::span<const T> values) { std::copy(values.begin(), values.end(), extend(values.size()).begin()); }
+  /// So many more values, 0 until they are written; valid until the next call.
+  std::span<T> extend(size_t count) {
+    size_ += count;
+    if (tail_) return {reinterpret_cast<T*>(tail_->extend(count * sizeof(T)).data()), count};
+    values_.resize(size_);
+    return {values_.data() + size_ - count, count};
   }
   size_t size() const { return size_; }
   SharedArray<T> finish() {

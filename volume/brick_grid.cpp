@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cmath>
 #include <unordered_map>
@@ -20,6 +21,25 @@ int floor_to_cell(int v) {
 // The products of cell counts can pass 2^63 for hostile files, so they are taken in double.
 double product(const ivec3& v) {
   return static_cast<double>(v.x) * v.y * v.z;
+}
+
+/// The least and the greatest of values that are no NaN; in sixteen chains, which compilers turn into vectors.
+std::pair<float, float> bounds_of(std::span<const float> values) {
+  constexpr size_t kChains = 16;
+  std::array<float, kChains> low, high;
+  low.fill(values[0]);
+  high.fill(values[0]);
+  size_t i = 0;
+  for (; i + kChains <= values.size(); i += kChains)
+    for (size_t k = 0; k < kChains; ++k) {
+      low[k] = std::min(low[k], values[i + k]);
+      high[k] = std::max(high[k], values[i + k]);
+    }
+  for (; i < values.size(); ++i) {
+    low[0] = std::min(low[0], values[i]);
+    high[0] = std::max(high[0], values[i]);
+  }
+  return {*std::min_element(low.begin(), low.end()), *std::max_element(high.begin(), high.end())};
 }
 
 }  // namespace
@@ -104,17 +124,23 @@ void BrickGrid::fill(std::vector<int32_t> nodes, const std::vector<ivec3>& candi
   GrowingArray<float> bricks(file);
   const size_t brick_values = this->brick_values(), batch_cells = (size_t{1} << 21) / brick_values;
   std::vector<float> batch(std::min(batch_cells, candidates.size()) * brick_values);
+  std::vector<std::pair<float, float>> bounds(std::min(batch_cells, candidates.size()));
+  std::vector<const float*> kept;
   std::unordered_map<uint32_t, uint32_t> uniform;  // bits of the value -> brick
   int32_t node_total = 0;
+  uint32_t total = 0;
+  const Task part{task.threads, {}, task.cancel};
   for (size_t first = 0; first < candidates.size(); first += batch_cells) {
     const size_t count = std::min(batch_cells, candidates.size() - first);
-    parallel_for(static_cast<int>(count), {task.threads, {}, task.cancel}, [&](int i) {
-      sample(origin_ + candidates[first + i] * cell_size(), batch.data() + static_cast<size_t>(i) * brick_values);
+    parallel_for(static_cast<int>(count), part, [&](int i) {
+      float* const values = batch.data() + static_cast<size_t>(i) * brick_values;
+      sample(origin_ + candidates[first + i] * cell_size(), values);
+      bounds[static_cast<size_t>(i)] = bounds_of({values, brick_values});
     });
+    kept.clear();
     for (size_t i = 0; i < count; ++i) {
-      const float* values = batch.data() + i * brick_values;
-      const auto [low, high] = std::minmax_element(values, values + brick_values);
-      if (*high == 0.0f && *low == 0.0f) continue;
+      const auto [low, high] = bounds[i];
+      if (high == 0.0f && low == 0.0f) continue;
       int32_t& node = nodes[node_index(candidates[first + i])];
       if (node < 0) {
         node = node_total++;
@@ -123,17 +149,21 @@ void BrickGrid::fill(std::vector<int32_t> nodes, const std::vector<ivec3>& candi
         cells.resize(size);
       }
       Cell& cell = cells[(static_cast<size_t>(node) << (3 * node_bits_)) + in_node(candidates[first + i])];
-      cell.majorant = *high;
-      maximum_ = std::max(maximum_, *high);
-      uint32_t* shared = *low == *high ? &uniform[std::bit_cast<uint32_t>(*low)] : nullptr;
+      cell.majorant = high;
+      maximum_ = std::max(maximum_, high);
+      uint32_t* shared = low == high ? &uniform[std::bit_cast<uint32_t>(low)] : nullptr;
       if (shared && *shared) {
         cell.brick = *shared;
         continue;
       }
-      bricks.append({values, brick_values});
-      cell.brick = static_cast<uint32_t>(bricks.size() / brick_values);
+      kept.push_back(batch.data() + i * brick_values);
+      cell.brick = ++total;
       if (shared) *shared = cell.brick;
     }
+    const std::span<float> to = bricks.extend(kept.size() * brick_values);
+    parallel_for(static_cast<int>(kept.size()), part, [&](int i) {
+      std::copy_n(kept[static_cast<size_t>(i)], brick_values, &to[static_cast<size_t>(i) * brick_values]);
+    });
     task.report(static_cast<double>(first + count) / static_cast<double>(candidates.size()));
   }
   nodes_ = SharedArray(std::move(nodes));
@@ -165,16 +195,20 @@ std::vector<ivec3> BrickGrid::cells_touched_by(const std::vector<ivec3>& blocks)
   std::vector<ivec3> cells;
   cells.reserve(blocks.size() * 2);
   std::vector<uint8_t> seen;  // one bit per cell of a node, made when the node is first touched
-  std::unordered_map<size_t, size_t> node_offset;
+  std::vector<int32_t> node_number(static_cast<size_t>(product(node_count_)), -1);
+  int32_t node_total = 0;
   const size_t node_bytes = ((size_t{1} << (3 * node_bits_)) + 7) / 8;
   for (const ivec3& block : blocks)
     for (int corner = 0; corner < 8; ++corner) {
       const ivec3 c = ((block - origin_) >> cell_bits_) - ivec3(corner & 1, corner >> 1 & 1, corner >> 2);
       if (glm::any(glm::lessThan(c, ivec3(0))) || glm::any(glm::greaterThanEqual(c, cell_count_))) continue;
-      const auto [it, inserted] = node_offset.try_emplace(node_index(c), seen.size());
-      if (inserted) seen.resize(seen.size() + node_bytes);
+      int32_t& node = node_number[node_index(c)];
+      if (node < 0) {
+        node = node_total++;
+        seen.resize(seen.size() + node_bytes);
+      }
       const size_t bit = in_node(c);
-      uint8_t& byte = seen[it->second + bit / 8];
+      uint8_t& byte = seen[static_cast<size_t>(node) * node_bytes + bit / 8];
       const auto mask = static_cast<uint8_t>(1u << (bit % 8));
       if (byte & mask) continue;
       byte |= mask;

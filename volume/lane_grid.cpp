@@ -61,8 +61,8 @@ void measure_distances(Rows& rows, int n, uint8_t* distance) {
 // For every empty cell the side of the largest empty cube that has the cell at its corner and extends into an octant,
 // at most OctantSkip::kFarthest, by dynamic programming from the octant's far end. Outside the grid everything is
 // empty.
-void measure_empty_cubes(const std::vector<uint8_t>& empty, const ivec3& n, int octant,
-                         std::vector<std::array<uint16_t, 8>>& clear) {
+std::vector<uint16_t> measure_empty_cubes(const std::vector<uint8_t>& empty, const ivec3& n, int octant) {
+  std::vector<uint16_t> clear(empty.size());
   const auto at = [&](int x, int y, int z) { return (static_cast<size_t>(x) * n.y + y) * n.z + z; };
   const ivec3 step(octant & 4 ? -1 : 1, octant & 2 ? -1 : 1, octant & 1 ? -1 : 1);
   const auto first = [&](int a) { return step[a] > 0 ? n[a] - 1 : 0; };
@@ -70,17 +70,17 @@ void measure_empty_cubes(const std::vector<uint8_t>& empty, const ivec3& n, int 
   for (int x = first(0); inside(0, x); x -= step.x)
     for (int y = first(1); inside(1, y); y -= step.y)
       for (int z = first(2); inside(2, z); z -= step.z) {
-        uint16_t& own = clear[at(x, y, z)][octant];
+        uint16_t& own = clear[at(x, y, z)];
         own = 0;
         if (!empty[at(x, y, z)]) continue;
         uint16_t shortest = OctantSkip::kFarthest - 1;
         for (int k = 1; k < 8; ++k) {
           const int qx = x + (k & 4 ? step.x : 0), qy = y + (k & 2 ? step.y : 0), qz = z + (k & 1 ? step.z : 0);
-          if (inside(0, qx) && inside(1, qy) && inside(2, qz))
-            shortest = std::min(shortest, clear[at(qx, qy, qz)][octant]);
+          if (inside(0, qx) && inside(1, qy) && inside(2, qz)) shortest = std::min(shortest, clear[at(qx, qy, qz)]);
         }
         own = static_cast<uint16_t>(shortest + 1);
       }
+  return clear;
 }
 
 }  // namespace
@@ -97,7 +97,7 @@ bool LaneGrid::resolves(const BrickGrid& grid, double free_path) {
   return free_path >= 16 * 0x1p-24 * std::max({n.x, n.y, n.z}) * grid.cell_size();
 }
 
-LaneGrid::LaneGrid(const BrickGrid& grid, double scale)
+LaneGrid::LaneGrid(const BrickGrid& grid, double scale, const Task& task)
     : nx(grid.cells().x), ny(grid.cells().y), nz(grid.cells().z), cell_size(grid.cell_size()) {
   const auto at = [this](int x, int y, int z) { return (static_cast<size_t>(x) * ny + y) * nz + z; };
   const size_t count = static_cast<size_t>(nx) * ny * nz;
@@ -115,10 +115,20 @@ LaneGrid::LaneGrid(const BrickGrid& grid, double scale)
         brick[i] = static_cast<int32_t>((cell.brick - 1) * grid.brick_values());
         empty[i] = 0;
       }
-  std::vector<std::array<uint16_t, 8>> clear(count);
-  for (int octant = 0; octant < 8; ++octant) measure_empty_cubes(empty, {nx, ny, nz}, octant, clear);
-  for (size_t i = 0; i < count; ++i)
-    if (empty[i]) majorant[i] = std::bit_cast<float>(OctantSkip::pack(clear[i]));
+  std::array<std::vector<uint16_t>, 8> clear;
+  const Task silent{task.threads, {}, task.cancel};
+  parallel_for(8, silent, [&](int octant) {
+    clear[static_cast<size_t>(octant)] = measure_empty_cubes(empty, {nx, ny, nz}, octant);
+  });
+  const auto slab = static_cast<size_t>(ny) * nz;
+  parallel_for(nx, silent, [&](int x) {
+    for (size_t i = static_cast<size_t>(x) * slab; i < (static_cast<size_t>(x) + 1) * slab; ++i) {
+      if (!empty[i]) continue;
+      std::array<uint16_t, 8> of_cell;
+      for (size_t octant = 0; octant < 8; ++octant) of_cell[octant] = clear[octant][i];
+      majorant[i] = std::bit_cast<float>(OctantSkip::pack(of_cell));
+    }
+  });
 }
 
 LaneGrid LaneGrid::of_values(const BrickGrid& grid) {

@@ -34,7 +34,7 @@ struct LaneGrid {
   /// @param free_path  the shortest of the medium [voxels]
   static bool resolves(const BrickGrid& grid, double free_path);
   /// @param scale  factor on all majorants, at least 1: a looser bound changes no expectation
-  explicit LaneGrid(const BrickGrid& grid, double scale = 1.0);
+  explicit LaneGrid(const BrickGrid& grid, double scale = 1.0, const Task& task = {});
   /// For look-ups alone, of values of any sign: without majorants.
   static LaneGrid of_values(const BrickGrid& grid);
 

@@ -19,7 +19,7 @@ using VoxelPosition = std::array<int32_t, 3>;
 /// The file begins with an ExchangeHeader; the request follows it; bricks are appended as they are made, the reply
 /// last.
 struct VdbRequest {
-  enum class Kind : uint8_t { kInfo, kScalar, kColour, kVelocity, kHalve, kWrite };
+  enum class Kind : uint8_t { kInfo, kContents, kScalar, kColour, kVelocity, kHalve, kWrite };
   Kind kind = Kind::kInfo;
   std::string path = {};
   ScalarOptions options = {};                    ///< of a scalar field

@@ -183,6 +183,11 @@ VdbSummary read_vdb_info(const fs::path& path, const Task& task) {
   return ask<VdbSummary>(request, task);
 }
 
+VdbSummary read_vdb_contents(const fs::path& path, const Task& task) {
+  VdbRequest request{VdbRequest::Kind::kContents, path.string()};
+  return ask<VdbSummary>(request, task);
+}
+
 ScalarField load_scalar(const fs::path& path, const ScalarOptions& options, const Task& task) {
   VdbRequest request{VdbRequest::Kind::kScalar, path.string()};
   request.options = options;

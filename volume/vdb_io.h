@@ -44,6 +44,10 @@ struct VdbSummary {
 /// @throws InputError: missing, not a VDB, truncated
 VdbSummary read_vdb_info(const std::filesystem::path& path, const Task& task = {});
 
+/// The same without a look at the grids' values: names, types, classes and metadata. @throws InputError: as
+/// read_vdb_info
+VdbSummary read_vdb_contents(const std::filesystem::path& path, const Task& task = {});
+
 struct ScalarOptions {
   std::string grid = {};                               ///< empty: the first of usual_names that there is
   std::vector<std::string> usual_names = {"density"};  ///< a single grid whose name begins with the first will do too

@@ -17,6 +17,8 @@ LoadedScene load_scene(const std::filesystem::path& path, std::span<const std::s
   if (!is_volume(path)) return {read_scene(path, overrides), std::nullopt};
   VolumeScene made = scene_for_volume(path, task);
   Scene scene = parse_scene(made.text(path.filename().string()), path, overrides);
+  std::error_code error;
+  if (std::filesystem::equivalent(scene.volumes.at(0).file, path, error)) scene.volumes[0].field = made.density;
   return {std::move(scene), std::move(made)};
 }
 

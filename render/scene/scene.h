@@ -1,12 +1,15 @@
 #pragma once
 #include <cstdint>
 #include <filesystem>
+#include <memory>
 #include <string>
 #include <vector>
 
 #include "base/vec.h"
 
 namespace brume {
+
+struct ScalarField;
 
 // Plain data of a scene. Keys, units, ranges and meanings stand once, in scene_fields.h.
 
@@ -61,6 +64,8 @@ struct VolumeSettings {
   dmat4 object_to_world_end{0};  ///< all zero: the volume stands still
   dvec3 index_offset{0};
   bool convert_level_set = false;
+  /// The file's grid where it has been read already; null: it is read. Not part of a scene's text.
+  std::shared_ptr<const ScalarField> field;
 };
 
 struct EnvironmentSettings {

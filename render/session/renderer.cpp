@@ -71,14 +71,15 @@ void PreparedScene::prepare_lanes(const Task& task) {
       displaced = {LaneGrid::of_values(medium.bricks()),
                    {LaneGrid::of_values(d->field.parts[0]), LaneGrid::of_values(d->field.parts[1]),
                     LaneGrid::of_values(d->field.parts[2])}};
-    grid = LaneGrid(medium.walked(), scene_.render.majorant_scale);
+    grid = LaneGrid(medium.walked(), scene_.render.majorant_scale, task);
     if (context_.plan.isosurface && !medium.displacement())
       grid.find_isosurface(medium.bricks(),
                            static_cast<float>(scene_.render.surface_density * medium.maximum_density()), task);
   }
   for (const EmissionField& field : context_.emissions)
-    emission_grids_.push_back(
-        LaneEmission::fits(field) && !field.shape().homogeneous() ? LaneGrid(field.shape().bricks()) : LaneGrid());
+    emission_grids_.push_back(LaneEmission::fits(field) && !field.shape().homogeneous()
+                                  ? LaneGrid(field.shape().bricks(), 1.0, task)
+                                  : LaneGrid());
   context_.lane_grids = lane_grids_;
   context_.emission_grids = emission_grids_;
   context_.displaced_grids = displaced_grids_;

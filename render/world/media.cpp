@@ -132,7 +132,9 @@ class SceneMedia::Loader {
     for (const auto& row : v_.remap) options.remap.emplace_back(row[0], row[1]);
     options.limit = v_.max_density;
     ScalarField& density = volume_->density;
-    density = load_scalar(v_.file, options, task_);
+    const bool unchanged = !options.convert_level_set && options.remap.empty() && !(options.limit > 0);
+    density =
+        v_.field && v_.field->summary.name == v_.grid && unchanged ? *v_.field : load_scalar(v_.file, options, task_);
     adopt(density.notes);
     count(density.summary.name, density.bricks.bytes());
     if (const BrickGrid& b = density.bricks; !b.empty()) {

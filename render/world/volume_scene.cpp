@@ -3,8 +3,10 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <functional>
+#include <span>
 
 #include "base/error.h"
 #include "volume/emission.h"
@@ -28,8 +30,17 @@ std::string triple(const dvec3& v) {
   return fmt::format("[{:.6g}, {:.6g}, {:.6g}]", v.x, v.y, v.z);
 }
 
+constexpr std::array kTemperature = {"temperature", "temp"};
+constexpr std::array kFlame = {"flame", "flames", "heat"};
+
+bool holds_one_of(const VdbSummary& file, std::span<const char* const> names) {
+  return std::any_of(file.grids.begin(), file.grids.end(), [&](const GridSummary& grid) {
+    return std::find(names.begin(), names.end(), grid.name) != names.end();
+  });
+}
+
 /// The grid of one of these names that has anything in it.
-const GridSummary* find_grid(const VdbSummary& file, std::initializer_list<const char*> names) {
+const GridSummary* find_grid(const VdbSummary& file, std::span<const char* const> names) {
   for (const char* name : names)
     for (const GridSummary& g : file.grids)
       if (g.name == name && g.has_range && g.maximum > 0 && g.active_voxels + g.active_tiles > 0) return &g;
@@ -112,13 +123,15 @@ std::string VolumeScene::text(const std::string& file) const {
 }
 
 VolumeScene scene_for_volume(const std::filesystem::path& file, const Task& task) {
-  const VdbSummary summary = read_vdb_info(file, task);
-  const ScalarField density = load_scalar(file, {}, task);
+  VdbSummary summary = read_vdb_contents(file, task);
+  if (holds_one_of(summary, kTemperature) || holds_one_of(summary, kFlame)) summary = read_vdb_info(file, task);
+  VolumeScene scene;
+  scene.density = std::make_shared<const ScalarField>(load_scalar(file, {}, task));
+  const ScalarField& density = *scene.density;
   if (density.bricks.empty())
     throw InputError(fmt::format(
         "{}: its grid '{}' is empty, there is nothing to render; name another with volumes.0.grid in a scene",
         file.string(), density.summary.name));
-  VolumeScene scene;
   const auto assume = [&](const std::string& text) { scene.assumptions.push_back(text); };
 
   const Medium medium(density.bricks, density.world_from_index, 1, dvec3(1), 0);
@@ -136,8 +149,8 @@ VolumeScene scene_for_volume(const std::filesystem::path& file, const Task& task
   const dvec3 away = turned(0.25, 1, 0.12), sun = turned(-0.9, 0.25, 0.6);
   const double distance = kMargin * framing_distance(medium, bounds.centre, -away, up);
 
-  const GridSummary* const temperature = find_grid(summary, {"temperature", "temp"});
-  const GridSummary* const flame = temperature ? nullptr : find_grid(summary, {"flame", "flames", "heat"});
+  const GridSummary* const temperature = find_grid(summary, kTemperature);
+  const GridSummary* const flame = temperature ? nullptr : find_grid(summary, kFlame);
   const bool burns = temperature || flame;
   const std::vector<double> all = depths(medium, bounds.centre, bounds.radius, -away);
   if (all.empty())

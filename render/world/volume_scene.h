@@ -1,11 +1,14 @@
 #pragma once
 #include <filesystem>
+#include <memory>
 #include <string>
 #include <vector>
 
 #include "base/progress.h"
 
 namespace brume {
+
+struct ScalarField;
 
 /// A scene around a volume file, and what was assumed, a line each.
 struct VolumeScene {
@@ -14,6 +17,7 @@ struct VolumeScene {
 
   std::string before_file, after_file;  ///< the text around the volume's name
   std::vector<std::string> assumptions;
+  std::shared_ptr<const ScalarField> density;  ///< as it was read, for VolumeSettings::field
 };
 
 /// A scene for a bare OpenVDB file: the camera frames the grid's bounds, the extinction gives a sensible optical depth
