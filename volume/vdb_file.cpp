@@ -1,7 +1,6 @@
 #include <fmt/format.h>
 #include <openvdb/io/GridDescriptor.h>
 #include <openvdb/openvdb.h>
-#include <openvdb/points/PointDataGrid.h>
 #include <openvdb/tools/Interpolation.h>
 #include <openvdb/tools/LevelSetUtil.h>
 #include <openvdb/tools/Prune.h>
@@ -238,12 +237,15 @@ dmat4 affine_matrix(const openvdb::math::Transform& transform) {
   return result;
 }
 
+// The type of a grid of points' values; its own header takes long to compile.
+constexpr std::string_view kPointIndex = "ptdataidx32";
+
 /// What a grid's metadata say of it.
 GridSummary named(const openvdb::GridBase& grid) {
   GridSummary s;
   s.name = grid.getName();
   s.type = grid.valueType();
-  s.grid_class = grid.isType<openvdb::points::PointDataGrid>() ? "points" : class_name(grid);
+  s.grid_class = grid.valueType() == kPointIndex ? "points" : class_name(grid);
   s.half = grid.saveFloatAsHalf();
   s.metadata = texts(grid);
   if (const auto it = s.metadata.find("file_compression"); it != s.metadata.end()) s.compression = it->second;

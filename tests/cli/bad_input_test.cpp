@@ -2,8 +2,6 @@
 // right, exit status 2, and nothing left behind.
 
 #include <gtest/gtest.h>
-#include <openvdb/openvdb.h>
-#include <openvdb/points/PointConversion.h>
 
 #include <csignal>
 #include <limits>
@@ -102,6 +100,11 @@ TEST_F(BadInput, Scenes) {
   expect_nothing_written();
 }
 
+/// A file of one grid 'density' of a kind that is no fog volume, written by OpenVDB.
+std::string grid(const std::string& kind) {
+  return test::source("tests/data/grids/" + kind + ".vdb").string();
+}
+
 TEST_F(BadInput, Volumes) {
   const std::string bytes = test::read_file(kCloud);
   test::write_file(folder_ / "cut.vdb", bytes.substr(0, bytes.size() / 2));
@@ -113,43 +116,17 @@ TEST_F(BadInput, Volumes) {
   expect_refused("render " + scene(kCloud, "grid = \"smoke\"\n") + " -o " + path("out.exr"),
                  {"no grid 'smoke'; the file has: density (float)"});
 
-  openvdb::initialize();
-  auto set = openvdb::FloatGrid::create(3.0f);
-  set->setName("density");
-  set->setGridClass(openvdb::GRID_LEVEL_SET);
-  set->tree().setValue({0, 0, 0}, -1.0f);
-  openvdb::io::File file(path("set.vdb"));
-  file.write(openvdb::GridPtrVec{set});
-  file.close();
-  expect_refused("render " + scene("set.vdb") + " -o " + path("out.exr"),
+  expect_refused("render " + scene(grid("level_set")) + " -o " + path("out.exr"),
                  {"is a level set; expected a fog volume", "convert_level_set = true"});
   expect_nothing_written();
 }
 
 TEST_F(BadInput, PointsAndFrustums) {
-  openvdb::initialize();
-  const auto write = [&](const std::string& name, const openvdb::GridBase::Ptr& grid) {
-    grid->setName("density");
-    openvdb::io::File file(path(name));
-    file.write(openvdb::GridPtrVec{grid});
-    file.close();
-  };
-  std::vector<openvdb::Vec3R> positions = {{0, 0, 0}, {1, 1, 1}};
-  write("points.vdb", openvdb::points::createPointDataGrid<openvdb::points::NullCodec, openvdb::points::PointDataGrid>(
-                          positions, *openvdb::math::Transform::createLinearTransform(1.0)));
-  auto frustum = openvdb::FloatGrid::create();
-  frustum->tree().setValue({0, 0, 0}, 1.0f);
-  frustum->setTransform(openvdb::math::Transform::createFrustumTransform(
-      openvdb::BBoxd(openvdb::Vec3d(0), openvdb::Vec3d(10)), 0.5, 10.0, 1.0));
-  write("frustum.vdb", frustum);
-  expect_refused("render " + scene("points.vdb") + " -o " + path("out.exr"), {"holds points; expected a fog volume"});
-  auto vectors = openvdb::Vec3SGrid::create();
-  vectors->tree().setValue({0, 0, 0}, openvdb::Vec3s(1));
-  write("vectors.vdb", vectors);
-  expect_refused("render " + scene("vectors.vdb") + " -o " + path("out.exr"),
+  expect_refused("render " + scene(grid("points")) + " -o " + path("out.exr"), {"holds points; expected a fog volume"});
+  expect_refused("render " + scene(grid("vectors")) + " -o " + path("out.exr"),
                  {"of type vec3s; expected float or double"});
-  expect_refused("halve " + path("frustum.vdb") + " -o " + path("h.vdb"), {"frustum or other non-affine transform"});
-  expect_refused("render " + scene("frustum.vdb") + " -o " + path("out.exr"),
+  expect_refused("halve " + grid("frustum") + " -o " + path("h.vdb"), {"frustum or other non-affine transform"});
+  expect_refused("render " + scene(grid("frustum")) + " -o " + path("out.exr"),
                  {"frustum or other non-affine transform; resample it"});
   expect_nothing_written();
 }
