@@ -11,6 +11,7 @@
 
 #include "base/progress.h"
 #include "filters/inputs/features.h"
+#include "filters/inputs/planes.h"
 #include "image/layers.h"
 #include "image/sample_records.h"
 
@@ -131,7 +132,8 @@ struct FilterEntry {
   /// Cleans `direct` and `indirect` apart where a caller asks for the beauty and the frame has both; what it produces
   /// adds up over them.
   bool parts = false;
-  bool whole_frame = false;  ///< measures over the whole frame, which is not cut into tiles
+  /// Where a signal may change: the filter runs once, on this box, and leaves the rest as it is. Null: on tiles.
+  std::function<Box(const Layers&, const LayerName& signal)> box;
   enum class Records { kNo, kCanUse, kNeeds } records = Records::kNo;  ///< of what happened to each sample
   bool sequences = false;                                              ///< looks into FilterFrame::nearby
   int frame_window = 0;                                                ///< frames on either side that serve it best
@@ -227,8 +229,8 @@ class Declaration {
   Declaration& guides() { return entry_.guides = true, *this; }
   /// Cleans `direct` and `indirect` apart rather than the beauty.
   Declaration& parts() { return entry_.parts = true, *this; }
-  /// Is never run on tiles.
-  Declaration& whole_frame() { return entry_.whole_frame = true, *this; }
+  /// Runs once, on a box outside of which the result is the input, because it measures over all of it.
+  Declaration& within(Box (*box)(const Layers&, const LayerName&)) { return entry_.box = box, *this; }
   /// Leaves more layers than the clean picture, in FilterFrame::products.
   template <class... Layer>
   Declaration& produces(const Layer&... layers) {

@@ -46,18 +46,18 @@ Plane gaussian_blur(const Plane& in, double sigma, const Task& task) {
   // The same pass twice, with a transposition in between, would cost more than columns that are summed row by row.
   Plane horizontal(width, height), out(width, height);
   const size_t w = static_cast<size_t>(width), r = static_cast<size_t>(radius);
+  const auto along = [&](const float* row, float* to) {
+    std::vector<float> wide(w + 2 * r, 0.0f);
+    std::memcpy(wide.data() + r, row, w * sizeof(float));
+    std::vector<const float*> rows;
+    for (size_t j = 0; j <= 2 * r; ++j) rows.push_back(wide.data() + j);
+    kernels::weighted_sum_rows(rows.data(), taps.data(), 2 * radius + 1, to, width);
+  };
+  std::vector<float> across(w);
+  along(std::vector<float>(w, 1.0f).data(), across.data());
   for_each_row(height, quiet(task), [&](int y) {
-    std::vector<float> wide(w + 2 * r, 0.0f), ones(w + 2 * r, 0.0f), total(w);
-    std::memcpy(wide.data() + r, in.row(y), w * sizeof(float));
-    std::fill_n(ones.begin() + radius, width, 1.0f);
-    std::vector<const float*> rows, units;
-    for (size_t j = 0; j <= 2 * r; ++j) {
-      rows.push_back(wide.data() + j);
-      units.push_back(ones.data() + j);
-    }
-    kernels::weighted_sum_rows(rows.data(), taps.data(), 2 * radius + 1, horizontal.row(y), width);
-    kernels::weighted_sum_rows(units.data(), taps.data(), 2 * radius + 1, total.data(), width);
-    for (int x = 0; x < width; ++x) horizontal.row(y)[x] /= total[static_cast<size_t>(x)];
+    along(in.row(y), horizontal.row(y));
+    for (int x = 0; x < width; ++x) horizontal.row(y)[x] /= across[static_cast<size_t>(x)];
   });
   for_each_row(height, quiet(task), [&](int y) {
     std::vector<const float*> rows;

@@ -1,9 +1,14 @@
 #include "filters/regression/mixing.h"
 
 #include <algorithm>
+#include <array>
+#include <atomic>
+#include <bit>
 #include <cmath>
+#include <numeric>
 
 #include "base/math.h"
+#include "base/parallel_for.h"
 
 namespace brume {
 namespace {
@@ -18,8 +23,12 @@ constexpr int kRounds = 3;
 constexpr float kLargeValue = 1.5f;   // of the largest value over the pixels of a window, taken off a gain
 constexpr double kFirefly = 0.999;    // quantile of gains at which single pixels are cut: none decides alone
 constexpr double kShareWindow = 1.5;  // over which shares are smoothed [px]
+// Where a round gains less than this share of the noise in a tile of so many pixels, and in those around it within the
+// widest window's reach, there is no other.
+constexpr float kWorthwhile = 0.01f;
+constexpr int kTile = 64, kTilesAround = 2;
 
-/// Between the middles of blocks, bilinearly.
+/// Between the middles of blocks, linearly.
 struct BlockPlace {
   int first, second;
   float share;  // of the second
@@ -30,50 +39,72 @@ struct BlockPlace {
     second = std::min(first + 1, count - 1);
     share = std::clamp(at - static_cast<float>(first), 0.0f, 1.0f);
   }
+  float of(const float* blocks) const { return blocks[first] + share * (blocks[second] - blocks[first]); }
 };
 
-float between(const Plane& blocks, const BlockPlace& x, const BlockPlace& y) {
-  const float top = blocks(x.first, y.first) + x.share * (blocks(x.second, y.first) - blocks(x.first, y.first));
-  const float bottom = blocks(x.first, y.second) + x.share * (blocks(x.second, y.second) - blocks(x.first, y.second));
-  return top + y.share * (bottom - top);
+/// A row of blocks between two; whether any is above 0.
+bool row_between(const Plane& blocks, const BlockPlace& y, std::vector<float>& row) {
+  const float *top = blocks.row(y.first), *bottom = blocks.row(y.second);
+  bool any = false;
+  for (size_t i = 0; i < row.size(); ++i) {
+    row[i] = top[i] + y.share * (bottom[i] - top[i]);
+    any |= row[i] > 0;
+  }
+  return any;
 }
 
 /// What a step towards a candidate would change at each pixel: of its gain the part linear in the step, and of its loss
 /// the part quadratic in it.
 struct Step {
   Plane gain, loss;
+  float most = 0;  ///< gains are cut at plus and minus this
 
-  Step(const HalfPair& from, const HalfPair& to, const MixingFrame& frame, const Task& task) {
-    const int width = frame.weight.width(), height = frame.weight.height();
-    gain = loss = Plane(width, height);
-    for_each_row(height, quiet(task), [&](int y) {
-      for (int x = 0; x < width; ++x) {
-        float g = 0, l = 0;
-        for (size_t c = 0; c < 3; ++c) {
-          const float ta = from.a[c](x, y), tb = from.b[c](x, y), da = to.a[c](x, y) - ta, db = to.b[c](x, y) - tb;
-          const float ya = (*frame.half_a[c])(x, y), yb = (*frame.half_b[c])(x, y);
-          g += 0.5f * ((yb - ta) * da + (ya - tb) * db) + 0.25f * (tb - ta) * (db - da);
-          l += 0.25f * (da + db) * (da + db);
-        }
-        gain(x, y) = frame.weight(x, y) * g / 3;
-        loss(x, y) = frame.weight(x, y) * l / 3;
+  Step(const HalfPair& from, const HalfPair& to, const MixingFrame& frame, const Task& task)
+      : gain(frame.weight.width(), frame.weight.height()), loss(frame.weight.width(), frame.weight.height()) {
+    for_each_row(gain.height(), quiet(task), [&](int y) {
+      const float* const weight = frame.weight.row(y);
+      for (int x0 = 0; x0 < gain.width(); x0 += kAtOnce) {
+        const int x1 = std::min(x0 + kAtOnce, gain.width());
+        if (std::any_of(weight + x0, weight + x1, [](float w) { return w > 0; }))
+          for (size_t c = 0; c < 3; ++c) add_colour(from, to, frame, c, y, x0, x1);
       }
     });
-    cut_fireflies();
+    most = largest_but_fireflies(task);
   }
 
  private:
-  void cut_fireflies() {
-    std::vector<float> sizes;
-    for (int y = 0; y < gain.height(); ++y)
-      for (const float v : gain.pixels(y))
-        if (v != 0) sizes.push_back(std::abs(v));
-    if (sizes.empty()) return;
-    const auto at = sizes.begin() + static_cast<std::ptrdiff_t>(kFirefly * static_cast<double>(sizes.size() - 1));
-    std::nth_element(sizes.begin(), at, sizes.end());
-    const float most = *at;
-    for (int y = 0; y < gain.height(); ++y)
-      for (float& v : gain.pixels(y)) v = std::clamp(v, -most, most);
+  static constexpr int kAtOnce = 64;
+
+  void add_colour(const HalfPair& from, const HalfPair& to, const MixingFrame& frame, size_t c, int y, int x0, int x1) {
+    const float *from_a = from.a[c].row(y), *from_b = from.b[c].row(y), *to_a = to.a[c].row(y), *to_b = to.b[c].row(y),
+                *data_a = frame.half_a[c]->row(y), *data_b = frame.half_b[c]->row(y), *weight = frame.weight.row(y);
+    float* __restrict g = gain.row(y), * __restrict l = loss.row(y);
+    for (int x = x0; x < x1; ++x) {
+      const float ta = from_a[x], tb = from_b[x], da = to_a[x] - ta, db = to_b[x] - tb, w = weight[x] * (1.0f / 3);
+      g[x] += w * (0.5f * ((data_b[x] - ta) * da + (data_a[x] - tb) * db) + 0.25f * (tb - ta) * (db - da));
+      l[x] += w * (0.25f * (da + db) * (da + db));
+    }
+  }
+
+  /// The quantile kFirefly of the gains' sizes, up to a hundredth of it: their bits are counted without the last ones.
+  float largest_but_fireflies(const Task& task) const {
+    constexpr int kDropped = 16, kStrips = 16;
+    std::array<std::vector<uint32_t>, kStrips> counts;
+    parallel_for(kStrips, quiet(task), [&](int strip) {
+      std::vector<uint32_t>& count = counts[static_cast<size_t>(strip)];
+      count.resize(1u << (32 - kDropped - 1));
+      for (int y = strip * gain.height() / kStrips; y < (strip + 1) * gain.height() / kStrips; ++y)
+        for (const float v : gain.pixels(y))
+          if (v != 0) ++count[std::bit_cast<uint32_t>(std::abs(v)) >> kDropped];
+    });
+    for (size_t strip = 1; strip < kStrips; ++strip)
+      for (size_t i = 0; i < counts[0].size(); ++i) counts[0][i] += counts[strip][i];
+    const uint64_t total = std::accumulate(counts[0].begin(), counts[0].end(), uint64_t{0});
+    if (total == 0) return 0;
+    const auto rank = static_cast<uint64_t>(kFirefly * static_cast<double>(total - 1));
+    uint32_t bits = 0;
+    for (uint64_t below = counts[0][0]; below <= rank; below += counts[0][bits]) ++bits;
+    return std::bit_cast<float>((bits << kDropped) + (1u << (kDropped - 1)));
   }
 };
 
@@ -85,54 +116,65 @@ struct Best {
   Best(int width, int height)
       : gain(width, height), share(width, height), proposal(static_cast<size_t>(width) * height, -1) {}
   int& of(int x, int y) { return proposal[static_cast<size_t>(y) * gain.width() + x]; }
+  int of(int x, int y) const { return proposal[static_cast<size_t>(y) * gain.width() + x]; }
 };
 
 /// What is averaged over windows, as means over blocks; what lies beyond the picture's edge counts as nothing.
 struct Measures {
-  Plane share, gain, square, fourth, loss;  ///< the gain's powers and the loss times the region's share
+  enum { kShare, kGain, kSquare, kFourth, kLoss, kCount };  ///< the gain's powers and the loss times the region's share
+  std::array<Plane, kCount> of;
 
+  int width() const { return of[0].width(); }
+  int height() const { return of[0].height(); }
+
+  /// Over blocks of two by two pixels.
   Measures(const Step& step, const Plane& region, const Task& task)
       : Measures((region.width() + 1) / 2, (region.height() + 1) / 2) {
-    fold(region.width(), region.height(), task, [&](int x, int y, float* sums) {
-      const float n = region(x, y), g = step.gain(x, y);
-      sums[0] += n;
-      sums[1] += n * g;
-      sums[2] += n * g * g;
-      sums[3] += n * g * g * g * g;
-      sums[4] += n * step.loss(x, y);
+    fold(region.height(), task, [&](int y, Sums& sums) {
+      const float *const share = region.row(y), *const gain = step.gain.row(y), *const loss = step.loss.row(y);
+      const float most = step.most;
+      const size_t count = static_cast<size_t>(region.width());
+      float *n = sums[kShare].data(), *g1 = sums[kGain].data(), *g2 = sums[kSquare].data(), *g4 = sums[kFourth].data(),
+            *l = sums[kLoss].data();
+      for (size_t x = 0; x < count; ++x) {
+        const float w = share[x], g = std::min(std::max(gain[x], -most), most), square = w * g * g;
+        n[x] += w;
+        g1[x] += w * g;
+        g2[x] += square;
+        g4[x] += square * g * g;
+        l[x] += w * loss[x];
+      }
     });
   }
   /// Over blocks twice as wide.
-  Measures(const Measures& fine, const Task& task)
-      : Measures((fine.share.width() + 1) / 2, (fine.share.height() + 1) / 2) {
-    fold(fine.share.width(), fine.share.height(), task, [&](int x, int y, float* sums) {
-      sums[0] += fine.share(x, y);
-      sums[1] += fine.gain(x, y);
-      sums[2] += fine.square(x, y);
-      sums[3] += fine.fourth(x, y);
-      sums[4] += fine.loss(x, y);
+  Measures(const Measures& fine, const Task& task) : Measures((fine.width() + 1) / 2, (fine.height() + 1) / 2) {
+    fold(fine.height(), task, [&](int y, Sums& sums) {
+      for (size_t i = 0; i < kCount; ++i) {
+        const float* const row = fine.of[i].row(y);
+        for (size_t x = 0; x < static_cast<size_t>(fine.width()); ++x) sums[i][x] += row[x];
+      }
     });
   }
   Measures blurred(double deviation, const Task& task) const {
-    const auto blur = [&](const Plane& plane) { return gaussian_blur(plane, deviation, task); };
-    return {blur(share), blur(gain), blur(square), blur(fourth), blur(loss)};
+    Measures out(0, 0);
+    for (size_t i = 0; i < kCount; ++i) out.of[i] = gaussian_blur(of[i], deviation, task);
+    return out;
   }
 
  private:
-  Measures(int width, int height)
-      : share(width, height), gain(width, height), square(width, height), fourth(width, height), loss(width, height) {}
-  Measures(Plane n, Plane g, Plane g2, Plane g4, Plane l)
-      : share(std::move(n)), gain(std::move(g)), square(std::move(g2)), fourth(std::move(g4)), loss(std::move(l)) {}
-  /// @param add  called as add(x, y, sums) for the places of a finer grid
+  using Sums = std::array<std::vector<float>, kCount>;  // over two rows of a finer grid
+
+  Measures(int width, int height) { of.fill(Plane(width, height)); }
+  /// @param add  called as add(y, sums) for two rows of a finer grid
   template <class Add>
-  void fold(int width, int height, const Task& task, const Add& add) {
-    for_each_row(share.height(), quiet(task), [&](int by) {
-      for (int bx = 0; bx < share.width(); ++bx) {
-        float sums[5] = {};
-        for (int y = 2 * by; y < std::min(height, 2 * by + 2); ++y)
-          for (int x = 2 * bx; x < std::min(width, 2 * bx + 2); ++x) add(x, y, sums);
-        Plane* const to[] = {&share, &gain, &square, &fourth, &loss};
-        for (size_t i = 0; i < 5; ++i) (*to[i])(bx, by) = 0.25f * sums[i];
+  void fold(int rows, const Task& task, const Add& add) {
+    for_each_row(height(), quiet(task), [&](int block) {
+      Sums sums;
+      for (std::vector<float>& row : sums) row.assign(2 * static_cast<size_t>(width()), 0.0f);
+      for (int y = 2 * block; y < std::min(rows, 2 * block + 2); ++y) add(y, sums);
+      for (size_t i = 0; i < kCount; ++i) {
+        float* const to = of[i].row(block);
+        for (size_t x = 0; x < static_cast<size_t>(width()); ++x) to[x] = 0.25f * (sums[i][2 * x] + sums[i][2 * x + 1]);
       }
     });
   }
@@ -141,24 +183,26 @@ struct Measures {
 /// What a step is sure to gain, and its best length, at each block.
 struct SureGain {
   Plane gain, share;
-  bool any = false;
+  std::atomic<bool> any = false;
 
-  SureGain(const Measures& m, double sure, double pixels)
-      : gain(m.share.width(), m.share.height()), share(m.share.width(), m.share.height()) {
-    for (int y = 0; y < gain.height(); ++y)
+  SureGain(const Measures& m, double sure, double pixels, const Task& task)
+      : gain(m.width(), m.height()), share(m.width(), m.height()) {
+    for_each_row(gain.height(), quiet(task), [&](int y) {
       for (int x = 0; x < gain.width(); ++x) {
-        const float n = m.share(x, y);
-        if (!(n > 1e-6f) || !(m.gain(x, y) > 0)) continue;
-        const float b = m.gain(x, y) / n, count = static_cast<float>(pixels) * n;
-        const float variance = std::max(0.0f, m.square(x, y) / n - b * b);
-        const float largest = std::pow(m.fourth(x, y) / n * count, 0.25f);
+        const auto mean = [&](size_t i) { return m.of[i](x, y) / m.of[Measures::kShare](x, y); };
+        const float n = m.of[Measures::kShare](x, y);
+        if (!(n > 1e-6f) || !(m.of[Measures::kGain](x, y) > 0)) continue;
+        const float b = mean(Measures::kGain), count = static_cast<float>(pixels) * n;
+        const float variance = std::max(0.0f, mean(Measures::kSquare) - b * b);
+        const float largest = std::sqrt(std::sqrt(mean(Measures::kFourth) * count));
         const float low = b - static_cast<float>(sure) * std::sqrt(variance / count) - kLargeValue * largest / count;
         if (!(low > 0)) continue;
-        const float a = std::max(m.loss(x, y) / n, 1e-30f);
+        const float a = std::max(mean(Measures::kLoss), 1e-30f);
         share(x, y) = std::min(1.0f, low / a);
         gain(x, y) = share(x, y) * (2 * low - share(x, y) * a);
         any = true;
       }
+    });
   }
 };
 
@@ -168,70 +212,126 @@ void consider(int proposal, const Step& step, const MixingRegion& region, Best& 
     if (window.block > 2) measures = Measures(measures, task);
     const double s = window.deviation;
     // So many pixels count as much as the window.
-    const SureGain sure(measures.blurred(s / window.block, task), region.sure, 4 * kPi * s * s);
+    const SureGain sure(measures.blurred(s / window.block, task), region.sure, 4 * kPi * s * s, task);
     if (!sure.any) continue;
+    std::vector<BlockPlace> along;
+    for (int x = 0; x < region.share.width(); ++x) along.emplace_back(x, window.block, sure.gain.width());
     for_each_row(region.share.height(), quiet(task), [&](int y) {
-      const BlockPlace v(y, window.block, sure.gain.height());
+      const BlockPlace down(y, window.block, sure.gain.height());
+      std::vector<float> gains(static_cast<size_t>(sure.gain.width())), shares(gains.size());
+      if (!row_between(sure.gain, down, gains)) return;
+      row_between(sure.share, down, shares);
       for (int x = 0; x < region.share.width(); ++x) {
         if (!(region.share(x, y) > 0)) continue;
-        const BlockPlace u(x, window.block, sure.gain.width());
-        const float found = between(sure.gain, u, v);
+        const BlockPlace& at = along[static_cast<size_t>(x)];
+        const float found = at.of(gains.data());
         if (!(found > best.gain(x, y))) continue;
         best.gain(x, y) = found;
-        best.share(x, y) = between(sure.share, u, v);
+        best.share(x, y) = at.of(shares.data());
         best.of(x, y) = proposal;
       }
     });
   }
 }
 
+/// The best step for each pixel, region by region.
+std::vector<Best> best_steps(const HalfPair& result, const std::vector<Proposal>& proposals, const MixingFrame& frame,
+                             HalfPair& room, const Task& task) {
+  std::vector<Best> best(frame.regions.size(), Best(frame.weight.width(), frame.weight.height()));
+  for (size_t m = 0; m < proposals.size(); ++m) {
+    task.check();
+    const Step step(result, proposals[m](result, room), frame, task);
+    for (size_t r = 0; r < frame.regions.size(); ++r)
+      consider(static_cast<int>(m), step, frame.regions[r], best[r], task);
+  }
+  return best;
+}
+
+/// Takes the steps, each region by itself, with shares that are smooth over a few pixels.
+HalfPair moved_by(const std::vector<Best>& best, const HalfPair& result, const std::vector<Proposal>& proposals,
+                  const MixingFrame& frame, HalfPair& room, Plane& moved, const Task& task) {
+  const int width = frame.weight.width(), height = frame.weight.height();
+  std::vector<bool> taken(proposals.size());
+  for (const Best& b : best)
+    for (const int m : b.proposal)
+      if (m >= 0) taken[static_cast<size_t>(m)] = true;
+  HalfPair next = result;
+  for (size_t m = 0; m < proposals.size(); ++m) {
+    if (!taken[m]) continue;
+    const HalfPair& candidate = proposals[m](result, room);
+    for (size_t r = 0; r < frame.regions.size(); ++r) {
+      const Plane& region = frame.regions[r].share;
+      Plane share = make_plane(width, height, quiet(task), [&](int x, int y) {
+        return best[r].of(x, y) == static_cast<int>(m) ? region(x, y) * best[r].share(x, y) : 0.0f;
+      });
+      if (!any_above_0(share)) continue;
+      share = gaussian_blur(share, kShareWindow, task);
+      const Plane around = gaussian_blur(region, kShareWindow, task);
+      for_each_row(height, quiet(task), [&](int y) {
+        for (int x = 0; x < width; ++x) {
+          if (!(share(x, y) > 0) || !(region(x, y) > 0) || !(frame.weight(x, y) > 0)) continue;
+          const float s = region(x, y) * share(x, y) / around(x, y);
+          moved(x, y) = 1;
+          for (size_t c = 0; c < 3; ++c) {
+            next.a[c](x, y) += s * (candidate.a[c](x, y) - result.a[c](x, y));
+            next.b[c](x, y) += s * (candidate.b[c](x, y) - result.b[c](x, y));
+          }
+        }
+      });
+    }
+  }
+  return next;
+}
+
+/// The weight where another round may be worth its time: near tiles in which the last gained more than a share of what
+/// the halves show of noise. Elsewhere 0; empty where there is no such tile.
+Plane worth_another_round(const std::vector<Best>& best, const HalfPair& result, const MixingFrame& frame,
+                          const Task& task) {
+  const Plane& weight = frame.weight;
+  const int across = (weight.width() + kTile - 1) / kTile, down = (weight.height() + kTile - 1) / kTile;
+  Plane gain(across, down), noise(across, down), near(across, down);
+  parallel_for(down, quiet(task), [&](int tile) {
+    for (int y = tile * kTile; y < std::min(weight.height(), (tile + 1) * kTile); ++y)
+      for (int x = 0; x < weight.width(); ++x) {
+        if (!(weight(x, y) > 0)) continue;
+        float squares = 0;
+        for (size_t c = 0; c < 3; ++c) {
+          const float d = result.a[c](x, y) - result.b[c](x, y);
+          squares += d * d / 12;
+        }
+        noise(x / kTile, tile) += weight(x, y) * squares;
+        for (size_t r = 0; r < best.size(); ++r)
+          gain(x / kTile, tile) += frame.regions[r].share(x, y) * best[r].gain(x, y);
+      }
+  });
+  bool any = false;
+  for (int y = 0; y < down; ++y)
+    for (int x = 0; x < across; ++x) {
+      if (!(gain(x, y) > kWorthwhile * noise(x, y))) continue;
+      any = true;
+      const Box box = Box{x, y, x + 1, y + 1}.grown(kTilesAround, across, down);
+      for (int v = box.y0; v < box.y1; ++v) std::fill(near.row(v) + box.x0, near.row(v) + box.x1, 1.0f);
+    }
+  if (!any) return {};
+  return make_plane(weight.width(), weight.height(), quiet(task),
+                    [&](int x, int y) { return weight(x, y) * near(x / kTile, y / kTile); });
+}
+
 }  // namespace
 
-Plane mix(HalfPair& result, const std::vector<Proposal>& proposals, const MixingFrame& frame, const Task& task) {
-  const int width = frame.weight.width(), height = frame.weight.height();
-  Plane moved(width, height);
+Mixed mix(HalfPair& result, const std::vector<Proposal>& proposals, const MixingFrame& frame, const Task& task) {
+  Mixed mixed{Plane(frame.weight.width(), frame.weight.height()), {}};
   HalfPair room;
-  for (int round = 0; round < kRounds; ++round) {
-    std::vector<Best> best(frame.regions.size(), Best(width, height));
-    std::vector<bool> taken(proposals.size());
-    for (size_t m = 0; m < proposals.size(); ++m) {
-      task.check();
-      const Step step(result, proposals[m](result, room), frame, task);
-      for (size_t r = 0; r < frame.regions.size(); ++r)
-        consider(static_cast<int>(m), step, frame.regions[r], best[r], task);
-    }
-    for (Best& b : best)
-      for (const int m : b.proposal)
-        if (m >= 0) taken[static_cast<size_t>(m)] = true;
-    HalfPair next = result;
-    for (size_t m = 0; m < proposals.size(); ++m) {
-      if (!taken[m]) continue;
-      const HalfPair& candidate = proposals[m](result, room);
-      for (size_t r = 0; r < frame.regions.size(); ++r) {
-        const Plane& region = frame.regions[r].share;
-        Plane share = make_plane(width, height, quiet(task), [&](int x, int y) {
-          return best[r].of(x, y) == static_cast<int>(m) ? region(x, y) * best[r].share(x, y) : 0.0f;
-        });
-        if (!any_above_0(share)) continue;
-        share = gaussian_blur(share, kShareWindow, task);
-        const Plane around = gaussian_blur(region, kShareWindow, task);
-        for_each_row(height, quiet(task), [&](int y) {
-          for (int x = 0; x < width; ++x) {
-            if (!(share(x, y) > 0) || !(region(x, y) > 0) || !(frame.weight(x, y) > 0)) continue;
-            const float s = region(x, y) * share(x, y) / around(x, y);
-            moved(x, y) = 1;
-            for (size_t c = 0; c < 3; ++c) {
-              next.a[c](x, y) += s * (candidate.a[c](x, y) - result.a[c](x, y));
-              next.b[c](x, y) += s * (candidate.b[c](x, y) - result.b[c](x, y));
-            }
-          }
-        });
-      }
-    }
-    result = std::move(next);
-    if (std::none_of(taken.begin(), taken.end(), [](bool t) { return t; })) break;
+  Plane weight = frame.weight;
+  for (int round = 0; round < kRounds && !weight.empty(); ++round) {
+    const MixingFrame here{frame.half_a, frame.half_b, weight, frame.regions};
+    const std::vector<Best> best = best_steps(result, proposals, here, room, task);
+    Plane next = worth_another_round(best, result, here, task);
+    result = moved_by(best, result, proposals, here, room, mixed.moved, task);
+    if (round == 0) mixed.worthwhile = next;
+    weight = std::move(next);
   }
-  return moved;
+  return mixed;
 }
 
 }  // namespace brume

@@ -15,7 +15,12 @@ struct MixingRegion {
 struct MixingFrame {
   RgbPlanes half_a, half_b;  ///< the data
   const Plane& weight;       ///< of squared errors at each pixel, >= 0; 0 leaves a pixel alone
-  std::vector<MixingRegion> regions;
+  const std::vector<MixingRegion>& regions;
+};
+
+struct Mixed {
+  Plane moved;       ///< where the result was moved: 1, elsewhere 0
+  Plane worthwhile;  ///< the weight where more candidates may gain anything, elsewhere 0; empty: nowhere
 };
 
 /// A candidate: one that is there, or one made in `room` from the result that it is to improve.
@@ -32,8 +37,7 @@ using Proposal = std::function<const HalfPair&(const HalfPair& result, HalfPair&
 /// and every product pairs what one half's fit says with the other half's data, so that noise drops out of the mean.
 /// In place of b stands a lower bound of it over a Gaussian window: so many standard errors less, and a term for single
 /// large values after Bernstein. Each pixel takes the candidate, window and share of the largest sure gain, in rounds
-/// until nothing is sure any more.
-/// @return  where the result was moved: 1, elsewhere 0
-Plane mix(HalfPair& result, const std::vector<Proposal>& proposals, const MixingFrame& frame, const Task& task);
+/// as long as they gain more than a hundredth of the noise around.
+Mixed mix(HalfPair& result, const std::vector<Proposal>& proposals, const MixingFrame& frame, const Task& task);
 
 }  // namespace brume

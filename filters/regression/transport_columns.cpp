@@ -5,6 +5,7 @@
 #include <functional>
 
 #include "base/vec.h"
+#include "filters/api/requirements.h"
 #include "filters/regression/regression.h"
 
 namespace brume {
@@ -17,19 +18,8 @@ constexpr float kNoisy = 2e-3f;
 // An edge is where normals change by so much, all components together, in a square of so many pixels on either side.
 constexpr int kEdgeRadius = 1;
 constexpr float kEdgeOfNormals = 0.5f;
-
-/// Whether the halves differ at a pixel or beside it, as where a lens blurs the sky.
-bool is_noisy(const FilterFrame& frame, int x, int y) {
-  if (!frame.half_a[0]) return false;
-  const Box around = Box{x, y, x + 1, y + 1}.grown(1, frame.width(), frame.height());
-  for (size_t c = 0; c < 3; ++c)
-    for (int v = around.y0; v < around.y1; ++v)
-      for (int u = around.x0; u < around.x1; ++u) {
-        const float a = (*frame.half_a[c])(u, v), b = (*frame.half_b[c])(u, v);
-        if (std::abs(a - b) > kNoisy * std::abs(a + b)) return true;
-      }
-  return false;
-}
+// Around what is cleaned, more than local means reach; and what boxes are rounded to, so that lattices lie alike.
+constexpr int kMargin = 32, kRounded = 64;
 
 float normal_length(const Layers& layers, int x, int y) {
   float squares = 0;
@@ -49,6 +39,61 @@ bool shows_surfaces(const Layers& layers) {
 }
 
 }  // namespace
+
+CleanedPixels::CleanedPixels(const std::vector<Guide>& guides, const Layers& layers, const RgbPlanes& half_a,
+                             const RgbPlanes& half_b)
+    : layers_(layers), half_a_(half_a), half_b_(half_b) {
+  bool known = false;
+  for (const Guide& g : guides) {
+    if (g.kind == GuideClass::kOpacity) opacity_ = g.channels[0];
+    known |= g.kind == GuideClass::kSurface;
+    if (g.kind == GuideClass::kSurface || g.name == "normal")
+      surfaces_.insert(surfaces_.end(), g.channels.begin(), g.channels.end());
+  }
+  unknown_surfaces_ = opacity_ && !known && shows_surfaces(layers);
+}
+
+bool CleanedPixels::operator()(int x, int y) const {
+  return !opacity_ || (*opacity_)(x, y) > kLeastOpacity ||
+         std::any_of(surfaces_.begin(), surfaces_.end(), [&](const Plane* p) { return (*p)(x, y) != 0; }) ||
+         (unknown_surfaces_ && normal_length(layers_, x, y) > 0) || is_noisy(x, y);
+}
+
+/// Whether the halves differ at a pixel or beside it, as where a lens blurs the sky.
+bool CleanedPixels::is_noisy(int x, int y) const {
+  if (!half_a_[0]) return false;
+  const Box around = Box{x, y, x + 1, y + 1}.grown(1, layers_.width(), layers_.height());
+  for (size_t c = 0; c < 3; ++c)
+    for (int v = around.y0; v < around.y1; ++v)
+      for (int u = around.x0; u < around.x1; ++u) {
+        const float a = (*half_a_[c])(u, v), b = (*half_b_[c])(u, v);
+        if (std::abs(a - b) > kNoisy * std::abs(a + b)) return true;
+      }
+  return false;
+}
+
+Box cleaned_box(const Layers& layers, const LayerName& signal) {
+  const bool halves = has_halves(layers, signal);
+  const auto half = [&](std::string_view which) { return halves ? layers.rgb(signal, which) : RgbPlanes{}; };
+  const CleanedPixels cleaned(guides_of(layers), layers, half(statistic::half_a), half(statistic::half_b));
+  Box box{layers.width(), layers.height(), 0, 0};
+  std::vector<std::pair<int, int>> rows(static_cast<size_t>(layers.height()), {layers.width(), 0});
+  for_each_row(layers.height(), {}, [&](int y) {
+    auto& [from, to] = rows[static_cast<size_t>(y)];
+    for (int x = 0; x < layers.width() && from > x; ++x)
+      if (cleaned(x, y)) from = x;
+    for (to = layers.width(); to > from && !cleaned(to - 1, y);) --to;
+  });
+  for (int y = 0; y < layers.height(); ++y) {
+    const auto& [from, to] = rows[static_cast<size_t>(y)];
+    if (from >= to) continue;
+    box = {std::min(box.x0, from), std::min(box.y0, y), std::max(box.x1, to), y + 1};
+  }
+  if (box.x0 >= box.x1) return {0, 0, 0, 0};
+  const auto down = [](int v) { return std::max(0, (v - kMargin) / kRounded * kRounded); };
+  const auto up = [](int v) { return (v + kMargin + kRounded - 1) / kRounded * kRounded; };
+  return {down(box.x0), down(box.y0), std::min(layers.width(), up(box.x1)), std::min(layers.height(), up(box.y1))};
+}
 
 void ColourColumns::add(const Guide& g) {
   coloured |= g.coloured;
@@ -119,17 +164,10 @@ TransportColumns::TransportColumns(const FilterFrame& frame, const Plane& one, c
     return g.kind == GuideClass::kPredicted &&
            ((!direct && !indirect) || g.name == "predicted_" + std::string(frame.name.name));
   };
-  const bool surfaces = has(GuideClass::kSurface),
-             unknown_surfaces = guided && !surfaces && shows_surfaces(frame.layers);
-  mask = make_plane(frame.width(), frame.height(), quiet(task), [&](int x, int y) {
-    if (!guided) return 1.0f;
-    bool seen = (*opacity->channels[0])(x, y) > kLeastOpacity;
-    for (const Guide& g : guides)
-      if (g.kind == GuideClass::kSurface || g.name == "normal")
-        for (const Plane* p : g.channels) seen |= (*p)(x, y) != 0;
-    if (unknown_surfaces) seen |= normal_length(frame.layers, x, y) > 0;
-    return seen || is_noisy(frame, x, y) ? 1.0f : 0.0f;
-  });
+  const CleanedPixels cleaned(guides, frame.layers, frame.half_a, frame.half_b);
+  const bool surfaces = has(GuideClass::kSurface), unknown_surfaces = cleaned.unknown_surfaces();
+  mask =
+      make_plane(frame.width(), frame.height(), quiet(task), [&](int x, int y) { return cleaned(x, y) ? 1.0f : 0.0f; });
   if (guided) all.add(*opacity);
   // Premultiplied guides fall to 0 where there is nothing to see, and so does the light that they explain; a constant
   // is needed for light that no guide knows.

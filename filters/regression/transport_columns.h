@@ -26,6 +26,30 @@ struct ColourColumns {
   void scale_like(const ColourColumns& own);
 };
 
+/// Which pixels are cleaned: those of which the guides know anything, or whose halves differ there or beside them;
+/// without guides all.
+class CleanedPixels {
+ public:
+  CleanedPixels(const std::vector<Guide>& guides, const Layers& layers, const RgbPlanes& half_a,
+                const RgbPlanes& half_b);
+  bool operator()(int x, int y) const;
+  bool guided() const { return opacity_ != nullptr; }
+  /// Whether the frame shows surfaces that its guides do not know.
+  bool unknown_surfaces() const { return unknown_surfaces_; }
+
+ private:
+  bool is_noisy(int x, int y) const;
+
+  const Layers& layers_;
+  const Plane* opacity_ = nullptr;
+  std::vector<const Plane*> surfaces_;  // what is not 0 where a surface is seen
+  RgbPlanes half_a_, half_b_;
+  bool unknown_surfaces_ = false;
+};
+
+/// The box of these pixels, with a margin.
+Box cleaned_box(const Layers& layers, const LayerName& signal);
+
 /// What is known of a frame without noise, sorted by what it may explain.
 struct TransportColumns {
   ColourColumns predicted;  ///< the light that is expected, and opacity

@@ -84,12 +84,13 @@ void improve(HalfPair& result, const std::vector<HalfPair>& candidates, const st
   const Plane light = gaussian_blur(brightness(result, task), kLightWindow, task);
   double sum = 0;
   for (int y = 0; y < height; ++y)
-    for (const float v : light.pixels(y)) sum += std::abs(static_cast<double>(v));
-  const float scale = sum > 0 ? static_cast<float>(static_cast<double>(width) * height / sum) : 0.0f;
+    for (int x = 0; x < width; ++x) sum += known.mask(x, y) * std::abs(static_cast<double>(light(x, y)));
+  const float scale = sum > 0 ? static_cast<float>(sum_of(known.mask) / sum) : 0.0f;
   const Plane weight = make_plane(width, height, quiet(task), [&](int x, int y) {
     return known.mask(x, y) > 0 ? std::pow(scale * std::abs(light(x, y)) + 0.05f, -4.0f / 3) : 0.0f;
   });
-  const MixingFrame frame{view(data.a), view(data.b), weight, regions_of(known, task)};
+  const std::vector<MixingRegion> regions = regions_of(known, task);
+  const MixingFrame frame{view(data.a), view(data.b), weight, regions};
   std::vector<Proposal> proposals;
   for (const HalfPair& candidate : candidates)
     proposals.emplace_back([&candidate](const HalfPair&, HalfPair&) -> const HalfPair& { return candidate; });
@@ -100,11 +101,12 @@ void improve(HalfPair& result, const std::vector<HalfPair>& candidates, const st
     proposals.emplace_back([&averaged, window, &task](const HalfPair& now, HalfPair& room) -> const HalfPair& {
       return room = with_local_mean(now, averaged, window, task);
     });
-  const Plane moved = mix(result, proposals, frame, task);
+  const Mixed mixed = mix(result, proposals, frame, task);
   task.report(0.9);
-  const HalfPair lines = local_lines(data, pointers(known.features), moved, task);
+  if (mixed.worthwhile.empty()) return;
+  const HalfPair lines = local_lines(data, pointers(known.features), mixed.moved, task);
   proposals.emplace_back([&lines](const HalfPair&, HalfPair&) -> const HalfPair& { return lines; });
-  mix(result, proposals, frame, task);
+  mix(result, proposals, {frame.half_a, frame.half_b, mixed.worthwhile, regions}, task);
 }
 
 void run(const TransportRegression& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
@@ -171,7 +173,7 @@ const FilterEntry entry =
         .can_use(layer::transmittance, layer::gradient, layer::gradient_transmittance_weighted, layer::albedo,
                  layer::normal, layer::depth)
         .parts()
-        .whole_frame()
+        .within(cleaned_box)
         .seeded()
         .paper("")
         .produces(layer::clean_error)

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <map>
 #include <memory>
+#include <optional>
 #include <set>
 
 #include "base/error.h"
@@ -295,6 +296,15 @@ void for_each_pixel(const Box& box, const Visit& visit) {
     for (int x = box.x0; x < box.x1; ++x) visit(x, y);
 }
 
+/// Adds to a plane what lies outside of a box.
+void add_around(const Box& box, const Plane& from, Plane& to) {
+  for (int y = 0; y < from.height(); ++y) {
+    const bool beside = y < box.y0 || y >= box.y1;
+    for (int x = 0; x < from.width(); ++x)
+      if (beside || x < box.x0 || x >= box.x1) to(x, y) += from(x, y);
+  }
+}
+
 /// Replaces what a filter made of the pixels without coverage, for filters that do not know of them.
 void clean_background(const FilterFrame& frame, Rgb& out, const Task& task) {
   const Plane& coverage = frame.layers.at(layer::coverage.channel(0));
@@ -360,8 +370,15 @@ void filter_signal(const Run& run, const std::vector<Source>& sources, const Til
       for_each_pixel(interior,
                      [&](int x, int y) { clean[c](x, y) += found->second.aside[c](x + origin.x, y + origin.y); });
   for (size_t c = 0; c < 3; ++c) add(clean[c], *gathered.sum[c]);
-  if (const auto kept = gathered.parts.find(name.name); kept != gathered.parts.end())
+  const auto kept = gathered.parts.find(name.name);
+  if (kept != gathered.parts.end())
     for (size_t c = 0; c < 3; ++c) store(clean[c], *kept->second[c]);
+  if (run.filter.entry().box)
+    for (size_t c = 0; c < 3; ++c) {
+      const Plane& input = *sources[0].layers().rgb(name)[c];
+      add_around(tile.outer, input, *gathered.sum[c]);
+      if (kept != gathered.parts.end()) add_around(tile.outer, input, *kept->second[c]);
+    }
   if (frame.products)
     for (const auto& [channel, target] : gathered.products) {
       if (first_signal)
@@ -406,14 +423,19 @@ double light_of(const Layers& layers, const std::vector<LayerName>& signals) {
 constexpr double kFreeMemory = 5e8;
 constexpr int kSmallestTile = 128;
 
-/// How a frame is cut.
+/// How a frame is cut, or the only box that is filtered.
 struct TilePlan {
   int side, apron;  // [px]
   int across, down;
+  std::optional<Box> box = {};
 
   int count() const { return across * down; }
+  bool cuts(const Layers& frame) const {
+    return count() > 1 || (box && (box->width() < frame.width() || box->height() < frame.height()));
+  }
   /// One of them, its layers not yet cut out.
   Tile tile(int index, const Layers& frame) const {
+    if (box) return {*box, {0, 0, box->width(), box->height()}, {}};
     const int tx = index % across, ty = index / across;
     const Box inner{tx * side, ty * side, std::min(frame.width(), (tx + 1) * side),
                     std::min(frame.height(), (ty + 1) * side)};
@@ -437,7 +459,7 @@ int choose_tile(const FilterEntry& filter, const Layers& frame, const ApplyOptio
   const double tiled = whole + 4.0 * static_cast<double>(channels);  // per pixel of a tile, which is cut out first
   const double budget = std::max(0.25 * read, kFreeMemory);
   const int longest = std::max(frame.width(), frame.height()), shortest = std::min(frame.width(), frame.height());
-  int tile = filter.whole_frame ? longest : options.tile;
+  int tile = filter.box ? longest : options.tile;
   if (tile == 0)
     // A frame that fits as a whole has no apron.
     tile = whole * pixels <= budget ? longest
@@ -446,6 +468,18 @@ int choose_tile(const FilterEntry& filter, const Layers& frame, const ApplyOptio
   const double side = std::min<double>(tile + 2.0 * apron, longest);
   peak = read + written + (tile == longest ? whole : tiled) * side * std::min<double>(side, shortest);
   return tile;
+}
+
+/// Where any signal of any frame may change.
+Box box_of(const Run& run, const std::vector<Source>& sources) {
+  Box all{run.frame_size.x, run.frame_size.y, 0, 0};
+  for (const Source& s : sources)
+    for (const LayerName& signal : signals_of(run.options)) {
+      const Box box = run.filter.entry().box(s.layers(), signal);
+      if (box.width() <= 0) continue;
+      all = {std::min(all.x0, box.x0), std::min(all.y0, box.y0), std::max(all.x1, box.x1), std::max(all.y1, box.y1)};
+    }
+  return all.width() > 0 ? all : Box{0, 0, 1, 1};
 }
 
 /// @throws InputError when the machine has not the memory
@@ -462,7 +496,9 @@ TilePlan plan_tiles(const Run& run, const Layers& frame, const std::vector<Sourc
         fmt::format("filter {} would hold {:.1f} GB for this frame in tiles of {} px, this machine has {:.1f} GB{}",
                     entry.name, peak / 1e9, side, physical_memory() / 1e9,
                     side > kSmallestTile ? fmt::format("; try --tile {}", kSmallestTile) : ""));
-  return {side, apron, (frame.width() + side - 1) / side, (frame.height() + side - 1) / side};
+  TilePlan plan{side, apron, (frame.width() + side - 1) / side, (frame.height() + side - 1) / side};
+  if (entry.box) plan.box = box_of(run, sources);
+  return plan;
 }
 
 /// Brings the frames nearby to where the frame to clean is.
@@ -563,7 +599,7 @@ Totals filter_tiles(const Run& run, const std::vector<Source>& sources, const Ti
   for (int index = 0; index < plan.count(); ++index) {
     Tile tile = plan.tile(index, gathered.layers);
     std::vector<Layers> crops;
-    if (plan.count() > 1)
+    if (plan.cuts(gathered.layers))
       for (const Source& s : sources) crops.push_back(s.crop_to(tile.outer));
     for (size_t i = 0; i < sources.size(); ++i)
       tile.sources.push_back(crops.empty() ? &sources[i].layers() : &crops[i]);

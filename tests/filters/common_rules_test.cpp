@@ -47,7 +47,7 @@ TEST(CommonRules, TilesGiveTheSamePicture) {
     options.tile = 40;
     const Layers tiled = apply_filter(f, frame, options, {}, &report);
     EXPECT_EQ(whole_report.tiles, 1u);
-    EXPECT_GE(report.tiles, f.entry().whole_frame ? 1u : 9u) << e->name;
+    EXPECT_GE(report.tiles, f.entry().box ? 1u : 9u) << e->name;
     // Patches that claim one another in an order, and whole-frame means of a tile, differ a little.
     const bool ordered = e->name == "bayesian_collaborative";
     EXPECT_LT(worst_difference(whole, tiled), ordered ? 0.2 : 3e-4) << e->name;
