@@ -480,11 +480,25 @@ void check_scalar_field(const fs::path& path, const GridSummary& s, openvdb::io:
                            s.name));
 }
 
+/// Refuses a grid that this machine cannot hold, by what the file says of its size, before any of it is read.
+void check_memory(openvdb::io::File& file, const fs::path& path, const std::string& name) {
+  const openvdb::GridBase::Ptr grid = file.readGridMetadata(name);
+  const auto bytes = grid->getMetadata<openvdb::Int64Metadata>(openvdb::GridBase::META_FILE_MEM_BYTES);
+  if (!bytes) return;
+  // A brick for each leaf, and some at the rim.
+  const double tree = static_cast<double>(bytes->value()), bricks = 1.1 * tree * BrickGrid::kBrick / 512;
+  if (!(tree + bricks > physical_memory())) return;
+  throw InputError(fmt::format(
+      "{}: grid '{}' needs {:.1f} GB of memory to be read, {:.1f} GB of them to be rendered; this machine has {:.1f} GB. Expected a volume of fewer voxels: resample it, or crop it",
+      path.string(), name, (tree + bricks) / 1e9, bricks / 1e9, physical_memory() / 1e9));
+}
+
 ScalarField read_scalar(Reading& reading, const fs::path& path, const ScalarOptions& options) {
   const auto file = open(reading, path);
   ScalarField field;
-  openvdb::GridBase::Ptr grid =
-      file->readGrid(choose_grid(*file, path, options.grid, options.usual_names, field.notes));
+  const std::string name = choose_grid(*file, path, options.grid, options.usual_names, field.notes);
+  check_memory(*file, path, name);
+  openvdb::GridBase::Ptr grid = file->readGrid(name);
   reading.limits.reset();
   field.summary = summarize(*grid, reading.task);
   const GridSummary& s = field.summary;

@@ -96,7 +96,7 @@ LayerRequest Cleaner::request(const LayerRequest& wanted, int samples) {
   return request;
 }
 
-Layers Cleaner::clean(const Layers& frame) {
+Layers Cleaner::clean(Layers frame) {
   ApplyReport report;
   Layers clean =
       apply_filter(filter_, frame, options_of(exposure_, outliers_), host_.task(filter_.entry().name), &report);
@@ -105,28 +105,28 @@ Layers Cleaner::clean(const Layers& frame) {
   Layers all(frame.width(), frame.height());
   all.header = frame.header;
   all.lie_like(frame);
+  const auto own = [&](const std::string& name) { return frame.find(name) != nullptr; };
+  for (const auto& [name, plane] : clean.channels())
+    if (!own(name)) all.set(name, std::move(*clean.find(name)));
   for (const auto& [name, plane] : frame.channels())
-    if (keep_guides_ || !name.starts_with("guide.")) all.set(name, plane);
+    if (keep_guides_ || !name.starts_with("guide.")) all.set(name, std::move(*frame.find(name)));
   for (size_t c = 0; c < 3; ++c) {
     const std::string raw = layer::beauty.channel(c);
-    all.set(layer::noisy.channel(c), frame.at(raw));
-    all.set(raw, clean.at(raw));
+    all.set(layer::noisy.channel(c), std::move(*all.find(raw)));
+    all.set(raw, std::move(*clean.find(raw)));
   }
-  for (const auto& [name, plane] : clean.channels())
-    if (!frame.find(name)) all.set(name, plane);
   for (const auto& [key, value] : clean.header) all.header[key] = value;
 
   error_ = -1;
   if (estimates_error()) {
-    const Plane& error = clean.at(layer::clean_error.channel(0));
-    const RgbPlanes rgb = clean.rgb(layer::beauty);
+    const Plane& error = all.at(layer::clean_error.channel(0));
+    const RgbPlanes rgb = all.rgb(layer::beauty);
     double sum = 0;
     for (int y = 0; y < error.height(); ++y)
       for (int x = 0; x < error.width(); ++x) sum += relative_square(error(x, y), rgb, x, y);
     error_ = std::sqrt(sum / (static_cast<double>(error.width()) * error.height()));
     all.header["estimatedCleanError"] = static_cast<float>(error_);
   }
-  picture_ = all;
   return all;
 }
 
@@ -136,7 +136,8 @@ double Cleaner::relative_square(double error, const RgbPlanes& rgb, int x, int y
 }
 
 NextRound Cleaner::next_round(const RenderRound& round, double target) {
-  const Layers all = clean(round.frame);
+  picture_ = clean(round.frame);
+  const Layers& all = picture_;
   const bool known = estimates_error();
   if (known && target > 0 && error_ <= target) return {};
   const Film& film = round.film;

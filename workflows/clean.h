@@ -23,7 +23,7 @@ class Cleaner {
 
   /// The frame with the clean picture on top: the raw one goes to `noisy`, the parts to clean_direct and
   /// clean_indirect, the estimated error to clean_error, where the filter makes them.
-  Layers clean(const Layers& frame);
+  Layers clean(Layers frame);
 
   /// The round after this one; without goals where the target is reached, or nothing can be gained.
   ///
@@ -38,7 +38,7 @@ class Cleaner {
   double error() const { return error_; }
   bool estimates_error() const;
   const FilterSettings& filter() const { return filter_; }
-  /// The last clean picture.
+  /// The clean picture of the last round.
   const Layers& picture() const { return picture_; }
   double seconds() const { return seconds_; }
 

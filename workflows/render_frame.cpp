@@ -193,10 +193,9 @@ bool tell_error(const Setup& s, const RenderReport& report) {
 }
 
 /// Tells what came of a render. @return whether a threshold was missed
-bool tell_result(const Setup& s, const PreparedScene& prepared, const RenderReport& report) {
+bool tell_result(const Setup& s, const Plan& plan, const RenderReport& report) {
   s.host.log(report.summary());
-  if (prepared.plan().has_media() && !prepared.plan().emission && report.counters.paths > 0 &&
-      report.counters.tracking.collisions == 0)
+  if (plan.has_media() && !plan.emission && report.counters.paths > 0 && report.counters.tracking.collisions == 0)
     s.host.note("no path met the medium; does the camera look past it? 'brume info' tells where a volume lies");
   if (report.samples_per_pixel > s.scene.render.spp)
     s.host.note(fmt::format("the checkpoint held more samples per pixel, {}, than the {} asked for",
@@ -241,7 +240,8 @@ RenderedFrame render_frame(const RenderOptions& options, const Host& host) {
   RenderedFrame rendered;
   rendered.end = FrameEnd::kSkipped;
   if (options.skip_complete && !resume_frame(s)) return rendered;
-  const std::unique_ptr<PreparedScene> prepared = prepare(s);
+  std::unique_ptr<PreparedScene> prepared = prepare(s);
+  for (VolumeSettings& volume : s.scene.volumes) volume.field.reset();
   std::unique_ptr<RenderWatcher> watcher;
   if (options.watch) {
     const FilmSettings& film = s.scene.film;
@@ -257,15 +257,17 @@ RenderedFrame render_frame(const RenderOptions& options, const Host& host) {
     };
 
   RenderResult result = prepared->render(s.job, host.task("render " + s.scene.name));
+  const Plan plan = prepared->plan();
+  prepared.reset();  // the volumes and their light are not held while the picture is cleaned
   if (s.cleaner) {
-    result.layers = s.cleaner->clean(result.layers);
+    result.layers = s.cleaner->clean(std::move(result.layers));
     if (watcher) watcher->show(result.layers);
   }
   if (!options.output.empty()) write_exr(options.output, result.layers);
   std::error_code ignored;
   if (options.skip_complete && !options.checkpoint.empty()) fs::remove(options.checkpoint, ignored);
   if (!options.preview.empty()) options.picture.write(options.preview, result.layers);
-  rendered.end = tell_result(s, *prepared, result.report) ? FrameEnd::kMissed : FrameEnd::kDone;
+  rendered.end = tell_result(s, plan, result.report) ? FrameEnd::kMissed : FrameEnd::kDone;
   if (!options.output.empty() && host.wrote) host.wrote(options.output);
   if (s.cleaner && s.cleaner->error() >= 0) rendered.clean_error = s.cleaner->error();
   rendered.layers = std::move(result.layers);

@@ -118,6 +118,7 @@ std::vector<Plane> collaborative_regression(std::span<const RegressionFrame> fra
       std::vector<float> a(stride * static_cast<size_t>(n * (n + 1) / 2)), b(stride * static_cast<size_t>(n * m)),
           work(kernels::normal_scratch(features.size(), values.size(), stride));
       for (int y = block.y0; y < block.y1; ++y) {
+        if (wanted && !any_above_0(*wanted, Box{block.x0, y, block.x1, y + 1}.grown(radius, width, height))) continue;
         const size_t line = stride * static_cast<size_t>(y - block.y0);
         float* centre = weight_of(0, 0, 0) + line;
         for (int x = 0; x < block.width(); ++x) centre[x] = std::max(centre[x], kCentreWeight);

@@ -104,7 +104,9 @@ void improve(HalfPair& result, const std::vector<HalfPair>& candidates, const st
   const Mixed mixed = mix(result, proposals, frame, task);
   task.report(0.9);
   if (mixed.worthwhile.empty()) return;
-  const HalfPair lines = local_lines(data, pointers(known.features), mixed.moved, task);
+  const Plane wanted = make_plane(width, height, quiet(task),
+                                  [&](int x, int y) { return mixed.worthwhile(x, y) > 0 ? mixed.moved(x, y) : 0.0f; });
+  const HalfPair lines = local_lines(data, pointers(known.features), wanted, task);
   proposals.emplace_back([&lines](const HalfPair&, HalfPair&) -> const HalfPair& { return lines; });
   mix(result, proposals, {frame.half_a, frame.half_b, mixed.worthwhile, regions}, task);
 }

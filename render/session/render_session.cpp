@@ -139,7 +139,7 @@ RenderResult RenderSession::run() {
   RenderResult result;
   result.report = report();
   result.layers = film_.take();
-  for (const auto& [name, plane] : guides_.channels()) result.layers.set(name, plane);
+  for (const auto& [name, plane] : guides_.channels()) result.layers.set(name, std::move(*guides_.find(name)));
   finish_header(result.layers, result.report);
   if (job_.keep_state) film_.save_state(result.layers, {task_.threads});
   return result;

@@ -8,6 +8,7 @@
 
 #include <atomic>
 #include <cstdlib>
+#include <cstring>
 #include <limits>
 
 #include "base/error.h"
@@ -222,6 +223,19 @@ TEST(VdbReader, FilesMadeToCrashOpenVdbAreRefusedInWords) {
     EXPECT_THROW(write_halved_density(path, "", folder / "half.vdb"), InputError);
     EXPECT_TRUE(fs::is_empty(folder.path()));
   }
+}
+
+TEST(VdbReader, AVolumeBeyondMemoryIsRefusedWithTheNumbersBeforeItIsRead) {
+  std::string bytes = test::read_file(test::source("data/volumes/cloud.vdb"));
+  const size_t type = bytes.find("int64", bytes.find("file_mem_bytes"));
+  ASSERT_NE(type, std::string::npos);
+  const int64_t claimed = int64_t{1} << 50;
+  std::memcpy(bytes.data() + type + 5 + sizeof(uint32_t), &claimed, sizeof claimed);  // behind the type and the size
+  const test::TemporaryFolder folder;
+  test::write_file(folder / "huge.vdb", bytes);
+  const std::string error = load_error(folder / "huge.vdb");
+  EXPECT_TRUE(holds(error, "grid 'density' needs 2889296.7 GB of memory to be read")) << error;
+  EXPECT_TRUE(holds(error, "this machine has")) << error;
 }
 
 TEST(VdbReader, WhateverBecomesOfItTheMessageSaysSo) {
