@@ -48,14 +48,18 @@ enum class VdbOutcome : uint64_t { kAnswered, kRefused, kOutOfMemory };
 /// The exit status of a reader that had not even the memory to say so.
 constexpr int kReaderOutOfMemory = 12;
 
+/// To be raised whenever what travels changes: a reader of another version is refused instead of misunderstood.
+constexpr uint64_t kExchangeVersion = 2;
+
 /// The beginning of the memory file.
 struct ExchangeHeader {
   uint64_t request_offset = 0, request_size = 0;
   uint64_t reply_offset = 0, reply_size = 0;
   VdbOutcome outcome = VdbOutcome::kAnswered;
-  uint64_t begun = 0;    ///< whether the reader has come as far as this
-  uint64_t cramped = 0;  ///< whether it may take less memory than a whole file of this size can need
-  double progress = 0;   ///< finished fraction, for the one who waits
+  uint64_t begun = 0;                    ///< the reader's version, once it has come as far as this
+  uint64_t cramped = 0;                  ///< whether it may take less memory than a whole file of this size can need
+  double progress = 0;                   ///< finished fraction, for the one who waits
+  uint64_t asked_by = kExchangeVersion;  ///< the version of the one who asks
 };
 
 /// Answers the request in `file` with what it asks for or with an error message, for the reading process alone: while

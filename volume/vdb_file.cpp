@@ -773,7 +773,8 @@ std::string answer_or_explain(Reading& reading, VdbRequest& request, Packer& pac
 void answer_vdb_request(MemoryFile& file) {
   const Mapping beginning(file, 0, sizeof(ExchangeHeader), /*writable=*/true);
   auto& header = *reinterpret_cast<ExchangeHeader*>(beginning.data());
-  header.begun = 1;
+  header.begun = kExchangeVersion;
+  if (header.asked_by != kExchangeVersion) return;  // who asks says what is wrong
   VdbRequest request;
   {
     Unpacker unpack(std::make_shared<Mapping>(file, 0, file.size(), /*writable=*/false), header.request_offset,

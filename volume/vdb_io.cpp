@@ -70,7 +70,14 @@ void run_reader(const VdbRequest& request, const MemoryFile& file, ExchangeHeade
   const auto report = [&] {
     if (const double fraction = std::atomic_ref(header.progress).load(); fraction > 0) task.report(fraction);
   };
-  const ChildEnd end = run_child(find_reader(), {}, file.descriptor(), task, kStallSeconds, report);
+  const fs::path reader = find_reader();
+  const ChildEnd end = run_child(reader, {}, file.descriptor(), task, kStallSeconds, report);
+  // A larger number is no version: the reader, or what it runs in, has written over it.
+  constexpr uint64_t kLatestVersion = 1 << 16;
+  if (header.begun && header.begun != kExchangeVersion && header.begun < kLatestVersion)
+    throw InputError(fmt::format(
+        "{}: belongs to another version of brume (it speaks {}, expected {}); install both together, or set {}",
+        reader.string(), header.begun, kExchangeVersion, kReaderVariable));
   // What a terminal sends reaches the reader too, perhaps before it has begun to ignore it.
   if (end.signal == SIGINT || end.signal == SIGTERM || end.signal == SIGHUP) throw Interrupted();
   // Its libraries are not loaded, or one of them gives up before the program begins.
