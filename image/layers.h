@@ -39,18 +39,18 @@ inline constexpr LayerName alpha{"", "A", "1 - mean transmittance to the backgro
 inline constexpr LayerName direct{"direct", "RGB", "background, emission, surfaces lit directly, light scattered once"};
 inline constexpr LayerName indirect{"indirect", "RGB", "light scattered twice or more"};
 inline constexpr LayerName background{"background", "RGB", "part of direct: lights and sky seen through the medium"};
-inline constexpr LayerName emission{"emission", "RGB", "part of direct: the medium's own glow"};
+inline constexpr LayerName emission{"emission", "RGB", "part of direct: the medium's own emission"};
 inline constexpr LayerName single{"single", "RGB", "part of direct: light scattered once by a medium"};
 inline constexpr LayerName surface{"surface", "RGB", "part of direct: surfaces that emit or are lit directly"};
 inline constexpr LayerName gradient{
     "gradient", "XYZ",
-    "mean over the paths of the unit direction of the density gradient, world space, where the path meets the medium's surface"};
+    "mean over the paths of the unit direction of the density gradient, world space, where the path meets the medium's isosurface"};
 inline constexpr LayerName gradient_first_scatter{"gradient_first_scatter", "XYZ",
                                                   "the same where the path scatters first; 0 for paths that do not"};
 inline constexpr LayerName gradient_transmittance_weighted{
     "gradient_transmittance_weighted", "XYZ",
     "the same over the camera ray, weighted by transmittance times extinction: the expectation of gradient_first_scatter without its noise"};
-inline constexpr LayerName coverage{"coverage", "A", "fraction of the paths that met the medium's surface"};
+inline constexpr LayerName coverage{"coverage", "A", "fraction of the paths that met the medium's isosurface"};
 inline constexpr LayerName transmittance{"transmittance", "RGB", "mean transmittance to the background"};
 inline constexpr LayerName scatter_depth{
     "scatter_depth", "Z", "distance to the first scattering; divide by the scattered share, scatter_share"};

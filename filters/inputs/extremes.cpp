@@ -60,8 +60,9 @@ float scaled(float value, double factor, bool squared) {
   return static_cast<float>(static_cast<double>(value) * (squared ? factor * factor : factor));
 }
 
-/// Adds to `factor` what gives the light taken from a pixel back, as a share of the picture. @return what is lost
-double give_back(double taken, const Extreme& from, const Plane& picture, Plane& factor) {
+/// Adds to `factor` what returns the light taken from a pixel to its neighbourhood, as a share of the picture.
+/// @return what is lost
+double redistribute(double taken, const Extreme& from, const Plane& picture, Plane& factor) {
   const int width = picture.width(), height = picture.height(), radius = static_cast<int>(3 * kReturnWindow);
   std::vector<double> falloff(static_cast<size_t>(radius) + 1);
   for (size_t d = 0; d < falloff.size(); ++d)
@@ -145,7 +146,7 @@ Extremes limit_extremes(Layers& frame, const LayerName& signal, const std::vecto
     Plane factor(width, height, 1.0f);
     for (const auto& [from, light] : removed) {
       taken[static_cast<int>(c)] += light;
-      lost[static_cast<int>(c)] += give_back(light, from, mean, factor);
+      lost[static_cast<int>(c)] += redistribute(light, from, mean, factor);
     }
     if (removed.empty()) continue;
     for (const auto& [plane, squared] : planes)
