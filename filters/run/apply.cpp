@@ -375,9 +375,13 @@ void filter_signal(const Run& run, const std::vector<Source>& sources, const Til
     for (size_t c = 0; c < 3; ++c) store(clean[c], *kept->second[c]);
   if (run.filter.entry().box)
     for (size_t c = 0; c < 3; ++c) {
-      const Plane& input = *sources[0].layers().rgb(name)[c];
-      add_around(tile.outer, input, *gathered.sum[c]);
-      if (kept != gathered.parts.end()) add_around(tile.outer, input, *kept->second[c]);
+      const auto extremes = sources[0].extremes.find(name.name);
+      const Plane* const aside = extremes != sources[0].extremes.end() ? &extremes->second.aside[c] : nullptr;
+      for (const Plane* from : {sources[0].layers().rgb(name)[c], aside}) {
+        if (!from || from->empty()) continue;
+        add_around(tile.outer, *from, *gathered.sum[c]);
+        if (kept != gathered.parts.end()) add_around(tile.outer, *from, *kept->second[c]);
+      }
     }
   if (frame.products)
     for (const auto& [channel, target] : gathered.products) {
