@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <fstream>
 #include <iterator>
+#include <set>
 
 #include "base/error.h"
 #include "base/sequence.h"
@@ -18,9 +19,9 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kGuideSamples = 16;          // that guides are made for: a picture is looked at for seconds
+constexpr int kGuideSamples = 16;             // that guides are made for: a picture is looked at for seconds
 constexpr size_t kKept = 3, kKeptFrames = 8;  // scenes that one may come back to: by undo, on the time line
-constexpr double kMostMemory = 0.25;       // of the machine's, for all of them but the one that is shown
+constexpr double kMostMemory = 0.25;          // of the machine's, for all of them but the one that is shown
 
 /// Whether light depends on a key of the camera: not on where it stands and how its rays spread.
 bool lights_depend_on(const SceneKey& key) {
@@ -37,6 +38,15 @@ std::vector<SceneTable> what_light_depends_on(const std::vector<SceneTable>& all
     if (own.path == "camera") std::erase_if(own.keys, [](const SceneKey& key) { return !lights_depend_on(key); });
   }
   return tables;
+}
+
+/// The files that a scene names, as it names them.
+std::set<std::string> files_of(const std::vector<SceneTable>& tables) {
+  std::set<std::string> files;
+  for (const SceneTable& table : tables)
+    for (const SceneKey& key : table.keys)
+      if (key.type == SceneKey::Type::kFile) files.insert(std::get<std::string>(key.value));
+  return files;
 }
 
 double bytes_of(const PreparedScene& scene) {
@@ -121,6 +131,10 @@ bool ViewedScene::show(const std::vector<std::string>& assignments, const ivec2&
   if (read_now || (!made_ && file_ != file_of_frame(path_, frame_.value_or(0)))) read(task);
   const std::vector<std::string> all = all_assignments(assignments, size);
   std::vector<SceneTable> tables = outline_scene(text_, path_, all);
+  const std::set<std::string> named = files_of(outline_scene(text_, path_, overrides_));
+  for (const std::string& file : files_of(tables))
+    if (!file.empty() && !named.contains(file))
+      throw InputError(fmt::format("{}: is no file that the scene names; only its own can be looked at", file));
   Scene scene = parse_scene_alone(text_, path_, all);
   std::vector<SceneTable> light = what_light_depends_on(tables);
 
@@ -140,8 +154,8 @@ bool ViewedScene::show(const std::vector<std::string>& assignments, const ivec2&
     const size_t most = frames_.empty() ? kKept : kKeptFrames;
     for (auto it = std::next(shown_.begin()); it != shown_.end();) {
       bytes += bytes_of(*(*it)->prepared);
-      const bool keep = bytes < kMostMemory * physical_memory() &&
-                        static_cast<size_t>(std::distance(shown_.begin(), it)) < most;
+      const bool keep =
+          bytes < kMostMemory * physical_memory() && static_cast<size_t>(std::distance(shown_.begin(), it)) < most;
       it = keep ? std::next(it) : shown_.erase(it);
     }
   }

@@ -19,7 +19,8 @@ namespace brume {
 /// volumes are read once.
 class ViewedScene {
  public:
-  /// @param scene      scene file, or an OpenVDB file, around which a scene is made up; a pattern where there are frames
+  /// @param scene      scene file, or an OpenVDB file, around which a scene is made up; a pattern where there are
+  /// frames
   /// @param frames     of a sequence; empty: a single frame
   /// @param overrides  that come before all other assignments
   /// @param layers     that are recorded when it is rendered; with guides
@@ -34,9 +35,9 @@ class ViewedScene {
   /// Makes prepared() what the assignments say. Where this throws, it stays what it was.
   /// @param frame  of a sequence; nothing: its first
   /// @return whether anything but camera and film changed
-  /// @throws InputError: as parse_scene and PreparedScene; Interrupted
-  bool show(const std::vector<std::string>& assignments, const ivec2& size, std::optional<int> frame,
-            const Task& task);
+  /// @throws InputError: as parse_scene and PreparedScene; assignments that name files which the scene does not;
+  ///         Interrupted
+  bool show(const std::vector<std::string>& assignments, const ivec2& size, std::optional<int> frame, const Task& task);
 
   bool empty() const { return shown_.empty(); }
   PreparedScene& prepared() const { return *shown_.front()->prepared; }

@@ -17,14 +17,14 @@ namespace {
 
 using namespace std::chrono_literals;
 
-constexpr auto kRest = 150ms;                // without a look, after which a moving picture is at rest
-constexpr double kMovingSeconds = 0.06;      // that the march of a moving picture may take
-constexpr double kFewestPixels = 6000;       // of a moving picture
-constexpr double kFirstPace = 3e5;           // pixels a second, until one has been measured
-constexpr int kFirstRound = 8;               // samples a pixel
+constexpr auto kRest = 150ms;            // without a look, after which a moving picture is at rest
+constexpr double kMovingSeconds = 0.06;  // that the march of a moving picture may take
+constexpr double kFewestPixels = 6000;   // of a moving picture
+constexpr double kFirstPace = 3e5;       // pixels a second, until one has been measured
+constexpr int kFirstRound = 8;           // samples a pixel
 constexpr int kMostSamples = 1 << 20;
 constexpr int kGuideSamples = 16;
-constexpr double kFar = 1e30;                // scene units
+constexpr double kFar = 1e30;  // scene units
 
 const std::string kPicture = "picture", kGuide = "guide.";
 
@@ -76,7 +76,8 @@ const std::vector<ViewSceneText::Layer> kTracedLayers = {
 /// What scenes ask for that guides do not predict (docs/guides.md, limits).
 std::vector<std::string> left_out_of(const Scene& scene, bool has_media) {
   std::vector<std::string> left_out;
-  if (!has_media) left_out.emplace_back("nothing here scatters: without a medium no picture is predicted, it is path traced");
+  if (!has_media)
+    left_out.emplace_back("nothing here scatters: without a medium no picture is predicted, it is path traced");
   for (const SurfaceSettings& surface : scene.surfaces) {
     if (surface.role == "shadow_catcher") left_out.emplace_back("shadow catchers");
     if (surface.material == "dielectric") left_out.emplace_back("light focused by glass");
@@ -377,9 +378,10 @@ void Viewer::tell_scene(const ViewLook& look, bool reloaded) {
   text.layers.insert(text.layers.end(), guide_layers_.begin(), guide_layers_.end());
   text.notes = scene_.notes();
   text.left_out = left_out_of(prepared.scene(), prepared.medium() || !context.emissions.empty());
-  const auto enabled_volumes = static_cast<size_t>(
-      std::count_if(scene_.tables().begin(), scene_.tables().end(),
-                    [](const SceneTable& t) { return t.path.starts_with("volumes.") && is_enabled(t); }));
+  const auto enabled_volumes =
+      static_cast<size_t>(std::count_if(scene_.tables().begin(), scene_.tables().end(), [](const SceneTable& t) {
+        return t.path.starts_with("volumes.") && is_enabled(t);
+      }));
   size_t volume = 0;
   for (const SceneTable& table : scene_.tables()) {
     ViewSceneText::Table& entry = text.tables.emplace_back();

@@ -58,6 +58,7 @@ int run(int argc, char** argv) {
   add_generate(app, common, commands);
   add_halve(app, common, commands);
   add_render(app, common, commands);
+  add_view(app, common, commands);
   add_guides(app, common, commands);
   add_merge(app, common, commands);
   add_submit(app, common, commands);

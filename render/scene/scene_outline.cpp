@@ -173,8 +173,9 @@ std::vector<std::string> absolute_files(const std::vector<SceneTable>& tables, c
     for (const SceneKey& key : table.keys)
       if (const auto* const file = std::get_if<std::string>(&key.value);
           key.type == Type::kFile && !file->empty() && fs::path(*file).is_relative())
-        assignments.push_back(fmt::format("{}.{}={}", table.path, key.field.key,
-                                          toml::format(toml::value(fs::absolute(path.parent_path() / *file).lexically_normal().string()))));
+        assignments.push_back(fmt::format(
+            "{}.{}={}", table.path, key.field.key,
+            toml::format(toml::value(fs::absolute(path.parent_path() / *file).lexically_normal().string()))));
   return assignments;
 }
 
