@@ -67,12 +67,6 @@ ViewedScene::ViewedScene(fs::path scene, std::vector<int> frames, std::vector<st
   layers_.guides = true;
 }
 
-bool ViewedScene::changed_on_disk() const {
-  std::error_code error;
-  const auto written = fs::last_write_time(file_, error);
-  return !error && !text_.empty() && written != read_at_;
-}
-
 void ViewedScene::read_again() {
   text_.clear();
   fields_.clear();
@@ -82,7 +76,7 @@ void ViewedScene::read_again() {
 void ViewedScene::read(const Task& task) {
   std::error_code error;
   file_ = file_of_frame(path_, frame_.value_or(0));
-  read_at_ = fs::last_write_time(file_, error);
+  written_ = fs::last_write_time(file_, error);
   made_.reset();
   if (is_volume(file_)) {
     // One camera for a sequence of bare volumes, as render_sequence has it: what lies around the last one.

@@ -27,8 +27,9 @@ class ViewedScene {
   ViewedScene(std::filesystem::path scene, std::vector<int> frames, std::vector<std::string> overrides,
               LayerRequest layers);
 
-  /// Whether the scene's file is another one than was read last. A file that is gone is not.
-  bool changed_on_disk() const;
+  /// The file that was read last, and when that was written.
+  const std::filesystem::path& file() const { return file_; }
+  std::filesystem::file_time_type written() const { return written_; }
   /// Drops what has been read, so that the next show() reads it again.
   void read_again();
 
@@ -82,7 +83,7 @@ class ViewedScene {
   std::optional<int> frame_;
   std::string text_;            // of the file, or made up; empty: to be read
   std::filesystem::path file_;  // that it was read from
-  std::filesystem::file_time_type read_at_;
+  std::filesystem::file_time_type written_;
   std::optional<VolumeScene> made_;
   std::vector<SceneTable> tables_;
   std::list<std::unique_ptr<Shown>> shown_;  // the last one first

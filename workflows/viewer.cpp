@@ -177,7 +177,10 @@ void Viewer::pause() {
 
 void Viewer::check_file() {
   const std::lock_guard lock(mutex_);
-  if (next_ || !last_ || !scene_.changed_on_disk()) return;
+  if (next_ || !last_ || file_.empty()) return;
+  std::error_code error;
+  const auto written = std::filesystem::last_write_time(file_, error);
+  if (error || written == written_) return;
   reload_ = true;
   next_ = last_;
   cancel_ = true;
@@ -235,6 +238,22 @@ void Viewer::answer(const ViewProbe& probe) {
   listener_.point(probe.id, position);
 }
 
+bool Viewer::update_scene(const ViewLook& look, const Task& task) {
+  const auto keep_file = [&] {
+    const std::lock_guard lock(mutex_);
+    file_ = scene_.file();
+    written_ = scene_.written();
+  };
+  try {
+    const bool changed = scene_.show(look.assignments, look.size, look.frame, task);
+    keep_file();
+    return changed;
+  } catch (...) {
+    keep_file();  // a file that is wrong is looked at again when it changes
+    throw;
+  }
+}
+
 void Viewer::answer(const ViewLook& look) {
   asked_ = Stopwatch();
   bool reloaded = false;
@@ -246,7 +265,7 @@ void Viewer::answer(const ViewLook& look) {
   // A look that is on its way is not given up for the next one: under a moving mouse none would ever be answered.
   const Task whole{host_.threads, {}, nullptr}, until_next{host_.threads, {}, &cancel_};
   if (scene_.empty() || reloaded) tell(look, ViewStage::kReading);
-  const bool changed = scene_.show(look.assignments, look.size, look.frame, whole);
+  const bool changed = update_scene(look, whole);
   if ((changed && !look.moving) || reloaded) tell_scene(look, reloaded);
   const bool predicts = scene_.prepared().medium() || !scene_.prepared().context().emissions.empty();
   if (predicts) {

@@ -118,6 +118,8 @@ class Viewer {
  private:
   void run();
   void answer(const ViewLook& look);
+  /// @return whether anything but camera and film changed   @throws InputError
+  bool update_scene(const ViewLook& look, const Task& task);
   void answer(const ViewProbe& probe);
   /// @return false where a newer look came while it waited
   bool rests();
@@ -143,6 +145,8 @@ class Viewer {
   bool end_ = false, reload_ = false;
   std::shared_ptr<const Layers> frame_;
   std::string scene_text_;
+  std::filesystem::path file_;  // of the scene, as it was read
+  std::filesystem::file_time_type written_;
   std::atomic<bool> cancel_{false};
   std::thread thread_;
 };

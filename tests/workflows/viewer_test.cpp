@@ -1,0 +1,344 @@
+// Looking at a scene while it is edited: what is computed anew, what is shown, what a picture converges to.
+
+#include "workflows/viewer.h"
+
+#include <Imath/half.h>
+#include <gtest/gtest.h>
+
+#include <chrono>
+#include <cmath>
+#include <condition_variable>
+#include <fstream>
+#include <mutex>
+
+#include "base/error.h"
+#include "image/exr_io.h"
+#include "render/scene/scene_io.h"
+#include "tests/support/files.h"
+#include "workflows/render_frame.h"
+
+namespace brume {
+namespace {
+
+namespace fs = std::filesystem;
+using namespace std::chrono_literals;
+
+/// Keeps what a viewer tells, and waits for it.
+class Audience : public ViewListener {
+ public:
+  void scene(const ViewSceneText& scene) override {
+    add([&] { scenes.push_back(scene); });
+  }
+  void picture(ViewPicture picture) override {
+    add([&] { pictures.push_back(std::move(picture)); });
+  }
+  void progress(uint64_t id, ViewStage stage, int, std::optional<double>, double) override {
+    add([&] { stages.emplace_back(id, stage); });
+  }
+  void problem(uint64_t id, const std::string& text) override {
+    add([&] { problems.emplace_back(id, text); });
+  }
+  void point(uint64_t id, std::optional<dvec3> position) override {
+    add([&] { points.emplace_back(id, position); });
+  }
+
+  /// @return whether it came to be within two minutes
+  bool wait(const std::function<bool(const Audience&)>& is) {
+    std::unique_lock lock(mutex_);
+    return told_.wait_for(lock, 120s, [&] { return is(*this); });
+  }
+  std::optional<ViewPicture> first(const std::function<bool(const ViewPicture&)>& is) {
+    std::optional<ViewPicture> found;
+    wait([&](const Audience& a) {
+      for (const ViewPicture& p : a.pictures)
+        if (is(p)) return found = p, true;
+      return false;
+    });
+    return found;
+  }
+
+  std::vector<ViewSceneText> scenes;
+  std::vector<ViewPicture> pictures;
+  std::vector<std::pair<uint64_t, ViewStage>> stages;
+  std::vector<std::pair<uint64_t, std::string>> problems;
+  std::vector<std::pair<uint64_t, std::optional<dvec3>>> points;
+
+ private:
+  void add(const std::function<void()>& what) {
+    {
+      const std::lock_guard lock(mutex_);
+      what();
+    }
+    told_.notify_all();
+  }
+  std::mutex mutex_;
+  std::condition_variable told_;
+};
+
+float value(const ViewPicture& p, int channel, int x, int y) {
+  Imath::half h;
+  h.setBits(p.halves[(static_cast<size_t>(channel) * p.height + y) * p.width + x]);
+  return h;
+}
+
+double mean(const ViewPicture& p) {
+  double sum = 0;
+  for (const uint16_t bits : p.halves) {
+    Imath::half h;
+    h.setBits(bits);
+    sum += static_cast<float>(h);
+  }
+  return sum / static_cast<double>(p.halves.size());
+}
+
+ViewLook look(uint64_t id, std::vector<std::string> assignments = {}, ivec2 size = {48, 36}) {
+  ViewLook look;
+  look.id = id;
+  look.assignments = std::move(assignments);
+  look.size = size;
+  look.layers = {"picture"};
+  return look;
+}
+
+const fs::path kCloud = test::source("data/scenes/cloud.toml");
+
+struct Viewing {
+  Audience audience;
+  Viewer viewer;
+  explicit Viewing(const fs::path& scene, std::vector<int> frames = {})
+      : viewer({scene, std::move(frames), {}, "transport_regression"}, {}, audience) {}
+};
+
+TEST(Viewer, PredictsAtOnceAndThenPathTraces) {
+  Viewing v(kCloud);
+  v.viewer.look(look(7));
+  const auto clean = v.audience.first([](const ViewPicture& p) { return !p.predicted && p.samples >= 64; });
+  ASSERT_TRUE(clean);
+  const auto predicted = std::find_if(v.audience.pictures.rbegin(), v.audience.pictures.rend(),
+                                      [](const ViewPicture& p) { return p.predicted; });
+  ASSERT_NE(predicted, v.audience.pictures.rend());
+  EXPECT_TRUE(predicted->full);
+  EXPECT_EQ(predicted->id, 7u);
+  EXPECT_EQ(predicted->width, 48);
+  EXPECT_EQ(predicted->height, 36);
+  EXPECT_EQ(predicted->channels, 3);
+  EXPECT_EQ(predicted->halves.size(), 3u * 48 * 36);
+  EXPECT_NEAR(mean(*predicted) / mean(*clean), 1, 0.1);
+  ASSERT_TRUE(clean->error);
+  EXPECT_GT(*clean->error, 0);
+  EXPECT_LT(*clean->error, 0.1);
+  EXPECT_TRUE(v.viewer.frame() && v.viewer.frame()->find("noisy.R"));
+}
+
+/// Root mean square difference of a picture to a frame's beauty, over the beauty's own.
+double difference(const ViewPicture& p, const Layers& frame) {
+  double squares = 0, sum = 0;
+  for (int c = 0; c < 3; ++c) {
+    const Plane& plane = frame.at(std::string(1, "RGB"[c]));
+    for (int y = 0; y < plane.height(); ++y)
+      for (int x = 0; x < plane.width(); ++x) {
+        squares += std::pow(value(p, c, x, y) - plane(x, y), 2);
+        sum += std::pow(plane(x, y), 2);
+      }
+  }
+  return std::sqrt(squares / sum);
+}
+
+// Against a render of the program with another seed: clean pictures are never worse than their samples, and both come
+// to it.
+TEST(Viewer, ConvergesToTheRender) {
+  Viewing v(kCloud);
+  ViewLook wanted = look(1, {"render.seed=5"}, {24, 18});
+  wanted.layers = {"picture", "noisy"};
+  v.viewer.look(wanted);
+  const auto at = [&](const char* layer, int samples) {
+    return v.audience.first(
+        [&](const ViewPicture& p) { return !p.predicted && p.layer == layer && p.samples >= samples; });
+  };
+  const auto early = at("picture", 8), noisy = at("noisy", 512), clean = at("picture", 512);
+  ASSERT_TRUE(early && noisy && clean);
+  RenderOptions options;
+  options.scene = kCloud;
+  options.overrides = {"film.width=24", "film.height=18"};
+  options.spp = 4096;
+  options.layers = LayerRequest::of({}, false);
+  const Layers reference = render_frame(options, {}).layers;
+  const double of_noisy = difference(*noisy, reference), of_clean = difference(*clean, reference);
+  EXPECT_LT(of_clean, 1.02 * of_noisy);
+  EXPECT_LT(of_clean, 0.7 * difference(*early, reference));
+  EXPECT_LT(of_noisy, 0.06);
+}
+
+TEST(Viewer, AMovingPictureIsSmallerAndARestingOneWhole) {
+  Viewing v(kCloud);
+  ViewLook moving = look(1, {}, {640, 480});
+  moving.moving = true;
+  v.viewer.look(moving);
+  const auto first = v.audience.first([](const ViewPicture&) { return true; });
+  ASSERT_TRUE(first);
+  EXPECT_LT(first->width, 640);
+  EXPECT_FALSE(first->full);
+  // Without another look it comes to rest.
+  EXPECT_TRUE(v.audience.first([](const ViewPicture& p) { return p.full && p.width == 640; }));
+}
+
+TEST(Viewer, AnotherCameraSolvesNoLightAnotherSunDoes) {
+  Viewing v(kCloud);
+  v.viewer.look(look(1));
+  ASSERT_TRUE(v.audience.first([](const ViewPicture& p) { return !p.predicted; }));
+  v.viewer.look(look(2, {"camera.position=[0.0, -8.0, 1.0]", "camera.fov=30"}));
+  ASSERT_TRUE(v.audience.first([](const ViewPicture& p) { return p.id == 2 && p.full; }));
+  v.viewer.look(look(3, {"lights.0.direction=[1, 0, 0.2]"}));
+  ASSERT_TRUE(v.audience.first([](const ViewPicture& p) { return p.id == 3 && p.full; }));
+  const auto solved = [&](uint64_t id) {
+    return v.audience.wait([](const Audience&) { return true; }) &&
+           std::count(v.audience.stages.begin(), v.audience.stages.end(), std::pair(id, ViewStage::kSolvingLight)) > 0;
+  };
+  EXPECT_TRUE(solved(1));
+  EXPECT_FALSE(solved(2));
+  EXPECT_TRUE(solved(3));
+}
+
+TEST(Viewer, SunsAndVolumesCanBeSwitchedOffAndLampsAdded) {
+  Viewing v(kCloud);
+  const auto mean_of = [&](uint64_t id, std::vector<std::string> assignments) {
+    v.viewer.look(look(id, std::move(assignments)));
+    const auto p = v.audience.first([&](const ViewPicture& q) { return q.id == id && !q.predicted; });
+    return p ? mean(*p) : -1.0;
+  };
+  const double all = mean_of(1, {}), dark = mean_of(2, {"lights.0.enabled=false"}),
+               empty = mean_of(3, {"volumes.0.enabled=false"}),
+               lamp = mean_of(4, {"lights.0.enabled=false",
+                                  "lights.1={type=\"sphere\",position=[0,-3,1],radius=0.2,radiance=[90,90,90]}"});
+  EXPECT_GT(all, 1.2 * dark);
+  EXPECT_NEAR(empty, (0.16 + 0.21 + 0.31) / 3, 1e-3);
+  EXPECT_GT(lamp, 1.05 * dark);
+}
+
+TEST(Viewer, AProblemIsToldAndTheNextLookIsAnswered) {
+  Viewing v(kCloud);
+  v.viewer.look(look(1));
+  ASSERT_TRUE(v.audience.first([](const ViewPicture& p) { return p.full; }));
+  for (const auto& [id, wrong, expected] :
+       {std::tuple(2, "volumes.0.albedo=3", "albedo"),
+        {3, "camera.look_at=[0.0, -6.2, 1.0]", "camera"},
+        {4, "nonsense", "-D"},
+        {5, "lights.7.radius=1", "entries"},
+        {6, "volumes.0.file=\"/etc/passwd\"", "no file that the scene names"},
+        {7, "volumes.1={file=\"../volumes/smoke.vdb\"}", "no file that the scene names"},
+        {8, "environment.\"fi\\u006ce\"=\"/etc/passwd\"", ""}}) {
+    v.viewer.look(look(static_cast<uint64_t>(id), {wrong}));
+    const auto told = [id = id](const Audience& a) {
+      return !a.problems.empty() && a.problems.back().first == static_cast<uint64_t>(id);
+    };
+    ASSERT_TRUE(v.audience.wait(told)) << wrong;
+    EXPECT_NE(v.audience.problems.back().second.find(expected), std::string::npos) << v.audience.problems.back().second;
+  }
+  v.viewer.look(look(9));
+  EXPECT_TRUE(v.audience.first([](const ViewPicture& p) { return p.id == 9 && p.full; }));
+}
+
+TEST(Viewer, APointIsFoundInTheMediumAndNotBesideIt) {
+  Viewing v(kCloud);
+  v.viewer.look(look(1));
+  ASSERT_TRUE(v.audience.first([](const ViewPicture& p) { return p.full; }));
+  v.viewer.probe({2, {0.5, 0.5}});
+  v.viewer.probe({3, {0.5, 0.5}});
+  ASSERT_TRUE(v.audience.wait([](const Audience& a) { return !a.points.empty() && a.points.back().first == 3; }));
+  const auto middle = v.audience.points.back().second;
+  ASSERT_TRUE(middle);
+  EXPECT_NEAR(middle->x, 0, 0.05);
+  EXPECT_GT(middle->y, -1.8);
+  EXPECT_LT(middle->y, 0.5);
+  v.viewer.probe({4, {0.01, 0.01}});
+  ASSERT_TRUE(v.audience.wait([](const Audience& a) { return a.points.back().first == 4; }));
+  EXPECT_FALSE(v.audience.points.back().second);
+}
+
+TEST(Viewer, AFileThatChangesIsLoadedAgain) {
+  const test::TemporaryFolder folder;
+  const fs::path scene = folder / "scene.toml";
+  const std::string text = test::read_file(kCloud);
+  const std::string volumes = test::source("data/volumes").string();
+  const auto write = [&](const std::string& albedo) {
+    std::string own = text;
+    own.replace(own.find("../volumes"), 10, volumes);
+    own.replace(own.find("albedo = 0.995"), 14, "albedo = " + albedo);
+    std::ofstream(scene) << own;
+  };
+  write("0.995");
+  fs::last_write_time(scene, fs::file_time_type::clock::now() - 10s);
+  Viewing v(scene);
+  v.viewer.look(look(1));
+  const auto bright = v.audience.first([](const ViewPicture& p) { return !p.predicted; });
+  ASSERT_TRUE(bright);
+  v.viewer.check_file();
+  write("0.5");
+  v.viewer.check_file();
+  ASSERT_TRUE(v.audience.wait([](const Audience& a) {
+    return std::any_of(a.scenes.begin(), a.scenes.end(), [](const ViewSceneText& s) { return s.reloaded; });
+  }));
+  ASSERT_TRUE(v.audience.first([&](const ViewPicture& p) { return !p.predicted && mean(p) < 0.8 * mean(*bright); }));
+}
+
+TEST(Viewer, FramesOfASequenceAreThose) {
+  const test::TemporaryFolder folder;
+  for (const int seed : {1, 2}) {
+    const std::string file = (folder / ("s.000" + std::to_string(seed) + ".vdb")).string();
+    ASSERT_EQ(test::run_brume("generate cloud --resolution 24 --seed " + std::to_string(seed) + " -o " + file).status,
+              0);
+  }
+  Viewing v(folder / "s.####.vdb", {1, 2});
+  ViewLook second = look(1);
+  second.frame = 2;
+  v.viewer.look(look(1));
+  const auto a = v.audience.first([](const ViewPicture& p) { return p.frame == 1 && p.full; });
+  second.id = 2;
+  v.viewer.look(second);
+  const auto b = v.audience.first([](const ViewPicture& p) { return p.frame == 2 && p.full; });
+  ASSERT_TRUE(a && b);
+  EXPECT_NE(a->halves, b->halves);
+  ASSERT_FALSE(v.audience.scenes.empty());
+  EXPECT_EQ(v.audience.scenes[0].frames, (std::vector<int>{1, 2}));
+}
+
+TEST(SceneOutline, TellsWhatTheTextSaysAndTheDefaults) {
+  const std::string text =
+      "[camera]\nposition = [0, -3, 0]\nlook_at = [0, 0, 0]\n[[lights]]\ntype = \"sun\"\n"
+      "direction = [0, 0, 1]\nirradiance = 2\nenabled = false\n";
+  const auto tables = outline_scene(text, "scene.toml", std::vector<std::string>{"camera.fov=20"});
+  const auto table = [&](const std::string& path) {
+    return *std::find_if(tables.begin(), tables.end(), [&](const SceneTable& t) { return t.path == path; });
+  };
+  EXPECT_EQ(std::get<double>(table("camera").find("fov")->value), 20);
+  EXPECT_EQ(std::get<double>(table("camera").find("lens_radius")->value), 0);
+  EXPECT_EQ(std::get<std::vector<double>>(table("lights.0").find("irradiance")->value), (std::vector<double>{2, 2, 2}));
+  EXPECT_EQ(table("lights.0").find("irradiance")->type, SceneKey::Type::kColour);
+  EXPECT_EQ(table("lights.0").find("direction")->type, SceneKey::Type::kVector);
+  EXPECT_FALSE(std::get<bool>(table("lights.0").find("enabled")->value));
+  EXPECT_TRUE(parse_scene_alone(text, "scene.toml").lights.empty());
+}
+
+TEST(EditedScene, KeepsCommentsAndMeansTheSame) {
+  const std::vector<std::string> assignments = {
+      "camera.fov=20", "camera.lens_radius=0.25", "volumes.0.albedo=[0.5, 0.6, 0.7]", "environment.sky=preetham",
+      "lights.1={type=\"sphere\", position=[0, 0, 2], radius=0.1, radiance=[5, 5, 5]}"};
+  for (const char* name : {"cloud", "smoke", "fire"}) {
+    const fs::path path = test::source("data/scenes") / (std::string(name) + ".toml");
+    const std::string text = test::read_file(path), edited = edited_scene(text, path, assignments);
+    EXPECT_EQ(edited.substr(0, edited.find('\n')), text.substr(0, text.find('\n'))) << "its comment";
+    const test::TemporaryFolder elsewhere;
+    const Scene wanted = parse_scene(text, path, assignments), saved = parse_scene(edited, elsewhere / "scene.toml");
+    EXPECT_EQ(saved.hash, wanted.hash) << edited;
+    EXPECT_EQ(saved.settings, wanted.settings);
+  }
+}
+
+TEST(EditedScene, WritesAnewWhatCannotBeEdited) {
+  const std::string text = "camera = {position = [0, -3, 0], look_at = [0, 0, 0]}\n";
+  const std::string edited = edited_scene(text, "scene.toml", std::vector<std::string>{"camera.fov=20"});
+  EXPECT_EQ(parse_scene(edited, "scene.toml").camera.fov, 20);
+}
+
+}  // namespace
+}  // namespace brume
