@@ -1,8 +1,5 @@
-// Small parts that several views use.
+// Small parts that several views and both pages use.
 import type { ComponentChildren } from "preact";
-import { REFERENCE } from "./results";
-import { listedMethods } from "./state";
-import { usePage } from "./context";
 
 /** One choice of a few, as buttons in a row. */
 export function Choice<T extends string | number>(props: {
@@ -52,24 +49,6 @@ export function Select<T extends string>(props: {
         </option>
       ))}
     </select>
-  );
-}
-
-/** Which picture is A or B. */
-export function PicturePicker({ which }: { which: "a" | "b" }) {
-  const { index, library, view, set, name } = usePage();
-  const ids = [REFERENCE, ...listedMethods(index, view)].filter((id) => library.has(view.scene, view.spp, id));
-  if (!ids.includes(view[which])) ids.push(view[which]);
-  return (
-    <label class={`picker ${which}`}>
-      <span class={`badge ${which}`}>{which.toUpperCase()}</span>
-      <Select
-        label={`Picture ${which.toUpperCase()}`}
-        value={view[which]}
-        values={ids.map((id) => ({ value: id, text: name(id) }))}
-        onChange={(id) => set({ [which]: id })}
-      />
-    </label>
   );
 }
 

@@ -11,7 +11,8 @@ import { isDeepStrictEqual } from "node:util";
 import type { Browser, BrowserContext, Locator, Page } from "playwright-core";
 import type { AxeResults } from "axe-core";
 import { fromBase64, inflate, unpredict } from "../src/half";
-import { errorMap, Picture } from "../src/library";
+import { errorMap } from "../src/library";
+import { Picture } from "../src/picture";
 import type { PictureEntry, Results } from "../src/results";
 import { fixture } from "./fixture";
 
