@@ -1,6 +1,7 @@
 #include "base/text.h"
 
 #include <algorithm>
+#include <cctype>
 #include <numeric>
 
 namespace brume {
@@ -43,6 +44,16 @@ std::string suggestion(std::string_view word, std::span<const std::string> candi
   std::string text = nearest.empty() ? "" : "; did you mean '" + nearest + "'?";
   text += text.empty() ? "; known: " : " Known: ";
   return text + join(candidates);
+}
+
+std::string shell_word(const std::string& text) {
+  const auto plain = [](char c) {
+    return std::isalnum(static_cast<unsigned char>(c)) || std::string_view("_-./=:,+@%").find(c) != std::string::npos;
+  };
+  if (!text.empty() && std::all_of(text.begin(), text.end(), plain)) return text;
+  std::string word = "'";
+  for (const char c : text) word += c == '\'' ? std::string("'\\''") : std::string(1, c);
+  return word + "'";
 }
 
 std::string join(std::span<const std::string> words, std::string_view separator) {

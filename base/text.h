@@ -13,6 +13,9 @@ std::string nearest_name(std::string_view word, std::span<const std::string> can
 /// "; did you mean X? Known: A, B, C", for the end of an error message.
 std::string suggestion(std::string_view word, std::span<const std::string> candidates);
 
+/// A word that a shell takes as it is, in quotes where it needs them.
+std::string shell_word(const std::string& text);
+
 std::string join(std::span<const std::string> words, std::string_view separator = ", ");
 std::vector<std::string> split(std::string_view text, char separator);
 

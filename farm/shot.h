@@ -69,7 +69,4 @@ std::string fingerprint(const std::string& text);
 /// @param what  that text is: "the folder"   @throws InputError
 void check_one_line(const std::string& what, const std::string& text);
 
-/// A word that a shell takes as it is.
-std::string shell_word(const std::string& text);
-
 }  // namespace brume

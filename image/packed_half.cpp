@@ -14,10 +14,14 @@ namespace {
 constexpr int kLevel = 9;
 constexpr int kMiddle = 32768;
 
+uint16_t bits_of(float value) {
+  const float largest = HALF_MAX;
+  return half(value > largest ? largest : value < -largest ? -largest : value).bits();
+}
+
 /// An integer that orders halves by their values.
 int ordered_half(float value) {
-  const float largest = HALF_MAX;
-  const uint16_t bits = half(value > largest ? largest : value < -largest ? -largest : value).bits();
+  const uint16_t bits = bits_of(value);
   return bits & 0x8000 ? ~bits & 0xFFFF : bits | 0x8000;
 }
 
@@ -27,6 +31,14 @@ int predict(int left, int up, int corner) {
 }
 
 }  // namespace
+
+std::vector<uint16_t> half_bits(const Plane& plane) {
+  std::vector<uint16_t> bits;
+  bits.reserve(static_cast<size_t>(plane.width()) * plane.height());
+  for (int y = 0; y < plane.height(); ++y)
+    for (const float value : plane.pixels(y)) bits.push_back(bits_of(value));
+  return bits;
+}
 
 std::vector<uint8_t> pack_half(const RgbPlanes& rgb) {
   const int width = rgb[0]->width();

@@ -16,4 +16,7 @@ namespace brume {
 /// Values beyond the largest half, 65504, become that; NaN stays NaN.
 std::vector<uint8_t> pack_half(const RgbPlanes& rgb);
 
+/// The bits of a plane's values as half floats, row by row; values beyond the largest half become that.
+std::vector<uint16_t> half_bits(const Plane& plane);
+
 }  // namespace brume

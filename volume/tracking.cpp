@@ -72,4 +72,18 @@ double optical_depth(const Medium& medium, const Ray& ray, double t_max) {
   return sum * medium.extinction_per_density();
 }
 
+std::array<double, 3> depths_along_axes(const Medium& medium) {
+  const auto [lo, hi] = medium.support();
+  const dvec3 middle = 0.5 * (lo + hi);
+  std::array<double, 3> depths{};
+  for (int a = 0; a < 3; ++a) {
+    dvec3 start = middle, end = middle;
+    start[a] = lo[a];
+    end[a] = hi[a];
+    const double length = glm::distance(medium.to_world(start), medium.to_world(end));
+    depths[static_cast<size_t>(a)] = optical_depth(medium, Ray{start, (end - start) / length}, length);
+  }
+  return depths;
+}
+
 }  // namespace brume

@@ -1,5 +1,6 @@
 #pragma once
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <limits>
@@ -148,5 +149,8 @@ dvec3 estimate_chromatic_transmittance(const Medium& medium, const Ray& local, d
 /// which three-point Gauss-Legendre quadrature integrates without error. Displaced media are marched in half voxels.
 /// For layers, tests and reports, not for the inner loop.
 double optical_depth(const Medium& medium, const Ray& local, double t_max);
+
+/// Of rays through the middle of a medium's support, along each axis: a sanity check on units.
+std::array<double, 3> depths_along_axes(const Medium& medium);
 
 }  // namespace brume

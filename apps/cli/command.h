@@ -33,6 +33,7 @@ void add_info(CLI::App& app, Common& common, Commands& commands);
 void add_generate(CLI::App& app, Common& common, Commands& commands);
 void add_halve(CLI::App& app, Common& common, Commands& commands);
 void add_render(CLI::App& app, Common& common, Commands& commands);
+void add_view(CLI::App& app, Common& common, Commands& commands);
 void add_guides(CLI::App& app, Common& common, Commands& commands);
 void add_merge(CLI::App& app, Common& common, Commands& commands);
 void add_submit(CLI::App& app, Common& common, Commands& commands);

@@ -41,13 +41,7 @@ int parse_error(const CLI::App& app, const CLI::ParseError& error, int argc, cha
 /// The words as a shell takes them, the program by its name alone.
 std::string command_line(int argc, char** argv) {
   std::string text = "brume";
-  for (int i = 1; i < argc; ++i) {
-    const std::string word = argv[i];
-    const bool plain = !word.empty() && word.find_first_of(" \t\n\"'`$&|;<>()*?[]#~!{}\\") == std::string::npos;
-    std::string quoted;
-    for (const char c : word) quoted += c == '\'' ? std::string("'\\''") : std::string(1, c);
-    text += plain ? " " + word : " '" + quoted + "'";
-  }
+  for (int i = 1; i < argc; ++i) text += " " + shell_word(argv[i]);
   return text;
 }
 
@@ -64,6 +58,7 @@ int run(int argc, char** argv) {
   add_generate(app, common, commands);
   add_halve(app, common, commands);
   add_render(app, common, commands);
+  add_view(app, common, commands);
   add_guides(app, common, commands);
   add_merge(app, common, commands);
   add_submit(app, common, commands);

@@ -3,7 +3,7 @@
 
 namespace brume {
 
-/// The page of `brume view`, bundled by apps/page/build.mjs; empty in a program that was built without Node.
+/// The page of `brume view`, bundled from apps/page/src/view; empty where Node.js was missing.
 extern const std::string_view view_script, view_style;
 
 }  // namespace brume

@@ -12,12 +12,13 @@ namespace {
 
 // Times of the shutter that are marched where anything moves; the light is solved for the one in the middle.
 constexpr int kTimes = 9;
-constexpr double kMostDetail = 2;
+constexpr double kMostDetail = 2, kSketch = 0.5;
 constexpr double kMostKept = 150e6;  // bytes of light of all colours
 
 }  // namespace
 
 double Guides::detail(int samples) {
+  if (samples <= 0) return kSketch;
   double detail = 1;
   for (int more = 8; more <= samples && detail < kMostDetail; more *= 4) detail *= std::cbrt(2.0);
   return std::min(detail, kMostDetail);

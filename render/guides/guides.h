@@ -28,7 +28,7 @@ class Guides {
   Guides(const PathContext& context, int samples, double pixels, const Task& task = {}, double step = 0.7);
 
   /// How many times closer than for the fewest: 1 below 8 samples, and a third of an octave more for four times as
-  /// many.
+  /// many; half as close for none, a sketch to look at while better guides are made.
   static double detail(int samples);
 
   /// Marches the pixels of a window of the picture and adds the layers to `frame`, which has the window's size.

@@ -64,6 +64,7 @@ struct VolumeSettings {
   dmat4 object_to_world_end{0};  ///< all zero: the volume stands still
   dvec3 index_offset{0};
   bool convert_level_set = false;
+  bool enabled = true;
   /// The file's grid where it has been read already; null: it is read. Not part of a scene's text.
   std::shared_ptr<const ScalarField> field;
 };
@@ -92,6 +93,7 @@ struct LightSettings {
   dvec3 intensity{0};
   double cone_angle = 60, cone_softness = 0.15;
   bool visible_to_camera = false;
+  bool enabled = true;
 };
 
 struct SurfaceSettings {
@@ -105,6 +107,7 @@ struct SurfaceSettings {
   std::string role = "visible";
   std::string shadow = "traced";
   dmat4 object_to_world{1};
+  bool enabled = true;
 };
 
 struct RenderSettings {

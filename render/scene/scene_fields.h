@@ -201,6 +201,7 @@ void describe(Visitor& v, VolumeSettings& s) {
      "added to voxel coordinates; 0.5 matches Blender Cycles, which samples half a voxel off"},
     s.index_offset);
   v({"convert_level_set", "", "fill a level set's inside with fog instead of refusing it"}, s.convert_level_set);
+  v({"enabled", "", "false leaves it out of the scene"}, s.enabled);
 }
 
 template <class Visitor>
@@ -224,6 +225,7 @@ void describe(Visitor& v, LightSettings& l) {
   v({"cone_angle", "degrees", "spot: full angle of the cone", 0.01, 179.9}, l.cone_angle);
   v({"cone_softness", "1", "spot: share of the cone in which it fades out", 0, 1}, l.cone_softness);
   v({"visible_to_camera", "", "whether rays that never scatter see it"}, l.visible_to_camera);
+  v({"enabled", "", "false leaves it out of the scene"}, l.enabled);
 }
 
 template <class Visitor>
@@ -257,6 +259,7 @@ void describe(Visitor& v, SurfaceSettings& s) {
      .choices = {"traced", "straight"}},
     s.shadow);
   v({"object_to_world", "", "4 x 4, rows first; points are columns"}, s.object_to_world);
+  v({"enabled", "", "false leaves it out of the scene"}, s.enabled);
 }
 
 }  // namespace brume

@@ -19,41 +19,6 @@ namespace fs = std::filesystem;
 
 using Parser = TomlTable;
 
-void apply_override(toml::value& root, const std::string& assignment) {
-  const std::string source = "-D " + assignment;
-  const size_t equals = assignment.find('=');
-  if (equals == std::string::npos || equals == 0)
-    throw InputError(fmt::format("{}: expected -D table.key=value", source));
-  const std::string text = assignment.substr(equals + 1);
-  toml::value value;
-  try {
-    std::istringstream stream("value = " + text);
-    value = parse_toml(stream, source).at("value");
-  } catch (const InputError&) {
-    // Text without its quotes.
-    if (text.find('\'') != std::string::npos || text.find('\n') != std::string::npos) throw;
-    std::istringstream stream("value = '" + text + "'");
-    value = parse_toml(stream, source).at("value");
-  }
-  toml::value* at = &root;
-  const std::vector<std::string> keys = split(assignment.substr(0, equals), '.');
-  for (const std::string& key : keys) {
-    if (at->is_array()) {
-      char* end = nullptr;
-      const size_t index = std::strtoul(key.c_str(), &end, 10);
-      if (*end != '\0' || key.empty() || index >= at->as_array().size())
-        throw InputError(
-            fmt::format("{}: '{}' is not one of the {} entries, counted from 0", source, key, at->as_array().size()));
-      at = &at->as_array()[index];
-    } else if (at->is_table()) {
-      at = &at->as_table().try_emplace(key, toml::table()).first->second;
-    } else {
-      throw InputError(fmt::format("{}: '{}' is inside {}, not a table", source, key, toml_type_name(*at)));
-    }
-  }
-  *at = value;
-}
-
 void check_light(Parser& parser, LightSettings& light, const toml::value& table) {
   const auto need = [&](std::initializer_list<const char*> keys) {
     for (const char* key : keys)
@@ -182,7 +147,7 @@ void check_camera(const Parser& parser, const CameraSettings& c, const toml::val
 Scene scene_from(std::istream& stream, const fs::path& path, std::span<const std::string> overrides,
                  bool with_fingerprint = true) {
   toml::value root = parse_toml(stream, path.string());
-  for (const std::string& assignment : overrides) apply_override(root, assignment);
+  for (const std::string& assignment : overrides) apply_assignment(root, assignment);
 
   Scene scene;
   scene.path = path;
@@ -211,6 +176,7 @@ Scene scene_from(std::istream& stream, const fs::path& path, std::span<const std
       parser.reject_unknown();
       check(parser, target.back(), entry);
       parser.check_files();
+      if (!target.back().enabled) target.pop_back();
     }
   };
   if (root.contains("name")) {
@@ -276,6 +242,11 @@ Scene read_scene_alone(const fs::path& path, std::span<const std::string> overri
 Scene parse_scene(const std::string& text, const fs::path& path, std::span<const std::string> overrides) {
   std::istringstream stream(text);
   return scene_from(stream, path, overrides);
+}
+
+Scene parse_scene_alone(const std::string& text, const fs::path& path, std::span<const std::string> overrides) {
+  std::istringstream stream(text);
+  return scene_from(stream, path, overrides, /*with_fingerprint=*/false);
 }
 
 }  // namespace brume

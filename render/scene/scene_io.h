@@ -8,7 +8,7 @@
 namespace brume {
 
 /// Reads a scene. Relative paths in it start at the scene file's folder.
-/// @param overrides  "camera.fov=30", "volumes.0.sigma_t=5": TOML values, or bare text for strings
+/// @param overrides  "camera.fov=30", "volumes.0.sigma_t=5": as apply_assignment
 /// @throws InputError with the line at fault underlined: syntax, unknown key (and the nearest known one), missing key,
 ///         wrong type, value out of range
 Scene read_scene(const std::filesystem::path& path, std::span<const std::string> overrides = {});
@@ -19,5 +19,9 @@ Scene read_scene_alone(const std::filesystem::path& path, std::span<const std::s
 /// The same of a scene's text; relative paths start at the folder of `path`, which names it in errors.
 Scene parse_scene(const std::string& text, const std::filesystem::path& path,
                   std::span<const std::string> overrides = {});
+
+/// The same without its fingerprint.
+Scene parse_scene_alone(const std::string& text, const std::filesystem::path& path,
+                        std::span<const std::string> overrides = {});
 
 }  // namespace brume

@@ -1,6 +1,10 @@
 #include "render/scene/toml_table.h"
 
+#include <cstdlib>
+#include <sstream>
+
 #include "base/error.h"
+#include "base/text.h"
 
 namespace brume {
 
@@ -47,6 +51,46 @@ toml::value parse_toml(std::istream& stream, const std::string& name) {
   } catch (const std::exception& error) {
     throw InputError(fmt::format("{}: {}", name, error.what()));
   }
+}
+
+void apply_assignment(toml::value& root, const std::string& assignment) {
+  const std::string source = "-D " + assignment;
+  const size_t equals = assignment.find('=');
+  if (equals == std::string::npos || equals == 0)
+    throw InputError(fmt::format("{}: expected -D table.key=value", source));
+  const std::string text = assignment.substr(equals + 1);
+  toml::value value;
+  try {
+    std::istringstream stream("value = " + text);
+    value = parse_toml(stream, source).at("value");
+  } catch (const InputError&) {
+    // Text without its quotes.
+    if (text.find('\'') != std::string::npos || text.find('\n') != std::string::npos) throw;
+    std::istringstream stream("value = '" + text + "'");
+    value = parse_toml(stream, source).at("value");
+  }
+  toml::value* at = &root;
+  const std::vector<std::string> keys = split(assignment.substr(0, equals), '.');
+  for (size_t i = 0; i < keys.size(); ++i) {
+    const std::string& key = keys[i];
+    if (at->is_array()) {
+      char* end = nullptr;
+      toml::array& entries = at->as_array();
+      const size_t index = std::strtoul(key.c_str(), &end, 10);
+      if (*end != '\0' || key.empty() || index > entries.size())
+        throw InputError(
+            fmt::format("{}: '{}' is not one of the {} entries, counted from 0", source, key, entries.size()));
+      if (index == entries.size()) entries.emplace_back(toml::table());
+      at = &entries[index];
+    } else if (at->is_table()) {
+      const bool of_list = i + 1 < keys.size() && keys[i + 1].find_first_not_of("0123456789") == std::string::npos;
+      const toml::value empty = of_list ? toml::value(toml::array()) : toml::value(toml::table());
+      at = &at->as_table().try_emplace(key, empty).first->second;
+    } else {
+      throw InputError(fmt::format("{}: '{}' is inside {}, not a table", source, key, toml_type_name(*at)));
+    }
+  }
+  *at = value;
 }
 
 }  // namespace brume

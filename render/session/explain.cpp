@@ -26,18 +26,8 @@ std::string phase_text(const PhaseFunction& p) {
                      p.second.g, p.second.alpha, p.second_weight);
 }
 
-// What a ray through the middle meets, along each axis: a sanity check on units.
 std::string depth_text(const Medium& m) {
-  const auto [lo, hi] = m.support();
-  const dvec3 middle = 0.5 * (lo + hi);
-  double tau[3];
-  for (int a = 0; a < 3; ++a) {
-    dvec3 start = middle, end = middle;
-    start[a] = lo[a];
-    end[a] = hi[a];
-    const double length = glm::distance(m.to_world(start), m.to_world(end));
-    tau[a] = optical_depth(m, Ray{start, (end - start) / length}, length);
-  }
+  const std::array<double, 3> tau = depths_along_axes(m);
   return fmt::format("optical depth {:.3g}, {:.3g}, {:.3g} through the middle along its axes", tau[0], tau[1], tau[2]);
 }
 

@@ -52,6 +52,15 @@ PreparedScene::PreparedScene(Scene scene, const LayerRequest& layers, const Task
   context_.stop = nullptr;
 }
 
+void PreparedScene::look_from(const CameraSettings& camera, const FilmSettings& film) {
+  const Camera valid(camera, film.width, film.height, world_shift());
+  scene_.camera = camera;
+  scene_.film = film;
+  const LayerRequest layers = plan().layers;
+  context_.plan = make_plan(scene_, media_, lights_, surfaces_.get(), valid, layers);
+  if (context_.plan.flash) context_.flash = calibrated_flash_lamp(context_, scene_, valid, media_.bounds());
+}
+
 const Guides* PreparedScene::guides(int samples, const Task& task) const {
   if (!plan().layers.guides) return nullptr;
   const std::lock_guard lock(solving_);

@@ -24,6 +24,11 @@ class PreparedScene {
   PreparedScene(const PreparedScene&) = delete;  // its parts refer to one another
   PreparedScene& operator=(const PreparedScene&) = delete;
 
+  /// Another camera and film for the renders that follow; media, lights and their guides stay as they are. The camera's
+  /// shutter and what moves over it must be as before. Not while a render runs.
+  /// @throws InputError as Camera, and leaves all as it was
+  void look_from(const CameraSettings& camera, const FilmSettings& film);
+
   const Scene& scene() const { return scene_; }
   const Plan& plan() const { return context_.plan; }
   /// The first medium, or null where nothing scatters.

@@ -27,7 +27,8 @@ const std::map<std::string, std::set<std::string>> kMayInclude = {
     {"evaluate", {"evaluate", "filters", "image", "base"}},
     {"workflows", {"workflows", "evaluate", "filters", "render", "volume", "image", "base"}},
     {"farm", {"farm", "image", "base"}},
-    {"apps/cli", {"apps/cli", "farm", "workflows", "evaluate", "filters", "render", "volume", "image", "base"}},
+    {"apps/view", {"apps/view", "workflows", "evaluate", "filters", "render", "volume", "image", "base"}},
+    {"apps/cli", {"apps/cli", "apps/view", "farm", "workflows", "evaluate", "filters", "render", "volume", "image", "base"}},
     {"apps/python", {"apps/python", "workflows", "evaluate", "filters", "render", "volume", "image", "base"}},
 };
 

@@ -1,0 +1,74 @@
+#include <fmt/format.h>
+
+#include <chrono>
+#include <memory>
+#include <thread>
+
+#include "apps/cli/command.h"
+#include "apps/cli/program.h"
+#include "apps/view/server.h"
+#include "base/error.h"
+#include "base/sequence.h"
+
+namespace brume::app {
+namespace {
+
+struct Options {
+  ViewOptions view;
+  web::ServerOptions server;
+  std::string frames;
+  bool open = false;
+};
+
+bool is_loopback(const std::string& host) {
+  return host == "localhost" || host == "::1" || host.starts_with("127.");
+}
+
+int run(const Options& o, const Common& common) {
+  ViewOptions view = o.view;
+  if (!o.frames.empty()) view.frames = parse_frames(o.frames);
+  for (const int frame : view.frames.empty() ? std::vector<int>{0} : std::vector<int>{view.frames.front()}) {
+    const auto file = file_of_frame(view.scene, frame);
+    if (std::error_code error; !std::filesystem::exists(file, error))
+      throw InputError(fmt::format("{}: no such file", file.string()));
+  }
+  if (!is_loopback(o.server.host))
+    warn(
+        fmt::format("--host {}: whoever on the network learns the address can look at the scene, change what is shown "
+                    "and make this machine compute; nothing is encrypted",
+                    o.server.host));
+  const web::Server server(view, o.server, make_host(common));
+  print(server.address() + "\n");
+  std::fflush(stdout);
+  if (o.open && !run_program({"xdg-open", server.address()}))
+    note("--open: there is no xdg-open; open the address by hand");
+  log(common, "Ctrl-C ends it");
+  while (!interrupted) std::this_thread::sleep_for(std::chrono::milliseconds(50));
+  return kDone;
+}
+
+}  // namespace
+
+void add_view(CLI::App& app, Common& common, Commands& commands) {
+  const auto options = std::make_shared<Options>();
+  Options& o = *options;
+  CLI::App* command = add_command(
+      app, common, "view", "look at a volume or a scene in a browser: turn it, light it, edit it, and see it clean");
+  command->add_option("scene", o.view.scene, "scene file (TOML), or an OpenVDB file")->required();
+  command->add_option(
+      "--frames", o.frames,
+      "a time line of these: 1-48, 1-240x2, or several with commas between; names with ####, $F4 or %04d become each frame's, also the scene's and those in it");
+  command->add_option("-D", o.view.overrides, "set a key of the scene: -D camera.fov=30")->allow_extra_args(false);
+  command->add_option("--clean-filter", o.view.clean_filter, "clean with this filter: NAME or NAME:parameter=value,...")
+      ->capture_default_str();
+  command
+      ->add_option("--host", o.server.host,
+                   "address to listen on; any but the loopback lets others look who learn the page's address")
+      ->capture_default_str();
+  command->add_option("--port", o.server.port, "port to listen on; 0: one that is free")->capture_default_str();
+  command->add_flag("--keep", o.server.keep, "go on rendering when the last page has been gone for a minute");
+  command->add_flag("--open", o.open, "open the page in the browser");
+  commands[command] = [options, &common] { return run(*options, common); };
+}
+
+}  // namespace brume::app

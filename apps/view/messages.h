@@ -1,0 +1,27 @@
+#pragma once
+#include <optional>
+#include <string>
+#include <string_view>
+#include <variant>
+
+#include "workflows/viewer.h"
+
+namespace brume::web {
+
+// What `brume view` and its page say to one another over the WebSocket; docs/view.md has the list.
+
+/// Longest message of a page [bytes], and what one may hold.
+inline constexpr size_t kLongestMessage = 64 * 1024, kMostAssignments = 400, kMostLayers = 4;
+inline constexpr int kLargestSide = 4096;  // of a picture [px]
+
+/// A message of a page. @throws InputError that says what is wrong with it
+std::variant<ViewLook, ViewProbe> parse_message(std::string_view text);
+
+std::string text_of(const ViewSceneText& scene);
+std::string progress_text(uint64_t id, ViewStage stage, int samples, std::optional<double> error, double seconds);
+std::string problem_text(uint64_t id, const std::string& text);
+std::string point_text(uint64_t id, std::optional<dvec3> position);
+/// The header's length and the header, in JSON, then the half floats.
+std::string bytes_of(const ViewPicture& picture);
+
+}  // namespace brume::web

@@ -1,0 +1,209 @@
+#include "render/scene/scene_outline.h"
+
+#include <sstream>
+
+#include "base/error.h"
+#include "render/scene/toml_table.h"
+
+namespace brume {
+namespace {
+
+namespace fs = std::filesystem;
+using Type = SceneKey::Type;
+
+/// Collects the keys of a table whose values have been read.
+class Collector {
+ public:
+  Collector(const toml::value* table, SceneTable& into) : table_(table), into_(into) {}
+
+  void operator()(const Field& field, const bool& v) { add(field, Type::kSwitch, v); }
+  void operator()(const Field& field, const int& v) { add(field, Type::kInteger, int64_t{v}); }
+  void operator()(const Field& field, const int64_t& v) { add(field, Type::kInteger, v); }
+  void operator()(const Field& field, const double& v) { add(field, Type::kNumber, v); }
+  void operator()(const Field& field, const std::string& v) {
+    add(field, field.choices.empty() ? Type::kText : Type::kChoice, v);
+  }
+  void operator()(const Field& field, const dvec2& v) { add(field, Type::kNumbers, std::vector{v.x, v.y}); }
+  void operator()(const Field& field, const dvec3& v) {
+    add(field, field.lowest >= 0 ? Type::kColour : Type::kVector, std::vector{v.x, v.y, v.z});
+  }
+  void operator()(const Field& field, const std::vector<double>& v) { add(field, Type::kNumbers, v); }
+  template <class Table>  // matrices, rows of numbers, names of files: as they are written
+  void operator()(const Field& field, const Table&) {
+    const bool file = std::is_same_v<Table, fs::path>;
+    std::string text;
+    if (table_ && table_->contains(field.key)) {
+      const toml::value& value = table_->at(field.key);
+      text = file ? value.as_string().str : toml::format(value, 1 << 20);
+    }
+    add(field, file ? Type::kFile : Type::kTable, text);
+  }
+
+ private:
+  void add(const Field& field, Type type, SceneKey::Value value) {
+    into_.keys.push_back({field, type, std::move(value)});
+  }
+  const toml::value* table_;
+  SceneTable& into_;
+};
+
+std::vector<SceneTable> outline(const toml::value& root, const fs::path& path) {
+  std::vector<SceneTable> tables;
+  int frame = 0;
+  const auto table = [&](const std::string& name, const std::string& where, const toml::value* from, auto settings) {
+    if (from) {
+      TomlTable parser(*from, where, path.parent_path(), frame);
+      describe(parser, settings);
+      parser.reject_unknown();
+    }
+    SceneTable& entry = tables.emplace_back();
+    entry.path = name;
+    Collector collector(from, entry);
+    describe(collector, settings);
+    return settings;
+  };
+  const auto section = [&](const char* name, auto settings) {
+    return table(name, fmt::format("[{}]", name), root.contains(name) ? &root.at(name) : nullptr, settings);
+  };
+  const auto list = [&](const char* name, auto settings) {
+    if (!root.contains(name)) return;
+    const toml::value& entries = root.at(name);
+    if (!entries.is_array())
+      fail_at(fmt::format("'{}' is {}", name, toml_type_name(entries)), entries, fmt::format("expected [[{}]]", name));
+    for (size_t i = 0; i < entries.as_array().size(); ++i)
+      table(fmt::format("{}.{}", name, i), fmt::format("[[{}]]", name), &entries.as_array()[i], settings);
+  };
+  frame = section("render", RenderSettings()).frame;
+  section("camera", CameraSettings());
+  section("film", FilmSettings());
+  section("environment", EnvironmentSettings());
+  list("volumes", VolumeSettings());
+  list("lights", LightSettings());
+  list("surfaces", SurfaceSettings());
+  return tables;
+}
+
+toml::value parsed(const std::string& text, const fs::path& path, std::span<const std::string> assignments) {
+  std::istringstream stream(text);
+  toml::value root = parse_toml(stream, path.string());
+  for (const std::string& assignment : assignments) apply_assignment(root, assignment);
+  return root;
+}
+
+/// A text whose lines can be found again after pieces of it were replaced from the end on.
+class TextEditor {
+ public:
+  explicit TextEditor(std::string text) : text_(std::move(text)) {}
+
+  void replace(const toml::value& value, const std::string& by) {
+    const toml::source_location at = value.location();
+    edits_.push_back({offset(at.line()) + at.column() - 1, at.region(), by});
+  }
+  /// A line after the one in which a value begins, the header of a table.
+  void insert_below(const toml::value& header, const std::string& line) {
+    edits_.push_back({offset(header.location().line() + 1), 0, line + "\n"});
+  }
+  void append(const std::string& text) { end_ += text; }
+
+  std::string edited() {
+    std::stable_sort(edits_.begin(), edits_.end(), [](const Edit& a, const Edit& b) { return a.at > b.at; });
+    for (const Edit& edit : edits_) text_.replace(edit.at, edit.length, edit.text);
+    if (!text_.empty() && text_.back() != '\n') text_ += '\n';
+    return text_ + end_;
+  }
+
+ private:
+  struct Edit {
+    size_t at, length;
+    std::string text;
+  };
+  size_t offset(size_t line) const {
+    size_t at = 0;
+    for (size_t i = 1; i < line && at < text_.size(); ++i) {
+      const size_t end = text_.find('\n', at);
+      at = end == std::string::npos ? text_.size() : end + 1;
+    }
+    return at;
+  }
+  std::string text_, end_;
+  std::vector<Edit> edits_;
+};
+
+std::string lines_of(const std::string& header, const toml::value& table) {
+  std::string text = "\n" + header + "\n";
+  for (const auto& [key, value] : table.as_table()) text += fmt::format("{} = {}\n", key, toml::format(value, 1 << 20));
+  return text;
+}
+
+/// The differences between two tables of a scene, written into the text of the first.
+void edit_table(TextEditor& editor, const toml::value& before, const toml::value& after) {
+  for (const auto& [key, value] : after.as_table()) {
+    const std::string text = toml::format(value, 1 << 20);
+    if (!before.contains(key))
+      editor.insert_below(before, fmt::format("{} = {}", key, text));
+    else if (before.at(key) != value)
+      editor.replace(before.at(key), text);
+  }
+}
+
+std::string edited(const std::string& text, const toml::value& before, const toml::value& after) {
+  TextEditor editor(text);
+  for (const auto& [name, value] : after.as_table()) {
+    if (value.is_table()) {
+      if (before.contains(name))
+        edit_table(editor, before.at(name), value);
+      else
+        editor.append(lines_of("[" + name + "]", value));
+    } else if (value.is_array()) {
+      const size_t own = before.contains(name) ? before.at(name).as_array().size() : 0;
+      for (size_t i = 0; i < value.as_array().size(); ++i)
+        if (i < own)
+          edit_table(editor, before.at(name).as_array()[i], value.as_array()[i]);
+        else
+          editor.append(lines_of("[[" + name + "]]", value.as_array()[i]));
+    }
+  }
+  return editor.edited();
+}
+
+/// What makes the relative names of files absolute.
+std::vector<std::string> absolute_files(const std::vector<SceneTable>& tables, const fs::path& path) {
+  std::vector<std::string> assignments;
+  for (const SceneTable& table : tables)
+    for (const SceneKey& key : table.keys)
+      if (const auto* const file = std::get_if<std::string>(&key.value);
+          key.type == Type::kFile && !file->empty() && fs::path(*file).is_relative())
+        assignments.push_back(fmt::format(
+            "{}.{}={}", table.path, key.field.key,
+            toml::format(toml::value(fs::absolute(path.parent_path() / *file).lexically_normal().string()))));
+  return assignments;
+}
+
+}  // namespace
+
+const SceneKey* SceneTable::find(std::string_view key) const {
+  const auto found = std::find_if(keys.begin(), keys.end(), [&](const SceneKey& k) { return key == k.field.key; });
+  return found == keys.end() ? nullptr : &*found;
+}
+
+std::vector<SceneTable> outline_scene(const std::string& text, const fs::path& path,
+                                      std::span<const std::string> assignments) {
+  return outline(parsed(text, path, assignments), path);
+}
+
+std::string edited_scene(const std::string& text, const fs::path& path, std::span<const std::string> assignments) {
+  toml::value wanted = parsed(text, path, assignments);
+  for (const std::string& assignment : absolute_files(outline(wanted, path), path))
+    apply_assignment(wanted, assignment);
+  // What a text of unusual form makes of the edits is looked at; where it means something else, all is written anew.
+  try {
+    std::string result = edited(text, parsed(text, path, {}), wanted);
+    if (parsed(result, path, {}) == wanted) return result;
+  } catch (const std::exception&) {
+  }
+  std::ostringstream anew;
+  anew << wanted;
+  return anew.str();
+}
+
+}  // namespace brume

@@ -1,0 +1,44 @@
+#pragma once
+#include <cstdint>
+#include <filesystem>
+#include <span>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include "render/scene/scene_fields.h"
+
+namespace brume {
+
+/// A key of a scene's table with the value that holds: what its text says, or the default.
+struct SceneKey {
+  enum class Type { kSwitch, kInteger, kNumber, kText, kChoice, kFile, kVector, kColour, kNumbers, kTable };
+  using Value = std::variant<bool, int64_t, double, std::string, std::vector<double>>;
+
+  Field field;
+  Type type;
+  Value value;
+  friend bool operator==(const SceneKey& a, const SceneKey& b) {
+    return a.field.key == b.field.key && a.value == b.value;
+  }
+};
+
+struct SceneTable {
+  std::string path;  ///< as in assignments: "camera", "volumes.0"
+  std::vector<SceneKey> keys;
+  const SceneKey* find(std::string_view key) const;
+  friend bool operator==(const SceneTable&, const SceneTable&) = default;
+};
+
+/// What a scene says, key by key, disabled entries included: for programs that let people edit it. Values are the
+/// text's own, not yet combined with one another as read_scene does. Tables of numbers are written as text.
+/// @throws InputError as read_scene, but for what only its checks find
+std::vector<SceneTable> outline_scene(const std::string& text, const std::filesystem::path& path,
+                                      std::span<const std::string> assignments = {});
+
+/// The text of a scene after assignments, comments and order kept; relative names of files become absolute, so that it
+/// may be put anywhere. @throws InputError as outline_scene
+std::string edited_scene(const std::string& text, const std::filesystem::path& path,
+                         std::span<const std::string> assignments);
+
+}  // namespace brume

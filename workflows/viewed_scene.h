@@ -1,0 +1,93 @@
+#pragma once
+#include <filesystem>
+#include <list>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "render/guides/guides.h"
+#include "render/scene/scene_outline.h"
+#include "render/session/renderer.h"
+#include "render/world/volume_scene.h"
+
+namespace brume {
+
+/// A scene that is looked at while it is edited: its file, assignments on it, and what has been computed for them. A
+/// change costs what depends on it: another camera nothing, another light or material the light inside the media, and
+/// volumes are read once.
+class ViewedScene {
+ public:
+  /// @param scene      scene file, or an OpenVDB file, around which a scene is made up; a pattern where there are
+  /// frames
+  /// @param frames     of a sequence; empty: a single frame
+  /// @param overrides  that come before all other assignments
+  /// @param layers     that are recorded when it is rendered; with guides
+  ViewedScene(std::filesystem::path scene, std::vector<int> frames, std::vector<std::string> overrides,
+              LayerRequest layers);
+
+  /// Whether the scene's file is another one than was read last. A file that is gone is not.
+  bool changed_on_disk() const;
+  /// Drops what has been read, so that the next show() reads it again.
+  void read_again();
+
+  /// Makes prepared() what the assignments say. Where this throws, it stays what it was.
+  /// @param frame  of a sequence; nothing: its first
+  /// @return whether anything but camera and film changed
+  /// @throws InputError: as parse_scene and PreparedScene; assignments that name files which the scene does not;
+  ///         Interrupted
+  bool show(const std::vector<std::string>& assignments, const ivec2& size, std::optional<int> frame, const Task& task);
+
+  bool empty() const { return shown_.empty(); }
+  PreparedScene& prepared() const { return *shown_.front()->prepared; }
+  /// Guides that are there at once, however coarse; better ones where they have been solved.
+  const Guides& sketch(const Task& task);
+  /// Whether sketch() gives those that guides() would.
+  bool has_guides() const { return shown_.front()->guides != nullptr; }
+  /// Those of a picture. @throws Interrupted
+  const Guides& guides(const Task& task);
+
+  /// Key by key, disabled entries included, as it is shown.
+  const std::vector<SceneTable>& tables() const { return tables_; }
+  const std::vector<int>& frames() const { return frames_; }
+  std::optional<int> frame() const { return frame_; }
+  /// What is assumed about a bare volume, and what the scene's loaders noted.
+  std::vector<std::string> notes() const;
+  /// Names of the grids in a volume's file.
+  std::vector<std::string> grids(const std::string& file);
+  /// The scene as a file of its own.
+  std::string text() const;
+  /// What renders the shown picture in full quality, for a shell.
+  std::string command() const;
+
+ private:
+  struct Shown {
+    std::vector<SceneTable> light;  // all tables but the camera's place and the film: what light depends on
+    std::optional<int> frame;
+    std::unique_ptr<PreparedScene> prepared;
+    std::unique_ptr<Guides> sketch;
+    const Guides* guides = nullptr;  // the prepared scene's own
+  };
+  void read(const Task& task);
+  std::vector<std::string> all_assignments(const std::vector<std::string>& assignments, const ivec2& size) const;
+  /// Gives the volumes of a scene what has been read of their files before.
+  void add_fields(Scene& scene, const Task& task);
+
+  std::filesystem::path path_;
+  std::vector<int> frames_;
+  std::vector<std::string> overrides_, assignments_;
+  LayerRequest layers_;
+  ivec2 size_{0};
+  std::optional<int> frame_;
+  std::string text_;            // of the file, or made up; empty: to be read
+  std::filesystem::path file_;  // that it was read from
+  std::filesystem::file_time_type read_at_;
+  std::optional<VolumeScene> made_;
+  std::vector<SceneTable> tables_;
+  std::list<std::unique_ptr<Shown>> shown_;  // the last one first
+  std::map<std::pair<std::filesystem::path, std::string>, std::weak_ptr<const ScalarField>> fields_;  // by file, grid
+  std::map<std::string, std::vector<std::string>> grids_;                                             // by file
+};
+
+}  // namespace brume
