@@ -31,10 +31,20 @@ export function Choice<T extends string | number>(props: {
 export function Select<T extends string>(props: {
   label: string;
   value: T;
-  values: readonly { value: T; text: string }[];
+  /** Those with the name of a group come last, under it. */
+  values: readonly { value: T; text: string; group?: string }[];
   onChange: (value: T) => void;
   class?: string;
 }) {
+  const groups = [...new Set(props.values.map(({ group }) => group))];
+  const options = (of: string | undefined) =>
+    props.values
+      .filter(({ group }) => group === of)
+      .map(({ value, text }) => (
+        <option key={value} value={value} selected={value === props.value}>
+          {text}
+        </option>
+      ));
   return (
     <select
       class={props.class}
@@ -43,11 +53,15 @@ export function Select<T extends string>(props: {
       value={props.value}
       onChange={(e) => props.onChange(e.currentTarget.value as T)}
     >
-      {props.values.map(({ value, text }) => (
-        <option key={value} value={value} selected={value === props.value}>
-          {text}
-        </option>
-      ))}
+      {options(undefined)}
+      {groups.map(
+        (group) =>
+          group && (
+            <optgroup key={group} label={group}>
+              {options(group)}
+            </optgroup>
+          ),
+      )}
     </select>
   );
 }

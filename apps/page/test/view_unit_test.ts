@@ -368,13 +368,13 @@ test("frames are cached up to a limit, the longest unseen go first", () => {
   assert.equal(cache.get(4, ["picture"]), undefined);
 });
 
-test("the picture's size follows the window, its pixels and the film", () => {
+test("the picture's size follows the window and its pixels", () => {
   const window = { width: 1600, height: 800 };
-  assert.deepEqual(pictureSize(window, 1, { resolution: 0, shape: "window" }, 1), [1280, 640]);
-  assert.deepEqual(pictureSize(window, 2, { resolution: 0.5, shape: "window" }, 1), [1600, 800]);
-  assert.deepEqual(pictureSize(window, 1, { resolution: 1, shape: "film" }, 1), [800, 800]);
-  assert.deepEqual(pictureSize({ width: 300, height: 500 }, 1, { resolution: 0, shape: "window" }, 1), [300, 500]);
-  assert.deepEqual(pictureSize({ width: 3, height: 5 }, 1, { resolution: 1, shape: "window" }, 1), [16, 16]);
+  assert.deepEqual(pictureSize(window, 1, 0), [1280, 640]);
+  assert.deepEqual(pictureSize(window, 2, 0.5), [1600, 800]);
+  assert.deepEqual(pictureSize(window, 1, 2), [3200, 1600]);
+  assert.deepEqual(pictureSize({ width: 300, height: 500 }, 1, 0), [300, 500]);
+  assert.deepEqual(pictureSize({ width: 3, height: 5 }, 1, 1), [16, 16]);
 });
 
 const field = (key: string, type: Field["type"], more: Partial<Field> = {}): Field => ({

@@ -17,7 +17,7 @@ export function suns(viewer: Viewer): Sun[] {
   const lights = viewer.values
     .groups("lights")
     .filter(({ path }) => viewer.value(`${path}.type`) === "sun" && viewer.value(`${path}.enabled`) !== false)
-    .map(({ path, title }) => ({ key: `${path}.direction`, title: title || path }));
+    .map(({ path }) => ({ key: `${path}.direction`, title: viewer.values.title(path) }));
   return viewer.value("environment.sky") === "preetham"
     ? [...lights, { key: "environment.sun_direction", title: "sky" }]
     : lights;

@@ -113,10 +113,6 @@ function Page() {
       <main>
         <Stage />
         <Alerts />
-        <p class="tool-note" role="status">
-          {tool === "sun" && "Drag on the picture to turn the sun"}
-          {tool === "lamp" && "Click on the picture to put a lamp there"}
-        </p>
       </main>
       {settings.panels && <Panels />}
       <footer>
@@ -160,6 +156,10 @@ function Alerts() {
           </div>
         )}
       </div>
+      <p class="tool-note" role="status">
+        {viewer.tool === "sun" && "Drag on the picture to turn the sun"}
+        {viewer.tool === "lamp" && "Click on the picture to put a lamp there"}
+      </p>
     </div>
   );
 }

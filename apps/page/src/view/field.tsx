@@ -18,11 +18,28 @@ import {
 import { NumberInput, shortNumber } from "./number_input";
 import type { Field as FieldEntry } from "./protocol";
 
+/** A key that may be broken after its underscores. */
+function Name({ text }: { text: string }) {
+  return (
+    <>
+      {text.split("_").map((part, i) => (
+        <>
+          {i > 0 && "_"}
+          {i > 0 && <wbr />}
+          {part}
+        </>
+      ))}
+    </>
+  );
+}
+
 interface Props {
   path: string;
   /** Of the table, for names that screen readers tell apart. */
   title: string;
   field: FieldEntry;
+  /** Of a volume's file: choices for the names of grids. */
+  grids?: readonly string[] | undefined;
 }
 
 /** How a field's parts get and set its value. */
@@ -35,10 +52,12 @@ interface Access {
   settle: () => void;
 }
 
-export function Field({ path, title, field }: Props) {
+export function Field({ path, title, field: entry, grids }: Props) {
   const viewer = useViewer();
-  const key = `${path}.${field.key}`;
+  const key = `${path}.${entry.key}`;
   const value = viewer.value(key);
+  const choices = grids?.length && entry.key.endsWith("grid") ? gridChoices(entry.key, String(value ?? ""), grids) : [];
+  const field: FieldEntry = choices.length && entry.type === "text" ? { ...entry, type: "choice", choices } : entry;
   const changed = viewer.assignments.has(key);
   const unit = field.unit && field.unit !== "1" ? field.unit : "";
   const help = [field.help, unit && `[${unit}]`].filter(Boolean).join(" ") || undefined;
@@ -50,9 +69,9 @@ export function Field({ path, title, field }: Props) {
     settle: () => viewer.settle(),
   };
   return (
-    <div class={`field ${field.type}${changed ? " changed" : ""}`} data-key={key}>
+    <div class={`field of-${field.type}${changed ? " changed" : ""}`} data-key={key}>
       <span class="name" title={help}>
-        {field.key}
+        <Name text={field.key} />
         {unit && <small> {unit}</small>}
       </span>
       {field.fixed ? (
@@ -75,6 +94,11 @@ export function Field({ path, title, field }: Props) {
   );
 }
 
+/** What a field that names a grid may be. */
+function gridChoices(key: string, value: string, grids: readonly string[]): string[] {
+  return [...new Set([value, ...(key === "grid" ? [""] : ["none", "auto"]), ...grids])];
+}
+
 function Control({ field, access, unchanged }: { field: FieldEntry; access: Access; unchanged: Value | undefined }) {
   const { label, help, value, set } = access;
   switch (field.type) {
@@ -95,7 +119,7 @@ function Control({ field, access, unchanged }: { field: FieldEntry; access: Acce
         <Select
           label={label}
           value={String(value)}
-          values={(field.choices ?? [String(value)]).map((choice) => ({ value: choice, text: choice }))}
+          values={(field.choices ?? [String(value)]).map((choice) => ({ value: choice, text: choice || "auto" }))}
           onChange={set}
         />
       );

@@ -54,7 +54,7 @@ export function mainFields(path: string, value: (key: string) => Value | undefin
         "look_at",
       ];
     case "film":
-      return ["exposure", "width", "height"];
+      return ["exposure"];
     default:
       return [];
   }
@@ -65,7 +65,10 @@ export function ordered(
   fields: readonly Field[],
   value: (key: string) => Value | undefined,
 ): { main: Field[]; more: Field[] } {
-  const shown = fields.filter(({ key }) => key !== "enabled");
+  // The switch stands in the panel's title, and the picture is as large as the window.
+  const shown = fields.filter(
+    ({ key }) => key !== "enabled" && !(path === "film" && (key === "width" || key === "height")),
+  );
   const keys = mainFields(path, value);
   if (!keys.length) return { main: shown, more: [] };
   const main = keys.flatMap((key) => shown.filter((field) => field.key === key && !field.fixed));

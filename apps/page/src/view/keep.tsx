@@ -25,7 +25,7 @@ async function saveFrom(viewer: Viewer, address: string, name: string): Promise<
 
 /** The picture as it is seen, at its own resolution. */
 function savePicture(viewer: Viewer, name: string): void {
-  const picture = viewer.pictures.get(viewer.settings.layer)?.picture;
+  const picture = viewer.shown(viewer.settings.layer)?.picture;
   if (!picture) return viewer.say("There is no picture yet");
   const canvas = document.createElement("canvas");
   canvas.width = picture.width;

@@ -69,6 +69,7 @@ export const BINDINGS: { group: string; bindings: Binding[] }[] = [
       },
       {
         keys: ["Enter"],
+        print: "Enter",
         what: "with the lamp tool: put it in the middle",
         run: (v) => v.tool === "lamp" && void addLamp(v, 0.5, 0.5),
       },

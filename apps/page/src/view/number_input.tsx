@@ -1,8 +1,8 @@
 import { useState } from "preact/hooks";
 
-/** Up to six significant digits. */
+/** Up to five significant digits. */
 export function shortNumber(value: number): string {
-  return Number.isFinite(value) ? String(Number(value.toPrecision(6))) : "";
+  return Number.isFinite(value) ? String(Number(value.toPrecision(5))) : "";
 }
 
 /** A number to type; the up and down arrow keys step it, with Shift by ten. What is not a number is not taken. */

@@ -3,7 +3,7 @@ import type { ComponentChildren } from "preact";
 import { useId } from "preact/hooks";
 import { TONE_NAMES, TONES } from "../color";
 import { Choice, Select } from "../controls";
-import { number, stops as stopsText } from "../format";
+import { stops as stopsText } from "../format";
 import { chosenSun, frameBounds, isAdded, resetCamera, suns } from "./actions";
 import { lightRemoved, touches } from "./assignments";
 import { seenFrom } from "./camera";
@@ -58,17 +58,18 @@ function Panel(props: {
 /** The fields of a table: the most used ones, and the rest when asked for. */
 function Fields({ group }: { group: Group }) {
   const viewer = useViewer();
+  const title = viewer.values.title(group.path);
   const id = useId();
   const { main, more } = ordered(group.path, group.fields, (key) => viewer.value(`${group.path}.${key}`));
   const name = `${group.path} more`;
   const open = viewer.settings.open[name] ?? false;
   const fields = (list: typeof main) =>
-    list.map((field) => <Field key={field.key} path={group.path} title={group.title} field={field} />);
+    list.map((field) => <Field key={field.key} path={group.path} title={title} field={field} grids={group.grids} />);
   return (
     <div class="fields">
       {group.optical_depth && (
         <p class="depth" title="Extinction along the middle of the volume's box: above a few it is dense">
-          optical depth <b>{group.optical_depth.map((v) => number(v)).join(" × ")}</b>
+          optical depth <b>{group.optical_depth.map((v) => Number(v.toPrecision(3))).join(" × ")}</b>
         </p>
       )}
       {fields(main)}
@@ -79,12 +80,11 @@ function Fields({ group }: { group: Group }) {
             class="more"
             aria-expanded={open}
             aria-controls={id}
-            aria-label={`More of ${group.title}`}
             onClick={() => viewer.set({ open: { ...viewer.settings.open, [name]: !open } })}
           >
-            <Icon name="more" /> {more.length} more
+            <Icon name="more" /> {more.length} more <span class="hidden-text">of {title}</span>
           </button>
-          <div id={id} hidden={!open}>
+          <div id={id} class="rest" hidden={!open}>
             {open && fields(more)}
           </div>
         </>
@@ -97,7 +97,8 @@ const KINDS: Record<string, string> = { volumes: "volume", lights: "light", surf
 
 function GroupPanel({ group, open }: { group: Group; open: boolean }) {
   const viewer = useViewer();
-  const { path, title } = group;
+  const { path } = group;
+  const title = viewer.values.title(path);
   const key = `${path}.enabled`;
   const enabled = viewer.value(key);
   const [list, index] = path.split(".");
@@ -105,8 +106,8 @@ function GroupPanel({ group, open }: { group: Group; open: boolean }) {
   return (
     <Panel
       name={path}
-      title={kind ? title || path : capital(title || path)}
-      {...(kind && kind !== title ? { kind } : {})}
+      title={kind ? title : capital(title)}
+      {...(kind ? { kind } : {})}
       open={open}
       changed={touches(viewer.assignments, path)}
       off={enabled === false}
@@ -178,12 +179,16 @@ const RESOLUTIONS = [
   { value: 2, text: "2", title: "Two picture pixels for each of the screen" },
 ];
 
+/** Layers that the prediction is made of. */
+const GUIDE = "guide.";
+
 function PicturePanel() {
   const viewer = useViewer();
   const { settings, scene } = viewer;
   const layers = (scene?.layers ?? [{ name: "picture", channels: 3 }]).map(({ name, title }) => ({
     value: name,
-    text: title ?? name,
+    text: name.startsWith(GUIDE) ? name.slice(GUIDE.length) : (title ?? name),
+    ...(name.startsWith(GUIDE) ? { group: "guides" } : {}),
   }));
   return (
     <Panel name="picture" title="Picture" open>
@@ -238,24 +243,14 @@ function PicturePanel() {
           />
         </div>
         <div class="field">
-          <span class="name">resolution</span>
+          <span class="name" title="Picture pixels for each pixel of the screen">
+            resolution
+          </span>
           <Choice
             label="Resolution"
             values={RESOLUTIONS}
             value={settings.resolution}
             onChange={(resolution) => viewer.set({ resolution })}
-          />
-        </div>
-        <div class="field">
-          <span class="name">shape</span>
-          <Choice
-            label="Shape"
-            values={[
-              { value: "window", text: "Window", title: "As large as there is room" },
-              { value: "film", text: "Film", title: "The shape of the scene's film" },
-            ]}
-            value={settings.shape}
-            onChange={(shape) => viewer.set({ shape })}
           />
         </div>
         <HistogramPlot />

@@ -15,7 +15,7 @@ export function HistogramPlot() {
   const viewer = useViewer();
   useTopic(viewer.arrived);
   const canvas = useRef<HTMLCanvasElement>(null);
-  const drawn = viewer.pictures.get(viewer.settings.layer);
+  const drawn = viewer.shown(viewer.settings.layer);
   const { stops } = viewer.settings;
   const plain = drawn?.picture.channels === 1;
 
@@ -62,7 +62,7 @@ export function HistogramPlot() {
         role="img"
         aria-label={plain ? "Histogram of the layer's values" : "Histogram of luminance, in stops from white"}
       />
-      <figcaption>{plain ? "values" : "luminance, 2 stops a line; white where the bright line is"}</figcaption>
+      <figcaption>{plain ? "values" : "log luminance: a line every 2 stops, the bright one is white"}</figcaption>
     </figure>
   );
 }

@@ -1,8 +1,8 @@
 // The values of the scene's fields: those that the page assigns at once, all others as the program told them last.
 import { lookUp, type Assignments, type Value } from "./assignments";
-import type { Camera } from "./camera";
+import { distance, framed, seenFrom, type Camera } from "./camera";
 import type { Field, Group, SceneMessage } from "./protocol";
-import type { Vec3 } from "./vector";
+import { length, sub, type Vec3 } from "./vector";
 
 export class SceneValues {
   /** Values of the file, for fields that were seen without an assignment. */
@@ -27,6 +27,18 @@ export class SceneValues {
     return (this.message?.groups ?? []).filter(({ path }) => path === kind || path.startsWith(`${kind}.`));
   }
 
+  /** What people call a table: its file or type, with a number where others are called so too. */
+  title(path: string): string {
+    const [list, index] = path.split(".");
+    if (index === undefined) return path;
+    const title = (group: Group) => group.title || group.path;
+    const all = this.groups(list!);
+    const own = all.find((group) => group.path === path);
+    if (!own) return path;
+    const same = all.filter((group) => title(group) === title(own));
+    return same.length > 1 ? `${title(own)} ${same.indexOf(own) + 1}` : title(own);
+  }
+
   field(key: string): Field | undefined {
     return this.fields.get(key);
   }
@@ -45,7 +57,7 @@ export class SceneValues {
     if (!this.message) return undefined;
     const of = <T>(key: string, otherwise: T) =>
       (this.value(assignments, `camera.${key}`) as T | undefined) ?? otherwise;
-    return {
+    const camera: Camera = {
       type: of<Camera["type"]>("type", "perspective"),
       position: of<Vec3>("position", [0, 0, 0]),
       look_at: of<Vec3>("look_at", [0, 0, 0]),
@@ -56,5 +68,9 @@ export class SceneValues {
       lens_radius: of("lens_radius", 0),
       focus_distance: of("focus_distance", 0),
     };
+    // One that keys or a file place has no place of its own.
+    const [low, high] = this.message.bounds ?? [camera.look_at, camera.look_at];
+    if (distance(camera) > 0 || !(length(sub(high, low)) > 0)) return camera;
+    return framed(seenFrom(camera, "front"), [low, high], 1);
   }
 }

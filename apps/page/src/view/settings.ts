@@ -13,8 +13,6 @@ export interface Settings {
   stops: number;
   /** Picture pixels for each device pixel; 0: one, but at most WIDEST columns. */
   resolution: number;
-  /** What shape the picture has. */
-  shape: "window" | "film";
   /** Whether the panels are seen. */
   panels: boolean;
   /** Panels that were opened or closed by hand. */
@@ -22,6 +20,8 @@ export interface Settings {
 }
 
 export const WIDEST = 1280;
+/** Side of a picture that the program still makes [px]. */
+const LARGEST = 4096;
 
 export const DEFAULTS: Settings = {
   layer: "picture",
@@ -30,7 +30,6 @@ export const DEFAULTS: Settings = {
   tone: "srgb",
   stops: 0,
   resolution: 0,
-  shape: "window",
   panels: true,
   open: {},
 };
@@ -62,19 +61,14 @@ export function keep(settings: Settings, assignments: Assignments): void {
   }
 }
 
-/** Columns and rows to ask for. @param area  room in CSS pixels  @param film  width over height of the film */
+/** Columns and rows to ask for. @param area  room in CSS pixels  @param ratio  device pixels for each */
 export function pictureSize(
   area: { width: number; height: number },
   ratio: number,
-  { resolution, shape }: Pick<Settings, "resolution" | "shape">,
-  film: number,
+  resolution: number,
 ): [number, number] {
-  let { width, height } = area;
-  if (shape === "film" && film > 0) {
-    width = Math.min(width, height * film);
-    height = width / film;
-  }
+  const { width, height } = area;
   const factor = resolution > 0 ? resolution * ratio : Math.min(ratio, WIDEST / width);
-  const pixels = (length: number) => Math.min(8192, Math.max(16, Math.round(length * factor)));
+  const pixels = (length: number) => Math.min(LARGEST, Math.max(16, Math.round(length * factor)));
   return [pixels(width), pixels(height)];
 }

@@ -25,7 +25,7 @@ export function pictureRect(area: { width: number; height: number }, aspect: num
 }
 
 function aspectOf(viewer: Viewer): number {
-  const picture = viewer.pictures.get(viewer.settings.layer)?.picture;
+  const picture = viewer.shown(viewer.settings.layer)?.picture;
   return picture ? picture.width / picture.height : viewer.aspect;
 }
 
@@ -58,7 +58,7 @@ export function Stage() {
   }, []);
 
   const { layers, settings, tool } = viewer;
-  const titles = layers.map((name) => viewer.scene?.layers.find((l) => l.name === name)?.title ?? name);
+  const titles = layers.map((name) => viewer.layerTitle(name));
   const rect = size.width && size.height ? pictureRect(size, aspectOf(viewer)) : undefined;
   return (
     <div class={`stage tool-${tool}`} ref={box}>
@@ -111,7 +111,7 @@ export function paint(context: CanvasRenderingContext2D, rect: Rect, viewer: Vie
   const { layers, settings } = viewer;
   const middle = layers.length === 2 ? Math.round(settings.split * rect.width) : rect.width;
   layers.forEach((name, i) => {
-    const drawn = viewer.pictures.get(name);
+    const drawn = viewer.shown(name);
     if (!drawn) return;
     const source = drawn.with(settings);
     context.save();
@@ -138,12 +138,12 @@ function Corner({ pointer }: { pointer: Place | undefined }) {
   const viewer = useViewer();
   useTopic(viewer.arrived);
   const falseColours = viewer.layers.flatMap((name) => {
-    const drawn = viewer.pictures.get(name);
-    return drawn?.picture.channels === 1 ? [{ name, drawn }] : [];
+    const drawn = viewer.shown(name);
+    return drawn?.picture.channels === 1 ? [{ name: viewer.layerTitle(drawn.picture.layer), drawn }] : [];
   });
   const right = viewer.layers.length === 2 && pointer && pointer.x > viewer.settings.split;
   const name = right ? viewer.settings.other : viewer.settings.layer;
-  const drawn = viewer.pictures.get(name);
+  const drawn = viewer.shown(name);
   const values = pointer && drawn ? valuesAt(drawn, pointer) : undefined;
   return (
     <div class="foot">

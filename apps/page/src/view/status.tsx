@@ -7,7 +7,7 @@ export function Status() {
   const viewer = useViewer();
   useTopic(viewer.arrived);
   const { progress, link, scene } = viewer;
-  const picture = viewer.pictures.get(viewer.settings.layer)?.picture;
+  const picture = viewer.shown(viewer.settings.layer)?.picture;
   const stage = progress?.stage ?? (picture ? "done" : "waiting for a picture");
   const works = link === "open" && stage !== "done";
   const error = progress?.error ?? picture?.error;

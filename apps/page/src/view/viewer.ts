@@ -54,6 +54,7 @@ export class Viewer {
   private readonly probes = new Map<number, (point: Vec3 | null) => void>();
   /** What the cached frames depend on, and the first look that asked for it. */
   private asked = { what: "", since: 0 };
+  private latest = "";
   private moves = false;
   private scheduled = 0;
   private rest: ReturnType<typeof setTimeout> | undefined;
@@ -67,7 +68,10 @@ export class Viewer {
     this.settings = settings;
     this.history = new History(assignments);
     this.connection = new Connection(address, {
-      opened: () => this.look(),
+      opened: () => {
+        this.latest = "";
+        this.look();
+      },
       text: (message) => this.receive(JSON.parse(message) as Message),
       binary: (message) => this.show(decodePicture(message)),
       changed: () => this.changed.emit(),
@@ -96,17 +100,35 @@ export class Viewer {
     const { layer, other } = this.settings;
     return other && other !== layer ? [layer, other] : [layer];
   }
+  /** Layers that are asked for: the picture stands in for those that only path tracing gives. */
+  private get wanted(): string[] {
+    return [...new Set([...this.layers, "picture"])];
+  }
+  /** What is shown of a layer: a newer prediction where the layer itself is not predicted. */
+  shown(layer: string): Drawn | undefined {
+    const own = this.pictures.get(layer);
+    const standIn = this.pictures.get("picture");
+    const newer = standIn?.picture.stage === "predicted" && (!own || own.picture.id < standIn.picture.id);
+    return newer ? standIn : own;
+  }
+  /** The cached pictures of a frame that can be shown. */
+  private cached(frame: number): LayerPicture[] | undefined {
+    return this.cache.get(frame, this.layers) ?? this.cache.get(frame, ["picture"]);
+  }
   /** Columns and rows of the picture that is asked for. */
   get size(): [number, number] {
-    const film = Number(this.value("film.width")) / Number(this.value("film.height"));
-    return pictureSize(this.area, window.devicePixelRatio || 1, this.settings, film);
+    return pictureSize(this.area, window.devicePixelRatio || 1, this.settings.resolution);
   }
   get aspect(): number {
     const [width, height] = this.size;
     return width / height;
   }
   get shownFrame(): number | null {
-    return this.frame ?? this.pictures.get(this.settings.layer)?.picture.frame ?? this.scene?.frames?.[0] ?? null;
+    return this.frame ?? this.shown(this.settings.layer)?.picture.frame ?? this.scene?.frames?.[0] ?? null;
+  }
+
+  layerTitle(name: string): string {
+    return this.scene?.layers.find((layer) => layer.name === name)?.title ?? name;
   }
 
   value(key: string): Value | undefined {
@@ -152,7 +174,8 @@ export class Viewer {
           next = assigned(next, `camera.${key}`, after[key]);
       // A camera that keys move would stay where they have it.
       const keys = this.value("camera.keys");
-      if (next !== all && Array.isArray(keys) && keys.length) next = assigned(next, "camera.keys", []);
+      if (next !== all && keys !== undefined && String(keys).replace("[]", ""))
+        next = assigned(next, "camera.keys", []);
       return next;
     }, step);
   }
@@ -217,7 +240,7 @@ export class Viewer {
   goTo(frame: number, moving = false): void {
     this.frame = frame;
     if (moving) this.moves = true;
-    const cached = this.cache.get(frame, this.layers);
+    const cached = this.cached(frame);
     if (cached) this.draw(cached);
     this.changed.emit();
     this.schedule();
@@ -248,7 +271,7 @@ export class Viewer {
     if (!this.playing || !frames?.length) return;
     this.advanced = performance.now();
     this.frame = frames[(frames.indexOf(this.shownFrame ?? frames[0]!) + 1) % frames.length]!;
-    const cached = this.cache.get(this.frame, this.layers);
+    const cached = this.cached(this.frame);
     if (cached) {
       this.draw(cached);
       this.advanceLater();
@@ -277,23 +300,19 @@ export class Viewer {
   }
   private look(): void {
     if (!this.area.width || !this.area.height) return;
-    const { layers, size } = this;
+    const { wanted: layers, size } = this;
     const set = asSet(this.assignments);
-    const message: LookMessage = {
-      type: "look",
-      id: ++this.ids,
-      set,
-      size,
-      moving: this.moves,
-      layers,
-      frame: this.frame,
-    };
+    const look = { set, size, moving: this.moves, layers, frame: this.frame };
+    // One that says nothing new would begin the picture again.
+    if (JSON.stringify(look) === this.latest) return;
+    const message: LookMessage = { type: "look", id: ++this.ids, ...look };
     const what = JSON.stringify([set, size, layers]);
     if (what !== this.asked.what) {
       this.asked = { what, since: message.id };
       this.cache.clear();
     }
     if (!this.connection.send(message)) return;
+    this.latest = JSON.stringify(look);
     this.sent.set(message.id, this.assignments);
     for (const [id] of this.sent) {
       if (this.sent.size <= 1000) break;
@@ -343,7 +362,8 @@ export class Viewer {
   }
 
   private fitToScene(scene: SceneMessage): void {
-    const there = (name: string) => scene.layers.some((layer) => layer.name === name);
+    // Layers of guides are listed once there are guides.
+    const there = (name: string) => name.startsWith("guide.") || scene.layers.some((layer) => layer.name === name);
     const { layer, other } = this.settings;
     if (!there(layer) || (other && !there(other)))
       this.set({
@@ -357,13 +377,13 @@ export class Viewer {
     this.settled(picture.id);
     if (picture.frame !== null && picture.frame !== undefined && picture.id >= this.asked.since)
       this.cache.put(picture.frame, picture);
-    if (!this.layers.includes(picture.layer)) return;
+    if (!this.wanted.includes(picture.layer)) return;
     const before = this.pictures.get(picture.layer)?.picture;
     // Frames out of the cache may be older than the picture of a frame that is no longer wanted.
     const wanted = this.frame === null || picture.frame === this.frame;
     if (!wanted || (before && before.frame === picture.frame && before.id > picture.id)) return;
     this.draw([picture]);
-    if (this.playing && this.frame !== null && this.cache.get(this.frame, this.layers)) this.advanceLater();
+    if (this.playing && this.frame !== null && this.cached(this.frame)) this.advanceLater();
   }
 
   private draw(pictures: readonly LayerPicture[]): void {
