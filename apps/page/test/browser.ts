@@ -19,7 +19,7 @@ export async function pixels(canvas: Locator): Promise<string> {
 
 /** Waits until a canvas shows something, and something else than `before`. */
 export async function drawn(canvas: Locator, before = ""): Promise<string> {
-  for (let i = 0; i < 200; ++i) {
+  for (let i = 0; i < 600; ++i) {
     const now = await pixels(canvas);
     const empty = await canvas.evaluate((c) => {
       const { width, height } = c as HTMLCanvasElement;

@@ -652,8 +652,9 @@ describe("the page with the program", () => {
   test("layers are switched and compared", async () => {
     await page.getByLabel("Layer", { exact: true }).selectOption("clean_error");
     await page.locator(".legend").getByText("estimated error").waitFor();
+    const before = await pixels(picture(page));
     await page.getByLabel("Compare with layer").selectOption("noisy");
-    await drawn(picture(page), await pixels(picture(page)));
+    await drawn(picture(page), before);
     await page.getByLabel("Layer", { exact: true }).selectOption("picture");
     await page.getByLabel("Compare with layer").selectOption("");
     await page.locator(".legend").waitFor({ state: "detached" });

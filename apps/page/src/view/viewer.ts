@@ -217,8 +217,15 @@ export class Viewer {
   }
   resize(area: { width: number; height: number }): void {
     if (area.width === this.area.width && area.height === this.area.height) return;
+    const first = !this.area.width;
     this.area = area;
-    this.schedule();
+    if (first) this.schedule();
+    // While a window is drawn larger, pictures may be coarse.
+    else
+      this.nudge(() => {
+        this.moves = true;
+        this.schedule();
+      });
   }
   say(what: string): void {
     this.said = what;
