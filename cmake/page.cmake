@@ -1,12 +1,14 @@
-# The page of `brume evaluate`: its front end in apps/page/ is bundled by Node and embedded in the program, which then needs no
-# Node. Included where the program's part that embeds it is built. Sets BRUME_PAGE, for all folders, and BRUME_PAGE_SOURCE.
+# The pages of `brume evaluate` and `brume view`: their front ends in apps/page/ are bundled by Node and embedded in the
+# program, which then needs no Node. Included where the program's part that embeds the first is built. Sets BRUME_PAGE and
+# BRUME_VIEW_SOURCE, for all folders, and BRUME_PAGE_SOURCE.
 
 set(BRUME_PAGE OFF CACHE INTERNAL "whether the page is built in")
 set(BRUME_PAGE_SOURCE ${PROJECT_SOURCE_DIR}/evaluate/report/page_absent.cpp)
+set(BRUME_VIEW_SOURCE ${PROJECT_SOURCE_DIR}/apps/view/view_absent.cpp CACHE INTERNAL "the page of brume view as C++")
 set(page_folder ${PROJECT_SOURCE_DIR}/apps/page)
 
 function(brume_no_page why)
-  message(STATUS "${why}: `brume evaluate` will write no page (index.html); all else is built")
+  message(STATUS "${why}: `brume evaluate` will write no page (index.html), `brume view` has none; all else is built")
 endfunction()
 
 find_program(NODE_PROGRAM NAMES node nodejs)
@@ -41,9 +43,14 @@ if(NOT EXISTS ${installed} OR ${page_folder}/package-lock.json IS_NEWER_THAN ${i
 endif()
 
 set(BRUME_PAGE ON CACHE INTERNAL "whether the page is built in")
-set(BRUME_PAGE_SOURCE ${PROJECT_BINARY_DIR}/page/page_bundle.cpp)
-file(GLOB page_sources CONFIGURE_DEPENDS ${page_folder}/src/*)
-file(MAKE_DIRECTORY ${PROJECT_BINARY_DIR}/page)
-add_custom_command(OUTPUT ${BRUME_PAGE_SOURCE} ${PROJECT_BINARY_DIR}/page/page.js ${PROJECT_BINARY_DIR}/page/page.css
-  COMMAND ${NODE_PROGRAM} ${page_folder}/build.mjs ${PROJECT_BINARY_DIR}/page
-  DEPENDS ${page_sources} ${page_folder}/build.mjs ${page_folder}/package-lock.json COMMENT "Bundling the page" VERBATIM)
+set(bundles ${PROJECT_BINARY_DIR}/page)
+set(BRUME_PAGE_SOURCE ${bundles}/page_bundle.cpp)
+set(BRUME_VIEW_SOURCE ${bundles}/view_bundle.cpp CACHE INTERNAL "the page of brume view as C++")
+file(GLOB page_sources CONFIGURE_DEPENDS ${page_folder}/src/* ${page_folder}/src/view/*)
+file(MAKE_DIRECTORY ${bundles})
+add_custom_command(OUTPUT ${BRUME_PAGE_SOURCE} ${BRUME_VIEW_SOURCE} ${bundles}/page.js ${bundles}/page.css ${bundles}/view.js
+    ${bundles}/view.css
+  COMMAND ${NODE_PROGRAM} ${page_folder}/build.mjs ${bundles}
+  DEPENDS ${page_sources} ${page_folder}/build.mjs ${page_folder}/package-lock.json COMMENT "Bundling the pages" VERBATIM)
+# Another folder's target embeds the second page: the files are made by one target, which both build first.
+add_custom_target(brume_page_bundles DEPENDS ${BRUME_PAGE_SOURCE} ${BRUME_VIEW_SOURCE})

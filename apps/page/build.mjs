@@ -1,5 +1,5 @@
-// node build.mjs FOLDER: bundles the page into FOLDER/page.js and FOLDER/page.css, and both as C++ into
-// FOLDER/page_bundle.cpp for the program to embed.
+// node build.mjs FOLDER: bundles the page of `brume evaluate` into FOLDER/page.js and FOLDER/page.css, and both as C++ into
+// FOLDER/page_bundle.cpp for the program to embed; that of `brume view` likewise into view.js, view.css, view_bundle.cpp.
 // node build.mjs FOLDER tests: bundles the tests into FOLDER instead.
 import { build } from "esbuild";
 import { readFileSync, readdirSync, writeFileSync } from "node:fs";
@@ -40,7 +40,7 @@ if (what === "tests") {
   const banner = { js: `/*\n${notices.join("\n\n")}\n*/` };
   await build({
     ...common,
-    entryPoints: { page: "src/main.tsx" },
+    entryPoints: { page: "src/main.tsx", view: "src/view/main.tsx" },
     banner,
     outdir: folder,
     format: "iife",
@@ -55,17 +55,21 @@ if (what === "tests") {
     if (new RegExp(`</${tag}|<!--`, "i").test(text)) throw new Error(`${name} would end its element <${tag}> early`);
     return [...Buffer.from(text, "ascii")].join(",").replace(/(.{1,118}),/g, "$1,\n");
   };
-  const source = [
-    "// Written by apps/page/build.mjs.",
-    '#include "evaluate/report/page_bundle.h"',
-    "namespace brume {",
-    "namespace {",
-    `constexpr char kScript[] = {${bytes("page.js", "script")}};`,
-    `constexpr char kStyle[] = {${bytes("page.css", "style")}};`,
-    "}  // namespace",
-    "const std::string_view page_script{kScript, sizeof kScript}, page_style{kStyle, sizeof kStyle};",
-    "}  // namespace brume",
-    "",
-  ].join("\n");
-  writeFileSync(join(folder, "page_bundle.cpp"), source);
+  const embed = (name, header) => {
+    const source = [
+      "// Written by apps/page/build.mjs.",
+      `#include "${header}"`,
+      "namespace brume {",
+      "namespace {",
+      `constexpr char kScript[] = {${bytes(`${name}.js`, "script")}};`,
+      `constexpr char kStyle[] = {${bytes(`${name}.css`, "style")}};`,
+      "}  // namespace",
+      `const std::string_view ${name}_script{kScript, sizeof kScript}, ${name}_style{kStyle, sizeof kStyle};`,
+      "}  // namespace brume",
+      "",
+    ].join("\n");
+    writeFileSync(join(folder, `${name}_bundle.cpp`), source);
+  };
+  embed("page", "evaluate/report/page_bundle.h");
+  embed("view", "apps/view/view_bundle.h");
 }

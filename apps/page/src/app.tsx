@@ -4,7 +4,7 @@ import { AblationView } from "./ablation";
 import { PageProvider, type Page } from "./context";
 import { Choice, Select } from "./controls";
 import { Help } from "./help";
-import { handleKey, tabsOf, type Actions } from "./keys";
+import { BINDINGS, handleKey, tabsOf, type Actions } from "./keys";
 import { Library } from "./library";
 import { Look } from "./look";
 import { Methods } from "./methods";
@@ -24,6 +24,9 @@ const TAB_NAMES: Record<Tab, string> = {
   sensitivity: "Sensitivity",
   about: "About",
 };
+
+const POINTER_NOTE =
+  "With a pointer: the wheel or two fingers zoom, a drag moves the picture, or the divider while the whole picture is seen; a double click zooms in and out.";
 
 type Theme = "auto" | "light" | "dark";
 
@@ -265,7 +268,7 @@ export function App({ index, entries }: { index: Index; entries: PictureEntry[] 
       <div class="message" role="status">
         {message}
       </div>
-      <Help dialog={help} />
+      <Help dialog={help} groups={BINDINGS} note={POINTER_NOTE} />
     </PageProvider>
   );
 }

@@ -1,8 +1,5 @@
-// Small parts that several views use.
+// Small parts that several views and both pages use.
 import type { ComponentChildren } from "preact";
-import { REFERENCE } from "./results";
-import { listedMethods } from "./state";
-import { usePage } from "./context";
 
 /** One choice of a few, as buttons in a row. */
 export function Choice<T extends string | number>(props: {
@@ -34,10 +31,20 @@ export function Choice<T extends string | number>(props: {
 export function Select<T extends string>(props: {
   label: string;
   value: T;
-  values: readonly { value: T; text: string }[];
+  /** Those with the name of a group come last, under it. */
+  values: readonly { value: T; text: string; group?: string }[];
   onChange: (value: T) => void;
   class?: string;
 }) {
+  const groups = [...new Set(props.values.map(({ group }) => group))];
+  const options = (of: string | undefined) =>
+    props.values
+      .filter(({ group }) => group === of)
+      .map(({ value, text }) => (
+        <option key={value} value={value} selected={value === props.value}>
+          {text}
+        </option>
+      ));
   return (
     <select
       class={props.class}
@@ -46,30 +53,16 @@ export function Select<T extends string>(props: {
       value={props.value}
       onChange={(e) => props.onChange(e.currentTarget.value as T)}
     >
-      {props.values.map(({ value, text }) => (
-        <option key={value} value={value} selected={value === props.value}>
-          {text}
-        </option>
-      ))}
+      {options(undefined)}
+      {groups.map(
+        (group) =>
+          group && (
+            <optgroup key={group} label={group}>
+              {options(group)}
+            </optgroup>
+          ),
+      )}
     </select>
-  );
-}
-
-/** Which picture is A or B. */
-export function PicturePicker({ which }: { which: "a" | "b" }) {
-  const { index, library, view, set, name } = usePage();
-  const ids = [REFERENCE, ...listedMethods(index, view)].filter((id) => library.has(view.scene, view.spp, id));
-  if (!ids.includes(view[which])) ids.push(view[which]);
-  return (
-    <label class={`picker ${which}`}>
-      <span class={`badge ${which}`}>{which.toUpperCase()}</span>
-      <Select
-        label={`Picture ${which.toUpperCase()}`}
-        value={view[which]}
-        values={ids.map((id) => ({ value: id, text: name(id) }))}
-        onChange={(id) => set({ [which]: id })}
-      />
-    </label>
   );
 }
 

@@ -1,8 +1,20 @@
-import type { RefObject } from "preact";
-import { BINDINGS } from "./keys";
+import type { ComponentChildren, RefObject } from "preact";
+
+export interface PrintedKeys {
+  keys: readonly string[];
+  /** How the keys are printed, where their names are not. */
+  print?: string;
+  /** What they do; empty: not listed. */
+  what: string;
+}
 
 /** The dialog itself knows whether it is open: showModal() opens it before the next key comes. */
-export function Help({ dialog }: { dialog: RefObject<HTMLDialogElement | null> }) {
+export function Help(props: {
+  dialog: RefObject<HTMLDialogElement | null>;
+  groups: readonly { group: string; bindings: readonly PrintedKeys[] }[];
+  note: ComponentChildren;
+}) {
+  const { dialog, groups, note } = props;
   const close = () => dialog.current!.close();
   return (
     <dialog
@@ -18,7 +30,7 @@ export function Help({ dialog }: { dialog: RefObject<HTMLDialogElement | null> }
         </button>
       </header>
       <div class="groups">
-        {BINDINGS.map(({ group, bindings }) => (
+        {groups.map(({ group, bindings }) => (
           <section key={group}>
             <h3>{group}</h3>
             <dl>
@@ -38,10 +50,7 @@ export function Help({ dialog }: { dialog: RefObject<HTMLDialogElement | null> }
           </section>
         ))}
       </div>
-      <p class="note">
-        With a pointer: the wheel or two fingers zoom, a drag moves the picture, or the divider while the whole picture
-        is seen; a double click zooms in and out.
-      </p>
+      <p class="note">{note}</p>
     </dialog>
   );
 }

@@ -1,5 +1,6 @@
 // Every key and what it does: the help overlay is made from this list.
 import { TONES } from "./color";
+import type { PrintedKeys } from "./help";
 import { ERROR_KINDS } from "./library";
 import { REFERENCE } from "./results";
 import { listedMethods, TABS, type Tab, type View } from "./state";
@@ -17,11 +18,7 @@ export interface Actions {
   tabs: readonly Tab[];
 }
 
-interface Binding {
-  keys: string[];
-  /** How the keys are printed, where their names are not. */
-  print?: string;
-  what: string;
+interface Binding extends PrintedKeys {
   run: (page: Page, actions: Actions, key: string) => void;
 }
 

@@ -1,22 +1,8 @@
 // The embedded pictures: unpacked when they are first asked for, and turned into what is seen.
-import { BLUE_ORANGE, EMBER, labFromRgb, luminance, toneMap, type Tone } from "./color";
+import { BLUE_ORANGE, EMBER, labFromRgb, luminance, type Tone } from "./color";
 import { floatOfHalf, fromBase64, inflate, tableOfHalf, unpredict } from "./half";
+import { colourPicture, Picture } from "./picture";
 import { REFERENCE, type PictureEntry } from "./results";
-
-export class Picture {
-  constructor(
-    readonly width: number,
-    readonly height: number,
-    /** Planes R, G, B. */
-    readonly half: Uint16Array,
-  ) {}
-
-  rgb(x: number, y: number): [number, number, number] {
-    const size = this.width * this.height;
-    const at = y * this.width + x;
-    return [floatOfHalf(this.half[at]!), floatOfHalf(this.half[size + at]!), floatOfHalf(this.half[2 * size + at]!)];
-  }
-}
 
 export const ERROR_KINDS = ["lab", "luminance", "relative"] as const;
 export type ErrorKind = (typeof ERROR_KINDS)[number];
@@ -87,18 +73,6 @@ export function colourErrors(map: Float32Array, kind: ErrorKind, full: number, o
     out[4 * i] = colours[at]!;
     out[4 * i + 1] = colours[at + 1]!;
     out[4 * i + 2] = colours[at + 2]!;
-    out[4 * i + 3] = 255;
-  }
-}
-
-/** 8-bit RGBA of a picture as a display shows it. */
-export function colourPicture(picture: Picture, tone: Tone, exposure: number, out: Uint8ClampedArray): void {
-  const size = picture.width * picture.height;
-  const display = tableOfHalf(new Uint8ClampedArray(65536), (v) => 255 * toneMap(tone, v * exposure));
-  for (let i = 0; i < size; ++i) {
-    out[4 * i] = display[picture.half[i]!]!;
-    out[4 * i + 1] = display[picture.half[size + i]!]!;
-    out[4 * i + 2] = display[picture.half[2 * size + i]!]!;
     out[4 * i + 3] = 255;
   }
 }

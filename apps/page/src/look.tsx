@@ -2,12 +2,13 @@
 import { useState } from "preact/hooks";
 import { cssGradient, luminance, TONE_NAMES, TONES } from "./color";
 import { usePage } from "./context";
-import { Choice, PicturePicker, Select } from "./controls";
+import { Choice, Select } from "./controls";
+import { Divider } from "./divider";
 import { number, signed, stops as stopsText } from "./format";
 import { ERROR_KINDS, errorColours, ERRORS, type Look as Colours } from "./library";
 import { Pane, type Pixel } from "./pane";
 import { REFERENCE } from "./results";
-import { shownMethods, type Mode } from "./state";
+import { listedMethods, shownMethods, type Mode } from "./state";
 import { WHOLE, type Size, type Viewport } from "./viewport";
 
 interface Props {
@@ -157,7 +158,13 @@ export function Look({ onPane, zoom, actualSize }: Props) {
               <span class="badge b">B</span> {caption(view.b)}
             </div>
           )}
-          {view.mode === "swipe" && <Divider split={view.split} onStep={(by) => set(({ split }) => ({ split: split + by }))} />}
+          {view.mode === "swipe" && (
+            <Divider
+              label="Divider between A and B"
+              split={view.split}
+              onStep={(by) => set(({ split }) => ({ split: split + by }))}
+            />
+          )}
         </div>
       )}
 
@@ -216,31 +223,21 @@ export function Look({ onPane, zoom, actualSize }: Props) {
   );
 }
 
-function Divider({ split, onStep }: { split: number; onStep: (by: number) => void }) {
-  const percent = Math.round(100 * split);
-  const step = (event: KeyboardEvent) => {
-    const by = { ArrowLeft: -0.02, ArrowRight: 0.02, PageUp: 0.2, PageDown: -0.2, Home: -1, End: 1 }[event.key];
-    if (by === undefined) return;
-    event.preventDefault();
-    onStep(by);
-  };
+/** Which picture is A or B. */
+function PicturePicker({ which }: { which: "a" | "b" }) {
+  const { index, library, view, set, name } = usePage();
+  const ids = [REFERENCE, ...listedMethods(index, view)].filter((id) => library.has(view.scene, view.spp, id));
+  if (!ids.includes(view[which])) ids.push(view[which]);
   return (
-    <div
-      class="divider"
-      role="separator"
-      tabIndex={0}
-      aria-orientation="vertical"
-      aria-label="Divider between A and B"
-      aria-valuemin={0}
-      aria-valuemax={100}
-      aria-valuenow={percent}
-      style={{ left: `${100 * split}%` }}
-      onKeyDown={step}
-    >
-      <svg viewBox="0 0 34 34" aria-hidden="true">
-        <path d="M13 12l-5 5 5 5M21 12l5 5-5 5" />
-      </svg>
-    </div>
+    <label class={`picker ${which}`}>
+      <span class={`badge ${which}`}>{which.toUpperCase()}</span>
+      <Select
+        label={`Picture ${which.toUpperCase()}`}
+        value={view[which]}
+        values={ids.map((id) => ({ value: id, text: name(id) }))}
+        onChange={(id) => set({ [which]: id })}
+      />
+    </label>
   );
 }
 

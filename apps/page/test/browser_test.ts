@@ -3,22 +3,18 @@
 import assert from "node:assert/strict";
 import { execFileSync } from "node:child_process";
 import { mkdirSync, readFileSync, writeFileSync } from "node:fs";
-import { createRequire } from "node:module";
 import { dirname, join } from "node:path";
 import test, { after, before, describe } from "node:test";
 import { fileURLToPath, pathToFileURL } from "node:url";
-import { isDeepStrictEqual } from "node:util";
-import type { Browser, BrowserContext, Locator, Page } from "playwright-core";
-import type { AxeResults } from "axe-core";
+import type { Browser, BrowserContext, Page } from "playwright-core";
 import { fromBase64, inflate, unpredict } from "../src/half";
-import { errorMap, Picture } from "../src/library";
+import { errorMap } from "../src/library";
+import { Picture } from "../src/picture";
 import type { PictureEntry, Results } from "../src/results";
+import { chromium, comesTo, drawn, pixels, violations } from "./browser";
 import { fixture } from "./fixture";
 
 declare const PAGE_FOLDER: string;
-const modules = createRequire(join(PAGE_FOLDER, "package.json"));
-const { chromium } = modules("playwright-core") as typeof import("playwright-core");
-const axe = readFileSync(modules.resolve("axe-core/axe.min.js"), "utf8");
 
 const [brume, program, folder] = process.argv.slice(2) as [string, string, string];
 const shots = join(folder, "views");
@@ -57,36 +53,6 @@ async function reader(viewport = DESKTOP, colorScheme: "light" | "dark" = "dark"
   return context;
 }
 
-/** The canvas' pixels, as text to compare. */
-async function pixels(canvas: Locator): Promise<string> {
-  return canvas.evaluate((c) => (c as HTMLCanvasElement).toDataURL());
-}
-
-/** Waits until a canvas shows something, and something else than `before`. */
-async function drawn(canvas: Locator, before = ""): Promise<string> {
-  for (let i = 0; i < 200; ++i) {
-    const now = await pixels(canvas);
-    const empty = await canvas.evaluate((c) => {
-      const { width, height } = c as HTMLCanvasElement;
-      const middle = new OffscreenCanvas(1, 1).getContext("2d", { willReadFrequently: true })!;
-      if (width) middle.drawImage(c as HTMLCanvasElement, -width / 2, -height / 2);
-      return !middle.getImageData(0, 0, 1, 1).data[3];
-    });
-    if (!empty && now !== before) return now;
-    await new Promise((resolve) => setTimeout(resolve, 50));
-  }
-  throw new Error("the picture did not change");
-}
-
-/** Waits until the page shows what it should: it draws itself anew a while after a key or a click. */
-async function comesTo<T>(read: () => Promise<T>, wanted: T, what = ""): Promise<void> {
-  for (let i = 0; i < 400; ++i) {
-    if (isDeepStrictEqual(await read(), wanted)) return;
-    await new Promise((resolve) => setTimeout(resolve, 50));
-  }
-  assert.deepEqual(await read(), wanted, what);
-}
-
 /** The link to what is shown, once it is as it should be: it follows the view after a while. */
 async function linkOnce(page: Page, right: (link: URLSearchParams) => boolean): Promise<URLSearchParams> {
   for (let i = 0; ; ++i) {
@@ -100,15 +66,6 @@ async function linkOnce(page: Page, right: (link: URLSearchParams) => boolean): 
 /** Waits until the link says so: null where it is to say nothing. */
 async function linkSays(page: Page, name: string, value: string | null): Promise<void> {
   await linkOnce(page, (link) => link.get(name) === value);
-}
-
-/** What axe finds. */
-async function violations(page: Page, what: string): Promise<string[]> {
-  await page.evaluate(axe);
-  const found = (await page.evaluate("axe.run(document, { resultTypes: ['violations'] })")) as AxeResults;
-  return found.violations.map(
-    (v) => `${what}: ${v.id}: ${v.help}: ${v.nodes.map((n) => n.target.join(" ")).join("; ")}`,
-  );
 }
 
 const made = join(folder, "made_up.html");

@@ -1,0 +1,179 @@
+// Which fields of a table are used most, and how far their sliders go.
+import type { Value } from "./assignments";
+import type { Field } from "./protocol";
+
+/** The fields that matter for what the table's other fields say, most used first; all others come under "more". */
+export function mainFields(path: string, value: (key: string) => Value | undefined): string[] {
+  switch (path.split(".")[0]) {
+    case "volumes": {
+      const preset = value("preset");
+      const medium =
+        preset === "principled"
+          ? ["density", "color", "absorption_color", "g"]
+          : preset === "standard_volume"
+            ? ["density", "scatter", "scatter_color", "transparent", "transparent_depth", "g"]
+            : ["sigma_t", "density", "albedo", ...(value("phase") === "mie" ? ["droplet_diameter"] : ["g"])];
+      const lobes = value("phase") === "two_lobes" ? ["g2", "lobe_weight"] : [];
+      const named = (key: string) => typeof value(key) === "string" && value(key) !== "none" && value(key) !== "";
+      const heat = named("temperature_grid")
+        ? ["temperature_grid", "temperature_offset", "temperature_scale", "blackbody_intensity"]
+        : ["temperature_grid"];
+      const flame = named("flame_grid") ? ["flame_grid", "flame_intensity"] : [];
+      const shape = value("shape") === "box" || value("shape") === "sphere" ? ["lo", "hi"] : ["grid"];
+      return [...medium, ...lobes, "emission", ...heat, ...flame, ...shape];
+    }
+    case "lights":
+      switch (value("type")) {
+        case "sun":
+          return ["direction", "irradiance", "angular_diameter"];
+        case "sphere":
+          return ["position", "radiance", "radius"];
+        case "rectangle":
+          return ["position", "radiance", "edge_x", "edge_y", "two_sided"];
+        case "point":
+          return ["position", "intensity"];
+        case "spot":
+          return ["position", "direction", "intensity", "cone_angle", "cone_softness"];
+        default:
+          return ["direction", "irradiance", "position", "radiance", "radius"];
+      }
+    case "environment": {
+      const sky =
+        value("sky") !== undefined && value("sky") !== "none" ? ["turbidity", "sun_direction", "sky_sun"] : [];
+      return ["radiance", "sky", ...sky, ...(value("file") ? ["rotation"] : [])];
+    }
+    case "surfaces":
+      return ["material", "albedo", ...(value("material") === "diffuse" ? [] : ["roughness", "ior"]), "radiance"];
+    case "camera":
+      return [
+        "type",
+        value("type") === "orthographic" ? "width" : "fov",
+        "lens_radius",
+        ...(Number(value("lens_radius")) > 0 ? ["focus_distance"] : []),
+        "position",
+        "look_at",
+      ];
+    case "film":
+      return ["exposure"];
+    default:
+      return [];
+  }
+}
+
+export function ordered(
+  path: string,
+  fields: readonly Field[],
+  value: (key: string) => Value | undefined,
+): { main: Field[]; more: Field[] } {
+  // The switch stands in the panel's title, and the picture is as large as the window.
+  const shown = fields.filter(
+    ({ key }) => key !== "enabled" && !(path === "film" && (key === "width" || key === "height")),
+  );
+  const keys = mainFields(path, value);
+  if (!keys.length) return { main: shown, more: [] };
+  const main = keys.flatMap((key) => shown.filter((field) => field.key === key && !field.fixed));
+  return { main, more: shown.filter((field) => !main.includes(field)) };
+}
+
+export interface SliderRange {
+  lowest: number;
+  highest: number;
+  /** Equal ways are equal factors; the slider's left end is zero. */
+  log: boolean;
+}
+
+const STEPS = 1000;
+
+/** Ranges narrower than those the scene allows, of numbers that are hardly ever set beyond them. */
+const USUAL: Record<string, SliderRange> = {
+  fov: { lowest: 1, highest: 120, log: false },
+  angular_diameter: { lowest: 0.01, highest: 90, log: true },
+  cone_angle: { lowest: 1, highest: 179, log: false },
+  rotation: { lowest: -180, highest: 180, log: false },
+  blade_rotation: { lowest: -180, highest: 180, log: false },
+};
+
+/** The slider of a number, or of a colour's strength; nothing where no range suggests itself.
+ *  @param middle  the value of the scene's file */
+export function sliderRange(field: Field, middle: number): SliderRange | undefined {
+  if (field.type !== "number" && field.type !== "color") return undefined;
+  const usual = USUAL[field.key];
+  if (usual) return usual;
+  const lowest = field.lowest ?? -Infinity;
+  const highest = field.highest ?? Infinity;
+  if (lowest > -1e6 && highest < 1e6 && highest - lowest <= 400) return { lowest, highest, log: false };
+  if (lowest < 0) return undefined;
+  const about = middle > 0 ? 10 ** Math.round(Math.log10(middle)) : 1;
+  return { lowest: Math.max(1e-3 * about, lowest), highest: Math.min(1e3 * about, highest), log: true };
+}
+
+/** Place of a value on a slider of STEPS. */
+export function sliderPlace({ lowest, highest, log }: SliderRange, value: number): number {
+  if (!log) return Math.round((STEPS * (value - lowest)) / (highest - lowest));
+  if (!(value > 0)) return 0;
+  const share = Math.log(value / lowest) / Math.log(highest / lowest);
+  return Math.min(STEPS, Math.max(1, Math.round(1 + (STEPS - 1) * share)));
+}
+
+/** The value at a place, with as many digits as places can tell apart. */
+export function sliderValue({ lowest, highest, log }: SliderRange, place: number): number {
+  if (!log) {
+    const value = lowest + ((highest - lowest) * place) / STEPS;
+    return place <= 0
+      ? lowest
+      : place >= STEPS
+        ? highest
+        : Number(value.toFixed(Math.max(0, 3 - Math.floor(Math.log10(highest - lowest)))));
+  }
+  if (place <= 0) return 0;
+  return Number((lowest * (highest / lowest) ** ((place - 1) / (STEPS - 1))).toPrecision(3));
+}
+
+export const SLIDER_STEPS = STEPS;
+
+/** A colour as its largest channel times a colour of brightness 1. */
+export function strengthOf(rgb: readonly number[]): number {
+  return Math.max(0, ...rgb);
+}
+
+function encoded(linear: number): number {
+  const v = Math.min(1, Math.max(0, linear));
+  return Math.round(255 * (v <= 0.0031308 ? 12.92 * v : 1.055 * v ** (1 / 2.4) - 0.055));
+}
+
+/** As an input of type color has it, sRGB. */
+export function hexOf(rgb: readonly number[]): string {
+  const strength = strengthOf(rgb);
+  return `#${[0, 1, 2]
+    .map((c) =>
+      encoded(strength > 0 ? rgb[c]! / strength : 1)
+        .toString(16)
+        .padStart(2, "0"),
+    )
+    .join("")}`;
+}
+
+/** Linear Rec. 709 of such a colour, its largest channel 1; black becomes white. */
+export function colourOf(hex: string): [number, number, number] {
+  const linear = [1, 3, 5].map((at) => {
+    const v = parseInt(hex.slice(at, at + 2), 16) / 255;
+    return v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4;
+  });
+  const largest = Math.max(...linear);
+  return linear.map((v) => (largest > 0 ? v / largest : 1)) as [number, number, number];
+}
+
+/** One number where all three are the same, as the scene's file has it. */
+export function shortColour(rgb: readonly number[]): Value {
+  const short = rgb.map((v) => Number(v.toPrecision(5)));
+  return short[0] === short[1] && short[1] === short[2] ? short[0]! : short;
+}
+
+/** Three channels of a colour that may be one grey number. */
+export function channels(value: Value | undefined): [number, number, number] {
+  if (typeof value === "number") return [value, value, value];
+  const list = Array.isArray(value) ? (value as readonly Value[]) : [];
+  return list.length === 1
+    ? [Number(list[0]), Number(list[0]), Number(list[0])]
+    : [Number(list[0] ?? 0), Number(list[1] ?? 0), Number(list[2] ?? 0)];
+}

@@ -1,0 +1,57 @@
+import { useState } from "preact/hooks";
+
+/** Up to five significant digits. */
+export function shortNumber(value: number): string {
+  return Number.isFinite(value) ? String(Number(value.toPrecision(5))) : "";
+}
+
+/** A number to type; the up and down arrow keys step it, with Shift by ten. What is not a number is not taken. */
+export function NumberInput(props: {
+  label: string;
+  help?: string | undefined;
+  value: number;
+  lowest?: number | null | undefined;
+  highest?: number | null | undefined;
+  integer?: boolean;
+  /** What an arrow key adds. */
+  step: number;
+  id?: string;
+  disabled?: boolean;
+  onChange: (value: number) => void;
+}) {
+  const [draft, setDraft] = useState<string | undefined>();
+  const fit = (value: number) => {
+    const within = Math.min(props.highest ?? Infinity, Math.max(props.lowest ?? -Infinity, value));
+    return props.integer ? Math.round(within) : within;
+  };
+  const take = (text: string) => {
+    setDraft(undefined);
+    const value = Number(text.replace(",", "."));
+    if (text.trim() !== "" && Number.isFinite(value) && fit(value) !== props.value) props.onChange(fit(value));
+  };
+  return (
+    <input
+      type="text"
+      class="number"
+      inputMode="decimal"
+      autocomplete="off"
+      spellcheck={false}
+      id={props.id}
+      aria-label={props.label}
+      title={props.help}
+      disabled={props.disabled}
+      value={draft ?? shortNumber(props.value)}
+      onInput={(e) => setDraft(e.currentTarget.value)}
+      onChange={(e) => take(e.currentTarget.value)}
+      onBlur={() => setDraft(undefined)}
+      onKeyDown={(e) => {
+        if (e.key === "Escape") setDraft(undefined);
+        if (e.key !== "ArrowUp" && e.key !== "ArrowDown") return;
+        e.preventDefault();
+        setDraft(undefined);
+        const by = (e.key === "ArrowUp" ? 1 : -1) * (e.shiftKey ? 10 : 1) * (props.integer ? 1 : props.step);
+        props.onChange(fit(Number((props.value + by).toPrecision(9))));
+      }}
+    />
+  );
+}

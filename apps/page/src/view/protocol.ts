@@ -1,0 +1,129 @@
+// The messages between the page and `brume view`.
+import type { Value } from "./assignments";
+import type { Bounds } from "./camera";
+import type { Vec3 } from "./vector";
+
+export interface Field {
+  key: string;
+  type: "number" | "integer" | "switch" | "text" | "choice" | "vector" | "color" | "numbers";
+  value: Value;
+  unit?: string;
+  help?: string;
+  lowest?: number | null;
+  highest?: number | null;
+  choices?: string[];
+  /** The page may not change it, as names of files. */
+  fixed?: boolean;
+}
+
+/** A table of the scene. */
+export interface Group {
+  /** As in keys: camera, volumes.0. */
+  path: string;
+  title: string;
+  fields: Field[];
+  /** Volumes: along x, y and z. */
+  optical_depth?: number[];
+  grids?: string[];
+}
+
+export interface LayerEntry {
+  name: string;
+  title?: string;
+  channels: number;
+}
+
+export interface SceneMessage {
+  type: "scene";
+  id: number;
+  name: string;
+  /** Frames of a sequence. */
+  frames?: number[] | null;
+  command?: string;
+  /** The volumes' box in world space. */
+  bounds?: Bounds | null;
+  layers: LayerEntry[];
+  notes?: string[];
+  /** What the scene asks for that the predicted picture lacks. */
+  left_out?: string[];
+  groups: Group[];
+  /** The file changed on disk. */
+  reloaded?: boolean;
+}
+
+export interface ProgressMessage {
+  type: "progress";
+  id: number;
+  stage: string;
+  samples?: number;
+  error?: number | null;
+  seconds?: number;
+}
+
+export interface ProblemMessage {
+  type: "problem";
+  id: number;
+  text: string;
+}
+
+export interface PointMessage {
+  type: "point";
+  id: number;
+  position: Vec3 | null;
+}
+
+export type Message = SceneMessage | ProgressMessage | ProblemMessage | PointMessage;
+
+export interface LookMessage {
+  type: "look";
+  id: number;
+  set: string[];
+  size: [number, number];
+  moving: boolean;
+  layers: string[];
+  frame: number | null;
+}
+
+export interface ProbeMessage {
+  type: "probe";
+  id: number;
+  x: number;
+  y: number;
+}
+
+export interface PictureHeader {
+  id: number;
+  layer: string;
+  width: number;
+  height: number;
+  channels: number;
+  stage: "predicted" | "clean";
+  /** Of the size that was asked for. */
+  full: boolean;
+  samples: number;
+  error: number | null;
+  seconds: number;
+  exposure: number;
+  frame: number | null;
+}
+
+/** One picture of one layer. */
+export interface LayerPicture extends PictureHeader {
+  /** Half floats, planes R, G, B or one plane, rows from the top. */
+  half: Uint16Array;
+}
+
+export function decodePicture(message: ArrayBuffer): LayerPicture {
+  if (message.byteLength < 4) throw new Error(`a picture of ${message.byteLength} bytes`);
+  const length = new DataView(message).getUint32(0, true);
+  if (length % 4 !== 0 || 4 + length > message.byteLength)
+    throw new Error(`a picture of ${message.byteLength} bytes with a header of ${length}`);
+  const header = JSON.parse(new TextDecoder().decode(new Uint8Array(message, 4, length))) as PictureHeader;
+  const { width, height, channels } = header;
+  const halves = width * height * channels;
+  if (!(halves > 0) || message.byteLength - 4 - length !== 2 * halves)
+    throw new Error(
+      `a picture of ${width} x ${height} x ${channels} cannot have ${message.byteLength - 4 - length} bytes`,
+    );
+  return { ...header, half: new Uint16Array(message, 4 + length, halves) };
+}
