@@ -23,6 +23,7 @@ ARGUMENT_TYPES = {
     "spp": "int | None",
     "seed": "int | None",
     "clean": "bool | str",
+    "frames": "str | None",
     "crop": "tuple[int, int, int, int] | None",
     "progress": "Callable[[float], object] | None",
     "filter": "str | None",

@@ -16,6 +16,7 @@ import tempfile
 import threading
 import time
 import unittest
+import urllib.request
 
 import numpy as np
 
@@ -361,6 +362,14 @@ class Declarations(unittest.TestCase):
             inspect.signature(brume.read).bind()
         self.assertEqual(list(inspect.signature(brume.Layers).parameters), ["channels", "header", "like"])
         inspect.signature(brume.InputError)
+
+    def test_a_view_is_served_until_the_end(self):
+        address = brume.view(CLOUD, camera__fov=20)
+        self.assertRegex(address, r"^http://127\.0\.0\.1:[0-9]+/[0-9a-f]{32}/$")
+        with urllib.request.urlopen(address + "scene.toml") as answer:
+            self.assertEqual(answer.status, 200)
+        with self.assertRaisesRegex(brume.InputError, "no such file"):
+            brume.view("missing.toml")
 
     def test_the_version_is_the_programs(self):
         self.assertEqual(run("--version").split()[1], brume.__version__)

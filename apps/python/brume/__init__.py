@@ -16,7 +16,7 @@ import inspect as _inspect
 from . import _brume
 from ._brume import InputError, Layers, __commit__, __version__
 
-__all__ = ["InputError", "Layers", "denoise", "filters", "metrics", "read", "render", "write"]
+__all__ = ["InputError", "Layers", "denoise", "filters", "metrics", "read", "render", "view", "write"]
 
 
 def _signature(function):
@@ -43,7 +43,7 @@ def _in_python(function, signature, name):
     return call
 
 
-for _name in ("denoise", "filters", "metrics", "read", "render", "write"):
+for _name in ("denoise", "filters", "metrics", "read", "render", "view", "write"):
     _value = getattr(_brume, _name)
     globals()[_name] = _in_python(_value, _signature(_value), _name)
 for _name, _value in list(vars(Layers).items()):
