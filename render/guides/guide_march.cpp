@@ -16,8 +16,8 @@ namespace {
 
 // Of the largest density in a voxel: gradients below it count less, because their direction means little.
 constexpr double kGentleGradient = 0.03;
-constexpr double kStepGrowth = 0.25;  // of the step for each free path behind the eye's first two
-constexpr double kLongestStep = 4;
+constexpr double kStepGrowth = 0.25;  // of the step for each free path behind the eye's first ones
+constexpr double kGrowingDepth = 2, kLongestStep = 4;
 // Of a step where a pixel has several rays, as far as the medium at the last one was thinner than this.
 constexpr double kManyRaysStride = 1.5, kThinStep = 0.03;
 // The same at most, where all media are homogeneous and no lamp is near, as far as such a step is as thin as this.
@@ -236,7 +236,9 @@ GuideMarch::Passed GuideMarch::march(const Eye& eye, const Ray& ray, const Guide
     double piece_end = t;
     while (t < end && passed8 > kOpaque) {
       const double own_step = sigma_t * step < kThinStep ? step : step_, light_step = kLightSteps * own_step;
-      double length = own_step * std::min(kLongestStep, 1 + kStepGrowth * std::max(0.0, depth - 2));
+      // A branch, which is predicted, so that the next look does not wait for the extinction of the last.
+      double length = own_step;
+      if (depth > kGrowingDepth) length *= std::min(kLongestStep, 1 + kStepGrowth * (depth - kGrowingDepth));
       if (some_even) {
         while (ahead != uneven.end() && ahead->second <= t) ++ahead;
         const double free = (ahead == uneven.end() ? end : std::min(end, ahead->first)) - t;
