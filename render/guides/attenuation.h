@@ -14,14 +14,11 @@ inline double attenuation(double depth) {
   // 2^-k times exp(-r), r in [-0.35, 0.35].
   const auto k = static_cast<int64_t>(depth * std::numbers::log2e + 0.5);
   const double r = depth - static_cast<double>(k) * std::numbers::ln2;
-  double p = 1.0 / 5040;
-  p = 1.0 / 720 - r * p;
-  p = 1.0 / 120 - r * p;
-  p = 1.0 / 24 - r * p;
-  p = 1.0 / 6 - r * p;
-  p = 0.5 - r * p;
-  p = 1.0 - r * p;
-  p = 1.0 - r * p;
+  // Pairs of terms first, which do not wait for one another.
+  const double r2 = r * r;
+  const double low = (1.0 - r) + r2 * (0.5 - r * (1.0 / 6)),
+               high = (1.0 / 24 - r * (1.0 / 120)) + r2 * (1.0 / 720 - r * (1.0 / 5040));
+  const double p = low + r2 * r2 * high;
   return p * std::bit_cast<double>(static_cast<uint64_t>(1023 - k) << 52);
 }
 

@@ -3,6 +3,7 @@
 #include <array>
 
 #include "base/math.h"
+#include "render/guides/attenuation.h"
 #include "volume/phase_function.h"
 
 namespace brume {
@@ -37,7 +38,8 @@ class ForwardPeak {
     const double f = peak_weight(g);
     constexpr double kEven = 1 / (4 * kPi);
     double power = g, factor = 1 / (g * g), count = 1;
-    for (double& phase : phase_) {
+    std::array<double, kTerms> phase;  // p_1, p_2, ...
+    for (double& p : phase) {
       power *= g;
       factor /= g * g;
       count += 1;
@@ -45,33 +47,31 @@ class ForwardPeak {
       const double narrow = power < 0.02
                                 ? 5 * (1.5 * cosine * cosine - 0.5) * kEven
                                 : factor * (HenyeyGreenstein{power}.value(cosine) - (1 + 3 * power * cosine) * kEven);
-      phase = (1 - f + 3 * (g - f) * cosine) * kEven + f / count * ((1 + 3 * cosine) * kEven + narrow);
+      p = (1 - f + 3 * (g - f) * cosine) * kEven + f / count * ((1 + 3 * cosine) * kEven + narrow);
+    }
+    last_ = phase.back();
+    double factorial = 1;
+    for (size_t n = 1; n < kTerms; ++n) {
+      factorial *= static_cast<double>(n);
+      more_[n - 1] = (phase[n - 1] - last_) / factorial;
     }
   }
   /// Sum over n >= 1 of depth^n / n! p_n: what light has that is scattered so often, where light that is scattered once
-  /// has p_0.
+  /// has p_0. From n = 8 on all p_n have the shape of the last: p_8 (exp(depth) - 1) and a polynomial.
   /// @param depth  mean number of scatterings in the peak
   double repeated(double depth) const {
-    double sum = 0, weight = 1;
-    for (size_t n = 0; n < kTerms; ++n) {
-      weight *= depth / static_cast<double>(n + 1);
-      sum += weight * phase_[n];
-      if (weight<kNegligible&& static_cast<double>(n)> depth) return sum;
-    }
-    // More of them have the shape of the last.
-    for (size_t n = kTerms; n < kMostTerms; ++n) {
-      weight *= depth / static_cast<double>(n + 1);
-      sum += weight * phase_.back();
-      if (weight<kNegligible&& static_cast<double>(n)> depth) break;
-    }
+    const double d = std::min(depth, kDeepest);
+    double sum = 0;
+    for (size_t n = kTerms - 1; n-- > 0;) sum = d * (more_[n] + sum);
     // The split is exact in the first moments alone: it may leave a little less than nothing to the side.
-    return std::max(0.0, sum);
+    return std::max(0.0, sum + last_ * (1 / attenuation(d) - 1));
   }
 
  private:
-  static constexpr size_t kTerms = 8, kMostTerms = 32;
-  static constexpr double kNegligible = 1e-6;
-  std::array<double, kTerms> phase_{};
+  static constexpr size_t kTerms = 8;
+  static constexpr double kDeepest = 600;  // its exponential is finite
+  std::array<double, kTerms - 1> more_{};  // (p_n - p_8) / n!
+  double last_ = 0;                        // p_8
 };
 
 }  // namespace brume

@@ -16,8 +16,8 @@ namespace {
 
 // Of the largest density in a voxel: gradients below it count less, because their direction means little.
 constexpr double kGentleGradient = 0.03;
-constexpr double kStepGrowth = 0.25;  // of the step for each free path behind the eye's first two
-constexpr double kLongestStep = 4;
+constexpr double kStepGrowth = 0.25;  // of the step for each free path behind the eye's first ones
+constexpr double kGrowingDepth = 2, kLongestStep = 4;
 // Of a step where a pixel has several rays, as far as the medium at the last one was thinner than this.
 constexpr double kManyRaysStride = 1.5, kThinStep = 0.03;
 // The same at most, where all media are homogeneous and no lamp is near, as far as such a step is as thin as this.
@@ -26,11 +26,14 @@ constexpr double kEvenStride = 4, kEvenThickness = 0.02;
 constexpr double kAlike = 0.02;
 // What shares one look at the light: as many first steps, of no more extinction than this.
 constexpr double kLightSteps = 2, kLightThickness = 0.12;
+// What shares one look at the fields of nodes: as much of the way between nodes, of no more extinction than this.
+constexpr double kNodesPerLook = 0.5, kNodeThickness = 0.5;
 constexpr double kOpaque = 2e-3;  // transmittance of an eighth of the extinction at which a ray ends
 constexpr double kFar = 1e30;
 constexpr double kNarrow = 0.99;     // mean cosine of directions that count as one
 constexpr int kMostRaysAcross = 4;   // of a pixel that shows the edge of a surface or light
 constexpr double kEdgeCosine = 0.9;  // between the normals at a pixel's corners
+constexpr int kTile = 16;            // px
 constexpr int kMostUnseen = 8;       // surfaces that a camera ray goes through
 constexpr size_t kOrders = SolvedLight::kFirstOrder.size();
 
@@ -66,6 +69,8 @@ GuideMarch::GuideMarch(const PathContext& context, const std::vector<GuideMedia>
   for (const SolvedLight& g : fields.lights())
     if (g.group.kind == LightGroup::Kind::kLocal) even_stride_ = 1;
   if (colour == kGrey && !media[0].media().empty()) tint_ = OrderTint(media[0].tint(0));
+  // Of light of many tints, that of suns and of nodes are coloured together.
+  if (!media[0].mixed_tints()) look_apart_ = kNodesPerLook * fields.lattice().spacing;
 }
 
 bool GuideMarch::blurred() const {
@@ -89,18 +94,22 @@ void GuideMarch::record(const ivec2& corner, Layers& frame, const Task& task) {
                             .surfaces = context_.surfaces != nullptr,
                             .mirrors = !node_light_.empty()});
   const int across = rays_across();
-  parallel_for(frame.height(), task, [&](int y) {
+  // Rays of a square of pixels cross the same bricks and nodes.
+  const ivec2 size(frame.width(), frame.height()), tiles = (size + kTile - 1) / kTile;
+  parallel_for(tiles.x * tiles.y, task, [&](int tile) {
     Pixel pixel(*this);
     GuideSums& sums = pixel.sums;
-    for (int x = 0; x < frame.width(); ++x) {
-      const int rays = trace_pixel(corner + ivec2(x, y), across, pixel);
-      collect_fields(sums);
-      if (sums.opacity > 0) {
-        const double mean = sums.depth / sums.opacity;
-        sums.spread = sums.opacity * std::sqrt(std::max(0.0, sums.depth2 / sums.opacity - mean * mean));
+    const ivec2 from = kTile * ivec2(tile % tiles.x, tile / tiles.x), to = glm::min(from + kTile, size);
+    for (int y = from.y; y < to.y; ++y)
+      for (int x = from.x; x < to.x; ++x) {
+        const int rays = trace_pixel(corner + ivec2(x, y), across, pixel);
+        collect_fields(sums);
+        if (sums.opacity > 0) {
+          const double mean = sums.depth / sums.opacity;
+          sums.spread = sums.opacity * std::sqrt(std::max(0.0, sums.depth2 / sums.opacity - mean * mean));
+        }
+        layers.store(x, y, sums, predicted_direct(sums), predicted_indirect(sums), 1.0 / rays);
       }
-      layers.store(x, y, sums, predicted_direct(sums), predicted_indirect(sums), 1.0 / rays);
-    }
   });
 }
 
@@ -212,11 +221,13 @@ GuideMarch::Passed GuideMarch::march(const Eye& eye, const Ray& ray, const Guide
   double passed = 1, passed2 = 1, passed4 = 1, passed8 = 1, passed_scaled = 1, depth = 0, sigma_t = 0;
   double seen = 0, seen_depth = 0, seen_depth2 = 0, seen_density = 0;
   dvec3 seen_gradient(0);
-  Piece piece;
+  Piece piece, wide;
   for (size_t k = 0; k < pixel.views.size(); ++k) {
     pixel.views[k].g = std::numeric_limits<double>::quiet_NaN();
-    if (const Sun* const sun = fields_.lights()[k].group.sun; sun && media.media().size() == 1)
-      look_from(media, glm::dot(sun->axis(), ray.d), media.mean_cosine(0), 1, k, pixel);
+    const Sun* const sun = fields_.lights()[k].group.sun;
+    if (!sun) continue;
+    pixel.views[k].sun = fields_.lights()[k].sun[time_of(media)].line(ray);
+    if (media.media().size() == 1) look_from(media, glm::dot(sun->axis(), ray.d), media.mean_cosine(0), 1, k, pixel);
   }
 
   for (const auto& [begin, end] : parts) {
@@ -225,7 +236,9 @@ GuideMarch::Passed GuideMarch::march(const Eye& eye, const Ray& ray, const Guide
     double piece_end = t;
     while (t < end && passed8 > kOpaque) {
       const double own_step = sigma_t * step < kThinStep ? step : step_, light_step = kLightSteps * own_step;
-      double length = own_step * std::min(kLongestStep, 1 + kStepGrowth * std::max(0.0, depth - 2));
+      // A branch, which is predicted, so that the next look does not wait for the extinction of the last.
+      double length = own_step;
+      if (depth > kGrowingDepth) length *= std::min(kLongestStep, 1 + kStepGrowth * (depth - kGrowingDepth));
       if (some_even) {
         while (ahead != uneven.end() && ahead->second <= t) ++ahead;
         const double free = (ahead == uneven.end() ? end : std::min(end, ahead->first)) - t;
@@ -246,13 +259,15 @@ GuideMarch::Passed GuideMarch::march(const Eye& eye, const Ray& ray, const Guide
         continue;
       }
       if (middle >= piece_end || piece.thickness > kLightThickness) {
-        add_light(piece, media, ray, pixel);
+        add_light(piece, media, ray, wide, pixel);
         piece = {};
+        piece.begin = t - length;
         piece_end = (std::floor(middle / light_step - eye.offset) + 1 + eye.offset) * light_step;
       }
       const double q8 = attenuation(thickness / 8), q4 = q8 * q8, q2 = q4 * q4, q = q2 * q2;
       const double q_scaled = attenuation(thickness * scale);
       const double w = passed * (1 - q);
+      piece.end = t;
       piece.w += w;
       piece.w2 += passed2 * (1 - q2);
       piece.w4 += passed4 * (1 - q4);
@@ -282,7 +297,8 @@ GuideMarch::Passed GuideMarch::march(const Eye& eye, const Ray& ray, const Guide
       seen_density += w * point.density;
     }
   }
-  add_light(piece, media, ray, pixel);
+  add_light(piece, media, ray, wide, pixel);
+  add_fields(wide, media, ray, pixel);
   GuideSums& sums = pixel.sums;
   sums.opacity += seen;
   sums.depth += seen_depth;
@@ -328,12 +344,26 @@ void GuideMarch::look_from_sun(const GuideMedia& media, const Ray& ray, double g
   look_from(media, glm::dot(fields_.lights()[group].group.sun->axis(), ray.d), rounded, 1, group, pixel);
 }
 
-void GuideMarch::add_light(const Piece& piece, const GuideMedia& media, const Ray& ray, Pixel& pixel) const {
+void GuideMarch::add_light(const Piece& piece, const GuideMedia& media, const Ray& ray, Piece& wide,
+                           Pixel& pixel) const {
   if (!(piece.thickness > 0)) return;
-  const double albedo = piece.albedo / piece.thickness;
-  const auto w = static_cast<float>(piece.w), scaled = static_cast<float>(piece.scaled);
+  for (size_t k = 0; k < pixel.views.size(); ++k)
+    if (fields_.lights()[k].group.sharp()) add_sharp_light(piece, media, ray, k, pixel);
+  const auto flush = [&] {
+    add_fields(wide, media, ray, pixel);
+    wide = {};
+  };
+  if (piece.end - wide.begin > 2 * look_apart_) flush();
+  wide.add(piece);
+  if (wide.end - wide.begin > look_apart_ || wide.thickness > kNodeThickness) flush();
+}
+
+void GuideMarch::add_fields(const Piece& wide, const GuideMedia& media, const Ray& ray, Pixel& pixel) const {
+  if (!(wide.thickness > 0)) return;
+  const double albedo = wide.albedo / wide.thickness;
+  const auto w = static_cast<float>(wide.w), scaled = static_cast<float>(wide.scaled);
   alignas(16) float fields[NodeFields::kMost];
-  node_fields_.interpolate(in_light(media, ray.at(piece.distance / piece.thickness)), fields);
+  node_fields_.interpolate(in_light(media, ray.at(wide.distance / wide.thickness)), fields);
   GuideSums& sums = pixel.sums;
   for (size_t i = 0; i < node_fields_.count(); ++i) sums.plain[i] += w * fields[i];
   for (size_t i = 0; i < node_fields_.count(); ++i) sums.scaled[i] += scaled * fields[i];
@@ -343,49 +373,47 @@ void GuideMarch::add_light(const Piece& piece, const GuideMedia& media, const Ra
     GroupSums& out = sums.groups[k];
     Pixel::View& view = pixel.views[k];
     const double tail = fields[s.orders + kOrders - 1];
-    out.tail[0] += piece.w2 * tail;
-    out.tail[1] += piece.w4 * tail;
-    out.tail[2] += piece.w8 * tail;
+    out.tail[0] += wide.w2 * tail;
+    out.tail[1] += wide.w4 * tail;
+    out.tail[2] += wide.w8 * tail;
     if (group.sky()) {
-      view.single = piece.w * albedo * fields[s.single];
-      view.forward = piece.scaled / fields_.scaled_extinction() * albedo * fields[s.forward] - view.single;
+      view.single = wide.w * albedo * fields[s.single];
+      view.forward = wide.scaled / fields_.scaled_extinction() * albedo * fields[s.forward] - view.single;
       out.single += view.single;
       out.forward += view.forward;
-    } else if (group.sharp()) {
-      add_sharp_light(piece, media, ray, fields, k, pixel);
-    } else {
+    } else if (!group.sharp()) {
       // These fields are per extinction without the forward peak.
-      view.single = fields_.scaled_extinction() * piece.w * fields[s.single];
-      view.forward = std::max(0.0, piece.scaled * fields[s.single] - view.single);
+      view.single = fields_.scaled_extinction() * wide.w * fields[s.single];
+      view.forward = std::max(0.0, wide.scaled * fields[s.single] - view.single);
     }
   }
-  if (media.mixed_tints()) add_tinted(piece, fields, pixel);
+  if (media.mixed_tints()) add_tinted(wide, fields, pixel);
 }
 
 // Light of a sun or lamp, whose direction and optical depth are known.
-void GuideMarch::add_sharp_light(const Piece& piece, const GuideMedia& media, const Ray& ray, const float* fields,
-                                 size_t k, Pixel& pixel) const {
+void GuideMarch::add_sharp_light(const Piece& piece, const GuideMedia& media, const Ray& ray, size_t k,
+                                 Pixel& pixel) const {
   const SolvedLight& solved = fields_.lights()[k];
-  const NodeFields::Slots& s = node_fields_.of(k);
-  const dvec3 here = ray.at(piece.distance / piece.thickness);
-  const double g_mean = piece.g / piece.thickness;
+  const double distance = piece.distance / piece.thickness, g_mean = piece.g / piece.thickness;
+  Pixel::View& view = pixel.views[k];
   double irradiance, tau, arriving;
   if (solved.group.sun) {
     irradiance = in_colour(solved.group.sun->irradiance(), colour_);
-    tau = solved.sun[time_of(media)].at(here);
+    tau = solved.sun[time_of(media)].at(view.sun, distance);
     arriving = attenuation(tau);
     // Of a sun in one medium the angle does not change along the ray.
     if (media.media().size() > 1) look_from_sun(media, ray, g_mean, k, pixel);
   } else {
-    const LocalLight light = local_light(*solved.group.lights[0], in_light(media, here));
+    const dvec3 here = in_light(media, ray.at(distance));
+    const LocalLight light = local_light(*solved.group.lights[0], here);
     irradiance = in_colour(light.irradiance, colour_);
-    tau = fields[s.depth];
+    tau = interpolated(fields_.lattice(), solved.depth, here);
     arriving = light.transmittance(tau);
     look_from(media, glm::dot(light.towards, ray.d), g_mean, light.mean_cosine(), k, pixel);
   }
-  if (!solved.visible.empty()) irradiance *= fields[s.visible];
+  if (!solved.visible.empty())
+    irradiance *= interpolated(fields_.lattice(), solved.visible, in_light(media, ray.at(distance)));
   irradiance *= piece.albedo / piece.thickness;
-  Pixel::View& view = pixel.views[k];
   GroupSums& out = pixel.sums.groups[k];
   const std::array<double, 4>& phase = view.phase;
   const double v16 = attenuation(tau / 16), v8 = v16 * v16, v4 = v8 * v8, v2 = v4 * v4;

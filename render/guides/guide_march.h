@@ -87,10 +87,12 @@ class GuideMarch {
   size_t time_of(const GuideMedia& media) const { return static_cast<size_t>(&media - media_.data()); }
   /// Where the light of what is at a point was solved: it may move.
   dvec3 in_light(const GuideMedia& media, const dvec3& p) const;
-  /// Adds the light that a piece of a ray scatters towards the eye.
-  void add_light(const Piece& piece, const GuideMedia& media, const Ray& ray, Pixel& pixel) const;
-  void add_sharp_light(const Piece& piece, const GuideMedia& media, const Ray& ray, const float* fields, size_t group,
-                       Pixel& pixel) const;
+  /// Adds the light that a piece of a ray scatters towards the eye: of suns and lamps at once, fields of nodes when the
+  /// pieces since they were looked up last are as long as nodes are apart.
+  /// @param wide  these pieces
+  void add_light(const Piece& piece, const GuideMedia& media, const Ray& ray, Piece& wide, Pixel& pixel) const;
+  void add_fields(const Piece& wide, const GuideMedia& media, const Ray& ray, Pixel& pixel) const;
+  void add_sharp_light(const Piece& piece, const GuideMedia& media, const Ray& ray, size_t group, Pixel& pixel) const;
   void collect_fields(GuideSums& sums) const;
 
   // guide_surfaces.cpp: what surfaces reflect.
@@ -136,6 +138,7 @@ class GuideMarch {
   const GuideColour colour_;
   const Camera& camera_;
   double step_ = 1, even_stride_ = 1, reference_depth_ = 0, gentle_ = 0;
+  double look_apart_ = 0;  // of one look at the fields of nodes to the next [world units]
 
   OrderTint tint_;  // of the first medium
   NodeFields node_fields_;

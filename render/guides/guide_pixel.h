@@ -22,6 +22,7 @@ struct GuideMarch::Pixel {
     ForwardPeak peak;
     double g = 0;                    ///< that those of a sun were made for on this ray
     double single = 0, forward = 0;  ///< what the piece that was added last has of it
+    SunDepth::Line sun;              ///< the ray in the lattice of a sun's depth
   };
 
   GuideSums sums;
@@ -33,9 +34,26 @@ struct GuideMarch::Pixel {
 /// A piece of a ray whose light is looked up once: weights of what is seen of it, with the extinction, a half, a
 /// quarter, an eighth of it, and without the forward peak; and means over it.
 struct GuideMarch::Piece {
+  double begin = 0, end = 0;  // of the ray
   double w = 0, w2 = 0, w4 = 0, w8 = 0, scaled = 0;
   double thickness = 0, distance = 0, depth = 0, albedo = 0, g = 0;  // the last four times thickness
   dvec3 tint{0};                                                     // the same times albedo
+  /// Joins the piece that follows.
+  void add(const Piece& next) {
+    if (!(thickness > 0)) begin = next.begin;
+    end = next.end;
+    w += next.w;
+    w2 += next.w2;
+    w4 += next.w4;
+    w8 += next.w8;
+    scaled += next.scaled;
+    thickness += next.thickness;
+    distance += next.distance;
+    depth += next.depth;
+    albedo += next.albedo;
+    g += next.g;
+    tint += next.tint;
+  }
 };
 
 }  // namespace brume

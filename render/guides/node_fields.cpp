@@ -53,8 +53,6 @@ NodeFields::NodeFields(const LightFields& fields, const GuideMedia& media, Guide
     } else if (!g.group.sharp()) {
       s.single = next(1);
     }
-    if (!g.depth.empty()) s.depth = next(1);
-    if (!g.visible.empty()) s.visible = next(1);
     slots_.push_back(s);
   }
   count_ = (count_ + 3) / 4 * 4;
@@ -170,8 +168,6 @@ void NodeFields::fill_node(const ivec3& node, const Camera& camera, const Sky& s
     } else if (!g.group.sharp()) {
       out[s.single] = towards_eye(g.once, at_node);
     }
-    if (!g.depth.empty()) out[s.depth] = g.depth[i];
-    if (!g.visible.empty()) out[s.visible] = g.visible[i];
   }
 }
 

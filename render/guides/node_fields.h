@@ -19,7 +19,6 @@ class NodeFields {
     size_t flux = 0;                               ///< change of the last one along the view
     size_t single = 0, root = 0, fourth_root = 0;  ///< scattered once; the last two of the sky's transmittances
     size_t forward = 0;                            ///< of the sky: scattered once or by forward peaks alone
-    size_t depth = 0, visible = 0;                 ///< of local lights; where surfaces cast shadows
   };
   static constexpr size_t kMost = 64;  ///< of all lights together: light_groups() limits them
 

@@ -75,8 +75,7 @@ SunDepth::SunDepth(const GuideMedia& media, GuideColour colour, const dvec3& tow
   });
 }
 
-float SunDepth::at(const dvec3& world) const {
-  const dvec3 q = place(world);
+float SunDepth::at_place(const dvec3& q) const {
   const auto clamped = [](double x, int n, int& i) {
     const double c = std::clamp(x, 0.0, static_cast<double>(n - 1));
     i = std::min(static_cast<int>(c), n - 2);

@@ -23,16 +23,24 @@ class SunDepth {
            const Task& task);
 
   /// At a world point; linear between the nodes.
-  float at(const dvec3& world) const;
+  float at(const dvec3& world) const { return at_place(place(world)); }
+  /// A world ray in the lattice's coordinates.
+  struct Line {
+    dvec3 start{0}, along{0};
+  };
+  Line line(const Ray& ray) const { return {place(ray.o), sheared(ray.d)}; }
+  float at(const Line& line, double t) const { return at_place(line.start + t * line.along); }
   size_t bytes() const { return roots_.size() * sizeof(uint16_t); }
 
  private:
   /// Lattice coordinates: along the column, and the two across.
-  dvec3 place(const dvec3& world) const {
-    const dvec3 p = world - origin_;
+  dvec3 place(const dvec3& world) const { return sheared(world - origin_); }
+  dvec3 sheared(const dvec3& p) const {
     const double along = p[axis_];
     return {along * inverse_, (p[u_] - along * slope_u_) * inverse_, (p[v_] - along * slope_v_) * inverse_};
   }
+
+  float at_place(const dvec3& place) const;
 
   dvec3 origin_{0};
   double inverse_ = 1, slope_u_ = 0, slope_v_ = 0;
