@@ -19,6 +19,7 @@ using namespace std::chrono_literals;
 
 constexpr auto kRest = 150ms;            // without a look, after which a moving picture is at rest
 constexpr double kMovingSeconds = 0.06;  // that the march of a moving picture may take
+constexpr double kMovingStride = 2;      // of its march
 constexpr double kFewestPixels = 6000;   // of a moving picture
 constexpr double kFirstPace = 3e5;       // pixels a second, until one has been measured
 constexpr int kFirstRound = 8;           // samples a pixel
@@ -297,7 +298,7 @@ void Viewer::predict(const ViewLook& look, const Guides& guides, const ivec2& si
   const PreparedScene& prepared = scene_.prepared();
   Layers frame(size.x, size.y);
   const Camera camera(prepared.scene().camera, size.x, size.y, prepared.world_shift());
-  guides.record(camera, ivec2(0), frame, task);
+  guides.record(camera, ivec2(0), frame, task, size == look.size ? 1 : kMovingStride);
   pixels_a_second_ = 1.0 * size.x * size.y / std::max(1e-3, watch.seconds());
   guide_layers_ = guides_in(frame);
   show(look, frame, /*predicted=*/true, 0, {});
