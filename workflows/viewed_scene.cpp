@@ -83,7 +83,7 @@ void ViewedScene::read(const Task& task) {
     made_ = scene_for_volume(frames_.empty() ? file_ : file_of_frame(path_, frames_.back()), task);
     text_ = made_->text(path_.filename().string());
   } else {
-    read_scene_alone(file_, overrides_);  // says what is wrong with the file
+    read_scene_alone(file_, all_assignments({}, ivec2(0)));  // says what is wrong with the file
     std::ifstream stream(file_, std::ios::binary);
     text_.assign(std::istreambuf_iterator<char>(stream), {});
   }

@@ -17,10 +17,21 @@ export class Picture {
   }
 }
 
+let latest: { tone: Tone; exposure: number; table: Uint8ClampedArray } | undefined;
+
+/** What a display shows of each half float; pictures in a row are mostly shown alike. */
+function displayTable(tone: Tone, exposure: number): Uint8ClampedArray {
+  if (latest?.tone !== tone || latest.exposure !== exposure) {
+    const table = tableOfHalf(new Uint8ClampedArray(65536), (v) => 255 * toneMap(tone, v * exposure));
+    latest = { tone, exposure, table };
+  }
+  return latest.table;
+}
+
 /** 8-bit RGBA of a picture as a display shows it. */
 export function colourPicture(picture: Picture, tone: Tone, exposure: number, out: Uint8ClampedArray): void {
   const size = picture.width * picture.height;
-  const display = tableOfHalf(new Uint8ClampedArray(65536), (v) => 255 * toneMap(tone, v * exposure));
+  const display = displayTable(tone, exposure);
   for (let i = 0; i < size; ++i) {
     out[4 * i] = display[picture.half[i]!]!;
     out[4 * i + 1] = display[picture.half[size + i]!]!;

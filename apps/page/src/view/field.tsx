@@ -241,6 +241,7 @@ function VectorControl({ field, access }: { field: FieldEntry; access: Access })
           value={vector[i]!}
           lowest={field.lowest}
           highest={field.highest}
+          digits={4}
           step={stepOf(size)}
           onChange={(v) => access.set(vector.map((old, k) => (k === i ? v : old)))}
         />

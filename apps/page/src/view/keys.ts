@@ -129,7 +129,7 @@ function isTaken(target: HTMLElement, key: string): boolean {
   if (key.startsWith("Ctrl+")) return false;
   const arrow = /Arrow|Home|End|Page/.test(key);
   if (arrow) return !!target.closest("input[type=range], input[type=color], [role=separator]");
-  return (key === " " || key === "Enter") && !!target.closest("button, a, input");
+  return (key === " " || key === "Enter") && !!target.closest("button, a, input:not([type=range])");
 }
 
 /** Runs what an event's key stands for. */

@@ -1,8 +1,8 @@
 import { useState } from "preact/hooks";
 
-/** Up to five significant digits. */
-export function shortNumber(value: number): string {
-  return Number.isFinite(value) ? String(Number(value.toPrecision(5))) : "";
+/** Few significant digits, as many as there is room for. */
+export function shortNumber(value: number, digits = 5): string {
+  return Number.isFinite(value) ? String(Number(value.toPrecision(digits))) : "";
 }
 
 /** A number to type; the up and down arrow keys step it, with Shift by ten. What is not a number is not taken. */
@@ -13,6 +13,8 @@ export function NumberInput(props: {
   lowest?: number | null | undefined;
   highest?: number | null | undefined;
   integer?: boolean;
+  /** Significant digits that are printed. */
+  digits?: number;
   /** What an arrow key adds. */
   step: number;
   id?: string;
@@ -40,7 +42,7 @@ export function NumberInput(props: {
       aria-label={props.label}
       title={props.help}
       disabled={props.disabled}
-      value={draft ?? shortNumber(props.value)}
+      value={draft ?? shortNumber(props.value, props.digits)}
       onInput={(e) => setDraft(e.currentTarget.value)}
       onChange={(e) => take(e.currentTarget.value)}
       onBlur={() => setDraft(undefined)}
