@@ -161,7 +161,6 @@ bool ViewedScene::show(const std::vector<std::string>& assignments, const ivec2&
 
 const Guides& ViewedScene::sketch(const Task& task) {
   Shown& now = *shown_.front();
-  if (now.guides) return *now.guides;
   if (!now.sketch) {
     const FilmSettings& film = now.prepared->scene().film;
     now.sketch = std::make_unique<Guides>(now.prepared->context(), 0, 1.0 * film.width * film.height, task);
@@ -171,10 +170,7 @@ const Guides& ViewedScene::sketch(const Task& task) {
 
 const Guides& ViewedScene::guides(const Task& task) {
   Shown& now = *shown_.front();
-  if (!now.guides) {
-    now.guides = now.prepared->guides(kGuideSamples, task);
-    now.sketch.reset();
-  }
+  if (!now.guides) now.guides = now.prepared->guides(kGuideSamples, task);
   return *now.guides;
 }
 

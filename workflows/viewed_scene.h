@@ -42,9 +42,9 @@ class ViewedScene {
 
   bool empty() const { return shown_.empty(); }
   PreparedScene& prepared() const { return *shown_.front()->prepared; }
-  /// Guides that are there at once, however coarse; better ones where they have been solved.
+  /// Guides that are solved and marched fast, for pictures that move.
   const Guides& sketch(const Task& task);
-  /// Whether sketch() gives those that guides() would.
+  /// Whether guides() gives them at once.
   bool has_guides() const { return shown_.front()->guides != nullptr; }
   /// Those of a picture. @throws Interrupted
   const Guides& guides(const Task& task);

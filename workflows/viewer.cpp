@@ -19,7 +19,6 @@ using namespace std::chrono_literals;
 
 constexpr auto kRest = 150ms;            // without a look, after which a moving picture is at rest
 constexpr double kMovingSeconds = 0.06;  // that the march of a moving picture may take
-constexpr double kMovingStride = 2;      // of its march
 constexpr double kFewestPixels = 6000;   // of a moving picture
 constexpr double kFirstPace = 3e5;       // pixels a second, until one has been measured
 constexpr int kFirstRound = 8;           // samples a pixel
@@ -282,11 +281,11 @@ void Viewer::answer(const ViewLook& look) {
     if (changed) tell_scene(look, false);
   }
   if (predicts) {
-    predict(look, scene_.sketch(until_next), look.size, until_next);
     if (!scene_.has_guides()) {
+      predict(look, scene_.sketch(until_next), look.size, until_next);
       tell(look, ViewStage::kSolvingLight);
-      predict(look, scene_.guides(until_next), look.size, until_next);
     }
+    predict(look, scene_.guides(until_next), look.size, until_next);
   }
   tell_scene(look, false);  // with the guides that there are, and the camera as it is
   trace(look, until_next);
@@ -298,7 +297,7 @@ void Viewer::predict(const ViewLook& look, const Guides& guides, const ivec2& si
   const PreparedScene& prepared = scene_.prepared();
   Layers frame(size.x, size.y);
   const Camera camera(prepared.scene().camera, size.x, size.y, prepared.world_shift());
-  guides.record(camera, ivec2(0), frame, task, size == look.size ? 1 : kMovingStride);
+  guides.record(camera, ivec2(0), frame, task, /*sketch=*/size != look.size);
   pixels_a_second_ = 1.0 * size.x * size.y / std::max(1e-3, watch.seconds());
   guide_layers_ = guides_in(frame);
   show(look, frame, /*predicted=*/true, 0, {});

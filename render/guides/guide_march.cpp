@@ -20,6 +20,7 @@ constexpr double kStepGrowth = 0.25;  // of the step for each free path behind t
 constexpr double kGrowingDepth = 2, kLongestStep = 4;
 // Of a step where a pixel has several rays, as far as the medium at the last one was thinner than this.
 constexpr double kManyRaysStride = 1.5, kThinStep = 0.03;
+constexpr double kSketchStride = 2;  // of all steps
 // The same at most, where all media are homogeneous and no lamp is near, as far as such a step is as thin as this.
 constexpr double kEvenStride = 4, kEvenThickness = 0.02;
 // Transmittances of four rays that stand for sixteen differ by less.
@@ -48,13 +49,14 @@ vec3 tinted(const dvec3& colour, double value) {
 }  // namespace
 
 GuideMarch::GuideMarch(const PathContext& context, const std::vector<GuideMedia>& media, const LightFields& fields,
-                       GuideColour colour, const Camera& camera, double step_voxels)
+                       GuideColour colour, const Camera& camera, double step_voxels, bool sketch)
     : context_(context),
       media_(media),
       fields_(fields),
       colour_(colour),
       camera_(camera),
-      step_(step_voxels * media[0].voxel()),
+      sketch_(sketch),
+      step_((sketch ? kSketchStride : 1) * step_voxels * media[0].voxel()),
       node_fields_(fields, media[0], colour) {
   const dvec3 middle = 0.5 * (media[0].lo() + media[0].hi());
   reference_depth_ = glm::distance(camera.ray(dvec2(0)).o, middle);
@@ -93,7 +95,7 @@ void GuideMarch::record(const ivec2& corner, Layers& frame, const Task& task) {
                            {.emission = !media_[0].emissions().empty(),
                             .surfaces = context_.surfaces != nullptr,
                             .mirrors = !node_light_.empty()});
-  const int across = rays_across();
+  const int across = sketch_ ? 1 : rays_across();
   // Rays of a square of pixels cross the same bricks and nodes.
   const ivec2 size(frame.width(), frame.height()), tiles = (size + kTile - 1) / kTile;
   parallel_for(tiles.x * tiles.y, task, [&](int tile) {
@@ -117,6 +119,7 @@ GuideMarch::Eye GuideMarch::eye(const ivec2& pixel, int ray, int across) const {
   Eye eye;
   eye.cell = 1.0 / across;
   eye.film = dvec2(pixel) + eye.cell * (dvec2(ray % across, ray / across) + 0.5);
+  if (sketch_) eye.time = 0.5;
   if (across == 1) return eye;
   eye.stride = kManyRaysStride;
   if (!blurred()) {
@@ -156,7 +159,7 @@ bool GuideMarch::shows_edge(const ivec2& pixel) const {
 }
 
 int GuideMarch::trace_pixel(const ivec2& at, int across, Pixel& pixel) const {
-  if (context_.surfaces && across < kMostRaysAcross && shows_edge(at)) across = kMostRaysAcross;
+  if (!sketch_ && context_.surfaces && across < kMostRaysAcross && shows_edge(at)) across = kMostRaysAcross;
   pixel.sums.clear();
   double least = 1, most = 0;
   bool alike = true;

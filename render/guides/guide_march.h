@@ -20,11 +20,11 @@ class MediaLine;
 
 /// Camera rays through the light of LightFields, for one colour: one ray for each pixel that is small against voxels,
 /// four for larger ones, sixteen at edges of surfaces; through a lens or where anything moves four, or sixteen where
-/// those four differ.
+/// those four differ. A sketch has one for each pixel, in steps twice as long.
 class GuideMarch {
  public:
   GuideMarch(const PathContext& context, const std::vector<GuideMedia>& media, const LightFields& fields,
-             GuideColour colour, const Camera& camera, double step_voxels);
+             GuideColour colour, const Camera& camera, double step_voxels, bool sketch = false);
 
   /// Adds the layers of the pixels from `corner` on to `frame`.
   void record(const ivec2& corner, Layers& frame, const Task& task);
@@ -137,6 +137,7 @@ class GuideMarch {
   const LightFields& fields_;
   const GuideColour colour_;
   const Camera& camera_;
+  const bool sketch_;
   double step_ = 1, even_stride_ = 1, reference_depth_ = 0, gentle_ = 0;
   double look_apart_ = 0;  // of one look at the fields of nodes to the next [world units]
 

@@ -45,10 +45,10 @@ LightFields Guides::solved(GuideColour colour, const Task& task) const {
   return {media_, *context_.lights, context_.surfaces, colour, detail(samples_), pixels_, task};
 }
 
-void Guides::record(const Camera& camera, const ivec2& corner, Layers& frame, const Task& task, double stride) const {
+void Guides::record(const Camera& camera, const ivec2& corner, Layers& frame, const Task& task, bool sketch) const {
   if (media_[0].empty()) return;
   const auto march = [&](const LightFields& fields, GuideColour colour) {
-    GuideMarch(context_, media_, fields, colour, camera, stride * step_).record(corner, frame, task);
+    GuideMarch(context_, media_, fields, colour, camera, step_, sketch).record(corner, frame, task);
   };
   for (size_t i = 0; i < colours_.size(); ++i)
     if (i < fields_.size())

@@ -33,8 +33,8 @@ class Guides {
 
   /// Marches the pixels of a window of the picture and adds the layers to `frame`, which has the window's size.
   /// @param corner  of the window, in pixels of the whole picture
-  /// @param stride  steps are so many times longer: for pictures that are looked at while better ones are made
-  void record(const Camera& camera, const ivec2& corner, Layers& frame, const Task& task, double stride = 1) const;
+  /// @param sketch  one ray for each pixel, in longer steps: for pictures that are looked at while better ones are made
+  void record(const Camera& camera, const ivec2& corner, Layers& frame, const Task& task, bool sketch = false) const;
 
   /// Memory and time that it took, and what is left out, in one line.
   std::string explain() const;
