@@ -460,6 +460,21 @@ TEST(GuideFeatures, EveryFilterTakesAllFeaturesAtOnce) {
   }
 }
 
+TEST(PlaneView, ReadsTheOthersPixelsAndCopiesToAPlaneOfItsOwn) {
+  Plane whole(100, 20);
+  for (int y = 0; y < 20; ++y)
+    for (int x = 0; x < 100; ++x) whole(x, y) = static_cast<float>(100 * y + x);
+  const Plane view = Plane::view(whole, 32, 4, 40, 10);
+  Plane copy = view;
+  copy(0, 0) = -1;
+  EXPECT_EQ(whole(32, 4), 432.0f);
+  for (int y = 0; y < 10; ++y)
+    for (int x = 1; x < 40; ++x) {
+      EXPECT_EQ(view(x, y), whole(32 + x, 4 + y));
+      EXPECT_EQ(copy(x, y), whole(32 + x, 4 + y));
+    }
+}
+
 TEST(Stacking, WeightsOnTheSimplexMinimiseTheSquare) {
   // Independent errors of variance 1, 4 and 100: weights as their inverses.
   const std::vector<double> apart = simplex_minimum({1, 0, 0, 0, 4, 0, 0, 0, 100}, {1.0 / 3, 1.0 / 3, 1.0 / 3});
