@@ -15,16 +15,16 @@ class Plane {
 
   Plane() = default;
   Plane(int width, int height, float value = 0.0f)
-      : width_(width),
-        height_(height),
-        // An odd number of cache lines: rows a power of two apart would share a few sets of the cache.
-        stride_(((static_cast<size_t>(width) + kLine - 1) / kLine | 1) * kLine),
-        data_(allocate(size())) {
+      : width_(width), height_(height), stride_(stride_of(width)), data_(allocate(size())) {
     fill(value);
   }
+  /// Owns its pixels, also where the other is a view.
   Plane(const Plane& other)
-      : width_(other.width_), height_(other.height_), stride_(other.stride_), data_(allocate(size())) {
-    if (size() != 0) std::memcpy(data_.get(), other.data_.get(), size() * sizeof(float));
+      : width_(other.width_), height_(other.height_), stride_(stride_of(width_)), data_(allocate(size())) {
+    for (int y = 0; y < height_; ++y) {
+      std::memcpy(row(y), other.row(y), static_cast<size_t>(width_) * sizeof(float));
+      std::memset(row(y) + width_, 0, (stride_ - static_cast<size_t>(width_)) * sizeof(float));
+    }
   }
   Plane(Plane&&) noexcept = default;
   Plane& operator=(Plane other) noexcept {
@@ -33,6 +33,18 @@ class Plane {
     stride_ = other.stride_;
     data_.swap(other.data_);
     return *this;
+  }
+
+  /// A view to read a rectangle of another plane through, which must outlive it. Code that reads past the last pixel
+  /// of a row finds the other plane's pixels there.
+  /// @param x0  a multiple of kLine, so that rows are aligned
+  static Plane view(const Plane& of, int x0, int y0, int width, int height) {
+    Plane part;
+    part.width_ = width;
+    part.height_ = height;
+    part.stride_ = of.stride_;
+    part.data_ = Storage(const_cast<float*>(of.row(y0) + x0), Free(false));
+    return part;
   }
 
   int width() const { return width_; }
@@ -54,12 +66,19 @@ class Plane {
 
  private:
   struct Free {
-    void operator()(float* p) const { ::operator delete[](p, std::align_val_t{kAlignment}); }
+    bool owned;
+    Free() noexcept : owned(true) {}
+    explicit Free(bool owner) noexcept : owned(owner) {}
+    void operator()(float* p) const {
+      if (owned) ::operator delete[](p, std::align_val_t{kAlignment});
+    }
   };
   using Storage = std::unique_ptr<float[], Free>;
   static Storage allocate(size_t count) {
     return Storage(static_cast<float*>(::operator new[](count * sizeof(float), std::align_val_t{kAlignment})));
   }
+  /// An odd number of cache lines: rows a power of two apart would share a few sets of the cache.
+  static size_t stride_of(int width) { return ((static_cast<size_t>(width) + kLine - 1) / kLine | 1) * kLine; }
   size_t size() const { return stride_ * static_cast<size_t>(height_); }
 
   int width_ = 0, height_ = 0;

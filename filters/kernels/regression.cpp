@@ -6,8 +6,10 @@
 #include <hwy/highway.h>
 
 #include <algorithm>
+#include <type_traits>
 
-// Plain loops over x, compiled for every instruction set: see kernels/rows.h.
+// Every pixel has a lane of its own, so that its sums have one order whatever the width of a vector: see
+// kernels/rows.h.
 HWY_BEFORE_NAMESPACE();
 namespace brume::kernels::HWY_NAMESPACE {
 
@@ -58,99 +60,219 @@ void SolveRows(float* a, float* b, int n, int m, int count, size_t stride, float
   }
 }
 
-// Neighbours taken at once, so that each sum is loaded and stored once for all of them.
-constexpr int kGroup = 4;
+namespace hn = hwy::HWY_NAMESPACE;
+using D = hn::CappedTag<float, kRegressionLanes>;
+using V = hn::Vec<D>;
 
-void AccumulateNormal(const RegressionRow& row, const float* weights, size_t weight_step, int dx0, int dy, int offsets,
-                      float* scratch, float* a, float* b) {
-  const size_t features = row.features.size(), values = row.values.size(), stride = row.stride;
-  const int n = static_cast<int>(features) + 3, m = static_cast<int>(values), count = row.count;
-  const float inverse = 1.0f / static_cast<float>(std::max(row.radius, 1));
-  // Regressors (after the constant 1), times the weight, and values of each neighbour: rows of scratch.
-  const auto x_row = [&](int k, int j) { return scratch + stride * static_cast<size_t>(k * kGroup + j); };
-  const auto wx_row = [&](int k, int j) { return scratch + stride * static_cast<size_t>((n + k) * kGroup + j); };
-  const auto y_row = [&](int c, int j) { return scratch + stride * static_cast<size_t>((2 * n + c) * kGroup + j); };
-  for (int o = 0; o < offsets; o += kGroup) {
-    const int group = std::min(kGroup, offsets - o);
-    for (int j = 0; j < kGroup; ++j) {
-      const int dx = dx0 + o + std::min(j, group - 1);
-      const float* w = weights + weight_step * static_cast<size_t>(o + std::min(j, group - 1));
-      const float px = static_cast<float>(dx) * inverse, py = static_cast<float>(dy) * inverse;
-      float *one = x_row(0, j), *w0 = wx_row(0, j), *xx = x_row(1, j), *wx = wx_row(1, j), *xy = x_row(2, j),
-            *wy = wx_row(2, j);
-      for (int x = 0; x < count; ++x) {
-        // A group that is not full repeats its last neighbour with weight 0.
-        const float v = j < group ? w[x] : 0.0f;
-        one[x] = 1.0f;
-        w0[x] = v;
-        xx[x] = px;
-        wx[x] = v * px;
-        xy[x] = py;
-        wy[x] = v * py;
-      }
-      for (size_t k = 0; k < features; ++k) {
-        const float *p = row.features[k]->row(row.y) + row.x0,
-                    *q = row.features_there[k]->row(row.y + dy) + row.x0 + dx;
-        float* HWY_RESTRICT to = x_row(static_cast<int>(k) + 3, j);
-        float* HWY_RESTRICT weighted = wx_row(static_cast<int>(k) + 3, j);
-        const float* HWY_RESTRICT v = w0;
-        for (int x = 0; x < count; ++x) {
-          to[x] = q[x] - p[x];
-          weighted[x] = v[x] * to[x];
-        }
-      }
-      for (size_t c = 0; c < values; ++c) {
-        const float *p = row.values[c]->row(row.y) + row.x0, *q = row.values_there[c]->row(row.y + dy) + row.x0 + dx;
-        float* HWY_RESTRICT to = y_row(static_cast<int>(c), j);
-        for (int x = 0; x < count; ++x) to[x] = q[x] - p[x];
-      }
+// One vector of pixels and the neighbours of theirs in one row that have weights: weights times features, features,
+// values, each a list with one vector for each neighbour.
+struct NeighbourProducts {
+  float* data;
+  size_t list;  // floats
+  int features, values, neighbours;
+  float* weighted(int k) const { return data + list * static_cast<size_t>(k); }
+  float* column(int k) const { return data + list * static_cast<size_t>(features + k); }  // features, then values
+};
+
+// Sums of rows i .. i + R - 1 of the normal equations and columns k .. k + C - 1, held in registers for all neighbours.
+template <int R, int C>
+HWY_INLINE void add_tile(const NeighbourProducts& p, int i, int k, float* const (&to)[R][C]) {
+  const D d;
+  const size_t lanes = hn::Lanes(d);
+  V sum[R][C];
+  for (int r = 0; r < R; ++r)
+    for (int c = 0; c < C; ++c) sum[r][c] = hn::Zero(d);
+  const float *w = p.weighted(i), *x = p.column(k);
+  for (int j = 0; j < p.neighbours; ++j, w += lanes, x += lanes) {
+    V left[R];
+    for (int r = 0; r < R; ++r) left[r] = hn::Load(d, w + p.list * static_cast<size_t>(r));
+    for (int c = 0; c < C; ++c) {
+      const V right = hn::Load(d, x + p.list * static_cast<size_t>(c));
+      for (int r = 0; r < R; ++r) sum[r][c] = hn::MulAdd(left[r], right, sum[r][c]);
     }
-    for (int i = 0; i < n; ++i) {
-      const float *w0 = wx_row(i, 0), *w1 = wx_row(i, 1), *w2 = wx_row(i, 2), *w3 = wx_row(i, 3);
-      const auto add = [&](const float* v0, const float* v1, const float* v2, const float* v3, float* HWY_RESTRICT to) {
-        for (int x = 0; x < count; ++x) to[x] += (w0[x] * v0[x] + w1[x] * v1[x]) + (w2[x] * v2[x] + w3[x] * v3[x]);
-      };
-      for (int k = i; k < n; ++k)
-        add(x_row(k, 0), x_row(k, 1), x_row(k, 2), x_row(k, 3), a + stride * static_cast<size_t>(triangle(i, k, n)));
-      for (int c = 0; c < m; ++c)
-        add(y_row(c, 0), y_row(c, 1), y_row(c, 2), y_row(c, 3), b + stride * static_cast<size_t>(i * m + c));
+  }
+  for (int r = 0; r < R; ++r)
+    for (int c = 0; c < C; ++c)
+      if (to[r][c]) hn::Store(hn::Add(hn::Load(d, to[r][c]), sum[r][c]), d, to[r][c]);
+}
+
+template <int R, class To>
+void add_columns(const NeighbourProducts& p, int i, int k, int columns, const To& to) {
+  const auto tile = [&]<int C>(std::integral_constant<int, C>) HWY_ATTR {
+    float* targets[R][C];
+    for (int r = 0; r < R; ++r)
+      for (int c = 0; c < C; ++c) targets[r][c] = to(i + r, k + c);
+    add_tile<R, C>(p, i, k, targets);
+  };
+  switch (columns) {
+    case 1:
+      return tile(std::integral_constant<int, 1>());
+    case 2:
+      return tile(std::integral_constant<int, 2>());
+    case 3:
+      return tile(std::integral_constant<int, 3>());
+    case 4:
+      return tile(std::integral_constant<int, 4>());
+    case 5:
+      return tile(std::integral_constant<int, 5>());
+    default:
+      return tile(std::integral_constant<int, 6>());
+  }
+}
+
+void AccumulateNormal(const RegressionRow& row, const float* weights, size_t weight_step, int dy, float* scratch,
+                      float* a, float* b) {
+  const D d;
+  const size_t lanes = hn::Lanes(d), stride = row.stride;
+  const int features = row.features, m = row.values, n = features + 3, side = 2 * row.radius + 1;
+  const float inverse = 1.0f / static_cast<float>(std::max(row.radius, 1));
+  const V py = hn::Set(d, static_cast<float>(dy) * inverse);
+  // A row of weights, one of their products with dx, then the lists.
+  const size_t list = lanes * static_cast<size_t>(side);
+  NeighbourProducts p{scratch + 2 * list, list, features, m, 0};
+  for (size_t x = 0; x < static_cast<size_t>(row.count); x += lanes) {
+    int columns[kRegressionSide];
+    p.neighbours = 0;
+    V w0 = hn::Zero(d), w1 = hn::Zero(d), w2 = hn::Zero(d);
+    for (int j = 0; j < side; ++j) {
+      const V w = hn::Load(d, weights + weight_step * static_cast<size_t>(j) + x);
+      if (hn::AllTrue(d, hn::Eq(w, hn::Zero(d)))) continue;
+      const V px = hn::Set(d, static_cast<float>(j - row.radius) * inverse), wx = hn::Mul(w, px);
+      const size_t at = lanes * static_cast<size_t>(p.neighbours);
+      hn::Store(w, d, scratch + at);
+      hn::Store(wx, d, scratch + list + at);
+      w0 = hn::Add(w0, w);
+      w1 = hn::Add(w1, wx);
+      w2 = hn::MulAdd(wx, px, w2);
+      columns[p.neighbours++] = j;
+    }
+    if (p.neighbours == 0) continue;
+    const auto add = [&](float* to, V v) HWY_ATTR { hn::Store(hn::Add(hn::Load(d, to), v), d, to); };
+    const auto entry = [&](int i, int k) { return a + stride * static_cast<size_t>(triangle(i, k, n)) + x; };
+    const auto rhs = [&](int i, int c) { return b + stride * static_cast<size_t>(i * m + c) + x; };
+    // dy is the same in the whole row.
+    const auto add_position = [&](float* of_1, float* of_x, float* of_y, V s0, V s1) HWY_ATTR {
+      add(of_1, s0);
+      add(of_x, s1);
+      add(of_y, hn::Mul(py, s0));
+    };
+    add_position(entry(0, 0), entry(0, 1), entry(0, 2), w0, w1);
+    add(entry(1, 1), w2);
+    add(entry(1, 2), hn::Mul(py, w1));
+    add(entry(2, 2), hn::Mul(hn::Mul(py, py), w0));
+    for (int k = 0; k < features + m; ++k) {
+      const V centre = hn::LoadU(d, row.here + row.plane * static_cast<size_t>(k) + x);
+      const float* there = row.there + row.plane * static_cast<size_t>(k) + x;
+      float *to = p.column(k), *weighted = p.weighted(std::min(k, features - 1));
+      const float *w = scratch, *wx = scratch + list;
+      V s0 = hn::Zero(d), s1 = hn::Zero(d);
+      for (int j = 0; j < p.neighbours; ++j, to += lanes, weighted += lanes, w += lanes, wx += lanes) {
+        const V v = hn::Sub(hn::LoadU(d, there + columns[j]), centre);
+        hn::Store(v, d, to);
+        if (k < features) {
+          const V product = hn::Mul(hn::Load(d, w), v);
+          hn::Store(product, d, weighted);
+          s0 = hn::Add(s0, product);
+        } else {
+          s0 = hn::MulAdd(hn::Load(d, w), v, s0);
+        }
+        s1 = hn::MulAdd(hn::Load(d, wx), v, s1);
+      }
+      if (k < features)
+        add_position(entry(0, k + 3), entry(1, k + 3), entry(2, k + 3), s0, s1);
+      else
+        add_position(rhs(0, k - features), rhs(1, k - features), rhs(2, k - features), s0, s1);
+    }
+    const auto target = [&](int i, int k) -> float* {
+      return k >= features ? rhs(i + 3, k - features) : k >= i ? entry(i + 3, k + 3) : nullptr;
+    };
+    constexpr int kColumns = 6;
+    for (int i = 0; i < features; i += 2) {
+      const int total = features + m - i, tiles = (total + kColumns - 1) / kColumns;
+      for (int t = 0; t < tiles; ++t) {
+        const int first = i + total * t / tiles, last = i + total * (t + 1) / tiles;
+        if (i + 1 < features)
+          add_columns<2>(p, i, first, last - first, target);
+        else
+          add_columns<1>(p, i, first, last - first, target);
+      }
     }
   }
 }
 
-void ScatterPrediction(const RegressionRow& row, const float* weights, int dx, int dy, const float* b,
-                       std::span<const Plane> lowest, std::span<const Plane> highest, std::span<Plane* const> sums,
-                       Plane& total) {
-  const size_t features = row.features.size(), m = row.values.size(), stride = row.stride;
-  const int count = row.count;
+// Predictions of `count` vectors of pixels for their neighbours in R rows, and M values from c on.
+template <int R, int M>
+void scatter_rows(const ScatterRow& s, int dx, int dy, int c, bool weights_too) {
+  const RegressionRow& row = s.row;
+  const D d;
+  const size_t lanes = hn::Lanes(d), stride = row.stride, values = static_cast<size_t>(row.values);
   const float inverse = 1.0f / static_cast<float>(std::max(row.radius, 1));
-  const float px = static_cast<float>(dx) * inverse, py = static_cast<float>(dy) * inverse;
-  constexpr int kChunk = 64;
-  for (int first = 0; first < count; first += kChunk) {
-    const int n = std::min(kChunk, count - first);
-    const size_t at = static_cast<size_t>(first);
-    const float* HWY_RESTRICT w = weights + at;
-    for (size_t c = 0; c < m; ++c) {
-      float prediction[kChunk];
-      const float *centre = row.values[c]->row(row.y) + row.x0 + first, *b0 = b + stride * c + at,
-                  *b1 = b + stride * (m + c) + at, *b2 = b + stride * (2 * m + c) + at;
-      for (int x = 0; x < n; ++x) prediction[x] = centre[x] + b0[x] + px * b1[x] + py * b2[x];
-      for (size_t k = 0; k < features; ++k) {
-        const float *p = row.features[k]->row(row.y) + row.x0 + first,
-                    *q = row.features[k]->row(row.y + dy) + row.x0 + dx + first,
-                    *bk = b + stride * ((k + 3) * m + c) + at;
-        for (int x = 0; x < n; ++x) prediction[x] += bk[x] * (q[x] - p[x]);
-      }
-      const float *lo = lowest[c].row(row.y) + row.x0 + first, *hi = highest[c].row(row.y) + row.x0 + first;
-      float* HWY_RESTRICT sum = sums[c]->row(row.y + dy) + row.x0 + dx + first;
-      for (int x = 0; x < n; ++x) {
-        const float p = prediction[x] > lo[x] ? prediction[x] : lo[x];
-        sum[x] += w[x] * (p < hi[x] ? p : hi[x]);
+  const V px = hn::Set(d, static_cast<float>(dx) * inverse);
+  const size_t features = static_cast<size_t>(row.features), first = static_cast<size_t>(c);
+  const float* const q = row.there + (dx + row.radius);
+  float* const sums = s.sums + (dx + row.radius);
+  for (size_t x = 0; x < static_cast<size_t>(row.count); x += lanes) {
+    V w[R];
+    bool any = false;
+    for (int r = 0; r < R; ++r) {
+      w[r] = hn::Load(d, s.weights + s.weight_row * static_cast<size_t>(r) + x);
+      any = any || !hn::AllTrue(d, hn::Eq(w[r], hn::Zero(d)));
+    }
+    if (!any) continue;
+    V prediction[R][M];
+    for (size_t v = 0; v < M; ++v) {
+      const float* of = s.b + stride * (first + v) + x;
+      const V centre = hn::LoadU(d, row.here + row.plane * (features + first + v) + x);
+      const V level = hn::MulAdd(px, hn::Load(d, of + stride * values), hn::Add(centre, hn::Load(d, of)));
+      const V slope = hn::Load(d, of + 2 * stride * values);
+      for (int r = 0; r < R; ++r)
+        prediction[r][v] = hn::MulAdd(hn::Set(d, static_cast<float>(dy + r) * inverse), slope, level);
+    }
+    for (size_t k = 0; k < features; ++k) {
+      const V centre = hn::LoadU(d, row.here + row.plane * k + x);
+      V step[R];
+      for (int r = 0; r < R; ++r)
+        step[r] = hn::Sub(hn::LoadU(d, q + row.plane * k + row.pitch * static_cast<size_t>(r) + x), centre);
+      for (size_t v = 0; v < M; ++v) {
+        const V slope = hn::Load(d, s.b + stride * ((k + 3) * values + first + v) + x);
+        for (int r = 0; r < R; ++r) prediction[r][v] = hn::MulAdd(slope, step[r], prediction[r][v]);
       }
     }
-    float* HWY_RESTRICT t = total.row(row.y + dy) + row.x0 + dx + first;
-    for (int x = 0; x < n; ++x) t[x] += w[x];
+    for (size_t v = 0; v < M; ++v) {
+      const V low = hn::LoadU(d, s.lowest[first + v] + x), high = hn::LoadU(d, s.highest[first + v] + x);
+      for (int r = 0; r < R; ++r) {
+        float* to = sums + row.plane * (first + v) + row.pitch * static_cast<size_t>(r) + x;
+        const V bounded = hn::Min(hn::Max(prediction[r][v], low), high);
+        hn::StoreU(hn::MulAdd(w[r], bounded, hn::LoadU(d, to)), d, to);
+      }
+    }
+    if (!weights_too) continue;
+    for (int r = 0; r < R; ++r) {
+      float* to = sums + row.plane * values + row.pitch * static_cast<size_t>(r) + x;
+      hn::StoreU(hn::Add(hn::LoadU(d, to), w[r]), d, to);
+    }
   }
+}
+
+template <int R>
+void scatter(const ScatterRow& s, int dx, int dy) {
+  for (int c = 0; c < s.row.values; c += 3) {
+    const bool last = c + 3 >= s.row.values;
+    switch (s.row.values - c) {
+      case 1:
+        scatter_rows<R, 1>(s, dx, dy, c, last);
+        break;
+      case 2:
+        scatter_rows<R, 2>(s, dx, dy, c, last);
+        break;
+      default:
+        scatter_rows<R, 3>(s, dx, dy, c, last);
+    }
+  }
+}
+
+void ScatterPrediction(const ScatterRow& s, int dx, int dy, int rows) {
+  rows == 2 ? scatter<2>(s, dx, dy) : scatter<1>(s, dx, dy);
 }
 
 }  // namespace brume::kernels::HWY_NAMESPACE
@@ -166,19 +288,17 @@ void solve_rows(float* a, float* b, int n, int m, int count, size_t stride, floa
   HWY_DYNAMIC_DISPATCH(SolveRows)(a, b, n, m, count, stride, ridge, floor);
 }
 
-void accumulate_normal(const RegressionRow& row, const float* weights, size_t weight_step, int dx0, int dy, int offsets,
-                       float* scratch, float* a, float* b) {
-  HWY_DYNAMIC_DISPATCH(AccumulateNormal)(row, weights, weight_step, dx0, dy, offsets, scratch, a, b);
+void accumulate_normal(const RegressionRow& row, const float* weights, size_t weight_step, int dy, float* scratch,
+                       float* a, float* b) {
+  HWY_DYNAMIC_DISPATCH(AccumulateNormal)(row, weights, weight_step, dy, scratch, a, b);
 }
 
-size_t normal_scratch(size_t features, size_t values, size_t stride) {
-  return stride * 4 * (2 * (features + 3) + values);
+size_t normal_scratch(int features, int values, int radius) {
+  return kRegressionLanes * static_cast<size_t>((2 * radius + 1) * (2 + 2 * features + values));
 }
 
-void scatter_prediction(const RegressionRow& row, const float* weights, int dx, int dy, const float* b,
-                        std::span<const Plane> lowest, std::span<const Plane> highest, std::span<Plane* const> sums,
-                        Plane& total) {
-  HWY_DYNAMIC_DISPATCH(ScatterPrediction)(row, weights, dx, dy, b, lowest, highest, sums, total);
+void scatter_prediction(const ScatterRow& row, int dx, int dy, int rows) {
+  HWY_DYNAMIC_DISPATCH(ScatterPrediction)(row, dx, dy, rows);
 }
 
 }  // namespace brume::kernels

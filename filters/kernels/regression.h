@@ -15,26 +15,40 @@ inline int triangle(int row, int column, int n) {
   return row * n - row * (row - 1) / 2 + column - row;
 }
 
-/// Adds the terms of `offsets` neighbours (dx0 .. dx0 + offsets - 1, dy) to the normal equations of `count` pixels at
-/// (x0, y): regressors 1, dx / radius, dy / radius, f_k(q) - f_k(p); values v_c(q) - v_c(p). All q must lie inside.
-/// @param weights  offset by offset, `weight_step` floats apart
-struct RegressionRow {
-  std::span<const Plane*const> features, values;              ///< of p
-  std::span<const Plane*const> features_there, values_there;  ///< of q, which may be in another frame
-  int x0, y, count, radius;
-  size_t stride;
-};
-void accumulate_normal(const RegressionRow& row, const float* weights, size_t weight_step, int dx0, int dy, int offsets,
-                       float* scratch, float* a, float* b);
-/// Floats of scratch that accumulate_normal needs.
-size_t normal_scratch(size_t features, size_t values, size_t stride);
+/// Pixels are taken in blocks of at most this many: rows of sums are so aligned, and their lengths multiples of it.
+constexpr size_t kRegressionLanes = 16;
+/// Longest side of a window [px].
+constexpr int kRegressionSide = 41;
 
-/// Adds each pixel's prediction for its neighbour (dx, dy), times the weight, to the neighbour's sums; the weight
-/// itself to `total`.
-/// @param b  the solution of the normal equations
-/// @param lowest, highest  bounds of every pixel's predictions
-void scatter_prediction(const RegressionRow& row, const float* weights, int dx, int dy, const float* b,
-                        std::span<const Plane> lowest, std::span<const Plane> highest, std::span<Plane* const> sums,
-                        Plane& total);
+/// A run of pixels p in one row and a row of their neighbours q, in copies of the block around them: features, then
+/// values, plane by plane. Where q is outside of the image the weight is 0, and the copy is finite.
+struct RegressionRow {
+  const float* here;    ///< features and values of the first p
+  const float* there;   ///< of the q left of it by `radius`; may be in another frame
+  size_t pitch, plane;  ///< from row to row and from plane to plane [floats]
+  int features, values, count, radius;
+  size_t stride;  ///< of the rows of a, b and the weights [floats]
+};
+
+/// Adds the terms of the 2 * radius + 1 neighbours in the row dy to the normal equations of `count` pixels: regressors
+/// 1, dx / radius, dy / radius, f_k(q) - f_k(p); values v_c(q) - v_c(p).
+/// @param weights  offset by offset, `weight_step` floats apart
+void accumulate_normal(const RegressionRow& row, const float* weights, size_t weight_step, int dy, float* scratch,
+                       float* a, float* b);
+/// Floats of scratch that accumulate_normal needs, aligned as vectors are.
+size_t normal_scratch(int features, int values, int radius);
+
+/// What predictions are made from and added to.
+struct ScatterRow {
+  RegressionRow row;
+  const float* weights;
+  size_t weight_row;                             ///< from the weights of one dy to those of the next [floats]
+  const float* b;                                ///< the solution of the normal equations
+  std::span<const float*const> lowest, highest;  ///< bounds of every pixel's predictions
+  float* sums;  ///< of values, then of weights: laid out as the copies, at the neighbour left by `radius`
+};
+/// Adds each pixel's predictions for its neighbours (dx, dy) and, where `rows` is 2, (dx, dy + 1), times the weights,
+/// to the neighbours' sums; the weights themselves to the last one.
+void scatter_prediction(const ScatterRow& row, int dx, int dy, int rows);
 
 }  // namespace brume::kernels

@@ -13,8 +13,8 @@ constexpr double kRidgesOfFrame[] = {1e4, 100, 1};
 struct Fits {
   RegressionInputs& inputs;
   const Task& task;
-  HalfPair sum;                      // of all so far, of the frame to clean
-  std::vector<HalfPair> candidates;  // the sum after each
+  HalfPair sum;                        // of all so far, of the frame to clean
+  std::vector<StoredPair> candidates;  // the sum after each
 
   Fits(RegressionInputs& of, const Task& task_) : inputs(of), task(task_) {
     for (Rgb* half : {&sum.a, &sum.b})
@@ -29,7 +29,7 @@ struct Fits {
       add_to(sum.b[c], 1, b, task);
     };
     regress(inputs, which, left_of(inputs, inputs.size()), window, take, task);
-    candidates.push_back(sum);
+    candidates.emplace_back(sum, task);
   }
   /// The same, after which only the candidates stay.
   void refine_aside(ColourColumns TransportColumns::*which, const std::vector<LatticeWindow>& windows) {
@@ -57,8 +57,8 @@ HalfPair mean_over_frames(const RegressionInputs& inputs, const HalfPair& fits, 
 
 }  // namespace
 
-std::vector<HalfPair> cascade(RegressionInputs& inputs, const CascadeSettings& settings,
-                              std::optional<HalfPair>& over_frames, const Task& task) {
+std::vector<StoredPair> cascade(RegressionInputs& inputs, const CascadeSettings& settings,
+                                std::optional<HalfPair>& over_frames, const Task& task) {
   Fits fits(inputs, task);
   std::vector<HalfPair> before;
   for (const RegressionInput& q : inputs) before.push_back(q.left);

@@ -3,6 +3,7 @@
 #include <vector>
 
 #include "filters/regression/regression_input.h"
+#include "filters/regression/stored_pair.h"
 
 namespace brume {
 
@@ -18,7 +19,7 @@ struct CascadeSettings {
 /// @param over_frames  is given, where there are frames nearby, the fits and the mean over all frames of what theirs
 /// miss
 /// @return the sum of the fits after each
-std::vector<HalfPair> cascade(RegressionInputs& inputs, const CascadeSettings& settings,
-                              std::optional<HalfPair>& over_frames, const Task& task);
+std::vector<StoredPair> cascade(RegressionInputs& inputs, const CascadeSettings& settings,
+                                std::optional<HalfPair>& over_frames, const Task& task);
 
 }  // namespace brume

@@ -1,5 +1,7 @@
 #include "filters/regression/regression.h"
 
+#include <hwy/aligned_allocator.h>
+
 #include <algorithm>
 #include <bit>
 
@@ -48,6 +50,45 @@ Plane extreme(const Plane& in, int radius, const Task& task, const Better& bette
   return out;
 }
 
+using Aligned = hwy::AlignedFreeUniquePtr<float[]>;
+Aligned aligned(size_t count) {
+  return hwy::AllocateAligned<float>(count);
+}
+
+constexpr int kLanes = static_cast<int>(kernels::kRegressionLanes);
+
+/// Copies of blocks and of what is within `radius` of them, plane by plane: neighbours are then read without a look at
+/// the edges of the image.
+struct Surroundings {
+  int radius, rows;
+  size_t pitch, plane;
+  Surroundings(int window_radius, int width, int height)
+      : radius(window_radius),
+        rows(height + 2 * radius),
+        // An odd number of cache lines, as in Plane.
+        pitch(static_cast<size_t>(((width + 2 * radius + kLanes - 1) / kLanes | 1) * kLanes)),
+        plane(pitch * static_cast<size_t>(rows)) {}
+
+  /// Of the first plane, (x, y) from the block's first pixel.
+  float* at(const Aligned& data, int x, int y) const {
+    return data.get() + pitch * static_cast<size_t>(y + radius) + (x + radius);
+  }
+  /// Features, then values; 0 outside of the image.
+  Aligned copy(const RegressionFrame& frame, const Box& block) const {
+    Aligned to = aligned(plane * (frame.features.size() + frame.values.size()));
+    std::fill_n(to.get(), plane * (frame.features.size() + frame.values.size()), 0.0f);
+    const Box from = block.grown(radius, frame.values[0]->width(), frame.values[0]->height());
+    size_t k = 0;
+    for (const auto& planes : {frame.features, frame.values})
+      for (const Plane* p : planes) {
+        for (int y = from.y0; y < from.y1; ++y)
+          std::copy_n(p->row(y) + from.x0, from.width(), at(to, from.x0 - block.x0, y - block.y0) + plane * k);
+        ++k;
+      }
+    return to;
+  }
+};
+
 }  // namespace
 
 Plane window_maximum(const Plane& in, int radius, const Task& task) {
@@ -66,8 +107,6 @@ std::vector<Plane> collaborative_regression(std::span<const RegressionFrame> fra
   std::vector<Plane> sums;
   for (size_t c = 0; c < values.size(); ++c) sums.emplace_back(width, height);
   Plane total(width, height);
-  std::vector<Plane*> targets;
-  for (Plane& p : sums) targets.push_back(&p);
 
   std::vector<Plane> lowest, highest;
   for (size_t c = 0; c < values.size(); ++c)
@@ -88,74 +127,85 @@ std::vector<Plane> collaborative_regression(std::span<const RegressionFrame> fra
 
   // A block's predictions reach `radius` beyond it. Blocks of one colour of a 2 x 2 pattern are far enough apart to run
   // at once, and the colours follow one another: every pixel's sum has one order, for any number of threads.
-  const int kWidth = 64, block_height = std::max(20, side + 1), block_width = std::max(kWidth, side + 1);
-  const int across = (width + block_width - 1) / block_width, down = (height + block_height - 1) / block_height;
-  const size_t stride = static_cast<size_t>((block_width + 15) / 16 * 16);
-  const size_t plane = stride * static_cast<size_t>(block_height);
+  const int kWidth = 64, block_height = std::max(20, side + 1);
+  const int across = (width + kWidth - 1) / kWidth, down = (height + block_height - 1) / block_height;
+  const size_t stride = kWidth, plane = stride * static_cast<size_t>(block_height);
+  const Surroundings shape(radius, kWidth, block_height);
   for (int colour = 0; colour < 4; ++colour) {
     std::vector<Box> blocks;
     for (int by = colour / 2; by < down; by += 2)
       for (int bx = colour % 2; bx < across; bx += 2) {
-        const Box block{bx * block_width, by * block_height, std::min(width, (bx + 1) * block_width),
+        const Box block{bx * kWidth, by * block_height, std::min(width, (bx + 1) * kWidth),
                         std::min(height, (by + 1) * block_height)};
         if (!wanted || any_above_0(*wanted, block.grown(radius, width, height))) blocks.push_back(block);
       }
     parallel_for(static_cast<int>(blocks.size()), share(task, 0.25 * colour, 0.25 * (colour + 1)), [&](int i) {
       const Box& block = blocks[static_cast<size_t>(i)];
+      // Whole vectors: the last pixels may be beyond the image, where weights are 0.
+      const int count = (block.width() + kLanes - 1) / kLanes * kLanes;
       kernels::WeightScratch scratch;
       const size_t window = plane * static_cast<size_t>(side * side);
-      std::vector<float> weights(window * frames.size());
+      const Aligned weights = aligned(window * frames.size());
+      if (count != block.width()) std::fill_n(weights.get(), window * frames.size(), 0.0f);
       const auto weight_of = [&](size_t f, int dx, int dy) {
-        return weights.data() + window * f + plane * static_cast<size_t>((dy + radius) * side + dx + radius);
+        return weights.get() + window * f + plane * static_cast<size_t>((dy + radius) * side + dx + radius);
       };
-      for (size_t f = 0; f < frames.size(); ++f)
+      std::vector<Aligned> copies;
+      for (size_t f = 0; f < frames.size(); ++f) {
         for (int dy = -radius; dy <= radius; ++dy)
           for (int dx = -radius; dx <= radius; ++dx) {
             float* const w = weight_of(f, dx, dy);
             kernels::block_distances(frames[f].model, block, dx, dy, scratch, w, stride);
             kernels::block_weights(frames[f].model, {width, height}, block, dx, dy, w, 1, nullptr, w, stride);
           }
-      std::vector<float> a(stride * static_cast<size_t>(n * (n + 1) / 2)), b(stride * static_cast<size_t>(n * m)),
-          work(kernels::normal_scratch(features.size(), values.size(), stride));
+        copies.push_back(shape.copy(frames[f], block));
+      }
+      const Aligned predicted = aligned(shape.plane * (values.size() + 1));
+      std::fill_n(predicted.get(), shape.plane * (values.size() + 1), 0.0f);
+      const size_t entries = stride * static_cast<size_t>(n * (n + 1) / 2), sides = stride * static_cast<size_t>(n * m);
+      const Aligned a = aligned(entries), b = aligned(sides), work = aligned(kernels::normal_scratch(n - 3, m, radius));
       for (int y = block.y0; y < block.y1; ++y) {
         if (wanted && !any_above_0(*wanted, Box{block.x0, y, block.x1, y + 1}.grown(radius, width, height))) continue;
         const size_t line = stride * static_cast<size_t>(y - block.y0);
         float* centre = weight_of(0, 0, 0) + line;
         for (int x = 0; x < block.width(); ++x) centre[x] = std::max(centre[x], kCentreWeight);
-        std::fill(a.begin(), a.end(), 0.0f);
-        std::fill(b.begin(), b.end(), 0.0f);
+        std::fill_n(a.get(), entries, 0.0f);
+        std::fill_n(b.get(), sides, 0.0f);
         const int top = std::max(-radius, -y), bottom = std::min(radius, height - 1 - y);
-        // Where the whole window is inside, neighbours are taken several at once; beside the edges one by one.
-        for (size_t f = 0; f < frames.size(); ++f) {
-          const auto row = [&](int x0, int count) {
-            return kernels::RegressionRow{features, values, frames[f].features, frames[f].values, x0, y, count,
-                                          radius,   stride};
-          };
-          for (int dy = top; dy <= bottom; ++dy) {
-            if (block.x0 - radius >= 0 && block.x1 + radius <= width) {
-              kernels::accumulate_normal(row(block.x0, block.width()), weight_of(f, -radius, dy) + line, plane, -radius,
-                                         dy, side, work.data(), a.data(), b.data());
-              continue;
-            }
-            for (int dx = -radius; dx <= radius; ++dx) {
-              const int first = std::max(block.x0, -dx), last = std::min(block.x1, width - dx);
-              if (first >= last) continue;
-              const size_t skip = static_cast<size_t>(first - block.x0);
-              kernels::accumulate_normal(row(first, last - first), weight_of(f, dx, dy) + line + skip, plane, dx, dy, 1,
-                                         work.data(), a.data() + skip, b.data() + skip);
-            }
-          }
+        const auto row = [&](size_t f, int dy) {
+          return kernels::RegressionRow{shape.at(copies[0], 0, y - block.y0),
+                                        shape.at(copies[f], -radius, y - block.y0 + dy),
+                                        shape.pitch,
+                                        shape.plane,
+                                        n - 3,
+                                        m,
+                                        count,
+                                        radius,
+                                        stride};
+        };
+        for (size_t f = 0; f < frames.size(); ++f)
+          for (int dy = top; dy <= bottom; ++dy)
+            kernels::accumulate_normal(row(f, dy), weight_of(f, -radius, dy) + line, plane, dy, work.get(), a.get(),
+                                       b.get());
+        kernels::solve_rows(a.get(), b.get(), n, m, count, stride, kRidge, kFloor);
+        std::vector<const float*> low, high;
+        for (size_t c = 0; c < values.size(); ++c) {
+          low.push_back(lowest[c].row(y) + block.x0);
+          high.push_back(highest[c].row(y) + block.x0);
         }
-        kernels::solve_rows(a.data(), b.data(), n, m, block.width(), stride, kRidge, kFloor);
-        for (int dy = top; dy <= bottom; ++dy)
-          for (int dx = -radius; dx <= radius; ++dx) {
-            const int first = std::max(block.x0, -dx), last = std::min(block.x1, width - dx);
-            if (first >= last) continue;
-            const size_t skip = static_cast<size_t>(first - block.x0);
-            kernels::scatter_prediction({features, values, features, values, first, y, last - first, radius, stride},
-                                        weight_of(0, dx, dy) + line + skip, dx, dy, b.data() + skip, lowest, highest,
-                                        targets, total);
-          }
+        for (int dy = top; dy <= bottom; dy += 2)
+          for (int dx = -radius; dx <= radius; ++dx)
+            kernels::scatter_prediction({row(0, dy), weight_of(0, dx, dy) + line, plane * static_cast<size_t>(side),
+                                         b.get(), low, high, shape.at(predicted, -radius, y - block.y0 + dy)},
+                                        dx, dy, std::min(2, bottom + 1 - dy));
+      }
+      const Box reached = block.grown(radius, width, height);
+      for (size_t c = 0; c <= values.size(); ++c) {
+        Plane& to = c < values.size() ? sums[c] : total;
+        for (int y = reached.y0; y < reached.y1; ++y) {
+          const float* const from = shape.at(predicted, reached.x0 - block.x0, y - block.y0) + shape.plane * c;
+          for (int x = reached.x0; x < reached.x1; ++x) to(x, y) += from[x - reached.x0];
+        }
       }
     });
   }

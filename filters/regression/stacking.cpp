@@ -72,10 +72,9 @@ std::vector<double> simplex_minimum(const std::vector<double>& quadratic, const 
   return x;
 }
 
-std::vector<Plane> stacking_weights(const std::vector<HalfPair>& candidates, const RgbPlanes& half_a,
-                                    const RgbPlanes& half_b, const Plane& weight, const StackingWindow& window,
-                                    const Task& task) {
-  const size_t n = candidates.size();
+std::vector<Plane> stacking_weights(const std::vector<StoredPair>& candidates, const HalfPair& data,
+                                    const Plane& weight, const StackingWindow& window, const Task& task) {
+  const size_t n = candidates.size() + 1;
   const size_t size = n * (n + 1) / 2 + 1;  // sums of a block: products of errors, then pixels
   const int width = weight.width(), height = weight.height(), side = lattice_block(window.deviation);
   const int across = (width + side - 1) / side, down = (height + side - 1) / side;
@@ -85,16 +84,29 @@ std::vector<Plane> stacking_weights(const std::vector<HalfPair>& candidates, con
   parallel_for(down, quiet(task), [&](int r) {
     std::vector<float> row(static_cast<size_t>(across) * size);
     std::vector<float> da(n), db(n), change(n);
-    for (int y = r * side; y < std::min(height, (r + 1) * side); ++y)
+    // A row of both halves of every candidate, colour by colour.
+    const size_t length = static_cast<size_t>(width);
+    std::vector<float> fits(6 * (n - 1) * length);
+    const auto fit = [&](size_t c, size_t i, size_t half) {
+      return fits.data() + ((c * n + i - c) * 2 + half) * length;
+    };
+    for (int y = r * side; y < std::min(height, (r + 1) * side); ++y) {
+      if (!std::any_of(weight.row(y), weight.row(y) + width, [](float w) { return w > 0; })) continue;
+      for (size_t c = 0; c < 3; ++c)
+        for (size_t i = 0; i + 1 < n; ++i) {
+          candidates[i].a[c].read_row(y, fit(c, i, 0));
+          candidates[i].b[c].read_row(y, fit(c, i, 1));
+        }
       for (int x = 0; x < width; ++x) {
         const float w = weight(x, y);
         if (!(w > 0)) continue;
         float* to = row.data() + static_cast<size_t>(x / side) * size;
         to[size - 1] += 1;
         for (size_t c = 0; c < 3; ++c) {
-          const float ya = (*half_a[c])(x, y), yb = (*half_b[c])(x, y);
+          const float ya = data.a[c](x, y), yb = data.b[c](x, y);
           for (size_t i = 0; i < n; ++i) {
-            const float fa = candidates[i].a[c](x, y), fb = candidates[i].b[c](x, y);
+            const bool is_data = i + 1 == n;
+            const float fa = is_data ? ya : fit(c, i, 0)[x], fb = is_data ? yb : fit(c, i, 1)[x];
             da[i] = yb - fa;
             db[i] = ya - fb;
             change[i] = fa - fb;
@@ -105,6 +117,7 @@ std::vector<Plane> stacking_weights(const std::vector<HalfPair>& candidates, con
               *pair++ += w * (0.5f * (da[i] * da[j] + db[i] * db[j]) - 0.25f * change[i] * change[j]);
         }
       }
+    }
     std::vector<float>& out = rows[static_cast<size_t>(r)];
     out.resize(row.size());
     for (int i = 0; i < across; ++i) {

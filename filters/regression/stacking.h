@@ -1,5 +1,5 @@
 #pragma once
-#include "filters/patch/selection.h"
+#include "filters/regression/stored_pair.h"
 
 namespace brume {
 
@@ -13,9 +13,9 @@ struct StackingWindow {
 /// the mean of both halves being used, which has half the noise of one.
 /// Source: Wolpert 1992, Stacked generalization; Breiman 1996, Stacked regressions.
 /// @param weight  of each pixel, >= 0
-std::vector<Plane> stacking_weights(const std::vector<HalfPair>& candidates, const RgbPlanes& half_a,
-                                    const RgbPlanes& half_b, const Plane& weight, const StackingWindow& window,
-                                    const Task& task);
+/// @param data  the halves, which are the last candidate themselves
+std::vector<Plane> stacking_weights(const std::vector<StoredPair>& candidates, const HalfPair& data,
+                                    const Plane& weight, const StackingWindow& window, const Task& task);
 
 /// The weights pi >= 0, sum pi = 1, that minimise pi^T D pi; D symmetric, row by row.
 std::vector<double> simplex_minimum(const std::vector<double>& quadratic, const std::vector<double>& start);

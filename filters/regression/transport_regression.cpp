@@ -74,12 +74,10 @@ std::vector<MixingRegion> regions_of(const TransportColumns& known, const Task& 
 }
 
 /// Moves what the fits say together to what single fits, the data and their local means say where those prove better.
-/// @param candidates   the data last
 /// @param over_frames  of a sequence, the data with the noise of its frames' mean
-void improve(HalfPair& result, const std::vector<HalfPair>& candidates, const std::optional<HalfPair>& over_frames,
-             const TransportColumns& known, const Task& task) {
+void improve(HalfPair& result, const std::vector<StoredPair>& candidates, const HalfPair& data,
+             const std::optional<HalfPair>& over_frames, const TransportColumns& known, const Task& task) {
   const int width = known.mask.width(), height = known.mask.height();
-  const HalfPair& data = candidates.back();
   // Relative errors, as CIE-Lab sees them.
   const Plane light = gaussian_blur(brightness(result, task), kLightWindow, task);
   double sum = 0;
@@ -92,8 +90,12 @@ void improve(HalfPair& result, const std::vector<HalfPair>& candidates, const st
   const std::vector<MixingRegion> regions = regions_of(known, task);
   const MixingFrame frame{view(data.a), view(data.b), weight, regions};
   std::vector<Proposal> proposals;
-  for (const HalfPair& candidate : candidates)
-    proposals.emplace_back([&candidate](const HalfPair&, HalfPair&) -> const HalfPair& { return candidate; });
+  for (const StoredPair& candidate : candidates)
+    proposals.emplace_back([&candidate, &task](const HalfPair&, HalfPair& room) -> const HalfPair& {
+      candidate.read(room, task);
+      return room;
+    });
+  proposals.emplace_back([&data](const HalfPair&, HalfPair&) -> const HalfPair& { return data; });
   if (over_frames)
     proposals.emplace_back([&over_frames](const HalfPair&, HalfPair&) -> const HalfPair& { return *over_frames; });
   const HalfPair& averaged = over_frames ? *over_frames : data;
@@ -126,18 +128,18 @@ void run(const TransportRegression& p, const FilterFrame& frame, const FilterOut
   task.report(0.2);
 
   std::optional<HalfPair> over_frames;
-  std::vector<HalfPair> candidates = cascade(inputs, {p.window, p.ridge, p.ridge_per_pixel, power}, over_frames, task);
+  const std::vector<StoredPair> candidates =
+      cascade(inputs, {p.window, p.ridge, p.ridge_per_pixel, power}, over_frames, task);
   own.left = {};
   // The data are a candidate themselves: with many samples nothing is nearer to the truth.
-  candidates.push_back({std::move(clamped.a), std::move(clamped.b)});
-  const HalfPair& data = candidates.back();
-
-  const std::vector<Plane> maps =
-      stacking_weights(candidates, view(data.a), view(data.b), own.weight,
-                       {static_cast<double>(p.stacking_window), static_cast<double>(p.caution)}, task);
-  HalfPair chosen = blend(candidates, maps, task);
+  const HalfPair data{std::move(clamped.a), std::move(clamped.b)};
+  HalfPair chosen =
+      blend(candidates, data,
+            stacking_weights(candidates, data, own.weight,
+                             {static_cast<double>(p.stacking_window), static_cast<double>(p.caution)}, task),
+            task);
   task.report(0.7);
-  improve(chosen, candidates, over_frames, known, task);
+  improve(chosen, candidates, data, over_frames, known, task);
   Rgb clean = mean(chosen, task);
   redistribute_energy(clamped.taken, clean, known.mask, task);
   for (size_t c = 0; c < 3; ++c) add_to(clean[c], 1, clamped.points[c], task);

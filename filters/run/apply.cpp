@@ -128,11 +128,15 @@ class Source {
     fixed_ = std::move(aligned);
     own_ = true;
   }
-  /// What is read of a part of it.
+  /// What is read of a part of it: views, where its rows are aligned.
   Layers crop_to(const Box& box) const {
     Layers part(box.width(), box.height());
     part.header = layers().header;
-    for (const std::string& name : channels_) part.set(name, crop(layers().at(name), box));
+    const bool aligned = static_cast<size_t>(box.x0) % Plane::kLine == 0;
+    for (const std::string& name : channels_) {
+      const Plane& whole = layers().at(name);
+      part.set(name, aligned ? Plane::view(whole, box.x0, box.y0, box.width(), box.height()) : crop(whole, box));
+    }
     return part;
   }
 

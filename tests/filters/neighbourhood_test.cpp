@@ -263,7 +263,7 @@ TEST(GuidedFilter, MatchesRegressionsWrittenOut) {
 
 // Collaborative regression.
 
-TEST(CollaborativeRegression, ReproducesAffinePicturesWhateverTheWeights) {
+TEST_P(EveryTarget, CollaborativeRegressionReproducesAffinePicturesWhateverTheWeights) {
   const int width = 90, height = 50;
   const std::vector<Plane> f = noise_planes(width, height, 10);
   const Plane v =
@@ -278,7 +278,7 @@ TEST(CollaborativeRegression, ReproducesAffinePicturesWhateverTheWeights) {
     for (int x = 0; x < width; ++x) ASSERT_NEAR(out[0](x, y), v(x, y), 3e-4) << x << " " << y;
 }
 
-TEST(CollaborativeRegression, MatchesLeastSquaresWrittenOut) {
+TEST_P(EveryTarget, CollaborativeRegressionMatchesLeastSquaresWrittenOut) {
   const int width = 16, height = 12, r = 2;
   const std::vector<Plane> f = noise_planes(width, height, 11), v = noise_planes(width, height, 12);
   const Plane noise = plane_of(width, height, [](int, int) { return 0.05; });
