@@ -154,6 +154,12 @@ Viewer::~Viewer() {
 
 void Viewer::look(ViewLook look) {
   const std::lock_guard lock(mutex_);
+  paused_ = false;
+  if (tracing_ && frame_ && !next_ && look.differs_in_layers_alone(*last_)) {
+    last_ = std::move(look);
+    show(*last_, about_frame_, *frame_);
+    return;
+  }
   next_ = std::move(look);
   cancel_ = true;
   woken_.notify_all();
@@ -171,13 +177,14 @@ void Viewer::probe(const ViewProbe& probe) {
 void Viewer::pause() {
   const std::lock_guard lock(mutex_);
   next_.reset();
-  last_.reset();
+  tracing_ = false;
+  paused_ = true;
   cancel_ = true;
 }
 
 void Viewer::check_file() {
   const std::lock_guard lock(mutex_);
-  if (next_ || !last_ || file_.empty()) return;
+  if (next_ || !last_ || file_.empty() || paused_) return;
   std::error_code error;
   const auto written = std::filesystem::last_write_time(file_, error);
   if (error || written == written_) return;
@@ -206,6 +213,7 @@ void Viewer::run() {
       woken_.wait(lock, [&] { return end_ || next_ || next_probe_; });
       if (end_) return;
       cancel_ = false;
+      tracing_ = false;
       probe = std::exchange(next_probe_, std::nullopt);
       look = std::exchange(next_, std::nullopt);
       if (look) last_ = look;
@@ -300,7 +308,7 @@ void Viewer::predict(const ViewLook& look, const Guides& guides, const ivec2& si
   guides.record(camera, ivec2(0), frame, task, /*sketch=*/size != look.size);
   pixels_a_second_ = 1.0 * size.x * size.y / std::max(1e-3, watch.seconds());
   guide_layers_ = guides_in(frame);
-  show(look, frame, /*predicted=*/true, 0, {});
+  show(look, about(/*predicted=*/true, 0, {}), frame);
 }
 
 void Viewer::trace(const ViewLook& look, const Task& task) {
@@ -325,37 +333,55 @@ void Viewer::trace(const ViewLook& look, const Task& task) {
       samples = std::min(samples, static_cast<int>(round.film.taken(t)));
     const std::optional<double> error = cleaner.error() >= 0 ? std::optional(cleaner.error()) : std::nullopt;
     const auto frame = std::make_shared<const Layers>(cleaner.picture());
+    const ViewLook now = current();
+    const ViewPicture known = about(/*predicted=*/false, samples, error);
     {
       const std::lock_guard lock(mutex_);
       frame_ = frame;
+      about_frame_ = known;
     }
-    show(look, *frame, /*predicted=*/false, samples, error);
-    tell(look, ViewStage::kSampling, samples, error);
+    show(now, known, *frame);
+    tell(now, ViewStage::kSampling, samples, error);
     return next;
   };
   tell(look, ViewStage::kSampling);
+  {
+    const std::lock_guard lock(mutex_);
+    frame_.reset();
+    tracing_ = true;
+  }
   prepared.render(job, task);
-  tell(look, ViewStage::kDone, samples, cleaner.error() >= 0 ? std::optional(cleaner.error()) : std::nullopt);
+  tell(current(), ViewStage::kDone, samples, cleaner.error() >= 0 ? std::optional(cleaner.error()) : std::nullopt);
 }
 
-void Viewer::show(const ViewLook& look, const Layers& frame, bool predicted, int samples, std::optional<double> error) {
+ViewLook Viewer::current() const {
+  const std::lock_guard lock(mutex_);
+  return *last_;
+}
+
+ViewPicture Viewer::about(bool predicted, int samples, std::optional<double> error) const {
+  ViewPicture picture;
+  picture.predicted = predicted;
+  picture.samples = samples;
+  picture.error = error;
+  picture.seconds = asked_.seconds();
+  picture.exposure = scene_.prepared().scene().film.exposure;
+  picture.frame = scene_.frame();
+  return picture;
+}
+
+void Viewer::show(const ViewLook& look, const ViewPicture& about, const Layers& frame) {
   for (const std::string& layer : look.layers) {
-    std::vector<std::vector<const Plane*>> sets = planes_of(frame, layer, predicted);
+    std::vector<std::vector<const Plane*>> sets = planes_of(frame, layer, about.predicted);
     std::erase_if(sets, [](const auto& set) { return set.empty(); });
     if (sets.empty()) continue;
-    ViewPicture picture;
+    ViewPicture picture = about;
     picture.id = look.id;
     picture.layer = layer;
     picture.width = frame.width();
     picture.height = frame.height();
     picture.channels = static_cast<int>(sets[0].size());
-    picture.predicted = predicted;
     picture.full = ivec2(frame.width(), frame.height()) == look.size;
-    picture.samples = samples;
-    picture.error = error;
-    picture.seconds = asked_.seconds();
-    picture.exposure = scene_.prepared().scene().film.exposure;
-    picture.frame = scene_.frame();
     for (size_t c = 0; c < sets[0].size(); ++c) {
       Plane sum = *sets[0][c];
       for (size_t other = 1; other < sets.size(); ++other)

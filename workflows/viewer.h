@@ -27,6 +27,10 @@ struct ViewLook {
   bool moving = false;              ///< more of them follow at once: answered fast, at lower resolution
   std::vector<std::string> layers;  ///< that are shown, by names out of ViewSceneText::layers
   std::optional<int> frame;
+
+  bool differs_in_layers_alone(const ViewLook& other) const {
+    return assignments == other.assignments && size == other.size && frame == other.frame && !moving;
+  }
 };
 
 /// A point of the picture that somebody points at, from the top left corner, 0 to 1.
@@ -74,7 +78,7 @@ struct ViewSceneText {
 
 enum class ViewStage { kReading, kSolvingLight, kMarching, kSampling, kDone };
 
-/// Told of everything that a viewer makes, from its own thread; must not throw.
+/// Told of everything that a viewer makes, from its thread or from look(); must not throw, nor call the viewer.
 class ViewListener {
  public:
   virtual ~ViewListener() = default;
@@ -102,7 +106,8 @@ class Viewer {
   Viewer(const Viewer&) = delete;
   Viewer& operator=(const Viewer&) = delete;
 
-  /// Takes the place of all looks before.
+  /// Takes the place of all looks before. One that asks for other layers alone is answered with those of the last
+  /// clean picture, and samples go on.
   void look(ViewLook look);
   void probe(const ViewProbe& probe);
   /// Ends what is being computed; the next look goes on.
@@ -126,7 +131,10 @@ class Viewer {
   void tell_scene(const ViewLook& look, bool reloaded);
   void predict(const ViewLook& look, const Guides& guides, const ivec2& size, const Task& task);
   void trace(const ViewLook& look, const Task& task);
-  void show(const ViewLook& look, const Layers& frame, bool predicted, int samples, std::optional<double> error);
+  void show(const ViewLook& look, const ViewPicture& about, const Layers& frame);
+  /// With what is known of the scene that is shown; without a layer.
+  ViewPicture about(bool predicted, int samples, std::optional<double> error) const;
+  ViewLook current() const;
   void tell(const ViewLook& look, ViewStage stage, int samples = 0, std::optional<double> error = {});
 
   const ViewOptions options_;
@@ -143,7 +151,9 @@ class Viewer {
   std::optional<ViewLook> next_, last_;
   std::optional<ViewProbe> next_probe_;
   bool end_ = false, reload_ = false;
+  bool tracing_ = false, paused_ = false;
   std::shared_ptr<const Layers> frame_;
+  ViewPicture about_frame_;
   std::string scene_text_;
   std::filesystem::path file_;  // of the scene, as it was read
   std::filesystem::file_time_type written_;

@@ -199,6 +199,21 @@ TEST(Viewer, AnotherCameraSolvesNoLightAnotherSunDoes) {
   EXPECT_TRUE(solved(3));
 }
 
+TEST(Viewer, OtherLayersAreShownWhileSamplesGoOn) {
+  Viewing v(kCloud);
+  v.viewer.look(look(1));
+  const auto before = v.audience.first([](const ViewPicture& p) { return p.samples >= 16; });
+  ASSERT_TRUE(before);
+  ViewLook noisy = look(2);
+  noisy.layers = {"noisy", "clean_error"};
+  v.viewer.look(noisy);
+  const auto picture = v.audience.first([](const ViewPicture& p) { return p.id == 2 && p.layer == "noisy"; });
+  const auto error = v.audience.first([](const ViewPicture& p) { return p.id == 2 && p.layer == "clean_error"; });
+  ASSERT_TRUE(picture && error);
+  EXPECT_GE(picture->samples, before->samples);
+  EXPECT_EQ(error->channels, 1);
+}
+
 TEST(Viewer, SunsAndVolumesCanBeSwitchedOffAndLampsAdded) {
   Viewing v(kCloud);
   const auto mean_of = [&](uint64_t id, std::vector<std::string> assignments) {
