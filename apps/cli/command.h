@@ -69,6 +69,8 @@ void warn(const std::string& text);
 void note(const std::string& text);
 /// To stdout. Whether it got there, close_output tells.
 void print(const std::string& text);
+/// Hands on what was printed, for who waits for it. @return whether it got there
+bool print_now();
 
 /// Before anything is opened: closed streams stay what they are, with writes to stdout failing.
 void open_streams();

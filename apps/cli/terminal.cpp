@@ -149,6 +149,11 @@ void print(const std::string& text) {
   if (std::fputs(text.c_str(), stdout) == EOF && output_error == 0) output_error = errno;
 }
 
+bool print_now() {
+  if (std::fflush(stdout) != 0 && output_error == 0) output_error = errno;
+  return output_error == 0;
+}
+
 void open_streams() {
   // A file that is opened while one of the three is closed would take its number, and what is printed.
   for (const int stream : {STDIN_FILENO, STDOUT_FILENO, STDERR_FILENO})

@@ -39,7 +39,7 @@ int run(const Options& o, const Common& common) {
                     o.server.host));
   const web::Server server(view, o.server, make_host(common));
   print(server.address() + "\n");
-  std::fflush(stdout);
+  if (!print_now()) return kDone;  // nobody can learn the address; close_output says why
   if (o.open && !run_program({"xdg-open", server.address()}))
     note("--open: there is no xdg-open; open the address by hand");
   log(common, "Ctrl-C ends it");

@@ -6,18 +6,14 @@
 #include <algorithm>
 #include <boost/asio/ip/tcp.hpp>
 #include <boost/asio/post.hpp>
-#include <boost/asio/signal_set.hpp>
 #include <boost/asio/steady_timer.hpp>
-#include <boost/asio/strand.hpp>
 #include <boost/beast/core.hpp>
 #include <boost/beast/http.hpp>
 #include <boost/beast/websocket.hpp>
-#include <cstdlib>
 #include <deque>
 #include <filesystem>
 #include <fstream>
 #include <map>
-#include <mutex>
 #include <optional>
 #include <random>
 #include <set>
@@ -98,26 +94,36 @@ class Server::Implementation : public ViewListener {
   void picture(ViewPicture picture) override;
   void progress(uint64_t id, ViewStage stage, int samples, std::optional<double> error, double seconds) override {
     send_text("progress", progress_text(id, stage, samples, error, seconds));
+    if (stage == ViewStage::kSampling || stage == ViewStage::kDone) answered(id);
   }
-  void problem(uint64_t id, const std::string& text) override { send_text("problem", problem_text(id, text)); }
+  void problem(uint64_t id, const std::string& text) override {
+    send_text("problem", problem_text(id, text));
+    answered(id);
+  }
   void point(uint64_t id, std::optional<dvec3> position) override { send_text("point", point_text(id, position)); }
 
  private:
   void accept();
   void check_file();
   void leave_alone();
+  /// Pages take turns: a look waits until that of another page has been answered once.
+  void begin(const std::shared_ptr<Connection>& connection, ViewLook look);
+  void answered(uint64_t id);
+  void next_turn();
   /// @param kind  of which only the newest one is of use
   void send_text(const std::string& kind, std::string text);
 
   const ServerOptions options_;
   const std::string secret_ = new_secret();
   std::string address_, authority_;
+  size_t open_ = 0;  // sockets
   asio::io_context context_{1};
   tcp::acceptor acceptor_{context_};
   asio::steady_timer file_timer_{context_}, alone_timer_{context_};
   std::set<std::shared_ptr<Connection>> connections_;
   std::weak_ptr<Connection> looking_;
-  size_t open_ = 0;  // sockets
+  std::optional<uint64_t> unanswered_;  // the look's number
+  std::deque<std::pair<std::weak_ptr<Connection>, ViewLook>> waiting_;
   std::unique_ptr<Viewer> viewer_;
   std::thread thread_;
   friend class Connection;
@@ -403,20 +409,49 @@ void Server::Implementation::joined(const std::shared_ptr<Connection>& connectio
 }
 
 void Server::Implementation::left(const Connection* connection) {
+  const bool looked = looking_.lock().get() == connection;
   std::erase_if(connections_, [&](const auto& c) { return c.get() == connection; });
+  if (looked) next_turn();
   if (connections_.empty() && !options_.keep) leave_alone();
 }
 
 void Server::Implementation::asks(const std::shared_ptr<Connection>& connection, const std::string& message) {
   try {
     auto wish = parse_message(message);
-    looking_ = connection;
     if (auto* const look = std::get_if<ViewLook>(&wish))
-      viewer_->look(std::move(*look));
-    else
+      begin(connection, std::move(*look));
+    else if (looking_.lock() == connection)
       viewer_->probe(std::get<ViewProbe>(wish));
   } catch (const std::exception& error) {
     connection->send_text("problem", problem_text(0, error.what()));
+  }
+}
+
+void Server::Implementation::begin(const std::shared_ptr<Connection>& connection, ViewLook look) {
+  const auto other = looking_.lock();
+  if (unanswered_ && other && other != connection && connections_.contains(other)) {
+    std::erase_if(waiting_, [&](const auto& wish) { return wish.first.lock() == connection; });
+    waiting_.emplace_back(connection, std::move(look));
+    return;
+  }
+  looking_ = connection;
+  unanswered_ = look.id;
+  viewer_->look(std::move(look));
+}
+
+void Server::Implementation::answered(uint64_t id) {
+  asio::post(context_, [this, id] {
+    if (unanswered_ != id) return;
+    next_turn();
+  });
+}
+
+void Server::Implementation::next_turn() {
+  unanswered_.reset();
+  while (!waiting_.empty() && !unanswered_) {
+    auto [connection, look] = std::move(waiting_.front());
+    waiting_.pop_front();
+    if (const auto alive = connection.lock(); alive && connections_.contains(alive)) begin(alive, std::move(look));
   }
 }
 
@@ -428,10 +463,12 @@ void Server::Implementation::send_text(const std::string& kind, std::string text
 }
 
 void Server::Implementation::picture(ViewPicture picture) {
+  const uint64_t id = picture.id;
   asio::post(context_, [this, picture = std::make_shared<const ViewPicture>(std::move(picture))] {
     if (const auto connection = looking_.lock(); connection && connections_.contains(connection))
       connection->send_picture(picture->layer, std::make_shared<const std::string>(bytes_of(*picture)));
   });
+  answered(id);
 }
 
 Server::Server(const ViewOptions& view, const ServerOptions& options, const Host& host)

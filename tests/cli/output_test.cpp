@@ -5,6 +5,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <csignal>
 #include <cstdlib>
 #include <sstream>
 
@@ -66,6 +67,7 @@ TEST(Output, OfEveryVerbThatDoesNotGetThereIsAnError) {
                        path("results")},
       {"filters", "filters"},
       {"docs", "docs scene"},
+      {"view", "view " + scene + " -q"},
       {"picture", "picture " + part + " -q -o " + path("a.png")},
   };
   std::vector<std::string> tested;
@@ -91,11 +93,31 @@ TEST(Output, OfEveryVerbThatDoesNotGetThereIsAnError) {
                                                                               << r.err;
       std::filesystem::remove_all(folder / "shot");  // submit adds rounds to a shot that is there
     }
+    if (arguments.starts_with("view ")) continue;  // which serves until Ctrl-C
     const Printed r = run_onto(">/dev/null", arguments, folder);
     EXPECT_EQ(r.status, 0) << arguments << "\n" << r.err;
     std::filesystem::remove_all(folder / "shot");
   }
   close(pipe_ends[1]);
+}
+
+TEST(Output, ViewPrintsItsAddressAndEndsWithCtrlC) {
+  test::RunningProgram view("view " + test::source("data/scenes/smoke.toml").string());
+  ASSERT_TRUE(view.wait_until([&] { return holds(view.err(), "Ctrl-C ends it"); }));
+  view.send(SIGINT);
+  const test::ProgramResult ended = view.finish();
+  EXPECT_EQ(ended.status, 0) << ended.err;
+  EXPECT_TRUE(ended.out.starts_with("http://127.0.0.1:")) << ended.out;
+  for (const auto& [words, expected] : {std::pair("view missing.vdb", "missing.vdb: no such file"),
+                                        {"view missing.vdb --host nowhere", "missing.vdb: no such file"}}) {
+    const test::ProgramResult r = run_brume(words);
+    EXPECT_EQ(r.status, 2);
+    EXPECT_TRUE(holds(r.err, expected)) << r.err;
+  }
+  const test::ProgramResult r =
+      run_brume("view " + test::source("data/scenes/smoke.toml").string() + " --host nowhere");
+  EXPECT_EQ(r.status, 2);
+  EXPECT_TRUE(holds(r.err, "--host nowhere: is no address")) << r.err;
 }
 
 TEST(Output, AnUnknownOptionNamesOneThatBeginsSo) {

@@ -13,6 +13,7 @@
 
 #include "base/error.h"
 #include "base/host.h"
+#include "base/text.h"
 #include "farm/opencue.h"
 #include "farm/slurm.h"
 #include "farm/submit_lock.h"

@@ -152,7 +152,7 @@ TEST(ViewServer, AnswersOnlyItsOwnPage) {
   EXPECT_NE(get(r, folder)["Content-Security-Policy"].find("default-src 'none'"), beast::string_view::npos);
 }
 
-// A page that reads nothing: the server keeps the newest picture for it and answers others.
+// A page that reads nothing: the server keeps the newest picture for it and answers others in turn.
 TEST(ViewServer, ASlowPageNeitherSlowsNorFillsAnything) {
   const Running r;
   Page slow(r);
