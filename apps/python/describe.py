@@ -186,7 +186,7 @@ def stubs(brume):
     for function in (brume.read, brume.write, brume.render):
         parts.append(function_stub("", function))
     parts.append(denoise_stubs(brume))
-    for function in (brume.metrics, brume.filters):
+    for function in (brume.metrics, brume.view, brume.filters):
         parts.append(function_stub("", function))
     return "\n".join(parts)
 
