@@ -274,7 +274,7 @@ void Viewer::answer(const ViewLook& look) {
   const Task whole{host_.threads, {}, nullptr}, until_next{host_.threads, {}, &cancel_};
   if (scene_.empty() || reloaded) tell(look, ViewStage::kReading);
   const bool changed = update_scene(look, whole);
-  if ((changed && !look.moving) || reloaded) tell_scene(look, reloaded);
+  if ((changed && !look.moving) || reloaded || look.needs_scene) tell_scene(look, reloaded);
   const bool predicts = scene_.prepared().medium() || !scene_.prepared().context().emissions.empty();
   if (predicts) {
     if (changed) tell(look, ViewStage::kSolvingLight);

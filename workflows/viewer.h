@@ -27,9 +27,10 @@ struct ViewLook {
   bool moving = false;              ///< more of them follow at once: answered fast, at lower resolution
   std::vector<std::string> layers;  ///< that are shown, by names out of ViewSceneText::layers
   std::optional<int> frame;
+  bool needs_scene = false;  ///< who looks has been told nothing of the scene yet
 
   bool differs_in_layers_alone(const ViewLook& other) const {
-    return assignments == other.assignments && size == other.size && frame == other.frame && !moving;
+    return assignments == other.assignments && size == other.size && frame == other.frame && !moving && !needs_scene;
   }
 };
 

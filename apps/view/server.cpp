@@ -149,6 +149,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
   }
 
   void send_text(const std::string& kind, std::string text) {
+    if (kind == "scene") knows_scene_ = true;
     const auto same_kind = std::find_if(texts_.begin(), texts_.end(), [&](const auto& t) { return t.first == kind; });
     if (same_kind != texts_.end() && kind != "point" && kind != "problem")
       same_kind->second = std::move(text);
@@ -160,6 +161,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
     pictures_[layer] = std::move(bytes);
     write();
   }
+  bool knows_scene() const { return knows_scene_; }
   void close() {
     beast::error_code ignored;
     beast::get_lowest_layer(web_ ? web_->next_layer() : stream_).socket().close(ignored);
@@ -242,7 +244,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
   std::deque<std::pair<std::string, std::string>> texts_;  // kind, text
   std::map<std::string, std::shared_ptr<const std::string>> pictures_;
   std::shared_ptr<const std::string> now_;
-  bool writing_ = false;
+  bool writing_ = false, knows_scene_ = false;
 };
 
 Server::Implementation::Implementation(const ViewOptions& view, const ServerOptions& options, const Host& host)
@@ -436,6 +438,7 @@ void Server::Implementation::begin(const std::shared_ptr<Connection>& connection
   }
   looking_ = connection;
   unanswered_ = look.id;
+  look.needs_scene = !connection->knows_scene();
   viewer_->look(std::move(look));
 }
 

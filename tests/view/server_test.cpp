@@ -130,6 +130,19 @@ TEST(ViewServer, AnswersALookWithScenePicturesAndProgress) {
   }
 }
 
+TEST(ViewServer, APageThatJoinsWhileSamplesGoOnIsToldTheScene) {
+  const Running r;
+  const auto clean = [](const json& m) { return m["type"] == "picture" && m["stage"] == "clean"; };
+  const auto scene = [](const json& m) { return m["type"] == "scene"; };
+  Page first(r);
+  first.send(look(3));
+  first.receive_until(clean);
+  Page second(r);
+  second.send(look(4));
+  EXPECT_EQ(second.receive_until(scene)["id"], 4);
+  second.receive_until(clean);
+}
+
 TEST(ViewServer, AnswersOnlyItsOwnPage) {
   const Running r;
   const std::string folder = "/" + r.secret + "/";

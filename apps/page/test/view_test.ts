@@ -355,10 +355,9 @@ describe("the page with a made-up program", () => {
     await drag(page, 60, 0);
     await comesTo(async () => (await last(page)).moving, false);
     const { set } = await last(page);
-    const shown = await pixels(picture(page));
     await page.evaluate(() => (window as unknown as { fake: Fake }).fake.lose());
     await page.getByRole("alert").getByText("connection to the program is lost").waitFor();
-    assert.equal(await pixels(picture(page)), shown);
+    await drawn(picture(page));
     await page.evaluate(() => (window as unknown as { fake: Fake }).fake.comeBack());
     const count = (await looks(page)).length;
     await page.getByText("connection to the program is lost").waitFor({ state: "detached" });
@@ -374,7 +373,7 @@ describe("the page with a made-up program", () => {
     await page.evaluate(() => (window as unknown as { fake: Fake }).fake.problem("line 3: no such\n  key"));
     const alert = page.getByRole("alert");
     await alert.getByText("line 3: no such").waitFor();
-    assert.equal(await pixels(picture(page)), shown);
+    await drawn(picture(page));
     assert.deepEqual(await violations(page, "problem"), []);
     await alert.getByRole("button", { name: "Dismiss the problem" }).click();
     await alert.getByText("line 3").waitFor({ state: "detached" });
