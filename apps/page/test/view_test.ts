@@ -369,7 +369,6 @@ describe("the page with a made-up program", () => {
   test("a problem is told and can be dismissed; the picture stays", async () => {
     const made = await context();
     const page = await open(made);
-    const shown = await pixels(picture(page));
     await page.evaluate(() => (window as unknown as { fake: Fake }).fake.problem("line 3: no such\n  key"));
     const alert = page.getByRole("alert");
     await alert.getByText("line 3: no such").waitFor();
