@@ -66,6 +66,13 @@ class ForwardPeak {
     // The split is exact in the first moments alone: it may leave a little less than nothing to the side.
     return std::max(0.0, sum + last_ * (1 / attenuation(d) - 1));
   }
+  /// (p_1 - p_8) / 1!, ..., (p_7 - p_8) / 7!, p_8.
+  std::array<double, 8> coefficients() const {
+    std::array<double, kTerms> all;
+    std::copy(more_.begin(), more_.end(), all.begin());
+    all.back() = last_;
+    return all;
+  }
 
  private:
   static constexpr size_t kTerms = 8;

@@ -2,49 +2,27 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
+#include <mutex>
 #include <utility>
 
-#include "base/math.h"
 #include "base/parallel_for.h"
-#include "render/guides/attenuation.h"
 #include "render/guides/guide_layers.h"
-#include "render/guides/guide_pixel.h"
+#include "render/guides/guide_tile.h"
 
 namespace brume {
 namespace {
 
 // Of the largest density in a voxel: gradients below it count less, because their direction means little.
 constexpr double kGentleGradient = 0.03;
-constexpr double kStepGrowth = 0.25;  // of the step for each free path behind the eye's first ones
-constexpr double kGrowingDepth = 2, kLongestStep = 4;
-// Of a step where a pixel has several rays, as far as the medium at the last one was thinner than this.
-constexpr double kManyRaysStride = 1.5, kThinStep = 0.03;
+// Of a step where a pixel has several rays, as far as the medium is thin.
+constexpr double kManyRaysStride = 1.5;
 constexpr double kSketchStride = 2;  // of all steps
 // The same at most, where all media are homogeneous and no lamp is near, as far as such a step is as thin as this.
 constexpr double kEvenStride = 4, kEvenThickness = 0.02;
-// Transmittances of four rays that stand for sixteen differ by less.
-constexpr double kAlike = 0.02;
-// What shares one look at the light: as many first steps, of no more extinction than this.
-constexpr double kLightSteps = 2, kLightThickness = 0.12;
-// What shares one look at the fields of nodes: as much of the way between nodes, of no more extinction than this.
-constexpr double kNodesPerLook = 0.5, kNodeThickness = 0.5;
-constexpr double kOpaque = 2e-3;  // transmittance of an eighth of the extinction at which a ray ends
+constexpr double kNodesPerLook = 0.5;  // of the way between nodes: what shares one look at their fields
 constexpr double kFar = 1e30;
-constexpr double kNarrow = 0.99;     // mean cosine of directions that count as one
-constexpr int kMostRaysAcross = 4;   // of a pixel that shows the edge of a surface or light
 constexpr double kEdgeCosine = 0.9;  // between the normals at a pixel's corners
-constexpr int kTile = 16;            // px
 constexpr int kMostUnseen = 8;       // surfaces that a camera ray goes through
-constexpr size_t kOrders = SolvedLight::kFirstOrder.size();
-
-double henyey_greenstein(double g, double c) {
-  return HenyeyGreenstein{g}.value(c);
-}
-
-vec3 tinted(const dvec3& colour, double value) {
-  return vec3(colour * value);
-}
 
 }  // namespace
 
@@ -63,7 +41,8 @@ GuideMarch::GuideMarch(const PathContext& context, const std::vector<GuideMedia>
   double densest = 0;
   for (const Medium& m : media[0].media())
     densest = std::max(densest, m.maximum_density() * in_colour(m.coefficients().sigma_t, colour));
-  gentle_ = std::max(kGentleGradient * densest / media[0].voxel(), 1e-300);
+  // Steps are the march's unit of length.
+  gentle_gradient_ = std::max(kGentleGradient * densest * step_ * step_ / media[0].voxel(), 1e-30);
   double even = 0;
   for (const Medium& m : media[0].media())
     if (m.homogeneous()) even += in_colour(m.coefficients().sigma_t, colour);
@@ -72,7 +51,62 @@ GuideMarch::GuideMarch(const PathContext& context, const std::vector<GuideMedia>
     if (g.group.kind == LightGroup::Kind::kLocal) even_stride_ = 1;
   if (colour == kGrey && !media[0].media().empty()) tint_ = OrderTint(media[0].tint(0));
   // Of light of many tints, that of suns and of nodes are coloured together.
-  if (!media[0].mixed_tints()) look_apart_ = kNodesPerLook * fields.lattice().spacing;
+  if (!media[0].mixed_tints()) look_apart_ = kNodesPerLook * fields.lattice().spacing / step_;
+}
+
+// Media that are not looked up side by side are asked for point by point.
+GuideMarch::Marched GuideMarch::marched(size_t time) const {
+  const GuideMedia& media = media_[time];
+  Marched result;
+  const auto side_by_side = [&](const Medium& m) {
+    return !m.homogeneous() && !m.displacement() && !m.coloured() && !m.bricks().empty() && LaneGrid::fits(m.bricks());
+  };
+  const std::vector<Medium>& all = media.media();
+  if (all.size() <= kMostMarchedGrids && std::all_of(all.begin(), all.end(), side_by_side))
+    for (size_t i = 0; i < all.size(); ++i) {
+      MarchedGrid& grid = result.grids.emplace_back(media.marched(i, colour_, step_));
+      set_cells(grid.cells, result.cells.emplace_back(LaneGrid::of_values(all[i].bricks())));
+    }
+  bool other_lights = false, one_medium = all.size() == 1;
+  for (const SolvedLight& light : fields_.lights()) {
+    if (!light.group.sharp()) continue;
+    if (!light.group.sun || !one_medium) {
+      other_lights = true;
+      continue;
+    }
+    const SunDepth& depth = light.sun[time];
+    const ivec3& n = depth.nodes();
+    result.suns.push_back({depth.roots(),
+                           {n.x, n.y, n.z},
+                           SunDepth::kRootStep,
+                           static_cast<float>(in_colour(light.group.sun->irradiance(), colour_)),
+                           !light.visible.empty()});
+  }
+  // Light of many tints, and light that moves with what scatters it, is looked up point by point.
+  MarchedFields fields;
+  if (!media.mixed_tints() && media_.size() == 1) {
+    fields = node_fields_.marched();
+    for (size_t k = 0; k < fields_.lights().size(); ++k) {
+      const NodeFields::Slots& s = node_fields_.of(k);
+      MarchedFields::Group& group = result.groups.emplace_back();
+      group.tail = static_cast<int32_t>(s.orders + SolvedLight::kFirstOrder.size() - 1);
+      if (!fields_.lights()[k].group.sky()) continue;
+      group.single = static_cast<int32_t>(s.single);
+      group.forward = static_cast<int32_t>(s.forward);
+    }
+    fields.groups = result.groups;
+  }
+  result.scene = {result.grids,
+                  result.suns,
+                  fields,
+                  other_lights,
+                  !media.emissions().empty(),
+                  media.mixed_tints(),
+                  even_stride_ > 1,
+                  static_cast<float>(fields_.scaled_extinction()),
+                  static_cast<float>(gentle_gradient_),
+                  static_cast<float>(look_apart_)};
+  return result;
 }
 
 bool GuideMarch::blurred() const {
@@ -91,27 +125,30 @@ int GuideMarch::rays_across() const {
 void GuideMarch::record(const ivec2& corner, Layers& frame, const Task& task) {
   node_fields_.fill(camera_, task);
   gather_light(task);
+  marched_.clear();
+  for (size_t time = 0; time < media_.size(); ++time) marched_.push_back(marched(time));
   const GuideLayers layers(frame, fields_.lights(), colour_,
                            {.emission = !media_[0].emissions().empty(),
                             .surfaces = context_.surfaces != nullptr,
                             .mirrors = !node_light_.empty()});
   const int across = sketch_ ? 1 : rays_across();
-  // Rays of a square of pixels cross the same bricks and nodes.
-  const ivec2 size(frame.width(), frame.height()), tiles = (size + kTile - 1) / kTile;
-  parallel_for(tiles.x * tiles.y, task, [&](int tile) {
-    Pixel pixel(*this);
-    GuideSums& sums = pixel.sums;
-    const ivec2 from = kTile * ivec2(tile % tiles.x, tile / tiles.x), to = glm::min(from + kTile, size);
-    for (int y = from.y; y < to.y; ++y)
-      for (int x = from.x; x < to.x; ++x) {
-        const int rays = trace_pixel(corner + ivec2(x, y), across, pixel);
-        collect_fields(sums);
-        if (sums.opacity > 0) {
-          const double mean = sums.depth / sums.opacity;
-          sums.spread = sums.opacity * std::sqrt(std::max(0.0, sums.depth2 / sums.opacity - mean * mean));
-        }
-        layers.store(x, y, sums, predicted_direct(sums), predicted_indirect(sums), 1.0 / rays);
+  const ivec2 size(frame.width(), frame.height()), tiles = (size + Tile::kSide - 1) / Tile::kSide;
+  std::mutex mutex;
+  std::vector<std::unique_ptr<Tile>> idle;
+  parallel_for(tiles.x * tiles.y, task, [&](int i) {
+    std::unique_ptr<Tile> tile;
+    {
+      const std::lock_guard lock(mutex);
+      if (!idle.empty()) {
+        tile = std::move(idle.back());
+        idle.pop_back();
       }
+    }
+    if (!tile) tile = std::make_unique<Tile>(*this);
+    const ivec2 from = Tile::kSide * ivec2(i % tiles.x, i / tiles.x);
+    tile->record(corner, from, glm::min(from + Tile::kSide, size), across, layers);
+    const std::lock_guard lock(mutex);
+    idle.push_back(std::move(tile));
   });
 }
 
@@ -158,25 +195,6 @@ bool GuideMarch::shows_edge(const ivec2& pixel) const {
   return false;
 }
 
-int GuideMarch::trace_pixel(const ivec2& at, int across, Pixel& pixel) const {
-  if (!sketch_ && context_.surfaces && across < kMostRaysAcross && shows_edge(at)) across = kMostRaysAcross;
-  pixel.sums.clear();
-  double least = 1, most = 0;
-  bool alike = true;
-  std::optional<uint32_t> surface;
-  for (int r = 0; r < across * across; ++r) {
-    const Eye ray = eye(at, r, across);
-    const auto moment = static_cast<size_t>(ray.time * static_cast<double>(media_.size()));
-    const Met met = trace(ray, media_[moment], pixel.lines[moment], pixel);
-    if (r == 0) surface = met.surface;
-    alike = alike && met.surface == surface;
-    least = std::min(least, met.passed);
-    most = std::max(most, met.passed);
-  }
-  if (across == 2 && blurred() && !(alike && most - least < kAlike)) return trace_pixel(at, kMostRaysAcross, pixel);
-  return across * across;
-}
-
 std::optional<SurfaceHit> GuideMarch::first_seen(const Ray& ray) const {
   if (!context_.surfaces) return std::nullopt;
   double from = 0;
@@ -188,270 +206,6 @@ std::optional<SurfaceHit> GuideMarch::first_seen(const Ray& ray) const {
     from = hit->t + 2 * hit->margin;
   }
   return std::nullopt;
-}
-
-// The first surface that is seen, with the medium in front of it.
-GuideMarch::Met GuideMarch::trace(const Eye& eye, const GuideMedia& media, MediaLine& line, Pixel& pixel) const {
-  const Ray ray = camera_.ray(eye.film, eye.lens, eye.time);
-  const std::optional<SurfaceHit> hit = first_seen(ray);
-  const auto [light, distance] = context_.lights->nearest(ray, hit ? hit->t : kFar, /*seen=*/true);
-  const double t_end = light ? distance : hit ? hit->t : kFar;
-  const Passed passed = march(eye, ray, media, line, t_end, pixel);
-  GuideSums& sums = pixel.sums;
-  if (light) {
-    sums.background += tinted(light->radiance(ray, distance), passed.straight);
-  } else if (hit) {
-    add_surface(eye, ray, *hit, passed, media, line, sums);
-  } else {
-    for (const InfiniteLight* sky : context_.lights->infinite())
-      if (sky->visible()) sums.background += tinted(sky->radiance(ray.d), passed.straight);
-  }
-  return {passed.straight, hit && !light ? std::optional(hit->surface) : std::nullopt};
-}
-
-GuideMarch::Passed GuideMarch::march(const Eye& eye, const Ray& ray, const GuideMedia& media, MediaLine& line,
-                                     double t_max, Pixel& pixel) const {
-  static thread_local std::vector<std::pair<double, double>> parts, uneven;
-  media.intervals(ray, t_max, parts);
-  if (parts.empty()) return {};
-  const bool some_even = even_stride_ > 1;
-  if (some_even) media.uneven_intervals(ray, t_max, uneven);
-  auto ahead = uneven.begin();
-  line.follow(ray);
-  const bool emits = !media.emissions().empty(), mixed = media.mixed_tints();
-  const double scale = fields_.scaled_extinction();
-  const double step = eye.stride * step_;
-  double passed = 1, passed2 = 1, passed4 = 1, passed8 = 1, passed_scaled = 1, depth = 0, sigma_t = 0;
-  double seen = 0, seen_depth = 0, seen_depth2 = 0, seen_density = 0;
-  dvec3 seen_gradient(0);
-  Piece piece, wide;
-  for (size_t k = 0; k < pixel.views.size(); ++k) {
-    pixel.views[k].g = std::numeric_limits<double>::quiet_NaN();
-    const Sun* const sun = fields_.lights()[k].group.sun;
-    if (!sun) continue;
-    pixel.views[k].sun = fields_.lights()[k].sun[time_of(media)].line(ray);
-    if (media.media().size() == 1) look_from(media, glm::dot(sun->axis(), ray.d), media.mean_cosine(0), 1, k, pixel);
-  }
-
-  for (const auto& [begin, end] : parts) {
-    // Steps of neighbouring pixels begin at the same distances from the eye, wherever their cells begin.
-    double t = (std::floor(begin / step - eye.offset) + eye.offset) * step;
-    double piece_end = t;
-    while (t < end && passed8 > kOpaque) {
-      const double own_step = sigma_t * step < kThinStep ? step : step_, light_step = kLightSteps * own_step;
-      // A branch, which is predicted, so that the next look does not wait for the extinction of the last.
-      double length = own_step;
-      if (depth > kGrowingDepth) length *= std::min(kLongestStep, 1 + kStepGrowth * (depth - kGrowingDepth));
-      if (some_even) {
-        while (ahead != uneven.end() && ahead->second <= t) ++ahead;
-        const double free = (ahead == uneven.end() ? end : std::min(end, ahead->first)) - t;
-        length = std::max(length, step * std::min(even_stride_, std::floor(free / step)));
-      }
-      if (t < begin) length -= begin - std::exchange(t, begin);
-      length = std::min(length, end - t);
-      const double middle = t + 0.5 * length;
-      t += length;
-      if (middle > t_max) break;
-      dvec3 gradient;
-      const GuideMedia::Point point = line.at(middle, gradient);
-      const dvec3 emission = emits ? media.emission(ray.at(middle)) : dvec3(0);
-      const double thickness = point.sigma_t * length;
-      sigma_t = point.sigma_t;
-      if (!(thickness > 0)) {
-        if (emits) add_emission(emission, passed * length, passed_scaled * length, depth, pixel.sums);
-        continue;
-      }
-      if (middle >= piece_end || piece.thickness > kLightThickness) {
-        add_light(piece, media, ray, wide, pixel);
-        piece = {};
-        piece.begin = t - length;
-        piece_end = (std::floor(middle / light_step - eye.offset) + 1 + eye.offset) * light_step;
-      }
-      const double q8 = attenuation(thickness / 8), q4 = q8 * q8, q2 = q4 * q4, q = q2 * q2;
-      const double q_scaled = attenuation(thickness * scale);
-      const double w = passed * (1 - q);
-      piece.end = t;
-      piece.w += w;
-      piece.w2 += passed2 * (1 - q2);
-      piece.w4 += passed4 * (1 - q4);
-      piece.w8 += passed8 * (1 - q8);
-      piece.scaled += passed_scaled * (1 - q_scaled);
-      piece.thickness += thickness;
-      piece.distance += thickness * middle;
-      piece.depth += thickness * (depth + 0.5 * thickness);
-      piece.albedo += thickness * point.albedo;
-      piece.g += thickness * point.g;
-      if (mixed) piece.tint += thickness * point.albedo * point.tint;
-      if (emits)
-        add_emission(emission, w / point.sigma_t, passed_scaled * (1 - q_scaled) / (point.sigma_t * scale),
-                     depth + 0.5 * thickness, pixel.sums);
-      passed *= q;
-      passed2 *= q2;
-      passed4 *= q4;
-      passed8 *= q8;
-      passed_scaled *= q_scaled;
-      depth += thickness;
-
-      const double from_middle = middle - reference_depth_;
-      seen += w;
-      seen_depth += w * from_middle;
-      seen_depth2 += w * from_middle * from_middle;
-      seen_gradient += w / (glm::length(gradient) + gentle_) * gradient;
-      seen_density += w * point.density;
-    }
-  }
-  add_light(piece, media, ray, wide, pixel);
-  add_fields(wide, media, ray, pixel);
-  GuideSums& sums = pixel.sums;
-  sums.opacity += seen;
-  sums.depth += seen_depth;
-  sums.depth2 += seen_depth2;
-  sums.gradient += seen_gradient;
-  sums.density += seen_density;
-  return {passed, std::max(0.0, passed_scaled - passed)};
-}
-
-// Seen straight on, and after one scattering or more by forward peaks.
-void GuideMarch::add_emission(const dvec3& coefficient, double straight, double scaled, double depth,
-                              GuideSums& sums) const {
-  const double once = std::min(straight * (1 - fields_.scaled_extinction()) * depth, std::max(0.0, scaled - straight));
-  sums.emission += tinted(coefficient, straight);
-  sums.emission_once += tinted(coefficient, once);
-  sums.behind += tinted(coefficient, std::max(0.0, scaled - straight - once));
-}
-
-double GuideMarch::phase_value(const GuideMedia& media, double cosine, double g, double spread) const {
-  if (spread < kNarrow) return henyey_greenstein(spread * g, cosine);
-  return media.media().size() == 1 ? media.media()[0].phase().value(cosine) : henyey_greenstein(g, cosine);
-}
-
-// Its phase function, octaves and forward peak.
-void GuideMarch::look_from(const GuideMedia& media, double cosine, double g, double spread, size_t group,
-                           Pixel& pixel) const {
-  pixel.views[group].phase = {phase_value(media, cosine, g, spread), henyey_greenstein(g / 2, cosine),
-                              henyey_greenstein(g / 4, cosine), henyey_greenstein(g / 8, cosine)};
-  pixel.views[group].peak = ForwardPeak(g, cosine);
-}
-
-dvec3 GuideMarch::in_light(const GuideMedia& media, const dvec3& p) const {
-  const GuideMedia& solved = media_[media_.size() / 2];
-  return &media == &solved ? p : media.followed(p, solved);
-}
-
-void GuideMarch::look_from_sun(const GuideMedia& media, const Ray& ray, double g, size_t group, Pixel& pixel) const {
-  // In steps, so that it seldom changes.
-  constexpr double kSteps = 1024;
-  const double rounded = std::round(g * kSteps) / kSteps;
-  if (pixel.views[group].g == rounded) return;
-  pixel.views[group].g = rounded;
-  look_from(media, glm::dot(fields_.lights()[group].group.sun->axis(), ray.d), rounded, 1, group, pixel);
-}
-
-void GuideMarch::add_light(const Piece& piece, const GuideMedia& media, const Ray& ray, Piece& wide,
-                           Pixel& pixel) const {
-  if (!(piece.thickness > 0)) return;
-  for (size_t k = 0; k < pixel.views.size(); ++k)
-    if (fields_.lights()[k].group.sharp()) add_sharp_light(piece, media, ray, k, pixel);
-  const auto flush = [&] {
-    add_fields(wide, media, ray, pixel);
-    wide = {};
-  };
-  if (piece.end - wide.begin > 2 * look_apart_) flush();
-  wide.add(piece);
-  if (wide.end - wide.begin > look_apart_ || wide.thickness > kNodeThickness) flush();
-}
-
-void GuideMarch::add_fields(const Piece& wide, const GuideMedia& media, const Ray& ray, Pixel& pixel) const {
-  if (!(wide.thickness > 0)) return;
-  const double albedo = wide.albedo / wide.thickness;
-  const auto w = static_cast<float>(wide.w), scaled = static_cast<float>(wide.scaled);
-  alignas(16) float fields[NodeFields::kMost];
-  node_fields_.interpolate(in_light(media, ray.at(wide.distance / wide.thickness)), fields);
-  GuideSums& sums = pixel.sums;
-  for (size_t i = 0; i < node_fields_.count(); ++i) sums.plain[i] += w * fields[i];
-  for (size_t i = 0; i < node_fields_.count(); ++i) sums.scaled[i] += scaled * fields[i];
-  for (size_t k = 0; k < sums.groups.size(); ++k) {
-    const LightGroup& group = fields_.lights()[k].group;
-    const NodeFields::Slots& s = node_fields_.of(k);
-    GroupSums& out = sums.groups[k];
-    Pixel::View& view = pixel.views[k];
-    const double tail = fields[s.orders + kOrders - 1];
-    out.tail[0] += wide.w2 * tail;
-    out.tail[1] += wide.w4 * tail;
-    out.tail[2] += wide.w8 * tail;
-    if (group.sky()) {
-      view.single = wide.w * albedo * fields[s.single];
-      view.forward = wide.scaled / fields_.scaled_extinction() * albedo * fields[s.forward] - view.single;
-      out.single += view.single;
-      out.forward += view.forward;
-    } else if (!group.sharp()) {
-      // These fields are per extinction without the forward peak.
-      view.single = fields_.scaled_extinction() * wide.w * fields[s.single];
-      view.forward = std::max(0.0, wide.scaled * fields[s.single] - view.single);
-    }
-  }
-  if (media.mixed_tints()) add_tinted(wide, fields, pixel);
-}
-
-// Light of a sun or lamp, whose direction and optical depth are known.
-void GuideMarch::add_sharp_light(const Piece& piece, const GuideMedia& media, const Ray& ray, size_t k,
-                                 Pixel& pixel) const {
-  const SolvedLight& solved = fields_.lights()[k];
-  const double distance = piece.distance / piece.thickness, g_mean = piece.g / piece.thickness;
-  Pixel::View& view = pixel.views[k];
-  double irradiance, tau, arriving;
-  if (solved.group.sun) {
-    irradiance = in_colour(solved.group.sun->irradiance(), colour_);
-    tau = solved.sun[time_of(media)].at(view.sun, distance);
-    arriving = attenuation(tau);
-    // Of a sun in one medium the angle does not change along the ray.
-    if (media.media().size() > 1) look_from_sun(media, ray, g_mean, k, pixel);
-  } else {
-    const dvec3 here = in_light(media, ray.at(distance));
-    const LocalLight light = local_light(*solved.group.lights[0], here);
-    irradiance = in_colour(light.irradiance, colour_);
-    tau = interpolated(fields_.lattice(), solved.depth, here);
-    arriving = light.transmittance(tau);
-    look_from(media, glm::dot(light.towards, ray.d), g_mean, light.mean_cosine(), k, pixel);
-  }
-  if (!solved.visible.empty())
-    irradiance *= interpolated(fields_.lattice(), solved.visible, in_light(media, ray.at(distance)));
-  irradiance *= piece.albedo / piece.thickness;
-  GroupSums& out = pixel.sums.groups[k];
-  const std::array<double, 4>& phase = view.phase;
-  const double v16 = attenuation(tau / 16), v8 = v16 * v16, v4 = v8 * v8, v2 = v4 * v4;
-  const double peak = (1 - fields_.scaled_extinction()) * (tau + piece.depth / piece.thickness);
-  view.single = piece.w * irradiance * phase[0] * arriving;
-  view.forward = piece.w * irradiance * arriving * view.peak.repeated(peak);
-  out.single += view.single;
-  out.forward += view.forward;
-  out.octave[0] += piece.w2 * irradiance * phase[1] * v2;
-  out.octave[1] += piece.w4 * irradiance * phase[2] * v4;
-  out.octave[2] += piece.w8 * irradiance * phase[3] * v8;
-  const double even = piece.w * irradiance / (4 * kPi);
-  out.soft[0] += even * v2;
-  out.soft[1] += even * v4;
-  out.soft[2] += even * v8;
-  out.soft[3] += even * v16;
-}
-
-// What is a field times a weight has been summed for all fields at once.
-void GuideMarch::collect_fields(GuideSums& sums) const {
-  for (size_t k = 0; k < sums.groups.size(); ++k) {
-    const LightGroup& group = fields_.lights()[k].group;
-    const NodeFields::Slots& s = node_fields_.of(k);
-    GroupSums& out = sums.groups[k];
-    for (size_t order = 0; order < kOrders; ++order) out.orders[order] = sums.scaled[s.orders + order];
-    out.flux = sums.scaled[s.flux];
-    if (group.sky()) {
-      out.soft[0] = sums.plain[s.root];
-      out.soft[1] = sums.plain[s.fourth_root];
-    } else if (!group.sharp()) {
-      // These fields are per extinction without the forward peak.
-      out.single = fields_.scaled_extinction() * sums.plain[s.single];
-      out.forward = std::max(0.0, sums.scaled[s.single] - out.single);
-    }
-  }
 }
 
 }  // namespace brume

@@ -11,11 +11,13 @@
 #include "render/guides/light_fields.h"
 #include "render/guides/lit_surface.h"
 #include "render/guides/node_fields.h"
+#include "render/guides/ray_march.h"
 #include "render/transport/integrator.h"
 #include "render/world/camera.h"
 
 namespace brume {
 
+class GuideLayers;
 class MediaLine;
 
 /// Camera rays through the light of LightFields, for one colour: one ray for each pixel that is small against voxels,
@@ -32,17 +34,13 @@ class GuideMarch {
  private:
   struct Pixel;
   struct Piece;
+  class Tile;
   /// A camera ray, the size of the square of film that it stands for [px], and how it is marched: by steps so many
   /// times longer than those of a pixel's only ray, the first one shortened by a share of it, so that the rays of a
   /// pixel look between one another's steps.
   struct Eye {
     dvec2 film, lens{0.5};
     double time = 0, cell = 1, stride = 1, offset = 0;
-  };
-  /// What a camera ray meets, for comparison with the other rays of its pixel.
-  struct Met {
-    double passed = 1;
-    std::optional<uint32_t> surface;
   };
   /// What a ray sees, by the events that the light has gone through on it: none, or more.
   struct Seen {
@@ -63,17 +61,13 @@ class GuideMarch {
   std::optional<SurfaceHit> first_seen(const Ray& ray) const;
   /// One of a pixel's rays. @param across  of them along each of its sides
   Eye eye(const ivec2& pixel, int ray, int across) const;
-  /// The rays of a pixel. @return how many they were
-  int trace_pixel(const ivec2& at, int across, Pixel& pixel) const;
-  Met trace(const Eye& eye, const GuideMedia& media, MediaLine& line, Pixel& pixel) const;
   /// Transmittance of what lies before a point; and what light has more from there that was only scattered by forward
   /// peaks, which count as straight on.
   struct Passed {
     double straight = 1, peaks = 0;
   };
-  /// Of what lies before t_max.
-  Passed march(const Eye& eye, const Ray& ray, const GuideMedia& media, MediaLine& line, double t_max,
-               Pixel& pixel) const;
+  /// What the march knows of the media at one of the shutter's times.
+  const MarchScene& scene_at(size_t time) const { return marched_[time].scene; }
   /// @param straight  length of a piece of a ray times its transmittance   @param scaled  the same without the forward
   ///                  peak   @param depth  optical depth before it
   void add_emission(const dvec3& coefficient, double straight, double scaled, double depth, GuideSums& sums) const;
@@ -87,11 +81,9 @@ class GuideMarch {
   size_t time_of(const GuideMedia& media) const { return static_cast<size_t>(&media - media_.data()); }
   /// Where the light of what is at a point was solved: it may move.
   dvec3 in_light(const GuideMedia& media, const dvec3& p) const;
-  /// Adds the light that a piece of a ray scatters towards the eye: of suns and lamps at once, fields of nodes when the
-  /// pieces since they were looked up last are as long as nodes are apart.
-  /// @param wide  these pieces
-  void add_light(const Piece& piece, const GuideMedia& media, const Ray& ray, Piece& wide, Pixel& pixel) const;
+  /// Adds light of nodes that a piece of a ray scatters towards the eye.
   void add_fields(const Piece& wide, const GuideMedia& media, const Ray& ray, Pixel& pixel) const;
+  /// The same of a sun or lamp, whose direction and optical depth are known.
   void add_sharp_light(const Piece& piece, const GuideMedia& media, const Ray& ray, size_t group, Pixel& pixel) const;
   void collect_fields(GuideSums& sums) const;
 
@@ -138,8 +130,22 @@ class GuideMarch {
   const GuideColour colour_;
   const Camera& camera_;
   const bool sketch_;
-  double step_ = 1, even_stride_ = 1, reference_depth_ = 0, gentle_ = 0;
-  double look_apart_ = 0;  // of one look at the fields of nodes to the next [world units]
+  static constexpr int kMostRaysAcross = 4;  // of a pixel that shows the edge of a surface or light
+  double step_ = 1;                          // [world units]
+  double even_stride_ = 1, reference_depth_ = 0;
+  double gentle_gradient_ = 0;  // of the extinction per step
+  double look_apart_ = 0;       // of one look at the fields of nodes to the next [steps]
+
+  /// As the march reads them, at one time of the shutter.
+  struct Marched {
+    std::vector<LaneGrid> cells;
+    std::vector<MarchedGrid> grids;
+    std::vector<MarchedSun> suns;
+    std::vector<MarchedFields::Group> groups;
+    MarchScene scene;
+  };
+  Marched marched(size_t time) const;
+  std::vector<Marched> marched_;
 
   OrderTint tint_;  // of the first medium
   NodeFields node_fields_;

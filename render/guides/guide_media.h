@@ -5,6 +5,7 @@
 #include <utility>
 #include <vector>
 
+#include "render/guides/ray_march.h"
 #include "volume/emission.h"
 #include "volume/medium.h"
 
@@ -38,6 +39,10 @@ class GuideMedia {
   const std::vector<EmissionField>& emissions() const { return emissions_; }
   /// Mean cosine of a medium's phase function.
   double mean_cosine(size_t medium) const { return mean_cosine_[medium]; }
+
+  /// A medium as the march reads it, which is a still grid of one albedo; without its cells.
+  /// @param step  its unit of length [world units]
+  MarchedGrid marched(size_t medium, GuideColour colour, double step) const;
 
   /// What scatters at a point.
   struct Point {

@@ -18,7 +18,7 @@ void GuideMarch::add_tinted(const Piece& piece, const float* fields, Pixel& pixe
   if (!(piece.albedo > 0)) return;
   // In steps, so that it seldom changes.
   constexpr double kSteps = 4096;
-  const dvec3 tint = glm::round(piece.tint / piece.albedo * kSteps) / kSteps;
+  const dvec3 tint = glm::round(piece.tint * kSteps) / kSteps;
   if (tint != pixel.tint.once()) pixel.tint = OrderTint(tint);
   GuideSums& sums = pixel.sums;
   for (size_t k = 0; k < pixel.views.size(); ++k) {

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "base/vec.h"
+#include "render/guides/ray_march.h"
 
 namespace brume {
 
@@ -33,16 +34,17 @@ struct GuideSums : GuideTotals {
   std::vector<GroupSums> groups;
   std::vector<vec3> surface;  ///< by group: reflected by a surface
   /// NodeFields times the weight of what is seen of them, with the whole extinction and without the forward peak.
-  std::vector<float> plain, scaled;
+  std::array<float, MarchedFields::kMost> plain{}, scaled{};
+  std::vector<MarchedRay::FieldSums> fields;  ///< by group
 
-  GuideSums(size_t group_count, size_t fields)
-      : groups(group_count), surface(group_count, vec3(0)), plain(fields, 0.0f), scaled(fields, 0.0f) {}
+  explicit GuideSums(size_t group_count) : groups(group_count), surface(group_count, vec3(0)), fields(group_count) {}
   void clear() {
     static_cast<GuideTotals&>(*this) = {};
     std::fill(groups.begin(), groups.end(), GroupSums{});
     std::fill(surface.begin(), surface.end(), vec3(0));
-    std::fill(plain.begin(), plain.end(), 0.0f);
-    std::fill(scaled.begin(), scaled.end(), 0.0f);
+    std::fill(fields.begin(), fields.end(), MarchedRay::FieldSums{});
+    plain.fill(0);
+    scaled.fill(0);
   }
 };
 

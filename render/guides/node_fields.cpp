@@ -120,13 +120,19 @@ struct NodeFields::Sky {
 
 void NodeFields::fill(const Camera& camera, const Task& task) {
   const ivec3 n = fields_.lattice().n;
-  values_ = NodeValues(static_cast<size_t>(n.x) * n.y * n.z * count_);
+  // Vectors of fields are read beyond those of the last node.
+  values_ = NodeValues(static_cast<size_t>(n.x) * n.y * n.z * count_ + Lattice::kVector);
   const Sky sky(*this, fields_, media_);
   parallel_for(n.x, quiet(task), [&](int x) {
     for (int y = 0; y < n.y; ++y)
       for (int z = 0; z < n.z; ++z)
         if (fields_.near()[fields_.lattice().index(x, y, z)]) fill_node({x, y, z}, camera, sky);
   });
+}
+
+MarchedFields NodeFields::marched() const {
+  const ivec3& n = fields_.lattice().n;
+  return {values_.data(), {n.x, n.y, n.z}, static_cast<int32_t>(count_), {}};
 }
 
 void NodeFields::fill_node(const ivec3& node, const Camera& camera, const Sky& sky) {

@@ -5,6 +5,7 @@
 #include "render/guides/cap_phase.h"
 #include "render/guides/guide_media.h"
 #include "render/guides/light_fields.h"
+#include "render/guides/ray_march.h"
 #include "render/world/camera.h"
 
 namespace brume {
@@ -20,7 +21,8 @@ class NodeFields {
     size_t single = 0, root = 0, fourth_root = 0;  ///< scattered once; the last two of the sky's transmittances
     size_t forward = 0;                            ///< of the sky: scattered once or by forward peaks alone
   };
-  static constexpr size_t kMost = 64;  ///< of all lights together: light_groups() limits them
+  /// Of all lights together: light_groups() limits them.
+  static constexpr size_t kMost = MarchedFields::kMost;
 
   /// @param media  at the time at which the light was solved first   @throws std::logic_error for more than kMost
   NodeFields(const LightFields& fields, const GuideMedia& media, GuideColour colour);
@@ -29,6 +31,8 @@ class NodeFields {
   /// All fields at a point, linear between the nodes. @param values  count() numbers, aligned to four
   void interpolate(const dvec3& world, float* values) const;
   size_t count() const { return count_; }
+  /// As the march reads them, without groups; after fill().
+  MarchedFields marched() const;
   const Slots& of(size_t group) const { return slots_[group]; }
 
  private:

@@ -32,6 +32,12 @@ class SunDepth {
   float at(const Line& line, double t) const { return at_place(line.start + t * line.along); }
   size_t bytes() const { return roots_.size() * sizeof(uint16_t); }
 
+  /// Depths are kept as their roots in 16 bits: within 0.001 at a depth of 1, up to the largest that matters.
+  static constexpr float kLargest = 676, kRootStep = 26.0f / 65535;
+  const uint16_t* roots() const { return roots_.data(); }
+  /// Nodes along a column and across; columns lie one behind another, the last axis the faster one.
+  const ivec3& nodes() const { return n_; }
+
  private:
   /// Lattice coordinates: along the column, and the two across.
   dvec3 place(const dvec3& world) const { return sheared(world - origin_); }
@@ -45,8 +51,6 @@ class SunDepth {
   dvec3 origin_{0};
   double inverse_ = 1, slope_u_ = 0, slope_v_ = 0;
   int axis_ = 0, u_ = 1, v_ = 2;
-  /// Depths are kept as their roots in 16 bits: within 0.001 at a depth of 1, up to the largest that matters.
-  static constexpr float kLargest = 676, kRootStep = 26.0f / 65535;
   static float depth_of(uint16_t root) {
     const float r = kRootStep * static_cast<float>(root);
     return r * r;

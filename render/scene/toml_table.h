@@ -27,8 +27,8 @@ std::string toml_range_text(const Field& field);
 /// @throws InputError, with line and column, for what is no TOML
 toml::value parse_toml(std::istream& stream, const std::string& name);
 
-/// Sets a key of a scene: "camera.fov=30", "volumes.0.sigma_t=5". TOML values, or bare text for strings. Tables that are
-/// not there are made; an index one past the end of a list adds an entry.
+/// Sets a key of a scene: "camera.fov=30", "volumes.0.sigma_t=5". TOML values, or bare text for strings. Tables that
+/// are not there are made; an index one past the end of a list adds an entry.
 /// @throws InputError
 void apply_assignment(toml::value& root, const std::string& assignment);
 

@@ -249,10 +249,13 @@ HWY_INLINE V lerp(V a, V b, V f) {
   return hn::Add(a, hn::Mul(f, hn::Sub(b, a)));
 }
 
-/// Linear interpolation between two neighbouring entries of a table. @param index  of the first
-HWY_INLINE V between_entries(const float* table, VI index, V f) {
+/// Two neighbouring entries of a table. @param index  of the first
+struct EntryPair {
+  V first, second;
+};
+HWY_INLINE EntryPair entry_pair(const float* table, VI index) {
 #if HWY_TARGET == HWY_SCALAR
-  return lerp(hn::GatherIndex(D(), table, index), hn::GatherIndex(D(), table + 1, index), f);
+  return {hn::GatherIndex(D(), table, index), hn::GatherIndex(D(), table + 1, index)};
 #else
   // Both are gathered as one 64-bit number: the cost of a gather is per lane.
   const DI di;
@@ -263,8 +266,14 @@ HWY_INLINE V between_entries(const float* table, VI index, V f) {
     return hn::BitCast(D(), hn::GatherOffset(d_bytes, base, hn::ShiftLeft<2>(hn::PromoteTo(d_bytes, part))));
   };
   const V low = pairs(hn::LowerHalf(index)), high = pairs(hn::UpperHalf(half, index));
-  return lerp(hn::ConcatEven(D(), high, low), hn::ConcatOdd(D(), high, low), f);
+  return {hn::ConcatEven(D(), high, low), hn::ConcatOdd(D(), high, low)};
 #endif
+}
+
+/// Linear interpolation between them.
+HWY_INLINE V between_entries(const float* table, VI index, V f) {
+  const EntryPair pair = entry_pair(table, index);
+  return lerp(pair.first, pair.second, f);
 }
 
 /// The interpolated density at points of cells, q relative to the cell in [0, cell].

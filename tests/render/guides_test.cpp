@@ -136,6 +136,67 @@ TEST(Guides, AreTheSameForAnyNumberOfThreads) {
   test::expect_same_bits(guides_of(scene, 0.7, 1), guides_of(scene, 0.7, 3));
 }
 
+// Rays are marched 1, 4, 8 or 16 side by side.
+TEST(Guides, AreTheSameOnEveryInstructionSet) {
+  Scene sphere_lit = ball(3, 0.5);
+  LightSettings lamp;
+  lamp.type = "sphere";
+  lamp.position = {1.5, -1, 0};
+  lamp.radius = 0.1;
+  lamp.radiance = dvec3(40);
+  sphere_lit.lights.push_back(lamp);
+  for (const Scene& scene : {test::demo("cloud", 32), test::demo("fire", 32), sphere_lit}) {
+    const PreparedScene prepared(scene, LayerRequest::of({"direct"}, false));
+    const Guides guides(prepared.context(), 1, 32 * 32);
+    const auto marched = [&] {
+      Layers frame(scene.film.width, scene.film.height);
+      guides.record(prepared.camera(), {0, 0}, frame, {});
+      return frame;
+    };
+    const Layers best = marched();
+    for (int64_t targets = hwy::SupportedTargets(); targets; targets &= targets - 1) {
+      const int64_t target = targets & -targets;
+      hwy::SetSupportedTargetsForTest(target);
+      test::expect_same_bits(best, marched(), scene.name + " " + hwy::TargetName(target));
+    }
+    hwy::SetSupportedTargetsForTest(0);
+  }
+}
+
+// Next to a homogeneous medium of no consequence, media are looked up point by point, in double precision, and the sun's
+// light is added up so. What the sky sends is left out: of several media its phase function is another approximation;
+// density, too, of which the largest counts.
+TEST(Guides, OfMediaLookedUpSideBySideAreThoseLookedUpPointByPoint) {
+  for (const char* name : {"cloud", "smoke"}) {
+    Scene scene = test::demo(name, 48);
+    const Layers side_by_side = guides_of(scene);
+    VolumeSettings faint = scene.volumes[0];
+    faint.shape = "box";
+    faint.file.clear();
+    faint.grid.clear();
+    const PreparedScene prepared(scene, LayerRequest::of({"direct"}, false));
+    const Medium::Sphere sphere = prepared.context().media[0].bounding_sphere();
+    faint.lo = sphere.centre + prepared.world_shift() - 0.1 * sphere.radius;
+    faint.hi = sphere.centre + prepared.world_shift() + 0.1 * sphere.radius;
+    faint.object_to_world = dmat4(1);
+    faint.sigma_t = dvec3(1e-9);
+    scene.volumes.push_back(faint);
+    const Layers point_by_point = guides_of(scene);
+    for (const std::string& layer : side_by_side.names()) {
+      if (layer == "guide.density.Y" || layer == "guide.single.sky.Y" || layer == "guide.multiple.sky_forward.Y")
+        continue;
+      const Plane &a = side_by_side.at(layer), &b = point_by_point.at(layer);
+      double squares = 0, difference = 0;
+      for (int y = 0; y < a.height(); ++y)
+        for (int x = 0; x < a.width(); ++x) {
+          squares += std::pow(static_cast<double>(b(x, y)), 2);
+          difference += std::pow(static_cast<double>(a(x, y) - b(x, y)), 2);
+        }
+      EXPECT_LE(std::sqrt(difference), 5e-3 * std::sqrt(squares) + 1e-6) << name << " " << layer;
+    }
+  }
+}
+
 TEST(Guides, OfACropAreThoseOfTheWhole) {
   const PreparedScene scene(test::demo("smoke", 48), LayerRequest::of({"guides"}, false));
   RenderJob job;
