@@ -38,6 +38,17 @@ void Layers::set(const std::string& name, Plane plane) {
   channels_.insert_or_assign(name, std::move(plane));
 }
 
+void Layers::store_rows(const std::string& name, int y, const Plane& rows, const Task& task) {
+  stored_.try_emplace(name, width_, height_).first->second.set_rows(y, rows, task);
+}
+
+void Layers::set_stored(const std::string& name, StoredPlane plane) {
+  if (plane.width() != width_ || plane.height() != height_)
+    throw std::logic_error(fmt::format("stored channel {} is {} x {}, the frame is {} x {}", name, plane.width(),
+                                       plane.height(), width_, height_));
+  stored_.insert_or_assign(name, std::move(plane));
+}
+
 const Plane* Layers::find(const std::string& name) const {
   const auto it = channels_.find(name);
   return it == channels_.end() ? nullptr : &it->second;

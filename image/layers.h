@@ -9,6 +9,7 @@
 
 #include "base/vec.h"
 #include "image/plane.h"
+#include "image/stored_plane.h"
 
 namespace brume {
 
@@ -121,6 +122,12 @@ class Layers {
 
   const std::map<std::string, Plane>& channels() const { return channels_; }
 
+  /// Channels in less memory, which only some code reads: they are not among channels().
+  void set_stored(const std::string& name, StoredPlane plane);
+  /// Rows of such a channel from y on.
+  void store_rows(const std::string& name, int y, const Plane& rows, const Task& task);
+  const std::map<std::string, StoredPlane>& stored() const { return stored_; }
+
   /// Channels of raw 32-bit words, row by row: state that must survive a file bit for bit.
   std::vector<uint32_t>& add_words(const std::string& name);
   const std::vector<uint32_t>* find_words(const std::string& name) const;
@@ -147,6 +154,7 @@ class Layers {
  private:
   int width_ = 0, height_ = 0;
   std::map<std::string, Plane> channels_;
+  std::map<std::string, StoredPlane> stored_;
   std::map<std::string, std::vector<uint32_t>> words_;
 };
 

@@ -96,6 +96,10 @@ LayerRequest Cleaner::request(const LayerRequest& wanted, int samples) {
   return request;
 }
 
+bool Cleaner::may_store(const std::string& channel) const {
+  return !keep_guides_ && filter_.entry().stored_guides && is_only_fitted(channel);
+}
+
 Layers Cleaner::clean(Layers frame) {
   ApplyReport report;
   Layers clean =

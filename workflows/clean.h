@@ -21,6 +21,9 @@ class Cleaner {
   /// @throws InputError for a filter that could not run on what will be recorded
   LayerRequest request(const LayerRequest& wanted, int samples);
 
+  /// Whether the frames that are cleaned may hold a channel in Layers::stored: after request().
+  bool may_store(const std::string& channel) const;
+
   /// The frame with the clean picture on top: the raw one goes to `noisy`, the parts to clean_direct and
   /// clean_indirect, the estimated error to clean_error, where the filter makes them.
   Layers clean(Layers frame);

@@ -141,6 +141,7 @@ struct Setup {
     job.records = options.records;
     job.program = version_text();
     job.stamp = [](Layers& frame) { stamp(frame); };
+    if (cleaner) job.stored = [this](const std::string& channel) { return cleaner->may_store(channel); };
     job.warn = [this](const std::string& text) { host.say(Host::Word::kWarning, text); };
   }
 };

@@ -127,8 +127,9 @@ struct FilterEntry {
   bool needs_features = false;  ///< is of no use without any
   /// Whether it reads FilterFrame::lab_noise with these parameters; null: never.
   std::function<bool(const std::any&)> noise_level;
-  bool variances = false;  ///< reads the variance of the layers it needs or can use
-  bool guides = false;     ///< reads every layer `guide.*` that the frame has
+  bool variances = false;      ///< reads the variance of the layers it needs or can use
+  bool guides = false;         ///< reads every layer `guide.*` that the frame has
+  bool stored_guides = false;  ///< reads those that is_only_fitted() from Layers::stored, too
   /// Cleans `direct` and `indirect` apart where a caller asks for the beauty and the frame has both; what it produces
   /// adds up over them.
   bool parts = false;
@@ -227,6 +228,8 @@ class Declaration {
   Declaration& with_variance() { return entry_.variances = true, *this; }
   /// Reads every layer `guide.*` that the frame has.
   Declaration& guides() { return entry_.guides = true, *this; }
+  /// That too where those that is_only_fitted() are in Layers::stored.
+  Declaration& stored_guides() { return entry_.stored_guides = true, *this; }
   /// Cleans `direct` and `indirect` apart rather than the beauty.
   Declaration& parts() { return entry_.parts = true, *this; }
   /// Runs once, on a box outside of which the result is the input, because it measures over all of it.

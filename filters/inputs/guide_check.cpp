@@ -144,18 +144,19 @@ GuideCheck check_guides(const Layers& given, const Task& task) {
   Plane mask(width, height);  // where guides see something
   for (const Guide& guide : guides_of(frame)) {
     if (guide.kind == GuideClass::kPredicted || guide.kind == GuideClass::kMaterial) continue;
-    if (guide.kind == GuideClass::kOpacity) few.push_back(guide.channels[0]);
+    if (guide.kind == GuideClass::kOpacity) few.push_back(&guide.channels[0].plane());
     const bool of_medium = guide.kind == GuideClass::kOpacity;
     if (of_medium || guide.kind == GuideClass::kSurface || guide.name == "normal")
-      for (const Plane* plane : guide.channels)
+      for (const ChannelView& channel : guide.channels)
         for_each_row(height, quiet(task), [&](int y) {
           for (int x = 0; x < width; ++x)
-            if (of_medium ? (*plane)(x, y) > kLeastOpacity : (*plane)(x, y) != 0) mask(x, y) = 1;
+            if (const float v = channel.plane()(x, y); of_medium ? v > kLeastOpacity : v != 0) mask(x, y) = 1;
         });
     if (guide.coloured)
-      guides.push_back(&made.emplace_back(grey({guide.channels[0], guide.channels[1], guide.channels[2]})));
+      guides.push_back(&made.emplace_back(
+          grey({&guide.channels[0].plane(), &guide.channels[1].plane(), &guide.channels[2].plane()})));
     else
-      guides.insert(guides.end(), guide.channels.begin(), guide.channels.end());
+      for (const ChannelView& channel : guide.channels) guides.push_back(&channel.plane());
   }
   for (const LayerName& l : find_filter("transport_regression").can_use)
     if (frame.has(l))

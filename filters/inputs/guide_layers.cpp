@@ -19,39 +19,55 @@ GuideClass kind_of(std::string_view name) {
 }
 
 /// Whether `b` is `a` times a number, to the rounding of the numbers.
-bool proportional(const Plane& a, const Plane& b) {
+bool proportional(const ChannelView& a, const ChannelView& b) {
   double aa = 0, ab = 0, bb = 0;
-  for (int y = 0; y < a.height(); ++y)
+  std::vector<float> room_a(static_cast<size_t>(a.width())), room_b(room_a.size());
+  for (int y = 0; y < a.height(); ++y) {
+    const float *const in_a = a.row(y, 0, a.width(), room_a.data()), *const in_b =
+                                                                         b.row(y, 0, b.width(), room_b.data());
     for (int x = 0; x < a.width(); ++x) {
-      const double u = static_cast<double>(a(x, y)), v = static_cast<double>(b(x, y));
+      const double u = static_cast<double>(in_a[x]), v = static_cast<double>(in_b[x]);
       aa += u * u;
       ab += u * v;
       bb += v * v;
     }
+  }
   return aa > 0 ? ab * ab >= (1 - 1e-8) * aa * bb : bb == 0;
 }
 
 }  // namespace
 
+bool is_only_fitted(std::string_view channel) {
+  if (!is_guide(channel)) return false;
+  const std::string_view name = channel.substr(kGuidePrefix.size());
+  const GuideClass kind = kind_of(name.substr(0, name.rfind('.')));
+  return kind == GuideClass::kSingle || kind == GuideClass::kMultiple ||
+         (kind == GuideClass::kGeometry && !name.starts_with("depth") && !name.starts_with("normal"));
+}
+
 std::vector<Guide> guides_of(const Layers& frame) {
-  std::map<std::string, std::map<char, const Plane*>> found;
-  for (const auto& [channel, plane] : frame.channels()) {
-    const size_t dot = channel.rfind('.');
-    if (!is_guide(channel) || dot < kGuidePrefix.size() || dot + 2 != channel.size()) continue;
-    found[channel.substr(kGuidePrefix.size(), dot - kGuidePrefix.size())][channel.back()] = &plane;
-  }
+  std::map<std::string, std::map<char, ChannelView>> found;
+  const auto find_in = [&](const auto& channels) {
+    for (const auto& [channel, plane] : channels) {
+      const size_t dot = channel.rfind('.');
+      if (!is_guide(channel) || dot < kGuidePrefix.size() || dot + 2 != channel.size()) continue;
+      found[channel.substr(kGuidePrefix.size(), dot - kGuidePrefix.size())].emplace(channel.back(), &plane);
+    }
+  };
+  find_in(frame.channels());
+  find_in(frame.stored());
   std::vector<Guide> guides;
   for (const auto& [name, channels] : found) {
     Guide guide{name, kind_of(name), false, {}};
     guide.coloured = channels.size() == 3 && channels.count('R') && channels.count('G') && channels.count('B');
-    if (guide.coloured && guide.kind != GuideClass::kPredicted && proportional(*channels.at('G'), *channels.at('R')) &&
-        proportional(*channels.at('G'), *channels.at('B'))) {
+    if (guide.coloured && guide.kind != GuideClass::kPredicted && proportional(channels.at('G'), channels.at('R')) &&
+        proportional(channels.at('G'), channels.at('B'))) {
       guide.coloured = false;
       guide.channels = {channels.at('G')};
     } else if (guide.coloured)
       guide.channels = {channels.at('R'), channels.at('G'), channels.at('B')};
     else
-      for (const auto& [letter, plane] : channels) guide.channels.push_back(plane);
+      for (const auto& [letter, channel] : channels) guide.channels.push_back(channel);
     guides.push_back(std::move(guide));
   }
   return guides;

@@ -1,4 +1,5 @@
 #pragma once
+#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -37,16 +38,44 @@ enum class GuideClass {
   kMaterial
 };
 
+/// A channel that is read, as it is or stored.
+class ChannelView {
+ public:
+  ChannelView(const Plane* plane) : plane_(plane) {}  // NOLINT: a plane is such a view
+  explicit ChannelView(const StoredPlane* stored) : stored_(stored) {}
+
+  int width() const { return plane_ ? plane_->width() : stored_->width(); }
+  int height() const { return plane_ ? plane_->height() : stored_->height(); }
+  /// The pixels from..to of a row. @param room  for so many pixels, where they may be put
+  const float* row(int y, int from, int to, float* room) const {
+    if (plane_) return plane_->row(y) + from;
+    stored_->read(y, from, to, room);
+    return room;
+  }
+  /// @throws std::logic_error for one that is stored
+  const Plane& plane() const {
+    if (!plane_) throw std::logic_error("a guide is stored that is looked up pixel by pixel");
+    return *plane_;
+  }
+
+ private:
+  const Plane* plane_ = nullptr;
+  const StoredPlane* stored_ = nullptr;
+};
+
 /// A layer `guide.CLASS[.WHAT]` without noise: one number, three numbers, or one number for each colour.
 struct Guide {
   std::string name;  ///< without the prefix
   GuideClass kind;
-  bool coloured;                       ///< channels R, G, B that are not multiples of one another
-  std::vector<const Plane*> channels;  ///< in their order
+  bool coloured;                      ///< channels R, G, B that are not multiples of one another
+  std::vector<ChannelView> channels;  ///< in their order
 };
 
 /// Every guide of a frame, by name.
 std::vector<Guide> guides_of(const Layers& frame);
+
+/// Whether a channel belongs to a guide of which transport_regression only fits sums: it may be stored.
+bool is_only_fitted(std::string_view channel);
 
 /// Whether a channel belongs to a guide.
 inline bool is_guide(std::string_view channel) {

@@ -44,14 +44,16 @@ struct Shape {
 constexpr int kChunk = 64;
 
 /// The columns' values of some pixels of a row, `stride` floats from one to the next.
-void pack_columns(const LatticePixels& p, int y, int from, int to, size_t stride, const float* factors, float* out) {
-  const float* base = p.columns[0].values->row(y);
+/// @param room  for twice so many pixels
+void pack_columns(const LatticePixels& p, int y, int from, int to, size_t stride, const float* factors, float* room,
+                  float* out) {
+  const int count = to - from;
+  const float* base = p.columns[0].values.row(y, from, to, room);
   for (size_t k = 0; k < p.columns.size(); ++k) {
     const LatticeColumn& c = p.columns[k];
-    const float* v = c.values->row(y);
+    const float* v = k == 0 ? base : c.values.row(y, from, to, room + count);
     float* place = out + k;
-    for (int x = from; x < to; ++x, place += stride)
-      *place = factors[x - from] * (c.scale * (v[x] - c.offset * base[x]));
+    for (int i = 0; i < count; ++i, place += stride) *place = factors[i] * (c.scale * (v[i] - c.offset * base[i]));
   }
 }
 
@@ -60,7 +62,7 @@ void add_blocks(const LatticePixels& p, const Shape& s, int row, float* nodes) {
   const int width = p.weight->width(), height = p.weight->height(), side = s.block;
   const int first_row = row * side, last_row = std::min(height, first_row + side);
   std::vector<float> vectors(static_cast<size_t>(side) * static_cast<size_t>(side) * s.stride);
-  std::vector<float> root(static_cast<size_t>(side));
+  std::vector<float> root(static_cast<size_t>(side)), room(2 * root.size());
   for (int b = 0; b < s.across; ++b) {
     const int from = b * side, to = std::min(width, from + side);
     float* node = nodes + static_cast<size_t>(b) * s.node;
@@ -76,7 +78,7 @@ void add_blocks(const LatticePixels& p, const Shape& s, int row, float* nodes) {
       }
       if (!any) continue;
       float* line = vectors.data() + packed * s.stride;
-      pack_columns(p, y, from, to, s.stride, root.data(), line);
+      pack_columns(p, y, from, to, s.stride, root.data(), room.data(), line);
       for (size_t t = 0; t < s.targets; ++t) {
         const float* v = p.targets[t]->row(y);
         for (int x = from; x < to; ++x)
@@ -270,9 +272,10 @@ std::vector<Plane> predict(const LatticePixels& p, const Shape& s, const Rows& n
                                static_cast<int>(coefficients.size()));
     std::vector<float> vectors(static_cast<size_t>(kChunk) * s.used);
     const std::vector<float> ones(static_cast<size_t>(kChunk), 1.0f);
+    std::vector<float> room(2 * ones.size());
     for (int begin = from; begin < to; begin += kChunk) {
       const int end = std::min(to, begin + kChunk);
-      pack_columns(p, y, begin, end, s.used, ones.data(), vectors.data());
+      pack_columns(p, y, begin, end, s.used, ones.data(), room.data(), vectors.data());
       std::vector<float*> results;
       for (Plane& plane : out) results.push_back(plane.row(y) + begin);
       const size_t first = 3 * static_cast<size_t>(begin);
@@ -316,10 +319,13 @@ SplinePlaces::SplinePlaces(int pixels, int block, int count) {
 
 std::vector<LatticeColumn> standardised(std::vector<LatticeColumn> columns, const Plane& weight, const Task& task) {
   parallel_for(static_cast<int>(columns.size()), quiet(task), [&](int i) {
-    const Plane& column = *columns[static_cast<size_t>(i)].values;
+    const ChannelView &column = columns[static_cast<size_t>(i)].values, &first = columns[0].values;
+    const int width = weight.width();
+    std::vector<float> room(2 * static_cast<size_t>(width));
     double base = 0, cross = 0, own = 0, total = 0;
     for (int y = 0; y < weight.height(); ++y) {
-      const float *w = weight.row(y), *c = column.row(y), *b = columns[0].values->row(y);
+      const float *const w = weight.row(y), *const c = column.row(y, 0, width, room.data()),
+                         *const b = first.row(y, 0, width, room.data() + width);
       // Sums of one row in float, of all rows in double.
       float bases = 0, crosses = 0, owns = 0, totals = 0;
       for (int x = 0; x < weight.width(); ++x) {

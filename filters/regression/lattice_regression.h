@@ -2,13 +2,14 @@
 #include <functional>
 #include <vector>
 
+#include "filters/inputs/guide_layers.h"
 #include "filters/inputs/planes.h"
 
 namespace brume {
 
 /// A column of a regression: scale * (values - offset * the first column's values).
 struct LatticeColumn {
-  const Plane* values;
+  ChannelView values;
   float offset = 0, scale = 1;
 };
 

@@ -94,8 +94,8 @@ std::vector<Plane> stacking_weights(const std::vector<StoredPair>& candidates, c
       if (!std::any_of(weight.row(y), weight.row(y) + width, [](float w) { return w > 0; })) continue;
       for (size_t c = 0; c < 3; ++c)
         for (size_t i = 0; i + 1 < n; ++i) {
-          candidates[i].a[c].read_row(y, fit(c, i, 0));
-          candidates[i].b[c].read_row(y, fit(c, i, 1));
+          candidates[i].a[c].read(y, 0, width, fit(c, i, 0));
+          candidates[i].b[c].read(y, 0, width, fit(c, i, 1));
         }
       for (int x = 0; x < width; ++x) {
         const float w = weight(x, y);

@@ -45,10 +45,10 @@ CleanedPixels::CleanedPixels(const std::vector<Guide>& guides, const Layers& lay
     : layers_(layers), half_a_(half_a), half_b_(half_b) {
   bool known = false;
   for (const Guide& g : guides) {
-    if (g.kind == GuideClass::kOpacity) opacity_ = g.channels[0];
+    if (g.kind == GuideClass::kOpacity) opacity_ = &g.channels[0].plane();
     known |= g.kind == GuideClass::kSurface;
     if (g.kind == GuideClass::kSurface || g.name == "normal")
-      surfaces_.insert(surfaces_.end(), g.channels.begin(), g.channels.end());
+      for (const ChannelView& channel : g.channels) surfaces_.push_back(&channel.plane());
   }
   unknown_surfaces_ = opacity_ && !known && shows_surfaces(layers);
 }
@@ -100,7 +100,8 @@ void ColourColumns::add(const Guide& g) {
   if (g.coloured)
     for (size_t c = 0; c < 3; ++c) of[c].push_back({g.channels[c]});
   else
-    for (const Plane* p : g.channels) add(*p);
+    for (const ChannelView& channel : g.channels)
+      for (auto& columns : of) columns.push_back({channel});
 }
 
 void ColourColumns::add(const Plane& p) {
@@ -135,13 +136,13 @@ Plane brightness(const std::vector<Guide>& guides, const std::function<bool(cons
   for (const Guide& g : guides) {
     if (predicted && predicts(g))
       add([&](int x, int y) {
-        const auto at = [&](size_t c) { return (*g.channels[c % g.channels.size()])(x, y); };
+        const auto at = [&](size_t c) { return g.channels[c % g.channels.size()].plane()(x, y); };
         return luminance(vec3(at(0), at(1), at(2)));
       });
     if (!predicted &&
         (g.kind == GuideClass::kSingle || g.kind == GuideClass::kEmission || g.kind == GuideClass::kSurface))
-      for (const Plane* p : g.channels)
-        add([&](int x, int y) { return (*p)(x, y) / static_cast<float>(g.channels.size()); });
+      for (const ChannelView& channel : g.channels)
+        add([&](int x, int y) { return channel.plane()(x, y) / static_cast<float>(g.channels.size()); });
   }
   return bright;
 }
@@ -207,16 +208,18 @@ TransportColumns::TransportColumns(const FilterFrame& frame, const Plane& one, c
   for (const Guide& g : guides)
     if (g.name == "normal")
       solid = make_plane(frame.width(), frame.height(), quiet(task), [&](int x, int y) {
-        const vec3 n((*g.channels[0])(x, y), (*g.channels[1])(x, y), (*g.channels[2])(x, y));
+        const vec3 n(g.channels[0].plane()(x, y), g.channels[1].plane()(x, y), g.channels[2].plane()(x, y));
         return std::min(1.0f, glm::length(n));
       });
   const auto channels = [&](std::string_view name) -> std::vector<const Plane*> {
+    std::vector<const Plane*> planes;
     for (const Guide& g : guides)
-      if (g.name == name) return g.channels;
-    return {};
+      if (g.name == name)
+        for (const ChannelView& channel : g.channels) planes.push_back(&channel.plane());
+    return planes;
   };
   if (!solid.empty()) part_solids(channels("normal"), channels("surface_material"), task);
-  if (unknown_surfaces) add_surfaces(frame.layers, *opacity->channels[0], task);
+  if (unknown_surfaces) add_surfaces(frame.layers, opacity->channels[0].plane(), task);
   if (!guided) add_features(frame.layers);
 }
 
@@ -250,12 +253,13 @@ void TransportColumns::part_solids(const std::vector<const Plane*>& normal, cons
 void TransportColumns::add_features_of(const Guide& guide, const Task& task) {
   const bool colour = guide.kind == GuideClass::kPredicted || guide.kind == GuideClass::kBackground;
   std::vector<Plane> planes;
-  for (const Plane* p : guide.channels) {
+  for (const ChannelView& channel : guide.channels) {
+    const Plane& p = channel.plane();
     if (!colour || planes.empty())
-      planes.push_back(*p);
+      planes.push_back(p);
     else
-      for_each_row(p->height(), quiet(task), [&](int y) {
-        for (int x = 0; x < p->width(); ++x) planes[0](x, y) += (*p)(x, y);
+      for_each_row(p.height(), quiet(task), [&](int y) {
+        for (int x = 0; x < p.width(); ++x) planes[0](x, y) += p(x, y);
       });
   }
   for (Plane& plane : planes) {

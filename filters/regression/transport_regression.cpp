@@ -174,6 +174,7 @@ const FilterEntry entry =
         .statistics(Statistics::kNone, Statistics::kHalves)
         .no_variance()
         .guides()
+        .stored_guides()
         .can_use(layer::transmittance, layer::gradient, layer::gradient_transmittance_weighted, layer::albedo,
                  layer::normal, layer::depth)
         .parts()

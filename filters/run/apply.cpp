@@ -137,6 +137,8 @@ class Source {
       const Plane& whole = layers().at(name);
       part.set(name, aligned ? Plane::view(whole, box.x0, box.y0, box.width(), box.height()) : crop(whole, box));
     }
+    for (const auto& [name, plane] : layers().stored())
+      part.set_stored(name, plane.view(box.x0, box.y0, box.width(), box.height()));
     return part;
   }
 

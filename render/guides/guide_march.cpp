@@ -27,7 +27,7 @@ constexpr int kMostUnseen = 8;       // surfaces that a camera ray goes through
 }  // namespace
 
 GuideMarch::GuideMarch(const PathContext& context, const std::vector<GuideMedia>& media, const LightFields& fields,
-                       GuideColour colour, const Camera& camera, double step_voxels, bool sketch)
+                       GuideColour colour, const Camera& camera, double step_voxels, bool sketch, const Task& task)
     : context_(context),
       media_(media),
       fields_(fields),
@@ -52,6 +52,9 @@ GuideMarch::GuideMarch(const PathContext& context, const std::vector<GuideMedia>
   if (colour == kGrey && !media[0].media().empty()) tint_ = OrderTint(media[0].tint(0));
   // Of light of many tints, that of suns and of nodes are coloured together.
   if (!media[0].mixed_tints()) look_apart_ = kNodesPerLook * fields.lattice().spacing / step_;
+  node_fields_.fill(camera_, task);
+  gather_light(task);
+  for (size_t time = 0; time < media_.size(); ++time) marched_.push_back(marched(time));
 }
 
 // Media that are not looked up side by side are asked for point by point.
@@ -122,11 +125,7 @@ int GuideMarch::rays_across() const {
   return glm::distance(a.at(distance), b.at(distance)) > 0.75 * std::sqrt(2.0) * media_[0].voxel() ? 2 : 1;
 }
 
-void GuideMarch::record(const ivec2& corner, Layers& frame, const Task& task) {
-  node_fields_.fill(camera_, task);
-  gather_light(task);
-  marched_.clear();
-  for (size_t time = 0; time < media_.size(); ++time) marched_.push_back(marched(time));
+void GuideMarch::record(const ivec2& corner, Layers& frame, const Task& task) const {
   const GuideLayers layers(frame, fields_.lights(), colour_,
                            {.emission = !media_[0].emissions().empty(),
                             .surfaces = context_.surfaces != nullptr,

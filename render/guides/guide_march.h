@@ -26,10 +26,10 @@ class MediaLine;
 class GuideMarch {
  public:
   GuideMarch(const PathContext& context, const std::vector<GuideMedia>& media, const LightFields& fields,
-             GuideColour colour, const Camera& camera, double step_voxels, bool sketch = false);
+             GuideColour colour, const Camera& camera, double step_voxels, bool sketch, const Task& task);
 
   /// Adds the layers of the pixels from `corner` on to `frame`.
-  void record(const ivec2& corner, Layers& frame, const Task& task);
+  void record(const ivec2& corner, Layers& frame, const Task& task) const;
 
  private:
   struct Pixel;

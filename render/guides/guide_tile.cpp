@@ -36,7 +36,8 @@ void GuideMarch::Tile::record(const ivec2& corner, const ivec2& from, const ivec
   for (int y = from.y; y < to.y; ++y)
     for (int x = from.x; x < to.x; ++x) {
       const ivec2 at = corner + ivec2(x, y);
-      const bool edge = !march_.sketch_ && march_.context_.surfaces && across < kMostRaysAcross && march_.shows_edge(at);
+      const bool edge =
+          !march_.sketch_ && march_.context_.surfaces && across < kMostRaysAcross && march_.shows_edge(at);
       (edge ? at_edges : plain).push_back(traced_.size());
       traced_.push_back({at});
     }
@@ -112,7 +113,8 @@ void GuideMarch::Tile::set_parts(CameraRay& ray, MarchedRay& marched, double t_m
   if (!intervals_.empty()) ray.start = std::floor(intervals_[0].first / (kCountedSteps * step)) * kCountedSteps * step;
   marched.first_part = static_cast<uint32_t>(parts_.size() / 2);
   for (const auto& [from, to] : intervals_) {
-    const auto first = static_cast<float>((from - ray.start) / step), last = static_cast<float>((to - ray.start) / step);
+    const auto first = static_cast<float>((from - ray.start) / step),
+               last = static_cast<float>((to - ray.start) / step);
     if (first < last) parts_.insert(parts_.end(), {first, last});
   }
   marched.last_part = static_cast<uint32_t>(parts_.size() / 2);
@@ -192,8 +194,17 @@ void GuideMarch::Tile::end(const CameraRay& ray, const MarchedRay& marched) {
 GuideMarch::Piece GuideMarch::Tile::piece_of(const CameraRay& ray, const MarchedPiece& p) const {
   const double thickness = p.thickness;
   const dvec3 tint(p.tint[0], p.tint[1], p.tint[2]);
-  return {p.w, p.w2, p.w4, p.w8, p.scaled, thickness, ray.start + march_.step_ * (p.distance / thickness),
-          p.depth / thickness, p.albedo / thickness, p.g / thickness, p.albedo > 0 ? tint / static_cast<double>(p.albedo) : dvec3(1)};
+  return {p.w,
+          p.w2,
+          p.w4,
+          p.w8,
+          p.scaled,
+          thickness,
+          ray.start + march_.step_ * (p.distance / thickness),
+          p.depth / thickness,
+          p.albedo / thickness,
+          p.g / thickness,
+          p.albedo > 0 ? tint / static_cast<double>(p.albedo) : dvec3(1)};
 }
 
 RayMarchHost::Point GuideMarch::Tile::look(size_t i, float t) {

@@ -14,6 +14,7 @@ namespace {
 constexpr int kTimes = 9;
 constexpr double kMostDetail = 2, kSketch = 0.5;
 constexpr double kMostKept = 150e6;  // bytes of light of all colours
+constexpr int kBand = 64;            // rows that are marched before they are stored
 
 }  // namespace
 
@@ -45,16 +46,39 @@ LightFields Guides::solved(GuideColour colour, const Task& task) const {
   return {media_, *context_.lights, context_.surfaces, colour, detail(samples_), pixels_, task};
 }
 
-void Guides::record(const Camera& camera, const ivec2& corner, Layers& frame, const Task& task, bool sketch) const {
+template <class Visit>
+void Guides::for_each_march(const Camera& camera, bool sketch, const Task& task, const Visit& visit) const {
   if (media_[0].empty()) return;
   const auto march = [&](const LightFields& fields, GuideColour colour) {
-    GuideMarch(context_, media_, fields, colour, camera, step_, sketch).record(corner, frame, task);
+    visit(GuideMarch(context_, media_, fields, colour, camera, step_, sketch, task));
   };
   for (size_t i = 0; i < colours_.size(); ++i)
     if (i < fields_.size())
       march(fields_[i], colours_[i]);
     else
       march(solved(colours_[i], task), colours_[i]);
+}
+
+void Guides::record(const Camera& camera, const ivec2& corner, Layers& frame, const Task& task, bool sketch) const {
+  for_each_march(camera, sketch, task, [&](const GuideMarch& march) { march.record(corner, frame, task); });
+}
+
+void Guides::record_stored(const Camera& camera, const ivec2& corner, Layers& frame, const Task& task,
+                           const std::function<bool(const std::string& channel)>& stored) const {
+  for_each_march(camera, /*sketch=*/false, task, [&](const GuideMarch& march) {
+    for (int y0 = 0; y0 < frame.height(); y0 += kBand) {
+      Layers band(frame.width(), std::min(kBand, frame.height() - y0));
+      march.record(corner + ivec2(0, y0), band, quiet(task));
+      for (const auto& [name, plane] : band.channels()) {
+        if (stored(name)) {
+          frame.store_rows(name, y0, plane, task);
+          continue;
+        }
+        Plane& whole = frame.add(name);
+        for (int y = 0; y < plane.height(); ++y) std::copy_n(plane.row(y), plane.width(), whole.row(y0 + y));
+      }
+    }
+  });
 }
 
 size_t Guides::bytes() const {

@@ -1,4 +1,5 @@
 #pragma once
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -35,12 +36,18 @@ class Guides {
   /// @param corner  of the window, in pixels of the whole picture
   /// @param sketch  one ray for each pixel, in longer steps: for pictures that are looked at while better ones are made
   void record(const Camera& camera, const ivec2& corner, Layers& frame, const Task& task, bool sketch = false) const;
+  /// The same, but that channels go to Layers::stored where `stored` says so: at no time are they all there as planes.
+  void record_stored(const Camera& camera, const ivec2& corner, Layers& frame, const Task& task,
+                     const std::function<bool(const std::string& channel)>& stored) const;
 
   /// Memory and time that it took, and what is left out, in one line.
   std::string explain() const;
   size_t bytes() const;
 
  private:
+  /// Calls visit(march) for each colour.
+  template <class Visit>
+  void for_each_march(const Camera& camera, bool sketch, const Task& task, const Visit& visit) const;
   LightFields solved(GuideColour colour, const Task& task) const;
 
   const PathContext& context_;

@@ -136,9 +136,19 @@ class Marching {
     HWY_ALIGN Lane begin, end, w, w2, w4, w8, scaled, thickness, distance, depth, albedo, g, tint[3];
 
     MarchedPiece of(size_t lane) const {
-      return {begin[lane],     end[lane],      w[lane],     w2[lane],     w4[lane],
-              w8[lane],        scaled[lane],   thickness[lane], distance[lane], depth[lane],
-              albedo[lane],    g[lane],        {tint[0][lane], tint[1][lane], tint[2][lane]}};
+      return {begin[lane],
+              end[lane],
+              w[lane],
+              w2[lane],
+              w4[lane],
+              w8[lane],
+              scaled[lane],
+              thickness[lane],
+              distance[lane],
+              depth[lane],
+              albedo[lane],
+              g[lane],
+              {tint[0][lane], tint[1][lane], tint[2][lane]}};
     }
     /// Begins anew at the end, in the lanes of a mask.
     HWY_INLINE void clear(M mask) {
@@ -277,8 +287,7 @@ HWY_INLINE V Marching::step_length(M active, V t) const {
   if (!scene_.even) return length;
   HWY_ALIGN Lane from, steps = {};
   put(t, from);
-  for_each_lane(active,
-                [&](size_t lane, size_t ray) { steps[lane] = host_.even_steps(ray, from[lane], end_[lane]); });
+  for_each_lane(active, [&](size_t lane, size_t ray) { steps[lane] = host_.even_steps(ray, from[lane], end_[lane]); });
   return hn::Max(length, hn::Mul(stride, get(steps)));
 }
 
@@ -309,8 +318,8 @@ HWY_INLINE void Marching::look_in(const MarchedGrid& grid, const V3& p, M active
           z0 = hn::Min(hn::Floor(q.z), highest);
   const V fx = hn::Sub(q.x, x0), fy = hn::Sub(q.y, y0), fz = hn::Sub(q.z, z0);
   const VI stored = hn::Set(di, c.stored);
-  const VI voxel = hn::Add(
-      hn::Mul(hn::Add(hn::Mul(hn::ConvertTo(di, x0), stored), hn::ConvertTo(di, y0)), stored), hn::ConvertTo(di, z0));
+  const VI voxel = hn::Add(hn::Mul(hn::Add(hn::Mul(hn::ConvertTo(di, x0), stored), hn::ConvertTo(di, y0)), stored),
+                           hn::ConvertTo(di, z0));
   const VI first = kept(hn::Add(voxel, brick));
   const int y = c.stored, x = y * y;
   const EntryPair e00 = entry_pair(c.values, first), e01 = entry_pair(c.values + y, first),
@@ -352,7 +361,11 @@ void Marching::look_through_host(M active, V t, Seen& seen) const {
       tint[a][lane] = p.tint[a];
     }
   });
-  seen = {get(extinction), get(albedo), get(g), get(density), {get(gradient[0]), get(gradient[1]), get(gradient[2])},
+  seen = {get(extinction),
+          get(albedo),
+          get(g),
+          get(density),
+          {get(gradient[0]), get(gradient[1]), get(gradient[2])},
           {get(tint[0]), get(tint[1]), get(tint[2])}};
 }
 
@@ -389,8 +402,9 @@ HWY_INLINE void Marching::step() {
   V t = get(t_);
   const V begin = get(begin_), end = get(end_);
   V length = step_length(active, t);
-  const V light_step = hn::Mul(set(kLightSteps), hn::IfThenElse(hn::Lt(hn::Mul(get(extinction_), get(stride_)), set(kThinStep)),
-                                                               get(stride_), set(1.0f)));
+  const V light_step =
+      hn::Mul(set(kLightSteps),
+              hn::IfThenElse(hn::Lt(hn::Mul(get(extinction_), get(stride_)), set(kThinStep)), get(stride_), set(1.0f)));
   const V late = hn::Max(hn::Sub(begin, t), zero);
   t = hn::Add(t, late);
   // As long as what is left of the step; where nothing is, of the next one.
@@ -403,7 +417,8 @@ HWY_INLINE void Marching::step() {
   put(hn::IfThenElse(active, extinction, get(extinction_)), extinction_);
   const M any = hn::Gt(thickness, zero);
 
-  const M full = hn::And(any, hn::Or(hn::Ge(middle, get(piece_end_)), hn::Gt(get(piece_.thickness), set(kLightThickness))));
+  const M full =
+      hn::And(any, hn::Or(hn::Ge(middle, get(piece_end_)), hn::Gt(get(piece_.thickness), set(kLightThickness))));
   if (!hn::AllFalse(d, full)) {
     add_light(full);
     piece_.clear(full);
@@ -505,15 +520,14 @@ void Marching::add_light(M mask) {
   mask = hn::And(mask, hn::Gt(get(piece_.thickness), zero));
   if (hn::AllFalse(d, mask)) return;
   for (size_t k = 0; k < scene_.suns.size(); ++k) add_sun(k, mask);
-  if (scene_.other_lights)
-    for_each_lane(mask, [&](size_t lane, size_t ray) { host_.light(ray, piece_.of(lane)); });
+  if (scene_.other_lights) for_each_lane(mask, [&](size_t lane, size_t ray) { host_.light(ray, piece_.of(lane)); });
   const auto longer = [&](const Lane& end, float than) {
     return hn::And(mask, hn::Gt(hn::Sub(get(end), get(wide_.begin)), set(than)));
   };
   add_fields(longer(piece_.end, 2 * scene_.look_apart));
   wide_.join(piece_, mask, scene_.mixed_tints);
-  add_fields(hn::Or(longer(wide_.end, scene_.look_apart),
-                    hn::And(mask, hn::Gt(get(wide_.thickness), set(kNodeThickness)))));
+  add_fields(
+      hn::Or(longer(wide_.end, scene_.look_apart), hn::And(mask, hn::Gt(get(wide_.thickness), set(kNodeThickness)))));
 }
 
 void Marching::add_fields(M mask) {
@@ -608,8 +622,8 @@ HWY_INLINE void Marching::add_sun(size_t k, M mask) {
     f[a] = hn::Sub(c, whole);
   }
   const VI column = hn::Add(hn::Mul(node[1], hn::Set(di, known.n[2])), node[2]);
-  const VI index = hn::IfThenElseZero(hn::RebindMask(di, mask),
-                                      hn::Add(hn::Mul(column, hn::Set(di, known.n[0])), node[0]));
+  const VI index =
+      hn::IfThenElseZero(hn::RebindMask(di, mask), hn::Add(hn::Mul(column, hn::Set(di, known.n[0])), node[0]));
   const auto along = [&](int32_t offset) {
     const ShortPair roots = short_pair(known.roots + offset, index);
     const V a = hn::Mul(set(known.root_step), roots.first), b = hn::Mul(set(known.root_step), roots.second);

@@ -16,11 +16,11 @@ inline constexpr size_t kMostMarchedGrids = 4, kMostMarchedSuns = 2;
 /// A medium that is a still grid of one albedo.
 struct MarchedGrid {
   LaneCells cells;
-  float extinction;           ///< per density
-  float albedo, g;            ///< mean cosine of the phase function
-  float inverse_maximum;      ///< of the density
-  float tint[3];              ///< of light scattered once
-  float gradient[3][3];       ///< from the change of the density per voxel to that of the extinction per step, world axes
+  float extinction;       ///< per density
+  float albedo, g;        ///< mean cosine of the phase function
+  float inverse_maximum;  ///< of the density
+  float tint[3];          ///< of light scattered once
+  float gradient[3][3];   ///< from the change of the density per voxel to that of the extinction per step, world axes
 };
 
 /// Parallel light in a single medium, whose angle does not change along a ray.
@@ -78,8 +78,8 @@ struct MarchedRay {
   };
   float *plain = nullptr, *scaled = nullptr;  ///< to which fields are added, weighted by w and by MarchedPiece::scaled
   FieldSums* groups = nullptr;                ///< likewise
-  float stride = 1;  ///< steps are so many times longer, except in thick media
-  float offset = 0;  ///< share of a step by which the first one is shortened
+  float stride = 1;                           ///< steps are so many times longer, except in thick media
+  float offset = 0;                           ///< share of a step by which the first one is shortened
   /// Of [begin, end) in which anything may be found: in order and apart from one another.
   uint32_t first_part = 0, last_part = 0;
 

@@ -83,6 +83,8 @@ struct RenderJob {
   std::function<NextRound(const RenderRound&)> next_round;
   int first_round = 8;
 
+  /// Guides that the frame holds in Layers::stored; null: none.
+  std::function<bool(const std::string& channel)> stored;
   bool keep_state = false;  ///< the result carries the sums of its samples, to be merged
   /// Written every checkpoint_seconds, at the end and when interrupted. A checkpoint that cannot be written ends
   /// nothing: `warn` is told, and the next one is tried.

@@ -140,6 +140,7 @@ RenderResult RenderSession::run() {
   result.report = report();
   result.layers = film_.take();
   for (const auto& [name, plane] : guides_.channels()) result.layers.set(name, std::move(*guides_.find(name)));
+  for (const auto& [name, plane] : guides_.stored()) result.layers.set_stored(name, plane);
   finish_header(result.layers, result.report);
   if (job_.keep_state) film_.save_state(result.layers, {task_.threads});
   return result;
@@ -230,12 +231,17 @@ void RenderSession::record_guides(const Task& task) {
   const Guides* const guides = scene_.guides(job_.samples_for_guides(), task);
   if (!guides || guides_.width() > 0) return;
   guides_ = Layers(film_.width(), film_.height());
-  guides->record(camera_, {window_.x0, window_.y0}, guides_, task);
+  const ivec2 corner(window_.x0, window_.y0);
+  if (job_.stored)
+    guides->record_stored(camera_, corner, guides_, task, job_.stored);
+  else
+    guides->record(camera_, corner, guides_, task);
 }
 
 Layers RenderSession::film_so_far() const {
   Layers frame = film_.layers();
   for (const auto& [name, plane] : guides_.channels()) frame.set(name, plane);
+  for (const auto& [name, plane] : guides_.stored()) frame.set_stored(name, plane);
   finish_header(frame, report());
   return frame;
 }

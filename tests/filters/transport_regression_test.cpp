@@ -460,27 +460,6 @@ TEST(GuideFeatures, EveryFilterTakesAllFeaturesAtOnce) {
   }
 }
 
-// Relative error 2^-11, of zeros and of values 30 powers of two below the largest one of their run none and all.
-TEST(StoredPlane, KeepsElevenBitsOfEveryValue) {
-  Plane plane(150, 3);
-  for (int y = 0; y < 3; ++y)
-    for (int x = 0; x < 150; ++x)
-      plane(x, y) = (x % 2 ? -1.0f : 1.0f) * std::pow(10.0f, static_cast<float>((x * 7 + y) % 9 - 4)) *
-                    (1 + 0.01f * static_cast<float>(x));
-  plane(5, 1) = 0;
-  plane(70, 2) = 3e38f;
-  plane(71, 2) = 1e-3f;
-  Plane back;
-  StoredPlane(plane, {}).read(back, {});
-  for (int y = 0; y < 3; ++y)
-    for (int x = 0; x < 150; ++x) {
-      if (y == 2 && x >= 64 && x < 128) continue;
-      EXPECT_NEAR(back(x, y), plane(x, y), std::abs(plane(x, y)) / 2048) << x << " " << y;
-    }
-  EXPECT_NEAR(back(70, 2), 3e38f, 3e38f / 2048);
-  EXPECT_EQ(back(71, 2), 0.0f);
-}
-
 TEST(PlaneView, ReadsTheOthersPixelsAndCopiesToAPlaneOfItsOwn) {
   Plane whole(100, 20);
   for (int y = 0; y < 20; ++y)

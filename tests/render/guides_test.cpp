@@ -163,9 +163,9 @@ TEST(Guides, AreTheSameOnEveryInstructionSet) {
   }
 }
 
-// Next to a homogeneous medium of no consequence, media are looked up point by point, in double precision, and the sun's
-// light is added up so. What the sky sends is left out: of several media its phase function is another approximation;
-// density, too, of which the largest counts.
+// Next to a homogeneous medium of no consequence, media are looked up point by point, in double precision, and the
+// sun's light is added up so. What the sky sends is left out: of several media its phase function is another
+// approximation; density, too, of which the largest counts.
 TEST(Guides, OfMediaLookedUpSideBySideAreThoseLookedUpPointByPoint) {
   for (const char* name : {"cloud", "smoke"}) {
     Scene scene = test::demo(name, 48);
@@ -210,6 +210,33 @@ TEST(Guides, OfACropAreThoseOfTheWhole) {
       for (int x = 0; x < part.width(); ++x)
         ASSERT_EQ(part.at(name)(x, y), whole.at(name)(x + 10, y + 5)) << name << " " << x << " " << y;
   }
+}
+
+TEST(Guides, AreTheSameWhereSomeAreStored) {
+  Scene scene = test::demo("fire", 40);
+  scene.film.height = 150;
+  const PreparedScene prepared(scene, LayerRequest::of({"direct"}, false));
+  const Guides guides(prepared.context(), 1, 40 * 150);
+  Layers whole(40, 150), parted(40, 150);
+  guides.record(prepared.camera(), {0, 0}, whole, {});
+  const auto is_stored = [](const std::string& channel) { return channel.starts_with("guide.multiple."); };
+  guides.record_stored(prepared.camera(), {0, 0}, parted, {}, is_stored);
+  EXPECT_GT(parted.stored().size(), 10u);
+  Layers kept(40, 150);
+  for (const auto& [name, plane] : whole.channels()) {
+    if (!is_stored(name)) {
+      kept.set(name, plane);
+      continue;
+    }
+    Plane back;
+    parted.stored().at(name).read(back, {});
+    for (int y = 0; y < 150; ++y) {
+      float most = 0;
+      for (const float v : plane.pixels(y)) most = std::max(most, std::abs(v));
+      for (int x = 0; x < 40; ++x) ASSERT_NEAR(back(x, y), plane(x, y), most / 16383) << name << " " << x << " " << y;
+    }
+  }
+  test::expect_same_bits(kept, parted);
 }
 
 TEST(Guides, OfChromaticMediaHaveColours) {
