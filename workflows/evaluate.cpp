@@ -2,13 +2,13 @@
 
 #include <fmt/format.h>
 
-#include <fstream>
 #include <memory>
 #include <thread>
 
 #include "base/error.h"
 #include "base/sequence.h"
 #include "base/text.h"
+#include "evaluate/protocol/command_filter.h"
 #include "evaluate/protocol/sequences.h"
 #include "filters/api/registry.h"
 #include "image/exr_io.h"
@@ -25,6 +25,12 @@ namespace {
 namespace fs = std::filesystem;
 
 Contender contender_of(const ExperimentFilter& filter) {
+  if (!filter.command.empty()) {
+    Contender c = external_contender(filter_of_command(filter),
+                                     filter.label.empty() ? command_label(filter.command) : filter.label);
+    c.time_limit = filter.time_limit;
+    return c;
+  }
   Contender c = parse_contender(filter.parameters.empty() ? filter.filter : filter.filter + ":" + filter.parameters);
   c.features = filter.features;
   c.guides = filter.guides;
@@ -167,11 +173,7 @@ EvaluationSequence rendered_sequence(const ExperimentSequence& given, int size, 
 
 std::string content_hash(const std::vector<fs::path>& files) {
   std::string all;
-  for (const fs::path& path : files) {
-    std::ifstream stream(path, std::ios::binary);
-    const std::string bytes((std::istreambuf_iterator<char>(stream)), {});
-    all += Cache::hash(bytes);
-  }
+  for (const fs::path& path : files) all += Cache::hash_contents(path);
   return Cache::hash(all);
 }
 
@@ -233,7 +235,7 @@ Evaluation evaluate_experiment(const EvaluateOptions& options, const Host& host)
       if (scenes[i].name == scenes[k].name)
         throw InputError(fmt::format("two scenes are named '{}'; give each its own name", scenes[i].name));
   // After all that may be refused, which is one line.
-  if (const std::string remark = remark_on_parts(settings); !remark.empty()) host.note(remark);
+  for (const std::string& remark : remarks_on(settings)) host.note(remark);
 
   size_t stage = 0;
   const size_t stages = stage_count(scenes, settings) + stage_count(sequences, settings);

@@ -6,9 +6,13 @@
 #include <sstream>
 
 #include "base/error.h"
+#include "base/text.h"
 #include "evaluate/metrics/metric.h"
+#include "evaluate/protocol/command_filter.h"
+#include "filters/api/registry.h"
 #include "render/scene/field_reference.h"
 #include "render/scene/toml_table.h"
+#include "render/transport/path_sample.h"
 #include "workflows/choices.h"
 
 namespace brume {
@@ -27,13 +31,26 @@ void describe(Visitor& v, ExperimentScene& s) {
 
 template <class Visitor>
 void describe(Visitor& v, ExperimentFilter& f) {
-  v({.key = "filter", .help = "name of a filter, `brume filters` lists them", .required = true}, f.filter);
+  v({"filter", "", "name of a filter, `brume filters` lists them"}, f.filter);
+  v({"command", "",
+     "in place of `filter`, a program that cleans a frame: \"python3 mine.py {frame} {output}\" ([filters.md](filters.md#filters-of-others))"},
+    f.command);
   v({"parameters", "", "\"name=value,...\": fixed, and left alone by searches"}, f.parameters);
-  v({"label", "", "in tables; empty: the filter and what is fixed"}, f.label);
+  v({"label", "", "in tables; empty: the filter and what is fixed, or the command's script or program"}, f.label);
   v({"features", "", "that it is given, as `denoise --features`; empty: those of its own choice"}, f.features);
   v({"guides", "", "whether it is given guides, where it reads them"}, f.guides);
   v({"time_limit", "s", "on a frame, after which it has failed; 0: the experiment's", 0}, f.time_limit);
   v({"study", "", "whether ablation and sensitivity, where asked for, look at it"}, f.study);
+  v({"layers", "",
+     "of a command: that it reads beside the colour, as `render --layers` names them; \"guides\" for all guides"},
+    f.layers);
+  v({"statistics", "", "of a command: whether it reads variance and half images, of the colour and of its layers"},
+    f.statistics);
+  v({"memory_limit", "GB", "of a command and all that it starts, beyond which it has failed; 0: none", 0},
+    f.memory_limit);
+  v({"depends", "",
+     "of a command: files and folders that decide its result beside those that its words name, so that cached results are made again when they change"},
+    f.depends);
 }
 
 template <class Visitor>
@@ -106,6 +123,43 @@ std::vector<Entry> tables(const toml::value& root, const char* name, const fs::p
   return entries;
 }
 
+/// Which keys of [[filters]] go with which kind of filter.
+constexpr const char *kOfFilters[] = {"parameters", "features", "guides", "study"},
+                     *kOfCommands[] = {"layers", "statistics", "memory_limit", "depends"};
+
+/// Everything about a filter that can be wrong before anything runs. @throws InputError, at its line
+void check_filter(ExperimentFilter& filter, const toml::value& table, const fs::path& folder) {
+  if (table.contains("filter") == table.contains("command"))
+    fail_at(table.contains("filter") ? "[[filters]] has both 'filter' and 'command'"
+                                     : "[[filters]] has neither 'filter' nor 'command'",
+            table.contains("filter") ? table.at("command") : table,
+            "expected filter = \"NAME\" for one of brume's, or command = \"PROGRAM {frame} {output}\"");
+  const bool is_command = table.contains("command");
+  for (const char* key : is_command ? kOfFilters : kOfCommands)
+    if (table.contains(key))
+      fail_at(fmt::format("'{}' of [[filters]] is for {}", key, is_command ? "brume's own filters" : "commands"),
+              table.at(key),
+              is_command ? "a command takes its parameters among its words, and layers = [\"guides\"] for guides"
+                         : "a filter of brume's declares itself what it reads");
+  if (!is_command) return;
+  filter.folder = folder.empty() ? fs::path(".") : folder;
+  try {
+    filter_of_command(filter);
+  } catch (const InputError& error) {
+    fail_at(error.what(), table.at("command"), "in this command");
+  }
+  for (const FilterEntry* own : all_filters())
+    if (filter.label == own->name)
+      fail_at(fmt::format("the command is labelled '{}', which is a filter of brume's", filter.label),
+              table.at("label"), "expected a name of its own");
+}
+
+std::vector<ExperimentFilter> filters_of(const toml::value& root, const fs::path& folder) {
+  std::vector<ExperimentFilter> filters = tables<ExperimentFilter>(root, "filters", folder);
+  for (size_t i = 0; i < filters.size(); ++i) check_filter(filters[i], root.at("filters").as_array()[i], folder);
+  return filters;
+}
+
 std::vector<ExperimentScene> scenes_of(const toml::value& root, const fs::path& folder) {
   if (!root.contains("scenes") || !root.at("scenes").is_array()) return tables<ExperimentScene>(root, "scenes", folder);
   const auto& list = root.at("scenes").as_array();
@@ -124,6 +178,26 @@ std::vector<ExperimentScene> scenes_of(const toml::value& root, const fs::path& 
 }
 
 }  // namespace
+
+ExperimentFilter ExperimentFilter::of(const std::string& text) {
+  ExperimentFilter filter;
+  const size_t colon = text.find(':');
+  filter.filter = text.substr(0, colon);
+  if (colon != std::string::npos) filter.parameters = text.substr(colon + 1);
+  return filter;
+}
+
+ExternalFilter filter_of_command(const ExperimentFilter& filter) {
+  std::vector<LayerName> known;
+  for (const RecordedLayer& l : recordable_layers()) known.push_back(l.name);
+  return command_filter({.command = filter.command,
+                         .folder = filter.folder,
+                         .layers = filter.layers,
+                         .statistics = filter.statistics,
+                         .memory_limit = 1e9 * filter.memory_limit,
+                         .depends = filter.depends},
+                        known);
+}
 
 bool is_experiment(const fs::path& path) {
   std::error_code ignored;
@@ -157,7 +231,7 @@ Experiment read_experiment(const fs::path& path) {
   TomlTable table(root, "an experiment", folder);
   describe(table, experiment);
   experiment.scenes = scenes_of(root, folder);
-  experiment.filters = tables<ExperimentFilter>(root, "filters", folder);
+  experiment.filters = filters_of(root, folder);
   experiment.frames = tables<ExperimentFrames>(root, "frames", folder);
   experiment.sequences = tables<ExperimentSequence>(root, "sequences", folder);
   table.knows({"scenes", "filters", "frames", "sequences"});

@@ -4,6 +4,8 @@
 #include <string>
 #include <vector>
 
+#include "evaluate/protocol/external_filter.h"
+
 namespace brume {
 
 /// A scene of an experiment.
@@ -13,14 +15,26 @@ struct ExperimentScene {
   std::vector<std::string> set;  ///< "camera.fov=30"
 };
 
-/// A filter of an experiment.
+/// A filter of an experiment: one of brume's, or a command.
 struct ExperimentFilter {
   std::string filter, parameters, label;
   std::vector<std::string> features;
   bool guides = true;
   double time_limit = 0;
   bool study = true;
+  std::string command;              ///< empty: `filter` is one of brume's
+  std::vector<std::string> layers;  ///< that the command reads beside the colour
+  bool statistics = false;
+  double memory_limit = 0;  ///< GB; 0: none
+  std::vector<std::filesystem::path> depends;
+  std::filesystem::path folder;  ///< of the experiment's file, where the command runs
+
+  /// One of brume's as the command line names it: "NAME" or "NAME:parameter=value,...".
+  static ExperimentFilter of(const std::string& text);
 };
+
+/// A command of an experiment as a filter. @throws InputError
+ExternalFilter filter_of_command(const ExperimentFilter& filter);
 
 /// Frames of another renderer.
 struct ExperimentFrames {

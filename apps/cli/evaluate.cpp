@@ -62,10 +62,7 @@ Experiment chosen_experiment(const Options& o, const CLI::App& command) {
   for (ExperimentScene& scene : e.scenes) scene.set.insert(scene.set.end(), o.overrides.begin(), o.overrides.end());
   if (!o.filters.empty()) {
     e.filters.clear();
-    for (const std::string& text : o.filters) {
-      const size_t colon = text.find(':');
-      e.filters.push_back({text.substr(0, colon), colon == std::string::npos ? "" : text.substr(colon + 1), "", {}});
-    }
+    for (const std::string& text : o.filters) e.filters.push_back(ExperimentFilter::of(text));
   }
   return e;
 }

@@ -81,9 +81,9 @@ struct EvaluationSettings {
   Provenance provenance;
 };
 
-/// What readers must know where only the indirect light is to be cleaned and some filters clean the direct light by
-/// themselves, too; empty: nothing.
-std::string remark_on_parts(const EvaluationSettings& settings);
+/// What readers must know: where only the indirect light is to be cleaned, which filters clean the direct light by
+/// themselves, too; and which filters are not brume's. Sentences without their full stops.
+std::vector<std::string> remarks_on(const EvaluationSettings& settings);
 
 /// Whether a metric is among those that are reported.
 bool is_reported(const EvaluationSettings& settings, const std::string& metric);
@@ -112,11 +112,14 @@ struct MethodResult {
   Tuning tuning = Tuning::kNone;
   int spp = 0;
   std::string parameters;
+  std::string command;                         ///< of a filter that is not brume's; empty: it is
   std::vector<std::string> edges;              ///< searched parameters that ended on the edge of their candidates
   RegionErrors errors;                         ///< of the picture; reference noise removed
   std::map<std::string, RegionErrors> lights;  ///< of `direct` and `indirect`, where they are clean by themselves;
                                                ///< single pixels' metrics alone
   double render_seconds = 0, guide_seconds = 0, filter_seconds = 0;  ///< of a frame, median over the seeds
+  std::optional<double> exchange_seconds =
+      {};                             ///< of handing a frame to a filter that is not brume's, not in the above
   std::optional<double> peak_bytes;   ///< memory that the filter held at most beside its input
   std::string failed;                 ///< why there are no numbers; empty: there are
   std::vector<std::string> pictures;  ///< in the cache, one for each seed

@@ -167,6 +167,10 @@ FilterSettings search(const Contender& contender, const std::vector<TuningFrame*
     return sums;
   };
   FilterSettings best = contender.settings;
+  const std::vector<Parameter>& parameters = best.entry().parameters;
+  if (!contender.paper &&
+      std::none_of(parameters.begin(), parameters.end(), [&](const Parameter& p) { return contender.searches(p); }))
+    return best;
   double lowest = sum_of_logs({best})[0];
   const auto take_better = [&](const std::vector<FilterSettings>& settings) {
     const std::vector<double> sums = sum_of_logs(settings);

@@ -1,12 +1,15 @@
 #pragma once
 #include <filesystem>
 #include <map>
+#include <memory>
 #include <optional>
 
 #include "evaluate/metrics/metric.h"
 #include "filters/run/apply.h"
 
 namespace brume {
+
+struct ExternalFilter;
 
 /// One line of a comparison: a filter, and the parameters that make it this line rather than another of the same
 /// filter.
@@ -19,6 +22,9 @@ struct Contender {
   bool guides = true;                     ///< whether it is given guides, where it reads them
   double time_limit = 0;                  ///< seconds on a frame; 0: the experiment's
   bool study = true;                      ///< whether ablation and sensitivity look at it
+  /// Where it is no filter of brume's (external_filter.h); `settings` then has no parameters and is of a declaration
+  /// that this keeps.
+  std::shared_ptr<const ExternalFilter> external{};
 
   /// Whether a run with these settings, its own or found ones, reads guides.
   bool reads_guides(const FilterSettings& run) const;
