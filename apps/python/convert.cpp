@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cstring>
+#include <limits>
 
 #include "render/transport/path_sample.h"
 
@@ -96,6 +97,36 @@ std::string to_toml(py::handle value) {
     return "[" + join(parts) + "]";
   }
   return to_text(py::str(value));
+}
+
+std::vector<std::string> to_words(const py::object& value) {
+  if (py::isinstance<py::str>(value)) {
+    const std::string text = to_text(value);
+    return text.empty() ? std::vector<std::string>() : split(text, ',');
+  }
+  std::vector<std::string> words;
+  for (const py::handle word : value) words.push_back(to_text(word));
+  return words;
+}
+
+std::vector<std::string> to_overrides(const py::kwargs& keywords) {
+  std::vector<std::string> overrides;
+  for (const auto& [key, value] : keywords) {
+    std::string name = to_text(key);
+    for (size_t at = 0; (at = name.find("__", at)) != std::string::npos;) name.replace(at, 2, ".");
+    overrides.push_back(name + "=" + to_toml(value));
+  }
+  return overrides;
+}
+
+std::string to_exposure(const py::object& value) {
+  if (py::isinstance<py::str>(value)) {
+    const std::string text = to_text(value);
+    if (text == "header" || text == "auto") return text;
+  } else if (const double number = value.cast<double>(); number > 0 && number <= std::numeric_limits<double>::max()) {
+    return fmt::format("{}", number);
+  }
+  throw InputError(fmt::format("exposure {}: expected header, auto or a number above 0", to_text(py::repr(value))));
 }
 
 py::object to_object(const Attribute& attribute) {

@@ -183,11 +183,11 @@ def stubs(brume):
     parts = [HEAD.format(summary=inspect.getdoc(brume).split("\n")[0], error=brume.InputError.__doc__)]
     parts.append(class_stub(brume.Layers))
     parts.append("Frame = Layers | Mapping[str, npt.ArrayLike] | npt.NDArray[Any]\n")
-    for function in (brume.read, brume.write, brume.render):
-        parts.append(function_stub("", function))
-    parts.append(denoise_stubs(brume))
-    for function in (brume.metrics, brume.view, brume.filters):
-        parts.append(function_stub("", function))
+    for name in brume.__all__:
+        if name == "denoise":
+            parts.append(denoise_stubs(brume))
+        elif not isinstance(getattr(brume, name), type):
+            parts.append(function_stub("", getattr(brume, name)))
     return "\n".join(parts)
 
 

@@ -1,11 +1,10 @@
-#include "apps/python/layers.h"
-
 #include <fmt/format.h>
 #include <pybind11/stl.h>
 
 #include <array>
 #include <memory>
 
+#include "apps/python/bindings.h"
 #include "apps/python/convert.h"
 #include "filters/api/requirements.h"
 

@@ -104,4 +104,13 @@ void run_work(const py::object& progress, int threads, const std::function<void(
   if (!progress.is_none() && told < 1) progress(1.0);
 }
 
+Host host_of(const Work& work) {
+  Host host{work.task.threads, work.task.cancel};
+  host.tell = [&work](Host::Word word, const std::string& text) {
+    (word == Host::Word::kLog || word == Host::Word::kRemark ? work.log : work.note)(text);
+  };
+  host.progress = [&work](const std::string&) { return work.task.progress; };
+  return host;
+}
+
 }  // namespace brume::python

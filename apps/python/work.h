@@ -5,6 +5,7 @@
 #include <string>
 
 #include "base/progress.h"
+#include "workflows/host.h"
 
 namespace brume::python {
 
@@ -21,5 +22,8 @@ struct Work {
 /// `progress` (None, or called with the finished fraction) about twenty times a second, and passes notes on. A signal
 /// handler's exception, as KeyboardInterrupt, or one of `progress` ends the work and is raised.
 void run_work(const py::object& progress, int threads, const std::function<void(const Work&)>& body);
+
+/// Where the words of a workflow go: to the logger "brume".
+Host host_of(const Work& work);
 
 }  // namespace brume::python

@@ -16,7 +16,8 @@ import inspect as _inspect
 from . import _brume
 from ._brume import InputError, Layers, __commit__, __version__
 
-__all__ = ["InputError", "Layers", "denoise", "filters", "metrics", "read", "render", "view", "write"]
+# What the module declares is what the package offers.
+__all__ = sorted(_name for _name in vars(_brume) if not _name.startswith("_"))
 
 
 def _signature(function):
@@ -43,9 +44,10 @@ def _in_python(function, signature, name):
     return call
 
 
-for _name in ("denoise", "filters", "metrics", "read", "render", "view", "write"):
+for _name in __all__:
     _value = getattr(_brume, _name)
-    globals()[_name] = _in_python(_value, _signature(_value), _name)
+    if not isinstance(_value, type):
+        globals()[_name] = _in_python(_value, _signature(_value), _name)
 for _name, _value in list(vars(Layers).items()):
     if callable(_value) and not _name.startswith("_"):
         setattr(Layers, _name, _in_python(_value, _of_method(_signature(_value)), f"Layers.{_name}"))
