@@ -214,15 +214,9 @@ pid_t start(const Command& command, const Tail& output, const Tail& errors) {
   close(ends[0]);
   close(ends[1]);
   const std::string program = command.program.string(), folder = command.folder.string();
-  const Start plan{getpid(),
-                   input.number(),
-                   output.writing(),
-                   errors.writing(),
-                   failure_of_child.number(),
-                   folder.c_str(),
-                   program.c_str(),
-                   word_pointers.data(),
-                   environment_pointers.data()};
+  const Start plan{
+      getpid(),       input.number(),  output.writing(),     errors.writing(),           failure_of_child.number(),
+      folder.c_str(), program.c_str(), word_pointers.data(), environment_pointers.data()};
   // Not posix_spawn: it cannot tie the child's life to ours.
   const pid_t child = fork();
   if (child < 0) fail(errno);
@@ -270,7 +264,8 @@ class Watch {
       for (size_t i = 0; i < 2; ++i)
         if (closed_.at(i)) events.at(i).fd = -1;
       poll(events.data(), events.size(), ended_ >= 0 ? milliseconds : 1);
-      for (size_t i = 0; i < 2; ++i) closed_.at(i) = (events.at(i).revents & POLLHUP) && !(events.at(i).revents & POLLIN);
+      for (size_t i = 0; i < 2; ++i)
+        closed_.at(i) = (events.at(i).revents & POLLHUP) && !(events.at(i).revents & POLLIN);
     }
     end.seconds = clock_.seconds();
     tree_.kill_all();

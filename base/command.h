@@ -9,8 +9,8 @@
 
 namespace brume {
 
-/// The words of a command as a shell parts them: at blanks, with '...', "..." and backslashes. No shell runs it, so what
-/// one would expand or connect (| & ; < > $ ` * ? and ~ at the beginning of a word) is refused outside of quotes.
+/// The words of a command as a shell parts them: at blanks, with '...', "..." and backslashes. No shell runs it, so
+/// what one would expand or connect (| & ; < > $ ` * ? and ~ at the beginning of a word) is refused outside of quotes.
 /// @throws InputError
 std::vector<std::string> parse_words(std::string_view line);
 
@@ -19,12 +19,12 @@ std::filesystem::path find_program(const std::string& name, const std::filesyste
 
 /// A program of somebody else, and what it may take.
 struct Command {
-  std::filesystem::path program;                    ///< as find_program() gives it
-  std::vector<std::string> words;                   ///< the program's name first
-  std::filesystem::path folder;                     ///< where it runs; empty: where this process does
-  std::map<std::string, std::string> environment;   ///< beside this process's own, which it replaces
-  double time_limit = 0;                            ///< seconds; 0: none
-  double memory_limit = 0;                          ///< bytes that it and all it starts hold together; 0: none
+  std::filesystem::path program;                   ///< as find_program() gives it
+  std::vector<std::string> words;                  ///< the program's name first
+  std::filesystem::path folder;                    ///< where it runs; empty: where this process does
+  std::map<std::string, std::string> environment;  ///< beside this process's own, which it replaces
+  double time_limit = 0;                           ///< seconds; 0: none
+  double memory_limit = 0;                         ///< bytes that it and all it starts hold together; 0: none
 };
 
 /// How it ended.

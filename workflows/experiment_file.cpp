@@ -143,11 +143,17 @@ void check_filter(ExperimentFilter& filter, const toml::value& table, const fs::
                          : "a filter of brume's declares itself what it reads");
   if (!is_command) return;
   filter.folder = folder.empty() ? fs::path(".") : folder;
-  try {
-    filter_of_command(filter);
-  } catch (const InputError& error) {
-    fail_at(error.what(), table.at("command"), "in this command");
-  }
+  const auto try_command = [&](const ExperimentFilter& what, const char* key, const char* hint) {
+    try {
+      filter_of_command(what);
+    } catch (const InputError& error) {
+      fail_at(error.what(), table.at(key), hint);
+    }
+  };
+  ExperimentFilter words = filter;
+  words.layers.clear();
+  try_command(words, "command", "in this command");
+  if (!filter.layers.empty()) try_command(filter, "layers", "expected names of layers");
   for (const FilterEntry* own : all_filters())
     if (filter.label == own->name)
       fail_at(fmt::format("the command is labelled '{}', which is a filter of brume's", filter.label),
@@ -256,7 +262,7 @@ constexpr const char* kIntroduction =
     "\n"
     "**Cache.** `--cache` keeps every frame, clean picture, search and timing in a folder, under everything that decides it: the scene with the contents of its files, sample count, seed, layers, filter, parameters, the program, and for times the machine and its threads. Nothing is made twice: a run that was killed goes on where it stopped, and another filter needs no new frames. Results of another version of the program are not used.\n"
     "\n"
-    "**Times.** One filter at a time, on the threads of `--threads`, the second of two runs where one takes less than a second. A method's seconds are those of rendering what it reads, of the guides where it reads them, and of the filter. Memory is what the process holds more, at most, while the filter runs.\n"
+    "**Times.** One filter at a time, on the threads of `--threads`, the second of two runs where one takes less than a second. A method's seconds are those of rendering what it reads, of the guides where it reads them, and of the filter. Memory is what the process holds more, at most, while the filter runs. Of commands both are the program's own ([filters.md](filters.md#filters-of-others)).\n"
     "\n"
     "**Who beats whom.** Methods are compared on the same frames: the interval is Student's of the differences of the seeds. Of all pairs of methods of one setting, scene, sample count and region, those are called better that stand after Holm's correction: the chance that any of these is so by accident is at most 5 %. Five seeds suffice for most pairs.\n"
     "\n"
@@ -279,8 +285,8 @@ constexpr const char* kResults =
     "| `scenes` | `name`, `hash`, `exposure`, `width`, `height`, `medium_share` of the pixels, `references` and their `reference_spp`, `reference_noise` (Lab RMS of one), `reference_seconds` |\n"
     "| `spp`, `seeds` | of the noisy frames |\n"
     "| `metrics` | `id`, `name`, `unit`, `better` (lower, higher, zero), `definition` |\n"
-    "| `methods` | `id`, `label`, `filter`, `parameters` (empty where a search found them: then they stand in the rows), `features`, `guides`, `setting` (none, paper, default, searched, transfer). `noisy` is plain path tracing |\n"
-    "| `rows` | for each `scene`, `spp`, `method` and `region` (frame, medium): `metrics` by id with `mean`, `half_width` of the 95 % interval and the seeds' `values`; `lights`, the metrics of `direct` and `indirect` light that a method cleans by themselves; `seconds` of `render`, `guides`, `filter`; `peak_memory_bytes`; `failed`, the reason, instead of numbers |\n"
+    "| `methods` | `id`, `label`, `filter`, `parameters` (empty where a search found them: then they stand in the rows), `features`, `guides`, `setting` (none, paper, default, searched, transfer). `noisy` is plain path tracing; of a filter that is not brume's `filter` is command or function, and `command` its words |\n"
+    "| `rows` | for each `scene`, `spp`, `method` and `region` (frame, medium): `metrics` by id with `mean`, `half_width` of the 95 % interval and the seeds' `values`; `lights`, the metrics of `direct` and `indirect` light that a method cleans by themselves; `seconds` of `render`, `guides`, `filter`, and of the `exchange` of files with a filter that is not brume's, which is in no total; `peak_memory_bytes`; `failed`, the reason, instead of numbers |\n"
     "| `pairs` | for each `scene`, `spp`, `region`, `setting` and `metric` all pairs of its `methods`, first with second, first with third, ...: `half_width` of their paired difference, and in `better` a letter each: a or b after Holm's correction, or - |\n"
     "| `pareto` | methods that no other beats in time and error |\n"
     "| `time_to_error` | `seconds` of a method to an `error` (Lab RMS, frame), `factor_over_path_tracing`, `factor_over_gradient_kernel` (null where that never gets there) |\n"
@@ -300,7 +306,10 @@ std::string experiment_reference() {
   reference.text = kIntroduction;
   table("an experiment", "The keys that stand above all tables.", Experiment{});
   table("[[scenes]]", "Rendered scenes; `scenes = [\"FILE\", ...]` for files with nothing set.", ExperimentScene{});
-  table("[[filters]]", "Without any, every filter there is but those that read sample records.", ExperimentFilter{});
+  table(
+      "[[filters]]",
+      "Without any, every filter there is but those that read sample records. Each names one of brume's, `filter`, or a program, `command`.",
+      ExperimentFilter{});
   table(
       "[[frames]]",
       "Frames that another renderer made stand beside the scenes: their noisy frames are cleaned as a whole and judged by their own reference. Nothing is searched on them.",

@@ -87,8 +87,8 @@ class CommandParser {
     if (!file) {
       std::vector<std::string> names;
       for (const CommandPlace& place : command_places()) names.push_back("{" + place.name + "}");
-      throw InputError(
-          fmt::format("no place '{{{}}}' in a command{}; a brace itself is written twice", name, suggestion("{" + name + "}", names)));
+      throw InputError(fmt::format("no place '{{{}}}' in a command{}; a brace itself is written twice", name,
+                                   suggestion("{" + name + "}", names)));
     }
     const auto& [what, pfm] = *file;
     if (what == kOutputName) return {Kind::kOutput, "", "", pfm, name};
@@ -193,7 +193,8 @@ std::vector<const Plane*> planes_of(const Layers& frame, const Place& place) {
     for (const std::string& channel : name.channel_names(place.statistic)) planes.push_back(&frame.at(channel));
     return planes;
   }
-  throw InputError(fmt::format("the frame has no layer for {{{}}}; its channels are {}", place.file, join(frame.names())));
+  throw InputError(
+      fmt::format("the frame has no layer for {{{}}}; its channels are {}", place.file, join(frame.names())));
 }
 
 void write_input(const Layers& frame, const Place& place, const ScratchFolder& folder) {
@@ -248,7 +249,8 @@ void check_end(const CommandEnd& end, const ExternalInput& input, double memory_
   if (end.signal == SIGKILL)
     throw InputError(with_last_words("was killed, by the system for want of memory perhaps", end));
   if (end.signal != 0)
-    throw InputError(with_last_words(fmt::format("was ended by signal {} ({})", end.signal, strsignal(end.signal)), end));
+    throw InputError(
+        with_last_words(fmt::format("was ended by signal {} ({})", end.signal, strsignal(end.signal)), end));
   if (end.status != 0) throw InputError(with_last_words(fmt::format("ended with exit status {}", end.status), end));
 }
 
@@ -297,7 +299,8 @@ struct Prepared {
   static Layers read_output(const fs::path& path, const Place& output, const CommandEnd& end) {
     std::error_code ignored;
     if (!fs::exists(path, ignored))
-      throw InputError(with_last_words(fmt::format("wrote no picture to {{{}}}", output.pfm ? "output.pfm" : "output"), end));
+      throw InputError(
+          with_last_words(fmt::format("wrote no picture to {{{}}}", output.pfm ? "output.pfm" : "output"), end));
     try {
       return output.pfm ? read_pfm(path) : read_exr(path);
     } catch (const InputError& error) {
@@ -326,10 +329,12 @@ fs::path program_of(const CommandFilter& settings, const Word& word) {
   std::error_code ignored;
   const fs::path path = settings.folder / *name;
   if (name->find('/') == std::string::npos)
-    throw InputError(fmt::format("no program '{}' in the folders of PATH{}", *name,
-                                 fs::exists(path, ignored) ? fmt::format("; write ./{} for the one beside the experiment", *name) : ""));
-  throw InputError(fs::exists(path, ignored) ? fmt::format("{}: is no program that may be run (chmod +x)", path.string())
-                                             : fmt::format("{}: no such program", path.string()));
+    throw InputError(fmt::format(
+        "no program '{}' in the folders of PATH{}", *name,
+        fs::exists(path, ignored) ? fmt::format("; write ./{} for the one beside the experiment", *name) : ""));
+  throw InputError(fs::exists(path, ignored)
+                       ? fmt::format("{}: is no program that may be run (chmod +x)", path.string())
+                       : fmt::format("{}: no such program", path.string()));
 }
 
 /// Everything that decides the result: the words, and what the files hold that they name.
@@ -350,19 +355,24 @@ std::string key_of(const CommandFilter& settings, const CommandParser& parsed, c
   for (const fs::path& path : settings.depends) key += fmt::format("\ndepends {}", Cache::hash_contents(path));
   std::vector<std::string> layers;
   for (const LayerName& l : parsed.layers) layers.emplace_back(l.name);
-  return key + fmt::format("\nlayers {}\nguides {}, statistics {}", join(layers, " "), parsed.guides, parsed.statistics);
+  return key +
+         fmt::format("\nlayers {}\nguides {}, statistics {}", join(layers, " "), parsed.guides, parsed.statistics);
 }
 
 }  // namespace
 
 const std::vector<CommandPlace>& command_places() {
   static const std::vector<CommandPlace> places = {
-      {"frame", "an EXR with all that the filter is given: the colour to clean as R G B, and what `layers` and `statistics` ask for"},
+      {"frame",
+       "an EXR with all that the filter is given: the colour to clean as R G B, and what `layers` and `statistics` ask for"},
       {"output", "the EXR to write: R G B, of the frame's size"},
       {"output.pfm", "the same as a PFM"},
-      {"color.pfm", "the colour to clean as a PFM: 32-bit floats, the bottom row first, as Open Image Denoise reads and writes it"},
-      {"LAYER.pfm", "a layer by itself, such as `{albedo.pfm}`, `{normal.pfm}`, `{guide.opacity.pfm}`, which need not stand in `layers`"},
-      {"LAYER.mean_variance.pfm", "a statistic of a layer: `mean_variance`, `half_a` or `half_b`, such as `{color.mean_variance.pfm}`"},
+      {"color.pfm",
+       "the colour to clean as a PFM: 32-bit floats, the bottom row first, as Open Image Denoise reads and writes it"},
+      {"LAYER.pfm",
+       "a layer by itself, such as `{albedo.pfm}`, `{normal.pfm}`, `{guide.opacity.pfm}`, which need not stand in `layers`"},
+      {"LAYER.mean_variance.pfm",
+       "a statistic of a layer: `mean_variance`, `half_a` or `half_b`, such as `{color.mean_variance.pfm}`"},
       {"LAYER.exr", "any of these as an EXR of R G B or Y"},
       {"spp", "samples per pixel of the frame"},
       {"seed", "of the frame, a whole number"},

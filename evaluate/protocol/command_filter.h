@@ -8,12 +8,13 @@ namespace brume {
 
 /// A command line that cleans a frame.
 struct CommandFilter {
-  std::string command;                         ///< words, in which {PLACES} are filled in; no shell runs them
-  std::filesystem::path folder;                ///< where it runs, so that its relative paths begin there
-  std::vector<std::string> layers = {};        ///< that it reads beside the colour; "guides": all of them
-  bool statistics = false;                     ///< whether it reads variance and halves
-  double memory_limit = 0;                     ///< bytes that it may hold; 0: no limit
-  std::vector<std::filesystem::path> depends = {};  ///< files and folders that decide its result beside those in its words
+  std::string command;                   ///< words, in which {PLACES} are filled in; no shell runs them
+  std::filesystem::path folder;          ///< where it runs, so that its relative paths begin there
+  std::vector<std::string> layers = {};  ///< that it reads beside the colour; "guides": all of them
+  bool statistics = false;               ///< whether it reads variance and halves
+  double memory_limit = 0;               ///< bytes that it may hold; 0: no limit
+  std::vector<std::filesystem::path> depends =
+      {};  ///< files and folders that decide its result beside those in its words
 };
 
 /// The filter that a command is.

@@ -70,8 +70,9 @@ void check_picture(const Layers& picture, const Layers& frame) {
       if (!std::all_of(rgb.begin(), rgb.end(), [&](const Plane* p) { return std::isfinite((*p)(x, y)); }))
         if (bad++ == 0) first = {x, y};
   if (bad > 0)
-    throw InputError(fmt::format("{} of the {} pixels of its picture are NaN or infinite, the first in column {}, row {}",
-                                 bad, picture.width() * picture.height(), first.x, first.y));
+    throw InputError(
+        fmt::format("{} of the {} pixels of its picture are NaN or infinite, the first in column {}, row {}", bad,
+                    picture.width() * picture.height(), first.x, first.y));
 }
 
 }  // namespace
@@ -100,11 +101,7 @@ std::string remark_on_external(const std::vector<Contender>& contenders) {
 }
 
 ExternalRun::ExternalRun(const Contender& contender, int spp, int64_t seed, double time_limit)
-    : filter_(contender.external),
-      entry_(contender.settings.entry()),
-      spp_(spp),
-      seed_(seed),
-      time_limit_(time_limit) {
+    : filter_(contender.external), entry_(contender.settings.entry()), spp_(spp), seed_(seed), time_limit_(time_limit) {
   entry_.run = [this](const std::any&, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
     clean(frame, out, task);
   };

@@ -12,8 +12,8 @@ struct ExternalInput {
   /// R G B are the signal that is cleaned, be it the whole picture or a part of it; with statistics under their own
   /// names (mean_variance.R, half_a.R, half_b.R). Beside it alpha, coverage and the layers that were asked for.
   const Layers& frame;
-  int spp = 0;       ///< of the frame
-  int64_t seed = 0;  ///< of the frame
+  int spp = 0;            ///< of the frame
+  int64_t seed = 0;       ///< of the frame
   double time_limit = 0;  ///< seconds; 0: none
   double time_used = 0;   ///< of it, by the signals of this frame before
 };
@@ -23,7 +23,7 @@ struct ExternalOutput {
   Layers picture;                    ///< R G B
   double seconds = 0;                ///< that the filter took
   double exchange_seconds = 0;       ///< that brume took to hand over the frame and to take back the picture
-  std::optional<double> peak_bytes;  ///< nothing: to be measured around it, as for filters of brume's own
+  std::optional<double> peak_bytes = {};  ///< nothing: to be measured around it, as for filters of brume's own
 };
 
 /// A filter took more time or memory than it may.
@@ -33,12 +33,12 @@ struct LimitPassed : InputError {
 
 /// A filter that is no part of brume: a program, or a function of whoever calls the protocol.
 struct ExternalFilter {
-  std::string kind;                   ///< "command", "function"
-  std::string words;                  ///< the command, or the function's name, for tables
-  std::string key;                    ///< everything that decides its result beside the frame
-  std::vector<LayerName> layers;      ///< that it reads beside the signal
-  bool guides = false;                ///< whether it reads the layers guide.*
-  bool statistics = false;            ///< whether it reads variance and halves of the signal and its layers
+  std::string kind;               ///< "command", "function"
+  std::string words;              ///< the command, or the function's name, for tables
+  std::string key;                ///< everything that decides its result beside the frame
+  std::vector<LayerName> layers;  ///< that it reads beside the signal
+  bool guides = false;            ///< whether it reads the layers guide.*
+  bool statistics = false;        ///< whether it reads variance and halves of the signal and its layers
   /// @throws LimitPassed; InputError when it fails; Interrupted
   std::function<ExternalOutput(const ExternalInput& input, const Task& task)> run;
 };

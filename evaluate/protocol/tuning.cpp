@@ -20,7 +20,9 @@ Contender parse_contender(const std::string& text) {
   Contender contender{parse_filter(text), {}, ""};
   const FilterEntry& filter = contender.settings.entry();
   contender.label = filter.name;
-  if (text == filter.name) contender.paper = parse_filter(filter.name + ":preset=paper");
+  const bool is_published = std::any_of(filter.presets.begin(), filter.presets.end(),
+                                        [](const Preset& preset) { return preset.name == "paper"; });
+  if (text == filter.name && is_published) contender.paper = parse_filter(filter.name + ":preset=paper");
   if (const size_t colon = text.find(':'); colon != std::string::npos)
     for (const auto& [name, value] : parse_assignments(text.substr(colon + 1))) {
       contender.label +=

@@ -288,8 +288,8 @@ Table claims(const Evaluation& e) {
   return table;
 }
 
-/// Whether a line says no more than the one of the same filter at its defaults: a filter that is not brume's is the same
-/// under every setting.
+/// Whether a line says no more than the one of the same filter at its defaults: a filter that is not brume's is the
+/// same under every setting.
 bool repeats_another(const MethodResult& m) {
   return !m.command.empty() && m.tuning != Tuning::kDefault;
 }
