@@ -193,16 +193,20 @@ ExperimentFilter ExperimentFilter::of(const std::string& text) {
   return filter;
 }
 
+std::vector<LayerName> layers_to_ask_for() {
+  std::vector<LayerName> layers;
+  for (const RecordedLayer& l : recordable_layers()) layers.push_back(l.name);
+  return layers;
+}
+
 ExternalFilter filter_of_command(const ExperimentFilter& filter) {
-  std::vector<LayerName> known;
-  for (const RecordedLayer& l : recordable_layers()) known.push_back(l.name);
   return command_filter({.command = filter.command,
                          .folder = filter.folder,
                          .layers = filter.layers,
                          .statistics = filter.statistics,
                          .memory_limit = 1e9 * filter.memory_limit,
                          .depends = filter.depends},
-                        known);
+                        layers_to_ask_for());
 }
 
 bool is_experiment(const fs::path& path) {
@@ -250,6 +254,18 @@ Experiment read_experiment(const fs::path& path) {
     if (frames.noisy.empty())
       throw InputError(fmt::format("{}: frames '{}' have no noisy ones; expected noisy = [\"FILE\", ...]",
                                    path.string(), frames.name));
+  return experiment;
+}
+
+Experiment open_experiment(const std::vector<fs::path>& files) {
+  for (const fs::path& file : files)
+    if (is_experiment(file)) {
+      if (files.size() > 1)
+        throw InputError(fmt::format("{} is an experiment, which names its scenes; give it alone", file.string()));
+      return read_experiment(file);
+    }
+  Experiment experiment;
+  for (const fs::path& file : files) experiment.scenes.push_back({file, "", {}});
   return experiment;
 }
 

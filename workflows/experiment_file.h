@@ -33,6 +33,9 @@ struct ExperimentFilter {
   static ExperimentFilter of(const std::string& text);
 };
 
+/// The layers that filters which are not brume's can ask for, beside "guides".
+std::vector<LayerName> layers_to_ask_for();
+
 /// A command of an experiment as a filter. @throws InputError
 ExternalFilter filter_of_command(const ExperimentFilter& filter);
 
@@ -82,6 +85,10 @@ bool is_experiment(const std::filesystem::path& path);
 
 /// @throws InputError: no TOML, unknown keys (the nearest one), values out of range, missing files
 Experiment read_experiment(const std::filesystem::path& path);
+
+/// An experiment from its file, or of scene files at the defaults.
+/// @throws InputError: as read_experiment; an experiment among other files
+Experiment open_experiment(const std::vector<std::filesystem::path>& files);
 
 /// docs/experiment.md: every table and key, from the declarations that parse them.
 std::string experiment_reference();

@@ -54,14 +54,14 @@ In C++, ten lines: `filters/window/mine.cpp`, and its name in `filters/CMakeList
 namespace brume {
 struct Mine { int radius = 2; };  // the defaults
 void clean(const Mine& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
-  for (size_t c = 0; c < 3; ++c) *out[c] = box_mean(*frame.values[c], p.radius, task);
-}
-const FilterEntry mine = declare<Mine>("mine", "Mean of a square.").source("an idea").merit(1, "to try it")
+  for (int c = 0; c < 3; ++c) *out[c] = box_mean(*frame.values[c], p.radius, task);
+  task.report(1); }
+const FilterEntry entry = declare<Mine>("mine", "Mean of a square.").source("an idea").merit(1, "to try it").paper("radius=1")
   .param("radius", &Mine::radius, {0, 9}, "px", "half width", {1, 2, 4}).apron([](const Mine& p) { return p.radius; }).run(clean);
-const Registration registration(mine); }
+const Registration registration(entry); }
 ```
 
-`brume evaluate data/experiments/quick.toml -f mine -f bilateral -o results` compares it; searches tune `radius` over 1, 2, 4.
+`brume evaluate data/scenes/cloud.toml -f mine -f bilateral -o results` compares it; its search tunes `radius` over 1, 2, 4.
 
 ## Filters of others
 
@@ -73,24 +73,25 @@ const Registration registration(mine); }
 
 constexpr const char* kRules =
     R"(
-- **Words** are parted as a shell does, with quotes, but none runs them: what one would expand or connect is refused outside of quotes.
-  The program runs in the experiment's folder, where relative paths begin. A brace itself is written twice.
+- **Words** are parted as by a shell, quotes included, but no shell runs: what it would expand or connect (`$`, `*`, `|`, `>`, ...) is refused
+  outside of quotes. The program runs in the experiment's folder, where relative paths begin. A brace itself is written twice.
 - **Frame**: the colour is what is cleaned, by the experiment's `component` as for every filter: the whole picture; `indirect` alone, to
   whose result the untouched `direct` is added; or each of both, in two runs. `layers = ["albedo", "normal"]` adds layers, `"guides"` among
   them all guides, `statistics = true` the variance of the mean and two half images of each: `mean_variance.R`, `half_a.R`,
   `albedo.half_b.G`. Alpha and coverage are there always. Values are as rendered: what brume's filters do to single extreme samples before
   they run is left to the program. Only pixels that are not finite, in frames of other renderers, are closed first.
 - **Picture**: R, G, B, linear, of the frame's size, every pixel finite; an EXR of any compression, or a PFM.
-- **Seconds** are the program's own, from its start to its end, its start-up and its reading and writing of files included; the second of
-  two runs where one takes less than a second, as for every filter. What brume takes to write the frame (EXRs as ZIP, PFMs plain) and to
-  read the picture is not in it; results.json tells it as `seconds.exchange`. Rendering is charged as for every filter: of what it reads.
+- **Seconds** are the program's own, from its start to its end: loading itself, reading the frame and writing the picture are in it, since
+  nobody but the program could take them out. Of two runs the second counts where one takes less than a second, as for every filter. What
+  brume takes to write the frame (EXRs as ZIP, PFMs plain) and to read the picture is not in it; results.json tells it as
+  `seconds.exchange`. Rendering is charged as for every filter: a render that records what it reads.
 - **Memory** is what the program and all that it starts hold at most, looked at every 20 ms; its interpreter is in it.
-- **Limits**: `time_limit` (seconds) and `memory_limit` (GB, resident). Who passes one is killed with everything that he started, and has
-  failed. So is who ends with another status than 0, writes no picture, one of another size or one with NaN; tables then hold
-  the reason and the last lines that the program wrote to stderr, and the run goes on.
+- **Limits**: `time_limit` (seconds) and `memory_limit` (GB, resident). A program that passes one is killed with everything it has started.
+- **Failures**: a limit passed, an exit status other than 0, no picture, one of another size or with a pixel that is not finite. The tables
+  hold the reason and the last lines that the program wrote to stderr, and the run goes on.
 - **Cache**: a result is kept under the words, the contents of the program and of every file that a word, or what follows its `=`, names,
-  of what `depends = ["weights.bin", "helpers"]` names, the layers asked for, and the frame. Name there what the program reads unasked, such
-  as modules that a script imports.
+  the contents of the files and folders of `depends`, the layers asked for, and the frame. `depends = ["weights.bin", "helpers"]` is for
+  what the program reads unasked, such as modules that a script imports.
 - **Settings**: nothing is searched, and ablation and sensitivity pass it over, since its parameters are its own; it stands under `default`,
   `searched` and `transfer` alike. For several settings, write several `[[filters]]` with a `label` each.
 - **Sequences**: every frame by itself.

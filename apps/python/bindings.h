@@ -11,6 +11,7 @@ void bind_files(pybind11::module_& module);
 void bind_render(pybind11::module_& module);
 void bind_denoise(pybind11::module_& module);
 void bind_compare(pybind11::module_& module);
+void bind_evaluate(pybind11::module_& module);
 void bind_view(pybind11::module_& module);
 
 }  // namespace brume::python

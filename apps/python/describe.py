@@ -30,6 +30,16 @@ ARGUMENT_TYPES = {
     "features": "Iterable[str] | str | None",
     "carry": "Iterable[str] | str",
     "guides": "Path | Layers | None",
+    "experiment": "Path | Iterable[Path]",
+    "filters": "Mapping[str, Filter | str] | Iterable[Filter | str] | Filter | str | None",
+    "output": "Path | None",
+    "cache": "Path | None",
+    "size": "int | None",
+    "seeds": "int | None",
+    "reference_spp": "int | None",
+    "component": "str | None",
+    "background": "str | None",
+    "search": "bool | None",
     "exposure": "float | str",
     "array": "npt.ArrayLike",
     "name": "str",
@@ -38,6 +48,7 @@ ARGUMENT_TYPES = {
 # Where a name means something else in one place.
 SPECIAL_TYPES = {
     ("render", "layers"): "Iterable[str] | str | None",
+    ("evaluate", "spp"): "Iterable[int] | int | None",
     ("Layers.__init__", "channels"): "Frame",
     ("Layers.__contains__", "arg0"): "object",
     ("Layers.__setitem__", "arg1"): "npt.ArrayLike",
@@ -45,6 +56,7 @@ SPECIAL_TYPES = {
 RETURN_TYPES = {
     "filters": "list[dict[str, Any]]",
     "metrics": "dict[str, Any]",
+    "evaluate": "dict[str, Any]",
     "Layers.__getitem__": "Channel",
     "Layers.__iter__": "Iterator[str]",
     "Layers.keys": "list[str]",
@@ -183,6 +195,7 @@ def stubs(brume):
     parts = [HEAD.format(summary=inspect.getdoc(brume).split("\n")[0], error=brume.InputError.__doc__)]
     parts.append(class_stub(brume.Layers))
     parts.append("Frame = Layers | Mapping[str, npt.ArrayLike] | npt.NDArray[Any]\n")
+    parts.append("Filter = Callable[[Layers], Frame]\n")
     for name in brume.__all__:
         if name == "denoise":
             parts.append(denoise_stubs(brume))

@@ -38,6 +38,7 @@ PYBIND11_MODULE(_brume, module) {
   bind_render(module);
   bind_denoise(module);
   bind_compare(module);
+  bind_evaluate(module);
   bind_view(module);
 }
 

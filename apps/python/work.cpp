@@ -26,7 +26,49 @@ struct Mailbox {
   bool done = false;
   double fraction = 0;
   std::vector<std::pair<const char*, std::string>> lines;  // the logger's method, the text
+  const std::function<void()>* job = nullptr;              // for the one that waits
+  std::exception_ptr failure_of_job;
+  std::condition_variable job_done;
 };
+
+/// Leaves a job for the thread that waits, and waits itself.
+void ask_caller(Mailbox& mail, const std::function<void()>& job) {
+  std::unique_lock lock(mail.mutex);
+  mail.job = &job;
+  mail.failure_of_job = nullptr;
+  mail.changed.notify_one();
+  mail.job_done.wait(lock, [&] { return !mail.job; });
+  if (mail.failure_of_job) std::rethrow_exception(std::exchange(mail.failure_of_job, nullptr));
+}
+
+/// With Python's lock: does the job that was left, if there is one. @throws py::error_already_set
+/// @param give_up  whether none is done any more
+void do_job(Mailbox& mail, bool give_up) {
+  const std::function<void()>* job = nullptr;
+  {
+    const std::scoped_lock lock(mail.mutex);
+    job = mail.job;
+  }
+  if (!job) return;
+  std::exception_ptr failure;
+  std::optional<py::error_already_set> raised;
+  try {
+    if (give_up) throw Interrupted();
+    (*job)();
+  } catch (const py::error_already_set& error) {
+    raised = error;
+    failure = std::make_exception_ptr(Interrupted());
+  } catch (...) {
+    failure = std::current_exception();
+  }
+  {
+    const std::scoped_lock lock(mail.mutex);
+    mail.failure_of_job = failure;
+    mail.job = nullptr;
+    mail.job_done.notify_one();
+  }
+  if (raised) throw py::error_already_set(std::move(*raised));
+}
 
 /// With Python's lock: hands over what has come in. @throws py::error_already_set
 void deliver(Mailbox& mail, const py::object& progress, double& told) {
@@ -71,6 +113,7 @@ void run_work(const py::object& progress, int threads, const std::function<void(
   };
   work.note = post("warning");
   work.log = post("info");
+  work.in_caller = [&mail](const std::function<void()>& job) { ask_caller(mail, job); };
 
   std::thread thread([&] {
     try {
@@ -88,10 +131,12 @@ void run_work(const py::object& progress, int threads, const std::function<void(
     {
       const py::gil_scoped_release released;
       std::unique_lock lock(mail.mutex);
-      done = mail.changed.wait_for(lock, kBetweenLooks, [&] { return mail.done; });
+      mail.changed.wait_for(lock, kBetweenLooks, [&] { return mail.done || mail.job; });
+      done = mail.done;
     }
-    if (raised) continue;
     try {
+      do_job(mail, raised.has_value());
+      if (raised) continue;
       deliver(mail, progress, told);
     } catch (const py::error_already_set& error) {
       raised = error;

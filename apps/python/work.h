@@ -16,6 +16,9 @@ struct Work {
   Task task;
   std::function<void(const std::string&)> note;  ///< what the user should know: a warning of the logger "brume"
   std::function<void(const std::string&)> log;   ///< what may interest them: its level INFO
+  /// Has something done by the thread that waits, with Python's lock, and waits for it. What it throws is thrown here;
+  /// but an exception of Python's ends the work, as one of `progress` does. @throws Interrupted then
+  std::function<void(const std::function<void()>& job)> in_caller;
 };
 
 /// Runs `body` in a thread of its own, without Python's lock. Meanwhile the calling thread serves signals, tells

@@ -1,7 +1,6 @@
 #include "evaluate/protocol/command_filter.h"
 
 #include <fmt/format.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <csignal>
@@ -9,7 +8,7 @@
 #include <thread>
 
 #include "base/command.h"
-#include "base/host.h"
+#include "base/scratch_folder.h"
 #include "base/text.h"
 #include "evaluate/protocol/cache.h"
 #include "filters/inputs/guide_layers.h"
@@ -45,34 +44,17 @@ std::optional<std::pair<std::string, bool>> file_place(const std::string& name) 
 class CommandParser {
  public:
   CommandParser(const CommandFilter& settings, std::span<const LayerName> known) : known_(known) {
-    for (const std::string& name : settings.layers) add_layer(name, "layers");
-    statistics = settings.statistics;
+    for (const std::string& name : settings.layers) asked.ask_for(name, known, "layers");
+    asked.statistics = settings.statistics;
     for (const std::string& text : parse_words(settings.command)) words.push_back(word_of(text));
     if (words.empty()) throw InputError("the command has no words");
     check_places();
   }
 
   std::vector<Word> words;
-  std::vector<LayerName> layers;
-  bool guides = false, statistics = false;
+  ExternalFilter asked;  // what it reads
 
  private:
-  /// @param where  that names it
-  void add_layer(const std::string& name, const std::string& where) {
-    if (name == "guides" || is_guide(name)) {
-      guides = true;
-      return;
-    }
-    const auto found = std::find_if(known_.begin(), known_.end(), [&](const LayerName& l) { return l.name == name; });
-    if (found == known_.end()) {
-      std::vector<std::string> names;
-      for (const LayerName& l : known_) names.emplace_back(l.name);
-      names.emplace_back("guides");
-      throw InputError(fmt::format("no layer '{}' for {}{}", name, where, suggestion(name, names)));
-    }
-    if (std::find(layers.begin(), layers.end(), *found) == layers.end()) layers.push_back(*found);
-  }
-
   Place place_of(const std::string& name) {
     using Kind = Place::Kind;
     const std::pair<const char*, Place> simple[] = {{"frame", {Kind::kFrame, "", "", false, "frame.exr"}},
@@ -97,12 +79,12 @@ class CommandParser {
       if (const std::string end = "." + std::string(known); what.ends_with(end)) {
         place.layer.resize(what.size() - end.size());
         place.statistic = known;
-        statistics = true;
+        asked.statistics = true;
       }
     if (place.layer == kColourName)
       place.layer.clear();
     else
-      add_layer(place.layer, "{" + name + "}");
+      asked.ask_for(place.layer, known_, "{" + name + "}");
     return place;
   }
 
@@ -151,39 +133,6 @@ class CommandParser {
   std::span<const LayerName> known_;
 };
 
-/// A folder for the files of one run, removed in the end. What killed runs have left is removed by the next.
-class ScratchFolder {
- public:
-  ScratchFolder() {
-    const fs::path place = fs::temp_directory_path();
-    const std::string prefix = "brume-filter.";
-    std::error_code ignored;
-    for (const auto& entry : fs::directory_iterator(place, ignored)) {
-      const std::string name = entry.path().filename().string();
-      if (!name.starts_with(prefix)) continue;
-      const size_t end = name.rfind('.'), middle = name.rfind('.', end - 1);
-      if (end <= prefix.size() || middle < prefix.size()) continue;
-      const std::string host = name.substr(prefix.size(), middle - prefix.size());
-      if (is_gone(host, std::atoi(name.c_str() + middle + 1))) fs::remove_all(entry.path(), ignored);
-    }
-    std::string name = (place / fmt::format("{}{}.{}.XXXXXX", prefix, host_name(), getpid())).string();
-    if (!mkdtemp(name.data()))
-      throw InputError(fmt::format("{}: cannot be made: {}", name, std::generic_category().message(errno)));
-    path_ = name;
-  }
-  ~ScratchFolder() {
-    std::error_code ignored;
-    fs::remove_all(path_, ignored);
-  }
-  ScratchFolder(const ScratchFolder&) = delete;
-  ScratchFolder& operator=(const ScratchFolder&) = delete;
-  fs::path operator/(const std::string& name) const { return path_ / name; }
-  std::string path() const { return path_.string(); }
-
- private:
-  fs::path path_;
-};
-
 /// The channels of a layer of a frame: three, or one. @throws InputError when it has none
 std::vector<const Plane*> planes_of(const Layers& frame, const Place& place) {
   for (const char* letters : {"RGB", "XYZ", "A", "Y", "Z"}) {
@@ -224,7 +173,7 @@ std::string filled_in(const Word& word, const ExternalInput& input, const Scratc
         text += std::to_string(threads);
         break;
       case Place::Kind::kFolder:
-        text += folder.path();
+        text += folder.path().string();
         break;
       default:
         text += (folder / place->file).string();
@@ -353,10 +302,7 @@ std::string key_of(const CommandFilter& settings, const CommandParser& parsed, c
       throw InputError(fmt::format("{}: no such file", (settings.folder / *text).string()));
   }
   for (const fs::path& path : settings.depends) key += fmt::format("\ndepends {}", Cache::hash_contents(path));
-  std::vector<std::string> layers;
-  for (const LayerName& l : parsed.layers) layers.emplace_back(l.name);
-  return key +
-         fmt::format("\nlayers {}\nguides {}, statistics {}", join(layers, " "), parsed.guides, parsed.statistics);
+  return key;
 }
 
 }  // namespace
@@ -385,13 +331,10 @@ const std::vector<CommandPlace>& command_places() {
 ExternalFilter command_filter(const CommandFilter& settings, std::span<const LayerName> known) {
   CommandParser parsed(settings, known);
   fs::path program = program_of(settings, parsed.words[0]);
-  ExternalFilter filter;
+  ExternalFilter filter = parsed.asked;
   filter.kind = "command";
   filter.words = settings.command;
   filter.key = key_of(settings, parsed, program);
-  filter.layers = parsed.layers;
-  filter.guides = parsed.guides;
-  filter.statistics = parsed.statistics;
   const auto prepared = std::make_shared<const Prepared>(
       Prepared{std::move(parsed), std::move(program), settings.folder, settings.memory_limit});
   filter.run = [prepared](const ExternalInput& input, const Task& task) { return prepared->run(input, task); };

@@ -77,7 +77,26 @@ void check_picture(const Layers& picture, const Layers& frame) {
 
 }  // namespace
 
+void ExternalFilter::ask_for(const std::string& name, std::span<const LayerName> known, const std::string& where) {
+  if (name == "guides" || is_guide(name)) {
+    guides = true;
+    return;
+  }
+  const auto found = std::find_if(known.begin(), known.end(), [&](const LayerName& l) { return l.name == name; });
+  if (found == known.end()) {
+    std::vector<std::string> names;
+    for (const LayerName& l : known) names.emplace_back(l.name);
+    names.emplace_back("guides");
+    throw InputError(fmt::format("no layer '{}' for {}{}", name, where, suggestion(name, names)));
+  }
+  if (std::find(layers.begin(), layers.end(), *found) == layers.end()) layers.push_back(*found);
+}
+
 Contender external_contender(ExternalFilter filter, std::string label) {
+  std::vector<std::string> layers;
+  for (const LayerName& l : filter.layers) layers.emplace_back(l.name);
+  filter.key +=
+      fmt::format("\nlayers {}\nguides {}, statistics {}", join(layers, " "), filter.guides, filter.statistics);
   struct Held {
     ExternalFilter filter;
     FilterEntry entry;
@@ -89,15 +108,6 @@ Contender external_contender(ExternalFilter filter, std::string label) {
   contender.guides = held->filter.guides;
   contender.study = false;
   return contender;
-}
-
-std::string remark_on_external(const std::vector<Contender>& contenders) {
-  std::string text;
-  for (const Contender& c : contenders)
-    if (c.external) text += fmt::format("{}{} is `{}`", text.empty() ? "" : "; ", c.label, c.external->words);
-  if (text.empty()) return "";
-  return text +
-         ": no parameters of theirs are known, so that nothing is searched or studied, and they stand under each setting as they are";
 }
 
 ExternalRun::ExternalRun(const Contender& contender, int spp, int64_t seed, double time_limit)

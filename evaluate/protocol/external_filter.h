@@ -1,6 +1,7 @@
 #pragma once
 #include <memory>
 #include <optional>
+#include <span>
 
 #include "base/error.h"
 #include "evaluate/protocol/tuning.h"
@@ -20,9 +21,9 @@ struct ExternalInput {
 
 /// What it made of it.
 struct ExternalOutput {
-  Layers picture;                    ///< R G B
-  double seconds = 0;                ///< that the filter took
-  double exchange_seconds = 0;       ///< that brume took to hand over the frame and to take back the picture
+  Layers picture;                         ///< R G B
+  double seconds = 0;                     ///< that the filter took
+  double exchange_seconds = 0;            ///< that brume took to hand over the frame and to take back the picture
   std::optional<double> peak_bytes = {};  ///< nothing: to be measured around it, as for filters of brume's own
 };
 
@@ -33,6 +34,10 @@ struct LimitPassed : InputError {
 
 /// A filter that is no part of brume: a program, or a function of whoever calls the protocol.
 struct ExternalFilter {
+  /// Adds what a layer's name asks for; "guides" is all guides.
+  /// @param known  the layers that a frame can have   @param where  that names it   @throws InputError
+  void ask_for(const std::string& name, std::span<const LayerName> known, const std::string& where);
+
   std::string kind;               ///< "command", "function"
   std::string words;              ///< the command, or the function's name, for tables
   std::string key;                ///< everything that decides its result beside the frame
@@ -46,9 +51,6 @@ struct ExternalFilter {
 /// A line of a comparison that is somebody else's filter. It stands where others do under each setting: there is
 /// nothing that a search could change, nor a study leave out.
 Contender external_contender(ExternalFilter filter, std::string label);
-
-/// What readers should know of filters that are not brume's; empty: there are none.
-std::string remark_on_external(const std::vector<Contender>& contenders);
 
 /// Runs of an external filter as if it were one of brume's, for apply_filter: of each signal of a frame one.
 class ExternalRun {

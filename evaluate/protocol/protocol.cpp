@@ -85,17 +85,29 @@ const MethodResult* SceneResult::find(const std::string& filter, Tuning tuning, 
   return nullptr;
 }
 
-std::vector<std::string> remarks_on(const EvaluationSettings& settings) {
-  std::vector<std::string> names, remarks;
+std::string remark_on_parts(const EvaluationSettings& settings) {
+  std::vector<std::string> names;
   for (const Contender& c : settings.contenders)
     if (c.settings.entry().parts) names.push_back(c.label);
-  if (settings.component == Component::kIndirect && !names.empty())
-    remarks.push_back(fmt::format(
-        "{} clean{} the direct light as well, which the others leave noisy here: --component all compares them alike",
-        join(names), names.size() == 1 ? "s" : ""));
-  if (std::string external = remark_on_external(settings.contenders); !external.empty())
-    remarks.push_back(std::move(external));
-  return remarks;
+  if (settings.component != Component::kIndirect || names.empty()) return "";
+  return fmt::format(
+      "{} clean{} the direct light as well, which the others leave noisy here: --component all compares them alike",
+      join(names), names.size() == 1 ? "s" : "");
+}
+
+bool is_any_searched(const EvaluationSettings& settings) {
+  return settings.tune || settings.ablation || settings.sensitivity;
+}
+
+std::string remark_on_others(const EvaluationSettings& settings) {
+  std::vector<std::string> names;
+  for (const Contender& c : settings.contenders)
+    if (c.external) names.push_back(fmt::format("{} is `{}`", c.label, c.external->words));
+  if (names.empty() || !is_any_searched(settings)) return join(names, "; ");
+  return fmt::format(
+      "{}: no parameters of {} are known, so that nothing is searched or studied, and {} under each setting",
+      join(names, "; "), names.size() == 1 ? "it" : "theirs",
+      names.size() == 1 ? "it stands as it is" : "they stand as they are");
 }
 
 bool is_reported(const EvaluationSettings& settings, const std::string& metric) {

@@ -81,9 +81,15 @@ struct EvaluationSettings {
   Provenance provenance;
 };
 
-/// What readers must know: where only the indirect light is to be cleaned, which filters clean the direct light by
-/// themselves, too; and which filters are not brume's. Sentences without their full stops.
-std::vector<std::string> remarks_on(const EvaluationSettings& settings);
+/// What readers must know where only the indirect light is to be cleaned and some filters clean the direct light by
+/// themselves, too; empty: nothing.
+std::string remark_on_parts(const EvaluationSettings& settings);
+
+/// The same of filters that are not brume's: what they are, and what is not done with them.
+std::string remark_on_others(const EvaluationSettings& settings);
+
+/// Whether parameters are searched or changed, or layers left out.
+bool is_any_searched(const EvaluationSettings& settings);
 
 /// Whether a metric is among those that are reported.
 bool is_reported(const EvaluationSettings& settings, const std::string& metric);

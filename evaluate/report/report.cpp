@@ -472,7 +472,8 @@ std::string short_report(const Evaluation& e) {
   for (const SceneResult& scene : e.scenes) text += ranking(scene, e).text() + "\n";
   for (const Table& table : {sequences(e), failures(e)})
     if (!table.rows.empty()) text += table.text() + "\n";
-  for (const std::string& remark : remarks_on(e.settings)) text += remark + ".\n\n";
+  for (const std::string& remark : {remark_on_parts(e.settings), remark_on_others(e.settings)})
+    if (!remark.empty()) text += remark + ".\n\n";
   return text;
 }
 
@@ -486,7 +487,8 @@ std::string markdown_report(const Evaluation& e) {
       e.settings.background == BackgroundRule::kBilateral ? "get the bilateral filter, as there"
                                                           : "are filtered like the rest",
       e.settings.seeds, machine_text(e.settings.provenance));
-  for (const std::string& remark : remarks_on(e.settings)) text += fmt::format("\n{}.\n", remark);
+  for (const std::string& remark : {remark_on_parts(e.settings), remark_on_others(e.settings)})
+    if (!remark.empty()) text += fmt::format("\n{}.\n", remark);
   for (const Table& table : report_tables(e)) {
     text += fmt::format("\n## {}\n\n{}{}", table.title, table.caption.empty() ? "" : table.caption + "\n\n",
                         table.markdown_grid());

@@ -210,7 +210,7 @@ TEST_F(FiltersOfOthers, ARunThatIsKilledTakesThemWithItAndTheNextCleansUp) {
   ASSERT_EQ(r.status, 0) << r.err;
   size_t left = 0;
   for (const auto& entry : fs::directory_iterator(scratch.path()))
-    left += entry.path().filename().string().starts_with("brume-filter.");
+    left += entry.path().filename().string().starts_with("brume-scratch.");
   EXPECT_EQ(left, 0u);
 }
 

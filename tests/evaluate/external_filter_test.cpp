@@ -216,7 +216,7 @@ TEST(ExternalFilter, StandsUnderEachSettingAsItIs) {
   for (const SensitivityResult& s : e.scenes[0].sensitivity) EXPECT_EQ(s.result.filter, "gaussian");
   const std::string table = markdown_report(e), short_text = short_report(e), csv = csv_report(e);
   for (const std::string* text : {&table, &short_text})
-    EXPECT_NE(text->find("mine is `times`: no parameters of theirs are known, so that nothing is searched"),
+    EXPECT_NE(text->find("mine is `times`: no parameters of it are known, so that nothing is searched"),
               std::string::npos);
   EXPECT_NE(csv.find(",times,"), std::string::npos);
   const auto json = nlohmann::json::parse(json_report(e));
@@ -364,7 +364,9 @@ TEST(CommandFilter, ItsKeyIsAllThatDecidesItsResult) {
   CommandFilter settings{.command = "sh mine.sh {frame} {output} --weights=weights.bin", .folder = folder.path()};
   settings.depends = {folder / "helpers"};
   std::set<std::string> keys;
-  const auto is_new = [&] { return keys.insert(command_filter(settings, kKnown).key).second; };
+  const auto is_new = [&] {
+    return keys.insert(external_contender(command_filter(settings, kKnown), "mine").external->key).second;
+  };
   EXPECT_TRUE(is_new());
   EXPECT_FALSE(is_new());
   settings.memory_limit = 1e9;

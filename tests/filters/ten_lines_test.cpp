@@ -19,10 +19,14 @@ TEST(TenLines, AreTenAndAFilterLikeTheOthers) {
   ApplyOptions options;
   options.component = Component::kAll;
   options.outliers = Outliers::kKeep;
-  const Layers clean = apply_filter(parse_filter("mine"), frame, options, {});
+  std::vector<double> told;
+  const Layers clean =
+      apply_filter(parse_filter("mine"), frame, options, {1, [&](double f) { told.push_back(f); }, nullptr});
+  EXPECT_TRUE(std::is_sorted(told.begin(), told.end()) && told.back() == 1);
   EXPECT_FLOAT_EQ(clean.at("G")(4, 4), 1) << "of 5 x 5";
   EXPECT_FLOAT_EQ(clean.at("G")(1, 4), 0);
-  EXPECT_EQ(candidate_settings(parse_contender("mine")).size(), 4u) << "its default and what a search tries";
+  EXPECT_EQ(candidate_settings(parse_contender("mine")).size(), 5u)
+      << "its default, what was published, and what a search tries";
 }
 
 }  // namespace
