@@ -111,11 +111,11 @@ label = "Open Image Denoise"
 `--weights weights.tza` takes weights trained for media, which the cache then knows by their contents.
 
 From Python, `brume.evaluate(experiment, filters={"mine": f})` calls `f(frame)` in its own process, with what a program would be given, and
-takes an array of height x width x 3 or `Layers` back. `f.layers`, `f.statistics` and `f.time_limit`, attributes of the function, are the keys
-of the same names; a function cannot be stopped, so that its time is judged afterwards. An exception is its failure; `KeyboardInterrupt`
-ends the run. With a cache, results are kept under the function's code: bytecode, constants, defaults, the values it closes over, and the
-functions and values of its module that it names; values that cannot be pickled are refused there until `f.cache_key = "version 1"` says
-what to keep it under.
+takes an array of height x width x 3 or `Layers` back. `f.layers`, `f.statistics` and `f.time_limit`, attributes of the function, are the
+keys of the same names; a function cannot be stopped, so that its time is judged afterwards and its memory is not limited. An exception is
+its failure; `KeyboardInterrupt` ends the run. With a cache, results are kept under the function's code: bytecode, constants, defaults, the
+values it closes over, and the functions and values of its module that it names; values that cannot be pickled are refused there until
+`f.cache_key = "version 1"` says what to keep it under.
 )";
 
 }  // namespace

@@ -117,6 +117,12 @@ class Evaluations(Folder):
         self.assertEqual(labels(brume.evaluate(experiment, {"mine": mean})), {"gaussian", "mine"})
         self.assertEqual(labels(brume.evaluate(experiment, [mean, "bilateral"])), {"mean", "bilateral"})
         self.assertEqual(labels(brume.evaluate(experiment, mean)), {"mean"})
+        # Programs and functions in one run.
+        text = experiment.read_text()
+        experiment.write_text(text + '[[filters]]\ncommand = "cp {color.pfm} {output.pfm}"\nlabel = "copied"\n')
+        rows = self.rows(brume.evaluate(experiment, {"copy": copy_of}))
+        self.assertEqual(rows["copied_default"]["metrics"], rows["copy_default"]["metrics"])
+        self.assertEqual(rows["copied_default"]["metrics"], rows["noisy"]["metrics"])
         results = brume.evaluate([self.scene], "bilateral", **{**QUICK, "spp": (2, 3), "seeds": 1}, film__width=5)
         self.assertEqual((results["spp"], results["scenes"][0]["width"]), ([2, 3], 5))
 
