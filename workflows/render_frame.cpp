@@ -241,7 +241,7 @@ RenderedFrame render_frame(const RenderOptions& options, const Host& host) {
   rendered.end = FrameEnd::kSkipped;
   if (options.skip_complete && !resume_frame(s)) return rendered;
   std::unique_ptr<PreparedScene> prepared = prepare(s);
-  for (VolumeSettings& volume : s.scene.volumes) volume.field.reset();
+  for (VolumeSettings& volume : s.scene.volumes) volume.grids.reset();
   std::unique_ptr<RenderWatcher> watcher;
   if (options.watch) {
     const FilmSettings& film = s.scene.film;

@@ -1,6 +1,7 @@
 #pragma once
 #include <cstdint>
 #include <filesystem>
+#include <map>
 #include <memory>
 #include <string>
 #include <vector>
@@ -9,7 +10,8 @@
 
 namespace brume {
 
-struct ScalarField;
+struct TriangleMesh;
+struct VolumeGrids;
 
 // Plain data of a scene. Keys, units, ranges and meanings stand once, in scene_fields.h.
 
@@ -31,6 +33,11 @@ struct CameraSettings {
 struct FilmSettings {
   int width = 400, height = 400;
   double exposure = 1.0;
+};
+
+/// Where a volume of arrays lies; a file says it of its own grids.
+struct ArrayPlacement {
+  dvec3 voxel_size{1}, origin{0};
 };
 
 struct VolumeSettings {
@@ -65,8 +72,9 @@ struct VolumeSettings {
   dvec3 index_offset{0};
   bool convert_level_set = false;
   bool enabled = true;
-  /// The file's grid where it has been read already; null: it is read. Not part of a scene's text.
-  std::shared_ptr<const ScalarField> field;
+  ArrayPlacement placement;
+  /// Those in memory, read from the file before or made of arrays; null: they are read. Not part of a scene's text.
+  std::shared_ptr<const VolumeGrids> grids;
 };
 
 struct EnvironmentSettings {
@@ -108,6 +116,9 @@ struct SurfaceSettings {
   std::string shadow = "traced";
   dmat4 object_to_world{1};
   bool enabled = true;
+  /// In its own space, where it is in memory already; null: it is read. Not part of a scene's text.
+  std::shared_ptr<const TriangleMesh> mesh;
+  std::string mesh_content;  ///< of a mesh that comes from no file: tells it from others
 };
 
 struct RenderSettings {
@@ -127,6 +138,16 @@ struct RenderSettings {
   std::string majorants = "cells";
   int cell_size = 8;
   double majorant_scale = 1;
+};
+
+/// What a scene's text does not hold: volumes and meshes of arrays, by their places in its lists, from 0.
+struct SceneArrays {
+  struct Mesh {
+    std::shared_ptr<const TriangleMesh> mesh;
+    std::string content;  ///< SurfaceSettings::mesh_content
+  };
+  std::map<size_t, std::shared_ptr<const VolumeGrids>> volumes;
+  std::map<size_t, Mesh> meshes;
 };
 
 struct Scene {

@@ -11,6 +11,7 @@
 #include "render/scene/scene_fields.h"
 #include "render/scene/scene_fingerprint.h"
 #include "render/scene/toml_table.h"
+#include "volume/volume_grids.h"
 
 namespace brume {
 namespace {
@@ -46,12 +47,29 @@ void check_light(Parser& parser, LightSettings& light, const toml::value& table)
   }
 }
 
-/// Whichever way the coefficients are given, they become sigma_t and albedo.
 void check_render(const Parser&, const RenderSettings& r, const toml::value& table) {
   if (!std::has_single_bit(static_cast<unsigned>(r.cell_size)))
     fail_at(fmt::format("'cell_size' is {}", r.cell_size), table.at("cell_size"), "expected 2, 4, 8, 16 or 32");
 }
 
+/// A volume of arrays: what they are stands for the keys that name a file's grids. @throws InputError
+void take_arrays(Parser& parser, VolumeSettings& v, const toml::value& table) {
+  const VolumeGrids& grids = *v.grids;
+  for (const char* key :
+       {"file", "grid", "albedo_grid", "temperature_grid", "flame_grid", "velocity_grid", "convert_level_set"})
+    if (parser.has(key))
+      fail_at(fmt::format("'{}' stands beside arrays", key), table.at(key),
+              "remove one of the two: a volume is a file or arrays");
+  if (v.shape != "grid")
+    fail_at(fmt::format("arrays stand beside shape = \"{}\"", v.shape), table.at("shape"), "remove one of the two");
+  if (grids.density) v.grid = "density";
+  if (grids.temperature) v.temperature_grid = "temperature";
+  if (grids.flame) v.flame_grid = "flame";
+  if (grids.colour) v.albedo_grid = "color";
+  if (grids.velocity) v.velocity_grid = "velocity";
+}
+
+/// Whichever way the coefficients are given, they become sigma_t and albedo.
 void check_volume(Parser& parser, VolumeSettings& v, const toml::value& table) {
   const auto conflict = [&](std::initializer_list<const char*> keys, const std::string& with) {
     for (const char* key : keys)
@@ -59,7 +77,8 @@ void check_volume(Parser& parser, VolumeSettings& v, const toml::value& table) {
         fail_at(fmt::format("'{}' stands beside {}", key, with), table.at(key), "remove one of the two");
   };
   const bool by_parts = parser.has("sigma_a") || parser.has("sigma_s");
-  if (v.shape == "grid" && v.file.empty())
+  if (v.grids) take_arrays(parser, v, table);
+  if (v.shape == "grid" && v.file.empty() && !v.grids)
     fail_at("[[volumes]] has no 'file'", table, "add file = ... here: OpenVDB file");
   if (v.shape != "grid") {
     conflict({"file", "grid", "albedo_grid", "temperature_grid", "flame_grid", "velocity_grid"},
@@ -118,6 +137,8 @@ void check_environment(const Parser& parser, const EnvironmentSettings& e, const
 }
 
 void check_surface(Parser& parser, SurfaceSettings& s, const toml::value& table) {
+  if (s.mesh && parser.has("file"))
+    fail_at("'file' stands beside arrays", table.at("file"), "remove one of the two: a mesh is a file or arrays");
   if (s.material == "dielectric" && !parser.has("albedo")) s.albedo = dvec3(1);
   if (s.material == "diffuse")
     for (const char* key : {"roughness", "ior"})
@@ -145,7 +166,7 @@ void check_camera(const Parser& parser, const CameraSettings& c, const toml::val
 }
 
 Scene scene_from(std::istream& stream, const fs::path& path, std::span<const std::string> overrides,
-                 bool with_fingerprint = true) {
+                 const SceneArrays& arrays = {}, bool with_fingerprint = true) {
   toml::value root = parse_toml(stream, path.string());
   for (const std::string& assignment : overrides) apply_assignment(root, assignment);
 
@@ -164,15 +185,17 @@ Scene scene_from(std::istream& stream, const fs::path& path, std::span<const std
     parser.check_files();
   };
   const auto no_check = [](const auto&...) {};
-  const auto array = [&](const char* name, auto& target, const auto& check) {
+  const auto array = [&](const char* name, auto& target, const auto& check, const auto& begin) {
     sections.push_back(name);
     if (!root.contains(name)) return;
     const toml::value& entries = root.at(name);
     if (!entries.is_array())
       fail_at(fmt::format("'{}' is {}", name, toml_type_name(entries)), entries, fmt::format("expected [[{}]]", name));
-    for (const toml::value& entry : entries.as_array()) {
+    for (size_t i = 0; i < entries.as_array().size(); ++i) {
+      const toml::value& entry = entries.as_array()[i];
       Parser parser(entry, fmt::format("[[{}]]", name), folder, scene.render.frame);
-      describe(parser, target.emplace_back());
+      begin(parser, target.emplace_back(), i);
+      describe(parser, target.back());
       parser.reject_unknown();
       check(parser, target.back(), entry);
       parser.check_files();
@@ -187,9 +210,22 @@ Scene scene_from(std::istream& stream, const fs::path& path, std::span<const std
   section("camera", scene.camera, check_camera);
   section("film", scene.film, no_check);
   section("environment", scene.environment, check_environment);
-  array("volumes", scene.volumes, check_volume);
-  array("lights", scene.lights, check_light);
-  array("surfaces", scene.surfaces, check_surface);
+  const auto volume = [&](Parser& parser, VolumeSettings& v, size_t i) {
+    const auto found = arrays.volumes.find(i);
+    if (found == arrays.volumes.end()) return;
+    v.grids = found->second;
+    describe(parser, v.placement);
+  };
+  const auto surface = [&](Parser& parser, SurfaceSettings& s, size_t i) {
+    const auto found = arrays.meshes.find(i);
+    if (found == arrays.meshes.end()) return;
+    s.mesh = found->second.mesh;
+    s.mesh_content = found->second.content;
+    parser.provides("file");
+  };
+  array("volumes", scene.volumes, check_volume, volume);
+  array("lights", scene.lights, check_light, no_check);
+  array("surfaces", scene.surfaces, check_surface, surface);
   for (const auto& [key, value] : root.as_table())
     if (std::find(sections.begin(), sections.end(), key) == sections.end())
       fail_at(fmt::format("unknown key '{}'{}", key, suggestion(key, sections)), value, "not part of a scene");
@@ -236,17 +272,19 @@ Scene read_scene(const fs::path& path, std::span<const std::string> overrides) {
 
 Scene read_scene_alone(const fs::path& path, std::span<const std::string> overrides) {
   std::ifstream stream = open_scene(path);
-  return scene_from(stream, path, overrides, /*with_fingerprint=*/false);
+  return scene_from(stream, path, overrides, {}, /*with_fingerprint=*/false);
 }
 
-Scene parse_scene(const std::string& text, const fs::path& path, std::span<const std::string> overrides) {
+Scene parse_scene(const std::string& text, const fs::path& path, std::span<const std::string> overrides,
+                  const SceneArrays& arrays) {
   std::istringstream stream(text);
-  return scene_from(stream, path, overrides);
+  return scene_from(stream, path, overrides, arrays);
 }
 
-Scene parse_scene_alone(const std::string& text, const fs::path& path, std::span<const std::string> overrides) {
+Scene parse_scene_alone(const std::string& text, const fs::path& path, std::span<const std::string> overrides,
+                        const SceneArrays& arrays) {
   std::istringstream stream(text);
-  return scene_from(stream, path, overrides, /*with_fingerprint=*/false);
+  return scene_from(stream, path, overrides, arrays, /*with_fingerprint=*/false);
 }
 
 }  // namespace brume
