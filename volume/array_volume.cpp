@@ -155,30 +155,34 @@ class Content {
 
 }  // namespace
 
-std::shared_ptr<const VolumeGrids> grids_of_arrays(const VolumeArrays& arrays, const Task& task) {
-  auto grids = std::make_shared<VolumeGrids>();
-  Content content;
-  const auto scalar = [&](const std::optional<VoxelArray>& array, const char* name) {
-    content.add(array.has_value());
-    if (!array) return std::shared_ptr<const ScalarField>();
+std::shared_ptr<const VolumeGrids> grids_of_arrays(const VolumeArrays& arrays, const VolumeGrids* others,
+                                                   const Task& task) {
+  auto grids = std::make_shared<VolumeGrids>(others ? *others : VolumeGrids());
+  const auto scalar = [&](const std::optional<VoxelArray>& array, const char* name, auto& grid) {
+    if (!array) return;
     grids->size = array->size;
-    const auto field = scalar_field(*array, name, task);
-    content.add(field->bricks);
-    return field;
+    grid = scalar_field(*array, name, task);
   };
-  const auto vectors = [&](const std::optional<std::array<VoxelArray, 3>>& parts) {
-    content.add(parts.has_value());
-    if (!parts) return std::shared_ptr<const VectorField>();
+  const auto vectors = [&](const std::optional<std::array<VoxelArray, 3>>& parts, auto& grid) {
+    if (!parts) return;
     grids->size = (*parts)[0].size;
-    const auto field = vector_field(*parts, task);
-    for (const BrickGrid& part : field->bricks.parts) content.add(part);
-    return field;
+    grid = vector_field(*parts, task);
   };
-  grids->density = scalar(arrays.density, "density");
-  grids->temperature = scalar(arrays.temperature, "temperature");
-  grids->flame = scalar(arrays.flame, "flame");
-  grids->colour = vectors(arrays.colour);
-  grids->velocity = vectors(arrays.velocity);
+  scalar(arrays.density, "density", grids->density);
+  scalar(arrays.temperature, "temperature", grids->temperature);
+  scalar(arrays.flame, "flame", grids->flame);
+  vectors(arrays.colour, grids->colour);
+  vectors(arrays.velocity, grids->velocity);
+  Content content;
+  for (const auto* field : {&grids->density, &grids->temperature, &grids->flame}) {
+    content.add(*field != nullptr);
+    if (*field) content.add((*field)->bricks);
+  }
+  for (const auto* field : {&grids->colour, &grids->velocity}) {
+    content.add(*field != nullptr);
+    if (*field)
+      for (const BrickGrid& part : (*field)->bricks.parts) content.add(part);
+  }
   grids->content = content.text();
   return grids;
 }

@@ -32,8 +32,10 @@ struct VolumeArrays {
 /// that point of index space; outside of the arrays all is 0. NaN and negative values count as 0, infinite ones as the
 /// largest finite value, all counted in the notes; of colours and velocities what is not finite is 0. The values are
 /// copied once, into bricks, but for where all is 0.
+/// @param others  grids of arrays of the same size that stay as they are where none is given instead; null: none
 /// @throws InputError for more voxels along an axis than a grid may have; Interrupted
-std::shared_ptr<const VolumeGrids> grids_of_arrays(const VolumeArrays& arrays, const Task& task = {});
+std::shared_ptr<const VolumeGrids> grids_of_arrays(const VolumeArrays& arrays, const VolumeGrids* others = nullptr,
+                                                   const Task& task = {});
 
 /// The values of a grid again, x slowest and z fastest. @param size  of the array that it was made of
 /// @param step  values between two that are written

@@ -1,4 +1,5 @@
 #pragma once
+#include <array>
 #include <cstdint>
 #include <filesystem>
 #include <map>
@@ -15,6 +16,13 @@ struct VolumeGrids;
 
 // Plain data of a scene. Keys, units, ranges and meanings stand once, in scene_fields.h.
 
+/// A camera as an EXR's header has it.
+struct CameraMatrices {
+  std::string name;           ///< of the frame, for errors
+  int width = 0, height = 0;  ///< of the picture [px]
+  std::array<float, 16> world_to_camera{}, world_to_ndc{};
+};
+
 struct CameraSettings {
   std::string type = "perspective";
   dvec3 position{0}, look_at{0}, up{0, 0, 1};
@@ -28,6 +36,7 @@ struct CameraSettings {
   std::vector<double> position_end, look_at_end;  ///< three numbers, or none: the camera stands still
   std::vector<std::vector<double>> keys;          ///< of a moving camera; none once a frame's camera is taken from them
   std::filesystem::path from_exr;
+  std::shared_ptr<const CameraMatrices> matrices;  ///< the same of a frame in memory; not part of a scene's text
 };
 
 struct FilmSettings {
@@ -140,7 +149,8 @@ struct RenderSettings {
   double majorant_scale = 1;
 };
 
-/// What a scene's text does not hold: volumes and meshes of arrays, by their places in its lists, from 0.
+/// What a scene's text does not hold: volumes and meshes of arrays, by their places in its lists, from 0, and the
+/// camera of a frame.
 struct SceneArrays {
   struct Mesh {
     std::shared_ptr<const TriangleMesh> mesh;
@@ -148,6 +158,7 @@ struct SceneArrays {
   };
   std::map<size_t, std::shared_ptr<const VolumeGrids>> volumes;
   std::map<size_t, Mesh> meshes;
+  std::shared_ptr<const CameraMatrices> camera;  ///< instead of the text's
 };
 
 struct Scene {

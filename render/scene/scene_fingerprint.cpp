@@ -107,6 +107,9 @@ Fingerprint fingerprint(Scene scene, FileHashes* known) {
   print.table("render", scene.render);
   print.table("environment", scene.environment);
   print.file("camera.from_exr", scene.camera.from_exr);
+  if (const auto& m = scene.camera.matrices)
+    print.content("camera.matrices",
+                  fmt::format("{} {}", fmt::join(m->world_to_camera, " "), fmt::join(m->world_to_ndc, " ")));
   print.file("environment.file", scene.environment.file);
   const auto each = [&](const char* name, auto& tables, const auto& files_of) {
     for (size_t i = 0; i < tables.size(); ++i) {

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <fstream>
+#include <iterator>
 #include <sstream>
 
 #include "base/error.h"
@@ -156,13 +157,22 @@ void check_camera(const Parser& parser, const CameraSettings& c, const toml::val
     for (const char* key : {"position", "look_at", "position_end", "look_at_end", "from_exr"})
       if (parser.has(key))
         fail_at(fmt::format("'{}' stands beside 'keys'", key), table.at(key), "remove one of the two");
-  if (c.from_exr.empty() && c.keys.empty())
+  if (c.from_exr.empty() && !c.matrices && c.keys.empty())
     for (const char* key : {"position", "look_at"})
       if (!parser.has(key))
         fail_at(fmt::format("[camera] has no '{}'", key), table, fmt::format("add {} = ... here", key));
   if (c.blades == 1 || c.blades == 2) fail_at("'blades' is too few", table.at("blades"), "expected 0, or 3 and more");
   if (c.shutter.y < c.shutter.x)
     fail_at("the shutter closes before it opens", table.at("shutter"), "expected [open, close]");
+}
+
+/// Refuses arrays for entries that a scene has not.
+template <class Arrays>
+void check_places(const toml::value& root, const char* name, const Arrays& arrays) {
+  const size_t entries = root.contains(name) ? root.at(name).as_array().size() : 0;
+  if (!arrays.empty() && arrays.rbegin()->first >= entries)
+    throw InputError(fmt::format("{}.{}: arrays, but the scene has {} {}, counted from 0", name, arrays.rbegin()->first,
+                                 entries, name));
 }
 
 Scene scene_from(std::istream& stream, const fs::path& path, std::span<const std::string> overrides,
@@ -207,6 +217,7 @@ Scene scene_from(std::istream& stream, const fs::path& path, std::span<const std
     scene.name = root.at("name").as_string().str;
   }
   section("render", scene.render, check_render);  // first: its frame names the files of the others
+  scene.camera.matrices = arrays.camera;
   section("camera", scene.camera, check_camera);
   section("film", scene.film, no_check);
   section("environment", scene.environment, check_environment);
@@ -226,11 +237,13 @@ Scene scene_from(std::istream& stream, const fs::path& path, std::span<const std
   array("volumes", scene.volumes, check_volume, volume);
   array("lights", scene.lights, check_light, no_check);
   array("surfaces", scene.surfaces, check_surface, surface);
+  check_places(root, "volumes", arrays.volumes);
+  check_places(root, "surfaces", arrays.meshes);
   for (const auto& [key, value] : root.as_table())
     if (std::find(sections.begin(), sections.end(), key) == sections.end())
       fail_at(fmt::format("unknown key '{}'{}", key, suggestion(key, sections)), value, "not part of a scene");
 
-  if (!root.contains("camera"))
+  if (!root.contains("camera") && !arrays.camera)
     throw InputError(fmt::format("{}: has no [camera]; expected position, look_at and fov", path.string()));
   // A picture with no factor set is taken as it is.
   const bool has_picture = !scene.environment.file.empty() || scene.environment.sky != "none";
@@ -264,6 +277,11 @@ std::ifstream open_scene(const fs::path& path) {
 }
 
 }  // namespace
+
+std::string read_scene_text(const fs::path& path) {
+  std::ifstream stream = open_scene(path);
+  return {std::istreambuf_iterator<char>(stream), {}};
+}
 
 Scene read_scene(const fs::path& path, std::span<const std::string> overrides) {
   std::ifstream stream = open_scene(path);

@@ -5,11 +5,14 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <fstream>
+#include <span>
 #include <sstream>
 #include <string_view>
 
 #include "base/error.h"
+#include "base/rng.h"
 
 namespace brume {
 namespace {
@@ -242,6 +245,24 @@ TriangleMesh place_mesh(TriangleMesh mesh, const std::string& name, const dmat4&
   if (glm::determinant(dmat3(world_from_object)) < 0)
     for (ivec3& t : mesh.triangles) std::swap(t.y, t.z);
   return mesh;
+}
+
+std::string content_of(const TriangleMesh& mesh) {
+  uint64_t hash = 0;
+  const auto add = [&](const auto& values) {
+    hash = hash_combine(hash, values.size());
+    const auto bytes = std::as_bytes(std::span(values));
+    for (size_t i = 0; i + 4 <= bytes.size(); i += 4) {
+      uint32_t word;
+      std::memcpy(&word, bytes.data() + i, 4);
+      hash = hash_combine(hash, word);
+    }
+  };
+  add(mesh.positions);
+  add(mesh.triangles);
+  add(mesh.texcoords);
+  add(mesh.normals);
+  return fmt::format("{:016x}", hash);
 }
 
 TriangleMesh read_mesh(const fs::path& path) try {
