@@ -8,7 +8,10 @@ namespace brume::python {
 
 void bind_layers(pybind11::module_& module);
 void bind_files(pybind11::module_& module);
+void bind_scene(pybind11::module_& module);
 void bind_render(pybind11::module_& module);
+void bind_guides(pybind11::module_& module);
+void bind_merge(pybind11::module_& module);
 void bind_denoise(pybind11::module_& module);
 void bind_compare(pybind11::module_& module);
 void bind_evaluate(pybind11::module_& module);

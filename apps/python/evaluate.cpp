@@ -207,7 +207,7 @@ py::object evaluate(const py::object& experiment, const py::object& filters, con
   options.chosen_filters = named.replace || (only_scenes && !named.entries.empty());
 
   std::string results;
-  run_work(progress, threads, [&](const Work& work) {
+  run_work({progress}, threads, [&](const Work& work) {
     caller.work = &work;
     Host host = host_of(work);
     host.progress = [&](const std::string& stage) { return progress_of_stage(work.task, stage); };

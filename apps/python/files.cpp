@@ -23,7 +23,7 @@ LayersPointer read(const py::object& path, const py::object& channels, bool adop
   std::optional<std::vector<std::string>> wanted;
   if (!channels.is_none()) wanted = to_words(channels);
   LayersPointer layers;
-  run_work(py::none(), 0, [&](const Work& work) {
+  run_work({}, 0, [&](const Work& work) {
     layers = std::make_shared<Layers>(read_exr(file, [&](const std::string& channel) {
       return !wanted || std::any_of(wanted->begin(), wanted->end(), [&](const std::string& name) {
         return channel == name || channel.starts_with(name + ".");
@@ -48,7 +48,7 @@ constexpr const char* kWriteHelp =
 void write(const py::object& path, const py::object& layers) {
   const std::string file = to_path(path);
   const LayersPointer frame = to_layers(layers);
-  run_work(py::none(), 0, [&](const Work& work) {
+  run_work({}, 0, [&](const Work& work) {
     check_writable(file, {}, ".exr");
     write_exr(file, *frame, work.task);
   });

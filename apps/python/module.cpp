@@ -35,7 +35,10 @@ PYBIND11_MODULE(_brume, module) {
   py::register_exception_translator(&translate);
   bind_layers(module);
   bind_files(module);
+  bind_scene(module);
   bind_render(module);
+  bind_guides(module);
+  bind_merge(module);
   bind_denoise(module);
   bind_compare(module);
   bind_evaluate(module);

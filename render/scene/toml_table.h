@@ -27,8 +27,8 @@ std::string toml_range_text(const Field& field);
 /// @throws InputError, with line and column, for what is no TOML
 toml::value parse_toml(std::istream& stream, const std::string& name);
 
-/// Sets a key of a scene: "camera.fov=30", "volumes.0.sigma_t=5". TOML values, or bare text for strings. Tables that are
-/// not there are made; an index one past the end of a list adds an entry.
+/// Sets a key of a scene: "camera.fov=30", "volumes.0.sigma_t=5". TOML values, or bare text for strings. Tables that
+/// are not there are made; an index one past the end of a list adds an entry.
 /// @throws InputError
 void apply_assignment(toml::value& root, const std::string& assignment);
 
@@ -48,11 +48,14 @@ class TomlTable {
     const auto it = entries.find(field.key);
     if (it != entries.end()) {
       read(field, it->second, target);
-    } else if (field.required) {
+    } else if (field.required && std::find(provided_.begin(), provided_.end(), field.key) == provided_.end()) {
       fail_at(fmt::format("{} has no '{}'", where_, field.key), table_,
               fmt::format("add {} = ... here: {}", field.key, field.help));
     }
   }
+
+  /// A required key whose value comes from elsewhere.
+  void provides(const char* key) { provided_.push_back(key); }
 
   /// Keys that are read elsewhere.
   void knows(std::initializer_list<const char*> keys) { known_.insert(known_.end(), keys.begin(), keys.end()); }
@@ -199,7 +202,7 @@ class TomlTable {
   std::string where_;
   std::filesystem::path folder_;
   int frame_;
-  std::vector<std::string> known_;
+  std::vector<std::string> known_, provided_;
   std::vector<std::pair<std::string, std::filesystem::path>> files_;
 };
 
