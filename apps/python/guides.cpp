@@ -49,11 +49,10 @@ LayersPointer guides(const py::object& like, const py::object& scene, const py::
         host = host_of(work, object);
       }
       options.scene = argument->source(work.task);
-      changes.apply(*options.scene, work.task);
+      changes.apply_arrays(*options.scene, work.task);
       for (const std::string& line : options.scene->assumptions) work.log("assumed " + line);
-    } else {
-      options.overrides = changes.overrides();
     }
+    options.overrides = changes.overrides();
     host.progress = [&work](const std::string& stage) {
       const bool solves = stage.starts_with("light ");
       return share(work.task, solves ? 0 : 0.7, solves ? 0.7 : 1).progress;

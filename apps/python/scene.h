@@ -38,6 +38,8 @@ class SceneChanges {
   const std::vector<std::string>& overrides() const { return overrides_; }
   /// Gives a scene the arrays and the assignments. Without Python's lock. @throws InputError
   void apply(SceneSource& source, const Task& task) const;
+  /// The arrays alone.
+  void apply_arrays(SceneSource& source, const Task& task) const;
 
  private:
   struct Mesh {

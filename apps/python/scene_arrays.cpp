@@ -227,6 +227,10 @@ bool SceneChanges::take_array(const std::string& list, size_t index, const std::
 
 void SceneChanges::apply(SceneSource& source, const Task& task) const {
   source.overrides.insert(source.overrides.end(), overrides_.begin(), overrides_.end());
+  apply_arrays(source, task);
+}
+
+void SceneChanges::apply_arrays(SceneSource& source, const Task& task) const {
   for (const auto& [index, arrays] : volumes_) {
     const auto known = source.arrays.volumes.find(index);
     const VolumeGrids* const others = known == source.arrays.volumes.end() ? nullptr : known->second.get();

@@ -54,3 +54,16 @@ class Folder(unittest.TestCase):
         self._folder = tempfile.TemporaryDirectory()
         self.folder = pathlib.Path(self._folder.name)
         self.addCleanup(self._folder.cleanup)
+
+
+def cloud_array(shape=(12, 14, 18)):
+    """A density that is 0 in places, drawn once."""
+    density = np.random.default_rng(5).random(shape, dtype=np.float32)
+    return np.where(density > 0.4, density, np.float32(0))
+
+
+def assert_same_pixels(test, found, expected, what=""):
+    """Every channel of two frames, to the bit."""
+    test.assertEqual(found.keys(), expected.keys(), what)
+    for name in expected:
+        np.testing.assert_array_equal(found[name], expected[name], f"{what} {name}")
