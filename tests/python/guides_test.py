@@ -5,10 +5,9 @@ import unittest
 import numpy as np
 
 import brume
-from support import CLOUD, SOURCE, TINY, Folder, assert_same_pixels, cloud_array, run
+from support import CLOUD, SOURCE, TINY, Folder, assert_same_pixels, cloud_array, run, small_scene
 
 VOLUME = SOURCE / "data/volumes/smoke.vdb"
-SMOKE = SOURCE / "data/scenes/smoke.toml"
 
 
 class Guides(Folder):
@@ -35,25 +34,25 @@ class Guides(Folder):
 
     def test_a_frame_in_memory_gives_its_camera_as_its_file_does(self):
         # The camera of the header, not that of the scene.
-        frame = brume.render(CLOUD, spp=1, camera__fov=20, crop=(4, 2, 30, 20), **TINY)
+        scene = small_scene()
+        frame = brume.render(scene, spp=1, camera__fov=20, crop=(4, 2, 20, 14))
         brume.write(self.folder / "crop.exr", frame)
-        expected = brume.guides(self.folder / "crop.exr", CLOUD)
-        found = brume.guides(frame, CLOUD)
+        expected = brume.guides(self.folder / "crop.exr", scene)
+        found = brume.guides(frame, scene)
         self.assertEqual((found.data_window, found.display_window), (frame.data_window, frame.display_window))
         assert_same_pixels(self, found, expected)
-        self.assertFalse(np.array_equal(found["guide.opacity.Y"], brume.guides(self.path, CLOUD)["guide.opacity.Y"][2:20, 4:30]))
+        other = brume.guides(brume.render(scene, spp=1), scene)["guide.opacity.Y"][2:14, 4:20]
+        self.assertFalse(np.array_equal(found["guide.opacity.Y"], other))
 
     def test_a_scene_solves_its_light_once_for_all_frames(self):
-        scene = brume.Scene(CLOUD)
-        frames = [brume.render(CLOUD, spp=4, camera__fov=fov, **TINY) for fov in (20, 30, 40)]
-        for frame in frames:
-            assert_same_pixels(self, brume.guides(frame, scene), brume.guides(frame, CLOUD))
+        scene = brume.Scene(small_scene())
+        for fov in (20, 30, 40):
+            frame = brume.render(small_scene(), spp=4, camera__fov=fov)
+            assert_same_pixels(self, brume.guides(frame, scene), brume.guides(frame, small_scene()))
         self.assertEqual(scene.counts["lights_solved"], 1)
 
     def test_they_clean_a_frame(self):
-        scene = {"camera": {"position": [6.0, -30.0, 9.0], "look_at": [6.0, 7.0, 9.0], "fov": 40.0},
-                 "film": {"width": 32, "height": 24}, "environment": {"radiance": [0.3, 0.4, 0.6]},
-                 "volumes": [{"density": cloud_array(), "sigma_t": 0.6, "albedo": 0.95}]}
+        scene = small_scene()
         noisy, reference = brume.render(scene, spp=8), brume.render(scene, spp=512, seed=3)
         guides = brume.guides(noisy, scene)
         clean = brume.denoise(noisy, guides=guides)

@@ -9,16 +9,18 @@ import unittest
 import numpy as np
 
 import brume
-from support import CLOUD, TINY, Folder, assert_same_pixels, run
+from support import Folder, assert_same_pixels, run, small_scene
 
-ONE = {"spp": 7, "layers": "direct,indirect,guides", **TINY}
+SCENE = small_scene()
+
+ONE = {"spp": 7, "layers": "direct,indirect,guides"}
 
 
 class Merge(Folder):
     def setUp(self):
         super().setUp()
-        self.whole = brume.render(CLOUD, **ONE)
-        self.parts = [brume.render(CLOUD, part=(i, 3), **ONE) for i in (1, 2, 3)]
+        self.whole = brume.render(SCENE, **ONE)
+        self.parts = [brume.render(SCENE, part=(i, 3), **ONE) for i in (1, 2, 3)]
 
     def test_parts_become_the_whole_in_memory_and_from_files(self):
         for i, part in enumerate(self.parts, start=1):
@@ -40,7 +42,7 @@ class Merge(Folder):
             assert_same_pixels(self, brume.merge([first, self.parts[2]]), self.whole)
 
     def test_what_are_no_parts_is_refused(self):
-        other = brume.render(CLOUD, part=(2, 3), seed=5, **ONE)
+        other = brume.render(SCENE, part=(2, 3), seed=5, **ONE)
         for parts, words in (
             ([self.parts[0], self.parts[0]], "overlap: samples 0 .. 1 are in both"),
             ([self.parts[0], other], "not parts of one render: the seed is 5 in the first, 0 in the second"),
@@ -54,7 +56,7 @@ class Merge(Folder):
         with self.assertRaisesRegex(TypeError, "expected Layers or paths, found int"):
             brume.merge([3])
         with self.assertRaisesRegex(brume.InputError, r"part \(4, 3\): expected \(i, n\)"):
-            brume.render(CLOUD, part=(4, 3), **ONE)
+            brume.render(SCENE, part=(4, 3), **ONE)
         brume.write(self.folder / "part1.exr", self.parts[0])
         with self.assertRaisesRegex(brume.InputError, "1 of 2 parts are not there: 2"):
             brume.merge(self.folder / "part#.exr", numbers="1-2")
@@ -62,37 +64,31 @@ class Merge(Folder):
 
 class Checkpoints(Folder):
     def test_an_interrupted_render_goes_on_to_the_same_bits(self):
-        state, scene = self.folder / "state.exr", brume.Scene(CLOUD, **TINY)
-
-        def stop(fraction):
-            if fraction > 0.2:
-                os.kill(os.getpid(), signal.SIGINT)
-
+        state, scene = self.folder / "state.exr", brume.Scene(SCENE)
         with self.assertRaises(KeyboardInterrupt):
-            scene.render(spp=400, checkpoint=state, progress=stop)
-        samples = brume.read(state, "R").header["samplesPerPixel"]
-        self.assertLess(samples, 400)
-        expected = brume.render(CLOUD, spp=400, **TINY)
-        assert_same_pixels(self, scene.render(spp=400, resume=state), expected)
-        assert_same_pixels(self, brume.render(CLOUD, spp=400, resume=state, **TINY), expected)
+            scene.render(spp=1 << 20, checkpoint=state, progress=lambda f: os.kill(os.getpid(), signal.SIGINT))
+        more = brume.read(state, "R").header["samplesPerPixel"] + 5
+        expected = brume.render(SCENE, spp=more)
+        assert_same_pixels(self, scene.render(spp=more, resume=state), expected)
+        assert_same_pixels(self, brume.render(SCENE, spp=more, resume=state), expected)
 
     def test_a_finished_checkpoint_is_a_part_that_takes_more_samples(self):
         state = self.folder / "state.exr"
-        brume.render(CLOUD, spp=3, checkpoint=state, **TINY)
-        assert_same_pixels(self, brume.render(CLOUD, spp=5, resume=state, **TINY), brume.render(CLOUD, spp=5, **TINY))
+        brume.render(SCENE, spp=3, checkpoint=state)
+        assert_same_pixels(self, brume.render(SCENE, spp=5, resume=state), brume.render(SCENE, spp=5))
         with self.assertRaisesRegex(brume.InputError, "not parts of one render: camera.fov"):
-            brume.render(CLOUD, spp=5, resume=state, camera__fov=31.0, **TINY)
+            brume.render(SCENE, spp=5, resume=state, camera__fov=31.0)
 
     def test_time_and_target_error_end_a_render(self):
         # More samples than any machine takes in that time.
-        frame = brume.render(CLOUD, time=0.2, **TINY)
+        frame = brume.render(SCENE, time=0.2)
         self.assertGreater(frame.header["samplesPerPixel"], 0)
         self.assertLess(frame.header["samplesPerPixel"], 1 << 20)
-        loose = brume.render(CLOUD, target_error=0.1, **TINY)
-        tight = brume.render(CLOUD, target_error=0.02, **TINY)
+        loose = brume.render(SCENE, target_error=0.1)
+        tight = brume.render(SCENE, target_error=0.02)
         self.assertLessEqual(tight.header["estimatedRelativeError"], 0.02)
         self.assertGreater(tight.header["samplesPerPixel"], loose.header["samplesPerPixel"])
-        clean = brume.render(CLOUD, target_error=0.05, clean=True, **TINY)
+        clean = brume.render(SCENE, target_error=0.05, clean=True)
         self.assertLessEqual(clean.header["estimatedCleanError"], 0.05)
         for keywords, words in (({"time": 0}, "time: expected a number above 0, found 0"),
                                 ({"target_error": -1}, "target_error: expected a number above 0"),
@@ -101,7 +97,7 @@ class Checkpoints(Folder):
                                 ({"checkpoint": self.folder / "a.exr", "checkpoint_every": 0}, "checkpoint_every"),
                                 ({"checkpoint": self.folder / "a.png"}, "a.png")):
             with self.assertRaisesRegex(brume.InputError, words):
-                brume.render(CLOUD, **keywords, **TINY)
+                brume.render(SCENE, **keywords)
 
 
 class Pictures(unittest.TestCase):
@@ -114,7 +110,7 @@ class Pictures(unittest.TestCase):
                 raise StopIteration
 
         with self.assertRaises(StopIteration):
-            brume.render(CLOUD, spp=1 << 20, on_picture=look, **TINY)
+            brume.render(SCENE, spp=1 << 20, on_picture=look)
         self.assertEqual({thread for thread, _, _ in seen}, {threading.get_ident()})
         samples = [info["samples"] for _, _, info in seen]
         self.assertTrue(0 < samples[0] < samples[1] < samples[2], samples)
@@ -123,7 +119,7 @@ class Pictures(unittest.TestCase):
             self.assertFalse(info["clean"])
             n = info["samples"]
             self.assertEqual(layers.header["samplesPerPixel"], n)
-            assert_same_pixels(self, layers, brume.render(CLOUD, spp=n, **TINY))
+            assert_same_pixels(self, layers, brume.render(SCENE, spp=n))
 
     def test_clean_pictures_come_where_clean_is_set(self):
         seen = []
@@ -136,7 +132,7 @@ class Pictures(unittest.TestCase):
         for ends in ({"spp": 1 << 20}, {"time": 1e6}):
             seen.clear()
             with self.assertRaises(StopIteration):
-                brume.render(CLOUD, clean=True, on_picture=look, **ends, **TINY)
+                brume.render(SCENE, clean=True, on_picture=look, **ends)
             layers, info = seen[-1]
             self.assertTrue(info["clean"] and "noisy.R" in layers)
             self.assertGreater(info["error"], 0)
@@ -150,8 +146,8 @@ class Pictures(unittest.TestCase):
             if len(begun) == 1:
                 done.wait(1.0)  # as slow as a plot; the render goes on
 
-        expected = brume.render(CLOUD, spp=60, clean=True, **TINY)
-        found = brume.render(CLOUD, spp=60, clean=True, on_picture=look, **TINY)
+        expected = brume.render(SCENE, spp=60, clean=True)
+        found = brume.render(SCENE, spp=60, clean=True, on_picture=look)
         assert_same_pixels(self, found, expected)
         self.assertNotIn("adaptive", found.header)
         self.assertEqual(sorted(set(begun)), begun, "each picture is newer than the one before")
@@ -165,10 +161,10 @@ class Pictures(unittest.TestCase):
                 raise LookupError("enough")
 
             with self.assertRaisesRegex(LookupError, "enough"):
-                brume.render(CLOUD, spp=1 << 20, checkpoint=state, on_picture=refuse, **TINY)
+                brume.render(SCENE, spp=1 << 20, checkpoint=state, on_picture=refuse)
             n = brume.read(state, "R").header["samplesPerPixel"]
-            assert_same_pixels(self, brume.render(CLOUD, spp=n + 2, resume=state, **TINY),
-                               brume.render(CLOUD, spp=n + 2, **TINY))
+            assert_same_pixels(self, brume.render(SCENE, spp=n + 2, resume=state),
+                               brume.render(SCENE, spp=n + 2))
 
 
 if __name__ == "__main__":

@@ -13,17 +13,8 @@ import unittest
 import numpy as np
 
 import brume
-from support import CLOUD, SOURCE, TEXT, TINY, Folder, assert_same_pixels, cloud_array, run
-
-SMALL = {"camera": {"position": [6.0, -30.0, 12.0], "look_at": [6.0, 5.0, 4.0], "fov": 40.0},
-         "film": {"width": 24, "height": 16},
-         "environment": {"radiance": [0.3, 0.4, 0.6]},
-         "lights": [{"type": "sun", "direction": [-1.0, -1.0, 2.0], "irradiance": 3.0}]}
-
-
-def small_scene(**volume):
-    return {**SMALL, "volumes": [{"density": cloud_array(), "sigma_t": 0.6, "albedo": 0.95, **volume}]}
-
+from support import (CLOUD, SMALL, SOURCE, TEXT, TINY, Folder, assert_same_pixels, cloud_array, run,
+                     small_scene)
 
 class Sources(Folder):
     def test_a_path_a_text_and_a_dict_are_one_scene(self):
@@ -205,8 +196,8 @@ class Life(unittest.TestCase):
         self.assertGreater(held - resident_bytes(), 0.9 * array.nbytes)
 
     def test_several_threads_may_render_one_scene(self):
-        scene, results = brume.Scene(CLOUD, **TINY), {}
-        expected = {seed: brume.render(CLOUD, spp=2, seed=seed, clean=True, **TINY) for seed in range(4)}
+        scene, results = brume.Scene(small_scene()), {}
+        expected = {seed: brume.render(small_scene(), spp=2, seed=seed, clean=True) for seed in range(4)}
 
         def work(seed):
             results[seed] = scene.render(spp=2, seed=seed, clean=True)
