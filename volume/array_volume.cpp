@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "base/error.h"
+#include "base/memory_file.h"
 #include "base/parallel_for.h"
 #include "base/rng.h"
 #include "volume/displacement.h"
@@ -51,9 +52,11 @@ std::vector<ivec3> blocks_of(const VoxelBox& box) {
   return blocks;
 }
 
-/// A grid of what value(v) says of the voxels in a box, 0 outside.
+/// A grid of what value(v) says of the voxels in a box, 0 outside. Its bricks lie in a memory file, which grows without
+/// a second copy.
 template <class Value>
 BrickGrid build(const VoxelBox& box, const Value& value, const Task& task) {
+  MemoryFile file;
   return BrickGrid::build(
       box, blocks_of(box),
       [&](const ivec3& lo, float* values) {
@@ -65,7 +68,7 @@ BrickGrid build(const VoxelBox& box, const Value& value, const Task& task) {
               *values++ = inside ? value(v) : 0.0f;
             }
       },
-      task);
+      task, &file);
 }
 
 std::shared_ptr<const ScalarField> scalar_field(const VoxelArray& array, const std::string& name, const Task& task) {

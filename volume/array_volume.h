@@ -24,8 +24,8 @@ struct VoxelArray {
 
 /// Arrays of one volume, all of one size.
 struct VolumeArrays {
-  std::optional<VoxelArray> density, temperature, flame;
-  std::optional<std::array<VoxelArray, 3>> colour, velocity;  ///< by component
+  std::optional<VoxelArray> density = {}, temperature = {}, flame = {};
+  std::optional<std::array<VoxelArray, 3>> colour = {}, velocity = {};  ///< by component
 };
 
 /// The grids that a file of these values would give: element (i, j, k) is the value of voxel (i, j, k), which sits at

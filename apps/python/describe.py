@@ -113,6 +113,7 @@ PROPERTY_TYPES = {
     "text": "str",
     "counts": "dict[str, int]",
 }
+NO_VIEWS = "  # type: ignore[override]  # lists, where other mappings give views"
 BASES = {"Layers": "Mapping[str, Channel]"}
 SPECIAL_METHODS = ("__init__", "__contains__", "__getitem__", "__setitem__", "__iter__", "__len__")
 # What a sequence gives: a keyword that is then required, and the result.
@@ -190,14 +191,14 @@ def written(arguments):
     return ", ".join(texts)
 
 
-def stub(name, arguments, result, text, indent="", overload=False):
-    head = indent + PLACED.format(name=name, arguments=written(arguments), result=result)
+def stub(name, arguments, result, text, indent="", overload=False, remark=""):
+    head = indent + PLACED.format(name=name, arguments=written(arguments), result=result) + remark
     body = quoted(text, indent + "    ") + "\n" if text.strip() else ""
     return (indent + "@overload\n" if overload else "") + f"{head}\n{body}{indent}    ...\n"
 
 
 def required(arguments, name, kind):
-    """The same arguments, one of them without a default; after those before it that may be left out."""
+    """The same arguments, one of them of another type and without a default."""
     return [(n, kind if n == name else k, None if n == name else default) for n, k, default in arguments]
 
 
@@ -208,7 +209,8 @@ def with_type(arguments, name, kind):
 def function_stub(owner, function, indent=""):
     name, arguments, result, text = signature(owner, function)
     if name != "render":
-        return stub(name, arguments, result, text, indent)
+        remark = NO_VIEWS if owner == "Layers." and name in ("keys", "values", "items") else ""
+        return stub(name, arguments, result, text, indent, remark=remark)
     one = with_type(arguments, "frames", "None")
     sequence = required(required(arguments, "frames", "str"), "output", "Path")
     return (stub(name, one, result, text, indent, overload=True)

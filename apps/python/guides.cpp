@@ -38,22 +38,20 @@ LayersPointer guides(const py::object& like, const py::object& scene, const py::
 
   LayersPointer result;
   run_work({progress}, threads, [&](const Work& work) {
-    std::unique_lock<std::timed_mutex> lock;
+    std::optional<SceneUse> use;
     Host host = host_of(work);
     if (is_file) options.like = GuidedFrame::of_file(file);
     if (argument) {
       if (argument->object()) {
-        SceneObject& object = *argument->object();
-        lock = take(object, work.task);
-        options.scenes = &object.cache;
-        host = host_of(work, object);
+        use.emplace(*argument->object(), work.task);
+        options.scenes = &use->cache();
+        host = use->host(work);
       }
       options.scene = argument->source(work.task);
-      changes.apply(*options.scene, work.task);
+      changes.apply_arrays(*options.scene, work.task);
       for (const std::string& line : options.scene->assumptions) work.log("assumed " + line);
-    } else {
-      options.overrides = changes.overrides();
     }
+    options.overrides = changes.overrides();
     host.progress = [&work](const std::string& stage) {
       const bool solves = stage.starts_with("light ");
       return share(work.task, solves ? 0 : 0.7, solves ? 0.7 : 1).progress;

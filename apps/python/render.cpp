@@ -198,17 +198,16 @@ py::object render(const py::object& scene, const py::object& spp, const py::obje
   std::shared_ptr<Layers> result;
   SequenceEnd end;
   run_work({progress, on_picture}, threads, [&](const Work& work) {
-    std::unique_lock<std::timed_mutex> lock;
+    std::optional<SceneUse> use;
     Host host = host_of(work);
     if (argument.file() && !changes.has_arrays()) {
       options.scene = *argument.file();
       options.overrides = changes.overrides();
     } else {
       if (argument.object()) {
-        SceneObject& object = *argument.object();
-        lock = take(object, work.task);
-        options.scenes = &object.cache;
-        host = host_of(work, object);
+        use.emplace(*argument.object(), work.task);
+        options.scenes = &use->cache();
+        host = use->host(work);
       }
       SceneSource source = argument.source(work.task);
       changes.apply(source, work.task);

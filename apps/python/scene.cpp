@@ -38,15 +38,14 @@ constexpr const char* kCountsHelp =
 ScenePointer make_scene(const py::object& scene, const py::kwargs& keywords) {
   const SceneArgument argument(scene);
   const SceneChanges changes(keywords);
-  auto object = std::make_shared<SceneObject>();
+  ScenePointer object;
   run_work({}, 0, [&](const Work& work) {
-    SceneSource& source = object->source;
-    source = argument.source(work.task);
+    SceneSource source = argument.source(work.task);
     source.path = std::filesystem::absolute(source.path);
     changes.apply(source, work.task);
     source.check();
     for (const std::string& line : source.assumptions) work.log("assumed " + line);
-    if (source.density) object->cache.know(source.path, source.density);
+    object = std::make_shared<SceneObject>(std::move(source));
   });
   return object;
 }
@@ -54,19 +53,15 @@ ScenePointer make_scene(const py::object& scene, const py::kwargs& keywords) {
 void set(const ScenePointer& scene, const py::kwargs& keywords) {
   const SceneChanges changes(keywords);
   run_work({}, 0, [&](const Work& work) {
-    const auto lock = take(*scene, work.task);
-    SceneSource source = scene->source;
-    changes.apply(source, work.task);
-    source.check();
-    scene->source = std::move(source);
+    scene->change([&](SceneSource& source) {
+      changes.apply(source, work.task);
+      source.check();
+    });
   });
 }
 
 ScenePointer copy_of(const SceneObject& scene) {
-  auto copy = std::make_shared<SceneObject>();
-  copy->source = scene.source;
-  if (copy->source.density) copy->cache.know(copy->source.path, copy->source.density);
-  return copy;
+  return std::make_shared<SceneObject>(scene.source());
 }
 
 std::string explain(const ScenePointer& scene, const py::object& spp, const py::object& layers, bool statistics,
@@ -77,12 +72,12 @@ std::string explain(const ScenePointer& scene, const py::object& spp, const py::
   const SceneChanges changes(keywords);
   std::string text;
   run_work({}, 0, [&](const Work& work) {
-    const auto lock = take(*scene, work.task);
-    SceneSource source = scene->source;
+    SceneUse use(*scene, work.task);
+    SceneSource source = scene->source();
     changes.apply(source, work.task);
     set_source(options, source);
-    options.scenes = &scene->cache;
-    text = explain_render(options, host_of(work, *scene));
+    options.scenes = &use.cache();
+    text = explain_render(options, use.host(work));
   });
   return text;
 }
@@ -139,18 +134,19 @@ py::dict arrays_of(const TriangleMesh& mesh) {
 
 /// Tables, lists of tables and arrays, as the scene's text and its changes say.
 py::dict settings(const SceneObject& scene) {
-  py::dict all = py::module_::import("tomllib").attr("loads")(to_str(scene.source.as_file()));
+  const SceneSource source = scene.source();
+  py::dict all = py::module_::import("tomllib").attr("loads")(to_str(source.as_file()));
   const auto add = [&](const char* list, size_t index, const py::dict& arrays) {
     const py::object entry = py::list(all[list])[index];
     entry.attr("update")(arrays);
   };
-  for (const auto& [index, grids] : scene.source.arrays.volumes) add("volumes", index, arrays_of(*grids));
-  for (const auto& [index, mesh] : scene.source.arrays.meshes) add("surfaces", index, arrays_of(*mesh.mesh));
+  for (const auto& [index, grids] : source.arrays.volumes) add("volumes", index, arrays_of(*grids));
+  for (const auto& [index, mesh] : source.arrays.meshes) add("surfaces", index, arrays_of(*mesh.mesh));
   return all;
 }
 
 py::tuple state_of(const SceneObject& scene) {
-  const SceneSource& source = scene.source;
+  const SceneSource source = scene.source();
   py::dict volumes, meshes;
   for (const auto& [index, grids] : source.arrays.volumes) volumes[py::int_(index)] = arrays_of(*grids);
   for (const auto& [index, mesh] : source.arrays.meshes) meshes[py::int_(index)] = arrays_of(*mesh.mesh);
@@ -164,8 +160,7 @@ py::tuple state_of(const SceneObject& scene) {
 }
 
 ScenePointer scene_of_state(const py::tuple& state) {
-  auto object = std::make_shared<SceneObject>();
-  SceneSource& source = object->source;
+  SceneSource source;
   source.path = to_text(state[0]);
   source.text = to_text(state[1]);
   for (const py::handle text : py::list(state[2])) source.overrides.push_back(to_text(text));
@@ -176,25 +171,46 @@ ScenePointer scene_of_state(const py::tuple& state) {
       for (const auto& [name, array] : py::dict(py::reinterpret_borrow<py::object>(arrays)))
         changes.take_array(list, index.cast<size_t>(), to_text(name), array);
   run_work({}, 0, [&](const Work& work) { changes.apply(source, work.task); });
-  return object;
-}
-
-std::string text_of(const SceneObject& scene) {
-  return scene.source.as_file();
+  return std::make_shared<SceneObject>(std::move(source));
 }
 
 }  // namespace
 
-std::unique_lock<std::timed_mutex> take(SceneObject& scene, const Task& task) {
-  std::unique_lock lock(scene.busy, std::defer_lock);
-  while (!lock.try_lock_for(std::chrono::milliseconds(50))) task.check();
-  return lock;
+SceneObject::SceneObject(SceneSource source) : source_(std::move(source)) {
+  if (source_.density) cache_.know(source_.path, source_.density);
 }
 
-Host host_of(const Work& work, SceneObject& scene) {
+SceneSource SceneObject::source() const {
+  const std::scoped_lock lock(mutex_);
+  return source_;
+}
+
+void SceneObject::change(const std::function<void(SceneSource&)>& edit) {
+  const std::scoped_lock one_at_a_time(changing_);
+  SceneSource next = source();
+  edit(next);
+  const std::scoped_lock lock(mutex_);
+  source_ = std::move(next);
+}
+
+SceneCache::Counts SceneObject::counts() const {
+  const std::scoped_lock lock(mutex_);
+  return counts_;
+}
+
+SceneUse::SceneUse(SceneObject& scene, const Task& task) : scene_(scene), lock_(scene.busy_, std::defer_lock) {
+  while (!lock_.try_lock_for(std::chrono::milliseconds(50))) task.check();
+}
+
+SceneUse::~SceneUse() {
+  const std::scoped_lock lock(scene_.mutex_);
+  scene_.counts_ = scene_.cache_.counts();
+}
+
+Host SceneUse::host(const Work& work) {
   Host host = host_of(work);
-  host.tell = [&scene, tell = host.tell](Host::Word word, const std::string& text) {
-    if (word != Host::Word::kNote || scene.told.insert(text).second) tell(word, text);
+  host.tell = [this, tell = host.tell](Host::Word word, const std::string& text) {
+    if (word != Host::Word::kNote || scene_.told_.insert(text).second) tell(word, text);
   };
   return host;
 }
@@ -232,12 +248,12 @@ void bind_scene(py::module_& module) {
       "The scene as a dict, from which brume.Scene makes it again: what its text and the changes\n"
       "since say, absolute names of files, arrays as the render sees them, copied.");
   type.def_property_readonly(
-      "text", [](const SceneObject& self) { return to_str(text_of(self)); },
+      "text", [](const SceneObject& self) { return to_str(self.source().as_file()); },
       "The same as the text of a scene file, but for arrays, which no file holds.");
   type.def_property_readonly(
       "counts",
       [](const SceneObject& self) {
-        const SceneCache::Counts counts = self.cache.counts();
+        const SceneCache::Counts counts = self.counts();
         py::dict dict;
         dict["files_read"] = counts.read;
         dict["scenes_prepared"] = counts.prepared;
@@ -246,9 +262,10 @@ void bind_scene(py::module_& module) {
       },
       kCountsHelp);
   type.def("__repr__", [](const SceneObject& self) {
-    const SceneArrays& arrays = self.source.arrays;
+    const SceneSource source = self.source();
+    const SceneArrays& arrays = source.arrays;
     const size_t count = arrays.volumes.size() + arrays.meshes.size();
-    return to_str(fmt::format("<brume.Scene {}{}>", self.source.path.filename().string(),
+    return to_str(fmt::format("<brume.Scene {}{}>", source.path.filename().string(),
                               count ? fmt::format(", {} of arrays", count) : ""));
   });
 }

@@ -1,4 +1,5 @@
 #pragma once
+#include <functional>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -14,14 +15,46 @@
 
 namespace brume::python {
 
-/// brume.Scene: what it is made from, and what has been prepared of it. One piece of work at a time.
-struct SceneObject {
-  SceneSource source;
-  SceneCache cache;
-  std::timed_mutex busy;
-  std::set<std::string> told;  ///< notes, each said once
+/// brume.Scene: what it is made from, and what has been prepared of it.
+class SceneObject {
+ public:
+  explicit SceneObject(SceneSource source);
+
+  SceneSource source() const;
+  /// Lets `edit` make another source of it, one at a time; where it throws, it stays.
+  void change(const std::function<void(SceneSource&)>& edit);
+  /// What had been computed when the last piece of work ended.
+  SceneCache::Counts counts() const;
+
+ private:
+  friend class SceneUse;
+  mutable std::mutex mutex_;  // of source and counts
+  std::mutex changing_;
+  SceneSource source_;
+  SceneCache::Counts counts_;
+  std::timed_mutex busy_;  // of cache and told
+  SceneCache cache_;
+  std::set<std::string> told_;
 };
 using ScenePointer = std::shared_ptr<SceneObject>;
+
+/// A scene while a piece of work has it for itself.
+class SceneUse {
+ public:
+  /// Waits until it is free. @throws Interrupted
+  SceneUse(SceneObject& scene, const Task& task);
+  ~SceneUse();
+  SceneUse(const SceneUse&) = delete;
+  SceneUse& operator=(const SceneUse&) = delete;
+
+  SceneCache& cache() { return scene_.cache_; }
+  /// A host that says each note of the scene once.
+  Host host(const Work& work);
+
+ private:
+  SceneObject& scene_;
+  std::unique_lock<std::timed_mutex> lock_;
+};
 
 /// Keywords and arrays of Python on their way into a scene: looked at with Python's lock, built without.
 class SceneChanges {
@@ -38,6 +71,8 @@ class SceneChanges {
   const std::vector<std::string>& overrides() const { return overrides_; }
   /// Gives a scene the arrays and the assignments. Without Python's lock. @throws InputError
   void apply(SceneSource& source, const Task& task) const;
+  /// The arrays alone.
+  void apply_arrays(SceneSource& source, const Task& task) const;
 
  private:
   struct Mesh {
@@ -71,10 +106,5 @@ class SceneArgument {
   std::string text_;
   SceneChanges arrays_;
 };
-
-/// Waits until the scene is free. @throws Interrupted
-std::unique_lock<std::timed_mutex> take(SceneObject& scene, const Task& task);
-/// A host that says each note of a scene once. @param scene  outlives it
-Host host_of(const Work& work, SceneObject& scene);
 
 }  // namespace brume::python

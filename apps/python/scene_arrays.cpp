@@ -198,7 +198,8 @@ bool SceneChanges::take_array(const std::string& list, size_t index, const std::
   const std::string what = fmt::format("{}.{}.{}", list, index, key);
   if (list == "volumes" && (is_one_of(kScalarGrids, key) || is_one_of(kVectorGrids, key))) {
     // A number as density, and three as color, are keys of a scene file.
-    if (const py::ssize_t n = dimensions(value); (key == "density" && n == 0) || (key == "color" && n < 2)) return false;
+    if (const py::ssize_t n = dimensions(value); (key == "density" && n == 0) || (key == "color" && n < 2))
+      return false;
     const bool vectors = is_one_of(kVectorGrids, key);
     const py::array array = readable(what, value);
     if (array.ndim() != (vectors ? 4 : 3) || (vectors && array.shape(3) != 3))
@@ -227,6 +228,10 @@ bool SceneChanges::take_array(const std::string& list, size_t index, const std::
 
 void SceneChanges::apply(SceneSource& source, const Task& task) const {
   source.overrides.insert(source.overrides.end(), overrides_.begin(), overrides_.end());
+  apply_arrays(source, task);
+}
+
+void SceneChanges::apply_arrays(SceneSource& source, const Task& task) const {
   for (const auto& [index, arrays] : volumes_) {
     const auto known = source.arrays.volumes.find(index);
     const VolumeGrids* const others = known == source.arrays.volumes.end() ? nullptr : known->second.get();
@@ -270,7 +275,7 @@ SceneArgument::SceneArgument(py::handle scene) {
 }
 
 SceneSource SceneArgument::source(const Task& task) const {
-  if (object_) return object_->source;
+  if (object_) return object_->source();
   if (file_) return SceneSource::of_file(*file_, task);
   SceneSource source;
   source.path = "scene.toml";

@@ -62,8 +62,10 @@ class Denoise(Folder):
                 brume.denoise({"R": frame["R"]} if keywords == {"filter": "sbf"} else frame, **keywords)
         with self.assertRaisesRegex(brume.InputError, "the layers before it have 23 x 37"):
             brume.denoise({"R": frame["R"], "G": np.zeros((2, 2))})
-        with self.assertRaisesRegex(brume.InputError, r"layers\['beauty'\]: expected an array of numbers, found str"):
+        with self.assertRaisesRegex(brume.InputError, "a.exr: no such file"):
             brume.denoise("a.exr")
+        with self.assertRaisesRegex(TypeError, r"layers\['beauty'\]: expected real numbers, found object"):
+            brume.denoise(object())
         self.assertTrue(issubclass(brume.InputError, ValueError))
 
 

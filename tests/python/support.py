@@ -54,3 +54,27 @@ class Folder(unittest.TestCase):
         self._folder = tempfile.TemporaryDirectory()
         self.folder = pathlib.Path(self._folder.name)
         self.addCleanup(self._folder.cleanup)
+
+
+def cloud_array(shape=(12, 14, 18)):
+    """A density that is 0 in places, drawn once."""
+    density = np.random.default_rng(5).random(shape, dtype=np.float32)
+    return np.where(density > 0.4, density, np.float32(0))
+
+
+# A scene of an array, in whose few voxels light is solved in no time.
+SMALL = {"camera": {"position": [6.0, -30.0, 12.0], "look_at": [6.0, 5.0, 4.0], "fov": 40.0},
+         "film": {"width": 24, "height": 16},
+         "environment": {"radiance": [0.3, 0.4, 0.6]},
+         "lights": [{"type": "sun", "direction": [-1.0, -1.0, 2.0], "irradiance": 3.0}]}
+
+
+def small_scene(**volume):
+    return {**SMALL, "volumes": [{"density": cloud_array(), "sigma_t": 0.6, "albedo": 0.95, **volume}]}
+
+
+def assert_same_pixels(test, found, expected, what=""):
+    """Every channel of two frames, to the bit."""
+    test.assertEqual(found.keys(), expected.keys(), what)
+    for name in expected:
+        np.testing.assert_array_equal(found[name], expected[name], f"{what} {name}")
