@@ -95,3 +95,14 @@ try:
     brume.read("missing.exr")
 except brume.InputError as error:
     print(error)
+
+
+def mine(frame: brume.Layers) -> npt.NDArray[np.float32]:
+    return frame.image()
+
+
+assert_type(brume.evaluate("quick.toml", {"mine": mine, "narrow": "gaussian:sigma=1"}, output="out"), dict[str, Any])
+brume.evaluate([path], [mine, "bilateral"], spp=[4, 16], seeds=2, cache=path, search=False, camera__fov=30)
+brume.evaluate(path, mine, spp=4)
+brume.evaluate(path, {"mine": 3})  # type: ignore[dict-item]
+brume.evaluate(path, tell)  # type: ignore[arg-type]
