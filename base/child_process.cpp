@@ -14,21 +14,10 @@
 #include <cstring>
 #include <ctime>
 
+#include "base/descriptor.h"
+
 namespace brume {
 namespace {
-
-/// Copies of descriptors that do not lie where the child's own ones go, closed in the end.
-class Descriptor {
- public:
-  explicit Descriptor(int of) : number_(fcntl(of, F_DUPFD_CLOEXEC, 16)) {}
-  ~Descriptor() { close(number_); }
-  Descriptor(const Descriptor&) = delete;
-  Descriptor& operator=(const Descriptor&) = delete;
-  int number() const { return number_; }
-
- private:
-  int number_;
-};
 
 class SpawnActions {
  public:

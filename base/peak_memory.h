@@ -1,7 +1,14 @@
 #pragma once
 #include <optional>
+#include <string>
+#include <string_view>
 
 namespace brume {
+
+/// What the system says of a process's memory [bytes]; nothing where it has gone.
+/// @param process  its number, or "self"
+/// @param name     "VmRSS": what is resident now; "VmHWM": at most since it began
+std::optional<double> memory_of(const std::string& process, std::string_view name);
 
 /// What a piece of work holds at most, beside what the process held before.
 class PeakMemory {

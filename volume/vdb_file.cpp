@@ -20,6 +20,7 @@
 #include "base/error.h"
 #include "base/parallel_for.h"
 #include "base/text.h"
+#include "volume/stored_values.h"
 #include "volume/vdb_exchange.h"
 
 namespace brume {
@@ -171,31 +172,6 @@ ivec3 from(const Coord& c) {
   return {c.x(), c.y(), c.z()};
 }
 
-/// What the stored values of a scalar tree are like.
-struct ValueScan {
-  double minimum = std::numeric_limits<double>::infinity(), maximum = -minimum;  // of the finite ones
-  uint64_t nans = 0, infinities = 0, negatives = 0;
-
-  void add(double v, uint64_t count = 1) {
-    if (std::isnan(v))
-      nans += count;
-    else if (std::isinf(v))
-      infinities += count;
-    else {
-      negatives += v < 0 ? count : 0;
-      minimum = std::min(minimum, v);
-      maximum = std::max(maximum, v);
-    }
-  }
-  void add(const ValueScan& other) {
-    minimum = std::min(minimum, other.minimum);
-    maximum = std::max(maximum, other.maximum);
-    nans += other.nans;
-    infinities += other.infinities;
-    negatives += other.negatives;
-  }
-};
-
 /// An iterator over a grid's values, kept from its leaves.
 template <class Iterator>
 Iterator tiles_of(Iterator values) {
@@ -265,13 +241,7 @@ GridSummary summarize(const openvdb::GridBase& grid, const Task& task) {
     s.background = static_cast<double>(typed.background());
     s.active_tiles = typed.tree().activeTileCount();
     if (s.active_voxels == 0) return;
-    const ValueScan scan = scan_active(typed, task);
-    s.has_range = scan.maximum >= scan.minimum;
-    s.minimum = s.has_range ? scan.minimum : 0.0;
-    s.maximum = s.has_range ? scan.maximum : 0.0;
-    s.nan_count = scan.nans;
-    s.infinite_count = scan.infinities;
-    s.negative_count = scan.negatives;
+    scan_active(typed, task).write(s);
   };
   grid.apply<openvdb::TypeList<openvdb::FloatGrid, openvdb::DoubleGrid, openvdb::Int32Grid, openvdb::Int64Grid>>(
       scalar);
@@ -314,16 +284,6 @@ std::string choose_grid(openvdb::io::File& file, const fs::path& path, const std
     }
   }
   fail(path, fmt::format("no grid '{}'; the file has: {}", wanted.empty() ? usual.front() : wanted, list_grids(file)));
-}
-
-double remapped(const std::vector<std::pair<double, double>>& curve, double v) {
-  if (v <= curve.front().first) return curve.front().second;
-  for (size_t i = 1; i < curve.size(); ++i)
-    if (v <= curve[i].first) {
-      const double f = (v - curve[i - 1].first) / (curve[i].first - curve[i - 1].first);
-      return curve[i - 1].second + f * (curve[i].second - curve[i - 1].second);
-    }
-  return curve.back().second;
 }
 
 /// Appends the 8 x 8 x 8 blocks of a box of voxels.
@@ -405,33 +365,20 @@ template <class Grid>
 void build_bricks(const Grid& grid, const ScalarOptions& options, ScalarField& field, Reading& reading) {
   const CoordBBox box = grid.evalActiveVoxelBoundingBox();
   const GridSummary& s = field.summary;
-  const auto note = [&](uint64_t count, const char* what, const std::string& became) {
-    if (count) field.notes.push_back(fmt::format("grid '{}': {} {} voxels became {}", s.name, count, what, became));
-  };
-  const auto largest = static_cast<float>(std::max(0.0, s.maximum));
-  note(s.nan_count, "NaN", "0");
-  note(s.negative_count, "negative", "0");
-  note(s.infinite_count, "infinite", fmt::format("the largest finite value, {}", largest));
+  const DensityRule clean(options, s.maximum);
+  for (const std::string& note : notes_of_values(s, clean.largest())) field.notes.push_back(note);
   if (grid.background() != 0)
     field.notes.push_back(fmt::format("grid '{}': background {} counts inside the active bounding box and is 0 outside",
                                       s.name, s.background));
-  const auto unlimited = [&remap = options.remap, largest](double v) {
-    if (std::isinf(v)) v = v > 0 ? largest : 0.0;
-    if (!remap.empty() && v > 0) v = remapped(remap, v);
-    return v > 0 ? std::min(static_cast<float>(v), std::numeric_limits<float>::max()) : 0.0f;  // false for NaN too
-  };
-  const float limit = options.limit > 0 ? static_cast<float>(options.limit) : std::numeric_limits<float>::max();
-  const auto clean = [&](double v) { return std::min(unlimited(v), limit); };
   if (options.limit > 0) {
     uint64_t limited = 0;
     for (auto it = grid.cbeginValueOn(); it; ++it)
-      if (unlimited(static_cast<double>(*it)) > limit) limited += it.getVoxelCount();
-    if (limited)
-      field.notes.push_back(
-          fmt::format("grid '{}': {} voxels above {} were limited to it", s.name, limited, options.limit));
+      if (clean.limits(static_cast<double>(*it))) limited += it.getVoxelCount();
+    if (limited) field.notes.push_back(note_of_limited(s, limited, options.limit));
   }
   using Value = typename Grid::ValueType;
-  const bool as_stored = std::is_same_v<Value, float> && options.remap.empty();
+  const bool as_stored = std::is_same_v<Value, float> && !clean.remaps();
+  const float largest = clean.largest(), limit = clean.limit();
   const auto sample = [&](const ivec3& lo, float* values) {
     std::array<Value, BrickGrid::kBrick> stored;
     LeafRows<typename Grid::TreeType>(grid.getConstUnsafeAccessor(), lo).copy(stored.data());
@@ -538,10 +485,6 @@ openvdb::Vec3SGrid::Ptr as_vector_grid(const fs::path& path, const openvdb::Grid
                          grid->valueType()));
 }
 
-float finite_or_zero(double v) {
-  return std::isfinite(v) ? static_cast<float>(v) : 0.0f;
-}
-
 VectorField read_colour(Reading& reading, const fs::path& path, const std::string& wanted) {
   const auto file = open(reading, path);
   VectorField field;
@@ -590,7 +533,11 @@ VelocityReply read_velocity(Reading& reading, const VdbRequest& request) {
       path, file->readGrid(choose_grid(*file, path, request.grid, {"velocity", "vel", "v"}, result.notes)));
   reading.limits.reset();
   // Voxels of the density's lattice that any velocity reaches, and the density's own.
-  const dmat4 density_from_velocity = glm::inverse(request.world_from_index) * affine_matrix(grid->transform());
+  // One lattice, as a rule: then no rounding moves its points.
+  const dmat4 world_from_velocity = affine_matrix(grid->transform());
+  const dmat4 density_from_velocity = world_from_velocity == request.world_from_index
+                                          ? dmat4(1)
+                                          : glm::inverse(request.world_from_index) * world_from_velocity;
   const CoordBBox active = grid->evalActiveVoxelBoundingBox();
   VoxelBox& box = result.box;
   box = request.box;

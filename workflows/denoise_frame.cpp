@@ -286,64 +286,7 @@ class Denoiser {
   std::string told_;  // of the filter that was chosen
 };
 
-/// The channels of a frame with one pixel, and those of the guides.
-Layers outline_of(const Layers& frame, const NamedFrame* guides) {
-  Layers outline(1, 1);
-  outline.header = frame.header;
-  for (const auto& [name, plane] : frame.channels()) outline.add(name);
-  if (guides)
-    for (const std::string& name : guides->frame.names()) outline.add(name);
-  adopt_foreign_layers(outline);
-  return outline;
-}
-
-constexpr const char* kTheFrame = "the frame";  // by which errors call one in memory
-
-/// Whether guides serve a frame; says why not.
-bool serve(const NamedFrame& guides, const Layers& frame, const Host& host) {
-  if (of_one_scene(guides.frame, frame)) return true;
-  Layers both = frame;
-  adopt_foreign_layers(both);
-  add_guides(guides.frame, {guides.name, kTheFrame}, both);
-  const std::string wrong = what_speaks_against_guides(both, guides.name, host.silent());
-  if (!wrong.empty()) host.say(Host::Word::kWarning, wrong);
-  return wrong.empty();
-}
-
 }  // namespace
-
-Layers denoise_frame(const Layers& frame, const NamedFrame* guides, const DenoiseOptions& options, const Host& host) {
-  if (guides && !serve(*guides, frame, host)) guides = nullptr;
-  const Layers outline = outline_of(frame, guides);
-  ApplyOptions how = options.how;
-  if (options.filters.size() > 1) throw InputError("one filter at a time cleans a frame in memory");
-  std::optional<FilterSettings> filter;
-  if (!options.filters.empty()) {
-    filter = options.filters[0];
-  } else {
-    const Recommendation best = recommend_filter(outline, how);
-    host.log(best.reason);
-    filter = best.filter;
-  }
-  const bool again = frame.has(layer::noisy), whole = !frame.has(layer::beauty);
-  std::optional<Layers> changed;
-  if (again || guides || whole) {
-    std::set<std::string> channels = readable_channels(*filter, how, outline);
-    if (whole)
-      for (const std::string& name : frame.names()) channels.insert(name);
-    channels.insert({"R", "G", "B"});
-    changed = part_of(frame, channels);
-    adopt_foreign_layers(*changed);
-    if (again) {
-      for (size_t c = 0; c < 3; ++c) changed->set(layer::noisy.channel(c), frame.at(layer::noisy.channel(c)));
-      take_noisy(*changed, host);
-    }
-    if (guides) add_guides(guides->frame, {guides->name, kTheFrame}, *changed);
-  }
-  const Layers& given = changed ? *changed : frame;
-  how.exposure = choose_exposure(options.picture.exposure, given);
-  return run_filter(*filter, given, how, host).layers;
-}
 
 void denoise_frame(const FrameFiles& files, const DenoiseOptions& options, const Host& host) {
   Denoiser(options, host, /*sequence=*/false)(beside(files));

@@ -1,5 +1,6 @@
 #pragma once
 #include <filesystem>
+#include <functional>
 #include <optional>
 #include <string>
 #include <vector>
@@ -43,6 +44,21 @@ struct DenoiseOptions {
 /// @return R G B, what else the filter makes, and a header with the filter and its parameters
 /// @throws InputError, Interrupted
 Layers denoise_frame(const Layers& frame, const NamedFrame* guides, const DenoiseOptions& options, const Host& host);
+
+/// A frame of a sequence in memory; it and its guides must outlive the call.
+struct MemoryFrame {
+  std::string name;  ///< for errors and notes
+  const Layers* frame = nullptr;
+  const NamedFrame* guides = nullptr;  ///< of this frame; null: none
+};
+
+/// Cleans the frames of a sequence in memory, each as denoise_sequence does: filters that look through time see those
+/// before and after. One that cannot be cleaned ends it.
+/// @param get  frame i, called in rising order; the same is asked for again while it is beside another
+/// @param let_go  told that frame i is not needed any more
+std::vector<Layers> denoise_frames(size_t count, const std::function<MemoryFrame(size_t i)>& get,
+                                   const std::function<void(size_t i)>& let_go, const DenoiseOptions& options,
+                                   const Host& host);
 
 /// Cleans a frame from file to file: OUT.exr, or OUT.FILTER.exr where there are several filters. Frames beside it are
 /// found by the number in its name. @throws InputError, Interrupted

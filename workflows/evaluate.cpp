@@ -2,14 +2,18 @@
 
 #include <fmt/format.h>
 
-#include <fstream>
 #include <memory>
 #include <thread>
 
+#include "base/command.h"
 #include "base/error.h"
+#include "base/output_folder.h"
+#include "base/scratch_folder.h"
 #include "base/sequence.h"
 #include "base/text.h"
+#include "evaluate/protocol/command_filter.h"
 #include "evaluate/protocol/sequences.h"
+#include "evaluate/report/report.h"
 #include "filters/api/registry.h"
 #include "image/exr_io.h"
 #include "render/scene/scene_fingerprint.h"
@@ -25,6 +29,12 @@ namespace {
 namespace fs = std::filesystem;
 
 Contender contender_of(const ExperimentFilter& filter) {
+  if (!filter.command.empty()) {
+    Contender c = external_contender(filter_of_command(filter),
+                                     filter.label.empty() ? command_label(filter.command) : filter.label);
+    c.time_limit = filter.time_limit;
+    return c;
+  }
   Contender c = parse_contender(filter.parameters.empty() ? filter.filter : filter.filter + ":" + filter.parameters);
   c.features = filter.features;
   c.guides = filter.guides;
@@ -50,7 +60,7 @@ EvaluationSettings settings_of(const EvaluateOptions& o, const Host& host) {
   s.background = kBackgrounds.of(e.background);
   s.time_limit = e.time_limit;
   s.time_layers = e.time_layers;
-  s.all_layers = o.all_layers;
+  s.all_layers = !o.cache.empty();
   s.ablation = e.ablation;
   s.sensitivity = e.sensitivity;
   s.study_spp = e.study_spp;
@@ -58,8 +68,15 @@ EvaluationSettings settings_of(const EvaluateOptions& o, const Host& host) {
   s.text = e.text;
   s.provenance = {version_number(), version_commit(), o.command, processor_name(),
                   host.threads > 0 ? host.threads : static_cast<int>(std::thread::hardware_concurrency())};
-  if (e.filters.empty()) s.contenders = all_contenders();
+  if (e.filters.empty() && !(o.chosen_filters && !o.others.empty())) s.contenders = all_contenders();
   for (const ExperimentFilter& filter : e.filters) s.contenders.push_back(contender_of(filter));
+  for (const Contender& other : o.others) {
+    for (const FilterEntry* own : all_filters())
+      if (other.label == own->name)
+        throw InputError(fmt::format("a filter of yours is called '{}', as one of brume's; expected a name of its own",
+                                     other.label));
+    s.contenders.push_back(other);
+  }
   for (size_t i = 0; i < s.contenders.size(); ++i)
     for (size_t k = 0; k < i; ++k)
       if (s.contenders[i].label == s.contenders[k].label)
@@ -167,11 +184,7 @@ EvaluationSequence rendered_sequence(const ExperimentSequence& given, int size, 
 
 std::string content_hash(const std::vector<fs::path>& files) {
   std::string all;
-  for (const fs::path& path : files) {
-    std::ifstream stream(path, std::ios::binary);
-    const std::string bytes((std::istreambuf_iterator<char>(stream)), {});
-    all += Cache::hash(bytes);
-  }
+  for (const fs::path& path : files) all += Cache::hash_contents(path);
   return Cache::hash(all);
 }
 
@@ -208,14 +221,32 @@ std::string program_version() {
   return fmt::format("{} {}", version_text(), content_hash({"/proc/self/exe"}).substr(0, 8));
 }
 
-}  // namespace
+/// PNGs beside the plots, by rsvg-convert.
+void draw_plots(const fs::path& folder, const Host& host) {
+  const fs::path program = find_program("rsvg-convert");
+  for (const fs::directory_entry& entry : fs::directory_iterator(folder)) {
+    const fs::path& plot = entry.path();
+    if (plot.extension() != ".svg") continue;
+    if (program.empty())
+      return host.note(
+          "the plots are there as SVG alone: PNGs of them are made by rsvg-convert (Debian's librsvg2-bin)");
+    fs::path picture = plot;
+    picture.replace_extension(".png");
+    Command command;
+    command.program = program;
+    command.words = {"rsvg-convert", "--zoom=2", "-o", picture.string(), plot.string()};
+    if (const CommandEnd end = run_command(command, host.silent()); !end.good())
+      host.say(Host::Word::kWarning, fmt::format("{}: rsvg-convert made no PNG of it (exit status {})",
+                                                 plot.filename().string(), end.status));
+  }
+}
 
-Evaluation evaluate_experiment(const EvaluateOptions& options, const Host& host) {
+Evaluation measure(const EvaluateOptions& options, const fs::path& cache_folder, const Host& host) {
   const Experiment& experiment = options.experiment;
   const EvaluationSettings settings = settings_of(options, host);
-  const Cache cache(options.cache, program_version());
+  const Cache cache(cache_folder, program_version());
   if (!cache.others().empty())
-    host.note(fmt::format("{} holds results of another version too, which are not used: {}", options.cache.string(),
+    host.note(fmt::format("{} holds results of another version too, which are not used: {}", cache_folder.string(),
                           join(cache.others())));
   SceneRenderer renderer(host);
   std::vector<EvaluationScene> scenes;
@@ -234,6 +265,8 @@ Evaluation evaluate_experiment(const EvaluateOptions& options, const Host& host)
         throw InputError(fmt::format("two scenes are named '{}'; give each its own name", scenes[i].name));
   // After all that may be refused, which is one line.
   if (const std::string remark = remark_on_parts(settings); !remark.empty()) host.note(remark);
+  if (const std::string remark = remark_on_others(settings); is_any_searched(settings) && !remark.empty())
+    host.note(remark);
 
   size_t stage = 0;
   const size_t stages = stage_count(scenes, settings) + stage_count(sequences, settings);
@@ -242,6 +275,24 @@ Evaluation evaluate_experiment(const EvaluateOptions& options, const Host& host)
   };
   Evaluation result = evaluate(scenes, settings, cache, task_of);
   evaluate_sequences(sequences, cache, task_of, result);
+  return result;
+}
+
+}  // namespace
+
+Evaluation evaluate_experiment(const EvaluateOptions& options, const Host& host) {
+  std::optional<OutputFolder> folder;
+  if (!options.output.empty()) folder.emplace(options.output.string());
+  // Frames may be many and large: beside the results, where there is to be room for them.
+  std::optional<ScratchFolder> scratch;
+  fs::path cache = options.cache;
+  if (cache.empty()) cache = folder ? folder->part() / "cache" : scratch.emplace().path();
+  Evaluation result = measure(options, cache, host);
+  if (!folder) return result;
+  if (options.cache.empty()) fs::remove_all(cache);
+  write_report(result, folder->part());
+  draw_plots(folder->part(), host);
+  folder->commit();
   return result;
 }
 

@@ -6,9 +6,13 @@
 #include <sstream>
 
 #include "base/error.h"
+#include "base/text.h"
 #include "evaluate/metrics/metric.h"
+#include "evaluate/protocol/command_filter.h"
+#include "filters/api/registry.h"
 #include "render/scene/field_reference.h"
 #include "render/scene/toml_table.h"
+#include "render/transport/path_sample.h"
 #include "workflows/choices.h"
 
 namespace brume {
@@ -27,13 +31,26 @@ void describe(Visitor& v, ExperimentScene& s) {
 
 template <class Visitor>
 void describe(Visitor& v, ExperimentFilter& f) {
-  v({.key = "filter", .help = "name of a filter, `brume filters` lists them", .required = true}, f.filter);
+  v({"filter", "", "name of a filter, `brume filters` lists them"}, f.filter);
+  v({"command", "",
+     "in place of `filter`, a program that cleans a frame: \"python3 mine.py {frame} {output}\" ([filters.md](filters.md#filters-of-others))"},
+    f.command);
   v({"parameters", "", "\"name=value,...\": fixed, and left alone by searches"}, f.parameters);
-  v({"label", "", "in tables; empty: the filter and what is fixed"}, f.label);
+  v({"label", "", "in tables; empty: the filter and what is fixed, or the command's script or program"}, f.label);
   v({"features", "", "that it is given, as `denoise --features`; empty: those of its own choice"}, f.features);
   v({"guides", "", "whether it is given guides, where it reads them"}, f.guides);
   v({"time_limit", "s", "on a frame, after which it has failed; 0: the experiment's", 0}, f.time_limit);
   v({"study", "", "whether ablation and sensitivity, where asked for, look at it"}, f.study);
+  v({"layers", "",
+     "of a command: that it reads beside the colour, as `render --layers` names them; \"guides\" for all guides"},
+    f.layers);
+  v({"statistics", "", "of a command: whether it reads variance and half images, of the colour and of its layers"},
+    f.statistics);
+  v({"memory_limit", "GB", "of a command and all that it starts, beyond which it has failed; 0: none", 0},
+    f.memory_limit);
+  v({"depends", "",
+     "of a command: files and folders that decide its result beside those that its words name, so that cached results are made again when they change"},
+    f.depends);
 }
 
 template <class Visitor>
@@ -106,6 +123,49 @@ std::vector<Entry> tables(const toml::value& root, const char* name, const fs::p
   return entries;
 }
 
+/// Which keys of [[filters]] go with which kind of filter.
+constexpr const char *kOfFilters[] = {"parameters", "features", "guides", "study"},
+                     *kOfCommands[] = {"layers", "statistics", "memory_limit", "depends"};
+
+/// Everything about a filter that can be wrong before anything runs. @throws InputError, at its line
+void check_filter(ExperimentFilter& filter, const toml::value& table, const fs::path& folder) {
+  if (table.contains("filter") == table.contains("command"))
+    fail_at(table.contains("filter") ? "[[filters]] has both 'filter' and 'command'"
+                                     : "[[filters]] has neither 'filter' nor 'command'",
+            table.contains("filter") ? table.at("command") : table,
+            "expected filter = \"NAME\" for one of brume's, or command = \"PROGRAM {frame} {output}\"");
+  const bool is_command = table.contains("command");
+  for (const char* key : is_command ? kOfFilters : kOfCommands)
+    if (table.contains(key))
+      fail_at(fmt::format("'{}' of [[filters]] is for {}", key, is_command ? "brume's own filters" : "commands"),
+              table.at(key),
+              is_command ? "a command takes its parameters among its words, and layers = [\"guides\"] for guides"
+                         : "a filter of brume's declares itself what it reads");
+  if (!is_command) return;
+  filter.folder = folder.empty() ? fs::path(".") : folder;
+  const auto try_command = [&](const ExperimentFilter& what, const char* key, const char* hint) {
+    try {
+      filter_of_command(what);
+    } catch (const InputError& error) {
+      fail_at(error.what(), table.at(key), hint);
+    }
+  };
+  ExperimentFilter words = filter;
+  words.layers.clear();
+  try_command(words, "command", "in this command");
+  if (!filter.layers.empty()) try_command(filter, "layers", "expected names of layers");
+  for (const FilterEntry* own : all_filters())
+    if (filter.label == own->name)
+      fail_at(fmt::format("the command is labelled '{}', which is a filter of brume's", filter.label),
+              table.at("label"), "expected a name of its own");
+}
+
+std::vector<ExperimentFilter> filters_of(const toml::value& root, const fs::path& folder) {
+  std::vector<ExperimentFilter> filters = tables<ExperimentFilter>(root, "filters", folder);
+  for (size_t i = 0; i < filters.size(); ++i) check_filter(filters[i], root.at("filters").as_array()[i], folder);
+  return filters;
+}
+
 std::vector<ExperimentScene> scenes_of(const toml::value& root, const fs::path& folder) {
   if (!root.contains("scenes") || !root.at("scenes").is_array()) return tables<ExperimentScene>(root, "scenes", folder);
   const auto& list = root.at("scenes").as_array();
@@ -124,6 +184,30 @@ std::vector<ExperimentScene> scenes_of(const toml::value& root, const fs::path& 
 }
 
 }  // namespace
+
+ExperimentFilter ExperimentFilter::of(const std::string& text) {
+  ExperimentFilter filter;
+  const size_t colon = text.find(':');
+  filter.filter = text.substr(0, colon);
+  if (colon != std::string::npos) filter.parameters = text.substr(colon + 1);
+  return filter;
+}
+
+std::vector<LayerName> layers_to_ask_for() {
+  std::vector<LayerName> layers;
+  for (const RecordedLayer& l : recordable_layers()) layers.push_back(l.name);
+  return layers;
+}
+
+ExternalFilter filter_of_command(const ExperimentFilter& filter) {
+  return command_filter({.command = filter.command,
+                         .folder = filter.folder,
+                         .layers = filter.layers,
+                         .statistics = filter.statistics,
+                         .memory_limit = 1e9 * filter.memory_limit,
+                         .depends = filter.depends},
+                        layers_to_ask_for());
+}
 
 bool is_experiment(const fs::path& path) {
   std::error_code ignored;
@@ -157,7 +241,7 @@ Experiment read_experiment(const fs::path& path) {
   TomlTable table(root, "an experiment", folder);
   describe(table, experiment);
   experiment.scenes = scenes_of(root, folder);
-  experiment.filters = tables<ExperimentFilter>(root, "filters", folder);
+  experiment.filters = filters_of(root, folder);
   experiment.frames = tables<ExperimentFrames>(root, "frames", folder);
   experiment.sequences = tables<ExperimentSequence>(root, "sequences", folder);
   table.knows({"scenes", "filters", "frames", "sequences"});
@@ -173,6 +257,18 @@ Experiment read_experiment(const fs::path& path) {
   return experiment;
 }
 
+Experiment open_experiment(const std::vector<fs::path>& files) {
+  for (const fs::path& file : files)
+    if (is_experiment(file)) {
+      if (files.size() > 1)
+        throw InputError(fmt::format("{} is an experiment, which names its scenes; give it alone", file.string()));
+      return read_experiment(file);
+    }
+  Experiment experiment;
+  for (const fs::path& file : files) experiment.scenes.push_back({file, "", {}});
+  return experiment;
+}
+
 namespace {
 
 constexpr const char* kIntroduction =
@@ -182,7 +278,7 @@ constexpr const char* kIntroduction =
     "\n"
     "**Cache.** `--cache` keeps every frame, clean picture, search and timing in a folder, under everything that decides it: the scene with the contents of its files, sample count, seed, layers, filter, parameters, the program, and for times the machine and its threads. Nothing is made twice: a run that was killed goes on where it stopped, and another filter needs no new frames. Results of another version of the program are not used.\n"
     "\n"
-    "**Times.** One filter at a time, on the threads of `--threads`, the second of two runs where one takes less than a second. A method's seconds are those of rendering what it reads, of the guides where it reads them, and of the filter. Memory is what the process holds more, at most, while the filter runs.\n"
+    "**Times.** One filter at a time, on the threads of `--threads`, the second of two runs where one takes less than a second. A method's seconds are those of rendering what it reads, of the guides where it reads them, and of the filter. Memory is what the process holds more, at most, while the filter runs. Of commands both are the program's own ([filters.md](filters.md#filters-of-others)).\n"
     "\n"
     "**Who beats whom.** Methods are compared on the same frames: the interval is Student's of the differences of the seeds. Of all pairs of methods of one setting, scene, sample count and region, those are called better that stand after Holm's correction: the chance that any of these is so by accident is at most 5 %. Five seeds suffice for most pairs.\n"
     "\n"
@@ -205,8 +301,8 @@ constexpr const char* kResults =
     "| `scenes` | `name`, `hash`, `exposure`, `width`, `height`, `medium_share` of the pixels, `references` and their `reference_spp`, `reference_noise` (Lab RMS of one), `reference_seconds` |\n"
     "| `spp`, `seeds` | of the noisy frames |\n"
     "| `metrics` | `id`, `name`, `unit`, `better` (lower, higher, zero), `definition` |\n"
-    "| `methods` | `id`, `label`, `filter`, `parameters` (empty where a search found them: then they stand in the rows), `features`, `guides`, `setting` (none, paper, default, searched, transfer). `noisy` is plain path tracing |\n"
-    "| `rows` | for each `scene`, `spp`, `method` and `region` (frame, medium): `metrics` by id with `mean`, `half_width` of the 95 % interval and the seeds' `values`; `lights`, the metrics of `direct` and `indirect` light that a method cleans by themselves; `seconds` of `render`, `guides`, `filter`; `peak_memory_bytes`; `failed`, the reason, instead of numbers |\n"
+    "| `methods` | `id`, `label`, `filter`, `parameters` (empty where a search found them: then they stand in the rows), `features`, `guides`, `setting` (none, paper, default, searched, transfer). `noisy` is plain path tracing; of a filter that is not brume's `filter` is command or function, and `command` its words |\n"
+    "| `rows` | for each `scene`, `spp`, `method` and `region` (frame, medium): `metrics` by id with `mean`, `half_width` of the 95 % interval and the seeds' `values`; `lights`, the metrics of `direct` and `indirect` light that a method cleans by themselves; `seconds` of `render`, `guides`, `filter`, and of the `exchange` of files with a filter that is not brume's, which is in no total; `peak_memory_bytes`; `failed`, the reason, instead of numbers |\n"
     "| `pairs` | for each `scene`, `spp`, `region`, `setting` and `metric` all pairs of its `methods`, first with second, first with third, ...: `half_width` of their paired difference, and in `better` a letter each: a or b after Holm's correction, or - |\n"
     "| `pareto` | methods that no other beats in time and error |\n"
     "| `time_to_error` | `seconds` of a method to an `error` (Lab RMS, frame), `factor_over_path_tracing`, `factor_over_gradient_kernel` (null where that never gets there) |\n"
@@ -226,7 +322,10 @@ std::string experiment_reference() {
   reference.text = kIntroduction;
   table("an experiment", "The keys that stand above all tables.", Experiment{});
   table("[[scenes]]", "Rendered scenes; `scenes = [\"FILE\", ...]` for files with nothing set.", ExperimentScene{});
-  table("[[filters]]", "Without any, every filter there is but those that read sample records.", ExperimentFilter{});
+  table(
+      "[[filters]]",
+      "Without any, every filter there is but those that read sample records. Each names one of brume's, `filter`, or a program, `command`.",
+      ExperimentFilter{});
   table(
       "[[frames]]",
       "Frames that another renderer made stand beside the scenes: their noisy frames are cleaned as a whole and judged by their own reference. Nothing is searched on them.",

@@ -4,6 +4,8 @@
 #include <string>
 #include <vector>
 
+#include "evaluate/protocol/external_filter.h"
+
 namespace brume {
 
 /// A scene of an experiment.
@@ -13,14 +15,29 @@ struct ExperimentScene {
   std::vector<std::string> set;  ///< "camera.fov=30"
 };
 
-/// A filter of an experiment.
+/// A filter of an experiment: one of brume's, or a command.
 struct ExperimentFilter {
   std::string filter, parameters, label;
   std::vector<std::string> features;
   bool guides = true;
   double time_limit = 0;
   bool study = true;
+  std::string command;              ///< empty: `filter` is one of brume's
+  std::vector<std::string> layers;  ///< that the command reads beside the colour
+  bool statistics = false;
+  double memory_limit = 0;  ///< GB; 0: none
+  std::vector<std::filesystem::path> depends;
+  std::filesystem::path folder;  ///< of the experiment's file, where the command runs
+
+  /// One of brume's as the command line names it: "NAME" or "NAME:parameter=value,...".
+  static ExperimentFilter of(const std::string& text);
 };
+
+/// The layers that filters which are not brume's can ask for, beside "guides".
+std::vector<LayerName> layers_to_ask_for();
+
+/// A command of an experiment as a filter. @throws InputError
+ExternalFilter filter_of_command(const ExperimentFilter& filter);
 
 /// Frames of another renderer.
 struct ExperimentFrames {
@@ -68,6 +85,10 @@ bool is_experiment(const std::filesystem::path& path);
 
 /// @throws InputError: no TOML, unknown keys (the nearest one), values out of range, missing files
 Experiment read_experiment(const std::filesystem::path& path);
+
+/// An experiment from its file, or of scene files at the defaults.
+/// @throws InputError: as read_experiment; an experiment among other files
+Experiment open_experiment(const std::vector<std::filesystem::path>& files);
 
 /// docs/experiment.md: every table and key, from the declarations that parse them.
 std::string experiment_reference();

@@ -23,6 +23,7 @@ namespace fs = std::filesystem;
 
 constexpr int kSamplesWithoutLimit = 16;  // that guides are made for where time or error end the render
 constexpr int kMostSamples = 1 << 20;     // where they do, too
+constexpr double kCleaningShare = 0.2;    // of the time, for pictures that somebody watches
 
 /// "64 samples per pixel", or how many where tiles have different numbers.
 std::string samples_text(const RenderReport& report) {
@@ -46,7 +47,12 @@ void tell_assumptions(const RenderOptions& o, const VolumeScene& made, const Hos
 }
 
 Scene scene_of(const RenderOptions& o, const Host& host) {
-  if (!o.scene_text.empty()) return parse_scene(o.scene_text, o.scene, o.overrides);
+  if (!o.scene_text.empty() && o.scenes) {
+    Scene scene = parse_scene_alone(o.scene_text, o.scene, o.overrides, o.arrays);
+    o.scenes->add_fingerprint(scene);
+    return scene;
+  }
+  if (!o.scene_text.empty()) return parse_scene(o.scene_text, o.scene, o.overrides, o.arrays);
   LoadedScene loaded = load_scene(o.scene, o.overrides, host.silent());
   if (loaded.made)
     tell_assumptions(o, *loaded.made, host);
@@ -209,11 +215,42 @@ bool tell_result(const Setup& s, const Plan& plan, const RenderReport& report) {
   return missed || (!s.cleaner && static_cast<double>(report.invalid_samples) > allowed);
 }
 
-/// Says where a scene was prepared what the user should know of it.
-std::unique_ptr<PreparedScene> prepare(const Setup& s) {
-  auto prepared = std::make_unique<PreparedScene>(s.scene, s.layers, s.host.silent());
-  for (const std::string& text : prepared->notes()) s.host.note(text);
-  return prepared;
+/// A scene made ready, kept by the caller's cache or for one render alone.
+class Ready {
+ public:
+  /// Tells what the user should know of the scene.
+  explicit Ready(const Setup& s) {
+    if (s.options.scenes)
+      scene_ = &s.options.scenes->prepare(s.scene, s.layers, s.host.silent());
+    else
+      scene_ = (own_ = std::make_unique<PreparedScene>(s.scene, s.layers, s.host.silent())).get();
+    for (const std::string& text : scene_->notes()) s.host.note(text);
+  }
+  const PreparedScene* operator->() const { return scene_; }
+  /// Frees what nobody keeps.
+  void let_go() { own_.reset(); }
+
+ private:
+  std::unique_ptr<PreparedScene> own_;
+  const PreparedScene* scene_ = nullptr;
+};
+
+/// Lets somebody watch: tiles as they change, and whole frames between passes. Cleaning these takes a fifth of the
+/// time at most.
+std::unique_ptr<RenderWatcher> make_watcher(Setup& s) {
+  if (!s.options.watch) return nullptr;
+  const FilmSettings& film = s.scene.film;
+  std::unique_ptr<RenderWatcher> watcher = s.options.watch(
+      s.scene.name, s.job.crop ? ivec2(s.job.crop->width(), s.job.crop->height()) : ivec2(film.width, film.height));
+  s.job.watch = [w = watcher.get()](const Film& picture, int tile) { w->update(picture, tile); };
+  s.job.show = [w = watcher.get(), &s, since = Stopwatch()](const std::function<Layers()>& frame) {
+    if (!w->waits()) return;
+    if (!s.cleaner)
+      w->show(frame());
+    else if (s.cleaner->seconds() <= kCleaningShare * since.seconds())
+      w->show(s.cleaner->clean(frame()));
+  };
+  return watcher;
 }
 
 /// The options of one frame of a sequence: its names, its number.
@@ -241,15 +278,9 @@ RenderedFrame render_frame(const RenderOptions& options, const Host& host) {
   RenderedFrame rendered;
   rendered.end = FrameEnd::kSkipped;
   if (options.skip_complete && !resume_frame(s)) return rendered;
-  std::unique_ptr<PreparedScene> prepared = prepare(s);
-  for (VolumeSettings& volume : s.scene.volumes) volume.field.reset();
-  std::unique_ptr<RenderWatcher> watcher;
-  if (options.watch) {
-    const FilmSettings& film = s.scene.film;
-    watcher = options.watch(
-        s.scene.name, s.job.crop ? ivec2(s.job.crop->width(), s.job.crop->height()) : ivec2(film.width, film.height));
-    s.job.watch = [&](const Film& picture, int tile) { watcher->update(picture, tile); };
-  }
+  Ready prepared(s);
+  for (VolumeSettings& volume : s.scene.volumes) volume.grids.reset();
+  const std::unique_ptr<RenderWatcher> watcher = make_watcher(s);
   if (s.cleaner && (options.time_limit > 0 || options.target_error > 0))
     s.job.next_round = [&](const RenderRound& round) {
       NextRound next = s.cleaner->next_round(round, options.target_error);
@@ -259,7 +290,7 @@ RenderedFrame render_frame(const RenderOptions& options, const Host& host) {
 
   RenderResult result = prepared->render(s.job, host.task("render " + s.scene.name));
   const Plan plan = prepared->plan();
-  prepared.reset();  // the volumes and their light are not held while the picture is cleaned
+  prepared.let_go();  // the volumes and their light are not held while the picture is cleaned
   if (s.cleaner) {
     result.layers = s.cleaner->clean(std::move(result.layers));
     if (watcher) watcher->show(result.layers);
@@ -298,12 +329,12 @@ SequenceEnd render_sequence(const RenderOptions& options, const std::vector<int>
 
 std::string explain_render(const RenderOptions& options, const Host& host) {
   const Setup s(options, host);
-  return prepare(s)->explain(s.job.samples_for_guides(), host.silent());
+  return Ready(s)->explain(s.job.samples_for_guides(), host.silent());
 }
 
 std::string replay_sample(const RenderOptions& options, const std::string& which, const Host& host) {
   const Setup s(options, host);
-  const std::unique_ptr<PreparedScene> prepared = prepare(s);
+  const Ready prepared(s);
   int x = 0, y = 0, sample = 0, used = 0;
   const FilmSettings& film = s.scene.film;
   if (std::sscanf(which.c_str(), "%d,%d,%d%n", &x, &y, &sample, &used) != 3 ||

@@ -12,6 +12,7 @@
 #include "render/session/render_job.h"
 #include "workflows/frame.h"
 #include "workflows/host.h"
+#include "workflows/scene_cache.h"
 #include "workflows/sequence.h"
 
 namespace brume {
@@ -22,14 +23,18 @@ class RenderWatcher {
   virtual ~RenderWatcher() = default;
   /// The pixels of a tile have changed.
   virtual void update(const Film& film, int tile) = 0;
-  /// The picture after a round, or at the end, clean.
+  /// The picture after a round, or at the end, clean; where it waits for one, between passes too.
   virtual void show(const Layers& frame) = 0;
+  /// Whether show() would be of use now.
+  virtual bool waits() { return false; }
 };
 
 /// What to render, and where it goes. Names of files are patterns where a sequence is rendered.
 struct RenderOptions {
   std::filesystem::path scene;         ///< scene file (TOML), or an OpenVDB file, around which a scene is made up
   std::string scene_text = {};         ///< read instead of the file `scene`; relative paths in it start at that file
+  SceneArrays arrays = {};             ///< of the text: what stands in no file
+  SceneCache* scenes = nullptr;        ///< keeps what is prepared; null: it is dropped before the picture is cleaned
   std::vector<std::string> overrides;  ///< "camera.fov=30"
   std::filesystem::path save_scene;    ///< where to write what was made up around a volume
   std::optional<int> spp;              ///< instead of the scene's

@@ -4,6 +4,7 @@
 #include <string_view>
 
 #include "render/scene/scene_io.h"
+#include "volume/volume_grids.h"
 
 namespace brume {
 
@@ -17,8 +18,13 @@ LoadedScene load_scene(const std::filesystem::path& path, std::span<const std::s
   if (!is_volume(path)) return {read_scene(path, overrides), std::nullopt};
   VolumeScene made = scene_for_volume(path, task);
   Scene scene = parse_scene(made.text(path.filename().string()), path, overrides);
-  std::error_code error;
-  if (std::filesystem::equivalent(scene.volumes.at(0).file, path, error)) scene.volumes[0].field = made.density;
+  VolumeSettings& volume = scene.volumes.at(0);
+  if (std::error_code error;
+      std::filesystem::equivalent(volume.file, path, error) && volume.grid == made.density->summary.name) {
+    VolumeGrids grids;
+    grids.density = made.density;
+    volume.grids = std::make_shared<const VolumeGrids>(std::move(grids));
+  }
   return {std::move(scene), std::move(made)};
 }
 

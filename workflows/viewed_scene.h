@@ -1,6 +1,5 @@
 #pragma once
 #include <filesystem>
-#include <list>
 #include <map>
 #include <memory>
 #include <optional>
@@ -11,6 +10,7 @@
 #include "render/scene/scene_outline.h"
 #include "render/session/renderer.h"
 #include "render/world/volume_scene.h"
+#include "workflows/scene_cache.h"
 
 namespace brume {
 
@@ -19,6 +19,8 @@ namespace brume {
 /// volumes are read once.
 class ViewedScene {
  public:
+  static constexpr int kGuideSamples = 16;  ///< that guides are made for: a picture is looked at for seconds
+
   /// @param scene      scene file, or an OpenVDB file, around which a scene is made up; a pattern where there are
   /// frames
   /// @param frames     of a sequence; empty: a single frame
@@ -40,14 +42,14 @@ class ViewedScene {
   ///         Interrupted
   bool show(const std::vector<std::string>& assignments, const ivec2& size, std::optional<int> frame, const Task& task);
 
-  bool empty() const { return shown_.empty(); }
-  PreparedScene& prepared() const { return *shown_.front()->prepared; }
+  bool empty() const { return cache_.empty(); }
+  PreparedScene& prepared() const { return cache_.last(); }
   /// Guides that are solved and marched fast, for pictures that move.
-  const Guides& sketch(const Task& task);
+  const Guides& sketch(const Task& task) { return cache_.sketch(task); }
   /// Whether guides() gives them at once.
-  bool has_guides() const { return shown_.front()->guides != nullptr; }
+  bool has_guides() const { return prepared().has_guides(kGuideSamples); }
   /// Those of a picture. @throws Interrupted
-  const Guides& guides(const Task& task);
+  const Guides& guides(const Task& task) { return *prepared().guides(kGuideSamples, task); }
 
   /// Key by key, disabled entries included, as it is shown.
   const std::vector<SceneTable>& tables() const { return tables_; }
@@ -63,17 +65,8 @@ class ViewedScene {
   std::string command() const;
 
  private:
-  struct Shown {
-    std::vector<SceneTable> light;  // all tables but the camera's place and the film: what light depends on
-    std::optional<int> frame;
-    std::unique_ptr<PreparedScene> prepared;
-    std::unique_ptr<Guides> sketch;
-    const Guides* guides = nullptr;  // the prepared scene's own
-  };
   void read(const Task& task);
   std::vector<std::string> all_assignments(const std::vector<std::string>& assignments, const ivec2& size) const;
-  /// Gives the volumes of a scene what has been read of their files before.
-  void add_fields(Scene& scene, const Task& task);
 
   std::filesystem::path path_;
   std::vector<int> frames_;
@@ -86,9 +79,8 @@ class ViewedScene {
   std::filesystem::file_time_type written_;
   std::optional<VolumeScene> made_;
   std::vector<SceneTable> tables_;
-  std::list<std::unique_ptr<Shown>> shown_;  // the last one first
-  std::map<std::pair<std::filesystem::path, std::string>, std::weak_ptr<const ScalarField>> fields_;  // by file, grid
-  std::map<std::string, std::vector<std::string>> grids_;                                             // by file
+  std::map<std::string, std::vector<std::string>> grids_;  // by file
+  SceneCache cache_;
 };
 
 }  // namespace brume

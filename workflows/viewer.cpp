@@ -23,7 +23,7 @@ constexpr double kFewestPixels = 6000;   // of a moving picture
 constexpr double kFirstPace = 3e5;       // pixels a second, until one has been measured
 constexpr int kFirstRound = 8;           // samples a pixel
 constexpr int kMostSamples = 1 << 20;
-constexpr int kGuideSamples = 16;
+constexpr int kGuideSamples = ViewedScene::kGuideSamples;
 constexpr double kFar = 1e30;  // scene units
 
 const std::string kPicture = "picture", kGuide = "guide.";

@@ -7,6 +7,7 @@
 #include "filters/api/registry.h"
 #include "render/scene/scene_reference.h"
 #include "workflows/experiment_file.h"
+#include "workflows/own_filters.h"
 
 namespace brume::app {
 namespace {
@@ -20,7 +21,8 @@ const std::vector<Page>& pages() {
   static const std::vector<Page> list = {
       {"scene", "every key of a scene file, as Markdown", [](const CLI::App&) { return scene_reference(); }},
       {"experiment", "every key of an experiment, as Markdown", [](const CLI::App&) { return experiment_reference(); }},
-      {"filters", "every filter and its parameters, as Markdown", [](const CLI::App&) { return filters_reference(); }},
+      {"filters", "every filter and its parameters, as Markdown",
+       [](const CLI::App&) { return filters_reference(own_filters_reference()); }},
       {"man", "the manual page, as troff", man_page},
       {"bash", "what bash completes by", [](const CLI::App& app) { return completions(app, "bash"); }},
       {"zsh", "what zsh completes by", [](const CLI::App& app) { return completions(app, "zsh"); }},

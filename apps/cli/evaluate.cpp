@@ -3,13 +3,10 @@
 #include <fmt/format.h>
 
 #include <cstdlib>
-#include <filesystem>
 #include <memory>
 
 #include "apps/cli/command.h"
 #include "apps/cli/filter_options.h"
-#include "apps/cli/output_folder.h"
-#include "apps/cli/program.h"
 #include "base/error.h"
 #include "base/text.h"
 #include "evaluate/report/page.h"
@@ -17,8 +14,6 @@
 
 namespace brume::app {
 namespace {
-
-namespace fs = std::filesystem;
 
 struct Options {
   std::vector<std::string> scenes, overrides, filters;
@@ -42,13 +37,8 @@ std::vector<int> parse_spp(const std::string& text) {
 
 /// What is to be done: the file's words, and over them the command line's.
 Experiment chosen_experiment(const Options& o, const CLI::App& command) {
-  Experiment e;
   const bool from_file = is_experiment(o.scenes.front());
-  if (from_file) {
-    if (o.scenes.size() > 1)
-      throw InputError(fmt::format("{} is an experiment, which names its scenes; give it alone", o.scenes.front()));
-    e = read_experiment(o.scenes.front());
-  }
+  Experiment e = open_experiment({o.scenes.begin(), o.scenes.end()});
   const auto given = [&](const char* option) { return !from_file || command.count(option) > 0; };
   if (given("--spp")) e.spp = parse_spp(o.spp);
   if (given("--seeds")) e.seeds = o.seeds;
@@ -57,49 +47,22 @@ Experiment chosen_experiment(const Options& o, const CLI::App& command) {
   if (given("--component")) e.component = o.component;
   if (given("--background")) e.background = o.background;
   if (o.no_tuning) e.search = false;
-  if (!from_file)
-    for (const std::string& path : o.scenes) e.scenes.push_back({path, "", {}});
   for (ExperimentScene& scene : e.scenes) scene.set.insert(scene.set.end(), o.overrides.begin(), o.overrides.end());
   if (!o.filters.empty()) {
     e.filters.clear();
-    for (const std::string& text : o.filters) {
-      const size_t colon = text.find(':');
-      e.filters.push_back({text.substr(0, colon), colon == std::string::npos ? "" : text.substr(colon + 1), "", {}});
-    }
+    for (const std::string& text : o.filters) e.filters.push_back(ExperimentFilter::of(text));
   }
   return e;
-}
-
-/// PNGs beside the plots, by rsvg-convert.
-void draw_plots(const fs::path& folder) {
-  for (const fs::directory_entry& entry : fs::directory_iterator(folder)) {
-    const fs::path& plot = entry.path();
-    if (plot.extension() != ".svg") continue;
-    fs::path picture = plot;
-    picture.replace_extension(".png");
-    if (const auto status = run_program({"rsvg-convert", "--zoom=2", "-o", picture.string(), plot.string()}); !status) {
-      note("the plots are there as SVG alone: PNGs of them are made by rsvg-convert (Debian's librsvg2-bin)");
-      return;
-    } else if (*status != 0) {
-      warn(fmt::format("{}: rsvg-convert made no PNG of it (exit status {})", plot.filename().string(), *status));
-    }
-  }
 }
 
 int run(const Options& o, const CLI::App& command, const Common& common) {
   EvaluateOptions options;
   options.experiment = chosen_experiment(o, command);
-  OutputFolder folder(o.output);
-  const fs::path own_cache = folder.part() / "cache";
-  options.cache = o.cache.empty() ? own_cache : fs::path(o.cache);
-  options.all_layers = !o.cache.empty();
+  options.cache = o.cache;
+  options.output = o.output;
   options.chosen_filters = !o.filters.empty();
   options.command = common.command;
   const Evaluation result = evaluate_experiment(options, make_host(common));
-  if (o.cache.empty()) fs::remove_all(own_cache);
-  write_report(result, folder.part());
-  draw_plots(folder.part());
-  folder.commit();
   const std::string page = !page_is_built_in() ? "no page (index.html): this program was built without Node"
                            : result.scenes.empty()
                                ? "no page (index.html), which shows scenes and frames: sequences alone have none"

@@ -9,15 +9,12 @@
 #include "base/sequence.h"
 #include "image/exr_io.h"
 #include "render/scene/scene_io.h"
-#include "render/session/renderer.h"
-#include "render/world/volume_scene.h"
+#include "workflows/guide_frame.h"
 
 namespace brume::app {
 namespace {
 
 namespace fs = std::filesystem;
-
-constexpr int kUnknownSamples = 16;
 
 struct Options {
   std::string like, volume, scene, output, frames;
@@ -26,91 +23,28 @@ struct Options {
   bool explain = false;
 };
 
-bool has_camera(const ExrInfo& info) {
-  return info.header.contains("worldToCamera") && info.header.contains("worldToNDC");
-}
-
-/// What the frame and the command line say of the scene.
-std::vector<std::string> overrides_for(const Options& o, const ExrInfo& like) {
-  std::vector<std::string> overrides = {fmt::format("film.width={}", like.width),
-                                        fmt::format("film.height={}", like.height)};
-  if (!o.scene.empty() && !o.volume.empty()) overrides.push_back("volumes.0.file=" + fs::absolute(o.volume).string());
-  overrides.insert(overrides.end(), o.overrides.begin(), o.overrides.end());
-  return overrides;
-}
-
-/// The fingerprint that a render of the scene has, seen by its own camera; empty where it has none.
-std::string own_hash(const Options& o, const ExrInfo& like) {
-  if (o.scene.empty()) return "";
-  try {
-    return read_scene(o.scene, overrides_for(o, like)).hash;
-  } catch (const InputError&) {
-    return "";  // a scene of lights and media alone
-  }
-}
-
-/// The scene, or what is made up around the volume, seen as the frame was.
-Scene scene_like(const Options& o, const Common& common, const ExrInfo& like) {
-  std::vector<std::string> overrides = overrides_for(o, like);
-  if (has_camera(like)) {
-    overrides.insert(overrides.begin(), "camera.from_exr=" + fs::absolute(o.like).string());
-    log(common, fmt::format("camera: of {}'s header", o.like));
-  }
-  if (!o.scene.empty()) {
-    if (!has_camera(like)) log(common, fmt::format("camera: of {}, since {}'s header has none", o.scene, o.like));
-    return read_scene(o.scene, overrides);
-  }
-  if (o.volume.empty())
-    throw InputError("neither --volume nor --scene: guides need what the frame shows, and what lights it");
-  if (!has_camera(like))
-    throw InputError(fmt::format(
-        "{}: no camera in its header (worldToCamera and worldToNDC); write it into the [camera] of a scene and give that with --scene",
-        o.like));
-  const VolumeScene made = scene_for_volume(o.volume, {common.threads, {}, &interrupted});
-  for (const std::string& line : made.assumptions) log(common, "assumed " + line);
-  note("what lights the volume is assumed: guides of the frame's own lights, in --scene, know more");
-  return parse_scene(made.text(fs::absolute(o.volume).string()), o.volume, overrides);
-}
-
 int run(const Options& o, const Common& common) {
-  read_exr(o.like, [](const std::string&) { return false; });  // refuses deep pixels, whose headers alone can be read
-  const ExrInfo like = read_exr_info(o.like);
-  const Scene scene = scene_like(o, common, like);
+  if (o.scene.empty() && o.volume.empty())
+    throw InputError("neither --volume nor --scene: guides need what the frame shows, and what lights it");
+  const Host host = make_host(common);
+  GuideOptions options;
+  options.like = GuidedFrame::of_file(o.like);
+  if (!o.scene.empty()) {
+    options.scene.emplace();
+    options.scene->path = o.scene;
+    options.scene->text = read_scene_text(o.scene);
+  }
+  options.volume = o.volume;
+  options.overrides = o.overrides;
+  options.samples = o.samples;
+  options.explain = o.explain;
+  const Scene scene = guided_scene(options, host);
   std::vector<fs::path> inputs = {o.like, o.scene, o.volume};
   for (const VolumeSettings& volume : scene.volumes) inputs.push_back(volume.file);
   check_writable(o.output, inputs, ".exr");
-
-  const Task task{common.threads, {}, &interrupted};
-  LayerRequest layers;
-  layers.names = {};
-  layers.guides = true;
-  const PreparedScene prepared(scene, layers, task);
-  for (const std::string& text : prepared.notes()) note(text);
-  int samples = o.samples;
-  if (const auto found = like.header.find("samplesPerPixel"); samples == 0 && found != like.header.end())
-    if (const int* const n = std::get_if<int>(&found->second)) samples = *n;
-  if (samples <= 0) samples = kUnknownSamples;
-  if (o.explain) print(prepared.explain(samples, task));
-
-  const Camera camera = prepared.camera();
-  Layers frame(like.data.width(), like.data.height());
-  if (like.data != like.display || like.display.lo != ivec2(0)) {
-    frame.origin = like.data.lo;
-    frame.display_origin = like.display.lo;
-    frame.display = like.display.hi - like.display.lo;
-  }
-  prepared.guides(samples, make_task(common, "light of " + scene.name))
-      ->record(camera, like.data.lo - like.display.lo, frame, make_task(common, "guides of " + scene.name));
-  if (frame.channels().empty())
-    throw InputError(fmt::format("{}: nothing in it scatters or glows", o.scene.empty() ? o.volume : o.scene));
-  frame.header["scene"] = scene.name;
-  frame.header["guidesOf"] = fs::path(o.like).filename().string();
-  frame.header["guidesFingerprint"] = scene.hash;
-  if (const std::string hash = own_hash(o, like); !hash.empty()) frame.header["sceneHash"] = hash;
-  frame.header["worldToCamera"] = camera.world_to_camera();
-  frame.header["worldToNDC"] = camera.world_to_ndc();
-  stamp(frame);
-  write_exr(o.output, frame, task);
+  const GuideFrame guides = guide_frame(scene, options, host);
+  print(guides.explanation);
+  write_exr(o.output, guides.layers, host.silent());
   print(o.output + "\n");
   return kDone;
 }

@@ -3,7 +3,9 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cctype>
 #include <cstring>
+#include <limits>
 
 #include "render/transport/path_sample.h"
 
@@ -12,24 +14,8 @@ namespace {
 
 using Array = py::array_t<float, py::array::c_style | py::array::forcecast>;
 
-std::string shape_of(const py::array& array) {
-  std::vector<std::string> sizes;
-  for (py::ssize_t i = 0; i < array.ndim(); ++i) sizes.push_back(std::to_string(array.shape(i)));
-  return sizes.empty() ? "a single number" : join(sizes, " x ");
-}
-
-/// @param what  as errors call it: "layers['R']"
-/// @throws InputError for what is no array; py::type_error for one whose values are not real numbers
 Array to_array(const std::string& what, py::handle value) {
-  const auto given = py::array::ensure(value);
-  PyErr_Clear();
-  if (!given || PyUnicode_Check(value.ptr()))
-    throw InputError(fmt::format("{}: expected an array of numbers, found {}", what,
-                                 to_text(py::str(py::type::handle_of(value).attr("__name__")))));
-  if (std::string_view("biuf").find(given.dtype().kind()) == std::string_view::npos)
-    throw py::type_error(
-        fmt::format("{}: expected real numbers, found {}", what, to_text(py::str(given.dtype().attr("name")))));
-  return Array::ensure(given);
+  return Array::ensure(to_real_array(what, value));
 }
 
 /// The full names of the channels of an array height x width x channels.
@@ -81,21 +67,106 @@ std::string to_path(py::handle path) {
   return py::reinterpret_steal<py::bytes>(bytes);
 }
 
-std::string to_toml(py::handle value) {
-  if (PyUnicode_Check(value.ptr())) return to_text(value);
-  if (py::hasattr(value, "tolist")) return to_toml(value.attr("tolist")());  // of NumPy
-  if (PyBool_Check(value.ptr())) return value.ptr() == Py_True ? "true" : "false";
-  if (PyIndex_Check(value.ptr()) || PyFloat_Check(value.ptr())) return to_text(py::str(value));
-  if (py::hasattr(value, "__fspath__")) return to_path(value);
-  if (py::isinstance<py::sequence>(value)) {
-    std::vector<std::string> parts;
-    for (const py::handle part : value) {
-      const std::string text = to_toml(part);
-      parts.push_back(PyUnicode_Check(part.ptr()) ? "\"" + text + "\"" : text);
-    }
-    return "[" + join(parts) + "]";
+bool is_path(py::handle value) {
+  return PyUnicode_Check(value.ptr()) || PyBytes_Check(value.ptr()) || py::hasattr(value, "__fspath__");
+}
+
+bool is_sequence_of_frames(py::handle value) {
+  if (!PyList_Check(value.ptr()) && !PyTuple_Check(value.ptr())) return false;
+  const auto frames = py::reinterpret_borrow<py::sequence>(value);
+  if (frames.size() == 0) return false;
+  const py::object first = frames[0];
+  return is_path(first) || (PyMapping_Check(first.ptr()) && py::hasattr(first, "items")) ||
+         (py::isinstance<py::array>(first) && py::reinterpret_borrow<py::array>(first).ndim() == 3);
+}
+
+std::string type_name(py::handle value) {
+  return to_text(py::str(py::type::handle_of(value).attr("__name__")));
+}
+
+std::string shape_of(const py::array& array) {
+  std::vector<std::string> sizes;
+  for (py::ssize_t i = 0; i < array.ndim(); ++i) sizes.push_back(std::to_string(array.shape(i)));
+  return sizes.empty() ? "a single number" : join(sizes, " x ");
+}
+
+py::array to_real_array(const std::string& what, py::handle value) {
+  const auto given = py::array::ensure(value);
+  PyErr_Clear();
+  if (!given || PyUnicode_Check(value.ptr()))
+    throw InputError(fmt::format("{}: expected an array of numbers, found {}", what, type_name(value)));
+  if (std::string_view("biuf").find(given.dtype().kind()) == std::string_view::npos)
+    throw py::type_error(
+        fmt::format("{}: expected real numbers, found {}", what, to_text(py::str(given.dtype().attr("name")))));
+  return given;
+}
+
+std::string to_key(py::handle keyword) {
+  std::string name = to_text(keyword);
+  for (size_t at = 0; (at = name.find("__", at)) != std::string::npos;) name.replace(at, 2, ".");
+  return name;
+}
+
+std::string to_toml_key(const std::string& key) {
+  const bool bare = !key.empty() && std::all_of(key.begin(), key.end(), [](unsigned char c) {
+    return std::isalnum(c) || c == '_' || c == '-';
+  });
+  return bare ? key : to_toml_value(to_str(key));
+}
+
+std::string to_toml_value(py::handle value) {
+  if (PyUnicode_Check(value.ptr()) || py::hasattr(value, "__fspath__")) {
+    std::string quoted = "\"";
+    for (const char c : PyUnicode_Check(value.ptr()) ? to_text(value) : to_path(value))
+      quoted += c == '"' || c == '\\'                               ? std::string{'\\', c}
+                : static_cast<unsigned char>(c) < 0x20 || c == 0x7f ? fmt::format("\\u{:04x}", static_cast<int>(c))
+                                                                    : std::string{c};
+    return quoted + "\"";
   }
-  return to_text(py::str(value));
+  if (py::hasattr(value, "tolist")) return to_toml_value(value.attr("tolist")());  // of NumPy
+  if (PyBool_Check(value.ptr())) return value.ptr() == Py_True ? "true" : "false";
+  if (PyIndex_Check(value.ptr())) return to_text(py::str(value));
+  if (PyFloat_Check(value.ptr())) return to_text(py::str(py::float_(py::reinterpret_borrow<py::object>(value))));
+  if (!py::isinstance<py::sequence>(value) || PyBytes_Check(value.ptr()))
+    throw py::type_error("expected a number, bool, str, path or a list of these for a key of a scene, found " +
+                         type_name(value));
+  std::vector<std::string> parts;
+  for (const py::handle part : value) parts.push_back(to_toml_value(part));
+  return "[" + join(parts) + "]";
+}
+
+std::string to_toml(py::handle value) {
+  return PyUnicode_Check(value.ptr())       ? to_text(value)
+         : py::hasattr(value, "__fspath__") ? to_path(value)
+                                            : to_toml_value(value);
+}
+
+std::vector<std::string> to_words(const py::object& value) {
+  if (py::isinstance<py::str>(value)) {
+    const std::string text = to_text(value);
+    return text.empty() ? std::vector<std::string>() : split(text, ',');
+  }
+  std::vector<std::string> words;
+  for (const py::handle word : value) words.push_back(to_text(word));
+  return words;
+}
+
+std::vector<std::string> to_overrides(const py::kwargs& keywords) {
+  std::vector<std::string> overrides;
+  for (const auto& [key, value] : keywords) {
+    if (!value.is_none()) overrides.push_back(to_key(key) + "=" + to_toml(value));
+  }
+  return overrides;
+}
+
+std::string to_exposure(const py::object& value) {
+  if (py::isinstance<py::str>(value)) {
+    const std::string text = to_text(value);
+    if (text == "header" || text == "auto") return text;
+  } else if (const double number = value.cast<double>(); number > 0 && number <= std::numeric_limits<double>::max()) {
+    return fmt::format("{}", number);
+  }
+  throw InputError(fmt::format("exposure {}: expected header, auto or a number above 0", to_text(py::repr(value))));
 }
 
 py::object to_object(const Attribute& attribute) {

@@ -14,6 +14,7 @@
 namespace brume::python {
 
 namespace py = pybind11;
+using LayersPointer = std::shared_ptr<Layers>;
 
 /// Text of a file as Python's str, bytes that are no UTF-8 escaped as Python does it for file names.
 py::str to_str(std::string_view text);
@@ -21,8 +22,32 @@ py::str to_str(std::string_view text);
 std::string to_text(py::handle text);
 /// A path: str, bytes or os.PathLike. @throws py::type_error
 std::string to_path(py::handle path);
-/// A number, bool, str or list as it stands in a TOML file; a str is bare.
+/// camera__fov as the command line's "camera.fov".
+std::string to_key(py::handle keyword);
+/// Whether it is a str, bytes or os.PathLike.
+bool is_path(py::handle value);
+/// Whether it is a list or tuple of frames: Layers, mappings, pictures, paths.
+bool is_sequence_of_frames(py::handle value);
+/// A number, bool, str, path or list as it stands in a TOML file.
+/// @throws py::type_error for what has no place there
+std::string to_toml_value(py::handle value);
+/// The same; a str is bare.
 std::string to_toml(py::handle value);
+std::string to_toml_key(const std::string& key);
+/// "numpy.ndarray", for errors.
+std::string type_name(py::handle value);
+/// "2 x 3", for errors.
+std::string shape_of(const py::array& array);
+/// @param what  as errors call it: "layers['R']"
+/// @throws InputError for what is no array; py::type_error for one whose values are not real numbers
+py::array to_real_array(const std::string& what, py::handle value);
+
+/// Words of a str with commas, or of any iterable of str.
+std::vector<std::string> to_words(const py::object& value);
+/// camera__fov=30 as the command line's "camera.fov=30"; None leaves a key as it is.
+std::vector<std::string> to_overrides(const py::kwargs& keywords);
+/// "header", "auto" or a number above 0, as choose_exposure takes it. @throws InputError
+std::string to_exposure(const py::object& value);
 
 py::object to_object(const Attribute& attribute);
 /// @throws InputError for what a header cannot hold
@@ -35,6 +60,6 @@ void copy_into(Plane& plane, const std::string& name, py::handle array);
 
 /// The layers that an argument means: a Layers object itself, or a copy of a mapping of names to arrays, height x width
 /// for a channel, height x width x channels for a layer. @throws InputError
-std::shared_ptr<Layers> to_layers(py::handle layers);
+LayersPointer to_layers(py::handle layers);
 
 }  // namespace brume::python

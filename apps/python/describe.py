@@ -9,6 +9,7 @@ import pathlib
 import re
 import sys
 
+LAYER_NAMES = "Iterable[str] | str | None"
 # What pybind11 calls "object", by the argument's name.
 ARGUMENT_TYPES = {
     "path": "Path",
@@ -16,35 +17,78 @@ ARGUMENT_TYPES = {
     "layers": "Frame",
     "header": "Mapping[str, Attribute] | None",
     "like": "Layers | None",
-    "picture": "Frame",
-    "reference": "Frame",
-    "second": "Frame | None",
-    "scene": "Path",
+    "picture": "Frame | Path",
+    "reference": "Frame | Path",
+    "second": "Frame | Path | None",
+    "scene": "SceneLike",
     "spp": "int | None",
     "seed": "int | None",
     "clean": "bool | str",
     "frames": "str | None",
     "crop": "tuple[int, int, int, int] | None",
+    "time": "float | None",
+    "target_error": "float | None",
+    "part": "tuple[int, int] | None",
+    "output": "Path | None",
+    "png": "Path | None",
+    "records": "Path | None",
+    "checkpoint": "Path | None",
+    "resume": "Path | bool | None",
+    "on_picture": "Callable[[Layers, dict[str, Any]], object] | None",
     "progress": "Callable[[float], object] | None",
     "filter": "str | None",
     "features": "Iterable[str] | str | None",
     "carry": "Iterable[str] | str",
     "guides": "Path | Layers | None",
+    "experiment": "Path | Iterable[Path]",
+    "filters": "Mapping[str, Filter | str] | Iterable[Filter | str] | Filter | str | None",
+    "output": "Path | None",
+    "cache": "Path | None",
+    "size": "int | None",
+    "seeds": "int | None",
+    "reference_spp": "int | None",
+    "component": "str | None",
+    "background": "str | None",
+    "search": "bool | None",
     "exposure": "float | str",
+    "extra_frames": "int | None",
+    "frame_numbers": "str | None",
+    "map": "Path | None",
+    "samples": "int | None",
+    "volume": "Path | None",
+    "parts": "Layers | Path | Iterable[Layers | Path]",
+    "numbers": "str | None",
+    "contact_sheet": "Path | None",
     "array": "npt.ArrayLike",
     "name": "str",
     "default": "Any",
 }
 # Where a name means something else in one place.
 SPECIAL_TYPES = {
-    ("render", "layers"): "Iterable[str] | str | None",
+    ("render", "layers"): LAYER_NAMES,
+    ("Scene.render", "layers"): LAYER_NAMES,
+    ("Scene.explain", "layers"): LAYER_NAMES,
+    ("denoise", "layers"): "Frame | Path",
+    ("guides", "like"): "Frame | Path",
+    ("guides", "scene"): "SceneLike | None",
+    ("view", "scene"): "Path",
+    ("compare", "picture"): "Frames",
+    ("compare", "reference"): "Frames",
+    ("compare", "second"): "Frames | None",
+    ("evaluate", "spp"): "Iterable[int] | int | None",
     ("Layers.__init__", "channels"): "Frame",
     ("Layers.__contains__", "arg0"): "object",
     ("Layers.__setitem__", "arg1"): "npt.ArrayLike",
+    ("Scene.__contains__", "arg0"): "object",
+    ("Scene.__getitem__", "arg0"): "str",
 }
 RETURN_TYPES = {
+    "compare": "dict[str, Any]",
     "filters": "list[dict[str, Any]]",
     "metrics": "dict[str, Any]",
+    "evaluate": "dict[str, Any]",
+    "render": "Layers",
+    "denoise": "Layers",
     "Layers.__getitem__": "Channel",
     "Layers.__iter__": "Iterator[str]",
     "Layers.keys": "list[str]",
@@ -53,6 +97,10 @@ RETURN_TYPES = {
     "Layers.image": "Channel",
     "Layers.layers": "list[str]",
     "Layers.get": "Any",
+    "Scene.__getitem__": "Any",
+    "Scene.__iter__": "Iterator[str]",
+    "Scene.keys": "list[str]",
+    "Scene.render": "Layers",
 }
 PROPERTY_TYPES = {
     "width": "int",
@@ -61,14 +109,22 @@ PROPERTY_TYPES = {
     "data_window": "tuple[int, int, int, int]",
     "display_window": "tuple[int, int, int, int]",
     "header": "dict[str, Any]",
+    "settings": "dict[str, Any]",
+    "text": "str",
+    "counts": "dict[str, int]",
 }
+NO_VIEWS = "  # type: ignore[override]  # lists, where other mappings give views"
+BASES = {"Layers": "Mapping[str, Channel]"}
+SPECIAL_METHODS = ("__init__", "__contains__", "__getitem__", "__setitem__", "__iter__", "__len__")
+# What a sequence gives: a keyword that is then required, and the result.
+FRAME_NUMBERS = "dict[str, list[int]]"
 PLACED = "def {name}({arguments}) -> {result}:"
 
 HEAD = '''"""{summary}"""
 
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import Any, Literal, overload
+from typing import Any, Literal, Union, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -76,6 +132,10 @@ import numpy.typing as npt
 Path = str | bytes | os.PathLike[str]
 Channel = npt.NDArray[np.float32]
 Attribute = str | int | float | npt.ArrayLike
+Frame = Union["Layers", Mapping[str, npt.ArrayLike], npt.NDArray[Any]]
+Filter = Callable[["Layers"], Frame]
+Frames = Frame | Path | list[Any] | tuple[Any, ...]
+SceneLike = Union[Path, Mapping[str, Any], "Scene"]
 
 __version__: str
 __commit__: str
@@ -117,6 +177,8 @@ def signature(owner, function):
             arguments.append((argument, kind, default))
     if arguments and owner and arguments[0][0] != "self":
         arguments[0] = ("self", None, None)
+    if where.endswith("__init__"):
+        result = "None"
     result = RETURN_TYPES.get(where, result.replace("brume._brume.", "").replace("brume.", ""))
     return name, arguments, result, text
 
@@ -129,24 +191,44 @@ def written(arguments):
     return ", ".join(texts)
 
 
+def stub(name, arguments, result, text, indent="", overload=False, remark=""):
+    head = indent + PLACED.format(name=name, arguments=written(arguments), result=result) + remark
+    body = quoted(text, indent + "    ") + "\n" if text.strip() else ""
+    return (indent + "@overload\n" if overload else "") + f"{head}\n{body}{indent}    ...\n"
+
+
+def required(arguments, name, kind):
+    """The same arguments, one of them of another type and without a default."""
+    return [(n, kind if n == name else k, None if n == name else default) for n, k, default in arguments]
+
+
+def with_type(arguments, name, kind):
+    return [(n, kind if n == name else k, default) for n, k, default in arguments]
+
+
 def function_stub(owner, function, indent=""):
     name, arguments, result, text = signature(owner, function)
-    head = indent + PLACED.format(name=name, arguments=written(arguments), result=result)
-    body = quoted(text, indent + "    ") + "\n" if text.strip() else ""
-    return f"{head}\n{body}{indent}    ...\n"
+    if name != "render":
+        remark = NO_VIEWS if owner == "Layers." and name in ("keys", "values", "items") else ""
+        return stub(name, arguments, result, text, indent, remark=remark)
+    one = with_type(arguments, "frames", "None")
+    sequence = required(required(arguments, "frames", "str"), "output", "Path")
+    return (stub(name, one, result, text, indent, overload=True)
+            + stub(name, sequence, FRAME_NUMBERS, "A sequence, into files.", indent, overload=True))
 
 
 def class_stub(cls):
-    lines = ["class Layers(Mapping[str, Channel]):", quoted(cls.__doc__, "    "), ""]
+    name_of_class = cls.__name__
+    base = BASES.get(name_of_class)
+    lines = [f"class {name_of_class}({base}):" if base else f"class {name_of_class}:", quoted(cls.__doc__, "    "), ""]
     for name, member in sorted(vars(cls).items()):
         if isinstance(member, property):
             lines.append(f"    @property\n    def {name}(self) -> {PROPERTY_TYPES[name]}:")
             lines.append(quoted(member.__doc__, "        ") + "\n        ...")
             if member.fset:
                 lines.append(f"    @{name}.setter\n    def {name}(self, value: Mapping[str, Attribute]) -> None: ...")
-        elif callable(member) and (not name.startswith("_") or name in ("__init__", "__contains__", "__getitem__",
-                                                                        "__setitem__", "__iter__", "__len__")):
-            lines.append(function_stub("Layers.", member, "    "))
+        elif callable(member) and (not name.startswith("_") or name in SPECIAL_METHODS):
+            lines.append(function_stub(name_of_class + ".", member, "    "))
     return "\n".join(lines) + "\n"
 
 
@@ -159,35 +241,40 @@ def parameter_of(p):
 
 
 def denoise_stubs(brume):
-    """One signature for each filter, with its parameters, and one for the recommended filter."""
+    """One signature for each filter, with its parameters, one for the recommended filter, for sequences and files."""
     name, arguments, result, text = signature("", brume.denoise)
     common = [a for a in arguments if not a[0].startswith("**")]
+    in_memory = with_type(common, "output", "None")
     stubs = []
     for entry in [None] + brume.filters():
-        own = list(common)
-        at = [a[0] for a in own].index("filter")
         if entry is None:
-            own[at] = ("filter", "None", "None")
+            own = with_type(in_memory, "filter", "None")
         else:
-            own[at] = ("filter", f"Literal[{entry['name']!r}]", None)
+            own = required(in_memory, "filter", f"Literal[{entry['name']!r}]")
             own += [parameter_of(p) for p in entry["parameters"]] + [("preset", "str", "...")]
         summary = "With the best filter that the frame's layers allow." if entry is None else entry["summary"]
-        head = PLACED.format(name=name, arguments=written(own), result=result)
-        stubs.append(f"@overload\n{head}\n{quoted(summary, '    ')}\n    ...\n")
-    head = PLACED.format(name=name, arguments=written(arguments), result=result)
-    stubs.append(f"@overload\n{head}\n{quoted(text, '    ')}\n    ...\n")
+        stubs.append(stub(name, own, result, summary, overload=True))
+    stubs.append(stub(name, with_type(arguments, "output", "None"), result, text, overload=True))
+    lists = with_type(with_type(with_type(arguments, "output", "None"), "layers", "list[Any] | tuple[Any, ...]"),
+                      "guides", "list[Any] | tuple[Any, ...] | None")
+    stubs.append(stub(name, lists, "list[Layers]", "A sequence in memory.", overload=True))
+    files = required(with_type(with_type(arguments, "layers", "Path"), "guides", "Path | None"), "output", "Path")
+    stubs.append(stub(name, files, FRAME_NUMBERS + " | None", "From file to file.", overload=True))
     return "\n".join(stubs)
 
 
 def stubs(brume):
     parts = [HEAD.format(summary=inspect.getdoc(brume).split("\n")[0], error=brume.InputError.__doc__)]
-    parts.append(class_stub(brume.Layers))
-    parts.append("Frame = Layers | Mapping[str, npt.ArrayLike] | npt.NDArray[Any]\n")
-    for function in (brume.read, brume.write, brume.render):
-        parts.append(function_stub("", function))
-    parts.append(denoise_stubs(brume))
-    for function in (brume.metrics, brume.view, brume.filters):
-        parts.append(function_stub("", function))
+    for name in brume.__all__:
+        thing = getattr(brume, name)
+        if isinstance(thing, type) and name != "InputError":
+            parts.append(class_stub(thing))
+    for name in brume.__all__:
+        thing = getattr(brume, name)
+        if name == "denoise":
+            parts.append(denoise_stubs(brume))
+        elif not isinstance(thing, type):
+            parts.append(function_stub("", thing))
     return "\n".join(parts)
 
 
@@ -203,7 +290,7 @@ def main():
     info.mkdir(exist_ok=True)
     (info / "METADATA").write_text(
         f"Metadata-Version: 2.1\nName: brume\nVersion: {brume.__version__}\n"
-        f"Summary: {inspect.getdoc(brume).split(chr(10))[0]}\nRequires-Python: >=3.9\nRequires-Dist: numpy\n"
+        f"Summary: {inspect.getdoc(brume).split(chr(10))[0]}\nRequires-Python: >=3.11\nRequires-Dist: numpy\n"
     )
     (info / "top_level.txt").write_text("brume\n")
 

@@ -1,11 +1,10 @@
-#include "apps/python/layers.h"
-
 #include <fmt/format.h>
 #include <pybind11/stl.h>
 
 #include <array>
 #include <memory>
 
+#include "apps/python/bindings.h"
 #include "apps/python/convert.h"
 #include "filters/api/requirements.h"
 
@@ -28,8 +27,11 @@ std::map<std::string, Attribute> to_header(const py::dict& dict) {
 py::tuple state_of(const py::object& self) {
   const auto& frame = self.cast<const Layers&>();
   const auto pair = [](const ivec2& v) { return py::make_tuple(v.x, v.y); };
+  py::dict words;  // the sums of a part's samples
+  for (const auto& [name, values] : frame.words())
+    words[to_str(name)] = py::array_t<uint32_t>(static_cast<py::ssize_t>(values.size()), values.data());
   return py::make_tuple(py::dict(self.attr("items")()), self.attr("header"), pair(frame.origin), pair(frame.display),
-                        pair(frame.display_origin));
+                        pair(frame.display_origin), words);
 }
 
 std::shared_ptr<Layers> layers_of_state(const py::tuple& state) {
@@ -42,6 +44,10 @@ std::shared_ptr<Layers> layers_of_state(const py::tuple& state) {
   frame->origin = pair(2);
   frame->display = pair(3);
   frame->display_origin = pair(4);
+  for (const auto& [name, values] : py::dict(state[5])) {
+    const auto array = values.cast<py::array_t<uint32_t, py::array::c_style>>();
+    frame->add_words(to_text(name)).assign(array.data(), array.data() + array.size());
+  }
   return frame;
 }
 

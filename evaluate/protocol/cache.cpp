@@ -3,7 +3,9 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <chrono>
+#include <fstream>
 
 #include "base/error.h"
 #include "base/host.h"
@@ -24,6 +26,20 @@ std::string folder_name(const std::string& version) {
   for (const char c : version) name += std::isalnum(static_cast<unsigned char>(c)) || c == '.' ? c : '-';
   return name;
 }
+
+class Hash {
+ public:
+  void add(std::string_view text) {
+    for (const char c : text) {
+      a_ = mix64(a_ ^ static_cast<unsigned char>(c));
+      b_ = (b_ ^ static_cast<unsigned char>(c)) * 0x100000001b3ull + 0x9e3779b97f4a7c15ull;
+    }
+  }
+  std::string text() const { return fmt::format("{:016x}{:016x}", a_, mix64(b_)); }
+
+ private:
+  uint64_t a_ = 0x243f6a8885a308d3ull, b_ = 0x13198a2e03707344ull;
+};
 
 /// What killed runs have left half written; a day later nobody writes it any more.
 void remove_abandoned(const fs::path& folder) {
@@ -49,12 +65,29 @@ Cache::Cache(const fs::path& folder, const std::string& version) : folder_(folde
 }
 
 std::string Cache::hash(std::string_view text) {
-  uint64_t a = 0x243f6a8885a308d3ull, b = 0x13198a2e03707344ull;
-  for (const char c : text) {
-    a = mix64(a ^ static_cast<unsigned char>(c));
-    b = (b ^ static_cast<unsigned char>(c)) * 0x100000001b3ull + 0x9e3779b97f4a7c15ull;
+  Hash all;
+  all.add(text);
+  return all.text();
+}
+
+std::string Cache::hash_contents(const fs::path& path) {
+  Hash all;
+  if (fs::is_directory(path)) {
+    std::vector<fs::path> files;
+    for (const auto& entry : fs::recursive_directory_iterator(path))
+      if (entry.is_regular_file()) files.push_back(entry.path());
+    std::sort(files.begin(), files.end());
+    for (const fs::path& file : files) all.add(file.lexically_relative(path).string() + "\n" + hash_contents(file));
+    return all.text();
   }
-  return fmt::format("{:016x}{:016x}", a, mix64(b));
+  std::ifstream stream(path, std::ios::binary);
+  if (!stream) throw InputError(fmt::format("{}: cannot be read", path.string()));
+  std::string block(1 << 20, '\0');
+  while (stream) {
+    stream.read(block.data(), static_cast<std::streamsize>(block.size()));
+    all.add({block.data(), static_cast<size_t>(stream.gcount())});
+  }
+  return all.text();
 }
 
 fs::path Cache::companion(const std::string& key, const std::string& extension) const {

@@ -44,6 +44,9 @@ class Cache {
 
   /// 32 hexadecimal digits.
   static std::string hash(std::string_view text);
+  /// The same of what a file holds, or of all files in a folder with their names. @throws InputError where there is
+  /// none
+  static std::string hash_contents(const std::filesystem::path& path);
 
  private:
   std::filesystem::path path(const std::string& key) const { return companion(key, ".exr"); }

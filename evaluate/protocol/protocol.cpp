@@ -12,6 +12,7 @@
 
 #include "base/error.h"
 #include "base/text.h"
+#include "evaluate/protocol/external_filter.h"
 #include "evaluate/protocol/result_store.h"
 #include "evaluate/protocol/studies.h"
 #include "filters/api/registry.h"
@@ -92,6 +93,21 @@ std::string remark_on_parts(const EvaluationSettings& settings) {
   return fmt::format(
       "{} clean{} the direct light as well, which the others leave noisy here: --component all compares them alike",
       join(names), names.size() == 1 ? "s" : "");
+}
+
+bool is_any_searched(const EvaluationSettings& settings) {
+  return settings.tune || settings.ablation || settings.sensitivity;
+}
+
+std::string remark_on_others(const EvaluationSettings& settings) {
+  std::vector<std::string> names;
+  for (const Contender& c : settings.contenders)
+    if (c.external) names.push_back(fmt::format("{} is `{}`", c.label, c.external->words));
+  if (names.empty() || !is_any_searched(settings)) return join(names, "; ");
+  return fmt::format(
+      "{}: no parameters of {} are known, so that nothing is searched or studied, and {} under each setting",
+      join(names, "; "), names.size() == 1 ? "it" : "theirs",
+      names.size() == 1 ? "it stands as it is" : "they stand as they are");
 }
 
 bool is_reported(const EvaluationSettings& settings, const std::string& metric) {
@@ -256,6 +272,7 @@ class SceneRun {
     }
     m.filter = contender->label;
     m.parameters = filter->text();
+    if (contender->external) m.command = contender->external->words;
     if (tuning == Tuning::kSearched) m.edges = on_the_edge(*contender, *filter);
     if (contender->reads_guides(*filter)) m.guide_seconds = store_.guide_seconds(scene_, frames.spp(), task);
     run_all(filter_run(*contender, *filter), frames, m, task);
@@ -271,7 +288,7 @@ class SceneRun {
   /// A filter on the frames of all seeds, and its errors, into a line.
   /// @param example  whether the line is to have one
   void run_all(const FilterRun& run, NoisyFrames& frames, MethodResult& m, const Task& task, bool example = true) {
-    std::vector<double> seconds;
+    std::vector<double> seconds, exchange;
     std::vector<std::optional<Layers>> pictures;
     for (size_t seed = 0; seed < frames.count(); ++seed) {
       FilterOutcome outcome = store_.filter(run, frames, seed, quiet(task), [&](const std::string& key) {
@@ -282,11 +299,13 @@ class SceneRun {
         return;
       }
       seconds.push_back(outcome.seconds);
+      if (outcome.exchange_seconds) exchange.push_back(*outcome.exchange_seconds);
       m.pictures.push_back(outcome.key);
       pictures.push_back(std::move(outcome.picture));
       if (outcome.peak_bytes) m.peak_bytes = std::max(m.peak_bytes.value_or(0.0), *outcome.peak_bytes);
     }
     m.filter_seconds = median(seconds);
+    if (!exchange.empty()) m.exchange_seconds = median(exchange);
     measure(m, frames, task, std::move(pictures), example);
   }
 
@@ -535,7 +554,10 @@ size_t stage_count(const std::vector<EvaluationScene>& scenes, const EvaluationS
     count += 2;  // references; filter and measure
     if (scene.foreign) continue;
     count += spp * static_cast<size_t>(settings.seeds);
-    if (settings.tune) count += spp * (1 + settings.contenders.size());
+    // A frame to search on; a search for each filter of brume's.
+    if (settings.tune) count += spp;
+    for (const Contender& contender : settings.contenders)
+      if (settings.tune && !contender.external) count += spp;
   }
   if (settings.ablation || settings.sensitivity) count += scenes.size();
   return count;
@@ -564,10 +586,15 @@ Evaluation evaluate(const std::vector<EvaluationScene>& scenes, const Evaluation
         tuning_frames[s].push_back(
             runs[s].tuning_frame(spp, stage(fmt::format("{}: {} spp to search on", scenes[s].name, spp))));
   const auto find = [&](size_t s, size_t k, const Contender& contender) {
-    const Task task = stage(fmt::format("{}: search for {}, {} spp", scenes[s].name, contender.label, settings.spp[k]));
     std::vector<TuningFrame*> others;
     for (size_t o = 0; o < runs.size(); ++o)
       if (o != s && !tuning_frames[o].empty()) others.push_back(&tuning_frames[o][k]);
+    if (contender.external) {
+      Found as_it_is{contender.settings, {}};
+      if (!others.empty()) as_it_is.elsewhere = contender.settings;
+      return as_it_is;
+    }
+    const Task task = stage(fmt::format("{}: search for {}, {} spp", scenes[s].name, contender.label, settings.spp[k]));
     const auto on = [&](std::vector<TuningFrame*> frames, const Task& part) {
       std::string key = fmt::format("search\n{}\nrestarts {}", contender.key(), settings.restarts);
       for (const TuningFrame* frame : frames) key += "\n" + frame->key();

@@ -85,6 +85,12 @@ struct EvaluationSettings {
 /// themselves, too; empty: nothing.
 std::string remark_on_parts(const EvaluationSettings& settings);
 
+/// The same of filters that are not brume's: what they are, and what is not done with them.
+std::string remark_on_others(const EvaluationSettings& settings);
+
+/// Whether parameters are searched or changed, or layers left out.
+bool is_any_searched(const EvaluationSettings& settings);
+
 /// Whether a metric is among those that are reported.
 bool is_reported(const EvaluationSettings& settings, const std::string& metric);
 
@@ -112,11 +118,14 @@ struct MethodResult {
   Tuning tuning = Tuning::kNone;
   int spp = 0;
   std::string parameters;
+  std::string command;                         ///< of a filter that is not brume's; empty: it is
   std::vector<std::string> edges;              ///< searched parameters that ended on the edge of their candidates
   RegionErrors errors;                         ///< of the picture; reference noise removed
   std::map<std::string, RegionErrors> lights;  ///< of `direct` and `indirect`, where they are clean by themselves;
                                                ///< single pixels' metrics alone
   double render_seconds = 0, guide_seconds = 0, filter_seconds = 0;  ///< of a frame, median over the seeds
+  std::optional<double> exchange_seconds =
+      {};                             ///< of handing a frame to a filter that is not brume's, not in the above
   std::optional<double> peak_bytes;   ///< memory that the filter held at most beside its input
   std::string failed;                 ///< why there are no numbers; empty: there are
   std::vector<std::string> pictures;  ///< in the cache, one for each seed

@@ -12,6 +12,7 @@
 #include "base/error.h"
 #include "base/peak_memory.h"
 #include "base/text.h"
+#include "evaluate/protocol/external_filter.h"
 #include "filters/api/registry.h"
 #include "filters/inputs/guide_layers.h"
 
@@ -19,7 +20,8 @@ namespace brume {
 namespace {
 
 // Of entries in the cache.
-constexpr const char *kSeconds = "evaluationSeconds", *kPeak = "evaluationPeakBytes";
+constexpr const char *kSeconds = "evaluationSeconds", *kPeak = "evaluationPeakBytes",
+                     *kExchange = "evaluationExchangeSeconds";
 
 std::string exact(double value) {
   return fmt::format("{}", value);
@@ -135,7 +137,9 @@ std::string guide_root() {
 FilterSettings settings_from(const FilterEntry& filter, const std::string& text) {
   std::string assignments = text;
   std::replace(assignments.begin(), assignments.end(), ' ', ',');
-  return parse_filter(assignments.empty() ? filter.name : filter.name + ":" + assignments);
+  FilterSettings settings(filter);
+  for (const auto& [name, value] : parse_assignments(assignments)) settings.set(name, value);
+  return settings;
 }
 
 std::string ResultStore::machine() const {
@@ -203,31 +207,91 @@ FilterRun::FilterRun(const Contender& contender, const FilterSettings& filter_, 
       options(std::move(options_)),
       time_limit(contender.time_limit > 0 ? contender.time_limit : settings.time_limit) {
   options.features = contender.features;
-  if (!contender.guides) left_out = {guide_root()};
+  if (contender.external) {
+    external = &contender;
+    options.outliers = Outliers::kKeep;  // what it does about them is its own affair
+  } else if (!contender.guides) {
+    left_out = {guide_root()};
+  }
 }
 
 FilterOutcome ResultStore::filter(const FilterRun& run, NoisyFrames& frames, size_t seed, const Task& task,
                                   const std::function<bool(const std::string&)>& needs_picture) const {
   const bool records = run.filter->entry().records == FilterEntry::Records::kNeeds;
   return filter(run,
-                {frames.key(seed), [&]() -> const Layers& { return frames.at(seed, task).layers; },
+                {frames.key(seed), frames.spp(), kFirstNoisySeed + static_cast<int64_t>(seed),
+                 [&]() -> const Layers& { return frames.at(seed, task).layers; },
                  records ? frames.records(seed) : std::filesystem::path()},
                 task, needs_picture);
+}
+
+namespace {
+
+/// Everything that decides what comes of a run.
+std::string key_of(const FilterRun& run, const FilterInput& input) {
+  return fmt::format(
+      "filtered\n{} {}\ncomponent {}, parts {}\nbackground {}\nexposure {}\nfeatures {}\nwithout {}\ninput {}",
+      run.external ? run.external->external->key : run.filter->entry().name, run.filter->text(),
+      static_cast<int>(run.options.component), run.options.keep_parts, static_cast<int>(run.options.background),
+      exact(run.options.exposure), join(run.options.features, " "), join(run.left_out, " "), input.key);
+}
+
+}  // namespace
+
+ResultStore::Cleaned ResultStore::clean(const FilterRun& run, const FilterInput& given,
+                                        const std::vector<NearbyInput>& nearby, const Task& task) {
+  std::list<Layers> parts;  // of frames without what is left out
+  const auto seen = [&](const Layers& whole) {
+    return run.left_out.empty() ? &whole : &parts.emplace_back(without_layers(whole, run.left_out));
+  };
+  const Layers& input = *seen(given.frame());
+  ApplyOptions options = run.options;
+  if (run.filter->entry().parts) options.component = Component::kAll;
+  for (const NearbyInput& other : nearby) options.sequence.push_back({other.distance, seen(*other.layers)});
+  std::list<RecordReader> readers;
+  Cleaned result;
+  const auto apply = [&] {
+    readers.clear();
+    if (!given.records.empty()) options.records = &readers.emplace_back(given.records);
+    for (size_t i = 0; i < nearby.size(); ++i)
+      if (!nearby[i].records.empty()) options.sequence[i].records = &readers.emplace_back(nearby[i].records);
+    ApplyReport report;
+    if (!run.external) {
+      result.picture = apply_filter(*run.filter, input, options, task, &report);
+      result.seconds = report.seconds;
+      return;
+    }
+    ExternalRun external(*run.external, given.spp, given.seed, run.time_limit);
+    result.picture = apply_filter(external.settings(), input, options, task, &report);
+    result.seconds = external.seconds;
+    result.exchange_seconds = external.exchange_seconds;
+    result.peak_bytes = external.peak_bytes;
+  };
+  const PeakMemory memory;
+  apply();
+  const std::optional<double> peak = result.peak_bytes ? result.peak_bytes : memory.growth();
+  // The first run warms caches and threads, and finds its memory given back; slow filters do not notice.
+  if (result.seconds < 1) apply();
+  result.peak_bytes = peak;
+  result.picture = only(kJudged, result.picture);
+  if (!run.external) return result;
+  const ExternalFilter& filter = *run.external->external;
+  result.picture.header["filter"] = filter.kind;
+  result.picture.header["filterParameters"] = result.picture.header["filterSource"] = filter.words;
+  result.picture.header["biased"] = "true: filtered by a " + filter.kind;
+  return result;
 }
 
 FilterOutcome ResultStore::filter(const FilterRun& run, const FilterInput& given, const Task& task,
                                   const std::function<bool(const std::string&)>& needs_picture) const {
   FilterOutcome outcome;
-  outcome.key = fmt::format(
-      "filtered\n{} {}\ncomponent {}, parts {}\nbackground {}\nexposure {}\nfeatures {}\nwithout {}\ninput {}",
-      run.filter->entry().name, run.filter->text(), static_cast<int>(run.options.component), run.options.keep_parts,
-      static_cast<int>(run.options.background), exact(run.options.exposure), join(run.options.features, " "),
-      join(run.left_out, " "), given.key);
+  outcome.key = key_of(run, given);
   const std::string failure_key = fmt::format("{}\ntime limit {}", outcome.key, exact(run.time_limit));
   const bool is_needed = !needs_picture || needs_picture(outcome.key);
   if (auto known = cache_.find(outcome.key, is_needed ? is_judged : no_channel)) {
     count_found(outcome.key, work_.results_found);
     outcome.seconds = number_of(*known, kSeconds).value_or(0.0);
+    outcome.exchange_seconds = number_of(*known, kExchange);
     outcome.peak_bytes = number_of(*known, kPeak);
     if (is_needed) outcome.picture = std::move(*known);
     return outcome;
@@ -237,53 +301,39 @@ FilterOutcome ResultStore::filter(const FilterRun& run, const FilterInput& given
     outcome.failed = *known;
     return outcome;
   }
-  std::list<Layers> parts;  // of frames without what is left out
-  const auto seen = [&](const Layers& whole) {
-    return run.left_out.empty() ? &whole : &parts.emplace_back(without_layers(whole, run.left_out));
-  };
-  const Layers& input = *seen(given.frame());
+  given.frame();  // read, or rendered, before time counts
   const std::vector<NearbyInput> nearby = given.nearby ? given.nearby() : std::vector<NearbyInput>();
   ++work_.filtered;
   known_.insert(outcome.key);
-  const Deadline deadline(run.time_limit, task);
-  const Task limited{task.threads, {}, deadline.cancel()};
-  Layers picture;
-  const auto is_late = [&] {
-    outcome.failed = fmt::format("took longer than {:g} s", run.time_limit);
+  // Filters that are not brume's are held to their own seconds, in which handing over a frame is not.
+  const Deadline deadline(run.external ? 0.0 : run.time_limit, task);
+  Cleaned cleaned;
+  const auto is_late = [&](const std::string& how) {
+    outcome.failed = how;
     cache_.store_text(failure_key, outcome.failed);
   };
+  const std::string too_long = fmt::format("took longer than {:g} s", run.time_limit);
   try {
-    ApplyOptions options = run.options;
-    if (run.filter->entry().parts) options.component = Component::kAll;
-    for (const NearbyInput& other : nearby) options.sequence.push_back({other.distance, seen(*other.layers)});
-    std::list<RecordReader> readers;
-    const auto apply = [&](ApplyReport& report) {
-      readers.clear();
-      if (!given.records.empty()) options.records = &readers.emplace_back(given.records);
-      for (size_t i = 0; i < nearby.size(); ++i)
-        if (!nearby[i].records.empty()) options.sequence[i].records = &readers.emplace_back(nearby[i].records);
-      return apply_filter(*run.filter, input, options, limited, &report);
-    };
-    ApplyReport report;
-    const PeakMemory memory;
-    Layers clean = apply(report);
-    outcome.peak_bytes = memory.growth();
-    // The first run warms caches and threads, and finds its memory given back; slow filters do not notice.
-    if (report.seconds < 1) clean = apply(report);
-    outcome.seconds = report.seconds;
-    picture = only(kJudged, clean);
+    cleaned = clean(run, given, nearby, {task.threads, {}, deadline.cancel()});
+    outcome.seconds = cleaned.seconds;
+  } catch (const LimitPassed& error) {
+    is_late(error.what());
   } catch (const InputError& error) {
     outcome.failed = error.what();
   } catch (const std::bad_alloc&) {
     outcome.failed = "not enough memory";
   } catch (const Interrupted&) {
     if (!deadline.over() || task.cancelled()) throw;
-    is_late();
+    is_late(too_long);
   }
   // One that was through before anyone looked is late all the same.
-  if (outcome.failed.empty() && run.time_limit > 0 && outcome.seconds > run.time_limit) is_late();
+  if (outcome.failed.empty() && run.time_limit > 0 && outcome.seconds > run.time_limit) is_late(too_long);
   if (!outcome.failed.empty()) return outcome;
+  outcome.exchange_seconds = cleaned.exchange_seconds;
+  outcome.peak_bytes = cleaned.peak_bytes;
+  Layers& picture = cleaned.picture;
   picture.header[kSeconds] = exact(outcome.seconds);
+  if (outcome.exchange_seconds) picture.header[kExchange] = exact(*outcome.exchange_seconds);
   if (outcome.peak_bytes) picture.header[kPeak] = exact(*outcome.peak_bytes);
   cache_.store(outcome.key, picture);
   outcome.picture = std::move(picture);

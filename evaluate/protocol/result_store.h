@@ -28,6 +28,7 @@ struct FilterRun {
   ApplyOptions options;
   std::vector<std::string> left_out = {};  ///< layers by name that the filter does not get to see
   double time_limit = 0;                   ///< seconds; 0: none
+  const Contender* external = nullptr;     ///< whose filter is not brume's; null: `filter` is run
 
   /// @param filter  the contender's, with parameters of their own
   FilterRun(const Contender& contender, const FilterSettings& filter, const EvaluationSettings& settings,
@@ -44,6 +45,8 @@ struct NearbyInput {
 /// What a filter is run on; it is read where the cache lacks the result.
 struct FilterInput {
   std::string key;  ///< everything that decides it
+  int spp = 0;
+  int64_t seed = 0;
   std::function<const Layers&()> frame;
   std::filesystem::path records = {};
   std::function<std::vector<NearbyInput>()> nearby = {};  ///< null: a still
@@ -54,6 +57,7 @@ struct FilterOutcome {
   std::string key;                     ///< of the picture, what is judged of it
   std::optional<Layers> picture = {};  ///< where it was asked for, or made
   double seconds = 0;
+  std::optional<double> exchange_seconds = {};  ///< of handing frames to a filter that is not brume's
   std::optional<double> peak_bytes;
   std::string failed;  ///< why there is no picture; empty: there is one
 };
@@ -101,6 +105,14 @@ class ResultStore {
                        const std::function<FilterSettings()>& search) const;
 
  private:
+  struct Cleaned {
+    Layers picture;
+    double seconds = 0;
+    std::optional<double> exchange_seconds = {}, peak_bytes = {};
+  };
+  /// Runs a filter on what it may see. @throws InputError when it fails; Interrupted
+  static Cleaned clean(const FilterRun& run, const FilterInput& given, const std::vector<NearbyInput>& nearby,
+                       const Task& task);
   std::string machine() const;
 
   /// Counts an entry that lay in the cache before this run.

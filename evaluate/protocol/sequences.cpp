@@ -107,6 +107,8 @@ class SequenceRun {
                  last = std::min(count() - 1, frame + distance);
     FilterInput input;
     input.key = key(frame, spp, seed);
+    input.spp = spp;
+    input.seed = noisy_seed(frame, seed);
     for (size_t f = first; f <= last; ++f)
       if (f != frame)
         input.key += fmt::format("\n{:+} {}", static_cast<int>(f) - static_cast<int>(frame), key(f, spp, seed));

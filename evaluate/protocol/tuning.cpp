@@ -20,7 +20,9 @@ Contender parse_contender(const std::string& text) {
   Contender contender{parse_filter(text), {}, ""};
   const FilterEntry& filter = contender.settings.entry();
   contender.label = filter.name;
-  if (text == filter.name) contender.paper = parse_filter(filter.name + ":preset=paper");
+  const bool is_published = std::any_of(filter.presets.begin(), filter.presets.end(),
+                                        [](const Preset& preset) { return preset.name == "paper"; });
+  if (text == filter.name && is_published) contender.paper = parse_filter(filter.name + ":preset=paper");
   if (const size_t colon = text.find(':'); colon != std::string::npos)
     for (const auto& [name, value] : parse_assignments(text.substr(colon + 1))) {
       contender.label +=
@@ -167,6 +169,10 @@ FilterSettings search(const Contender& contender, const std::vector<TuningFrame*
     return sums;
   };
   FilterSettings best = contender.settings;
+  const std::vector<Parameter>& parameters = best.entry().parameters;
+  if (!contender.paper &&
+      std::none_of(parameters.begin(), parameters.end(), [&](const Parameter& p) { return contender.searches(p); }))
+    return best;
   double lowest = sum_of_logs({best})[0];
   const auto take_better = [&](const std::vector<FilterSettings>& settings) {
     const std::vector<double> sums = sum_of_logs(settings);

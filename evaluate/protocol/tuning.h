@@ -1,6 +1,7 @@
 #pragma once
 #include <filesystem>
 #include <map>
+#include <memory>
 #include <optional>
 
 #include "evaluate/metrics/metric.h"
@@ -8,17 +9,23 @@
 
 namespace brume {
 
+struct ExternalFilter;
+
 /// One line of a comparison: a filter, and the parameters that make it this line rather than another of the same
 /// filter.
 struct Contender {
   FilterSettings settings;
-  std::vector<std::string> fixed;         ///< parameters that the search leaves alone
-  std::string label;                      ///< "gradient_kernel", "gradient_kernel mul"
-  std::optional<FilterSettings> paper{};  ///< as published; none where parameters are fixed, which is our own choice
-  std::vector<std::string> features{};    ///< that it is given, as `denoise --features`; empty: those of its own choice
-  bool guides = true;                     ///< whether it is given guides, where it reads them
-  double time_limit = 0;                  ///< seconds on a frame; 0: the experiment's
-  bool study = true;                      ///< whether ablation and sensitivity look at it
+  std::vector<std::string> fixed;  ///< parameters that the search leaves alone
+  std::string label;               ///< "gradient_kernel", "gradient_kernel mul"
+  std::optional<FilterSettings>
+      paper{};  ///< as published; none where parameters are fixed, which is our own choice, or nobody published any
+  std::vector<std::string> features{};  ///< that it is given, as `denoise --features`; empty: those of its own choice
+  bool guides = true;                   ///< whether it is given guides, where it reads them
+  double time_limit = 0;                ///< seconds on a frame; 0: the experiment's
+  bool study = true;                    ///< whether ablation and sensitivity look at it
+  /// Where it is no filter of brume's (external_filter.h); `settings` then has no parameters and is of a declaration
+  /// that this keeps.
+  std::shared_ptr<const ExternalFilter> external{};
 
   /// Whether a run with these settings, its own or found ones, reads guides.
   bool reads_guides(const FilterSettings& run) const;

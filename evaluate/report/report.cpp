@@ -288,6 +288,12 @@ Table claims(const Evaluation& e) {
   return table;
 }
 
+/// Whether a line says no more than the one of the same filter at its defaults: a filter that is not brume's is the
+/// same under every setting.
+bool repeats_another(const MethodResult& m) {
+  return !m.command.empty() && m.tuning != Tuning::kDefault;
+}
+
 Table parameters(const Evaluation& e) {
   Table table{"Parameters",
               "Where a searched value is the first or last of its candidates, the optimum may lie further out.",
@@ -299,9 +305,9 @@ Table parameters(const Evaluation& e) {
                {"at the edge", false}}};
   for (const SceneResult& scene : e.scenes)
     for (const MethodResult& m : scene.methods)
-      if (!m.filter.empty())
+      if (!m.filter.empty() && !repeats_another(m))
         table.rows.push_back({scene.name, fmt::format("{}", m.spp), m.filter, tuning_name(m.tuning),
-                              fmt::format("`{}`", m.parameters), join(m.edges)});
+                              fmt::format("`{}`", m.command.empty() ? m.parameters : m.command), join(m.edges)});
   return table;
 }
 
@@ -311,7 +317,7 @@ Table failures(const Evaluation& e) {
               {{"scene", false}, {"spp"}, {"filter", false}, {"setting", false}, {"reason", false}}};
   for (const SceneResult& scene : e.scenes)
     for (const MethodResult& m : scene.methods)
-      if (!m.failed.empty())
+      if (!m.failed.empty() && !repeats_another(m))
         table.rows.push_back({scene.name, fmt::format("{}", m.spp), m.filter, tuning_name(m.tuning), m.failed});
   for (const SequenceResult& sequence : e.sequences)
     for (const SequenceMethod& m : sequence.methods)
@@ -466,7 +472,8 @@ std::string short_report(const Evaluation& e) {
   for (const SceneResult& scene : e.scenes) text += ranking(scene, e).text() + "\n";
   for (const Table& table : {sequences(e), failures(e)})
     if (!table.rows.empty()) text += table.text() + "\n";
-  if (const std::string remark = remark_on_parts(e.settings); !remark.empty()) text += remark + ".\n\n";
+  for (const std::string& remark : {remark_on_parts(e.settings), remark_on_others(e.settings)})
+    if (!remark.empty()) text += remark + ".\n\n";
   return text;
 }
 
@@ -480,7 +487,8 @@ std::string markdown_report(const Evaluation& e) {
       e.settings.background == BackgroundRule::kBilateral ? "get the bilateral filter, as there"
                                                           : "are filtered like the rest",
       e.settings.seeds, machine_text(e.settings.provenance));
-  if (const std::string remark = remark_on_parts(e.settings); !remark.empty()) text += fmt::format("\n{}.\n", remark);
+  for (const std::string& remark : {remark_on_parts(e.settings), remark_on_others(e.settings)})
+    if (!remark.empty()) text += fmt::format("\n{}.\n", remark);
   for (const Table& table : report_tables(e)) {
     text += fmt::format("\n## {}\n\n{}{}", table.title, table.caption.empty() ? "" : table.caption + "\n\n",
                         table.markdown_grid());
@@ -544,7 +552,7 @@ std::string csv_report(const Evaluation& e) {
                             m.failed.empty() ? number(speed_up(m, *scene.find("", Tuning::kNone, m.spp))) : "",
                             paper ? number(paper->rms) : "",
                             paper && paper->seconds > 0 ? number(paper->seconds) : "",
-                            m.parameters,
+                            m.command.empty() ? m.parameters : m.command,
                             m.failed,
                             scene.hash});
     }
@@ -557,7 +565,8 @@ std::string picture_file(const SceneResult& scene, const MethodResult& m) {
 
 /// A picture with what it was made with in its header.
 Layers stamped(Layers picture, const Evaluation& e, const SceneResult& scene) {
-  for (const char* own : {"evaluationSeconds", "evaluationPeakBytes"}) picture.header.erase(own);
+  for (const char* own : {"evaluationSeconds", "evaluationPeakBytes", "evaluationExchangeSeconds"})
+    picture.header.erase(own);
   const Provenance& p = e.settings.provenance;
   picture.header["version"] = p.version;
   picture.header["commit"] = p.commit;

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "evaluate/protocol/external_filter.h"
 #include "evaluate/protocol/speed.h"
 #include "evaluate/report/report.h"
 
@@ -85,13 +86,18 @@ json methods_json(const Evaluation& e) {
           features.push_back(name);
       // Those of a search are another in every row.
       const bool fixed = m.tuning == Tuning::kDefault || m.tuning == Tuning::kPaper;
-      list.push_back({{"id", m.id()},
-                      {"label", m.label()},
-                      {"filter", is_filter ? contender->settings.entry().name : ""},
-                      {"parameters", fixed ? m.parameters : ""},
-                      {"features", features},
-                      {"guides", is_filter && contender->reads_guides(contender->settings)},
-                      {"setting", is_filter ? tuning_name(m.tuning) : "none"}});
+      const ExternalFilter* const external = is_filter ? contender->external.get() : nullptr;
+      json method = {{"id", m.id()},
+                     {"label", m.label()},
+                     {"filter", external    ? external->kind
+                                : is_filter ? contender->settings.entry().name
+                                            : ""},
+                     {"parameters", fixed ? m.parameters : ""},
+                     {"features", features},
+                     {"guides", is_filter && contender->reads_guides(contender->settings)},
+                     {"setting", is_filter ? tuning_name(m.tuning) : "none"}};
+      if (external) method["command"] = external->words;
+      list.push_back(std::move(method));
     }
   return list;
 }
@@ -130,6 +136,7 @@ json rows_json(const SceneResult& scene, const EvaluationSettings& settings) {
           {"seconds", {{"render", m.render_seconds}, {"guides", m.guide_seconds}, {"filter", m.filter_seconds}}}};
       for (const auto& [light, errors] : m.lights)
         row["lights"][light] = metric_values(settings, errors[static_cast<size_t>(region)], ErrorScope::kPixels);
+      if (m.exchange_seconds) row["seconds"]["exchange"] = *m.exchange_seconds;
       if (m.peak_bytes) row["peak_memory_bytes"] = *m.peak_bytes;
       if (!m.failed.empty()) row["failed"] = m.failed;
       if (const auto paper = paper_numbers(scene.name, m.filter, m.spp); paper && m.tuning <= Tuning::kPaper)

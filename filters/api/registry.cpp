@@ -196,7 +196,7 @@ std::string merit_table() {
 
 }  // namespace
 
-std::string filters_reference() {
+std::string filters_reference(std::string_view insertion) {
   std::string text =
       "# Filters\n"
       "\n"
@@ -239,6 +239,7 @@ std::string filters_reference() {
       "- **Size**: a frame that needs more room than a quarter of the layers read is filtered tile by tile (`--tile`).\n"
       "- **Averages**: the perceptual filters work in CIE-Lab of radiance times the frame's exposure, and average there (`average=domain`, as\n"
       "  published, which darkens noisy pixels) or in linear light with the weights from Lab (`average=linear`).\n";
+  text += insertion;
   for (const FilterEntry* e : all_filters()) {
     text += fmt::format("\n## `{}`\n\n{} Source: {}.\n", e->name, e->summary, e->source);
     if (!e->notes.empty()) text += e->notes + "\n";

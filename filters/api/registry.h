@@ -16,7 +16,8 @@ const FilterEntry& find_filter(std::string_view name);
 FilterSettings parse_filter(std::string_view text);
 
 /// docs/filters.md: every filter, its source, layers and parameters.
-std::string filters_reference();
+/// @param insertion  what stands before the filters
+std::string filters_reference(std::string_view insertion = "");
 
 /// Puts a filter on the list; one static object per filter file.
 struct Registration {

@@ -7,6 +7,7 @@
 #include "image/foreign.h"
 #include "image/hdr_io.h"
 #include "image/layers.h"
+#include "image/pfm_io.h"
 #include "image/picture_io.h"
 #include "image/plane.h"
 #include "image/sample_records.h"

@@ -31,6 +31,9 @@ class Guides {
   /// How many times closer than for the fewest: 1 below 8 samples, and a third of an octave more for four times as
   /// many; half as close for none, a sketch to look at while better guides are made.
   static double detail(int samples);
+  /// Nodes, at most, that the light of pictures of so many pixels is solved at where there is no more detail: what
+  /// `pixels` decides.
+  static double most_nodes(double pixels) { return LightFields::most_nodes(pixels); }
 
   /// Marches the pixels of a window of the picture and adds the layers to `frame`, which has the window's size.
   /// @param corner  of the window, in pixels of the whole picture

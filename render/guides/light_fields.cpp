@@ -152,13 +152,16 @@ double free_path(const GuideMedia& media, GuideColour colour, const Task& task) 
 
 }  // namespace
 
+double LightFields::most_nodes(double pixels) {
+  return std::clamp(kNodesPerPixel * pixels, kFewestNodes, kMostNodes);
+}
+
 LightFields::LightFields(const std::vector<GuideMedia>& times, const Lights& lights, const Surfaces* surfaces,
                          GuideColour colour, double detail, double pixels, const Task& task) {
   const GuideMedia& media = times[times.size() / 2];
   const double wanted = kFreePathsPerNode * free_path(media, colour, task) / media.voxel();
   const double voxels = std::clamp(wanted, kVoxelsPerNode, kMostVoxelsPerNode) / detail;
-  const double most_for_picture = std::clamp(kNodesPerPixel * pixels, kFewestNodes, kMostNodes);
-  const double most = std::min(most_for_picture * detail * detail * detail, kMostNodesInDetail);
+  const double most = std::min(most_nodes(pixels) * detail * detail * detail, kMostNodesInDetail);
   fine_ = Lattice::over(media.lo(), media.hi(), voxels * media.voxel(), static_cast<size_t>(most));
   coarse_ = Lattice::over(media.lo(), media.hi(), 2 * fine_.spacing, static_cast<size_t>(most));
   ScatteringSolver solver(fine_, media, colour, task), coarse(coarse_, solver, task);

@@ -46,6 +46,9 @@ class LightFields {
   LightFields(const std::vector<GuideMedia>& times, const Lights& lights, const Surfaces* surfaces, GuideColour colour,
               double detail, double pixels, const Task& task);
 
+  /// Nodes of a picture of so many pixels, at a detail of 1.
+  static double most_nodes(double pixels);
+
   const Lattice& lattice() const { return fine_; }
   /// Of the orders from kFineGuides on.
   const Lattice& coarse_lattice() const { return coarse_; }

@@ -1,6 +1,8 @@
 #pragma once
+#include <array>
 #include <cstdint>
 #include <filesystem>
+#include <map>
 #include <memory>
 #include <string>
 #include <vector>
@@ -9,9 +11,17 @@
 
 namespace brume {
 
-struct ScalarField;
+struct TriangleMesh;
+struct VolumeGrids;
 
 // Plain data of a scene. Keys, units, ranges and meanings stand once, in scene_fields.h.
+
+/// A camera as an EXR's header has it.
+struct CameraMatrices {
+  std::string name;           ///< of the frame, for errors
+  int width = 0, height = 0;  ///< of the picture [px]
+  std::array<float, 16> world_to_camera{}, world_to_ndc{};
+};
 
 struct CameraSettings {
   std::string type = "perspective";
@@ -26,11 +36,17 @@ struct CameraSettings {
   std::vector<double> position_end, look_at_end;  ///< three numbers, or none: the camera stands still
   std::vector<std::vector<double>> keys;          ///< of a moving camera; none once a frame's camera is taken from them
   std::filesystem::path from_exr;
+  std::shared_ptr<const CameraMatrices> matrices;  ///< the same of a frame in memory; not part of a scene's text
 };
 
 struct FilmSettings {
   int width = 400, height = 400;
   double exposure = 1.0;
+};
+
+/// Where a volume of arrays lies; a file says it of its own grids.
+struct ArrayPlacement {
+  dvec3 voxel_size{1}, origin{0};
 };
 
 struct VolumeSettings {
@@ -65,8 +81,9 @@ struct VolumeSettings {
   dvec3 index_offset{0};
   bool convert_level_set = false;
   bool enabled = true;
-  /// The file's grid where it has been read already; null: it is read. Not part of a scene's text.
-  std::shared_ptr<const ScalarField> field;
+  ArrayPlacement placement;
+  /// Those in memory, read from the file before or made of arrays; null: they are read. Not part of a scene's text.
+  std::shared_ptr<const VolumeGrids> grids;
 };
 
 struct EnvironmentSettings {
@@ -108,6 +125,9 @@ struct SurfaceSettings {
   std::string shadow = "traced";
   dmat4 object_to_world{1};
   bool enabled = true;
+  /// In its own space, where it is in memory already; null: it is read. Not part of a scene's text.
+  std::shared_ptr<const TriangleMesh> mesh;
+  std::string mesh_content;  ///< of a mesh that comes from no file: tells it from others
 };
 
 struct RenderSettings {
@@ -127,6 +147,18 @@ struct RenderSettings {
   std::string majorants = "cells";
   int cell_size = 8;
   double majorant_scale = 1;
+};
+
+/// What a scene's text does not hold: volumes and meshes of arrays, by their places in its lists, from 0, and the
+/// camera of a frame.
+struct SceneArrays {
+  struct Mesh {
+    std::shared_ptr<const TriangleMesh> mesh;
+    std::string content;  ///< SurfaceSettings::mesh_content
+  };
+  std::map<size_t, std::shared_ptr<const VolumeGrids>> volumes;
+  std::map<size_t, Mesh> meshes;
+  std::shared_ptr<const CameraMatrices> camera;  ///< instead of the text's
 };
 
 struct Scene {

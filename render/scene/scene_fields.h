@@ -205,6 +205,13 @@ void describe(Visitor& v, VolumeSettings& s) {
 }
 
 template <class Visitor>
+void describe(Visitor& v, ArrayPlacement& p) {
+  v({"voxel_size", "scene units per voxel", "of a volume of arrays: one number, or three along x, y and z", 1e-300},
+    p.voxel_size);
+  v({"origin", "scene units", "of a volume of arrays: where the value with the indices 0, 0, 0 sits"}, p.origin);
+}
+
+template <class Visitor>
 void describe(Visitor& v, LightSettings& l) {
   v({.key = "type",
      .help = "sun: parallel light from a disc; sphere, rectangle: surfaces that emit and that rays end on; point, spot",

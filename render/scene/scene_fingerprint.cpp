@@ -9,6 +9,7 @@
 #include "base/rng.h"
 #include "base/text.h"
 #include "render/scene/scene_fields.h"
+#include "volume/volume_grids.h"
 
 namespace brume {
 namespace {
@@ -50,6 +51,8 @@ class SettingTexts {
 /// Everything that decides the picture, as text: for the hash, and what is not at its default for people.
 class Fingerprint {
  public:
+  explicit Fingerprint(FileHashes* known) : known_(known) {}
+
   template <class Settings>
   void table(const std::string& name, Settings& settings) {
     SettingTexts set, standard;
@@ -63,12 +66,21 @@ class Fingerprint {
   }
   void file(const std::string& key, const fs::path& path) {
     if (path.empty()) return;
-    std::ifstream stream(path, std::ios::binary);
     uint64_t h = 0;
-    for (char buffer[1 << 16]; stream.read(buffer, sizeof buffer), stream.gcount() > 0;)
-      h = hash(std::string_view(buffer, static_cast<size_t>(stream.gcount())), h);
-    all_ += fmt::format("{:016x};", h);
-    settings_ += fmt::format("{} = content {:016x}\n", key, h);
+    const auto found = known_ ? known_->find(path) : FileHashes::iterator();
+    if (known_ && found != known_->end()) {
+      h = found->second;
+    } else {
+      std::ifstream stream(path, std::ios::binary);
+      for (char buffer[1 << 16]; stream.read(buffer, sizeof buffer), stream.gcount() > 0;)
+        h = hash(std::string_view(buffer, static_cast<size_t>(stream.gcount())), h);
+      if (known_) known_->emplace(path, h);
+    }
+    content(key, fmt::format("{:016x}", h));
+  }
+  void content(const std::string& key, const std::string& hash) {
+    all_ += hash + ";";
+    settings_ += fmt::format("{} = content {}\n", key, hash);
   }
   std::string hex() const { return fmt::format("{:016x}", hash(all_, 0)); }
   /// Lines, without the last one's end.
@@ -79,11 +91,12 @@ class Fingerprint {
     for (const char c : bytes) h = (h ^ static_cast<unsigned char>(c)) * 0x100000001b3ull + 0x9e3779b97f4a7c15ull;
     return mix64(h);
   }
+  FileHashes* known_;
   std::string all_, settings_;
 };
 
-Fingerprint fingerprint(Scene scene) {
-  Fingerprint print;
+Fingerprint fingerprint(Scene scene, FileHashes* known) {
+  Fingerprint print(known);
   // Samples, seed and frame are recorded beside the hash: parts of one render share it.
   const RenderSettings standard;
   scene.render.spp = standard.spp;
@@ -94,6 +107,9 @@ Fingerprint fingerprint(Scene scene) {
   print.table("render", scene.render);
   print.table("environment", scene.environment);
   print.file("camera.from_exr", scene.camera.from_exr);
+  if (const auto& m = scene.camera.matrices)
+    print.content("camera.matrices",
+                  fmt::format("{} {}", fmt::join(m->world_to_camera, " "), fmt::join(m->world_to_ndc, " ")));
   print.file("environment.file", scene.environment.file);
   const auto each = [&](const char* name, auto& tables, const auto& files_of) {
     for (size_t i = 0; i < tables.size(); ++i) {
@@ -102,11 +118,16 @@ Fingerprint fingerprint(Scene scene) {
       files_of(table, tables[i]);
     }
   };
-  each("volumes", scene.volumes,
-       [&](const std::string& t, const VolumeSettings& v) { print.file(t + ".file", v.file); });
+  each("volumes", scene.volumes, [&](const std::string& t, VolumeSettings& v) {
+    print.file(t + ".file", v.file);
+    if (!v.grids || !v.grids->of_arrays()) return;
+    print.table(t, v.placement);
+    print.content(t + ".arrays", v.grids->content);
+  });
   each("lights", scene.lights, [](const auto&...) {});
   each("surfaces", scene.surfaces, [&](const std::string& t, const SurfaceSettings& s) {
     print.file(t + ".file", s.file);
+    if (!s.mesh_content.empty()) print.content(t + ".arrays", s.mesh_content);
     print.file(t + ".albedo_texture", s.albedo_texture);
   });
   return print;
@@ -114,10 +135,51 @@ Fingerprint fingerprint(Scene scene) {
 
 }  // namespace
 
-void add_fingerprint(Scene& scene) {
-  const Fingerprint print = fingerprint(scene);
+void add_fingerprint(Scene& scene, FileHashes* known) {
+  const Fingerprint print = fingerprint(scene, known);
   scene.hash = print.hex();
   scene.settings = print.settings();
+}
+
+std::string world_of(const Scene& scene) {
+  std::string text;
+  const auto add = [&](auto settings) {
+    SettingTexts set;
+    describe(set, settings);
+    text += join(set.texts, ";") + "\n";
+  };
+  const auto add_file = [&](const fs::path& path) { text += path.string() + "\n"; };
+  CameraSettings camera;
+  camera.shutter = scene.camera.shutter;
+  camera.position_end = scene.camera.position_end;
+  camera.look_at_end = scene.camera.look_at_end;
+  add(camera);
+  RenderSettings render;
+  render.light_sampling = scene.render.light_sampling;
+  render.surface_density = scene.render.surface_density;
+  render.majorants = scene.render.majorants;
+  render.cell_size = scene.render.cell_size;
+  render.majorant_scale = scene.render.majorant_scale;
+  add(render);
+  add(scene.environment);
+  add_file(scene.environment.file);
+  for (const VolumeSettings& v : scene.volumes) {
+    add(v);
+    add_file(v.file);
+    if (!v.grids || !v.grids->of_arrays()) continue;
+    add(v.placement);
+    text += v.grids->content + "\n";
+  }
+  text += "lights\n";
+  for (const LightSettings& light : scene.lights) add(light);
+  text += "surfaces\n";
+  for (const SurfaceSettings& s : scene.surfaces) {
+    add(s);
+    add_file(s.file);
+    add_file(s.albedo_texture);
+    text += s.mesh_content + "\n";
+  }
+  return text;
 }
 
 }  // namespace brume

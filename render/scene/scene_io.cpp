@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <fstream>
+#include <iterator>
 #include <sstream>
 
 #include "base/error.h"
@@ -11,6 +12,7 @@
 #include "render/scene/scene_fields.h"
 #include "render/scene/scene_fingerprint.h"
 #include "render/scene/toml_table.h"
+#include "volume/volume_grids.h"
 
 namespace brume {
 namespace {
@@ -46,12 +48,29 @@ void check_light(Parser& parser, LightSettings& light, const toml::value& table)
   }
 }
 
-/// Whichever way the coefficients are given, they become sigma_t and albedo.
 void check_render(const Parser&, const RenderSettings& r, const toml::value& table) {
   if (!std::has_single_bit(static_cast<unsigned>(r.cell_size)))
     fail_at(fmt::format("'cell_size' is {}", r.cell_size), table.at("cell_size"), "expected 2, 4, 8, 16 or 32");
 }
 
+/// A volume of arrays: what they are stands for the keys that name a file's grids. @throws InputError
+void take_arrays(Parser& parser, VolumeSettings& v, const toml::value& table) {
+  const VolumeGrids& grids = *v.grids;
+  for (const char* key :
+       {"file", "grid", "albedo_grid", "temperature_grid", "flame_grid", "velocity_grid", "convert_level_set"})
+    if (parser.has(key))
+      fail_at(fmt::format("'{}' stands beside arrays", key), table.at(key),
+              "remove one of the two: a volume is a file or arrays");
+  if (v.shape != "grid")
+    fail_at(fmt::format("arrays stand beside shape = \"{}\"", v.shape), table.at("shape"), "remove one of the two");
+  if (grids.density) v.grid = "density";
+  if (grids.temperature) v.temperature_grid = "temperature";
+  if (grids.flame) v.flame_grid = "flame";
+  if (grids.colour) v.albedo_grid = "color";
+  if (grids.velocity) v.velocity_grid = "velocity";
+}
+
+/// Whichever way the coefficients are given, they become sigma_t and albedo.
 void check_volume(Parser& parser, VolumeSettings& v, const toml::value& table) {
   const auto conflict = [&](std::initializer_list<const char*> keys, const std::string& with) {
     for (const char* key : keys)
@@ -59,7 +78,8 @@ void check_volume(Parser& parser, VolumeSettings& v, const toml::value& table) {
         fail_at(fmt::format("'{}' stands beside {}", key, with), table.at(key), "remove one of the two");
   };
   const bool by_parts = parser.has("sigma_a") || parser.has("sigma_s");
-  if (v.shape == "grid" && v.file.empty())
+  if (v.grids) take_arrays(parser, v, table);
+  if (v.shape == "grid" && v.file.empty() && !v.grids)
     fail_at("[[volumes]] has no 'file'", table, "add file = ... here: OpenVDB file");
   if (v.shape != "grid") {
     conflict({"file", "grid", "albedo_grid", "temperature_grid", "flame_grid", "velocity_grid"},
@@ -118,6 +138,8 @@ void check_environment(const Parser& parser, const EnvironmentSettings& e, const
 }
 
 void check_surface(Parser& parser, SurfaceSettings& s, const toml::value& table) {
+  if (s.mesh && parser.has("file"))
+    fail_at("'file' stands beside arrays", table.at("file"), "remove one of the two: a mesh is a file or arrays");
   if (s.material == "dielectric" && !parser.has("albedo")) s.albedo = dvec3(1);
   if (s.material == "diffuse")
     for (const char* key : {"roughness", "ior"})
@@ -135,7 +157,7 @@ void check_camera(const Parser& parser, const CameraSettings& c, const toml::val
     for (const char* key : {"position", "look_at", "position_end", "look_at_end", "from_exr"})
       if (parser.has(key))
         fail_at(fmt::format("'{}' stands beside 'keys'", key), table.at(key), "remove one of the two");
-  if (c.from_exr.empty() && c.keys.empty())
+  if (c.from_exr.empty() && !c.matrices && c.keys.empty())
     for (const char* key : {"position", "look_at"})
       if (!parser.has(key))
         fail_at(fmt::format("[camera] has no '{}'", key), table, fmt::format("add {} = ... here", key));
@@ -144,8 +166,17 @@ void check_camera(const Parser& parser, const CameraSettings& c, const toml::val
     fail_at("the shutter closes before it opens", table.at("shutter"), "expected [open, close]");
 }
 
+/// Refuses arrays for entries that a scene has not.
+template <class Arrays>
+void check_places(const toml::value& root, const char* name, const Arrays& arrays) {
+  const size_t entries = root.contains(name) ? root.at(name).as_array().size() : 0;
+  if (!arrays.empty() && arrays.rbegin()->first >= entries)
+    throw InputError(fmt::format("{}.{}: arrays, but the scene has {} {}, counted from 0", name, arrays.rbegin()->first,
+                                 entries, name));
+}
+
 Scene scene_from(std::istream& stream, const fs::path& path, std::span<const std::string> overrides,
-                 bool with_fingerprint = true) {
+                 const SceneArrays& arrays = {}, bool with_fingerprint = true) {
   toml::value root = parse_toml(stream, path.string());
   for (const std::string& assignment : overrides) apply_assignment(root, assignment);
 
@@ -164,15 +195,17 @@ Scene scene_from(std::istream& stream, const fs::path& path, std::span<const std
     parser.check_files();
   };
   const auto no_check = [](const auto&...) {};
-  const auto array = [&](const char* name, auto& target, const auto& check) {
+  const auto array = [&](const char* name, auto& target, const auto& check, const auto& begin) {
     sections.push_back(name);
     if (!root.contains(name)) return;
     const toml::value& entries = root.at(name);
     if (!entries.is_array())
       fail_at(fmt::format("'{}' is {}", name, toml_type_name(entries)), entries, fmt::format("expected [[{}]]", name));
-    for (const toml::value& entry : entries.as_array()) {
+    for (size_t i = 0; i < entries.as_array().size(); ++i) {
+      const toml::value& entry = entries.as_array()[i];
       Parser parser(entry, fmt::format("[[{}]]", name), folder, scene.render.frame);
-      describe(parser, target.emplace_back());
+      begin(parser, target.emplace_back(), i);
+      describe(parser, target.back());
       parser.reject_unknown();
       check(parser, target.back(), entry);
       parser.check_files();
@@ -184,17 +217,33 @@ Scene scene_from(std::istream& stream, const fs::path& path, std::span<const std
     scene.name = root.at("name").as_string().str;
   }
   section("render", scene.render, check_render);  // first: its frame names the files of the others
+  scene.camera.matrices = arrays.camera;
   section("camera", scene.camera, check_camera);
   section("film", scene.film, no_check);
   section("environment", scene.environment, check_environment);
-  array("volumes", scene.volumes, check_volume);
-  array("lights", scene.lights, check_light);
-  array("surfaces", scene.surfaces, check_surface);
+  const auto volume = [&](Parser& parser, VolumeSettings& v, size_t i) {
+    const auto found = arrays.volumes.find(i);
+    if (found == arrays.volumes.end()) return;
+    v.grids = found->second;
+    describe(parser, v.placement);
+  };
+  const auto surface = [&](Parser& parser, SurfaceSettings& s, size_t i) {
+    const auto found = arrays.meshes.find(i);
+    if (found == arrays.meshes.end()) return;
+    s.mesh = found->second.mesh;
+    s.mesh_content = found->second.content;
+    parser.provides("file");
+  };
+  array("volumes", scene.volumes, check_volume, volume);
+  array("lights", scene.lights, check_light, no_check);
+  array("surfaces", scene.surfaces, check_surface, surface);
+  check_places(root, "volumes", arrays.volumes);
+  check_places(root, "surfaces", arrays.meshes);
   for (const auto& [key, value] : root.as_table())
     if (std::find(sections.begin(), sections.end(), key) == sections.end())
       fail_at(fmt::format("unknown key '{}'{}", key, suggestion(key, sections)), value, "not part of a scene");
 
-  if (!root.contains("camera"))
+  if (!root.contains("camera") && !arrays.camera)
     throw InputError(fmt::format("{}: has no [camera]; expected position, look_at and fov", path.string()));
   // A picture with no factor set is taken as it is.
   const bool has_picture = !scene.environment.file.empty() || scene.environment.sky != "none";
@@ -229,6 +278,11 @@ std::ifstream open_scene(const fs::path& path) {
 
 }  // namespace
 
+std::string read_scene_text(const fs::path& path) {
+  std::ifstream stream = open_scene(path);
+  return {std::istreambuf_iterator<char>(stream), {}};
+}
+
 Scene read_scene(const fs::path& path, std::span<const std::string> overrides) {
   std::ifstream stream = open_scene(path);
   return scene_from(stream, path, overrides);
@@ -236,17 +290,19 @@ Scene read_scene(const fs::path& path, std::span<const std::string> overrides) {
 
 Scene read_scene_alone(const fs::path& path, std::span<const std::string> overrides) {
   std::ifstream stream = open_scene(path);
-  return scene_from(stream, path, overrides, /*with_fingerprint=*/false);
+  return scene_from(stream, path, overrides, {}, /*with_fingerprint=*/false);
 }
 
-Scene parse_scene(const std::string& text, const fs::path& path, std::span<const std::string> overrides) {
+Scene parse_scene(const std::string& text, const fs::path& path, std::span<const std::string> overrides,
+                  const SceneArrays& arrays) {
   std::istringstream stream(text);
-  return scene_from(stream, path, overrides);
+  return scene_from(stream, path, overrides, arrays);
 }
 
-Scene parse_scene_alone(const std::string& text, const fs::path& path, std::span<const std::string> overrides) {
+Scene parse_scene_alone(const std::string& text, const fs::path& path, std::span<const std::string> overrides,
+                        const SceneArrays& arrays) {
   std::istringstream stream(text);
-  return scene_from(stream, path, overrides, /*with_fingerprint=*/false);
+  return scene_from(stream, path, overrides, arrays, /*with_fingerprint=*/false);
 }
 
 }  // namespace brume

@@ -47,12 +47,15 @@ class Collector {
   SceneTable& into_;
 };
 
-std::vector<SceneTable> outline(const toml::value& root, const fs::path& path) {
+std::vector<SceneTable> outline(const toml::value& root, const fs::path& path, const SceneArrays& arrays) {
   std::vector<SceneTable> tables;
   int frame = 0;
-  const auto table = [&](const std::string& name, const std::string& where, const toml::value* from, auto settings) {
+  const auto no_arrays = [](TomlTable&) {};
+  const auto table = [&](const std::string& name, const std::string& where, const toml::value* from, auto settings,
+                         const auto& begin) {
     if (from) {
       TomlTable parser(*from, where, path.parent_path(), frame);
+      begin(parser);
       describe(parser, settings);
       parser.reject_unknown();
     }
@@ -63,23 +66,29 @@ std::vector<SceneTable> outline(const toml::value& root, const fs::path& path) {
     return settings;
   };
   const auto section = [&](const char* name, auto settings) {
-    return table(name, fmt::format("[{}]", name), root.contains(name) ? &root.at(name) : nullptr, settings);
+    return table(name, fmt::format("[{}]", name), root.contains(name) ? &root.at(name) : nullptr, settings, no_arrays);
   };
-  const auto list = [&](const char* name, auto settings) {
+  const auto list = [&](const char* name, auto settings, const auto& begin) {
     if (!root.contains(name)) return;
     const toml::value& entries = root.at(name);
     if (!entries.is_array())
       fail_at(fmt::format("'{}' is {}", name, toml_type_name(entries)), entries, fmt::format("expected [[{}]]", name));
     for (size_t i = 0; i < entries.as_array().size(); ++i)
-      table(fmt::format("{}.{}", name, i), fmt::format("[[{}]]", name), &entries.as_array()[i], settings);
+      table(fmt::format("{}.{}", name, i), fmt::format("[[{}]]", name), &entries.as_array()[i], settings,
+            [&](TomlTable& parser) { begin(parser, i); });
   };
   frame = section("render", RenderSettings()).frame;
   section("camera", CameraSettings());
   section("film", FilmSettings());
   section("environment", EnvironmentSettings());
-  list("volumes", VolumeSettings());
-  list("lights", LightSettings());
-  list("surfaces", SurfaceSettings());
+  list("volumes", VolumeSettings(), [&](TomlTable& parser, size_t i) {
+    ArrayPlacement placement;
+    if (arrays.volumes.contains(i)) describe(parser, placement);
+  });
+  list("lights", LightSettings(), [](const auto&...) {});
+  list("surfaces", SurfaceSettings(), [&](TomlTable& parser, size_t i) {
+    if (arrays.meshes.contains(i)) parser.provides("file");
+  });
   return tables;
 }
 
@@ -187,13 +196,14 @@ const SceneKey* SceneTable::find(std::string_view key) const {
 }
 
 std::vector<SceneTable> outline_scene(const std::string& text, const fs::path& path,
-                                      std::span<const std::string> assignments) {
-  return outline(parsed(text, path, assignments), path);
+                                      std::span<const std::string> assignments, const SceneArrays& arrays) {
+  return outline(parsed(text, path, assignments), path, arrays);
 }
 
-std::string edited_scene(const std::string& text, const fs::path& path, std::span<const std::string> assignments) {
+std::string edited_scene(const std::string& text, const fs::path& path, std::span<const std::string> assignments,
+                         const SceneArrays& arrays) {
   toml::value wanted = parsed(text, path, assignments);
-  for (const std::string& assignment : absolute_files(outline(wanted, path), path))
+  for (const std::string& assignment : absolute_files(outline(wanted, path, arrays), path))
     apply_assignment(wanted, assignment);
   // What a text of unusual form makes of the edits is looked at; where it means something else, all is written anew.
   try {

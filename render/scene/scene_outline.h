@@ -32,13 +32,14 @@ struct SceneTable {
 
 /// What a scene says, key by key, disabled entries included: for programs that let people edit it. Values are the
 /// text's own, not yet combined with one another as read_scene does. Tables of numbers are written as text.
+/// @param arrays  the volumes and meshes that stand in no file
 /// @throws InputError as read_scene, but for what only its checks find
 std::vector<SceneTable> outline_scene(const std::string& text, const std::filesystem::path& path,
-                                      std::span<const std::string> assignments = {});
+                                      std::span<const std::string> assignments = {}, const SceneArrays& arrays = {});
 
 /// The text of a scene after assignments, comments and order kept; relative names of files become absolute, so that it
 /// may be put anywhere. @throws InputError as outline_scene
 std::string edited_scene(const std::string& text, const std::filesystem::path& path,
-                         std::span<const std::string> assignments);
+                         std::span<const std::string> assignments, const SceneArrays& arrays = {});
 
 }  // namespace brume

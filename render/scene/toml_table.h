@@ -48,11 +48,14 @@ class TomlTable {
     const auto it = entries.find(field.key);
     if (it != entries.end()) {
       read(field, it->second, target);
-    } else if (field.required) {
+    } else if (field.required && std::find(provided_.begin(), provided_.end(), field.key) == provided_.end()) {
       fail_at(fmt::format("{} has no '{}'", where_, field.key), table_,
               fmt::format("add {} = ... here: {}", field.key, field.help));
     }
   }
+
+  /// A required key whose value comes from elsewhere.
+  void provides(const char* key) { provided_.push_back(key); }
 
   /// Keys that are read elsewhere.
   void knows(std::initializer_list<const char*> keys) { known_.insert(known_.end(), keys.begin(), keys.end()); }
@@ -199,7 +202,7 @@ class TomlTable {
   std::string where_;
   std::filesystem::path folder_;
   int frame_;
-  std::vector<std::string> known_;
+  std::vector<std::string> known_, provided_;
   std::vector<std::pair<std::string, std::filesystem::path>> files_;
 };
 

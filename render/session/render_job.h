@@ -97,6 +97,9 @@ struct RenderJob {
   std::filesystem::path
       records;  ///< per-sample records go here (PathRecord); needs LayerRequest::records, and one pass
 
+  /// Called between passes, but those of rounds, with what makes the frame that the film holds, header and guides
+  /// included.
+  std::function<void(const std::function<Layers()>& frame)> show;
   /// Called whenever a tile's pixels have changed, from any thread, one at a time.
   std::function<void(const Film&, int tile)> watch;
   /// Called at once with what someone who waits for the picture should know.

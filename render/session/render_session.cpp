@@ -36,7 +36,7 @@ RenderSession::RenderSession(const PreparedScene& scene, const RenderJob& job, c
       first_(job.first_sample()),
       end_(job.end_sample()),
       progressive_(job.time_limit > 0 || job.target_error > 0 || !job.checkpoint.empty() || job.watch != nullptr ||
-                   job.next_round != nullptr),
+                   job.show != nullptr || job.next_round != nullptr),
       keep_(progressive_ || job.keep_state || !job.resume.empty()),
       camera_(scene.camera()),
       film_((check_memory(Film::layer_bytes(window_.width(), window_.height(), scene.plan().layers) +
@@ -174,6 +174,13 @@ void RenderSession::run_passes() {
     done_ = goal;
     if (done_ < total) write_regular_checkpoint();
     if (done_ == total || enough()) break;
+    if (job_.show) {
+      job_.show([this] {
+        record_guides(quiet(task_));
+        return film_so_far();
+      });
+      task_.check();
+    }
   }
 }
 

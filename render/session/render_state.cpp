@@ -240,23 +240,36 @@ void check_even_samples(const Layers& part, const std::string& name, size_t part
 }  // namespace
 
 Layers merge_parts(const std::vector<std::filesystem::path>& files, bool keep_state, const Task& task) {
-  Layers part = read_exr_state(files.at(0), task);
-  const Layers first = frame_like(part);
-  check_same_render(part, files[0].string(), part, files[0].string(), false);
-  Film film(part.width(), part.height(), recorded_in(part));
+  std::vector<RenderPart> parts;
+  for (const std::filesystem::path& file : files) parts.push_back(RenderPart::of_file(file));
+  return merge_parts(parts, keep_state, task);
+}
+
+Layers merge_parts(const std::vector<RenderPart>& parts, bool keep_state, const Task& task) {
+  Layers read;
+  const auto open = [&](const RenderPart& part) -> const Layers& {
+    if (part.frame) return *part.frame;
+    read = read_exr_state(part.file, task);
+    return read;
+  };
+  const std::string& first_name = parts.at(0).name;
+  const Layers* part = &open(parts[0]);
+  const Layers first = frame_like(*part);
+  check_same_render(*part, first_name, *part, first_name, false);
+  Film film(part->width(), part->height(), recorded_in(*part));
   std::map<std::string, Plane, std::less<>> guides;  // the same in all parts; a checkpoint may have none
   PartsHeader header;
-  for (size_t i = 0; i < files.size(); ++i) {
-    const std::string name = files[i].string();
+  for (size_t i = 0; i < parts.size(); ++i) {
+    const std::string& name = parts[i].name;
     if (i > 0) {
-      part = read_exr_state(files[i], task);
-      check_same_render(part, name, first, files[0].string(), false);
+      part = &open(parts[i]);
+      check_same_render(*part, name, first, first_name, false);
     }
-    check_even_samples(part, name, files.size());
-    header.add(part, name);
-    film.merge_state(part, name, task);
+    check_even_samples(*part, name, parts.size());
+    header.add(*part, name);
+    film.merge_state(*part, name, task);
     if (guides.empty())
-      for (const auto& [channel, plane] : part.channels())
+      for (const auto& [channel, plane] : part->channels())
         if (channel.starts_with("guide.")) guides.emplace(channel, plane);
   }
   parallel_for(film.tile_count(), task, [&](int tile) { film.develop(tile); });
@@ -266,7 +279,7 @@ Layers merge_parts(const std::vector<std::filesystem::path>& files, bool keep_st
   result.display = first.display;
   result.header = first.header;
   for (auto& [channel, plane] : guides) result.set(channel, std::move(plane));
-  header.write(result, files.size());
+  header.write(result, parts.size());
   return result;
 }
 

@@ -50,11 +50,22 @@ class CheckpointWriter {
   bool failing_ = false;
 };
 
+/// A part of a render: a file, or a frame in memory that has its sums as words.
+struct RenderPart {
+  std::string name;  ///< for errors
+  std::filesystem::path file;
+  const Layers* frame = nullptr;  ///< instead of the file
+
+  static RenderPart of_file(const std::filesystem::path& file) { return {file.string(), file}; }
+};
+
 /// Merges parts of one render, written with keep_state or as checkpoints: the same bits as one render of all their
 /// samples.
 /// @param keep_state  the result can be merged or resumed again
 /// @throws InputError: other scenes, seeds, crops, layers or program versions (says which), overlapping samples, no
 /// state; Interrupted
+Layers merge_parts(const std::vector<RenderPart>& parts, bool keep_state, const Task& task = {});
+/// The same of files.
 Layers merge_parts(const std::vector<std::filesystem::path>& files, bool keep_state, const Task& task = {});
 
 }  // namespace brume

@@ -1,9 +1,11 @@
 #include "render/session/renderer.h"
 
 #include <cmath>
+#include <stdexcept>
 
 #include "base/error.h"
 #include "base/parallel_for.h"
+#include "render/scene/scene_fingerprint.h"
 #include "render/session/flash_lamp.h"
 #include "render/session/render_session.h"
 #include "render/session/scene_notes.h"
@@ -28,46 +30,74 @@ PreparedScene::PreparedScene(Scene scene, const LayerRequest& layers, const Task
   if (sampling == "none" && lights_.any_delta())
     throw InputError(
         "light_sampling = \"none\" cannot find exactly parallel light or points; give the sun an angular_diameter above 0, or use spheres");
-  notes_ = media_.notes();
-  const auto add_notes = [&](const std::vector<std::string>& more) {
-    notes_.insert(notes_.end(), more.begin(), more.end());
-  };
-  if (surfaces_) add_notes(surfaces_->notes());
-  add_notes(scene_notes(scene_, media_, lights_, layers));
-
-  stop_.cancel = task.cancel;
-  context_.stop = &stop_;
+  world_notes_ = media_.notes();
+  if (surfaces_) {
+    const std::vector<std::string> own = surfaces_->notes();
+    world_notes_.insert(world_notes_.end(), own.begin(), own.end());
+  }
   context_.media = media_.media();
   context_.emissions = media_.emissions();
   context_.lights = &lights_;
   context_.surfaces = surfaces_.get();
-  context_.max_events = scene_.render.max_events;
-  context_.indirect_limit = scene_.render.indirect_limit;
-  context_.roulette_start = scene_.render.roulette_start;
   context_.isosurface_density = scene_.render.surface_density;
   context_.world_shift = media_.world_shift();
   context_.plan = make_plan(scene_, media_, lights_, surfaces_.get(), camera(), layers);
+  stop_.cancel = task.cancel;
+  context_.stop = &stop_;
   prepare_lanes(task);
-  if (context_.plan.flash) context_.flash = calibrated_flash_lamp(context_, scene_, camera(), media_.bounds());
-  context_.stop = nullptr;
+  context_ = context_for(scene_, camera(), layers, task);
+  notes_ = notes_for(scene_, layers);
 }
 
-void PreparedScene::look_from(const CameraSettings& camera, const FilmSettings& film) {
-  const Camera valid(camera, film.width, film.height, world_shift());
-  scene_.camera = camera;
-  scene_.film = film;
-  const LayerRequest layers = plan().layers;
-  context_.plan = make_plan(scene_, media_, lights_, surfaces_.get(), valid, layers);
-  if (context_.plan.flash) context_.flash = calibrated_flash_lamp(context_, scene_, valid, media_.bounds());
+PathContext PreparedScene::context_for(const Scene& scene, const Camera& camera, const LayerRequest& layers,
+                                       const Task& task) {
+  PathContext context = context_;
+  context.max_events = scene.render.max_events;
+  context.indirect_limit = scene.render.indirect_limit;
+  context.roulette_start = scene.render.roulette_start;
+  context.plan = make_plan(scene, media_, lights_, surfaces_.get(), camera, layers);
+  if (context.plan.isosurface) find_isosurfaces(task);
+  if (context.plan.flash) {
+    stop_.cancel = task.cancel;
+    context.stop = &stop_;
+    context.flash = calibrated_flash_lamp(context, scene, camera, media_.bounds());
+  }
+  context.stop = nullptr;
+  return context;
+}
+
+std::vector<std::string> PreparedScene::notes_for(const Scene& scene, const LayerRequest& layers) const {
+  std::vector<std::string> notes = world_notes_;
+  const std::vector<std::string> own = scene_notes(scene, media_, lights_, layers);
+  notes.insert(notes.end(), own.begin(), own.end());
+  return notes;
+}
+
+void PreparedScene::become(Scene scene, const LayerRequest& layers, const Task& task) {
+  if (world_of(scene) != world_of(scene_)) throw std::logic_error("PreparedScene::become: a scene of another world");
+  const Camera camera(scene.camera, scene.film.width, scene.film.height, world_shift());
+  context_ = context_for(scene, camera, layers, task);
+  notes_ = notes_for(scene, layers);
+  scene_ = std::move(scene);
+}
+
+PreparedScene::GuidesKey PreparedScene::guides_key(int samples) const {
+  const double pixels = static_cast<double>(scene_.film.width) * scene_.film.height;
+  return {Guides::detail(samples), Guides::most_nodes(pixels)};
+}
+
+bool PreparedScene::has_guides(int samples) const {
+  const std::lock_guard lock(solving_);
+  return guides_.contains(guides_key(samples));
 }
 
 const Guides* PreparedScene::guides(int samples, const Task& task) const {
   if (!plan().layers.guides) return nullptr;
   const std::lock_guard lock(solving_);
-  const double detail = Guides::detail(samples);
-  if (const auto found = guides_.find(detail); found != guides_.end()) return &found->second;
+  const GuidesKey key = guides_key(samples);
+  if (const auto found = guides_.find(key); found != guides_.end()) return &found->second;
   const double pixels = static_cast<double>(scene_.film.width) * scene_.film.height;
-  return &guides_.try_emplace(detail, context_, samples, pixels, task).first->second;
+  return &guides_.try_emplace(key, context_, samples, pixels, task).first->second;
 }
 
 void PreparedScene::prepare_lanes(const Task& task) {
@@ -81,9 +111,6 @@ void PreparedScene::prepare_lanes(const Task& task) {
                    {LaneGrid::of_values(d->field.parts[0]), LaneGrid::of_values(d->field.parts[1]),
                     LaneGrid::of_values(d->field.parts[2])}};
     grid = LaneGrid(medium.walked(), scene_.render.majorant_scale, task);
-    if (context_.plan.isosurface && !medium.displacement())
-      grid.find_isosurface(medium.bricks(),
-                           static_cast<float>(scene_.render.surface_density * medium.maximum_density()), task);
   }
   for (const EmissionField& field : context_.emissions)
     emission_grids_.push_back(LaneEmission::fits(field) && !field.shape().homogeneous()
@@ -92,6 +119,17 @@ void PreparedScene::prepare_lanes(const Task& task) {
   context_.lane_grids = lane_grids_;
   context_.emission_grids = emission_grids_;
   context_.displaced_grids = displaced_grids_;
+}
+
+/// Of the media that have none yet.
+void PreparedScene::find_isosurfaces(const Task& task) {
+  for (size_t i = 0; i < lane_grids_.size(); ++i) {
+    const Medium& medium = context_.media[i];
+    if (!single_precision_resolves(medium) || medium.displacement() || !lane_grids_[i].isosurface_cell.empty())
+      continue;
+    lane_grids_[i].find_isosurface(medium.bricks(),
+                                   static_cast<float>(scene_.render.surface_density * medium.maximum_density()), task);
+  }
 }
 
 // Cones of blocks of 8 x 8 pixels are bounded first, then their quarters from there on, down to single pixels. Blocks

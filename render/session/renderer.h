@@ -24,10 +24,11 @@ class PreparedScene {
   PreparedScene(const PreparedScene&) = delete;  // its parts refer to one another
   PreparedScene& operator=(const PreparedScene&) = delete;
 
-  /// Another camera and film for the renders that follow; media, lights and their guides stay as they are. The camera's
-  /// shutter and what moves over it must be as before. Not while a render runs.
-  /// @throws InputError as Camera, and leaves all as it was
-  void look_from(const CameraSettings& camera, const FilmSettings& film);
+  /// Takes the place of another scene of the same world (world_of), and other layers, for the renders that follow: what
+  /// was read, built and solved stays. They have the bits that they would have had of a scene prepared anew. Not while
+  /// a render runs.
+  /// @throws InputError as Camera; std::logic_error for another world; Interrupted. Then all is as it was
+  void become(Scene scene, const LayerRequest& layers, const Task& task = {});
 
   const Scene& scene() const { return scene_; }
   const Plan& plan() const { return context_.plan; }
@@ -46,6 +47,10 @@ class PreparedScene {
   /// Those that serve pictures of so many samples per pixel: solved when they are first asked for, then kept. Null
   /// unless guides are recorded. @throws Interrupted
   const Guides* guides(int samples, const Task& task = {}) const;
+  /// Whether guides() gives them at once.
+  bool has_guides(int samples) const;
+  /// How many have been solved.
+  size_t guides_solved() const { return guides_.size(); }
 
   /// The same bits for any number of threads, any split into parts and any interruption in between.
   /// @throws Interrupted after a checkpoint was written, where one was asked for; InputError
@@ -65,10 +70,15 @@ class PreparedScene {
                                        const Task& task = {}) const;
 
  private:
+  using GuidesKey = std::pair<double, double>;  // detail, Guides::most_nodes
+  GuidesKey guides_key(int samples) const;
+  PathContext context_for(const Scene& scene, const Camera& camera, const LayerRequest& layers, const Task& task);
+  std::vector<std::string> notes_for(const Scene& scene, const LayerRequest& layers) const;
+  void find_isosurfaces(const Task& task);
   void prepare_lanes(const Task& task);
 
   Scene scene_;
-  std::vector<std::string> notes_;
+  std::vector<std::string> world_notes_, notes_;
   SceneMedia media_;
   std::unique_ptr<Surfaces> surfaces_;
   Lights lights_;
@@ -77,7 +87,7 @@ class PreparedScene {
   StopSignal stop_;                                    // while it is prepared
   PathContext context_;
   mutable std::mutex solving_;
-  mutable std::map<double, Guides> guides_;  // by their detail
+  mutable std::map<GuidesKey, Guides> guides_;
 };
 
 }  // namespace brume

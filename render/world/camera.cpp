@@ -18,27 +18,34 @@ struct Projection {
   dvec2 half{0}, shift{0};
 };
 
-/// Position, view and projection from the two matrices of an EXR's header (row vectors; the camera looks along -z, or
-/// along +z as RenderMan's do). @param width, height  of the film
-Projection adopt_exr(CameraSettings& s, int width, int height) {
-  const std::string name = s.from_exr.string();
-  // Of what the scene's camera looks at: where it focuses and how it turns may depend on it.
-  const double distance = glm::distance(s.position, s.look_at);
-  const ExrInfo info = read_exr_info(s.from_exr);
-  const double aspect = static_cast<double>(info.width) / info.height,
-               film_aspect = static_cast<double>(width) / height;
-  if (std::abs(film_aspect / aspect - 1) > 0.02)
-    throw InputError(fmt::format("{}: is a picture of {} x {}, the film has {} x {}; expected a film of the same shape",
-                                 name, info.width, info.height, width, height));
-  const auto matrix = [&](const char* key) {
+/// The camera of an EXR's header. @throws InputError
+CameraMatrices read_matrices(const std::filesystem::path& path) {
+  const ExrInfo info = read_exr_info(path);
+  CameraMatrices matrices{path.string(), info.width, info.height, {}, {}};
+  for (const auto& [key, target] :
+       {std::pair("worldToCamera", &matrices.world_to_camera), {"worldToNDC", &matrices.world_to_ndc}}) {
     const auto it = info.header.find(key);
     const auto* m = it == info.header.end() ? nullptr : std::get_if<std::array<float, 16>>(&it->second);
     if (!m)
       throw InputError(
-          fmt::format("{}: its header has no matrix {}; expected worldToCamera and worldToNDC", name, key));
-    return *m;
-  };
-  const std::array<float, 16> c = matrix("worldToCamera"), n = matrix("worldToNDC");
+          fmt::format("{}: its header has no matrix {}; expected worldToCamera and worldToNDC", matrices.name, key));
+    *target = *m;
+  }
+  return matrices;
+}
+
+/// Position, view and projection from the two matrices of an EXR's header (row vectors; the camera looks along -z, or
+/// along +z as RenderMan's do). @param width, height  of the film
+Projection adopt_matrices(CameraSettings& s, const CameraMatrices& matrices, int width, int height) {
+  const std::string& name = matrices.name;
+  // Of what the scene's camera looks at: where it focuses and how it turns may depend on it.
+  const double distance = glm::distance(s.position, s.look_at);
+  const double aspect = static_cast<double>(matrices.width) / matrices.height,
+               film_aspect = static_cast<double>(width) / height;
+  if (std::abs(film_aspect / aspect - 1) > 0.02)
+    throw InputError(fmt::format("{}: is a picture of {} x {}, the film has {} x {}; expected a film of the same shape",
+                                 name, matrices.width, matrices.height, width, height));
+  const std::array<float, 16>&c = matrices.world_to_camera, &n = matrices.world_to_ndc;
   // camera = world * M: the columns of the upper 3 x 3 are the camera's axes, the last row its shift.
   dvec3 axes[3];
   for (int column = 0; column < 3; ++column)
@@ -96,8 +103,9 @@ Camera::Camera(const CameraSettings& settings, int width, int height, const dvec
   orthographic_ = s.type == "orthographic";
   const double extent = orthographic_ ? 0.5 * s.width : std::tan(0.5 * s.fov * kPi / 180.0);
   half_ = along_x ? dvec2(extent, extent / aspect) : dvec2(extent * aspect, extent);
-  if (!s.from_exr.empty()) {
-    const Projection projection = adopt_exr(s, width, height);
+  if (s.matrices || !s.from_exr.empty()) {
+    const CameraMatrices matrices = s.matrices ? *s.matrices : read_matrices(s.from_exr);
+    const Projection projection = adopt_matrices(s, matrices, width, height);
     orthographic_ = projection.orthographic;
     half_ = projection.half;
     shift_ = projection.shift;

@@ -3,7 +3,9 @@
 #include <fmt/format.h>
 
 #include "base/error.h"
+#include "volume/array_volume.h"
 #include "volume/majorant_cost.h"
+#include "volume/volume_grids.h"
 
 namespace brume {
 
@@ -72,7 +74,8 @@ class SceneMedia::Loader {
         v_(v),
         scene_(scene),
         task_(task),
-        file_(v.file.filename().string()),
+        file_(v.file.empty() ? fmt::format("volumes.{}", &v - scene.volumes.data()) : v.file.filename().string()),
+        named_(v.file.empty() ? file_ : v.file.string()),
         moves_(v.object_to_world_end != dmat4(0.0)),
         shutter_opens_(scene.camera.shutter.y > scene.camera.shutter.x) {}
 
@@ -101,6 +104,14 @@ class SceneMedia::Loader {
   void adopt(std::vector<std::string>& notes) {
     into_.notes_.insert(into_.notes_.end(), notes.begin(), notes.end());
     notes.clear();
+  }
+  bool of_arrays() const { return v_.grids && v_.grids->of_arrays(); }
+  /// Arrays lie where the scene says, files' grids where the file does.
+  template <class Field>
+  void place(Field& field) const {
+    if (!of_arrays()) return;
+    field.world_from_index = translation(v_.placement.origin);
+    for (int a = 0; a < 3; ++a) field.world_from_index[a][a] = v_.placement.voxel_size[a];
   }
   void count(const std::string& name, size_t bytes) { into_.parts_.push_back({file_ + ": " + name, bytes}); }
 
@@ -133,8 +144,13 @@ class SceneMedia::Loader {
     options.limit = v_.max_density;
     ScalarField& density = volume_->density;
     const bool unchanged = !options.convert_level_set && options.remap.empty() && !(options.limit > 0);
-    density =
-        v_.field && v_.field->summary.name == v_.grid && unchanged ? *v_.field : load_scalar(v_.file, options, task_);
+    if (of_arrays())
+      density = v_.grids->density ? adjusted_density(*v_.grids->density, options, task_) : ScalarField();
+    else if (v_.grids && v_.grids->density && unchanged)
+      density = *v_.grids->density;
+    else
+      density = load_scalar(v_.file, options, task_);
+    place(density);
     adopt(density.notes);
     count(density.summary.name, density.bricks.bytes());
     if (const BrickGrid& b = density.bricks; !b.empty()) {
@@ -165,7 +181,7 @@ class SceneMedia::Loader {
     const bool few = q.at(2) < 0.1 * medium.maximum_density();  // so large that they may be damage
     const std::string text = fmt::format(
         "{}: grid '{}' holds densities up to {:.3g}: a flight through one cell may take {:.1g} steps{}; half of its positive voxels are at most {:.3g}, 99 % {:.3g}, 99.99 % {:.3g}; {}",
-        v_.file.string(), volume_->density.summary.name, medium.maximum_density(), most,
+        named_, volume_->density.summary.name, medium.maximum_density(), most,
         most > kEndless ? ", which never ends" : ", and the render be slow", q.at(0), q.at(1), q.at(2),
         few ? fmt::format("if the rest is damage, limit it: -D volumes.{}.max_density={:.3g}",
                           &v_ - scene_.volumes.data(), q.at(2))
@@ -176,7 +192,9 @@ class SceneMedia::Loader {
 
   void load_colour_into(Medium& medium) {
     VectorField& colour = volume_->colour;
-    colour = load_colour(v_.file, v_.albedo_grid == "auto" ? "" : v_.albedo_grid, task_);
+    colour = v_.grids && v_.grids->colour ? *v_.grids->colour
+                                          : load_colour(v_.file, v_.albedo_grid == "auto" ? "" : v_.albedo_grid, task_);
+    place(colour);
     adopt(colour.notes);
     const dmat4 to_origin = translation(dvec3(colour.bricks.parts[0].origin()));
     medium.set_colour(colour.bricks, Placement(world_from(colour.world_from_index) * to_origin));
@@ -188,8 +206,10 @@ class SceneMedia::Loader {
     if (!shutter_opens_) return;
     if (v_.velocity_grid != "none" && !field.bricks.empty()) {
       const dvec2& shutter = scene_.camera.shutter;
-      displacement = load_displacement(v_.file, v_.velocity_grid == "auto" ? "" : v_.velocity_grid, field,
-                                       v_.velocity_scale, shutter.x, shutter.y, into_.notes_, task_);
+      displacement = of_arrays() ? displacement_of(*v_.grids->velocity, field, field.world_from_index,
+                                                   v_.velocity_scale, shutter.x, shutter.y, task_)
+                                 : load_displacement(v_.file, v_.velocity_grid == "auto" ? "" : v_.velocity_grid, field,
+                                                     v_.velocity_scale, shutter.x, shutter.y, into_.notes_, task_);
       shape.set_displacement(displacement);
       count("velocity of " + field.summary.name, displacement.field.bytes() + displacement.envelope.bytes());
     }
@@ -207,14 +227,17 @@ class SceneMedia::Loader {
 
   void load_temperature() {
     ScalarField& temperature = volume_->temperature;
-    temperature = load_scalar(v_.file, options_for(v_.temperature_grid, {"temperature", "temp"}), task_);
+    temperature = v_.grids && v_.grids->temperature
+                      ? *v_.grids->temperature
+                      : load_scalar(v_.file, options_for(v_.temperature_grid, kUsualTemperatureGrids), task_);
+    place(temperature);
     adopt(temperature.notes);
     count("temperature", temperature.bricks.bytes());
     const double highest = temperature.bricks.maximum();
     const double kelvin = v_.temperature_offset + v_.temperature_scale * highest;
     const std::string range = fmt::format(
         "{}: grid '{}' holds {:.4g} .. {:.4g}, at most {:.4g} K with temperature_offset {} and temperature_scale {}",
-        v_.file.string(), temperature.summary.name, temperature.summary.minimum, highest, kelvin, v_.temperature_offset,
+        named_, temperature.summary.name, temperature.summary.minimum, highest, kelvin, v_.temperature_offset,
         v_.temperature_scale);
     if (kelvin < EmissionRamp::kColdest) {
       note(range + ": too cold to glow (below 500 K). Set temperature_scale to the kelvin of one unit");
@@ -234,12 +257,14 @@ class SceneMedia::Loader {
     if (shown > 0.01 || !(shown > 0)) return;
     note(fmt::format(
         "{}: its fire is too faint to be seen, at most {:.2g} of white with blackbody_intensity = {}; {:.1g} would show it",
-        v_.file.string(), shown, v_.blackbody_intensity, 10 * v_.blackbody_intensity / shown));
+        named_, shown, v_.blackbody_intensity, 10 * v_.blackbody_intensity / shown));
   }
 
   void load_flame() {
     ScalarField& flame = volume_->flame;
-    flame = load_scalar(v_.file, options_for(v_.flame_grid, {"flame", "flames", "heat"}), task_);
+    flame = v_.grids && v_.grids->flame ? *v_.grids->flame
+                                        : load_scalar(v_.file, options_for(v_.flame_grid, kUsualFlameGrids), task_);
+    place(flame);
     adopt(flame.notes);
     count("flame", flame.bricks.bytes());
     add_emission(flame, volume_->flame_displacement, fire_ramp(v_));
@@ -249,7 +274,7 @@ class SceneMedia::Loader {
   const VolumeSettings& v_;
   const Scene& scene_;
   const Task& task_;
-  const std::string file_;
+  const std::string file_, named_;  // how notes and errors call the volume
   const bool moves_, shutter_opens_;
   Volume* volume_ = nullptr;
 };

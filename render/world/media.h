@@ -11,6 +11,10 @@
 
 namespace brume {
 
+/// Where a volume's setting leaves the name of a grid open ("auto").
+inline const std::vector<std::string> kUsualTemperatureGrids = {"temperature", "temp"},
+                                      kUsualFlameGrids = {"flame", "flames", "heat"};
+
 /// The volumes of a scene, loaded: fields, the media that scatter, the fields that emit.
 class SceneMedia {
  public:

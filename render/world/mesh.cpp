@@ -5,11 +5,14 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <fstream>
+#include <span>
 #include <sstream>
 #include <string_view>
 
 #include "base/error.h"
+#include "base/rng.h"
 
 namespace brume {
 namespace {
@@ -205,22 +208,7 @@ class PlyReader {
 
 }  // namespace
 
-TriangleMesh load_mesh(const fs::path& path, const dmat4& world_from_object) try {
-  std::error_code error;
-  if (!fs::exists(path, error)) fail(path, "no such file");
-  if (fs::is_directory(path, error)) fail(path, "is a folder, expected a mesh (OBJ or PLY)");
-  char magic[4] = {};
-  std::ifstream(path, std::ios::binary).read(magic, 3);
-  std::string extension = path.extension().string();
-  std::transform(extension.begin(), extension.end(), extension.begin(), [](char c) { return std::tolower(c); });
-  TriangleMesh mesh;
-  if (std::string_view(magic) == "ply")
-    mesh = PlyReader(path).read();
-  else if (extension == ".obj")
-    mesh = read_obj(path);
-  else
-    fail(path, "is neither PLY (by its first bytes) nor OBJ (by its name)");
-
+TriangleMesh place_mesh(TriangleMesh mesh, const std::string& name, const dmat4& world_from_object) {
   for (dvec3& p : mesh.positions) p = dvec3(world_from_object * glm::dvec4(p, 1.0));
   const dmat3 normal_to_world = glm::transpose(glm::inverse(dmat3(world_from_object)));
   bool usable = true;
@@ -232,7 +220,7 @@ TriangleMesh load_mesh(const fs::path& path, const dmat4& world_from_object) try
   }
   if (!usable) {
     mesh.normals.clear();
-    mesh.notes.push_back(fmt::format("{}: has normals without a direction: shaded by its triangles", path.string()));
+    mesh.notes.push_back(fmt::format("{}: has normals without a direction: shaded by its triangles", name));
   }
   const auto count = static_cast<int>(mesh.positions.size());
   size_t degenerate = 0, broken = 0;
@@ -240,7 +228,7 @@ TriangleMesh load_mesh(const fs::path& path, const dmat4& world_from_object) try
   for (size_t i = 0; i < mesh.triangles.size(); ++i) {
     const ivec3& t = mesh.triangles[i];
     if (std::min({t.x, t.y, t.z}) < 0 || std::max({t.x, t.y, t.z}) >= count)
-      fail(path, fmt::format("face {} names a vertex that is not there; there are {}", i, count));
+      fail(name, fmt::format("face {} names a vertex that is not there; there are {}", i, count));
     const double area = mesh.area(i);
     if (!std::isfinite(area))
       ++broken;
@@ -250,15 +238,50 @@ TriangleMesh load_mesh(const fs::path& path, const dmat4& world_from_object) try
       kept.push_back(t);
   }
   mesh.triangles = std::move(kept);
-  if (broken)
-    mesh.notes.push_back(fmt::format("{}: {} triangles that are not finite were dropped", path.string(), broken));
-  if (degenerate)
-    mesh.notes.push_back(fmt::format("{}: {} degenerate triangles were dropped", path.string(), degenerate));
-  if (mesh.triangles.empty()) fail(path, "holds no triangle with an area");
+  if (broken) mesh.notes.push_back(fmt::format("{}: {} triangles that are not finite were dropped", name, broken));
+  if (degenerate) mesh.notes.push_back(fmt::format("{}: {} degenerate triangles were dropped", name, degenerate));
+  if (mesh.triangles.empty()) fail(name, "holds no triangle with an area");
   // A mirroring transform turns triangles inside out; their outside is kept where it was.
   if (glm::determinant(dmat3(world_from_object)) < 0)
     for (ivec3& t : mesh.triangles) std::swap(t.y, t.z);
   return mesh;
+}
+
+std::string content_of(const TriangleMesh& mesh) {
+  uint64_t hash = 0;
+  const auto add = [&](const auto& values) {
+    hash = hash_combine(hash, values.size());
+    const auto bytes = std::as_bytes(std::span(values));
+    for (size_t i = 0; i + 4 <= bytes.size(); i += 4) {
+      uint32_t word;
+      std::memcpy(&word, bytes.data() + i, 4);
+      hash = hash_combine(hash, word);
+    }
+  };
+  add(mesh.positions);
+  add(mesh.triangles);
+  add(mesh.texcoords);
+  add(mesh.normals);
+  return fmt::format("{:016x}", hash);
+}
+
+TriangleMesh read_mesh(const fs::path& path) try {
+  std::error_code error;
+  if (!fs::exists(path, error)) fail(path, "no such file");
+  if (fs::is_directory(path, error)) fail(path, "is a folder, expected a mesh (OBJ or PLY)");
+  char magic[4] = {};
+  std::ifstream(path, std::ios::binary).read(magic, 3);
+  std::string extension = path.extension().string();
+  std::transform(extension.begin(), extension.end(), extension.begin(), [](char c) { return std::tolower(c); });
+  if (std::string_view(magic) == "ply") return PlyReader(path).read();
+  if (extension == ".obj") return read_obj(path);
+  fail(path, "is neither PLY (by its first bytes) nor OBJ (by its name)");
+} catch (const std::bad_alloc& error) {
+  fail_reading(path.string(), error);
+}
+
+TriangleMesh load_mesh(const fs::path& path, const dmat4& world_from_object) try {
+  return place_mesh(read_mesh(path), path.string(), world_from_object);
 } catch (const std::bad_alloc& error) {
   fail_reading(path.string(), error);
 }

@@ -8,7 +8,7 @@
 
 namespace brume {
 
-/// Triangles in the renderer's world space.
+/// Triangles in the renderer's world space, or in their own.
 struct TriangleMesh {
   std::vector<dvec3> positions;
   std::vector<ivec3> triangles;    ///< indices into positions
@@ -30,6 +30,17 @@ struct TriangleMesh {
     return 0.5 * glm::length(glm::cross(b - a, c - a));
   }
 };
+
+/// Moves a mesh from its own space into the world; drops triangles without an area and normals without a direction, and
+/// says so. Indices that are out of range are refused.
+/// @param name  how notes and errors call it   @param world_from_object  affine   @throws InputError
+TriangleMesh place_mesh(TriangleMesh mesh, const std::string& name, const dmat4& world_from_object);
+
+/// Tells a mesh's values from others: SurfaceSettings::mesh_content.
+std::string content_of(const TriangleMesh& mesh);
+
+/// A mesh in its own space, out of a file as load_mesh reads it. @throws InputError
+TriangleMesh read_mesh(const std::filesystem::path& path);
 
 /// Reads Wavefront OBJ or PLY (ASCII or binary little-endian) and places it. Polygons are split into fans, degenerate
 /// triangles dropped and counted. Vertex normals are kept where every vertex has one.

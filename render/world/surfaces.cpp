@@ -93,12 +93,13 @@ Surfaces::Surfaces(const std::vector<SurfaceSettings>& settings, const dvec3& wo
                       : s.material == "dielectric" ? Bsdf::Kind::kDielectric
                                                    : Bsdf::Kind::kDiffuse,
                       s.albedo, s.roughness, s.ior});
-    meshes_.push_back(load_mesh(s.file, translation(-world_shift) * s.object_to_world));
+    const dmat4 placed = translation(-world_shift) * s.object_to_world;
+    const std::string name = s.file.empty() ? fmt::format("surfaces.{}", meshes_.size()) : s.file.string();
+    meshes_.push_back(s.mesh ? place_mesh(*s.mesh, name, placed) : load_mesh(s.file, placed));
     textures_.push_back(s.albedo_texture.empty() ? nullptr : std::make_unique<Texture>(s.albedo_texture));
     const TriangleMesh& mesh = meshes_.back();
     if (textures_.back() && mesh.texcoords.empty())
-      throw InputError(
-          fmt::format("{}: has no texture coordinates for {}", s.file.string(), s.albedo_texture.string()));
+      throw InputError(fmt::format("{}: has no texture coordinates for {}", name, s.albedo_texture.string()));
     for (const ivec3& triangle : mesh.triangles)
       for (int k = 0; k < 3; ++k) {
         lo = glm::min(lo, mesh.positions[triangle[k]]);

@@ -17,7 +17,7 @@ struct VolumeScene {
 
   std::string before_file, after_file;  ///< the text around the volume's name
   std::vector<std::string> assumptions;
-  std::shared_ptr<const ScalarField> density;  ///< as it was read, for VolumeSettings::field
+  std::shared_ptr<const ScalarField> density;  ///< as it was read, for VolumeSettings::grids
 };
 
 /// A scene for a bare OpenVDB file: the camera frames the grid's bounds, the extinction gives a sensible optical depth

@@ -89,10 +89,5 @@ TEST(Registry, EveryDeclarationIsComplete) {
   }
 }
 
-TEST(Registry, DocsAreInStep) {
-  EXPECT_EQ(test::read_file(test::source("docs/filters.md")), filters_reference())
-      << "run: brume docs filters > docs/filters.md";
-}
-
 }  // namespace
 }  // namespace brume

@@ -85,6 +85,7 @@ export function About() {
                 {settingOf(m) && <small> {settingOf(m)}</small>}
               </th>
               <td>
+                {m.command && <code class="parameter">{m.command}</code>}
                 {index.parameters(view.scene, view.spp, m.id).map(([name, value]) => (
                   <code key={name} class="parameter">
                     {name}

@@ -32,6 +32,8 @@ export interface Method {
   parameters?: unknown;
   features?: unknown;
   setting?: string | null;
+  /** The words of a filter that is not brume's: a command, or a function. */
+  command?: string;
 }
 
 export interface Estimate {
@@ -44,6 +46,8 @@ export interface Seconds {
   render?: number;
   guides?: number;
   filter?: number;
+  /** Of handing files to a filter that is not brume's; in no total. */
+  exchange?: number;
 }
 
 export interface Row {

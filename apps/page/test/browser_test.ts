@@ -454,6 +454,20 @@ describe("tables and plots", () => {
     await context.close();
   });
 
+  test("a filter that is not brume's shows its command", async () => {
+    const others = join(folder, "others.html");
+    const { results } = fixture();
+    const command = "python3 mine.py {frame} {output}";
+    results.methods[1] = { ...results.methods[1]!, filter: "command", parameters: "", command };
+    const json = JSON.stringify(results).replaceAll("<", "\\u003c"); // as the page has it
+    writeFileSync(others, readFileSync(made, "utf8").replace(/id="results">[^<]*</, () => `id="results">${json}<`));
+    const context = await reader();
+    const page = await open(context, others, "tab=about");
+    const row = page.locator(`tr[data-method="${results.methods[1]!.id}"]`);
+    await comesTo(() => row.locator("code.parameter").first().textContent(), command);
+    await context.close();
+  });
+
   test("a bare evaluation has no tabs without content", async () => {
     const bare = join(folder, "bare.html");
     const { results } = fixture();

@@ -14,9 +14,10 @@ import functools as _functools
 import inspect as _inspect
 
 from . import _brume
-from ._brume import InputError, Layers, __commit__, __version__
+from ._brume import InputError, Layers, Scene, __commit__, __version__
 
-__all__ = ["InputError", "Layers", "denoise", "filters", "metrics", "read", "render", "view", "write"]
+# What the module declares is what the package offers.
+__all__ = sorted(_name for _name in vars(_brume) if not _name.startswith("_"))
 
 
 def _signature(function):
@@ -43,13 +44,15 @@ def _in_python(function, signature, name):
     return call
 
 
-for _name in ("denoise", "filters", "metrics", "read", "render", "view", "write"):
+for _name in __all__:
     _value = getattr(_brume, _name)
-    globals()[_name] = _in_python(_value, _signature(_value), _name)
-for _name, _value in list(vars(Layers).items()):
-    if callable(_value) and not _name.startswith("_"):
-        setattr(Layers, _name, _in_python(_value, _of_method(_signature(_value)), f"Layers.{_name}"))
-_init = _of_method(_signature(Layers.__init__))
-Layers.__signature__ = _init.replace(parameters=list(_init.parameters.values())[1:], return_annotation=Layers)
-Layers.__module__ = "brume"
+    if not isinstance(_value, type):
+        globals()[_name] = _in_python(_value, _signature(_value), _name)
+for _class in (Layers, Scene):
+    for _name, _value in list(vars(_class).items()):
+        if callable(_value) and not _name.startswith("_"):
+            setattr(_class, _name, _in_python(_value, _of_method(_signature(_value)), f"{_class.__name__}.{_name}"))
+    _init = _of_method(_signature(_class.__init__))
+    _class.__signature__ = _init.replace(parameters=list(_init.parameters.values())[1:], return_annotation=_class)
+    _class.__module__ = "brume"
 InputError.__signature__ = _inspect.Signature([_inspect.Parameter("args", _inspect.Parameter.VAR_POSITIONAL)])

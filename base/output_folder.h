@@ -3,7 +3,7 @@
 #include <optional>
 #include <string>
 
-namespace brume::app {
+namespace brume {
 
 /// A lock on a file that its process holds until it ends, however it ends.
 class FileLock {
@@ -39,4 +39,4 @@ class OutputFolder {
   std::optional<FileLock> lock_;
 };
 
-}  // namespace brume::app
+}  // namespace brume

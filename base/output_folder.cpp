@@ -1,4 +1,4 @@
-#include "apps/cli/output_folder.h"
+#include "base/output_folder.h"
 
 #include <fcntl.h>
 #include <fmt/format.h>
@@ -10,7 +10,7 @@
 
 #include "base/error.h"
 
-namespace brume::app {
+namespace brume {
 namespace {
 
 namespace fs = std::filesystem;
@@ -91,4 +91,4 @@ void OutputFolder::commit() {
   }
 }
 
-}  // namespace brume::app
+}  // namespace brume

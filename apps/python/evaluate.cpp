@@ -1,0 +1,230 @@
+#include "workflows/evaluate.h"
+
+#include <fmt/format.h>
+#include <pybind11/stl.h>
+
+#include <cstdio>
+
+#include "apps/python/bindings.h"
+#include "apps/python/convert.h"
+#include "apps/python/work.h"
+#include "evaluate/report/report.h"
+
+namespace brume::python {
+namespace {
+
+constexpr const char* kEvaluateHelp =
+    "Compares filters, yours among them, as `brume evaluate` does.\n\n"
+    "experiment: path of an experiment (docs/experiment.md), or of one scene or several. filters: a mapping from labels to\n"
+    "functions of yours, or to filters of brume's such as \"nl_means:search-radius=5\": beside those of the experiment; or an\n"
+    "iterable of both, in their place. A scene by itself has all of brume's, unless there are any here. output: folder\n"
+    "to write tables, plots, pictures and index.html to. cache: folder of frames and results, of which none is made twice.\n"
+    "size, spp, seeds, reference_spp, component, background, search: instead of the experiment's. Every other keyword sets a\n"
+    "key of every scene, a dot written as two underscores: camera__fov=30.\n\n"
+    "A function is called in this thread with a frame, brume.Layers, and gives height x width x 3 or Layers back. The\n"
+    "frame's R, G, B are the light to clean, with coverage and alpha beside them. Attributes of the function ask for more:\n"
+    "layers = [\"albedo\", \"guides\"]; statistics = True for mean_variance, half_a and half_b; time_limit in seconds, which is\n"
+    "judged afterwards. What it raises is its failure, told in the tables; KeyboardInterrupt ends the run. With a cache its\n"
+    "results are kept under its code: bytecode, constants, defaults, the values that it closes over or names of its\n"
+    "module, functions there by their code; or under its attribute cache_key alone, where it has one.\n\n"
+    "The dict is that of results.json. Raises InputError.";
+
+/// The last words of an exception of Python's, in one line.
+std::string last_words(py::error_already_set& error) {
+  const py::list lines =
+      py::module_::import("traceback").attr("format_exception")(error.type(), error.value(), error.trace());
+  std::vector<std::string> words;
+  for (const std::string& line : split(to_text(py::str("").attr("join")(lines)), '\n')) {
+    const size_t begin = line.find_first_not_of(' ');
+    // What points into the line above tells nothing here.
+    if (begin != std::string::npos && line.find_first_not_of(" ^~") != std::string::npos)
+      words.push_back(line.substr(begin));
+  }
+  constexpr size_t kLines = 4;
+  if (words.size() > kLines) words.erase(words.begin(), words.end() - static_cast<std::ptrdiff_t>(kLines));
+  return join(words, " / ");
+}
+
+/// Calls a function of Python's. @throws InputError for its failure; py::error_already_set for what ends the run
+ExternalOutput call(py::handle function, const ExternalInput& input) {
+  ExternalOutput output;
+  try {
+    const Stopwatch before;
+    const py::object frame = py::cast(std::make_shared<Layers>(input.frame));
+    output.exchange_seconds = before.seconds();
+    const Stopwatch clock;
+    const py::object result = function(frame);
+    output.seconds = clock.seconds();
+    if (result.is_none())
+      throw InputError("it gave nothing back (None); expected height x width x 3 numbers, or Layers");
+    const Stopwatch after;
+    output.picture = *to_layers(result);
+    output.exchange_seconds += after.seconds();
+  } catch (py::error_already_set& error) {
+    if (!error.matches(PyExc_Exception)) throw;
+    throw InputError(
+        fmt::format("raised {}; its last words: {}", to_text(error.type().attr("__name__")), last_words(error)));
+  } catch (const InputError& error) {
+    throw InputError(fmt::format("its result is no picture: {}", error.what()));
+  } catch (const py::builtin_exception& error) {
+    throw InputError(fmt::format("its result is no picture: {}", error.what()));
+  }
+  return output;
+}
+
+/// Everything that decides a function's result. @throws InputError for one that cannot be told from another
+std::string key_of(const std::string& label, py::handle function) {
+  try {
+    return to_text(py::module_::import("brume._fingerprint").attr("fingerprint")(function));
+  } catch (const py::error_already_set& error) {
+    if (!error.matches(PyExc_ValueError)) throw;
+    throw InputError(fmt::format(
+        "filters['{}']: {}, so that the cache could not tell when the function's results are out of date; set its attribute cache_key, such as \"version 1\", to say so yourself",
+        label, to_text(py::str(error.value()))));
+  }
+}
+
+/// Where functions are called from: known once the work has begun.
+struct Caller {
+  const Work* work = nullptr;
+};
+
+/// A function as a filter. @param function, caller  outlive it
+Contender contender_of(const std::string& label, py::handle function, bool cached, const Caller& caller) {
+  ExternalFilter filter;
+  const std::vector<LayerName> known = layers_to_ask_for();
+  if (py::hasattr(function, "layers"))
+    for (const std::string& name : to_words(function.attr("layers")))
+      filter.ask_for(name, known, fmt::format("filters['{}'].layers", label));
+  if (py::hasattr(function, "statistics")) filter.statistics = function.attr("statistics").cast<bool>();
+  filter.kind = "function";
+  filter.words = py::hasattr(function, "__qualname__") ? to_text(function.attr("__qualname__"))
+                                                       : to_text(py::type::handle_of(function).attr("__qualname__"));
+  filter.key = "function " + (cached ? key_of(label, function) : label);
+  filter.run = [&caller, function](const ExternalInput& input, const Task&) {
+    ExternalOutput output;
+    caller.work->in_caller([&] { output = call(function, input); });
+    return output;
+  };
+  Contender contender = external_contender(std::move(filter), label);
+  if (py::hasattr(function, "time_limit")) contender.time_limit = function.attr("time_limit").cast<double>();
+  return contender;
+}
+
+/// Filters by label: functions and names.
+struct NamedFilters {
+  std::vector<std::pair<std::string, py::object>> entries;
+  bool replace = false;  ///< those of the experiment
+
+  explicit NamedFilters(const py::object& given) {
+    if (given.is_none()) return;
+    if (PyMapping_Check(given.ptr()) && py::hasattr(given, "items")) {
+      for (const auto& [label, filter] : py::dict(given))
+        entries.emplace_back(to_text(label), py::reinterpret_borrow<py::object>(filter));
+      return;
+    }
+    replace = true;
+    if (py::isinstance<py::str>(given) || PyCallable_Check(given.ptr())) {
+      entries.emplace_back("", given);
+      return;
+    }
+    for (const py::handle filter : given) entries.emplace_back("", py::reinterpret_borrow<py::object>(filter));
+  }
+};
+
+/// @param filters, caller  outlive the options
+void add_filters(EvaluateOptions& options, const NamedFilters& filters, const Caller& caller) {
+  if (filters.replace) options.experiment.filters.clear();
+  for (const auto& [label, filter] : filters.entries) {
+    if (py::isinstance<py::str>(filter)) {
+      ExperimentFilter& own = options.experiment.filters.emplace_back(ExperimentFilter::of(to_text(filter)));
+      own.label = label;
+      continue;
+    }
+    if (!PyCallable_Check(filter.ptr()))
+      throw InputError(fmt::format("filters['{}']: expected a function or a filter's name, found {}", label,
+                                   to_text(py::repr(filter))));
+    const std::string name = !label.empty()                    ? label
+                             : py::hasattr(filter, "__name__") ? to_text(filter.attr("__name__"))
+                                                               : "";
+    if (name.empty()) throw InputError("filters: one has no name; give a mapping from labels to filters");
+    options.others.push_back(contender_of(name, filter, !options.cache.empty(), caller));
+  }
+}
+
+std::vector<int> to_counts(const py::object& spp) {
+  std::vector<int> counts = PyIndex_Check(spp.ptr()) ? std::vector<int>{spp.cast<int>()} : spp.cast<std::vector<int>>();
+  for (const int count : counts)
+    if (count < 1 || count > 1 << 20) throw InputError(fmt::format("spp: expected 1 .. {}, found {}", 1 << 20, count));
+  if (counts.empty()) throw InputError("spp: expected at least one sample count");
+  return counts;
+}
+
+int to_number(const char* name, const py::object& value, int lowest, int highest) {
+  const auto number = value.cast<int64_t>();
+  if (number < lowest || number > highest)
+    throw InputError(fmt::format("{}: expected {} .. {}, found {}", name, lowest, highest, number));
+  return static_cast<int>(number);
+}
+
+/// Stages "[3/14] ..." as parts of the whole.
+std::function<void(double)> progress_of_stage(const Task& whole, const std::string& stage) {
+  size_t number = 1, count = 1;
+  if (!whole.progress || std::sscanf(stage.c_str(), "[%zu/%zu]", &number, &count) != 2) return {};
+  const auto of_all = static_cast<double>(count);
+  return share(whole, static_cast<double>(number - 1) / of_all, static_cast<double>(number) / of_all).progress;
+}
+
+py::object evaluate(const py::object& experiment, const py::object& filters, const py::object& output,
+                    const py::object& cache, const py::object& size, const py::object& spp, const py::object& seeds,
+                    const py::object& reference_spp, const py::object& component, const py::object& background,
+                    const py::object& search, int threads, const py::object& progress, const py::kwargs& keywords) {
+  std::vector<std::filesystem::path> files;
+  if (PyUnicode_Check(experiment.ptr()) || PyBytes_Check(experiment.ptr()) || py::hasattr(experiment, "__fspath__"))
+    files.emplace_back(to_path(experiment));
+  else
+    for (const py::handle file : experiment) files.emplace_back(to_path(file));
+  if (files.empty()) throw InputError("experiment: expected a file, found none");
+  EvaluateOptions options;
+  Experiment& e = options.experiment;
+  e = open_experiment(files);
+  const bool only_scenes = e.text.empty();
+  if (!output.is_none()) options.output = to_path(output);
+  if (!cache.is_none()) options.cache = to_path(cache);
+  options.command = "brume.evaluate of Python";
+  if (!size.is_none()) e.size = to_number("size", size, 1, 65536);
+  if (!spp.is_none()) e.spp = to_counts(spp);
+  if (!seeds.is_none()) e.seeds = to_number("seeds", seeds, 1, 1000);
+  if (!reference_spp.is_none()) e.reference_spp = to_number("reference_spp", reference_spp, 1, 1 << 24);
+  if (!component.is_none()) e.component = to_text(component);
+  if (!background.is_none()) e.background = to_text(background);
+  if (!search.is_none()) e.search = search.cast<bool>();
+  for (ExperimentScene& scene : e.scenes)
+    for (const std::string& assignment : to_overrides(keywords)) scene.set.push_back(assignment);
+  const NamedFilters named(filters);
+  Caller caller;
+  add_filters(options, named, caller);
+  options.chosen_filters = named.replace || (only_scenes && !named.entries.empty());
+
+  std::string results;
+  run_work({progress}, threads, [&](const Work& work) {
+    caller.work = &work;
+    Host host = host_of(work);
+    host.progress = [&](const std::string& stage) { return progress_of_stage(work.task, stage); };
+    results = json_report(evaluate_experiment(options, host));
+  });
+  return py::module_::import("json").attr("loads")(to_str(results));
+}
+
+}  // namespace
+
+void bind_evaluate(py::module_& module) {
+  const auto unless_given = [](const char* name) { return py::arg(name) = py::none(); };
+  module.def("evaluate", &evaluate, py::arg("experiment"), unless_given("filters"), py::kw_only(),
+             unless_given("output"), unless_given("cache"), unless_given("size"), unless_given("spp"),
+             unless_given("seeds"), unless_given("reference_spp"), unless_given("component"),
+             unless_given("background"), unless_given("search"), py::arg("threads") = 0, unless_given("progress"),
+             kEvaluateHelp);
+}
+
+}  // namespace brume::python

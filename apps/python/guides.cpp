@@ -1,0 +1,75 @@
+#include <fmt/format.h>
+
+#include "apps/python/bindings.h"
+#include "apps/python/scene.h"
+#include "base/output_file.h"
+#include "image/exr_io.h"
+#include "workflows/guide_frame.h"
+
+namespace brume::python {
+namespace {
+
+constexpr const char* kGuidesHelp =
+    "Guides for a frame of any renderer, noise-free layers that denoise takes: what `brume guides` computes.\n\n"
+    "like: the frame, as path, Layers or mapping of arrays: its size, and its camera where its header has one\n"
+    "(worldToCamera and worldToNDC). scene: as brume.Scene takes it: lights, media and, where the frame's header has\n"
+    "none, the camera; of a Scene the light is solved once for all frames. volume: an OpenVDB file instead of the\n"
+    "scene's first one, or alone, with assumed coefficients and lights. samples: per pixel of the frame, more of them\n"
+    "deserve guides in more detail; else its header's, or 16. output: an EXR to write, too. Every other keyword sets a\n"
+    "key of the scene: volumes__0__sigma_t=18. Returns Layers with the channels guide.*. Raises InputError: neither\n"
+    "scene nor volume, no camera, nothing that scatters or glows.";
+
+LayersPointer guides(const py::object& like, const py::object& scene, const py::object& volume,
+                     const py::object& samples, const py::object& output, int threads, const py::object& progress,
+                     const py::kwargs& keywords) {
+  GuideOptions options;
+  const SceneChanges changes(keywords);
+  std::optional<SceneArgument> argument;
+  if (!scene.is_none()) argument.emplace(scene);
+  const bool is_file = is_path(like);
+  const std::string file = is_file ? to_path(like) : std::string();
+  if (!is_file) options.like = GuidedFrame::of(*to_layers(like), "the frame");
+  if (!volume.is_none()) options.volume = to_path(volume);
+  if (!samples.is_none()) options.samples = samples.cast<int>();
+  if (!samples.is_none() && (options.samples < 1 || options.samples > 1 << 24))
+    throw InputError(fmt::format("samples: expected 1 .. {}, found {}", 1 << 24, options.samples));
+  const std::string path = output.is_none() ? std::string() : to_path(output);
+  if (!argument && changes.has_arrays()) throw InputError("arrays: expected a scene whose volumes or meshes they are");
+
+  LayersPointer result;
+  run_work({progress}, threads, [&](const Work& work) {
+    std::optional<SceneUse> use;
+    Host host = host_of(work);
+    if (is_file) options.like = GuidedFrame::of_file(file);
+    if (argument) {
+      if (argument->object()) {
+        use.emplace(*argument->object(), work.task);
+        options.scenes = &use->cache();
+        host = use->host(work);
+      }
+      options.scene = argument->source(work.task);
+      changes.apply_arrays(*options.scene, work.task);
+      for (const std::string& line : options.scene->assumptions) work.log("assumed " + line);
+    }
+    options.overrides = changes.overrides();
+    host.progress = [&work](const std::string& stage) {
+      const bool solves = stage.starts_with("light ");
+      return share(work.task, solves ? 0 : 0.7, solves ? 0.7 : 1).progress;
+    };
+    const Scene guided = guided_scene(options, host);
+    if (!path.empty()) check_writable(path, {}, ".exr");
+    result = std::make_shared<Layers>(guide_frame(guided, options, host).layers);
+    if (!path.empty()) write_exr(path, *result, host.silent());
+  });
+  return result;
+}
+
+}  // namespace
+
+void bind_guides(py::module_& module) {
+  module.def("guides", &guides, py::arg("like"), py::arg("scene") = py::none(), py::kw_only(),
+             py::arg("volume") = py::none(), py::arg("samples") = py::none(), py::arg("output") = py::none(),
+             py::arg("threads") = 0, py::arg("progress") = py::none(), kGuidesHelp);
+}
+
+}  // namespace brume::python
