@@ -78,6 +78,8 @@ PreparedScene& SceneCache::prepare(Scene scene, const LayerRequest& layers, cons
   }
   auto prepared = std::make_unique<PreparedScene>(std::move(scene), layers, task);
   ++counts_.prepared;
+  for (const VolumeSettings& v : prepared->scene().volumes)
+    if (v.shape == "grid" && !v.grids->density && !v.grids->of_arrays()) ++counts_.read;  // by its loader
   kept_.push_front({std::move(world), std::move(prepared), nullptr});
   drop_old();
   return last();

@@ -4,6 +4,7 @@ import ast
 import inspect
 import json
 import pathlib
+import pickle
 import unittest
 import urllib.request
 
@@ -34,16 +35,19 @@ class Declarations(unittest.TestCase):
         stub = ast.parse((pathlib.Path(brume.__file__).parent / "__init__.pyi").read_text())
         named = {node.name for node in stub.body if isinstance(node, (ast.FunctionDef, ast.ClassDef))}
         self.assertEqual(named, set(brume.__all__))
-        layers = next(n for n in stub.body if isinstance(n, ast.ClassDef) and n.name == "Layers")
-        methods = {n.name for n in layers.body if isinstance(n, ast.FunctionDef)}
-        self.assertLessEqual({n for n in vars(brume.Layers) if not n.startswith("_")}, methods)
+        for kind in (brume.Layers, brume.Scene):
+            stubs = next(n for n in stub.body if isinstance(n, ast.ClassDef) and n.name == kind.__name__)
+            methods = {n.name for n in stubs.body if isinstance(n, ast.FunctionDef)}
+            self.assertLessEqual({n for n in vars(kind) if not n.startswith("_")}, methods)
 
     def test_everything_public_has_a_signature(self):
         public = [getattr(brume, name) for name in brume.__all__ if name != "InputError"]
-        public += [member for name, member in vars(brume.Layers).items() if callable(member) and not name.startswith("_")]
-        self.assertGreater(len(public), 12)
+        public += [member for kind in (brume.Layers, brume.Scene) for name, member in vars(kind).items()
+                   if callable(member) and not name.startswith("_")]
+        self.assertGreater(len(public), 20)
         for thing in public:
             parameters = inspect.signature(thing).parameters
+            self.assertTrue(inspect.getdoc(thing).strip(), thing)
             for name in parameters:
                 self.assertNotRegex(name, "^arg[0-9]", thing)
         self.assertEqual(
@@ -54,7 +58,22 @@ class Declarations(unittest.TestCase):
         with self.assertRaises(TypeError):
             inspect.signature(brume.read).bind()
         self.assertEqual(list(inspect.signature(brume.Layers).parameters), ["channels", "header", "like"])
+        self.assertEqual(list(inspect.signature(brume.Scene).parameters), ["scene", "kwargs"])
+        inspect.signature(brume.Scene.render).bind(None, spp=4, on_picture=print, camera__fov=30)
+        of_scene = inspect.signature(brume.Scene.render).parameters
+        self.assertEqual(list(of_scene)[1:], list(inspect.signature(brume.render).parameters)[1:])
         inspect.signature(brume.InputError)
+
+    def test_everything_public_can_be_pickled_by_its_name(self):
+        for name in brume.__all__:
+            thing = getattr(brume, name)
+            self.assertIs(pickle.loads(pickle.dumps(thing)), thing)
+            self.assertEqual(thing.__module__, "brume")
+        self.assertIs(pickle.loads(pickle.dumps(brume.Scene.render)), brume.Scene.render)
+
+    def test_help_says_what_is_raised(self):
+        for name in set(brume.__all__) - {"InputError", "Layers", "filters"}:
+            self.assertIn("Raises InputError", " ".join(inspect.getdoc(getattr(brume, name)).split()), name)
 
     def test_a_view_is_served_until_the_end(self):
         address = brume.view(CLOUD, camera__fov=20)
