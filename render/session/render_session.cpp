@@ -36,7 +36,7 @@ RenderSession::RenderSession(const PreparedScene& scene, const RenderJob& job, c
       first_(job.first_sample()),
       end_(job.end_sample()),
       progressive_(job.time_limit > 0 || job.target_error > 0 || !job.checkpoint.empty() || job.watch != nullptr ||
-                   job.next_round != nullptr),
+                   job.show != nullptr || job.next_round != nullptr),
       keep_(progressive_ || job.keep_state || !job.resume.empty()),
       camera_(scene.camera()),
       film_((check_memory(Film::layer_bytes(window_.width(), window_.height(), scene.plan().layers) +
@@ -122,10 +122,10 @@ RenderResult RenderSession::run() {
   try {
     run_passes();
   } catch (const Interrupted&) {
-    if (keep_) develop_all();
     const bool out_of_time = !task_.cancelled() && stop_.due();
+    if (!out_of_time && job_.checkpoint.empty()) throw;
+    if (keep_) develop_all();
     if (!out_of_time) {
-      if (job_.checkpoint.empty()) throw;
       const std::string name = job_.checkpoint.string();
       if (!write_checkpoint())
         throw Interrupted(fmt::format("the checkpoint {} could not be brought up to date", name));
@@ -173,6 +173,7 @@ void RenderSession::run_passes() {
     done_ = goal;
     if (done_ < total) write_regular_checkpoint();
     if (done_ == total || enough()) break;
+    show_picture();
   }
 }
 
@@ -180,6 +181,17 @@ void RenderSession::write_regular_checkpoint() {
   if (job_.checkpoint.empty() || wall_.seconds() - last_checkpoint_ <= job_.checkpoint_seconds) return;
   write_checkpoint();
   last_checkpoint_ = wall_.seconds();
+}
+
+void RenderSession::show_picture() {
+  constexpr double kMostShare = 0.25;  // of the time
+  if (!job_.show || fewest_taken() < job_.show_from) return;
+  if (last_shown_ >= 0 && kMostShare * (wall_.seconds() - last_shown_) < showing_seconds_) return;
+  const Stopwatch watch;
+  record_guides(quiet(task_));
+  job_.show(film_, film_so_far());
+  showing_seconds_ = watch.seconds();
+  last_shown_ = wall_.seconds();
 }
 
 void RenderSession::run_rounds() {
@@ -197,6 +209,12 @@ void RenderSession::run_rounds() {
     if (more) {
       const Stopwatch watch;
       const double before = samples_taken();
+      if (job_.show && before == 0) {  // who watches need not wait for the whole of the first round
+        for (uint32_t few = 1; 2 * few <= goals_.front(); few *= 2) {
+          pass(std::vector<uint32_t>(tiles_.size(), few));
+          show_picture();
+        }
+      }
       pass(goals_);
       sampling += watch.seconds();
       rounds_.add_sampling(samples_taken() - before, watch.seconds());
