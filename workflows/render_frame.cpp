@@ -337,7 +337,7 @@ RenderedFrame render_frame(const RenderOptions& options, const Host& host) {
   const Plan plan = prepared->plan();
   prepared.reset();  // the volumes and their light are not held while the picture is cleaned
   if (s.cleaner) {
-    result.layers = s.cleaner->clean(std::move(result.layers));
+    result.layers = s.cleaner->clean_with_parts(std::move(result.layers));
     if (watcher) watcher->show(result.layers);
   }
   if (updated)

@@ -65,7 +65,8 @@ bool SurfaceEvents::meet(int32_t slot, const dvec3& eye, SlotList& shadows) {
   if (first) past.first_on_surface = true;
   if (first && c_.plan.first_surface) {
     PathSample& sample = samples_[i];
-    sample.albedo = v.bsdf.albedo;
+    sample.albedo = sample.surface_albedo = v.bsdf.albedo;
+    sample.surface_share = 1;
     sample.normal = v.frame.z;
     sample.depth = glm::distance(eye, v.p);
     sample.position = v.p + c_.world_shift;
@@ -97,10 +98,9 @@ void SurfaceEvents::emit(size_t i, const Vertex& v) {
   const bool one_technique = p_.events[i] == 0 || past.specular;
   const double weight = one_technique ? 1.0 : balance(static_cast<double>(p_.pdf[i]), pdf_light);
   const dvec3 L = throughput(i) * v.settings.radiance * weight;
-  if (p_.events[i] == 0)
-    w_.surface[i] += vec3(L);
-  else
-    deposit(p_, &w_, i, vec3(L), p_.events[i]);
+  if (p_.events[i] > 0) return deposit(p_, &w_, i, vec3(L), p_.events[i]);
+  w_.surface[i] += vec3(L);
+  if (c_.plan.first_surface) samples_[i].surface_emission += L;
 }
 
 /// @param from  where the shadow ray begins; the vertex itself is left to the light's side

@@ -448,6 +448,7 @@ class Wavefront {
   void deliver(size_t request, PathSample& s, bool surface_first) const {
     s.direct = s.background + s.emission + s.single + s.surface;
     limit_indirect(c_.indirect_limit, s.indirect, counters_.limited);
+    (surface_first ? s.surface_indirect : s.volume_indirect) = s.indirect;
     s.beauty = s.direct + s.indirect;
     if (c_.plan.flash) s.flash = flash_image(s.direct, c_.flash.intensity, s.flash);
     if (requests_[request].record) finish_record(*requests_[request].record, s, surface_first);

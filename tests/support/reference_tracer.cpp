@@ -42,6 +42,7 @@ class Tracer {
     }
     LimitedLight limited;
     limit_indirect(scene_.indirect_limit, s_.indirect, limited);
+    (first_on_surface_ ? s_.surface_indirect : s_.volume_indirect) = s_.indirect;
     s_.beauty = s_.direct + s_.indirect;
     s_.flash = s_.direct + scene_.flash.intensity * lamp_;
     return s_;
@@ -235,13 +236,16 @@ class Tracer {
       return true;
     }
     if (front && settings.radiance != dvec3(0)) {
+      const dvec3 before = s_.surface;
       const MeshLight& light = lights_.mesh(scene_.surfaces->light_of(hit.surface));
       find_light(settings.radiance,
                  lights_.choice_probability(light, ray_.o) * light.pdf(hit.t, glm::dot(wo, hit.normal)), s_.surface);
+      if (events_ == 0) s_.surface_emission = s_.surface - before;
     }
     if (events_ == 0) {
       first_on_surface_ = true;
-      s_.albedo = bsdf.albedo;
+      s_.albedo = s_.surface_albedo = bsdf.albedo;
+      s_.surface_share = 1;
       s_.normal = frame.z;
       s_.depth = glm::distance(eye_, p);
       s_.position = p + scene_.world_shift;
