@@ -1,0 +1,27 @@
+"""The picture: size, shape of its pixels, exposure."""
+
+from .toml_text import Table
+
+
+def film_size(scene):
+    """Pixels across and down, as Blender renders them."""
+    render = scene.render
+    share = render.resolution_percentage / 100
+    return max(1, int(render.resolution_x * share)), max(1, int(render.resolution_y * share))
+
+
+def pixel_aspect_of(scene):
+    """Width of a pixel over its height."""
+    return scene.render.pixel_aspect_x / scene.render.pixel_aspect_y
+
+
+def film_table(scene, width, height, notes):
+    table = Table("[film]").set(width=width, height=height)
+    aspect = pixel_aspect_of(scene)
+    if aspect != 1:
+        table.set(pixel_aspect=aspect)
+    table.set(exposure=2**scene.view_settings.exposure)
+    factor = getattr(getattr(scene, "cycles", None), "film_exposure", 1.0)
+    if factor != 1:
+        notes.say("Film", f"the exposure of Cycles, {factor:.4g}, is left out; the scene's own in Color Management is kept")
+    return table
