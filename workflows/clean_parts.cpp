@@ -5,13 +5,13 @@
 #include <set>
 
 #include "filters/api/requirements.h"
+#include "filters/inputs/guide_layers.h"
 
 namespace brume {
 namespace {
 
 constexpr LayerName kPartsOfDirect[] = {layer::single, layer::surface, layer::background, layer::emission};
 constexpr LayerName kPartsOfIndirect[] = {layer::volume_indirect, layer::surface_indirect};
-constexpr LayerName kPartsOfParts[] = {layer::surface_emission};
 
 bool is_zero(const RgbPlanes& planes) {
   for (const Plane* plane : planes)
@@ -50,22 +50,45 @@ LayerName clean_layer(const LayerName& part, std::string& name) {
   return {name, part.channels, part.meaning};
 }
 
-/// Makes the clean parts of a whole add up to it.
+/// Makes the clean parts of a whole add up to it: none is below 0, and all are scaled alike.
 void add_up(std::span<const LayerName> parts, const RgbPlanes& whole, Layers& frame) {
   for (size_t c = 0; c < 3; ++c) {
     std::vector<Plane*> planes;
     for (const LayerName& part : parts) planes.push_back(frame.find(clean_part_name(part) + "." + part.channels[c]));
     for (int y = 0; y < frame.height(); ++y)
       for (int x = 0; x < frame.width(); ++x) {
-        float sum = 0, size = 0;
-        for (const Plane* plane : planes) sum += (*plane)(x, y), size += std::abs((*plane)(x, y));
-        const float left = (*whole[c])(x, y) - sum;
-        if (size > 0)
-          for (Plane* plane : planes) (*plane)(x, y) += left * std::abs((*plane)(x, y)) / size;
+        float sum = 0;
+        for (Plane* plane : planes) sum += (*plane)(x, y) = std::max((*plane)(x, y), 0.0f);
+        const float scale = (*whole[c])(x, y) / sum;
+        if (std::isfinite(scale))
+          for (Plane* plane : planes) (*plane)(x, y) *= scale;
         else
-          (*planes.front())(x, y) += left;
+          (*planes.front())(x, y) = (*whole[c])(x, y);
       }
   }
+}
+
+/// What the guides know to pass the media and to meet no surface, without noise. @return whether there are such guides
+bool transmittance_of_guides(Layers& frame) {
+  const auto opacity = [&](size_t c) {
+    const Plane* const grey = frame.find(guide_layer::opacity.channel(0));
+    const std::string coloured(guide_layer::opacity.name);
+    return grey ? grey : frame.find(coloured + "." + layer::transmittance.channels[c]);
+  };
+  if (!opacity(0)) return false;
+  std::string name;
+  const auto clean = frame.add_rgb(clean_layer(layer::transmittance, name));
+  std::vector<const Plane*> materials;
+  for (const std::string& channel : guide_layer::surface_material.channel_names())
+    if (const Plane* const share = frame.find(channel)) materials.push_back(share);
+  for (size_t c = 0; c < 3; ++c)
+    for (int y = 0; y < frame.height(); ++y)
+      for (int x = 0; x < frame.width(); ++x) {
+        float left = 1 - (*opacity(c))(x, y);
+        for (const Plane* const share : materials) left -= (*share)(x, y);
+        (*clean[c])(x, y) = std::clamp(left, 0.0f, 1.0f);
+      }
+  return true;
 }
 
 }  // namespace
@@ -99,8 +122,8 @@ void clean_parts(const FilterSettings& filter, const ApplyOptions& options, Laye
     if (frame.has(part)) indirect.push_back(part);
   for (const LayerName& part : direct) clean(part, layer::direct);
   for (const LayerName& part : indirect) clean(part, layer::indirect);
-  for (const LayerName& part : kPartsOfParts)
-    if (frame.has(part)) clean(part, layer::direct);
+  if (frame.has(layer::surface_emission)) clean(layer::surface_emission, layer::direct);
+  if (frame.has(layer::transmittance) && !transmittance_of_guides(frame)) clean(layer::transmittance, layer::direct);
   const bool whole_direct = has_all(kPartsOfDirect), whole_indirect = has_all(kPartsOfIndirect);
   if (frame.has(layer::clean_direct) && frame.has(layer::clean_indirect)) {
     if (whole_direct) add_up(direct, frame.rgb(layer::clean_direct), frame);

@@ -10,9 +10,9 @@ bl_info = {
     "category": "Render",
 }
 
-from . import engine, properties  # noqa: E402
+from . import engine, operators, panels, presets, properties  # noqa: E402
 
-MODULES = (properties, engine)
+MODULES = (properties, engine, presets, operators, panels)
 
 
 def register():

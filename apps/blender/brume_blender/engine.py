@@ -6,10 +6,11 @@ import tempfile
 import time
 
 import bpy
+import numpy as np
 
 from . import exr, passes, program
 from .child import DONE, MISSED, CannotStart, Child, Progress, Update
-from .properties import preferences, wanted_passes
+from .properties import preferred_program, wanted_passes
 from .translate import CannotTranslate, translate
 from .window import window_of
 
@@ -109,7 +110,7 @@ class _Frame:
 
     def render(self):
         """@throws Problem, Cancelled, ..."""
-        path = program.find(preferences().program)
+        path = program.find(preferred_program())
         self._engine._status("translating the scene")
         self._translate()
         self._add_passes()
@@ -142,7 +143,7 @@ class _Frame:
         settings, render = self._scene.brume, self._scene.render
         extra = [p.name for p in self._passes if p.name not in passes.KNOWN]
         words = ["render", self._path("scene.toml"), "-o", self._path("frame.exr"), "--updates", self._path("update.exr")]
-        words += ["--layers", ",".join(passes.layers_for(self._passes, extra)), "--seed", settings.seed]
+        words += ["--layers", ",".join(passes.layers_for(self._passes, extra, self._transparent)), "--seed", settings.seed]
         if settings.use_clean:
             words += ["--clean", "--clean-filter", settings.filter]
         if settings.ends_by_samples():
@@ -203,8 +204,12 @@ class _Frame:
 
     def _fill(self, name, values):
         """@param values  rows from the top; Blender's go from the bottom"""
-        target = self._blender_passes[name]
-        target.rect = values[::-1].reshape(-1, values.shape[-1])
+        rows = np.ascontiguousarray(values[::-1], np.float32).reshape(-1, values.shape[-1])
+        rect = self._blender_passes[name].rect
+        try:
+            rect.foreach_set(rows)  # Blender 3.4 wants a row for each pixel
+        except TypeError:
+            rect.foreach_set(rows.ravel())
 
     def _show_picture(self, frame):
         self._fill("Combined", passes.picture(frame, self._transparent))

@@ -10,6 +10,7 @@ import numpy as np
 
 MAGIC = 20000630
 FLAGS_OF_OTHERS = 0x200 | 0x800 | 0x1000  # tiled, deep, several parts
+MOST_PACKED = 1032  # bytes that zlib makes of one
 LINES_OF = {0: 1, 2: 1, 3: 16}  # in a block, by compression: none, ZIPS, ZIP
 NAME_OF = {0: "NONE", 1: "RLE", 2: "ZIPS", 3: "ZIP", 4: "PIZ", 5: "PXR24", 6: "B44", 7: "B44A", 8: "DWAA", 9: "DWAB"}
 TYPES = {0: np.dtype("<u4"), 1: np.dtype("<f2"), 2: np.dtype("<f4")}
@@ -48,7 +49,7 @@ def read(path, wanted=None):
         raise NotReadable(f"{path}: {error.strerror}") from None
     try:
         return _parse(data, path, wanted)
-    except (struct.error, KeyError, IndexError, ValueError, zlib.error) as error:
+    except (struct.error, KeyError, IndexError, OverflowError, ValueError, zlib.error) as error:
         raise NotReadable(f"{path}: is damaged or not whole: {error}") from None
 
 
@@ -120,10 +121,12 @@ def _channels(data, path):
 
 
 def _read_blocks(data, at, frame, channels, lines, wanted):
+    line_size = frame.width * sum(kind.itemsize for _, kind in channels)
+    if line_size * frame.height > MOST_PACKED * len(data):
+        raise ValueError("more pixels than it can hold")
     read = {name for name, _ in channels if wanted is None or wanted(name)}
     for name in read:
-        frame.channels[name] = np.empty((frame.height, frame.width), np.float32)
-    line_size = frame.width * sum(kind.itemsize for _, kind in channels)
+        frame.channels[name] = np.zeros((frame.height, frame.width), np.float32)
     blocks = (frame.height + lines - 1) // lines
     for place in struct.unpack_from(f"<{blocks}Q", data, at):
         y, size = struct.unpack_from("<ii", data, place)

@@ -25,8 +25,10 @@ class Pass:
         return {"Z": "VALUE", "Y": "VALUE", "A": "VALUE", "XYZ": "VECTOR"}.get(self.components, "COLOR")
 
 
-PARTS = ("direct", "indirect", "single", "surface", "background", "emission", "volume_indirect", "surface_indirect")
-COLOURED = PARTS + ("surface_emission", "surface_albedo")
+# What the passes of light are made of: all of it together, so that what is cleaned adds up.
+LIGHT = (
+    "single", "surface", "background", "emission", "volume_indirect", "surface_indirect", "surface_emission", "surface_albedo",
+)  # fmt: skip
 
 COMBINED = Pass("Combined", "RGBA", ())
 KNOWN = {
@@ -36,13 +38,13 @@ KNOWN = {
         Pass("Depth", "Z", ("position", "surface_share")),
         Pass("Position", "XYZ", ("position", "surface_share")),
         Pass("Normal", "XYZ", ("normal",)),
-        Pass("DiffCol", "RGB", COLOURED),
-        Pass("DiffDir", "RGB", COLOURED),
-        Pass("DiffInd", "RGB", COLOURED),
-        Pass("VolumeDir", "RGB", PARTS),
-        Pass("VolumeInd", "RGB", PARTS),
-        Pass("Emit", "RGB", PARTS + ("surface_emission",)),
-        Pass("Env", "RGB", PARTS),
+        Pass("DiffCol", "RGB", LIGHT),
+        Pass("DiffDir", "RGB", LIGHT),
+        Pass("DiffInd", "RGB", LIGHT),
+        Pass("VolumeDir", "RGB", LIGHT),
+        Pass("VolumeInd", "RGB", LIGHT),
+        Pass("Emit", "RGB", LIGHT),
+        Pass("Env", "RGB", LIGHT),
         Pass("Noisy Image", "RGBA", ()),
     )
 }
@@ -75,9 +77,9 @@ LAYERS = {
 GIVEN = {"sample_count": "Y", "clean_error": "Y"}
 
 
-def layers_for(passes, extra):
-    """The names to give to --layers. @param extra  names of further layers"""
-    names = ["direct", "indirect"]
+def layers_for(passes, extra, transparent):
+    """The names to give to --layers. @param extra  names of further layers   @param transparent  alpha is wanted"""
+    names = ["direct", "indirect", *(["transmittance"] if transparent else [])]
     for p in passes:
         names += p.layers
     names += [layer for layer in extra if layer in LAYERS]
@@ -94,7 +96,12 @@ def extra_passes(names):
 def picture(frame, transparent, name=""):
     """R G B A of the picture on top, or of another layer in its place. @param transparent  the film shows no background"""
     colour = frame.layer(name, "RGB")
-    alpha = frame.layer("", "A") if transparent else np.ones((*colour.shape[:2], 1), np.float32)
+    if not transparent:
+        alpha = np.ones((*colour.shape[:2], 1), np.float32)
+    elif (passed := frame.layer("clean_transmittance", "RGB")) is not None:
+        alpha = np.clip(1 - passed.mean(axis=-1, keepdims=True), 0, 1)
+    else:
+        alpha = frame.layer("", "A")
     return np.concatenate([colour, alpha], axis=-1)
 
 
@@ -117,17 +124,22 @@ class Passes:
         return self._frame.layer(name, "RGB") if clean is None else clean
 
     def _surface_colour(self):
-        """Where light comes from a surface that reflects nothing, the factor is 1, so that the sum holds."""
-        colour = self._frame.layer("surface_albedo", "RGB")
-        light = np.abs(self._surface_direct()) + np.abs(self._light("surface_indirect"))
-        return np.where((colour <= 1e-6) & (light > 0), 1.0, colour)
+        return self._frame.layer("surface_albedo", "RGB")
+
+    def _reflected(self, light):
+        """Surfaces' light where there is a surface that reflects, and the rest: what a filter spread beyond its edges."""
+        there = self._surface_colour() > 1e-6
+        return np.where(there, light, 0), np.where(there, 0, light)
 
     def _surface_direct(self):
-        return self._light("surface") - self._light("surface_emission")
+        return self._reflected(self._light("surface") - self._light("surface_emission"))
+
+    def _surface_indirect(self):
+        return self._reflected(self._light("surface_indirect"))
 
     def _over_colour(self, light):
         colour = self._surface_colour()
-        return np.divide(light, colour, out=np.zeros_like(light, np.float64), where=colour > 0)
+        return np.divide(light, colour, out=np.zeros_like(light, np.float64), where=light != 0)
 
     def _position(self):
         """Of the first surface, where one is met, and where that is."""
@@ -153,10 +165,10 @@ _MAKERS = {
     "Position": lambda p: p._position()[0],
     "Normal": lambda p: p._frame.layer("normal", "XYZ"),
     "DiffCol": lambda p: p._surface_colour(),
-    "DiffDir": lambda p: p._over_colour(p._surface_direct()),
-    "DiffInd": lambda p: p._over_colour(p._light("surface_indirect")),
-    "VolumeDir": lambda p: p._light("single"),
-    "VolumeInd": lambda p: p._light("volume_indirect"),
+    "DiffDir": lambda p: p._over_colour(p._surface_direct()[0]),
+    "DiffInd": lambda p: p._over_colour(p._surface_indirect()[0]),
+    "VolumeDir": lambda p: p._light("single") + p._surface_direct()[1],
+    "VolumeInd": lambda p: p._light("volume_indirect") + p._surface_indirect()[1],
     "Emit": lambda p: p._light("emission") + p._light("surface_emission"),
     "Env": lambda p: p._light("background"),
     "Noisy Image": lambda p: p._noisy(),

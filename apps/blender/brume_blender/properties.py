@@ -10,14 +10,16 @@ DEFAULT_FILTER = "transport_regression"
 
 def _search_filters(self, context, text):
     try:
-        names = program.filters_of(program.find(preferences(context).program))
+        names = program.filters_of(program.find(preferred_program(context)))
     except program.NoProgram:
         names = [DEFAULT_FILTER]
     return [name for name in names if text in name]
 
 
-def preferences(context=None):
-    return (context or bpy.context).preferences.addons[__package__].preferences
+def preferred_program(context=None):
+    """Of the preferences; empty where they say nothing, or the add-on is not in them, as where a script enabled it."""
+    addon = (context or bpy.context).preferences.addons.get(__package__)
+    return addon.preferences.program if addon and addon.preferences else ""
 
 
 class BrumePreferences(bpy.types.AddonPreferences):
@@ -69,6 +71,17 @@ class BrumeSceneSettings(bpy.types.PropertyGroup):
         default=DEFAULT_FILTER,
         search=_search_filters,
         search_options={"SUGGESTION"},
+    )
+
+    animation_files: StringProperty(
+        name="Frames",
+        description="Files that Cycles has rendered, OpenEXR MultiLayer, with #### for the frame's number; empty: the scene's output",
+        subtype="FILE_PATH",
+    )
+    animation_suffix: StringProperty(
+        name="Suffix",
+        description="Put before the number in the names of the clean files; empty: they replace the noisy ones",
+        default="_clean",
     )
 
     def ends_by_samples(self):
