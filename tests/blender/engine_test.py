@@ -383,7 +383,7 @@ class Errors(EngineTest):
     def test_a_missed_target_is_told_and_the_picture_is_kept(self):
         scene = scenes.smoke_scene()
         scene.brume.use_error, scene.brume.error, scene.brume.use_time, scene.brume.time = True, 1e-5, True, 0.5
-        engine.Said.forget()
+        engine.forget_what_was_said()
         frame = self.render()
         self.assertGreater(self.layer(frame, "Combined").mean(), 0.1)
         self.assertTrue(any("not reached" in text for text in engine.Said.texts), engine.Said.texts)

@@ -30,9 +30,10 @@ class Said:
 
     texts = set()
 
-    @classmethod
-    def forget(cls, *_):
-        cls.texts.clear()
+
+@bpy.app.handlers.persistent  # a file that is opened takes away the others
+def forget_what_was_said(*_):
+    Said.texts.clear()
 
 
 class BrumeRenderEngine(bpy.types.RenderEngine):
@@ -235,9 +236,9 @@ def _duration(seconds):
 
 def register():
     bpy.utils.register_class(BrumeRenderEngine)
-    bpy.app.handlers.render_init.append(Said.forget)
+    bpy.app.handlers.render_init.append(forget_what_was_said)
 
 
 def unregister():
-    bpy.app.handlers.render_init.remove(Said.forget)
+    bpy.app.handlers.render_init.remove(forget_what_was_said)
     bpy.utils.unregister_class(BrumeRenderEngine)

@@ -39,10 +39,9 @@ class Options:
 def pattern_of(path):
     """A file name with #### where a frame's number goes, as Blender completes the name of a render's output."""
     path = bpy.path.abspath(path)
-    stem, extension = os.path.splitext(path)
-    if extension.lower() != ".exr":
-        stem, extension = path, ".exr"
-    return (stem if "#" in os.path.basename(stem) else stem + "####") + extension
+    if "#" not in os.path.basename(path):
+        return path + "####.exr"
+    return path if path.lower().endswith(".exr") else path + ".exr"
 
 
 def file_of(pattern, frame):
@@ -157,6 +156,7 @@ class _Job:
             words = [*words, "--threads", self._options.threads]
         with Child(self._program, words) as child:
             share = 0.0
+            yield share
             while not child.ended():
                 for event in child.events(LOOK):
                     if isinstance(event, Progress):
