@@ -66,7 +66,8 @@ inline constexpr LayerName scatter_share{"scatter_share", "A",
 inline constexpr LayerName optical_depth{"optical_depth", "Y", "of the camera ray, marched, clamped at 50"};
 inline constexpr LayerName albedo{"albedo", "RGB", "at the first event: single-scattering albedo, or the surface's"};
 inline constexpr LayerName surface_albedo{"surface_albedo", "RGB", "of the first surface, where it is the first event"};
-inline constexpr LayerName surface_share{"surface_share", "A", "fraction of the paths whose first event is on a surface"};
+inline constexpr LayerName surface_share{"surface_share", "A",
+                                         "fraction of the paths whose first event is on a surface"};
 inline constexpr LayerName normal{"normal", "XYZ", "of the first surface, where it is the first event"};
 inline constexpr LayerName depth{"depth", "Z", "distance to that surface"};
 inline constexpr LayerName position{"position", "XYZ", "where that is, world space"};

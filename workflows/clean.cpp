@@ -122,17 +122,17 @@ Layers Cleaner::clean(Layers frame, bool parts) {
     if (!keep_guides_ && is_guide(name)) guides.push_back(name);
     all.set(name, std::move(*frame.find(name)));
   }
+  for (size_t c = 0; c < 3; ++c) {
+    const std::string raw = layer::beauty.channel(c);
+    all.set(layer::noisy.channel(c), std::move(*all.find(raw)));
+    all.set(raw, std::move(*clean.find(raw)));
+  }
   if (parts) {
     const Stopwatch watch;
     clean_parts(filter_, options_of(exposure_, outliers_), all, host_.silent());
     seconds_ += watch.seconds();
   }
   for (const std::string& name : guides) all.remove(name);
-  for (size_t c = 0; c < 3; ++c) {
-    const std::string raw = layer::beauty.channel(c);
-    all.set(layer::noisy.channel(c), std::move(*all.find(raw)));
-    all.set(raw, std::move(*clean.find(raw)));
-  }
   for (const auto& [key, value] : clean.header) all.header[key] = value;
 
   error_ = -1;

@@ -36,7 +36,8 @@ Layers frame_of_part(const Layers& frame, const LayerName& part) {
   statistics.insert(statistics.end(), statistic::buckets.begin(), statistic::buckets.end());
   for (const std::string_view which : statistics)
     for (size_t c = 0; c < 3; ++c) {
-      for (const LayerName& l : {layer::beauty, layer::direct, layer::indirect}) left_out.insert(l.channel_of(which, c));
+      for (const LayerName& l : {layer::beauty, layer::direct, layer::indirect})
+        left_out.insert(l.channel_of(which, c));
       if (const Plane* plane = frame.find(part.channel_of(which, c)))
         own.set(layer::beauty.channel_of(which, c), view_of(*plane));
     }
@@ -109,8 +110,7 @@ void clean_parts(const FilterSettings& filter, const ApplyOptions& options, Laye
     own.component = Component::kAll;
     own.light = light;
     Layers result = apply_filter(filter, frame_of_part(frame, part), own, task);
-    for (size_t c = 0; c < 3; ++c)
-      frame.set(target.channel(c), std::move(*result.find(layer::beauty.channel(c))));
+    for (size_t c = 0; c < 3; ++c) frame.set(target.channel(c), std::move(*result.find(layer::beauty.channel(c))));
   };
   const auto has_all = [&](std::span<const LayerName> parts) {
     return std::all_of(parts.begin(), parts.end(), [&](const LayerName& part) { return frame.has(part); });

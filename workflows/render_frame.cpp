@@ -76,8 +76,8 @@ void check_outputs(const RenderOptions& o, const Scene& scene) {
                                  o.output.string()));
   for (const fs::path& other : {o.output, o.checkpoint, o.resume})
     if (same(o.updates, other))
-      throw InputError(fmt::format("--updates {}: is another file of this command too; name one of its own",
-                                   o.updates.string()));
+      throw InputError(
+          fmt::format("--updates {}: is another file of this command too; name one of its own", o.updates.string()));
 }
 
 RenderJob::Crop parse_crop(const std::string& text, const FilmSettings& film) {
@@ -230,7 +230,7 @@ std::unique_ptr<PreparedScene> prepare(const Setup& s) {
 RenderOptions of_frame(const RenderOptions& sequence, int frame) {
   RenderOptions options = sequence;
   for (fs::path RenderOptions::*name : {&RenderOptions::output, &RenderOptions::preview, &RenderOptions::records,
-                                        &RenderOptions::checkpoint, &RenderOptions::resume})
+                                        &RenderOptions::checkpoint, &RenderOptions::resume, &RenderOptions::updates})
     options.*name = file_of_frame(options.*name, frame);
   options.overrides.push_back(fmt::format("render.frame={}", frame));
   if (options.fixed_seed) options.overrides.push_back("render.noise_frame=0");
@@ -369,7 +369,7 @@ SequenceEnd render_sequence(const RenderOptions& options, const std::vector<int>
       own.scene_text = made->text(options.scene.filename().string());  // the pattern, which the scene's frame completes
     else
       own.scene = file_of_frame(options.scene, frame);
-    for (const fs::path& name : {options.output, options.preview, options.records, options.checkpoint})
+    for (const fs::path& name : {options.output, options.preview, options.records, options.checkpoint, options.updates})
       make_folder_of_frame(name, frame);
     return render_frame(own, host).end;
   });

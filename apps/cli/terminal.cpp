@@ -161,8 +161,9 @@ CLI::App* add_command(CLI::App& app, Common& common, const std::string& name, co
       ->group("Common");
   command->add_flag("-q,--quiet", common.quiet, "errors and warnings only on stderr")->group("Common");
   command
-      ->add_flag("--stop-with-stdin", common.stop_with_stdin,
-                 "end, as at Ctrl-C, once stdin is closed: for programs that start this one and must not leave it behind")
+      ->add_flag(
+          "--stop-with-stdin", common.stop_with_stdin,
+          "end, as at Ctrl-C, once stdin is closed: for programs that start this one and must not leave it behind")
       ->group("Common");
   command->add_option("--progress", common.progress, "progress on stderr")
       ->check(CLI::IsMember({"auto", "bar", "lines", "json", "none"}))

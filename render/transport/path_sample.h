@@ -10,8 +10,8 @@ namespace brume {
 struct PathSample {
   dvec3 beauty{0};  ///< direct + indirect
   dvec3 direct{0}, indirect{0};
-  dvec3 background{0}, emission{0}, single{0}, surface{0};  ///< parts of direct
-  dvec3 surface_emission{0}, volume_indirect{0}, surface_indirect{0};   ///< parts of surface; of indirect
+  dvec3 background{0}, emission{0}, single{0}, surface{0};             ///< parts of direct
+  dvec3 surface_emission{0}, volume_indirect{0}, surface_indirect{0};  ///< parts of surface; of indirect
   dvec3 gradient{0}, gradient_first_scatter{0}, gradient_transmittance_weighted{0};
   dvec3 transmittance{0};
   double coverage = 0;
