@@ -23,7 +23,6 @@ namespace fs = std::filesystem;
 
 constexpr int kSamplesWithoutLimit = 16;  // that guides are made for where time or error end the render
 constexpr int kMostSamples = 1 << 20;     // where they do, too
-constexpr uint32_t kFirstClean = 2;       // samples of the first clean picture: two halves to judge fits by
 
 /// "64 samples per pixel", or how many where tiles have different numbers.
 std::string samples_text(const RenderReport& report) {
@@ -292,10 +291,9 @@ std::optional<double> clean_error_of(const Setup& s) {
 /// Says who is shown what while the picture is rendered.
 void watch_render(Setup& s, RenderWatcher* watcher, UpdatedPicture* updated) {
   if (watcher) s.job.watch = [=](const Film& picture, int tile) { watcher->update(picture, tile); };
-  if (s.cleaner) s.job.show_from = kFirstClean;
   if (updated)
-    s.job.show = [&s, updated](const Film& film, const Layers& frame) {
-      if (s.cleaner) {
+    s.job.show = [&s, updated](const Film& film, const Layers& frame, bool first) {
+      if (s.cleaner && !first) {
         const Layers clean = s.cleaner->clean(frame);
         updated->show(clean, mean_samples(film), clean_error_of(s), false);
       } else {

@@ -97,11 +97,10 @@ struct RenderJob {
 
   /// Called whenever a tile's pixels have changed, from any thread, one at a time.
   std::function<void(const Film&, int tile)> watch;
-  /// Shown the picture between two passes, with header and guides, for as long as there are more samples to come: first
-  /// after show_from samples of each pixel, then as often as showing takes no more than a quarter of the time. Rounds
+  /// Shown the picture between two passes for as long as there are more samples to come: first after one sample of each
+  /// pixel, before there are guides, then with them as often as showing takes no more than a quarter of the time. Rounds
   /// that next_round asks for are not shown: it sees them.
-  std::function<void(const Film&, const Layers& frame)> show;
-  uint32_t show_from = 1;
+  std::function<void(const Film&, const Layers& frame, bool first)> show;
   /// Called at once with what someone who waits for the picture should know.
   std::function<void(const std::string&)> warn;
   /// Called between passes with what the frame holds; to fill in what its caller adds to headers.

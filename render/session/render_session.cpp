@@ -54,7 +54,7 @@ RenderSession::RenderSession(const PreparedScene& scene, const RenderJob& job, c
   if (!job.records.empty()) open_records();
   stop_.cancel = task.cancel;
   context_.stop = &stop_;
-  scene.guides(job.samples_for_guides(), quiet(task));
+  if (!job.show) scene.guides(job.samples_for_guides(), quiet(task));  // who watches first sees what needs none
 }
 
 void RenderSession::resume() {
@@ -185,11 +185,11 @@ void RenderSession::write_regular_checkpoint() {
 
 void RenderSession::show_picture() {
   constexpr double kMostShare = 0.25;  // of the time
-  if (!job_.show || fewest_taken() < job_.show_from) return;
-  if (last_shown_ >= 0 && kMostShare * (wall_.seconds() - last_shown_) < showing_seconds_) return;
+  const bool first = last_shown_ < 0;
+  if (!job_.show || (!first && kMostShare * (wall_.seconds() - last_shown_) < showing_seconds_)) return;
   const Stopwatch watch;
-  record_guides(quiet(task_));
-  job_.show(film_, film_so_far());
+  if (!first) record_guides(quiet(task_));
+  job_.show(film_, film_so_far(), first);
   showing_seconds_ = watch.seconds();
   last_shown_ = wall_.seconds();
 }

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 # Exit statuses of the program.
 DONE, MISSED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 3
 
-PATIENCE = 0.7  # seconds that an interrupted program has before it is killed
+PATIENCE = 0.3  # seconds that an interrupted program has before it is killed
 PREFIX = "brume: "
 
 

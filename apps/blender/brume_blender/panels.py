@@ -21,6 +21,7 @@ SHADERS = {
 }
 # Of those that every engine is offered, what brume has no use for.
 USELESS = {
+    "RENDER_PT_gpencil",
     "RENDER_PT_simplify_greasepencil",
     "RENDER_PT_freestyle",
     "VIEWLAYER_PT_freestyle",
@@ -54,6 +55,7 @@ class _BrumePanel:
 class BRUME_RENDER_PT_sampling(_BrumePanel, bpy.types.Panel):
     bl_label = "Sampling"
     bl_context = "render"
+    bl_order = -5
 
     def draw(self, context):
         layout, settings = self.layout, context.scene.brume
@@ -79,6 +81,7 @@ class BRUME_RENDER_PT_sampling(_BrumePanel, bpy.types.Panel):
 class BRUME_RENDER_PT_clean(_BrumePanel, bpy.types.Panel):
     bl_label = "Clean"
     bl_context = "render"
+    bl_order = -4
 
     def draw_header(self, context):
         self.layout.prop(context.scene.brume, "use_clean", text="")
@@ -94,6 +97,7 @@ class BRUME_RENDER_PT_clean(_BrumePanel, bpy.types.Panel):
 class BRUME_RENDER_PT_film(_BrumePanel, bpy.types.Panel):
     bl_label = "Film"
     bl_context = "render"
+    bl_order = -3
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context):
@@ -105,6 +109,7 @@ class BRUME_RENDER_PT_film(_BrumePanel, bpy.types.Panel):
 class BRUME_RENDER_PT_motion_blur(_BrumePanel, bpy.types.Panel):
     bl_label = "Motion Blur"
     bl_context = "render"
+    bl_order = -2
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw_header(self, context):
@@ -120,6 +125,7 @@ class BRUME_RENDER_PT_motion_blur(_BrumePanel, bpy.types.Panel):
 class BRUME_RENDER_PT_performance(_BrumePanel, bpy.types.Panel):
     bl_label = "Performance"
     bl_context = "render"
+    bl_order = -1
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context):
