@@ -318,12 +318,12 @@ std::string choose_grid(openvdb::io::File& file, const fs::path& path, const std
 
 double remapped(const std::vector<std::pair<double, double>>& curve, double v) {
   if (v <= curve.front().first) return curve.front().second;
-  for (size_t i = 1; i < curve.size(); ++i)
-    if (v <= curve[i].first) {
-      const double f = (v - curve[i - 1].first) / (curve[i].first - curve[i - 1].first);
-      return curve[i - 1].second + f * (curve[i].second - curve[i - 1].second);
-    }
-  return curve.back().second;
+  const auto above = std::lower_bound(curve.begin(), curve.end(), v,
+                                      [](const std::pair<double, double>& point, double x) { return point.first < x; });
+  if (above == curve.end()) return curve.back().second;
+  const auto below = above - 1;
+  const double f = (v - below->first) / (above->first - below->first);
+  return below->second + f * (above->second - below->second);
 }
 
 /// Appends the 8 x 8 x 8 blocks of a box of voxels.

@@ -19,12 +19,14 @@ struct CameraSettings {
   double fov = 40;
   double width = 1;
   std::string fov_axis = "x";
+  dvec2 shift{0};
+  double pixel_aspect = 1;
   double lens_radius = 0, focus_distance = 0;
   int blades = 0;
   double blade_rotation = 0;
   dvec2 shutter{0};
-  std::vector<double> position_end, look_at_end;  ///< three numbers, or none: the camera stands still
-  std::vector<std::vector<double>> keys;          ///< of a moving camera; none once a frame's camera is taken from them
+  std::vector<double> position_end, look_at_end, up_end;  ///< three numbers, or none: the camera stands still
+  std::vector<std::vector<double>> keys;  ///< of a moving camera; none once a frame's camera is taken from them
   std::filesystem::path from_exr;
 };
 
@@ -92,6 +94,7 @@ struct LightSettings {
   bool two_sided = false;
   dvec3 intensity{0};
   double cone_angle = 60, cone_softness = 0.15;
+  bool cosine_falloff = false;
   bool visible_to_camera = false;
   bool enabled = true;
 };
@@ -101,12 +104,16 @@ struct SurfaceSettings {
   std::string material = "diffuse";
   dvec3 albedo{0.5};
   std::filesystem::path albedo_texture;
+  dvec3 edge_albedo{1};
   double roughness = 0.3, ior = 1.5;
   std::string normals = "smooth";
   dvec3 radiance{0};
+  bool two_sided = false;
   std::string role = "visible";
+  bool visible_to_camera = true;
   std::string shadow = "traced";
   dmat4 object_to_world{1};
+  dmat4 object_to_world_end{0};  ///< all zero: the surface stands still
   bool enabled = true;
 };
 

@@ -285,7 +285,7 @@ class Wavefront {
     w_->on_surface[i] = false;
     if (c_.plan.finite_lights) std::tie(w_->light[i], w_->end[i]) = c_.lights->nearest(ray, kFar, p_.events[i] == 0);
     if (!surfaces_) return;
-    if (const auto hit = c_.surfaces->intersect(ray, w_->end[i])) {
+    if (const auto hit = c_.surfaces->intersect(ray, w_->end[i], w_->time[i], p_.events[i] == 0)) {
       w_->hit[i] = *hit;
       w_->end[i] = hit->t;
       w_->on_surface[i] = true;

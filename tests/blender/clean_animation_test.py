@@ -10,9 +10,9 @@ import bpy
 import numpy as np
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import scenes  # noqa: E402
+import addon_scene as scenes  # noqa: E402
 from brume_blender import child, sequence_cleaning  # noqa: E402
-from scenes import exr  # noqa: E402
+from addon_scene import exr  # noqa: E402
 
 FRAMES = 3
 CHANNELS = ("Combined", "VolumeDir", "VolumeInd", "Env", "DiffDir", "DiffInd", "DiffCol")

@@ -9,9 +9,9 @@ import bpy
 import numpy as np
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import scenes  # noqa: E402
+import addon_scene as scenes  # noqa: E402
 from brume_blender import engine, passes, presets, properties, window  # noqa: E402
-from scenes import exr  # noqa: E402
+from addon_scene import exr  # noqa: E402
 
 BROKEN = os.path.join(scenes.SOURCE, "data", "README.md")  # no OpenVDB file
 

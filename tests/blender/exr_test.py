@@ -10,8 +10,8 @@ import bpy
 import numpy as np
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import scenes  # noqa: E402
-from scenes import exr  # noqa: E402
+import addon_scene as scenes  # noqa: E402
+from addon_scene import exr  # noqa: E402
 
 WIDTH, HEIGHT = 37, 29  # neither fills its last block
 

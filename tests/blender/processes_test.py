@@ -26,7 +26,7 @@ BUILD = """
 import os, sys
 sys.path.insert(0, {tests!r})
 os.environ["BRUME_SOURCE"] = {source!r}
-import bpy, scenes
+import bpy, addon_scene as scenes
 scene = scenes.smoke_scene(width=64, height=48, {arguments})
 lamp = bpy.data.objects["Lamp"]
 for frame, x in ((1, 3), (4, -3)):

@@ -89,16 +89,30 @@ def _set_lens(table, camera, focus, notes):
 
 
 def camera_table(depsgraph, camera, motion, width, height, pixel_aspect, notes):
-    """The table [camera]. @param motion  poses as the shutter opens and closes (motion.Motion), or none"""
+    """The table [camera]. @param motion  poses as the shutter opens and closes (motion.Motion), or None"""
     data = camera.data
     sensor = Sensor(data, width, height, pixel_aspect)
     focus = focus_of(camera, depsgraph) if data.dof.use_dof else 0
     pose = pose_of(camera, focus or 1.0)
+    moves = motion is not None and motion.moves_camera(camera)
+    if moves:
+        pose = motion.opens.camera
     table = Table("[camera]")
     if data.type == "ORTHO":
         table.set(type="orthographic")
     table.set(position=pose.position, look_at=pose.look_at, up=pose.up, fov_axis="x" if sensor.horizontal else "y")
     table.set(**projection_of(camera, sensor))
+    if any(sensor.shift):
+        table.set(shift=sensor.shift)
+    if pixel_aspect != 1:
+        table.set(pixel_aspect=pixel_aspect)
     if data.dof.use_dof:
         _set_lens(table, camera, focus, notes)
+    if motion is not None:
+        table.set(shutter=motion.shutter)
+    if moves:
+        end = motion.closes.camera
+        table.set(position_end=end.position, look_at_end=end.look_at, up_end=end.up)
+        if motion.opens.projection != motion.closes.projection:
+            notes.say(camera.name, "its zoom is left out of the motion blur")
     return table

@@ -17,9 +17,6 @@ def pixel_aspect_of(scene):
 
 def film_table(scene, width, height, notes):
     table = Table("[film]").set(width=width, height=height)
-    aspect = pixel_aspect_of(scene)
-    if aspect != 1:
-        table.set(pixel_aspect=aspect)
     table.set(exposure=2**scene.view_settings.exposure)
     factor = getattr(getattr(scene, "cycles", None), "film_exposure", 1.0)
     if factor != 1:

@@ -18,8 +18,10 @@ class Geometry:
         self.materials = _read(mesh.loop_triangles, "material_index", 1, np.int32)
         self.vertices = vertex_of_loop[self.loops] if count else np.zeros((0, 3), np.int32)
         self.normals = self._corner_normals(mesh)
-        self.uv_layers = {layer.name: layer for layer in mesh.uv_layers}
-        self.active_uv = next((layer.name for layer in mesh.uv_layers if layer.active_render), None)
+        uses = np.bincount(_read(mesh.loops, "edge_index", 1, np.int32), minlength=len(mesh.edges))
+        self.closed = bool(np.all(uses == 2))  # around an inside
+        self._uv = {layer.name: _uv_of(layer) for layer in mesh.uv_layers}
+        self._active_uv = next((layer.name for layer in mesh.uv_layers if layer.active_render), None)
 
     def _corner_normals(self, mesh):
         """Of every loop; None: the mesh is flat throughout."""
@@ -34,11 +36,13 @@ class Geometry:
 
     def uv(self, name):
         """(loops, 2) of a UV map, the active one where the name is empty; None: there is none."""
-        layer = self.uv_layers.get(name or self.active_uv)
-        if layer is None:
-            return None
-        source = layer.uv if hasattr(layer, "uv") and len(layer.uv) else layer.data
-        return _read(source, "vector" if source is not layer.data else "uv", 2, np.float32)
+        return self._uv.get(name or self._active_uv)
+
+
+def _uv_of(layer):
+    if hasattr(layer, "uv"):  # Blender 3.5
+        return _read(layer.uv, "vector", 2, np.float32)
+    return _read(layer.data, "uv", 2, np.float32)
 
 
 def _read(items, name, size, kind):

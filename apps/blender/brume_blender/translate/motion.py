@@ -86,6 +86,10 @@ class Motion:
         a, b = self.opens.matrices.get(key), self.closes.matrices.get(key)
         return (a, b) if a is not None and b is not None and a != b else None
 
+    def moves_camera(self, camera):
+        blurred = getattr(getattr(camera, "cycles", None), "use_motion_blur", True)
+        return blurred and self.opens.camera != self.closes.camera
+
     def deforms(self, thing):
         return self.opens.shapes.get(thing.name) != self.closes.shapes.get(thing.name)
 

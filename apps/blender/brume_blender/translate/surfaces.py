@@ -68,6 +68,8 @@ class Surfaces:
                 table.set(object_to_world_end=matrices[1])
         if surface.bsdf is not None:
             _set_material(table, surface, colour, texture and self._folder.named(texture.path))
+            if surface.radiance.any():
+                table.set(radiance=surface.radiance, two_sided=not geometry.closed)
         self._set_role(table, thing, surface)
         return [table]
 
@@ -125,5 +127,3 @@ def _set_material(table, surface, colour, picture):
         table.set(ior=min(max(bsdf.ior, 1.0001), 4))
     if bsdf.material == "conductor" and not bsdf.fresnel:
         table.set(edge_albedo=colour)
-    if surface.radiance.any():
-        table.set(radiance=surface.radiance, two_sided=True)

@@ -78,9 +78,10 @@ def _scaled(values, colour):
     slope = _linear(values)
     if slope is not None:
         return None, slope * colour
-    largest = values.max()
-    kept = thinned(STORED, values[:, None] / largest)
-    return [[STORED[i], values[i] / largest] for i in kept], largest * colour
+    at_one = values[np.searchsorted(STORED, 1.0)]
+    unit = at_one if at_one > 0 else values.max()
+    kept = thinned(STORED, values[:, None] / unit)
+    return [[STORED[i], values[i] / unit] for i in kept], unit * colour
 
 
 def media(shader, grids, name, notes):

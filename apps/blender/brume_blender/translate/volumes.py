@@ -68,11 +68,12 @@ def file_of(volume, shutter, scene):
     names = [grid.name for grid in grids if grid.data_type not in COLOUR_TYPES]
     colours = [grid.name for grid in grids if grid.data_type in COLOUR_TYPES]
     velocity = None
-    if shutter is not None and volume.velocity_grid in colours:
+    moving = next((name for name in (volume.velocity_grid, "velocity") if name in colours), None)
+    if shutter is not None and moving is not None and volume.velocity_scale != 0:
         # Cycles takes a velocity by frames as the way over the whole shutter.
         by_second = volume.velocity_unit == "SECOND"
         frames = scene.render.fps / scene.render.fps_base if by_second else shutter[1] - shutter[0]
-        velocity = (volume.velocity_grid, volume.velocity_scale / frames)
+        velocity = (moving, volume.velocity_scale / frames)
     offset = 0.5 if bpy.app.version < HALF_VOXEL_BEFORE else 0.0
     return GridFile(os.path.abspath(path), names, colours, offset, velocity)
 
