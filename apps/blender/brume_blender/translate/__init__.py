@@ -120,7 +120,7 @@ class _Translator:
             return [light_table(instance, self._notes)]
         if kind == "VOLUME":
             shutter = self._motion and self._motion.shutter
-            file = file_of(thing.data, shutter, self._scene)
+            file = file_of(thing.data, shutter, self._scene, self._frame)
             return volume_tables(thing, file, matrices, self._notes)
         if kind in MESH_LIKE:
             self._say_particles(thing)

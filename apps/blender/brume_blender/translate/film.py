@@ -6,8 +6,8 @@ from .toml_text import Table
 def film_size(scene):
     """Pixels across and down, as Blender renders them."""
     render = scene.render
-    share = render.resolution_percentage / 100
-    return max(1, int(render.resolution_x * share)), max(1, int(render.resolution_y * share))
+    share = render.resolution_percentage
+    return max(1, render.resolution_x * share // 100), max(1, render.resolution_y * share // 100)
 
 
 def pixel_aspect_of(scene):

@@ -1,9 +1,11 @@
 """Volume objects: VDB files and what their shaders make of the grids."""
 
 import os
+import re
 
 import bpy
 
+from . import vdb_header
 from .nodes import output_of
 from .notes import LeftOut
 from .toml_text import Table
@@ -12,7 +14,7 @@ from .volume_shaders import VolumeShader
 
 # Until then Cycles put a voxel's value into the middle of its far corner's cell (measured with 3.4).
 HALF_VOXEL_BEFORE = (5, 0, 0)
-COLOUR_TYPES = ("VECTOR_FLOAT", "VECTOR_DOUBLE", "VECTOR_INT")
+COLOUR_TYPES = ("vec3s", "vec3d", "vec3i")
 
 
 class GridFile:
@@ -55,18 +57,42 @@ def volume_material(thing):
     return None
 
 
-def file_of(volume, shutter, scene):
-    """The GridFile of a Volume's data. @throws LeftOut"""
-    grids = volume.grids
-    grids.load()
-    path = grids.frame_filepath
-    if not path:
-        raise LeftOut("it has no file" if not volume.filepath else "no file of its sequence is for this frame")
-    path = bpy.path.abspath(path, library=volume.library)
-    if not os.path.isfile(path):
-        raise LeftOut(f"its file {path} is not there")
-    names = [grid.name for grid in grids if grid.data_type not in COLOUR_TYPES]
-    colours = [grid.name for grid in grids if grid.data_type in COLOUR_TYPES]
+def path_of(volume, frame):
+    """Of the file that a Volume's data shows in a frame. @throws LeftOut"""
+    if not volume.filepath:
+        raise LeftOut("it has no file")
+    path = os.path.abspath(bpy.path.abspath(volume.filepath, library=volume.library))
+    number = re.search(r"(\d+)(\.[^./]*)?$", path)
+    if not volume.is_sequence or number is None:
+        return path
+    shown = _frame_of_sequence(volume, frame - volume.frame_start + 1)
+    return f"{path[: number.start()]}{shown:0{len(number[1])}}{number[2] or ''}"
+
+
+def _frame_of_sequence(volume, frame):
+    """The number of a sequence's file, as Blender has it. @param frame  from its start, counted from 1"""
+    count, mode = volume.frame_duration, volume.sequence_mode
+    if count == 0 or (mode == "CLIP" and not 1 <= frame <= count):
+        raise LeftOut("no file of its sequence is for this frame")
+    if mode == "EXTEND":
+        frame = min(max(frame, 1), count)
+    elif mode == "REPEAT":
+        frame = (frame - 1) % count + 1
+    elif mode == "PING_PONG":
+        frame = (frame - 1) % max(2 * count - 2, 1) + 1
+        frame = 2 * count - frame if frame > count else frame
+    return frame + volume.frame_offset
+
+
+def file_of(volume, shutter, scene, frame):
+    """The GridFile of a Volume's data; one that cannot be read has no grids: None. @throws LeftOut"""
+    path = path_of(volume, frame)
+    try:
+        grids = vdb_header.grids(path)
+    except (vdb_header.NotVdb, OSError):
+        return GridFile(path, None)
+    names = [name for name, kind in grids.items() if kind not in COLOUR_TYPES]
+    colours = [name for name, kind in grids.items() if kind in COLOUR_TYPES]
     velocity = None
     moving = next((name for name in (volume.velocity_grid, "velocity") if name in colours), None)
     if shutter is not None and moving is not None and volume.velocity_scale != 0:
@@ -75,11 +101,13 @@ def file_of(volume, shutter, scene):
         frames = scene.render.fps / scene.render.fps_base if by_second else shutter[1] - shutter[0]
         velocity = (moving, volume.velocity_scale / frames)
     offset = 0.5 if bpy.app.version < HALF_VOXEL_BEFORE else 0.0
-    return GridFile(os.path.abspath(path), names, colours, offset, velocity)
+    return GridFile(path, names, colours, offset, velocity)
 
 
 def volume_tables(thing, file, matrices, notes):
     """A table for each medium that a volume's shader makes of its file. @throws LeftOut: none of them could be"""
+    if file.grids is None:
+        return [file.table(matrices, "")]  # the program says what is wrong with it
     shader_plug = volume_material(thing)
     if shader_plug is None:
         raise LeftOut("it has no volume shader")
