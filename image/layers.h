@@ -43,6 +43,11 @@ inline constexpr LayerName background{"background", "RGB", "part of direct: ligh
 inline constexpr LayerName emission{"emission", "RGB", "part of direct: the medium's own emission"};
 inline constexpr LayerName single{"single", "RGB", "part of direct: light scattered once by a medium"};
 inline constexpr LayerName surface{"surface", "RGB", "part of direct: surfaces that emit or are lit directly"};
+inline constexpr LayerName surface_emission{"surface_emission", "RGB", "part of surface: what it emits itself"};
+inline constexpr LayerName volume_indirect{"volume_indirect", "RGB",
+                                           "part of indirect: paths whose first event is in a medium"};
+inline constexpr LayerName surface_indirect{"surface_indirect", "RGB",
+                                            "part of indirect: paths whose first event is on a surface"};
 inline constexpr LayerName gradient{
     "gradient", "XYZ",
     "mean over the paths of the unit direction of the density gradient, world space, where the path meets the medium's isosurface"};
@@ -61,6 +66,9 @@ inline constexpr LayerName scatter_share{"scatter_share", "A",
                                          "fraction of the paths whose first event is in a medium"};
 inline constexpr LayerName optical_depth{"optical_depth", "Y", "of the camera ray, marched, clamped at 50"};
 inline constexpr LayerName albedo{"albedo", "RGB", "at the first event: single-scattering albedo, or the surface's"};
+inline constexpr LayerName surface_albedo{"surface_albedo", "RGB", "of the first surface, where it is the first event"};
+inline constexpr LayerName surface_share{"surface_share", "A",
+                                         "fraction of the paths whose first event is on a surface"};
 inline constexpr LayerName normal{"normal", "XYZ", "of the first surface, where it is the first event"};
 inline constexpr LayerName depth{"depth", "Z", "distance to that surface"};
 inline constexpr LayerName position{"position", "XYZ", "where that is, world space"};
@@ -110,6 +118,7 @@ class Layers {
   Plane& add(const std::string& name, float value = 0.0f);
   /// Takes over a plane. @throws std::logic_error when its size is another
   void set(const std::string& name, Plane plane);
+  void remove(const std::string& name) { channels_.erase(name); }
   const Plane* find(const std::string& name) const;
   Plane* find(const std::string& name);
   /// @throws std::logic_error naming the channel and what is there instead

@@ -1,6 +1,7 @@
 #include "volume/emission.h"
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cmath>
 #include <optional>
@@ -8,43 +9,54 @@
 namespace brume {
 namespace {
 
-// CIE 1931 2-degree colour matching functions, sums of piecewise Gaussians.
-dvec3 colour_matching(double nm) {
-  const auto lobe = [nm](double peak, double centre, double below, double above) {
-    const double t = (nm - centre) * (nm < centre ? below : above);
-    return peak * std::exp(-0.5 * t * t);
-  };
-  return {lobe(0.362, 442.0, 0.0624, 0.0374) + lobe(1.056, 599.8, 0.0264, 0.0323) + lobe(-0.065, 501.1, 0.0490, 0.0382),
-          lobe(0.821, 568.8, 0.0213, 0.0247) + lobe(0.286, 530.9, 0.0613, 0.0322),
-          lobe(1.217, 437.0, 0.0845, 0.0278) + lobe(0.681, 459.0, 0.0385, 0.0725)};
+// CIE 1931 2-degree colour matching functions, from 380 nm by 10 nm.
+constexpr double kFirst = 380, kStep = 10;  // [nm]
+constexpr std::array<std::array<double, 3>, 41> kColourMatching = {{
+    {0.001368, 0.000039, 0.00645}, {0.004243, 0.00012, 0.02005},  {0.01431, 0.000396, 0.06785},
+    {0.04351, 0.00121, 0.2074},    {0.13438, 0.004, 0.6456},      {0.2839, 0.0116, 1.3856},
+    {0.34828, 0.023, 1.74706},     {0.3362, 0.038, 1.77211},      {0.2908, 0.06, 1.6692},
+    {0.19536, 0.09098, 1.28764},   {0.09564, 0.13902, 0.81295},   {0.03201, 0.20802, 0.46518},
+    {0.0049, 0.323, 0.272},        {0.0093, 0.503, 0.1582},       {0.06327, 0.71, 0.07825},
+    {0.1655, 0.862, 0.04216},      {0.2904, 0.954, 0.0203},       {0.43345, 0.99495, 0.00875},
+    {0.5945, 0.995, 0.0039},       {0.7621, 0.952, 0.0021},       {0.9163, 0.87, 0.00165},
+    {1.0263, 0.757, 0.0011},       {1.0622, 0.631, 0.0008},       {1.0026, 0.503, 0.00034},
+    {0.85445, 0.381, 0.00019},     {0.6424, 0.265, 0.00005},      {0.4479, 0.175, 0.00002},
+    {0.2835, 0.107, 0},            {0.1649, 0.061, 0},            {0.0874, 0.032, 0},
+    {0.04677, 0.017, 0},           {0.0227, 0.00821, 0},          {0.011359, 0.004102, 0},
+    {0.00579, 0.002091, 0},        {0.002899, 0.001047, 0},       {0.00144, 0.00052, 0},
+    {0.00069, 0.000249, 0},        {0.000332, 0.00012, 0},        {0.000166, 0.00006, 0},
+    {0.000083, 0.00003, 0},        {0.000042, 0.000015, 0},
+}};
+
+/// Linear Rec. 709, negative where the colour lies outside of it.
+dvec3 unclipped_blackbody(double kelvin) {
+  constexpr double kC1 = 1.191042972e-16, kC2 = 1.438776877e-2;  // 2 h c^2 [W m^2], h c / k [m K]
+  dvec3 xyz(0);
+  double weight = 0;
+  for (size_t i = 0; i < kColourMatching.size(); ++i) {
+    const double m = (kFirst + kStep * static_cast<double>(i)) * 1e-9;
+    const double planck = kC1 / (m * m * m * m * m * std::expm1(kC2 / (m * kelvin))) * 1e-9;  // per nm
+    const dvec3 bar(kColourMatching[i][0], kColourMatching[i][1], kColourMatching[i][2]);
+    xyz += planck * bar;
+    weight += bar.y;
+  }
+  xyz /= weight;
+  return {3.2404542 * xyz.x - 1.5371385 * xyz.y - 0.4985314 * xyz.z,
+          -0.9692660 * xyz.x + 1.8760108 * xyz.y + 0.0415560 * xyz.z,
+          0.0556434 * xyz.x - 0.2040259 * xyz.y + 1.0572252 * xyz.z};
 }
 
 }  // namespace
 
 dvec3 blackbody(double kelvin) {
-  if (!(kelvin >= 500)) return dvec3(0);
-  constexpr double kC1 = 1.191042972e-16, kC2 = 1.438776877e-2;  // 2 h c^2 [W m^2], h c / k [m K]
-  dvec3 xyz(0);
-  double weight = 0;
-  for (double nm = 360; nm <= 830; nm += 5) {
-    const double m = nm * 1e-9;
-    const double planck = kC1 / (m * m * m * m * m * std::expm1(kC2 / (m * kelvin))) * 1e-9;  // per nm
-    const dvec3 bar = colour_matching(nm);
-    xyz += planck * bar;
-    weight += bar.y;
-  }
-  xyz /= weight;
-  const dvec3 rgb{3.2404542 * xyz.x - 1.5371385 * xyz.y - 0.4985314 * xyz.z,
-                  -0.9692660 * xyz.x + 1.8760108 * xyz.y + 0.0415560 * xyz.z,
-                  0.0556434 * xyz.x - 0.2040259 * xyz.y + 1.0572252 * xyz.z};
-  return glm::max(rgb, dvec3(0));
+  return kelvin >= 500 ? glm::max(unclipped_blackbody(kelvin), dvec3(0)) : dvec3(0);
 }
 
 EmissionRamp EmissionRamp::of_blackbody(double offset, double scale, double highest, double intensity, bool planck) {
   static const double reference = luminance(blackbody(6500));
   const auto black_body = [&](double kelvin) {
     dvec3 colour = blackbody(kelvin);
-    const double y = luminance(colour);
+    const double y = kelvin >= 500 ? luminance(unclipped_blackbody(kelvin)) : 0.0;
     if (!planck && y > 0) colour *= 5.670374419e-8 * 1e-6 / kPi * kelvin * kelvin * kelvin * kelvin * reference / y;
     return colour * (intensity / reference);
   };
@@ -82,7 +94,9 @@ dvec3 EmissionRamp::operator()(double value) const {
     i = std::min<size_t>(bits >> kEntryBits, entries_.size() - 2);
     f = (bits & ((1u << kEntryBits) - 1)) * std::ldexp(1.0, -kEntryBits);
   } else {
-    while (i + 2 < stops_.size() && value >= stops_[i + 1]) ++i;
+    // The last stop at or below the value, but not the last of all.
+    const auto above = std::upper_bound(stops_.begin() + 1, stops_.end() - 1, value);
+    i = static_cast<size_t>(above - stops_.begin()) - 1;
     const double width = stops_[i + 1] - stops_[i];
     f = width > 0 ? std::clamp((value - stops_[i]) / width, 0.0, 1.0) : 0.0;
   }

@@ -11,7 +11,7 @@ namespace brume {
 
 /// Radiance of a black body in linear Rec. 709 [W/(m^2 sr nm), averaged over the visible weights], at a temperature in
 /// kelvin; 0 below 500 K. Out-of-gamut negatives are clipped.
-/// Source: Planck's law integrated against the CIE 1931 observer (multi-lobe fit of Wyman, Sloan, Shirley 2013).
+/// Source: Planck's law integrated against the CIE 1931 2-degree observer.
 dvec3 blackbody(double kelvin);
 
 /// Emission coefficient as a function of a grid's value: colours at given values, linear between and constant beyond,

@@ -30,12 +30,12 @@ DensityRule::DensityRule(const ScalarOptions& options, double largest)
 
 double DensityRule::remapped(double v) const {
   if (v <= remap_.front().first) return remap_.front().second;
-  for (size_t i = 1; i < remap_.size(); ++i)
-    if (v <= remap_[i].first) {
-      const double f = (v - remap_[i - 1].first) / (remap_[i].first - remap_[i - 1].first);
-      return remap_[i - 1].second + f * (remap_[i].second - remap_[i - 1].second);
-    }
-  return remap_.back().second;
+  const auto above = std::lower_bound(remap_.begin(), remap_.end(), v,
+                                      [](const std::pair<double, double>& point, double x) { return point.first < x; });
+  if (above == remap_.end()) return remap_.back().second;
+  const auto below = above - 1;
+  const double f = (v - below->first) / (above->first - below->first);
+  return below->second + f * (above->second - below->second);
 }
 
 std::vector<std::string> notes_of_values(const GridSummary& s, float largest) {

@@ -12,6 +12,7 @@
 #include "filters/inputs/features.h"
 #include "filters/inputs/guide_layers.h"
 #include "filters/run/apply.h"
+#include "workflows/clean_parts.h"
 #include "workflows/error_curve.h"
 
 namespace brume {
@@ -101,6 +102,14 @@ bool Cleaner::may_store(const std::string& channel) const {
 }
 
 Layers Cleaner::clean(Layers frame) {
+  return clean(std::move(frame), false);
+}
+
+Layers Cleaner::clean_with_parts(Layers frame) {
+  return clean(std::move(frame), true);
+}
+
+Layers Cleaner::clean(Layers frame, bool parts) {
   ApplyReport report;
   Layers clean =
       apply_filter(filter_, frame, options_of(exposure_, outliers_), host_.task(filter_.entry().name), &report);
@@ -112,13 +121,22 @@ Layers Cleaner::clean(Layers frame) {
   const auto own = [&](const std::string& name) { return frame.find(name) != nullptr; };
   for (const auto& [name, plane] : clean.channels())
     if (!own(name)) all.set(name, std::move(*clean.find(name)));
-  for (const auto& [name, plane] : frame.channels())
-    if (keep_guides_ || !name.starts_with("guide.")) all.set(name, std::move(*frame.find(name)));
+  std::vector<std::string> guides;
+  for (const auto& [name, plane] : frame.channels()) {
+    if (!keep_guides_ && is_guide(name)) guides.push_back(name);
+    all.set(name, std::move(*frame.find(name)));
+  }
   for (size_t c = 0; c < 3; ++c) {
     const std::string raw = layer::beauty.channel(c);
     all.set(layer::noisy.channel(c), std::move(*all.find(raw)));
     all.set(raw, std::move(*clean.find(raw)));
   }
+  if (parts) {
+    const Stopwatch watch;
+    clean_parts(filter_, options_of(exposure_, outliers_), all, host_.silent());
+    seconds_ += watch.seconds();
+  }
+  for (const std::string& name : guides) all.remove(name);
   for (const auto& [key, value] : clean.header) all.header[key] = value;
 
   error_ = -1;

@@ -27,6 +27,8 @@ class Cleaner {
   /// The frame with the clean picture on top: the raw one goes to `noisy`, the parts to clean_direct and
   /// clean_indirect, the estimated error to clean_error, where the filter makes them.
   Layers clean(Layers frame);
+  /// The same, with the parts of direct and indirect light that are recorded clean too (clean_parts).
+  Layers clean_with_parts(Layers frame);
 
   /// The round after this one; without goals where the target is reached, or nothing can be gained.
   ///
@@ -46,6 +48,7 @@ class Cleaner {
   double seconds() const { return seconds_; }
 
  private:
+  Layers clean(Layers frame, bool parts);
   double relative_square(double error, const RgbPlanes& rgb, int x, int y) const;
 
   FilterSettings filter_;

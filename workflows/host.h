@@ -2,6 +2,7 @@
 #include <atomic>
 #include <filesystem>
 #include <functional>
+#include <optional>
 #include <string>
 
 #include "base/progress.h"
@@ -19,12 +20,23 @@ struct Host {
     kWarning,  ///< what may spoil the result
   };
 
+  /// A picture that is there, whole, while its render goes on or at its end.
+  struct Update {
+    std::filesystem::path picture;
+    int number = 0;               ///< of the picture, from 1 on
+    double samples = 0;           ///< per pixel, on average
+    std::optional<double> error;  ///< relative, estimated; nothing where none is
+    double seconds = 0;           ///< since the render began
+    bool last = false;
+  };
+
   int threads = 0;                                          ///< 0: all of the machine's
   const std::atomic<bool>* cancel = nullptr;                ///< set from outside; the workflow ends with Interrupted
   std::function<void(Word, const std::string&)> tell = {};  ///< from any thread, one at a time; null: dropped
   /// Begins a stage, "render smoke", and gives whom to tell the finished fraction of it; null: not reported.
   std::function<std::function<void(double)>(const std::string& stage)> progress = {};
   std::function<void(const std::filesystem::path&)> wrote = {};  ///< told of each EXR that is there, whole
+  std::function<void(const Update&)> updated = {};               ///< told of each of RenderOptions::updates
 
   Task task(const std::string& stage) const {
     return {threads, progress ? progress(stage) : std::function<void(double)>(), cancel};

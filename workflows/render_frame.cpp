@@ -23,7 +23,6 @@ namespace fs = std::filesystem;
 
 constexpr int kSamplesWithoutLimit = 16;  // that guides are made for where time or error end the render
 constexpr int kMostSamples = 1 << 20;     // where they do, too
-constexpr double kCleaningShare = 0.2;    // of the time, for pictures that somebody watches
 
 /// "64 samples per pixel", or how many where tiles have different numbers.
 std::string samples_text(const RenderReport& report) {
@@ -68,14 +67,21 @@ void check_outputs(const RenderOptions& o, const Scene& scene) {
   for (const VolumeSettings& volume : scene.volumes) inputs.push_back(volume.file);
   for (const SurfaceSettings& surface : scene.surfaces)
     inputs.insert(inputs.end(), {surface.file, surface.albedo_texture});
-  if (!o.checkpoint.empty()) check_writable(o.checkpoint, inputs, ".exr");
+  for (const fs::path& file : {o.checkpoint, o.updates})
+    if (!file.empty()) check_writable(file, inputs, ".exr");
   inputs.push_back(o.resume);
   for (const auto& [file, ending] : {std::pair(&o.output, ".exr"), {&o.preview, ".png"}, {&o.records, ".records"}})
     if (!file->empty()) check_writable(*file, inputs, ending);
-  if (!o.output.empty() && !o.checkpoint.empty() &&
-      fs::weakly_canonical(o.output) == fs::weakly_canonical(o.checkpoint))
+  const auto same = [](const fs::path& a, const fs::path& b) {
+    return !a.empty() && !b.empty() && fs::weakly_canonical(a) == fs::weakly_canonical(b);
+  };
+  if (same(o.output, o.checkpoint))
     throw InputError(fmt::format("{}: is the checkpoint too, which the picture would replace; name another output",
                                  o.output.string()));
+  for (const fs::path& other : {o.output, o.checkpoint, o.resume})
+    if (same(o.updates, other))
+      throw InputError(
+          fmt::format("--updates {}: is another file of this command too; name one of its own", o.updates.string()));
 }
 
 RenderJob::Crop parse_crop(const std::string& text, const FilmSettings& film) {
@@ -98,6 +104,9 @@ struct Setup {
   RenderJob job;
   std::optional<Cleaner> cleaner;
   bool open_ended;  // by time or error
+
+  /// Whether samples go in rounds where the clean picture needs them.
+  bool in_rounds() const { return options.time_limit > 0 || options.target_error > 0; }
 
   Setup(const Setup&) = delete;  // its job calls it
   Setup(const RenderOptions& o, const Host& h)
@@ -235,29 +244,11 @@ class Ready {
   const PreparedScene* scene_ = nullptr;
 };
 
-/// Lets somebody watch: tiles as they change, and whole frames between passes. Cleaning these takes a fifth of the
-/// time at most.
-std::unique_ptr<RenderWatcher> make_watcher(Setup& s) {
-  if (!s.options.watch) return nullptr;
-  const FilmSettings& film = s.scene.film;
-  std::unique_ptr<RenderWatcher> watcher = s.options.watch(
-      s.scene.name, s.job.crop ? ivec2(s.job.crop->width(), s.job.crop->height()) : ivec2(film.width, film.height));
-  s.job.watch = [w = watcher.get()](const Film& picture, int tile) { w->update(picture, tile); };
-  s.job.show = [w = watcher.get(), &s, since = Stopwatch()](const std::function<Layers()>& frame) {
-    if (!w->waits()) return;
-    if (!s.cleaner)
-      w->show(frame());
-    else if (s.cleaner->seconds() <= kCleaningShare * since.seconds())
-      w->show(s.cleaner->clean(frame()));
-  };
-  return watcher;
-}
-
 /// The options of one frame of a sequence: its names, its number.
 RenderOptions of_frame(const RenderOptions& sequence, int frame) {
   RenderOptions options = sequence;
   for (fs::path RenderOptions::*name : {&RenderOptions::output, &RenderOptions::preview, &RenderOptions::records,
-                                        &RenderOptions::checkpoint, &RenderOptions::resume})
+                                        &RenderOptions::checkpoint, &RenderOptions::resume, &RenderOptions::updates})
     options.*name = file_of_frame(options.*name, frame);
   options.overrides.push_back(fmt::format("render.frame={}", frame));
   if (options.fixed_seed) options.overrides.push_back("render.noise_frame=0");
@@ -271,6 +262,76 @@ void make_folder_of_frame(const fs::path& pattern, int frame) {
   if (FramePattern::of(folder)) fs::create_directory(file_of_frame(folder, frame), ignored);
 }
 
+/// Keeps RenderOptions::updates the newest picture.
+class UpdatedPicture {
+ public:
+  UpdatedPicture(const Setup& setup) : setup_(setup) {}
+
+  /// @param samples  per pixel, on average   @param error  relative; nothing where none is estimated
+  void show(const Layers& frame, double samples, std::optional<double> error, bool last) {
+    if (failed_) return;
+    Layers picture(frame.width(), frame.height());
+    picture.header = frame.header;
+    picture.lie_like(frame);
+    for (const LayerName& l : {layer::beauty, layer::alpha})
+      for (const std::string& channel : l.channel_names()) picture.set(channel, frame.at(channel));
+    const fs::path& file = setup_.options.updates;
+    try {
+      write_exr(file, picture);
+    } catch (const InputError& problem) {  // which must not cost the render
+      setup_.host.say(Host::Word::kWarning, fmt::format("{}; no more pictures are shown", problem.what()));
+      failed_ = true;
+      return;
+    }
+    if (error && !std::isfinite(*error)) error.reset();
+    if (setup_.host.updated) setup_.host.updated({file, ++number_, samples, error, watch_.seconds(), last});
+  }
+
+ private:
+  const Setup& setup_;
+  Stopwatch watch_;
+  int number_ = 0;
+  bool failed_ = false;
+};
+
+double mean_samples(const Film& film) {
+  double taken = 0, pixels = 0;
+  for (int tile = 0; tile < film.tile_count(); ++tile) {
+    taken += static_cast<double>(film.bounds(tile).pixels()) * film.taken(tile);
+    pixels += film.bounds(tile).pixels();
+  }
+  return taken / pixels;
+}
+
+std::optional<double> clean_error_of(const Setup& s) {
+  return s.cleaner && s.cleaner->error() >= 0 ? std::optional(s.cleaner->error()) : std::nullopt;
+}
+
+/// Says who is shown what while the picture is rendered.
+void watch_render(Setup& s, RenderWatcher* watcher, UpdatedPicture* updated) {
+  if (watcher) s.job.watch = [=](const Film& picture, int tile) { watcher->update(picture, tile); };
+  if (watcher || updated)
+    s.job.show = [=, &s](const Film& film, const std::function<Layers()>& frame, bool first) {
+      const bool clean = s.cleaner && !first;
+      const bool waits = watcher && (clean || !s.cleaner) && watcher->waits();
+      if (!waits && !updated) return;
+      const Layers picture = clean ? s.cleaner->clean(frame()) : frame();
+      if (waits) watcher->show(picture);
+      if (!updated) return;
+      std::optional<double> error = clean_error_of(s);
+      if (!clean) error = s.layers.statistics ? film.relative_error(s.scene.film.exposure) : std::optional<double>();
+      updated->show(picture, mean_samples(film), error, false);
+    };
+  if (s.cleaner && s.in_rounds())
+    s.job.next_round = [&s, watcher, updated](const RenderRound& round) {
+      NextRound next = s.cleaner->next_round(round, s.options.target_error);
+      const Layers& picture = s.cleaner->picture();
+      if (watcher) watcher->show(picture);
+      if (updated) updated->show(picture, mean_samples(round.film), clean_error_of(s), false);
+      return next;
+    };
+}
+
 }  // namespace
 
 RenderedFrame render_frame(const RenderOptions& options, const Host& host) {
@@ -280,28 +341,33 @@ RenderedFrame render_frame(const RenderOptions& options, const Host& host) {
   if (options.skip_complete && !resume_frame(s)) return rendered;
   Ready prepared(s);
   for (VolumeSettings& volume : s.scene.volumes) volume.grids.reset();
-  const std::unique_ptr<RenderWatcher> watcher = make_watcher(s);
-  if (s.cleaner && (options.time_limit > 0 || options.target_error > 0))
-    s.job.next_round = [&](const RenderRound& round) {
-      NextRound next = s.cleaner->next_round(round, options.target_error);
-      if (watcher) watcher->show(s.cleaner->picture());
-      return next;
-    };
+  std::unique_ptr<RenderWatcher> watcher;
+  if (options.watch) {
+    const FilmSettings& film = s.scene.film;
+    watcher = options.watch(
+        s.scene.name, s.job.crop ? ivec2(s.job.crop->width(), s.job.crop->height()) : ivec2(film.width, film.height));
+  }
+  std::optional<UpdatedPicture> updated;
+  if (!options.updates.empty()) updated.emplace(s);
+  watch_render(s, watcher.get(), updated ? &*updated : nullptr);
 
   RenderResult result = prepared->render(s.job, host.task("render " + s.scene.name));
   const Plan plan = prepared->plan();
   prepared.let_go();  // the volumes and their light are not held while the picture is cleaned
   if (s.cleaner) {
-    result.layers = s.cleaner->clean(std::move(result.layers));
+    result.layers = s.cleaner->clean_with_parts(std::move(result.layers));
     if (watcher) watcher->show(result.layers);
   }
+  if (updated)
+    updated->show(result.layers, result.report.mean_samples_per_pixel,
+                  s.cleaner ? clean_error_of(s) : result.report.error, true);
   if (!options.output.empty()) write_exr(options.output, result.layers);
   std::error_code ignored;
   if (options.skip_complete && !options.checkpoint.empty()) fs::remove(options.checkpoint, ignored);
   if (!options.preview.empty()) options.picture.write(options.preview, result.layers);
   rendered.end = tell_result(s, plan, result.report) ? FrameEnd::kMissed : FrameEnd::kDone;
   if (!options.output.empty() && host.wrote) host.wrote(options.output);
-  if (s.cleaner && s.cleaner->error() >= 0) rendered.clean_error = s.cleaner->error();
+  rendered.clean_error = clean_error_of(s);
   rendered.layers = std::move(result.layers);
   rendered.report = result.report;
   return rendered;
@@ -321,7 +387,7 @@ SequenceEnd render_sequence(const RenderOptions& options, const std::vector<int>
       own.scene_text = made->text(options.scene.filename().string());  // the pattern, which the scene's frame completes
     else
       own.scene = file_of_frame(options.scene, frame);
-    for (const fs::path& name : {options.output, options.preview, options.records, options.checkpoint})
+    for (const fs::path& name : {options.output, options.preview, options.records, options.checkpoint, options.updates})
       make_folder_of_frame(name, frame);
     return render_frame(own, host).end;
   });

@@ -51,6 +51,9 @@ struct RenderOptions {
   double target_error = 0;   ///< relative error at which to stop, of the clean picture where one is made; 0: none
   std::filesystem::path output, preview, records, checkpoint, resume;  ///< empty: none
   double checkpoint_seconds = 300;
+  /// EXR of the picture, R G B A, again and again while it is rendered, and at the end: but for the first, after one
+  /// sample, clean where a filter cleans it. Each replaces the one before as a whole, and Host::updated is told. Samples and result stay the same. Empty: none.
+  std::filesystem::path updates;
   PictureOptions picture;      ///< of the preview
   bool skip_complete = false;  ///< leave out a frame whose output is whole and of this render; go on from checkpoints
   bool require_valid = false;  ///< miss a threshold by one sample that is not finite; else by one in a million

@@ -21,6 +21,7 @@ struct Common {
   bool quiet = false;
   std::string progress = "auto";  ///< auto, bar, lines, json, none
   bool json = false;
+  bool stop_with_stdin = false;
   std::string command;  ///< what the user typed, for tables
 };
 
@@ -49,6 +50,8 @@ CLI::App* add_command(CLI::App& app, Common& common, const std::string& name, co
 
 /// A task on the chosen threads that reports to the terminal and stops at Ctrl-C.
 Task make_task(const Common& common, const std::string& label);
+/// From now on this program is interrupted, as by Ctrl-C, once stdin has ended: the end of who started it closes that.
+void stop_with_stdin();
 /// The terminal, for workflows.
 Host make_host(const Common& common);
 

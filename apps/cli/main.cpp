@@ -84,6 +84,7 @@ int run(int argc, char** argv) {
   std::signal(SIGHUP, on_interrupt);
   std::signal(SIGUSR1, on_interrupt);  // what farms send before a job's time is over
   std::signal(SIGXFSZ, SIG_IGN);       // a file that may not grow is an error of that write, with its message
+  if (common.stop_with_stdin) stop_with_stdin();
   try {
     set_exr_threads(common.threads);
     return commands.at(app.get_subcommands().front())();

@@ -149,6 +149,9 @@ void add_render(CLI::App& app, Common& common, Commands& commands) {
           "--target-error", r.target_error,
           "stop at this estimated relative error: root of the mean of variance / (mean^2 + 0.01 white^2); with --clean that of the clean picture")
       ->check(above_zero);
+  command->add_option(
+      "--updates", r.updates,
+      "EXR of the picture while it is rendered, first after one sample per pixel, then clean with --clean; each replaces the one before as a whole and is told, with --progress json as a line with its name, samples and estimated error. The result stays the same");
   command->add_option("--checkpoint", r.checkpoint, "EXR to keep the state in, while rendering and after");
   command->add_option("--checkpoint-every", r.checkpoint_seconds, "seconds between checkpoints")
       ->check(above_zero)

@@ -2,13 +2,17 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
+#include <array>
 #include <cerrno>
+#include <chrono>
 #include <cmath>
 #include <csignal>
 #include <cstdio>
+#include <cstdlib>
 #include <cstring>
 #include <memory>
 #include <set>
+#include <thread>
 
 #include "apps/cli/command.h"
 #include "base/error.h"
@@ -74,9 +78,37 @@ class ProgressLine {
 
 int output_error = 0;  // errno of the first thing that could not be printed
 
+void tell(const Common& common, const Host::Update& update) {
+  if (common.progress == "json") {
+    nlohmann::json line = {{"picture", update.picture.string()}, {"number", update.number},
+                           {"samples", update.samples},          {"error", nullptr},
+                           {"seconds", update.seconds},          {"last", update.last}};
+    if (update.error) line["error"] = *update.error;
+    std::fputs((line.dump() + "\n").c_str(), stderr);
+    std::fflush(stderr);
+    return;
+  }
+  log(common, fmt::format("{}: {:.4g} samples per pixel{}", update.picture.string(), update.samples,
+                          update.error ? fmt::format(", estimated relative error {:.4g}", *update.error) : ""));
+}
+
 }  // namespace
 
 std::atomic<bool> interrupted{false};
+
+void stop_with_stdin() {
+  constexpr auto kOrderlyEnd = std::chrono::seconds(10);  // who would wait for more is gone
+  std::thread([=] {
+    std::array<char, 256> ignored{};
+    while (true) {
+      const ssize_t got = read(STDIN_FILENO, ignored.data(), ignored.size());
+      if (got == 0 || (got < 0 && errno != EINTR)) break;
+    }
+    interrupted = true;
+    std::this_thread::sleep_for(kOrderlyEnd);
+    std::_Exit(kInterrupted);
+  }).detach();
+}
 
 Task make_task(const Common& common, const std::string& label) {
   Task task{common.threads, {}, &interrupted};
@@ -104,6 +136,7 @@ Host make_host(const Common& common) {
   };
   host.progress = [&common](const std::string& stage) { return make_task(common, stage).progress; };
   host.wrote = [](const std::filesystem::path& file) { print(file.string() + "\n"); };
+  host.updated = [&common](const Host::Update& update) { tell(common, update); };
   return host;
 }
 
@@ -127,6 +160,11 @@ CLI::App* add_command(CLI::App& app, Common& common, const std::string& name, co
       ->check(CLI::Range(0, 4096))
       ->group("Common");
   command->add_flag("-q,--quiet", common.quiet, "errors and warnings only on stderr")->group("Common");
+  command
+      ->add_flag(
+          "--stop-with-stdin", common.stop_with_stdin,
+          "end, as at Ctrl-C, once stdin is closed: for programs that start this one and must not leave it behind")
+      ->group("Common");
   command->add_option("--progress", common.progress, "progress on stderr")
       ->check(CLI::IsMember({"auto", "bar", "lines", "json", "none"}))
       ->group("Common");

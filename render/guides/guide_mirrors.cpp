@@ -246,7 +246,7 @@ GuideMarch::Seen GuideMarch::look(const Ray& ray, const GuideMedia& media, Media
     const Shaded at = shaded(ray, *hit);
     if (way.only_lights && !at.bsdf.delta()) return seen;
     if (!way.only_lights) {
-      if (!at.inside) end.straight = context_.surfaces->settings(hit->surface).radiance;
+      end.straight = context_.surfaces->emitted(hit->surface, !at.inside);
       for (size_t k = 0; k < fields_.lights().size() && !at.bsdf.delta(); ++k) {
         const Lit lit = light_on(at, k);
         end.scattered += lit.direct + lit.indirect;

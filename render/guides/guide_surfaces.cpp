@@ -36,7 +36,7 @@ void GuideMarch::add_surface(const Eye& eye, const Ray& ray, const SurfaceHit& h
   sums.surface_albedo += tinted(at.bsdf.albedo, straight);
   sums.surface_depth += straight * (hit.t - reference_depth_);
   sums.material[static_cast<int>(at.bsdf.kind)] += static_cast<float>(straight);
-  if (!at.inside) sums.background += tinted(context_.surfaces->settings(hit.surface).radiance, straight);
+  sums.background += tinted(context_.surfaces->emitted(hit.surface, !at.inside), straight);
   dvec3 indirect = indirect_light_on(at), leaving(0);
   for (size_t k = 0; k < sums.groups.size() && !at.bsdf.delta(); ++k) {
     const Lit light = light_on(at, k);

@@ -29,12 +29,14 @@ struct CameraSettings {
   double fov = 40;
   double width = 1;
   std::string fov_axis = "x";
+  dvec2 shift{0};
+  double pixel_aspect = 1;
   double lens_radius = 0, focus_distance = 0;
   int blades = 0;
   double blade_rotation = 0;
   dvec2 shutter{0};
-  std::vector<double> position_end, look_at_end;  ///< three numbers, or none: the camera stands still
-  std::vector<std::vector<double>> keys;          ///< of a moving camera; none once a frame's camera is taken from them
+  std::vector<double> position_end, look_at_end, up_end;  ///< three numbers, or none: the camera stands still
+  std::vector<std::vector<double>> keys;  ///< of a moving camera; none once a frame's camera is taken from them
   std::filesystem::path from_exr;
   std::shared_ptr<const CameraMatrices> matrices;  ///< the same of a frame in memory; not part of a scene's text
 };
@@ -109,6 +111,7 @@ struct LightSettings {
   bool two_sided = false;
   dvec3 intensity{0};
   double cone_angle = 60, cone_softness = 0.15;
+  bool cosine_falloff = false;
   bool visible_to_camera = false;
   bool enabled = true;
 };
@@ -118,12 +121,16 @@ struct SurfaceSettings {
   std::string material = "diffuse";
   dvec3 albedo{0.5};
   std::filesystem::path albedo_texture;
+  dvec3 edge_albedo{1};
   double roughness = 0.3, ior = 1.5;
   std::string normals = "smooth";
   dvec3 radiance{0};
+  bool two_sided = false;
   std::string role = "visible";
+  bool visible_to_camera = true;
   std::string shadow = "traced";
   dmat4 object_to_world{1};
+  dmat4 object_to_world_end{0};  ///< all zero: the surface stands still
   bool enabled = true;
   /// In its own space, where it is in memory already; null: it is read. Not part of a scene's text.
   std::shared_ptr<const TriangleMesh> mesh;

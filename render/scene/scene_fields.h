@@ -21,12 +21,16 @@ template <class Visitor>
 void describe(Visitor& v, CameraSettings& c) {
   v({.key = "type", .help = "how rays spread", .choices = {"perspective", "orthographic"}}, c.type);
   v({"position", "scene units", "the eye"}, c.position);
-  v({"look_at", "scene units", "the point in the middle of the picture"}, c.look_at);
+  v({"look_at", "scene units", "the point in the middle of the picture, unless it is shifted"}, c.look_at);
   v({"up", "", "the direction that is up in the picture"}, c.up);
   v({"fov", "degrees", "perspective: full angle of view along fov_axis", 0.001, 179}, c.fov);
   v({"width", "scene units", "orthographic: extent of the picture along fov_axis", 1e-12}, c.width);
   v({.key = "fov_axis", .help = "the side of the picture that fov and width span", .choices = {"x", "y", "shorter"}},
     c.fov_axis);
+  v({"shift", "picture sizes",
+     "[right, up]: shows what lies this far off, in widths and heights of the picture, without turning the camera, as the shift of a lens; [0.5, 0]: the point ahead is at the left edge"},
+    c.shift);
+  v({"pixel_aspect", "1", "width of a pixel over its height", 0.01, 100}, c.pixel_aspect);
   v({"lens_radius", "scene units", "of the thin lens; 0 is a pinhole, all in focus", 0}, c.lens_radius);
   v({"focus_distance", "scene units", "from the eye to the plane in focus, along the view; 0: through look_at", 0},
     c.focus_distance);
@@ -36,6 +40,7 @@ void describe(Visitor& v, CameraSettings& c) {
   v({"position_end", "scene units", "where the eye is when the shutter closes; empty: it stands still"},
     c.position_end);
   v({"look_at_end", "scene units", "what the eye looks at when the shutter closes; empty: as before"}, c.look_at_end);
+  v({"up_end", "", "up when the shutter closes; empty: as before"}, c.up_end);
   v({"keys", "frame, scene units",
      "a camera that moves from frame to frame, instead of position and look_at: [[frame, position x, y, z, look_at x, y, z], ...], rising in the first. A smooth curve through the keys (cubic Hermite, tangents from the neighbouring keys), straight between two, at rest before the first and after the last; it moves over the shutter too"},
     c.keys);
@@ -231,6 +236,8 @@ void describe(Visitor& v, LightSettings& l) {
   v({"intensity", "W/sr", "point, spot", 0}, l.intensity);
   v({"cone_angle", "degrees", "spot: full angle of the cone", 0.01, 179.9}, l.cone_angle);
   v({"cone_softness", "1", "spot: share of the cone in which it fades out", 0, 1}, l.cone_softness);
+  v({"cosine_falloff", "", "spot: whether its intensity also falls with the cosine of the angle to its axis"},
+    l.cosine_falloff);
   v({"visible_to_camera", "", "whether rays that never scatter see it"}, l.visible_to_camera);
   v({"enabled", "", "false leaves it out of the scene"}, l.enabled);
 }
@@ -247,6 +254,7 @@ void describe(Visitor& v, SurfaceSettings& s) {
      1},
     s.albedo);
   v({"albedo_texture", "", "picture that multiplies albedo: PNG, JPEG (sRGB), HDR or EXR (linear)"}, s.albedo_texture);
+  v({"edge_albedo", "1", "conductor: reflectance seen at grazing angles", 0, 1}, s.edge_albedo);
   v({"roughness", "1", "conductor, dielectric: square root of the GGX width; 0 is perfectly smooth", 0, 1},
     s.roughness);
   v({"ior", "1", "dielectric: index of refraction inside over outside", 1.0001, 4}, s.ior);
@@ -255,17 +263,20 @@ void describe(Visitor& v, SurfaceSettings& s) {
      .choices = {"smooth", "flat"}},
     s.normals);
   v({"radiance", "W/(m^2 sr)", "emitted by the outside: an area light of any shape", 0}, s.radiance);
+  v({"two_sided", "", "emits to both sides"}, s.two_sided);
   v({.key = "role",
      .help =
          "holdout: cuts a hole into the picture, alpha 0; shadow_catcher: unseen, its light goes to the layers catcher and catcher_unshadowed",
      .choices = {"visible", "holdout", "shadow_catcher"}},
     s.role);
+  v({"visible_to_camera", "", "whether rays that never scatter meet it; all others do"}, s.visible_to_camera);
   v({.key = "shadow",
      .help =
          "smooth dielectric. traced: light passes bent, and only paths that end on a light find it behind: unbiased, but dark behind points and noisy under small suns; straight: light sampling looks through, unbent and dimmed by Fresnel: biased as far as the bending matters",
      .choices = {"traced", "straight"}},
     s.shadow);
   v({"object_to_world", "", "4 x 4, rows first; points are columns"}, s.object_to_world);
+  v({"object_to_world_end", "", "the same when the shutter closes; all zero: it stands still"}, s.object_to_world_end);
   v({"enabled", "", "false leaves it out of the scene"}, s.enabled);
 }
 

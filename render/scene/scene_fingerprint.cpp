@@ -159,6 +159,8 @@ std::string world_of(const Scene& scene) {
   camera.fov = any_camera.fov;
   camera.width = any_camera.width;
   camera.fov_axis = any_camera.fov_axis;
+  camera.shift = any_camera.shift;
+  camera.pixel_aspect = any_camera.pixel_aspect;
   camera.lens_radius = any_camera.lens_radius;
   camera.focus_distance = any_camera.focus_distance;
   camera.blades = any_camera.blades;

@@ -148,15 +148,27 @@ void check_surface(Parser& parser, SurfaceSettings& s, const toml::value& table)
   if (s.shadow == "straight" && (s.material != "dielectric" || s.roughness > 0))
     fail_at("'shadow' is straight", table.at("shadow"),
             "expected so only for material = \"dielectric\", roughness = 0");
+  if (s.material != "conductor" && parser.has("edge_albedo"))
+    fail_at(fmt::format("'edge_albedo' has no meaning for a {} surface", s.material), table.at("edge_albedo"),
+            "remove it");
+  if (s.two_sided && s.radiance == dvec3(0))
+    fail_at("'two_sided' has no meaning without 'radiance'", table.at("two_sided"), "set radiance, or remove it");
+  if (s.object_to_world_end != dmat4(0.0) && s.radiance != dvec3(0))
+    fail_at("a surface that emits cannot move", table.at("object_to_world_end"),
+            "remove object_to_world_end or radiance");
   if (s.role != "visible" && s.radiance != dvec3(0))
     fail_at(fmt::format("a {} cannot emit", s.role), table.at("radiance"), "remove radiance or role");
 }
 
 void check_camera(const Parser& parser, const CameraSettings& c, const toml::value& table) {
   if (!c.keys.empty())
-    for (const char* key : {"position", "look_at", "position_end", "look_at_end", "from_exr"})
+    for (const char* key : {"position", "look_at", "position_end", "look_at_end", "up_end", "from_exr"})
       if (parser.has(key))
         fail_at(fmt::format("'{}' stands beside 'keys'", key), table.at(key), "remove one of the two");
+  if (!c.from_exr.empty())
+    for (const char* key : {"shift", "pixel_aspect"})
+      if (parser.has(key))
+        fail_at(fmt::format("'{}' stands beside 'from_exr', whose header holds it", key), table.at(key), "remove it");
   if (c.from_exr.empty() && !c.matrices && c.keys.empty())
     for (const char* key : {"position", "look_at"})
       if (!parser.has(key))

@@ -97,11 +97,13 @@ struct RenderJob {
   std::filesystem::path
       records;  ///< per-sample records go here (PathRecord); needs LayerRequest::records, and one pass
 
-  /// Called between passes, but those of rounds, with what makes the frame that the film holds, header and guides
-  /// included.
-  std::function<void(const std::function<Layers()>& frame)> show;
   /// Called whenever a tile's pixels have changed, from any thread, one at a time.
   std::function<void(const Film&, int tile)> watch;
+  /// Shown the picture between two passes for as long as there are more samples to come: first after one sample of each
+  /// pixel, before there are guides, then with them as often as showing takes no more than a quarter of the time. Rounds
+  /// that next_round asks for are not shown: it sees them.
+  /// @param frame  makes what the film holds: layers, header and guides
+  std::function<void(const Film&, const std::function<Layers()>& frame, bool first)> show;
   /// Called at once with what someone who waits for the picture should know.
   std::function<void(const std::string&)> warn;
   /// Called between passes with what the frame holds; to fill in what its caller adds to headers.

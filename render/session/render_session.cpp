@@ -54,7 +54,7 @@ RenderSession::RenderSession(const PreparedScene& scene, const RenderJob& job, c
   if (!job.records.empty()) open_records();
   stop_.cancel = task.cancel;
   context_.stop = &stop_;
-  scene.guides(job.samples_for_guides(), quiet(task));
+  if (!job.show) scene.guides(job.samples_for_guides(), quiet(task));  // who watches first sees what needs none
 }
 
 void RenderSession::resume() {
@@ -122,10 +122,10 @@ RenderResult RenderSession::run() {
   try {
     run_passes();
   } catch (const Interrupted&) {
-    if (keep_) develop_all();
     const bool out_of_time = !task_.cancelled() && stop_.due();
+    if (!out_of_time && job_.checkpoint.empty()) throw;
+    if (keep_) develop_all();
     if (!out_of_time) {
-      if (job_.checkpoint.empty()) throw;
       const std::string name = job_.checkpoint.string();
       if (!write_checkpoint())
         throw Interrupted(fmt::format("the checkpoint {} could not be brought up to date", name));
@@ -174,13 +174,7 @@ void RenderSession::run_passes() {
     done_ = goal;
     if (done_ < total) write_regular_checkpoint();
     if (done_ == total || enough()) break;
-    if (job_.show) {
-      job_.show([this] {
-        record_guides(quiet(task_));
-        return film_so_far();
-      });
-      task_.check();
-    }
+    show_picture();
   }
 }
 
@@ -188,6 +182,21 @@ void RenderSession::write_regular_checkpoint() {
   if (job_.checkpoint.empty() || wall_.seconds() - last_checkpoint_ <= job_.checkpoint_seconds) return;
   write_checkpoint();
   last_checkpoint_ = wall_.seconds();
+}
+
+void RenderSession::show_picture() {
+  constexpr double kMostShare = 0.25;  // of the time
+  const bool first = last_shown_ < 0;
+  if (!job_.show || (!first && kMostShare * (wall_.seconds() - last_shown_) < showing_seconds_)) return;
+  const Stopwatch watch;
+  const auto frame = [&] {
+    if (!first) record_guides(quiet(task_));
+    return film_so_far();
+  };
+  job_.show(film_, frame, first);
+  task_.check();
+  showing_seconds_ = watch.seconds();
+  last_shown_ = wall_.seconds();
 }
 
 void RenderSession::run_rounds() {
@@ -205,6 +214,12 @@ void RenderSession::run_rounds() {
     if (more) {
       const Stopwatch watch;
       const double before = samples_taken();
+      if (job_.show && before == 0) {  // who watches need not wait for the whole of the first round
+        for (uint32_t few = 1; 2 * few <= goals_.front(); few *= 2) {
+          pass(std::vector<uint32_t>(tiles_.size(), few));
+          show_picture();
+        }
+      }
       pass(goals_);
       sampling += watch.seconds();
       rounds_.add_sampling(samples_taken() - before, watch.seconds());

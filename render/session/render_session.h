@@ -44,6 +44,8 @@ class RenderSession {
   /// @param before  samples when the pass began
   double rounds_share(double samples, double before, double pass_seconds) const;
   void write_regular_checkpoint();
+  /// Shows the picture to who watches it, unless that would take too much of the time.
+  void show_picture();
   /// Each tile up to its goal of samples of each pixel.
   void pass(const std::vector<uint32_t>& goals);
   void develop_all();
@@ -104,6 +106,8 @@ class RenderSession {
   double resumed_samples_ = 0;  // of all pixels together
   double needed_samples_ = 0;   // until the target error is reached, estimated; 0: unknown
   double last_checkpoint_ = 0;  // on the wall clock
+  double last_shown_ = -1;      // when the picture was there, likewise; below 0: never
+  double showing_seconds_ = 0;  // that it took
 };
 
 }  // namespace brume

@@ -18,10 +18,12 @@ PreparedScene::PreparedScene(Scene scene, const LayerRequest& layers, const Task
     : scene_(std::move(scene)), media_(scene_, task), lights_(scene_, media_.world_shift(), task) {
   bool catcher = false;
   if (!scene_.surfaces.empty()) {
-    surfaces_ = std::make_unique<Surfaces>(scene_.surfaces, media_.world_shift());
+    const bool blurred = scene_.camera.shutter.y > scene_.camera.shutter.x;
+    surfaces_ = std::make_unique<Surfaces>(scene_.surfaces, media_.world_shift(), blurred);
     for (uint32_t i = 0; i < surfaces_->count(); ++i) {
-      if (scene_.surfaces[i].radiance != dvec3(0)) lights_.add_mesh(surfaces_->mesh(i), scene_.surfaces[i].radiance);
-      catcher = catcher || scene_.surfaces[i].role == "shadow_catcher";
+      const SurfaceSettings& s = scene_.surfaces[i];
+      if (s.radiance != dvec3(0)) lights_.add_mesh(surfaces_->mesh(i), s.radiance, s.two_sided);
+      catcher = catcher || s.role == "shadow_catcher";
     }
   }
   const std::string& sampling = scene_.render.light_sampling;

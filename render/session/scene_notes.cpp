@@ -33,8 +33,12 @@ std::vector<std::string> scene_notes(const Scene& scene, const SceneMedia& media
     notes.push_back(
         "no path finds points, spots and exactly parallel suns through dielectric meshes: behind them their light is missing. Give them a radius or an angular_diameter, the larger the less noise, or the meshes shadow = \"straight\"");
   const bool shutter_opens = scene.camera.shutter.y > scene.camera.shutter.x;
-  if (!shutter_opens && !(scene.camera.position_end.empty() && scene.camera.look_at_end.empty()))
+  const CameraSettings& camera = scene.camera;
+  if (!shutter_opens && !(camera.position_end.empty() && camera.look_at_end.empty() && camera.up_end.empty()))
     notes.push_back("the camera moves but camera.shutter opens and closes at once: it stands where it starts");
+  const auto moves = [](const SurfaceSettings& s) { return s.object_to_world_end != dmat4(0.0); };
+  if (!shutter_opens && std::any_of(scene.surfaces.begin(), scene.surfaces.end(), moves))
+    notes.push_back("a surface moves but camera.shutter opens and closes at once: it is rendered where it starts");
   if (scene.volumes.empty() && scene.surfaces.empty())
     notes.push_back("the scene has no [[volumes]]: there is nothing to scatter light");
   const std::vector<std::string> of_lights = lights.notes();

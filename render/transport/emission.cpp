@@ -36,8 +36,18 @@ HWY_INLINE RampPlace place(const EmissionCells& cells, V value, M& glows) {
     return {entry, hn::Mul(hn::ConvertTo(d, within), set(1.0f / (1 << EmissionRamp::kEntryBits)))};
   }
   VI entry = hn::Zero(di);
-  for (int32_t k = 1; k <= cells.last; ++k)
-    entry = hn::IfThenElse(hn::RebindMask(di, hn::Ge(value, set(cells.stops[k]))), hn::Set(di, k), entry);
+  if (cells.last < 16) {
+    for (int32_t k = 1; k <= cells.last; ++k)
+      entry = hn::IfThenElse(hn::RebindMask(di, hn::Ge(value, set(cells.stops[k]))), hn::Set(di, k), entry);
+  } else {
+    for (int32_t step = static_cast<int32_t>(std::bit_floor(static_cast<uint32_t>(cells.last))); step > 0; step /= 2) {
+      const VI next = hn::Add(entry, hn::Set(di, step));
+      const VI at = hn::Min(next, hn::Set(di, cells.last));
+      const M reaches = hn::And(hn::Ge(value, hn::GatherIndex(d, cells.stops, at)),
+                                hn::RebindMask(d, hn::Gt(hn::Set(di, cells.last + 1), next)));
+      entry = hn::IfThenElse(hn::RebindMask(di, reaches), next, entry);
+    }
+  }
   const V from = hn::GatherIndex(d, cells.stops, entry), inverse = hn::GatherIndex(d, cells.inverse_widths, entry);
   return {entry, hn::Min(hn::Max(hn::Mul(hn::Sub(value, from), inverse), zero), set(1.0f))};
 }

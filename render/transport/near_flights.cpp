@@ -54,7 +54,7 @@ void NearFlights::add(const NearLight& near, size_t i) {
   dvec3 L = scattered * sample.radiance * ((1 - near.far_part(p)) / (pdf * segment.worth() * sample.pdf));
   const Ray shadow{p, sample.wi};
   if (L == dvec3(0) || c_.lights->blocked(shadow, sample.distance, near.light)) return;
-  if (c_.surfaces) L *= c_.surfaces->passage(shadow, sample.distance * (1.0 - 1e-4)).light;
+  if (c_.surfaces) L *= c_.surfaces->passage(shadow, sample.distance * (1.0 - 1e-4), w_.time[i]).light;
   if (L == dvec3(0)) return;
   Rng rng = numbers.stream();
   L *= flights_.transmittance(media, shadow, sample.distance, rng) * flights_.transmittance(media, ray, t, rng);

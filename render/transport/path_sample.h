@@ -10,14 +10,15 @@ namespace brume {
 struct PathSample {
   dvec3 beauty{0};  ///< direct + indirect
   dvec3 direct{0}, indirect{0};
-  dvec3 background{0}, emission{0}, single{0}, surface{0};  ///< parts of direct
+  dvec3 background{0}, emission{0}, single{0}, surface{0};             ///< parts of direct
+  dvec3 surface_emission{0}, volume_indirect{0}, surface_indirect{0};  ///< parts of surface; of indirect
   dvec3 gradient{0}, gradient_first_scatter{0}, gradient_transmittance_weighted{0};
   dvec3 transmittance{0};
   double coverage = 0;
   double scatter_depth = 0, scatter_density = 0, scatter_share = 0, optical_depth = 0;
   dvec3 scatter_position{0}, albedo{0};
-  dvec3 normal{0}, position{0};
-  double depth = 0;
+  dvec3 surface_albedo{0}, normal{0}, position{0};
+  double surface_share = 0, depth = 0;
   dvec3 flash{0}, catcher{0}, catcher_unshadowed{0};
 
   const double* values() const { return &beauty.x; }

@@ -60,8 +60,8 @@ Plan make_plan(const Scene& scene, const SceneMedia& media, const Lights& lights
     plan.optical_depth = layers.has(layer::optical_depth);
   }
   if (plan.surfaces)
-    for (const LayerName& l :
-         {layer::albedo, layer::normal, layer::depth, layer::position, layer::catcher, layer::catcher_unshadowed})
+    for (const LayerName& l : {layer::albedo, layer::surface_emission, layer::surface_albedo, layer::surface_share,
+                               layer::normal, layer::depth, layer::position, layer::catcher, layer::catcher_unshadowed})
       plan.first_surface = plan.first_surface || layers.has(l) || layers.records;
   plan.layers = layers;
   plan.near_lights = choose_near_lights(all, lights, scene.render.near_lights);

@@ -61,11 +61,12 @@ bool SurfaceEvents::meet(int32_t slot, const dvec3& eye, SlotList& shadows) {
     return false;
   }
   if (first && v.settings.role == "shadow_catcher") return pass_catcher(i, v, shadows);
-  if (v.front && v.settings.radiance != dvec3(0)) emit(i, v);
+  if (const dvec3 emitted = c_.surfaces->emitted(v.hit.surface, v.front); emitted != dvec3(0)) emit(i, v, emitted);
   if (first) past.first_on_surface = true;
   if (first && c_.plan.first_surface) {
     PathSample& sample = samples_[i];
-    sample.albedo = v.bsdf.albedo;
+    sample.albedo = sample.surface_albedo = v.bsdf.albedo;
+    sample.surface_share = 1;
     sample.normal = v.frame.z;
     sample.depth = glm::distance(eye, v.p);
     sample.position = v.p + c_.world_shift;
@@ -86,7 +87,7 @@ bool SurfaceEvents::pass_catcher(size_t i, const Vertex& v, SlotList& shadows) {
 }
 
 /// Light of the surface itself, against light sampling at the vertex before.
-void SurfaceEvents::emit(size_t i, const Vertex& v) {
+void SurfaceEvents::emit(size_t i, const Vertex& v, const dvec3& radiance) {
   const WorldPaths::Past& past = w_.past[i];
   double pdf_light = 0;
   if (c_.plan.light_sampling) {
@@ -96,11 +97,10 @@ void SurfaceEvents::emit(size_t i, const Vertex& v) {
   if (past.straight && pdf_light > 0) return;
   const bool one_technique = p_.events[i] == 0 || past.specular;
   const double weight = one_technique ? 1.0 : balance(static_cast<double>(p_.pdf[i]), pdf_light);
-  const dvec3 L = throughput(i) * v.settings.radiance * weight;
-  if (p_.events[i] == 0)
-    w_.surface[i] += vec3(L);
-  else
-    deposit(p_, &w_, i, vec3(L), p_.events[i]);
+  const dvec3 L = throughput(i) * radiance * weight;
+  if (p_.events[i] > 0) return deposit(p_, &w_, i, vec3(L), p_.events[i]);
+  w_.surface[i] += vec3(L);
+  if (c_.plan.first_surface) samples_[i].surface_emission += L;
 }
 
 /// @param from  where the shadow ray begins; the vertex itself is left to the light's side
@@ -169,7 +169,7 @@ void SurfaceEvents::shadow(SlotList& shadows) {
   for (size_t k = 0; k < count; ++k) {
     const int32_t slot = shadows.slot[k];
     const auto i = static_cast<size_t>(slot);
-    const Surfaces::Passage passage = c_.surfaces->passage(w_.shadow[i], w_.shadow_end[i] * (1.0 - 1e-4));
+    const Surfaces::Passage passage = c_.surfaces->passage(w_.shadow[i], w_.shadow_end[i] * (1.0 - 1e-4), w_.time[i]);
     if (passage.light == dvec3(0)) continue;
     // Behind straight shadows no other technique finds the light.
     const dvec3 left = passage.straight ? passage.light / static_cast<double>(p_.mis[i]) : passage.light;

@@ -27,7 +27,7 @@ class SurfaceEvents {
   void sample_light(size_t slot, const Vertex& vertex, const dvec3& from, bool only_technique, SlotList& shadows);
   bool scatter(size_t slot, const Vertex& vertex);
   bool pass_catcher(size_t slot, const Vertex& vertex, SlotList& shadows);
-  void emit(size_t slot, const Vertex& vertex);
+  void emit(size_t slot, const Vertex& vertex, const dvec3& radiance);
   dvec3 throughput(size_t i) const { return {p_.tr[i], p_.tg[i], p_.tb[i]}; }
   void set_throughput(size_t i, const dvec3& t);
 

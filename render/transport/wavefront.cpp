@@ -285,7 +285,7 @@ class Wavefront {
     w_->on_surface[i] = false;
     if (c_.plan.finite_lights) std::tie(w_->light[i], w_->end[i]) = c_.lights->nearest(ray, kFar, p_.events[i] == 0);
     if (!surfaces_) return;
-    if (const auto hit = c_.surfaces->intersect(ray, w_->end[i])) {
+    if (const auto hit = c_.surfaces->intersect(ray, w_->end[i], w_->time[i], p_.events[i] == 0)) {
       w_->hit[i] = *hit;
       w_->end[i] = hit->t;
       w_->on_surface[i] = true;
@@ -448,6 +448,7 @@ class Wavefront {
   void deliver(size_t request, PathSample& s, bool surface_first) const {
     s.direct = s.background + s.emission + s.single + s.surface;
     limit_indirect(c_.indirect_limit, s.indirect, counters_.limited);
+    (surface_first ? s.surface_indirect : s.volume_indirect) = s.indirect;
     s.beauty = s.direct + s.indirect;
     if (c_.plan.flash) s.flash = flash_image(s.direct, c_.flash.intensity, s.flash);
     if (requests_[request].record) finish_record(*requests_[request].record, s, surface_first);

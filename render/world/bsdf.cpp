@@ -46,9 +46,9 @@ dvec3 sample_visible_normal(const dvec3& w, double a, double u1, double u2) {
   return glm::normalize(dvec3(a * n.x, a * n.y, std::max(1e-9, n.z)));
 }
 
-dvec3 schlick(const dvec3& f0, double cos_theta) {
+dvec3 schlick(const dvec3& f0, const dvec3& edge, double cos_theta) {
   const double x = 1.0 - std::clamp(cos_theta, 0.0, 1.0), x2 = x * x;
-  return f0 + (dvec3(1) - f0) * (x2 * x2 * x);
+  return f0 + (edge - f0) * (x2 * x2 * x);
 }
 
 // The direction refracted at a normal m; false under total reflection. eta: transmitted over incident index.
@@ -80,7 +80,7 @@ dvec3 Bsdf::value(const dvec3& wo, const dvec3& wi, bool inside) const {
     const dvec3 m = glm::normalize(sum);
     const double shape = ggx_d(m, a) / ((1.0 + lambda(wo, a) + lambda(wi, a)) * 4.0 * wo.z);
     const double c = glm::dot(wo, m);
-    if (kind == Kind::kConductor) return schlick(albedo, c) * shape;
+    if (kind == Kind::kConductor) return schlick(albedo, edge, c) * shape;
     return dvec3(fresnel_dielectric(c, inside ? 1.0 / ior : ior) * shape);
   }
   if (kind != Kind::kDielectric || wi.z == 0) return dvec3(0);
@@ -138,7 +138,7 @@ bool Bsdf::sample(const dvec3& wo, bool inside, const dvec3& u, Sample& out) con
   if (kind == Kind::kConductor) {
     out.wi = reflected;
     if (!(out.wi.z > 0)) return false;
-    out.weight = schlick(albedo, c);
+    out.weight = schlick(albedo, edge, c);
     if (a > 0) out.weight *= (1.0 + lambda(wo, a)) / (1.0 + lambda(wo, a) + lambda(out.wi, a));
     out.pdf = pdf(wo, out.wi, inside);
     return true;

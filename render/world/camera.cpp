@@ -98,11 +98,12 @@ dvec3 three(const std::vector<double>& v, const dvec3& otherwise) {
 Camera::Camera(const CameraSettings& settings, int width, int height, const dvec3& world_shift)
     : world_shift_(world_shift), width_(width), height_(height) {
   CameraSettings s = settings;
-  const double aspect = static_cast<double>(width) / height;
-  const bool along_x = s.fov_axis == "x" || (s.fov_axis == "shorter" && width <= height);
+  const double aspect = s.pixel_aspect * width / height;
+  const bool along_x = s.fov_axis == "x" || (s.fov_axis == "shorter" && aspect <= 1);
   orthographic_ = s.type == "orthographic";
   const double extent = orthographic_ ? 0.5 * s.width : std::tan(0.5 * s.fov * kPi / 180.0);
   half_ = along_x ? dvec2(extent, extent / aspect) : dvec2(extent * aspect, extent);
+  shift_ = -2.0 * s.shift;
   if (s.matrices || !s.from_exr.empty()) {
     const CameraMatrices matrices = s.matrices ? *s.matrices : read_matrices(s.from_exr);
     const Projection projection = adopt_matrices(s, matrices, width, height);
@@ -113,10 +114,11 @@ Camera::Camera(const CameraSettings& settings, int width, int height, const dvec
   look_at_ = s.look_at;
   up_ = s.up;
   open_ = pose(s.position, s.look_at, s.up);
-  moves_ = s.shutter.y > s.shutter.x && (!s.position_end.empty() || !s.look_at_end.empty());
+  moves_ = s.shutter.y > s.shutter.x && (!s.position_end.empty() || !s.look_at_end.empty() || !s.up_end.empty());
   position_end_ = three(s.position_end, s.position);
   look_at_end_ = three(s.look_at_end, s.look_at);
-  if (moves_) pose(position_end_, look_at_end_, up_);
+  up_end_ = three(s.up_end, s.up);
+  if (moves_) pose(position_end_, look_at_end_, up_end_);
   lens_radius_ = s.lens_radius;
   focus_distance_ = s.focus_distance > 0 ? s.focus_distance : glm::distance(s.position, s.look_at);
   blades_ = s.blades;
@@ -140,7 +142,8 @@ Camera::Pose Camera::pose(const dvec3& position, const dvec3& look_at, const dve
 
 Camera::Pose Camera::at(double time) const {
   if (!moves_ || time == 0) return open_;
-  return pose(glm::mix(open_.position, position_end_, time), glm::mix(look_at_, look_at_end_, time), up_);
+  return pose(glm::mix(open_.position, position_end_, time), glm::mix(look_at_, look_at_end_, time),
+              glm::mix(up_, up_end_, time));
 }
 
 dvec2 Camera::lens_point(const dvec2& u) const {

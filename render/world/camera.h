@@ -46,7 +46,7 @@ class Camera {
   dvec2 lens_point(const dvec2& u) const;
 
   Pose open_;
-  dvec3 look_at_, position_end_, look_at_end_, up_, world_shift_;
+  dvec3 look_at_, up_, position_end_, look_at_end_, up_end_, world_shift_;
   bool moves_ = false, orthographic_ = false;
   dvec2 half_;      // half extents of the film plane: at distance 1, or in scene units
   dvec2 shift_{0};  // of the point ahead from the middle of the picture, in half extents

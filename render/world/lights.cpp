@@ -126,6 +126,7 @@ PointLight::PointLight(const LightSettings& s, const dvec3& world_shift)
     : position_(s.position - world_shift), intensity_(s.intensity) {
   if (s.type != "spot") return;
   axis_ = glm::normalize(s.direction);
+  cosine_ = s.cosine_falloff;
   cos_outer_ = std::cos(0.5 * s.cone_angle * kPi / 180.0);
   cos_inner_ = std::cos(0.5 * s.cone_angle * (1.0 - s.cone_softness) * kPi / 180.0);
 }
@@ -134,9 +135,10 @@ dvec3 PointLight::intensity_towards(const dvec3& d) const {
   if (cos_outer_ < -1) return intensity_;
   const double c = glm::dot(d, axis_);
   if (c <= cos_outer_) return dvec3(0);
-  if (c >= cos_inner_) return intensity_;
+  const dvec3 inside = cosine_ ? intensity_ * c : intensity_;
+  if (c >= cos_inner_) return inside;
   const double f = (c - cos_outer_) / (cos_inner_ - cos_outer_);
-  return intensity_ * (f * f * (3.0 - 2.0 * f));
+  return inside * (f * f * (3.0 - 2.0 * f));
 }
 
 LightSample PointLight::sample(const dvec3& p, const dvec2&) const {
@@ -155,14 +157,17 @@ double PointLight::importance(const dvec3& p) const {
   return d2 > 0 ? shape * luminance(intensity_) / d2 : 0.0;
 }
 
-MeshLight::MeshLight(const TriangleMesh& mesh, const dvec3& radiance) : mesh_(&mesh), radiance_(radiance) {
+MeshLight::MeshLight(const TriangleMesh& mesh, const dvec3& radiance, bool two_sided)
+    : mesh_(&mesh), radiance_(radiance), two_sided_(two_sided) {
   cdf_.reserve(mesh.triangles.size());
   for (size_t i = 0; i < mesh.triangles.size(); ++i) {
     area_ += mesh.area(i);
     cdf_.push_back(area_);
     const dvec3 facing = mesh.area(i) * mesh.normal(i);
     for (int axis = 0; axis < 3; ++axis)
-      projected_[static_cast<size_t>(2 * axis + (facing[axis] < 0 ? 1 : 0))] += std::abs(facing[axis]);
+      for (const bool back : {false, true})
+        if (two_sided_ || back == (facing[axis] < 0))
+          projected_[static_cast<size_t>(2 * axis + back)] += std::abs(facing[axis]);
   }
   for (double& c : cdf_) c /= area_;
   for (const dvec3& v : mesh.positions) centre_ += v;
@@ -191,7 +196,8 @@ LightSample MeshLight::sample(const dvec3& p, const dvec2& u) const {
   const dvec3 wi = to / distance;
   const double cos_theta = glm::dot(wi, mesh_->normal(i));
   if (cos_theta == 0) return {};
-  return {wi, cos_theta < 0 ? radiance_ : dvec3(0), pdf(distance, cos_theta), distance, false};
+  const bool shines = two_sided_ || cos_theta < 0;
+  return {wi, shines ? radiance_ : dvec3(0), pdf(distance, cos_theta), distance, false};
 }
 
 double MeshLight::importance(const dvec3& p) const {
@@ -390,8 +396,8 @@ Lights::Lights(const Scene& scene, const dvec3& world_shift, const Task& task) {
   }
 }
 
-size_t Lights::add_mesh(const TriangleMesh& mesh, const dvec3& radiance) {
-  auto light = std::make_unique<MeshLight>(mesh, radiance);
+size_t Lights::add_mesh(const TriangleMesh& mesh, const dvec3& radiance, bool two_sided) {
+  auto light = std::make_unique<MeshLight>(mesh, radiance, two_sided);
   meshes_.push_back(light.get());
   all_.push_back(std::move(light));
   return meshes_.size() - 1;

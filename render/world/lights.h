@@ -138,27 +138,29 @@ class PointLight : public Light {
  private:
   dvec3 intensity_towards(const dvec3& d) const;
   dvec3 position_, intensity_, axis_;
+  bool cosine_ = false;  // the intensity falls with the cosine to the axis
   double cos_inner_ = -2, cos_outer_ = -2;  // -2: a point light, no cone
 };
 
-/// Triangles that emit the same radiance from every point, on the side their normals point to. Rays find them through
-/// the scene's surfaces, not through this.
+/// Triangles that emit the same radiance from every point, on the side their normals point to or on both. Rays find
+/// them through the scene's surfaces, not through this.
 class MeshLight : public Light {
  public:
-  MeshLight(const TriangleMesh& mesh, const dvec3& radiance);
+  MeshLight(const TriangleMesh& mesh, const dvec3& radiance, bool two_sided);
   LightSample sample(const dvec3& p, const dvec2& u) const override;
   double importance(const dvec3& p) const override;
   /// In solid angle at distance t, for a point of the mesh met under cos_theta.
   double pdf(double t, double cos_theta) const { return t * t / (area_ * std::abs(cos_theta)); }
   const dvec3& radiance() const { return radiance_; }
   const dvec3& middle() const { return centre_; }
-  /// Of the front faces, seen from afar along a direction that leads to the mesh; self-occlusion is left out, and what
+  /// Of the faces that shine there, seen from afar along a direction that leads to the mesh; self-occlusion is left out, and what
   /// lies between the axes interpolated.
   double projected_area(const dvec3& direction) const;
 
  private:
   const TriangleMesh* mesh_;
   dvec3 radiance_, centre_{0};
+  bool two_sided_;
   double area_ = 0, extent_ = 0;
   std::array<double, 6> projected_{};  // along -x, x, -y, y, -z, z
   std::vector<double> cdf_;
@@ -203,7 +205,7 @@ class Lights {
   /// @param world_shift  subtracted from positions
   Lights(const Scene& scene, const dvec3& world_shift, const Task& task = {});
   /// A mesh that emits; returns its number for mesh().
-  size_t add_mesh(const TriangleMesh& mesh, const dvec3& radiance);
+  size_t add_mesh(const TriangleMesh& mesh, const dvec3& radiance, bool two_sided);
   /// To be called once all lights are there.
   void finish(const std::string& mode);
 

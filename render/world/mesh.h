@@ -15,7 +15,11 @@ struct TriangleMesh {
   std::vector<vec2> texcoords;     ///< per vertex, or empty
   std::vector<vec3> normals;       ///< per vertex, unit, or empty: shading follows the triangles
   std::vector<std::string> notes;  ///< what was dropped on the way
+  dmat4 motion{0};                 ///< from where it is as the shutter opens to where it closes; all zero: it stands still
 
+  bool moves() const { return motion != dmat4(0.0); }
+  /// Where it is, relative to positions, at a time in [0, 1] of the shutter.
+  dmat4 moved(double time) const { return dmat4(1.0) * (1.0 - time) + motion * time; }
   std::array<dvec3, 3> corners(size_t i) const {
     const ivec3& t = triangles[i];
     return {positions[t.x], positions[t.y], positions[t.z]};

@@ -59,18 +59,36 @@ struct Surfaces::Embree {
   Embree(const Embree&) = delete;
   Embree& operator=(const Embree&) = delete;
 
+  /// Of one query.
+  struct Context {
+    RTCIntersectContext base;  // first: Embree hands it on
+    bool camera;
+    explicit Context(bool of_camera) : camera(of_camera) { rtcInitIntersectContext(&base); }
+  };
+
+  /// @param seen    whether camera rays meet it
   /// @param to_box  from the world to what Embree sees
   template <class ToBox>
-  void add(const TriangleMesh& mesh, const ToBox& to_box) {
+  void add(const TriangleMesh& mesh, bool seen, const ToBox& to_box) {
     RTCGeometry geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_TRIANGLE);
-    auto* const vertices = static_cast<vec3*>(rtcSetNewGeometryBuffer(
-        geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, sizeof(vec3), mesh.positions.size()));
+    const unsigned times = mesh.moves() ? 2 : 1;
+    rtcSetGeometryTimeStepCount(geometry, times);
+    for (unsigned k = 0; k < times; ++k) {
+      auto* const vertices = static_cast<vec3*>(rtcSetNewGeometryBuffer(
+          geometry, RTC_BUFFER_TYPE_VERTEX, k, RTC_FORMAT_FLOAT3, sizeof(vec3), mesh.positions.size()));
+      if (!vertices) throw std::bad_alloc();
+      const dmat4 moved = k == 0 ? dmat4(1.0) : mesh.motion;
+      std::transform(mesh.positions.begin(), mesh.positions.end(), vertices,
+                     [&](const dvec3& p) { return vec3(to_box(dvec3(moved * glm::dvec4(p, 1.0)))); });
+    }
     void* const indices = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, sizeof(ivec3),
                                                   mesh.triangles.size());
-    if (!vertices || !indices) throw std::bad_alloc();
-    std::transform(mesh.positions.begin(), mesh.positions.end(), vertices,
-                   [&](const dvec3& p) { return vec3(to_box(p)); });
+    if (!indices) throw std::bad_alloc();
     std::memcpy(indices, mesh.triangles.data(), mesh.triangles.size() * sizeof(ivec3));
+    if (!seen)
+      rtcSetGeometryIntersectFilterFunction(geometry, [](const RTCFilterFunctionNArguments* query) {
+        if (reinterpret_cast<const Context*>(query->context)->camera) query->valid[0] = 0;
+      });
     rtcCommitGeometry(geometry);
     rtcAttachGeometry(scene, geometry);
     rtcReleaseGeometry(geometry);
@@ -82,42 +100,58 @@ struct Surfaces::Query {
   double begin;  // of the ray in the box, in its units
 };
 
-Surfaces::Surfaces(const std::vector<SurfaceSettings>& settings, const dvec3& world_shift)
+Surfaces::Surfaces(const std::vector<SurfaceSettings>& settings, const dvec3& world_shift, bool blurred)
     : settings_(settings), embree_(std::make_unique<Embree>()) {
   constexpr double kFar = std::numeric_limits<double>::infinity();
   dvec3 lo(kFar), hi(-kFar);
   for (const SurfaceSettings& s : settings_) {
-    check_transform(s.object_to_world, "a surface's object_to_world");
-    any_straight_ = any_straight_ || s.shadow == "straight";
-    bsdfs_.push_back({s.material == "conductor"    ? Bsdf::Kind::kConductor
-                      : s.material == "dielectric" ? Bsdf::Kind::kDielectric
-                                                   : Bsdf::Kind::kDiffuse,
-                      s.albedo, s.roughness, s.ior});
-    const dmat4 placed = translation(-world_shift) * s.object_to_world;
-    const std::string name = s.file.empty() ? fmt::format("surfaces.{}", meshes_.size()) : s.file.string();
-    meshes_.push_back(s.mesh ? place_mesh(*s.mesh, name, placed) : load_mesh(s.file, placed));
-    textures_.push_back(s.albedo_texture.empty() ? nullptr : std::make_unique<Texture>(s.albedo_texture));
+    add_mesh(s, world_shift, blurred);
     const TriangleMesh& mesh = meshes_.back();
-    if (textures_.back() && mesh.texcoords.empty())
-      throw InputError(fmt::format("{}: has no texture coordinates for {}", name, s.albedo_texture.string()));
-    for (const ivec3& triangle : mesh.triangles)
-      for (int k = 0; k < 3; ++k) {
-        lo = glm::min(lo, mesh.positions[triangle[k]]);
-        hi = glm::max(hi, mesh.positions[triangle[k]]);
-      }
+    for (const dmat4& moved : {dmat4(1.0), mesh.motion}) {
+      if (moved == dmat4(0.0)) continue;
+      for (const ivec3& triangle : mesh.triangles)
+        for (int k = 0; k < 3; ++k) {
+          const dvec3 p(moved * glm::dvec4(mesh.positions[triangle[k]], 1.0));
+          lo = glm::min(lo, p);
+          hi = glm::max(hi, p);
+        }
+    }
   }
   centre_ = 0.5 * (lo + hi);
   const double extent = max_component(0.5 * (hi - lo));
   scale_ = std::exp2(-std::ceil(std::log2(extent)));
   half_ = 0.5 * (hi - lo) * scale_;
-  for (const TriangleMesh& mesh : meshes_) embree_->add(mesh, [&](const dvec3& p) { return (p - centre_) * scale_; });
+  for (size_t i = 0; i < meshes_.size(); ++i)
+    embree_->add(meshes_[i], settings_[i].visible_to_camera, [&](const dvec3& p) { return (p - centre_) * scale_; });
   // The same tree for any number of threads.
   run_on_threads(1, [&] { rtcCommitScene(embree_->scene); });
 }
 
+void Surfaces::add_mesh(const SurfaceSettings& s, const dvec3& world_shift, bool blurred) {
+  check_transform(s.object_to_world, "a surface's object_to_world");
+  any_straight_ = any_straight_ || s.shadow == "straight";
+  bsdfs_.push_back({s.material == "conductor"    ? Bsdf::Kind::kConductor
+                    : s.material == "dielectric" ? Bsdf::Kind::kDielectric
+                                                 : Bsdf::Kind::kDiffuse,
+                    s.albedo, s.roughness, s.ior, s.edge_albedo});
+  const dmat4 opens = translation(-world_shift) * s.object_to_world;
+  const std::string name = s.file.empty() ? fmt::format("surfaces.{}", meshes_.size()) : s.file.string();
+  meshes_.push_back(s.mesh ? place_mesh(*s.mesh, name, opens) : load_mesh(s.file, opens));
+  TriangleMesh& mesh = meshes_.back();
+  if (blurred && s.object_to_world_end != dmat4(0.0)) {
+    check_transform(s.object_to_world_end, "a surface's object_to_world_end");
+    mesh.motion = translation(-world_shift) * s.object_to_world_end * glm::inverse(opens);
+    if (glm::determinant(dmat3(mesh.motion)) < 0)
+      throw InputError(fmt::format("{}: object_to_world_end turns it inside out; expected a motion", name));
+  }
+  textures_.push_back(s.albedo_texture.empty() ? nullptr : std::make_unique<Texture>(s.albedo_texture));
+  if (textures_.back() && mesh.texcoords.empty())
+    throw InputError(fmt::format("{}: has no texture coordinates for {}", name, s.albedo_texture.string()));
+}
+
 Surfaces::~Surfaces() = default;
 
-std::optional<Surfaces::Query> Surfaces::query(const Ray& ray, double t_max) const {
+std::optional<Surfaces::Query> Surfaces::query(const Ray& ray, double t_max, double time) const {
   constexpr double kRoom = 1e-5;  // around the box, for its rounding and the rays'
   const dvec3 o = (ray.o - centre_) * scale_;
   double begin = 0, end = t_max * scale_;
@@ -142,25 +176,29 @@ std::optional<Surfaces::Query> Surfaces::query(const Ray& ray, double t_max) con
   q.ray.dir_z = d.z;
   q.ray.tnear = 0;
   q.ray.tfar = static_cast<float>(end - begin);
+  q.ray.time = static_cast<float>(time);
   q.ray.mask = ~0u;
   return q;
 }
 
-std::optional<SurfaceHit> Surfaces::intersect(const Ray& ray, double t_max) const {
-  const std::optional<Query> q = query(ray, t_max);
+std::optional<SurfaceHit> Surfaces::intersect(const Ray& ray, double t_max, double time, bool camera) const {
+  const std::optional<Query> q = query(ray, t_max, time);
   if (!q) return std::nullopt;
   RTCRayHit found{};
   found.ray = q->ray;
   found.hit.geomID = RTC_INVALID_GEOMETRY_ID;
-  RTCIntersectContext context;
-  rtcInitIntersectContext(&context);
-  rtcIntersect1(embree_->scene, &context, &found);
+  Embree::Context context(camera);
+  rtcIntersect1(embree_->scene, &context.base, &found);
   if (found.hit.geomID == RTC_INVALID_GEOMETRY_ID) return std::nullopt;
   SurfaceHit hit;
   hit.surface = found.hit.geomID;
   hit.triangle = found.hit.primID;
   const TriangleMesh& mesh = meshes_[hit.surface];
-  const auto [a, b, c] = mesh.corners(hit.triangle);
+  std::array<dvec3, 3> corners = mesh.corners(hit.triangle);
+  const dmat4 moved = mesh.moves() ? mesh.moved(time) : dmat4(1.0);
+  if (mesh.moves())
+    for (dvec3& corner : corners) corner = dvec3(moved * glm::dvec4(corner, 1.0));
+  const auto [a, b, c] = corners;
   const dvec3 cross = glm::cross(b - a, c - a);
   hit.normal = hit.shading = glm::normalize(cross);
   // Where the ray meets the triangle's plane. Along the plane that says nothing, and Embree's answer stands.
@@ -181,7 +219,8 @@ std::optional<SurfaceHit> Surfaces::intersect(const Ray& ray, double t_max) cons
   };
   if (!mesh.texcoords.empty()) hit.texcoord = between(mesh.texcoords);
   if (!mesh.normals.empty() && settings_[hit.surface].normals == "smooth") {
-    const dvec3 smooth(between(mesh.normals));
+    dvec3 smooth(between(mesh.normals));
+    if (mesh.moves()) smooth = glm::transpose(glm::inverse(dmat3(moved))) * smooth;
     const double length = glm::length(smooth);
     // Normals of the file that point inwards are turned; where they cancel out, the triangle's own stands in.
     if (length > 1e-3) hit.shading = smooth / (glm::dot(smooth, hit.normal) < 0 ? -length : length);
@@ -189,18 +228,17 @@ std::optional<SurfaceHit> Surfaces::intersect(const Ray& ray, double t_max) cons
   return hit;
 }
 
-Surfaces::Passage Surfaces::passage(const Ray& ray, double t_max) const {
+Surfaces::Passage Surfaces::passage(const Ray& ray, double t_max, double time) const {
   if (!any_straight_) {
-    std::optional<Query> q = query(ray, t_max);
+    std::optional<Query> q = query(ray, t_max, time);
     if (!q) return {};
-    RTCIntersectContext context;
-    rtcInitIntersectContext(&context);
-    rtcOccluded1(embree_->scene, &context, &q->ray);
+    Embree::Context context(/*of_camera=*/false);
+    rtcOccluded1(embree_->scene, &context.base, &q->ray);
     return {dvec3(q->ray.tfar < 0 ? 0.0 : 1.0)};
   }
   Passage passage;
   Ray rest = ray;
-  while (const std::optional<SurfaceHit> hit = intersect(rest, t_max)) {
+  while (const std::optional<SurfaceHit> hit = intersect(rest, t_max, time)) {
     if (settings_[hit->surface].shadow != "straight") return {dvec3(0)};
     // Unbent, so that both faces are met at the angle in the air.
     const Bsdf glass = bsdf(*hit);

@@ -28,17 +28,22 @@ struct SurfaceHit {
 /// is held to one instruction set, so that every machine gives the same bits.
 class Surfaces {
  public:
-  /// @throws InputError: meshes and textures that cannot be read
-  Surfaces(const std::vector<SurfaceSettings>& settings, const dvec3& world_shift);
+  static constexpr double kMiddle = 0.5;  ///< of the shutter
+
+  /// @param blurred  whether the shutter is open for a while: surfaces that move stand where they start otherwise
+  /// @throws InputError: meshes and textures that cannot be read, transforms that are no motion
+  Surfaces(const std::vector<SurfaceSettings>& settings, const dvec3& world_shift, bool blurred = false);
   ~Surfaces();
 
-  std::optional<SurfaceHit> intersect(const Ray& ray, double t_max) const;
+  /// @param time    in [0, 1] of the shutter
+  /// @param camera  whether the ray never scattered: some surfaces are not there for it
+  std::optional<SurfaceHit> intersect(const Ray& ray, double t_max, double time = kMiddle, bool camera = false) const;
   /// What is left of light on its way: nothing behind anything but dielectrics with straight shadows.
   struct Passage {
     dvec3 light{1};
     bool straight = false;  ///< it went through one
   };
-  Passage passage(const Ray& ray, double t_max) const;
+  Passage passage(const Ray& ray, double t_max, double time = kMiddle) const;
   /// Whether a surface has straight shadows, which approximate.
   bool any_straight() const { return any_straight_; }
 
@@ -47,6 +52,10 @@ class Surfaces {
   size_t count() const { return meshes_.size(); }
   /// The number of a surface among those that emit: Lights::mesh's.
   size_t light_of(uint32_t surface) const;
+  /// Radiance that a surface emits on a side. @param front  the outside
+  dvec3 emitted(uint32_t surface, bool front) const {
+    return front || settings_[surface].two_sided ? settings_[surface].radiance : dvec3(0);
+  }
   /// The surface's scattering at a hit: its texture looked up.
   Bsdf bsdf(const SurfaceHit& hit) const;
   /// A point of the surface that was hit, moved off it by its margin, to the side of d.
@@ -60,7 +69,8 @@ class Surfaces {
   struct Embree;
   struct Query;
   /// A ray as Embree sees it; nothing where it misses the box of the meshes.
-  std::optional<Query> query(const Ray& ray, double t_max) const;
+  std::optional<Query> query(const Ray& ray, double t_max, double time) const;
+  void add_mesh(const SurfaceSettings& settings, const dvec3& world_shift, bool blurred);
 
   std::vector<SurfaceSettings> settings_;
   std::vector<Bsdf> bsdfs_;  // without textures

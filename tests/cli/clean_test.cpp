@@ -82,6 +82,60 @@ TEST_F(Clean, KeepsGuidesThatAreAskedForAlone) {
     EXPECT_FALSE(name.starts_with("guide.")) << name;
 }
 
+/// The largest channel difference of two sums of layers; what is not there counts as 0.
+float difference(const Layers& frame, const std::vector<std::string>& a, const std::vector<std::string>& b) {
+  float worst = 0;
+  for (const char channel : std::string("RGB"))
+    for (int y = 0; y < frame.height(); ++y)
+      for (int x = 0; x < frame.width(); ++x) {
+        const auto sum = [&](const std::vector<std::string>& layers) {
+          float total = 0;
+          for (const std::string& l : layers) total += frame.at(l + (l.empty() ? "" : ".") + channel)(x, y);
+          return total;
+        };
+        worst = std::max(worst, std::abs(sum(a) - sum(b)));
+      }
+  return worst;
+}
+
+TEST_F(Clean, RecordedPartsAreCleanTooAndAddUp) {
+  const std::string fire = test::source("data/scenes/fire.toml").string();
+  const std::string parts =
+      "single,surface,background,emission,volume_indirect,surface_indirect,surface_emission,transmittance";
+  const std::string render = "render " + fire + kTiny + "--spp 8 -q --layers direct,indirect," + parts;
+  for (const char* clean : {" --clean", " --clean-filter gaussian"}) {
+    ASSERT_EQ(run_brume(render + clean + " -o " + path("fire.exr")).status, 0);
+    const Layers frame = read_exr(folder_ / "fire.exr");
+    EXPECT_LT(difference(frame, {"direct"}, {"single", "surface", "background", "emission"}), 1e-4f);
+    EXPECT_LT(difference(frame, {"indirect"}, {"volume_indirect", "surface_indirect"}), 1e-4f);
+    const std::vector<std::string> direct = {"clean_single", "clean_surface", "clean_background", "clean_emission"},
+                                   indirect = {"clean_volume_indirect", "clean_surface_indirect"};
+    std::vector<std::string> all = direct;
+    all.insert(all.end(), indirect.begin(), indirect.end());
+    EXPECT_LT(difference(frame, {""}, all), 1e-4f) << clean;
+    if (frame.find("clean_direct.R")) {
+      EXPECT_LT(difference(frame, {"clean_direct"}, direct), 1e-4f);
+      EXPECT_LT(difference(frame, {"clean_indirect"}, indirect), 1e-4f);
+    }
+    EXPECT_GT(difference(frame, {"clean_single"}, {"single"}), 1e-3f) << clean << ": the part was filtered";
+    EXPECT_GT(difference(frame, {"clean_surface"}, {"clean_surface_emission"}), 1e-2f) << "the floor emits nothing";
+  }
+  // What passes the medium is known without noise, where there are guides.
+  ASSERT_EQ(run_brume(render + " --clean -o " + path("fire.exr")).status, 0);
+  ASSERT_EQ(run_brume("render " + fire + kTiny + "--spp 512 --seed 3 -q --layers transmittance -o " + path("exact.exr"))
+                .status,
+            0);
+  const Layers frame = read_exr(folder_ / "fire.exr"), exact = read_exr(folder_ / "exact.exr");
+  double clean = 0, noisy = 0;
+  for (int y = 0; y < frame.height(); ++y)
+    for (int x = 0; x < frame.width(); ++x) {
+      const double truth = exact.at("transmittance.G")(x, y);
+      clean += std::pow(frame.at("clean_transmittance.G")(x, y) - truth, 2);
+      noisy += std::pow(frame.at("transmittance.G")(x, y) - truth, 2);
+    }
+  EXPECT_LT(clean, 0.1 * noisy);
+}
+
 TEST_F(Clean, AMissedTargetSaysSo) {
   const auto r = run_brume("render " + kSmoke + kTiny + "--spp 16 --clean --target-error 1e-5 -o " + path("smoke.exr"));
   EXPECT_EQ(r.status, 1);

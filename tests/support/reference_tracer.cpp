@@ -26,7 +26,7 @@ using Scattering = std::function<std::pair<dvec3, double>(const dvec3& wi)>;
 class Tracer {
  public:
   Tracer(const PathContext& scene, const PathRequest& request)
-      : scene_(scene), lights_(*scene.lights), rng_(request.key), ray_(request.ray), eye_(request.ray.o) {
+      : scene_(scene), lights_(*scene.lights), rng_(request.key), time_(request.time), ray_(request.ray), eye_(request.ray.o) {
     for (const Medium& m : scene.media) {
       media_.push_back(m.at_time(request.time));
       spheres_.push_back(media_.back().bounding_sphere());
@@ -42,6 +42,7 @@ class Tracer {
     }
     LimitedLight limited;
     limit_indirect(scene_.indirect_limit, s_.indirect, limited);
+    (first_on_surface_ ? s_.surface_indirect : s_.volume_indirect) = s_.indirect;
     s_.beauty = s_.direct + s_.indirect;
     s_.flash = s_.direct + scene_.flash.intensity * lamp_;
     return s_;
@@ -52,7 +53,7 @@ class Tracer {
   bool step() {
     auto [light, t_max] = lights_.nearest(ray_, kFar, events_ == 0);
     std::optional<SurfaceHit> hit;
-    if (scene_.surfaces) hit = scene_.surfaces->intersect(ray_, t_max);
+    if (scene_.surfaces) hit = scene_.surfaces->intersect(ray_, t_max, time_, events_ == 0);
     if (hit) t_max = hit->t;
 
     TentativeCollision c = first_collision(ray_, t_max);
@@ -169,7 +170,7 @@ class Tracer {
     if (L == dvec3(0) || !shadowed) return L * mis;
     if (lights_.blocked(shadow, light.distance, light.light)) return dvec3(0);
     Surfaces::Passage passage;
-    if (scene_.surfaces) passage = scene_.surfaces->passage(shadow, light.distance * (1 - 1e-4));
+    if (scene_.surfaces) passage = scene_.surfaces->passage(shadow, light.distance * (1 - 1e-4), time_);
     if (passage.light == dvec3(0)) return dvec3(0);
     if (passage.straight) mis = 1;  // no direction sampling finds light straight through glass
     return L * mis * passage.light * transmittance(shadow, light.distance);
@@ -234,14 +235,17 @@ class Tracer {
       ray_.o = Surfaces::leave(hit, p, ray_.d);  // unseen itself
       return true;
     }
-    if (front && settings.radiance != dvec3(0)) {
+    if ((front || settings.two_sided) && settings.radiance != dvec3(0)) {
+      const dvec3 before = s_.surface;
       const MeshLight& light = lights_.mesh(scene_.surfaces->light_of(hit.surface));
       find_light(settings.radiance,
                  lights_.choice_probability(light, ray_.o) * light.pdf(hit.t, glm::dot(wo, hit.normal)), s_.surface);
+      if (events_ == 0) s_.surface_emission = s_.surface - before;
     }
     if (events_ == 0) {
       first_on_surface_ = true;
-      s_.albedo = bsdf.albedo;
+      s_.albedo = s_.surface_albedo = bsdf.albedo;
+      s_.surface_share = 1;
       s_.normal = frame.z;
       s_.depth = glm::distance(eye_, p);
       s_.position = p + scene_.world_shift;
@@ -274,6 +278,7 @@ class Tracer {
   std::vector<EmissionField> emissions_;
   std::vector<Medium::Sphere> spheres_;  // around the media
   double sigma_maj_ = 0;
+  double time_;  // of the shutter
   Ray ray_;
   dvec3 eye_;
   dvec3 weight_{1}, pdf_{1};  // of each channel; the mean of pdf_ is kept at 1

@@ -1,0 +1,175 @@
+"""Blender's render passes made of brume's layers. Knows NumPy and nothing of Blender.
+
+Passes have the names that Cycles gives them, and add up as its do:
+
+    Combined = (DiffDir + DiffInd) * DiffCol + VolumeDir + VolumeInd + Emit + Env
+
+Light that surfaces reflect is in DiffDir and DiffInd whatever they are made of: brume does not tell it apart.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+NOTHING = 1e10  # depth where no surface is met, as in Cycles
+
+
+@dataclass(frozen=True)
+class Pass:
+    name: str
+    components: str
+    layers: tuple  # that must be recorded for it
+
+    @property
+    def kind(self):
+        return {"Z": "VALUE", "Y": "VALUE", "A": "VALUE", "XYZ": "VECTOR"}.get(self.components, "COLOR")
+
+
+# What the passes of light are made of: all of it together, so that what is cleaned adds up.
+LIGHT = (
+    "single", "surface", "background", "emission", "volume_indirect", "surface_indirect", "surface_emission", "surface_albedo",
+)  # fmt: skip
+
+COMBINED = Pass("Combined", "RGBA", ())
+KNOWN = {
+    p.name: p
+    for p in (
+        COMBINED,
+        Pass("Depth", "Z", ("position", "surface_share")),
+        Pass("Position", "XYZ", ("position", "surface_share")),
+        Pass("Normal", "XYZ", ("normal",)),
+        Pass("DiffCol", "RGB", LIGHT),
+        Pass("DiffDir", "RGB", LIGHT),
+        Pass("DiffInd", "RGB", LIGHT),
+        Pass("VolumeDir", "RGB", LIGHT),
+        Pass("VolumeInd", "RGB", LIGHT),
+        Pass("Emit", "RGB", LIGHT),
+        Pass("Env", "RGB", LIGHT),
+        Pass("Noisy Image", "RGBA", ()),
+    )
+}
+# What Blender calls them since version 5.
+NAMES_SINCE_5 = {
+    "DiffCol": "Diffuse Color",
+    "DiffDir": "Diffuse Direct",
+    "DiffInd": "Diffuse Indirect",
+    "VolumeDir": "Volume Direct",
+    "VolumeInd": "Volume Indirect",
+    "Emit": "Emission",
+    "Env": "Environment",
+}
+
+
+def blender_name(name, version):
+    """@param version  of Blender, as numbers"""
+    return NAMES_SINCE_5.get(name, name) if version >= (5, 0, 0) else name
+
+
+# Layers that may be asked for by name, beside the passes, and what their channels are.
+LAYERS = {
+    "direct": "RGB", "indirect": "RGB", "background": "RGB", "emission": "RGB", "single": "RGB", "surface": "RGB",
+    "surface_emission": "RGB", "volume_indirect": "RGB", "surface_indirect": "RGB", "gradient": "XYZ", "coverage": "A",
+    "transmittance": "RGB", "scatter_depth": "Z", "scatter_position": "XYZ", "scatter_density": "Y", "scatter_share": "A",
+    "optical_depth": "Y", "albedo": "RGB", "surface_albedo": "RGB", "surface_share": "A", "flash": "RGB", "catcher": "RGB",
+    "catcher_unshadowed": "RGB",
+}  # fmt: skip
+# Those that every frame has, or every clean one.
+GIVEN = {"sample_count": "Y", "clean_error": "Y"}
+
+
+def layers_for(passes, extra, transparent):
+    """The names to give to --layers. @param extra  names of further layers   @param transparent  alpha is wanted"""
+    names = ["direct", "indirect", *(["transmittance"] if transparent else [])]
+    for p in passes:
+        names += p.layers
+    names += [layer for layer in extra if layer in LAYERS]
+    return list(dict.fromkeys(names))
+
+
+def extra_passes(names):
+    """Passes for layers asked for by name. @return them, and the names that are no layers"""
+    known = {**LAYERS, **GIVEN}
+    found = [Pass(name, known[name], ()) for name in names if name in known]
+    return found, [name for name in names if name not in known]
+
+
+def picture(frame, transparent, name=""):
+    """R G B A of the picture on top, or of another layer in its place. @param transparent  the film shows no background"""
+    colour = frame.layer(name, "RGB")
+    if not transparent:
+        alpha = np.ones((*colour.shape[:2], 1), np.float32)
+    elif (passed := frame.layer("clean_transmittance", "RGB")) is not None:
+        alpha = np.clip(1 - passed.mean(axis=-1, keepdims=True), 0, 1)
+    else:
+        alpha = frame.layer("", "A")
+    return np.concatenate([colour, alpha], axis=-1)
+
+
+class Passes:
+    """All that was asked for of one frame: arrays height x width x channels, rows from the top."""
+
+    def __init__(self, frame, transparent):
+        self._frame, self._transparent = frame, transparent
+
+    def values(self, p):
+        if p.name in KNOWN:
+            return _MAKERS[p.name](self).astype(np.float32)
+        found = self._frame.layer(p.name, p.components)
+        height, width = self._frame.height, self._frame.width
+        return np.zeros((height, width, len(p.components)), np.float32) if found is None else found
+
+    def _light(self, name):
+        """A part of the light, clean where it was cleaned."""
+        clean = self._frame.layer("clean_" + name, "RGB")
+        return self._frame.layer(name, "RGB") if clean is None else clean
+
+    def _surface_colour(self):
+        return self._frame.layer("surface_albedo", "RGB")
+
+    def _reflected(self, light):
+        """Surfaces' light where there is a surface that reflects, and the rest: what a filter spread beyond its edges."""
+        there = self._surface_colour() > 1e-6
+        return np.where(there, light, 0), np.where(there, 0, light)
+
+    def _surface_direct(self):
+        return self._reflected(self._light("surface") - self._light("surface_emission"))
+
+    def _surface_indirect(self):
+        return self._reflected(self._light("surface_indirect"))
+
+    def _over_colour(self, light):
+        colour = self._surface_colour()
+        return np.divide(light, colour, out=np.zeros_like(light, np.float64), where=light != 0)
+
+    def _position(self):
+        """Of the first surface, where one is met, and where that is."""
+        share = self._frame.layer("surface_share", "A")
+        met = share > 0
+        return np.where(met, self._frame.layer("position", "XYZ") / np.where(met, share, 1), 0), met[..., 0]
+
+    def _depth(self):
+        """Along the view, as in Cycles."""
+        position, met = self._position()
+        camera = self._frame.header["worldToCamera"]  # row vectors; the view goes along -z
+        z = -(position @ camera[:3, 2] + camera[3, 2])
+        return np.where(met, z, NOTHING)[..., None]
+
+    def _noisy(self):
+        name = "noisy" if "noisy.R" in self._frame.channels else ""
+        return picture(self._frame, self._transparent, name)
+
+
+_MAKERS = {
+    "Combined": lambda p: picture(p._frame, p._transparent),
+    "Depth": lambda p: p._depth(),
+    "Position": lambda p: p._position()[0],
+    "Normal": lambda p: p._frame.layer("normal", "XYZ"),
+    "DiffCol": lambda p: p._surface_colour(),
+    "DiffDir": lambda p: p._over_colour(p._surface_direct()[0]),
+    "DiffInd": lambda p: p._over_colour(p._surface_indirect()[0]),
+    "VolumeDir": lambda p: p._light("single") + p._surface_direct()[1],
+    "VolumeInd": lambda p: p._light("volume_indirect") + p._surface_indirect()[1],
+    "Emit": lambda p: p._light("emission") + p._light("surface_emission"),
+    "Env": lambda p: p._light("background"),
+    "Noisy Image": lambda p: p._noisy(),
+}

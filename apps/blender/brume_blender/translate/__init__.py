@@ -1,0 +1,141 @@
+"""A Blender scene as a brume scene.
+
+`translate` reads an evaluated scene and writes what brume renders: the text of a scene file, and the meshes and pictures
+that it names. What has no counterpart is left out, or what comes nearest taken, and said, a line for each kind with the
+things that it is about.
+
+Knows bpy, mathutils and NumPy alone.
+"""
+
+from dataclasses import dataclass, field
+
+import bpy
+
+from .camera import camera_of, camera_table
+from .files import Folder
+from .film import film_size, film_table, pixel_aspect_of
+from .fluids import domain_of, domain_tables
+from .lights import light_table
+from .meshes import MESH_LIKE
+from .motion import motion_of
+from .notes import CannotTranslate, LeftOut, Notes
+from .surfaces import Surfaces
+from .toml_text import Table
+from .volumes import file_of, volume_tables
+from .world import environment_table
+
+__all__ = ["CannotTranslate", "Translation", "translate"]
+
+# What is never seen: cameras, helpers.
+UNSEEN = ("CAMERA", "EMPTY", "ARMATURE", "LATTICE", "LIGHT_PROBE", "SPEAKER")
+
+
+@dataclass
+class Translation:
+    text: str  # of the scene file, whose names start at the folder
+    notes: list = field(default_factory=list)  # lines: what was left out or replaced
+    files: list = field(default_factory=list)  # paths written into the folder
+    shadow_catcher: bool = False  # whether the layers catcher and catcher_unshadowed show something
+    volumes: int = 0  # how many there are to render
+
+
+def translate(depsgraph, scene, folder, *, frame=None, width=None, height=None, set_frame=None, scene_folder=None):
+    """Writes the meshes and pictures of a scene into a folder and returns the scene's text.
+
+    @param depsgraph  evaluated, of a render or the viewport, at `frame`
+    @param frame      the scene's own unless given
+    @param width, height  of the film [px]; the scene's own unless given
+    @param set_frame  function of (frame, subframe) that evaluates the depsgraph at another time, as RenderEngine.frame_set
+                      and Scene.frame_set do: for motion blur, which is left out without it
+    @param scene_folder  where the scene file is to lie, at which its names of files start; `folder` unless given
+    @throws CannotTranslate: there is no camera, or one of which brume has no counterpart
+    """
+    return _Translator(depsgraph, scene, Folder(folder, scene_folder), frame, (width, height), set_frame).run()
+
+
+class _Translator:
+    def __init__(self, depsgraph, scene, folder, frame, size, set_frame):
+        self._depsgraph, self._scene, self._folder = depsgraph, scene, folder
+        self._frame = scene.frame_current if frame is None else frame
+        own = film_size(scene)
+        self._width, self._height = size[0] or own[0], size[1] or own[1]
+        self._notes = Notes()
+        self._set_frame = set_frame
+
+    def run(self):
+        aspect = pixel_aspect_of(self._scene)
+        size = (self._width, self._height, aspect)
+        camera_of(self._depsgraph, self._scene)  # none, none at all
+        self._motion = motion_of(self._depsgraph, self._scene, self._frame, self._set_frame, size, self._notes)
+        self._surfaces = Surfaces(self._folder, self._notes, self._view_layer())
+        camera = camera_of(self._depsgraph, self._scene)
+        head = [
+            Table("[render]").set(frame=max(self._frame, 0)),
+            camera_table(self._depsgraph, camera, self._motion, *size, self._notes),
+            film_table(self._scene, self._width, self._height, self._notes),
+            environment_table(self._scene, self._folder, self._notes),
+        ]
+        tables = self._objects()
+        text = "\n".join(["\n".join(self._comment()), f"name = {_quoted(self._scene.name)}\n", *(t.text() for t in head + tables)])
+        return Translation(
+            text,
+            self._notes.lines(),
+            self._folder.files,
+            self._surfaces.any_catcher,
+            sum(table.header == "[[volumes]]" for table in tables),
+        )
+
+    def _view_layer(self):
+        layer = self._depsgraph.view_layer
+        return self._scene.view_layers.get(layer.name, layer)
+
+    def _comment(self):
+        source = bpy.path.basename(bpy.data.filepath) or "A scene"
+        lines = [f"# {source} of Blender {bpy.app.version_string}, frame {self._frame}."]
+        return lines + ["# Left out: " + note.replace("\n", " ") for note in self._notes.lines()]
+
+    def _objects(self):
+        tables = []
+        for instance in self._depsgraph.object_instances:
+            if not instance.show_self or instance.object.hide_render:
+                continue
+            thing = instance.object
+            try:
+                tables += self._object(instance, thing)
+            except LeftOut as reason:
+                what = {"VOLUME": "the volume is left out: ", "LIGHT": "the light is left out: "}.get(thing.type, "is left out: ")
+                self._notes.say(thing.name, what + str(reason))
+        return tables
+
+    def _object(self, instance, thing):
+        kind = thing.type
+        matrices = (instance.matrix_world.copy(), None)
+        if self._motion is not None:
+            matrices = self._motion.matrices(instance) or matrices
+            if self._motion.deforms(thing):
+                self._notes.say(thing.name, "its deformation is left out of the motion blur")
+        if kind == "LIGHT":
+            if matrices[1] is not None:
+                self._notes.say(thing.name, "the light stands still while the shutter is open")
+            return [light_table(instance, self._notes)]
+        if kind == "VOLUME":
+            shutter = self._motion and self._motion.shutter
+            file = file_of(thing.data, shutter, self._scene, self._frame)
+            return volume_tables(thing, file, matrices, self._notes)
+        if kind in MESH_LIKE:
+            self._say_particles(thing)
+            domain = domain_of(thing)
+            if domain is not None:
+                return domain_tables(thing, domain, self._frame, matrices, self._motion, self._scene, self._notes)
+            return self._surfaces.tables(thing, matrices)
+        if kind not in UNSEEN:
+            self._notes.say(thing.name, f"the {kind.lower().replace('_', ' ')} is left out")
+        return []
+
+    def _say_particles(self, thing):
+        if any(system.settings.type == "HAIR" and system.settings.render_type == "PATH" for system in thing.particle_systems):
+            self._notes.say(thing.name, "its hair is left out")
+
+
+def _quoted(text):
+    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'

@@ -1,0 +1,105 @@
+"""Smoke and fire of fluid domains, from the OpenVDB files of their caches."""
+
+import os
+
+import bpy
+import numpy as np
+from mathutils import Matrix, Vector
+
+from .notes import LeftOut
+from .toml_text import Table
+from .vdb_header import NotVdb, voxel_sizes
+from .volumes import volume_tables
+
+# By Blender's names of attributes: the files' own of the base grids, and those with noise.
+BASE, NOISE = ("density", "flame", "temperature"), ("density", "flame")
+
+
+def domain_of(thing):
+    """Settings of an object's gas domain; None: it is none."""
+    for modifier in thing.modifiers:
+        if modifier.type == "FLUID" and modifier.show_render and modifier.fluid_type == "DOMAIN":
+            settings = modifier.domain_settings
+            return settings if settings.domain_type == "GAS" else None
+    return None
+
+
+class FluidCache:
+    """The files of a domain's cache at one frame, as volume_tables reads a VDB file."""
+
+    colours = ()
+
+    def __init__(self, thing, settings, frame, shutter, scene, notes):
+        if settings.cache_data_format != "OPENVDB":
+            raise LeftOut(f"the cache of the fluid domain is no OpenVDB but {settings.cache_data_format}")
+        self._name, self._notes = thing.name, notes
+        self._frame = min(max(frame, settings.cache_frame_start), settings.cache_frame_end) + settings.cache_frame_offset
+        folder = bpy.path.abspath(settings.cache_directory)
+        points = np.array([v.co[:] for v in thing.data.vertices])
+        self._lo, self._size = points.min(0), np.ptp(points, axis=0)
+        self._cells = np.array(settings.domain_resolution, float)
+        self._files = {}  # path, name and voxel size in the file, cells of each grid
+        self._add(os.path.join(folder, "data", f"fluid_data_{self._frame:04d}.vdb"), BASE, "", 1)
+        if settings.use_noise:
+            self._add(os.path.join(folder, "noise", f"fluid_noise_{self._frame:04d}.vdb"), NOISE, "_noise", settings.noise_scale)
+        self.grids = list(self._files)
+        self.constants = self._colour(settings)
+        self._velocity_scale = None
+        if shutter is not None:
+            self._velocity_scale = settings.velocity_scale * scene.render.fps_base / scene.render.fps
+
+    def _add(self, path, grids, suffix, finer):
+        if not os.path.isfile(path):
+            raise LeftOut(f"its cache has no file {path}")
+        try:
+            sizes = voxel_sizes(path)
+        except (NotVdb, OSError) as error:
+            raise LeftOut(f"its cache's file {path} {error}") from error
+        for grid in grids:
+            if grid + suffix in sizes:
+                self._files[grid] = (path, grid + suffix, sizes[grid + suffix], self._cells * finer)
+        if not suffix and "velocity" in sizes:
+            self._velocity = path
+
+    def _colour(self, settings):
+        """The colour of the smoke, which the files hold multiplied by its density; one for all of it."""
+        premultiplied = np.array(settings.color_grid, float).reshape(-1, 4)
+        if not premultiplied[:, 3].sum() > 0:
+            return {}
+        colour = premultiplied[:, :3].sum(0) / premultiplied[:, 3].sum()
+        return {"color": colour}
+
+    def stored(self, grid):
+        return self._files[grid][1]
+
+    def same_file(self, a, b):
+        return self._files[a][0] == self._files[b][0]
+
+    def table(self, matrices, grid):
+        path, name, voxel, cells = self._files[grid]
+        # The value of cell i is that at its middle; the domain's mesh is the box of all cells.
+        cell = self._size / cells
+        placement = Matrix.Translation(Vector(self._lo)) @ Matrix.Diagonal((*(cell / voxel), 1.0))
+        placement = placement @ Matrix.Translation(Vector([0.5 * voxel] * 3))
+        opens, closes = (m and m @ placement for m in matrices)
+        table = Table("[[volumes]]").set(file=path, grid=name, object_to_world=opens)
+        if closes is not None:
+            table.set(object_to_world_end=closes)
+        self._set_velocity(table, path, cell, voxel)
+        return table
+
+    def _set_velocity(self, table, path, cell, voxel):
+        if self._velocity_scale is None:
+            return
+        if getattr(self, "_velocity", None) != path:
+            self._notes.say(self._name, "the noise of the fluid is in another file than its velocity: it stands still")
+        elif np.ptp(cell) > 0.01 * cell.max():
+            self._notes.say(self._name, "the fluid's cells are stretched in its object's space: it stands still")
+        else:
+            table.set(velocity_grid="velocity", velocity_scale=self._velocity_scale * voxel / cell.mean())
+
+
+def domain_tables(thing, settings, frame, matrices, motion, scene, notes):
+    """@throws LeftOut"""
+    cache = FluidCache(thing, settings, frame, motion and motion.shutter, scene, notes)
+    return volume_tables(thing, cache, matrices, notes)

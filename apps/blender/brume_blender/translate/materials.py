@@ -1,0 +1,204 @@
+"""Surface shaders as brume's materials: diffuse, metal, glass, and light that they emit. Of mixtures the part that weighs
+most is taken; what is left out is said."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .node_values import UnknownNode, Values
+from .nodes import output_of
+
+LEAST = 1e-3  # what weighs less, or emits less, is nothing
+
+
+@dataclass
+class Bsdf:
+    """One way of scattering, and its share in a shader."""
+
+    material: str
+    weight: float
+    colour: object  # a plug, or three numbers
+    roughness: float = 0.0
+    ior: float = 1.5
+    fresnel: bool = True  # a metal that reflects all at grazing angles
+    told: list = field(default_factory=list)  # what was taken instead
+
+
+@dataclass
+class Surface:
+    """A brume material. The colour is a plug where nodes compute it, by a texture perhaps."""
+
+    bsdf: Bsdf
+    radiance: np.ndarray
+    holdout: bool = False
+    invisible: bool = False
+
+
+def surface_of(material, notes):
+    """@param material  None: Blender's default"""
+    if material is None:
+        return Surface(Bsdf("diffuse", 1, [0.8] * 3), np.zeros(3))
+    if not material.use_nodes:
+        return Surface(Bsdf("diffuse", 1, list(material.diffuse_color[:3])), np.zeros(3))
+    shader = output_of(material.node_tree, "Surface")
+    if output_of(material.node_tree, "Displacement") is not None:
+        notes.say(material.name, "the material's displacement is left out")
+    if shader is None:
+        return Surface(None, np.zeros(3), invisible=output_of(material.node_tree, "Volume") is not None)
+    return _Shader(material.name, notes).resolve(shader)
+
+
+class _Shader:
+    def __init__(self, name, notes):
+        self._name, self._notes = name, notes
+        self._bsdfs, self._radiance = [], np.zeros(3)
+        self._holdout = self._transparent = 0.0
+
+    def resolve(self, plug):
+        self._collect(plug, 1.0)
+        if self._holdout >= 0.5:
+            return Surface(None, np.zeros(3), holdout=True)
+        bsdfs = sorted((b for b in self._bsdfs if b.weight > LEAST), key=lambda b: -b.weight)
+        glows = self._radiance.max() > LEAST
+        if not bsdfs:
+            if self._transparent > LEAST and not glows:
+                return Surface(None, np.zeros(3), invisible=True)
+            return Surface(Bsdf("diffuse", 1, [0.0] * 3), self._radiance)
+        best = bsdfs[0]
+        left = [f"{b.material} ({b.weight:.2g})" for b in bsdfs[1:]]
+        if self._transparent > LEAST:
+            left.append(f"transparent ({self._transparent:.2g})")
+        if left:
+            self._say(f"is a mixture; its {best.material} part ({best.weight:.2g}) is taken alone, without {', '.join(left)}")
+        for told in best.told:
+            self._say(told)
+        return Surface(best, self._radiance)
+
+    def _say(self, text):
+        self._notes.say(self._name, "the material " + text)
+
+    def _collect(self, plug, weight):
+        if not plug.socket.is_output or weight <= 0:
+            return
+        node = plug.node
+        if node.type == "ADD_SHADER":
+            for part in plug.inputs():
+                self._collect(part.resolve(), weight)
+        elif node.type == "MIX_SHADER":
+            share = min(max(self.number(plug.input("Fac", "Factor")), 0), 1)
+            for part, own in zip(plug.inputs()[1:], (1 - share, share)):
+                self._collect(part.resolve(), weight * own)
+        elif node.type in _SHADERS:
+            self._say_normals(plug)
+            _SHADERS[node.type](self, plug, weight)
+        else:
+            self._lacks(plug, weight)
+
+    def number(self, plug):
+        """A number that is the same all over a surface."""
+        try:
+            value = np.asarray(Values().number(plug))
+            if value.ndim == 0:
+                return float(value)
+        except UnknownNode as unknown:
+            default = getattr(plug.socket, "default_value", 0.0)
+            self._say(f"has '{plug.socket.name}' from {unknown}; its value without, {default:.4g}, is taken")
+            return float(default)
+        return float(value.mean())
+
+    def _say_normals(self, plug):
+        for socket in plug.node.inputs:
+            if socket.type == "VECTOR" and socket.is_linked and "Normal" in socket.name:
+                self._say("has bumps, which are left out")
+
+    def _lacks(self, plug, weight):
+        colours = [p for p in plug.inputs() if p.socket.type == "RGBA"]
+        bsdf = Bsdf("diffuse", weight, colours[0] if colours else [0.8] * 3)
+        bsdf.told.append(f"has {plug.node.bl_label}, which brume lacks; a diffuse surface is taken")
+        self._bsdfs.append(bsdf)
+
+    def _diffuse(self, plug, weight):
+        bsdf = Bsdf("diffuse", weight, plug.input("Color"))
+        roughness = self.number(plug.input("Roughness"))
+        if roughness > LEAST:
+            bsdf.told.append(f"has a diffuse roughness of {roughness:.3g}; it is taken as 0")
+        self._bsdfs.append(bsdf)
+
+    def _glossy(self, plug, weight):
+        node = plug.node
+        # A Glossy BSDF reflects its colour at all angles.
+        bsdf = Bsdf("conductor", weight, plug.input("Color"), self.number(plug.input("Roughness")), fresnel=False)
+        if node.distribution == "SHARP":
+            bsdf.roughness = 0.0
+        elif node.distribution not in ("GGX",) and bsdf.roughness > LEAST:
+            bsdf.told.append(f"has a distribution {node.distribution}; single scattering of GGX is taken")
+        if node.type == "BSDF_ANISOTROPIC" and abs(self.number(plug.input("Anisotropy"))) > LEAST:
+            bsdf.told.append("is anisotropic, which is left out")
+        self._bsdfs.append(bsdf)
+
+    def _glass(self, plug, weight):
+        node = plug.node
+        bsdf = Bsdf("dielectric", weight, plug.input("Color"), self.number(plug.input("Roughness")), self.number(plug.input("IOR")))
+        if getattr(node, "distribution", "GGX") == "SHARP":
+            bsdf.roughness = 0.0
+        elif node.distribution not in ("GGX",) and bsdf.roughness > LEAST:
+            bsdf.told.append(f"has a distribution {node.distribution}; single scattering of GGX is taken")
+        if node.type == "BSDF_REFRACTION":
+            bsdf.told.append("refracts without reflecting; glass is taken, which does both")
+        self._bsdfs.append(bsdf)
+
+    def _emission(self, plug, weight):
+        self._emit(plug.input("Color"), self.number(plug.input("Strength")) * weight)
+
+    def _emit(self, colour, strength):
+        if strength <= 0:
+            return
+        try:
+            value = np.asarray(Values().colour(colour))
+        except UnknownNode as unknown:
+            value = np.array(colour.socket.default_value[:3])
+            self._say(f"emits light coloured by {unknown}; its colour without is taken")
+        self._radiance = self._radiance + strength * np.maximum(value, 0)
+
+    def _transparency(self, plug, weight):
+        self._transparent += weight
+
+    def _hold(self, plug, weight):
+        self._holdout += weight
+
+    def _principled(self, plug, weight):
+        metallic = min(max(self.number(plug.input("Metallic")), 0), 1)
+        glass = min(max(self.number(plug.input("Transmission", "Transmission Weight")), 0), 1) * (1 - metallic)
+        alpha = self.number(plug.input("Alpha"))
+        if alpha < 1 - LEAST:
+            self._transparent += weight * (1 - alpha)
+            weight *= alpha
+        colour, roughness = plug.input("Base Color"), self.number(plug.input("Roughness"))
+        self._bsdfs.append(Bsdf("conductor", weight * metallic, colour, roughness))
+        self._bsdfs.append(Bsdf("dielectric", weight * glass, colour, roughness, self.number(plug.input("IOR"))))
+        diffuse = Bsdf("diffuse", weight * (1 - metallic) * (1 - glass), colour)
+        specular = self.number(plug.input("Specular", "Specular IOR Level"))
+        diffuse.told.append(
+            f"is Principled; a diffuse surface of its base colour is taken, without its gloss (specular {specular:.3g})"
+            if specular > LEAST
+            else "is Principled; a diffuse surface of its base colour is taken"
+        )
+        self._bsdfs.append(diffuse)
+        for names in (("Subsurface", "Subsurface Weight"), ("Sheen", "Sheen Weight"), ("Clearcoat", "Coat Weight"), ("Anisotropic",)):
+            if self.number(plug.input(*names)) > LEAST:
+                self._say(f"has {names[0].lower()}, which is left out")
+        strength = self.number(plug.input("Emission Strength"))
+        self._emit(plug.input("Emission", "Emission Color"), strength * weight)
+
+
+_SHADERS = {
+    "BSDF_DIFFUSE": _Shader._diffuse,
+    "BSDF_GLOSSY": _Shader._glossy,
+    "BSDF_ANISOTROPIC": _Shader._glossy,
+    "BSDF_GLASS": _Shader._glass,
+    "BSDF_REFRACTION": _Shader._glass,
+    "BSDF_PRINCIPLED": _Shader._principled,
+    "BSDF_TRANSPARENT": _Shader._transparency,
+    "EMISSION": _Shader._emission,
+    "HOLDOUT": _Shader._hold,
+}

@@ -1,0 +1,80 @@
+"""Following a shader's wires: through reroutes, muted nodes and groups, from a socket to what it gets its value from."""
+
+
+class Plug:
+    """A socket of a node, and the group nodes inside of which it lies."""
+
+    def __init__(self, socket, groups=()):
+        self.socket, self.groups = socket, groups
+
+    @property
+    def node(self):
+        return self.socket.node
+
+    def input(self, *names):
+        """An input of this plug's node, by the first of its names that there is: versions of Blender rename them.
+        @throws KeyError"""
+        for name in names:
+            for socket in self.node.inputs:
+                if name in (socket.name, socket.identifier) and socket.enabled:
+                    return Plug(socket, self.groups)
+        raise KeyError(f"{self.node.bl_idname} has no input {names[0]}")
+
+    def inputs(self):
+        return [Plug(socket, self.groups) for socket in self.node.inputs if socket.enabled]
+
+    def key(self):
+        """Equal for the same socket in the same place."""
+        return (self.socket.as_pointer(), tuple(group.as_pointer() for group in self.groups))
+
+    def resolve(self):
+        """Where an input gets its value: the plug of an output that computes it, or of an input that holds it."""
+        here = self
+        for _ in range(10000):  # wires in a circle end somewhere
+            if here.socket.is_output:
+                inward = here._through()
+                if inward is None:
+                    return here
+                here = inward
+            elif here.socket.is_linked and here.socket.links[0].is_valid:
+                here = Plug(here.socket.links[0].from_socket, here.groups)
+            else:
+                return here
+        return self
+
+    def _through(self):
+        """The socket that an output merely repeats; None: its node computes it."""
+        node = self.node
+        if node.mute:
+            for link in node.internal_links:
+                if link.to_socket == self.socket:
+                    return Plug(link.from_socket, self.groups)
+            return None
+        if node.type == "REROUTE":
+            return Plug(node.inputs[0], self.groups)
+        if node.type == "GROUP" and node.node_tree is not None:
+            for inner in node.node_tree.nodes:
+                if inner.type == "GROUP_OUTPUT" and inner.is_active_output:
+                    return _same(inner.inputs, self.socket, (*self.groups, node))
+        if node.type == "GROUP_INPUT" and self.groups:
+            return _same(self.groups[-1].inputs, self.socket, self.groups[:-1])
+        return None
+
+
+def _same(sockets, socket, groups):
+    for other in sockets:
+        if other.identifier == socket.identifier:
+            return Plug(other, groups)
+    return None
+
+
+def output_of(tree, socket):
+    """What is plugged into the active output node of a material, world or light; None: nothing is.
+    @param socket  'Surface', 'Volume' or 'Displacement'"""
+    if tree is None:
+        return None
+    node = tree.get_output_node("CYCLES") or tree.get_output_node("ALL")
+    if node is None or socket not in node.inputs:
+        return None
+    shader = Plug(node.inputs[socket]).resolve()
+    return shader if shader.socket.is_output else None

@@ -1,0 +1,129 @@
+"""Objects with faces: their meshes, materials, roles, and fog inside of them."""
+
+import numpy as np
+
+from .fog import fog_table
+from .materials import surface_of
+from .meshes import Geometry, write_ply
+from .notes import LeftOut
+from .textures import Textures
+from .toml_text import Table
+from .volumes import volume_material
+
+
+class Surfaces:
+    """Writes each mesh once, however many instances it has."""
+
+    def __init__(self, folder, notes, view_layer):
+        self._folder, self._notes, self._view_layer = folder, notes, view_layer
+        self._textures = Textures(folder, notes)
+        self._geometries, self._written, self._surfaces = {}, {}, {}
+        self.any_catcher = False
+
+    def geometry(self, thing):
+        """Of an evaluated object; None: it has no faces."""
+        key = thing.data.as_pointer() if thing.type == "MESH" else thing.name_full
+        if key not in self._geometries:
+            mesh = thing.to_mesh()
+            try:
+                geometry = Geometry(mesh) if mesh is not None else None
+            finally:
+                thing.to_mesh_clear()
+            self._geometries[key] = geometry
+        return key, self._geometries[key]
+
+    def tables(self, thing, matrices):
+        """[[surfaces]] of an instance, one for each of its materials that has faces, and [[volumes]] of its fog.
+        @param matrices  (as the shutter opens, as it closes), the second None where it stands still"""
+        key, geometry = self.geometry(thing)
+        if geometry is None or len(geometry.loops) == 0:
+            return []
+        tables = []
+        fog = volume_material(thing)
+        if fog is not None:
+            try:
+                tables.append(fog_table(thing, fog, geometry.points, matrices, self._notes))
+            except LeftOut as reason:
+                self._notes.say(thing.name, f"its fog is left out: {reason}")
+        slots = thing.material_slots
+        last = max(len(slots) - 1, 0)
+        for index in np.unique(np.minimum(geometry.materials, last)):
+            material = slots[index].material if len(slots) else None
+            tables += self._surface(thing, key, geometry, int(index), last, material, matrices)
+        return tables
+
+    def _surface(self, thing, key, geometry, index, last, material, matrices):
+        surface = self._surface_of(material)
+        if surface.invisible:
+            if material is not None and volume_material(thing) is None:
+                self._notes.say(thing.name, "is transparent, which is left out as if it were not there")
+            return []
+        colour, texture = self._colour_of(thing, surface, material, geometry)
+        path = self._mesh(thing, key, geometry, index, last, texture)
+        table = Table("[[surfaces]]").set(file=self._folder.named(path), object_to_world=matrices[0])
+        if matrices[1] is not None:
+            if surface.radiance.any():
+                self._notes.say(thing.name, "the light that it emits stands still")
+            else:
+                table.set(object_to_world_end=matrices[1])
+        if surface.bsdf is not None:
+            _set_material(table, surface, colour, texture and self._folder.named(texture.path))
+            if surface.radiance.any():
+                table.set(radiance=surface.radiance, two_sided=not geometry.closed)
+        self._set_role(table, thing, surface)
+        return [table]
+
+    def _surface_of(self, material):
+        key = material.name_full if material is not None else None
+        if key not in self._surfaces:
+            self._surfaces[key] = surface_of(material, self._notes)
+        return self._surfaces[key]
+
+    def _colour_of(self, thing, surface, material, geometry):
+        """(colour, Texture or None)"""
+        if surface.bsdf is None or isinstance(surface.bsdf.colour, list):
+            return surface.bsdf and surface.bsdf.colour, None
+        colour, texture = self._textures.of(surface.bsdf.colour, material.name)
+        if texture is not None and geometry.uv(texture.uv_map) is None:
+            self._notes.say(thing.name, "has no UV map for the image on its base colour; it is left out")
+            texture = None
+        return colour, texture
+
+    def _mesh(self, thing, key, geometry, index, last, texture):
+        where = (key, index, texture and (texture.uv_map, texture.matrix.tobytes(), texture.offset.tobytes()))
+        if where not in self._written:
+            uv = None
+            if texture is not None:
+                uv = (geometry.uv(texture.uv_map) @ texture.matrix.T + texture.offset).astype(np.float32)
+            path = self._folder.new(".ply", thing.data.name if thing.data else thing.name, str(index))
+            write_ply(path, geometry, np.minimum(geometry.materials, last) == index, uv)
+            self._written[where] = path
+        return self._written[where]
+
+    def _set_role(self, table, thing, surface):
+        original = thing.original
+        held = thing.is_holdout or original.holdout_get(view_layer=self._view_layer)
+        if held or surface.holdout:
+            table.set(role="holdout")
+        elif thing.is_shadow_catcher:
+            self.any_catcher = True
+            table.set(role="shadow_catcher")
+        elif not thing.visible_camera or original.indirect_only_get(view_layer=self._view_layer):
+            table.set(visible_to_camera=False)
+        kinds = ("diffuse", "glossy", "transmission", "volume_scatter", "shadow")
+        unseen = [kind.replace("_", " ") for kind in kinds if not getattr(thing, f"visible_{kind}")]
+        if unseen:
+            self._notes.say(thing.name, f"is seen by rays of every kind but the camera's in brume, {' and '.join(unseen)} too")
+
+
+def _set_material(table, surface, colour, picture):
+    bsdf = surface.bsdf
+    table.set(material=bsdf.material, albedo=colour)
+    if picture is not None:
+        table.set(albedo_texture=picture)
+    if bsdf.material != "diffuse":
+        table.set(roughness=min(max(bsdf.roughness, 0), 1))
+    if bsdf.material == "dielectric":
+        table.set(ior=min(max(bsdf.ior, 1.0001), 4))
+    if bsdf.material == "conductor" and not bsdf.fresnel:
+        table.set(edge_albedo=colour)

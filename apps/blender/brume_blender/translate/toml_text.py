@@ -1,0 +1,32 @@
+"""Scene files as text: tables of keys in the order in which they are set."""
+
+import json
+import numbers
+
+
+def _text(value):
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, numbers.Integral):
+        return str(int(value))
+    if isinstance(value, numbers.Real):
+        return f"{float(value):.9g}"
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False)  # its escapes are TOML's
+    return "[" + ", ".join(_text(v) for v in value) + "]"
+
+
+class Table:
+    def __init__(self, header):
+        """@param header  '[camera]', or '[[volumes]]' for one of several"""
+        self.header = header
+        self._lines = {}
+
+    def set(self, **keys):
+        """Numbers, text, truth values, and sequences of these."""
+        for key, value in keys.items():
+            self._lines[key] = f"{key} = {_text(value)}"
+        return self
+
+    def text(self):
+        return "\n".join([self.header, *self._lines.values()]) + "\n"

@@ -1,0 +1,221 @@
+"""What a volume shader does with light, as coefficients that are functions of grids.
+
+Principled Volume, Volume Scatter, Volume Absorption, Emission, sums and mixtures of them: each becomes closures, whose
+coefficient [1 / scene unit] a `Values` evaluates for any values of the grids. What drives a shader that is no grid, no
+number and no node of node_values is said, and its value without that node taken.
+"""
+
+from dataclasses import dataclass
+from typing import Callable
+
+import numpy as np
+
+from .colour import blackbody
+from .node_values import UnknownNode, Values
+
+SIGMA = 5.670373e-8 * 1e-6 / np.pi  # Stefan and Boltzmann's, in Blender's units of brightness
+INFO_GRIDS = {"Color": "color", "Density": "density", "Flame": "flame", "Temperature": "temperature"}
+
+
+@dataclass
+class Closure:
+    """A part of what happens to light in a volume."""
+
+    kind: str  # scatter, absorption, emission or black_body
+    # Of a Values and its GridValues: (N, 3) or (3,) [1 / scene unit; of emission: radiance / scene unit]; of a black body
+    # its temperature, (N,) or a number [K]
+    coefficient: Callable
+    g: float = 0.0
+    colour_grid: str = ""  # that multiplies a scatter's colour
+    intensity: float = 0.0  # of a black body
+
+
+class GridValues:
+    """Leaves of volume shaders: the grids' values, and which were asked for.
+    @param values  array for every grid of numbers   @param colours  names of the grids of colours"""
+
+    def __init__(self, values, colours=()):
+        self._values, self._colours = values, colours
+        self.asked = set()
+
+    def __call__(self, plug):
+        name = grid_of(plug)
+        if name is None:
+            return None
+        if name in self._colours:
+            raise UnknownNode(f"the grid of colours '{name}' inside nodes")
+        value = self.value(name)
+        return value if plug.socket.type == "VALUE" else np.repeat(np.asarray(value)[..., None], 3, -1)
+
+    def value(self, name):
+        """0 for grids that are not there, as in Blender."""
+        if name not in self._values:
+            return 0.0
+        self.asked.add(name)
+        return self._values[name]
+
+
+def grid_of(plug):
+    """The grid that an output reads; None: it reads none."""
+    node = plug.node
+    if node.type == "ATTRIBUTE" and node.attribute_type == "GEOMETRY":
+        return node.attribute_name
+    if node.type == "VOLUME_INFO":
+        return INFO_GRIDS.get(plug.socket.name)
+    return None
+
+
+class VolumeShader:
+    """Closures of a shader. @param plug  what the output node's Volume is   @param grids  names of the object's grids
+    @param colours  those that hold colours   @param constants  colours by a grid's name that are the same everywhere"""
+
+    def __init__(self, plug, name, grids, colours, notes, constants=None):
+        self._name, self._grids, self._colours, self._notes = name, grids, colours, notes
+        self._constants = constants or {}
+        self.closures = []
+        self._collect(plug.resolve(), lambda values: 1.0)
+
+    def used(self, closure):
+        """The grids that a coefficient depends on."""
+        leaves = GridValues({grid: np.ones(1) for grid in self._grids}, self._colours)
+        closure.coefficient(Values(leaves), leaves)
+        return sorted(leaves.asked)
+
+    def evaluate(self, closure, values):
+        """(N, 3), or (N,) of a black body. @param values  array of (N,) for every grid that it depends on"""
+        leaves = GridValues(values, self._colours)
+        result = np.asarray(closure.coefficient(Values(leaves), leaves), float)
+        count = len(next(iter(values.values()))) if values else 1
+        return np.broadcast_to(result, (count,) if closure.kind == "black_body" else (count, 3))
+
+    def _collect(self, plug, weight):
+        if not plug.socket.is_output:
+            return
+        node = plug.node
+        if node.type == "ADD_SHADER":
+            for part in plug.inputs():
+                self._collect(part.resolve(), weight)
+        elif node.type == "MIX_SHADER":
+            factor = self._number(plug.input("Fac", "Factor"))
+            shares = (lambda v: 1 - np.clip(factor(v), 0, 1), lambda v: np.clip(factor(v), 0, 1))
+            for part, share in zip(plug.inputs()[1:], shares):
+                self._collect(part.resolve(), lambda v, share=share: weight(v) * share(v))
+        elif node.type in _CLOSURES:
+            _CLOSURES[node.type](self, plug, weight)
+        else:
+            self._notes.say(self._name, f"the volume shader {node.bl_label} is left out")
+
+    def _add(self, kind, coefficient, g=0.0, colour_grid=""):
+        self.closures.append(Closure(kind, coefficient, g, colour_grid))
+
+    def _read(self, plug, size):
+        """A function of a Values for an input."""
+        grids = GridValues({grid: np.ones(1) for grid in self._grids}, self._colours)
+        try:
+            trial = Values(grids)
+            trial.number(plug) if size == 1 else trial.colour(plug)
+        except UnknownNode as unknown:
+            default = getattr(plug.socket, "default_value", 0.0)
+            text = [round(c, 4) for c in default[:3]] if hasattr(default, "__len__") else round(default, 4)
+            self._notes.say(
+                self._name, f"'{plug.socket.name}' of its volume depends on {unknown}, which brume lacks; {text} is taken"
+            )
+            fixed = np.array(default[:3]) if hasattr(default, "__len__") else default
+            return lambda values: fixed
+        return (lambda values: values.number(plug)) if size == 1 else (lambda values: values.colour(plug))
+
+    def _number(self, plug):
+        return self._read(plug, 1)
+
+    def _colour(self, plug):
+        """A function of a Values, and the grid of colours that multiplies it."""
+        source = plug.resolve()
+        name = grid_of(source) if source.socket.is_output else None
+        if name in self._constants:
+            return (lambda values: self._constants[name]), ""
+        if name in self._colours:
+            return (lambda values: np.ones(3)), name
+        return self._read(plug, 3), ""
+
+    def _fixed(self, plug):
+        """A number that is the same everywhere: brume's phase functions are."""
+        value = np.atleast_1d(self._number(plug)(Values(GridValues({g: np.linspace(0, 1, 5) for g in self._grids}, self._colours))))
+        if np.ptp(value):
+            self._notes.say(self._name, f"'{plug.socket.name}' of its volume varies; its mean, {value.mean():.4g}, is taken")
+        return float(value.mean())
+
+    def _scatter(self, plug, weight):
+        density = self._number(plug.input("Density"))
+        colour, grid = self._colour(plug.input("Color"))
+        self._add("scatter", lambda v, _: _times(weight(v) * np.maximum(density(v), 0), colour(v)), self._fixed(plug.input("Anisotropy")), grid)
+
+    def _absorption(self, plug, weight):
+        density, colour = self._number(plug.input("Density")), self._read(plug.input("Color"), 3)
+        self._add("absorption", lambda v, _: _times(weight(v) * np.maximum(density(v), 0), 1 - colour(v)))
+
+    def _emission(self, plug, weight):
+        strength, colour = self._number(plug.input("Strength")), self._read(plug.input("Color"), 3)
+        self._add("emission", lambda v, _: _times(weight(v) * strength(v), colour(v)))
+
+    def _principled(self, plug, weight):
+        node = plug.node
+        attribute = {name: plug.input(name + " Attribute").socket.default_value for name in ("Density", "Color", "Temperature")}
+        plugged, g = self._number(plug.input("Density")), self._fixed(plug.input("Anisotropy"))
+        plugged_colour, colour_grid = self._colour(plug.input("Color"))
+        tint = self._constants.get(attribute["Color"], 1.0)
+        if attribute["Color"] in self._colours:
+            colour_grid = attribute["Color"]
+
+        def colour(values):
+            return plugged_colour(values) * tint
+
+        absorbed = self._read(plug.input("Absorption Color"), 3)
+
+        def density(values, leaves):
+            d = weight(values) * np.maximum(plugged(values), 0)
+            return d * np.maximum(leaves.value(attribute["Density"]), 0) if attribute["Density"] in self._grids else d
+
+        self._add("scatter", lambda v, l: _times(density(v, l), np.maximum(colour(v), 0)), g, colour_grid)
+        self._add(
+            "absorption",
+            lambda v, l: _times(density(v, l), np.maximum(1 - colour(v), 0) * np.maximum(1 - np.sqrt(np.maximum(absorbed(v), 0)), 0)),
+        )
+        self._glow(plug, weight, attribute["Temperature"])
+
+    def _glow(self, plug, weight, temperature_grid):
+        """Principled Volume's own light, which its density does not change."""
+        strength, colour = self._number(plug.input("Emission Strength")), self._read(plug.input("Emission Color"), 3)
+        self._add("emission", lambda v, _: _times(weight(v) * np.maximum(strength(v), 0), colour(v)))
+        intensity, tint = self._number(plug.input("Blackbody Intensity")), self._read(plug.input("Blackbody Tint"), 3)
+        plugged = self._number(plug.input("Temperature"))
+
+        def kelvin(values, leaves):
+            t = np.asarray(plugged(values), float)
+            if temperature_grid in self._grids:
+                t = t * np.maximum(leaves.value(temperature_grid), 0)
+            return np.maximum(t, 0)
+
+        def black_body(values, leaves):
+            t, share = kelvin(values, leaves), np.asarray(intensity(values), float)
+            power = np.where(share > 0, SIGMA * (1 - share + share * t**4), 0)
+            return _times(weight(values) * power, tint(values) * np.maximum(blackbody(t), 0))
+
+        trial = Values(GridValues({grid: np.linspace(0, 1, 5) for grid in self._grids}, self._colours))
+        strengths = np.atleast_1d(weight(trial) * intensity(trial))
+        if np.ptp(strengths) == 0 and np.all(tint(trial) == 1):
+            if strengths[0] > 0:
+                self.closures.append(Closure("black_body", kelvin, intensity=float(strengths[0])))
+        else:
+            self._add("emission", black_body)
+
+
+def _times(number, colour):
+    return np.asarray(number, float)[..., None] * colour
+
+
+_CLOSURES = {
+    "VOLUME_SCATTER": VolumeShader._scatter,
+    "VOLUME_ABSORPTION": VolumeShader._absorption,
+    "EMISSION": VolumeShader._emission,
+    "PRINCIPLED_VOLUME": VolumeShader._principled,
+}

@@ -1,0 +1,146 @@
+"""Volume objects: VDB files and what their shaders make of the grids."""
+
+import os
+import re
+
+import bpy
+
+from . import vdb_header
+from .nodes import output_of
+from .notes import LeftOut
+from .toml_text import Table
+from .volume_parts import glows, media, set_medium
+from .volume_shaders import VolumeShader
+
+# Until then Cycles put a voxel's value into the middle of its far corner's cell (measured with 3.4).
+HALF_VOXEL_BEFORE = (5, 0, 0)
+COLOUR_TYPES = ("vec3s", "vec3d", "vec3i")
+
+
+class GridFile:
+    """A VDB file, and how it lies in the world."""
+
+    def __init__(self, path, grids, colours=(), index_offset=0.0, velocity=None):
+        """@param velocity  (grid, world units of the file per frame for one unit of it), or None"""
+        self.path, self.grids, self.colours = path, grids, colours
+        self.index_offset, self.velocity = index_offset, velocity
+        self.constants = {}  # colours by name that are the same everywhere
+
+    def stored(self, grid):
+        """A grid's name in its file."""
+        return grid
+
+    def same_file(self, a, b):
+        """Whether two grids are in one file."""
+        return True
+
+    def table(self, matrices, grid):
+        """@param matrices  (as the shutter opens, as it closes), the second None where nothing moves"""
+        table = Table("[[volumes]]").set(file=self.path, grid=grid, object_to_world=matrices[0])
+        if matrices[1] is not None:
+            table.set(object_to_world_end=matrices[1])
+        if self.index_offset:
+            table.set(index_offset=[self.index_offset] * 3)
+        if self.velocity is not None:
+            table.set(velocity_grid=self.velocity[0], velocity_scale=self.velocity[1])
+        return table
+
+
+def volume_material(thing):
+    """What the volume shader of an object is: a plug; None: it has none."""
+    for slot in thing.material_slots:
+        material = slot.material
+        if material is not None and material.use_nodes:
+            shader = output_of(material.node_tree, "Volume")
+            if shader is not None:
+                return shader
+    return None
+
+
+def path_of(volume, frame):
+    """Of the file that a Volume's data shows in a frame. @throws LeftOut"""
+    if not volume.filepath:
+        raise LeftOut("it has no file")
+    path = os.path.abspath(bpy.path.abspath(volume.filepath, library=volume.library))
+    number = re.search(r"(\d+)(\.[^./]*)?$", path)
+    if not volume.is_sequence or number is None:
+        return path
+    shown = _frame_of_sequence(volume, frame - volume.frame_start + 1)
+    return f"{path[: number.start()]}{shown:0{len(number[1])}}{number[2] or ''}"
+
+
+def _frame_of_sequence(volume, frame):
+    """The number of a sequence's file, as Blender has it. @param frame  from its start, counted from 1"""
+    count, mode = volume.frame_duration, volume.sequence_mode
+    if count == 0 or (mode == "CLIP" and not 1 <= frame <= count):
+        raise LeftOut("no file of its sequence is for this frame")
+    if mode == "EXTEND":
+        frame = min(max(frame, 1), count)
+    elif mode == "REPEAT":
+        frame = (frame - 1) % count + 1
+    elif mode == "PING_PONG":
+        frame = (frame - 1) % max(2 * count - 2, 1) + 1
+        frame = 2 * count - frame if frame > count else frame
+    return frame + volume.frame_offset
+
+
+def file_of(volume, shutter, scene, frame):
+    """The GridFile of a Volume's data; one that cannot be read has no grids: None. @throws LeftOut"""
+    path = path_of(volume, frame)
+    try:
+        grids = vdb_header.grids(path)
+    except (vdb_header.NotVdb, OSError):
+        return GridFile(path, None)
+    names = [name for name, kind in grids.items() if kind not in COLOUR_TYPES]
+    colours = [name for name, kind in grids.items() if kind in COLOUR_TYPES]
+    velocity = None
+    moving = next((name for name in (volume.velocity_grid, "velocity") if name in colours), None)
+    if shutter is not None and moving is not None and volume.velocity_scale != 0:
+        # Cycles takes a velocity by frames as the way over the whole shutter.
+        by_second = volume.velocity_unit == "SECOND"
+        frames = scene.render.fps / scene.render.fps_base if by_second else shutter[1] - shutter[0]
+        velocity = (moving, volume.velocity_scale / frames)
+    offset = 0.5 if bpy.app.version < HALF_VOXEL_BEFORE else 0.0
+    return GridFile(path, names, colours, offset, velocity)
+
+
+def volume_tables(thing, file, matrices, notes):
+    """A table for each medium that a volume's shader makes of its file. @throws LeftOut: none of them could be"""
+    if file.grids is None:
+        return [file.table(matrices, "")]  # the program says what is wrong with it
+    shader_plug = volume_material(thing)
+    if shader_plug is None:
+        raise LeftOut("it has no volume shader")
+    shader = VolumeShader(shader_plug, thing.name, file.grids, file.colours, notes, file.constants)
+    if not thing.visible_camera:
+        notes.say(thing.name, "the volume is seen by the camera in brume")
+    tables, hosts = [], []  # hosts: (grid, table) that emit nothing yet
+    parts = media(shader, file.grids, thing.name, notes)
+    for part in parts:
+        tables.append(file.table(matrices, part.grid))
+        hosts.append((part.grid, tables[-1]))
+        set_medium(tables[-1], part)
+        if part.colour_grid and not part.sigma_a.any():
+            notes.say(thing.name, f"what its colours '{part.colour_grid}' do not scatter is absorbed")
+    for glow in glows(shader, thing.name, notes):
+        if not glow.grid:
+            _glow_everywhere(glow, parts, file, thing.name, notes)
+        host = next((h for h in hosts if file.same_file(h[0], glow.grid)), None)
+        if host is None:
+            host = (glow.grid, file.table(matrices, glow.grid).set(sigma_t=0))
+            tables.append(host[1])
+        else:
+            hosts.remove(host)
+        glow.set(host[1], file.stored(glow.grid))
+    if not tables:
+        notes.say(thing.name, "its volume shader neither scatters, absorbs nor emits")
+    return tables
+
+
+def _glow_everywhere(glow, parts, file, name, notes):
+    """Has the same emission wherever a grid is above 0. @throws LeftOut"""
+    if not file.grids:
+        raise LeftOut("its file has no grid of numbers")
+    glow.grid = parts[0].grid if parts else "density" if "density" in file.grids else file.grids[0]
+    glow.ramp = [[0, 0, 0, 0], [1e-6, *glow.ramp], [1, *glow.ramp]]
+    notes.say(name, f"what it emits everywhere it emits where the grid '{glow.grid}' is above 0")

@@ -1,0 +1,76 @@
+"""Files of Volume objects as the translation reads them, against Blender's own reading. Runs inside Blender."""
+
+import os
+import shutil
+import sys
+import unittest
+
+import bpy
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+import addon_scene as scenes  # noqa: E402
+from brume_blender.translate import vdb_header, volumes  # noqa: E402
+from brume_blender.translate.notes import LeftOut  # noqa: E402
+
+TYPES = {"float": "FLOAT", "vec3s": "VECTOR_FLOAT"}
+
+
+class Volumes(unittest.TestCase):
+    def setUp(self):
+        scenes.new_scene()
+        self._folder = scenes.folder()
+        self.addCleanup(self._folder.cleanup)
+
+    def test_grids_and_their_types_are_blenders(self):
+        data = os.path.join(scenes.SOURCE, "data", "volumes")
+        found = [name for name in os.listdir(data) if name.endswith(".vdb")]
+        self.assertGreaterEqual(len(found), 3)
+        for name in found:
+            volume = bpy.data.volumes.new(name)
+            volume.filepath = os.path.join(data, name)
+            volume.grids.load()
+            theirs = {grid.name: grid.data_type for grid in volume.grids}
+            ours = {grid: TYPES.get(kind, kind) for grid, kind in vdb_header.grids(volume.filepath).items()}
+            self.assertEqual(ours, theirs, name)
+
+    def test_files_of_sequences_are_blenders(self):
+        for number in range(1, 9):
+            shutil.copy(scenes.SMOKE, os.path.join(self._folder.name, f"a.v2_{number:03}.vdb"))
+        volume = scenes.add_smoke(os.path.join(self._folder.name, "a.v2_002.vdb")).data
+        volume.is_sequence = True
+        scene = bpy.context.scene
+        tested = set()
+        for mode in ("CLIP", "EXTEND", "REPEAT", "PING_PONG"):
+            for start, count, offset in ((1, 4, 0), (3, 5, 2), (-2, 2, 1), (5, 3, -4)):
+                volume.sequence_mode = mode
+                volume.frame_start, volume.frame_duration, volume.frame_offset = start, count, offset
+                for frame in range(-6, 16):
+                    scene.frame_set(frame)
+                    shown = volume.evaluated_get(bpy.context.evaluated_depsgraph_get())
+                    shown.grids.load()
+                    theirs = shown.grids.frame_filepath
+                    try:
+                        ours = volumes.path_of(volume, frame)
+                    except LeftOut:
+                        ours = ""
+                    if not os.path.exists(ours):  # which Blender shows as nothing
+                        ours = ""
+                    self.assertEqual(ours, theirs, (mode, start, count, offset, frame))
+                    tested.add(ours)
+        self.assertGreaterEqual(len(tested), 8)
+
+    def test_a_file_that_cannot_be_read_is_for_the_program_to_say(self):
+        with open(scenes.SMOKE, "rb") as file:
+            data = file.read()
+        path = os.path.join(self._folder.name, "bad.vdb")
+        scenes.smoke_scene(width=16, height=12, path=path)
+        for content in (b"", b"no volume at all", data[:3000], data[:-100], data[:700] + b"\xff" * 300 + data[1000:]):
+            with open(path, "wb") as file:
+                file.write(content)
+            with self.assertRaises(RuntimeError) as raised:
+                scenes.render(os.path.join(self._folder.name, "a.exr"))
+            self.assertIn("bad.vdb", str(raised.exception))
+
+
+if __name__ == "__main__":
+    scenes.run_tests(sys.modules[__name__])
