@@ -26,8 +26,7 @@ constexpr double kMostMemory = 0.25;          // of the machine's, for all of th
 /// Whether light depends on a key of the camera: not on where it stands and how its rays spread.
 bool lights_depend_on(const SceneKey& key) {
   const std::string_view name = key.field.key;
-  return name == "shutter" || name == "position_end" || name == "look_at_end" || name == "up_end" ||
-         name == "keys";
+  return name == "shutter" || name == "position_end" || name == "look_at_end" || name == "up_end" || name == "keys";
 }
 
 /// The tables without the keys that light does not depend on.

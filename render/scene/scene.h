@@ -104,7 +104,7 @@ struct SurfaceSettings {
   std::string material = "diffuse";
   dvec3 albedo{0.5};
   std::filesystem::path albedo_texture;
-  dvec3 edge_albedo{1};
+  dvec3 edge_albedo{1}, reflection_tint{1};
   double roughness = 0.3, ior = 1.5;
   std::string normals = "smooth";
   dvec3 radiance{0};

@@ -248,6 +248,7 @@ void describe(Visitor& v, SurfaceSettings& s) {
     s.albedo);
   v({"albedo_texture", "", "picture that multiplies albedo: PNG, JPEG (sRGB), HDR or EXR (linear)"}, s.albedo_texture);
   v({"edge_albedo", "1", "conductor: reflectance seen at grazing angles", 0, 1}, s.edge_albedo);
+  v({"reflection_tint", "1", "dielectric: tint of what its faces reflect", 0, 1}, s.reflection_tint);
   v({"roughness", "1", "conductor, dielectric: square root of the GGX width; 0 is perfectly smooth", 0, 1},
     s.roughness);
   v({"ior", "1", "dielectric: index of refraction inside over outside", 1.0001, 4}, s.ior);

@@ -47,7 +47,7 @@ Plan make_plan(const Scene& scene, const SceneMedia& media, const Lights& lights
   plan.emission = !media.emissions().empty();
   plan.lens = camera.has_lens();
   const auto& fields = media.emissions();
-  plan.shutter = camera.moves() || plan.moving_media ||
+  plan.shutter = camera.moves() || plan.moving_media || (surfaces && surfaces->any_moves()) ||
                  std::any_of(fields.begin(), fields.end(), [](const EmissionField& e) { return e.moves(); });
   if (plan.has_media()) {
     plan.isosurface = layers.has(layer::gradient) || layers.has(layer::coverage) || layers.records;

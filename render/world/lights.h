@@ -138,7 +138,7 @@ class PointLight : public Light {
  private:
   dvec3 intensity_towards(const dvec3& d) const;
   dvec3 position_, intensity_, axis_;
-  bool cosine_ = false;  // the intensity falls with the cosine to the axis
+  bool cosine_ = false;                     // the intensity falls with the cosine to the axis
   double cos_inner_ = -2, cos_outer_ = -2;  // -2: a point light, no cone
 };
 
@@ -153,8 +153,8 @@ class MeshLight : public Light {
   double pdf(double t, double cos_theta) const { return t * t / (area_ * std::abs(cos_theta)); }
   const dvec3& radiance() const { return radiance_; }
   const dvec3& middle() const { return centre_; }
-  /// Of the faces that shine there, seen from afar along a direction that leads to the mesh; self-occlusion is left out, and what
-  /// lies between the axes interpolated.
+  /// Of the faces that shine there, seen from afar along a direction that leads to the mesh; self-occlusion is left
+  /// out, and what lies between the axes interpolated.
   double projected_area(const dvec3& direction) const;
 
  private:

@@ -105,7 +105,8 @@ class BlenderScenes : public ::testing::TestWithParam<BlenderScene> {
     const VoxelBox box{ivec3(-24), ivec3(24)}, around{ivec3(-40), ivec3(40)};
     const fs::path still = folder() / "still.vdb";
     test::write_affine_vdb(still, box, test::scaling(dvec3(0.03)), [](const ivec3& v) {
-      const double r = glm::length(dvec3(v)) / 22, wave = std::sin(0.35 * v.x) * std::sin(0.3 * v.y) * std::sin(0.4 * v.z);
+      const double r = glm::length(dvec3(v)) / 22,
+                   wave = std::sin(0.35 * v.x) * std::sin(0.3 * v.y) * std::sin(0.4 * v.z);
       return static_cast<float>(std::max(0.0, std::min(1.0, 3 * (1 - r)) + 0.5 * wave * (r < 1 ? 1 : 0)));
     });
     test::write_velocity_vdb(path, still, around, {1.2, 0.3, 0.6});
@@ -115,19 +116,19 @@ class BlenderScenes : public ::testing::TestWithParam<BlenderScene> {
   void render_in_blender() const {
     fs::create_directories(folder());
     write_moving_smoke(folder() / "moving.vdb");
-    const std::string command =
-        "blender -b --factory-startup --python-exit-code 9 --python " + test::source("tests/blender/scenes.py").string() +
-        " -- " + GetParam().name + " " + folder().string() + " samples=" + std::to_string(GetParam().cycles_samples) +
-        " >" + (folder() / "log.txt").string() + " 2>&1";
+    const std::string command = "blender -b --factory-startup --python-exit-code 9 --python " +
+                                test::source("tests/blender/scenes.py").string() + " -- " + GetParam().name + " " +
+                                folder().string() + " samples=" + std::to_string(GetParam().cycles_samples) + " >" +
+                                (folder() / "log.txt").string() + " 2>&1";
     ASSERT_EQ(std::system(command.c_str()), 0) << test::read_file(folder() / "log.txt");
   }
 
   void render_in_brume() const {
     for (const char* seed : {"1", "2"}) {
-      const auto r = test::run_brume(
-          "render " + (folder() / "scene.toml").string() + " -o " + (folder() / "brume_").string() + seed + ".exr" +
-          " --spp " + std::to_string(GetParam().brume_samples) + " --seed " + seed +
-          " --layers none --no-statistics -q -D render.max_events=64");  // as many as Cycles takes
+      const auto r =
+          test::run_brume("render " + (folder() / "scene.toml").string() + " -o " + (folder() / "brume_").string() +
+                          seed + ".exr" + " --spp " + std::to_string(GetParam().brume_samples) + " --seed " + seed +
+                          " --layers none --no-statistics -q -D render.max_events=64");  // as many as Cycles takes
       ASSERT_EQ(r.status, 0) << r.err;
     }
   }
@@ -176,8 +177,8 @@ TEST_P(BlenderScenes, LookAsInCycles) {
   const double most = most_standard_errors(1.0 * columns * rows * channels * static_cast<double>(std::size(kScenes)));
   for (size_t c = 0; c < static_cast<size_t>(channels); ++c) {
     const double a = sum_of(theirs.mean[c], 0, 0, width, height), b = sum_of(ours.mean[c], 0, 0, width, height);
-    const double error = std::sqrt(sum_of(theirs.variance[c], 0, 0, width, height) +
-                                   sum_of(ours.variance[c], 0, 0, width, height));
+    const double error =
+        std::sqrt(sum_of(theirs.variance[c], 0, 0, width, height) + sum_of(ours.variance[c], 0, 0, width, height));
     EXPECT_NEAR(b / a, 1.0, 0.01) << "RGBA"[c];
     EXPECT_LT(4 * error, 0.01 * a) << "too noisy to tell";
     double worst = 0, squares = 0;
@@ -201,7 +202,9 @@ TEST_P(BlenderScenes, LookAsInCycles) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Each, BlenderScenes, ::testing::ValuesIn(kScenes),
-                         [](const ::testing::TestParamInfo<BlenderScene>& scene) { return std::string(scene.param.name); });
+                         [](const ::testing::TestParamInfo<BlenderScene>& scene) {
+                           return std::string(scene.param.name);
+                         });
 
 }  // namespace
 }  // namespace brume

@@ -56,6 +56,45 @@ TEST_P(AgainstTheDefinition, RandomScenes) {
 TEST_P(AgainstTheDefinition, InDoublePrecision) {
   expect_agreement(GetParam(), "global", static_cast<int>(number("BRUME_SPP", 160)) / 2, 0.12);
 }
+// What random scenes do not draw: surfaces that move, that the camera does not see, that shine to both sides; a camera
+// that is shifted and rolls, with pixels that are not square; coloured reflections.
+TEST(SurfacesAgainstTheDefinition, MoveAreUnseenAndShineToBothSides) {
+  Scene s;
+  s.film.width = 32, s.film.height = 24;
+  s.camera.position = dvec3(0, -7, 2.5), s.camera.look_at = dvec3(0, 0, 0.8);
+  s.camera.fov = 34;
+  s.camera.shift = {0.05, -0.04}, s.camera.pixel_aspect = 1.2;
+  s.camera.shutter = {-0.3, 0.3}, s.camera.up_end = {0.05, 0, 1};
+  s.environment.radiance = dvec3(0.2, 0.25, 0.3);
+  VolumeSettings fog;
+  fog.shape = "box", fog.lo = dvec3(-2, -1, 0.01), fog.hi = dvec3(2, 1.5, 2);
+  fog.sigma_t = dvec3(0.4), fog.albedo = dvec3(0.8), fog.g = 0.4;
+  s.volumes.push_back(fog);
+  const auto add = [&](const char* mesh, const dvec3& at, double scale) -> SurfaceSettings& {
+    SurfaceSettings& surface = s.surfaces.emplace_back();
+    surface.file = test::source(std::string("data/meshes/") + mesh + ".obj");
+    surface.object_to_world = test::translation(at) * test::scaling(dvec3(scale));
+    return surface;
+  };
+  add("floor", dvec3(0), 1).albedo = dvec3(0.5, 0.4, 0.3);
+  SurfaceSettings& mover = add("ball", dvec3(-1.5, 0, 0.6), 0.6);
+  mover.object_to_world_end = test::translation(dvec3(-1, 0.2, 0.8)) * test::scaling({0.5, 0.7, 0.6});
+  mover.material = "conductor", mover.albedo = dvec3(0.9, 0.6, 0.3), mover.edge_albedo = dvec3(0.5),
+  mover.roughness = 0.4;
+  add("ball", dvec3(0.2, -1, 0.5), 0.5).visible_to_camera = false;
+  SurfaceSettings& glass = add("ball", dvec3(1.4, -0.6, 0.6), 0.5);
+  glass.material = "dielectric", glass.albedo = dvec3(1), glass.roughness = 0.3,
+  glass.reflection_tint = dvec3(0.5, 0.7, 1);
+  SurfaceSettings& lamp = add("floor", dvec3(0, 0.5, 2.4), 0.01);
+  lamp.albedo = dvec3(0), lamp.radiance = dvec3(6, 5, 4), lamp.two_sided = true;
+  LightSettings spot;
+  spot.type = "spot", spot.position = dvec3(2.5, -1, 3), spot.direction = dvec3(-0.7, 0.3, -1);
+  spot.intensity = dvec3(5), spot.cosine_falloff = true;
+  s.lights.push_back(spot);
+  const test::Agreement a = test::agreement(s, 320, 1);
+  EXPECT_LT(a.worst, test::kSigmas) << a.text();
+  EXPECT_LT(a.detectable, 0.06) << a.text();
+}
 INSTANTIATE_TEST_SUITE_P(Seeds, AgainstTheDefinition, ::testing::ValuesIn(seeds()),
                          [](const auto& seed) { return std::to_string(seed.param); });
 

@@ -26,7 +26,12 @@ using Scattering = std::function<std::pair<dvec3, double>(const dvec3& wi)>;
 class Tracer {
  public:
   Tracer(const PathContext& scene, const PathRequest& request)
-      : scene_(scene), lights_(*scene.lights), rng_(request.key), time_(request.time), ray_(request.ray), eye_(request.ray.o) {
+      : scene_(scene),
+        lights_(*scene.lights),
+        rng_(request.key),
+        time_(request.time),
+        ray_(request.ray),
+        eye_(request.ray.o) {
     for (const Medium& m : scene.media) {
       media_.push_back(m.at_time(request.time));
       spheres_.push_back(media_.back().bounding_sphere());

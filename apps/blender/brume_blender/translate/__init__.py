@@ -22,7 +22,7 @@ from .notes import CannotTranslate, LeftOut, Notes
 from .surfaces import Surfaces
 from .toml_text import Table
 from .volumes import file_of, volume_tables
-from .world import environment_table
+from .world import world_tables
 
 __all__ = ["CannotTranslate", "Translation", "translate"]
 
@@ -73,7 +73,7 @@ class _Translator:
             Table("[render]").set(frame=max(self._frame, 0)),
             camera_table(self._depsgraph, camera, self._motion, *size, self._notes),
             film_table(self._scene, self._width, self._height, self._notes),
-            environment_table(self._scene, self._folder, self._notes),
+            *world_tables(self._scene, self._folder, self._notes),
         ]
         tables = self._objects()
         text = "\n".join(["\n".join(self._comment()), f"name = {_quoted(self._scene.name)}\n", *(t.text() for t in head + tables)])

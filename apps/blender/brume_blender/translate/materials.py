@@ -20,7 +20,7 @@ class Bsdf:
     colour: object  # a plug, or three numbers
     roughness: float = 0.0
     ior: float = 1.5
-    fresnel: bool = True  # a metal that reflects all at grazing angles
+    fresnel: bool = True  # metals reflect all at grazing angles, glass reflects without a tint
     told: list = field(default_factory=list)  # what was taken instead
 
 
@@ -138,7 +138,9 @@ class _Shader:
 
     def _glass(self, plug, weight):
         node = plug.node
-        bsdf = Bsdf("dielectric", weight, plug.input("Color"), self.number(plug.input("Roughness")), self.number(plug.input("IOR")))
+        roughness, ior = self.number(plug.input("Roughness")), self.number(plug.input("IOR"))
+        # Its colour tints reflections, too.
+        bsdf = Bsdf("dielectric", weight, plug.input("Color"), roughness, ior, fresnel=False)
         if getattr(node, "distribution", "GGX") == "SHARP":
             bsdf.roughness = 0.0
         elif node.distribution not in ("GGX",) and bsdf.roughness > LEAST:

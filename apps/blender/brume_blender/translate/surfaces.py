@@ -125,5 +125,5 @@ def _set_material(table, surface, colour, picture):
         table.set(roughness=min(max(bsdf.roughness, 0), 1))
     if bsdf.material == "dielectric":
         table.set(ior=min(max(bsdf.ior, 1.0001), 4))
-    if bsdf.material == "conductor" and not bsdf.fresnel:
-        table.set(edge_albedo=colour)
+    if bsdf.material != "diffuse" and not bsdf.fresnel:
+        table.set(**{"edge_albedo" if bsdf.material == "conductor" else "reflection_tint": colour})

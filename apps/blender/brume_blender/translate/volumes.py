@@ -23,6 +23,7 @@ class GridFile:
         self.path, self.grids, self.colours = path, grids, colours
         self.index_offset, self.velocity = index_offset, velocity
         self.constants = {}  # colours by name that are the same everywhere
+        self.derived = {}  # (grid, function of its values) by the name of an attribute that is no grid
 
     def stored(self, grid):
         """A grid's name in its file."""
@@ -83,7 +84,7 @@ def volume_tables(thing, file, matrices, notes):
     shader_plug = volume_material(thing)
     if shader_plug is None:
         raise LeftOut("it has no volume shader")
-    shader = VolumeShader(shader_plug, thing.name, file.grids, file.colours, notes, file.constants)
+    shader = VolumeShader(shader_plug, thing.name, file, notes)
     if not thing.visible_camera:
         notes.say(thing.name, "the volume is seen by the camera in brume")
     tables, hosts = [], []  # hosts: (grid, table) that emit nothing yet
