@@ -6,6 +6,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix, Vector
 
+from .nodes import output_of
 from .notes import LeftOut
 from .toml_text import Table
 from .vdb_header import NotVdb, voxel_sizes
@@ -107,7 +108,9 @@ def _temperature(ignition, hottest):
     return lambda flame: np.where(np.asarray(flame) > 0.01, ignition + np.asarray(flame) * (hottest - ignition), 0.0)
 
 
-def domain_tables(thing, settings, frame, matrices, motion, scene, notes):
+def domain_tables(thing, materials, settings, frame, matrices, motion, scene, notes):
     """@throws LeftOut"""
     cache = FluidCache(thing, settings, frame, motion and motion.shutter, scene, notes)
-    return volume_tables(thing, cache, matrices, notes)
+    if any(m is not None and m.use_nodes and output_of(m.node_tree, "Surface") is not None for m in materials):
+        notes.say(thing.name, "the surface of the fluid's domain is left out")
+    return volume_tables(thing, materials, cache, matrices, notes)

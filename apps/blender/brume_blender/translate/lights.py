@@ -72,6 +72,9 @@ def _emitted(light, name, notes):
 
 def _say_visibility(thing, notes):
     unseen = [kind for kind in ("diffuse", "glossy", "transmission", "volume_scatter") if not getattr(thing, f"visible_{kind}")]
+    linked = getattr(thing, "light_linking", None)  # Blender 4.0
+    if linked is not None and (linked.receiver_collection or linked.blocker_collection):
+        notes.say(thing.name, "its light reaches all objects, and all cast its shadows")
     if unseen:
         notes.say(thing.name, f"its light reaches rays of every kind in brume, {' and '.join(unseen).replace('_', ' ')} too")
 

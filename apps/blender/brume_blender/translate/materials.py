@@ -189,6 +189,11 @@ class _Shader:
         for names in (("Subsurface", "Subsurface Weight"), ("Sheen", "Sheen Weight"), ("Clearcoat", "Coat Weight"), ("Anisotropic",)):
             if self.number(plug.input(*names)) > LEAST:
                 self._say(f"has {names[0].lower()}, which is left out")
+        distribution = getattr(plug.node, "distribution", "GGX")
+        if distribution != "GGX" and roughness > LEAST and max(metallic, glass) > LEAST:
+            self._say(f"has a distribution {distribution}; single scattering of GGX is taken")
+        if glass > LEAST and any(p.socket.name == "Transmission Roughness" and self.number(p) > LEAST for p in plug.inputs()):
+            self._say("has a roughness of transmission of its own, which is left out")
         strength = self.number(plug.input("Emission Strength"))
         self._emit(plug.input("Emission", "Emission Color"), strength * weight)
 

@@ -1,6 +1,6 @@
-"""Sky textures: brume's one sky, Preetham's, stands in for all of Blender's, and a sun of its own for Nishita's.
+"""Sky textures. Brume's sky is Blender's Preetham; it stands in for the others, and a sun of its own for Nishita's.
 
-The factors make it as bright as Cycles 3.4 has each of them, on a level plane, at a turbidity of 2.2 and clear air.
+The factors make it as bright as Cycles 3.4 has them, on a level plane, at a turbidity of 2.2 and in clear air.
 """
 
 import math
@@ -12,17 +12,14 @@ from .toml_text import Table
 ELEVATIONS = [3, 8, 15, 30, 50, 70, 89]  # of the sun [degrees]
 # Blender's radiance over that of brume's sky, whose unit is kcd / (m^2 sr), by elevation and channel.
 FACTORS = {
-    "PREETHAM": [
-        [0.121, 0.131, 0.152], [0.119, 0.130, 0.148], [0.117, 0.128, 0.144], [0.117, 0.127, 0.138], [0.124, 0.131, 0.137],
-        [0.132, 0.135, 0.139], [0.136, 0.137, 0.140],
-    ],
+    "PREETHAM": [[0.06] * 3] * 7,
     "HOSEK_WILKIE": [
-        [0.00941, 0.0108, 0.0123], [0.0116, 0.0150, 0.0180], [0.0129, 0.0170, 0.0194], [0.0143, 0.0181, 0.0188],
-        [0.0155, 0.0195, 0.0207], [0.0185, 0.0219, 0.0236], [0.0189, 0.0210, 0.0199],
+        [0.00466, 0.00496, 0.00485], [0.00583, 0.00693, 0.00729], [0.00663, 0.00795, 0.00811], [0.00736, 0.00856, 0.00820],
+        [0.00749, 0.00896, 0.00906], [0.00836, 0.00970, 0.0102], [0.00833, 0.00917, 0.00853],
     ],
     "NISHITA": [
-        [0.394, 0.447, 0.526], [0.594, 0.685, 0.773], [0.713, 0.774, 0.792], [0.804, 0.775, 0.677], [0.895, 0.801, 0.674],
-        [0.991, 0.866, 0.751], [0.928, 0.770, 0.626],
+        [0.195, 0.205, 0.208], [0.299, 0.316, 0.313], [0.366, 0.362, 0.331], [0.414, 0.366, 0.295], [0.433, 0.368, 0.296],
+        [0.449, 0.384, 0.325], [0.410, 0.337, 0.269],
     ],
 }  # fmt: skip
 # Irradiance of Nishita's sun on a plane that faces it [W/m^2].
@@ -50,7 +47,10 @@ def sky_tables(table, node, strength, name, notes):
         # Below the horizon Nishita's is black, the others are as bright as there.
         ground_albedo=0 if model == "NISHITA" else 1,
     )
-    notes.say(name, f"its sky ({model.replace('_', ' ').title()}) is brume's clear sky, as bright on a level plane")
+    if model == "PREETHAM":
+        notes.say(name, "below the horizon its sky is ground that it lights")
+    else:
+        notes.say(name, f"its sky ({model.replace('_', ' ').title()}) is Preetham's, as bright on a level plane")
     if model != "NISHITA" or not node.sun_disc:
         return []
     sun = Table("[[lights]]").set(type="sun", direction=direction, visible_to_camera=True)

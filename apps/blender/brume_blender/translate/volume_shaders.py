@@ -70,7 +70,8 @@ def grid_of(plug):
 
 
 class VolumeShader:
-    """Closures of a shader. @param plug  what the output node's Volume is   @param source  of its grids: GridFile, or
+    """Closures of a shader. @param plug  what the output node's Volume is; None: Principled Volume as it is from the start,
+    which is Blender's default   @param source  of its grids: GridFile, or
     none (fog in a mesh)"""
 
     def __init__(self, plug, name, source, notes):
@@ -79,7 +80,11 @@ class VolumeShader:
             (source.grids, source.colours, source.constants, source.derived) if source is not None else ([], [], {}, {})
         )
         self.closures = []
-        self._collect(plug.resolve(), lambda values: 1.0)
+        if plug is not None:
+            self._collect(plug.resolve(), lambda values: 1.0)
+            return
+        self._add("scatter", lambda _, leaves: _times(leaves.value("density"), np.full(3, 0.5)))
+        self._add("absorption", lambda _, leaves: _times(leaves.value("density"), np.full(3, 0.5)))
 
     def used(self, closure):
         """The grids that a coefficient depends on."""

@@ -45,10 +45,9 @@ class GridFile:
         return table
 
 
-def volume_material(thing):
-    """What the volume shader of an object is: a plug; None: it has none."""
-    for slot in thing.material_slots:
-        material = slot.material
+def volume_shader_of(materials):
+    """What the volume shader among materials is: a plug; None: there is none."""
+    for material in materials:
         if material is not None and material.use_nodes:
             shader = output_of(material.node_tree, "Volume")
             if shader is not None:
@@ -60,10 +59,9 @@ def file_of(volume, shutter, scene):
     """The GridFile of a Volume's data. @throws LeftOut"""
     grids = volume.grids
     grids.load()
-    path = grids.frame_filepath
+    path = bpy.path.abspath(grids.frame_filepath or ("" if volume.is_sequence else volume.filepath), library=volume.library)
     if not path:
-        raise LeftOut("it has no file" if not volume.filepath else "no file of its sequence is for this frame")
-    path = bpy.path.abspath(path, library=volume.library)
+        raise LeftOut("no file of its sequence is for this frame" if volume.is_sequence else "it has no file")
     if not os.path.isfile(path):
         raise LeftOut(f"its file {path} is not there")
     names = [grid.name for grid in grids if grid.data_type not in COLOUR_TYPES]
@@ -79,11 +77,19 @@ def file_of(volume, shutter, scene):
     return GridFile(os.path.abspath(path), names, colours, offset, velocity)
 
 
-def volume_tables(thing, file, matrices, notes):
+def unreadable(thing, volume, file, matrices, notes):
+    """A table for a file that Blender cannot read, for brume to read or to say what is wrong with it; None: it can."""
+    if not volume.grids.error_message:
+        return None
+    notes.say(thing.name, f"Blender cannot read its file ({volume.grids.error_message}); its density is taken as it is")
+    return file.table(matrices, "").set(sigma_t=1)
+
+
+def volume_tables(thing, materials, file, matrices, notes):
     """A table for each medium that a volume's shader makes of its file. @throws LeftOut: none of them could be"""
-    shader_plug = volume_material(thing)
-    if shader_plug is None:
-        raise LeftOut("it has no volume shader")
+    shader_plug = volume_shader_of(materials)
+    if shader_plug is None and any(material is not None for material in materials):
+        raise LeftOut("its material has no volume shader")
     shader = VolumeShader(shader_plug, thing.name, file, notes)
     if not thing.visible_camera:
         notes.say(thing.name, "the volume is seen by the camera in brume")

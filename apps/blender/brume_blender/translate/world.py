@@ -14,10 +14,11 @@ BAKED = (1024, 512)  # of a world that is computed
 LARGEST = (8192, 4096)
 
 
-def world_tables(scene, folder, notes):
-    """[environment], and lights that a sky brings."""
+def world_tables(scene, layer, folder, notes):
+    """[environment], and lights that a sky brings. @param layer  the view layer"""
     table = Table("[environment]")
-    world, lights = scene.world, []
+    world = getattr(layer, "world_override", None) or scene.world  # Blender 4.3
+    world, lights = world if layer.use_sky else None, []
     shader = output_of(world.node_tree, "Surface") if world is not None and world.use_nodes else None
     if world is not None and not world.use_nodes:
         table.set(radiance=world.color)
