@@ -96,6 +96,7 @@ struct LightSettings {
   double cone_angle = 60, cone_softness = 0.15;
   bool cosine_falloff = false;
   bool visible_to_camera = false;
+  bool solid = true;
   bool enabled = true;
 };
 

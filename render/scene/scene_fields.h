@@ -232,6 +232,9 @@ void describe(Visitor& v, LightSettings& l) {
   v({"cosine_falloff", "", "spot: whether its intensity also falls with the cosine of the angle to its axis"},
     l.cosine_falloff);
   v({"visible_to_camera", "", "whether rays that never scatter see it"}, l.visible_to_camera);
+  v({"solid", "",
+     "sphere, rectangle: whether it hides what lies behind; false: its light is added to that, as Blender's lamps do"},
+    l.solid);
   v({"enabled", "", "false leaves it out of the scene"}, l.enabled);
 }
 
