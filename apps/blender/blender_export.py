@@ -40,13 +40,16 @@ def export(path):
     finally:
         if not os.listdir(folder):
             os.rmdir(folder)
+    text = result.text
+    if scene.render.use_border:
+        border = "Render border: left out, the whole picture is exported"
+        result.notes.append(border)
+        text = f"# Left out: {border}\n" + text
     for note in result.notes:
         print("blender_export: " + note)
-    if scene.render.use_border:
-        print("blender_export: Render border: left out, the whole picture is exported")
     part = f"{path}.{socket.gethostname()}.{os.getpid()}.part"
     with open(part, "w", encoding="utf-8") as out:
-        out.write(result.text)
+        out.write(text)
     os.replace(part, path)
 
 

@@ -198,7 +198,8 @@ std::optional<SurfaceHit> GuideMarch::first_seen(const Ray& ray) const {
   if (!context_.surfaces) return std::nullopt;
   double from = 0;
   for (int unseen = 0; unseen < kMostUnseen; ++unseen) {
-    std::optional<SurfaceHit> hit = context_.surfaces->intersect({ray.at(from), ray.d}, kFar, Surfaces::kMiddle, /*camera=*/true);
+    std::optional<SurfaceHit> hit =
+        context_.surfaces->intersect({ray.at(from), ray.d}, kFar, Surfaces::kMiddle, /*camera=*/true);
     if (!hit) break;
     hit->t += from;
     if (context_.surfaces->settings(hit->surface).role == "visible") return hit;

@@ -113,6 +113,7 @@ struct LightSettings {
   double cone_angle = 60, cone_softness = 0.15;
   bool cosine_falloff = false;
   bool visible_to_camera = false;
+  bool solid = true;
   bool enabled = true;
 };
 
@@ -121,7 +122,7 @@ struct SurfaceSettings {
   std::string material = "diffuse";
   dvec3 albedo{0.5};
   std::filesystem::path albedo_texture;
-  dvec3 edge_albedo{1};
+  dvec3 edge_albedo{1}, reflection_tint{1};
   double roughness = 0.3, ior = 1.5;
   std::string normals = "smooth";
   dvec3 radiance{0};

@@ -239,6 +239,9 @@ void describe(Visitor& v, LightSettings& l) {
   v({"cosine_falloff", "", "spot: whether its intensity also falls with the cosine of the angle to its axis"},
     l.cosine_falloff);
   v({"visible_to_camera", "", "whether rays that never scatter see it"}, l.visible_to_camera);
+  v({"solid", "",
+     "sphere, rectangle: whether it hides what lies behind; false: its light is added to that, as Blender's lamps do"},
+    l.solid);
   v({"enabled", "", "false leaves it out of the scene"}, l.enabled);
 }
 
@@ -255,6 +258,7 @@ void describe(Visitor& v, SurfaceSettings& s) {
     s.albedo);
   v({"albedo_texture", "", "picture that multiplies albedo: PNG, JPEG (sRGB), HDR or EXR (linear)"}, s.albedo_texture);
   v({"edge_albedo", "1", "conductor: reflectance seen at grazing angles", 0, 1}, s.edge_albedo);
+  v({"reflection_tint", "1", "dielectric: tint of what its faces reflect", 0, 1}, s.reflection_tint);
   v({"roughness", "1", "conductor, dielectric: square root of the GGX width; 0 is perfectly smooth", 0, 1},
     s.roughness);
   v({"ior", "1", "dielectric: index of refraction inside over outside", 1.0001, 4}, s.ior);

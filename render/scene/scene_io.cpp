@@ -148,9 +148,10 @@ void check_surface(Parser& parser, SurfaceSettings& s, const toml::value& table)
   if (s.shadow == "straight" && (s.material != "dielectric" || s.roughness > 0))
     fail_at("'shadow' is straight", table.at("shadow"),
             "expected so only for material = \"dielectric\", roughness = 0");
-  if (s.material != "conductor" && parser.has("edge_albedo"))
-    fail_at(fmt::format("'edge_albedo' has no meaning for a {} surface", s.material), table.at("edge_albedo"),
-            "remove it");
+  for (const auto& [key, material] :
+       {std::pair("edge_albedo", "conductor"), std::pair("reflection_tint", "dielectric")})
+    if (s.material != material && parser.has(key))
+      fail_at(fmt::format("'{}' has no meaning for a {} surface", key, s.material), table.at(key), "remove it");
   if (s.two_sided && s.radiance == dvec3(0))
     fail_at("'two_sided' has no meaning without 'radiance'", table.at("two_sided"), "set radiance, or remove it");
   if (s.object_to_world_end != dmat4(0.0) && s.radiance != dvec3(0))

@@ -24,10 +24,10 @@ bool single_precision_resolves(const Medium& m) {
 namespace {
 
 /// Whether all there is lies in one still grid, but for still fields that emit.
-bool is_one_grid(const Plan& plan, const SceneMedia& media) {
+bool is_one_grid(const Plan& plan, const SceneMedia& media, const Lights& lights) {
   const auto& fields = media.emissions();
   return plan.media == 1 && !plan.chromatic && !plan.surfaces && !plan.moving_media && !plan.layers.records &&
-         single_precision_resolves(media.media()[0]) &&
+         lights.all_solid() && single_precision_resolves(media.media()[0]) &&
          std::all_of(fields.begin(), fields.end(),
                      [](const EmissionField& e) { return LaneEmission::fits(e) && !e.shape().homogeneous(); });
 }
@@ -47,7 +47,7 @@ Plan make_plan(const Scene& scene, const SceneMedia& media, const Lights& lights
   plan.emission = !media.emissions().empty();
   plan.lens = camera.has_lens();
   const auto& fields = media.emissions();
-  plan.shutter = camera.moves() || plan.moving_media ||
+  plan.shutter = camera.moves() || plan.moving_media || (surfaces && surfaces->any_moves()) ||
                  std::any_of(fields.begin(), fields.end(), [](const EmissionField& e) { return e.moves(); });
   if (plan.has_media()) {
     plan.isosurface = layers.has(layer::gradient) || layers.has(layer::coverage) || layers.records;
@@ -66,7 +66,7 @@ Plan make_plan(const Scene& scene, const SceneMedia& media, const Lights& lights
   plan.layers = layers;
   plan.near_lights = choose_near_lights(all, lights, scene.render.near_lights);
   plan.interpolate = scene.render.lookup == "interpolated";
-  plan.one_grid = is_one_grid(plan, media);
+  plan.one_grid = is_one_grid(plan, media, lights);
   if (plan.one_grid && !plan.emission) {  // emission is integrated along free flights
     std::vector<Ray> rays;
     for (const PathRequest& r : coarse_requests(scene, plan, camera, 24, 1)) rays.push_back(r.ray);

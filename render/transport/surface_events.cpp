@@ -83,6 +83,7 @@ bool SurfaceEvents::pass_catcher(size_t i, const Vertex& v, SlotList& shadows) {
     sample_light(i, v, Surfaces::leave(v.hit, v.p, v.wo), true, shadows);
   }
   w_.ray[i].o = Surfaces::leave(v.hit, v.p, w_.ray[i].d);
+  w_.past[i].passed = 0;
   return true;
 }
 
@@ -92,7 +93,8 @@ void SurfaceEvents::emit(size_t i, const Vertex& v, const dvec3& radiance) {
   double pdf_light = 0;
   if (c_.plan.light_sampling) {
     const MeshLight& light = c_.lights->mesh(c_.surfaces->light_of(v.hit.surface));
-    pdf_light = c_.lights->choice_probability(light, w_.ray[i].o) * light.pdf(v.hit.t, glm::dot(v.wo, v.hit.normal));
+    pdf_light = c_.lights->choice_probability(light, w_.from_vertex(i).o) *
+                light.pdf(past.passed + v.hit.t, glm::dot(v.wo, v.hit.normal));
   }
   if (past.straight && pdf_light > 0) return;
   const bool one_technique = p_.events[i] == 0 || past.specular;
@@ -156,6 +158,7 @@ bool SurfaceEvents::scatter(size_t i, const Vertex& v) {
   past.straight = past.sampled_light && v.settings.shadow == "straight" && out.wi.z * v.wo_local.z < 0;
   past.sampled_light = !past.specular || past.straight;
   past.in_medium = false;
+  past.passed = 0;
   p_.pdf[i] = static_cast<float>(out.pdf);
   w_.ray[i] = {Surfaces::leave(v.hit, v.p, d), d};
   p_.dx[i] = static_cast<float>(d.x);

@@ -31,6 +31,7 @@ constexpr size_t kPoolAtSurfaces = kPool / 4;
 struct Pool {
   PathStates paths{};
   SlotList fresh, active, hits, met, escapes, shadows, alive, of_medium;
+  SlotList passed;                              // a light, and go on behind it
   SlotList emission_only;                       // camera rays that miss the grid, but not what emits
   std::array<const FiniteLight*, kPool> light;  // that a flight ends on, where Plan::one_grid
   std::vector<PathSample> samples;              // of the paths, where layers are recorded that PathStates has not
@@ -82,7 +83,7 @@ class Wavefront {
     for (;;) {
       if (c_.stop != nullptr) c_.stop->check();
       for (SlotList* list :
-           {&pool_.hits, &pool_.met, &pool_.escapes, &pool_.shadows, &pool_.alive, &pool_.emission_only})
+           {&pool_.hits, &pool_.met, &pool_.escapes, &pool_.shadows, &pool_.alive, &pool_.passed, &pool_.emission_only})
         list->count = 0;
       start_paths();
       if (pool_.active.count + pool_.hits.count + pool_.emission_only.count == 0) break;
@@ -177,7 +178,7 @@ class Wavefront {
   /// A path that meets nothing but the background.
   void pass_by(size_t index) {
     PathSample sample;
-    see_background(requests_[index].ray, dvec3(1), sample);
+    see_background(requests_[index].ray, dvec3(1), sample, /*alone=*/true);
     deliver(index, sample, false);
   }
 
@@ -283,7 +284,11 @@ class Wavefront {
     w_->light[i] = nullptr;
     w_->medium[i] = WorldPaths::kNoMedium;
     w_->on_surface[i] = false;
-    if (c_.plan.finite_lights) std::tie(w_->light[i], w_->end[i]) = c_.lights->nearest(ray, kFar, p_.events[i] == 0);
+    if (c_.plan.finite_lights) {
+      const double passed = w_->past[i].passed;
+      std::tie(w_->light[i], w_->end[i]) = c_.lights->nearest(w_->from_vertex(i), kFar, p_.events[i] == 0, passed);
+      w_->end[i] -= passed;
+    }
     if (!surfaces_) return;
     if (const auto hit = c_.surfaces->intersect(ray, w_->end[i], w_->time[i], p_.events[i] == 0)) {
       w_->hit[i] = *hit;
@@ -376,19 +381,31 @@ class Wavefront {
         alive_[i] = false;
       }
     pool_.active = pool_.alive;
+    for (size_t k = 0; k < pool_.passed.count; ++k) pool_.active.push(pool_.passed.slot[k]);
   }
 
   /// Adds the light found by a path that has left the medium, or has hit a light.
   void escape(int32_t slot) {
     const auto i = static_cast<size_t>(slot);
     const uint32_t events = p_.events[i];
-    if (events > 0) deposit(p_, w_, i, vec3(p_.tr[i], p_.tg[i], p_.tb[i]) * vec3(light_ahead(i)), events);
-    finish(slot);
+    const vec3 throughput(p_.tr[i], p_.tg[i], p_.tb[i]);
+    const bool passes = w_ && w_->light[i] && !w_->light[i]->solid();
+    if (events > 0)
+      deposit(p_, w_, i, throughput * vec3(light_ahead(i)), events);
+    else if (passes)
+      w_->surface[i] += throughput * vec3(w_->light[i]->radiance(w_->from_vertex(i), w_->past[i].passed + w_->end[i]));
+    if (!passes) {
+      finish(slot);
+      return;
+    }
+    w_->ray[i].o = w_->ray[i].at(w_->end[i]);
+    w_->past[i].passed += w_->end[i];
+    pool_.passed.push(slot);
   }
 
   /// What a scattered path finds by its direction, weighted against light sampling.
   dvec3 light_ahead(size_t i) const {
-    const Ray ray = flight(i);
+    const Ray ray = w_ ? w_->from_vertex(i) : flight(i);
     const WorldPaths::Past past = w_ ? w_->past[i] : WorldPaths::Past{.in_medium = true};
     const auto share = [&](const Light& light) {
       return c_.plan.light_sampling ? c_.lights->choice_probability(light, ray.o) : 0.0;
@@ -400,7 +417,7 @@ class Wavefront {
     };
     const FiniteLight* light = w_ ? w_->light[i] : grid_.flights_end ? pool_.light[i] : nullptr;
     if (light) {
-      const double t = w_ ? w_->end[i] : p_.t_max[i] * grid_.unit;
+      const double t = w_ ? past.passed + w_->end[i] : p_.t_max[i] * grid_.unit;
       const dvec3 L = light->radiance(ray, t) * weight(share(*light) * light->pdf(ray, t));
       return past.in_medium ? L * far_share(c_.plan.near_lights, light, ray.o) : L;
     }
@@ -415,11 +432,16 @@ class Wavefront {
   }
 
   /// What a camera ray sees behind the medium, in full precision.
-  void see_background(const Ray& ray, const dvec3& transmittance, PathSample& sample) const {
+  void see_background(const Ray& ray, const dvec3& transmittance, PathSample& sample, bool alone) const {
     sample.transmittance = transmittance;
-    const auto [light, t] = c_.lights->nearest(ray, kFar, true);
+    auto [light, t] = c_.lights->nearest(ray, kFar, true);
+    while (light && !light->solid()) {
+      // A path has added it where it passed; a ray that meets nothing has no path.
+      if (alone) sample.background += transmittance * light->radiance(ray, t);
+      std::tie(light, t) = c_.lights->nearest(ray, kFar, true, t);
+    }
     if (light) {
-      sample.background = transmittance * light->radiance(ray, t);
+      sample.background += transmittance * light->radiance(ray, t);
       return;
     }
     for (const InfiniteLight* infinite : c_.lights->infinite())
@@ -435,7 +457,8 @@ class Wavefront {
     if (w_ && w_->past[i].in_hole)
       s.transmittance = throughput;  // nothing is there, and alpha says so
     else if (c_.plan.first_collision.forced || p_.events[i] == 0)
-      see_background(requests_[p_.request[i]].ray, c_.plan.chromatic ? throughput : dvec3(p_.passed[i]), s);
+      see_background(requests_[p_.request[i]].ray, c_.plan.chromatic ? throughput : dvec3(p_.passed[i]), s,
+                     /*alone=*/false);
     camera_rays_.write(i, s);
     if (emission_) s.emission = dvec3(emission_->seen(i));
     s.single = {p_.direct_r[i], p_.direct_g[i], p_.direct_b[i]};

@@ -39,10 +39,14 @@ struct WorldPaths {
     bool in_medium = false;         ///< the last one was a scattering in a medium
     bool in_hole = false;           ///< it ended on a holdout
     bool to_catcher = false;        ///< the light sample is a shadow catcher's
+    double passed = 0;              ///< from the last vertex to the light that its ray passed and goes on from
   };
   std::array<Past, kPool> past;
   std::array<vec3, kPool> surface;        ///< light of surfaces that emit or are lit directly
   std::array<PathRecord*, kPool> record;  ///< to be filled; null where none is wanted
+
+  /// A path's ray from its last vertex on, which lies `past.passed` before it.
+  Ray from_vertex(size_t slot) const { return {ray[slot].o - past[slot].passed * ray[slot].d, ray[slot].d}; }
 
   /// Keeps how far a light sample is, and, of the first event, what was drawn.
   void note_light(size_t slot, const LightSample& sample, const dvec2& u, bool first) {

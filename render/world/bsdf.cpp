@@ -81,7 +81,7 @@ dvec3 Bsdf::value(const dvec3& wo, const dvec3& wi, bool inside) const {
     const double shape = ggx_d(m, a) / ((1.0 + lambda(wo, a) + lambda(wi, a)) * 4.0 * wo.z);
     const double c = glm::dot(wo, m);
     if (kind == Kind::kConductor) return schlick(albedo, edge, c) * shape;
-    return dvec3(fresnel_dielectric(c, inside ? 1.0 / ior : ior) * shape);
+    return edge * (fresnel_dielectric(c, inside ? 1.0 / ior : ior) * shape);
   }
   if (kind != Kind::kDielectric || wi.z == 0) return dvec3(0);
   const double eta = inside ? 1.0 / ior : ior;
@@ -147,7 +147,7 @@ bool Bsdf::sample(const dvec3& wo, bool inside, const dvec3& u, Sample& out) con
   if (u.z < f) {
     out.wi = reflected;
     if (!(out.wi.z > 0)) return false;
-    out.weight = dvec3(1);
+    out.weight = edge;
   } else {
     if (!refract(wo, m, eta, out.wi) || !(out.wi.z < 0)) return false;
     out.transmitted = true;

@@ -9,7 +9,7 @@ struct Bsdf {
   dvec3 albedo{0.5};     ///< diffuse: reflectance; conductor: reflectance at normal incidence; dielectric: tint
   double roughness = 0;  ///< GGX alpha = roughness^2; 0 is a perfect mirror or clear glass
   double ior = 1.5;      ///< dielectric: inside over outside
-  dvec3 edge{1};         ///< conductor: reflectance at grazing incidence
+  dvec3 edge{1};         ///< conductor: reflectance at grazing incidence; dielectric: tint of what is reflected
 
   /// Perfectly specular: no light sampling can meet it.
   bool delta() const { return kind != Kind::kDiffuse && alpha() == 0; }

@@ -47,7 +47,7 @@ LightSample Sun::sample(const dvec2& u) const {
 }
 
 SphereLight::SphereLight(const LightSettings& s, const dvec3& world_shift)
-    : FiniteLight(s.visible_to_camera), centre_(s.position - world_shift), radiance_(s.radiance), radius_(s.radius) {}
+    : FiniteLight(s), centre_(s.position - world_shift), radiance_(s.radiance), radius_(s.radius) {}
 
 double SphereLight::importance(const dvec3& p) const {
   // Inside or near, as strong as at its own surface.
@@ -85,7 +85,7 @@ double SphereLight::intersect(const Ray& ray) const {
 }
 
 RectangleLight::RectangleLight(const LightSettings& s, const dvec3& world_shift)
-    : FiniteLight(s.visible_to_camera),
+    : FiniteLight(s),
       corner_(s.position - world_shift - 0.5 * (s.edge_x + s.edge_y)),
       x_(s.edge_x),
       y_(s.edge_y),
@@ -453,19 +453,20 @@ LightSample Lights::sample_visible(const dvec3& p, double choice, const dvec2& u
   return s;
 }
 
-std::pair<const FiniteLight*, double> Lights::nearest(const Ray& ray, double t_max, bool seen) const {
+std::pair<const FiniteLight*, double> Lights::nearest(const Ray& ray, double t_max, bool seen, double t_min) const {
+  const double behind = t_min * (1 + 1e-9);  // of the light that was met at t_min
   std::pair<const FiniteLight*, double> found{nullptr, t_max};
   for (const FiniteLight* light : finite_) {
     if (seen && !light->visible()) continue;
     const double t = light->intersect(ray);
-    if (t > 0 && t < found.second) found = {light, t};
+    if (t > behind && t < found.second) found = {light, t};
   }
   return found;
 }
 
 bool Lights::blocked(const Ray& shadow, double distance, const Light* from) const {
   for (const FiniteLight* light : finite_) {
-    if (light == from) continue;
+    if (light == from || !light->solid()) continue;
     const double t = light->intersect(shadow);
     if (t > 0 && t < distance) return true;
   }

@@ -1,4 +1,5 @@
 #pragma once
+#include <algorithm>
 #include <array>
 #include <memory>
 #include <string>
@@ -55,7 +56,7 @@ class InfiniteLight : public Light {
 /// Light from a surface that rays end on.
 class FiniteLight : public Light {
  public:
-  explicit FiniteLight(bool visible) : visible_(visible) {}
+  explicit FiniteLight(const LightSettings& settings) : visible_(settings.visible_to_camera), solid_(settings.solid) {}
   /// Distance to the surface along a ray, negative for none.
   virtual double intersect(const Ray& ray) const = 0;
   /// Emitted at a point of the surface that was hit, towards -ray.d.
@@ -63,9 +64,11 @@ class FiniteLight : public Light {
   /// Of sample(), in solid angle at ray.o, for the point hit at t.
   virtual double pdf(const Ray& ray, double t) const = 0;
   bool visible() const { return visible_; }
+  /// Whether rays end on it; others add its light and go on.
+  bool solid() const { return solid_; }
 
  private:
-  bool visible_;
+  bool visible_, solid_;
 };
 
 /// Parallel light from a disc around a direction.
@@ -138,7 +141,7 @@ class PointLight : public Light {
  private:
   dvec3 intensity_towards(const dvec3& d) const;
   dvec3 position_, intensity_, axis_;
-  bool cosine_ = false;  // the intensity falls with the cosine to the axis
+  bool cosine_ = false;                     // the intensity falls with the cosine to the axis
   double cos_inner_ = -2, cos_outer_ = -2;  // -2: a point light, no cone
 };
 
@@ -153,8 +156,8 @@ class MeshLight : public Light {
   double pdf(double t, double cos_theta) const { return t * t / (area_ * std::abs(cos_theta)); }
   const dvec3& radiance() const { return radiance_; }
   const dvec3& middle() const { return centre_; }
-  /// Of the faces that shine there, seen from afar along a direction that leads to the mesh; self-occlusion is left out, and what
-  /// lies between the axes interpolated.
+  /// Of the faces that shine there, seen from afar along a direction that leads to the mesh; self-occlusion is left
+  /// out, and what lies between the axes interpolated.
   double projected_area(const dvec3& direction) const;
 
  private:
@@ -218,11 +221,15 @@ class Lights {
   /// Null where the scene has none.
   const Environment* environment() const { return environment_; }
   /// Whether lights stand somewhere.
+  bool all_solid() const {
+    return std::all_of(finite_.begin(), finite_.end(), [](const FiniteLight* light) { return light->solid(); });
+  }
   bool local() const { return !finite_.empty() || !points_.empty() || !meshes_.empty(); }
-  /// The light that a ray ends on before t_max, and where; null for none.
-  /// @param seen  only lights that rays see which never scattered
-  std::pair<const FiniteLight*, double> nearest(const Ray& ray, double t_max, bool seen) const;
-  /// Whether a finite light is in the way of a sample of another one.
+  /// The light that a ray meets before t_max, and where; null for none.
+  /// @param seen   only lights that rays see which never scattered
+  /// @param t_min  those up to there are behind it
+  std::pair<const FiniteLight*, double> nearest(const Ray& ray, double t_max, bool seen, double t_min = 0) const;
+  /// Whether a solid light is in the way of a sample of another one.
   bool blocked(const Ray& shadow, double distance, const Light* from) const;
 
   /// Whether anything shines.

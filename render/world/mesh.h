@@ -15,7 +15,7 @@ struct TriangleMesh {
   std::vector<vec2> texcoords;     ///< per vertex, or empty
   std::vector<vec3> normals;       ///< per vertex, unit, or empty: shading follows the triangles
   std::vector<std::string> notes;  ///< what was dropped on the way
-  dmat4 motion{0};                 ///< from where it is as the shutter opens to where it closes; all zero: it stands still
+  dmat4 motion{0};  ///< from where it is as the shutter opens to where it closes; all zero: it stands still
 
   bool moves() const { return motion != dmat4(0.0); }
   /// Where it is, relative to positions, at a time in [0, 1] of the shutter.

@@ -133,7 +133,7 @@ void Surfaces::add_mesh(const SurfaceSettings& s, const dvec3& world_shift, bool
   bsdfs_.push_back({s.material == "conductor"    ? Bsdf::Kind::kConductor
                     : s.material == "dielectric" ? Bsdf::Kind::kDielectric
                                                  : Bsdf::Kind::kDiffuse,
-                    s.albedo, s.roughness, s.ior, s.edge_albedo});
+                    s.albedo, s.roughness, s.ior, s.material == "dielectric" ? s.reflection_tint : s.edge_albedo});
   const dmat4 opens = translation(-world_shift) * s.object_to_world;
   const std::string name = s.file.empty() ? fmt::format("surfaces.{}", meshes_.size()) : s.file.string();
   meshes_.push_back(s.mesh ? place_mesh(*s.mesh, name, opens) : load_mesh(s.file, opens));
@@ -219,8 +219,13 @@ std::optional<SurfaceHit> Surfaces::intersect(const Ray& ray, double t_max, doub
   };
   if (!mesh.texcoords.empty()) hit.texcoord = between(mesh.texcoords);
   if (!mesh.normals.empty() && settings_[hit.surface].normals == "smooth") {
-    dvec3 smooth(between(mesh.normals));
-    if (mesh.moves()) smooth = glm::transpose(glm::inverse(dmat3(moved))) * smooth;
+    const dmat3 turned = mesh.moves() ? glm::transpose(glm::inverse(dmat3(moved))) : dmat3(1.0);
+    const auto normal = [&](int vertex) {
+      const dvec3 n(mesh.normals[vertex]);
+      return mesh.moves() ? glm::normalize(turned * n) : n;
+    };
+    const dvec3 smooth =
+        normal(t.x) * (1.0 - u - v) + normal(t.y) * static_cast<double>(u) + normal(t.z) * static_cast<double>(v);
     const double length = glm::length(smooth);
     // Normals of the file that point inwards are turned; where they cancel out, the triangle's own stands in.
     if (length > 1e-3) hit.shading = smooth / (glm::dot(smooth, hit.normal) < 0 ? -length : length);

@@ -1,4 +1,5 @@
 #pragma once
+#include <algorithm>
 #include <memory>
 #include <optional>
 #include <vector>
@@ -46,6 +47,10 @@ class Surfaces {
   Passage passage(const Ray& ray, double t_max, double time = kMiddle) const;
   /// Whether a surface has straight shadows, which approximate.
   bool any_straight() const { return any_straight_; }
+  /// Whether a surface moves over the shutter.
+  bool any_moves() const {
+    return std::any_of(meshes_.begin(), meshes_.end(), [](const TriangleMesh& m) { return m.moves(); });
+  }
 
   const SurfaceSettings& settings(uint32_t surface) const { return settings_[surface]; }
   const TriangleMesh& mesh(uint32_t surface) const { return meshes_[surface]; }

@@ -232,7 +232,59 @@ def roles(b, folder):
     b.volume("fire.vdb", "Smoke", scattering("Smoke", "density", 9, 0.9), (-0.9, -0.6, 0.02))
 
 
-SCENES = {f.__name__: f for f in (perspective, orthographic, motion, fire, shaders, fog, lights, world, meshes, roles)}
+def fluid(b, folder):
+    """A smoke domain with a cache of OpenVDB files, made here."""
+    b.camera((0, -9, 2.4), (0, 0, 2), 34)
+    b.world([0.3, 0.3, 0.35])
+    b.light("SUN", "Sun", look_at=(-0.5, 0.5, -0.8), energy=3, angle=math.radians(4))
+    b.floor(diffuse("Floor", (0.5, 0.45, 0.4)))
+    s = Shader("Smoke")
+    domain = b.mesh("cube", "Domain", s.volume(s.node("VolumePrincipled", Color=(0.7, 0.7, 0.7), Density=4.0)), size=2)
+    domain.location, domain.scale = (0, 0, 2), (1.2, 1.2, 2)
+    domain.modifiers.new("Fluid", "FLUID").fluid_type = "DOMAIN"
+    settings = domain.modifiers["Fluid"].domain_settings
+    settings.domain_type, settings.resolution_max, settings.cache_data_format = "GAS", 32, "OPENVDB"
+    settings.cache_directory, settings.cache_type = os.path.join(folder, "cache"), "REPLAY"
+    settings.cache_frame_start, settings.cache_frame_end = 1, 8
+    source = b.mesh("uv_sphere", "Source", radius=0.4, location=(0.1, 0, 0.8))
+    source.hide_render = True
+    source.modifiers.new("Fluid", "FLUID").fluid_type = "FLOW"
+    flow = source.modifiers["Fluid"].flow_settings
+    flow.flow_type, flow.flow_behavior, flow.use_initial_velocity, flow.velocity_coord = "SMOKE", "INFLOW", True, (0, 0, 4)
+    for frame in range(1, 9):
+        b.scene.frame_set(frame)
+
+
+def _under_a_sky(b, model):
+    b.scene.render.resolution_x, b.scene.render.resolution_y = 20, 15
+    b.camera((0, -4, 5), (0, 0, 0), 30)
+    b.floor(diffuse("Floor", (0.8, 0.8, 0.8)), 60)
+    tree = b.scene.world.node_tree
+    sky = tree.nodes.new("ShaderNodeTexSky")
+    sky.sky_type, sky.turbidity, sky.sun_direction = model, 3, (0.5, 0.4, 0.6)
+    sky.sun_elevation, sky.sun_rotation = math.radians(40), 1.0
+    tree.links.new(sky.outputs[0], tree.nodes["Background"].inputs["Color"])
+
+
+def sky_preetham(b, folder):
+    _under_a_sky(b, "PREETHAM")
+
+
+def sky_hosek(b, folder):
+    _under_a_sky(b, "HOSEK_WILKIE")
+
+
+def sky_nishita(b, folder):
+    _under_a_sky(b, "NISHITA")
+
+
+SCENES = {
+    f.__name__: f
+    for f in (
+        perspective, orthographic, motion, fire, shaders, fog, lights, world, meshes, roles, fluid, sky_preetham, sky_hosek,
+        sky_nishita,
+    )
+}  # fmt: skip
 
 
 def main():

@@ -34,8 +34,10 @@ struct BlenderScene {
 constexpr BlenderScene kScenes[] = {
     {"perspective", 48, 192}, {"orthographic", 64, 256}, {"motion", 32, 192}, {"fire", 48, 192},
     {"shaders", 32, 192},     {"fog", 64, 256},          {"lights", 64, 256}, {"world", 48, 192, true},
-    {"meshes", 128, 512},     {"roles", 48, 192, true},
+    {"meshes", 128, 512},     {"roles", 48, 192, true},  {"fluid", 48, 192},
 };
+/// Skies that brume has another one for: said, and as bright on what they light.
+constexpr BlenderScene kSkies[] = {{"sky_preetham", 256, 256}, {"sky_hosek", 256, 256}, {"sky_nishita", 256, 256}};
 
 /// Mean of two independent frames, and the square of half their difference, which is the mean's variance in the mean,
 /// with what both may miss alike: where an edge lies, to one of a pixel's samples.
@@ -93,6 +95,10 @@ double most_standard_errors(double count) {
   return student_quantile(1 - each, kBlock * kBlock);
 }
 
+std::string name_of(const ::testing::TestParamInfo<BlenderScene>& scene) {
+  return scene.param.name;
+}
+
 class BlenderScenes : public ::testing::TestWithParam<BlenderScene> {
  protected:
   fs::path folder() const {
@@ -105,7 +111,8 @@ class BlenderScenes : public ::testing::TestWithParam<BlenderScene> {
     const VoxelBox box{ivec3(-24), ivec3(24)}, around{ivec3(-40), ivec3(40)};
     const fs::path still = folder() / "still.vdb";
     test::write_affine_vdb(still, box, test::scaling(dvec3(0.03)), [](const ivec3& v) {
-      const double r = glm::length(dvec3(v)) / 22, wave = std::sin(0.35 * v.x) * std::sin(0.3 * v.y) * std::sin(0.4 * v.z);
+      const double r = glm::length(dvec3(v)) / 22,
+                   wave = std::sin(0.35 * v.x) * std::sin(0.3 * v.y) * std::sin(0.4 * v.z);
       return static_cast<float>(std::max(0.0, std::min(1.0, 3 * (1 - r)) + 0.5 * wave * (r < 1 ? 1 : 0)));
     });
     test::write_velocity_vdb(path, still, around, {1.2, 0.3, 0.6});
@@ -115,19 +122,19 @@ class BlenderScenes : public ::testing::TestWithParam<BlenderScene> {
   void render_in_blender() const {
     fs::create_directories(folder());
     write_moving_smoke(folder() / "moving.vdb");
-    const std::string command =
-        "blender -b --factory-startup --python-exit-code 9 --python " + test::source("tests/blender/scenes.py").string() +
-        " -- " + GetParam().name + " " + folder().string() + " samples=" + std::to_string(GetParam().cycles_samples) +
-        " >" + (folder() / "log.txt").string() + " 2>&1";
+    const std::string command = "blender -b --factory-startup --python-exit-code 9 --python " +
+                                test::source("tests/blender/scenes.py").string() + " -- " + GetParam().name + " " +
+                                folder().string() + " samples=" + std::to_string(GetParam().cycles_samples) + " >" +
+                                (folder() / "log.txt").string() + " 2>&1";
     ASSERT_EQ(std::system(command.c_str()), 0) << test::read_file(folder() / "log.txt");
   }
 
   void render_in_brume() const {
     for (const char* seed : {"1", "2"}) {
-      const auto r = test::run_brume(
-          "render " + (folder() / "scene.toml").string() + " -o " + (folder() / "brume_").string() + seed + ".exr" +
-          " --spp " + std::to_string(GetParam().brume_samples) + " --seed " + seed +
-          " --layers none --no-statistics -q -D render.max_events=64");  // as many as Cycles takes
+      const auto r =
+          test::run_brume("render " + (folder() / "scene.toml").string() + " -o " + (folder() / "brume_").string() +
+                          seed + ".exr" + " --spp " + std::to_string(GetParam().brume_samples) + " --seed " + seed +
+                          " --layers none --no-statistics -q -D render.max_events=64");  // as many as Cycles takes
       ASSERT_EQ(r.status, 0) << r.err;
     }
   }
@@ -176,8 +183,8 @@ TEST_P(BlenderScenes, LookAsInCycles) {
   const double most = most_standard_errors(1.0 * columns * rows * channels * static_cast<double>(std::size(kScenes)));
   for (size_t c = 0; c < static_cast<size_t>(channels); ++c) {
     const double a = sum_of(theirs.mean[c], 0, 0, width, height), b = sum_of(ours.mean[c], 0, 0, width, height);
-    const double error = std::sqrt(sum_of(theirs.variance[c], 0, 0, width, height) +
-                                   sum_of(ours.variance[c], 0, 0, width, height));
+    const double error =
+        std::sqrt(sum_of(theirs.variance[c], 0, 0, width, height) + sum_of(ours.variance[c], 0, 0, width, height));
     EXPECT_NEAR(b / a, 1.0, 0.01) << "RGBA"[c];
     EXPECT_LT(4 * error, 0.01 * a) << "too noisy to tell";
     double worst = 0, squares = 0;
@@ -200,8 +207,93 @@ TEST_P(BlenderScenes, LookAsInCycles) {
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(Each, BlenderScenes, ::testing::ValuesIn(kScenes),
-                         [](const ::testing::TestParamInfo<BlenderScene>& scene) { return std::string(scene.param.name); });
+INSTANTIATE_TEST_SUITE_P(Each, BlenderScenes, ::testing::ValuesIn(kScenes), name_of);
+
+class BlenderSkies : public BlenderScenes {};
+
+TEST_P(BlenderSkies, AreAsBright) {
+  render_in_blender();
+  if (HasFatalFailure()) return;
+  EXPECT_NE(test::read_file(folder() / "scene.toml").find("# Left out: World: "), std::string::npos);
+  render_in_brume();
+  if (HasFatalFailure()) return;
+  const Frame theirs = frame("cycles", "ViewLayer.Combined.", GetParam().cycles_samples),
+              ours = frame("brume", "", GetParam().brume_samples);
+  for (size_t c = 0; c < 3; ++c) {
+    const int width = ours.mean[c].width(), height = ours.mean[c].height();
+    const double ratio = sum_of(ours.mean[c], 0, 0, width, height) / sum_of(theirs.mean[c], 0, 0, width, height);
+    std::printf("  %s %c: mean ratio %.4f\n", GetParam().name, "RGB"[c], ratio);
+    EXPECT_NEAR(ratio, 1, std::string(GetParam().name) == "sky_preetham" ? 0.01 : 0.08) << "RGB"[c];
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Each, BlenderSkies, ::testing::ValuesIn(kSkies), name_of);
+
+// notes.py: every thing that has no counterpart, each said once, and the rest a scene that brume renders.
+TEST(BlenderNotes, SayWhatIsLeftOutAndWhatIsTakenInstead) {
+  const test::TemporaryFolder folder;
+  const std::string command = "blender -b --factory-startup --python-exit-code 9 --python " +
+                              test::source("tests/blender/notes.py").string() + " -- " + folder.path().string() + " >" +
+                              (folder / "log.txt").string() + " 2>&1";
+  ASSERT_EQ(std::system(command.c_str()), 0) << test::read_file(folder / "log.txt");
+  const std::string notes = test::read_file(folder / "notes.txt") + "\n",
+                    errors = test::read_file(folder / "errors.txt");
+  for (const char* note : {"Rolling shutter: is left out",
+                           "Shutter curve: is left out",
+                           "Camera: its aperture is stretched",
+                           "Camera: its zoom is left out of the motion blur",
+                           "World: its sun stands at or below the horizon",
+                           "World: its sky (Nishita) is Preetham's",
+                           "World: its volume is left out",
+                           "World: it is seen by rays of every kind in brume, glossy too",
+                           "Disk: its ellipse is a rectangle of the same area",
+                           "Narrow: its spread of 60 degrees is left out",
+                           "Soft spot: its radius of 0.3 is left out",
+                           "Portal: the light is left out",
+                           "Shadowless: its light casts shadows",
+                           "Picky: its light reaches rays of every kind in brume, glossy too",
+                           "Moving lamp: the light stands still",
+                           "Constant: its constant falloff is left out",
+                           "Patterned: 'Strength' of its light depends on Noise Texture",
+                           "Missing: the volume is left out: its file",
+                           "Noisy: 'Density' of its volume depends on Noise Texture, which brume lacks; 1.0 is taken",
+                           "Two grids: its density depends on the grids 'density' and 'flame' together",
+                           "Glow: the volume is seen by the camera",
+                           "Glow: what it emits everywhere it emits where the grid 'density' is above 0",
+                           "Plus: its density is above 0 where the grid 'density' is 0",
+                           "Turning: 'Anisotropy' of its volume varies; its mean, 0.5, is taken",
+                           "Constant density: the volume is left out: no grid of its file drives its density",
+                           "Round fog: its fog fills the box around the mesh",
+                           "Gridless fog: its fog is left out",
+                           "Plastic: the material has sheen",
+                           "Plastic: the material is Principled; a diffuse surface of its base colour is taken",
+                           "Blend: the material is a mixture; its diffuse part (0.7) is taken alone",
+                           "Toon: the material has Toon BSDF, which brume lacks; a diffuse surface is taken",
+                           "Bumpy: the material's displacement is left out",
+                           "Bumpy: the material has bumps",
+                           "Bumpy: the material has a diffuse roughness of 0.5",
+                           "Clear: is transparent",
+                           "Checked: the material's 'Color' depends on Checker Texture",
+                           "Boxed: the material's image is projected box",
+                           "Boxed: the material's image (clip) repeats",
+                           "Boxed: is seen by rays of every kind but the camera's in brume, shadow too",
+                           "Bare: has no UV map",
+                           "Far: is seen beyond 100, where Blender's camera clips",
+                           "Soft: its deformation is left out of the motion blur",
+                           "Torch: the light that it emits stands still"}) {
+    const size_t at = notes.find(note);
+    EXPECT_NE(at, std::string::npos) << note << "\n" << notes;
+    EXPECT_EQ(notes.find(note, at + 1), std::string::npos) << note << " is said twice";
+  }
+  EXPECT_EQ(std::count(notes.begin(), notes.end(), '\n'), 43) << notes;
+  EXPECT_EQ(errors,
+            "Camera: brume has no pano camera; it has perspective and orthographic ones\n"
+            "Disk: is a light; brume looks through cameras alone\n"
+            "the scene has no camera");
+  const auto r =
+      test::run_brume("render " + (folder / "scene.toml").string() + " --spp 1 -q -o " + (folder / "a.exr").string());
+  EXPECT_EQ(r.status, 0) << r.err;
+}
 
 }  // namespace
 }  // namespace brume

@@ -33,6 +33,42 @@ TEST(Camera, OrthographicRaysAreParallelAndAsWideAsAsked) {
   EXPECT_NEAR(glm::dot(top.d, glm::normalize(s.look_at - s.position)), 1, 1e-12);
 }
 
+// What lies a quarter of the width to the right, and a tenth of the height below, is in the middle of the picture.
+TEST(Camera, AShiftMovesThePictureWithoutTurning) {
+  for (const char* type : {"perspective", "orthographic"})
+    for (const double radius : {0.0, 0.2}) {
+      CameraSettings s = settings();
+      s.type = type;
+      s.width = 3;
+      s.lens_radius = radius;
+      const Camera straight(s, 60, 40);
+      s.shift = {0.25, -0.1};
+      const Camera shifted(s, 60, 40);
+      for (const dvec2& film : {dvec2(0, 0), dvec2(30, 20), dvec2(44, 33)}) {
+        const Ray a = shifted.ray(film, {0.3, 0.8}), b = straight.ray(film + dvec2(15, 4), {0.3, 0.8});
+        EXPECT_NEAR(glm::distance(a.o, b.o), 0, 1e-12) << type;
+        EXPECT_NEAR(glm::distance(a.d, b.d), 0, 1e-12) << type;
+      }
+    }
+}
+
+// Pixels 1.5 times as wide as high: the picture is as wide as asked for, and a third less high.
+TEST(Camera, PixelsNeedNotBeSquare) {
+  CameraSettings s = settings();
+  s.type = "orthographic";
+  s.width = 3;
+  s.pixel_aspect = 1.5;
+  const auto across = [](const Camera& c) { return glm::distance(c.ray({0, 20}).o, c.ray({60, 20}).o); };
+  const auto down = [](const Camera& c) { return glm::distance(c.ray({30, 0}).o, c.ray({30, 40}).o); };
+  const Camera along_x(s, 60, 40);
+  EXPECT_NEAR(across(along_x), 3, 1e-12);
+  EXPECT_NEAR(down(along_x), 2 / 1.5, 1e-12);
+  s.fov_axis = "y";
+  const Camera along_y(s, 60, 40);
+  EXPECT_NEAR(across(along_y), 3 * 1.5 * 1.5, 1e-12);
+  EXPECT_NEAR(down(along_y), 3, 1e-12);
+}
+
 // Also of pixels that span tens of degrees. And no cone of a pinhole is wider than what its corners need.
 TEST(Camera, ABeamHoldsEveryRayOfItsPixel) {
   Rng rng(2);
@@ -45,6 +81,8 @@ TEST(Camera, ABeamHoldsEveryRayOfItsPixel) {
         s.fov = 100;
         s.lens_radius = radius;
         s.blades = rng.uniform() < 0.5 ? 0 : 5;
+        s.shift = {0.4, -0.3};
+        s.pixel_aspect = 0.7;
         const Camera camera(s, width, width);
         const int x = width / 5, y = width - 1;
         const std::optional<RayCone> cone = camera.ray_cone({x, y}, {x + 1, y + 1});
@@ -107,6 +145,14 @@ TEST(Camera, MovesOverTheShutter) {
   EXPECT_FALSE(Camera(s, 60, 40).moves());
   EXPECT_NEAR(camera.ray({30, 20}, dvec2(0.5), 0.5).o.x, 1.5, 1e-12);
   EXPECT_NEAR(camera.ray({30, 20}, dvec2(0.5), 1.0).o.x, 2.0, 1e-12);
+  // Rolling about its view by a quarter: what was right is up.
+  CameraSettings roll = settings();
+  roll.position = dvec3(0, -5, 0), roll.look_at = dvec3(0), roll.up = {0, 0, 1};
+  roll.shutter = {0, 1};
+  roll.up_end = {1, 0, 0};
+  const Camera rolling(roll, 60, 60);
+  EXPECT_TRUE(rolling.moves());
+  EXPECT_NEAR(glm::distance(rolling.ray({60, 30}, dvec2(0.5), 0).d, rolling.ray({30, 0}, dvec2(0.5), 1).d), 0, 1e-12);
 }
 
 TEST(Camera, IsTakenFromAnExrHeader) {
@@ -114,6 +160,8 @@ TEST(Camera, IsTakenFromAnExrHeader) {
   CameraSettings s = settings();
   s.up = dvec3(0.1, 0.2, 1);
   s.fov = 33;
+  s.shift = {0.2, 0.15};
+  s.pixel_aspect = 1.3;
   const Camera original(s, 60, 40);
   Layers frame(60, 40);
   frame.add_rgb(layer::beauty);

@@ -183,6 +183,15 @@ TEST(PointLight, FallsOffWithTheSquareAndSpotsFade) {
   const double faded = spot.sample(dvec3(3 * std::tan(22 * kPi / 180), 0, 0), {0, 0}).radiance.x;
   EXPECT_GT(faded, 0.05);
   EXPECT_LT(faded, 0.8);
+  // With the cosine to its axis, too.
+  settings.cosine_falloff = true;
+  const PointLight cosine(settings, dvec3(0));
+  EXPECT_NEAR(cosine.sample(dvec3(0), {0, 0}).radiance.x, 1, 1e-12);
+  for (const double degrees : {10.0, 22.0}) {
+    const dvec3 p(3 * std::tan(degrees * kPi / 180), 0, 0);
+    const double plain = spot.sample(p, {0, 0}).radiance.x;
+    EXPECT_NEAR(cosine.sample(p, {0, 0}).radiance.x, plain * std::cos(degrees * kPi / 180), 1e-12);
+  }
 }
 
 // With many lights, one of them is chosen by what it would give at the point: probabilities sum to 1, and the estimate

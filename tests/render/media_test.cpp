@@ -333,9 +333,20 @@ TEST(Blackbody, IsColdRedWhiteAndBlue) {
   const dvec3 candle = blackbody(1900), day = blackbody(6500), star = blackbody(15000);
   EXPECT_GT(candle.x, 3 * candle.y);
   EXPECT_EQ(candle.z, 0) << "outside of the gamut, clipped";
-  EXPECT_NEAR(day.x / day.y, 1.0, 0.06);
-  EXPECT_NEAR(day.z / day.y, 1.0, 0.06);
+  EXPECT_NEAR(day.x / day.y, 1.0, 0.08);
+  EXPECT_NEAR(day.z / day.y, 1.0, 0.08);
   EXPECT_GT(star.z, star.x);
+  // Chromaticities of the CIE 1931 Planckian locus at 2500, 5000 and 10000 K: (x, y) from linear Rec. 709.
+  for (const auto& [kelvin, x, y] :
+       {std::tuple(2500.0, 0.4770, 0.4137), {5000.0, 0.3451, 0.3516}, {10000.0, 0.2807, 0.2884}}) {
+    const dvec3 c = blackbody(kelvin);
+    const dvec3 xyz{0.4124564 * c.x + 0.3575761 * c.y + 0.1804375 * c.z,
+                    0.2126729 * c.x + 0.7151522 * c.y + 0.0721750 * c.z,
+                    0.0193339 * c.x + 0.1191920 * c.y + 0.9503041 * c.z};
+    const double sum = xyz.x + xyz.y + xyz.z;
+    EXPECT_NEAR(xyz.x / sum, x, 5e-4) << kelvin;
+    EXPECT_NEAR(xyz.y / sum, y, 5e-4) << kelvin;
+  }
   // In the infrared tail the visible part grows much faster than T^4, far above much slower.
   EXPECT_GT(luminance(blackbody(2000)) / luminance(blackbody(1500)), 20);
 }
@@ -364,6 +375,17 @@ TEST(Emission, OfARampIsExactBetweenItsStops) {
   EXPECT_NEAR(ramp(7).y, 4, 1e-12);
   EXPECT_NEAR(ramp(2000).z, 6, 1e-12);
   EXPECT_NEAR(ramp(-1).z, 0, 1e-12);
+  // Of many stops, too, among them two of one value.
+  std::vector<std::pair<double, dvec3>> stops;
+  for (int i = 0; i < 200; ++i) stops.emplace_back(0.1 * i * i, dvec3(i, 0.5 * i, 0));
+  stops.emplace_back(stops.back().first, dvec3(7));
+  stops.emplace_back(stops.back().first + 1, dvec3(7));
+  const EmissionRamp fine = EmissionRamp::of_colours(stops, 1);
+  for (const double i : {0.0, 0.5, 3.25, 17.0, 150.9, 198.99}) {
+    const double at = std::floor(i), between = 0.1 * (at * at + (i - at) * (2 * at + 1));
+    EXPECT_NEAR(fine(between).x, i, 1e-9);
+  }
+  EXPECT_NEAR(fine(1e9).z, 7, 1e-12);
 }
 
 // A block that emits by a ramp or by its heat, in grey and in chromatic media, beside a voxel that stretches the grid's

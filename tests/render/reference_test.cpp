@@ -56,6 +56,115 @@ TEST_P(AgainstTheDefinition, RandomScenes) {
 TEST_P(AgainstTheDefinition, InDoublePrecision) {
   expect_agreement(GetParam(), "global", static_cast<int>(number("BRUME_SPP", 160)) / 2, 0.12);
 }
+// Lamps that hide nothing, of every kind, before each other, before and in fog, a mirror and a sky, seen and unseen.
+TEST(LampsAgainstTheDefinition, AreAddedToWhatLiesBehindThem) {
+  Scene s;
+  s.film.width = 32, s.film.height = 24;
+  s.camera.position = dvec3(0, -7, 2), s.camera.look_at = dvec3(0, 0, 1);
+  s.camera.fov = 34;
+  s.environment.radiance = dvec3(0.4, 0.45, 0.5);
+  VolumeSettings fog;
+  fog.shape = "box", fog.lo = dvec3(-2, -1, 0.01), fog.hi = dvec3(2, 1.5, 2);
+  fog.sigma_t = dvec3(0.5, 0.3, 0.2), fog.albedo = dvec3(0.8), fog.g = 0.4;
+  s.volumes.push_back(fog);
+  const auto add = [&](const char* mesh, const dvec3& at, double scale) -> SurfaceSettings& {
+    SurfaceSettings& surface = s.surfaces.emplace_back();
+    surface.file = test::source(std::string("data/meshes/") + mesh + ".obj");
+    surface.object_to_world = test::translation(at) * test::scaling(dvec3(scale));
+    return surface;
+  };
+  add("floor", dvec3(0), 1).albedo = dvec3(0.5, 0.4, 0.3);
+  SurfaceSettings& mirror = add("ball", dvec3(-1.4, 0.2, 0.6), 0.6);
+  mirror.material = "conductor", mirror.albedo = dvec3(0.9), mirror.roughness = 0.3;
+  SurfaceSettings& glowing = add("ball", dvec3(1.8, 0.8, 1.2), 0.3);
+  glowing.albedo = dvec3(0), glowing.radiance = dvec3(3);
+  LightSettings lamp;
+  lamp.solid = false;
+  lamp.type = "rectangle", lamp.position = dvec3(0.3, 0.2, 2.4), lamp.edge_x = dvec3(0, 1.5, 0),
+  lamp.edge_y = dvec3(1.5, 0, 0);
+  lamp.radiance = dvec3(2, 1.5, 1);
+  s.lights.push_back(lamp);
+  lamp.position = dvec3(0.6, -1.5, 1.2), lamp.edge_x = dvec3(0.8, 0, 0), lamp.edge_y = dvec3(0, 0, 0.8);
+  lamp.two_sided = lamp.visible_to_camera = true, lamp.radiance = dvec3(0.3);
+  s.lights.push_back(lamp);
+  lamp.type = "sphere", lamp.position = dvec3(0.2, 0, 1), lamp.radius = 0.35, lamp.radiance = dvec3(1, 2, 3);
+  s.lights.push_back(lamp);
+  lamp.position = dvec3(0.5, 0, 1.1), lamp.visible_to_camera = false;
+  s.lights.push_back(lamp);
+  for (const bool grey : {false, true}) {
+    if (grey) s.volumes[0].sigma_t = dvec3(0.4);
+    const test::Agreement a = test::agreement(s, 320, 1);
+    EXPECT_LT(a.worst, test::kSigmas) << a.text();
+    EXPECT_LT(a.detectable, 0.06) << a.text();
+  }
+}
+
+// A lamp that hides nothing before a sky of 1, seen: 1 and its own radiance; and no shadow of it.
+TEST(LampsAgainstTheDefinition, CastNoShadow) {
+  Scene s;
+  s.film.width = s.film.height = 8;
+  s.camera.position = dvec3(0, 0, 9), s.camera.look_at = dvec3(0), s.camera.up = dvec3(0, 1, 0), s.camera.fov = 10;
+  s.environment.radiance = dvec3(1);
+  LightSettings lamp;
+  lamp.type = "rectangle", lamp.position = dvec3(0, 0, 4), lamp.edge_x = dvec3(0, 9, 0), lamp.edge_y = dvec3(9, 0, 0);
+  lamp.radiance = dvec3(1e-6), lamp.two_sided = lamp.visible_to_camera = true;
+  s.surfaces.emplace_back();
+  s.surfaces[0].file = test::source("data/meshes/floor.obj");
+  s.surfaces[0].albedo = dvec3(0.5);
+  s.lights.push_back(lamp);
+  s.camera.position.z = 3;  // between floor and lamp
+  const auto seen = [&](bool solid) {
+    s.lights[0].solid = solid;
+    return test::mean_radiance(PreparedScene(s, {}).render(256, 1, {}).layers).value.x;
+  };
+  EXPECT_NEAR(seen(false), 0.5, 1e-3);
+  EXPECT_LT(seen(true), 0.3);
+  s.surfaces.clear();
+  s.camera.position.z = 9;
+  s.lights[0].radiance = dvec3(0.5);
+  EXPECT_NEAR(seen(false), 1.5, 1e-6);
+  EXPECT_NEAR(seen(true), 0.5, 1e-6);
+}
+
+// What random scenes do not draw: surfaces that move, that the camera does not see, that shine to both sides; a camera
+// that is shifted and rolls, with pixels that are not square; coloured reflections.
+TEST(SurfacesAgainstTheDefinition, MoveAreUnseenAndShineToBothSides) {
+  Scene s;
+  s.film.width = 32, s.film.height = 24;
+  s.camera.position = dvec3(0, -7, 2.5), s.camera.look_at = dvec3(0, 0, 0.8);
+  s.camera.fov = 34;
+  s.camera.shift = {0.05, -0.04}, s.camera.pixel_aspect = 1.2;
+  s.camera.shutter = {-0.3, 0.3}, s.camera.up_end = {0.05, 0, 1};
+  s.environment.radiance = dvec3(0.2, 0.25, 0.3);
+  VolumeSettings fog;
+  fog.shape = "box", fog.lo = dvec3(-2, -1, 0.01), fog.hi = dvec3(2, 1.5, 2);
+  fog.sigma_t = dvec3(0.4), fog.albedo = dvec3(0.8), fog.g = 0.4;
+  s.volumes.push_back(fog);
+  const auto add = [&](const char* mesh, const dvec3& at, double scale) -> SurfaceSettings& {
+    SurfaceSettings& surface = s.surfaces.emplace_back();
+    surface.file = test::source(std::string("data/meshes/") + mesh + ".obj");
+    surface.object_to_world = test::translation(at) * test::scaling(dvec3(scale));
+    return surface;
+  };
+  add("floor", dvec3(0), 1).albedo = dvec3(0.5, 0.4, 0.3);
+  SurfaceSettings& mover = add("ball", dvec3(-1.5, 0, 0.6), 0.6);
+  mover.object_to_world_end = test::translation(dvec3(-1, 0.2, 0.8)) * test::scaling({0.5, 0.7, 0.6});
+  mover.material = "conductor", mover.albedo = dvec3(0.9, 0.6, 0.3), mover.edge_albedo = dvec3(0.5),
+  mover.roughness = 0.4;
+  add("ball", dvec3(0.2, -1, 0.5), 0.5).visible_to_camera = false;
+  SurfaceSettings& glass = add("ball", dvec3(1.4, -0.6, 0.6), 0.5);
+  glass.material = "dielectric", glass.albedo = dvec3(1), glass.roughness = 0.3,
+  glass.reflection_tint = dvec3(0.5, 0.7, 1);
+  SurfaceSettings& lamp = add("floor", dvec3(0, 0.5, 2.4), 0.01);
+  lamp.albedo = dvec3(0), lamp.radiance = dvec3(6, 5, 4), lamp.two_sided = true;
+  LightSettings spot;
+  spot.type = "spot", spot.position = dvec3(2.5, -1, 3), spot.direction = dvec3(-0.7, 0.3, -1);
+  spot.intensity = dvec3(5), spot.cosine_falloff = true;
+  s.lights.push_back(spot);
+  const test::Agreement a = test::agreement(s, 320, 1);
+  EXPECT_LT(a.worst, test::kSigmas) << a.text();
+  EXPECT_LT(a.detectable, 0.06) << a.text();
+}
 INSTANTIATE_TEST_SUITE_P(Seeds, AgainstTheDefinition, ::testing::ValuesIn(seeds()),
                          [](const auto& seed) { return std::to_string(seed.param); });
 

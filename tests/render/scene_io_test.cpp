@@ -71,6 +71,17 @@ TEST(ReadScene, ErrorsUnderlineTheLineAndSayWhatIsExpected) {
   EXPECT_TRUE(holds(volume("remap = [[0, 0], [0, 1]]\n"), "'remap' does not rise"));
   EXPECT_TRUE(holds(volume("flame_ramp = [[0, 0], [1, 1]]\n"), "a row that is not 4 numbers"));
   EXPECT_TRUE(holds(volume("droplet_diameter = 10\n"), "'droplet_diameter' has no meaning for phase"));
+  const auto surface = [](const std::string& keys) {
+    return error_of(std::string(kCamera) + "[[surfaces]]\nfile = \"a.ply\"\n" + keys);
+  };
+  EXPECT_TRUE(holds(surface("edge_albedo = 0.5\n"), "'edge_albedo' has no meaning for a diffuse surface"));
+  EXPECT_TRUE(holds(surface("material = \"conductor\"\nreflection_tint = 0.5\n"),
+                    "'reflection_tint' has no meaning for a conductor surface"));
+  EXPECT_TRUE(holds(surface("two_sided = true\n"), "'two_sided' has no meaning without 'radiance'"));
+  EXPECT_TRUE(holds(surface("radiance = 1\nobject_to_world_end = [[1,0,0,1],[0,1,0,0],[0,0,1,0],[0,0,0,1]]\n"),
+                    "a surface that emits cannot move"));
+  EXPECT_TRUE(
+      holds(error_of("[camera]\nfrom_exr = \"a.exr\"\nshift = [0.1, 0]\n"), "'shift' stands beside 'from_exr'"));
   const auto sky = [](const std::string& keys) {
     return error_of(std::string(kCamera) + "[environment]\nsky = \"preetham\"\n" + keys);
   };

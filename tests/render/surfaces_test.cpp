@@ -152,7 +152,7 @@ TEST(Bsdf, WeightsAreValuesOverDensities) {
     for (const double roughness : {0.25, 0.5, 0.9})
       for (const bool inside : {false, true})
         for (const double cos_o : {0.1, 0.5, 0.95}) {
-          const Bsdf bsdf{kind, dvec3(0.7), roughness, 1.5};
+          const Bsdf bsdf{kind, dvec3(0.7), roughness, 1.5, dvec3(0.4)};
           const dvec3 wo(std::sqrt(1 - cos_o * cos_o), 0, cos_o);
           RunningStatistics sampled, uniform, pdf;
           for (int i = 0; i < 40000; ++i) {
@@ -175,6 +175,119 @@ TEST(Bsdf, WeightsAreValuesOverDensities) {
           EXPECT_LE(pdf.mean, 1 + 5 * std::sqrt(pdf.mean_variance()));
           EXPECT_GE(pdf.mean, 0.5);
         }
+}
+
+bool says(const PreparedScene& prepared, const std::string& part) {
+  return std::any_of(prepared.notes().begin(), prepared.notes().end(),
+                     [&](const std::string& note) { return note.find(part) != std::string::npos; });
+}
+
+// A mirror whose edge reflects as its middle does is as grey as that all over.
+TEST_F(SurfaceTest, EdgesHaveTheirReflectance) {
+  Scene s = scene("ball.obj");
+  s.environment.radiance = dvec3(1);
+  s.surfaces[0].roughness = 0;
+  s.surfaces[0].material = "conductor";
+  s.surfaces[0].albedo = s.surfaces[0].edge_albedo = dvec3(0.6);
+  s.film.width = s.film.height = 24;
+  const auto darkest_and_brightest = [&] {
+    const Layers f = PreparedScene(s, {}).render(16, 1, {}).layers;
+    double low = 2, high = 0;
+    for (int y = 0; y < 24; ++y)
+      for (int x = 0; x < 24; ++x) {
+        if (f.at("A")(x, y) < 1) continue;
+        low = std::min(low, static_cast<double>(f.at("R")(x, y)));
+        high = std::max(high, static_cast<double>(f.at("R")(x, y)));
+      }
+    return std::pair(low, high);
+  };
+  const auto [low, high] = darkest_and_brightest();
+  EXPECT_NEAR(low, 0.6, 1e-5);
+  EXPECT_NEAR(high, 0.6, 1e-5);
+  s.surfaces[0].edge_albedo = dvec3(1);
+  EXPECT_GT(darkest_and_brightest().second, 0.65) << "reflects all at the rim";
+}
+
+// What a square that moves from -2 to 2 covers of a point's time: a closed form, and what stands behind shows through.
+TEST_F(SurfaceTest, MovesOverTheShutter) {
+  test::write_file(folder_ / "square.obj", "v -1 -9 1\nv 1 -9 1\nv 1 9 1\nv -1 9 1\nf 1 2 3 4\n");
+  Scene s = scene("square.obj");
+  s.camera.type = "orthographic";
+  s.camera.position = dvec3(0, 0, 9), s.camera.look_at = dvec3(0), s.camera.up = dvec3(0, 1, 0);
+  s.camera.width = 8;
+  s.environment.radiance = dvec3(1);
+  s.film.width = 16, s.film.height = 4;
+  s.surfaces[0].albedo = dvec3(0);
+  s.surfaces[0].object_to_world = translation(dvec3(-2, 0, 0));
+  s.surfaces[0].object_to_world_end = translation(dvec3(2, 0, 0));
+  s.camera.shutter = {-0.25, 0.25};
+  const Layers f = PreparedScene(s, {}).render(4096, 1, {}).layers;
+  for (int x = 0; x < 16; ++x) {
+    double covered = 0;  // mean over the pixel of the time
+    for (int k = 0; k < 50; ++k) {
+      const double p = -4 + (x + (k + 0.5) / 50) * 0.5;  // covered while its middle is within 1
+      covered += std::max(0.0, std::min(2.0, p + 1) - std::max(-2.0, p - 1)) / 4 / 50;
+    }
+    for (int y = 0; y < 4; ++y) {
+      const double error = std::sqrt(covered * (1 - covered) / 4096);
+      EXPECT_NEAR(f.at("A")(x, y), covered, 5 * error + 1e-3) << x;
+      EXPECT_NEAR(f.at("R")(x, y), 1 - covered, 5 * error + 1e-3) << x;
+    }
+  }
+  s.camera.shutter = {0, 0};
+  const PreparedScene still(s, {});
+  EXPECT_TRUE(says(still, "a surface moves but camera.shutter opens and closes at once"));
+  EXPECT_EQ(still.render(4, 1, {}).layers.at("A")(4, 2), 1.0f) << "where it starts";
+}
+
+// A ball that turns and grows keeps its shading: what it shows at each time is what a ball standing there shows.
+TEST_F(SurfaceTest, MovingNormalsAreThoseOfTheStandingMesh) {
+  write_ball(folder_ / "smooth.obj", 1.0, 12, true);
+  const auto surface = [&](const dmat4& start) {
+    Scene s = scene("smooth.obj");
+    s.surfaces[0].object_to_world = start;
+    return s.surfaces;
+  };
+  const dmat4 start = test::scaling({1, 0.6, 1}), end = translation(dvec3(0.4, 0.1, 0)) * test::scaling({1.4, 1, 0.7});
+  std::vector<SurfaceSettings> moving = surface(start);
+  moving[0].object_to_world_end = end;
+  const Surfaces moves(moving, dvec3(0), true);
+  for (const double time : {0.0, 0.3, 1.0}) {
+    const Surfaces stands(surface(start * (1 - time) + end * time), dvec3(0));
+    for (const dvec3& from : {dvec3(0.2, -6, 0.1), dvec3(-0.3, -6, 0.3)}) {
+      const auto a = moves.intersect({from, {0, 1, 0}}, 100, time), b = stands.intersect({from, {0, 1, 0}}, 100);
+      ASSERT_TRUE(a && b);
+      EXPECT_NEAR(a->t, b->t, 1e-6);
+      EXPECT_NEAR(glm::distance(a->normal, b->normal), 0, 1e-6);
+      EXPECT_NEAR(glm::distance(a->shading, b->shading), 0, 1e-6);
+    }
+  }
+  moving[0].object_to_world_end = test::scaling({-1, 1, 1});
+  EXPECT_THROW(Surfaces(moving, dvec3(0), true), InputError) << "turned inside out";
+}
+
+// The camera looks through a box that it does not see, also where its bottom lies on the floor; light does not.
+TEST_F(SurfaceTest, WhatTheCameraDoesNotSeeStillCastsShadows) {
+  test::write_file(folder_ / "lid.obj", "v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nf 1 2 3 4\n");
+  Scene s = scene("floor.obj");
+  s.camera.position = dvec3(0, 0, 9), s.camera.look_at = dvec3(0), s.camera.up = dvec3(0, 1, 0);
+  s.environment.radiance = dvec3(1);
+  s.surfaces[0].albedo = dvec3(0.5);
+  const auto lid = [&](double z) {
+    SurfaceSettings surface = s.surfaces[0];
+    surface.file = folder_ / "lid.obj";
+    surface.object_to_world = translation(dvec3(0, 0, z));
+    surface.visible_to_camera = false;
+    surface.albedo = dvec3(0);
+    return surface;
+  };
+  s.surfaces.push_back(lid(0));
+  s.surfaces.push_back(lid(0.5));
+  const Layers f = PreparedScene(s, LayerRequest::of({"depth"}, true)).render(256, 1, {}).layers;
+  EXPECT_EQ(f.at("A")(8, 8), 1.0f) << "the floor is there";
+  EXPECT_NEAR(f.at("depth.Z")(8, 8), 9, 0.01);
+  EXPECT_LT(f.at("R")(8, 8), 0.25f) << "in the shadow of what is unseen";
+  EXPECT_GT(f.at("R")(0, 0), 0.4f);
 }
 
 // A diffuse floor under the sun: albedo / pi E cos theta, exactly; the depth, normal and position layers; alpha 1.
@@ -201,36 +314,43 @@ TEST_F(SurfaceTest, LambertUnderTheSun) {
 }
 
 // The same rectangle as an analytic light and as a mesh that emits gives one picture, in a medium and on a floor.
+// On both sides, too: a ceiling is above the lamp.
 TEST_F(SurfaceTest, AMeshLightIsTheRectangleItLooksLike) {
   test::write_file(folder_ / "lamp.obj", "v -1 -1 3\nv -1 1 3\nv 1 1 3\nv 1 -1 3\nf 1 2 3 4\n");
-  Scene s = scene("floor.obj");
-  VolumeSettings fog;
-  fog.shape = "sphere";
-  fog.lo = dvec3(-1.5, -1.5, 0);
-  fog.hi = dvec3(1.5, 1.5, 2.5);
-  fog.sigma_t = dvec3(0.8);
-  fog.albedo = dvec3(0.9);
-  s.volumes.push_back(fog);
-  Scene with_mesh = s;
-  with_mesh.surfaces.push_back({});
-  with_mesh.surfaces[1].file = folder_ / "lamp.obj";
-  with_mesh.surfaces[1].radiance = dvec3(3);
-  with_mesh.surfaces[1].albedo = dvec3(0);
-  LightSettings lamp;
-  lamp.type = "rectangle";
-  lamp.position = dvec3(0, 0, 3);
-  lamp.edge_x = dvec3(0, 2, 0);
-  lamp.edge_y = dvec3(2, 0, 0);
-  lamp.radiance = dvec3(3);
-  lamp.visible_to_camera = true;
-  s.lights.push_back(lamp);
-  const Layers a = PreparedScene(s, {}).render(400, 1, {}).layers,
-               b = PreparedScene(with_mesh, {}).render(400, 2, {}).layers;
-  for (const LayerName& l : {layer::direct, layer::indirect}) {
-    const test::Mean m = test::mean_radiance(a, l), n = test::mean_radiance(b, l);
-    EXPECT_GT(m.value.x, 0.01);
-    EXPECT_NEAR(m.value.x, n.value.x, 4.5 * std::hypot(m.error.x, n.error.x)) << l.label();
-    EXPECT_LT(4.5 * m.error.x, 0.05 * m.value.x);
+  for (const bool two_sided : {false, true}) {
+    Scene s = scene("floor.obj");
+    s.surfaces.push_back(s.surfaces[0]);
+    s.surfaces[1].object_to_world = translation(dvec3(0, 0, 5));
+    VolumeSettings fog;
+    fog.shape = "sphere";
+    fog.lo = dvec3(-1.5, -1.5, 0);
+    fog.hi = dvec3(1.5, 1.5, 2.5);
+    fog.sigma_t = dvec3(0.8);
+    fog.albedo = dvec3(0.9);
+    s.volumes.push_back(fog);
+    Scene with_mesh = s;
+    with_mesh.surfaces.push_back({});
+    with_mesh.surfaces[2].file = folder_ / "lamp.obj";
+    with_mesh.surfaces[2].radiance = dvec3(3);
+    with_mesh.surfaces[2].albedo = dvec3(0);
+    with_mesh.surfaces[2].two_sided = two_sided;
+    LightSettings lamp;
+    lamp.type = "rectangle";
+    lamp.position = dvec3(0, 0, 3);
+    lamp.edge_x = dvec3(0, 2, 0);
+    lamp.edge_y = dvec3(2, 0, 0);
+    lamp.radiance = dvec3(3);
+    lamp.visible_to_camera = true;
+    lamp.two_sided = two_sided;
+    s.lights.push_back(lamp);
+    const Layers a = PreparedScene(s, {}).render(400, 1, {}).layers,
+                 b = PreparedScene(with_mesh, {}).render(400, 2, {}).layers;
+    for (const LayerName& l : {layer::direct, layer::indirect}) {
+      const test::Mean m = test::mean_radiance(a, l), n = test::mean_radiance(b, l);
+      EXPECT_GT(m.value.x, 0.01);
+      EXPECT_NEAR(m.value.x, n.value.x, 4.5 * std::hypot(m.error.x, n.error.x)) << l.label();
+      EXPECT_LT(4.5 * m.error.x, 0.05 * m.value.x);
+    }
   }
 }
 
@@ -293,11 +413,6 @@ TEST_F(SurfaceTest, TexturesColourTheAlbedo) {
     EXPECT_NEAR(f.at("albedo.R")(8, 8), 0.5f, 0.01f) << name;
     EXPECT_NEAR(f.at("albedo.G")(8, 8), 0.0f, 0.01f) << name;
   }
-}
-
-bool says(const PreparedScene& prepared, const std::string& part) {
-  return std::any_of(prepared.notes().begin(), prepared.notes().end(),
-                     [&](const std::string& note) { return note.find(part) != std::string::npos; });
 }
 
 TEST_F(SurfaceTest, HoldoutsCutHolesAndCatchersGatherShadows) {

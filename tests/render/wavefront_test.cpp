@@ -604,6 +604,13 @@ TEST(Wavefront, EmissionIsThatOfTheDefinition) {
                                                     v.flame_grid = "density";
                                                     v.flame_intensity = 3;
                                                     s.environment.radiance = dvec3(0.5);
+                                                  })},
+                                                 {"a ramp of many stops", fire([](Scene& s) {
+                                                    VolumeSettings& v = s.volumes[0];
+                                                    v.temperature_grid = "none";
+                                                    v.flame_grid = "flame";
+                                                    for (int i = 0; i < 70; ++i)
+                                                      v.flame_ramp.push_back({i / 70.0, i % 3 * 1.0, i / 50.0, i / 100.0});
                                                   })}};
   for (const auto& [name, chosen] : cases) {
     Scene scene = chosen;

@@ -26,7 +26,12 @@ using Scattering = std::function<std::pair<dvec3, double>(const dvec3& wi)>;
 class Tracer {
  public:
   Tracer(const PathContext& scene, const PathRequest& request)
-      : scene_(scene), lights_(*scene.lights), rng_(request.key), time_(request.time), ray_(request.ray), eye_(request.ray.o) {
+      : scene_(scene),
+        lights_(*scene.lights),
+        rng_(request.key),
+        time_(request.time),
+        ray_(request.ray),
+        eye_(request.ray.o) {
     for (const Medium& m : scene.media) {
       media_.push_back(m.at_time(request.time));
       spheres_.push_back(media_.back().bounding_sphere());
@@ -51,7 +56,8 @@ class Tracer {
  private:
   /// One flight and the event at its end; false when the path has ended.
   bool step() {
-    auto [light, t_max] = lights_.nearest(ray_, kFar, events_ == 0);
+    auto [light, t_max] = lights_.nearest(from_vertex(), kFar, events_ == 0, passed_);
+    t_max -= passed_;
     std::optional<SurfaceHit> hit;
     if (scene_.surfaces) hit = scene_.surfaces->intersect(ray_, t_max, time_, events_ == 0);
     if (hit) t_max = hit->t;
@@ -67,16 +73,27 @@ class Tracer {
       if (real) return scatter(*c.medium, c.t);
     }
     if (hit) return meet_surface(*hit);
-    if (events_ == 0) s_.transmittance = weight_;
-    if (light)
-      find_light(light->radiance(ray_, t_max), lights_.choice_probability(*light, ray_.o) * light->pdf(ray_, t_max),
-                 s_.background);
-    else
+    const Ray whole = from_vertex();
+    if (light) {
+      const double t = passed_ + t_max;
+      find_light(light->radiance(whole, t), lights_.choice_probability(*light, whole.o) * light->pdf(whole, t),
+                 light->solid() ? s_.background : s_.surface);
+      if (!light->solid()) {  // its light is added, and the ray goes on
+        passed_ = t;
+        ray_.o = whole.at(t);
+        return true;
+      }
+    } else {
       for (const InfiniteLight* sky : lights_.infinite())
         if (events_ > 0 || sky->visible())
-          find_light(sky->radiance(ray_.d), lights_.choice_probability(*sky, ray_.o) * sky->pdf(ray_.d), s_.background);
+          find_light(sky->radiance(ray_.d), lights_.choice_probability(*sky, whole.o) * sky->pdf(ray_.d),
+                     s_.background);
+    }
+    if (events_ == 0) s_.transmittance = weight_;
     return false;
   }
+  /// The ray from its last vertex on, which lies passed_ before it.
+  Ray from_vertex() const { return {ray_.o - passed_ * ray_.d, ray_.d}; }
 
   // ---- tentative collisions: a Poisson process whose rate bounds the extinction of all media together
 
@@ -190,6 +207,7 @@ class Tracer {
 
   bool scatter(const Medium& medium, double t) {
     ray_.o = ray_.at(t);
+    passed_ = 0;
     const dvec3 albedo = medium.albedo(ray_.o), d = ray_.d;
     if (events_ == 0) lamp_ = record_first_scatter(scene_, media_, medium, eye_, ray_.o, d, weight_, albedo, s_);
     weight_ *= albedo;
@@ -233,13 +251,16 @@ class Tracer {
       s_.catcher += sampled_light(off, choice, u, scattering, nullptr, true, true);
       s_.catcher_unshadowed += sampled_light(off, choice, u, scattering, nullptr, false, true);
       ray_.o = Surfaces::leave(hit, p, ray_.d);  // unseen itself
+      passed_ = 0;
       return true;
     }
     if ((front || settings.two_sided) && settings.radiance != dvec3(0)) {
       const dvec3 before = s_.surface;
       const MeshLight& light = lights_.mesh(scene_.surfaces->light_of(hit.surface));
-      find_light(settings.radiance,
-                 lights_.choice_probability(light, ray_.o) * light.pdf(hit.t, glm::dot(wo, hit.normal)), s_.surface);
+      find_light(
+          settings.radiance,
+          lights_.choice_probability(light, from_vertex().o) * light.pdf(passed_ + hit.t, glm::dot(wo, hit.normal)),
+          s_.surface);
       if (events_ == 0) s_.surface_emission = s_.surface - before;
     }
     if (events_ == 0) {
@@ -259,6 +280,7 @@ class Tracer {
     weight_ *= out.weight;
     if (weight_ == dvec3(0) || leaks(ray_.d)) return false;
     ray_.o = Surfaces::leave(hit, p, ray_.d);
+    passed_ = 0;
     pdf_direction_ = out.pdf;
     specular_ = bsdf.delta();
     straight_ = sampled_light_ && settings.shadow == "straight" && out.transmitted;
@@ -280,6 +302,7 @@ class Tracer {
   double sigma_maj_ = 0;
   double time_;  // of the shutter
   Ray ray_;
+  double passed_ = 0;  // from the last vertex to the light that the ray passed and goes on from
   dvec3 eye_;
   dvec3 weight_{1}, pdf_{1};  // of each channel; the mean of pdf_ is kept at 1
   int hero_ = 0;

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import bpy
 
-from .camera import camera_of, camera_table
+from .camera import camera_of, camera_table, say_clipped
 from .files import Folder
 from .film import film_size, film_table, pixel_aspect_of
 from .fluids import domain_of, domain_tables
@@ -22,7 +22,7 @@ from .notes import CannotTranslate, LeftOut, Notes
 from .surfaces import Surfaces
 from .toml_text import Table
 from .volumes import file_of, volume_tables
-from .world import environment_table
+from .world import world_tables
 
 __all__ = ["CannotTranslate", "Translation", "translate"]
 
@@ -67,13 +67,14 @@ class _Translator:
         size = (self._width, self._height, aspect)
         camera_of(self._depsgraph, self._scene)  # none, none at all
         self._motion = motion_of(self._depsgraph, self._scene, self._frame, self._set_frame, size, self._notes)
-        self._surfaces = Surfaces(self._folder, self._notes, self._view_layer())
+        self._layer = self._view_layer()
+        self._surfaces = Surfaces(self._folder, self._notes, self._layer)
         camera = camera_of(self._depsgraph, self._scene)
         head = [
             Table("[render]").set(frame=max(self._frame, 0)),
             camera_table(self._depsgraph, camera, self._motion, *size, self._notes),
             film_table(self._scene, self._width, self._height, self._notes),
-            environment_table(self._scene, self._folder, self._notes),
+            *world_tables(self._scene, self._layer, self._folder, self._notes),
         ]
         tables = self._objects()
         text = "\n".join(["\n".join(self._comment()), f"name = {_quoted(self._scene.name)}\n", *(t.text() for t in head + tables)])
@@ -96,10 +97,12 @@ class _Translator:
 
     def _objects(self):
         tables = []
+        camera = camera_of(self._depsgraph, self._scene)
         for instance in self._depsgraph.object_instances:
             if not instance.show_self or instance.object.hide_render:
                 continue
             thing = instance.object
+            say_clipped(camera, thing, instance.matrix_world, self._notes)
             try:
                 tables += self._object(instance, thing)
             except LeftOut as reason:
@@ -107,8 +110,14 @@ class _Translator:
                 self._notes.say(thing.name, what + str(reason))
         return tables
 
+    def _materials(self, thing):
+        override = self._layer.material_override
+        return [override] if override is not None else [slot.material for slot in thing.material_slots]
+
     def _object(self, instance, thing):
         kind = thing.type
+        if not (self._layer.use_volumes if kind == "VOLUME" else self._layer.use_solid or kind not in MESH_LIKE):
+            return []
         matrices = (instance.matrix_world.copy(), None)
         if self._motion is not None:
             matrices = self._motion.matrices(instance) or matrices
@@ -121,13 +130,15 @@ class _Translator:
         if kind == "VOLUME":
             shutter = self._motion and self._motion.shutter
             file = file_of(thing.data, shutter, self._scene, self._frame)
-            return volume_tables(thing, file, matrices, self._notes)
+            return volume_tables(thing, self._materials(thing), file, matrices, self._notes)
         if kind in MESH_LIKE:
             self._say_particles(thing)
             domain = domain_of(thing)
             if domain is not None:
-                return domain_tables(thing, domain, self._frame, matrices, self._motion, self._scene, self._notes)
-            return self._surfaces.tables(thing, matrices)
+                return domain_tables(
+                    thing, self._materials(thing), domain, self._frame, matrices, self._motion, self._scene, self._notes
+                )
+            return self._surfaces.tables(thing, self._materials(thing), matrices)
         if kind not in UNSEEN:
             self._notes.say(thing.name, f"the {kind.lower().replace('_', ' ')} is left out")
         return []

@@ -88,6 +88,19 @@ def _set_lens(table, camera, focus, notes):
         notes.say(camera.name, "its aperture is stretched in Blender; it is round here")
 
 
+def say_clipped(camera, thing, matrix, notes):
+    """Brume's cameras see from their eye to the end of the world. @param matrix  of the object, in the world"""
+    if thing.type in ("LIGHT", "CAMERA", "EMPTY"):
+        return
+    placed = camera.matrix_world.normalized().inverted() @ matrix
+    depths = [-(placed @ Vector(corner)).z for corner in thing.bound_box]
+    near, far = camera.data.clip_start, camera.data.clip_end
+    if max(depths) > far:
+        notes.say(thing.name, f"is seen beyond {far:.4g}, where Blender's camera clips")
+    elif 0 < min(depths) < near:
+        notes.say(thing.name, f"is seen nearer than {near:.4g}, where Blender's camera clips")
+
+
 def camera_table(depsgraph, camera, motion, width, height, pixel_aspect, notes):
     """The table [camera]. @param motion  poses as the shutter opens and closes (motion.Motion), or None"""
     data = camera.data
@@ -113,6 +126,6 @@ def camera_table(depsgraph, camera, motion, width, height, pixel_aspect, notes):
     if moves:
         end = motion.closes.camera
         table.set(position_end=end.position, look_at_end=end.look_at, up_end=end.up)
-        if motion.opens.projection != motion.closes.projection:
-            notes.say(camera.name, "its zoom is left out of the motion blur")
+    if motion is not None and motion.opens.projection != motion.closes.projection:
+        notes.say(camera.name, "its zoom is left out of the motion blur")
     return table

@@ -6,13 +6,15 @@ import bpy
 import numpy as np
 from mathutils import Matrix, Vector
 
+from .nodes import output_of
 from .notes import LeftOut
 from .toml_text import Table
 from .vdb_header import NotVdb, voxel_sizes
 from .volumes import volume_tables
 
-# By Blender's names of attributes: the files' own of the base grids, and those with noise.
-BASE, NOISE = ("density", "flame", "temperature"), ("density", "flame")
+# Names in the files by Blender's names of attributes: of the base grids, and of those with noise.
+BASE = {"density": "density", "flame": "flame", "heat": "temperature"}
+NOISE = {"density": "density_noise", "flame": "flame_noise"}
 
 
 def domain_of(thing):
@@ -38,27 +40,29 @@ class FluidCache:
         points = np.array([v.co[:] for v in thing.data.vertices])
         self._lo, self._size = points.min(0), np.ptp(points, axis=0)
         self._cells = np.array(settings.domain_resolution, float)
+        self._velocity = None  # the file that has one
         self._files = {}  # path, name and voxel size in the file, cells of each grid
-        self._add(os.path.join(folder, "data", f"fluid_data_{self._frame:04d}.vdb"), BASE, "", 1)
+        self._add(os.path.join(folder, "data", f"fluid_data_{self._frame:04d}.vdb"), BASE, 1)
         if settings.use_noise:
-            self._add(os.path.join(folder, "noise", f"fluid_noise_{self._frame:04d}.vdb"), NOISE, "_noise", settings.noise_scale)
+            self._add(os.path.join(folder, "noise", f"fluid_noise_{self._frame:04d}.vdb"), NOISE, settings.noise_scale)
         self.grids = list(self._files)
         self.constants = self._colour(settings)
+        self.derived = {"temperature": ("flame", _temperature(settings.flame_ignition, settings.flame_max_temp))}
         self._velocity_scale = None
         if shutter is not None:
             self._velocity_scale = settings.velocity_scale * scene.render.fps_base / scene.render.fps
 
-    def _add(self, path, grids, suffix, finer):
+    def _add(self, path, grids, finer):
         if not os.path.isfile(path):
             raise LeftOut(f"its cache has no file {path}")
         try:
             sizes = voxel_sizes(path)
         except (NotVdb, OSError) as error:
             raise LeftOut(f"its cache's file {path} {error}") from error
-        for grid in grids:
-            if grid + suffix in sizes:
-                self._files[grid] = (path, grid + suffix, sizes[grid + suffix], self._cells * finer)
-        if not suffix and "velocity" in sizes:
+        for grid, stored in grids.items():
+            if stored in sizes:
+                self._files[grid] = (path, stored, sizes[stored], self._cells * finer)
+        if "velocity" in sizes:
             self._velocity = path
 
     def _colour(self, settings):
@@ -91,15 +95,22 @@ class FluidCache:
     def _set_velocity(self, table, path, cell, voxel):
         if self._velocity_scale is None:
             return
-        if getattr(self, "_velocity", None) != path:
+        if self._velocity != path:
             self._notes.say(self._name, "the noise of the fluid is in another file than its velocity: it stands still")
-        elif np.ptp(cell) > 0.01 * cell.max():
-            self._notes.say(self._name, "the fluid's cells are stretched in its object's space: it stands still")
         else:
+            if np.ptp(cell) > 0.01 * cell.max():
+                self._notes.say(self._name, "its velocity is that of the fluid, which Cycles stretches as the domain's object is")
             table.set(velocity_grid="velocity", velocity_scale=self._velocity_scale * voxel / cell.mean())
 
 
-def domain_tables(thing, settings, frame, matrices, motion, scene, notes):
+def _temperature(ignition, hottest):
+    """What Blender gives as the attribute of a domain."""
+    return lambda flame: np.where(np.asarray(flame) > 0.01, ignition + np.asarray(flame) * (hottest - ignition), 0.0)
+
+
+def domain_tables(thing, materials, settings, frame, matrices, motion, scene, notes):
     """@throws LeftOut"""
     cache = FluidCache(thing, settings, frame, motion and motion.shutter, scene, notes)
-    return volume_tables(thing, cache, matrices, notes)
+    if any(m is not None and m.use_nodes and output_of(m.node_tree, "Surface") is not None for m in materials):
+        notes.say(thing.name, "the surface of the fluid's domain is left out")
+    return volume_tables(thing, materials, cache, matrices, notes)

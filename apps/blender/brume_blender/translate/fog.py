@@ -12,7 +12,7 @@ from .volume_shaders import SIGMA, VolumeShader
 
 def fog_table(thing, shader_plug, points, matrices, notes):
     """A homogeneous volume. @param points  the mesh's vertices, (N, 3), in its own space   @throws LeftOut"""
-    shader = VolumeShader(shader_plug, thing.name, [], [], notes)
+    shader = VolumeShader(shader_plug, thing.name, None, notes)
     sums = {"scatter": np.zeros(3), "absorption": np.zeros(3), "emission": np.zeros(3)}
     lobes = []
     for closure in shader.closures:

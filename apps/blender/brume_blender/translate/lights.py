@@ -72,6 +72,9 @@ def _emitted(light, name, notes):
 
 def _say_visibility(thing, notes):
     unseen = [kind for kind in ("diffuse", "glossy", "transmission", "volume_scatter") if not getattr(thing, f"visible_{kind}")]
+    linked = getattr(thing, "light_linking", None)  # Blender 4.0
+    if linked is not None and (linked.receiver_collection or linked.blocker_collection):
+        notes.say(thing.name, "its light reaches all objects, and all cast its shadows")
     if unseen:
         notes.say(thing.name, f"its light reaches rays of every kind in brume, {' and '.join(unseen).replace('_', ' ')} too")
 
@@ -87,7 +90,7 @@ def _sun(table, light, name, matrix, colour, notes):
 def _point(table, light, name, matrix, colour, notes):
     radius = light.shadow_soft_size
     if radius > 0:
-        table.set(type="sphere", position=matrix.translation, radius=radius, radiance=colour / (4 * math.pi**2 * radius**2))
+        table.set(type="sphere", position=matrix.translation, radius=radius, radiance=colour / (4 * math.pi**2 * radius**2), solid=False)
     else:
         table.set(type="point", position=matrix.translation, intensity=colour / (4 * math.pi))
 
@@ -123,4 +126,5 @@ def _area(table, light, name, matrix, colour, notes):
         edge_y, normal = -edge_y, -normal
     if not normal.length > 0:
         raise LeftOut("a light without an area")
-    table.set(type="rectangle", position=matrix.translation, edge_x=edge_x, edge_y=edge_y, radiance=colour / (4 * normal.length))
+    table.set(type="rectangle", position=matrix.translation, edge_x=edge_x, edge_y=edge_y)
+    table.set(radiance=colour / (4 * normal.length), solid=False)

@@ -20,7 +20,7 @@ class Bsdf:
     colour: object  # a plug, or three numbers
     roughness: float = 0.0
     ior: float = 1.5
-    fresnel: bool = True  # a metal that reflects all at grazing angles
+    fresnel: bool = True  # metals reflect all at grazing angles, glass reflects without a tint
     told: list = field(default_factory=list)  # what was taken instead
 
 
@@ -138,7 +138,9 @@ class _Shader:
 
     def _glass(self, plug, weight):
         node = plug.node
-        bsdf = Bsdf("dielectric", weight, plug.input("Color"), self.number(plug.input("Roughness")), self.number(plug.input("IOR")))
+        roughness, ior = self.number(plug.input("Roughness")), self.number(plug.input("IOR"))
+        # Its colour tints reflections, too.
+        bsdf = Bsdf("dielectric", weight, plug.input("Color"), roughness, ior, fresnel=False)
         if getattr(node, "distribution", "GGX") == "SHARP":
             bsdf.roughness = 0.0
         elif node.distribution not in ("GGX",) and bsdf.roughness > LEAST:
@@ -187,6 +189,11 @@ class _Shader:
         for names in (("Subsurface", "Subsurface Weight"), ("Sheen", "Sheen Weight"), ("Clearcoat", "Coat Weight"), ("Anisotropic",)):
             if self.number(plug.input(*names)) > LEAST:
                 self._say(f"has {names[0].lower()}, which is left out")
+        distribution = getattr(plug.node, "distribution", "GGX")
+        if distribution != "GGX" and roughness > LEAST and max(metallic, glass) > LEAST:
+            self._say(f"has a distribution {distribution}; single scattering of GGX is taken")
+        if glass > LEAST and any(p.socket.name == "Transmission Roughness" and self.number(p) > LEAST for p in plug.inputs()):
+            self._say("has a roughness of transmission of its own, which is left out")
         strength = self.number(plug.input("Emission Strength"))
         self._emit(plug.input("Emission", "Emission Color"), strength * weight)
 

@@ -8,7 +8,7 @@ from .meshes import Geometry, write_ply
 from .notes import LeftOut
 from .textures import Textures
 from .toml_text import Table
-from .volumes import volume_material
+from .volumes import volume_shader_of
 
 
 class Surfaces:
@@ -32,34 +32,35 @@ class Surfaces:
             self._geometries[key] = geometry
         return key, self._geometries[key]
 
-    def tables(self, thing, matrices):
+    def tables(self, thing, materials, matrices):
         """[[surfaces]] of an instance, one for each of its materials that has faces, and [[volumes]] of its fog.
+        @param materials  of its slots
         @param matrices  (as the shutter opens, as it closes), the second None where it stands still"""
         key, geometry = self.geometry(thing)
         if geometry is None or len(geometry.loops) == 0:
             return []
         tables = []
-        fog = volume_material(thing)
+        fog = volume_shader_of(materials)
         if fog is not None:
             try:
                 tables.append(fog_table(thing, fog, geometry.points, matrices, self._notes))
             except LeftOut as reason:
                 self._notes.say(thing.name, f"its fog is left out: {reason}")
-        slots = thing.material_slots
-        last = max(len(slots) - 1, 0)
-        for index in np.unique(np.minimum(geometry.materials, last)):
-            material = slots[index].material if len(slots) else None
-            tables += self._surface(thing, key, geometry, int(index), last, material, matrices)
+        slots = np.minimum(geometry.materials, max(len(materials) - 1, 0))
+        for slot in np.unique(slots):
+            material = materials[slot] if materials else None
+            tables += self._surface(thing, key, geometry, (int(slot), len(materials), slots == slot), material, matrices)
         return tables
 
-    def _surface(self, thing, key, geometry, index, last, material, matrices):
+    def _surface(self, thing, key, geometry, part, material, matrices):
+        """@param part  the material's slot, of how many, and which triangles are of it"""
         surface = self._surface_of(material)
         if surface.invisible:
-            if material is not None and volume_material(thing) is None:
+            if material is not None and volume_shader_of([material]) is None:
                 self._notes.say(thing.name, "is transparent, which is left out as if it were not there")
             return []
         colour, texture = self._colour_of(thing, surface, material, geometry)
-        path = self._mesh(thing, key, geometry, index, last, texture)
+        path = self._mesh(thing, key, geometry, part, texture)
         table = Table("[[surfaces]]").set(file=self._folder.named(path), object_to_world=matrices[0])
         if matrices[1] is not None:
             if surface.radiance.any():
@@ -89,14 +90,15 @@ class Surfaces:
             texture = None
         return colour, texture
 
-    def _mesh(self, thing, key, geometry, index, last, texture):
-        where = (key, index, texture and (texture.uv_map, texture.matrix.tobytes(), texture.offset.tobytes()))
+    def _mesh(self, thing, key, geometry, part, texture):
+        slot, slots, chosen = part
+        where = (key, slot, slots, texture and (texture.uv_map, texture.matrix.tobytes(), texture.offset.tobytes()))
         if where not in self._written:
             uv = None
             if texture is not None:
                 uv = (geometry.uv(texture.uv_map) @ texture.matrix.T + texture.offset).astype(np.float32)
-            path = self._folder.new(".ply", thing.data.name if thing.data else thing.name, str(index))
-            write_ply(path, geometry, np.minimum(geometry.materials, last) == index, uv)
+            path = self._folder.new(".ply", thing.data.name if thing.data else thing.name, str(slot))
+            write_ply(path, geometry, chosen, uv)
             self._written[where] = path
         return self._written[where]
 
@@ -125,5 +127,5 @@ def _set_material(table, surface, colour, picture):
         table.set(roughness=min(max(bsdf.roughness, 0), 1))
     if bsdf.material == "dielectric":
         table.set(ior=min(max(bsdf.ior, 1.0001), 4))
-    if bsdf.material == "conductor" and not bsdf.fresnel:
-        table.set(edge_albedo=colour)
+    if bsdf.material != "diffuse" and not bsdf.fresnel:
+        table.set(**{"edge_albedo" if bsdf.material == "conductor" else "reflection_tint": colour})

@@ -32,10 +32,11 @@ class Closure:
 
 class GridValues:
     """Leaves of volume shaders: the grids' values, and which were asked for.
-    @param values  array for every grid of numbers   @param colours  names of the grids of colours"""
+    @param values   array for every grid of numbers   @param colours  names of the grids of colours
+    @param derived  by name: (grid, function of its values), for attributes that are no grids"""
 
-    def __init__(self, values, colours=()):
-        self._values, self._colours = values, colours
+    def __init__(self, values, colours=(), derived=None):
+        self._values, self._colours, self._derived = values, colours, derived or {}
         self.asked = set()
 
     def __call__(self, plug):
@@ -49,6 +50,9 @@ class GridValues:
 
     def value(self, name):
         """0 for grids that are not there, as in Blender."""
+        if name in self._derived:
+            grid, function = self._derived[name]
+            return function(self.value(grid))
         if name not in self._values:
             return 0.0
         self.asked.add(name)
@@ -66,27 +70,41 @@ def grid_of(plug):
 
 
 class VolumeShader:
-    """Closures of a shader. @param plug  what the output node's Volume is   @param grids  names of the object's grids
-    @param colours  those that hold colours   @param constants  colours by a grid's name that are the same everywhere"""
+    """Closures of a shader. @param plug  what the output node's Volume is; None: Principled Volume as it is from the start,
+    which is Blender's default   @param source  of its grids: GridFile, or
+    none (fog in a mesh)"""
 
-    def __init__(self, plug, name, grids, colours, notes, constants=None):
-        self._name, self._grids, self._colours, self._notes = name, grids, colours, notes
-        self._constants = constants or {}
+    def __init__(self, plug, name, source, notes):
+        self._name, self._notes = name, notes
+        self._grids, self._colours, self._constants, self._derived = (
+            (source.grids, source.colours, source.constants, source.derived) if source is not None else ([], [], {}, {})
+        )
         self.closures = []
-        self._collect(plug.resolve(), lambda values: 1.0)
+        if plug is not None:
+            self._collect(plug.resolve(), lambda values: 1.0)
+            return
+        self._add("scatter", lambda _, leaves: _times(leaves.value("density"), np.full(3, 0.5)))
+        self._add("absorption", lambda _, leaves: _times(leaves.value("density"), np.full(3, 0.5)))
 
     def used(self, closure):
         """The grids that a coefficient depends on."""
-        leaves = GridValues({grid: np.ones(1) for grid in self._grids}, self._colours)
+        leaves = self._leaves(np.ones(1))
         closure.coefficient(Values(leaves), leaves)
         return sorted(leaves.asked)
 
     def evaluate(self, closure, values):
         """(N, 3), or (N,) of a black body. @param values  array of (N,) for every grid that it depends on"""
-        leaves = GridValues(values, self._colours)
+        leaves = GridValues(values, self._colours, self._derived)
         result = np.asarray(closure.coefficient(Values(leaves), leaves), float)
         count = len(next(iter(values.values()))) if values else 1
         return np.broadcast_to(result, (count,) if closure.kind == "black_body" else (count, 3))
+
+    def _leaves(self, value):
+        """All grids at the same values."""
+        return GridValues({grid: value for grid in self._grids}, self._colours, self._derived)
+
+    def _has(self, name):
+        return name in self._grids or name in self._derived
 
     def _collect(self, plug, weight):
         if not plug.socket.is_output:
@@ -110,9 +128,8 @@ class VolumeShader:
 
     def _read(self, plug, size):
         """A function of a Values for an input."""
-        grids = GridValues({grid: np.ones(1) for grid in self._grids}, self._colours)
         try:
-            trial = Values(grids)
+            trial = Values(self._leaves(np.ones(1)))
             trial.number(plug) if size == 1 else trial.colour(plug)
         except UnknownNode as unknown:
             default = getattr(plug.socket, "default_value", 0.0)
@@ -139,7 +156,7 @@ class VolumeShader:
 
     def _fixed(self, plug):
         """A number that is the same everywhere: brume's phase functions are."""
-        value = np.atleast_1d(self._number(plug)(Values(GridValues({g: np.linspace(0, 1, 5) for g in self._grids}, self._colours))))
+        value = np.atleast_1d(self._number(plug)(Values(self._leaves(np.linspace(0, 1, 5)))))
         if np.ptp(value):
             self._notes.say(self._name, f"'{plug.socket.name}' of its volume varies; its mean, {value.mean():.4g}, is taken")
         return float(value.mean())
@@ -173,7 +190,7 @@ class VolumeShader:
 
         def density(values, leaves):
             d = weight(values) * np.maximum(plugged(values), 0)
-            return d * np.maximum(leaves.value(attribute["Density"]), 0) if attribute["Density"] in self._grids else d
+            return d * np.maximum(leaves.value(attribute["Density"]), 0) if self._has(attribute["Density"]) else d
 
         self._add("scatter", lambda v, l: _times(density(v, l), np.maximum(colour(v), 0)), g, colour_grid)
         self._add(
@@ -191,7 +208,7 @@ class VolumeShader:
 
         def kelvin(values, leaves):
             t = np.asarray(plugged(values), float)
-            if temperature_grid in self._grids:
+            if self._has(temperature_grid):
                 t = t * np.maximum(leaves.value(temperature_grid), 0)
             return np.maximum(t, 0)
 
@@ -200,7 +217,7 @@ class VolumeShader:
             power = np.where(share > 0, SIGMA * (1 - share + share * t**4), 0)
             return _times(weight(values) * power, tint(values) * np.maximum(blackbody(t), 0))
 
-        trial = Values(GridValues({grid: np.linspace(0, 1, 5) for grid in self._grids}, self._colours))
+        trial = Values(self._leaves(np.linspace(0, 1, 5)))
         strengths = np.atleast_1d(weight(trial) * intensity(trial))
         if np.ptp(strengths) == 0 and np.all(tint(trial) == 1):
             if strengths[0] > 0:

@@ -25,6 +25,7 @@ class GridFile:
         self.path, self.grids, self.colours = path, grids, colours
         self.index_offset, self.velocity = index_offset, velocity
         self.constants = {}  # colours by name that are the same everywhere
+        self.derived = {}  # (grid, function of its values) by the name of an attribute that is no grid
 
     def stored(self, grid):
         """A grid's name in its file."""
@@ -46,10 +47,9 @@ class GridFile:
         return table
 
 
-def volume_material(thing):
-    """What the volume shader of an object is: a plug; None: it has none."""
-    for slot in thing.material_slots:
-        material = slot.material
+def volume_shader_of(materials):
+    """What the volume shader among materials is: a plug; None: there is none."""
+    for material in materials:
         if material is not None and material.use_nodes:
             shader = output_of(material.node_tree, "Volume")
             if shader is not None:
@@ -104,14 +104,14 @@ def file_of(volume, shutter, scene, frame):
     return GridFile(path, names, colours, offset, velocity)
 
 
-def volume_tables(thing, file, matrices, notes):
+def volume_tables(thing, materials, file, matrices, notes):
     """A table for each medium that a volume's shader makes of its file. @throws LeftOut: none of them could be"""
     if file.grids is None:
         return [file.table(matrices, "")]  # the program says what is wrong with it
-    shader_plug = volume_material(thing)
-    if shader_plug is None:
-        raise LeftOut("it has no volume shader")
-    shader = VolumeShader(shader_plug, thing.name, file.grids, file.colours, notes, file.constants)
+    shader_plug = volume_shader_of(materials)
+    if shader_plug is None and any(material is not None for material in materials):
+        raise LeftOut("its material has no volume shader")
+    shader = VolumeShader(shader_plug, thing.name, file, notes)
     if not thing.visible_camera:
         notes.say(thing.name, "the volume is seen by the camera in brume")
     tables, hosts = [], []  # hosts: (grid, table) that emit nothing yet

@@ -4,24 +4,26 @@ import math
 
 import numpy as np
 
-from . import sky
 from .node_values import UnknownNode, Values
 from .nodes import output_of
 from .pictures import NoPicture, file_of, is_linear, looked_up, pixels_of, write_exr
+from .sky import sky_tables
 from .toml_text import Table
 
 BAKED = (1024, 512)  # of a world that is computed
 LARGEST = (8192, 4096)
 
 
-def environment_table(scene, folder, notes):
+def world_tables(scene, layer, folder, notes):
+    """[environment], and lights that a sky brings. @param layer  the view layer"""
     table = Table("[environment]")
-    world = scene.world
+    world = getattr(layer, "world_override", None) or scene.world  # Blender 4.3
+    world, lights = world if layer.use_sky else None, []
     shader = output_of(world.node_tree, "Surface") if world is not None and world.use_nodes else None
     if world is not None and not world.use_nodes:
         table.set(radiance=world.color)
     elif shader is not None:
-        _Background(world, folder, notes).fill(table, shader)
+        lights = _Background(world, folder, notes).fill(table, shader)
     if world is not None:
         _say_the_rest(world, notes)
     visible = getattr(getattr(world, "cycles_visibility", None), "camera", True)
@@ -29,7 +31,7 @@ def environment_table(scene, folder, notes):
         table.set(visible_to_camera=False)
         if getattr(getattr(scene, "cycles", None), "film_transparent_glass", False) and scene.render.film_transparent:
             notes.say("Film", "transparent glass is left out: the world is seen through glass")
-    return table
+    return [table, *lights]
 
 
 def _say_the_rest(world, notes):
@@ -48,21 +50,22 @@ class _Background:
         self._world, self._folder, self._notes = world, folder, notes
 
     def fill(self, table, shader):
+        """Returns lights."""
         self._look_at_camera_rays(table, shader)
         if shader.node.type == "BACKGROUND":
             colour = shader.input("Color").resolve()
             strength = self._constant(shader.input("Strength"))
             if strength is not None and colour.socket.is_output:
                 if colour.node.type == "TEX_SKY":
-                    return sky.fill(table, colour.node, float(strength), self._world.name, self._notes)
+                    return sky_tables(table, colour.node, float(strength), self._world.name, self._notes)
                 if colour.node.type == "TEX_ENVIRONMENT" and self._picture(table, colour, float(strength)):
-                    return None
+                    return []
         constant = self._constant_radiance(shader)
         if constant is not None:
             table.set(radiance=np.maximum(constant, 0))
         else:
             self._bake(table, shader)
-        return None
+        return []
 
     def _constant(self, plug):
         try:
