@@ -118,7 +118,8 @@ class Layers {
   Plane& add(const std::string& name, float value = 0.0f);
   /// Takes over a plane. @throws std::logic_error when its size is another
   void set(const std::string& name, Plane plane);
-  void remove(const std::string& name) { channels_.erase(name); }
+  /// A channel, or a stored one.
+  void remove(const std::string& name) { channels_.erase(name), stored_.erase(name); }
   const Plane* find(const std::string& name) const;
   Plane* find(const std::string& name);
   /// @throws std::logic_error naming the channel and what is there instead

@@ -133,10 +133,12 @@ Layers Cleaner::clean(Layers frame, bool parts) {
   }
   if (parts) {
     const Stopwatch watch;
+    for (const auto& [name, plane] : frame.stored()) all.set_stored(name, plane);
     clean_parts(filter_, options_of(exposure_, outliers_), all, host_.silent());
     seconds_ += watch.seconds();
   }
   for (const std::string& name : guides) all.remove(name);
+  for (const auto& [name, plane] : frame.stored()) all.remove(name);
   for (const auto& [key, value] : clean.header) all.header[key] = value;
 
   error_ = -1;

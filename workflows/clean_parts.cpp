@@ -43,6 +43,7 @@ Layers frame_of_part(const Layers& frame, const LayerName& part) {
     }
   for (const auto& [name, plane] : frame.channels())
     if (!left_out.contains(name)) own.set(name, view_of(plane));
+  for (const auto& [name, plane] : frame.stored()) own.set_stored(name, plane);
   return own;
 }
 
