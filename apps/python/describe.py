@@ -41,7 +41,8 @@ ARGUMENT_TYPES = {
     "carry": "Iterable[str] | str",
     "guides": "Path | Layers | None",
     "experiment": "Path | Iterable[Path]",
-    "filters": "Mapping[str, Filter | str] | Iterable[Filter | str] | Filter | str | None",
+    # Not Iterable, which a mapping with anything as its values is, too.
+    "filters": "Mapping[str, Filter | str] | Sequence[Filter | str] | Filter | str | None",
     "output": "Path | None",
     "cache": "Path | None",
     "size": "int | None",
@@ -123,7 +124,7 @@ PLACED = "def {name}({arguments}) -> {result}:"
 HEAD = '''"""{summary}"""
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Literal, Union, overload
 
 import numpy as np
@@ -237,7 +238,9 @@ def parameter_of(p):
     name = p["name"].replace("-", "_")
     name += "_" if keyword.iskeyword(name) else ""
     kind = "Literal[{}]".format(", ".join(map(repr, p["choices"]))) if "choices" in p else "float"
-    return name, kind, repr(p["default"])
+    default = p["default"]
+    # Floats are stored in single precision, which has seven digits.
+    return name, kind, repr(float(f"{default:.7g}") if isinstance(default, float) else default)
 
 
 def denoise_stubs(brume):
@@ -254,7 +257,8 @@ def denoise_stubs(brume):
             own += [parameter_of(p) for p in entry["parameters"]] + [("preset", "str", "...")]
         summary = "With the best filter that the frame's layers allow." if entry is None else entry["summary"]
         stubs.append(stub(name, own, result, summary, overload=True))
-    stubs.append(stub(name, with_type(arguments, "output", "None"), result, text, overload=True))
+    # A name that is not known before it runs. Without parameters, or misspelt ones would be taken for those of any filter.
+    stubs.append(stub(name, in_memory, result, text, overload=True))
     lists = with_type(with_type(with_type(arguments, "output", "None"), "layers", "list[Any] | tuple[Any, ...]"),
                       "guides", "list[Any] | tuple[Any, ...] | None")
     stubs.append(stub(name, lists, "list[Layers]", "A sequence in memory.", overload=True))

@@ -285,7 +285,7 @@ class Scaled:
         return self.factor * frame.image()
 
 
-class Fingerprints(unittest.TestCase):
+class Fingerprints(Folder):
     def test_the_same_code_has_the_same_wherever_it_stands(self):
         source = "def f(frame, k=1):\n    return k * frame.image()\n"
         prints = set()
@@ -335,10 +335,43 @@ class Fingerprints(unittest.TestCase):
         is_new(Scaled(3))
         is_new(Scaled(2).method)
         is_new(np.square)
+        # Functions inside of values, whose pickle has their names alone.
+        is_new(closing([helper]))
+        is_new(closing({"first": calls_helper}))
+        is_new(closing(np.vectorize(lambda x: x + 1)))
+        is_new(closing(np.vectorize(lambda x: x + 2)))
+        is_new(closing(functools.lru_cache(lambda x: x + 1)))
+        is_new(closing(functools.lru_cache(lambda x: x + 2)))
+        is_new(closing([Scaled(2).method]))
         is_new(calls_helper)
         SCALE = 3  # what a helper names of its module
         is_new(calls_helper)
         SCALE = 2
+
+    def test_modules_that_are_not_installed_count_by_their_files(self):
+        # stages.py calls what tools/ has; f names stages, or a function of it.
+        def prints(ends):
+            script = f"import brume._fingerprint as p, stages\nfrom stages import twice\nFUNCTION = [twice]\n" + "".join(
+                f"print(p.fingerprint(lambda frame: {end}))\n" for end in ends)
+            (self.folder / "main.py").write_text(script)
+            return subprocess.run([sys.executable, self.folder / "main.py"], capture_output=True, text=True, check=True,
+                                  env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}).stdout.splitlines()
+
+        (self.folder / "tools").mkdir()
+        tools = self.folder / "tools/inner.py"
+        tools.write_text("FACTOR = 2\n")
+        stages = self.folder / "stages.py"
+        stages.write_text("from tools import inner\ndef twice(x):\n    return inner.FACTOR * x\n")
+        ends = ("stages.twice(frame)", "twice(frame)", "FUNCTION[0](frame)")
+        first = prints(ends)
+        self.assertEqual(prints(ends), first)
+        self.assertEqual(len(set(first)), 3)
+        for file, text in ((tools, "FACTOR = 3\n"), (stages, stages.read_text().replace("*", "+"))):
+            file.write_text(text)
+            later = prints(ends)
+            for before, after in zip(first, later):
+                self.assertNotEqual(before, after, file)
+            first = later
 
     def test_attributes_are_no_values_of_the_module(self):
         scope = {"image": threading.Lock()}

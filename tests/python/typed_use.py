@@ -68,13 +68,19 @@ noisy.header = {"owner": "me"}
 noisy.width = 3  # type: ignore[misc]
 
 assert_type(brume.denoise(noisy), brume.Layers)
-assert_type(brume.denoise(image, "gaussian", sigma_=1), brume.Layers)
+assert_type(brume.denoise(image, "gaussian", sigma=1), brume.Layers)
 assert_type(brume.denoise(noisy, "nl_means", search_radius=7, guides=noisy), brume.Layers)
 assert_type(brume.denoise({"R": image[:, :, 0]}, "nfor", preset="guides"), brume.Layers)
 assert_type(brume.denoise("noisy.exr"), brume.Layers)
 assert_type(brume.denoise([noisy, noisy], "transport_regression", guides=["a.exr", "b.exr"]), list[brume.Layers])
 assert_type(brume.denoise("other.exr", output="clean.exr", suffix="_clean", samples=16), dict[str, list[int]] | None)
 assert_type(brume.denoise(path, "bilateral", output=path, frame_numbers="1-4", radius=3), dict[str, list[int]] | None)
+assert_type(brume.denoise(noisy, brume.filters()[0]["name"]), brume.Layers)
+assert_type(brume.denoise(noisy, "welch", lambda_=0.5), brume.Layers)
+brume.denoise(noisy, "nl_means", serch_radius=7)  # type: ignore[call-overload]
+brume.denoise(noisy, "nl_means", sigma=7)  # type: ignore[call-overload]
+brume.denoise(noisy, "nl_means", buffers="three")  # type: ignore[call-overload]
+brume.denoise(noisy, radius=7)  # type: ignore[call-overload]
 brume.denoise(noisy, tile="large")  # type: ignore[call-overload]
 brume.denoise(3)  # type: ignore[call-overload]
 

@@ -3,8 +3,11 @@
 import dis
 import functools
 import hashlib
+import io
+import pathlib
 import pickle
 import sys
+import sysconfig
 import types
 
 
@@ -13,15 +16,19 @@ def fingerprint(function):
 
     Made from its `cache_key`, where it has that attribute. Otherwise from its bytecode, constants and defaults, the values
     that it closes over, and what it names of its module: functions and classes by their own code, other values by their
-    pickle, modules by name and version. Functions of other packages count by name and version. Raises ValueError for a
-    value that cannot be pickled.
+    pickle, modules by their files. What is installed counts by name and version. Raises ValueError for a value that
+    cannot be pickled.
     """
     key = getattr(function, "cache_key", None)
     if key is not None:
         return f"key {key!r}"
     parts = []
     _Walk(parts, _top(function)).value("it", function)
-    return "code " + hashlib.sha256("\n".join(parts).encode("utf-8", "surrogateescape")).hexdigest()
+    return "code " + _hash("\n".join(parts).encode("utf-8", "surrogateescape"))
+
+
+def _hash(content):
+    return hashlib.sha256(content).hexdigest()
 
 
 def _top(thing):
@@ -29,11 +36,49 @@ def _top(thing):
     return (getattr(thing, "__module__", None) or type(thing).__module__ or "").partition(".")[0]
 
 
+def _module_of(thing):
+    return sys.modules.get(str(getattr(thing, "__module__", None)))
+
+
+_INSTALLED = [pathlib.Path(sysconfig.get_path(which)).resolve() for which in ("stdlib", "platstdlib", "purelib", "platlib")]
+
+
+def _source(module):
+    """The file of a module that somebody works on; None for one that is installed, built in or of no file."""
+    file = getattr(module, "__file__", None)
+    if file is None or module.__name__.partition(".")[0] == __package__:
+        return None
+    path = pathlib.Path(file).resolve()
+    if {"site-packages", "dist-packages"} & set(path.parts) or any(path.is_relative_to(folder) for folder in _INSTALLED):
+        return None
+    return path if path.is_file() else None
+
+
+class _Pickler(pickle.Pickler):
+    """Looks into functions, classes and modules inside of a value, of which a pickle has the names alone."""
+
+    def __init__(self, file, walk, name):
+        super().__init__(file, 4)
+        self.walk, self.name = walk, name
+
+    def persistent_id(self, thing):
+        if isinstance(thing, (types.ModuleType, functools._lru_cache_wrapper)) or (
+            isinstance(thing, (types.FunctionType, type)) and self.walk.is_own(thing)
+        ):
+            self.walk.value(f"a part of {self.name}", thing)
+            return thing.__name__
+        return None
+
+
 class _Walk:
     def __init__(self, parts, own):
         self.parts = parts
         self.own = own  # the package whose code is looked into
         self.seen = {}  # what was looked into, which also keeps it alive
+
+    def is_own(self, thing):
+        """Whether the code of a function or class is looked into: that of its package, and all that is not installed."""
+        return _top(thing) == self.own or _source(_module_of(thing)) is not None
 
     def add(self, *words):
         self.parts.append(" ".join(map(str, words)))
@@ -43,10 +88,12 @@ class _Walk:
         if id(value) in self.seen:
             return self.add("again", list(self.seen).index(id(value)))
         if isinstance(value, types.ModuleType):
-            return self.add("module", value.__name__, getattr(value, "__version__", ""))
+            return self.module(value)
         if isinstance(value, types.MethodType):
             self.value(name, value.__func__)
             return self.value(f"the object of {name}", value.__self__)
+        if isinstance(value, functools._lru_cache_wrapper):
+            return self.value(name, value.__wrapped__)
         if isinstance(value, functools.partial):
             for i, part in enumerate((value.func, *value.args)):
                 self.value(f"argument {i} of {name}" if i else name, part)
@@ -55,20 +102,33 @@ class _Walk:
                 self.value(f"argument {key} of {name}", part)
             return None
         if isinstance(value, (types.FunctionType, type)):
-            if _top(value) != self.own:
+            if not self.is_own(value):
                 module = sys.modules.get(_top(value))
                 return self.add("of", value.__module__, value.__qualname__, getattr(module, "__version__", ""))
             self.seen[id(value)] = value
             return self.function(value) if isinstance(value, types.FunctionType) else self.type(value)
         if isinstance(value, (set, frozenset)):
             return self.add("set", sorted(map(repr, value)))
-        if type(value).__module__ != "builtins" and _top(type(value)) == self.own:
-            self.value(f"the class of {name}", type(value))
+        pickled = io.BytesIO()
         try:
-            self.add("value", hashlib.sha256(pickle.dumps(value, 4)).hexdigest())
+            _Pickler(pickled, self, name).dump(value)
         except Exception as error:  # pickle raises what it meets
             raise ValueError(f"{name} is a {type(value).__name__}, which cannot be pickled ({error})") from None
-        return None
+        return self.add("value", _hash(pickled.getvalue()))
+
+    def module(self, module):
+        """By its file, and those of what it imports of its kind."""
+        path = _source(module)
+        self.add("module", module.__name__, getattr(module, "__version__", "") if path is None else _hash(path.read_bytes()))
+        if path is None:
+            return
+        self.seen[id(module)] = module
+        for key, member in sorted(vars(module).items()):
+            if isinstance(member, (types.FunctionType, type)):
+                member = _module_of(member)
+            if isinstance(member, types.ModuleType) and _source(member) is not None and id(member) not in self.seen:
+                self.add("imports", key)
+                self.module(member)
 
     def type(self, cls):
         self.add("class", cls.__qualname__)
@@ -107,6 +167,7 @@ class _Walk:
 
     def code(self, code):
         self.add("bytecode", code.co_code.hex(), code.co_argcount, code.co_kwonlyargcount, code.co_flags)
+        self.add("handlers", getattr(code, "co_exceptiontable", b"").hex())
         self.add("names", code.co_names, code.co_varnames, code.co_freevars)
         for constant in code.co_consts:
             if isinstance(constant, types.CodeType):
