@@ -20,7 +20,7 @@ from .meshes import MESH_LIKE
 from .motion import motion_of
 from .notes import CannotTranslate, LeftOut, Notes
 from .surfaces import Surfaces
-from .toml_text import Table
+from .toml_text import Table, toml_text
 from .volumes import file_of, volume_tables
 from .world import world_tables
 
@@ -69,15 +69,15 @@ class _Translator:
         self._motion = motion_of(self._depsgraph, self._scene, self._frame, self._set_frame, size, self._notes)
         self._layer = self._view_layer()
         self._surfaces = Surfaces(self._folder, self._notes, self._layer)
-        camera = camera_of(self._depsgraph, self._scene)
+        self._camera = camera_of(self._depsgraph, self._scene)
         head = [
             Table("[render]").set(frame=max(self._frame, 0)),
-            camera_table(self._depsgraph, camera, self._motion, *size, self._notes),
+            camera_table(self._depsgraph, self._camera, self._motion, *size, self._notes),
             film_table(self._scene, self._width, self._height, self._notes),
             *world_tables(self._scene, self._layer, self._folder, self._notes),
         ]
         tables = self._objects()
-        text = "\n".join(["\n".join(self._comment()), f"name = {_quoted(self._scene.name)}\n", *(t.text() for t in head + tables)])
+        text = "\n".join(["\n".join(self._comment()), f"name = {toml_text(self._scene.name)}\n", *(t.text() for t in head + tables)])
         return Translation(
             text,
             self._notes.lines(),
@@ -91,18 +91,16 @@ class _Translator:
         return self._scene.view_layers.get(layer.name, layer)
 
     def _comment(self):
-        source = bpy.path.basename(bpy.data.filepath) or "A scene"
+        source = " ".join(bpy.path.basename(bpy.data.filepath).split()) or "A scene"
         lines = [f"# {source} of Blender {bpy.app.version_string}, frame {self._frame}."]
         return lines + ["# Left out: " + note.replace("\n", " ") for note in self._notes.lines()]
 
     def _objects(self):
         tables = []
-        camera = camera_of(self._depsgraph, self._scene)
         for instance in self._depsgraph.object_instances:
             if not instance.show_self or instance.object.hide_render:
                 continue
             thing = instance.object
-            say_clipped(camera, thing, instance.matrix_world, self._notes)
             try:
                 tables += self._object(instance, thing)
             except LeftOut as reason:
@@ -130,9 +128,12 @@ class _Translator:
         if kind == "VOLUME":
             shutter = self._motion and self._motion.shutter
             file = file_of(thing.data, shutter, self._scene, self._frame)
+            if file.grids is not None:
+                say_clipped(self._camera, thing.name, file.corners, instance.matrix_world, self._notes)
             return volume_tables(thing, self._materials(thing), file, matrices, self._notes)
         if kind in MESH_LIKE:
             self._say_particles(thing)
+            say_clipped(self._camera, thing.name, thing.bound_box, instance.matrix_world, self._notes)
             domain = domain_of(thing)
             if domain is not None:
                 return domain_tables(
@@ -146,7 +147,3 @@ class _Translator:
     def _say_particles(self, thing):
         if any(system.settings.type == "HAIR" and system.settings.render_type == "PATH" for system in thing.particle_systems):
             self._notes.say(thing.name, "its hair is left out")
-
-
-def _quoted(text):
-    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'

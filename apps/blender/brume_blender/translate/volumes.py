@@ -20,10 +20,11 @@ COLOUR_TYPES = ("vec3s", "vec3d", "vec3i")
 class GridFile:
     """A VDB file, and how it lies in the world."""
 
-    def __init__(self, path, grids, colours=(), index_offset=0.0, velocity=None):
-        """@param velocity  (grid, world units of the file per frame for one unit of it), or None"""
+    def __init__(self, path, grids, colours=(), index_offset=0.0, velocity=None, corners=()):
+        """@param velocity  (grid, world units of the file per frame for one unit of it), or None
+        @param corners  of the boxes around its grids of numbers, in the file's space"""
         self.path, self.grids, self.colours = path, grids, colours
-        self.index_offset, self.velocity = index_offset, velocity
+        self.index_offset, self.velocity, self.corners = index_offset, velocity, corners
         self.constants = {}  # colours by name that are the same everywhere
         self.derived = {}  # (grid, function of its values) by the name of an attribute that is no grid
 
@@ -87,8 +88,10 @@ def _frame_of_sequence(volume, frame):
 def file_of(volume, shutter, scene, frame):
     """The GridFile of a Volume's data; one that cannot be read has no grids: None. @throws LeftOut"""
     path = path_of(volume, frame)
+    if not os.path.isfile(path):
+        raise LeftOut(f"its file {path} is not there")
     try:
-        grids = vdb_header.grids(path)
+        grids, boxes = vdb_header.grids(path), vdb_header.boxes(path)
     except (vdb_header.NotVdb, OSError):
         return GridFile(path, None)
     names = [name for name, kind in grids.items() if kind not in COLOUR_TYPES]
@@ -101,7 +104,8 @@ def file_of(volume, shutter, scene, frame):
         frames = scene.render.fps / scene.render.fps_base if by_second else shutter[1] - shutter[0]
         velocity = (moving, volume.velocity_scale / frames)
     offset = 0.5 if bpy.app.version < HALF_VOXEL_BEFORE else 0.0
-    return GridFile(path, names, colours, offset, velocity)
+    corners = [corner for name in names for corner in boxes.get(name, [])]
+    return GridFile(path, names, colours, offset, velocity, corners)
 
 
 def volume_tables(thing, materials, file, matrices, notes):
