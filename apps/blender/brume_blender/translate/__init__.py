@@ -19,6 +19,7 @@ from .lights import light_table
 from .meshes import MESH_LIKE
 from .motion import motion_of
 from .notes import CannotTranslate, LeftOut, Notes
+from .placement import matrices_of
 from .surfaces import Surfaces
 from .toml_text import Table, toml_text
 from .volumes import file_of, volume_tables
@@ -116,33 +117,35 @@ class _Translator:
         kind = thing.type
         if not (self._layer.use_volumes if kind == "VOLUME" else self._layer.use_solid or kind not in MESH_LIKE):
             return []
-        matrices = (instance.matrix_world.copy(), None)
-        if self._motion is not None:
-            matrices = self._motion.matrices(instance) or matrices
-            if self._motion.deforms(thing):
-                self._notes.say(thing.name, "its deformation is left out of the motion blur")
         if kind == "LIGHT":
-            if matrices[1] is not None:
+            if self._motion is not None and self._motion.matrices(instance):
                 self._notes.say(thing.name, "the light stands still while the shutter is open")
             return [light_table(instance, self._notes)]
-        if kind == "VOLUME":
+        if kind == "VOLUME" or kind in MESH_LIKE:
+            return self._placed(instance, thing)
+        if kind not in UNSEEN:
+            self._notes.say(thing.name, f"the {kind.lower().replace('_', ' ')} is left out")
+        return []
+
+    def _placed(self, instance, thing):
+        """Of a volume, or of an object with faces."""
+        matrices = matrices_of(instance, self._motion, self._notes)
+        if matrices is None:
+            return []
+        if self._motion is not None and self._motion.deforms(thing):
+            self._notes.say(thing.name, "its deformation is left out of the motion blur")
+        if thing.type == "VOLUME":
             shutter = self._motion and self._motion.shutter
             file = file_of(thing.data, shutter, self._scene, self._frame)
             if file.grids is not None:
                 say_clipped(self._camera, thing.name, file.corners, instance.matrix_world, self._notes)
             return volume_tables(thing, self._materials(thing), file, matrices, self._notes)
-        if kind in MESH_LIKE:
-            self._say_particles(thing)
-            say_clipped(self._camera, thing.name, thing.bound_box, instance.matrix_world, self._notes)
-            domain = domain_of(thing)
-            if domain is not None:
-                return domain_tables(
-                    thing, self._materials(thing), domain, self._frame, matrices, self._motion, self._scene, self._notes
-                )
-            return self._surfaces.tables(thing, self._materials(thing), matrices)
-        if kind not in UNSEEN:
-            self._notes.say(thing.name, f"the {kind.lower().replace('_', ' ')} is left out")
-        return []
+        self._say_particles(thing)
+        say_clipped(self._camera, thing.name, thing.bound_box, instance.matrix_world, self._notes)
+        domain = domain_of(thing)
+        if domain is not None:
+            return domain_tables(thing, self._materials(thing), domain, self._frame, matrices, self._motion, self._scene, self._notes)
+        return self._surfaces.tables(thing, self._materials(thing), matrices)
 
     def _say_particles(self, thing):
         if any(system.settings.type == "HAIR" and system.settings.render_type == "PATH" for system in thing.particle_systems):

@@ -115,6 +115,8 @@ def volume_tables(thing, materials, file, matrices, notes):
     shader_plug = volume_shader_of(materials)
     if shader_plug is None and any(material is not None for material in materials):
         raise LeftOut("its material has no volume shader")
+    if shader_plug is None and "density" not in file.grids:
+        raise LeftOut(f"it has no material, and its file no grid 'density'; it has: {', '.join(file.grids) or 'none'}")
     shader = VolumeShader(shader_plug, thing.name, file, notes)
     if not thing.visible_camera:
         notes.say(thing.name, "the volume is seen by the camera in brume")
