@@ -30,6 +30,8 @@ __all__ = ["CannotTranslate", "Translation", "translate"]
 # What is never seen: cameras, helpers.
 UNSEEN = ("CAMERA", "EMPTY", "ARMATURE", "LATTICE", "LIGHT_PROBE", "SPEAKER")
 
+LACKING = {"GPENCIL": "grease pencil", "GREASEPENCIL": "grease pencil", "CURVES": "hair curves", "POINTCLOUD": "point clouds"}
+
 
 @dataclass
 class Translation:
@@ -75,7 +77,7 @@ class _Translator:
             Table("[render]").set(frame=max(self._frame, 0)),
             camera_table(self._depsgraph, self._camera, self._motion, *size, self._notes),
             film_table(self._scene, self._width, self._height, self._notes),
-            *world_tables(self._scene, self._layer, self._folder, self._notes),
+            *self._world(),
         ]
         tables = self._objects()
         text = "\n".join(["\n".join(self._comment()), f"name = {toml_text(self._scene.name)}\n", *(t.text() for t in head + tables)])
@@ -86,6 +88,13 @@ class _Translator:
             self._surfaces.any_catcher,
             sum(table.header == "[[volumes]]" for table in tables),
         )
+
+    def _world(self):
+        try:
+            return world_tables(self._scene, self._layer, self._folder, self._notes)
+        except LeftOut as reason:
+            self._notes.say(self._scene.world.name, f"the world is left out: {reason}")
+            return [Table("[environment]")]
 
     def _view_layer(self):
         layer = self._depsgraph.view_layer
@@ -124,7 +133,7 @@ class _Translator:
         if kind == "VOLUME" or kind in MESH_LIKE:
             return self._placed(instance, thing)
         if kind not in UNSEEN:
-            self._notes.say(thing.name, f"the {kind.lower().replace('_', ' ')} is left out")
+            self._notes.say(thing.name, f"is left out: brume has no {LACKING.get(kind, kind.lower().replace('_', ' '))}")
         return []
 
     def _placed(self, instance, thing):

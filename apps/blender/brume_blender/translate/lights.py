@@ -23,11 +23,15 @@ def light_table(instance, notes):
     cycles = getattr(light, "cycles", None)
     if light.type == "AREA" and getattr(cycles, "is_portal", False):
         raise LeftOut("the light is a portal, which brume needs none of")
-    colour = Vector(light.color) * light.energy
+    colour = Vector(light.color) * light.energy * 2 ** getattr(light, "exposure", 0)
+    if getattr(light, "use_temperature", False):  # Blender 4.5
+        colour = Vector(c * f for c, f in zip(colour, light.temperature_color))
+    if not getattr(light, "normalize", True):  # Blender 5
+        notes.say(name, "its power is that of all of it, not of its unit of area")
     colour = Vector(c * f for c, f in zip(colour, _emitted(light, name, notes)))
     if min(colour) < 0:
         raise LeftOut("a light of negative strength")
-    if not getattr(cycles, "cast_shadow", True):
+    if not getattr(cycles, "cast_shadow", light.use_shadow):  # the light's own since Blender 4.2
         notes.say(name, "its light casts shadows in brume")
     _say_visibility(thing, notes)
     matrix = instance.matrix_world

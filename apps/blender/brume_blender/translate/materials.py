@@ -132,7 +132,8 @@ class _Shader:
             bsdf.roughness = 0.0
         elif node.distribution not in ("GGX",) and bsdf.roughness > LEAST:
             bsdf.told.append(f"has a distribution {node.distribution}; single scattering of GGX is taken")
-        if node.type == "BSDF_ANISOTROPIC" and abs(self.number(plug.input("Anisotropy"))) > LEAST:
+        # A node of its own before Blender 4, then an input of Glossy BSDF.
+        if any(p.socket.name == "Anisotropy" and abs(self.number(p)) > LEAST for p in plug.inputs()):
             bsdf.told.append("is anisotropic, which is left out")
         self._bsdfs.append(bsdf)
 
