@@ -59,9 +59,14 @@ class Volumes(unittest.TestCase):
         bpy.context.scene.camera.data.clip_end = 5
         self.assertIn("Smoke: is seen beyond 5, where Blender's camera clips", "\n".join(self._translated().notes))
 
-    def test_a_file_that_is_not_there_is_said_and_left_out(self):
-        path = os.path.join(self._folder.name, "gone.vdb")
+    def test_a_missing_file_is_an_error_and_one_of_a_sequence_is_left_out(self):
+        path = os.path.join(self._folder.name, "gone_001.vdb")
         scenes.smoke_scene(width=16, height=12, path=path)
+        with self.assertRaises(RuntimeError) as raised:
+            scenes.render(os.path.join(self._folder.name, "a.exr"))
+        self.assertIn(f"Smoke: its file {path} is not there", str(raised.exception))
+        volume = bpy.data.volumes[0]
+        volume.is_sequence, volume.frame_duration = True, 1
         translation = self._translated()
         self.assertEqual(translation.notes, [f"Smoke: the volume is left out: its file {path} is not there"])
         self.assertEqual(translation.volumes, 0)

@@ -51,7 +51,7 @@ def translate(depsgraph, scene, folder, *, frame=None, width=None, height=None, 
     @param set_frame  function of (frame, subframe) that evaluates the depsgraph at another time, as RenderEngine.frame_set
                       and Scene.frame_set do: for motion blur, which is left out without it
     @param scene_folder  where the scene file is to lie, at which its names of files start; `folder` unless given
-    @throws CannotTranslate: there is no camera, or one of which brume has no counterpart
+    @throws CannotTranslate: there is no camera, or one of which brume has no counterpart; a volume's file is not there
     """
     return _Translator(depsgraph, scene, Folder(folder, scene_folder), frame, (width, height), set_frame).run()
 
@@ -145,7 +145,7 @@ class _Translator:
             self._notes.say(thing.name, "its deformation is left out of the motion blur")
         if thing.type == "VOLUME":
             shutter = self._motion and self._motion.shutter
-            file = file_of(thing.data, shutter, self._scene, self._frame)
+            file = file_of(thing, shutter, self._scene, self._frame)
             if file.grids is not None:
                 say_clipped(self._camera, thing.name, file.corners, instance.matrix_world, self._notes)
             return volume_tables(thing, self._materials(thing), file, matrices, self._notes)

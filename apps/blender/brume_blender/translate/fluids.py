@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix, Vector
 
-from .nodes import output_of
+from .nodes import output_of, tree_of
 from .notes import LeftOut
 from .toml_text import Table
 from .vdb_header import NotVdb, voxel_sizes
@@ -114,6 +114,6 @@ def _temperature(ignition, hottest):
 def domain_tables(thing, materials, settings, frame, matrices, motion, scene, notes):
     """@throws LeftOut"""
     cache = FluidCache(thing, settings, frame, motion and motion.shutter, scene, notes)
-    if any(m is not None and m.use_nodes and output_of(m.node_tree, "Surface") is not None for m in materials):
+    if any(m is not None and output_of(tree_of(m), "Surface") is not None for m in materials):
         notes.say(thing.name, "the surface of the fluid's domain is left out")
     return volume_tables(thing, materials, cache, matrices, notes)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .node_values import UnknownNode, Values
-from .nodes import output_of
+from .nodes import output_of, tree_of
 
 LEAST = 1e-3  # what weighs less, or emits less, is nothing
 
@@ -38,7 +38,7 @@ def surface_of(material, notes):
     """@param material  None: Blender's default"""
     if material is None:
         return Surface(Bsdf("diffuse", 1, [0.8] * 3), np.zeros(3))
-    if not material.use_nodes:
+    if tree_of(material) is None:
         return Surface(Bsdf("diffuse", 1, list(material.diffuse_color[:3])), np.zeros(3))
     shader = output_of(material.node_tree, "Surface")
     if output_of(material.node_tree, "Displacement") is not None:

@@ -70,6 +70,11 @@ def _same(sockets, socket, groups):
     return None
 
 
+def tree_of(block):
+    """The node tree that shades a material, world or light; None: none does. Since Blender 5 all of them use nodes."""
+    return block.node_tree if block.use_nodes else None
+
+
 def output_of(tree, socket):
     """What is plugged into the active output node of a material, world or light; None: nothing is.
     @param socket  'Surface', 'Volume' or 'Displacement'"""

@@ -6,8 +6,8 @@ import re
 import bpy
 
 from . import vdb_header
-from .nodes import output_of
-from .notes import LeftOut
+from .nodes import output_of, tree_of
+from .notes import CannotTranslate, LeftOut
 from .toml_text import Table
 from .volume_parts import glows, media, set_medium
 from .volume_shaders import VolumeShader
@@ -51,8 +51,8 @@ class GridFile:
 def volume_shader_of(materials):
     """What the volume shader among materials is: a plug; None: there is none."""
     for material in materials:
-        if material is not None and material.use_nodes:
-            shader = output_of(material.node_tree, "Volume")
+        if material is not None:
+            shader = output_of(tree_of(material), "Volume")
             if shader is not None:
                 return shader
     return None
@@ -85,11 +85,14 @@ def _frame_of_sequence(volume, frame):
     return frame + volume.frame_offset
 
 
-def file_of(volume, shutter, scene, frame):
-    """The GridFile of a Volume's data; one that cannot be read has no grids: None. @throws LeftOut"""
+def file_of(thing, shutter, scene, frame):
+    """The GridFile of a Volume object; one that cannot be read has no grids: None. @throws LeftOut, CannotTranslate"""
+    volume = thing.data
     path = path_of(volume, frame)
     if not os.path.isfile(path):
-        raise LeftOut(f"its file {path} is not there")
+        if volume.is_sequence:  # which Blender shows as nothing
+            raise LeftOut(f"its file {path} is not there")
+        raise CannotTranslate(f"{thing.name}: its file {path} is not there")
     try:
         grids, boxes = vdb_header.grids(path), vdb_header.boxes(path)
     except (vdb_header.NotVdb, OSError):
