@@ -10,7 +10,7 @@ import numpy as np
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import addon_scene as scenes  # noqa: E402
-from brume_blender.translate import translate, vdb_header, volumes  # noqa: E402
+from brume_blender.translate import CannotTranslate, translate, vdb_header, volumes  # noqa: E402
 from brume_blender.translate.notes import LeftOut  # noqa: E402
 
 TYPES = {"float": "FLOAT", "vec3s": "VECTOR_FLOAT"}
@@ -65,6 +65,9 @@ class Volumes(unittest.TestCase):
         with self.assertRaises(RuntimeError) as raised:
             scenes.render(os.path.join(self._folder.name, "a.exr"))
         self.assertIn(f"Smoke: its file {path} is not there", str(raised.exception))
+        with self.assertRaises(CannotTranslate):
+            self._translated()
+        self.assertEqual(os.listdir(self._folder.name), [], "the floor's mesh has gone")
         volume = bpy.data.volumes[0]
         volume.is_sequence, volume.frame_duration = True, 1
         translation = self._translated()

@@ -53,7 +53,12 @@ def translate(depsgraph, scene, folder, *, frame=None, width=None, height=None, 
     @param scene_folder  where the scene file is to lie, at which its names of files start; `folder` unless given
     @throws CannotTranslate: there is no camera, or one of which brume has no counterpart; a volume's file is not there
     """
-    return _Translator(depsgraph, scene, Folder(folder, scene_folder), frame, (width, height), set_frame).run()
+    files = Folder(folder, scene_folder)
+    try:
+        return _Translator(depsgraph, scene, files, frame, (width, height), set_frame).run()
+    except CannotTranslate:
+        files.remove()
+        raise
 
 
 class _Translator:
