@@ -74,6 +74,7 @@ def world():
 def plume():
     volume = bpy.data.volumes.new("Plume")
     volume.filepath = os.path.normpath(SMOKE)
+    volume.render.space = "WORLD"  # the density does not change with the scale
     smoke = material("Smoke", "ShaderNodeVolumePrincipled", "Volume", Density=22.0, Color=(0.72, 0.72, 0.74, 1), Anisotropy=0.3)
     smoke.node_tree.nodes["Principled Volume"].inputs["Density Attribute"].default_value = SMOKE_GRID
     volume.materials.append(smoke)

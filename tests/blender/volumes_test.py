@@ -1,6 +1,7 @@
 """Files of Volume objects as the translation reads them, against Blender's own reading. Runs inside Blender."""
 
 import os
+import re
 import shutil
 import sys
 import unittest
@@ -58,6 +59,19 @@ class Volumes(unittest.TestCase):
         self.assertEqual(translation.notes, [])
         bpy.context.scene.camera.data.clip_end = 5
         self.assertIn("Smoke: is seen beyond 5, where Blender's camera clips", "\n".join(self._translated().notes))
+
+    def test_a_scaled_volume_is_as_dense_as_its_space_says(self):
+        scenes.smoke_scene(floor=False)
+        smoke, sigma = bpy.data.objects["Smoke"], {}
+        for space, scale in (("OBJECT", (1, 1, 1)), ("OBJECT", (2, 2, 2)), ("OBJECT", (1, 1, 3)), ("WORLD", (1, 1, 3))):
+            smoke.scale, smoke.data.render.space = scale, space
+            bpy.context.view_layer.update()
+            found = re.search(r"sigma_s = \[([^,]+),", self._translated().text)
+            sigma[space, scale] = float(found[1])
+        plain = sigma["OBJECT", (1, 1, 1)]
+        self.assertAlmostEqual(sigma["OBJECT", (2, 2, 2)] / plain, 0.5, 5)
+        self.assertAlmostEqual(sigma["OBJECT", (1, 1, 3)] / plain, (3 / 11) ** 0.5, 5, "as Cycles 3.4 renders it")
+        self.assertAlmostEqual(sigma["WORLD", (1, 1, 3)] / plain, 1, 6)
 
     def test_a_missing_file_is_an_error_and_one_of_a_sequence_is_left_out(self):
         path = os.path.join(self._folder.name, "gone_001.vdb")

@@ -150,7 +150,7 @@ class _Translator:
             self._notes.say(thing.name, "its deformation is left out of the motion blur")
         if thing.type == "VOLUME":
             shutter = self._motion and self._motion.shutter
-            file = file_of(thing, shutter, self._scene, self._frame)
+            file = file_of(thing, instance.matrix_world, shutter, self._scene, self._frame)
             if file.grids is not None:
                 say_clipped(self._camera, thing.name, file.corners, instance.matrix_world, self._notes)
             return volume_tables(thing, self._materials(thing), file, matrices, self._notes)

@@ -29,7 +29,7 @@ def domain_of(thing):
 class FluidCache:
     """The files of a domain's cache at one frame, as volume_tables reads a VDB file."""
 
-    colours = ()
+    colours, factor = (), 1.0
 
     def __init__(self, thing, settings, frame, shutter, scene, notes):
         if settings.cache_data_format != "OPENVDB":

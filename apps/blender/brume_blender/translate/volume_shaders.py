@@ -81,11 +81,12 @@ class VolumeShader:
             (source.grids, source.colours, source.constants, source.derived) if source is not None else ([], [], {}, {})
         )
         self.closures = []
+        factor = source.factor if source is not None else 1.0
         if plug is not None:
-            self._collect(plug.resolve(), lambda values: 1.0)
+            self._collect(plug.resolve(), lambda values: factor)
             return
-        self._add("scatter", lambda _, leaves: _times(leaves.value("density"), np.full(3, 0.5)))
-        self._add("absorption", lambda _, leaves: _times(leaves.value("density"), np.full(3, 0.5)))
+        self._add("scatter", lambda _, leaves: _times(leaves.value("density"), np.full(3, 0.5 * factor)))
+        self._add("absorption", lambda _, leaves: _times(leaves.value("density"), np.full(3, 0.5 * factor)))
 
     def used(self, closure):
         """The grids that a coefficient depends on."""

@@ -4,6 +4,7 @@ import os
 import re
 
 import bpy
+import numpy as np
 
 from . import vdb_header
 from .nodes import output_of, tree_of
@@ -20,11 +21,13 @@ COLOUR_TYPES = ("vec3s", "vec3d", "vec3i")
 class GridFile:
     """A VDB file, and how it lies in the world."""
 
-    def __init__(self, path, grids, colours=(), index_offset=0.0, velocity=None, corners=()):
+    def __init__(self, path, grids, colours=(), index_offset=0.0, velocity=None, corners=(), factor=1.0):
         """@param velocity  (grid, world units of the file per frame for one unit of it), or None
-        @param corners  of the boxes around its grids of numbers, in the file's space"""
+        @param corners  of the boxes around its grids of numbers, in the file's space
+        @param factor  on all that its shader computes"""
         self.path, self.grids, self.colours = path, grids, colours
-        self.index_offset, self.velocity, self.corners = index_offset, velocity, corners
+        self.index_offset, self.velocity = index_offset, velocity
+        self.corners, self.factor = corners, factor
         self.constants = {}  # colours by name that are the same everywhere
         self.derived = {}  # (grid, function of its values) by the name of an attribute that is no grid
 
@@ -85,8 +88,15 @@ def _frame_of_sequence(volume, frame):
     return frame + volume.frame_offset
 
 
-def file_of(thing, shutter, scene, frame):
-    """The GridFile of a Volume object; one that cannot be read has no grids: None. @throws LeftOut, CannotTranslate"""
+def _factor(volume, matrix):
+    """By which Cycles thins a volume that is scaled, so that it stays as dense to look through."""
+    if volume.render.space != "OBJECT":
+        return 1.0
+    return 1 / max(np.linalg.norm(np.array(matrix.to_3x3()) @ np.full(3, 3**-0.5)), 1e-9)
+
+
+def file_of(thing, matrix, shutter, scene, frame):
+    """The GridFile of a Volume object that lies so in the world; one that cannot be read has no grids: None. @throws LeftOut, CannotTranslate"""
     volume = thing.data
     path = path_of(volume, frame)
     if not os.path.isfile(path):
@@ -108,7 +118,7 @@ def file_of(thing, shutter, scene, frame):
         velocity = (moving, volume.velocity_scale / frames)
     offset = 0.5 if bpy.app.version < HALF_VOXEL_BEFORE else 0.0
     corners = [corner for name in names for corner in boxes.get(name, [])]
-    return GridFile(path, names, colours, offset, velocity, corners)
+    return GridFile(path, names, colours, offset, velocity, corners, _factor(volume, matrix))
 
 
 def volume_tables(thing, materials, file, matrices, notes):
