@@ -1,6 +1,6 @@
 #!/usr/bin/python3
 """F12 with brume, clean, against Cycles on an artist's scene (bench/f12_scene.py): how long Cycles takes to reach the error
-that brume's clean picture has. Needs Blender, NumPy and a built brume; ends with a table and f12.png.
+that brume's clean picture has. Needs Blender, NumPy and a built brume; ends with a table.
 
     bench/f12.py FOLDER [--percent 50] [--samples 4,16] [--cycles 16,64] [--reference 512]
 

@@ -41,12 +41,13 @@ def material(name, kind, socket="Surface", **inputs):
 
 
 def sky_picture(width=512, height=256):
-    """A clear evening: blue above, warm at the horizon, a soft sun, a dark ground."""
+    """A clear evening: blue above, warm at the horizon, a soft sun, a ground that darkens downwards."""
     v, u = np.mgrid[0:height, 0:width]
     up = np.sin((v + 0.5) / height * math.pi - math.pi / 2)[..., None]  # rows of Blender's images go from the bottom
     around = ((u + 0.5) / width * 2 - 1)[..., None] * math.pi
-    sky = np.array([0.16, 0.26, 0.48]) + (np.array([0.65, 0.45, 0.3]) - np.array([0.16, 0.26, 0.48])) * np.exp(-5 * np.abs(up))
-    colour = np.where(up > 0, sky, np.array([0.12, 0.1, 0.09]))
+    high, low = np.array([0.02, 0.09, 0.36]), np.array([1.3, 0.5, 0.2])
+    sky = high + (low - high) * np.exp(-9 * np.abs(up))
+    colour = np.where(up > 0, sky, low * (0.3 + 0.7 * np.exp(8 * up)))
     sun = np.array([math.cos(0.45) * math.cos(2.4), math.cos(0.45) * math.sin(2.4), math.sin(0.45)])
     level = np.sqrt(1 - up**2)
     cosine = level * (np.cos(around) * sun[0] + np.sin(around) * sun[1]) + up * sun[2]
@@ -56,7 +57,7 @@ def sky_picture(width=512, height=256):
     image.pixels.foreach_set(pixels.ravel())
     image.filepath_raw, image.file_format = os.path.join(folder, "sky.exr"), "OPEN_EXR"
     image.save()
-    return image
+    return bpy.data.images.load(image.filepath_raw)
 
 
 def world():
@@ -66,14 +67,15 @@ def world():
     texture = tree.nodes.new("ShaderNodeTexEnvironment")
     texture.image = sky_picture()
     tree.links.new(texture.outputs["Color"], tree.nodes["Background"].inputs["Color"])
-    tree.nodes["Background"].inputs["Strength"].default_value = 0.8
+    tree.nodes["Background"].inputs["Strength"].default_value = 0.45
     bpy.context.scene.world = made
 
 
 def plume():
     volume = bpy.data.volumes.new("Plume")
     volume.filepath = os.path.normpath(SMOKE)
-    smoke = material("Smoke", "ShaderNodeVolumePrincipled", "Volume", Density=7.0, Color=(0.75, 0.75, 0.78, 1), Anisotropy=0.3)
+    volume.render.space = "WORLD"  # the density does not change with the scale
+    smoke = material("Smoke", "ShaderNodeVolumePrincipled", "Volume", Density=22.0, Color=(0.72, 0.72, 0.74, 1), Anisotropy=0.3)
     smoke.node_tree.nodes["Principled Volume"].inputs["Density Attribute"].default_value = SMOKE_GRID
     volume.materials.append(smoke)
     thing = link("Plume", volume, (-1.35, -0.9, -0.02))
@@ -81,13 +83,13 @@ def plume():
 
 
 def solids():
-    bpy.ops.mesh.primitive_plane_add(size=120, location=(0, 0, 0))
-    bpy.context.object.data.materials.append(material("Floor", "ShaderNodeBsdfDiffuse", Color=(0.34, 0.3, 0.26, 1)))
+    bpy.ops.mesh.primitive_plane_add(size=2000, location=(0, 0, 0))
+    bpy.context.object.data.materials.append(material("Floor", "ShaderNodeBsdfDiffuse", Color=(0.26, 0.22, 0.2, 1)))
     for name, x, made in (
-        ("Metal", -1.7, material("Metal", "ShaderNodeBsdfGlossy", Color=(0.9, 0.72, 0.45, 1), Roughness=0.15)),
-        ("Glass", 1.6, material("Glass", "ShaderNodeBsdfGlass", Color=(1, 1, 1, 1), Roughness=0.0, IOR=1.45)),
+        ("Metal", -1.45, material("Metal", "ShaderNodeBsdfGlossy", Color=(0.9, 0.72, 0.45, 1), Roughness=0.15)),
+        ("Glass", 1.35, material("Glass", "ShaderNodeBsdfGlass", Color=(1, 1, 1, 1), Roughness=0.0, IOR=1.45)),
     ):
-        bpy.ops.mesh.primitive_uv_sphere_add(segments=96, ring_count=48, radius=0.55, location=(x, -0.9, 0.551))
+        bpy.ops.mesh.primitive_uv_sphere_add(segments=96, ring_count=48, radius=0.6, location=(x, -1.5, 0.601))
         bpy.ops.object.shade_smooth()
         bpy.context.object.name = name
         bpy.context.object.data.materials.append(made)
@@ -95,22 +97,23 @@ def solids():
 
 def lamps():
     key = bpy.data.lights.new("Key", "AREA")
-    key.energy, key.size, key.color = 350, 1.6, (1.0, 0.88, 0.7)
-    aim(link("Key", key, (3.4, -2.4, 4.2)), (0, 0, 1))
+    key.energy, key.size, key.color = 1300, 1.2, (1.0, 0.78, 0.52)
+    aim(link("Key", key, (4.4, -0.6, 3.4)), (0, 0, 1.4))
     rim = bpy.data.lights.new("Rim", "POINT")
-    rim.energy, rim.shadow_soft_size, rim.color = 220, 0.4, (0.5, 0.7, 1.0)
-    link("Rim", rim, (-2.6, 2.2, 3.0))
+    rim.energy, rim.shadow_soft_size, rim.color = 1100, 0.4, (0.25, 0.5, 1.0)
+    link("Rim", rim, (-2.9, 1.9, 2.4))
 
 
 def camera(scene):
     data = bpy.data.cameras.new("Camera")
-    data.lens = 42
-    scene.camera = link("Camera", data, (0.0, -8.6, 1.9))
-    aim(scene.camera, (0, 0, 1.62))
+    data.lens, data.clip_end = 46, 5000
+    scene.camera = link("Camera", data, (0.0, -8.2, 1.7))
+    aim(scene.camera, (0, 0, 1.6))
 
 
 bpy.ops.wm.read_factory_settings(use_empty=True)
 scene = bpy.context.scene
+scene.view_settings.look = "High Contrast"
 scene.render.resolution_x, scene.render.resolution_y = 480, 360
 world()
 plume()

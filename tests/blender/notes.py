@@ -59,7 +59,8 @@ def worlds(b):
 
 def volumes(b):
     b.volume("fire.vdb", "Bare", None)
-    b.volume("missing.vdb", "Missing", scattering("Missing", "density", 1, 0.5))
+    b.volume("missing_001.vdb", "Missing", scattering("Missing", "density", 1, 0.5)).data.is_sequence = True
+    bpy.data.volumes["Missing"].frame_duration = 1
     s = Shader("Noisy")
     noise = s.node("TexNoise").outputs["Fac"]
     b.volume("fire.vdb", "Noisy", s.volume(s.node("VolumePrincipled", Density=noise)))

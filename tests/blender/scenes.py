@@ -163,7 +163,7 @@ def lights(b, folder):
 
 
 def world(b, folder):
-    """A lat-long picture, turned by a Mapping node, behind a transparent film."""
+    """A lat-long picture, turned by a Mapping node, behind a transparent film; a volume whose density goes by its scale."""
     y, x = np.mgrid[0:64, 0:128] / 64.0
     picture = np.stack([0.2 + 0.2 * np.sin(3 * x), 0.3 + 0.2 * y, 0.5 - 0.2 * y], -1)
     picture += 12 * np.exp(-((x - 0.6) ** 2 + (y - 0.35) ** 2) / 0.004)[..., None] * [1, 0.9, 0.7]
@@ -181,7 +181,8 @@ def world(b, folder):
     b.camera((0, -7, 1.8), (0, 0, 1.1), 34)
     b.mesh("plane", "Plate", diffuse("Plate", (0.6, 0.6, 0.6)), size=3, location=(0.4, 0, 0))
     b.mesh("ico_sphere", "Ball", diffuse("Ball", (0.8, 0.7, 0.6)), smooth=True, subdivisions=4, radius=0.5, location=(1.1, -0.6, 0.5))
-    b.volume("smoke.vdb", "Smoke", scattering("Smoke", "density_noise", 16, 0.9), (-1, -1, 0)).scale = (0.8, 0.8, 0.8)
+    smoke = b.volume("smoke.vdb", "Smoke", scattering("Smoke", "density_noise", 13, 0.9), (-1, -1, 0))
+    smoke.scale, smoke.data.render.space = (0.9, 0.8, 0.7), "OBJECT"
 
 
 def meshes(b, folder):

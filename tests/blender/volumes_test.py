@@ -1,15 +1,17 @@
 """Files of Volume objects as the translation reads them, against Blender's own reading. Runs inside Blender."""
 
 import os
+import re
 import shutil
 import sys
 import unittest
 
 import bpy
+import numpy as np
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import addon_scene as scenes  # noqa: E402
-from brume_blender.translate import vdb_header, volumes  # noqa: E402
+from brume_blender.translate import CannotTranslate, translate, vdb_header, volumes  # noqa: E402
 from brume_blender.translate.notes import LeftOut  # noqa: E402
 
 TYPES = {"float": "FLOAT", "vec3s": "VECTOR_FLOAT"}
@@ -32,6 +34,62 @@ class Volumes(unittest.TestCase):
             theirs = {grid.name: grid.data_type for grid in volume.grids}
             ours = {grid: TYPES.get(kind, kind) for grid, kind in vdb_header.grids(volume.filepath).items()}
             self.assertEqual(ours, theirs, name)
+
+    def test_boxes_and_voxel_sizes_are_blenders(self):
+        """Blender's boxes are those of whole leaves of 8 voxels."""
+        for name in ("smoke.vdb", "fire.vdb", "cloud.vdb"):
+            volume = bpy.data.volumes.new(name)
+            volume.filepath = os.path.join(scenes.SOURCE, "data", "volumes", name)
+            volume.grids.load()
+            thing = scenes.link(name, volume)
+            bpy.context.view_layer.update()
+            shown = thing.evaluated_get(bpy.context.evaluated_depsgraph_get())
+            theirs = np.array([corner[:] for corner in shown.bound_box])
+            boxes, sizes = vdb_header.boxes(volume.filepath), vdb_header.voxel_sizes(volume.filepath)
+            for grid in volume.grids:
+                np.testing.assert_allclose(sizes[grid.name], grid.matrix_object[0][0], rtol=1e-6)
+            size = max(sizes.values())
+            ours = np.concatenate(list(boxes.values()))
+            self.assertTrue(np.all(ours.min(0) > theirs.min(0) - size) and np.all(ours.max(0) < theirs.max(0) + size), name)
+            self.assertTrue(np.all(ours.min(0) < theirs.min(0) + 8 * size) and np.all(ours.max(0) > theirs.max(0) - 8 * size), name)
+
+    def test_a_volume_that_the_camera_clips_is_said(self):
+        scenes.smoke_scene(floor=False)
+        translation = self._translated()
+        self.assertEqual(translation.notes, [])
+        bpy.context.scene.camera.data.clip_end = 5
+        self.assertIn("Smoke: is seen beyond 5, where Blender's camera clips", "\n".join(self._translated().notes))
+
+    def test_a_scaled_volume_is_as_dense_as_its_space_says(self):
+        scenes.smoke_scene(floor=False)
+        smoke, sigma = bpy.data.objects["Smoke"], {}
+        for space, scale in (("OBJECT", (1, 1, 1)), ("OBJECT", (2, 2, 2)), ("OBJECT", (1, 1, 3)), ("WORLD", (1, 1, 3))):
+            smoke.scale, smoke.data.render.space = scale, space
+            bpy.context.view_layer.update()
+            found = re.search(r"sigma_s = \[([^,]+),", self._translated().text)
+            sigma[space, scale] = float(found[1])
+        plain = sigma["OBJECT", (1, 1, 1)]
+        self.assertAlmostEqual(sigma["OBJECT", (2, 2, 2)] / plain, 0.5, 5)
+        self.assertAlmostEqual(sigma["OBJECT", (1, 1, 3)] / plain, (3 / 11) ** 0.5, 5, "as Cycles 3.4 renders it")
+        self.assertAlmostEqual(sigma["WORLD", (1, 1, 3)] / plain, 1, 6)
+
+    def test_a_missing_file_is_an_error_and_one_of_a_sequence_is_left_out(self):
+        path = os.path.join(self._folder.name, "gone_001.vdb")
+        scenes.smoke_scene(width=16, height=12, path=path)
+        with self.assertRaises(RuntimeError) as raised:
+            scenes.render(os.path.join(self._folder.name, "a.exr"))
+        self.assertIn(f"Smoke: its file {path} is not there", str(raised.exception))
+        with self.assertRaises(CannotTranslate):
+            self._translated()
+        self.assertEqual(os.listdir(self._folder.name), [], "the floor's mesh has gone")
+        volume = bpy.data.volumes[0]
+        volume.is_sequence, volume.frame_duration = True, 1
+        translation = self._translated()
+        self.assertEqual(translation.notes, [f"Smoke: the volume is left out: its file {path} is not there"])
+        self.assertEqual(translation.volumes, 0)
+
+    def _translated(self):
+        return translate(bpy.context.evaluated_depsgraph_get(), bpy.context.scene, self._folder.name)
 
     def test_files_of_sequences_are_blenders(self):
         for number in range(1, 9):

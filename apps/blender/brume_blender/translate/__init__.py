@@ -19,8 +19,9 @@ from .lights import light_table
 from .meshes import MESH_LIKE
 from .motion import motion_of
 from .notes import CannotTranslate, LeftOut, Notes
+from .placement import matrices_of
 from .surfaces import Surfaces
-from .toml_text import Table
+from .toml_text import Table, toml_text
 from .volumes import file_of, volume_tables
 from .world import world_tables
 
@@ -28,6 +29,8 @@ __all__ = ["CannotTranslate", "Translation", "translate"]
 
 # What is never seen: cameras, helpers.
 UNSEEN = ("CAMERA", "EMPTY", "ARMATURE", "LATTICE", "LIGHT_PROBE", "SPEAKER")
+
+LACKING = {"GPENCIL": "grease pencil", "GREASEPENCIL": "grease pencil", "CURVES": "hair curves", "POINTCLOUD": "point clouds"}
 
 
 @dataclass
@@ -48,9 +51,14 @@ def translate(depsgraph, scene, folder, *, frame=None, width=None, height=None, 
     @param set_frame  function of (frame, subframe) that evaluates the depsgraph at another time, as RenderEngine.frame_set
                       and Scene.frame_set do: for motion blur, which is left out without it
     @param scene_folder  where the scene file is to lie, at which its names of files start; `folder` unless given
-    @throws CannotTranslate: there is no camera, or one of which brume has no counterpart
+    @throws CannotTranslate: there is no camera, or one of which brume has no counterpart; a volume's file is not there
     """
-    return _Translator(depsgraph, scene, Folder(folder, scene_folder), frame, (width, height), set_frame).run()
+    files = Folder(folder, scene_folder)
+    try:
+        return _Translator(depsgraph, scene, files, frame, (width, height), set_frame).run()
+    except CannotTranslate:
+        files.remove()
+        raise
 
 
 class _Translator:
@@ -69,15 +77,15 @@ class _Translator:
         self._motion = motion_of(self._depsgraph, self._scene, self._frame, self._set_frame, size, self._notes)
         self._layer = self._view_layer()
         self._surfaces = Surfaces(self._folder, self._notes, self._layer)
-        camera = camera_of(self._depsgraph, self._scene)
+        self._camera = camera_of(self._depsgraph, self._scene)
         head = [
             Table("[render]").set(frame=max(self._frame, 0)),
-            camera_table(self._depsgraph, camera, self._motion, *size, self._notes),
+            camera_table(self._depsgraph, self._camera, self._motion, *size, self._notes),
             film_table(self._scene, self._width, self._height, self._notes),
-            *world_tables(self._scene, self._layer, self._folder, self._notes),
+            *self._world(),
         ]
         tables = self._objects()
-        text = "\n".join(["\n".join(self._comment()), f"name = {_quoted(self._scene.name)}\n", *(t.text() for t in head + tables)])
+        text = "\n".join(["\n".join(self._comment()), f"name = {toml_text(self._scene.name)}\n", *(t.text() for t in head + tables)])
         return Translation(
             text,
             self._notes.lines(),
@@ -86,23 +94,28 @@ class _Translator:
             sum(table.header == "[[volumes]]" for table in tables),
         )
 
+    def _world(self):
+        try:
+            return world_tables(self._scene, self._layer, self._folder, self._notes)
+        except LeftOut as reason:
+            self._notes.say(self._scene.world.name, f"the world is left out: {reason}")
+            return [Table("[environment]")]
+
     def _view_layer(self):
         layer = self._depsgraph.view_layer
         return self._scene.view_layers.get(layer.name, layer)
 
     def _comment(self):
-        source = bpy.path.basename(bpy.data.filepath) or "A scene"
+        source = " ".join(bpy.path.basename(bpy.data.filepath).split()) or "A scene"
         lines = [f"# {source} of Blender {bpy.app.version_string}, frame {self._frame}."]
         return lines + ["# Left out: " + note.replace("\n", " ") for note in self._notes.lines()]
 
     def _objects(self):
         tables = []
-        camera = camera_of(self._depsgraph, self._scene)
         for instance in self._depsgraph.object_instances:
             if not instance.show_self or instance.object.hide_render:
                 continue
             thing = instance.object
-            say_clipped(camera, thing, instance.matrix_world, self._notes)
             try:
                 tables += self._object(instance, thing)
             except LeftOut as reason:
@@ -118,35 +131,36 @@ class _Translator:
         kind = thing.type
         if not (self._layer.use_volumes if kind == "VOLUME" else self._layer.use_solid or kind not in MESH_LIKE):
             return []
-        matrices = (instance.matrix_world.copy(), None)
-        if self._motion is not None:
-            matrices = self._motion.matrices(instance) or matrices
-            if self._motion.deforms(thing):
-                self._notes.say(thing.name, "its deformation is left out of the motion blur")
         if kind == "LIGHT":
-            if matrices[1] is not None:
+            if self._motion is not None and self._motion.matrices(instance):
                 self._notes.say(thing.name, "the light stands still while the shutter is open")
             return [light_table(instance, self._notes)]
-        if kind == "VOLUME":
-            shutter = self._motion and self._motion.shutter
-            file = file_of(thing.data, shutter, self._scene, self._frame)
-            return volume_tables(thing, self._materials(thing), file, matrices, self._notes)
-        if kind in MESH_LIKE:
-            self._say_particles(thing)
-            domain = domain_of(thing)
-            if domain is not None:
-                return domain_tables(
-                    thing, self._materials(thing), domain, self._frame, matrices, self._motion, self._scene, self._notes
-                )
-            return self._surfaces.tables(thing, self._materials(thing), matrices)
+        if kind == "VOLUME" or kind in MESH_LIKE:
+            return self._placed(instance, thing)
         if kind not in UNSEEN:
-            self._notes.say(thing.name, f"the {kind.lower().replace('_', ' ')} is left out")
+            self._notes.say(thing.name, f"is left out: brume has no {LACKING.get(kind, kind.lower().replace('_', ' '))}")
         return []
+
+    def _placed(self, instance, thing):
+        """Of a volume, or of an object with faces."""
+        matrices = matrices_of(instance, self._motion, self._notes)
+        if matrices is None:
+            return []
+        if self._motion is not None and self._motion.deforms(thing):
+            self._notes.say(thing.name, "its deformation is left out of the motion blur")
+        if thing.type == "VOLUME":
+            shutter = self._motion and self._motion.shutter
+            file = file_of(thing, instance.matrix_world, shutter, self._scene, self._frame)
+            if file.grids is not None:
+                say_clipped(self._camera, thing.name, file.corners, instance.matrix_world, self._notes)
+            return volume_tables(thing, self._materials(thing), file, matrices, self._notes)
+        self._say_particles(thing)
+        say_clipped(self._camera, thing.name, thing.bound_box, instance.matrix_world, self._notes)
+        domain = domain_of(thing)
+        if domain is not None:
+            return domain_tables(thing, self._materials(thing), domain, self._frame, matrices, self._motion, self._scene, self._notes)
+        return self._surfaces.tables(thing, self._materials(thing), matrices)
 
     def _say_particles(self, thing):
         if any(system.settings.type == "HAIR" and system.settings.render_type == "PATH" for system in thing.particle_systems):
             self._notes.say(thing.name, "its hair is left out")
-
-
-def _quoted(text):
-    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'

@@ -88,17 +88,18 @@ def _set_lens(table, camera, focus, notes):
         notes.say(camera.name, "its aperture is stretched in Blender; it is round here")
 
 
-def say_clipped(camera, thing, matrix, notes):
-    """Brume's cameras see from their eye to the end of the world. @param matrix  of the object, in the world"""
-    if thing.type in ("LIGHT", "CAMERA", "EMPTY"):
-        return
+def say_clipped(camera, name, corners, matrix, notes):
+    """Brume's cameras see from their eye to the end of the world.
+    @param corners  of a box around an object, in its own space   @param matrix  of the object, in the world"""
     placed = camera.matrix_world.normalized().inverted() @ matrix
-    depths = [-(placed @ Vector(corner)).z for corner in thing.bound_box]
+    depths = [-(placed @ Vector(corner)).z for corner in corners]
+    if not depths:
+        return
     near, far = camera.data.clip_start, camera.data.clip_end
     if max(depths) > far:
-        notes.say(thing.name, f"is seen beyond {far:.4g}, where Blender's camera clips")
+        notes.say(name, f"is seen beyond {far:.4g}, where Blender's camera clips")
     elif 0 < min(depths) < near:
-        notes.say(thing.name, f"is seen nearer than {near:.4g}, where Blender's camera clips")
+        notes.say(name, f"is seen nearer than {near:.4g}, where Blender's camera clips")
 
 
 def camera_table(depsgraph, camera, motion, width, height, pixel_aspect, notes):

@@ -24,6 +24,12 @@ class Folder:
         self.files.append(os.path.join(self._path, name))
         return self.files[-1]
 
+    def remove(self):
+        """The files that were written."""
+        for path in self.files:
+            if os.path.exists(path):
+                os.remove(path)
+
     def named(self, path):
         """What the scene file calls a file of this folder; others by their whole path."""
         return os.path.relpath(path, self._start).replace(os.sep, "/") if path in self.files else path

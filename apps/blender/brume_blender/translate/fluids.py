@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix, Vector
 
-from .nodes import output_of
+from .nodes import output_of, tree_of
 from .notes import LeftOut
 from .toml_text import Table
 from .vdb_header import NotVdb, voxel_sizes
@@ -29,7 +29,7 @@ def domain_of(thing):
 class FluidCache:
     """The files of a domain's cache at one frame, as volume_tables reads a VDB file."""
 
-    colours = ()
+    colours, factor = (), 1.0
 
     def __init__(self, thing, settings, frame, shutter, scene, notes):
         if settings.cache_data_format != "OPENVDB":
@@ -46,7 +46,7 @@ class FluidCache:
         if settings.use_noise:
             self._add(os.path.join(folder, "noise", f"fluid_noise_{self._frame:04d}.vdb"), NOISE, settings.noise_scale)
         self.grids = list(self._files)
-        self.constants = self._colour(settings)
+        self.constants = self._colour(settings)  # which the files hold multiplied by the density
         self.derived = {"temperature": ("flame", _temperature(settings.flame_ignition, settings.flame_max_temp))}
         self._velocity_scale = None
         if shutter is not None:
@@ -66,11 +66,14 @@ class FluidCache:
             self._velocity = path
 
     def _colour(self, settings):
-        """The colour of the smoke, which the files hold multiplied by its density; one for all of it."""
+        """The colour of the smoke: one for all of it."""
         premultiplied = np.array(settings.color_grid, float).reshape(-1, 4)
         if not premultiplied[:, 3].sum() > 0:
             return {}
         colour = premultiplied[:, :3].sum(0) / premultiplied[:, 3].sum()
+        dense = premultiplied[premultiplied[:, 3] > 0.01]
+        if len(dense) and np.ptp(dense[:, :3] / dense[:, 3:], axis=0).max() > 0.02:
+            self._notes.say(self._name, "the colours of its smoke are taken as their mean")
         return {"color": colour}
 
     def stored(self, grid):
@@ -111,6 +114,6 @@ def _temperature(ignition, hottest):
 def domain_tables(thing, materials, settings, frame, matrices, motion, scene, notes):
     """@throws LeftOut"""
     cache = FluidCache(thing, settings, frame, motion and motion.shutter, scene, notes)
-    if any(m is not None and m.use_nodes and output_of(m.node_tree, "Surface") is not None for m in materials):
+    if any(m is not None and output_of(tree_of(m), "Surface") is not None for m in materials):
         notes.say(thing.name, "the surface of the fluid's domain is left out")
     return volume_tables(thing, materials, cache, matrices, notes)

@@ -8,7 +8,7 @@ import numpy as np
 from mathutils import Vector
 
 from .node_values import UnknownNode, Values
-from .nodes import output_of
+from .nodes import output_of, tree_of
 from .notes import LeftOut
 from .toml_text import Table
 
@@ -23,11 +23,15 @@ def light_table(instance, notes):
     cycles = getattr(light, "cycles", None)
     if light.type == "AREA" and getattr(cycles, "is_portal", False):
         raise LeftOut("the light is a portal, which brume needs none of")
-    colour = Vector(light.color) * light.energy
+    colour = Vector(light.color) * light.energy * 2 ** getattr(light, "exposure", 0)  # since Blender 4.5, as the next two
+    if getattr(light, "use_temperature", False):
+        colour = Vector(c * f for c, f in zip(colour, light.temperature_color))
+    if not getattr(light, "normalize", True):
+        colour *= light.area(matrix_world=instance.matrix_world)
     colour = Vector(c * f for c, f in zip(colour, _emitted(light, name, notes)))
     if min(colour) < 0:
         raise LeftOut("a light of negative strength")
-    if not getattr(cycles, "cast_shadow", True):
+    if not getattr(cycles, "cast_shadow", light.use_shadow):  # the light's own since Blender 4.2
         notes.say(name, "its light casts shadows in brume")
     _say_visibility(thing, notes)
     matrix = instance.matrix_world
@@ -41,7 +45,7 @@ def light_table(instance, notes):
 
 def _emitted(light, name, notes):
     """Factor on a light's colour by its nodes."""
-    if not light.use_nodes:
+    if tree_of(light) is None:
         return (1, 1, 1)
     shader = output_of(light.node_tree, "Surface")
     if shader is None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .node_values import UnknownNode, Values
-from .nodes import output_of
+from .nodes import output_of, tree_of
 
 LEAST = 1e-3  # what weighs less, or emits less, is nothing
 
@@ -38,7 +38,7 @@ def surface_of(material, notes):
     """@param material  None: Blender's default"""
     if material is None:
         return Surface(Bsdf("diffuse", 1, [0.8] * 3), np.zeros(3))
-    if not material.use_nodes:
+    if tree_of(material) is None:
         return Surface(Bsdf("diffuse", 1, list(material.diffuse_color[:3])), np.zeros(3))
     shader = output_of(material.node_tree, "Surface")
     if output_of(material.node_tree, "Displacement") is not None:
@@ -132,7 +132,8 @@ class _Shader:
             bsdf.roughness = 0.0
         elif node.distribution not in ("GGX",) and bsdf.roughness > LEAST:
             bsdf.told.append(f"has a distribution {node.distribution}; single scattering of GGX is taken")
-        if node.type == "BSDF_ANISOTROPIC" and abs(self.number(plug.input("Anisotropy"))) > LEAST:
+        # A node of its own before Blender 4, then an input of Glossy BSDF.
+        if any(p.socket.name == "Anisotropy" and abs(self.number(p)) > LEAST for p in plug.inputs()):
             bsdf.told.append("is anisotropic, which is left out")
         self._bsdfs.append(bsdf)
 

@@ -91,7 +91,7 @@ def _vector_math(values, plug):
 
 
 def _mix_rgb(values, plug):
-    factor = np.clip(values.number(plug.input("Fac")), 0, 1)
+    factor = np.clip(values.number(plug.input("Fac", "Factor")), 0, 1)
     return _blended(plug.node, factor, values.colour(plug.input("Color1")), values.colour(plug.input("Color2")), plug.node.use_clamp)
 
 
@@ -136,7 +136,7 @@ def _looked_up(table, x):
 def _colour_ramp(values, plug):
     ramp = plug.node.color_ramp
     table = np.array([ramp.evaluate(i / (TABLE - 1)) for i in range(TABLE)])
-    x = np.asarray(values.number(plug.input("Fac")), float)
+    x = np.asarray(values.number(plug.input("Fac", "Factor")), float)
     if ramp.interpolation == "CONSTANT" and ramp.color_mode == "RGB":
         result = table[(np.clip(x, 0, 1) * (TABLE - 1)).astype(int)]
     else:
@@ -216,7 +216,7 @@ def _gamma(values, plug):
 
 def _bright_contrast(values, plug):
     contrast = _column(values.number(plug.input("Contrast")))
-    offset = _column(values.number(plug.input("Bright"))) - contrast * 0.5
+    offset = _column(values.number(plug.input("Bright", "Brightness"))) - contrast * 0.5
     return np.maximum(values.colour(plug.input("Color")) * (1 + contrast) + offset, 0)
 
 

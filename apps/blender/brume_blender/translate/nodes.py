@@ -1,5 +1,7 @@
 """Following a shader's wires: through reroutes, muted nodes and groups, from a socket to what it gets its value from."""
 
+from .notes import LeftOut
+
 
 class Plug:
     """A socket of a node, and the group nodes inside of which it lies."""
@@ -13,12 +15,12 @@ class Plug:
 
     def input(self, *names):
         """An input of this plug's node, by the first of its names that there is: versions of Blender rename them.
-        @throws KeyError"""
+        @throws LeftOut"""
         for name in names:
             for socket in self.node.inputs:
                 if name in (socket.name, socket.identifier) and socket.enabled:
                     return Plug(socket, self.groups)
-        raise KeyError(f"{self.node.bl_idname} has no input {names[0]}")
+        raise LeftOut(f"{self.node.bl_label} has no input '{names[0]}' in this version of Blender")
 
     def inputs(self):
         return [Plug(socket, self.groups) for socket in self.node.inputs if socket.enabled]
@@ -66,6 +68,11 @@ def _same(sockets, socket, groups):
         if other.identifier == socket.identifier:
             return Plug(other, groups)
     return None
+
+
+def tree_of(block):
+    """The node tree that shades a material, world or light; None: none does. Since Blender 5 all of them use nodes."""
+    return block.node_tree if block.use_nodes else None
 
 
 def output_of(tree, socket):

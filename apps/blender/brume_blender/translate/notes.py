@@ -19,6 +19,7 @@ class Notes:
 
     def say(self, thing, text):
         """@param thing  name of an object, material or setting   @param text  what became of it"""
+        thing = " ".join(thing.split("\n"))
         names = self._things.setdefault(text, [])
         if thing not in names:
             names.append(thing)

@@ -50,7 +50,7 @@ def sky_tables(table, node, strength, name, notes):
     if model == "PREETHAM":
         notes.say(name, "below the horizon its sky is ground that it lights")
     else:
-        notes.say(name, f"its sky ({model.replace('_', ' ').title()}) is Preetham's, as bright on a level plane")
+        notes.say(name, f"its sky ({node.sky_type.replace('_', ' ').title()}) is Preetham's, as bright on a level plane")
     if model != "NISHITA" or not node.sun_disc:
         return []
     sun = Table("[[lights]]").set(type="sun", direction=direction, visible_to_camera=True)

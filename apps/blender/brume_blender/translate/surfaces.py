@@ -109,6 +109,7 @@ class Surfaces:
             table.set(role="holdout")
         elif thing.is_shadow_catcher:
             self.any_catcher = True
+            self._notes.say(thing.name, "its shadows are in the layers catcher and catcher_unshadowed alone")
             table.set(role="shadow_catcher")
         elif not thing.visible_camera or original.indirect_only_get(view_layer=self._view_layer):
             table.set(visible_to_camera=False)

@@ -4,7 +4,8 @@ import json
 import numbers
 
 
-def _text(value):
+def toml_text(value):
+    """Numbers, text, truth values, and sequences of these, as TOML has them."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, numbers.Integral):
@@ -13,7 +14,7 @@ def _text(value):
         return f"{float(value):.9g}"
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False)  # its escapes are TOML's
-    return "[" + ", ".join(_text(v) for v in value) + "]"
+    return "[" + ", ".join(toml_text(v) for v in value) + "]"
 
 
 class Table:
@@ -25,7 +26,7 @@ class Table:
     def set(self, **keys):
         """Numbers, text, truth values, and sequences of these."""
         for key, value in keys.items():
-            self._lines[key] = f"{key} = {_text(value)}"
+            self._lines[key] = f"{key} = {toml_text(value)}"
         return self
 
     def text(self):

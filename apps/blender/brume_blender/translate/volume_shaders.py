@@ -14,6 +14,7 @@ from .colour import blackbody
 from .node_values import UnknownNode, Values
 
 SIGMA = 5.670373e-8 * 1e-6 / np.pi  # Stefan and Boltzmann's, in Blender's units of brightness
+OTHER_PHASES = {"RAYLEIGH": 0.0, "MIE": 0.87, "FOURNIER_FORAND": 0.92}  # mean cosines of those without an anisotropy
 INFO_GRIDS = {"Color": "color", "Density": "density", "Flame": "flame", "Temperature": "temperature"}
 
 
@@ -80,11 +81,12 @@ class VolumeShader:
             (source.grids, source.colours, source.constants, source.derived) if source is not None else ([], [], {}, {})
         )
         self.closures = []
+        factor = source.factor if source is not None else 1.0
         if plug is not None:
-            self._collect(plug.resolve(), lambda values: 1.0)
+            self._collect(plug.resolve(), lambda values: factor)
             return
-        self._add("scatter", lambda _, leaves: _times(leaves.value("density"), np.full(3, 0.5)))
-        self._add("absorption", lambda _, leaves: _times(leaves.value("density"), np.full(3, 0.5)))
+        self._add("scatter", lambda _, leaves: _times(leaves.value("density"), np.full(3, 0.5 * factor)))
+        self._add("absorption", lambda _, leaves: _times(leaves.value("density"), np.full(3, 0.5 * factor)))
 
     def used(self, closure):
         """The grids that a coefficient depends on."""
@@ -164,7 +166,18 @@ class VolumeShader:
     def _scatter(self, plug, weight):
         density = self._number(plug.input("Density"))
         colour, grid = self._colour(plug.input("Color"))
-        self._add("scatter", lambda v, _: _times(weight(v) * np.maximum(density(v), 0), colour(v)), self._fixed(plug.input("Anisotropy")), grid)
+        g = self._mean_cosine(plug)
+        self._add("scatter", lambda v, _: _times(weight(v) * np.maximum(density(v), 0), colour(v)), g, grid)
+
+    def _mean_cosine(self, plug):
+        """Of a Volume Scatter, which has several phase functions since Blender 4.3."""
+        phase = getattr(plug.node, "phase", "HENYEY_GREENSTEIN")
+        g = OTHER_PHASES.get(phase)
+        g = self._fixed(plug.input("Anisotropy")) if g is None else g
+        if phase != "HENYEY_GREENSTEIN":
+            name = phase.replace("_", " ").title()
+            self._notes.say(self._name, f"its phase function {name} is Henyey and Greenstein's, of an anisotropy of {g:.3g}")
+        return g
 
     def _absorption(self, plug, weight):
         density, colour = self._number(plug.input("Density")), self._read(plug.input("Color"), 3)

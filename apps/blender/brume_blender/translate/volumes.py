@@ -4,10 +4,11 @@ import os
 import re
 
 import bpy
+import numpy as np
 
 from . import vdb_header
-from .nodes import output_of
-from .notes import LeftOut
+from .nodes import output_of, tree_of
+from .notes import CannotTranslate, LeftOut
 from .toml_text import Table
 from .volume_parts import glows, media, set_medium
 from .volume_shaders import VolumeShader
@@ -20,10 +21,13 @@ COLOUR_TYPES = ("vec3s", "vec3d", "vec3i")
 class GridFile:
     """A VDB file, and how it lies in the world."""
 
-    def __init__(self, path, grids, colours=(), index_offset=0.0, velocity=None):
-        """@param velocity  (grid, world units of the file per frame for one unit of it), or None"""
+    def __init__(self, path, grids, colours=(), index_offset=0.0, velocity=None, corners=(), factor=1.0):
+        """@param velocity  (grid, world units of the file per frame for one unit of it), or None
+        @param corners  of the boxes around its grids of numbers, in the file's space
+        @param factor  on all that its shader computes"""
         self.path, self.grids, self.colours = path, grids, colours
         self.index_offset, self.velocity = index_offset, velocity
+        self.corners, self.factor = corners, factor
         self.constants = {}  # colours by name that are the same everywhere
         self.derived = {}  # (grid, function of its values) by the name of an attribute that is no grid
 
@@ -50,8 +54,8 @@ class GridFile:
 def volume_shader_of(materials):
     """What the volume shader among materials is: a plug; None: there is none."""
     for material in materials:
-        if material is not None and material.use_nodes:
-            shader = output_of(material.node_tree, "Volume")
+        if material is not None:
+            shader = output_of(tree_of(material), "Volume")
             if shader is not None:
                 return shader
     return None
@@ -84,11 +88,23 @@ def _frame_of_sequence(volume, frame):
     return frame + volume.frame_offset
 
 
-def file_of(volume, shutter, scene, frame):
-    """The GridFile of a Volume's data; one that cannot be read has no grids: None. @throws LeftOut"""
+def _factor(volume, matrix):
+    """By which Cycles thins a volume that is scaled, so that it stays as dense to look through."""
+    if volume.render.space != "OBJECT":
+        return 1.0
+    return 1 / max(np.linalg.norm(np.array(matrix.to_3x3()) @ np.full(3, 3**-0.5)), 1e-9)
+
+
+def file_of(thing, matrix, shutter, scene, frame):
+    """The GridFile of a Volume object that lies so in the world; one that cannot be read has no grids: None. @throws LeftOut, CannotTranslate"""
+    volume = thing.data
     path = path_of(volume, frame)
+    if not os.path.isfile(path):
+        if volume.is_sequence:  # which Blender shows as nothing
+            raise LeftOut(f"its file {path} is not there")
+        raise CannotTranslate(f"{thing.name}: its file {path} is not there")
     try:
-        grids = vdb_header.grids(path)
+        grids, boxes = vdb_header.grids(path), vdb_header.boxes(path)
     except (vdb_header.NotVdb, OSError):
         return GridFile(path, None)
     names = [name for name, kind in grids.items() if kind not in COLOUR_TYPES]
@@ -101,7 +117,8 @@ def file_of(volume, shutter, scene, frame):
         frames = scene.render.fps / scene.render.fps_base if by_second else shutter[1] - shutter[0]
         velocity = (moving, volume.velocity_scale / frames)
     offset = 0.5 if bpy.app.version < HALF_VOXEL_BEFORE else 0.0
-    return GridFile(path, names, colours, offset, velocity)
+    corners = [corner for name in names for corner in boxes.get(name, [])]
+    return GridFile(path, names, colours, offset, velocity, corners, _factor(volume, matrix))
 
 
 def volume_tables(thing, materials, file, matrices, notes):
@@ -111,6 +128,8 @@ def volume_tables(thing, materials, file, matrices, notes):
     shader_plug = volume_shader_of(materials)
     if shader_plug is None and any(material is not None for material in materials):
         raise LeftOut("its material has no volume shader")
+    if shader_plug is None and "density" not in file.grids:
+        raise LeftOut(f"it has no material, and its file no grid 'density'; it has: {', '.join(file.grids) or 'none'}")
     shader = VolumeShader(shader_plug, thing.name, file, notes)
     if not thing.visible_camera:
         notes.say(thing.name, "the volume is seen by the camera in brume")

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from .node_values import UnknownNode, Values
-from .nodes import output_of
+from .nodes import output_of, tree_of
 from .pictures import NoPicture, file_of, is_linear, looked_up, pixels_of, write_exr
 from .sky import sky_tables
 from .toml_text import Table
@@ -19,8 +19,9 @@ def world_tables(scene, layer, folder, notes):
     table = Table("[environment]")
     world = getattr(layer, "world_override", None) or scene.world  # Blender 4.3
     world, lights = world if layer.use_sky else None, []
-    shader = output_of(world.node_tree, "Surface") if world is not None and world.use_nodes else None
-    if world is not None and not world.use_nodes:
+    tree = tree_of(world) if world is not None else None
+    shader = output_of(tree, "Surface")
+    if world is not None and tree is None:
         table.set(radiance=world.color)
     elif shader is not None:
         lights = _Background(world, folder, notes).fill(table, shader)
@@ -35,7 +36,7 @@ def world_tables(scene, layer, folder, notes):
 
 
 def _say_the_rest(world, notes):
-    if world.use_nodes and output_of(world.node_tree, "Volume") is not None:
+    if output_of(tree_of(world), "Volume") is not None:
         notes.say(world.name, "its volume is left out; a box with the shader, around the scene, is rendered")
     visibility = getattr(world, "cycles_visibility", None)
     unseen = [k for k in ("diffuse", "glossy", "transmission", "scatter") if not getattr(visibility, k, True)]
