@@ -122,8 +122,8 @@ HWY_EXPORT(ReadRoots);
 namespace {
 
 constexpr float kMostRoot = 65535, kMostSignedRoot = 32767;
-constexpr float kFaint = 2e-4f;     // of a run's range: below, roots are off by more than 0.1 %
-constexpr size_t kRoom = 16;        // numbers behind those of a row
+constexpr float kFaint = 2e-4f;  // of a run's range: below, roots are off by more than 0.1 %
+constexpr size_t kRoom = 16;     // numbers behind those of a row
 
 }  // namespace
 
@@ -137,7 +137,8 @@ StoredPlane::Row StoredPlane::stored(const float* in, int width) {
     const bool finite = HWY_DYNAMIC_DISPATCH(FindExtent)(v, count, low, high), signs = low < 0;
     const float zero = signs ? 0 : low, most = signs ? std::max(high, -low) : high - low;
     Run run{low, most, static_cast<uint32_t>(first), Code::kConstant};
-    if (!finite || !std::isfinite(most) || HWY_DYNAMIC_DISPATCH(CountSmall)(v, count, zero, kFaint * most) > count / 2) {
+    if (!finite || !std::isfinite(most) ||
+        HWY_DYNAMIC_DISPATCH(CountSmall)(v, count, zero, kFaint * most) > count / 2) {
       run.code = Code::kWhole;
       row.numbers.resize(first + 2 * count);
       std::memcpy(row.numbers.data() + first, v, count * sizeof(float));
@@ -183,7 +184,7 @@ void StoredPlane::read(int y, int from, int to, float* out) const {
       std::memcpy(out, numbers + 2 * at, count * sizeof(float));
     else
       HWY_DYNAMIC_DISPATCH(ReadRoots)
-      (numbers + at, count, run.base, run.range, signs ? kMostSignedRoot : kMostRoot, signs, out);
+    (numbers + at, count, run.base, run.range, signs ? kMostSignedRoot : kMostRoot, signs, out);
     out += count;
     x = next;
   }

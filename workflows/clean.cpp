@@ -34,6 +34,7 @@ ApplyOptions options_of(double exposure, Outliers outliers) {
   options.component = Component::kAll;
   options.exposure = exposure;
   options.outliers = outliers;
+  options.all_guides = true;
   return options;
 }
 

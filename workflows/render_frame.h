@@ -52,7 +52,8 @@ struct RenderOptions {
   std::filesystem::path output, preview, records, checkpoint, resume;  ///< empty: none
   double checkpoint_seconds = 300;
   /// EXR of the picture, R G B A, again and again while it is rendered, and at the end: but for the first, after one
-  /// sample, clean where a filter cleans it. Each replaces the one before as a whole, and Host::updated is told. Samples and result stay the same. Empty: none.
+  /// sample, clean where a filter cleans it. Each replaces the one before as a whole, and Host::updated is told.
+  /// Samples and result stay the same. Empty: none.
   std::filesystem::path updates;
   PictureOptions picture;      ///< of the preview
   bool skip_complete = false;  ///< leave out a frame whose output is whole and of this render; go on from checkpoints

@@ -62,6 +62,7 @@ struct FilterFrame {
   bool carries() const { return values != signal; }
   /// How many samples a pixel's mean is made of; 0: unknown.
   double samples_at(int x, int y) const { return sample_count ? static_cast<double>((*sample_count)(x, y)) : samples; }
+  bool all_guides = false;                    ///< it has the guides of its scene, which may be none
   std::vector<std::string>* notes = nullptr;  ///< where to say what the user should know; null: dropped
   int width() const { return signal[0]->width(); }
   int height() const { return signal[0]->height(); }

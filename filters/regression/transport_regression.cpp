@@ -34,7 +34,7 @@ constexpr double kLocalMeans[] = {1, 2, 4}, kLightWindow = 1.5;
 void say_what_is_missing(const FilterFrame& frame, bool guided, bool halves) {
   if (!frame.notes) return;
   const bool foreign = !frame.layers.text(kForeignRenderer).empty();
-  if (!guided)
+  if (!guided && !frame.all_guides)
     frame.notes->push_back(fmt::format(
         "the frame has no guides: two to four times the error of a frame with them, and more than other filters leave. {}",
         foreign ? "Make them with: brume guides --like FRAME.exr --scene SCENE.toml -o GUIDES.exr"

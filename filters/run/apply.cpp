@@ -287,6 +287,7 @@ PreparedFrames prepare(const Run& run, const std::vector<Source>& sources, const
     f.distance = sources[i].distance;
     f.origin = {tile.outer.x0, tile.outer.y0};
     f.repaired_records = &totals.repaired_records;
+    f.all_guides = run.options.all_guides;
     f.notes = i == 0 ? &totals.notes : nullptr;
     f.typical_luminance = level.typical_luminance;
     f.lab_noise = level.lab_noise;

@@ -42,6 +42,7 @@ struct ApplyOptions {
   std::vector<SequenceFrame> sequence = {};  ///< for filters that look through time
   bool keep_parts = false;  ///< store the direct and indirect light, where they are cleaned by themselves, as
                             ///< clean_direct and clean_indirect, whatever the filter
+  bool all_guides = false;  ///< the frame has the guides of its scene: nobody need be told how to record them
   int tile = 0;  ///< side of the squares that are filtered one after another [px]; 0: as large as memory allows
 };
 

@@ -98,6 +98,16 @@ float difference(const Layers& frame, const std::vector<std::string>& a, const s
   return worst;
 }
 
+TEST_F(Clean, ASceneWithoutAMediumIsNotToldToRecordGuides) {
+  test::write_file(folder_ / "floor.toml",
+                   "[camera]\nposition = [0, -5, 2]\nlook_at = [0, 0, 0]\n[environment]\nradiance = [1, 1, 1]\n"
+                   "[[surfaces]]\nfile = \"" +
+                       test::source("data/meshes/floor.obj").string() + "\"\n");
+  const auto r = run_brume("render " + path("floor.toml") + kTiny + "--spp 4 --clean -o " + path("floor.exr"));
+  ASSERT_EQ(r.status, 0) << r.err;
+  EXPECT_FALSE(holds(r.err, "has no guides")) << r.err;
+}
+
 TEST_F(Clean, RecordedPartsAreCleanTooAndAddUp) {
   const std::string fire = test::source("data/scenes/fire.toml").string();
   const std::string parts =

@@ -82,8 +82,8 @@ TEST_F(Updates, AreWordsWithoutJson) {
 
 // Each frame of a sequence is shown in the same file, or in one of its own.
 TEST_F(Updates, OfASequence) {
-  const auto r = run_brume("render " + kSmoke + kTiny + "--spp 2 --frames 1-2 -q --progress json -o " + path("a.####.exr") +
-                           " --updates " + path("u.####.exr"));
+  const auto r = run_brume("render " + kSmoke + kTiny + "--spp 2 --frames 1-2 -q --progress json -o " +
+                           path("a.####.exr") + " --updates " + path("u.####.exr"));
   ASSERT_EQ(r.status, 0) << r.err;
   for (const char* name : {"u.0001.exr", "u.0002.exr"}) EXPECT_TRUE(std::filesystem::exists(folder_ / name)) << name;
   EXPECT_EQ(told(r.err).size(), 4u) << r.err;
@@ -91,8 +91,8 @@ TEST_F(Updates, OfASequence) {
 
 TEST_F(Updates, AFullDiskCostsThePicturesNotTheRender) {
   const test::FullDisk full(folder_ / "u.exr");
-  const auto r = run_brume("render " + kSmoke + kTiny + "--spp 8 -q --progress json -o " + path("a.exr") + " --updates " +
-                           path("u.exr"));
+  const auto r = run_brume("render " + kSmoke + kTiny + "--spp 8 -q --progress json -o " + path("a.exr") +
+                           " --updates " + path("u.exr"));
   EXPECT_EQ(r.status, 0) << r.err;
   EXPECT_TRUE(holds(r.err, "warning: ") && holds(r.err, "no more pictures are shown")) << r.err;
   EXPECT_TRUE(told(r.err).empty()) << r.err;

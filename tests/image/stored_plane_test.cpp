@@ -39,7 +39,9 @@ TEST_P(StoredPlanes, KeepValuesWithinA65535thOfTheirRange) {
     for (int y = 0; y < 3; ++y)
       for (int x = 0; x < 150; ++x) {
         EXPECT_NEAR(back(x, y), plane(x, y), (high - low) / 65535 + 1e-7f * high) << low << " " << x << " " << y;
-        if (plane(x, y) == low) { EXPECT_EQ(back(x, y), low) << x << " " << y; }
+        if (plane(x, y) == low) {
+          EXPECT_EQ(back(x, y), low) << x << " " << y;
+        }
       }
   }
 }
@@ -58,7 +60,9 @@ TEST_P(StoredPlanes, KeepSignsAndZeros) {
   for (int y = 0; y < 3; ++y)
     for (int x = 0; x < 150; ++x) {
       EXPECT_NEAR(back(x, y), plane(x, y), 2.0f / 16383) << x << " " << y;
-      if (plane(x, y) == 0) { EXPECT_EQ(back(x, y), 0) << x << " " << y; }
+      if (plane(x, y) == 0) {
+        EXPECT_EQ(back(x, y), 0) << x << " " << y;
+      }
     }
 }
 

@@ -593,25 +593,25 @@ TEST(Wavefront, EmissionIsThatOfTheDefinition) {
   LightSettings lamp;
   lamp.type = "sphere", lamp.position = {0.2, 0, 0.6}, lamp.radius = 0.2, lamp.radiance = dvec3(3);
   lamp.visible_to_camera = true;
-  const std::pair<const char*, Scene> cases[] = {{"black body", fire([](Scene& s) { s.lights.clear(); })},
-                                                 {"with a lamp inside", fire([&](Scene& s) {
-                                                    s.lights.push_back(lamp);
-                                                    s.volumes[0].emission = dvec3(2, 1, 0);
-                                                  })},
-                                                 {"beyond the smoke", fire([](Scene& s) {
-                                                    VolumeSettings& v = s.volumes[0];
-                                                    v.grid = "flame";
-                                                    v.flame_grid = "density";
-                                                    v.flame_intensity = 3;
-                                                    s.environment.radiance = dvec3(0.5);
-                                                  })},
-                                                 {"a ramp of many stops", fire([](Scene& s) {
-                                                    VolumeSettings& v = s.volumes[0];
-                                                    v.temperature_grid = "none";
-                                                    v.flame_grid = "flame";
-                                                    for (int i = 0; i < 70; ++i)
-                                                      v.flame_ramp.push_back({i / 70.0, i % 3 * 1.0, i / 50.0, i / 100.0});
-                                                  })}};
+  const std::pair<const char*, Scene> cases[] = {
+      {"black body", fire([](Scene& s) { s.lights.clear(); })},
+      {"with a lamp inside", fire([&](Scene& s) {
+         s.lights.push_back(lamp);
+         s.volumes[0].emission = dvec3(2, 1, 0);
+       })},
+      {"beyond the smoke", fire([](Scene& s) {
+         VolumeSettings& v = s.volumes[0];
+         v.grid = "flame";
+         v.flame_grid = "density";
+         v.flame_intensity = 3;
+         s.environment.radiance = dvec3(0.5);
+       })},
+      {"a ramp of many stops", fire([](Scene& s) {
+         VolumeSettings& v = s.volumes[0];
+         v.temperature_grid = "none";
+         v.flame_grid = "flame";
+         for (int i = 0; i < 70; ++i) v.flame_ramp.push_back({i / 70.0, i % 3 * 1.0, i / 50.0, i / 100.0});
+       })}};
   for (const auto& [name, chosen] : cases) {
     Scene scene = chosen;
     agrees(scene, 160, name, 0.1);
