@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cctype>
+#include <cmath>
 #include <cstring>
 #include <limits>
 
@@ -34,10 +35,18 @@ std::vector<std::string> channels_of(const std::string& name, py::ssize_t count)
   throw InputError(fmt::format("{}: expected {}, found {}", name, expected, to_text(py::repr(found))));
 }
 
-/// Whether Python takes it for a number; a str is none.
-bool is_number(py::handle value) {
-  return PyFloat_Check(value.ptr()) || PyIndex_Check(value.ptr()) ||
-         (py::hasattr(value, "__float__") && !PyUnicode_Check(value.ptr()));
+/// A finite number; NaN for anything else. A str is none.
+double finite_number(py::handle value) {
+  constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
+  if (PyUnicode_Check(value.ptr()) || PyBytes_Check(value.ptr())) return kNone;
+  try {
+    const double number = PyFloat_AsDouble(value.ptr());
+    if (PyErr_Occurred()) throw py::error_already_set();
+    return std::isfinite(number) ? number : kNone;
+  } catch (py::error_already_set& error) {
+    let_through(error);
+    return kNone;
+  }
 }
 
 void copy_rows(Plane& plane, const float* from, size_t step, size_t row_step) {
@@ -143,14 +152,8 @@ int to_int(const std::string& name, py::handle value, int lowest, int highest) {
 }
 
 double to_positive(const std::string& name, py::handle value, bool or_zero) {
-  double number = -1;
-  try {
-    if (is_number(value)) number = PyFloat_AsDouble(value.ptr());
-    if (PyErr_Occurred()) throw py::error_already_set();
-  } catch (py::error_already_set& error) {
-    let_through(error);
-  }
-  if (!(number > 0 || (or_zero && number == 0)) || number > std::numeric_limits<double>::max())
+  const double number = finite_number(value);
+  if (!(number > 0 || (or_zero && number == 0)))
     refuse(name, or_zero ? "a number of 0 or more" : "a number above 0", value);
   return number;
 }
@@ -233,8 +236,8 @@ std::string to_exposure(const py::object& value) {
   if (py::isinstance<py::str>(value)) {
     const std::string text = to_text(value);
     if (text == "header" || text == "auto") return text;
-  } else if (is_number(value)) {
-    return fmt::format("{}", to_positive("exposure", value));
+  } else if (const double number = finite_number(value); number > 0) {
+    return fmt::format("{}", number);
   }
   refuse("exposure", "header, auto or a number above 0", value);
 }

@@ -25,8 +25,9 @@ constexpr const char* kEvaluateHelp =
     "frame's R, G, B are the light to clean, with coverage and alpha beside them. Attributes of the function ask for more:\n"
     "layers = [\"albedo\", \"guides\"]; statistics = True for mean_variance, half_a and half_b; time_limit in seconds, which is\n"
     "judged afterwards. What it raises is its failure, told in the tables; KeyboardInterrupt ends the run. With a cache its\n"
-    "results are kept under its code: bytecode, constants, defaults, the values that it closes over or names of its\n"
-    "module, functions there by their code; or under its attribute cache_key alone, where it has one.\n\n"
+    "results are kept under its code: bytecode, constants, defaults, the values that it closes over, the functions and values\n"
+    "of its module that it names; modules that are not installed count by their files; or under its attribute cache_key\n"
+    "alone, where it has one.\n\n"
     "The dict is that of results.json. Raises InputError.";
 
 /// The last words of an exception of Python's, in one line.

@@ -1,5 +1,6 @@
 """Arguments that are wrong: each is refused by its name before any work begins, and none ends the interpreter."""
 
+import concurrent.futures
 import subprocess
 import sys
 import unittest
@@ -7,7 +8,7 @@ import unittest
 import numpy as np
 
 import brume
-from support import TEXT, Folder, random_frame
+from support import CLOUD, TEXT, Folder, random_frame
 
 # Python code that fails where memory is short, as an exception.
 SHORT_OF_MEMORY = """
@@ -87,7 +88,7 @@ class Arguments(Folder):
         for words, keywords in (
             ("exposure: expected header, auto or a number above 0, found None", {"exposure": None}),
             ("exposure: expected header, auto or a number above 0, found 'bright'", {"exposure": "bright"}),
-            ("exposure: expected a number above 0, found -1", {"exposure": -1}),
+            ("exposure: expected header, auto or a number above 0, found -1", {"exposure": -1}),
             ("extra_frames: expected 0 .. 100, found 101", {"extra_frames": 101}),
             ("samples: expected a whole number", {"samples": 1.5}),
         ):
@@ -106,6 +107,14 @@ class Arguments(Folder):
         self.refused("volums: no list of dicts; did you mean 'volumes'?", brume.Scene, {"volums": [{}]})
         vertices = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
         self.refused("surfaces.0: has no faces", brume.Scene, {"surfaces": [{"vertices": vertices, "faces": []}]})
+
+    def test_a_view_of_a_wrong_scene_is_refused_at_once(self):
+        self.refused("camera.fovv", brume.view, CLOUD, camera__fovv=3)
+        self.refused("nowhere.toml: no such file", brume.view, self.folder / "nowhere.toml")
+        self.refused("threads: expected 0", brume.view, CLOUD, threads=-1)
+        with concurrent.futures.ThreadPoolExecutor(4) as pool:
+            addresses = list(pool.map(lambda _: brume.view(CLOUD), range(4)))
+        self.assertEqual(len(set(addresses)), 4)
 
     def test_several_frames_do_not_go_into_one_file(self):
         pattern = self.folder / "o.####.exr"
