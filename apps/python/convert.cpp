@@ -167,7 +167,7 @@ bool to_bool(const std::string& name, py::handle value) {
 std::vector<int> to_ints(const std::string& name, py::handle values, const std::string& form) {
   const bool listed = py::isinstance<py::sequence>(values) || py::isinstance<py::array>(values);
   std::vector<int> numbers;
-  if (listed && !PyUnicode_Check(values.ptr()))
+  if (listed && !PyUnicode_Check(values.ptr()) && !PyBytes_Check(values.ptr()))
     for (const py::handle value : values)
       numbers.push_back(to_int(name, value, std::numeric_limits<int>::min(), std::numeric_limits<int>::max()));
   if (numbers.size() != split(form, ',').size()) refuse(name, form, values);

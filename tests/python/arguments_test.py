@@ -74,6 +74,7 @@ class Arguments(Folder):
             ("seed: expected 0 or more, found -1", {"seed": -1}),
             ("crop: expected (x0, y0, x1, y1), found (1, 2)", {"crop": (1, 2)}),
             ("crop: expected (x0, y0, x1, y1), found 3", {"crop": 3}),
+            ("crop: expected (x0, y0, x1, y1), found b'0022'", {"crop": b"0022"}),
             ("crop: expected a whole number", {"crop": (0, 0, 1.5, 2)}),
             ("time: expected a number above 0, found '20s'", {"time": "20s"}),
             ("time: expected a number above 0, found nan", {"time": float("nan")}),
