@@ -85,7 +85,8 @@ constexpr const char* kRules =
   nobody but the program could take them out. Of two runs the second counts where one takes less than a second, as for every filter. What
   brume takes to write the frame (EXRs as ZIP, PFMs plain) and to read the picture is not in it; results.json tells it as
   `seconds.exchange`. Rendering is charged as for every filter: a render that records what it reads.
-- **Memory** is what the program and all that it starts hold at most, looked at every 20 ms; its interpreter is in it.
+- **Memory** is what the program and all that it starts hold at most, looked at every 20 ms; its interpreter is in it, a daemon whose parent
+  ends between two looks is not.
 - **Limits**: `time_limit` (seconds) and `memory_limit` (GB, resident). A program that passes one is killed with everything it has started,
   daemons too: a variable in their environment tells them. The same limits hold for results out of the cache, by their seconds and memory.
 - **Failures**: a limit passed, an exit status other than 0, no picture, one of another size or with a pixel that is not finite. The tables
