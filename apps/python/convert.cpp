@@ -158,9 +158,9 @@ double to_positive(const std::string& name, py::handle value, bool or_zero) {
   return number;
 }
 
-bool to_bool(const std::string& name, py::handle value) {
+bool to_bool(const std::string& name, py::handle value, const char* expected) {
   py::detail::make_caster<bool> caster;
-  if (!caster.load(value, /*convert=*/false)) refuse(name, "True or False", value);
+  if (!caster.load(value, /*convert=*/false)) refuse(name, expected, value);
   return py::detail::cast_op<bool>(caster);
 }
 

@@ -53,8 +53,8 @@ int64_t to_whole_number(const std::string& name, py::handle value, int64_t lowes
 int to_int(const std::string& name, py::handle value, int lowest, int highest);
 /// A finite number above 0. @param or_zero  0 is one too
 double to_positive(const std::string& name, py::handle value, bool or_zero = false);
-/// True or False, of NumPy too.
-bool to_bool(const std::string& name, py::handle value);
+/// True or False, of NumPy too. @param expected  of the argument, in words
+bool to_bool(const std::string& name, py::handle value, const char* expected = "True or False");
 /// As many whole numbers as `form`, "(i, n)", has names.
 std::vector<int> to_ints(const std::string& name, py::handle values, const std::string& form);
 

@@ -126,7 +126,7 @@ void set_layers(RenderOptions& options, const py::object& layers, bool statistic
                 const py::object& clean) {
   if (py::isinstance<py::str>(clean))
     options.clean_filter = to_text(clean);
-  else if (!clean.is_none() && to_bool("clean", clean))
+  else if (!clean.is_none() && to_bool("clean", clean, "True, False or a filter's name"))
     options.clean_filter = "transport_regression";
   if (!layers.is_none()) {
     std::vector<std::string> names = to_words(layers);

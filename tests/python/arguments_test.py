@@ -81,7 +81,7 @@ class Arguments(Folder):
             ("target_error: expected a number above 0, found 0", {"target_error": 0}),
             ("part: expected (i, n), found 3", {"part": 3}),
             ("part (3, 2): expected (i, n) with i from 1 to n", {"part": (3, 2)}),
-            ("clean: expected True or False, found 3.5", {"clean": 3.5}),
+            ("clean: expected True, False or a filter's name, found 3.5", {"clean": 3.5}),
         ):
             self.refused(words, brume.render, TEXT, **keywords)
         self.refused("samples: expected a whole number, 1 .. 16777216, found 'x'", brume.guides, random_frame(), TEXT, samples="x")
