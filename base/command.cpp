@@ -8,6 +8,7 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cerrno>
 #include <csignal>
 #include <cstdlib>
@@ -15,6 +16,7 @@
 #include <fstream>
 #include <iterator>
 #include <optional>
+#include <random>
 
 #include "base/descriptor.h"
 #include "base/peak_memory.h"
@@ -69,11 +71,19 @@ class Tail {
     }
     std::erase_if(lines, [](const std::string& line) { return line.find_first_not_of(' ') == std::string::npos; });
     if (lines.size() > kLines) lines.erase(lines.begin(), lines.end() - static_cast<std::ptrdiff_t>(kLines));
+    for (std::string& line : lines) shorten(line);
     return join(lines, "\n");
   }
 
  private:
-  static constexpr size_t kKept = 4096, kLines = 6;
+  static constexpr size_t kKept = 4096, kLines = 6, kLongest = 300;
+
+  static void shorten(std::string& line) {
+    if (line.size() <= kLongest) return;
+    size_t end = kLongest;
+    while (end > 0 && (static_cast<unsigned char>(line[end]) & 0xc0) == 0x80) --end;  // between characters of UTF-8
+    line.replace(end, std::string::npos, "...");
+  }
 
   std::optional<Descriptor> reading_, writing_;
   std::string text_;
@@ -91,10 +101,16 @@ uint64_t beginning_of(pid_t process) {
   return std::strtoull(fields[kBeginning].c_str(), nullptr, 10);
 }
 
-/// A program and everything that it has started, as far as it was seen before its parent ended.
+/// A name for a variable that only one program, and what it starts, has in its environment.
+std::string new_mark() {
+  static std::atomic<int> count{0};
+  return fmt::format("BRUME_COMMAND_{}_{}_{:08x}", getpid(), ++count, std::random_device()());
+}
+
+/// A program and everything that it has started: what was seen before its parent ended, and what has its mark.
 class ProcessTree {
  public:
-  explicit ProcessTree(pid_t root) : root_(root) { known_[root] = beginning_of(root); }
+  ProcessTree(pid_t root, std::string mark) : root_(root), mark_(std::move(mark)) { known_[root] = beginning_of(root); }
 
   void look() {
     std::vector<pid_t> open;
@@ -128,17 +144,36 @@ class ProcessTree {
 
   /// Stopped first, so that none starts another meanwhile.
   void kill_all() {
-    kill(-root_, SIGSTOP);
-    look();
-    for (const int signal : {SIGSTOP, SIGKILL}) {
-      kill(-root_, signal);
-      for (const auto& [process, beginning] : known_)
-        if (process != root_ && is_alive(process, beginning)) kill(process, signal);
-      if (signal == SIGSTOP) look();
+    size_t before = 0;
+    while (known_.size() > before) {
+      before = known_.size();
+      send(SIGSTOP);
+      look();
+      look_for_mark();
     }
+    send(SIGKILL);
   }
 
  private:
+  void send(int signal) const {
+    kill(-root_, signal);
+    for (const auto& [process, beginning] : known_)
+      if (process != root_ && is_alive(process, beginning)) kill(process, signal);
+  }
+
+  /// Finds those that have left the tree, as daemons do. Reads the environment of every process of this user.
+  void look_for_mark() {
+    std::error_code ignored;
+    for (const auto& entry : fs::directory_iterator("/proc", ignored)) {
+      const std::string name = entry.path().filename().string();
+      const auto process = static_cast<pid_t>(std::strtol(name.c_str(), nullptr, 10));
+      if (process <= 0 || known_.contains(process)) continue;
+      std::ifstream file(entry.path() / "environ", std::ios::binary);
+      const std::string environment(std::istreambuf_iterator<char>(file), {});
+      if (environment.find(mark_) != std::string::npos) known_[process] = beginning_of(process);
+    }
+  }
+
   static bool is_alive(pid_t process, uint64_t beginning) {
     return beginning != 0 && beginning_of(process) == beginning;
   }
@@ -152,6 +187,7 @@ class ProcessTree {
   }
 
   pid_t root_;
+  std::string mark_;
   std::map<pid_t, uint64_t> known_;
 };
 
@@ -182,13 +218,14 @@ struct Start {
   _exit(EXIT_FAILURE);
 }
 
-std::vector<std::string> environment_of(const Command& command) {
+std::vector<std::string> environment_of(const Command& command, const std::string& mark) {
   std::vector<std::string> all;
   for (char** entry = environ; *entry; ++entry) {
     const std::string_view text = *entry;
     if (!command.environment.contains(std::string(text.substr(0, text.find('='))))) all.emplace_back(text);
   }
   for (const auto& [name, value] : command.environment) all.push_back(name + "=" + value);
+  all.push_back(mark + "=1");
   return all;
 }
 
@@ -200,11 +237,11 @@ std::vector<char*> pointers_to(std::vector<std::string>& texts) {
 }
 
 /// Starts the program and waits until it is one. @throws InputError
-pid_t start(const Command& command, const Tail& output, const Tail& errors) {
+pid_t start(const Command& command, const std::string& mark, const Tail& output, const Tail& errors) {
   const auto fail = [&](int error) {
     throw InputError(fmt::format("{}: cannot be started: {}", command.words.at(0), std::strerror(error)));
   };
-  std::vector<std::string> words = command.words, environment = environment_of(command);
+  std::vector<std::string> words = command.words, environment = environment_of(command, mark);
   const std::vector<char*> word_pointers = pointers_to(words), environment_pointers = pointers_to(environment);
   const Descriptor input(open("/dev/null", O_RDONLY | O_CLOEXEC));
   std::array<int, 2> ends{};
@@ -238,14 +275,14 @@ bool has_ended(pid_t child) {
 /// Looks after a program until its end.
 class Watch {
  public:
-  Watch(const Command& command, const Task& task, pid_t child, Tail& output, Tail& errors)
+  Watch(const Command& command, const Task& task, pid_t child, const std::string& mark, Tail& output, Tail& errors)
       : command_(command),
         task_(task),
         child_(child),
         output_(output),
         errors_(errors),
         ended_(static_cast<int>(syscall(SYS_pidfd_open, child, 0))),
-        tree_(child) {}
+        tree_(child, mark) {}
   ~Watch() {
     if (ended_ >= 0) close(ended_);
   }
@@ -365,10 +402,11 @@ fs::path find_program(const std::string& name, const fs::path& folder) {
 CommandEnd run_command(const Command& command, const Task& task) {
   task.check();
   Tail output, errors;
-  const pid_t child = start(command, output, errors);
+  const std::string mark = new_mark();
+  const pid_t child = start(command, mark, output, errors);
   output.close_writing();
   errors.close_writing();
-  CommandEnd end = Watch(command, task, child, output, errors).wait();
+  CommandEnd end = Watch(command, task, child, mark, output, errors).wait();
   task.check();
   return end;
 }

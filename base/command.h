@@ -36,13 +36,14 @@ struct CommandEnd {
   Limit passed = Limit::kNone;  ///< it was killed because it passed this one
   double seconds = 0;           ///< from its first instruction to its end
   double peak_bytes = 0;        ///< that it and all it started held at most, looked at every 20 ms; 0: ended too soon
-  std::string said;             ///< its last lines on stderr, or, where there are none, on stdout
+  std::string said;  ///< its last lines, of 300 bytes at most, on stderr, or, where there are none, on stdout
 
   bool good() const { return status == 0 && signal == 0 && passed == Limit::kNone; }
 };
 
 /// Runs a program to its end, without input. When it ends, passes a limit, or the task is cancelled, whatever it has
-/// started is killed too; when this process is killed, so is the program.
+/// started is killed too, daemons by a variable BRUME_COMMAND_... that they have in their environment; when this
+/// process is killed, so is the program.
 /// @throws InputError when it cannot be started; Interrupted when the task is cancelled
 CommandEnd run_command(const Command& command, const Task& task);
 

@@ -29,10 +29,22 @@ void remove_abandoned(const fs::path& place) {
   }
 }
 
+/// Where temporary files go. @throws InputError where there is no such folder
+fs::path place_of_scratch() {
+  std::error_code error;
+  fs::path place = fs::temp_directory_path(error);
+  if (!error) return place;
+  for (const char* name : {"TMPDIR", "TMP", "TEMP", "TEMPDIR"})
+    if (const char* const folder = std::getenv(name))
+      throw InputError(
+          fmt::format("{}: the folder for temporary files ({}) is not there; expected a folder", folder, name));
+  throw InputError("/tmp: the folder for temporary files is not there; expected TMPDIR to name one");
+}
+
 }  // namespace
 
 ScratchFolder::ScratchFolder() {
-  const fs::path place = fs::temp_directory_path();
+  const fs::path place = place_of_scratch();
   remove_abandoned(place);
   std::string name = (place / fmt::format("{}{}.{}.XXXXXX", kPrefix, host_name(), getpid())).string();
   if (!mkdtemp(name.data()))

@@ -133,6 +133,12 @@ fs::path file_of_frame(const fs::path& name, int frame) {
   return pattern ? pattern->path(frame) : name;
 }
 
+void check_pattern(std::string_view what, const fs::path& name, std::span<const int> frames) {
+  if (frames.size() > 1 && !name.empty() && !FramePattern::of(name))
+    throw InputError(fmt::format("{} {}: all {} frames would go into one file; expected a name such as shot.####.exr",
+                                 what, name.string(), frames.size()));
+}
+
 std::vector<int> parse_frames(std::string_view text) {
   std::vector<int> frames;
   for (const std::string& piece : split(text, ',')) {

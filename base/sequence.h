@@ -31,6 +31,11 @@ class FramePattern {
 /// The name itself, or where it is a pattern the file of that frame. @throws InputError as FramePattern::of
 std::filesystem::path file_of_frame(const std::filesystem::path& name, int frame);
 
+/// Refuses a name without a number's place for several frames, which would be one file. An empty name is fine.
+/// @param what  the option or argument that it is of: "--png"
+/// @throws InputError
+void check_pattern(std::string_view what, const std::filesystem::path& name, std::span<const int> frames);
+
 /// The frames that "7", "1-240", "1-240x2" (every second) or several of these with commas between them name: rising,
 /// each once. Frames count from 0; there are none below it, since "-" stands between first and last.
 /// @throws InputError that says which piece is wrong

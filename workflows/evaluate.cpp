@@ -2,7 +2,9 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <memory>
+#include <nlohmann/json.hpp>
 #include <thread>
 
 #include "base/command.h"
@@ -46,6 +48,21 @@ Contender contender_of(const ExperimentFilter& filter) {
   return c;
 }
 
+/// @throws InputError for a label that tables could not hold, or that stands for another filter
+void check_label(const Contender& contender) {
+  const std::string& label = contender.label;
+  if (std::any_of(label.begin(), label.end(), [](unsigned char c) { return c < ' ' || c == 0x7f; }))
+    throw InputError(
+        fmt::format("a filter is called {}; expected a label without line breaks and other control characters",
+                    nlohmann::json(label).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace)));
+  if (!contender.external) return;
+  for (const FilterEntry* own : all_filters())
+    if (label == own->name)
+      throw InputError(
+          fmt::format("a filter of yours (`{}`) is called '{}', as one of brume's; expected a label of its own",
+                      contender.external->words, label));
+}
+
 EvaluationSettings settings_of(const EvaluateOptions& o, const Host& host) {
   const Experiment& e = o.experiment;
   EvaluationSettings s;
@@ -70,13 +87,8 @@ EvaluationSettings settings_of(const EvaluateOptions& o, const Host& host) {
                   host.threads > 0 ? host.threads : static_cast<int>(std::thread::hardware_concurrency())};
   if (e.filters.empty() && !(o.chosen_filters && !o.others.empty())) s.contenders = all_contenders();
   for (const ExperimentFilter& filter : e.filters) s.contenders.push_back(contender_of(filter));
-  for (const Contender& other : o.others) {
-    for (const FilterEntry* own : all_filters())
-      if (other.label == own->name)
-        throw InputError(fmt::format("a filter of yours is called '{}', as one of brume's; expected a name of its own",
-                                     other.label));
-    s.contenders.push_back(other);
-  }
+  s.contenders.insert(s.contenders.end(), o.others.begin(), o.others.end());
+  for (const Contender& contender : s.contenders) check_label(contender);
   for (size_t i = 0; i < s.contenders.size(); ++i)
     for (size_t k = 0; k < i; ++k)
       if (s.contenders[i].label == s.contenders[k].label)

@@ -85,8 +85,10 @@ constexpr const char* kRules =
   nobody but the program could take them out. Of two runs the second counts where one takes less than a second, as for every filter. What
   brume takes to write the frame (EXRs as ZIP, PFMs plain) and to read the picture is not in it; results.json tells it as
   `seconds.exchange`. Rendering is charged as for every filter: a render that records what it reads.
-- **Memory** is what the program and all that it starts hold at most, looked at every 20 ms; its interpreter is in it.
-- **Limits**: `time_limit` (seconds) and `memory_limit` (GB, resident). A program that passes one is killed with everything it has started.
+- **Memory** is what the program and all that it starts hold at most, looked at every 20 ms; its interpreter is in it, a daemon whose parent
+  ends between two looks is not.
+- **Limits**: `time_limit` (seconds) and `memory_limit` (GB, resident). A program that passes one is killed with everything it has started,
+  daemons too: a variable in their environment tells them. The same limits hold for results out of the cache, by their seconds and memory.
 - **Failures**: a limit passed, an exit status other than 0, no picture, one of another size or with a pixel that is not finite. The tables
   hold the reason and the last lines that the program wrote to stderr, and the run goes on.
 - **Cache**: a result is kept under the words, the contents of the program and of every file that a word, or what follows its `=`, names,
@@ -114,8 +116,9 @@ From Python, `brume.evaluate(experiment, filters={"mine": f})` calls `f(frame)` 
 takes an array of height x width x 3 or `Layers` back. `f.layers`, `f.statistics` and `f.time_limit`, attributes of the function, are the
 keys of the same names; a function cannot be stopped, so that its time is judged afterwards and its memory is not limited. An exception is
 its failure; `KeyboardInterrupt` ends the run. With a cache, results are kept under the function's code: bytecode, constants, defaults, the
-values it closes over, and the functions and values of its module that it names; values that cannot be pickled are refused there until
-`f.cache_key = "version 1"` says what to keep it under.
+values it closes over, and the functions and values of its module that it names; of modules that it names, those that are not installed
+count by their files, installed ones by name and version. Values that cannot be pickled are refused there until `f.cache_key = "version 1"`
+says what to keep it under.
 )";
 
 }  // namespace

@@ -8,8 +8,12 @@
 #include <limits>
 #include <utility>
 
+#include "base/error.h"
+#include "base/sequence.h"
 #include "image/packed_half.h"
+#include "render/scene/scene_io.h"
 #include "volume/tracking.h"
+#include "workflows/scene.h"
 #include "workflows/version.h"
 
 namespace brume {
@@ -126,6 +130,17 @@ bool is_enabled(const SceneTable& table) {
 }
 
 }  // namespace
+
+void check_viewable(const ViewOptions& options) {
+  const int frame = options.frames.empty() ? 0 : options.frames.front();
+  const std::filesystem::path file = file_of_frame(options.scene, frame);
+  if (std::error_code error; !std::filesystem::exists(file, error))
+    throw InputError(fmt::format("{}: no such file", file.string()));
+  if (is_volume(file)) return;
+  std::vector<std::string> overrides = options.overrides;
+  if (!options.frames.empty()) overrides.push_back(fmt::format("render.frame={}", frame));
+  read_scene_alone(file, overrides);
+}
 
 Viewer::Viewer(const ViewOptions& options, const Host& host, ViewListener& listener)
     : options_(options),

@@ -97,6 +97,10 @@ struct ViewOptions {
   std::string clean_filter = "transport_regression";
 };
 
+/// For those who can tell their user at once what a page would only show. @throws InputError: a file that is missing; a
+/// scene that cannot be read, overrides included
+void check_viewable(const ViewOptions& options);
+
 /// Answers looks at a scene, the newest first: at once with a noise-free picture of predicted light (render/guides), at
 /// rest with path-traced samples in rounds, each cleaned. A thread of its own does all of it.
 class Viewer {

@@ -58,10 +58,6 @@ Host make_host(const Common& common);
 int status_of(FrameEnd end);
 int status_of(const SequenceEnd& end);
 
-/// Throws InputError unless an output's name has a place for the frame's number, which several frames need.
-/// @param option  as on the command line
-void check_pattern(const std::string& option, const std::filesystem::path& name, const std::vector<int>& frames);
-
 // Every line on stderr but a progress bar begins with "brume: ".
 
 /// To stderr, unless --quiet.

@@ -148,12 +148,6 @@ int status_of(const SequenceEnd& end) {
   return end.well() ? kDone : kThresholdFailed;
 }
 
-void check_pattern(const std::string& option, const std::filesystem::path& name, const std::vector<int>& frames) {
-  if (frames.size() > 1 && !name.empty() && !FramePattern::of(name))
-    throw InputError(fmt::format("{} {}: all {} frames would go into one file; expected a name such as shot.####.exr",
-                                 option, name.string(), frames.size()));
-}
-
 CLI::App* add_command(CLI::App& app, Common& common, const std::string& name, const std::string& description) {
   CLI::App* command = app.add_subcommand(name, description);
   command->add_option("--threads", common.threads, "threads to use; 0: all")

@@ -7,10 +7,7 @@
 #include "apps/cli/command.h"
 #include "apps/cli/program.h"
 #include "apps/view/server.h"
-#include "base/error.h"
 #include "base/sequence.h"
-#include "render/scene/scene_io.h"
-#include "workflows/scene.h"
 
 namespace brume::app {
 namespace {
@@ -29,16 +26,7 @@ bool is_loopback(const std::string& host) {
 int run(const Options& o, const Common& common) {
   ViewOptions view = o.view;
   if (!o.frames.empty()) view.frames = parse_frames(o.frames);
-  // What the page would only show is said here, where somebody types.
-  const int frame = view.frames.empty() ? 0 : view.frames.front();
-  const auto file = file_of_frame(view.scene, frame);
-  if (std::error_code error; !std::filesystem::exists(file, error))
-    throw InputError(fmt::format("{}: no such file", file.string()));
-  if (!is_volume(file)) {
-    std::vector<std::string> overrides = view.overrides;
-    if (!view.frames.empty()) overrides.push_back(fmt::format("render.frame={}", frame));
-    read_scene_alone(file, overrides);
-  }
+  check_viewable(view);
   if (!is_loopback(o.server.host))
     warn(
         fmt::format("--host {}: whoever on the network learns the address can look at the scene, change what is shown "

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cctype>
+#include <cmath>
 #include <cstring>
 #include <limits>
 
@@ -13,10 +14,6 @@ namespace brume::python {
 namespace {
 
 using Array = py::array_t<float, py::array::c_style | py::array::forcecast>;
-
-Array to_array(const std::string& what, py::handle value) {
-  return Array::ensure(to_real_array(what, value));
-}
 
 /// The full names of the channels of an array height x width x channels.
 std::vector<std::string> channels_of(const std::string& name, py::ssize_t count) {
@@ -31,6 +28,25 @@ std::vector<std::string> channels_of(const std::string& name, py::ssize_t count)
   if (count < 1 || count > 4 || count == 2)
     throw InputError(fmt::format("layers['{}']: expected 1, 3 or 4 channels, found {}", name, count));
   return LayerName{key, letters[count - 1], ""}.channel_names();
+}
+
+/// What arguments are called where they are not what is expected.
+[[noreturn]] void refuse(const std::string& name, const std::string& expected, py::handle found) {
+  throw InputError(fmt::format("{}: expected {}, found {}", name, expected, to_text(py::repr(found))));
+}
+
+/// A finite number; NaN for anything else. A str is none.
+double finite_number(py::handle value) {
+  constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
+  if (PyUnicode_Check(value.ptr()) || PyBytes_Check(value.ptr())) return kNone;
+  try {
+    const double number = PyFloat_AsDouble(value.ptr());
+    if (PyErr_Occurred()) throw py::error_already_set();
+    return std::isfinite(number) ? number : kNone;
+  } catch (py::error_already_set& error) {
+    let_through(error);
+    return kNone;
+  }
 }
 
 void copy_rows(Plane& plane, const float* from, size_t step, size_t row_step) {
@@ -90,15 +106,72 @@ std::string shape_of(const py::array& array) {
   return sizes.empty() ? "a single number" : join(sizes, " x ");
 }
 
+void let_through(py::error_already_set& error) {
+  if (!error.matches(PyExc_Exception) || error.matches(PyExc_MemoryError)) throw py::error_already_set(error);
+}
+
 py::array to_real_array(const std::string& what, py::handle value) {
-  const auto given = py::array::ensure(value);
-  PyErr_Clear();
-  if (!given || PyUnicode_Check(value.ptr()))
-    throw InputError(fmt::format("{}: expected an array of numbers, found {}", what, type_name(value)));
+  py::array given;
+  bool is_array = !PyUnicode_Check(value.ptr());
+  try {
+    if (is_array) given = py::array(py::reinterpret_borrow<py::object>(value));
+  } catch (py::error_already_set& error) {
+    let_through(error);
+    is_array = false;
+  }
+  if (!is_array) throw InputError(fmt::format("{}: expected an array of numbers, found {}", what, type_name(value)));
+  for (py::ssize_t i = 0; i < given.ndim(); ++i)
+    if (given.shape(i) > std::numeric_limits<int>::max())
+      throw InputError(fmt::format("{}: expected at most {} rows along an axis, found {}", what,
+                                   std::numeric_limits<int>::max(), shape_of(given)));
   if (std::string_view("biuf").find(given.dtype().kind()) == std::string_view::npos)
     throw py::type_error(
         fmt::format("{}: expected real numbers, found {}", what, to_text(py::str(given.dtype().attr("name")))));
   return given;
+}
+
+int64_t to_whole_number(const std::string& name, py::handle value, int64_t lowest, int64_t highest) {
+  const std::string range = highest == std::numeric_limits<int64_t>::max() ? fmt::format("{} or more", lowest)
+                                                                           : fmt::format("{} .. {}", lowest, highest);
+  try {
+    if (!PyIndex_Check(value.ptr())) refuse(name, "a whole number, " + range, value);
+    const auto whole = py::reinterpret_steal<py::object>(PyNumber_Index(value.ptr()));
+    if (!whole) throw py::error_already_set();
+    int overflow = 0;
+    const int64_t number = PyLong_AsLongLongAndOverflow(whole.ptr(), &overflow);
+    if (overflow != 0 || number < lowest || number > highest) refuse(name, range, value);
+    return number;
+  } catch (py::error_already_set& error) {
+    let_through(error);
+  }
+  refuse(name, "a whole number, " + range, value);  // an array of NumPy of other numbers
+}
+
+int to_int(const std::string& name, py::handle value, int lowest, int highest) {
+  return static_cast<int>(to_whole_number(name, value, lowest, highest));
+}
+
+double to_positive(const std::string& name, py::handle value, bool or_zero) {
+  const double number = finite_number(value);
+  if (!(number > 0 || (or_zero && number == 0)))
+    refuse(name, or_zero ? "a number of 0 or more" : "a number above 0", value);
+  return number;
+}
+
+bool to_bool(const std::string& name, py::handle value, const char* expected) {
+  py::detail::make_caster<bool> caster;
+  if (!caster.load(value, /*convert=*/false)) refuse(name, expected, value);
+  return py::detail::cast_op<bool>(caster);
+}
+
+std::vector<int> to_ints(const std::string& name, py::handle values, const std::string& form) {
+  const bool listed = py::isinstance<py::sequence>(values) || py::isinstance<py::array>(values);
+  std::vector<int> numbers;
+  if (listed && !PyUnicode_Check(values.ptr()) && !PyBytes_Check(values.ptr()))
+    for (const py::handle value : values)
+      numbers.push_back(to_int(name, value, std::numeric_limits<int>::min(), std::numeric_limits<int>::max()));
+  if (numbers.size() != split(form, ',').size()) refuse(name, form, values);
+  return numbers;
 }
 
 std::string to_key(py::handle keyword) {
@@ -163,10 +236,10 @@ std::string to_exposure(const py::object& value) {
   if (py::isinstance<py::str>(value)) {
     const std::string text = to_text(value);
     if (text == "header" || text == "auto") return text;
-  } else if (const double number = value.cast<double>(); number > 0 && number <= std::numeric_limits<double>::max()) {
+  } else if (const double number = finite_number(value); number > 0) {
     return fmt::format("{}", number);
   }
-  throw InputError(fmt::format("exposure {}: expected header, auto or a number above 0", to_text(py::repr(value))));
+  refuse("exposure", "header, auto or a number above 0", value);
 }
 
 py::object to_object(const Attribute& attribute) {
@@ -179,10 +252,11 @@ py::object to_object(const Attribute& attribute) {
 
 Attribute to_attribute(const std::string& key, py::handle value) {
   if (PyUnicode_Check(value.ptr())) return to_text(value);
-  if (PyLong_Check(value.ptr())) return value.cast<int>();
-  if (PyFloat_Check(value.ptr())) return value.cast<float>();
   const std::string what = fmt::format("header['{}']", key);
-  const Array array = to_array(what, value);
+  if (PyLong_Check(value.ptr()))
+    return to_int(what, value, std::numeric_limits<int>::min(), std::numeric_limits<int>::max());
+  if (PyFloat_Check(value.ptr())) return value.cast<float>();
+  const Array array(to_real_array(what, value));
   if (array.size() != 16)
     throw InputError(
         fmt::format("{}: expected a str, a number or 4 x 4 numbers, found {}", what, to_text(py::repr(value))));
@@ -198,14 +272,15 @@ py::array_t<float> view_of(Plane& plane, py::handle owner) {
 }
 
 void copy_into(Plane& plane, const std::string& name, py::handle value) {
-  const Array array = to_array(fmt::format("layers['{}']", name), value);
+  const py::array given = to_real_array(fmt::format("layers['{}']", name), value);
+  if (given.ndim() != 0 && (given.ndim() != 2 || given.shape(0) != plane.height() || given.shape(1) != plane.width()))
+    throw InputError(fmt::format("layers['{}']: expected {} x {} (height x width), found {}", name, plane.height(),
+                                 plane.width(), shape_of(given)));
+  const Array array(given);
   if (array.ndim() == 0) {
     plane.fill(*array.data());
     return;
   }
-  if (array.ndim() != 2 || array.shape(0) != plane.height() || array.shape(1) != plane.width())
-    throw InputError(fmt::format("layers['{}']: expected {} x {} (height x width), found {}", name, plane.height(),
-                                 plane.width(), shape_of(array)));
   copy_rows(plane, array.data(), 1, static_cast<size_t>(plane.width()));
 }
 
@@ -219,7 +294,7 @@ std::shared_ptr<Layers> to_layers(py::handle value) {
   std::shared_ptr<Layers> layers;
   for (const auto& [key, entry] : arrays) {
     const std::string name = to_text(key);
-    const Array array = to_array(fmt::format("layers['{}']", name), entry);
+    const Array array(to_real_array(fmt::format("layers['{}']", name), entry));
     if (array.ndim() != 2 && array.ndim() != 3)
       throw InputError(fmt::format(
           "layers['{}']: expected height x width for a channel, or height x width x channels for a layer, found {}",

@@ -38,9 +38,25 @@ std::string to_toml_key(const std::string& key);
 std::string type_name(py::handle value);
 /// "2 x 3", for errors.
 std::string shape_of(const py::array& array);
+/// For a handler of what Python code raised: raises again what no error of input may hide, want of memory and what is
+/// no Exception, such as KeyboardInterrupt.
+void let_through(py::error_already_set& error);
 /// @param what  as errors call it: "layers['R']"
-/// @throws InputError for what is no array; py::type_error for one whose values are not real numbers
+/// @throws InputError for what is no array, or has more than 2^31 - 1 rows along an axis; py::type_error for one whose
+///         values are not real numbers
 py::array to_real_array(const std::string& what, py::handle value);
+
+// Arguments by their names. @throws InputError that names the argument, what is expected and what was found
+
+/// A whole number. @param highest  2^63 - 1: no limit that errors speak of
+int64_t to_whole_number(const std::string& name, py::handle value, int64_t lowest, int64_t highest);
+int to_int(const std::string& name, py::handle value, int lowest, int highest);
+/// A finite number above 0. @param or_zero  0 is one too
+double to_positive(const std::string& name, py::handle value, bool or_zero = false);
+/// True or False, of NumPy too. @param expected  of the argument, in words
+bool to_bool(const std::string& name, py::handle value, const char* expected = "True or False");
+/// As many whole numbers as `form`, "(i, n)", has names.
+std::vector<int> to_ints(const std::string& name, py::handle values, const std::string& form);
 
 /// Words of a str with commas, or of any iterable of str.
 std::vector<std::string> to_words(const py::object& value);

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <limits>
 #include <optional>
 
 #include "apps/python/bindings.h"
@@ -135,9 +136,7 @@ py::object denoise_files(const FrameFiles& files, std::vector<int> numbers, cons
   }
   for (const auto& [what, name] :
        {std::pair("layers", &files.frame), {"output", &files.output}, {"png", &files.preview}})
-    if (numbers.size() > 1 && !name->empty() && !FramePattern::of(*name))
-      throw InputError(fmt::format("{} {}: all {} frames would be one file; expected a name such as shot.####.exr",
-                                   what, name->string(), numbers.size()));
+    check_pattern(what, *name, numbers);
   if (options.resume && !sequence) throw InputError("resume leaves out the complete frames of a sequence");
   SequenceEnd end;
   run_work({progress}, threads, [&](const Work& work) {
@@ -172,16 +171,12 @@ py::object denoise(const py::object& layers, const py::object& filter, const std
   if (tile < 0) throw InputError(fmt::format("tile: expected 0 or more, found {}", tile));
   options.how.tile = tile;
   options.picture.exposure = to_exposure(exposure);
-  if (!extra_frames.is_none()) options.extra_frames = extra_frames.cast<int>();
-  if (options.extra_frames.value_or(0) < 0 || options.extra_frames.value_or(0) > 100)
-    throw InputError(fmt::format("extra_frames: expected 0 .. 100, found {}", *options.extra_frames));
+  if (!extra_frames.is_none()) options.extra_frames = to_int("extra_frames", extra_frames, 0, 100);
   options.resume = resume;
   options.file.keep = keep_file;
   options.file.suffix = suffix;
   if (!map.is_none()) options.file.map = to_path(map);
-  if (!samples.is_none()) options.file.samples = samples.cast<int>();
-  if (!samples.is_none() && options.file.samples < 1)
-    throw InputError(fmt::format("samples: expected 1 or more, found {}", options.file.samples));
+  if (!samples.is_none()) options.file.samples = to_int("samples", samples, 1, std::numeric_limits<int>::max());
   if (!filter.is_none()) options.filters = {parse_filter(to_text(filter))};
   if (options.filters.empty() && parameters.size() > 0)
     throw InputError(fmt::format("{}: a parameter without a filter; name the filter too",

@@ -25,14 +25,16 @@ constexpr const char* kEvaluateHelp =
     "frame's R, G, B are the light to clean, with coverage and alpha beside them. Attributes of the function ask for more:\n"
     "layers = [\"albedo\", \"guides\"]; statistics = True for mean_variance, half_a and half_b; time_limit in seconds, which is\n"
     "judged afterwards. What it raises is its failure, told in the tables; KeyboardInterrupt ends the run. With a cache its\n"
-    "results are kept under its code: bytecode, constants, defaults, the values that it closes over or names of its\n"
-    "module, functions there by their code; or under its attribute cache_key alone, where it has one.\n\n"
+    "results are kept under its code: bytecode, constants, defaults, the values that it closes over, the functions and values\n"
+    "of its module that it names; modules that are not installed count by their files; or under its attribute cache_key\n"
+    "alone, where it has one.\n\n"
     "The dict is that of results.json. Raises InputError.";
 
 /// The last words of an exception of Python's, in one line.
 std::string last_words(py::error_already_set& error) {
-  const py::list lines =
-      py::module_::import("traceback").attr("format_exception")(error.type(), error.value(), error.trace());
+  // There is none where no line of Python's ran: a call with the wrong number of arguments.
+  const py::object trace = error.trace() ? error.trace() : py::none();
+  const py::list lines = py::module_::import("traceback").attr("format_exception")(error.type(), error.value(), trace);
   std::vector<std::string> words;
   for (const std::string& line : split(to_text(py::str("").attr("join")(lines)), '\n')) {
     const size_t begin = line.find_first_not_of(' ');
@@ -96,7 +98,8 @@ Contender contender_of(const std::string& label, py::handle function, bool cache
   if (py::hasattr(function, "layers"))
     for (const std::string& name : to_words(function.attr("layers")))
       filter.ask_for(name, known, fmt::format("filters['{}'].layers", label));
-  if (py::hasattr(function, "statistics")) filter.statistics = function.attr("statistics").cast<bool>();
+  if (py::hasattr(function, "statistics"))
+    filter.statistics = to_bool(fmt::format("filters['{}'].statistics", label), function.attr("statistics"));
   filter.kind = "function";
   filter.words = py::hasattr(function, "__qualname__") ? to_text(function.attr("__qualname__"))
                                                        : to_text(py::type::handle_of(function).attr("__qualname__"));
@@ -107,7 +110,9 @@ Contender contender_of(const std::string& label, py::handle function, bool cache
     return output;
   };
   Contender contender = external_contender(std::move(filter), label);
-  if (py::hasattr(function, "time_limit")) contender.time_limit = function.attr("time_limit").cast<double>();
+  if (py::hasattr(function, "time_limit"))
+    contender.time_limit =
+        to_positive(fmt::format("filters['{}'].time_limit", label), function.attr("time_limit"), /*or_zero=*/true);
   return contender;
 }
 
@@ -153,18 +158,15 @@ void add_filters(EvaluateOptions& options, const NamedFilters& filters, const Ca
 }
 
 std::vector<int> to_counts(const py::object& spp) {
-  std::vector<int> counts = PyIndex_Check(spp.ptr()) ? std::vector<int>{spp.cast<int>()} : spp.cast<std::vector<int>>();
-  for (const int count : counts)
-    if (count < 1 || count > 1 << 20) throw InputError(fmt::format("spp: expected 1 .. {}, found {}", 1 << 20, count));
+  constexpr int kMost = 1 << 20;
+  const bool listed = (py::isinstance<py::sequence>(spp) || py::isinstance<py::array>(spp)) && !is_path(spp);
+  std::vector<int> counts;
+  if (!listed || (py::isinstance<py::array>(spp) && py::reinterpret_borrow<py::array>(spp).ndim() == 0))
+    counts = {to_int("spp", spp, 1, kMost)};
+  else
+    for (const py::handle count : spp) counts.push_back(to_int("spp", count, 1, kMost));
   if (counts.empty()) throw InputError("spp: expected at least one sample count");
   return counts;
-}
-
-int to_number(const char* name, const py::object& value, int lowest, int highest) {
-  const auto number = value.cast<int64_t>();
-  if (number < lowest || number > highest)
-    throw InputError(fmt::format("{}: expected {} .. {}, found {}", name, lowest, highest, number));
-  return static_cast<int>(number);
 }
 
 /// Stages "[3/14] ..." as parts of the whole.
@@ -192,13 +194,13 @@ py::object evaluate(const py::object& experiment, const py::object& filters, con
   if (!output.is_none()) options.output = to_path(output);
   if (!cache.is_none()) options.cache = to_path(cache);
   options.command = "brume.evaluate of Python";
-  if (!size.is_none()) e.size = to_number("size", size, 1, 65536);
+  if (!size.is_none()) e.size = to_int("size", size, 1, 65536);
   if (!spp.is_none()) e.spp = to_counts(spp);
-  if (!seeds.is_none()) e.seeds = to_number("seeds", seeds, 1, 1000);
-  if (!reference_spp.is_none()) e.reference_spp = to_number("reference_spp", reference_spp, 1, 1 << 24);
+  if (!seeds.is_none()) e.seeds = to_int("seeds", seeds, 1, 1000);
+  if (!reference_spp.is_none()) e.reference_spp = to_int("reference_spp", reference_spp, 1, 1 << 24);
   if (!component.is_none()) e.component = to_text(component);
   if (!background.is_none()) e.background = to_text(background);
-  if (!search.is_none()) e.search = search.cast<bool>();
+  if (!search.is_none()) e.search = to_bool("search", search);
   for (ExperimentScene& scene : e.scenes)
     for (const std::string& assignment : to_overrides(keywords)) scene.set.push_back(assignment);
   const NamedFilters named(filters);

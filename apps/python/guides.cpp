@@ -30,9 +30,7 @@ LayersPointer guides(const py::object& like, const py::object& scene, const py::
   const std::string file = is_file ? to_path(like) : std::string();
   if (!is_file) options.like = GuidedFrame::of(*to_layers(like), "the frame");
   if (!volume.is_none()) options.volume = to_path(volume);
-  if (!samples.is_none()) options.samples = samples.cast<int>();
-  if (!samples.is_none() && (options.samples < 1 || options.samples > 1 << 24))
-    throw InputError(fmt::format("samples: expected 1 .. {}, found {}", 1 << 24, options.samples));
+  if (!samples.is_none()) options.samples = to_int("samples", samples, 1, 1 << 24);
   const std::string path = output.is_none() ? std::string() : to_path(output);
   if (!argument && changes.has_arrays()) throw InputError("arrays: expected a scene whose volumes or meshes they are");
 

@@ -55,6 +55,8 @@ std::shared_ptr<Layers> make_layers(const py::object& channels, const py::object
   const std::shared_ptr<Layers> given = to_layers(channels);
   auto layers = py::isinstance<Layers>(channels) ? std::make_shared<Layers>(*given) : given;
   if (!like.is_none()) {
+    if (!py::isinstance<Layers>(like))
+      throw InputError(fmt::format("like: expected brume.Layers, found {}", type_name(like)));
     const auto& other = *like.cast<std::shared_ptr<Layers>>();
     if (other.width() != layers->width() || other.height() != layers->height())
       throw InputError(fmt::format("like: has {} x {} pixels (height x width), the channels have {} x {}",

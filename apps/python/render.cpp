@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <array>
 #include <atomic>
 #include <limits>
 
@@ -48,24 +47,16 @@ std::filesystem::path to_optional_path(const py::object& path) {
   return path.is_none() ? std::filesystem::path() : std::filesystem::path(to_path(path));
 }
 
-/// A number above 0; 0 for None.
-double to_positive(const char* name, const py::object& value) {
-  if (value.is_none()) return 0;
-  const double number = value.cast<double>();
-  if (!(number > 0) || number > std::numeric_limits<double>::max())
-    throw InputError(fmt::format("{}: expected a number above 0, found {}", name, to_text(py::repr(value))));
-  return number;
-}
-
 RenderOptions::Part to_part(const py::object& part) {
-  const auto [number, parts] = part.cast<std::array<int, 2>>();
-  if (number < 1 || number > parts)
-    throw InputError(fmt::format("part ({}, {}): expected (i, n) with i from 1 to n", number, parts));
-  return {number, parts};
+  const std::vector<int> numbers = to_ints("part", part, "(i, n)");
+  if (numbers[0] < 1 || numbers[0] > numbers[1])
+    throw InputError(fmt::format("part ({}, {}): expected (i, n) with i from 1 to n", numbers[0], numbers[1]));
+  return {numbers[0], numbers[1]};
 }
 
 void set_files(RenderOptions& options, const py::object& output, const py::object& png, const py::object& records,
-               const py::object& checkpoint, double checkpoint_every, const py::object& resume, bool sequence) {
+               const py::object& checkpoint, double checkpoint_every, const py::object& resume,
+               const std::vector<int>& frames) {
   options.output = to_optional_path(output);
   options.preview = to_optional_path(png);
   options.records = to_optional_path(records);
@@ -74,11 +65,17 @@ void set_files(RenderOptions& options, const py::object& output, const py::objec
     throw InputError(fmt::format("checkpoint_every: expected seconds above 0, found {}", checkpoint_every));
   options.checkpoint_seconds = checkpoint_every;
   if (PyBool_Check(resume.ptr()))
-    options.skip_complete = resume.cast<bool>();
+    options.skip_complete = resume.ptr() == Py_True;
   else
     options.resume = to_optional_path(resume);
-  if (options.skip_complete && !sequence)
+  if (options.skip_complete && frames.empty())
     throw InputError("resume: True is for the frames of a sequence; expected a checkpoint to go on from, or frames");
+  for (const auto& [argument, name] : {std::pair("output", &options.output),
+                                       {"png", &options.preview},
+                                       {"records", &options.records},
+                                       {"checkpoint", &options.checkpoint},
+                                       {"resume", &options.resume}})
+    check_pattern(argument, *name, frames);
 }
 
 /// The progress of renders and of cleaning what they made, frame after frame.
@@ -129,7 +126,7 @@ void set_layers(RenderOptions& options, const py::object& layers, bool statistic
                 const py::object& clean) {
   if (py::isinstance<py::str>(clean))
     options.clean_filter = to_text(clean);
-  else if (clean.cast<bool>())
+  else if (!clean.is_none() && to_bool("clean", clean, "True, False or a filter's name"))
     options.clean_filter = "transport_regression";
   if (!layers.is_none()) {
     std::vector<std::string> names = to_words(layers);
@@ -143,9 +140,7 @@ void set_layers(RenderOptions& options, const py::object& layers, bool statistic
 }
 
 void set_spp(RenderOptions& options, const py::object& spp) {
-  if (!spp.is_none()) options.spp = spp.cast<int>();
-  if (options.spp && (*options.spp < 1 || *options.spp > 1 << 24))
-    throw InputError(fmt::format("spp: expected 1 .. {}, found {}", 1 << 24, *options.spp));
+  if (!spp.is_none()) options.spp = to_int("spp", spp, 1, 1 << 24);
 }
 
 void set_source(RenderOptions& options, const SceneSource& source) {
@@ -177,19 +172,17 @@ py::object render(const py::object& scene, const py::object& spp, const py::obje
   set_layers(options, layers, statistics, buckets, clean);
   options.outliers = kOutlierRules.of(outliers);
   if (!crop.is_none()) {
-    const auto [x0, y0, x1, y1] = crop.cast<std::array<int, 4>>();
-    options.crop = fmt::format("{},{},{},{}", x0, y0, x1, y1);
+    const std::vector<int> window = to_ints("crop", crop, "(x0, y0, x1, y1)");
+    options.crop = fmt::format("{},{},{},{}", window[0], window[1], window[2], window[3]);
   }
   set_spp(options, spp);
-  if (!seed.is_none()) options.seed = seed.cast<int64_t>();
-  if (options.seed && *options.seed < 0)
-    throw InputError(fmt::format("seed: expected 0 or more, found {}", *options.seed));
-  options.time_limit = to_positive("time", time);
-  options.target_error = to_positive("target_error", target_error);
+  if (!seed.is_none()) options.seed = to_whole_number("seed", seed, 0, std::numeric_limits<int64_t>::max());
+  if (!time.is_none()) options.time_limit = to_positive("time", time);
+  if (!target_error.is_none()) options.target_error = to_positive("target_error", target_error);
   if (!part.is_none()) options.part = to_part(part);
   std::vector<int> numbers;
   if (!frames.is_none()) numbers = parse_frames(to_text(frames));
-  set_files(options, output, png, records, checkpoint, checkpoint_every, resume, !numbers.empty());
+  set_files(options, output, png, records, checkpoint, checkpoint_every, resume, numbers);
   options.fixed_seed = fixed_seed;
   if (numbers.empty() && fixed_seed) throw InputError("fixed_seed is for frames: one frame has one seed");
   if (!numbers.empty() && options.output.empty())

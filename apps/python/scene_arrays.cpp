@@ -14,7 +14,8 @@ namespace {
 using Doubles = py::array_t<double, py::array::c_style | py::array::forcecast>;
 
 const std::vector<std::string> kScalarGrids = {"density", "temperature", "flame"}, kVectorGrids = {"color", "velocity"},
-                               kMeshArrays = {"vertices", "faces", "normals", "texcoords"};
+                               kMeshArrays = {"vertices", "faces", "normals", "texcoords"},
+                               kLists = {"lights", "surfaces", "volumes"};
 
 bool is_one_of(const std::vector<std::string>& names, const std::string& name) {
   return std::find(names.begin(), names.end(), name) != names.end();
@@ -25,7 +26,8 @@ py::ssize_t dimensions(py::handle value) {
   if (PyUnicode_Check(value.ptr()) || PyBytes_Check(value.ptr())) return 0;
   try {
     return py::module_::import("numpy").attr("ndim")(value).cast<py::ssize_t>();
-  } catch (const py::error_already_set&) {  // rows of different lengths
+  } catch (py::error_already_set& error) {  // rows of different lengths
+    let_through(error);
     return 0;
   }
 }
@@ -67,7 +69,7 @@ py::array readable(const std::string& what, py::handle value) {
 /// Rows of so many numbers.
 template <class Row>
 std::vector<Row> rows(const std::string& what, py::handle value, const char* expected) {
-  const Doubles array = Doubles::ensure(to_real_array(what, value));
+  const Doubles array(to_real_array(what, value));
   constexpr int kColumns = Row::length();
   if (array.ndim() != 2 || array.shape(1) != kColumns) refuse_shape(what, expected, array);
   std::vector<Row> result(static_cast<size_t>(array.shape(0)));
@@ -80,10 +82,11 @@ std::vector<Row> rows(const std::string& what, py::handle value, const char* exp
 /// Faces of three corners or more, cut into triangles.
 std::vector<ivec3> triangles(const std::string& what, py::handle value) {
   const py::array given = to_real_array(what, value);
+  if (given.size() == 0) return {};  // of floats, as NumPy makes one of []
   if (std::string_view("iu").find(given.dtype().kind()) == std::string_view::npos)
     throw py::type_error(
         fmt::format("{}: expected integers, found {}", what, to_text(py::str(given.dtype().attr("name")))));
-  const auto array = py::array_t<int64_t, py::array::c_style | py::array::forcecast>::ensure(given);
+  const py::array_t<int64_t, py::array::c_style | py::array::forcecast> array(given);
   if (array.ndim() != 2 || array.shape(1) < 3) refuse_shape(what, "faces x corners, at least 3 of them", array);
   std::vector<ivec3> result;
   const auto corner = [&](py::ssize_t face, py::ssize_t k) {
@@ -139,11 +142,16 @@ class SceneWriter {
 
   std::string write(const py::dict& scene) {
     std::string text;
-    for (const auto& [key, value] : scene)  // what stands alone comes before the tables
-      if (const std::string name = to_text(key); !is_table(value) && !is_list(name, value) && !value.is_none())
-        text += fmt::format("{} = {}\n", to_toml_key(name), to_toml_value(value));
+    for (const auto& [key, value] : scene) {  // what stands alone comes before the tables
+      const std::string name = to_text(key);
+      if (is_table(value) || is_list(name, value) || value.is_none()) continue;
+      if (has_tables(value)) throw InputError(fmt::format("{}: no list of dicts{}", name, suggestion(name, kLists)));
+      text += fmt::format("{} = {}\n", to_toml_key(name), to_toml_value(value));
+    }
     for (const auto& [key, value] : scene) {
       const std::string name = to_text(key);
+      if (is_one_of(kLists, name) && is_table(value))
+        throw InputError(fmt::format("{}: expected a list of dicts, found a {}", name, type_name(value)));
       if (is_table(value)) {
         text += fmt::format("[{}]\n", to_toml_key(name)) + table(name, value);
       } else if (is_list(name, value)) {
@@ -162,8 +170,11 @@ class SceneWriter {
  private:
   static bool is_table(py::handle value) { return PyMapping_Check(value.ptr()) && py::hasattr(value, "items"); }
   static bool is_list(const std::string& name, py::handle value) {
-    return (name == "volumes" || name == "lights" || name == "surfaces") && py::isinstance<py::sequence>(value) &&
-           !PyUnicode_Check(value.ptr());
+    return is_one_of(kLists, name) && py::isinstance<py::sequence>(value) && !PyUnicode_Check(value.ptr());
+  }
+  static bool has_tables(py::handle value) {
+    if (!PyList_Check(value.ptr()) && !PyTuple_Check(value.ptr())) return false;
+    return std::any_of(value.begin(), value.end(), &is_table);
   }
   std::string table(const std::string& name, py::handle entries, std::optional<size_t> index = {}) {
     std::string text;

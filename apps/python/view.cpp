@@ -1,7 +1,7 @@
 #include <fmt/format.h>
 
-#include <filesystem>
 #include <memory>
+#include <utility>
 #include <vector>
 
 #include "apps/python/bindings.h"
@@ -18,7 +18,7 @@ constexpr const char* kViewHelp =
     "then. Every other keyword sets a key of the scene: camera__fov=30. It is served until the interpreter ends; the\n"
     "address holds a secret, and who does not know it is not answered. Raises InputError.";
 
-/// The servers of this process, ended with the interpreter.
+/// The servers of this process, ended with the interpreter. For who holds Python's lock.
 std::vector<std::unique_ptr<web::Server>>& servers() {
   static auto* const all = new std::vector<std::unique_ptr<web::Server>>;
   return *all;
@@ -29,15 +29,17 @@ std::string view(const py::object& scene, const py::object& frames, int threads,
   options.scene = to_path(scene);
   options.overrides = to_overrides(keywords);
   if (!frames.is_none()) options.frames = parse_frames(to_text(frames));
-  const std::filesystem::path first = file_of_frame(options.scene, options.frames.empty() ? 0 : options.frames[0]);
-  if (std::error_code error; !std::filesystem::exists(first, error))
-    throw InputError(fmt::format("{}: no such file", first.string()));
   if (threads < 0)
     throw InputError(fmt::format("threads: expected 0 (all of the machine's) or more, found {}", threads));
   Host host;
   host.threads = threads;
-  const py::gil_scoped_release others_may_run;
-  servers().push_back(std::make_unique<web::Server>(options, web::ServerOptions{}, host));
+  std::unique_ptr<web::Server> server;
+  {
+    const py::gil_scoped_release others_may_run;
+    check_viewable(options);
+    server = std::make_unique<web::Server>(options, web::ServerOptions{}, host);
+  }
+  servers().push_back(std::move(server));
   return servers().back()->address();
 }
 
@@ -47,8 +49,9 @@ void bind_view(py::module_& module) {
   module.def("view", &view, py::arg("scene"), py::kw_only(), py::arg("frames") = py::none(), py::arg("threads") = 0,
              kViewHelp);
   py::module_::import("atexit").attr("register")(py::cpp_function([] {
+    std::vector<std::unique_ptr<web::Server>> all = std::move(servers());
     const py::gil_scoped_release others_may_run;
-    servers().clear();
+    all.clear();
   }));
 }
 

@@ -1,5 +1,7 @@
 #include "apps/python/work.h"
 
+#include <pthread.h>
+
 #include <algorithm>
 #include <atomic>
 #include <chrono>
@@ -9,6 +11,7 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <set>
 #include <thread>
 #include <utility>
 #include <vector>
@@ -128,6 +131,78 @@ void deliver(Mailbox& mail, const Callbacks& callbacks, double& told) {
   if (PyErr_CheckSignals() != 0) throw py::error_already_set();
 }
 
+/// Pieces of work that run, which the interpreter's end has to end: a thread that asks for Python's lock after it never
+/// comes back, and with it the process aborts.
+class RunningWorks {
+ public:
+  /// Of this process. It outlives the interpreter.
+  static RunningWorks*& all() {
+    static auto* all = new RunningWorks;
+    return all;
+  }
+
+  /// While it lives the work is one of them; made and ended with Python's lock. @throws SystemExit of Python's
+  class Entry {
+   public:
+    explicit Entry(std::atomic<bool>& cancel) : cancel_(&cancel) {
+      all()->end_with_interpreter();
+      if (ends_with_interpreter()) leave();
+      const std::scoped_lock lock(all()->mutex_);
+      all()->cancels_.insert(cancel_);
+    }
+    ~Entry() {
+      const std::scoped_lock lock(all()->mutex_);
+      all()->cancels_.erase(cancel_);
+      all()->changed_.notify_all();
+    }
+    Entry(const Entry&) = delete;
+    Entry& operator=(const Entry&) = delete;
+    bool ends_with_interpreter() const {
+      const std::scoped_lock lock(all()->mutex_);
+      return all()->ends_this_thread();
+    }
+
+   private:
+    std::atomic<bool>* cancel_;
+  };
+
+  /// What ends a thread of Python's without a word.
+  [[noreturn]] static void leave() {
+    PyErr_SetNone(PyExc_SystemExit);
+    throw py::error_already_set();
+  }
+
+ private:
+  void end_with_interpreter() {
+    if (std::exchange(registered_, true)) return;
+    pthread_atfork(nullptr, nullptr, [] { all() = new RunningWorks; });  // whose threads are not there
+    py::module_::import("atexit").attr("register")(py::cpp_function([] { all()->end(); }));
+  }
+
+  bool ends_this_thread() const { return ended_by_ != std::thread::id() && ended_by_ != std::this_thread::get_id(); }
+
+  /// Cancels them and waits, with a look at Ctrl-C.
+  void end() {
+    for (bool done = false; !done;) {
+      {
+        const py::gil_scoped_release others_may_run;
+        std::unique_lock lock(mutex_);
+        ended_by_ = std::this_thread::get_id();
+        for (std::atomic<bool>* cancel : cancels_) *cancel = true;
+        changed_.wait_for(lock, kBetweenLooks, [this] { return cancels_.empty(); });
+        done = cancels_.empty();
+      }
+      if (PyErr_CheckSignals() != 0) throw py::error_already_set();
+    }
+  }
+
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  std::set<std::atomic<bool>*> cancels_;
+  bool registered_ = false;   // with Python's lock
+  std::thread::id ended_by_;  // nobody at first; it may go on working, in what else is to be done at the end
+};
+
 }  // namespace
 
 void run_work(const Callbacks& callbacks, int threads, const std::function<void(const Work&)>& body) {
@@ -135,6 +210,7 @@ void run_work(const Callbacks& callbacks, int threads, const std::function<void(
     throw InputError("threads: expected 0 (all of the machine's) or more, found " + std::to_string(threads));
   Mailbox mail;
   std::atomic<bool> cancel{false};
+  const RunningWorks::Entry entry(cancel);
   std::exception_ptr failure;
   Work work;
   work.task = {threads, {}, &cancel};
@@ -194,6 +270,7 @@ void run_work(const Callbacks& callbacks, int threads, const std::function<void(
   }
   thread.join();
   if (raised) throw py::error_already_set(std::move(*raised));
+  if (failure && entry.ends_with_interpreter()) RunningWorks::leave();
   if (failure) std::rethrow_exception(failure);
   if (!callbacks.progress.is_none() && told < 1) callbacks.progress(1.0);
 }

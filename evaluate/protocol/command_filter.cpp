@@ -234,30 +234,57 @@ struct Prepared {
     }
     ExternalOutput result;
     result.exchange_seconds = writing.seconds();
-    const CommandEnd end = run_command(command, task);
+    CommandEnd end = run_command(command, task);
+    end.said = without_folder(std::move(end.said), scratch.path());
     check_end(end, input, memory_limit);
     result.seconds = end.seconds;
     if (end.peak_bytes > 0) result.peak_bytes = end.peak_bytes;
     const Stopwatch reading;
-    result.picture = read_output(scratch / output.file, output, end);
+    result.picture = read_output(scratch.path(), output, end);
     result.exchange_seconds += reading.seconds();
     return result;
   }
 
  private:
-  static Layers read_output(const fs::path& path, const Place& output, const CommandEnd& end) {
+  static Layers read_output(const fs::path& folder, const Place& output, const CommandEnd& end) {
+    const fs::path path = folder / output.file;
+    const char* const place = output.pfm ? "output.pfm" : "output";
     std::error_code ignored;
-    if (!fs::exists(path, ignored))
+    const fs::file_status status = fs::status(path, ignored);
+    if (!fs::exists(status)) throw InputError(with_last_words(fmt::format("wrote no picture to {{{}}}", place), end));
+    // Another kind of file, such as a pipe, might be read without end.
+    if (!fs::is_regular_file(status))
       throw InputError(
-          with_last_words(fmt::format("wrote no picture to {{{}}}", output.pfm ? "output.pfm" : "output"), end));
+          with_last_words(fmt::format("made {{{}}} a {}; expected a file", place, kind_of(status.type())), end));
     try {
       return output.pfm ? read_pfm(path) : read_exr(path);
     } catch (const InputError& error) {
-      // The folder's name is another each time.
       std::string what = error.what();
-      if (const std::string name = path.string(); what.starts_with(name)) what.erase(0, name.size() + 2);
+      if (const std::string name = path.string() + ": "; what.starts_with(name)) what.erase(0, name.size());
+      what = without_folder(std::move(what), folder);
       throw InputError(with_last_words(fmt::format("its picture cannot be read: {}", what), end));
     }
+  }
+
+  static const char* kind_of(fs::file_type type) {
+    switch (type) {
+      case fs::file_type::directory:
+        return "folder";
+      case fs::file_type::fifo:
+        return "named pipe";
+      case fs::file_type::socket:
+        return "socket";
+      default:
+        return "device";
+    }
+  }
+
+  /// A text in which the scratch folder, whose name is another each time, is called as in commands.
+  static std::string without_folder(std::string text, const fs::path& folder) {
+    const std::string name = folder.string(), place = "{folder}";
+    for (size_t at = 0; (at = text.find(name, at)) != std::string::npos; at += place.size())
+      text.replace(at, name.size(), place);
+    return text;
   }
 };
 
@@ -335,6 +362,7 @@ ExternalFilter command_filter(const CommandFilter& settings, std::span<const Lay
   filter.kind = "command";
   filter.words = settings.command;
   filter.key = key_of(settings, parsed, program);
+  filter.memory_limit = settings.memory_limit;
   const auto prepared = std::make_shared<const Prepared>(
       Prepared{std::move(parsed), std::move(program), settings.folder, settings.memory_limit});
   filter.run = [prepared](const ExternalInput& input, const Task& task) { return prepared->run(input, task); };

@@ -44,6 +44,7 @@ struct ExternalFilter {
   std::vector<LayerName> layers;  ///< that it reads beside the signal
   bool guides = false;            ///< whether it reads the layers guide.*
   bool statistics = false;        ///< whether it reads variance and halves of the signal and its layers
+  double memory_limit = 0;        ///< bytes that it may hold; 0: no limit
   /// @throws LimitPassed; InputError when it fails; Interrupted
   std::function<ExternalOutput(const ExternalInput& input, const Task& task)> run;
 };

@@ -236,6 +236,23 @@ std::string key_of(const FilterRun& run, const FilterInput& input) {
       exact(run.options.exposure), join(run.options.features, " "), join(run.left_out, " "), input.key);
 }
 
+double memory_limit_of(const FilterRun& run) {
+  return run.external ? run.external->external->memory_limit : 0;
+}
+
+std::string too_long(const FilterRun& run) {
+  return fmt::format("took longer than {:g} s", run.time_limit);
+}
+
+/// Which limit a result passed, be it made now or long ago under other limits; empty: none.
+std::string passed_limit(const FilterRun& run, const FilterOutcome& outcome) {
+  if (run.time_limit > 0 && outcome.seconds > run.time_limit) return too_long(run);
+  const double limit = memory_limit_of(run), peak = outcome.peak_bytes.value_or(0.0);
+  if (limit > 0 && peak > limit)
+    return fmt::format("held {:.3g} GB, more than the {:.3g} GB that it may", peak / 1e9, limit / 1e9);
+  return "";
+}
+
 }  // namespace
 
 ResultStore::Cleaned ResultStore::clean(const FilterRun& run, const FilterInput& given,
@@ -286,14 +303,16 @@ FilterOutcome ResultStore::filter(const FilterRun& run, const FilterInput& given
                                   const std::function<bool(const std::string&)>& needs_picture) const {
   FilterOutcome outcome;
   outcome.key = key_of(run, given);
-  const std::string failure_key = fmt::format("{}\ntime limit {}", outcome.key, exact(run.time_limit));
+  const std::string failure_key = fmt::format("{}\ntime limit {}\nmemory limit {}", outcome.key, exact(run.time_limit),
+                                              exact(memory_limit_of(run)));
   const bool is_needed = !needs_picture || needs_picture(outcome.key);
   if (auto known = cache_.find(outcome.key, is_needed ? is_judged : no_channel)) {
     count_found(outcome.key, work_.results_found);
     outcome.seconds = number_of(*known, kSeconds).value_or(0.0);
     outcome.exchange_seconds = number_of(*known, kExchange);
     outcome.peak_bytes = number_of(*known, kPeak);
-    if (is_needed) outcome.picture = std::move(*known);
+    outcome.failed = passed_limit(run, outcome);
+    if (is_needed && outcome.failed.empty()) outcome.picture = std::move(*known);
     return outcome;
   }
   if (const auto known = cache_.find_text(failure_key)) {
@@ -308,29 +327,31 @@ FilterOutcome ResultStore::filter(const FilterRun& run, const FilterInput& given
   // Filters that are not brume's are held to their own seconds, in which handing over a frame is not.
   const Deadline deadline(run.external ? 0.0 : run.time_limit, task);
   Cleaned cleaned;
-  const auto is_late = [&](const std::string& how) {
+  const auto passes = [&](const std::string& how) {
     outcome.failed = how;
     cache_.store_text(failure_key, outcome.failed);
   };
-  const std::string too_long = fmt::format("took longer than {:g} s", run.time_limit);
   try {
     cleaned = clean(run, given, nearby, {task.threads, {}, deadline.cancel()});
     outcome.seconds = cleaned.seconds;
   } catch (const LimitPassed& error) {
-    is_late(error.what());
+    passes(error.what());
   } catch (const InputError& error) {
     outcome.failed = error.what();
   } catch (const std::bad_alloc&) {
     outcome.failed = "not enough memory";
   } catch (const Interrupted&) {
     if (!deadline.over() || task.cancelled()) throw;
-    is_late(too_long);
+    passes(too_long(run));
   }
-  // One that was through before anyone looked is late all the same.
-  if (outcome.failed.empty() && run.time_limit > 0 && outcome.seconds > run.time_limit) is_late(too_long);
   if (!outcome.failed.empty()) return outcome;
   outcome.exchange_seconds = cleaned.exchange_seconds;
   outcome.peak_bytes = cleaned.peak_bytes;
+  // One that was through before anyone looked has passed it all the same.
+  if (const std::string how = passed_limit(run, outcome); !how.empty()) {
+    passes(how);
+    return outcome;
+  }
   Layers& picture = cleaned.picture;
   picture.header[kSeconds] = exact(outcome.seconds);
   if (outcome.exchange_seconds) picture.header[kExchange] = exact(*outcome.exchange_seconds);

@@ -190,6 +190,23 @@ TEST(CommandRun, NothingThatItStartedOutlivesIt) {
   EXPECT_TRUE(is_over_in_the_end(first_line(folder / "child")));
 }
 
+TEST(CommandRun, DaemonsThatItLeftBehindDoNotOutliveIt) {
+  const test::TemporaryFolder folder;
+  // In a session of its own, its parent gone at once, before anyone looks.
+  Command command = shell(
+      "(setsid sh -c 'echo $$ >daemon; exec sleep 1000' &)\n"
+      "while [ ! -s daemon ]; do sleep 0.01; done");
+  command.folder = folder.path();
+  EXPECT_TRUE(run_command(command, {}).good());
+  EXPECT_TRUE(is_over_in_the_end(first_line(folder / "daemon")));
+}
+
+TEST(CommandRun, LongLinesAreCutBetweenCharacters) {
+  const std::string said = run_command(shell("printf 'x' >&2; yes ä | head -1000 | tr -d '\\n' >&2; exit 1"), {}).said;
+  EXPECT_EQ(said.size(), 299u + 3) << said;
+  EXPECT_EQ(said.substr(297), "ä...");
+}
+
 TEST(CommandRun, DiesWithThoseWhoRunIt) {
   const test::TemporaryFolder folder;
   Command command = shell("echo $$ >process; exec sleep 1000");

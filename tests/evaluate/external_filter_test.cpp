@@ -10,6 +10,7 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
+#include "base/scratch_folder.h"
 #include "evaluate/protocol/cache.h"
 #include "evaluate/protocol/command_filter.h"
 #include "evaluate/protocol/protocol.h"
@@ -284,6 +285,34 @@ TEST(ExternalFilter, EachFailureIsNamed) {
             "seed 1: not enough memory");
 }
 
+TEST(ExternalFilter, CachedResultsAreJudgedByTheLimitsOfToday) {
+  const test::TemporaryFolder folder;
+  const Cache cache(folder.path(), "test");
+  // Each result takes 2 s and 1 MB, and fails in the run where it may hold less.
+  const auto failed = [&](double time_limit, double memory_limit, int* runs = nullptr) {
+    ExternalFilter filter = multiplier(0.5f);
+    filter.memory_limit = memory_limit;
+    filter.run = [run = filter.run, memory_limit, runs](const ExternalInput& input, const Task& task) {
+      if (runs) ++*runs;
+      if (memory_limit > 0 && memory_limit < 1e6) throw LimitPassed("held too much");
+      return run(input, task);
+    };
+    Contender contender = external_contender(std::move(filter), "mine");
+    contender.time_limit = time_limit;
+    return line(evaluated(settings_for({contender}), cache, made_up_scene()), "mine").failed;
+  };
+  int runs = 0;
+  EXPECT_EQ(failed(0, 5e5, &runs), "seed 1: held too much");
+  EXPECT_GT(runs, 0);
+  EXPECT_EQ(failed(0, 5e5, &(runs = 0)), "seed 1: held too much");
+  EXPECT_EQ(runs, 0) << "a failure is kept";
+  EXPECT_EQ(failed(0, 2e6), "") << "and forgotten where more is allowed";
+  EXPECT_EQ(failed(1, 0, &(runs = 0)), "seed 1: took longer than 1 s") << "a result is kept, but too late for today";
+  EXPECT_EQ(failed(0, 9e5), "seed 1: held 0.001 GB, more than the 0.0009 GB that it may");
+  EXPECT_EQ(runs, 0);
+  EXPECT_EQ(failed(3, 2e6), "");
+}
+
 TEST(ExternalFilter, ALayerThatOtherRenderersDidNotRecordIsNamed) {
   const test::TemporaryFolder folder;
   const Cache cache(folder.path(), "test");
@@ -453,12 +482,36 @@ TEST(CommandFilter, HowItEndedIsTold) {
   EXPECT_EQ(
       failed("echo PF >$2"),
       "seed 1: its picture cannot be read: damaged: expected width, height and a scale that is not 0 after PF without a word");
+  EXPECT_EQ(failed("mkfifo $2"), "seed 1: made {output.pfm} a named pipe; expected a file without a word");
+  EXPECT_EQ(failed("mkdir $2"), "seed 1: made {output.pfm} a folder; expected a file without a word");
+  EXPECT_EQ(failed("ln -s /dev/zero $2"), "seed 1: made {output.pfm} a device; expected a file without a word");
+  EXPECT_EQ(failed("echo \"cannot open $1\" >&2; exit 1"),
+            "seed 1: ended with exit status 1; its last words: cannot open {folder}/color.pfm");
   EXPECT_EQ(failed("printf 'PF\\n1 1\\n-1\\nabcdefghijkl' >$2"),
             "seed 1: its picture has 1 x 1 pixels, expected 9 x 7 as the frame");
   EXPECT_EQ(failed("echo at work; sleep 1000", 0.2),
             "seed 1: took longer than 0.2 s and was ended; its last words: at work");
   const std::string large = failed("dd if=/dev/zero of=/dev/null bs=300M count=1000000", 0, 100e6);
   EXPECT_NE(large.find(" GB, more than the 0.1 GB that it may, and was ended"), std::string::npos) << large;
+}
+
+TEST(CommandFilter, ItsScratchFolderIsNamedInNoMessage) {
+  const test::TemporaryFolder folder, scratch;
+  setenv("TMPDIR", scratch.path().c_str(), 1);
+  test::write_file(folder / "mine.sh", "echo no picture >$2\n");
+  const std::string failed = run_command_filter("sh mine.sh {frame} {output}", folder.path()).failed;
+  EXPECT_NE(failed.find("its picture cannot be read"), std::string::npos) << failed;
+  EXPECT_EQ(failed.find(scratch.path().string()), std::string::npos) << failed;
+  setenv("TMPDIR", (folder / "nowhere").c_str(), 1);
+  std::string told;
+  try {
+    const ScratchFolder none;
+  } catch (const InputError& error) {
+    told = error.what();
+  }
+  unsetenv("TMPDIR");
+  EXPECT_EQ(told, (folder / "nowhere").string() +
+                      ": the folder for temporary files (TMPDIR) is not there; expected a folder");
 }
 
 }  // namespace

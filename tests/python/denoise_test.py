@@ -55,7 +55,7 @@ class Denoise(Folder):
             ({"filter": "nl_means", "sarch_radius": 4}, "sarch-radius.*search-radius"),
             ({"search_radius": 4}, "search_radius: a parameter without a filter"),
             ({"component": "some"}, "component 'some': expected one of all, indirect, separate"),
-            ({"exposure": -1}, "exposure -1: expected header, auto or a number above 0"),
+            ({"exposure": -1}, "exposure: expected header, auto or a number above 0, found -1"),
             ({"filter": "sbf"}, "."),
         ):
             with self.assertRaisesRegex(brume.InputError, words):

@@ -238,7 +238,7 @@ class Evaluations(Folder):
 
         layered.layers = ["albdo"]
         for arguments, words in (
-            ({"filters": {"bilateral": mean}}, "a filter of yours is called 'bilateral', as one of brume's"),
+            ({"filters": {"bilateral": mean}}, "a filter of yours \(`mean`\) is called 'bilateral', as one of brume's"),
             ({"filters": {"mine": 3}}, r"filters\['mine'\]: expected a function or a filter's name, found 3"),
             ({"filters": {"mine": layered}}, r"no layer 'albdo' for filters\['mine'\].layers; did you mean 'albedo'"),
             ({"filters": [mean, mean]}, "two filters are called 'mean'"),
@@ -253,6 +253,42 @@ class Evaluations(Folder):
                 self.evaluate(**arguments)
         with self.assertRaisesRegex(brume.InputError, "missing.toml"):
             brume.evaluate("missing.toml", mean)
+
+    def test_attributes_of_a_function_are_named(self):
+        for attribute, value, words in (
+            ("time_limit", "3", "expected a number of 0 or more, found '3'"),
+            ("time_limit", -1, "expected a number of 0 or more, found -1"),
+            ("time_limit", float("nan"), "expected a number of 0 or more, found nan"),
+            ("statistics", "yes", "expected True or False, found 'yes'"),
+        ):
+            f = lambda frame: frame.image()
+            setattr(f, attribute, value)
+            with self.assertRaisesRegex(brume.InputError, rf"filters\['mine'\].{attribute}: {words}"):
+                self.evaluate({"mine": f})
+        for keywords, words in (
+            ({"search": "yes"}, "search: expected True or False, found 'yes'"),
+            ({"spp": "4"}, "spp: expected a whole number, 1 .. 1048576, found '4'"),
+            ({"spp": [4, 2.5]}, "spp: expected a whole number, 1 .. 1048576, found 2.5"),
+            ({"size": 2.5}, "size: expected a whole number, 1 .. 65536, found 2.5"),
+        ):
+            with self.assertRaisesRegex(brume.InputError, words):
+                self.evaluate({"mine": mean}, **keywords)
+        self.evaluate({"mine": mean}, spp=np.array([2, 4]))
+
+    def test_a_call_with_the_wrong_arguments_is_the_filters_failure(self):
+        rows = self.rows(self.evaluate({"none": lambda: None, "mean": mean}))
+        self.assertIn("raised TypeError; its last words: TypeError: ", rows["none_default"]["failed"])
+        self.assertNotIn("failed", rows["mean_default"])
+
+    def test_labels_are_names_that_tables_can_hold(self):
+        with self.assertRaisesRegex(brume.InputError, r'a filter is called "a\\nb"; expected a label without line breaks'):
+            self.evaluate({"a\nb": mean})
+        # One that follows from the script's name too.
+        experiment = self.folder / "e.toml"
+        (self.folder / "bilateral.py").write_text("")
+        experiment.write_text('scenes = ["box.toml"]\n[[filters]]\ncommand = "python3 bilateral.py {frame} {output}"\n')
+        with self.assertRaisesRegex(brume.InputError, r"`python3 bilateral.py .*is called 'bilateral', as one of brume's"):
+            brume.evaluate(experiment)
 
     def test_progress_rises_to_one_and_notes_are_logged(self):
         told = []

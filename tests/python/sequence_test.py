@@ -148,7 +148,7 @@ class ToFiles(Folder):
             brume.denoise(np.zeros((4, 4, 3)), output=self.folder / "a.exr")
         with self.assertRaisesRegex(brume.InputError, "no file of that name is there"):
             brume.denoise(self.folder / "a.####.exr", output=self.folder / "b.####.exr")
-        with self.assertRaisesRegex(brume.InputError, "all 2 frames would be one file"):
+        with self.assertRaisesRegex(brume.InputError, "all 2 frames would go into one file"):
             brume.denoise(self.folder / "a.####.exr", output=self.folder / "b.exr", frame_numbers="1-2")
         with self.assertRaisesRegex(brume.InputError, "resume leaves out"):
             brume.denoise(self.folder / "a.exr", output=self.folder / "b.exr", resume=True)

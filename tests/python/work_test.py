@@ -3,6 +3,8 @@
 import multiprocessing
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 import unittest
@@ -35,6 +37,25 @@ class WhileItWorks(unittest.TestCase):
         self.addCleanup(timer.cancel)
         with self.assertRaises(KeyboardInterrupt):
             brume.render(CLOUD, spp=1 << 20)
+
+    def test_daemon_threads_that_work_end_with_the_interpreter(self):
+        # Without an end these would take days.
+        script = """
+import sys, threading, brume
+begun = [threading.Event() for _ in range(3)]
+def work(event):
+    brume.render(sys.argv[1], spp=1 << 20, progress=lambda f: event.set())
+for event in begun:
+    threading.Thread(target=work, args=(event,), daemon=True).start()
+for event in begun:
+    event.wait()
+"""
+        end = subprocess.run([sys.executable, "-c", script, CLOUD], capture_output=True, text=True, check=False)
+        self.assertEqual((end.returncode, end.stderr), (0, ""))
+        # What is to be done at the end may use brume.
+        script = "import atexit, sys, brume; atexit.register(lambda: print(brume.render(sys.argv[1], spp=1).shape)); brume.render(sys.argv[1], spp=1)"
+        end = subprocess.run([sys.executable, "-c", script, CLOUD], capture_output=True, text=True, check=True)
+        self.assertRegex(end.stdout, r"^\(\d+, \d+\)$")
 
     def test_other_threads_run_meanwhile(self):
         # The render would take days: it ends because the other thread gets on with its counting.
