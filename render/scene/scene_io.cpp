@@ -94,6 +94,9 @@ void check_volume(Parser& parser, VolumeSettings& v, const toml::value& table) {
   if (by_parts) {
     conflict({"sigma_t", "albedo"}, "sigma_a and sigma_s");
     v.sigma_t = v.sigma_a + v.sigma_s;
+    // Sums that differ by their rounding alone, as of a colour and the rest to 1, are one extinction: that costs less.
+    const double most = max_component(v.sigma_t), least = -max_component(-v.sigma_t);
+    if (most - least <= 1e-6 * most) v.sigma_t = dvec3(0.5 * (most + least));
     for (int c = 0; c < 3; ++c) v.albedo[c] = v.sigma_t[c] > 0 ? v.sigma_s[c] / v.sigma_t[c] : 0.0;
   }
   if (v.preset != "none") {

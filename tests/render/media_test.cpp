@@ -323,6 +323,9 @@ TEST(Presets, AreTheirToolsCoefficients) {
       "scatter = 0.8\nscatter_color = [1, 0.5, 0]\n");
   EXPECT_NEAR(std::exp(-a.sigma_t.y * 3 / 2), 0.5, 1e-12);
   EXPECT_NEAR(a.albedo.y, 0.4, 1e-12);
+  const VolumeSettings rounded = volume("sigma_s = [15.84, 15.84, 16.28]\nsigma_a = [6.16, 6.159999, 5.72]\n");
+  EXPECT_EQ(rounded.sigma_t.x, rounded.sigma_t.y) << "numbers that add up but for their rounding are one extinction";
+  EXPECT_EQ(rounded.sigma_t.x, rounded.sigma_t.z);
   const VolumeSettings parts = volume("sigma_a = 1\nsigma_s = [3, 0, 1]\n");
   EXPECT_EQ(parts.sigma_t, dvec3(4, 1, 2));
   EXPECT_EQ(parts.albedo, dvec3(0.75, 0, 0.5));

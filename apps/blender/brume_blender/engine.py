@@ -159,6 +159,8 @@ class _Frame:
             words += ["--threads", render.threads]
         if self._transparent:
             words += ["-D", "environment.visible_to_camera=false"]
+        if settings.indirect_limit > 0:
+            words += ["-D", f"render.indirect_limit={settings.indirect_limit}"]
         if settings.use_fixed_seed:
             words += ["-D", "render.noise_frame=0"]
         return words

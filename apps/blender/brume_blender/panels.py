@@ -76,6 +76,7 @@ class BRUME_RENDER_PT_sampling(_BrumePanel, bpy.types.Panel):
         row = layout.row(align=True)
         row.prop(settings, "seed")
         row.prop(settings, "use_fixed_seed", toggle=True)
+        layout.prop(settings, "indirect_limit")
 
 
 class BRUME_RENDER_PT_clean(_BrumePanel, bpy.types.Panel):

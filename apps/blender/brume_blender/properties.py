@@ -60,6 +60,12 @@ class BrumeSceneSettings(bpy.types.PropertyGroup):
     use_fixed_seed: BoolProperty(
         name="Fixed", description="The same random numbers in every frame: what noise is left stands still"
     )
+    indirect_limit: FloatProperty(
+        name="Clamp Indirect",
+        description="The most that one path may bring after its first scattering, as in Cycles; 0: no limit, and no bias",
+        default=10,
+        min=0,
+    )
     use_clean: BoolProperty(
         name="Clean",
         description="Clean the picture by what is known of the light without random numbers, while it renders and at the end",
