@@ -100,8 +100,8 @@ struct RenderJob {
   /// Called whenever a tile's pixels have changed, from any thread, one at a time.
   std::function<void(const Film&, int tile)> watch;
   /// Shown the picture between two passes for as long as there are more samples to come: first after one sample of each
-  /// pixel, before there are guides, then with them as often as showing takes no more than a quarter of the time.
-  /// Rounds that next_round asks for are not shown: it sees them.
+  /// pixel, before there are guides, then with them as often as showing takes no more than a quarter of the time,
+  /// and less than the samples to come. Rounds that next_round asks for are not shown: it sees them.
   /// @param frame  makes what the film holds: layers, header and guides
   std::function<void(const Film&, const std::function<Layers()>& frame, bool first)> show;
   /// Called at once with what someone who waits for the picture should know.

@@ -184,16 +184,29 @@ void RenderSession::write_regular_checkpoint() {
   last_checkpoint_ = wall_.seconds();
 }
 
+double RenderSession::sampling_to_come() const {
+  double all = 0;
+  for (int tile = 0; tile < film_.tile_count(); ++tile)
+    all += static_cast<double>(film_.bounds(tile).pixels()) *
+           (job_.next_round ? goals_[static_cast<size_t>(tile)] : static_cast<uint32_t>(end_ - first_));
+  const double now = samples_taken(), taken = now - resumed_samples_;
+  double seconds = taken > 0 ? sampling_seconds_ / taken * (all - now) : 0;
+  if (job_.time_limit > 0) seconds = std::min(seconds, job_.time_limit - elapsed());
+  return seconds;
+}
+
 void RenderSession::show_picture() {
   constexpr double kMostShare = 0.25;  // of the time
   const bool first = last_shown_ < 0;
   if (!job_.show || (!first && kMostShare * (wall_.seconds() - last_shown_) < showing_seconds_)) return;
+  if (!first) {  // guides are needed at the end in any case; a picture on the way only where the end is not as near
+    const Stopwatch watch;
+    record_guides(quiet(task_));
+    guide_seconds_ = std::max(guide_seconds_, watch.seconds());
+    if (sampling_to_come() < std::max(guide_seconds_, showing_seconds_)) return;
+  }
   const Stopwatch watch;
-  const auto frame = [&] {
-    if (!first) record_guides(quiet(task_));
-    return film_so_far();
-  };
-  job_.show(film_, frame, first);
+  job_.show(film_, [&] { return film_so_far(); }, first);
   task_.check();
   showing_seconds_ = watch.seconds();
   last_shown_ = wall_.seconds();
@@ -338,6 +351,7 @@ void RenderSession::pass(const std::vector<uint32_t>& goals) {
     }
     finish_tile(tile, records);
   });
+  sampling_seconds_ += watch.seconds();
 }
 
 void RenderSession::trace_batch(int tile, uint32_t goal, std::vector<PathRecord>& records) {

@@ -44,6 +44,8 @@ class RenderSession {
   /// @param before  samples when the pass began
   double rounds_share(double samples, double before, double pass_seconds) const;
   void write_regular_checkpoint();
+  /// Seconds that the samples to come will take, of this round or, where there are none, of the render.
+  double sampling_to_come() const;
   /// Shows the picture to who watches it, unless that would take too much of the time.
   void show_picture();
   /// Each tile up to its goal of samples of each pixel.
@@ -108,6 +110,7 @@ class RenderSession {
   double last_checkpoint_ = 0;  // on the wall clock
   double last_shown_ = -1;      // when the picture was there, likewise; below 0: never
   double showing_seconds_ = 0;  // that it took
+  double guide_seconds_ = 0, sampling_seconds_ = 0;
 };
 
 }  // namespace brume
