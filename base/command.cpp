@@ -14,9 +14,9 @@
 #include <cstdlib>
 #include <cstring>
 #include <fstream>
-#include <iterator>
 #include <optional>
 #include <random>
+#include <sstream>
 
 #include "base/descriptor.h"
 #include "base/peak_memory.h"
@@ -89,10 +89,17 @@ class Tail {
   std::string text_;
 };
 
+/// What a file of a process holds, as far as it can be read: processes end meanwhile, and then reading fails.
+std::string text_of(const fs::path& path) {
+  const std::ifstream file(path, std::ios::binary);
+  std::ostringstream text;
+  text << file.rdbuf();  // takes errors of reading for the end, which an iterator throws
+  return text.str();
+}
+
 /// When a process began, in ticks since the machine did: tells it from a later one of the same number. 0: it is gone.
 uint64_t beginning_of(pid_t process) {
-  std::ifstream file(fmt::format("/proc/{}/stat", process));
-  std::string text((std::istreambuf_iterator<char>(file)), {});
+  const std::string text = text_of(fmt::format("/proc/{}/stat", process));
   const size_t name_end = text.rfind(')');  // names may hold blanks
   if (name_end == std::string::npos) return 0;
   const std::vector<std::string> fields = split(std::string_view(text).substr(name_end + 2), ' ');
@@ -168,9 +175,7 @@ class ProcessTree {
       const std::string name = entry.path().filename().string();
       const auto process = static_cast<pid_t>(std::strtol(name.c_str(), nullptr, 10));
       if (process <= 0 || known_.contains(process)) continue;
-      std::ifstream file(entry.path() / "environ", std::ios::binary);
-      const std::string environment(std::istreambuf_iterator<char>(file), {});
-      if (environment.find(mark_) != std::string::npos) known_[process] = beginning_of(process);
+      if (text_of(entry.path() / "environ").find(mark_) != std::string::npos) known_[process] = beginning_of(process);
     }
   }
 

@@ -206,7 +206,8 @@ void RenderSession::show_picture() {
     if (sampling_to_come() < std::max(guide_seconds_, showing_seconds_)) return;
   }
   const Stopwatch watch;
-  job_.show(film_, [&] { return film_so_far(); }, first);
+  job_.show(
+      film_, [&] { return film_so_far(); }, first);
   task_.check();
   showing_seconds_ = watch.seconds();
   last_shown_ = wall_.seconds();
