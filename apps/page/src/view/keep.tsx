@@ -67,7 +67,9 @@ export function Keep() {
       </div>
       {scene?.command && (
         <div class="command">
-          <code>{scene.command}</code>
+          <code tabIndex={0} role="region" aria-label="Command line">
+            {scene.command}
+          </code>
           <button
             type="button"
             class="icon"
