@@ -112,7 +112,7 @@ describe("the page with a made-up program", () => {
   /** The latest state that was sent, once it says so. */
   const says = (page: Page, set: string[]) => comesTo(async () => (await last(page)).set, set);
   const vectorOf = (set: string[], key: string) =>
-    JSON.parse(set.find((s) => s.startsWith(`${key}=`))!.slice(key.length + 1)) as number[];
+    JSON.parse(set.find((s) => s.startsWith(`${key}=`))?.slice(key.length + 1) ?? "[]") as number[];
 
   test("shows the picture as large as its room, and asks for that size", async () => {
     const made = await context({ width: 1800, height: 900 });
