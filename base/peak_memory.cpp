@@ -25,8 +25,12 @@ std::optional<double> memory_of(const std::string& process, std::string_view nam
   return std::nullopt;
 }
 
-PeakMemory::PeakMemory() {
+void give_back_freed_memory() {
   malloc_trim(0);
+}
+
+PeakMemory::PeakMemory() {
+  give_back_freed_memory();
   std::ofstream marks("/proc/self/clear_refs");
   marks << "5";  // the highest mark of resident memory becomes today's
   marks.close();

@@ -10,6 +10,9 @@ namespace brume {
 /// @param name     "VmRSS": what is resident now; "VmHWM": at most since it began
 std::optional<double> memory_of(const std::string& process, std::string_view name);
 
+/// To the system, what allocators keep for later: some hundred megabytes after much work on large pictures.
+void give_back_freed_memory();
+
 /// What a piece of work holds at most, beside what the process held before.
 class PeakMemory {
  public:

@@ -442,12 +442,26 @@ void write_exr(const fs::path& path, const Layers& layers, const Task& task, con
   const auto table = file.tellp();
   const auto write_table = [&] { write(begins.data(), begins.size() * sizeof(uint64_t)); };
   write_table();  // its place
+  // Lines of an empty sky are those above again, and so are their packed bytes.
+  const auto like_above = [&](int y) {
+    if (y == 0 || y + kLines > height || !made.empty()) return false;
+    return std::all_of(channels.begin(), channels.end(), [&](const ExrChannel& c) {
+      for (int line = y; line < y + kLines; ++line) {
+        const auto* const row = static_cast<const uint32_t*>(c.values) + static_cast<size_t>(line) * c.stride;
+        if (std::memcmp(row, row - kLines * c.stride, static_cast<size_t>(width) * sizeof(uint32_t)) != 0) return false;
+      }
+      return true;
+    });
+  };
   std::vector<std::vector<uint8_t>> packed(16);
+  std::vector<uint8_t> last;
   for (int first = 0; first < chunks && file; first += static_cast<int>(packed.size())) {
     const int count = std::min(chunks - first, static_cast<int>(packed.size()));
     const auto line = [&](int k) { return (first + k) * kLines; };
     parallel_for(count, {packing_threads, {}, task.cancel}, [&](int k) {
       const int y = line(k), lines = std::min(kLines, height - y);
+      packed[static_cast<size_t>(k)].clear();
+      if (like_above(y)) return;
       std::vector<ExrChannel> here = channels;
       for (ExrChannel& c : here)
         if (c.values) c.values = static_cast<const uint32_t*>(c.values) + static_cast<size_t>(y) * c.stride;
@@ -459,7 +473,9 @@ void write_exr(const fs::path& path, const Layers& layers, const Task& task, con
       packed[static_cast<size_t>(k)] = zip_exr_lines(here, width, 0, lines);
     });
     for (int k = 0; k < count; ++k) {
-      const std::vector<uint8_t>& bytes = packed[static_cast<size_t>(k)];
+      std::vector<uint8_t>& own = packed[static_cast<size_t>(k)];
+      if (!own.empty()) last.swap(own);
+      const std::vector<uint8_t>& bytes = last;
       begins[static_cast<size_t>(first + k)] = static_cast<uint64_t>(file.tellp());
       const int32_t head[] = {layers.origin.y + line(k), static_cast<int32_t>(bytes.size())};
       write(head, sizeof(head));

@@ -28,7 +28,10 @@ std::vector<std::string> LayerName::channel_names(std::string_view statistic) co
 }
 
 Plane& Layers::add(const std::string& name, float value) {
-  return channels_.try_emplace(name, width_, height_, value).first->second;
+  const auto found = channels_.find(name);
+  if (found != channels_.end()) return found->second;
+  Plane plane = value == 0 ? Plane::lazy_zeros(width_, height_) : Plane(width_, height_, value);
+  return channels_.emplace(name, std::move(plane)).first->second;
 }
 
 void Layers::set(const std::string& name, Plane plane) {

@@ -5,6 +5,8 @@
 #include <new>
 #include <span>
 
+#include "base/zeroed_memory.h"
+
 namespace brume {
 
 /// One channel of an image: float rows, each aligned to a cache line and padded to a whole number of lines, so that
@@ -17,6 +19,16 @@ class Plane {
   Plane(int width, int height, float value = 0.0f)
       : width_(width), height_(height), stride_(stride_of(width)), data_(allocate(size())) {
     fill(value);
+  }
+  /// Zeros that take no memory while nothing else is written: for channels of which most may stay empty.
+  static Plane lazy_zeros(int width, int height) {
+    Plane plane;
+    plane.width_ = width;
+    plane.height_ = height;
+    plane.stride_ = stride_of(width);
+    const size_t bytes = plane.size() * sizeof(float);
+    plane.data_ = Storage(static_cast<float*>(allocate_zeros(bytes)), Free(Free::kZeroed, bytes));
+    return plane;
   }
   /// Owns its pixels, also where the other is a view.
   Plane(const Plane& other)
@@ -43,7 +55,7 @@ class Plane {
     part.width_ = width;
     part.height_ = height;
     part.stride_ = of.stride_;
-    part.data_ = Storage(const_cast<float*>(of.row(y0) + x0), Free(false));
+    part.data_ = Storage(const_cast<float*>(of.row(y0) + x0), Free(Free::kNothing, 0));
     return part;
   }
 
@@ -66,16 +78,22 @@ class Plane {
 
  private:
   struct Free {
-    bool owned;
-    Free() noexcept : owned(true) {}
-    explicit Free(bool owner) noexcept : owned(owner) {}
+    enum Kind { kNothing, kOwn, kZeroed };
+    Kind kind;
+    size_t bytes;
+    Free() noexcept : kind(kNothing), bytes(0) {}
+    Free(Kind what, size_t allocated) noexcept : kind(what), bytes(allocated) {}
     void operator()(float* p) const {
-      if (owned) ::operator delete[](p, std::align_val_t{kAlignment});
+      if (kind == kZeroed)
+        free_zeros(p, bytes);
+      else if (kind == kOwn)
+        ::operator delete[](p, std::align_val_t{kAlignment});
     }
   };
   using Storage = std::unique_ptr<float[], Free>;
   static Storage allocate(size_t count) {
-    return Storage(static_cast<float*>(::operator new[](count * sizeof(float), std::align_val_t{kAlignment})));
+    const size_t bytes = count * sizeof(float);
+    return Storage(static_cast<float*>(::operator new[](bytes, std::align_val_t{kAlignment})), Free(Free::kOwn, bytes));
   }
   /// An odd number of cache lines: rows a power of two apart would share a few sets of the cache.
   static size_t stride_of(int width) { return ((static_cast<size_t>(width) + kLine - 1) / kLine | 1) * kLine; }

@@ -150,7 +150,13 @@ StoredPlane::Row StoredPlane::stored(const float* in, int width) {
     }
     row.runs.push_back(run);
   }
-  row.numbers.resize(row.numbers.size() + kRoom);
+  if (std::all_of(row.runs.begin(), row.runs.end(),
+                  [&](const Run& run) { return run.code == Code::kConstant && run.base == row.runs[0].base; })) {
+    row.runs.resize(1);
+  } else {
+    row.numbers.resize(row.numbers.size() + kRoom);
+  }
+  row.runs.shrink_to_fit();
   row.numbers.shrink_to_fit();
   return row;
 }
@@ -172,6 +178,10 @@ StoredPlane StoredPlane::view(int x0, int y0, int width, int height) const {
 void StoredPlane::read(int y, int from, int to, float* out) const {
   const Row& row = (*rows_)[static_cast<size_t>(corner_.y + y)];
   const int begin = corner_.x + from, end = corner_.x + to;
+  if (row.runs.size() == 1 && row.runs[0].code == Code::kConstant) {
+    std::fill_n(out, to - from, row.runs[0].base);
+    return;
+  }
   for (int x = begin; x < end;) {
     const int in_run = x % kRun, next = std::min(end, x - in_run + kRun);
     const auto count = static_cast<size_t>(next - x), at = static_cast<size_t>(in_run);

@@ -47,7 +47,7 @@ class StoredPlane {
     Code code;
   };
   struct Row {
-    std::vector<Run> runs;
+    std::vector<Run> runs;  // one alone, if it is constant, is all of the row
     std::vector<uint16_t> numbers;
   };
   static Row stored(const float* in, int width);

@@ -6,12 +6,14 @@
 #include <cmath>
 
 #include "base/error.h"
+#include "base/peak_memory.h"
 #include "base/rng.h"
 #include "filters/api/registry.h"
 #include "filters/api/requirements.h"
 #include "filters/inputs/features.h"
 #include "filters/inputs/guide_layers.h"
 #include "filters/run/apply.h"
+#include "image/packed_plane.h"
 #include "workflows/clean_parts.h"
 #include "workflows/error_curve.h"
 
@@ -112,8 +114,20 @@ Layers Cleaner::clean_with_parts(Layers frame) {
 
 Layers Cleaner::clean(Layers frame, bool parts) {
   ApplyReport report;
-  Layers clean =
-      apply_filter(filter_, frame, options_of(exposure_, outliers_), host_.task(filter_.entry().name), &report);
+  const ApplyOptions options = options_of(exposure_, outliers_);
+  const Task task = host_.task(filter_.entry().name);
+  // What the filter does not read is kept in little memory while it runs.
+  std::map<std::string, PackedPlane> aside;
+  const std::set<std::string> readable = readable_channels(filter_, options, frame);
+  for (const auto& [name, plane] : frame.channels())
+    if (!readable.contains(name)) aside.try_emplace(name, plane, task);
+  for (const auto& [name, plane] : aside) frame.remove(name);
+  Layers clean = apply_filter(filter_, frame, options, task, &report);
+  give_back_freed_memory();
+  while (!aside.empty()) {  // one after the other, so that none is there twice
+    const auto one = aside.extract(aside.begin());
+    frame.set(one.key(), one.mapped().unpacked(task));
+  }
   for (const std::string& line : report.notes) host_.note(line);
   seconds_ += report.seconds;
   Layers all(frame.width(), frame.height());
@@ -135,7 +149,7 @@ Layers Cleaner::clean(Layers frame, bool parts) {
   if (parts) {
     const Stopwatch watch;
     for (const auto& [name, plane] : frame.stored()) all.set_stored(name, plane);
-    clean_parts(filter_, options_of(exposure_, outliers_), all, host_.silent());
+    clean_parts(filter_, options, all, host_.silent());
     seconds_ += watch.seconds();
   }
   for (const std::string& name : guides) all.remove(name);

@@ -63,8 +63,8 @@ ClampedHalves clamp_outliers(const RgbPlanes& a, const RgbPlanes& b, const Rgb& 
   for (size_t c = 0; c < 3; ++c) {
     out.a[c] = *a[c];
     out.b[c] = *b[c];
-    out.taken[c] = Plane(width, height);
-    out.points[c] = Plane(width, height);
+    out.taken[c] = Plane::lazy_zeros(width, height);
+    out.points[c] = Plane::lazy_zeros(width, height);
   }
   const auto is_point = [&](int x, int y) {
     const float agreed = std::min(ua(x, y), ub(x, y));

@@ -38,4 +38,13 @@ Rgb mean(const HalfPair& fit, const Task& task) {
   return m;
 }
 
+HalfPair cut(const HalfPair& from, const Box& box) {
+  HalfPair part;
+  for (size_t c = 0; c < 3; ++c) {
+    part.a[c] = crop(from.a[c], box);
+    part.b[c] = crop(from.b[c], box);
+  }
+  return part;
+}
+
 }  // namespace brume

@@ -23,4 +23,7 @@ Plane brightness(const HalfPair& fit, const Task& task);
 
 Rgb mean(const HalfPair& fit, const Task& task);
 
+/// What lies within a box.
+HalfPair cut(const HalfPair& from, const Box& box);
+
 }  // namespace brume

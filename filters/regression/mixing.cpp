@@ -9,6 +9,7 @@
 
 #include "base/math.h"
 #include "base/parallel_for.h"
+#include "filters/regression/half_pairs.h"
 
 namespace brume {
 namespace {
@@ -23,10 +24,10 @@ constexpr int kRounds = 3;
 constexpr float kLargeValue = 1.5f;   // of the largest value over the pixels of a window, taken off a gain
 constexpr double kFirefly = 0.999;    // quantile of gains at which single pixels are cut: none decides alone
 constexpr double kShareWindow = 1.5;  // over which shares are smoothed [px]
-// Where a round gains less than this share of the noise in a tile of so many pixels, and in those around it within the
-// widest window's reach, there is no other.
-constexpr float kWorthwhile = 0.01f;
-constexpr int kTile = 64, kTilesAround = 2;
+// Where a round gains less than this share of the noise in a tile of so many pixels, or of a tile's usual noise if that
+// is more, there is no other, nor in those around it.
+constexpr float kWorthwhile = 0.05f;
+constexpr int kTile = 64, kTilesAround = 1;
 
 /// Between the middles of blocks, linearly.
 struct BlockPlace {
@@ -234,104 +235,205 @@ void consider(int proposal, const Step& step, const MixingRegion& region, Best& 
   }
 }
 
-/// The best step for each pixel, region by region.
-std::vector<Best> best_steps(const HalfPair& result, const std::vector<Proposal>& proposals, const MixingFrame& frame,
-                             HalfPair& room, const Task& task) {
-  std::vector<Best> best(frame.regions.size(), Best(frame.weight.width(), frame.weight.height()));
-  for (size_t m = 0; m < proposals.size(); ++m) {
-    task.check();
-    const Step step(result, proposals[m](result, room), frame, task);
-    for (size_t r = 0; r < frame.regions.size(); ++r)
-      consider(static_cast<int>(m), step, frame.regions[r], best[r], task);
+/// A box of the frame while steps are taken in it.
+class MixedBox {
+ public:
+  /// @param result  within the box    @param weight  of squared errors, within the box
+  MixedBox(const Box& box, HalfPair result, Plane weight, const MixingFrame& frame)
+      : box_(box), result_(std::move(result)), weight_(std::move(weight)), moved_(box.width(), box.height()) {
+    const auto part = [&](const Plane& of) { return Plane::view(of, box.x0, box.y0, box.width(), box.height()); };
+    for (size_t c = 0; c < 3; ++c) {
+      data_.a[c] = part(*frame.half_a[c]);
+      data_.b[c] = part(*frame.half_b[c]);
+    }
+    for (const MixingRegion& region : frame.regions)
+      if (any_above_0(region.share, box)) regions_.push_back({part(region.share), region.sure});
   }
-  return best;
-}
+  const Box& box() const { return box_; }
+  const Plane& weight() const { return weight_; }
+  HalfPair& result() { return result_; }
+  /// 1 where the result was moved, elsewhere 0.
+  const Plane& moved() const { return moved_; }
 
-/// Takes the steps, each region by itself, with shares that are smooth over a few pixels.
-HalfPair moved_by(const std::vector<Best>& best, const HalfPair& result, const std::vector<Proposal>& proposals,
-                  const MixingFrame& frame, HalfPair& room, Plane& moved, const Task& task) {
-  const int width = frame.weight.width(), height = frame.weight.height();
-  std::vector<bool> taken(proposals.size());
-  for (const Best& b : best)
-    for (const int m : b.proposal)
-      if (m >= 0) taken[static_cast<size_t>(m)] = true;
-  HalfPair next = result;
-  for (size_t m = 0; m < proposals.size(); ++m) {
-    if (!taken[m]) continue;
-    const HalfPair& candidate = proposals[m](result, room);
-    for (size_t r = 0; r < frame.regions.size(); ++r) {
-      const Plane& region = frame.regions[r].share;
-      Plane share = make_plane(width, height, quiet(task), [&](int x, int y) {
-        return best[r].of(x, y) == static_cast<int>(m) ? region(x, y) * best[r].share(x, y) : 0.0f;
-      });
-      if (!any_above_0(share)) continue;
-      share = gaussian_blur(share, kShareWindow, task);
-      const Plane around = gaussian_blur(region, kShareWindow, task);
-      for_each_row(height, quiet(task), [&](int y) {
-        for (int x = 0; x < width; ++x) {
-          if (!(share(x, y) > 0) || !(region(x, y) > 0) || !(frame.weight(x, y) > 0)) continue;
-          const float s = region(x, y) * share(x, y) / around(x, y);
-          moved(x, y) = 1;
-          for (size_t c = 0; c < 3; ++c) {
-            next.a[c](x, y) += s * (candidate.a[c](x, y) - result.a[c](x, y));
-            next.b[c](x, y) += s * (candidate.b[c](x, y) - result.b[c](x, y));
+  /// Takes the best steps once, and leaves only candidates that were taken.
+  /// @param usual_noise  of a tile; found where it is below 0
+  /// @return  the weight where another round may be worth its time, elsewhere 0; empty: nowhere
+  Plane round(std::vector<const Proposal*>& proposals, const Plane& weight, double& usual_noise, const Task& task) {
+    const MixingFrame here{view(data_.a), view(data_.b), weight, regions_};
+    const std::vector<Best> best = best_steps(proposals, here, task);
+    Plane next = worth_another_round(best, here, usual_noise, task);
+    std::vector<bool> taken(proposals.size());
+    for (const Best& b : best)
+      for (const int m : b.proposal)
+        if (m >= 0) taken[static_cast<size_t>(m)] = true;
+    result_ = moved_by(best, taken, proposals, here, task);
+    std::vector<const Proposal*> left;
+    for (size_t m = 0; m < proposals.size(); ++m)
+      if (taken[m]) left.push_back(proposals[m]);
+    proposals = std::move(left);
+    return next;
+  }
+
+ private:
+  /// The best step for each pixel, region by region.
+  std::vector<Best> best_steps(const std::vector<const Proposal*>& proposals, const MixingFrame& frame,
+                               const Task& task) {
+    std::vector<Best> best(regions_.size(), Best(box_.width(), box_.height()));
+    for (size_t m = 0; m < proposals.size(); ++m) {
+      task.check();
+      const Step step(result_, (*proposals[m])(result_, box_, room_), frame, task);
+      for (size_t r = 0; r < regions_.size(); ++r) consider(static_cast<int>(m), step, regions_[r], best[r], task);
+    }
+    return best;
+  }
+
+  /// Takes the steps, each region by itself, with shares that are smooth over a few pixels.
+  HalfPair moved_by(const std::vector<Best>& best, const std::vector<bool>& taken,
+                    const std::vector<const Proposal*>& proposals, const MixingFrame& frame, const Task& task) {
+    const int width = box_.width(), height = box_.height();
+    HalfPair next = result_;
+    for (size_t m = 0; m < proposals.size(); ++m) {
+      if (!taken[m]) continue;
+      const HalfPair& candidate = (*proposals[m])(result_, box_, room_);
+      for (size_t r = 0; r < regions_.size(); ++r) {
+        const Plane& region = regions_[r].share;
+        Plane share = make_plane(width, height, quiet(task), [&](int x, int y) {
+          return best[r].of(x, y) == static_cast<int>(m) ? region(x, y) * best[r].share(x, y) : 0.0f;
+        });
+        if (!any_above_0(share)) continue;
+        share = gaussian_blur(share, kShareWindow, task);
+        const Plane around = gaussian_blur(region, kShareWindow, task);
+        for_each_row(height, quiet(task), [&](int y) {
+          for (int x = 0; x < width; ++x) {
+            if (!(share(x, y) > 0) || !(region(x, y) > 0) || !(frame.weight(x, y) > 0)) continue;
+            const float s = region(x, y) * share(x, y) / around(x, y);
+            moved_(x, y) = 1;
+            for (size_t c = 0; c < 3; ++c) {
+              next.a[c](x, y) += s * (candidate.a[c](x, y) - result_.a[c](x, y));
+              next.b[c](x, y) += s * (candidate.b[c](x, y) - result_.b[c](x, y));
+            }
           }
-        }
-      });
+        });
+      }
     }
+    return next;
   }
-  return next;
+
+  /// The weight near tiles in which the last round gained enough, elsewhere 0; empty where there is no such tile.
+  Plane worth_another_round(const std::vector<Best>& best, const MixingFrame& frame, double& usual_noise,
+                            const Task& task) const {
+    const Plane& weight = frame.weight;
+    const int across = (weight.width() + kTile - 1) / kTile, down = (weight.height() + kTile - 1) / kTile;
+    Plane gain(across, down), noise(across, down), near(across, down);
+    parallel_for(down, quiet(task), [&](int tile) {
+      for (int y = tile * kTile; y < std::min(weight.height(), (tile + 1) * kTile); ++y)
+        for (int x = 0; x < weight.width(); ++x) {
+          if (!(weight(x, y) > 0)) continue;
+          float squares = 0;
+          for (size_t c = 0; c < 3; ++c) {
+            const float d = result_.a[c](x, y) - result_.b[c](x, y);
+            squares += d * d / 12;
+          }
+          noise(x / kTile, tile) += weight(x, y) * squares;
+          for (size_t r = 0; r < best.size(); ++r)
+            gain(x / kTile, tile) += frame.regions[r].share(x, y) * best[r].gain(x, y);
+        }
+    });
+    if (usual_noise < 0) {
+      double sum = 0, tiles = 0;
+      for (int y = 0; y < down; ++y)
+        for (const float v : noise.pixels(y)) sum += v, tiles += v > 0;
+      usual_noise = sum / std::max(tiles, 1.0);
+    }
+    bool any = false;
+    for (int y = 0; y < down; ++y)
+      for (int x = 0; x < across; ++x) {
+        if (!(gain(x, y) > kWorthwhile * std::max(noise(x, y), static_cast<float>(usual_noise)))) continue;
+        any = true;
+        const Box box = Box{x, y, x + 1, y + 1}.grown(kTilesAround, across, down);
+        for (int v = box.y0; v < box.y1; ++v) std::fill(near.row(v) + box.x0, near.row(v) + box.x1, 1.0f);
+      }
+    if (!any) return {};
+    return make_plane(weight.width(), weight.height(), quiet(task),
+                      [&](int x, int y) { return weight(x, y) * near(x / kTile, y / kTile); });
+  }
+
+  Box box_;
+  HalfPair result_, data_, room_;
+  Plane weight_, moved_;
+  std::vector<MixingRegion> regions_;
+};
+
+/// Boxes of whole tiles around what is above 0, none of which overlap.
+std::vector<Box> boxes_around(const Plane& weight) {
+  const int across = (weight.width() + kTile - 1) / kTile, down = (weight.height() + kTile - 1) / kTile;
+  std::vector<Box> boxes;  // in tiles
+  for (int y = 0; y < down; ++y)
+    for (int x = 0; x < across; ++x)
+      if (any_above_0(weight, Box{x * kTile, y * kTile, std::min(weight.width(), (x + 1) * kTile),
+                                  std::min(weight.height(), (y + 1) * kTile)})) {
+        // Takes in the boxes that it touches, until it touches none.
+        Box own{x, y, x + 1, y + 1};
+        for (size_t i = 0; i < boxes.size();) {
+          const Box& b = boxes[i];
+          if (b.x0 > own.x1 || own.x0 > b.x1 || b.y0 > own.y1 || own.y0 > b.y1) {
+            ++i;
+            continue;
+          }
+          own = {std::min(own.x0, b.x0), std::min(own.y0, b.y0), std::max(own.x1, b.x1), std::max(own.y1, b.y1)};
+          boxes.erase(boxes.begin() + static_cast<std::ptrdiff_t>(i));
+          i = 0;
+        }
+        boxes.push_back(own);
+      }
+  for (Box& b : boxes)
+    b = {b.x0 * kTile, b.y0 * kTile, std::min(weight.width(), b.x1 * kTile), std::min(weight.height(), b.y1 * kTile)};
+  return boxes;
 }
 
-/// The weight where another round may be worth its time: near tiles in which the last gained more than a share of what
-/// the halves show of noise. Elsewhere 0; empty where there is no such tile.
-Plane worth_another_round(const std::vector<Best>& best, const HalfPair& result, const MixingFrame& frame,
-                          const Task& task) {
-  const Plane& weight = frame.weight;
-  const int across = (weight.width() + kTile - 1) / kTile, down = (weight.height() + kTile - 1) / kTile;
-  Plane gain(across, down), noise(across, down), near(across, down);
-  parallel_for(down, quiet(task), [&](int tile) {
-    for (int y = tile * kTile; y < std::min(weight.height(), (tile + 1) * kTile); ++y)
-      for (int x = 0; x < weight.width(); ++x) {
-        if (!(weight(x, y) > 0)) continue;
-        float squares = 0;
-        for (size_t c = 0; c < 3; ++c) {
-          const float d = result.a[c](x, y) - result.b[c](x, y);
-          squares += d * d / 12;
-        }
-        noise(x / kTile, tile) += weight(x, y) * squares;
-        for (size_t r = 0; r < best.size(); ++r)
-          gain(x / kTile, tile) += frame.regions[r].share(x, y) * best[r].gain(x, y);
-      }
-  });
-  bool any = false;
-  for (int y = 0; y < down; ++y)
-    for (int x = 0; x < across; ++x) {
-      if (!(gain(x, y) > kWorthwhile * noise(x, y))) continue;
-      any = true;
-      const Box box = Box{x, y, x + 1, y + 1}.grown(kTilesAround, across, down);
-      for (int v = box.y0; v < box.y1; ++v) std::fill(near.row(v) + box.x0, near.row(v) + box.x1, 1.0f);
+void paste(const HalfPair& part, const Box& box, HalfPair& to) {
+  for (size_t c = 0; c < 3; ++c)
+    for (int y = 0; y < box.height(); ++y) {
+      std::copy_n(part.a[c].row(y), box.width(), to.a[c].row(box.y0 + y) + box.x0);
+      std::copy_n(part.b[c].row(y), box.width(), to.b[c].row(box.y0 + y) + box.x0);
     }
-  if (!any) return {};
-  return make_plane(weight.width(), weight.height(), quiet(task),
-                    [&](int x, int y) { return weight(x, y) * near(x / kTile, y / kTile); });
 }
 
 }  // namespace
 
-Mixed mix(HalfPair& result, const std::vector<Proposal>& proposals, const MixingFrame& frame, const Task& task) {
-  Mixed mixed{Plane(frame.weight.width(), frame.weight.height()), {}};
-  HalfPair room;
-  Plane weight = frame.weight;
-  for (int round = 0; round < kRounds && !weight.empty(); ++round) {
-    const MixingFrame here{frame.half_a, frame.half_b, weight, frame.regions};
-    const std::vector<Best> best = best_steps(result, proposals, here, room, task);
-    Plane next = worth_another_round(best, result, here, task);
-    result = moved_by(best, result, proposals, here, room, mixed.moved, task);
-    if (round == 0) mixed.worthwhile = next;
-    weight = std::move(next);
+void mix(HalfPair& result, const std::vector<Proposal>& proposals, const LateProposal& late, const MixingFrame& frame,
+         const Task& task) {
+  std::vector<const Proposal*> all;
+  for (const Proposal& p : proposals) all.push_back(&p);
+  const Box whole_frame{0, 0, frame.weight.width(), frame.weight.height()};
+  double usual_noise = -1;
+  Plane worthwhile, moved;
+  {
+    MixedBox whole(whole_frame, std::move(result), {}, frame);
+    worthwhile = whole.round(all, frame.weight, usual_noise, task);
+    result = std::move(whole.result());
+    moved = whole.moved();
   }
-  return mixed;
+  if (worthwhile.empty()) return;
+  for (const Box& box : boxes_around(worthwhile)) {
+    MixedBox part(box, cut(result, box), crop(worthwhile, box), frame);
+    std::vector<const Proposal*> own = all;
+    const auto rounds = [&](int most) {
+      Plane weight = part.weight();
+      for (int round = 0; round < most && !weight.empty() && !own.empty(); ++round)
+        weight = part.round(own, weight, usual_noise, task);
+    };
+    rounds(kRounds - 1);
+    Plane wanted = make_plane(box.width(), box.height(), quiet(task), [&](int x, int y) {
+      return part.weight()(x, y) > 0 && (part.moved()(x, y) > 0 || moved(box.x0 + x, box.y0 + y) > 0) ? 1.0f : 0.0f;
+    });
+    const HalfPair lines = late(box, wanted);
+    const Proposal proposal = [&](const HalfPair&, const Box&, HalfPair&) -> const HalfPair& { return lines; };
+    own = all;
+    own.push_back(&proposal);
+    rounds(kRounds);
+    paste(part.result(), box, result);
+  }
 }
 
 }  // namespace brume

@@ -18,13 +18,12 @@ struct MixingFrame {
   const std::vector<MixingRegion>& regions;
 };
 
-struct Mixed {
-  Plane moved;       ///< where the result was moved: 1, elsewhere 0
-  Plane worthwhile;  ///< the weight where more candidates may gain anything, elsewhere 0; empty: nowhere
-};
+/// A candidate within a box of the frame: one that is there, or one made in `room` from the result, which it is to
+/// improve and which has the box's size.
+using Proposal = std::function<const HalfPair&(const HalfPair& result, const Box& box, HalfPair& room)>;
 
-/// A candidate: one that is there, or one made in `room` from the result that it is to improve.
-using Proposal = std::function<const HalfPair&(const HalfPair& result, HalfPair& room)>;
+/// A candidate that costs too much to be made everywhere: within a box, where `wanted`, of its size, is above 0.
+using LateProposal = std::function<HalfPair(const Box& box, const Plane& wanted)>;
 
 /// Moves a result towards candidates where the data prove that this lowers its error, and leaves it alone elsewhere.
 ///
@@ -36,8 +35,10 @@ using Proposal = std::function<const HalfPair&(const HalfPair& result, HalfPair&
 ///
 /// and every product pairs what one half's fit says with the other half's data, so that noise drops out of the mean.
 /// In place of b stands a lower bound of it over a Gaussian window: so many standard errors less, and a term for single
-/// large values after Bernstein. Each pixel takes the candidate, window and share of the largest sure gain, in rounds
-/// as long as they gain more than a hundredth of the noise around.
-Mixed mix(HalfPair& result, const std::vector<Proposal>& proposals, const MixingFrame& frame, const Task& task);
+/// large values after Bernstein. Each pixel takes the candidate, window and share of the largest sure gain. The first
+/// round is over the whole frame; others follow within boxes around tiles in which a round gained more than a twentieth
+/// of the noise that the result has, with the candidates that were taken there, and then with the late one.
+void mix(HalfPair& result, const std::vector<Proposal>& proposals, const LateProposal& late, const MixingFrame& frame,
+         const Task& task);
 
 }  // namespace brume

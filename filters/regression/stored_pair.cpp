@@ -11,10 +11,10 @@ StoredPair::StoredPair(const HalfPair& pair, const Task& task) {
   }
 }
 
-void StoredPair::read(HalfPair& out, const Task& task) const {
+void StoredPair::read(const Box& box, HalfPair& out, const Task& task) const {
   for (size_t c = 0; c < 3; ++c) {
-    a[c].read(out.a[c], task);
-    b[c].read(out.b[c], task);
+    a[c].view(box.x0, box.y0, box.width(), box.height()).read(out.a[c], task);
+    b[c].view(box.x0, box.y0, box.width(), box.height()).read(out.b[c], task);
   }
 }
 

@@ -14,7 +14,8 @@ struct StoredPair {
   StoredPair(const HalfPair& pair, const Task& task);
   int width() const { return a[0].width(); }
   int height() const { return a[0].height(); }
-  void read(HalfPair& out, const Task& task) const;
+  /// What lies within a box.
+  void read(const Box& box, HalfPair& out, const Task& task) const;
 };
 
 /// Both halves of candidates and, last, of the data, blended with one set of maps.

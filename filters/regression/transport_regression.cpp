@@ -46,13 +46,14 @@ void say_what_is_missing(const FilterFrame& frame, bool guided, bool halves) {
                                                                             : "the frame has no half images"));
 }
 
-/// The result plus what it misses, averaged over a Gaussian window of so many pixels.
-HalfPair with_local_mean(const HalfPair& result, const HalfPair& data, double window, const Task& task) {
+/// The result within a box plus what it misses of the data, averaged over a Gaussian window of so many pixels.
+HalfPair with_local_mean(const HalfPair& result, const HalfPair& data, const Box& box, double window,
+                         const Task& task) {
   const auto corrected = [&](const Rgb& half, const Rgb& of) {
     Rgb out;
     for (size_t c = 0; c < 3; ++c) {
       out[c] = make_plane(half[c].width(), half[c].height(), quiet(task),
-                          [&](int x, int y) { return of[c](x, y) - half[c](x, y); });
+                          [&](int x, int y) { return of[c](box.x0 + x, box.y0 + y) - half[c](x, y); });
       out[c] = gaussian_blur(out[c], window, task);
       add_to(out[c], 1, half[c], task);
     }
@@ -88,29 +89,31 @@ void improve(HalfPair& result, const std::vector<StoredPair>& candidates, const 
     return known.mask(x, y) > 0 ? std::pow(scale * std::abs(light(x, y)) + 0.05f, -4.0f / 3) : 0.0f;
   });
   const std::vector<MixingRegion> regions = regions_of(known, task);
-  const MixingFrame frame{view(data.a), view(data.b), weight, regions};
   std::vector<Proposal> proposals;
   for (const StoredPair& candidate : candidates)
-    proposals.emplace_back([&candidate, &task](const HalfPair&, HalfPair& room) -> const HalfPair& {
-      candidate.read(room, task);
+    proposals.emplace_back([&candidate, &task](const HalfPair&, const Box& box, HalfPair& room) -> const HalfPair& {
+      candidate.read(box, room, task);
       return room;
     });
-  proposals.emplace_back([&data](const HalfPair&, HalfPair&) -> const HalfPair& { return data; });
+  proposals.emplace_back(
+      [&data](const HalfPair&, const Box& box, HalfPair& room) -> const HalfPair& { return room = cut(data, box); });
   if (over_frames)
-    proposals.emplace_back([&over_frames](const HalfPair&, HalfPair&) -> const HalfPair& { return *over_frames; });
+    proposals.emplace_back([&over_frames](const HalfPair&, const Box& box, HalfPair& room) -> const HalfPair& {
+      return room = cut(*over_frames, box);
+    });
   const HalfPair& averaged = over_frames ? *over_frames : data;
   for (const double window : kLocalMeans)
-    proposals.emplace_back([&averaged, window, &task](const HalfPair& now, HalfPair& room) -> const HalfPair& {
-      return room = with_local_mean(now, averaged, window, task);
-    });
-  const Mixed mixed = mix(result, proposals, frame, task);
-  task.report(0.9);
-  if (mixed.worthwhile.empty()) return;
-  const Plane wanted = make_plane(width, height, quiet(task),
-                                  [&](int x, int y) { return mixed.worthwhile(x, y) > 0 ? mixed.moved(x, y) : 0.0f; });
-  const HalfPair lines = local_lines(data, pointers(known.features), wanted, task);
-  proposals.emplace_back([&lines](const HalfPair&, HalfPair&) -> const HalfPair& { return lines; });
-  mix(result, proposals, {frame.half_a, frame.half_b, mixed.worthwhile, regions}, task);
+    proposals.emplace_back(
+        [&averaged, window, &task](const HalfPair& now, const Box& box, HalfPair& room) -> const HalfPair& {
+          return room = with_local_mean(now, averaged, box, window, task);
+        });
+  const LateProposal lines = [&](const Box& box, const Plane& wanted) {
+    std::vector<Plane> features;
+    for (const Plane& feature : known.features)
+      features.push_back(Plane::view(feature, box.x0, box.y0, box.width(), box.height()));
+    return local_lines(cut(data, box), pointers(features), wanted, task);
+  };
+  mix(result, proposals, lines, {view(data.a), view(data.b), weight, regions}, task);
 }
 
 void run(const TransportRegression& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
@@ -159,7 +162,8 @@ void run(const TransportRegression& p, const FilterFrame& frame, const FilterOut
 void settle(Layers& layers) {
   Plane& error = *layers.find(layer::clean_error.channel(0));
   for (int y = 0; y < error.height(); ++y)
-    for (float& v : error.pixels(y)) v = std::sqrt(std::max(0.0f, v));
+    for (float& v : error.pixels(y))
+      if (v != 0) v = std::sqrt(std::max(0.0f, v));
 }
 
 const FilterEntry entry =

@@ -11,6 +11,7 @@
 
 #include "base/error.h"
 #include "base/parallel_for.h"
+#include "base/peak_memory.h"
 #include "base/text.h"
 #include "filters/api/registry.h"
 #include "filters/api/requirements.h"
@@ -303,12 +304,13 @@ void for_each_pixel(const Box& box, const Visit& visit) {
     for (int x = box.x0; x < box.x1; ++x) visit(x, y);
 }
 
-/// Adds to a plane what lies outside of a box.
+/// Adds to a plane what lies outside of a box. Nothing is written where nothing is added, so that planes of zeros take
+/// no memory.
 void add_around(const Box& box, const Plane& from, Plane& to) {
   for (int y = 0; y < from.height(); ++y) {
     const bool beside = y < box.y0 || y >= box.y1;
     for (int x = 0; x < from.width(); ++x)
-      if (beside || x < box.x0 || x >= box.x1) to(x, y) += from(x, y);
+      if ((beside || x < box.x0 || x >= box.x1) && from(x, y) != 0) to(x, y) += from(x, y);
   }
 }
 
@@ -333,6 +335,7 @@ Rgb filtered(const Run& run, const FilterFrame& frame, const Box& interior, cons
   Rgb out{Plane(width, height), Plane(width, height), Plane(width, height)};
   run.filter.run(frame, {&out[0], &out[1], &out[2]}, task);
   task.check();
+  if (run.filter.entry().box) give_back_freed_memory();  // of a whole frame's work, before whole planes are written
   if (run.mask && !run.filter.entry().background) clean_background(frame, out, task);
   for_each_pixel(interior, [&](int x, int y) {
     if (std::isfinite(out[0](x, y)) && std::isfinite(out[1](x, y)) && std::isfinite(out[2](x, y))) return;

@@ -6,7 +6,6 @@
 #include <bit>
 #include <cmath>
 #include <limits>
-#include <numeric>
 
 #include "base/error.h"
 #include "base/parallel_for.h"
@@ -172,46 +171,29 @@ void Film::develop(int tile) {
         sums_.means(sums, 1, 2, count(1, 2), half_b.data());
       }
       for (size_t k = 0; k < buckets; ++k) sums_.means(sums, k, groups, counts[k], bucket[k].data());
+      // Where a plane stays 0 nothing is written, so that it takes no memory there.
+      const auto set = [x, y](Plane& plane, double v) {
+        if (const auto value = static_cast<float>(v); value != 0 || plane(x, y) != 0) plane(x, y) = value;
+      };
       for (const Target& t : targets_) {
-        const auto stored = [&](double v) { return static_cast<float>(t.complement ? 1.0 - v : v); };
-        (*t.mean)(x, y) = stored(mean[t.value]);
+        const auto stored = [&](double v) { return t.complement ? 1.0 - v : v; };
+        set(*t.mean, stored(mean[t.value]));
         if (t.mean_variance) {
-          (*t.mean_variance)(x, y) = static_cast<float>(variance[t.value]);
-          (*t.half_a)(x, y) = stored(half_a[t.value]);
-          (*t.half_b)(x, y) = stored(half_b[t.value]);
+          set(*t.mean_variance, variance[t.value]);
+          set(*t.half_a, stored(half_a[t.value]));
+          set(*t.half_b, stored(half_b[t.value]));
         }
-        for (size_t k = 0; k < t.buckets.size(); ++k) (*t.buckets[k])(x, y) = stored(bucket[k][t.value]);
+        for (size_t k = 0; k < t.buckets.size(); ++k) set(*t.buckets[k], stored(bucket[k][t.value]));
       }
       // The sum of the stored floats, so that the passes add up to the beauty to the last bit.
       for (size_t c = 0; c < 3; ++c)
         (*beauty_[c])(x, y) = static_cast<float>(mean[direct_ + c]) + static_cast<float>(mean[indirect_ + c]);
       (*sample_count_)(x, y) = static_cast<float>(n);
-      (*invalid_count_)(x, y) = static_cast<float>(state.invalid[p]);
+      set(*invalid_count_, state.invalid[p]);
     }
 }
 
-namespace {
-
-/// Sums over the windows of 2 radius + 1 pixels around each pixel, cut at the border.
-std::vector<double> window_sums(const std::vector<double>& values, int width, int height, int radius) {
-  std::vector<double> table(static_cast<size_t>(width + 1) * (height + 1));
-  const auto at = [&](int x, int y) -> double& { return table[static_cast<size_t>(y) * (width + 1) + x]; };
-  for (int y = 0; y < height; ++y)
-    for (int x = 0; x < width; ++x)
-      at(x + 1, y + 1) = values[static_cast<size_t>(y) * width + x] + at(x, y + 1) + at(x + 1, y) - at(x, y);
-  std::vector<double> sums(values.size());
-  for (int y = 0; y < height; ++y)
-    for (int x = 0; x < width; ++x) {
-      const int x0 = std::max(x - radius, 0), x1 = std::min(x + radius + 1, width);
-      const int y0 = std::max(y - radius, 0), y1 = std::min(y + radius + 1, height);
-      sums[static_cast<size_t>(y) * width + x] = at(x1, y1) - at(x0, y1) - at(x1, y0) + at(x0, y0);
-    }
-  return sums;
-}
-
-}  // namespace
-
-double Film::relative_error(double exposure) const {
+double Film::relative_error(double exposure, int threads) const {
   constexpr int kRadius = 3;
   constexpr double kLeastSamples = 8;       // per pixel, before anything is said
   constexpr double kBorrowedSamples = 256;  // of the whole picture's, in every window
@@ -219,34 +201,67 @@ double Film::relative_error(double exposure) const {
   const double floor = 0.01 / (exposure * exposure);
   const Plane& counts = layers_.at(layer::sample_count.channel(0));
   const auto mean = layers_.rgb(layer::beauty), mean_variance = layers_.rgb(layer::beauty, statistic::mean_variance);
-  const auto pixels = static_cast<size_t>(width_) * height_;
-  std::vector<double> taken(pixels), light(pixels), variance(pixels);
-  const auto each_pixel = [&](const auto& visit) {
-    for (int y = 0; y < height_; ++y)
-      for (int x = 0; x < width_; ++x) visit(x, y, static_cast<size_t>(y) * width_ + x);
+  const auto width = static_cast<size_t>(width_);
+  struct Sums {
+    double taken = 0, light = 0, sum = 0;
+    std::array<double, 3> variance{};  // by colour
+    float fewest = std::numeric_limits<float>::max();
   };
-  each_pixel([&](int x, int y, size_t i) { taken[i] = counts(x, y); });
-  if (*std::min_element(taken.begin(), taken.end()) < kLeastSamples) return kUnknown;
-  const std::vector<double> taken_around = window_sums(taken, width_, height_, kRadius);
-  double sum = 0, all_light = 0;
-  for (size_t c = 0; c < 3; ++c) {
-    double all_variance = 0;
-    each_pixel([&](int x, int y, size_t i) {
-      light[i] = taken[i] * (*mean[c])(x, y);
-      variance[i] = taken[i] * taken[i] * (*mean_variance[c])(x, y);  // of one sample, times the samples
-      all_light += std::abs(light[i]);
-      all_variance += variance[i];
-    });
-    all_variance /= std::accumulate(taken.begin(), taken.end(), 0.0);
-    const std::vector<double> light_around = window_sums(light, width_, height_, kRadius);
-    const std::vector<double> variance_around = window_sums(variance, width_, height_, kRadius);
-    for (size_t i = 0; i < pixels; ++i) {
-      const double n = taken_around[i], m = light_around[i] / n;
-      const double v = (std::max(variance_around[i], 0.0) + kBorrowedSamples * all_variance) / (n + kBorrowedSamples);
-      sum += v / taken[i] / (m * m + floor);
+  std::vector<Sums> rows(static_cast<size_t>(height_));
+  const auto total = [&](const auto& member) {
+    double sum = 0;
+    for (Sums& row : rows) sum += member(row);
+    return sum;
+  };
+  parallel_for(height_, {threads}, [&](int y) {
+    Sums& row = rows[static_cast<size_t>(y)];
+    for (int x = 0; x < width_; ++x) {
+      const double n = counts(x, y);
+      row.fewest = std::min(row.fewest, counts(x, y));
+      row.taken += n;
+      for (size_t c = 0; c < 3; ++c) {
+        row.light += std::abs(n * (*mean[c])(x, y));
+        row.variance[c] += n * n * (*mean_variance[c])(x, y);  // of one sample, times the samples
+      }
     }
+  });
+  if (std::any_of(rows.begin(), rows.end(), [](const Sums& row) { return row.fewest < kLeastSamples; }))
+    return kUnknown;
+  const double taken = total([](const Sums& row) { return row.taken; });
+  if (!(total([](const Sums& row) { return row.light; }) > 0)) return kUnknown;
+  for (size_t c = 0; c < 3; ++c) {
+    const double borrowed = kBorrowedSamples * total([c](const Sums& row) { return row.variance[c]; }) / taken;
+    parallel_for(height_, {threads}, [&](int y) {
+      // Of each column the pixels within the window, then windows of columns.
+      static thread_local std::vector<double> n, light, variance;
+      for (std::vector<double>* column : {&n, &light, &variance}) column->assign(width, 0.0);
+      for (int v = std::max(y - kRadius, 0); v <= std::min(y + kRadius, height_ - 1); ++v) {
+        const float *const k = counts.row(v), *const m = mean[c]->row(v), *const s = mean_variance[c]->row(v);
+        for (size_t x = 0; x < width; ++x) {
+          const double count = k[x];
+          n[x] += count;
+          light[x] += count * m[x];
+          variance[x] += count * count * s[x];
+        }
+      }
+      double sum = 0;
+      for (int x = 0; x < width_; ++x) {
+        const auto begin = static_cast<size_t>(std::max(x - kRadius, 0)),
+                   end = std::min(static_cast<size_t>(x + kRadius + 1), width);
+        double count = 0, l = 0, v = 0;
+        for (size_t u = begin; u < end; ++u) {
+          count += n[u];
+          l += light[u];
+          v += variance[u];
+        }
+        const double m = l / count;
+        sum += (v + borrowed) / (count + kBorrowedSamples) / counts(x, y) / (m * m + floor);
+      }
+      rows[static_cast<size_t>(y)].sum += sum;
+    });
   }
-  return all_light > 0 ? std::sqrt(sum / (3.0 * static_cast<double>(pixels))) : kUnknown;
+  const double sum = total([](const Sums& row) { return row.sum; });
+  return std::sqrt(sum / (3.0 * static_cast<double>(width_) * height_));
 }
 
 template <class Put>

@@ -50,7 +50,7 @@ class Film {
   /// is not known to be exact; and every window borrows 256 samples' worth of the whole picture's variance, because
   /// what is rare may not have been seen in it yet. Infinite while pixels have fewer than 8 samples, and while no light
   /// was found at all. Needs statistics.
-  double relative_error(double exposure) const;
+  double relative_error(double exposure, int threads = 0) const;
 
   const Layers& layers() const { return layers_; }
   Layers take() { return std::move(layers_); }

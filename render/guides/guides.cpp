@@ -75,7 +75,10 @@ void Guides::record_stored(const Camera& camera, const ivec2& corner, Layers& fr
           continue;
         }
         Plane& whole = frame.add(name);
-        for (int y = 0; y < plane.height(); ++y) std::copy_n(plane.row(y), plane.width(), whole.row(y0 + y));
+        // Rows of zeros are there already, and take no memory.
+        for (int y = 0; y < plane.height(); ++y)
+          if (std::any_of(plane.row(y), plane.row(y) + plane.width(), [](float v) { return v != 0; }))
+            std::copy_n(plane.row(y), plane.width(), whole.row(y0 + y));
       }
     }
   });

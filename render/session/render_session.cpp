@@ -47,6 +47,8 @@ RenderSession::RenderSession(const PreparedScene& scene, const RenderJob& job, c
             window_.height(), scene.plan().layers),
       context_(scene.context()),
       checkpoint_(job.checkpoint, job.warn),
+      uniform_sky_(scene.plan().one_grid && !scene.plan().emission && job.records.empty() &&
+                   context_.lights->uniform_background()),
       tiles_(static_cast<size_t>(film_.tile_count())) {
   if (job.target_error > 0 && !scene.plan().layers.statistics)
     throw InputError("a target error needs statistics: without them no error is estimated");
@@ -300,7 +302,7 @@ bool RenderSession::enough() {
     if (elapsed() + 0.5 * per_sample > job_.time_limit) return true;
   }
   if (!(job_.target_error > 0)) return false;
-  const double error = film_.relative_error(scene_.scene().film.exposure);
+  const double error = film_.relative_error(scene_.scene().film.exposure, task_.threads);
   // The squared error falls like the samples.
   if (std::isfinite(error)) needed_samples_ = samples_taken() * std::pow(error / job_.target_error, 2);
   return error <= job_.target_error;
@@ -364,11 +366,22 @@ void RenderSession::trace_batch(int tile, uint32_t goal, std::vector<PathRecord>
   const uint32_t count = std::min(goal - start, static_cast<uint32_t>(std::max(1, kBatch / b.pixels())));
   const auto first = static_cast<uint32_t>(first_);
   requests.clear();
+  // Rows of what the film keeps, `count` for each pixel; one path is all that pixels of the sky alone have together.
+  std::vector<size_t> row_of_request, row_of_pixel;
+  size_t row_count = 0, sky = SIZE_MAX;
   for (int y = b.y0; y < b.y1; ++y)
-    for (int x = b.x0; x < b.x1; ++x)
-      for (uint32_t s = start; s < start + count; ++s)
+    for (int x = b.x0; x < b.x1; ++x) {
+      const bool alone = shows_sky_alone(x, y);
+      row_of_pixel.push_back(alone && sky != SIZE_MAX ? sky : row_count);
+      if (alone && sky != SIZE_MAX) continue;
+      if (alone) sky = row_count;
+      for (uint32_t s = start; s < start + (alone ? 1 : count); ++s) {
         requests.push_back(scene_.request(camera_, job_.seed, window_.x0 + x, window_.y0 + y, first + s,
                                           bounds_[static_cast<size_t>(y) * film_.width() + x]));
+        row_of_request.push_back(row_count + s - start);
+      }
+      row_count += count;
+    }
   if (records_)
     for (size_t i = 0; i < requests.size(); ++i) {
       PathRecord& record = records[i / count * goal + requests[i].key.sample - first];
@@ -378,20 +391,23 @@ void RenderSession::trace_batch(int tile, uint32_t goal, std::vector<PathRecord>
       record.time = static_cast<float>(requests[i].time);
       requests[i].record = &record;
     }
-  // What the film keeps of the samples, in the requests' order: the tracer hands them in as they end.
   const size_t row_size = film_.row_size();
-  rows.resize(requests.size() * row_size);
+  rows.resize(row_count * row_size);
   trace_paths(
-      context_, requests, [&](size_t i, const PathSample& s) { film_.pack(s, rows.data() + i * row_size); },
+      context_, requests,
+      [&](size_t i, const PathSample& s) { film_.pack(s, rows.data() + row_of_request[i] * row_size); },
       report.counters);
+  report.counters.paths += static_cast<uint64_t>(b.pixels()) * count - requests.size();
+  if (sky != SIZE_MAX)
+    for (uint32_t k = 1; k < count; ++k)
+      std::copy_n(rows.data() + sky * row_size, row_size, rows.data() + (sky + k) * row_size);
   for (int pixel = 0; pixel < b.pixels(); ++pixel) {
-    const size_t at = static_cast<size_t>(pixel) * count;
-    const uint32_t index = requests[at].key.sample;
-    const auto rejected = film_.add(tile, pixel, rows.data() + at * row_size, count, index);
+    const float* const own = rows.data() + row_of_pixel[static_cast<size_t>(pixel)] * row_size;
+    const auto rejected = film_.add(tile, pixel, own, count, first + start);
     report.invalid += rejected.size();
     if (!rejected.empty() && !report.first_invalid)
       report.first_invalid = {window_.x0 + b.x0 + pixel % b.width(), window_.y0 + b.y0 + pixel / b.width(),
-                              index + rejected.front()};
+                              first + start + rejected.front()};
   }
   film_.set_taken(tile, start + count);
 }
@@ -434,7 +450,7 @@ RenderReport RenderSession::report() const {
   total.most_samples_per_pixel = static_cast<int>(most_taken());
   total.mean_samples_per_pixel = samples_taken() / (static_cast<double>(film_.width()) * film_.height());
   total.uneven = !job_.next_round && total.most_samples_per_pixel > total.samples_per_pixel;
-  if (scene_.plan().layers.statistics) total.error = film_.relative_error(scene_.scene().film.exposure);
+  if (scene_.plan().layers.statistics) total.error = film_.relative_error(scene_.scene().film.exposure, task_.threads);
   return total;
 }
 

@@ -46,6 +46,8 @@ class InfiniteLight : public Light {
   virtual dvec3 radiance(const dvec3& d) const = 0;
   /// Of sample(), in solid angle.
   virtual double pdf(const dvec3& d) const = 0;
+  /// Whether its radiance is the same in all directions.
+  virtual bool uniform() const = 0;
   /// Whether rays that never scattered see it.
   bool visible() const { return visible_; }
 
@@ -81,6 +83,7 @@ class Sun : public InfiniteLight {
   double pdf(const dvec3& d) const override { return contains(d) ? 1.0 / (2.0 * kPi * one_minus_cos_) : 0.0; }
   double importance(const dvec3&) const override { return luminance(irradiance_); }
   bool delta() const override { return delta_; }
+  bool uniform() const override { return delta_; }  // none: no ray finds it
   bool contains(const dvec3& d) const { return !delta_ && 1.0 - glm::dot(d, axis_) <= one_minus_cos_; }
   const dvec3& axis() const { return axis_; }
   const dvec3& irradiance() const { return irradiance_; }
@@ -178,7 +181,7 @@ class Environment : public InfiniteLight {
   explicit Environment(const EnvironmentSettings& settings, const Task& task = {});
 
   bool black() const { return picture_.empty() && radiance_ == dvec3(0); }
-  bool constant() const { return picture_.empty(); }
+  bool uniform() const override { return picture_.empty(); }
   dvec3 radiance(const dvec3& d) const override;
   LightSample sample(const dvec2& u) const;
   LightSample sample(const dvec3&, const dvec2& u) const override { return sample(u); }
@@ -223,6 +226,12 @@ class Lights {
   /// Whether lights stand somewhere.
   bool all_solid() const {
     return std::all_of(finite_.begin(), finite_.end(), [](const FiniteLight* light) { return light->solid(); });
+  }
+  /// Whether all rays that never scattered and meet nothing see the same.
+  bool uniform_background() const {
+    return finite_.empty() && std::all_of(infinite_.begin(), infinite_.end(), [](const InfiniteLight* light) {
+             return !light->visible() || light->uniform();
+           });
   }
   bool local() const { return !finite_.empty() || !points_.empty() || !meshes_.empty(); }
   /// The light that a ray meets before t_max, and where; null for none.
