@@ -36,6 +36,8 @@ function(brume_precompile target)
   endif()
 endfunction()
 
+include(${CMAKE_CURRENT_LIST_DIR}/simd.cmake)
+
 # FRONT: parses, calls and prints; compiling it fast matters more than how fast it runs.
 function(brume_library name)
   cmake_parse_arguments(ARG "OBJECT;FRONT" "" "SOURCES;LINK;PRIVATE_LINK" ${ARGN})
@@ -46,6 +48,7 @@ function(brume_library name)
   endif()
   target_link_libraries(brume_${name} PUBLIC ${ARG_LINK} PRIVATE brume_options ${ARG_PRIVATE_LINK})
   target_include_directories(brume_${name} PUBLIC ${PROJECT_SOURCE_DIR})
+  brume_simd_sources(${ARG_SOURCES})
   if(ARG_FRONT)
     target_compile_options(brume_${name} PRIVATE -O1)
   endif()
