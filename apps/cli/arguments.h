@@ -1,7 +1,8 @@
 #pragma once
-#include <CLI/CLI.hpp>
 #include <string>
 #include <vector>
+
+#include "apps/cli/cli11.h"
 
 namespace brume::app {
 

@@ -1,11 +1,10 @@
 #pragma once
-#include <CLI/CLI.hpp>
 #include <atomic>
 #include <functional>
 #include <map>
-#include <nlohmann/json.hpp>
 #include <string>
 
+#include "apps/cli/cli11.h"
 #include "base/progress.h"
 #include "workflows/sequence.h"
 #include "workflows/version.h"

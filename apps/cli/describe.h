@@ -1,6 +1,7 @@
 #pragma once
-#include <CLI/CLI.hpp>
 #include <string>
+
+#include "apps/cli/cli11.h"
 
 namespace brume::app {
 

@@ -1,9 +1,9 @@
 #pragma once
 #include <fmt/format.h>
 
-#include <CLI/CLI.hpp>
 #include <string>
 
+#include "apps/cli/cli11.h"
 #include "workflows/choices.h"
 
 namespace brume::app {

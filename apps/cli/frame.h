@@ -1,7 +1,7 @@
 #pragma once
-#include <CLI/CLI.hpp>
 #include <string>
 
+#include "apps/cli/cli11.h"
 #include "workflows/frame.h"
 
 namespace brume::app {

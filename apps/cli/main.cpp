@@ -1,6 +1,7 @@
 #include <fmt/format.h>
 #include <malloc.h>
 
+#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <csignal>
 #include <sstream>
@@ -11,6 +12,16 @@
 #include "base/error.h"
 #include "base/text.h"
 #include "image/exr_io.h"
+
+namespace CLI {
+
+template Option* App::add_option<std::string>(std::string, std::string&, std::string);
+template Option* App::add_option<std::vector<std::string>>(std::string, std::vector<std::string>&, std::string);
+template Option* App::add_option<int>(std::string, int&, std::string);
+template Option* App::add_option<double>(std::string, double&, std::string);
+template Option* App::add_flag<bool>(std::string, bool&, std::string);
+
+}  // namespace CLI
 
 namespace brume::app {
 
