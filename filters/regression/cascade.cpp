@@ -7,7 +7,7 @@ namespace brume {
 namespace {
 
 // Ridges per pixel of the fits to the whole frame, one after another: what few samples can tell of many columns first.
-constexpr double kRidgesOfFrame[] = {1e4, 100, 1};
+constexpr double kRidgesOfFrame[] = {1e4, 1};
 
 /// Fits to what the ones before leave, one after another.
 struct Fits {
@@ -65,26 +65,24 @@ std::vector<StoredPair> cascade(RegressionInputs& inputs, const CascadeSettings&
   const auto window = [&](double deviation) {
     return LatticeWindow{deviation, settings.ridge, settings.ridge_per_pixel};
   };
-  const double middle = settings.window;
+  const double widest = settings.window;
   fits.refine(&TransportColumns::predicted, {0, kGlobalRidge, 0});
-  fits.refine_aside(&TransportColumns::shape,
-                    {window(2 * middle), window(middle), window(middle / 2), window(middle / 4)});
+  fits.refine_aside(&TransportColumns::shape, {window(widest), window(widest / 2), window(widest / 4)});
   task.report(0.35);
   for (RegressionInput& q : inputs) q.known.all.free = 0;
   for (const double ridge : kRidgesOfFrame) fits.refine(&TransportColumns::all, {0, kGlobalRidge, ridge});
   weigh_by_fits(inputs, settings.power, before, task);
   before.clear();
-  fits.refine(&TransportColumns::all, window(2 * middle));
-  fits.refine(&TransportColumns::all, window(middle));
+  fits.refine(&TransportColumns::all, window(widest));
   task.report(0.5);
-  fits.refine(&TransportColumns::medium, window(middle / 2));
-  fits.refine(&TransportColumns::few, window(middle / 4));
+  fits.refine(&TransportColumns::medium, window(widest / 2));
+  fits.refine(&TransportColumns::few, window(widest / 4));
   task.report(0.6);
   if (inputs.size() == 1) return std::move(fits.candidates);
   over_frames = mean_over_frames(inputs, fits.sum, task);
   // What the frame shows that those nearby do not, as where a light changes.
   while (inputs.size() > 1) inputs.pop_back();
-  fits.refine(&TransportColumns::all, window(middle));
+  fits.refine(&TransportColumns::all, window(widest));
   return std::move(fits.candidates);
 }
 

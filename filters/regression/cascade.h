@@ -9,7 +9,7 @@ namespace brume {
 
 /// What a cascade of fits is made of.
 struct CascadeSettings {
-  double window;                  ///< deviation of the middle one of its Gaussian windows [px]
+  double window;                  ///< deviation of the widest of its Gaussian windows but the frame [px]
   double ridge, ridge_per_pixel;  ///< pull of scaled coefficients towards 0, and the same over the pixels of a window
   float power;                    ///< pixels weigh as their brightness to minus this power
 };

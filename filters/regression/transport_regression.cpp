@@ -188,8 +188,7 @@ const FilterEntry entry =
         .produces(layer::clean_error)
         .settles(settle)
         .param("window", &TransportRegression::window, {2, 100}, "px",
-               "deviation of the middle one of the Gaussian windows; the others are twice, half and a quarter of it",
-               {12, 16, 24})
+               "deviation of the widest Gaussian window; the others are a half and a quarter of it", {12, 16, 24})
         .param("ridge", &TransportRegression::ridge, {0, 100}, "1", "pull of scaled coefficients towards 0",
                {0.002, 0.02})
         .param("ridge-per-pixel", &TransportRegression::ridge_per_pixel, {0, 1000}, "1",
