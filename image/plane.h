@@ -20,12 +20,18 @@ class Plane {
       : width_(width), height_(height), stride_(stride_of(width)), data_(allocate(size())) {
     fill(value);
   }
+  /// Pixels that are all still to be written.
+  static Plane unset(int width, int height) {
+    Plane plane;
+    plane.set_size(width, height);
+    plane.data_ = allocate(plane.size());
+    plane.clear_padding();
+    return plane;
+  }
   /// Zeros that take no memory while nothing else is written: for channels of which most may stay empty.
   static Plane lazy_zeros(int width, int height) {
     Plane plane;
-    plane.width_ = width;
-    plane.height_ = height;
-    plane.stride_ = stride_of(width);
+    plane.set_size(width, height);
     const size_t bytes = plane.size() * sizeof(float);
     plane.data_ = Storage(static_cast<float*>(allocate_zeros(bytes)), Free(Free::kZeroed, bytes));
     return plane;
@@ -33,10 +39,8 @@ class Plane {
   /// Owns its pixels, also where the other is a view.
   Plane(const Plane& other)
       : width_(other.width_), height_(other.height_), stride_(stride_of(width_)), data_(allocate(size())) {
-    for (int y = 0; y < height_; ++y) {
-      std::memcpy(row(y), other.row(y), static_cast<size_t>(width_) * sizeof(float));
-      std::memset(row(y) + width_, 0, (stride_ - static_cast<size_t>(width_)) * sizeof(float));
-    }
+    for (int y = 0; y < height_; ++y) std::memcpy(row(y), other.row(y), static_cast<size_t>(width_) * sizeof(float));
+    clear_padding();
   }
   Plane(Plane&&) noexcept = default;
   Plane& operator=(Plane other) noexcept {
@@ -98,6 +102,15 @@ class Plane {
   /// An odd number of cache lines: rows a power of two apart would share a few sets of the cache.
   static size_t stride_of(int width) { return ((static_cast<size_t>(width) + kLine - 1) / kLine | 1) * kLine; }
   size_t size() const { return stride_ * static_cast<size_t>(height_); }
+  void set_size(int width, int height) {
+    width_ = width;
+    height_ = height;
+    stride_ = stride_of(width);
+  }
+  void clear_padding() {
+    for (int y = 0; y < height_; ++y)
+      std::memset(row(y) + width_, 0, (stride_ - static_cast<size_t>(width_)) * sizeof(float));
+  }
 
   int width_ = 0, height_ = 0;
   size_t stride_ = 0;

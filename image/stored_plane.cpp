@@ -201,7 +201,7 @@ void StoredPlane::read(int y, int from, int to, float* out) const {
 }
 
 void StoredPlane::read(Plane& out, const Task& task) const {
-  if (out.width() != width_ || out.height() != height_) out = Plane(width_, height_);
+  if (out.width() != width_ || out.height() != height_) out = Plane::unset(width_, height_);
   parallel_for(height_, quiet(task), [&](int y) { read(y, 0, width_, out.row(y)); });
 }
 

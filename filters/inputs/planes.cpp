@@ -44,7 +44,7 @@ Plane gaussian_blur(const Plane& in, double sigma, const Task& task) {
   std::vector<float> taps;
   for (int j = -radius; j <= radius; ++j) taps.push_back(static_cast<float>(std::exp(-j * j / (2 * sigma * sigma))));
   // The same pass twice, with a transposition in between, would cost more than columns that are summed row by row.
-  Plane horizontal(width, height), out(width, height);
+  Plane horizontal = Plane::unset(width, height), out = Plane::unset(width, height);
   const size_t w = static_cast<size_t>(width), r = static_cast<size_t>(radius);
   const auto along = [&](const float* row, float* to) {
     std::vector<float> wide(w + 2 * r, 0.0f);
@@ -87,7 +87,7 @@ Box Box::grown(int by, int image_width, int image_height) const {
 }
 
 Plane crop(const Plane& in, const Box& box) {
-  Plane out(box.width(), box.height());
+  Plane out = Plane::unset(box.width(), box.height());
   for (int y = box.y0; y < box.y1; ++y)
     std::memcpy(out.row(y - box.y0), in.row(y) + box.x0, sizeof(float) * static_cast<size_t>(box.width()));
   return out;

@@ -23,7 +23,7 @@ void for_each_row(int height, const Task& task, const std::function<void(int)>& 
 /// A plane from a function of the pixel.
 template <class Function>
 Plane make_plane(int width, int height, const Task& task, const Function& value) {
-  Plane out(width, height);
+  Plane out = Plane::unset(width, height);
   for_each_row(height, task, [&](int y) {
     float* row = out.row(y);
     for (int x = 0; x < width; ++x) row[x] = value(x, y);

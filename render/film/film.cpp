@@ -100,6 +100,7 @@ void Film::drop(int tile) {
   TileState& state = state_[static_cast<size_t>(tile)];
   TileState done;
   done.taken = state.taken;
+  done.developed = state.developed;
   state = std::move(done);  // a vector that is assigned {} would keep its memory
 }
 
@@ -148,7 +149,9 @@ std::vector<uint32_t> Film::add(int tile, int pixel, const float* rows, uint32_t
 }
 
 void Film::develop(int tile) {
-  const TileState& state = opened(tile);
+  TileState& state = opened(tile);
+  const bool fresh = !state.developed;
+  state.developed = true;
   const Bounds b = bounds(tile);
   const size_t groups = sums_.groups(), buckets = request_.buckets ? groups : 0;
   std::vector<double> mean(row_size()), variance(row_size()), half_a(row_size()), half_b(row_size());
@@ -172,8 +175,8 @@ void Film::develop(int tile) {
       }
       for (size_t k = 0; k < buckets; ++k) sums_.means(sums, k, groups, counts[k], bucket[k].data());
       // Where a plane stays 0 nothing is written, so that it takes no memory there.
-      const auto set = [x, y](Plane& plane, double v) {
-        if (const auto value = static_cast<float>(v); value != 0 || plane(x, y) != 0) plane(x, y) = value;
+      const auto set = [x, y, fresh](Plane& plane, double v) {
+        if (const auto value = static_cast<float>(v); value != 0 || !fresh) plane(x, y) = value;
       };
       for (const Target& t : targets_) {
         const auto stored = [&](double v) { return t.complement ? 1.0 - v : v; };

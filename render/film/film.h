@@ -73,6 +73,7 @@ class Film {
     std::vector<uint32_t> counts;  // of the valid samples, by group, for each pixel
     std::vector<uint32_t> invalid;
     uint32_t taken = 0;
+    bool developed = false;  // its pixels are no longer 0 as they began
   };
   struct Target {
     Plane *mean, *mean_variance, *half_a, *half_b;

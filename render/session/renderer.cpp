@@ -148,6 +148,13 @@ std::vector<EntryBound> PreparedScene::entry_bounds(const Camera& camera, const 
     if (!inside(corner.x, size, window.x0, window.x1) || !inside(corner.y, size, window.y0, window.y1)) return;
     const LaneGrid::Entry entry =
         lane_grids_[0].entry_bound(context_.media[0].to_local(*camera.ray_cone(corner, corner + size)), from);
+    if (std::isinf(entry.medium)) {  // for none of its pixels
+      for (int y = std::max(corner.y, window.y0); y < std::min(corner.y + size, window.y1); ++y)
+        for (int x = std::max(corner.x, window.x0); x < std::min(corner.x + size, window.x1); ++x)
+          bounds[static_cast<size_t>(y - window.y0) * width + (x - window.x0)] = {EntryBound::kNever,
+                                                                                  EntryBound::kNever};
+      return;
+    }
     if (size > 1) {
       for (int k = 0; k < 4; ++k) self(self, corner + ivec2(k & 1, k >> 1) * (size / 2), size / 2, entry);
       return;
