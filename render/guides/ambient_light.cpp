@@ -25,7 +25,7 @@ constexpr double kMostBacks = 0.25;  // of a probe's rays, that meet surfaces fr
 std::vector<dvec3> sky_towards(const Environment& sky, const std::vector<dvec3>& directions) {
   std::vector<dvec3> sum(directions.size(), dvec3(0));
   std::vector<double> count(directions.size(), 0.0);
-  for (const dvec3& d : sky.uniform() ? directions : spiral_of_directions(4096)) {
+  for (const dvec3& d : sky.constant() ? directions : spiral_of_directions(4096)) {
     size_t nearest = 0;
     for (size_t k = 1; k < directions.size(); ++k)
       if (glm::dot(directions[k], d) > glm::dot(directions[nearest], d)) nearest = k;

@@ -29,7 +29,7 @@ constexpr double kFineOrder = 2;        // scatterings of the orders on fine nod
 std::vector<double> sky_radiance(const Environment& sky, GuideColour colour) {
   const std::vector<dvec3>& directions = ScatteringSolver::directions();
   std::vector<double> sum(directions.size(), 0.0), count(directions.size(), 0.0);
-  for (const dvec3& d : sky.uniform() ? directions : spiral_of_directions(4096)) {
+  for (const dvec3& d : sky.constant() ? directions : spiral_of_directions(4096)) {
     size_t nearest = 0;
     for (size_t k = 1; k < directions.size(); ++k)
       if (glm::dot(directions[k], d) > glm::dot(directions[nearest], d)) nearest = k;

@@ -110,7 +110,7 @@ std::vector<LightGroup> light_groups(const Lights& lights, const GuideMedia& med
     groups.push_back(std::move(others));
   }
   const Environment& sky = *lights.environment();
-  if (!sky.black() && !sky.uniform() && colour == kGrey) {
+  if (!sky.black() && !sky.constant() && colour == kGrey) {
     for (GuideColour channel = 0; channel < 3; ++channel) {
       dvec3 own(0);
       own[channel] = 1;

@@ -83,7 +83,7 @@ std::string explain(const Plan& plan, const Scene& scene, const SceneMedia& medi
          fmt::format("paths bring a mean radiance of {} at most: biased", scene.render.indirect_limit));
   line("environment",
        lights.environment()->black() ? "black"
-       : lights.environment()->uniform()
+       : lights.environment()->constant()
            ? "constant"
            : fmt::format("lat-long picture, {:.1f} MB", megabytes(static_cast<double>(lights.environment()->bytes()))));
   line("lights", fmt::format("{} sun, {} sphere or rectangle, {} point or spot, {} mesh", lights.suns().size(),

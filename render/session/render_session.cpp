@@ -47,8 +47,6 @@ RenderSession::RenderSession(const PreparedScene& scene, const RenderJob& job, c
             window_.height(), scene.plan().layers),
       context_(scene.context()),
       checkpoint_(job.checkpoint, job.warn),
-      uniform_sky_(scene.plan().one_grid && !scene.plan().emission && job.records.empty() &&
-                   context_.lights->uniform_background()),
       tiles_(static_cast<size_t>(film_.tile_count())) {
   if (job.target_error > 0 && !scene.plan().layers.statistics)
     throw InputError("a target error needs statistics: without them no error is estimated");
@@ -357,6 +355,15 @@ void RenderSession::pass(const std::vector<uint32_t>& goals) {
   sampling_seconds_ += watch.seconds();
 }
 
+bool RenderSession::sky_is_uniform(const Film::Bounds& tile) const {
+  const Plan& plan = scene_.plan();
+  if (!plan.one_grid || plan.emission || records_) return false;
+  const ivec2 corner(window_.x0, window_.y0);
+  const std::optional<RayCone> rays =
+      camera_.ray_cone(corner + ivec2(tile.x0, tile.y0), corner + ivec2(tile.x1, tile.y1));
+  return rays && context_.lights->uniform_background(*rays);
+}
+
 void RenderSession::trace_batch(int tile, uint32_t goal, std::vector<PathRecord>& records) {
   static thread_local std::vector<PathRequest> requests;
   static thread_local std::vector<float> rows;
@@ -369,15 +376,16 @@ void RenderSession::trace_batch(int tile, uint32_t goal, std::vector<PathRecord>
   // Rows of what the film keeps, `count` for each pixel; one path is all that pixels of the sky alone have together.
   std::vector<size_t> row_of_request, row_of_pixel;
   size_t row_count = 0, sky = SIZE_MAX;
+  const bool uniform_sky = sky_is_uniform(b);
   for (int y = b.y0; y < b.y1; ++y)
     for (int x = b.x0; x < b.x1; ++x) {
-      const bool alone = shows_sky_alone(x, y);
+      const EntryBound& bound = bounds_[static_cast<size_t>(y) * film_.width() + x];
+      const bool alone = uniform_sky && bound.medium >= EntryBound::kNever;
       row_of_pixel.push_back(alone && sky != SIZE_MAX ? sky : row_count);
       if (alone && sky != SIZE_MAX) continue;
       if (alone) sky = row_count;
       for (uint32_t s = start; s < start + (alone ? 1 : count); ++s) {
-        requests.push_back(scene_.request(camera_, job_.seed, window_.x0 + x, window_.y0 + y, first + s,
-                                          bounds_[static_cast<size_t>(y) * film_.width() + x]));
+        requests.push_back(scene_.request(camera_, job_.seed, window_.x0 + x, window_.y0 + y, first + s, bound));
         row_of_request.push_back(row_count + s - start);
       }
       row_count += count;

@@ -60,10 +60,8 @@ class RenderSession {
   void record_guides(const Task& task);
   /// Traces the next samples of a tile and adds them to the film.
   void trace_batch(int tile, uint32_t goal, std::vector<PathRecord>& records);
-  /// Whether all samples of a pixel are alike, as nothing is there but a sky that is the same everywhere.
-  bool shows_sky_alone(int x, int y) const {
-    return uniform_sky_ && bounds_[static_cast<size_t>(y) * film_.width() + x].medium >= EntryBound::kNever;
-  }
+  /// Whether all rays of a tile that do not meet the medium see the same.
+  bool sky_is_uniform(const Film::Bounds& tile) const;
   void finish_tile(int tile, const std::vector<PathRecord>& records);
   /// Whether the time is over or the target error reached.
   bool enough();
@@ -99,7 +97,6 @@ class RenderSession {
   std::unique_ptr<RecordWriter> records_;
   CheckpointWriter checkpoint_;
   std::vector<EntryBound> bounds_;  // of the window's pixels
-  const bool uniform_sky_;          // all that pixels can see which the medium cannot reach
   std::vector<TileReport> tiles_;
   RenderReport resumed_;  // what the resumed session had done
   Layers guides_;         // once they are recorded

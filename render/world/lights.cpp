@@ -408,7 +408,7 @@ void Lights::finish(const std::string& mode) {
   for (const auto& light : all_) {
     const bool sky = light.get() == environment_;
     // Phase sampling finds a constant sky without noise; a shadow ray per event would only cost.
-    if (sky && (environment_->black() || (environment_->uniform() && mode != "all"))) continue;
+    if (sky && (environment_->black() || (environment_->constant() && mode != "all"))) continue;
     if (!shines(*light)) continue;
     sampled_.push_back(light.get());
     same_everywhere_ = same_everywhere_ && dynamic_cast<const InfiniteLight*>(light.get()) != nullptr;

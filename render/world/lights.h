@@ -9,6 +9,7 @@
 #include "image/layers.h"
 #include "render/scene/scene.h"
 #include "volume/medium.h"
+#include "volume/ray_cone.h"
 
 namespace brume {
 
@@ -46,8 +47,8 @@ class InfiniteLight : public Light {
   virtual dvec3 radiance(const dvec3& d) const = 0;
   /// Of sample(), in solid angle.
   virtual double pdf(const dvec3& d) const = 0;
-  /// Whether its radiance is the same in all directions.
-  virtual bool uniform() const = 0;
+  /// Whether its radiance is the same along all rays of a cone.
+  virtual bool uniform(const RayCone& rays) const = 0;
   /// Whether rays that never scattered see it.
   bool visible() const { return visible_; }
 
@@ -83,7 +84,11 @@ class Sun : public InfiniteLight {
   double pdf(const dvec3& d) const override { return contains(d) ? 1.0 / (2.0 * kPi * one_minus_cos_) : 0.0; }
   double importance(const dvec3&) const override { return luminance(irradiance_); }
   bool delta() const override { return delta_; }
-  bool uniform() const override { return delta_; }  // none: no ray finds it
+  /// Where none of the rays finds it.
+  bool uniform(const RayCone& rays) const override {
+    const dvec3 slack = rays.apart_per_t * glm::abs(axis_);
+    return delta_ || 1.0 - (glm::dot(rays.middle.d, axis_) + slack.x + slack.y + slack.z) > one_minus_cos_;
+  }
   bool contains(const dvec3& d) const { return !delta_ && 1.0 - glm::dot(d, axis_) <= one_minus_cos_; }
   const dvec3& axis() const { return axis_; }
   const dvec3& irradiance() const { return irradiance_; }
@@ -181,7 +186,8 @@ class Environment : public InfiniteLight {
   explicit Environment(const EnvironmentSettings& settings, const Task& task = {});
 
   bool black() const { return picture_.empty() && radiance_ == dvec3(0); }
-  bool uniform() const override { return picture_.empty(); }
+  bool constant() const { return picture_.empty(); }
+  bool uniform(const RayCone&) const override { return constant(); }
   dvec3 radiance(const dvec3& d) const override;
   LightSample sample(const dvec2& u) const;
   LightSample sample(const dvec3&, const dvec2& u) const override { return sample(u); }
@@ -227,10 +233,10 @@ class Lights {
   bool all_solid() const {
     return std::all_of(finite_.begin(), finite_.end(), [](const FiniteLight* light) { return light->solid(); });
   }
-  /// Whether all rays that never scattered and meet nothing see the same.
-  bool uniform_background() const {
-    return finite_.empty() && std::all_of(infinite_.begin(), infinite_.end(), [](const InfiniteLight* light) {
-             return !light->visible() || light->uniform();
+  /// Whether all rays of a cone that never scattered and meet nothing see the same.
+  bool uniform_background(const RayCone& rays) const {
+    return finite_.empty() && std::all_of(infinite_.begin(), infinite_.end(), [&](const InfiniteLight* light) {
+             return !light->visible() || light->uniform(rays);
            });
   }
   bool local() const { return !finite_.empty() || !points_.empty() || !meshes_.empty(); }

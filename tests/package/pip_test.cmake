@@ -27,7 +27,11 @@ assert metadata.version('brume') == brume.__version__
 assert metadata.requires('brume') == ['numpy'], metadata.requires('brume')
 assert {'py.typed', '__init__.pyi'} <= {file.name for file in package.iterdir()}
 print(brume.render('${SOURCE}/data/scenes/cloud.toml', spp=1, film__width=8, film__height=8))")
-run(check ${python} -m pip check)
+# Of what the system's packages miss of one another it tells, too.
+run(check ${python} -c "
+import subprocess, sys
+told = subprocess.run([sys.executable, '-m', 'pip', 'check'], capture_output=True, text=True).stdout
+assert not any(line.startswith('brume ') for line in told.splitlines()), told")
 run(uninstall ${python} -m pip uninstall -y brume)
 file(GLOB left ${WORK}/env/lib/python3*/site-packages/brume*)
 if(left)

@@ -301,6 +301,29 @@ TEST_F(PartsTest, StopsAtTheTargetError) {
   test::expect_same_bits(prepared().render(fixed, {}).layers, r.layers);
 }
 
+// One path stands for all samples of such pixels.
+TEST_F(PartsTest, PixelsOfAUniformSkyShowItInEverySample) {
+  const RenderResult r = prepared().render(job(13), {});
+  EXPECT_EQ(r.report.counters.paths, 37u * 21u * 13u);
+  int sky = 0;
+  for (int y = 0; y < 21; ++y)
+    for (int x = 0; x < 37; ++x) {
+      EXPECT_EQ(r.layers.at("sample_count.Y")(x, y), 13);
+      if (r.layers.at("A")(x, y) > 0) continue;
+      ++sky;
+      for (size_t c = 0; c < 3; ++c) {
+        const auto radiance = static_cast<float>(scene_.environment.radiance[static_cast<int>(c)]);
+        for (const auto which : {std::string_view(), statistic::half_a, statistic::half_b, statistic::buckets[3]}) {
+          EXPECT_EQ((*r.layers.rgb(layer::beauty, which)[c])(x, y), radiance) << x << " " << y << " " << which;
+          EXPECT_EQ((*r.layers.rgb(layer::indirect, which)[c])(x, y), 0) << x << " " << y << " " << which;
+        }
+        EXPECT_EQ((*r.layers.rgb(layer::beauty, statistic::mean_variance)[c])(x, y), 0);
+      }
+    }
+  EXPECT_GT(sky, 100);
+  EXPECT_LT(sky, 37 * 21 - 100);
+}
+
 // Each sample's record is what that sample did: its colours add up to its pixel, its numbers to what replay() tells.
 TEST_F(PartsTest, SampleRecordsStreamByTile) {
   LayerRequest layers;

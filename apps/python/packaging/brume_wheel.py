@@ -19,11 +19,13 @@ SOURCE = pathlib.Path(__file__).resolve().parents[3]
 TARGET = "brume_python_package"
 
 
+# pip hides the packages of the interpreter from what it builds; NumPy is one that CMake looks for, whenever it runs.
+ENVIRONMENT = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "PYTHONNOUSERSITE")}
+
+
 def run(*command):
-    # pip hides the packages of the interpreter from what it builds; NumPy is one that the build asks for.
-    environment = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "PYTHONNOUSERSITE")}
     try:
-        subprocess.run([str(word) for word in command], check=True, env=environment)
+        subprocess.run([str(word) for word in command], check=True, env=ENVIRONMENT)
     except FileNotFoundError:
         raise SystemExit(f"{command[0]} is not there; it comes with Debian's package {command[0]}")
     except subprocess.CalledProcessError as error:
@@ -38,7 +40,7 @@ def built_package(settings):
         run("cmake", "-S", SOURCE, "-B", build, *generator, "-DCMAKE_BUILD_TYPE=Release", "-DBRUME_TESTS=OFF",
             "-DBRUME_BENCH=OFF", f"-DPython3_EXECUTABLE={sys.executable}")
     if TARGET not in subprocess.run(["cmake", "--build", str(build), "--target", "help"], capture_output=True,
-                                    text=True).stdout:
+                                    text=True, env=ENVIRONMENT).stdout:
         raise SystemExit(f"no Python package in {build}: expected Debian's pybind11-dev, python3-dev and python3-numpy, "
                          f"and a {sys.executable} that has NumPy (python3 -m venv --system-site-packages)")
     run("cmake", "--build", build, "--target", TARGET, "--parallel", settings.get("jobs") or os.cpu_count() or 1)
