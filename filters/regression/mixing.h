@@ -37,7 +37,7 @@ using LateProposal = std::function<HalfPair(const Box& box, const Plane& wanted)
 /// In place of b stands a lower bound of it over a Gaussian window: so many standard errors less, and a term for single
 /// large values after Bernstein. Each pixel takes the candidate, window and share of the largest sure gain. The first
 /// round is over the whole frame; others follow within boxes around tiles in which a round gained more than a twentieth
-/// of the noise that the result has, with the candidates that were taken there, and then with the late one.
+/// of the noise that the result has, with the candidates that the round before took, and then with the late one.
 void mix(HalfPair& result, const std::vector<Proposal>& proposals, const LateProposal& late, const MixingFrame& frame,
          const Task& task);
 
