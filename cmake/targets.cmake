@@ -22,6 +22,16 @@ target_compile_options(brume_options INTERFACE -Wall -Wextra -Wpedantic -Wshadow
 # GCC collects its garbage whenever its heap has doubled from 128 MB on, which precompiled headers alone fill; that took a
 # tenth of the time of a build. Most files take 40 MB more without it, the largest 1.2 GB in all.
 target_compile_options(brume_options INTERFACE $<$<CXX_COMPILER_ID:GNU>:--param=ggc-min-heapsize=1048576>)
+# GCC 14 takes a precompiled header only where these are as they were when it was made, and chooses them by -O1 or -O3. A
+# compiler that refuses it for another reason reads the headers themselves, which takes longer.
+set(CMAKE_PCH_WARN_INVALID OFF)
+include(CheckCXXCompilerFlag)
+foreach(flag mvzeroupper munroll-only-small-loops)
+  check_cxx_compiler_flag(-${flag} BRUME_TAKES_${flag})
+  if(BRUME_TAKES_${flag})
+    target_compile_options(brume_options INTERFACE -${flag})
+  endif()
+endforeach()
 if(BRUME_SANITIZE)
   # GCC takes the standard library's moved-from functions for uninitialised when it instruments them.
   target_compile_options(brume_options INTERFACE -fsanitize=${BRUME_SANITIZE} -fno-omit-frame-pointer -fno-sanitize-recover=undefined

@@ -173,7 +173,7 @@ std::vector<ExperimentScene> scenes_of(const toml::value& root, const fs::path& 
   std::vector<ExperimentScene> scenes;
   for (const toml::value& entry : list) {
     if (!entry.is_string()) fail_at("'scenes' is not texts alone", entry, "expected files, or [[scenes]]");
-    const fs::path file = folder / entry.as_string().str;
+    const fs::path file = folder / toml::get<std::string>(entry);
     std::error_code ignored;
     if (!fs::exists(file, ignored))
       fail_at(fmt::format("a scene is {}: no such file", file.string()), entry,
@@ -232,7 +232,8 @@ Experiment read_experiment(const fs::path& path) {
   std::stringstream text;
   text << stream.rdbuf();
   toml::value root = parse_toml(text, path.string());
-  if (root.contains("component") && root.at("component").is_string() && root.at("component").as_string().str == "apart")
+  if (root.contains("component") && root.at("component").is_string() &&
+      toml::get<std::string>(root.at("component")) == "apart")
     root["component"] = "separate";  // the word of earlier versions
   const fs::path folder = path.parent_path();
   Experiment experiment;

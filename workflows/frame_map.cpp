@@ -6,20 +6,14 @@
 #include <fstream>
 #include <set>
 #include <sstream>
-#include <toml.hpp>
 
 #include "base/error.h"
 #include "base/text.h"
+#include "render/scene/toml_table.h"
 #include "workflows/open_frame.h"
 
 namespace brume {
 namespace {
-
-[[noreturn]] void fail(const std::string& message, const toml::value& at, const std::string& expected) {
-  std::string text = toml::format_error(message, at, expected);
-  if (text.starts_with("[error] ")) text.erase(0, 8);
-  throw InputError(text);
-}
 
 /// One table of the map, whose layers are looked up in the file.
 class MapTable {
@@ -40,8 +34,8 @@ class MapTable {
   std::string text(const std::string& key) {
     if (!has(key)) return "";
     const toml::value& v = table_.at(key);
-    if (!v.is_string()) fail(fmt::format("'{}' is no text", key), v, "expected text in quotes");
-    return v.as_string().str;
+    if (!v.is_string()) fail_at(fmt::format("'{}' is no text", key), v, "expected text in quotes");
+    return toml::get<std::string>(v);
   }
   /// Channels of a layer by its name, or named one by one.
   std::optional<ChannelTriple> triple(const std::string& key) {
@@ -52,14 +46,14 @@ class MapTable {
     if (v.is_array()) {
       if (v.as_array().size() != 3 ||
           std::any_of(v.as_array().begin(), v.as_array().end(), [](const auto& c) { return !c.is_string(); }))
-        fail(fmt::format("'{}' is no layer", key), v, "expected a layer's name, or three channels' in brackets");
+        fail_at(fmt::format("'{}' is no layer", key), v, "expected a layer's name, or three channels' in brackets");
       ChannelTriple channels;
       for (size_t c = 0; c < 3; ++c) channels[c] = channel_named(v.as_array()[c]);
       return channels;
     }
     if (!v.is_string())
-      fail(fmt::format("'{}' is no layer", key), v, "expected a layer's name, or three channels' in brackets");
-    const std::string layer = v.as_string().str, prefix = layer.empty() ? "" : layer + ".";
+      fail_at(fmt::format("'{}' is no layer", key), v, "expected a layer's name, or three channels' in brackets");
+    const std::string layer = toml::get<std::string>(v), prefix = layer.empty() ? "" : layer + ".";
     for (const ChannelTriple& c :
          {ChannelTriple{"R", "G", "B"}, {"r", "g", "b"}, {"X", "Y", "Z"}, {"x", "y", "z"}, {"red", "green", "blue"}})
       if (channels_.contains(prefix + c[0]) && channels_.contains(prefix + c[1]) && channels_.contains(prefix + c[2])) {
@@ -68,28 +62,29 @@ class MapTable {
         return found;
       }
     const std::vector<std::string> layers(layers_.begin(), layers_.end());
-    fail(fmt::format("the file has no layer '{}' of three channels R G B or X Y Z{}", layer, suggestion(layer, layers)),
-         v, "name a layer of the file, or its three channels in brackets");
+    fail_at(
+        fmt::format("the file has no layer '{}' of three channels R G B or X Y Z{}", layer, suggestion(layer, layers)),
+        v, "name a layer of the file, or its three channels in brackets");
   }
   std::string channel(const std::string& key) {
     if (!has(key)) return "";
     const toml::value& v = table_.at(key);
-    if (!v.is_string()) fail(fmt::format("'{}' is no text", key), v, "expected a channel's name in quotes");
+    if (!v.is_string()) fail_at(fmt::format("'{}' is no text", key), v, "expected a channel's name in quotes");
     for (const char* ending : {"", ".Z", ".z", ".Y", ".X", ".x", ".R", ".A", ".V", ".T"})
-      if (channels_.contains(v.as_string().str + ending)) return v.as_string().str + ending;
+      if (channels_.contains(toml::get<std::string>(v) + ending)) return toml::get<std::string>(v) + ending;
     return channel_named(v);
   }
   double number(const std::string& key) {
     if (!has(key)) return 0;
     const toml::value& v = table_.at(key);
     const double n = v.is_integer() ? static_cast<double>(v.as_integer()) : v.is_floating() ? v.as_floating() : 0;
-    if (!(n > 0)) fail(fmt::format("'{}' is out of range", key), v, "expected a number above 0");
+    if (!(n > 0)) fail_at(fmt::format("'{}' is out of range", key), v, "expected a number above 0");
     return n;
   }
   bool flag(const std::string& key) {
     if (!has(key)) return false;
     if (!table_.at(key).is_boolean())
-      fail(fmt::format("'{}' is no boolean", key), table_.at(key), "expected true or false");
+      fail_at(fmt::format("'{}' is no boolean", key), table_.at(key), "expected true or false");
     return table_.at(key).as_boolean();
   }
   const toml::value& at(const std::string& key) const { return table_.at(key); }
@@ -98,7 +93,8 @@ class MapTable {
     const auto channels = triple("variance");
     if (!channels) {
       if (has("variance_is"))
-        fail("'variance_is' stands without 'variance'", table_.at("variance_is"), "name the layer: variance = \"...\"");
+        fail_at("'variance_is' stands without 'variance'", table_.at("variance_is"),
+                "name the layer: variance = \"...\"");
       return std::nullopt;
     }
     static const std::vector<std::pair<std::string, VarianceMeaning>> meanings = {
@@ -117,30 +113,30 @@ class MapTable {
       }
       names.push_back(name);
     }
-    fail(fmt::format("'variance_is' cannot be '{}'{}", said, suggestion(said, names)), table_.at("variance_is"),
-         "expected what the variance is of");
+    fail_at(fmt::format("'variance_is' cannot be '{}'{}", said, suggestion(said, names)), table_.at("variance_is"),
+            "expected what the variance is of");
   }
   std::optional<std::array<ChannelTriple, 2>> halves() {
     if (!has("halves")) return std::nullopt;
     const toml::value& v = table_.at("halves");
     if (!v.is_array() || v.as_array().size() != 2)
-      fail("'halves' are not two", v, "expected two layers: [\"even\", \"odd\"]");
+      fail_at("'halves' are not two", v, "expected two layers: [\"even\", \"odd\"]");
     return std::array{triple_of("halves", v.as_array()[0]), triple_of("halves", v.as_array()[1])};
   }
   void reject_unknown() const {
     const std::vector<std::string> known(known_.begin(), known_.end());
     for (const auto& [key, value] : table_.as_table())
       if (!known_.contains(key))
-        fail(fmt::format("unknown key '{}'{}", key, suggestion(key, known)), value, "not a key of a map");
+        fail_at(fmt::format("unknown key '{}'{}", key, suggestion(key, known)), value, "not a key of a map");
   }
 
  private:
   std::string channel_named(const toml::value& v) {
-    const std::string name = v.as_string().str;
+    const std::string name = toml::get<std::string>(v);
     const std::vector<std::string> channels(channels_.begin(), channels_.end());
     if (!channels_.contains(name))
-      fail(fmt::format("the file has no channel '{}'{}", name, suggestion(name, channels)), v,
-           "name a channel of the file");
+      fail_at(fmt::format("the file has no channel '{}'{}", name, suggestion(name, channels)), v,
+              "name a channel of the file");
     refuse_ids(name, v);
     return name;
   }
@@ -148,8 +144,8 @@ class MapTable {
     std::string lower = channel;
     std::transform(lower.begin(), lower.end(), lower.begin(), [](unsigned char c) { return std::tolower(c); });
     if (whole_numbers_.contains(channel) || lower.find("crypto") != std::string::npos)
-      fail(fmt::format("channel {} holds identities, which are never filtered", channel), v,
-           "expected a layer of light");
+      fail_at(fmt::format("channel {} holds identities, which are never filtered", channel), v,
+              "expected a layer of light");
   }
 
   const toml::value& table_;
@@ -161,7 +157,7 @@ ForeignFrame picture_of(const toml::value& root, const ExrInfo& file) {
   ForeignFrame picture;
   picture.renderer = table.has("renderer") ? table.text("renderer") : "a frame by its map";
   const auto colour = table.triple("color");
-  if (!colour) fail("the map has no 'color'", root, "add color = \"LAYER\" or [\"R\", \"G\", \"B\"]");
+  if (!colour) fail_at("the map has no 'color'", root, "add color = \"LAYER\" or [\"R\", \"G\", \"B\"]");
   picture.target = *colour;
   picture.color = {.name = "color", .channels = *colour, .variance = table.variance(), .halves = table.halves()};
   picture.alpha = table.channel("alpha");
@@ -174,16 +170,16 @@ ForeignFrame picture_of(const toml::value& root, const ExrInfo& file) {
   picture.samples = table.number("samples");
   if (table.has("passes")) {
     const toml::value& passes = table.at("passes");
-    if (!passes.is_array()) fail("'passes' is no list", passes, "expected [[passes]] with layer = ...");
+    if (!passes.is_array()) fail_at("'passes' is no list", passes, "expected [[passes]] with layer = ...");
     for (const toml::value& entry : passes.as_array()) {
-      if (!entry.is_table()) fail("a pass is no table", entry, "expected [[passes]] with layer = ...");
+      if (!entry.is_table()) fail_at("a pass is no table", entry, "expected [[passes]] with layer = ...");
       MapTable pass(entry, file);
       const auto channels = pass.triple("layer");
-      if (!channels) fail("a pass has no 'layer'", entry, "add layer = ...");
+      if (!channels) fail_at("a pass has no 'layer'", entry, "add layer = ...");
       const auto is_same = [&](const ForeignSignal& other) { return other.channels == *channels; };
       if (*channels == *colour || std::any_of(picture.passes.begin(), picture.passes.end(), is_same))
-        fail(*channels == *colour ? "a pass is the picture itself" : "a pass is named twice", pass.at("layer"),
-             "expected a part of 'color'");
+        fail_at(*channels == *colour ? "a pass is the picture itself" : "a pass is named twice", pass.at("layer"),
+                "expected a part of 'color'");
       const std::string name = (*channels)[0].substr(0, (*channels)[0].rfind('.'));
       picture.passes.push_back({.name = name,
                                 .channels = *channels,
@@ -204,17 +200,7 @@ std::vector<ForeignFrame> read_map(const std::filesystem::path& map, const ExrIn
   const std::string path = map.string();
   std::ifstream stream(path, std::ios::binary);
   if (!stream) throw InputError(fmt::format("{}: no such file", path));
-  try {
-    return {picture_of(toml::parse(stream, path), file)};
-  } catch (const InputError&) {
-    throw;
-  } catch (const std::bad_alloc& error) {
-    fail_reading(path, error);
-  } catch (const std::exception& error) {
-    std::string text = error.what();
-    if (text.starts_with("[error] ")) text.erase(0, 8);
-    throw InputError(text);
-  }
+  return {picture_of(parse_toml(stream, path), file)};
 }
 
 }  // namespace brume

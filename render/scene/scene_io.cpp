@@ -230,7 +230,7 @@ Scene scene_from(std::istream& stream, const fs::path& path, std::span<const std
   };
   if (root.contains("name")) {
     if (!root.at("name").is_string()) fail_at("'name' is not text", root.at("name"), "expected text in quotes");
-    scene.name = root.at("name").as_string().str;
+    scene.name = toml::get<std::string>(root.at("name"));
   }
   section("render", scene.render, check_render);  // first: its frame names the files of the others
   scene.camera.matrices = arrays.camera;

@@ -34,7 +34,7 @@ class Collector {
     std::string text;
     if (table_ && table_->contains(field.key)) {
       const toml::value& value = table_->at(field.key);
-      text = file ? value.as_string().str : toml::format(value, 1 << 20);
+      text = file ? toml::get<std::string>(value) : toml_text(value);
     }
     add(field, file ? Type::kFile : Type::kTable, text);
   }
@@ -105,12 +105,12 @@ class TextEditor {
   explicit TextEditor(std::string text) : text_(std::move(text)) {}
 
   void replace(const toml::value& value, const std::string& by) {
-    const toml::source_location at = value.location();
-    edits_.push_back({offset(at.line()) + at.column() - 1, at.region(), by});
+    const TomlPlace at = toml_place(value);
+    edits_.push_back({offset(at.line) + at.column - 1, at.length, by});
   }
   /// A line after the one in which a value begins, the header of a table.
   void insert_below(const toml::value& header, const std::string& line) {
-    edits_.push_back({offset(header.location().line() + 1), 0, line + "\n"});
+    edits_.push_back({offset(toml_place(header).line + 1), 0, line + "\n"});
   }
   void append(const std::string& text) { end_ += text; }
 
@@ -140,16 +140,16 @@ class TextEditor {
 
 std::string lines_of(const std::string& header, const toml::value& table) {
   std::string text = "\n" + header + "\n";
-  for (const auto& [key, value] : table.as_table()) text += fmt::format("{} = {}\n", key, toml::format(value, 1 << 20));
+  for (const auto& [key, value] : table.as_table()) text += fmt::format("{} = {}\n", toml_key(key), toml_text(value));
   return text;
 }
 
 /// The differences between two tables of a scene, written into the text of the first.
 void edit_table(TextEditor& editor, const toml::value& before, const toml::value& after) {
   for (const auto& [key, value] : after.as_table()) {
-    const std::string text = toml::format(value, 1 << 20);
+    const std::string text = toml_text(value);
     if (!before.contains(key))
-      editor.insert_below(before, fmt::format("{} = {}", key, text));
+      editor.insert_below(before, fmt::format("{} = {}", toml_key(key), text));
     else if (before.at(key) != value)
       editor.replace(before.at(key), text);
   }
@@ -182,9 +182,9 @@ std::vector<std::string> absolute_files(const std::vector<SceneTable>& tables, c
     for (const SceneKey& key : table.keys)
       if (const auto* const file = std::get_if<std::string>(&key.value);
           key.type == Type::kFile && !file->empty() && fs::path(*file).is_relative())
-        assignments.push_back(fmt::format(
-            "{}.{}={}", table.path, key.field.key,
-            toml::format(toml::value(fs::absolute(path.parent_path() / *file).lexically_normal().string()))));
+        assignments.push_back(
+            fmt::format("{}.{}={}", table.path, key.field.key,
+                        toml_string(fs::absolute(path.parent_path() / *file).lexically_normal().string())));
   return assignments;
 }
 

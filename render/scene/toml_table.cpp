@@ -39,6 +39,43 @@ std::string toml_range_text(const Field& field) {
   return fmt::format(" in {} .. {}", field.lowest, field.highest);
 }
 
+std::string toml_text(const toml::value& v) {
+  switch (v.type()) {
+    case toml::value_t::boolean:
+      return v.as_boolean() ? "true" : "false";
+    case toml::value_t::integer:
+      return fmt::format("{}", v.as_integer());
+    case toml::value_t::floating: {
+      const std::string shortest = fmt::format("{}", v.as_floating());
+      return shortest.find_first_not_of("-0123456789") == std::string::npos ? shortest + ".0" : shortest;
+    }
+    case toml::value_t::string:
+      return toml_string(toml::get<std::string>(v));
+    case toml::value_t::array: {
+      std::string text;
+      for (const toml::value& entry : v.as_array()) text += (text.empty() ? "" : ", ") + toml_text(entry);
+      return "[" + text + "]";
+    }
+    case toml::value_t::table: {
+      std::string text;
+      for (const auto& [key, value] : v.as_table())
+        text += fmt::format("{}{} = {}", text.empty() ? "" : ", ", toml_key(key), toml_text(value));
+      return "{ " + text + " }";
+    }
+    default:
+      return toml::format(v);
+  }
+}
+
+TomlPlace toml_place(const toml::value& value) {
+  const toml::source_location at = value.location();
+#if TOML11_VERSION_MAJOR >= 4
+  return {at.first_line_number(), at.first_column_number(), at.length()};
+#else
+  return {at.line(), at.column(), at.region()};
+#endif
+}
+
 toml::value parse_toml(std::istream& stream, const std::string& name) {
   try {
     return toml::parse(stream, name);

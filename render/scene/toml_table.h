@@ -24,6 +24,15 @@ const char* toml_type_name(const toml::value& value);
 /// ", at least 1" or " in 0 .. 1"; empty where there are no bounds.
 std::string toml_range_text(const Field& field);
 
+/// A value as TOML on one line, its numbers as short as they can be.
+std::string toml_text(const toml::value& value);
+
+/// Where a value stands in the text that it was read from; line and column count from 1.
+struct TomlPlace {
+  size_t line, column, length;
+};
+TomlPlace toml_place(const toml::value& value);
+
 /// @throws InputError, with line and column, for what is no TOML
 toml::value parse_toml(std::istream& stream, const std::string& name);
 
@@ -107,7 +116,7 @@ class TomlTable {
   }
   static void read(const Field& field, const toml::value& v, std::string& target) {
     if (!v.is_string()) fail_at(fmt::format("'{}' is {}", field.key, toml_type_name(v)), v, "expected text in quotes");
-    target = v.as_string().str;
+    target = toml::get<std::string>(v);
     if (!field.choices.empty() && std::find(field.choices.begin(), field.choices.end(), target) == field.choices.end())
       fail_at(fmt::format("'{}' cannot be '{}'{}", field.key, target, suggestion(target, field.choices)), v,
               "expected one of these");

@@ -258,7 +258,6 @@ HWY_INLINE EntryPair entry_pair(const float* table, VI index) {
   return {hn::GatherIndex(D(), table, index), hn::GatherIndex(D(), table + 1, index)};
 #else
   // Both are gathered as one 64-bit number: the cost of a gather is per lane.
-  const DI di;
   const hn::Half<DI> half;
   const hn::Rebind<int64_t, decltype(half)> d_bytes;
   const auto pairs = [&](auto part) {

@@ -26,7 +26,7 @@ void PathRecorder::turn(const SlotList& alive) {
     const auto i = static_cast<size_t>(alive.slot[k]);
     PathRecord* const r = w_.record[i];
     if (!r || p_.events[i] > 2) continue;
-    (p_.events[i] == 1 ? r->direction_1 : r->direction_2) = {p_.dx[i], p_.dy[i], p_.dz[i]};
+    (p_.events[i] == 1 ? r->direction_1 : r->direction_2) = vec3(p_.dx[i], p_.dy[i], p_.dz[i]);
   }
 }
 

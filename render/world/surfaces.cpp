@@ -1,6 +1,10 @@
 #include "render/world/surfaces.h"
 
+#if BRUME_EMBREE_MAJOR >= 4
+#include <embree4/rtcore.h>
+#else
 #include <embree3/rtcore.h>
+#endif
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -59,12 +63,42 @@ struct Surfaces::Embree {
   Embree(const Embree&) = delete;
   Embree& operator=(const Embree&) = delete;
 
-  /// Of one query.
+  /// What filter functions are told of one query.
   struct Context {
-    RTCIntersectContext base;  // first: Embree hands it on
+#if BRUME_EMBREE_MAJOR >= 4
+    RTCRayQueryContext base;
+#else
+    RTCIntersectContext base;
+#endif
     bool camera;
-    explicit Context(bool of_camera) : camera(of_camera) { rtcInitIntersectContext(&base); }
   };
+
+  /// @param camera  whether it is a camera ray
+  void intersect(RTCRayHit& ray, bool camera) const {
+    Context context{{}, camera};
+#if BRUME_EMBREE_MAJOR >= 4
+    rtcInitRayQueryContext(&context.base);
+    RTCIntersectArguments arguments;
+    rtcInitIntersectArguments(&arguments);
+    arguments.context = &context.base;
+    rtcIntersect1(scene, &ray, &arguments);
+#else
+    rtcInitIntersectContext(&context.base);
+    rtcIntersect1(scene, &ray, &context.base);
+#endif
+  }
+
+  /// Whether anything is in the way of a ray that is no camera ray.
+  bool occluded(RTCRay& ray) const {
+#if BRUME_EMBREE_MAJOR >= 4
+    rtcOccluded1(scene, &ray);
+#else
+    Context context{{}, false};
+    rtcInitIntersectContext(&context.base);
+    rtcOccluded1(scene, &ray, &context.base);
+#endif
+    return ray.tfar < 0;
+  }
 
   /// @param seen    whether camera rays meet it
   /// @param to_box  from the world to what Embree sees
@@ -187,8 +221,7 @@ std::optional<SurfaceHit> Surfaces::intersect(const Ray& ray, double t_max, doub
   RTCRayHit found{};
   found.ray = q->ray;
   found.hit.geomID = RTC_INVALID_GEOMETRY_ID;
-  Embree::Context context(camera);
-  rtcIntersect1(embree_->scene, &context.base, &found);
+  embree_->intersect(found, camera);
   if (found.hit.geomID == RTC_INVALID_GEOMETRY_ID) return std::nullopt;
   SurfaceHit hit;
   hit.surface = found.hit.geomID;
@@ -237,9 +270,7 @@ Surfaces::Passage Surfaces::passage(const Ray& ray, double t_max, double time) c
   if (!any_straight_) {
     std::optional<Query> q = query(ray, t_max, time);
     if (!q) return {};
-    Embree::Context context(/*of_camera=*/false);
-    rtcOccluded1(embree_->scene, &context.base, &q->ray);
-    return {dvec3(q->ray.tfar < 0 ? 0.0 : 1.0)};
+    return {dvec3(embree_->occluded(q->ray) ? 0.0 : 1.0)};
   }
   Passage passage;
   Ray rest = ray;
