@@ -15,8 +15,8 @@ target_include_directories(brume_options INTERFACE ${PROJECT_SOURCE_DIR})
 target_compile_options(brume_options INTERFACE -Wall -Wextra -Wpedantic -Wshadow -Wconversion -Wno-sign-conversion
   # GCC 12 sees overlapping copies in its own std::string. Clang, which builds the fuzzers, and a GCC that nobody has tried
   # here warn of other things, which stop no user.
-  $<$<CXX_COMPILER_ID:GNU>:-Wno-restrict>
   $<$<AND:$<CXX_COMPILER_ID:GNU>,$<VERSION_LESS:$<CXX_COMPILER_VERSION>,15>>:-Werror>
+  $<$<CXX_COMPILER_ID:GNU>:-Wno-restrict>
   # Errors of math functions are read from their results, never from errno; NaN and infinity keep their meaning.
   -fno-math-errno
   # The same bits on every machine of one build: no contraction behind the code's back.
@@ -27,13 +27,10 @@ target_compile_options(brume_options INTERFACE $<$<CXX_COMPILER_ID:GNU>:--param=
 # GCC 14 takes a precompiled header only where these are as they were when it was made, and chooses them by -O1 or -O3. A
 # compiler that refuses it for another reason reads the headers themselves, which takes longer.
 set(CMAKE_PCH_WARN_INVALID OFF)
-include(CheckCXXCompilerFlag)
-foreach(flag mvzeroupper munroll-only-small-loops)
-  check_cxx_compiler_flag(-${flag} BRUME_TAKES_${flag})
-  if(BRUME_TAKES_${flag})
-    target_compile_options(brume_options INTERFACE -${flag})
-  endif()
-endforeach()
+if(CMAKE_CXX_COMPILER_ID STREQUAL GNU AND CMAKE_CXX_COMPILER_VERSION VERSION_GREATER_EQUAL 13
+   AND CMAKE_SYSTEM_PROCESSOR MATCHES "x86_64|AMD64")
+  target_compile_options(brume_options INTERFACE -mvzeroupper -munroll-only-small-loops)
+endif()
 if(BRUME_SANITIZE)
   # GCC takes the standard library's moved-from functions for uninitialised when it instruments them.
   target_compile_options(brume_options INTERFACE -fsanitize=${BRUME_SANITIZE} -fno-omit-frame-pointer -fno-sanitize-recover=undefined
