@@ -30,7 +30,7 @@ void add_merge(CLI::App& app, Common& common, Commands& commands) {
       add_command(app, common, "merge", "merge the parts of a render (render --part i/N) into one frame");
   command
       ->add_option(
-          "parts", o.parts,
+          "files", o.parts,
           "EXRs written with --part, or finished checkpoints; a name such as parts/###.exr stands for all that are there")
       ->required();
   command->add_option("-o,--output", o.merge.output, "EXR to write")->required();

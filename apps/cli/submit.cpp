@@ -116,7 +116,8 @@ Shot asked_shot(const Options& o, const Common& common) {
   if (o.clean) {
     layers = Cleaner(o.filter, scene.film.exposure, {}).request(layers, shot.spp);
     shot.filter = o.filter;
-    const FilterEntry& filter = parse_filter(o.filter).entry();
+    const FilterSettings settings = parse_filter(o.filter);
+    const FilterEntry& filter = settings.entry();
     if (o.window > 0 && !filter.sequences)
       throw InputError(fmt::format("--window {}: {} cleans every frame by itself", o.window, filter.name));
     shot.window = o.window >= 0 ? o.window : filter.frame_window;
