@@ -137,18 +137,21 @@ export function Answer() {
         ))}
       </div>
       <Warnings />
-      <p class="note">
-        {overall.mean === "geometric" ? "Geometric means" : "Means"} over {over},{" "}
-        {view.region === "medium" ? "pixels of the medium" : "whole frame"}
-        {view.setting && `, ${view.setting} parameters`}
-        {view.hidden.length > 0 && ", among the methods that are ticked"}. Seconds are of guides and filter: rendering
-        comes on top.{" "}
+      <details class="note">
+        <summary>
+          {overall.mean === "geometric" ? "Geometric means" : "Means"} over {over},{" "}
+          {view.region === "medium" ? "pixels of the medium" : "whole frame"}
+          {view.setting && `, ${view.setting} parameters`}
+          {view.hidden.length > 0 && ", among the methods that are ticked"}
+          {leftOut.length > 0 && `, without ${leftOut.map((l) => name(l.method)).join(", ")}`}
+        </summary>
+        Seconds and memory are of guides and filter; rendering comes on top.{" "}
         {overall.seeds > 1
           ? `Level: not told apart by paired differences over ${overall.seeds} seeds (5 % level).`
           : "One seed: what is within its noise cannot be told."}
         {leftOut.length > 0 &&
           ` Without a number everywhere, and so in no mean: ${leftOut.map((l) => `${name(l.method)} (${l.why})`).join("; ")}.`}
-      </p>
+      </details>
     </section>
   );
 }
@@ -158,16 +161,32 @@ function Warnings() {
   const { index, view, name } = usePage();
   const noisy = noisyReferences(index, view);
   const single = index.results.scenes.filter((s) => s.references === 1).map((s) => s.name);
-  const text = (n: NoisyReference) =>
-    `${n.scene}, ${n.spp} spp (${index.metrics.get(n.metric)?.name ?? n.metric} ${number(n.noise)} of noise, ${number(n.error)} of ${name(n.method)})`;
+  const scenes = [...new Set(noisy.map((n) => n.scene))];
+  const counts = (scene: string) =>
+    noisy
+      .filter((n) => n.scene === scene)
+      .map((n) => n.spp)
+      .join(", ");
   return (
     <>
       {noisy.length > 0 && (
-        <p class="warning" role="note">
-          <b>The reference is noisier than the best method</b> in {noisy.map(text).join("; ")}. Error maps, SSIM and
-          FLIP show the reference's noise there; from the other numbers it is taken off by two independent references.
-          More samples: <code>reference_spp</code> or <code>reference_noise</code> in the experiment's file.
-        </p>
+        <details class="warning">
+          <summary>
+            <b>The reference is noisier than the best method</b>:{" "}
+            {scenes.map((scene) => `${scene} at ${counts(scene)} spp`).join("; ")}
+          </summary>
+          <ul>
+            {noisy.map((n) => (
+              <li key={`${n.scene} ${n.spp}`}>
+                {n.scene}, {n.spp} spp: {index.metrics.get(n.metric)?.name ?? n.metric} {number(n.noise)} of the
+                references' mean, {number(n.error)} of {name(n.method)}
+              </li>
+            ))}
+          </ul>
+          Error maps, SSIM and FLIP show the reference's noise there; from the other numbers it is taken off by two
+          independent references. More samples: <code>reference_spp</code> or <code>reference_noise</code> in the
+          experiment's file.
+        </details>
       )}
       {single.length > 0 && (
         <p class="warning" role="note">
