@@ -274,23 +274,27 @@ struct ListedMetric {
 const std::vector<ListedMetric>& metrics() {
   static const std::vector<ListedMetric> list = {
       {{"lab_rms", "Lab RMS", "Lab", Better::kLower,
-        "root mean square distance in CIE-Lab (D65) of linear Rec. 709 times the exposure, clipped to [0, 1] before the conversion; equation 3 of the gradient-kernel paper"},
+        "root mean square distance in CIE-Lab (D65) of linear Rec. 709 times the exposure, clipped to [0, 1] before the conversion; equation 3 of the gradient-kernel paper",
+        ErrorScope::kPixels, 1},
        &Errors::lab_rms},
-      {{"lab_rms_unclipped", "Lab RMS, unclipped", "Lab", Better::kLower, "the same without clipping"},
+      {{"lab_rms_unclipped", "Lab RMS, unclipped", "Lab", Better::kLower, "the same without clipping",
+        ErrorScope::kPixels, 1},
        &Errors::lab_rms_unclipped},
-      {{"mse", "MSE", "radiance^2", Better::kLower, "mean squared error of linear RGB, mean of the channels"},
+      {{"mse", "MSE", "radiance^2", Better::kLower, "mean squared error of linear RGB, mean of the channels",
+        ErrorScope::kPixels, 2},
        &Errors::mse},
       {{"rel_mse", "rMSE", "1", Better::kLower,
-        "mean of (x - r)^2 / (r^2 + 0.01) over pixels and channels of linear RGB"},
+        "mean of (x - r)^2 / (r^2 + 0.01) over pixels and channels of linear RGB", ErrorScope::kPixels, 2},
        &Errors::rel_mse},
       {{"rel_mse_trimmed", "rMSE without outliers", "1", Better::kLower,
-        "the same without the worst 0.1 % of the pixels"},
+        "the same without the worst 0.1 % of the pixels", ErrorScope::kPixels, 2},
        &Errors::rel_mse_trimmed},
       {{"log_luminance_mse", "MSE of log luminance", "1", Better::kLower,
-        "mean squared error of ln max(Y, 1e-4), Y = .265 R + .670 G + .065 B"},
+        "mean squared error of ln max(Y, 1e-4), Y = .265 R + .670 G + .065 B", ErrorScope::kPixels, 2},
        &Errors::log_luminance_mse},
       {{"psnr", "PSNR", "dB", Better::kHigher,
-        "-10 log10 of the mean squared error of the sRGB-encoded picture, times the exposure and clipped to [0, 1], mean of the channels; at most 100"},
+        "-10 log10 of the mean squared error of the sRGB-encoded picture, times the exposure and clipped to [0, 1], mean of the channels; at most 100",
+        ErrorScope::kPixels, 2},
        &Errors::psnr},
       {{"ssim", "SSIM", "1", Better::kHigher,
         "structural similarity (Wang et al. 2004) of the sRGB-encoded luma, Gaussian windows of 11 x 11 pixels, against the mean of the references",
@@ -319,6 +323,18 @@ const std::vector<MetricInfo>& all_metrics() {
     return infos;
   }();
   return list;
+}
+
+double as_error(const MetricInfo& metric, double value) {
+  if (metric.better == Better::kHigher)
+    return std::string_view(metric.unit) == "dB" ? std::pow(10, -0.1 * value) : 1 - value;
+  return std::abs(value);
+}
+
+double from_error(const MetricInfo& metric, double error) {
+  if (metric.better == Better::kHigher)
+    return std::string_view(metric.unit) == "dB" ? -10 * std::log10(error) : 1 - error;
+  return error;
 }
 
 std::vector<std::pair<std::string, double>> listed(const Errors& e) {

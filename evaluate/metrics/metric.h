@@ -35,10 +35,18 @@ struct MetricInfo {
   Better better;
   const char* definition;
   ErrorScope scope = ErrorScope::kPixels;  ///< that it needs
+  /// Power of the standard deviation of a picture's noise with which as_error() grows: 1 for a root mean square, 2 for
+  /// its square; 0: no such law is known.
+  int noise_power = 0;
 };
 /// In the order in which reports print them; the first is the primary one.
 const std::vector<MetricInfo>& all_metrics();
 inline constexpr size_t kLabRms = 0;
+
+/// A metric's value as an error that is lower for a better picture, and back: itself where lower is better, the mean
+/// squared error of a PSNR, 1 - SSIM, the magnitude of a bias.
+double as_error(const MetricInfo& metric, double value);
+double from_error(const MetricInfo& metric, double error);
 
 /// Errors of a picture against a reference, over the pixels of a mask; all_metrics() says what they are.
 struct Errors {

@@ -85,6 +85,19 @@ const MethodResult* SceneResult::find(const std::string& filter, Tuning tuning, 
   return nullptr;
 }
 
+bool SceneResult::repeats_default(const MethodResult& method) const {
+  if (method.tuning != Tuning::kPaper) return false;
+  const MethodResult* ours = find(method.filter, Tuning::kDefault, method.spp);
+  return ours && ours->parameters == method.parameters;
+}
+
+std::optional<double> SceneResult::reference_error(const Judgement& by) const {
+  const auto region = static_cast<size_t>(by.region);
+  if (region >= reference_errors.size() || reference_errors[region].pixels == 0 || by.info().noise_power == 0)
+    return std::nullopt;
+  return values_of({reference_errors[region]}, by.metric)[0];
+}
+
 std::string remark_on_parts(const EvaluationSettings& settings) {
   std::vector<std::string> names;
   for (const Contender& c : settings.contenders)
@@ -274,7 +287,8 @@ class SceneRun {
     m.parameters = filter->text();
     if (contender->external) m.command = contender->external->words;
     if (tuning == Tuning::kSearched) m.edges = on_the_edge(*contender, *filter);
-    if (contender->reads_guides(*filter)) m.guide_seconds = store_.guide_seconds(scene_, frames.spp(), task);
+    m.reads_guides = contender->reads_guides(*filter);
+    if (m.reads_guides) m.guide_seconds = store_.guide_seconds(scene_, frames.spp(), task);
     run_all(filter_run(*contender, *filter), frames, m, task);
     return m;
   }
@@ -531,6 +545,12 @@ class SceneRun {
     result_.reference_rms =
         compare(a.rgb(layer::beauty), b.rgb(layer::beauty), result_.policy, {}, nullptr, ErrorScope::kPixels).lab_rms /
         std::sqrt(2.0);
+    result_.reference_errors.clear();
+    if (references_.size() < 2) return;
+    std::vector<Mask> masks = {{}};
+    if (!result_.mask.empty()) masks.push_back(result_.mask);
+    result_.reference_errors = compare_regions(a.rgb(layer::beauty), result_.reference.rgb(layer::beauty),
+                                               result_.policy, masks, nullptr, ErrorScope::kPixels);
   }
 
   const EvaluationScene& scene_;

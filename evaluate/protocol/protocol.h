@@ -109,6 +109,13 @@ enum class Region { kFrame, kMedium };
 inline constexpr std::array<Region, 2> kRegions = {Region::kFrame, Region::kMedium};
 const char* region_name(Region region);
 
+/// By what pictures are judged.
+struct Judgement {
+  Region region = Region::kFrame;
+  size_t metric = kLabRms;  ///< place in all_metrics()
+  const MetricInfo& info() const { return all_metrics()[metric]; }
+};
+
 /// By region and seed.
 using RegionErrors = std::array<std::vector<Errors>, 2>;
 
@@ -127,6 +134,7 @@ struct MethodResult {
   std::optional<double> exchange_seconds =
       {};                             ///< of handing a frame to a filter that is not brume's, not in the above
   std::optional<double> peak_bytes;   ///< memory that the filter held at most beside its input
+  bool reads_guides = false;          ///< whether its features or the filter itself are made from guides
   std::string failed;                 ///< why there are no numbers; empty: there are
   std::vector<std::string> pictures;  ///< in the cache, one for each seed
   Layers example;                     ///< of the first seed: R G B
@@ -140,6 +148,9 @@ struct MethodResult {
   /// What tells it from the other methods, in file names and tables for programs: "noisy", "gradient_kernel_mul_paper".
   std::string id() const;
   std::vector<double> values(Region region, double Errors::*metric) const;
+  std::vector<double> values(const Judgement& by) const {
+    return values_of(errors[static_cast<size_t>(by.region)], by.metric);
+  }
   MeanInterval interval(Region region, double Errors::*metric) const { return mean_interval(values(region, metric)); }
   /// Lab RMS.
   MeanInterval whole() const { return interval(Region::kFrame, &Errors::lab_rms); }
@@ -167,6 +178,9 @@ struct SceneResult {
   int references = 2;
   int reference_spp = 0;     ///< 0: unknown
   double reference_rms = 0;  ///< Lab RMS noise of one reference, whole frame; 0 where there is one only
+  /// Of one reference against the mean of both, by region: half of their difference, whose noise is as large as that of
+  /// the mean. Single pixels' metrics alone; nothing where there is one reference only.
+  std::vector<Errors> reference_errors;
   double reference_seconds = 0;
   Layers reference;  ///< mean of the two, R G B and coverage
   Mask mask;
@@ -174,6 +188,11 @@ struct SceneResult {
   std::vector<AblationResult> ablation;
   std::vector<SensitivityResult> sensitivity;
   const MethodResult* find(const std::string& filter, Tuning tuning, int spp) const;
+  /// Whether it is our default again under the name of the publication.
+  bool repeats_default(const MethodResult& method) const;
+  /// What noise alone makes the mean of the references differ from the true picture by, expected; nothing where it
+  /// cannot be told: of one reference, over no pixels, in a metric that no law of noise is known of.
+  std::optional<double> reference_error(const Judgement& by) const;
 };
 
 /// The sample counts of a scene's lines, in order.

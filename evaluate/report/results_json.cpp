@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "evaluate/protocol/external_filter.h"
+#include "evaluate/protocol/overall.h"
 #include "evaluate/protocol/speed.h"
 #include "evaluate/report/report.h"
 
@@ -54,7 +55,43 @@ json metrics_json(const EvaluationSettings& s) {
   return list;
 }
 
-json scene_json(const SceneResult& scene) {
+/// Four digits: what stands in long lists.
+double rounded(double value) {
+  return std::stod(fmt::format("{:.4g}", value));
+}
+
+/// The settings of a scene or evaluation by which its methods are listed: each, and all together.
+constexpr std::optional<Tuning> kSettings[] = {std::nullopt, Tuning::kPaper, Tuning::kDefault, Tuning::kSearched,
+                                               Tuning::kTransfer};
+
+/// "" for all settings.
+std::string setting_name(std::optional<Tuning> setting) {
+  return setting ? tuning_name(*setting) : "";
+}
+
+/// Calls `add` with every region and reported metric that a scene may be judged by.
+template <class Add>
+void for_each_judgement(const EvaluationSettings& settings, Add add) {
+  for (const Region region : kRegions)
+    for (size_t metric = 0; metric < all_metrics().size(); ++metric)
+      if (is_reported(settings, all_metrics()[metric].id)) add(Judgement{region, metric});
+}
+
+json judgement_json(const Judgement& by) {
+  return {{"region", region_name(by.region)}, {"metric", by.info().id}};
+}
+
+/// By region and metric, where it can be told.
+json reference_errors_json(const SceneResult& scene, const EvaluationSettings& settings) {
+  json regions = json::object();
+  for_each_judgement(settings, [&](const Judgement& by) {
+    if (by.info().better == Better::kZero) return;
+    if (const auto error = scene.reference_error(by)) regions[region_name(by.region)][by.info().id] = *error;
+  });
+  return regions;
+}
+
+json scene_json(const SceneResult& scene, const EvaluationSettings& settings) {
   return {{"name", scene.name},
           {"hash", scene.hash},
           {"exposure", scene.policy.exposure},
@@ -64,6 +101,7 @@ json scene_json(const SceneResult& scene) {
           {"references", scene.references},
           {"reference_spp", scene.reference_spp},
           {"reference_noise", scene.reference_rms},
+          {"reference_errors", reference_errors_json(scene, settings)},
           {"reference_seconds", scene.reference_seconds},
           {"colours", scene.policy.text()}};
 }
@@ -160,7 +198,7 @@ json pairs_of(const std::vector<const MethodResult*>& methods, Region region, si
     for (size_t k = i + 1; k < values.size(); ++k) {
       differences.push_back(paired_difference(values[i], values[k]));
       p_values.push_back(differences.back().p_value);
-      half_widths.push_back(std::stod(fmt::format("{:.4g}", differences.back().difference.half_width)));
+      half_widths.push_back(rounded(differences.back().difference.half_width));
     }
   const std::vector<bool> significant = holm_significant(p_values);
   const bool lower = all_metrics()[metric].better == Better::kLower;
@@ -206,25 +244,75 @@ json pictures_json(const SceneResult& scene) {
 }
 
 json number_or_null(const std::optional<double>& value) {
-  return value ? json(*value) : json(nullptr);
+  return value ? json(rounded(*value)) : json(nullptr);
 }
 
-json pareto_json(const SceneResult& scene) {
+json pareto_json(const SceneResult& scene, const EvaluationSettings& settings) {
   json list = json::array();
-  for (const MethodResult* m : pareto_front(scene))
-    list.push_back({{"scene", scene.name}, {"method", m->id()}, {"spp", m->spp}});
+  for_each_judgement(settings, [&](const Judgement& by) {
+    for (const std::optional<Tuning> setting : kSettings) {
+      json front = json::array();
+      for (const MethodResult* m : pareto_front(scene, by, setting))
+        front.push_back({{"method", m->id()}, {"spp", m->spp}});
+      json group = {{"scene", scene.name}, {"setting", setting_name(setting)}};
+      group.update(judgement_json(by));
+      group["front"] = front;
+      if (!front.empty()) list.push_back(std::move(group));
+    }
+  });
   return list;
 }
 
-json times_json(const SceneResult& scene) {
+/// A list for each region and metric, of each method at each error.
+json times_json(const SceneResult& scene, const EvaluationSettings& settings) {
   json list = json::array();
-  for (const TimeToError& t : times_to_error(scene))
-    list.push_back({{"scene", scene.name},
-                    {"method", t.method},
-                    {"error", t.error},
-                    {"seconds", t.seconds},
-                    {"factor_over_path_tracing", number_or_null(t.over_path_tracing)},
-                    {"factor_over_gradient_kernel", number_or_null(t.over_gradient_kernel)}});
+  for_each_judgement(settings, [&](const Judgement& by) {
+    json times = json::array();
+    for (const TimeToError& t : times_to_error(scene, by))
+      times.push_back({{"method", t.method->id()},
+                       {"error", rounded(t.error)},
+                       {"seconds", rounded(t.seconds)},
+                       {"factor_over_path_tracing", number_or_null(t.over_path_tracing)},
+                       {"factor_over_gradient_kernel", number_or_null(t.over_gradient_kernel)}});
+    json group = {{"scene", scene.name}};
+    group.update(judgement_json(by));
+    group["times"] = times;
+    if (!times.empty()) list.push_back(std::move(group));
+  });
+  return list;
+}
+
+json overall_json(const Evaluation& e) {
+  json list = json::array();
+  for_each_judgement(e.settings, [&](const Judgement& by) {
+    for (const std::optional<Tuning> setting : kSettings) {
+      const std::optional<Overall> answer = overall(e, by, setting);
+      if (!answer) continue;
+      json methods = json::array(), left_out = json::array();
+      for (const OverallMethod& m : answer->methods) {
+        json level = json::array();
+        for (const size_t other : m.level_with) level.push_back(answer->methods[other].method->id());
+        methods.push_back({{"method", m.method->id()},
+                           {"value", m.value},
+                           {"times_less_than_noisy", number_or_null(m.times_less_than_noisy)},
+                           {"seconds", rounded(m.seconds)},
+                           {"most_seconds", rounded(m.most_seconds)},
+                           {"most_memory_bytes", m.most_bytes ? json(*m.most_bytes) : json(nullptr)},
+                           {"guides", m.reads_guides},
+                           {"level_with", level}});
+      }
+      for (const auto& [method, why] : answer->left_out) left_out.push_back({{"method", method}, {"why", why}});
+      json group = judgement_json(by);
+      group.update({{"setting", setting_name(setting)},
+                    {"scenes", answer->scenes},
+                    {"spp", answer->spp},
+                    {"seeds", answer->seeds},
+                    {"mean", answer->geometric ? "geometric" : "arithmetic"},
+                    {"methods", methods},
+                    {"left_out", left_out}});
+      list.push_back(std::move(group));
+    }
+  });
   return list;
 }
 
@@ -297,12 +385,12 @@ std::string json_report(const Evaluation& e) {
   json scenes = json::array(), rows = json::array(), pairs = json::array(), pictures = json::array(),
        pareto = json::array(), times = json::array(), ablation = json::array(), sensitivity = json::array();
   for (const SceneResult& scene : e.scenes) {
-    scenes.push_back(scene_json(scene));
+    scenes.push_back(scene_json(scene, e.settings));
     append(rows, rows_json(scene, e.settings));
     append(pairs, pairs_json(scene, e.settings));
     append(pictures, pictures_json(scene));
-    append(pareto, pareto_json(scene));
-    append(times, times_json(scene));
+    append(pareto, pareto_json(scene, e.settings));
+    append(times, times_json(scene, e.settings));
     append(ablation, ablation_json(scene, e.settings));
     append(sensitivity, sensitivity_json(scene, e.settings));
   }
@@ -321,6 +409,7 @@ std::string json_report(const Evaluation& e) {
                        {"metrics", metrics_json(e.settings)},
                        {"methods", methods_json(e)},
                        {"rows", rows},
+                       {"overall", overall_json(e)},
                        {"pairs", pairs},
                        {"pareto", pareto},
                        {"time_to_error", times},

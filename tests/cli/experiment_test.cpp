@@ -22,7 +22,7 @@ bool holds(const std::string& text, const std::string& part) {
 
 /// What must not depend on when and how often a run was interrupted: all but times and memory.
 json without_times(json results) {
-  for (const char* timed : {"command", "pareto", "time_to_error"}) results.erase(timed);
+  for (const char* timed : {"command", "pareto", "time_to_error", "overall"}) results.erase(timed);
   for (json& row : results["rows"])
     for (const char* timed : {"seconds", "peak_memory_bytes"}) row.erase(timed);
   for (json& scene : results["scenes"]) scene.erase("reference_seconds");

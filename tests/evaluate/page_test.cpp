@@ -6,6 +6,7 @@
 #include <string>
 
 #include "evaluate/report/page_bundle.h"
+#include "evaluate/report/report.h"
 #include "image/packed_half.h"
 
 namespace brume {
@@ -67,6 +68,58 @@ TEST(Page, HoldsTheResultsAndEachPictureOnce) {
   EXPECT_EQ(count(html, "id=\"picture-"), 2u);
   EXPECT_NE(html.find("<title>brume: &lt;b>smoke&lt;/b></title>"), std::string::npos);
   EXPECT_EQ(count(html, "<script"), count(html, "</script>") + count(std::string(page_script), "<script"));
+}
+
+// What the page follows stands in results.json for each region and metric: the page computes no number.
+TEST(Page, HasAnswersFrontsAndTimesForEachRegionMetricAndSetting) {
+  Evaluation e = two_methods();
+  SceneResult& scene = e.scenes[0];
+  scene.mask = Mask(12, 1);
+  MethodResult more = scene.methods[1];
+  more.spp = 16;
+  scene.methods.push_back(more);
+  more = scene.methods[0];
+  more.spp = 16;
+  scene.methods.push_back(more);
+  for (size_t i = 0; i < scene.methods.size(); ++i) {
+    MethodResult& m = scene.methods[i];
+    m.render_seconds = m.spp;
+    m.filter_seconds = m.filter.empty() ? 0 : 1;
+    for (const size_t region : {0u, 1u}) {
+      m.errors[region].resize(2);
+      for (Errors& own : m.errors[region]) {
+        own.lab_rms = (m.filter.empty() ? 8.0 : 3.0) / m.spp * (region ? 4 : 1);
+        own.psnr = 20 + m.spp;
+      }
+    }
+  }
+  scene.reference_errors.resize(2);
+  scene.reference_errors[0].lab_rms = 0.25;
+  scene.reference_errors[1].lab_rms = 0.5;
+  for (Errors& own : scene.reference_errors) own.pixels = 12;
+  const auto results = nlohmann::json::parse(json_report(e));
+  EXPECT_EQ(results["scenes"][0]["reference_errors"]["medium"]["lab_rms"], 0.5);
+  EXPECT_FALSE(results["scenes"][0]["reference_errors"]["frame"].contains("ssim"));
+  const auto found = [&](const char* list, const char* region, const char* metric, const char* setting = nullptr) {
+    for (const auto& group : results[list])
+      if (group["region"] == region && group["metric"] == metric && (!setting || group["setting"] == setting))
+        return group;
+    ADD_FAILURE() << list << " has none of " << region << " " << metric;
+    return nlohmann::json();
+  };
+  for (const char* region : {"frame", "medium"})
+    for (const char* metric : {"lab_rms", "psnr"}) {
+      for (const char* setting : {"", "default"}) {
+        EXPECT_EQ(found("overall", region, metric, setting)["methods"].size(), 2u);
+        EXPECT_FALSE(found("pareto", region, metric, setting)["front"].empty());
+      }
+      EXPECT_FALSE(found("time_to_error", region, metric)["times"].empty());
+    }
+  const auto best = found("overall", "medium", "lab_rms", "default")["methods"][0];
+  EXPECT_EQ(best["method"], "bilateral_default");
+  EXPECT_NEAR(best["value"].get<double>(), 4 * 3.0 / 8, 1e-9) << "of 4 and 16 samples";
+  EXPECT_EQ(found("time_to_error", "medium", "lab_rms")["times"][0]["error"], 5);
+  EXPECT_EQ(found("time_to_error", "frame", "lab_rms")["times"][0]["error"], 2);
 }
 
 TEST(Page, IsRefusedWhereItIsNotBuiltIn) {

@@ -5,12 +5,14 @@ import json
 import os
 import re
 import shutil
+import stat
 import subprocess
 
 OLDEST = (0, 1, 0)  # version of the program that has all that is asked of it
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 BUNDLED = os.path.join(HERE, "bin", "brume")
+BUNDLED_READER = os.path.join(HERE, "bin", "brume-vdb-reader")  # that it starts
 POINTER = os.path.join(HERE, "program_path.txt")  # written by ./run blender: the program that it built
 VARIABLE = "BRUME_PROGRAM"
 
@@ -28,14 +30,26 @@ def find(preferred=""):
             if not _runs(path):
                 raise NoProgram(f"{said} {path}, which is no program")
             return _checked(path)
-    for path in (BUNDLED, _pointed_at(), shutil.which("brume")):
+    for path in (_bundled(), _pointed_at(), shutil.which("brume")):
         if path and _runs(path):
             return _checked(path)
-    raise NoProgram("the program brume was not found on PATH; say where it is: Edit > Preferences > Add-ons > Render: brume")
+    raise NoProgram("the program brume was not found on PATH; say where it is: Edit > Preferences > Add-ons > brume")
 
 
 def _runs(path):
     return os.path.isfile(path) and os.access(path, os.X_OK)
+
+
+def _bundled():
+    """The program in the add-on's folder. Blender unpacks files without their modes: they are made executable here.
+    @throws NoProgram"""
+    for path in (BUNDLED, BUNDLED_READER):
+        if os.path.isfile(path) and not os.access(path, os.X_OK):
+            try:
+                os.chmod(path, stat.S_IMODE(os.stat(path).st_mode) | 0o111)
+            except OSError as error:
+                raise NoProgram(f"{path} is not executable, and cannot be made so: {error.strerror}") from None
+    return BUNDLED
 
 
 def _pointed_at():

@@ -38,7 +38,15 @@ export function About() {
         <ScrollTable
           label="Scenes"
           class="metrics text"
-          columns={["Scene", "Size", "Medium", "References", "Their noise, Lab RMS", "Exposure", "Hash"]}
+          columns={[
+            "Scene",
+            "Size",
+            "Medium",
+            "References",
+            "Noise of one, of their mean, Lab RMS",
+            "Exposure",
+            "Hash",
+          ]}
         >
           {results.scenes.map((s) => (
             <tr key={s.name}>
@@ -46,7 +54,11 @@ export function About() {
               <td>{s.width && s.height ? `${s.width}\u00a0×\u00a0${s.height}` : "–"}</td>
               <td>{s.medium_share === undefined ? "–" : `${(100 * s.medium_share).toFixed(1)} % of the pixels`}</td>
               <td>{s.reference_spp === undefined ? "–" : `${s.references ?? 2} × ${s.reference_spp} spp`}</td>
-              <td>{number(s.reference_noise)}</td>
+              <td>
+                {s.references === 1
+                  ? "unknown"
+                  : `${number(s.reference_noise)}, ${number(s.reference_errors?.frame?.["lab_rms"])}`}
+              </td>
               <td>{s.exposure ?? "–"}</td>
               <td>
                 <code>{s.hash ?? "–"}</code>

@@ -1,6 +1,7 @@
 import { useCallback, useEffect, useLayoutEffect, useMemo, useRef, useState } from "preact/hooks";
 import { About } from "./about";
 import { AblationView } from "./ablation";
+import { Answer } from "./answer";
 import { PageProvider, type Page } from "./context";
 import { Choice, Select } from "./controls";
 import { Help } from "./help";
@@ -14,7 +15,7 @@ import { Plots } from "./plots";
 import type { Index, PictureEntry } from "./results";
 import { SensitivityView } from "./sensitivity";
 import { defaultView, fitting, fromHash, nameIn, toHash, type Tab, type View } from "./state";
-import { fitScale, movedBy, zoomedAt, type Size } from "./viewport";
+import { fitScale, movedBy, zoomedAt, type Size, type Viewport } from "./viewport";
 
 const TAB_NAMES: Record<Tab, string> = {
   look: "Look",
@@ -102,34 +103,36 @@ export function App({ index, entries }: { index: Index; entries: PictureEntry[] 
     return () => clearTimeout(later);
   }, [message]);
 
-  const zoom = (factor: number) => {
-    const p = pane.current;
-    if (p) set(zoomedAt(newest.current, factor, p.pane.width / 2, p.pane.height / 2, p.picture, p.pane));
+  /** Takes a step of the picture. @return whether it changed what is seen */
+  const move = (step: (p: { pane: Size; picture: Size }) => Viewport) => {
+    if (!pane.current || tabOf(newest.current) !== "look") return false;
+    const before = newest.current;
+    set(step(pane.current));
+    const near = (a: number, b: number) => Math.abs(a - b) < 1e-9;
+    const now = newest.current;
+    return !(near(before.zoom, now.zoom) && near(before.x, now.x) && near(before.y, now.y));
   };
+  const zoom = (factor: number) =>
+    move((p) => zoomedAt(newest.current, factor, p.pane.width / 2, p.pane.height / 2, p.picture, p.pane));
   const actions: Actions = {
     tabs,
     help: () => !help.current!.open && help.current!.showModal(),
     theme: switchTheme,
     zoom,
-    pan: (dx, dy) => {
-      const p = pane.current;
-      if (p && tabOf(newest.current) === "look")
-        set(movedBy(newest.current, (dx * p.pane.width) / 8, (dy * p.pane.height) / 8, p.picture, p.pane));
-    },
-    actualSize: () => {
-      const p = pane.current;
-      if (p)
-        set(
-          zoomedAt(
-            newest.current,
-            1 / devicePixelRatio / fitScale(p.picture, p.pane) / newest.current.zoom,
-            p.pane.width / 2,
-            p.pane.height / 2,
-            p.picture,
-            p.pane,
-          ),
-        );
-    },
+    notice: setMessage,
+    pan: (dx, dy) =>
+      move((p) => movedBy(newest.current, (dx * p.pane.width) / 8, (dy * p.pane.height) / 8, p.picture, p.pane)),
+    actualSize: () =>
+      move((p) =>
+        zoomedAt(
+          newest.current,
+          1 / devicePixelRatio / fitScale(p.picture, p.pane) / newest.current.zoom,
+          p.pane.width / 2,
+          p.pane.height / 2,
+          p.picture,
+          p.pane,
+        ),
+      ),
     link: () => {
       const hash = toHash(newest.current, normal);
       const address = location.href.replace(/#.*$/, "") + (hash ? `#${hash}` : "");
@@ -141,7 +144,8 @@ export function App({ index, entries }: { index: Index; entries: PictureEntry[] 
   };
   const latest = useRef({ page, actions });
   latest.current = { page, actions };
-  useEffect(() => {
+  // Before the first drawing: a key that is pressed at its sight counts.
+  useLayoutEffect(() => {
     const key = (event: KeyboardEvent) => {
       const { page, actions } = latest.current;
       const view = newest.current;
@@ -225,6 +229,7 @@ export function App({ index, entries }: { index: Index; entries: PictureEntry[] 
           </button>
         </div>
       </header>
+      <Answer />
       <nav aria-label="Views">
         <div role="tablist" onKeyDown={onTabKey}>
           {tabs.map((t) => (

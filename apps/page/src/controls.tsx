@@ -66,13 +66,43 @@ export function Select<T extends string>(props: {
   );
 }
 
-export function Section(props: { title: string; note?: ComponentChildren; children?: ComponentChildren }) {
+export function Section(props: {
+  title: string;
+  note?: ComponentChildren;
+  /** Buttons beside the title. */
+  saves?: ComponentChildren;
+  children?: ComponentChildren;
+}) {
   return (
     <section class="section">
-      <h2>{props.title}</h2>
+      <header>
+        <h2>{props.title}</h2>
+        {props.saves}
+      </header>
       {props.note && <p class="note">{props.note}</p>}
       {props.children}
     </section>
+  );
+}
+
+/** Buttons that save what stands below them as files. */
+export function Saves(props: { what: string; csv?: () => void; svg?: () => void; png?: () => void }) {
+  const kinds = [
+    ["CSV", props.csv],
+    ["SVG", props.svg],
+    ["PNG", props.png],
+  ] as const;
+  return (
+    <div class="saves" role="group" aria-label={`Save: ${props.what}`}>
+      {kinds.map(
+        ([kind, save]) =>
+          save && (
+            <button key={kind} type="button" title={`Save as ${kind}: ${props.what}`} onClick={save}>
+              {kind}
+            </button>
+          ),
+      )}
+    </div>
   );
 }
 

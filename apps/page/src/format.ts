@@ -10,6 +10,11 @@ export function number(value: number | null | undefined): string {
   return minus(size >= 1000 ? value.toFixed(0) : size >= 1 ? value.toPrecision(4) : value.toPrecision(3));
 }
 
+/** How many times. */
+export function times(factor: number): string {
+  return factor >= 10 ? factor.toFixed(0) : factor.toFixed(1);
+}
+
 export function signed(value: number): string {
   return value > 0 ? `+${number(value)}` : number(value);
 }
@@ -29,12 +34,19 @@ export function seconds(value: number | undefined): string {
 
 export function bytes(value: number | null | undefined): string {
   if (value === null || value === undefined) return "–";
-  return value >= 2 ** 30 ? `${(value / 2 ** 30).toFixed(2)} GiB` : `${(value / 2 ** 20).toFixed(0)} MiB`;
+  if (value >= 2 ** 30) return `${(value / 2 ** 30).toFixed(2)} GiB`;
+  if (value >= 2 ** 20) return `${(value / 2 ** 20).toFixed(value >= 10 * 2 ** 20 ? 0 : 1)} MiB`;
+  return `${(value / 2 ** 10).toFixed(0)} KiB`;
 }
 
 /** Stops of exposure. */
 export function stops(value: number): string {
   return `${value > 0 ? "+" : ""}${minus(value.toFixed(2).replace(/0$/, ""))} EV`;
+}
+
+/** A name that may be broken after each of its words. */
+export function breakable(name: string): string {
+  return name.replace(/_/g, "_\u200b");
 }
 
 function minus(text: string): string {

@@ -3,23 +3,27 @@ import { TONES } from "./color";
 import type { PrintedKeys } from "./help";
 import { ERROR_KINDS } from "./library";
 import { REFERENCE } from "./results";
+import { showing } from "./look";
 import { listedMethods, TABS, type Tab, type View } from "./state";
 import type { Page } from "./context";
-import { WHOLE } from "./viewport";
+import { showsAll, WHOLE } from "./viewport";
 
-/** What keys can do beyond changing the view. */
+/** What keys can do beyond changing the view. Those of the picture say whether anything has changed. */
 export interface Actions {
   help: () => void;
   theme: () => void;
   link: () => void;
-  zoom: (factor: number) => void;
-  pan: (dx: number, dy: number) => void;
-  actualSize: () => void;
+  zoom: (factor: number) => boolean;
+  pan: (dx: number, dy: number) => boolean;
+  actualSize: () => boolean;
   tabs: readonly Tab[];
+  /** Tells the reader why a key did nothing. */
+  notice: (why: string) => void;
 }
 
 interface Binding extends PrintedKeys {
-  run: (page: Page, actions: Actions, key: string) => void;
+  /** What it does; where that is nothing now, the words why. */
+  run: (page: Page, actions: Actions, key: string) => string | void;
 }
 
 function step<T>(list: readonly T[], now: T, by: number): T {
@@ -27,19 +31,78 @@ function step<T>(list: readonly T[], now: T, by: number): T {
   return list[(at + by + list.length) % list.length] ?? now;
 }
 
-function stepMethod(page: Page, which: "a" | "b", by: number): void {
+const LOOK = "L goes to the pictures";
+
+function stepMethod(page: Page, which: "a" | "b", by: number): string | void {
   const { index, library, view } = page;
   const there = [REFERENCE, ...listedMethods(index, view)].filter((id) => library.has(view.scene, view.spp, id));
-  if (there.length)
-    page.set({ [which]: step(there, view[which], by), ...(view.mode === "flip" ? { front: which } : {}) });
+  const next = step(there, view[which], by);
+  if (there.length === 0 || next === view[which]) return "There is no other picture of this scene and sample count";
+  page.set({ [which]: next, ...(view.mode === "flip" ? { front: which } : {}) });
 }
 
+const ABSENT: Partial<Record<Tab, string>> = {
+  ablation: "No layer was left out in this evaluation: ablation = true in the experiment's file measures that",
+  sensitivity: "No parameter was varied in this evaluation: sensitivity = true in the experiment's file measures that",
+};
+
 function tabKey(key: string, tab: Tab, what: string): Binding {
-  return { keys: [key], what, run: (page, actions) => actions.tabs.includes(tab) && page.set({ tab }) };
+  return {
+    keys: [key],
+    what,
+    run: (page, actions) => {
+      if (!actions.tabs.includes(tab)) return ABSENT[tab] ?? "This evaluation has no numbers";
+      if (page.view.tab === tab) return `This is ${tab}`;
+      page.set({ tab });
+    },
+  };
 }
 
 const looking = (change: (view: View) => Partial<View>) => (page: Page) =>
   page.set({ tab: "look", ...change(page.view) });
+
+/** A key of one of the ways to compare. */
+function modeKey(key: string, mode: View["mode"]): Binding {
+  return {
+    keys: [key],
+    what: mode,
+    run: (page) => {
+      const { view } = page;
+      page.set({ tab: "look", mode });
+      if (view.show === "difference" && mode !== "grid") return "A minus B is one picture: G goes back to the two";
+      if (view.tab === "look" && view.mode === mode) return `This is ${mode}`;
+    },
+  };
+}
+
+/** The exposure is of pictures: not of error maps, and not of tables. */
+function stepStops(page: Page, by: number): string | void {
+  const { view } = page;
+  if (view.tab !== "look") return `Exposure is of the pictures: ${LOOK}`;
+  if (view.show !== "picture") return "Exposure does not change error maps: E or G goes back to the pictures";
+  if (by ? Math.abs(view.stops + by) > 12 : view.stops === 0)
+    return by ? "12 stops are the most" : "This is the scene's exposure";
+  page.set({ stops: by ? view.stops + by : 0 });
+}
+
+/** What moves or scales pictures. */
+const ofPictures =
+  (change: (actions: Actions) => boolean, otherwise: string) =>
+  (page: Page, actions: Actions): string | void => {
+    if (page.view.tab !== "look") return `Zoom is of the pictures: ${LOOK}`;
+    if (!change(actions)) return otherwise;
+  };
+
+const moving = (dx: number, dy: number) => (page: Page, actions: Actions) => {
+  if (page.view.tab === "look" && showsAll(page.view)) return "All of the picture is seen: + comes closer";
+  return ofPictures((a) => a.pan(dx, dy), "Here the picture ends")(page, actions);
+};
+
+/** The next of a list by which all is judged. */
+function turn<T>(list: readonly T[], now: T, single: string, use: (next: T) => void): string | void {
+  if (list.length < 2) return single;
+  use(step(list, now, 1));
+}
 
 export const BINDINGS: { group: string; bindings: Binding[] }[] = [
   {
@@ -57,22 +120,43 @@ export const BINDINGS: { group: string; bindings: Binding[] }[] = [
         what: "next, previous method as A",
         run: (p, _, k) => stepMethod(p, "a", k === "Shift+ArrowDown" ? 1 : -1),
       },
-      { keys: ["x"], what: "exchange A and B", run: (p) => p.set({ a: p.view.b, b: p.view.a }) },
-      { keys: ["r"], what: "reference as A", run: (p) => p.set({ a: REFERENCE }) },
-      { keys: ["1"], what: "swipe", run: looking(() => ({ mode: "swipe" })) },
-      { keys: ["2"], what: "flip", run: looking(() => ({ mode: "flip" })) },
-      { keys: ["3"], what: "grid", run: looking(() => ({ mode: "grid" })) },
+      {
+        keys: ["x"],
+        what: "exchange A and B",
+        run: (p) => (p.view.a === p.view.b ? "A and B are the same" : p.set({ a: p.view.b, b: p.view.a })),
+      },
+      {
+        keys: ["r"],
+        what: "reference as A",
+        run: (p) => (p.view.a === REFERENCE ? "A is the reference" : p.set({ a: REFERENCE })),
+      },
+      modeKey("1", "swipe"),
+      modeKey("2", "flip"),
+      modeKey("3", "grid"),
       {
         keys: [" "],
         print: "Space",
         what: "flip to the other picture",
-        run: looking((v) => (v.mode === "flip" ? { front: v.front === "a" ? "b" : "a" } : { mode: "flip" })),
+        run: (p) => {
+          const { view } = p;
+          if (view.tab === "look" && view.show === "difference" && view.mode !== "grid")
+            return "A minus B is one picture: G goes back to the two";
+          if (view.a === view.b) return "A and B are the same";
+          looking((v) => (v.mode === "flip" ? { front: v.front === "a" ? "b" : "a" } : { mode: "flip" }))(p);
+        },
       },
       {
         keys: ["ArrowLeft", "ArrowRight"],
         print: "← →",
         what: "move the divider",
-        run: (p, _, k) => p.set({ split: p.view.split + (k === "ArrowRight" ? 0.02 : -0.02) }),
+        run: (p, _, k) => {
+          const { view } = p;
+          const by = k === "ArrowRight" ? 0.02 : -0.02;
+          if (view.mode !== "swipe") return "The divider is of swipe: 1 goes there";
+          if (view.show === "difference") return "A minus B has no divider: G goes back to the two pictures";
+          if (view.split + by < -0.019 || view.split + by > 1.019) return "The divider is at the edge";
+          p.set({ split: view.split + by });
+        },
       },
     ],
   },
@@ -82,12 +166,31 @@ export const BINDINGS: { group: string; bindings: Binding[] }[] = [
       {
         keys: ["e"],
         what: "picture or error map",
-        run: looking((v) => ({ show: v.show === "error" ? "picture" : "error" })),
+        run: (p) => {
+          const { view } = p;
+          looking((v) => ({ show: v.show === "error" ? "picture" : "error" }))(p);
+          if (view.show !== "error" && view.a === REFERENCE && view.b === REFERENCE && view.mode !== "grid")
+            return "A and B are the reference, which has no error";
+        },
+      },
+      {
+        keys: ["g"],
+        what: "A minus B; in the grid A minus each",
+        run: (p) => {
+          const { view } = p;
+          looking((v) => showing(v.show === "difference" ? "picture" : "difference"))(p);
+          if (view.show !== "difference" && view.a === view.b && view.mode !== "grid")
+            return "A and B are the same: nothing is left";
+        },
       },
       {
         keys: ["k"],
         what: "next kind of error",
-        run: looking((v) => ({ show: "error", error: step(ERROR_KINDS, v.error, 1), gain: 0 })),
+        run: looking((v) => ({
+          show: v.show === "difference" ? "difference" : "error",
+          error: step(ERROR_KINDS, v.error, 1),
+          gain: 0,
+        })),
       },
       {
         keys: ["<", ">"],
@@ -99,27 +202,45 @@ export const BINDINGS: { group: string; bindings: Binding[] }[] = [
         keys: ["[", "]"],
         print: "[ ]",
         what: "half a stop darker, brighter",
-        run: (p, _, k) => p.set({ stops: p.view.stops + (k === "]" ? 0.5 : -0.5) }),
+        run: (p, _, k) => stepStops(p, k === "]" ? 0.5 : -0.5),
       },
-      { keys: ["\\"], what: "the scene's exposure", run: (p) => p.set({ stops: 0 }) },
+      { keys: ["\\"], what: "the scene's exposure", run: (p) => stepStops(p, 0) },
       {
         keys: ["t"],
         what: "next tone curve",
-        run: (p) => p.set({ tone: step(TONES, p.view.tone, 1), show: "picture" }),
+        run: looking((v) => ({ tone: step(TONES, v.tone, 1), show: "picture" })),
       },
     ],
   },
   {
     group: "Zoom",
     bindings: [
-      { keys: ["+", "="], print: "+", what: "closer", run: (_, a) => a.zoom(Math.SQRT2) },
-      { keys: ["-"], what: "further", run: (_, a) => a.zoom(Math.SQRT1_2) },
-      { keys: ["0"], what: "the whole picture", run: (p) => p.set({ ...WHOLE }) },
-      { keys: ["o"], what: "one picture pixel for one of the screen", run: (_, a) => a.actualSize() },
-      { keys: ["w"], print: "W A S D", what: "move the picture", run: (_, a) => a.pan(0, 1) },
-      { keys: ["a"], print: "", what: "", run: (_, a) => a.pan(1, 0) },
-      { keys: ["s"], print: "", what: "", run: (_, a) => a.pan(0, -1) },
-      { keys: ["d"], print: "", what: "", run: (_, a) => a.pan(-1, 0) },
+      {
+        keys: ["+", "="],
+        print: "+",
+        what: "closer",
+        run: ofPictures((a) => a.zoom(Math.SQRT2), "This is as close as it gets"),
+      },
+      { keys: ["-"], what: "further", run: ofPictures((a) => a.zoom(Math.SQRT1_2), "This is as far as it gets") },
+      {
+        keys: ["0"],
+        what: "the whole picture",
+        run: (p) => {
+          const { view } = p;
+          if (view.tab !== "look") return `Zoom is of the pictures: ${LOOK}`;
+          if (view.zoom === WHOLE.zoom && view.x === WHOLE.x && view.y === WHOLE.y) return "All of the picture is seen";
+          p.set({ ...WHOLE });
+        },
+      },
+      {
+        keys: ["o"],
+        what: "one picture pixel for one of the screen",
+        run: ofPictures((a) => a.actualSize(), "The picture has its own size"),
+      },
+      { keys: ["w"], print: "W A S D", what: "move the picture", run: moving(0, 1) },
+      { keys: ["a"], print: "", what: "", run: moving(1, 0) },
+      { keys: ["s"], print: "", what: "", run: moving(0, -1) },
+      { keys: ["d"], print: "", what: "", run: moving(-1, 0) },
     ],
   },
   {
@@ -135,30 +256,34 @@ export const BINDINGS: { group: string; bindings: Binding[] }[] = [
         keys: ["m"],
         what: "next scene",
         run: (p) =>
-          p.set({
-            scene: step(
-              p.index.results.scenes.map((s) => s.name),
-              p.view.scene,
-              1,
-            ),
-          }),
+          turn(
+            p.index.results.scenes.map((s) => s.name),
+            p.view.scene,
+            "There is one scene only",
+            (scene) => p.set({ scene }),
+          ),
       },
       {
         keys: ["f"],
         what: "medium or whole frame",
-        run: (p) => p.set({ region: step(p.index.regions(), p.view.region, 1) }),
+        run: (p) =>
+          turn(
+            p.index.regions(),
+            p.view.region,
+            `Errors were taken over ${p.index.regions()[0] === "medium" ? "the medium" : "the whole frame"} only`,
+            (region) => p.set({ region }),
+          ),
       },
       {
         keys: ["c"],
         what: "next metric",
         run: (p) =>
-          p.set({
-            metric: step(
-              p.index.results.metrics.map((m) => m.id),
-              p.view.metric,
-              1,
-            ),
-          }),
+          turn(
+            p.index.results.metrics.map((m) => m.id),
+            p.view.metric,
+            "There is one metric only",
+            (metric) => p.set({ metric }),
+          ),
       },
     ],
   },
@@ -178,14 +303,20 @@ export const BINDINGS: { group: string; bindings: Binding[] }[] = [
   },
 ];
 
-function stepGain(page: Page, by: number): void {
-  page.set({ tab: "look", show: "error", gain: page.view.gain + by });
+function stepGain(page: Page, by: number): string | void {
+  const { view } = page;
+  const show = view.show === "difference" ? "difference" : "error";
+  page.set({ tab: "look", show, gain: view.gain + by });
+  if (Math.abs(view.gain + by) > 8)
+    return by > 0 ? "The scale is as long as it gets" : "The scale is as short as it gets";
 }
 
-function stepSpp(page: Page, by: number): void {
+function stepSpp(page: Page, by: number): string | void {
   const spp = page.index.spp(page.view.scene);
   const at = spp.indexOf(page.view.spp) + by;
-  if (at >= 0 && at < spp.length) page.set({ spp: spp[at]! });
+  if (at < 0 || at >= spp.length)
+    return `${page.view.scene} was evaluated at ${spp.join(", ")} samples per pixel, no ${by > 0 ? "more" : "fewer"}`;
+  page.set({ spp: spp[at]! });
 }
 
 export function tabsOf(page: Pick<Page, "index">): Tab[] {
@@ -214,7 +345,8 @@ export function handleKey(event: KeyboardEvent, page: Page, actions: Actions): v
     for (const binding of bindings)
       if (binding.keys.includes(key)) {
         event.preventDefault();
-        binding.run(page, actions, key);
+        const why = binding.run(page, actions, key);
+        if (why) actions.notice(why);
         return;
       }
 }

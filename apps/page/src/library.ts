@@ -20,10 +20,17 @@ export const ERRORS: Record<ErrorKind, { name: string; short: string; unit: stri
   relative: { name: "Relative squared error", short: "rel. squared", unit: "", full: 0.05, signed: false },
 };
 
-/** How a pane's pixels get their colours. */
+/** What the maps are of A and B. */
+export const DIFFERENCES: Record<ErrorKind, string> = {
+  lab: "Lab distance of A and B",
+  luminance: "Luminance of A minus B",
+  relative: "Relative squared difference",
+};
+
+/** How a pane's pixels get their colours: as a display shows them, or by what they differ in from another picture. */
 export type Look =
   | { show: "picture"; tone: Tone; exposure: number }
-  | { show: "error"; kind: ErrorKind; full: number; exposure: number };
+  | { show: "error"; kind: ErrorKind; full: number; exposure: number; base: string };
 
 const clipped = (v: number) => (v < 0 ? 0 : v > 1 ? 1 : v);
 
@@ -78,12 +85,15 @@ export function colourErrors(map: Float32Array, kind: ErrorKind, full: number, o
 }
 
 const KEPT_BYTES = 256 << 20;
+const KEPT_DIFFERENCES = 8;
 
 export class Library {
   private readonly places = new Map<string, number>();
   private readonly pictures = new Map<number, Picture>();
   private readonly loading = new Set<number>();
   private readonly errors = new WeakMap<Picture, Map<string, Float32Array>>();
+  /** Maps of two methods, the latest last. */
+  private readonly differences = new Map<string, Float32Array>();
   /** What was drawn, the latest last. */
   private readonly drawn = new Map<string, HTMLCanvasElement>();
   private drawnBytes = 0;
@@ -139,12 +149,36 @@ export class Library {
     return map;
   }
 
+  /** What one picture of a scene differs in from another: from the reference, or from another method's. */
+  difference(
+    kind: ErrorKind,
+    scene: string,
+    spp: number,
+    method: string,
+    base: string,
+    exposure: number,
+  ): Float32Array | undefined {
+    const [picture, other] = [this.get(scene, spp, method), this.get(scene, spp, base)];
+    if (!picture || !other) return undefined;
+    if (base === REFERENCE) return this.error(kind, picture, other, exposure);
+    const name = [kind, exposure, this.place(scene, spp, method), this.place(scene, spp, base)].join(" ");
+    const map = this.differences.get(name) ?? errorMap(kind, picture, other, exposure);
+    this.differences.delete(name);
+    this.differences.set(name, map);
+    for (const oldest of this.differences.keys()) {
+      if (this.differences.size <= KEPT_DIFFERENCES) break;
+      this.differences.delete(oldest);
+    }
+    return map;
+  }
+
   /** A canvas of the picture's own size. */
   canvas(scene: string, spp: number, method: string, look: Look): HTMLCanvasElement | undefined {
     const picture = this.get(scene, spp, method);
     if (!picture) return undefined;
-    const reference = look.show === "error" ? this.get(scene, 0, REFERENCE) : undefined;
-    if (look.show === "error" && !reference) return undefined;
+    const map =
+      look.show === "error" ? this.difference(look.kind, scene, spp, method, look.base, look.exposure) : undefined;
+    if (look.show === "error" && !map) return undefined;
     const name = `${this.place(scene, spp, method)} ${JSON.stringify(look)}`;
     let canvas = this.drawn.get(name);
     if (canvas) {
@@ -155,8 +189,7 @@ export class Library {
       canvas.height = picture.height;
       const context = canvas.getContext("2d")!;
       const image = context.createImageData(picture.width, picture.height);
-      if (look.show === "error")
-        colourErrors(this.error(look.kind, picture, reference!, look.exposure), look.kind, look.full, image.data);
+      if (look.show === "error") colourErrors(map!, look.kind, look.full, image.data);
       else colourPicture(picture, look.tone, look.exposure, image.data);
       context.putImageData(image, 0, 0);
       this.drawnBytes += image.data.length;

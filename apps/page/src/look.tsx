@@ -5,16 +5,17 @@ import { usePage } from "./context";
 import { Choice, Select } from "./controls";
 import { Divider } from "./divider";
 import { number, signed, stops as stopsText } from "./format";
-import { ERROR_KINDS, errorColours, ERRORS, type Look as Colours } from "./library";
+import { drawTiles, savePng, type Tile } from "./figure";
+import { DIFFERENCES, ERROR_KINDS, errorColours, ERRORS, type Look as Colours } from "./library";
 import { Pane, type Pixel } from "./pane";
 import { REFERENCE } from "./results";
-import { listedMethods, shownMethods, type Mode } from "./state";
+import { listedMethods, shownMethods, type Mode, type Show } from "./state";
 import { WHOLE, type Size, type Viewport } from "./viewport";
 
 interface Props {
   onPane: (pane: Size, picture: Size) => void;
-  zoom: (factor: number) => void;
-  actualSize: () => void;
+  zoom: (factor: number) => boolean;
+  actualSize: () => boolean;
 }
 
 const MODE_NAMES: { value: Mode; text: string; title: string }[] = [
@@ -36,15 +37,29 @@ export function Look({ onPane, zoom, actualSize }: Props) {
 
   const sceneExposure = scene?.exposure ?? 1;
   const errors = view.show === "error";
+  const difference = view.show === "difference";
+  const full = fullScale(view.error, view.gain);
   const coloursOf = (id: string): Colours =>
     errors && id !== REFERENCE
-      ? { show: "error", kind: view.error, full: fullScale(view.error, view.gain), exposure: sceneExposure }
+      ? { show: "error", kind: view.error, full, exposure: sceneExposure, base: REFERENCE }
       : { show: "picture", tone: view.tone, exposure: sceneExposure * 2 ** view.stops };
-  const canvasOf = (id: string) => library.canvas(view.scene, view.spp, id, coloursOf(id));
+  /** A minus another picture. */
+  const differenceTo = (id: string) =>
+    library.canvas(view.scene, view.spp, view.a, {
+      show: "error",
+      kind: view.error,
+      full,
+      exposure: sceneExposure,
+      base: id,
+    });
+  const canvasOf = (id: string) =>
+    difference ? differenceTo(id) : library.canvas(view.scene, view.spp, id, coloursOf(id));
   const value = (id: string) => index.estimate(view.scene, view.spp, id, view.region, view.metric)?.mean;
   const metricName = index.metrics.get(view.metric)?.name ?? "";
   const describe = (id: string) =>
-    `${name(id)}${id === REFERENCE ? "" : `, ${view.spp} spp`}${errors && id !== REFERENCE ? `, ${ERRORS[view.error].name}` : ""}`;
+    difference
+      ? `${DIFFERENCES[view.error]}: ${name(view.a)} − ${name(id)}, ${view.spp} spp`
+      : `${name(id)}${id === REFERENCE ? "" : `, ${view.spp} spp`}${errors && id !== REFERENCE ? `, ${ERRORS[view.error].name}` : ""}`;
   const pane = {
     picture: size,
     view,
@@ -58,15 +73,16 @@ export function Look({ onPane, zoom, actualSize }: Props) {
   };
   /** In the grid, the error at the pixel under the pointer. */
   const here = (id: string) => {
-    const picture = library.get(view.scene, view.spp, id);
-    const reference = library.get(view.scene, 0, REFERENCE);
-    if (view.mode !== "grid" || !probe || !picture || !reference) return undefined;
-    const error = library.error(view.error, picture, reference, sceneExposure)[probe.y * picture.width + probe.x]!;
+    if (view.mode !== "grid" || !probe) return undefined;
+    const [of, base] = difference ? [view.a, id] : [id, REFERENCE];
+    const map = library.difference(view.error, view.scene, view.spp, of, base, sceneExposure);
+    if (!map) return undefined;
+    const error = map[probe.y * size.width + probe.x]!;
     return `${ERRORS[view.error].short} here ${ERRORS[view.error].signed ? signed(error) : number(error)}`;
   };
   const caption = (id: string) => (
     <>
-      <span class="name">{name(id)}</span>
+      <span class="name">{difference && view.mode === "grid" ? `A − ${name(id)}` : name(id)}</span>
       {index.row(view.scene, view.spp, id, view.region)?.failed && <span class="failed">failed</span>}
       {id !== REFERENCE && value(id) !== undefined && (
         <span class="value">{here(id) ?? `${metricName} ${number(value(id))}`}</span>
@@ -74,6 +90,22 @@ export function Look({ onPane, zoom, actualSize }: Props) {
     </>
   );
   const tiles = [REFERENCE, ...shownMethods(index, view)].filter((id) => library.has(view.scene, view.spp, id));
+  /** What is seen, pixel for pixel, with names and values under it. */
+  const save = () => {
+    const value = (id: string) => {
+      const e = index.estimate(view.scene, view.spp, id, view.region, view.metric);
+      return id !== REFERENCE && e ? `${metricName} ${number(e.mean)}` : "";
+    };
+    const seen = view.mode === "grid" ? tiles : difference ? [view.b] : [view.a, view.b];
+    const figure = seen.flatMap((id): Tile[] => {
+      const canvas = canvasOf(id);
+      return canvas
+        ? [{ canvas, caption: difference ? `${name(view.a)} − ${name(id)}` : name(id), value: value(id) }]
+        : [];
+    });
+    const what = difference ? `_${DIFFERENCES[view.error]}` : errors ? `_${ERRORS[view.error].name}` : "";
+    void savePng(`${view.scene}_${view.spp}spp${what}`, drawTiles(figure));
+  };
 
   return (
     <div class="look">
@@ -113,6 +145,9 @@ export function Look({ onPane, zoom, actualSize }: Props) {
           <button type="button" class="icon" title="Closer (+)" aria-label="Zoom in" onClick={() => zoom(Math.SQRT2)}>
             +
           </button>
+          <button type="button" title="Save the whole pictures that are seen, with names and values" onClick={save}>
+            PNG
+          </button>
         </div>
       </div>
 
@@ -131,7 +166,9 @@ export function Look({ onPane, zoom, actualSize }: Props) {
         </div>
       ) : (
         <div class="stage" style={{ "--aspect": `${size.width} / ${size.height}` }}>
-          {view.mode === "swipe" ? (
+          {difference ? (
+            <Pane {...pane} left={canvasOf(view.b)} label={describe(view.b)} />
+          ) : view.mode === "swipe" ? (
             <Pane
               {...pane}
               left={canvasOf(view.a)}
@@ -148,17 +185,18 @@ export function Look({ onPane, zoom, actualSize }: Props) {
               onTap={() => set(({ front }) => ({ front: front === "a" ? "b" : "a" }))}
             />
           )}
-          {(view.mode === "swipe" || view.front === "a") && (
+          {(difference || view.mode === "swipe" || view.front === "a") && (
             <div class="corner a">
               <span class="badge a">A</span> {caption(view.a)}
+              {difference && <span aria-label="minus">−</span>}
             </div>
           )}
-          {(view.mode === "swipe" || view.front === "b") && (
+          {(difference || view.mode === "swipe" || view.front === "b") && (
             <div class="corner b">
               <span class="badge b">B</span> {caption(view.b)}
             </div>
           )}
-          {view.mode === "swipe" && (
+          {view.mode === "swipe" && !difference && (
             <Divider
               label="Divider between A and B"
               split={view.split}
@@ -174,16 +212,20 @@ export function Look({ onPane, zoom, actualSize }: Props) {
           values={[
             { value: "picture", text: "Picture", title: "(e)" },
             { value: "error", text: "Error", title: "Error map against the reference (e)" },
+            { value: "difference", text: "A − B", title: "A minus B; in the grid A minus each (g)" },
           ]}
           value={view.show}
-          onChange={(show) => set({ show })}
+          onChange={(show: Show) => set(showing(show))}
         />
-        {errors ? (
+        {errors || difference ? (
           <>
             <Select
               label="Kind of error"
               value={view.error}
-              values={ERROR_KINDS.map((kind) => ({ value: kind, text: ERRORS[kind].name }))}
+              values={ERROR_KINDS.map((kind) => ({
+                value: kind,
+                text: difference ? DIFFERENCES[kind] : ERRORS[kind].name,
+              }))}
               onChange={(error) => set({ error, gain: 0 })}
             />
             <Legend />
@@ -221,6 +263,11 @@ export function Look({ onPane, zoom, actualSize }: Props) {
       <Probe pixel={probe} exposure={sceneExposure} />
     </div>
   );
+}
+
+/** The step to pictures, errors or A minus B: that is at first a signed difference. */
+export function showing(show: Show) {
+  return show === "difference" ? ({ show, error: "luminance", gain: 0 } as const) : { show };
 }
 
 /** Which picture is A or B. */
@@ -289,12 +336,18 @@ function Legend() {
 /** Values of A, B and the reference at the pixel under the pointer. */
 function Probe({ pixel, exposure }: { pixel: Pixel | undefined; exposure: number }) {
   const { library, view, name } = usePage();
-  const reference = library.get(view.scene, 0, REFERENCE);
   const rows: { id: string; badge?: "a" | "b" }[] = [
     { id: view.a, badge: "a" },
     { id: view.b, badge: "b" },
     { id: REFERENCE },
   ];
+  const valueOf = (kind: (typeof ERROR_KINDS)[number], id: string, base: string) => {
+    const map = pixel && id !== base ? library.difference(kind, view.scene, view.spp, id, base, exposure) : undefined;
+    const error = map?.[pixel!.y * library.size(view.scene)!.width + pixel!.x];
+    return error === undefined ? "–" : ERRORS[kind].signed ? signed(error) : number(error);
+  };
+  const at = (id: string) => (pixel ? library.get(view.scene, view.spp, id)?.rgb(pixel.x, pixel.y) : undefined);
+  const [ofA, ofB] = [at(view.a), at(view.b)];
   return (
     <div class="scroll" tabIndex={0} role="region" aria-label="Values of a pixel">
       <table class="probe">
@@ -326,9 +379,7 @@ function Probe({ pixel, exposure }: { pixel: Pixel | undefined; exposure: number
         </thead>
         <tbody>
           {rows.map(({ id, badge }, i) => {
-            const picture = library.get(view.scene, view.spp, id);
-            const rgb = pixel && picture ? picture.rgb(pixel.x, pixel.y) : undefined;
-            const at = pixel && picture ? pixel.y * picture.width + pixel.x : 0;
+            const rgb = at(id);
             return (
               <tr key={i}>
                 <th scope="row">
@@ -338,14 +389,24 @@ function Probe({ pixel, exposure }: { pixel: Pixel | undefined; exposure: number
                   <td key={c}>{rgb ? number(rgb[c]) : "–"}</td>
                 ))}
                 <td>{rgb ? number(luminance(...rgb)) : "–"}</td>
-                {ERROR_KINDS.map((kind) => {
-                  if (!pixel || !picture || !reference || id === REFERENCE) return <td key={kind}>–</td>;
-                  const error = library.error(kind, picture, reference, exposure)[at]!;
-                  return <td key={kind}>{ERRORS[kind].signed ? signed(error) : number(error)}</td>;
-                })}
+                {ERROR_KINDS.map((kind) => (
+                  <td key={kind}>{valueOf(kind, id, REFERENCE)}</td>
+                ))}
               </tr>
             );
           })}
+          {view.show === "difference" && (
+            <tr class="minus">
+              <th scope="row">A − B</th>
+              {[0, 1, 2].map((c) => (
+                <td key={c}>{ofA && ofB ? signed(ofA[c]! - ofB[c]!) : "–"}</td>
+              ))}
+              <td>{ofA && ofB ? signed(luminance(...ofA) - luminance(...ofB)) : "–"}</td>
+              {ERROR_KINDS.map((kind) => (
+                <td key={kind}>{valueOf(kind, view.a, view.b)}</td>
+              ))}
+            </tr>
+          )}
         </tbody>
       </table>
     </div>

@@ -1,9 +1,9 @@
 // The list of methods at the left: the best first, with what to compare and what to leave out.
 import { usePage } from "./context";
 import { Select } from "./controls";
-import { number } from "./format";
+import { breakable, bytes, number, seconds } from "./format";
 import type { Style } from "./palette";
-import { REFERENCE, settingOf } from "./results";
+import { REFERENCE, settingOf, totalSeconds } from "./results";
 import { listedMethods, settings } from "./state";
 
 export function Methods({ styles }: { styles: Map<string, Style> }) {
@@ -36,14 +36,15 @@ export function Methods({ styles }: { styles: Map<string, Style> }) {
           )}
         </header>
         <div class="columns" aria-hidden="true">
-          <span>{metric?.name}</span>
+          <span>{metric?.name}, seconds in all, memory</span>
           <span>compare</span>
         </div>
         <ul>
           {[REFERENCE, ...listed].map((id) => {
             const method = index.methods.get(id);
             const shown = !view.hidden.includes(id);
-            const failed = index.row(view.scene, view.spp, id, view.region)?.failed;
+            const row = index.row(view.scene, view.spp, id, view.region);
+            const failed = row?.failed;
             const picture = library.has(view.scene, view.spp, id);
             const v = value(id);
             const label = index.label(id);
@@ -69,7 +70,7 @@ export function Methods({ styles }: { styles: Map<string, Style> }) {
                   onClick={() => look("b", id)}
                 >
                   <span class="label">
-                    {label.replace(/_/g, "_\u200b")}
+                    {breakable(label)}
                     {setting && <small> {setting}</small>}
                   </span>
                   {failed ? (
@@ -84,6 +85,8 @@ export function Methods({ styles }: { styles: Map<string, Style> }) {
                           }}
                         />
                         <span class="number">{number(v)}</span>
+                        <span class="cost">{seconds(totalSeconds(row?.seconds))}</span>
+                        {!!row?.peak_memory_bytes && <span class="cost">{bytes(row.peak_memory_bytes)}</span>}
                       </span>
                     )
                   )}

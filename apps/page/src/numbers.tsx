@@ -1,9 +1,10 @@
 // Tables: every metric of every method, who beats whom, time to an error, what failed.
 import { usePage } from "./context";
-import { ScrollTable, Section } from "./controls";
-import { bytes, number, seconds, signed } from "./format";
+import { Saves, ScrollTable, Section } from "./controls";
+import { saveCsv } from "./figure";
+import { breakable, bytes, number, seconds, signed } from "./format";
 import { isBetter, isUnfiltered, settingOf, totalSeconds, type Estimate, type Metric, type Row } from "./results";
-import { shownMethods, type View } from "./state";
+import { listedMethods, shownMethods, type View } from "./state";
 
 interface Column {
   id: string;
@@ -21,19 +22,42 @@ export function Numbers() {
   const rowOf = (id: string) => index.row(scene, spp, id, region);
   const measured = index.results.metrics.filter((m) => rows.some((id) => rowOf(id)?.metrics[m.id]));
   const any = (what: (row: Row) => unknown) => rows.some((id) => rowOf(id) && what(rowOf(id)!));
+  const metricColumn = (metric: Metric): Column => ({
+    id: metric.id,
+    name: metric.name,
+    title: `${metric.definition ?? metric.name}${metric.unit ? ` [${metric.unit}]` : ""}; ${BETTER[metric.better]} is better`,
+    metric,
+    value: (row: Row | undefined) => {
+      const mean = row?.metrics[metric.id]?.mean;
+      return mean !== undefined && metric.better === "zero" ? Math.abs(mean) : mean;
+    },
+  });
 
+  // What a method costs stands beside the metric that is looked at.
   const columns: Column[] = [
     { id: "method", name: "Method", title: "Name", value: (_, id) => name(id) },
-    ...measured.map((metric) => ({
-      id: metric.id,
-      name: metric.name,
-      title: `${metric.definition ?? metric.name}${metric.unit ? ` [${metric.unit}]` : ""}; ${BETTER[metric.better]} is better`,
-      metric,
-      value: (row: Row | undefined) => {
-        const mean = row?.metrics[metric.id]?.mean;
-        return mean !== undefined && metric.better === "zero" ? Math.abs(mean) : mean;
-      },
-    })),
+    ...measured.filter((m) => m.id === view.metric).map(metricColumn),
+    ...(any((r) => totalSeconds(r.seconds) !== undefined)
+      ? [
+          {
+            id: "total",
+            name: "In all",
+            title: "Seconds to render, of guides and to filter",
+            value: (r?: Row) => totalSeconds(r?.seconds),
+          },
+        ]
+      : []),
+    ...(any((r) => r.peak_memory_bytes)
+      ? [
+          {
+            id: "memory",
+            name: "Memory",
+            title: "Most memory that the filter held at a time beside its input",
+            value: (r?: Row) => r?.peak_memory_bytes ?? undefined,
+          },
+        ]
+      : []),
+    ...measured.filter((m) => m.id !== view.metric).map(metricColumn),
     ...(any((r) => r.seconds?.render !== undefined)
       ? [{ id: "render", name: "Render", title: "Seconds to render", value: (r?: Row) => r?.seconds?.render }]
       : []),
@@ -50,26 +74,6 @@ export function Numbers() {
     ...(any((r) => r.seconds?.filter !== undefined)
       ? [{ id: "filter", name: "Filter", title: "Seconds to filter", value: (r?: Row) => r?.seconds?.filter }]
       : []),
-    ...(any((r) => totalSeconds(r.seconds) !== undefined)
-      ? [
-          {
-            id: "total",
-            name: "In all",
-            title: "Render, guides and filter",
-            value: (r?: Row) => totalSeconds(r?.seconds),
-          },
-        ]
-      : []),
-    ...(any((r) => r.peak_memory_bytes)
-      ? [
-          {
-            id: "memory",
-            name: "Memory",
-            title: "Most memory held at a time",
-            value: (r?: Row) => r?.peak_memory_bytes ?? undefined,
-          },
-        ]
-      : []),
   ];
   const sortOf = (v: View) => columns.find((c) => c.id === v.sort) ?? columns[1] ?? columns[0]!;
   const sort = sortOf(view);
@@ -85,10 +89,29 @@ export function Numbers() {
     return !!first && first !== id && index.verdict(scene, spp, region, metric, first, id)?.better === null;
   };
 
+  const saveTable = () =>
+    saveCsv(`${scene}_${spp}spp_${region}`, [
+      [
+        ...["scene", "spp", "region", "method", "label", "setting"],
+        ...measured.flatMap((m) => [m.id, `${m.id}_ci95`]),
+        ...["render_seconds", "guide_seconds", "filter_seconds", "peak_memory_bytes", "failed"],
+      ],
+      ...sorted.map((id) => {
+        const row = rowOf(id);
+        const method = index.methods.get(id)!;
+        return [
+          ...[scene, spp, region, id, method.label, settingOf(method)],
+          ...measured.flatMap((m) => [row?.metrics[m.id]?.mean, row?.metrics[m.id]?.half_width]),
+          ...[row?.seconds?.render, row?.seconds?.guides, row?.seconds?.filter, row?.peak_memory_bytes, row?.failed],
+        ];
+      }),
+    ]);
+
   return (
     <div class="numbers">
       <Section
         title={`${scene}, ${spp} spp, ${region === "medium" ? "pixels of the medium" : "whole frame"}`}
+        saves={<Saves what="every metric, seconds and memory of these methods" csv={saveTable} />}
         note={
           <>
             Means over {index.results.seeds?.length ?? "the"} seeds with the half width of their 95 % interval.{" "}
@@ -103,7 +126,7 @@ export function Numbers() {
         }
       >
         <div class="scroll" tabIndex={0} role="region" aria-label="Table of metrics">
-          <table class="metrics">
+          <table class="metrics main">
             <thead>
               <tr>
                 {columns.map((c) => (
@@ -135,7 +158,7 @@ export function Numbers() {
                 return (
                   <tr key={id} data-method={id} class={id === view.a ? "is-a" : id === view.b ? "is-b" : ""}>
                     <th scope="row">
-                      {method.label}
+                      {breakable(method.label)}
                       {view.setting === "" && settingOf(method) && <small> {settingOf(method)}</small>}
                       {row?.failed && <span class="failed"> failed</span>}
                     </th>
@@ -186,7 +209,9 @@ function bestOf(metric: Metric, ids: string[], value: (id: string) => number | u
 function Matrix({ methods }: { methods: string[] }) {
   const { index, view, name } = usePage();
   const { scene, spp, region } = view;
-  const metric = index.isPaired(view.metric) ? view.metric : (index.results.metrics.find((m) => index.isPaired(m.id))?.id ?? "");
+  const metric = index.isPaired(view.metric)
+    ? view.metric
+    : (index.results.metrics.find((m) => index.isPaired(m.id))?.id ?? "");
   const verdict = (row: string, column: string) => index.verdict(scene, spp, region, metric, row, column);
   const there = methods.filter((id) => methods.some((other) => verdict(id, other)));
   if (there.length < 2) return null;
@@ -269,31 +294,52 @@ function Lights({ methods }: { methods: string[] }) {
 }
 
 function TimeToError() {
-  const { index, view } = usePage();
-  const entries = index.results.time_to_error.filter((t) => t.scene === view.scene && !view.hidden.includes(t.method));
+  const { index, view, name } = usePage();
+  const shown = shownMethods(index, view);
+  const metric = index.metrics.get(view.metric);
+  const entries = index
+    .times(view.scene, view.region, view.metric)
+    .filter((t) => shown.includes(t.method))
+    .sort(
+      (x, y) =>
+        (metric?.better === "higher" ? y.error - x.error : x.error - y.error) ||
+        (x.seconds ?? Infinity) - (y.seconds ?? Infinity),
+    );
   if (entries.length === 0) return null;
   const factor = (v: number | null | undefined) => (v === null || v === undefined ? "–" : `${number(v)} ×`);
   return (
     <Section
       title={`${view.scene}: time to an error`}
-      note="Seconds of rendering, guides and filtering until a method's error has fallen to the one given, and how many times faster that is."
+      saves={
+        <Saves
+          what="time to an error"
+          csv={() =>
+            saveCsv(`${view.scene}_time_to_${view.metric}_${view.region}`, [
+              ["scene", "region", "method", view.metric, "seconds", "over_path_tracing", "over_gradient_kernel"],
+              ...entries.map((t) => [
+                ...[view.scene, view.region, t.method, t.error, t.seconds],
+                ...[t.factor_over_path_tracing, t.factor_over_gradient_kernel],
+              ]),
+            ])
+          }
+        />
+      }
+      note={`Seconds of rendering, guides and filtering until a method has come to the ${metric?.name ?? "error"} given, ${view.region === "medium" ? "over the pixels of the medium" : "over the whole frame"}, between the neighbouring sample counts, and how many times faster that is.`}
     >
       <ScrollTable
         label="Time to an error"
-        class="metrics"
-        columns={["Method", "Error", "Time", "than path tracing", "than the gradient kernel"]}
+        class="metrics times"
+        columns={["Method", metric?.name ?? "Error", "Time", "than path tracing", "than the gradient kernel"]}
       >
-        {[...entries]
-          .sort((x, y) => x.error - y.error || (x.seconds ?? Infinity) - (y.seconds ?? Infinity))
-          .map((t, i) => (
-            <tr key={i}>
-              <th scope="row">{index.fullLabel(t.method)}</th>
-              <td>{number(t.error)}</td>
-              <td>{t.seconds === null ? "not reached" : seconds(t.seconds)}</td>
-              <td>{factor(t.factor_over_path_tracing)}</td>
-              <td>{factor(t.factor_over_gradient_kernel)}</td>
-            </tr>
-          ))}
+        {entries.map((t, i) => (
+          <tr key={i} data-method={t.method}>
+            <th scope="row">{name(t.method)}</th>
+            <td>{number(t.error)}</td>
+            <td>{t.seconds === null ? "not reached" : seconds(t.seconds)}</td>
+            <td>{factor(t.factor_over_path_tracing)}</td>
+            <td>{factor(t.factor_over_gradient_kernel)}</td>
+          </tr>
+        ))}
       </ScrollTable>
     </Section>
   );
@@ -302,6 +348,9 @@ function TimeToError() {
 /** Sequences at the sample count and over the pixels that are looked at. */
 function Sequences() {
   const { index, view } = usePage();
+  // Of a method that is left out in every listed setting nothing is told.
+  const leftOut = new Set(listedMethods(index, view).map((id) => index.label(id)));
+  for (const id of shownMethods(index, view)) leftOut.delete(index.label(id));
   const estimate = (e: Estimate | undefined, text: (value: number) => string = number) =>
     e ? `${text(e.mean)} ± ${number(e.half_width ?? 0)}` : "–";
   return (
@@ -323,7 +372,7 @@ function Sequences() {
               columns={["Method", "Frames beside", "Lab RMS", "Temporal error", "Flicker", "Filter"]}
             >
               {rows
-                .filter((r) => r.spp === spp && r.region === region)
+                .filter((r) => r.spp === spp && r.region === region && !leftOut.has(r.label))
                 .sort((x, y) => (x.temporal_error?.mean ?? Infinity) - (y.temporal_error?.mean ?? Infinity))
                 .map((r, i) => (
                   <tr key={i}>
@@ -350,16 +399,25 @@ function Sequences() {
 }
 
 function Failures() {
-  const { index, name } = usePage();
-  const failed = index.results.rows.filter((r) => r.failed);
+  const { index, name, view } = usePage();
+  const shown = shownMethods(index, view);
   const seen = new Set<string>();
-  const once = failed.filter((r) => {
+  const all = index.results.rows.filter((r) => {
     const key = `${r.scene} ${r.spp} ${r.method} ${r.failed}`;
-    return !seen.has(key) && seen.add(key);
+    return r.failed && !seen.has(key) && seen.add(key);
   });
-  if (once.length === 0) return null;
+  const once = all.filter((r) => shown.includes(r.method));
+  const others = all.length - once.length;
+  if (all.length === 0) return null;
   return (
-    <Section title="What failed">
+    <Section
+      title="What failed"
+      note={
+        others
+          ? `${once.length ? "" : "Nothing here; "}${others} more among the methods that are not listed.`
+          : undefined
+      }
+    >
       <ul class="failures">
         {once.map((r, i) => (
           <li key={i}>

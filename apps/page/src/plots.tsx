@@ -3,28 +3,14 @@ import { useLayoutEffect, useRef } from "preact/hooks";
 import uPlot from "uplot";
 import "uplot/dist/uPlot.min.css";
 import { usePage } from "./context";
-import { Section } from "./controls";
+import { Saves, Section } from "./controls";
 import { number, seconds as secondsText } from "./format";
 import { useSize } from "./pane";
-import type { Style } from "./palette";
+import { palette, type Style } from "./palette";
+import { PLOT, plotSvg, rasterized, saveCsv, savePng, saveSvg } from "./figure";
 import { totalSeconds, type Index, type Region } from "./results";
+import { logTicks, plainTick, spread, type Line, type Point } from "./scales";
 import { shownMethods } from "./state";
-
-interface Point {
-  x: number;
-  y: number;
-  low: number;
-  high: number;
-  spp: number;
-  /** On the Pareto front: nothing else is both faster and better. */
-  front: boolean;
-}
-
-interface Line {
-  id: string;
-  name: string;
-  points: Point[];
-}
 
 export function lines(
   index: Index,
@@ -34,6 +20,7 @@ export function lines(
   region: Region,
   metric: string,
   axis: "seconds" | "spp",
+  setting = "",
 ): Line[] {
   const result: Line[] = [];
   const zero = index.metrics.get(metric)?.better === "zero";
@@ -46,8 +33,7 @@ export function lines(
       if (!estimate || x === undefined) continue;
       const y = zero ? Math.abs(estimate.mean) : estimate.mean;
       const half = estimate.half_width ?? 0;
-      const front =
-        axis === "seconds" && index.results.pareto.some((p) => p.scene === scene && p.method === id && p.spp === spp);
+      const front = axis === "seconds" && index.isOnFront(scene, region, metric, setting, id, spp);
       points.push({ x, y, low: y - half, high: y + half, spp, front });
     }
     if (points.length) result.push({ id, name: name(id), points: points.sort((p, q) => p.x - q.x) });
@@ -61,7 +47,7 @@ export function Plots({ styles }: { styles: Map<string, Style> }) {
   const ids = shownMethods(index, view);
   const error = `${metric?.name ?? "error"}${metric?.better === "zero" ? ", magnitude" : ""}${metric?.unit ? ` [${metric.unit}]` : ""}`;
   const over = view.region === "medium" ? "pixels of the medium" : "whole frame";
-  const bySeconds = lines(index, name, ids, view.scene, view.region, view.metric, "seconds");
+  const bySeconds = lines(index, name, ids, view.scene, view.region, view.metric, "seconds", view.setting);
   const bySpp = lines(index, name, ids, view.scene, view.region, view.metric, "spp");
   const hasFront = bySeconds.some((l) => l.points.some((p) => p.front));
   return (
@@ -72,7 +58,8 @@ export function Plots({ styles }: { styles: Map<string, Style> }) {
           note={
             <>
               {error}, {over}. Seconds of rendering, guides and filtering; the further to the lower left the better.
-              {hasFront && " Rings: the Pareto front, where nothing else is both faster and better."}
+              {hasFront &&
+                ` Rings: the Pareto front by this metric over these pixels; nothing else${view.setting ? ` with ${view.setting} parameters` : ""} is both faster and better${view.hidden.length ? ", methods that are left out among them" : ""}.`}
             </>
           }
         >
@@ -82,6 +69,7 @@ export function Plots({ styles }: { styles: Map<string, Style> }) {
             x="render + guides + filter [s]"
             y={error}
             label={`${view.scene}: ${error} against seconds`}
+            over={over}
           />
         </Section>
       )}
@@ -93,6 +81,7 @@ export function Plots({ styles }: { styles: Map<string, Style> }) {
             x="samples per pixel"
             y={error}
             label={`${view.scene}: ${error} against samples per pixel`}
+            over={over}
           />
         </Section>
       )}
@@ -101,8 +90,22 @@ export function Plots({ styles }: { styles: Map<string, Style> }) {
   );
 }
 
-function Plot(props: { lines: Line[]; styles: Map<string, Style>; x: string; y: string; label: string }) {
-  const { dark, view, set } = usePage();
+/** The sample counts, where these are the horizontal axis. */
+function countsOf(props: { lines: Line[]; x: string }): number[] | undefined {
+  if (props.x.includes("[s]")) return undefined;
+  return [...new Set(props.lines.flatMap((l) => l.points.map((p) => p.x)))].sort((p, q) => p - q);
+}
+
+function Plot(props: {
+  lines: Line[];
+  styles: Map<string, Style>;
+  x: string;
+  y: string;
+  label: string;
+  /** Which pixels count, for the figure's title. */
+  over: string;
+}) {
+  const { dark, index, view, set } = usePage();
   const host = useRef<HTMLDivElement>(null);
   const tip = useRef<HTMLDivElement>(null);
   const { width } = useSize(host);
@@ -116,13 +119,50 @@ function Plot(props: { lines: Line[]; styles: Map<string, Style>; x: string; y: 
     return () => plot.destroy();
   }, [
     props.lines.map((l) => l.id + l.points.map((p) => `${p.x} ${p.y}`).join()).join(),
+    props.lines.map((l) => l.points.map((p) => p.front)).join(),
     props.y,
     width,
     dark,
     view.scene,
   ]);
+  const { brume, commit, command } = index.results;
+  const figure = () =>
+    plotSvg({
+      title: `${props.label}${props.over ? `, ${props.over}` : ""}`,
+      origin: `brume ${brume ?? ""} ${commit ?? ""}: ${command ?? ""}`,
+      x: props.x,
+      y: props.y,
+      lines: props.lines,
+      styles: palette(index.results, false),
+      ticks: countsOf(props),
+    });
+  const file = `${view.scene}_${view.metric}_${view.region}_${countsOf(props) ? "spp" : "seconds"}`;
   return (
     <div class="plot">
+      <Saves
+        what={props.label}
+        csv={() =>
+          saveCsv(file, [
+            ["scene", "region", "metric", "method", "spp", props.x, view.metric, "low", "high", "pareto front"],
+            ...props.lines.flatMap((l) =>
+              l.points.map((p) => [
+                view.scene,
+                view.region,
+                view.metric,
+                l.id,
+                p.spp,
+                p.x,
+                p.y,
+                p.low,
+                p.high,
+                p.front ? "yes" : "",
+              ]),
+            ),
+          ])
+        }
+        svg={() => saveSvg(file, figure())}
+        png={() => void rasterized(figure(), PLOT.width, PLOT.height).then((canvas) => savePng(file, canvas))}
+      />
       <div ref={host} role="img" aria-label={`${props.label}; the numbers are under Numbers`} />
       <div ref={tip} class="tip" hidden />
       <ul class="key">
@@ -176,18 +216,11 @@ function options(
   const grid = { stroke: dark ? "rgba(255,255,255,.08)" : "rgba(0,0,0,.08)", width: 1 };
   const font = "12px system-ui, sans-serif";
   const axis = { stroke: ink, grid, ticks: { ...grid, size: 5 }, font, labelFont: font, labelSize: 22 };
-  const spread = (values: number[]): [number, number] => {
-    const positive = values.filter((v) => v > 0);
-    const [low, high] = [Math.min(...positive), Math.max(...positive)];
-    return positive.length ? [low / 1.25, high * 1.25] : [0.1, 1];
-  };
   const [x0, x1] = spread(props.lines.flatMap((l) => l.points.map((p) => p.x)));
   const [y0, y1] = spread(props.lines.flatMap((l) => l.points.flatMap((p) => [p.y, p.high, Math.max(p.low, p.y / 2)])));
-  const counts = props.x.includes("[s]")
-    ? undefined
-    : [...new Set(props.lines.flatMap((l) => l.points.map((p) => p.x)))].sort((p, q) => p - q);
+  const counts = countsOf(props);
   const ticks = (_: uPlot, __: number, low: number, high: number) => logTicks(low, high);
-  const text = (_: uPlot, values: (number | null)[]) => values.map((v) => (v === null ? "" : plain(v)));
+  const text = (_: uPlot, values: (number | null)[]) => values.map((v) => (v === null ? "" : plainTick(v)));
   let near: { id: string } | undefined;
   return {
     width,
@@ -285,22 +318,4 @@ function drawSpreads(plot: uPlot, series: Line[], styles: Map<string, Style>, da
     }
   }
   ctx.restore();
-}
-
-/** 1, 2 and 5 of each decade; every decade's 1 where there are many, and more between where there is hardly one. */
-export function logTicks(low: number, high: number): number[] {
-  const all: number[] = [];
-  const decades = Math.log10(high / low);
-  for (let d = Math.floor(Math.log10(low)); d <= Math.ceil(Math.log10(high)); ++d)
-    for (const m of decades > 3.5 ? [1] : decades > 1.4 ? [1, 2, 5] : [1, 1.5, 2, 3, 4, 6, 8]) {
-      const value = m * 10 ** d;
-      if (value >= low && value <= high) all.push(value);
-    }
-  return all;
-}
-
-function plain(value: number): string {
-  return value >= 1e5 || value < 1e-4
-    ? value.toExponential(0).replace("e+", "e")
-    : String(Number(value.toPrecision(3)));
 }

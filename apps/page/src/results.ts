@@ -15,6 +15,8 @@ export interface Scene {
   reference_spp?: number;
   /** Lab RMS noise of one reference. */
   reference_noise?: number;
+  /** What noise makes the mean of the references differ from the true picture by, by metric, where that is known. */
+  reference_errors?: Partial<Record<Region, Record<string, number>>>;
 }
 
 export interface Metric {
@@ -79,8 +81,53 @@ export interface Pairs {
   better: string;
 }
 
-export interface TimeToError {
+/** Methods that no other one beats in both time and error. */
+export interface Pareto {
   scene: string;
+  region: Region;
+  metric: string;
+  /** Among the methods of this setting; empty: among all. */
+  setting: string;
+  front: { method: string; spp: number }[];
+}
+
+/** A method over all scenes and sample counts at once. */
+export interface OverallMethod {
+  method: string;
+  value: number;
+  times_less_than_noisy: number | null;
+  /** Of guides and filter on a frame: mean, and most. */
+  seconds: number;
+  most_seconds: number;
+  most_memory_bytes: number | null;
+  guides: boolean;
+  /** The methods behind it that the seeds cannot tell from it. */
+  level_with: string[];
+}
+
+export interface Overall {
+  region: Region;
+  metric: string;
+  /** Empty: all. */
+  setting: string;
+  scenes: string[];
+  spp: number[];
+  seeds: number;
+  mean: "geometric" | "arithmetic";
+  /** The best first. */
+  methods: OverallMethod[];
+  left_out: { method: string; why: string }[];
+}
+
+/** All methods at all errors that they reach, of a scene by one metric. */
+export interface Times {
+  scene: string;
+  region: Region;
+  metric: string;
+  times: TimeToError[];
+}
+
+export interface TimeToError {
   method: string;
   error: number;
   seconds: number | null;
@@ -155,8 +202,9 @@ export interface Results {
   methods: Method[];
   rows: Row[];
   pairs: Pairs[];
-  pareto: { scene: string; method: string; spp: number }[];
-  time_to_error: TimeToError[];
+  overall: Overall[];
+  pareto: Pareto[];
+  time_to_error: Times[];
   ablation: Ablation[];
   sensitivity: Sensitivity[];
   sequences: Sequence[];
@@ -183,6 +231,7 @@ export function complete(raw: Partial<Results>): Results {
     methods: raw.methods ?? [],
     rows: measured(raw.rows),
     pairs: raw.pairs ?? [],
+    overall: raw.overall ?? [],
     pareto: raw.pareto ?? [],
     time_to_error: raw.time_to_error ?? [],
     ablation: measured(raw.ablation),
@@ -277,6 +326,27 @@ export class Index {
       } as const;
     }
     return undefined;
+  }
+
+  /** The front of the methods of a setting, and whether a point lies on it. */
+  isOnFront(scene: string, region: Region, metric: string, setting: string, method: string, spp: number): boolean {
+    return this.results.pareto.some(
+      (p) =>
+        p.scene === scene &&
+        p.region === region &&
+        p.metric === metric &&
+        p.setting === setting &&
+        p.front.some((point) => point.method === method && point.spp === spp),
+    );
+  }
+
+  times(scene: string, region: Region, metric: string): TimeToError[] {
+    const same = (t: Times) => t.scene === scene && t.region === region && t.metric === metric;
+    return this.results.time_to_error.find(same)?.times ?? [];
+  }
+
+  overall(region: Region, metric: string, setting: string): Overall | undefined {
+    return this.results.overall.find((o) => o.region === region && o.metric === metric && o.setting === setting);
   }
 
   /** Whether methods are compared by a metric: a bias of zero is the best, of which differences tell nothing. */

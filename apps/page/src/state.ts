@@ -8,6 +8,8 @@ export const TABS = ["look", "numbers", "plots", "ablation", "sensitivity", "abo
 export type Tab = (typeof TABS)[number];
 export const MODES = ["swipe", "flip", "grid"] as const;
 export type Mode = (typeof MODES)[number];
+export const SHOWS = ["picture", "error", "difference"] as const;
+export type Show = (typeof SHOWS)[number];
 
 export interface View extends Viewport {
   tab: Tab;
@@ -23,7 +25,8 @@ export interface View extends Viewport {
   front: "a" | "b";
   /** Where the divider of the swipe stands, 0 to 1 of the pane's width. */
   split: number;
-  show: "picture" | "error";
+  /** Pictures, their errors, or A minus B. */
+  show: Show;
   error: ErrorKind;
   /** Doublings of the value at the end of the error colours. */
   gain: number;
@@ -109,6 +112,12 @@ export function shownMethods(index: Index, view: View): string[] {
   return listedMethods(index, view).filter((id) => !view.hidden.includes(id));
 }
 
+/** The best of the shown methods by the metric that is looked at, where one has a value. */
+export function bestShown(index: Index, view: View): string | undefined {
+  const of = (id: string) => index.estimate(view.scene, view.spp, id, view.region, view.metric);
+  return shownMethods(index, view).find((id) => of(id) !== undefined);
+}
+
 /** The shown methods of which there are entries; where it is none of them, as with other parameters, all there are. */
 export function measuredMethods(index: Index, view: View, entries: readonly { method: string }[]): string[] {
   const there = new Set(entries.map((e) => e.method));
@@ -187,7 +196,7 @@ export function fromHash(hash: string, normal: View, index: Index): View {
   one("b", pictures, (v) => (view.b = v));
   one("mode", MODES, (v) => (view.mode = v));
   one("front", ["a", "b"], (v) => (view.front = v));
-  one("show", ["picture", "error"], (v) => (view.show = v));
+  one("show", SHOWS, (v) => (view.show = v));
   one("error", ERROR_KINDS, (v) => (view.error = v));
   one("tone", TONES, (v) => (view.tone = v));
   one("setting", ["", ...settings(index)], (v) => (view.setting = v));

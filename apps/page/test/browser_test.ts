@@ -6,7 +6,7 @@ import { mkdirSync, readFileSync, writeFileSync } from "node:fs";
 import { dirname, join } from "node:path";
 import test, { after, before, describe } from "node:test";
 import { fileURLToPath, pathToFileURL } from "node:url";
-import type { Browser, BrowserContext, Page } from "playwright-core";
+import type { Browser, BrowserContext, Locator, Page } from "playwright-core";
 import { fromBase64, inflate, unpredict } from "../src/half";
 import { errorMap } from "../src/library";
 import { Picture } from "../src/picture";
@@ -371,6 +371,358 @@ describe("looking at pictures", () => {
   });
 });
 
+/** What a click saves. */
+async function saved(page: Page, button: Locator): Promise<{ name: string; bytes: Buffer }> {
+  const [download] = await Promise.all([page.waitForEvent("download"), button.click()]);
+  return { name: download.suggestedFilename(), bytes: readFileSync((await download.path())!) };
+}
+
+/** Texts by question. */
+async function told(page: Page): Promise<Record<string, string | null>> {
+  return page.locator(".answer .one").evaluateAll((all) =>
+    Object.fromEntries(
+      all.flatMap((one) => {
+        const { question, method } = (one as HTMLElement).dataset;
+        return question!.split(" ").map((q) => [q, method ?? null]);
+      }),
+    ),
+  );
+}
+
+describe("the answer on top", () => {
+  const [regression, means, kernel] = ["transport_regression", "nl_means", "gradient_kernel"] as const;
+
+  test("tells the best of all, the best quick one and the best without guides, with numbers and what is level", async () => {
+    const context = await reader();
+    const page = await open(context, made);
+    await comesTo(() => told(page), {
+      best: `${regression}_searched`,
+      quick: `${means}_searched`,
+      plain: `${means}_searched`,
+    });
+    const text = (await page.locator(".answer").textContent())!.replace(/\u200b/g, "");
+    assert.match(
+      text,
+      /transport_regressionLab RMS 2\.000, 8\.0 times less than path tracing750 ms a frame, at most 875 ms; 1\.0 MiB/,
+    );
+    assert.match(text, /nl_meansLab RMS 2\.125.*Level with it within the noise of the seeds: gradient_kernel/);
+    assert.match(text, /Geometric means over cloud, smoke at 4, 16 spp, pixels of the medium, searched parameters/);
+    assert.match(text, /paired differences over 3 seeds/);
+    await context.close();
+  });
+
+  test("follows region, metric, setting and the methods that are left out", async () => {
+    const context = await reader();
+    const page = await open(context, made, "region=frame");
+    const value = () => page.locator("[data-question~=best] b").first().textContent();
+    await comesTo(value, "1.000");
+    await page.keyboard.press("f");
+    await comesTo(value, "2.000");
+    await page.keyboard.press("c");
+    await comesTo(value, "12.00");
+    await comesTo(async () => (await page.locator(".answer .note").textContent())!.startsWith("Means over"), true);
+    await page.keyboard.press("c");
+    await comesTo(() => told(page), {});
+    assert.match((await page.locator(".answer").textContent())!, /No method is the best .* by relative bias/);
+    await page.keyboard.press("c");
+    for (const name of [regression, means]) await page.getByRole("checkbox", { name }).uncheck();
+    await comesTo(() => told(page), {
+      best: `${kernel}_searched`,
+      quick: `${kernel}_searched`,
+      plain: `${kernel}_searched`,
+    });
+    await page.getByLabel("Parameters").selectOption("default");
+    await comesTo(async () => (await told(page))["best"], `${regression}_default`);
+    await page.locator("[data-question~=quick] button").click();
+    await linkSays(page, "b", `${means}_default`);
+    await context.close();
+  });
+
+  test("warns where the references are noisier than the best method", async () => {
+    const context = await reader();
+    const page = await open(context, made, "region=medium");
+    const warning = page.locator(".answer .warning");
+    await comesTo(() => warning.count(), 1);
+    assert.match(
+      (await warning.textContent())!,
+      /noisier than the best method: cloud at 16 spp.*cloud, 16 spp: Lab RMS 1\.250 of the references' mean, 1\.020 of transport_regression/,
+    );
+    await page.keyboard.press("f");
+    await comesTo(() => warning.count(), 0);
+    await context.close();
+  });
+
+  test("is results.json's of a real evaluation", async () => {
+    const results = JSON.parse(readFileSync(join(evaluated, "results.json"), "utf8")) as Results;
+    const context = await reader();
+    for (const region of ["medium", "frame"] as const)
+      for (const metric of ["lab_rms", "psnr", "flip"]) {
+        const page = await open(
+          context,
+          join(evaluated, "index.html"),
+          `region=${region}&metric=${metric}&setting=default`,
+        );
+        const own = results.overall.find((o) => o.region === region && o.metric === metric && o.setting === "default")!;
+        assert.equal(own.methods.length, 4, "path tracing and three filters");
+        assert.deepEqual(own.scenes, ["smoke", "cloud"]);
+        const first = (takes: (m: (typeof own.methods)[0]) => boolean) => own.methods.find(takes)?.method ?? null;
+        await comesTo(() => told(page), {
+          best: own.methods[0]!.method,
+          quick: first((m) => m.most_seconds < 0.5),
+          plain: first((m) => !m.guides),
+        });
+        const front = results.pareto.find(
+          (f) => f.scene === "smoke" && f.region === region && f.metric === metric && f.setting === "default",
+        );
+        assert.ok(front && front.front.length > 0);
+        await page.close();
+      }
+    await context.close();
+  });
+});
+
+describe("what is listed and saved", () => {
+  test("time to an error follows region and metric, and lists nothing that is filtered out", async () => {
+    const context = await reader();
+    const page = await open(context, made, "tab=numbers&region=frame");
+    const rows = page.locator(".times tbody tr");
+    const listed = () =>
+      rows.evaluateAll((all) =>
+        all.map(
+          (r) => `${(r as HTMLElement).dataset["method"]} ${r.children[1]!.textContent} ${r.children[2]!.textContent}`,
+        ),
+      );
+    await comesTo(listed, ["noisy 1.000 250 ms", "nl_means_searched 1.000 750 ms", "bilateral_searched 1.000 1.00 s"]);
+    await page.keyboard.press("f");
+    await comesTo(listed, ["noisy 2.000 500 ms", "nl_means_searched 2.000 1.50 s", "bilateral_searched 2.000 2.00 s"]);
+    await page.keyboard.press("c");
+    await comesTo(async () => (await listed())[0], "noisy 12.00 500 ms");
+    await page.getByRole("checkbox", { name: "nl_means" }).uncheck();
+    await comesTo(() => rows.count(), 2);
+    await page.getByLabel("Parameters").selectOption("default");
+    await comesTo(listed, ["noisy 12.00 500 ms", "nl_means_default 12.00 1.00 s"]);
+    await context.close();
+  });
+
+  test("failures of methods that are not listed are counted, not listed", async () => {
+    const context = await reader();
+    const page = await open(context, made, "tab=numbers&scene=smoke&setting=default");
+    const section = page.locator(".section").filter({ hasText: "What failed" });
+    await comesTo(() => section.locator("li").count(), 0);
+    assert.match((await section.textContent())!, /Nothing here; 1 more among the methods that are not listed/);
+    await context.close();
+  });
+
+  for (const viewport of [{ width: 1400, height: 900 }, PHONE])
+    test(`seconds and memory are seen beside the error at ${viewport.width} pixels`, async () => {
+      const context = await reader(viewport);
+      const page = await open(context, made, "tab=numbers");
+      const row = page.locator(".metrics.main tr[data-method=transport_regression_searched]");
+      const seen = await row
+        .locator("td")
+        .evaluateAll((cells) =>
+          cells.filter((c) => c.getBoundingClientRect().right <= innerWidth).map((c) => c.textContent!),
+        );
+      // The metric, seconds in all and memory, whatever else.
+      assert.match(seen[0]!, /^●?2\.04/);
+      assert.equal(seen[1], "510 ms");
+      assert.equal(seen[2], "24 MiB");
+      const beside = page.locator(".methods li[data-method=transport_regression_searched] .bar");
+      assert.equal((await beside.textContent())!, "2.040510 ms24 MiB");
+      const inside = await beside.evaluate((bar) =>
+        [...bar.children].every(
+          (c) => c.getBoundingClientRect().right <= bar.closest(".what")!.getBoundingClientRect().right,
+        ),
+      );
+      assert.ok(inside, "nothing is cut off");
+      await context.close();
+    });
+
+  test("tables are saved as CSV with every digit, of the methods that are shown", async () => {
+    const { results } = fixture();
+    const context = await reader();
+    const page = await open(context, made, "tab=numbers&scene=smoke&hidden=noisy");
+    const { name, bytes } = await saved(page, page.getByTitle(/Save as CSV: every metric/));
+    assert.equal(name, "brume_smoke_4spp_medium.csv");
+    const [head, ...rows] = bytes
+      .toString()
+      .trimEnd()
+      .split("\r\n")
+      .map((line) => line.split(","));
+    assert.deepEqual(rows.map((r) => r[3]).sort(), [
+      "bilateral_searched",
+      "gradient_kernel_searched",
+      "nl_means_searched",
+      "transport_regression_searched",
+    ]);
+    const cell = (method: string, column: string) => rows.find((r) => r[3] === method)![head!.indexOf(column)];
+    const row = results.rows.find(
+      (r) => r.scene === "smoke" && r.spp === 4 && r.region === "medium" && r.method === "bilateral_searched",
+    )!;
+    assert.equal(cell("bilateral_searched", "lab_rms"), String(row.metrics["lab_rms"]!.mean));
+    assert.equal(cell("bilateral_searched", "peak_memory_bytes"), String(row.peak_memory_bytes));
+    assert.equal(cell("nl_means_searched", "failed"), "a layer that it needs is missing");
+    await context.close();
+  });
+
+  test("plots are saved as CSV, SVG and PNG", async () => {
+    const context = await reader();
+    const page = await open(context, made, "tab=plots&region=frame&hidden=nl_means_searched");
+    const plot = page.locator(".plot").first();
+    const svg = await saved(page, plot.getByRole("button", { name: "SVG" }));
+    assert.equal(svg.name, "brume_cloud_lab_rms_frame_seconds.svg");
+    const text = svg.bytes.toString();
+    const methods = [...text.matchAll(/data-method="([^"]*)"/g)].map((m) => m[1]);
+    assert.deepEqual(methods.sort(), [
+      "bilateral_searched",
+      "gradient_kernel_searched",
+      "noisy",
+      "transport_regression_searched",
+    ]);
+    assert.equal([...text.matchAll(/class="front"/g)].length, 2);
+    const png = await saved(page, plot.getByRole("button", { name: "PNG" }));
+    assert.deepEqual([png.bytes.readUInt32BE(16), png.bytes.readUInt32BE(20)], [1720, 1040], "twice its size");
+    writeFileSync(join(shots, "saved_plot.png"), png.bytes);
+    const table = await saved(page, plot.getByRole("button", { name: "CSV" }));
+    const lines = table.bytes.toString().trimEnd().split("\r\n");
+    assert.equal(lines.length, 1 + 4 * 2);
+    assert.equal(lines.filter((l) => l.endsWith(",yes")).length, 2);
+    await context.close();
+  });
+
+  test("pictures are saved pixel for pixel, with their names", async () => {
+    const context = await reader();
+    const page = await open(context, made);
+    await drawn(page.locator(".stage canvas"));
+    const { name, bytes } = await saved(page, page.locator(".zooms").getByRole("button", { name: "PNG" }));
+    assert.equal(name, "brume_cloud_4spp.png");
+    // Two pictures of 40 x 30, six times as large.
+    assert.deepEqual([bytes.readUInt32BE(16), bytes.readUInt32BE(20)], [3 * 12 + 2 * 240, 2 * 12 + 180 + 40]);
+    writeFileSync(join(shots, "saved_pictures.png"), bytes);
+    await context.close();
+  });
+});
+
+describe("A minus B", () => {
+  test("is what the values say, and turns round with A and B", async () => {
+    const context = await reader();
+    const page = await open(context, made, "a=noisy&b=reference&zoom=4");
+    const canvas = page.locator(".stage canvas");
+    const picture = await drawn(canvas);
+    await page.keyboard.press("g");
+    await linkSays(page, "show", "difference");
+    const difference = await drawn(canvas, picture);
+    const box = (await canvas.boundingBox())!;
+    await page.mouse.move(box.x + box.width / 2 + 1, box.y + box.height / 2 + 1);
+    const cells = page.locator(".probe tr.minus td");
+    await comesTo(() => cells.count(), 7);
+    const read = async () => (await cells.allTextContents()).map((c) => Number(c.replace("−", "-").replace("+", "")));
+    await comesTo(async () => (await read()).every(Number.isFinite), true);
+    const [r, g, b, luminance, , signed] = await read();
+    assert.ok(Math.abs(0.2126 * r! + 0.7152 * g! + 0.0722 * b! - luminance!) < 0.01 && luminance !== 0);
+    assert.equal(signed, luminance, "the scene's exposure is 1");
+    await page.keyboard.press("x");
+    await comesTo(async () => (await read())[3], -luminance!);
+    assert.notEqual(await drawn(canvas), difference);
+    await page.keyboard.press("g");
+    await linkSays(page, "show", null);
+    await context.close();
+  });
+
+  test("in the grid is A minus each: nothing is left at A itself", async () => {
+    const context = await reader();
+    const page = await open(context, made, "mode=grid&show=difference&error=luminance&a=noisy");
+    const centre = (method: string) =>
+      page
+        .locator(".tile", { hasText: method })
+        .locator("canvas")
+        .evaluate((c) => {
+          const { width, height } = c as HTMLCanvasElement;
+          return [...(c as HTMLCanvasElement).getContext("2d")!.getImageData(width / 2, height / 2, 1, 1).data];
+        });
+    for (const canvas of await page.locator(".tile canvas").all()) await drawn(canvas);
+    const none = await centre("A − path tracing");
+    assert.ok(Math.max(...none.slice(0, 3)) < 40, `black where nothing differs: ${none}`);
+    assert.notDeepEqual(await centre("A − reference"), none);
+    await context.close();
+  });
+});
+
+describe("keys that do nothing now", () => {
+  const NOTHING: [hash: string, key: string, why: RegExp][] = [
+    ["mode=flip", "ArrowLeft", /divider is of swipe/],
+    ["split=1", "ArrowRight", /at the edge/],
+    ["mode=grid", "ArrowRight", /divider is of swipe/],
+    ["show=difference", "ArrowLeft", /no divider/],
+    ["show=difference", " ", /one picture/],
+    ["a=noisy&b=noisy", " ", /are the same/],
+    ["a=noisy&b=noisy", "x", /are the same/],
+    ["a=noisy&b=noisy", "g", /are the same/],
+    ["a=reference", "r", /A is the reference/],
+    ["a=reference&b=reference", "e", /no error/],
+    ["show=error", "[", /does not change error maps/],
+    ["tab=numbers", "]", /Exposure is of the pictures/],
+    ["stops=12", "]", /12 stops/],
+    ["", "\\", /scene's exposure/],
+    ["show=error&gain=8", ">", /as long as it gets/],
+    ["tab=plots", "+", /Zoom is of the pictures/],
+    ["tab=plots", "0", /Zoom is of the pictures/],
+    ["tab=plots", "w", /Zoom is of the pictures/],
+    ["zoom=64", "+", /as close/],
+    ["", "0", /All of the picture is seen/],
+    ["", "d", /All of the picture is seen/],
+    ["zoom=4&y=0.875", "s", /picture ends/],
+    ["", ",", /4, 16 samples per pixel, no fewer/],
+    ["spp=16", ".", /no more/],
+    ["", "l", /This is look/],
+    ["mode=grid", "3", /This is grid/],
+  ];
+  test("say why", async () => {
+    const context = await reader();
+    const page = await open(context, made);
+    for (const [hash, key, why] of NOTHING) {
+      await page.goto("about:blank");
+      await page.goto(pathToFileURL(made).href + `#${hash}`);
+      if (hash.includes("tab=")) await page.locator(".answer .one").first().waitFor();
+      else await drawn(page.locator("canvas").first());
+      assert.equal(await page.locator(".message").textContent(), "", hash);
+      await page.keyboard.press(key);
+      await comesTo(async () => why.test((await page.locator(".message").textContent())!), true, `${key} at ${hash}`);
+    }
+    await context.close();
+  });
+
+  test("say why of an evaluation that has one of everything", async () => {
+    const single = join(folder, "single.html");
+    const { results } = fixture();
+    const few = {
+      scenes: results.scenes.slice(0, 1),
+      spp: [4],
+      methods: results.methods,
+      rows: results.rows.filter((r) => r.scene === "cloud" && r.spp === 4 && r.region === "frame"),
+      metrics: results.metrics.slice(0, 1),
+    };
+    writeFileSync(
+      single,
+      readFileSync(made, "utf8").replace(/id="results">[^<]*</, () => `id="results">${JSON.stringify(few)}<`),
+    );
+    const context = await reader();
+    const page = await open(context, single);
+    for (const [key, why] of [
+      ["m", /one scene/],
+      ["f", /the whole frame only/],
+      ["c", /one metric/],
+      [".", /no more/],
+      ["b", /No layer was left out/],
+      ["v", /No parameter was varied/],
+    ] as const) {
+      await page.keyboard.press(key);
+      await comesTo(async () => why.test((await page.locator(".message").textContent())!), true, key);
+    }
+    await context.close();
+  });
+});
+
 describe("tables and plots", () => {
   test("a click on a column sorts by it, another the other way round", async () => {
     const context = await reader();
@@ -460,7 +812,10 @@ describe("tables and plots", () => {
     const command = "python3 mine.py {frame} {output}";
     results.methods[1] = { ...results.methods[1]!, filter: "command", parameters: "", command };
     const json = JSON.stringify(results).replaceAll("<", "\\u003c"); // as the page has it
-    writeFileSync(others, readFileSync(made, "utf8").replace(/id="results">[^<]*</, () => `id="results">${json}<`));
+    writeFileSync(
+      others,
+      readFileSync(made, "utf8").replace(/id="results">[^<]*</, () => `id="results">${json}<`),
+    );
     const context = await reader();
     const page = await open(context, others, "tab=about");
     const row = page.locator(`tr[data-method="${results.methods[1]!.id}"]`);
@@ -497,6 +852,8 @@ const VIEWS: Record<string, string> = {
   flip: "mode=flip",
   grid: "mode=grid",
   grid_error: "mode=grid&show=error&error=luminance",
+  difference: "show=difference&error=luminance",
+  grid_difference: "mode=grid&show=difference&error=luminance",
   zoomed: "zoom=5&x=0.4&y=0.45",
   numbers: "tab=numbers",
   numbers_all: "tab=numbers&setting=&scene=smoke",

@@ -101,24 +101,28 @@ export function fixture(): {
     command: "brume evaluate </script> cloud.toml",
     machine: { cpu: "made up", threads: 2 },
     experiment: { reference_spp: 256 },
-    scenes: scenes.map((name) => ({ name, hash: "00ff", exposure: 1, width: WIDTH, height: HEIGHT })),
+    // The references of the cloud are noisier than the best method over the medium, and nowhere else.
+    scenes: scenes.map((name) => ({
+      name,
+      hash: "00ff",
+      exposure: 1,
+      width: WIDTH,
+      height: HEIGHT,
+      references: 2,
+      reference_errors: {
+        frame: { lab_rms: 0.01, psnr: 60 },
+        medium: { lab_rms: name === "cloud" ? 1.25 : 0.01, psnr: 60 },
+      },
+    })),
     spp,
     seeds: [1, 2, 3],
     metrics,
     methods,
     rows: [],
     pairs: [],
-    pareto: [{ scene: "cloud", method: "noisy", spp: 4 }],
-    time_to_error: [
-      {
-        scene: "cloud",
-        method: "nl_means_searched",
-        error: 2,
-        seconds: 0.5,
-        factor_over_path_tracing: 12,
-        factor_over_gradient_kernel: null,
-      },
-    ],
+    overall: [],
+    pareto: [],
+    time_to_error: [],
     ablation: [],
     sensitivity: [],
     sequences: [
@@ -154,7 +158,9 @@ export function fixture(): {
       const errors = methods.map((_, k) => ((k === 0 ? 12 : 5 - 0.37 * k) * 2) / Math.sqrt(n));
       for (const region of ["frame", "medium"] as const)
         for (const metric of ["lab_rms", "psnr"]) {
-          const differences = errors.flatMap((a, k) => errors.slice(k + 1).map((b) => (metric === "psnr" ? b - a : a - b)));
+          const differences = errors.flatMap((a, k) =>
+            errors.slice(k + 1).map((b) => (metric === "psnr" ? b - a : a - b)),
+          );
           results.pairs.push({
             scene,
             spp: n,
@@ -162,7 +168,9 @@ export function fixture(): {
             metric,
             methods: methods.map((m) => m.id),
             half_width: differences.map(() => 0.3),
-            better: differences.map((d) => (Math.abs(d) < 0.3 ? "-" : (metric === "psnr") === d > 0 ? "a" : "b")).join(""),
+            better: differences
+              .map((d) => (Math.abs(d) < 0.3 ? "-" : (metric === "psnr") === d > 0 ? "a" : "b"))
+              .join(""),
           });
         }
       for (const [k, m] of methods.entries()) {
@@ -175,6 +183,7 @@ export function fixture(): {
             spp: n,
             method: m.id,
             region,
+            ...(k && { peak_memory_bytes: 3 * k * 2 ** 20 }),
             seconds: { render: 0.1 * n, guides: k > 4 ? 0.03 : 0, filter: k ? 0.01 * k : 0 },
           };
           if (failed) results.rows.push({ ...row, metrics: {}, failed: "a layer that it needs is missing" });
@@ -233,6 +242,66 @@ export function fixture(): {
       }
     }
   }
+  // What C++ would have found: other numbers for each region and metric, so that a mixed-up one is seen.
+  for (const region of ["frame", "medium"] as const)
+    for (const metric of ["lab_rms", "psnr"]) {
+      const [r, m] = [region === "frame" ? 1 : 2, metric === "psnr" ? 10 : 0];
+      for (const scene of scenes) {
+        for (const setting of ["", "default", "searched"])
+          results.pareto.push({
+            scene,
+            region,
+            metric,
+            setting,
+            front:
+              setting === "searched"
+                ? [
+                    { method: "noisy", spp: 4 },
+                    { method: region === "frame" ? "bilateral_searched" : "nl_means_searched", spp: 16 },
+                  ]
+                : [{ method: "transport_regression_default", spp: 4 }],
+          });
+        results.time_to_error.push({
+          scene,
+          region,
+          metric,
+          times: ["noisy", "nl_means_default", "nl_means_searched", "bilateral_searched"].map((method, k) => ({
+            method,
+            error: r + m,
+            seconds: 0.25 * (k + 1) * r,
+            factor_over_path_tracing: 12,
+            factor_over_gradient_kernel: null,
+          })),
+        });
+      }
+      for (const setting of ["", "default", "searched"]) {
+        const ids = methods.filter((x) => x.setting === "none" || !setting || x.setting === setting).map((x) => x.id);
+        const ordered = [...ids].sort(
+          (x, y) => methods.findIndex((v) => v.id === y) - methods.findIndex((v) => v.id === x),
+        );
+        results.overall.push({
+          region,
+          metric,
+          setting,
+          scenes,
+          spp,
+          seeds: 3,
+          mean: metric === "psnr" ? "arithmetic" : "geometric",
+          // transport_regression reads guides and is slow; gradient_kernel cannot be told from nl_means.
+          methods: ordered.map((id, k) => ({
+            method: id,
+            value: r + m + 0.125 * k,
+            times_less_than_noisy: metric === "psnr" ? null : 8 / (k + 1),
+            seconds: id === "noisy" ? 0 : id.startsWith("transport") ? 0.75 : 0.0625 * (k + 1),
+            most_seconds: id === "noisy" ? 0 : id.startsWith("transport") ? 0.875 : 0.125 * (k + 1),
+            most_memory_bytes: id === "noisy" ? null : (k + 1) * 2 ** 20,
+            guides: id.startsWith("transport"),
+            level_with: id.startsWith("nl_means") ? ordered.filter((x) => x.startsWith("gradient_kernel")) : [],
+          })),
+          left_out: [],
+        });
+      }
+    }
   const inside = (value: unknown) => JSON.stringify(value).replace(/</g, "\\u003c");
   const html = (script: string, style: string) =>
     `<!doctype html><html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1"><title>brume: fixture</title>` +

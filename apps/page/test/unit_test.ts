@@ -1,11 +1,14 @@
 import assert from "node:assert/strict";
 import test from "node:test";
+import { answers, noisyReferences, together } from "../src/answer";
 import { BLUE_ORANGE, EMBER, filmicShoulder, labFromRgb, srgbEncode, toneMap } from "../src/color";
-import { number, percent, stops } from "../src/format";
+import { csv, plotSvg } from "../src/figure";
+import { bytes, number, percent, stops } from "../src/format";
 import { floatOfHalf, fromBase64, inflate, unpredict } from "../src/half";
 import { colourErrors, errorMap, Library } from "../src/library";
 import { colourPicture, Picture } from "../src/picture";
-import { logTicks } from "../src/plots";
+import { lines } from "../src/plots";
+import { logTicks } from "../src/scales";
 import { complete, Index, listed } from "../src/results";
 import { defaultView, fromHash, listedMethods, measuredMethods, nearest, toHash, type View } from "../src/state";
 import { contained, fitScale, movedBy, pixelAt, transform, WHOLE, zoomedAt } from "../src/viewport";
@@ -255,4 +258,90 @@ test("pairs are found by both of their methods, in the setting that has both", (
   assert.deepEqual(verdict("b_default", "noisy"), { difference: 11, half_width: 2, better: "row" });
   assert.deepEqual(verdict("noisy", "b_searched"), { difference: -16, half_width: 4, better: "column" });
   assert.equal(verdict("a_default", "b_searched"), undefined, "of another setting");
+});
+
+test("the overall answer is among the methods that are shown, with what is level with it", () => {
+  const overall = index.overall("medium", "lab_rms", "searched")!;
+  const all = overall.methods.map((m) => m.method);
+  const told = (shown: string[]) => answers(overall, shown).map(({ best, level }) => [best?.method, ...level]);
+  assert.deepEqual(told(all), [
+    ["transport_regression_searched"],
+    ["nl_means_searched", "gradient_kernel_searched"],
+    ["nl_means_searched", "gradient_kernel_searched"],
+  ]);
+  const cards = (shown: string[]) =>
+    together(answers(overall, shown)).map((g) => g.questions.map((q) => q.id).join(" "));
+  assert.deepEqual(cards(all), ["best", "quick plain"]);
+  assert.deepEqual(cards(["nl_means_searched"]), ["best quick plain"]);
+  assert.deepEqual(told(["bilateral_searched", "gradient_kernel_searched", "transport_regression_searched"])[1], [
+    "gradient_kernel_searched",
+  ]);
+  assert.deepEqual(told(["nl_means_searched"])[2], ["nl_means_searched"], "what is hidden is not level with anything");
+  assert.deepEqual(told(["transport_regression_searched"])[2], [undefined], "no other one does without guides");
+});
+
+test("references are noisy where their own error is beyond that of the best shown method", () => {
+  const view = { ...defaultView(index, library), region: "medium" as const };
+  const at = (change: Partial<View>) =>
+    noisyReferences(index, { ...view, ...change }).map((n) => `${n.scene} ${n.spp} ${n.metric}`);
+  // The best of the cloud has 2.04 at 4 samples and 1.02 at 16; its references 1.25.
+  assert.deepEqual(at({}), ["cloud 16 lab_rms"]);
+  assert.deepEqual(at({ region: "frame" }), []);
+  assert.deepEqual(at({ metric: "psnr" }), [], "60 dB are less noise than the best method's 39");
+  assert.deepEqual(at({ metric: "relative_bias" }), ["cloud 16 lab_rms"], "which says nothing of noise by itself");
+  const hidden = listedMethods(index, view).filter((id) => id !== "noisy");
+  assert.deepEqual(at({ hidden }), [], "of path tracing alone");
+});
+
+test("rings follow region, metric and setting, and stand at shown methods only", () => {
+  const rings = (ids: string[], region: "frame" | "medium", setting: string, metric = "lab_rms") =>
+    lines(index, String, ids, "cloud", region, metric, "seconds", setting).flatMap((l) =>
+      l.points.filter((p) => p.front).map((p) => `${l.id} ${p.spp}`),
+    );
+  const ids = index.results.methods.map((m) => m.id);
+  assert.deepEqual(rings(ids, "frame", "searched"), ["noisy 4", "bilateral_searched 16"]);
+  assert.deepEqual(rings(ids, "medium", "searched"), ["noisy 4", "nl_means_searched 16"]);
+  assert.deepEqual(rings(ids, "medium", ""), ["transport_regression_default 4"]);
+  assert.deepEqual(rings(["noisy"], "medium", "searched"), ["noisy 4"]);
+  assert.deepEqual(rings(ids, "medium", "searched", "relative_bias"), [], "of which there is no front");
+});
+
+test("CSV quotes what its format means otherwise, and keeps every digit", () => {
+  assert.equal(
+    csv([
+      ["a,b", 'say "so"', "two\nlines"],
+      [0.1 + 0.2, undefined, null],
+      [NaN, "", 3],
+    ]),
+    '"a,b","say ""so""","two\nlines"\r\n0.30000000000000004,,\r\n,,3\r\n',
+  );
+});
+
+test("a plot's figure has every point, interval and ring, and names that are no markup", () => {
+  const line = {
+    id: "m",
+    name: "a<b",
+    points: [1, 10].map((x) => ({ x, y: 3 / x, low: 2 / x, high: 4 / x, spp: x, front: x === 1 })),
+  };
+  const svg = plotSvg({
+    title: "T & U",
+    origin: "o",
+    x: "s",
+    y: "e",
+    lines: [line],
+    styles: new Map([["m", { colour: "rgb(1, 2, 3)", dash: [] }]]),
+  });
+  const count = (what: RegExp) => [...svg.matchAll(what)].length;
+  assert.equal(count(/<circle cx="[0-9.]+" cy="[0-9.]+" r="3.5"/g), 3, "two points, and the key's");
+  assert.equal(count(/class="front"/g), 1);
+  assert.ok(svg.includes("a&lt;b") && svg.includes("T &amp; U") && !svg.includes("NaN"));
+});
+
+test("small memory has digits, too", () => {
+  assert.deepEqual([3 * 2 ** 18, 2.5 * 2 ** 20, 40 * 2 ** 20, 3 * 2 ** 30].map(bytes), [
+    "768 KiB",
+    "2.5 MiB",
+    "40 MiB",
+    "3.00 GiB",
+  ]);
 });
