@@ -1,6 +1,10 @@
 #include "image/exr_copy.h"
 
 #include <ImfChannelList.h>
+#include <ImfDeepScanLineInputPart.h>
+#include <ImfDeepScanLineOutputPart.h>
+#include <ImfDeepTiledInputPart.h>
+#include <ImfDeepTiledOutputPart.h>
 #include <ImfInputPart.h>
 #include <ImfMultiPartOutputFile.h>
 #include <ImfOutputFile.h>
@@ -261,6 +265,21 @@ bool is_tiled(const Imf::Header& header) {
   return header.hasType() ? header.type() == Imf::TILEDIMAGE : header.hasTileDescription();
 }
 
+bool is_deep(const Imf::Header& header) {
+  return header.hasType() && Imf::isDeepData(header.type());
+}
+
+/// As it is packed.
+void copy_deep_part(Imf::MultiPartInputFile& in, int index, Imf::MultiPartOutputFile& out) {
+  if (in.header(index).type() == Imf::DEEPTILE) {
+    Imf::DeepTiledInputPart from(in, index);
+    Imf::DeepTiledOutputPart(out, index).copyPixels(from);
+  } else {
+    Imf::DeepScanLineInputPart from(in, index);
+    Imf::DeepScanLineOutputPart(out, index).copyPixels(from);
+  }
+}
+
 bool loses_bits(Imf::Compression compression) {
   return compression == Imf::B44_COMPRESSION || compression == Imf::B44A_COMPRESSION ||
          compression == Imf::DWAA_COMPRESSION || compression == Imf::DWAB_COMPRESSION;
@@ -354,11 +373,12 @@ ExrCopyReport copy_exr(const fs::path& from, const fs::path& to, std::span<const
   size_t placed = 0;
   for (int index = 0; index < in.parts(); ++index) {
     const Imf::Header& header = in.header(index);
-    if (header.hasType() && Imf::isDeepData(header.type()))
+    if (is_deep(header) && in.parts() == 1)
       throw InputError(
           fmt::format("{}: {} holds deep pixels; brume reads flat images", from.string(), part_label(in, index)));
     if (!in.partComplete(index)) throw damaged(part_label(in, index) + " lacks some of its pixels");
     PartPlan& plan = plans[static_cast<size_t>(index)];
+    if (is_deep(header)) continue;
     placed += plan_part(in, index, edits, plan);
     if (!plan.changes.empty() && loses_bits(header.compression())) report.recoded.push_back(part_label(in, index));
     const auto is_float = [&](const PartPlan::Change& c) { return header.channels()[c.channel].type == Imf::FLOAT; };
@@ -387,7 +407,9 @@ ExrCopyReport copy_exr(const fs::path& from, const fs::path& to, std::span<const
         const PartCopier copier(in, from, index, plan, task);
         const bool tiled = is_tiled(in.header(index));
         task.check();
-        if (tiled) {
+        if (is_deep(in.header(index))) {
+          copy_deep_part(in, index, file);
+        } else if (tiled) {
           Imf::TiledOutputPart part(file, index);
           if (plan.changes.empty()) {
             Imf::TiledInputPart input(in, index);

@@ -27,7 +27,7 @@ struct ExrCopyReport {
 
 /// Writes a file again with some channels replaced or added: every part, channel, pixel type, compression, window,
 /// tile, resolution level, attribute and their order stay. Parts without edits are copied packed as they are; in others
-/// all other channels keep their bits, unless the part's compression loses some (B44, DWA).
+/// all other channels keep their bits, unless the part's compression loses some (B44, DWA). Deep parts are copied, too.
 ///
 /// Lower resolution levels of an edited channel are made anew, each pixel the mean of the area that it covers; a
 /// subsampled one takes tent-weighted means. Edits of R, G and B go into a part's Y, RY and BY, all three together.
@@ -36,7 +36,8 @@ struct ExrCopyReport {
 /// The file appears whole or not at all.
 /// @param attributes  added to the header of each part that is edited
 /// @param task        only whether it is cancelled
-/// @throws InputError: missing, not an EXR, truncated, deep, a new channel's name is taken; cannot be written;
+/// @throws InputError: missing, not an EXR, truncated, nothing but deep pixels, a new channel's name is taken; cannot
+/// be written;
 /// Interrupted;
 ///         std::logic_error for an edit of a channel that the file has not, or of whole numbers
 ExrCopyReport copy_exr(const std::filesystem::path& from, const std::filesystem::path& to,

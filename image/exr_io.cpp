@@ -10,6 +10,7 @@
 #include <ImfMatrixAttribute.h>
 #include <ImfMultiPartInputFile.h>
 #include <ImfPartType.h>
+#include <ImfStandardAttributes.h>
 #include <ImfStdIO.h>
 #include <ImfStringAttribute.h>
 #include <ImfThreading.h>
@@ -49,11 +50,12 @@ bool is_structural(const std::string& name) {
   return std::any_of(std::begin(names), std::end(names), [&](const char* n) { return name == n; });
 }
 
-std::map<std::string, Attribute> attributes(const Imf::Header& header) {
+/// @param one_of_several  the part's own name and view are no properties of the whole frame
+std::map<std::string, Attribute> attributes(const Imf::Header& header, bool one_of_several = false) {
   std::map<std::string, Attribute> result;
   for (auto it = header.begin(); it != header.end(); ++it) {
     const std::string name = it.name();
-    if (is_structural(name)) continue;
+    if (is_structural(name) || (one_of_several && (name == "name" || name == "view"))) continue;
     const Imf::Attribute& attribute = it.attribute();
     if (const auto* s = dynamic_cast<const Imf::StringAttribute*>(&attribute)) result[name] = s->value();
     if (const auto* i = dynamic_cast<const Imf::IntAttribute*>(&attribute)) result[name] = i->value();
@@ -110,6 +112,10 @@ Imf::Slice slice(Imf::PixelType type, void* first, size_t stride, const Imath::B
   const auto row = static_cast<std::ptrdiff_t>(stride * 4);
   char* const base = static_cast<char*>(first) - 4 * static_cast<std::ptrdiff_t>(data.min.x) - row * data.min.y;
   return {type, base, 4, static_cast<size_t>(row)};
+}
+
+bool is_deep(const Imf::Header& header) {
+  return header.hasType() && Imf::isDeepData(header.type());
 }
 
 /// Whether a channel holds sums of samples.
@@ -175,21 +181,38 @@ void check_ends(Imf::MultiPartInputFile& file, int part, const fs::path& path) {
 
 }  // namespace
 
+bool ExrInfo::deep() const {
+  return !parts.empty() && std::all_of(parts.begin(), parts.end(), [](const Part& p) { return p.deep(); });
+}
+
 ExrInfo read_exr_info(const fs::path& path) try {
   Imf::MultiPartInputFile file = open_exr(path);
   ExrInfo info;
   for (int part = 0; part < file.parts(); ++part) {
     const Imf::Header& header = file.header(part);
-    if (!header.hasType() || !Imf::isDeepData(header.type())) check_ends(file, part, path);
+    const bool deep = is_deep(header);
+    if (!deep) check_ends(file, part, path);
+    const PixelWindow data = window_of(header.dataWindow());
     info.display = window_of(header.displayWindow());
-    if (part == 0) info.data = window_of(header.dataWindow());
+    if (part == 0) info.data = data;
     info.width = info.display.width();
     info.height = info.display.height();
     info.compression = compression_name(header.compression());
-    for (auto c = header.channels().begin(); c != header.channels().end(); ++c)
-      info.channels.push_back({channel_name_in_frame(file, part, c.name()), pixel_type_name(c.channel().type),
-                               window_of(header.dataWindow())});
-    info.header.merge(attributes(header));
+    ExrInfo::Part& described =
+        info.parts.emplace_back(ExrInfo::Part{.name = header.hasName() ? header.name() : "",
+                                              .view = header.hasView() ? header.view() : "",
+                                              .type = header.hasType()              ? header.type()
+                                                      : header.hasTileDescription() ? Imf::TILEDIMAGE
+                                                                                    : Imf::SCANLINEIMAGE,
+                                              .data = data});
+    for (auto c = header.channels().begin(); c != header.channels().end(); ++c) {
+      described.channels.push_back(c.name());
+      if (!deep)
+        info.channels.push_back({channel_name_in_frame(file, part, c.name()), pixel_type_name(c.channel().type), data,
+                                 static_cast<size_t>(part), c.name()});
+    }
+    if (part == 0 && Imf::hasMultiView(header)) info.views = Imf::multiView(header);
+    info.header.merge(attributes(header, file.parts() > 1));
   }
   return info;
 } catch (const std::bad_alloc& error) {
@@ -279,14 +302,18 @@ Layers read_exr(const fs::path& path, const std::function<bool(const std::string
   std::map<std::string, Attribute> header_of_all;
   std::vector<Part> parts;
   double bytes = 0;
+  int deep = 0;
   for (int index = 0; index < file.parts(); ++index) {
     const Imf::Header& header = file.header(index);
-    if (header.hasType() && Imf::isDeepData(header.type()))
-      throw InputError(
-          fmt::format("{}: {} holds deep pixels; brume reads flat images", path.string(), part_label(file, index)));
+    if (is_deep(header)) {
+      if (++deep == file.parts())
+        throw InputError(
+            fmt::format("{}: {} holds deep pixels; brume reads flat images", path.string(), part_label(file, index)));
+      continue;
+    }
     if (window_of(header.displayWindow()) != display)
       throw InputError(fmt::format("{}: its parts differ in size; expected one size", path.string()));
-    header_of_all.merge(attributes(header));
+    header_of_all.merge(attributes(header, file.parts() > 1));
     Part part = read_part(file, index, path, wanted, bytes);
     if (!part.planes.empty()) parts.push_back(std::move(part));
   }
@@ -349,7 +376,7 @@ Layers read_exr_state(const fs::path& path, const Task& task) try {
   try {
     Imf::InputPart input(file, 0);
     input.setFrameBuffer(frame);
-    constexpr int kRows = 256;  // between looks at the task
+    constexpr int kRows = 256;  // between checks of the task
     for (int y = data.min.y; y <= data.max.y; y += kRows) {
       task.check();
       input.readPixels(y, std::min(y + kRows - 1, data.max.y));
@@ -370,7 +397,7 @@ void check_exr(const fs::path& path, const Task& task) try {
   check_own_file(file, path, task);
   for (int index = 0; index < file.parts(); ++index) {
     const Imf::Header& header = file.header(index);
-    if (header.hasType() && Imf::isDeepData(header.type()))
+    if (is_deep(header))
       throw InputError(
           fmt::format("{}: {} holds deep pixels; brume reads flat images", path.string(), part_label(file, index)));
     const Imath::Box2i data = header.dataWindow();

@@ -14,12 +14,26 @@ struct ExrInfo {
   struct Channel {
     std::string name, type;
     PixelWindow data = {};  ///< of its part
+    size_t part = 0;        ///< in `parts`
+    std::string own = {};   ///< its name in the part; empty: `name`
+  };
+  struct Part {
+    std::string name, view;  ///< may be empty
+    std::string type;        ///< "scanlineimage", "tiledimage", "deepscanline", "deeptile"
+    PixelWindow data = {};
+    std::vector<std::string> channels = {};  ///< as the part names them
+    bool deep() const { return type.starts_with("deep"); }
   };
   int width = 0, height = 0;  ///< of the display window
   PixelWindow data, display;  ///< the data window is the first part's
   std::string compression;
-  std::vector<Channel> channels;
+  std::vector<Channel> channels;  ///< of flat parts
+  std::vector<Part> parts = {};
+  std::vector<std::string> views = {};  ///< attribute multiView: views that lie in one part, the default one first
   std::map<std::string, Attribute> header;
+
+  /// Whether it has parts and none that is flat.
+  bool deep() const;
 };
 
 /// @throws InputError: missing, not an EXR, truncated
@@ -29,8 +43,8 @@ ExrInfo read_exr_info(const std::filesystem::path& path);
 /// the display window (a crop) or reach beyond it (overscan): Layers::origin and Layers::display say where it lies.
 /// Several parts become one frame, their channels prefixed with the part's name where it is missing; it spans the data
 /// windows of all parts that are read, 0 where a part has no pixels. Subsampled channels are spread over all pixels;
-/// luminance and chroma (Y, RY, BY) become R, G, B.
-/// @throws InputError: missing, not an EXR, truncated, deep, parts of different sizes
+/// luminance and chroma (Y, RY, BY) become R, G, B. Deep parts are left out.
+/// @throws InputError: missing, not an EXR, truncated, no part but deep ones, parts of different sizes
 Layers read_exr(const std::filesystem::path& path, const std::function<bool(const std::string&)>& wanted = {});
 
 /// Reads the words that Layers::words() held, over the data window, with the header and the layers `guide.*`, which are

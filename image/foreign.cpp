@@ -4,7 +4,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 
+#include "base/text.h"
 #include "image/color.h"
 
 namespace brume {
@@ -119,7 +121,7 @@ std::vector<std::string> ForeignFrame::channels() const {
     add(feature.channels);
     add_variance(feature.variance);
   }
-  add(std::array{sample_count});
+  add(std::array{sample_count, alpha});
   std::sort(names.begin(), names.end());
   names.erase(std::unique(names.begin(), names.end()), names.end());
   return names;
@@ -161,14 +163,39 @@ void adopt_features(const ForeignFrame& picture, const Layers& file, Layers& fra
   }
 }
 
-std::string adopt_foreign_layers(Layers& layers) {
+std::string channels_text(const ExrInfo& file) {
+  constexpr size_t kMost = 24;  // layers
+  std::vector<std::string> order;
+  std::map<std::string, std::string> letters;  // by layer
+  for (const ExrInfo::Channel& c : file.channels) {
+    const size_t dot = c.name.rfind('.');
+    const std::string layer = dot == std::string::npos ? "" : c.name.substr(0, dot);
+    std::string& list = letters[layer];
+    if (list.empty()) order.push_back(layer);
+    list += (list.empty() ? "" : " ") + c.name.substr(dot == std::string::npos ? 0 : dot + 1);
+  }
+  std::vector<std::string> words;
+  for (const std::string& layer : order) {
+    if (words.size() == kMost) {
+      words.push_back(fmt::format("and {} more layers", order.size() - kMost));
+      break;
+    }
+    words.push_back(layer.empty() ? letters[layer] : fmt::format("{}: {}", layer, letters[layer]));
+  }
+  return words.empty() ? "none" : join(words, "; ");
+}
+
+std::string adopt_foreign_layers(Layers& layers, const ExrInfo* file) {
   if (layers.has(layer::beauty)) return "";
   ExrInfo info;
   info.header = layers.header;
   for (const std::string& name : layers.names()) info.channels.push_back({name, "float", layers.data_window()});
-  const std::vector<ForeignFrame> pictures = recognise(info);
+  const std::vector<ForeignFrame> pictures = recognise(file ? *file : info);
   if (pictures.empty()) return "";
   const ForeignFrame& picture = pictures.front();
+  bool all = has_all(layers, picture.target);  // not where only some layers were read
+  for (const ForeignSignal& pass : picture.passes) all = all && has_all(layers, pass.channels);
+  if (!all) return "";
   bool split = false;
   for (size_t c = 0; c < 3; ++c) {
     const Plane& beauty = layers.at(picture.target[c]);
@@ -189,7 +216,8 @@ std::string adopt_foreign_layers(Layers& layers) {
     }
     layers.set(layer::beauty.channel(c), beauty);
   }
-  if (!picture.alpha.empty()) layers.set(layer::alpha.channel(0), layers.at(picture.alpha));
+  if (!picture.alpha.empty() && layers.find(picture.alpha))
+    layers.set(layer::alpha.channel(0), layers.at(picture.alpha));
   const std::string said = fmt::format("read as {}: {}{}", picture.label(), picture.color.name,
                                        split ? ", scattered more than once as indirect, the rest as direct" : "");
   return pictures.size() == 1 ? said : fmt::format("{}; the first of {} pictures in the file", said, pictures.size());

@@ -54,8 +54,12 @@ struct ForeignFrame {
   std::string renderer;  ///< "Blender Cycles multilayer"
   bool of_brume = false;
   std::string view = {};      ///< its view layer, part or eye; may be empty
+  bool one_of_views = false;  ///< another eye's layers may lie in the file, too
   ForeignSignal color = {};   ///< what is read
   ChannelTriple target = {};  ///< where its clean picture goes: the same channels, as a rule
+  /// Other layers that are the picture by their names. Where they hold its very pixels they are given the clean ones,
+  /// too; where not, nobody but the user knows which one is meant.
+  std::vector<ChannelTriple> alike = {};
   /// Parts of it. What they leave of the picture is a part of its own. Those that follow one another with one factor
   /// are added before they are multiplied.
   std::vector<ForeignSignal> passes = {};
@@ -77,7 +81,8 @@ struct ForeignFrame {
 bool is_brume_frame(const ExrInfo& file);
 
 /// The pictures in a file: Blender Cycles multilayer, pbrt-v4 G-buffer film, Mitsuba 3 aov and moment, RenderMan,
-/// Arnold, and otherwise colour with whatever has a common name. Empty where no colour is found.
+/// Arnold, and otherwise colour with whatever has a common name, in each view (exr_views.h). Empty where no colour is
+/// found.
 std::vector<ForeignFrame> recognise(const ExrInfo& file);
 
 /// Gives a frame the signal as its beauty, with variance of the mean and halves where the file has them.
@@ -89,9 +94,13 @@ std::string adopt_signal(const ForeignFrame& picture, const ForeignSignal& signa
 /// renderers write where they meet nothing, becomes 0.
 void adopt_features(const ForeignFrame& picture, const Layers& file, Layers& frame);
 
+/// What the file has, for a user whose picture is not recognised: "RGBA of part C, ...", shortened where it is much.
+std::string channels_text(const ExrInfo& file);
+
 /// Gives a frame that has no channels R, G, B those of its first picture, and `indirect` and `direct`, which is the
 /// rest, where its passes tell them apart. All other channels are left as they are.
 /// @return one line saying what was recognised; empty when nothing was
-std::string adopt_foreign_layers(Layers& layers);
+/// @param file  what it was read from, where that is known: parts and views
+std::string adopt_foreign_layers(Layers& layers, const ExrInfo* file = nullptr);
 
 }  // namespace brume

@@ -9,6 +9,7 @@
 #include <set>
 
 #include "base/text.h"
+#include "image/exr_views.h"
 #include "image/foreign.h"
 
 namespace brume {
@@ -19,23 +20,42 @@ std::string lower(std::string text) {
   return text;
 }
 
-/// The names of a file's channels, and what can be asked of them. A prefix is empty or ends with a dot.
+/// A layer's name as it is compared: without case, blanks, hyphens and underlines, and without the name of V-Ray before
+/// it. "diffusealbedo" for "Diffuse Albedo", "zdepth" for "VRayZDepth".
+std::string plain(const std::string& layer) {
+  std::string text = lower(layer);
+  std::erase_if(text, [](char c) { return c == ' ' || c == '-' || c == '_'; });
+  return text.starts_with("vray") && text.size() > 4 ? text.substr(4) : text;
+}
+
+/// The channels of one view of a file, and what can be asked of them. A prefix is empty or ends with a dot. Channels
+/// are looked up by the view's names and returned by the file's.
 class Channels {
  public:
-  explicit Channels(const ExrInfo& file) {
-    for (const ExrInfo::Channel& c : file.channels) types_[c.name] = c.type;
+  explicit Channels(const ExrView& view) {
+    for (const ExrView::Channel& c : view.channels) {
+      in_file_[c.name] = c.in_file;
+      if (c.type == "half") half_.insert(c.in_file);
+    }
     // A frame has colours in place of luminance and chroma.
-    for (const ExrInfo::Channel& c : file.channels) {
+    for (const ExrView::Channel& c : view.channels) {
       if (!c.name.ends_with("RY")) continue;
       const std::string prefix = c.name.substr(0, c.name.size() - 2);
       if (!has(prefix + "Y") || !has(prefix + "BY") || has(prefix + "R")) continue;
-      for (const char* colour : {"R", "G", "B"}) types_[prefix + colour] = types_.at(prefix + "Y");
-      for (const char* part : {"Y", "RY", "BY"}) types_.erase(prefix + part);
+      const std::string file_prefix = c.in_file.substr(0, c.in_file.size() - 2);
+      for (const char* colour : {"R", "G", "B"}) {
+        in_file_[prefix + colour] = file_prefix + colour;
+        if (half_.contains(file_prefix + "Y")) half_.insert(file_prefix + colour);
+      }
+      for (const char* part : {"Y", "RY", "BY"}) in_file_.erase(prefix + part);
     }
   }
+  explicit Channels(const ExrInfo& file) : Channels(whole(file)) {}
 
-  bool has(const std::string& name) const { return types_.contains(name); }
-  bool is_half(const std::string& name) const { return has(name) && types_.at(name) == "half"; }
+  bool has(const std::string& name) const { return in_file_.contains(name); }
+  /// By the file's name.
+  bool is_half(const std::string& in_file) const { return half_.contains(in_file); }
+  const std::string& in_file(const std::string& name) const { return in_file_.at(name); }
 
   std::optional<ChannelTriple> colour(const std::string& prefix) const {
     return first_of(prefix, {{{"R", "G", "B"}}, {{"r", "g", "b"}}, {{"red", "green", "blue"}}});
@@ -45,23 +65,23 @@ class Channels {
   }
   /// A layer of one channel: of its name alone, or with any letter behind a dot.
   std::string single(const std::string& layer) const {
-    if (has(layer)) return layer;
+    if (has(layer)) return in_file(layer);
     const std::vector<std::string> inside = below(layer + ".");
-    return inside.size() == 1 ? inside[0] : "";
+    return inside.size() == 1 ? in_file(inside[0]) : "";
   }
   std::vector<std::string> below(const std::string& prefix) const {
     std::vector<std::string> names;
-    for (const auto& [name, type] : types_)
+    for (const auto& [name, own] : in_file_)
       if (name.starts_with(prefix)) names.push_back(name);
     return names;
   }
   bool any(const auto& accepts) const {
-    return std::any_of(types_.begin(), types_.end(), [&](const auto& c) { return accepts(c.first); });
+    return std::any_of(in_file_.begin(), in_file_.end(), [&](const auto& c) { return accepts(c.first); });
   }
   /// What stands before `tail` in the names that end with it.
   std::vector<std::string> before(const std::string& tail) const {
     std::vector<std::string> prefixes;
-    for (const auto& [name, type] : types_)
+    for (const auto& [name, own] : in_file_)
       if (name.ends_with(tail) && (name.size() == tail.size() || name[name.size() - tail.size() - 1] == '.'))
         prefixes.push_back(name.substr(0, name.size() - tail.size()));
     return prefixes;
@@ -81,14 +101,33 @@ class Channels {
   std::optional<ChannelTriple> first_of(const std::string& prefix, const std::vector<ChannelTriple>& endings) const {
     for (const ChannelTriple& e : endings)
       if (has(prefix + e[0]) && has(prefix + e[1]) && has(prefix + e[2]))
-        return ChannelTriple{prefix + e[0], prefix + e[1], prefix + e[2]};
+        return ChannelTriple{in_file(prefix + e[0]), in_file(prefix + e[1]), in_file(prefix + e[2])};
     return std::nullopt;
   }
-  std::map<std::string, std::string> types_;
+  static ExrView whole(const ExrInfo& file) {
+    ExrView all;
+    for (const ExrInfo::Channel& c : file.channels) all.channels.push_back({c.name, c.name, c.type});
+    return all;
+  }
+
+  std::map<std::string, std::string> in_file_;  // by the view's names
+  std::set<std::string> half_;                  // of the file's names
 };
 
 std::vector<std::string> listed(const ChannelTriple& channels) {
   return {channels.begin(), channels.end()};
+}
+
+/// The layer that channels lie in; empty on top.
+std::string layer_in_file(const std::string& channel) {
+  const size_t dot = channel.rfind('.');
+  return dot == std::string::npos ? "" : channel.substr(0, dot);
+}
+
+/// How a layer is told to a user.
+std::string shown(const ChannelTriple& channels) {
+  const std::string layer = layer_in_file(channels[0]);
+  return !layer.empty() ? layer : channels[0] == channels[1] ? channels[0] : "RGB";
 }
 
 std::string without_dot(const std::string& prefix) {
@@ -117,7 +156,7 @@ void add_depth(ForeignFrame& picture, const std::string& channel) {
 
 void add_alpha(const Channels& file, ForeignFrame& picture, const std::string& prefix) {
   for (const char* name : {"A", "a", "alpha"})
-    if (picture.alpha.empty() && file.has(prefix + name)) picture.alpha = prefix + name;
+    if (picture.alpha.empty() && file.has(prefix + name)) picture.alpha = file.in_file(prefix + name);
 }
 
 // --- Blender Cycles multilayer: VIEWLAYER.PASS.CHANNEL, the view layer's name being anything.
@@ -278,6 +317,7 @@ std::vector<ForeignFrame> renderman(const Channels& file, const ExrInfo& info) {
   const auto ci = file.colour("Ci."), top = file.colour("");
   if (!(ci || top) || !(ci || typical)) return {};
   ForeignFrame p{.renderer = "RenderMan", .target = ci ? *ci : *top};
+  if (ci && top) p.alike.push_back(*top);
   p.color = {.name = ci ? "Ci" : "RGB", .channels = p.target};
   add_renderman_statistics(file, "Ci", p.color);
   for (const char* name : {"diffuse", "specular"})
@@ -307,6 +347,7 @@ std::vector<ForeignFrame> arnold(const Channels& file, const ExrInfo&) {
   const bool media = file.colour("volume_direct.") && file.colour("volume_indirect.");
   if (!colour || !(variance || media || file.colour("denoise_albedo."))) return {};
   ForeignFrame p{.renderer = "Arnold", .target = *colour};
+  if (const auto layer = file.colour("RGBA."); layer && *layer != *colour) p.alike.push_back(*layer);
   p.color = {.name = "RGBA", .channels = *colour};
   if (variance) p.color.variance = {.channels = listed(*variance), .meaning = VarianceMeaning::kUnstated};
   const auto add_pass = [&](const std::string& name, bool indirect) {
@@ -364,31 +405,42 @@ std::vector<ForeignFrame> brume_frame(const Channels& file, const ExrInfo& info)
 
 // --- Anything else with a colour and layers of common names.
 
-const std::set<std::string>& names_of_colour() {
-  static const std::set<std::string> names = {"rgba", "rgb",  "beauty", "color", "colour",
-                                              "ci",   "main", "left",   "right"};
-  return names;
-}
+// As plain() makes them. C: Karma and Mantra; Ci: RenderMan, 3Delight; RGB_color: V-Ray; FinalImage: Unreal.
+const std::set<std::string> kColour = {"rgba", "rgb",  "beauty", "color",    "colour",     "c",
+                                       "ci",   "main", "left",   "rgbcolor", "finalimage", "right"};
+// What may be a picture where there is none of these.
+const std::set<std::string> kOtherColour = {"combined", "final", "image", "masterlayer", "render"};
 
-/// The layers below the prefixes whose names, whatever their case, mean the same; each with its dot.
+/// The layers below the prefixes whose names mean the same; each with what is before it.
 std::vector<std::string> called(const Channels& file, const std::set<std::string>& prefixes,
                                 const std::set<std::string>& names) {
   std::vector<std::string> found;
   for (const std::string& prefix : prefixes)
     for (const std::string& layer : file.layers(prefix))
-      if (names.contains(lower(layer))) found.push_back(prefix + layer);
+      if (names.contains(plain(layer))) found.push_back(prefix + layer);
   std::sort(found.begin(), found.end());
   found.erase(std::unique(found.begin(), found.end()), found.end());
   return found;
 }
 
-void choose(ForeignFrame& picture, const std::string& role, std::vector<std::string> candidates, const auto& take) {
+/// @param in_file  the name of a candidate in the file
+void choose(ForeignFrame& picture, const std::string& role, const std::vector<std::string>& candidates,
+            const auto& in_file, const auto& take) {
   if (candidates.size() == 1) take(candidates[0]);
-  if (candidates.size() > 1)
-    picture.conflicts.push_back(
-        fmt::format("the {} could be any of {}; say which in a mapping file: {} = \"{}\" (--map, docs/frames.md)", role,
-                    join(candidates), role, candidates[0]));
+  if (candidates.size() < 2) return;
+  std::vector<std::string> names;
+  for (const std::string& candidate : candidates) names.push_back(in_file(candidate));
+  picture.conflicts.push_back(
+      fmt::format("the {} could be any of {}; say which in a mapping file: {} = \"{}\" (--map, docs/frames.md)", role,
+                  join(names), role, names[0]));
 }
+
+// Names of features, as plain() makes them. The second ones of albedo count where there is none of the first.
+const std::set<std::string> kAlbedo = {"albedo", "alb", "diffusealbedo", "denoisealbedo", "denoisingalbedo"};
+const std::set<std::string> kOtherAlbedo = {"diffusefilter", "basecolor", "diffcol", "diffusecolor"};
+const std::set<std::string> kNormal = {"normal", "normals", "n", "nrm", "nn", "shnormal", "denoisingnormal"};
+const std::set<std::string> kDepth = {"depth", "z", "zdepth", "distance"};
+const std::set<std::string> kVariance = {"variance", "rgbavariance", "colorvariance"};
 
 void add_common_layers(const Channels& file, const std::set<std::string>& prefixes, ForeignFrame& p) {
   const auto keep = [](std::vector<std::string> names, const auto& accepts) {
@@ -398,64 +450,90 @@ void add_common_layers(const Channels& file, const std::set<std::string>& prefix
   const auto is_colour = [&](const std::string& name) { return file.colour(name + ".").has_value(); };
   const auto is_vector = [&](const std::string& name) { return file.vector(name + ".").has_value(); };
   const auto is_single = [&](const std::string& name) { return !file.single(name).empty(); };
-  choose(p, "albedo",
-         keep(called(file, prefixes,
-                     {"albedo", "alb", "diffuse_albedo", "diffusealbedo", "denoise_albedo", "denoising albedo"}),
-              is_colour),
+  const auto triple_in_file = [&](const std::string& name) { return layer_in_file((*file.vector(name + "."))[0]); };
+  const auto single_in_file = [&](const std::string& name) { return file.single(name); };
+  std::vector<std::string> albedo = keep(called(file, prefixes, kAlbedo), is_colour);
+  if (albedo.empty()) albedo = keep(called(file, prefixes, kOtherAlbedo), is_colour);
+  const auto colour_in_file = [&](const std::string& name) { return layer_in_file((*file.colour(name + "."))[0]); };
+  choose(p, "albedo", albedo, colour_in_file,
          [&](const std::string& name) { add_vector(p, layer::albedo, file.colour(name + ".")); });
-  choose(
-      p, "normal",
-      keep(called(file, prefixes, {"normal", "normals", "n", "nrm", "nn", "sh_normal", "denoising normal"}), is_vector),
-      [&](const std::string& name) { add_vector(p, layer::normal, file.vector(name + ".")); });
-  choose(p, "depth", keep(called(file, prefixes, {"depth", "z", "zdepth", "distance"}), is_single),
+  choose(p, "normal", keep(called(file, prefixes, kNormal), is_vector), triple_in_file,
+         [&](const std::string& name) { add_vector(p, layer::normal, file.vector(name + ".")); });
+  choose(p, "depth", keep(called(file, prefixes, kDepth), is_single), single_in_file,
          [&](const std::string& name) { add_depth(p, file.single(name)); });
   if (!p.color.variance)
-    choose(p, "variance", keep(called(file, prefixes, {"variance", "rgba_variance", "color_variance"}), is_colour),
+    choose(p, "variance", keep(called(file, prefixes, kVariance), is_colour), colour_in_file,
            [&](const std::string& name) {
              p.color.variance = {.channels = listed(*file.colour(name + ".")), .meaning = VarianceMeaning::kUnstated};
            });
 }
 
+/// A picture of colours below a prefix, with the layers of common names beside it.
+ForeignFrame picture_of_colours(const Channels& file, const ExrInfo& info, const std::string& prefix, bool eye) {
+  ForeignFrame p{.renderer = "a frame of colours", .view = without_dot(prefix), .target = *file.colour(prefix)};
+  p.color = {.name = shown(p.target), .channels = p.target};
+  add_alpha(file, p, prefix);
+  const std::string parent =
+      prefix.find('.') + 1 < prefix.size() ? prefix.substr(0, without_dot(prefix).rfind('.') + 1) : std::string();
+  if (p.alpha.empty())
+    if (const auto layers = called(file, {prefix, eye ? prefix : parent}, {"alpha"}); layers.size() == 1)
+      p.alpha = file.single(layers[0]);
+  add_common_layers(file, {prefix, eye ? prefix : parent}, p);
+  p.samples = header_number(info, "samplesPerPixel");
+  return p;
+}
+
 std::vector<ForeignFrame> common(const Channels& file, const ExrInfo& info) {
-  std::vector<std::string> prefixes;
-  if (file.colour("")) prefixes.push_back("");
-  std::vector<std::string> named;
-  for (const std::string& layer : file.layers(""))
-    if (names_of_colour().contains(lower(layer.substr(layer.rfind('.') + 1))) && file.colour(layer + "."))
-      named.push_back(layer);
-  const auto is_eye = [](const std::string& layer) {
-    const std::string last = lower(layer.substr(layer.rfind('.') + 1));
-    return last == "left" || last == "right";
+  std::vector<std::string> pictures, eyes;  // prefixes
+  if (file.colour("")) pictures.push_back("");
+  const auto find = [&](const std::set<std::string>& names) {
+    for (const std::string& layer : file.layers("")) {
+      const std::string last = plain(layer.substr(layer.rfind('.') + 1));
+      if (!names.contains(last) || !file.colour(layer + ".")) continue;
+      (last == "left" || last == "right" ? eyes : pictures).push_back(layer + ".");
+    }
   };
-  const bool eyes = std::all_of(named.begin(), named.end(), is_eye);
-  if (prefixes.empty() || eyes)
-    for (const std::string& layer : named) prefixes.push_back(layer + ".");
-  std::vector<ForeignFrame> pictures;
-  for (const std::string& prefix : prefixes) {
-    ForeignFrame p{.renderer = "a frame of colours", .view = without_dot(prefix), .target = *file.colour(prefix)};
-    p.color = {.name = prefix.empty() ? "RGB" : without_dot(prefix), .channels = p.target};
-    add_alpha(file, p, prefix);
-    const std::string parent =
-        prefix.find('.') + 1 < prefix.size() ? prefix.substr(0, without_dot(prefix).rfind('.') + 1) : std::string();
-    add_common_layers(file, {prefix, eyes && !prefix.empty() ? prefix : parent}, p);
-    p.samples = header_number(info, "samplesPerPixel");
-    pictures.push_back(std::move(p));
+  find(kColour);
+  if (pictures.empty() && eyes.empty()) find(kOtherColour);
+  std::vector<ForeignFrame> found;
+  if (!pictures.empty()) {
+    ForeignFrame& p = found.emplace_back(picture_of_colours(file, info, pictures[0], false));
+    for (size_t i = 1; i < pictures.size(); ++i) p.alike.push_back(*file.colour(pictures[i]));
   }
+  for (const std::string& eye : eyes) found.push_back(picture_of_colours(file, info, eye, true));
+  if (!found.empty()) return found;
   const std::set<std::string> layers = file.layers("");
   const bool colours = std::any_of(layers.begin(), layers.end(),
                                    [&](const std::string& layer) { return file.colour(layer + ".").has_value(); });
-  if (pictures.empty() && !colours && file.has("Y")) {
-    ForeignFrame p{.renderer = "a grey frame", .target = {"Y", "Y", "Y"}};
-    p.color = {.name = "Y", .channels = p.target};
+  if (!colours && file.has("Y")) {
+    const std::string& grey = file.in_file("Y");
+    ForeignFrame p{.renderer = "a grey frame", .target = {grey, grey, grey}};
+    p.color = {.name = shown(p.target), .channels = p.target};
     add_alpha(file, p, "");
     add_common_layers(file, {""}, p);
-    pictures.push_back(std::move(p));
+    found.push_back(std::move(p));
   }
-  if (pictures.size() > 1 && !eyes) {
-    pictures.resize(1);
-    choose(pictures[0], "color", named, [](const std::string&) {});
+  return found;
+}
+
+/// Of a file whose parts have names that say nothing: the only one whose colours have no other role.
+std::vector<ForeignFrame> only_unnamed_part(const Channels& file, const ExrInfo& info) {
+  std::vector<std::string> candidates;
+  for (const std::string& layer : file.layers("")) {
+    const std::string name = plain(layer);
+    const bool other = kAlbedo.contains(name) || kOtherAlbedo.contains(name) || kNormal.contains(name) ||
+                       kDepth.contains(name) || kVariance.contains(name) || name.find("crypto") != std::string::npos ||
+                       name.find("normal") != std::string::npos || name.find("position") != std::string::npos ||
+                       name.find("motion") != std::string::npos || name == "p" || name == "uv" || name == "st";
+    if (!other && file.colour(layer + ".")) candidates.push_back(layer);
   }
-  return pictures;
+  if (candidates.size() != 1) return {};
+  ForeignFrame p = picture_of_colours(file, info, candidates[0] + ".", false);
+  p.remarks.push_back(
+      fmt::format("{} is taken for the picture: of the parts it is the only one of colours whose name "
+                  "says nothing else; --map names another (docs/frames.md)",
+                  p.color.name));
+  return {p};
 }
 
 void remark_on_types(const Channels& file, ForeignFrame& picture) {
@@ -481,18 +559,42 @@ bool is_brume_frame(const ExrInfo& file) {
          channels.any([](const std::string& name) { return name.find("mean_variance.") != std::string::npos; });
 }
 
-std::vector<ForeignFrame> recognise(const ExrInfo& file) {
-  const Channels channels(file);
-  for (const auto& renderer : {brume_frame, cycles, pbrt, mitsuba, arnold, renderman, common}) {
+namespace {
+
+std::vector<ForeignFrame> recognise_view(const Channels& channels, const ExrInfo& file, bool whole) {
+  if (whole)
+    if (std::vector<ForeignFrame> own = brume_frame(channels, file); !own.empty()) return own;
+  for (const auto& renderer : {cycles, pbrt, mitsuba, arnold, renderman, common}) {
     std::vector<ForeignFrame> pictures = renderer(channels, file);
     if (pictures.empty()) continue;
-    for (ForeignFrame& picture : pictures) {
-      if (renderer == mitsuba) add_common_layers(channels, {""}, picture);
-      remark_on_types(channels, picture);
-    }
+    if (renderer == mitsuba)
+      for (ForeignFrame& picture : pictures) add_common_layers(channels, {""}, picture);
     return pictures;
   }
   return {};
+}
+
+}  // namespace
+
+std::vector<ForeignFrame> recognise(const ExrInfo& file) {
+  const std::vector<ExrView> views = views_of(file);
+  const bool one = views.size() == 1;
+  std::vector<ForeignFrame> all;
+  const auto add = [&](const auto& pictures_in) {
+    for (const ExrView& view : views) {
+      const Channels channels(view);
+      std::vector<ForeignFrame> pictures = pictures_in(channels);
+      for (ForeignFrame& p : pictures) {
+        remark_on_types(channels, p);
+        p.one_of_views = !one;
+        if (!view.name.empty()) p.view = p.view.empty() ? view.name : p.view + " " + view.name;
+        all.push_back(std::move(p));
+      }
+    }
+  };
+  add([&](const Channels& c) { return recognise_view(c, file, one && file.parts.size() < 2); });
+  if (all.empty() && file.parts.size() > 1) add([&](const Channels& c) { return only_unnamed_part(c, file); });
+  return all;
 }
 
 }  // namespace brume

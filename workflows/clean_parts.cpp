@@ -25,8 +25,16 @@ Plane view_of(const Plane& plane) {
   return Plane::view(plane, 0, 0, plane.width(), plane.height());
 }
 
+/// 1 - x, whose variance is that of x.
+Plane opposite(const Plane& plane) {
+  Plane out(plane.width(), plane.height());
+  for (int y = 0; y < plane.height(); ++y)
+    for (int x = 0; x < plane.width(); ++x) out(x, y) = 1 - plane(x, y);
+  return out;
+}
+
 /// The frame as the filter is given it to clean one part: that is the beauty, and direct and indirect are not there.
-/// Its planes are views.
+/// Its planes are views. Of transmittance what it leaves of 1 is cleaned, which is 0 where alpha is.
 Layers frame_of_part(const Layers& frame, const LayerName& part) {
   Layers own(frame.width(), frame.height());
   own.header = frame.header;
@@ -38,8 +46,10 @@ Layers frame_of_part(const Layers& frame, const LayerName& part) {
     for (size_t c = 0; c < 3; ++c) {
       for (const LayerName& l : {layer::beauty, layer::direct, layer::indirect})
         left_out.insert(l.channel_of(which, c));
-      if (const Plane* plane = frame.find(part.channel_of(which, c)))
-        own.set(layer::beauty.channel_of(which, c), view_of(*plane));
+      const Plane* const plane = frame.find(part.channel_of(which, c));
+      if (!plane) continue;
+      const bool turned = part == layer::transmittance && which != statistic::mean_variance;
+      own.set(layer::beauty.channel_of(which, c), turned ? opposite(*plane) : view_of(*plane));
     }
   for (const auto& [name, plane] : frame.channels())
     if (!left_out.contains(name)) own.set(name, view_of(plane));
@@ -111,7 +121,10 @@ void clean_parts(const FilterSettings& filter, const ApplyOptions& options, Laye
     own.component = Component::kAll;
     own.light = light;
     Layers result = apply_filter(filter, frame_of_part(frame, part), own, task);
-    for (size_t c = 0; c < 3; ++c) frame.set(target.channel(c), std::move(*result.find(layer::beauty.channel(c))));
+    for (size_t c = 0; c < 3; ++c) {
+      Plane& values = *result.find(layer::beauty.channel(c));
+      frame.set(target.channel(c), part == layer::transmittance ? opposite(values) : std::move(values));
+    }
   };
   const auto has_all = [&](std::span<const LayerName> parts) {
     return std::all_of(parts.begin(), parts.end(), [&](const LayerName& part) { return frame.has(part); });

@@ -48,8 +48,10 @@ void check_same_camera(const std::string& guides_path, const Layers& guides, con
 
 Layers read_frame(const std::filesystem::path& path, const Host& host, const std::set<std::string>& wanted) {
   Layers frame = read_exr(path, [&](const std::string& name) { return wanted.empty() || wanted.contains(name); });
-  if (wanted.contains("R") && !frame.has(layer::beauty)) frame = read_exr(path);
-  if (const std::string recognised = adopt_foreign_layers(frame); !recognised.empty())
+  if (frame.has(layer::beauty)) return frame;
+  if (wanted.contains("R")) frame = read_exr(path);
+  const ExrInfo info = read_exr_info(path);
+  if (const std::string recognised = adopt_foreign_layers(frame, &info); !recognised.empty())
     host.say(Host::Word::kRemark, recognised);
   return frame;
 }
@@ -68,7 +70,7 @@ Layers read_outline(const std::filesystem::path& path) {
   const ExrInfo info = read_exr_info(path);
   outline.header = info.header;
   for (const ExrInfo::Channel& channel : info.channels) outline.add(channel.name);
-  adopt_foreign_layers(outline);
+  adopt_foreign_layers(outline, &info);
   return outline;
 }
 

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cctype>
+#include <cmath>
 #include <list>
 #include <set>
 
@@ -27,6 +28,54 @@ std::vector<ForeignFrame> pictures_of(const std::string& path, const ExrInfo& in
     if (options.samples > 0) picture.samples = options.samples;
   }
   return pictures;
+}
+
+/// The name by which a map calls the layer of a picture's channels, in quotes.
+std::string name_in_map(const ChannelTriple& channels) {
+  const size_t dot = channels[0].rfind('.');
+  return fmt::format("\"{}\"", dot == std::string::npos ? "" : channels[0].substr(0, dot));
+}
+
+/// Where two pictures differ, of which a half one may be the other's rounded; nothing where they do not.
+std::optional<ivec2> first_difference(const Layers& frame, const ChannelTriple& a, const ChannelTriple& b, bool half) {
+  for (size_t c = 0; c < 3; ++c) {
+    Plane one = frame.at(a[c]), other = frame.at(b[c]);
+    if (half) round_to_half(one), round_to_half(other);
+    for (int y = 0; y < frame.height(); ++y)
+      for (int x = 0; x < frame.width(); ++x)
+        if (one(x, y) != other(x, y) && !(std::isnan(one(x, y)) && std::isnan(other(x, y))))
+          return frame.origin + ivec2(x, y);
+  }
+  return std::nullopt;
+}
+
+/// Refuses a file that has a picture under several names, unless they hold the same pixels. @throws InputError
+void check_alike(const std::string& path, const ExrInfo& info, const ForeignFrame& picture) {
+  if (picture.alike.empty()) return;
+  std::set<std::string> wanted(picture.target.begin(), picture.target.end());
+  std::string names = name_in_map(picture.target);
+  for (const ChannelTriple& other : picture.alike) {
+    wanted.insert(other.begin(), other.end());
+    names += ", " + name_in_map(other);
+  }
+  bool half = false, one_window = true;
+  const ExrInfo::Channel* first = nullptr;
+  for (const ExrInfo::Channel& c : info.channels) {
+    if (!wanted.contains(c.name)) continue;
+    if (!first) first = &c;
+    half |= c.type == "half";
+    one_window &= c.data == first->data;
+  }
+  const auto fail = [&](const ChannelTriple& other, const std::string& how) {
+    throw InputError(fmt::format(
+        "{}: the picture could be any of its layers {}: {} and {} {}; say which in a mapping file: color = {} (--map, docs/frames.md)",
+        path, names, name_in_map(picture.target), name_in_map(other), how, name_in_map(picture.target)));
+  };
+  if (!one_window) fail(picture.alike[0], "cover different pixels");
+  const Layers frame = read_exr(path, [&](const std::string& name) { return wanted.contains(name); });
+  for (const ChannelTriple& other : picture.alike)
+    if (const auto at = first_difference(frame, picture.target, other, half))
+      fail(other, fmt::format("differ, first at pixel {},{}", at->x, at->y));
 }
 
 /// What its colours and passes cover: features may lie in parts of other sizes.
@@ -56,6 +105,14 @@ struct NearbyPicture {
   std::vector<ForeignFrame> pictures;
   Layers layers{1, 1};
 };
+
+/// One line on the layers that were given the same clean pixels.
+std::string told_alike(const ForeignFrame& picture) {
+  std::vector<std::string> names;
+  for (const ChannelTriple& other : picture.alike) names.push_back(name_in_map(other));
+  return fmt::format("{} {} the picture's very pixels and {} the clean ones, too", join(names),
+                     names.size() == 1 ? "holds" : "hold", names.size() == 1 ? "gets" : "get");
+}
 
 class KeptFile : public OpenFrame {
  public:
@@ -219,7 +276,13 @@ void KeptFile::clean(const FilterSettings& filter, const std::vector<FrameFiles>
           {channel.name, &channel.values, window, suffix.empty() ? "" : channel_beside(channel.name, suffix)});
       for (size_t c = 0; c < 3; ++c)
         if (first && channel.name == picture.target[c]) shown->set(layer::beauty.channel(c), channel.values);
+      for (const ChannelTriple& other : picture.alike)
+        for (size_t c = 0; c < 3; ++c)
+          if (channel.name == picture.target[c])
+            edits.push_back(
+                {other[c], &channel.values, window, suffix.empty() ? "" : channel_beside(other[c], suffix)});
     }
+    if (!picture.alike.empty()) host_.note(told_alike(picture));
     for (const auto& [key, value] : result.header) attributes["brume." + key] = value;
     if (!result.sum.empty()) attributes["brume.sum"] = result.sum;
     host_.log(told(picture, filter, result));
@@ -237,7 +300,8 @@ void KeptFile::clean(const FilterSettings& filter, const std::vector<FrameFiles>
 std::string KeptFile::told(const ForeignFrame& picture, const FilterSettings& filter,
                            const CleanPicture& result) const {
   const bool beside = !options_.file.suffix.empty();
-  const size_t made = result.channels.size(), kept = info_.channels.size() - (beside ? 0 : made);
+  const size_t made = result.channels.size() + 3 * picture.alike.size(),
+               kept = info_.channels.size() - (beside ? 0 : made);
   return fmt::format("{}: cleaned {} with {}{}; {} channels {}, {} as they were ({:.1f} ms)", picture.label(),
                      join(result.cleaned), filter.entry().name, result.sum.empty() ? "" : ", " + result.sum, made,
                      beside ? "new" : "replaced", kept, 1e3 * result.seconds);
@@ -252,8 +316,19 @@ std::unique_ptr<OpenFrame> open_kept_file(const FrameFiles& files, const Denoise
   if (!how.suffix.empty() &&
       std::none_of(how.suffix.begin(), how.suffix.end(), [](unsigned char c) { return std::isalnum(c); }))
     throw InputError(fmt::format("--suffix {}: expected letters or digits in it, as in _clean", how.suffix));
-  std::vector<ForeignFrame> pictures = pictures_of(files.frame.string(), info, how);
-  if (pictures.empty()) return nullptr;
+  const std::string path = files.frame.string();
+  if (info.deep())
+    throw InputError(fmt::format("{}: part '{}' holds deep pixels; brume reads flat images", path, info.parts[0].name));
+  std::vector<ForeignFrame> pictures = pictures_of(path, info, how);
+  const auto is_indirect = [](const ExrInfo::Channel& c) { return c.name == layer::indirect.channel(0); };
+  if (pictures.empty() &&
+      (is_brume_frame(info) || std::any_of(info.channels.begin(), info.channels.end(), is_indirect)))
+    return nullptr;
+  if (pictures.empty())
+    throw InputError(fmt::format(
+        "{}: none of its channels is known to be a picture, as R G B or a layer named rgba or beauty would be; it has {}. Say which one to clean in a mapping file: color = \"LAYER\" (--map, docs/frames.md)",
+        path, channels_text(info)));
+  for (const ForeignFrame& picture : pictures) check_alike(path, info, picture);
   return std::make_unique<KeptFile>(files, std::move(info), options, std::move(pictures), host);
 }
 

@@ -135,9 +135,35 @@ void describe(const ForeignFrame& picture, std::string& text, json& list) {
     text += fmt::format("; {}{}", &feature == &picture.features.front() ? "features " : "", feature.layer.name);
   }
   text += picture.samples > 0 ? fmt::format("; {:g} samples per pixel\n", picture.samples) : "\n";
+  for (const ChannelTriple& other : picture.alike) {
+    text += fmt::format(
+        "    {} {} {} could be the picture, too: cleaned alike where they hold the same pixels, else refused until --map says which\n",
+        other[0], other[1], other[2]);
+    j["alike"].push_back(other);
+  }
+  for (const std::string& remark : picture.remarks) text += fmt::format("    {}\n", remark);
   for (const std::string& conflict : picture.conflicts) text += fmt::format("  {}\n", conflict);
   if (!picture.conflicts.empty()) j["conflicts"] = picture.conflicts;
   list.push_back(j);
+}
+
+/// The parts of a file that has several, and the views of one that names them.
+json describe_parts(const ExrInfo& info, std::string& text) {
+  json parts = json::array();
+  if (!info.views.empty()) text += fmt::format("  views {} (multiView)\n", join(info.views));
+  for (const ExrInfo::Part& part : info.parts) {
+    parts.push_back({{"name", part.name},
+                     {"view", part.view},
+                     {"type", part.type},
+                     {"channels", part.channels},
+                     {"data_window", {part.data.lo.x, part.data.lo.y, part.data.hi.x, part.data.hi.y}}});
+    if (info.parts.size() < 2 && !part.deep()) continue;
+    text += fmt::format("  part {}{}: {}{}{}\n", part.name.empty() ? "without a name" : part.name,
+                        part.view.empty() ? "" : fmt::format(" (view {})", part.view), join(part.channels, " "),
+                        part.type == "scanlineimage" ? "" : ", " + part.type,
+                        part.data == info.data ? "" : ", data window " + part.data.text());
+  }
+  return parts;
 }
 
 int info_exr(const std::string& path, bool as_json) {
@@ -152,9 +178,13 @@ int info_exr(const std::string& path, bool as_json) {
     const std::string shown = header[name].is_string() ? header[name].get<std::string>() : header[name].dump();
     text += fmt::format("  {} = {}\n", name, join(split(shown, '\n'), "\n      "));
   }
+  const json parts = describe_parts(info, text);
   json pictures = json::array();
-  if (!is_brume_frame(info))
+  if (!is_brume_frame(info)) {
     for (const ForeignFrame& picture : recognise(info)) describe(picture, text, pictures);
+    if (pictures.empty())
+      text += "  no picture is recognised in it: brume denoise --map says which layer is one (docs/frames.md)\n";
+  }
   text += "\n";
   for (const ExrInfo::Channel& c : info.channels) {
     channels.push_back({{"name", c.name}, {"type", c.type}});
@@ -165,6 +195,8 @@ int info_exr(const std::string& path, bool as_json) {
                        {"width", info.width},
                        {"height", info.height},
                        {"data_window", {info.data.lo.x, info.data.lo.y, info.data.hi.x, info.data.hi.y}},
+                       {"views", info.views},
+                       {"parts", parts},
                        {"pictures", pictures},
                        {"channels", channels},
                        {"header", header}}

@@ -49,8 +49,8 @@ Shown show_layer(const Options& o, const Layers& frame) {
       shown.rgb = {plane, plane, plane};
       return shown;
     }
-  throw InputError(fmt::format("{}: has no layer '{}' to show; it has: {}", o.input, name.empty() ? "beauty" : name,
-                               join(layer_names(frame))));
+  throw InputError(fmt::format("{}: has no layer '{}' to show; it has: {} (--layer)", o.input,
+                               name.empty() ? "beauty" : name, join(layer_names(frame))));
 }
 
 int run(const Options& o, const Common& common) {

@@ -35,7 +35,8 @@ LayersPointer read(const py::object& path, const py::object& channels, bool adop
       throw InputError(fmt::format("{}: no channel {}; it has: {}", file, join(*wanted), join(there)));
     }
     if (!adopt) return;
-    if (const std::string recognised = adopt_foreign_layers(*layers); !recognised.empty()) work.log(recognised);
+    const ExrInfo info = read_exr_info(file);
+    if (const std::string recognised = adopt_foreign_layers(*layers, &info); !recognised.empty()) work.log(recognised);
   });
   return layers;
 }

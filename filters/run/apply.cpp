@@ -15,7 +15,9 @@
 #include "base/text.h"
 #include "filters/api/registry.h"
 #include "filters/api/requirements.h"
+#include "filters/inputs/alpha_weight.h"
 #include "filters/inputs/extremes.h"
+#include "filters/inputs/guide_layers.h"
 #include "filters/inputs/planes.h"
 #include "filters/run/alignment.h"
 
@@ -117,6 +119,36 @@ class Source {
     if (const Plane* count = layers().find(layer::sample_count.channel(0))) samples = mean_of(*count);
   }
   const Layers& layers() const { return own_ ? fixed_ : *frame_; }
+  /// The same without what go_on_outside() made of it.
+  const Layers& as_recorded() const { return goes_on_ ? (own_before_ ? before_ : *frame_) : layers(); }
+  /// Weighs signals by an alpha that tells without noise where they have light.
+  /// @param goes_on  makes them go on outside of there, as filters are to see them
+  /// @param carried  layers that go on where the first signal does
+  void weigh_by_alpha(const std::vector<LayerName>& signals, const std::vector<LayerName>& carried, bool goes_on,
+                      const Task& task) {
+    const Plane* const alpha = layers().find(layer::alpha.channel(0));
+    if (!alpha) return;
+    const Plane* const opacity = layers().find(guide_layer::opacity.channel(0));
+    std::map<std::string, Plane> changed;
+    for (const LayerName& signal : signals) {
+      AlphaWeight weight = alpha_weight(*alpha, layers().rgb(signal), opacity, task);
+      if (weight.weight.empty()) continue;
+      if (goes_on) {
+        const EdgeFill fill(weight.weight, task);
+        std::vector<std::string> names;
+        for (const std::string& name : channels_)
+          if (is_channel_of(signal, name)) names.push_back(name);
+        if (&signal == &signals.front())
+          for (const LayerName& l : carried)
+            for (const std::string& name : l.channel_names()) names.push_back(name);
+        for (const std::string& name : names)
+          if (const Plane* plane = layers().find(name)) changed[name] = fill.filled(*plane, task);
+      }
+      weights[signal.name] = std::move(weight);
+    }
+    if (!changed.empty()) go_on_outside(std::move(changed));
+  }
+  bool goes_on() const { return goes_on_; }
   size_t channels() const { return channels_.size(); }
   /// Brings what is read of it to where it is in the frame to clean, channel by channel.
   void align_with(const Source& target, const Alignment& alignment, const Task& task) {
@@ -145,11 +177,36 @@ class Source {
 
   int distance;
   RecordReader* records;
-  double samples = 0;                             // per pixel
-  size_t repaired = 0;                            // pixels
-  std::map<std::string_view, Extremes> extremes;  // by signal
+  double samples = 0;                               // per pixel
+  size_t repaired = 0;                              // pixels
+  std::map<std::string_view, Extremes> extremes;    // by signal
+  std::map<std::string_view, AlphaWeight> weights;  // by signal; none: alpha says nothing
 
  private:
+  /// Whether it is a mean of all or some samples of a signal.
+  static bool is_channel_of(const LayerName& signal, const std::string& name) {
+    std::vector<std::string_view> means = {"", statistic::half_a, statistic::half_b};
+    means.insert(means.end(), statistic::buckets.begin(), statistic::buckets.end());
+    for (const std::string_view which : means)
+      for (const std::string& channel : signal.channel_names(which))
+        if (channel == name) return true;
+    return false;
+  }
+  void go_on_outside(std::map<std::string, Plane> changed) {
+    goes_on_ = true;
+    own_before_ = own_;
+    if (own_) before_ = std::move(fixed_);
+    const Layers& from = as_recorded();
+    Layers now(from.width(), from.height());
+    now.header = from.header;
+    now.lie_like(from);
+    for (const auto& [name, plane] : from.channels())
+      if (!changed.contains(name)) now.set(name, Plane::view(plane, 0, 0, plane.width(), plane.height()));
+    for (auto& [name, plane] : changed) now.set(name, std::move(plane));
+    for (const auto& [name, plane] : from.stored()) now.set_stored(name, plane.view(0, 0, from.width(), from.height()));
+    fixed_ = std::move(now);
+    own_ = true;
+  }
   Layers& own_copy() {
     if (!own_) fixed_ = *frame_;
     own_ = true;
@@ -159,6 +216,8 @@ class Source {
   bool own_ = false;  // fixed_ is what there is
   const Layers* frame_;
   Layers fixed_;
+  bool goes_on_ = false, own_before_ = false;
+  Layers before_;  // what fixed_ was before it went on outside
   std::vector<std::string> channels_;
 };
 
@@ -373,7 +432,18 @@ void filter_signal(const Run& run, const std::vector<Source>& sources, const Til
   std::map<std::string, Plane> produced;
   const bool parts = run.filter.entry().parts;
   if ((first_signal || parts) && !gathered.products.empty()) frame.products = &produced;
+  const auto weight = sources[0].weights.find(name.name);
+  const auto weigh = [&](Rgb& values) {
+    if (weight == sources[0].weights.end()) return;
+    const Plane& by = weight->second.weight;
+    for (Plane& plane : values)
+      for_each_pixel(interior, [&](int x, int y) {
+        const float w = by(x + origin.x, y + origin.y);
+        plane(x, y) *= sources[0].goes_on() ? w : static_cast<float>(w > 0);
+      });
+  };
   Rgb clean = filtered(run, frame, interior, part(0), totals);
+  weigh(clean);
   if (const auto found = sources[0].extremes.find(name.name);
       found != sources[0].extremes.end() && !found->second.aside[0].empty())
     for (size_t c = 0; c < 3; ++c)
@@ -405,7 +475,8 @@ void filter_signal(const Run& run, const std::vector<Source>& sources, const Til
   for (size_t j = 0; j < carried; ++j) {
     for (size_t i = 0; i < sources.size(); ++i)
       prepared[i]->frame.values = tile.sources[i]->rgb(run.options.carried[j]);
-    const Rgb values = filtered(run, frame, interior, part(j + 1), totals);
+    Rgb values = filtered(run, frame, interior, part(j + 1), totals);
+    weigh(values);
     for (size_t c = 0; c < 3; ++c) store(values[c], *gathered.carried[j][c]);
   }
 }
@@ -544,6 +615,16 @@ void tell_extremes(const Source& source, ApplyReport& report) {
                     all.kept == 1 ? "" : "s", all.kept == 1 ? "is" : "are", all.kept == 1 ? "it is" : "they are"));
 }
 
+void tell_weights(const Source& source, ApplyReport& report) {
+  size_t outside = 0;
+  for (const auto& [name, weight] : source.weights) outside = std::max(outside, weight.outside);
+  if (outside == 0 || !source.goes_on()) return;
+  report.notes.push_back(
+      fmt::format("alpha says without noise that {:.3g} % of the pixels show nothing: they stay black",
+                  100.0 * static_cast<double>(outside) /
+                      (static_cast<double>(source.layers().width()) * source.layers().height())));
+}
+
 std::vector<Source> read_sources(const FilterSettings& filter, const Layers& frame, const ApplyOptions& options,
                                  const Task& task, ApplyReport& report) {
   const std::set<std::string> readable = readable_channels(filter, options, frame);
@@ -555,6 +636,13 @@ std::vector<Source> read_sources(const FilterSettings& filter, const Layers& fra
   sources.reserve(1 + options.sequence.size());
   sources.emplace_back(SequenceFrame{0, &frame, options.records}, readable, signals, limited, task);
   for (const SequenceFrame& other : options.sequence) sources.emplace_back(other, readable, signals, limited, task);
+  // Guides know where a medium ends; records are of the picture as it is.
+  const auto is_there = [&](const std::string& name) { return is_guide(name) && frame.find(name); };
+  const bool guided =
+      filter.entry().guides && (std::any_of(readable.begin(), readable.end(), is_there) || !frame.stored().empty());
+  const bool recorded = filter.entry().records != FilterEntry::Records::kNo && options.records;
+  for (Source& s : sources) s.weigh_by_alpha(signals, options.carried, !guided && !recorded, task);
+  tell_weights(sources[0], report);
   if (filter.entry().aligned) align(sources, signals[0], task);
   for (const Source& s : sources) report.repaired_pixels += s.repaired;
   if (report.repaired_pixels)
@@ -698,7 +786,7 @@ Layers apply_filter(const FilterSettings& requested, const Layers& frame, const 
   const Run run{filter, options, features, ivec2(frame.width(), frame.height()),
                 separates_background(filter.entry(), source, options, r)};
   const TilePlan tiles = plan_tiles(run, frame, sources);
-  const std::vector<SignalLevel> levels = measure_levels(run, source, task, r);
+  const std::vector<SignalLevel> levels = measure_levels(run, sources[0].as_recorded(), task, r);
 
   Gathered gathered(run, frame);
   const Totals totals = filter_tiles(run, sources, tiles, levels, gathered, task);

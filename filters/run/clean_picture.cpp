@@ -11,6 +11,7 @@
 #include "base/error.h"
 #include "base/text.h"
 #include "filters/api/requirements.h"
+#include "filters/inputs/guide_layers.h"
 #include "filters/inputs/planes.h"
 #include "image/exr_copy.h"
 
@@ -174,10 +175,14 @@ Layers surroundings(const ForeignFrame& picture, const Layers& file, const std::
   for (const std::string& name : extra) {
     // Parts of the picture under brume's names would be cleaned in place of the signal.
     if (name.find('.') == std::string::npos || name.starts_with("direct.") || name.starts_with("indirect.")) continue;
+    // It may be another eye's.
+    if (picture.one_of_views && !is_guide(name)) continue;
     const Plane* plane = file.find(name);
     if (plane && !std::binary_search(own.begin(), own.end(), name)) frame.set(name, *plane);
   }
   adopt_features(picture, file, frame);
+  if (const Plane* alpha = picture.alpha.empty() ? nullptr : file.find(picture.alpha))
+    frame.set(layer::alpha.channel(0), *alpha);
   return frame;
 }
 
@@ -213,6 +218,7 @@ class SignalFilter {
     frame_ = surroundings(picture, file, extra_);
     ForeignFrame light = picture;
     light.features.clear();
+    light.alpha.clear();
     const std::vector<std::string> still_read = light.channels();
     for (const std::string& name : file.names())
       if (!std::binary_search(still_read.begin(), still_read.end(), name)) *file.find(name) = Plane();
@@ -312,7 +318,7 @@ CleanPicture clean_picture(const FilterSettings& filter, const ForeignFrame& pic
   CleanPicture result;
   result.notes = picture.remarks;
   for (const std::string& name : picture.channels())
-    if (type_of(info, name) == "uint" && name != picture.sample_count)
+    if (type_of(info, name) == "uint" && name != picture.sample_count && name != picture.alpha)
       throw InputError(fmt::format("channel {} holds whole numbers, which are no light", name));
   std::vector<ForeignSignal> signals = cleaned_signals(picture);
   const bool only_indirect = options.component == Component::kIndirect;

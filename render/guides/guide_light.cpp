@@ -24,7 +24,7 @@ vec3 tinted(const dvec3& colour, double value) {
 
 }  // namespace
 
-// Seen straight on, and after one scattering or more by forward peaks.
+// Emission that comes straight to the eye, and that which forward peaks scatter once or more on the way.
 void GuideMarch::add_emission(const dvec3& coefficient, double straight, double scaled, double depth,
                               GuideSums& sums) const {
   const double once = std::min(straight * (1 - fields_.scaled_extinction()) * depth, std::max(0.0, scaled - straight));

@@ -19,7 +19,7 @@ constexpr double kManyRaysStride = 1.5;
 constexpr double kSketchStride = 2;  // of all steps
 // The same at most, where all media are homogeneous and no lamp is near, as far as such a step is as thin as this.
 constexpr double kEvenStride = 4, kEvenThickness = 0.02;
-constexpr double kNodesPerLook = 0.5;  // of the way between nodes: what shares one look at their fields
+constexpr double kNodesPerLook = 0.5;  // of the spacing of nodes, between two look-ups of their fields
 constexpr double kFar = 1e30;
 constexpr double kEdgeCosine = 0.9;  // between the normals at a pixel's corners
 constexpr int kMostUnseen = 8;       // surfaces that a camera ray goes through
@@ -202,7 +202,7 @@ std::optional<SurfaceHit> GuideMarch::first_seen(const Ray& ray) const {
         context_.surfaces->intersect({ray.at(from), ray.d}, kFar, Surfaces::kMiddle, /*camera=*/true);
     if (!hit) break;
     hit->t += from;
-    if (context_.surfaces->settings(hit->surface).role == "visible") return hit;
+    if (context_.surfaces->settings(hit->surface).role != "shadow_catcher") return hit;
     from = hit->t + 2 * hit->margin;
   }
   return std::nullopt;

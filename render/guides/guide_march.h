@@ -36,8 +36,8 @@ class GuideMarch {
   struct Piece;
   class Tile;
   /// A camera ray, the size of the square of film that it stands for [px], and how it is marched: by steps so many
-  /// times longer than those of a pixel's only ray, the first one shortened by a share of it, so that the rays of a
-  /// pixel look between one another's steps.
+  /// times longer than those of a pixel's only ray, the first one shortened by a share of it, so that the steps
+  /// of a pixel's rays lie between one another.
   struct Eye {
     dvec2 film, lens{0.5};
     double time = 0, cell = 1, stride = 1, offset = 0;
@@ -134,7 +134,7 @@ class GuideMarch {
   double step_ = 1;                          // [world units]
   double even_stride_ = 1, reference_depth_ = 0;
   double gentle_gradient_ = 0;  // of the extinction per step
-  double look_apart_ = 0;       // of one look at the fields of nodes to the next [steps]
+  double look_apart_ = 0;       // between two look-ups of the fields at nodes [steps]
 
   /// As the march reads them, at one time of the shutter.
   struct Marched {

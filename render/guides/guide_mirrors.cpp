@@ -125,7 +125,7 @@ GuideMarch::Passed GuideMarch::see_media(const Ray& ray, const GuideMedia& media
   const double scale = fields_.scaled_extinction();
   double passed = 1, passed_scaled = 1;
   double depth = 0;
-  // Of what shares a look at light.
+  // Sums over the steps that share one look-up of light.
   double w = 0, scaled = 0, thickness_sum = 0, distance = 0, depth_sum = 0, albedo = 0, g_sum = 0;
   dvec3 tint(0);
   const auto light_of = [&] {

@@ -99,11 +99,12 @@ void GuideMarch::Tile::begin(size_t pixel, const Eye& eye) {
   }
 }
 
-// The first surface or light that is seen.
+// The first surface or light that is seen. Behind a holdout there is nothing.
 double GuideMarch::Tile::find_end(CameraRay& ray) const {
   ray.hit = march_.first_seen(ray.ray);
   std::tie(ray.light, ray.distance) =
       march_.context_.lights->nearest(ray.ray, ray.hit ? ray.hit->t : kFar, /*seen=*/true);
+  ray.in_hole = ray.hit && !ray.light && march_.context_.surfaces->settings(ray.hit->surface).role == "holdout";
   return ray.light ? ray.distance : ray.hit ? ray.hit->t : kFar;
 }
 
@@ -175,10 +176,10 @@ void GuideMarch::Tile::end(const CameraRay& ray, const MarchedRay& marched) {
   }
   if (ray.light) {
     sums.background += vec3(ray.light->radiance(ray.ray, ray.distance) * straight);
-  } else if (ray.hit) {
+  } else if (ray.hit && !ray.in_hole) {
     const double peaks = std::max(0.0, static_cast<double>(marched.passed_scaled) - straight);
     march_.add_surface(ray.eye, ray.ray, *ray.hit, {straight, peaks}, *media_, lines_[march_.time_of(*media_)], sums);
-  } else {
+  } else if (!ray.in_hole) {
     for (const InfiniteLight* sky : march_.context_.lights->infinite())
       if (sky->visible()) sums.background += vec3(sky->radiance(ray.ray.d) * straight);
   }

@@ -31,8 +31,9 @@ class GuideMarch::Tile final : RayMarchHost {
     Ray ray;
     std::optional<SurfaceHit> hit;
     const FiniteLight* light;
-    double distance;   ///< to the light
-    double start = 0;  ///< where the march counts its steps from
+    double distance;       ///< to the light
+    double start = 0;      ///< where the march counts its steps from
+    bool in_hole = false;  ///< it ends on a holdout
   };
 
   void trace(const std::vector<size_t>& pixels, int across);
@@ -58,7 +59,7 @@ class GuideMarch::Tile final : RayMarchHost {
   std::vector<Pixel> pixels_;
   std::vector<Traced> traced_;
   std::vector<MediaLine> lines_;  // by time of the shutter, for what surfaces mirror
-  // Of the rays that are marched now, which all look at one time of the shutter.
+  // Of the rays that are marched now, which all have one time of the shutter.
   const GuideMedia* media_ = nullptr;
   std::vector<CameraRay> rays_;
   std::vector<MarchedRay> marched_;

@@ -42,7 +42,7 @@ std::vector<double> sky_radiance(const Environment& sky, GuideColour colour) {
 
 /// Where surfaces stand between the sky and the media.
 void hide_sky(const GuideMedia& media, const Surfaces& surfaces, std::vector<double>& incoming) {
-  // Seen from the corners of a box half as large as the media's.
+  // Sky visible from the corners of a box half as large as the media's.
   const dvec3 middle = 0.5 * (media.lo() + media.hi()), half = 0.25 * (media.hi() - media.lo());
   for (size_t k = 0; k < incoming.size(); ++k) {
     double sum = 0;

@@ -57,7 +57,7 @@ void MediaLine::follow(const Ray& ray) {
   }
 }
 
-// Where the line crosses the box around the medium, and a little more: look-ups tell exactly where it ends.
+// Where the line crosses the box around the medium, with a margin: where the medium ends exactly is found by look-ups.
 void MediaLine::find_extent(Local& local) {
   const auto [lo, hi] = local.medium->support();
   local.begin = -std::numeric_limits<double>::infinity();

@@ -10,8 +10,8 @@
 
 namespace brume {
 
-/// The light that leaves each node of the lattice towards the eye: the fields of all groups beside one another, so that
-/// one look-up brings them all.
+/// The light that leaves each node of the lattice towards the eye: the fields of all groups interleaved, so that one
+/// look-up brings them all.
 class NodeFields {
  public:
   /// Where a group's fields lie among all.

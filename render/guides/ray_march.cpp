@@ -22,9 +22,9 @@ namespace brume::HWY_NAMESPACE {
 constexpr float kStepGrowth = 0.25f, kGrowingDepth = 2, kLongestStep = 4;
 // A step may be longer by the ray's stride as far as the medium at the last one was thinner than this.
 constexpr float kThinStep = 0.03f;
-// What shares one look at suns and lamps: as many first steps, of no more extinction than this.
+// Steps that share one look-up of suns and lamps: so many at the start of a ray, of no more optical depth than this.
 constexpr float kLightSteps = 2, kLightThickness = 0.12f;
-// Optical depth of what shares one look at the fields of nodes.
+// Optical depth of the steps that share one look-up of the fields at nodes.
 constexpr float kNodeThickness = 0.5f;
 constexpr float kOpaque = 2e-3f;     // transmittance of an eighth of the extinction at which a ray ends
 constexpr float kDeepestPeak = 600;  // as ForwardPeak

@@ -32,7 +32,7 @@ struct MarchedSun {
   bool shadowed;  ///< by surfaces: RayMarchHost::sun_visible knows by how much
 };
 
-/// Light that is kept at the nodes of a lattice, several fields beside one another.
+/// Light that is kept at the nodes of a lattice, several fields interleaved.
 struct MarchedFields {
   const float* values = nullptr;  ///< of the first node, x slowest; vectors may be read beyond the last node's
   int32_t n[3] = {};              ///< nodes
@@ -57,7 +57,7 @@ struct MarchScene {
   bool even;                           ///< homogeneous stretches are crossed faster: RayMarchHost::even_steps
   float scaled_extinction;             ///< share of the extinction without the forward peak
   float gentle_gradient;               ///< below which gradients count less
-  float look_apart;                    ///< of one look at the fields of nodes to the next
+  float look_apart;                    ///< between two look-ups of the fields at nodes [steps]
 };
 
 /// A ray, how it is marched, and what was found along it.

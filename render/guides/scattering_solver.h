@@ -12,8 +12,8 @@
 
 namespace brume {
 
-/// The first two moments of a field of directions at every node: for light on its way mean radiance and mean flux; for
-/// light that has been scattered, what leaves towards d per extinction is [0] + d . ([1], [2], [3]).
+/// The first two moments over directions at every node: of incident radiance, its mean and mean flux; of scattered
+/// radiance, the source function towards d is [0] + d . ([1], [2], [3]).
 using Moments = std::array<NodeValues, 4>;
 
 /// A number in [0, 1] for each node of a lattice and each of the solver's directions of travel, within 4e-5 of its
@@ -62,24 +62,24 @@ class ScatteringSolver {
   /// Whether a node or one of its 26 neighbours has any extinction.
   std::vector<uint8_t> near_media() const;
 
-  /// Light is known at nodes near the media, and 0 elsewhere.
+  /// Zeros. Fields are stored only at nodes within two cells of a medium, and are 0 elsewhere.
   Moments nothing() const;
-  /// For each direction of travel, the share of the light from outside that arrives unscattered, the forward peak being
-  /// scattering.
+  /// For each direction of travel, the transmittance from outside to the node, the forward peak counted as scattering.
   SkyShares arriving() const;
-  /// Moments of the light that enters from outside, for each direction, the forward peak being none.
+  /// Moments of radiance that enters from outside, for each direction, the forward peak not counted as scattering.
   Moments entering(const std::vector<double>& incoming);
   /// Moments of emitted light. @param emission  emission per spacing at the nodes
   Moments emitted(const NodeValues& emission);
 
-  /// Makes of light on its way what the media scatter of it.
+  /// Replaces incident radiance by the radiance that the media scatter of it: the source function.
   void scatter(Moments& light) const;
-  /// Makes of light that has been scattered what it is once it is on its way.
+  /// Replaces the source function by incident radiance: streams scattered radiance to the next node, attenuating it
+  /// along each direction.
   void transport(Moments& light);
-  /// The same of light that leaves the nodes, per spacing: extinction times what was scattered.
-  /// @param light  nothing, or what this made before
+  /// The same of emission per spacing at the nodes: extinction times the source function.
+  /// @param light  nothing(), or what this made before
   void transport_source(const Moments& source, Moments& light);
-  /// That of `fine`, whose lattice has half the spacing, at this lattice's nodes.
+  /// Emission per spacing of `fine`, whose lattice has half the spacing, at this lattice's nodes.
   Moments source_from(const ScatteringSolver& fine, const Moments& scattered) const;
 
   void copy(const Moments& from, Moments& to) const;

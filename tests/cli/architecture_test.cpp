@@ -139,5 +139,42 @@ TEST(Architecture, WhatCommentsCiteStandsInTheClone) {
   EXPECT_GT(cited, 20);
 }
 
+// So can a reader of a page: files and folders of the clone, tests by room and unit, and pages that are linked. What
+// was there once has a page of its own.
+TEST(Architecture, WhatPagesCiteStandsInTheClone) {
+  std::vector<fs::path> pages = {test::source("README.md"), test::source("CONTRIBUTING.md"),
+                                 test::source("tests/README.md")};
+  for (const auto& entry : fs::directory_iterator(test::source("docs")))
+    if (entry.path().extension() == ".md" && entry.path().filename() != "history.md") pages.push_back(entry.path());
+  const std::regex path(
+      "(^|[^A-Za-z0-9_/.-])((base|image|volume|render|filters|evaluate|workflows|farm|apps|tests|bench|data|docs|cmake|"
+      "include)/[A-Za-z0-9_./-]*[A-Za-z0-9_])([{*<#-]?)");
+  const std::regex link("\\]\\(([A-Za-z0-9_./-]+)(#[^)]*)?\\)");
+  // Files that a reader is told to write.
+  const std::regex example("mine\\.cpp|my_filter\\.cpp|FOLDER");
+  const fs::path root = test::source("");
+  int cited = 0;
+  for (const fs::path& page : pages) {
+    const std::string text = test::read_file(page);
+    const auto stands = [&](const std::string& name) {
+      for (const fs::path& folder : {root, root / "tests", page.parent_path()})
+        for (const char* ending : {"", ".cpp", ".h", ".py"})
+          if (fs::exists(folder / (name + ending))) return true;
+      return false;
+    };
+    for (auto it = std::sregex_iterator(text.begin(), text.end(), path); it != std::sregex_iterator(); ++it) {
+      const std::string name = (*it)[2];
+      if ((*it)[4].length() > 0 || std::regex_search(name, example)) continue;
+      ++cited;
+      EXPECT_TRUE(stands(name)) << page << " cites " << name;
+    }
+    for (auto it = std::sregex_iterator(text.begin(), text.end(), link); it != std::sregex_iterator(); ++it) {
+      ++cited;
+      EXPECT_TRUE(fs::exists(page.parent_path() / std::string((*it)[1]))) << page << " links to " << (*it)[1];
+    }
+  }
+  EXPECT_GT(cited, 200);
+}
+
 }  // namespace
 }  // namespace brume

@@ -157,6 +157,47 @@ TEST_F(Clean, RecordedPartsAreCleanTooAndAddUp) {
   EXPECT_LT(clean, 0.1 * noisy);
 }
 
+// A square in front of the lower half of a ball of fog: nothing is seen behind it, and alpha says so.
+TEST_F(Clean, BehindAHoldoutThereIsNothing) {
+  test::write_file(folder_ / "square.obj", "v -2 -1.5 0\nv 2 -1.5 0\nv 2 -1.5 -3\nv -2 -1.5 -3\nf 1 2 3 4\n");
+  test::write_file(folder_ / "hold.toml",
+                   "[camera]\nposition = [0, -6, 0]\nlook_at = [0, 0, 0]\nup = [0, 0, 1]\nfov = 30\n"
+                   "[environment]\nradiance = [0.5, 0.6, 0.7]\nvisible_to_camera = false\n"
+                   "[[volumes]]\nshape = \"sphere\"\nlo = [-1, -1, -1]\nhi = [1, 1, 1]\nsigma_t = 3\nalbedo = 0.9\n"
+                   "[[lights]]\ntype = \"sun\"\ndirection = [0, -1, 1]\nirradiance = [3, 3, 3]\n"
+                   "[[surfaces]]\nfile = \"square.obj\"\nrole = \"holdout\"\n");
+  for (const std::string filter : {"", " --clean-filter sbf"}) {
+    const std::string layers =
+        filter.empty() ? "direct,indirect,transmittance,guides" : "direct,indirect,transmittance";
+    const auto r = run_brume("render " + path("hold.toml") + kTiny + "--spp 32 --clean" + filter + " --layers " +
+                             layers + " -o " + path("hold.exr"));
+    ASSERT_EQ(r.status, 0) << r.err;
+    const Layers frame = read_exr(folder_ / "hold.exr");
+    float open = 0;
+    double edge = 0;
+    for (int x = 0; x < frame.width(); ++x) {
+      for (int y = 0; y < frame.height(); ++y) {
+        const float passed = frame.at("clean_transmittance.G")(x, y);
+        // The square's upper edge is the middle of the picture.
+        if (y >= frame.height() / 2) {
+          ASSERT_EQ(frame.at("A")(x, y), 0.0f) << x << "," << y;
+          ASSERT_EQ(passed, 1.0f) << filter << " " << x << "," << y;
+          if (filter.empty()) {
+            ASSERT_EQ(frame.at("guide.opacity.Y")(x, y), 0.0f) << x << "," << y;
+          }
+          for (const char* channel : {"R", "G", "B"}) ASSERT_EQ(frame.at(channel)(x, y), 0.0f) << filter;
+        } else {
+          open = std::max(open, 1 - passed);
+        }
+      }
+      const int y = frame.height() / 2 - 1;  // the last row above it
+      edge += static_cast<double>(1 - frame.at("clean_transmittance.G")(x, y) - frame.at("A")(x, y));
+    }
+    EXPECT_GT(open, 0.9f) << "the upper half is there";
+    EXPECT_LT(std::abs(edge), 0.02 * frame.width()) << filter << ": the edge is where it was";
+  }
+}
+
 TEST_F(Clean, AMissedTargetSaysSo) {
   const auto r = run_brume("render " + kSmoke + kTiny + "--spp 16 --clean --target-error 1e-5 -o " + path("smoke.exr"));
   EXPECT_EQ(r.status, 1);

@@ -16,6 +16,27 @@ ExrInfo file_of(const std::vector<std::string>& channels, const std::string& typ
   return info;
 }
 
+/// A part by a name and a view, which may be empty, with its channels.
+struct NamedPart {
+  std::string name, view;
+  std::vector<std::string> channels;
+};
+
+/// Several parts, as read_exr_info() tells them.
+ExrInfo parts_of(const std::vector<NamedPart>& parts) {
+  ExrInfo info;
+  for (const NamedPart& part : parts) {
+    info.parts.push_back({part.name, part.view, "scanlineimage", {}, part.channels});
+    for (const std::string& own : part.channels) {
+      const std::string name = own.starts_with(part.name + ".") ? own : part.name + "." + own;
+      info.channels.push_back({name, "half", {}, info.parts.size() - 1, own});
+    }
+  }
+  return info;
+}
+
+const std::vector<std::string> kRgba = {"A", "B", "G", "R"}, kRgb = {"B", "G", "R"};
+
 std::vector<std::string> layers_of(const std::vector<std::pair<std::string, std::string>>& layers) {
   std::vector<std::string> names;
   for (const auto& [layer, letters] : layers)
@@ -252,13 +273,136 @@ TEST(Recognise, BothEyesAreCleaned) {
   EXPECT_EQ(feature(pictures[1], layer::albedo), "right.albedo.R");
 }
 
+// openexr-images/Beachball/multipart.0001.exr, and names of the same kind without the attribute.
+TEST(Recognise, TheViewsOfPartsAreEyes) {
+  for (const bool told : {true, false})
+    for (const std::string dash : {"_", ".", " "}) {
+      const std::string left = told ? "left" : "", right = told ? "right" : "";
+      const auto pictures = recognise(parts_of({{"rgba" + dash + "right", right, kRgba},
+                                                {"depth" + dash + "left", left, {"Z"}},
+                                                {"forward" + dash + "left", left, {"forward.u", "forward.v"}},
+                                                {"rgba" + dash + "left", left, kRgba},
+                                                {"albedo" + dash + "left", left, kRgb}}));
+      ASSERT_EQ(pictures.size(), 2u) << told << dash;
+      EXPECT_EQ(pictures[0].view, "right");
+      EXPECT_EQ(pictures[0].target[0], "rgba" + dash + "right.R");
+      EXPECT_TRUE(pictures[0].features.empty()) << "the left eye's are no features of the right one";
+      EXPECT_EQ(pictures[1].view, "left");
+      EXPECT_EQ(pictures[1].alpha, "rgba" + dash + "left.A");
+      EXPECT_EQ(feature(pictures[1], layer::depth), "depth" + dash + "left.Z");
+      EXPECT_EQ(feature(pictures[1], layer::albedo), "albedo" + dash + "left.R");
+    }
+  const auto by_letter = recognise(parts_of({{"beauty_L", "", kRgb}, {"beauty_R", "", kRgb}}));
+  ASSERT_EQ(by_letter.size(), 2u);
+  EXPECT_EQ(by_letter[1].view, "beauty right");
+  const auto bare = recognise(parts_of({{"left", "", kRgba}, {"right", "", kRgba}, {"left.albedo", "", kRgb}}));
+  ASSERT_EQ(bare.size(), 2u);
+  EXPECT_EQ(feature(bare[0], layer::albedo), "left.albedo.R");
+  EXPECT_EQ(feature(bare[1], layer::albedo), "");
+  const auto strange = recognise(parts_of({{"R", "right", kRgba}, {"L", "left", kRgba}}));
+  ASSERT_EQ(strange.size(), 2u) << "names that say nothing beside attributes that do";
+  EXPECT_EQ(strange[1].target[0], "L.R");
+}
+
+// openexr-images/MultiView, Beachball/singlepart.0001.exr, stereo files of Blender.
+TEST(Recognise, TheViewsOfOnePartAreEyes) {
+  ExrInfo file = file_of({"A", "B", "G", "R", "Z", "left.A", "left.B", "left.G", "left.R", "albedo.left.B",
+                          "albedo.left.G", "albedo.left.R", "whitebarmask.left.mask"});
+  file.views = {"right", "left"};
+  const auto pictures = recognise(file);
+  ASSERT_EQ(pictures.size(), 2u);
+  EXPECT_EQ(pictures[0].label(), "a frame of colours 'right'");
+  EXPECT_EQ(feature(pictures[0], layer::depth), "Z");
+  EXPECT_EQ(pictures[1].target[0], "left.R");
+  EXPECT_EQ(feature(pictures[1], layer::albedo), "albedo.left.R");
+  EXPECT_EQ(feature(pictures[1], layer::depth), "") << "the default view's";
+
+  ExrInfo blender;
+  for (const std::string eye : {"left", "right"})
+    for (const auto& [pass, letters] : {std::pair<std::string, std::string>{"Combined", "RGBA"},
+                                        {"VolumeDir", "RGB"},
+                                        {"VolumeInd", "RGB"},
+                                        {"Depth", "Z"}})
+      for (const char letter : letters)
+        blender.channels.push_back({"ViewLayer." + pass + "." + eye + "." + letter, "half", {}});
+  blender.views = {"left", "right"};
+  blender.header["cycles.ViewLayer.samples"] = std::string("16");
+  const auto eyes = recognise(blender);
+  ASSERT_EQ(eyes.size(), 2u);
+  EXPECT_EQ(eyes[1].label(), "Blender Cycles multilayer 'ViewLayer right'");
+  EXPECT_EQ(eyes[1].passes[1].channels[0], "ViewLayer.VolumeInd.right.R");
+  EXPECT_EQ(feature(eyes[1], layer::depth), "ViewLayer.Depth.right.Z");
+  EXPECT_EQ(eyes[1].samples, 16);
+}
+
+TEST(Recognise, PartsByTheNamesOfOtherPrograms) {
+  struct Case {
+    std::vector<NamedPart> parts;
+    std::string beauty, albedo, normal, depth;
+  };
+  const std::vector<std::string> xyz = {"X", "Y", "Z"};
+  const std::vector<Case> cases = {
+      // Karma and Mantra
+      {{{"C", "", kRgba}, {"albedo", "", kRgb}, {"N", "", kRgb}}, "C.R", "albedo.R", "N.R", ""},
+      // V-Ray
+      {{{"RGB_color", "", kRgb}, {"VRayDiffuseFilter", "", kRgb}, {"VRayNormals", "", xyz}, {"VRayZDepth", "", {"Z"}}},
+       "RGB_color.R",
+       "VRayDiffuseFilter.R",
+       "VRayNormals.X",
+       "VRayZDepth.Z"},
+      {{{"RGB color", "", kRgba}, {"Z Depth", "", {"Z"}}}, "RGB color.R", "", "", "Z Depth.Z"},
+      // Arnold: its layers' names stand in the channels, too, or only in the parts
+      {{{"RGBA", "", kRgba}, {"N", "", {"N.X", "N.Y", "N.Z"}}, {"Z", "", {"Z"}}, {"diffuse_albedo", "", kRgb}},
+       "RGBA.R",
+       "diffuse_albedo.R",
+       "N.X",
+       "Z.Z"},
+      // Nuke: one view of the name main, channels in words
+      {{{"rgba_main", "main", {"alpha", "blue", "green", "red"}}, {"depth_main", "main", {"depth.Z"}}},
+       "rgba_main.red",
+       "",
+       "",
+       "depth_main.depth.Z"},
+      {{{"rgba.main", "", kRgba}, {"depth.main", "", {"Z"}}}, "rgba.main.R", "", "", "depth.main.Z"},
+      // names that say nothing, layers in the channels, as OpenEXR recommends
+      {{{"part0", "", kRgba}, {"part1", "", {"albedo.B", "albedo.G", "albedo.R"}}, {"part2", "", {"Z"}}},
+       "part0.R",
+       "part1.albedo.R",
+       "",
+       ""},
+      {{{"CryptoObject", "", kRgba}, {"beauty", "", kRgb}}, "beauty.R", "", "", ""},
+  };
+  for (const Case& c : cases) {
+    const auto pictures = recognise(parts_of(c.parts));
+    ASSERT_EQ(pictures.size(), 1u) << c.beauty;
+    EXPECT_EQ(pictures[0].target[0], c.beauty);
+    EXPECT_EQ(feature(pictures[0], layer::albedo), c.albedo) << c.beauty;
+    EXPECT_EQ(feature(pictures[0], layer::normal), c.normal) << c.beauty;
+    EXPECT_EQ(feature(pictures[0], layer::depth), c.depth) << c.beauty;
+    EXPECT_TRUE(pictures[0].conflicts.empty() && pictures[0].alike.empty()) << c.beauty;
+  }
+  EXPECT_TRUE(recognise(parts_of({{"diffuse", "", kRgb}, {"specular", "", kRgb}})).empty())
+      << "neither is the picture more than the other";
+}
+
+TEST(Recognise, ViewLayersInPartsOfTheirOwn) {
+  const auto pictures = recognise(
+      parts_of({{"fog", "", {"Combined.B", "Combined.G", "Combined.R", "VolumeDir.B", "VolumeDir.G", "VolumeDir.R"}},
+                {"set", "", {"Combined.B", "Combined.G", "Combined.R"}}}));
+  ASSERT_EQ(pictures.size(), 2u);
+  EXPECT_EQ(pictures[1].label(), "Blender Cycles multilayer 'set'");
+}
+
 TEST(Recognise, TwoCandidatesForOnePartAreListed) {
   const ForeignFrame p = only(file_of(layers_of({{"", "RGB"}, {"albedo", "RGB"}, {"diffuse_albedo", "RGB"}})));
   ASSERT_EQ(p.conflicts.size(), 1u);
   EXPECT_NE(p.conflicts[0].find("albedo could be any of albedo, diffuse_albedo"), std::string::npos) << p.conflicts[0];
+  // Of colours the pixels decide.
   const ForeignFrame colours = only(file_of(layers_of({{"beauty", "RGB"}, {"rgba", "RGBA"}})));
-  ASSERT_EQ(colours.conflicts.size(), 1u);
-  EXPECT_NE(colours.conflicts[0].find("beauty, rgba"), std::string::npos) << colours.conflicts[0];
+  EXPECT_EQ(colours.alike, (std::vector<ChannelTriple>{{"rgba.R", "rgba.G", "rgba.B"}}));
+  const ForeignFrame top = only(file_of(layers_of({{"", "RGB"}, {"beauty", "RGB"}})));
+  EXPECT_EQ(top.target[0], "R");
+  EXPECT_EQ(top.alike, (std::vector<ChannelTriple>{{"beauty.R", "beauty.G", "beauty.B"}}));
 }
 
 TEST(Recognise, NothingWhereThereIsNoColour) {

@@ -2,7 +2,9 @@
 
 #include <ImfChannelList.h>
 #include <ImfDeepFrameBuffer.h>
+#include <ImfDeepScanLineInputPart.h>
 #include <ImfDeepScanLineOutputFile.h>
+#include <ImfDeepScanLineOutputPart.h>
 #include <ImfFrameBuffer.h>
 #include <ImfInputPart.h>
 #include <ImfMultiPartInputFile.h>
@@ -155,6 +157,60 @@ void write_deep_exr(const std::filesystem::path& path) {
                                     4 * sizeof(float*), sizeof(float)));
   out.setFrameBuffer(buffer);
   out.writePixels(4);
+}
+
+void write_deep_and_flat_exr(const std::filesystem::path& path, const ExrPart& flat) {
+  const Imath::Box2i window = flat.header.displayWindow();
+  const int width = window.max.x + 1, height = window.max.y + 1;
+  Imf::Header deep(width, height);
+  deep.setName("smoke");
+  deep.setType(Imf::DEEPSCANLINE);
+  deep.compression() = Imf::ZIPS_COMPRESSION;
+  add_channels(deep, {"A", "Z"}, Imf::FLOAT);
+  const Imf::Header headers[] = {deep, flat.header};
+  Imf::MultiPartOutputFile file(path.c_str(), headers, 2);
+  {
+    const size_t pixels = static_cast<size_t>(width) * static_cast<size_t>(height);
+    std::vector<unsigned> counts(pixels);
+    std::vector<float> values(2 * pixels);
+    std::vector<float*> samples(pixels);
+    for (size_t i = 0; i < pixels; ++i) {
+      counts[i] = static_cast<unsigned>(i % 3);
+      samples[i] = &values[2 * i];
+      values[2 * i] = static_cast<float>(i % 7);
+      values[2 * i + 1] = static_cast<float>(i % 5);
+    }
+    const auto row = static_cast<size_t>(width);
+    Imf::DeepFrameBuffer buffer;
+    buffer.insertSampleCountSlice(
+        Imf::Slice(Imf::UINT, reinterpret_cast<char*>(counts.data()), sizeof(unsigned), row * sizeof(unsigned)));
+    for (const char* channel : {"A", "Z"})
+      buffer.insert(channel, Imf::DeepSlice(Imf::FLOAT, reinterpret_cast<char*>(samples.data()), sizeof(float*),
+                                            row * sizeof(float*), sizeof(float)));
+    Imf::DeepScanLineOutputPart out(file, 0);
+    out.setFrameBuffer(buffer);
+    out.writePixels(height);
+  }
+  Imf::OutputPart out(file, 1);
+  write_lines(flat, out);
+}
+
+std::string deep_bytes(const std::filesystem::path& path, const std::string& part) {
+  Imf::MultiPartInputFile file(path.c_str());
+  std::string all;
+  for (int index = 0; index < file.parts(); ++index) {
+    if (file.header(index).name() != part) continue;
+    Imf::DeepScanLineInputPart in(file, index);
+    const Imath::Box2i window = in.header().dataWindow();
+    for (int y = window.min.y; y <= window.max.y; ++y) {
+      uint64_t size = 0;
+      in.rawPixelData(y, nullptr, size);
+      std::string bytes(size, '\0');
+      in.rawPixelData(y, bytes.data(), size);
+      all += bytes;
+    }
+  }
+  return all;
 }
 
 std::map<std::string, ExrBits> exr_bits(const std::filesystem::path& path) {

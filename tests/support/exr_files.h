@@ -31,6 +31,11 @@ void write_exr_file(const std::filesystem::path& path, const std::vector<ExrPart
 /// Writes 4 x 4 deep pixels without samples, as a part `smoke`.
 void write_deep_exr(const std::filesystem::path& path);
 
+/// Writes a part `smoke` of deep pixels with up to two samples, as large as the flat part that follows it.
+void write_deep_and_flat_exr(const std::filesystem::path& path, const ExrPart& flat);
+/// The packed lines of a part of deep scan lines.
+std::string deep_bytes(const std::filesystem::path& path, const std::string& part);
+
 /// Raw values of one channel at one resolution level, row by row, as 32 bits each.
 using ExrBits = std::vector<uint32_t>;
 /// "PART/CHANNEL/LX,LY" to its values.
