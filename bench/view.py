@@ -38,12 +38,15 @@ class Page:
         self.number = 0
 
     def take(self, count):
-        while len(self.bytes) < count:
+        pieces, there = [self.bytes], len(self.bytes)
+        while there < count:
             more = self.socket.recv(1 << 20)
             if not more:
                 raise SystemExit("view.py: the server has gone")
-            self.bytes += more
-        taken, self.bytes = self.bytes[:count], self.bytes[count:]
+            pieces.append(more)
+            there += len(more)
+        data = b"".join(pieces)
+        taken, self.bytes = data[:count], data[count:]
         return taken
 
     def frame(self):
@@ -58,9 +61,12 @@ class Page:
     def receive(self):
         """A message: text, or the header of a picture."""
         first, data = self.frame()
+        pieces = [data]
         while not first & 0x80:
             more, piece = self.frame()
-            first, data = first | (more & 0x80), data + piece
+            first |= more & 0x80
+            pieces.append(piece)
+        data = b"".join(pieces)
         if first & 15 == 2:
             length = struct.unpack("<I", data[:4])[0]
             return {"type": "picture", **json.loads(data[4 : 4 + length])}

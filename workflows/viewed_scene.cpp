@@ -21,6 +21,15 @@ namespace fs = std::filesystem;
 
 constexpr size_t kKept = 3, kKeptFrames = 8;  // scenes that one may come back to: by undo, on the time line
 
+/// What of the assignments decides what is made up around a bare volume: the grid that it is made for.
+std::vector<std::string> guess_of(const std::vector<std::string>& assignments) {
+  std::vector<std::string> guess;
+  for (const std::string& assignment : assignments)
+    for (const char* key : {"volumes.0.grid=", "volumes.0.convert_level_set="})
+      if (assignment.starts_with(key)) guess.push_back(assignment);
+  return guess;
+}
+
 /// The files that a scene names, as it names them.
 std::set<std::string> files_of(const std::vector<SceneTable>& tables) {
   std::set<std::string> files;
@@ -32,43 +41,16 @@ std::set<std::string> files_of(const std::vector<SceneTable>& tables) {
 
 }  // namespace
 
-ViewedScene::ViewedScene(fs::path scene, std::vector<int> frames, std::vector<std::string> overrides,
-                         LayerRequest layers)
-    : path_(std::move(scene)),
-      frames_(std::move(frames)),
-      overrides_(std::move(overrides)),
-      layers_(std::move(layers)),
-      cache_(frames_.empty() ? kKept : kKeptFrames) {
-  layers_.guides = true;
+std::optional<int> ViewedText::frame_of(std::optional<int> frame) const {
+  if (frames.empty()) return std::nullopt;
+  return frame && std::find(frames.begin(), frames.end(), *frame) != frames.end() ? *frame : frames.front();
 }
 
-void ViewedScene::read_again() {
-  text_.clear();
-  cache_.forget();
-  grids_.clear();
-}
-
-void ViewedScene::read(const Task& task) {
-  std::error_code error;
-  file_ = file_of_frame(path_, frame_.value_or(0));
-  written_ = fs::last_write_time(file_, error);
-  made_.reset();
-  if (is_volume(file_)) {
-    // One camera for a sequence of bare volumes, as render_sequence has it: what lies around the last one.
-    made_ = scene_for_volume(frames_.empty() ? file_ : file_of_frame(path_, frames_.back()), task);
-    text_ = made_->text(path_.filename().string());
-  } else {
-    read_scene_alone(file_, all_assignments({}, ivec2(0)));  // says what is wrong with the file
-    std::ifstream stream(file_, std::ios::binary);
-    text_.assign(std::istreambuf_iterator<char>(stream), {});
-  }
-}
-
-std::vector<std::string> ViewedScene::all_assignments(const std::vector<std::string>& assignments,
-                                                      const ivec2& size) const {
-  std::vector<std::string> all = overrides_;
-  if (frame_) all.push_back(fmt::format("render.frame={}", *frame_));
-  all.insert(all.end(), assignments.begin(), assignments.end());
+std::vector<std::string> ViewedText::assignments(const std::vector<std::string>& own, const ivec2& size,
+                                                 std::optional<int> frame) const {
+  std::vector<std::string> all = overrides;
+  if (const std::optional<int> number = frame_of(frame)) all.push_back(fmt::format("render.frame={}", *number));
+  all.insert(all.end(), own.begin(), own.end());
   if (size.x > 0) {
     all.push_back(fmt::format("film.width={}", size.x));
     all.push_back(fmt::format("film.height={}", size.y));
@@ -76,27 +58,104 @@ std::vector<std::string> ViewedScene::all_assignments(const std::vector<std::str
   return all;
 }
 
+std::string ViewedText::scene(const std::vector<std::string>& own, const ivec2& size, std::optional<int> frame) const {
+  if (text.empty()) throw InputError(fmt::format("{}: has not been read yet", path.string()));
+  return edited_scene(text, path, assignments(own, size, frame));
+}
+
+std::string ViewedText::command(const std::vector<std::string>& own, const ivec2& size,
+                                std::optional<int> frame) const {
+  const std::optional<int> number = frame_of(frame);
+  std::vector<std::string> words = {"brume", "render", path.string()};
+  for (const std::string& assignment : assignments(own, size, frame))
+    if (!number || !assignment.starts_with("render.frame=") || frames.size() == 1)
+      words.insert(words.end(), {"-D", assignment});
+  words.push_back("--clean");
+  const std::string stem = path.stem().string();
+  if (number) words.insert(words.end(), {"--frames", std::to_string(*number)});
+  const bool has_place = FramePattern::of(path.filename()).has_value();
+  words.insert(words.end(), {"-o", number && !has_place ? stem + ".####.exr" : stem + ".exr"});
+  std::string line;
+  for (const std::string& word : words) line += (line.empty() ? "" : " ") + shell_word(word);
+  return line;
+}
+
+ViewedScene::ViewedScene(fs::path scene, std::vector<int> frames, std::vector<std::string> overrides,
+                         LayerRequest layers)
+    : source_{std::move(scene), std::move(frames), std::move(overrides), {}},
+      layers_(std::move(layers)),
+      cache_(source_.frames.empty() ? kKept : kKeptFrames) {
+  layers_.guides = true;
+}
+
+void ViewedScene::read_again() {
+  source_.text.clear();
+  cache_.forget();
+  grids_.clear();
+}
+
+std::vector<fs::path> ViewedScene::files() const {
+  std::vector<fs::path> all = {file_};
+  const auto add = [&](const fs::path& path) {
+    if (std::find(all.begin(), all.end(), path) == all.end()) all.push_back(path);
+  };
+  for (const std::string& name : named_)
+    if (!name.empty()) add(source_.path.parent_path() / file_of_frame(name, frame_.value_or(0)));
+  return all;
+}
+
+void ViewedScene::read(const std::vector<std::string>& assignments, const Task& task) {
+  const fs::path& path = source_.path;
+  source_.text.clear();
+  file_ = file_of_frame(path, frame_.value_or(0));
+  named_.clear();
+  guess_ = guess_of(assignments);
+  made_.reset();
+  if (is_volume(file_)) {
+    // One camera for a sequence of bare volumes, as render_sequence has it: what lies around the last one.
+    made_ = scene_for_volume(source_.frames.empty() ? file_ : file_of_frame(path, source_.frames.back()), task);
+    source_.text = made_->text(path.filename().string());
+  } else {
+    read_scene_alone(file_, source_.assignments({}, ivec2(0), frame_));  // says what is wrong with the file
+    std::ifstream stream(file_, std::ios::binary);
+    source_.text.assign(std::istreambuf_iterator<char>(stream), {});
+  }
+}
+
 bool ViewedScene::show(const std::vector<std::string>& assignments, const ivec2& size, std::optional<int> frame,
                        const Task& task) {
-  if (!frames_.empty() && (!frame || std::find(frames_.begin(), frames_.end(), *frame) == frames_.end()))
-    frame = frames_.front();
-  frame_ = frames_.empty() ? std::nullopt : frame;
-  const bool read_now = text_.empty();
-  if (read_now || (!made_ && file_ != file_of_frame(path_, frame_.value_or(0)))) read(task);
-  const std::vector<std::string> all = all_assignments(assignments, size);
-  std::vector<SceneTable> tables = outline_scene(text_, path_, all);
-  const std::set<std::string> named = files_of(outline_scene(text_, path_, overrides_));
+  frame_ = source_.frame_of(frame);
+  wanted_ = assignments;
+  const fs::path& path = source_.path;
+  const bool read_now = source_.text.empty() ||
+                        (made_ ? guess_of(assignments) != guess_ : file_ != file_of_frame(path, frame_.value_or(0)));
+  if (read_now) read(assignments, task);
+  const std::vector<std::string> all = source_.assignments(assignments, size, frame_);
+  std::vector<SceneTable> tables = outline_scene(source_.text, path, all);
+  const std::set<std::string> named = files_of(outline_scene(source_.text, path, source_.overrides));
   for (const std::string& file : files_of(tables))
     if (!file.empty() && !named.contains(file))
       throw InputError(fmt::format("{}: is no file that the scene names; only its own can be looked at", file));
-  Scene scene = parse_scene_alone(text_, path_, all);
-  if (read_now && made_ && frames_.empty()) cache_.know(scene.volumes.at(0).file, made_->density);
+  named_ = named;
+  Scene scene = parse_scene_alone(source_.text, path, all);
+  if (read_now && made_ && source_.frames.empty()) cache_.know(scene.volumes.at(0).file, made_->density);
   const PreparedScene* const before = cache_.empty() ? nullptr : &cache_.last();
-  const bool other = &cache_.prepare(std::move(scene), layers_, task) != before;
+  const bool other = &cache_.prepare(scene, layers_, task) != before;
+  scene_ = std::move(scene);
   tables_ = std::move(tables);
-  assignments_ = assignments;
-  size_ = size;
   return other;
+}
+
+std::string ViewedScene::title() const {
+  const std::string& name = prepared().scene().name;
+  const auto is_of = [&](int frame) { return file_of_frame(source_.path, frame).stem() == name; };
+  return std::any_of(source_.frames.begin(), source_.frames.end(), is_of) ? source_.path.stem().string() : name;
+}
+
+std::pair<std::string, std::string> ViewedScene::fingerprint() {
+  Scene scene = scene_;
+  cache_.add_fingerprint(scene);
+  return {scene.hash, scene.settings};
 }
 
 std::vector<std::string> ViewedScene::notes() const {
@@ -114,7 +173,7 @@ std::vector<std::string> ViewedScene::grids(const std::string& file) {
   if (file.empty()) return {};
   const auto [known, fresh] = grids_.try_emplace(file);
   if (!fresh) return known->second;
-  const fs::path path = path_.parent_path() / file_of_frame(file, frame_.value_or(0));
+  const fs::path path = source_.path.parent_path() / file_of_frame(file, frame_.value_or(0));
   try {
     for (const GridSummary& grid : read_vdb_contents(path).grids) known->second.push_back(grid.name);
   } catch (const InputError&) {  // told by who reads the volume
@@ -122,23 +181,41 @@ std::vector<std::string> ViewedScene::grids(const std::string& file) {
   return known->second;
 }
 
-std::string ViewedScene::text() const {
-  return edited_scene(text_, path_, all_assignments(assignments_, size_));
-}
-
-std::string ViewedScene::command() const {
-  std::vector<std::string> words = {"brume", "render", path_.string()};
-  for (const std::string& assignment : all_assignments(assignments_, size_))
-    if (!frame_ || !assignment.starts_with("render.frame=") || frames_.size() == 1)
-      words.insert(words.end(), {"-D", assignment});
-  words.push_back("--clean");
-  const std::string stem = path_.stem().string();
-  if (frame_) words.insert(words.end(), {"--frames", std::to_string(*frame_)});
-  const bool has_place = FramePattern::of(path_.filename()).has_value();
-  words.insert(words.end(), {"-o", frame_ && !has_place ? stem + ".####.exr" : stem + ".exr"});
-  std::string text;
-  for (const std::string& word : words) text += (text.empty() ? "" : " ") + shell_word(word);
-  return text;
+std::pair<std::string, std::vector<GridChoice>> ViewedScene::grids_instead() const {
+  const auto choices = [](const fs::path& file) {
+    std::vector<GridChoice> all;
+    try {
+      for (const GridSummary& grid : read_vdb_info(file).grids) {
+        const bool number = grid.type == "float" || grid.type == "double" || grid.type == "half";
+        const bool something = grid.active_voxels + grid.active_tiles > 0 && (!grid.has_range || grid.maximum > 0);
+        all.push_back({grid.name, grid.type, number && grid.linear && something});
+      }
+    } catch (const std::exception&) {  // told by who reads the volume
+    }
+    return all;
+  };
+  try {
+    // A bare volume around which nothing could be made up.
+    if (is_volume(file_)) {
+      if (!source_.text.empty()) return {};
+      return {"volumes.0.grid",
+              choices(source_.frames.empty() ? file_ : file_of_frame(source_.path, source_.frames.back()))};
+    }
+    for (const SceneTable& table :
+         outline_scene(source_.text, source_.path, source_.assignments(wanted_, ivec2(0), frame_))) {
+      const SceneKey *const file = table.find("file"), *const grid = table.find("grid");
+      if (!table.path.starts_with("volumes.") || !file || !grid || std::get<std::string>(file->value).empty()) continue;
+      const auto& wanted = std::get<std::string>(grid->value);
+      std::vector<GridChoice> all =
+          choices(source_.path.parent_path() / file_of_frame(std::get<std::string>(file->value), frame_.value_or(0)));
+      const bool there = std::any_of(all.begin(), all.end(), [&](const GridChoice& choice) {
+        return choice.usable && choice.name == (wanted.empty() ? "density" : wanted);
+      });
+      if (!all.empty() && !there) return {table.path + ".grid", std::move(all)};
+    }
+  } catch (const InputError&) {  // the scene itself is wrong
+  }
+  return {};
 }
 
 }  // namespace brume

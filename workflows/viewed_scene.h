@@ -3,7 +3,9 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "render/guides/guides.h"
@@ -13,6 +15,29 @@
 #include "workflows/scene_cache.h"
 
 namespace brume {
+
+/// What a scene that is looked at was read from: enough to write it down in any state, from any thread.
+struct ViewedText {
+  std::filesystem::path path;  ///< as it was given; a pattern where there are frames
+  std::vector<int> frames;
+  std::vector<std::string> overrides;
+  std::string text;  ///< of the file, or made up; empty: not read yet
+
+  /// All that stand on the text. @param size  none where 0   @param frame  one of frames, else the first of them
+  std::vector<std::string> assignments(const std::vector<std::string>& own, const ivec2& size,
+                                       std::optional<int> frame) const;
+  /// The scene as a file of its own. @throws InputError: as edited_scene; not read yet
+  std::string scene(const std::vector<std::string>& own, const ivec2& size, std::optional<int> frame) const;
+  /// What renders it in full quality, for a shell.
+  std::string command(const std::vector<std::string>& own, const ivec2& size, std::optional<int> frame) const;
+  std::optional<int> frame_of(std::optional<int> frame) const;
+};
+
+/// A grid of a file that a volume could take.
+struct GridChoice {
+  std::string name, type;
+  bool usable = false;  ///< as a density
+};
 
 /// A scene that is looked at while it is edited: its file, assignments on it, and what has been computed for them. A
 /// change costs what depends on it: another camera nothing, another light or material the light inside the media, and
@@ -29,9 +54,8 @@ class ViewedScene {
   ViewedScene(std::filesystem::path scene, std::vector<int> frames, std::vector<std::string> overrides,
               LayerRequest layers);
 
-  /// The file that was read last, and when that was written.
-  const std::filesystem::path& file() const { return file_; }
-  std::filesystem::file_time_type written() const { return written_; }
+  /// The file that was read last and every file that the scene names, as far as known, whether or not they are there.
+  std::vector<std::filesystem::path> files() const;
   /// Drops what has been read, so that the next show() reads it again.
   void read_again();
 
@@ -53,30 +77,32 @@ class ViewedScene {
 
   /// Key by key, disabled entries included, as it is shown.
   const std::vector<SceneTable>& tables() const { return tables_; }
-  const std::vector<int>& frames() const { return frames_; }
+  const std::vector<int>& frames() const { return source_.frames; }
   std::optional<int> frame() const { return frame_; }
+  /// Its name; of a sequence that of all its frames together.
+  std::string title() const;
+  /// Fingerprint of the scene that is shown, as `brume render` writes it: hash and settings. Reads its files once.
+  std::pair<std::string, std::string> fingerprint();
   /// What is assumed about a bare volume, and what the scene's loaders noted.
   std::vector<std::string> notes() const;
   /// Names of the grids in a volume's file.
   std::vector<std::string> grids(const std::string& file);
-  /// The scene as a file of its own.
-  std::string text() const;
-  /// What renders the shown picture in full quality, for a shell.
-  std::string command() const;
+  /// After show() has thrown: the grids to choose from instead of one that is not there or holds no density, and the
+  /// key to assign; none where that is not what is wrong.
+  std::pair<std::string, std::vector<GridChoice>> grids_instead() const;
+  const ViewedText& source() const { return source_; }
 
  private:
-  void read(const Task& task);
-  std::vector<std::string> all_assignments(const std::vector<std::string>& assignments, const ivec2& size) const;
+  void read(const std::vector<std::string>& assignments, const Task& task);
 
-  std::filesystem::path path_;
-  std::vector<int> frames_;
-  std::vector<std::string> overrides_, assignments_;
+  ViewedText source_;
   LayerRequest layers_;
-  ivec2 size_{0};
   std::optional<int> frame_;
-  std::string text_;            // of the file, or made up; empty: to be read
-  std::filesystem::path file_;  // that it was read from
-  std::filesystem::file_time_type written_;
+  std::filesystem::path file_;       // that the text was read from
+  std::set<std::string> named_;      // files, as the scene that was tried last names them
+  std::vector<std::string> guess_;   // assignments that decide what is made up around a volume
+  std::vector<std::string> wanted_;  // the assignments that were tried last
+  Scene scene_;                      // that is shown, before files were read
   std::optional<VolumeScene> made_;
   std::vector<SceneTable> tables_;
   std::map<std::string, std::vector<std::string>> grids_;  // by file

@@ -6,6 +6,7 @@
 #include <chrono>
 #include <cmath>
 #include <limits>
+#include <tuple>
 #include <utility>
 
 #include "base/error.h"
@@ -23,8 +24,17 @@ using namespace std::chrono_literals;
 
 constexpr auto kRest = 150ms;            // without a look, after which a moving picture is at rest
 constexpr double kMovingSeconds = 0.06;  // that the march of a moving picture may take
-constexpr double kFewestPixels = 6000;   // of a moving picture
-constexpr double kFirstPace = 3e5;       // pixels a second, until one has been measured
+constexpr double kAtOnce = 0.2;          // s: what takes longer is shown coarse before
+constexpr double kFewestPixels = 6000;   // of a coarse picture, where they are marched within kAtOnce
+constexpr double kLeastPixels = 1500;    // where not
+constexpr double kFirstPace = 1e5;       // pixels a second of a coarse picture, until one has been measured
+constexpr double kSlower = 10;           // a pixel of the whole picture over one of a coarse one, likewise
+constexpr double kStepsFrom = 1;         // s: whole pictures that take longer come in steps
+constexpr double kStepShare = 0.3;       // of the time that the whole picture takes, at most for a step
+constexpr double kStepGrowth = 1.4;      // of the sides, at least from step to step
+constexpr double kShowEvery = 0.7;       // s between pictures on their way
+constexpr double kShowShare = 0.1;       // of the time, at most for showing them
+constexpr double kTellEvery = 0.1;       // s between words about progress
 constexpr int kFirstRound = 8;           // samples a pixel
 constexpr int kMostSamples = 1 << 20;
 constexpr int kGuideSamples = ViewedScene::kGuideSamples;
@@ -32,25 +42,105 @@ constexpr double kFar = 1e30;  // scene units
 
 const std::string kPicture = "picture", kGuide = "guide.";
 
-/// The channels that a name of ViewSceneText::layers stands for; several sets are added up.
-std::vector<std::vector<const Plane*>> planes_of(const Layers& frame, const std::string& layer, bool predicted) {
+/// Names of the channels that a name of ViewSceneText::layers stands for; several sets are added up. Empty ones: there
+/// is no such layer.
+std::vector<std::vector<std::string>> channels_of(const Layers& frame, const std::string& layer, bool predicted) {
   const auto group = [&](const std::string& name) {
-    std::vector<const Plane*> planes;
+    std::vector<std::string> channels;
     for (const char* letters : {"RGB", "XYZ", "Y", "Z", "A"}) {
-      planes.clear();
+      channels.clear();
       for (const char* c = letters; *c; ++c)
-        if (const Plane* const plane = frame.find(name.empty() ? std::string(1, *c) : name + "." + *c))
-          planes.push_back(plane);
-      if (planes.size() == std::string_view(letters).size()) return planes;
+        if (std::string channel = name.empty() ? std::string(1, *c) : name + "." + *c; frame.find(channel))
+          channels.push_back(std::move(channel));
+      if (channels.size() == std::string_view(letters).size()) return channels;
     }
-    planes.clear();
-    return planes;
+    channels.clear();
+    return channels;
   };
-  if (!predicted) return {group(layer == kPicture ? "" : layer)};
-  if (layer == kPicture) return {group("guide.predicted_direct"), group("guide.predicted_indirect")};
-  if (layer == "direct" || layer == "clean_direct") return {group("guide.predicted_direct")};
-  if (layer == "indirect" || layer == "clean_indirect") return {group("guide.predicted_indirect")};
-  return {group(layer)};
+  std::vector<std::vector<std::string>> sets;
+  if (!predicted)
+    sets = {group(layer == kPicture ? "" : layer)};
+  else if (layer == kPicture)
+    sets = {group("guide.predicted_direct"), group("guide.predicted_indirect")};
+  else if (layer == "direct" || layer == "clean_direct")
+    sets = {group("guide.predicted_direct")};
+  else if (layer == "indirect" || layer == "clean_indirect")
+    sets = {group("guide.predicted_indirect")};
+  else
+    sets = {group(layer)};
+  std::erase_if(sets, [](const auto& set) { return set.empty(); });
+  return sets;
+}
+
+/// The sum of a channel over sets.
+Plane sum_of(const Layers& frame, const std::vector<std::vector<std::string>>& sets, size_t channel) {
+  Plane sum = frame.at(sets[0][channel]);
+  for (size_t other = 1; other < sets.size(); ++other) {
+    const Plane& more = frame.at(sets[other][channel]);
+    for (int y = 0; y < sum.height(); ++y)
+      for (int x = 0; x < sum.width(); ++x) sum(x, y) += more(x, y);
+  }
+  return sum;
+}
+
+/// Drawn larger, bilinearly; the middles of its pixels stay where they are in the picture.
+Plane enlarged(const Plane& from, int width, int height) {
+  Plane to(width, height);
+  struct Place {
+    int low, high;
+    float share;
+  };
+  const auto place = [](int i, int of, int in) {
+    const double at = std::clamp((i + 0.5) * in / of - 0.5, 0.0, in - 1.0);
+    const int low = static_cast<int>(at);
+    return Place{low, std::min(low + 1, in - 1), static_cast<float>(at - low)};
+  };
+  std::vector<Place> columns;
+  for (int x = 0; x < width; ++x) columns.push_back(place(x, width, from.width()));
+  for (int y = 0; y < height; ++y) {
+    const Place row = place(y, height, from.height());
+    const float *const above = from.row(row.low), *const below = from.row(row.high);
+    for (int x = 0; x < width; ++x) {
+      const Place& c = columns[static_cast<size_t>(x)];
+      const float top = above[c.low] + c.share * (above[c.high] - above[c.low]);
+      const float bottom = below[c.low] + c.share * (below[c.high] - below[c.low]);
+      to(x, y) = top + row.share * (bottom - top);
+    }
+  }
+  return to;
+}
+
+/// What a guide is in words, its unit, and the list in which it stands (docs/guides.md).
+ViewSceneText::Layer guide_layer(const std::string& name) {
+  const std::string radiance = "W/(m^2 sr)", shape = "shape of the media", surfaces = "surfaces";
+  const auto of = [&](const std::string& title, const std::string& group, const std::string& unit) {
+    return ViewSceneText::Layer{name, title, 0, group, unit};
+  };
+  const std::string plain = name.substr(kGuide.size());
+  if (plain == "opacity") return of("opacity", shape, "1");
+  if (plain == "depth")
+    return of("depth times opacity, from the middle of the media away from the eye", shape, "scene units");
+  if (plain == "spread") return of("spread of the depth times opacity", shape, "scene units");
+  if (plain == "gradient") return of("direction of the density's gradient", shape, "1");
+  if (plain == "density") return of("density, as a share of the largest", shape, "1");
+  if (plain == "predicted_direct") return of("direct, predicted", "predicted", radiance);
+  if (plain == "predicted_indirect") return of("indirect, predicted", "predicted", radiance);
+  if (plain == "emission") return of("emission of the media", "predicted", radiance);
+  if (plain == "background") return of("sky and lights behind", "predicted", radiance);
+  if (plain == "normal") return of("normal", surfaces, "1");
+  if (plain == "surface_depth") return of("depth of the first surface", surfaces, "scene units");
+  if (plain == "surface_albedo") return of("albedo of the first surface", surfaces, "1");
+  if (plain == "surface_material") return of("shares of diffuse, metal and glass", surfaces, "1");
+  const auto words = [](std::string text) {
+    std::replace(text.begin(), text.end(), '_', ' ');
+    return text;
+  };
+  const auto after = [&](std::string_view start) { return words(plain.substr(start.size())); };
+  if (plain.starts_with("surface.")) return of("surfaces lit by: " + after("surface."), surfaces, radiance);
+  if (plain.starts_with("single.")) return of("scattered once: " + after("single."), "scattered once", radiance);
+  if (plain.starts_with("multiple."))
+    return of("scattered often: " + after("multiple."), "scattered more often", radiance);
+  return of(words(plain), "other guides", "");
 }
 
 /// The names of the guides in a frame.
@@ -59,7 +149,7 @@ std::vector<ViewSceneText::Layer> guides_in(const Layers& frame) {
   for (const auto& [channel, plane] : frame.channels()) {
     if (!channel.starts_with(kGuide)) continue;
     const std::string name = channel.substr(0, channel.rfind('.'));
-    if (layers.empty() || layers.back().name != name) layers.push_back({name, name, 0});
+    if (layers.empty() || layers.back().name != name) layers.push_back(guide_layer(name));
     ++layers.back().channels;
   }
   std::erase_if(layers, [](const auto& layer) { return layer.channels != 1 && layer.channels != 3; });
@@ -67,14 +157,14 @@ std::vector<ViewSceneText::Layer> guides_in(const Layers& frame) {
 }
 
 const std::vector<ViewSceneText::Layer> kTracedLayers = {
-    {kPicture, "picture", 3},
-    {"noisy", "noisy", 3},
-    {"clean_direct", "direct, clean", 3},
-    {"clean_indirect", "indirect, clean", 3},
-    {"direct", "direct, noisy", 3},
-    {"indirect", "indirect, noisy", 3},
-    {"clean_error", "estimated error", 1},
-    {"sample_count", "samples", 1},
+    {kPicture, "picture", 3, "", "W/(m^2 sr)"},
+    {"noisy", "noisy", 3, "path traced", "W/(m^2 sr)"},
+    {"clean_direct", "direct, clean", 3, "path traced", "W/(m^2 sr)"},
+    {"clean_indirect", "indirect, clean", 3, "path traced", "W/(m^2 sr)"},
+    {"direct", "direct, noisy", 3, "path traced", "W/(m^2 sr)"},
+    {"indirect", "indirect, noisy", 3, "path traced", "W/(m^2 sr)"},
+    {"clean_error", "estimated error", 1, "path traced", "W/(m^2 sr)"},
+    {"sample_count", "samples", 1, "path traced", "a pixel"},
 };
 
 /// What scenes ask for that guides do not predict (docs/guides.md, limits).
@@ -152,8 +242,7 @@ Viewer::Viewer(const ViewOptions& options, const Host& host, ViewListener& liste
         wanted.guides = true;
         return Cleaner(options.clean_filter, 1, host_).request(wanted, kFirstRound);
       }()),
-      scene_(options.scene, options.frames, options.overrides, layers_),
-      pixels_a_second_(kFirstPace) {
+      scene_(options.scene, options.frames, options.overrides, layers_) {
   thread_ = std::thread([this] { run(); });
 }
 
@@ -170,9 +259,17 @@ Viewer::~Viewer() {
 void Viewer::look(ViewLook look) {
   const std::lock_guard lock(mutex_);
   paused_ = false;
-  if (tracing_ && frame_ && !next_ && look.differs_in_layers_alone(*last_)) {
+  if (resting_ && !next_ && !look.moving && look.shows_as(*last_)) {
     last_ = std::move(look);
-    show(*last_, about_frame_, *frame_);
+    if (last_->needs_scene) {
+      told_scene_.id = last_->id;
+      told_scene_.reloaded = false;
+      listener_.scene(told_scene_);
+    }
+    if (frame_)
+      show(*last_, about_frame_, *frame_);
+    else if (predicted_)
+      show(*last_, about_predicted_, *predicted_);
     return;
   }
   next_ = std::move(look);
@@ -181,28 +278,56 @@ void Viewer::look(ViewLook look) {
 }
 
 void Viewer::probe(const ViewProbe& probe) {
+  {
+    const std::unique_lock lock(scene_mutex_, std::try_to_lock);
+    if (lock) return answer(probe);
+  }
   const std::lock_guard lock(mutex_);
   next_probe_ = probe;
-  // What is being drawn goes on afterwards.
-  if (!next_ && last_) next_ = last_;
-  cancel_ = true;
   woken_.notify_all();
 }
 
 void Viewer::pause() {
   const std::lock_guard lock(mutex_);
   next_.reset();
-  tracing_ = false;
+  resting_ = false;
   paused_ = true;
   cancel_ = true;
 }
 
-void Viewer::check_file() {
+void Viewer::check_files() {
   const std::lock_guard lock(mutex_);
-  if (next_ || !last_ || file_.empty() || paused_) return;
-  std::error_code error;
-  const auto written = std::filesystem::last_write_time(file_, error);
-  if (error || written == written_) return;
+  if (next_ || !last_ || files_.empty() || paused_) return;
+  std::vector<WatchedFile> now;
+  for (const WatchedFile& file : files_) {
+    std::error_code error;
+    const auto written = std::filesystem::last_write_time(file.path, error);
+    now.push_back({file.path, error ? std::nullopt : std::optional(written)});
+  }
+  const auto alike = [](const WatchedFile& a, const WatchedFile& b) {
+    return a.path == b.path && a.written == b.written;
+  };
+  const bool steady = std::equal(now.begin(), now.end(), seen_.begin(), seen_.end(), alike);
+  seen_ = now;
+  const WatchedFile* gone = nullptr;
+  for (size_t i = 0; i < now.size() && !gone; ++i)
+    if (!now[i].written && files_[i].written) gone = &now[i];
+  const bool scene_changed = now[0].written && now[0].written != files_[0].written;
+  if (gone && !scene_changed) {
+    // Whoever writes a file anew may take the old one away first.
+    if (!steady || missing_) return;
+    missing_ = true;
+    ViewProblem problem{last_->id,
+                        fmt::format("{}: the file is gone. The last picture stays; the file is read again as "
+                                    "soon as it is back",
+                                    gone->path.string())};
+    problem.lasting = true;
+    listener_.problem(problem);
+    return;
+  }
+  const bool changed = !std::equal(now.begin(), now.end(), files_.begin(), files_.end(), alike);
+  if (!scene_changed && !missing_ && !(changed && steady)) return;
+  missing_ = false;
   reload_ = true;
   next_ = last_;
   cancel_ = true;
@@ -214,9 +339,44 @@ std::shared_ptr<const Layers> Viewer::frame() const {
   return frame_;
 }
 
+std::shared_ptr<const Layers> Viewer::frame(const ViewLook& look) const {
+  std::shared_ptr<const Layers> predicted;
+  {
+    const std::lock_guard lock(mutex_);
+    if (frame_ && frame_look_.shows_as(look)) return frame_;
+    if (!predicted_ || !about_predicted_.full || !predicted_look_.shows_as(look)) return nullptr;
+    predicted = predicted_;
+  }
+  const auto sets = channels_of(*predicted, kPicture, /*predicted=*/true);
+  if (sets.empty()) return nullptr;
+  auto frame = std::make_shared<Layers>(*predicted);
+  for (size_t c = 0; c < 3; ++c) frame->set(std::string(1, "RGB"[c]), sum_of(*predicted, sets, c));
+  return frame;
+}
+
 std::string Viewer::scene_text() const {
-  const std::lock_guard lock(mutex_);
-  return scene_text_;
+  ViewLook look;
+  {
+    const std::lock_guard lock(mutex_);
+    if (!text_ || !last_) return "";
+    look = *last_;
+  }
+  return scene_text(look);
+}
+
+std::string Viewer::scene_text(const ViewLook& look) const {
+  std::shared_ptr<const ViewedText> text;
+  {
+    const std::lock_guard lock(mutex_);
+    text = text_;
+  }
+  if (!text) throw InputError(fmt::format("{}: has not been read yet", options_.scene.string()));
+  return text->scene(look.assignments, look.size, look.frame);
+}
+
+std::string Viewer::command(const ViewLook& look) const {
+  return ViewedText{options_.scene, options_.frames, options_.overrides, {}}.command(look.assignments, look.size,
+                                                                                     look.frame);
 }
 
 void Viewer::run() {
@@ -228,7 +388,7 @@ void Viewer::run() {
       woken_.wait(lock, [&] { return end_ || next_ || next_probe_; });
       if (end_) return;
       cancel_ = false;
-      tracing_ = false;
+      resting_ = false;
       probe = std::exchange(next_probe_, std::nullopt);
       look = std::exchange(next_, std::nullopt);
       if (look) last_ = look;
@@ -239,8 +399,12 @@ void Viewer::run() {
       if (look) answer(*look);
     } catch (const Interrupted&) {  // by what comes next
     } catch (const std::exception& error) {
-      listener_.problem(id, error.what());
+      ViewProblem problem{id, error.what()};
+      if (look) std::tie(problem.grid_key, problem.grids) = scene_.grids_instead();
+      listener_.problem(problem);
     }
+    const std::lock_guard lock(mutex_);
+    resting_ = resting_ && frame_;  // all samples are taken
   }
 }
 
@@ -262,17 +426,33 @@ void Viewer::answer(const ViewProbe& probe) {
 }
 
 bool Viewer::update_scene(const ViewLook& look, const Task& task) {
-  const auto keep_file = [&] {
+  const auto watch_files = [&] {
     const std::lock_guard lock(mutex_);
-    file_ = scene_.file();
-    written_ = scene_.written();
+    std::vector<WatchedFile> files;
+    for (const std::filesystem::path& path : scene_.files()) {
+      std::error_code error;
+      const auto written = std::filesystem::last_write_time(path, error);
+      files.push_back({path, error ? std::nullopt : std::optional(written)});
+      // One that is gone counts as it was read until it is back.
+      for (const WatchedFile& before : files_)
+        if (missing_ && error && before.path == path) files.back().written = before.written;
+    }
+    files_ = std::move(files);
   };
   try {
-    const bool changed = scene_.show(look.assignments, look.size, look.frame, task);
-    keep_file();
+    bool changed = false;
+    {
+      const std::lock_guard lock(scene_mutex_);
+      changed = scene_.show(look.assignments, look.size, look.frame, task);
+    }
+    watch_files();
+    const std::lock_guard lock(mutex_);
+    text_ = std::make_shared<const ViewedText>(scene_.source());
     return changed;
+  } catch (const Interrupted&) {
+    throw;
   } catch (...) {
-    keep_file();  // a file that is wrong is looked at again when it changes
+    watch_files();  // a file that is wrong is looked at again when it changes
     throw;
   }
 }
@@ -283,90 +463,262 @@ void Viewer::answer(const ViewLook& look) {
   {
     const std::lock_guard lock(mutex_);
     reloaded = std::exchange(reload_, false);
-    if (reloaded) scene_.read_again();
+    // What was seen before is no picture of this look.
+    if (reloaded || !frame_look_.shows_as(look)) frame_.reset();
+    if (reloaded || !predicted_look_.shows_as(look)) predicted_.reset();
+  }
+  if (reloaded) {
+    scene_.read_again();
+    sketched_ = marched_ = 0;
   }
   // A look that is on its way is not given up for the next one: under a moving mouse none would ever be answered.
   const Task whole{host_.threads, {}, nullptr}, until_next{host_.threads, {}, &cancel_};
-  if (scene_.empty() || reloaded) tell(look, ViewStage::kReading);
-  const bool changed = update_scene(look, whole);
-  if ((changed && !look.moving) || reloaded || look.needs_scene) tell_scene(look, reloaded);
+  const bool reads = scene_.empty() || reloaded;
+  if (reads) tell(ViewStage::kReading);
+  const bool changed = update_scene(look, reads ? told(ViewStage::kReading, whole) : whole);
+  if (!look.moving || reloaded || look.needs_scene) tell_scene(look, reloaded);
   const bool predicts = scene_.prepared().medium() || !scene_.prepared().context().emissions.empty();
   if (predicts) {
-    if (changed) tell(look, ViewStage::kSolvingLight);
-    const Guides& sketch = scene_.sketch(whole);
+    if (changed) {
+      marched_ = 0;
+      tell(ViewStage::kSolvingLight);
+    }
     const double pixels = 1.0 * look.size.x * look.size.y;
-    const double shrunk = std::sqrt(std::min(1.0, std::max(kFewestPixels, kMovingSeconds * pixels_a_second_) / pixels));
-    if (look.moving || changed)
-      predict(look, sketch, glm::max(ivec2(glm::round(dvec2(look.size) * shrunk)), ivec2(1)), whole);
+    if (look.moving || !scene_.has_guides() || marched_ <= 0 || pixels > kAtOnce * marched_)
+      march(look, scene_.sketch(told(ViewStage::kSolvingLight, whole)), size_for(look, kMovingSeconds), whole);
   }
   if (look.moving) {
     if (!rests()) return;
-    if (changed) tell_scene(look, false);
+    tell_scene(look, false);
   }
-  if (predicts) {
-    if (!scene_.has_guides()) {
-      predict(look, scene_.sketch(until_next), look.size, until_next);
-      tell(look, ViewStage::kSolvingLight);
-    }
-    predict(look, scene_.guides(until_next), look.size, until_next);
+  {
+    const std::lock_guard lock(mutex_);
+    resting_ = !next_;
   }
-  tell_scene(look, false);  // with the guides that there are, and the camera as it is
+  if (predicts) refine(look, until_next);
+  if (guide_layers_ != told_layers_) tell_scene(current(), false);
   trace(look, until_next);
 }
 
-void Viewer::predict(const ViewLook& look, const Guides& guides, const ivec2& size, const Task& task) {
-  tell(look, ViewStage::kMarching);
+ivec2 Viewer::size_for(const ViewLook& look, double seconds) const {
+  const double pace = sketched_ > 0 ? sketched_ : kFirstPace, pixels = 1.0 * look.size.x * look.size.y;
+  const double wanted = std::max({seconds * pace, std::min(kFewestPixels, kAtOnce * pace), kLeastPixels});
+  const double share = std::sqrt(std::min(1.0, wanted / pixels));
+  return glm::max(ivec2(glm::round(dvec2(look.size) * share)), ivec2(1));
+}
+
+void Viewer::march(const ViewLook& look, const Guides& guides, const ivec2& size, const Task& task) {
+  tell(ViewStage::kMarching);
   const Stopwatch watch;
   const PreparedScene& prepared = scene_.prepared();
-  Layers frame(size.x, size.y);
+  auto frame = std::make_shared<Layers>(size.x, size.y);
   const Camera camera(prepared.scene().camera, size.x, size.y, prepared.world_shift());
-  guides.record(camera, ivec2(0), frame, task, /*sketch=*/size != look.size);
-  pixels_a_second_ = 1.0 * size.x * size.y / std::max(1e-3, watch.seconds());
-  guide_layers_ = guides_in(frame);
-  show(look, about(/*predicted=*/true, 0, {}), frame);
+  const double pixels = 1.0 * size.x * size.y;
+  const bool sketch = size != look.size || marched_ <= 0 || pixels > kAtOnce * marched_;
+  guides.record(camera, ivec2(0), *frame, task, sketch);
+  (sketch ? sketched_ : marched_) = pixels / std::max(1e-3, watch.seconds());
+  guide_layers_ = guides_in(*frame);
+  ViewPicture known = about(/*predicted=*/true, 0, {});
+  known.full = false;
+  {
+    const std::lock_guard lock(mutex_);
+    predicted_ = frame;
+    predicted_look_ = look;
+    about_predicted_ = known;
+  }
+  show(current(), known, *frame);
+}
+
+void Viewer::refine(const ViewLook& look, const Task& task) {
+  ivec2 shown(0);
+  {
+    const std::lock_guard lock(mutex_);
+    if (predicted_ && about_predicted_.full) return show(*last_, about_predicted_, *predicted_);  // the same look again
+    if (predicted_) shown = {predicted_->width(), predicted_->height()};
+  }
+  const auto larger = [&](const ivec2& size) { return size.x > kStepGrowth * shown.x; };
+  const auto step = [&](const Guides& guides, const ivec2& size) {
+    march(look, guides, size, task);
+    shown = size;
+  };
+  if (!scene_.has_guides()) {
+    // There is light for a coarse picture while that for a good one is solved.
+    if (const ivec2 size = size_for(look, 5 * kMovingSeconds); larger(size)) step(scene_.sketch(task), size);
+    tell(ViewStage::kSolvingLight);
+  }
+  const Guides& guides = scene_.guides(told(ViewStage::kSolvingLight, task));
+  const double pixels = 1.0 * look.size.x * look.size.y;
+  for (const int part : {8, 4, 2}) {
+    const double pace = sketched_ > 0 ? sketched_ : kFirstPace;
+    const double seconds = pixels / (marched_ > 0 ? marched_ : pace / kSlower);
+    const ivec2 size = glm::max(look.size / part, ivec2(1));
+    if (seconds < kStepsFrom || 1.0 * size.x * size.y > kStepShare * seconds * pace) break;
+    if (larger(size)) step(guides, size);
+  }
+  march_whole(look, guides, task);
+}
+
+/// The whole picture while it is marched, tile by tile, over the coarse one that was there.
+class Viewer::Emerging {
+ public:
+  Emerging(Viewer& viewer, const Layers& frame) : viewer_(viewer), frame_(frame) {
+    const std::lock_guard lock(viewer.mutex_);
+    coarse_ = viewer.predicted_;
+  }
+  /// Pixels that are there. One call at a time.
+  void add(const ivec2& from, const ivec2& to) {
+    tiles_.push_back({from, to});
+    pixels_ += static_cast<double>(to.x - from.x) * (to.y - from.y);
+    if (watch_.seconds() < next_ || pixels_ >= static_cast<double>(frame_.width()) * frame_.height()) return;
+    const Stopwatch showing;
+    show();
+    next_ = watch_.seconds() + std::max(kShowEvery, showing.seconds() / kShowShare);
+  }
+  /// Pixels a second so far; 0 while that is not known.
+  double pace() const { return pixels_ > 0 ? pixels_ / std::max(1e-3, watch_.seconds()) : 0; }
+
+ private:
+  void show() {
+    const ViewLook look = viewer_.current();
+    Layers seen(frame_.width(), frame_.height());
+    for (const std::string& layer : look.layers)
+      for (const auto& set : channels_of(frame_, layer, /*predicted=*/true))
+        for (const std::string& channel : set) {
+          if (seen.find(channel)) continue;
+          const Plane* const before = coarse_ ? coarse_->find(channel) : nullptr;
+          Plane plane = before ? enlarged(*before, seen.width(), seen.height()) : Plane(seen.width(), seen.height());
+          const Plane& now = frame_.at(channel);
+          for (const PixelWindow& tile : tiles_)
+            for (int y = tile.lo.y; y < tile.hi.y; ++y)
+              std::copy(now.row(y) + tile.lo.x, now.row(y) + tile.hi.x, plane.row(y) + tile.lo.x);
+          seen.set(channel, std::move(plane));
+        }
+    ViewPicture known = viewer_.about(/*predicted=*/true, 0, {});
+    known.full = false;
+    viewer_.show(look, known, seen);
+  }
+
+  Viewer& viewer_;
+  const Layers& frame_;
+  std::shared_ptr<const Layers> coarse_;
+  std::vector<PixelWindow> tiles_;
+  double pixels_ = 0, next_ = kShowEvery;
+  Stopwatch watch_;
+};
+
+void Viewer::march_whole(const ViewLook& look, const Guides& guides, const Task& task) {
+  tell(ViewStage::kMarching);
+  const PreparedScene& prepared = scene_.prepared();
+  auto frame = std::make_shared<Layers>(look.size.x, look.size.y);
+  const Camera camera = prepared.camera();
+  Emerging emerging(*this, *frame);
+  try {
+    guides.record_watched(camera, *frame, told(ViewStage::kMarching, task),
+                          [&](const ivec2& from, const ivec2& to) { emerging.add(from, to); });
+    marched_ = emerging.pace();
+  } catch (const Interrupted&) {
+    if (const double pace = emerging.pace(); pace > 0) marched_ = pace;
+    throw;
+  }
+  guide_layers_ = guides_in(*frame);
+  RenderJob job;
+  job.seed = prepared.scene().render.seed;
+  job.program = version_text();
+  describe_render(*frame, prepared.scene(), layers_, job);
+  std::tie(frame->header["sceneHash"], frame->header["sceneSettings"]) = scene_.fingerprint();
+  frame->header["picture"] = std::string("predicted, without samples");
+  frame->header["samplesPerPixel"] = 0;
+  frame->header["exposure"] = static_cast<float>(prepared.scene().film.exposure);
+  frame->header["worldToCamera"] = camera.world_to_camera();
+  frame->header["worldToNDC"] = camera.world_to_ndc();
+  stamp(*frame);
+  const ViewPicture known = about(/*predicted=*/true, 0, {});
+  {
+    const std::lock_guard lock(mutex_);
+    predicted_ = frame;
+    predicted_look_ = look;
+    about_predicted_ = known;
+  }
+  show(current(), known, *frame);
 }
 
 void Viewer::trace(const ViewLook& look, const Task& task) {
   const PreparedScene& prepared = scene_.prepared();
-  Cleaner cleaner(options_.clean_filter, prepared.scene().film.exposure, host_);
+  std::function<void(double)> cleaning;
+  Host cleans = host_;
+  cleans.progress = [&](const std::string&) { return cleaning; };
+  Cleaner cleaner(options_.clean_filter, prepared.scene().film.exposure, cleans);
   LayerRequest wanted;
   wanted.names = {};
   wanted.guides = true;
   cleaner.request(wanted, kFirstRound);
+  const auto [hash, settings] = scene_.fingerprint();
   RenderJob job;
   job.spp = kMostSamples;
   job.guide_samples = kGuideSamples;
   job.first_round = kFirstRound;
   job.seed = prepared.scene().render.seed;
   job.program = version_text();
-  job.stamp = [](Layers& frame) { stamp(frame); };
+  job.stamp = [&](Layers& frame) {
+    frame.header["sceneHash"] = hash;
+    frame.header["sceneSettings"] = settings;
+    stamp(frame);
+  };
+  // Those of the whole predicted picture are what the samples' frame holds too.
+  std::shared_ptr<const Layers> guides;
+  {
+    const std::lock_guard lock(mutex_);
+    if (predicted_ && about_predicted_.full) guides = predicted_;
+  }
+  job.recorded_guides = guides.get();
+  const double pixels = 1.0 * look.size.x * look.size.y;
+  double taken = 0, begin = 0, goal = kFirstRound;  // samples a pixel, on average: now, and of the round
   int samples = 0;
+  const auto error = [&] { return cleaner.error() >= 0 ? std::optional(cleaner.error()) : std::nullopt; };
+  const auto progress = [&](ViewStage stage, double share) {
+    tell({.stage = stage,
+          .samples = static_cast<int>(taken),
+          .goal = static_cast<int>(std::lround(goal)),
+          .share = share,
+          .error = error()});
+  };
+  Task sampling = task;
+  sampling.progress = [&](double of_all) {
+    taken = std::clamp(of_all * kMostSamples, taken, goal);
+    if (since_told_.seconds() >= kTellEvery) progress(ViewStage::kSampling, (taken - begin) / (goal - begin));
+  };
+  cleaning = [&](double share) {
+    if (since_told_.seconds() >= kTellEvery) progress(ViewStage::kCleaning, share);
+  };
   job.next_round = [&](const RenderRound& round) {
+    taken = goal;
+    progress(ViewStage::kCleaning, 0);
     NextRound next = cleaner.next_round(round, 0);
     samples = std::numeric_limits<int>::max();
     for (int t = 0; t < round.film.tile_count(); ++t)
       samples = std::min(samples, static_cast<int>(round.film.taken(t)));
-    const std::optional<double> error = cleaner.error() >= 0 ? std::optional(cleaner.error()) : std::nullopt;
     const auto frame = std::make_shared<const Layers>(cleaner.picture());
-    const ViewLook now = current();
-    const ViewPicture known = about(/*predicted=*/false, samples, error);
+    const ViewPicture known = about(/*predicted=*/false, samples, error());
     {
       const std::lock_guard lock(mutex_);
       frame_ = frame;
+      frame_look_ = look;
       about_frame_ = known;
+      predicted_.reset();
     }
-    show(now, known, *frame);
-    tell(now, ViewStage::kSampling, samples, error);
+    guides.reset();
+    show(current(), known, *frame);
+    begin = taken;
+    goal = 0;
+    for (size_t t = 0; t < next.goals.size(); ++t)
+      goal += round.film.bounds(static_cast<int>(t)).pixels() / pixels * next.goals[t];
+    goal = std::max(goal, begin + 1);
+    progress(ViewStage::kSampling, 0);
     return next;
   };
-  tell(look, ViewStage::kSampling);
-  {
-    const std::lock_guard lock(mutex_);
-    frame_.reset();
-    tracing_ = true;
-  }
-  prepared.render(job, task);
-  tell(current(), ViewStage::kDone, samples, cleaner.error() >= 0 ? std::optional(cleaner.error()) : std::nullopt);
+  progress(ViewStage::kSampling, 0);
+  prepared.render(job, sampling);
+  tell({.stage = ViewStage::kDone, .samples = samples, .goal = samples, .error = error()});
 }
 
 ViewLook Viewer::current() const {
@@ -387,8 +739,7 @@ ViewPicture Viewer::about(bool predicted, int samples, std::optional<double> err
 
 void Viewer::show(const ViewLook& look, const ViewPicture& about, const Layers& frame) {
   for (const std::string& layer : look.layers) {
-    std::vector<std::vector<const Plane*>> sets = planes_of(frame, layer, about.predicted);
-    std::erase_if(sets, [](const auto& set) { return set.empty(); });
+    const auto sets = channels_of(frame, layer, about.predicted);
     if (sets.empty()) continue;
     ViewPicture picture = about;
     picture.id = look.id;
@@ -396,21 +747,27 @@ void Viewer::show(const ViewLook& look, const ViewPicture& about, const Layers& 
     picture.width = frame.width();
     picture.height = frame.height();
     picture.channels = static_cast<int>(sets[0].size());
-    picture.full = ivec2(frame.width(), frame.height()) == look.size;
     for (size_t c = 0; c < sets[0].size(); ++c) {
-      Plane sum = *sets[0][c];
-      for (size_t other = 1; other < sets.size(); ++other)
-        for (int y = 0; y < sum.height(); ++y)
-          for (int x = 0; x < sum.width(); ++x) sum(x, y) += (*sets[other][c])(x, y);
-      const std::vector<uint16_t> halves = half_bits(sum);
+      const std::vector<uint16_t> halves = half_bits(sum_of(frame, sets, c));
       picture.halves.insert(picture.halves.end(), halves.begin(), halves.end());
     }
     listener_.picture(std::move(picture));
   }
 }
 
-void Viewer::tell(const ViewLook& look, ViewStage stage, int samples, std::optional<double> error) {
-  listener_.progress(look.id, stage, samples, error, asked_.seconds());
+void Viewer::tell(ViewProgress progress) {
+  progress.id = current().id;
+  progress.seconds = asked_.seconds();
+  since_told_ = Stopwatch();
+  listener_.progress(progress);
+}
+
+Task Viewer::told(ViewStage stage, const Task& task) {
+  return {task.threads,
+          [this, stage](double share) {
+            if (since_told_.seconds() >= kTellEvery) tell({.stage = stage, .share = share});
+          },
+          task.cancel};
 }
 
 void Viewer::tell_scene(const ViewLook& look, bool reloaded) {
@@ -418,8 +775,8 @@ void Viewer::tell_scene(const ViewLook& look, bool reloaded) {
   const PathContext& context = prepared.context();
   ViewSceneText text;
   text.id = look.id;
-  text.name = prepared.scene().name;
-  text.command = scene_.command();
+  text.name = scene_.title();
+  text.command = command(look);
   text.reloaded = reloaded;
   text.frames = scene_.frames();
   text.lo = dvec3(std::numeric_limits<double>::infinity());
@@ -436,6 +793,7 @@ void Viewer::tell_scene(const ViewLook& look, bool reloaded) {
   }
   text.layers = kTracedLayers;
   text.layers.insert(text.layers.end(), guide_layers_.begin(), guide_layers_.end());
+  told_layers_ = guide_layers_;
   text.notes = scene_.notes();
   text.left_out = left_out_of(prepared.scene(), prepared.medium() || !context.emissions.empty());
   const auto enabled_volumes =
@@ -454,7 +812,7 @@ void Viewer::tell_scene(const ViewLook& look, bool reloaded) {
   }
   listener_.scene(text);
   const std::lock_guard lock(mutex_);
-  scene_text_ = scene_.text();
+  told_scene_ = std::move(text);
 }
 
 }  // namespace brume

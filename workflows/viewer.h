@@ -29,8 +29,9 @@ struct ViewLook {
   std::optional<int> frame;
   bool needs_scene = false;  ///< who looks has been told nothing of the scene yet
 
-  bool differs_in_layers_alone(const ViewLook& other) const {
-    return assignments == other.assignments && size == other.size && frame == other.frame && !moving && !needs_scene;
+  /// Whether the same is to be seen, of whichever layers.
+  bool shows_as(const ViewLook& other) const {
+    return assignments == other.assignments && size == other.size && frame == other.frame;
   }
 };
 
@@ -46,7 +47,7 @@ struct ViewPicture {
   std::string layer;
   int width = 0, height = 0, channels = 0;
   bool predicted = false;  ///< from guides alone; else path traced and clean
-  bool full = true;        ///< of the size asked for
+  bool full = true;        ///< of the size asked for, and no better prediction follows
   int samples = 0;         ///< per pixel, at least
   std::optional<double> error;
   double seconds = 0;  ///< since it was asked for
@@ -60,6 +61,8 @@ struct ViewSceneText {
   struct Layer {
     std::string name, title;
     int channels;
+    std::string group = "", unit = "";  ///< under which it is listed; of its values
+    friend bool operator==(const Layer&, const Layer&) = default;
   };
   struct Table {
     SceneTable keys;
@@ -77,7 +80,27 @@ struct ViewSceneText {
   std::vector<Table> tables;
 };
 
-enum class ViewStage { kReading, kSolvingLight, kMarching, kSampling, kDone };
+enum class ViewStage { kReading, kSolvingLight, kMarching, kSampling, kCleaning, kDone };
+
+/// How far what is being computed has come.
+struct ViewProgress {
+  uint64_t id = 0;
+  ViewStage stage = ViewStage::kDone;
+  int samples = 0;                   ///< per pixel, taken on average so far
+  int goal = 0;                      ///< samples per pixel at the end of the round
+  std::optional<double> share = {};  ///< of the stage that is done, where it is known
+  std::optional<double> error = {};
+  double seconds = 0;  ///< since it was asked for
+};
+
+/// What is wrong, and where another grid would mend it, which there are.
+struct ViewProblem {
+  uint64_t id = 0;
+  std::string text;
+  std::string grid_key = {};  ///< to assign one of the grids to
+  std::vector<GridChoice> grids = {};
+  bool lasting = false;  ///< over with a scene that was read again, not by another look
+};
 
 /// Told of everything that a viewer makes, from its thread or from look(); must not throw, nor call the viewer.
 class ViewListener {
@@ -85,8 +108,9 @@ class ViewListener {
   virtual ~ViewListener() = default;
   virtual void scene(const ViewSceneText& scene) = 0;
   virtual void picture(ViewPicture picture) = 0;
-  virtual void progress(uint64_t id, ViewStage stage, int samples, std::optional<double> error, double seconds) = 0;
-  virtual void problem(uint64_t id, const std::string& text) = 0;
+  virtual void progress(const ViewProgress& progress) = 0;
+  /// It is over with a later look, or when the scene has been read again.
+  virtual void problem(const ViewProblem& problem) = 0;
   virtual void point(uint64_t id, std::optional<dvec3> position) = 0;
 };
 
@@ -101,8 +125,9 @@ struct ViewOptions {
 /// scene that cannot be read, overrides included
 void check_viewable(const ViewOptions& options);
 
-/// Answers looks at a scene, the newest first: at once with a noise-free picture of predicted light (render/guides), at
-/// rest with path-traced samples in rounds, each cleaned. A thread of its own does all of it.
+/// Answers looks at a scene, the newest first: at once with a noise-free picture of predicted light (render/guides), a
+/// coarse one where the whole takes long, which is refined in steps; at rest with path-traced samples in rounds, each
+/// cleaned. A thread of its own does all of it.
 class Viewer {
  public:
   /// @throws InputError: a filter that cannot clean renders
@@ -111,21 +136,36 @@ class Viewer {
   Viewer(const Viewer&) = delete;
   Viewer& operator=(const Viewer&) = delete;
 
-  /// Takes the place of all looks before. One that asks for other layers alone is answered with those of the last
-  /// clean picture, and samples go on.
+  /// Takes the place of all looks before. One that asks for other layers alone is answered with those of the picture
+  /// that is there, and what is being computed goes on.
   void look(ViewLook look);
   void probe(const ViewProbe& probe);
   /// Ends what is being computed; the next look goes on.
   void pause();
-  /// Looks again if the scene's file has changed.
-  void check_file();
+  /// Looks again if the scene's file, or one that it names, has changed; tells where one is gone. To be called now and
+  /// then: files other than the scene's are read once they have not changed between two calls.
+  void check_files();
 
   /// The last frame that was path traced and cleaned, with all layers; null before.
   std::shared_ptr<const Layers> frame() const;
-  /// The scene as it is shown, as a file of its own; empty before.
+  /// The best frame of this very look, whichever its layers: path traced and cleaned, or the whole predicted picture
+  /// with its guides; null where neither is there yet.
+  std::shared_ptr<const Layers> frame(const ViewLook& look) const;
+  /// The scene as it was looked at last, as a file of its own; empty before.
   std::string scene_text() const;
+  /// The same of a look that need not have been answered. @throws InputError: as edited_scene; nothing has been read
+  /// yet
+  std::string scene_text(const ViewLook& look) const;
+  /// What renders the look in full quality, for a shell.
+  std::string command(const ViewLook& look) const;
 
  private:
+  class Emerging;
+  struct WatchedFile {
+    std::filesystem::path path;
+    std::optional<std::filesystem::file_time_type> written;  // as it was read; nothing: it was not there
+  };
+
   void run();
   void answer(const ViewLook& look);
   /// @return whether anything but camera and film changed   @throws InputError
@@ -134,34 +174,47 @@ class Viewer {
   /// @return false where a newer look came while it waited
   bool rests();
   void tell_scene(const ViewLook& look, bool reloaded);
-  void predict(const ViewLook& look, const Guides& guides, const ivec2& size, const Task& task);
+  /// Columns and rows of a picture of the look's shape that is marched in so many seconds, at most the look's own.
+  ivec2 size_for(const ViewLook& look, double seconds) const;
+  /// Marches the whole picture at a size and shows it.
+  void march(const ViewLook& look, const Guides& guides, const ivec2& size, const Task& task);
+  /// From the picture that is there to the whole predicted one, in steps.
+  void refine(const ViewLook& look, const Task& task);
+  void march_whole(const ViewLook& look, const Guides& guides, const Task& task);
   void trace(const ViewLook& look, const Task& task);
   void show(const ViewLook& look, const ViewPicture& about, const Layers& frame);
   /// With what is known of the scene that is shown; without a layer.
   ViewPicture about(bool predicted, int samples, std::optional<double> error) const;
   ViewLook current() const;
-  void tell(const ViewLook& look, ViewStage stage, int samples = 0, std::optional<double> error = {});
+  void tell(ViewProgress progress);
+  void tell(ViewStage stage) { tell({.stage = stage}); }
+  /// A task whose progress is told.
+  Task told(ViewStage stage, const Task& task);
 
   const ViewOptions options_;
   const Host host_;
   ViewListener& listener_;
   LayerRequest layers_;
-  ViewedScene scene_;  // of the thread alone
-  double pixels_a_second_;
-  std::vector<ViewSceneText::Layer> guide_layers_;  // once guides have been marched
-  Stopwatch asked_;
+  ViewedScene scene_;                  // of the thread alone, but for probes
+  mutable std::mutex scene_mutex_;     // while it changes, or is looked at by a probe
+  double sketched_ = 0, marched_ = 0;  // pixels a second, of the scene that is shown; 0: not measured
+  std::vector<ViewSceneText::Layer> guide_layers_, told_layers_;  // once guides have been marched
+  Stopwatch asked_, since_told_;
 
   mutable std::mutex mutex_;
   std::condition_variable woken_;
   std::optional<ViewLook> next_, last_;
   std::optional<ViewProbe> next_probe_;
   bool end_ = false, reload_ = false;
-  bool tracing_ = false, paused_ = false;
-  std::shared_ptr<const Layers> frame_;
-  ViewPicture about_frame_;
-  std::string scene_text_;
-  std::filesystem::path file_;  // of the scene, as it was read
-  std::filesystem::file_time_type written_;
+  bool resting_ = false, paused_ = false;  // last_ is being answered, and the scene is its own
+  std::shared_ptr<const Layers> frame_, predicted_;
+  ViewPicture about_frame_, about_predicted_;
+  ViewLook frame_look_, predicted_look_;
+  std::shared_ptr<const ViewedText> text_;
+  ViewSceneText told_scene_;
+  std::vector<WatchedFile> files_;  // the scene's first
+  std::vector<WatchedFile> seen_;   // by the last check
+  bool missing_ = false;            // that one is gone has been told
   std::atomic<bool> cancel_{false};
   std::thread thread_;
 };

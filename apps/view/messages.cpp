@@ -140,7 +140,11 @@ std::variant<ViewLook, ViewProbe> parse_message(std::string_view text) {
 std::string text_of(const ViewSceneText& scene) {
   json layers = json::array(), tables = json::array();
   for (const auto& layer : scene.layers)
-    layers.push_back({{"name", layer.name}, {"title", layer.title}, {"channels", layer.channels}});
+    layers.push_back({{"name", layer.name},
+                      {"title", layer.title},
+                      {"channels", layer.channels},
+                      {"group", layer.group},
+                      {"unit", layer.unit}});
   for (const auto& table : scene.tables) {
     json fields = json::array();
     for (const SceneKey& key : table.keys.keys) fields.push_back(json_of(key));
@@ -162,18 +166,31 @@ std::string text_of(const ViewSceneText& scene) {
                  {"groups", tables}});
 }
 
-std::string progress_text(uint64_t id, ViewStage stage, int samples, std::optional<double> error, double seconds) {
-  constexpr std::array kNames = {"reading", "solving light", "marching", "sampling", "done"};
+std::string progress_text(const ViewProgress& p) {
+  constexpr std::array kNames = {"reading", "solving light", "marching", "sampling", "cleaning", "done"};
   return dumped({{"type", "progress"},
-                 {"id", id},
-                 {"stage", kNames[static_cast<size_t>(stage)]},
-                 {"samples", samples},
-                 {"error", json_of(error)},
-                 {"seconds", seconds}});
+                 {"id", p.id},
+                 {"stage", kNames[static_cast<size_t>(p.stage)]},
+                 {"samples", p.samples},
+                 {"goal", p.goal},
+                 {"share", json_of(p.share)},
+                 {"error", json_of(p.error)},
+                 {"seconds", p.seconds}});
 }
 
-std::string problem_text(uint64_t id, const std::string& text) {
-  return dumped({{"type", "problem"}, {"id", id}, {"text", text}});
+std::string elsewhere_text(uint64_t id) {
+  return dumped({{"type", "progress"}, {"id", id}, {"stage", "elsewhere"}});
+}
+
+std::string problem_text(const ViewProblem& problem) {
+  json message = {{"type", "problem"}, {"id", problem.id}, {"text", problem.text}, {"lasting", problem.lasting}};
+  if (problem.grids.empty()) return dumped(message);
+  json grids = json::array();
+  for (const GridChoice& grid : problem.grids)
+    grids.push_back({{"name", grid.name}, {"type", grid.type}, {"usable", grid.usable}});
+  message["grid_key"] = problem.grid_key;
+  message["grids"] = std::move(grids);
+  return dumped(message);
 }
 
 std::string point_text(uint64_t id, std::optional<dvec3> position) {

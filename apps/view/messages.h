@@ -18,8 +18,10 @@ inline constexpr int kLargestSide = 4096;  // of a picture [px]
 std::variant<ViewLook, ViewProbe> parse_message(std::string_view text);
 
 std::string text_of(const ViewSceneText& scene);
-std::string progress_text(uint64_t id, ViewStage stage, int samples, std::optional<double> error, double seconds);
-std::string problem_text(uint64_t id, const std::string& text);
+std::string progress_text(const ViewProgress& progress);
+/// To a page whose turn another one has: what it shows is as it was.
+std::string elsewhere_text(uint64_t id);
+std::string problem_text(const ViewProblem& problem);
 std::string point_text(uint64_t id, std::optional<dvec3> position);
 /// The header's length and the header, in JSON, then the half floats.
 std::string bytes_of(const ViewPicture& picture);

@@ -92,13 +92,13 @@ class Server::Implementation : public ViewListener {
   // ViewListener, from the viewer's thread.
   void scene(const ViewSceneText& scene) override { send_text("scene", text_of(scene)); }
   void picture(ViewPicture picture) override;
-  void progress(uint64_t id, ViewStage stage, int samples, std::optional<double> error, double seconds) override {
-    send_text("progress", progress_text(id, stage, samples, error, seconds));
-    if (stage == ViewStage::kSampling || stage == ViewStage::kDone) answered(id);
+  void progress(const ViewProgress& progress) override {
+    send_text("progress", progress_text(progress));
+    if (progress.stage >= ViewStage::kSampling) answered(progress.id);
   }
-  void problem(uint64_t id, const std::string& text) override {
-    send_text("problem", problem_text(id, text));
-    answered(id);
+  void problem(const ViewProblem& problem) override {
+    send_text("problem", problem_text(problem));
+    answered(problem.id);
   }
   void point(uint64_t id, std::optional<dvec3> position) override { send_text("point", point_text(id, position)); }
 
@@ -141,7 +141,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
   void read_request() {
     parser_.emplace();
     parser_->header_limit(8 * 1024);
-    parser_->body_limit(1024);
+    parser_->body_limit(kLongestMessage);
     stream_.expires_after(kPatience);
     http::async_read(stream_, buffer_, *parser_, [self = shared_from_this()](beast::error_code error, size_t) {
       if (!error) self->answer();
@@ -150,11 +150,9 @@ class Connection : public std::enable_shared_from_this<Connection> {
 
   void send_text(const std::string& kind, std::string text) {
     if (kind == "scene") knows_scene_ = true;
-    const auto same_kind = std::find_if(texts_.begin(), texts_.end(), [&](const auto& t) { return t.first == kind; });
-    if (same_kind != texts_.end() && kind != "point" && kind != "problem")
-      same_kind->second = std::move(text);
-    else if (texts_.size() < kMostTexts)
-      texts_.emplace_back(kind, std::move(text));
+    // In order: a problem is over with a scene that comes after it.
+    if (kind != "point") std::erase_if(texts_, [&](const auto& waiting) { return waiting.first == kind; });
+    if (texts_.size() < kMostTexts) texts_.emplace_back(kind, std::move(text));
     write();
   }
   void send_picture(const std::string& layer, std::shared_ptr<const std::string> bytes) {
@@ -162,6 +160,8 @@ class Connection : public std::enable_shared_from_this<Connection> {
     write();
   }
   bool knows_scene() const { return knows_scene_; }
+  /// What its page looks at.
+  std::optional<ViewLook> look;
   void close() {
     beast::error_code ignored;
     beast::get_lowest_layer(web_ ? web_->next_layer() : stream_).socket().close(ignored);
@@ -179,6 +179,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
       timeout.keep_alive_pings = true;
       web_->set_option(timeout);
       web_->read_message_max(kLongestMessage);
+      web_->auto_fragment(false);  // a picture in pieces of 4 kB would take as long to send as to make
       web_->async_accept(request_, [self = shared_from_this()](beast::error_code error) {
         if (error) return;
         self->server_.joined(self);
@@ -334,8 +335,9 @@ http::response<http::string_body> Server::Implementation::answer(const http::req
   if (!names_this(text(request[http::field::host]))) return refuse(http::status::forbidden, "another host is meant");
   const std::string_view origin = text(request[http::field::origin]);
   if (!origin.empty() && !comes_from_here(origin)) return refuse(http::status::forbidden, "another page asks");
-  if (request.method() != http::verb::get && request.method() != http::verb::head)
-    return refuse(http::status::method_not_allowed, "expected GET");
+  const bool posted = request.method() == http::verb::post;
+  if (request.method() != http::verb::get && request.method() != http::verb::head && !posted)
+    return refuse(http::status::method_not_allowed, "expected GET, or POST with a look");
   std::string_view target = text(request.target());
   target = target.substr(0, target.find('?'));
   const size_t slash = target.find('/', 1);
@@ -343,6 +345,18 @@ http::response<http::string_body> Server::Implementation::answer(const http::req
       !same(target.substr(1, slash - 1), secret_))
     return refuse(http::status::not_found, "nothing is here; the address that the program prints ends in a secret");
   const std::string_view name = target.substr(slash + 1);
+  if (posted && origin.empty()) return refuse(http::status::forbidden, "no page asks");
+  // What is kept of a look is that very look, not what has been computed last.
+  std::optional<ViewLook> look;
+  if (posted) {
+    try {
+      auto wish = parse_message(request.body());
+      if (auto* const wanted = std::get_if<ViewLook>(&wish)) look = std::move(*wanted);
+    } catch (const InputError& problem) {
+      return refuse(http::status::bad_request, problem.what());
+    }
+    if (!look) return refuse(http::status::bad_request, "expected a look");
+  }
   if (websocket::is_upgrade(request)) {
     if (name != "live" || origin.empty()) return refuse(http::status::forbidden, "no page asks");
     return connections_.size() < kMostConnections
@@ -357,13 +371,23 @@ http::response<http::string_body> Server::Implementation::answer(const http::req
   }
   if (name == "view.js") return give("text/javascript; charset=utf-8", std::string(view_script));
   if (name == "view.css") return give("text/css; charset=utf-8", std::string(view_style));
-  if (name == "scene.toml") {
-    response.set(http::field::content_disposition, "attachment; filename=\"scene.toml\"");
-    return give("application/toml; charset=utf-8", viewer_->scene_text());
+  if (name == "scene.toml" || (look && name == "command")) {
+    try {
+      const bool command = name == "command";
+      std::string body = command ? viewer_->command(*look) : look ? viewer_->scene_text(*look) : viewer_->scene_text();
+      if (command) return give("text/plain; charset=utf-8", std::move(body));
+      response.set(http::field::content_disposition, "attachment; filename=\"scene.toml\"");
+      return give("application/toml; charset=utf-8", std::move(body));
+    } catch (const InputError& problem) {
+      return refuse(http::status::conflict, problem.what());
+    }
   }
   if (name == "frame.exr") {
-    const std::shared_ptr<const Layers> frame = viewer_->frame();
-    if (!frame) return refuse(http::status::not_found, "no samples have been taken yet; let the picture rest");
+    const std::shared_ptr<const Layers> frame = look ? viewer_->frame(*look) : viewer_->frame();
+    // A page waits for it, which is no error.
+    if (!frame)
+      return refuse(look ? http::status::accepted : http::status::not_found,
+                    "no samples have been taken yet; let the picture rest");
     const fs::path file =
         fs::temp_directory_path() / fmt::format("brume-view-{}-{}.exr", getpid(), secret_.substr(0, 8));
     try {
@@ -393,7 +417,7 @@ void Server::Implementation::check_file() {
   file_timer_.expires_after(kFileCheck);
   file_timer_.async_wait([this](beast::error_code error) {
     if (error) return;
-    viewer_->check_file();
+    viewer_->check_files();
     check_file();
   });
 }
@@ -413,7 +437,15 @@ void Server::Implementation::joined(const std::shared_ptr<Connection>& connectio
 void Server::Implementation::left(const Connection* connection) {
   const bool looked = looking_.lock().get() == connection;
   std::erase_if(connections_, [&](const auto& c) { return c.get() == connection; });
-  if (looked) next_turn();
+  if (looked) {
+    next_turn();
+    // A page that had to stop goes on.
+    if (!looking_.lock() || !connections_.contains(looking_.lock())) {
+      looking_.reset();
+      for (const auto& other : connections_)
+        if (other->look && !looking_.lock()) begin(other, *other->look);
+    }
+  }
   if (connections_.empty() && !options_.keep) leave_alone();
 }
 
@@ -425,17 +457,20 @@ void Server::Implementation::asks(const std::shared_ptr<Connection>& connection,
     else if (looking_.lock() == connection)
       viewer_->probe(std::get<ViewProbe>(wish));
   } catch (const std::exception& error) {
-    connection->send_text("problem", problem_text(0, error.what()));
+    connection->send_text("problem", problem_text({0, error.what()}));
   }
 }
 
 void Server::Implementation::begin(const std::shared_ptr<Connection>& connection, ViewLook look) {
+  connection->look = look;
   const auto other = looking_.lock();
   if (unanswered_ && other && other != connection && connections_.contains(other)) {
     std::erase_if(waiting_, [&](const auto& wish) { return wish.first.lock() == connection; });
     waiting_.emplace_back(connection, std::move(look));
     return;
   }
+  if (other && other != connection && connections_.contains(other) && other->look)
+    other->send_text("progress", elsewhere_text(other->look->id));
   looking_ = connection;
   unanswered_ = look.id;
   look.needs_scene = !connection->knows_scene();

@@ -1,6 +1,7 @@
 #include "render/guides/guide_march.h"
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <mutex>
 #include <utility>
@@ -58,9 +59,9 @@ GuideMarch::GuideMarch(const PathContext& context, const std::vector<GuideMedia>
 }
 
 // Media that are not looked up side by side are asked for point by point.
-GuideMarch::Marched GuideMarch::marched(size_t time) const {
+GuideMarch::MarchedMedia GuideMarch::marched(size_t time) const {
   const GuideMedia& media = media_[time];
-  Marched result;
+  MarchedMedia result;
   const auto side_by_side = [&](const Medium& m) {
     return !m.homogeneous() && !m.displacement() && !m.coloured() && !m.bricks().empty() && LaneGrid::fits(m.bricks());
   };
@@ -125,29 +126,47 @@ int GuideMarch::rays_across() const {
   return glm::distance(a.at(distance), b.at(distance)) > 0.75 * std::sqrt(2.0) * media_[0].voxel() ? 2 : 1;
 }
 
-void GuideMarch::record(const ivec2& corner, Layers& frame, const Task& task) const {
-  const GuideLayers layers(frame, fields_.lights(), colour_,
-                           {.emission = !media_[0].emissions().empty(),
-                            .surfaces = context_.surfaces != nullptr,
-                            .mirrors = !node_light_.empty()});
-  const int across = sketch_ ? 1 : rays_across();
-  const ivec2 size(frame.width(), frame.height()), tiles = (size + Tile::kSide - 1) / Tile::kSide;
-  std::mutex mutex;
-  std::vector<std::unique_ptr<Tile>> idle;
-  parallel_for(tiles.x * tiles.y, task, [&](int i) {
-    std::unique_ptr<Tile> tile;
-    {
-      const std::lock_guard lock(mutex);
-      if (!idle.empty()) {
-        tile = std::move(idle.back());
-        idle.pop_back();
+void GuideMarch::record(const std::vector<const GuideMarch*>& colours, const ivec2& corner, Layers& frame,
+                        const Task& task, const Marched& done) {
+  std::vector<GuideLayers> layers;
+  for (const GuideMarch* const march : colours)
+    layers.emplace_back(frame, march->fields_.lights(), march->colour_,
+                        GuideLayers::Contents{.emission = !march->media_[0].emissions().empty(),
+                                              .surfaces = march->context_.surfaces != nullptr,
+                                              .mirrors = !march->node_light_.empty()});
+  const ivec2 size(frame.width(), frame.height()), count = (size + Tile::kSide - 1) / Tile::kSide;
+  std::vector<ivec2> tiles;  // their first pixels
+  for (int i = 0; i < count.x * count.y; ++i) tiles.emplace_back(Tile::kSide * ivec2(i % count.x, i / count.x));
+  if (done)
+    std::stable_sort(tiles.begin(), tiles.end(), [&](const ivec2& a, const ivec2& b) {
+      const auto off = [&](const ivec2& from) {
+        const ivec2 twice = 2 * from + Tile::kSide - size;
+        return twice.x * twice.x + twice.y * twice.y;
+      };
+      return off(a) < off(b);
+    });
+  std::mutex mutex, watching;
+  std::vector<std::vector<std::unique_ptr<Tile>>> idle(colours.size());
+  std::atomic<size_t> next{0};
+  parallel_for(count.x * count.y, task, [&](int) {
+    const ivec2 from = tiles[next++], to = glm::min(from + Tile::kSide, size);
+    for (size_t c = 0; c < colours.size(); ++c) {
+      std::unique_ptr<Tile> tile;
+      {
+        const std::lock_guard lock(mutex);
+        if (!idle[c].empty()) {
+          tile = std::move(idle[c].back());
+          idle[c].pop_back();
+        }
       }
+      if (!tile) tile = std::make_unique<Tile>(*colours[c]);
+      tile->record(corner, from, to, colours[c]->sketch_ ? 1 : colours[c]->rays_across(), layers[c]);
+      const std::lock_guard lock(mutex);
+      idle[c].push_back(std::move(tile));
     }
-    if (!tile) tile = std::make_unique<Tile>(*this);
-    const ivec2 from = Tile::kSide * ivec2(i % tiles.x, i / tiles.x);
-    tile->record(corner, from, glm::min(from + Tile::kSide, size), across, layers);
-    const std::lock_guard lock(mutex);
-    idle.push_back(std::move(tile));
+    if (!done) return;
+    const std::lock_guard lock(watching);
+    done(from, to);
   });
 }
 

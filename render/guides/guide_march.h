@@ -1,5 +1,6 @@
 #pragma once
 #include <array>
+#include <functional>
 #include <optional>
 #include <string>
 #include <vector>
@@ -28,8 +29,14 @@ class GuideMarch {
   GuideMarch(const PathContext& context, const std::vector<GuideMedia>& media, const LightFields& fields,
              GuideColour colour, const Camera& camera, double step_voxels, bool sketch, const Task& task);
 
+  /// Told of pixels from..to of the window that are in the frame, from any thread, one at a time.
+  using Marched = std::function<void(const ivec2& from, const ivec2& to)>;
   /// Adds the layers of the pixels from `corner` on to `frame`.
-  void record(const ivec2& corner, Layers& frame, const Task& task) const;
+  void record(const ivec2& corner, Layers& frame, const Task& task) const { record({this}, corner, frame, task, {}); }
+  /// The same of several colours, tile by tile.
+  /// @param done  null, or told of each tile; they come from the middle of the window outwards then
+  static void record(const std::vector<const GuideMarch*>& colours, const ivec2& corner, Layers& frame,
+                     const Task& task, const Marched& done);
 
  private:
   struct Pixel;
@@ -137,15 +144,15 @@ class GuideMarch {
   double look_apart_ = 0;       // between two look-ups of the fields at nodes [steps]
 
   /// As the march reads them, at one time of the shutter.
-  struct Marched {
+  struct MarchedMedia {
     std::vector<LaneGrid> cells;
     std::vector<MarchedGrid> grids;
     std::vector<MarchedSun> suns;
     std::vector<MarchedFields::Group> groups;
     MarchScene scene;
   };
-  Marched marched(size_t time) const;
-  std::vector<Marched> marched_;
+  MarchedMedia marched(size_t time) const;
+  std::vector<MarchedMedia> marched_;
 
   OrderTint tint_;  // of the first medium
   NodeFields node_fields_;

@@ -63,6 +63,27 @@ void Guides::record(const Camera& camera, const ivec2& corner, Layers& frame, co
   for_each_march(camera, sketch, task, [&](const GuideMarch& march) { march.record(corner, frame, task); });
 }
 
+void Guides::record_watched(const Camera& camera, Layers& frame, const Task& task,
+                            const std::function<void(const ivec2& from, const ivec2& to)>& done) const {
+  if (media_[0].empty()) return;
+  if (fields_.size() < colours_.size()) {  // one colour after the other: a pixel is there with the last one
+    size_t colour = 0;
+    for_each_march(camera, /*sketch=*/false, task, [&](const GuideMarch& march) {
+      const bool last = ++colour == colours_.size();
+      GuideMarch::record({&march}, ivec2(0), frame, task, last ? done : GuideMarch::Marched());
+    });
+    return;
+  }
+  std::vector<std::unique_ptr<GuideMarch>> all;
+  std::vector<const GuideMarch*> colours;
+  for (size_t i = 0; i < colours_.size(); ++i) {
+    all.push_back(std::make_unique<GuideMarch>(context_, media_, fields_[i], colours_[i], camera, step_,
+                                               /*sketch=*/false, task));
+    colours.push_back(all.back().get());
+  }
+  GuideMarch::record(colours, ivec2(0), frame, task, done);
+}
+
 void Guides::record_stored(const Camera& camera, const ivec2& corner, Layers& frame, const Task& task,
                            const std::function<bool(const std::string& channel)>& stored) const {
   for_each_march(camera, /*sketch=*/false, task, [&](const GuideMarch& march) {

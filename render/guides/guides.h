@@ -39,6 +39,10 @@ class Guides {
   /// @param corner  of the window, in pixels of the whole picture
   /// @param sketch  one ray for each pixel, in longer steps: for pictures that are looked at while better ones are made
   void record(const Camera& camera, const ivec2& corner, Layers& frame, const Task& task, bool sketch = false) const;
+  /// The same of a whole picture for who watches it come: its tiles from the middle outwards.
+  /// @param done  told of the pixels from..to that are there, from any thread, one at a time
+  void record_watched(const Camera& camera, Layers& frame, const Task& task,
+                      const std::function<void(const ivec2& from, const ivec2& to)>& done) const;
   /// The same, but that channels go to Layers::stored where `stored` says so: at no time are they all there as planes.
   void record_stored(const Camera& camera, const ivec2& corner, Layers& frame, const Task& task,
                      const std::function<bool(const std::string& channel)>& stored) const;

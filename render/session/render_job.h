@@ -83,6 +83,9 @@ struct RenderJob {
   std::function<NextRound(const RenderRound&)> next_round;
   int first_round = 8;
 
+  /// The whole picture's guides where they are there already, as Guides::record makes them for so many samples; null:
+  /// they are recorded. Not with `crop` or `stored`; needed until the first round or picture has been shown.
+  const Layers* recorded_guides = nullptr;
   /// Guides that the frame holds in Layers::stored; null: none.
   std::function<bool(const std::string& channel)> stored;
   bool keep_state = false;  ///< the result carries the sums of its samples, to be merged

@@ -264,6 +264,7 @@ NextRound RenderSession::ask_for_round(double sampling_seconds) {
 }
 
 void RenderSession::record_guides(const Task& task) {
+  if (job_.recorded_guides && guides_.width() == 0) guides_ = *job_.recorded_guides;
   const Guides* const guides = scene_.guides(job_.samples_for_guides(), task);
   if (!guides || guides_.width() > 0) return;
   guides_ = Layers(film_.width(), film_.height());

@@ -32,11 +32,17 @@ class Audience : public ViewListener {
   void picture(ViewPicture picture) override {
     add([&] { pictures.push_back(std::move(picture)); });
   }
-  void progress(uint64_t id, ViewStage stage, int, std::optional<double>, double) override {
-    add([&] { stages.emplace_back(id, stage); });
+  void progress(const ViewProgress& progress) override {
+    add([&] {
+      stages.emplace_back(progress.id, progress.stage);
+      told.push_back(progress);
+    });
   }
-  void problem(uint64_t id, const std::string& text) override {
-    add([&] { problems.emplace_back(id, text); });
+  void problem(const ViewProblem& problem) override {
+    add([&] {
+      problems.emplace_back(problem.id, problem.text);
+      wrong.push_back(problem);
+    });
   }
   void point(uint64_t id, std::optional<dvec3> position) override {
     add([&] { points.emplace_back(id, position); });
@@ -45,7 +51,7 @@ class Audience : public ViewListener {
   /// @return whether it came to be within two minutes
   bool wait(const std::function<bool(const Audience&)>& is) {
     std::unique_lock lock(mutex_);
-    return told_.wait_for(lock, 120s, [&] { return is(*this); });
+    return came_.wait_for(lock, 120s, [&] { return is(*this); });
   }
   std::optional<ViewPicture> first(const std::function<bool(const ViewPicture&)>& is) {
     std::optional<ViewPicture> found;
@@ -60,7 +66,9 @@ class Audience : public ViewListener {
   std::vector<ViewSceneText> scenes;
   std::vector<ViewPicture> pictures;
   std::vector<std::pair<uint64_t, ViewStage>> stages;
+  std::vector<ViewProgress> told;
   std::vector<std::pair<uint64_t, std::string>> problems;
+  std::vector<ViewProblem> wrong;
   std::vector<std::pair<uint64_t, std::optional<dvec3>>> points;
 
  private:
@@ -69,10 +77,10 @@ class Audience : public ViewListener {
       const std::lock_guard lock(mutex_);
       what();
     }
-    told_.notify_all();
+    came_.notify_all();
   }
   std::mutex mutex_;
-  std::condition_variable told_;
+  std::condition_variable came_;
 };
 
 float value(const ViewPicture& p, int channel, int x, int y) {
@@ -287,9 +295,9 @@ TEST(Viewer, AFileThatChangesIsLoadedAgain) {
   v.viewer.look(look(1));
   const auto bright = v.audience.first([](const ViewPicture& p) { return !p.predicted; });
   ASSERT_TRUE(bright);
-  v.viewer.check_file();
+  v.viewer.check_files();
   write("0.5");
-  v.viewer.check_file();
+  v.viewer.check_files();
   ASSERT_TRUE(v.audience.wait([](const Audience& a) {
     return std::any_of(a.scenes.begin(), a.scenes.end(), [](const ViewSceneText& s) { return s.reloaded; });
   }));

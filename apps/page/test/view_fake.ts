@@ -20,6 +20,14 @@ export interface Fake {
   lose: () => void;
   comeBack: () => void;
   problem: (text: string) => void;
+  /** Any message of the program. */
+  tell: (message: object) => void;
+  /** Looks at rest are answered with a coarse picture, without samples or progress. */
+  coarse: boolean;
+  /** Layers that are not answered. */
+  without: string[];
+  /** How often the page has tried to connect. */
+  tries: number;
 }
 
 /** Replaces the WebSocket of all documents that the page will load. */
@@ -94,9 +102,9 @@ function fakeProgram({ frames }: FakeOptions): void {
     },
   };
   const LAYERS = [
-    { name: "picture", title: "picture", channels: 3 },
-    { name: "noisy", title: "noisy", channels: 3 },
-    { name: "depth", title: "depth", channels: 1 },
+    { name: "picture", title: "picture", channels: 3, group: "", unit: "W/(m^2 sr)" },
+    { name: "noisy", title: "noisy", channels: 3, group: "path traced", unit: "W/(m^2 sr)" },
+    { name: "depth", title: "depth", channels: 1, group: "shape of the media", unit: "scene units" },
   ];
 
   const halfOf = (value: number): number => {
@@ -151,6 +159,7 @@ function fakeProgram({ frames }: FakeOptions): void {
 
     constructor(readonly url: string) {
       super();
+      ++fake.tries;
       setTimeout(() => {
         if (!there) return this.close();
         current = this;
@@ -202,8 +211,10 @@ function fakeProgram({ frames }: FakeOptions): void {
         });
       }
       this.tell({ type: "progress", id: message.id, stage: "marching", samples: 0, error: null, seconds: 0.02 });
-      for (const layer of message.layers) this.tell(this.picture(message, layer, all, message.moving ? 0.5 : 1));
-      if (!message.moving)
+      const share = message.moving ? 0.5 : fake.coarse ? 0.125 : 1;
+      for (const layer of message.layers)
+        if (!fake.without.includes(layer)) this.tell(this.picture(message, layer, all, share));
+      if (!message.moving && !fake.coarse)
         this.tell({ type: "progress", id: message.id, stage: "done", samples: 16, error: 0.012, seconds: 1.25 });
     }
     picture(message: Fake["sent"][0] & { id: number }, layer: string, all: typeof tables, share: number): ArrayBuffer {
@@ -227,10 +238,10 @@ function fakeProgram({ frames }: FakeOptions): void {
         width,
         height,
         channels,
-        stage: message.moving ? "predicted" : "clean",
+        stage: share < 1 ? "predicted" : "clean",
         full: share === 1,
-        samples: message.moving ? 0 : 16,
-        error: message.moving ? null : 0.012,
+        samples: share < 1 ? 0 : 16,
+        error: share < 1 ? null : 0.012,
         seconds: 0.02,
         exposure: 1,
         frame: message.frame ?? frames?.[0] ?? null,
@@ -272,6 +283,10 @@ function fakeProgram({ frames }: FakeOptions): void {
     },
     comeBack: () => (there = true),
     problem: (text) => current?.tell({ type: "problem", id: 1e9, text }),
+    tell: (message) => current?.tell(message),
+    coarse: false,
+    without: [],
+    tries: 0,
   };
   Object.assign(window, { fake, WebSocket: FakeSocket });
 }

@@ -97,8 +97,12 @@ describe("the page with a made-up program", () => {
           body: readFileSync(join(built, name), "utf8"),
           headers,
         });
+      const posted = route.request().postData();
+      if (posted) kept.push({ name, state: JSON.parse(posted) as Kept["state"] });
       if (name === "scene.toml") return route.fulfill({ contentType: "application/toml", body: 'name = "ball"\n' });
-      return route.fulfill({ status: 404, contentType: "text/plain", body: "no samples have been taken yet\n" });
+      if (name === "command") return route.fulfill({ body: `brume render ${kept.at(-1)!.state.set.join(" ")}` });
+      if (name === "frame.exr" && frameIsThere) return route.fulfill({ contentType: "image/x-exr", body: "v/1" });
+      return route.fulfill({ status: 202, contentType: "text/plain", body: "no samples have been taken yet\n" });
     });
     await page.goto(ADDRESS);
     await drawn(picture(page));
@@ -106,6 +110,23 @@ describe("the page with a made-up program", () => {
     return page;
   }
 
+  interface Kept {
+    name: string;
+    state: { type: string; set: string[]; size: [number, number]; moving: boolean; frame: number | null };
+  }
+  /** What pages asked for to keep. */
+  const kept: Kept[] = [];
+  let frameIsThere = false;
+
+  /** Does something to the made-up program. */
+  const fake = <T>(page: Page, what: (fake: Fake, argument: T) => void, argument?: T) =>
+    page.evaluate(
+      ([text, a]) => {
+        const act = new Function(`return (${text as string})`)() as (f: Fake, argument: unknown) => void;
+        act((window as unknown as { fake: Fake }).fake, a);
+      },
+      [String(what), argument] as const,
+    );
   const sent = (page: Page) => page.evaluate(() => (window as unknown as { fake: Fake }).fake.sent);
   const looks = async (page: Page) => (await sent(page)).filter(({ type }) => type === "look");
   const last = async (page: Page) => (await looks(page)).at(-1)!;
@@ -236,7 +257,7 @@ describe("the page with a made-up program", () => {
     const page = await open(made);
     await slide(field(page, "volumes.0.sigma_t").getByRole("slider"), 0);
     await says(page, ["volumes.0.sigma_t=0"]);
-    await page.getByRole("button", { name: "Reset ball.vdb sigma_t" }).click();
+    await page.getByRole("button", { name: "Reset ball.vdb extinction" }).click();
     await says(page, []);
     await field(page, "volumes.0.albedo").locator("input[type=color]").fill("#00ff00");
     await says(page, ["volumes.0.albedo=[0,0.9,0]"]);
@@ -392,15 +413,314 @@ describe("the page with a made-up program", () => {
     const png = await download("PNG");
     assert.equal(png.name, "ball.png");
     assert.deepEqual([png.bytes.readUInt32BE(16), png.bytes.readUInt32BE(20)], (await last(page)).size);
+    // An EXR of a frame that is not there yet waits for it.
     await page.getByRole("button", { name: "EXR" }).click();
-    await page.getByText("no samples have been taken yet").waitFor();
+    await page.getByText("saved as soon as the whole picture is there").waitFor();
+    const [exr] = await Promise.all([page.waitForEvent("download"), (frameIsThere = true)]);
+    assert.equal(exr.suggestedFilename(), "ball.exr");
+    frameIsThere = false;
     await page.keyboard.press("1");
     await page.locator("code", { hasText: "camera.position" }).waitFor();
     await page.getByRole("button", { name: "Copy the command line" }).click();
     await page.getByText("Command line copied").waitFor();
     const text = await page.evaluate(() => navigator.clipboard.readText());
-    assert.match(text, /^brume render ball\.toml -D 'camera\.position=\[0,-6\.\d+,0\]' --clean/);
+    assert.match(text, /^brume render camera\.position=\[0,-6\.\d+,0\]/);
     await made.close();
+  });
+
+  test("what is kept is what is seen: the camera of the click, a coarse picture at the size asked for", async () => {
+    const made = await context();
+    const page = await open(made);
+    const count = kept.length;
+    await fake(page, (f) => (f.coarse = true));
+    const before = await pixels(picture(page));
+    await page.keyboard.press("ArrowRight");
+    await drawn(picture(page), before);
+    await comesTo(async () => (await last(page)).moving, false);
+    await page.getByText("shown: predicted, coarse").waitFor();
+    const download = async (name: string) => {
+      const [file] = await Promise.all([page.waitForEvent("download"), page.getByRole("button", { name }).click()]);
+      return readFileSync((await file.path())!);
+    };
+    await download("Scene");
+    const { set, size } = await last(page);
+    assert.match(set[0]!, /^camera\.position=/);
+    assert.equal(kept.length, count + 1);
+    assert.equal(kept.at(-1)!.name, "scene.toml");
+    assert.deepEqual(kept.at(-1)!.state.set, set);
+    assert.deepEqual(kept.at(-1)!.state.size, size);
+    const png = await download("PNG");
+    assert.deepEqual([png.readUInt32BE(16), png.readUInt32BE(20)], size);
+    await page.getByText("the picture was still coarse").waitFor();
+    // One whose view is left before its frame is there is not saved.
+    await page.getByRole("button", { name: "EXR" }).click();
+    await page.getByText("saved as soon as").waitFor();
+    await page.keyboard.press("ArrowRight");
+    await page.getByText("nothing was saved").waitFor();
+    await made.close();
+  });
+
+  test("a problem ends with a later look, a lasting one when the scene was read again", async () => {
+    const made = await context();
+    const page = await open(made);
+    const alert = page.getByRole("alert");
+    const id = async () => ((await looks(page)).at(-1) as unknown as { id: number }).id;
+    const problem = async (text: string, lasting: boolean) =>
+      fake(page, (f, p) => f.tell(p!), { type: "problem", id: await id(), text, lasting });
+    await problem("no such key", false);
+    await alert.getByText("no such key").waitFor();
+    await page.getByText("stopped by a problem").waitFor();
+    await page.keyboard.press("ArrowRight");
+    await alert.getByText("no such key").waitFor({ state: "detached" });
+    await comesTo(async () => (await last(page)).moving, false);
+    await problem("ball.toml: the file is gone", true);
+    await alert.getByText("the file is gone").waitFor();
+    await page.keyboard.press("ArrowRight");
+    await comesTo(async () => (await last(page)).moving, false);
+    await page.waitForTimeout(200);
+    assert.equal(await alert.getByText("the file is gone").count(), 1);
+    // The scene that was read again has the number of the look that failed.
+    await fake(page, (f, p) => f.tell(p!), {
+      type: "scene",
+      id: await id(),
+      name: "ball",
+      layers: [{ name: "picture", channels: 3 }],
+      groups: [],
+      reloaded: true,
+    });
+    await alert.getByText("the file is gone").waitFor({ state: "detached" });
+    await made.close();
+  });
+
+  test("a file without a usable grid offers those that it has", async () => {
+    const made = await context();
+    const page = await open(made);
+    await fake(page, (f, p) => f.tell(p!), {
+      type: "problem",
+      id: 1e9,
+      text: "ball.vdb: no grid 'density'",
+      grid_key: "volumes.0.grid",
+      grids: [
+        { name: "soot", type: "float", usable: true },
+        { name: "", type: "float", usable: true },
+        { name: "vel", type: "vec3s", usable: false },
+      ],
+    });
+    const alert = page.getByRole("alert");
+    await alert.getByText("vel").waitFor();
+    assert.deepEqual(await alert.locator(".grids button").allTextContents(), ["soot float", "(no name) float"]);
+    assert.deepEqual(await violations(page, "grids"), []);
+    await page.screenshot({ path: join(shots, "grids.png") });
+    await alert.getByRole("button", { name: "soot" }).click();
+    await says(page, ['volumes.0.grid="soot"']);
+    await made.close();
+  });
+
+  test("the status line counts on between messages, with a bar and an estimate", async () => {
+    const made = await context();
+    const page = await open(made);
+    const status = page.locator(".status");
+    const progress = (share: number, samples: number) =>
+      fake(page, (f, p) => f.tell(p!), { type: "progress", id: 1, stage: "sampling", samples, goal: 16, share, seconds: 9 });
+    await progress(0.1, 9);
+    await status.getByText("9 of 16 spp").waitFor();
+    assert.ok(Math.abs(await page.locator(".status progress").evaluate((e) => (e as HTMLProgressElement).value)) > 0.09);
+    const seconds = async () => parseFloat((await status.locator(".passed").textContent()) ?? "");
+    const before = await seconds();
+    await comesTo(async () => (await seconds()) > before + 0.9, true);
+    assert.equal(await status.locator(".left").count(), 0);
+    await progress(0.5, 12);
+    await status.getByText("12 of 16 spp").waitFor();
+    await comesTo(async () => /^\d[\d. a-z]* left$/.test((await status.locator(".left").textContent()) ?? ""), true);
+    assert.deepEqual(await violations(page, "status"), []);
+    await page.screenshot({ path: join(shots, "status.png") });
+    await made.close();
+  });
+
+  test("a page whose turn another one has says so, and takes it back", async () => {
+    const made = await context();
+    const page = await open(made);
+    await comesTo(() => page.locator(".stage-name").getAttribute("data-stage"), "done");
+    const count = (await looks(page)).length;
+    await fake(page, (f) => f.tell({ type: "progress", id: 1, stage: "elsewhere" }));
+    await page.getByText("another page of this program is being computed").waitFor();
+    await page.getByRole("button", { name: "Go on here" }).click();
+    await comesTo(async () => (await looks(page)).length, count + 1);
+    await comesTo(() => page.locator(".stage-name").getAttribute("data-stage"), "done");
+    await made.close();
+  });
+
+  test("a page of a program that has ended says so and tries no more", async () => {
+    const made = await context();
+    const page = await open(made, {}, /404/);
+    await page.route(ADDRESS, (route) => route.fulfill({ status: 404, contentType: "text/plain", body: "nothing is here" }));
+    await fake(page, (f) => f.lose());
+    await page.getByText("This page belongs to a program that has ended").waitFor();
+    const tries = () => page.evaluate(() => (window as unknown as { fake: Fake }).fake.tries);
+    const before = await tries();
+    await page.waitForTimeout(2500);
+    assert.equal(await tries(), before);
+    await drawn(picture(page));
+    assert.deepEqual(await violations(page, "ended"), []);
+    await made.close();
+  });
+
+  test("a layer that is not there yet is not shown under another's picture", async () => {
+    const made = await context();
+    const page = await open(made);
+    await fake(page, (f) => {
+      f.coarse = true;
+      f.without = ["noisy"];
+    });
+    await page.getByLabel("Layer", { exact: true }).selectOption("noisy");
+    await page.keyboard.press("ArrowRight");
+    await comesTo(async () => (await last(page)).moving, false);
+    await page.getByText("noisy: not there yet").waitFor();
+    await comesTo(async () => {
+      const alpha = await picture(page).evaluate((c) => {
+        const { width, height } = c as HTMLCanvasElement;
+        return (c as HTMLCanvasElement).getContext("2d")!.getImageData(width / 2, height / 2, 1, 1).data[3];
+      });
+      return alpha;
+    }, 0);
+    await page.getByRole("button", { name: "PNG" }).click();
+    await page.getByText("There is no layer “noisy” yet").waitFor();
+    // Something moves: the picture stands in, under its own name.
+    const { x, y } = await middle(picture(page));
+    await page.mouse.move(x, y);
+    await page.mouse.down();
+    await page.mouse.move(x + 40, y, { steps: 4 });
+    await page.getByText("picture; noisy is not there yet").waitFor();
+    await page.screenshot({ path: join(shots, "missing.png") });
+    await page.mouse.up();
+    await made.close();
+  });
+
+  test("layers are listed in groups, with their units", async () => {
+    const made = await context();
+    const page = await open(made);
+    const list = page.getByLabel("Layer", { exact: true });
+    assert.deepEqual(
+      await list.locator("optgroup").evaluateAll((all) => all.map((e) => (e as HTMLOptGroupElement).label)),
+      ["path traced", "shape of the media"],
+    );
+    await list.selectOption("depth");
+    await page.locator(".legend").getByText("depth [scene units]").waitFor();
+    assert.match((await list.locator("option:checked").textContent()) ?? "", /scene units/);
+    await made.close();
+  });
+
+  test("sliders begin where values are useful; shift, wheel and arrows step them finely", async () => {
+    const made = await context();
+    const page = await open(made);
+    const value = async () => Number((await last(page)).set[0]?.split("=")[1] ?? 40);
+    const slider = field(page, "volumes.0.sigma_t").getByRole("slider");
+    const { x, y, width, height } = await box(slider);
+    const press = async (key: string, times: number) => {
+      for (let i = 0; i < times; ++i) await page.keyboard.press(key);
+    };
+    // The whole way is no more than four hundred times, with the file's value in the middle of it.
+    await page.mouse.click(x + width - 10, y + height / 2);
+    await comesTo(async () => (await value()) > 600 && (await value()) < 900, true);
+    await page.mouse.click(x + width / 2, y + height / 2);
+    await comesTo(async () => Math.abs((await value()) / 40 - 1) < 0.2, true);
+    // With Shift the same way is a tenth.
+    const drags = async (shift: boolean) => {
+      await page.mouse.move(x + width / 2, y + height / 2);
+      if (shift) await page.keyboard.down("Shift");
+      await page.mouse.down();
+      await page.mouse.move(x + width / 2 + 30, y + height / 2, { steps: 3 });
+      await page.mouse.up();
+      if (shift) await page.keyboard.up("Shift");
+      await comesTo(async () => (await last(page)).moving, false);
+    };
+    const before = await value();
+    await drags(true);
+    await comesTo(async () => (await value()) > before, true);
+    const fine = Math.log((await value()) / before);
+    await page.mouse.click(x + width / 2, y + height / 2);
+    await comesTo(value, before);
+    await drags(false);
+    const coarse = Math.log((await value()) / before);
+    assert.ok(coarse / fine > 6 && coarse / fine < 16, `${coarse} and ${fine}`);
+    // Arrow keys and the wheel.
+    await slider.focus();
+    let now = await value();
+    await press("ArrowRight", 1);
+    await comesTo(async () => (await value()) > now * 1.01, true);
+    now = await value();
+    await press("Shift+ArrowRight", 1);
+    await comesTo(async () => (await value()) > now && (await value()) < now * 1.02, true);
+    now = await value();
+    await page.mouse.move(x + width / 2, y + height / 2);
+    await page.mouse.wheel(0, -100);
+    await comesTo(async () => (await value()) > now * 1.01, true);
+    // A value that is typed beyond the slider is taken, and the slider reaches it.
+    const typed = field(page, "volumes.0.sigma_t").locator("input.number");
+    await typed.fill("12345.6");
+    await page.keyboard.press("Enter");
+    await says(page, ["volumes.0.sigma_t=12345.6"]);
+    await comesTo(async () => Number(await slider.inputValue()) < 10000, true);
+    await made.close();
+  });
+
+  test("fields are named in words, their keys stand in the tooltips", async () => {
+    const made = await context();
+    const page = await open(made);
+    for (const name of ["camera", "film"]) await page.locator(`[data-panel="${name}"] h2 button`).click();
+    for (const more of await page.locator("button.more").all()) await more.click();
+    const names = await page.locator(".field[data-key] .name").evaluateAll((all) =>
+      all.map((e) => ({ text: e.firstChild!.textContent ?? "", key: e.closest("[data-key]")!.getAttribute("data-key")!, title: e.getAttribute("title") })),
+    );
+    assert.ok(names.length > 20);
+    for (const { text, key, title } of names) {
+      assert.ok(!/_/.test(text) && text.length > 1, `${key} is called ${text}`);
+      assert.ok(title?.startsWith(`${key}:`), `${key}: ${title}`);
+    }
+    assert.ok(names.some(({ text, key }) => key === "volumes.0.sigma_t" && text === "extinction"));
+    await made.close();
+  });
+
+  test("the page is light or dark as the system asks, also when that changes", async () => {
+    const made = await context(DESKTOP, { colorScheme: "light" });
+    const page = await open(made, { frames: [1, 2] });
+    const ground = () => page.locator(".panels").evaluate((e) => getComputedStyle(e).backgroundColor);
+    assert.equal(await ground(), "rgb(255, 255, 255)");
+    await page.getByLabel("Layer", { exact: true }).selectOption("depth");
+    await page.getByLabel("Compare with layer").selectOption("picture");
+    await page.locator(".legend").waitFor();
+    const { x, y } = await middle(picture(page));
+    await page.mouse.move(x - 30, y);
+    await fake(page, (f) => f.problem("line 3: no such key"));
+    await page.getByRole("alert").getByText("line 3").waitFor();
+    await page.keyboard.press("l");
+    assert.deepEqual(await violations(page, "light"), []);
+    await page.screenshot({ path: join(shots, "light.png") });
+    await page.emulateMedia({ colorScheme: "dark" });
+    await comesTo(ground, "rgb(23, 25, 28)");
+    assert.deepEqual(await violations(page, "dark"), []);
+    await made.close();
+  });
+
+  test("narrow windows keep the picture large", async () => {
+    for (const [width, height] of [
+      [800, 900],
+      [390, 844],
+    ] as const) {
+      const made = await context({ width, height });
+      const page = await open(made);
+      const room = await box(picture(page));
+      assert.equal(room.width, width);
+      assert.ok(room.height >= 0.55 * height, `${room.height} of ${height}`);
+      assert.equal(await page.evaluate(() => document.documentElement.scrollWidth), width);
+      assert.deepEqual(await violations(page, `${width} columns`), []);
+      await page.screenshot({ path: join(shots, `narrow_${width}.png`) });
+      // The picture is seen while a panel below it is used.
+      await field(page, "lights.0.irradiance").scrollIntoViewIfNeeded();
+      assert.ok((await box(picture(page))).y >= 0);
+      await page.screenshot({ path: join(shots, `narrow_${width}_panels.png`) });
+      await made.close();
+    }
   });
 
   test("all can be done with the keyboard alone", async () => {
@@ -431,7 +751,7 @@ describe("the page with a made-up program", () => {
     const slider = field(page, "volumes.0.g").getByRole("slider");
     await reach(slider);
     await page.keyboard.press("ArrowRight");
-    await comesTo(async () => /^volumes\.0\.g=0\.60/.test((await last(page)).set[0] ?? ""), true);
+    await comesTo(async () => /^volumes\.0\.g=0\.6[12]/.test((await last(page)).set[0] ?? ""), true);
     const camera = page.locator('[data-panel="camera"] h2 button');
     await camera.focus();
     assert.equal(await camera.getAttribute("aria-expanded"), "false");
@@ -626,7 +946,7 @@ describe("the page with the program", () => {
     await drag(page, 80, 30);
     before = await drawn(picture(page), before);
     await commandHas(/camera\.position=\[/);
-    await slide(field(page, "volumes.0.sigma_t").getByRole("slider"), 300);
+    await slide(field(page, "volumes.0.sigma_t").getByRole("slider"), 3000);
     await drawn(picture(page), before);
     await commandHas(/volumes\.0\.sigma_t=/);
     before = await pixels(picture(page));

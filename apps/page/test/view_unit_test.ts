@@ -31,17 +31,20 @@ import {
   channels,
   colourOf,
   hexOf,
+  labelOf,
   ordered,
   shortColour,
   sliderPlace,
   sliderRange,
   sliderValue,
+  SLIDER_STEPS,
 } from "../src/view/field_info";
 import { FrameCache } from "../src/view/frame_cache";
 import { colourRange, histogram, log2OfPositive, sampled } from "../src/view/histogram";
 import { History } from "../src/view/history";
 import { aboveHorizon, lampAt, sunTurned } from "../src/view/lighting";
 import { decodePicture, type Field, type LayerPicture, type SceneMessage } from "../src/view/protocol";
+import { secondsLeft, timeText } from "../src/view/progress";
 import { SceneValues } from "../src/view/scene_values";
 import { pictureSize } from "../src/view/settings";
 import { dot, length, normalize, rounded, sub, type Vec3 } from "../src/view/vector";
@@ -386,18 +389,38 @@ const field = (key: string, type: Field["type"], more: Partial<Field> = {}): Fie
 
 test("sliders go where numbers are used, and come back to their values", () => {
   const sigma = sliderRange(field("sigma_t", "color", { lowest: 0 }), 40)!;
-  assert.ok(sigma.log && sigma.lowest <= 0.1 && sigma.highest > 1e4);
+  assert.deepEqual(sigma, { lowest: 2, highest: 800, log: true });
   assert.equal(sliderValue(sigma, 0), 0);
   assert.equal(sliderPlace(sigma, 0), 0);
   const g = sliderRange(field("g", "number", { lowest: -0.999, highest: 0.999 }), 0)!;
   assert.deepEqual(g, { lowest: -0.999, highest: 0.999, log: false });
-  assert.equal(sliderValue(g, 1000), 0.999);
+  assert.equal(sliderValue(g, SLIDER_STEPS), 0.999);
+  // One that has been set beyond is reached, and the file's value too.
+  assert.deepEqual(sliderRange(field("sigma_t", "color", { lowest: 0 }), 40, 1e4), { lowest: 2, highest: 2e4, log: true });
+  assert.deepEqual(sliderRange(field("sigma_t", "color", { lowest: 0 }), 40, 0.1), { lowest: 0.05, highest: 800, log: true });
+  assert.equal(sliderRange(field("ior", "number", { lowest: 1, highest: 1e9 }), 1.5)!.lowest, 1);
   for (const [range, value] of [
     [sigma, 40],
     [g, 0.6],
   ] as const)
-    assert.ok(Math.abs(sliderValue(range, sliderPlace(range, value)) / value - 1) < 0.02);
+    assert.ok(Math.abs(sliderValue(range, sliderPlace(range, value)) / value - 1) < 0.001);
   assert.equal(sliderRange(field("temperature_offset", "number"), 0), undefined);
+});
+
+test("keys are called by words", () => {
+  assert.equal(labelOf("sigma_t"), "extinction");
+  assert.equal(labelOf("g"), "anisotropy");
+  assert.equal(labelOf("some_new_key"), "some new key");
+});
+
+test("what is left is told when it can be known", () => {
+  assert.equal(secondsLeft({ began: 0, share: 0 }, 0.5, 900), undefined);
+  assert.equal(secondsLeft({ began: 0, share: 0 }, 0.01, 5000), undefined);
+  assert.equal(secondsLeft({ began: 1000, share: 0 }, 0.25, 4000), 9);
+  // A stage of which half was done when it was first told.
+  assert.equal(secondsLeft({ began: 0, share: 0.5 }, 0.75, 2000), 2);
+  assert.equal(secondsLeft({ began: 0, share: 0 }, 1, 5000), undefined);
+  assert.deepEqual([0.34, 12.4, 59.96, 125, 3700].map(timeText), ["0.3 s", "12 s", "1 min 00 s", "2 min 05 s", "1 h 01 min"]);
 });
 
 test("a colour is strength times colour", () => {

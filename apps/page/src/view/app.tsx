@@ -26,7 +26,7 @@ function Page() {
   const viewer = useViewer();
   const help = useRef<HTMLDialogElement>(null);
   const openHelp = () => !help.current!.open && help.current!.showModal();
-  const { scene, settings, history, tool } = viewer;
+  const { scene, settings, history, tool, frame } = viewer;
 
   useEffect(() => {
     const key = (event: KeyboardEvent) => handleKey(event, viewer, { help: openHelp });
@@ -34,8 +34,18 @@ function Page() {
     return () => removeEventListener("keydown", key);
   }, []);
   useEffect(() => {
-    document.title = scene ? `${scene.name} – brume` : "brume";
-  }, [scene?.name]);
+    document.title = scene ? `${scene.name}${frame === null ? "" : ` ${frame}`} – brume` : "brume";
+  }, [scene?.name, frame]);
+  // A page that is looked at again takes the turn back that another one has.
+  useEffect(() => {
+    const back = () => document.visibilityState === "visible" && viewer.resume();
+    addEventListener("focus", back);
+    document.addEventListener("visibilitychange", back);
+    return () => {
+      removeEventListener("focus", back);
+      document.removeEventListener("visibilitychange", back);
+    };
+  }, []);
 
   return (
     <div class={`viewer${settings.panels ? "" : " wide"}`}>
@@ -127,15 +137,54 @@ function Page() {
   );
 }
 
+/** The grids of a file in which none could be taken: a click takes one. */
+function Grids() {
+  const viewer = useViewer();
+  const { grids, grid_key } = viewer.problem ?? {};
+  if (!grids?.length || !grid_key) return null;
+  return (
+    <>
+      <p>{grids.some(({ usable }) => usable) ? "Take another grid of the file:" : "None of the file's grids will do:"}</p>
+      <ul class="grids">
+        {grids.map(({ name, type, usable }, i) => (
+          <li key={i}>
+            {usable ? (
+              <button type="button" onClick={() => viewer.assign(grid_key, name)}>
+                {name || "(no name)"} <small>{type}</small>
+              </button>
+            ) : (
+              <span>
+                {name || "(no name)"} <small>{type}: no density</small>
+              </span>
+            )}
+          </li>
+        ))}
+      </ul>
+    </>
+  );
+}
+
 /** What went wrong: the last good picture stays below. */
 function Alerts() {
   const viewer = useViewer();
   return (
     <div class="alerts">
       <div role="alert">
-        {viewer.link === "lost" && (
+        {viewer.link === "ended" && (
           <div class="alert lost">
-            <p>The connection to the program is lost: it is tried again.</p>
+            <p>
+              This page belongs to a program that has ended. Open the address that the new <code>brume view</code> printed;
+              nothing is tried any more here.
+            </p>
+          </div>
+        )}
+        {(viewer.link === "lost" || viewer.link === "stopped") && (
+          <div class="alert lost">
+            <p>
+              {viewer.link === "lost"
+                ? "The connection to the program is lost: it is tried again."
+                : "The program does not answer: it is no longer tried. A new one prints an address of its own."}
+            </p>
             <button type="button" onClick={() => viewer.retry()}>
               Try now
             </button>
@@ -143,7 +192,10 @@ function Alerts() {
         )}
         {viewer.problem && (
           <div class="alert problem">
-            <pre>{viewer.problem.text}</pre>
+            <div>
+              <pre>{viewer.problem.text}</pre>
+              <Grids />
+            </div>
             <button
               type="button"
               class="icon"

@@ -1,6 +1,8 @@
 // The WebSocket to the program: it is opened again by itself, after growing pauses, when it is lost.
 
-export type Link = "connecting" | "open" | "lost";
+/** ended: what answers at the address is another program, which knows this page no more. stopped: nothing has answered
+ *  for minutes, and only the user tries again. */
+export type Link = "connecting" | "open" | "lost" | "stopped" | "ended";
 
 interface Listener {
   opened(): void;
@@ -9,8 +11,8 @@ interface Listener {
   changed(link: Link): void;
 }
 
-/** Seconds to wait before the n-th attempt. */
-const PAUSES = [0.5, 1, 2, 4, 8];
+/** Seconds to wait before the n-th attempt; after the last of these nothing is tried any more. */
+const PAUSES = [0.5, 1, 2, 4, ...Array<number>(36).fill(8)];
 
 export class Connection {
   private socket: WebSocket | undefined;
@@ -18,8 +20,10 @@ export class Connection {
   private timer: ReturnType<typeof setTimeout> | undefined;
   link: Link = "connecting";
 
+  /** @param page  where the program answers requests that know its secret */
   constructor(
     private readonly address: string,
+    private readonly page: string,
     private readonly listener: Listener,
   ) {
     this.open();
@@ -45,17 +49,38 @@ export class Connection {
     socket.onclose = () => {
       if (socket !== this.socket) return;
       this.socket = undefined;
-      this.set("lost");
-      const pause = PAUSES[Math.min(this.failures++, PAUSES.length - 1)]!;
-      this.timer = setTimeout(() => this.open(), 1000 * pause);
+      this.later();
     };
+  }
+
+  private later(): void {
+    const pause = PAUSES[this.failures++];
+    if (pause === undefined) return this.set("stopped");
+    this.set("lost");
+    clearTimeout(this.timer);
+    this.timer = setTimeout(() => void this.attempt(), 1000 * pause);
+  }
+
+  /** A socket that is refused does not say why: a request does. */
+  private async attempt(): Promise<void> {
+    try {
+      const { status } = await fetch(this.page, { method: "HEAD", cache: "no-store" });
+      if (status === 403 || status === 404) return this.set("ended");
+    } catch {
+      return this.later();
+    }
+    this.open();
   }
 
   /** Tries at once instead of at the end of the pause. */
   retry(): void {
-    if (this.socket) return;
+    if (this.socket || this.link === "ended") return;
     clearTimeout(this.timer);
-    this.open();
+    if (this.link === "stopped") {
+      this.failures = 0;
+      this.set("lost");
+    }
+    void this.attempt();
   }
 
   /** Whether an earlier message is still on its way: a newer one may replace those that wait behind it. */

@@ -1,5 +1,5 @@
 // One field of the scene, by its type.
-import { useRef } from "preact/hooks";
+import { useEffect, useRef } from "preact/hooks";
 import { Select } from "../controls";
 import type { Value } from "./assignments";
 import { useViewer } from "./context";
@@ -7,31 +7,18 @@ import {
   channels,
   colourOf,
   hexOf,
+  labelOf,
   shortColour,
   sliderPlace,
   sliderRange,
   sliderValue,
+  SLIDER_STEP,
   SLIDER_STEPS,
   strengthOf,
   type SliderRange,
 } from "./field_info";
 import { NumberInput, shortNumber } from "./number_input";
 import type { Field as FieldEntry } from "./protocol";
-
-/** A key that may be broken after its underscores. */
-function Name({ text }: { text: string }) {
-  return (
-    <>
-      {text.split("_").map((part, i) => (
-        <>
-          {i > 0 && "_"}
-          {i > 0 && <wbr />}
-          {part}
-        </>
-      ))}
-    </>
-  );
-}
 
 interface Props {
   path: string;
@@ -60,9 +47,9 @@ export function Field({ path, title, field: entry, grids }: Props) {
   const field: FieldEntry = choices.length && entry.type === "text" ? { ...entry, type: "choice", choices } : entry;
   const changed = viewer.assignments.has(key);
   const unit = field.unit && field.unit !== "1" ? field.unit : "";
-  const help = [field.help, unit && `[${unit}]`].filter(Boolean).join(" ") || undefined;
+  const help = [`${key}:`, field.help, unit && `[${unit}]`].filter(Boolean).join(" ");
   const access: Access = {
-    label: `${title} ${field.key}`,
+    label: `${title} ${labelOf(field.key)}`,
     help,
     value,
     set: (v, step) => viewer.assign(key, v, step),
@@ -71,7 +58,7 @@ export function Field({ path, title, field: entry, grids }: Props) {
   return (
     <div class={`field of-${field.type}${changed ? " changed" : ""}`} data-key={key}>
       <span class="name" title={help}>
-        <Name text={field.key} />
+        {labelOf(field.key)}
         {unit && <small> {unit}</small>}
       </span>
       {field.fixed ? (
@@ -84,7 +71,7 @@ export function Field({ path, title, field: entry, grids }: Props) {
           type="button"
           class="reset"
           title="As the file has it"
-          aria-label={`Reset ${title} ${field.key}`}
+          aria-label={`Reset ${title} ${labelOf(field.key)}`}
           onClick={() => viewer.reset(key)}
         >
           ↺
@@ -144,8 +131,36 @@ function Slider(props: {
   onSlide: (v: number, step?: string) => void;
 }) {
   const { access, range, value, onSlide } = props;
+  const input = useRef<HTMLInputElement>(null);
+  /** Of a drag: the pointer's last place, and the slider's in fractions of a step. */
+  const drag = useRef<{ x: number; place: number } | undefined>(undefined);
+  const put = (place: number) =>
+    onSlide(sliderValue(range, Math.min(SLIDER_STEPS, Math.max(0, Math.round(place)))), access.label);
+  const stepOf = (event: { shiftKey: boolean }) => (event.shiftKey ? SLIDER_STEP.fine : SLIDER_STEP.coarse);
+  const latest = useRef({ put, range, value });
+  latest.current = { put, range, value };
+
+  // The wheel turns a slider that has been clicked; elsewhere it scrolls the panels.
+  useEffect(() => {
+    const element = input.current!;
+    let rest: ReturnType<typeof setTimeout> | undefined;
+    const wheel = (event: WheelEvent) => {
+      if (document.activeElement !== element) return;
+      event.preventDefault();
+      // With Shift some systems turn the wheel sideways.
+      const turned = event.deltaY || event.deltaX;
+      const { put, range, value } = latest.current;
+      put(sliderPlace(range, value) - Math.sign(turned) * stepOf(event));
+      clearTimeout(rest);
+      rest = setTimeout(access.settle, 300);
+    };
+    element.addEventListener("wheel", wheel, { passive: false });
+    return () => element.removeEventListener("wheel", wheel);
+  }, []);
+
   return (
     <input
+      ref={input}
       type="range"
       min={0}
       max={SLIDER_STEPS}
@@ -153,9 +168,40 @@ function Slider(props: {
       value={sliderPlace(range, value)}
       aria-label={`${access.label}, slider`}
       aria-valuetext={shortNumber(value)}
-      title={access.help}
+      title={`${access.help ?? ""}\nShift: ten times finer; arrow keys and wheel step a slider that was clicked`}
       onInput={(e) => onSlide(sliderValue(range, Number(e.currentTarget.value)), access.label)}
       onChange={access.settle}
+      onKeyDown={(e) => {
+        const by = { ArrowRight: 1, ArrowUp: 1, ArrowLeft: -1, ArrowDown: -1 }[e.key];
+        if (by === undefined) return;
+        e.preventDefault();
+        put(sliderPlace(range, value) + by * stepOf(e));
+      }}
+      onKeyUp={(e) => e.key.startsWith("Arrow") && access.settle()}
+      // A mouse drags by its way instead of its place: with Shift a tenth of it.
+      onMouseDown={(e) => {
+        if (e.button !== 0) return;
+        e.preventDefault();
+        const element = e.currentTarget;
+        element.focus({ preventScroll: true });
+        const { left, width } = element.getBoundingClientRect();
+        const at = e.shiftKey ? sliderPlace(range, value) : ((e.clientX - left - 8) / (width - 16)) * SLIDER_STEPS;
+        drag.current = { x: e.clientX, place: at };
+        if (!e.shiftKey) put(at);
+        const move = (event: MouseEvent) => {
+          const now = drag.current!;
+          const way = ((event.clientX - now.x) / (width - 16)) * SLIDER_STEPS;
+          drag.current = { x: event.clientX, place: now.place + way * (event.shiftKey ? 0.1 : 1) };
+          latest.current.put(drag.current.place);
+        };
+        const end = () => {
+          removeEventListener("mousemove", move);
+          removeEventListener("mouseup", end);
+          access.settle();
+        };
+        addEventListener("mousemove", move);
+        addEventListener("mouseup", end);
+      }}
     />
   );
 }
@@ -167,7 +213,7 @@ function stepOf(value: number): number {
 
 function NumberControl({ field, access, middle }: { field: FieldEntry; access: Access; middle: number }) {
   const value = Number(access.value ?? 0);
-  const range = sliderRange(field, middle);
+  const range = sliderRange(field, middle, value);
   return (
     <>
       {range && <Slider access={access} range={range} value={value} onSlide={access.set} />}
@@ -192,7 +238,7 @@ function ColourControl({ field, access, middle }: { field: FieldEntry; access: A
   // Of a black one, so that a slider that touches zero does not lose it.
   const lastColour = useRef<readonly number[]>([1, 1, 1]);
   if (strength > 0) lastColour.current = rgb.map((v) => v / strength);
-  const range = sliderRange(field, middle);
+  const range = sliderRange(field, middle, strength);
   const strengthen = (to: number, step?: string) =>
     access.set(
       shortColour((strength > 0 ? rgb.map((v) => v / strength) : lastColour.current).map((v) => v * to)),

@@ -82,7 +82,65 @@ export interface SliderRange {
   log: boolean;
 }
 
-const STEPS = 1000;
+const STEPS = 10000;
+/** Of a slider: by an arrow key or the wheel, and with Shift. */
+export const SLIDER_STEP = { coarse: STEPS / 100, fine: STEPS / 1000 };
+
+/** What keys are called; others by their own words. */
+const LABELS: Record<string, string> = {
+  absorption_color: "absorption colour",
+  albedo_grid: "albedo from grid",
+  blackbody_intensity: "black-body strength",
+  blackbody_law: "black-body law",
+  blade_rotation: "aperture rotation",
+  blades: "aperture blades",
+  cell_size: "majorant cell size",
+  color: "colour",
+  convert_level_set: "level set becomes fog",
+  density: "density factor",
+  edge_x: "first edge",
+  edge_y: "second edge",
+  flame_grid: "flame from grid",
+  flash_relief: "relief of the flash",
+  fov: "angle of view",
+  fov_axis: "side it spans",
+  from_exr: "camera of an EXR",
+  g: "anisotropy",
+  g2: "anisotropy of lobe 2",
+  hi: "upper corner",
+  lo: "lower corner",
+  index_offset: "offset of voxels",
+  ior: "refractive index",
+  keys: "camera path",
+  lobe_weight: "share of lobe 2",
+  look_at: "looks at",
+  look_at_end: "looks at, at the end",
+  lookup: "density look-ups",
+  max_density: "limit of density",
+  max_events: "most scatterings",
+  object_to_world: "placement",
+  object_to_world_end: "placement at the end",
+  phase: "phase function",
+  position_end: "position at the end",
+  remap: "curve of densities",
+  roulette_start: "roulette from scattering",
+  scatter_color: "scattering colour",
+  sigma_a: "absorption",
+  sigma_s: "scattering",
+  sigma_t: "extinction",
+  sky_sun: "sun of the sky",
+  spp: "samples per pixel",
+  sun_direction: "towards the sun",
+  temperature_grid: "temperature from grid",
+  up: "up direction",
+  up_end: "up at the end",
+  velocity_grid: "velocity from grid",
+};
+
+/** A key in words. */
+export function labelOf(key: string): string {
+  return LABELS[key] ?? key.replace(/_/g, " ");
+}
 
 /** Ranges narrower than those the scene allows, of numbers that are hardly ever set beyond them. */
 const USUAL: Record<string, SliderRange> = {
@@ -94,8 +152,8 @@ const USUAL: Record<string, SliderRange> = {
 };
 
 /** The slider of a number, or of a colour's strength; nothing where no range suggests itself.
- *  @param middle  the value of the scene's file */
-export function sliderRange(field: Field, middle: number): SliderRange | undefined {
+ *  @param middle  the value of the scene's file   @param value  as it is now; the slider reaches it */
+export function sliderRange(field: Field, middle: number, value = middle): SliderRange | undefined {
   if (field.type !== "number" && field.type !== "color") return undefined;
   const usual = USUAL[field.key];
   if (usual) return usual;
@@ -103,9 +161,18 @@ export function sliderRange(field: Field, middle: number): SliderRange | undefin
   const highest = field.highest ?? Infinity;
   if (lowest > -1e6 && highest < 1e6 && highest - lowest <= 400) return { lowest, highest, log: false };
   if (lowest < 0) return undefined;
-  const about = middle > 0 ? 10 ** Math.round(Math.log10(middle)) : 1;
-  return { lowest: Math.max(1e-3 * about, lowest), highest: Math.min(1e3 * about, highest), log: true };
+  // Where the number is set most, the file's own in the middle; further where it has been set beyond.
+  const about = middle > 0 ? middle : 1;
+  const beyond = value > 0 ? value : about;
+  return {
+    lowest: Math.max(Number(Math.min(about / USEFUL, beyond / 2).toPrecision(2)), lowest),
+    highest: Math.min(Number(Math.max(about * USEFUL, beyond * 2).toPrecision(2)), highest),
+    log: true,
+  };
 }
+
+/** Factors around the file's value that a slider reaches first. */
+const USEFUL = 20;
 
 /** Place of a value on a slider of STEPS. */
 export function sliderPlace({ lowest, highest, log }: SliderRange, value: number): number {
@@ -123,10 +190,10 @@ export function sliderValue({ lowest, highest, log }: SliderRange, place: number
       ? lowest
       : place >= STEPS
         ? highest
-        : Number(value.toFixed(Math.max(0, 3 - Math.floor(Math.log10(highest - lowest)))));
+        : Number(value.toFixed(Math.max(0, 4 - Math.floor(Math.log10(highest - lowest)))));
   }
   if (place <= 0) return 0;
-  return Number((lowest * (highest / lowest) ** ((place - 1) / (STEPS - 1))).toPrecision(3));
+  return Number((lowest * (highest / lowest) ** ((place - 1) / (STEPS - 1))).toPrecision(4));
 }
 
 export const SLIDER_STEPS = STEPS;

@@ -1,8 +1,11 @@
-// What to take along: the scene, the picture, the command line.
+// What to take along: the scene, the picture, the command line, each as it is seen at the moment of the click.
 import { useViewer } from "./context";
 import { Icon } from "./icons";
 import { paint } from "./stage";
 import type { Viewer } from "./viewer";
+
+/** Between two questions whether a frame is there [ms]. */
+const ASK_AGAIN = 400;
 
 function save(name: string, content: Blob): void {
   const link = document.createElement("a");
@@ -12,55 +15,113 @@ function save(name: string, content: Blob): void {
   setTimeout(() => URL.revokeObjectURL(link.href), 60_000);
 }
 
-/** Saves what the program has at a relative address, or says why there is nothing. */
-async function saveFrom(viewer: Viewer, address: string, name: string): Promise<void> {
+const stateOf = (viewer: Viewer) => ({ ...viewer.state, moving: false });
+
+/** What the program answers to a state of the page. @param address  relative */
+function ask(address: string, state: object): Promise<Response> {
+  const body = JSON.stringify({ type: "look", id: 0, ...state });
+  return fetch(address, { method: "POST", body, cache: "no-store" });
+}
+
+const gone = (address: string) => `${address} could not be read: is the program still there?`;
+
+/** Saves what the program makes of the present state, or says why there is nothing. */
+async function saveScene(viewer: Viewer, name: string): Promise<void> {
   try {
-    const response = await fetch(address, { cache: "no-store" });
+    const response = await ask("scene.toml", stateOf(viewer));
     if (response.ok) save(name, await response.blob());
-    else viewer.say((await response.text()).trim() || `There is no ${address} yet`);
+    else viewer.say((await response.text()).trim());
   } catch {
-    viewer.say(`${address} could not be read: is the program still there?`);
+    viewer.say(gone("scene.toml"));
   }
 }
 
-/** The picture as it is seen, at its own resolution. */
-function savePicture(viewer: Viewer, name: string): void {
-  const picture = viewer.shown(viewer.settings.layer)?.picture;
-  if (!picture) return viewer.say("There is no picture yet");
-  const canvas = document.createElement("canvas");
-  canvas.width = picture.width;
-  canvas.height = picture.height;
-  paint(canvas.getContext("2d")!, { left: 0, top: 0, width: picture.width, height: picture.height }, viewer);
-  canvas.toBlob((blob) => blob && save(name, blob), "image/png");
+/** Saves the frame of the present state: at once, or when the whole picture of it is there. */
+async function saveFrame(viewer: Viewer, name: string): Promise<void> {
+  const state = stateOf(viewer);
+  // Which layers are shown matters to no frame.
+  const same = () => JSON.stringify({ ...stateOf(viewer), layers: [] }) === JSON.stringify({ ...state, layers: [] });
+  try {
+    for (let waited = false; ; waited = true) {
+      const response = await ask("frame.exr", state);
+      if (response.status === 200) {
+        save(name, await response.blob());
+        const stage = response.headers.get("X-Picture") ?? "";
+        return viewer.say(`EXR saved${stage && `: ${stage}`}`);
+      }
+      if (response.status !== 202) return viewer.say((await response.text()).trim());
+      if (!same()) return viewer.say("Another view was chosen before the EXR's picture was there: nothing was saved");
+      if (!waited || !viewer.said) viewer.say("The EXR is saved as soon as the whole picture is there");
+      await new Promise((resolve) => setTimeout(resolve, ASK_AGAIN));
+      if (!same()) return viewer.say("Another view was chosen before the EXR's picture was there: nothing was saved");
+    }
+  } catch {
+    viewer.say(gone("frame.exr"));
+  }
 }
 
-async function copy(viewer: Viewer, text: string): Promise<void> {
+/** The picture as it is seen, at the size that is asked for: one that is still coarse is drawn larger, as on the screen. */
+function savePicture(viewer: Viewer, name: string): void {
+  const [missing] = viewer.missing;
+  if (missing !== undefined)
+    return viewer.say(
+      missing === "picture" ? "There is no picture yet" : `There is no layer “${viewer.layerTitle(missing)}” yet`,
+    );
+  const pictures = viewer.layers.map((layer) => viewer.shown(layer)!.picture);
+  const canvas = document.createElement("canvas");
+  [canvas.width, canvas.height] = viewer.size;
+  paint(canvas.getContext("2d")!, { left: 0, top: 0, width: canvas.width, height: canvas.height }, viewer);
+  canvas.toBlob((blob) => blob && save(name, blob), "image/png");
+  const coarse = pictures.find(({ width, full }) => width < canvas.width || !full);
+  viewer.say(
+    coarse
+      ? `PNG saved as seen, ${canvas.width} × ${canvas.height}: the picture was still coarse`
+      : `PNG saved, ${canvas.width} × ${canvas.height}`,
+  );
+}
+
+async function copyCommand(viewer: Viewer): Promise<void> {
   try {
-    await navigator.clipboard.writeText(text);
+    const response = await ask("command", stateOf(viewer));
+    await navigator.clipboard.writeText((await response.text()).trim());
     viewer.say("Command line copied");
   } catch {
     viewer.say("The browser does not let the page copy: select the text instead");
   }
 }
 
+/** The name of what is kept, with the frame's number where the scene's name has a place for it. */
+export function keptName(scene: string, frame: number | null): string {
+  const name = scene || "volume";
+  if (frame === null) return name;
+  const digits = String(frame);
+  const place = /#+/.exec(name);
+  return place
+    ? name.replace(place[0], digits.padStart(place[0].length, "0"))
+    : `${name}.${digits.padStart(4, "0")}`;
+}
+
 export function Keep() {
   const viewer = useViewer();
   const { scene } = viewer;
-  const frame = viewer.frame === null ? "" : `.${String(viewer.frame).padStart(4, "0")}`;
-  const name = `${scene?.name || "volume"}${frame}`;
+  const name = keptName(scene?.name ?? "", scene?.frames ? viewer.shownFrame : null);
   return (
     <div class="keep">
       <div class="buttons">
-        <button type="button" onClick={() => void saveFrom(viewer, "scene.toml", `${scene?.name || "volume"}.toml`)}>
+        <button
+          type="button"
+          title="The scene as it is seen now"
+          onClick={() => void saveScene(viewer, `${keptName(scene?.name ?? "", null)}.toml`)}
+        >
           <Icon name="save" /> Scene
         </button>
-        <button type="button" onClick={() => savePicture(viewer, `${name}.png`)}>
+        <button type="button" title="The picture as it is seen now" onClick={() => savePicture(viewer, `${name}.png`)}>
           <Icon name="save" /> PNG
         </button>
         <button
           type="button"
-          title="The last path-traced frame with all its layers"
-          onClick={() => void saveFrom(viewer, "frame.exr", `${name}.exr`)}
+          title="The frame of what is seen now, with all its layers: path traced where samples are there, else predicted"
+          onClick={() => void saveFrame(viewer, `${name}.exr`)}
         >
           <Icon name="save" /> EXR
         </button>
@@ -73,9 +134,9 @@ export function Keep() {
           <button
             type="button"
             class="icon"
-            title="Copy the command line"
+            title="Copy the command line of what is seen now"
             aria-label="Copy the command line"
-            onClick={() => void copy(viewer, scene.command!)}
+            onClick={() => void copyCommand(viewer)}
           >
             <Icon name="copy" />
           </button>

@@ -1,11 +1,11 @@
-import { useState } from "preact/hooks";
+import { useEffect, useRef, useState } from "preact/hooks";
 
 /** Few significant digits, as many as there is room for. */
 export function shortNumber(value: number, digits = 5): string {
   return Number.isFinite(value) ? String(Number(value.toPrecision(digits))) : "";
 }
 
-/** A number to type; the up and down arrow keys step it, with Shift by ten. What is not a number is not taken. */
+/** A number to type; the up and down arrow keys and the wheel step it, with Shift a tenth as far. What is not a number is not taken. */
 export function NumberInput(props: {
   label: string;
   help?: string | undefined;
@@ -15,7 +15,7 @@ export function NumberInput(props: {
   integer?: boolean;
   /** Significant digits that are printed. */
   digits?: number;
-  /** What an arrow key adds. */
+  /** What an arrow key adds, or a notch of the wheel. */
   step: number;
   id?: string;
   disabled?: boolean;
@@ -31,8 +31,27 @@ export function NumberInput(props: {
     const value = Number(text.replace(",", "."));
     if (text.trim() !== "" && Number.isFinite(value) && fit(value) !== props.value) props.onChange(fit(value));
   };
+  const by = (steps: number, fine: boolean) => {
+    setDraft(undefined);
+    const step = props.integer ? 1 : props.step * (fine ? 0.1 : 1);
+    props.onChange(fit(Number((props.value + steps * step).toPrecision(9))));
+  };
+  const input = useRef<HTMLInputElement>(null);
+  const latest = useRef(by);
+  latest.current = by;
+  useEffect(() => {
+    const element = input.current!;
+    const wheel = (event: WheelEvent) => {
+      if (document.activeElement !== element) return;
+      event.preventDefault();
+      latest.current(-Math.sign(event.deltaY || event.deltaX), event.shiftKey);
+    };
+    element.addEventListener("wheel", wheel, { passive: false });
+    return () => element.removeEventListener("wheel", wheel);
+  }, []);
   return (
     <input
+      ref={input}
       type="text"
       class="number"
       inputMode="decimal"
@@ -50,9 +69,7 @@ export function NumberInput(props: {
         if (e.key === "Escape") setDraft(undefined);
         if (e.key !== "ArrowUp" && e.key !== "ArrowDown") return;
         e.preventDefault();
-        setDraft(undefined);
-        const by = (e.key === "ArrowUp" ? 1 : -1) * (e.shiftKey ? 10 : 1) * (props.integer ? 1 : props.step);
-        props.onChange(fit(Number((props.value + by).toPrecision(9))));
+        by(e.key === "ArrowUp" ? 1 : -1, e.shiftKey);
       }}
     />
   );

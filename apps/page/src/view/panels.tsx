@@ -13,7 +13,7 @@ import { ordered } from "./field_info";
 import { Icon } from "./icons";
 import { Keep } from "./keep";
 import { HistogramPlot } from "./plot";
-import type { Group } from "./protocol";
+import type { Group, LayerEntry } from "./protocol";
 
 /** A part that opens and closes. */
 function Panel(props: {
@@ -179,17 +179,18 @@ const RESOLUTIONS = [
   { value: 2, text: "2", title: "Two picture pixels for each of the screen" },
 ];
 
-/** Layers that the prediction is made of. */
-const GUIDE = "guide.";
-
 function PicturePanel() {
   const viewer = useViewer();
   const { settings, scene } = viewer;
-  const layers = (scene?.layers ?? [{ name: "picture", channels: 3 }]).map(({ name, title }) => ({
-    value: name,
-    text: name.startsWith(GUIDE) ? name.slice(GUIDE.length) : (title ?? name),
-    ...(name.startsWith(GUIDE) ? { group: "guides" } : {}),
-  }));
+  const known: LayerEntry[] = scene?.layers ?? [{ name: "picture", channels: 3 }];
+  // One that was chosen before the page was loaded again is listed once it is there.
+  const chosen = [settings.layer, settings.other].filter((name) => name && !known.some((l) => l.name === name));
+  const layers = [...known, ...chosen.map((name): LayerEntry => ({ name, channels: 0 }))].map(
+    ({ name, title, group }) => {
+      const unit = viewer.layerUnit(name);
+      return { value: name, text: `${title ?? name}${unit && ` [${unit}]`}`, ...(group ? { group } : {}) };
+    },
+  );
   return (
     <Panel name="picture" title="Picture" open>
       <div class="fields">
@@ -214,7 +215,7 @@ function PicturePanel() {
             type="range"
             min={-8}
             max={8}
-            step={0.25}
+            step={0.05}
             value={settings.stops}
             aria-label="Exposure in stops"
             aria-valuetext={stopsText(settings.stops)}

@@ -31,6 +31,10 @@ export interface LayerEntry {
   name: string;
   title?: string;
   channels: number;
+  /** Under which it is listed. */
+  group?: string;
+  /** Of its values. */
+  unit?: string;
 }
 
 export interface SceneMessage {
@@ -54,8 +58,13 @@ export interface SceneMessage {
 export interface ProgressMessage {
   type: "progress";
   id: number;
+  /** What is being done; "done"; "elsewhere": another page has its turn, and this one gets nothing. */
   stage: string;
+  /** Samples per pixel that have been taken, and that there will be at the end of the round. */
   samples?: number;
+  goal?: number;
+  /** Of the stage that is done, 0 to 1. */
+  share?: number | null;
   error?: number | null;
   seconds?: number;
 }
@@ -64,6 +73,17 @@ export interface ProblemMessage {
   type: "problem";
   id: number;
   text: string;
+  /** Over when the scene has been read again, not by another look. */
+  lasting?: boolean;
+  /** Where another grid would mend it: the assignment, and what there is. */
+  grid_key?: string;
+  grids?: GridChoice[];
+}
+
+export interface GridChoice {
+  name: string;
+  type: string;
+  usable: boolean;
 }
 
 export interface PointMessage {
@@ -98,7 +118,7 @@ export interface PictureHeader {
   height: number;
   channels: number;
   stage: "predicted" | "clean";
-  /** Of the size that was asked for. */
+  /** Of the size that was asked for, and no better prediction follows. */
   full: boolean;
   samples: number;
   error: number | null;

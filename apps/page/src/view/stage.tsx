@@ -82,16 +82,46 @@ export function Stage() {
           />
         </div>
       )}
-      {layers.length === 2 && (
-        <>
-          <p class="corner left">{titles[0]}</p>
-          <p class="corner right">{titles[1]}</p>
-        </>
-      )}
+      <Labels titles={titles} />
       <Corner pointer={keyboard ? { x: 0.5, y: 0.5 } : pointer} />
     </div>
   );
 }
+
+/** What is seen where it is not plain: two layers, and a layer that is not there yet. */
+function Labels({ titles }: { titles: string[] }) {
+  const viewer = useViewer();
+  useTopic(viewer.arrived);
+  const { layers, settings, missing } = viewer;
+  const seen = layers.map((name) => viewer.shown(name)?.picture.layer);
+  const two = layers.length === 2;
+  return (
+    <>
+      {layers.map((name, i) => {
+        const stands = seen[i] !== undefined && seen[i] !== name;
+        if (!two && !stands) return null;
+        return (
+          <p key={name} class={`corner ${i ? "right" : "left"}`}>
+            {stands ? `${viewer.layerTitle(seen[i]!)}; ${titles[i]} is not there yet` : titles[i]}
+          </p>
+        );
+      })}
+      {layers.map((name, i) => {
+        if (!missing.includes(name) || seen[i] !== undefined || (name === "picture" && !two)) return null;
+        const [from, to] = two ? (i ? [settings.split, 1] : [0, settings.split]) : [0, 1];
+        return (
+          <p key={name} class="missing" style={{ left: `${50 * (from + to)}%`, maxWidth: `${100 * (to - from)}%` }}>
+            {titles[i]}: not there yet
+            {WITH_SAMPLES.test(name) && <small>It comes with the first samples.</small>}
+          </p>
+        );
+      })}
+    </>
+  );
+}
+
+/** Layers that no prediction has. */
+const WITH_SAMPLES = /^(noisy|clean_error|sample_count)$/;
 
 function draw(canvas: HTMLCanvasElement, area: { width: number; height: number }, viewer: Viewer): void {
   const ratio = window.devicePixelRatio || 1;
@@ -139,7 +169,9 @@ function Corner({ pointer }: { pointer: Place | undefined }) {
   useTopic(viewer.arrived);
   const falseColours = viewer.layers.flatMap((name) => {
     const drawn = viewer.shown(name);
-    return drawn?.picture.channels === 1 ? [{ name: viewer.layerTitle(drawn.picture.layer), drawn }] : [];
+    const layer = drawn?.picture.layer ?? "";
+    const unit = viewer.layerUnit(layer);
+    return drawn?.picture.channels === 1 ? [{ name: viewer.layerTitle(layer), unit, drawn }] : [];
   });
   const right = viewer.layers.length === 2 && pointer && pointer.x > viewer.settings.split;
   const name = right ? viewer.settings.other : viewer.settings.layer;
@@ -147,9 +179,12 @@ function Corner({ pointer }: { pointer: Place | undefined }) {
   const values = pointer && drawn ? valuesAt(drawn, pointer) : undefined;
   return (
     <div class="foot">
-      {falseColours.map(({ name, drawn: { range } }) => (
+      {falseColours.map(({ name, unit, drawn: { range } }) => (
         <div key={name} class="legend" data-layer={name}>
-          <span>{name}</span>
+          <span>
+            {name}
+            {unit && <small> [{unit}]</small>}
+          </span>
           <div class="ramp">
             <div class="bar" style={{ background: cssGradient(EMBER) }} />
             <div class="ticks">
@@ -178,7 +213,8 @@ function Corner({ pointer }: { pointer: Place | undefined }) {
             </>
           ) : (
             <span>
-              <small>{name}</small> {number(values[0])}
+              <small>{viewer.layerTitle(drawn.picture.layer)}</small> {number(values[0])}
+              <small> {viewer.layerUnit(drawn.picture.layer)}</small>
             </span>
           )}
         </p>

@@ -10,6 +10,7 @@ import {
   type LayerPicture,
   type LookMessage,
   type Message,
+  type ProblemMessage,
   type ProgressMessage,
   type SceneMessage,
 } from "./protocol";
@@ -40,7 +41,9 @@ export class Viewer {
   frame: number | null = null;
   playing = false;
   progress: ProgressMessage | undefined;
-  problem: { id: number; text: string } | undefined;
+  /** When the progress was told, and when its stage or round began: clock of performance.now() [ms]. */
+  told = { at: 0, began: 0, share: 0 };
+  problem: ProblemMessage | undefined;
   /** A short message about what has just been done. */
   said = "";
   pictures = new Map<string, Drawn>();
@@ -67,7 +70,7 @@ export class Viewer {
     const { settings, assignments } = restore();
     this.settings = settings;
     this.history = new History(assignments);
-    this.connection = new Connection(address, {
+    this.connection = new Connection(address, new URL(".", location.href).href, {
       opened: () => {
         this.latest = "";
         this.look();
@@ -104,12 +107,17 @@ export class Viewer {
   private get wanted(): string[] {
     return [...new Set([...this.layers, "picture"])];
   }
-  /** What is shown of a layer: a newer prediction where the layer itself is not predicted. */
+  /** What is shown of a layer. One that is not there yet is not shown, but that while something moves the picture
+   *  stands in for it, under its own name. */
   shown(layer: string): Drawn | undefined {
     const own = this.pictures.get(layer);
     const standIn = this.pictures.get("picture");
     const newer = standIn?.picture.stage === "predicted" && (!own || own.picture.id < standIn.picture.id);
-    return newer ? standIn : own;
+    return newer && layer !== "picture" ? (this.moves ? standIn : undefined) : own;
+  }
+  /** Layers that are chosen and not there, for what is seen now. */
+  get missing(): string[] {
+    return this.layers.filter((name) => this.shown(name)?.picture.layer !== name);
   }
   /** The cached pictures of a frame that can be shown. */
   private cached(frame: number): LayerPicture[] | undefined {
@@ -127,6 +135,10 @@ export class Viewer {
     return this.frame ?? this.shown(this.settings.layer)?.picture.frame ?? this.scene?.frames?.[0] ?? null;
   }
 
+  layerUnit(name: string): string {
+    const unit = this.scene?.layers.find((layer) => layer.name === name)?.unit;
+    return unit && unit !== "1" ? unit : "";
+  }
   layerTitle(name: string): string {
     return this.scene?.layers.find((layer) => layer.name === name)?.title ?? name;
   }
@@ -305,11 +317,26 @@ export class Viewer {
       else this.look();
     });
   }
+  /** The state of this moment. */
+  get state(): Omit<LookMessage, "type" | "id"> {
+    return {
+      set: asSet(this.assignments),
+      size: this.size,
+      moving: this.moves,
+      layers: this.wanted,
+      frame: this.frame,
+    };
+  }
+  /** Takes the program's turn back from another page. */
+  resume(): void {
+    if (this.progress?.stage !== "elsewhere") return;
+    this.latest = "";
+    this.look();
+  }
   private look(): void {
     if (!this.area.width || !this.area.height) return;
-    const { wanted: layers, size } = this;
-    const set = asSet(this.assignments);
-    const look = { set, size, moving: this.moves, layers, frame: this.frame };
+    const look = this.state;
+    const { set, size, layers } = look;
     // One that says nothing new would begin the picture again.
     if (JSON.stringify(look) === this.latest) return;
     const message: LookMessage = { type: "look", id: ++this.ids, ...look };
@@ -340,17 +367,23 @@ export class Viewer {
       case "scene":
         this.values.take(message, this.sent.get(message.id));
         this.fitToScene(message);
+        if (message.reloaded) this.problem = undefined;
         this.settled(message.id);
         if (message.reloaded) this.cache.clear();
         if (message.reloaded) this.say("The scene's file has changed: it was read again");
         this.changed.emit();
         break;
-      case "progress":
+      case "progress": {
+        const now = performance.now();
+        const goes = this.progress?.stage === message.stage && this.progress.goal === message.goal;
+        const { began, share } = goes ? this.told : { began: now, share: message.share ?? 0 };
+        this.told = { at: now, began, share };
         this.progress = message;
         this.arrived.emit();
         break;
+      }
       case "problem":
-        this.problem = { id: message.id, text: message.text };
+        this.problem = message;
         if (this.playing) this.pause();
         this.changed.emit();
         break;
@@ -363,7 +396,7 @@ export class Viewer {
 
   /** A problem is over when something newer has come without one. */
   private settled(id: number): void {
-    if (!this.problem || id <= this.problem.id) return;
+    if (!this.problem || this.problem.lasting || id <= this.problem.id) return;
     this.problem = undefined;
     this.changed.emit();
   }
