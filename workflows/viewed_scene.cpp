@@ -48,14 +48,17 @@ void ViewedScene::read_again() {
   grids_.clear();
 }
 
-void ViewedScene::read(const Task& task) {
+void ViewedScene::read(const std::vector<std::string>& assignments, const Task& task) {
   std::error_code error;
   file_ = file_of_frame(path_, frame_.value_or(0));
   written_ = fs::last_write_time(file_, error);
   made_.reset();
-  if (is_volume(file_)) {
-    // One camera for a sequence of bare volumes, as render_sequence has it: what lies around the last one.
-    made_ = scene_for_volume(frames_.empty() ? file_ : file_of_frame(path_, frames_.back()), task);
+  const bool bare = frames_.empty() ? is_volume(file_) : std::any_of(frames_.begin(), frames_.end(), [&](int frame) {
+    return is_volume(file_of_frame(path_, frame));
+  });
+  if (bare) {
+    made_ = frames_.empty() ? scene_for_volume(file_, assignments, task)
+                            : scene_for_volumes(path_, frames_, assignments, task);
     text_ = made_->text(path_.filename().string());
   } else {
     read_scene_alone(file_, all_assignments({}, ivec2(0)));  // says what is wrong with the file
@@ -82,15 +85,16 @@ bool ViewedScene::show(const std::vector<std::string>& assignments, const ivec2&
     frame = frames_.front();
   frame_ = frames_.empty() ? std::nullopt : frame;
   const bool read_now = text_.empty();
-  if (read_now || (!made_ && file_ != file_of_frame(path_, frame_.value_or(0)))) read(task);
   const std::vector<std::string> all = all_assignments(assignments, size);
+  if (read_now || (!made_ && file_ != file_of_frame(path_, frame_.value_or(0)))) read(all, task);
   std::vector<SceneTable> tables = outline_scene(text_, path_, all);
   const std::set<std::string> named = files_of(outline_scene(text_, path_, overrides_));
   for (const std::string& file : files_of(tables))
     if (!file.empty() && !named.contains(file))
       throw InputError(fmt::format("{}: is no file that the scene names; only its own can be looked at", file));
   Scene scene = parse_scene_alone(text_, path_, all);
-  if (read_now && made_ && frames_.empty()) cache_.know(scene.volumes.at(0).file, made_->density);
+  if (read_now && made_ && made_->density && !scene.volumes.empty())
+    cache_.know(scene.volumes.at(0).file, made_->density);
   const PreparedScene* const before = cache_.empty() ? nullptr : &cache_.last();
   const bool other = &cache_.prepare(std::move(scene), layers_, task) != before;
   tables_ = std::move(tables);
@@ -102,7 +106,7 @@ bool ViewedScene::show(const std::vector<std::string>& assignments, const ivec2&
 std::vector<std::string> ViewedScene::notes() const {
   std::vector<std::string> all;
   if (made_)
-    for (const std::string& line : made_->assumptions) all.push_back("assumed " + line);
+    for (const std::string& line : made_->all_assumptions()) all.push_back("assumed " + line);
   if (!cache_.empty()) {
     const std::vector<std::string>& own = prepared().notes();
     all.insert(all.end(), own.begin(), own.end());

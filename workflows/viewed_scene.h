@@ -65,7 +65,7 @@ class ViewedScene {
   std::string command() const;
 
  private:
-  void read(const Task& task);
+  void read(const std::vector<std::string>& assignments, const Task& task);
   std::vector<std::string> all_assignments(const std::vector<std::string>& assignments, const ivec2& size) const;
 
   std::filesystem::path path_;

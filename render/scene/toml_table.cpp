@@ -5,6 +5,7 @@
 
 #include "base/error.h"
 #include "base/text.h"
+#include "base/toml_text.h"
 
 namespace brume {
 
@@ -30,6 +31,24 @@ const char* toml_type_name(const toml::value& v) {
       return "a table";
     default:
       return "a date or time";
+  }
+}
+
+std::string toml_text(const toml::value& v) {
+  std::vector<std::string> parts;
+  switch (v.type()) {
+    case toml::value_t::string:
+      return toml_string(v.as_string().str);
+    case toml::value_t::floating:
+      return toml_number(v.as_floating());
+    case toml::value_t::array:
+      for (const toml::value& part : v.as_array()) parts.push_back(toml_text(part));
+      return "[" + join(parts) + "]";
+    case toml::value_t::table:
+      for (const auto& [key, part] : v.as_table()) parts.push_back(fmt::format("{} = {}", key, toml_text(part)));
+      return "{" + join(parts) + "}";
+    default:
+      return toml::format(v);
   }
 }
 
@@ -65,8 +84,9 @@ void apply_assignment(toml::value& root, const std::string& assignment) {
     value = parse_toml(stream, source).at("value");
   } catch (const InputError&) {
     // Text without its quotes.
-    if (text.find('\'') != std::string::npos || text.find('\n') != std::string::npos) throw;
-    std::istringstream stream("value = '" + text + "'");
+    for (const char quote : {'"', '\''})
+      if (text.size() > 1 && text.front() == quote && text.back() == quote) throw;
+    std::istringstream stream("value = " + toml_string(text));
     value = parse_toml(stream, source).at("value");
   }
   toml::value* at = &root;
