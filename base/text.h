@@ -16,10 +16,6 @@ std::string suggestion(std::string_view word, std::span<const std::string> candi
 /// A word that a shell takes as it is, in quotes where it needs them.
 std::string shell_word(const std::string& text);
 
-/// A text in quotes as TOML has it, and a key of TOML, in quotes where it needs them.
-std::string toml_string(std::string_view text);
-std::string toml_key(std::string_view key);
-
 std::string join(std::span<const std::string> words, std::string_view separator = ", ");
 std::vector<std::string> split(std::string_view text, char separator);
 

@@ -42,14 +42,15 @@ struct VelocityReply {
   std::vector<std::string> notes;
 };
 
-/// What the reply is: what was asked for, an error message, or the name of what memory was not enough for.
-enum class VdbOutcome : uint64_t { kAnswered, kRefused, kOutOfMemory };
+/// What the reply is: what was asked for, an error message, the message of NoSuchGrid, or the name of what memory was
+/// not enough for.
+enum class VdbOutcome : uint64_t { kAnswered, kRefused, kNoSuchGrid, kOutOfMemory };
 
 /// The exit status of a reader that had not even the memory to say so.
 constexpr int kReaderOutOfMemory = 12;
 
 /// To be raised whenever what travels changes: a reader of another version is refused instead of misunderstood.
-constexpr uint64_t kExchangeVersion = 2;
+constexpr uint64_t kExchangeVersion = 3;
 
 /// The beginning of the memory file.
 struct ExchangeHeader {
@@ -212,7 +213,7 @@ void describe(Archive& archive, VoxelBox& box) {
 }
 template <class Archive>
 void describe(Archive& archive, ScalarOptions& o) {
-  archive(o.grid, o.usual_names, o.convert_level_set, o.remap, o.limit);
+  archive(o.grid, o.use, o.convert_level_set, o.remap, o.limit);
 }
 template <class Archive>
 void describe(Archive& archive, VdbRequest& r) {

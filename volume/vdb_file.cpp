@@ -248,42 +248,42 @@ GridSummary summarize(const openvdb::GridBase& grid, const Task& task) {
   return s;
 }
 
-std::string list_grids(openvdb::io::File& file) {
-  std::vector<std::string> lines;
-  const auto grids = file.readAllGridMetadata();
-  for (const auto& grid : *grids) lines.push_back(fmt::format("{} ({})", grid->getName(), grid->valueType()));
-  return lines.empty() ? "none" : join(lines);
-}
-
 std::vector<std::string> grid_names(openvdb::io::File& file) {
   std::vector<std::string> names;
   for (auto it = file.beginName(); it != file.endName(); ++it) names.push_back(*it);
   return names;
 }
 
-/// The grid that is wanted, or without a wish the first of the usual names, or the one whose name begins with the
-/// first.
-std::string choose_grid(openvdb::io::File& file, const fs::path& path, const std::string& wanted,
-                        const std::vector<std::string>& usual, std::vector<std::string>& notes) {
-  const std::vector<std::string> names = grid_names(file);
-  for (const std::string& name : wanted.empty() ? usual : std::vector{wanted}) {
-    if (std::find(names.begin(), names.end(), name) != names.end()) return name;
-    for (const std::string& n : names)
-      if (n.starts_with(name + "[")) {  // several grids of one name
-        notes.push_back(fmt::format("several grids are named '{}'; the first is used", name));
-        return n;
-      }
+std::vector<GridEntry> entries_of(openvdb::io::File& file) {
+  std::vector<GridEntry> entries;
+  for (const std::string& name : grid_names(file)) {
+    const GridSummary grid = named(*file.readGridMetadata(name));
+    entries.push_back({name, grid.type, grid.grid_class});
   }
-  if (wanted.empty()) {
-    std::vector<std::string> beginning;
-    std::copy_if(names.begin(), names.end(), std::back_inserter(beginning),
-                 [&](const std::string& n) { return n.starts_with(usual.front()); });
-    if (beginning.size() == 1) {
-      notes.push_back(fmt::format("no grid '{}'; '{}' is used", usual.front(), beginning[0]));
-      return beginning[0];
-    }
+  return entries;
+}
+
+std::string list_grids(openvdb::io::File& file) {
+  return grids_text(entries_of(file));
+}
+
+/// The grid that is wanted, or without a wish the one that usual_grid() takes.
+/// @throws NoSuchGrid where there is no usual one; InputError
+std::string choose_grid(openvdb::io::File& file, const fs::path& path, const std::string& wanted, GridUse use,
+                        std::vector<std::string>& notes) {
+  const std::vector<GridEntry> entries = entries_of(file);
+  const GridEntry* found = nullptr;
+  try {
+    found = wanted.empty() ? usual_grid(entries, use, notes) : named_grid(entries, wanted, notes);
+  } catch (const InputError& error) {
+    fail(path, fmt::format("{}. The file has: {}", error.what(), grids_text(entries)));
   }
-  fail(path, fmt::format("no grid '{}'; the file has: {}", wanted.empty() ? usual.front() : wanted, list_grids(file)));
+  if (found) return found->name;
+  const std::string& missing = wanted.empty() ? usual_grid_names(use).front() : wanted;
+  const std::string text =
+      fmt::format("{}: no grid '{}'; the file has: {}", path.string(), missing, grids_text(entries));
+  if (wanted.empty()) throw NoSuchGrid(text);
+  throw InputError(text);
 }
 
 /// Appends the 8 x 8 x 8 blocks of a box of voxels.
@@ -407,9 +407,11 @@ VdbSummary read_summary(Reading& reading, const fs::path& path, bool values) {
   summary.bytes = fs::file_size(path);
   summary.library_version = file->version();
   if (const auto meta = file->getMetadata()) summary.metadata = texts(*meta);
-  for (auto it = file->beginName(); it != file->endName(); ++it)
-    summary.grids.push_back(values ? summarize(*file->readGrid(*it), reading.task)
-                                   : named(*file->readGridMetadata(*it)));
+  for (const std::string& name : grid_names(*file)) {
+    summary.grids.push_back(values ? summarize(*file->readGrid(name), reading.task)
+                                   : named(*file->readGridMetadata(name)));
+    summary.grids.back().name = name;
+  }
   return summary;
 }
 
@@ -443,11 +445,16 @@ void check_memory(openvdb::io::File& file, const fs::path& path, const std::stri
 ScalarField read_scalar(Reading& reading, const fs::path& path, const ScalarOptions& options) {
   const auto file = open(reading, path);
   ScalarField field;
-  const std::string name = choose_grid(*file, path, options.grid, options.usual_names, field.notes);
+  if (options.use == GridUse::kDensity && file->beginName() == file->endName()) {
+    field.notes.push_back(fmt::format("{} holds no grid: the field is absent", path.filename().string()));
+    return field;
+  }
+  const std::string name = choose_grid(*file, path, options.grid, options.use, field.notes);
   check_memory(*file, path, name);
   openvdb::GridBase::Ptr grid = file->readGrid(name);
   reading.limits.reset();
   field.summary = summarize(*grid, reading.task);
+  field.summary.name = name;
   const GridSummary& s = field.summary;
   check_scalar_field(path, s, *file);
   if (s.grid_class == "level set") {
@@ -458,6 +465,7 @@ ScalarField read_scalar(Reading& reading, const fs::path& path, const ScalarOpti
     if (auto typed = openvdb::gridPtrCast<openvdb::FloatGrid>(grid)) openvdb::tools::sdfToFogVolume(*typed);
     if (auto typed = openvdb::gridPtrCast<openvdb::DoubleGrid>(grid)) openvdb::tools::sdfToFogVolume(*typed);
     field.summary = summarize(*grid, reading.task);
+    field.summary.name = name;
     field.notes.push_back(fmt::format("grid '{}': the level set's inside was converted to fog", s.name));
   }
   field.world_from_index = s.world_from_index;
@@ -489,7 +497,7 @@ VectorField read_colour(Reading& reading, const fs::path& path, const std::strin
   const auto file = open(reading, path);
   VectorField field;
   const std::vector<std::string> names = grid_names(*file);
-  for (const std::string& base : wanted.empty() ? std::vector<std::string>{"color", "Cd"} : std::vector{wanted}) {
+  for (const std::string& base : wanted.empty() ? usual_grid_names(GridUse::kColour) : std::vector{wanted}) {
     if (std::find(names.begin(), names.end(), base + "_r") == names.end()) continue;
     const char* const ends[] = {"_r", "_g", "_b"};
     for (size_t c = 0; c < 3; ++c) {
@@ -506,7 +514,7 @@ VectorField read_colour(Reading& reading, const fs::path& path, const std::strin
     return field;
   }
   const auto grid =
-      as_vector_grid(path, file->readGrid(choose_grid(*file, path, wanted, {"color", "Cd"}, field.notes)));
+      as_vector_grid(path, file->readGrid(choose_grid(*file, path, wanted, GridUse::kColour, field.notes)));
   reading.limits.reset();
   field.world_from_index = affine_matrix(grid->transform());
   const CoordBBox box = grid->evalActiveVoxelBoundingBox();
@@ -529,8 +537,8 @@ VelocityReply read_velocity(Reading& reading, const VdbRequest& request) {
   const fs::path& path = request.path;
   const auto file = open(reading, path);
   VelocityReply result;
-  const auto grid = as_vector_grid(
-      path, file->readGrid(choose_grid(*file, path, request.grid, {"velocity", "vel", "v"}, result.notes)));
+  const auto grid =
+      as_vector_grid(path, file->readGrid(choose_grid(*file, path, request.grid, GridUse::kVelocity, result.notes)));
   reading.limits.reset();
   // Voxels of the density's lattice that any velocity reaches, and the density's own.
   // One lattice, as a rule: then no rounding moves its points.
@@ -607,7 +615,7 @@ uint64_t halve(Reading& reading, const fs::path& path, const std::string& name, 
                const fs::path& part) {
   const auto file = open(reading, path);
   std::vector<std::string> notes;
-  const auto base = file->readGrid(choose_grid(*file, path, name, {"density"}, notes));
+  const auto base = file->readGrid(choose_grid(*file, path, name, GridUse::kDensity, notes));
   reading.limits.reset();
   const GridSummary s = summarize(*base, reading.task);
   check_scalar_field(path, s, *file);
@@ -695,6 +703,9 @@ std::string answer_or_explain(Reading& reading, VdbRequest& request, Packer& pac
     answer(reading, request, pack);
     outcome = VdbOutcome::kAnswered;
     return {};
+  } catch (const NoSuchGrid& error) {
+    outcome = VdbOutcome::kNoSuchGrid;
+    return error.what();
   } catch (const InputError& error) {
     return error.what();
   } catch (const std::bad_alloc&) {

@@ -119,6 +119,7 @@ Result ask(VdbRequest& request, MemoryFile& file, const Task& task) try {
       std::string message;
       unpack(message);
       if (header.outcome == VdbOutcome::kOutOfMemory) throw OutOfMemory(message, "read it");
+      if (header.outcome == VdbOutcome::kNoSuchGrid) throw NoSuchGrid(message);
       throw InputError(message);
     }
     Result result{};
@@ -140,6 +141,12 @@ Result ask(VdbRequest& request, const Task& task) {
 }
 
 }  // namespace
+
+std::vector<GridEntry> VdbSummary::entries() const {
+  std::vector<GridEntry> all;
+  for (const GridSummary& grid : grids) all.push_back({grid.name, grid.type, grid.grid_class});
+  return all;
+}
 
 VdbSummary read_vdb_info(const fs::path& path, const Task& task) {
   VdbRequest request{VdbRequest::Kind::kInfo, path.string()};

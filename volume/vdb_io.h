@@ -4,14 +4,16 @@
 #include <string>
 #include <vector>
 
+#include "base/error.h"
 #include "base/progress.h"
+#include "volume/grid_names.h"
 #include "volume/medium.h"
 
 namespace brume {
 
 /// What one grid of a file is, for people and for error messages.
 struct GridSummary {
-  std::string name;
+  std::string name;         ///< as GridEntry::name
   std::string type;         ///< OpenVDB's name: float, double, vec3s, ...
   std::string grid_class;   ///< fog volume, level set, staggered, unknown
   std::string compression;  ///< of this grid: none, zip, blosc, active mask
@@ -32,6 +34,13 @@ struct VdbSummary {
   uint64_t bytes = 0;
   std::map<std::string, std::string> metadata;
   std::vector<GridSummary> grids;
+
+  std::vector<GridEntry> entries() const;
+};
+
+/// A file has no grid of the kind that is looked for under its usual names: where a scene says "auto", there is none.
+struct NoSuchGrid : InputError {
+  using InputError::InputError;
 };
 
 // OpenVDB is known to a program of its own, brume-vdb-reader, which reads and writes the files: OpenVDB trusts what a
@@ -49,11 +58,11 @@ VdbSummary read_vdb_info(const std::filesystem::path& path, const Task& task = {
 VdbSummary read_vdb_contents(const std::filesystem::path& path, const Task& task = {});
 
 struct ScalarOptions {
-  std::string grid = {};                               ///< empty: the first of usual_names that there is
-  std::vector<std::string> usual_names = {"density"};  ///< a single grid whose name begins with the first will do too
-  bool convert_level_set = false;                      ///< take a level set's inside as fog
-  std::vector<std::pair<double, double>> remap = {};   ///< a curve through (stored, meant) that voxels go through
-  double limit = 0;                                    ///< voxels above are taken as this, after remap; 0: none
+  std::string grid = {};  ///< empty: usual_grid() of `use`
+  GridUse use = GridUse::kDensity;
+  bool convert_level_set = false;                     ///< take a level set's inside as fog
+  std::vector<std::pair<double, double>> remap = {};  ///< a curve through (stored, meant) that voxels go through
+  double limit = 0;                                   ///< voxels above are taken as this, after remap; 0: none
 };
 
 /// A scalar field as the renderer walks it, and what was found on the way.
@@ -66,10 +75,10 @@ struct ScalarField {
 
 /// Loads a scalar fog volume: any affine transform, float or double, saved as half or not, with active tiles.
 /// NaN and negative voxels become 0, infinite ones the largest finite value, all counted in the notes. A background
-/// other than 0 counts inside the active bounding box and is dropped outside. An empty grid is no error: the medium is
-/// absent.
-/// @throws InputError: as read_vdb_info, and: no such grid (lists those that exist), not scalar, level set, points,
-///         frustum, singular transform
+/// other than 0 counts inside the active bounding box and is dropped outside. An empty grid, or a file without any, is
+/// no error: the medium is absent.
+/// @throws InputError: as read_vdb_info, and: no such grid (lists those that exist; NoSuchGrid where none was named),
+///         several that could be meant, not scalar, level set, points, frustum, singular transform
 ScalarField load_scalar(const std::filesystem::path& path, const ScalarOptions& options, const Task& task = {});
 
 struct VectorField {

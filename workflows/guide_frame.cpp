@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include "base/error.h"
+#include "base/toml_text.h"
 #include "render/scene/scene_io.h"
 #include "render/session/renderer.h"
 #include "render/world/volume_scene.h"
@@ -32,7 +33,8 @@ std::shared_ptr<const CameraMatrices> camera_of(const GuidedFrame& like) {
 std::vector<std::string> overrides_for(const GuideOptions& o) {
   std::vector<std::string> overrides = {fmt::format("film.width={}", o.like.display.width()),
                                         fmt::format("film.height={}", o.like.display.height())};
-  if (o.scene && !o.volume.empty()) overrides.push_back("volumes.0.file=" + fs::absolute(o.volume).string());
+  if (o.scene && !o.volume.empty())
+    overrides.push_back("volumes.0.file=" + toml_string(fs::absolute(o.volume).string()));
   overrides.insert(overrides.end(), o.overrides.begin(), o.overrides.end());
   return overrides;
 }
@@ -82,7 +84,7 @@ Scene guided_scene(const GuideOptions& o, const Host& host) {
     throw InputError(fmt::format(
         "{}: no camera in its header (worldToCamera and worldToNDC); write it into the [camera] of a scene and give that",
         name));
-  const VolumeScene made = scene_for_volume(o.volume, host.silent());
+  const VolumeScene made = scene_for_volume(o.volume, overrides_for(o), host.silent());
   for (const std::string& line : made.assumptions) host.log("assumed " + line);
   host.note("what lights the volume is assumed: guides of the frame's own lights, in a scene, know more");
   SceneArrays arrays;

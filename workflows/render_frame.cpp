@@ -10,6 +10,7 @@
 #include "base/sequence.h"
 #include "image/exr_io.h"
 #include "render/scene/scene_io.h"
+#include "render/scene/scene_outline.h"
 #include "render/session/renderer.h"
 #include "workflows/clean.h"
 #include "workflows/finished_frame.h"
@@ -34,7 +35,7 @@ std::string samples_text(const RenderReport& report) {
 
 /// Tells what is made up around a bare volume, and saves it where that is asked for.
 void tell_assumptions(const RenderOptions& o, const VolumeScene& made, const Host& host) {
-  for (const std::string& line : made.assumptions) host.log("assumed " + line);
+  for (const std::string& line : made.all_assumptions()) host.log("assumed " + line);
   if (o.save_scene.empty()) {
     host.log("--save-scene FILE.toml keeps these as a scene to edit, -D KEY=VALUE changes one");
     return;
@@ -42,7 +43,8 @@ void tell_assumptions(const RenderOptions& o, const VolumeScene& made, const Hos
   const fs::path inputs[] = {o.scene};
   check_writable(o.save_scene, inputs, ".toml");
   const auto folder = fs::absolute(o.save_scene).parent_path();
-  write_text(o.save_scene, made.text(fs::proximate(o.scene, folder).generic_string()));
+  write_text(o.save_scene, moved_scene(made.text(fs::proximate(o.scene, folder).generic_string()), folder / "",
+                                       o.overrides, o.scene));
 }
 
 Scene scene_of(const RenderOptions& o, const Host& host) {
@@ -374,19 +376,25 @@ RenderedFrame render_frame(const RenderOptions& options, const Host& host) {
 }
 
 SequenceEnd render_sequence(const RenderOptions& options, const std::vector<int>& frames, const Host& host) {
-  // One camera for a sequence of bare volumes: what lies around the last one, which is the largest more often than not.
-  const fs::path last = file_of_frame(options.scene, frames.back());
+  const bool bare = options.scene_text.empty() && std::any_of(frames.begin(), frames.end(), [&](int frame) {
+                      return is_volume(file_of_frame(options.scene, frame));
+                    });
   std::optional<VolumeScene> made;
-  if (is_volume(last)) {
-    made = scene_for_volume(last, host.silent());
-    tell_assumptions(options, *made, host);
-  }
+  if (bare) try {
+      made = scene_for_volumes(options.scene, frames, options.overrides, host.silent());
+      tell_assumptions(options, *made, host);
+    } catch (const InputError&) {
+      // No frame can be looked at: each says why, below.
+      if (frames.size() == 1) throw;
+    }
   return each_frame(frames, host, [&](int frame) {
     RenderOptions own = of_frame(options, frame);
-    if (made)
-      own.scene_text = made->text(options.scene.filename().string());  // the pattern, which the scene's frame completes
-    else
-      own.scene = file_of_frame(options.scene, frame);
+    own.scene = file_of_frame(options.scene, frame);
+    if (made) {
+      own.save_scene.clear();
+      if (!fs::exists(own.scene)) throw InputError(fmt::format("{}: no such file", own.scene.string()));
+      own.scene_text = made->text(own.scene.filename().string());
+    }
     for (const fs::path& name : {options.output, options.preview, options.records, options.checkpoint, options.updates})
       make_folder_of_frame(name, frame);
     return render_frame(own, host).end;

@@ -1,9 +1,14 @@
 #include "workflows/scene.h"
 
+#include <fmt/format.h>
+
+#include <algorithm>
 #include <fstream>
 #include <string_view>
 
+#include "base/sequence.h"
 #include "render/scene/scene_io.h"
+#include "render/scene/scene_outline.h"
 #include "volume/volume_grids.h"
 
 namespace brume {
@@ -14,13 +19,34 @@ bool is_volume(const std::filesystem::path& path) {
   return std::string_view(magic, sizeof magic) == std::string_view(" BDV", 4);
 }
 
+namespace {
+
+/// A sequence's first frame, or the one that is said, in the scene of all its frames; nothing where none is a volume.
+std::optional<LoadedScene> load_bare_sequence(const std::filesystem::path& path, std::span<const std::string> overrides,
+                                              const Task& task) {
+  const auto pattern = FramePattern::of(path);
+  if (!pattern || std::filesystem::exists(path)) return std::nullopt;
+  std::vector<int> frames = pattern->frames_on_disk();
+  std::erase_if(frames, [&](int frame) { return !is_volume(pattern->path(frame)); });
+  if (frames.empty()) return std::nullopt;
+  VolumeScene made = scene_for_volumes(path, frames, overrides, task);
+  std::vector<std::string> all(overrides.begin(), overrides.end());
+  if (!assigned_keys(overrides).contains("render.frame")) all.push_back(fmt::format("render.frame={}", frames[0]));
+  Scene scene = parse_scene(made.text(path.filename().string()), path, all);
+  return LoadedScene{std::move(scene), std::move(made)};
+}
+
+}  // namespace
+
 LoadedScene load_scene(const std::filesystem::path& path, std::span<const std::string> overrides, const Task& task) {
+  if (auto sequence = load_bare_sequence(path, overrides, task)) return std::move(*sequence);
   if (!is_volume(path)) return {read_scene(path, overrides), std::nullopt};
-  VolumeScene made = scene_for_volume(path, task);
+  VolumeScene made = scene_for_volume(path, overrides, task);
   Scene scene = parse_scene(made.text(path.filename().string()), path, overrides);
-  VolumeSettings& volume = scene.volumes.at(0);
-  if (std::error_code error;
-      std::filesystem::equivalent(volume.file, path, error) && volume.grid == made.density->summary.name) {
+  if (scene.volumes.empty()) return {std::move(scene), std::move(made)};
+  VolumeSettings& volume = scene.volumes[0];
+  if (std::error_code error; made.density && std::filesystem::equivalent(volume.file, path, error) &&
+                             volume.grid == made.density->summary.name) {
     VolumeGrids grids;
     grids.density = made.density;
     volume.grids = std::make_shared<const VolumeGrids>(std::move(grids));

@@ -18,7 +18,8 @@ struct LoadedScene {
   std::optional<VolumeScene> made;  ///< what was made up around a bare volume
 };
 
-/// Reads a scene file, or makes up a scene around an OpenVDB file.
+/// Reads a scene file, or makes up a scene around an OpenVDB file, or around a sequence of them where `path` is their
+/// pattern: then of its first frame unless render.frame is said.
 /// @param overrides  as read_scene   @throws InputError: as read_scene, scene_for_volume
 LoadedScene load_scene(const std::filesystem::path& path, std::span<const std::string> overrides,
                        const Task& task = {});

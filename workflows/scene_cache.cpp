@@ -18,11 +18,6 @@ double bytes_of(const PreparedScene& scene) {
   return sum;
 }
 
-/// The grid's name, where the scene does not leave it to the loader.
-std::string name_or_none(const std::string& grid) {
-  return grid == "auto" ? "" : grid;
-}
-
 /// What is known under a key, or else what `read` gives, from now on known.
 template <class Map, class Read>
 auto known_or_read(Map& known, const typename Map::key_type& key, const Read& read) {
@@ -36,24 +31,25 @@ auto known_or_read(Map& known, const typename Map::key_type& key, const Read& re
 void SceneCache::add_grids(VolumeSettings& v, const Task& task) {
   if (v.shape != "grid" || (v.grids && v.grids->of_arrays())) return;
   auto grids = std::make_shared<VolumeGrids>();
-  const auto scalar = [&](const char* what, const std::string& name, std::vector<std::string> usual) {
+  const auto scalar = [&](const char* what, const std::string& name, GridUse use) {
     return known_or_read(fields_, {v.file, what, name}, [&] {
       ++counts_.read;
-      return std::make_shared<const ScalarField>(load_scalar(v.file, {name_or_none(name), std::move(usual)}, task));
+      return std::make_shared<const ScalarField>(use == GridUse::kDensity ? load_scalar(v.file, {name}, task)
+                                                                          : load_field(v.file, name, use, task));
     });
   };
   // What goes through a curve or a limit on its way does so in the file's own precision.
   if (!v.convert_level_set && v.remap.empty() && !(v.max_density > 0)) {
-    grids->density = scalar("density", v.grid, {"density"});
+    grids->density = scalar("density", v.grid, GridUse::kDensity);
     fields_[{v.file, "density", grids->density->summary.name}] = grids->density;
   }
   if (v.temperature_grid != "none")
-    grids->temperature = scalar("temperature", v.temperature_grid, kUsualTemperatureGrids);
-  if (v.flame_grid != "none") grids->flame = scalar("flame", v.flame_grid, kUsualFlameGrids);
+    grids->temperature = scalar("temperature", v.temperature_grid, GridUse::kTemperature);
+  if (v.flame_grid != "none") grids->flame = scalar("flame", v.flame_grid, GridUse::kFlame);
   if (v.albedo_grid != "none")
     grids->colour = known_or_read(colours_, {v.file, "colour", v.albedo_grid}, [&] {
       ++counts_.read;
-      return std::make_shared<const VectorField>(load_colour(v.file, name_or_none(v.albedo_grid), task));
+      return std::make_shared<const VectorField>(load_colour_field(v.file, v.albedo_grid, task));
     });
   v.grids = std::move(grids);
 }

@@ -17,13 +17,14 @@ std::vector<std::string> joined(std::vector<std::string> first, const std::vecto
 
 }  // namespace
 
-SceneSource SceneSource::of_file(const std::filesystem::path& path, const Task& task) {
+SceneSource SceneSource::of_file(const std::filesystem::path& path, std::span<const std::string> assignments,
+                                 const Task& task) {
   SceneSource source;
   source.path = path;
   if (is_volume(path)) {
-    VolumeScene made = scene_for_volume(path, task);
+    VolumeScene made = scene_for_volume(path, assignments, task);
     source.text = made.text(path.filename().string());
-    source.assumptions = std::move(made.assumptions);
+    source.assumptions = made.all_assumptions();
     source.density = std::move(made.density);
     return source;
   }

@@ -1,6 +1,7 @@
 #pragma once
 #include <filesystem>
 #include <memory>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -19,8 +20,10 @@ struct SceneSource {
   std::vector<std::string> assumptions;        ///< about a bare volume, a line each
   std::shared_ptr<const ScalarField> density;  ///< of a bare volume, as it was read
 
-  /// A scene file's, or what is made up around an OpenVDB file. @throws InputError
-  static SceneSource of_file(const std::filesystem::path& path, const Task& task = {});
+  /// A scene file's, or what is made up around an OpenVDB file.
+  /// @param assignments  that follow, for what is made up to go with   @throws InputError
+  static SceneSource of_file(const std::filesystem::path& path, std::span<const std::string> assignments = {},
+                             const Task& task = {});
 
   /// @param more  assignments after its own   @throws InputError: as parse_scene
   Scene scene(const std::vector<std::string>& more = {}) const;

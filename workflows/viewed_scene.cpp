@@ -109,11 +109,14 @@ void ViewedScene::read(const std::vector<std::string>& assignments, const Task& 
   source_.text.clear();
   file_ = file_of_frame(path, frame_.value_or(0));
   named_.clear();
-  guess_ = guess_of(assignments);
   made_.reset();
-  if (is_volume(file_)) {
-    // One camera for a sequence of bare volumes, as render_sequence has it: what lies around the last one.
-    made_ = scene_for_volume(source_.frames.empty() ? file_ : file_of_frame(path, source_.frames.back()), task);
+  const std::vector<int>& frames = source_.frames;
+  const bool bare = frames.empty() ? is_volume(file_) : std::any_of(frames.begin(), frames.end(), [&](int frame) {
+    return is_volume(file_of_frame(path, frame));
+  });
+  if (bare) {
+    made_ = frames.empty() ? scene_for_volume(file_, assignments, task)
+                           : scene_for_volumes(path, frames, assignments, task);
     source_.text = made_->text(path.filename().string());
   } else {
     read_scene_alone(file_, source_.assignments({}, ivec2(0), frame_));  // says what is wrong with the file
@@ -129,8 +132,11 @@ bool ViewedScene::show(const std::vector<std::string>& assignments, const ivec2&
   const fs::path& path = source_.path;
   const bool read_now = source_.text.empty() ||
                         (made_ ? guess_of(assignments) != guess_ : file_ != file_of_frame(path, frame_.value_or(0)));
-  if (read_now) read(assignments, task);
   const std::vector<std::string> all = source_.assignments(assignments, size, frame_);
+  if (read_now) {
+    guess_ = guess_of(assignments);
+    read(all, task);
+  }
   std::vector<SceneTable> tables = outline_scene(source_.text, path, all);
   const std::set<std::string> named = files_of(outline_scene(source_.text, path, source_.overrides));
   for (const std::string& file : files_of(tables))
@@ -138,7 +144,8 @@ bool ViewedScene::show(const std::vector<std::string>& assignments, const ivec2&
       throw InputError(fmt::format("{}: is no file that the scene names; only its own can be looked at", file));
   named_ = named;
   Scene scene = parse_scene_alone(source_.text, path, all);
-  if (read_now && made_ && source_.frames.empty()) cache_.know(scene.volumes.at(0).file, made_->density);
+  if (read_now && made_ && made_->density && !scene.volumes.empty())
+    cache_.know(scene.volumes.at(0).file, made_->density);
   const PreparedScene* const before = cache_.empty() ? nullptr : &cache_.last();
   const bool other = &cache_.prepare(scene, layers_, task) != before;
   scene_ = std::move(scene);
@@ -161,7 +168,7 @@ std::pair<std::string, std::string> ViewedScene::fingerprint() {
 std::vector<std::string> ViewedScene::notes() const {
   std::vector<std::string> all;
   if (made_)
-    for (const std::string& line : made_->assumptions) all.push_back("assumed " + line);
+    for (const std::string& line : made_->all_assumptions()) all.push_back("assumed " + line);
   if (!cache_.empty()) {
     const std::vector<std::string>& own = prepared().notes();
     all.insert(all.end(), own.begin(), own.end());

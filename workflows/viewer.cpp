@@ -222,7 +222,11 @@ bool is_enabled(const SceneTable& table) {
 }  // namespace
 
 void check_viewable(const ViewOptions& options) {
-  const int frame = options.frames.empty() ? 0 : options.frames.front();
+  std::error_code ignored;
+  const auto there = std::find_if(options.frames.begin(), options.frames.end(), [&](int number) {
+    return std::filesystem::exists(file_of_frame(options.scene, number), ignored);
+  });
+  const int frame = options.frames.empty() ? 0 : there == options.frames.end() ? options.frames.front() : *there;
   const std::filesystem::path file = file_of_frame(options.scene, frame);
   if (std::error_code error; !std::filesystem::exists(file, error))
     throw InputError(fmt::format("{}: no such file", file.string()));

@@ -63,8 +63,9 @@ int info_vdb(const std::string& path, bool as_json) {
               {"active_tiles", g.active_tiles},
               {"voxel_size", to_json(g.voxel_size)},
               {"metadata", g.metadata}};
-    text += fmt::format("\n{}\n  type          {}{}, {}{}\n", g.name, g.type, g.half ? " saved as half" : "",
-                        g.grid_class, g.compression.empty() ? "" : ", " + g.compression);
+    text += fmt::format(
+        "\n{}{}\n  type          {}{}, {}{}\n", g.name, grid_name_alone(g.name).empty() ? " (without a name)" : "",
+        g.type, g.half ? " saved as half" : "", g.grid_class, g.compression.empty() ? "" : ", " + g.compression);
     if (g.box.empty()) {
       text += "  active        none: an empty grid\n";
     } else {

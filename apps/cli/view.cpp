@@ -1,6 +1,7 @@
 #include <fmt/format.h>
 
 #include <chrono>
+#include <filesystem>
 #include <memory>
 #include <thread>
 
@@ -25,7 +26,10 @@ bool is_loopback(const std::string& host) {
 
 int run(const Options& o, const Common& common) {
   ViewOptions view = o.view;
-  if (!o.frames.empty()) view.frames = parse_frames(o.frames);
+  if (!o.frames.empty())
+    view.frames = parse_frames(o.frames);
+  else if (const auto pattern = FramePattern::of(view.scene); pattern && !std::filesystem::exists(view.scene))
+    view.frames = pattern->frames_on_disk();
   check_viewable(view);
   if (!is_loopback(o.server.host))
     warn(
@@ -52,7 +56,7 @@ void add_view(CLI::App& app, Common& common, Commands& commands) {
   command->add_option("scene", o.view.scene, "scene file (TOML), or an OpenVDB file")->required();
   command->add_option(
       "--frames", o.frames,
-      "a time line of these: 1-48, 1-240x2, or several with commas between; names with ####, $F4 or %04d become each frame's, also the scene's and those in it");
+      "a time line of these: 1-48, 1-240x2, or several with commas between; names with ####, $F4 or %04d become each frame's, also the scene's and those in it. Of a scene whose name has such a place all that are there, unless said");
   command->add_option("-D", o.view.overrides, "set a key of the scene: -D camera.fov=30")->allow_extra_args(false);
   command->add_option("--clean-filter", o.view.clean_filter, "clean with this filter: NAME or NAME:parameter=value,...")
       ->capture_default_str();

@@ -8,6 +8,8 @@
 #include <cstring>
 #include <limits>
 
+#include "base/text.h"
+#include "base/toml_text.h"
 #include "render/transport/path_sample.h"
 
 namespace brume::python {
@@ -188,14 +190,8 @@ std::string to_toml_key(const std::string& key) {
 }
 
 std::string to_toml_value(py::handle value) {
-  if (PyUnicode_Check(value.ptr()) || py::hasattr(value, "__fspath__")) {
-    std::string quoted = "\"";
-    for (const char c : PyUnicode_Check(value.ptr()) ? to_text(value) : to_path(value))
-      quoted += c == '"' || c == '\\'                               ? std::string{'\\', c}
-                : static_cast<unsigned char>(c) < 0x20 || c == 0x7f ? fmt::format("\\u{:04x}", static_cast<int>(c))
-                                                                    : std::string{c};
-    return quoted + "\"";
-  }
+  if (PyUnicode_Check(value.ptr())) return toml_string(to_text(value));
+  if (py::hasattr(value, "__fspath__")) return toml_string(to_path(value));
   if (py::hasattr(value, "tolist")) return to_toml_value(value.attr("tolist")());  // of NumPy
   if (PyBool_Check(value.ptr())) return value.ptr() == Py_True ? "true" : "false";
   if (PyIndex_Check(value.ptr())) return to_text(py::str(value));
@@ -209,9 +205,7 @@ std::string to_toml_value(py::handle value) {
 }
 
 std::string to_toml(py::handle value) {
-  return PyUnicode_Check(value.ptr())       ? to_text(value)
-         : py::hasattr(value, "__fspath__") ? to_path(value)
-                                            : to_toml_value(value);
+  return PyUnicode_Check(value.ptr()) ? to_text(value) : to_toml_value(value);
 }
 
 std::vector<std::string> to_words(const py::object& value) {

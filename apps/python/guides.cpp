@@ -45,7 +45,7 @@ LayersPointer guides(const py::object& like, const py::object& scene, const py::
         options.scenes = &use->cache();
         host = use->host(work);
       }
-      options.scene = argument->source(work.task);
+      options.scene = argument->source(changes.overrides(), work.task);
       changes.apply_arrays(*options.scene, work.task);
       for (const std::string& line : options.scene->assumptions) work.log("assumed " + line);
     }

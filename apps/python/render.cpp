@@ -202,7 +202,7 @@ py::object render(const py::object& scene, const py::object& spp, const py::obje
         options.scenes = &use->cache();
         host = use->host(work);
       }
-      SceneSource source = argument.source(work.task);
+      SceneSource source = argument.source(changes.overrides(), work.task);
       changes.apply(source, work.task);
       set_source(options, source);
     }

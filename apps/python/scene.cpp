@@ -18,7 +18,8 @@ constexpr const char* kSceneHelp =
     "A scene that is read once and rendered many times.\n\n"
     "scene: path of a scene file (TOML) or of an OpenVDB file, around which a scene is made up; the text of a scene, a\n"
     "str of several lines; a dict of its tables, with NumPy arrays for volumes and meshes; or another Scene. Keywords\n"
-    "set keys, a dot written as two underscores: camera__fov=30; None leaves a key as it is.\n\n"
+    "set keys, a dot written as two underscores: camera__fov=30; None leaves a key as it is. What is made up around a\n"
+    "volume goes by the keywords given here, not by what is set later.\n\n"
     "In a dict, a volume may hold density, temperature and flame as arrays of x, y, z, color and velocity as arrays of\n"
     "x, y, z, 3, voxel_size and origin [scene units]; a surface vertices (n, 3), faces (m, 3 or more), normals and\n"
     "texcoords. Arrays are copied when the scene is made; what changes in them later changes nothing here.\n\n"
@@ -40,7 +41,7 @@ ScenePointer make_scene(const py::object& scene, const py::kwargs& keywords) {
   const SceneChanges changes(keywords);
   ScenePointer object;
   run_work({}, 0, [&](const Work& work) {
-    SceneSource source = argument.source(work.task);
+    SceneSource source = argument.source(changes.overrides(), work.task);
     source.path = std::filesystem::absolute(source.path);
     changes.apply(source, work.task);
     source.check();

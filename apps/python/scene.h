@@ -97,8 +97,9 @@ class SceneArgument {
   const ScenePointer& object() const { return object_; }
   /// The file, where it is one.
   const std::optional<std::string>& file() const { return file_; }
-  /// Reads it. Without Python's lock. @throws InputError
-  SceneSource source(const Task& task) const;
+  /// Reads it. Without Python's lock.
+  /// @param assignments  that follow: what is made up around a bare volume goes with them   @throws InputError
+  SceneSource source(const std::vector<std::string>& assignments, const Task& task) const;
 
  private:
   ScenePointer object_;

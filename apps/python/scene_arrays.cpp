@@ -285,9 +285,9 @@ SceneArgument::SceneArgument(py::handle scene) {
   }
 }
 
-SceneSource SceneArgument::source(const Task& task) const {
+SceneSource SceneArgument::source(const std::vector<std::string>& assignments, const Task& task) const {
   if (object_) return object_->source();
-  if (file_) return SceneSource::of_file(*file_, task);
+  if (file_) return SceneSource::of_file(*file_, assignments, task);
   SceneSource source;
   source.path = "scene.toml";
   source.text = text_;

@@ -140,7 +140,9 @@ void describe(Visitor& v, EnvironmentSettings& e) {
 template <class Visitor>
 void describe(Visitor& v, VolumeSettings& s) {
   v({"file", "", "OpenVDB file"}, s.file);
-  v({"grid", "", "name of the density grid; empty: density, or the one grid whose name begins so"}, s.grid);
+  v({"grid", "",
+     "name of the density grid; empty: density, smoke, fog and such names of other programs, or a file's only grid of numbers whatever its name. Several grids of one name are density[0], density[1], grids without a name [0], [1], as brume info lists them"},
+    s.grid);
   v({.key = "shape",
      .help = "grid: the file's density; box, sphere: density 1 everywhere inside lo .. hi",
      .choices = {"grid", "box", "sphere"}},
@@ -175,9 +177,12 @@ void describe(Visitor& v, VolumeSettings& s) {
   v({"g2", "1", "two_lobes: mean cosine of the second lobe", -0.999, 0.999}, s.g2);
   v({"lobe_weight", "1", "two_lobes: share of the second lobe", 0, 1}, s.lobe_weight);
   v({"droplet_diameter", "micrometres", "mie: of the droplets", 5, 50}, s.droplet_diameter);
-  v({"albedo_grid", "", "colour grid that multiplies albedo; none, or auto: color or Cd"}, s.albedo_grid);
+  v({"albedo_grid", "", "colour grid that multiplies albedo; none, or auto: color, Cd and such names, if there is one"},
+    s.albedo_grid);
   v({"emission", "W/(m^2 sr) / scene unit", "emission coefficient per density", 0}, s.emission);
-  v({"temperature_grid", "", "emits as a black body; none, or auto: temperature"}, s.temperature_grid);
+  v({"temperature_grid", "",
+     "emits as a black body; none, or auto: temperature and such names, if there is one and the file has no empty grid of flames: then it is the heat of smoke that does not burn"},
+    s.temperature_grid);
   v({"temperature_offset", "K", "kelvin = temperature_offset + temperature_scale * value"}, s.temperature_offset);
   v({"temperature_scale", "K",
      "what one unit of the grid is: 1 for kelvin; Blender's fluids store about 0 .. 3, their shader's default is 1000",
@@ -191,12 +196,15 @@ void describe(Visitor& v, VolumeSettings& s) {
          "planck: visible radiance of a black body; stefan_boltzmann: Blender's sigma T^4 1e-6 / pi with its colour",
      .choices = {"planck", "stefan_boltzmann"}},
     s.blackbody_law);
-  v({"flame_grid", "", "emits the colours of flame_ramp; none, or auto: flame, flames, heat"}, s.flame_grid);
+  v({"flame_grid", "",
+     "emits the colours of flame_ramp; none, or auto: flame, flames, fire, burn, heat and such names, if there is one"},
+    s.flame_grid);
   v({"flame_ramp", "", "[[value, r, g, b], ...], rising in the first; empty: from dark red to pale yellow over 0 .. 1"},
     s.flame_ramp);
   v({"flame_intensity", "W/(m^2 sr) / scene unit", "emission coefficient of the ramp's colour 1", 0},
     s.flame_intensity);
-  v({"velocity_grid", "", "deformation motion blur over the camera's shutter; none, or auto: velocity, vel, v"},
+  v({"velocity_grid", "",
+     "deformation motion blur over the camera's shutter; none, or auto: velocity, vel, v, if there is one"},
     s.velocity_grid);
   v({"velocity_scale", "", "the file's world units per frame for one unit of stored velocity"}, s.velocity_scale);
   v({"object_to_world", "", "4 x 4, rows first, applied after the file's own transform; points are columns"},

@@ -3,6 +3,7 @@
 #include <sstream>
 
 #include "base/error.h"
+#include "base/toml_text.h"
 #include "render/scene/toml_table.h"
 
 namespace brume {
@@ -144,6 +145,19 @@ std::string lines_of(const std::string& header, const toml::value& table) {
   return text;
 }
 
+/// A scene as text of its own.
+std::string written_anew(const toml::value& scene) {
+  std::string text, tables;
+  for (const auto& [name, value] : scene.as_table())
+    if (value.is_table())
+      tables += lines_of("[" + name + "]", value);
+    else if (value.is_array() && !value.as_array().empty())
+      for (const toml::value& entry : value.as_array()) tables += lines_of("[[" + name + "]]", entry);
+    else
+      text += fmt::format("{} = {}\n", toml_key(name), toml_text(value));
+  return text + tables;
+}
+
 /// The differences between two tables of a scene, written into the text of the first.
 void edit_table(TextEditor& editor, const toml::value& before, const toml::value& after) {
   for (const auto& [key, value] : after.as_table()) {
@@ -170,9 +184,22 @@ std::string edited(const std::string& text, const toml::value& before, const tom
           edit_table(editor, before.at(name).as_array()[i], value.as_array()[i]);
         else
           editor.append(lines_of("[[" + name + "]]", value.as_array()[i]));
+    } else if (before.contains(name) && before.at(name) != value) {
+      editor.replace(before.at(name), toml_text(value));
     }
   }
   return editor.edited();
+}
+
+/// The text of a scene that another text stands for, its comments and order kept where they can be.
+std::string text_for(const toml::value& wanted, const std::string& text, const fs::path& path) {
+  // What a text of unusual form makes of the edits is looked at; where it means something else, all is written anew.
+  try {
+    std::string result = edited(text, parsed(text, path, {}), wanted);
+    if (parsed(result, path, {}) == wanted) return result;
+  } catch (const std::exception&) {
+  }
+  return written_anew(wanted);
 }
 
 /// What makes the relative names of files absolute.
@@ -200,20 +227,39 @@ std::vector<SceneTable> outline_scene(const std::string& text, const fs::path& p
   return outline(parsed(text, path, assignments), path, arrays);
 }
 
+std::set<std::string> assigned_keys(std::span<const std::string> assignments) {
+  toml::value root = toml::table{{"volumes", toml::array{toml::table()}}, {"lights", toml::array{toml::table()}}};
+  for (const std::string& assignment : assignments) apply_assignment(root, assignment);
+  std::set<std::string> keys;
+  const auto add = [&](const std::string& table, const toml::value& value) {
+    if (value.is_table())
+      for (const auto& entry : value.as_table()) keys.insert(table + "." + entry.first);
+  };
+  for (const auto& [name, value] : root.as_table()) {
+    add(name, value);
+    if (value.is_array())
+      for (size_t i = 0; i < value.as_array().size(); ++i) add(fmt::format("{}.{}", name, i), value.as_array()[i]);
+  }
+  return keys;
+}
+
 std::string edited_scene(const std::string& text, const fs::path& path, std::span<const std::string> assignments,
                          const SceneArrays& arrays) {
   toml::value wanted = parsed(text, path, assignments);
   for (const std::string& assignment : absolute_files(outline(wanted, path, arrays), path))
     apply_assignment(wanted, assignment);
-  // What a text of unusual form makes of the edits is looked at; where it means something else, all is written anew.
-  try {
-    std::string result = edited(text, parsed(text, path, {}), wanted);
-    if (parsed(result, path, {}) == wanted) return result;
-  } catch (const std::exception&) {
-  }
-  std::ostringstream anew;
-  anew << wanted;
-  return anew.str();
+  return text_for(wanted, text, path);
+}
+
+std::string moved_scene(const std::string& text, const fs::path& path, std::span<const std::string> assignments,
+                        const fs::path& from) {
+  toml::value wanted = parsed(text, path, assignments);
+  const std::set<std::string> keys = assigned_keys(assignments);
+  std::error_code error;
+  if (!fs::equivalent(fs::absolute(path).parent_path(), fs::absolute(from).parent_path(), error))
+    for (const std::string& assignment : absolute_files(outline(wanted, path, {}), from))
+      if (keys.contains(assignment.substr(0, assignment.find('=')))) apply_assignment(wanted, assignment);
+  return text_for(wanted, text, path);
 }
 
 }  // namespace brume

@@ -1,6 +1,7 @@
 #pragma once
 #include <cstdint>
 #include <filesystem>
+#include <set>
 #include <span>
 #include <string>
 #include <variant>
@@ -37,9 +38,19 @@ struct SceneTable {
 std::vector<SceneTable> outline_scene(const std::string& text, const std::filesystem::path& path,
                                       std::span<const std::string> assignments = {}, const SceneArrays& arrays = {});
 
+/// What assignments set in a scene of one volume and one light, key by key: "camera.fov", "volumes.0.grid".
+/// @throws InputError for what is no assignment
+std::set<std::string> assigned_keys(std::span<const std::string> assignments);
+
 /// The text of a scene after assignments, comments and order kept; relative names of files become absolute, so that it
 /// may be put anywhere. @throws InputError as outline_scene
 std::string edited_scene(const std::string& text, const std::filesystem::path& path,
                          std::span<const std::string> assignments, const SceneArrays& arrays = {});
+
+/// The same for a file beside the one that `text` names its files from: those stay as they are, and relative names that
+/// the assignments bring, which start at the folder of `from`, become absolute.
+/// @param path  in the folder of the new file
+std::string moved_scene(const std::string& text, const std::filesystem::path& path,
+                        std::span<const std::string> assignments, const std::filesystem::path& from);
 
 }  // namespace brume

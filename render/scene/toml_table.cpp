@@ -5,6 +5,7 @@
 
 #include "base/error.h"
 #include "base/text.h"
+#include "base/toml_text.h"
 
 namespace brume {
 
@@ -33,38 +34,29 @@ const char* toml_type_name(const toml::value& v) {
   }
 }
 
+std::string toml_text(const toml::value& v) {
+  std::vector<std::string> parts;
+  switch (v.type()) {
+    case toml::value_t::string:
+      return toml_string(toml::get<std::string>(v));
+    case toml::value_t::floating:
+      return toml_number(v.as_floating());
+    case toml::value_t::array:
+      for (const toml::value& part : v.as_array()) parts.push_back(toml_text(part));
+      return "[" + join(parts) + "]";
+    case toml::value_t::table:
+      for (const auto& [key, part] : v.as_table())
+        parts.push_back(fmt::format("{} = {}", toml_key(key), toml_text(part)));
+      return "{" + join(parts) + "}";
+    default:
+      return toml::format(v);
+  }
+}
+
 std::string toml_range_text(const Field& field) {
   if (field.lowest == -kInfinity && field.highest == kInfinity) return "";
   if (field.highest == kInfinity) return fmt::format(", at least {}", field.lowest);
   return fmt::format(" in {} .. {}", field.lowest, field.highest);
-}
-
-std::string toml_text(const toml::value& v) {
-  switch (v.type()) {
-    case toml::value_t::boolean:
-      return v.as_boolean() ? "true" : "false";
-    case toml::value_t::integer:
-      return fmt::format("{}", v.as_integer());
-    case toml::value_t::floating: {
-      const std::string shortest = fmt::format("{}", v.as_floating());
-      return shortest.find_first_not_of("-0123456789") == std::string::npos ? shortest + ".0" : shortest;
-    }
-    case toml::value_t::string:
-      return toml_string(toml::get<std::string>(v));
-    case toml::value_t::array: {
-      std::string text;
-      for (const toml::value& entry : v.as_array()) text += (text.empty() ? "" : ", ") + toml_text(entry);
-      return "[" + text + "]";
-    }
-    case toml::value_t::table: {
-      std::string text;
-      for (const auto& [key, value] : v.as_table())
-        text += fmt::format("{}{} = {}", text.empty() ? "" : ", ", toml_key(key), toml_text(value));
-      return "{ " + text + " }";
-    }
-    default:
-      return toml::format(v);
-  }
 }
 
 TomlPlace toml_place(const toml::value& value) {
@@ -102,8 +94,9 @@ void apply_assignment(toml::value& root, const std::string& assignment) {
     value = parse_toml(stream, source).at("value");
   } catch (const InputError&) {
     // Text without its quotes.
-    if (text.find('\'') != std::string::npos || text.find('\n') != std::string::npos) throw;
-    std::istringstream stream("value = '" + text + "'");
+    for (const char quote : {'"', '\''})
+      if (text.size() > 1 && text.front() == quote && text.back() == quote) throw;
+    std::istringstream stream("value = " + toml_string(text));
     value = parse_toml(stream, source).at("value");
   }
   toml::value* at = &root;

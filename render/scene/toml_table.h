@@ -11,6 +11,7 @@
 
 #include "base/sequence.h"
 #include "base/text.h"
+#include "base/toml_text.h"
 #include "render/scene/scene_fields.h"
 
 namespace brume {
@@ -21,11 +22,11 @@ namespace brume {
 /// "a number", "text", "a table", ...
 const char* toml_type_name(const toml::value& value);
 
+/// A value as a scene has it: on one line, text escaped, numbers as short as they can be.
+std::string toml_text(const toml::value& value);
+
 /// ", at least 1" or " in 0 .. 1"; empty where there are no bounds.
 std::string toml_range_text(const Field& field);
-
-/// A value as TOML on one line, its numbers as short as they can be.
-std::string toml_text(const toml::value& value);
 
 /// Where a value stands in the text that it was read from; line and column count from 1.
 struct TomlPlace {
@@ -126,9 +127,9 @@ class TomlTable {
     read(field, v, text);
     if (text.empty()) return;
     std::error_code ignored;
-    target = folder_ / text;
+    target = toml_path(folder_, text);
     // "take##.vdb" may be a name too.
-    if (!std::filesystem::exists(target, ignored)) target = folder_ / file_of_frame(text, frame_);
+    if (!std::filesystem::exists(target, ignored)) target = toml_path(folder_, file_of_frame(text, frame_).string());
     files_.emplace_back(field.key, target);
   }
   static void read(const Field& field, const toml::value& v, dvec3& target) {

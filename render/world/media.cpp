@@ -23,11 +23,34 @@ PhaseFunction phase_of(const VolumeSettings& v) {
   return PhaseFunction::henyey_greenstein(v.g);
 }
 
-ScalarOptions options_for(const std::string& name, std::vector<std::string> usual) {
-  ScalarOptions options;
-  options.grid = name == "auto" ? "" : name;
-  options.usual_names = std::move(usual);
-  return options;
+constexpr const char* kAuto = "auto";
+
+/// The grid's name for a loader, to which "auto" leaves it.
+std::string name_or_none(const std::string& name) {
+  return name == kAuto ? "" : name;
+}
+
+/// What `read` gives, or where "auto" finds nothing an empty field that says so.
+template <class Field, class Read>
+Field read_if_there(const std::string& name, const Read& read) {
+  try {
+    return read();
+  } catch (const NoSuchGrid& error) {
+    if (name != kAuto) throw;
+    Field none;
+    none.notes.push_back(fmt::format("{}: \"auto\" finds none, and is taken as \"none\"", error.what()));
+    return none;
+  }
+}
+
+/// A file's grid of flames that holds none; empty where there is no such grid, or where it burns.
+std::string grid_without_flames(const std::filesystem::path& file, const Task& task) {
+  const VdbSummary contents = read_vdb_contents(file, task);
+  std::vector<std::string> ignored;
+  const std::vector<GridEntry> entries = contents.entries();
+  const GridEntry* const flame = usual_grid(entries, GridUse::kFlame, ignored);
+  if (!flame || (flame->type != "float" && flame->type != "double")) return "";
+  return load_scalar(file, {.grid = flame->name, .use = GridUse::kFlame}, task).bricks.empty() ? flame->name : "";
 }
 
 EmissionRamp fire_ramp(const VolumeSettings& v) {
@@ -39,6 +62,23 @@ EmissionRamp fire_ramp(const VolumeSettings& v) {
 }
 
 }  // namespace
+
+ScalarField load_field(const std::filesystem::path& file, const std::string& name, GridUse use, const Task& task) {
+  if (use == GridUse::kTemperature && name == kAuto)
+    if (const std::string flame = grid_without_flames(file, task); !flame.empty()) {
+      ScalarField none;
+      none.notes.push_back(fmt::format(
+          "{}: grid '{}' holds no flames: its temperature is what lifts the smoke, and nothing burns; temperature_grid = NAME makes it glow all the same",
+          file.string(), flame));
+      return none;
+    }
+  return read_if_there<ScalarField>(name,
+                                    [&] { return load_scalar(file, {.grid = name_or_none(name), .use = use}, task); });
+}
+
+VectorField load_colour_field(const std::filesystem::path& file, const std::string& name, const Task& task) {
+  return read_if_there<VectorField>(name, [&] { return load_colour(file, name_or_none(name), task); });
+}
 
 SceneMedia::SceneMedia(const Scene& scene, const Task& task) {
   for (const VolumeSettings& v : scene.volumes) load(v, scene, task);
@@ -159,7 +199,7 @@ class SceneMedia::Loader {
                            glm::dvec4(middle, 1.0)));
     }
     Medium medium(density.bricks, world_from(density.world_from_index), {v_.sigma_t, v_.albedo}, phase_of(v_));
-    if (v_.albedo_grid != "none") load_colour_into(medium);
+    if (v_.albedo_grid != "none" && !medium.empty()) load_colour_into(medium);
     if (v_.velocity_grid != "none" && !shutter_opens_)
       note("velocity_grid is set but camera.shutter opens and closes at once: no motion blur");
     set_in_motion(medium, density, volume_->displacement);
@@ -192,10 +232,11 @@ class SceneMedia::Loader {
 
   void load_colour_into(Medium& medium) {
     VectorField& colour = volume_->colour;
-    colour = v_.grids && v_.grids->colour ? *v_.grids->colour
-                                          : load_colour(v_.file, v_.albedo_grid == "auto" ? "" : v_.albedo_grid, task_);
-    place(colour);
+    colour = v_.grids && v_.grids->colour ? *v_.grids->colour : load_colour_field(v_.file, v_.albedo_grid, task_);
     adopt(colour.notes);
+    const auto& parts = colour.bricks.parts;
+    if (v_.albedo_grid == kAuto && parts[0].empty() && parts[1].empty() && parts[2].empty()) return;
+    place(colour);
     const dmat4 to_origin = translation(dvec3(colour.bricks.parts[0].origin()));
     medium.set_colour(colour.bricks, Placement(world_from(colour.world_from_index) * to_origin));
     count("albedo colour", colour.bricks.bytes());
@@ -204,15 +245,19 @@ class SceneMedia::Loader {
   /// What moves a field over the shutter, on the field's own lattice.
   void set_in_motion(Medium& shape, const ScalarField& field, Displacement& displacement) {
     if (!shutter_opens_) return;
-    if (v_.velocity_grid != "none" && !field.bricks.empty()) {
-      const dvec2& shutter = scene_.camera.shutter;
-      displacement = of_arrays() ? displacement_of(*v_.grids->velocity, field, field.world_from_index,
-                                                   v_.velocity_scale, shutter.x, shutter.y, task_)
-                                 : load_displacement(v_.file, v_.velocity_grid == "auto" ? "" : v_.velocity_grid, field,
-                                                     v_.velocity_scale, shutter.x, shutter.y, into_.notes_, task_);
-      shape.set_displacement(displacement);
-      count("velocity of " + field.summary.name, displacement.field.bytes() + displacement.envelope.bytes());
-    }
+    if (v_.velocity_grid != "none" && !still_ && !field.bricks.empty()) try {
+        const dvec2& shutter = scene_.camera.shutter;
+        displacement = of_arrays() ? displacement_of(*v_.grids->velocity, field, field.world_from_index,
+                                                     v_.velocity_scale, shutter.x, shutter.y, task_)
+                                   : load_displacement(v_.file, name_or_none(v_.velocity_grid), field,
+                                                       v_.velocity_scale, shutter.x, shutter.y, into_.notes_, task_);
+        shape.set_displacement(displacement);
+        count("velocity of " + field.summary.name, displacement.field.bytes() + displacement.envelope.bytes());
+      } catch (const NoSuchGrid& error) {
+        if (v_.velocity_grid != kAuto) throw;
+        note(fmt::format("{}: \"auto\" finds none, and nothing is blurred by its motion", error.what()));
+        still_ = true;
+      }
     if (moves_)
       shape.set_motion(translation(-into_.world_shift_) * v_.object_to_world_end * field.world_from_index *
                        translation(v_.index_offset));
@@ -229,9 +274,10 @@ class SceneMedia::Loader {
     ScalarField& temperature = volume_->temperature;
     temperature = v_.grids && v_.grids->temperature
                       ? *v_.grids->temperature
-                      : load_scalar(v_.file, options_for(v_.temperature_grid, kUsualTemperatureGrids), task_);
+                      : load_field(v_.file, v_.temperature_grid, GridUse::kTemperature, task_);
     place(temperature);
     adopt(temperature.notes);
+    if (temperature.bricks.empty()) return;
     count("temperature", temperature.bricks.bytes());
     const double highest = temperature.bricks.maximum();
     const double kelvin = v_.temperature_offset + v_.temperature_scale * highest;
@@ -247,7 +293,7 @@ class SceneMedia::Loader {
     const EmissionRamp ramp = EmissionRamp::of_blackbody(v_.temperature_offset, v_.temperature_scale, highest,
                                                          v_.blackbody_intensity, v_.blackbody_law == "planck");
     add_emission(temperature, volume_->temperature_displacement, ramp);
-    if (!temperature.bricks.empty()) note_faint_fire(luminance(ramp(highest)));
+    note_faint_fire(luminance(ramp(highest)));
   }
 
   /// @param brightest  emission coefficient, luminance
@@ -262,8 +308,7 @@ class SceneMedia::Loader {
 
   void load_flame() {
     ScalarField& flame = volume_->flame;
-    flame = v_.grids && v_.grids->flame ? *v_.grids->flame
-                                        : load_scalar(v_.file, options_for(v_.flame_grid, kUsualFlameGrids), task_);
+    flame = v_.grids && v_.grids->flame ? *v_.grids->flame : load_field(v_.file, v_.flame_grid, GridUse::kFlame, task_);
     place(flame);
     adopt(flame.notes);
     count("flame", flame.bricks.bytes());
@@ -276,6 +321,7 @@ class SceneMedia::Loader {
   const Task& task_;
   const std::string file_, named_;  // how notes and errors call the volume
   const bool moves_, shutter_opens_;
+  bool still_ = false;  // the file has no velocity
   Volume* volume_ = nullptr;
 };
 

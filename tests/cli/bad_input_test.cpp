@@ -1,6 +1,7 @@
 // What a person gets wrong, and what the program answers: one message that says where, what was found and what would be
 // right, exit status 2, and nothing left behind.
 
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <csignal>
@@ -217,7 +218,20 @@ TEST_F(BadInput, LightsMeshesTexturesAndFields) {
       "[environment]\nradiance = 1\n[[volumes]]\nshape = \"sphere\"\n[[lights]]\ntype = \"point\"\nposition = [0, 0, 9]\nintensity = 0\n",
       "light 0 has no power");
   const std::string volume = "[environment]\nradiance = 1\n[[volumes]]\nfile = \"" + kCloud + "\"\n";
-  refused(volume + "temperature_grid = \"auto\"\n", {"no grid 'temperature'", "density (float)"});
+  refused(volume + "temperature_grid = \"temperature\"\n", {"no grid 'temperature'", "density (float)"});
+  for (const char* key : {"temperature", "flame", "albedo", "velocity"}) {
+    const std::string grid = fmt::format("{}_grid", key);
+    const std::string missing = key == std::string("albedo") ? "color" : key;
+    const std::string shutter = key == std::string("velocity") ? "shutter = [0, 1]\n" : "";
+    test::write_file(folder_ / "auto.toml", "[camera]\nposition = [0, -5, 1]\nlook_at = [0, 0, 0]\n" + shutter +
+                                                "[film]\nwidth = 8\nheight = 8\n[render]\nspp = 1\n" + volume + grid +
+                                                " = \"auto\"\n");
+    const auto r = run_brume("render " + path("auto.toml") + " --progress none -o " + path("fine.exr"));
+    EXPECT_EQ(r.status, 0) << r.err;
+    EXPECT_NE(r.err.find("no grid '" + missing + "'; the file has: density (float): \"auto\" finds none"),
+              std::string::npos)
+        << r.err;
+  }
   refused(volume + "albedo_grid = \"density\"\n", {"grid 'density' is of type float; expected vec3s"});
   test::write_file(folder_ / "s.toml", head + "shutter = [0, 1]\n");
   const std::string shutter = "[camera]\nposition = [0, -5, 1]\nlook_at = [0, 0, 0]\nshutter = [0, 1]\n";

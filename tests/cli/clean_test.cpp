@@ -60,6 +60,31 @@ TEST_F(Clean, ABareVolumeIsFramedLitAndCleaned) {
   test::expect_same_bits(frame, read_exr(folder_ / "again.exr"), "the saved scene");
 }
 
+TEST_F(Clean, ABareVolumeOfAnyNameGivesASceneThatGivesTheSamePicture) {
+  const std::string name = "12\" puff\\ 'a'\tb.vdb", moved = "12\" puff\\ 'a'\tb.toml";
+  const auto word = [](const std::string& text) {
+    std::string quoted = "'";
+    for (const char c : text) quoted += c == '\'' ? "'\\''" : std::string(1, c);
+    return quoted + "'";
+  };
+  test::write_grids_vdb(folder_ / name, {{0, 0, 0}, {15, 15, 15}},
+                        {{"Smoke", [](const ivec3& v) { return static_cast<float>(v.x + v.z) / 30; }}});
+  const std::string said =
+      " -D film.width=20 -D film.height=36 -D volumes.0.albedo=0.5 -D volumes.0.sigma_t=0.3 "
+      "--spp 2 --layers none --progress none ";
+  const auto r =
+      run_brume("render " + word(path(name)) + said + "-o " + path("a.exr") + " --save-scene " + word(path(moved)));
+  ASSERT_EQ(r.status, 0) << r.err;
+  EXPECT_TRUE(holds(r.err, "assumed no grid 'density'; grid 'Smoke' is used")) << r.err;
+  const std::string text = test::read_file(folder_ / moved);
+  EXPECT_TRUE(holds(text, "sigma_t = 0.3\n") && holds(text, "width = 20\n")) << text;
+  for (const std::string& again : {said, std::string(" --spp 2 --layers none --progress none ")}) {
+    const auto second = run_brume("render " + word(path(moved)) + again + "-o " + path("b.exr"));
+    ASSERT_EQ(second.status, 0) << second.err;
+    test::expect_same_bits(read_exr(folder_ / "a.exr"), read_exr(folder_ / "b.exr"), again);
+  }
+}
+
 TEST_F(Clean, ATargetErrorSendsSamplesWhereTheCleanPictureNeedsThem) {
   const auto r = run_brume("render " + kSmoke + kTiny + "--clean --target-error 0.005 -o " + path("smoke.exr"));
   ASSERT_EQ(r.status, 0) << r.err;

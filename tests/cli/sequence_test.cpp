@@ -7,6 +7,7 @@
 
 #include "image/exr_io.h"
 #include "tests/support/files.h"
+#include "tests/support/volumes.h"
 
 namespace brume {
 namespace {
@@ -265,6 +266,40 @@ TEST_F(Sequence, ABareSequenceOfVolumesHasOneCamera) {
   const auto again = run_brume("render " + path("made.toml") + " --frames 1,2,4 --spp 1 --layers direct -D " +
                                "film.width=24 -D film.height=20 --resume -o '" + path("f.####.exr") + "'");
   EXPECT_NE(again.err.find("3 were complete"), std::string::npos) << again.err;
+}
+
+/// Voxels of a small cube.
+float cube(const ivec3& v) {
+  return v.x > 0 && v.y > 0 && v.z > 0 && v.x < 9 && v.y < 9 && v.z < 9 ? 0.5f : 0.0f;
+}
+
+TEST_F(Sequence, OfBareVolumesRendersAllFramesButTheBadOnes) {
+  const VoxelBox box{{0, 0, 0}, {9, 9, 9}};
+  const auto rendered = [&](const std::string& frames) {
+    return run_brume("render '" + path("a.####.vdb") + "' --frames " + frames +
+                     " --spp 1 --layers none --progress none " + "-D film.width=16 -D film.height=12 -o '" +
+                     path("o.####.exr") + "'");
+  };
+  test::write_grids_vdb(path("a.0001.vdb"), box, {{"density", cube}});
+  test::write_grids_vdb(path("a.0002.vdb"), box, {{"density", cube}, {"flame", cube}, {"temperature", cube}});
+  test::write_grids_vdb(path("a.0003.vdb"), box, {{"soot", cube}, {"dust", cube}});
+  test::write_file(path("a.0004.vdb"), test::read_file(path("a.0001.vdb")).substr(0, 900));
+  test::write_grids_vdb(path("a.0006.vdb"), box, {});
+  const auto r = rendered("1-6");
+  EXPECT_EQ(r.status, 1) << r.err;
+  EXPECT_NE(r.err.find("frame 3 failed: " + path("a.0003.vdb") + ": no grid 'density'"), std::string::npos) << r.err;
+  EXPECT_NE(r.err.find("frame 4 failed: " + path("a.0004.vdb") + ": truncated"), std::string::npos) << r.err;
+  EXPECT_NE(r.err.find("frame 5 failed: " + path("a.0005.vdb") + ": no such file"), std::string::npos) << r.err;
+  EXPECT_NE(r.err.find("of 6 frames: 3 done (1-2, 6); 3 failed (3-5)"), std::string::npos) << r.err;
+  const auto first = rendered("1-2");
+  EXPECT_EQ(first.status, 0) << first.err;
+  const auto none = rendered("3-5");
+  EXPECT_EQ(none.status, 1) << none.err;
+  EXPECT_NE(none.err.find("frame 3 failed: " + path("a.0003.vdb") +
+                          ": no grid 'density', and several that could be it: "
+                          "'dust', 'soot'"),
+            std::string::npos)
+      << none.err;
 }
 
 TEST_F(Sequence, AFolderNamedByTheFrameIsMade) {

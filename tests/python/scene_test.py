@@ -30,6 +30,17 @@ class Sources(Folder):
         scene = brume.Scene(volume, **TINY)
         assert_same_pixels(self, scene.render(spp=1), brume.render(volume, spp=1, **TINY))
         self.assertEqual(scene.counts["files_read"], 0)  # its density was read to frame it
+        tall = {"film__width": 12, "film__height": 36}
+        self.assertNotEqual(dict(brume.Scene(volume, **tall))["camera"]["position"], dict(scene)["camera"]["position"])
+        assert_same_pixels(self, brume.Scene(volume, **tall).render(spp=1), brume.render(volume, spp=1, **tall))
+
+    def test_a_bare_volume_of_any_name_is_found(self):
+        for name in ('12" puff.vdb', "back\\slash.vdb", "'a'.vdb", '"a".vdb'):
+            volume = self.folder / name
+            volume.write_bytes((SOURCE / "data/volumes/smoke.vdb").read_bytes())
+            brume.Scene(volume, **TINY).render(spp=1)
+            scene = brume.Scene(SOURCE / "data/scenes/smoke.toml", volumes__0__file=volume, **TINY)
+            self.assertEqual(dict(scene)["volumes"][0]["file"], str(volume))
 
     def test_a_dict_has_the_errors_of_a_scene_file(self):
         cases = (

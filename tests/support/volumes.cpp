@@ -86,6 +86,36 @@ void write_affine_vdb(const std::filesystem::path& path, const VoxelBox& box, co
   file.close();
 }
 
+void write_grids_vdb(const std::filesystem::path& path, const VoxelBox& box, const std::vector<NamedGrid>& grids,
+                     double voxel_size) {
+  openvdb::initialize();
+  openvdb::GridCPtrVec all;
+  for (const NamedGrid& named : grids) {
+    auto grid = openvdb::FloatGrid::create(0.0f);
+    if (!named.name.empty()) grid->setName(named.name);
+    grid->setGridClass(openvdb::GRID_FOG_VOLUME);
+    grid->setTransform(openvdb::math::Transform::createLinearTransform(voxel_size));
+    auto accessor = grid->getAccessor();
+    ivec3 v;
+    for (v.x = box.lo.x; named.value && v.x <= box.hi.x; ++v.x)
+      for (v.y = box.lo.y; v.y <= box.hi.y; ++v.y)
+        for (v.z = box.lo.z; v.z <= box.hi.z; ++v.z)
+          if (const float value = named.value(v); value != 0) accessor.setValue({v.x, v.y, v.z}, value);
+    all.push_back(grid);
+  }
+  openvdb::io::File(path.string()).write(all);
+}
+
+void add_voxel(const std::filesystem::path& path, const std::string& grid, const ivec3& voxel, float value) {
+  openvdb::initialize();
+  openvdb::io::File in(path.string());
+  in.open(/*delayLoad=*/false);
+  const auto typed = openvdb::gridPtrCast<openvdb::FloatGrid>(in.readGrid(grid));
+  in.close();
+  typed->tree().setValue({voxel.x, voxel.y, voxel.z}, value);
+  openvdb::io::File(path.string()).write(openvdb::GridCPtrVec{typed});
+}
+
 void write_velocity_vdb(const std::filesystem::path& path, const std::filesystem::path& density, const VoxelBox& box,
                         const dvec3& velocity) {
   openvdb::initialize();

@@ -2,6 +2,7 @@
 #include <filesystem>
 #include <functional>
 #include <string>
+#include <vector>
 
 #include "base/rng.h"
 #include "render/session/renderer.h"
@@ -24,6 +25,18 @@ dvec3 random_point(Rng& rng, const dvec3& lo, const dvec3& hi);
 /// Writes bricks' function as a VDB with any affine transform.
 void write_affine_vdb(const std::filesystem::path& path, const VoxelBox& box, const dmat4& world_from_index,
                       const std::function<float(const ivec3&)>& density);
+
+/// A scalar grid to write; values of 0 are left inactive, an empty function leaves it empty.
+struct NamedGrid {
+  std::string name;
+  std::function<float(const ivec3&)> value;
+};
+/// Writes scalar grids over a box, voxels of one size, as fog volumes.
+void write_grids_vdb(const std::filesystem::path& path, const VoxelBox& box, const std::vector<NamedGrid>& grids,
+                     double voxel_size = 1.0);
+
+/// Sets one more voxel of a file's grid.
+void add_voxel(const std::filesystem::path& path, const std::string& grid, const ivec3& voxel, float value);
 
 /// Copies the density of a VDB and adds a velocity grid "vel", the same vector everywhere in a box, on the same
 /// lattice.

@@ -13,7 +13,10 @@ def toml_text(value):
     if isinstance(value, numbers.Real):
         return f"{float(value):.9g}"
     if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False)  # its escapes are TOML's
+        # JSON's escapes are TOML's, but for the delete character. Bytes of names of files that are no UTF-8 become
+        # private characters, which brume takes for the bytes.
+        utf8 = "".join(chr(0xEF00 + ord(c) - 0xDC00) if 0xDC80 <= ord(c) <= 0xDCFF else c for c in value)
+        return json.dumps(utf8, ensure_ascii=False).replace("\x7f", "\\u007f")
     return "[" + ", ".join(toml_text(v) for v in value) + "]"
 
 
