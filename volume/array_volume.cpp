@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <cmath>
 #include <functional>
 #include <vector>
 
@@ -108,7 +109,8 @@ std::shared_ptr<const ScalarField> scalar_field(const VoxelArray& array, const s
   return field;
 }
 
-std::shared_ptr<const VectorField> vector_field(const std::array<VoxelArray, 3>& arrays, const Task& task) {
+std::shared_ptr<const VectorField> vector_field(const std::array<VoxelArray, 3>& arrays, const std::string& name,
+                                                const Task& task) {
   auto field = std::make_shared<VectorField>();
   const ivec3& size = arrays[0].size;
   const VoxelBox box = box_of_slabs(size.x, task, [&](int x) {
@@ -119,6 +121,17 @@ std::shared_ptr<const VectorField> vector_field(const std::array<VoxelArray, 3>&
     });
     return slab;
   });
+  for (size_t c = 0; c < 3; ++c) {
+    std::vector<uint64_t> counts(static_cast<size_t>(size.x));
+    parallel_for(size.x, quiet(task), [&](int x) {
+      each_in_slab(size, x, [&](const ivec3& v) { counts[static_cast<size_t>(x)] += !std::isfinite(arrays[c].at(v)); });
+    });
+    uint64_t not_finite = 0;
+    for (const uint64_t count : counts) not_finite += count;
+    if (not_finite)
+      field->notes.push_back(
+          fmt::format("{}: {} values of component {} that are not finite became 0", name, not_finite, c));
+  }
   for (size_t c = 0; c < 3; ++c)
     field->bricks.parts[c] = build(
         box, [&](const ivec3& v) { return finite_or_zero(arrays[c].at(v)); }, quiet(task));
@@ -166,16 +179,16 @@ std::shared_ptr<const VolumeGrids> grids_of_arrays(const VolumeArrays& arrays, c
     grids->size = array->size;
     grid = scalar_field(*array, name, task);
   };
-  const auto vectors = [&](const std::optional<std::array<VoxelArray, 3>>& parts, auto& grid) {
+  const auto vectors = [&](const std::optional<std::array<VoxelArray, 3>>& parts, const char* name, auto& grid) {
     if (!parts) return;
     grids->size = (*parts)[0].size;
-    grid = vector_field(*parts, task);
+    grid = vector_field(*parts, name, task);
   };
   scalar(arrays.density, "density", grids->density);
   scalar(arrays.temperature, "temperature", grids->temperature);
   scalar(arrays.flame, "flame", grids->flame);
-  vectors(arrays.colour, grids->colour);
-  vectors(arrays.velocity, grids->velocity);
+  vectors(arrays.colour, "color", grids->colour);
+  vectors(arrays.velocity, "velocity", grids->velocity);
   Content content;
   for (const auto* field : {&grids->density, &grids->temperature, &grids->flame}) {
     content.add(*field != nullptr);
@@ -220,24 +233,21 @@ ScalarField adjusted_density(const ScalarField& stored, const ScalarOptions& opt
 }
 
 Displacement displacement_of(const VectorField& velocity, const ScalarField& density, const dmat4& world_from_index,
-                             double scale, double open, double close, const Task& task) {
-  VoxelBox box = density.summary.box;
-  if (const VoxelBox own = box_of(velocity.bricks.parts[0]); !own.empty()) enclose(box, {own.lo - 1, own.hi + 1});
-  const dmat3 voxels_from_world = glm::inverse(dmat3(world_from_index));
-  VectorBricks in_voxels;
-  for (int c = 0; c < 3; ++c)
-    in_voxels.parts[static_cast<size_t>(c)] = build(
-        box,
-        [&](const ivec3& v) {
-          dvec3 world(0);
-          for (int a = 0; a < 3; ++a) {
-            const BrickGrid& part = velocity.bricks.parts[static_cast<size_t>(a)];
-            if (!part.empty()) world[a] = static_cast<double>(part.voxel(v - part.origin()));
-          }
-          return finite_or_zero((voxels_from_world * world)[c] * scale);
-        },
-        quiet(task));
-  return displacement_over(std::move(in_voxels), box, density.bricks, open, close, task);
+                             double scale, double open, double close, std::vector<std::string>& notes,
+                             const Task& task) {
+  StoredVelocity stored;
+  stored.name = "velocity";
+  for (size_t c = 0; c < 3; ++c) {
+    StoredVelocity::Component& component = stored.components[c];
+    component.values = velocity.bricks.parts[c];
+    component.world_from_index = world_from_index;
+    component.box = box_of(component.values);
+    if (component.box.empty()) continue;
+    component.stored = BrickGrid::build(component.box, Occupancy({}, {{component.box, 1.0f}}), {}, quiet(task));
+  }
+  notes.insert(notes.end(), velocity.notes.begin(), velocity.notes.end());
+  return displacement_over(stored, density.bricks, density.summary.box, world_from_index, scale, open, close, notes,
+                           task);
 }
 
 }  // namespace brume

@@ -29,9 +29,9 @@ struct VolumeArrays {
 };
 
 /// The grids that a file of these values would give: element (i, j, k) is the value of voxel (i, j, k), which sits at
-/// that point of index space; outside of the arrays all is 0. NaN and negative values count as 0, infinite ones as the
-/// largest finite value, all counted in the notes; of colours and velocities what is not finite is 0. The values are
-/// copied once, into bricks, but for where all is 0.
+/// that point of index space; outside of the arrays all is 0. NaN, negative and denormal values count as 0, infinite
+/// ones as the largest finite value, all counted in the notes; of colours and velocities what is not finite is 0,
+/// counted too. The values are copied once, into bricks, but for where all is 0.
 /// @param others  grids of arrays of the same size that stay as they are where none is given instead; null: none
 /// @throws InputError for more voxels along an axis than a grid may have; Interrupted
 std::shared_ptr<const VolumeGrids> grids_of_arrays(const VolumeArrays& arrays, const VolumeGrids* others = nullptr,
@@ -47,6 +47,7 @@ ScalarField adjusted_density(const ScalarField& stored, const ScalarOptions& opt
 /// The motion of a density of arrays by its velocity, as load_displacement makes it of a file.
 /// @param world_from_index  of both   @param scale, open, close  as load_displacement
 Displacement displacement_of(const VectorField& velocity, const ScalarField& density, const dmat4& world_from_index,
-                             double scale, double open, double close, const Task& task);
+                             double scale, double open, double close, std::vector<std::string>& notes,
+                             const Task& task);
 
 }  // namespace brume

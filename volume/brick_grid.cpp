@@ -6,10 +6,13 @@
 #include <array>
 #include <bit>
 #include <cmath>
+#include <optional>
+#include <string>
 #include <unordered_map>
 
 #include "base/error.h"
 #include "base/parallel_for.h"
+#include "base/rng.h"
 
 namespace brume {
 namespace {
@@ -42,10 +45,396 @@ std::pair<float, float> bounds_of(std::span<const float> values) {
   return {*std::min_element(low.begin(), low.end()), *std::max_element(high.begin(), high.end())};
 }
 
+/// Whether a brick's values change nowhere but at its far faces, as they do where 8 x 8 x 8 blocks hold one value each:
+/// its eight corners then say all of it.
+bool of_corners(const float* values, int n) {
+  const int stored = n + 1;
+  const auto same = [](float a, float b) { return std::bit_cast<uint32_t>(a) == std::bit_cast<uint32_t>(b); };
+  for (int x = 0; x <= n; ++x)
+    for (int y = 0; y <= n; ++y) {
+      const float* const row = values + (x * stored + y) * stored;
+      const float* const corner = values + ((x == n ? n : 0) * stored + (y == n ? n : 0)) * stored;
+      if (!same(row[n], corner[n])) return false;
+      for (int z = 0; z < n; ++z)
+        if (!same(row[z], corner[0])) return false;
+    }
+  return true;
+}
+
+using Corners = std::array<uint32_t, 8>;
+
+Corners corners_of(const float* values, int n) {
+  const int stored = n + 1;
+  Corners corners;
+  for (size_t k = 0; k < 8; ++k)
+    corners[k] = std::bit_cast<uint32_t>(
+        values[(((k >> 2) * stored + (k >> 1 & 1)) * stored + (k & 1)) * static_cast<size_t>(n)]);
+  return corners;
+}
+
+struct HashOfCorners {
+  size_t operator()(const Corners& corners) const {
+    uint64_t hash = 0;
+    for (const uint32_t c : corners) hash = hash_combine(hash, c);
+    return hash;
+  }
+};
+
+/// A constant box in a part of space, from whose lowest voxel it is counted.
+struct Constant {
+  ivec3 lo, hi;
+  float value;
+};
+
+/// Makes lists for one part of space equal where the part is the same: what is replaced is left out, neighbours of one
+/// value are joined.
+/// @param width  voxels along the part, whose voxels are 0 .. width
+void normalise(std::vector<Constant>& list, int width) {
+  const auto covers = [&](const Constant& c) {
+    return glm::all(glm::lessThanEqual(c.lo, ivec3(0))) && glm::all(glm::greaterThanEqual(c.hi, ivec3(width)));
+  };
+  for (size_t i = list.size(); i-- > 1;)
+    if (covers(list[i])) {
+      list = {list[i]};
+      break;
+    }
+  constexpr size_t kFew = 16;
+  if (list.size() > kFew) return;
+  const auto join = [](Constant& a, const Constant& b) {
+    if (std::bit_cast<uint32_t>(a.value) != std::bit_cast<uint32_t>(b.value)) return false;
+    int apart = 0, axis = 0;
+    for (int k = 0; k < 3; ++k)
+      if (a.lo[k] != b.lo[k] || a.hi[k] != b.hi[k]) ++apart, axis = k;
+    if (apart > 1 || a.lo[axis] > b.hi[axis] + 1 || b.lo[axis] > a.hi[axis] + 1) return false;
+    a = {glm::min(a.lo, b.lo), glm::max(a.hi, b.hi), a.value};
+    return true;
+  };
+  for (size_t i = 0; i < list.size(); ++i)
+    for (size_t k = i + 1; k < list.size();)
+      if (join(list[i], list[k])) {
+        list.erase(list.begin() + static_cast<std::ptrdiff_t>(k));
+        k = i + 1;
+      } else {
+        ++k;
+      }
+}
+
+/// Which of a list of boxes reach which of the parts that a space is cut into.
+class Distribution {
+ public:
+  /// @param parts  along each axis, each 2^bits voxels wide and of one voxel more
+  Distribution(const std::vector<Constant>& list, const ivec3& parts, int bits) {
+    first_.resize(static_cast<size_t>(product(parts)) + 1);
+    const auto each = [&](const auto& visit) {
+      for (size_t i = 0; i < list.size(); ++i) {
+        const ivec3 from = glm::max(ivec3(0), (list[i].lo - 1) >> bits), to = glm::min(parts - 1, list[i].hi >> bits);
+        for (int x = from.x; x <= to.x; ++x)
+          for (int y = from.y; y <= to.y; ++y)
+            for (int z = from.z; z <= to.z; ++z)
+              visit((static_cast<size_t>(x) * parts.y + y) * parts.z + z, static_cast<uint32_t>(i));
+      }
+    };
+    each([&](size_t part, uint32_t) { ++first_[part + 1]; });
+    for (size_t i = 1; i < first_.size(); ++i) first_[i] += first_[i - 1];
+    members_.resize(first_.back());
+    std::vector<size_t> next(first_.begin(), first_.end() - 1);
+    each([&](size_t part, uint32_t i) { members_[next[part]++] = i; });
+  }
+  std::span<const uint32_t> of(size_t part) const {
+    return {members_.data() + first_[part], first_[part + 1] - first_[part]};
+  }
+
+ private:
+  std::vector<size_t> first_;
+  std::vector<uint32_t> members_;
+};
+
 }  // namespace
 
-BrickGrid BrickGrid::build(const VoxelBox& box, const std::vector<ivec3>& blocks, const Sampler& sample,
-                           const Task& task, MemoryFile* file) {
+/// Makes a grid of sampled cells and of constant boxes.
+class BrickGrid::Builder {
+ public:
+  Builder(BrickGrid& grid, const Task& task, MemoryFile* file)
+      : grid_(grid),
+        task_(task),
+        values_(grid.brick_values()),
+        top_(static_cast<size_t>(product(grid.top_count_)), -1),
+        known_(static_cast<size_t>(grid.depth_) + 1),
+        bricks_(file) {}
+
+  /// Notes that a cell's values are not those of constant boxes. @return whether that is new
+  bool touch(const ivec3& c) {
+    const int32_t slot = touched_slot(c);
+    const size_t bit = in_block(c, 0);
+    uint64_t& word = touched_[static_cast<size_t>(slot)][bit / 64];
+    const uint64_t mask = uint64_t{1} << (bit % 64);
+    if (word & mask) return false;
+    word |= mask;
+    return true;
+  }
+  /// The values of a touched cell are asked for, or are those of another one.
+  void ask(const ivec3& c) { candidates_.push_back(c); }
+  void repeat(const ivec3& c, const ivec3& other) { repeats_.emplace_back(c, other); }
+
+  /// The cells that a block of 8 x 8 x 8 voxels reaches: it lends its lowest faces to the aprons of the seven below it.
+  void touch_block(const ivec3& block) {
+    for (int corner = 0; corner < 8; ++corner) {
+      const ivec3 c = ((block - grid_.origin_) >> grid_.cell_bits_) - ivec3(corner & 1, corner >> 1 & 1, corner >> 2);
+      if (glm::any(glm::lessThan(c, ivec3(0))) || glm::any(glm::greaterThanEqual(c, grid_.cell_count_))) continue;
+      if (touch(c)) ask(c);
+    }
+  }
+
+  /// After all that is touched.
+  void place(const std::vector<ConstantBox>& boxes) {
+    std::vector<Constant> list;
+    for (const ConstantBox& b : boxes)
+      if (!b.box.empty()) list.push_back({b.box.lo - grid_.origin_, b.box.hi - grid_.origin_, b.value});
+    if (list.empty()) return;
+    const ivec3& n = grid_.top_count_;
+    const int bits = bits_of(grid_.depth_);
+    const Distribution distribution(list, n, bits);
+    std::vector<Constant> part;
+    for (int x = 0; x < n.x; ++x)
+      for (int y = 0; y < n.y; ++y)
+        for (int z = 0; z < n.z; ++z) {
+          const size_t i = (static_cast<size_t>(x) * n.y + y) * n.z + z;
+          cut(list, distribution.of(i), ivec3(x, y, z) << bits, bits, part);
+          if (!part.empty()) top_[i] = placed(grid_.depth_, top_[i], part);
+        }
+  }
+
+  /// Asks for the values of the touched cells, in batches, so that they exist once: bricks that turn out empty or equal
+  /// to others are not kept.
+  void sample(const Sampler& sample) {
+    task_.check();
+    const int n = grid_.cell_size();
+    const size_t batch_cells = std::min((size_t{1} << 21) / values_, candidates_.size());
+    std::vector<float> batch(batch_cells * values_);
+    struct Found {
+      float low, high;
+      bool of_corners;
+    };
+    std::vector<Found> found(batch_cells);
+    std::vector<const float*> kept;
+    const Task part{task_.threads, {}, task_.cancel};
+    for (size_t first = 0; first < candidates_.size(); first += batch_cells) {
+      const size_t count = std::min(batch_cells, candidates_.size() - first);
+      parallel_for(static_cast<int>(count), part, [&](int i) {
+        float* const values = batch.data() + static_cast<size_t>(i) * values_;
+        sample(grid_.origin_ + candidates_[first + i] * n, values);
+        const auto [low, high] = bounds_of({values, values_});
+        found[static_cast<size_t>(i)] = {low, high, of_corners(values, n)};
+      });
+      kept.clear();
+      for (size_t i = 0; i < count; ++i) {
+        const Found& f = found[i];
+        if (f.high == 0.0f && f.low == 0.0f) continue;
+        const float* const values = batch.data() + i * values_;
+        uint32_t* const shared = f.of_corners ? &by_corners_[corners_of(values, n)] : nullptr;
+        if (!shared || *shared == 0) kept.push_back(values);
+        const uint32_t brick = shared && *shared ? *shared : static_cast<uint32_t>(total_ + kept.size());
+        if (shared) *shared = brick;
+        const ivec3& c = candidates_[first + i];
+        set(slot_of(c), in_block(c, 0), {brick, f.high});
+      }
+      const std::span<float> to = extend(kept.size());
+      parallel_for(static_cast<int>(kept.size()), part, [&](int i) {
+        std::copy_n(kept[static_cast<size_t>(i)], values_, &to[static_cast<size_t>(i) * values_]);
+      });
+      task_.report(static_cast<double>(first + count) / static_cast<double>(candidates_.size()));
+    }
+    for (const auto& [c, other] : repeats_) {
+      const int32_t node = node_of_slot_[static_cast<size_t>(slot_of(other))];
+      if (node < 0) continue;
+      const Cell cell = cells_[static_cast<size_t>(node) * kNodeCells + in_block(other, 0)];
+      if (cell.brick) set(slot_of(c), in_block(c, 0), cell);
+    }
+  }
+
+  void finish() {
+    for (size_t i = 0; i < inner_levels_.size(); ++i)
+      if (inner_levels_[i] == 2) number_nodes(inner_.data() + i * kNodeCells, kNodeCells);
+    if (grid_.depth_ == 1) number_nodes(top_.data(), top_.size());
+    grid_.top_ = SharedArray(std::move(top_));
+    grid_.inner_ = SharedArray(std::move(inner_));
+    grid_.inner_levels_ = SharedArray(std::move(inner_levels_));
+    grid_.cells_ = SharedArray(std::move(cells_));
+    grid_.bricks_ = bricks_.finish();
+  }
+
+ private:
+  // While the grid is made, entries of the level 1 are slots of nodes: nodes without a cell are found at the end.
+
+  int bits_of(int level) const { return grid_.cell_bits_ + kNodeBits * level; }
+
+  int32_t new_inner(int level, int32_t entry = -1) {
+    inner_.insert(inner_.end(), kNodeCells, entry);
+    inner_levels_.push_back(static_cast<uint8_t>(level));
+    check_index_size();
+    return static_cast<int32_t>(inner_levels_.size() - 1);
+  }
+  int32_t new_slot() {
+    node_of_slot_.push_back(-1);
+    return static_cast<int32_t>(node_of_slot_.size() - 1);
+  }
+
+  /// The slot of a touched node; makes it, and what leads to it.
+  int32_t touched_slot(const ivec3& c) {
+    const auto made = [&](int level) {
+      if (level > 1) return new_inner(level);
+      touched_.emplace_back();
+      return new_slot();
+    };
+    int level = grid_.depth_;
+    int32_t entry = top_[grid_.in_top(c)];
+    if (entry < 0) {
+      entry = made(level);
+      top_[grid_.in_top(c)] = entry;
+    }
+    while (level > 1) {
+      --level;
+      const size_t at = static_cast<size_t>(entry) * kNodeCells + in_block(c, level);
+      entry = inner_[at];
+      if (entry < 0) {
+        entry = made(level);
+        inner_[at] = entry;
+      }
+    }
+    return entry;
+  }
+  int32_t slot_of(const ivec3& c) const {
+    int32_t entry = top_[grid_.in_top(c)];
+    for (int level = grid_.depth_ - 1; level > 0; --level)
+      entry = inner_[static_cast<size_t>(entry) * kNodeCells + in_block(c, level)];
+    return entry;
+  }
+
+  void set(int32_t slot, size_t in_node, const Cell& cell) {
+    int32_t& node = node_of_slot_[static_cast<size_t>(slot)];
+    if (node < 0) {
+      node = static_cast<int32_t>(cells_.size() / kNodeCells);
+      cells_.resize(cells_.size() + kNodeCells);
+      check_index_size();
+    }
+    cells_[static_cast<size_t>(node) * kNodeCells + in_node] = cell;
+    grid_.maximum_ = std::max(grid_.maximum_, cell.majorant);
+  }
+
+  /// What the members of a list fill of a part of space. @param lo  of the part   @param bits  of its width
+  static void cut(const std::vector<Constant>& list, std::span<const uint32_t> members, const ivec3& lo, int bits,
+                  std::vector<Constant>& part) {
+    part.clear();
+    const int width = 1 << bits;
+    for (const uint32_t i : members)
+      part.push_back({glm::max(list[i].lo - lo, ivec3(0)), glm::min(list[i].hi - lo, ivec3(width)), list[i].value});
+    if (std::all_of(part.begin(), part.end(), [](const Constant& c) { return c.value == 0; })) part.clear();
+    normalise(part, width);
+  }
+
+  /// The key of a short list, by which equal parts of space are recognised; empty for a long one.
+  static std::string key_of(const std::vector<Constant>& list) {
+    constexpr size_t kMost = 16;
+    if (list.size() > kMost) return {};
+    return {reinterpret_cast<const char*>(list.data()), list.size() * sizeof(Constant)};
+  }
+
+  /// The entry of a part of space that holds a list, not all of it 0. @param entry  what it is so far
+  int32_t placed(int level, int32_t entry, const std::vector<Constant>& list) {
+    const bool shared = entry < 0;  // no cell in it is touched: it may stand in for others
+    const std::string key = shared ? key_of(list) : std::string();
+    if (!key.empty())
+      if (const auto known = known_[static_cast<size_t>(level)].find(key);
+          known != known_[static_cast<size_t>(level)].end())
+        return static_cast<int32_t>(known->second.brick);
+    task_.check();
+    if (shared) entry = level > 1 ? new_inner(level) : new_slot();
+    if (!key.empty()) known_[static_cast<size_t>(level)][key].brick = static_cast<uint32_t>(entry);
+    const int bits = bits_of(level - 1);
+    const Distribution distribution(list, ivec3(kNodeWidth), bits);
+    std::vector<Constant> part;
+    for (size_t i = 0; i < kNodeCells; ++i) {
+      const ivec3 at(i >> 2 * kNodeBits, i >> kNodeBits & (kNodeWidth - 1), i & (kNodeWidth - 1));
+      if (level == 1 && !shared && touched_[static_cast<size_t>(entry)][i / 64] >> (i % 64) & 1) continue;
+      cut(list, distribution.of(i), at << bits, bits, part);
+      if (part.empty()) continue;
+      if (level == 1) {
+        set(entry, i, constant_cell(part));
+      } else {
+        const size_t where = static_cast<size_t>(entry) * kNodeCells + i;
+        const int32_t inner = placed(level - 1, inner_[where], part);
+        inner_[where] = inner;
+      }
+    }
+    return entry;
+  }
+
+  Cell constant_cell(const std::vector<Constant>& list) {
+    const std::string key = key_of(list);
+    Cell unkept;
+    Cell& cell = key.empty() ? unkept : known_[0][key];
+    if (cell.brick) return cell;
+    const int n = grid_.cell_size(), stored = n + 1;
+    painted_.assign(values_, 0.0f);
+    for (const Constant& c : list)
+      for (int x = c.lo.x; x <= c.hi.x; ++x)
+        for (int y = c.lo.y; y <= c.hi.y; ++y)
+          std::fill_n(painted_.data() + (x * stored + y) * stored + c.lo.z, c.hi.z - c.lo.z + 1, c.value);
+    const auto [low, high] = bounds_of(painted_);
+    if (low == 0 && high == 0) return {};
+    uint32_t unshared = 0;
+    uint32_t& brick = of_corners(painted_.data(), n) ? by_corners_[corners_of(painted_.data(), n)] : unshared;
+    if (brick == 0) {
+      brick = static_cast<uint32_t>(total_ + 1);
+      std::copy(painted_.begin(), painted_.end(), extend(1).begin());
+    }
+    cell = {brick, high};
+    return cell;
+  }
+
+  std::span<float> extend(size_t count) {
+    total_ += count;
+    check_size(static_cast<double>(total_ * values_) * sizeof(float), "its values");
+    return bricks_.extend(count * values_);
+  }
+
+  void number_nodes(int32_t* entries, size_t count) const {
+    for (size_t i = 0; i < count; ++i)
+      if (entries[i] >= 0) entries[i] = node_of_slot_[static_cast<size_t>(entries[i])];
+  }
+
+  void check_index_size() const {
+    check_size(static_cast<double>(inner_.size()) * sizeof(int32_t) + static_cast<double>(cells_.size()) * sizeof(Cell),
+               "its index alone");
+  }
+  void check_size(double bytes, const char* what) const {
+    if (!(bytes > 0.9 * most_)) return;
+    const ivec3 voxels = ivec3(grid_.support_hi_ - grid_.support_lo_) - 1;
+    throw InputError(fmt::format(
+        "a grid of {} x {} x {} voxels needs more than {:.1f} GB of memory for {}; this machine has {:.1f} GB",
+        voxels.x, voxels.y, voxels.z, bytes / 1e9, what, most_ / 1e9));
+  }
+
+  BrickGrid& grid_;
+  const Task& task_;
+  const size_t values_;  // in a brick
+  const double most_ = physical_memory();
+  std::vector<int32_t> top_, inner_;
+  std::vector<uint8_t> inner_levels_;
+  std::vector<int32_t> node_of_slot_;             // -1: it has no cell that is not empty
+  std::vector<std::array<uint64_t, 8>> touched_;  // of the first slots, a bit for each cell
+  std::vector<std::pair<ivec3, ivec3>> repeats_;
+  std::vector<ivec3> candidates_;                             // the touched cells
+  std::vector<std::unordered_map<std::string, Cell>> known_;  // entries of each level, in Cell::brick; cells on level 0
+  std::vector<Cell> cells_;
+  GrowingArray<float> bricks_;
+  size_t total_ = 0;  // bricks
+  std::unordered_map<Corners, uint32_t, HashOfCorners> by_corners_;
+  std::vector<float> painted_;
+};
+
+BrickGrid BrickGrid::build(const VoxelBox& box, const Occupancy& occupied, const Sampler& sample, const Task& task,
+                           MemoryFile* file) {
   BrickGrid grid;
   if (box.empty()) return grid;
   for (int a = 0; a < 3; ++a) {
@@ -57,9 +446,13 @@ BrickGrid BrickGrid::build(const VoxelBox& box, const std::vector<ivec3>& blocks
   }
   grid.support_lo_ = dvec3(box.lo - grid.origin_) - 1.0;
   grid.support_hi_ = dvec3(box.hi - grid.origin_) + 1.0;
+  grid.set_depth();
 
-  std::vector<int32_t> nodes = grid.make_nodes();
-  grid.fill(std::move(nodes), grid.cells_touched_by(blocks), sample, task, file);
+  Builder builder(grid, task, file);
+  for (const ivec3& block : occupied.blocks) builder.touch_block(block);
+  builder.place(occupied.constants);
+  builder.sample(sample);
+  builder.finish();
   return grid;
 }
 
@@ -71,150 +464,150 @@ BrickGrid BrickGrid::recut(int cell_size, const Task& task) const {
   grid.support_lo_ = support_lo_;
   grid.support_hi_ = support_hi_;
   grid.cell_count_ = ((cell_count_ << cell_bits_) + (cell_size - 1)) >> grid.cell_bits_;
-  std::vector<int32_t> nodes = grid.make_nodes();
+  grid.set_depth();
+  Builder builder(grid, task, nullptr);
 
-  // Every new cell that shares space with an old one that is not empty.
-  std::vector<ivec3> candidates;
-  const ivec3 per_new = glm::max(ivec3(1), ivec3(cell_size >> cell_bits_));
-  for (int x = 0; x < grid.cell_count_.x; ++x)
-    for (int y = 0; y < grid.cell_count_.y; ++y)
-      for (int z = 0; z < grid.cell_count_.z; ++z) {
-        const ivec3 c(x, y, z), lo = (c << grid.cell_bits_) >> cell_bits_;
-        bool occupied = false;
-        for (int k = 0; k < per_new.x * per_new.y * per_new.z && !occupied; ++k) {
-          const ivec3 old = lo + ivec3(k / (per_new.y * per_new.z), k / per_new.z % per_new.y, k % per_new.z);
-          occupied = glm::all(glm::lessThan(old, cell_count_)) && cell(old).brick != 0;
+  // The value of nodes and of blocks of entries that hold one.
+  const size_t nodes = cells_.size() / kNodeCells;
+  std::vector<std::optional<float>> of_node(nodes), of_inner(inner_levels_.size());
+  for (size_t i = 0; i < nodes; ++i) {
+    const Cell* const cells = cells_.data() + i * kNodeCells;
+    if (cells->brick == 0) continue;
+    const std::span<const float> values(brick(*cells), brick_values());
+    const auto [low, high] = bounds_of(values);
+    if (low == high && std::all_of(cells, cells + kNodeCells, [&](const Cell& c) { return c.brick == cells->brick; }))
+      of_node[i] = low;
+  }
+  const auto value_of = [&](int level, int32_t entry) {
+    if (entry < 0) return std::optional<float>();
+    return (level == 1 ? of_node : of_inner)[static_cast<size_t>(entry)];
+  };
+  for (int level = 2; level <= depth_; ++level)
+    for (size_t i = 0; i < inner_levels_.size(); ++i) {
+      if (inner_levels_[i] != level) continue;
+      const int32_t* const entries = inner_.data() + i * kNodeCells;
+      const std::optional<float> value = value_of(level - 1, entries[0]);
+      if (value &&
+          std::all_of(entries, entries + kNodeCells, [&](int32_t e) { return value_of(level - 1, e) == value; }))
+        of_inner[i] = value;
+    }
+
+  // Bricks that several cells share: where all that a new cell covers is shared, others cover the same.
+  std::vector<uint64_t> uses(brick_count() + 1);
+  each_distinct_cell([&](const Cell& cell, uint64_t count) { uses[cell.brick] += count; });
+  std::unordered_map<std::string, ivec3> known;
+  const auto touch = [&](const ivec3& c) {
+    if (!builder.touch(c)) return;
+    const ivec3 lo = (c << grid.cell_bits_) >> cell_bits_, hi = (((c + 1) << grid.cell_bits_) - 1) >> cell_bits_;
+    std::string key;
+    bool shared = true;
+    const auto add = [&](int32_t number) { key.append(reinterpret_cast<const char*>(&number), sizeof number); };
+    for (int x = lo.x; x <= hi.x && shared; ++x)
+      for (int y = lo.y; y <= hi.y && shared; ++y)
+        for (int z = lo.z; z <= hi.z && shared; ++z) {
+          const ivec3 old(x, y, z);
+          const uint32_t brick = glm::all(glm::lessThan(old, cell_count_)) ? cell(old).brick : 0;
+          shared = brick == 0 || uses[brick] > 1;
+          add(static_cast<int32_t>(brick));
         }
-        if (occupied) candidates.push_back(c);
+    if (!shared) return builder.ask(c);
+    for (int a = 0; a < 3; ++a) add((c[a] << grid.cell_bits_) & (this->cell_size() - 1));
+    const auto [first, fresh] = known.try_emplace(key, c);
+    fresh ? builder.ask(c) : builder.repeat(c, first->second);
+  };
+
+  // Constant parts of space stay such; each new cell that shares space with an old one that is not empty is sampled.
+  std::vector<ConstantBox> constants;
+  const auto visit = [&](const auto& self, int level, int32_t entry, const ivec3& first) -> void {
+    if (entry < 0) return;
+    if (const std::optional<float> value = value_of(level, entry)) {
+      const ivec3 lo = origin_ + (first << cell_bits_);
+      constants.push_back({{lo, lo + (1 << (cell_bits_ + kNodeBits * level))}, *value});
+      return;
+    }
+    for (int i = 0; i < kNodeCells; ++i) {
+      const ivec3 at(i >> 2 * kNodeBits, i >> kNodeBits & (kNodeWidth - 1), i & (kNodeWidth - 1));
+      const ivec3 c = first + (at << (kNodeBits * (level - 1)));
+      const size_t where = static_cast<size_t>(entry) * kNodeCells + static_cast<size_t>(i);
+      if (level > 1) {
+        self(self, level - 1, inner_[where], c);
+      } else if (cells_[where].brick != 0) {
+        const ivec3 from = (c << cell_bits_) >> grid.cell_bits_,
+                    to = glm::min(((c + 1) << cell_bits_) - 1 >> grid.cell_bits_, grid.cell_count_ - 1);
+        for (int x = from.x; x <= to.x; ++x)
+          for (int y = from.y; y <= to.y; ++y)
+            for (int z = from.z; z <= to.z; ++z) touch({x, y, z});
       }
-  grid.fill(
-      std::move(nodes), candidates,
-      [&](const ivec3& lo, float* values) {
-        const ivec3 first = lo - origin_;
-        for (int x = 0; x <= cell_size; ++x)
-          for (int y = 0; y <= cell_size; ++y)
-            for (int z = 0; z <= cell_size; ++z) *values++ = voxel(first + ivec3(x, y, z));
-      },
-      task, nullptr);
+    }
+  };
+  for (int x = 0; x < top_count_.x; ++x)
+    for (int y = 0; y < top_count_.y; ++y)
+      for (int z = 0; z < top_count_.z; ++z) {
+        const ivec3 first = ivec3(x, y, z) << (kNodeBits * depth_);
+        visit(visit, depth_, top_[in_top(first)], first);
+      }
+  builder.place(constants);
+  builder.sample([&](const ivec3& lo, float* values) {
+    const ivec3 first = lo - origin_;
+    for (int x = 0; x <= cell_size; ++x)
+      for (int y = 0; y <= cell_size; ++y)
+        for (int z = 0; z <= cell_size; ++z) *values++ = voxel(first + ivec3(x, y, z));
+  });
+  builder.finish();
   return grid;
 }
 
-void BrickGrid::check_index_size(double bytes) const {
-  constexpr double kLimit = 8.0 * (1 << 30);
-  if (!(bytes > kLimit)) return;
-  const ivec3 voxels = ivec3(support_hi_ - support_lo_) - 1;
-  throw InputError(fmt::format("a grid of {} x {} x {} voxels needs {:.1f} GiB for its index alone; the limit is 8 GiB",
-                               voxels.x, voxels.y, voxels.z, bytes / (1 << 30)));
+// More levels keep the top one small when a few leaves are scattered over an enormous box.
+void BrickGrid::set_depth() {
+  const auto count = [&](int depth) {
+    const int bits = kNodeBits * depth;
+    return (cell_count_ + ((1 << bits) - 1)) >> bits;
+  };
+  while (depth_ < kMostLevels && product(count(depth_)) > 1 << 21) ++depth_;
+  top_count_ = count(depth_);
 }
 
-// Wider nodes keep the top level small when a few leaves are scattered over an enormous box.
-std::vector<int32_t> BrickGrid::make_nodes() {
-  const auto node_count = [&](int bits) { return (cell_count_ + ((1 << bits) - 1)) / (1 << bits); };
-  while (node_bits_ < 7 && product(node_count(node_bits_)) > 1 << 23) ++node_bits_;
-  node_count_ = node_count(node_bits_);
-  check_index_size(product(node_count_) * sizeof(int32_t));
-  return std::vector<int32_t>(static_cast<size_t>(product(node_count_)), -1);
-}
-
-// Sampled in batches, so that the values exist once: bricks that turn out empty or uniform are not kept.
-void BrickGrid::fill(std::vector<int32_t> nodes, const std::vector<ivec3>& candidates, const Sampler& sample,
-                     const Task& task, MemoryFile* file) {
-  task.check();
-  std::vector<Cell> cells;
-  GrowingArray<float> bricks(file);
-  const size_t brick_values = this->brick_values(), batch_cells = (size_t{1} << 21) / brick_values;
-  std::vector<float> batch(std::min(batch_cells, candidates.size()) * brick_values);
-  std::vector<std::pair<float, float>> bounds(std::min(batch_cells, candidates.size()));
-  std::vector<const float*> kept;
-  std::unordered_map<uint32_t, uint32_t> uniform;  // bits of the value -> brick
-  int32_t node_total = 0;
-  uint32_t total = 0;
-  const Task part{task.threads, {}, task.cancel};
-  for (size_t first = 0; first < candidates.size(); first += batch_cells) {
-    const size_t count = std::min(batch_cells, candidates.size() - first);
-    parallel_for(static_cast<int>(count), part, [&](int i) {
-      float* const values = batch.data() + static_cast<size_t>(i) * brick_values;
-      sample(origin_ + candidates[first + i] * cell_size(), values);
-      bounds[static_cast<size_t>(i)] = bounds_of({values, brick_values});
-    });
-    kept.clear();
-    for (size_t i = 0; i < count; ++i) {
-      const auto [low, high] = bounds[i];
-      if (high == 0.0f && low == 0.0f) continue;
-      int32_t& node = nodes[node_index(candidates[first + i])];
-      if (node < 0) {
-        node = node_total++;
-        const size_t size = static_cast<size_t>(node_total) << (3 * node_bits_);
-        check_index_size(static_cast<double>(size) * sizeof(Cell));
-        cells.resize(size);
-      }
-      Cell& cell = cells[(static_cast<size_t>(node) << (3 * node_bits_)) + in_node(candidates[first + i])];
-      cell.majorant = high;
-      maximum_ = std::max(maximum_, high);
-      uint32_t* shared = low == high ? &uniform[std::bit_cast<uint32_t>(low)] : nullptr;
-      if (shared && *shared) {
-        cell.brick = *shared;
-        continue;
-      }
-      kept.push_back(batch.data() + i * brick_values);
-      cell.brick = ++total;
-      if (shared) *shared = cell.brick;
-    }
-    const std::span<float> to = bricks.extend(kept.size() * brick_values);
-    parallel_for(static_cast<int>(kept.size()), part, [&](int i) {
-      std::copy_n(kept[static_cast<size_t>(i)], brick_values, &to[static_cast<size_t>(i) * brick_values]);
-    });
-    task.report(static_cast<double>(first + count) / static_cast<double>(candidates.size()));
-  }
-  nodes_ = SharedArray(std::move(nodes));
-  cells_ = SharedArray(std::move(cells));
-  bricks_ = bricks.finish();
+std::vector<uint64_t> BrickGrid::node_uses() const {
+  std::vector<uint64_t> of_node(cells_.size() / kNodeCells), of_inner(inner_levels_.size());
+  const auto count = [&](int level, const int32_t* entries, size_t number, uint64_t uses) {
+    for (size_t i = 0; i < number; ++i)
+      if (entries[i] >= 0) (level == 1 ? of_node : of_inner)[static_cast<size_t>(entries[i])] += uses;
+  };
+  count(depth_, top_.data(), top_.size(), 1);
+  for (int level = depth_; level > 1; --level)
+    for (size_t i = 0; i < inner_levels_.size(); ++i)
+      if (inner_levels_[i] == level) count(level - 1, inner_.data() + i * kNodeCells, kNodeCells, of_inner[i]);
+  return of_node;
 }
 
 bool BrickGrid::consistent() const {
-  if (cell_bits_ < 1 || cell_bits_ > 5 || node_bits_ < 3 || node_bits_ > 7) return false;
-  const int node_last = node_cells() - 1;
+  if (cell_bits_ < 1 || cell_bits_ > 5 || depth_ < 1 || depth_ > kMostLevels) return false;
+  const int64_t width = int64_t{1} << (kNodeBits * depth_);
   constexpr int64_t kMostCells = 1 << 29;
   for (int a = 0; a < 3; ++a) {
     const int64_t count = cell_count_[a];
-    if (count < 0 || count > kMostCells || node_count_[a] != (count + node_last) >> node_bits_) return false;
+    if (count < 0 || count > kMostCells || top_count_[a] != (count + width - 1) / width) return false;
     if (!(support_lo_[a] >= 0 && support_hi_[a] <= static_cast<double>(count) * cell_size())) return false;
   }
-  if (product(node_count_) != static_cast<double>(nodes_.size())) return false;
-  const size_t in_block = size_t{1} << (3 * node_bits_);
-  if (cells_.size() % in_block != 0 || bricks_.size() % brick_values() != 0) return false;
-  const auto blocks = static_cast<int64_t>(cells_.size() / in_block);
+  if (product(top_count_) != static_cast<double>(top_.size())) return false;
+  if (inner_.size() != inner_levels_.size() * kNodeCells) return false;
+  if (cells_.size() % kNodeCells != 0 || bricks_.size() % brick_values() != 0) return false;
+  const size_t nodes = cells_.size() / kNodeCells;
+  const auto leads_on = [&](int level, int32_t entry) {
+    const auto at = static_cast<size_t>(entry);
+    return entry == -1 ||
+           (entry >= 0 && (level == 1 ? at < nodes : at < inner_levels_.size() && inner_levels_[at] == level));
+  };
+  const auto lead_on = [&](int level, const int32_t* first, size_t number) {
+    return std::all_of(first, first + number, [&](int32_t entry) { return leads_on(level, entry); });
+  };
+  if (!lead_on(depth_, top_.data(), top_.size())) return false;
+  for (size_t i = 0; i < inner_levels_.size(); ++i)
+    if (inner_levels_[i] < 2 || !lead_on(inner_levels_[i] - 1, inner_.data() + i * kNodeCells, kNodeCells))
+      return false;
   const size_t count = brick_count();
-  return std::all_of(nodes_.begin(), nodes_.end(), [&](int32_t node) { return node >= -1 && node < blocks; }) &&
-         std::all_of(cells_.begin(), cells_.end(),
+  return std::all_of(cells_.begin(), cells_.end(),
                      [&](const Cell& cell) { return cell.brick <= count && cell.majorant <= maximum_; });
-}
-
-// A block lends its lowest faces to the aprons of the seven cells below it.
-std::vector<ivec3> BrickGrid::cells_touched_by(const std::vector<ivec3>& blocks) const {
-  std::vector<ivec3> cells;
-  cells.reserve(blocks.size() * 2);
-  std::vector<uint8_t> seen;  // one bit per cell of a node, made when the node is first touched
-  std::vector<int32_t> node_number(static_cast<size_t>(product(node_count_)), -1);
-  int32_t node_total = 0;
-  const size_t node_bytes = ((size_t{1} << (3 * node_bits_)) + 7) / 8;
-  for (const ivec3& block : blocks)
-    for (int corner = 0; corner < 8; ++corner) {
-      const ivec3 c = ((block - origin_) >> cell_bits_) - ivec3(corner & 1, corner >> 1 & 1, corner >> 2);
-      if (glm::any(glm::lessThan(c, ivec3(0))) || glm::any(glm::greaterThanEqual(c, cell_count_))) continue;
-      int32_t& node = node_number[node_index(c)];
-      if (node < 0) {
-        node = node_total++;
-        seen.resize(seen.size() + node_bytes);
-      }
-      const size_t bit = in_node(c);
-      uint8_t& byte = seen[static_cast<size_t>(node) * node_bytes + bit / 8];
-      const auto mask = static_cast<uint8_t>(1u << (bit % 8));
-      if (byte & mask) continue;
-      byte |= mask;
-      cells.push_back(c);
-    }
-  return cells;
 }
 
 float BrickGrid::voxel(const ivec3& v) const {
@@ -274,8 +667,9 @@ MajorantWalk::MajorantWalk(const BrickGrid& grid, const Ray& ray, double t_min, 
 bool MajorantWalk::next(Segment& segment) {
   while (t_ < end_) {
     // Either one cell is crossed or, where it is empty, the whole node.
-    const bool skip = grid_->node_empty(cell_);
-    const int width = skip ? grid_->node_cells() : 1;
+    const int empty_width = grid_->empty_width(cell_);
+    const bool skip = empty_width > 0;
+    const int width = skip ? empty_width : 1;
     ivec3 first;
     double exit = end_;
     int exit_axis = -1;

@@ -16,6 +16,26 @@ struct VoxelBox {
   bool empty() const { return hi.x < lo.x || hi.y < lo.y || hi.z < lo.z; }
 };
 
+/// A box of voxels that hold one value, such as a tile of a file.
+struct ConstantBox {
+  VoxelBox box;
+  float value = 0;
+};
+
+/// Where a grid may hold anything but zeros.
+struct Occupancy {
+  Occupancy() = default;
+  Occupancy(std::vector<ivec3> sampled, std::vector<ConstantBox> constant = {})
+      : blocks(std::move(sampled)), constants(std::move(constant)) {}
+
+  /// Lowest corners of 8 x 8 x 8 blocks of voxels whose values are asked for one by one: multiples of 8 in index space,
+  /// in any order, repeated or not.
+  std::vector<ivec3> blocks;
+  /// What the voxels outside of the blocks hold, 0 where there is no box. The boxes after the first replace it where
+  /// they lie in it; where they overlap one another they hold one value.
+  std::vector<ConstantBox> constants;
+};
+
 /// A sparse scalar field on a voxel lattice, laid out for ray tracing.
 ///
 /// The value of voxel (i, j, k) sits at the integer point (i, j, k) (OpenVDB's convention) and the field between is
@@ -41,12 +61,11 @@ class BrickGrid {
 
   /// Builds the grid over the support of the voxels in `box`: one voxel more on each side, where the field falls to 0.
   ///
-  /// @param blocks  lowest corners of the 8 x 8 x 8 blocks that may hold anything but zeros, multiples of 8 in index
-  ///                space, in any order, repeated or not
+  /// @param sample  of the cells that a block reaches; these values may lie in constant boxes, too
   /// @param file    where the bricks' values go as they are made; null: into this process's memory
-  /// @throws InputError when the index alone would need more than 8 GiB
-  static BrickGrid build(const VoxelBox& box, const std::vector<ivec3>& blocks, const Sampler& sample,
-                         const Task& task = {}, MemoryFile* file = nullptr);
+  /// @throws InputError when index or bricks would need more memory than this machine has
+  static BrickGrid build(const VoxelBox& box, const Occupancy& occupied, const Sampler& sample, const Task& task = {},
+                         MemoryFile* file = nullptr);
 
   /// The same field in cells of another size: smaller ones bound it more tightly, larger ones are crossed in fewer
   /// steps.
@@ -56,8 +75,8 @@ class BrickGrid {
   /// Hands every member to `archive`, in one order: to be sent to another process, or received from one.
   template <class Archive>
   void transfer(Archive& archive) {
-    archive(origin_, cell_count_, node_count_, cell_bits_, node_bits_, support_lo_, support_hi_, maximum_, nodes_,
-            cells_, bricks_);
+    archive(origin_, cell_count_, top_count_, cell_bits_, depth_, support_lo_, support_hi_, maximum_, top_, inner_,
+            inner_levels_, cells_, bricks_);
   }
   /// Whether every index points to something, as it does unless what was received is damaged.
   bool consistent() const;
@@ -75,7 +94,8 @@ class BrickGrid {
   float maximum() const { return maximum_; }
   size_t brick_count() const { return bricks_.size() / brick_values(); }
   size_t bytes() const {
-    return bricks_.size() * sizeof(float) + nodes_.size() * sizeof(int32_t) + cells_.size() * sizeof(Cell);
+    return bricks_.size() * sizeof(float) + (top_.size() + inner_.size()) * sizeof(int32_t) + inner_levels_.size() +
+           cells_.size() * sizeof(Cell);
   }
 
   /// The trilinear field at a local point; 0 outside.
@@ -107,43 +127,91 @@ class BrickGrid {
   const float* brick(const Cell& cell) const { return bricks_.data() + (cell.brick - 1) * brick_values(); }
 
   const ivec3& cells() const { return cell_count_; }
-  int node_cells() const { return 1 << node_bits_; }
-  /// Whether all cells of the node with cell c are empty.
-  bool node_empty(const ivec3& c) const { return nodes_[node_index(c)] < 0; }
+  /// How wide the node around cell c is, in cells, where all its cells are empty; else 0.
+  int empty_width(const ivec3& c) const {
+    int level = depth_;
+    return node(c, level) < 0 ? 1 << (kNodeBits * level) : 0;
+  }
+  /// Calls visit(cell, count) for each cell that is not empty; once for all those that share a node, which are `count`.
+  template <class Visit>
+  void each_distinct_cell(const Visit& visit) const {
+    const std::vector<uint64_t> uses = node_uses();
+    for (size_t i = 0; i < cells_.size(); ++i)
+      if (cells_[i].brick != 0) visit(cells_[i], uses[i / kNodeCells]);
+  }
+  /// Calls visit(c) for the coordinates of each cell that is not empty, in one order.
+  template <class Visit>
+  void each_cell(const Visit& visit) const {
+    for (int x = 0; x < top_count_.x; ++x)
+      for (int y = 0; y < top_count_.y; ++y)
+        for (int z = 0; z < top_count_.z; ++z) {
+          const ivec3 first = ivec3(x, y, z) << (kNodeBits * depth_);
+          each_cell_of(depth_, top_[in_top(first)], first, visit);
+        }
+  }
 
  private:
-  std::vector<int32_t> make_nodes();
-  void check_index_size(double bytes) const;
-  std::vector<ivec3> cells_touched_by(const std::vector<ivec3>& blocks) const;
-  void fill(std::vector<int32_t> nodes, const std::vector<ivec3>& candidates, const Sampler& sample, const Task& task,
-            MemoryFile* file);
+  class Builder;
+  static constexpr int kNodeBits = 3, kNodeWidth = 1 << kNodeBits, kNodeCells = 1 << (3 * kNodeBits);
+  static constexpr int kMostLevels = 8;
+
+  void set_depth();
+  template <class Visit>
+  void each_cell_of(int level, int32_t entry, const ivec3& first, const Visit& visit) const {
+    if (entry < 0) return;
+    for (int i = 0; i < kNodeCells; ++i) {
+      const ivec3 at(i >> 2 * kNodeBits, i >> kNodeBits & (kNodeWidth - 1), i & (kNodeWidth - 1));
+      const ivec3 c = first + (at << (kNodeBits * (level - 1)));
+      const size_t where = static_cast<size_t>(entry) * kNodeCells + static_cast<size_t>(i);
+      if (level > 1)
+        each_cell_of(level - 1, inner_[where], c, visit);
+      else if (cells_[where].brick != 0)
+        visit(c);
+    }
+  }
+  std::vector<uint64_t> node_uses() const;
   int clamp_index(double q) const {
     const int i = static_cast<int>(q), last = cell_size() - 1;
     return i < 0 ? 0 : i > last ? last : i;
   }
-  size_t node_index(const ivec3& c) const {
-    return (static_cast<size_t>(c.x >> node_bits_) * node_count_.y + (c.y >> node_bits_)) * node_count_.z +
-           (c.z >> node_bits_);
+  /// Of the entry of a level around cell c, in the block of 8 x 8 x 8 that it belongs to.
+  static size_t in_block(const ivec3& c, int level) {
+    const int shift = kNodeBits * level, mask = kNodeWidth - 1;
+    return (static_cast<size_t>(c.x >> shift & mask) << (2 * kNodeBits)) |
+           (static_cast<size_t>(c.y >> shift & mask) << kNodeBits) | (c.z >> shift & mask);
   }
-  size_t in_node(const ivec3& c) const {
-    const int mask = node_cells() - 1;
-    return (static_cast<size_t>(c.x & mask) << (2 * node_bits_)) | (static_cast<size_t>(c.y & mask) << node_bits_) |
-           (c.z & mask);
+  size_t in_top(const ivec3& c) const {
+    const int shift = kNodeBits * depth_;
+    return (static_cast<size_t>(c.x >> shift) * top_count_.y + (c.y >> shift)) * top_count_.z + (c.z >> shift);
+  }
+  /// The number of the node that holds cell c; -1 where space is empty.
+  /// @param level  depth_; becomes that of the entry that says so
+  int32_t node(const ivec3& c, int& level) const {
+    int32_t entry = top_[in_top(c)];
+    while (level > 1 && entry >= 0) {
+      --level;
+      entry = inner_[static_cast<size_t>(entry) * kNodeCells + in_block(c, level)];
+    }
+    return entry;
   }
 
-  ivec3 origin_{0}, cell_count_{0}, node_count_{0};
-  int cell_bits_ = 3, node_bits_ = 3;
+  // An entry of the level l stands for 8^l cells along each axis: -1 where they are empty; else the number of a block
+  // of 8 x 8 x 8 entries of the level below in inner_ or, on the level 1, of cells. Several entries may have one block.
+  ivec3 origin_{0}, cell_count_{0}, top_count_{0};
+  int cell_bits_ = 3, depth_ = 1;  // depth_: the level of top_
   dvec3 support_lo_{0}, support_hi_{0};
   float maximum_ = 0;
-  SharedArray<int32_t> nodes_;  // number of the node's block of cells, -1 for an empty node
+  SharedArray<int32_t> top_, inner_;
+  SharedArray<uint8_t> inner_levels_;  // of the entries that have the block
   SharedArray<Cell> cells_;
   SharedArray<float> bricks_;
 };
 
 inline const BrickGrid::Cell& BrickGrid::cell(const ivec3& c) const {
   static const Cell kEmpty{};
-  const int32_t node = nodes_[node_index(c)];
-  return node < 0 ? kEmpty : cells_[(static_cast<size_t>(node) << (3 * node_bits_)) + in_node(c)];
+  int level = depth_;
+  const int32_t number = node(c, level);
+  return number < 0 ? kEmpty : cells_[static_cast<size_t>(number) * kNodeCells + in_block(c, 0)];
 }
 
 /// The segments of constant majorant along a ray, in order: they touch, and cover the ray's part inside the support.

@@ -1,20 +1,572 @@
 #include "volume/displacement.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
+#include <optional>
+#include <unordered_map>
+
+#include "base/error.h"
+#include "base/memory_file.h"
+#include "base/rng.h"
+#include "volume/stored_values.h"
 
 namespace brume {
 namespace {
+
+constexpr int kCell = BrickGrid::kCell, kStored = BrickGrid::kStored;
+
+/// Reads voxels one after another, by their index coordinates: neighbours lie in one cell.
+class VoxelReader {
+ public:
+  explicit VoxelReader(const BrickGrid& grid) : grid_(&grid) {}
+
+  float operator()(const ivec3& v) {
+    if (grid_->empty()) return 0;
+    const ivec3 local = v - grid_->origin(), cell = local >> 3;
+    if (cell != cell_) {
+      cell_ = cell;
+      const bool inside =
+          glm::all(glm::greaterThanEqual(cell, ivec3(0))) && glm::all(glm::lessThan(cell, grid_->cells()));
+      const BrickGrid::Cell* const found = inside ? &grid_->cell(cell) : nullptr;
+      brick_ = found && found->brick ? grid_->brick(*found) : nullptr;
+    }
+    if (!brick_) return 0;
+    const ivec3 i = local & (kCell - 1);
+    return brick_[(i.x * kStored + i.y) * kStored + i.z];
+  }
+
+ private:
+  const BrickGrid* grid_;
+  ivec3 cell_{-1};
+  const float* brick_ = nullptr;
+};
+
+/// Linear between two values, with the roundings of OpenVDB's samplers.
+float between(float a, float b, double weight) {
+  return a + static_cast<float>(static_cast<double>(b - a) * weight);
+}
+
+/// A component of a stored velocity, asked for at the voxels of a density.
+class Component {
+ public:
+  Component(const StoredVelocity::Component& component, const dmat4& world_from_density)
+      : from_density_(component.world_from_index == world_from_density
+                          ? dmat4(1)  // one lattice, as a rule: then no rounding moves its points
+                          : glm::inverse(glm::inverse(world_from_density) * component.world_from_index)),
+        shift_(component.shift),
+        one_lattice_(from_density_ == dmat4(1) && shift_ == dvec3(0)),
+        values_(component.values),
+        stored_(component.stored) {}
+
+  /// Nothing where no value is stored around the voxel; else the mean of those that are, by their trilinear weights.
+  std::optional<float> operator()(const ivec3& v) {
+    if (one_lattice_) {
+      if (stored_(v) == 0) return {};
+      return values_(v);
+    }
+    const dvec3 q = dvec3(from_density_ * glm::dvec4(dvec3(v), 1.0)) + shift_;
+    const ivec3 base(glm::floor(q));
+    const dvec3 f = q - dvec3(base);
+    std::array<float, 8> values;
+    double sum = 0, weight = 0;
+    int known = 0;
+    for (int k = 0; k < 8; ++k) {
+      const ivec3 o(k >> 2, k >> 1 & 1, k & 1);
+      if (stored_(base + o) == 0) continue;
+      ++known;
+      values[static_cast<size_t>(k)] = values_(base + o);
+      const double w = (o.x ? f.x : 1 - f.x) * (o.y ? f.y : 1 - f.y) * (o.z ? f.z : 1 - f.z);
+      sum += w * static_cast<double>(values[static_cast<size_t>(k)]);
+      weight += w;
+    }
+    if (known == 8)
+      return between(between(between(values[0], values[1], f.z), between(values[2], values[3], f.z), f.y),
+                     between(between(values[4], values[5], f.z), between(values[6], values[7], f.z), f.y), f.x);
+    if (!(weight > 0)) return {};
+    return static_cast<float>(sum / weight);
+  }
+
+ private:
+  dmat4 from_density_;
+  dvec3 shift_;
+  bool one_lattice_;
+  VoxelReader values_, stored_;
+};
+
+struct HashOfCell {
+  size_t operator()(const ivec3& c) const {
+    return hash_combine(hash_combine(static_cast<uint32_t>(c.x), static_cast<uint32_t>(c.y)),
+                        static_cast<uint32_t>(c.z));
+  }
+};
+template <class Value>
+using CellMap = std::unordered_map<ivec3, Value, HashOfCell>;
+
+/// A range of displacements [voxels per frame].
+struct Range {
+  dvec3 low{0}, high{0};
+  void include(const Range& other) {
+    low = glm::min(low, other.low);
+    high = glm::max(high, other.high);
+  }
+};
+
+VoxelBox grown(const VoxelBox& box, const dvec3& low, const dvec3& high) {
+  return {box.lo + ivec3(glm::floor(low)), box.hi + ivec3(glm::ceil(high))};
+}
+void enclose(VoxelBox& box, const VoxelBox& other) {
+  if (other.empty()) return;
+  const bool first = box.empty();
+  box.lo = first ? other.lo : glm::min(box.lo, other.lo);
+  box.hi = first ? other.hi : glm::max(box.hi, other.hi);
+}
+VoxelBox common(const VoxelBox& a, const VoxelBox& b) {
+  return {glm::max(a.lo, b.lo), glm::min(a.hi, b.hi)};
+}
+
+/// A velocity on the lattice of the density that it moves, on its way to the places where the density may arrive.
+class Extension {
+ public:
+  Extension(const StoredVelocity& velocity, const BrickGrid& density, const VoxelBox& density_box,
+            const dmat4& world_from_index, double scale, double open, double close, const Task& task)
+      : velocity_(velocity),
+        density_(density),
+        world_from_index_(world_from_index),
+        voxels_from_world_(glm::inverse(dmat3(world_from_index))),
+        scale_(scale),
+        open_(open),
+        close_(close),
+        task_(task),
+        density_box_(density_box),
+        box_(density_box) {}
+
+  void run(std::vector<std::string>& notes) {
+    locate();
+    resample();
+    find_arrivals(notes);
+    if (!arrivals_.empty()) extend();
+  }
+  VectorBricks& field() { return field_; }
+  const VoxelBox& box() const { return box_; }
+
+ private:
+  /// The voxels of the density's lattice around stored ones.
+  VoxelBox on_lattice(const StoredVelocity::Component& component, const VoxelBox& box, int margin) const {
+    if (component.world_from_index == world_from_index_ && component.shift == dvec3(0))
+      return {box.lo - margin, box.hi + margin};
+    const dmat4 to_density = component.world_from_index == world_from_index_
+                                 ? dmat4(1)
+                                 : glm::inverse(world_from_index_) * component.world_from_index;
+    dvec3 lo(1e300), hi(-1e300);
+    for (int k = 0; k < 8; ++k) {
+      const dvec3 corner{k & 1 ? box.hi.x + margin : box.lo.x - margin, k & 2 ? box.hi.y + margin : box.lo.y - margin,
+                         k & 4 ? box.hi.z + margin : box.lo.z - margin};
+      const dvec3 at(to_density * glm::dvec4(corner, 1.0));
+      lo = glm::min(lo, at);
+      hi = glm::max(hi, at);
+    }
+    constexpr double kFar = 1 << 28;
+    if (!(glm::all(glm::greaterThan(lo, dvec3(-kFar))) && glm::all(glm::lessThan(hi, dvec3(kFar)))))
+      throw InputError(fmt::format("grid '{}' lies far outside of the density", velocity_.name));
+    return {ivec3(glm::floor(lo)), ivec3(glm::ceil(hi))};
+  }
+
+  /// The range of displacements while the shutter is open.
+  Range over_shutter(const Range& velocity) const {
+    Range range;
+    for (const double t : {open_, close_}) {
+      range.include({velocity.low * t, velocity.low * t});
+      range.include({velocity.high * t, velocity.high * t});
+    }
+    return range;
+  }
+
+  /// What box velocity and density fill, and what part of the velocity can bring density anywhere.
+  void locate() {
+    Range world;
+    for (size_t c = 0; c < 3; ++c) {
+      const StoredVelocity::Component& component = velocity_.components[c];
+      if (!component.box.empty()) enclose(box_, on_lattice(component, component.box, 1));
+      component.values.each_distinct_cell([&](const BrickGrid::Cell& cell, uint64_t) {
+        const float* const values = component.values.brick(cell);
+        const auto [low, high] = std::minmax_element(values, values + BrickGrid::kBrick);
+        const auto a = static_cast<int>(c);
+        world.low[a] = std::min(world.low[a], static_cast<double>(*low));
+        world.high[a] = std::max(world.high[a], static_cast<double>(*high));
+      });
+    }
+    Range voxels;
+    for (int c = 0; c < 3; ++c)
+      for (int a = 0; a < 3; ++a) {
+        const double l = voxels_from_world_[a][c] * world.low[a] * scale_,
+                     h = voxels_from_world_[a][c] * world.high[a] * scale_;
+        voxels.low[c] += std::min(l, h);
+        voxels.high[c] += std::max(l, h);
+      }
+    const Range reach = over_shutter(voxels);
+    constexpr double kFar = 1 << 29;
+    useful_ = common(
+        box_, grown(density_box_, glm::max(reach.low, dvec3(-kFar)) - 1.0, glm::min(reach.high, dvec3(kFar)) + 1.0));
+  }
+
+  /// The velocity in voxels per frame where it is stored, and where that is.
+  void resample() {
+    std::vector<ivec3> blocks;
+    if (!useful_.empty())
+      for (size_t c = 0; c < 3; ++c) {
+        const StoredVelocity::Component& component = velocity_.components[c];
+        component.stored.each_cell([&](const ivec3& cell) {
+          const ivec3 first = component.stored.origin() + kCell * cell;
+          const VoxelBox reached = common(useful_, on_lattice(component, {first, first + kCell}, 1));
+          if (reached.empty()) return;
+          const ivec3 lo = reached.lo >> 3, hi = reached.hi >> 3;
+          for (int x = lo.x; x <= hi.x; ++x)
+            for (int y = lo.y; y <= hi.y; ++y)
+              for (int z = lo.z; z <= hi.z; ++z) blocks.emplace_back(kCell * ivec3(x, y, z));
+        });
+      }
+    const auto components = [&] {
+      return std::array{Component(velocity_.components[0], world_from_index_),
+                        Component(velocity_.components[1], world_from_index_),
+                        Component(velocity_.components[2], world_from_index_)};
+    };
+    const auto each_voxel = [&](const ivec3& lo, float* values, const auto& value) {
+      for (int x = 0; x <= kCell; ++x)
+        for (int y = 0; y <= kCell; ++y)
+          for (int z = 0; z <= kCell; ++z) *values++ = value(lo + ivec3(x, y, z));
+    };
+    for (int c = 0; c < 3; ++c)
+      field_.parts[static_cast<size_t>(c)] = BrickGrid::build(
+          box_, blocks,
+          [&](const ivec3& lo, float* values) {
+            auto of = components();
+            each_voxel(lo, values, [&](const ivec3& v) {
+              dvec3 world(0);
+              for (int a = 0; a < 3; ++a)
+                if (voxels_from_world_[a][c] != 0)
+                  world[a] = static_cast<double>(of[static_cast<size_t>(a)](v).value_or(0.0f));
+              return finite_or_zero((voxels_from_world_ * world)[c] * scale_);
+            });
+          },
+          quiet(task_));
+    // Nothing is known of voxels without any velocity and density.
+    known_ = BrickGrid::build(
+        box_, blocks,
+        [&](const ivec3& lo, float* values) {
+          auto of = components();
+          VoxelReader density(density_);
+          each_voxel(lo, values, [&](const ivec3& v) {
+            const std::optional<float> x = of[0](v), y = of[1](v), z = of[2](v);
+            if (!x || !y || !z) return 0.0f;
+            return *x != 0 || *y != 0 || *z != 0 || density(v) > 0 ? 1.0f : 0.0f;
+          });
+        },
+        quiet(task_));
+    full_.resize(known_.brick_count() + 1);
+    known_.each_distinct_cell([&](const BrickGrid::Cell& cell, uint64_t) {
+      const float* const values = known_.brick(cell);
+      full_[cell.brick] = std::all_of(values, values + BrickGrid::kBrick, [](float v) { return v == 1; });
+    });
+  }
+
+  const BrickGrid::Cell* known_cell(const ivec3& c) const {
+    if (known_.empty()) return nullptr;
+    const ivec3 local = c - (known_.origin() >> 3);
+    if (glm::any(glm::lessThan(local, ivec3(0))) || glm::any(glm::greaterThanEqual(local, known_.cells())))
+      return nullptr;
+    const BrickGrid::Cell& cell = known_.cell(local);
+    return cell.brick ? &cell : nullptr;
+  }
+  bool known_everywhere(const ivec3& c) const {
+    const BrickGrid::Cell* const cell = known_cell(c);
+    return cell && full_[cell->brick];
+  }
+
+  /// Velocities in a cell, as they are known.
+  Range range_in(const ivec3& c) {
+    const auto [found, fresh] = ranges_.try_emplace(c);
+    if (!fresh) return found->second;
+    for (int a = 0; a < 3; ++a) {
+      const BrickGrid& part = field_.parts[static_cast<size_t>(a)];
+      if (part.empty()) continue;
+      const ivec3 local = c - (part.origin() >> 3);
+      if (glm::any(glm::lessThan(local, ivec3(0))) || glm::any(glm::greaterThanEqual(local, part.cells()))) continue;
+      const BrickGrid::Cell& cell = part.cell(local);
+      if (!cell.brick) continue;
+      const auto [l, h] = std::minmax_element(part.brick(cell), part.brick(cell) + BrickGrid::kBrick);
+      found->second.low[a] = std::min(0.0, static_cast<double>(*l));
+      found->second.high[a] = std::max(0.0, static_cast<double>(*h));
+    }
+    return found->second;
+  }
+
+  /// The cells without a velocity everywhere that the density may arrive at.
+  void find_arrivals(std::vector<std::string>& notes) {
+    if (known_.empty()) return;
+    constexpr double kFarthest = 1024;  // voxels
+    constexpr size_t kMostCells = 1 << 21;
+    double farthest = 0;
+    bool cut = false;
+    const ivec3 first = density_.origin() >> 3;
+    density_.each_cell([&](const ivec3& local) {
+      const ivec3 c = first + local;
+      Range v = range_in(c);
+      if (!known_everywhere(c))
+        for (int x = -1; x <= 1; ++x)
+          for (int y = -1; y <= 1; ++y)
+            for (int z = -1; z <= 1; ++z) v.include(range_in(c + ivec3(x, y, z)));
+      const VoxelBox own{kCell * c, kCell * (c + 1)};
+      for (const double t : {open_, close_}) {
+        Range whole{glm::min(v.low * t, v.high * t), glm::max(v.low * t, v.high * t)};
+        const double length = std::max(max_component(glm::abs(whole.low)), max_component(glm::abs(whole.high)));
+        if (length == 0) continue;
+        if (length > kFarthest) {
+          farthest = std::max(farthest, length);
+          whole.low *= kFarthest / length, whole.high *= kFarthest / length;
+        }
+        const VoxelBox all = grown(own, whole.low - 1.0, whole.high + 1.0);
+        if (each_cell_of(all, [&](const ivec3& to) { return known_everywhere(to); })) continue;
+        const int steps = std::max(1, static_cast<int>(std::ceil(std::min(length, kFarthest) / (kCell / 2))));
+        for (int k = 0; k <= steps; ++k) {
+          const double share = static_cast<double>(k) / steps;
+          each_cell_of(grown(own, whole.low * share - 1.0, whole.high * share + 1.0), [&](const ivec3& to) {
+            if (known_everywhere(to)) return true;
+            if (arrivals_.size() < kMostCells)
+              arrivals_.try_emplace(to);
+            else
+              cut = true;
+            return !cut;
+          });
+        }
+      }
+    });
+    if (farthest > 0)
+      notes.push_back(fmt::format(
+          "grid '{}' moves the density by up to {:.3g} voxels while the shutter is open; where no velocity is stored it is followed for {} of them: is velocity_scale right?",
+          velocity_.name, farthest, kFarthest));
+    if (cut)
+      notes.push_back(
+          fmt::format("grid '{}' moves the density so far that not all of its arrivals are followed", velocity_.name));
+  }
+
+  /// Whether all cells that a box of voxels reaches are so; ends at the first that is not.
+  template <class Test>
+  static bool each_cell_of(const VoxelBox& box, const Test& test) {
+    const ivec3 lo = box.lo >> 3, hi = box.hi >> 3;
+    for (int x = lo.x; x <= hi.x; ++x)
+      for (int y = lo.y; y <= hi.y; ++y)
+        for (int z = lo.z; z <= hi.z; ++z)
+          if (!test(ivec3(x, y, z))) return false;
+    return true;
+  }
+
+  /// The mean of the velocities that are known in a cell.
+  std::optional<vec3> mean_in(const ivec3& c) const {
+    const BrickGrid::Cell* const cell = known_cell(c);
+    if (!cell) return {};
+    std::array<VoxelReader, 3> parts{VoxelReader(field_.parts[0]), VoxelReader(field_.parts[1]),
+                                     VoxelReader(field_.parts[2])};
+    const float* const known = known_.brick(*cell);
+    dvec3 sum(0);
+    int count = 0;
+    for (int x = 0; x < kCell; ++x)
+      for (int y = 0; y < kCell; ++y)
+        for (int z = 0; z < kCell; ++z) {
+          if (known[(x * kStored + y) * kStored + z] == 0) continue;
+          ++count;
+          for (int a = 0; a < 3; ++a)
+            sum[a] += static_cast<double>(parts[static_cast<size_t>(a)](kCell * c + ivec3(x, y, z)));
+        }
+    if (count == 0) return {};
+    return vec3(sum / static_cast<double>(count));
+  }
+
+  /// Means of whole cells, from those that know a velocity outwards, layer by layer.
+  void flood() {
+    std::vector<ivec3> open;
+    for (const auto& [c, nothing] : arrivals_)
+      for (int k = 0; k < 27; ++k) {
+        const ivec3 near = c + ivec3(k / 9, k / 3 % 3, k % 3) - 1;
+        const auto [mean, fresh] = means_.try_emplace(near);
+        if (!fresh) continue;
+        mean->second = mean_in(near);
+        if (!mean->second) open.push_back(near);
+      }
+    // In one order, whatever that of the map is: sums depend on it.
+    std::sort(open.begin(), open.end(),
+              [](const ivec3& a, const ivec3& b) { return std::tie(a.x, a.y, a.z) < std::tie(b.x, b.y, b.z); });
+    std::vector<std::pair<ivec3, vec3>> layer;
+    while (!open.empty()) {
+      task_.check();
+      layer.clear();
+      std::vector<ivec3> rest;
+      for (const ivec3& c : open) {
+        vec3 sum(0);
+        float weight = 0;
+        for (int k = 0; k < 27; ++k) {
+          const ivec3 step = ivec3(k / 9, k / 3 % 3, k % 3) - 1;
+          const auto near = means_.find(c + step);
+          if (near == means_.end() || !near->second) continue;
+          const float w = 1.0f / static_cast<float>(step.x * step.x + step.y * step.y + step.z * step.z);
+          sum += w * *near->second;
+          weight += w;
+        }
+        if (weight > 0)
+          layer.emplace_back(c, sum / weight);
+        else
+          rest.push_back(c);
+      }
+      if (layer.empty()) break;
+      for (const auto& [c, mean] : layer) means_[c] = mean;
+      open = std::move(rest);
+    }
+  }
+
+  /// The means around a point, linear between the middles of cells.
+  vec3 mean_at(const ivec3& v) const {
+    const dvec3 q = (dvec3(v) + 0.5) / static_cast<double>(kCell) - 0.5;
+    const ivec3 base(glm::floor(q));
+    const vec3 f(q - dvec3(base));
+    vec3 sum(0);
+    float weight = 0;
+    for (int k = 0; k < 8; ++k) {
+      const ivec3 o(k >> 2, k >> 1 & 1, k & 1);
+      const auto near = means_.find(base + o);
+      if (near == means_.end() || !near->second) continue;
+      const float w = (o.x ? f.x : 1 - f.x) * (o.y ? f.y : 1 - f.y) * (o.z ? f.z : 1 - f.z);
+      sum += w * *near->second;
+      weight += w;
+    }
+    return weight > 0 ? sum / weight : vec3(0);
+  }
+
+  static constexpr int kNear = 4;  // voxels
+
+  /// Sums over the voxels around each voxel of a brick, weighted by exp(-distance along the axes): the nearest decide.
+  /// @param window  the values around, kNear more on each side
+  static void sum_around(std::vector<float>& window, float* sums) {
+    constexpr int kWide = kStored + 2 * kNear;
+    static const auto kWeights = [] {
+      std::array<float, 2 * kNear + 1> weights;
+      for (int i = -kNear; i <= kNear; ++i)
+        weights[static_cast<size_t>(i + kNear)] = std::exp(-static_cast<float>(std::abs(i)));
+      return weights;
+    }();
+    // Along z, y and x in turn; each time that axis shrinks to the brick's.
+    ivec3 size(kWide);
+    std::vector<float> next;
+    for (int axis = 2; axis >= 0; --axis) {
+      ivec3 to = size;
+      to[axis] = kStored;
+      next.assign(static_cast<size_t>(to.x) * to.y * to.z, 0.0f);
+      const int stride = axis == 2 ? 1 : axis == 1 ? size.z : size.y * size.z;
+      float* out = next.data();
+      for (int x = 0; x < to.x; ++x)
+        for (int y = 0; y < to.y; ++y)
+          for (int z = 0; z < to.z; ++z) {
+            const float* const from = window.data() + (x * size.y + y) * size.z + z;
+            float sum = 0;
+            for (size_t i = 0; i < kWeights.size(); ++i)
+              sum += kWeights[i] * from[static_cast<std::ptrdiff_t>(i) * stride];
+            *out++ = sum;
+          }
+      window.swap(next);
+      size = to;
+    }
+    std::copy(window.begin(), window.end(), sums);
+  }
+
+  void extend() {
+    flood();
+    std::vector<ivec3> blocks;
+    VoxelBox box = box_;
+    for (const auto& [c, nothing] : arrivals_) {
+      blocks.push_back(kCell * c);
+      enclose(box, {kCell * c, kCell * c + kCell - 1});
+    }
+    std::sort(blocks.begin(), blocks.end(),
+              [](const ivec3& a, const ivec3& b) { return std::tie(a.x, a.y, a.z) < std::tie(b.x, b.y, b.z); });
+    known_.each_cell([&](const ivec3& c) { blocks.push_back(known_.origin() + kCell * c); });
+    VectorBricks extended;
+    for (size_t a = 0; a < 3; ++a)
+      extended.parts[a] = BrickGrid::build(
+          box, blocks, [&](const ivec3& lo, float* values) { sample(a, lo, values); }, quiet(task_));
+    field_ = std::move(extended);
+    box_ = box;
+  }
+
+  void sample(size_t axis, const ivec3& lo, float* values) const {
+    VoxelReader part(field_.parts[axis]), known(known_), density(density_);
+    const auto each_voxel = [&](const auto& visit) {
+      for (int x = 0; x <= kCell; ++x)
+        for (int y = 0; y <= kCell; ++y)
+          for (int z = 0; z <= kCell; ++z) visit(lo + ivec3(x, y, z));
+    };
+    if (known_everywhere(lo >> 3)) {
+      each_voxel([&](const ivec3& v) { *values++ = part(v); });
+      return;
+    }
+    constexpr int kWide = kStored + 2 * kNear;
+    std::vector<float> weights, products;
+    weights.reserve(static_cast<size_t>(kWide) * kWide * kWide);
+    products.reserve(weights.capacity());
+    bool any = false;
+    for (int x = 0; x < kWide; ++x)
+      for (int y = 0; y < kWide; ++y)
+        for (int z = 0; z < kWide; ++z) {
+          const ivec3 v = lo + ivec3(x, y, z) - kNear;
+          const float w = known(v);
+          any |= w > 0;
+          weights.push_back(w);
+          products.push_back(w > 0 ? part(v) : 0.0f);
+        }
+    std::array<float, BrickGrid::kBrick> weight{}, product{};
+    if (any) {
+      sum_around(weights, weight.data());
+      sum_around(products, product.data());
+    }
+    size_t i = 0;
+    each_voxel([&](const ivec3& v) {
+      constexpr float kFaint = 1e-6f;  // of a voxel's weight: there the means of cells take over
+      if (known(v) > 0)
+        values[i] = part(v);
+      else if (density(v) > 0)
+        values[i] = weight[i] > 0 ? product[i] / weight[i] : 0.0f;
+      else
+        values[i] = (product[i] + kFaint * mean_at(v)[static_cast<int>(axis)]) / (weight[i] + kFaint);
+      ++i;
+    });
+  }
+
+  const StoredVelocity& velocity_;
+  const BrickGrid& density_;
+  const dmat4 world_from_index_;
+  const dmat3 voxels_from_world_;
+  const double scale_, open_, close_;
+  const Task& task_;
+  const VoxelBox density_box_;
+  VoxelBox box_, useful_;
+  VectorBricks field_;
+  BrickGrid known_;            // 1 where a velocity is known
+  std::vector<uint8_t> full_;  // by brick of known_: whether all its voxels are
+  CellMap<Range> ranges_;
+  CellMap<char> arrivals_;
+  CellMap<std::optional<vec3>> means_;
+};
 
 /// Bounds a density over all that a motion between two times can bring to each place: each cell's velocities span a box
 /// of displacements, and the densest cell that it can reach back to counts.
 BrickGrid envelope_of(const VectorBricks& field, const VoxelBox& box, const BrickGrid& bricks, double open_time,
                       double close_time, const Task& task) {
+  // Where neither moves anything nor is there anything, nothing can be.
   std::vector<ivec3> blocks;
-  const ivec3 last = box.hi >> 3;
-  for (int x = box.lo.x >> 3; x <= last.x; ++x)
-    for (int y = box.lo.y >> 3; y <= last.y; ++y)
-      for (int z = box.lo.z >> 3; z <= last.z; ++z) blocks.emplace_back(8 * ivec3(x, y, z));
+  const auto add_cells_of = [&](const BrickGrid& grid) {
+    grid.each_cell([&](const ivec3& c) { blocks.push_back(grid.origin() + kCell * c); });
+  };
+  add_cells_of(bricks);
+  for (const BrickGrid& part : field.parts) add_cells_of(part);
   const ivec3 first = bricks.origin() >> 3;
   const auto cell_of = [](const dvec3& p) { return ivec3(glm::clamp(p, -1e9, 1e9)) >> 3; };
   constexpr double kLevels = 16;  // per octave: rounded up, so that cells share their storage
@@ -53,11 +605,14 @@ BrickGrid envelope_of(const VectorBricks& field, const VoxelBox& box, const Bric
 
 }  // namespace
 
-Displacement displacement_over(VectorBricks velocity, const VoxelBox& box, const BrickGrid& density, double open,
-                               double close, const Task& task) {
+Displacement displacement_over(const StoredVelocity& velocity, const BrickGrid& density, const VoxelBox& density_box,
+                               const dmat4& world_from_index, double scale, double open, double close,
+                               std::vector<std::string>& notes, const Task& task) {
+  Extension extension(velocity, density, density_box, world_from_index, scale, open, close, task);
+  extension.run(notes);
   Displacement result;
-  result.field = std::move(velocity);
-  result.envelope = envelope_of(result.field, box, density, open, close, task);
+  result.field = std::move(extension.field());
+  result.envelope = envelope_of(result.field, extension.box(), density, open, close, task);
   result.origin_shift = dvec3(density.origin() - result.envelope.origin());
   result.open = open;
   result.close = close;

@@ -42,6 +42,11 @@ bool is_scalar(const GridEntry& grid) {
   return grid.type == "float" || grid.type == "double";
 }
 
+/// Masks and whole numbers can be a density, too.
+bool is_countable(const GridEntry& grid) {
+  return grid.type == "bool" || grid.type == "mask" || grid.type == "int32" || grid.type == "int64";
+}
+
 bool is_one_of(const std::vector<std::string>& names, const std::string& plain_name) {
   return std::any_of(names.begin(), names.end(), [&](const std::string& name) { return plain(name) == plain_name; });
 }
@@ -70,7 +75,7 @@ const GridEntry* of_usual_name(const std::vector<GridEntry>& grids, GridUse use,
                                std::vector<std::string>& notes) {
   const bool vector = use == GridUse::kColour || use == GridUse::kVelocity;
   const auto fits = [&](const GridEntry& grid) {
-    return !of_kind || (vector ? grid.type.starts_with("vec3") : is_scalar(grid));
+    return !of_kind || (vector ? grid.type.starts_with("vec3") : is_scalar(grid) || is_countable(grid));
   };
   for (const std::string& name : usual_grid_names(use)) {
     auto same = those(grids, [&](const GridEntry& g) { return fits(g) && grid_name_alone(g.name) == name; });
@@ -101,8 +106,9 @@ const GridEntry* density_by_exclusion(const std::vector<GridEntry>& grids, std::
   const auto with_density = those(
       grids, [](const GridEntry& g) { return is_scalar(g) && plain(g.name).find("density") != std::string::npos; });
   if (!with_density.empty()) return only_one(with_density, notes);
-  const auto scalars = those(grids, is_scalar);
+  const auto scalars = those(grids, is_scalar), countable = those(grids, is_countable);
   if (scalars.size() == 1) return scalars[0];
+  if (scalars.empty() && countable.size() == 1) return countable[0];
   const auto candidates = those(grids, [](const GridEntry& g) {
     const std::string name = plain(grid_name_alone(g.name));
     return is_scalar(g) && g.grid_class != "level set" && !name.starts_with("phi") && !is_one_of(kTemperature, name) &&

@@ -11,6 +11,8 @@ void ValueScan::add(const ValueScan& other) {
   maximum = std::max(maximum, other.maximum);
   nans += other.nans;
   infinities += other.infinities;
+  minus_infinities += other.minus_infinities;
+  denormals += other.denormals;
   negatives += other.negatives;
 }
 
@@ -20,6 +22,8 @@ void ValueScan::write(GridSummary& s) const {
   s.maximum = s.has_range ? maximum : 0.0;
   s.nan_count = nans;
   s.infinite_count = infinities;
+  s.minus_infinite_count = minus_infinities;
+  s.denormal_count = denormals;
   s.negative_count = negatives;
 }
 
@@ -45,7 +49,10 @@ std::vector<std::string> notes_of_values(const GridSummary& s, float largest) {
   };
   note(s.nan_count, "NaN", "0");
   note(s.negative_count, "negative", "0");
-  note(s.infinite_count, "infinite", fmt::format("the largest finite value, {}", largest));
+  note(s.minus_infinite_count, "negative infinite", "0");
+  note(s.infinite_count - s.minus_infinite_count, "infinite",
+       largest > 0 ? fmt::format("the largest finite value, {}", largest) : "0: no finite value is positive");
+  note(s.denormal_count, "denormal", fmt::format("0, as all do below {:.2g}", kLeastDensity));
   return notes;
 }
 

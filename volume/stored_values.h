@@ -12,18 +12,25 @@ namespace brume {
 
 // What the values of a volume count as, wherever they come from: a file's grid or an array.
 
+/// Smaller values are denormal in single precision, which resolves them badly or not at all: they count as 0.
+constexpr float kLeastDensity = std::numeric_limits<float>::min();
+
 /// What the stored values of a scalar grid are like.
 struct ValueScan {
   double minimum = std::numeric_limits<double>::infinity(), maximum = -minimum;  // of the finite ones
   uint64_t nans = 0, infinities = 0, negatives = 0;
+  uint64_t minus_infinities = 0;  // of the infinities
+  uint64_t denormals = 0;         // positive ones
 
   void add(double v, uint64_t count = 1) {
     if (std::isnan(v))
       nans += count;
-    else if (std::isinf(v))
+    else if (std::isinf(v)) {
       infinities += count;
-    else {
+      minus_infinities += v < 0 ? count : 0;
+    } else {
       negatives += v < 0 ? count : 0;
+      denormals += v > 0 && v < kLeastDensity ? count : 0;
       minimum = std::min(minimum, v);
       maximum = std::max(maximum, v);
     }
@@ -32,8 +39,8 @@ struct ValueScan {
   void write(GridSummary& summary) const;
 };
 
-/// What a stored value of a density counts as: 0 where it is NaN or negative, the largest finite value of its grid
-/// where it is infinite; then what the curve of ScalarOptions makes of it, up to their limit.
+/// What a stored value of a density counts as: 0 where it is NaN, negative or denormal, the largest finite value of its
+/// grid where it is infinite; then what the curve of ScalarOptions makes of it, up to their limit.
 class DensityRule {
  public:
   /// @param largest  finite value of the grid
@@ -50,7 +57,8 @@ class DensityRule {
   float unlimited(double v) const {
     if (std::isinf(v)) v = v > 0 ? largest_ : 0.0;
     if (!remap_.empty() && v > 0) v = remapped(v);
-    return v > 0 ? std::min(static_cast<float>(v), std::numeric_limits<float>::max()) : 0.0f;  // false for NaN too
+    if (!(v >= kLeastDensity)) return 0.0f;  // or NaN
+    return std::min(static_cast<float>(v), std::numeric_limits<float>::max());
   }
   double remapped(double v) const;
 

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "base/memory_file.h"
+#include "volume/displacement.h"
 #include "volume/vdb_io.h"
 
 namespace brume {
@@ -24,22 +25,13 @@ struct VdbRequest {
   std::string path = {};
   ScalarOptions options = {};                    ///< of a scalar field
   std::string grid = {};                         ///< of the other kinds
-  VoxelBox box = {};                             ///< of the density that is moved
-  dmat4 world_from_index = dmat4(1);             ///< of that density
-  double scale = 1;                              ///< of a velocity; or a voxel's size where one is written
+  double scale = 1;                              ///< a voxel's size where one is written
   std::string output = {};                       ///< of halving
   std::string part = {};                         ///< where a file is written until it is whole
   bool half = false;                             ///< written with 16 bits
   SharedArray<VoxelPosition> leaf_corners = {};  ///< lowest voxels of the blocks of 8 x 8 x 8 that are written
   SharedArray<float> leaf_values = {};           ///< their 512 values each, z fastest
   int32_t threads = 0;
-};
-
-/// A velocity as it travels: voxels per frame on the lattice of the density that it moves.
-struct VelocityReply {
-  VectorBricks bricks;
-  VoxelBox box;  ///< voxels that any velocity or density reaches
-  std::vector<std::string> notes;
 };
 
 /// What the reply is: what was asked for, an error message, the message of NoSuchGrid, or the name of what memory was
@@ -217,14 +209,14 @@ void describe(Archive& archive, ScalarOptions& o) {
 }
 template <class Archive>
 void describe(Archive& archive, VdbRequest& r) {
-  archive(r.kind, r.path, r.options, r.grid, r.box, r.world_from_index, r.scale, r.output, r.part, r.half,
-          r.leaf_corners, r.leaf_values, r.threads);
+  archive(r.kind, r.path, r.options, r.grid, r.scale, r.output, r.part, r.half, r.leaf_corners, r.leaf_values,
+          r.threads);
 }
 template <class Archive>
 void describe(Archive& archive, GridSummary& s) {
   archive(s.name, s.type, s.grid_class, s.compression, s.half, s.linear, s.active_voxels, s.active_tiles, s.box,
           s.voxel_size, s.world_from_index, s.has_range, s.minimum, s.maximum, s.background, s.nan_count,
-          s.infinite_count, s.negative_count, s.metadata);
+          s.infinite_count, s.negative_count, s.minus_infinite_count, s.denormal_count, s.metadata);
 }
 template <class Archive>
 void describe(Archive& archive, VdbSummary& s) {
@@ -239,8 +231,12 @@ void describe(Archive& archive, VectorField& f) {
   archive(f.bricks.parts[0], f.bricks.parts[1], f.bricks.parts[2], f.world_from_index, f.notes);
 }
 template <class Archive>
-void describe(Archive& archive, VelocityReply& f) {
-  archive(f.bricks.parts[0], f.bricks.parts[1], f.bricks.parts[2], f.box, f.notes);
+void describe(Archive& archive, StoredVelocity::Component& c) {
+  archive(c.values, c.stored, c.world_from_index, c.shift, c.box);
+}
+template <class Archive>
+void describe(Archive& archive, StoredVelocity& v) {
+  archive(v.name, v.components[0], v.components[1], v.components[2], v.notes);
 }
 
 }  // namespace brume

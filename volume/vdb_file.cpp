@@ -1,7 +1,6 @@
 #include <fmt/format.h>
 #include <openvdb/io/GridDescriptor.h>
 #include <openvdb/openvdb.h>
-#include <openvdb/tools/Interpolation.h>
 #include <openvdb/tools/LevelSetUtil.h>
 #include <openvdb/tools/Prune.h>
 #include <sys/resource.h>
@@ -10,11 +9,13 @@
 #include <algorithm>
 #include <array>
 #include <atomic>
+#include <cctype>
 #include <cerrno>
 #include <cmath>
 #include <cstring>
 #include <fstream>
 #include <mutex>
+#include <optional>
 #include <type_traits>
 
 #include "base/error.h"
@@ -286,34 +287,28 @@ std::string choose_grid(openvdb::io::File& file, const fs::path& path, const std
   throw InputError(text);
 }
 
-/// Appends the 8 x 8 x 8 blocks of a box of voxels.
-void append_blocks(const CoordBBox& box, std::vector<ivec3>& blocks) {
-  const double count = (box.dim().x() / 8.0 + 1) * (box.dim().y() / 8.0 + 1) * (box.dim().z() / 8.0 + 1);
-  if (count + static_cast<double>(blocks.size()) > 1u << 28)
-    throw InputError(
-        fmt::format("active tiles or background fill {:.1e} blocks of 8^3 voxels; the limit is 2.7e8", count));
-  const Coord lo = box.min() & ~7, hi = box.max();
-  for (int x = lo.x(); x <= hi.x(); x += 8)
-    for (int y = lo.y(); y <= hi.y(); y += 8)
-      for (int z = lo.z(); z <= hi.z(); z += 8) blocks.emplace_back(x, y, z);
-}
-
+/// What a grid may hold inside a box: leaves and small tiles voxel by voxel; large tiles, and the background where it
+/// counts, as boxes of one value.
 /// @param clean  what a stored value counts as: values that become 0 occupy nothing
 template <class Grid, class Clean>
-std::vector<ivec3> occupied_blocks(const Grid& grid, const CoordBBox& box, const Clean& clean) {
-  std::vector<ivec3> blocks;
-  if (clean(static_cast<double>(grid.background())) != 0) {
-    append_blocks(box, blocks);
-    return blocks;
-  }
-  for (auto leaf = grid.tree().cbeginLeaf(); leaf; ++leaf) blocks.push_back(from(leaf->origin()));
+Occupancy occupancy_of(const Grid& grid, const CoordBBox& box, const Clean& clean) {
+  Occupancy occupied;
+  const float background = clean(grid.background());
+  if (background != 0) occupied.constants.push_back({{from(box.min()), from(box.max())}, background});
+  for (auto leaf = grid.tree().cbeginLeaf(); leaf; ++leaf) occupied.blocks.push_back(from(leaf->origin()));
   for (auto tile = tiles_of(grid.tree().cbeginValueAll()); tile; ++tile) {
-    if (clean(static_cast<double>(*tile)) == 0) continue;
+    const float value = clean(*tile);
+    if (value == background) continue;
     CoordBBox covered = tile.getBoundingBox();
+    const bool small = covered.dim().x() == BrickGrid::kCell;
     covered.intersect(box);
-    if (!covered.empty()) append_blocks(covered, blocks);
+    if (covered.empty()) continue;
+    if (small)
+      occupied.blocks.push_back(from(tile.getCoord()));
+    else
+      occupied.constants.push_back({{from(covered.min()), from(covered.max())}, value});
   }
-  return blocks;
+  return occupied;
 }
 
 /// A brick's 9 x 9 x 9 values, from a function of the voxel.
@@ -386,7 +381,7 @@ void build_bricks(const Grid& grid, const ScalarOptions& options, ScalarField& f
       std::transform(stored.begin(), stored.end(), values, [=](auto v) {
         const auto finite =
             static_cast<float>(v) <= std::numeric_limits<float>::max() ? static_cast<float>(v) : largest;
-        return v > 0 ? std::min(finite, limit) : 0.0f;
+        return static_cast<float>(v) >= kLeastDensity ? std::min(finite, limit) : 0.0f;
       });
     else
       std::transform(stored.begin(), stored.end(), values, [&](auto v) { return clean(static_cast<double>(v)); });
@@ -394,8 +389,10 @@ void build_bricks(const Grid& grid, const ScalarOptions& options, ScalarField& f
     const float* value = values;
     fill_brick(lo, values, [&](const Coord& c) { return box.isInside(c) ? *value++ : (++value, 0.0f); });
   };
-  field.bricks = BrickGrid::build({from(box.min()), from(box.max())}, occupied_blocks(grid, box, clean), sample,
-                                  reading.task, &reading.memory);
+  field.bricks =
+      BrickGrid::build({from(box.min()), from(box.max())},
+                       occupancy_of(grid, box, [&](const Value& v) { return clean(static_cast<double>(v)); }), sample,
+                       reading.task, &reading.memory);
   if (field.bricks.empty())
     field.notes.push_back(fmt::format("grid '{}' holds no positive value: the field is absent", s.name));
 }
@@ -429,6 +426,36 @@ void check_scalar_field(const fs::path& path, const GridSummary& s, openvdb::io:
                            s.name));
 }
 
+/// Masks and grids of whole numbers as densities; any other grid as it is.
+openvdb::GridBase::Ptr as_numbers(const openvdb::GridBase::Ptr& grid, std::vector<std::string>& notes) {
+  openvdb::FloatGrid::Ptr result;
+  const auto try_type = [&](const auto& typed, const auto& number) {
+    if (!typed || result) return;
+    result = openvdb::FloatGrid::create();
+    result->setName(typed->getName());
+    result->setGridClass(typed->getGridClass());
+    result->setTransform(typed->transform().copy());
+    auto accessor = result->getAccessor();
+    for (auto it = typed->cbeginValueOn(); it; ++it) {
+      const float value = number(*it);
+      if (it.isTileValue())
+        accessor.addTile(it.getLevel(), it.getCoord(), value, true);
+      else
+        accessor.setValue(it.getCoord(), value);
+    }
+  };
+  const auto as_float = [](auto v) { return static_cast<float>(v); };
+  try_type(openvdb::gridPtrCast<openvdb::BoolGrid>(grid), as_float);
+  try_type(openvdb::gridPtrCast<openvdb::MaskGrid>(grid), [](auto) { return 1.0f; });
+  const bool mask = result != nullptr;
+  try_type(openvdb::gridPtrCast<openvdb::Int32Grid>(grid), as_float);
+  try_type(openvdb::gridPtrCast<openvdb::Int64Grid>(grid), as_float);
+  if (!result) return grid;
+  notes.push_back(fmt::format("grid '{}' is of type {}: {}", grid->getName(), grid->valueType(),
+                              mask ? "the density is 1 in its voxels" : "its whole numbers are the density"));
+  return result;
+}
+
 /// Refuses a grid that this machine cannot hold, by what the file says of its size, before any of it is read.
 void check_memory(openvdb::io::File& file, const fs::path& path, const std::string& name) {
   const openvdb::GridBase::Ptr grid = file.readGridMetadata(name);
@@ -451,7 +478,7 @@ ScalarField read_scalar(Reading& reading, const fs::path& path, const ScalarOpti
   }
   const std::string name = choose_grid(*file, path, options.grid, options.use, field.notes);
   check_memory(*file, path, name);
-  openvdb::GridBase::Ptr grid = file->readGrid(name);
+  openvdb::GridBase::Ptr grid = as_numbers(file->readGrid(name), field.notes);
   reading.limits.reset();
   field.summary = summarize(*grid, reading.task);
   field.summary.name = name;
@@ -484,104 +511,193 @@ ScalarField read_scalar(Reading& reading, const fs::path& path, const ScalarOpti
   return field;
 }
 
-openvdb::Vec3SGrid::Ptr as_vector_grid(const fs::path& path, const openvdb::GridBase::Ptr& grid) {
-  if (!grid->transform().isLinear())
-    fail(path, fmt::format("grid '{}' has a frustum or other non-affine transform; resample it to a uniform grid first",
-                           grid->getName()));
-  if (auto typed = openvdb::gridPtrCast<openvdb::Vec3SGrid>(grid)) return typed;
-  fail(path, fmt::format("grid '{}' is of type {}; expected vec3s, three numbers per voxel", grid->getName(),
-                         grid->valueType()));
+/// One component of a vector: of a grid of vectors, or a scalar grid of its own.
+struct ComponentGrid {
+  openvdb::GridBase::Ptr grid;
+  int axis = 0;  ///< of the vectors
+};
+
+/// Calls visit(grid, number) with the grid's own type and what takes the component out of its values; false for a type
+/// that has none.
+template <class Visit>
+bool visit_component(const ComponentGrid& component, const Visit& visit) {
+  const int axis = component.axis;
+  const auto try_vectors = [&](auto typed) {
+    if (typed) visit(*typed, [axis](const auto& v) { return static_cast<double>(v[axis]); });
+    return typed != nullptr;
+  };
+  const auto try_numbers = [&](auto typed) {
+    if (typed) visit(*typed, [](const auto& v) { return static_cast<double>(v); });
+    return typed != nullptr;
+  };
+  return try_vectors(openvdb::gridPtrCast<openvdb::Vec3SGrid>(component.grid)) ||
+         try_vectors(openvdb::gridPtrCast<openvdb::Vec3DGrid>(component.grid)) ||
+         try_numbers(openvdb::gridPtrCast<openvdb::FloatGrid>(component.grid)) ||
+         try_numbers(openvdb::gridPtrCast<openvdb::DoubleGrid>(component.grid));
+}
+
+/// A field of vectors as a file stores it.
+struct VectorGrids {
+  std::string name;
+  std::array<ComponentGrid, 3> components;
+
+  bool one_grid() const { return components[0].grid == components[1].grid; }
+};
+
+/// The three grids that hold the components of `base`: "vel.x", "vel_x", "velX" and the like.
+/// @param letters  of the components, one string for each way to call them
+std::optional<std::array<std::string, 3>> component_names(const std::vector<std::string>& names,
+                                                          const std::string& base,
+                                                          const std::vector<std::string>& letters) {
+  const auto upper = [](char c) { return static_cast<char>(std::toupper(static_cast<unsigned char>(c))); };
+  for (const std::string& of_kind : letters)
+    for (const char* between : {".", "_", "", ":", " ", "-"})
+      for (const bool large : {false, true}) {
+        std::array<std::string, 3> found;
+        bool all = true;
+        for (size_t c = 0; c < 3; ++c) {
+          found[c] = base + between + (large ? upper(of_kind[c]) : of_kind[c]);
+          all &= std::find(names.begin(), names.end(), found[c]) != names.end();
+        }
+        if (all) return found;
+      }
+  return {};
+}
+
+/// Reads a grid of vectors, or three grids of one component each, of a usual name where none is wanted.
+/// @throws NoSuchGrid, InputError
+VectorGrids read_vector(Reading& reading, openvdb::io::File& file, const fs::path& path, const std::string& wanted,
+                        GridUse use, const std::vector<std::string>& letters, std::vector<std::string>& notes) {
+  const std::vector<std::string> names = grid_names(file);
+  VectorGrids result;
+  std::optional<std::array<std::string, 3>> parts;
+  for (const std::string& base : wanted.empty() ? usual_grid_names(use) : std::vector{wanted}) {
+    if (std::find(names.begin(), names.end(), base) != names.end()) break;
+    result.name = base;
+    if ((parts = component_names(names, base, letters))) break;
+  }
+  if (parts) {
+    for (size_t c = 0; c < 3; ++c) result.components[c] = {file.readGrid((*parts)[c])};
+  } else {
+    result.name = choose_grid(file, path, wanted, use, notes);
+    const auto grid = file.readGrid(result.name);
+    for (int c = 0; c < 3; ++c) result.components[static_cast<size_t>(c)] = {grid, c};
+  }
+  reading.limits.reset();
+  for (const ComponentGrid& component : result.components) {
+    const openvdb::GridBase& grid = *component.grid;
+    if (!grid.transform().isLinear())
+      fail(path,
+           fmt::format("grid '{}' has a frustum or other non-affine transform; resample it to a uniform grid first",
+                       grid.getName()));
+    const bool of_vectors = grid.valueType() == "vec3s" || grid.valueType() == "vec3d",
+               of_numbers = grid.valueType() == "float" || grid.valueType() == "double";
+    if (!(parts ? of_numbers : of_vectors))
+      fail(path,
+           fmt::format("grid '{}' is of type {}; expected vec3s or vec3d, three numbers per voxel, or three grids "
+                       "of numbers such as '{}.{}'. The file has: {}",
+                       grid.getName(), grid.valueType(), result.name, letters[0][0], list_grids(file)));
+  }
+  for (const ComponentGrid& component : result.components) {
+    uint64_t not_finite = 0;
+    visit_component(component, [&](const auto& grid, const auto& number) {
+      for (auto it = grid.cbeginValueOn(); it; ++it)
+        if (!std::isfinite(number(*it))) not_finite += it.getVoxelCount();
+    });
+    if (not_finite)
+      notes.push_back(fmt::format("grid '{}': {} values that are not finite became 0{}", component.grid->getName(),
+                                  not_finite,
+                                  parts ? "" : fmt::format(" ({})", letters[0][static_cast<size_t>(component.axis)])));
+  }
+  return result;
+}
+
+/// @param box  the voxels that bricks are built over
+BrickGrid component_bricks(const ComponentGrid& component, const VoxelBox& box, Reading& reading) {
+  BrickGrid bricks;
+  visit_component(component, [&](const auto& grid, const auto& number) {
+    using Grid = std::decay_t<decltype(grid)>;
+    const auto clean = [&](const auto& v) { return finite_or_zero(number(v)); };
+    const auto sample = [&](const ivec3& lo, float* values) {
+      std::array<typename Grid::ValueType, BrickGrid::kBrick> stored;
+      LeafRows<typename Grid::TreeType>(grid.getConstUnsafeAccessor(), lo).copy(stored.data());
+      std::transform(stored.begin(), stored.end(), values, clean);
+    };
+    // The background counts up to the faces of the cells around the box.
+    const ivec3 lo = box.lo - 1 & ~(BrickGrid::kCell - 1), hi = box.hi + 2 * BrickGrid::kCell;
+    bricks = BrickGrid::build(box, occupancy_of(grid, {{lo.x, lo.y, lo.z}, {hi.x, hi.y, hi.z}}, clean), sample,
+                              reading.task, &reading.memory);
+  });
+  return bricks;
+}
+
+/// The voxels that hold a value of a grid.
+VoxelBox active_box(const openvdb::GridBase& grid) {
+  const CoordBBox box = grid.evalActiveVoxelBoundingBox();
+  return grid.activeVoxelCount() > 0 ? VoxelBox{from(box.min()), from(box.max())} : VoxelBox();
+}
+
+/// 1 in a grid's active voxels, and in all of its box where a background counts.
+BrickGrid active_bricks(const ComponentGrid& component, const VoxelBox& box, Reading& reading) {
+  BrickGrid bricks;
+  visit_component(component, [&](const auto& grid, const auto& number) {
+    Occupancy occupied;
+    if (const double background = number(grid.background()); background != 0 && std::isfinite(background)) {
+      occupied.constants.push_back({box, 1.0f});
+    } else {
+      for (auto leaf = grid.tree().cbeginLeaf(); leaf; ++leaf) occupied.blocks.push_back(from(leaf->origin()));
+      for (auto tile = tiles_of(grid.tree().cbeginValueOn()); tile; ++tile) {
+        const CoordBBox covered = tile.getBoundingBox();
+        occupied.constants.push_back({{from(covered.min()), from(covered.max())}, 1.0f});
+      }
+    }
+    bricks = BrickGrid::build(
+        box, occupied,
+        [&](const ivec3& lo, float* values) {
+          const auto accessor = grid.getConstUnsafeAccessor();
+          fill_brick(lo, values, [&](const Coord& at) { return accessor.isValueOn(at) ? 1.0f : 0.0f; });
+        },
+        reading.task, &reading.memory);
+  });
+  return bricks;
 }
 
 VectorField read_colour(Reading& reading, const fs::path& path, const std::string& wanted) {
   const auto file = open(reading, path);
   VectorField field;
-  const std::vector<std::string> names = grid_names(*file);
-  for (const std::string& base : wanted.empty() ? usual_grid_names(GridUse::kColour) : std::vector{wanted}) {
-    if (std::find(names.begin(), names.end(), base + "_r") == names.end()) continue;
-    const char* const ends[] = {"_r", "_g", "_b"};
-    for (size_t c = 0; c < 3; ++c) {
-      ScalarField part = read_scalar(reading, path, {base + ends[c]});
-      field.notes.insert(field.notes.end(), part.notes.begin(), part.notes.end());
-      if (c > 0 && part.world_from_index != field.world_from_index)
-        fail(path, fmt::format("grids '{0}_r' and '{0}{1}' have different transforms", base, ends[c]));
-      field.world_from_index = part.world_from_index;
-      field.bricks.parts[c] = std::move(part.bricks);
-    }
-    if (field.bricks.parts[0].origin() != field.bricks.parts[1].origin() ||
-        field.bricks.parts[0].origin() != field.bricks.parts[2].origin())
-      fail(path, fmt::format("grids '{0}_r', '{0}_g' and '{0}_b' cover different voxels", base));
-    return field;
+  const VectorGrids grids = read_vector(reading, *file, path, wanted, GridUse::kColour, {"rgb", "xyz"}, field.notes);
+  field.world_from_index = affine_matrix(grids.components[0].grid->transform());
+  VoxelBox box;
+  for (const ComponentGrid& component : grids.components) {
+    if (affine_matrix(component.grid->transform()) != field.world_from_index)
+      fail(path, fmt::format("grids '{}' and '{}' have different transforms", grids.components[0].grid->getName(),
+                             component.grid->getName()));
+    const VoxelBox own = active_box(*component.grid);
+    if (own.empty()) continue;
+    box = box.empty() ? own : VoxelBox{glm::min(box.lo, own.lo), glm::max(box.hi, own.hi)};
   }
-  const auto grid =
-      as_vector_grid(path, file->readGrid(choose_grid(*file, path, wanted, GridUse::kColour, field.notes)));
-  reading.limits.reset();
-  field.world_from_index = affine_matrix(grid->transform());
-  const CoordBBox box = grid->evalActiveVoxelBoundingBox();
   if (box.empty()) return field;
-  std::vector<ivec3> blocks;
-  append_blocks(box, blocks);
-  for (int c = 0; c < 3; ++c)
-    field.bricks.parts[static_cast<size_t>(c)] = BrickGrid::build(
-        {from(box.min()), from(box.max())}, blocks,
-        [&](const ivec3& lo, float* values) {
-          auto accessor = grid->getConstUnsafeAccessor();
-          fill_brick(lo, values, [&](const Coord& at) { return finite_or_zero(accessor.getValue(at)[c]); });
-        },
-        reading.task, &reading.memory);
+  for (size_t c = 0; c < 3; ++c) field.bricks.parts[c] = component_bricks(grids.components[c], box, reading);
   return field;
 }
 
-/// A velocity in voxels per frame, on the lattice of the density that it moves.
-VelocityReply read_velocity(Reading& reading, const VdbRequest& request) {
-  const fs::path& path = request.path;
+StoredVelocity read_velocity(Reading& reading, const fs::path& path, const std::string& wanted) {
   const auto file = open(reading, path);
-  VelocityReply result;
-  const auto grid =
-      as_vector_grid(path, file->readGrid(choose_grid(*file, path, request.grid, GridUse::kVelocity, result.notes)));
-  reading.limits.reset();
-  // Voxels of the density's lattice that any velocity reaches, and the density's own.
-  // One lattice, as a rule: then no rounding moves its points.
-  const dmat4 world_from_velocity = affine_matrix(grid->transform());
-  const dmat4 density_from_velocity = world_from_velocity == request.world_from_index
-                                          ? dmat4(1)
-                                          : glm::inverse(request.world_from_index) * world_from_velocity;
-  const CoordBBox active = grid->evalActiveVoxelBoundingBox();
-  VoxelBox& box = result.box;
-  box = request.box;
-  if (!active.empty()) {
-    for (int k = 0; k < 8; ++k) {
-      const dvec3 corner{k & 1 ? active.max().x() + 1 : active.min().x() - 1,
-                         k & 2 ? active.max().y() + 1 : active.min().y() - 1,
-                         k & 4 ? active.max().z() + 1 : active.min().z() - 1};
-      const dvec3 at(density_from_velocity * glm::dvec4(corner, 1.0));
-      if (glm::any(glm::greaterThan(glm::abs(at), dvec3(1 << 28))))
-        fail(path, fmt::format("grid '{}' lies far outside of the density", grid->getName()));
-      box.lo = glm::min(box.lo, ivec3(glm::floor(at)));
-      box.hi = glm::max(box.hi, ivec3(glm::ceil(at)));
-    }
+  StoredVelocity velocity;
+  const VectorGrids grids =
+      read_vector(reading, *file, path, wanted, GridUse::kVelocity, {"xyz", "uvw"}, velocity.notes);
+  velocity.name = grids.name;
+  for (size_t c = 0; c < 3; ++c) {
+    const ComponentGrid& from = grids.components[c];
+    StoredVelocity::Component& to = velocity.components[c];
+    to.world_from_index = affine_matrix(from.grid->transform());
+    if (from.grid->getGridClass() == openvdb::GRID_STAGGERED && grids.one_grid()) to.shift[static_cast<int>(c)] = 0.5;
+    to.box = active_box(*from.grid);
+    if (to.box.empty()) continue;
+    to.values = component_bricks(from, to.box, reading);
+    to.stored = c > 0 && grids.one_grid() ? velocity.components[0].stored : active_bricks(from, to.box, reading);
   }
-  std::vector<ivec3> blocks;
-  append_blocks({Coord(box.lo.x, box.lo.y, box.lo.z), Coord(box.hi.x, box.hi.y, box.hi.z)}, blocks);
-
-  const dmat4 velocity_from_density = glm::inverse(density_from_velocity);
-  const dmat3 voxels_from_world = glm::inverse(dmat3(request.world_from_index));
-  const bool staggered = grid->getGridClass() == openvdb::GRID_STAGGERED;
-  for (int c = 0; c < 3; ++c)
-    result.bricks.parts[static_cast<size_t>(c)] = BrickGrid::build(
-        box, blocks,
-        [&](const ivec3& lo, float* values) {
-          auto accessor = grid->getConstUnsafeAccessor();
-          fill_brick(lo, values, [&](const Coord& at) {
-            const dvec3 q(velocity_from_density * glm::dvec4(at.x(), at.y(), at.z(), 1.0));
-            const openvdb::Vec3d where(q.x, q.y, q.z);
-            const openvdb::Vec3s v = staggered ? openvdb::tools::StaggeredBoxSampler::sample(accessor, where)
-                                               : openvdb::tools::BoxSampler::sample(accessor, where);
-            return finite_or_zero((voxels_from_world * dvec3(v.x(), v.y(), v.z()))[c] * request.scale);
-          });
-        },
-        reading.task, &reading.memory);
-  return result;
+  return velocity;
 }
 
 /// Writes what OpenVDB's own class for files does, through a stream whose failures are noticed.
@@ -686,7 +802,7 @@ void answer(Reading& reading, VdbRequest& request, Packer& pack) {
     case VdbRequest::Kind::kColour:
       return reply(read_colour(reading, path, request.grid));
     case VdbRequest::Kind::kVelocity:
-      return reply(read_velocity(reading, request));
+      return reply(read_velocity(reading, path, request.grid));
     case VdbRequest::Kind::kWrite:
       return reply(write_leaves(request));
     case VdbRequest::Kind::kHalve:

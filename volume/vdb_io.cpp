@@ -174,12 +174,14 @@ Displacement load_displacement(const fs::path& path, const std::string& grid, co
                                double open_time, double close_time, std::vector<std::string>& notes, const Task& task) {
   VdbRequest request{VdbRequest::Kind::kVelocity, path.string()};
   request.grid = grid;
-  request.box = density.summary.box;
-  request.world_from_index = density.world_from_index;
-  request.scale = scale;
-  VelocityReply velocity = ask<VelocityReply>(request, task);
+  const auto velocity = ask<StoredVelocity>(request, task);
   notes.insert(notes.end(), velocity.notes.begin(), velocity.notes.end());
-  return displacement_over(std::move(velocity.bricks), velocity.box, density.bricks, open_time, close_time, task);
+  try {
+    return displacement_over(velocity, density.bricks, density.summary.box, density.world_from_index, scale, open_time,
+                             close_time, notes, task);
+  } catch (const InputError& error) {
+    fail(path, error.what());
+  }
 }
 
 void write_density(const fs::path& path, const VoxelBox& box, double voxel_size,

@@ -26,6 +26,8 @@ struct GridSummary {
   bool has_range = false;     ///< scalar and not empty
   double minimum = 0, maximum = 0, background = 0;
   uint64_t nan_count = 0, infinite_count = 0, negative_count = 0;  ///< over stored values, scalars only
+  uint64_t minus_infinite_count = 0;                               ///< of the infinite ones
+  uint64_t denormal_count = 0;                                     ///< positive ones below stored_values' kLeastDensity
   std::map<std::string, std::string> metadata;
 };
 
@@ -73,10 +75,10 @@ struct ScalarField {
   std::vector<std::string> notes;  ///< sanitised voxels, dropped background, empty grid: one line each
 };
 
-/// Loads a scalar fog volume: any affine transform, float or double, saved as half or not, with active tiles.
-/// NaN and negative voxels become 0, infinite ones the largest finite value, all counted in the notes. A background
-/// other than 0 counts inside the active bounding box and is dropped outside. An empty grid, or a file without any, is
-/// no error: the medium is absent.
+/// Loads a scalar fog volume: any affine transform, float or double, saved as half or not, with active tiles; masks
+/// count 1, whole numbers as such. NaN, negative and denormal voxels become 0, infinite ones the largest finite value,
+/// all counted in the notes. A background other than 0 counts inside the active bounding box and is dropped outside. An
+/// empty grid, or a file without any, is no error: the medium is absent.
 /// @throws InputError: as read_vdb_info, and: no such grid (lists those that exist; NoSuchGrid where none was named),
 ///         several that could be meant, not scalar, level set, points, frustum, singular transform
 ScalarField load_scalar(const std::filesystem::path& path, const ScalarOptions& options, const Task& task = {});
@@ -87,15 +89,16 @@ struct VectorField {
   std::vector<std::string> notes;
 };
 
-/// Loads a colour: a grid of three-vectors, or three scalar grids whose names end in _r, _g, _b.
+/// Loads a colour: a grid of three-vectors, or three scalar grids named like Cd_r, Cd.g, Cdb or Cd.x, Cd.y, Cd.z.
 /// @throws InputError: as load_scalar; a grid of another type
 VectorField load_colour(const std::filesystem::path& path, const std::string& grid, const Task& task = {});
 
-/// Loads a velocity grid (staggered or not) onto a density's lattice, in voxels per frame, and bounds the density over
-/// all that the motion between two times can bring to each place.
+/// Loads a velocity, a grid of three-vectors (staggered or not) or three scalar grids named like vel.x, vel.y, vel.z,
+/// onto a density's lattice, in voxels per frame, extended to wherever it brings the density; and bounds the density
+/// over all that the motion between two times can bring to each place.
 /// @param scale       world units of the file per frame, for one unit of stored velocity
 /// @param open,close  shutter, in frames around the density's own time
-/// @throws InputError: as load_scalar; not a grid of three-vectors
+/// @throws InputError: as load_scalar; neither a grid of three-vectors nor three grids of numbers
 Displacement load_displacement(const std::filesystem::path& path, const std::string& grid, const ScalarField& density,
                                double scale, double open, double close, std::vector<std::string>& notes,
                                const Task& task = {});

@@ -110,7 +110,8 @@ void describe(Visitor& v, RenderSettings& r) {
      .choices = {"cells", "global"}},
     r.majorants);
   v({"cell_size", "voxels",
-     "side of a majorant cell, a power of two: smaller bounds are tighter, larger are crossed in fewer steps", 2, 32},
+     "side of a majorant cell, a power of two: smaller bounds are tighter, larger are crossed in fewer steps; at least 16 where millions of cells hold one and the same value",
+     2, 32},
     r.cell_size);
   v({"majorant_scale", "1", "loosens every majorant: costs time and changes no mean, to check that", 1, 1000},
     r.majorant_scale);
@@ -177,7 +178,8 @@ void describe(Visitor& v, VolumeSettings& s) {
   v({"g2", "1", "two_lobes: mean cosine of the second lobe", -0.999, 0.999}, s.g2);
   v({"lobe_weight", "1", "two_lobes: share of the second lobe", 0, 1}, s.lobe_weight);
   v({"droplet_diameter", "micrometres", "mie: of the droplets", 5, 50}, s.droplet_diameter);
-  v({"albedo_grid", "", "colour grid that multiplies albedo; none, or auto: color, Cd and such names, if there is one"},
+  v({"albedo_grid", "",
+     "colour grid that multiplies albedo; none, or auto: color, Cd and such names, if there is one; or three grids, such as Cd_r, Cd_g, Cd_b"},
     s.albedo_grid);
   v({"emission", "W/(m^2 sr) / scene unit", "emission coefficient per density", 0}, s.emission);
   v({"temperature_grid", "",
@@ -204,7 +206,7 @@ void describe(Visitor& v, VolumeSettings& s) {
   v({"flame_intensity", "W/(m^2 sr) / scene unit", "emission coefficient of the ramp's colour 1", 0},
     s.flame_intensity);
   v({"velocity_grid", "",
-     "deformation motion blur over the camera's shutter; none, or auto: velocity, vel, v, if there is one"},
+     "deformation motion blur over the camera's shutter; none, or auto: velocity, vel, v, if there is one; or three grids of its components, such as vel.x, vel.y, vel.z"},
     s.velocity_grid);
   v({"velocity_scale", "", "the file's world units per frame for one unit of stored velocity"}, s.velocity_scale);
   v({"object_to_world", "", "4 x 4, rows first, applied after the file's own transform; points are columns"},

@@ -135,7 +135,7 @@ class SceneMedia::Loader {
     if (v_.flame_grid != "none") load_flame();
     // Last: what bounds moving fields reads them in the cells they were loaded in.
     for (ScalarField* field : {&volume_->density, &volume_->temperature, &volume_->flame})
-      field->bricks = field->bricks.recut(scene_.render.cell_size, task_);
+      field->bricks = field->bricks.recut(cell_size_for(field->bricks), task_);
     check_majorants();
   }
 
@@ -144,6 +144,15 @@ class SceneMedia::Loader {
   void adopt(std::vector<std::string>& notes) {
     into_.notes_.insert(into_.notes_.end(), notes.begin(), notes.end());
     notes.clear();
+  }
+  /// The scene's; where millions of cells share a few bricks, wider ones, so that their flat index stays small, too.
+  int cell_size_for(const BrickGrid& grid) const {
+    constexpr uint64_t kMany = 1 << 22, kPerBrick = 1 << 13;
+    constexpr int kWide = 16;
+    uint64_t cells = 0;
+    grid.each_distinct_cell([&](const BrickGrid::Cell&, uint64_t count) { cells += count; });
+    const bool shared = cells >= kMany && cells >= kPerBrick * grid.brick_count();
+    return shared ? std::max(kWide, scene_.render.cell_size) : scene_.render.cell_size;
   }
   bool of_arrays() const { return v_.grids && v_.grids->of_arrays(); }
   /// Arrays lie where the scene says, files' grids where the file does.
@@ -192,6 +201,7 @@ class SceneMedia::Loader {
       density = load_scalar(v_.file, options, task_);
     place(density);
     adopt(density.notes);
+    check_range(density);
     count(density.summary.name, density.bricks.bytes());
     if (const BrickGrid& b = density.bricks; !b.empty()) {
       const dvec3 middle = 0.5 * (b.support_lo() + b.support_hi()) + dvec3(b.origin());
@@ -199,6 +209,7 @@ class SceneMedia::Loader {
                            glm::dvec4(middle, 1.0)));
     }
     Medium medium(density.bricks, world_from(density.world_from_index), {v_.sigma_t, v_.albedo}, phase_of(v_));
+    if (!medium.empty()) check_depth(medium);
     if (v_.albedo_grid != "none" && !medium.empty()) load_colour_into(medium);
     if (v_.velocity_grid != "none" && !shutter_opens_)
       note("velocity_grid is set but camera.shutter opens and closes at once: no motion blur");
@@ -207,6 +218,25 @@ class SceneMedia::Loader {
     if (const double highest = density.bricks.maximum(); v_.emission != dvec3(0) && !medium.empty())
       into_.emissions_.emplace_back(medium,
                                     EmissionRamp::of_colours({{0.0, dvec3(0)}, {highest, v_.emission * highest}}, 1.0));
+  }
+
+  /// Refuses numbers that single precision cannot multiply.
+  void check_range(const ScalarField& field) const {
+    constexpr double kLeast = 1e-30, kMost = 1e30;
+    const double highest = field.bricks.maximum();
+    if (field.bricks.empty() || (highest >= kLeast && highest <= kMost)) return;
+    throw InputError(fmt::format(
+        "{}: grid '{}' holds values up to {:.3g}; expected its largest value within {:.0e} .. {:.0e}: another unit, or damage",
+        named_, field.summary.name, highest, kLeast, kMost));
+  }
+  void check_depth(const Medium& medium) const {
+    constexpr double kMost = 1e30;
+    const double depth =
+        medium.extinction_per_density() * medium.maximum_density() * 2 * medium.bounding_sphere().radius;
+    if (depth <= kMost) return;
+    throw InputError(fmt::format(
+        "{}: sigma_t = {:.3g} on densities up to {:.3g} makes an optical depth of {:.3g}; expected at most {:.0e}",
+        named_, medium.extinction_per_density(), medium.maximum_density(), depth, kMost));
   }
 
   /// Says before anything is rendered where flights would take very long, and refuses where they would never end.
@@ -248,7 +278,7 @@ class SceneMedia::Loader {
     if (v_.velocity_grid != "none" && !still_ && !field.bricks.empty()) try {
         const dvec2& shutter = scene_.camera.shutter;
         displacement = of_arrays() ? displacement_of(*v_.grids->velocity, field, field.world_from_index,
-                                                     v_.velocity_scale, shutter.x, shutter.y, task_)
+                                                     v_.velocity_scale, shutter.x, shutter.y, into_.notes_, task_)
                                    : load_displacement(v_.file, name_or_none(v_.velocity_grid), field,
                                                        v_.velocity_scale, shutter.x, shutter.y, into_.notes_, task_);
         shape.set_displacement(displacement);
@@ -278,6 +308,7 @@ class SceneMedia::Loader {
     place(temperature);
     adopt(temperature.notes);
     if (temperature.bricks.empty()) return;
+    check_range(temperature);
     count("temperature", temperature.bricks.bytes());
     const double highest = temperature.bricks.maximum();
     const double kelvin = v_.temperature_offset + v_.temperature_scale * highest;
@@ -311,6 +342,7 @@ class SceneMedia::Loader {
     flame = v_.grids && v_.grids->flame ? *v_.grids->flame : load_field(v_.file, v_.flame_grid, GridUse::kFlame, task_);
     place(flame);
     adopt(flame.notes);
+    check_range(flame);
     count("flame", flame.bricks.bytes());
     add_emission(flame, volume_->flame_displacement, fire_ramp(v_));
   }

@@ -59,27 +59,32 @@ float least(const Plane& plane) {
   return value;
 }
 
-/// Relative error of a prediction over the blocks that a medium fills: root of the mean square of its difference from
-/// the traced light, without what the traced light's noise makes of it, over that of the traced light; and how far the
-/// noise alone would reach.
+/// How a prediction differs from the traced light, over the blocks that a medium fills and in which the traced light is
+/// known well enough to judge by.
 struct Difference {
-  double error = 0, noise = 0, ratio = 0;
-  int blocks = 0;
+  double error = 0;  ///< root mean square of the difference over that of the light, without what noise makes of it
+  double noise = 0;  ///< how far the traced light's noise alone would reach
+  double mean = 0;   ///< the prediction's mean over that of the light
+  int values = 0;    ///< of blocks and channels
 };
 
-Difference difference(const Layers& frame, const LayerName& traced, const std::string& predicted) {
+/// @param factor  the prediction is taken times this
+Difference difference(const Layers& frame, const LayerName& traced, const std::string& predicted, double factor = 1) {
+  constexpr double kKnown = 0.3;  // noise of a block relative to its light
   double squares = 0, variance = 0, light = 0, sum = 0, sum_traced = 0;
   Difference result;
   const Plane& opacity = frame.at(frame.find("guide.opacity.Y") ? "guide.opacity.Y" : "guide.opacity.G");
   for (int by = 0; by + kBlock <= frame.height(); by += kBlock)
     for (int bx = 0; bx + kBlock <= frame.width(); bx += kBlock) {
       if (block_sum(opacity, bx, by) < 0.2 * kBlock * kBlock) continue;
-      ++result.blocks;
       for (size_t c = 0; c < 3; ++c) {
         const double t = block_sum(frame.at(traced.channel(c)), bx, by),
-                     p = block_sum(frame.at(predicted + "." + "RGB"[c]), bx, by);
+                     p = factor * block_sum(frame.at(predicted + "." + "RGB"[c]), bx, by),
+                     v = block_sum(frame.at(traced.channel_of(statistic::mean_variance, c)), bx, by);
+        if (!(v < kKnown * kKnown * t * t)) continue;
+        ++result.values;
         squares += (p - t) * (p - t);
-        variance += block_sum(frame.at(traced.channel_of(statistic::mean_variance, c)), bx, by);
+        variance += v;
         light += t * t;
         sum += p;
         sum_traced += t;
@@ -88,19 +93,25 @@ Difference difference(const Layers& frame, const LayerName& traced, const std::s
   if (light > 0) {
     result.error = std::sqrt(std::max(0.0, squares - variance) / light);
     result.noise = std::sqrt(variance / light);
-    result.ratio = sum / sum_traced;
+    result.mean = sum / sum_traced;
   }
   return result;
 }
 
 /// What the guides of scenes of a kind may be wrong by; a scene may what the most lenient of its kinds may. The aim is
-/// 0.05, and 0.1 behind glass.
+/// 0.05, and 0.1 behind glass. Beyond the seeds that are tested by default, 41 and 44 exceed it: droplets and sharp
+/// lobes in the light of a spot and of a point, predicted twice as bright.
 struct Limit {
   const char* kind;
-  double direct, indirect;
+  double direct, indirect;            ///< error
+  double direct_mean, indirect_mean;  ///< factor between the means, either way
 };
-constexpr Limit kLimits[] = {{"", 0.12, 0.22},          {"two lobes", 0.27, 0.5},    {"mie", 0.26, 1.0},
-                             {"mesh light", 0.95, 0.6}, {"mesh inside", 0.12, 0.31}, {"camera inside", 0.26, 0.36}};
+constexpr Limit kLimits[] = {{"", 0.12, 0.22, 1.2, 1.4},
+                             {"two lobes", 0.27, 0.5, 1.25, 2},
+                             {"mie", 0.26, 0.7, 1.2, 2},
+                             {"mesh light", 0.8, 0.6, 1.25, 1.5},
+                             {"mesh inside", 0.12, 0.31, 1.2, 1.5},
+                             {"camera inside", 0.26, 0.36, 1.2, 1.4}};
 
 Limit limit_of(const test::RandomScene& random) {
   Limit limit = kLimits[0];
@@ -108,8 +119,28 @@ Limit limit_of(const test::RandomScene& random) {
     if (random.kinds.contains(l.kind)) {
       limit.direct = std::max(limit.direct, l.direct);
       limit.indirect = std::max(limit.indirect, l.indirect);
+      limit.direct_mean = std::max(limit.direct_mean, l.direct_mean);
+      limit.indirect_mean = std::max(limit.indirect_mean, l.indirect_mean);
     }
   return limit;
+}
+
+bool within(const Difference& d, double error, double mean) {
+  return d.error <= error + 2 * d.noise && d.mean <= mean && d.mean >= 1 / mean;
+}
+
+/// Holds a prediction to its limits, and the limits to their purpose: they must turn away no light at all, and the same
+/// prediction too bright or too dark by the square of the factor that its mean may be off by.
+void expect_predicted(const Layers& frame, const LayerName& traced, const std::string& predicted, double error,
+                      double mean) {
+  const Difference d = difference(frame, traced, predicted);
+  if (d.values == 0) return;  // no light there, or none that is known
+  EXPECT_TRUE(within(d, error, mean)) << predicted << ": error " << d.error << ", limit " << error
+                                      << " and twice the noise, " << d.noise << "; mean " << d.mean
+                                      << ", factor allowed " << mean;
+  for (const double factor : {0.0, 0.999 / (mean * mean), 1.001 * mean * mean})
+    EXPECT_FALSE(within(difference(frame, traced, predicted, factor), error, mean))
+        << predicted << ": nothing would be noticed of " << factor << " times it";
 }
 
 /// Mean squares of the difference of two pictures, in pixels brighter than 1 relative to them, so that a light that is
@@ -152,15 +183,15 @@ TEST_P(RandomScene, IsPredictedByItsGuidesAndNeverWorseClean) {
   const Distance before = distance(noisy, frame), after = distance(clean, frame);
 
   const Limit limit = limit_of(random);
-  EXPECT_LE(direct.error, limit.direct + 2 * direct.noise);
-  EXPECT_LE(indirect.error, limit.indirect + 2 * indirect.noise);
+  expect_predicted(frame, layer::direct, "guide.predicted_direct", limit.direct, limit.direct_mean);
+  expect_predicted(frame, layer::indirect, "guide.predicted_indirect", limit.indirect, limit.indirect_mean);
   const double left = std::sqrt(std::max(0.0, after.squares - after.noise)),
                noise = std::sqrt(std::max(0.0, before.squares - before.noise));
   EXPECT_LE(left, 1.02 * noise + 0.1 * std::sqrt(after.noise));
   std::printf(
       "seed %llu: direct %.3f (noise %.3f, mean %.3f), indirect %.3f (noise %.3f, mean %.3f), clean %.3f of noisy: %s\n",
-      static_cast<unsigned long long>(random.seed), direct.error, direct.noise, direct.ratio, indirect.error,
-      indirect.noise, indirect.ratio, left / noise, random.text().c_str());
+      static_cast<unsigned long long>(random.seed), direct.error, direct.noise, direct.mean, indirect.error,
+      indirect.noise, indirect.mean, left / noise, random.text().c_str());
 }
 INSTANTIATE_TEST_SUITE_P(Seeds, RandomScene, ::testing::ValuesIn(RandomScene::seeds()),
                          [](const auto& seed) { return std::to_string(seed.param); });

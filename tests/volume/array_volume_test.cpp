@@ -115,11 +115,16 @@ TEST(ArrayVolume, SaysWhatItTakesForSomethingElse) {
   const auto field = field_of(array);
   EXPECT_EQ(field->bricks.voxel(ivec3(0, 0, 2) - field->bricks.origin()), 3.0f) << "the largest finite value";
   for (const int z : {0, 1, 3}) EXPECT_EQ(field->bricks.voxel(ivec3(0, 0, z) - field->bricks.origin()), 0.0f);
-  ASSERT_EQ(field->notes.size(), 3u);
+  ASSERT_EQ(field->notes.size(), 4u);
   EXPECT_EQ(field->notes[0], "grid 'density': 1 NaN voxels became 0");
+  EXPECT_EQ(field->notes[2], "grid 'density': 1 negative infinite voxels became 0");
+  EXPECT_EQ(field->notes[3], "grid 'density': 1 infinite voxels became the largest finite value, 3");
   const auto nothing = field_of(Array({3, 3, 3}, [](const ivec3&) { return -1.0f; }));
   EXPECT_TRUE(nothing->bricks.empty());
   EXPECT_EQ(nothing->notes.back(), "grid 'density' holds no positive value: the field is absent");
+  const auto colour = grids_of_arrays({.colour = {{array.view(), array.view(), array.view()}}})->colour;
+  ASSERT_EQ(colour->notes.size(), 3u);
+  EXPECT_EQ(colour->notes[0], "color: 3 values of component 0 that are not finite became 0");
 }
 
 TEST(ArrayVolume, KeepsTheOtherGridsWhereOneIsReplaced) {

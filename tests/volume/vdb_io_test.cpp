@@ -10,6 +10,7 @@
 #include <cstdlib>
 #include <cstring>
 #include <limits>
+#include <sstream>
 
 #include "base/error.h"
 #include "tests/support/files.h"
@@ -106,18 +107,229 @@ TEST(LoadDensity, OddValuesAreCountedAndSanitised) {
   const test::TemporaryFolder folder;
   auto grid = openvdb::FloatGrid::create();
   grid->setName("density");
-  const float values[] = {1, std::numeric_limits<float>::quiet_NaN(), -2, std::numeric_limits<float>::infinity(),
-                          3, std::numeric_limits<float>::denorm_min()};
-  for (int i = 0; i < 6; ++i) grid->tree().setValue(openvdb::Coord(i, 0, 0), values[i]);
+  const float values[] = {1,
+                          std::numeric_limits<float>::quiet_NaN(),
+                          -2,
+                          std::numeric_limits<float>::infinity(),
+                          3,
+                          std::numeric_limits<float>::denorm_min(),
+                          -std::numeric_limits<float>::infinity()};
+  for (int i = 0; i < 7; ++i) grid->tree().setValue(openvdb::Coord(i, 0, 0), values[i]);
   write(folder / "n.vdb", {grid});
   const ScalarField field = load_scalar(folder / "n.vdb", {});
-  const float expected[] = {1, 0, 0, 3, 3, std::numeric_limits<float>::denorm_min()};
-  for (int i = 0; i < 6; ++i) EXPECT_EQ(field.bricks.voxel(ivec3(i, 0, 0) - field.bricks.origin()), expected[i]);
+  const float expected[] = {1, 0, 0, 3, 3, 0, 0};
+  for (int i = 0; i < 7; ++i) EXPECT_EQ(field.bricks.voxel(ivec3(i, 0, 0) - field.bricks.origin()), expected[i]);
   std::string notes;
   for (const std::string& n : field.notes) notes += n + "\n";
   EXPECT_TRUE(holds(notes, "1 NaN voxels became 0")) << notes;
   EXPECT_TRUE(holds(notes, "1 negative voxels became 0"));
   EXPECT_TRUE(holds(notes, "1 infinite voxels became the largest finite value, 3"));
+  EXPECT_TRUE(holds(notes, "1 negative infinite voxels became 0"));
+  EXPECT_TRUE(holds(notes, "1 denormal voxels became 0"));
+}
+
+TEST(LoadDensity, InfiniteVoxelsWithoutAFiniteOneAreNoDensity) {
+  openvdb::initialize();
+  const test::TemporaryFolder folder;
+  auto grid = openvdb::FloatGrid::create();
+  grid->setName("density");
+  for (int i = 0; i < 3; ++i)
+    grid->tree().setValue(openvdb::Coord(i, 0, 0), (i ? 1 : -1) * std::numeric_limits<float>::infinity());
+  write(folder / "n.vdb", {grid});
+  const ScalarField field = load_scalar(folder / "n.vdb", {});
+  EXPECT_TRUE(field.bricks.empty());
+  std::string notes;
+  for (const std::string& n : field.notes) notes += n + "\n";
+  EXPECT_TRUE(holds(notes, "1 negative infinite voxels became 0")) << notes;
+  EXPECT_TRUE(holds(notes, "2 infinite voxels became 0: no finite value is positive")) << notes;
+  EXPECT_TRUE(holds(notes, "holds no positive value")) << notes;
+}
+
+/// The same values in a grid whose tiles have been made voxels.
+openvdb::FloatGrid::Ptr of_voxels(const openvdb::FloatGrid& tiles) {
+  auto grid = openvdb::FloatGrid::create(tiles.background());
+  grid->setName(tiles.getName());
+  for (auto it = tiles.cbeginValueOn(); it; ++it) grid->tree().fill(it.getBoundingBox(), *it, true);
+  grid->tree().voxelizeActiveTiles();
+  return grid;
+}
+
+void expect_same_cells(const BrickGrid& a, const BrickGrid& b) {
+  ASSERT_EQ(a.origin(), b.origin());
+  ASSERT_EQ(a.cells(), b.cells());
+  for (int x = 0; x < a.cells().x; ++x)
+    for (int y = 0; y < a.cells().y; ++y)
+      for (int z = 0; z < a.cells().z; ++z) {
+        const BrickGrid::Cell &p = a.cell({x, y, z}), &q = b.cell({x, y, z});
+        ASSERT_EQ(p.brick != 0, q.brick != 0) << x << " " << y << " " << z;
+        ASSERT_EQ(p.majorant, q.majorant);
+        if (p.brick) {
+          ASSERT_TRUE(std::equal(a.brick(p), a.brick(p) + a.brick_values(), b.brick(q))) << x << " " << y << " " << z;
+        }
+      }
+}
+
+TEST(LoadDensity, TilesAreTheirVoxels) {
+  openvdb::initialize();
+  const test::TemporaryFolder folder;
+  for (const float background : {0.0f, 0.25f}) {
+    auto grid = openvdb::FloatGrid::create(background);
+    grid->setName("density");
+    grid->sparseFill(openvdb::CoordBBox({-128, 0, 0}, {127, 127, 127}), 2.0f);
+    grid->sparseFill(openvdb::CoordBBox({128, 0, 0}, {255, 127, 127}), 1.0f);
+    grid->sparseFill(openvdb::CoordBBox({-128, 128, 0}, {-1, 255, 127}), 0.0f);  // active, and no density
+    grid->sparseFill(openvdb::CoordBBox({0, 128, 0}, {7, 135, 7}), 3.0f);        // a small one
+    grid->tree().setValue({270, 64, 64}, 5.0f);                                  // voxels beside
+    grid->tree().setValue({64, 64, 64}, 7.0f);                                   // and in the middle of a tile
+    ASSERT_GT(grid->tree().activeTileCount(), 4u);
+    write(folder / "tiles.vdb", {grid}), write(folder / "voxels.vdb", {of_voxels(*grid)});
+    const ScalarField tiles = load_scalar(folder / "tiles.vdb", {}), voxels = load_scalar(folder / "voxels.vdb", {});
+    EXPECT_EQ(tiles.summary.active_voxels, voxels.summary.active_voxels);
+    EXPECT_EQ(tiles.bricks.maximum(), 7.0f);
+    expect_same_cells(tiles.bricks, voxels.bricks);
+  }
+}
+
+// A tile that is not active counts with its value as voxels do, inside the box of what is active.
+TEST(LoadDensity, TilesThatAreNotActiveCountInsideTheActiveBox) {
+  openvdb::initialize();
+  const test::TemporaryFolder folder;
+  auto grid = openvdb::FloatGrid::create();
+  grid->setName("density");
+  grid->tree().addTile(1, {0, 0, 0}, 0.5f, false);
+  grid->tree().setValue({-1, 60, 60}, 1.0f);
+  grid->tree().setValue({64, 61, 100}, 1.0f);
+  write(folder / "t.vdb", {grid});
+  const ScalarField field = load_scalar(folder / "t.vdb", {});
+  const auto at = [&](int x, int y, int z) { return field.bricks.voxel(ivec3(x, y, z) - field.bricks.origin()); };
+  EXPECT_EQ(at(-1, 60, 60), 1.0f);
+  EXPECT_EQ(at(5, 60, 80), 0.5f);
+  EXPECT_EQ(at(5, 59, 80), 0.0f) << "outside of the active box";
+}
+
+TEST(LoadDensity, ARootTileAndFarVoxelsCostWhatIsThere) {
+  openvdb::initialize();
+  const test::TemporaryFolder folder;
+  auto root = openvdb::FloatGrid::create();
+  root->setName("density");
+  root->tree().addTile(3, {-4096, 0, 4096}, 0.75f, true);
+  write(folder / "root.vdb", {root});
+  const ScalarField tile = load_scalar(folder / "root.vdb", {});
+  EXPECT_EQ(tile.summary.active_voxels, uint64_t{1} << 36);
+  EXPECT_LT(tile.bricks.bytes(), 4e6);
+  EXPECT_EQ(tile.bricks.voxel(ivec3(-4096, 4095, 8191) - tile.bricks.origin()), 0.75f);
+  EXPECT_EQ(tile.bricks.voxel(ivec3(-4097, 4095, 8191) - tile.bricks.origin()), 0.0f);
+  auto apart = openvdb::FloatGrid::create(0.0f);
+  apart->setName("density");
+  apart->tree().setValue({0, 0, 0}, 1.0f);
+  apart->tree().setValue({1000000, 1000000, 1000000}, 2.0f);
+  write(folder / "apart.vdb", {apart});
+  const ScalarField far_voxels = load_scalar(folder / "apart.vdb", {});
+  EXPECT_LT(far_voxels.bricks.bytes(), 4e6);
+  EXPECT_EQ(far_voxels.bricks.voxel(ivec3(1000000) - far_voxels.bricks.origin()), 2.0f);
+}
+
+TEST(LoadDensity, MasksCountOneAndWholeNumbersThemselves) {
+  const test::TemporaryFolder folder;
+  openvdb::initialize();
+  auto truth = openvdb::BoolGrid::create();
+  auto mask = openvdb::MaskGrid::create();
+  for (int i = 0; i < 5; ++i) {
+    truth->tree().setValue(openvdb::Coord(i, 0, 0), i > 0);
+    mask->tree().setValueOn(openvdb::Coord(i, 0, 0));
+  }
+  truth->fill(openvdb::CoordBBox({8, 0, 0}, {15, 7, 7}), true);
+  truth->setName("density"), mask->setName("density");
+  write(folder / "bool.vdb", {truth}), write(folder / "mask.vdb", {mask});
+  write(folder / "int.vdb", {small_grid<openvdb::Int32Grid>("density")});
+  write(folder / "long.vdb", {small_grid<openvdb::Int64Grid>("density")});
+  for (const char* name : {"bool.vdb", "mask.vdb", "int.vdb", "long.vdb"}) {
+    const ScalarField field = load_scalar(folder / name, {});
+    const auto at = [&](int x) { return field.bricks.voxel(ivec3(x, 0, 0) - field.bricks.origin()); };
+    const bool numbers = std::strchr("il", *name) != nullptr;
+    EXPECT_EQ(at(0), std::string(name) == "bool.vdb" ? 0.0f : 1.0f) << name;
+    for (int i = 1; i < 5; ++i) EXPECT_EQ(at(i), numbers ? static_cast<float>(i + 1) : 1.0f) << name;
+    EXPECT_EQ(at(12), std::string(name) == "bool.vdb" ? 1.0f : 0.0f) << name;
+    ASSERT_FALSE(field.notes.empty()) << name;
+    EXPECT_TRUE(holds(field.notes[0], numbers ? "its whole numbers are the density" : "the density is 1 in its voxels"))
+        << field.notes[0];
+  }
+}
+
+/// A value at some voxels of a grid.
+template <class Grid, class Value>
+typename Grid::Ptr grid_of(const std::string& name, const Value& value) {
+  openvdb::initialize();
+  auto grid = Grid::create();
+  grid->setName(name);
+  for (int i = 0; i < 5; ++i) grid->tree().setValue(openvdb::Coord(i, 1, -1), value(i));
+  return grid;
+}
+
+TEST(LoadColour, VectorsOfFloatsAndDoublesAndThreeGridsAreTheSame) {
+  const test::TemporaryFolder folder;
+  const auto part = [](int c) { return [c](int i) { return 0.1f * static_cast<float>(i + c); }; };
+  write(folder / "s.vdb",
+        {grid_of<openvdb::Vec3SGrid>("Cd", [&](int i) { return openvdb::Vec3s(part(0)(i), part(1)(i), part(2)(i)); })});
+  write(folder / "d.vdb",
+        {grid_of<openvdb::Vec3DGrid>("Cd", [&](int i) { return openvdb::Vec3d(part(0)(i), part(1)(i), part(2)(i)); })});
+  std::vector<std::string> files = {"s.vdb", "d.vdb"};
+  for (const char* names :
+       {"Cd.r Cd.g Cd.b", "Cd_r Cd_g Cd_b", "Cd.x Cd.y Cd.z", "CdR CdG CdB", "color_r color_g color_b"}) {
+    std::istringstream words(names);
+    std::string name;
+    openvdb::GridPtrVec grids;
+    for (int c = 0; words >> name; ++c) grids.push_back(grid_of<openvdb::FloatGrid>(name, part(c)));
+    write(folder / (std::to_string(files.size()) + ".vdb"), grids);
+    files.push_back(std::to_string(files.size()) + ".vdb");
+  }
+  for (const std::string& file : files) {
+    const VectorField field = load_colour(folder / file, "");
+    EXPECT_TRUE(field.notes.empty()) << file;
+    for (int c = 0; c < 3; ++c)
+      for (int i = 0; i < 5; ++i) {
+        const BrickGrid& bricks = field.bricks.parts[static_cast<size_t>(c)];
+        EXPECT_EQ(bricks.voxel(ivec3(i, 1, -1) - bricks.origin()), part(c)(i)) << file;
+      }
+  }
+}
+
+TEST(LoadColour, ThreeGridsMayCoverDifferentVoxels) {
+  const test::TemporaryFolder folder;
+  auto red = grid_of<openvdb::FloatGrid>("Cd.r", [](int) { return 0.5f; });
+  auto green = grid_of<openvdb::FloatGrid>("Cd.g", [](int) { return 0.25f; });
+  green->tree().setValue({100, 50, 20}, 0.75f);
+  write(folder / "c.vdb", {red, green, grid_of<openvdb::DoubleGrid>("Cd.b", [](int) { return 0.125; })});
+  const VectorField field = load_colour(folder / "c.vdb", "Cd");
+  const auto at = [&](size_t c, const ivec3& v) {
+    return field.bricks.parts[c].voxel(v - field.bricks.parts[c].origin());
+  };
+  EXPECT_EQ(field.bricks.parts[0].origin(), field.bricks.parts[1].origin());
+  EXPECT_EQ(at(0, {2, 1, -1}), 0.5f);
+  EXPECT_EQ(at(1, {100, 50, 20}), 0.75f);
+  EXPECT_EQ(at(0, {100, 50, 20}), 0.0f);
+  EXPECT_EQ(at(2, {2, 1, -1}), 0.125f);
+}
+
+TEST(LoadColour, WhatIsNotFiniteIsCountedAndOtherTypesAreRefused) {
+  const test::TemporaryFolder folder;
+  write(folder / "n.vdb", {grid_of<openvdb::Vec3SGrid>("Cd", [](int i) {
+          return openvdb::Vec3s(i ? 1.0f : std::numeric_limits<float>::quiet_NaN(), 1,
+                                i > 1 ? 1.0f : std::numeric_limits<float>::infinity());
+        })});
+  const VectorField field = load_colour(folder / "n.vdb", "");
+  ASSERT_EQ(field.notes.size(), 2u);
+  EXPECT_EQ(field.notes[0], "grid 'Cd': 1 values that are not finite became 0 (r)");
+  EXPECT_EQ(field.notes[1], "grid 'Cd': 2 values that are not finite became 0 (b)");
+  EXPECT_EQ(field.bricks.parts[2].voxel(ivec3(1, 1, -1) - field.bricks.parts[2].origin()), 0.0f);
+  write(folder / "i.vdb", {grid_of<openvdb::Vec3IGrid>("Cd", [](int i) { return openvdb::Vec3i(i, i, i); })});
+  try {
+    load_colour(folder / "i.vdb", "");
+    FAIL();
+  } catch (const InputError& error) {
+    EXPECT_TRUE(holds(error.what(), "grid 'Cd' is of type vec3i; expected vec3s or vec3d")) << error.what();
+    EXPECT_TRUE(holds(error.what(), "The file has: Cd (vec3i)")) << error.what();
+  }
 }
 
 TEST(LoadDensity, ChoosesTheGridThatIsMeant) {
@@ -229,6 +441,165 @@ TEST(LoadDensity, AnEmptyGridIsAnAbsentMedium) {
   EXPECT_TRUE(field.bricks.empty());
   ASSERT_EQ(field.notes.size(), 1u);
   EXPECT_TRUE(holds(field.notes[0], "empty: the field is absent"));
+}
+
+/// Balls of density, some voxels apart, each with a velocity of its own.
+struct MovingBalls {
+  static constexpr double kVoxel = 0.25, kRadius = 7.3;  // of a voxel; in voxels
+  std::vector<dvec3> centres, velocities;                // voxels, world units per unit of time
+
+  float density(const dvec3& v) const {
+    double sum = 0;
+    for (const dvec3& c : centres) sum += std::max(0.0, 1 - glm::distance(v, c) / kRadius);
+    return static_cast<float>(sum);
+  }
+  openvdb::Vec3s velocity(const dvec3& v) const {
+    size_t nearest = 0;
+    for (size_t i = 1; i < centres.size(); ++i)
+      if (glm::distance(v, centres[i]) < glm::distance(v, centres[nearest])) nearest = i;
+    const dvec3& found = velocities[nearest];
+    return openvdb::Vec3s(static_cast<float>(found.x), static_cast<float>(found.y), static_cast<float>(found.z));
+  }
+  template <class Visit>
+  void each_voxel(int margin, const Visit& visit) const {
+    for (const dvec3& c : centres)
+      for (int x = -9 - margin; x <= 9 + margin; ++x)
+        for (int y = -9 - margin; y <= 9 + margin; ++y)
+          for (int z = -9 - margin; z <= 9 + margin; ++z) visit(ivec3(glm::floor(c)) + ivec3(x, y, z));
+  }
+  openvdb::FloatGrid::Ptr density_grid() const {
+    openvdb::initialize();
+    auto grid = openvdb::FloatGrid::create();
+    grid->setName("density");
+    grid->setTransform(openvdb::math::Transform::createLinearTransform(kVoxel));
+    each_voxel(0, [&](const ivec3& v) {
+      if (const float d = density(dvec3(v)); d > 0) grid->tree().setValue({v.x, v.y, v.z}, d);
+    });
+    return grid;
+  }
+  /// The velocity where a voxel's density exceeds a limit. @param zeros  whether voxels around it are stored as 0
+  openvdb::Vec3SGrid::Ptr velocity_grid(float limit = 0, bool zeros = false) const {
+    openvdb::initialize();
+    auto grid = openvdb::Vec3SGrid::create();
+    grid->setName("vel");
+    grid->setTransform(openvdb::math::Transform::createLinearTransform(kVoxel));
+    if (zeros) each_voxel(12, [&](const ivec3& v) { grid->tree().setValue({v.x, v.y, v.z}, openvdb::Vec3s(0.0f)); });
+    each_voxel(0, [&](const ivec3& v) {
+      if (density(dvec3(v)) > limit) grid->tree().setValue({v.x, v.y, v.z}, velocity(dvec3(v)));
+    });
+    return grid;
+  }
+  /// Expects what is displaced at times of the shutter to be all of the density, each ball where it has moved to.
+  void expect_moved(const ScalarField& field, const Displacement& displacement, double scale, double tolerance,
+                    const std::string& what) const {
+    Medium medium(field.bricks, field.world_from_index, 1, dvec3(1), 0);
+    medium.set_displacement(displacement);
+    for (const double time : {0.0, 0.25, 0.5, 1.0}) {
+      const Medium now = medium.at_time(time);
+      const double frames = displacement.open + (displacement.close - displacement.open) * time;
+      for (size_t i = 0; i < centres.size(); ++i) {
+        const dvec3 moved = centres[i] + velocities[i] * scale * frames / kVoxel;
+        double mass = 0, expected = 0;
+        dvec3 place(0);
+        for (int x = -10; x <= 10; ++x)
+          for (int y = -10; y <= 10; ++y)
+            for (int z = -10; z <= 10; ++z) {
+              const dvec3 v(x, y, z);
+              const double d = now.density(now.to_local((moved + v) * kVoxel));
+              mass += d;
+              place += d * v;
+              expected += std::max(0.0, 1 - glm::length(v) / kRadius);
+            }
+        EXPECT_NEAR(mass / expected, 1, tolerance) << what << ", ball " << i << ", time " << time;
+        EXPECT_LT(glm::length(place / mass), 10 * tolerance) << what << ", ball " << i << ", time " << time;
+      }
+    }
+  }
+};
+
+TEST(LoadDisplacement, NoDensityIsLostWhereVelocityIsStoredOnlyInIt) {
+  const test::TemporaryFolder folder;
+  const MovingBalls one{{dvec3(3.5, -2, 11)}, {dvec3(2, -0.75, 0.5)}};
+  const MovingBalls two{{dvec3(-12, 0, 0), dvec3(14, 3, 1)}, {dvec3(-1.5, 1, 0), dvec3(2, 0.5, -1)}};
+  const auto check = [&](const MovingBalls& balls, const openvdb::GridPtrVec& velocity, double tolerance,
+                         const std::string& what) {
+    openvdb::GridPtrVec grids = {balls.density_grid()};
+    grids.insert(grids.end(), velocity.begin(), velocity.end());
+    write(folder / "v.vdb", grids);
+    const ScalarField density = load_scalar(folder / "v.vdb", {});
+    for (const double scale : {1.0, 2.0, 6.0}) {
+      std::vector<std::string> notes;
+      const Displacement d = load_displacement(folder / "v.vdb", "", density, scale, 0.0, 1.0, notes);
+      EXPECT_TRUE(notes.empty()) << notes[0];
+      balls.expect_moved(density, d, scale, tolerance, what + ", scale " + std::to_string(scale));
+    }
+    std::vector<std::string> notes;
+    balls.expect_moved(density, load_displacement(folder / "v.vdb", "", density, 1.0, -0.5, 0.5, notes), 1.0, tolerance,
+                       what + ", around the frame");
+  };
+  for (const MovingBalls* balls : {&one, &two}) {
+    const std::string of = balls == &one ? " of one" : " of two";
+    check(*balls, {balls->velocity_grid()}, 0.005, "velocity where there is density" + of);
+    check(*balls, {balls->velocity_grid(0.1f)}, 0.005, "velocity where there is more than a tenth" + of);
+    check(*balls, {balls->velocity_grid(0, true)}, 0.005, "zeros stored around" + of);
+  }
+  auto staggered = one.velocity_grid();
+  staggered->setGridClass(openvdb::GRID_STAGGERED);
+  check(one, {staggered}, 0.005, "staggered");
+
+  // A lattice of its own, twice as coarse.
+  auto coarse = openvdb::Vec3SGrid::create();
+  coarse->setName("velocity");
+  coarse->setTransform(openvdb::math::Transform::createLinearTransform(2 * MovingBalls::kVoxel));
+  one.each_voxel(0, [&](const ivec3& v) {
+    if (one.density(dvec3(v)) > 0) coarse->tree().setValue({v.x >> 1, v.y >> 1, v.z >> 1}, one.velocity(dvec3(v)));
+  });
+  check(one, {coarse}, 0.005, "a coarse lattice");
+
+  // Vectors of doubles, and three grids by the names that programs give them.
+  auto doubles = openvdb::Vec3DGrid::create();
+  doubles->setName("v");
+  doubles->setTransform(coarse->transform().copy());
+  for (auto it = coarse->cbeginValueOn(); it; ++it) doubles->tree().setValue(it.getCoord(), openvdb::Vec3d(*it));
+  check(one, {doubles}, 0.005, "doubles");
+  for (const std::string name : {"vel.x", "velocity_X", "vx"}) {
+    openvdb::GridPtrVec parts;
+    for (int c = 0; c < 3; ++c) {
+      auto part = openvdb::FloatGrid::create();
+      part->setName(name.substr(0, name.size() - 1) + static_cast<char>(name.back() + c));
+      part->setTransform(openvdb::math::Transform::createLinearTransform(MovingBalls::kVoxel));
+      const auto whole = one.velocity_grid();
+      for (auto it = whole->cbeginValueOn(); it; ++it) part->tree().setValue(it.getCoord(), (*it)[c]);
+      parts.push_back(part);
+    }
+    check(one, parts, 0.005, name);
+  }
+}
+
+// What stands still beside what moves is left where it is: density without a velocity has none.
+TEST(LoadDisplacement, DensityWithoutVelocityStandsStill) {
+  const test::TemporaryFolder folder;
+  const MovingBalls balls{{dvec3(-12, 0, 0), dvec3(14, 3, 1)}, {dvec3(-1.5, 1, 0), dvec3(0)}};
+  const auto velocity = balls.velocity_grid();
+  for (auto it = velocity->beginValueOn(); it; ++it)
+    if (*it == openvdb::Vec3s(0.0f)) it.setValueOff();
+  write(folder / "v.vdb", {balls.density_grid(), velocity});
+  const ScalarField density = load_scalar(folder / "v.vdb", {});
+  std::vector<std::string> notes;
+  const Displacement d = load_displacement(folder / "v.vdb", "", density, 1.0, 0.0, 1.0, notes);
+  balls.expect_moved(density, d, 1.0, 0.005, "one stands");
+}
+
+TEST(LoadDisplacement, MadVelocitiesEndWithANote) {
+  const test::TemporaryFolder folder;
+  const MovingBalls ball{{dvec3(0)}, {dvec3(1e7, 3, 0)}};
+  write(folder / "v.vdb", {ball.density_grid(), ball.velocity_grid()});
+  const ScalarField density = load_scalar(folder / "v.vdb", {});
+  std::vector<std::string> notes;
+  const Displacement d = load_displacement(folder / "v.vdb", "", density, 1.0, 0.0, 1.0, notes);
+  ASSERT_EQ(notes.size(), 1u);
+  EXPECT_TRUE(holds(notes[0], "grid 'vel' moves the density by up to 4e+07 voxels")) << notes[0];
+  EXPECT_LT(d.field.bytes() + d.envelope.bytes(), 200e6);
 }
 
 TEST(LoadDensity, LevelSetsPointsAndFrustumsAreRefusedWithAWayOut) {
