@@ -4,7 +4,9 @@
 
 #include <algorithm>
 #include <bit>
+#include <cmath>
 #include <functional>
+#include <numeric>
 #include <vector>
 
 #include "base/error.h"
@@ -108,17 +110,23 @@ std::shared_ptr<const ScalarField> scalar_field(const VoxelArray& array, const s
   return field;
 }
 
-std::shared_ptr<const VectorField> vector_field(const std::array<VoxelArray, 3>& arrays, const Task& task) {
+std::shared_ptr<const VectorField> vector_field(const std::array<VoxelArray, 3>& arrays, const std::string& name,
+                                                const Task& task) {
   auto field = std::make_shared<VectorField>();
   const ivec3& size = arrays[0].size;
+  std::vector<uint64_t> not_finite(static_cast<size_t>(size.x));
   const VoxelBox box = box_of_slabs(size.x, task, [&](int x) {
     VoxelBox slab;
     each_in_slab(size, x, [&](const ivec3& v) {
       const auto counts = [&](const VoxelArray& a) { return finite_or_zero(a.at(v)) != 0; };
+      not_finite[static_cast<size_t>(x)] +=
+          std::any_of(arrays.begin(), arrays.end(), [&](const VoxelArray& a) { return !std::isfinite(a.at(v)); });
       if (std::any_of(arrays.begin(), arrays.end(), counts)) enclose(slab, {v, v});
     });
     return slab;
   });
+  if (const uint64_t count = std::accumulate(not_finite.begin(), not_finite.end(), uint64_t{0}))
+    field->notes.push_back(fmt::format("grid '{}': what is not finite in {} voxels became 0", name, count));
   for (size_t c = 0; c < 3; ++c)
     field->bricks.parts[c] = build(
         box, [&](const ivec3& v) { return finite_or_zero(arrays[c].at(v)); }, quiet(task));
@@ -166,16 +174,16 @@ std::shared_ptr<const VolumeGrids> grids_of_arrays(const VolumeArrays& arrays, c
     grids->size = array->size;
     grid = scalar_field(*array, name, task);
   };
-  const auto vectors = [&](const std::optional<std::array<VoxelArray, 3>>& parts, auto& grid) {
+  const auto vectors = [&](const std::optional<std::array<VoxelArray, 3>>& parts, const char* name, auto& grid) {
     if (!parts) return;
     grids->size = (*parts)[0].size;
-    grid = vector_field(*parts, task);
+    grid = vector_field(*parts, name, task);
   };
   scalar(arrays.density, "density", grids->density);
   scalar(arrays.temperature, "temperature", grids->temperature);
   scalar(arrays.flame, "flame", grids->flame);
-  vectors(arrays.colour, grids->colour);
-  vectors(arrays.velocity, grids->velocity);
+  vectors(arrays.colour, "color", grids->colour);
+  vectors(arrays.velocity, "velocity", grids->velocity);
   Content content;
   for (const auto* field : {&grids->density, &grids->temperature, &grids->flame}) {
     content.add(*field != nullptr);

@@ -206,6 +206,9 @@ class SceneMedia::Loader {
     if (!shutter_opens_) return;
     if (v_.velocity_grid != "none" && !field.bricks.empty()) {
       const dvec2& shutter = scene_.camera.shutter;
+      if (of_arrays())
+        for (const std::string& line : v_.grids->velocity->notes)
+          if (std::find(into_.notes_.begin(), into_.notes_.end(), line) == into_.notes_.end()) note(line);
       displacement = of_arrays() ? displacement_of(*v_.grids->velocity, field, field.world_from_index,
                                                    v_.velocity_scale, shutter.x, shutter.y, task_)
                                  : load_displacement(v_.file, v_.velocity_grid == "auto" ? "" : v_.velocity_grid, field,
