@@ -1,6 +1,8 @@
 #include "image/exr_common.h"
 
 #include <ImfChannelList.h>
+#include <ImfChromaticitiesAttribute.h>
+#include <ImfEnvmapAttribute.h>
 #include <ImfFloatAttribute.h>
 #include <ImfIntAttribute.h>
 #include <ImfMatrixAttribute.h>
@@ -151,13 +153,22 @@ std::string channel_name_in_frame(const Imf::MultiPartInputFile& file, int part,
 }
 
 void insert_attribute(Imf::Header& header, const std::string& name, const Attribute& value) {
-  if (const auto* s = std::get_if<std::string>(&value)) header.insert(name, Imf::StringAttribute(*s));
+  if (const auto* s = std::get_if<std::string>(&value)) {
+    if (name == kEnvmap)
+      header.insert(name, Imf::EnvmapAttribute(*s == kCube ? Imf::ENVMAP_CUBE : Imf::ENVMAP_LATLONG));
+    else
+      header.insert(name, Imf::StringAttribute(*s));
+  }
   if (const auto* i = std::get_if<int>(&value)) header.insert(name, Imf::IntAttribute(*i));
   if (const auto* f = std::get_if<float>(&value)) header.insert(name, Imf::FloatAttribute(*f));
   if (const auto* m = std::get_if<std::array<float, 16>>(&value)) {
     Imath::M44f matrix;
     for (size_t k = 0; k < 16; ++k) matrix[static_cast<int>(k / 4)][k % 4] = (*m)[k];
     header.insert(name, Imf::M44fAttribute(matrix));
+  }
+  if (const auto* c = std::get_if<Chromaticities>(&value)) {
+    const auto at = [&](size_t k) { return Imath::V2f((*c)[k], (*c)[k + 1]); };
+    header.insert(name, Imf::ChromaticitiesAttribute(Imf::Chromaticities(at(0), at(2), at(4), at(6))));
   }
 }
 

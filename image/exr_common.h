@@ -35,6 +35,10 @@ std::string part_label(const Imf::MultiPartInputFile& file, int part);
 /// A channel's name in a frame: in files of several parts it begins with the part's name.
 std::string channel_name_in_frame(const Imf::MultiPartInputFile& file, int part, const std::string& channel);
 
+/// The attribute that says how a picture of the surroundings is laid out, and what stands for it in Layers::header
+/// where that is a cube.
+inline constexpr const char *kEnvmap = "envmap", *kCube = "cube";
+
 /// Adds an attribute, or replaces one of that name.
 void insert_attribute(Imf::Header& header, const std::string& name, const Attribute& value);
 

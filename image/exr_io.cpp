@@ -1,7 +1,9 @@
 #include "image/exr_io.h"
 
 #include <ImfChannelList.h>
+#include <ImfChromaticitiesAttribute.h>
 #include <ImfCompression.h>
+#include <ImfEnvmapAttribute.h>
 #include <ImfFloatAttribute.h>
 #include <ImfFrameBuffer.h>
 #include <ImfHeader.h>
@@ -65,6 +67,12 @@ std::map<std::string, Attribute> attributes(const Imf::Header& header, bool one_
       for (size_t i = 0; i < 16; ++i) values[i] = m->value()[static_cast<int>(i / 4)][i % 4];
       result[name] = values;
     }
+    if (const auto* c = dynamic_cast<const Imf::ChromaticitiesAttribute*>(&attribute)) {
+      const Imf::Chromaticities& v = c->value();
+      result[name] = Chromaticities{v.red.x, v.red.y, v.green.x, v.green.y, v.blue.x, v.blue.y, v.white.x, v.white.y};
+    }
+    if (const auto* e = dynamic_cast<const Imf::EnvmapAttribute*>(&attribute); e && name == kEnvmap)
+      result[name] = std::string(e->value() == Imf::ENVMAP_CUBE ? kCube : "latlong");
   }
   return result;
 }

@@ -144,6 +144,17 @@ std::optional<double> Layers::number(const std::string& key) const {
   return std::nullopt;
 }
 
+std::optional<Chromaticities> chromaticities_of(const std::map<std::string, Attribute>& header) {
+  if (const auto found = header.find("chromaticities"); found != header.end())
+    if (const auto* const values = std::get_if<Chromaticities>(&found->second)) return *values;
+  if (const auto found = header.find("acesImageContainerFlag"); found != header.end())
+    if (const int* const flag = std::get_if<int>(&found->second); flag && *flag == 1) return kAces;
+  for (const char* const key : {"colorInteropID", "oiio:ColorSpace"})
+    if (const auto found = header.find(key); found != header.end())
+      if (const auto* const name = std::get_if<std::string>(&found->second)) return space_of_name(*name);
+  return std::nullopt;
+}
+
 Layers over_display_window(Layers frame) {
   return frame.display_window() == frame.data_window() ? std::move(frame) : frame.cut(frame.display_window());
 }

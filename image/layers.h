@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "base/vec.h"
+#include "image/color_space.h"
 #include "image/plane.h"
 #include "image/stored_plane.h"
 
@@ -89,7 +90,11 @@ inline constexpr std::array<std::string_view, 8> buckets = {"bucket_0", "bucket_
                                                             "bucket_4", "bucket_5", "bucket_6", "bucket_7"};
 }  // namespace statistic
 
-using Attribute = std::variant<std::string, int, float, std::array<float, 16>>;
+using Attribute = std::variant<std::string, int, float, std::array<float, 16>, Chromaticities>;
+
+/// A header's `chromaticities`; else those of ACES where it says that it is a container of that; else those of the
+/// space that `colorInteropID` or OpenImageIO's `oiio:ColorSpace` names.
+std::optional<Chromaticities> chromaticities_of(const std::map<std::string, Attribute>& header);
 
 /// A rectangle of pixels, `hi` exclusive; row 0 is on top.
 struct PixelWindow {
@@ -160,6 +165,8 @@ class Layers {
   std::string text(const std::string& key, const std::string& otherwise = "") const;
   /// A number in the header, whichever way it was written; nothing when it is absent or no number.
   std::optional<double> number(const std::string& key) const;
+  /// What its R, G and B are, where the header says so; nothing: linear Rec. 709.
+  std::optional<Chromaticities> chromaticities() const { return chromaticities_of(header); }
 
  private:
   int width_ = 0, height_ = 0;

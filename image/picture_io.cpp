@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <cmath>
+#include <fstream>
 #include <memory>
 
 #include "base/error.h"
@@ -10,6 +11,8 @@
 #include "image/color.h"
 #include "image/exr_io.h"
 #include "image/hdr_io.h"
+#include "image/png_color.h"
+#include "image/usable_colors.h"
 
 #define STB_IMAGE_IMPLEMENTATION
 #define STB_IMAGE_STATIC
@@ -90,24 +93,79 @@ void write_png(const fs::path& path, const Picture& picture) {
   write_text(path, bytes);
 }
 
-Layers read_any_picture(const fs::path& path) try {
-  check_exists(path);
-  if (is_hdr(path)) return read_hdr(path);
-  if (path.extension() == ".exr") {
-    Layers picture = read_exr(path, [](const std::string& c) { return c == "R" || c == "G" || c == "B"; });
-    if (!picture.has(layer::beauty))
-      throw InputError(fmt::format("{}: has no channels R, G, B; expected a colour picture", path.string()));
-    return over_display_window(std::move(picture));
-  }
+namespace {
+
+bool is_exr(const fs::path& path) {
+  std::array<char, 4> begin{};
+  std::ifstream(path, std::ios::binary).read(begin.data(), begin.size());
+  return std::string_view(begin.data(), begin.size()) == "\x76\x2f\x31\x01" || path.extension() == ".exr";
+}
+
+/// R, G, B, or Y as grey. @throws InputError
+Layers read_exr_colors(const fs::path& path) {
+  Layers picture = read_exr(path, [](const std::string& c) { return c == "R" || c == "G" || c == "B" || c == "Y"; });
+  if (const Plane* const grey = picture.find("Y"); grey && !picture.has(layer::beauty))
+    for (Plane* plane : picture.add_rgb(layer::beauty)) *plane = *grey;
+  if (!picture.has(layer::beauty))
+    throw InputError(fmt::format("{}: has no channels R, G, B; expected a colour picture", path.string()));
+  return over_display_window(std::move(picture));
+}
+
+/// PNG, JPEG and the like: 8 or 16 bits, encoded as sRGB or as a PNG says.
+Layers read_encoded(const fs::path& path, std::vector<std::string>& notes) {
+  const PngColor color = read_png_color(path);
   int width = 0, height = 0, channels = 0;
-  const std::unique_ptr<uint8_t, void (*)(void*)> data(stbi_load(path.c_str(), &width, &height, &channels, 3),
-                                                       stbi_image_free);
-  if (!data && std::string_view(stbi_failure_reason()) == "outofmem") throw OutOfMemory(path.string(), "read it");
-  if (!data) throw InputError(fmt::format("{}: not a readable picture: {}", path.string(), stbi_failure_reason()));
-  return from_interleaved(data.get(), width, height,
-                          [](uint8_t v) { return static_cast<float>(srgb_decode(v / 255.0)); });
+  const auto decode = [&](double v) {
+    return static_cast<float>(color.gamma ? std::pow(v, 1 / *color.gamma) : srgb_decode(v));
+  };
+  const auto check = [&](const void* data) {
+    if (!data && std::string_view(stbi_failure_reason()) == "outofmem") throw OutOfMemory(path.string(), "read it");
+    if (!data) throw InputError(fmt::format("{}: not a readable picture: {}", path.string(), stbi_failure_reason()));
+  };
+  Layers picture;
+  if (stbi_is_16_bit(path.c_str())) {
+    const std::unique_ptr<uint16_t, void (*)(void*)> data(stbi_load_16(path.c_str(), &width, &height, &channels, 3),
+                                                          stbi_image_free);
+    check(data.get());
+    picture = from_interleaved(data.get(), width, height, [&](uint16_t v) { return decode(v / 65535.0); });
+  } else {
+    const std::unique_ptr<uint8_t, void (*)(void*)> data(stbi_load(path.c_str(), &width, &height, &channels, 3),
+                                                         stbi_image_free);
+    check(data.get());
+    std::array<float, 256> decoded;
+    for (size_t i = 0; i < decoded.size(); ++i) decoded[i] = decode(static_cast<double>(i) / 255.0);
+    picture = from_interleaved(data.get(), width, height, [&](uint8_t v) { return decoded[v]; });
+  }
+  if (color.chromaticities) picture.header["chromaticities"] = *color.chromaticities;
+  if (color.gamma)
+    notes.push_back(fmt::format("{}: is encoded with a gamma of {:g}: undone", path.string(), *color.gamma));
+  if (!color.profile.empty())
+    notes.push_back(
+        fmt::format("{}: has a colour profile ({}), which is not read: taken as sRGB", path.string(), color.profile));
+  return picture;
+}
+
+Layers read_colors(const fs::path& path, const Task& task, std::vector<std::string>& notes) try {
+  check_exists(path);
+  if (is_hdr(path) || path.extension() == ".hdr") return read_hdr(path, task, &notes);
+  return is_exr(path) ? read_exr_colors(path) : read_encoded(path, notes);
 } catch (const std::bad_alloc& error) {
   fail_reading(path.string(), error);
+}
+
+}  // namespace
+
+Layers read_any_picture(const fs::path& path) {
+  std::vector<std::string> ignored;
+  return read_colors(path, {}, ignored);
+}
+
+UsablePicture read_usable_picture(const fs::path& path, const Task& task) {
+  UsablePicture picture;
+  picture.layers = read_colors(path, task, picture.notes);
+  const std::vector<std::string> repaired = repair_colors(picture.layers, path.string());
+  picture.notes.insert(picture.notes.end(), repaired.begin(), repaired.end());
+  return picture;
 }
 
 }  // namespace brume

@@ -2,8 +2,10 @@
 #include <array>
 #include <cstdint>
 #include <filesystem>
+#include <string>
 #include <vector>
 
+#include "base/progress.h"
 #include "image/layers.h"
 
 namespace brume {
@@ -31,8 +33,18 @@ Picture to_picture(const std::array<const Plane*, 3>& rgb, double exposure = 1.0
 /// @throws InputError
 void write_png(const std::filesystem::path& path, const Picture& picture);
 
-/// Any picture a texture can be: EXR and Radiance HDR as linear RGB, PNG, JPEG and the like decoded from sRGB.
+/// Any picture a texture can be, in its own colours: EXR and Radiance HDR as linear RGB, PNG, JPEG and the like decoded
+/// from sRGB, or as a PNG says (gAMA).
 /// @throws InputError
 Layers read_any_picture(const std::filesystem::path& path);
+
+/// A picture that lights or colours a scene, and what had to be done to it.
+struct UsablePicture {
+  Layers layers;  ///< layer::beauty in linear Rec. 709, every value finite and not negative (repair_colors)
+  std::vector<std::string> notes;
+};
+
+/// @throws InputError; Interrupted
+UsablePicture read_usable_picture(const std::filesystem::path& path, const Task& task = {});
 
 }  // namespace brume

@@ -6,6 +6,7 @@
 #include <bit>
 #include <cmath>
 #include <functional>
+#include <numeric>
 #include <vector>
 
 #include "base/error.h"
@@ -113,25 +114,19 @@ std::shared_ptr<const VectorField> vector_field(const std::array<VoxelArray, 3>&
                                                 const Task& task) {
   auto field = std::make_shared<VectorField>();
   const ivec3& size = arrays[0].size;
+  std::vector<uint64_t> not_finite(static_cast<size_t>(size.x));
   const VoxelBox box = box_of_slabs(size.x, task, [&](int x) {
     VoxelBox slab;
     each_in_slab(size, x, [&](const ivec3& v) {
       const auto counts = [&](const VoxelArray& a) { return finite_or_zero(a.at(v)) != 0; };
+      not_finite[static_cast<size_t>(x)] +=
+          std::any_of(arrays.begin(), arrays.end(), [&](const VoxelArray& a) { return !std::isfinite(a.at(v)); });
       if (std::any_of(arrays.begin(), arrays.end(), counts)) enclose(slab, {v, v});
     });
     return slab;
   });
-  for (size_t c = 0; c < 3; ++c) {
-    std::vector<uint64_t> counts(static_cast<size_t>(size.x));
-    parallel_for(size.x, quiet(task), [&](int x) {
-      each_in_slab(size, x, [&](const ivec3& v) { counts[static_cast<size_t>(x)] += !std::isfinite(arrays[c].at(v)); });
-    });
-    uint64_t not_finite = 0;
-    for (const uint64_t count : counts) not_finite += count;
-    if (not_finite)
-      field->notes.push_back(
-          fmt::format("{}: {} values of component {} that are not finite became 0", name, not_finite, c));
-  }
+  if (const uint64_t count = std::accumulate(not_finite.begin(), not_finite.end(), uint64_t{0}))
+    field->notes.push_back(fmt::format("grid '{}': what is not finite in {} voxels became 0", name, count));
   for (size_t c = 0; c < 3; ++c)
     field->bricks.parts[c] = build(
         box, [&](const ivec3& v) { return finite_or_zero(arrays[c].at(v)); }, quiet(task));
@@ -245,7 +240,6 @@ Displacement displacement_of(const VectorField& velocity, const ScalarField& den
     if (component.box.empty()) continue;
     component.stored = BrickGrid::build(component.box, Occupancy({}, {{component.box, 1.0f}}), {}, quiet(task));
   }
-  notes.insert(notes.end(), velocity.notes.begin(), velocity.notes.end());
   return displacement_over(stored, density.bricks, density.summary.box, world_from_index, scale, open, close, notes,
                            task);
 }

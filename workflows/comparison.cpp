@@ -7,6 +7,7 @@
 #include "base/error.h"
 #include "base/text.h"
 #include "filters/api/requirements.h"
+#include "image/usable_colors.h"
 #include "render/session/render_state.h"
 
 namespace brume {
@@ -56,6 +57,9 @@ Comparison::Comparison(NamedFrame picture, NamedFrame reference, std::optional<N
   if (second_) pictures.push_back(&*second_);
   for (size_t i = 1; i < pictures.size(); ++i)
     if (const std::string remark = remark_on_scenes(*pictures[i], reference_); !remark.empty()) host.note(remark);
+  for (NamedFrame* each : pictures)
+    if (const std::string space = convert_to_rec709(each->frame, each->name); !space.empty())
+      host.note(fmt::format("{}: its colours are {}: compared in linear Rec. 709", each->name, space));
   display_ = reference_.frame.display_window();
   window_ = cut_to_common_window(pictures);
   medium_ = medium_mask(reference_.frame);

@@ -43,6 +43,8 @@ class GivenFrame {
   GivenFrame(const FilterSettings& filter, const ApplyOptions& how, const MemoryFrame& of, const Host& host)
       : frame_(of.frame) {
     const Layers& frame = *of.frame;
+    if (const std::string line = note_of_colors(of.name, frame.header, of.guides != nullptr); !line.empty())
+      host.note(line);
     const bool again = frame.has(layer::noisy), whole = !frame.has(layer::beauty);
     if (!again && !of.guides && !whole) return;
     std::set<std::string> channels = readable_channels(filter, how, outline_of(frame, of.guides));

@@ -212,6 +212,12 @@ EvaluationScene foreign_scene(const ExperimentFrames& given, const Host& host) {
     if (path != given.reference && (info.data.width() != width || info.data.height() != height))
       throw InputError(fmt::format("{}: has {} x {} pixels, expected {} x {} as in {}", path.string(),
                                    info.data.width(), info.data.height(), width, height, given.reference.string()));
+    const auto space = [](const std::map<std::string, Attribute>& header) {
+      return name_of(chromaticities_of(header).value_or(kRec709));
+    };
+    if (space(info.header) != space(first.header))
+      throw InputError(fmt::format("{}: its colours are {}, those of {} are {}; expected one colour space",
+                                   path.string(), space(info.header), given.reference.string(), space(first.header)));
     width = info.data.width();
     height = info.data.height();
   }

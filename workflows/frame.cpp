@@ -16,6 +16,7 @@
 #include "image/exr_io.h"
 #include "image/foreign.h"
 #include "image/picture_io.h"
+#include "image/usable_colors.h"
 #include "render/session/render_state.h"
 
 namespace brume {
@@ -56,6 +57,13 @@ Layers read_frame(const std::filesystem::path& path, const Host& host, const std
   return frame;
 }
 
+std::string note_of_colors(const std::string& path, const std::map<std::string, Attribute>& header, bool guides) {
+  const std::optional<Chromaticities> space = chromaticities_of(header);
+  if (!space || name_of(*space) == name_of(kRec709)) return "";
+  return fmt::format("{}: its colours are {}: they stay so, and filters compare them as if they were Rec. 709{}", path,
+                     name_of(*space), guides ? "; guides are brought to them" : "");
+}
+
 Layers part_of(const Layers& frame, const std::set<std::string>& channels) {
   Layers part(frame.width(), frame.height());
   part.header = frame.header;
@@ -75,10 +83,18 @@ Layers read_outline(const std::filesystem::path& path) {
 }
 
 void PictureOptions::write(const std::filesystem::path& path, const Layers& frame, const RgbPlanes& rgb,
-                           double exposure_factor) const {
+                           double exposure_factor, bool radiance) const {
   Layers colours(frame.width(), frame.height());
   colours.lie_like(frame);
   for (size_t c = 0; c < 3; ++c) colours.set(layer::beauty.channel(c), *rgb[c]);
+  if (radiance) {
+    colours.header = frame.header;
+    try {
+      convert_to_rec709(colours, path.string());
+    } catch (const InputError&) {
+      // Chromaticities that are none: shown as the numbers are, beside a file that is right.
+    }
+  }
   const PixelWindow shown = frame.data_window().common(frame.display_window());
   if (!shown.empty() && shown != frame.data_window()) colours = colours.cut(shown);
   write_png(path,
@@ -115,6 +131,11 @@ void add_guides(Layers guides, const std::array<std::string, 2>& names, Layers& 
       !ours.empty() && !theirs.empty() && ours != theirs)
     throw InputError(fmt::format("{}: guides of another scene than {}", path, frame_path));
   if (guides.data_window() != data) guides = guides.cut(data);
+  convert_to_rec709(guides, path);
+  if (const std::optional<Chromaticities> space = frame.chromaticities())
+    if (const std::optional<dmat3> matrix = rec709_from(*space, frame_path))
+      convert_colors(guides, glm::inverse(*matrix),
+                     [](const std::string& layer) { return layer != guide_layer::surface_material.name; });
   for (const auto& [name, plane] : guides.channels())
     if (is_guide(name)) frame.set(name, plane);
 }

@@ -16,6 +16,11 @@ namespace brume {
 /// @throws InputError
 Layers read_frame(const std::filesystem::path& path, const Host& host, const std::set<std::string>& wanted = {});
 
+/// What is to be said of a frame that is cleaned and whose colours are not Rec. 709: that they stay as they are. Empty
+/// for others.
+/// @param guides  whether guides are given, which are brought to its colours
+std::string note_of_colors(const std::string& path, const std::map<std::string, Attribute>& header, bool guides);
+
 /// Some channels of a frame, copied; those that it does not have are left out.
 Layers part_of(const Layers& frame, const std::set<std::string>& channels);
 
@@ -28,7 +33,8 @@ std::vector<std::string> guide_channels(const std::string& path);
 /// Gives a frame the guides of a file, as brume guides writes it; nothing for an empty path.
 /// @throws InputError where they are not guides of this frame: another size, camera or scene
 void add_guides(const std::string& path, const std::string& frame_path, Layers& frame);
-/// The same of guides in memory. @param names  by which errors call the guides and the frame
+/// The same of guides in memory. Their colours become those that the frame's header names. @param names  by which
+/// errors call the guides and the frame
 void add_guides(Layers guides, const std::array<std::string, 2>& names, Layers& frame);
 
 /// A frame, and the name by which errors call it.
@@ -61,8 +67,9 @@ struct PictureOptions {
   void write(const std::filesystem::path& path, const Layers& frame) const {
     write(path, frame, frame.rgb(layer::beauty), choose_exposure(exposure, frame));
   }
-  void write(const std::filesystem::path& path, const Layers& frame, const RgbPlanes& rgb,
-             double exposure_factor) const;
+  /// @param radiance  whether rgb are colours of the space that the frame's header names
+  void write(const std::filesystem::path& path, const Layers& frame, const RgbPlanes& rgb, double exposure_factor,
+             bool radiance = true) const;
 };
 
 }  // namespace brume

@@ -247,6 +247,8 @@ void KeptFile::clean(const FilterSettings& filter, const std::vector<FrameFiles>
   std::list<CleanPicture> cleaned;
   std::vector<ExrEdit> edits;
   std::optional<Layers> shown;  // the first picture, clean
+  if (const std::string line = note_of_colors(path_, info_.header, !files_.guides.empty()); !line.empty())
+    host_.note(line);
   std::map<std::string, Attribute> attributes = {{"brume.version", version_text()}};
   if (!plan_->inputs.empty()) attributes[std::string("brume.") + kMadeFrom] = plan_->inputs;
   for (ForeignFrame picture : pictures_) {

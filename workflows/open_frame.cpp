@@ -67,6 +67,9 @@ void OwnFrame::read(const DenoisePlan& plan) {
   for (const std::string& name : layer::noisy.channel_names()) channels.insert(name);
   window_.keep(files_, plan.others);
   frame_ = &window_.get(files_, channels, host_);
+  if (const std::string line = note_of_colors(files_.frame.string(), frame_->header, !files_.guides.empty());
+      !line.empty())
+    host_.note(line);
   how_ = plan.how;
   how_.exposure = choose_exposure(options_.picture.exposure, *frame_);
   how_.records = records_ ? &*records_ : nullptr;

@@ -58,10 +58,12 @@ int run(const Options& o, const Common& common) {
   check_writable(o.output, inputs, ".png");
   const Layers frame = read_frame(o.input, make_host(common));
   const Shown shown = show_layer(o, frame);
+  if (const std::optional<Chromaticities> space = frame.chromaticities(); space && shown.radiance)
+    rec709_from(*space, o.input);                 // refuses what is none
   Layers colours(frame.width(), frame.height());  // for the exposure, which may be measured
   if (shown.radiance) colours.header = frame.header;
   for (size_t c = 0; c < 3; ++c) colours.set(layer::beauty.channel(c), *shown.rgb[c]);
-  o.picture.write(o.output, frame, shown.rgb, choose_exposure(o.picture.exposure, colours));
+  o.picture.write(o.output, frame, shown.rgb, choose_exposure(o.picture.exposure, colours), shown.radiance);
   print(o.output + "\n");
   return kDone;
 }

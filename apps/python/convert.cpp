@@ -240,6 +240,7 @@ py::object to_object(const Attribute& attribute) {
   if (const auto* text = std::get_if<std::string>(&attribute)) return to_str(*text);
   if (const auto* number = std::get_if<int>(&attribute)) return py::int_(*number);
   if (const auto* number = std::get_if<float>(&attribute)) return py::float_(static_cast<double>(*number));
+  if (const auto* space = std::get_if<Chromaticities>(&attribute)) return py::array_t<float>({4, 2}, space->data());
   const auto& matrix = std::get<std::array<float, 16>>(attribute);
   return py::array_t<float>({4, 4}, matrix.data());
 }
@@ -251,9 +252,14 @@ Attribute to_attribute(const std::string& key, py::handle value) {
     return to_int(what, value, std::numeric_limits<int>::min(), std::numeric_limits<int>::max());
   if (PyFloat_Check(value.ptr())) return value.cast<float>();
   const Array array(to_real_array(what, value));
+  if (array.size() == 8) {
+    Chromaticities space{};
+    std::copy_n(array.data(), 8, space.begin());
+    return space;
+  }
   if (array.size() != 16)
-    throw InputError(
-        fmt::format("{}: expected a str, a number or 4 x 4 numbers, found {}", what, to_text(py::repr(value))));
+    throw InputError(fmt::format("{}: expected a str, a number, 4 x 4 numbers or 4 x 2 chromaticities, found {}", what,
+                                 to_text(py::repr(value))));
   std::array<float, 16> matrix{};
   std::copy_n(array.data(), 16, matrix.begin());
   return matrix;

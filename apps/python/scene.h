@@ -56,6 +56,12 @@ class SceneUse {
   std::unique_lock<std::timed_mutex> lock_;
 };
 
+/// The faces of a mesh, as rows of an array.
+struct Polygons {
+  std::vector<int> corners;  ///< vertices, face by face
+  size_t sides = 3;          ///< of each
+};
+
 /// Keywords and arrays of Python on their way into a scene: looked at with Python's lock, built without.
 class SceneChanges {
  public:
@@ -77,7 +83,7 @@ class SceneChanges {
  private:
   struct Mesh {
     std::optional<std::vector<dvec3>> vertices;
-    std::optional<std::vector<ivec3>> faces;
+    std::optional<Polygons> faces;
     std::optional<std::vector<vec3>> normals;
     std::optional<std::vector<vec2>> texcoords;
   };

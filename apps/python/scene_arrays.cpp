@@ -3,10 +3,14 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
+#include <limits>
+#include <span>
 
 #include "apps/python/scene.h"
 #include "base/text.h"
 #include "render/world/mesh.h"
+#include "render/world/polygon.h"
 
 namespace brume::python {
 namespace {
@@ -80,7 +84,7 @@ std::vector<Row> rows(const std::string& what, py::handle value, const char* exp
 }
 
 /// Faces of three corners or more, cut into triangles.
-std::vector<ivec3> triangles(const std::string& what, py::handle value) {
+Polygons polygons(const std::string& what, py::handle value) {
   const py::array given = to_real_array(what, value);
   if (given.size() == 0) return {};  // of floats, as NumPy makes one of []
   if (std::string_view("iu").find(given.dtype().kind()) == std::string_view::npos)
@@ -88,15 +92,49 @@ std::vector<ivec3> triangles(const std::string& what, py::handle value) {
         fmt::format("{}: expected integers, found {}", what, to_text(py::str(given.dtype().attr("name")))));
   const py::array_t<int64_t, py::array::c_style | py::array::forcecast> array(given);
   if (array.ndim() != 2 || array.shape(1) < 3) refuse_shape(what, "faces x corners, at least 3 of them", array);
-  std::vector<ivec3> result;
-  const auto corner = [&](py::ssize_t face, py::ssize_t k) {
-    const int64_t index = array.data()[face * array.shape(1) + k];
-    return static_cast<int>(std::clamp<int64_t>(index, -1, std::numeric_limits<int>::max()));
-  };
-  for (py::ssize_t face = 0; face < array.shape(0); ++face)
-    for (py::ssize_t k = 2; k < array.shape(1); ++k)
-      result.emplace_back(corner(face, 0), corner(face, k - 1), corner(face, k));
+  Polygons result;
+  result.sides = static_cast<size_t>(array.shape(1));
+  for (py::ssize_t i = 0; i < array.size(); ++i)
+    result.corners.push_back(
+        static_cast<int>(std::clamp<int64_t>(array.data()[i], -1, std::numeric_limits<int>::max())));
   return result;
+}
+
+/// Cuts polygons into triangles (render/world/polygon.h). Those of vertices that are not there become fans, which
+/// place_mesh refuses.
+void cut_into_triangles(const Polygons& polygons, const std::string& name, TriangleMesh& mesh) {
+  mesh.triangles.clear();
+  mesh.notes.clear();
+  const auto count = static_cast<int>(mesh.positions.size());
+  size_t crossing = 0, not_finite = 0;
+  std::vector<dvec3> outline;
+  for (size_t first = 0; first < polygons.corners.size(); first += polygons.sides) {
+    const std::span<const int> corners(polygons.corners.data() + first, polygons.sides);
+    PolygonTriangles cut;
+    const bool there = std::all_of(corners.begin(), corners.end(), [&](int c) { return c >= 0 && c < count; });
+    if (there) {
+      outline.clear();
+      for (const int c : corners) outline.push_back(mesh.positions[static_cast<size_t>(c)]);
+      if (!std::all_of(outline.begin(), outline.end(),
+                       [](const dvec3& p) { return std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z); })) {
+        ++not_finite;
+        continue;
+      }
+      cut = triangulate(outline);
+    } else {
+      for (int k = 2; k < static_cast<int>(corners.size()); ++k) cut.triangles.emplace_back(0, k - 1, k);
+    }
+    crossing += cut.crosses_itself;
+    for (const ivec3& t : cut.triangles)
+      mesh.triangles.emplace_back(corners[static_cast<size_t>(t.x)], corners[static_cast<size_t>(t.y)],
+                                  corners[static_cast<size_t>(t.z)]);
+  }
+  if (not_finite)
+    mesh.notes.push_back(
+        fmt::format("{}: {} faces with coordinates that are not finite were left out", name, not_finite));
+  if (crossing)
+    mesh.notes.push_back(fmt::format("{}: {} polygons cross themselves: their triangles overlap or leave something out",
+                                     name, crossing));
 }
 
 /// Refuses grids of other sizes than those beside them.
@@ -231,7 +269,7 @@ bool SceneChanges::take_array(const std::string& list, size_t index, const std::
   if (key == "normals" && PyUnicode_Check(value.ptr())) return false;  // smooth or flat
   Mesh& mesh = meshes_[index];
   if (key == "vertices") mesh.vertices = rows<dvec3>(what, value, "vertices x 3");
-  if (key == "faces") mesh.faces = triangles(what, value);
+  if (key == "faces") mesh.faces = polygons(what, value);
   if (key == "normals") mesh.normals = rows<vec3>(what, value, "vertices x 3");
   if (key == "texcoords") mesh.texcoords = rows<vec2>(what, value, "vertices x 2");
   return true;
@@ -257,10 +295,10 @@ void SceneChanges::apply_arrays(SceneSource& source, const Task& task) const {
       mesh.positions = *given.vertices;
       mesh.normals.clear();  // of the vertices as they were
     }
-    if (given.faces) mesh.triangles = *given.faces;
+    if (given.faces) cut_into_triangles(*given.faces, name, mesh);
     if (given.normals) mesh.normals = *given.normals;
     if (given.texcoords) mesh.texcoords = *given.texcoords;
-    if (mesh.positions.empty() || mesh.triangles.empty())
+    if (mesh.positions.empty() || (given.faces ? given.faces->corners.empty() : mesh.triangles.empty()))
       throw InputError(fmt::format("{}: has no {}; a mesh of arrays has vertices and faces", name,
                                    mesh.positions.empty() ? "vertices" : "faces"));
     for (const auto& [what, count] : {std::pair("normals", mesh.normals.size()), {"texcoords", mesh.texcoords.size()}})

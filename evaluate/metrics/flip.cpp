@@ -339,7 +339,7 @@ struct Displayed {
 
 // A fit to the ACES curve, without the exposure that belongs to it: (k0 v^2 + k1 v) / (k3 v^2 + k4 v + k5). Source:
 // Narkowicz 2015, ACES Filmic Tone Mapping Curve.
-constexpr double kAces[6] = {0.36 * 2.51, 0.6 * 0.03, 0, 0.36 * 2.43, 0.6 * 0.59, 0.14};
+constexpr double kAcesFit[6] = {0.36 * 2.51, 0.6 * 0.03, 0, 0.36 * 2.43, 0.6 * 0.59, 0.14};
 
 struct ToneMapped {
   const RgbPlanes& rgb;
@@ -347,9 +347,9 @@ struct ToneMapped {
   Rgb operator()(int x, int y) const {
     const auto channel = [&](size_t c) {
       const float v = factor * (*rgb[c])(x, y);
-      const float top = static_cast<float>(kAces[0]) * v * v + static_cast<float>(kAces[1]) * v;
-      const float bottom =
-          static_cast<float>(kAces[3]) * v * v + static_cast<float>(kAces[4]) * v + static_cast<float>(kAces[5]);
+      const float top = static_cast<float>(kAcesFit[0]) * v * v + static_cast<float>(kAcesFit[1]) * v;
+      const float bottom = static_cast<float>(kAcesFit[3]) * v * v + static_cast<float>(kAcesFit[4]) * v +
+                           static_cast<float>(kAcesFit[5]);
       return std::clamp(top / bottom, 0.0f, 1.0f);
     };
     return {channel(0), channel(1), channel(2)};
@@ -367,7 +367,8 @@ Plane flip_map(const RgbPlanes& test, const RgbPlanes& reference, const Task& ta
 std::vector<double> hdr_flip_exposures(const RgbPlanes& reference) {
   // Where the curve reaches 85 %: the larger root of a quadratic.
   constexpr double target = 0.85;
-  const double a = kAces[0] - target * kAces[3], b = kAces[1] - target * kAces[4], c = kAces[2] - target * kAces[5];
+  const double a = kAcesFit[0] - target * kAcesFit[3], b = kAcesFit[1] - target * kAcesFit[4],
+               c = kAcesFit[2] - target * kAcesFit[5];
   const double shown = (-b + std::sqrt(b * b - 4 * a * c)) / (2 * a);
   std::vector<float> luminance;
   for (int y = 0; y < reference[0]->height(); ++y)

@@ -121,7 +121,7 @@ template <class Visitor>
 void describe(Visitor& v, EnvironmentSettings& e) {
   v({"radiance", "W/(m^2 sr)", "constant radiance from everywhere; a factor where file or sky is set", 0}, e.radiance);
   v({"file", "",
-     "lat-long picture, EXR or Radiance HDR; its top is up, its middle faces +y where up is z, -z where up is y"},
+     "lat-long picture, EXR or Radiance HDR (or PNG, JPEG: sRGB, no brighter than 1); its top is up, its middle faces +y where up is z, -z where up is y. A cube map (EXR, envmap = cube) becomes one, +Z in the middle"},
     e.file);
   v({"rotation", "degrees", "turns the picture about up, counter-clockwise seen from above"}, e.rotation);
   v({"up", "", "the direction of the picture's top edge"}, e.up);
@@ -257,7 +257,7 @@ void describe(Visitor& v, LightSettings& l) {
 
 template <class Visitor>
 void describe(Visitor& v, SurfaceSettings& s) {
-  v({.key = "file", .help = "triangle mesh, OBJ or PLY", .required = true}, s.file);
+  v({.key = "file", .help = "mesh of polygons of any shape, OBJ or PLY", .required = true}, s.file);
   v({.key = "material",
      .help = "diffuse; conductor: a metal; dielectric: glass or water, its faces closed around the inside",
      .choices = {"diffuse", "conductor", "dielectric"}},
@@ -266,7 +266,7 @@ void describe(Visitor& v, SurfaceSettings& s) {
      "diffuse: reflectance; conductor: reflectance seen head on; dielectric: tint of what passes, 1 unless given", 0,
      1},
     s.albedo);
-  v({"albedo_texture", "", "picture that multiplies albedo: PNG, JPEG (sRGB), HDR or EXR (linear)"}, s.albedo_texture);
+  v({"albedo_texture", "", "picture that multiplies albedo, up to 1: PNG, JPEG (sRGB), HDR or EXR (linear)"}, s.albedo_texture);
   v({"edge_albedo", "1", "conductor: reflectance seen at grazing angles", 0, 1}, s.edge_albedo);
   v({"reflection_tint", "1", "dielectric: tint of what its faces reflect", 0, 1}, s.reflection_tint);
   v({"roughness", "1", "conductor, dielectric: square root of the GGX width; 0 is perfectly smooth", 0, 1},

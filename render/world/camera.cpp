@@ -46,6 +46,9 @@ Projection adopt_matrices(CameraSettings& s, const CameraMatrices& matrices, int
     throw InputError(fmt::format("{}: is a picture of {} x {}, the film has {} x {}; expected a film of the same shape",
                                  name, matrices.width, matrices.height, width, height));
   const std::array<float, 16>&c = matrices.world_to_camera, &n = matrices.world_to_ndc;
+  for (const auto& [key, matrix] : {std::pair("worldToCamera", &c), {"worldToNDC", &n}})
+    if (!std::all_of(matrix->begin(), matrix->end(), [](float v) { return std::isfinite(v); }))
+      throw InputError(fmt::format("{}: {} holds numbers that are not finite", name, key));
   // camera = world * M: the columns of the upper 3 x 3 are the camera's axes, the last row its shift.
   dvec3 axes[3];
   for (int column = 0; column < 3; ++column)

@@ -7,8 +7,7 @@
 #include <limits>
 
 #include "base/error.h"
-#include "image/exr_io.h"
-#include "image/hdr_io.h"
+#include "image/cube_map.h"
 #include "image/picture_io.h"
 #include "render/world/mesh.h"
 #include "render/world/sky.h"
@@ -212,15 +211,16 @@ Environment::Environment(const EnvironmentSettings& s, const Task& task)
     return;
   }
   if (s.file.empty()) return;
-  Layers picture;
   const std::string name = s.file.string();
-  if (name.ends_with(".hdr") || name.ends_with(".pic"))
-    picture = read_hdr(s.file, task);
-  else
-    picture =
-        over_display_window(read_exr(s.file, [](const std::string& c) { return c == "R" || c == "G" || c == "B"; }));
-  if (!picture.has(layer::beauty))
-    throw InputError(fmt::format("{}: has no channels R, G, B; expected a lat-long picture", name));
+  UsablePicture read = read_usable_picture(s.file, task);
+  notes_ = std::move(read.notes);
+  Layers picture = std::move(read.layers);
+  if (is_cube_map(picture)) {
+    picture = lat_long_of_cube(picture, name, task);
+    notes_.push_back(
+        fmt::format("{}: is a cube map: taken as the lat-long picture of {} x {} whose middle is its +Z face", name,
+                    picture.width(), picture.height()));
+  }
   if (picture.width() != 2 * picture.height())
     notes_.push_back(fmt::format("{}: is {} x {}; a lat-long picture is twice as wide as high", name, picture.width(),
                                  picture.height()));
@@ -237,11 +237,8 @@ void Environment::set_picture(const Layers& picture, const EnvironmentSettings& 
     for (int x = 0; x < width_; ++x) {
       vec3& texel = picture_[static_cast<size_t>(y) * width_ + x];
       for (int c = 0; c < 3; ++c) {
-        const float v = (*rgb[static_cast<size_t>(c)])(x, y);
-        if (!std::isfinite(v) || v < 0)
-          throw InputError(
-              fmt::format("{}: texel ({}, {}) is {}; expected finite radiance, not negative", name, x, y, v));
-        texel[c] = static_cast<float>(v * s.radiance[c]);
+        const double v = (*rgb[static_cast<size_t>(c)])(x, y) * s.radiance[c];
+        texel[c] = static_cast<float>(std::min(v, static_cast<double>(std::numeric_limits<float>::max())));
       }
     }
 

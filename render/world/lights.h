@@ -182,7 +182,8 @@ class MeshLight : public Light {
 class Environment : public InfiniteLight {
  public:
   Environment() : InfiniteLight(true) {}
-  /// @throws InputError: unreadable file, no RGB in it, negative or non-finite texels
+  /// Values that are not usable are repaired and told in notes() (image/usable_colors.h).
+  /// @throws InputError: unreadable file, no RGB in it, chromaticities that are none
   explicit Environment(const EnvironmentSettings& settings, const Task& task = {});
 
   bool black() const { return picture_.empty() && radiance_ == dvec3(0); }

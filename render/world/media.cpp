@@ -272,22 +272,32 @@ class SceneMedia::Loader {
     count("albedo colour", colour.bricks.bytes());
   }
 
+  void displace(Medium& shape, const ScalarField& field, Displacement& displacement) {
+    const dvec2& shutter = scene_.camera.shutter;
+    try {
+      if (of_arrays()) {
+        for (const std::string& line : v_.grids->velocity->notes)
+          if (std::find(into_.notes_.begin(), into_.notes_.end(), line) == into_.notes_.end()) note(line);
+        displacement = displacement_of(*v_.grids->velocity, field, field.world_from_index, v_.velocity_scale, shutter.x,
+                                       shutter.y, into_.notes_, task_);
+      } else {
+        displacement = load_displacement(v_.file, name_or_none(v_.velocity_grid), field, v_.velocity_scale, shutter.x,
+                                         shutter.y, into_.notes_, task_);
+      }
+    } catch (const NoSuchGrid& error) {
+      if (v_.velocity_grid != kAuto) throw;
+      note(fmt::format("{}: \"auto\" finds none, and nothing is blurred by its motion", error.what()));
+      still_ = true;
+      return;
+    }
+    shape.set_displacement(displacement);
+    count("velocity of " + field.summary.name, displacement.field.bytes() + displacement.envelope.bytes());
+  }
+
   /// What moves a field over the shutter, on the field's own lattice.
   void set_in_motion(Medium& shape, const ScalarField& field, Displacement& displacement) {
     if (!shutter_opens_) return;
-    if (v_.velocity_grid != "none" && !still_ && !field.bricks.empty()) try {
-        const dvec2& shutter = scene_.camera.shutter;
-        displacement = of_arrays() ? displacement_of(*v_.grids->velocity, field, field.world_from_index,
-                                                     v_.velocity_scale, shutter.x, shutter.y, into_.notes_, task_)
-                                   : load_displacement(v_.file, name_or_none(v_.velocity_grid), field,
-                                                       v_.velocity_scale, shutter.x, shutter.y, into_.notes_, task_);
-        shape.set_displacement(displacement);
-        count("velocity of " + field.summary.name, displacement.field.bytes() + displacement.envelope.bytes());
-      } catch (const NoSuchGrid& error) {
-        if (v_.velocity_grid != kAuto) throw;
-        note(fmt::format("{}: \"auto\" finds none, and nothing is blurred by its motion", error.what()));
-        still_ = true;
-      }
+    if (v_.velocity_grid != "none" && !still_ && !field.bricks.empty()) displace(shape, field, displacement);
     if (moves_)
       shape.set_motion(translation(-into_.world_shift_) * v_.object_to_world_end * field.world_from_index *
                        translation(v_.index_offset));

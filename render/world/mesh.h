@@ -35,8 +35,9 @@ struct TriangleMesh {
   }
 };
 
-/// Moves a mesh from its own space into the world; drops triangles without an area and normals without a direction, and
-/// says so. Indices that are out of range are refused.
+/// Moves a mesh from its own space into the world; drops triangles that have no area or are not finite, vertices that
+/// no triangle has and normals where one has no direction, and says so. Texture coordinates that are not finite become
+/// 0. Indices that are out of range are refused.
 /// @param name  how notes and errors call it   @param world_from_object  affine   @throws InputError
 TriangleMesh place_mesh(TriangleMesh mesh, const std::string& name, const dmat4& world_from_object);
 
@@ -46,10 +47,11 @@ std::string content_of(const TriangleMesh& mesh);
 /// A mesh in its own space, out of a file as load_mesh reads it. @throws InputError
 TriangleMesh read_mesh(const std::filesystem::path& path);
 
-/// Reads Wavefront OBJ or PLY (ASCII or binary little-endian) and places it. Polygons are split into fans, degenerate
-/// triangles dropped and counted. Vertex normals are kept where every vertex has one.
+/// Reads Wavefront OBJ (obj_file.h) or PLY (ply_file.h) and places it. Polygons of any shape are cut into triangles
+/// (polygon.h); faces that cannot be used, degenerate triangles and whatever else was repaired are counted in notes.
+/// Vertex normals are kept where every corner has one.
 /// @param world_from_object  affine
-/// @throws InputError: missing, another format, truncated, indices out of range, no triangle left
+/// @throws InputError: missing, another format, truncated, no face or no triangle left
 TriangleMesh load_mesh(const std::filesystem::path& path, const dmat4& world_from_object);
 
 }  // namespace brume

@@ -24,16 +24,24 @@ struct Surfaces::Texture {
   int width = 0, height = 0;
   std::vector<vec3> texels;
 
-  explicit Texture(const std::filesystem::path& path) {
-    const Layers picture = read_any_picture(path);
-    width = picture.width();
-    height = picture.height();
-    const auto rgb = picture.rgb(layer::beauty);
+  /// @param notes  what had to be done to it is added there
+  Texture(const std::filesystem::path& path, std::vector<std::string>& notes) {
+    UsablePicture picture = read_usable_picture(path);
+    width = picture.layers.width();
+    height = picture.layers.height();
+    const auto rgb = picture.layers.rgb(layer::beauty);
     texels.resize(static_cast<size_t>(width) * height);
+    size_t above = 0;
     for (int y = 0; y < height; ++y)
       for (int x = 0; x < width; ++x)
-        texels[static_cast<size_t>(y) * width + x] =
-            glm::clamp(vec3((*rgb[0])(x, y), (*rgb[1])(x, y), (*rgb[2])(x, y)), 0.0f, 1.0f);
+        for (int c = 0; c < 3; ++c) {
+          const float v = (*rgb[static_cast<size_t>(c)])(x, y);
+          // No surface reflects more than it gets; what a conversion of colours rounded up is not counted.
+          above += v > 1.0f + 1e-5f;
+          texels[static_cast<size_t>(y) * width + x][c] = std::min(v, 1.0f);
+        }
+    notes.insert(notes.end(), picture.notes.begin(), picture.notes.end());
+    if (above) notes.push_back(fmt::format("{}: {} values above 1 became 1, as an albedo is", path.string(), above));
   }
   dvec3 lookup(const vec2& uv) const {
     const double x = wrap(uv.x) * width - 0.5, y = wrap(1.0 - uv.y) * height - 0.5;  // v points up
@@ -178,7 +186,7 @@ void Surfaces::add_mesh(const SurfaceSettings& s, const dvec3& world_shift, bool
     if (glm::determinant(dmat3(mesh.motion)) < 0)
       throw InputError(fmt::format("{}: object_to_world_end turns it inside out; expected a motion", name));
   }
-  textures_.push_back(s.albedo_texture.empty() ? nullptr : std::make_unique<Texture>(s.albedo_texture));
+  textures_.push_back(s.albedo_texture.empty() ? nullptr : std::make_unique<Texture>(s.albedo_texture, mesh.notes));
   if (textures_.back() && mesh.texcoords.empty())
     throw InputError(fmt::format("{}: has no texture coordinates for {}", name, s.albedo_texture.string()));
 }

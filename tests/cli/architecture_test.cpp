@@ -74,7 +74,6 @@ TEST(Architecture, EachLibraryIsKnownToItsOwnFiles) {
       {"<libdeflate", {"image/checksum.cpp", "image/exr_common.cpp", "image/exr_zip.cpp", "image/packed_half.cpp"}},
       {"<toml.hpp>", {"render/scene/toml_table.h", "workflows/frame_map.cpp"}},
       {"<embree", {"render/world/surfaces.cpp"}},
-      {"<tiny_obj", {"render/world/mesh.cpp"}},
       {"<boost/beast", {"apps/view/server.cpp"}},
       {"<boost/asio", {"apps/view/server.cpp"}}};
   const auto includes = [](const std::filesystem::path& file, const std::string& header) {

@@ -19,6 +19,7 @@
 
 #include "image/exr_copy.h"
 #include "image/exr_io.h"
+#include "image/picture_io.h"
 #include "tests/support/exr_files.h"
 #include "tests/support/files.h"
 
@@ -524,6 +525,47 @@ TEST_F(Frames, NotANumberIsCountedAndNotSmeared) {
   for (const char* layer : {"Combined", "VolumeInd"})
     EXPECT_EQ(count_not_finite(clean.at(std::string("My Layer.") + layer + ".R")), 0u) << layer;
   expect_sum(out, false);
+}
+
+// The same light in two colour spaces: each file keeps its own, pictures and comparisons are those of Rec. 709.
+TEST_F(Frames, ColoursStayInTheSpaceOfTheirFile) {
+  const Chromaticities acescg = {0.713f, 0.293f, 0.165f, 0.83f, 0.128f, 0.044f, 0.32168f, 0.33767f};
+  const dmat3 from_rec709 = glm::inverse(*rec709_from(acescg, "x"));
+  Layers plain(kWidth, kHeight), other(kWidth, kHeight);
+  const auto a = plain.add_rgb(layer::beauty), b = other.add_rgb(layer::beauty);
+  for (int y = 0; y < kHeight; ++y)
+    for (int x = 0; x < kWidth; ++x) {
+      const dvec3 v(0.3 * noisy("R", x, y), 0.6 * noisy("G", x, y), 0.2 * noisy("B", x, y));
+      const dvec3 w = from_rec709 * v;
+      for (int c = 0; c < 3; ++c) {
+        (*a[static_cast<size_t>(c)])(x, y) = static_cast<float>(v[c]);
+        (*b[static_cast<size_t>(c)])(x, y) = static_cast<float>(w[c]);
+      }
+    }
+  other.header["chromaticities"] = acescg;
+  write_exr(path("plain.exr"), plain);
+  write_exr(in, other);
+  const std::string said = denoise("-f gaussian --png " + path("clean.png"));
+  EXPECT_TRUE(holds(said, "its colours are ACEScg (AP1): they stay so")) << said;
+  expect_kept_but({""});
+  EXPECT_EQ(read_exr(out).chromaticities(), acescg);
+  ASSERT_EQ(run_brume("denoise " + path("plain.exr") + " -o " + path("plain_clean.exr") + " -f gaussian --png " +
+                      path("plain.png"))
+                .status,
+            0);
+  const Layers png = read_any_picture(path("clean.png")), plain_png = read_any_picture(path("plain.png"));
+  for (int y = 0; y < kHeight; ++y)
+    for (int x = 0; x < kWidth; ++x) ASSERT_NEAR(png.at("R")(x, y), plain_png.at("R")(x, y), 0.01);
+  const auto compared = run_brume("compare " + in + " " + path("plain.exr") + " --json");
+  ASSERT_EQ(compared.status, 0) << compared.err;
+  EXPECT_TRUE(holds(compared.err, "shot.exr: its colours are ACEScg (AP1): compared in linear Rec. 709"))
+      << compared.err;
+  EXPECT_LT(nlohmann::json::parse(compared.out)["metrics"]["lab_rms"].get<double>(), 1e-3);
+  other.header["chromaticities"] = Chromaticities{};
+  write_exr(path("none.exr"), other);
+  const auto shown = run_brume("picture " + path("none.exr") + " -o " + path("none.png"));
+  EXPECT_EQ(shown.status, 2);
+  EXPECT_TRUE(holds(shown.err, "none.exr: chromaticities 0 0, 0 0")) << shown.err;
 }
 
 TEST_F(Frames, TwoCandidatesAreListedAndAMapDecides) {

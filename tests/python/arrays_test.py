@@ -244,6 +244,13 @@ class Meshes(Folder):
         triangles = {"vertices": self.vertices[:4], "faces": np.array([[0, 1, 2], [0, 2, 3]], np.uint8)}
         assert_same_pixels(self, self.rendered(quad), self.rendered(triangles))
 
+    def test_concave_polygons_cover_their_area(self):
+        notched = {"vertices": [[0, 0, 0], [4, 0, 0], [1, 1, 0], [0, 4, 0]], "faces": [[1, 2, 3, 0]]}
+        triangles = {"vertices": notched["vertices"], "faces": [[0, 1, 2], [0, 2, 3]]}
+        shares = [self.rendered(surface)["surface_share.A"] for surface in (notched, triangles)]
+        self.assertGreater(shares[0].max(), 0.9)
+        np.testing.assert_allclose(*shares, atol=1e-5)
+
     def test_what_is_wrong_with_a_mesh_is_said(self):
         v, f = self.vertices, self.faces
         for surface, words in (

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <limits>
 
 #include "base/rng.h"
 #include "base/running_statistics.h"
@@ -264,6 +265,54 @@ TEST(Sky, IsPreethams) {
   const dvec3 shaded = Environment(settings).radiance(dvec3(0.1, 0.3, -0.9));
   for (int c = 0; c < 3; ++c)
     EXPECT_NEAR(ground[c] - shaded[c], settings.ground_albedo * sun.irradiance[c] * std::cos(0.8) / kPi, 1e-5);
+}
+
+// Texels that are no light count as black, infinite ones as the brightest; sampling is right for what is left.
+TEST_F(LatLong, TexelsThatAreNoLightAreCountedAndTold) {
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  const auto plain = [](int x, int y) { return dvec3(1 + x, 1 + y, 3); };
+  const Environment env = load(32, 16, [&](int x, int y) {
+    if (x == 3) return dvec3(-0.0001, y == 2 ? -kInfinity : 1, std::nan(""));
+    return x == 9 && y == 9 ? dvec3(kInfinity, 2, 2) : plain(x, y);
+  });
+  const Environment meant = load(32, 16, [&](int x, int y) {
+    if (x == 3) return dvec3(0, y == 2 ? 0 : 1, 0);
+    return x == 9 && y == 9 ? dvec3(32, 2, 2) : plain(x, y);
+  });
+  ASSERT_EQ(env.notes().size(), 2u);
+  EXPECT_NE(env.notes()[0].find("env.exr: 16 NaN values and 17 negative values became 0"), std::string::npos)
+      << env.notes()[0];
+  EXPECT_NE(env.notes()[1].find("1 infinite value became the largest finite one, 32"), std::string::npos);
+  EXPECT_TRUE(meant.notes().empty());
+  Rng rng(8);
+  for (int i = 0; i < 1000; ++i) {
+    const dvec3 d = test::random_direction(rng);
+    ASSERT_EQ(env.radiance(d), meant.radiance(d));
+    ASSERT_EQ(env.pdf(d), meant.pdf(d));
+    const dvec2 u(rng.uniform(), rng.uniform());
+    ASSERT_EQ(env.sample(u).wi, meant.sample(u).wi);
+  }
+}
+
+// Of a cube map whose faces have a colour each, +Z is where the middle of a lat-long picture is, +Y up, +X left.
+TEST_F(LatLong, CubeMapsAreTakenAsOpenExrLaysThemOut) {
+  constexpr int kSize = 16;
+  Layers cube(kSize, 6 * kSize);
+  const auto rgb = cube.add_rgb(layer::beauty);
+  for (int y = 0; y < 6 * kSize; ++y)
+    for (int x = 0; x < kSize; ++x)
+      for (size_t c = 0; c < 3; ++c) (*rgb[c])(x, y) = static_cast<float>(1 + y / kSize);
+  cube.header["envmap"] = std::string("cube");
+  write_exr(folder_ / "cube.exr", cube);
+  EnvironmentSettings s;
+  s.file = folder_ / "cube.exr";
+  s.radiance = dvec3(1);
+  const Environment env(s);
+  const std::pair<dvec3, double> faces[] = {{{-1, 0, 0}, 1}, {{1, 0, 0}, 2}, {{0, 0, 1}, 3},
+                                            {{0, 0, -1}, 4}, {{0, 1, 0}, 5}, {{0, -1, 0}, 6}};
+  for (const auto& [d, value] : faces) EXPECT_NEAR(env.radiance(d).x, value, 1e-6) << d.x << ' ' << d.y << ' ' << d.z;
+  ASSERT_EQ(env.notes().size(), 1u);
+  EXPECT_NE(env.notes()[0].find("is a cube map"), std::string::npos);
 }
 
 // One texel of 1e6 in a dim sky: found by light sampling, said in the notes, and no path of a picture turns it into a

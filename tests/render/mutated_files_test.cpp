@@ -186,10 +186,11 @@ TEST_F(MutatedFiles, SkiesMeshesAndScenesAreReadOrRefused) {
         for (const float v : plane.pixels(y)) EXPECT_TRUE(std::isfinite(v));
     return pixels_of(frame);
   };
-  for (const char* name : {"flat", "new_runs", "old_runs"})
+  for (const char* name : {"columns_exposed", "flat", "new_runs", "old_runs"})
     read_mutated(name, test::source(std::string("tests/fuzz/corpus/hdr/") + name + ".hdr"), 100,
                  [&](const fs::path& path) { return finite(read_hdr(path)); });
-  for (const char* name : {"quad.obj", "quads_binary.ply", "triangle_ascii.ply"})
+  for (const char* name :
+       {"notched.obj", "quad.obj", "quads_binary.ply", "strips_big_endian.ply", "triangle_ascii.ply"})
     read_mutated(name, test::source(std::string("tests/fuzz/corpus/mesh/") + name), 200, [&](const fs::path& path) {
       for (const dvec3& p : load_mesh(path, dmat4(1)).positions) EXPECT_TRUE(std::isfinite(p.x + p.y + p.z));
       return std::string();

@@ -123,8 +123,8 @@ TEST(ArrayVolume, SaysWhatItTakesForSomethingElse) {
   EXPECT_TRUE(nothing->bricks.empty());
   EXPECT_EQ(nothing->notes.back(), "grid 'density' holds no positive value: the field is absent");
   const auto colour = grids_of_arrays({.colour = {{array.view(), array.view(), array.view()}}})->colour;
-  ASSERT_EQ(colour->notes.size(), 3u);
-  EXPECT_EQ(colour->notes[0], "color: 3 values of component 0 that are not finite became 0");
+  ASSERT_EQ(colour->notes.size(), 1u);
+  EXPECT_EQ(colour->notes[0], "grid 'color': what is not finite in 3 voxels became 0");
 }
 
 TEST(ArrayVolume, KeepsTheOtherGridsWhereOneIsReplaced) {
