@@ -103,7 +103,7 @@ export function Answer() {
             data-question={questions.map((q) => q.id).join(" ")}
             data-method={best?.method}
           >
-            <h2>{questions.map((q) => q.title).join("; ")}</h2>
+            <h2>{[questions[0]!.title, ...questions.slice(1).map((q) => q.title.toLowerCase())].join("; ")}</h2>
             {best ? (
               <>
                 <p class="which">
@@ -143,12 +143,11 @@ export function Answer() {
           {view.region === "medium" ? "pixels of the medium" : "whole frame"}
           {view.setting && `, ${view.setting} parameters`}
           {view.hidden.length > 0 && ", among the methods that are ticked"}
+          {overall.seeds === 1 && "; one seed: what is level within its noise cannot be told"}
           {leftOut.length > 0 && `, without ${leftOut.map((l) => name(l.method)).join(", ")}`}
         </summary>
         Seconds and memory are of guides and filter; rendering comes on top.{" "}
-        {overall.seeds > 1
-          ? `Level: not told apart by paired differences over ${overall.seeds} seeds (5 % level).`
-          : "One seed: what is within its noise cannot be told."}
+        {overall.seeds > 1 && `Level: not told apart by paired differences over ${overall.seeds} seeds (5 % level).`}
         {leftOut.length > 0 &&
           ` Without a number everywhere, and so in no mean: ${leftOut.map((l) => `${name(l.method)} (${l.why})`).join("; ")}.`}
       </details>

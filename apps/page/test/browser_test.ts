@@ -452,6 +452,32 @@ describe("the answer on top", () => {
     await context.close();
   });
 
+  test("says what it is without: methods that failed, and what one seed cannot tell", async () => {
+    const odd = join(folder, "odd.html");
+    const { results } = fixture();
+    for (const group of results.overall) {
+      group.seeds = 1;
+      group.methods = group.methods.filter((m) => m.method !== "nl_means_searched");
+      if (group.setting === "searched") group.left_out = [{ method: "nl_means_searched", why: "failed on smoke" }];
+    }
+    const json = JSON.stringify(results).replaceAll("<", "\\u003c");
+    writeFileSync(
+      odd,
+      readFileSync(made, "utf8").replace(/id="results">[^<]*</, () => `id="results">${json}<`),
+    );
+    const context = await reader();
+    const page = await open(context, odd);
+    const summary = page.locator(".answer details.note summary");
+    await comesTo(
+      () => summary.textContent(),
+      "Geometric means over cloud, smoke at 4, 16 spp, pixels of the medium, searched parameters; one seed: what is level within its noise cannot be told, without nl_means",
+    );
+    assert.match((await page.locator(".answer").textContent())!, /nl_means \(failed on smoke\)/);
+    await page.getByRole("checkbox", { name: "nl_means" }).uncheck();
+    await comesTo(async () => (await page.locator(".answer").textContent())!.includes("nl_means"), false);
+    await context.close();
+  });
+
   test("is results.json's of a real evaluation", async () => {
     const results = JSON.parse(readFileSync(join(evaluated, "results.json"), "utf8")) as Results;
     const context = await reader();
