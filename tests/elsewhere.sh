@@ -1,6 +1,7 @@
 #!/bin/sh
-# Runs jobs of ./run on a bare Debian of another version: debootstrap makes it in a folder, a clone of what is committed
-# here is put into it, and `./run JOB` is called there as a new user would call it. Everything is installed by that call.
+# Runs jobs of ./run on a bare Debian of another version: debootstrap makes it in build/elsewhere/SUITE, a clone of what
+# is committed here is put into it, and `./run JOB` is called there as a new user would call it: that call installs
+# everything. System and clone are kept for the next call; remove the folder to begin with a bare one.
 #
 # usage: tests/elsewhere.sh [SUITE [JOB...]]     as root; SUITE trixie (default) or bookworm, JOBs demo and test (default)
 set -eu
@@ -25,8 +26,10 @@ if [ ! -f "$root/made" ]; then
   touch "$root/made"
 fi
 cp /etc/resolv.conf "$root/etc/resolv.conf"
-rm -rf "$root/root/brume"
-git clone -q . "$root/root/brume"
+clone=$root/root/brume
+[ -d "$clone" ] || git clone -q . "$clone"
+git -C "$clone" fetch -q "$(pwd)" HEAD
+git -C "$clone" checkout -q --force --detach FETCH_HEAD
 [ -z "$(git status --porcelain)" ] || echo "elsewhere: what is not committed is left out" >&2
 
 # Mounts of a name space of their own end with it.
