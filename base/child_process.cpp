@@ -81,7 +81,7 @@ ChildEnd run_child(const std::filesystem::path& program, const std::vector<std::
   }
   if (error != 0) throw InputError(fmt::format("{}: cannot be started: {}", program.string(), std::strerror(error)));
 
-  // Time is counted in looks at the child, which stand still when this process does.
+  // Time is counted in polls of the child, which stop when this process is stopped.
   constexpr double kLook = 0.05;
   double used = 0;
   double idle = 0;

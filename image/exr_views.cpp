@@ -83,6 +83,7 @@ std::vector<PartName> names_of_parts(const ExrInfo& file) {
     if (!part.view.empty()) known.insert(part.view);
   const bool told = !known.empty();
   known.insert({"left", "right"});
+  if (!told) known.insert("main");  // Nuke's only view
   std::vector<PartName> names;
   for (const ExrInfo::Part& part : file.parts) {
     const std::string view = part.view.empty() ? view_in_name(part.name, known) : part.view;

@@ -103,7 +103,7 @@ class EmissionField {
   bool moves() const { return shape_.moves(); }
   const Medium& shape() const { return shape_; }
   const EmissionRamp& ramp() const { return ramp_; }
-  /// Encloses what glows, world space.
+  /// Encloses everything that emits, world space.
   Medium::Sphere bounding_sphere() const { return shape_.bounding_sphere(); }
 
  private:

@@ -42,7 +42,7 @@ struct LaneGrid {
   /// interpolates nowhere else and takes long steps.
   void find_isosurface(const BrickGrid& grid, float density, const Task& task = {});
 
-  /// Lower bounds of the ray parameters at which the rays of a cone enter the medium and reach its surface. Infinity:
+  /// Lower bounds of the ray parameters at which the rays of a cone enter the medium and meet its isosurface. Infinity:
   /// none of them ever does.
   struct Entry {
     double medium = 0;   ///< entry into a cell that is not empty

@@ -57,8 +57,8 @@ Aligned aligned(size_t count) {
 
 constexpr int kLanes = static_cast<int>(kernels::kRegressionLanes);
 
-/// Copies of blocks and of what is within `radius` of them, plane by plane: neighbours are then read without a look at
-/// the edges of the image.
+/// Copies of blocks and of what is within `radius` of them, plane by plane: neighbours are then read without checks
+/// for the edges of the image.
 struct Surroundings {
   int radius, rows;
   size_t pitch, plane;

@@ -181,8 +181,13 @@ Layers surroundings(const ForeignFrame& picture, const Layers& file, const std::
     if (plane && !std::binary_search(own.begin(), own.end(), name)) frame.set(name, *plane);
   }
   adopt_features(picture, file, frame);
-  if (const Plane* alpha = picture.alpha.empty() ? nullptr : file.find(picture.alpha))
-    frame.set(layer::alpha.channel(0), *alpha);
+  if (const Plane* alpha = picture.alpha.empty() ? nullptr : file.find(picture.alpha)) {
+    Plane usable = *alpha;  // 1, which hides nothing, where it is no number
+    for (int y = 0; y < usable.height(); ++y)
+      for (float& v : usable.pixels(y))
+        if (!std::isfinite(v)) v = 1;
+    frame.set(layer::alpha.channel(0), std::move(usable));
+  }
   return frame;
 }
 

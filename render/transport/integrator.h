@@ -66,8 +66,8 @@ struct PathContext {
 /// The media as they are at a time in [0, 1] of the shutter: valid until the thread asks again.
 std::span<const Medium> media_at(const PathContext& context, double time);
 
-/// Lower bounds of the ray parameters at which the rays of a pixel enter the medium and reach its surface, rounded
-/// down: see LaneGrid::Entry.
+/// Lower bounds of the ray parameters at which the rays of a pixel enter the medium and meet its isosurface,
+/// rounded down: see LaneGrid::Entry.
 struct EntryBound {
   static constexpr float kNever = std::numeric_limits<float>::max();
   float medium = 0, surface = 0;
