@@ -140,13 +140,14 @@ class BrickGrid {
       if (cells_[i].brick != 0) visit(cells_[i], uses[i / kNodeCells]);
   }
   /// Calls visit(c) for the coordinates of each cell that is not empty, in one order.
+  /// @param step  a power of two: only cells whose coordinates are multiples of it
   template <class Visit>
-  void each_cell(const Visit& visit) const {
+  void each_cell(const Visit& visit, int step = 1) const {
     for (int x = 0; x < top_count_.x; ++x)
       for (int y = 0; y < top_count_.y; ++y)
         for (int z = 0; z < top_count_.z; ++z) {
           const ivec3 first = ivec3(x, y, z) << (kNodeBits * depth_);
-          each_cell_of(depth_, top_[in_top(first)], first, visit);
+          if (reaches_step(first, depth_, step)) each_cell_of(depth_, top_[in_top(first)], first, visit, step);
         }
   }
 
@@ -156,15 +157,20 @@ class BrickGrid {
   static constexpr int kMostLevels = 8;
 
   void set_depth();
+  /// Whether an entry of a level, whose first cell is c, holds a cell whose coordinates are multiples of a step.
+  static bool reaches_step(const ivec3& c, int level, int step) {
+    return step <= 1 << (kNodeBits * level) || ((c.x | c.y | c.z) & (step - 1)) == 0;
+  }
   template <class Visit>
-  void each_cell_of(int level, int32_t entry, const ivec3& first, const Visit& visit) const {
+  void each_cell_of(int level, int32_t entry, const ivec3& first, const Visit& visit, int step) const {
     if (entry < 0) return;
     for (int i = 0; i < kNodeCells; ++i) {
       const ivec3 at(i >> 2 * kNodeBits, i >> kNodeBits & (kNodeWidth - 1), i & (kNodeWidth - 1));
       const ivec3 c = first + (at << (kNodeBits * (level - 1)));
       const size_t where = static_cast<size_t>(entry) * kNodeCells + static_cast<size_t>(i);
+      if (!reaches_step(c, level - 1, step)) continue;
       if (level > 1)
-        each_cell_of(level - 1, inner_[where], c, visit);
+        each_cell_of(level - 1, inner_[where], c, visit, step);
       else if (cells_[where].brick != 0)
         visit(c);
     }

@@ -92,7 +92,7 @@ struct Surfaces::Embree {
     rtcIntersect1(scene, &ray, &arguments);
 #else
     rtcInitIntersectContext(&context.base);
-    rtcIntersect1(scene, &ray, &context.base);
+    rtcIntersect1(scene, &context.base, &ray);
 #endif
   }
 
@@ -103,7 +103,7 @@ struct Surfaces::Embree {
 #else
     Context context{{}, false};
     rtcInitIntersectContext(&context.base);
-    rtcOccluded1(scene, &ray, &context.base);
+    rtcOccluded1(scene, &context.base, &ray);
 #endif
     return ray.tfar < 0;
   }

@@ -45,32 +45,18 @@ struct ViewAxes {
   dvec3 world(const dvec3& p) const { return right * p.x + above * p.y + view * p.z; }
 };
 
-template <class Visit>
-void each_full_node(const BrickGrid& grid, const Visit& visit) {
-  const ivec3 cells = grid.cells();
-  const int size = grid.node_cells();
-  ivec3 n;
-  for (n.x = 0; n.x < cells.x; n.x += size)
-    for (n.y = 0; n.y < cells.y; n.y += size)
-      for (n.z = 0; n.z < cells.z; n.z += size)
-        if (!grid.node_empty(n)) visit(n);
-}
-
 /// The cells that hold anything; of very many every few along each axis.
 template <class Visit>
 void each_full_cell(const BrickGrid& grid, const Visit& visit) {
-  const int size = grid.node_cells();
-  double most = 0;
-  each_full_node(grid, [&](const ivec3&) { most += 1.0 * size * size * size; });
-  const int step = std::clamp(static_cast<int>(std::ceil(std::cbrt(most / kMostCells))), 1, size);
-  each_full_node(grid, [&](const ivec3& node) {
-    const ivec3 end = glm::min(node + size, grid.cells());
-    ivec3 c;
-    for (c.x = node.x; c.x < end.x; c.x += step)
-      for (c.y = node.y; c.y < end.y; c.y += step)
-        for (c.z = node.z; c.z < end.z; c.z += step)
-          if (const BrickGrid::Cell& cell = grid.cell(c); cell.brick != 0 && cell.majorant > 0) visit(c, cell);
-  });
+  double all = 0;
+  grid.each_distinct_cell([&](const BrickGrid::Cell&, uint64_t count) { all += static_cast<double>(count); });
+  int step = 1;
+  while (all > kMostCells * std::pow(step, 3)) step *= 2;
+  grid.each_cell(
+      [&](const ivec3& c) {
+        if (const BrickGrid::Cell& cell = grid.cell(c); cell.majorant > 0) visit(c, cell);
+      },
+      step);
 }
 
 /// The value that all but the kFewest largest voxels are below, or in a small grid but a sixteenth of them: a few
