@@ -9,6 +9,7 @@
 #include <span>
 
 #include "base/error.h"
+#include "base/text.h"
 #include "volume/emission.h"
 #include "volume/tracking.h"
 #include "volume/vdb_io.h"
@@ -130,8 +131,8 @@ VolumeScene scene_for_volume(const std::filesystem::path& file, const Task& task
   const ScalarField& density = *scene.density;
   if (density.bricks.empty())
     throw InputError(fmt::format(
-        "{}: its grid '{}' is empty, there is nothing to render; name another with volumes.0.grid in a scene",
-        file.string(), density.summary.name));
+        "{}: its grid '{}' is empty, there is nothing to render{}; name another with volumes.0.grid in a scene",
+        file.string(), density.summary.name, density.notes.empty() ? "" : " (" + join(density.notes, "; ") + ")"));
   const auto assume = [&](const std::string& text) { scene.assumptions.push_back(text); };
 
   const Medium medium(density.bricks, density.world_from_index, 1, dvec3(1), 0);
