@@ -145,6 +145,7 @@ class Extension {
   void run(std::vector<std::string>& notes) {
     locate();
     resample();
+    settle_density();
     find_arrivals(notes);
     if (!arrivals_.empty()) extend();
   }
@@ -264,11 +265,52 @@ class Extension {
           });
         },
         quiet(task_));
-    full_.resize(known_.brick_count() + 1);
+    note_full();
+  }
+
+  void note_full() {
+    full_.assign(known_.brick_count() + 1, 0);
     known_.each_distinct_cell([&](const BrickGrid::Cell& cell, uint64_t) {
       const float* const values = known_.brick(cell);
       full_[cell.brick] = std::all_of(values, values + BrickGrid::kBrick, [](float v) { return v == 1; });
     });
+  }
+
+  /// Density without a velocity takes that of the voxels near it; where there are none it stands still. Either is known
+  /// from then on.
+  void settle_density() {
+    if (known_.empty()) return;
+    std::vector<ivec3> blocks;
+    VoxelReader density(density_), known(known_);
+    density_.each_cell([&](const ivec3& local) {
+      const ivec3 c = (density_.origin() >> 3) + local;
+      if (known_everywhere(c)) return;
+      for (int i = 0; i < kCell * kCell * kCell; ++i) {
+        const ivec3 v = kCell * c + ivec3(i >> 6, i >> 3 & 7, i & 7);
+        if (density(v) > 0 && known(v) == 0) return blocks.push_back(kCell * c);
+      }
+    });
+    if (blocks.empty()) return;
+    known_.each_cell([&](const ivec3& c) { blocks.push_back(known_.origin() + kCell * c); });
+    VectorBricks settled;
+    for (size_t a = 0; a < 3; ++a)
+      settled.parts[a] = BrickGrid::build(
+          box_, blocks, [&](const ivec3& lo, float* values) { sample(a, lo, values, Unknown::kDensity); },
+          quiet(task_));
+    known_ = BrickGrid::build(
+        box_, blocks,
+        [&](const ivec3& lo, float* values) {
+          VoxelReader density_at(density_), known_at(known_);
+          for (int x = 0; x <= kCell; ++x)
+            for (int y = 0; y <= kCell; ++y)
+              for (int z = 0; z <= kCell; ++z) {
+                const ivec3 v = lo + ivec3(x, y, z);
+                *values++ = known_at(v) > 0 || density_at(v) > 0 ? 1.0f : 0.0f;
+              }
+        },
+        quiet(task_));
+    field_ = std::move(settled);
+    note_full();
   }
 
   const BrickGrid::Cell* known_cell(const ivec3& c) const {
@@ -492,12 +534,15 @@ class Extension {
     VectorBricks extended;
     for (size_t a = 0; a < 3; ++a)
       extended.parts[a] = BrickGrid::build(
-          box, blocks, [&](const ivec3& lo, float* values) { sample(a, lo, values); }, quiet(task_));
+          box, blocks, [&](const ivec3& lo, float* values) { sample(a, lo, values, Unknown::kAll); }, quiet(task_));
     field_ = std::move(extended);
     box_ = box;
   }
 
-  void sample(size_t axis, const ivec3& lo, float* values) const {
+  /// Which of the voxels without a known velocity are given one.
+  enum class Unknown { kDensity, kAll };
+
+  void sample(size_t axis, const ivec3& lo, float* values, Unknown which) const {
     VoxelReader part(field_.parts[axis]), known(known_), density(density_);
     const auto each_voxel = [&](const auto& visit) {
       for (int x = 0; x <= kCell; ++x)
@@ -532,8 +577,8 @@ class Extension {
       constexpr float kFaint = 1e-6f;  // of a voxel's weight: there the means of cells take over
       if (known(v) > 0)
         values[i] = part(v);
-      else if (density(v) > 0)
-        values[i] = weight[i] > 0 ? product[i] / weight[i] : 0.0f;
+      else if (which == Unknown::kDensity)
+        values[i] = density(v) > 0 && weight[i] > 0 ? product[i] / weight[i] : 0.0f;
       else
         values[i] = (product[i] + kFaint * mean_at(v)[static_cast<int>(axis)]) / (weight[i] + kFaint);
       ++i;

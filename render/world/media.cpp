@@ -137,6 +137,7 @@ class SceneMedia::Loader {
     for (ScalarField* field : {&volume_->density, &volume_->temperature, &volume_->flame})
       field->bricks = field->bricks.recut(cell_size_for(field->bricks), task_);
     check_majorants();
+    check_range(volume_->density);
   }
 
  private:
@@ -201,7 +202,6 @@ class SceneMedia::Loader {
       density = load_scalar(v_.file, options, task_);
     place(density);
     adopt(density.notes);
-    check_range(density);
     count(density.summary.name, density.bricks.bytes());
     if (const BrickGrid& b = density.bricks; !b.empty()) {
       const dvec3 middle = 0.5 * (b.support_lo() + b.support_hi()) + dvec3(b.origin());
@@ -209,7 +209,6 @@ class SceneMedia::Loader {
                            glm::dvec4(middle, 1.0)));
     }
     Medium medium(density.bricks, world_from(density.world_from_index), {v_.sigma_t, v_.albedo}, phase_of(v_));
-    if (!medium.empty()) check_depth(medium);
     if (v_.albedo_grid != "none" && !medium.empty()) load_colour_into(medium);
     if (v_.velocity_grid != "none" && !shutter_opens_)
       note("velocity_grid is set but camera.shutter opens and closes at once: no motion blur");
@@ -246,7 +245,7 @@ class SceneMedia::Loader {
     if (medium.empty() || medium.homogeneous() || &medium.bricks() != &volume_->density.bricks) return;
     medium.set_majorants(scene_.render.majorant_scale, scene_.render.majorants == "global");
     const double most = most_tentative_collisions(medium);
-    if (!(most > kSlow)) return;
+    if (!(most > kSlow)) return check_depth(medium);
     const auto q = density_quantiles(volume_->density.bricks, {0.5, 0.99, 0.9999});
     const bool few = q.at(2) < 0.1 * medium.maximum_density();  // so large that they may be damage
     const std::string text = fmt::format(
@@ -257,6 +256,7 @@ class SceneMedia::Loader {
                           &v_ - scene_.volumes.data(), q.at(2))
             : "expected a smaller sigma_t or density");
     if (most > kEndless) throw InputError(text);
+    check_depth(medium);
     note(text);
   }
 

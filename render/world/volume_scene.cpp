@@ -8,6 +8,7 @@
 #include <limits>
 
 #include "base/error.h"
+#include "base/text.h"
 #include "base/toml_text.h"
 #include "render/world/visible_density.h"
 #include "render/world/volume_files.h"
@@ -129,10 +130,13 @@ class Guess {
   /// @param main  the file whose extinction is taken
   VolumeScene scene(const VolumeFile& main) {
     VolumeScene made;
-    if (looks_.empty() || !looks_[0].density || looks_[0].density->bricks.empty())
+    if (looks_.empty() || !looks_[0].density || looks_[0].density->bricks.empty()) {
+      const bool told = !looks_.empty() && looks_[0].density && !looks_[0].density->notes.empty();
       throw InputError(
-          fmt::format("{}: its {} is empty, there is nothing to render; name another with -D volumes.0.grid=NAME",
-                      main.path.string(), main.grid.empty() ? "list of grids" : grid_text(main.grid)));
+          fmt::format("{}: its {} is empty, there is nothing to render{}; name another with -D volumes.0.grid=NAME",
+                      main.path.string(), main.grid.empty() ? "list of grids" : grid_text(main.grid),
+                      told ? " (" + join(looks_[0].density->notes, "; ") + ")" : ""));
+    }
     if (looks_[0].seen.points.empty())
       throw InputError(fmt::format("{}: no ray meets the density of {}; is it finer than a thousandth of its bounds?",
                                    main.path.string(), grid_text(main.grid)));

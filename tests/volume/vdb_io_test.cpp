@@ -196,9 +196,9 @@ TEST(LoadDensity, TilesThatAreNotActiveCountInsideTheActiveBox) {
   const test::TemporaryFolder folder;
   auto grid = openvdb::FloatGrid::create();
   grid->setName("density");
-  grid->tree().addTile(1, {0, 0, 0}, 0.5f, false);
+  grid->tree().addTile(2, {0, 0, 0}, 0.5f, false);
   grid->tree().setValue({-1, 60, 60}, 1.0f);
-  grid->tree().setValue({64, 61, 100}, 1.0f);
+  grid->tree().setValue({130, 61, 100}, 1.0f);
   write(folder / "t.vdb", {grid});
   const ScalarField field = load_scalar(folder / "t.vdb", {});
   const auto at = [&](int x, int y, int z) { return field.bricks.voxel(ivec3(x, y, z) - field.bricks.origin()); };
