@@ -120,7 +120,9 @@ Layers read_encoded(const fs::path& path, std::vector<std::string>& notes) {
   };
   const auto check = [&](const void* data) {
     if (!data && std::string_view(stbi_failure_reason()) == "outofmem") throw OutOfMemory(path.string(), "read it");
-    if (!data) throw InputError(fmt::format("{}: not a readable picture: {}", path.string(), stbi_failure_reason()));
+    if (!data)
+      throw InputError(fmt::format("{}: not a readable picture: {}; expected EXR, Radiance HDR, PNG or JPEG",
+                                   path.string(), stbi_failure_reason()));
   };
   Layers picture;
   if (stbi_is_16_bit(path.c_str())) {

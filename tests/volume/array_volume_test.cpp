@@ -127,6 +127,16 @@ TEST(ArrayVolume, SaysWhatItTakesForSomethingElse) {
   EXPECT_EQ(colour->notes[0], "grid 'color': what is not finite in 3 voxels became 0");
 }
 
+TEST(ArrayVolume, CountsColoursThatAreNoNumbers) {
+  const Array plain({6, 5, 4}, blob), broken({6, 5, 4}, [](const ivec3&v) {
+    return v.x == 2 && v.y < 3 && v.z == 1 ? std::numeric_limits<float>::infinity() : 1.0f;
+  });
+  const auto grids =
+      grids_of_arrays({.density = plain.view(), .colour = std::array{plain.view(), broken.view(), plain.view()}});
+  ASSERT_EQ(grids->colour->notes.size(), 1u);
+  EXPECT_EQ(grids->colour->notes[0], "grid 'color': what is not finite in 3 voxels became 0");
+}
+
 TEST(ArrayVolume, KeepsTheOtherGridsWhereOneIsReplaced) {
   const Array one({4, 5, 6}, blob), two({4, 5, 6}, [](const ivec3&v) { return static_cast<float>(v.z); });
   const auto both = grids_of_arrays({.density = one.view(), .temperature = two.view()});

@@ -11,6 +11,7 @@
 #include "image/exr_io.h"
 #include "tests/support/files.h"
 #include "workflows/denoise_frame.h"
+#include "workflows/frame.h"
 #include "workflows/render_frame.h"
 
 namespace brume {
@@ -126,6 +127,27 @@ TEST(Workflows, FilesAndMemoryGiveTheSamePicture) {
   const DenoiseOptions options = filtered_by("", Component::kAll);
   denoise_frame(files, options, {});
   expect_same(read_exr(files.output), denoise_frame(frame, nullptr, options, {}), "from memory");
+}
+
+TEST(Workflows, GuidesTakeTheColoursOfTheirFrame) {
+  Layers guides(2, 1), frame(2, 1);
+  for (const char* name : {"guide.predicted_direct", "guide.surface_material"})
+    for (Plane* plane : guides.add_rgb({name, "RGB", ""})) plane->fill(0.5f);
+  guides.find("guide.predicted_direct.R")->fill(1);
+  guides.find("guide.surface_material.R")->fill(1);
+  guides.add("guide.normal.X", 0.25f);
+  frame.add_rgb(layer::beauty);
+  frame.header["chromaticities"] = Chromaticities{0.713f, 0.293f, 0.165f, 0.83f, 0.128f, 0.044f, 0.32168f, 0.33767f};
+  add_guides(guides, {"guides", "the frame"}, frame);
+  // Half of Rec. 709's red in ACEScg, on top of grey 0.5.
+  EXPECT_NEAR(frame.at("guide.predicted_direct.R")(1, 0), 0.5 + 0.5 * 0.6131, 1e-3);
+  EXPECT_NEAR(frame.at("guide.predicted_direct.G")(1, 0), 0.5 + 0.5 * 0.0702, 1e-3);
+  EXPECT_NEAR(frame.at("guide.predicted_direct.B")(1, 0), 0.5 + 0.5 * 0.0206, 1e-3);
+  EXPECT_EQ(frame.at("guide.surface_material.R")(1, 0), 1.0f);
+  EXPECT_EQ(frame.at("guide.normal.X")(1, 0), 0.25f);
+  frame.header.clear();
+  add_guides(guides, {"guides", "the frame"}, frame);
+  EXPECT_EQ(frame.at("guide.predicted_direct.R")(1, 0), 1.0f) << "Rec. 709 as it is";
 }
 
 TEST(Workflows, TellAndPrintNothing) {
