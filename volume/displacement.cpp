@@ -22,6 +22,8 @@ class VoxelReader {
  public:
   explicit VoxelReader(const BrickGrid& grid) : grid_(&grid) {}
 
+  const BrickGrid& grid() const { return *grid_; }
+
   float operator()(const ivec3& v) {
     if (grid_->empty()) return 0;
     const ivec3 local = v - grid_->origin(), cell = local >> 3;
@@ -43,6 +45,18 @@ class VoxelReader {
   const float* brick_ = nullptr;
 };
 
+/// The value of a brick at a multiple of 8 that holds but one.
+std::optional<float> constant_in(const BrickGrid& grid, const ivec3& lo) {
+  if (grid.empty()) return 0.0f;
+  const ivec3 cell = (lo - grid.origin()) >> 3;
+  if (glm::any(glm::lessThan(cell, ivec3(0))) || glm::any(glm::greaterThanEqual(cell, grid.cells()))) return 0.0f;
+  const BrickGrid::Cell& found = grid.cell(cell);
+  if (!found.brick) return 0.0f;
+  const float* const values = grid.brick(found);
+  if (!std::all_of(values, values + BrickGrid::kBrick, [&](float v) { return v == values[0]; })) return {};
+  return values[0];
+}
+
 /// Linear between two values, with the roundings of OpenVDB's samplers.
 float between(float a, float b, double weight) {
   return a + static_cast<float>(static_cast<double>(b - a) * weight);
@@ -59,6 +73,13 @@ class Component {
         one_lattice_(from_density_ == dmat4(1) && shift_ == dvec3(0)),
         values_(component.values),
         stored_(component.stored) {}
+
+  /// The value of a whole brick that is stored and constant, as in tiles.
+  std::optional<float> of_brick(const ivec3& lo) const {
+    if (!one_lattice_) return {};
+    const std::optional<float> stored = constant_in(stored_.grid(), lo);
+    return stored && *stored == 1 ? constant_in(values_.grid(), lo) : std::optional<float>();
+  }
 
   /// Nothing where no value is stored around the voxel; else the mean of those that are, by their trilinear weights.
   std::optional<float> operator()(const ivec3& v) {
@@ -153,10 +174,13 @@ class Extension {
   const VoxelBox& box() const { return box_; }
 
  private:
+  bool one_lattice(const StoredVelocity::Component& component) const {
+    return component.world_from_index == world_from_index_ && component.shift == dvec3(0);
+  }
+
   /// The voxels of the density's lattice around stored ones.
   VoxelBox on_lattice(const StoredVelocity::Component& component, const VoxelBox& box, int margin) const {
-    if (component.world_from_index == world_from_index_ && component.shift == dvec3(0))
-      return {box.lo - margin, box.hi + margin};
+    if (one_lattice(component)) return {box.lo - margin, box.hi + margin};
     const dmat4 to_density = component.world_from_index == world_from_index_
                                  ? dmat4(1)
                                  : glm::inverse(world_from_index_) * component.world_from_index;
@@ -220,6 +244,10 @@ class Extension {
         const StoredVelocity::Component& component = velocity_.components[c];
         component.stored.each_cell([&](const ivec3& cell) {
           const ivec3 first = component.stored.origin() + kCell * cell;
+          if (one_lattice(component)) {
+            if (!common(useful_, {first, first + kCell}).empty()) blocks.push_back(first);
+            return;
+          }
           const VoxelBox reached = common(useful_, on_lattice(component, {first, first + kCell}, 1));
           if (reached.empty()) return;
           const ivec3 lo = reached.lo >> 3, hi = reached.hi >> 3;
@@ -243,6 +271,12 @@ class Extension {
           box_, blocks,
           [&](const ivec3& lo, float* values) {
             auto of = components();
+            const std::optional<float> x = of[0].of_brick(lo), y = of[1].of_brick(lo), z = of[2].of_brick(lo);
+            if (x && y && z) {
+              const dvec3 world(*x, *y, *z);
+              std::fill_n(values, BrickGrid::kBrick, finite_or_zero((voxels_from_world_ * world)[c] * scale_));
+              return;
+            }
             each_voxel(lo, values, [&](const ivec3& v) {
               dvec3 world(0);
               for (int a = 0; a < 3; ++a)
@@ -257,6 +291,11 @@ class Extension {
         box_, blocks,
         [&](const ivec3& lo, float* values) {
           auto of = components();
+          const std::optional<float> whole[] = {of[0].of_brick(lo), of[1].of_brick(lo), of[2].of_brick(lo)};
+          if (whole[0] && whole[1] && whole[2] && (*whole[0] != 0 || *whole[1] != 0 || *whole[2] != 0)) {
+            std::fill_n(values, BrickGrid::kBrick, 1.0f);
+            return;
+          }
           VoxelReader density(density_);
           each_voxel(lo, values, [&](const ivec3& v) {
             const std::optional<float> x = of[0](v), y = of[1](v), z = of[2](v);
