@@ -104,6 +104,8 @@ def measure(brume, scene, size, repeat):
         drags = [page.look(size, camera(), True, lambda p: True) for _ in range(repeat)]
         rows.append((f"drag ({drags[-1][1]['width']} x {drags[-1][1]['height']})", [d[0] for d in drags]))
         few = max(3, repeat // 5)
+        keys = [camera() for _ in range(few)]
+        rows.append(("key, first picture", [page.look(size, key, False, lambda p: True)[0] for key in keys]))
         rows.append(("rest, whole picture", [page.look(size, camera(), False, lambda p: p["full"])[0] for _ in range(few)]))
         for name, assignment in (
             ("changed sun", "lights.0.direction=[-0.8, {}, 0.6]"),

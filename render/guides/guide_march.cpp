@@ -135,21 +135,19 @@ void GuideMarch::record(const std::vector<const GuideMarch*>& colours, const ive
                                               .surfaces = march->context_.surfaces != nullptr,
                                               .mirrors = !march->node_light_.empty()});
   const ivec2 size(frame.width(), frame.height()), count = (size + Tile::kSide - 1) / Tile::kSide;
-  std::vector<ivec2> tiles;  // their first pixels
-  for (int i = 0; i < count.x * count.y; ++i) tiles.emplace_back(Tile::kSide * ivec2(i % count.x, i / count.x));
-  if (done)
-    std::stable_sort(tiles.begin(), tiles.end(), [&](const ivec2& a, const ivec2& b) {
-      const auto off = [&](const ivec2& from) {
-        const ivec2 twice = 2 * from + Tile::kSide - size;
-        return twice.x * twice.x + twice.y * twice.y;
-      };
-      return off(a) < off(b);
-    });
+  // By the distance of their middles from the window's, where somebody watches; else row by row.
+  std::vector<std::pair<int, int>> order;
+  for (int i = 0; i < count.x * count.y; ++i) {
+    const ivec2 off = 2 * Tile::kSide * ivec2(i % count.x, i / count.x) + Tile::kSide - size;
+    order.emplace_back(done ? off.x * off.x + off.y * off.y : i, i);
+  }
+  std::sort(order.begin(), order.end());
   std::mutex mutex, watching;
   std::vector<std::vector<std::unique_ptr<Tile>>> idle(colours.size());
   std::atomic<size_t> next{0};
   parallel_for(count.x * count.y, task, [&](int) {
-    const ivec2 from = tiles[next++], to = glm::min(from + Tile::kSide, size);
+    const int i = order[next++].second;
+    const ivec2 from = Tile::kSide * ivec2(i % count.x, i / count.x), to = glm::min(from + Tile::kSide, size);
     for (size_t c = 0; c < colours.size(); ++c) {
       std::unique_ptr<Tile> tile;
       {

@@ -46,6 +46,25 @@ struct Running {
   }
 };
 
+/// What a page keeps: a request with a look.
+http::response<http::string_body> post(const Running& r, const std::string& name, const std::string& body,
+                                       bool of_page = true) {
+  asio::io_context context;
+  tcp::socket socket(context);
+  socket.connect(r.endpoint());
+  http::request<http::string_body> request(http::verb::post, "/" + r.secret + "/" + name, 11);
+  request.set(http::field::host, r.authority);
+  if (of_page) request.set(http::field::origin, "http://" + r.authority);
+  request.body() = body;
+  request.prepare_payload();
+  http::write(socket, request);
+  beast::flat_buffer buffer;
+  http::response_parser<http::string_body> parser;
+  parser.body_limit(64 << 20);
+  http::read(socket, buffer, parser);
+  return parser.release();
+}
+
 http::response<http::string_body> get(const Running& r, const std::string& target,
                                       std::map<std::string, std::string> fields = {},
                                       http::verb method = http::verb::get) {
@@ -141,6 +160,44 @@ TEST(ViewServer, APageThatJoinsWhileSamplesGoOnIsToldTheScene) {
   second.send(look(4));
   EXPECT_EQ(second.receive_until(scene)["id"], 4);
   second.receive_until(clean);
+}
+
+TEST(ViewServer, KeepsTheLookThatAPageSays) {
+  const Running r;
+  Page page(r);
+  page.send(look(3));
+  page.receive_until([](const json& m) { return m["type"] == "picture" && m["full"] == true; });
+  json other = look(0);
+  other["set"] = {"camera.fov=21"};
+  EXPECT_NE(post(r, "scene.toml", other.dump()).body().find("fov = 21"), std::string::npos);
+  EXPECT_NE(post(r, "command", other.dump()).body().find("camera.fov=21"), std::string::npos);
+  // Its frame is not there, which is no error: a page waits.
+  EXPECT_EQ(post(r, "frame.exr", other.dump()).result_int(), 202u);
+  const auto frame = post(r, "frame.exr", look(0).dump());
+  EXPECT_EQ(frame.result_int(), 200u);
+  EXPECT_EQ(frame.body().substr(0, 4), std::string("\x76\x2f\x31\x01"));
+  EXPECT_EQ(post(r, "scene.toml", "nonsense").result_int(), 400u);
+  EXPECT_EQ(post(r, "scene.toml", R"({"type":"probe","id":1,"x":0.5,"y":0.5})").result_int(), 400u);
+  other["set"] = {"volumes.0.nonsense=1"};
+  EXPECT_EQ(post(r, "scene.toml", other.dump()).result_int(), 409u);
+  EXPECT_EQ(post(r, "scene.toml", look(0).dump(), /*of_page=*/false).result_int(), 403u);
+}
+
+TEST(ViewServer, APageWhoseTurnAnotherOneTakesIsToldAndGoesOnAfterIt) {
+  const Running r;
+  const auto clean = [](const json& m) { return m["type"] == "picture" && m["stage"] == "clean"; };
+  Page first(r);
+  first.send(look(3));
+  first.receive_until(clean);
+  {
+    Page second(r);
+    json other = look(4);
+    other["set"] = {"camera.fov=21"};
+    second.send(other);
+    second.receive_until(clean);
+    first.receive_until([](const json& m) { return m["type"] == "progress" && m["stage"] == "elsewhere"; });
+  }
+  EXPECT_EQ(first.receive_until(clean)["id"], 3);
 }
 
 TEST(ViewServer, AnswersOnlyItsOwnPage) {

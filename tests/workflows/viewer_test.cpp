@@ -3,6 +3,7 @@
 #include "workflows/viewer.h"
 
 #include <Imath/half.h>
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <chrono>
@@ -323,6 +324,174 @@ TEST(Viewer, FramesOfASequenceAreThose) {
   EXPECT_NE(a->halves, b->halves);
   ASSERT_FALSE(v.audience.scenes.empty());
   EXPECT_EQ(v.audience.scenes[0].frames, (std::vector<int>{1, 2}));
+  for (const ViewSceneText& scene : v.audience.scenes) EXPECT_EQ(scene.name, "s.####");
+}
+
+// The first look is sketched whatever the machine; a later one unless its whole picture takes next to no time.
+TEST(Viewer, AnotherCameraIsSeenCoarseFirstAndThenInSteps) {
+  Viewing v(kCloud);
+  for (const uint64_t id : {1, 2}) {
+    v.viewer.look(look(id, {fmt::format("camera.fov={}", 30 + id)}, {960, 720}));
+    const auto whole = v.audience.first([&](const ViewPicture& p) { return p.id == id && p.full; });
+    ASSERT_TRUE(whole);
+    EXPECT_EQ(whole->width, 960);
+    int before = 0, shown = 0;
+    for (const ViewPicture& p : v.audience.pictures) {
+      if (p.id != id || !p.predicted) continue;
+      EXPECT_GE(p.width, before) << "pictures grow";
+      before = p.width;
+      if (++shown == 1 && (id == 1 || whole->seconds > 1)) {
+        EXPECT_LT(p.width, 960);
+      }
+      if (p.full) break;
+    }
+  }
+}
+
+TEST(Viewer, SamplesAreCountedWhileTheyAreTaken) {
+  Viewing v(kCloud);
+  v.viewer.look(look(1, {}, {320, 240}));
+  ASSERT_TRUE(v.audience.first([](const ViewPicture& p) { return p.samples >= 16; }));
+  bool within = false;
+  for (const ViewProgress& p : v.audience.told) {
+    if (p.share) {
+      EXPECT_GE(*p.share, 0);
+      EXPECT_LE(*p.share, 1);
+    }
+    if (p.stage != ViewStage::kSampling) continue;
+    EXPECT_GE(p.goal, 8);
+    EXPECT_LE(p.samples, p.goal);
+    within = within || p.goal > 8;
+  }
+  EXPECT_TRUE(within) << "the goals of later rounds are told";
+}
+
+// Whatever has been computed: the text and command are those of the look that is asked for, and a frame of another
+// camera is none of it.
+TEST(Viewer, WhatIsKeptIsTheLookThatIsAskedFor) {
+  Viewing v(kCloud);
+  const ViewLook first = look(1), second = look(2, {"camera.fov=21"});
+  EXPECT_THROW(v.viewer.scene_text(first), InputError);
+  v.viewer.look(first);
+  ASSERT_TRUE(v.audience.first([](const ViewPicture& p) { return !p.predicted; }));
+  ASSERT_TRUE(v.viewer.frame(first));
+  EXPECT_EQ(v.viewer.frame(second), nullptr);
+  EXPECT_NE(v.viewer.scene_text(second).find("fov = 21"), std::string::npos) << v.viewer.scene_text(second);
+  EXPECT_NE(v.viewer.command(second).find("camera.fov=21"), std::string::npos);
+  EXPECT_NE(v.viewer.command(second).find("film.width=48"), std::string::npos);
+  v.viewer.look(second);
+  ASSERT_TRUE(v.audience.first([](const ViewPicture& p) { return p.id == 2 && p.full; }));
+  const auto frame = v.viewer.frame(second);
+  ASSERT_TRUE(frame);
+  EXPECT_TRUE(frame->find("R") && frame->find("guide.opacity.Y"));
+  EXPECT_EQ(v.viewer.frame(first), nullptr);
+  const Scene scene = read_scene(kCloud, std::vector<std::string>{"camera.fov=21", "film.width=48", "film.height=36"});
+  for (const bool sampled : {false, true}) {
+    if (sampled) {
+      ASSERT_TRUE(v.audience.first([](const ViewPicture& p) { return p.id == 2 && !p.predicted; }));
+    }
+    const auto kept = v.viewer.frame(second);
+    ASSERT_TRUE(kept);
+    EXPECT_EQ(kept->text("sceneHash"), scene.hash);
+    EXPECT_EQ(kept->text("sceneSettings"), scene.settings);
+    EXPECT_TRUE(kept->header.contains("worldToCamera"));
+  }
+}
+
+TEST(Viewer, ARepairedFileEndsItsProblemAndAMissingOneIsTold) {
+  const test::TemporaryFolder folder;
+  const fs::path scene = folder / "scene.toml";
+  std::string text = test::read_file(kCloud);
+  text.replace(text.find("../volumes"), 10, test::source("data/volumes").string());
+  const auto write = [&](const std::string& what, std::chrono::seconds ago) {
+    std::ofstream(scene) << what;
+    fs::last_write_time(scene, fs::file_time_type::clock::now() - ago);
+  };
+  const auto reloads = [](const Audience& a) {
+    return std::count_if(a.scenes.begin(), a.scenes.end(), [](const ViewSceneText& s) { return s.reloaded; });
+  };
+  write(text, 30s);
+  Viewing v(scene);
+  v.viewer.look(look(1));
+  ASSERT_TRUE(v.audience.first([](const ViewPicture& p) { return p.full; }));
+  write("[camera]\nnonsense = 1\n" + text, 20s);
+  v.viewer.check_files();
+  ASSERT_TRUE(v.audience.wait([](const Audience& a) { return a.wrong.size() == 1; }));
+  EXPECT_FALSE(v.audience.wrong[0].lasting);
+  write(text, 10s);
+  v.viewer.check_files();
+  ASSERT_TRUE(v.audience.wait([&](const Audience& a) { return reloads(a) == 1; }));
+  // Gone: told once, when two looks at the folder agree.
+  fs::rename(scene, folder / "away.toml");
+  for (int i = 0; i < 4; ++i) v.viewer.check_files();
+  ASSERT_EQ(v.audience.wrong.size(), 2u);
+  EXPECT_TRUE(v.audience.wrong[1].lasting);
+  EXPECT_NE(v.audience.wrong[1].text.find("scene.toml: the file is gone"), std::string::npos);
+  // Back with the time that it had.
+  fs::rename(folder / "away.toml", scene);
+  v.viewer.check_files();
+  ASSERT_TRUE(v.audience.wait([&](const Audience& a) { return reloads(a) == 2; }));
+}
+
+TEST(Viewer, AVolumeThatChangesIsReadAgain) {
+  const test::TemporaryFolder folder;
+  const fs::path file = folder / "own.vdb";
+  const auto generate = [&](int seed) {
+    return test::run_brume(fmt::format("generate cloud --resolution 24 --seed {} -o {}", seed, file.string())).status;
+  };
+  ASSERT_EQ(generate(1), 0);
+  fs::last_write_time(file, fs::file_time_type::clock::now() - 30s);
+  std::ofstream(folder / "scene.toml") << "[camera]\nposition = [0, -4, 0]\nlook_at = [0, 0, 0]\n[environment]\n"
+                                          "radiance = 1\n[[volumes]]\nfile = \"own.vdb\"\nsigma_t = 5\n";
+  Viewing v(folder / "scene.toml");
+  v.viewer.look(look(1));
+  ASSERT_TRUE(v.audience.first([](const ViewPicture& p) { return p.full; }));
+  v.viewer.check_files();
+  ASSERT_EQ(generate(2), 0);
+  for (int i = 0; i < 2; ++i) v.viewer.check_files();  // it is read once it has stopped to change
+  ASSERT_TRUE(v.audience.wait([](const Audience& a) {
+    return std::any_of(a.scenes.begin(), a.scenes.end(), [](const ViewSceneText& s) { return s.reloaded; });
+  }));
+}
+
+TEST(Viewer, AProblemOfAGridOffersTheGridsOfTheFile) {
+  const test::TemporaryFolder folder;
+  const std::string file = (folder / "own.vdb").string();
+  ASSERT_EQ(test::run_brume("generate cloud --resolution 24 -o " + file).status, 0);
+  std::ofstream(folder / "scene.toml") << "[camera]\nposition = [0, -4, 0]\nlook_at = [0, 0, 0]\n[environment]\n"
+                                          "radiance = 1\n[[volumes]]\nfile = \"own.vdb\"\ngrid = \"soot\"\n"
+                                          "sigma_t = 5\n";
+  Viewing v(folder / "scene.toml");
+  v.viewer.look(look(1));
+  ASSERT_TRUE(v.audience.wait([](const Audience& a) { return !a.wrong.empty(); }));
+  const ViewProblem& problem = v.audience.wrong[0];
+  EXPECT_EQ(problem.grid_key, "volumes.0.grid");
+  ASSERT_EQ(problem.grids.size(), 1u);
+  EXPECT_EQ(problem.grids[0].name, "density");
+  EXPECT_EQ(problem.grids[0].type, "float");
+  EXPECT_TRUE(problem.grids[0].usable);
+  v.viewer.look(look(2, {"volumes.0.grid=density"}));
+  EXPECT_TRUE(v.audience.first([](const ViewPicture& p) { return p.id == 2 && p.full; }));
+  // A bare file in which there is no density at all names what it holds.
+  Viewing bare(test::source("tests/data/grids/vectors.vdb"));
+  bare.viewer.look(look(1));
+  ASSERT_TRUE(bare.audience.wait([](const Audience& a) { return !a.wrong.empty(); }));
+  ASSERT_FALSE(bare.audience.wrong[0].grids.empty());
+  EXPECT_FALSE(bare.audience.wrong[0].grids[0].usable);
+}
+
+TEST(Viewer, LayersAreNamedInWordsWithUnitsAndGroups) {
+  Viewing v(kCloud);
+  v.viewer.look(look(1));
+  ASSERT_TRUE(v.audience.first([](const ViewPicture& p) { return !p.predicted; }));
+  const auto& layers = v.audience.scenes.back().layers;
+  const auto depth = std::find_if(layers.begin(), layers.end(), [](const auto& l) { return l.name == "guide.depth"; });
+  ASSERT_NE(depth, layers.end());
+  EXPECT_EQ(depth->unit, "scene units");
+  for (const auto& l : layers) {
+    EXPECT_EQ(l.title.find_first_of("._"), std::string::npos) << l.title;
+    EXPECT_FALSE(l.unit.empty()) << l.name;
+  }
 }
 
 TEST(SceneOutline, TellsWhatTheTextSaysAndTheDefaults) {

@@ -142,7 +142,10 @@ function fakeProgram({ frames }: FakeOptions): void {
         };
         for (const [k, v] of Object.entries(value)) fields[k] = [types[k] ?? "color", v as Value];
         all[path] = { title: String((value as Record<string, Value>)["type"]), fields };
-      } else if (all[table]) all[table]!.fields[key] = [all[table]!.fields[key]?.[0] ?? "text", value as Value];
+      } else if (all[table]) {
+        const [type, , rest] = all[table]!.fields[key] ?? ["text", ""];
+        all[table]!.fields[key] = [type, value as Value, ...(rest ? [rest] : [])] as Fields[string];
+      }
     }
     return all;
   };

@@ -15,6 +15,7 @@ import {
   SLIDER_STEP,
   SLIDER_STEPS,
   strengthOf,
+  unitText,
   type SliderRange,
 } from "./field_info";
 import { NumberInput, shortNumber } from "./number_input";
@@ -46,7 +47,7 @@ export function Field({ path, title, field: entry, grids }: Props) {
   const choices = grids?.length && entry.key.endsWith("grid") ? gridChoices(entry.key, String(value ?? ""), grids) : [];
   const field: FieldEntry = choices.length && entry.type === "text" ? { ...entry, type: "choice", choices } : entry;
   const changed = viewer.assignments.has(key);
-  const unit = field.unit && field.unit !== "1" ? field.unit : "";
+  const unit = unitText(field.unit);
   const help = [`${key}:`, field.help, unit && `[${unit}]`].filter(Boolean).join(" ");
   const access: Access = {
     label: `${title} ${labelOf(field.key)}`,
@@ -134,8 +135,8 @@ function Slider(props: {
   const input = useRef<HTMLInputElement>(null);
   /** Of a drag: the pointer's last place, and the slider's in fractions of a step. */
   const drag = useRef<{ x: number; place: number } | undefined>(undefined);
-  const put = (place: number) =>
-    onSlide(sliderValue(range, Math.min(SLIDER_STEPS, Math.max(0, Math.round(place)))), access.label);
+  const put = (place: number, on = range) =>
+    onSlide(sliderValue(on, Math.min(SLIDER_STEPS, Math.max(0, Math.round(place)))), access.label);
   const stepOf = (event: { shiftKey: boolean }) => (event.shiftKey ? SLIDER_STEP.fine : SLIDER_STEP.coarse);
   const latest = useRef({ put, range, value });
   latest.current = { put, range, value };
@@ -192,7 +193,8 @@ function Slider(props: {
           const now = drag.current!;
           const way = ((event.clientX - now.x) / (width - 16)) * SLIDER_STEPS;
           drag.current = { x: event.clientX, place: now.place + way * (event.shiftKey ? 0.1 : 1) };
-          latest.current.put(drag.current.place);
+          // The range of a drag is the one that it began with.
+          latest.current.put(drag.current.place, range);
         };
         const end = () => {
           removeEventListener("mousemove", move);

@@ -137,6 +137,11 @@ const LABELS: Record<string, string> = {
   velocity_grid: "velocity from grid",
 };
 
+/** A unit as it is printed; nothing for plain numbers. */
+export function unitText(unit: string | undefined): string {
+  return !unit || unit === "1" ? "" : unit.replace(/\^2/g, "²").replace(/\^3/g, "³");
+}
+
 /** A key in words. */
 export function labelOf(key: string): string {
   return LABELS[key] ?? key.replace(/_/g, " ");
@@ -163,10 +168,11 @@ export function sliderRange(field: Field, middle: number, value = middle): Slide
   if (lowest < 0) return undefined;
   // Where the number is set most, the file's own in the middle; further where it has been set beyond.
   const about = middle > 0 ? middle : 1;
-  const beyond = value > 0 ? value : about;
+  const below = value > 0 && value < about / USEFUL ? value / 2 : about / USEFUL;
+  const above = value > about * USEFUL ? value * 2 : about * USEFUL;
   return {
-    lowest: Math.max(Number(Math.min(about / USEFUL, beyond / 2).toPrecision(2)), lowest),
-    highest: Math.min(Number(Math.max(about * USEFUL, beyond * 2).toPrecision(2)), highest),
+    lowest: Math.max(Number(below.toPrecision(2)), lowest),
+    highest: Math.min(Number(above.toPrecision(2)), highest),
     log: true,
   };
 }

@@ -15,6 +15,7 @@ import {
   type SceneMessage,
 } from "./protocol";
 import { SceneValues } from "./scene_values";
+import { unitText } from "./field_info";
 import { keep, pictureSize, restore, type Settings } from "./settings";
 import { Topic } from "./topic";
 import type { Vec3 } from "./vector";
@@ -137,7 +138,7 @@ export class Viewer {
 
   layerUnit(name: string): string {
     const unit = this.scene?.layers.find((layer) => layer.name === name)?.unit;
-    return unit && unit !== "1" ? unit : "";
+    return unitText(unit);
   }
   layerTitle(name: string): string {
     return this.scene?.layers.find((layer) => layer.name === name)?.title ?? name;
