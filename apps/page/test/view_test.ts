@@ -44,6 +44,7 @@ const picture = (page: Page) => page.locator("#picture");
 const field = (page: Page, key: string) => page.locator(`[data-key="${key}"]`);
 const box = async (locator: Locator) => (await locator.boundingBox())!;
 const middle = async (locator: Locator) => {
+  await locator.scrollIntoViewIfNeeded();
   const { x, y, width, height } = await box(locator);
   return { x: x + width / 2, y: y + height / 2 };
 };
@@ -864,6 +865,7 @@ class Program {
       const passed = request({
         host: this.target!.hostname,
         port: this.target!.port,
+        method: from.method,
         path: place(from.url!),
         headers: headers(from.headers),
       });
@@ -872,7 +874,7 @@ class Program {
         answer.pipe(to);
       });
       passed.on("error", () => to.destroy());
-      passed.end();
+      from.pipe(passed);
     });
     server.on("upgrade", (from, socket: Socket) => {
       const other = connect(Number(this.target!.port), this.target!.hostname, () => {
