@@ -106,7 +106,10 @@ const GridEntry* density_by_exclusion(const std::vector<GridEntry>& grids, std::
   const auto with_density = those(
       grids, [](const GridEntry& g) { return is_scalar(g) && plain(g.name).find("density") != std::string::npos; });
   if (!with_density.empty()) return only_one(with_density, notes);
-  const auto scalars = those(grids, is_scalar), countable = those(grids, is_countable);
+  const auto scalars = those(grids, is_scalar),
+             countable = those(grids, [](const GridEntry&g) {
+               return is_countable(g) && !is_one_of(kNoDensity, plain(grid_name_alone(g.name)));
+             });
   if (scalars.size() == 1) return scalars[0];
   if (scalars.empty() && countable.size() == 1) return countable[0];
   const auto candidates = those(grids, [](const GridEntry& g) {

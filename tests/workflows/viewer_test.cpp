@@ -49,10 +49,10 @@ class Audience : public ViewListener {
     add([&] { points.emplace_back(id, position); });
   }
 
-  /// @return whether it came to be within two minutes
+  /// @return whether it came to be within ten minutes
   bool wait(const std::function<bool(const Audience&)>& is) {
     std::unique_lock lock(mutex_);
-    return came_.wait_for(lock, 120s, [&] { return is(*this); });
+    return came_.wait_for(lock, 600s, [&] { return is(*this); });
   }
   std::optional<ViewPicture> first(const std::function<bool(const ViewPicture&)>& is) {
     std::optional<ViewPicture> found;
