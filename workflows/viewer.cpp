@@ -677,7 +677,7 @@ void Viewer::trace(const ViewLook& look, const Task& task) {
   job.recorded_guides = guides.get();
   const double pixels = 1.0 * look.size.x * look.size.y;
   double taken = 0, begin = 0, goal = kFirstRound;  // samples a pixel, on average: now, and of the round
-  int samples = 0;
+  int samples = 0;                                  // a pixel of the picture that is shown, on average
   const auto error = [&] { return cleaner.error() >= 0 ? std::optional(cleaner.error()) : std::nullopt; };
   const auto progress = [&](ViewStage stage, double share) {
     tell({.stage = stage,
@@ -698,9 +698,10 @@ void Viewer::trace(const ViewLook& look, const Task& task) {
     taken = goal;
     progress(ViewStage::kCleaning, 0);
     NextRound next = cleaner.next_round(round, 0);
-    samples = std::numeric_limits<int>::max();
+    double sum = 0;
     for (int t = 0; t < round.film.tile_count(); ++t)
-      samples = std::min(samples, static_cast<int>(round.film.taken(t)));
+      sum += static_cast<double>(round.film.bounds(t).pixels()) * round.film.taken(t);
+    samples = static_cast<int>(std::lround(sum / pixels));
     const auto frame = std::make_shared<const Layers>(cleaner.picture());
     const ViewPicture known = about(/*predicted=*/false, samples, error());
     {

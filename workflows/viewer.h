@@ -48,7 +48,7 @@ struct ViewPicture {
   int width = 0, height = 0, channels = 0;
   bool predicted = false;  ///< from guides alone; else path traced and clean
   bool full = true;        ///< of the size asked for, and no better prediction follows
-  int samples = 0;         ///< per pixel, at least
+  int samples = 0;         ///< per pixel, on average
   std::optional<double> error;
   double seconds = 0;  ///< since it was asked for
   double exposure = 1;

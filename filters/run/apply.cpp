@@ -87,6 +87,22 @@ struct SignalLevel {
   double typical_luminance = 0, lab_noise = 0;
 };
 
+/// Whether a frame's own statistics say that its alpha has noise.
+bool is_noisy_alpha(const Layers& frame) {
+  constexpr double kFew = 0.01;  // share of the pixels that are partly covered
+  const Plane* const alpha = frame.find(layer::alpha.channel(0));
+  const Plane* const variance = frame.find(layer::alpha.channel_of(statistic::mean_variance, 0));
+  if (!alpha || !variance) return false;
+  double partial = 0, noisy = 0;
+  for (int y = 0; y < alpha->height(); ++y)
+    for (int x = 0; x < alpha->width(); ++x) {
+      if (!((*alpha)(x, y) > 0 && (*alpha)(x, y) < 1)) continue;
+      ++partial;
+      noisy += (*variance)(x, y) > 0;
+    }
+  return noisy > kFew * partial;
+}
+
 /// A frame that is read: the one to clean, or another of the sequence. Not copied unless it has something to repair.
 class Source {
  public:
@@ -127,7 +143,7 @@ class Source {
   void weigh_by_alpha(const std::vector<LayerName>& signals, const std::vector<LayerName>& carried, bool goes_on,
                       const Task& task) {
     const Plane* const alpha = layers().find(layer::alpha.channel(0));
-    if (!alpha) return;
+    if (!alpha || is_noisy_alpha(layers())) return;
     const Plane* const opacity = layers().find(guide_layer::opacity.channel(0));
     std::map<std::string, Plane> changed;
     for (const LayerName& signal : signals) {
