@@ -266,7 +266,8 @@ void describe(Visitor& v, SurfaceSettings& s) {
      "diffuse: reflectance; conductor: reflectance seen head on; dielectric: tint of what passes, 1 unless given", 0,
      1},
     s.albedo);
-  v({"albedo_texture", "", "picture that multiplies albedo, up to 1: PNG, JPEG (sRGB), HDR or EXR (linear)"}, s.albedo_texture);
+  v({"albedo_texture", "", "picture that multiplies albedo, up to 1: PNG, JPEG (sRGB), HDR or EXR (linear)"},
+    s.albedo_texture);
   v({"edge_albedo", "1", "conductor: reflectance seen at grazing angles", 0, 1}, s.edge_albedo);
   v({"reflection_tint", "1", "dielectric: tint of what its faces reflect", 0, 1}, s.reflection_tint);
   v({"roughness", "1", "conductor, dielectric: square root of the GGX width; 0 is perfectly smooth", 0, 1},
