@@ -26,6 +26,9 @@ if [ ! -f "$root/made" ]; then
   touch "$root/made"
 fi
 cp /etc/resolv.conf "$root/etc/resolv.conf"
+# Behind a proxy of one's own, npm must trust what this machine trusts.
+authorities=/etc/ssl/certs/ca-certificates.crt
+[ ! -f $authorities ] || cp $authorities "$root/etc/elsewhere-authorities.crt"
 clone=$root/root/brume
 [ -d "$clone" ] || git clone -q . "$clone"
 git -C "$clone" fetch -q "$(pwd)" HEAD
@@ -42,6 +45,9 @@ for job in "$@"; do
       mkdir -p "$root/root/shared"
       mount --bind ../shared "$root/root/shared"
     fi
+    [ ! -f "$root/etc/elsewhere-authorities.crt" ] || export NODE_EXTRA_CA_CERTS=/etc/elsewhere-authorities.crt
     exec env -i HOME=/root PATH=/usr/sbin:/usr/bin:/sbin:/bin TERM="${TERM:-dumb}" LC_ALL=C.UTF-8 \
+      ${http_proxy+"http_proxy=$http_proxy"} ${https_proxy+"https_proxy=$https_proxy"} \
+      ${NODE_EXTRA_CA_CERTS+"NODE_EXTRA_CA_CERTS=$NODE_EXTRA_CA_CERTS"} \
       chroot "$root" sh -c "cd /root/brume && exec ./run $2"' sh "$root" "$job"
 done
