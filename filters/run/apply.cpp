@@ -87,12 +87,12 @@ struct SignalLevel {
   double typical_luminance = 0, lab_noise = 0;
 };
 
-/// Whether a frame's own statistics say that its alpha has noise.
+/// Whether alpha has noise by what is known of the frame: by its statistics, or as brume's own, which is an estimate.
 bool is_noisy_alpha(const Layers& frame) {
   constexpr double kFew = 0.01;  // share of the pixels that are partly covered
   const Plane* const alpha = frame.find(layer::alpha.channel(0));
   const Plane* const variance = frame.find(layer::alpha.channel_of(statistic::mean_variance, 0));
-  if (!alpha || !variance) return false;
+  if (!alpha || !variance) return frame.header.contains("sceneHash");
   double partial = 0, noisy = 0;
   for (int y = 0; y < alpha->height(); ++y)
     for (int x = 0; x < alpha->width(); ++x) {
