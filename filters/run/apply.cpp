@@ -143,7 +143,8 @@ class Source {
   void weigh_by_alpha(const std::vector<LayerName>& signals, const std::vector<LayerName>& carried, bool goes_on,
                       const Task& task) {
     const Plane* const alpha = layers().find(layer::alpha.channel(0));
-    if (!alpha || is_noisy_alpha(layers())) return;
+    if (!alpha) return;
+    goes_on = goes_on && !is_noisy_alpha(layers());
     const Plane* const opacity = layers().find(guide_layer::opacity.channel(0));
     std::map<std::string, Plane> changed;
     for (const LayerName& signal : signals) {
