@@ -40,7 +40,8 @@ TEST(ReadScene, ReadsTheDemoScenes) {
 TEST(ReadScene, ErrorsUnderlineTheLineAndSayWhatIsExpected) {
   const std::string unknown = error_of(std::string(kCamera) + "fovv = 30\n");
   EXPECT_TRUE(holds(unknown, "unknown key 'fovv' in [camera]; did you mean 'fov'?")) << unknown;
-  EXPECT_TRUE(holds(unknown, "s.toml") && holds(unknown, "4 | fovv = 30") && holds(unknown, "~~"));
+  EXPECT_TRUE(holds(unknown, "s.toml") && holds(unknown, "4 | fovv = 30"));
+  EXPECT_TRUE(holds(unknown, "~~") || holds(unknown, "^^")) << "toml11 3 and 4 underline each in its way: " << unknown;
   const std::string missing = error_of("[camera]\nposition = [0, 0, 1]\n");
   EXPECT_TRUE(holds(missing, "[camera] has no 'look_at'") && holds(missing, "add look_at")) << missing;
   EXPECT_TRUE(holds(error_of(std::string(kCamera) + "fov = \"wide\"\n"), "'fov' is text"))
