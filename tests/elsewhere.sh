@@ -29,7 +29,7 @@ cp /etc/resolv.conf "$root/etc/resolv.conf"
 # Behind a proxy of one's own, npm must trust what this machine trusts.
 authorities=/etc/ssl/certs/ca-certificates.crt
 [ ! -f $authorities ] || cp $authorities "$root/etc/elsewhere-authorities.crt"
-clone=$root/root/brume
+clone=$root/brume
 [ -d "$clone" ] || git clone -q . "$clone"
 git -C "$clone" fetch -q "$(pwd)" HEAD
 git -C "$clone" checkout -q --force --detach FETCH_HEAD
@@ -42,12 +42,12 @@ for job in "$@"; do
     root=$1
     for folder in proc sys dev; do mount --rbind "/$folder" "$root/$folder"; done
     if [ -d ../shared ]; then
-      mkdir -p "$root/root/shared"
-      mount --bind ../shared "$root/root/shared"
+      mkdir -p "$root/shared"
+      mount --bind ../shared "$root/shared"
     fi
     [ ! -f "$root/etc/elsewhere-authorities.crt" ] || export NODE_EXTRA_CA_CERTS=/etc/elsewhere-authorities.crt
     exec env -i HOME=/root PATH=/usr/sbin:/usr/bin:/sbin:/bin TERM="${TERM:-dumb}" LC_ALL=C.UTF-8 \
       ${http_proxy+"http_proxy=$http_proxy"} ${https_proxy+"https_proxy=$https_proxy"} \
       ${NODE_EXTRA_CA_CERTS+"NODE_EXTRA_CA_CERTS=$NODE_EXTRA_CA_CERTS"} \
-      chroot "$root" sh -c "cd /root/brume && exec ./run $2"' sh "$root" "$job"
+      chroot "$root" sh -c "cd /brume && exec ./run $2"' sh "$root" "$job"
 done

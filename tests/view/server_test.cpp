@@ -46,17 +46,11 @@ struct Running {
   }
 };
 
-/// What a page keeps: a request with a look.
-http::response<http::string_body> post(const Running& r, const std::string& name, const std::string& body,
-                                       bool of_page = true) {
+template <class Body>
+http::response<http::string_body> answer_to(const Running& r, const http::request<Body>& request) {
   asio::io_context context;
   tcp::socket socket(context);
   socket.connect(r.endpoint());
-  http::request<http::string_body> request(http::verb::post, "/" + r.secret + "/" + name, 11);
-  request.set(http::field::host, r.authority);
-  if (of_page) request.set(http::field::origin, "http://" + r.authority);
-  request.body() = body;
-  request.prepare_payload();
   http::write(socket, request);
   beast::flat_buffer buffer;
   http::response_parser<http::string_body> parser;
@@ -65,21 +59,24 @@ http::response<http::string_body> post(const Running& r, const std::string& name
   return parser.release();
 }
 
+/// What a page keeps: a request with a look.
+http::response<http::string_body> post(const Running& r, const std::string& name, const std::string& body,
+                                       bool of_page = true) {
+  http::request<http::string_body> request(http::verb::post, "/" + r.secret + "/" + name, 11);
+  request.set(http::field::host, r.authority);
+  if (of_page) request.set(http::field::origin, "http://" + r.authority);
+  request.body() = body;
+  request.prepare_payload();
+  return answer_to(r, request);
+}
+
 http::response<http::string_body> get(const Running& r, const std::string& target,
                                       std::map<std::string, std::string> fields = {},
                                       http::verb method = http::verb::get) {
-  asio::io_context context;
-  tcp::socket socket(context);
-  socket.connect(r.endpoint());
   http::request<http::empty_body> request(method, target, 11);
   fields.try_emplace("Host", r.authority);
   for (const auto& [name, value] : fields) request.set(name, value);
-  http::write(socket, request);
-  beast::flat_buffer buffer;
-  http::response_parser<http::string_body> parser;
-  parser.body_limit(64 << 20);
-  http::read(socket, buffer, parser);
-  return parser.release();
+  return answer_to(r, request);
 }
 
 /// A page's end of the WebSocket.
