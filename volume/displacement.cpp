@@ -25,7 +25,12 @@ class VoxelReader {
   const BrickGrid& grid() const { return *grid_; }
 
   float operator()(const ivec3& v) {
-    if (grid_->empty()) return 0;
+    const float* const value = row(v);
+    return value ? *value : 0.0f;
+  }
+  /// The voxel v and those after it along z in its cell; null: they are 0.
+  const float* row(const ivec3& v) {
+    if (grid_->empty()) return nullptr;
     const ivec3 local = v - grid_->origin(), cell = local >> 3;
     if (cell != cell_) {
       cell_ = cell;
@@ -34,9 +39,9 @@ class VoxelReader {
       const BrickGrid::Cell* const found = inside ? &grid_->cell(cell) : nullptr;
       brick_ = found && found->brick ? grid_->brick(*found) : nullptr;
     }
-    if (!brick_) return 0;
+    if (!brick_) return nullptr;
     const ivec3 i = local & (kCell - 1);
-    return brick_[(i.x * kStored + i.y) * kStored + i.z];
+    return brick_ + (i.x * kStored + i.y) * kStored + i.z;
   }
 
  private:
@@ -44,6 +49,24 @@ class VoxelReader {
   ivec3 cell_{-1};
   const float* brick_ = nullptr;
 };
+
+/// The voxels of a cube of N along each axis, index coordinates lo .. lo + N - 1; z fastest.
+template <int N>
+void read_cube(const BrickGrid& grid, const ivec3& lo, float* values) {
+  VoxelReader at(grid);
+  for (int x = 0; x < N; ++x)
+    for (int y = 0; y < N; ++y)
+      for (int z = 0; z < N;) {
+        const ivec3 v = lo + ivec3(x, y, z);
+        const int in_cell = std::min(N - z, kCell - ((v.z - grid.origin().z) & (kCell - 1)));
+        if (const float* const row = at.row(v))
+          std::copy_n(row, in_cell, values);
+        else
+          std::fill_n(values, in_cell, 0.0f);
+        values += in_cell;
+        z += in_cell;
+      }
+}
 
 /// The value of a brick at a multiple of 8 that holds but one.
 std::optional<float> constant_in(const BrickGrid& grid, const ivec3& lo) {
@@ -56,6 +79,31 @@ std::optional<float> constant_in(const BrickGrid& grid, const ivec3& lo) {
   if (!std::all_of(values, values + BrickGrid::kBrick, [&](float v) { return v == values[0]; })) return {};
   return values[0];
 }
+
+/// The least and the greatest value of each cell; those of a shared brick are looked for once.
+class CellRanges {
+ public:
+  explicit CellRanges(const BrickGrid& grid) : grid_(&grid), ranges_(grid.brick_count() + 1) {
+    std::vector<uint8_t> known(ranges_.size());
+    grid.each_distinct_cell([&](const BrickGrid::Cell& cell, uint64_t) {
+      if (known[cell.brick]) return;
+      known[cell.brick] = 1;
+      const auto [low, high] = std::minmax_element(grid.brick(cell), grid.brick(cell) + BrickGrid::kBrick);
+      ranges_[cell.brick] = {*low, *high};
+    });
+  }
+  /// @param c  index coordinates of the cell's first voxel / 8; it may lie outside
+  std::pair<float, float> in(const ivec3& c) const {
+    if (grid_->empty()) return {};
+    const ivec3 local = c - (grid_->origin() >> 3);
+    if (glm::any(glm::lessThan(local, ivec3(0))) || glm::any(glm::greaterThanEqual(local, grid_->cells()))) return {};
+    return ranges_[grid_->cell(local).brick];
+  }
+
+ private:
+  const BrickGrid* grid_;
+  std::vector<std::pair<float, float>> ranges_;  // by the number of a cell's brick; {0, 0} for none
+};
 
 /// Linear between two values, with the roundings of OpenVDB's samplers.
 float between(float a, float b, double weight) {
@@ -339,6 +387,10 @@ class Extension {
     known_ = BrickGrid::build(
         box_, blocks,
         [&](const ivec3& lo, float* values) {
+          if (known_everywhere(lo >> 3)) {
+            std::fill_n(values, BrickGrid::kBrick, 1.0f);
+            return;
+          }
           VoxelReader density_at(density_), known_at(known_);
           for (int x = 0; x <= kCell; ++x)
             for (int y = 0; y <= kCell; ++y)
@@ -365,22 +417,15 @@ class Extension {
     return cell && full_[cell->brick];
   }
 
-  /// Velocities in a cell, as they are known.
-  Range range_in(const ivec3& c) {
-    const auto [found, fresh] = ranges_.try_emplace(c);
-    if (!fresh) return found->second;
+  /// Velocities in a cell, as they are known, and 0.
+  static Range range_in(const std::array<CellRanges, 3>& parts, const ivec3& c) {
+    Range range;
     for (int a = 0; a < 3; ++a) {
-      const BrickGrid& part = field_.parts[static_cast<size_t>(a)];
-      if (part.empty()) continue;
-      const ivec3 local = c - (part.origin() >> 3);
-      if (glm::any(glm::lessThan(local, ivec3(0))) || glm::any(glm::greaterThanEqual(local, part.cells()))) continue;
-      const BrickGrid::Cell& cell = part.cell(local);
-      if (!cell.brick) continue;
-      const auto [l, h] = std::minmax_element(part.brick(cell), part.brick(cell) + BrickGrid::kBrick);
-      found->second.low[a] = std::min(0.0, static_cast<double>(*l));
-      found->second.high[a] = std::max(0.0, static_cast<double>(*h));
+      const auto [low, high] = parts[static_cast<size_t>(a)].in(c);
+      range.low[a] = std::min(0.0, static_cast<double>(low));
+      range.high[a] = std::max(0.0, static_cast<double>(high));
     }
-    return found->second;
+    return range;
   }
 
   /// The cells without a velocity everywhere that the density may arrive at.
@@ -390,14 +435,15 @@ class Extension {
     constexpr size_t kMostCells = 1 << 21;
     double farthest = 0;
     bool cut = false;
+    const std::array parts{CellRanges(field_.parts[0]), CellRanges(field_.parts[1]), CellRanges(field_.parts[2])};
     const ivec3 first = density_.origin() >> 3;
     density_.each_cell([&](const ivec3& local) {
       const ivec3 c = first + local;
-      Range v = range_in(c);
+      Range v = range_in(parts, c);
       if (!known_everywhere(c))
         for (int x = -1; x <= 1; ++x)
           for (int y = -1; y <= 1; ++y)
-            for (int z = -1; z <= 1; ++z) v.include(range_in(c + ivec3(x, y, z)));
+            for (int z = -1; z <= 1; ++z) v.include(range_in(parts, c + ivec3(x, y, z)));
       const VoxelBox own{kCell * c, kCell * (c + 1)};
       for (const double t : {open_, close_}) {
         Range whole{glm::min(v.low * t, v.high * t), glm::max(v.low * t, v.high * t)};
@@ -505,58 +551,63 @@ class Extension {
     }
   }
 
-  /// The means around a point, linear between the middles of cells.
-  vec3 mean_at(const ivec3& v) const {
-    const dvec3 q = (dvec3(v) + 0.5) / static_cast<double>(kCell) - 0.5;
-    const ivec3 base(glm::floor(q));
-    const vec3 f(q - dvec3(base));
-    vec3 sum(0);
-    float weight = 0;
-    for (int k = 0; k < 8; ++k) {
-      const ivec3 o(k >> 2, k >> 1 & 1, k & 1);
-      const auto near = means_.find(base + o);
-      if (near == means_.end() || !near->second) continue;
-      const float w = (o.x ? f.x : 1 - f.x) * (o.y ? f.y : 1 - f.y) * (o.z ? f.z : 1 - f.z);
-      sum += w * *near->second;
-      weight += w;
+  /// One component of the means of a cell and those around it.
+  class MeansAround {
+   public:
+    MeansAround(const CellMap<std::optional<vec3>>& means, const ivec3& c, int axis) : first_(c - 1) {
+      for (int k = 0; k < 27; ++k) {
+        const auto near = means.find(first_ + ivec3(k / 9, k / 3 % 3, k % 3));
+        if (near != means.end() && near->second) means_[static_cast<size_t>(k)] = (*near->second)[axis];
+      }
     }
-    return weight > 0 ? sum / weight : vec3(0);
-  }
+    /// At a voxel of the cell, linear between the middles of cells.
+    float operator()(const ivec3& v) const {
+      const dvec3 q = (dvec3(v) + 0.5) / static_cast<double>(kCell) - 0.5;
+      const ivec3 base(glm::floor(q));
+      const vec3 f(q - dvec3(base));
+      float sum = 0, weight = 0;
+      for (int k = 0; k < 8; ++k) {
+        const ivec3 o(k >> 2, k >> 1 & 1, k & 1), at = base + o - first_;
+        const std::optional<float>& mean = means_[static_cast<size_t>((at.x * 3 + at.y) * 3 + at.z)];
+        if (!mean) continue;
+        const float w = (o.x ? f.x : 1 - f.x) * (o.y ? f.y : 1 - f.y) * (o.z ? f.z : 1 - f.z);
+        sum += w * *mean;
+        weight += w;
+      }
+      return weight > 0 ? sum / weight : 0.0f;
+    }
 
-  static constexpr int kNear = 4;  // voxels
+   private:
+    ivec3 first_;
+    std::array<std::optional<float>, 27> means_;
+  };
+
+  static constexpr int kNear = 4, kWide = kStored + 2 * kNear;  // voxels
 
   /// Sums over the voxels around each voxel of a brick, weighted by exp(-distance along the axes): the nearest decide.
-  /// @param window  the values around, kNear more on each side
-  static void sum_around(std::vector<float>& window, float* sums) {
-    constexpr int kWide = kStored + 2 * kNear;
+  /// @param window  the kWide^3 values around, kNear more on each side
+  static void sum_around(const std::vector<float>& window, float* sums) {
     static const auto kWeights = [] {
       std::array<float, 2 * kNear + 1> weights;
       for (int i = -kNear; i <= kNear; ++i)
         weights[static_cast<size_t>(i + kNear)] = std::exp(-static_cast<float>(std::abs(i)));
       return weights;
     }();
-    // Along z, y and x in turn; each time that axis shrinks to the brick's.
-    ivec3 size(kWide);
-    std::vector<float> next;
-    for (int axis = 2; axis >= 0; --axis) {
-      ivec3 to = size;
-      to[axis] = kStored;
-      next.assign(static_cast<size_t>(to.x) * to.y * to.z, 0.0f);
-      const int stride = axis == 2 ? 1 : axis == 1 ? size.z : size.y * size.z;
-      float* out = next.data();
-      for (int x = 0; x < to.x; ++x)
-        for (int y = 0; y < to.y; ++y)
-          for (int z = 0; z < to.z; ++z) {
-            const float* const from = window.data() + (x * size.y + y) * size.z + z;
-            float sum = 0;
-            for (size_t i = 0; i < kWeights.size(); ++i)
-              sum += kWeights[i] * from[static_cast<std::ptrdiff_t>(i) * stride];
-            *out++ = sum;
-          }
-      window.swap(next);
-      size = to;
-    }
-    std::copy(window.begin(), window.end(), sums);
+    // Along x, y and z in turn: rows of `wide` values that lie `step` values apart become one.
+    const auto sum_rows = [](const float* from, int wide, int step, float* to) {
+      std::fill_n(to, wide, 0.0f);
+      for (size_t i = 0; i < kWeights.size(); ++i)
+        for (int k = 0; k < wide; ++k) to[k] += kWeights[i] * from[static_cast<int>(i) * step + k];
+    };
+    std::array<float, kStored * kWide * kWide> along_x;
+    for (int x = 0; x < kStored; ++x)
+      sum_rows(window.data() + x * kWide * kWide, kWide * kWide, kWide * kWide, along_x.data() + x * kWide * kWide);
+    std::array<float, kWide> along_y;
+    for (int x = 0; x < kStored; ++x)
+      for (int y = 0; y < kStored; ++y) {
+        sum_rows(along_x.data() + (x * kWide + y) * kWide, kWide, kWide, along_y.data());
+        sum_rows(along_y.data(), kStored, 1, sums + (x * kStored + y) * kStored);
+      }
   }
 
   void extend() {
@@ -582,46 +633,39 @@ class Extension {
   enum class Unknown { kDensity, kAll };
 
   void sample(size_t axis, const ivec3& lo, float* values, Unknown which) const {
-    VoxelReader part(field_.parts[axis]), known(known_), density(density_);
-    const auto each_voxel = [&](const auto& visit) {
-      for (int x = 0; x <= kCell; ++x)
-        for (int y = 0; y <= kCell; ++y)
-          for (int z = 0; z <= kCell; ++z) visit(lo + ivec3(x, y, z));
-    };
+    const BrickGrid& part = field_.parts[axis];
     if (known_everywhere(lo >> 3)) {
-      each_voxel([&](const ivec3& v) { *values++ = part(v); });
+      if (const std::optional<float> one = constant_in(part, lo))
+        std::fill_n(values, BrickGrid::kBrick, *one);
+      else
+        read_cube<kStored>(part, lo, values);
       return;
     }
-    constexpr int kWide = kStored + 2 * kNear;
-    std::vector<float> weights, products;
-    weights.reserve(static_cast<size_t>(kWide) * kWide * kWide);
-    products.reserve(weights.capacity());
-    bool any = false;
-    for (int x = 0; x < kWide; ++x)
-      for (int y = 0; y < kWide; ++y)
-        for (int z = 0; z < kWide; ++z) {
-          const ivec3 v = lo + ivec3(x, y, z) - kNear;
-          const float w = known(v);
-          any |= w > 0;
-          weights.push_back(w);
-          products.push_back(w > 0 ? part(v) : 0.0f);
-        }
+    std::vector<float> known(static_cast<size_t>(kWide) * kWide * kWide), products(known.size());
+    read_cube<kWide>(known_, lo - kNear, known.data());
+    read_cube<kWide>(part, lo - kNear, products.data());
+    for (size_t i = 0; i < known.size(); ++i) products[i] *= known[i];
     std::array<float, BrickGrid::kBrick> weight{}, product{};
-    if (any) {
-      sum_around(weights, weight.data());
+    if (std::any_of(known.begin(), known.end(), [](float k) { return k > 0; })) {
+      sum_around(known, weight.data());
       sum_around(products, product.data());
     }
+    VoxelReader density(density_);
+    const MeansAround mean(means_, lo >> 3, static_cast<int>(axis));
     size_t i = 0;
-    each_voxel([&](const ivec3& v) {
-      constexpr float kFaint = 1e-6f;  // of a voxel's weight: there the means of cells take over
-      if (known(v) > 0)
-        values[i] = part(v);
-      else if (which == Unknown::kDensity)
-        values[i] = density(v) > 0 && weight[i] > 0 ? product[i] / weight[i] : 0.0f;
-      else
-        values[i] = (product[i] + kFaint * mean_at(v)[static_cast<int>(axis)]) / (weight[i] + kFaint);
-      ++i;
-    });
+    for (int x = 0; x <= kCell; ++x)
+      for (int y = 0; y <= kCell; ++y)
+        for (int z = 0; z <= kCell; ++z, ++i) {
+          constexpr float kFaint = 1e-6f;  // of a voxel's weight: there the means of cells take over
+          const ivec3 v = lo + ivec3(x, y, z);
+          const int in_window = ((x + kNear) * kWide + y + kNear) * kWide + z + kNear;
+          if (known[static_cast<size_t>(in_window)] > 0)
+            values[i] = products[static_cast<size_t>(in_window)];
+          else if (which == Unknown::kDensity)
+            values[i] = density(v) > 0 && weight[i] > 0 ? product[i] / weight[i] : 0.0f;
+          else
+            values[i] = (product[i] + kFaint * mean(v)) / (weight[i] + kFaint);
+        }
   }
 
   const StoredVelocity& velocity_;
@@ -635,7 +679,6 @@ class Extension {
   VectorBricks field_;
   BrickGrid known_;            // 1 where a velocity is known
   std::vector<uint8_t> full_;  // by brick of known_: whether all its voxels are
-  CellMap<Range> ranges_;
   CellMap<char> arrivals_;
   CellMap<std::optional<vec3>> means_;
 };
@@ -651,6 +694,7 @@ BrickGrid envelope_of(const VectorBricks& field, const VoxelBox& box, const Bric
   };
   add_cells_of(bricks);
   for (const BrickGrid& part : field.parts) add_cells_of(part);
+  const std::array parts{CellRanges(field.parts[0]), CellRanges(field.parts[1]), CellRanges(field.parts[2])};
   const ivec3 first = bricks.origin() >> 3;
   const auto cell_of = [](const dvec3& p) { return ivec3(glm::clamp(p, -1e9, 1e9)) >> 3; };
   constexpr double kLevels = 16;  // per octave: rounded up, so that cells share their storage
@@ -659,17 +703,8 @@ BrickGrid envelope_of(const VectorBricks& field, const VoxelBox& box, const Bric
       [&](const ivec3& lo, float* values) {
         dvec3 lowest(1e300), highest(-1e300);
         for (int a = 0; a < 3; ++a) {
-          const BrickGrid& part = field.parts[static_cast<size_t>(a)];
-          double low = 0, high = 0;
-          if (!part.empty()) {
-            const BrickGrid::Cell& cell = part.cell((lo - part.origin()) >> 3);
-            if (cell.brick) {
-              const auto [l, h] = std::minmax_element(part.brick(cell), part.brick(cell) + BrickGrid::kBrick);
-              low = *l;
-              high = *h;
-            }
-          }
-          for (const double v : {low, high})
+          const auto [low, high] = parts[static_cast<size_t>(a)].in(lo >> 3);
+          for (const double v : {static_cast<double>(low), static_cast<double>(high)})
             for (const double t : {open_time, close_time})
               lowest[a] = std::min(lowest[a], -v * t), highest[a] = std::max(highest[a], -v * t);
         }

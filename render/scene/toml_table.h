@@ -6,8 +6,23 @@
 #include <filesystem>
 #include <istream>
 #include <string>
-#include <toml.hpp>
 #include <vector>
+#if __has_include(<toml11/skip.hpp>)
+#include <toml11/skip.hpp>
+
+// toml11 4.4 never leaves a comment that it meets after an error in the text: this takes the place of its function.
+template <>
+inline void toml::detail::skip_comment_block(location& at, const context<type_config>& context) {
+  for (; !at.eof(); at.advance()) {
+    skip_whitespace(at, context);
+    if (at.current() == '#')
+      while (!at.eof() && at.current() != '\n') at.advance();
+    else if (at.current() != '\r' && at.current() != '\n')
+      return;
+  }
+}
+#endif
+#include <toml.hpp>
 
 #include "base/sequence.h"
 #include "base/text.h"

@@ -59,6 +59,9 @@ TEST(ReadScene, ErrorsUnderlineTheLineAndSayWhatIsExpected) {
   EXPECT_TRUE(holds(error_of(std::string(kCamera) + "fov =\n"), "4 | fov ="))
       << "a missing value: " << error_of(std::string(kCamera) + "fov =\n");
   EXPECT_TRUE(holds(error_of("[camera\n"), "s.toml")) << "syntax errors name the file too";
+  for (const char* text : {"up = [0, 1 # up\n0]\n", "up = [0, # up\n\n  # and on\n1 2]\n", "up = {x = 0 # up\n}\n",
+                           "up = [0, \"1\n# up\n", "# \x01\nfov = 30\n# the end"})
+    EXPECT_TRUE(holds(error_of(text), "s.toml")) << "comments in what is no TOML: " << text;
   EXPECT_TRUE(holds(error_of("name = \"x\"\n"), "has no [camera]"));
   const auto volume = [](const std::string& keys) {
     return error_of(std::string(kCamera) + "[[volumes]]\nfile = \"a\"\n" + keys);
