@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <chrono>
 #include <fstream>
 #include <iterator>
 #include <set>
@@ -10,6 +11,7 @@
 #include "base/error.h"
 #include "base/sequence.h"
 #include "base/text.h"
+#include "render/scene/scene_fingerprint.h"
 #include "render/scene/scene_io.h"
 #include "volume/vdb_io.h"
 #include "workflows/scene.h"
@@ -90,6 +92,7 @@ ViewedScene::ViewedScene(fs::path scene, std::vector<int> frames, std::vector<st
 
 void ViewedScene::read_again() {
   source_.text.clear();
+  solving_.reset();
   cache_.forget();
   grids_.clear();
 }
@@ -147,10 +150,29 @@ bool ViewedScene::show(const std::vector<std::string>& assignments, const ivec2&
   if (read_now && made_ && made_->density && !scene.volumes.empty())
     cache_.know(scene.volumes.at(0).file, made_->density);
   const PreparedScene* const before = cache_.empty() ? nullptr : &cache_.last();
+  const auto pixels = [](const FilmSettings& film) { return 1.0 * film.width * film.height; };
+  if (before && (world_of(scene) != world_of(before->scene()) || pixels(scene.film) != pixels(before->scene().film)))
+    solving_.reset();
   const bool other = &cache_.prepare(scene, layers_, task) != before;
   scene_ = std::move(scene);
   tables_ = std::move(tables);
   return other;
+}
+
+const Guides& ViewedScene::guides(const Task& task) {
+  if (!has_guides()) {
+    if (!solving_) {
+      solving_ = std::make_unique<Solving>();
+      const Task beside{task.threads, [&now = *solving_](double share) { now.share = share; }, &solving_->cancel};
+      solving_->done = std::async(std::launch::async, prepared().guides_solver(kGuideSamples), beside);
+    }
+    while (solving_->done.wait_for(std::chrono::milliseconds(20)) != std::future_status::ready) {
+      task.check();
+      task.report(solving_->share);
+    }
+    std::exchange(solving_, nullptr)->done.get();
+  }
+  return *prepared().guides(kGuideSamples, task);
 }
 
 std::string ViewedScene::title() const {

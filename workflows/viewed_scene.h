@@ -1,5 +1,7 @@
 #pragma once
+#include <atomic>
 #include <filesystem>
+#include <future>
 #include <map>
 #include <memory>
 #include <optional>
@@ -72,8 +74,9 @@ class ViewedScene {
   const Guides& sketch(const Task& task) { return cache_.sketch(task); }
   /// Whether guides() gives them at once.
   bool has_guides() const { return prepared().has_guides(kGuideSamples); }
-  /// Those of a picture. @throws Interrupted
-  const Guides& guides(const Task& task) { return *prepared().guides(kGuideSamples, task); }
+  /// Those of a picture. They are solved on a thread of their own, which goes on where the task is interrupted, until
+  /// show() changes what they depend on. @throws Interrupted
+  const Guides& guides(const Task& task);
 
   /// Key by key, disabled entries included, as it is shown.
   const std::vector<SceneTable>& tables() const { return tables_; }
@@ -93,6 +96,15 @@ class ViewedScene {
   const ViewedText& source() const { return source_; }
 
  private:
+  struct Solving {
+    std::atomic<bool> cancel{false};
+    std::atomic<double> share{0};
+    std::future<void> done;
+    ~Solving() {
+      cancel = true;
+      if (done.valid()) done.wait();
+    }
+  };
   void read(const std::vector<std::string>& assignments, const Task& task);
 
   ViewedText source_;
@@ -107,6 +119,7 @@ class ViewedScene {
   std::vector<SceneTable> tables_;
   std::map<std::string, std::vector<std::string>> grids_;  // by file
   SceneCache cache_;
+  std::unique_ptr<Solving> solving_;  // of cache_.last()
 };
 
 }  // namespace brume

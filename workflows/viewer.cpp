@@ -274,6 +274,8 @@ void Viewer::look(ViewLook look) {
       show(*last_, about_frame_, *frame_);
     else if (predicted_)
       show(*last_, about_predicted_, *predicted_);
+    told_progress_.id = last_->id;
+    listener_.progress(told_progress_);
     return;
   }
   next_ = std::move(look);
@@ -761,9 +763,13 @@ void Viewer::show(const ViewLook& look, const ViewPicture& about, const Layers& 
 }
 
 void Viewer::tell(ViewProgress progress) {
-  progress.id = current().id;
   progress.seconds = asked_.seconds();
   since_told_ = Stopwatch();
+  {
+    const std::lock_guard lock(mutex_);
+    progress.id = last_->id;
+    told_progress_ = progress;
+  }
   listener_.progress(progress);
 }
 

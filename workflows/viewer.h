@@ -212,6 +212,7 @@ class Viewer {
   ViewLook frame_look_, predicted_look_;
   std::shared_ptr<const ViewedText> text_;
   ViewSceneText told_scene_;
+  ViewProgress told_progress_;
   std::vector<WatchedFile> files_;  // the scene's first
   std::vector<WatchedFile> seen_;   // by the last check
   bool missing_ = false;            // that one is gone has been told

@@ -21,7 +21,7 @@ namespace brume {
 /// large chromatic media that of green and blue is solved for each frame, so that it is never held for all three.
 class Guides {
  public:
-  /// @param context  media, emissions, lights and surfaces; must outlive the object
+  /// @param context  media, emissions, lights and surfaces, which must outlive the object
   /// @param samples  of each pixel of the pictures that they will serve: the more there are, the less their noise hides
   ///                 what the guides do not know, and the closer together lie the nodes at which light is solved
   /// @param pixels   of the whole picture: small ones show nothing of what many nodes would know
@@ -57,7 +57,7 @@ class Guides {
   void for_each_march(const Camera& camera, bool sketch, const Task& task, const Visit& visit) const;
   LightFields solved(GuideColour colour, const Task& task) const;
 
-  const PathContext& context_;
+  const PathContext context_;
   std::vector<GuideMedia> media_;     // one for each time of the shutter that rays are marched at
   std::vector<GuideColour> colours_;  // grey alone, or red, green and blue
   std::vector<LightFields> fields_;   // for each colour, or for the first where all would take much memory

@@ -1,5 +1,6 @@
 #include "render/session/renderer.h"
 
+#include <algorithm>
 #include <cmath>
 #include <stdexcept>
 
@@ -83,23 +84,36 @@ void PreparedScene::become(Scene scene, const LayerRequest& layers, const Task& 
   scene_ = std::move(scene);
 }
 
-PreparedScene::GuidesKey PreparedScene::guides_key(int samples) const {
+PreparedScene::KeptGuides& PreparedScene::kept_guides(int samples) const {
   const double pixels = static_cast<double>(scene_.film.width) * scene_.film.height;
-  return {Guides::detail(samples), Guides::most_nodes(pixels)};
+  const std::lock_guard lock(guides_mutex_);
+  return guides_[{Guides::detail(samples), Guides::most_nodes(pixels)}];
 }
 
 bool PreparedScene::has_guides(int samples) const {
-  const std::lock_guard lock(solving_);
-  return guides_.contains(guides_key(samples));
+  KeptGuides& kept = kept_guides(samples);
+  const std::unique_lock lock(kept.solving, std::try_to_lock);
+  return lock && kept.solved;
+}
+
+std::function<void(const Task&)> PreparedScene::guides_solver(int samples) const {
+  const double pixels = static_cast<double>(scene_.film.width) * scene_.film.height;
+  return [&kept = kept_guides(samples), context = context_, samples, pixels](const Task& task) {
+    const std::lock_guard lock(kept.solving);
+    if (!kept.solved) kept.solved.emplace(context, samples, pixels, task);
+  };
 }
 
 const Guides* PreparedScene::guides(int samples, const Task& task) const {
   if (!plan().layers.guides) return nullptr;
-  const std::lock_guard lock(solving_);
-  const GuidesKey key = guides_key(samples);
-  if (const auto found = guides_.find(key); found != guides_.end()) return &found->second;
-  const double pixels = static_cast<double>(scene_.film.width) * scene_.film.height;
-  return &guides_.try_emplace(key, context_, samples, pixels, task).first->second;
+  guides_solver(samples)(task);
+  return &*kept_guides(samples).solved;
+}
+
+size_t PreparedScene::guides_solved() const {
+  const std::lock_guard lock(guides_mutex_);
+  return static_cast<size_t>(
+      std::count_if(guides_.begin(), guides_.end(), [](const auto& kept) { return kept.second.solved.has_value(); }));
 }
 
 void PreparedScene::prepare_lanes(const Task& task) {

@@ -1,8 +1,10 @@
 #pragma once
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -49,8 +51,10 @@ class PreparedScene {
   const Guides* guides(int samples, const Task& task = {}) const;
   /// Whether guides() gives them at once.
   bool has_guides(int samples) const;
+  /// Solves what guides() gives, on any thread, even while this becomes other scenes of its world.
+  std::function<void(const Task&)> guides_solver(int samples) const;
   /// How many have been solved.
-  size_t guides_solved() const { return guides_.size(); }
+  size_t guides_solved() const;
 
   /// The same bits for any number of threads, any split into parts and any interruption in between.
   /// @throws Interrupted after a checkpoint was written, where one was asked for; InputError
@@ -71,7 +75,11 @@ class PreparedScene {
 
  private:
   using GuidesKey = std::pair<double, double>;  // detail, Guides::most_nodes
-  GuidesKey guides_key(int samples) const;
+  struct KeptGuides {
+    std::mutex solving;
+    std::optional<Guides> solved;
+  };
+  KeptGuides& kept_guides(int samples) const;
   PathContext context_for(const Scene& scene, const Camera& camera, const LayerRequest& layers, const Task& task);
   std::vector<std::string> notes_for(const Scene& scene, const LayerRequest& layers) const;
   void find_isosurfaces(const Task& task);
@@ -86,8 +94,8 @@ class PreparedScene {
   std::vector<DisplacedLaneGrid> displaced_grids_;     // of media
   StopSignal stop_;                                    // while it is prepared
   PathContext context_;
-  mutable std::mutex solving_;
-  mutable std::map<GuidesKey, Guides> guides_;
+  mutable std::mutex guides_mutex_;
+  mutable std::map<GuidesKey, KeptGuides> guides_;
 };
 
 }  // namespace brume

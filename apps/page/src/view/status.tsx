@@ -20,7 +20,7 @@ export function Status() {
   useTopic(viewer.arrived);
   const { progress, link, scene, told } = viewer;
   const picture = viewer.shown(viewer.settings.layer)?.picture;
-  const stage = progress?.stage ?? (picture ? "done" : "waiting for a picture");
+  const stage = progress?.stage ?? (picture?.full ? "done" : "waiting for a picture");
   const stopped = stage === "done" || stage === "elsewhere" || !!viewer.problem;
   const works = link === "open" && !stopped;
   useClock(works);
