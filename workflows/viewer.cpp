@@ -431,17 +431,24 @@ void Viewer::answer(const ViewProbe& probe) {
   listener_.point(probe.id, position);
 }
 
-bool Viewer::update_scene(const ViewLook& look, const Task& task) {
+bool Viewer::update_scene(const ViewLook& look, bool reads, const Task& task) {
+  const auto written = [](const std::filesystem::path& path) {
+    std::error_code error;
+    const auto time = std::filesystem::last_write_time(path, error);
+    return error ? std::nullopt : std::optional(time);
+  };
+  // As they were before they are read: what happens to them meanwhile is a change.
+  std::vector<WatchedFile> known;
+  if (reads)
+    for (const std::filesystem::path& path : scene_.files()) known.push_back({path, written(path)});
   const auto watch_files = [&] {
     const std::lock_guard lock(mutex_);
+    if (!reads) known = files_;
     std::vector<WatchedFile> files;
     for (const std::filesystem::path& path : scene_.files()) {
-      std::error_code error;
-      const auto written = std::filesystem::last_write_time(path, error);
-      files.push_back({path, error ? std::nullopt : std::optional(written)});
-      // One that is gone counts as it was read until it is back.
-      for (const WatchedFile& before : files_)
-        if (missing_ && error && before.path == path) files.back().written = before.written;
+      const auto same = [&](const WatchedFile& file) { return file.path == path && file.written; };
+      const auto found = std::find_if(known.begin(), known.end(), same);
+      files.push_back(found != known.end() ? *found : WatchedFile{path, written(path)});
     }
     files_ = std::move(files);
   };
@@ -481,7 +488,7 @@ void Viewer::answer(const ViewLook& look) {
   const Task whole{host_.threads, {}, nullptr}, until_next{host_.threads, {}, &cancel_};
   const bool reads = scene_.empty() || reloaded;
   if (reads) tell(ViewStage::kReading);
-  const bool changed = update_scene(look, reads ? told(ViewStage::kReading, whole) : whole);
+  const bool changed = update_scene(look, reads, reads ? told(ViewStage::kReading, whole) : whole);
   if (!look.moving || reloaded || look.needs_scene) tell_scene(look, reloaded);
   const bool predicts = scene_.prepared().medium() || !scene_.prepared().context().emissions.empty();
   if (predicts) {

@@ -168,8 +168,9 @@ class Viewer {
 
   void run();
   void answer(const ViewLook& look);
+  /// @param reads  its files, too
   /// @return whether anything but camera and film changed   @throws InputError
-  bool update_scene(const ViewLook& look, const Task& task);
+  bool update_scene(const ViewLook& look, bool reads, const Task& task);
   void answer(const ViewProbe& probe);
   /// @return false where a newer look came while it waited
   bool rests();
