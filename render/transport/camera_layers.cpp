@@ -71,9 +71,9 @@ void Surface(const LaneScene& scene, const PathStates& paths, const SlotList& ra
   };
   drive(queue, walk, scene.stop, finish, load, [&](M active) BRUME_INLINE_LAMBDA {
     const VI word = hn::GatherIndex(di, scene.isosurface_cell, walk.index(active));
-    const M nothing = hn::RebindMask(d, hn::Lt(word, hn::Zero(di)));
+    const M nothing = hn::RebindMask(d, word < 0);
     const CellWalk::Crossing crossing = walk.ahead(word, nothing);
-    const M passes = hn::And(active, hn::Or(nothing, hn::Ge(walk.t, crossing.until)));
+    const M passes = hn::And(active, hn::Or(nothing, walk.t >= crossing.until));
     const M looks = hn::AndNot(passes, active);
     // In a voxel that can reach the isosurface's density the density is interpolated; from any other voxel the ray
     // steps as many voxels ahead as cannot reach it (distance field).
@@ -81,33 +81,31 @@ void Surface(const LaneScene& scene, const PathStates& paths, const SlotList& ra
     const V last = set(scene.cell - 1.0f);
     const auto index = [&](V p) { return hn::ConvertTo(di, hn::Min(p, last)); };
     const VI size = hn::Set(di, scene.stored - 1), brick = hn::IfThenElseZero(hn::RebindMask(di, looks), word);
-    const VI voxel = hn::Add(hn::Mul(hn::Add(hn::Mul(index(q.x), size), index(q.y)), size), index(q.z));
-    const VI byte = hn::Add(hn::Mul(brick, hn::Mul(size, hn::Mul(size, size))), voxel);
+    const VI voxel = (index(q.x) * size + index(q.y)) * size + index(q.z);
+    const VI byte = brick * (size * (size * size)) + voxel;
     const VI bytes = hn::GatherOffset(di, reinterpret_cast<const int32_t*>(scene.distances),
                                       hn::IfThenElseZero(hn::RebindMask(di, looks), byte));
     const V distance = hn::ConvertTo(d, hn::And(bytes, hn::Set(di, 255)));
-    const M near = hn::And(looks, hn::Eq(distance, zero));
+    const M near = hn::And(looks, distance == zero);
     M hit = hn::FirstN(d, 0);
     if (!hn::AllFalse(d, near)) {
       const VI stored = hn::Set(di, scene.stored);
-      const VI values =
-          hn::Mul(hn::IfThenElseZero(hn::RebindMask(di, near), brick), hn::Mul(stored, hn::Mul(stored, stored)));
+      const VI values = hn::IfThenElseZero(hn::RebindMask(di, near), brick) * (stored * (stored * stored));
       const V looked_up = interpolated(scene, values, q);
-      hit = hn::And(near, hn::Ge(looked_up, iso));
+      hit = hn::And(near, looked_up >= iso);
       value = hn::IfThenElse(hit, looked_up, value);
       collided |= bits_of(hit);
     }
     const M moves = hn::AndNot(hit, looks);
-    const V next = hn::Min(hn::Add(walk.t, hn::Mul(hn::Max(distance, one), length)), crossing.until);
+    const V next = hn::Min(walk.t + hn::Max(distance, one) * length, crossing.until);
     // Between two samples a ray can cross the corner of a voxel that reaches the density: where a sample lies in an
     // adjacent voxel, or the step ends at the cell's face.
-    const M corner = hn::Or(hn::Le(distance, one),
-                            hn::And(hn::Ge(next, crossing.until),
-                                    hn::Gt(hn::Sub(crossing.until, walk.t), hn::Mul(hn::Sub(distance, one), length))));
+    const M corner =
+        hn::Or(distance <= one, hn::And(next >= crossing.until, crossing.until - walk.t > (distance - one) * length));
     close |= bits_of(hn::And(moves, corner));
-    const V reached = hn::IfThenElse(passes, crossing.until, hn::Max(walk.t, hn::Sub(next, length)));
+    const V reached = hn::IfThenElse(passes, crossing.until, hn::Max(walk.t, next - length));
     before = hn::IfThenElse(hn::Or(moves, hn::And(passes, nothing)), reached, before);
-    const M left = walk.cross(crossing, hn::Or(passes, hn::And(moves, hn::Ge(next, crossing.until))));
+    const M left = walk.cross(crossing, hn::Or(passes, hn::And(moves, next >= crossing.until)));
     walk.t = hn::IfThenElse(moves, next, walk.t);
     queue.end(hn::Or(hit, left));
   });
@@ -142,27 +140,27 @@ void DisplacedSurface(const LaneScene& scene, const PathStates& paths, const Slo
     const M fresh =
         load_rays(queue, buffer, paths, [&](size_t lane, size_t s) { times[lane] = frame_of(scene, paths, s); });
     walk.load(buffer, fresh);
-    step = hn::Mul(set(0.25f), voxel_length(walk));
+    step = 0.25f * voxel_length(walk);
     time = hn::Load(d, times);
     before = hn::IfThenElse(fresh, zero, before);
     collided &= ~bits_of(fresh);
   };
   drive(queue, walk, scene.stop, finish, load, [&](M active) BRUME_INLINE_LAMBDA {
     const V bound = hn::GatherIndex(d, scene.majorant, walk.index(active));
-    const CellWalk::Crossing crossing = walk.ahead(hn::BitCast(DI(), bound), hn::Lt(bound, zero));
-    const M low = hn::Lt(bound, iso), passes = hn::And(active, hn::Or(low, hn::Ge(walk.t, crossing.until)));
+    const CellWalk::Crossing crossing = walk.ahead(hn::BitCast(DI(), bound), bound < zero);
+    const M low = bound < iso, passes = hn::And(active, hn::Or(low, walk.t >= crossing.until));
     const M looks = hn::AndNot(passes, active);
     M hit = hn::FirstN(d, 0);
     if (!hn::AllFalse(d, looks)) {
       const V looked_up = displaced_density(scene, walk.at(walk.t), time);
-      hit = hn::And(looks, hn::Ge(looked_up, iso));
+      hit = hn::And(looks, looked_up >= iso);
       value = hn::IfThenElse(hit, looked_up, value);
     }
     collided |= bits_of(hit);
     const M moves = hn::AndNot(hit, looks);
     before = hn::IfThenElse(moves, walk.t, hn::IfThenElse(hn::And(passes, low), crossing.until, before));
-    const V next = hn::Min(hn::Add(walk.t, step), crossing.until);
-    const M left = walk.cross(crossing, hn::Or(passes, hn::And(moves, hn::Ge(next, crossing.until))));
+    const V next = hn::Min(walk.t + step, crossing.until);
+    const M left = walk.cross(crossing, hn::Or(passes, hn::And(moves, next >= crossing.until)));
     walk.t = hn::IfThenElse(moves, next, walk.t);
     queue.end(hn::Or(hit, left));
   });
@@ -198,27 +196,25 @@ void isosurface_points(const LaneScene& scene, const PathStates& paths, Isosurfa
     hn::StoreU(slot, di, points.slots.slot.data() + i);
     const auto get = [&](const auto& column) { return hn::GatherIndex(d, column.data(), slot); };
     const V3 o{get(paths.ox), get(paths.oy), get(paths.oz)}, dir{get(paths.lx), get(paths.ly), get(paths.lz)};
-    const auto along = [&](V by) {
-      return V3{hn::Add(o.x, hn::Mul(dir.x, by)), hn::Add(o.y, hn::Mul(dir.y, by)), hn::Add(o.z, hn::Mul(dir.z, by))};
-    };
+    const auto along = [&](V by) { return V3{o.x + dir.x * by, o.y + dir.y * by, o.z + dir.z * by}; };
     const V time = frames_of<kMoved>(scene, paths, slot);
     const auto root = [](V v) { return hn::Sqrt(hn::Max(v, hn::Zero(D()))); };
     // In the half that holds the surface, where a straight line through the roots of the densities puts it. At its edge
     // a medium begins more like a square than like a line.
     V begin = hn::LoadU(d, crossings.outside.data() + i), end = hn::LoadU(d, crossings.inside.data() + i);
     V below = hn::LoadU(d, crossings.below.data() + i), above = hn::LoadU(d, crossings.above.data() + i);
-    const M unknown = hn::Lt(below, hn::Zero(d));
+    const M unknown = below < 0.0f;
     if (!hn::AllFalse(d, unknown))
       below = hn::IfThenElse(unknown, hn::Min(density_of<kMoved>(scene, along(begin), time), iso), below);
-    const V middle = hn::Mul(set(0.5f), hn::Add(begin, end)), there = density_of<kMoved>(scene, along(middle), time);
-    const M nearer = hn::Ge(there, iso);
+    const V middle = 0.5f * (begin + end), there = density_of<kMoved>(scene, along(middle), time);
+    const M nearer = there >= iso;
     end = hn::IfThenElse(nearer, middle, end);
     above = root(hn::IfThenElse(nearer, there, above));
     begin = hn::IfThenElse(nearer, begin, middle);
     below = root(hn::IfThenElse(nearer, below, there));
-    const V share = hn::Div(hn::Sub(root(iso), below), hn::Max(hn::Sub(above, below), set(1e-30f)));
-    const V surface = hn::Add(begin, hn::Mul(hn::Sub(end, begin), hn::Min(share, set(1.0f))));
-    const V3 p = along(hn::Add(surface, hn::Div(set(0.5f), hn::Sqrt(dot(dir, dir)))));
+    const V share = (root(iso) - below) / hn::Max(above - below, set(1e-30f));
+    const V surface = begin + (end - begin) * hn::Min(share, set(1.0f));
+    const V3 p = along(surface + 0.5f / hn::Sqrt(dot(dir, dir)));
     hn::StoreU(p.x, d, points.x.data() + i);
     hn::StoreU(p.y, d, points.y.data() + i);
     hn::StoreU(p.z, d, points.z.data() + i);
@@ -259,8 +255,8 @@ void March(const LaneScene& scene, const PathStates& paths, const SlotList& rays
     offset = hn::IfThenElse(fresh, rng.uniform(fresh), offset);
     const V u = rng.uniform(fresh);
     for (size_t k = 0; k < kMarchedPoints; ++k) {
-      const V v = hn::Mul(hn::Add(u, set(static_cast<float>(k))), set(1.0f / kMarchedPoints));
-      level[k] = hn::IfThenElse(fresh, hn::Neg(log_of(hn::Sub(one, v))), level[k]);
+      const V v = (u + static_cast<float>(k)) * (1.0f / kMarchedPoints);
+      level[k] = hn::IfThenElse(fresh, -log_of(one - v), level[k]);
       point[k] = hn::IfThenElse(fresh, set(-1.0f), point[k]);
     }
   };
@@ -268,19 +264,19 @@ void March(const LaneScene& scene, const PathStates& paths, const SlotList& rays
     const auto [cell_index, crossing, passes, looks] = walk.look(active);
     M done = walk.cross(crossing, passes);
 
-    const V t0 = walk.t, t1 = hn::Min(hn::Add(t0, length), crossing.until), part = hn::Sub(t1, t0);
-    const V3 p = walk.at(hn::Add(t0, hn::Mul(offset, part)));
+    const V t0 = walk.t, t1 = hn::Min(t0 + length, crossing.until), part = t1 - t0;
+    const V3 p = walk.at(t0 + offset * part);
     const V value = one_voxel(walk, rng, p, brick_of(scene, cell_index, looks), looks);
-    const V sigma = hn::IfThenElseZero(looks, hn::Mul(value, set(scene.sigma)));
-    const V after = hn::Add(depth, hn::Mul(sigma, part));
+    const V sigma = hn::IfThenElseZero(looks, value * scene.sigma);
+    const V after = depth + sigma * part;
     for (size_t k = 0; k < kMarchedPoints; ++k) {
-      const M passed = hn::And(hn::Lt(depth, level[k]), hn::Ge(after, level[k]));
-      const V where = hn::Add(t0, hn::Div(hn::Sub(level[k], depth), hn::Max(sigma, set(1e-30f))));
+      const M passed = hn::And(depth < level[k], after >= level[k]);
+      const V where = t0 + (level[k] - depth) / hn::Max(sigma, set(1e-30f));
       point[k] = hn::IfThenElse(passed, where, point[k]);
     }
     depth = hn::Min(after, deepest);
     walk.t = hn::IfThenElse(looks, t1, t0);
-    queue.end(hn::Or(done, hn::And(looks, hn::Ge(depth, deepest))));
+    queue.end(hn::Or(done, hn::And(looks, depth >= deepest)));
   });
 }
 
@@ -298,15 +294,15 @@ void gradient(const LaneScene& scene, const PathStates& paths, GradientPoints& p
     const auto& [x, y, z] = p;
     const LaneCells& cells = kMoved ? scene.density : scene;
     const auto density = [&](V px, V py, V pz) { return density_at(cells, {px, py, pz}); };
-    const V3 g{hn::Mul(half, hn::Sub(density(hn::Add(x, one), y, z), density(hn::Sub(x, one), y, z))),
-               hn::Mul(half, hn::Sub(density(x, hn::Add(y, one), z), density(x, hn::Sub(y, one), z))),
-               hn::Mul(half, hn::Sub(density(x, y, hn::Add(z, one)), density(x, y, hn::Sub(z, one))))};
-    const M clear = hn::Ge(hn::Sqrt(dot(g, g)), set(scene.least_gradient));
+    const V3 g{half * (density(x + one, y, z) - density(x - one, y, z)),
+               half * (density(x, y + one, z) - density(x, y - one, z)),
+               half * (density(x, y, z + one) - density(x, y, z - one))};
+    const M clear = hn::Sqrt(dot(g, g)) >= scene.least_gradient;
     const V3 world = transform(scene.gradient_to_world, g);
-    const V scale = hn::IfThenElseZero(clear, hn::Div(one, hn::Sqrt(dot(world, world))));
-    hn::StoreU(hn::Mul(world.x, scale), d, points.gx.data() + i);
-    hn::StoreU(hn::Mul(world.y, scale), d, points.gy.data() + i);
-    hn::StoreU(hn::Mul(world.z, scale), d, points.gz.data() + i);
+    const V scale = hn::IfThenElseZero(clear, one / hn::Sqrt(dot(world, world)));
+    hn::StoreU(world.x * scale, d, points.gx.data() + i);
+    hn::StoreU(world.y * scale, d, points.gy.data() + i);
+    hn::StoreU(world.z * scale, d, points.gz.data() + i);
   }
 }
 

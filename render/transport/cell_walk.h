@@ -112,15 +112,15 @@ struct CellWalk {
     d = {hn::Load(f, b.dx), hn::Load(f, b.dy), hn::Load(f, b.dz)};
     // A direction perpendicular to an axis never reaches its planes.
     const auto inverted = [](V v) {
-      return hn::IfThenElse(hn::Lt(hn::Abs(v), set(1e-12f)), hn::CopySign(set(1e30f), v), hn::Div(set(1.0f), v));
+      return hn::IfThenElse(hn::Abs(v) < 1e-12f, hn::CopySign(set(1e30f), v), 1.0f / v);
     };
     inverse = {inverted(d.x), inverted(d.y), inverted(d.z)};
     const auto bits = [&](V v, int32_t shift) {
       return hn::And(hn::BroadcastSignBit(hn::BitCast(di, v)), hn::Set(di, shift));
     };
-    octant_shift = hn::BitCast(DU(), hn::Add(bits(inverse.x, 12), hn::Add(bits(inverse.y, 6), bits(inverse.z, 3))));
+    octant_shift = hn::BitCast(DU(), bits(inverse.x, 12) + (bits(inverse.y, 6) + bits(inverse.z, 3)));
     const auto start = [&](V v, float n, V before) {
-      const V c = hn::Floor(hn::Mul(v, set(grid.inverse_cell)));
+      const V c = hn::Floor(v * grid.inverse_cell);
       return hn::IfThenElse(fresh, hn::Min(hn::Max(c, hn::Zero(f)), set(n - 1)), before);
     };
     t = hn::IfThenElse(fresh, begin, t);
@@ -131,19 +131,14 @@ struct CellWalk {
   /// 0 outside `mask`.
   HWY_INLINE VI index(M mask) const {
     const DI di;
-    const V row = hn::Add(hn::Mul(cell.x, set(grid.ny)), cell.y);
-    const VI i = hn::Add(hn::Mul(hn::ConvertTo(di, row), hn::Set(di, grid.nz_int)), hn::ConvertTo(di, cell.z));
+    const V row = cell.x * grid.ny + cell.y;
+    const VI i = hn::ConvertTo(di, row) * grid.nz_int + hn::ConvertTo(di, cell.z);
     return hn::IfThenElseZero(hn::RebindMask(di, mask), i);
   }
-  HWY_INLINE V3 at(V parameter) const {
-    return {hn::Add(o.x, hn::Mul(d.x, parameter)), hn::Add(o.y, hn::Mul(d.y, parameter)),
-            hn::Add(o.z, hn::Mul(d.z, parameter))};
-  }
+  HWY_INLINE V3 at(V parameter) const { return {o.x + d.x * parameter, o.y + d.y * parameter, o.z + d.z * parameter}; }
   /// A point relative to the lanes' cells, clamped to [0, most].
   HWY_INLINE V3 within(const V3& p, V most) const {
-    const auto clamped = [&](V v, V c) {
-      return hn::Min(hn::Max(hn::Sub(v, hn::Mul(c, set(grid.cell))), hn::Zero(D())), most);
-    };
+    const auto clamped = [&](V v, V c) { return hn::Min(hn::Max(v - c * grid.cell, hn::Zero(D())), most); };
     return {clamped(p.x, cell.x), clamped(p.y, cell.y), clamped(p.z, cell.z)};
   }
   HWY_INLINE V3 within(const V3& p) const { return within(p, set(grid.cell)); }
@@ -159,15 +154,15 @@ struct CellWalk {
     const DI di;
     const VI steps = hn::And(hn::BitCast(di, hn::Shr(hn::BitCast(DU(), word), octant_shift)), hn::Set(di, 7));
     const VI step = hn::And(hn::ShiftRight<OctantSkip::kStepShift>(word), hn::Set(di, 63));
-    const V far = hn::IfThenElseZero(empty, hn::ConvertTo(D(), hn::Mul(steps, step)));
+    const V far = hn::IfThenElseZero(empty, hn::ConvertTo(D(), steps * step));
     const V one = set(1.0f);
     Crossing c;
     c.sign = {hn::CopySign(one, inverse.x), hn::CopySign(one, inverse.y), hn::CopySign(one, inverse.z)};
-    const auto farthest = [&](V from, V sign) { return hn::Add(from, hn::Mul(sign, far)); };
+    const auto farthest = [&](V from, V sign) { return from + sign * far; };
     c.last = {farthest(cell.x, c.sign.x), farthest(cell.y, c.sign.y), farthest(cell.z, c.sign.z)};
     const auto when = [&](V last, V sign, V origin, V inv) {
-      const V plane = hn::Mul(hn::Max(last, hn::Add(last, sign)), set(grid.cell));
-      return hn::Mul(hn::Sub(plane, origin), inv);
+      const V plane = hn::Max(last, last + sign) * grid.cell;
+      return (plane - origin) * inv;
     };
     c.tx = when(c.last.x, c.sign.x, o.x, inverse.x);
     c.ty = when(c.last.y, c.sign.y, o.y, inverse.y);
@@ -185,28 +180,28 @@ struct CellWalk {
   HWY_INLINE Look look(M active) const {
     const VI here = index(active);
     const V bound = hn::GatherIndex(D(), grid.majorant, here);
-    const M empty = hn::Lt(bound, hn::Zero(D()));
+    const M empty = bound < 0.0f;
     const Crossing crossing = ahead(hn::BitCast(DI(), bound), empty);
-    const M passes = hn::And(active, hn::Or(empty, hn::Ge(t, crossing.until)));
+    const M passes = hn::And(active, hn::Or(empty, t >= crossing.until));
     return {here, crossing, passes, hn::AndNot(passes, active)};
   }
   /// Moves the lanes of `passes` into the next cells; returns which of them have left the grid. Where two faces are
   /// reached at the same parameter, the lowest axis goes first.
   HWY_INLINE M cross(const Crossing& c, M passes) {
-    const M first_x = hn::Eq(c.exit, c.tx), first_y = hn::AndNot(first_x, hn::Eq(c.exit, c.ty));
+    const M first_x = c.exit == c.tx, first_y = hn::AndNot(first_x, c.exit == c.ty);
     const M first_z = hn::Not(hn::Or(first_x, first_y));
     const V3 there = at(c.until);
     const auto crossed = [&](V from, V last, V sign, M first, V p) {
       // On the other axes the cell changes only where a cube of several cells is skipped.
-      const V other = hn::Floor(hn::Mul(p, set(grid.inverse_cell)));
+      const V other = hn::Floor(p * grid.inverse_cell);
       const V between = hn::Min(hn::Max(other, hn::Min(from, last)), hn::Max(from, last));
-      return hn::IfThenElse(passes, hn::IfThenElse(first, hn::Add(last, sign), between), from);
+      return hn::IfThenElse(passes, hn::IfThenElse(first, last + sign, between), from);
     };
     cell = {crossed(cell.x, c.last.x, c.sign.x, first_x, there.x),
             crossed(cell.y, c.last.y, c.sign.y, first_y, there.y),
             crossed(cell.z, c.last.z, c.sign.z, first_z, there.z)};
     t = hn::IfThenElse(passes, c.until, t);
-    const auto left = [](V v, float n) { return hn::Or(hn::Lt(v, hn::Zero(D())), hn::Ge(v, set(n))); };
+    const auto left = [](V v, float n) { return hn::Or(v < 0.0f, v >= n); };
     return hn::And(passes, hn::Or(left(cell.x, grid.nx), hn::Or(left(cell.y, grid.ny), left(cell.z, grid.nz))));
   }
 };
@@ -236,7 +231,7 @@ HWY_INLINE void drive(RayQueue& queue, const CellWalk& walk, const StopSignal* s
 
 /// Length of a voxel as a ray parameter.
 HWY_INLINE V voxel_length(const CellWalk& walk) {
-  return hn::Div(set(1.0f), hn::Sqrt(dot(walk.d, walk.d)));
+  return 1.0f / hn::Sqrt(dot(walk.d, walk.d));
 }
 
 /// Offsets of the cells' bricks in the grid's values; 0 outside `mask`, whose cells must not be empty.
@@ -246,7 +241,7 @@ HWY_INLINE VI brick_of(const LaneCells& grid, VI cell, M mask) {
 }
 
 HWY_INLINE V lerp(V a, V b, V f) {
-  return hn::Add(a, hn::Mul(f, hn::Sub(b, a)));
+  return a + f * (b - a);
 }
 
 /// Two neighbouring entries of a table. @param index  of the first
@@ -282,11 +277,10 @@ HWY_INLINE V interpolated(const LaneCells& grid, VI brick, const V3& q) {
   const V highest = set(grid.cell - 1.0f);
   const V x0 = hn::Min(hn::Floor(q.x), highest), y0 = hn::Min(hn::Floor(q.y), highest),
           z0 = hn::Min(hn::Floor(q.z), highest);
-  const V fx = hn::Sub(q.x, x0), fy = hn::Sub(q.y, y0), fz = hn::Sub(q.z, z0);
+  const V fx = q.x - x0, fy = q.y - y0, fz = q.z - z0;
   const VI stored = hn::Set(di, grid.stored);
-  VI index = hn::Add(hn::Mul(hn::Add(hn::Mul(hn::ConvertTo(di, x0), stored), hn::ConvertTo(di, y0)), stored),
-                     hn::ConvertTo(di, z0));
-  index = hn::Add(index, brick);
+  VI index = (hn::ConvertTo(di, x0) * stored + hn::ConvertTo(di, y0)) * stored + hn::ConvertTo(di, z0);
+  index = index + brick;
   const auto along_z = [&](int offset) { return between_entries(grid.values + offset, index, fz); };
   const int Y = grid.stored, X = Y * Y;
   return lerp(lerp(along_z(0), along_z(Y), fy), lerp(along_z(X), along_z(X + Y), fy), fx);
@@ -299,17 +293,17 @@ HWY_INLINE V density_at(const LaneCells& grid, const V3& p) {
   const V zero = hn::Zero(d), one = set(1.0f), cell_size = set(grid.cell);
   M outside = hn::FirstN(d, 0);
   const auto cell = [&](V v, float n) {
-    const V c = hn::Floor(hn::Mul(v, set(grid.inverse_cell))), nearest = hn::Min(hn::Max(c, zero), set(n - 1));
-    outside = hn::Or(outside, hn::Or(hn::Lt(v, zero), hn::Gt(v, hn::Mul(hn::Add(nearest, one), cell_size))));
+    const V c = hn::Floor(v * grid.inverse_cell), nearest = hn::Min(hn::Max(c, zero), set(n - 1));
+    outside = hn::Or(outside, hn::Or(v<zero, v>(nearest + one) * cell_size));
     return nearest;
   };
   const V3 c{cell(p.x, grid.nx), cell(p.y, grid.ny), cell(p.z, grid.nz)};
-  const V row = hn::Add(hn::Mul(c.x, set(grid.ny)), c.y);
-  const VI index = hn::Add(hn::Mul(hn::ConvertTo(di, row), hn::Set(di, grid.nz_int)), hn::ConvertTo(di, c.z));
+  const V row = c.x * grid.ny + c.y;
+  const VI index = hn::ConvertTo(di, row) * grid.nz_int + hn::ConvertTo(di, c.z);
   const VI brick = hn::GatherIndex(di, grid.brick, index);
-  outside = hn::Or(outside, hn::RebindMask(d, hn::Lt(brick, hn::Zero(di))));
+  outside = hn::Or(outside, hn::RebindMask(d, brick < 0));
   const auto within = [&](V v, V from) {
-    return hn::IfThenZeroElse(outside, hn::Min(hn::Max(hn::Sub(v, hn::Mul(from, cell_size)), zero), cell_size));
+    return hn::IfThenZeroElse(outside, hn::Min(hn::Max(v - from * cell_size, zero), cell_size));
   };
   const V3 q{within(p.x, c.x), within(p.y, c.y), within(p.z, c.z)};
   return hn::IfThenZeroElse(outside, interpolated(grid, hn::Max(brick, hn::Zero(di)), q));
@@ -318,9 +312,9 @@ HWY_INLINE V density_at(const LaneCells& grid, const V3& p) {
 /// Where the density that is now at points of a displaced grid, envelope coordinates, is stored. @param time  in frames
 HWY_INLINE V3 stored_at(const LaneScene& scene, const V3& p, V time) {
   const auto stored = [&](size_t axis, V x) {
-    const V there = hn::Sub(x, set(scene.origin_shift[axis]));
+    const V there = x - scene.origin_shift[axis];
     const LaneCells& field = scene.displacement[axis];
-    return field.values ? hn::Sub(there, hn::Mul(time, density_at(field, p))) : there;
+    return field.values ? there - time * density_at(field, p) : there;
   };
   return {stored(0, p.x), stored(1, p.y), stored(2, p.z)};
 }
@@ -337,12 +331,12 @@ HWY_INLINE V one_voxel(const CellWalk& walk, Generator& rng, const V3& p, VI bri
   const LaneCells& grid = walk.grid;
   const V3 q = walk.within(p, set(grid.cell - grid.cell * 0x1p-24f));
   const auto voxel = [&](V v, VU bits) {  // 16 of them
-    const V u = hn::Mul(hn::Add(hn::ConvertTo(D(), hn::BitCast(di, bits)), set(0.5f)), set(0x1p-16f));
-    return hn::ConvertTo(di, hn::Add(v, u));
+    const V u = (hn::ConvertTo(D(), hn::BitCast(di, bits)) + 0.5f) * 0x1p-16f;
+    return hn::ConvertTo(di, v + u);
   };
   const VU low = hn::Set(du, 0xffffu), bits = rng.next(mask), bits_z = rng.next(mask);
   const VI vx = voxel(q.x, hn::And(bits, low)), vy = voxel(q.y, hn::ShiftRight<16>(bits));
   const VI vz = voxel(q.z, hn::ShiftRight<16>(bits_z)), stored = hn::Set(di, grid.stored);
-  const VI index = hn::Add(hn::Add(hn::Mul(hn::Add(hn::Mul(vx, stored), vy), stored), vz), brick);
+  const VI index = (vx * stored + vy) * stored + vz + brick;
   return hn::GatherIndex(D(), grid.values, hn::IfThenElseZero(hn::RebindMask(di, mask), index));
 }

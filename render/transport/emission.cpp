@@ -27,29 +27,29 @@ HWY_INLINE RampPlace place(const EmissionCells& cells, V value, M& glows) {
   const DI di;
   const V zero = hn::Zero(d);
   if (cells.blackbody) {
-    const V kelvin = hn::Add(set(cells.offset), hn::Mul(set(cells.scale), value));
-    glows = hn::And(glows, hn::And(hn::Gt(value, zero), hn::Ge(kelvin, set(EmissionRamp::kColdest))));
+    const V kelvin = cells.offset + cells.scale * value;
+    glows = hn::And(glows, hn::And(value > zero, kelvin >= EmissionRamp::kColdest));
     const VI bits = hn::IfThenElseZero(hn::RebindMask(di, glows),
-                                       hn::Sub(hn::BitCast(di, kelvin), hn::Set(di, EmissionRamp::kColdestBits)));
+                                       hn::BitCast(di, kelvin) - static_cast<int>(EmissionRamp::kColdestBits));
     const VI entry = hn::Min(hn::ShiftRight<EmissionRamp::kEntryBits>(bits), hn::Set(di, cells.last));
     const VI within = hn::And(bits, hn::Set(di, (1 << EmissionRamp::kEntryBits) - 1));
-    return {entry, hn::Mul(hn::ConvertTo(d, within), set(1.0f / (1 << EmissionRamp::kEntryBits)))};
+    return {entry, hn::ConvertTo(d, within) * (1.0f / (1 << EmissionRamp::kEntryBits))};
   }
   VI entry = hn::Zero(di);
   if (cells.last < 16) {
     for (int32_t k = 1; k <= cells.last; ++k)
-      entry = hn::IfThenElse(hn::RebindMask(di, hn::Ge(value, set(cells.stops[k]))), hn::Set(di, k), entry);
+      entry = hn::IfThenElse(hn::RebindMask(di, value >= cells.stops[k]), hn::Set(di, k), entry);
   } else {
     for (int32_t step = static_cast<int32_t>(std::bit_floor(static_cast<uint32_t>(cells.last))); step > 0; step /= 2) {
-      const VI next = hn::Add(entry, hn::Set(di, step));
+      const VI next = entry + step;
       const VI at = hn::Min(next, hn::Set(di, cells.last));
-      const M reaches = hn::And(hn::Ge(value, hn::GatherIndex(d, cells.stops, at)),
-                                hn::RebindMask(d, hn::Gt(hn::Set(di, cells.last + 1), next)));
+      const M reaches =
+          hn::And(value >= hn::GatherIndex(d, cells.stops, at), hn::RebindMask(d, (cells.last + 1) > next));
       entry = hn::IfThenElse(hn::RebindMask(di, reaches), next, entry);
     }
   }
   const V from = hn::GatherIndex(d, cells.stops, entry), inverse = hn::GatherIndex(d, cells.inverse_widths, entry);
-  return {entry, hn::Min(hn::Max(hn::Mul(hn::Sub(value, from), inverse), zero), set(1.0f))};
+  return {entry, hn::Min(hn::Max((value - from) * inverse, zero), set(1.0f))};
 }
 
 void Emission(const EmissionCells& cells, PathStates& paths, const SlotList& rays, EmissionSegments& segments) {
@@ -67,9 +67,9 @@ void Emission(const EmissionCells& cells, PathStates& paths, const SlotList& ray
   const auto finish = [&]() BRUME_INLINE_LAMBDA {
     HWY_ALIGN float r[kMost], g[kMost], b[kMost];
     const V unit = set(cells.unit);
-    hn::Store(hn::Mul(sum.x, unit), d, r);
-    hn::Store(hn::Mul(sum.y, unit), d, g);
-    hn::Store(hn::Mul(sum.z, unit), d, b);
+    hn::Store(sum.x * unit, d, r);
+    hn::Store(sum.y * unit, d, g);
+    hn::Store(sum.z * unit, d, b);
     generators.store(rng);
     queue.collect([&](size_t lane, size_t s) {
       generators.give_back(paths, s, lane);
@@ -94,27 +94,25 @@ void Emission(const EmissionCells& cells, PathStates& paths, const SlotList& ray
     walk.load(buffer, fresh);
     rng = generators.load();
     end = hn::Load(d, ends);
-    step = hn::Mul(hn::Load(d, strides), voxel_length(walk));
+    step = hn::Load(d, strides) * voxel_length(walk);
     offset = hn::IfThenElse(fresh, rng.uniform(fresh), offset);
     sum = {hn::IfThenElse(fresh, zero, sum.x), hn::IfThenElse(fresh, zero, sum.y), hn::IfThenElse(fresh, zero, sum.z)};
   };
   drive(queue, walk, nullptr, finish, load, [&](M active) BRUME_INLINE_LAMBDA {
     const auto [cell_index, crossing, passes, looks] = walk.look(active);
-    const V reached = hn::Min(hn::Min(hn::Add(walk.t, step), crossing.until), end);
+    const V reached = hn::Min(hn::Min(walk.t + step, crossing.until), end);
     if (!hn::AllFalse(d, looks)) {
-      const V3 p = walk.at(hn::Add(walk.t, hn::Mul(offset, hn::Sub(reached, walk.t))));
+      const V3 p = walk.at(walk.t + offset * (reached - walk.t));
       const V value = interpolated(cells, brick_of(cells, cell_index, looks), walk.within(p));
       M glows = looks;
       const RampPlace at = place(cells, value, glows);
-      const V part = hn::IfThenElseZero(glows, hn::Sub(reached, walk.t));
-      const auto add = [&](V to, const float* table) {
-        return hn::Add(to, hn::Mul(part, between_entries(table, at.entry, at.f)));
-      };
+      const V part = hn::IfThenElseZero(glows, reached - walk.t);
+      const auto add = [&](V to, const float* table) { return to + part * between_entries(table, at.entry, at.f); };
       sum = {add(sum.x, cells.colour[0]), add(sum.y, cells.colour[1]), add(sum.z, cells.colour[2])};
     }
-    const M left = walk.cross(crossing, hn::Or(passes, hn::And(looks, hn::Ge(reached, crossing.until))));
+    const M left = walk.cross(crossing, hn::Or(passes, hn::And(looks, reached >= crossing.until)));
     walk.t = hn::IfThenElse(looks, reached, walk.t);
-    queue.end(hn::Or(left, hn::And(active, hn::Ge(walk.t, end))));
+    queue.end(hn::Or(left, hn::And(active, walk.t >= end)));
   });
 }
 

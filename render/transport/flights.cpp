@@ -55,7 +55,7 @@ class Tracker {
     if (kFirst) {
       // The scattered share becomes the path's throughput; below a hundredth it plays Russian roulette.
       const V u = rng_.uniform(mask_of(queue_.finished));
-      collided_ = bits_of(hn::Lt(hn::Mul(u, set(0.01f)), scattered_));
+      collided_ = bits_of(u * 0.01f < scattered_);
       hn::Store(hn::Max(scattered_, set(0.01f)), d, carried_);
     }
     generators_.store(rng_);
@@ -144,18 +144,18 @@ class Tracker {
     // The cell: its majorant, or, where it is empty, an OctantSkip.
     const VI cell_index = walk_.index(active);
     const V bound = hn::GatherIndex(d, scene_.majorant, cell_index);
-    const M empty = hn::Lt(bound, zero);
+    const M empty = bound < zero;
     const CellWalk::Crossing crossing = walk_.ahead(hn::BitCast(DI(), bound), empty);
-    const V sigma_maj = hn::Mul(bound, set(kFirst ? scene_.first_sigma : scene_.sigma));
+    const V sigma_maj = bound * (kFirst ? scene_.first_sigma : scene_.sigma);
     const V until = kEnds ? hn::Min(crossing.until, t_max_) : crossing.until;
-    const V remaining = hn::IfThenElse(empty, zero, hn::Mul(hn::Sub(until, walk_.t), sigma_maj));
-    const M passes = hn::And(active, hn::Or(empty, hn::Ge(tau_, remaining)));
+    const V remaining = hn::IfThenElse(empty, zero, (until - walk_.t) * sigma_maj);
+    const M passes = hn::And(active, hn::Or(empty, tau_ >= remaining));
     const M collides = hn::AndNot(passes, active);
-    tau_ = hn::IfThenElse(passes, hn::Sub(tau_, remaining), tau_);
+    tau_ = hn::IfThenElse(passes, tau_ - remaining, tau_);
     M done = walk_.cross(crossing, passes);
-    if (kEnds) done = hn::Or(done, hn::And(passes, hn::Ge(crossing.until, t_max_)));
+    if (kEnds) done = hn::Or(done, hn::And(passes, crossing.until >= t_max_));
     if (!hn::AllFalse(d, collides)) {
-      walk_.t = hn::IfThenElse(collides, hn::Add(walk_.t, hn::Div(tau_, sigma_maj)), walk_.t);
+      walk_.t = hn::IfThenElse(collides, walk_.t + tau_ / sigma_maj, walk_.t);
       done = hn::Or(done, collide(cell_index, bound, sigma_maj, collides));
       tau_ = hn::IfThenElse(collides, rng_.exponential(collides), tau_);
     }
@@ -179,16 +179,16 @@ class Tracker {
     // 24 random bits are enough for roulette only: a collision may be less likely than 2^-24.
     const V u = kShadow ? rng_.uniform(collides) : rng_.fine_uniform(collides);
     if constexpr (kFirst) {
-      return scatter_share(p, hn::Div(hn::Mul(value, set(scene_.sigma)), sigma_maj), u, collides);
+      return scatter_share(p, value * scene_.sigma / sigma_maj, u, collides);
     } else if constexpr (kColour) {
-      return collide_by_channel(hn::Min(hn::Div(value, bound), set(1.0f)), u, collides);
+      return collide_by_channel(hn::Min(value / bound, set(1.0f)), u, collides);
     } else if constexpr (kShadow) {
-      weight_ = hn::IfThenElse(collides, hn::Sub(weight_, hn::Mul(weight_, hn::Div(value, bound))), weight_);
+      weight_ = hn::IfThenElse(collides, weight_ - weight_ * (value / bound), weight_);
       const auto [small, survives] = roulette(weight_, u, collides);
       weight_ = hn::IfThenElse(small, hn::IfThenElseZero(survives, surviving()), weight_);
       return hn::AndNot(survives, small);
     } else {
-      const M hit = hn::And(collides, hn::Lt(hn::Mul(u, bound), value));
+      const M hit = hn::And(collides, u * bound < value);
       hit_at_ = {hn::IfThenElse(hit, p.x, hit_at_.x), hn::IfThenElse(hit, p.y, hit_at_.y),
                  hn::IfThenElse(hit, p.z, hit_at_.z)};
       collided_ |= bits_of(hit);
@@ -201,37 +201,37 @@ class Tracker {
   /// collision is real or null by chance, as in delta tracking.
   HWY_INLINE M scatter_share(const V3& p, V share, V u, M collides) {
     const V one = set(1.0f);
-    const M whole = hn::And(collides, hn::Lt(weight_, set(0.5f))), decided = hn::And(whole, hn::Lt(u, share));
-    const V part = hn::IfThenElse(whole, hn::IfThenElseZero(decided, weight_), hn::Mul(weight_, share));
+    const M whole = hn::And(collides, weight_ < 0.5f), decided = hn::And(whole, u < share);
+    const V part = hn::IfThenElse(whole, hn::IfThenElseZero(decided, weight_), weight_ * share);
     // Summed with compensation (Kahan): shares may be far below the rounding of what is left.
-    const V more = hn::Sub(part, lost_), sum = hn::Add(scattered_, more);
-    const M taken = hn::And(collides, hn::Lt(hn::Mul(rng_.fine_uniform(collides), sum), part));
+    const V more = part - lost_, sum = scattered_ + more;
+    const M taken = hn::And(collides, rng_.fine_uniform(collides) * sum < part);
     hit_at_ = {hn::IfThenElse(taken, p.x, hit_at_.x), hn::IfThenElse(taken, p.y, hit_at_.y),
                hn::IfThenElse(taken, p.z, hit_at_.z)};
-    lost_ = hn::IfThenElse(collides, hn::Sub(hn::Sub(sum, scattered_), more), lost_);
+    lost_ = hn::IfThenElse(collides, sum - scattered_ - more, lost_);
     scattered_ = hn::IfThenElse(collides, hn::IfThenElse(decided, one, sum), scattered_);
-    weight_ = hn::Sub(one, scattered_);
+    weight_ = one - scattered_;
     return decided;
   }
 
   /// @param share  of the largest channel: its extinction to the majorant
   HWY_INLINE M collide_by_channel(V share, V u, M collides) {
     const V one = set(1.0f);
-    const auto real = [&](int c) { return hn::Mul(share, set(scene_.extinction_ratio[c])); };
+    const auto real = [&](int c) { return share * scene_.extinction_ratio[c]; };
     M hit = hn::FirstN(D(), 0);
     if (!kShadow) {
-      hit = hn::And(collides, hn::Lt(u, hn::Mul(share, hero_)));
+      hit = hn::And(collides, u < share * hero_);
       collided_ |= bits_of(hit);
     }
     const auto times = [&](V before, int c) {
-      return hn::IfThenElse(collides, hn::Mul(before, hn::IfThenElse(hit, real(c), hn::Sub(one, real(c)))), before);
+      return hn::IfThenElse(collides, before * hn::IfThenElse(hit, real(c), one - real(c)), before);
     };
     colour_ = {times(colour_.x, 0), times(colour_.y, 1), times(colour_.z, 2)};
     if (!kShadow) return hit;
     const V largest = hn::Max(hn::Max(colour_.x, colour_.y), colour_.z);
     const auto [small, survives] = roulette(largest, u, collides);
-    const V factor = hn::IfThenElseZero(survives, hn::Div(surviving(), largest));
-    const auto rescaled = [&](V v) { return hn::IfThenElse(small, hn::Mul(v, factor), v); };
+    const V factor = hn::IfThenElseZero(survives, surviving() / largest);
+    const auto rescaled = [&](V v) { return hn::IfThenElse(small, v * factor, v); };
     colour_ = {rescaled(colour_.x), rescaled(colour_.y), rescaled(colour_.z)};
     return hn::AndNot(survives, small);
   }
@@ -242,8 +242,7 @@ class Tracker {
   };
   /// Of shadow rays with little weight left.
   static HWY_INLINE Roulette roulette(V weight, V u, M collides) {
-    return {hn::And(collides, hn::Lt(weight, set(static_cast<float>(kLeastTransmittance)))),
-            hn::Lt(hn::Mul(u, surviving()), weight)};
+    return {hn::And(collides, weight < static_cast<float>(kLeastTransmittance)), u * surviving() < weight};
   }
 
   const LaneScene& scene_;

@@ -44,7 +44,7 @@ HWY_INLINE V set(double x) {
 
 /// A matrix of columns times a vector, summed from the first column on.
 HWY_INLINE V3 times(const V3 (&m)[3], const V3& v) {
-  const auto row = [&](V a, V b, V c) { return hn::Add(hn::Add(hn::Mul(a, v.x), hn::Mul(b, v.y)), hn::Mul(c, v.z)); };
+  const auto row = [&](V a, V b, V c) { return a * v.x + b * v.y + c * v.z; };
   return {row(m[0].x, m[1].x, m[2].x), row(m[0].y, m[1].y, m[2].y), row(m[0].z, m[1].z, m[2].z)};
 }
 
@@ -56,16 +56,16 @@ struct Slab {
 
   HWY_INLINE Slab(double low, double high, V origin, V direction) : lo(low), hi(high), o(origin), d(direction) {
     const V zero = hn::Zero(D());
-    const M below = hn::Lt(o, set(lo)), above = hn::Gt(o, set(hi));
+    const M below = o < set(lo);
+    const M above = o > set(hi);
     outside = hn::Or(below, above);
-    misses = hn::Or(hn::And(outside, along()),
-                    hn::Or(hn::AndNot(hn::Gt(d, zero), below), hn::AndNot(hn::Lt(d, zero), above)));
+    misses = hn::Or(hn::And(outside, along()), hn::Or(hn::AndNot(d > zero, below), hn::AndNot(d < zero, above)));
   }
   /// Whether rays never reach the faces.
-  HWY_INLINE M along() const { return hn::Lt(hn::Abs(d), set(1e-300)); }
+  HWY_INLINE M along() const { return hn::Abs(d) < set(1e-300); }
   /// Narrows the ray parameters between which rays are inside.
   HWY_INLINE void clip(V& t0, V& t1) const {
-    const V a = hn::Div(hn::Sub(set(lo), o), d), b = hn::Div(hn::Sub(set(hi), o), d);
+    const V a = (set(lo) - o) / d, b = (set(hi) - o) / d;
     t0 = hn::IfThenElse(along(), t0, hn::Max(t0, hn::Min(a, b)));
     t1 = hn::IfThenElse(along(), t1, hn::Min(t1, hn::Max(a, b)));
   }
@@ -94,7 +94,7 @@ void enter(const LocalBox& box, const std::array<Ray, kPool>& rays, const std::a
     for (size_t lane = 0; lane < hn::Lanes(d); ++lane) at[lane] = slots.slot[k + std::min(lane, count - 1)];
     const VI slot = hn::Load(di, at);
     const auto members = [&](const void* base, size_t size) {
-      return Members(base, hn::Mul(slot, hn::Set(di, static_cast<int64_t>(size / sizeof(double)))));
+      return Members(base, slot * hn::Set(di, static_cast<int64_t>(size / sizeof(double))));
     };
     const Members ray = members(rays.data(), sizeof(Ray));
     if constexpr (kBySlot) {
@@ -103,7 +103,7 @@ void enter(const LocalBox& box, const std::array<Ray, kPool>& rays, const std::a
     }
     const V3 direction = times(matrix, ray.vector(3));
     V3 o = times(matrix, ray.vector(0));
-    o = {hn::Add(o.x, offset.x), hn::Add(o.y, offset.y), hn::Add(o.z, offset.z)};
+    o = {o.x + offset.x, o.y + offset.y, o.z + offset.z};
     const Slab x(box.lo.x, box.hi.x, o.x, direction.x), y(box.lo.y, box.hi.y, o.y, direction.y),
         z(box.lo.z, box.hi.z, o.z, direction.z);
     const V end = members(ends.data(), sizeof(double))[0];
@@ -114,22 +114,22 @@ void enter(const LocalBox& box, const std::array<Ray, kPool>& rays, const std::a
       V enters = t0, leaves = end;
       for (const Slab& slab : {x, y, z}) slab.clip(enters, leaves);
       t0 = hn::IfThenElseZero(approaches, enters);
-      meets = hn::And(meets, hn::Or(hn::Not(approaches), hn::Lt(enters, leaves)));
+      meets = hn::And(meets, hn::Or(hn::Not(approaches), enters < leaves));
     }
-    meets = hn::And(meets, hn::Lt(t0, end));
+    meets = hn::And(meets, t0 < end);
     uint8_t bits[8] = {};
     hn::StoreMaskBits(d, meets, bits);
     uint32_t left = bits[0] & ((1u << count) - 1);
     if (left == 0) continue;
     const V unit = set(box.unit);
     const auto store = [&](V from, V along, double shift, size_t i) {
-      hn::Store(hn::Add(hn::Add(from, hn::Mul(t0, along)), set(shift)), d, result[i]);
-      hn::Store(hn::Mul(along, unit), d, result[i + 3]);
+      hn::Store(from + t0 * along + set(shift), d, result[i]);
+      hn::Store(along * unit, d, result[i + 3]);
     };
     store(o.x, direction.x, box.shift.x, 0);
     store(o.y, direction.y, box.shift.y, 1);
     store(o.z, direction.z, box.shift.z, 2);
-    hn::Store(hn::Min(hn::Div(hn::Sub(end, t0), unit), set(1e30)), d, result[6]);
+    hn::Store(hn::Min((end - t0) / unit, set(1e30)), d, result[6]);
     hn::Store(t0, d, begin);
     PathStates::Column<float>* const columns[] = {&to.ox, &to.oy, &to.oz, &to.dx, &to.dy, &to.dz, &to.length};
     for (; left; left &= left - 1) {

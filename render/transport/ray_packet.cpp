@@ -28,11 +28,9 @@ struct PacketRays {
   uint32_t busy = 0, met = 0;  // active lanes; those that have hit the surface
   HWY_ALIGN int32_t slot[RayQueue::kMost];
 
-  HWY_INLINE V3 at(V t) const {
-    return {hn::Add(o.x, hn::Mul(d.x, t)), hn::Add(o.y, hn::Mul(d.y, t)), hn::Add(o.z, hn::Mul(d.z, t))};
-  }
+  HWY_INLINE V3 at(V t) const { return {o.x + d.x * t, o.y + d.y * t, o.z + d.z * t}; }
   /// Where they cross a plane perpendicular to the first axis, even if that is before their origins.
-  HWY_INLINE V crosses(float plane) const { return hn::Mul(hn::Sub(set(plane), o.x), inverse); }
+  HWY_INLINE V crosses(float plane) const { return (plane - o.x) * inverse; }
 };
 
 /// Marches the rays of a pixel through the layers of voxels together. They are so close to each other that the values
@@ -119,10 +117,10 @@ class PacketWalk {
       };
       rays.o = get(o);
       rays.d = get(along);
-      rays.inverse = hn::Div(set(1.0f), rays.d.x);
+      rays.inverse = 1.0f / rays.d.x;
       const auto leaves = [&](V from, V speed, int cells) {
-        const V side = hn::IfThenElseZero(hn::Gt(speed, hn::Zero(d)), set(static_cast<float>(cells * cell_)));
-        return hn::IfThenElse(hn::Lt(hn::Abs(speed), set(1e-12f)), set(1e30f), hn::Div(hn::Sub(side, from), speed));
+        const V side = hn::IfThenElseZero(speed > 0.0f, set(static_cast<float>(cells * cell_)));
+        return hn::IfThenElse(hn::Abs(speed) < 1e-12f, set(1e30f), (side - from) / speed);
       };
       rays.exit = hn::Min(leaves(rays.o.y, rays.d.y, cells_[1]), leaves(rays.o.z, rays.d.z, cells_[2]));
       rays.before = rays.below = hn::Zero(d);
@@ -136,9 +134,8 @@ class PacketWalk {
   }
 
   bool all_begin_before(float plane) const {
-    return std::all_of(rays_, rays_ + vectors_, [&](const PacketRays& rays) {
-      return (rays.busy & bits_of(hn::Le(rays.crosses(plane), hn::Zero(D())))) == 0;
-    });
+    return std::all_of(rays_, rays_ + vectors_,
+                       [&](const PacketRays& rays) { return (rays.busy & bits_of(rays.crosses(plane) <= 0.0f)) == 0; });
   }
 
   /// The lowest coordinates, on the two other axes, of the voxels in which rays cross a plane.
@@ -182,17 +179,17 @@ class PacketWalk {
       VI cell = hn::Set(di, (k >> cell_bits_) * cell_stride_[0]), value = hn::Set(di, (k & (cell_ - 1)) * stride_[0]);
       const auto add = [&](VI offset, int from, int axis) {
         const int cells = cells_[axis];  // no ray samples outside the grid: clamped
-        const VI at = hn::Min(hn::Max(hn::Add(offset, hn::Set(di, from)), hn::Zero(di)), hn::Set(di, cells * cell_));
+        const VI at = hn::Min(hn::Max(offset + from, hn::Zero(di)), hn::Set(di, cells * cell_));
         const VI c = hn::Min(hn::ShiftRightSame(at, cell_bits_), hn::Set(di, cells - 1));
-        cell = hn::Add(cell, hn::Mul(c, hn::Set(di, cell_stride_[axis])));
-        value = hn::Add(value, hn::Mul(hn::Sub(at, hn::ShiftLeftSame(c, cell_bits_)), hn::Set(di, stride_[axis])));
+        cell = cell + c * cell_stride_[axis];
+        value = value + (at - hn::ShiftLeftSame(c, cell_bits_)) * stride_[axis];
       };
       static_assert(kWindow == 4);
       add(hn::ShiftRight<2>(n), corner.x, 1);
       add(hn::And(n, hn::Set(di, kWindow - 1)), corner.y, 2);
       const VI brick = hn::GatherIndex(di, scene_.brick, cell);
-      const auto empty = hn::Lt(brick, hn::Zero(di));
-      const VI index = hn::IfThenZeroElse(empty, hn::Add(brick, value));
+      const auto empty = brick < 0;
+      const VI index = hn::IfThenZeroElse(empty, brick + value);
       for (const int plane : {0, 1}) {
         const V values = hn::GatherIndex(d, scene_.values + plane * stride_[0], index);
         hn::Store(hn::IfThenZeroElse(hn::RebindMask(d, empty), values), d, w.values[plane] + i);
@@ -207,7 +204,7 @@ class PacketWalk {
     V most = hn::Zero(d);
     for (size_t i = 0; i < kCorners; i += hn::Lanes(d))
       most = hn::Max(most, hn::Max(hn::Load(d, w.values[0] + i), hn::Load(d, w.values[1] + i)));
-    return !hn::AllFalse(d, hn::Ge(most, set(scene_.isosurface_density * (1 - 1e-6f))));
+    return !hn::AllFalse(d, most >= scene_.isosurface_density * (1 - 1e-6f));
   }
 
   /// Positions in a window: the lower corner's index, and the interpolation weights.
@@ -222,13 +219,12 @@ class PacketWalk {
       return hn::Min(hn::Max(hn::Floor(v), low), high);
     };
     const V y = voxel(p.y, w.corner.x), z = voxel(p.z, w.corner.y);
-    const V row = hn::Mul(hn::Sub(y, set(static_cast<float>(w.corner.x))), set(static_cast<float>(kWindow)));
-    const V corner = hn::Add(row, hn::Sub(z, set(static_cast<float>(w.corner.y))));
-    return {hn::ConvertTo(DI(), corner), hn::Sub(p.y, y), hn::Sub(p.z, z)};
+    const V corner = (y - w.corner.x) * kWindow + (z - w.corner.y);
+    return {hn::ConvertTo(DI(), corner), p.y - y, p.z - z};
   }
   HWY_INLINE V on_plane(const float* values, const Spot& s) const {
     const auto corner = [&](int offset) {
-      const VI index = hn::Add(s.corner, hn::Set(DI(), offset));
+      const VI index = s.corner + offset;
       if constexpr (RayQueue::kMost == kCorners)
         return hn::TableLookupLanes(hn::Load(D(), values), hn::IndicesFromVec(D(), index));
       else
@@ -245,8 +241,8 @@ class PacketWalk {
     const V t0 = rays.crosses(static_cast<float>(near)), t1 = rays.crosses(static_cast<float>(far));
     const V begin = hn::Max(t0, zero);
     // Rays whose origins lie inside the layer do not start at a plane.
-    const M begins = hn::And(hn::Le(t0, zero), hn::Gt(t1, zero));
-    const V middle = hn::IfThenElse(begins, hn::Mul(set(0.5f), t1), rays.crosses(static_cast<float>(k) + 0.5f));
+    const M begins = hn::And(t0 <= zero, t1 > zero);
+    const V middle = hn::IfThenElse(begins, 0.5f * t1, rays.crosses(static_cast<float>(k) + 0.5f));
     const bool any_begins = !begun_ && !hn::AllFalse(D(), begins);
     const auto anywhere = [&](V t, V otherwise) {
       return any_begins ? hn::IfThenElse(begins, density_at(scene_, on_grid_axes(rays.at(t))), otherwise) : otherwise;
@@ -274,9 +270,9 @@ class PacketWalk {
   /// @param until  ray parameter of the end of the layer
   HWY_INLINE void look(PacketRays& rays, M some, V t, V until, V density, IsosurfaceCrossings& crossings) const {
     const D d;
-    const M inside = hn::And(hn::Le(t, rays.exit), hn::Gt(until, hn::Zero(d)));
+    const M inside = hn::And(t <= rays.exit, until > 0.0f);
     const V value = hn::IfThenElseZero(inside, density);
-    const M hits = hn::And(hn::And(mask_of(rays.busy), some), hn::Ge(value, set(scene_.isosurface_density)));
+    const M hits = hn::And(hn::And(mask_of(rays.busy), some), value >= scene_.isosurface_density);
     if (!hn::AllFalse(d, hits)) {
       // Compressed in registers: to memory that is slow on some processors.
       const size_t k = crossings.slots.count;
@@ -292,7 +288,7 @@ class PacketWalk {
     rays.before = hn::IfThenElse(some, t, rays.before);
     rays.below = hn::IfThenElse(some, value, rays.below);
     rays.met |= bits_of(hits);
-    rays.busy &= ~(bits_of(hits) | bits_of(hn::Ge(t, rays.exit)));
+    rays.busy &= ~(bits_of(hits) | bits_of(t >= rays.exit));
   }
 
   const LaneScene& scene_;

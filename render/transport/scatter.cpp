@@ -42,10 +42,9 @@ class Collisions {
         g_(std::abs(scene.g)) {
     // Angles are measured from the phase function's peak: a negative g is the positive one, mirrored.
     const V side = set(scene.g < 0 ? -1.0f : 1.0f);
-    peak_ = {hn::Mul(side, get(paths.dx)), hn::Mul(side, get(paths.dy)), hn::Mul(side, get(paths.dz))};
+    peak_ = {side * get(paths.dx), side * get(paths.dy), side * get(paths.dz)};
     const V3 albedo = this->albedo();
-    throughput_ = {hn::Mul(get(paths.tr), albedo.x), hn::Mul(get(paths.tg), albedo.y),
-                   hn::Mul(get(paths.tb), albedo.z)};
+    throughput_ = {get(paths.tr) * albedo.x, get(paths.tg) * albedo.y, get(paths.tb) * albedo.z};
   }
 
   /// Samples one light. @param shadows  gets those that are worth a shadow ray
@@ -60,9 +59,9 @@ class Collisions {
     const M chosen = sample_suns(choice, u1, u2, s);
     if (scene_.environment || scene_.lights) sample_others(valid_bits_ & ~bits_of(chosen), choice, u1, u2, s);
     const V phase = phase_towards(s.wi);
-    const V mis = hn::IfThenElse(s.delta, one, hn::Div(s.pdf, hn::Add(s.pdf, phase)));
-    const V factor = hn::IfThenElseZero(hn::Gt(s.pdf, zero), hn::Div(hn::Mul(phase, mis), s.pdf));
-    const auto contribution = [&](V throughput, V light) { return hn::Mul(hn::Mul(throughput, light), factor); };
+    const V mis = hn::IfThenElse(s.delta, one, s.pdf / (s.pdf + phase));
+    const V factor = hn::IfThenElseZero(s.pdf > zero, phase * mis / s.pdf);
+    const auto contribution = [&](V throughput, V light) { return throughput * light * factor; };
     const V cr = contribution(throughput_.x, s.light.x), cg = contribution(throughput_.y, s.light.y);
     const V cb = contribution(throughput_.z, s.light.z);
     put(cr, paths_.cr);
@@ -74,7 +73,7 @@ class Collisions {
     put(local.z, paths_.sz);
     put(one, paths_.transmittance);
     if (scene_.world) put(mis, paths_.mis);
-    push(bits_of(hn::Gt(hn::Max(hn::Max(cr, cg), cb), zero)), shadows);
+    push(bits_of(hn::Max(hn::Max(cr, cg), cb) > zero), shadows);
   }
 
   /// Counts the event. Russian roulette, as survival() has it, and the cap on events. Returns who goes on.
@@ -82,20 +81,18 @@ class Collisions {
     const D d;
     const DI di;
     const DU du;
-    const VU events = hn::Add(get_u(paths_.events), hn::Set(du, 1));
+    const VU events = get_u(paths_.events) + 1;
     hn::ScatterIndex(events, du, paths_.events.data(), slot_);
-    const auto more_than = [&](int count) {
-      return hn::RebindMask(d, hn::Gt(hn::BitCast(di, events), hn::Set(di, count - 1)));
-    };
+    const auto more_than = [&](int count) { return hn::RebindMask(d, hn::BitCast(di, events) > count - 1); };
     const V one = set(1.0f);
     const V chance = hn::Min(hn::Max(largest(), set(static_cast<float>(kLeastSurvival))), one);
-    const M plays = hn::And(everyone_, hn::And(more_than(scene_.roulette_start), hn::Lt(chance, one)));
+    const M plays = hn::And(everyone_, hn::And(more_than(scene_.roulette_start), chance < one));
     M lives = everyone_;
     if (!hn::AllFalse(d, plays)) {
       const V u = rng_.uniform(plays);
-      lives = hn::AndNot(hn::And(plays, hn::Ge(u, chance)), everyone_);
-      const V boost = hn::IfThenElse(plays, hn::Div(one, chance), one);
-      throughput_ = {hn::Mul(throughput_.x, boost), hn::Mul(throughput_.y, boost), hn::Mul(throughput_.z, boost)};
+      lives = hn::AndNot(hn::And(plays, u >= chance), everyone_);
+      const V boost = hn::IfThenElse(plays, one / chance, one);
+      throughput_ = {throughput_.x * boost, throughput_.y * boost, throughput_.z * boost};
     }
     const M cut = hn::And(lives, more_than(scene_.max_events));
     if (hn::AllFalse(d, cut)) return lives;
@@ -115,9 +112,9 @@ class Collisions {
     const V one_minus = scene_.phase
                             ? each_lane(xi, valid_, [&](double x) { return 1.0 - scene_.phase->sample_cosine(x); })
                             : phase_sample(g_, xi);
-    const V sin_theta = hn::Sqrt(hn::Max(hn::Mul(one_minus, hn::Sub(set(2.0f), one_minus)), hn::Zero(D())));
+    const V sin_theta = hn::Sqrt(hn::Max(one_minus * (2.0f - one_minus), hn::Zero(D())));
     const SinCosV phi = sincos_2pi(rng_.uniform(everyone_));
-    const V3 turned = around(peak_, hn::Mul(sin_theta, phi.cos), hn::Mul(sin_theta, phi.sin), hn::Sub(one, one_minus));
+    const V3 turned = around(peak_, sin_theta * phi.cos, sin_theta * phi.sin, one - one_minus);
     put(phase_towards(turned), paths_.pdf);
     put(turned.x, paths_.dx);
     put(turned.y, paths_.dy);
@@ -192,14 +189,12 @@ class Collisions {
     for (size_t k = 0; k < scene_.sun_count; ++k) {
       const LaneScene::SunLight& sun = scene_.suns[k];
       const M rest = mask_of(k + 1 == scene_.sun_count && !scene_.environment ? ~0u : 0u);
-      const M mine = hn::AndNot(chosen, hn::Or(hn::Lt(choice, set(sun.share_end)), rest));
+      const M mine = hn::AndNot(chosen, hn::Or(choice < sun.share_end, rest));
       chosen = hn::Or(chosen, mine);
-      const V h = hn::Mul(u1, set(sun.one_minus_cos));
-      const V sine = hn::Sqrt(hn::Max(hn::Mul(h, hn::Sub(set(2.0f), h)), hn::Zero(D())));
-      const V a = hn::Mul(sine, phi.cos), b = hn::Mul(sine, phi.sin), c = hn::Sub(one, h);
-      const auto axis = [&](int x) {
-        return hn::Add(hn::Add(hn::Mul(a, set(sun.x[x])), hn::Mul(b, set(sun.y[x]))), hn::Mul(c, set(sun.z[x])));
-      };
+      const V h = u1 * sun.one_minus_cos;
+      const V sine = hn::Sqrt(hn::Max(h * (2.0f - h), hn::Zero(D())));
+      const V a = sine * phi.cos, b = sine * phi.sin, c = one - h;
+      const auto axis = [&](int x) { return a * sun.x[x] + b * sun.y[x] + c * sun.z[x]; };
       s.wi = {hn::IfThenElse(mine, axis(0), s.wi.x), hn::IfThenElse(mine, axis(1), s.wi.y),
               hn::IfThenElse(mine, axis(2), s.wi.z)};
       s.light = {hn::IfThenElse(mine, set(sun.radiance[0]), s.light.x),

@@ -20,6 +20,146 @@ HWY_INLINE V set(float x) {
   return hn::Set(D(), x);
 }
 
+// Highway has operators between vectors; these take a number on one side.
+template <class A, class B>
+concept WithNumber = (std::is_same_v<A, V> && (std::is_same_v<B, float> || std::is_same_v<B, int>)) ||
+                     ((std::is_same_v<A, VI> || std::is_same_v<A, VU>)&&std::is_same_v<B, int>);
+template <class A, class B>
+concept Mixed = WithNumber<A, B> || WithNumber<B, A>;
+template <class Like, class T>
+HWY_INLINE auto lanes_like(Like, T x) {
+  if constexpr (std::is_arithmetic_v<T>)
+    return hn::Set(hn::DFromV<Like>(), static_cast<hn::TFromV<Like>>(x));
+  else
+    return x;
+}
+template <class A, Mixed<A> B>
+HWY_INLINE auto operator+(A a, B b) {
+  return lanes_like(b, a) + lanes_like(a, b);
+}
+template <class A, Mixed<A> B>
+HWY_INLINE auto operator-(A a, B b) {
+  return lanes_like(b, a) - lanes_like(a, b);
+}
+template <class A, Mixed<A> B>
+HWY_INLINE auto operator*(A a, B b) {
+  return lanes_like(b, a) * lanes_like(a, b);
+}
+template <class A, Mixed<A> B>
+HWY_INLINE auto operator/(A a, B b) {
+  return lanes_like(b, a) / lanes_like(a, b);
+}
+template <class A, Mixed<A> B>
+HWY_INLINE auto operator<(A a, B b) {
+  return lanes_like(b, a) < lanes_like(a, b);
+}
+template <class A, Mixed<A> B>
+HWY_INLINE auto operator>(A a, B b) {
+  return lanes_like(b, a) > lanes_like(a, b);
+}
+template <class A, Mixed<A> B>
+HWY_INLINE auto operator<=(A a, B b) {
+  return lanes_like(b, a) <= lanes_like(a, b);
+}
+template <class A, Mixed<A> B>
+HWY_INLINE auto operator>=(A a, B b) {
+  return lanes_like(b, a) >= lanes_like(a, b);
+}
+template <class A, Mixed<A> B>
+HWY_INLINE auto operator==(A a, B b) {
+  return lanes_like(b, a) == lanes_like(a, b);
+}
+template <class A, Mixed<A> B>
+HWY_INLINE auto operator!=(A a, B b) {
+  return lanes_like(b, a) != lanes_like(a, b);
+}
+HWY_INLINE V operator-(V a) {
+  return hn::Neg(a);
+}
+HWY_INLINE VI operator&(VI a, int b) {
+  return hn::And(a, hn::Set(DI(), b));
+}
+
+/// A point, a direction or a colour in each lane.
+struct V3 {
+  V x, y, z;
+
+  HWY_INLINE V3& operator+=(const V3& b);
+};
+HWY_INLINE V3 operator+(const V3& a, const V3& b) {
+  return {a.x + b.x, a.y + b.y, a.z + b.z};
+}
+HWY_INLINE V3 operator-(const V3& a, const V3& b) {
+  return {a.x - b.x, a.y - b.y, a.z - b.z};
+}
+HWY_INLINE V3 operator*(const V3& a, const V3& b) {
+  return {a.x * b.x, a.y * b.y, a.z * b.z};
+}
+HWY_INLINE V3 operator*(const V3& a, V b) {
+  return {a.x * b, a.y * b, a.z * b};
+}
+HWY_INLINE V3 operator*(V a, const V3& b) {
+  return b * a;
+}
+HWY_INLINE V3& V3::operator+=(const V3& b) {
+  return *this = *this + b;
+}
+HWY_INLINE V3 set3(const float (&v)[3]) {
+  return {set(v[0]), set(v[1]), set(v[2])};
+}
+HWY_INLINE V3 zero3() {
+  return {hn::Zero(D()), hn::Zero(D()), hn::Zero(D())};
+}
+HWY_INLINE V dot(const V3& a, const V3& b) {
+  return a.x * b.x + a.y * b.y + a.z * b.z;
+}
+HWY_INLINE V length(const V3& a) {
+  return hn::Sqrt(dot(a, a));
+}
+HWY_INLINE V max_component(const V3& a) {
+  return hn::Max(hn::Max(a.x, a.y), a.z);
+}
+HWY_INLINE V3 select(M mask, const V3& yes, const V3& no) {
+  return {hn::IfThenElse(mask, yes.x, no.x), hn::IfThenElse(mask, yes.y, no.y), hn::IfThenElse(mask, yes.z, no.z)};
+}
+HWY_INLINE V3 transform(const float (&m)[3][3], const V3& v) {
+  return {dot(set3(m[0]), v), dot(set3(m[1]), v), dot(set3(m[2]), v)};
+}
+
+/// Members of three columns of floats, by slot.
+template <class Columns>
+HWY_INLINE V3 gather3(const Columns& columns, VI slot) {
+  const D d;
+  return {hn::GatherIndex(d, columns.x.data(), slot), hn::GatherIndex(d, columns.y.data(), slot),
+          hn::GatherIndex(d, columns.z.data(), slot)};
+}
+template <class Columns>
+HWY_INLINE void scatter3(const V3& v, Columns& columns, VI slot) {
+  const D d;
+  hn::ScatterIndex(v.x, d, columns.x.data(), slot);
+  hn::ScatterIndex(v.y, d, columns.y.data(), slot);
+  hn::ScatterIndex(v.z, d, columns.z.data(), slot);
+}
+
+/// The lanes' numbers in memory.
+using Lanes = float[hn::MaxLanes(D())];
+struct Lanes3 {
+  HWY_ALIGN Lanes x = {}, y = {}, z = {};
+
+  HWY_INLINE V3 load() const { return {hn::Load(D(), x), hn::Load(D(), y), hn::Load(D(), z)}; }
+  HWY_INLINE void store(const V3& v) {
+    hn::Store(v.x, D(), x);
+    hn::Store(v.y, D(), y);
+    hn::Store(v.z, D(), z);
+  }
+  HWY_INLINE vec3 operator[](size_t lane) const { return {x[lane], y[lane], z[lane]}; }
+  HWY_INLINE void set(size_t lane, const vec3& v) {
+    x[lane] = v.x;
+    y[lane] = v.y;
+    z[lane] = v.z;
+  }
+};
+
 /// The generator of each lane. Source: Blackman, Vigna 2021, Scrambled Linear Pseudorandom Number Generators.
 struct Generator {
   VU s0, s1, s2, s3;
@@ -30,7 +170,7 @@ struct Generator {
       constexpr int kBits = decltype(k)::value;
       return hn::Or(hn::ShiftLeft<kBits>(v), hn::ShiftRight<32 - kBits>(v));
     };
-    const VU result = hn::Add(rotl(hn::Add(s0, s3), std::integral_constant<int, 7>()), s0);
+    const VU result = rotl(s0 + s3, std::integral_constant<int, 7>()) + s0;
     const VU t = hn::ShiftLeft<9>(s1);
     VU n2 = hn::Xor(s2, s0), n3 = hn::Xor(s3, s1);
     const VU n1 = hn::Xor(s1, n2), n0 = hn::Xor(s0, n3);
@@ -45,12 +185,12 @@ struct Generator {
   }
   /// In [0, 1), 24 bits.
   HWY_INLINE V uniform(M mask) {
-    return hn::Mul(hn::ConvertTo(D(), hn::BitCast(DI(), hn::ShiftRight<8>(next(mask)))), set(0x1p-24f));
+    return hn::ConvertTo(D(), hn::BitCast(DI(), hn::ShiftRight<8>(next(mask)))) * 0x1p-24f;
   }
   /// In (0, 1], 31 bits, small numbers to full precision: for probabilities that may be far below 2^-24.
   HWY_INLINE V fine_uniform(M mask) {
     const V bits = hn::ConvertTo(D(), hn::BitCast(DI(), hn::ShiftRight<1>(next(mask))));
-    return hn::Mul(hn::Add(bits, set(0.5f)), set(0x1p-31f));
+    return (bits + 0.5f) * 0x1p-31f;
   }
   /// Unit exponential, up to 22.9.
   HWY_INLINE V exponential(M mask);
@@ -60,15 +200,15 @@ struct Generator {
 HWY_INLINE V log_of(V x) {
   const DI di;
   const VI bits = hn::BitCast(di, x);
-  const VI shifted = hn::Sub(bits, hn::Set(di, 0x3f3504f3));  // e such that m = x / 2^e lies in [sqrt(1/2), sqrt(2))
+  const VI shifted = bits - 0x3f3504f3;  // e such that m = x / 2^e lies in [sqrt(1/2), sqrt(2))
   const VI e = hn::ShiftRight<23>(shifted);
-  const V m = hn::BitCast(D(), hn::Sub(bits, hn::ShiftLeft<23>(e)));
-  const V f = hn::Sub(m, set(1.0f)), s = hn::Div(f, hn::Add(m, set(1.0f))), z = hn::Mul(s, s);
-  V p = hn::Add(hn::Mul(z, set(2.0f / 9)), set(2.0f / 7));
-  p = hn::Add(hn::Mul(p, z), set(2.0f / 5));
-  p = hn::Add(hn::Mul(p, z), set(2.0f / 3));
-  p = hn::Add(hn::Mul(p, z), set(2.0f));
-  return hn::Add(hn::Mul(hn::ConvertTo(D(), e), set(std::numbers::ln2_v<float>)), hn::Mul(s, p));
+  const V m = hn::BitCast(D(), bits - (hn::ShiftLeft<23>(e)));
+  const V f = m - 1.0f, s = f / (m + 1.0f), z = s * s;
+  V p = z * (2.0f / 9) + (2.0f / 7);
+  p = p * z + (2.0f / 5);
+  p = p * z + (2.0f / 3);
+  p = p * z + 2.0f;
+  return hn::ConvertTo(D(), e) * (std::numbers::ln2_v<float>)+s * p;
 }
 
 HWY_INLINE V Generator::exponential(M mask) {
@@ -77,8 +217,8 @@ HWY_INLINE V Generator::exponential(M mask) {
   const DI di;
   const V high = hn::ConvertTo(D(), hn::BitCast(di, hn::ShiftRight<16>(bits)));
   const V low = hn::ConvertTo(D(), hn::BitCast(di, hn::And(bits, hn::Set(DU(), 0xffffu))));
-  const V u = hn::Mul(hn::Max(hn::Add(hn::Mul(high, set(65536.0f)), low), set(0.5f)), set(0x1p-32f));
-  return hn::Neg(log_of(u));
+  const V u = hn::Max(high * 65536.0f + low, set(0.5f)) * 0x1p-32f;
+  return -log_of(u);
 }
 
 struct SinCosV {
@@ -87,69 +227,49 @@ struct SinCosV {
 
 /// sin and cos of 2 pi u for u in [0, 1), absolute error below 4e-7.
 HWY_INLINE SinCosV sincos_2pi(V u) {
-  const V q = hn::Floor(hn::Add(hn::Mul(u, set(4.0f)), set(0.5f)));
-  const V a = hn::Mul(hn::Sub(u, hn::Mul(q, set(0.25f))), set(6.28318531f)), z = hn::Mul(a, a);
-  V s = hn::Sub(set(1.0f / 120), hn::Mul(z, set(1.0f / 5040)));
-  s = hn::Sub(set(1.0f / 6), hn::Mul(z, s));
-  s = hn::Mul(a, hn::Sub(set(1.0f), hn::Mul(z, s)));
-  V c = hn::Sub(set(1.0f / 720), hn::Mul(z, set(1.0f / 40320)));
-  c = hn::Sub(set(1.0f / 24), hn::Mul(z, c));
-  c = hn::Sub(set(0.5f), hn::Mul(z, c));
-  c = hn::Sub(set(1.0f), hn::Mul(z, c));
+  const V q = hn::Floor(u * 4.0f + 0.5f);
+  const V a = (u - q * 0.25f) * 6.28318531f, z = a * a;
+  V s = (1.0f / 120) - z * (1.0f / 5040);
+  s = (1.0f / 6) - z * s;
+  s = a * (1.0f - z * s);
+  V c = (1.0f / 720) - z * (1.0f / 40320);
+  c = (1.0f / 24) - z * c;
+  c = 0.5f - z * c;
+  c = 1.0f - z * c;
   const VI quadrant = hn::ConvertTo(DI(), q);
-  const DI di;
-  const auto odd = hn::RebindMask(D(), hn::Ne(hn::And(quadrant, hn::Set(di, 1)), hn::Zero(di)));
-  const auto minus_s = hn::RebindMask(D(), hn::Ne(hn::And(quadrant, hn::Set(di, 2)), hn::Zero(di)));
-  const auto minus_c =
-      hn::RebindMask(D(), hn::Ne(hn::And(hn::Add(quadrant, hn::Set(di, 1)), hn::Set(di, 2)), hn::Zero(di)));
+  const auto odd = hn::RebindMask(D(), (quadrant & 1) != 0);
+  const auto minus_s = hn::RebindMask(D(), (quadrant & 2) != 0);
+  const auto minus_c = hn::RebindMask(D(), ((quadrant + 1) & 2) != 0);
   const V rs = hn::IfThenElse(odd, c, s), rc = hn::IfThenElse(odd, s, c);
-  return {hn::IfThenElse(minus_s, hn::Neg(rs), rs), hn::IfThenElse(minus_c, hn::Neg(rc), rc)};
-}
-
-struct V3 {
-  V x, y, z;
-};
-HWY_INLINE V dot(const V3& a, const V3& b) {
-  return hn::Add(hn::Add(hn::Mul(a.x, b.x), hn::Mul(a.y, b.y)), hn::Mul(a.z, b.z));
-}
-HWY_INLINE V3 transform(const float (&m)[3][3], const V3& v) {
-  const auto row = [&](int r) {
-    return hn::Add(hn::Add(hn::Mul(set(m[r][0]), v.x), hn::Mul(set(m[r][1]), v.y)), hn::Mul(set(m[r][2]), v.z));
-  };
-  return {row(0), row(1), row(2)};
+  return {hn::IfThenElse(minus_s, -rs, rs), hn::IfThenElse(minus_c, -rc, rc)};
 }
 
 /// 1 - cos of the angle between unit vectors: where it is small, their cosine would have lost it.
 HWY_INLINE V one_minus_cos(const V3& a, const V3& b) {
-  const V3 d{hn::Sub(a.x, b.x), hn::Sub(a.y, b.y), hn::Sub(a.z, b.z)};
-  return hn::Mul(set(0.5f), dot(d, d));
+  const V3 d = a - b;
+  return 0.5f * dot(d, d);
 }
 
 /// Henyey-Greenstein, g in [0, 1), and the sampling of it: 1 - cos for a number in [0, 1). Without cancellation; see
 /// volume/phase_function.h.
 HWY_INLINE V phase_value(float g, V one_minus) {
-  const V d = hn::Add(set((1.0f - g) * (1.0f - g)), hn::Mul(set(2.0f * g), one_minus));
-  return hn::Div(set((1.0f - g * g) * 0.0795774715f), hn::Mul(d, hn::Sqrt(d)));
+  const V d = (1.0f - g) * (1.0f - g) + 2.0f * g * one_minus;
+  return (1.0f - g * g) * 0.0795774715f / (d * hn::Sqrt(d));
 }
 HWY_INLINE V phase_sample(float g, V xi) {
-  const V s = hn::Sub(hn::Add(xi, xi), set(1.0f)), d = hn::Add(set(1.0f), hn::Mul(set(g), s));
-  const V t = hn::Div(set(1.0f - g * g), d);
-  const V one_minus = hn::Div(hn::Mul(set(1.0f - g), hn::Mul(hn::Sub(set(1.0f), xi), hn::Add(t, set(1.0f - g)))), d);
-  return hn::Min(hn::Max(one_minus, set(0.0f)), set(2.0f));
+  const V s = xi + xi - 1.0f, d = 1.0f + g * s;
+  const V t = (1.0f - g * g) / d;
+  const V one_minus = (1.0f - g) * ((1.0f - xi) * (t + (1.0f - g))) / d;
+  return hn::Min(hn::Max(one_minus, hn::Zero(D())), set(2.0f));
 }
 
 /// Turns local (x, y, z) into the frame around the unit vector n, and makes it a unit vector again.
 HWY_INLINE V3 around(const V3& n, V x, V y, V z) {
-  const V sign = hn::CopySign(set(1.0f), n.z);
-  const V a = hn::Neg(hn::Div(set(1.0f), hn::Add(sign, n.z))), b = hn::Mul(hn::Mul(n.x, n.y), a);
-  const V3 u{hn::Add(set(1.0f), hn::Mul(hn::Mul(sign, hn::Mul(n.x, n.x)), a)), hn::Mul(sign, b),
-             hn::Neg(hn::Mul(sign, n.x))};
-  const V3 v{b, hn::Add(sign, hn::Mul(hn::Mul(n.y, n.y), a)), hn::Neg(n.y)};
-  V3 r{hn::Add(hn::Add(hn::Mul(u.x, x), hn::Mul(v.x, y)), hn::Mul(n.x, z)),
-       hn::Add(hn::Add(hn::Mul(u.y, x), hn::Mul(v.y, y)), hn::Mul(n.y, z)),
-       hn::Add(hn::Add(hn::Mul(u.z, x), hn::Mul(v.z, y)), hn::Mul(n.z, z))};
-  const V scale = hn::Div(set(1.0f), hn::Sqrt(dot(r, r)));
-  return {hn::Mul(r.x, scale), hn::Mul(r.y, scale), hn::Mul(r.z, scale)};
+  const V sign = hn::CopySign(set(1.0f), n.z), a = -(1.0f / (sign + n.z)), b = n.x * n.y * a;
+  const V3 u{1.0f + sign * (n.x * n.x) * a, sign * b, -(sign * n.x)};
+  const V3 v{b, sign + n.y * n.y * a, -n.y};
+  const V3 r = u * x + v * y + n * z;
+  return r * (1.0f / length(r));
 }
 
 HWY_INLINE uint32_t bits_of(M mask) {
