@@ -17,8 +17,7 @@ constexpr double kMargin = 0.25;   // of the media's longest side, by which the 
 constexpr int kDirections = 64;
 constexpr double kDark = 1e-3;  // transmittance at which a march ends
 constexpr int kSourcesAcross = 4;
-constexpr int kMostPanes = 8;  // of glass that are looked through
-constexpr float kFar = 1e30f;
+constexpr int kMostPanes = 8;        // of glass that are looked through
 constexpr double kMostBacks = 0.25;  // of a probe's rays, that meet surfaces from behind
 
 /// Averages of a sky over the directions nearest to each of some.
@@ -38,13 +37,13 @@ std::vector<dvec3> sky_towards(const Environment& sky, const std::vector<dvec3>&
 
 /// What a ray meets that is not glass.
 struct Wall {
-  double distance = static_cast<double>(kFar);
+  double distance = kFar;
   bool back = false;  ///< met from behind
 };
 Wall first_wall(const Surfaces& surfaces, const Ray& ray) {
   double from = 0;
   for (int pane = 0; pane < kMostPanes; ++pane) {
-    const auto hit = surfaces.intersect({ray.at(from), ray.d}, static_cast<double>(kFar));
+    const auto hit = surfaces.intersect({ray.at(from), ray.d}, kFar);
     if (!hit) return {};
     from += hit->t;
     if (surfaces.bsdf(*hit).kind != Bsdf::Kind::kDielectric) return {from, glm::dot(hit->normal, ray.d) > 0};
@@ -141,7 +140,7 @@ void AmbientLight::gather(const Surfaces& surfaces, const Environment& sky, cons
       const Seen light = along(p, direction, static_cast<double>(wall));
       probe.emitted.add(light.emitted, direction);
       probe.scattered.add(light.scattered, direction);
-      if (wall < kFar) continue;
+      if (wall < static_cast<float>(kFar)) continue;
       probe.sky.add(light.straight * radiance[k], direction);
       probe.sky_scattered.add(std::max(0.0, light.passed - light.straight) * radiance[k], direction);
     }

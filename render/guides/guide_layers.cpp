@@ -18,7 +18,7 @@ size_t offset_of(const GroupSums& sums, const double& member) {
 
 GuideLayers::GuideLayers(Layers& frame, const std::vector<SolvedLight>& lights, GuideColour colour,
                          const Contents& contents)
-    : surface_(lights.size()) {
+    : lights_(lights), colour_(colour), contents_(contents), surface_(lights.size()) {
   const char letter = colour == kGrey ? 'Y' : "RGB"[colour];
   const bool first = colour == kGrey || colour == 0;
   opacity_ = add_plane(frame, "opacity", letter);
@@ -85,8 +85,32 @@ void GuideLayers::add_group(Layers& frame, size_t group, const LightGroup& light
   add(multiple + "tail_eighth", sums.tail[2]);
 }
 
-void GuideLayers::store(int x, int y, const GuideSums& sums, const vec3& predicted_direct,
-                        const vec3& predicted_indirect, double share) const {
+// The whole of direct light as guides have it: a filter starts from it.
+vec3 GuideLayers::predicted_direct(const GuideSums& sums) const {
+  vec3 light = sums.background + sums.emission + sums.emission_once + vec3(sums.mirrored) + vec3(sums.tinted_direct);
+  for (size_t k = 0; k < sums.groups.size(); ++k) {
+    const LightGroup& group = lights_[k].group;
+    if (group.from_surfaces()) continue;
+    light += sums.surface[k];
+    if (!contents_.mixed_tints) light += vec3(contents_.tint.once() * group.colour_in(colour_) * sums.groups[k].single);
+  }
+  return light;
+}
+
+vec3 GuideLayers::predicted_indirect(const GuideSums& sums) const {
+  vec3 light = sums.indirect + vec3(sums.mirrored_indirect) + sums.behind + vec3(sums.tinted_indirect);
+  for (size_t k = 0; k < sums.groups.size() && !contents_.mixed_tints; ++k) {
+    const LightGroup& group = lights_[k].group;
+    const GroupSums& own = sums.groups[k];
+    const auto add = [&](const dvec3& tint, double value) { light += vec3(tint * group.colour_in(colour_) * value); };
+    add(contents_.tint.forward(), own.forward);
+    if (group.from_surfaces()) add(contents_.tint.once(), own.single);
+    for (size_t order = 0; order < own.orders.size(); ++order) add(contents_.tint.of_guide(order), own.orders[order]);
+  }
+  return light;
+}
+
+void GuideLayers::store(int x, int y, const GuideSums& sums, double share) const {
   const auto put = [&](Plane* plane, double value) {
     if (plane) (*plane)(x, y) = static_cast<float>(share * value);
   };
@@ -103,8 +127,8 @@ void GuideLayers::store(int x, int y, const GuideSums& sums, const vec3& predict
   put_rgb(emission_once_, sums.emission_once);
   put_rgb(behind_, sums.behind);
   put_rgb(background_, sums.background);
-  put_rgb(direct_, predicted_direct);
-  put_rgb(indirect_, predicted_indirect);
+  put_rgb(direct_, predicted_direct(sums));
+  put_rgb(indirect_, predicted_indirect(sums));
   put_rgb(surface_albedo_, sums.surface_albedo);
   put_rgb(surface_indirect_, sums.indirect);
   put_rgb(normal_, sums.normal);

@@ -15,13 +15,14 @@ class GuideLayers {
   struct Contents {
     bool emission = false, surfaces = false;
     bool mirrors = false;  ///< surfaces that mirror or refract
+    bool mixed_tints = false;
+    OrderTint tint = {};  ///< of the media, if there is one for all
   };
   /// Adds them to a frame. What does not depend on the colour is left to the first of several.
   GuideLayers(Layers& frame, const std::vector<SolvedLight>& lights, GuideColour colour, const Contents& contents);
 
   /// @param share  of the sums that a pixel gets: 1 / rays
-  void store(int x, int y, const GuideSums& sums, const vec3& predicted_direct, const vec3& predicted_indirect,
-             double share) const;
+  void store(int x, int y, const GuideSums& sums, double share) const;
 
  private:
   using Rgb = std::array<Plane*, 3>;  // null for what is not recorded
@@ -31,6 +32,12 @@ class GuideLayers {
     Plane* plane;
   };
   void add_group(Layers& frame, size_t group, const LightGroup& lights, char letter);
+  vec3 predicted_direct(const GuideSums& sums) const;
+  vec3 predicted_indirect(const GuideSums& sums) const;
+
+  const std::vector<SolvedLight>& lights_;
+  const GuideColour colour_;
+  const Contents contents_;
 
   Plane* opacity_;
   std::array<Plane*, 6> once_{};  // depth, spread, gradient, density

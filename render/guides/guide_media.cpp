@@ -119,26 +119,6 @@ GuideMedia::GuideMedia(std::span<const Medium> media, std::span<const EmissionFi
   if (!std::isfinite(voxel_)) voxel_ = max_component(hi_ - lo_) / 128;
 }
 
-MarchedGrid GuideMedia::marched(size_t medium, GuideColour colour, double step) const {
-  const Constants& c = constants_[medium];
-  const auto of = static_cast<size_t>(colour + 1);
-  const double extinction = c.per_density[of] * step;
-  MarchedGrid grid{{},
-                   static_cast<float>(extinction),
-                   static_cast<float>(c.albedo[of]),
-                   static_cast<float>(mean_cosine_[medium]),
-                   static_cast<float>(c.inverse_maximum),
-                   {static_cast<float>(c.tint.x), static_cast<float>(c.tint.y), static_cast<float>(c.tint.z)},
-                   {}};
-  for (int axis = 0; axis < 3; ++axis) {
-    dvec3 slope(0);
-    slope[axis] = 1;
-    const dvec3 gradient = extinction * step * media_[medium].gradient_to_world(slope);
-    for (int a = 0; a < 3; ++a) grid.gradient[a][axis] = static_cast<float>(gradient[a]);
-  }
-  return grid;
-}
-
 GuideMedia::Point GuideMedia::at(const dvec3& world, GuideColour colour) const {
   MediaLine line(*this, colour);
   line.follow({world, dvec3(0)});

@@ -5,7 +5,7 @@
 #include <utility>
 #include <vector>
 
-#include "render/guides/ray_march.h"
+#include "base/progress.h"
 #include "volume/emission.h"
 #include "volume/medium.h"
 
@@ -14,6 +14,8 @@ namespace brume {
 /// Which colour channel guides are computed for: 0, 1, 2, or the mean of all three.
 using GuideColour = int;
 inline constexpr GuideColour kGrey = -1;
+/// Farther than anything [world units].
+inline constexpr double kFar = 1e30;
 double in_colour(const dvec3& rgb, GuideColour colour);
 
 /// The media and emitting fields of a scene as guides see them, at one time of the shutter: extinction, albedo and
@@ -40,9 +42,13 @@ class GuideMedia {
   /// Mean cosine of a medium's phase function.
   double mean_cosine(size_t medium) const { return mean_cosine_[medium]; }
 
-  /// A medium as the march reads it, which is a still grid of one albedo; without its cells.
-  /// @param step  its unit of length [world units]
-  MarchedGrid marched(size_t medium, GuideColour colour, double step) const;
+  /// What does not change from point to point of a medium.
+  struct Constants {
+    std::array<double, 4> per_density{}, albedo{};  ///< by colour, kGrey first
+    double inverse_maximum = 0;
+    dvec3 tint{1};
+  };
+  const Constants& constants(size_t medium) const { return constants_[medium]; }
 
   /// What scatters at a point.
   struct Point {
@@ -71,12 +77,6 @@ class GuideMedia {
   std::vector<std::shared_ptr<BrickGrid>> resampled_;  // of those that are displaced
   std::vector<Medium> media_, displaced_;              // as they are looked up, and before they were resampled
   std::vector<EmissionField> emissions_;
-  /// What does not change from point to point, by colour, kGrey first.
-  struct Constants {
-    std::array<double, 4> per_density{}, albedo{};
-    double inverse_maximum = 0;
-    dvec3 tint{1};
-  };
   std::vector<Constants> constants_;
   std::vector<double> mean_cosine_;
   bool coloured_ = false, mixed_tints_ = false;

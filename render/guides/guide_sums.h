@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "base/vec.h"
-#include "render/guides/ray_march.h"
+#include "render/guides/node_fields.h"
 
 namespace brume {
 
@@ -24,28 +24,35 @@ struct GuideTotals {
   double opacity = 0, depth = 0, depth2 = 0, spread = 0, density = 0;
   dvec3 gradient{0};
   vec3 emission{0}, emission_once{0}, behind{0}, background{0};
-  vec3 normal{0}, surface_albedo{0}, material{0}, indirect{0}, mirrored{0}, mirrored_indirect{0};
+  vec3 normal{0}, surface_albedo{0}, material{0}, indirect{0};
+  dvec3 mirrored{0}, mirrored_indirect{0};
   double surface_depth = 0;
   dvec3 tinted_direct{0}, tinted_indirect{0};  ///< light of media of unlike tints, in all colours
 };
 
 /// What one pixel gathers; every ray adds to it.
 struct GuideSums : GuideTotals {
+  /// Of fields that GuideSums::plain and scaled do not weigh enough: by w2, w4, w8; by albedo times w and scaled.
+  struct FieldSums {
+    float tail[3] = {}, single = 0, forward = 0;
+  };
   std::vector<GroupSums> groups;
   std::vector<vec3> surface;  ///< by group: reflected by a surface
-  /// NodeFields times the weight of what is seen of them, with the whole extinction and without the forward peak.
-  std::array<float, MarchedFields::kMost> plain{}, scaled{};
-  std::vector<MarchedRay::FieldSums> fields;  ///< by group
+  /// Fields at nodes times the weight of what is seen of them, with the whole extinction and without the forward peak.
+  std::array<float, NodeTable::kMost> plain{}, scaled{};
+  std::vector<FieldSums> fields;  ///< by group
 
   explicit GuideSums(size_t group_count) : groups(group_count), surface(group_count, vec3(0)), fields(group_count) {}
   void clear() {
     static_cast<GuideTotals&>(*this) = {};
     std::fill(groups.begin(), groups.end(), GroupSums{});
     std::fill(surface.begin(), surface.end(), vec3(0));
-    std::fill(fields.begin(), fields.end(), MarchedRay::FieldSums{});
+    std::fill(fields.begin(), fields.end(), FieldSums{});
     plain.fill(0);
     scaled.fill(0);
   }
+  /// Makes what is stored of sums that rays share; once, at the end.
+  void collect(const LightFields& lights, const NodeFields& nodes);
 };
 
 }  // namespace brume

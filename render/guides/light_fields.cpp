@@ -268,11 +268,10 @@ void LightFields::add_surface_light(const GuideMedia& media, const Lights& light
                                     GuideColour colour, ScatteringSolver& fine, ScatteringSolver& coarse,
                                     const Task& task) {
   ambient_light_->gather(surfaces, *lights.environment(), task);
-  const Surroundings around{fine_, scale_, lights, surfaces, colour, &*ambient_light_, nullptr};
+  const LitSurfaces lit{lights_, fine_, scale_, lights, &surfaces, colour, &*ambient_light_, nullptr};
   const SurfaceLight& light = surface_light_.emplace(
-      media, surfaces,
-      [&](const Ray& ray, const SurfaceHit& hit) { return reflected_light(lights_, around, ray, hit); },
-      *ambient_light_, task);
+      media, surfaces, [&](const Ray& ray, const SurfaceHit& hit) { return lit.reflected(ray, hit); }, *ambient_light_,
+      task);
   if (light.colour() == dvec3(0)) {
     surface_light_.reset();
     return;

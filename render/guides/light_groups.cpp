@@ -57,11 +57,20 @@ double LocalLight::mean_cosine() const {
   return radius > 0 ? 0.5 * (1 + std::sqrt(std::max(0.0, 1 - sine * sine))) : 1;
 }
 
-double LocalLight::transmittance(double depth) const {
+bool LocalLight::small() const {
   constexpr double kSmall = 0.2;  // of the distance of its middle: all directions are alike
+  return !(distance > 0) || radius < kSmall * (distance + radius);
+}
+
+double LocalLight::mean_depth(double depth) const {
+  const double mean = small() ? 0 : transmittance(depth);
+  return mean > 0 ? -portable_log(mean) : depth;
+}
+
+double LocalLight::transmittance(double depth) const {
   constexpr int kRings = 4;
+  if (small()) return attenuation(depth);
   const double middle = distance + radius;
-  if (!(distance > 0) || radius < kSmall * middle) return attenuation(depth);
   const double cap = 1 - std::sqrt(1 - radius / middle * (radius / middle));
   double sum = 0;
   for (int ring = 0; ring < kRings; ++ring) {

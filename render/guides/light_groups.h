@@ -38,8 +38,13 @@ struct LocalLight {
   double radius = 0;    ///< of a sphere; its middle lies as much farther
   /// Mean over the directions towards it, of which `depth` is the optical depth along the shortest.
   double transmittance(double depth) const;
+  /// Optical depth of that mean.
+  double mean_depth(double depth) const;
   /// Mean cosine of the directions towards it to that of its middle: 1 of a small or distant one.
   double mean_cosine() const;
+
+ private:
+  bool small() const;
 };
 LocalLight local_light(const Light& light, const dvec3& p);
 

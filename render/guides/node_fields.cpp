@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <stdexcept>
 
 #include "base/math.h"
@@ -16,14 +15,6 @@ namespace {
 constexpr double kCapMeanCosine = 0.96;  // of a cap of a 24th of the sphere
 constexpr size_t kOrders = SolvedLight::kFirstOrder.size();
 
-/// Four numbers at once, which compilers do not find by themselves here.
-using Four = float __attribute__((vector_size(16)));
-Four four_at(const float* values) {
-  Four four;
-  std::memcpy(&four, values, sizeof four);
-  return four;
-}
-
 /// Of one medium, for cosines from -1 to 1.
 std::vector<ForwardPeak> tabulated_peaks(double g) {
   constexpr int kSteps = 4096;
@@ -33,31 +24,6 @@ std::vector<ForwardPeak> tabulated_peaks(double g) {
 }
 
 }  // namespace
-
-NodeFields::NodeFields(const LightFields& fields, const GuideMedia& media, GuideColour colour)
-    : fields_(fields), media_(media), colour_(colour) {
-  if (media.media().size() == 1)
-    cap_phase_ = CapPhase(media.media()[0].phase(), 1.0 / static_cast<double>(ScatteringSolver::directions().size()));
-  const auto next = [&](size_t fields_wanted) {
-    const size_t first = count_;
-    count_ += fields_wanted;
-    return first;
-  };
-  for (const SolvedLight& g : fields.lights()) {
-    Slots s;
-    s.orders = next(kOrders);
-    s.flux = next(1);
-    if (g.group.sky()) {
-      s.single = next(1), s.root = next(1), s.fourth_root = next(1);
-      s.forward = next(1);
-    } else if (!g.group.sharp()) {
-      s.single = next(1);
-    }
-    slots_.push_back(s);
-  }
-  count_ = (count_ + 3) / 4 * 4;
-  if (count_ > kMost) throw std::logic_error("more lights have guides of their own than the march holds");
-}
 
 /// What the sky's light from each direction of travel adds at a node, for radiance 1 outside.
 struct NodeFields::Sky {
@@ -118,29 +84,41 @@ struct NodeFields::Sky {
   std::vector<std::vector<double>> roots;       // of each group's incoming light
 };
 
-void NodeFields::fill(const Camera& camera, const Task& task) {
-  const ivec3 n = fields_.lattice().n;
-  // Vectors of fields are read beyond those of the last node.
-  values_ = NodeValues(static_cast<size_t>(n.x) * n.y * n.z * count_ + Lattice::kVector);
+NodeFields::NodeFields(const LightFields& fields, const GuideMedia& media, GuideColour colour, const Camera& camera,
+                       const Task& task)
+    : fields_(fields), media_(media), colour_(colour) {
+  if (media.media().size() == 1)
+    cap_phase_ = CapPhase(media.media()[0].phase(), 1.0 / static_cast<double>(ScatteringSolver::directions().size()));
+  size_t count = 0;
+  for (const SolvedLight& g : fields.lights()) {
+    Slots& s = slots_.emplace_back();
+    s.orders = count;
+    s.flux = count += kOrders;
+    ++count;
+    if (g.group.sharp()) continue;
+    s.single = count++;
+    if (!g.group.sky()) continue;
+    s.root = count++;
+    s.fourth_root = count++;
+    s.forward = count++;
+  }
+  count = (count + 3) / 4 * 4;
+  if (count > NodeTable::kMost) throw std::logic_error("more lights have guides of their own than the march holds");
+  table_ = NodeTable(fields.lattice(), count);
+  const ivec3& n = table_.lattice.n;
   const Sky sky(*this, fields_, media_);
   parallel_for(n.x, quiet(task), [&](int x) {
     for (int y = 0; y < n.y; ++y)
       for (int z = 0; z < n.z; ++z)
-        if (fields_.near()[fields_.lattice().index(x, y, z)]) fill_node({x, y, z}, camera, sky);
+        if (fields_.near()[table_.lattice.index(x, y, z)]) fill_node({x, y, z}, camera, sky);
   });
-}
-
-MarchedFields NodeFields::marched() const {
-  const ivec3& n = fields_.lattice().n;
-  return {values_.data(), {n.x, n.y, n.z}, static_cast<int32_t>(count_), {}};
 }
 
 void NodeFields::fill_node(const ivec3& node, const Camera& camera, const Sky& sky) {
   const Lattice& lattice = fields_.lattice();
   const Lattice& coarse = fields_.coarse_lattice();
   const size_t i = lattice.index(node.x, node.y, node.z);
-  float* const out =
-      values_.data() + ((static_cast<size_t>(node.x) * lattice.n.y + node.y) * lattice.n.z + node.z) * count_;
+  float* const out = table_.node(node.x, node.y, node.z);
   const dvec3 p = lattice.node(node.x, node.y, node.z), view = camera.view_direction(p);
   const dvec3 step = 0.75 * coarse.spacing * view;
   const NodeWeights here(coarse, p), before(coarse, p - step), behind(coarse, p + step);
@@ -177,21 +155,79 @@ void NodeFields::fill_node(const ivec3& node, const Camera& camera, const Sky& s
   }
 }
 
-void NodeFields::interpolate(const dvec3& world, float* values) const {
-  const ivec3 n = fields_.lattice().n;
-  const dvec3 p = glm::clamp(fields_.lattice().to_lattice(world), dvec3(0), dvec3(n - 1));
-  const ivec3 i = glm::min(ivec3(p), n - 2);
-  const vec3 f(p - dvec3(i)), e = 1.0f - f;
-  const size_t z = count_, y = z * static_cast<size_t>(n.z), x = y * static_cast<size_t>(n.y);
-  const float* const node = values_.data() + i.x * x + i.y * y + i.z * z;
-  const float weight[8] = {e.x * e.y * e.z, e.x * e.y * f.z, e.x * f.y * e.z, e.x * f.y * f.z,
-                           f.x * e.y * e.z, f.x * e.y * f.z, f.x * f.y * e.z, f.x * f.y * f.z};
-  const size_t offset[8] = {0, z, y, y + z, x, x + z, x + y, x + y + z};
-  for (size_t m = 0; m < count_; m += 4) {
-    Four sum = weight[0] * four_at(node + m);
-    for (size_t c = 1; c < 8; ++c) sum += weight[c] * four_at(node + offset[c] + m);
-    std::memcpy(values + m, &sum, sizeof sum);
+namespace {
+
+/// What has to be known at a node for the light of all groups there.
+struct NodeLight {
+  const LightFields& fields;
+  const GuideMedia& media;
+  const GuideColour colour;
+  const OrderTint tint;
+  float* out;
+  dvec3 p{0};
+
+  void add(size_t first, double mean, const dvec3& flux, const dvec3& rgb) const {
+    for (size_t moment = 0; moment < 4; ++moment)
+      for (int c = 0; c < 3; ++c)
+        out[first + 3 * moment + static_cast<size_t>(c)] +=
+            static_cast<float>(rgb[c] * (moment == 0 ? mean : flux[static_cast<int>(moment) - 1]));
   }
+  void add(size_t first, const Lattice& lattice, const Moments& light, const dvec3& rgb) const {
+    const NodeWeights around(lattice, p);
+    const auto at = [&](size_t m) { return static_cast<double>(around(light[m])); };
+    add(first, at(0), {at(1), at(2), at(3)}, rgb);
+  }
+  void add_all() const {
+    const auto& directions = ScatteringSolver::directions();
+    const GuideMedia::Point point = media.at(p, colour);
+    const OrderTint tints = media.mixed_tints() ? OrderTint(point.tint) : tint;
+    std::vector<double> arriving;  // share of the sky's light, by its direction
+    if (!fields.sky().empty()) {
+      const NodeWeights around(fields.lattice(), p);
+      for (size_t d = 0; d < directions.size(); ++d)
+        arriving.push_back(around.mean([&](size_t node) { return fields.sky()(node, d); }));
+    }
+    for (const SolvedLight& g : fields.lights()) {
+      const dvec3 own = g.group.colour_in(colour);
+      for (size_t order = 0; order < g.orders.size(); ++order)
+        add(kOften, order < SolvedLight::kFineGuides ? fields.lattice() : fields.coarse_lattice(), g.orders[order],
+            own * tints.of_guide(order));
+      if (!g.once[0].empty()) add(kOnce, fields.lattice(), g.once, own * tints.once());
+      if (g.incoming.empty()) continue;
+      double mean = 0;
+      dvec3 flux(0);
+      for (size_t d = 0; d < directions.size(); ++d) {
+        const double light = g.incoming[d] * arriving[d];
+        mean += light;
+        flux += light * directions[d];
+      }
+      const double share = point.albedo / static_cast<double>(directions.size());
+      add(kOnce, share * mean, 3 * point.g * share * flux, own * tints.once());
+    }
+  }
+};
+
+}  // namespace
+
+NodeTable any_direction(const LightFields& fields, const GuideMedia& media, GuideColour colour, const Task& task) {
+  const Lattice& coarse = fields.coarse_lattice();
+  NodeTable table(coarse, 24);
+  const OrderTint tint = colour == kGrey && !media.media().empty() ? OrderTint(media.tint(0)) : OrderTint();
+  parallel_for(coarse.n.x, quiet(task), [&](int x) {
+    for (int y = 0; y < coarse.n.y; ++y)
+      for (int z = 0; z < coarse.n.z; ++z)
+        NodeLight{fields, media, colour, tint, table.node(x, y, z), coarse.node(x, y, z)}.add_all();
+  });
+  return table;
+}
+
+dvec3 backwards(const std::array<float, NodeTable::kMost>& fields, size_t first, const dvec3& direction) {
+  dvec3 sum;
+  for (size_t c = 0; c < 3; ++c) {
+    const float* const m = fields.data() + first + c;
+    sum[static_cast<int>(c)] = std::max(0.0, m[0] - (direction.x * m[3] + direction.y * m[6] + direction.z * m[9]));
+  }
+  return sum;
 }
 
 }  // namespace brume

@@ -1,17 +1,35 @@
 #pragma once
+#include <array>
 #include <vector>
 
 #include "base/progress.h"
 #include "render/guides/cap_phase.h"
 #include "render/guides/guide_media.h"
 #include "render/guides/light_fields.h"
-#include "render/guides/ray_march.h"
 #include "render/world/camera.h"
 
 namespace brume {
 
-/// The light that leaves each node of the lattice towards the eye: the fields of all groups interleaved, so that one
-/// look-up brings them all.
+/// Fields at the nodes of a lattice, all of a node's side by side, so that one look-up brings them all.
+struct NodeTable {
+  static constexpr size_t kMost = 64;  ///< fields; arrays of sums of them have room for so many
+
+  NodeTable() = default;
+  NodeTable(const Lattice& nodes, size_t fields)
+      // Vectors of fields are read beyond those of the last node.
+      : lattice(nodes),
+        count(fields),
+        values(static_cast<size_t>(nodes.n.x) * nodes.n.y * nodes.n.z * fields + kMost) {}
+  float* node(int x, int y, int z) {
+    return values.data() + ((static_cast<size_t>(x) * lattice.n.y + y) * lattice.n.z + z) * count;
+  }
+
+  Lattice lattice;
+  size_t count = 0;
+  NodeValues values;  ///< x slowest
+};
+
+/// The light that leaves each node of the lattice towards the eye: the fields of all groups.
 class NodeFields {
  public:
   /// Where a group's fields lie among all.
@@ -19,21 +37,17 @@ class NodeFields {
     size_t orders = 0;                             ///< one for each of SolvedLight::kFirstOrder
     size_t flux = 0;                               ///< change of the last one along the view
     size_t single = 0, root = 0, fourth_root = 0;  ///< scattered once; the last two of the sky's transmittances
-    size_t forward = 0;                            ///< of the sky: scattered once or by forward peaks alone
+    size_t forward = 0;                            ///< of the sky: scattered once or by forward peaks alone; else 0
+    size_t tail() const { return orders + SolvedLight::kFirstOrder.size() - 1; }
   };
-  /// Of all lights together: light_groups() limits them.
-  static constexpr size_t kMost = MarchedFields::kMost;
 
-  /// @param media  at the time at which the light was solved first   @throws std::logic_error for more than kMost
-  NodeFields(const LightFields& fields, const GuideMedia& media, GuideColour colour);
+  /// @param media  at the time at which the light was solved first
+  /// @throws std::logic_error for more than NodeTable holds: guide_lights() limits them
+  NodeFields(const LightFields& fields, const GuideMedia& media, GuideColour colour, const Camera& camera,
+             const Task& task);
 
-  void fill(const Camera& camera, const Task& task);
-  /// All fields at a point, linear between the nodes. @param values  count() numbers, aligned to four
-  void interpolate(const dvec3& world, float* values) const;
-  size_t count() const { return count_; }
-  /// As the march reads them, without groups; after fill().
-  MarchedFields marched() const;
-  const Slots& of(size_t group) const { return slots_[group]; }
+  const NodeTable& table() const { return table_; }
+  const std::vector<Slots>& slots() const { return slots_; }
 
  private:
   struct Sky;
@@ -44,8 +58,16 @@ class NodeFields {
   const GuideColour colour_;
   CapPhase cap_phase_;  // of the only medium
   std::vector<Slots> slots_;
-  size_t count_ = 0;  // a multiple of four
-  NodeValues values_;
+  NodeTable table_;
 };
+
+/// Light that leaves the nodes of the coarse lattice in any direction, for rays that go on from metals and glass: the
+/// mean and the parts along x, y and z, each red, green and blue; of light scattered once, but for suns and lamps with
+/// guides of their own, then of light scattered more often.
+NodeTable any_direction(const LightFields& fields, const GuideMedia& media, GuideColour colour, const Task& task);
+/// What of such fields goes along a ray's direction back to where it starts.
+/// @param first  of them: kOnce or kOften
+inline constexpr size_t kOnce = 0, kOften = 12;
+dvec3 backwards(const std::array<float, NodeTable::kMost>& fields, size_t first, const dvec3& direction);
 
 }  // namespace brume

@@ -12,7 +12,6 @@ namespace {
 constexpr int kProbesAcross = 24;  // the longest side
 constexpr int kDirections = 96;
 constexpr int kMostPanes = 8;  // of glass that a ray goes through, or mirrors that turn it
-constexpr double kFar = 1e30;
 
 }  // namespace
 

@@ -1,0 +1,34 @@
+#include "render/guides/guide_sums.h"
+
+#include <cmath>
+
+namespace brume {
+
+// What is a field times a weight has been summed for all fields at once.
+void GuideSums::collect(const LightFields& lights, const NodeFields& nodes) {
+  if (opacity > 0) {
+    const double mean = depth / opacity;
+    spread = opacity * std::sqrt(std::max(0.0, depth2 / opacity - mean * mean));
+  }
+  for (size_t k = 0; k < groups.size(); ++k) {
+    const LightGroup& group = lights.lights()[k].group;
+    const NodeFields::Slots& s = nodes.slots()[k];
+    GroupSums& out = groups[k];
+    const FieldSums& own = fields[k];
+    std::copy(own.tail, own.tail + 3, out.tail.begin());
+    for (size_t order = 0; order < out.orders.size(); ++order) out.orders[order] = scaled[s.orders + order];
+    out.flux = scaled[s.flux];
+    if (group.sky()) {
+      out.single = own.single;
+      out.forward = own.forward / lights.scaled_extinction() - own.single;
+      out.soft[0] = plain[s.root];
+      out.soft[1] = plain[s.fourth_root];
+    } else if (!group.sharp()) {
+      // These fields are per extinction without the forward peak.
+      out.single = lights.scaled_extinction() * plain[s.single];
+      out.forward = std::max(0.0, scaled[s.single] - out.single);
+    }
+  }
+}
+
+}  // namespace brume

@@ -1,0 +1,252 @@
+#include "render/guides/march_scene.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "base/math.h"
+#include "render/guides/attenuation.h"
+#include "render/guides/forward_peak.h"
+
+namespace brume {
+namespace {
+
+// Of the largest density in a voxel: gradients below it count less, because their direction means little.
+constexpr double kGentleGradient = 0.03;
+// Steps at once where all media are homogeneous and no lamp is near, as far as they are as thin as this.
+constexpr double kEvenStride = 4, kEvenThickness = 0.02;
+constexpr double kNodesPerLookUp = 0.5;  // of the spacing of nodes, between two look-ups of their fields
+constexpr double kNarrow = 0.99;         // mean cosine of directions that count as one
+// Rays count their steps from a multiple of so many, so that theirs and those of longer strides lie alike in all rays.
+constexpr double kCountedSteps = 6;
+
+double henyey_greenstein(double g, double c) {
+  return HenyeyGreenstein{g}.value(c);
+}
+
+void set_place(MarchedRay::Place& place, const dvec3& start, const dvec3& along) {
+  for (int a = 0; a < 3; ++a) {
+    place.start[a] = static_cast<float>(start[a]);
+    place.along[a] = static_cast<float>(along[a]);
+  }
+}
+
+bool looked_up_in_vectors(const Medium& m) {
+  return !m.homogeneous() && !m.displacement() && !m.coloured() && !m.bricks().empty() && LaneGrid::fits(m.bricks());
+}
+
+/// @param step  the unit of length [world units]
+MarchedGrid marched_grid(const GuideMedia& media, size_t medium, GuideColour colour, double step) {
+  const Medium& m = media.media()[medium];
+  const GuideMedia::Constants& c = media.constants(medium);
+  const auto of = static_cast<size_t>(colour + 1);
+  const double extinction = c.per_density[of] * step;
+  MarchedGrid grid{LaneGrid::of_values(m.bricks()),
+                   {},
+                   static_cast<float>(extinction),
+                   static_cast<float>(c.albedo[of]),
+                   static_cast<float>(media.mean_cosine(medium)),
+                   static_cast<float>(c.inverse_maximum),
+                   {static_cast<float>(c.tint.x), static_cast<float>(c.tint.y), static_cast<float>(c.tint.z)},
+                   {}};
+  set_cells(grid.cells, grid.stored);
+  for (int axis = 0; axis < 3; ++axis) {
+    dvec3 slope(0);
+    slope[axis] = 1;
+    const dvec3 gradient = extinction * step * m.gradient_to_world(slope);
+    for (int a = 0; a < 3; ++a) grid.gradient[a][axis] = static_cast<float>(gradient[a]);
+  }
+  return grid;
+}
+
+}  // namespace
+
+MarchSteps::MarchSteps(const GuideMedia& media, const LightFields& fields, GuideColour colour, double voxels)
+    : length(voxels * media.voxel()) {
+  double densest = 0, even = 0;
+  for (const Medium& m : media.media()) {
+    const double sigma_t = in_colour(m.coefficients().sigma_t, colour);
+    densest = std::max(densest, m.maximum_density() * sigma_t);
+    if (m.homogeneous()) even += sigma_t;
+  }
+  gentle_gradient = static_cast<float>(std::max(kGentleGradient * densest * length * length / media.voxel(), 1e-30));
+  if (even > 0) even_stride = std::clamp(kEvenThickness / (even * length), 1.0, kEvenStride);
+  for (const SolvedLight& g : fields.lights())
+    if (g.group.kind == LightGroup::Kind::kLocal) even_stride = 1;
+  // Light of many tints is coloured where it is scattered, of suns and of nodes together.
+  if (!media.mixed_tints()) field_spacing = static_cast<float>(kNodesPerLookUp * fields.lattice().spacing / length);
+}
+
+MarchScene::MarchScene(const std::vector<GuideMedia>& media, size_t time, const LightFields& fields, GuideColour colour,
+                       const MarchSteps& march_steps)
+    : steps(march_steps),
+      emits(!media[time].emissions().empty()),
+      mixed_tints(media[time].mixed_tints()),
+      follows(time != media.size() / 2),
+      scaled_extinction(static_cast<float>(fields.scaled_extinction())),
+      media_(media),
+      own_(media[time]),
+      fields_(fields),
+      colour_(colour) {
+  const std::vector<Medium>& all = own_.media();
+  if (all.size() <= kMostMarchedGrids && std::all_of(all.begin(), all.end(), looked_up_in_vectors))
+    for (size_t i = 0; i < all.size(); ++i) grids.push_back(marched_grid(own_, i, colour, steps.length));
+  for (size_t k = 0; k < fields.lights().size(); ++k) {
+    const SolvedLight& light = fields.lights()[k];
+    if (!light.group.sharp()) continue;
+    MarchedLight& to = lights.emplace_back(MarchedLight{k});
+    if (!light.group.sun) continue;
+    to.sun = &light.sun[time];
+    to.irradiance = static_cast<float>(in_colour(light.group.sun->irradiance(), colour));
+    to.varies = all.size() != 1 || !light.visible.empty();
+  }
+}
+
+MarchedRay& MarchScene::aim(const Ray& ray, double t_max, double stride, double offset, const Lattice& nodes,
+                            GuideSums& sums, MarchBatch& batch) const {
+  MarchedRay& to = batch.rays.emplace_back();
+  const double step = steps.length;
+  to.ray = ray;
+  to.stride = static_cast<float>(stride);
+  to.offset = static_cast<float>(offset);
+  to.sums = &sums;
+  own_.intervals(ray, t_max, batch.intervals);
+  if (!batch.intervals.empty())
+    to.start = std::floor(batch.intervals[0].first / (kCountedSteps * step)) * kCountedSteps * step;
+  to.first_part = static_cast<uint32_t>(batch.parts.size());
+  for (const auto& [from, end] : batch.intervals) {
+    const vec2 part((from - to.start) / step, (end - to.start) / step);
+    if (part.x < part.y) batch.parts.push_back(part);
+  }
+  to.last_part = static_cast<uint32_t>(batch.parts.size());
+  if (to.misses()) return to;
+  if (steps.even_stride > 1) own_.uneven_intervals(ray, t_max, to.uneven);
+  for (size_t i = 0; i < grids.size(); ++i) {
+    const Ray local = own_.media()[i].to_local(ray);
+    set_place(to.grid[i], local.at(to.start), step * local.d);
+  }
+  if (grids.empty()) to.line.emplace(own_, colour_).follow(ray);
+  set_place(to.nodes, nodes.to_lattice(ray.at(to.start)), step / nodes.spacing * ray.d);
+  for (size_t k = 0; k < lights.size(); ++k) {
+    if (!lights[k].sun) continue;
+    const SunDepth::Line line = lights[k].sun->line(ray);
+    set_place(to.light[k], line.start + to.start * line.along, step * line.along);
+    to.turned[k].irradiance = lights[k].irradiance;
+    to.turned[k].g = std::numeric_limits<double>::quiet_NaN();
+    if (own_.media().size() == 1)
+      set_phase(to.turned[k], glm::dot(fields_.lights()[lights[k].group].group.sun->axis(), ray.d), own_.mean_cosine(0),
+                1);
+  }
+  return to;
+}
+
+MarchScene::Point MarchScene::at(MarchedRay& ray, float t) const {
+  dvec3 gradient;
+  const double step = steps.length;
+  const GuideMedia::Point found = ray.line->at(ray.start + step * t, gradient);
+  return {static_cast<float>(step * found.sigma_t), static_cast<float>(found.albedo), static_cast<float>(found.g),
+          static_cast<float>(found.density),        vec3(step * step * gradient),     vec3(found.tint)};
+}
+
+float MarchScene::even_steps(const MarchedRay& ray, float t, float end) const {
+  const double step = steps.length, from = ray.start + step * t;
+  double to = ray.start + step * end;
+  for (const auto& [begin, after] : ray.uneven)
+    if (after > from) {
+      to = std::min(to, begin);
+      break;
+    }
+  return static_cast<float>(
+      std::min(steps.even_stride, std::floor((to - from) / (step * static_cast<double>(ray.stride)))));
+}
+
+// Emission that comes straight to the eye, and that which forward peaks scatter once or more on the way.
+void MarchScene::emit(const MarchedRay& ray, float t, float straight, float scaled, float depth) const {
+  const dvec3 emission = own_.emission(point(ray, t));
+  if (emission == dvec3(0)) return;
+  const double unscattered = steps.length * straight, all = steps.length * scaled;
+  const double peaks = std::max(0.0, all - unscattered);
+  const double once = std::min(unscattered * (1 - fields_.scaled_extinction()) * depth, peaks);
+  ray.sums->emission += vec3(emission * unscattered);
+  ray.sums->emission_once += vec3(emission * once);
+  ray.sums->behind += vec3(emission * (peaks - once));
+}
+
+// The phase function, octaves and forward peak.
+void MarchScene::set_phase(TurnedLight& light, double cosine, double g, double spread) const {
+  const bool one = own_.media().size() == 1;
+  const double phase = spread < kNarrow ? henyey_greenstein(spread * g, cosine)
+                       : one            ? own_.media()[0].phase().value(cosine)
+                                        : henyey_greenstein(g, cosine);
+  light.phase[0] = static_cast<float>(phase);
+  for (int i = 1; i < 4; ++i) light.phase[i] = static_cast<float>(henyey_greenstein(g / (1 << i), cosine));
+  const std::array<double, 8> peak = ForwardPeak(g, cosine).coefficients();
+  std::copy(peak.begin(), peak.end(), light.peak);
+}
+
+void MarchScene::turn(MarchedRay& ray, size_t k, float t, float g) const {
+  const SolvedLight& light = fields_.lights()[lights[k].group];
+  const dvec3 p = in_light(ray, t);
+  TurnedLight& to = ray.turned[k];
+  if (!light.visible.empty()) to.visible = interpolated(fields_.lattice(), light.visible, p);
+  if (lights[k].sun) {
+    if (own_.media().size() == 1) return;
+    // In steps, so that it seldom changes.
+    constexpr double kSteps = 1024;
+    const double rounded = std::round(static_cast<double>(g) * kSteps) / kSteps;
+    if (to.g == rounded) return;
+    to.g = rounded;
+    set_phase(to, glm::dot(light.group.sun->axis(), ray.ray.d), rounded, 1);
+    return;
+  }
+  const LocalLight local = local_light(*light.group.lights[0], p);
+  const double depth = interpolated(fields_.lattice(), light.depth, p);
+  to.irradiance = static_cast<float>(in_colour(local.irradiance, colour_));
+  to.depth = static_cast<float>(depth);
+  to.mean_depth = static_cast<float>(local.mean_depth(depth));
+  set_phase(to, glm::dot(local.towards, ray.ray.d), g, local.mean_cosine());
+}
+
+dvec3 MarchScene::in_light(const MarchedRay& ray, float t) const {
+  const dvec3 p = point(ray, t);
+  return follows ? own_.followed(p, media_[media_.size() / 2]) : p;
+}
+
+void MarchScene::add_tinted(MarchedRay& ray, const MarchedFields& known, const float* at, float w, float scaled,
+                            float albedo, const dvec3& once) const {
+  // In steps, so that it seldom changes.
+  constexpr double kSteps = 4096;
+  const dvec3 rounded = glm::round(once * kSteps) / kSteps;
+  if (rounded != ray.tint.once()) ray.tint = OrderTint(rounded);
+  const OrderTint& tint = ray.tint;
+  GuideSums& sums = *ray.sums;
+  const double scale = fields_.scaled_extinction();
+  size_t sharp = 0;
+  for (size_t k = 0; k < fields_.lights().size(); ++k) {
+    const LightGroup& group = fields_.lights()[k].group;
+    double single = 0, forward = 0;
+    dvec3 more(0);
+    if (group.sharp()) {
+      single = ray.turned[sharp].single;
+      forward = ray.turned[sharp++].forward;
+    }
+    if (known.groups) {
+      const NodeFields::Slots& s = (*known.groups)[k];
+      if (group.sky()) {
+        single = static_cast<double>(w) * albedo * at[s.single];
+        forward = scaled / scale * albedo * at[s.forward] - single;
+      } else if (!group.sharp()) {
+        // These fields are per extinction without the forward peak.
+        single = scale * w * at[s.single];
+        forward = std::max(0.0, static_cast<double>(scaled) * at[s.single] - single);
+      }
+      for (size_t order = 0; order < SolvedLight::kFirstOrder.size(); ++order)
+        more += static_cast<double>(scaled) * at[s.orders + order] * tint.of_guide(order);
+    }
+    const dvec3 colour = group.colour_in(colour_);
+    (group.from_surfaces() ? sums.tinted_indirect : sums.tinted_direct) += colour * single * tint.once();
+    sums.tinted_indirect += colour * (forward * tint.forward() + more);
+  }
+}
+
+}  // namespace brume

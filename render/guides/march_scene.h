@@ -1,0 +1,159 @@
+#pragma once
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "render/guides/guide_sums.h"
+#include "render/guides/light_fields.h"
+#include "render/guides/media_line.h"
+#include "render/guides/node_fields.h"
+#include "render/transport/lane_scene.h"
+#include "volume/lane_grid.h"
+
+// What the march of guides reads (ray_march.h). Lengths along a ray are in steps, from a place near where the ray
+// enters the media; extinctions are per step.
+
+namespace brume {
+
+inline constexpr size_t kMostMarchedGrids = 4, kMostSharpLights = 4;
+
+/// The march's unit of length, and what is counted in it.
+struct MarchSteps {
+  /// @param voxels  of a step
+  MarchSteps(const GuideMedia& media, const LightFields& fields, GuideColour colour, double voxels);
+
+  double length;            ///< [world units]
+  double even_stride = 1;   ///< steps that are taken at once through homogeneous media
+  float gentle_gradient;    ///< of the extinction, per step: below it, gradients count less
+  float field_spacing = 0;  ///< between two look-ups of the fields at nodes
+};
+
+/// A medium that is a still grid of one albedo.
+struct MarchedGrid {
+  LaneGrid stored;
+  LaneCells cells;        ///< of it
+  float extinction;       ///< per density
+  float albedo, g;        ///< mean cosine of the phase function
+  float inverse_maximum;  ///< of the density
+  float tint[3];          ///< of light scattered once
+  float gradient[3][3];   ///< from the change of the density per voxel to that of the extinction per step, world axes
+};
+
+/// A sun or a lamp.
+struct MarchedLight {
+  size_t group;
+  const SunDepth* sun = nullptr;  ///< optical depths towards it that are looked up in vectors; null for a lamp
+  float irradiance = 0;           ///< of a sun
+  bool varies = true;             ///< along a ray, so that MarchScene::turn is asked at every segment
+};
+
+/// Light of a sun or lamp as it turns towards the eye.
+struct TurnedLight {
+  float irradiance = 0, visible = 1;
+  float depth = 0,
+        mean_depth = 0;           ///< of a lamp: towards its middle; of the mean transmittance of all directions to it
+  float phase[4] = {};            ///< with the mean cosine, a half, a quarter, an eighth of it
+  float peak[8] = {};             ///< ForwardPeak::coefficients
+  double g = 0;                   ///< that those of a sun were made for
+  float single = 0, forward = 0;  ///< what the segment that was added last has of it
+};
+
+/// A ray, how it is marched, and what was found along it.
+struct MarchedRay {
+  struct Place {
+    float start[3], along[3];  ///< where steps are counted from, and its change per step
+  };
+  Ray ray;
+  double start = 0;                           ///< of the steps [world units]
+  std::array<Place, kMostMarchedGrids> grid;  ///< [voxels]
+  std::array<Place, kMostSharpLights> light;  ///< on a sun's lattice
+  std::array<TurnedLight, kMostSharpLights> turned;
+  Place nodes;                                    ///< on the fields' lattice
+  std::optional<MediaLine> line;                  ///< where media are not looked up in vectors
+  std::vector<std::pair<double, double>> uneven;  ///< where media are not homogeneous
+  float stride = 1;                               ///< steps are so many times longer, except in thick media
+  float offset = 0;                               ///< share of a step by which the first one is shortened
+  uint32_t first_part = 0, last_part = 0;         ///< of MarchBatch::parts
+  GuideSums* sums = nullptr;                      ///< to which light is added that fields at nodes and emission have
+  OrderTint tint;                                 ///< the last one of media of unlike tints
+
+  float transmittance = 1, scaled_transmittance = 1;  ///< scaled: without the forward peak
+  float opacity = 0;                                  ///< sum of the weights of what is seen
+  float first = 0;                                    ///< where anything was seen first
+  float distance = 0, distance2 = 0;                  ///< from there, and its square
+  float density = 0;                                  ///< share of the largest
+  vec3 gradient{0};                                   ///< of the extinction, its direction
+
+  bool misses() const { return first_part == last_part; }
+};
+
+/// Rays that are marched together; all have one time of the shutter.
+struct MarchBatch {
+  std::vector<MarchedRay> rays;
+  std::vector<vec2> parts;  ///< of rays, from..to, in which anything may be found: in order and apart from one another
+  std::vector<std::pair<double, double>> intervals;  // while a ray is aimed
+
+  void clear() {
+    rays.clear();
+    parts.clear();
+  }
+};
+
+/// The fields that a march adds up.
+struct MarchedFields {
+  const NodeTable& table;
+  const std::vector<NodeFields::Slots>* groups;  ///< of the lights; null: of no light in particular
+  bool octaves;                                  ///< whether rays go on until an eighth of the extinction is opaque
+};
+
+/// Media and lights at one time of the shutter, in one colour.
+class MarchScene {
+ public:
+  MarchScene(const std::vector<GuideMedia>& media, size_t time, const LightFields& fields, GuideColour colour,
+             const MarchSteps& steps);
+
+  const MarchSteps steps;
+  std::vector<MarchedGrid> grids;    ///< of all media; empty: media are looked up point by point
+  std::vector<MarchedLight> lights;  ///< suns and lamps with guides of their own
+  bool emits, mixed_tints;
+  bool follows;             ///< light was solved where what scatters it stood at another time
+  float scaled_extinction;  ///< share of the extinction without the forward peak
+
+  /// A ray to march. @param t_max  where it ends
+  /// @return it, in the batch
+  MarchedRay& aim(const Ray& ray, double t_max, double stride, double offset, const Lattice& nodes, GuideSums& sums,
+                  MarchBatch& batch) const;
+
+  // What the march asks point by point, t steps from the start of a ray.
+  struct Point {
+    float extinction, albedo, g, density;  ///< of all media together
+    vec3 gradient, tint;                   ///< the gradient of the extinction, world axes
+  };
+  Point at(MarchedRay& ray, float t) const;
+  /// How many steps can be taken at once from t on.
+  float even_steps(const MarchedRay& ray, float t, float end) const;
+  /// Adds emission. @param straight  length of what emits times its transmittance
+  /// @param scaled  the same without the forward peak   @param depth  optical depth before it
+  void emit(const MarchedRay& ray, float t, float straight, float scaled, float depth) const;
+  /// Sets ray.turned of a light. @param g  mean cosine there
+  void turn(MarchedRay& ray, size_t light, float t, float g) const;
+  /// Where the light of what is there was solved: it may move. World space
+  dvec3 in_light(const MarchedRay& ray, float t) const;
+  /// Adds light that media of unlike tints scatter at one place.
+  /// @param fields  there   @param tint  of light scattered once
+  void add_tinted(MarchedRay& ray, const MarchedFields& known, const float* fields, float w, float scaled, float albedo,
+                  const dvec3& tint) const;
+
+ private:
+  dvec3 point(const MarchedRay& ray, float t) const { return ray.ray.at(ray.start + steps.length * t); }
+  void set_phase(TurnedLight& light, double cosine, double g, double spread) const;
+
+  const std::vector<GuideMedia>& media_;
+  const GuideMedia& own_;  // of the time
+  const LightFields& fields_;
+  const GuideColour colour_;
+};
+
+}  // namespace brume
