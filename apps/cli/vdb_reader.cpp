@@ -7,12 +7,11 @@
 #include <cstdio>
 #include <exception>
 
-#include "base/child_process.h"
+#include "base/command.h"
 #include "base/memory_file.h"
 #include "volume/vdb_exchange.h"
 
 int main() {
-  brume::follow_parent();
   std::signal(SIGXFSZ, SIG_IGN);  // a file that may not grow is an error of that write, with its message
   const rlimit no_core{0, 0};
   setrlimit(RLIMIT_CORE, &no_core);
