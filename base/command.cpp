@@ -13,12 +13,13 @@
 #include <csignal>
 #include <cstdlib>
 #include <cstring>
+#include <ctime>
 #include <fstream>
 #include <optional>
 #include <random>
-#include <sstream>
 
 #include "base/descriptor.h"
+#include "base/output_file.h"
 #include "base/peak_memory.h"
 #include "base/text.h"
 
@@ -27,23 +28,28 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// The end of what a program writes to a stream.
-class Tail {
- public:
-  Tail() {
+/// A pipe whose ends do not lie where a child's own descriptors go.
+struct Pipe {
+  std::optional<Descriptor> reading, writing;
+
+  Pipe() {
     std::array<int, 2> ends{};
-    if (pipe2(ends.data(), O_CLOEXEC | O_NONBLOCK) != 0)
+    if (pipe2(ends.data(), O_CLOEXEC) != 0)
       throw InputError(fmt::format("no pipe to a program: {}", std::strerror(errno)));
-    reading_.emplace(ends[0]);
-    writing_.emplace(ends[1]);
-    // The program's end waits where it cannot be written to.
-    fcntl(writing_->number(), F_SETFL, 0);
+    reading.emplace(ends[0]);
+    writing.emplace(ends[1]);
     close(ends[0]);
     close(ends[1]);
   }
-  int reading() const { return reading_->number(); }
-  int writing() const { return writing_->number(); }
-  void close_writing() { writing_.reset(); }
+};
+
+/// The end of what a program writes to a stream.
+class Tail {
+ public:
+  Tail() { fcntl(reading(), F_SETFL, O_NONBLOCK); }
+  int reading() const { return pipe_.reading->number(); }
+  int writing() const { return pipe_.writing->number(); }
+  void close_writing() { pipe_.writing.reset(); }
 
   /// Takes what is there, of a program that never pauses a part.
   void drain() {
@@ -85,21 +91,13 @@ class Tail {
     line.replace(end, std::string::npos, "...");
   }
 
-  std::optional<Descriptor> reading_, writing_;
+  Pipe pipe_;
   std::string text_;
 };
 
-/// What a file of a process holds, as far as it can be read: processes end meanwhile, and then reading fails.
-std::string text_of(const fs::path& path) {
-  const std::ifstream file(path, std::ios::binary);
-  std::ostringstream text;
-  text << file.rdbuf();  // takes errors of reading for the end, which an iterator throws
-  return text.str();
-}
-
 /// When a process began, in ticks since the machine did: tells it from a later one of the same number. 0: it is gone.
 uint64_t beginning_of(pid_t process) {
-  const std::string text = text_of(fmt::format("/proc/{}/stat", process));
+  const std::string text = read_text(fmt::format("/proc/{}/stat", process));
   const size_t name_end = text.rfind(')');  // names may hold blanks
   if (name_end == std::string::npos) return 0;
   const std::vector<std::string> fields = split(std::string_view(text).substr(name_end + 2), ' ');
@@ -175,7 +173,7 @@ class ProcessTree {
       const std::string name = entry.path().filename().string();
       const auto process = static_cast<pid_t>(std::strtol(name.c_str(), nullptr, 10));
       if (process <= 0 || known_.contains(process)) continue;
-      if (text_of(entry.path() / "environ").find(mark_) != std::string::npos) known_[process] = beginning_of(process);
+      if (read_text(entry.path() / "environ").find(mark_) != std::string::npos) known_[process] = beginning_of(process);
     }
   }
 
@@ -199,7 +197,7 @@ class ProcessTree {
 /// What the child needs between fork and exec, where memory must not be allocated.
 struct Start {
   pid_t parent;
-  int input, output, errors, failure;
+  int input, output, errors, handed_over, failure;
   const char *folder, *program;
   char *const *words, *const *environment;
 };
@@ -216,7 +214,8 @@ struct Start {
   dup2(start.input, STDIN_FILENO);
   dup2(start.output, STDOUT_FILENO);
   dup2(start.errors, STDERR_FILENO);
-  close_range(STDERR_FILENO + 1, ~0U, CLOSE_RANGE_CLOEXEC);
+  if (start.handed_over >= 0) dup2(start.handed_over, kHandedOver);
+  close_range(start.handed_over >= 0 ? kHandedOver + 1 : STDERR_FILENO + 1, ~0U, CLOSE_RANGE_CLOEXEC);
   if (*start.folder == '\0' || chdir(start.folder) == 0) execve(start.program, start.words, start.environment);
   const int error = errno;
   [[maybe_unused]] const ssize_t written = write(start.failure, &error, sizeof error);
@@ -248,24 +247,28 @@ pid_t start(const Command& command, const std::string& mark, const Tail& output,
   };
   std::vector<std::string> words = command.words, environment = environment_of(command, mark);
   const std::vector<char*> word_pointers = pointers_to(words), environment_pointers = pointers_to(environment);
-  const Descriptor input(open("/dev/null", O_RDONLY | O_CLOEXEC));
-  std::array<int, 2> ends{};
-  if (pipe2(ends.data(), O_CLOEXEC) != 0) fail(errno);
-  const Descriptor failure(ends[0]);
-  Descriptor failure_of_child(ends[1]);
-  close(ends[0]);
-  close(ends[1]);
+  const int nothing = open("/dev/null", O_RDWR | O_CLOEXEC);
+  const Descriptor silence(nothing), handed_over(command.handed_over);
+  close(nothing);
+  Pipe failure;
   const std::string program = command.program.string(), folder = command.folder.string();
-  const Start plan{
-      getpid(),       input.number(),  output.writing(),     errors.writing(),           failure_of_child.number(),
-      folder.c_str(), program.c_str(), word_pointers.data(), environment_pointers.data()};
+  const Start plan{.parent = getpid(),
+                   .input = silence.number(),
+                   .output = command.supervised ? output.writing() : silence.number(),
+                   .errors = command.supervised ? errors.writing() : silence.number(),
+                   .handed_over = handed_over.number(),
+                   .failure = failure.writing->number(),
+                   .folder = folder.c_str(),
+                   .program = program.c_str(),
+                   .words = word_pointers.data(),
+                   .environment = environment_pointers.data()};
   // Not posix_spawn: it cannot tie the child's life to ours.
   const pid_t child = fork();
   if (child < 0) fail(errno);
   if (child == 0) become(plan);
-  failure_of_child.reset();
+  failure.writing.reset();
   int error = 0;
-  if (read(failure.number(), &error, sizeof error) != sizeof error) return child;
+  if (read(failure.reading->number(), &error, sizeof error) != sizeof error) return child;
   waitpid(child, nullptr, 0);
   fail(error);
   return 0;
@@ -275,6 +278,13 @@ pid_t start(const Command& command, const std::string& mark, const Tail& output,
 bool has_ended(pid_t child) {
   siginfo_t info{};
   return waitid(P_PID, static_cast<id_t>(child), &info, WEXITED | WNOHANG | WNOWAIT) != 0 || info.si_pid == child;
+}
+
+double processor_seconds_of(pid_t process) {
+  clockid_t clock{};
+  timespec time{};
+  if (clock_getcpuclockid(process, &clock) != 0 || clock_gettime(clock, &time) != 0) return 0;
+  return static_cast<double>(time.tv_sec) + 1e-9 * static_cast<double>(time.tv_nsec);
 }
 
 /// Looks after a program until its end.
@@ -291,8 +301,7 @@ class Watch {
   ~Watch() {
     if (ended_ >= 0) close(ended_);
   }
-  Watch(const Watch&) = delete;
-  Watch& operator=(const Watch&) = delete;
+  Watch(Watch&&) = delete;
 
   CommandEnd wait() {
     CommandEnd end;
@@ -306,11 +315,18 @@ class Watch {
       for (size_t i = 0; i < 2; ++i)
         if (closed_.at(i)) events.at(i).fd = -1;
       poll(events.data(), events.size(), ended_ >= 0 ? milliseconds : 1);
+      // In time that this process was not stopped.
+      const double used = processor_seconds_of(child_);
+      idle_ = used > used_ ? 0 : idle_ + 1e-3 * milliseconds;
+      used_ = used;
       for (size_t i = 0; i < 2; ++i)
         closed_.at(i) = (events.at(i).revents & POLLHUP) && !(events.at(i).revents & POLLIN);
     }
     end.seconds = clock_.seconds();
-    tree_.kill_all();
+    if (command_.supervised)
+      tree_.kill_all();
+    else if (!has_ended(child_))
+      kill(child_, SIGKILL);
     int status = 0;
     while (waitpid(child_, &status, 0) < 0 && errno == EINTR) {
     }
@@ -329,6 +345,9 @@ class Watch {
   static constexpr int kLook = 20;  // [ms]
 
   void look(CommandEnd& end) {
+    if (command_.watch) command_.watch();
+    if (command_.stall_limit > 0 && idle_ > command_.stall_limit) end.passed = CommandEnd::Limit::kStall;
+    if (!command_.supervised) return;
     output_.drain();
     errors_.drain();
     tree_.look();
@@ -346,6 +365,7 @@ class Watch {
   const Stopwatch clock_;
   ProcessTree tree_;
   std::array<bool, 2> closed_{};
+  double used_ = 0, idle_ = 0;  // seconds: of the processor; since it used any
 };
 
 /// What a shell would do with a character outside of quotes.

@@ -10,8 +10,7 @@ class Descriptor {
  public:
   explicit Descriptor(int of) : number_(fcntl(of, F_DUPFD_CLOEXEC, 16)) {}
   ~Descriptor() { reset(); }
-  Descriptor(const Descriptor&) = delete;
-  Descriptor& operator=(const Descriptor&) = delete;
+  Descriptor(Descriptor&&) = delete;
   int number() const { return number_; }
   void reset() {
     if (number_ >= 0) close(number_);

@@ -18,8 +18,7 @@ class MemoryFile {
   /// One that this process was handed: takes over the descriptor. @throws InputError when it is none
   explicit MemoryFile(int descriptor);
   ~MemoryFile();
-  MemoryFile(const MemoryFile&) = delete;
-  MemoryFile& operator=(const MemoryFile&) = delete;
+  MemoryFile(MemoryFile&&) = delete;
 
   /// Closed by programs that this one starts, unless it is handed over.
   int descriptor() const { return descriptor_; }
@@ -42,8 +41,7 @@ class Mapping {
   /// @param offset  multiple of the page size   @throws InputError
   Mapping(const MemoryFile& file, size_t offset, size_t size, bool writable);
   ~Mapping();
-  Mapping(const Mapping&) = delete;
-  Mapping& operator=(const Mapping&) = delete;
+  Mapping(Mapping&&) = delete;
 
   std::byte* data() const { return data_; }
   size_t size() const { return size_; }

@@ -10,6 +10,7 @@
 #include <cstring>
 #include <fstream>
 #include <random>
+#include <sstream>
 
 #include "base/error.h"
 #include "base/host.h"
@@ -91,6 +92,13 @@ void OutputFile::commit() {
   fs::rename(part_, path_, error);
   if (error) throw InputError(fmt::format("{}: cannot be written: {}", path_.string(), error.message()));
   committed_ = true;
+}
+
+std::string read_text(const fs::path& path) {
+  const std::ifstream file(path, std::ios::binary);
+  std::ostringstream text;
+  text << file.rdbuf();  // takes errors of reading for the end, which an iterator throws
+  return text.str();
 }
 
 void write_text(const fs::path& path, std::string_view text) {

@@ -1,6 +1,7 @@
 #pragma once
 #include <filesystem>
 #include <span>
+#include <string>
 #include <string_view>
 
 namespace brume {
@@ -16,8 +17,7 @@ class OutputFile {
   /// @throws InputError when the folder is missing or cannot be written to
   explicit OutputFile(std::filesystem::path path);
   ~OutputFile();
-  OutputFile(const OutputFile&) = delete;
-  OutputFile& operator=(const OutputFile&) = delete;
+  OutputFile(OutputFile&&) = delete;
 
   /// Where to write until commit().
   const std::filesystem::path& part() const { return part_; }
@@ -28,6 +28,9 @@ class OutputFile {
   std::filesystem::path path_, part_;
   bool committed_ = false;
 };
+
+/// What a file holds, as far as it can be read: empty where it is missing.
+std::string read_text(const std::filesystem::path& path);
 
 /// Writes a whole text file atomically. @throws InputError
 void write_text(const std::filesystem::path& path, std::string_view text);

@@ -28,8 +28,7 @@ class OutputFolder {
   /// @throws InputError where it cannot be made
   explicit OutputFolder(const std::string& path);
   ~OutputFolder();
-  OutputFolder(const OutputFolder&) = delete;
-  OutputFolder& operator=(const OutputFolder&) = delete;
+  OutputFolder(OutputFolder&&) = delete;
   const std::filesystem::path& part() const { return part_; }
   /// @throws InputError
   void commit();

@@ -5,16 +5,6 @@
 #include "base/text.h"
 
 namespace brume {
-namespace {
-
-/// A Python string.
-std::string quoted(const std::string& text) {
-  std::string result = "\"";
-  for (const char c : text) result += c == '"' || c == '\\' ? std::string("\\") + c : std::string(1, c);
-  return result + "\"";
-}
-
-}  // namespace
 
 std::string opencue_outline(const Shot& shot, const std::vector<Stage>& stages, const std::filesystem::path& round) {
   std::string text =

@@ -12,6 +12,7 @@
 #include "base/shares.h"
 #include "base/text.h"
 #include "image/finished_frame.h"
+#include "run_sh.h"
 
 namespace brume {
 namespace {
@@ -49,7 +50,7 @@ std::string frame_name(int frame) {
   return fmt::format("{:04}", frame);
 }
 
-Command render_command(const Shot& shot, int frame, int part) {
+ShotCommand render_command(const Shot& shot, int frame, int part) {
   std::vector<std::string> words = {shot.brume, "render", shot.scene, "--frames", std::to_string(frame)};
   for (const std::string& assignment : shot.overrides) words.insert(words.end(), {"-D", assignment});
   words.insert(words.end(), {"--spp", std::to_string(shot.spp), "--seed", std::to_string(shot.seed), "--layers",
@@ -84,14 +85,14 @@ std::string merge_call(const Shot& shot, const fs::path& pattern, int first, int
                      shot.keep_parts ? "" : " --discard", options, threads_of(shot));
 }
 
-Command gather_command(const Shot& shot, int frame, int group) {
+ShotCommand gather_command(const Shot& shot, int frame, int group) {
   const auto [first, last] = shot.parts_of_group(group);
   const fs::path pattern = shot.part(frame, 1).parent_path() / "#####.exr";
   return {fmt::format("gather.{}.{:05}", frame_name(frame), group), "",
           merge_call(shot, pattern, first, last, shot.group(frame, group), " --mergeable")};
 }
 
-Command merge_command(const Shot& shot, int frame) {
+ShotCommand merge_command(const Shot& shot, int frame) {
   const fs::path folder = shot.part(frame, 1).parent_path();
   const int groups = shot.groups();
   return {"merge." + frame_name(frame), "",
@@ -99,7 +100,7 @@ Command merge_command(const Shot& shot, int frame) {
                      shot.frame(frame), "")};
 }
 
-Command denoise_command(const Shot& shot, int frame) {
+ShotCommand denoise_command(const Shot& shot, int frame) {
   std::string missing;
   for (const int f : shot.window_of(frame)) missing += " " + shell_word(shot.frame(f).string());
   const std::string prepare = fmt::format(
@@ -260,68 +261,12 @@ fs::path write_round(const Shot& shot, const std::vector<Stage>& stages) {
   }
   for (const Stage& stage : stages) {
     std::string text;
-    for (const Command& command : stage.commands)
+    for (const ShotCommand& command : stage.commands)
       text += command.name + "\t" + command.prepare + "exec " + command.call + "\n";
     write_text(folder / (stage.name + ".commands"), text);
   }
-  write_text(folder / "run.sh", run_script());
+  write_text(folder / "run.sh", embedded::run_sh);
   return folder;
-}
-
-std::string run_script() {
-  // A wait that a trapped signal interrupts returns above 128 while the child lives.
-  return R"sh(#!/bin/sh
-# sh run.sh STAGE FIRST COUNT: runs these lines of STAGE.commands, counted from 1, each with a log of its own.
-# Ends with 0, with 3 where it was asked to stop and may be run again, or else with the status of the last that failed.
-# USR1: stop soon, what is rendered is kept in a checkpoint. TERM is taken to have reached the command as well.
-here=$(cd "$(dirname "$0")" && pwd)
-folder=$(dirname "$(dirname "$here")")
-stage=$1 first=$2 count=$3
-tab=$(printf '\t')
-child='' stop='' worst=0
-trap 'stop=1; [ -z "$child" ] || kill -TERM "$child" 2>/dev/null' USR1
-trap 'stop=1' TERM
-
-# run NAME COMMAND
-run() {
-  log=$folder/logs/$1.log
-  begun=$(date +%s)
-  echo "brume task: begun in round $(basename "$here") on ${SLURMD_NODENAME:-$(uname -n)}" >>"$log"
-  sh -c "$2" >>"$log" 2>&1 &
-  child=$!
-  wait "$child"
-  status=$?
-  while [ $status -gt 128 ] && kill -0 "$child" 2>/dev/null; do
-    wait "$child"
-    status=$?
-  done
-  child=''
-  echo "brume task: ended with $status after $(($(date +%s) - begun)) s" >>"$log"
-  return $status
-}
-
-line=$first
-while [ "$line" -lt $((first + count)) ] && [ -z "$stop" ]; do
-  text=$(sed -n "${line}p" "$here/$stage.commands")
-  line=$((line + 1))
-  [ -n "$text" ] || continue
-  name=${text%%"$tab"*}
-  if run "$name" "${text#*"$tab"}"; then
-    # The part that completes a frame merges it; what is left is for the stage of that name.
-    frame=${name#render.}
-    merge=''
-    [ "$stage" != render ] || [ ! -f "$here/merge.commands" ] || [ -f "$here/gather.commands" ] || \
-      merge=$(grep "^merge.${frame%.*}$tab" "$here/merge.commands")
-    [ -z "$merge" ] || sh -c "${merge#*"$tab"} --when-complete -q" >>"$log" 2>&1 || :
-  else
-    worst=$status
-    # A node on which everything fails at once must not take all there is to do.
-    [ -n "$stop" ] || sleep "${BRUME_PAUSE:-10}"
-  fi
-done
-[ -z "$stop" ] || exit 3
-exit $worst
-)sh";
 }
 
 }  // namespace brume

@@ -10,7 +10,7 @@
 namespace brume {
 
 /// One program call of a plan, for a shell.
-struct Command {
+struct ShotCommand {
   std::string name;     ///< "render.0017.00003": of its log
   std::string prepare;  ///< what a shell does before: "mkdir -p ... && ", "for ...; done; "
   std::string call;
@@ -21,7 +21,7 @@ struct Command {
 /// Commands that may run in any order and at the same time.
 struct Stage {
   std::string name;  ///< render, gather, merge, denoise
-  std::vector<Command> commands;
+  std::vector<ShotCommand> commands;
 };
 
 /// What lies in a shot's folder.
@@ -66,13 +66,10 @@ std::vector<Stage> plan(const Shot& shot, const ShotFiles& files);
 /// Of a shot of which nothing is there.
 std::vector<Stage> plan(const Shot& shot);
 
-/// FOLDER/rounds/N with the stages' commands and the script that runs them; N is the next number.
+/// FOLDER/rounds/N with the stages' commands and farm/run.sh, which runs them; N is the next number.
 /// @throws InputError
 std::filesystem::path write_round(const Shot& shot, const std::vector<Stage>& stages);
 /// The number of the last round; 0: there is none.
 int last_round(const Shot& shot);
-
-/// The script that runs commands of a stage: `sh run.sh STAGE FIRST COUNT`.
-std::string run_script();
 
 }  // namespace brume

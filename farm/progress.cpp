@@ -51,7 +51,7 @@ ShotProgress progress_of(const Shot& shot, const Task& task) {
   const SlurmQueue queue = ask_slurm(shot);
   std::set<std::string> missing;
   for (const Stage& stage : plan(shot, files))
-    for (const Command& command : stage.commands) missing.insert(command.name);
+    for (const ShotCommand& command : stage.commands) missing.insert(command.name);
   ShotProgress progress;
   progress.complete = files.complete();
   progress.refused = files.refused;
@@ -66,7 +66,7 @@ ShotProgress progress_of(const Shot& shot, const Task& task) {
     stage.total = static_cast<int>(all.commands.size());
     double seconds = 0;
     int timed = 0;
-    for (const Command& command : all.commands) {
+    for (const ShotCommand& command : all.commands) {
       const CommandLog log = read_log(shot, command.name);
       for (const Attempt& attempt : log.attempts)
         if (attempt.status == 0) {

@@ -13,6 +13,7 @@
 #include "base/error.h"
 #include "base/output_file.h"
 #include "base/text.h"
+#include "task_sh_in.h"
 
 namespace brume {
 namespace {
@@ -37,35 +38,26 @@ Output output_of(const std::string& command) {
   return output;
 }
 
-/// A value in a line of #SBATCH, where blanks end it, # begins a comment, and quotes and backslashes are taken away.
-std::string sbatch_word(const std::string& text) {
-  std::string word = "\"";
-  for (const char c : text) word += c == '"' || c == '\\' ? std::string("\\") + c : std::string(1, c);
-  return word + "\"";
-}
-
 /// An option as it was given: with quotes or backslashes as a line of #SBATCH, else as a word of a shell.
 std::string sbatch_option(const std::string& option) {
   const size_t equals = option.find('=');
   if (!option.starts_with("--") || equals == std::string::npos || option.find_first_of("\"'\\") != std::string::npos ||
       option.find_first_of(" \t#") == std::string::npos)
     return option;
-  return option.substr(0, equals + 1) + sbatch_word(option.substr(equals + 1));
+  return option.substr(0, equals + 1) + quoted(option.substr(equals + 1));
 }
 
 /// A folder in the name of a log, where %a stands for the number of a task.
 std::string log_folder(const fs::path& folder) {
-  std::string text;
-  for (const char c : folder.string()) text += c == '%' ? "%%" : std::string(1, c);
-  return text;
+  return replaced(folder.string(), "%", "%%");
 }
 
 std::string directives(const Shot& shot, const std::string& stage, const fs::path& round, const SlurmOptions& options) {
   std::string text = "#!/bin/sh\n";
   const auto add = [&](const std::string& option) { text += "#SBATCH " + option + "\n"; };
-  add("--job-name=" + sbatch_word(shot.name + "." + stage));
+  add("--job-name=" + quoted(shot.name + "." + stage));
   add("--open-mode=append");
-  add("--output=" + sbatch_word(fmt::format("{}/{}.log", log_folder(round), stage == "retry" ? stage : stage + ".%a")));
+  add("--output=" + quoted(fmt::format("{}/{}.log", log_folder(round), stage == "retry" ? stage : stage + ".%a")));
   if (!options.exclude.empty()) {
     const std::vector<std::string> nodes(options.exclude.begin(), options.exclude.end());
     add("--exclude=" + join(nodes, ","));
@@ -83,29 +75,15 @@ std::string array_script(const Shot& shot, const SlurmJob& job, const fs::path& 
   add(fmt::format("--signal=B:USR1@{}", options.warning_seconds));
   add("--ntasks=1");
   add(shot.threads > 0 ? fmt::format("--cpus-per-task={}", shot.threads) : "--exclusive");
-  return text + fmt::format(R"(
-# {} commands by {} tasks of {}.
-BRUME_WRITER=$SLURM_JOB_ID.${{SLURM_RESTART_COUNT:-0}}
-export BRUME_WRITER
-trap : USR1 TERM
-sh {}/run.sh {} $((SLURM_ARRAY_TASK_ID * {} + 1)) {} &
-child=$!
-over=''
-trap 'over=1; kill -USR1 "$child" 2>/dev/null' USR1
-wait "$child"
-status=$?
-while [ $status -gt 128 ] && kill -0 "$child" 2>/dev/null; do
-  wait "$child"
-  status=$?
-done
-# Stopped because its time is over: it goes on from its checkpoint when it is its turn again.
-if [ -n "$over" ] && [ $status -eq 3 ] && [ "${{SLURM_RESTART_COUNT:-0}}" -lt 100 ]; then
-  scontrol requeue "$SLURM_JOB_ID"
-fi
-exit $status
-)",
-                            job.commands, job.tasks, job.chunk, shell_word(round.string()), job.stage, job.chunk,
-                            job.chunk);
+  // The folder last: it may hold anything.
+  std::string script(embedded::task_sh_in);
+  for (const auto& [place, value] : {std::pair("@COMMANDS@", std::to_string(job.commands)),
+                                     {"@TASKS@", std::to_string(job.tasks)},
+                                     {"@CHUNK@", std::to_string(job.chunk)},
+                                     {"@STAGE@", job.stage},
+                                     {"@ROUND@", shell_word(round.string())}})
+    script = replaced(script, place, value);
+  return text + script;
 }
 
 /// The job that looks at what is there and submits what is not.

@@ -8,11 +8,11 @@
 #include <cerrno>
 #include <cstring>
 #include <ctime>
-#include <fstream>
 #include <sstream>
 
 #include "base/error.h"
 #include "base/host.h"
+#include "base/output_file.h"
 
 namespace brume {
 namespace {
@@ -28,16 +28,9 @@ struct Holder {
   }
 };
 
-std::string text_of(const fs::path& file) {
-  std::ifstream stream(file);
-  std::ostringstream text;
-  text << stream.rdbuf();
-  return text.str();
-}
-
 Holder holder_of(const fs::path& file) {
   Holder holder;
-  std::istringstream(text_of(file)) >> holder.host >> holder.process >> holder.time;
+  std::istringstream(read_text(file)) >> holder.host >> holder.process >> holder.time;
   return holder;
 }
 
@@ -78,7 +71,7 @@ SubmitLock::SubmitLock(const fs::path& folder, bool break_it)
 
 SubmitLock::~SubmitLock() {
   // Who broke it has another one there.
-  if (text_of(file_) == text_) unlink(file_.c_str());
+  if (read_text(file_) == text_) unlink(file_.c_str());
 }
 
 }  // namespace brume

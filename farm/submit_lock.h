@@ -12,8 +12,7 @@ class SubmitLock {
   /// @param break_it  take it even from another   @throws InputError that says who holds it
   SubmitLock(const std::filesystem::path& folder, bool break_it);
   ~SubmitLock();
-  SubmitLock(const SubmitLock&) = delete;
-  SubmitLock& operator=(const SubmitLock&) = delete;
+  SubmitLock(SubmitLock&&) = delete;
 
   /// "render7, process 4711, since 2026-11-23T20:15:04Z" where one of another was broken; else empty.
   const std::string& broken() const { return broken_; }

@@ -11,9 +11,6 @@ constexpr double kThreshold = 216.0 / 24389.0, kKappa = 24389.0 / 27.0;
 double forward(double t) {
   return t > kThreshold ? std::cbrt(t) : (kKappa * t + 16.0) / 116.0;
 }
-double backward(double f) {
-  return f > 6.0 / 29.0 ? f * f * f : (116.0 * f - 16.0) / kKappa;
-}
 
 dmat3 white_relative_xyz() {
   dmat3 m;
@@ -29,12 +26,6 @@ dvec3 lab_from_rgb(const dvec3& rgb) {
   const dvec3 xyz = xyz_from_rgb * rgb;
   const double fx = forward(xyz.x), fy = forward(xyz.y), fz = forward(xyz.z);
   return {116.0 * fy - 16.0, 500.0 * (fx - fy), 200.0 * (fy - fz)};
-}
-
-dvec3 rgb_from_lab(const dvec3& lab) {
-  static const dmat3 rgb_from_xyz = glm::inverse(white_relative_xyz());
-  const double fy = (lab.x + 16.0) / 116.0;
-  return rgb_from_xyz * dvec3(backward(fy + lab.y / 500.0), backward(fy), backward(fy - lab.z / 200.0));
 }
 
 double filmic_shoulder(double linear) {

@@ -4,9 +4,8 @@
 namespace brume {
 
 /// Linear Rec. 709 to CIE-Lab, white point D65, not clipped: the cube root goes on above 1 and the linear toe below 0,
-/// so the map is a bijection. White is (100, 0, 0). Source: CIE 15; matrices and constants of IEC 61966-2-1.
+/// so the map has an inverse. White is (100, 0, 0). Source: CIE 15; matrices and constants of IEC 61966-2-1.
 dvec3 lab_from_rgb(const dvec3& rgb);
-dvec3 rgb_from_lab(const dvec3& lab);
 
 /// The sRGB transfer curve of a linear value, clipped to [0, 1].
 double srgb_encode(double linear);

@@ -3,12 +3,12 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cctype>
 #include <cmath>
 #include <string_view>
 #include <utility>
 
 #include "base/error.h"
+#include "base/text.h"
 
 namespace brume {
 namespace {
@@ -63,7 +63,7 @@ std::string name_of(const Chromaticities& space) {
 }
 
 std::optional<Chromaticities> space_of_name(std::string name) {
-  std::transform(name.begin(), name.end(), name.begin(), [](unsigned char c) { return std::tolower(c); });
+  name = lower(std::move(name));
   if (name.ends_with("_scene")) name.resize(name.size() - 6);
   static const std::pair<const char*, const char*> names[] = {
       {"lin_ap1", "ACEScg (AP1)"},         {"acescg", "ACEScg (AP1)"},   {"lin_ap0", "ACES 2065-1 (AP0)"},

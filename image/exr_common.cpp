@@ -6,6 +6,7 @@
 #include <ImfFloatAttribute.h>
 #include <ImfIntAttribute.h>
 #include <ImfMatrixAttribute.h>
+#include <ImfPartType.h>
 #include <ImfRgbaYca.h>
 #include <ImfStandardAttributes.h>
 #include <ImfStringAttribute.h>
@@ -81,19 +82,26 @@ Imf::MultiPartInputFile open_exr(const fs::path& path) {
     Imf::Header::setMaxImageSize(kLongestSide, kLongestSide);
     check_channel_order(path);
     return Imf::MultiPartInputFile(path.c_str());
-  } catch (const InputError&) {
-    throw;
   } catch (const std::exception& error) {
     fail_exr(path, "not a readable OpenEXR file", error);
   }
 }
 
 void fail_exr(const fs::path& path, const std::string& state, const std::exception& error) {
+  if (dynamic_cast<const InputError*>(&error) || dynamic_cast<const Interrupted*>(&error)) throw;
   if (const auto* const memory = dynamic_cast<const std::bad_alloc*>(&error)) fail_reading(path.string(), *memory);
   const std::string_view said = error.what();
   for (const char* const word : {"bad_alloc", "allocate memory"})
     if (said.find(word) != std::string_view::npos) throw OutOfMemory(path.string(), "read it");
   throw InputError(fmt::format("{}: {}: {}", path.string(), state, said));
+}
+
+bool is_deep(const Imf::Header& header) {
+  return header.hasType() && Imf::isDeepData(header.type());
+}
+
+void fail_deep(const fs::path& path, const std::string& part) {
+  throw InputError(fmt::format("{}: {} holds deep pixels; brume reads flat images", path.string(), part));
 }
 
 void check_first_chunk(Imf::InputPart& part, const fs::path& path) {

@@ -5,7 +5,6 @@
 #include <ImfMultiPartInputFile.h>
 
 #include <filesystem>
-#include <map>
 #include <string>
 
 #include "image/layers.h"
@@ -22,9 +21,13 @@ Imf::MultiPartInputFile open_exr(const std::filesystem::path& path);
 void check_first_chunk(Imf::InputPart& part, const std::filesystem::path& path);
 
 /// Says what a failure inside OpenEXR means, for a handler of exceptions: that memory was not enough, which OpenEXR's
-/// threads pass on as text, or that the file is in this state: "truncated or damaged".
-/// @throws OutOfMemory or InputError
+/// threads pass on as text, or that the file is in this state: "truncated or damaged". Throws again what is no failure
+/// of OpenEXR's. @throws OutOfMemory, InputError, Interrupted
 [[noreturn]] void fail_exr(const std::filesystem::path& path, const std::string& state, const std::exception& error);
+
+bool is_deep(const Imf::Header& header);
+/// @param part  as part_label() has it   @throws InputError
+[[noreturn]] void fail_deep(const std::filesystem::path& path, const std::string& part);
 
 /// Refuses what a header asks for and this machine does not have. @throws OutOfMemory
 void check_exr_memory(const std::filesystem::path& path, double bytes);

@@ -265,10 +265,6 @@ bool is_tiled(const Imf::Header& header) {
   return header.hasType() ? header.type() == Imf::TILEDIMAGE : header.hasTileDescription();
 }
 
-bool is_deep(const Imf::Header& header) {
-  return header.hasType() && Imf::isDeepData(header.type());
-}
-
 /// As it is packed.
 void copy_deep_part(Imf::MultiPartInputFile& in, int index, Imf::MultiPartOutputFile& out) {
   if (in.header(index).type() == Imf::DEEPTILE) {
@@ -355,6 +351,70 @@ void change_header(Imf::Header& header, const PartPlan& plan, const std::map<std
   for (const auto& [name, value] : attributes) insert_attribute(header, name, value);
 }
 
+/// What happens to each part. @throws InputError where the file cannot be copied
+std::vector<PartPlan> plan_parts(Imf::MultiPartInputFile& in, const fs::path& from, std::span<const ExrEdit> edits,
+                                 ExrCopyReport& report) {
+  std::vector<PartPlan> plans(static_cast<size_t>(in.parts()));
+  size_t placed = 0;
+  for (int index = 0; index < in.parts(); ++index) {
+    const Imf::Header& header = in.header(index);
+    if (is_deep(header) && in.parts() == 1) fail_deep(from, part_label(in, index));
+    if (!in.partComplete(index))
+      throw InputError(
+          fmt::format("{}: truncated or damaged: {} lacks some of its pixels", from.string(), part_label(in, index)));
+    if (is_deep(header)) continue;
+    PartPlan& plan = plans[static_cast<size_t>(index)];
+    placed += plan_part(in, index, edits, plan);
+    if (!plan.changes.empty() && loses_bits(header.compression())) report.recoded.push_back(part_label(in, index));
+    const auto is_float = [&](const PartPlan::Change& c) { return header.channels()[c.channel].type == Imf::FLOAT; };
+    if (header.compression() == Imf::PXR24_COMPRESSION &&
+        std::any_of(plan.changes.begin(), plan.changes.end(), is_float))
+      report.rounded.push_back(part_label(in, index));
+  }
+  if (placed != edits.size()) throw std::logic_error("an edited channel is not in " + from.string());
+  return plans;
+}
+
+/// One part of several: packed as it is where nothing in it changes.
+template <class Input, class Output, class Changed>
+void copy_part(Imf::MultiPartInputFile& in, int index, Imf::MultiPartOutputFile& file, bool unchanged,
+               const Changed& changed) {
+  Output part(file, index);
+  if (!unchanged) return changed(part);
+  Input input(in, index);
+  part.copyPixels(input);
+}
+
+void copy_parts(Imf::MultiPartInputFile& in, const fs::path& from, const std::vector<PartPlan>& plans,
+                const std::vector<Imf::Header>& headers, bool several, OutputStream& stream, const Task& task) {
+  const int threads = Imf::globalThreadCount();
+  if (!several) {
+    const PartCopier copier(in, from, 0, plans[0], task);
+    if (is_tiled(in.header(0))) {
+      Imf::TiledOutputFile file(stream, headers[0], threads);
+      copier.tiles(file);
+    } else {
+      Imf::OutputFile file(stream, headers[0], threads);
+      copier.lines(file);
+    }
+    return;
+  }
+  Imf::MultiPartOutputFile file(stream, headers.data(), static_cast<int>(headers.size()), false, threads);
+  for (int index = 0; index < in.parts(); ++index) {
+    const PartPlan& plan = plans[static_cast<size_t>(index)];
+    const PartCopier copier(in, from, index, plan, task);
+    task.check();
+    if (is_deep(in.header(index)))
+      copy_deep_part(in, index, file);
+    else if (is_tiled(in.header(index)))
+      copy_part<Imf::TiledInputPart, Imf::TiledOutputPart>(in, index, file, plan.changes.empty(),
+                                                           [&](auto& part) { copier.tiles(part); });
+    else
+      copy_part<Imf::InputPart, Imf::OutputPart>(in, index, file, plan.changes.empty(),
+                                                 [&](auto& part) { copier.lines(part); });
+  }
+}
+
 }  // namespace
 
 void round_to_half(Plane& plane) {
@@ -365,29 +425,8 @@ void round_to_half(Plane& plane) {
 ExrCopyReport copy_exr(const fs::path& from, const fs::path& to, std::span<const ExrEdit> edits,
                        const std::map<std::string, Attribute>& attributes, const Task& task) try {
   Imf::MultiPartInputFile in = open_exr(from);
-  const auto damaged = [&](const std::string& why) {
-    return InputError(fmt::format("{}: truncated or damaged: {}", from.string(), why));
-  };
   ExrCopyReport report;
-  std::vector<PartPlan> plans(static_cast<size_t>(in.parts()));
-  size_t placed = 0;
-  for (int index = 0; index < in.parts(); ++index) {
-    const Imf::Header& header = in.header(index);
-    if (is_deep(header) && in.parts() == 1)
-      throw InputError(
-          fmt::format("{}: {} holds deep pixels; brume reads flat images", from.string(), part_label(in, index)));
-    if (!in.partComplete(index)) throw damaged(part_label(in, index) + " lacks some of its pixels");
-    PartPlan& plan = plans[static_cast<size_t>(index)];
-    if (is_deep(header)) continue;
-    placed += plan_part(in, index, edits, plan);
-    if (!plan.changes.empty() && loses_bits(header.compression())) report.recoded.push_back(part_label(in, index));
-    const auto is_float = [&](const PartPlan::Change& c) { return header.channels()[c.channel].type == Imf::FLOAT; };
-    if (header.compression() == Imf::PXR24_COMPRESSION &&
-        std::any_of(plan.changes.begin(), plan.changes.end(), is_float))
-      report.rounded.push_back(part_label(in, index));
-  }
-  if (placed != edits.size()) throw std::logic_error("an edited channel is not in " + from.string());
-
+  const std::vector<PartPlan> plans = plan_parts(in, from, edits, report);
   int version = 0;
   std::vector<Imf::Header> headers = stored_headers(from, version);
   for (size_t i = 0; i < headers.size(); ++i)
@@ -395,54 +434,12 @@ ExrCopyReport copy_exr(const fs::path& from, const fs::path& to, std::span<const
   const std::string checksum(kChecksumAttribute);
   const bool has_checksum = headers[0].findTypedAttribute<Imf::StringAttribute>(checksum);
   if (has_checksum) insert_attribute(headers[0], checksum, std::string(kNoChecksum));
-
   OutputFile output(to);
   try {
     OutputStream stream(output.part());
-    const int threads = Imf::globalThreadCount();
-    if (Imf::isMultiPart(version)) {
-      Imf::MultiPartOutputFile file(stream, headers.data(), static_cast<int>(headers.size()), false, threads);
-      for (int index = 0; index < in.parts(); ++index) {
-        const PartPlan& plan = plans[static_cast<size_t>(index)];
-        const PartCopier copier(in, from, index, plan, task);
-        const bool tiled = is_tiled(in.header(index));
-        task.check();
-        if (is_deep(in.header(index))) {
-          copy_deep_part(in, index, file);
-        } else if (tiled) {
-          Imf::TiledOutputPart part(file, index);
-          if (plan.changes.empty()) {
-            Imf::TiledInputPart input(in, index);
-            part.copyPixels(input);
-          } else {
-            copier.tiles(part);
-          }
-        } else {
-          Imf::OutputPart part(file, index);
-          if (plan.changes.empty()) {
-            Imf::InputPart input(in, index);
-            part.copyPixels(input);
-          } else {
-            copier.lines(part);
-          }
-        }
-      }
-    } else {
-      const PartCopier copier(in, from, 0, plans[0], task);
-      if (is_tiled(in.header(0))) {
-        Imf::TiledOutputFile file(stream, headers[0], threads);
-        copier.tiles(file);
-      } else {
-        Imf::OutputFile file(stream, headers[0], threads);
-        copier.lines(file);
-      }
-    }
+    copy_parts(in, from, plans, headers, Imf::isMultiPart(version), stream, task);
     stream.close();
     if (has_checksum) write_checksum(output.part());
-  } catch (const Interrupted&) {
-    throw;
-  } catch (const InputError&) {
-    throw;
   } catch (const std::exception& error) {
     fail_exr(to, fmt::format("cannot be written from {}", from.string()), error);
   }

@@ -122,10 +122,6 @@ Imf::Slice slice(Imf::PixelType type, void* first, size_t stride, const Imath::B
   return {type, base, 4, static_cast<size_t>(row)};
 }
 
-bool is_deep(const Imf::Header& header) {
-  return header.hasType() && Imf::isDeepData(header.type());
-}
-
 /// Whether a channel holds sums of samples.
 bool is_state(const char* channel) {
   return std::string_view(channel).starts_with("state.");
@@ -289,8 +285,6 @@ Part read_part(Imf::MultiPartInputFile& file, int index, const fs::path& path,
     check_first_chunk(input, path);
     input.setFrameBuffer(frame);
     input.readPixels(part.data.lo.y, part.data.hi.y - 1);
-  } catch (const InputError&) {
-    throw;
   } catch (const std::exception& error) {
     fail_exr(path, "truncated or damaged", error);
   }
@@ -314,9 +308,7 @@ Layers read_exr(const fs::path& path, const std::function<bool(const std::string
   for (int index = 0; index < file.parts(); ++index) {
     const Imf::Header& header = file.header(index);
     if (is_deep(header)) {
-      if (++deep == file.parts())
-        throw InputError(
-            fmt::format("{}: {} holds deep pixels; brume reads flat images", path.string(), part_label(file, index)));
+      if (++deep == file.parts()) fail_deep(path, part_label(file, index));
       continue;
     }
     if (window_of(header.displayWindow()) != display)
@@ -389,8 +381,6 @@ Layers read_exr_state(const fs::path& path, const Task& task) try {
       task.check();
       input.readPixels(y, std::min(y + kRows - 1, data.max.y));
     }
-  } catch (const Interrupted&) {
-    throw;
   } catch (const std::exception& error) {
     fail_exr(path, "truncated or damaged", error);
   }
@@ -405,9 +395,7 @@ void check_exr(const fs::path& path, const Task& task) try {
   check_own_file(file, path, task);
   for (int index = 0; index < file.parts(); ++index) {
     const Imf::Header& header = file.header(index);
-    if (is_deep(header))
-      throw InputError(
-          fmt::format("{}: {} holds deep pixels; brume reads flat images", path.string(), part_label(file, index)));
+    if (is_deep(header)) fail_deep(path, part_label(file, index));
     const Imath::Box2i data = header.dataWindow();
     const auto width = static_cast<size_t>(window_of(data).width());
     std::vector<uint32_t> rows(width * kRows);
@@ -427,8 +415,6 @@ void check_exr(const fs::path& path, const Task& task) try {
         input.setFrameBuffer(frame);
         input.readPixels(y, std::min(y + kRows - 1, data.max.y));
       }
-    } catch (const Interrupted&) {
-      throw;
     } catch (const std::exception& error) {
       fail_exr(path, "truncated or damaged", error);
     }
@@ -442,23 +428,62 @@ void set_exr_threads(int threads) {
   packing_threads = threads;
 }
 
-void write_exr(const fs::path& path, const Layers& layers, const Task& task, const WordRows& rows) {
-  constexpr int kLines = 16;  // packed together: ZIP's
-  const int width = layers.width(), height = layers.height(), chunks = (height + kLines - 1) / kLines;
-  std::map<std::string, ExrChannel> named;
+namespace {
+
+constexpr int kLines = 16;  // packed together: ZIP's
+
+/// The channels of a file in the order of their names.
+struct FileChannels {
   Imf::ChannelList list;
-  for (const auto& [name, plane] : layers.channels())
-    list.insert(name, Imf::Channel(Imf::FLOAT)), named[name] = {plane.row(0), plane.stride()};
-  for (const auto& [name, words] : layers.words())
-    list.insert(name, Imf::Channel(Imf::UINT)), named[name] = {words.data(), static_cast<size_t>(width)};
-  for (const std::string& name : rows.names) list.insert(name, Imf::Channel(Imf::UINT)), named[name] = {};
   std::vector<ExrChannel> channels;
-  std::vector<size_t> made;  // places of `rows` in them
-  for (const auto& [name, channel] : named) {
-    if (!channel.values) made.push_back(channels.size());
-    channels.push_back(channel);
+  std::vector<size_t> made;  // places of what is made while it is written
+
+  FileChannels(const Layers& layers, const WordRows& rows) {
+    std::map<std::string, ExrChannel> named;
+    const auto add = [&](const std::string& name, Imf::PixelType type, ExrChannel channel) {
+      list.insert(name, Imf::Channel(type));
+      named[name] = channel;
+    };
+    for (const auto& [name, plane] : layers.channels()) add(name, Imf::FLOAT, {plane.row(0), plane.stride()});
+    for (const auto& [name, words] : layers.words())
+      add(name, Imf::UINT, {words.data(), static_cast<size_t>(layers.width())});
+    for (const std::string& name : rows.names) add(name, Imf::UINT, {});
+    for (const auto& [name, channel] : named) {
+      if (!channel.values) made.push_back(channels.size());
+      channels.push_back(channel);
+    }
   }
 
+  /// Whether kLines lines are those above again, as in an empty sky: so are their packed bytes.
+  bool like_above(int y, int width, int height) const {
+    if (y == 0 || y + kLines > height || !made.empty()) return false;
+    return std::all_of(channels.begin(), channels.end(), [&](const ExrChannel& c) {
+      for (int line = y; line < y + kLines; ++line) {
+        const auto* const row = static_cast<const uint32_t*>(c.values) + static_cast<size_t>(line) * c.stride;
+        if (std::memcmp(row, row - kLines * c.stride, static_cast<size_t>(width) * sizeof(uint32_t)) != 0) return false;
+      }
+      return true;
+    });
+  }
+
+  std::vector<uint8_t> packed(int y, int lines, int width, const WordRows& rows) const {
+    std::vector<ExrChannel> here = channels;
+    for (ExrChannel& c : here)
+      if (c.values) c.values = static_cast<const uint32_t*>(c.values) + static_cast<size_t>(y) * c.stride;
+    static thread_local std::vector<uint32_t> words;
+    const size_t size = static_cast<size_t>(lines) * width;
+    words.resize(made.size() * size);
+    if (!made.empty()) rows.fill(y, lines, words.data());
+    for (size_t i = 0; i < made.size(); ++i) here[made[i]] = {words.data() + i * size, static_cast<size_t>(width)};
+    return zip_exr_lines(here, width, 0, lines);
+  }
+};
+
+}  // namespace
+
+void write_exr(const fs::path& path, const Layers& layers, const Task& task, const WordRows& rows) {
+  const int width = layers.width(), height = layers.height(), chunks = (height + kLines - 1) / kLines;
+  const FileChannels channels(layers, rows);
   OutputFile output(path);
   const auto fail = [&](const char* why) {
     throw InputError(fmt::format("{}: cannot be written: {}", path.string(), why));
@@ -468,7 +493,7 @@ void write_exr(const fs::path& path, const Layers& layers, const Task& task, con
     file.write(static_cast<const char*>(bytes), static_cast<std::streamsize>(size));
   };
   try {
-    const std::string header = header_bytes(layers, list);
+    const std::string header = header_bytes(layers, channels.list);
     write(header.data(), header.size());
   } catch (const std::exception& error) {
     fail(error.what());
@@ -477,44 +502,24 @@ void write_exr(const fs::path& path, const Layers& layers, const Task& task, con
   const auto table = file.tellp();
   const auto write_table = [&] { write(begins.data(), begins.size() * sizeof(uint64_t)); };
   write_table();  // its place
-  // Lines of an empty sky are those above again, and so are their packed bytes.
-  const auto like_above = [&](int y) {
-    if (y == 0 || y + kLines > height || !made.empty()) return false;
-    return std::all_of(channels.begin(), channels.end(), [&](const ExrChannel& c) {
-      for (int line = y; line < y + kLines; ++line) {
-        const auto* const row = static_cast<const uint32_t*>(c.values) + static_cast<size_t>(line) * c.stride;
-        if (std::memcmp(row, row - kLines * c.stride, static_cast<size_t>(width) * sizeof(uint32_t)) != 0) return false;
-      }
-      return true;
-    });
-  };
   std::vector<std::vector<uint8_t>> packed(16);
   std::vector<uint8_t> last;
   for (int first = 0; first < chunks && file; first += static_cast<int>(packed.size())) {
     const int count = std::min(chunks - first, static_cast<int>(packed.size()));
     const auto line = [&](int k) { return (first + k) * kLines; };
     parallel_for(count, {packing_threads, {}, task.cancel}, [&](int k) {
-      const int y = line(k), lines = std::min(kLines, height - y);
-      packed[static_cast<size_t>(k)].clear();
-      if (like_above(y)) return;
-      std::vector<ExrChannel> here = channels;
-      for (ExrChannel& c : here)
-        if (c.values) c.values = static_cast<const uint32_t*>(c.values) + static_cast<size_t>(y) * c.stride;
-      static thread_local std::vector<uint32_t> words;
-      const size_t size = static_cast<size_t>(lines) * width;
-      words.resize(made.size() * size);
-      if (!made.empty()) rows.fill(y, lines, words.data());
-      for (size_t i = 0; i < made.size(); ++i) here[made[i]] = {words.data() + i * size, static_cast<size_t>(width)};
-      packed[static_cast<size_t>(k)] = zip_exr_lines(here, width, 0, lines);
+      const int y = line(k);
+      packed[static_cast<size_t>(k)] = channels.like_above(y, width, height)
+                                           ? std::vector<uint8_t>()
+                                           : channels.packed(y, std::min(kLines, height - y), width, rows);
     });
     for (int k = 0; k < count; ++k) {
       std::vector<uint8_t>& own = packed[static_cast<size_t>(k)];
       if (!own.empty()) last.swap(own);
-      const std::vector<uint8_t>& bytes = last;
       begins[static_cast<size_t>(first + k)] = static_cast<uint64_t>(file.tellp());
-      const int32_t head[] = {layers.origin.y + line(k), static_cast<int32_t>(bytes.size())};
+      const int32_t head[] = {layers.origin.y + line(k), static_cast<int32_t>(last.size())};
       write(head, sizeof(head));
-      write(bytes.data(), bytes.size());
+      write(last.data(), last.size());
     }
   }
   file.seekp(table);

@@ -90,6 +90,13 @@ void Layers::lie_like(const Layers& other) {
   display_origin = other.display_origin;
 }
 
+Layers Layers::without_channels() const {
+  Layers empty(width_, height_);
+  empty.header = header;
+  empty.lie_like(*this);
+  return empty;
+}
+
 Layers Layers::cut(const PixelWindow& window) const {
   Layers part(window.width(), window.height());
   part.header = header;

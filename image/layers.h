@@ -154,6 +154,8 @@ class Layers {
   ivec2 origin{0}, display{0}, display_origin{0};
   PixelWindow data_window() const { return {origin, origin + ivec2(width_, height_)}; }
   PixelWindow display_window() const;
+  /// A frame of the same size, place and header that has no channels.
+  Layers without_channels() const;
   /// Takes over another frame's place, which has as many pixels. @throws std::logic_error when it has not
   void lie_like(const Layers& other);
   /// The pixels of a window, with this frame's header and display window; 0 where the frame has none. Words are left.

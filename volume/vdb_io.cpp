@@ -11,7 +11,7 @@
 #include <cstdlib>
 #include <cstring>
 
-#include "base/child_process.h"
+#include "base/command.h"
 #include "base/error.h"
 #include "base/memory_file.h"
 #include "base/output_file.h"
@@ -60,8 +60,8 @@ fs::path find_reader() {
 }
 
 /// What to say of a reader that ended without an answer.
-std::string cause(const ChildEnd& end) {
-  if (end.stalled) return "OpenVDB came to a standstill over it";
+std::string cause(const CommandEnd& end) {
+  if (end.passed == CommandEnd::Limit::kStall) return "OpenVDB came to a standstill over it";
   if (end.signal == SIGXCPU) return "OpenVDB took far longer over it than its size allows";
   if (end.signal != 0) return fmt::format("OpenVDB crashed on it ({})", strsignal(end.signal));
   return fmt::format("OpenVDB ended on it with status {}", end.status);
@@ -72,7 +72,13 @@ void run_reader(const VdbRequest& request, const MemoryFile& file, ExchangeHeade
     if (const double fraction = std::atomic_ref(header.progress).load(); fraction > 0) task.report(fraction);
   };
   const fs::path reader = find_reader();
-  const ChildEnd end = run_child(reader, {}, file.descriptor(), task, kStallSeconds, report);
+  const CommandEnd end = run_command({.program = reader,
+                                      .words = {reader.string()},
+                                      .stall_limit = kStallSeconds,
+                                      .handed_over = file.descriptor(),
+                                      .supervised = false,
+                                      .watch = report},
+                                     task);
   // A larger number is no version: the reader, or what it runs in, has written over it.
   constexpr uint64_t kLatestVersion = 1 << 16;
   if (header.begun && header.begun != kExchangeVersion && header.begun < kLatestVersion)
@@ -86,7 +92,7 @@ void run_reader(const VdbRequest& request, const MemoryFile& file, ExchangeHeade
   if (!header.begun && (end.status == kNotLoaded || end.signal == SIGABRT))
     fail(request.path, fmt::format("cannot be read: {} does not start, for lack of memory or of a library", kReader));
   if (end.status == kReaderOutOfMemory) throw OutOfMemory(request.path, "read it");
-  if (end.signal == SIGKILL && !end.stalled)
+  if (end.signal == SIGKILL && end.passed == CommandEnd::Limit::kNone)
     throw OutOfMemory(fmt::format("{}: {}? The system stopped OpenVDB over it, out of memory perhaps", request.path,
                                   kNotEnoughMemory));
   const char* const failed = request.kind == VdbRequest::Kind::kWrite ? "cannot be written"

@@ -14,7 +14,6 @@ template <class Value>
 struct Choices {
   std::string option;
   std::vector<std::pair<std::string, Value>> choices;
-  std::vector<std::pair<std::string, Value>> former = {};  ///< words that are still taken
 
   std::vector<std::string> names() const {
     std::vector<std::string> names;
@@ -23,17 +22,14 @@ struct Choices {
   }
   /// @throws InputError naming the choices
   Value of(const std::string& text) const {
-    for (const auto* list : {&choices, &former})
-      for (const auto& [name, value] : *list)
-        if (name == text) return value;
+    for (const auto& [name, value] : choices)
+      if (name == text) return value;
     throw InputError(option + " '" + text + "': expected one of " + join(names()));
   }
 };
 
 inline const Choices<Component> kComponents{
-    "component",
-    {{"all", Component::kAll}, {"indirect", Component::kIndirect}, {"separate", Component::kSeparate}},
-    {{"apart", Component::kSeparate}}};
+    "component", {{"all", Component::kAll}, {"indirect", Component::kIndirect}, {"separate", Component::kSeparate}}};
 inline const Choices<BackgroundRule> kBackgrounds{"background",
                                                   {{"default", BackgroundRule::kDefault},
                                                    {"bilateral", BackgroundRule::kBilateral},

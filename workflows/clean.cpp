@@ -12,7 +12,6 @@
 #include "filters/api/requirements.h"
 #include "filters/inputs/features.h"
 #include "filters/inputs/guide_layers.h"
-#include "filters/run/apply.h"
 #include "image/packed_plane.h"
 #include "workflows/clean_parts.h"
 #include "workflows/error_curve.h"
@@ -130,9 +129,7 @@ Layers Cleaner::clean(Layers frame, bool parts) {
   }
   for (const std::string& line : report.notes) host_.note(line);
   seconds_ += report.seconds;
-  Layers all(frame.width(), frame.height());
-  all.header = frame.header;
-  all.lie_like(frame);
+  Layers all = frame.without_channels();
   const auto own = [&](const std::string& name) { return frame.find(name) != nullptr; };
   for (const auto& [name, plane] : clean.channels())
     if (!own(name)) all.set(name, std::move(*clean.find(name)));

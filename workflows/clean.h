@@ -1,7 +1,5 @@
 #pragma once
-#include <cstdint>
 #include <string>
-#include <vector>
 
 #include "filters/run/apply.h"
 #include "render/film/film.h"

@@ -36,9 +36,7 @@ Plane opposite(const Plane& plane) {
 /// The frame as the filter is given it to clean one part: that is the beauty, and direct and indirect are not there.
 /// Its planes are views. Of transmittance what it leaves of 1 is cleaned, which is 0 where alpha is.
 Layers frame_of_part(const Layers& frame, const LayerName& part) {
-  Layers own(frame.width(), frame.height());
-  own.header = frame.header;
-  own.lie_like(frame);
+  Layers own = frame.without_channels();
   std::set<std::string> left_out;
   std::vector<std::string_view> statistics = {"", statistic::mean_variance, statistic::half_a, statistic::half_b};
   statistics.insert(statistics.end(), statistic::buckets.begin(), statistic::buckets.end());

@@ -27,7 +27,6 @@ class Comparison {
   std::vector<std::string> common_layers() const;
   const PixelWindow& window() const { return window_; }
   const PixelWindow& display() const { return display_; }
-  bool is_whole() const { return window_ == display_; }
   /// Where the reference shows the medium; empty where it does not tell.
   const Mask& medium() const { return medium_; }
   /// @param exposure  as choose_exposure takes it, of the reference   @param clip  to [0, 1] before CIE-Lab

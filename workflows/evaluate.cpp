@@ -66,23 +66,10 @@ void check_label(const Contender& contender) {
 EvaluationSettings settings_of(const EvaluateOptions& o, const Host& host) {
   const Experiment& e = o.experiment;
   EvaluationSettings s;
-  s.spp = e.spp;
-  s.seeds = e.seeds;
-  s.reference_spp = e.reference_spp;
-  s.reference_noise = e.reference_noise;
-  s.most_reference_spp = e.most_reference_spp;
-  s.tune = e.search;
-  s.restarts = e.restarts;
+  static_cast<ExperimentSettings&>(s) = e;
   s.component = kComponents.of(e.component);
   s.background = kBackgrounds.of(e.background);
-  s.time_limit = e.time_limit;
-  s.time_layers = e.time_layers;
   s.all_layers = !o.cache.empty();
-  s.ablation = e.ablation;
-  s.sensitivity = e.sensitivity;
-  s.study_spp = e.study_spp;
-  s.name = e.name;
-  s.text = e.text;
   s.provenance = {version_number(), version_commit(), o.command, processor_name(),
                   host.threads > 0 ? host.threads : static_cast<int>(std::thread::hardware_concurrency())};
   if (e.filters.empty() && !(o.chosen_filters && !o.others.empty())) s.contenders = all_contenders();
@@ -99,7 +86,6 @@ EvaluationSettings settings_of(const EvaluateOptions& o, const Host& host) {
   for (const std::string& id : e.metrics)
     if (std::find(known.begin(), known.end(), id) == known.end())
       throw InputError(fmt::format("no metric '{}'{}", id, suggestion(id, known)));
-  s.metrics = e.metrics;
   for (const int spp : e.study_spp)
     if (std::find(e.spp.begin(), e.spp.end(), spp) == e.spp.end())
       throw InputError(fmt::format("study_spp {} is none of the experiment's sample counts", spp));

@@ -6,9 +6,11 @@
 #include <sstream>
 
 #include "base/error.h"
+#include "base/output_file.h"
 #include "base/text.h"
 #include "evaluate/metrics/metric.h"
 #include "evaluate/protocol/command_filter.h"
+#include "experiment_md_in.h"
 #include "filters/api/registry.h"
 #include "render/scene/field_reference.h"
 #include "render/scene/toml_table.h"
@@ -92,7 +94,7 @@ void describe(Visitor& v, Experiment& e) {
      .help = "pixels without coverage: what the filter declares, the bilateral filter, or the filter",
      .choices = kBackgrounds.names()},
     e.background);
-  v({"search", "", "whether parameters are searched, on frames of their own and on the other scenes"}, e.search);
+  v({"search", "", "whether parameters are searched, on frames of their own and on the other scenes"}, e.tune);
   v({"restarts", "", "of searches in spaces too large to try everything, from random places", 0, 100}, e.restarts);
   v({"time_limit", "s", "of a filter on a frame, after which it has failed; 0: none", 0}, e.time_limit);
   v({"time_layers", "",
@@ -228,13 +230,8 @@ bool is_experiment(const fs::path& path) {
 }
 
 Experiment read_experiment(const fs::path& path) {
-  std::ifstream stream(path, std::ios::binary);
-  std::stringstream text;
-  text << stream.rdbuf();
-  toml::value root = parse_toml(text, path.string());
-  if (root.contains("component") && root.at("component").is_string() &&
-      toml::get<std::string>(root.at("component")) == "apart")
-    root["component"] = "separate";  // the word of earlier versions
+  std::istringstream text(read_text(path));
+  const toml::value root = parse_toml(text, path.string());
   const fs::path folder = path.parent_path();
   Experiment experiment;
   experiment.name = path.stem().string();
@@ -270,58 +267,12 @@ Experiment open_experiment(const std::vector<fs::path>& files) {
   return experiment;
 }
 
-namespace {
-
-constexpr const char* kIntroduction =
-    "# Experiments\n"
-    "\n"
-    "`brume evaluate EXPERIMENT.toml -o results --cache cache` renders, filters and compares what a TOML file says: [data/experiments/quick.toml](../data/experiments/quick.toml) is a small one, [bench/experiments/results.toml](../bench/experiments/results.toml) makes tables of [results.md](results.md). Paths in it start at its own folder, unknown keys are errors, and the options of `brume evaluate` go before its keys. Scene files in place of the experiment are compared with the options alone.\n"
-    "\n"
-    "**Cache.** `--cache` keeps every frame, clean picture, search and timing in a folder, under everything that decides it: the scene with the contents of its files, sample count, seed, layers, filter, parameters, the program, and for times the machine and its threads. Nothing is made twice: a run that was killed goes on where it stopped, and another filter needs no new frames. Results of another version of the program are not used.\n"
-    "\n"
-    "**Times.** One filter at a time, on the threads of `--threads`, the second of two runs where one takes less than a second. A method's seconds are those of rendering what it reads, of the guides where it reads them, and of the filter. Memory is what the process holds more, at most, while the filter runs. Of commands both are the program's own ([filters.md](filters.md#filters-of-others)).\n"
-    "\n"
-    "**Who beats whom.** Methods are compared on the same frames: the interval is Student's of the differences of the seeds. Of all pairs of methods of one setting, scene, sample count and region, those are called better that stand after Holm's correction: the chance that any of these is so by accident is at most 5 %. Five seeds suffice for most pairs.\n"
-    "\n"
-    "**Searches** use a noisy frame of their own (`searched`) or the other scenes' (`transfer`), never those that are reported. Up to 48 combinations of candidates are all tried; in larger spaces one parameter after another takes the best of its candidates until nothing changes, from the better of our and the published parameters and from `restarts` random places.\n"
-    "\n"
-    "This page is written by `brume docs experiment`; a test compares it with the parser.\n";
-
-constexpr const char* kResults =
-    "\n"
-    "Errors of two references are products of the differences to both, whose mean is free of their noise; SSIM and FLIP are taken against their mean.\n"
-    "\n"
-    "## What is written\n"
-    "\n"
-    "stdout gets a short table of each scene, the best filter first, and what failed. `index.html` is the page ([page.md](page.md)), `table.md` has every table, `table.csv` a line for each method; `SCENE_error_seconds.svg` are plots (`.png` too, where rsvg-convert is there), the other `*.png` strips, `*.exr` the references and the first seed's frames. Each says the version, commit, command, scene hash and machine that made it. `results.json` holds all numbers:\n"
-    "\n"
-    "| key | holds |\n"
-    "|---|---|\n"
-    "| `brume`, `commit`, `command`, `machine` | what made it: version, commit, the words of the command, `cpu` and `threads` |\n"
-    "| `experiment` | the settings; `file` is the text of the experiment |\n"
-    "| `scenes` | `name`, `hash`, `exposure`, `width`, `height`, `medium_share` of the pixels, `references` and their `reference_spp`, `reference_noise` (Lab RMS of one), `reference_errors` (what noise makes the mean of both differ from the truth by, by region and metric, where a law of the metric's noise is known), `reference_seconds` |\n"
-    "| `spp`, `seeds` | of the noisy frames |\n"
-    "| `metrics` | `id`, `name`, `unit`, `better` (lower, higher, zero), `definition` |\n"
-    "| `methods` | `id`, `label`, `filter`, `parameters` (empty where a search found them: then they stand in the rows), `features`, `guides`, `setting` (none, paper, default, searched, transfer). `noisy` is plain path tracing; of a filter that is not brume's `filter` is command or function, and `command` its words |\n"
-    "| `rows` | for each `scene`, `spp`, `method` and `region` (frame, medium): `metrics` by id with `mean`, `half_width` of the 95 % interval and the seeds' `values`; `lights`, the metrics of `direct` and `indirect` light that a method cleans by themselves; `seconds` of `render`, `guides`, `filter`, and of the `exchange` of files with a filter that is not brume's, which is in no total; `peak_memory_bytes`; `failed`, the reason, instead of numbers |\n"
-    "| `pairs` | for each `scene`, `spp`, `region`, `setting` and `metric` all pairs of its `methods`, first with second, first with third, ...: `half_width` of their paired difference, and in `better` a letter each: a or b after Holm's correction, or - |\n"
-    "| `overall` | for each `region`, `metric` and `setting` (empty: all) the `methods` over all `scenes` and `spp`, the best first: `value`, the geometric `mean` over them (arithmetic where higher is better), `times_less_than_noisy` frames, `seconds` and `most_seconds` of guides and filter on a frame, `most_memory_bytes`, whether it reads `guides`, and which of those behind it the `seeds` cannot tell from it (`level_with`, paired, 5 % after Holm); `left_out`, methods that lack a number, and `why` |\n"
-    "| `pareto` | for each `scene`, `region`, `metric` and `setting` (empty: all) the `front`, methods that no other beats in both time and error |\n"
-    "| `time_to_error` | for each `scene`, `region` and `metric` the `times`: `seconds` of a `method` to an `error` (a value of the metric), `factor_over_path_tracing`, `factor_over_gradient_kernel` (null where that never gets there) |\n"
-    "| `ablation` | `metrics` of a method with a `layer` left out or alone (`how`) |\n"
-    "| `sensitivity` | `metrics` of a method with a `parameter` at a `value` |\n"
-    "| `sequences` | `name`, `frames`, their scenes' `hashes`, `reference_change` (RMS from frame to frame) and `rows`: for each `spp`, `label`, `reach` (frames on either side) and `region`, `lab_rms`, `temporal_error` and `flicker` with `mean`, `half_width` and `values`; `filter_seconds` of a frame; `failed` |\n"
-    "| `pictures` | EXR `file` of each `scene`, `spp`, `method`; the `reference` has 0 spp |\n";
-
-}  // namespace
-
 std::string experiment_reference() {
   FieldReference reference;
   const auto table = [&](const char* heading, const char* about, auto settings) {
     reference.begin(heading, about);
     describe(reference, settings);
   };
-  reference.text = kIntroduction;
   table("an experiment", "The keys that stand above all tables.", Experiment{});
   table("[[scenes]]", "Rendered scenes; `scenes = [\"FILE\", ...]` for files with nothing set.", ExperimentScene{});
   table(
@@ -336,12 +287,11 @@ std::string experiment_reference() {
       "[[sequences]]",
       "Frames of a moving scene, each with random numbers of its own, `reference_spp` samples in each of two references. Every filter cleans them with its fixed and default parameters, each frame alone and, where it looks through time, with as many on either side as it declares; what is told is Lab RMS over all frames, and temporal error and flicker ([sequences.md](sequences.md)).",
       ExperimentSequence{});
-  reference.text += "\n## Metrics\n\n| id | name | unit | best | definition |\n|---|---|---|---|---|\n";
+  std::string metrics;
   for (const MetricInfo& m : all_metrics())
-    reference.text +=
-        fmt::format("| `{}` | {} | {} | {} | {} |\n", m.id, m.name, m.unit, better_name(m.better), m.definition);
-  reference.text += kResults;
-  return reference.text;
+    metrics += fmt::format("| `{}` | {} | {} | {} | {} |\n", m.id, m.name, m.unit, better_name(m.better), m.definition);
+  const std::string page(embedded::experiment_md_in);
+  return replaced(replaced(page, "@KEYS@", reference.text), "@METRICS@", metrics);
 }
 
 }  // namespace brume

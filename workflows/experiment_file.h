@@ -1,10 +1,10 @@
 #pragma once
 #include <filesystem>
-#include <optional>
 #include <string>
 #include <vector>
 
 #include "evaluate/protocol/external_filter.h"
+#include "evaluate/protocol/settings.h"
 
 namespace brume {
 
@@ -57,27 +57,13 @@ struct ExperimentSequence {
 };
 
 /// What brume evaluate is to do, as a file says it or the command line.
-struct Experiment {
-  std::string name;
+struct Experiment : ExperimentSettings {
   int size = 0;
-  std::vector<int> spp = {16, 36, 64};
-  int seeds = 5;
-  int reference_spp = 4096;
-  double reference_noise = 0;
-  int most_reference_spp = 65536;
   std::string component = "indirect", background = "default";
-  bool search = true;
-  int restarts = 2;
-  double time_limit = 0;
-  bool time_layers = true;
-  bool ablation = false, sensitivity = false;
-  std::vector<int> study_spp;
-  std::vector<std::string> metrics;
   std::vector<ExperimentScene> scenes;
   std::vector<ExperimentFilter> filters;
   std::vector<ExperimentFrames> frames;
   std::vector<ExperimentSequence> sequences;
-  std::string text;  ///< of the file
 };
 
 /// Whether a file is an experiment rather than a scene: TOML with scenes, frames or sequences.

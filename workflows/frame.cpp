@@ -3,16 +3,12 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstdlib>
 
 #include "base/error.h"
-#include "base/text.h"
-#include "filters/api/requirements.h"
 #include "filters/inputs/guide_check.h"
 #include "filters/inputs/guide_layers.h"
-#include "image/color.h"
 #include "image/exr_io.h"
 #include "image/foreign.h"
 #include "image/picture_io.h"
@@ -65,9 +61,7 @@ std::string note_of_colors(const std::string& path, const std::map<std::string, 
 }
 
 Layers part_of(const Layers& frame, const std::set<std::string>& channels) {
-  Layers part(frame.width(), frame.height());
-  part.header = frame.header;
-  part.lie_like(frame);
+  Layers part = frame.without_channels();
   for (const std::string& name : channels)
     if (const Plane* const plane = frame.find(name)) part.set(name, *plane);
   return part;

@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <fstream>
 #include <set>
-#include <sstream>
 
 #include "base/error.h"
 #include "base/text.h"
@@ -141,9 +140,7 @@ class MapTable {
     return name;
   }
   void refuse_ids(const std::string& channel, const toml::value& v) const {
-    std::string lower = channel;
-    std::transform(lower.begin(), lower.end(), lower.begin(), [](unsigned char c) { return std::tolower(c); });
-    if (whole_numbers_.contains(channel) || lower.find("crypto") != std::string::npos)
+    if (whole_numbers_.contains(channel) || lower(channel).find("crypto") != std::string::npos)
       fail_at(fmt::format("channel {} holds identities, which are never filtered", channel), v,
               "expected a layer of light");
   }

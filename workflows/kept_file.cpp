@@ -261,11 +261,7 @@ void KeptFile::clean(const FilterSettings& filter, const std::vector<FrameFiles>
     how.sequence.clear();
     const std::list<NearbyPicture> nearby = read_nearby(near, picture, window, extra, features, how.sequence, records);
     const bool first = !preview.empty() && cleaned.empty();
-    if (first) {
-      shown.emplace(file.width(), file.height());
-      shown->lie_like(file);
-      shown->header = file.header;
-    }
+    if (first) shown = file.without_channels();
     CleanPicture& result = cleaned.emplace_back();
     try {
       result = clean_picture(filter, picture, std::move(file), info_, how, host_.task(filter.entry().name), suffix);

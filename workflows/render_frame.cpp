@@ -272,9 +272,7 @@ class UpdatedPicture {
   /// @param samples  per pixel, on average   @param error  relative; nothing where none is estimated
   void show(const Layers& frame, double samples, std::optional<double> error, bool last) {
     if (failed_) return;
-    Layers picture(frame.width(), frame.height());
-    picture.header = frame.header;
-    picture.lie_like(frame);
+    Layers picture = frame.without_channels();
     for (const LayerName& l : {layer::beauty, layer::alpha})
       for (const std::string& channel : l.channel_names()) picture.set(channel, frame.at(channel));
     const fs::path& file = setup_.options.updates;

@@ -4,11 +4,9 @@
 
 #include <algorithm>
 #include <chrono>
-#include <fstream>
-#include <iterator>
-#include <set>
 
 #include "base/error.h"
+#include "base/output_file.h"
 #include "base/sequence.h"
 #include "base/text.h"
 #include "render/scene/scene_fingerprint.h"
@@ -123,8 +121,7 @@ void ViewedScene::read(const std::vector<std::string>& assignments, const Task& 
     source_.text = made_->text(path.filename().string());
   } else {
     read_scene_alone(file_, source_.assignments({}, ivec2(0), frame_));  // says what is wrong with the file
-    std::ifstream stream(file_, std::ios::binary);
-    source_.text.assign(std::istreambuf_iterator<char>(stream), {});
+    source_.text = read_text(file_);
   }
 }
 

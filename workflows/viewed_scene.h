@@ -3,7 +3,6 @@
 #include <filesystem>
 #include <future>
 #include <map>
-#include <memory>
 #include <optional>
 #include <set>
 #include <string>

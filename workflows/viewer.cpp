@@ -11,6 +11,7 @@
 
 #include "base/error.h"
 #include "base/sequence.h"
+#include "base/text.h"
 #include "image/packed_half.h"
 #include "render/scene/scene_io.h"
 #include "volume/tracking.h"
@@ -131,10 +132,7 @@ ViewSceneText::Layer guide_layer(const std::string& name) {
   if (plain == "surface_depth") return of("depth of the first surface", surfaces, "scene units");
   if (plain == "surface_albedo") return of("albedo of the first surface", surfaces, "1");
   if (plain == "surface_material") return of("shares of diffuse, metal and glass", surfaces, "1");
-  const auto words = [](std::string text) {
-    std::replace(text.begin(), text.end(), '_', ' ');
-    return text;
-  };
+  const auto words = [](const std::string& text) { return replaced(text, "_", " "); };
   const auto after = [&](std::string_view start) { return words(plain.substr(start.size())); };
   if (plain.starts_with("surface.")) return of("surfaces lit by: " + after("surface."), surfaces, radiance);
   if (plain.starts_with("single.")) return of("scattered once: " + after("single."), "scattered once", radiance);
@@ -270,10 +268,10 @@ void Viewer::look(ViewLook look) {
       told_scene_.reloaded = false;
       listener_.scene(told_scene_);
     }
-    if (frame_)
-      show(*last_, about_frame_, *frame_);
-    else if (predicted_)
-      show(*last_, about_predicted_, *predicted_);
+    if (traced_.frame)
+      show(*last_, traced_);
+    else if (predicted_.frame)
+      show(*last_, predicted_);
     told_progress_.id = last_->id;
     listener_.progress(told_progress_);
     return;
@@ -301,19 +299,18 @@ void Viewer::pause() {
   cancel_ = true;
 }
 
+Viewer::WatchedFile Viewer::WatchedFile::as_it_is(const std::filesystem::path& path) {
+  std::error_code error;
+  const auto written = std::filesystem::last_write_time(path, error);
+  return {path, error ? std::nullopt : std::optional(written)};
+}
+
 void Viewer::check_files() {
   const std::lock_guard lock(mutex_);
   if (next_ || !last_ || files_.empty() || paused_) return;
   std::vector<WatchedFile> now;
-  for (const WatchedFile& file : files_) {
-    std::error_code error;
-    const auto written = std::filesystem::last_write_time(file.path, error);
-    now.push_back({file.path, error ? std::nullopt : std::optional(written)});
-  }
-  const auto alike = [](const WatchedFile& a, const WatchedFile& b) {
-    return a.path == b.path && a.written == b.written;
-  };
-  const bool steady = std::equal(now.begin(), now.end(), seen_.begin(), seen_.end(), alike);
+  for (const WatchedFile& file : files_) now.push_back(WatchedFile::as_it_is(file.path));
+  const bool steady = now == seen_;
   seen_ = now;
   const WatchedFile* gone = nullptr;
   for (size_t i = 0; i < now.size() && !gone; ++i)
@@ -331,8 +328,7 @@ void Viewer::check_files() {
     listener_.problem(problem);
     return;
   }
-  const bool changed = !std::equal(now.begin(), now.end(), files_.begin(), files_.end(), alike);
-  if (!scene_changed && !missing_ && !(changed && steady)) return;
+  if (!scene_changed && !missing_ && !(now != files_ && steady)) return;
   missing_ = false;
   reload_ = true;
   next_ = last_;
@@ -342,16 +338,16 @@ void Viewer::check_files() {
 
 std::shared_ptr<const Layers> Viewer::frame() const {
   const std::lock_guard lock(mutex_);
-  return frame_;
+  return traced_.frame;
 }
 
 std::shared_ptr<const Layers> Viewer::frame(const ViewLook& look) const {
   std::shared_ptr<const Layers> predicted;
   {
     const std::lock_guard lock(mutex_);
-    if (frame_ && frame_look_.shows_as(look)) return frame_;
-    if (!predicted_ || !about_predicted_.full || !predicted_look_.shows_as(look)) return nullptr;
-    predicted = predicted_;
+    if (traced_.frame && traced_.look.shows_as(look)) return traced_.frame;
+    if (!predicted_.frame || !predicted_.about.full || !predicted_.look.shows_as(look)) return nullptr;
+    predicted = predicted_.frame;
   }
   const auto sets = channels_of(*predicted, kPicture, /*predicted=*/true);
   if (sets.empty()) return nullptr;
@@ -410,7 +406,7 @@ void Viewer::run() {
       listener_.problem(problem);
     }
     const std::lock_guard lock(mutex_);
-    resting_ = resting_ && frame_;  // all samples are taken
+    resting_ = resting_ && traced_.frame;  // all samples are taken
   }
 }
 
@@ -432,15 +428,10 @@ void Viewer::answer(const ViewProbe& probe) {
 }
 
 bool Viewer::update_scene(const ViewLook& look, bool reads, const Task& task) {
-  const auto written = [](const std::filesystem::path& path) {
-    std::error_code error;
-    const auto time = std::filesystem::last_write_time(path, error);
-    return error ? std::nullopt : std::optional(time);
-  };
   // As they were before they are read: what happens to them meanwhile is a change.
   std::vector<WatchedFile> known;
   if (reads)
-    for (const std::filesystem::path& path : scene_.files()) known.push_back({path, written(path)});
+    for (const std::filesystem::path& path : scene_.files()) known.push_back(WatchedFile::as_it_is(path));
   const auto watch_files = [&] {
     const std::lock_guard lock(mutex_);
     if (!reads) known = files_;
@@ -448,7 +439,7 @@ bool Viewer::update_scene(const ViewLook& look, bool reads, const Task& task) {
     for (const std::filesystem::path& path : scene_.files()) {
       const auto same = [&](const WatchedFile& file) { return file.path == path && file.written; };
       const auto found = std::find_if(known.begin(), known.end(), same);
-      files.push_back(found != known.end() ? *found : WatchedFile{path, written(path)});
+      files.push_back(found != known.end() ? *found : WatchedFile::as_it_is(path));
     }
     files_ = std::move(files);
   };
@@ -477,8 +468,8 @@ void Viewer::answer(const ViewLook& look) {
     const std::lock_guard lock(mutex_);
     reloaded = std::exchange(reload_, false);
     // What was seen before is no picture of this look.
-    if (reloaded || !frame_look_.shows_as(look)) frame_.reset();
-    if (reloaded || !predicted_look_.shows_as(look)) predicted_.reset();
+    for (Kept* const kept : {&traced_, &predicted_})
+      if (reloaded || !kept->look.shows_as(look)) kept->frame.reset();
   }
   if (reloaded) {
     scene_.read_again();
@@ -533,21 +524,15 @@ void Viewer::march(const ViewLook& look, const Guides& guides, const ivec2& size
   guide_layers_ = guides_in(*frame);
   ViewPicture known = about(/*predicted=*/true, 0, {});
   known.full = false;
-  {
-    const std::lock_guard lock(mutex_);
-    predicted_ = frame;
-    predicted_look_ = look;
-    about_predicted_ = known;
-  }
-  show(current(), known, *frame);
+  keep(predicted_, frame, look, known);
 }
 
 void Viewer::refine(const ViewLook& look, const Task& task) {
   ivec2 shown(0);
   {
     const std::lock_guard lock(mutex_);
-    if (predicted_ && about_predicted_.full) return show(*last_, about_predicted_, *predicted_);  // the same look again
-    if (predicted_) shown = {predicted_->width(), predicted_->height()};
+    if (predicted_.frame && predicted_.about.full) return show(*last_, predicted_);  // the same look again
+    if (predicted_.frame) shown = {predicted_.frame->width(), predicted_.frame->height()};
   }
   const auto larger = [&](const ivec2& size) { return size.x > kStepGrowth * shown.x; };
   const auto step = [&](const Guides& guides, const ivec2& size) {
@@ -576,7 +561,7 @@ class Viewer::Emerging {
  public:
   Emerging(Viewer& viewer, const Layers& frame) : viewer_(viewer), frame_(frame) {
     const std::lock_guard lock(viewer.mutex_);
-    coarse_ = viewer.predicted_;
+    coarse_ = viewer.predicted_.frame;
   }
   /// Pixels that are there. One call at a time.
   void add(const ivec2& from, const ivec2& to) {
@@ -645,14 +630,7 @@ void Viewer::march_whole(const ViewLook& look, const Guides& guides, const Task&
   frame->header["worldToCamera"] = camera.world_to_camera();
   frame->header["worldToNDC"] = camera.world_to_ndc();
   stamp(*frame);
-  const ViewPicture known = about(/*predicted=*/true, 0, {});
-  {
-    const std::lock_guard lock(mutex_);
-    predicted_ = frame;
-    predicted_look_ = look;
-    about_predicted_ = known;
-  }
-  show(current(), known, *frame);
+  keep(predicted_, frame, look, about(/*predicted=*/true, 0, {}));
 }
 
 void Viewer::trace(const ViewLook& look, const Task& task) {
@@ -681,7 +659,7 @@ void Viewer::trace(const ViewLook& look, const Task& task) {
   std::shared_ptr<const Layers> guides;
   {
     const std::lock_guard lock(mutex_);
-    if (predicted_ && about_predicted_.full) guides = predicted_;
+    if (predicted_.frame && predicted_.about.full) guides = predicted_.frame;
   }
   job.recorded_guides = guides.get();
   const double pixels = 1.0 * look.size.x * look.size.y;
@@ -711,17 +689,13 @@ void Viewer::trace(const ViewLook& look, const Task& task) {
     for (int t = 0; t < round.film.tile_count(); ++t)
       sum += static_cast<double>(round.film.bounds(t).pixels()) * round.film.taken(t);
     samples = static_cast<int>(std::lround(sum / pixels));
-    const auto frame = std::make_shared<const Layers>(cleaner.picture());
-    const ViewPicture known = about(/*predicted=*/false, samples, error());
+    guides.reset();
+    keep(traced_, std::make_shared<const Layers>(cleaner.picture()), look,
+         about(/*predicted=*/false, samples, error()));
     {
       const std::lock_guard lock(mutex_);
-      frame_ = frame;
-      frame_look_ = look;
-      about_frame_ = known;
-      predicted_.reset();
+      predicted_.frame.reset();
     }
-    guides.reset();
-    show(current(), known, *frame);
     begin = taken;
     goal = 0;
     for (size_t t = 0; t < next.goals.size(); ++t)
@@ -733,6 +707,14 @@ void Viewer::trace(const ViewLook& look, const Task& task) {
   progress(ViewStage::kSampling, 0);
   prepared.render(job, sampling);
   tell({.stage = ViewStage::kDone, .samples = samples, .goal = samples, .error = error()});
+}
+
+void Viewer::keep(Kept& kept, std::shared_ptr<const Layers> frame, const ViewLook& look, const ViewPicture& about) {
+  {
+    const std::lock_guard lock(mutex_);
+    kept = {frame, look, about};
+  }
+  show(current(), about, *frame);
 }
 
 ViewLook Viewer::current() const {

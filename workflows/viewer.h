@@ -133,8 +133,7 @@ class Viewer {
   /// @throws InputError: a filter that cannot clean renders
   Viewer(const ViewOptions& options, const Host& host, ViewListener& listener);
   ~Viewer();
-  Viewer(const Viewer&) = delete;
-  Viewer& operator=(const Viewer&) = delete;
+  Viewer(Viewer&&) = delete;
 
   /// Takes the place of all looks before. One that asks for other layers alone is answered with those of the picture
   /// that is there, and what is being computed goes on.
@@ -164,6 +163,15 @@ class Viewer {
   struct WatchedFile {
     std::filesystem::path path;
     std::optional<std::filesystem::file_time_type> written;  // as it was read; nothing: it was not there
+
+    static WatchedFile as_it_is(const std::filesystem::path& path);
+    friend bool operator==(const WatchedFile&, const WatchedFile&) = default;
+  };
+  /// What looks are answered with.
+  struct Kept {
+    std::shared_ptr<const Layers> frame;
+    ViewLook look;
+    ViewPicture about;
   };
 
   void run();
@@ -184,6 +192,9 @@ class Viewer {
   void march_whole(const ViewLook& look, const Guides& guides, const Task& task);
   void trace(const ViewLook& look, const Task& task);
   void show(const ViewLook& look, const ViewPicture& about, const Layers& frame);
+  void show(const ViewLook& look, const Kept& kept) { show(look, kept.about, *kept.frame); }
+  /// Keeps a frame of the look, and shows it.
+  void keep(Kept& kept, std::shared_ptr<const Layers> frame, const ViewLook& look, const ViewPicture& about);
   /// With what is known of the scene that is shown; without a layer.
   ViewPicture about(bool predicted, int samples, std::optional<double> error) const;
   ViewLook current() const;
@@ -208,9 +219,7 @@ class Viewer {
   std::optional<ViewProbe> next_probe_;
   bool end_ = false, reload_ = false;
   bool resting_ = false, paused_ = false;  // last_ is being answered, and the scene is its own
-  std::shared_ptr<const Layers> frame_, predicted_;
-  ViewPicture about_frame_, about_predicted_;
-  ViewLook frame_look_, predicted_look_;
+  Kept traced_, predicted_;
   std::shared_ptr<const ViewedText> text_;
   ViewSceneText told_scene_;
   ViewProgress told_progress_;

@@ -3,11 +3,11 @@
 #include <functional>
 #include <map>
 #include <string>
+#include <type_traits>
 
 #include "apps/cli/cli11.h"
 #include "base/progress.h"
 #include "workflows/sequence.h"
-#include "workflows/version.h"
 
 namespace brume::app {
 
@@ -44,8 +44,22 @@ void add_filters(CLI::App& app, Common& common, Commands& commands);
 void add_docs(CLI::App& app, Common& common, Commands& commands);
 void add_picture(CLI::App& app, Common& common, Commands& commands);
 
+/// A verb on the command line: `verb("--spp", spp, "paths per pixel")` adds an option, or a flag where that is a bool.
+struct Verb {
+  CLI::App* app;
+  operator CLI::App*() const { return app; }
+  CLI::App* operator->() const { return app; }
+  template <class T>
+  CLI::Option* operator()(const std::string& names, T& value, const std::string& help) const {
+    if constexpr (std::is_same_v<T, bool>)
+      return app->add_flag(names, value, help);
+    else
+      return app->add_option(names, value, help);
+  }
+};
+
 /// Adds a verb with the options that every command has.
-CLI::App* add_command(CLI::App& app, Common& common, const std::string& name, const std::string& description);
+Verb add_command(CLI::App& app, Common& common, const std::string& name, const std::string& description);
 
 /// A task on the chosen threads that reports to the terminal and stops at Ctrl-C.
 Task make_task(const Common& common, const std::string& label);

@@ -163,34 +163,28 @@ int run_sequence(const Options& o, const Common& common) {
 void add_compare(CLI::App& app, Common& common, Commands& commands) {
   const auto options = std::make_shared<Options>();
   Options& o = *options;
-  CLI::App* command = add_command(
+  const Verb command = add_command(
       app, common, "compare",
       "error measures of a picture against a reference (docs/experiment.md defines them), over the pixels that both have");
-  command->add_option("picture", o.picture, "EXR to judge")->required();
-  command->add_option("reference", o.reference, "EXR it should equal")->required();
-  command->add_option("--second-reference", o.second, "an independent reference, to take the references' noise off");
-  command->add_option("--layer", o.how.layer, "layer to compare; the beauty without it");
-  command
-      ->add_option("--exposure", o.how.exposure,
-                   "number, header, or auto: the reference's 99th luminance percentile becomes 1")
+  command("picture", o.picture, "EXR to judge")->required();
+  command("reference", o.reference, "EXR it should equal")->required();
+  command("--second-reference", o.second, "an independent reference, to take the references' noise off");
+  command("--layer", o.how.layer, "layer to compare; the beauty without it");
+  command("--exposure", o.how.exposure, "number, header, or auto: the reference's 99th luminance percentile becomes 1")
       ->check(exposure_validator())
       ->capture_default_str();
-  command->add_flag("--no-clip", o.no_clip, "do not clip to [0, 1] before CIE-Lab");
-  command->add_option("--max", o.limits, "fail with exit status 1 above a limit: --max lab_rms=0.5")
+  command("--no-clip", o.no_clip, "do not clip to [0, 1] before CIE-Lab");
+  command("--max", o.limits, "fail with exit status 1 above a limit: --max lab_rms=0.5")->allow_extra_args(false);
+  command("--min", o.floors, "the same below one, of metrics whose higher values are better: --min ssim=0.9")
       ->allow_extra_args(false);
-  command
-      ->add_option("--min", o.floors, "the same below one, of metrics whose higher values are better: --min ssim=0.9")
-      ->allow_extra_args(false);
-  command->add_flag("--each-layer", o.how.each_layer,
-                    "also every layer of three colours that both have: direct, indirect");
-  command->add_flag("--json", common.json, "as one JSON object");
-  command->add_option(
+  command("--each-layer", o.how.each_layer, "also every layer of three colours that both have: direct, indirect");
+  command("--json", common.json, "as one JSON object");
+  command(
       "--frames", o.frames,
       "compare these frames of sequences, whose names have ####, $F4 or %04d: the error of each, and how much the picture flickers beyond its reference");
-  command
-      ->add_option(
-          "--contact-sheet", o.contact_sheet,
-          "with --frames: a PNG of up to twelve of them side by side, with their errors and how wrongly they change in false colour")
+  command(
+      "--contact-sheet", o.contact_sheet,
+      "with --frames: a PNG of up to twelve of them side by side, with their errors and how wrongly they change in false colour")
       ->needs("--frames");
   commands[command] = [options, &common] {
     options->how.clip = !options->no_clip;

@@ -77,16 +77,13 @@ int run(const Options& o, const Common& common) {
   return kDone;
 }
 
-void add_file_options(CLI::App& command, FileOptions& file) {
-  command.add_flag(
-      "--keep-file", file.keep,
-      "give the file back as it is but for what was cleaned: done by itself for frames of other renderers");
-  command.add_option("--suffix", file.suffix,
-                     "add clean layers beside the noisy ones, under their names with this behind: _clean");
-  command.add_option("--map", file.map, "TOML file that says which layer of another renderer's frame plays which part");
-  command
-      .add_option("--samples", file.samples,
-                  "samples per pixel of another renderer's frame that does not say it in its header")
+void add_file_options(const Verb& command, FileOptions& file) {
+  command("--keep-file", file.keep,
+          "give the file back as it is but for what was cleaned: done by itself for frames of other renderers");
+  command("--suffix", file.suffix,
+          "add clean layers beside the noisy ones, under their names with this behind: _clean");
+  command("--map", file.map, "TOML file that says which layer of another renderer's frame plays which part");
+  command("--samples", file.samples, "samples per pixel of another renderer's frame that does not say it in its header")
       ->check(CLI::Range(1, 1 << 30));
 }
 
@@ -107,53 +104,42 @@ std::string filter_help() {
 void add_denoise(CLI::App& app, Common& common, Commands& commands) {
   const auto options = std::make_shared<Options>();
   Options& o = *options;
-  CLI::App* command =
+  const Verb command =
       add_command(app, common, "denoise", "clean a frame, with the best filter for it or with those named");
-  command->add_option("frame", o.files.frame, "EXR with layers, by brume or another renderer")->required();
-  command
-      ->add_option(
-          "-f,--filter", o.filters,
-          "filter NAME instead of the best that the frame's layers allow; its parameters follow as NAME --PARAMETER VALUE or in NAME:parameter=value,...; repeat for several")
+  command("frame", o.files.frame, "EXR with layers, by brume or another renderer")->required();
+  command(
+      "-f,--filter", o.filters,
+      "filter NAME instead of the best that the frame's layers allow; its parameters follow as NAME --PARAMETER VALUE or in NAME:parameter=value,...; repeat for several")
       ->allow_extra_args(false);
-  command->add_option("-o,--output", o.files.output, "EXR to write; with several filters OUT.FILTER.exr each")
-      ->required();
-  command->add_option("--png", o.files.preview, "also write a PNG");
-  add_file_options(*command, o.denoise.file);
-  command->add_option("--guides", o.files.guides,
-                      "EXR with guides of this frame, by brume guides: what is known of the light without noise");
-  add_component_options(*command, o.component, o.background);
-  command->add_option("--features", o.features,
-                      "of those that the frame has, use these: " + join(FeaturePlan::names(), ",") + ", or none");
-  command
-      ->add_option("--noise", o.noise,
-                   "where variance comes from: the frame's layers, or the picture's own second differences")
+  command("-o,--output", o.files.output, "EXR to write; with several filters OUT.FILTER.exr each")->required();
+  command("--png", o.files.preview, "also write a PNG");
+  add_file_options(command, o.denoise.file);
+  command("--guides", o.files.guides,
+          "EXR with guides of this frame, by brume guides: what is known of the light without noise");
+  add_component_options(command, o.component, o.background);
+  command("--features", o.features,
+          "of those that the frame has, use these: " + join(FeaturePlan::names(), ",") + ", or none");
+  command("--noise", o.noise, "where variance comes from: the frame's layers, or the picture's own second differences")
       ->check(one_of(kNoiseSources))
       ->capture_default_str();
-  add_outlier_option(*command, o.outliers);
-  command->add_option(
-      "--carry", o.carry,
-      "layers to filter with the same weights, so that passes still add up: direct,indirect,emission,...");
-  command->add_option("--records", o.files.records, "record of every sample, for filters that read it");
-  command
-      ->add_option(
-          "--extra-frames", o.extra_frames,
-          "frames before and after to look into, found by the number in the file's name, for filters that clean sequences; records and guides are found likewise. With --frames, unless given: as many as the filter declares (docs/filters.md)")
+  add_outlier_option(command, o.outliers);
+  command("--carry", o.carry,
+          "layers to filter with the same weights, so that passes still add up: direct,indirect,emission,...");
+  command("--records", o.files.records, "record of every sample, for filters that read it");
+  command(
+      "--extra-frames", o.extra_frames,
+      "frames before and after to look into, found by the number in the file's name, for filters that clean sequences; records and guides are found likewise. With --frames, unless given: as many as the filter declares (docs/filters.md)")
       ->check(CLI::Range(0, 100));
-  command->add_option(
+  command(
       "--frames", o.frames,
       "clean these: 7, 1-240, 1-240x2, or several with commas between; names with ####, $F4 or %04d stand for the files of each. A frame that fails is named, and the others go on");
-  command->add_flag("--resume", o.denoise.resume,
-                    "with --frames: leave out those that are there, whole, made from the same");
-  command->add_option("--video", o.video, "with --frames and --png: also a film of the PNGs, where ffmpeg is there");
-  command->add_option("--frame-rate", o.frame_rate, "of the film [1/s]")
-      ->check(CLI::Range(1.0, 1000.0))
-      ->capture_default_str();
-  command
-      ->add_option("--tile", o.denoise.how.tile,
-                   "side of the squares that are filtered one after another [px]; 0: by memory")
+  command("--resume", o.denoise.resume, "with --frames: leave out those that are there, whole, made from the same");
+  command("--video", o.video, "with --frames and --png: also a film of the PNGs, where ffmpeg is there");
+  command("--frame-rate", o.frame_rate, "of the film [1/s]")->check(CLI::Range(1.0, 1000.0))->capture_default_str();
+  command("--tile", o.denoise.how.tile, "side of the squares that are filtered one after another [px]; 0: by memory")
       ->check(CLI::Range(0, 1 << 20));
   add_picture_options(
-      *command, o.denoise.picture,
+      command, o.denoise.picture,
       "from radiance to display, for the PNG and filters that compare colours as seen: a number, header, or auto");
   command->footer(filter_help);
   commands[command] = [options, &common] { return run(*options, common); };

@@ -2,21 +2,16 @@
 
 #include <fmt/format.h>
 
-#include <algorithm>
 #include <vector>
 
 #include "base/text.h"
+#include "completion_bash_in.h"
+#include "completion_zsh_in.h"
 #include "filters/api/registry.h"
 #include "workflows/version.h"
 
 namespace brume::app {
 namespace {
-
-std::string replaced(std::string text, const std::string& what, const std::string& by) {
-  for (size_t at = 0; (at = text.find(what, at)) != std::string::npos; at += by.size())
-    text.replace(at, what.size(), by);
-  return text;
-}
 
 /// An option, or a positional argument, as all the shells need it.
 struct Word {
@@ -84,6 +79,13 @@ std::string man_entry(const Word& word) {
   return ".TP\n" + replaced(fmt::format("\\fB{}\\fR{}\n", name, value), "-", "\\-") + roff(word.description);
 }
 
+/// A text with its places filled in.
+std::string filled(std::string_view text, const std::vector<std::pair<const char*, std::string>>& places) {
+  std::string result(text);
+  for (const auto& [place, value] : places) result = replaced(std::move(result), place, value);
+  return result;
+}
+
 std::string bash_completion(const std::vector<Verb>& verbs) {
   std::vector<std::string> names;
   std::string values, options, arguments;
@@ -104,33 +106,9 @@ std::string bash_completion(const std::vector<Verb>& verbs) {
       if (!argument.choices.empty())
         arguments += fmt::format("      {}) words='{}' ;;\n", verb.name, join(argument.choices, " "));
   }
-  return fmt::format(R"(# bash completion of brume; files where nothing else is known
-_brume() {{
-  local current=${{COMP_WORDS[COMP_CWORD]}} before=${{COMP_WORDS[COMP_CWORD - 1]}} verb=${{COMP_WORDS[1]}} words=''
-  COMPREPLY=()
-  if [ "$COMP_CWORD" -eq 1 ]; then
-    COMPREPLY=($(compgen -W '{} --help --version' -- "$current"))
-    return
-  fi
-  case "$verb $before" in
-{}  esac
-  if [ -z "$words" ]; then
-    case "$current" in
-    -*)
-      case "$verb" in
-{}      esac
-      ;;
-    *)
-      case "$verb" in
-{}      esac
-      ;;
-    esac
-  fi
-  [ -z "$words" ] || COMPREPLY=($(compgen -W "$words" -- "$current"))
-}}
-complete -o bashdefault -o default -F _brume brume
-)",
-                     join(names, " "), values, options, arguments);
+  return filled(
+      embedded::completion_bash_in,
+      {{"@VERBS@", join(names, " ")}, {"@VALUES@", values}, {"@OPTIONS@", options}, {"@ARGUMENTS@", arguments}});
 }
 
 std::string zsh_text(const std::string& text) {
@@ -157,23 +135,7 @@ std::string zsh_completion(const std::vector<Verb>& verbs) {
     cases += choices.empty() ? "        '*:file:_files'\n" : fmt::format("        '*:word:({})'\n", join(choices, " "));
     cases += "      ;;\n";
   }
-  return fmt::format(R"(#compdef brume
-_brume() {{
-  local -a verbs=(
-{}  )
-  if ((CURRENT == 2)); then
-    _describe command verbs
-    return
-  fi
-  local verb=$words[2]
-  shift words
-  ((CURRENT--))
-  case $verb in
-{}  esac
-}}
-_brume "$@"
-)",
-                     names, cases);
+  return filled(embedded::completion_zsh_in, {{"@VERBS@", names}, {"@CASES@", cases}});
 }
 
 std::string fish_text(const std::string& text) {

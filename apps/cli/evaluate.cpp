@@ -46,7 +46,7 @@ Experiment chosen_experiment(const Options& o, const CLI::App& command) {
   if (given("--size")) e.size = o.size;
   if (given("--component")) e.component = o.component;
   if (given("--background")) e.background = o.background;
-  if (o.no_tuning) e.search = false;
+  if (o.no_tuning) e.tune = false;
   for (ExperimentScene& scene : e.scenes) scene.set.insert(scene.set.end(), o.overrides.begin(), o.overrides.end());
   if (!o.filters.empty()) {
     e.filters.clear();
@@ -81,35 +81,29 @@ int run(const Options& o, const CLI::App& command, const Common& common) {
 void add_evaluate(CLI::App& app, Common& common, Commands& commands) {
   const auto options = std::make_shared<Options>();
   Options& o = *options;
-  CLI::App* command = add_command(app, common, "evaluate",
-                                  "compare the filters: references, noisy frames, tuning, tables, strips, plots");
-  command
-      ->add_option(
-          "scenes", o.scenes,
-          "scene files, or one experiment (docs/experiment.md); with several scenes, parameters are also transferred between them")
+  const Verb command = add_command(app, common, "evaluate",
+                                   "compare the filters: references, noisy frames, tuning, tables, strips, plots");
+  command(
+      "scenes", o.scenes,
+      "scene files, or one experiment (docs/experiment.md); with several scenes, parameters are also transferred between them")
       ->required();
-  command
-      ->add_option("-o,--output", o.output,
-                   "folder to write: tables, plots, EXRs, and index.html, a page to look at it all")
+  command("-o,--output", o.output, "folder to write: tables, plots, EXRs, and index.html, a page to look at it all")
       ->required();
-  command->add_option(
+  command(
       "--cache", o.cache,
       "folder that keeps all frames and results: nothing in it is made again, and an interrupted run goes on; frames then hold what any filter may read");
-  command->add_option("--spp", o.spp, "sample counts of the noisy frames")->capture_default_str();
-  command->add_option("--seeds", o.seeds, "noisy frames per sample count")
-      ->check(CLI::Range(1, 1000))
-      ->capture_default_str();
-  command->add_option("--reference-spp", o.reference_spp, "of each of the two references")
+  command("--spp", o.spp, "sample counts of the noisy frames")->capture_default_str();
+  command("--seeds", o.seeds, "noisy frames per sample count")->check(CLI::Range(1, 1000))->capture_default_str();
+  command("--reference-spp", o.reference_spp, "of each of the two references")
       ->check(CLI::Range(1, 1 << 24))
       ->capture_default_str();
-  command->add_option("--size", o.size, "width in pixels instead of the scenes'")->check(CLI::Range(1, 65536));
-  command->add_option("-D", o.overrides, "set a key of every scene")->allow_extra_args(false);
-  command
-      ->add_option("-f,--filter", o.filters, "compare only these: NAME, or NAME:parameter=value,... to fix parameters")
+  command("--size", o.size, "width in pixels instead of the scenes'")->check(CLI::Range(1, 65536));
+  command("-D", o.overrides, "set a key of every scene")->allow_extra_args(false);
+  command("-f,--filter", o.filters, "compare only these: NAME, or NAME:parameter=value,... to fix parameters")
       ->allow_extra_args(false);
-  add_component_options(*command, o.component, o.background);
-  command->add_flag("--no-tuning", o.no_tuning, "published and default parameters only");
-  command->add_flag("--json", common.json, "all numbers as JSON on stdout, as in results.json");
+  add_component_options(command, o.component, o.background);
+  command("--no-tuning", o.no_tuning, "published and default parameters only");
+  command("--json", common.json, "all numbers as JSON on stdout, as in results.json");
   commands[command] = [options, &common, command] {
     try {
       return run(*options, *command, common);

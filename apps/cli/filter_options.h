@@ -3,12 +3,12 @@
 
 #include <string>
 
-#include "apps/cli/cli11.h"
+#include "apps/cli/command.h"
 #include "workflows/choices.h"
 
 namespace brume::app {
 
-/// Accepts the words of the choices; help lists those of today.
+/// Accepts the words of the choices.
 template <class Value>
 CLI::Validator one_of(const Choices<Value>& choices) {
   return CLI::Validator(
@@ -24,9 +24,9 @@ CLI::Validator one_of(const Choices<Value>& choices) {
 }
 
 /// --component and --background, which denoise and evaluate share with defaults of their own.
-void add_component_options(CLI::App& command, std::string& component, std::string& background);
+void add_component_options(const Verb& command, std::string& component, std::string& background);
 
 /// --outliers, which denoise and render share.
-void add_outlier_option(CLI::App& command, std::string& outliers);
+void add_outlier_option(const Verb& command, std::string& outliers);
 
 }  // namespace brume::app

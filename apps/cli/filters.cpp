@@ -40,12 +40,12 @@ void add_filters(CLI::App& app, Common& common, Commands& commands) {
     bool all = false;
   };
   const auto options = std::make_shared<Options>();
-  CLI::App* command =
+  const Verb command =
       add_command(app, common, "filters",
                   "the filters, what serves best first: when to take which, their parameters, layers and sources");
-  command->add_option("name", options->name, "all about this one");
-  command->add_flag("--all", options->all, "all about each of them");
-  command->add_flag("--json", common.json, "as one JSON object");
+  command("name", options->name, "all about this one");
+  command("--all", options->all, "all about each of them");
+  command("--json", common.json, "as one JSON object");
   commands[command] = [options, &common] {
     const auto& [name, all] = *options;
     std::vector<const FilterEntry*> entries = filters_by_merit();

@@ -19,11 +19,10 @@ CLI::Validator exposure_validator() {
   return CLI::Validator(check, "");
 }
 
-void add_picture_options(CLI::App& command, PictureOptions& options, const std::string& exposure_help) {
-  command.add_option("--exposure", options.exposure, exposure_help)->check(exposure_validator())->capture_default_str();
-  command
-      .add_option("--tone", options.tone,
-                  "of the PNG: clip what is brighter than white, or filmic, which bends it there softly")
+void add_picture_options(const Verb& command, PictureOptions& options, const std::string& exposure_help) {
+  command("--exposure", options.exposure, exposure_help)->check(exposure_validator())->capture_default_str();
+  command("--tone", options.tone,
+          "of the PNG: clip what is brighter than white, or filmic, which bends it there softly")
       ->check(CLI::IsMember({"clip", "filmic"}))
       ->capture_default_str();
 }

@@ -1,7 +1,7 @@
 #pragma once
 #include <string>
 
-#include "apps/cli/cli11.h"
+#include "apps/cli/command.h"
 #include "workflows/frame.h"
 
 namespace brume::app {
@@ -10,6 +10,6 @@ namespace brume::app {
 CLI::Validator exposure_validator();
 
 /// --exposure and --tone.
-void add_picture_options(CLI::App& command, PictureOptions& options, const std::string& exposure_help);
+void add_picture_options(const Verb& command, PictureOptions& options, const std::string& exposure_help);
 
 }  // namespace brume::app

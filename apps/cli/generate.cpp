@@ -18,15 +18,14 @@ void add_generate(CLI::App& app, Common& common, Commands& commands) {
   };
   const auto options = std::make_shared<Options>();
   Options& o = *options;
-  CLI::App* command = add_command(app, common, "generate", "write a procedural volume");
-  command->add_option("kind", o.kind, "cloud or smoke")->required()->check(CLI::IsMember({"cloud", "smoke"}));
-  command->add_option("-o,--output", o.output, "VDB file to write; grid density, z up, about 2 units high or wide")
-      ->required();
-  command->add_option("--resolution", o.resolution, "voxels along the longest side")
+  const Verb command = add_command(app, common, "generate", "write a procedural volume");
+  command("kind", o.kind, "cloud or smoke")->required()->check(CLI::IsMember({"cloud", "smoke"}));
+  command("-o,--output", o.output, "VDB file to write; grid density, z up, about 2 units high or wide")->required();
+  command("--resolution", o.resolution, "voxels along the longest side")
       ->check(CLI::Range(8, 2048))
       ->capture_default_str();
-  command->add_option("--seed", o.seed, "another seed, another volume")->capture_default_str();
-  command->add_flag("--half", o.half, "save 16-bit values");
+  command("--seed", o.seed, "another seed, another volume")->capture_default_str();
+  command("--half", o.half, "save 16-bit values");
   commands[command] = [options, &common] {
     const Options& chosen = *options;
     check_writable(chosen.output, {}, ".vdb");

@@ -71,23 +71,21 @@ int run_sequence(const Options& o, const Common& common) {
 void add_guides(CLI::App& app, Common& common, Commands& commands) {
   const auto options = std::make_shared<Options>();
   Options& o = *options;
-  CLI::App* command =
+  const Verb command =
       add_command(app, common, "guides", "compute guides for a frame of any renderer: denoise --guides takes them");
-  command->add_option("--like", o.like, "the EXR they are for: its size, and its camera where its header has one")
-      ->required();
-  command->add_option("--scene", o.scene, "TOML with lights, media and, where the frame's header has none, the camera");
-  command->add_option("--volume", o.volume,
-                      "OpenVDB file: instead of the scene's first one, or with assumed coefficients and lights");
-  command->add_option("-o,--output", o.output, "EXR to write")->required();
-  command->add_option(
+  command("--like", o.like, "the EXR they are for: its size, and its camera where its header has one")->required();
+  command("--scene", o.scene, "TOML with lights, media and, where the frame's header has none, the camera");
+  command("--volume", o.volume,
+          "OpenVDB file: instead of the scene's first one, or with assumed coefficients and lights");
+  command("-o,--output", o.output, "EXR to write")->required();
+  command(
       "--frames", o.frames,
       "guides of these: 7, 1-240, 1-240x2, or several with commas between; names with ####, $F4 or %04d become each frame's, also the volumes' in the scene; a frame that fails is named and the rest goes on");
-  command
-      ->add_option("--spp", o.samples,
-                   "samples per pixel of the frame: more of them deserve guides in more detail; else its header's")
+  command("--spp", o.samples,
+          "samples per pixel of the frame: more of them deserve guides in more detail; else its header's")
       ->check(CLI::Range(1, 1 << 24));
-  command->add_option("-D", o.overrides, "set a key of the scene: -D volumes.0.sigma_t=18")->allow_extra_args(false);
-  command->add_flag("--explain", o.explain, "say what is solved, and with how much memory and time");
+  command("-D", o.overrides, "set a key of the scene: -D volumes.0.sigma_t=18")->allow_extra_args(false);
+  command("--explain", o.explain, "say what is solved, and with how much memory and time");
   commands[command] = [options, &common] {
     return options->frames.empty() ? run(*options, common) : run_sequence(*options, common);
   };

@@ -14,10 +14,10 @@ void add_halve(CLI::App& app, Common& common, Commands& commands) {
     std::string input, output, grid;
   };
   const auto options = std::make_shared<Options>();
-  CLI::App* command = add_command(app, common, "halve", "write a volume at half its resolution");
-  command->add_option("file", options->input, "OpenVDB file")->required();
-  command->add_option("-o,--output", options->output, "VDB file to write; grid density, saved as half")->required();
-  command->add_option("--grid", options->grid, "density grid; without it as in a scene");
+  const Verb command = add_command(app, common, "halve", "write a volume at half its resolution");
+  command("file", options->input, "OpenVDB file")->required();
+  command("-o,--output", options->output, "VDB file to write; grid density, saved as half")->required();
+  command("--grid", options->grid, "density grid; without it as in a scene");
   commands[command] = [options, &common] {
     const auto& [input, output, grid] = *options;
     const std::filesystem::path inputs[] = {input};

@@ -211,9 +211,9 @@ int info_exr(const std::string& path, bool as_json) {
 
 void add_info(CLI::App& app, Common& common, Commands& commands) {
   const auto file = std::make_shared<std::string>();
-  CLI::App* command = add_command(app, common, "info", "what is in a VDB or EXR file");
-  command->add_option("file", *file, "an OpenVDB or OpenEXR file")->required();
-  command->add_flag("--json", common.json, "as one JSON object");
+  const Verb command = add_command(app, common, "info", "what is in a VDB or EXR file");
+  command("file", *file, "an OpenVDB or OpenEXR file")->required();
+  command("--json", common.json, "as one JSON object");
   commands[command] = [file, &common] {
     const std::string& path = *file;
     char magic[4] = {};

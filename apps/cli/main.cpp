@@ -12,6 +12,7 @@
 #include "base/error.h"
 #include "base/text.h"
 #include "image/exr_io.h"
+#include "workflows/version.h"
 
 namespace CLI {
 

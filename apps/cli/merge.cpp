@@ -26,22 +26,18 @@ int run(const Options& o, const Common& common) {
 void add_merge(CLI::App& app, Common& common, Commands& commands) {
   const auto options = std::make_shared<Options>();
   Options& o = *options;
-  CLI::App* command =
+  const Verb command =
       add_command(app, common, "merge", "merge the parts of a render (render --part i/N) into one frame");
-  command
-      ->add_option(
-          "files", o.parts,
-          "EXRs written with --part, or finished checkpoints; a name such as parts/###.exr stands for all that are there")
+  command(
+      "files", o.parts,
+      "EXRs written with --part, or finished checkpoints; a name such as parts/###.exr stands for all that are there")
       ->required();
-  command->add_option("-o,--output", o.merge.output, "EXR to write")->required();
-  command->add_flag("--mergeable", o.merge.mergeable,
-                    "keep the sums of the samples, so that more parts can be merged later");
-  command->add_option("--parts", o.numbers, "numbers of the parts that must be there: 1-8");
-  command->add_flag("--when-complete", o.merge.when_complete,
-                    "write nothing, and be content, while some are not there");
-  command->add_flag("--resume", o.merge.resume,
-                    "leave out what is merged already: the output is whole and of this render");
-  command->add_flag("--discard", o.merge.discard, "remove the parts once the output has been read back whole");
+  command("-o,--output", o.merge.output, "EXR to write")->required();
+  command("--mergeable", o.merge.mergeable, "keep the sums of the samples, so that more parts can be merged later");
+  command("--parts", o.numbers, "numbers of the parts that must be there: 1-8");
+  command("--when-complete", o.merge.when_complete, "write nothing, and be content, while some are not there");
+  command("--resume", o.merge.resume, "leave out what is merged already: the output is whole and of this render");
+  command("--discard", o.merge.discard, "remove the parts once the output has been read back whole");
   commands[command] = [options, &common] { return run(*options, common); };
 }
 

@@ -73,13 +73,13 @@ int run(const Options& o, const Common& common) {
 void add_picture(CLI::App& app, Common& common, Commands& commands) {
   const auto options = std::make_shared<Options>();
   Options& o = *options;
-  CLI::App* command = add_command(app, common, "picture", "a PNG of an EXR, or of one of its layers");
-  command->add_option("frame", o.input, "EXR, by brume or another renderer")->required();
-  command->add_option("-o,--output", o.output, "PNG to write: what lies inside the display window")->required();
-  command->add_option(
+  const Verb command = add_command(app, common, "picture", "a PNG of an EXR, or of one of its layers");
+  command("frame", o.input, "EXR, by brume or another renderer")->required();
+  command("-o,--output", o.output, "PNG to write: what lies inside the display window")->required();
+  command(
       "--layer", o.layer,
       "layer to show, the beauty without it; statistics too: indirect.half_a. Single channels become grey, vectors the magnitudes of their components");
-  add_picture_options(*command, o.picture,
+  add_picture_options(command, o.picture,
                       "number, header (1 for what is no radiance), or auto: the 99th luminance percentile becomes 1");
   commands[command] = [options, &common] { return run(*options, common); };
 }

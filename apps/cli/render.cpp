@@ -119,64 +119,58 @@ void add_render(CLI::App& app, Common& common, Commands& commands) {
   const auto options = std::make_shared<Options>();
   Options& o = *options;
   RenderOptions& r = o.render;
-  CLI::App* command = add_command(app, common, "render", "render a scene, or a bare volume, to an EXR with layers");
-  command->add_option("scene", r.scene, "scene file (TOML, see docs/scene.md), or an OpenVDB file")->required();
-  command->add_flag(
+  const Verb command = add_command(app, common, "render", "render a scene, or a bare volume, to an EXR with layers");
+  command("scene", r.scene, "scene file (TOML, see docs/scene.md), or an OpenVDB file")->required();
+  command(
       "--clean", o.clean,
       "clean the picture with noise-free guides; with --time or --target-error in rounds that put samples where the clean picture needs them");
-  command->add_option("--clean-filter", o.clean_filter,
-                      "clean with this filter instead: NAME or NAME:parameter=value,...");
-  add_outlier_option(*command, o.outliers);
-  command->add_option("--save-scene", r.save_scene,
-                      "of a bare volume: write the scene that is assumed, a TOML to edit");
-  command->add_option("-o,--output,--outfile", r.output, "EXR to write");
-  command->add_option("--png", r.preview, "also write the beauty as PNG");
-  add_picture_options(*command, r.picture,
+  command("--clean-filter", o.clean_filter, "clean with this filter instead: NAME or NAME:parameter=value,...");
+  add_outlier_option(command, o.outliers);
+  command("--save-scene", r.save_scene, "of a bare volume: write the scene that is assumed, a TOML to edit");
+  command("-o,--output,--outfile", r.output, "EXR to write");
+  command("--png", r.preview, "also write the beauty as PNG");
+  add_picture_options(command, r.picture,
                       "of the PNG: a number, header (the scene's), or auto: the 99th luminance percentile becomes 1");
-  command->add_option("--spp", o.spp, "paths per pixel instead of the scene's")->check(CLI::Range(1, 1 << 24));
-  command->add_option("--seed", o.seed, "seed instead of the scene's")->check(CLI::NonNegativeNumber);
-  command->add_option("-D", r.overrides, "set a key of the scene: -D camera.fov=30")->allow_extra_args(false);
-  command->add_option("--layers", o.layers, "layers to record, none, or all; with --clean direct,indirect unless given")
+  command("--spp", o.spp, "paths per pixel instead of the scene's")->check(CLI::Range(1, 1 << 24));
+  command("--seed", o.seed, "seed instead of the scene's")->check(CLI::NonNegativeNumber);
+  command("-D", r.overrides, "set a key of the scene: -D camera.fov=30")->allow_extra_args(false);
+  command("--layers", o.layers, "layers to record, none, or all; with --clean direct,indirect unless given")
       ->capture_default_str();
-  command->add_flag("--no-statistics", o.no_statistics, "leave out mean_variance, half_a and half_b");
-  command->add_flag("--buckets", o.buckets, "record eight bucket means of each layer too");
-  command->add_option("--crop", r.crop,
-                      "render only x0,y0,x1,y1 [px, the last two exclusive], same pixels as in the whole");
-  command->add_option("--time", o.time,
-                      "stop after this long, at a whole pass: 90s, 10m, 1h30m; what is resumed counts");
-  command
-      ->add_option(
-          "--target-error", r.target_error,
-          "stop at this estimated relative error: root of the mean of variance / (mean^2 + 0.01 white^2); with --clean that of the clean picture")
+  command("--no-statistics", o.no_statistics, "leave out mean_variance, half_a and half_b");
+  command("--buckets", o.buckets, "record eight bucket means of each layer too");
+  command("--crop", r.crop, "render only x0,y0,x1,y1 [px, the last two exclusive], same pixels as in the whole");
+  command("--time", o.time, "stop after this long, at a whole pass: 90s, 10m, 1h30m; what is resumed counts");
+  command(
+      "--target-error", r.target_error,
+      "stop at this estimated relative error: root of the mean of variance / (mean^2 + 0.01 white^2); with --clean that of the clean picture")
       ->check(above_zero);
-  command->add_option(
+  command(
       "--updates", r.updates,
       "EXR of the picture while it is rendered, first after one sample per pixel, then clean with --clean; each replaces the one before as a whole and is told, with --progress json as a line with its name, samples and estimated error. The result stays the same");
-  command->add_option("--checkpoint", r.checkpoint, "EXR to keep the state in, while rendering and after");
-  command->add_option("--checkpoint-every", r.checkpoint_seconds, "seconds between checkpoints")
+  command("--checkpoint", r.checkpoint, "EXR to keep the state in, while rendering and after");
+  command("--checkpoint-every", r.checkpoint_seconds, "seconds between checkpoints")
       ->check(above_zero)
       ->capture_default_str();
-  command
-      ->add_option(
-          "--resume", r.resume,
-          "go on from a checkpoint FILE.exr, also with more --spp; same picture as in one go. Alone, with --frames: leave out the frames that are complete, and go on from the --checkpoint of the others, which is removed when its frame is there")
+  command(
+      "--resume", r.resume,
+      "go on from a checkpoint FILE.exr, also with more --spp; same picture as in one go. Alone, with --frames: leave out the frames that are complete, and go on from the --checkpoint of the others, which is removed when its frame is there")
       ->expected(0, 1)
       ->default_str(kResumeFrames);
-  command->add_option(
+  command(
       "--frames", o.frames,
       "render these: 7, 1-240, 1-240x2, or several with commas between; names with ####, $F4 or %04d become each frame's, also the scene's and those in it; a frame that fails is named and the rest goes on");
-  command->add_flag("--fixed-seed", r.fixed_seed,
-                    "with --frames: the same random numbers in every frame, whose noise then stands still");
-  command->add_option("--part", o.part, "i/N: the i-th of N shares of the samples, to be joined by brume merge");
-  command->add_option("--records", r.records,
-                      "also write what happened to each sample (random numbers, positions, colours) to FILE.records");
-  command->add_option("--tev", o.tev, "show the picture in tev as it grows, at host:port; alone: at 127.0.0.1:14158")
+  command("--fixed-seed", r.fixed_seed,
+          "with --frames: the same random numbers in every frame, whose noise then stands still");
+  command("--part", o.part, "i/N: the i-th of N shares of the samples, to be joined by brume merge");
+  command("--records", r.records,
+          "also write what happened to each sample (random numbers, positions, colours) to FILE.records");
+  command("--tev", o.tev, "show the picture in tev as it grows, at host:port; alone: at 127.0.0.1:14158")
       ->expected(0, 1)
       ->default_str("default");
-  command->add_flag("--explain", o.explain, "print what would be modelled and what it costs, and stop");
-  command->add_flag("--require-valid", r.require_valid,
-                    "exit with 1 when any sample was not finite (else above one in a million)");
-  command->add_option("--replay", o.replay, "trace one sample again and print it: x,y,sample");
+  command("--explain", o.explain, "print what would be modelled and what it costs, and stop");
+  command("--require-valid", r.require_valid,
+          "exit with 1 when any sample was not finite (else above one in a million)");
+  command("--replay", o.replay, "trace one sample again and print it: x,y,sample");
   commands[command] = [options, &common, command] {
     if (options->clean && command->count("--layers") == 0)
       options->layers =

@@ -2,14 +2,13 @@
 
 #include <algorithm>
 #include <filesystem>
-#include <fstream>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
-#include <sstream>
 
 #include "apps/cli/command.h"
 #include "base/error.h"
+#include "base/output_file.h"
 #include "base/sequence.h"
 #include "base/text.h"
 #include "farm/opencue.h"
@@ -22,6 +21,7 @@
 #include "render/scene/scene_io.h"
 #include "workflows/clean.h"
 #include "workflows/scene.h"
+#include "workflows/version.h"
 
 namespace brume::app {
 namespace {
@@ -42,17 +42,10 @@ struct Options {
 /// Names a writer for every time that a line runs, also where one shell runs several at once.
 constexpr const char* kWriter = "BRUME_WRITER=$(uname -n).$(mktemp -u XXXXXXXXXX) ";
 
-std::string text_of_file(const fs::path& path) {
-  std::ifstream stream(path, std::ios::binary);
-  std::ostringstream text;
-  text << stream.rdbuf();
-  return text.str();
-}
-
 std::string fingerprint_of_scenes(const Shot& shot) {
-  std::string text = text_of_file(shot.scene);
+  std::string text = read_text(shot.scene);
   if (FramePattern::of(shot.scene))
-    for (const int frame : shot.frames) text += text_of_file(file_of_frame(shot.scene, frame));
+    for (const int frame : shot.frames) text += read_text(file_of_frame(shot.scene, frame));
   return fingerprint(text);
 }
 
@@ -218,7 +211,7 @@ int submit(const Options& o, const Common& common) {
     std::string text;
     for (const Stage& stage : stages) {
       if (!text.empty()) text += "\n";
-      for (const Command& command : stage.commands) text += command.prepare + kWriter + command.call + "\n";
+      for (const ShotCommand& command : stage.commands) text += command.prepare + kWriter + command.call + "\n";
     }
     print(text);
   } else if (o.action == "opencue") {
@@ -301,58 +294,52 @@ int status(const Options& o, const Common& common) {
 void add_submit(CLI::App& app, Common& common, Commands& commands) {
   const auto options = std::make_shared<Options>();
   Options& o = *options;
-  CLI::App* command =
+  const Verb command =
       add_command(app, common, "submit", "render and clean a sequence on a farm, and see how far it is");
-  command
-      ->add_option(
-          "action", o.action,
-          "slurm: submit job arrays; commands: print one command a line, stages apart by an empty line; opencue: print a script that launches it there; status: what is done, running, failed, and the time left; resume: submit to Slurm what is missing")
+  command(
+      "action", o.action,
+      "slurm: submit job arrays; commands: print one command a line, stages apart by an empty line; opencue: print a script that launches it there; status: what is done, running, failed, and the time left; resume: submit to Slurm what is missing")
       ->required()
       ->check(CLI::IsMember({"slurm", "commands", "opencue", "status", "resume"}));
-  command->add_option("target", o.target, "scene (TOML) of a new shot, or the folder of one: what is missing of it")
-      ->required();
-  command->add_option("-o,--output", o.folder, "folder for all that the shot makes, which every machine sees");
-  command->add_option("--frames", o.frames, "7, 1-240, 1-240x2, or several with commas between");
-  command->add_option("--parts", o.parts, "shares of each frame's samples, rendered apart and merged")
+  command("target", o.target, "scene (TOML) of a new shot, or the folder of one: what is missing of it")->required();
+  command("-o,--output", o.folder, "folder for all that the shot makes, which every machine sees");
+  command("--frames", o.frames, "7, 1-240, 1-240x2, or several with commas between");
+  command("--parts", o.parts, "shares of each frame's samples, rendered apart and merged")
       ->check(CLI::Range(1, 1'000'000))
       ->capture_default_str();
-  command->add_flag("--clean", o.clean, "clean the frames too");
-  command->add_option("--clean-filter", o.filter, "by this filter: NAME or NAME:parameter=value,...")
-      ->capture_default_str();
-  command
-      ->add_option("--window", o.window,
-                   "frames before and after that cleaning looks into; unless given as many as the filter declares")
+  command("--clean", o.clean, "clean the frames too");
+  command("--clean-filter", o.filter, "by this filter: NAME or NAME:parameter=value,...")->capture_default_str();
+  command("--window", o.window,
+          "frames before and after that cleaning looks into; unless given as many as the filter declares")
       ->check(CLI::Range(0, 100));
-  command->add_option("--spp", o.spp, "paths per pixel instead of the scene's")->check(CLI::Range(1, 1 << 24));
-  command->add_option("--seed", o.seed, "seed instead of the scene's")->check(CLI::NonNegativeNumber);
-  command->add_option("-D", o.overrides, "set a key of the scene: -D camera.fov=30")->allow_extra_args(false);
-  command->add_option("--layers", o.layers, "layers to record; with --clean direct,indirect unless given")
-      ->capture_default_str();
-  command->add_flag("--buckets", o.buckets, "record eight bucket means of each layer too");
-  command->add_flag("--keep-parts", o.keep_parts, "keep the parts after they are merged");
-  command->add_option("--program", o.program, "brume as the nodes call it, where it is not this file");
-  command->add_flag("--dry-run", o.dry_run, "print what would be submitted, and write nothing");
-  command->add_flag("--break-lock", o.break_lock,
-                    "submit even if another process holds the shot's lock: where that one was killed");
-  command->add_flag("--json", common.json, "status for machines");
-  command
-      ->add_option("--sbatch", o.slurm.sbatch, "Slurm: an option for every job, as --sbatch=--partition=render; repeat")
+  command("--spp", o.spp, "paths per pixel instead of the scene's")->check(CLI::Range(1, 1 << 24));
+  command("--seed", o.seed, "seed instead of the scene's")->check(CLI::NonNegativeNumber);
+  command("-D", o.overrides, "set a key of the scene: -D camera.fov=30")->allow_extra_args(false);
+  command("--layers", o.layers, "layers to record; with --clean direct,indirect unless given")->capture_default_str();
+  command("--buckets", o.buckets, "record eight bucket means of each layer too");
+  command("--keep-parts", o.keep_parts, "keep the parts after they are merged");
+  command("--program", o.program, "brume as the nodes call it, where it is not this file");
+  command("--dry-run", o.dry_run, "print what would be submitted, and write nothing");
+  command("--break-lock", o.break_lock,
+          "submit even if another process holds the shot's lock: where that one was killed");
+  command("--json", common.json, "status for machines");
+  command("--sbatch", o.slurm.sbatch, "Slurm: an option for every job, as --sbatch=--partition=render; repeat")
       ->allow_extra_args(false);
-  command->add_option("--time", o.slurm.time, "Slurm: limit of a task, after which it goes on from its checkpoint")
+  command("--time", o.slurm.time, "Slurm: limit of a task, after which it goes on from its checkpoint")
       ->capture_default_str();
-  command->add_option("--tasks", o.slurm.most_tasks, "Slurm: tasks of one array at most, below its MaxArraySize")
+  command("--tasks", o.slurm.most_tasks, "Slurm: tasks of one array at most, below its MaxArraySize")
       ->check(CLI::Range(1, 4'000'000))
       ->capture_default_str();
-  command->add_option("--at-once", o.slurm.at_once, "Slurm: tasks that run at the same time; 0: all")
+  command("--at-once", o.slurm.at_once, "Slurm: tasks that run at the same time; 0: all")
       ->check(CLI::Range(0, 4'000'000))
       ->capture_default_str();
-  command->add_option("--warning", o.slurm.warning_seconds, "Slurm: seconds before the limit for the last checkpoint")
+  command("--warning", o.slurm.warning_seconds, "Slurm: seconds before the limit for the last checkpoint")
       ->check(CLI::Range(10, 3600))
       ->capture_default_str();
-  command->add_option("--retries", o.slurm.retries, "Slurm: rounds after the first for what has failed")
+  command("--retries", o.slurm.retries, "Slurm: rounds after the first for what has failed")
       ->check(CLI::Range(0, 100))
       ->capture_default_str();
-  command->add_option("--after", o.after, "the round that is retried: for the job that does so")->group("");
+  command("--after", o.after, "the round that is retried: for the job that does so")->group("");
   commands[command] = [options, &common, command] {
     if (options->clean && command->count("--layers") == 0) options->layers = "direct,indirect";
     for (const char* option : {"--sbatch", "--time", "--tasks", "--at-once", "--warning", "--retries"})

@@ -16,7 +16,6 @@
 #include <thread>
 
 #include "apps/cli/command.h"
-#include "base/error.h"
 #include "base/sequence.h"
 #include "base/text.h"
 
@@ -149,18 +148,14 @@ int status_of(const SequenceEnd& end) {
   return end.well() ? kDone : kThresholdFailed;
 }
 
-CLI::App* add_command(CLI::App& app, Common& common, const std::string& name, const std::string& description) {
-  CLI::App* command = app.add_subcommand(name, description);
-  command->add_option("--threads", common.threads, "threads to use; 0: all")
-      ->check(CLI::Range(0, 4096))
-      ->group("Common");
-  command->add_flag("-q,--quiet", common.quiet, "errors and warnings only on stderr")->group("Common");
-  command
-      ->add_flag(
-          "--stop-with-stdin", common.stop_with_stdin,
+Verb add_command(CLI::App& app, Common& common, const std::string& name, const std::string& description) {
+  const Verb command{app.add_subcommand(name, description)};
+  command("--threads", common.threads, "threads to use; 0: all")->check(CLI::Range(0, 4096))->group("Common");
+  command("-q,--quiet", common.quiet, "errors and warnings only on stderr")->group("Common");
+  command("--stop-with-stdin", common.stop_with_stdin,
           "end, as at Ctrl-C, once stdin is closed: for programs that start this one and must not leave it behind")
       ->group("Common");
-  command->add_option("--progress", common.progress, "progress on stderr")
+  command("--progress", common.progress, "progress on stderr")
       ->check(CLI::IsMember({"auto", "bar", "lines", "json", "none"}))
       ->group("Common");
   return command;

@@ -12,8 +12,7 @@ class TevViewer : public RenderWatcher {
   /// @throws InputError when dropped there
   TevViewer(const std::string& address, const std::string& name, int width, int height);
   ~TevViewer() override;
-  TevViewer(const TevViewer&) = delete;
-  TevViewer& operator=(const TevViewer&) = delete;
+  TevViewer(TevViewer&&) = delete;
 
   /// Sends the pixels of one tile. A viewer that was closed ends the show, not the render.
   void update(const Film& film, int tile) override;

@@ -9,7 +9,7 @@
 #include <exception>
 #include <new>
 
-#include "base/child_process.h"
+#include "base/command.h"
 #include "base/memory_file.h"
 #include "base/parallel_for.h"
 #include "volume/vdb_exchange.h"
@@ -29,7 +29,6 @@ void start_threads() {
 }  // namespace
 
 int main() {
-  brume::follow_parent();
   std::signal(SIGXFSZ, SIG_IGN);  // a file that may not grow is an error of that write, with its message
   const rlimit no_core{0, 0};
   setrlimit(RLIMIT_CORE, &no_core);

@@ -6,8 +6,8 @@
 #include <thread>
 
 #include "apps/cli/command.h"
-#include "apps/cli/program.h"
 #include "apps/view/server.h"
+#include "base/command.h"
 #include "base/sequence.h"
 
 namespace brume::app {
@@ -39,7 +39,9 @@ int run(const Options& o, const Common& common) {
   const web::Server server(view, o.server, make_host(common));
   print(server.address() + "\n");
   if (!print_now()) return kDone;  // nobody can learn the address; close_output says why
-  if (o.open && !run_program({"xdg-open", server.address()}))
+  if (const auto program = o.open ? find_program("xdg-open") : std::filesystem::path(); !program.empty())
+    run_command({.program = program, .words = {"xdg-open", server.address()}, .supervised = false}, {});
+  else if (o.open)
     note("--open: there is no xdg-open; open the address by hand");
   log(common, "Ctrl-C ends it");
   while (!interrupted) std::this_thread::sleep_for(std::chrono::milliseconds(50));
@@ -51,22 +53,21 @@ int run(const Options& o, const Common& common) {
 void add_view(CLI::App& app, Common& common, Commands& commands) {
   const auto options = std::make_shared<Options>();
   Options& o = *options;
-  CLI::App* command = add_command(
+  const Verb command = add_command(
       app, common, "view", "look at a volume or a scene in a browser: turn it, light it, edit it, and see it clean");
-  command->add_option("scene", o.view.scene, "scene file (TOML), or an OpenVDB file")->required();
-  command->add_option(
+  command("scene", o.view.scene, "scene file (TOML), or an OpenVDB file")->required();
+  command(
       "--frames", o.frames,
       "a time line of these: 1-48, 1-240x2, or several with commas between; names with ####, $F4 or %04d become each frame's, also the scene's and those in it. Of a scene whose name has such a place all that are there, unless said");
-  command->add_option("-D", o.view.overrides, "set a key of the scene: -D camera.fov=30")->allow_extra_args(false);
-  command->add_option("--clean-filter", o.view.clean_filter, "clean with this filter: NAME or NAME:parameter=value,...")
+  command("-D", o.view.overrides, "set a key of the scene: -D camera.fov=30")->allow_extra_args(false);
+  command("--clean-filter", o.view.clean_filter, "clean with this filter: NAME or NAME:parameter=value,...")
       ->capture_default_str();
-  command
-      ->add_option("--host", o.server.host,
-                   "address to listen on; any but the loopback lets others look who learn the page's address")
+  command("--host", o.server.host,
+          "address to listen on; any but the loopback lets others look who learn the page's address")
       ->capture_default_str();
-  command->add_option("--port", o.server.port, "port to listen on; 0: one that is free")->capture_default_str();
-  command->add_flag("--keep", o.server.keep, "go on rendering when the last page has been gone for a minute");
-  command->add_flag("--open", o.open, "open the page in the browser");
+  command("--port", o.server.port, "port to listen on; 0: one that is free")->capture_default_str();
+  command("--keep", o.server.keep, "go on rendering when the last page has been gone for a minute");
+  command("--open", o.open, "open the page in the browser");
   commands[command] = [options, &common] { return run(*options, common); };
 }
 

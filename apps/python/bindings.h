@@ -1,7 +1,15 @@
 #pragma once
 #include <pybind11/pybind11.h>
 
+#include <string>
+#include <string_view>
+
 namespace brume::python {
+
+/// A docstring that is a file of apps/python/help/.
+inline std::string help(std::string_view file) {
+  return std::string(file.substr(0, file.size() - 1));
+}
 
 // Each adds a part of the package to its module: a file of that name. What the package offers under its own name, its
 // signatures and its stubs follow from what stands in the module (brume/__init__.py, describe.py).

@@ -8,48 +8,20 @@
 #include "apps/python/convert.h"
 #include "apps/python/work.h"
 #include "base/sequence.h"
+#include "help_compare_txt.h"
+#include "help_metrics_txt.h"
 #include "workflows/compare_frames.h"
 #include "workflows/frame.h"
 
 namespace brume::python {
 namespace {
 
-constexpr const char* kMetricsHelp =
-    "Error measures of a picture against a reference, the \"metrics\" of compare.\n\n"
-    "picture, reference, second: Layers, a mapping of arrays, or height x width x 3. second: an independent reference,\n"
-    "to take the references' noise off. layer: to compare; the beauty without it. exposure: a number, \"header\" or\n"
-    "\"auto\", of the reference. clip: to [0, 1] before CIE-Lab. The dict has the measures and pixels, and with a\n"
-    "reference that has coverage the same over the medium under \"medium\". Raises InputError: other sizes, NaN.";
-
-constexpr const char* kCompareHelp =
-    "Compares a picture with a reference, or a sequence with its references: what `brume compare --json` gives.\n\n"
-    "picture, reference, second: paths, Layers, mappings of arrays or height x width x 3; of a sequence lists of these,\n"
-    "or paths with a place for a number, shot.####.exr, and frames=\"1-48\". second: an independent reference, to take the\n"
-    "references' noise off. layer: to compare; the beauty without it. each_layer: also every layer of three colours that\n"
-    "both have. exposure: a number, \"header\" or \"auto\", of the (first) reference. clip: to [0, 1] before CIE-Lab.\n"
-    "contact_sheet: of a sequence, a PNG to write of up to twelve frames side by side.\n\n"
-    "Returns a dict: picture and reference (names), policy (how colours were compared), window (x0, y0, x1, y1 of the\n"
-    "common pixels), reference_noise_removed, metrics (a number for each measure, and pixels), medium (the same where the\n"
-    "reference has coverage), layers (with each_layer: name to metrics and medium). Of a sequence instead of window and\n"
-    "layers frames, and as metrics lab_rms, lab_rms_of_frames and from two frames on temporal_error, flicker and\n"
-    "reference_change. Raises InputError: other sizes, no common pixel, NaN, a layer that is missing.";
-
-py::dict to_dict(const Errors& errors) {
-  py::dict dict;
-  for (const auto& [name, value] : listed(errors)) dict[py::str(name)] = value;
-  dict["pixels"] = errors.pixels;
-  return dict;
-}
-
-py::dict to_dict(const SequenceComparison::Region& region) {
-  py::dict dict;
-  dict["lab_rms"] = region.mean_lab_rms;
-  dict["lab_rms_of_frames"] = region.lab_rms;
-  if (const auto& t = region.temporal) {
-    dict["temporal_error"] = t->temporal_error;
-    dict["flicker"] = t->flicker;
-    dict["reference_change"] = t->reference;
-  }
+/// What the command prints as JSON, names of files as Python has them.
+py::dict to_dict(const std::string& json, const std::string& picture, const std::string& reference) {
+  py::dict dict = py::module_::import("json").attr("loads")(to_str(json));
+  dict["picture"] = to_str(picture);
+  dict["reference"] = to_str(reference);
+  if (dict.contains("window")) dict["window"] = py::tuple(dict["window"]);
   return dict;
 }
 
@@ -117,41 +89,6 @@ std::string layer_of(const std::string& name) {
   return name == layer::beauty.label() ? "" : name;
 }
 
-py::dict to_dict(const ComparisonReport& report) {
-  py::dict dict;
-  dict["picture"] = to_str(report.picture);
-  dict["reference"] = to_str(report.reference);
-  dict["policy"] = report.policy;
-  const PixelWindow& w = report.window;
-  dict["window"] = py::make_tuple(w.lo.x, w.lo.y, w.hi.x, w.hi.y);
-  dict["reference_noise_removed"] = report.two_references;
-  const auto add = [&](py::dict& to, const ComparisonReport::Layer& layer) {
-    to["metrics"] = to_dict(layer.regions[0]);
-    if (report.has_medium()) to["medium"] = to_dict(layer.regions[1]);
-  };
-  add(dict, report.layers.front());
-  py::dict layers;
-  for (size_t i = 1; i < report.layers.size(); ++i) {
-    py::dict layer;
-    add(layer, report.layers[i]);
-    layers[to_str(report.layers[i].name)] = layer;
-  }
-  if (layers.size() > 0) dict["layers"] = layers;
-  return dict;
-}
-
-py::dict to_dict(const SequenceComparison& sequence, const std::string& picture, const std::string& reference) {
-  py::dict dict;
-  dict["picture"] = to_str(picture);
-  dict["reference"] = to_str(reference);
-  dict["policy"] = sequence.policy();
-  dict["frames"] = sequence.frames();
-  dict["reference_noise_removed"] = sequence.two_references();
-  dict["metrics"] = to_dict(sequence.whole());
-  if (const auto medium = sequence.medium()) dict["medium"] = to_dict(*medium);
-  return dict;
-}
-
 py::dict compare_sequence(const GivenFrames& picture, const GivenFrames& reference,
                           const std::optional<GivenFrames>& second, std::vector<int> numbers,
                           const CompareOptions& options, const std::string& sheet, int threads,
@@ -176,7 +113,7 @@ py::dict compare_sequence(const GivenFrames& picture, const GivenFrames& referen
     }
     sequence->finish();
   });
-  return to_dict(*sequence, picture.name, reference.name);
+  return to_dict(sequence->json(picture.name, reference.name), picture.name, reference.name);
 }
 
 py::dict compare(const py::object& picture, const py::object& reference, const py::object& second,
@@ -202,7 +139,7 @@ py::dict compare(const py::object& picture, const py::object& reference, const p
     report = compare_frames(x.frames[0].frame(wanted, host), r.frames[0].frame(wanted, host), std::move(other), options,
                             host);
   });
-  return to_dict(*report);
+  return to_dict(report->json(), report->picture, report->reference);
 }
 
 py::dict metrics(const py::object& picture, const py::object& reference, const py::object& second,
@@ -220,10 +157,10 @@ void bind_compare(py::module_& module) {
   module.def("compare", &compare, py::arg("picture"), py::arg("reference"), py::arg("second") = py::none(),
              py::kw_only(), py::arg("layer") = "", py::arg("each_layer") = false, py::arg("exposure") = "header",
              py::arg("clip") = true, py::arg("frames") = py::none(), py::arg("contact_sheet") = py::none(),
-             py::arg("threads") = 0, py::arg("progress") = py::none(), kCompareHelp);
+             py::arg("threads") = 0, py::arg("progress") = py::none(), help(embedded::help_compare_txt).c_str());
   module.def("metrics", &metrics, py::arg("picture"), py::arg("reference"), py::arg("second") = py::none(),
              py::kw_only(), py::arg("layer") = "", py::arg("exposure") = "header", py::arg("clip") = true,
-             kMetricsHelp);
+             help(embedded::help_metrics_txt).c_str());
 }
 
 }  // namespace brume::python

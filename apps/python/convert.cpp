@@ -8,7 +8,6 @@
 #include <cstring>
 #include <limits>
 
-#include "base/text.h"
 #include "base/toml_text.h"
 #include "render/transport/path_sample.h"
 

@@ -11,6 +11,7 @@
 #include "apps/python/work.h"
 #include "base/sequence.h"
 #include "filters/api/registry.h"
+#include "help_denoise_txt.h"
 #include "workflows/choices.h"
 #include "workflows/denoise_frame.h"
 #include "workflows/filters_json.h"
@@ -18,30 +19,8 @@
 namespace brume::python {
 namespace {
 
-constexpr const char* kDenoiseHelp =
-    "Cleans a frame or a sequence with a filter; with the best that its layers allow where none is named.\n\n"
-    "layers: brume.Layers, which is read where it lies, a mapping of arrays or an array of height x width x 3, which is\n"
-    "copied, or the path of an EXR. The result is a new brume.Layers: R, G, B, what else the filter makes, and a header\n"
-    "with the filter and its parameters. A list of these is a sequence: filters that look through time see the frames\n"
-    "before and after, extra_frames of them, else as many as the filter declares; the result is a list. guides: a path\n"
-    "or Layers by brume.guides; of a sequence a list.\n\n"
-    "output: from file to file, layers being a path. Files of other renderers come back whole: every part, channel and\n"
-    "attribute, what was cleaned replaced; or beside it under names that end in suffix. keep_file: those of brume too.\n"
-    "map: a TOML file that says which layer plays which part. samples: per pixel, where the file does not say it. png:\n"
-    "a picture to write, too. records: of every sample, for filters that read them. Names with a place for a number,\n"
-    "shot.####.exr, stand for a sequence: of all frames that are there, or frame_numbers=\"1-48\"; a frame that fails is\n"
-    "told, and the others go on; resume leaves out those that are there, made from the same. Returns None, of a sequence\n"
-    "a dict with the numbers of the frames that are done, skipped and failed.\n\n"
-    "component: all cleans the beauty, indirect that layer, direct being added back, separate both by themselves.\n"
-    "background: bilateral or filter for pixels without coverage, or default. noise: layers or spatial: where variance\n"
-    "comes from. outliers: extreme limits single samples that outshine all around them; clamp, redistribute or keep\n"
-    "fireflies. features: names to use, \"none\", or all. carry: layers to filter with the same weights. exposure: a\n"
-    "number, \"header\" or \"auto\". tile: side of the squares that are filtered one after another [px]; 0: by memory.\n"
-    "Every other keyword is a parameter of the filter, a dash written as an underscore, or preset. Raises InputError.\n\n"
-    "Filters, what serves best first, and their parameters:\n";
-
 std::string denoise_help() {
-  std::string text = kDenoiseHelp;
+  std::string text = help(embedded::help_denoise_txt) + "\n";
   for (const FilterEntry* entry : filters_by_merit()) {
     text += fmt::format("\n{}: {}\n", entry->name, entry->summary);
     const FilterSettings settings(*entry);

@@ -9,26 +9,10 @@
 #include "apps/python/convert.h"
 #include "apps/python/work.h"
 #include "evaluate/report/report.h"
+#include "help_evaluate_txt.h"
 
 namespace brume::python {
 namespace {
-
-constexpr const char* kEvaluateHelp =
-    "Compares filters, yours among them, as `brume evaluate` does.\n\n"
-    "experiment: path of an experiment (docs/experiment.md), or of one scene or several. filters: a mapping from labels to\n"
-    "functions of yours, or to filters of brume's such as \"nl_means:search-radius=5\": beside those of the experiment; or an\n"
-    "iterable of both, in their place. A scene by itself has all of brume's, unless there are any here. output: folder\n"
-    "to write tables, plots, pictures and index.html to. cache: folder of frames and results, of which none is made twice.\n"
-    "size, spp, seeds, reference_spp, component, background, search: instead of the experiment's. Every other keyword sets a\n"
-    "key of every scene, a dot written as two underscores: camera__fov=30.\n\n"
-    "A function is called in this thread with a frame, brume.Layers, and gives height x width x 3 or Layers back. The\n"
-    "frame's R, G, B are the light to clean, with coverage and alpha beside them. Attributes of the function ask for more:\n"
-    "layers = [\"albedo\", \"guides\"]; statistics = True for mean_variance, half_a and half_b; time_limit in seconds, which is\n"
-    "judged afterwards. What it raises is its failure, told in the tables; KeyboardInterrupt ends the run. With a cache its\n"
-    "results are kept under its code: bytecode, constants, defaults, the values that it closes over, the functions and values\n"
-    "of its module that it names; modules that are not installed count by their files; or under its attribute cache_key\n"
-    "alone, where it has one.\n\n"
-    "The dict is that of results.json. Raises InputError.";
 
 /// The last words of an exception of Python's, in one line.
 std::string last_words(py::error_already_set& error) {
@@ -200,7 +184,7 @@ py::object evaluate(const py::object& experiment, const py::object& filters, con
   if (!reference_spp.is_none()) e.reference_spp = to_int("reference_spp", reference_spp, 1, 1 << 24);
   if (!component.is_none()) e.component = to_text(component);
   if (!background.is_none()) e.background = to_text(background);
-  if (!search.is_none()) e.search = to_bool("search", search);
+  if (!search.is_none()) e.tune = to_bool("search", search);
   for (ExperimentScene& scene : e.scenes)
     for (const std::string& assignment : to_overrides(keywords)) scene.set.push_back(assignment);
   const NamedFilters named(filters);
@@ -226,7 +210,7 @@ void bind_evaluate(py::module_& module) {
              unless_given("output"), unless_given("cache"), unless_given("size"), unless_given("spp"),
              unless_given("seeds"), unless_given("reference_spp"), unless_given("component"),
              unless_given("background"), unless_given("search"), py::arg("threads") = 0, unless_given("progress"),
-             kEvaluateHelp);
+             help(embedded::help_evaluate_txt).c_str());
 }
 
 }  // namespace brume::python

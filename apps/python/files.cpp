@@ -7,16 +7,13 @@
 #include "apps/python/convert.h"
 #include "apps/python/work.h"
 #include "base/output_file.h"
+#include "help_read_txt.h"
+#include "help_write_txt.h"
 #include "image/exr_io.h"
 #include "image/foreign.h"
 
 namespace brume::python {
 namespace {
-
-constexpr const char* kReadHelp =
-    "Reads an EXR as float32.\n\n"
-    "channels: full channel names or layers to read (\"R,G,B\", [\"direct\"]); all without it. adopt: give a frame of\n"
-    "another renderer brume's names beside its own. Raises InputError: missing, not an EXR, truncated, deep.";
 
 LayersPointer read(const py::object& path, const py::object& channels, bool adopt) {
   const std::string file = to_path(path);
@@ -41,11 +38,6 @@ LayersPointer read(const py::object& path, const py::object& channels, bool adop
   return layers;
 }
 
-constexpr const char* kWriteHelp =
-    "Writes float32 scan lines, ZIP, in one part. The file appears whole or not at all.\n\n"
-    "layers: brume.Layers, which is written as it stands, or a mapping of arrays, which is copied first. Raises\n"
-    "InputError: a name that does not end in .exr, a folder that is missing, a full disk.";
-
 void write(const py::object& path, const py::object& layers) {
   const std::string file = to_path(path);
   const LayersPointer frame = to_layers(layers);
@@ -59,8 +51,8 @@ void write(const py::object& path, const py::object& layers) {
 
 void bind_files(py::module_& module) {
   module.def("read", &read, py::arg("path"), py::arg("channels") = py::none(), py::kw_only(), py::arg("adopt") = true,
-             kReadHelp);
-  module.def("write", &write, py::arg("path"), py::arg("layers"), kWriteHelp);
+             help(embedded::help_read_txt).c_str());
+  module.def("write", &write, py::arg("path"), py::arg("layers"), help(embedded::help_write_txt).c_str());
 }
 
 }  // namespace brume::python

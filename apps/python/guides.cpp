@@ -3,21 +3,12 @@
 #include "apps/python/bindings.h"
 #include "apps/python/scene.h"
 #include "base/output_file.h"
+#include "help_guides_txt.h"
 #include "image/exr_io.h"
 #include "workflows/guide_frame.h"
 
 namespace brume::python {
 namespace {
-
-constexpr const char* kGuidesHelp =
-    "Guides for a frame of any renderer, noise-free layers that denoise takes: what `brume guides` computes.\n\n"
-    "like: the frame, as path, Layers or mapping of arrays: its size, and its camera where its header has one\n"
-    "(worldToCamera and worldToNDC). scene: as brume.Scene takes it: lights, media and, where the frame's header has\n"
-    "none, the camera; of a Scene the light is solved once for all frames. volume: an OpenVDB file instead of the\n"
-    "scene's first one, or alone, with assumed coefficients and lights. samples: per pixel of the frame, more of them\n"
-    "deserve guides in more detail; else its header's, or 16. output: an EXR to write, too. Every other keyword sets a\n"
-    "key of the scene: volumes__0__sigma_t=18. Returns Layers with the channels guide.*. Raises InputError: neither\n"
-    "scene nor volume, no camera, nothing that scatters or glows.";
 
 LayersPointer guides(const py::object& like, const py::object& scene, const py::object& volume,
                      const py::object& samples, const py::object& output, int threads, const py::object& progress,
@@ -67,7 +58,7 @@ LayersPointer guides(const py::object& like, const py::object& scene, const py::
 void bind_guides(py::module_& module) {
   module.def("guides", &guides, py::arg("like"), py::arg("scene") = py::none(), py::kw_only(),
              py::arg("volume") = py::none(), py::arg("samples") = py::none(), py::arg("output") = py::none(),
-             py::arg("threads") = 0, py::arg("progress") = py::none(), kGuidesHelp);
+             py::arg("threads") = 0, py::arg("progress") = py::none(), help(embedded::help_guides_txt).c_str());
 }
 
 }  // namespace brume::python

@@ -95,20 +95,10 @@ py::tuple window(const PixelWindow& w) {
   return py::make_tuple(w.lo.x, w.lo.y, w.hi.x, w.hi.y);
 }
 
-}  // namespace
+using LayersType = py::class_<Layers, std::shared_ptr<Layers>>;
 
-void bind_layers(py::module_& module) {
-  py::class_<Layers, std::shared_ptr<Layers>> type(
-      module, "Layers",
-      "A frame: named float32 channels of one size, and a header.\n\n"
-      "A mapping from full channel names (\"R\", \"direct.mean_variance.G\") to arrays of height x width. The arrays are\n"
-      "views of the frame's own memory, not copies, and keep it alive; their rows are padded, so that they are not\n"
-      "contiguous. Assigning to a channel copies the values into its memory, which older views go on to show.");
-  type.def(
-      py::init(&make_layers), py::arg("channels"), py::kw_only(), py::arg("header") = py::none(),
-      py::arg("like") = py::none(),
-      "Copies a mapping of arrays: height x width for a channel, height x width x channels for a layer.\n\n"
-      "header: str, int, float and 4 x 4 matrices by name. like: a frame whose header and windows are taken over.");
+/// What makes it a mapping.
+void bind_channels(LayersType& type) {
   type.def("__getitem__", [](const py::object& self, const std::string& name) {
     return view_of(channel_of(self.cast<Layers&>(), name), self);
   });
@@ -151,6 +141,23 @@ void bind_layers(py::module_& module) {
         return plane ? view_of(*plane, self) : otherwise;
       },
       py::arg("name"), py::arg("default") = py::none(), "The view of a channel, or `default` where there is none.");
+}
+
+}  // namespace
+
+void bind_layers(py::module_& module) {
+  LayersType type(
+      module, "Layers",
+      "A frame: named float32 channels of one size, and a header.\n\n"
+      "A mapping from full channel names (\"R\", \"direct.mean_variance.G\") to arrays of height x width. The arrays are\n"
+      "views of the frame's own memory, not copies, and keep it alive; their rows are padded, so that they are not\n"
+      "contiguous. Assigning to a channel copies the values into its memory, which older views go on to show.");
+  type.def(
+      py::init(&make_layers), py::arg("channels"), py::kw_only(), py::arg("header") = py::none(),
+      py::arg("like") = py::none(),
+      "Copies a mapping of arrays: height x width for a channel, height x width x channels for a layer.\n\n"
+      "header: str, int, float and 4 x 4 matrices by name. like: a frame whose header and windows are taken over.");
+  bind_channels(type);
   type.def("image", &image_of, py::arg("layer") = "", py::arg("statistic") = "",
            "A layer as an array of height x width x channels, a copy; the beauty without a name.\n\n"
            "statistic: mean_variance, half_a, half_b or bucket_0 .. bucket_7.");

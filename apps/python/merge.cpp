@@ -4,17 +4,11 @@
 #include "apps/python/convert.h"
 #include "apps/python/work.h"
 #include "base/sequence.h"
+#include "help_merge_txt.h"
 #include "workflows/merge_frames.h"
 
 namespace brume::python {
 namespace {
-
-constexpr const char* kMergeHelp =
-    "Joins the parts of a render to the bits of one render of all their samples.\n\n"
-    "parts: Layers that were rendered with part=(i, n), paths of files of these or of checkpoints, or a path with a place\n"
-    "for a number, parts/###.exr, for all that are there; one of these or several. numbers: \"1-8\", of the parts that\n"
-    "must be there. mergeable: keep the sums of the samples, so that more parts can be merged later. output: an EXR to\n"
-    "write, too. Raises InputError: parts of other renders, which says what differs; samples that two of them have.";
 
 LayersPointer merge(const py::object& parts, const py::object& numbers, bool mergeable, const py::object& output,
                     int threads) {
@@ -44,7 +38,8 @@ LayersPointer merge(const py::object& parts, const py::object& numbers, bool mer
 
 void bind_merge(py::module_& module) {
   module.def("merge", &merge, py::arg("parts"), py::kw_only(), py::arg("numbers") = py::none(),
-             py::arg("mergeable") = false, py::arg("output") = py::none(), py::arg("threads") = 0, kMergeHelp);
+             py::arg("mergeable") = false, py::arg("output") = py::none(), py::arg("threads") = 0,
+             help(embedded::help_merge_txt).c_str());
 }
 
 }  // namespace brume::python

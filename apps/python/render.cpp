@@ -8,28 +8,12 @@
 
 #include "apps/python/bindings.h"
 #include "base/sequence.h"
+#include "help_render_options_txt.h"
 #include "workflows/choices.h"
 
 namespace brume::python {
 
 namespace {
-
-constexpr const char* kOptionsHelp =
-    "spp, seed: instead of the scene's. layers: names to record, \"none\" or \"all\". statistics: mean_variance, half_a\n"
-    "and half_b too. buckets: eight bucket means too. clean: True cleans the picture with noise-free guides, a filter's\n"
-    "name with that filter; the raw picture becomes the layer noisy; outliers as denoise takes it. crop: (x0, y0, x1,\n"
-    "y1), the last two exclusive.\n\n"
-    "time: seconds of sampling after which no new pass begins. target_error: estimated relative error at which to stop,\n"
-    "of the clean picture where one is made. part: (i, n), the i-th of n shares of the samples, for merge. checkpoint: an\n"
-    "EXR to keep the state in, written every checkpoint_every seconds, at the end, and at Ctrl-C. resume: a checkpoint to\n"
-    "go on from, to the bits of one render in one go. on_picture: called with Layers and a dict (samples, seconds, clean,\n"
-    "error) now and then while samples go on, clean where clean is set, in the caller's thread; no picture is made while\n"
-    "it runs. progress: called with the finished fraction. An exception of either ends the render.\n\n"
-    "frames: \"1-48\", a sequence, in files whose names have ####, $F4 or %04d: output is needed then; a frame that fails\n"
-    "is told, and the others go on; resume=True leaves out those that are there whole; fixed_seed: the same noise in each.\n"
-    "output, png, records: files to write, too.\n\n"
-    "Returns Layers; of a sequence a dict with the numbers of the frames that are done, skipped, failed and that missed\n"
-    "target_error (missed). Raises InputError, KeyboardInterrupt.";
 
 /// Hands whole pictures over to Python, where they are looked at.
 class PythonWatcher : public RenderWatcher {
@@ -119,7 +103,7 @@ std::string render_help(bool of_scene) {
           : "Renders a scene.\n\n"
             "scene: as brume.Scene takes it: a path of a scene file (TOML) or an OpenVDB file, the text of a scene, a dict,\n"
             "or a Scene. Every other keyword sets a key of the scene: camera__fov=30, volumes__0__density=array.\n";
-  return first + kOptionsHelp;
+  return first + help(embedded::help_render_options_txt);
 }
 
 void set_layers(RenderOptions& options, const py::object& layers, bool statistics, bool buckets,

@@ -8,25 +8,12 @@
 #include "apps/python/bindings.h"
 #include "apps/python/render.h"
 #include "base/text.h"
+#include "help_scene_txt.h"
 #include "render/world/mesh.h"
 #include "workflows/render_frame.h"
 
 namespace brume::python {
 namespace {
-
-constexpr const char* kSceneHelp =
-    "A scene that is read once and rendered many times.\n\n"
-    "scene: path of a scene file (TOML) or of an OpenVDB file, around which a scene is made up; the text of a scene, a\n"
-    "str of several lines; a dict of its tables, with NumPy arrays for volumes and meshes; or another Scene. Keywords\n"
-    "set keys, a dot written as two underscores: camera__fov=30; None leaves a key as it is. What is made up around a\n"
-    "volume goes by the keywords given here, not by what is set later.\n\n"
-    "In a dict, a volume may hold density, temperature and flame as arrays of x, y, z, color and velocity as arrays of\n"
-    "x, y, z, 3, voxel_size and origin [scene units]; a surface vertices (n, 3), faces (m, 3 or more), normals and\n"
-    "texcoords. Arrays are copied when the scene is made; what changes in them later changes nothing here.\n\n"
-    "Files are read when they are first needed, once. What was read, built and solved is kept for the next render as far\n"
-    "as a change leaves it as it is: another camera, film, number of samples or list of layers all of it; another light\n"
-    "or material the files and arrays. It is freed with the Scene. One render at a time: others wait. dict(scene) is\n"
-    "the scene as a dict again. Raises InputError.";
 
 constexpr const char* kExplainHelp =
     "What a render would model, and what it costs, in lines; as `brume render --explain`.\n\n"
@@ -217,7 +204,7 @@ Host SceneUse::host(const Work& work) {
 }
 
 void bind_scene(py::module_& module) {
-  py::class_<SceneObject, ScenePointer> type(module, "Scene", kSceneHelp);
+  py::class_<SceneObject, ScenePointer> type(module, "Scene", help(embedded::help_scene_txt).c_str());
   type.def(py::init(&make_scene), py::arg("scene"));
   add_render(type, render_help(/*of_scene=*/true));
   type.def("explain", &explain, py::kw_only(), py::arg("spp") = py::none(), py::arg("layers") = py::none(),

@@ -44,8 +44,7 @@ class SceneUse {
   /// Waits until it is free. @throws Interrupted
   SceneUse(SceneObject& scene, const Task& task);
   ~SceneUse();
-  SceneUse(const SceneUse&) = delete;
-  SceneUse& operator=(const SceneUse&) = delete;
+  SceneUse(SceneUse&&) = delete;
 
   SceneCache& cache() { return scene_.cache_; }
   /// A host that says each note of the scene once.

@@ -8,15 +8,10 @@
 #include "apps/python/convert.h"
 #include "apps/view/server.h"
 #include "base/sequence.h"
+#include "help_view_txt.h"
 
 namespace brume::python {
 namespace {
-
-constexpr const char* kViewHelp =
-    "Serves a page on this machine's loopback that shows a scene, to turn, light and edit it, and returns its address.\n\n"
-    "scene: path of a scene file (TOML) or of an OpenVDB file. frames: \"1-48\", a time line; the names are patterns\n"
-    "then. Every other keyword sets a key of the scene: camera__fov=30. It is served until the interpreter ends; the\n"
-    "address holds a secret, and who does not know it is not answered. Raises InputError.";
 
 /// The servers of this process, ended with the interpreter. For who holds Python's lock.
 std::vector<std::unique_ptr<web::Server>>& servers() {
@@ -47,7 +42,7 @@ std::string view(const py::object& scene, const py::object& frames, int threads,
 
 void bind_view(py::module_& module) {
   module.def("view", &view, py::arg("scene"), py::kw_only(), py::arg("frames") = py::none(), py::arg("threads") = 0,
-             kViewHelp);
+             help(embedded::help_view_txt).c_str());
   py::module_::import("atexit").attr("register")(py::cpp_function([] {
     std::vector<std::unique_ptr<web::Server>> all = std::move(servers());
     const py::gil_scoped_release others_may_run;

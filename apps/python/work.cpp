@@ -155,8 +155,7 @@ class RunningWorks {
       all()->cancels_.erase(cancel_);
       all()->changed_.notify_all();
     }
-    Entry(const Entry&) = delete;
-    Entry& operator=(const Entry&) = delete;
+    Entry(Entry&&) = delete;
     bool ends_with_interpreter() const {
       const std::scoped_lock lock(all()->mutex_);
       return all()->ends_this_thread();

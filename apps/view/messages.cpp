@@ -7,6 +7,7 @@
 #include <bit>
 #include <cmath>
 #include <cstring>
+#include <map>
 #include <nlohmann/json.hpp>
 
 #include "base/error.h"
@@ -64,27 +65,12 @@ ViewLook look_of(const json& message) {
 }
 
 const char* name_of(SceneKey::Type type) {
-  switch (type) {
-    case SceneKey::Type::kSwitch:
-      return "switch";
-    case SceneKey::Type::kInteger:
-      return "integer";
-    case SceneKey::Type::kNumber:
-      return "number";
-    case SceneKey::Type::kChoice:
-      return "choice";
-    case SceneKey::Type::kVector:
-      return "vector";
-    case SceneKey::Type::kColour:
-      return "color";
-    case SceneKey::Type::kNumbers:
-      return "numbers";
-    case SceneKey::Type::kText:
-    case SceneKey::Type::kFile:
-    case SceneKey::Type::kTable:
-      break;
-  }
-  return "text";
+  using Type = SceneKey::Type;
+  static const std::map<Type, const char*> names = {
+      {Type::kSwitch, "switch"}, {Type::kInteger, "integer"}, {Type::kNumber, "number"},  {Type::kChoice, "choice"},
+      {Type::kVector, "vector"}, {Type::kColour, "color"},    {Type::kNumbers, "numbers"}};
+  const auto found = names.find(type);
+  return found == names.end() ? "text" : found->second;
 }
 
 json json_of(const SceneKey& key) {

@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
-#include <algorithm>
 #include <boost/asio/ip/tcp.hpp>
 #include <boost/asio/post.hpp>
 #include <boost/asio/steady_timer.hpp>
@@ -12,7 +11,6 @@
 #include <boost/beast/websocket.hpp>
 #include <deque>
 #include <filesystem>
-#include <fstream>
 #include <map>
 #include <optional>
 #include <random>
@@ -22,6 +20,7 @@
 #include "apps/view/messages.h"
 #include "apps/view/view_bundle.h"
 #include "base/error.h"
+#include "base/output_file.h"
 #include "image/exr_io.h"
 
 namespace brume::web {
@@ -68,6 +67,36 @@ const std::string kPage = R"(<!doctype html>
 </html>
 )";
 
+using Request = http::request<http::string_body>;
+using Response = http::response<http::string_body>;
+
+/// An answer that lets no other page read or frame it.
+struct Reply {
+  Response response;
+
+  explicit Reply(unsigned version) : response(http::status::ok, version) {
+    response.set(http::field::cache_control, "no-store");
+    response.set(http::field::x_frame_options, "DENY");
+    response.set("X-Content-Type-Options", "nosniff");
+    response.set("Referrer-Policy", "no-referrer");
+    response.set("Cross-Origin-Resource-Policy", "same-origin");
+    response.set("Content-Security-Policy",
+                 "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; "
+                 "connect-src 'self' ws:; frame-ancestors 'none'; base-uri 'none'; form-action 'none'");
+  }
+  Response& refuse(http::status status, const std::string& text) {
+    response.result(status);
+    return give("text/plain; charset=utf-8", text + "\n");
+  }
+  /// @param saved_as  the file's name, where the browser is to save it
+  Response& give(const char* type, std::string body, const std::string& saved_as = "") {
+    if (!saved_as.empty()) response.set(http::field::content_disposition, "attachment; filename=\"" + saved_as + "\"");
+    response.set(http::field::content_type, type);
+    response.body() = std::move(body);
+    return response;
+  }
+};
+
 }  // namespace
 
 class Connection;
@@ -82,7 +111,7 @@ class Server::Implementation : public ViewListener {
   bool names_this(std::string_view host_header) const;
   bool comes_from_here(std::string_view origin) const;
   Viewer& viewer() { return *viewer_; }
-  http::response<http::string_body> answer(const http::request<http::string_body>& request);
+  Response answer(const Request& request);
 
   void joined(const std::shared_ptr<Connection>& connection);
   void left(const Connection* connection);
@@ -103,6 +132,8 @@ class Server::Implementation : public ViewListener {
   void point(uint64_t id, std::optional<dvec3> position) override { send_text("point", point_text(id, position)); }
 
  private:
+  Response file(std::string_view name, const std::optional<ViewLook>& look, Reply reply);
+  Response frame(const std::optional<ViewLook>& look, Reply reply);
   void accept();
   void check_file();
   void leave_alone();
@@ -171,7 +202,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
   void answer() {
     request_ = parser_->release();
     if (websocket::is_upgrade(request_)) {
-      const http::response<http::string_body> refusal = server_.answer(request_);
+      const Response refusal = server_.answer(request_);
       if (refusal.result() != http::status::ok) return respond(refusal);
       beast::get_lowest_layer(stream_).expires_never();
       web_.emplace(std::move(stream_));
@@ -190,7 +221,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
     respond(server_.answer(request_));
   }
 
-  void respond(http::response<http::string_body> response) {
+  void respond(Response response) {
     response_ = std::move(response);
     response_.keep_alive(request_.keep_alive());
     if (request_.method() == http::verb::head) {
@@ -240,8 +271,8 @@ class Connection : public std::enable_shared_from_this<Connection> {
   std::optional<websocket::stream<beast::tcp_stream>> web_;
   beast::flat_buffer buffer_;
   std::optional<http::request_parser<http::string_body>> parser_;
-  http::request<http::string_body> request_;
-  http::response<http::string_body> response_;
+  Request request_;
+  Response response_;
   std::deque<std::pair<std::string, std::string>> texts_;  // kind, text
   std::map<std::string, std::shared_ptr<const std::string>> pictures_;
   std::shared_ptr<const std::string> now_;
@@ -310,42 +341,25 @@ bool Server::Implementation::comes_from_here(std::string_view origin) const {
   return origin.starts_with("http://") && names_this(origin.substr(7));
 }
 
-http::response<http::string_body> Server::Implementation::answer(const http::request<http::string_body>& request) {
-  http::response<http::string_body> response{http::status::ok, request.version()};
-  response.set(http::field::cache_control, "no-store");
-  response.set(http::field::x_frame_options, "DENY");
-  response.set("X-Content-Type-Options", "nosniff");
-  response.set("Referrer-Policy", "no-referrer");
-  response.set("Cross-Origin-Resource-Policy", "same-origin");
-  response.set("Content-Security-Policy",
-               "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; "
-               "connect-src 'self' ws:; frame-ancestors 'none'; base-uri 'none'; form-action 'none'");
-  const auto refuse = [&](http::status status, const std::string& text) {
-    response.result(status);
-    response.set(http::field::content_type, "text/plain; charset=utf-8");
-    response.body() = text + "\n";
-    return response;
-  };
-  const auto give = [&](const char* type, std::string body) {
-    response.set(http::field::content_type, type);
-    response.body() = std::move(body);
-    return response;
-  };
+Response Server::Implementation::answer(const Request& request) {
+  Reply reply(request.version());
   const auto text = [](const beast::string_view& v) { return std::string_view(v.data(), v.size()); };
-  if (!names_this(text(request[http::field::host]))) return refuse(http::status::forbidden, "another host is meant");
+  if (!names_this(text(request[http::field::host])))
+    return reply.refuse(http::status::forbidden, "another host is meant");
   const std::string_view origin = text(request[http::field::origin]);
-  if (!origin.empty() && !comes_from_here(origin)) return refuse(http::status::forbidden, "another page asks");
+  if (!origin.empty() && !comes_from_here(origin)) return reply.refuse(http::status::forbidden, "another page asks");
   const bool posted = request.method() == http::verb::post;
   if (request.method() != http::verb::get && request.method() != http::verb::head && !posted)
-    return refuse(http::status::method_not_allowed, "expected GET, or POST with a look");
+    return reply.refuse(http::status::method_not_allowed, "expected GET, or POST with a look");
   std::string_view target = text(request.target());
   target = target.substr(0, target.find('?'));
   const size_t slash = target.find('/', 1);
   if (target.empty() || target[0] != '/' || slash == std::string_view::npos ||
       !same(target.substr(1, slash - 1), secret_))
-    return refuse(http::status::not_found, "nothing is here; the address that the program prints ends in a secret");
+    return reply.refuse(http::status::not_found,
+                        "nothing is here; the address that the program prints ends in a secret");
   const std::string_view name = target.substr(slash + 1);
-  if (posted && origin.empty()) return refuse(http::status::forbidden, "no page asks");
+  if (posted && origin.empty()) return reply.refuse(http::status::forbidden, "no page asks");
   // What is kept of a look is that very look, not what has been computed last.
   std::optional<ViewLook> look;
   if (posted) {
@@ -353,56 +367,54 @@ http::response<http::string_body> Server::Implementation::answer(const http::req
       auto wish = parse_message(request.body());
       if (auto* const wanted = std::get_if<ViewLook>(&wish)) look = std::move(*wanted);
     } catch (const InputError& problem) {
-      return refuse(http::status::bad_request, problem.what());
+      return reply.refuse(http::status::bad_request, problem.what());
     }
-    if (!look) return refuse(http::status::bad_request, "expected a look");
+    if (!look) return reply.refuse(http::status::bad_request, "expected a look");
   }
   if (websocket::is_upgrade(request)) {
-    if (name != "live" || origin.empty()) return refuse(http::status::forbidden, "no page asks");
+    if (name != "live" || origin.empty()) return reply.refuse(http::status::forbidden, "no page asks");
     return connections_.size() < kMostConnections
-               ? response
-               : refuse(http::status::service_unavailable, "too many pages are open");
+               ? reply.response
+               : reply.refuse(http::status::service_unavailable, "too many pages are open");
   }
-  if (name.empty()) {
-    if (view_script.empty())
-      return refuse(http::status::not_implemented,
-                    "this brume was built without its pages: Node.js and npm were not there");
-    return give("text/html; charset=utf-8", kPage);
+  return file(name, look, std::move(reply));
+}
+
+Response Server::Implementation::file(std::string_view name, const std::optional<ViewLook>& look, Reply reply) {
+  if (name.empty() && view_script.empty())
+    return reply.refuse(http::status::not_implemented,
+                        "this brume was built without its pages: Node.js and npm were not there");
+  if (name.empty()) return reply.give("text/html; charset=utf-8", kPage);
+  if (name == "view.js") return reply.give("text/javascript; charset=utf-8", std::string(view_script));
+  if (name == "view.css") return reply.give("text/css; charset=utf-8", std::string(view_style));
+  if (name == "frame.exr") return frame(look, std::move(reply));
+  try {
+    if (look && name == "command") return reply.give("text/plain; charset=utf-8", viewer_->command(*look));
+    if (name == "scene.toml")
+      return reply.give("application/toml; charset=utf-8", look ? viewer_->scene_text(*look) : viewer_->scene_text(),
+                        "scene.toml");
+  } catch (const InputError& problem) {
+    return reply.refuse(http::status::conflict, problem.what());
   }
-  if (name == "view.js") return give("text/javascript; charset=utf-8", std::string(view_script));
-  if (name == "view.css") return give("text/css; charset=utf-8", std::string(view_style));
-  if (name == "scene.toml" || (look && name == "command")) {
-    try {
-      const bool command = name == "command";
-      std::string body = command ? viewer_->command(*look) : look ? viewer_->scene_text(*look) : viewer_->scene_text();
-      if (command) return give("text/plain; charset=utf-8", std::move(body));
-      response.set(http::field::content_disposition, "attachment; filename=\"scene.toml\"");
-      return give("application/toml; charset=utf-8", std::move(body));
-    } catch (const InputError& problem) {
-      return refuse(http::status::conflict, problem.what());
-    }
+  return reply.refuse(http::status::not_found, "no such file");
+}
+
+Response Server::Implementation::frame(const std::optional<ViewLook>& look, Reply reply) {
+  const std::shared_ptr<const Layers> frame = look ? viewer_->frame(*look) : viewer_->frame();
+  // A page waits for it, which is no error.
+  if (!frame)
+    return reply.refuse(look ? http::status::accepted : http::status::not_found,
+                        "no samples have been taken yet; let the picture rest");
+  const fs::path file = fs::temp_directory_path() / fmt::format("brume-view-{}-{}.exr", getpid(), secret_.substr(0, 8));
+  try {
+    write_exr(file, *frame);
+    std::string bytes = read_text(file);
+    std::error_code ignored;
+    fs::remove(file, ignored);
+    return reply.give("image/x-exr", std::move(bytes), "frame.exr");
+  } catch (const std::exception& problem) {
+    return reply.refuse(http::status::internal_server_error, problem.what());
   }
-  if (name == "frame.exr") {
-    const std::shared_ptr<const Layers> frame = look ? viewer_->frame(*look) : viewer_->frame();
-    // A page waits for it, which is no error.
-    if (!frame)
-      return refuse(look ? http::status::accepted : http::status::not_found,
-                    "no samples have been taken yet; let the picture rest");
-    const fs::path file =
-        fs::temp_directory_path() / fmt::format("brume-view-{}-{}.exr", getpid(), secret_.substr(0, 8));
-    try {
-      write_exr(file, *frame);
-      std::ifstream stream(file, std::ios::binary);
-      std::string bytes{std::istreambuf_iterator<char>(stream), {}};
-      std::error_code ignored;
-      fs::remove(file, ignored);
-      response.set(http::field::content_disposition, "attachment; filename=\"frame.exr\"");
-      return give("image/x-exr", std::move(bytes));
-    } catch (const std::exception& problem) {
-      return refuse(http::status::internal_server_error, problem.what());
-    }
-  }
-  return refuse(http::status::not_found, "no such file");
 }
 
 void Server::Implementation::accept() {

@@ -1,6 +1,4 @@
 #pragma once
-#include <atomic>
-#include <functional>
 #include <memory>
 #include <string>
 
@@ -22,8 +20,7 @@ class Server {
   /// that cannot be listened on
   Server(const ViewOptions& view, const ServerOptions& options, const Host& host);
   ~Server();
-  Server(const Server&) = delete;
-  Server& operator=(const Server&) = delete;
+  Server(Server&&) = delete;
 
   /// "http://127.0.0.1:41234/SECRET/"
   const std::string& address() const;

@@ -10,11 +10,10 @@
 #include "base/error.h"
 #include "base/parallel_for.h"
 #include "base/text.h"
+#include "evaluate/metrics/encoded.h"
 #include "evaluate/metrics/flip.h"
 #include "evaluate/metrics/similarity.h"
-#include "evaluate/report/encoded.h"
 #include "filters/kernels/lab.h"
-#include "image/color.h"
 
 namespace brume {
 namespace {
@@ -47,22 +46,14 @@ float log_luminance(float r, float g, float b) {
   return std::log(std::max(0.265f * r + 0.670f * g + 0.065f * b, 1e-4f));
 }
 
-/// Sums over the pixels of a row, or of all.
+/// What is summed over pixels.
+enum Term { kLab, kLabOpen, kSquare, kCode, kLogLuminance, kPicture, kReference, kSsim, kFlip, kHdrFlip, kTerms };
 struct Sums {
-  double lab = 0, lab_open = 0, mse = 0, code = 0, log_luminance = 0, x = 0, r = 0, ssim = 0, flip = 0, hdr_flip = 0;
+  std::array<double, kTerms> of{};
   size_t pixels = 0;
-  void operator+=(const Sums& o) {
-    lab += o.lab;
-    lab_open += o.lab_open;
-    mse += o.mse;
-    code += o.code;
-    log_luminance += o.log_luminance;
-    x += o.x;
-    r += o.r;
-    ssim += o.ssim;
-    flip += o.flip;
-    hdr_flip += o.hdr_flip;
-    pixels += o.pixels;
+  void operator+=(const Sums& other) {
+    for (size_t i = 0; i < kTerms; ++i) of[i] += other.of[i];
+    pixels += other.pixels;
   }
 };
 
@@ -138,14 +129,8 @@ double trimmed_mean(std::vector<float> values) {
 }  // namespace
 
 const char* better_name(Better better) {
-  switch (better) {
-    case Better::kHigher:
-      return "higher";
-    case Better::kZero:
-      return "zero";
-    default:
-      return "lower";
-  }
+  constexpr const char* kNames[] = {"lower", "higher", "zero"};
+  return kNames[static_cast<size_t>(better)];
 }
 
 std::string LabPolicy::text() const {
@@ -163,6 +148,102 @@ Mask medium_mask(const Layers& reference) {
   return mask;
 }
 
+namespace {
+
+/// A picture and its references, which may be one and the same.
+struct Compared {
+  const RgbPlanes &x, &r1, &r2;
+  const LabPolicy& policy;
+  const std::optional<Maps>& maps;
+};
+
+/// The terms of a row, pixel by pixel.
+/// @param relative  takes the relative squared errors   @param add  is called with each pixel's terms
+template <class Add>
+void compare_row(const Compared& c, int y, float* relative, const Add& add) {
+  const int width = c.x[0]->width();
+  const bool two = &c.r1 != &c.r2;
+  LabPolicy unclipped = c.policy;
+  unclipped.clip = false;
+  const auto rows = [&](const RgbPlanes& rgb) {
+    std::array<LabRow, 2> lab{LabRow(width), LabRow(width)};
+    lab[0].load(rgb, y, c.policy);
+    lab[1].load(rgb, y, unclipped);
+    return lab;
+  };
+  const auto lab_x = rows(c.x), lab_1 = rows(c.r1);
+  const auto lab_other = two ? rows(c.r2) : std::array<LabRow, 2>{LabRow(0), LabRow(0)};
+  const auto& lab_2 = two ? lab_other : lab_1;
+  const double exposure = c.policy.exposure;
+  for (int px = 0; px < width; ++px) {
+    Sums pixel{{}, 1};
+    auto& of = pixel.of;
+    of[kLab] = lab_product(lab_x[0], lab_1[0], lab_2[0], px);
+    of[kLabOpen] = lab_product(lab_x[1], lab_1[1], lab_2[1], px);
+    double relative_product = 0;
+    std::array<float, 3> v, a, b;
+    for (size_t k = 0; k < 3; ++k) {
+      v[k] = (*c.x[k])(px, y);
+      a[k] = (*c.r1[k])(px, y);
+      b[k] = (*c.r2[k])(px, y);
+      const double product = (static_cast<double>(v[k]) - a[k]) * (static_cast<double>(v[k]) - b[k]);
+      const double mean = 0.5 * (static_cast<double>(a[k]) + b[k]);
+      of[kSquare] += product / 3;
+      relative_product += product / (mean * mean + 0.01) / 3;
+      const float code = srgb_code(v[k], exposure), code_a = srgb_code(a[k], exposure);
+      const float code_b = two ? srgb_code(b[k], exposure) : code_a;
+      of[kCode] += static_cast<double>(code - code_a) * (code - code_b) / 3;
+      of[kPicture] += v[k];
+      of[kReference] += mean;
+    }
+    relative[px] = static_cast<float>(relative_product);
+    const float log_x = log_luminance(v[0], v[1], v[2]), log_a = log_luminance(a[0], a[1], a[2]);
+    const float log_b = two ? log_luminance(b[0], b[1], b[2]) : log_a;
+    of[kLogLuminance] = static_cast<double>(log_x - log_a) * (log_x - log_b);
+    if (c.maps) {
+      of[kSsim] = c.maps->ssim(px, y);
+      of[kFlip] = c.maps->flip(px, y);
+      of[kHdrFlip] = c.maps->hdr_flip(px, y);
+    }
+    add(px, pixel);
+  }
+}
+
+bool counts(const Mask& mask, int x, int y, int width) {
+  return mask.empty() || mask[static_cast<size_t>(y) * width + x];
+}
+
+/// @param relative  the relative squared errors of all pixels
+Errors errors_of(const Sums& sums, const Plane& relative, const Mask& mask) {
+  Errors e;
+  e.pixels = sums.pixels;
+  if (e.pixels == 0) return e;
+  std::vector<float> errors;
+  errors.reserve(e.pixels);
+  double relative_sum = 0;
+  for (int y = 0; y < relative.height(); ++y)
+    for (int x = 0; x < relative.width(); ++x)
+      if (counts(mask, x, y, relative.width())) {
+        errors.push_back(relative(x, y));
+        relative_sum += errors.back();
+      }
+  const auto mean = [&](Term term) { return sums.of[term] / static_cast<double>(e.pixels); };
+  e.lab_rms = std::sqrt(std::max(0.0, mean(kLab)));
+  e.lab_rms_unclipped = std::sqrt(std::max(0.0, mean(kLabOpen)));
+  e.mse = std::max(0.0, mean(kSquare));
+  e.rel_mse = std::max(0.0, relative_sum / static_cast<double>(e.pixels));
+  e.rel_mse_trimmed = trimmed_mean(std::move(errors));
+  e.log_luminance_mse = std::max(0.0, mean(kLogLuminance));
+  e.psnr = -10 * std::log10(std::max(kPsnrFloor, mean(kCode)));
+  e.ssim = mean(kSsim);
+  e.flip = mean(kFlip);
+  e.hdr_flip = mean(kHdrFlip);
+  e.relative_bias = sums.of[kReference] != 0 ? sums.of[kPicture] / sums.of[kReference] - 1.0 : 0.0;
+  return e;
+}
+
+}  // namespace
+
 std::vector<Errors> compare_regions(const RgbPlanes& x, const RgbPlanes& r1, const LabPolicy& policy,
                                     const std::vector<Mask>& masks, const RgbPlanes* second, ErrorScope scope,
                                     const Task& task) {
@@ -170,90 +251,22 @@ std::vector<Errors> compare_regions(const RgbPlanes& x, const RgbPlanes& r1, con
   if (second) check(*second, r1);
   const RgbPlanes& r2 = second ? *second : r1;
   const Task silent = quiet(task);
-  LabPolicy unclipped = policy;
-  unclipped.clip = false;
   const int width = x[0]->width(), height = x[0]->height();
   std::optional<Maps> maps;
   if (scope == ErrorScope::kAll) maps.emplace(x, r1, r2, policy.exposure, silent);
-
   std::vector<std::vector<Sums>> rows(static_cast<size_t>(height), std::vector<Sums>(masks.size()));
   Plane relative(width, height);
   parallel_for(height, silent, [&](int y) {
-    LabRow lab_x(width), lab_1(width), open_x(width), open_1(width), lab_other(second ? width : 0),
-        open_other(second ? width : 0);
-    const LabRow &lab_2 = second ? lab_other : lab_1, &open_2 = second ? open_other : open_1;
-    lab_x.load(x, y, policy);
-    lab_1.load(r1, y, policy);
-    open_x.load(x, y, unclipped);
-    open_1.load(r1, y, unclipped);
-    if (second) {
-      lab_other.load(r2, y, policy);
-      open_other.load(r2, y, unclipped);
-    }
-    for (int px = 0; px < width; ++px) {
-      Sums pixel;
-      pixel.pixels = 1;
-      pixel.lab = lab_product(lab_x, lab_1, lab_2, px);
-      pixel.lab_open = lab_product(open_x, open_1, open_2, px);
-      double relative_product = 0;
-      std::array<float, 3> v, a, b;
-      for (size_t c = 0; c < 3; ++c) {
-        v[c] = (*x[c])(px, y);
-        a[c] = (*r1[c])(px, y);
-        b[c] = (*r2[c])(px, y);
-        const double product = (static_cast<double>(v[c]) - a[c]) * (static_cast<double>(v[c]) - b[c]);
-        const double mean = 0.5 * (static_cast<double>(a[c]) + b[c]);
-        pixel.mse += product / 3;
-        relative_product += product / (mean * mean + 0.01) / 3;
-        const float code = srgb_code(v[c], policy.exposure);
-        const float code_a = srgb_code(a[c], policy.exposure);
-        const float code_b = second ? srgb_code(b[c], policy.exposure) : code_a;
-        pixel.code += static_cast<double>(code - code_a) * (code - code_b) / 3;
-        pixel.x += v[c];
-        pixel.r += mean;
-      }
-      relative(px, y) = static_cast<float>(relative_product);
-      const float log_x = log_luminance(v[0], v[1], v[2]), log_a = log_luminance(a[0], a[1], a[2]);
-      const float log_b = second ? log_luminance(b[0], b[1], b[2]) : log_a;
-      pixel.log_luminance = static_cast<double>(log_x - log_a) * (log_x - log_b);
-      if (maps) {
-        pixel.ssim = maps->ssim(px, y);
-        pixel.flip = maps->flip(px, y);
-        pixel.hdr_flip = maps->hdr_flip(px, y);
-      }
+    compare_row({x, r1, r2, policy, maps}, y, relative.row(y), [&](int px, const Sums& pixel) {
       for (size_t m = 0; m < masks.size(); ++m)
-        if (masks[m].empty() || masks[m][static_cast<size_t>(y) * width + px]) rows[static_cast<size_t>(y)][m] += pixel;
-    }
+        if (counts(masks[m], px, y, width)) rows[static_cast<size_t>(y)][m] += pixel;
+    });
   });
-
   std::vector<Errors> result;
   for (size_t m = 0; m < masks.size(); ++m) {
     Sums sums;
     for (const std::vector<Sums>& row : rows) sums += row[m];
-    Errors& e = result.emplace_back();
-    e.pixels = sums.pixels;
-    if (e.pixels == 0) continue;
-    const double n = static_cast<double>(e.pixels);
-    std::vector<float> errors;
-    errors.reserve(e.pixels);
-    double relative_sum = 0;
-    for (int y = 0; y < height; ++y)
-      for (int px = 0; px < width; ++px)
-        if (masks[m].empty() || masks[m][static_cast<size_t>(y) * width + px]) {
-          errors.push_back(relative(px, y));
-          relative_sum += errors.back();
-        }
-    e.lab_rms = std::sqrt(std::max(0.0, sums.lab / n));
-    e.lab_rms_unclipped = std::sqrt(std::max(0.0, sums.lab_open / n));
-    e.mse = std::max(0.0, sums.mse / n);
-    e.rel_mse = std::max(0.0, relative_sum / n);
-    e.rel_mse_trimmed = trimmed_mean(std::move(errors));
-    e.log_luminance_mse = std::max(0.0, sums.log_luminance / n);
-    e.psnr = -10 * std::log10(std::max(kPsnrFloor, sums.code / n));
-    e.ssim = sums.ssim / n;
-    e.flip = sums.flip / n;
-    e.hdr_flip = sums.hdr_flip / n;
-    e.relative_bias = sums.r != 0 ? sums.x / sums.r - 1.0 : 0.0;
+    result.push_back(errors_of(sums, relative, masks[m]));
   }
   return result;
 }

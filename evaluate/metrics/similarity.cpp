@@ -4,7 +4,7 @@
 #include <cmath>
 
 #include "base/parallel_for.h"
-#include "evaluate/report/encoded.h"
+#include "evaluate/metrics/encoded.h"
 
 namespace brume {
 namespace {

@@ -9,6 +9,12 @@
 
 namespace brume {
 
+double median(std::vector<double> values) {
+  std::sort(values.begin(), values.end());
+  const size_t n = values.size();
+  return n % 2 ? values[n / 2] : 0.5 * (values[n / 2 - 1] + values[n / 2]);
+}
+
 MeanInterval mean_interval(const std::vector<double>& values) {
   MeanInterval result{0, 0, values.size()};
   if (values.empty()) return result;

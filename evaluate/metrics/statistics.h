@@ -4,6 +4,8 @@
 
 namespace brume {
 
+double median(std::vector<double> values);
+
 /// Mean and half width of the two-sided 95 % confidence interval of the mean, by Student's t.
 struct MeanInterval {
   double mean = 0, half_width = 0;

@@ -1,7 +1,6 @@
 #include "evaluate/metrics/temporal.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <stdexcept>
 

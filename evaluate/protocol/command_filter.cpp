@@ -281,10 +281,7 @@ struct Prepared {
 
   /// A text in which the scratch folder, whose name is another each time, is called as in commands.
   static std::string without_folder(std::string text, const fs::path& folder) {
-    const std::string name = folder.string(), place = "{folder}";
-    for (size_t at = 0; (at = text.find(name, at)) != std::string::npos; at += place.size())
-      text.replace(at, name.size(), place);
-    return text;
+    return replaced(std::move(text), folder.string(), "{folder}");
   }
 };
 

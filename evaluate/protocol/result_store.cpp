@@ -13,7 +13,6 @@
 #include "base/peak_memory.h"
 #include "base/text.h"
 #include "evaluate/protocol/external_filter.h"
-#include "filters/api/registry.h"
 #include "filters/inputs/guide_layers.h"
 
 namespace brume {
@@ -31,12 +30,6 @@ std::string exact(double value) {
 std::optional<double> number_of(const Layers& entry, const std::string& key) {
   const std::string text = entry.text(key);
   return text.empty() ? std::nullopt : std::optional(std::stod(text));
-}
-
-double median(std::vector<double> values) {
-  std::sort(values.begin(), values.end());
-  const size_t n = values.size();
-  return n % 2 ? values[n / 2] : 0.5 * (values[n / 2 - 1] + values[n / 2]);
 }
 
 /// Cancels a task when its time is up, or when the user does.
@@ -71,8 +64,7 @@ class Deadline {
     changed_.notify_one();
     watch_.join();
   }
-  Deadline(const Deadline&) = delete;
-  Deadline& operator=(const Deadline&) = delete;
+  Deadline(Deadline&&) = delete;
   const std::atomic<bool>* cancel() const { return cancel_; }
   bool over() const { return over_; }
 
@@ -91,9 +83,7 @@ constexpr LayerName kJudged[] = {layer::beauty, layer::direct, layer::indirect, 
 
 /// Those of some layers that a frame has.
 Layers only(std::span<const LayerName> names, const Layers& frame) {
-  Layers picture(frame.width(), frame.height());
-  picture.header = frame.header;
-  picture.lie_like(frame);
+  Layers picture = frame.without_channels();
   for (const LayerName& name : names)
     if (frame.has(name))
       for (const std::string& channel : name.channel_names()) picture.set(channel, frame.at(channel));
@@ -118,9 +108,7 @@ Layers only_colours(const Layers& frame) {
 }
 
 Layers without_layers(const Layers& frame, const std::vector<std::string>& names) {
-  Layers rest(frame.width(), frame.height());
-  rest.header = frame.header;
-  rest.lie_like(frame);
+  Layers rest = frame.without_channels();
   for (const auto& [channel_name, plane] : frame.channels()) {
     const bool out = std::any_of(names.begin(), names.end(), [&, &channel = channel_name](const std::string& name) {
       return channel.starts_with(name + ".");

@@ -1,7 +1,6 @@
 #include "evaluate/protocol/studies.h"
 
 #include <algorithm>
-#include <cmath>
 
 #include "filters/inputs/guide_layers.h"
 

@@ -31,23 +31,7 @@ std::string base64(const std::vector<uint8_t>& bytes) {
 
 /// JSON inside a script element, which would end at the first "</script" in one of its texts.
 std::string inside_script(std::string text) {
-  for (size_t at = 0; (at = text.find('<', at)) != std::string::npos;) text.replace(at, 1, "\\u003c");
-  return text;
-}
-
-std::string escaped(const std::string& text) {
-  std::string result;
-  for (const char c : text) switch (c) {
-      case '&':
-        result += "&amp;";
-        break;
-      case '<':
-        result += "&lt;";
-        break;
-      default:
-        result += c;
-    }
-  return result;
+  return replaced(std::move(text), "<", "\\u003c");
 }
 
 /// Pictures for the page; equal ones, as of settings that came to the same, are kept once.
@@ -96,8 +80,8 @@ std::string results_page(const Evaluation& e) {
       "<script type=\"application/json\" id=\"results\">{}</script>\n"
       "<script type=\"application/json\" id=\"pictures\">{}</script>\n"
       "<script>{}</script>\n",
-      escaped("brume: " + join(names)), page_style, inside_script(json::parse(json_report(e)).dump()),
-      inside_script(pictures.entries.dump()), page_script);
+      replaced(replaced("brume: " + join(names), "&", "&amp;"), "<", "&lt;"), page_style,
+      inside_script(json::parse(json_report(e)).dump()), inside_script(pictures.entries.dump()), page_script);
   for (size_t i = 0; i < pictures.packed.size(); ++i)
     html += fmt::format("<script type=\"text/plain\" id=\"picture-{}\">{}</script>\n", i, pictures.packed[i]);
   return html + "</body>\n</html>\n";

@@ -1,7 +1,7 @@
 #pragma once
 #include <string>
 
-#include "evaluate/protocol/protocol.h"
+#include "evaluate/protocol/results.h"
 
 namespace brume {
 

@@ -6,6 +6,8 @@
 #include <cmath>
 #include <map>
 
+#include "base/text.h"
+
 namespace brume {
 namespace {
 
@@ -48,9 +50,7 @@ struct Axis {
 };
 
 std::string xml_text(const std::string& text) {
-  std::string escaped;
-  for (const char c : text) escaped += c == '<' ? "&lt;" : c == '>' ? "&gt;" : c == '&' ? "&amp;" : std::string(1, c);
-  return escaped;
+  return replaced(replaced(replaced(text, "&", "&amp;"), "<", "&lt;"), ">", "&gt;");
 }
 
 }  // namespace

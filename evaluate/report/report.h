@@ -1,7 +1,7 @@
 #pragma once
 #include <filesystem>
 
-#include "evaluate/protocol/protocol.h"
+#include "evaluate/protocol/results.h"
 
 namespace brume {
 
@@ -17,12 +17,6 @@ std::string json_report(const Evaluation& evaluation);
 
 /// The EXR of a method's first seed, in the folder of results.
 std::string picture_file(const SceneResult& scene, const MethodResult& method);
-
-/// What Table 1 of the gradient-kernel paper prints for a scene, spp and filter.
-struct PaperNumbers {
-  double rms = 0, seconds = 0;
-};
-std::optional<PaperNumbers> paper_numbers(const std::string& scene, const std::string& filter, int spp);
 
 /// Writes everything into a folder: tables, plots, strips and the EXRs of the first seed. @throws InputError
 void write_report(const Evaluation& evaluation, const std::filesystem::path& folder);

@@ -3,12 +3,12 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cmath>
 #include <nlohmann/json.hpp>
 
 #include "evaluate/protocol/external_filter.h"
 #include "evaluate/protocol/overall.h"
 #include "evaluate/protocol/speed.h"
+#include "evaluate/report/paper_numbers.h"
 #include "evaluate/report/report.h"
 
 namespace brume {
@@ -16,30 +16,25 @@ namespace {
 
 using json = nlohmann::ordered_json;
 
-const char* component_name(Component component) {
-  switch (component) {
-    case Component::kIndirect:
-      return "indirect";
-    case Component::kSeparate:
-      return "separate";
-    default:
-      return "all";
-  }
+/// What `entry` makes of each.
+template <class Range, class Entry>
+json list_of(const Range& range, Entry entry) {
+  json list = json::array();
+  for (const auto& element : range) list.push_back(entry(element));
+  return list;
 }
 
 json experiment_json(const EvaluationSettings& s) {
-  json contenders = json::array();
-  for (const Contender& c : s.contenders) contenders.push_back(c.label);
+  constexpr const char *kComponents[] = {"indirect", "all", "separate"},
+                       *kBackgrounds[] = {"default", "bilateral", "filter"};
   return {{"name", s.name},
-          {"component", component_name(s.component)},
-          {"background", s.background == BackgroundRule::kBilateral ? "bilateral"
-                         : s.background == BackgroundRule::kFilter  ? "filter"
-                                                                    : "default"},
+          {"component", kComponents[static_cast<size_t>(s.component)]},
+          {"background", kBackgrounds[static_cast<size_t>(s.background)]},
           {"reference_spp", s.reference_spp},
           {"reference_noise", s.reference_noise},
           {"searched", s.tune},
           {"time_limit", s.time_limit},
-          {"contenders", contenders},
+          {"contenders", list_of(s.contenders, [](const Contender& c) { return c.label; })},
           {"file", s.text}};
 }
 
@@ -117,11 +112,9 @@ json methods_json(const Evaluation& e) {
       const auto contender = std::find_if(e.settings.contenders.begin(), e.settings.contenders.end(),
                                           [&](const Contender& c) { return c.label == m.filter; });
       const bool is_filter = contender != e.settings.contenders.end();
-      json features = json::array();
+      std::vector<std::string> features;
       if (is_filter)
-        for (const std::string& name :
-             contender->features.empty() ? contender->settings.preferred_features() : contender->features)
-          features.push_back(name);
+        features = contender->features.empty() ? contender->settings.preferred_features() : contender->features;
       // Those of a search are another in every row.
       const bool fixed = m.tuning == Tuning::kDefault || m.tuning == Tuning::kPaper;
       const ExternalFilter* const external = is_filter ? contender->external.get() : nullptr;
@@ -158,8 +151,7 @@ json metric_values(const EvaluationSettings& settings, const std::vector<Errors>
   return metrics;
 }
 
-json rows_json(const SceneResult& scene, const EvaluationSettings& settings) {
-  json rows = json::array();
+void add_rows(json& rows, const SceneResult& scene, const EvaluationSettings& settings) {
   for (const MethodResult& m : scene.methods)
     for (const Region region : kRegions) {
       if (region == Region::kMedium && scene.mask.empty()) continue;
@@ -181,7 +173,6 @@ json rows_json(const SceneResult& scene, const EvaluationSettings& settings) {
         row["paper"] = {{"rms", paper->rms}, {"seconds", paper->seconds}};
       rows.push_back(std::move(row));
     }
-  return rows;
 }
 
 /// All pairs of some methods by one metric, and who is better when all of these are looked at together.
@@ -210,8 +201,7 @@ json pairs_of(const std::vector<const MethodResult*>& methods, Region region, si
 
 /// The methods of one tuning against one another, the unfiltered frames among them, by every metric of which
 /// differences tell something: not by a bias, of which zero is the best.
-json pairs_json(const SceneResult& scene, const EvaluationSettings& settings) {
-  json pairs = json::array();
+void add_pairs(json& pairs, const SceneResult& scene, const EvaluationSettings& settings) {
   for (const int spp : spp_of(scene))
     for (const Region region : kRegions)
       for (const Tuning tuning : {Tuning::kPaper, Tuning::kDefault, Tuning::kSearched, Tuning::kTransfer}) {
@@ -230,56 +220,49 @@ json pairs_json(const SceneResult& scene, const EvaluationSettings& settings) {
           pairs.push_back(std::move(group));
         }
       }
-  return pairs;
 }
 
-json pictures_json(const SceneResult& scene) {
-  json pictures = json::array();
+void add_pictures(json& pictures, const SceneResult& scene) {
   pictures.push_back(
       {{"scene", scene.name}, {"spp", 0}, {"method", "reference"}, {"file", scene.name + "_reference.exr"}});
   for (const MethodResult& m : scene.methods)
     if (m.failed.empty())
       pictures.push_back({{"scene", scene.name}, {"spp", m.spp}, {"method", m.id()}, {"file", picture_file(scene, m)}});
-  return pictures;
 }
 
 json number_or_null(const std::optional<double>& value) {
   return value ? json(rounded(*value)) : json(nullptr);
 }
 
-json pareto_json(const SceneResult& scene, const EvaluationSettings& settings) {
-  json list = json::array();
+void add_pareto(json& list, const SceneResult& scene, const EvaluationSettings& settings) {
   for_each_judgement(settings, [&](const Judgement& by) {
     for (const std::optional<Tuning> setting : kSettings) {
-      json front = json::array();
-      for (const MethodResult* m : pareto_front(scene, by, setting))
-        front.push_back({{"method", m->id()}, {"spp", m->spp}});
+      const json front = list_of(pareto_front(scene, by, setting), [](const MethodResult* m) {
+        return json{{"method", m->id()}, {"spp", m->spp}};
+      });
       json group = {{"scene", scene.name}, {"setting", setting_name(setting)}};
       group.update(judgement_json(by));
       group["front"] = front;
       if (!front.empty()) list.push_back(std::move(group));
     }
   });
-  return list;
 }
 
 /// A list for each region and metric, of each method at each error.
-json times_json(const SceneResult& scene, const EvaluationSettings& settings) {
-  json list = json::array();
+void add_times(json& list, const SceneResult& scene, const EvaluationSettings& settings) {
   for_each_judgement(settings, [&](const Judgement& by) {
-    json times = json::array();
-    for (const TimeToError& t : times_to_error(scene, by))
-      times.push_back({{"method", t.method->id()},
-                       {"error", rounded(t.error)},
-                       {"seconds", rounded(t.seconds)},
-                       {"factor_over_path_tracing", number_or_null(t.over_path_tracing)},
-                       {"factor_over_gradient_kernel", number_or_null(t.over_gradient_kernel)}});
+    const json times = list_of(times_to_error(scene, by), [](const TimeToError& t) {
+      return json{{"method", t.method->id()},
+                  {"error", rounded(t.error)},
+                  {"seconds", rounded(t.seconds)},
+                  {"factor_over_path_tracing", number_or_null(t.over_path_tracing)},
+                  {"factor_over_gradient_kernel", number_or_null(t.over_gradient_kernel)}};
+    });
     json group = {{"scene", scene.name}};
     group.update(judgement_json(by));
     group["times"] = times;
     if (!times.empty()) list.push_back(std::move(group));
   });
-  return list;
 }
 
 json overall_json(const Evaluation& e) {
@@ -288,20 +271,20 @@ json overall_json(const Evaluation& e) {
     for (const std::optional<Tuning> setting : kSettings) {
       const std::optional<Overall> answer = overall(e, by, setting);
       if (!answer) continue;
-      json methods = json::array(), left_out = json::array();
-      for (const OverallMethod& m : answer->methods) {
-        json level = json::array();
-        for (const size_t other : m.level_with) level.push_back(answer->methods[other].method->id());
-        methods.push_back({{"method", m.method->id()},
-                           {"value", m.value},
-                           {"times_less_than_noisy", number_or_null(m.times_less_than_noisy)},
-                           {"seconds", rounded(m.seconds)},
-                           {"most_seconds", rounded(m.most_seconds)},
-                           {"most_memory_bytes", m.most_bytes ? json(*m.most_bytes) : json(nullptr)},
-                           {"guides", m.reads_guides},
-                           {"level_with", level}});
-      }
-      for (const auto& [method, why] : answer->left_out) left_out.push_back({{"method", method}, {"why", why}});
+      const json methods = list_of(answer->methods, [&](const OverallMethod& m) {
+        return json{
+            {"method", m.method->id()},
+            {"value", m.value},
+            {"times_less_than_noisy", number_or_null(m.times_less_than_noisy)},
+            {"seconds", rounded(m.seconds)},
+            {"most_seconds", rounded(m.most_seconds)},
+            {"most_memory_bytes", m.most_bytes ? json(*m.most_bytes) : json(nullptr)},
+            {"guides", m.reads_guides},
+            {"level_with", list_of(m.level_with, [&](size_t other) { return answer->methods[other].method->id(); })}};
+      });
+      const json left_out = list_of(answer->left_out, [](const auto& method) {
+        return json{{"method", method.first}, {"why", method.second}};
+      });
       json group = judgement_json(by);
       group.update({{"setting", setting_name(setting)},
                     {"scenes", answer->scenes},
@@ -330,18 +313,14 @@ void add_study(json& list, const SceneResult& scene, const EvaluationSettings& s
   }
 }
 
-json ablation_json(const SceneResult& scene, const EvaluationSettings& settings) {
-  json list = json::array();
+void add_ablation(json& list, const SceneResult& scene, const EvaluationSettings& settings) {
   for (const AblationResult& a : scene.ablation)
     add_study(list, scene, settings, a.result, {{"layer", a.layer}, {"how", a.alone ? "alone" : "without"}});
-  return list;
 }
 
-json sensitivity_json(const SceneResult& scene, const EvaluationSettings& settings) {
-  json list = json::array();
+void add_sensitivity(json& list, const SceneResult& scene, const EvaluationSettings& settings) {
   for (const SensitivityResult& s : scene.sensitivity)
     add_study(list, scene, settings, s.result, {{"parameter", s.parameter}, {"value", s.value}});
-  return list;
 }
 
 json sequence_json(const SequenceResult& sequence) {
@@ -374,28 +353,21 @@ json sequence_json(const SequenceResult& sequence) {
           {"rows", rows}};
 }
 
-void append(json& list, json&& more) {
-  for (json& entry : more) list.push_back(std::move(entry));
-}
-
 }  // namespace
 
 std::string json_report(const Evaluation& e) {
   const Provenance& made = e.settings.provenance;
-  json scenes = json::array(), rows = json::array(), pairs = json::array(), pictures = json::array(),
-       pareto = json::array(), times = json::array(), ablation = json::array(), sensitivity = json::array();
+  json rows = json::array(), pairs = json::array(), pictures = json::array(), pareto = json::array(),
+       times = json::array(), ablation = json::array(), sensitivity = json::array();
   for (const SceneResult& scene : e.scenes) {
-    scenes.push_back(scene_json(scene, e.settings));
-    append(rows, rows_json(scene, e.settings));
-    append(pairs, pairs_json(scene, e.settings));
-    append(pictures, pictures_json(scene));
-    append(pareto, pareto_json(scene, e.settings));
-    append(times, times_json(scene, e.settings));
-    append(ablation, ablation_json(scene, e.settings));
-    append(sensitivity, sensitivity_json(scene, e.settings));
+    add_rows(rows, scene, e.settings);
+    add_pairs(pairs, scene, e.settings);
+    add_pictures(pictures, scene);
+    add_pareto(pareto, scene, e.settings);
+    add_times(times, scene, e.settings);
+    add_ablation(ablation, scene, e.settings);
+    add_sensitivity(sensitivity, scene, e.settings);
   }
-  json sequences = json::array();
-  for (const SequenceResult& sequence : e.sequences) sequences.push_back(sequence_json(sequence));
   json seeds = json::array();
   for (int seed = 0; seed < e.settings.seeds; ++seed) seeds.push_back(kFirstNoisySeed + seed);
   const json result = {{"brume", made.version},
@@ -403,7 +375,7 @@ std::string json_report(const Evaluation& e) {
                        {"command", made.command},
                        {"machine", {{"cpu", made.processor}, {"threads", made.threads}}},
                        {"experiment", experiment_json(e.settings)},
-                       {"scenes", scenes},
+                       {"scenes", list_of(e.scenes, [&](const SceneResult& s) { return scene_json(s, e.settings); })},
                        {"spp", e.settings.spp},
                        {"seeds", seeds},
                        {"metrics", metrics_json(e.settings)},
@@ -415,7 +387,7 @@ std::string json_report(const Evaluation& e) {
                        {"time_to_error", times},
                        {"ablation", ablation},
                        {"sensitivity", sensitivity},
-                       {"sequences", sequences},
+                       {"sequences", list_of(e.sequences, sequence_json)},
                        {"pictures", pictures}};
   return result.dump(1, ' ', false, json::error_handler_t::replace) + "\n";
 }

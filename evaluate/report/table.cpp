@@ -1,27 +1,19 @@
 #include "evaluate/report/table.h"
 
 #include <algorithm>
-#include <string_view>
 
 #include "base/text.h"
 
 namespace brume {
 namespace {
 
-void replace_all(std::string& text, std::string_view from, std::string_view to) {
-  for (size_t at = text.find(from); at != std::string::npos; at = text.find(from, at + to.size()))
-    text.replace(at, from.size(), to);
-}
-
 std::string markdown_text(std::string text) {
-  replace_all(text, "|", "\\|");
-  return text;
+  return replaced(std::move(text), "|", "\\|");
 }
 
 std::string csv_field(std::string text) {
   if (text.find_first_of(",\"\n\r") == std::string::npos) return text;
-  replace_all(text, "\"", "\"\"");
-  return "\"" + text + "\"";
+  return "\"" + replaced(std::move(text), "\"", "\"\"") + "\"";
 }
 
 std::string line_of(const std::vector<std::string>& cells, const std::string& separator,
@@ -38,6 +30,17 @@ std::vector<std::string> titles(const Table& table) {
 }
 
 }  // namespace
+
+std::vector<Table::Column> columns(std::string_view titles) {
+  std::vector<Table::Column> list;
+  for (size_t begin = 0; begin <= titles.size();) {
+    const size_t end = std::min(titles.find(" | ", begin), titles.size());
+    const bool number = titles.substr(begin).starts_with('#');
+    list.push_back({std::string(titles.substr(begin + number, end - begin - number)), number});
+    begin = end + 3;
+  }
+  return list;
+}
 
 std::string Table::text() const {
   // Every character of ours is one column wide; in UTF-8 all bytes but its first begin with 10.

@@ -1,5 +1,6 @@
 #pragma once
 #include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -24,5 +25,8 @@ struct Table {
   /// RFC 4180; what it was made with stands in further columns, so that a row keeps it wherever it is copied.
   std::string csv() const;
 };
+
+/// Columns by their titles, "scene | #spp": what stands after a # are numbers.
+std::vector<Table::Column> columns(std::string_view titles);
 
 }  // namespace brume

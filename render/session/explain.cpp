@@ -22,7 +22,7 @@ std::string phase_text(const PhaseFunction& p) {
   if (p.is_henyey_greenstein()) return fmt::format("Henyey-Greenstein, g = {}", p.first.g);
   if (p.second.alpha == 0)
     return fmt::format("two Henyey-Greenstein lobes, g = {} and {} ({:.3g})", p.first.g, p.second.g, p.second_weight);
-  return fmt::format("Mie fit: Henyey-Greenstein g = {:.4g} and Draine g = {:.4g}, alpha = {:.4g} ({:.3g})", p.first.g,
+  return fmt::format("Henyey-Greenstein, g = {:.4g}, and Draine, g = {:.4g} and alpha = {:.4g} ({:.3g})", p.first.g,
                      p.second.g, p.second.alpha, p.second_weight);
 }
 

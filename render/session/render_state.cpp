@@ -9,7 +9,6 @@
 #include "base/error.h"
 #include "base/parallel_for.h"
 #include "base/text.h"
-#include "image/exr_io.h"
 #include "render/film/film.h"
 
 namespace brume {

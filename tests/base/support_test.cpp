@@ -8,7 +8,7 @@
 #include <fstream>
 #include <numeric>
 
-#include "base/child_process.h"
+#include "base/command.h"
 #include "base/memory_file.h"
 #include "base/output_file.h"
 #include "base/parallel_for.h"
@@ -96,37 +96,42 @@ TEST(ParallelFor, CallsEachIndexOnceReportsToOneAndStops) {
   EXPECT_LT(done, 100);
 }
 
-ChildEnd run_shell(const std::string& script, const Task& task = {}, double stall_seconds = 1e9,
-                   const std::function<void()>& watch = {}) {
-  const MemoryFile file;
-  return run_child("/bin/sh", {"-c", script}, file.descriptor(), task, stall_seconds, watch);
+/// A program that is not supervised, as the reader of volumes is run.
+CommandEnd run_shell(const std::string& script, const Task& task = {}, double stall_limit = 0,
+                     const std::function<void()>& watch = {}, int handed_over = -1) {
+  return run_command({.program = "/bin/sh",
+                      .words = {"sh", "-c", script},
+                      .stall_limit = stall_limit,
+                      .handed_over = handed_over,
+                      .supervised = false,
+                      .watch = watch},
+                     task);
 }
 
-TEST(RunChild, TellsHowTheProgramEnded) {
+TEST(UnsupervisedCommand, TellsHowTheProgramEnded) {
   EXPECT_EQ(run_shell("exit 0").status, 0);
   EXPECT_EQ(run_shell("exit 7").status, 7);
-  const ChildEnd killed = run_shell("kill -SEGV $$");
+  const CommandEnd killed = run_shell("kill -SEGV $$");
   EXPECT_EQ(killed.signal, SIGSEGV);
-  EXPECT_FALSE(killed.stalled);
-  const MemoryFile file;
-  EXPECT_THROW(run_child("/no/such/program", {}, file.descriptor(), {}, 1), InputError);
+  EXPECT_EQ(killed.passed, CommandEnd::Limit::kNone);
+  EXPECT_THROW(run_command({.program = "/no/such/program", .words = {"program"}, .supervised = false}, {}), InputError);
 }
 
-TEST(RunChild, EndsAProgramThatDoesNothing) {
-  const ChildEnd end = run_shell("exec sleep 100000", {}, 0.2);
-  EXPECT_TRUE(end.stalled);
+TEST(UnsupervisedCommand, EndsAProgramThatDoesNothing) {
+  const CommandEnd end = run_shell("exec sleep 100000", {}, 0.2);
+  EXPECT_EQ(end.passed, CommandEnd::Limit::kStall);
   EXPECT_EQ(end.signal, SIGKILL);
 }
 
-TEST(RunChild, EndsTheProgramWhenTheTaskIsCancelled) {
+TEST(UnsupervisedCommand, EndsTheProgramWhenTheTaskIsCancelled) {
   std::atomic<bool> cancel{false};
-  EXPECT_THROW(run_shell("while true; do :; done", {1, {}, &cancel}, 1e9, [&] { cancel = true; }), Interrupted);
+  EXPECT_THROW(run_shell("while true; do :; done", {1, {}, &cancel}, 0, [&] { cancel = true; }), Interrupted);
 }
 
 TEST(MemoryFile, WhatAChildWritesIsMappedHere) {
   MemoryFile file;
   file.resize(3);
-  EXPECT_EQ(run_child("/bin/sh", {"-c", "printf 'abcdef' >&3"}, file.descriptor(), {}, 1e9).status, 0);
+  EXPECT_EQ(run_shell("printf 'abcdef' >&3", {}, 0, {}, file.descriptor()).status, 0);
   file.update_size();
   ASSERT_EQ(file.size(), 6u);
   const Mapping mapping(file, 0, file.size(), /*writable=*/false);

@@ -67,7 +67,7 @@ class Farm : public ::testing::Test {
     const std::vector<Stage> stages = plan(shot_, examine(shot_, true));
     std::vector<std::string> names;
     if (const Stage* s = stage(stages, name))
-      for (const Command& command : s->commands) names.push_back(command.name);
+      for (const ShotCommand& command : s->commands) names.push_back(command.name);
     return names;
   }
   test::TemporaryFolder folder_;

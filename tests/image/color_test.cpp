@@ -30,14 +30,6 @@ TEST(Lab, KnownColours) {
   expect_lab({100, 100, 100}, {522.42, 0, 0});
 }
 
-TEST(Lab, IsInvertedExactlyBelowZeroAndAboveOne) {
-  for (const double scale : {-3.0, -0.01, 1e-9, 0.004, 0.0089, 0.5, 1.0, 40.0, 1e6})
-    for (const dvec3& hue : {dvec3(1, 1, 1), dvec3(1, 0.2, 0), dvec3(0.1, 0.4, 2), dvec3(-1, 1, 0.5)}) {
-      const dvec3 rgb = scale * hue, back = rgb_from_lab(lab_from_rgb(rgb));
-      EXPECT_NEAR(glm::distance(back, rgb), 0.0, 1e-11 * glm::length(rgb) + 1e-13);
-    }
-}
-
 void expect_matrix(const std::optional<dmat3>& got, const double (&rows)[3][3]) {
   ASSERT_TRUE(got);
   for (int row = 0; row < 3; ++row)

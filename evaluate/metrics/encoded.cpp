@@ -1,4 +1,4 @@
-#include "evaluate/report/encoded.h"
+#include "evaluate/metrics/encoded.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,0 +1,69 @@
+// Which renderer wrote a file, by the names of its channels.
+
+#include <fmt/format.h>
+
+#include "image/recognise/channels.h"
+
+namespace brume {
+namespace {
+
+using namespace recognition;
+
+void remark_on_types(const Channels& file, ForeignFrame& picture) {
+  const auto check = [&](const std::optional<ForeignVariance>& variance, const std::string& name) {
+    if (variance && std::any_of(variance->channels.begin(), variance->channels.end(),
+                                [&](const std::string& c) { return file.is_half(c); }))
+      picture.remarks.push_back(fmt::format(
+          "the variance of {} is stored in 16 bits, which hold nothing below 6e-8 or above 65504: write statistics in 32 bits",
+          name));
+  };
+  check(picture.color.variance, picture.color.name);
+  for (const ForeignSignal& pass : picture.passes) check(pass.variance, pass.name);
+}
+
+std::vector<ForeignFrame> recognise_view(const Channels& channels, const ExrInfo& file, bool whole) {
+  if (whole)
+    if (std::vector<ForeignFrame> own = brume_frame(channels, file); !own.empty()) return own;
+  for (const auto& renderer : {cycles, pbrt, mitsuba, arnold, renderman, common}) {
+    std::vector<ForeignFrame> pictures = renderer(channels, file);
+    if (pictures.empty()) continue;
+    if (renderer == mitsuba)
+      for (ForeignFrame& picture : pictures) add_common_layers(channels, {""}, picture);
+    return pictures;
+  }
+  return {};
+}
+
+}  // namespace
+
+bool is_brume_frame(const ExrInfo& file) {
+  const auto software = file.header.find("software");
+  if (software != file.header.end() && software->second == Attribute(std::string("brume"))) return true;
+  const Channels channels(file);
+  return (channels.colour("direct.") && channels.colour("indirect.") && channels.colour("") &&
+          !channels.colour("variance.")) ||
+         channels.any([](const std::string& name) { return name.find("mean_variance.") != std::string::npos; });
+}
+
+std::vector<ForeignFrame> recognise(const ExrInfo& file) {
+  const std::vector<ExrView> views = views_of(file);
+  const bool one = views.size() == 1;
+  std::vector<ForeignFrame> all;
+  const auto add = [&](const auto& pictures_in) {
+    for (const ExrView& view : views) {
+      const Channels channels(view);
+      std::vector<ForeignFrame> pictures = pictures_in(channels);
+      for (ForeignFrame& p : pictures) {
+        remark_on_types(channels, p);
+        p.one_of_views = !one;
+        if (!view.name.empty()) p.view = p.view.empty() ? view.name : p.view + " " + view.name;
+        all.push_back(std::move(p));
+      }
+    }
+  };
+  add([&](const Channels& c) { return recognise_view(c, file, one && file.parts.size() < 2); });
+  if (all.empty() && file.parts.size() > 1) add([&](const Channels& c) { return only_unnamed_part(c, file); });
+  return all;
+}
+
+}  // namespace brume
