@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <sstream>
 
 #include "base/error.h"
 #include "base/output_file.h"
@@ -28,6 +29,22 @@ std::vector<std::string> guess_of(const std::vector<std::string>& assignments) {
     for (const char* key : {"volumes.0.grid=", "volumes.0.convert_level_set="})
       if (assignment.starts_with(key)) guess.push_back(assignment);
   return guess;
+}
+
+/// What a made-up scene says of camera and extinction, as assignments.
+std::vector<std::string> guesses_in(const std::string& text) {
+  std::vector<std::string> guesses;
+  std::istringstream lines(text);
+  std::string table;
+  for (std::string line; std::getline(lines, line);) {
+    if (line.starts_with("[")) table = line == "[camera]" ? "camera" : line == "[[volumes]]" ? "volumes.0" : "";
+    const size_t equals = line.find(" = ");
+    if (equals == std::string::npos || table.empty()) continue;
+    const std::string key = line.substr(0, equals);
+    if (table == "camera" || key == "sigma_t")
+      guesses.push_back(fmt::format("{}.{}={}", table, key, line.substr(equals + 3)));
+  }
+  return guesses;
 }
 
 /// The files that a scene names, as it names them.
@@ -67,7 +84,13 @@ std::string ViewedText::command(const std::vector<std::string>& own, const ivec2
                                 std::optional<int> frame) const {
   const std::optional<int> number = frame_of(frame);
   std::vector<std::string> words = {"brume", "render", path.string()};
-  for (const std::string& assignment : assignments(own, size, frame))
+  std::vector<std::string> said = assignments(own, size, frame);
+  if (!own.empty() || size != guessed_for) {
+    const std::set<std::string> keys = assigned_keys(said);
+    for (const std::string& guess : guessed)
+      if (!keys.contains(guess.substr(0, guess.find('=')))) said.push_back(guess);
+  }
+  for (const std::string& assignment : said)
     if (!number || !assignment.starts_with("render.frame=") || frames.size() == 1)
       words.insert(words.end(), {"-D", assignment});
   words.push_back("--clean");
@@ -105,7 +128,7 @@ std::vector<fs::path> ViewedScene::files() const {
   return all;
 }
 
-void ViewedScene::read(const std::vector<std::string>& assignments, const Task& task) {
+void ViewedScene::read(const std::vector<std::string>& assignments, const ivec2& size, const Task& task) {
   const fs::path& path = source_.path;
   source_.text.clear();
   file_ = file_of_frame(path, frame_.value_or(0));
@@ -119,6 +142,8 @@ void ViewedScene::read(const std::vector<std::string>& assignments, const Task& 
     made_ = frames.empty() ? scene_for_volume(file_, assignments, task)
                            : scene_for_volumes(path, frames, assignments, task);
     source_.text = made_->text(path.filename().string());
+    source_.guessed = guesses_in(source_.text);
+    source_.guessed_for = size;
   } else {
     read_scene_alone(file_, source_.assignments({}, ivec2(0), frame_));  // says what is wrong with the file
     source_.text = read_text(file_);
@@ -135,7 +160,7 @@ bool ViewedScene::show(const std::vector<std::string>& assignments, const ivec2&
   const std::vector<std::string> all = source_.assignments(assignments, size, frame_);
   if (read_now) {
     guess_ = guess_of(assignments);
-    read(all, task);
+    read(all, size, task);
   }
   std::vector<SceneTable> tables = outline_scene(source_.text, path, all);
   const std::set<std::string> named = files_of(outline_scene(source_.text, path, source_.overrides));

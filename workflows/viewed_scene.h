@@ -22,14 +22,17 @@ struct ViewedText {
   std::filesystem::path path;  ///< as it was given; a pattern where there are frames
   std::vector<int> frames;
   std::vector<std::string> overrides;
-  std::string text;  ///< of the file, or made up; empty: not read yet
+  std::string text = {};  ///< of the file, or made up; empty: not read yet
+  /// What was made up around a bare volume and would be made up anew for another picture, and the size it was for.
+  std::vector<std::string> guessed = {};
+  ivec2 guessed_for{0};
 
   /// All that stand on the text. @param size  none where 0   @param frame  one of frames, else the first of them
   std::vector<std::string> assignments(const std::vector<std::string>& own, const ivec2& size,
                                        std::optional<int> frame) const;
   /// The scene as a file of its own. @throws InputError: as edited_scene; not read yet
   std::string scene(const std::vector<std::string>& own, const ivec2& size, std::optional<int> frame) const;
-  /// What renders it in full quality, for a shell.
+  /// What renders it in full quality, for a shell: with what was guessed, where that would not be guessed again.
   std::string command(const std::vector<std::string>& own, const ivec2& size, std::optional<int> frame) const;
   std::optional<int> frame_of(std::optional<int> frame) const;
 };
@@ -104,7 +107,7 @@ class ViewedScene {
       if (done.valid()) done.wait();
     }
   };
-  void read(const std::vector<std::string>& assignments, const Task& task);
+  void read(const std::vector<std::string>& assignments, const ivec2& size, const Task& task);
 
   ViewedText source_;
   LayerRequest layers_;

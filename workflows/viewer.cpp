@@ -377,8 +377,13 @@ std::string Viewer::scene_text(const ViewLook& look) const {
 }
 
 std::string Viewer::command(const ViewLook& look) const {
-  return ViewedText{options_.scene, options_.frames, options_.overrides, {}}.command(look.assignments, look.size,
-                                                                                     look.frame);
+  std::shared_ptr<const ViewedText> text;
+  {
+    const std::lock_guard lock(mutex_);
+    text = text_;
+  }
+  if (!text) text = std::make_shared<ViewedText>(ViewedText{options_.scene, options_.frames, options_.overrides});
+  return text->command(look.assignments, look.size, look.frame);
 }
 
 void Viewer::run() {

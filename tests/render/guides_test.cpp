@@ -239,6 +239,30 @@ TEST(Guides, AreTheSameWhereSomeAreStored) {
   test::expect_same_bits(kept, parted);
 }
 
+// Who watches gets each pixel once, and in the end the bits of who waits: grey, and of three colours.
+TEST(Guides, AreTheSameForWhoWatchesThemCome) {
+  for (const char* name : {"fire", "coloured_smoke"}) {
+    Scene scene = test::demo(std::string(name) == "fire" ? "fire" : "smoke", 90);
+    if (std::string(name) == "coloured_smoke") scene.volumes[0].sigma_t *= dvec3(0.5, 1, 1.5);
+    const PreparedScene prepared(scene, LayerRequest::of({"direct"}, false));
+    const ivec2 size(scene.film.width, scene.film.height);
+    const Guides guides(prepared.context(), 1, size.x * size.y);
+    Layers whole(size.x, size.y), watched(size.x, size.y);
+    guides.record(prepared.camera(), {0, 0}, whole, {});
+    Plane times(size.x, size.y);
+    int calls = 0;
+    guides.record_watched(prepared.camera(), watched, {}, [&](const ivec2& from, const ivec2& to) {
+      ++calls;
+      for (int y = from.y; y < to.y; ++y)
+        for (int x = from.x; x < to.x; ++x) ++times(x, y);
+    });
+    EXPECT_GT(calls, 1) << name;
+    for (int y = 0; y < size.y; ++y)
+      for (int x = 0; x < size.x; ++x) ASSERT_EQ(times(x, y), 1) << name << " " << x << " " << y;
+    test::expect_same_bits(whole, watched);
+  }
+}
+
 TEST(Guides, OfChromaticMediaHaveColours) {
   Scene scene = ball(1, 0);
   scene.volumes[0].sigma_t = {0.5, 1, 2};

@@ -11,10 +11,12 @@
 #include <condition_variable>
 #include <fstream>
 #include <mutex>
+#include <sstream>
 
 #include "base/error.h"
 #include "image/exr_io.h"
 #include "render/scene/scene_io.h"
+#include "render/world/volume_scene.h"
 #include "tests/support/files.h"
 #include "workflows/render_frame.h"
 
@@ -395,6 +397,36 @@ TEST(Viewer, WhatIsKeptIsTheLookThatIsAskedFor) {
     EXPECT_EQ(kept->text("sceneHash"), scene.hash);
     EXPECT_EQ(kept->text("sceneSettings"), scene.settings);
     EXPECT_TRUE(kept->header.contains("worldToCamera"));
+  }
+}
+
+// What the program makes up around a bare volume follows the picture's size and the camera's field of view: a command
+// that left it to be made up again would show something else.
+TEST(Viewer, TheCommandOfABareVolumeRendersWhatIsSeen) {
+  const fs::path volume = test::source("data/volumes/cloud.vdb");
+  Viewing v(volume);
+  v.viewer.look(look(1));
+  ASSERT_TRUE(v.audience.first([](const ViewPicture& p) { return p.predicted; }));
+  EXPECT_EQ(v.viewer.command(look(1)).find("camera."), std::string::npos) << v.viewer.command(look(1));
+  for (const ViewLook& other : {look(2, {}, {36, 96}), look(3, {"camera.fov=12"}), look(4, {"volumes.0.albedo=0.5"})}) {
+    std::vector<std::string> said;
+    std::istringstream words(v.viewer.command(other));
+    for (std::string word; words >> word;) {
+      if (word != "-D") continue;
+      words >> std::ws;
+      if (words.peek() == '\'')
+        std::getline(words.ignore(), word, '\'');
+      else
+        words >> word;
+      said.push_back(word);
+    }
+    const Scene seen = parse_scene_alone(v.viewer.scene_text(other), volume, {}),
+                rendered = parse_scene_alone(scene_for_volume(volume, said).text(volume.string()), volume, said);
+    EXPECT_EQ(rendered.camera.position, seen.camera.position) << v.viewer.command(other);
+    EXPECT_EQ(rendered.camera.look_at, seen.camera.look_at);
+    EXPECT_EQ(rendered.camera.fov, seen.camera.fov);
+    EXPECT_EQ(rendered.volumes[0].sigma_t, seen.volumes[0].sigma_t);
+    EXPECT_EQ(rendered.film.width, seen.film.width);
   }
 }
 
