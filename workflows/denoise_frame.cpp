@@ -137,13 +137,13 @@ class Denoiser {
       : options_(options), host_(host), sequence_(sequence) {}
 
   FrameEnd operator()(const FilesAt& asked) {
-    std::unique_ptr<OpenFrame> frame = open_frame(asked(0), options_, window_, host_);
-    const std::string wrong = what_forbids_guides(*frame, asked(0));
+    const std::unique_ptr<OpenFrame> frame = open_frame(asked(0), options_, window_, host_);
+    const std::string wrong = frame->what_forbids_guides();
     const FilesAt files_at = wrong.empty() ? asked : without_guides(asked);
     const FrameFiles own = files_at(0);
     if (!wrong.empty()) {
       host_.say(Host::Word::kWarning, wrong);
-      frame = open_frame(own, options_, window_, host_);
+      frame->leave_guides();
     }
     DenoisePlan plan = choose(*frame, files_at);
     check_outputs(plan, own);
@@ -163,14 +163,6 @@ class Denoiser {
   }
 
  private:
-  /// Why guides must not be used, measured where their header does not tell; empty: nothing, or there are none.
-  std::string what_forbids_guides(const OpenFrame& frame, const FrameFiles& files) const {
-    if (files.guides.empty()) return "";
-    guide_channels(files.guides);
-    if (of_one_scene(read_header(files.guides), read_header(files.frame))) return "";
-    return frame.what_speaks_against_guides();
-  }
-
   DenoisePlan choose(const OpenFrame& frame, const FilesAt& files_at) {
     const FrameFiles own = files_at(0);
     DenoisePlan plan;

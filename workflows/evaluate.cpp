@@ -191,7 +191,7 @@ EvaluationScene foreign_scene(const ExperimentFrames& given, const Host& host) {
   if (!given.second_reference.empty()) references.push_back(given.second_reference);
   std::vector<fs::path> all = references;
   all.insert(all.end(), given.noisy.begin(), given.noisy.end());
-  const Layers first = read_outline(given.reference);
+  const Layers first = outline_of(read_exr_info(given.reference));
   int width = 0, height = 0;
   for (const fs::path& path : all) {
     const ExrInfo info = read_exr_info(path);

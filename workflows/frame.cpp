@@ -7,8 +7,8 @@
 #include <cstdlib>
 
 #include "base/error.h"
-#include "filters/inputs/guide_check.h"
 #include "filters/inputs/guide_layers.h"
+#include "filters/regression/transport/guide_check.h"
 #include "image/exr_io.h"
 #include "image/foreign.h"
 #include "image/picture_io.h"
@@ -41,14 +41,21 @@ void check_same_camera(const std::string& guides_path, const Layers& guides, con
   }
 }
 
+void check_has_guides(const std::string& path, const Layers& guides) {
+  if (guides.channels().empty())
+    throw InputError(fmt::format(
+        "{}: no channel guide.*; expected a file by brume guides, or by brume render with --layers guides", path));
+}
+
 }  // namespace
 
-Layers read_frame(const std::filesystem::path& path, const Host& host, const std::set<std::string>& wanted) {
+Layers read_frame(const std::filesystem::path& path, const Host& host, const std::set<std::string>& wanted,
+                  const ExrInfo* info) {
   Layers frame = read_exr(path, [&](const std::string& name) { return wanted.empty() || wanted.contains(name); });
   if (frame.has(layer::beauty)) return frame;
   if (wanted.contains("R")) frame = read_exr(path);
-  const ExrInfo info = read_exr_info(path);
-  if (const std::string recognised = adopt_foreign_layers(frame, &info); !recognised.empty())
+  const ExrInfo own = info ? ExrInfo() : read_exr_info(path);
+  if (const std::string recognised = adopt_foreign_layers(frame, info ? info : &own); !recognised.empty())
     host.say(Host::Word::kRemark, recognised);
   return frame;
 }
@@ -67,9 +74,8 @@ Layers part_of(const Layers& frame, const std::set<std::string>& channels) {
   return part;
 }
 
-Layers read_outline(const std::filesystem::path& path) {
+Layers outline_of(const ExrInfo& info) {
   Layers outline(1, 1);
-  const ExrInfo info = read_exr_info(path);
   outline.header = info.header;
   for (const ExrInfo::Channel& channel : info.channels) outline.add(channel.name);
   adopt_foreign_layers(outline, &info);
@@ -95,20 +101,19 @@ void PictureOptions::write(const std::filesystem::path& path, const Layers& fram
             to_picture(colours.rgb(layer::beauty), exposure_factor, tone == "filmic" ? Tone::kFilmic : Tone::kClip));
 }
 
-std::vector<std::string> guide_channels(const std::string& path) {
-  std::vector<std::string> names;
-  for (const ExrInfo::Channel& channel : read_exr_info(path).channels)
-    if (is_guide(channel.name)) names.push_back(channel.name);
-  if (names.empty())
-    throw InputError(fmt::format(
-        "{}: no channel guide.*; expected a file by brume guides, or by brume render with --layers guides", path));
-  return names;
+Layers read_guide_outline(const std::string& path) {
+  Layers outline(1, 1);
+  if (path.empty()) return outline;
+  const ExrInfo info = read_exr_info(path);
+  outline.header = info.header;
+  for (const ExrInfo::Channel& channel : info.channels)
+    if (is_guide(channel.name)) outline.add(channel.name);
+  check_has_guides(path, outline);
+  return outline;
 }
 
 void add_guides(const std::string& path, const std::string& frame_path, Layers& frame) {
-  if (path.empty()) return;
-  guide_channels(path);
-  add_guides(read_exr(path, is_guide), {path, frame_path}, frame);
+  if (!path.empty()) add_guides(read_guides(path).frame, {path, frame_path}, frame);
 }
 
 void add_guides(Layers guides, const std::array<std::string, 2>& names, Layers& frame) {
@@ -135,8 +140,9 @@ void add_guides(Layers guides, const std::array<std::string, 2>& names, Layers& 
 }
 
 NamedFrame read_guides(const std::string& path) {
-  guide_channels(path);
-  return {path, read_exr(path, is_guide)};
+  NamedFrame guides{path, read_exr(path, is_guide)};
+  check_has_guides(path, guides.frame);
+  return guides;
 }
 
 bool of_one_scene(const Layers& guides, const Layers& frame) {

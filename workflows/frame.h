@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "base/progress.h"
+#include "image/exr_io.h"
 #include "image/layers.h"
 #include "workflows/host.h"
 
@@ -14,7 +15,9 @@ namespace brume {
 /// An EXR with brume's layer names, whoever wrote it. Says so when another renderer's are recognised.
 /// @param wanted  channels to load; empty: all. Another renderer's frame is loaded whole
 /// @throws InputError
-Layers read_frame(const std::filesystem::path& path, const Host& host, const std::set<std::string>& wanted = {});
+/// @param info  of the file, where its header was read; null: it is read where it is needed
+Layers read_frame(const std::filesystem::path& path, const Host& host, const std::set<std::string>& wanted = {},
+                  const ExrInfo* info = nullptr);
 
 /// What is to be said of a frame that is cleaned and whose colours are not Rec. 709: that they stay as they are. Empty
 /// for others.
@@ -24,11 +27,12 @@ std::string note_of_colors(const std::string& path, const std::map<std::string, 
 /// Some channels of a frame, copied; those that it does not have are left out.
 Layers part_of(const Layers& frame, const std::set<std::string>& channels);
 
-/// The same frame with one pixel, from the file's header alone: what layers it has. @throws InputError
-Layers read_outline(const std::filesystem::path& path);
+/// The same frame with one pixel, from the file's header alone: what layers it has.
+Layers outline_of(const ExrInfo& info);
 
-/// The channels of a file of guides. @throws InputError where it has none
-std::vector<std::string> guide_channels(const std::string& path);
+/// The same of a file of guides, of which nothing else is kept; nothing for an empty path.
+/// @throws InputError where it has none
+Layers read_guide_outline(const std::string& path);
 
 /// Gives a frame the guides of a file, as brume guides writes it; nothing for an empty path.
 /// @throws InputError where they are not guides of this frame: another size, camera or scene
@@ -50,7 +54,7 @@ NamedFrame read_guides(const std::string& path);
 bool of_one_scene(const Layers& guides, const Layers& frame);
 
 /// Whether guides explain a frame worse than its own features do, as those of another scene or camera; in one sentence,
-/// empty where they do not (filters/inputs/guide_check.h).
+/// empty where they do not (filters/regression/transport/guide_check.h).
 /// @param frame  with R, G, B, features and guides   @param path  of the guides
 std::string what_speaks_against_guides(const Layers& frame, const std::string& path, const Task& task);
 

@@ -118,23 +118,16 @@ class KeptFile : public OpenFrame {
  public:
   KeptFile(const FrameFiles& files, ExrInfo info, const DenoiseOptions& options, std::vector<ForeignFrame> pictures,
            const Host& host)
-      : files_(files),
-        path_(files.frame.string()),
-        info_(std::move(info)),
-        options_(options),
-        pictures_(std::move(pictures)),
-        host_(host) {
-    if (!files.records.empty()) records_.emplace(files.records);
-  }
+      : OpenFrame(files, std::move(info), options, host), path_(files.frame.string()), pictures_(std::move(pictures)) {}
 
   bool ours() const override { return false; }
   Layers outline() const override;
-  std::string what_speaks_against_guides() const override;
   void read(const DenoisePlan& plan) override;
   void clean(const FilterSettings& filter, const std::vector<FrameFiles>& near, const std::filesystem::path& output,
              const std::filesystem::path& preview) override;
 
  private:
+  std::string what_speaks_against_guides() const override;
   /// A frame of one pixel with the file's channels.
   Layers channel_names() const;
   /// What of a file is read to clean a picture. @param extra  channels under brume's names
@@ -147,13 +140,8 @@ class KeptFile : public OpenFrame {
   /// One line on what was done with a picture.
   std::string told(const ForeignFrame& picture, const FilterSettings& filter, const CleanPicture& result) const;
 
-  const FrameFiles files_;
   const std::string path_;
-  const ExrInfo info_;
-  const DenoiseOptions& options_;
   const std::vector<ForeignFrame> pictures_;
-  const Host& host_;
-  std::optional<RecordReader> records_;
   const DenoisePlan* plan_ = nullptr;
   double exposure_ = 1;
 };
@@ -161,8 +149,7 @@ class KeptFile : public OpenFrame {
 Layers KeptFile::channel_names() const {
   Layers file(1, 1);
   file.header = info_.header;
-  if (!files_.guides.empty())
-    for (const std::string& name : guide_channels(files_.guides)) file.add(name);
+  for (const std::string& name : guide_names()) file.add(name);
   for (const ExrInfo::Channel& c : info_.channels) file.add(c.name);
   for (const ForeignFrame& picture : pictures_)
     for (const std::string& name : picture.channels()) file.add(name);
@@ -183,8 +170,7 @@ Layers KeptFile::outline() const {
 }
 
 std::string KeptFile::what_speaks_against_guides() const {
-  const std::vector<std::string> guides = guide_channels(files_.guides);
-  const std::set<std::string> extra(guides.begin(), guides.end());
+  const std::set<std::string> extra = guide_names();
   for (const ForeignFrame& picture : pictures_) {
     const Layers file = read_picture(files_, info_, picture, {}, /*guides=*/true);
     const std::string wrong = brume::what_speaks_against_guides(frame_of_signal(picture, picture.color, file, extra),
@@ -208,7 +194,7 @@ void KeptFile::read(const DenoisePlan& plan) {
   plan_ = &plan;
   // Pixels are read picture by picture, as several of a large frame would not fit.
   const std::string& exposure = options_.picture.exposure;
-  exposure_ = choose_exposure(exposure, exposure == "auto" ? read_frame(path_, host_) : channel_names());
+  exposure_ = choose_exposure(exposure, exposure == "auto" ? read_frame(path_, host_, {}, &info_) : channel_names());
 }
 
 std::list<NearbyPicture> KeptFile::read_nearby(const std::vector<FrameFiles>& near, const ForeignFrame& picture,
@@ -307,9 +293,9 @@ std::string KeptFile::told(const ForeignFrame& picture, const FilterSettings& fi
 
 }  // namespace
 
-std::unique_ptr<OpenFrame> open_kept_file(const FrameFiles& files, const DenoiseOptions& options, const Host& host) {
+std::unique_ptr<OpenFrame> open_kept_file(const FrameFiles& files, const ExrInfo& info, const DenoiseOptions& options,
+                                          const Host& host) {
   const FileOptions& how = options.file;
-  ExrInfo info = read_exr_info(files.frame);
   if (is_brume_frame(info) && !how.asked()) return nullptr;
   if (!how.suffix.empty() &&
       std::none_of(how.suffix.begin(), how.suffix.end(), [](unsigned char c) { return std::isalnum(c); }))
@@ -327,7 +313,7 @@ std::unique_ptr<OpenFrame> open_kept_file(const FrameFiles& files, const Denoise
         "{}: none of its channels is known to be a picture, as R G B or a layer named rgba or beauty would be; it has {}. Say which one to clean in a mapping file: color = \"LAYER\" (--map, docs/frames.md)",
         path, channels_text(info)));
   for (const ForeignFrame& picture : pictures) check_alike(path, info, picture);
-  return std::make_unique<KeptFile>(files, std::move(info), options, std::move(pictures), host);
+  return std::make_unique<KeptFile>(files, info, options, std::move(pictures), host);
 }
 
 }  // namespace brume

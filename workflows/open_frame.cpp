@@ -17,31 +17,24 @@ namespace {
 /// A frame whose layers have brume's names, and which is written as brume writes its own.
 class OwnFrame : public OpenFrame {
  public:
-  OwnFrame(const FrameFiles& files, const DenoiseOptions& options, FrameWindow& window, const Host& host)
-      : files_(files), options_(options), window_(window), host_(host) {
-    if (!files.records.empty()) records_.emplace(files.records);
-  }
+  OwnFrame(const FrameFiles& files, ExrInfo info, const DenoiseOptions& options, FrameWindow& window, const Host& host)
+      : OpenFrame(files, std::move(info), options, host), window_(window) {}
 
   bool ours() const override { return true; }
   Layers outline() const override {
-    Layers outline = read_outline(files_.frame);
-    if (!files_.guides.empty())
-      for (const std::string& name : guide_channels(files_.guides)) outline.add(name);
+    Layers outline = outline_of(info_);
+    for (const std::string& name : guide_names()) outline.add(name);
     return outline;
   }
-  std::string what_speaks_against_guides() const override;
   void read(const DenoisePlan& plan) override;
   void clean(const FilterSettings& filter, const std::vector<FrameFiles>& near, const std::filesystem::path& output,
              const std::filesystem::path& preview) override;
 
  private:
+  std::string what_speaks_against_guides() const override;
   void read_others(const DenoisePlan& plan, const std::set<std::string>& channels);
 
-  const FrameFiles files_;
-  const DenoiseOptions& options_;
   FrameWindow& window_;
-  const Host& host_;
-  std::optional<RecordReader> records_;
   const Layers* frame_ = nullptr;  // in the window
   ApplyOptions how_;
   std::vector<SequenceFrame> others_;
@@ -50,13 +43,12 @@ class OwnFrame : public OpenFrame {
 };
 
 std::string OwnFrame::what_speaks_against_guides() const {
-  const std::vector<std::string> guides = guide_channels(files_.guides);
-  std::set<std::string> channels(guides.begin(), guides.end());
+  std::set<std::string> channels = guide_names();
   for (const std::string_view which : {std::string_view(), statistic::half_a, statistic::half_b})
     for (const std::string& name : layer::beauty.channel_names(which)) channels.insert(name);
   for (const LayerName& l : find_filter("transport_regression").can_use)
     for (const std::string& name : l.channel_names()) channels.insert(name);
-  return brume::what_speaks_against_guides(window_.get(files_, channels, host_), files_.guides, host_.silent());
+  return brume::what_speaks_against_guides(window_.get(files_, channels, host_, &info_), files_.guides, host_.silent());
 }
 
 void OwnFrame::read(const DenoisePlan& plan) {
@@ -66,7 +58,7 @@ void OwnFrame::read(const DenoisePlan& plan) {
   for (const FilterSettings& filter : plan.filters) channels.merge(readable_channels(filter, plan.how, known));
   for (const std::string& name : layer::noisy.channel_names()) channels.insert(name);
   window_.keep(files_, plan.others);
-  frame_ = &window_.get(files_, channels, host_);
+  frame_ = &window_.get(files_, channels, host_, &info_);
   if (const std::string line = note_of_colors(files_.frame.string(), frame_->header, !files_.guides.empty());
       !line.empty())
     host_.note(line);
@@ -133,10 +125,33 @@ CleanLayers run_filter(const FilterSettings& filter, const Layers& frame, const 
   return {std::move(clean), report.seconds};
 }
 
-const Layers& FrameWindow::get(const FrameFiles& files, const std::set<std::string>& channels, const Host& host) {
+OpenFrame::OpenFrame(const FrameFiles& files, ExrInfo info, const DenoiseOptions& options, const Host& host)
+    : files_(files), info_(std::move(info)), guides_(read_guide_outline(files.guides)), options_(options), host_(host) {
+  if (!files.records.empty()) records_.emplace(files.records);
+}
+
+std::string OpenFrame::what_forbids_guides() const {
+  if (files_.guides.empty()) return "";
+  Layers frame(1, 1);
+  frame.header = info_.header;
+  return of_one_scene(guides_, frame) ? "" : what_speaks_against_guides();
+}
+
+void OpenFrame::leave_guides() {
+  files_.guides.clear();
+  guides_ = Layers(1, 1);
+}
+
+std::set<std::string> OpenFrame::guide_names() const {
+  const std::vector<std::string> names = guides_.names();
+  return {names.begin(), names.end()};
+}
+
+const Layers& FrameWindow::get(const FrameFiles& files, const std::set<std::string>& channels, const Host& host,
+                               const ExrInfo* info) {
   Entry& entry = frames_[files.frame];
   if (entry.layers && entry.channels == channels) return *entry.layers;
-  Layers frame = read_frame(files.frame, host, channels);
+  Layers frame = read_frame(files.frame, host, channels, info);
   if (!files.guides.empty()) add_guides(files.guides, files.frame, frame);
   if (frame.has(layer::noisy))
     take_noisy(frame, host);
@@ -154,8 +169,9 @@ void FrameWindow::keep(const FrameFiles& own, const std::vector<FrameFiles>& oth
 
 std::unique_ptr<OpenFrame> open_frame(const FrameFiles& files, const DenoiseOptions& options, FrameWindow& window,
                                       const Host& host) {
-  if (std::unique_ptr<OpenFrame> kept = open_kept_file(files, options, host)) return kept;
-  return std::make_unique<OwnFrame>(files, options, window, host);
+  ExrInfo info = read_exr_info(files.frame);
+  if (std::unique_ptr<OpenFrame> kept = open_kept_file(files, info, options, host)) return kept;
+  return std::make_unique<OwnFrame>(files, std::move(info), options, window, host);
 }
 
 }  // namespace brume

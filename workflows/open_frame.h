@@ -24,7 +24,9 @@ struct DenoisePlan {
 class FrameWindow {
  public:
   /// A frame as filters get it: with its guides, and raw where it is clean already. @throws InputError
-  const Layers& get(const FrameFiles& files, const std::set<std::string>& channels, const Host& host);
+  /// @param info  of the file; null: not read yet
+  const Layers& get(const FrameFiles& files, const std::set<std::string>& channels, const Host& host,
+                    const ExrInfo* info = nullptr);
   /// Lets go of all frames but these.
   void keep(const FrameFiles& own, const std::vector<FrameFiles>& others);
 
@@ -36,7 +38,7 @@ class FrameWindow {
   std::map<std::filesystem::path, Entry> frames_;
 };
 
-/// A file that is open to be cleaned, its layers recognised, its pixels not yet read.
+/// A file that is open to be cleaned, its header read and its layers recognised, its pixels not yet read.
 class OpenFrame {
  public:
   virtual ~OpenFrame() = default;
@@ -45,14 +47,28 @@ class OpenFrame {
   virtual Layers outline() const = 0;
   /// Whether it is read and written as a frame by brume.
   virtual bool ours() const = 0;
-  /// As what_speaks_against_guides (workflows/frame.h).
-  virtual std::string what_speaks_against_guides() const = 0;
+  /// Why its guides must not be used, measured where their header does not tell; empty: nothing, or there are none.
+  std::string what_forbids_guides() const;
+  void leave_guides();
   /// Reads what the plan needs. @throws InputError
   virtual void read(const DenoisePlan& plan) = 0;
   /// Aligns, filters, combines and writes.
   /// @param filter  of the plan   @param near  frames of the plan within its frame window   @param preview  empty: none
   virtual void clean(const FilterSettings& filter, const std::vector<FrameFiles>& near,
                      const std::filesystem::path& output, const std::filesystem::path& preview) = 0;
+
+ protected:
+  OpenFrame(const FrameFiles& files, ExrInfo info, const DenoiseOptions& options, const Host& host);
+  /// As the function of that name (workflows/frame.h).
+  virtual std::string what_speaks_against_guides() const = 0;
+  std::set<std::string> guide_names() const;
+
+  FrameFiles files_;
+  const ExrInfo info_;
+  Layers guides_;  // of one pixel
+  const DenoiseOptions& options_;
+  const Host& host_;
+  std::optional<RecordReader> records_;
 };
 
 /// Opens a file as what it is: a frame by brume, or a file in which everything is kept, what is cleaned being replaced.
@@ -60,7 +76,8 @@ class OpenFrame {
 std::unique_ptr<OpenFrame> open_frame(const FrameFiles& files, const DenoiseOptions& options, FrameWindow& window,
                                       const Host& host);
 /// Nothing for a file that is to be written as brume writes its own.
-std::unique_ptr<OpenFrame> open_kept_file(const FrameFiles& files, const DenoiseOptions& options, const Host& host);
+std::unique_ptr<OpenFrame> open_kept_file(const FrameFiles& files, const ExrInfo& info, const DenoiseOptions& options,
+                                          const Host& host);
 
 /// The pictures that a mapping file names in an EXR. @throws InputError with the line underlined
 std::vector<ForeignFrame> read_map(const std::filesystem::path& path, const ExrInfo& file);

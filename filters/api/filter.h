@@ -10,10 +10,9 @@
 #include <vector>
 
 #include "base/progress.h"
-#include "filters/inputs/features.h"
-#include "filters/inputs/planes.h"
+#include "filters/inputs/filter_frame.h"
+#include "filters/inputs/samples.h"
 #include "image/layers.h"
-#include "image/sample_records.h"
 
 namespace brume {
 
@@ -29,49 +28,16 @@ inline constexpr LayerName clean_error{
     "clean_error", "Y", "of a filter: estimated error of its result at the pixel, root mean square over colours"};
 }  // namespace layer
 
-/// What a filter is given: one signal to clean, and what it declared to read. Everything finite, all of one size.
-struct FilterFrame {
-  LayerName name;    ///< of the signal
-  RgbPlanes signal;  ///< linear RGB: what the weights are made from
-  RgbPlanes values;  ///< what is averaged: the signal, or a layer that is carried along with the signal's weights
-  const Layers& layers;
-  double exposure = 1.0;  ///< from radiance to display; perceptual filters work on signal * exposure
-  /// Coverage, where the rest of the picture is to be treated as background: pixels at 0 get the bilateral filter with
-  /// the gradient-kernel paper's settings. Null: the filter treats every pixel.
-  const Plane* medium = nullptr;
-
-  RgbPlanes variance{};  ///< of the pixel mean, ready to divide by (filters/inputs/noise.h); null unless declared
-  RgbPlanes half_a{}, half_b{};                    ///< of the signal; null unless declared or absent
-  std::vector<RgbPlanes> buckets = {};             ///< eight, or none
-  const std::vector<Feature>* features = nullptr;  ///< never null where declared; may be empty
-  bool together = false;                ///< other layers are carried in this run: all must get the very same weights
-  double samples = 0;                   ///< per pixel, mean over the frame; 0: unknown
-  const Plane* sample_count = nullptr;  ///< of each pixel; null: unknown
-  double typical_luminance = 0;         ///< of the whole frame's signal (filters/inputs/noise.h)
-  double lab_noise = 0;                 ///< of the whole frame's signal (filters/inputs/noise.h); 0 unless declared
-  RecordReader* records = nullptr;      ///< null where none were given, unless needed
-  /// Where to leave the pixels of the frame whose records were not all finite; null: not collected.
-  std::set<std::pair<int, int>>* repaired_records = nullptr;
-  int distance = 0;                             ///< in frames, to the one that is cleaned: before < 0 < after
-  std::vector<const FilterFrame*> nearby = {};  ///< of its sequence, by distance; none for a still
+/// What a filter makes, and what it has to say.
+struct FilterOutput {
+  std::array<Plane*, 3> rgb;
   /// Where to leave the layers that the filter declared to produce, by full channel name; null: not collected.
   std::map<std::string, Plane>* products = nullptr;
-  ivec2 origin{0};  ///< of this tile in the frame
-  ivec2 frame_size{0};
+  std::vector<std::string>* notes = nullptr;  ///< what the user should know; null: dropped
+  RepairedPixels* repaired = nullptr;         ///< of records that were not all finite; null: not collected
 
-  bool carries() const { return values != signal; }
-  /// How many samples a pixel's mean is made of; 0: unknown.
-  double samples_at(int x, int y) const { return sample_count ? static_cast<double>((*sample_count)(x, y)) : samples; }
-  bool all_guides = false;                    ///< it has the guides of its scene, which may be none
-  std::vector<std::string>* notes = nullptr;  ///< where to say what the user should know; null: dropped
-  int width() const { return signal[0]->width(); }
-  int height() const { return signal[0]->height(); }
+  Plane* operator[](size_t c) const { return rgb[c]; }
 };
-
-/// A frame and those nearby in their order.
-std::vector<const FilterFrame*> in_order(const FilterFrame& frame);
-
-using FilterOutput = std::array<Plane*, 3>;
 
 /// Statistics of its signal that a filter reads beside the mean; each includes those before it.
 enum class Statistics { kNone, kVariance, kHalves, kBuckets };
@@ -235,7 +201,7 @@ class Declaration {
   Declaration& parts() { return entry_.parts = true, *this; }
   /// Runs once, on a box outside of which the result is the input, because it measures over all of it.
   Declaration& within(Box (*box)(const Layers&, const LayerName&)) { return entry_.box = box, *this; }
-  /// Leaves more layers than the clean picture, in FilterFrame::products.
+  /// Leaves more layers than the clean picture, in FilterOutput::products.
   template <class... Layer>
   Declaration& produces(const Layer&... layers) {
     return (entry_.produces.push_back(layers), ...), *this;

@@ -1,7 +1,8 @@
 #pragma once
 #include <string>
 
-#include "filters/run/apply.h"
+#include "filters/api/filter.h"
+#include "filters/api/options.h"
 
 namespace brume {
 

@@ -109,14 +109,6 @@ std::vector<std::pair<std::string, std::string>> FilterEntry::inputs_and_outputs
   return lines;
 }
 
-std::vector<const FilterFrame*> in_order(const FilterFrame& frame) {
-  std::vector<const FilterFrame*> frames = frame.nearby;
-  frames.push_back(&frame);
-  std::sort(frames.begin(), frames.end(),
-            [](const FilterFrame* a, const FilterFrame* b) { return a->distance < b->distance; });
-  return frames;
-}
-
 std::string Parameter::text(const Value& value) {
   if (const double* number = std::get_if<double>(&value)) return fmt::format("{:.6g}", *number);
   return std::get<std::string>(value);

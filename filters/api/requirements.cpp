@@ -151,11 +151,6 @@ std::vector<std::string> layer_names(const Layers& frame) {
   return {names.begin(), names.end()};
 }
 
-bool has_halves(const Layers& frame, const LayerName& signal) {
-  return frame.has(signal, statistic::half_a) && frame.has(signal, statistic::half_b) &&
-         frame.number("samplesPerPixel").value_or(2.0) >= 2;
-}
-
 ApplyOptions options_for(const FilterEntry& filter, const Layers& frame, const ApplyOptions& wanted) {
   ApplyOptions options = wanted;
   if (filter.parts && options.component == Component::kAll && frame.has(layer::direct) && frame.has(layer::indirect))

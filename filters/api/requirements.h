@@ -1,7 +1,8 @@
 #pragma once
 #include <set>
 
-#include "filters/run/apply.h"
+#include "filters/api/filter.h"
+#include "filters/api/options.h"
 
 namespace brume {
 
@@ -19,10 +20,6 @@ std::vector<std::string> layer_names(const Layers& frame);
 /// The options as a filter uses them: the beauty of a frame that knows its parts is cleaned in parts by filters that do
 /// so.
 ApplyOptions options_for(const FilterEntry& filter, const Layers& frame, const ApplyOptions& wanted);
-
-/// Whether a frame has two half images of a signal that hold samples both: not where its header says that pixels have
-/// one sample.
-bool has_halves(const Layers& frame, const LayerName& signal);
 
 /// Whether outliers are limited by the signal's variance.
 bool limits_outliers(const ApplyOptions& options);

@@ -1,5 +1,5 @@
 #pragma once
-#include "filters/api/filter.h"
+#include "filters/inputs/filter_frame.h"
 
 namespace brume {
 

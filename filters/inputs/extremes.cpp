@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "filters/api/requirements.h"
 #include "filters/inputs/noise.h"
 #include "image/color.h"
 

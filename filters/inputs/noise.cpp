@@ -51,6 +51,11 @@ Plane neighbourhood_variance(const Plane& mean, const Task& task) {
 
 }  // namespace
 
+bool has_halves(const Layers& frame, const LayerName& signal) {
+  return frame.has(signal, statistic::half_a) && frame.has(signal, statistic::half_b) &&
+         frame.number("samplesPerPixel").value_or(2.0) >= 2;
+}
+
 Rgb corrected_variance(const RgbPlanes& mean, const RgbPlanes& variance, const RgbPlanes& half_a,
                        const RgbPlanes& half_b, const Plane* samples, const Task& task) {
   Rgb out;

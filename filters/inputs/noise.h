@@ -11,6 +11,10 @@ enum class NoiseSource {
   kSpatial,  ///< the picture itself: what its second differences leave, for frames without statistics
 };
 
+/// Whether a frame has two half images of a signal that hold samples both: not where its header says that pixels have
+/// one sample.
+bool has_halves(const Layers& frame, const LayerName& signal);
+
 /// How much noise a picture carries at each pixel: variance of the pixel mean, per channel, above 0 wherever there is
 /// any doubt (docs/methods.md, Noise of a frame):
 /// - V * box21(V_halves) / box21(V), because low-discrepancy samples vary less than V says; V_halves = (A - B)^2 / 4

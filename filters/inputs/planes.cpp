@@ -1,6 +1,7 @@
 #include "filters/inputs/planes.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <cstring>
 #include <vector>
@@ -9,6 +10,43 @@
 #include "filters/kernels/rows.h"
 
 namespace brume {
+namespace {
+
+/// Spans of a power of two, doubled step by step; two of them cover a window.
+template <class Better>
+Plane extreme(const Plane& in, int radius, const Task& task, const Better& better) {
+  const int width = in.width(), height = in.height(), whole = 2 * radius + 1;
+  const int longest = static_cast<int>(std::bit_floor(static_cast<unsigned>(whole)));
+  // Beyond the edges stands what every window there holds anyway.
+  Plane padded(width, height + 2 * radius), out(width, height);
+  for_each_row(height, quiet(task), [&](int y) {
+    std::vector<float> row(static_cast<size_t>(width + 2 * radius));
+    for (int i = 0; i < width + 2 * radius; ++i)
+      row[static_cast<size_t>(i)] = in(std::clamp(i - radius, 0, width - 1), y);
+    float* const v = row.data();
+    for (int span = 1; span < longest; span *= 2)
+      for (int i = 0; i + span < width + 2 * radius; ++i) v[i] = better(v[i], v[i + span]);
+    float* const to = padded.row(y + radius);
+    for (int x = 0; x < width; ++x) to[x] = better(v[x], v[x + whole - longest]);
+  });
+  constexpr int kStrip = 64;
+  parallel_for((width + kStrip - 1) / kStrip, quiet(task), [&](int strip) {
+    const int x0 = strip * kStrip, n = std::min(kStrip, width - x0);
+    const auto row = [&](int y) { return padded.row(y) + x0; };
+    for (int y = 0; y < radius; ++y) {
+      std::copy_n(row(radius), n, row(y));
+      std::copy_n(row(radius + height - 1), n, row(radius + height + y));
+    }
+    for (int span = 1; span < longest; span *= 2)
+      for (int y = 0; y + span < height + 2 * radius; ++y)
+        for (int x = 0; x < n; ++x) row(y)[x] = better(row(y)[x], row(y + span)[x]);
+    for (int y = 0; y < height; ++y)
+      for (int x = 0; x < n; ++x) out.row(y)[x0 + x] = better(row(y)[x], row(y + whole - longest)[x]);
+  });
+  return out;
+}
+
+}  // namespace
 
 void for_each_row(int height, const Task& task, const std::function<void(int)>& row) {
   parallel_for((height + kRowsPerTask - 1) / kRowsPerTask, task, [&](int band) {
@@ -82,8 +120,12 @@ Plane median3x3(const Plane& in, const Task& task) {
   return out;
 }
 
-Box Box::grown(int by, int image_width, int image_height) const {
-  return {std::max(0, x0 - by), std::max(0, y0 - by), std::min(image_width, x1 + by), std::min(image_height, y1 + by)};
+Plane window_maximum(const Plane& in, int radius, const Task& task) {
+  return extreme(in, radius, task, [](float a, float b) { return a > b ? a : b; });
+}
+
+Plane window_minimum(const Plane& in, int radius, const Task& task) {
+  return extreme(in, radius, task, [](float a, float b) { return a < b ? a : b; });
 }
 
 Plane crop(const Plane& in, const Box& box) {

@@ -1,8 +1,10 @@
 #pragma once
 #include <array>
 #include <functional>
+#include <vector>
 
 #include "base/progress.h"
+#include "filters/kernels/box.h"
 #include "image/layers.h"
 
 namespace brume {
@@ -12,6 +14,13 @@ using Rgb = std::array<Plane, 3>;
 
 inline RgbPlanes view(const Rgb& planes) {
   return {&planes[0], &planes[1], &planes[2]};
+}
+
+/// Views of planes.
+inline std::vector<const Plane*> pointers(const std::vector<Plane>& planes) {
+  std::vector<const Plane*> result;
+  for (const Plane& p : planes) result.push_back(&p);
+  return result;
 }
 
 /// Rows a task is handed at a time, so that threads share the work evenly and rows stay in cache.
@@ -40,13 +49,9 @@ Plane gaussian_blur(const Plane& in, double sigma, const Task& task);
 /// Median of the 3 x 3 pixels around each, edges repeated.
 Plane median3x3(const Plane& in, const Task& task);
 
-/// Part of a larger plane.
-struct Box {
-  int x0, y0, x1, y1;  ///< the last two exclusive
-  int width() const { return x1 - x0; }
-  int height() const { return y1 - y0; }
-  Box grown(int by, int image_width, int image_height) const;
-};
+/// Largest and smallest value in the square of half width `radius`.
+Plane window_maximum(const Plane& in, int radius, const Task& task);
+Plane window_minimum(const Plane& in, int radius, const Task& task);
 
 /// Whether any value in the box is above 0.
 bool any_above_0(const Plane& plane, const Box& box);

@@ -49,7 +49,7 @@ std::vector<size_t> signal_offsets(const RecordLayout& layout, const LayerName& 
   return parts;
 }
 
-void visit_records(const FilterFrame& frame,
+void visit_records(const FilterFrame& frame, RepairedPixels* repaired,
                    const std::function<void(int x, int y, std::span<const float> records)>& visit) {
   const RecordLayout& layout = frame.records->layout();
   if (layout.width != frame.frame_size.x || layout.height != frame.frame_size.y)
@@ -67,14 +67,13 @@ void visit_records(const FilterFrame& frame,
         const size_t pixel =
             static_cast<size_t>(y - b.y0) * static_cast<size_t>(b.x1 - b.x0) + static_cast<size_t>(x - b.x0);
         const std::span<float> records(block.data() + pixel * length, length);
-        if (repair(records, static_cast<size_t>(layout.components())) && frame.repaired_records)
-          frame.repaired_records->insert({x, y});
+        if (repair(records, static_cast<size_t>(layout.components())) && repaired) repaired->insert({x, y});
         visit(x - frame.origin.x, y - frame.origin.y, records);
       }
   }
 }
 
-void visit_samples(const FilterFrame& frame,
+void visit_samples(const FilterFrame& frame, RepairedPixels* repaired,
                    const std::function<void(int x, int y, std::span<const vec3> samples)>& visit) {
   std::vector<vec3> samples;
   if (!frame.records) {
@@ -93,7 +92,7 @@ void visit_samples(const FilterFrame& frame,
   const std::vector<size_t> parts = signal_offsets(layout, frame.name);
   const size_t width = static_cast<size_t>(layout.components());
   samples.resize(static_cast<size_t>(layout.samples));
-  visit_records(frame, [&](int x, int y, std::span<const float> records) {
+  visit_records(frame, repaired, [&](int x, int y, std::span<const float> records) {
     for (size_t s = 0; s < samples.size(); ++s) {
       const float* record = records.data() + s * width;
       samples[s] = vec3(0);

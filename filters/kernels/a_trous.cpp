@@ -28,13 +28,13 @@ struct Rows {
 };
 
 HWY_INLINE V one_minus_cos_squared(D d, const Rows& a, const Rows& b, int xa, int xb) {
-  V cos = hn::Mul(hn::LoadU(d, a.row[0] + xa), hn::LoadU(d, b.row[0] + xb));
+  V cos = hn::LoadU(d, a.row[0] + xa) * hn::LoadU(d, b.row[0] + xb);
   cos = hn::MulAdd(hn::LoadU(d, a.row[1] + xa), hn::LoadU(d, b.row[1] + xb), cos);
   cos = hn::MulAdd(hn::LoadU(d, a.row[2] + xa), hn::LoadU(d, b.row[2] + xb), cos);
   const V one = hn::Set(d, 1.0f);
-  const V apart = hn::Sub(one, hn::Min(hn::Max(cos, hn::Neg(one)), one));
-  const V defined = hn::Mul(hn::LoadU(d, a.row[3] + xa), hn::LoadU(d, b.row[3] + xb));
-  return hn::Mul(hn::Mul(apart, apart), defined);
+  const V apart = one - hn::Min(hn::Max(cos, hn::Neg(one)), one);
+  const V defined = hn::LoadU(d, a.row[3] + xa) * hn::LoadU(d, b.row[3] + xb);
+  return apart * apart * defined;
 }
 
 /// kValues: 3, or 6 with a carried layer.
@@ -77,7 +77,7 @@ void Level(const ATrousLevel& level, WorkImage& out, int x0, int x1, int y) {
 
   for (int x = x0; x < x1; x += lanes) {
     const bool inside = x - widest >= 0 && x + lanes - 1 + widest < width;
-    const V lane = hn::Add(hn::Iota(d, 0.0f), hn::Set(d, static_cast<float>(x)));
+    const V lane = hn::Iota(d, 0.0f) + hn::Set(d, static_cast<float>(x));
     V centre[kValues], sum[kValues], total = hn::Zero(d);
     for (size_t c = 0; c < kValues; ++c) {
       centre[c] = hn::LoadU(d, own_value.row[c] + x);
@@ -87,24 +87,24 @@ void Level(const ATrousLevel& level, WorkImage& out, int x0, int x1, int y) {
       const auto [r, dx, share] = places[i];
       V far = hn::Zero(d);
       for (size_t c = 0; c < own.count; ++c) {
-        const V apart = hn::Sub(hn::LoadU(d, own.row[c] + x), hn::LoadU(d, other[r].row[c] + x + dx));
+        const V apart = hn::LoadU(d, own.row[c] + x) - hn::LoadU(d, other[r].row[c] + x + dx);
         far = hn::MulAdd(apart, apart, far);
       }
       if (own_direction.count)
         far = hn::MulAdd(turn, one_minus_cos_squared(d, own_direction, direction[r], x, x + dx), far);
       // NaN, which infinities may leave, counts as far.
-      V w = hn::Mul(hn::Set(d, share), exp2_negative(d, hn::Mul(far, factor)));
+      V w = hn::Set(d, share) * exp2_negative(d, far * factor);
       w = hn::IfThenElseZero(hn::Lt(far, hn::Set(d, kFarthest)), w);
       if (!inside) {
-        const V column = hn::Add(lane, hn::Set(d, static_cast<float>(dx)));
+        const V column = lane + hn::Set(d, static_cast<float>(dx));
         const M valid = hn::And(hn::Ge(column, hn::Zero(d)), hn::Lt(column, hn::Set(d, static_cast<float>(width))));
         w = hn::IfThenElseZero(valid, w);
       }
-      total = hn::Add(total, w);
+      total += w;
       for (size_t c = 0; c < kValues; ++c)
-        sum[c] = hn::MulAdd(w, hn::Sub(hn::LoadU(d, value[r].row[c] + x + dx), centre[c]), sum[c]);
+        sum[c] = hn::MulAdd(w, hn::LoadU(d, value[r].row[c] + x + dx) - centre[c], sum[c]);
     }
-    const V inverse = hn::Div(hn::Set(d, 1.0f), total);  // the centre has its tap's weight
+    const V inverse = hn::Set(d, 1.0f) / total;  // the centre has its tap's weight
     for (size_t c = 0; c < kValues; ++c)
       hn::StoreU(hn::MulAdd(sum[c], inverse, centre[c]), d, out.channels[c].row(y) + x);
   }

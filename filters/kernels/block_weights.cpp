@@ -201,6 +201,56 @@ void join(const WeightModel& model, size_t i, const float* d, float* out, int n)
   i == 0 ? join_row<true>(step, d, scale, out, n) : join_row<false>(step, d, scale, out, n);
 }
 
+/// Weighted sums of a row's neighbours; patches of three and seven pixels are written out.
+void sum_along(const std::vector<float>& patch, const float* HWY_RESTRICT in, float* HWY_RESTRICT sum, int width) {
+  const int f = static_cast<int>(patch.size()) / 2;
+  if (f == 1) {
+    const float a = patch[0], b = patch[1], c = patch[2];
+    for (int x = 0; x < width; ++x) sum[x] = a * in[x] + b * in[x + 1] + c * in[x + 2];
+  } else if (f == 3) {
+    const float *p = patch.data(), t0 = p[0], t1 = p[1], t2 = p[2], t3 = p[3], t4 = p[4], t5 = p[5], t6 = p[6];
+    for (int x = 0; x < width; ++x)
+      sum[x] = (t0 * in[x] + t1 * in[x + 1]) + (t2 * in[x + 2] + t3 * in[x + 3]) +
+               (t4 * in[x + 4] + t5 * in[x + 5] + t6 * in[x + 6]);
+  } else {
+    for (int x = 0; x < width; ++x) sum[x] = patch[0] * in[x];
+    for (int j = 1; j <= 2 * f; ++j) {
+      const float tap = patch[static_cast<size_t>(j)];
+      for (int x = 0; x < width; ++x) sum[x] += tap * in[x + j];
+    }
+  }
+}
+
+/// The same of rows `stride` apart, in units of `unit` and of each column's norm.
+void sum_down(const std::vector<float>& patch, float unit, const float* h, size_t stride,
+              const float* HWY_RESTRICT norm, float* HWY_RESTRICT sum, int width) {
+  const int f = static_cast<int>(patch.size()) / 2;
+  if (f == 1) {
+    const float a = unit * patch[0], b = unit * patch[1], c = unit * patch[2];
+    for (int x = 0; x < width; ++x) {
+      const size_t u = static_cast<size_t>(x);
+      sum[x] = (a * h[u] + b * h[u + stride] + c * h[u + 2 * stride]) * norm[x];
+    }
+  } else if (f == 3) {
+    float tap[7];
+    for (size_t j = 0; j < 7; ++j) tap[j] = unit * patch[j];
+    for (int x = 0; x < width; ++x) {
+      const float* c = h + x;
+      sum[x] = ((tap[0] * c[0] + tap[1] * c[stride]) + (tap[2] * c[2 * stride] + tap[3] * c[3 * stride]) +
+                (tap[4] * c[4 * stride] + tap[5] * c[5 * stride] + tap[6] * c[6 * stride])) *
+               norm[x];
+    }
+  } else {
+    for (int x = 0; x < width; ++x) sum[x] = unit * patch[0] * h[x];
+    for (int j = 1; j <= 2 * f; ++j) {
+      const float tap = unit * patch[static_cast<size_t>(j)];
+      const float* c = h + stride * static_cast<size_t>(j);
+      for (int x = 0; x < width; ++x) sum[x] += tap * c[x];
+    }
+    for (int x = 0; x < width; ++x) sum[x] *= norm[x];
+  }
+}
+
 void BlockDistances(const WeightModel& model, const Box& block, int dx, int dy, WeightScratch& s, float* weights,
                     size_t stride) {
   const int width = block.width();
@@ -227,24 +277,7 @@ void BlockDistances(const WeightModel& model, const Box& block, int dx, int dy, 
       std::fill_n(d, lead, 0.0f);
       std::fill(d + lead + n, d + padded, 0.0f);
       distance_row({t, y, dx, dy, x0}, d + lead, n);
-      if (f == 0) continue;
-      const float* HWY_RESTRICT in = d;
-      float* HWY_RESTRICT sum = h;
-      if (f == 1) {
-        const float a = t.patch[0], b = t.patch[1], c = t.patch[2];
-        for (int x = 0; x < width; ++x) sum[x] = a * in[x] + b * in[x + 1] + c * in[x + 2];
-      } else if (f == 3) {
-        const float *p = t.patch.data(), t0 = p[0], t1 = p[1], t2 = p[2], t3 = p[3], t4 = p[4], t5 = p[5], t6 = p[6];
-        for (int x = 0; x < width; ++x)
-          sum[x] = (t0 * in[x] + t1 * in[x + 1]) + (t2 * in[x + 2] + t3 * in[x + 3]) +
-                   (t4 * in[x + 4] + t5 * in[x + 5] + t6 * in[x + 6]);
-      } else {
-        for (int x = 0; x < width; ++x) sum[x] = t.patch[0] * in[x];
-        for (int j = 1; j <= 2 * f; ++j) {
-          const float tap = t.patch[static_cast<size_t>(j)];
-          for (int x = 0; x < width; ++x) sum[x] += tap * in[x + j];
-        }
-      }
+      if (f > 0) sum_along(t.patch, d, h, width);
     }
     if (f > 0)
       for (int x = 0; x < width; ++x) {
@@ -262,30 +295,7 @@ void BlockDistances(const WeightModel& model, const Box& block, int dx, int dy, 
       const float unit = rows > 0 ? 1.0f / rows : 0.0f;
       float* HWY_RESTRICT sum = s.distance.data();
       const float* HWY_RESTRICT norm = s.norm.data();
-      if (f == 1) {
-        const float a = unit * t.patch[0], b = unit * t.patch[1], c = unit * t.patch[2];
-        for (int x = 0; x < width; ++x) {
-          const size_t u = static_cast<size_t>(x);
-          sum[x] = (a * h[u] + b * h[u + stride] + c * h[u + 2 * stride]) * norm[x];
-        }
-      } else if (f == 3) {
-        float tap[7];
-        for (size_t j = 0; j < 7; ++j) tap[j] = unit * t.patch[j];
-        for (int x = 0; x < width; ++x) {
-          const float* c = h + x;
-          sum[x] = ((tap[0] * c[0] + tap[1] * c[stride]) + (tap[2] * c[2 * stride] + tap[3] * c[3 * stride]) +
-                    (tap[4] * c[4 * stride] + tap[5] * c[5 * stride] + tap[6] * c[6 * stride])) *
-                   norm[x];
-        }
-      } else {
-        for (int x = 0; x < width; ++x) sum[x] = unit * t.patch[0] * h[x];
-        for (int j = 1; j <= 2 * f; ++j) {
-          const float tap = unit * t.patch[static_cast<size_t>(j)];
-          const float* c = h + stride * static_cast<size_t>(j);
-          for (int x = 0; x < width; ++x) sum[x] += tap * c[x];
-        }
-        for (int x = 0; x < width; ++x) sum[x] *= norm[x];
-      }
+      sum_down(t.patch, unit, h, stride, norm, sum, width);
       join(model, i, sum, out, width);
     }
   }

@@ -2,7 +2,9 @@
 #include <span>
 #include <vector>
 
-#include "filters/inputs/planes.h"
+#include "base/vec.h"
+#include "filters/kernels/box.h"
+#include "image/plane.h"
 
 namespace brume::kernels {
 

@@ -14,8 +14,8 @@ HWY_INLINE V exp2_negative(D d, V x) {
   const hn::RebindToSigned<D> di;
   x = hn::Max(x, hn::Set(d, kLowestExponent));
   const V magic = hn::Set(d, 12582912.0f);  // 1.5 * 2^23: adding it rounds to an integer
-  const V shifted = hn::Add(x, magic);
-  const V f = hn::Sub(x, hn::Sub(shifted, magic));
+  const V shifted = x + magic;
+  const V f = x - (shifted - magic);
   V p = hn::Set(d, 1.5403530e-4f);
   p = hn::MulAdd(p, f, hn::Set(d, 1.3333558e-3f));
   p = hn::MulAdd(p, f, hn::Set(d, 9.6181291e-3f));
@@ -23,5 +23,5 @@ HWY_INLINE V exp2_negative(D d, V x) {
   p = hn::MulAdd(p, f, hn::Set(d, 2.4022651e-1f));
   p = hn::MulAdd(p, f, hn::Set(d, 6.9314718e-1f));
   p = hn::MulAdd(p, f, hn::Set(d, 1.0f));
-  return hn::BitCast(d, hn::Add(hn::BitCast(di, p), hn::ShiftLeft<23>(hn::BitCast(di, shifted))));
+  return hn::BitCast(d, hn::BitCast(di, p) + hn::ShiftLeft<23>(hn::BitCast(di, shifted)));
 }

@@ -17,19 +17,19 @@ HWY_INLINE int distance_vectors(D d, const float* h1, const float* h2, const flo
   const int lanes = static_cast<int>(hn::Lanes(d));
   const V one = hn::Set(d, 1.0f), zero = hn::Zero(d);
   for (; x + lanes <= count; x += lanes) {
-    const V r = hn::Sqrt(hn::Div(hn::Max(hn::LoadU(d, n2 + x), one), hn::Max(hn::LoadU(d, n1 + x), one)));
-    const V inverse = hn::Div(one, r);
+    const V r = hn::Sqrt(hn::Max(hn::LoadU(d, n2 + x), one) / hn::Max(hn::LoadU(d, n1 + x), one));
+    const V inverse = one / r;
     V total = zero, used = zero;
     const float *a = h1 + x, *b = h2 + x;
     for (int bin = 0; bin < bins; ++bin, a += bin_stride, b += bin_stride) {
-      const V p = hn::LoadU(d, a), q = hn::LoadU(d, b), both = hn::Add(p, q);
+      const V p = hn::LoadU(d, a), q = hn::LoadU(d, b), both = p + q;
       const auto enough = hn::Gt(both, one);
-      const V difference = hn::NegMulAdd(inverse, q, hn::Mul(r, p));
+      const V difference = hn::NegMulAdd(inverse, q, r * p);
       // 1 / both to 22 bits: an estimate, and one step of Newton's.
       const V guess = hn::ApproximateReciprocal(hn::Max(both, one));
-      const V reciprocal = hn::Mul(guess, hn::NegMulAdd(hn::Max(both, one), guess, hn::Set(d, 2.0f)));
-      total = hn::MulAdd(hn::Mul(difference, difference), hn::IfThenElseZero(enough, reciprocal), total);
-      used = hn::Add(used, hn::IfThenElseZero(enough, one));
+      const V reciprocal = guess * hn::NegMulAdd(hn::Max(both, one), guess, hn::Set(d, 2.0f));
+      total = hn::MulAdd(difference * difference, hn::IfThenElseZero(enough, reciprocal), total);
+      used += hn::IfThenElseZero(enough, one);
     }
     hn::StoreU(total, d, sum + x);
     hn::StoreU(used, d, counted + x);

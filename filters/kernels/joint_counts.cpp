@@ -48,7 +48,7 @@ void BinBits(const float* column, size_t count, int bins, size_t words, uint64_t
     uint64_t bits[kMostBins] = {};
     for (size_t i = 0; i < 64; i += lanes) {
       const auto v = hn::Min(hn::Max(hn::LoadU(d, values + i), hn::Neg(outermost)), outermost);
-      const auto bin = hn::Add(hn::NearestInt(v), middle);
+      const auto bin = hn::NearestInt(v) + middle;
       for (int b = 0; b < bins; ++b) {
         uint8_t packed[8] = {};
         hn::StoreMaskBits(di, hn::Eq(bin, hn::Set(di, b)), packed);

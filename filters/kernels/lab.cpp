@@ -22,17 +22,17 @@ V cube_root(D d, V x) {
   const hn::RebindToUnsigned<D> du;
   // 0x54a21d2a - bits / 3 guesses x^-1/3 within 3 %; the division by 3 is done in float.
   const hn::RebindToSigned<D> di;
-  const auto third = hn::ConvertTo(di, hn::Mul(hn::ConvertTo(d, hn::BitCast(di, x)), hn::Set(d, 1.0f / 3.0f)));
-  V r = hn::BitCast(d, hn::Sub(hn::BitCast(du, hn::Set(di, 0x54a21d2a)), hn::BitCast(du, third)));
+  const auto third = hn::ConvertTo(di, hn::ConvertTo(d, hn::BitCast(di, x)) * hn::Set(d, 1.0f / 3.0f));
+  V r = hn::BitCast(d, hn::BitCast(du, hn::Set(di, 0x54a21d2a)) - hn::BitCast(du, third));
   const V one = hn::Set(d, 1.0f);
   for (int i = 0; i < 3; ++i) {
-    const V residual = hn::NegMulAdd(hn::Mul(x, r), hn::Mul(r, r), one);
-    r = hn::MulAdd(hn::Mul(r, hn::Set(d, 1.0f / 3.0f)), residual, r);
+    const V residual = hn::NegMulAdd(x * r, r * r, one);
+    r = hn::MulAdd(r * hn::Set(d, 1.0f / 3.0f), residual, r);
   }
-  const V root = hn::Mul(x, hn::Mul(r, r));
+  const V root = x * (r * r);
   // One step on the root itself removes what the products have rounded.
-  const V error = hn::NegMulAdd(hn::Mul(root, root), root, x);
-  return hn::MulAdd(error, hn::Mul(hn::Mul(r, r), hn::Set(d, 1.0f / 3.0f)), root);
+  const V error = hn::NegMulAdd(root * root, root, x);
+  return hn::MulAdd(error, r * r * hn::Set(d, 1.0f / 3.0f), root);
 }
 
 V forward(D d, V t) {
@@ -42,13 +42,13 @@ V forward(D d, V t) {
 }
 
 V backward(D d, V f) {
-  const V linear = hn::Mul(hn::Sub(f, hn::Set(d, kOffset)), hn::Set(d, 1.0f / kSlope));
-  return hn::IfThenElse(hn::Gt(f, hn::Set(d, 6.0f / 29.0f)), hn::Mul(hn::Mul(f, f), f), linear);
+  const V linear = (f - hn::Set(d, kOffset)) * hn::Set(d, 1.0f / kSlope);
+  return hn::IfThenElse(hn::Gt(f, hn::Set(d, 6.0f / 29.0f)), f * f * f, linear);
 }
 
 V product(D d, const double (&m)[3], V a, V b, V c) {
   const auto k = [&](int i) { return hn::Set(d, static_cast<float>(m[i])); };
-  return hn::MulAdd(c, k(2), hn::MulAdd(b, k(1), hn::Mul(a, k(0))));
+  return hn::MulAdd(c, k(2), hn::MulAdd(b, k(1), a * k(0)));
 }
 
 void LabFromRgbRow(const std::array<const float*, 3>& rgb, float exposure, const std::array<float*, 3>& lab,
@@ -56,14 +56,13 @@ void LabFromRgbRow(const std::array<const float*, 3>& rgb, float exposure, const
   const D d;
   const V e = hn::Set(d, exposure);
   for (int x = 0; x < width; x += static_cast<int>(hn::Lanes(d))) {
-    const V r = hn::Mul(hn::LoadU(d, rgb[0] + x), e), g = hn::Mul(hn::LoadU(d, rgb[1] + x), e),
-            b = hn::Mul(hn::LoadU(d, rgb[2] + x), e);
+    const V r = hn::LoadU(d, rgb[0] + x) * e, g = hn::LoadU(d, rgb[1] + x) * e, b = hn::LoadU(d, rgb[2] + x) * e;
     const V fx = forward(d, product(d, LabMatrices::xyz_from_rgb[0], r, g, b));
     const V fy = forward(d, product(d, LabMatrices::xyz_from_rgb[1], r, g, b));
     const V fz = forward(d, product(d, LabMatrices::xyz_from_rgb[2], r, g, b));
     hn::StoreU(hn::MulAdd(fy, hn::Set(d, 116.0f), hn::Set(d, -16.0f)), d, lab[0] + x);
-    hn::StoreU(hn::Mul(hn::Sub(fx, fy), hn::Set(d, 500.0f)), d, lab[1] + x);
-    hn::StoreU(hn::Mul(hn::Sub(fy, fz), hn::Set(d, 200.0f)), d, lab[2] + x);
+    hn::StoreU((fx - fy) * hn::Set(d, 500.0f), d, lab[1] + x);
+    hn::StoreU((fy - fz) * hn::Set(d, 200.0f), d, lab[2] + x);
   }
 }
 
@@ -72,11 +71,11 @@ void RgbFromLabRow(const std::array<const float*, 3>& lab, float exposure, const
   const D d;
   const V scale = hn::Set(d, 1.0f / exposure);
   for (int x = 0; x < width; x += static_cast<int>(hn::Lanes(d))) {
-    const V fy = hn::Mul(hn::Add(hn::LoadU(d, lab[0] + x), hn::Set(d, 16.0f)), hn::Set(d, 1.0f / 116.0f));
+    const V fy = (hn::LoadU(d, lab[0] + x) + hn::Set(d, 16.0f)) * hn::Set(d, 1.0f / 116.0f);
     const V fx = hn::MulAdd(hn::LoadU(d, lab[1] + x), hn::Set(d, 1.0f / 500.0f), fy);
     const V fz = hn::NegMulAdd(hn::LoadU(d, lab[2] + x), hn::Set(d, 1.0f / 200.0f), fy);
     const V X = backward(d, fx), Y = backward(d, fy), Z = backward(d, fz);
-    for (size_t c = 0; c < 3; ++c) hn::StoreU(hn::Mul(product(d, m[c], X, Y, Z), scale), d, rgb[c] + x);
+    for (size_t c = 0; c < 3; ++c) hn::StoreU(product(d, m[c], X, Y, Z) * scale, d, rgb[c] + x);
   }
 }
 

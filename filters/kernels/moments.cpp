@@ -81,8 +81,8 @@ void PredictRow(const float* HWY_RESTRICT vectors, size_t width, const Coefficie
     for (size_t t = 0; t < row.targets; ++t, c0 += row.stride, c1 += row.stride, c2 += row.stride) {
       auto sum = hn::Zero(d);
       for (size_t k = 0; k < row.used; k += lanes) {
-        const auto c = hn::MulAdd(w0, hn::LoadU(d, c0 + k),
-                                  hn::MulAdd(w1, hn::LoadU(d, c1 + k), hn::Mul(w2, hn::LoadU(d, c2 + k))));
+        const auto c =
+            hn::MulAdd(w0, hn::LoadU(d, c0 + k), hn::MulAdd(w1, hn::LoadU(d, c1 + k), w2 * hn::LoadU(d, c2 + k)));
         sum = hn::MulAdd(c, hn::LoadU(d, vectors + k), sum);
       }
       out[t][x] = hn::GetLane(hn::SumOfLanes(d, sum));

@@ -93,7 +93,7 @@ HWY_INLINE void add_tile(const NeighbourProducts& p, int i, int k, float* const 
   }
   for (int r = 0; r < R; ++r)
     for (int c = 0; c < C; ++c)
-      if (to[r][c]) hn::Store(hn::Add(hn::Load(d, to[r][c]), sum[r][c]), d, to[r][c]);
+      if (to[r][c]) hn::Store(hn::Load(d, to[r][c]) + sum[r][c], d, to[r][c]);
 }
 
 template <int R, class To>
@@ -137,29 +137,29 @@ void AccumulateNormal(const RegressionRow& row, const float* weights, size_t wei
     for (int j = 0; j < side; ++j) {
       const V w = hn::Load(d, weights + weight_step * static_cast<size_t>(j) + x);
       if (hn::AllTrue(d, hn::Eq(w, hn::Zero(d)))) continue;
-      const V px = hn::Set(d, static_cast<float>(j - row.radius) * inverse), wx = hn::Mul(w, px);
+      const V px = hn::Set(d, static_cast<float>(j - row.radius) * inverse), wx = w * px;
       const size_t at = lanes * static_cast<size_t>(p.neighbours);
       hn::Store(w, d, scratch + at);
       hn::Store(wx, d, scratch + list + at);
-      w0 = hn::Add(w0, w);
-      w1 = hn::Add(w1, wx);
+      w0 += w;
+      w1 += wx;
       w2 = hn::MulAdd(wx, px, w2);
       columns[p.neighbours++] = j;
     }
     if (p.neighbours == 0) continue;
-    const auto add = [&](float* to, V v) HWY_ATTR { hn::Store(hn::Add(hn::Load(d, to), v), d, to); };
+    const auto add = [&](float* to, V v) HWY_ATTR { hn::Store(hn::Load(d, to) + v, d, to); };
     const auto entry = [&](int i, int k) { return a + stride * static_cast<size_t>(triangle(i, k, n)) + x; };
     const auto rhs = [&](int i, int c) { return b + stride * static_cast<size_t>(i * m + c) + x; };
     // dy is the same in the whole row.
     const auto add_position = [&](float* of_1, float* of_x, float* of_y, V s0, V s1) HWY_ATTR {
       add(of_1, s0);
       add(of_x, s1);
-      add(of_y, hn::Mul(py, s0));
+      add(of_y, py * s0);
     };
     add_position(entry(0, 0), entry(0, 1), entry(0, 2), w0, w1);
     add(entry(1, 1), w2);
-    add(entry(1, 2), hn::Mul(py, w1));
-    add(entry(2, 2), hn::Mul(hn::Mul(py, py), w0));
+    add(entry(1, 2), py * w1);
+    add(entry(2, 2), py * py * w0);
     for (int k = 0; k < features + m; ++k) {
       const V centre = hn::LoadU(d, row.here + row.plane * static_cast<size_t>(k) + x);
       const float* there = row.there + row.plane * static_cast<size_t>(k) + x;
@@ -167,12 +167,12 @@ void AccumulateNormal(const RegressionRow& row, const float* weights, size_t wei
       const float *w = scratch, *wx = scratch + list;
       V s0 = hn::Zero(d), s1 = hn::Zero(d);
       for (int j = 0; j < p.neighbours; ++j, to += lanes, weighted += lanes, w += lanes, wx += lanes) {
-        const V v = hn::Sub(hn::LoadU(d, there + columns[j]), centre);
+        const V v = hn::LoadU(d, there + columns[j]) - centre;
         hn::Store(v, d, to);
         if (k < features) {
-          const V product = hn::Mul(hn::Load(d, w), v);
+          const V product = hn::Load(d, w) * v;
           hn::Store(product, d, weighted);
-          s0 = hn::Add(s0, product);
+          s0 += product;
         } else {
           s0 = hn::MulAdd(hn::Load(d, w), v, s0);
         }
@@ -223,7 +223,7 @@ void scatter_rows(const ScatterRow& s, int dx, int dy, int c, bool weights_too) 
     for (size_t v = 0; v < M; ++v) {
       const float* of = s.b + stride * (first + v) + x;
       const V centre = hn::LoadU(d, row.here + row.plane * (features + first + v) + x);
-      const V level = hn::MulAdd(px, hn::Load(d, of + stride * values), hn::Add(centre, hn::Load(d, of)));
+      const V level = hn::MulAdd(px, hn::Load(d, of + stride * values), centre + hn::Load(d, of));
       const V slope = hn::Load(d, of + 2 * stride * values);
       for (int r = 0; r < R; ++r)
         prediction[r][v] = hn::MulAdd(hn::Set(d, static_cast<float>(dy + r) * inverse), slope, level);
@@ -232,7 +232,7 @@ void scatter_rows(const ScatterRow& s, int dx, int dy, int c, bool weights_too) 
       const V centre = hn::LoadU(d, row.here + row.plane * k + x);
       V step[R];
       for (int r = 0; r < R; ++r)
-        step[r] = hn::Sub(hn::LoadU(d, q + row.plane * k + row.pitch * static_cast<size_t>(r) + x), centre);
+        step[r] = hn::LoadU(d, q + row.plane * k + row.pitch * static_cast<size_t>(r) + x) - centre;
       for (size_t v = 0; v < M; ++v) {
         const V slope = hn::Load(d, s.b + stride * ((k + 3) * values + first + v) + x);
         for (int r = 0; r < R; ++r) prediction[r][v] = hn::MulAdd(slope, step[r], prediction[r][v]);
@@ -249,7 +249,7 @@ void scatter_rows(const ScatterRow& s, int dx, int dy, int c, bool weights_too) 
     if (!weights_too) continue;
     for (int r = 0; r < R; ++r) {
       float* to = sums + row.plane * values + row.pitch * static_cast<size_t>(r) + x;
-      hn::StoreU(hn::Add(hn::LoadU(d, to), w[r]), d, to);
+      hn::StoreU(hn::LoadU(d, to) + w[r], d, to);
     }
   }
 }

@@ -37,10 +37,10 @@ HWY_INLINE Pixels<C> load(D d, const std::array<const float*, C>& rows, int x) {
 
 template <size_t C>
 HWY_INLINE V squared_distance(const Pixels<C>& a, const Pixels<C>& b) {
-  V diff = hn::Sub(a.v[0], b.v[0]);
-  V sum = hn::Mul(diff, diff);
+  V diff = a.v[0] - b.v[0];
+  V sum = diff * diff;
   for (size_t c = 1; c < C; ++c) {
-    diff = hn::Sub(a.v[c], b.v[c]);
+    diff = a.v[c] - b.v[c];
     sum = hn::MulAdd(diff, diff, sum);
   }
   return sum;
@@ -69,7 +69,7 @@ struct Sums {
   /// Average; where the weights vanish, `otherwise`.
   void finish(D d, V threshold, const Pixels<CV>& otherwise, Pixels<CV>& result) const {
     const M enough = hn::Gt(weight, threshold);
-    const V inverse = hn::Div(hn::Set(d, 1.0f), hn::IfThenElse(enough, weight, hn::Set(d, 1.0f)));
+    const V inverse = hn::Set(d, 1.0f) / hn::IfThenElse(enough, weight, hn::Set(d, 1.0f));
     for (size_t c = 0; c < CV; ++c)
       result.v[c] = hn::IfThenElse(enough, hn::MulAdd(value.v[c], inverse, centre.v[c]), otherwise.v[c]);
   }
@@ -83,20 +83,20 @@ HWY_INLINE void add_window(D d, const WorkImage& values, int radius, int x, int 
   const int width = values.width(), height = values.height();
   const int lanes = static_cast<int>(hn::Lanes(d));
   const bool inside = x - radius >= 0 && x + lanes - 1 + radius < width;
-  const V lane = hn::Add(hn::Iota(d, 0.0f), hn::Set(d, static_cast<float>(x)));
+  const V lane = hn::Iota(d, 0.0f) + hn::Set(d, static_cast<float>(x));
   for (int ty = std::max(0, y - radius); ty <= std::min(height - 1, y + radius); ++ty) {
     const auto rows = rows_at<CV>(values, ty);
     const float dy2 = static_cast<float>((ty - y) * (ty - y));
     for (int dx = -radius; dx <= radius; ++dx) {
       V w = weight(Tap{x + dx, ty, ty - y + radius, domain_factor * (dy2 + static_cast<float>(dx * dx))});
       if (!inside) {
-        const V column = hn::Add(lane, hn::Set(d, static_cast<float>(dx)));
+        const V column = lane + hn::Set(d, static_cast<float>(dx));
         const M valid = hn::And(hn::Ge(column, hn::Zero(d)), hn::Lt(column, hn::Set(d, static_cast<float>(width))));
         w = hn::IfThenElseZero(valid, w);
       }
-      s.weight = hn::Add(s.weight, w);
+      s.weight += w;
       for (size_t c = 0; c < CV; ++c)
-        s.value.v[c] = hn::MulAdd(w, hn::Sub(hn::LoadU(d, rows[c] + x + dx), s.centre.v[c]), s.value.v[c]);
+        s.value.v[c] = hn::MulAdd(w, hn::LoadU(d, rows[c] + x + dx) - s.centre.v[c], s.value.v[c]);
     }
   }
 }
@@ -211,7 +211,7 @@ void gradient_kernel(const WindowInput& in, const GradientWeights& weights, cons
   run_row<3, 3>(d, in, windows[0].guide, y, [&](int x, Pixels<3>& result) HWY_ATTR {
     const Pixels<3> centre = load(d, rows_at<3>(*in.guide, y), x);
     const Pixels<4> direction = load(d, rows_at<4>(gradient, y), x);
-    const V undefined = hn::Sub(one, direction.v[3]);
+    const V undefined = one - direction.v[3];
     const V centre_opacity = kVariant == GradientVariant::kGate ? hn::LoadU(d, opacity->row(y) + x) : hn::Zero(d);
     Sums<3> s{hn::Zero(d), load(d, rows_at<3>(*in.values, y), x), {}};
     for (size_t c = 0; c < 3; ++c) s.value.v[c] = hn::Zero(d);
@@ -222,23 +222,23 @@ void gradient_kernel(const WindowInput& in, const GradientWeights& weights, cons
             const V distance = squared_distance(load(d, window.guide[tap.row], tap.x), centre);
             const Pixels<4> other = load(d, window.directions[tap.row], tap.x);
             V cosine = hn::MulAdd(direction.v[2], other.v[2],
-                                  hn::MulAdd(direction.v[1], other.v[1], hn::Mul(direction.v[0], other.v[0])));
+                                  hn::MulAdd(direction.v[1], other.v[1], direction.v[0] * other.v[0]));
             cosine = hn::Max(hn::Min(cosine, one), hn::Set(d, -1.0f));
-            const V apart = hn::Sub(one, cosine);
-            const V turned = hn::Mul(hn::Mul(apart, apart), angle);
-            const V defined = hn::Mul(direction.v[3], other.v[3]);
+            const V apart = one - cosine;
+            const V turned = apart * apart * angle;
+            const V defined = direction.v[3] * other.v[3];
             const V position = hn::Set(d, tap.domain);
             const V similar = exp2_negative(d, hn::MulAdd(distance, range, position));
             if constexpr (kVariant == GradientVariant::kMultiply) {
-              const V both = exp2_negative(d, hn::Add(hn::MulAdd(distance, range, position), turned));
-              return hn::MulAdd(both, defined, hn::Mul(similar, undefined));
+              const V both = exp2_negative(d, hn::MulAdd(distance, range, position) + turned);
+              return hn::MulAdd(both, defined, similar * undefined);
             } else if constexpr (kVariant == GradientVariant::kGate) {
-              const V o = hn::Sub(hn::LoadU(d, window.opacity->row(tap.y) + tap.x), centre_opacity);
-              const V veil = hn::Mul(hn::Mul(o, o), hn::Set(d, exponent_factor(weights.sigma_opacity)));
-              const V aligned = exp2_negative(d, hn::Add(hn::Add(turned, veil), position));
-              return hn::MulAdd(hn::Mul(aligned, defined), hn::Set(d, weights.gate_strength), similar);
+              const V o = hn::LoadU(d, window.opacity->row(tap.y) + tap.x) - centre_opacity;
+              const V veil = o * o * hn::Set(d, exponent_factor(weights.sigma_opacity));
+              const V aligned = exp2_negative(d, turned + veil + position);
+              return hn::MulAdd(aligned * defined, hn::Set(d, weights.gate_strength), similar);
             } else {
-              return hn::MulAdd(exp2_negative(d, hn::Add(turned, position)), defined, similar);
+              return hn::MulAdd(exp2_negative(d, turned + position), defined, similar);
             }
           },
           s);
@@ -276,8 +276,7 @@ void RoadRow(const WorkImage& guide, PaddedPlane& road, int y) {
     sort4(a, b, c, e);
     sort4(f, g, h, i);
     // Of two sorted fours, the four smallest are the smaller of each pair taken from opposite ends.
-    hn::StoreU(hn::Add(hn::Add(hn::Min(a, i), hn::Min(b, h)), hn::Add(hn::Min(c, g), hn::Min(e, f))), d,
-               road.row(y) + x);
+    hn::StoreU(hn::Min(a, i) + hn::Min(b, h) + (hn::Min(c, g) + hn::Min(e, f)), d, road.row(y) + x);
   }
   road.extend_row(y);
 }
@@ -296,12 +295,11 @@ void TrilateralRow(const WindowInput& in, const TrilateralWeights& weights, cons
     const Sums<3> s = sum_window<3>(d, in, x, y, domain, [&](const Tap& tap) HWY_ATTR {
       const V distance = squared_distance(load(d, guide[tap.row], tap.x), centre);
       const V other = hn::LoadU(d, road.row(tap.y) + tap.x);
-      const V both = hn::Add(own, other);
-      const V clean = exp2_negative(d, hn::Mul(hn::Mul(both, both), joint));  // 1 - J
-      const V spread = hn::Mul(distance, range), noisy = hn::Mul(hn::Mul(other, other), impulse);
+      const V both = own + other;
+      const V clean = exp2_negative(d, both * both * joint);  // 1 - J
+      const V spread = distance * range, noisy = other * other * impulse;
       // One exponent: (1 - J) of the range term and J of the impulse term.
-      return exp2_negative(d,
-                           hn::MulAdd(clean, spread, hn::MulAdd(hn::Sub(one, clean), noisy, hn::Set(d, tap.domain))));
+      return exp2_negative(d, hn::MulAdd(clean, spread, hn::MulAdd(one - clean, noisy, hn::Set(d, tap.domain))));
     });
     s.finish(d, hn::Set(d, 1e-30f), s.centre, result);
   });
@@ -313,7 +311,7 @@ void GaussianHorizontalRow(const WorkImage& in, WorkImage& out, int radius, floa
   const float k = exponent_factor(sigma);
   for (int x = 0; x < width; x += lanes) {
     const bool inside = x - radius >= 0 && x + lanes - 1 + radius < width;
-    const V lane = hn::Add(hn::Iota(d, 0.0f), hn::Set(d, static_cast<float>(x)));
+    const V lane = hn::Iota(d, 0.0f) + hn::Set(d, static_cast<float>(x));
     for (size_t c = 0; c < in.channels.size(); ++c) {
       const float* row = in.channels[c].row(y);
       const V centre = hn::LoadU(d, row + x);
@@ -321,14 +319,14 @@ void GaussianHorizontalRow(const WorkImage& in, WorkImage& out, int radius, floa
       for (int dx = -radius; dx <= radius; ++dx) {
         V w = hn::Set(d, std::exp2(k * static_cast<float>(dx * dx)));
         if (!inside) {
-          const V column = hn::Add(lane, hn::Set(d, static_cast<float>(dx)));
+          const V column = lane + hn::Set(d, static_cast<float>(dx));
           w = hn::IfThenElseZero(
               hn::And(hn::Ge(column, hn::Zero(d)), hn::Lt(column, hn::Set(d, static_cast<float>(width)))), w);
         }
-        total = hn::Add(total, w);
-        sum = hn::MulAdd(w, hn::Sub(hn::LoadU(d, row + x + dx), centre), sum);
+        total += w;
+        sum = hn::MulAdd(w, hn::LoadU(d, row + x + dx) - centre, sum);
       }
-      hn::StoreU(hn::Add(centre, hn::Div(sum, total)), d, out.channels[c].row(y) + x);
+      hn::StoreU(centre + sum / total, d, out.channels[c].row(y) + x);
     }
   }
 }
@@ -351,7 +349,7 @@ void GaussianVerticalRow(const WorkImage& in, WorkImage& out, int radius, float 
       V sum = hn::Zero(d);
       for (int ty = first; ty <= last; ++ty)
         sum = hn::MulAdd(hn::Set(d, taps[static_cast<size_t>(ty - first)]),
-                         hn::Sub(hn::LoadU(d, in.channels[c].row(ty) + x), centre), sum);
+                         hn::LoadU(d, in.channels[c].row(ty) + x) - centre, sum);
       hn::StoreU(hn::MulAdd(sum, inverse, centre), d, out.channels[c].row(y) + x);
     }
 }

@@ -9,7 +9,6 @@
 #include "filters/inputs/samples.h"
 #include "filters/kernels/histogram.h"
 #include "filters/patch/neighbourhood.h"
-#include "filters/regression/regression.h"
 
 namespace brume {
 namespace {
@@ -77,14 +76,14 @@ void add_to_histogram(Histograms& histogram, int bins, size_t channel, int x, in
   histogram.at(first + static_cast<size_t>(low) + 1, x, y) += high_share;
 }
 
-Scale gather(const BayesianCollaborative& p, const FilterFrame& frame) {
+Scale gather(const BayesianCollaborative& p, const FilterFrame& frame, RepairedPixels* repaired) {
   Scale s;
   const int width = frame.width(), height = frame.height();
   for (size_t c = 0; c < 3; ++c) s.color[c] = *frame.signal[c];
   s.histogram = Histograms(width, height, 3 * static_cast<size_t>(p.bins));
   for (Plane& plane : s.covariance) plane = Plane(width, height);
   s.samples = Plane(width, height);
-  visit_samples(frame, [&](int x, int y, std::span<const vec3> samples) {
+  visit_samples(frame, repaired, [&](int x, int y, std::span<const vec3> samples) {
     const double n = static_cast<double>(samples.size());
     dvec3 mean(0), squares(0), products(0);
     for (const vec3& v : samples) {
@@ -414,7 +413,7 @@ class Collaboration {
 
 void run(const BayesianCollaborative& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
   std::vector<Scale> scales;
-  scales.push_back(gather(p, frame));
+  scales.push_back(gather(p, frame, out.repaired));
   const std::vector<ivec2> out_of_range = replace_out_of_range(
       scales[0], static_cast<float>(kRange * std::max(1 / frame.exposure, frame.typical_luminance)));
   if (p.spikes) replace_spikes(scales[0], task);

@@ -50,12 +50,6 @@ Plane sum_of(const std::vector<Plane>& planes) {
   return sum;
 }
 
-std::vector<const Plane*> pointers(const std::vector<Plane>& planes) {
-  std::vector<const Plane*> result;
-  for (const Plane& p : planes) result.push_back(&p);
-  return result;
-}
-
 FeatureDistances::FeatureDistances(const std::vector<Feature>& features, float k, float tau, const Task& task) {
   own_.reserve(features.size());
   for (const Feature& f : features) {

@@ -1,5 +1,6 @@
 #pragma once
 #include "filters/inputs/features.h"
+#include "filters/inputs/planes.h"
 #include "filters/kernels/block_weights.h"
 
 namespace brume {
@@ -49,9 +50,6 @@ class FeatureDistances {
 
 /// Sum over planes: one variance for a feature of several channels.
 Plane sum_of(const std::vector<Plane>& planes);
-
-/// Views of planes.
-std::vector<const Plane*> pointers(const std::vector<Plane>& planes);
 
 struct Averages {
   std::vector<Plane> values;

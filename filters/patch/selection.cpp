@@ -20,31 +20,6 @@ std::vector<Plane> winners(const std::vector<Plane>& errors, const Task& task) {
   return maps;
 }
 
-Plane blend(std::span<const Plane* const> values, const std::vector<Plane>& maps, const Task& task) {
-  return make_plane(values[0]->width(), values[0]->height(), quiet(task), [&](int x, int y) {
-    float sum = 0, total = 0;
-    for (size_t i = 0; i < values.size(); ++i) {
-      sum += maps[i](x, y) * (*values[i])(x, y);
-      total += maps[i](x, y);
-    }
-    return total > 0 ? sum / total : (*values[0])(x, y);
-  });
-}
-
-HalfPair blend(const std::vector<HalfPair>& candidates, const std::vector<Plane>& maps, const Task& task) {
-  HalfPair out;
-  for (size_t c = 0; c < 3; ++c) {
-    std::vector<const Plane*> a, b;
-    for (const HalfPair& candidate : candidates) {
-      a.push_back(&candidate.a[c]);
-      b.push_back(&candidate.b[c]);
-    }
-    out.a[c] = blend(a, maps, task);
-    out.b[c] = blend(b, maps, task);
-  }
-  return out;
-}
-
 Nudged nudged(const RgbPlanes& noisy, const RgbPlanes& variance, ivec2 origin, const Task& task) {
   constexpr float kStep = 0.05f;
   const int width = noisy[0]->width(), height = noisy[0]->height();

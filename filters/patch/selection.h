@@ -2,17 +2,9 @@
 #include <span>
 #include <vector>
 
-#include "filters/inputs/planes.h"
+#include "filters/inputs/half_pair.h"
 
 namespace brume {
-
-/// A result on each of two independent halves.
-struct HalfPair {
-  Rgb a, b;
-};
-
-/// Both halves of candidates, blended with one set of maps.
-HalfPair blend(const std::vector<HalfPair>& candidates, const std::vector<Plane>& maps, const Task& task);
 
 /// Stein's unbiased estimate of a filter's squared error at a pixel of known Gaussian noise. Source: Stein 1981.
 /// @param derivative  of the filtered value by the noisy one
@@ -45,8 +37,5 @@ HalfPair select_by_halves(const std::vector<HalfPair>& candidates, const RgbPlan
 
 /// For each candidate a map that is 1 where its error is the smallest (the first of equals), else 0.
 std::vector<Plane> winners(const std::vector<Plane>& errors, const Task& task);
-
-/// sum m_i(p) v_i(p) / sum m_i(p) of planes v_i and maps m_i.
-Plane blend(std::span<const Plane* const> values, const std::vector<Plane>& maps, const Task& task);
 
 }  // namespace brume

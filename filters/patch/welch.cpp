@@ -27,11 +27,11 @@ struct Estimands {
   double samples = 8;
 };
 
-Estimands estimands(const Welch& p, const FilterFrame& frame) {
+Estimands estimands(const Welch& p, const FilterFrame& frame, RepairedPixels* repaired) {
   Estimands e;
   for (size_t c = 0; c < 3; ++c) e.mean[c] = e.variance[c] = Plane(frame.width(), frame.height());
   std::vector<double> values;
-  visit_samples(frame, [&](int x, int y, std::span<const vec3> samples) {
+  visit_samples(frame, repaired, [&](int x, int y, std::span<const vec3> samples) {
     const double n = e.samples = static_cast<double>(samples.size());
     for (size_t c = 0; c < 3; ++c) {
       values.clear();
@@ -55,7 +55,7 @@ Estimands estimands(const Welch& p, const FilterFrame& frame) {
 }
 
 void run(const Welch& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
-  Estimands e = estimands(p, frame);
+  Estimands e = estimands(p, frame, out.repaired);
   // |mean_p - mean_q| <= t sqrt(V_p + V_q), where both pixels have the same number of samples.
   const double dof = std::max(1.0, 2 * e.samples - 2);
   const double t = student_quantile(1 - static_cast<double>(p.significance), dof);

@@ -103,7 +103,8 @@ class Columns {
 /// The samples of a tile and its apron, one record after another: colour, features, random parameters, film position.
 class Store {
  public:
-  Store(const FilterFrame& frame, const Columns& columns) : width_(frame.width()), height_(frame.height()) {
+  Store(const FilterFrame& frame, const Columns& columns, RepairedPixels* repaired)
+      : width_(frame.width()), height_(frame.height()) {
     const RecordLayout& layout = frame.records->layout();
     const std::vector<size_t> parts = signal_offsets(layout, frame.name);
     const size_t count = static_cast<size_t>(layout.samples), width = static_cast<size_t>(layout.components());
@@ -113,7 +114,7 @@ class Store {
     data_.assign(static_cast<size_t>(width_) * static_cast<size_t>(height_) * static_cast<size_t>(samples_) * stride_,
                  0.0f);
     const size_t group = static_cast<size_t>(group_);
-    visit_records(frame, [&](int x, int y, std::span<const float> records) {
+    visit_records(frame, repaired, [&](int x, int y, std::span<const float> records) {
       for (size_t s = 0; s < count; ++s) {
         const float* record = records.data() + s * width;
         const size_t g = s / group;
@@ -317,10 +318,11 @@ void limit_spikes(std::span<vec3> colors, bool keep_energy) {
 class Filter {
  public:
   /// @param frames  of a sequence in their order; the `own`-th is to be cleaned
-  Filter(const RandomParameter& p, const std::vector<const FilterFrame*>& frames, size_t own, const Task& task)
+  Filter(const RandomParameter& p, const std::vector<const FilterFrame*>& frames, size_t own, RepairedPixels* repaired,
+         const Task& task)
       : p_(p), frame_(*frames[own]), own_(own), columns_(*frame_.records), kinds_(columns_) {
     for (const FilterFrame* f : frames) {
-      stores_.emplace_back(*f, columns_);
+      stores_.emplace_back(*f, columns_, repaired);
       const Store& store = stores_.back();
       std::vector<float>& color = current_.emplace_back(store.count() * 3);
       for (size_t i = 0; i < store.count(); ++i)
@@ -518,7 +520,7 @@ class Filter {
 void run(const RandomParameter& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
   const std::vector<const FilterFrame*> frames = in_order(frame);
   const auto own = static_cast<size_t>(std::find(frames.begin(), frames.end(), &frame) - frames.begin());
-  Filter filter(p, frames, own, task);
+  Filter filter(p, frames, own, out.repaired, task);
   filter.run(task);
   for (int y = 0; y < frame.height(); ++y)
     for (int x = 0; x < frame.width(); ++x) {

@@ -17,7 +17,6 @@ class Line {
     xy_ += x * y;
   }
   double slope() const { return (n_ * xy_ - x_ * y_) / (n_ * xx_ - x_ * x_); }
-  double at_zero() const { return (y_ - slope() * x_) / n_; }
 
  private:
   double n_ = 0, x_ = 0, xx_ = 0, y_ = 0, xy_ = 0;

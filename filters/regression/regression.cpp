@@ -3,7 +3,6 @@
 #include <hwy/aligned_allocator.h>
 
 #include <algorithm>
-#include <bit>
 
 #include "base/parallel_for.h"
 #include "filters/kernels/regression.h"
@@ -15,40 +14,6 @@ namespace {
 constexpr float kRidge = 3e-6f, kFloor = 1e-7f;
 // The pixel itself counts at least this much, however unlike its neighbours it is.
 constexpr float kCentreWeight = 1e-4f;
-
-/// Spans of a power of two, doubled step by step; two of them cover a window.
-template <class Better>
-Plane extreme(const Plane& in, int radius, const Task& task, const Better& better) {
-  const int width = in.width(), height = in.height(), whole = 2 * radius + 1;
-  const int longest = static_cast<int>(std::bit_floor(static_cast<unsigned>(whole)));
-  // Beyond the edges stands what every window there holds anyway.
-  Plane padded(width, height + 2 * radius), out(width, height);
-  for_each_row(height, quiet(task), [&](int y) {
-    std::vector<float> row(static_cast<size_t>(width + 2 * radius));
-    for (int i = 0; i < width + 2 * radius; ++i)
-      row[static_cast<size_t>(i)] = in(std::clamp(i - radius, 0, width - 1), y);
-    float* const v = row.data();
-    for (int span = 1; span < longest; span *= 2)
-      for (int i = 0; i + span < width + 2 * radius; ++i) v[i] = better(v[i], v[i + span]);
-    float* const to = padded.row(y + radius);
-    for (int x = 0; x < width; ++x) to[x] = better(v[x], v[x + whole - longest]);
-  });
-  constexpr int kStrip = 64;
-  parallel_for((width + kStrip - 1) / kStrip, quiet(task), [&](int strip) {
-    const int x0 = strip * kStrip, n = std::min(kStrip, width - x0);
-    const auto row = [&](int y) { return padded.row(y) + x0; };
-    for (int y = 0; y < radius; ++y) {
-      std::copy_n(row(radius), n, row(y));
-      std::copy_n(row(radius + height - 1), n, row(radius + height + y));
-    }
-    for (int span = 1; span < longest; span *= 2)
-      for (int y = 0; y + span < height + 2 * radius; ++y)
-        for (int x = 0; x < n; ++x) row(y)[x] = better(row(y)[x], row(y + span)[x]);
-    for (int y = 0; y < height; ++y)
-      for (int x = 0; x < n; ++x) out.row(y)[x0 + x] = better(row(y)[x], row(y + whole - longest)[x]);
-  });
-  return out;
-}
 
 using Aligned = hwy::AlignedFreeUniquePtr<float[]>;
 Aligned aligned(size_t count) {
@@ -89,132 +54,174 @@ struct Surroundings {
   }
 };
 
-}  // namespace
+// A block's predictions reach `radius` beyond it. Blocks of one colour of a 2 x 2 pattern are far enough apart to run
+// at once, and the colours follow one another: every pixel's sum has one order, for any number of threads.
+constexpr int kBlockWidth = 64, kLeastBlockHeight = 20;
 
-Plane window_maximum(const Plane& in, int radius, const Task& task) {
-  return extreme(in, radius, task, [](float a, float b) { return a > b ? a : b; });
-}
+class Collaboration {
+ public:
+  Collaboration(std::span<const RegressionFrame> frames, int radius, const Plane* wanted, const Task& task)
+      : frames_(frames),
+        radius_(radius),
+        side_(2 * radius + 1),
+        width_(frames[0].values[0]->width()),
+        height_(frames[0].values[0]->height()),
+        n_(static_cast<int>(frames[0].features.size()) + 3),
+        m_(static_cast<int>(frames[0].values.size())),
+        block_height_(std::max(kLeastBlockHeight, side_ + 1)),
+        plane_(kStride * static_cast<size_t>(block_height_)),
+        shape_(radius, kBlockWidth, block_height_),
+        wanted_(wanted),
+        sums_(frames[0].values.size() + 1, Plane(width_, height_)) {
+    for (size_t c = 0; c < frames[0].values.size(); ++c)
+      for (const RegressionFrame& f : frames) add_bounds(*f.values[c], &f == &frames[0], task);
+  }
 
-Plane window_minimum(const Plane& in, int radius, const Task& task) {
-  return extreme(in, radius, task, [](float a, float b) { return a < b ? a : b; });
-}
-
-std::vector<Plane> collaborative_regression(std::span<const RegressionFrame> frames, int radius, const Task& task,
-                                            const Plane* wanted) {
-  const std::span<const Plane*const> features = frames[0].features, values = frames[0].values;
-  const int width = values[0]->width(), height = values[0]->height();
-  const int n = static_cast<int>(features.size()) + 3, m = static_cast<int>(values.size()), side = 2 * radius + 1;
-  std::vector<Plane> sums;
-  for (size_t c = 0; c < values.size(); ++c) sums.emplace_back(width, height);
-  Plane total(width, height);
-
-  std::vector<Plane> lowest, highest;
-  for (size_t c = 0; c < values.size(); ++c)
-    for (const RegressionFrame& f : frames) {
-      Plane low = window_minimum(*f.values[c], radius, task), high = window_maximum(*f.values[c], radius, task);
-      if (&f == &frames[0]) {
-        lowest.push_back(std::move(low));
-        highest.push_back(std::move(high));
-        continue;
-      }
-      for_each_row(height, quiet(task), [&](int y) {
-        for (int x = 0; x < width; ++x) {
-          lowest[c](x, y) = std::min(lowest[c](x, y), low(x, y));
-          highest[c](x, y) = std::max(highest[c](x, y), high(x, y));
+  std::vector<Plane> run(const Task& task) {
+    const int across = (width_ + kBlockWidth - 1) / kBlockWidth, down = (height_ + block_height_ - 1) / block_height_;
+    for (int colour = 0; colour < 4; ++colour) {
+      std::vector<Box> blocks;
+      for (int by = colour / 2; by < down; by += 2)
+        for (int bx = colour % 2; bx < across; bx += 2) {
+          const Box block{bx * kBlockWidth, by * block_height_, std::min(width_, (bx + 1) * kBlockWidth),
+                          std::min(height_, (by + 1) * block_height_)};
+          if (is_wanted(block)) blocks.push_back(block);
         }
-      });
+      parallel_for(static_cast<int>(blocks.size()), share(task, 0.25 * colour, 0.25 * (colour + 1)),
+                   [&](int i) { fit(blocks[static_cast<size_t>(i)]); });
     }
+    const Plane total = std::move(sums_.back());
+    sums_.pop_back();
+    for (Plane& sum : sums_)
+      for_each_row(height_, quiet(task), [&](int y) {
+        for (int x = 0; x < width_; ++x)
+          if (total(x, y) > 0) sum(x, y) /= total(x, y);
+      });
+    return std::move(sums_);
+  }
 
-  // A block's predictions reach `radius` beyond it. Blocks of one colour of a 2 x 2 pattern are far enough apart to run
-  // at once, and the colours follow one another: every pixel's sum has one order, for any number of threads.
-  const int kWidth = 64, block_height = std::max(20, side + 1);
-  const int across = (width + kWidth - 1) / kWidth, down = (height + block_height - 1) / block_height;
-  const size_t stride = kWidth, plane = stride * static_cast<size_t>(block_height);
-  const Surroundings shape(radius, kWidth, block_height);
-  for (int colour = 0; colour < 4; ++colour) {
-    std::vector<Box> blocks;
-    for (int by = colour / 2; by < down; by += 2)
-      for (int bx = colour % 2; bx < across; bx += 2) {
-        const Box block{bx * kWidth, by * block_height, std::min(width, (bx + 1) * kWidth),
-                        std::min(height, (by + 1) * block_height)};
-        if (!wanted || any_above_0(*wanted, block.grown(radius, width, height))) blocks.push_back(block);
-      }
-    parallel_for(static_cast<int>(blocks.size()), share(task, 0.25 * colour, 0.25 * (colour + 1)), [&](int i) {
-      const Box& block = blocks[static_cast<size_t>(i)];
-      // Whole vectors: the last pixels may be beyond the image, where weights are 0.
-      const int count = (block.width() + kLanes - 1) / kLanes * kLanes;
-      kernels::WeightScratch scratch;
-      const size_t window = plane * static_cast<size_t>(side * side);
-      const Aligned weights = aligned(window * frames.size());
-      if (count != block.width()) std::fill_n(weights.get(), window * frames.size(), 0.0f);
-      const auto weight_of = [&](size_t f, int dx, int dy) {
-        return weights.get() + window * f + plane * static_cast<size_t>((dy + radius) * side + dx + radius);
-      };
-      std::vector<Aligned> copies;
-      for (size_t f = 0; f < frames.size(); ++f) {
-        for (int dy = -radius; dy <= radius; ++dy)
-          for (int dx = -radius; dx <= radius; ++dx) {
-            float* const w = weight_of(f, dx, dy);
-            kernels::block_distances(frames[f].model, block, dx, dy, scratch, w, stride);
-            kernels::block_weights(frames[f].model, {width, height}, block, dx, dy, w, 1, nullptr, w, stride);
-          }
-        copies.push_back(shape.copy(frames[f], block));
-      }
-      const Aligned predicted = aligned(shape.plane * (values.size() + 1));
-      std::fill_n(predicted.get(), shape.plane * (values.size() + 1), 0.0f);
-      const size_t entries = stride * static_cast<size_t>(n * (n + 1) / 2), sides = stride * static_cast<size_t>(n * m);
-      const Aligned a = aligned(entries), b = aligned(sides), work = aligned(kernels::normal_scratch(n - 3, m, radius));
-      for (int y = block.y0; y < block.y1; ++y) {
-        if (wanted && !any_above_0(*wanted, Box{block.x0, y, block.x1, y + 1}.grown(radius, width, height))) continue;
-        const size_t line = stride * static_cast<size_t>(y - block.y0);
-        float* centre = weight_of(0, 0, 0) + line;
-        for (int x = 0; x < block.width(); ++x) centre[x] = std::max(centre[x], kCentreWeight);
-        std::fill_n(a.get(), entries, 0.0f);
-        std::fill_n(b.get(), sides, 0.0f);
-        const int top = std::max(-radius, -y), bottom = std::min(radius, height - 1 - y);
-        const auto row = [&](size_t f, int dy) {
-          return kernels::RegressionRow{shape.at(copies[0], 0, y - block.y0),
-                                        shape.at(copies[f], -radius, y - block.y0 + dy),
-                                        shape.pitch,
-                                        shape.plane,
-                                        n - 3,
-                                        m,
-                                        count,
-                                        radius,
-                                        stride};
-        };
-        for (size_t f = 0; f < frames.size(); ++f)
-          for (int dy = top; dy <= bottom; ++dy)
-            kernels::accumulate_normal(row(f, dy), weight_of(f, -radius, dy) + line, plane, dy, work.get(), a.get(),
-                                       b.get());
-        kernels::solve_rows(a.get(), b.get(), n, m, count, stride, kRidge, kFloor);
-        std::vector<const float*> low, high;
-        for (size_t c = 0; c < values.size(); ++c) {
-          low.push_back(lowest[c].row(y) + block.x0);
-          high.push_back(highest[c].row(y) + block.x0);
-        }
-        for (int dy = top; dy <= bottom; dy += 2)
-          for (int dx = -radius; dx <= radius; ++dx)
-            kernels::scatter_prediction({row(0, dy), weight_of(0, dx, dy) + line, plane * static_cast<size_t>(side),
-                                         b.get(), low, high, shape.at(predicted, -radius, y - block.y0 + dy)},
-                                        dx, dy, std::min(2, bottom + 1 - dy));
-      }
-      const Box reached = block.grown(radius, width, height);
-      for (size_t c = 0; c <= values.size(); ++c) {
-        Plane& to = c < values.size() ? sums[c] : total;
-        for (int y = reached.y0; y < reached.y1; ++y) {
-          const float* const from = shape.at(predicted, reached.x0 - block.x0, y - block.y0) + shape.plane * c;
-          for (int x = reached.x0; x < reached.x1; ++x) to(x, y) += from[x - reached.x0];
-        }
+ private:
+  static constexpr size_t kStride = kBlockWidth;
+
+  /// The least and the largest value of each window, of all frames.
+  void add_bounds(const Plane& values, bool first, const Task& task) {
+    Plane low = window_minimum(values, radius_, task), high = window_maximum(values, radius_, task);
+    if (first) {
+      lowest_.push_back(std::move(low));
+      highest_.push_back(std::move(high));
+      return;
+    }
+    for_each_row(height_, quiet(task), [&](int y) {
+      for (int x = 0; x < width_; ++x) {
+        lowest_.back()(x, y) = std::min(lowest_.back()(x, y), low(x, y));
+        highest_.back()(x, y) = std::max(highest_.back()(x, y), high(x, y));
       }
     });
   }
-  for (Plane& sum : sums)
-    for_each_row(height, quiet(task), [&](int y) {
-      for (int x = 0; x < width; ++x)
-        if (total(x, y) > 0) sum(x, y) /= total(x, y);
-    });
-  return sums;
+  bool is_wanted(const Box& box) const {
+    return !wanted_ || any_above_0(*wanted_, box.grown(radius_, width_, height_));
+  }
+
+  /// What is known of a block, and what is made of it.
+  struct Block {
+    Box box;
+    int count;  // of pixels in a row of whole vectors: the last may be beyond the image, where weights are 0
+    Aligned weights, predicted, a, b, work;
+    std::vector<Aligned> copies;
+  };
+  float* weight_of(const Block& block, size_t f, int dx, int dy) const {
+    const size_t window = plane_ * static_cast<size_t>(side_ * side_);
+    return block.weights.get() + window * f + plane_ * static_cast<size_t>((dy + radius_) * side_ + dx + radius_);
+  }
+  size_t entries() const { return kStride * static_cast<size_t>(n_ * (n_ + 1) / 2); }
+  size_t sides() const { return kStride * static_cast<size_t>(n_ * m_); }
+
+  void fit(const Box& box) {
+    const size_t weights = plane_ * static_cast<size_t>(side_ * side_) * frames_.size();
+    Block block{box,
+                (box.width() + kLanes - 1) / kLanes * kLanes,
+                aligned(weights),
+                aligned(shape_.plane * sums_.size()),
+                aligned(entries()),
+                aligned(sides()),
+                aligned(kernels::normal_scratch(n_ - 3, m_, radius_)),
+                {}};
+    if (block.count != box.width()) std::fill_n(block.weights.get(), weights, 0.0f);
+    std::fill_n(block.predicted.get(), shape_.plane * sums_.size(), 0.0f);
+    kernels::WeightScratch scratch;
+    for (size_t f = 0; f < frames_.size(); ++f) {
+      for (int dy = -radius_; dy <= radius_; ++dy)
+        for (int dx = -radius_; dx <= radius_; ++dx) {
+          float* const w = weight_of(block, f, dx, dy);
+          kernels::block_distances(frames_[f].model, box, dx, dy, scratch, w, kStride);
+          kernels::block_weights(frames_[f].model, {width_, height_}, box, dx, dy, w, 1, nullptr, w, kStride);
+        }
+      block.copies.push_back(shape_.copy(frames_[f], box));
+    }
+    for (int y = box.y0; y < box.y1; ++y)
+      if (is_wanted({box.x0, y, box.x1, y + 1})) fit_row(block, y);
+    const Box reached = box.grown(radius_, width_, height_);
+    for (size_t c = 0; c < sums_.size(); ++c)
+      for (int y = reached.y0; y < reached.y1; ++y) {
+        const float* const from = shape_.at(block.predicted, reached.x0 - box.x0, y - box.y0) + shape_.plane * c;
+        for (int x = reached.x0; x < reached.x1; ++x) sums_[c](x, y) += from[x - reached.x0];
+      }
+  }
+
+  /// Lines around the pixels of a row, and what they predict for their windows.
+  void fit_row(const Block& block, int y) const {
+    const Box& box = block.box;
+    const size_t line = kStride * static_cast<size_t>(y - box.y0);
+    float* centre = weight_of(block, 0, 0, 0) + line;
+    for (int x = 0; x < box.width(); ++x) centre[x] = std::max(centre[x], kCentreWeight);
+    std::fill_n(block.a.get(), entries(), 0.0f);
+    std::fill_n(block.b.get(), sides(), 0.0f);
+    const int top = std::max(-radius_, -y), bottom = std::min(radius_, height_ - 1 - y);
+    const auto row = [&](size_t f, int dy) {
+      return kernels::RegressionRow{shape_.at(block.copies[0], 0, y - box.y0),
+                                    shape_.at(block.copies[f], -radius_, y - box.y0 + dy),
+                                    shape_.pitch,
+                                    shape_.plane,
+                                    n_ - 3,
+                                    m_,
+                                    block.count,
+                                    radius_,
+                                    kStride};
+    };
+    for (size_t f = 0; f < frames_.size(); ++f)
+      for (int dy = top; dy <= bottom; ++dy)
+        kernels::accumulate_normal(row(f, dy), weight_of(block, f, -radius_, dy) + line, plane_, dy, block.work.get(),
+                                   block.a.get(), block.b.get());
+    kernels::solve_rows(block.a.get(), block.b.get(), n_, m_, block.count, kStride, kRidge, kFloor);
+    std::vector<const float*> low, high;
+    for (size_t c = 0; c < lowest_.size(); ++c) {
+      low.push_back(lowest_[c].row(y) + box.x0);
+      high.push_back(highest_[c].row(y) + box.x0);
+    }
+    for (int dy = top; dy <= bottom; dy += 2)
+      for (int dx = -radius_; dx <= radius_; ++dx)
+        kernels::scatter_prediction(
+            {row(0, dy), weight_of(block, 0, dx, dy) + line, plane_ * static_cast<size_t>(side_), block.b.get(), low,
+             high, shape_.at(block.predicted, -radius_, y - box.y0 + dy)},
+            dx, dy, std::min(2, bottom + 1 - dy));
+  }
+
+  const std::span<const RegressionFrame> frames_;
+  const int radius_, side_, width_, height_;
+  const int n_, m_;  // regressors, values
+  const int block_height_;
+  const size_t plane_;  // of a block's weights [floats]
+  const Surroundings shape_;
+  const Plane* const wanted_;
+  std::vector<Plane> lowest_, highest_;
+  std::vector<Plane> sums_;  // of predictions; last, of their weights
+};
+
+}  // namespace
+
+std::vector<Plane> collaborative_regression(std::span<const RegressionFrame> frames, int radius, const Task& task,
+                                            const Plane* wanted) {
+  return Collaboration(frames, radius, wanted, task).run(task);
 }
 
 }  // namespace brume

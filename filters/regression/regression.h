@@ -21,8 +21,4 @@ struct RegressionFrame {
 std::vector<Plane> collaborative_regression(std::span<const RegressionFrame> frames, int radius, const Task& task,
                                             const Plane* wanted = nullptr);
 
-/// Largest and smallest value in the square of half width `radius`.
-Plane window_maximum(const Plane& in, int radius, const Task& task);
-Plane window_minimum(const Plane& in, int radius, const Task& task);
-
 }  // namespace brume

@@ -323,10 +323,10 @@ void run(const SobelGuided& p, const FilterFrame& frame, const FilterOutput& out
     for (const Averages& a : candidates) values.push_back(&a.values[c + offset]);
     *out[c] = blend(values, maps, task);
   }
-  if (frame.products) {
+  if (out.products) {
     std::vector<const Plane*> noises;
     for (const Averages& a : candidates) noises.push_back(&a.noise);
-    (*frame.products)[layer::sampling_map.channel(0)] =
+    (*out.products)[layer::sampling_map.channel(0)] =
         sampling_need(luminance_of({out[0], out[1], out[2]}, task), light, blend(noises, maps, task), dark, task);
   }
   task.report(1);

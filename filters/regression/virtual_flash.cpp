@@ -239,11 +239,11 @@ void run(const VirtualFlash& p, const FilterFrame& frame, const FilterOutput& ou
   const size_t offset = frame.carries() ? 3 : 0;
   for (size_t c = 0; c < 3; ++c) *out[c] = std::move(last[c + offset]);
 
-  if (!frame.products) return;
+  if (!out.products) return;
   // The truth lies within the interval around the noisy mean, and the result as far from that mean as it does.
   const Rgb& squared = second.intervals[stack.own];
   for (size_t c = 0; c < 3; ++c)
-    (*frame.products)[layer::error_bound.channel(c)] = make_plane(width, height, quiet(task), [&](int x, int y) {
+    (*out.products)[layer::error_bound.channel(c)] = make_plane(width, height, quiet(task), [&](int x, int y) {
       return std::abs((*out[c])(x, y) - (*frame.signal[c])(x, y)) + std::sqrt(squared[c](x, y));
     });
 }

@@ -205,12 +205,6 @@ void forget_what_changed(const Layers& here, const Layers& there, const LayerNam
     }
 }
 
-std::vector<const Plane*> pointers(const std::vector<Plane>& planes) {
-  std::vector<const Plane*> list;
-  for (const Plane& p : planes) list.push_back(&p);
-  return list;
-}
-
 }  // namespace
 
 Alignment::Alignment(int width, int height, const std::vector<ivec2>& shifts)

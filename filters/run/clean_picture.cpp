@@ -104,9 +104,17 @@ void estimate_features(Layers& frame, const Task& task) {
 /// Passes as they are stored, in their order: signals[i] is planes[i].
 struct Parts {
   std::vector<ForeignSignal> signals;
-  std::vector<std::array<const Plane*, 3>> planes;
-  std::vector<std::array<const Plane*, 3>> factors;  // null: none
+  std::vector<RgbPlanes> planes;
+  std::vector<RgbPlanes> factors;  // null: none
 
+  void add(const ForeignSignal& signal, const Layers& file) {
+    const auto of = [&](const ChannelTriple& c) {
+      return RgbPlanes{file.find(c[0]), file.find(c[1]), file.find(c[2])};
+    };
+    signals.push_back(signal);
+    planes.push_back(of(signal.channels));
+    factors.push_back(signal.factor ? of(*signal.factor) : RgbPlanes{});
+  }
   float sum(size_t c, int x, int y) const {
     float sum = 0, group = 0;
     bool first = true;
@@ -335,24 +343,15 @@ CleanPicture clean_picture(const FilterSettings& filter, const ForeignFrame& pic
   };
 
   Parts parts;
-  const auto add_part = [&](const ForeignSignal& signal) {
-    const auto of = [&](const ChannelTriple& channels) {
-      const auto p = planes(channels);
-      return std::array<const Plane*, 3>{p[0], p[1], p[2]};
-    };
-    parts.signals.push_back(signal);
-    parts.planes.push_back(of(signal.channels));
-    parts.factors.push_back(signal.factor ? of(*signal.factor) : std::array<const Plane*, 3>{});
-  };
   if (!picture.passes.empty()) {
     bool half = type_of(info, picture.color.channels[0]) == "half";
     for (const ForeignSignal& pass : picture.passes) {
-      add_part(pass);
+      parts.add(pass, file);
       half |= type_of(info, pass.channels[0]) == "half";
     }
     if (subtract(parts, planes(picture.color.channels), half)) {
       signals.push_back({.name = kRest, .channels = picture.color.channels});
-      add_part(signals.back());
+      parts.add(signals.back(), file);
       result.notes.push_back(fmt::format(
           "the passes do not make up the whole of {}: what they leave is {} too, as a part of its own that no channel holds",
           picture.color.name, only_indirect ? "kept" : "cleaned"));

@@ -6,7 +6,7 @@
 #include <cmath>
 
 #include "base/rng.h"
-#include "filters/kernels/reference.h"
+#include "tests/support/reference_window_filters.h"
 #include "filters/window/lab_window.h"
 
 namespace brume::kernels {

@@ -7,7 +7,7 @@
 #include "base/rng.h"
 #include "filters/kernels/lab.h"
 #include "filters/kernels/moments.h"
-#include "filters/kernels/reference.h"
+#include "tests/support/reference_window_filters.h"
 #include "filters/window/lab_window.h"
 #include "image/color.h"
 #include "tests/support/targets.h"

@@ -1,12 +1,12 @@
 // Moving a result to candidates: where the data prove a gain, and only there.
 
-#include "filters/regression/mixing.h"
+#include "filters/regression/transport/mixing.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 
-#include "filters/regression/half_pairs.h"
+#include "filters/inputs/half_pair.h"
 #include "tests/support/frames.h"
 
 namespace brume {

@@ -7,7 +7,7 @@
 #include <opencv2/photo.hpp>
 #include <opencv2/ximgproc/edge_filter.hpp>
 
-#include "filters/kernels/reference.h"
+#include "tests/support/reference_window_filters.h"
 #include "filters/patch/neighbourhood.h"
 #include "filters/regression/guided_filter.h"
 #include "filters/window/lab_window.h"

@@ -10,9 +10,9 @@
 #include "base/rng.h"
 #include "filters/api/recommend.h"
 #include "filters/api/registry.h"
-#include "filters/inputs/guide_check.h"
+#include "filters/regression/transport/guide_check.h"
 #include "filters/inputs/guide_layers.h"
-#include "filters/regression/stacking.h"
+#include "filters/regression/transport/stacking.h"
 #include "filters/run/apply.h"
 #include "tests/support/frames.h"
 

@@ -1,0 +1,292 @@
+#include "filters/regression/transport/lattice_regression.h"
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <cmath>
+
+#include "base/parallel_for.h"
+#include "filters/kernels/moments.h"
+#include "filters/regression/transport/block_lattice.h"
+
+namespace brume {
+namespace {
+
+constexpr double kCoefficientBlur = 0.6;  // deviation of the coefficients' smoothing, in windows
+constexpr int kGlobalBlock = 32;          // where one window is the frame: sums stay short
+constexpr double kDependent = 3e-6;       // share of a column that the free ones leave: less is rounding
+constexpr size_t kCounts = 16;            // floats behind the products: sum of weights, and of their squares
+
+size_t padded(size_t n) {
+  return (n + 15) / 16 * 16;
+}
+
+/// Sizes of one problem on its lattice.
+struct Shape : BlockLattice {
+  size_t columns, targets, stride, products, node;  // `node`: floats of a node's sums
+  size_t used, coefficients;                        // per target; of a node, its weight behind them
+
+  Shape(const LatticeProblem& p, int side)
+      : BlockLattice(p.weight->width(), p.weight->height(), side),
+        columns(p.columns.size()),
+        targets(p.targets.size()),
+        stride(padded(columns + targets)),
+        products(kernels::product_floats(columns, stride)),
+        node(products + kCounts),
+        used(padded(columns)),
+        coefficients(targets * used + 16) {}
+  size_t weight() const { return targets * used; }
+};
+
+// Pixels of a row that are packed at a time, so that what is packed stays in cache.
+constexpr int kChunk = 64;
+
+/// The columns' values of some pixels of a row, `stride` floats from one to the next.
+/// @param room  for twice so many pixels
+void pack_columns(const LatticePixels& p, int y, int from, int to, size_t stride, const float* factors, float* room,
+                  float* out) {
+  const int count = to - from;
+  const float* base = p.columns[0].values.row(y, from, to, room);
+  for (size_t k = 0; k < p.columns.size(); ++k) {
+    const LatticeColumn& c = p.columns[k];
+    const float* v = k == 0 ? base : c.values.row(y, from, to, room + count);
+    float* place = out + k;
+    for (int i = 0; i < count; ++i, place += stride) *place = factors[i] * (c.scale * (v[i] - c.offset * base[i]));
+  }
+}
+
+/// Adds up the pixels of a row of blocks.
+void add_blocks(const LatticePixels& p, const Shape& s, int row, float* nodes) {
+  const int width = p.weight->width(), height = p.weight->height(), side = s.block;
+  const int first_row = row * side, last_row = std::min(height, first_row + side);
+  std::vector<float> vectors(static_cast<size_t>(side) * static_cast<size_t>(side) * s.stride);
+  std::vector<float> root(static_cast<size_t>(side)), room(2 * root.size());
+  for (int b = 0; b < s.across; ++b) {
+    const int from = b * side, to = std::min(width, from + side);
+    float* node = nodes + static_cast<size_t>(b) * s.node;
+    size_t packed = 0;
+    for (int y = first_row; y < last_row; ++y) {
+      const float* w = p.weight->row(y);
+      bool any = false;
+      for (int x = from; x < to; ++x) {
+        root[static_cast<size_t>(x - from)] = w[x] > 0 ? std::sqrt(w[x]) : 0.0f;
+        any |= w[x] > 0;
+        node[s.products] += w[x];
+        node[s.products + 1] += w[x] * w[x];
+      }
+      if (!any) continue;
+      float* line = vectors.data() + packed * s.stride;
+      pack_columns(p, y, from, to, s.stride, root.data(), room.data(), line);
+      for (size_t t = 0; t < s.targets; ++t) {
+        const float* v = p.targets[t]->row(y);
+        for (int x = from; x < to; ++x)
+          line[static_cast<size_t>(x - from) * s.stride + s.columns + t] = root[static_cast<size_t>(x - from)] * v[x];
+      }
+      packed += static_cast<size_t>(to - from);
+    }
+    if (packed) kernels::add_products(vectors.data(), packed, s.stride, s.columns, node);
+  }
+}
+
+/// Solves the normal equations of one node.
+class Solver {
+ public:
+  Solver(const Shape& shape, size_t free, const LatticeWindow& window)
+      : s_(shape), free_(free), window_(window), a_(s_.columns, s_.columns), b_(s_.columns, s_.targets) {}
+
+  /// @param sums  products and counts    @param out  coefficients, then the node's weight; zeroed before
+  template <class Number>
+  void solve(const Number* sums, float* out) {
+    const size_t n = s_.columns, m = s_.targets;
+    const double weight = static_cast<double>(sums[s_.products]), squares = static_cast<double>(sums[s_.products + 1]);
+    if (!(weight > 0)) return;
+    const double pixels = weight * weight / std::max(squares, 1e-30);
+    for (size_t i = 0; i < n; ++i) {
+      const auto mean = [&](size_t j) {
+        return static_cast<double>(sums[kernels::product_index(i, j, s_.stride)]) / weight;
+      };
+      for (size_t j = i; j < n; ++j) a_(i, j) = mean(j);
+      for (size_t t = 0; t < m; ++t) b_(i, t) = mean(n + t);
+    }
+    const Eigen::VectorXd variance = a_.diagonal();
+    const double ridge = window_.ridge + window_.ridge_per_pixel / pixels;
+    // Elimination without square roots, A = U^T D U. The free columns go first, so that what is left of the diagonal
+    // is the others' variance given them; a column that those before explain to rounding drops out.
+    for (size_t i = 0; i < n; ++i) {
+      const auto explained = [&](size_t k) { return !(a_(k, k) > kDependent * variance[k]); };
+      for (size_t k = i; i == free_ && k < n; ++k) a_(k, k) = explained(k) ? 0 : a_(k, k) + ridge * a_(k, k);
+      auto row = a_.row(i).tail(n - i - 1);
+      if (explained(i)) {
+        row.setZero();
+        b_.row(i).setZero();
+        continue;
+      }
+      const double inverse = 1.0 / a_(i, i);
+      for (size_t j = i + 1; j < n; ++j) {
+        const double l = a_(i, j) * inverse;
+        if (l == 0) continue;
+        a_.row(j).tail(n - j) -= l * a_.row(i).tail(n - j);
+        b_.row(j) -= l * b_.row(i);
+      }
+      row *= inverse;
+      b_.row(i) *= inverse;
+    }
+    for (size_t i = n; i-- > 0;) {
+      for (size_t j = i + 1; j < n; ++j) b_.row(i) -= a_(i, j) * b_.row(j);
+      for (size_t t = 0; t < m; ++t) out[t * s_.used + i] = static_cast<float>(b_(i, t));
+    }
+    out[s_.weight()] = static_cast<float>(weight);
+  }
+
+ private:
+  const Shape& s_;
+  size_t free_;
+  const LatticeWindow& window_;
+  Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> a_, b_;
+};
+
+/// Coefficients of every node, their weights behind them, from sums that are blurred along the rows already.
+LatticeRows solve_nodes(const LatticeProblem& p, const LatticeWindow& window, const Shape& s, const LatticeRows& sums,
+                        const std::vector<float>& taps, const Task& task) {
+  LatticeRows nodes(static_cast<size_t>(s.down));
+  parallel_for(s.down, quiet(task), [&](int r) {
+    const std::vector<float> blurred = blurred_down(sums, r, taps);
+    std::vector<float>& out = nodes[static_cast<size_t>(r)];
+    out.assign(static_cast<size_t>(s.across) * s.coefficients, 0.0f);
+    Solver solver(s, p.free, window);
+    for (int i = 0; i < s.across; ++i) {
+      float* to = out.data() + static_cast<size_t>(i) * s.coefficients;
+      solver.solve(blurred.data() + static_cast<size_t>(i) * s.node, to);
+      // Coefficients are averaged by weight.
+      for (size_t k = 0; k < s.weight(); ++k) to[k] *= to[s.weight()];
+    }
+  });
+  return nodes;
+}
+
+/// A row of nodes that all have the coefficients of the frame as one window.
+std::vector<float> solve_frame(const LatticeProblem& p, const LatticeWindow& window, const Shape& s,
+                               const LatticeRows& sums) {
+  std::vector<double> whole(s.node);
+  for (const std::vector<float>& row : sums)
+    for (size_t i = 0; i < row.size(); ++i) whole[i % s.node] += static_cast<double>(row[i]);
+  std::vector<float> node(s.coefficients), nodes;
+  Solver(s, p.free, window).solve(whole.data(), node.data());
+  for (int b = 0; b < s.across; ++b) nodes.insert(nodes.end(), node.begin(), node.end());
+  return nodes;
+}
+
+void divide_by_weight(float* node, const Shape& s) {
+  const float weight = node[s.weight()];
+  const float scale = weight > 0 ? 1.0f / weight : 0.0f;
+  for (size_t k = 0; k < s.weight(); ++k) node[k] *= scale;
+}
+
+LatticeRows smooth(LatticeRows nodes, const Shape& s, double deviation, const Task& task) {
+  const std::vector<float> taps = lattice_taps(deviation);
+  LatticeRows out(nodes.size());
+  parallel_for(s.down, quiet(task), [&](int r) {
+    std::vector<float>& row = nodes[static_cast<size_t>(r)];
+    row = blurred_along(row, s.coefficients, taps);
+  });
+  parallel_for(s.down, quiet(task), [&](int r) {
+    std::vector<float>& row = out[static_cast<size_t>(r)] = blurred_down(nodes, r, taps);
+    for (int b = 0; b < s.across; ++b) divide_by_weight(row.data() + static_cast<size_t>(b) * s.coefficients, s);
+  });
+  return out;
+}
+
+std::vector<Plane> predict(const LatticePixels& p, const Shape& s, const LatticeRows& nodes, const Task& task) {
+  const int width = p.weight->width(), height = p.weight->height();
+  std::vector<Plane> out;
+  for (size_t t = 0; t < s.targets; ++t) out.emplace_back(width, height);
+  const SplinePlaces along(width, s.block, s.across), down(height, s.block, s.down);
+  for_each_row(height, quiet(task), [&](int y) {
+    const float* w = p.weight->row(y);
+    int from = 0, to = width;
+    while (from < to && !(w[from] > 0)) ++from;
+    while (to > from && !(w[to - 1] > 0)) --to;
+    if (from == to) return;
+    const std::vector<float> coefficients = down.between(nodes, y);
+    std::vector<float> vectors(static_cast<size_t>(kChunk) * s.used);
+    const std::vector<float> ones(static_cast<size_t>(kChunk), 1.0f);
+    std::vector<float> room(2 * ones.size());
+    for (int begin = from; begin < to; begin += kChunk) {
+      const int end = std::min(to, begin + kChunk);
+      pack_columns(p, y, begin, end, s.used, ones.data(), room.data(), vectors.data());
+      std::vector<float*> results;
+      for (Plane& plane : out) results.push_back(plane.row(y) + begin);
+      const size_t first = 3 * static_cast<size_t>(begin);
+      kernels::predict_row(vectors.data(), static_cast<size_t>(end - begin),
+                           {coefficients.data(), along.nodes.data() + first, along.weights.data() + first,
+                            s.coefficients, s.targets, s.used, s.used, s.used},
+                           results.data());
+    }
+    for (Plane& plane : out)
+      for (int x = from; x < to; ++x)
+        if (!(w[x] > 0)) plane(x, y) = 0;
+  });
+  return out;
+}
+
+}  // namespace
+
+std::vector<LatticeColumn> standardised(std::vector<LatticeColumn> columns, const Plane& weight, const Task& task) {
+  parallel_for(static_cast<int>(columns.size()), quiet(task), [&](int i) {
+    const ChannelView &column = columns[static_cast<size_t>(i)].values, &first = columns[0].values;
+    const int width = weight.width();
+    std::vector<float> room(2 * static_cast<size_t>(width));
+    double base = 0, cross = 0, own = 0, total = 0;
+    for (int y = 0; y < weight.height(); ++y) {
+      const float *const w = weight.row(y), *const c = column.row(y, 0, width, room.data()),
+                         *const b = first.row(y, 0, width, room.data() + width);
+      // Sums of one row in float, of all rows in double.
+      float bases = 0, crosses = 0, owns = 0, totals = 0;
+      for (int x = 0; x < weight.width(); ++x) {
+        owns += w[x] * c[x] * c[x];
+        crosses += w[x] * c[x] * b[x];
+        bases += w[x] * b[x] * b[x];
+        totals += w[x];
+      }
+      base += static_cast<double>(bases);
+      cross += static_cast<double>(crosses);
+      own += static_cast<double>(owns);
+      total += static_cast<double>(totals);
+    }
+    const double offset = i == 0 || !(base > 0) ? 0.0 : cross / base;
+    const double left = own - offset * cross;
+    const bool nothing = !(total > 0) || !(left > kDependent * own);
+    columns[static_cast<size_t>(i)].offset = static_cast<float>(offset);
+    columns[static_cast<size_t>(i)].scale = nothing ? 0.0f : static_cast<float>(std::sqrt(total / left));
+  });
+  return columns;
+}
+
+std::vector<Plane> lattice_regression(const LatticeProblem& problem, const LatticeWindow& window, const Task& task,
+                                      const std::function<void(size_t, std::vector<Plane>)>& take) {
+  const bool global = !(window.deviation > 0);
+  const Shape s(problem, global ? kGlobalBlock : BlockLattice::block_for(window.deviation));
+  const double in_blocks = window.deviation / s.block;
+  const std::vector<float> taps = lattice_taps(global ? 1 : in_blocks);
+  LatticeRows sums(static_cast<size_t>(s.down));
+  parallel_for(s.down, quiet(task), [&](int r) {
+    std::vector<float>& row = sums[static_cast<size_t>(r)];
+    row.assign(static_cast<size_t>(s.across) * s.node, 0.0f);
+    add_blocks(problem, s, r, row.data());
+    for (const LatticePixels& other : problem.nearby) add_blocks(other, s, r, row.data());
+    if (!global) row = blurred_along(row, s.node, taps);
+  });
+  task.check();
+  LatticeRows nodes = global ? LatticeRows(static_cast<size_t>(s.down), solve_frame(problem, window, s, sums))
+                             : solve_nodes(problem, window, s, sums, taps, task);
+  sums.clear();
+  if (!global) nodes = smooth(std::move(nodes), s, kCoefficientBlur * in_blocks, task);
+  for (size_t i = 0; take && i < problem.nearby.size(); ++i) take(i, predict(problem.nearby[i], s, nodes, task));
+  return predict(problem, s, nodes, task);
+}
+
+std::vector<Plane> local_ratio(const std::vector<const Plane*>& targets, const Plane& base, const Plane& weight,
+                               double window, const Task& task) {
+  return lattice_regression({{{{&base}}, targets, &weight}}, {window, 0, 0}, task);
+}
+
+}  // namespace brume

@@ -1,0 +1,201 @@
+#include "filters/regression/transport/outliers.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "base/vec.h"
+
+namespace brume {
+namespace {
+
+// Windows of local means of noise and of what returns the light taken from outliers [px].
+constexpr double kNoiseWindow = 10, kReturnWindow = 32;
+// An outlier is this many times what the other half shows, and more.
+constexpr float kAgreement = 3;
+// What both halves show is a point, a lamp or a star, where within this radius [px] no more pixels than these have a
+// quarter of it.
+constexpr int kPointRadius = 3, kPointPixels = 4;
+constexpr float kPointShare = 0.25f;
+// From neighbours that are more times as bright, as in a highlight, less is taken over.
+constexpr float kBrighter = 2;
+
+/// What lies above a fit, relative to it: of each half.
+struct Excess {
+  Plane a, b;
+  float most;  ///< `limit` times the frame's deviation, of squares drawn in at what the last round found
+
+  /// @param level  the fit's brightness
+  Excess(const RgbPlanes& half_a, const RgbPlanes& half_b, const Plane& level, const Plane& mask, double limit,
+         const Task& task) {
+    const int width = level.width(), height = level.height();
+    double sum = 0, count = std::max(1e-30, sum_of(mask));
+    for (int y = 0; y < height; ++y)
+      for (int x = 0; x < width; ++x)
+        if (mask(x, y) > 0) sum += static_cast<double>(std::max(0.0f, level(x, y)));
+    const float floor = static_cast<float>(static_cast<double>(kDark) * sum / count) + 1e-30f;
+    const auto relative = [&](const RgbPlanes& half) {
+      return make_plane(width, height, quiet(task), [&](int x, int y) {
+        if (!(mask(x, y) > 0)) return 0.0f;
+        const float l = luminance(vec3((*half[0])(x, y), (*half[1])(x, y), (*half[2])(x, y)));
+        return (l - level(x, y)) / (std::max(0.0f, level(x, y)) + floor);
+      });
+    };
+    a = relative(half_a);
+    b = relative(half_b);
+    double found = 1e15;
+    for (int round = 0; round < 30; ++round) {
+      double squares = 0;
+      const double top = limit * found;
+      for (int y = 0; y < height; ++y)
+        for (int x = 0; x < width; ++x)
+          for (const Plane* u : {&a, &b}) {
+            const double v = std::min(std::abs(static_cast<double>((*u)(x, y))), top);
+            squares += v * v;
+          }
+      const double next = std::sqrt(squares / (2 * count));
+      if (next > 0.999 * found) break;
+      found = next;
+    }
+    most = static_cast<float>(limit * found);
+  }
+  float of_both(int x, int y) const { return std::min(a(x, y), b(x, y)); }
+  /// Whether what both halves show at a pixel is a lamp or a star.
+  bool is_point(int x, int y) const {
+    int like_it = 0;
+    const Box box = Box{x, y, x + 1, y + 1}.grown(kPointRadius, a.width(), a.height());
+    for (int v = box.y0; v < box.y1; ++v)
+      for (int u = box.x0; u < box.x1; ++u) like_it += of_both(u, v) > kPointShare * of_both(x, y);
+    return like_it <= kPointPixels;
+  }
+};
+
+/// Draws outliers in to a first fit.
+/// @param halves  whether a and b are two halves; else the whole signal twice
+ClampedHalves clamped(const RgbPlanes& a, const RgbPlanes& b, const HalfPair& first, const Plane& mask, double limit,
+                      bool halves, const Task& task) {
+  const Rgb fit = mean(first, task);
+  const int width = mask.width(), height = mask.height();
+  const Excess excess(a, b, brightness(first, task), mask, limit, task);
+  const float top = excess.most;
+  const Plane square = make_plane(width, height, quiet(task), [&](int x, int y) {
+    const float va = std::min(std::abs(excess.a(x, y)), top), vb = std::min(std::abs(excess.b(x, y)), top);
+    return 0.5f * (va * va + vb * vb);
+  });
+  const Plane one(width, height, 1.0f);
+  const Plane local = std::move(local_ratio({&square}, one, mask, kNoiseWindow, task)[0]);
+  ClampedHalves out;
+  for (size_t c = 0; c < 3; ++c) {
+    out.a[c] = *a[c];
+    out.b[c] = *b[c];
+    out.taken[c] = Plane::lazy_zeros(width, height);
+    out.points[c] = Plane::lazy_zeros(width, height);
+  }
+  for_each_row(height, quiet(task), [&](int y) {
+    for (int x = 0; x < width; ++x) {
+      if (!(mask(x, y) > 0)) continue;
+      const float most = static_cast<float>(limit) * std::sqrt(std::max(0.5f * local(x, y), 0.0f) +
+                                                               0.5f * top * top / static_cast<float>(limit * limit));
+      // What both halves show is no outlier.
+      const bool point = halves && excess.of_both(x, y) > most && excess.is_point(x, y);
+      const auto draw = [&](const Plane& u, const Plane& other, Rgb& half) {
+        const float bound = halves ? std::max(most, kAgreement * other(x, y)) : most;
+        if (!(u(x, y) > (point ? most : bound))) return;
+        const float share = 1 - std::min(1.0f, bound / u(x, y)), all = point ? 1 - most / u(x, y) : share;
+        for (size_t c = 0; c < 3; ++c) {
+          const float missed = half[c](x, y) - fit[c](x, y);
+          half[c](x, y) -= all * missed;
+          out.taken[c](x, y) += 0.5f * share * missed;
+          out.points[c](x, y) += 0.5f * (all - share) * missed;
+        }
+      };
+      draw(excess.a, excess.b, out.a);
+      draw(excess.b, excess.a, out.b);
+    }
+  });
+  return out;
+}
+
+/// Two inputs from one, for frames without halves: each has the pixels of one colour of a chessboard, and between
+/// them what the fit says there and the mean of what it misses at the four neighbours, less where the fit
+/// is much brighter there. Their noise is independent where the noise of neighbouring pixels is.
+HalfPair chessboard_halves(const Rgb& data, const Rgb& fit, const Plane& mask, const Task& task) {
+  const int width = mask.width(), height = mask.height();
+  constexpr int kNext[4][2] = {{-1, 0}, {1, 0}, {0, -1}, {0, 1}};
+  HalfPair out{data, data};
+  for_each_row(height, quiet(task), [&](int y) {
+    for (int x = 0; x < width; ++x) {
+      if (!(mask(x, y) > 0)) continue;
+      Rgb& half = (x + y) % 2 == 0 ? out.b : out.a;
+      const auto share_of = [&](size_t c, int u, int v) {
+        const float here = std::abs(fit[c](x, y)), there = std::abs(fit[c](u, v));
+        return there > kBrighter * here ? kBrighter * here / there : 1.0f;
+      };
+      for (size_t c = 0; c < 3; ++c) {
+        float missed = 0, count = 0;
+        for (const auto& [dx, dy] : kNext) {
+          const int u = x + dx, v = y + dy;
+          if (u < 0 || v < 0 || u >= width || v >= height || !(mask(u, v) > 0)) continue;
+          missed += share_of(c, u, v) * (data[c](u, v) - fit[c](u, v));
+          ++count;
+        }
+        half[c](x, y) = fit[c](x, y) + (count > 0 ? missed / count : 0.0f);
+      }
+    }
+  });
+  return out;
+}
+
+}  // namespace
+
+ClampedHalves draw_outliers_in(RegressionInputs& inputs, float power, double limit, const Task& task) {
+  for (RegressionInput& q : inputs) q.weigh_by(q.known.bright, power, task);
+  TransportColumns& own = inputs[0].known;
+  for (const Fit fit : {Fit::kPredicted, Fit::kShape, Fit::kAll}) own[fit].standardise(inputs[0].weight, task);
+  for (RegressionInput& q : inputs) q.known.scale_like(own);
+  std::vector<HalfPair> fits(inputs.size());
+  const auto keep = [&](size_t i, size_t c, Plane a, Plane b) {
+    fits[i].a[c] = std::move(a);
+    fits[i].b[c] = std::move(b);
+  };
+  const auto halves = [](const RegressionInput& q) { return std::array{q.half_a, q.half_b}; };
+  fit(inputs, {Fit::kAll, {0, kGlobalRidge, 0}, own.base}, halves, keep, task);
+  ClampedHalves own_data;
+  for (size_t i = 0; i < inputs.size(); ++i) {
+    RegressionInput& q = inputs[i];
+    ClampedHalves drawn = clamped(q.half_a, q.half_b, fits[i], q.known.mask, limit, q.halves, task);
+    q.left = q.halves ? HalfPair{std::move(drawn.a), std::move(drawn.b)}
+                      : chessboard_halves(drawn.a, fits[i].a, q.known.mask, task);
+    fits[i] = {};
+    if (i == 0) own_data = {q.left.a, q.left.b, std::move(drawn.taken), std::move(drawn.points)};
+  }
+  return own_data;
+}
+
+void redistribute_energy(const Rgb& taken, Rgb& picture, const Plane& mask, const Task& task) {
+  for (size_t c = 0; c < 3; ++c) {
+    const Plane base = make_plane(mask.width(), mask.height(), quiet(task),
+                                  [&](int x, int y) { return std::max(0.0f, picture[c](x, y)); });
+    // With the weight 1 / base the fitted factor is the ratio of the sums.
+    const double typical = sum_of(base) / std::max(1.0, sum_of(mask));
+    const float least = static_cast<float>(1e-3 * typical) + 1e-30f;
+    const Plane weight = make_plane(mask.width(), mask.height(), quiet(task), [&](int x, int y) {
+      return mask(x, y) > 0 ? 1.0f / std::max(base(x, y), least) : 0.0f;
+    });
+    const std::vector<Plane> back = local_ratio({&taken[c]}, base, weight, kReturnWindow, task);
+    for_each_row(mask.height(), quiet(task), [&](int y) {
+      for (int x = 0; x < mask.width(); ++x) picture[c](x, y) += back[0](x, y);
+    });
+  }
+}
+
+void keep_within_neighbours(const RgbPlanes& data, const Plane& solid, Rgb& picture, const Task& task) {
+  for (size_t c = 0; c < 3; ++c) {
+    const Plane low = window_minimum(*data[c], 1, task), high = window_maximum(*data[c], 1, task);
+    for_each_row(solid.height(), quiet(task), [&](int y) {
+      for (int x = 0; x < solid.width(); ++x)
+        if (solid(x, y) > 0) picture[c](x, y) = std::clamp(picture[c](x, y), low(x, y), high(x, y));
+    });
+  }
+}
+
+}  // namespace brume

@@ -1,0 +1,32 @@
+#pragma once
+#include "filters/regression/transport/input.h"
+
+namespace brume {
+
+/// Of fits to the whole frame.
+inline constexpr double kGlobalRidge = 1e-4;
+
+/// Half images whose outliers are drawn in, and what was taken from their mean: `taken` belongs to the neighbourhood,
+/// `points`, which both halves show, to where it was.
+struct ClampedHalves {
+  Rgb a, b, taken, points;
+};
+
+/// Draws what lies far above a first fit of all columns in to `limit` deviations from it, in every input: the result is
+/// what is `left` of it to explain. Standardises the columns, and weighs by the guides' brightness.
+///
+/// Deviations are those of the neighbourhood, relative to the fit, themselves robust. Points are drawn in, too: no fit
+/// explains them, and one that is bright enough would make all of its neighbourhood seem unexplained. Frames without
+/// halves get two pictures in their place, of the pixels of one colour of a chessboard each.
+/// @param power  pixels weigh as their brightness to minus this power
+/// @return  of the frame to clean
+ClampedHalves draw_outliers_in(RegressionInputs& inputs, float power, double limit, const Task& task);
+
+/// Returns light to the neighbourhood it was taken from, in proportion to the picture.
+void redistribute_energy(const Rgb& taken, Rgb& picture, const Plane& mask, const Task& task);
+
+/// Keeps surfaces within the values of the 3 x 3 pixels around them: without halves nothing tells what edges of bright
+/// highlights make of a fit.
+void keep_within_neighbours(const RgbPlanes& data, const Plane& solid, Rgb& picture, const Task& task);
+
+}  // namespace brume
