@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
 
 namespace brume {
 namespace {
@@ -96,7 +95,7 @@ std::optional<double> surface_in_cell(const BrickGrid& bricks, const Ray& ray, c
   const auto find_exit = [&](int a) {
     const double plane = lowest[a] + voxel[a] + (step[a] > 0 ? 1 : 0);
     const bool parallel = std::abs(ray.d[a]) <= across;
-    exit[a] = parallel ? std::numeric_limits<double>::infinity() : (plane - ray.o[a]) / ray.d[a];
+    exit[a] = parallel ? kUnbounded : (plane - ray.o[a]) / ray.d[a];
   };
   const dvec3 entry = ray.at(s.t0) - dvec3(lowest);
   for (int a = 0; a < 3; ++a) {
@@ -161,7 +160,7 @@ std::optional<double> find_isosurface(const Medium& medium, const Ray& ray, floa
     return std::max(t0, begin);
   }
   if (medium.density(ray.at(begin)) >= iso) return begin;
-  MajorantWalk walk = medium.walk(ray, begin, std::numeric_limits<double>::infinity());
+  MajorantWalk walk = medium.walk(ray, begin, kUnbounded);
   MajorantWalk::Segment s;
   while (walk.next(s)) {
     if (s.majorant < iso) continue;

@@ -1,15 +1,13 @@
 #include "volume/medium.h"
 
 #include <cmath>
-#include <limits>
 
 namespace brume {
 
 std::pair<double, double> HomogeneousShape::intersect(const Ray& ray) const {
-  constexpr double kFar = std::numeric_limits<double>::infinity();
   const std::pair<double, double> none{1, 0};
   if (shape == Shape::kBox) {
-    double t0 = -kFar, t1 = kFar;
+    double t0 = -kUnbounded, t1 = kUnbounded;
     for (int a = 0; a < 3; ++a) {
       if (std::abs(ray.d[a]) < 1e-300) {
         if (ray.o[a] < lo[a] || ray.o[a] > hi[a]) return none;

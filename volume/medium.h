@@ -1,5 +1,6 @@
 #pragma once
 #include <array>
+#include <limits>
 #include <optional>
 
 #include "volume/brick_grid.h"
@@ -7,6 +8,9 @@
 #include "volume/placement.h"
 
 namespace brume {
+
+/// Ray parameter of what a ray never reaches.
+inline constexpr double kUnbounded = std::numeric_limits<double>::infinity();
 
 /// Three scalar fields on one lattice: a colour or a vector per voxel.
 struct VectorBricks {

@@ -1,7 +1,6 @@
 #include "volume/tracking.h"
 
 #include <cmath>
-#include <limits>
 
 namespace brume {
 namespace {
@@ -14,23 +13,24 @@ double chord(const Medium& medium, const Ray& local, double t_max) {
 
 }  // namespace
 
-double estimate_transmittance(const Medium& medium, const Ray& local, double t_max, Rng& rng,
-                              TrackingCounters& counters) {
-  if (medium.homogeneous()) return std::exp(-medium.extinction_per_density() * chord(medium, local, t_max));
+Collision sample_collision(const Medium& medium, const Ray& local, double t_max, int hero, Rng& rng,
+                           TrackingCounters& counters) {
   TentativeCollisions points(medium, local, t_max, rng);
   TentativeCollision point;
-  double weight = 1.0;
+  Collision collision;
   while (points.next(point, rng, counters)) {
-    weight *= 1.0 - point.density / point.majorant;
-    if (weight >= kLeastTransmittance) continue;
-    if (!(rng.uniform() < weight / kSurvivingTransmittance)) return 0.0;
-    weight = kSurvivingTransmittance;
+    const dvec3 real = medium.extinction_ratio() * std::min(1.0, point.density / point.majorant);
+    const bool hit = rng.uniform() < real[hero];
+    collision.probability *= hit ? real : 1.0 - real;
+    if (!hit) continue;
+    collision.t = point.t;
+    break;
   }
-  return weight;
+  return collision;
 }
 
-dvec3 estimate_chromatic_transmittance(const Medium& medium, const Ray& local, double t_max, Rng& rng,
-                                       TrackingCounters& counters) {
+dvec3 estimate_transmittance(const Medium& medium, const Ray& local, double t_max, Rng& rng,
+                             TrackingCounters& counters) {
   if (medium.homogeneous()) return glm::exp(-medium.coefficients().sigma_t * chord(medium, local, t_max));
   TentativeCollisions points(medium, local, t_max, rng);
   TentativeCollision point;
@@ -62,7 +62,7 @@ double optical_depth(const Medium& medium, const Ray& ray, double t_max) {
         const double plane = ray.d[a] > 0 ? std::floor(p[a] + 1e-9) + 1 : std::ceil(p[a] - 1e-9) - 1;
         next = std::min(next, (plane - ray.o[a]) / ray.d[a]);
       }
-      if (!(next > t)) next = std::nextafter(t, std::numeric_limits<double>::infinity());
+      if (!(next > t)) next = std::nextafter(t, kUnbounded);
       const double centre = 0.5 * (t + next), half = 0.5 * (next - t), x = half * std::sqrt(0.6);
       const auto density = [&](double at) { return medium.density(s, ray.at(at)); };
       sum += half * (8.0 / 9 * density(centre) + 5.0 / 9 * (density(centre - x) + density(centre + x)));

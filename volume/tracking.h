@@ -3,7 +3,6 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
-#include <limits>
 
 #include "base/progress.h"
 #include "base/rng.h"
@@ -88,7 +87,7 @@ class TentativeCollisions {
         continue;
       }
       // Never the same point again, however dense the medium: a flight moves on or ends.
-      t_ = std::max(t_ + tau_ / sigma_maj, std::nextafter(t_, std::numeric_limits<double>::infinity()));
+      t_ = std::max(t_ + tau_ / sigma_maj, std::nextafter(t_, kUnbounded));
       const double density = medium_->homogeneous() ? 1.0
                              : one_segment_         ? medium_->density(ray_.at(t_))
                                                     : medium_->density(segment_, ray_.at(t_));
@@ -115,35 +114,29 @@ class TentativeCollisions {
   bool open_ = false, fresh_ = true;
 };
 
-/// The distance to the next real collision, by delta tracking through the majorant grid: density sigma_t exp(-tau).
-///
-/// @param local  as in TentativeCollisions
-/// @return       the ray parameter, or a negative number where the ray leaves the medium or passes t_max uncollided
-/// Source: Woodcock 1965.  Proof: tests/volume/tracking_test.cpp
-inline double sample_collision(const Medium& medium, const Ray& local, double t_max, Rng& rng,
-                               TrackingCounters& counters) {
-  TentativeCollisions points(medium, local, t_max, rng);
-  TentativeCollision point;
-  while (points.next(point, rng, counters)) {
-    if (!(rng.uniform() * point.majorant < point.density)) continue;
-    ++counters.collisions;
-    return point.t;
-  }
-  return -1.0;
-}
+/// The next real collision on a ray, if any.
+struct Collision {
+  double t = -1;         ///< ray parameter; negative where the ray leaves the medium or passes t_max uncollided
+  dvec3 probability{1};  ///< of each channel for what happened, up to a factor that all have
+};
 
-/// Unbiased transmittance along a ray, by ratio tracking: each tentative collision multiplies the weight by the null
-/// share 1 - sigma_t / sigma_maj. Below 0.05 the weight plays roulette. Exact in a homogeneous medium.
+/// By delta tracking through the majorant grid: the distance has the density sigma_t exp(-tau) of the channel `hero`,
+/// which decides for all.
 ///
 /// @param local  as in TentativeCollisions
-/// @return       in [0, 1], of the channel with the largest extinction; exactly 1 where the ray misses the medium
+/// Source: Woodcock 1965; docs/methods.md, Spectral tracking.  Proof: tests/volume/tracking_test.cpp
+Collision sample_collision(const Medium& medium, const Ray& local, double t_max, int hero, Rng& rng,
+                           TrackingCounters& counters);
+
+/// Unbiased transmittance of each channel along a ray, by ratio tracking: each tentative collision multiplies the
+/// weight by the null share 1 - sigma_t / sigma_maj. Below 0.05 the weight plays roulette. Exact in a homogeneous
+/// medium.
+///
+/// @param local  as in TentativeCollisions
+/// @return       in [0, 1]; exactly 1 where the ray misses the medium
 /// Source: Novak, Selle, Jarosz 2014.  Proof: tests/volume/tracking_test.cpp
-double estimate_transmittance(const Medium& medium, const Ray& local, double t_max, Rng& rng,
-                              TrackingCounters& counters);
-
-/// The same for each channel of a chromatic medium, from one set of tentative collisions.
-dvec3 estimate_chromatic_transmittance(const Medium& medium, const Ray& local, double t_max, Rng& rng,
-                                       TrackingCounters& counters);
+dvec3 estimate_transmittance(const Medium& medium, const Ray& local, double t_max, Rng& rng,
+                             TrackingCounters& counters);
 
 /// Optical depth of a ray by regular marching, exact but for rounding: the field is a cubic in t between voxel faces,
 /// which three-point Gauss-Legendre quadrature integrates without error. Displaced media are marched in half voxels.

@@ -59,14 +59,12 @@ std::string explain(const Plan& plan, const Scene& scene, const SceneMedia& medi
   for (const SceneMedia::Part& part : media.parts())
     line("  memory", fmt::format("{}: {:.1f} MB", part.name, megabytes(static_cast<double>(part.bytes))));
   if (plan.has_media()) {
-    line("flight", plan.chromatic
-                       ? "delta tracking by a hero channel; spectral multiple importance sampling over the channels"
-                   : plan.media == 1 ? "delta tracking through the majorant grid"
-                                     : "delta tracking in each medium, the first collision of all is the path's");
-    const auto in_double = std::count_if(media.media().begin(), media.media().end(), [](const Medium& m) {
-      return !m.homogeneous() && !single_precision_resolves(m);
-    });
-    if (in_double) line("  in double", fmt::format("{} of {} media, one path at a time", in_double, plan.media));
+    line("flight",
+         plan.chromatic ? "delta tracking by a hero channel; spectral multiple importance sampling over the channels"
+         : plan.media.size() == 1 ? "delta tracking through the majorant grid"
+                                  : "delta tracking in each medium, the first collision of all is the path's");
+    const auto in_double = std::count(plan.media.begin(), plan.media.end(), Precision::kDouble);
+    if (in_double) line("  in double", fmt::format("{} of {} media, one path at a time", in_double, plan.media.size()));
     line("first collision",
          plan.first_collision.forced ? "forced: camera rays scatter what does not pass" : "by chance");
     line("motion", plan.moving_media ? "media are placed anew for each path's time" : "none");

@@ -45,20 +45,17 @@ PreparedScene::PreparedScene(Scene scene, const LayerRequest& layers, const Task
   context_.isosurface_density = scene_.render.surface_density;
   context_.world_shift = media_.world_shift();
   context_.plan = make_plan(scene_, media_, lights_, surfaces_.get(), camera(), layers);
-  stop_.cancel = task.cancel;
-  context_.stop = &stop_;
   prepare_lanes(task);
-  context_ = context_for(scene_, camera(), layers, task);
+  context_ = context_for(scene_, camera(), context_.plan, task);
   notes_ = notes_for(scene_, layers);
 }
 
-PathContext PreparedScene::context_for(const Scene& scene, const Camera& camera, const LayerRequest& layers,
-                                       const Task& task) {
+PathContext PreparedScene::context_for(const Scene& scene, const Camera& camera, Plan plan, const Task& task) {
   PathContext context = context_;
   context.max_events = scene.render.max_events;
   context.indirect_limit = scene.render.indirect_limit;
   context.roulette_start = scene.render.roulette_start;
-  context.plan = make_plan(scene, media_, lights_, surfaces_.get(), camera, layers);
+  context.plan = std::move(plan);
   if (context.plan.isosurface) find_isosurfaces(task);
   if (context.plan.flash) {
     stop_.cancel = task.cancel;
@@ -79,7 +76,7 @@ std::vector<std::string> PreparedScene::notes_for(const Scene& scene, const Laye
 void PreparedScene::become(Scene scene, const LayerRequest& layers, const Task& task) {
   if (world_of(scene) != world_of(scene_)) throw std::logic_error("PreparedScene::become: a scene of another world");
   const Camera camera(scene.camera, scene.film.width, scene.film.height, world_shift());
-  context_ = context_for(scene, camera, layers, task);
+  context_ = context_for(scene, camera, make_plan(scene, media_, lights_, surfaces_.get(), camera, layers), task);
   notes_ = notes_for(scene, layers);
   scene_ = std::move(scene);
 }
@@ -118,10 +115,11 @@ size_t PreparedScene::guides_solved() const {
 
 void PreparedScene::prepare_lanes(const Task& task) {
   lane_grids_.reserve(context_.media.size());
-  for (const Medium& medium : context_.media) {
+  for (size_t i = 0; i < context_.media.size(); ++i) {
+    const Medium& medium = context_.media[i];
     DisplacedLaneGrid& displaced = displaced_grids_.emplace_back();
     LaneGrid& grid = lane_grids_.emplace_back();
-    if (!single_precision_resolves(medium)) continue;
+    if (plan().media[i] != Precision::kLanes) continue;
     if (const Displacement* const d = medium.displacement())
       displaced = {LaneGrid::of_values(medium.bricks()),
                    {LaneGrid::of_values(d->field.parts[0]), LaneGrid::of_values(d->field.parts[1]),
@@ -141,7 +139,7 @@ void PreparedScene::prepare_lanes(const Task& task) {
 void PreparedScene::find_isosurfaces(const Task& task) {
   for (size_t i = 0; i < lane_grids_.size(); ++i) {
     const Medium& medium = context_.media[i];
-    if (!single_precision_resolves(medium) || medium.displacement() || !lane_grids_[i].isosurface_cell.empty())
+    if (plan().media[i] != Precision::kLanes || medium.displacement() || !lane_grids_[i].isosurface_cell.empty())
       continue;
     lane_grids_[i].find_isosurface(medium.bricks(),
                                    static_cast<float>(scene_.render.surface_density * medium.maximum_density()), task);

@@ -80,7 +80,7 @@ class PreparedScene {
     std::optional<Guides> solved;
   };
   KeptGuides& kept_guides(int samples) const;
-  PathContext context_for(const Scene& scene, const Camera& camera, const LayerRequest& layers, const Task& task);
+  PathContext context_for(const Scene& scene, const Camera& camera, Plan plan, const Task& task);
   std::vector<std::string> notes_for(const Scene& scene, const LayerRequest& layers) const;
   void find_isosurfaces(const Task& task);
   void prepare_lanes(const Task& task);

@@ -21,12 +21,7 @@ namespace brume::HWY_NAMESPACE {
 template <class More>
 HWY_INLINE M load_rays(RayQueue& queue, CellWalk::Buffer& buffer, const PathStates& paths, More&& more) {
   return mask_of(queue.load([&](size_t lane, size_t s) {
-    buffer.ox[lane] = paths.ox[s];
-    buffer.oy[lane] = paths.oy[s];
-    buffer.oz[lane] = paths.oz[s];
-    buffer.dx[lane] = paths.lx[s];
-    buffer.dy[lane] = paths.ly[s];
-    buffer.dz[lane] = paths.lz[s];
+    buffer.fetch(paths.flight, s, lane);
     more(lane, s);
   }));
 }
@@ -49,7 +44,7 @@ void Surface(const LaneScene& scene, const PathStates& paths, const SlotList& ra
     queue.finished &= collided | close;
     queue.collect([&](size_t lane, size_t s) {
       if (!(collided >> lane & 1)) {
-        crossings.unsure.push(static_cast<int32_t>(s));
+        crossings.unsure.push(s);
         return;
       }
       const size_t k = crossings.slots.count;
@@ -57,7 +52,7 @@ void Surface(const LaneScene& scene, const PathStates& paths, const SlotList& ra
       crossings.inside[k] = t[lane];
       crossings.below[k] = -1;
       crossings.above[k] = density[lane];
-      crossings.slots.push(static_cast<int32_t>(s));
+      crossings.slots.push(s);
     });
   };
   const auto load = [&](CellWalk::Buffer& buffer) BRUME_INLINE_LAMBDA {
@@ -133,7 +128,7 @@ void DisplacedSurface(const LaneScene& scene, const PathStates& paths, const Slo
       crossings.inside[n] = inside[lane];
       crossings.below[n] = -1;
       crossings.above[n] = above[lane];
-      crossings.slots.push(static_cast<int32_t>(s));
+      crossings.slots.push(s);
     });
   };
   const auto load = [&](CellWalk::Buffer& buffer) BRUME_INLINE_LAMBDA {
@@ -194,9 +189,8 @@ void isosurface_points(const LaneScene& scene, const PathStates& paths, Isosurfa
   for (size_t i = 0; i < slots.count; i += hn::Lanes(d)) {
     const VI slot = hn::LoadU(di, slots.slot.data() + i);
     hn::StoreU(slot, di, points.slots.slot.data() + i);
-    const auto get = [&](const auto& column) { return hn::GatherIndex(d, column.data(), slot); };
-    const V3 o{get(paths.ox), get(paths.oy), get(paths.oz)}, dir{get(paths.lx), get(paths.ly), get(paths.lz)};
-    const auto along = [&](V by) { return V3{o.x + dir.x * by, o.y + dir.y * by, o.z + dir.z * by}; };
+    const V3 o = gather3(paths.flight.o, slot), dir = gather3(paths.flight.d, slot);
+    const auto along = [&](V by) { return o + dir * by; };
     const V time = frames_of<kMoved>(scene, paths, slot);
     const auto root = [](V v) { return hn::Sqrt(hn::Max(v, hn::Zero(D()))); };
     // In the half that holds the surface, where a straight line through the roots of the densities puts it. At its edge
@@ -214,10 +208,8 @@ void isosurface_points(const LaneScene& scene, const PathStates& paths, Isosurfa
     below = root(hn::IfThenElse(nearer, below, there));
     const V share = (root(iso) - below) / hn::Max(above - below, set(1e-30f));
     const V surface = begin + (end - begin) * hn::Min(share, set(1.0f));
-    const V3 p = along(surface + 0.5f / hn::Sqrt(dot(dir, dir)));
-    hn::StoreU(p.x, d, points.x.data() + i);
-    hn::StoreU(p.y, d, points.y.data() + i);
-    hn::StoreU(p.z, d, points.z.data() + i);
+    const V3 p = along(surface + 0.5f / length(dir));
+    store3(p, points.p, i);
   }
 }
 
@@ -226,14 +218,16 @@ void SurfacePoints(const LaneScene& scene, const PathStates& paths, IsosurfaceCr
   (scene.displaced ? isosurface_points<true> : isosurface_points<false>)(scene, paths, crossings, points);
 }
 
-void March(const LaneScene& scene, const PathStates& paths, const SlotList& rays, CameraRayLayers& camera) {
+template <bool kMoved>
+void march(const LaneScene& scene, const PathStates& paths, const SlotList& rays, CameraRayLayers& camera) {
   const D d;
   const V zero = hn::Zero(d), one = set(1.0f), deepest = set(static_cast<float>(kDeepest));
   RayQueue queue(rays);
   CellWalk walk(scene);
   GeneratorBuffer generators;
   Generator rng = generators.load();
-  V length = one, offset = zero, depth = zero, level[kMarchedPoints], point[kMarchedPoints];
+  HWY_ALIGN Lanes times = {};
+  V length = one, time = zero, offset = zero, depth = zero, level[kMarchedPoints], point[kMarchedPoints];
   for (size_t k = 0; k < kMarchedPoints; ++k) level[k] = point[k] = zero;
 
   const auto finish = [&]() BRUME_INLINE_LAMBDA {
@@ -247,10 +241,14 @@ void March(const LaneScene& scene, const PathStates& paths, const SlotList& rays
   };
   const auto load = [&](CellWalk::Buffer& buffer) BRUME_INLINE_LAMBDA {
     generators.store(rng);
-    const M fresh = load_rays(queue, buffer, paths, [&](size_t lane, size_t s) { generators.fetch(paths, s, lane); });
+    const M fresh = load_rays(queue, buffer, paths, [&](size_t lane, size_t s) {
+      generators.fetch(paths, s, lane);
+      if (kMoved) times[lane] = frame_of(scene, paths, s);
+    });
     walk.load(buffer, fresh);
     rng = generators.load();
     length = voxel_length(walk);
+    if (kMoved) time = hn::Load(d, times);
     depth = hn::IfThenElse(fresh, zero, depth);
     offset = hn::IfThenElse(fresh, rng.uniform(fresh), offset);
     const V u = rng.uniform(fresh);
@@ -266,7 +264,11 @@ void March(const LaneScene& scene, const PathStates& paths, const SlotList& rays
 
     const V t0 = walk.t, t1 = hn::Min(t0 + length, crossing.until), part = t1 - t0;
     const V3 p = walk.at(t0 + offset * part);
-    const V value = one_voxel(walk, rng, p, brick_of(scene, cell_index, looks), looks);
+    V value = zero;
+    if constexpr (kMoved)
+      value = displaced_density(scene, p, time);
+    else
+      value = one_voxel(walk, rng, p, brick_of(scene, cell_index, looks), looks);
     const V sigma = hn::IfThenElseZero(looks, value * scene.sigma);
     const V after = depth + sigma * part;
     for (size_t k = 0; k < kMarchedPoints; ++k) {
@@ -280,29 +282,29 @@ void March(const LaneScene& scene, const PathStates& paths, const SlotList& rays
   });
 }
 
+void March(const LaneScene& scene, const PathStates& paths, const SlotList& rays, CameraRayLayers& camera) {
+  (scene.displaced ? march<true> : march<false>)(scene, paths, rays, camera);
+}
+
 template <bool kMoved>
 void gradient(const LaneScene& scene, const PathStates& paths, GradientPoints& points) {
   const D d;
   const size_t lanes = hn::Lanes(d);
-  const V one = set(1.0f), half = set(0.5f);
-  for (auto* column : {&points.x, &points.y, &points.z})
+  for (auto* column : {&points.p.x, &points.p.y, &points.p.z})
     std::fill_n(column->begin() + static_cast<std::ptrdiff_t>(points.slots.count), lanes, 0.0f);
   points.slots.pad();
   for (size_t i = 0; i < points.slots.count; i += lanes) {
-    V3 p{hn::LoadU(d, points.x.data() + i), hn::LoadU(d, points.y.data() + i), hn::LoadU(d, points.z.data() + i)};
+    V3 p = load3(points.p, i);
     if (kMoved) p = stored_at(scene, p, frames_of<kMoved>(scene, paths, hn::LoadU(DI(), points.slots.slot.data() + i)));
-    const auto& [x, y, z] = p;
     const LaneCells& cells = kMoved ? scene.density : scene;
-    const auto density = [&](V px, V py, V pz) { return density_at(cells, {px, py, pz}); };
-    const V3 g{half * (density(x + one, y, z) - density(x - one, y, z)),
-               half * (density(x, y + one, z) - density(x, y - one, z)),
-               half * (density(x, y, z + one) - density(x, y, z - one))};
-    const M clear = hn::Sqrt(dot(g, g)) >= scene.least_gradient;
+    const V zero = hn::Zero(d), one = set(1.0f);
+    const auto difference = [&](const V3& step) {
+      return 0.5f * (density_at(cells, p + step) - density_at(cells, p - step));
+    };
+    const V3 g{difference({one, zero, zero}), difference({zero, one, zero}), difference({zero, zero, one})};
+    const M clear = length(g) >= scene.least_gradient;
     const V3 world = transform(scene.gradient_to_world, g);
-    const V scale = hn::IfThenElseZero(clear, one / hn::Sqrt(dot(world, world)));
-    hn::StoreU(world.x * scale, d, points.gx.data() + i);
-    hn::StoreU(world.y * scale, d, points.gy.data() + i);
-    hn::StoreU(world.z * scale, d, points.gz.data() + i);
+    store3(world * hn::IfThenElseZero(clear, 1.0f / length(world)), points.gradient, i);
   }
 }
 

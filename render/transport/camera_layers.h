@@ -11,24 +11,24 @@ namespace brume {
 
 /// Points whose density gradient is wanted.
 struct GradientPoints {
-  PathStates::Column<float> x, y, z;     ///< local coordinates of the bricks
-  PathStates::Column<float> gx, gy, gz;  ///< its direction, world space; 0 where it is too small to tell
-  SlotList slots;                        ///< whose they are
+  Column3 p;         ///< local coordinates of the bricks
+  Column3 gradient;  ///< its direction, world space; 0 where it is too small to tell
+  SlotList slots;    ///< whose they are
 };
 
 /// Results of the camera rays' marches for the layers, by slot.
 struct CameraRayLayers {
-  PathStates::Column<float> begin;                              ///< ray parameter from which the surface is searched
-  PathStates::Column<float> covered;                            ///< 1 where the ray hits the surface
-  PathStates::Column<float> gx, gy, gz;                         ///< direction of the gradient there, world space
-  PathStates::Column<float> depth;                              ///< optical depth, clamped at 50
-  std::array<PathStates::Column<float>, kMarchedPoints> point;  ///< ray parameters, -1 past the end
+  Column<float> begin;                              ///< ray parameter from which the surface is searched
+  Column<float> covered;                            ///< 1 where the ray hits the surface
+  Column3 gradient;                                 ///< its direction there, world space
+  Column<float> depth;                              ///< optical depth, clamped at 50
+  std::array<Column<float>, kMarchedPoints> point;  ///< ray parameters, -1 past the end
 };
 
 /// Brackets of the rays' intersections with the medium's isosurface: two ray parameters, outside and inside.
 struct IsosurfaceCrossings {
-  PathStates::Column<float> outside, inside;
-  PathStates::Column<float> below, above;  ///< the densities there; negative where unknown
+  Column<float> outside, inside;
+  Column<float> below, above;  ///< the densities there; negative where unknown
   SlotList slots;
   SlotList unsure;  ///< rays for which no sample was inside, but that passed close enough to have crossed the surface
 };

@@ -20,36 +20,34 @@ class CameraRays {
     SlotList walks, packed;
   };
   /// Refers to all of them. @param samples  of the slots
-  CameraRays(const PathContext& context, std::span<const PathRequest> requests, PathStates& paths, Buffers& buffers,
-             std::span<PathSample> samples)
-      : c_(context), requests_(requests), p_(paths), b_(buffers), samples_(samples) {}
+  CameraRays(const PathContext& context, std::span<const PathRequest> requests, PathStates& paths, WorldPaths& world,
+             MediaFlights& flights, Buffers& buffers, std::span<PathSample> samples)
+      : c_(context), requests_(requests), p_(paths), w_(world), flights_(flights), b_(buffers), samples_(samples) {}
 
-  /// Of a path that starts in a slot. @param begin  where one_grid: the ray parameter from which the isosurface is
-  ///                                                searched, in lane units; negative where the ray never meets it
-  void start(int32_t slot, float begin);
-  /// Where Plan::one_grid: the rays begin where they enter the grid.
-  void record_in_grid(const LaneScene& scene, const SlotList& fresh);
-  /// Elsewhere.
-  void record_in_world(MediaFlights& flights, WorldPaths& world, const SlotList& fresh);
+  /// Of a path that starts in a slot. @param begin  ray parameter of its local ray from which the isosurface is
+  ///                                                searched; negative where the ray never meets it
+  void start(size_t slot, float begin);
+  void record(const SlotList& fresh);
   /// Coverage and gradient of a path in a slot.
   void write(size_t slot, PathSample& sample) const;
 
  private:
   void sort(const SlotList& fresh);
-  void find_in_grid(const LaneScene& scene, const SlotList& fresh);
-  void find_in_world(MediaFlights& flights, WorldPaths& world, const SlotList& fresh, size_t medium);
-  void find_one_by_one(WorldPaths& world, int32_t slot, const Medium& medium, double begin);
+  void find(const SlotList& fresh, size_t medium);
+  void find_one_by_one(size_t slot, const Medium& medium);
   void look_again(size_t medium);
-  void march(const LaneScene& scene, const SlotList& fresh);
+  void march(const SlotList& fresh, size_t medium);
+  void march_one_by_one(size_t slot, const Medium& medium);
   void cover(size_t slot, const dvec3& gradient);
-  void add_point(int32_t slot, float t);
+  void add_point(size_t slot, float t);
   dvec3 gradient_at(size_t point, size_t medium) const;
-  PathSample& sample_of(int32_t slot) { return samples_[static_cast<size_t>(slot)]; }
-  const PathRequest& request_of(int32_t slot) const { return requests_[p_.request[static_cast<size_t>(slot)]]; }
+  const PathRequest& request_of(size_t slot) const { return requests_[p_.request[slot]]; }
 
   const PathContext& c_;
   std::span<const PathRequest> requests_;
   PathStates& p_;
+  WorldPaths& w_;
+  MediaFlights& flights_;
   Buffers& b_;
   std::span<PathSample> samples_;
 };

@@ -85,47 +85,37 @@ struct CellWalk {
   explicit HWY_INLINE CellWalk(const LaneCells& cells) : grid(cells) {}
 
   const LaneCells& grid;
-  V3 o{hn::Zero(D()), hn::Zero(D()), hn::Zero(D())}, d{set(1), set(1), set(1)}, inverse{set(1), set(1), set(1)};
-  V3 cell{hn::Zero(D()), hn::Zero(D()), hn::Zero(D())};
+  V3 o = zero3(), d{set(1), set(1), set(1)}, inverse = d, cell = zero3();
   V t = hn::Zero(D());
   VU octant_shift = hn::Zero(DU());
 
   struct Buffer {
-    HWY_ALIGN float ox[RayQueue::kMost] = {}, oy[RayQueue::kMost] = {}, oz[RayQueue::kMost] = {},
-                    dx[RayQueue::kMost] = {}, dy[RayQueue::kMost] = {}, dz[RayQueue::kMost] = {};
+    Lanes3 o, d;
+    HWY_INLINE void fetch(const LocalRays& rays, size_t slot, size_t lane) {
+      o.set(lane, rays.o[slot]);
+      d.set(lane, rays.d[slot]);
+    }
   };
   HWY_INLINE void store(Buffer& b) const {
-    const D f;
-    hn::Store(o.x, f, b.ox);
-    hn::Store(o.y, f, b.oy);
-    hn::Store(o.z, f, b.oz);
-    hn::Store(d.x, f, b.dx);
-    hn::Store(d.y, f, b.dy);
-    hn::Store(d.z, f, b.dz);
+    b.o.store(o);
+    b.d.store(d);
   }
   /// Loads the rays; the lanes of `fresh` start at the ray parameter 0, or at `begin`.
   HWY_INLINE void load(const Buffer& b, M fresh) { load(b, fresh, hn::Zero(D())); }
   HWY_INLINE void load(const Buffer& b, M fresh, V begin) {
-    const D f;
     const DI di;
-    o = {hn::Load(f, b.ox), hn::Load(f, b.oy), hn::Load(f, b.oz)};
-    d = {hn::Load(f, b.dx), hn::Load(f, b.dy), hn::Load(f, b.dz)};
+    o = b.o.load();
+    d = b.d.load();
     // A direction perpendicular to an axis never reaches its planes.
     const auto inverted = [](V v) {
       return hn::IfThenElse(hn::Abs(v) < 1e-12f, hn::CopySign(set(1e30f), v), 1.0f / v);
     };
     inverse = {inverted(d.x), inverted(d.y), inverted(d.z)};
-    const auto bits = [&](V v, int32_t shift) {
-      return hn::And(hn::BroadcastSignBit(hn::BitCast(di, v)), hn::Set(di, shift));
-    };
+    const auto bits = [&](V v, int32_t shift) { return hn::BroadcastSignBit(hn::BitCast(di, v)) & shift; };
     octant_shift = hn::BitCast(DU(), bits(inverse.x, 12) + (bits(inverse.y, 6) + bits(inverse.z, 3)));
-    const auto start = [&](V v, float n, V before) {
-      const V c = hn::Floor(v * grid.inverse_cell);
-      return hn::IfThenElse(fresh, hn::Min(hn::Max(c, hn::Zero(f)), set(n - 1)), before);
-    };
     t = hn::IfThenElse(fresh, begin, t);
-    const V3 p = at(t);
-    cell = {start(p.x, grid.nx, cell.x), start(p.y, grid.ny, cell.y), start(p.z, grid.nz, cell.z)};
+    const V3 first = max(floor(at(t) * grid.inverse_cell), zero3());
+    cell = select(fresh, min(first, {set(grid.nx - 1), set(grid.ny - 1), set(grid.nz - 1)}), cell);
   }
 
   /// 0 outside `mask`.
@@ -135,11 +125,10 @@ struct CellWalk {
     const VI i = hn::ConvertTo(di, row) * grid.nz_int + hn::ConvertTo(di, cell.z);
     return hn::IfThenElseZero(hn::RebindMask(di, mask), i);
   }
-  HWY_INLINE V3 at(V parameter) const { return {o.x + d.x * parameter, o.y + d.y * parameter, o.z + d.z * parameter}; }
+  HWY_INLINE V3 at(V parameter) const { return o + d * parameter; }
   /// A point relative to the lanes' cells, clamped to [0, most].
   HWY_INLINE V3 within(const V3& p, V most) const {
-    const auto clamped = [&](V v, V c) { return hn::Min(hn::Max(v - c * grid.cell, hn::Zero(D())), most); };
-    return {clamped(p.x, cell.x), clamped(p.y, cell.y), clamped(p.z, cell.z)};
+    return min(max(p - cell * grid.cell, zero3()), {most, most, most});
   }
   HWY_INLINE V3 within(const V3& p) const { return within(p, set(grid.cell)); }
 
@@ -152,21 +141,17 @@ struct CellWalk {
   /// @param word  the cells' entries in LaneGrid::majorant   @param empty  those that hold an OctantSkip
   HWY_INLINE Crossing ahead(VI word, M empty) const {
     const DI di;
-    const VI steps = hn::And(hn::BitCast(di, hn::Shr(hn::BitCast(DU(), word), octant_shift)), hn::Set(di, 7));
-    const VI step = hn::And(hn::ShiftRight<OctantSkip::kStepShift>(word), hn::Set(di, 63));
+    const VI steps = hn::BitCast(di, hn::Shr(hn::BitCast(DU(), word), octant_shift)) & 7;
+    const VI step = hn::ShiftRight<OctantSkip::kStepShift>(word) & 63;
     const V far = hn::IfThenElseZero(empty, hn::ConvertTo(D(), steps * step));
     const V one = set(1.0f);
     Crossing c;
     c.sign = {hn::CopySign(one, inverse.x), hn::CopySign(one, inverse.y), hn::CopySign(one, inverse.z)};
-    const auto farthest = [&](V from, V sign) { return from + sign * far; };
-    c.last = {farthest(cell.x, c.sign.x), farthest(cell.y, c.sign.y), farthest(cell.z, c.sign.z)};
-    const auto when = [&](V last, V sign, V origin, V inv) {
-      const V plane = hn::Max(last, last + sign) * grid.cell;
-      return (plane - origin) * inv;
-    };
-    c.tx = when(c.last.x, c.sign.x, o.x, inverse.x);
-    c.ty = when(c.last.y, c.sign.y, o.y, inverse.y);
-    c.exit = hn::Min(hn::Min(c.tx, c.ty), when(c.last.z, c.sign.z, o.z, inverse.z));
+    c.last = cell + c.sign * far;
+    const V3 exits = (max(c.last, c.last + c.sign) * grid.cell - o) * inverse;
+    c.tx = exits.x;
+    c.ty = exits.y;
+    c.exit = hn::Min(hn::Min(exits.x, exits.y), exits.z);
     c.until = hn::Max(c.exit, t);
     return c;
   }
@@ -190,16 +175,13 @@ struct CellWalk {
   HWY_INLINE M cross(const Crossing& c, M passes) {
     const M first_x = c.exit == c.tx, first_y = hn::AndNot(first_x, c.exit == c.ty);
     const M first_z = hn::Not(hn::Or(first_x, first_y));
-    const V3 there = at(c.until);
-    const auto crossed = [&](V from, V last, V sign, M first, V p) {
-      // On the other axes the cell changes only where a cube of several cells is skipped.
-      const V other = hn::Floor(p * grid.inverse_cell);
-      const V between = hn::Min(hn::Max(other, hn::Min(from, last)), hn::Max(from, last));
-      return hn::IfThenElse(passes, hn::IfThenElse(first, last + sign, between), from);
-    };
-    cell = {crossed(cell.x, c.last.x, c.sign.x, first_x, there.x),
-            crossed(cell.y, c.last.y, c.sign.y, first_y, there.y),
-            crossed(cell.z, c.last.z, c.sign.z, first_z, there.z)};
+    // On the other axes the cell changes only where a cube of several cells is skipped.
+    const V3 other = floor(at(c.until) * grid.inverse_cell), next = c.last + c.sign;
+    const V3 between = min(max(other, min(cell, c.last)), max(cell, c.last));
+    cell = select(passes,
+                  {hn::IfThenElse(first_x, next.x, between.x), hn::IfThenElse(first_y, next.y, between.y),
+                   hn::IfThenElse(first_z, next.z, between.z)},
+                  cell);
     t = hn::IfThenElse(passes, c.until, t);
     const auto left = [](V v, float n) { return hn::Or(v < 0.0f, v >= n); };
     return hn::And(passes, hn::Or(left(cell.x, grid.nx), hn::Or(left(cell.y, grid.ny), left(cell.z, grid.nz))));
@@ -231,7 +213,7 @@ HWY_INLINE void drive(RayQueue& queue, const CellWalk& walk, const StopSignal* s
 
 /// Length of a voxel as a ray parameter.
 HWY_INLINE V voxel_length(const CellWalk& walk) {
-  return 1.0f / hn::Sqrt(dot(walk.d, walk.d));
+  return 1.0f / length(walk.d);
 }
 
 /// Offsets of the cells' bricks in the grid's values; 0 outside `mask`, whose cells must not be empty.
@@ -294,7 +276,7 @@ HWY_INLINE V density_at(const LaneCells& grid, const V3& p) {
   M outside = hn::FirstN(d, 0);
   const auto cell = [&](V v, float n) {
     const V c = hn::Floor(v * grid.inverse_cell), nearest = hn::Min(hn::Max(c, zero), set(n - 1));
-    outside = hn::Or(outside, hn::Or(v<zero, v>(nearest + one) * cell_size));
+    outside = hn::Or(outside, hn::Or(v > (nearest + one) * cell_size, v < zero));
     return nearest;
   };
   const V3 c{cell(p.x, grid.nx), cell(p.y, grid.ny), cell(p.z, grid.nz)};

@@ -62,32 +62,22 @@ void Emission(const EmissionCells& cells, PathStates& paths, const SlotList& ray
   Generator rng = generators.load();
   HWY_ALIGN float ends[kMost] = {}, strides[kMost] = {};
   V end = zero, step = zero, offset = zero;
-  V3 sum{zero, zero, zero};
+  V3 sum = zero3();
 
   const auto finish = [&]() BRUME_INLINE_LAMBDA {
-    HWY_ALIGN float r[kMost], g[kMost], b[kMost];
-    const V unit = set(cells.unit);
-    hn::Store(sum.x * unit, d, r);
-    hn::Store(sum.y * unit, d, g);
-    hn::Store(sum.z * unit, d, b);
+    Lanes3 emitted;
+    emitted.store(sum * cells.unit);
     generators.store(rng);
     queue.collect([&](size_t lane, size_t s) {
       generators.give_back(paths, s, lane);
-      segments.r[s] = r[lane];
-      segments.g[s] = g[lane];
-      segments.b[s] = b[lane];
+      segments.emitted.set(s, emitted[lane]);
     });
   };
   const auto load = [&](CellWalk::Buffer& buffer) BRUME_INLINE_LAMBDA {
     generators.store(rng);
     const M fresh = mask_of(queue.load([&](size_t lane, size_t s) {
-      buffer.ox[lane] = segments.ox[s];
-      buffer.oy[lane] = segments.oy[s];
-      buffer.oz[lane] = segments.oz[s];
-      buffer.dx[lane] = segments.dx[s];
-      buffer.dy[lane] = segments.dy[s];
-      buffer.dz[lane] = segments.dz[s];
-      ends[lane] = segments.end[s];
+      buffer.fetch(segments.rays, s, lane);
+      ends[lane] = segments.rays.end[s];
       strides[lane] = segments.stride[s];
       generators.fetch(paths, s, lane);
     }));
@@ -96,7 +86,7 @@ void Emission(const EmissionCells& cells, PathStates& paths, const SlotList& ray
     end = hn::Load(d, ends);
     step = hn::Load(d, strides) * voxel_length(walk);
     offset = hn::IfThenElse(fresh, rng.uniform(fresh), offset);
-    sum = {hn::IfThenElse(fresh, zero, sum.x), hn::IfThenElse(fresh, zero, sum.y), hn::IfThenElse(fresh, zero, sum.z)};
+    sum = select(fresh, zero3(), sum);
   };
   drive(queue, walk, nullptr, finish, load, [&](M active) BRUME_INLINE_LAMBDA {
     const auto [cell_index, crossing, passes, looks] = walk.look(active);
@@ -107,8 +97,8 @@ void Emission(const EmissionCells& cells, PathStates& paths, const SlotList& ray
       M glows = looks;
       const RampPlace at = place(cells, value, glows);
       const V part = hn::IfThenElseZero(glows, reached - walk.t);
-      const auto add = [&](V to, const float* table) { return to + part * between_entries(table, at.entry, at.f); };
-      sum = {add(sum.x, cells.colour[0]), add(sum.y, cells.colour[1]), add(sum.z, cells.colour[2])};
+      const auto colour = [&](int c) { return between_entries(cells.colour[c], at.entry, at.f); };
+      sum += V3{colour(0), colour(1), colour(2)} * part;
     }
     const M left = walk.cross(crossing, hn::Or(passes, hn::And(looks, reached >= crossing.until)));
     walk.t = hn::IfThenElse(looks, reached, walk.t);
@@ -165,18 +155,15 @@ void LaneEmission::enter(const std::array<Ray, kPool>& rays, const std::array<do
                          const SlotList& slots, EmissionSegments& segments, std::array<double, kPool>& begin,
                          SlotList& inside) const {
   if (!shape.homogeneous()) {
-    enter_box(box, rays, ends, slots,
-              {segments.ox, segments.oy, segments.oz, segments.dx, segments.dy, segments.dz, segments.end, begin},
-              inside);
+    enter_box(box, rays, ends, slots, segments.rays, begin, inside);
     return;
   }
-  for (size_t k = 0; k < slots.count; ++k) {
-    const auto i = static_cast<size_t>(slots.slot[k]);
+  for (const size_t i : slots) {
     const auto [enters, leaves] = bounds.intersect(shape.to_local(rays[i]));
     const double length = std::min(leaves, ends[i]) - std::max(enters, 0.0);
     if (!(length > 0)) continue;
-    segments.end[i] = static_cast<float>(length / unit);
-    inside.push(slots.slot[k]);
+    segments.rays.end[i] = static_cast<float>(length / unit);
+    inside.push(i);
   }
 }
 
@@ -185,12 +172,8 @@ void LaneEmission::integrate(PathStates& paths, const SlotList& rays, EmissionSe
     lanes_emission(cells, paths, rays, segments);
     return;
   }
-  for (size_t k = 0; k < rays.count; ++k) {
-    const auto i = static_cast<size_t>(rays.slot[k]);
-    const vec3 sum = coefficient * (segments.end[i] * static_cast<float>(unit));
-    segments.r[i] = sum.x;
-    segments.g[i] = sum.y;
-    segments.b[i] = sum.z;
+  for (const size_t i : rays) {
+    segments.emitted.set(i, coefficient * (segments.rays.end[i] * static_cast<float>(unit)));
   }
 }
 

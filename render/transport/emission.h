@@ -21,10 +21,9 @@ struct EmissionCells : LaneCells {
 
 /// The parts of flights inside an emitting field, by slot.
 struct EmissionSegments {
-  PathStates::Column<float> ox, oy, oz, dx, dy, dz;  ///< rays in local coordinates and lane units of the field
-  PathStates::Column<float> end;                     ///< ray parameter
-  PathStates::Column<float> stride;                  ///< length of a stratum [voxels]
-  PathStates::Column<float> r, g, b;                 ///< the result
+  LocalRays rays;        ///< in the field's coordinates and lane units
+  Column<float> stride;  ///< length of a stratum [voxels]
+  Column3 emitted;       ///< the result
 };
 
 /// An EmissionField as the kernels need it.

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include "volume/tracking.h"
 
@@ -14,7 +13,7 @@ constexpr double kTentative = 8;   // tentative collisions wanted on a ray
 constexpr double kMostLoose = 16;  // largest factor on the majorants: look-ups have a cost
 
 double majorant_depth(const Medium& medium, const Ray& local) {
-  MajorantWalk walk(medium.bricks(), local, 0.0, std::numeric_limits<double>::infinity());
+  MajorantWalk walk(medium.bricks(), local, 0.0, kUnbounded);
   MajorantWalk::Segment s;
   double depth = 0;
   while (walk.next(s)) depth += (s.t1 - s.t0) * s.majorant;
@@ -33,7 +32,7 @@ FirstCollision choose_first_collision(const Medium& medium, std::span<const Ray>
     if (!(bound > 0)) continue;
     ++met;
     tentative += bound;
-    scattered -= std::expm1(-optical_depth(medium, local, std::numeric_limits<double>::infinity()));
+    scattered -= std::expm1(-optical_depth(medium, local, kUnbounded));
   }
   if (!(met > 0)) return first;
   first.forced = setting == "forced" || scattered / met < kThick;

@@ -6,13 +6,8 @@
 
 namespace brume {
 
-FlightEmission::FlightEmission(const PathContext& context, PathStates& paths, WorldPaths* world, Buffers& buffers)
-    : c_(context),
-      p_(paths),
-      w_(world),
-      b_(buffers),
-      rays_(world ? world->ray : buffers.ray),
-      ends_(world ? world->end : buffers.end) {
+FlightEmission::FlightEmission(const PathContext& context, PathStates& paths, WorldPaths& world, Buffers& buffers)
+    : c_(context), p_(paths), w_(world), b_(buffers) {
   for (size_t f = 0; f < c_.emissions.size(); ++f) {
     const EmissionField& field = c_.emissions[f];
     if (LaneEmission::fits(field))
@@ -36,7 +31,7 @@ void FlightEmission::add(std::initializer_list<const SlotList*> slots) {
 
 /// Adds light that is emitted along the flight of a path.
 void FlightEmission::add(size_t i, const vec3& emitted) {
-  const vec3 L = vec3(p_.tr[i], p_.tg[i], p_.tb[i]) * emitted;
+  const vec3 L = p_.throughput[i] * emitted;
   if (p_.events[i] == 0)
     b_.seen[i] += L;
   else
@@ -45,44 +40,39 @@ void FlightEmission::add(size_t i, const vec3& emitted) {
 
 void FlightEmission::add_in_lanes(const LaneEmission& field, std::initializer_list<const SlotList*> slots) {
   EmissionSegments& segments = b_.segments;
-  b_.rays.count = 0;
-  for (const SlotList* list : slots) field.enter(rays_, ends_, *list, segments, b_.point, b_.rays);
-  for (size_t k = 0; k < b_.rays.count; ++k) {
-    const auto i = static_cast<size_t>(b_.rays.slot[k]);
+  b_.rays.clear();
+  for (const SlotList* list : slots) field.enter(w_.ray, w_.end, *list, segments, b_.point, b_.rays);
+  for (const size_t i : b_.rays) {
     segments.stride[i] = static_cast<float>(emission_stride(p_.events[i]));
   }
   field.integrate(p_, b_.rays, segments);
-  for (size_t k = 0; k < b_.rays.count; ++k) {
-    const auto i = static_cast<size_t>(b_.rays.slot[k]);
-    add(i, {segments.r[i], segments.g[i], segments.b[i]});
+  for (const size_t i : b_.rays) {
+    add(i, segments.emitted[i]);
   }
 }
 
 void FlightEmission::add_one_by_one(const EmissionField& field, std::initializer_list<const SlotList*> slots) {
   for (const SlotList* list : slots)
-    for (size_t k = 0; k < list->count; ++k) {
-      const auto i = static_cast<size_t>(list->slot[k]);
+    for (const size_t i : *list) {
       Rng rng = PathGenerator(p_, i).stream();
-      add(i, vec3(field.integrate(rays_[i], 0, ends_[i], emission_stride(p_.events[i]), w_->time[i], rng)));
+      add(i, vec3(field.integrate(w_.ray[i], 0, w_.end[i], emission_stride(p_.events[i]), w_.time[i], rng)));
     }
 }
 
-void FlightEmission::add_by_channel(const SlotList& slots, MediaFlights& flights) {
-  b_.rays.count = 0;
-  for (size_t k = 0; k < slots.count; ++k) {
-    const auto i = static_cast<size_t>(slots.slot[k]);
+void FlightEmission::add_by_channel(const SlotList& slots, MediaFlights::Flown& flown) {
+  b_.rays.clear();
+  for (const size_t i : slots) {
     Rng rng = PathGenerator(p_, i).stream();
     EmittingPoint point;
     for (const EmissionField& field : c_.emissions)
-      field.offer(w_->ray[i], 0, w_->end[i], emission_stride(p_.events[i]), w_->time[i], rng, point);
+      field.offer(w_.ray[i], 0, w_.end[i], emission_stride(p_.events[i]), w_.time[i], rng, point);
     if (!point.any()) continue;
     b_.point[i] = point.t();
     b_.emitted[i] = vec3(point.value());
-    b_.rays.push(slots.slot[k]);
+    b_.rays.push(i);
   }
-  flights.passing(b_.rays, b_.point, b_.passing);
-  for (size_t k = 0; k < b_.rays.count; ++k) {
-    const auto i = static_cast<size_t>(b_.rays.slot[k]);
+  flown.passing(b_.rays, b_.point, b_.passing);
+  for (const size_t i : b_.rays) {
     add(i, vec3(channel_weights(p_, i, dvec3(b_.passing[i]))) * b_.emitted[i]);
   }
 }

@@ -60,38 +60,23 @@ class Tracker {
     }
     generators_.store(rng_);
     hn::Store(kWalk == Walk::kFlight ? walk_.t : weight_, d, result_);
-    if constexpr (kColour) {
-      hn::Store(colour_.x, d, channel_[0]);
-      hn::Store(colour_.y, d, channel_[1]);
-      hn::Store(colour_.z, d, channel_[2]);
-    }
-    HWY_ALIGN float x[kMost], y[kMost], z[kMost];
-    if (!kShadow) {
-      hn::Store(hit_at_.x, d, x);
-      hn::Store(hit_at_.y, d, y);
-      hn::Store(hit_at_.z, d, z);
-    }
+    if constexpr (kColour) channels_.store(colour_);
+    if (!kShadow) collision_.store(hit_at_);
     queue_.collect([&](size_t lane, size_t s) {
       generators_.give_back(paths_, s, lane);
-      if (kColour) {
-        (kShadow ? paths_.shadow_r : paths_.fr)[s] = channel_[0][lane];
-        (kShadow ? paths_.shadow_g : paths_.fg)[s] = channel_[1][lane];
-        (kShadow ? paths_.shadow_b : paths_.fb)[s] = channel_[2][lane];
-      }
+      if (kColour) (kShadow ? paths_.shadow_colour : paths_.flight_factor).set(s, channels_[lane]);
       if (kFirst) {
-        paths_.passed[s] = result_[lane];
-        paths_.tr[s] = paths_.tg[s] = paths_.tb[s] = carried_[lane];
+        paths_.camera_transmittance[s] = result_[lane];
+        paths_.throughput.set(s, vec3(carried_[lane]));
       }
       if (kShadow) {
         paths_.transmittance[s] = result_[lane];
       } else if (collided_ >> lane & 1) {
-        paths_.ox[s] = x[lane];
-        paths_.oy[s] = y[lane];
-        paths_.oz[s] = z[lane];
-        if (kWalk == Walk::kFlight && kEnds) paths_.t_max[s] = result_[lane];
-        hits_->push(static_cast<int32_t>(s));
+        paths_.flight.o.set(s, collision_[lane]);
+        if (kWalk == Walk::kFlight && kEnds) paths_.travel[s] = result_[lane];
+        hits_->push(s);
       } else {
-        escapes_->push(static_cast<int32_t>(s));
+        escapes_->push(s);
       }
     });
   }
@@ -99,36 +84,24 @@ class Tracker {
   HWY_INLINE void load(CellWalk::Buffer& buffer) {
     const D d;
     const V zero = hn::Zero(d), one = set(1.0f);
+    const LocalRays& rays = kShadow ? paths_.shadow : paths_.flight;
     generators_.store(rng_);
     const M fresh = mask_of(queue_.load([&](size_t lane, size_t s) {
-      buffer.ox[lane] = paths_.ox[s];
-      buffer.oy[lane] = paths_.oy[s];
-      buffer.oz[lane] = paths_.oz[s];
-      buffer.dx[lane] = (kShadow ? paths_.sx : paths_.lx)[s];
-      buffer.dy[lane] = (kShadow ? paths_.sy : paths_.ly)[s];
-      buffer.dz[lane] = (kShadow ? paths_.sz : paths_.lz)[s];
+      buffer.fetch(rays, s, lane);
       generators_.fetch(paths_, s, lane);
-      if (kEnds) result_[lane] = (kShadow ? paths_.shadow_t_max : paths_.t_max)[s];
+      if (kEnds) result_[lane] = rays.end[s];
       if (kShadow) carried_[lane] = paths_.transmittance[s];
       if (kMoved) frames_[lane] = frame_of(scene_, paths_, s);
-      if (kColour && kShadow) {
-        channel_[0][lane] = paths_.shadow_r[s];
-        channel_[1][lane] = paths_.shadow_g[s];
-        channel_[2][lane] = paths_.shadow_b[s];
-      } else if (kColour) {
-        channel_[3][lane] = scene_.extinction_ratio[paths_.hero[s]];
-      }
+      if (kColour && kShadow) channels_.set(lane, paths_.shadow_colour[s]);
+      if (kColour && !kShadow) heroes_[lane] = scene_.extinction_ratio[paths_.hero[s]];
     }));
     walk_.load(buffer, fresh);
     rng_ = generators_.load();
     weight_ = hn::IfThenElse(fresh, kShadow ? hn::Load(d, carried_) : one, weight_);
     if (kMoved) time_ = hn::Load(d, frames_);
     if constexpr (kColour) {
-      const auto start = [&](size_t c, V before) {
-        return hn::IfThenElse(fresh, kShadow ? hn::Load(d, channel_[c]) : one, before);
-      };
-      colour_ = {start(0, colour_.x), start(1, colour_.y), start(2, colour_.z)};
-      hero_ = hn::Load(d, channel_[3]);
+      colour_ = select(fresh, kShadow ? channels_.load() : V3{one, one, one}, colour_);
+      hero_ = hn::Load(d, heroes_);
     }
     if (kFirst) {
       scattered_ = hn::IfThenElse(fresh, zero, scattered_);
@@ -189,8 +162,7 @@ class Tracker {
       return hn::AndNot(survives, small);
     } else {
       const M hit = hn::And(collides, u * bound < value);
-      hit_at_ = {hn::IfThenElse(hit, p.x, hit_at_.x), hn::IfThenElse(hit, p.y, hit_at_.y),
-                 hn::IfThenElse(hit, p.z, hit_at_.z)};
+      hit_at_ = select(hit, p, hit_at_);
       collided_ |= bits_of(hit);
       return hit;
     }
@@ -206,8 +178,7 @@ class Tracker {
     // Summed with compensation (Kahan): shares may be far below the rounding of what is left.
     const V more = part - lost_, sum = scattered_ + more;
     const M taken = hn::And(collides, rng_.fine_uniform(collides) * sum < part);
-    hit_at_ = {hn::IfThenElse(taken, p.x, hit_at_.x), hn::IfThenElse(taken, p.y, hit_at_.y),
-               hn::IfThenElse(taken, p.z, hit_at_.z)};
+    hit_at_ = select(taken, p, hit_at_);
     lost_ = hn::IfThenElse(collides, sum - scattered_ - more, lost_);
     scattered_ = hn::IfThenElse(collides, hn::IfThenElse(decided, one, sum), scattered_);
     weight_ = one - scattered_;
@@ -217,22 +188,18 @@ class Tracker {
   /// @param share  of the largest channel: its extinction to the majorant
   HWY_INLINE M collide_by_channel(V share, V u, M collides) {
     const V one = set(1.0f);
-    const auto real = [&](int c) { return share * scene_.extinction_ratio[c]; };
+    const V3 real = set3(scene_.extinction_ratio) * share;
     M hit = hn::FirstN(D(), 0);
     if (!kShadow) {
       hit = hn::And(collides, u < share * hero_);
       collided_ |= bits_of(hit);
     }
-    const auto times = [&](V before, int c) {
-      return hn::IfThenElse(collides, before * hn::IfThenElse(hit, real(c), one - real(c)), before);
-    };
-    colour_ = {times(colour_.x, 0), times(colour_.y, 1), times(colour_.z, 2)};
+    const V3 after = colour_ * select(hit, real, V3{one, one, one} - real);
+    colour_ = select(collides, after, colour_);
     if (!kShadow) return hit;
-    const V largest = hn::Max(hn::Max(colour_.x, colour_.y), colour_.z);
+    const V largest = max_component(colour_);
     const auto [small, survives] = roulette(largest, u, collides);
-    const V factor = hn::IfThenElseZero(survives, surviving() / largest);
-    const auto rescaled = [&](V v) { return hn::IfThenElse(small, v * factor, v); };
-    colour_ = {rescaled(colour_.x), rescaled(colour_.y), rescaled(colour_.z)};
+    colour_ = select(small, colour_ * hn::IfThenElseZero(survives, surviving() / largest), colour_);
     return hn::AndNot(survives, small);
   }
 
@@ -253,11 +220,11 @@ class Tracker {
   CellWalk walk_;
   GeneratorBuffer generators_;
   Generator rng_;
-  HWY_ALIGN float result_[kMost] = {}, carried_[kMost] = {}, frames_[kMost] = {};
-  HWY_ALIGN float channel_[4][kMost] = {};  // in memory: colour and hero
+  HWY_ALIGN float result_[kMost] = {}, carried_[kMost] = {}, frames_[kMost] = {}, heroes_[kMost] = {};
+  Lanes3 channels_, collision_;
   V tau_ = hn::Zero(D()), weight_ = set(1.0f), t_max_ = hn::Zero(D()), time_ = hn::Zero(D());
   V scattered_ = hn::Zero(D()), lost_ = hn::Zero(D());  // of a forced flight: the share so far, its rounding error
-  V3 hit_at_{hn::Zero(D()), hn::Zero(D()), hn::Zero(D())};
+  V3 hit_at_ = zero3();
   V hero_ = set(1.0f);                          // extinction of the hero channel, relative to the largest
   V3 colour_{set(1.0f), set(1.0f), set(1.0f)};  // of the choices' probability, or of the transmittance
   uint32_t collided_ = 0;

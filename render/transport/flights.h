@@ -8,20 +8,21 @@
 
 namespace brume {
 
-/// Delta tracking: takes each ray of a list to its next real collision, whose position becomes the path's, or out of
-/// the grid, or to its end on a light (PathStates::t_max). Where LaneScene::flights_end, `t_max` is the collision's ray
-/// parameter afterwards. In a chromatic medium the hero channel decides, and `fr`, `fg`, `fb` are each channel's
-/// probability of what happened.
+/// Delta tracking: takes each ray of a list to its next real collision, whose position becomes the flight's origin, or
+/// out of the grid, or to its end on a light. Where LaneScene::flights_end, PathStates::travel is the collision's ray
+/// parameter. In a chromatic medium the hero channel decides, and `flight_factor` is each channel's probability of what
+/// happened.
 void lanes_fly(const LaneScene& scene, PathStates& paths, const SlotList& rays, SlotList& hits, SlotList& escapes,
                uint64_t& lookups);
 
 /// Ratio tracking: multiplies `transmittance` by an estimate of each shadow ray's up to its light;
-/// in a chromatic medium `shadow_r`, `shadow_g`, `shadow_b`.
+/// in a chromatic medium `shadow_colour`.
 void lanes_shadow(const LaneScene& scene, PathStates& paths, const SlotList& rays, uint64_t& lookups);
 
 /// Forced first collisions: camera rays cross the whole grid, or end on a light. Their transmittance by ratio tracking
-/// is stored in `passed`. Each tentative collision scatters its share of what is left; one of them, drawn in proportion
-/// to these amounts, becomes the path's vertex, with their sum as throughput. Rays that scatter nothing escape.
+/// is stored in `camera_transmittance`. Each tentative collision scatters its share of what is left; one of them, drawn
+/// in proportion to these amounts, becomes the path's vertex, with their sum as throughput. Rays that scatter nothing
+/// escape.
 ///
 /// In a thin medium most free flights would pass without a collision; forced, every camera ray scatters light.
 /// Source: our combination of ratio tracking with reservoir sampling of the tentative collisions; the aim is that of

@@ -98,10 +98,10 @@ void set_lights(LaneScene& s, const Lights& lights, bool recorded) {
 
 }  // namespace
 
-LaneScene lane_scene(const PathContext& context, size_t number, WorldPaths* world) {
+LaneScene lane_scene(const PathContext& context, size_t number, WorldPaths& world) {
   const Medium& medium = context.media[number];
   LaneScene s{};
-  if (single_precision_resolves(medium)) {
+  if (context.plan.media[number] == Precision::kLanes) {
     const LaneGrid& grid = context.lane_grids[number];
     set_cells(s, grid);
     s.distances = grid.distances.data();
@@ -114,16 +114,12 @@ LaneScene lane_scene(const PathContext& context, size_t number, WorldPaths* worl
   s.roulette_start = context.roulette_start;
   s.max_events = context.max_events;
   s.interpolate = context.plan.interpolate;
-  s.flights_end = context.plan.finite_lights;
   if (context.plan.light_sampling) set_lights(s, *context.lights, context.plan.layers.records);
   s.near_lights = context.plan.near_lights;
-  s.shadows_end = s.lights != nullptr;
-  s.world = world;
-  if (world) {
-    s.flights_end = s.shadows_end = true;
-    for (int row = 0; row < 3; ++row)
-      for (int column = 0; column < 3; ++column) s.local_from_world[row][column] = row == column ? 1.0f : 0.0f;
-  }
+  s.world = &world;
+  s.keeps_local = context.plan.one_grid;
+  s.flights_end = !s.keeps_local || context.plan.finite_lights;
+  s.shadows_end = !s.keeps_local || s.lights != nullptr;
   return s;
 }
 

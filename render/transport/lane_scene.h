@@ -39,7 +39,7 @@ struct LaneScene : LaneCells {
   const int32_t* isosurface_cell;
   double unit;                   ///< lane_unit() of the medium: ray parameters in lanes are in these
   float sigma;                   ///< extinction per density and unit
-  float local_from_world[3][3];  ///< of directions, in units
+  float local_from_world[3][3];  ///< of directions, in units; only where Plan::one_grid
   float gradient_to_world[3][3];
   float least_gradient;                  ///< per voxel; below it, wider central differences are needed
   float first_sigma;                     ///< the same for the majorants of forced flights, which may be looser
@@ -76,9 +76,8 @@ struct LaneScene : LaneCells {
   const Lights* lights = nullptr;
   std::span<const NearLight> near_lights;  ///< the part of their light that is left to collisions is sampled there
   const Medium* medium;
-  /// Of the paths, where they live in the world; null where they live in the medium's local coordinates. There,
-  /// local_from_world is the identity.
-  WorldPaths* world = nullptr;
+  WorldPaths* world;         ///< of the paths
+  bool keeps_local = false;  ///< Plan::one_grid: paths stay in the medium's local coordinates from event to event
   bool flights_end = false;  ///< whether flights can end before the grid does
   bool shadows_end = false;  ///< whether shadow rays can
   const StopSignal* stop;    ///< polled inside flights; may be null
@@ -90,7 +89,6 @@ inline float frame_of(const LaneScene& scene, const PathStates& paths, size_t sl
 }
 
 /// Refers to the context's grids, media and lights. Without cells for a medium that does not fly in lanes.
-/// @param world  of the paths, where they live in the world
-LaneScene lane_scene(const PathContext& context, size_t medium, WorldPaths* world);
+LaneScene lane_scene(const PathContext& context, size_t medium, WorldPaths& world);
 
 }  // namespace brume

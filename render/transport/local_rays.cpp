@@ -73,7 +73,7 @@ struct Slab {
 
 template <bool kBySlot>
 void enter(const LocalBox& box, const std::array<Ray, kPool>& rays, const std::array<double, kPool>& ends,
-           const SlotList& slots, const LocalRays& to, SlotList& inside) {
+           const SlotList& slots, LocalRays& to, std::array<double, kPool>& begin, SlotList& inside) {
   const D d;
   const DI di;
   static_assert(sizeof(Ray) % sizeof(double) == 0 && sizeof(Placement::ToLocal) % sizeof(double) == 0);
@@ -88,7 +88,7 @@ void enter(const LocalBox& box, const std::array<Ray, kPool>& rays, const std::a
     set_frame([&](size_t i) { return V3{set(f[i]), set(f[i + 1]), set(f[i + 2])}; });
   }
   HWY_ALIGN int64_t at[kMost];
-  HWY_ALIGN double begin[kMost], result[7][kMost];
+  HWY_ALIGN double entry[kMost], result[7][kMost];
   for (size_t k = 0; k < slots.count; k += hn::Lanes(d)) {
     const size_t count = std::min(hn::Lanes(d), slots.count - k);
     for (size_t lane = 0; lane < hn::Lanes(d); ++lane) at[lane] = slots.slot[k + std::min(lane, count - 1)];
@@ -130,21 +130,21 @@ void enter(const LocalBox& box, const std::array<Ray, kPool>& rays, const std::a
     store(o.y, direction.y, box.shift.y, 1);
     store(o.z, direction.z, box.shift.z, 2);
     hn::Store(hn::Min((end - t0) / unit, set(1e30)), d, result[6]);
-    hn::Store(t0, d, begin);
-    PathStates::Column<float>* const columns[] = {&to.ox, &to.oy, &to.oz, &to.dx, &to.dy, &to.dz, &to.length};
+    hn::Store(t0, d, entry);
+    Column<float>* const columns[] = {&to.o.x, &to.o.y, &to.o.z, &to.d.x, &to.d.y, &to.d.z, &to.end};
     for (; left; left &= left - 1) {
       const auto lane = static_cast<size_t>(std::countr_zero(left));
       const auto s = static_cast<size_t>(at[lane]);
       for (size_t i = 0; i < 7; ++i) (*columns[i])[s] = static_cast<float>(result[i][lane]);
-      to.begin[s] = begin[lane];
-      inside.push(static_cast<int32_t>(s));
+      begin[s] = entry[lane];
+      inside.push(s);
     }
   }
 }
 
 void EnterBox(const LocalBox& box, const std::array<Ray, kPool>& rays, const std::array<double, kPool>& ends,
-              const SlotList& slots, const LocalRays& to, SlotList& inside) {
-  (box.by_slot ? enter<true> : enter<false>)(box, rays, ends, slots, to, inside);
+              const SlotList& slots, LocalRays& to, std::array<double, kPool>& begin, SlotList& inside) {
+  (box.by_slot ? enter<true> : enter<false>)(box, rays, ends, slots, to, begin, inside);
 }
 
 }  // namespace brume::HWY_NAMESPACE
@@ -156,8 +156,8 @@ namespace brume {
 HWY_EXPORT(EnterBox);
 
 void enter_box(const LocalBox& box, const std::array<Ray, kPool>& rays, const std::array<double, kPool>& ends,
-               const SlotList& slots, const LocalRays& to, SlotList& inside) {
-  HWY_DYNAMIC_DISPATCH(EnterBox)(box, rays, ends, slots, to, inside);
+               const SlotList& slots, LocalRays& to, std::array<double, kPool>& begin, SlotList& inside) {
+  HWY_DYNAMIC_DISPATCH(EnterBox)(box, rays, ends, slots, to, begin, inside);
 }
 
 }  // namespace brume

@@ -15,17 +15,13 @@ struct LocalBox {
   double unit = 1;  ///< of ray parameters in lanes
 };
 
-/// Where the parts of rays inside a box go, by slot: origins, directions and lengths in local coordinates and lane
-/// units, and the world ray parameters at which they begin.
-struct LocalRays {
-  PathStates::Column<float>&ox, &oy, &oz, &dx, &dy, &dz, &length;
-  std::array<double, kPool>& begin;
-};
-
 /// Takes rays to a grid's coordinates in double precision and clips them to its box; what is left fits in single
 /// precision. Where a part ends only the ray's own end counts: walks through a grid end at its faces by themselves.
-/// @param rays, ends  by slot; the latter ray parameters   @param slots  whose   @param inside  gets those that meet it
+/// @param rays, ends  by slot; the latter ray parameters
+/// @param slots       whose
+/// @param to, begin   by slot: the parts inside, and the world ray parameters at which they begin
+/// @param inside      gets the slots of the rays that meet the box
 void enter_box(const LocalBox& box, const std::array<Ray, kPool>& rays, const std::array<double, kPool>& ends,
-               const SlotList& slots, const LocalRays& to, SlotList& inside);
+               const SlotList& slots, LocalRays& to, std::array<double, kPool>& begin, SlotList& inside);
 
 }  // namespace brume

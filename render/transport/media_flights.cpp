@@ -20,7 +20,7 @@ std::pair<double, double> part_inside(const HomogeneousShape& shape, const Ray& 
 }  // namespace
 
 /// Flights through a chromatic grid: what each channel's probability of them is, and what is needed to fly them again.
-struct MediaFlights::Flown {
+struct MediaFlights::Replay {
   std::array<vec3, kPool> probability;
   std::array<double, kPool> end;                      ///< ray parameter up to which the probability counts
   std::array<PathGenerator::State, kPool> generator;  ///< before the flight
@@ -33,11 +33,8 @@ MediaFlights::MediaFlights(const PathContext& context, PathStates& paths, WorldP
     : c_(context), p_(paths), w_(world), counters_(counters) {
   for (size_t m = 0; m < c_.media.size(); ++m) {
     const Medium& medium = c_.media[m];
-    kinds_.push_back(medium.homogeneous()                ? Kind::kShape
-                     : single_precision_resolves(medium) ? Kind::kLanes
-                                                         : Kind::kDouble);
-    scenes_.push_back(lane_scene(context, m, &world));
-    flown_.push_back(medium.chromatic() && !medium.homogeneous() ? std::make_unique<Flown>() : nullptr);
+    scenes_.push_back(lane_scene(context, m, world));
+    replays_.push_back(medium.chromatic() && !medium.homogeneous() ? std::make_unique<Replay>() : nullptr);
     placed_.push_back(medium.transform_moves() ? std::make_unique<Placements>() : nullptr);
     const auto [lo, hi] = medium.support();
     bounds_.push_back(medium.homogeneous() ? *medium.homogeneous()
@@ -47,9 +44,29 @@ MediaFlights::MediaFlights(const PathContext& context, PathStates& paths, WorldP
   }
 }
 
-void MediaFlights::place(size_t slot, double time) {
-  for (size_t m = 0; m < placed_.size(); ++m)
-    if (placed_[m]) (*placed_[m])[slot] = c_.media[m].placement_at(time).to_local();
+MediaFlights::Start MediaFlights::start(size_t slot, const PathRequest& request) {
+  w_.ray[slot] = request.ray;
+  w_.time[slot] = request.time;
+  p_.time[slot] = static_cast<float>(request.time);
+  if (!c_.plan.one_grid) {
+    w_.medium[slot] = WorldPaths::kNoMedium;
+    for (size_t m = 0; m < placed_.size(); ++m)
+      if (placed_[m]) (*placed_[m])[slot] = c_.media[m].placement_at(request.time).to_local();
+    return {c_.surfaces || met_by(request.ray, request.time), 0};
+  }
+  w_.medium[slot] = 0;
+  w_.light[slot] = nullptr;
+  if (!(request.start.medium < EntryBound::kNever)) return {false, -1};
+  const Medium& medium = c_.media[0];
+  const double unit = scenes_[0].unit;
+  const Ray local = medium.to_local(request.ray);
+  const auto [enters, leaves] = bounds_[0].intersect(local);
+  const double entry = std::max(static_cast<double>(request.start.medium), enters), surface = request.start.surface;
+  if (!(entry < leaves)) return {false, -1};
+  p_.flight.o.set(slot, vec3(local.at(entry)));
+  p_.flight.d.set(slot, vec3(local.d * unit));
+  w_.begin[slot] = glm::dot(medium.to_world(dvec3(p_.flight.o[slot])) - request.ray.o, request.ray.d);
+  return {true, surface < leaves ? static_cast<float>(std::max(surface - entry, 0.0) / unit) : -1.0f};
 }
 
 bool MediaFlights::met_by(const Ray& ray, double time) const {
@@ -61,30 +78,38 @@ bool MediaFlights::met_by(const Ray& ray, double time) const {
 }
 
 void MediaFlights::enter(size_t m, const SlotList& rays, const std::array<double, kPool>& end, SlotList& inside) {
-  inside.count = 0;
-  enter_box(boxes_[m], w_.ray, end, rays, {p_.ox, p_.oy, p_.oz, p_.lx, p_.ly, p_.lz, p_.t_max, w_.begin}, inside);
+  inside.clear();
+  enter_box(boxes_[m], w_.ray, end, rays, p_.flight, w_.begin, inside);
 }
 
-void MediaFlights::fly(const SlotList& rays) {
+void MediaFlights::fly_in_grid(const SlotList& rays, SlotList& hits, SlotList& escapes) {
+  lanes_fly(scenes_[0], p_, rays, hits, escapes, counters_.lookups);
+}
+
+void MediaFlights::fly_first_in_grid(const SlotList& rays, SlotList& hits, SlotList& escapes) {
+  lanes_fly_first(scenes_[0], p_, rays, hits, escapes, counters_.lookups);
+}
+
+MediaFlights::Flown MediaFlights::fly(const SlotList& rays) {
   for (size_t m = 0; m < count(); ++m) {
-    if (Flown* const flown = flown_[m].get())
-      for (size_t k = 0; k < rays.count; ++k) {
-        const auto i = static_cast<size_t>(rays.slot[k]);
-        flown->probability[i] = vec3(1);
-        flown->end[i] = 0;
-        flown->generator[i] = PathGenerator(p_, i).state();
+    if (Replay* const replay = replays_[m].get())
+      for (const size_t i : rays) {
+        replay->probability[i] = vec3(1);
+        replay->end[i] = 0;
+        replay->generator[i] = PathGenerator(p_, i).state();
       }
-    switch (kinds_[m]) {
-      case Kind::kShape:
+    switch (c_.plan.media[m]) {
+      case Precision::kClosedForm:
         fly_through_shape(m, rays);
         break;
-      case Kind::kLanes:
+      case Precision::kLanes:
         fly_in_lanes(m, rays);
         break;
-      case Kind::kDouble:
+      case Precision::kDouble:
         fly_in_double(m, rays);
     }
   }
+  return {*this, rays};
 }
 
 /// The part of a path's ray that lies inside a homogeneous medium.
@@ -94,8 +119,7 @@ std::pair<double, double> MediaFlights::part_in_shape(size_t m, size_t slot, con
 
 /// In closed form, by the extinction of the path's hero channel.
 void MediaFlights::fly_through_shape(size_t m, const SlotList& rays) {
-  for (size_t k = 0; k < rays.count; ++k) {
-    const auto i = static_cast<size_t>(rays.slot[k]);
+  for (const size_t i : rays) {
     const auto [t0, t1] = part_in_shape(m, i, w_.ray[i], w_.end[i]);
     if (!(t0 < t1)) continue;
     const double sigma = c_.media[m].coefficients().sigma_t[c_.plan.chromatic ? p_.hero[i] : 0];
@@ -108,103 +132,70 @@ void MediaFlights::fly_through_shape(size_t m, const SlotList& rays) {
 
 void MediaFlights::fly_in_lanes(size_t m, const SlotList& rays) {
   enter(m, rays, w_.end, inside_);
-  hits_.count = passed_.count = 0;
+  hits_.clear();
+  passed_.clear();
   lanes_fly(scenes_[m], p_, inside_, hits_, passed_, counters_.lookups);
-  for (size_t k = 0; k < hits_.count; ++k) {
-    const auto i = static_cast<size_t>(hits_.slot[k]);
-    w_.end[i] = std::min(w_.end[i], w_.begin[i] + static_cast<double>(p_.t_max[i]) * scenes_[m].unit);
+  for (const size_t i : hits_) {
+    w_.end[i] = std::min(w_.end[i], w_.begin[i] + static_cast<double>(p_.travel[i]) * scenes_[m].unit);
     w_.medium[i] = static_cast<int32_t>(m);
   }
-  Flown* const flown = flown_[m].get();
+  Replay* const flown = replays_[m].get();
   if (!flown) return;
-  for (size_t k = 0; k < inside_.count; ++k) {
-    const auto i = static_cast<size_t>(inside_.slot[k]);
-    flown->probability[i] = {p_.fr[i], p_.fg[i], p_.fb[i]};
+  for (const size_t i : inside_) {
+    flown->probability[i] = p_.flight_factor[i];
     flown->end[i] = w_.end[i];
   }
 }
 
 void MediaFlights::fly_in_double(size_t m, const SlotList& rays) {
-  Flown* const flown = flown_[m].get();
-  for (size_t k = 0; k < rays.count; ++k) {
-    const auto i = static_cast<size_t>(rays.slot[k]);
-    const double t = fly_one(m, i, w_.end[i]);
-    if (t >= 0) {
-      w_.end[i] = t;
+  for (const size_t i : rays) {
+    const Collision collision = fly_one(m, i, w_.end[i]);
+    if (collision.t >= 0) {
+      w_.end[i] = collision.t;
       w_.medium[i] = static_cast<int32_t>(m);
     }
-    if (!flown) continue;
-    flown->probability[i] = {p_.fr[i], p_.fg[i], p_.fb[i]};
-    flown->end[i] = w_.end[i];
+    if (Replay* const replay = replays_[m].get()) {
+      replay->probability[i] = vec3(collision.probability);
+      replay->end[i] = w_.end[i];
+    }
   }
 }
 
-/// One flight in double precision: the ray parameter of the hero channel's collision, or a negative number.
-/// PathStates::fr, fg, fb get each channel's probability of what happened.
-double MediaFlights::fly_one(size_t m, size_t i, double end) {
+Collision MediaFlights::fly_one(size_t m, size_t i, double end) {
   const Medium now = c_.media[m].at_time(w_.time[i]);
-  const dvec3 ratio = c_.plan.chromatic ? now.extinction_ratio() : dvec3(1);
-  const int hero = c_.plan.chromatic ? p_.hero[i] : 0;
   Rng rng = PathGenerator(p_, i).stream();
-  TentativeCollisions points(now, now.to_local(w_.ray[i]), end, rng);
-  TentativeCollision point;
-  dvec3 probability(1);
-  double t = -1;
-  while (t < 0 && points.next(point, rng, counters_)) {
-    const dvec3 real = ratio * std::min(1.0, point.density / point.majorant);
-    const bool hit = rng.uniform() < real[hero];
-    probability *= hit ? real : 1.0 - real;
-    if (hit) t = point.t;
-  }
-  p_.fr[i] = static_cast<float>(probability.x);
-  p_.fg[i] = static_cast<float>(probability.y);
-  p_.fb[i] = static_cast<float>(probability.z);
-  return t;
+  return sample_collision(now, now.to_local(w_.ray[i]), end, c_.plan.chromatic ? p_.hero[i] : 0, rng, counters_);
 }
 
 /// The same walks through a chromatic grid again, with the numbers that they were flown with, up to ends that lie
 /// before any collision of theirs: each channel's probability of passing.
 void MediaFlights::replay(size_t m, const SlotList& rays, const std::array<double, kPool>& end,
                           std::array<vec3, kPool>& probability) {
-  Flown& flown = *flown_[m];
-  for (size_t k = 0; k < rays.count; ++k) {
-    const auto i = static_cast<size_t>(rays.slot[k]);
+  Replay& flown = *replays_[m];
+  for (const size_t i : rays) {
     probability[i] = vec3(1);
     flown.resumed[i] = PathGenerator(p_, i).state();
     PathGenerator(p_, i).set(flown.generator[i]);
   }
-  const auto take = [&](const SlotList& slots) {
-    for (size_t k = 0; k < slots.count; ++k) {
-      const auto i = static_cast<size_t>(slots.slot[k]);
-      probability[i] = {p_.fr[i], p_.fg[i], p_.fb[i]};
-    }
-  };
   if (in_lanes(m)) {
     enter(m, rays, end, inside_);
-    hits_.count = passed_.count = 0;
+    hits_.clear();
+    passed_.clear();
     lanes_fly(scenes_[m], p_, inside_, hits_, passed_, counters_.lookups);
-    take(passed_);
+    for (const size_t i : passed_) probability[i] = p_.flight_factor[i];
   } else {
-    for (size_t k = 0; k < rays.count; ++k) {
-      const auto i = static_cast<size_t>(rays.slot[k]);
-      fly_one(m, i, end[i]);
-    }
-    take(rays);
+    for (const size_t i : rays) probability[i] = vec3(fly_one(m, i, end[i]).probability);
   }
-  for (size_t k = 0; k < rays.count; ++k) {
-    const auto i = static_cast<size_t>(rays.slot[k]);
-    PathGenerator(p_, i).set(flown.resumed[i]);
-  }
+  for (const size_t i : rays) PathGenerator(p_, i).set(flown.resumed[i]);
 }
 
 void MediaFlights::passing(const SlotList& rays, const std::array<double, kPool>& end,
                            std::array<vec3, kPool>& factor) {
-  for (size_t k = 0; k < rays.count; ++k) factor[static_cast<size_t>(rays.slot[k])] = vec3(1);
+  for (const size_t i : rays) factor[i] = vec3(1);
   for (size_t m = 0; m < count(); ++m) {
-    if (flown_[m]) replay(m, rays, end, replayed_);
-    for (size_t k = 0; k < rays.count; ++k) {
-      const auto i = static_cast<size_t>(rays.slot[k]);
-      factor[i] *= flown_[m] ? replayed_[i] : vec3(density_in_shape(m, i, end[i]));
+    if (replays_[m]) replay(m, rays, end, replayed_);
+    for (const size_t i : rays) {
+      factor[i] *= replays_[m] ? replayed_[i] : vec3(density_in_shape(m, i, end[i]));
     }
   }
 }
@@ -221,88 +212,78 @@ dvec3 MediaFlights::density_in_shape(size_t m, size_t i, double end) const {
 void MediaFlights::weigh_channels(const SlotList& rays) {
   // Where a flight went past the path's collision with another medium, only what lies before that counts.
   for (size_t m = 0; m < count(); ++m) {
-    if (!flown_[m]) continue;
-    again_.count = 0;
-    for (size_t k = 0; k < rays.count; ++k) {
-      const auto i = static_cast<size_t>(rays.slot[k]);
-      if (w_.end[i] < flown_[m]->end[i]) again_.push(rays.slot[k]);
+    if (!replays_[m]) continue;
+    again_.clear();
+    for (const size_t i : rays) {
+      if (w_.end[i] < replays_[m]->end[i]) again_.push(i);
     }
-    replay(m, again_, w_.end, flown_[m]->probability);
+    replay(m, again_, w_.end, replays_[m]->probability);
   }
-  for (size_t k = 0; k < rays.count; ++k) {
-    const auto i = static_cast<size_t>(rays.slot[k]);
+  for (const size_t i : rays) {
     dvec3 factor(1);
     for (size_t m = 0; m < count(); ++m) {
-      factor *= flown_[m] ? dvec3(flown_[m]->probability[i]) : density_in_shape(m, i, w_.end[i]);
-      if (!flown_[m] && w_.medium[i] == static_cast<int32_t>(m)) factor *= c_.media[m].extinction_ratio();
+      factor *= replays_[m] ? dvec3(replays_[m]->probability[i]) : density_in_shape(m, i, w_.end[i]);
+      if (!replays_[m] && w_.medium[i] == static_cast<int32_t>(m)) factor *= c_.media[m].extinction_ratio();
     }
-    const dvec3 change = channel_weights(p_, i, factor);
-    p_.tr[i] *= static_cast<float>(change.x);
-    p_.tg[i] *= static_cast<float>(change.y);
-    p_.tb[i] *= static_cast<float>(change.z);
-    p_.qr[i] *= static_cast<float>(change.x);
-    p_.qg[i] *= static_cast<float>(change.y);
-    p_.qb[i] *= static_cast<float>(change.z);
+    const vec3 change(channel_weights(p_, i, factor));
+    p_.throughput.set(i, p_.throughput[i] * change);
+    p_.channel_density.set(i, p_.channel_density[i] * change);
   }
 }
 
 dvec3 channel_weights(const PathStates& p, size_t i, const dvec3& factor) {
-  const dvec3 density = dvec3(p.qr[i], p.qg[i], p.qb[i]) * factor;
+  const dvec3 density = dvec3(p.channel_density[i]) * factor;
   const double mean = (density.x + density.y + density.z) / 3;
   return mean > 0 ? factor / mean : dvec3(0);
 }
 
 void MediaFlights::shadow(const SlotList& rays) {
-  for (size_t k = 0; c_.plan.chromatic && k < rays.count; ++k) {
-    const auto i = static_cast<size_t>(rays.slot[k]);
-    p_.shadow_r[i] = p_.shadow_g[i] = p_.shadow_b[i] = 1;
+  if (c_.plan.one_grid) {
+    lanes_shadow(scenes_[0], p_, rays, counters_.lookups);
+    return;
   }
+  if (c_.plan.chromatic)
+    for (const size_t i : rays) p_.shadow_colour.set(i, vec3(1));
   // What costs no look-up first: a ray that is dark already plays roulette at its first collision.
   for (size_t m = 0; m < count(); ++m)
-    if (kinds_[m] == Kind::kShape) shadow_through_shape(m, rays);
+    if (c_.plan.media[m] == Precision::kClosedForm) shadow_through_shape(m, rays);
   for (size_t m = 0; m < count(); ++m) {
-    if (kinds_[m] == Kind::kLanes) shadow_in_lanes(m, rays);
-    if (kinds_[m] == Kind::kDouble) shadow_in_double(m, rays);
+    if (c_.plan.media[m] == Precision::kLanes) shadow_in_lanes(m, rays);
+    if (c_.plan.media[m] == Precision::kDouble) shadow_in_double(m, rays);
   }
 }
 
 /// Whether nothing is left of a shadow ray's light.
 bool MediaFlights::dark(size_t i) const {
-  return !(p_.transmittance[i] > 0) ||
-         (c_.plan.chromatic && !(std::max({p_.shadow_r[i], p_.shadow_g[i], p_.shadow_b[i]}) > 0));
+  return !(p_.transmittance[i] > 0) || (c_.plan.chromatic && !(max_component(p_.shadow_colour[i]) > 0));
 }
 
 /// Dims a shadow ray's light.
 void MediaFlights::dim(size_t medium, size_t i, const dvec3& passes) {
-  if (!c_.media[medium].chromatic()) {
+  if (c_.media[medium].chromatic())
+    p_.shadow_colour.set(i, p_.shadow_colour[i] * vec3(passes));
+  else
     p_.transmittance[i] *= static_cast<float>(passes.x);
-    return;
-  }
-  p_.shadow_r[i] *= static_cast<float>(passes.x);
-  p_.shadow_g[i] *= static_cast<float>(passes.y);
-  p_.shadow_b[i] *= static_cast<float>(passes.z);
 }
 
 void MediaFlights::shadow_through_shape(size_t m, const SlotList& rays) {
-  for (size_t k = 0; k < rays.count; ++k) {
-    const auto i = static_cast<size_t>(rays.slot[k]);
+  for (const size_t i : rays) {
     const auto [t0, t1] = part_in_shape(m, i, w_.shadow[i], w_.shadow_end[i]);
     if (t0 < t1) dim(m, i, glm::exp(-c_.media[m].coefficients().sigma_t * (t1 - t0)));
   }
 }
 
 void MediaFlights::shadow_in_lanes(size_t m, const SlotList& rays) {
-  inside_.count = again_.count = 0;
-  for (size_t k = 0; k < rays.count; ++k)
-    if (!dark(static_cast<size_t>(rays.slot[k]))) again_.push(rays.slot[k]);
-  enter_box(boxes_[m], w_.shadow, w_.shadow_end, again_,
-            {p_.ox, p_.oy, p_.oz, p_.sx, p_.sy, p_.sz, p_.shadow_t_max, w_.begin}, inside_);
+  inside_.clear();
+  again_.clear();
+  for (const size_t i : rays)
+    if (!dark(i)) again_.push(i);
+  enter_box(boxes_[m], w_.shadow, w_.shadow_end, again_, p_.shadow, w_.begin, inside_);
   lanes_shadow(scenes_[m], p_, inside_, counters_.lookups);
 }
 
 void MediaFlights::shadow_in_double(size_t m, const SlotList& rays) {
-  for (size_t k = 0; k < rays.count; ++k) {
-    const auto i = static_cast<size_t>(rays.slot[k]);
+  for (const size_t i : rays) {
     if (dark(i)) continue;
     const Medium now = c_.media[m].at_time(w_.time[i]);
     Rng rng = PathGenerator(p_, i).stream();
@@ -312,13 +293,8 @@ void MediaFlights::shadow_in_double(size_t m, const SlotList& rays) {
 
 dvec3 MediaFlights::transmittance(std::span<const Medium> media, const Ray& ray, double end, Rng& rng) const {
   dvec3 product(1);
-  for (const Medium& m : media) {
-    if (product == dvec3(0)) break;
-    if (m.chromatic())
-      product *= estimate_chromatic_transmittance(m, m.to_local(ray), end, rng, counters_);
-    else
-      product *= estimate_transmittance(m, m.to_local(ray), end, rng, counters_);
-  }
+  for (const Medium& m : media)
+    if (product != dvec3(0)) product *= estimate_transmittance(m, m.to_local(ray), end, rng, counters_);
   return product;
 }
 

@@ -13,7 +13,7 @@
 namespace brume {
 
 /// Flights and shadow rays through any number of media: homogeneous shapes in closed form; grids in SIMD lanes; and, in
-/// double precision and one after the other, grids that single precision does not resolve (single_precision_resolves).
+/// double precision and one after the other, grids that single precision does not resolve.
 class MediaFlights {
  public:
   /// Refers to all of them.
@@ -22,23 +22,44 @@ class MediaFlights {
 
   size_t count() const { return scenes_.size(); }
   const LaneScene& scene(size_t medium) const { return scenes_[medium]; }
-  bool in_lanes(size_t medium) const { return kinds_[medium] == Kind::kLanes; }
+  bool in_lanes(size_t medium) const { return c_.plan.media[medium] == Precision::kLanes; }
 
-  /// Whether a ray passes through a medium at a time of the shutter.
-  bool met_by(const Ray& ray, double time) const;
-  /// Places the media for a path in a slot, at its time.
-  void place(size_t slot, double time);
+  /// Where the one grid's camera rays begin.
+  struct Start {
+    bool meets;     ///< whether the ray meets a medium, as far as nothing else is in its way
+    float surface;  ///< ray parameter of the local ray from which on it may meet the isosurface; negative: never
+  };
+  /// Puts a path at the eye into a slot: its ray and the places of the media at its time. Where Plan::one_grid, its
+  /// local ray begins where it can first enter the grid: near the medium single precision is enough.
+  Start start(size_t slot, const PathRequest& request);
+  /// Where Plan::one_grid: free flights from event to event, or forced ones of camera rays.
+  void fly_in_grid(const SlotList& rays, SlotList& hits, SlotList& escapes);
+  void fly_first_in_grid(const SlotList& rays, SlotList& hits, SlotList& escapes);
+
+  /// Flights that have been flown, before the next ones are.
+  class Flown {
+   public:
+    /// Where media are chromatic: each channel's probability density of passing all that lies before a ray parameter,
+    /// which must not be beyond the flight's end. @param factor  of slots
+    void passing(const SlotList& rays, const std::array<double, kPool>& end, std::array<vec3, kPool>& factor) {
+      flights_.passing(rays, end, factor);
+    }
+    /// The same up to the flights' ends and with the collisions there, which the paths' throughput and densities get:
+    /// the last that is asked of these flights.
+    void weigh_channels() && { flights_.weigh_channels(rays_); }
+
+   private:
+    friend MediaFlights;
+    Flown(MediaFlights& flights, const SlotList& rays) : flights_(flights), rays_(rays) {}
+    MediaFlights& flights_;
+    const SlotList& rays_;
+  };
   /// Free flights: moves WorldPaths::end to the first real collision of all media before it, and notes whose it is.
   /// Collisions with each medium are independent Poisson processes, so the first of all is the path's. Where media are
-  /// chromatic the hero channel's collisions count.
-  void fly(const SlotList& rays);
-  /// Where media are chromatic, after fly(): each channel's probability density of passing all that lies before a ray
-  /// parameter, which must not be beyond the flight's end. @param factor  of slots
-  void passing(const SlotList& rays, const std::array<double, kPool>& end, std::array<vec3, kPool>& factor);
-  /// The same up to the flight's end and with the collision there, which the paths' throughput and densities get.
-  void weigh_channels(const SlotList& rays);
+  /// chromatic the hero channel's collisions count, and Flown::weigh_channels has to follow.
+  Flown fly(const SlotList& rays);
   /// Estimates the media's transmittance along the shadow rays: PathStates::transmittance, where media are chromatic
-  /// times shadow_r, shadow_g, shadow_b.
+  /// times shadow_colour.
   void shadow(const SlotList& rays);
   /// Puts the rays that cross a grid before `end` on a list, and their parts inside it into the local columns.
   void enter(size_t medium, const SlotList& rays, const std::array<double, kPool>& end, SlotList& inside);
@@ -46,17 +67,19 @@ class MediaFlights {
   dvec3 transmittance(std::span<const Medium> media, const Ray& ray, double end, Rng& rng) const;
 
  private:
-  enum class Kind { kShape, kLanes, kDouble };
   using Placements = std::array<Placement::ToLocal, kPool>;
-  struct Flown;
+  struct Replay;
   Ray to_local(size_t medium, size_t slot, const Ray& ray) const {
     return (placed_[medium] ? (*placed_[medium])[slot] : c_.media[medium].placement().to_local())(ray);
   }
   std::pair<double, double> part_in_shape(size_t medium, size_t slot, const Ray& ray, double end) const;
+  bool met_by(const Ray& ray, double time) const;
+  void passing(const SlotList& rays, const std::array<double, kPool>& end, std::array<vec3, kPool>& factor);
+  void weigh_channels(const SlotList& rays);
   void fly_through_shape(size_t medium, const SlotList& rays);
   void fly_in_lanes(size_t medium, const SlotList& rays);
   void fly_in_double(size_t medium, const SlotList& rays);
-  double fly_one(size_t medium, size_t slot, double end);
+  Collision fly_one(size_t medium, size_t slot, double end);
   void replay(size_t medium, const SlotList& rays, const std::array<double, kPool>& end,
               std::array<vec3, kPool>& probability);
   void shadow_through_shape(size_t medium, const SlotList& rays);
@@ -70,12 +93,11 @@ class MediaFlights {
   PathStates& p_;
   WorldPaths& w_;
   TrackingCounters& counters_;
-  std::vector<Kind> kinds_;                          // of the media
-  std::vector<LaneScene> scenes_;                    // likewise
+  std::vector<LaneScene> scenes_;                    // of the media
   std::vector<HomogeneousShape> bounds_;             // likewise, local
   std::vector<LocalBox> boxes_;                      // likewise, of grids
   std::vector<std::unique_ptr<Placements>> placed_;  // likewise, by slot; only of those whose transforms move
-  std::vector<std::unique_ptr<Flown>> flown_;        // likewise; only of chromatic grids
+  std::vector<std::unique_ptr<Replay>> replays_;     // likewise; only of chromatic grids
   std::array<vec3, kPool> replayed_;
   SlotList inside_, hits_, passed_, again_;
 };

@@ -16,7 +16,7 @@ NearFlights::NearFlights(const PathContext& context, PathStates& paths, WorldPat
 
 void NearFlights::add(const SlotList& rays) {
   for (const NearLight& near : c_.plan.near_lights)
-    for (size_t k = 0; k < rays.count; ++k) add(near, static_cast<size_t>(rays.slot[k]));
+    for (const size_t i : rays) add(near, i);
 }
 
 /// From the first to the last point of a ray that may lie in a medium.
@@ -58,7 +58,7 @@ void NearFlights::add(const NearLight& near, size_t i) {
   if (L == dvec3(0)) return;
   Rng rng = numbers.stream();
   L *= flights_.transmittance(media, shadow, sample.distance, rng) * flights_.transmittance(media, ray, t, rng);
-  deposit(p_, &w_, i, vec3(p_.tr[i], p_.tg[i], p_.tb[i]) * vec3(L), p_.events[i] + 1);
+  deposit(p_, w_, i, p_.throughput[i] * vec3(L), p_.events[i] + 1);
 }
 
 }  // namespace brume

@@ -1,4 +1,6 @@
 #pragma once
+#include <optional>
+
 #include "render/transport/integrator.h"
 
 namespace brume {
@@ -9,13 +11,9 @@ inline constexpr double kDeepest = 50;  ///< where the layer optical_depth is cl
 /// Points on a camera ray, one in each quarter of the distribution of first scatterings, for the weighted gradient.
 inline constexpr size_t kMarchedPoints = 4;
 
-/// Coverage and gradient of a camera ray that hits a medium's isosurface at t. @param local  in the medium's
-/// coordinates
-void record_isosurface(const Medium& medium, const Ray& local, double t, PathSample& sample);
-
-/// Layers that follow from the camera ray alone: the medium's isosurface, optical depth, the marched gradient.
-void record_camera_ray(const PathContext& context, std::span<const Medium> media, const Ray& ray, Rng rng,
-                       PathSample& sample);
+/// The direction of the gradient half a voxel behind the point at t where a camera ray meets a medium's isosurface:
+/// there the differences see the medium on both sides. @param local  in the medium's coordinates
+std::optional<dvec3> isosurface_gradient(const Medium& medium, const Ray& local, double t);
 
 /// Layers of a path's first event, where that is a scattering at p after flying along d.
 /// @param weight  of the path before the event

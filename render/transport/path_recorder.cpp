@@ -8,8 +8,7 @@
 namespace brume {
 
 void PathRecorder::collide(const SlotList& hits) {
-  for (size_t k = 0; k < hits.count; ++k) {
-    const auto i = static_cast<size_t>(hits.slot[k]);
+  for (const size_t i : hits) {
     PathRecord* const r = w_.record[i];
     if (!r || p_.events[i] > 1) continue;
     const bool first = p_.events[i] == 0;
@@ -22,28 +21,25 @@ void PathRecorder::collide(const SlotList& hits) {
 }
 
 void PathRecorder::turn(const SlotList& alive) {
-  for (size_t k = 0; k < alive.count; ++k) {
-    const auto i = static_cast<size_t>(alive.slot[k]);
+  for (const size_t i : alive) {
     PathRecord* const r = w_.record[i];
     if (!r || p_.events[i] > 2) continue;
-    (p_.events[i] == 1 ? r->direction_1 : r->direction_2) = vec3(p_.dx[i], p_.dy[i], p_.dz[i]);
+    (p_.events[i] == 1 ? r->direction_1 : r->direction_2) = p_.d[i];
   }
 }
 
 void PathRecorder::sample_lights(const SlotList& shadows) {
-  for (size_t k = 0; k < shadows.count; ++k) {
-    const auto i = static_cast<size_t>(shadows.slot[k]);
-    unoccluded_[i] = luminance(dvec3(p_.cr[i], p_.cg[i], p_.cb[i]));
+  for (const size_t i : shadows) {
+    unoccluded_[i] = luminance(dvec3(p_.contribution[i]));
   }
 }
 
 void PathRecorder::receive(const SlotList& shadows) {
-  for (size_t k = 0; k < shadows.count; ++k) {
-    const auto i = static_cast<size_t>(shadows.slot[k]);
+  for (const size_t i : shadows) {
     PathRecord* const r = w_.record[i];
     if (!r || p_.events[i] != 1) continue;
-    dvec3 left = dvec3(p_.cr[i], p_.cg[i], p_.cb[i]) * static_cast<double>(p_.transmittance[i]);
-    if (c_.plan.chromatic) left *= dvec3(p_.shadow_r[i], p_.shadow_g[i], p_.shadow_b[i]);
+    dvec3 left = dvec3(p_.contribution[i]) * static_cast<double>(p_.transmittance[i]);
+    if (c_.plan.chromatic) left *= dvec3(p_.shadow_colour[i]);
     // Behind straight shadows a light sample counts for more than itself.
     r->light_transmittance_1 = static_cast<float>(std::min(1.0, luminance(left) / unoccluded_[i]));
   }

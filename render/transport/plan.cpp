@@ -9,16 +9,18 @@
 #include "volume/lane_grid.h"
 
 namespace brume {
-bool single_precision_resolves(const Medium& m) {
-  if (m.homogeneous() || m.global_majorant()) return false;
+Precision precision_for(const Medium& m) {
+  if (m.homogeneous()) return Precision::kClosedForm;
+  if (m.global_majorant()) return Precision::kDouble;
   if (const Displacement* const d = m.displacement()) {
     for (const BrickGrid& part : d->field.parts)
-      if (!part.empty() && !LaneGrid::fits(part)) return false;
-    if (!LaneGrid::fits(d->envelope)) return false;
+      if (!part.empty() && !LaneGrid::fits(part)) return Precision::kDouble;
+    if (!LaneGrid::fits(d->envelope)) return Precision::kDouble;
   }
   const double longest_voxel = m.voxel_volume() / (m.voxel_size() * m.voxel_size());  // at least its longest edge
   const double free_path = 1 / (m.extinction_per_density() * m.maximum_density() * longest_voxel);
-  return LaneGrid::fits(m.bricks()) && LaneGrid::resolves(m.bricks(), free_path);
+  return LaneGrid::fits(m.bricks()) && LaneGrid::resolves(m.bricks(), free_path) ? Precision::kLanes
+                                                                                 : Precision::kDouble;
 }
 
 namespace {
@@ -26,8 +28,8 @@ namespace {
 /// Whether all there is lies in one still grid, but for still fields that emit.
 bool is_one_grid(const Plan& plan, const SceneMedia& media, const Lights& lights) {
   const auto& fields = media.emissions();
-  return plan.media == 1 && !plan.chromatic && !plan.surfaces && !plan.moving_media && !plan.layers.records &&
-         lights.all_solid() && single_precision_resolves(media.media()[0]) &&
+  return plan.media.size() == 1 && plan.media[0] == Precision::kLanes && !plan.chromatic && !plan.surfaces &&
+         !plan.moving_media && !plan.layers.records && lights.all_solid() &&
          std::all_of(fields.begin(), fields.end(),
                      [](const EmissionField& e) { return LaneEmission::fits(e) && !e.shape().homogeneous(); });
 }
@@ -38,7 +40,7 @@ Plan make_plan(const Scene& scene, const SceneMedia& media, const Lights& lights
                const Camera& camera, const LayerRequest& layers) {
   Plan plan;
   const auto& all = media.media();
-  plan.media = all.size();
+  for (const Medium& m : all) plan.media.push_back(precision_for(m));
   plan.chromatic = std::any_of(all.begin(), all.end(), [](const Medium& m) { return m.chromatic(); });
   plan.moving_media = std::any_of(all.begin(), all.end(), [](const Medium& m) { return m.moves(); });
   plan.surfaces = surfaces != nullptr;

@@ -12,15 +12,20 @@ namespace brume {
 class Camera;
 class Surfaces;
 
+/// How rays go through a medium: in closed form; in SIMD lanes; or one after the other in double precision, where
+/// single precision does not resolve the grid.
+enum class Precision { kClosedForm, kLanes, kDouble };
+Precision precision_for(const Medium& medium);
+
 /// What exists in this render, decided once: paths model nothing else.
 struct Plan {
-  size_t media = 0;             ///< how many scatter or absorb
-  bool chromatic = false;       ///< the extinction of some has a colour
-  bool moving_media = false;    ///< some change over the shutter
-  bool light_sampling = false;  ///< next-event estimation towards at least one light
-  bool finite_lights = false;   ///< analytic lights that rays can end on
-  bool surfaces = false;        ///< triangle meshes
-  bool emission = false;        ///< fields that emit
+  std::vector<Precision> media;  ///< of each that scatters or absorbs
+  bool chromatic = false;        ///< the extinction of some has a colour
+  bool moving_media = false;     ///< some change over the shutter
+  bool light_sampling = false;   ///< next-event estimation towards at least one light
+  bool finite_lights = false;    ///< analytic lights that rays can end on
+  bool surfaces = false;         ///< triangle meshes
+  bool emission = false;         ///< fields that emit
   bool lens = false, shutter = false;
   bool one_grid = false;               ///< paths live in the local coordinates of the one grid that there is
   bool interpolate = false;            ///< interpolate all eight voxels around a point, do not draw one
@@ -39,12 +44,8 @@ struct Plan {
   LayerRequest layers;
 
   bool marched() const { return weighted_gradient || optical_depth; }
-  bool has_media() const { return media > 0; }
+  bool has_media() const { return !media.empty(); }
 };
-
-/// Whether single precision resolves a medium's grid, so that SIMD lanes can fly through it. Flights through the others
-/// are in double precision, one after the other.
-bool single_precision_resolves(const Medium& medium);
 
 Plan make_plan(const Scene& scene, const SceneMedia& media, const Lights& lights, const Surfaces* surfaces,
                const Camera& camera, const LayerRequest& layers);

@@ -28,7 +28,7 @@ struct PacketRays {
   uint32_t busy = 0, met = 0;  // active lanes; those that have hit the surface
   HWY_ALIGN int32_t slot[RayQueue::kMost];
 
-  HWY_INLINE V3 at(V t) const { return {o.x + d.x * t, o.y + d.y * t, o.z + d.z * t}; }
+  HWY_INLINE V3 at(V t) const { return o + d * t; }
   /// Where they cross a plane perpendicular to the first axis, even if that is before their origins.
   HWY_INLINE V crosses(float plane) const { return (plane - o.x) * inverse; }
 };
@@ -86,7 +86,7 @@ class PacketWalk {
     if (!close) return;
     const size_t lanes = hn::Lanes(D());
     for (size_t i = 0; i < count; ++i)
-      if (!(rays_[i / lanes].met >> i % lanes & 1)) crossings.unsure.push(slots[i]);
+      if (!(rays_[i / lanes].met >> i % lanes & 1)) crossings.unsure.push(static_cast<size_t>(slots[i]));
   }
 
  private:
@@ -103,17 +103,17 @@ class PacketWalk {
   void load_rays(const PathStates& paths, const int32_t* slots, size_t count) {
     const D d;
     const size_t lanes = hn::Lanes(d);
-    const std::array o{paths.ox.data(), paths.oy.data(), paths.oz.data()};
-    const std::array along{paths.lx.data(), paths.ly.data(), paths.lz.data()};
+    const auto columns = [](const Column3& c) { return std::array{c.x.data(), c.y.data(), c.z.data()}; };
+    const std::array o = columns(paths.flight.o), along = columns(paths.flight.d);
     vectors_ = (count + lanes - 1) / lanes;
     for (size_t r = 0; r < vectors_; ++r) {
       PacketRays& rays = rays_[r];
       const size_t left = count - r * lanes;  // the rest of the last vector: its last ray
       for (size_t i = 0; i < lanes; ++i) rays.slot[i] = slots[r * lanes + std::min(i, left - 1)];
       const VI slot = hn::Load(DI(), rays.slot);
-      const auto get = [&](const auto& columns) {
-        return V3{hn::GatherIndex(d, columns[axes_[0]], slot), hn::GatherIndex(d, columns[axes_[1]], slot),
-                  hn::GatherIndex(d, columns[axes_[2]], slot)};
+      const auto get = [&](const auto& by_axis) {
+        return V3{hn::GatherIndex(d, by_axis[axes_[0]], slot), hn::GatherIndex(d, by_axis[axes_[1]], slot),
+                  hn::GatherIndex(d, by_axis[axes_[2]], slot)};
       };
       rays.o = get(o);
       rays.d = get(along);

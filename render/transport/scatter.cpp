@@ -41,10 +41,8 @@ class Collisions {
         rng_{get_u(paths.s0), get_u(paths.s1), get_u(paths.s2), get_u(paths.s3)},
         g_(std::abs(scene.g)) {
     // Angles are measured from the phase function's peak: a negative g is the positive one, mirrored.
-    const V side = set(scene.g < 0 ? -1.0f : 1.0f);
-    peak_ = {side * get(paths.dx), side * get(paths.dy), side * get(paths.dz)};
-    const V3 albedo = this->albedo();
-    throughput_ = {get(paths.tr) * albedo.x, get(paths.tg) * albedo.y, get(paths.tb) * albedo.z};
+    peak_ = gather3(paths.d, slot_) * (scene.g < 0 ? -1.0f : 1.0f);
+    throughput_ = gather3(paths.throughput, slot_) * albedo();
   }
 
   /// Samples one light. @param shadows  gets those that are worth a shadow ray
@@ -55,25 +53,23 @@ class Collisions {
     if (lights == 0) return;
     const V choice = lights > 1 ? rng_.uniform(everyone_) : zero;
     const V u1 = rng_.uniform(everyone_), u2 = rng_.uniform(everyone_);
-    Sample s{{zero, zero, one}, {zero, zero, zero}, zero, hn::FirstN(D(), 0)};
+    Sample s{{zero, zero, one}, zero3(), zero, hn::FirstN(D(), 0)};
     const M chosen = sample_suns(choice, u1, u2, s);
     if (scene_.environment || scene_.lights) sample_others(valid_bits_ & ~bits_of(chosen), choice, u1, u2, s);
     const V phase = phase_towards(s.wi);
     const V mis = hn::IfThenElse(s.delta, one, s.pdf / (s.pdf + phase));
     const V factor = hn::IfThenElseZero(s.pdf > zero, phase * mis / s.pdf);
-    const auto contribution = [&](V throughput, V light) { return throughput * light * factor; };
-    const V cr = contribution(throughput_.x, s.light.x), cg = contribution(throughput_.y, s.light.y);
-    const V cb = contribution(throughput_.z, s.light.z);
-    put(cr, paths_.cr);
-    put(cg, paths_.cg);
-    put(cb, paths_.cb);
-    const V3 local = transform(scene_.local_from_world, s.wi);
-    put(local.x, paths_.sx);
-    put(local.y, paths_.sy);
-    put(local.z, paths_.sz);
+    const V3 contribution = throughput_ * s.light * factor;
+    scatter3(contribution, paths_.contribution, slot_);
     put(one, paths_.transmittance);
-    if (scene_.world) put(mis, paths_.mis);
-    push(bits_of(hn::Max(hn::Max(cr, cg), cb) > zero), shadows);
+    if (scene_.keeps_local) {
+      scatter3(gather3(paths_.flight.o, slot_), paths_.shadow.o, slot_);
+      scatter3(transform(scene_.local_from_world, s.wi), paths_.shadow.d, slot_);
+    } else {
+      scatter3(s.wi, paths_.wi, slot_);
+      put(mis, paths_.mis);
+    }
+    push(bits_of(max_component(contribution) > zero), shadows);
   }
 
   /// Counts the event. Russian roulette, as survival() has it, and the cap on events. Returns who goes on.
@@ -85,19 +81,19 @@ class Collisions {
     hn::ScatterIndex(events, du, paths_.events.data(), slot_);
     const auto more_than = [&](int count) { return hn::RebindMask(d, hn::BitCast(di, events) > count - 1); };
     const V one = set(1.0f);
-    const V chance = hn::Min(hn::Max(largest(), set(static_cast<float>(kLeastSurvival))), one);
+    const V chance = hn::Min(hn::Max(max_component(throughput_), set(static_cast<float>(kLeastSurvival))), one);
     const M plays = hn::And(everyone_, hn::And(more_than(scene_.roulette_start), chance < one));
     M lives = everyone_;
     if (!hn::AllFalse(d, plays)) {
       const V u = rng_.uniform(plays);
       lives = hn::AndNot(hn::And(plays, u >= chance), everyone_);
       const V boost = hn::IfThenElse(plays, one / chance, one);
-      throughput_ = {throughput_.x * boost, throughput_.y * boost, throughput_.z * boost};
+      throughput_ = throughput_ * boost;
     }
     const M cut = hn::And(lives, more_than(scene_.max_events));
     if (hn::AllFalse(d, cut)) return lives;
     HWY_ALIGN float carried[hn::MaxLanes(D())];
-    hn::Store(largest(), d, carried);
+    hn::Store(max_component(throughput_), d, carried);
     for (uint32_t left = bits_of(cut); left; left &= left - 1) {
       ++capped_paths;
       capped_throughput += static_cast<double>(carried[std::countr_zero(left)]);
@@ -116,16 +112,9 @@ class Collisions {
     const SinCosV phi = sincos_2pi(rng_.uniform(everyone_));
     const V3 turned = around(peak_, sin_theta * phi.cos, sin_theta * phi.sin, one - one_minus);
     put(phase_towards(turned), paths_.pdf);
-    put(turned.x, paths_.dx);
-    put(turned.y, paths_.dy);
-    put(turned.z, paths_.dz);
-    const V3 local = transform(scene_.local_from_world, turned);
-    put(local.x, paths_.lx);
-    put(local.y, paths_.ly);
-    put(local.z, paths_.lz);
-    put(throughput_.x, paths_.tr);
-    put(throughput_.y, paths_.tg);
-    put(throughput_.z, paths_.tb);
+    scatter3(turned, paths_.d, slot_);
+    if (scene_.keeps_local) scatter3(transform(scene_.local_from_world, turned), paths_.flight.d, slot_);
+    scatter3(throughput_, paths_.throughput, slot_);
     hn::ScatterIndex(rng_.s0, du, paths_.s0.data(), slot_);
     hn::ScatterIndex(rng_.s1, du, paths_.s1.data(), slot_);
     hn::ScatterIndex(rng_.s2, du, paths_.s2.data(), slot_);
@@ -153,9 +142,9 @@ class Collisions {
     hn::ScatterIndex(v, D(), column.data(), slot_);
   }
   HWY_INLINE void push(uint32_t lanes, SlotList& list) const {
-    for (lanes &= valid_bits_; lanes; lanes &= lanes - 1) list.push(slots_[std::countr_zero(lanes)]);
+    for (lanes &= valid_bits_; lanes; lanes &= lanes - 1)
+      list.push(static_cast<size_t>(slots_[std::countr_zero(lanes)]));
   }
-  HWY_INLINE V largest() const { return hn::Max(hn::Max(throughput_.x, throughput_.y), throughput_.z); }
 
   HWY_INLINE V phase_towards(const V3& wi) const {
     const V one_minus = one_minus_cos(peak_, wi);
@@ -165,20 +154,15 @@ class Collisions {
 
   HWY_INLINE dvec3 position(size_t lane) const {
     const auto s = static_cast<size_t>(slots_[lane]);
-    if (scene_.world) return scene_.world->ray[s].o;
-    return scene_.medium->to_world(dvec3(paths_.ox[s], paths_.oy[s], paths_.oz[s]));
+    if (!scene_.keeps_local) return scene_.world->ray[s].o;
+    return scene_.medium->to_world(dvec3(paths_.flight.o[s]));
   }
 
   HWY_INLINE V3 albedo() const {
-    if (!scene_.coloured) return {set(scene_.albedo[0]), set(scene_.albedo[1]), set(scene_.albedo[2])};
-    HWY_ALIGN float rgb[3][hn::MaxLanes(D())] = {};
-    for (size_t lane = 0; lane < valid_; ++lane) {
-      const vec3 a(scene_.medium->albedo(position(lane)));
-      rgb[0][lane] = a.x;
-      rgb[1][lane] = a.y;
-      rgb[2][lane] = a.z;
-    }
-    return {hn::Load(D(), rgb[0]), hn::Load(D(), rgb[1]), hn::Load(D(), rgb[2])};
+    if (!scene_.coloured) return set3(scene_.albedo);
+    Lanes3 rgb;
+    for (size_t lane = 0; lane < valid_; ++lane) rgb.set(lane, vec3(scene_.medium->albedo(position(lane))));
+    return rgb.load();
   }
 
   /// Samples the suns in the lanes that choose one. Returns which.
@@ -193,13 +177,9 @@ class Collisions {
       chosen = hn::Or(chosen, mine);
       const V h = u1 * sun.one_minus_cos;
       const V sine = hn::Sqrt(hn::Max(h * (2.0f - h), hn::Zero(D())));
-      const V a = sine * phi.cos, b = sine * phi.sin, c = one - h;
-      const auto axis = [&](int x) { return a * sun.x[x] + b * sun.y[x] + c * sun.z[x]; };
-      s.wi = {hn::IfThenElse(mine, axis(0), s.wi.x), hn::IfThenElse(mine, axis(1), s.wi.y),
-              hn::IfThenElse(mine, axis(2), s.wi.z)};
-      s.light = {hn::IfThenElse(mine, set(sun.radiance[0]), s.light.x),
-                 hn::IfThenElse(mine, set(sun.radiance[1]), s.light.y),
-                 hn::IfThenElse(mine, set(sun.radiance[2]), s.light.z)};
+      const V3 wi = set3(sun.x) * (sine * phi.cos) + set3(sun.y) * (sine * phi.sin) + set3(sun.z) * (one - h);
+      s.wi = select(mine, wi, s.wi);
+      s.light = select(mine, set3(sun.radiance), s.light);
       s.pdf = hn::IfThenElse(mine, set(sun.pdf * sun.share), s.pdf);
       if (sun.delta) s.delta = hn::Or(s.delta, mine);
     }
@@ -209,24 +189,24 @@ class Collisions {
   /// Samples the environment, or any light where the choice depends on the point, lane by lane.
   HWY_INLINE void sample_others(uint32_t lanes, V choice, V u1, V u2, Sample& s) {
     const D d;
-    HWY_ALIGN float c[hn::MaxLanes(D())], x[hn::MaxLanes(D())], y[hn::MaxLanes(D())];
+    HWY_ALIGN Lanes c, x, y, pdf;
+    Lanes3 wi, light;
     hn::Store(choice, d, c);
     hn::Store(u1, d, x);
     hn::Store(u2, d, y);
-    V* const results[] = {&s.wi.x, &s.wi.y, &s.wi.z, &s.light.x, &s.light.y, &s.light.z, &s.pdf};
-    HWY_ALIGN float f[7][hn::MaxLanes(D())];
-    for (size_t k = 0; k < 7; ++k) hn::Store(*results[k], d, f[k]);
+    hn::Store(s.pdf, d, pdf);
+    wi.store(s.wi);
+    light.store(s.light);
     uint32_t delta = 0;
     for (uint32_t left = lanes; left; left &= left - 1) {
       const auto lane = static_cast<size_t>(std::countr_zero(left));
       const LightSample sample = sample_other(lane, static_cast<double>(c[lane]), dvec2(x[lane], y[lane]));
       delta |= static_cast<uint32_t>(sample.delta) << lane;
-      const double values[] = {sample.wi.x,       sample.wi.y,       sample.wi.z, sample.radiance.x,
-                               sample.radiance.y, sample.radiance.z, sample.pdf};
-      for (size_t k = 0; k < 7; ++k) f[k][lane] = static_cast<float>(values[k]);
+      wi.set(lane, vec3(sample.wi));
+      light.set(lane, vec3(sample.radiance));
+      pdf[lane] = static_cast<float>(sample.pdf);
     }
-    s.delta = hn::Or(s.delta, mask_of(delta));
-    for (size_t k = 0; k < 7; ++k) *results[k] = hn::Load(d, f[k]);
+    s = {wi.load(), light.load(), hn::Load(d, pdf), hn::Or(s.delta, mask_of(delta))};
   }
 
   LightSample sample_other(size_t lane, double choice, const dvec2& u) const {
@@ -240,10 +220,8 @@ class Collisions {
     const dvec3 p = position(lane);
     LightSample sample = scene_.lights->sample_visible(p, choice, u);
     sample.radiance *= far_share(scene_.near_lights, sample.light, p);
-    if (scene_.world)
-      scene_.world->note_light(s, sample, u, paths_.events[s] == 0);
-    else
-      paths_.shadow_t_max[s] = static_cast<float>(std::min(sample.distance / scene_.unit, 1e30));
+    scene_.world->note_light(s, sample, u, paths_.events[s] == 0);
+    if (scene_.keeps_local) paths_.shadow.end[s] = static_cast<float>(std::min(sample.distance / scene_.unit, 1e30));
     return sample;
   }
 
@@ -255,7 +233,7 @@ class Collisions {
   VI slot_;
   Generator rng_;
   float g_;
-  V3 peak_{hn::Zero(D()), hn::Zero(D()), hn::Zero(D())}, throughput_ = peak_;
+  V3 peak_ = zero3(), throughput_ = peak_;
 };
 
 void Scatter(const LaneScene& scene, PathStates& paths, SlotList& slots, SlotList& shadows, SlotList& alive,

@@ -44,14 +44,7 @@ struct SurfaceEvents::Vertex {
   dvec3 wo_local;
 };
 
-void SurfaceEvents::set_throughput(size_t i, const dvec3& t) {
-  p_.tr[i] = static_cast<float>(t.x);
-  p_.tg[i] = static_cast<float>(t.y);
-  p_.tb[i] = static_cast<float>(t.z);
-}
-
-bool SurfaceEvents::meet(int32_t slot, const dvec3& eye, SlotList& shadows) {
-  const auto i = static_cast<size_t>(slot);
+bool SurfaceEvents::meet(size_t i, const dvec3& eye, SlotList& shadows) {
   WorldPaths::Past& past = w_.past[i];
   past.to_catcher = false;
   const bool first = p_.events[i] == 0;
@@ -100,7 +93,7 @@ void SurfaceEvents::emit(size_t i, const Vertex& v, const dvec3& radiance) {
   const bool one_technique = p_.events[i] == 0 || past.specular;
   const double weight = one_technique ? 1.0 : balance(static_cast<double>(p_.pdf[i]), pdf_light);
   const dvec3 L = throughput(i) * radiance * weight;
-  if (p_.events[i] > 0) return deposit(p_, &w_, i, vec3(L), p_.events[i]);
+  if (p_.events[i] > 0) return deposit(p_, w_, i, vec3(L), p_.events[i]);
   w_.surface[i] += vec3(L);
   if (c_.plan.first_surface) samples_[i].surface_emission += L;
 }
@@ -123,11 +116,9 @@ void SurfaceEvents::sample_light(size_t i, const Vertex& v, const dvec3& from, b
   if (c_.lights->blocked(shadow, light.distance, light.light)) return;
   w_.shadow[i] = shadow;
   p_.mis[i] = static_cast<float>(weight);
-  p_.cr[i] = static_cast<float>(L.x);
-  p_.cg[i] = static_cast<float>(L.y);
-  p_.cb[i] = static_cast<float>(L.z);
+  p_.contribution.set(i, vec3(L));
   p_.transmittance[i] = 1;
-  shadows.push(static_cast<int32_t>(i));
+  shadows.push(i);
 }
 
 bool SurfaceEvents::scatter(size_t i, const Vertex& v) {
@@ -151,36 +142,29 @@ bool SurfaceEvents::scatter(size_t i, const Vertex& v) {
   weight *= out.weight;
   const dvec3 d = glm::normalize(v.frame.to_world(out.wi));
   if (weight == dvec3(0) || v.leaks(d, out.wi.z)) return false;
-  set_throughput(i, weight);
+  p_.throughput.set(i, vec3(weight));
   WorldPaths::Past& past = w_.past[i];
   past.specular = v.bsdf.delta();
   // Light sampling sees past straight transmissions alone.
   past.straight = past.sampled_light && v.settings.shadow == "straight" && out.wi.z * v.wo_local.z < 0;
   past.sampled_light = !past.specular || past.straight;
-  past.in_medium = false;
+  past.on_surface = true;
   past.passed = 0;
   p_.pdf[i] = static_cast<float>(out.pdf);
   w_.ray[i] = {Surfaces::leave(v.hit, v.p, d), d};
-  p_.dx[i] = static_cast<float>(d.x);
-  p_.dy[i] = static_cast<float>(d.y);
-  p_.dz[i] = static_cast<float>(d.z);
+  p_.d.set(i, vec3(d));
   return true;
 }
 
 void SurfaceEvents::shadow(SlotList& shadows) {
-  const size_t count = std::exchange(shadows.count, 0);
-  for (size_t k = 0; k < count; ++k) {
-    const int32_t slot = shadows.slot[k];
-    const auto i = static_cast<size_t>(slot);
+  shadows.keep_if([&](size_t i) {
     const Surfaces::Passage passage = c_.surfaces->passage(w_.shadow[i], w_.shadow_end[i] * (1.0 - 1e-4), w_.time[i]);
-    if (passage.light == dvec3(0)) continue;
+    if (passage.light == dvec3(0)) return false;
     // Behind straight shadows no other technique finds the light.
     const dvec3 left = passage.straight ? passage.light / static_cast<double>(p_.mis[i]) : passage.light;
-    p_.cr[i] *= static_cast<float>(left.x);
-    p_.cg[i] *= static_cast<float>(left.y);
-    p_.cb[i] *= static_cast<float>(left.z);
-    shadows.push(slot);
-  }
+    p_.contribution.set(i, p_.contribution[i] * vec3(left));
+    return true;
+  });
 }
 
 }  // namespace brume

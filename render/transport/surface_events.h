@@ -18,7 +18,7 @@ class SurfaceEvents {
   /// of the BSDF. False where the path ends.
   /// @param eye      where its camera ray begins
   /// @param shadows  gets the slot where the light sample is worth a shadow ray
-  bool meet(int32_t slot, const dvec3& eye, SlotList& shadows);
+  bool meet(size_t slot, const dvec3& eye, SlotList& shadows);
   /// What surfaces leave of the light samples. Drops those that are dark from the list.
   void shadow(SlotList& shadows);
 
@@ -28,8 +28,7 @@ class SurfaceEvents {
   bool scatter(size_t slot, const Vertex& vertex);
   bool pass_catcher(size_t slot, const Vertex& vertex, SlotList& shadows);
   void emit(size_t slot, const Vertex& vertex, const dvec3& radiance);
-  dvec3 throughput(size_t i) const { return {p_.tr[i], p_.tg[i], p_.tb[i]}; }
-  void set_throughput(size_t i, const dvec3& t);
+  dvec3 throughput(size_t i) const { return dvec3(p_.throughput[i]); }
 
   const PathContext& c_;
   PathStates& p_;

@@ -101,6 +101,9 @@ HWY_INLINE V3 operator*(const V3& a, V b) {
 HWY_INLINE V3 operator*(V a, const V3& b) {
   return b * a;
 }
+HWY_INLINE V3 operator*(const V3& a, float b) {
+  return a * set(b);
+}
 HWY_INLINE V3& V3::operator+=(const V3& b) {
   return *this = *this + b;
 }
@@ -118,6 +121,15 @@ HWY_INLINE V length(const V3& a) {
 }
 HWY_INLINE V max_component(const V3& a) {
   return hn::Max(hn::Max(a.x, a.y), a.z);
+}
+HWY_INLINE V3 min(const V3& a, const V3& b) {
+  return {hn::Min(a.x, b.x), hn::Min(a.y, b.y), hn::Min(a.z, b.z)};
+}
+HWY_INLINE V3 max(const V3& a, const V3& b) {
+  return {hn::Max(a.x, b.x), hn::Max(a.y, b.y), hn::Max(a.z, b.z)};
+}
+HWY_INLINE V3 floor(const V3& a) {
+  return {hn::Floor(a.x), hn::Floor(a.y), hn::Floor(a.z)};
 }
 HWY_INLINE V3 select(M mask, const V3& yes, const V3& no) {
   return {hn::IfThenElse(mask, yes.x, no.x), hn::IfThenElse(mask, yes.y, no.y), hn::IfThenElse(mask, yes.z, no.z)};
@@ -139,6 +151,21 @@ HWY_INLINE void scatter3(const V3& v, Columns& columns, VI slot) {
   hn::ScatterIndex(v.x, d, columns.x.data(), slot);
   hn::ScatterIndex(v.y, d, columns.y.data(), slot);
   hn::ScatterIndex(v.z, d, columns.z.data(), slot);
+}
+
+/// The same of numbers in a row, from one on.
+template <class Columns>
+HWY_INLINE V3 load3(const Columns& columns, size_t first) {
+  const D d;
+  return {hn::LoadU(d, columns.x.data() + first), hn::LoadU(d, columns.y.data() + first),
+          hn::LoadU(d, columns.z.data() + first)};
+}
+template <class Columns>
+HWY_INLINE void store3(const V3& v, Columns& columns, size_t first) {
+  const D d;
+  hn::StoreU(v.x, d, columns.x.data() + first);
+  hn::StoreU(v.y, d, columns.y.data() + first);
+  hn::StoreU(v.z, d, columns.z.data() + first);
 }
 
 /// The lanes' numbers in memory.

@@ -13,8 +13,10 @@
 
 namespace brume {
 
-/// Where the paths of a thread are in the world, in double precision: in scenes that are more than one grid. Their
-/// rays in the local coordinates of a medium exist for one flight through it.
+/// Where the paths of a thread are in the world, in double precision.
+///
+/// Their rays in the local coordinates of a medium exist for one flight through it. Where Plan::one_grid it is the
+/// other way round: PathStates::flight stays from event to event, and `ray` is made of it where something asks for it.
 struct WorldPaths {
   static constexpr int32_t kNoMedium = -1;
 
@@ -27,7 +29,7 @@ struct WorldPaths {
   std::array<double, kPool> time;   ///< in [0, 1] of the shutter
   std::array<double, kPool> begin;  ///< ray parameter at which the local ray begins
 
-  std::array<Ray, kPool> shadow;  ///< towards the light sample
+  std::array<Ray, kPool> shadow;  ///< towards the light sample; not where Plan::one_grid
   std::array<double, kPool> shadow_end;
 
   /// What a path remembers of its vertices.
@@ -35,8 +37,8 @@ struct WorldPaths {
     bool specular = false;          ///< the last one was a mirror or clear glass
     bool sampled_light = false;     ///< since one that sampled a light, it has gone at most straight through surfaces
     bool straight = false;          ///< and at least through one
+    bool on_surface = false;        ///< the last one was on a surface
     bool first_on_surface = false;  ///< the first event was on a surface
-    bool in_medium = false;         ///< the last one was a scattering in a medium
     bool in_hole = false;           ///< it ended on a holdout
     bool to_catcher = false;        ///< the light sample is a shadow catcher's
     double passed = 0;              ///< from the last vertex to the light that its ray passed and goes on from
@@ -102,15 +104,14 @@ class PathGenerator {
 
 /// Adds light found after `events` events to a path's sums. Scattered at most once it is direct (docs/methods.md,
 /// Direct and indirect light).
-inline void deposit(PathStates& p, WorldPaths* world, size_t i, const vec3& L, uint32_t events) {
+inline void deposit(PathStates& p, WorldPaths& world, size_t i, const vec3& L, uint32_t events) {
   const bool direct = is_direct(events);
-  if (direct && world && world->past[i].first_on_surface) {
-    world->surface[i] += L;
+  if (direct && world.past[i].first_on_surface) {
+    world.surface[i] += L;
     return;
   }
-  (direct ? p.direct_r : p.indirect_r)[i] += L.x;
-  (direct ? p.direct_g : p.indirect_g)[i] += L.y;
-  (direct ? p.direct_b : p.indirect_b)[i] += L.z;
+  Column3& sum = direct ? p.direct : p.indirect;
+  sum.set(i, sum[i] + L);
 }
 
 }  // namespace brume

@@ -144,8 +144,7 @@ struct Surfaces::Query {
 
 Surfaces::Surfaces(const std::vector<SurfaceSettings>& settings, const dvec3& world_shift, bool blurred)
     : settings_(settings), embree_(std::make_unique<Embree>()) {
-  constexpr double kFar = std::numeric_limits<double>::infinity();
-  dvec3 lo(kFar), hi(-kFar);
+  dvec3 lo(std::numeric_limits<double>::infinity()), hi = -lo;
   for (const SurfaceSettings& s : settings_) {
     add_mesh(s, world_shift, blurred);
     const TriangleMesh& mesh = meshes_.back();

@@ -4,7 +4,6 @@
 #include <array>
 #include <cmath>
 #include <functional>
-#include <limits>
 #include <queue>
 
 #include "base/parallel_for.h"
@@ -161,7 +160,7 @@ class Finder {
   Finder(const Medium& medium, const dvec3& view, const dvec3& up, double wanted_depth, const Task& task)
       : medium_(medium), axes_(view, up), wanted_(wanted_depth), task_(task) {
     const auto [lo, hi] = medium.support();
-    dvec3 first(std::numeric_limits<double>::infinity()), last = -first;
+    dvec3 first(kUnbounded), last = -first;
     for (int k = 0; k < 8; ++k) {
       const dvec3 corner = axes_.of(medium.to_world({k & 1 ? hi.x : lo.x, k & 2 ? hi.y : lo.y, k & 4 ? hi.z : lo.z}));
       first = glm::min(first, corner);

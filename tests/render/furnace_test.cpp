@@ -105,7 +105,7 @@ TEST(CollisionCount, IsFourTimesTheMassOverTheSurface) {
     PathContext context;
     context.media = {&medium, 1};
     context.lights = &lights;
-    context.plan.media = 1;
+    context.plan.media = {Precision::kDouble};
     context.max_events = context.roulette_start = 1000000;
     RunningStatistics count;
     for (uint32_t i = 0; i < 400000; ++i) {

@@ -166,7 +166,7 @@ TEST_F(HardCases, FlightsThroughExtremelyDenseMediaEnd) {
   Scene s = scene(block([](const ivec3&) { return 1.0f; }), 1e8);
   s.volumes[0].albedo = dvec3(0.5);
   const PreparedScene prepared(s, LayerRequest::of({"direct", "indirect"}, false));
-  EXPECT_FALSE(single_precision_resolves(*prepared.medium()));
+  EXPECT_EQ(prepared.plan().media, std::vector{Precision::kDouble});
   const double dense = mean(prepared.render(64, 1).layers, "R");
   s.volumes[0].sigma_t = dvec3(1e4);  // as opaque
   EXPECT_NEAR(dense, mean(render(s, 64), "R"), 0.01 * dense);

@@ -362,14 +362,10 @@ struct MarchedRays {
 
   void add(const vec3& o, const vec3& d) {
     const size_t s = rays.count;
-    pool->ox[s] = o.x;
-    pool->oy[s] = o.y;
-    pool->oz[s] = o.z;
-    pool->lx[s] = d.x;
-    pool->ly[s] = d.y;
-    pool->lz[s] = d.z;
+    pool->flight.o.set(s, o);
+    pool->flight.d.set(s, d);
     pool->s0[s] = static_cast<uint32_t>(s + 1);
-    rays.push(static_cast<int32_t>(s));
+    rays.push(s);
   }
 };
 
@@ -411,7 +407,7 @@ TEST(Wavefront, RaysInAllDirectionsMeetAllThatIsOnTheirWay) {
     int hit = 0;
     for (size_t s = 0; s < 2000; ++s) {
       const PathStates& p = *marched.pool;
-      const Ray ray{{p.ox[s], p.oy[s], p.oz[s]}, {p.lx[s], p.ly[s], p.lz[s]}};
+      const Ray ray{dvec3(p.flight.o[s]), dvec3(p.flight.d[s])};
       double depth = 0;
       for (double t = 0.05; t < glm::length(size); t += 0.1) depth += 0.1 * kSigma * bricks.lookup(ray.at(t));
       hit += depth > 0.5;

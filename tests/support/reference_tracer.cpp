@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "render/transport/path_layers.h"
+#include "volume/gradient.h"
 
 namespace brume::test {
 namespace {
@@ -42,7 +43,8 @@ class Tracer {
   }
 
   PathSample trace() {
-    record_camera_ray(scene_, media_, ray_, rng_, s_);
+    if (scene_.plan.isosurface) meet_isosurface();
+    if (scene_.plan.marched()) march();
     while (step()) {
     }
     LimitedLight limited;
@@ -54,6 +56,33 @@ class Tracer {
   }
 
  private:
+  /// The nearest isosurface of all media counts.
+  void meet_isosurface() {
+    double nearest = kFar;
+    for (const Medium& m : media_) {
+      const Ray local = m.to_local(ray_);
+      const auto t = find_isosurface(m, local, static_cast<float>(scene_.isosurface_density * m.maximum_density()));
+      if (!t || !(*t < nearest)) continue;
+      nearest = *t;
+      s_.coverage = 1;
+      s_.gradient = isosurface_gradient(m, local, *t).value_or(dvec3(0));
+    }
+  }
+
+  /// Optical depth, and the gradient at each medium's first collision, as if the others were not there.
+  void march() {
+    for (const Medium& m : media_) s_.optical_depth += optical_depth(m, m.to_local(ray_), kFar);
+    s_.optical_depth = std::min(s_.optical_depth, kDeepest);
+    std::vector<const Medium*> collided;
+    for (TentativeCollision c = first_collision(ray_, kFar); next(ray_, c);) {
+      if (std::find(collided.begin(), collided.end(), c.medium) != collided.end()) continue;
+      if (!(rng_.uniform() < max_component(c.real))) continue;
+      collided.push_back(c.medium);
+      if (const auto g = density_gradient(*c.medium, c.medium->to_local(ray_.at(c.t))))
+        s_.gradient_transmittance_weighted += glm::normalize(*g);
+    }
+  }
+
   /// One flight and the event at its end; false when the path has ended.
   bool step() {
     auto [light, t_max] = lights_.nearest(from_vertex(), kFar, events_ == 0, passed_);

@@ -58,8 +58,8 @@ TEST(RatioTracking, MeanIsBeerLambert) {
     RunningStatistics ratio, delta;
     TrackingCounters counters;
     for (int i = 0; i < 400000; ++i) {
-      ratio.add(estimate_transmittance(medium, ray, c.length, rng, counters));
-      delta.add(sample_collision(medium, ray, c.length, rng, counters) < 0 ? 1.0 : 0.0);
+      ratio.add(estimate_transmittance(medium, ray, c.length, rng, counters).x);
+      delta.add(sample_collision(medium, ray, c.length, 0, rng, counters).t < 0 ? 1.0 : 0.0);
     }
     EXPECT_NEAR(ratio.mean, exact, 4.5 * std::sqrt(ratio.mean_variance()));
     EXPECT_NEAR(delta.mean, exact, 4.5 * std::sqrt(exact * (1 - exact) / 400000));
@@ -83,7 +83,7 @@ TEST(RatioTracking, VarianceIsTheClosedForm) {
   double fourth = 0;
   const double mean = std::exp(-0.1 * length);
   for (int i = 0; i < n; ++i) {
-    const double w = estimate_transmittance(medium, ray, length, rng, counters);
+    const double w = estimate_transmittance(medium, ray, length, rng, counters).x;
     s.add(w);
     fourth += std::pow(w - mean, 4) / n;
   }
@@ -102,7 +102,7 @@ TEST(DeltaTracking, FreeFlightsFollowTheirDistribution) {
   std::vector<double> cdf;
   const int n = 100000;
   for (int i = 0; i < n; ++i) {
-    const double t = sample_collision(medium, ray, kFar, rng, counters);
+    const double t = sample_collision(medium, ray, kFar, 0, rng, counters).t;
     cdf.push_back(t < 0 ? 1.0 : 1 - std::exp(-0.15 * (0.2 * t + 0.025 * ((t + 0.5) * (t + 0.5) - 0.25))));
   }
   std::sort(cdf.begin(), cdf.end());
@@ -125,7 +125,7 @@ TEST(Tracking, AConstantVolumeIsTheHomogeneousMedium) {
     const Ray local = medium.to_local(Ray{a, (b - a) / length});
     RunningStatistics s;
     TrackingCounters counters;
-    for (int k = 0; k < 100000; ++k) s.add(estimate_transmittance(medium, local, length, rng, counters));
+    for (int k = 0; k < 100000; ++k) s.add(estimate_transmittance(medium, local, length, rng, counters).x);
     EXPECT_NEAR(s.mean, exact, 4.5 * std::sqrt(s.mean_variance()) + 1e-6 * exact);
   }
 }
@@ -140,8 +140,8 @@ TEST(Tracking, HardCasesEndFinite) {
         const Medium medium(grid, test::translation(shift) * test::scaling(dvec3(scale)), sigma_t / scale, dvec3(1), 0);
         for (const dvec3& d : {dvec3(1, 0, 0), dvec3(0, -1, 0), glm::normalize(dvec3(1, 1, 1e-12))}) {
           const Ray ray = medium.to_local(Ray{medium.to_world(dvec3(20, 10, 10)) - d * (100 * scale), d});
-          const double t = sample_collision(medium, ray, kFar, rng, counters),
-                       w = estimate_transmittance(medium, ray, kFar, rng, counters);
+          const double t = sample_collision(medium, ray, kFar, 0, rng, counters).t,
+                       w = estimate_transmittance(medium, ray, kFar, rng, counters).x;
           EXPECT_TRUE(std::isfinite(t) && std::isfinite(w));
           EXPECT_GE(w, 0);
           EXPECT_LE(w, 1);
