@@ -90,8 +90,11 @@ TEST_F(Defaults, DenoiseTakesTheBestFilterThatTheLayersAllow) {
 }
 
 TEST_F(Defaults, DenoiseCleansTheWholePictureAndThePapersProtocolTheIndirectLight) {
-  EXPECT_TRUE(holds(run_brume("denoise --help").out, "}=all"));
-  EXPECT_TRUE(holds(run_brume("evaluate --help").out, "}=indirect"));
+  const auto has_default = [](const std::string& help, const std::string& value) {
+    return holds(help, "}=" + value) || holds(help, "} [" + value + "]");  // as CLI11 2.3 and 2.4 print it
+  };
+  EXPECT_TRUE(has_default(run_brume("denoise --help").out, "all"));
+  EXPECT_TRUE(has_default(run_brume("evaluate --help").out, "indirect"));
 }
 
 TEST_F(Defaults, WhatFollowsAFilterIsItsOwn) {

@@ -49,7 +49,7 @@ async function reader(viewport = DESKTOP, colorScheme: "light" | "dark" = "dark"
     hasTouch: viewport === PHONE,
     deviceScaleFactor: 1,
   });
-  context.setDefaultTimeout(20_000);
+  context.setDefaultTimeout(120_000);
   return context;
 }
 
