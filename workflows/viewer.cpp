@@ -12,6 +12,7 @@
 #include "base/error.h"
 #include "base/sequence.h"
 #include "base/text.h"
+#include "image/guide_names.h"
 #include "image/packed_half.h"
 #include "render/scene/scene_io.h"
 #include "volume/tracking.h"
@@ -41,7 +42,7 @@ constexpr int kMostSamples = 1 << 20;
 constexpr int kGuideSamples = ViewedScene::kGuideSamples;
 constexpr double kFar = 1e30;  // scene units
 
-const std::string kPicture = "picture", kGuide = "guide.";
+const std::string kPicture = "picture";
 
 /// Names of the channels that a name of ViewSceneText::layers stands for; several sets are added up. Empty ones: there
 /// is no such layer.
@@ -111,43 +112,18 @@ Plane enlarged(const Plane& from, int width, int height) {
   return to;
 }
 
-/// What a guide is in words, its unit, and the list in which it stands (docs/guides.md).
-ViewSceneText::Layer guide_layer(const std::string& name) {
-  const std::string radiance = "W/(m^2 sr)", shape = "shape of the media", surfaces = "surfaces";
-  const auto of = [&](const std::string& title, const std::string& group, const std::string& unit) {
-    return ViewSceneText::Layer{name, title, 0, group, unit};
-  };
-  const std::string plain = name.substr(kGuide.size());
-  if (plain == "opacity") return of("opacity", shape, "1");
-  if (plain == "depth")
-    return of("depth times opacity, from the middle of the media away from the eye", shape, "scene units");
-  if (plain == "spread") return of("spread of the depth times opacity", shape, "scene units");
-  if (plain == "gradient") return of("direction of the density's gradient", shape, "1");
-  if (plain == "density") return of("density, as a share of the largest", shape, "1");
-  if (plain == "predicted_direct") return of("direct, predicted", "predicted", radiance);
-  if (plain == "predicted_indirect") return of("indirect, predicted", "predicted", radiance);
-  if (plain == "emission") return of("emission of the media", "predicted", radiance);
-  if (plain == "background") return of("sky and lights behind", "predicted", radiance);
-  if (plain == "normal") return of("normal", surfaces, "1");
-  if (plain == "surface_depth") return of("depth of the first surface", surfaces, "scene units");
-  if (plain == "surface_albedo") return of("albedo of the first surface", surfaces, "1");
-  if (plain == "surface_material") return of("shares of diffuse, metal and glass", surfaces, "1");
-  const auto words = [](const std::string& text) { return replaced(text, "_", " "); };
-  const auto after = [&](std::string_view start) { return words(plain.substr(start.size())); };
-  if (plain.starts_with("surface.")) return of("surfaces lit by: " + after("surface."), surfaces, radiance);
-  if (plain.starts_with("single.")) return of("scattered once: " + after("single."), "scattered once", radiance);
-  if (plain.starts_with("multiple."))
-    return of("scattered often: " + after("multiple."), "scattered more often", radiance);
-  return of(words(plain), "other guides", "");
-}
-
 /// The names of the guides in a frame.
 std::vector<ViewSceneText::Layer> guides_in(const Layers& frame) {
   std::vector<ViewSceneText::Layer> layers;
   for (const auto& [channel, plane] : frame.channels()) {
-    if (!channel.starts_with(kGuide)) continue;
+    if (!is_guide(channel)) continue;
     const std::string name = channel.substr(0, channel.rfind('.'));
-    if (layers.empty() || layers.back().name != name) layers.push_back(guide_layer(name));
+    if (layers.empty() || layers.back().name != name) {
+      const auto [guide, meaning] = find_guide(name);
+      layers.push_back(guide
+                           ? ViewSceneText::Layer{name, meaning, 0, std::string(guide->list), std::string(guide->unit)}
+                           : ViewSceneText::Layer{name, name, 0, "other guides", "1"});
+    }
     ++layers.back().channels;
   }
   std::erase_if(layers, [](const auto& layer) { return layer.channels != 1 && layer.channels != 3; });

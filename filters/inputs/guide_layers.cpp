@@ -5,19 +5,6 @@
 namespace brume {
 namespace {
 
-GuideClass kind_of(std::string_view name) {
-  const std::string_view first = name.substr(0, name.find('.'));
-  if (first == "opacity") return GuideClass::kOpacity;
-  if (first == "single") return GuideClass::kSingle;
-  if (first == "multiple") return GuideClass::kMultiple;
-  if (first == "emission") return GuideClass::kEmission;
-  if (first == "background") return GuideClass::kBackground;
-  if (first.starts_with("predicted")) return GuideClass::kPredicted;
-  if (first == "surface") return GuideClass::kSurface;
-  if (first == "surface_material") return GuideClass::kMaterial;
-  return GuideClass::kGeometry;
-}
-
 /// Whether `b` is `a` times a number, to the rounding of the numbers.
 bool proportional(const ChannelView& a, const ChannelView& b) {
   double aa = 0, ab = 0, bb = 0;
@@ -40,7 +27,7 @@ bool proportional(const ChannelView& a, const ChannelView& b) {
 bool is_only_fitted(std::string_view channel) {
   if (!is_guide(channel)) return false;
   const std::string_view name = channel.substr(kGuidePrefix.size());
-  const GuideClass kind = kind_of(name.substr(0, name.rfind('.')));
+  const GuideClass kind = guide_class(channel.substr(0, channel.rfind('.')));
   return kind == GuideClass::kSingle || kind == GuideClass::kMultiple ||
          (kind == GuideClass::kGeometry && !name.starts_with("depth") && !name.starts_with("normal"));
 }
@@ -58,7 +45,7 @@ std::vector<Guide> guides_of(const Layers& frame) {
   find_in(frame.stored());
   std::vector<Guide> guides;
   for (const auto& [name, channels] : found) {
-    Guide guide{name, kind_of(name), false, {}};
+    Guide guide{name, guide_class(std::string(kGuidePrefix) + name), false, {}};
     guide.coloured = channels.size() == 3 && channels.count('R') && channels.count('G') && channels.count('B');
     if (guide.coloured && guide.kind != GuideClass::kPredicted && proportional(channels.at('G'), channels.at('R')) &&
         proportional(channels.at('G'), channels.at('B'))) {

@@ -3,40 +3,20 @@
 #include <string>
 #include <vector>
 
-#include "image/layers.h"
+#include "image/guide_names.h"
 
 namespace brume {
 
-/// What every name of a guide layer begins with.
-inline constexpr std::string_view kGuidePrefix = "guide.";
-
-/// Guides that have one name in every frame (render/guides); all but the normal are weighted by what covers a pixel.
+/// Guides that have one name in every frame.
 namespace guide_layer {
-inline constexpr LayerName opacity{"guide.opacity", "Y", "1 - transmittance"};
-inline constexpr LayerName depth{"guide.depth", "Z", "mean depth of what covers the pixel, from the picture's mean"};
-inline constexpr LayerName spread{"guide.spread", "Z", "standard deviation of that depth"};
-inline constexpr LayerName density{"guide.density", "Y", "mean density"};
-inline constexpr LayerName gradient{"guide.gradient", "XYZ", "mean direction of the density's gradient"};
-inline constexpr LayerName predicted_direct{"guide.predicted_direct", "RGB", "light scattered at most once"};
-inline constexpr LayerName predicted_indirect{"guide.predicted_indirect", "RGB", "light scattered twice or more"};
-inline constexpr LayerName emission{"guide.emission", "RGB", "the medium's own emission"};
-inline constexpr LayerName background{"guide.background", "RGB", "lights and sky seen through the medium"};
-inline constexpr LayerName normal{"guide.normal", "XYZ", "of the first surface"};
-inline constexpr LayerName surface_material{"guide.surface_material", "RGB", "shares of diffuse, metal and glass"};
+inline constexpr LayerName opacity = guide_named("guide.opacity"), depth = guide_named("guide.depth"),
+                           spread = guide_named("guide.spread"), density = guide_named("guide.density"),
+                           gradient = guide_named("guide.gradient"), normal = guide_named("guide.normal"),
+                           predicted_direct = guide_named("guide.predicted_direct"),
+                           predicted_indirect = guide_named("guide.predicted_indirect"),
+                           emission = guide_named("guide.emission"), background = guide_named("guide.background"),
+                           surface_material = guide_named("guide.surface_material");
 }  // namespace guide_layer
-
-/// What a guide says about a pixel, by the second word of its name. Materials tell pixels apart and explain no light.
-enum class GuideClass {
-  kOpacity,
-  kSingle,
-  kMultiple,
-  kEmission,
-  kBackground,
-  kSurface,
-  kGeometry,
-  kPredicted,
-  kMaterial
-};
 
 /// A channel that is read, as it is or stored.
 class ChannelView {
@@ -76,10 +56,5 @@ std::vector<Guide> guides_of(const Layers& frame);
 
 /// Whether a channel belongs to a guide of which transport_regression only fits sums: it may be stored.
 bool is_only_fitted(std::string_view channel);
-
-/// Whether a channel belongs to a guide.
-inline bool is_guide(std::string_view channel) {
-  return channel.starts_with(kGuidePrefix);
-}
 
 }  // namespace brume

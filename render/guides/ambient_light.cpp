@@ -20,21 +20,6 @@ constexpr int kSourcesAcross = 4;
 constexpr int kMostPanes = 8;        // of glass that are looked through
 constexpr double kMostBacks = 0.25;  // of a probe's rays, that meet surfaces from behind
 
-/// Averages of a sky over the directions nearest to each of some.
-std::vector<dvec3> sky_towards(const Environment& sky, const std::vector<dvec3>& directions) {
-  std::vector<dvec3> sum(directions.size(), dvec3(0));
-  std::vector<double> count(directions.size(), 0.0);
-  for (const dvec3& d : sky.constant() ? directions : spiral_of_directions(4096)) {
-    size_t nearest = 0;
-    for (size_t k = 1; k < directions.size(); ++k)
-      if (glm::dot(directions[k], d) > glm::dot(directions[nearest], d)) nearest = k;
-    sum[nearest] += sky.radiance(d);
-    ++count[nearest];
-  }
-  for (size_t k = 0; k < sum.size(); ++k) sum[k] /= std::max(1.0, count[k]);
-  return sum;
-}
-
 /// What a ray meets that is not glass.
 struct Wall {
   double distance = kFar;
@@ -81,31 +66,31 @@ const AmbientLight::Node* AmbientLight::node_at(const dvec3& place) const {
   return &nodes_[index(node.x, node.y, node.z)];
 }
 
-AmbientLight::Seen AmbientLight::along(const dvec3& p, const dvec3& direction, double distance) const {
+AmbientLight::Incident AmbientLight::along(const dvec3& p, const dvec3& direction, double distance) const {
   const dvec3 from = lattice_.to_lattice(p);
   auto [t, t_end] = inside_box(from, direction, dvec3(lattice_.n - 1));
   t_end = std::min(t_end, distance / lattice_.spacing);
-  Seen light;
-  double &passed = light.passed, &straight = light.straight;
-  for (; t < t_end && passed > kDark; t += 1) {
+  Incident light;
+  double &scaled = light.scaled_transmittance, &transmittance = light.transmittance;
+  for (; t < t_end && scaled > kDark; t += 1) {
     const double length = std::min(1.0, t_end - t);
     const Node* const node = node_at(from + direction * (t + 0.5 * length));
     if (!node) break;
     const double depth = static_cast<double>(node->extinction) * length, whole = depth / scale_;
-    const double left = attenuation(depth), left_straight = attenuation(whole);
-    const double seen = passed * (depth > 1e-9 ? (1 - left) / depth : 1) * length,
-                 seen_straight = straight * (whole > 1e-9 ? (1 - left_straight) / whole : 1) * length;
+    const double left = attenuation(depth), kept = attenuation(whole);
+    const double seen = scaled * (depth > 1e-9 ? (1 - left) / depth : 1) * length,
+                 seen_unscattered = transmittance * (whole > 1e-9 ? (1 - kept) / whole : 1) * length;
     for (int c = 0; c < 3; ++c) {
       const auto k = static_cast<size_t>(c);
       const auto of = [&](size_t moment) { return static_cast<double>(node->scattered[3 * moment + k]); };
       const double emitted = static_cast<double>(node->emitted[k]);
-      light.emitted[c] += seen_straight * emitted;
+      light.emitted[c] += seen_unscattered * emitted;
       light.scattered[c] +=
           seen * std::max(0.0, of(0) - (direction.x * of(1) + direction.y * of(2) + direction.z * of(3))) +
-          std::max(0.0, seen - seen_straight) * emitted;
+          std::max(0.0, seen - seen_unscattered) * emitted;
     }
-    passed *= left;
-    straight *= left_straight;
+    scaled *= left;
+    transmittance *= kept;
   }
   return light;
 }
@@ -127,7 +112,9 @@ void AmbientLight::find_walls(const Surfaces& surfaces, const Task& task) {
 
 void AmbientLight::gather(const Surfaces& surfaces, const Environment& sky, const Task& task) {
   if (walls_.empty()) find_walls(surfaces, task);
-  const std::vector<dvec3> directions = spiral_of_directions(kDirections), radiance = sky_towards(sky, directions);
+  const std::vector<dvec3> directions = spiral_of_directions(kDirections),
+                           radiance =
+                               means_near(directions, sky.constant(), [&](const dvec3&d) { return sky.radiance(d); });
   AmbientCube whole;
   for (const dvec3& direction : directions) whole.add(dvec3(1), direction);
   parallel_for(grid_.count(), quiet(task), [&](int i) {
@@ -137,12 +124,12 @@ void AmbientLight::gather(const Surfaces& surfaces, const Environment& sky, cons
     for (size_t k = 0; k < directions.size(); ++k) {
       const dvec3& direction = directions[k];
       const float wall = walls_[static_cast<size_t>(i) * kDirections + k];
-      const Seen light = along(p, direction, static_cast<double>(wall));
+      const Incident light = along(p, direction, static_cast<double>(wall));
       probe.emitted.add(light.emitted, direction);
       probe.scattered.add(light.scattered, direction);
       if (wall < static_cast<float>(kFar)) continue;
-      probe.sky.add(light.straight * radiance[k], direction);
-      probe.sky_scattered.add(std::max(0.0, light.passed - light.straight) * radiance[k], direction);
+      probe.sky.add(light.transmittance * radiance[k], direction);
+      probe.sky_scattered.add(std::max(0.0, light.scaled_transmittance - light.transmittance) * radiance[k], direction);
     }
     for (AmbientCube* const cube : {&probe.sky, &probe.emitted, &probe.scattered, &probe.sky_scattered})
       for (size_t face = 0; face < 6; ++face) cube->face[face] /= whole.face[face];

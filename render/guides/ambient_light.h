@@ -47,11 +47,11 @@ class AmbientLight {
     bool outside = true;        ///< of solids, and on the front of surfaces
   };
   /// Light that arrives at a point from a direction, of what lies nearer than a distance.
-  struct Seen {
+  struct Incident {
     dvec3 emitted{0}, scattered{0};
-    double straight = 1, passed = 1;  ///< transmittance, with the forward peak and without it
+    double transmittance = 1, scaled_transmittance = 1;  ///< scaled: without the forward peak
   };
-  Seen along(const dvec3& p, const dvec3& direction, double distance) const;
+  Incident along(const dvec3& p, const dvec3& direction, double distance) const;
   const Node* node_at(const dvec3& place) const;
   void find_walls(const Surfaces& surfaces, const Task& task);
   void find_sources();

@@ -1,8 +1,9 @@
 #pragma once
 #include <array>
+#include <memory>
 #include <vector>
 
-#include "image/layers.h"
+#include "image/guide_names.h"
 #include "render/guides/guide_sums.h"
 #include "render/guides/light_fields.h"
 
@@ -19,33 +20,32 @@ class GuideLayers {
     OrderTint tint = {};  ///< of the media, if there is one for all
   };
   /// Adds them to a frame. What does not depend on the colour is left to the first of several.
-  GuideLayers(Layers& frame, const std::vector<SolvedLight>& lights, GuideColour colour, const Contents& contents);
+  GuideLayers(Layers& frame, const std::vector<std::unique_ptr<GuideLight>>& lights, GuideColour colour,
+              const Contents& contents);
 
   /// @param share  of the sums that a pixel gets: 1 / rays
   void store(int x, int y, const GuideSums& sums, double share) const;
 
  private:
-  using Rgb = std::array<Plane*, 3>;  // null for what is not recorded
-  /// A number of a group's sums, by its offset in doubles.
-  struct Number {
-    size_t group, offset;
-    Plane* plane;
+  using Planes = std::array<Plane*, 3>;  // null for what is not recorded
+  template <class Value>
+  struct Recorded {
+    Planes planes;
+    Value value;
+    size_t group = 0;
   };
-  void add_group(Layers& frame, size_t group, const LightGroup& lights, char letter);
-  vec3 predicted_direct(const GuideSums& sums) const;
-  vec3 predicted_indirect(const GuideSums& sums) const;
+  /// @param channel  the only one that there is light of, or kGrey
+  Planes add(Layers& frame, const GuideName& name, const GuideLight* light = nullptr, bool once = false) const;
+  dvec3 predicted_direct(const GuideSums& sums) const;
+  dvec3 predicted_indirect(const GuideSums& sums) const;
 
-  const std::vector<SolvedLight>& lights_;
+  const std::vector<std::unique_ptr<GuideLight>>& lights_;
   const GuideColour colour_;
   const Contents contents_;
-
-  Plane* opacity_;
-  std::array<Plane*, 6> once_{};  // depth, spread, gradient, density
-  std::vector<Number> numbers_;
-  Rgb emission_{}, emission_once_{}, behind_{}, background_{}, direct_{}, indirect_{};
-  Rgb surface_albedo_{}, surface_indirect_{}, mirrored_{}, mirrored_indirect_{}, normal_{}, material_{};
-  std::vector<Rgb> surface_;  // by group
-  Plane* surface_depth_ = nullptr;
+  std::vector<Recorded<dvec3 (*)(const GuideSums&)>> layers_;
+  std::vector<Recorded<double (*)(const GroupSums&)>> group_layers_;
+  std::vector<Planes> surface_;  // by group
+  Planes direct_, indirect_;
 };
 
 }  // namespace brume

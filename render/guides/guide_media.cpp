@@ -138,19 +138,14 @@ dvec3 GuideMedia::followed(const dvec3& world, const GuideMedia& other) const {
   return world;
 }
 
-void GuideMedia::intervals(const Ray& ray, double t_max, std::vector<std::pair<double, double>>& parts) const {
+void GuideMedia::intervals(const Ray& ray, double t_max, std::vector<std::pair<double, double>>& parts,
+                           bool uneven) const {
   parts.clear();
-  for (const Medium& m : media_) add_intervals(m, ray, t_max, parts);
-  for (const EmissionField& e : emissions_) add_intervals(e.shape(), ray, t_max, parts);
-  if (media_.size() + emissions_.size() > 1) merge(parts);
-}
-
-void GuideMedia::uneven_intervals(const Ray& ray, double t_max, std::vector<std::pair<double, double>>& parts) const {
-  parts.clear();
-  for (const Medium& m : media_)
-    if (!m.homogeneous()) add_intervals(m, ray, t_max, parts);
-  for (const EmissionField& e : emissions_)
-    if (!e.shape().homogeneous()) add_intervals(e.shape(), ray, t_max, parts);
+  const auto add = [&](const Medium& m) {
+    if (!uneven || !m.homogeneous()) add_intervals(m, ray, t_max, parts);
+  };
+  for (const Medium& m : media_) add(m);
+  for (const EmissionField& e : emissions_) add(e.shape());
   if (media_.size() + emissions_.size() > 1) merge(parts);
 }
 

@@ -66,9 +66,9 @@ class GuideMedia {
   dvec3 followed(const dvec3& world, const GuideMedia& other) const;
 
   /// The parts of a world ray in which anything may be found, in order and apart from one another.
-  void intervals(const Ray& ray, double t_max, std::vector<std::pair<double, double>>& parts) const;
-  /// Those of them in which anything changes from voxel to voxel; elsewhere media are homogeneous.
-  void uneven_intervals(const Ray& ray, double t_max, std::vector<std::pair<double, double>>& parts) const;
+  /// @param uneven  only those in which anything changes from voxel to voxel; elsewhere media are homogeneous
+  void intervals(const Ray& ray, double t_max, std::vector<std::pair<double, double>>& parts,
+                 bool uneven = false) const;
 
  private:
   friend class MediaLine;

@@ -11,7 +11,7 @@ void GuideSums::collect(const LightFields& lights, const NodeFields& nodes) {
     spread = opacity * std::sqrt(std::max(0.0, depth2 / opacity - mean * mean));
   }
   for (size_t k = 0; k < groups.size(); ++k) {
-    const LightGroup& group = lights.lights()[k].group;
+    const GuideLight& group = *lights.lights()[k];
     const NodeFields::Slots& s = nodes.slots()[k];
     GroupSums& out = groups[k];
     const FieldSums& own = fields[k];

@@ -8,13 +8,13 @@
 
 namespace brume {
 
-/// What a pixel's rays gather of the light of one group. Doubles alone: guide_layers.cpp finds a member by its offset.
+/// What a pixel's rays gather of the light of one group.
 struct GroupSums {
   double single = 0;               ///< scattered once; of light from surfaces: for the first time in the media
   std::array<double, 3> octave{};  ///< the same with a half, a quarter, an eighth of extinction and anisotropy
   std::array<double, 4> soft{};    ///< the same scattered evenly, with less and less extinction towards the light
   double forward = 0;              ///< scattered again, but by forward peaks alone
-  std::array<double, 6> orders{};  ///< scattered more often, as SolvedLight::kFirstOrder divides it
+  std::array<double, 6> orders{};  ///< scattered more often, as GuideLight::kFirstOrder divides it
   double flux = 0;                 ///< how the last of these changes along the ray
   std::array<double, 3> tail{};    ///< the last of these with a half, a quarter, an eighth of the extinction
 };

@@ -127,7 +127,7 @@ void GuideTile::add_surface(const CameraRay& ray, const MarchedRay& marched, Gui
   sums.background += scaled(march_.context_.surfaces->emitted(ray.hit->surface, !at.inside), transmittance);
   dvec3 indirect = march_.surfaces_.indirect_light_on(at), leaving(0);
   for (size_t k = 0; k < sums.groups.size() && !at.bsdf.delta(); ++k) {
-    const Lit light = march_.surfaces_.light_on(at, march_.fields_.lights()[k]);
+    const Lit light = march_.surfaces_.light_on(at, *march_.fields_.lights()[k]);
     sums.surface[k] += scaled(light.direct, transmittance);
     leaving += light.direct;
     indirect += light.indirect;

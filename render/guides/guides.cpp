@@ -116,7 +116,7 @@ std::string Guides::explain() const {
   const LightFields& f = fields_[0];
   const ivec3 n = f.lattice().n;
   std::string names;
-  for (const SolvedLight& g : f.lights()) names += (names.empty() ? "" : ", ") + g.group.name;
+  for (const auto& light : f.lights()) names += (names.empty() ? "" : ", ") + light->name;
   return fmt::format("light of {} on {} x {} x {} nodes, {:.3g} voxels apart{}: {:.1f} MB, solved in {:.2f} s",
                      names.empty() ? "nothing" : names, n.x, n.y, n.z, f.lattice().spacing / media_[0].voxel(),
                      colours_.size() > 1 ? ", for red, green and blue" : "", static_cast<double>(bytes()) / 1e6,

@@ -1,4 +1,5 @@
 #pragma once
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <vector>
@@ -60,5 +61,20 @@ NodeValues coarsened(const Lattice& fine, const NodeValues& values, const Lattic
 
 /// Unit vectors evenly spread over the sphere, on a spiral.
 std::vector<dvec3> spiral_of_directions(int count);
+/// Means of value(d) over the directions that are nearest to each of some. @param constant  whether it does not vary
+template <class Value>
+auto means_near(const std::vector<dvec3>& directions, bool constant, const Value& value) {
+  std::vector<decltype(value(dvec3()))> sum(directions.size());
+  std::vector<double> count(directions.size(), 0.0);
+  for (const dvec3& d : constant ? directions : spiral_of_directions(4096)) {
+    size_t nearest = 0;
+    for (size_t k = 1; k < directions.size(); ++k)
+      if (glm::dot(directions[k], d) > glm::dot(directions[nearest], d)) nearest = k;
+    sum[nearest] += value(d);
+    ++count[nearest];
+  }
+  for (size_t k = 0; k < sum.size(); ++k) sum[k] /= std::max(1.0, count[k]);
+  return sum;
+}
 
 }  // namespace brume

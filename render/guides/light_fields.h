@@ -1,37 +1,17 @@
 #pragma once
-#include <array>
+#include <memory>
 #include <optional>
 #include <vector>
 
 #include "base/progress.h"
 #include "render/guides/ambient_light.h"
-#include "render/guides/light_groups.h"
+#include "render/guides/guide_light.h"
 #include "render/guides/order_tint.h"
 #include "render/guides/scattering_solver.h"
-#include "render/guides/sun_depth.h"
 #include "render/guides/surface_light.h"
 #include "render/world/surfaces.h"
 
 namespace brume {
-
-/// The light of one group inside the media, without the camera: biased, without noise.
-struct SolvedLight {
-  /// Orders of scattering that share a guide, each up to the next; the last one is all the rest. From the fourth on
-  /// they live on the coarse lattice.
-  static constexpr std::array<int, 6> kFirstOrder = {2, 3, 4, 6, 9, 14};
-  static constexpr size_t kFineGuides = 3;
-
-  LightGroup group;
-  std::vector<SunDepth> sun;     ///< of a sun, at each time of the shutter
-  NodeValues depth;              ///< of a local light: optical depth towards it
-  NodeValues visible;            ///< of a sun or local light where there are surfaces: share that passes them
-  Moments once;                  ///< of others, emission and surfaces: scattered for the first time in the media
-  std::vector<double> incoming;  ///< of the sky: radiance outside, for each direction of travel
-  std::vector<Moments> orders;   ///< for each of kFirstOrder, scattered
-
-  /// Where the rest is known: in the middle of the shutter.
-  const SunDepth& sun_in_middle() const { return sun[sun.size() / 2]; }
-};
 
 /// Transmittances for single scattering and a coarse solution of multiple scattering, order by order: the first five on
 /// nodes half a mean free path apart (two voxels at least and four at most, at a detail of 1), as many more as matter
@@ -46,14 +26,16 @@ class LightFields {
   LightFields(const std::vector<GuideMedia>& times, const Lights& lights, const Surfaces* surfaces, GuideColour colour,
               double detail, double pixels, const Task& task);
 
+  LightFields(LightFields&&) = default;
+
   /// Nodes of a picture of so many pixels, at a detail of 1.
   static double most_nodes(double pixels);
 
   const Lattice& lattice() const { return fine_; }
   /// Of the orders from kFineGuides on.
   const Lattice& coarse_lattice() const { return coarse_; }
-  const std::vector<SolvedLight>& lights() const { return lights_; }
-  /// What arrives of SolvedLight::incoming; empty without a sky.
+  const std::vector<std::unique_ptr<GuideLight>>& lights() const { return lights_; }
+  /// What arrives of SkyLight::incoming; empty without a sky.
   const SkyShares& sky() const { return sky_; }
   /// Null where there are no surfaces, or no light on them.
   const SurfaceLight* surface_light() const { return surface_light_ ? &*surface_light_ : nullptr; }
@@ -66,18 +48,17 @@ class LightFields {
   size_t bytes() const;
 
  private:
-  /// @param light  is given its orders   @param scattered  what arrives, not yet scattered
-  void solve(SolvedLight& light, Moments scattered, ScatteringSolver& fine, ScatteringSolver& coarse);
-  /// Adds what the media scatter of a group's light to the ambient light's nodes. @param fine_orders  a sum of orders
-  void add_to_ambient(const SolvedLight& light, const Moments& fine_orders, const ScatteringSolver& fine,
+  /// Finds a light's orders.
+  void solve(GuideLight& light, const LightSolve& solving, ScatteringSolver& coarse);
+  /// Adds what the media scatter of a light to the ambient light's nodes. @param fine_orders  a sum of orders
+  void add_to_ambient(const GuideLight& light, const Source& fine_orders, const ScatteringSolver& fine,
                       const ScatteringSolver& coarse);
   /// The ambient light, and one more group: what surfaces send into the media of all that lights them.
-  void add_surface_light(const GuideMedia& media, const Lights& lights, const Surfaces& surfaces, GuideColour colour,
-                         ScatteringSolver& fine, ScatteringSolver& coarse, const Task& task);
+  void add_surface_light(LightSolve& solving, ScatteringSolver& coarse);
 
   Lattice fine_, coarse_;
   std::vector<uint8_t> near_;
-  std::vector<SolvedLight> lights_;
+  std::vector<std::unique_ptr<GuideLight>> lights_;
   std::optional<AmbientLight> ambient_light_;
   SkyShares sky_;
   std::optional<SurfaceLight> surface_light_;

@@ -1,9 +1,13 @@
 #include "render/guides/lit_surface.h"
 
+#include <algorithm>
 #include <cmath>
+#include <optional>
+#include <utility>
 
 #include "base/math.h"
 #include "render/guides/attenuation.h"
+#include "render/guides/sky_light.h"
 #include "render/transport/estimator.h"
 
 namespace brume {
@@ -15,11 +19,11 @@ constexpr double kGoldenRatio = 0.6180339887498949;
 
 // The reflected light of a lamp or sun by points of it and by directions of the lobe, each weighted by the balance
 // heuristic, as the tracer does it.
-dvec3 highlight(const ShadedPoint& at, const Light& light) {
+dvec3 highlight(const ShadedPoint& at, const KnownLight& known) {
   constexpr int kPoints = kHighlightAcross * kHighlightAcross;
   const dvec3 wo = at.to_frame(at.wo);
-  const auto* const finite = dynamic_cast<const FiniteLight*>(&light);
-  const auto* const far = dynamic_cast<const InfiniteLight*>(&light);
+  const Light& light = base_of(known);
+  const bool met = has_extent(known);
   dvec3 sum(0);
   for (int i = 0; i < kPoints; ++i) {
     const dvec2 u = (dvec2(i % kHighlightAcross, i / kHighlightAcross) + 0.5) / static_cast<double>(kHighlightAcross);
@@ -27,32 +31,21 @@ dvec3 highlight(const ShadedPoint& at, const Light& light) {
     if (!(sample.pdf > 0)) continue;
     const dvec3 wi = at.to_frame(sample.wi);
     if (!(wi.z > 0)) continue;
-    const double weight = sample.delta || (!finite && !far) ? 1 : balance(sample.pdf, at.bsdf.pdf(wo, wi, at.inside));
+    const double weight = !met ? 1 : balance(sample.pdf, at.bsdf.pdf(wo, wi, at.inside));
     sum += sample.radiance * at.bsdf.value(wo, wi, at.inside) * (weight / sample.pdf / kPoints);
   }
-  if (light.delta() || (!finite && !far)) return sum;
+  if (!met) return sum;
   for (int i = 0; i < kPoints; ++i) {
     Bsdf::Sample sample;
     const dvec3 u((i + 0.5) / kPoints, i * kGoldenRatio - std::floor(i * kGoldenRatio), 0);
     if (!at.bsdf.sample(wo, at.inside, u, sample)) continue;
-    const Ray ray{at.p, at.frame.to_world(sample.wi)};
-    double density = 0;
-    dvec3 radiance(0);
-    if (finite) {
-      if (const double t = finite->intersect(ray); t > 0) {
-        density = finite->pdf(ray, t);
-        radiance = finite->radiance(ray, t);
-      }
-    } else {
-      density = far->pdf(ray.d);
-      radiance = far->radiance(ray.d);
-    }
-    if (radiance == dvec3(0)) continue;
+    const std::optional<MetLight> there = met_by({at.p, at.frame.to_world(sample.wi)}, known);
+    if (!there || there->radiance == dvec3(0)) continue;
     dvec3 weight = sample.weight;
     if (at.bsdf.kind == Bsdf::Kind::kDielectric)
       weight *=
           fresnel_dielectric(glm::dot(wo, glm::normalize(wo + sample.wi)), at.inside ? 1 / at.bsdf.ior : at.bsdf.ior);
-    sum += radiance * weight * (balance(sample.pdf, density) / kPoints);
+    sum += there->radiance * weight * (balance(sample.pdf, there->pdf) / kPoints);
   }
   return sum;
 }
@@ -74,12 +67,13 @@ ShadedPoint::ShadedPoint(const Surfaces& surfaces, const Ray& ray, const Surface
 
 // What surfaces leave of a light at a point: its middle if it is small, else the mean over it, closer where parts
 // of it are hidden.
-dvec3 LitSurfaces::unshadowed(const Light& light, const LocalLight& middle, const dvec3& p) const {
+dvec3 LitSurfaces::unshadowed(const KnownLight& source, const ArrivingLight& light, const dvec3& p) const {
   const auto mean_of = [&](int across) {
     dvec3 sum(0), first(0);
     bool alike = true;
     for (int i = 0; i < across * across; ++i) {
-      const LightSample s = light.sample(p, (dvec2(i % across, i / across) + 0.5) / static_cast<double>(across));
+      const LightSample s =
+          base_of(source).sample(p, (dvec2(i % across, i / across) + 0.5) / static_cast<double>(across));
       const dvec3 light_there = surfaces->passage({p, s.wi}, std::min(s.distance, kFar)).light;
       if (i == 0) first = light_there;
       alike = alike && light_there == first;
@@ -87,75 +81,30 @@ dvec3 LitSurfaces::unshadowed(const Light& light, const LocalLight& middle, cons
     }
     return std::pair(sum / static_cast<double>(across * across), alike);
   };
-  if (light.delta() || dynamic_cast<const MeshLight*>(&light))
-    return surfaces->passage({p, middle.towards}, middle.distance).light;
+  if (!has_extent(source)) return surfaces->passage({p, light.towards}, light.distance).light;
   const auto [few, alike] = mean_of(2);
   return alike ? few : mean_of(4).first;
 }
 
-// @param depth  without the forward peak
-Beam LitSurfaces::beam(const Light& source, const LocalLight& light, double depth, const dvec3& p) const {
-  Beam beam{light.towards, light.irradiance, {}};
-  if (!(depth < kDark)) return beam;
+Lit LitSurfaces::transmitted(const KnownLight& source, const ArrivingLight& light, const dvec3& p) const {
+  const double scaled = scale * light.depth;
+  if (!(scaled < kDark)) return {};
   const dvec3 open = unshadowed(source, light, p);
-  const double straight = attenuation(depth / scale);
-  beam.transmitted = {straight * open, (attenuation(depth) - straight) * open};
-  return beam;
+  const double straight = attenuation(scaled / scale);
+  return {straight * open, (attenuation(scaled) - straight) * open};
 }
 
-Beam LitSurfaces::beam(const SolvedLight& g, const dvec3& p) const {
-  if (g.group.sun)
-    return beam(*g.group.sun, {g.group.sun->axis(), kFar, g.group.sun->irradiance()},
-                scale * static_cast<double>(g.sun_in_middle().at(p)), p);
-  const double depth = static_cast<double>(interpolated(lattice, g.depth, p));
-  return beam(*g.group.lights[0], local_light(*g.group.lights[0], p), scale * depth, p);
-}
-
-// By a surface of albedo 1.
-Lit LitSurfaces::onto_diffuse(const SolvedLight& g, const dvec3& p, const dvec3& normal) const {
+Lit LitSurfaces::light_on(const ShadedPoint& at, const GuideLight& group) const {
   Lit lit;
-  switch (g.group.kind) {
-    case LightGroup::Kind::kSun:
-    case LightGroup::Kind::kLocal: {
-      const dvec3 towards = g.group.sun ? g.group.sun->axis() : local_light(*g.group.lights[0], p).towards;
-      const double cosine = glm::dot(towards, normal);
-      if (!(cosine > 0)) break;
-      const Beam arriving = beam(g, p);
-      lit.add(cosine / kPi * arriving.irradiance, arriving.transmitted);
-      break;
-    }
-    case LightGroup::Kind::kOthers:
-      for (const Light* const light : g.group.lights) {
-        const LocalLight local = local_light(*light, p);
-        const double cosine = glm::dot(local.towards, normal);
-        if (!(cosine > 0)) continue;
-        const double depth = ambient_light ? ambient_light->depth(p, local.towards, local.distance) : 0;
-        lit.add(cosine / kPi * local.irradiance, beam(*light, local, depth, p).transmitted);
-      }
-      break;
-    case LightGroup::Kind::kSky:
-      if (ambient_light) lit.direct = ambient_light->onto(p, normal).sky * g.group.share();
-      break;
-    case LightGroup::Kind::kEmission:
-      if (ambient_light) lit.direct = ambient_light->onto(p, normal).emitted;
-      break;
-    case LightGroup::Kind::kSurfaces:
-      if (surface_light) lit.indirect = surface_light->onto(p, normal);
-      break;
+  if (at.diffuse()) {
+    lit.add(at.bsdf.albedo, group.onto(*this, at.p, at.normal));
+  } else if (const SharpLight* const sharp = group.sharp()) {
+    const ArrivingLight light = sharp->at(at.p);
+    if (!(glm::dot(light.towards, at.normal) > 0)) return lit;
+    if (const Lit shares = transmitted(sharp->light(), light, at.p); shares.direct != dvec3(0))
+      lit.add(highlight(at, sharp->light()), shares);
   }
   return lit;
-}
-
-Lit LitSurfaces::light_on(const ShadedPoint& at, const SolvedLight& g) const {
-  Lit light;
-  if (at.diffuse()) {
-    light.add(at.bsdf.albedo, onto_diffuse(g, at.p, at.normal));
-  } else if (g.group.sharp()) {
-    const Beam arriving = beam(g, at.p);
-    if (glm::dot(arriving.towards, at.normal) > 0 && arriving.transmitted.direct != dvec3(0))
-      light.add(highlight(at, *g.group.lights[0]), arriving.transmitted);
-  }
-  return light;
 }
 
 dvec3 LitSurfaces::indirect_light_on(const ShadedPoint& at) const {
@@ -170,21 +119,22 @@ dvec3 LitSurfaces::reflected(const Ray& ray, const SurfaceHit& hit) const {
   dvec3 sum(0);
   if (bsdf.kind == Bsdf::Kind::kDiffuse) {
     if (ambient_light) sum += ambient_light->onto(p, normal).scattered;
-    for (const SolvedLight& g : groups) {
-      const Lit lit = onto_diffuse(g, p, normal);
+    for (const auto& group : groups) {
+      const Lit lit = group->onto(*this, p, normal);
       sum += lit.direct + lit.indirect;
     }
     return bsdf.albedo * sum;
   }
   const Frame frame(normal);
-  for (const SolvedLight& g : groups) {
-    if (g.group.sharp()) {
-      const Beam arriving = beam(g, p);
-      if (glm::dot(arriving.towards, normal) > 0)
-        sum += arriving.irradiance * (arriving.transmitted.direct + arriving.transmitted.indirect) *
-               bsdf.value(in_frame(frame, -ray.d), in_frame(frame, arriving.towards), false);
-    } else if (g.group.sky() && bsdf.kind == Bsdf::Kind::kConductor) {
-      sum += bsdf.albedo * lights.environment()->radiance(glm::reflect(ray.d, normal)) * g.group.share();
+  for (const auto& group : groups) {
+    if (const SharpLight* const sharp = group->sharp()) {
+      const ArrivingLight light = sharp->at(p);
+      if (!(glm::dot(light.towards, normal) > 0)) continue;
+      const Lit shares = transmitted(sharp->light(), light, p);
+      sum += light.irradiance * (shares.direct + shares.indirect) *
+             bsdf.value(in_frame(frame, -ray.d), in_frame(frame, light.towards), false);
+    } else if (group->sky() && bsdf.kind == Bsdf::Kind::kConductor) {
+      sum += bsdf.albedo * lights.environment()->radiance(glm::reflect(ray.d, normal)) * group->sky()->share();
     }
   }
   return sum;

@@ -1,24 +1,14 @@
 #pragma once
-#include "render/guides/light_fields.h"
+#include <memory>
+#include <vector>
+
+#include "render/guides/ambient_light.h"
+#include "render/guides/guide_light.h"
+#include "render/guides/sharp_light.h"
+#include "render/guides/surface_light.h"
 #include "render/world/bsdf.h"
 
 namespace brume {
-
-/// Radiance by the events that it comes from: the reflection alone, or scattering before it.
-struct Lit {
-  dvec3 direct{0}, indirect{0};
-  void add(const dvec3& factor, const Lit& other) {
-    direct += factor * other.direct;
-    indirect += factor * other.indirect;
-  }
-};
-
-/// Light of a sun or lamp that arrives at a point.
-struct Beam {
-  dvec3 towards{0};
-  dvec3 irradiance{0};  ///< across `towards`, in empty space
-  Lit transmitted;      ///< shares through the media and past surfaces; indirect: scattered by forward peaks alone
-};
 
 inline dvec3 in_frame(const Frame& frame, const dvec3& d) {
   return {glm::dot(d, frame.x), glm::dot(d, frame.y), glm::dot(d, frame.z)};
@@ -39,28 +29,27 @@ struct ShadedPoint {
 
 /// What lights surfaces in a scene of media, so far as it is solved, and what they reflect of it.
 struct LitSurfaces {
-  const std::vector<SolvedLight>& groups;
-  const Lattice& lattice;
+  const std::vector<std::unique_ptr<GuideLight>>& groups;
   double scale;  ///< what the forward peak leaves of the extinction
   const Lights& lights;
   const Surfaces* surfaces;
-  GuideColour colour;
   const AmbientLight* ambient_light;  ///< null until it is gathered
   const SurfaceLight* surface_light;  ///< the same
 
   /// Light of a group that a surface reflects once, lit through the media, with shadows of surfaces.
-  Lit light_on(const ShadedPoint& at, const SolvedLight& group) const;
+  Lit light_on(const ShadedPoint& at, const GuideLight& group) const;
   /// What a diffuse surface reflects of all light that was scattered before it arrives from any direction.
   dvec3 indirect_light_on(const ShadedPoint& at) const;
   /// Radiance that a surface sends back along a ray that hit it, of all groups; metals show highlights of suns and
   /// lamps, and of the sky what they mirror.
   dvec3 reflected(const Ray& ray, const SurfaceHit& hit) const;
 
+  /// Shares of a light that arrive at a point through the media and past surfaces; indirect: scattered by forward peaks
+  /// alone.
+  Lit transmitted(const KnownLight& source, const ArrivingLight& light, const dvec3& p) const;
+
  private:
-  Lit onto_diffuse(const SolvedLight& group, const dvec3& p, const dvec3& normal) const;
-  Beam beam(const SolvedLight& group, const dvec3& p) const;
-  Beam beam(const Light& source, const LocalLight& light, double depth, const dvec3& p) const;
-  dvec3 unshadowed(const Light& light, const LocalLight& middle, const dvec3& p) const;
+  dvec3 unshadowed(const KnownLight& source, const ArrivingLight& light, const dvec3& p) const;
 };
 
 }  // namespace brume

@@ -71,8 +71,8 @@ MarchSteps::MarchSteps(const GuideMedia& media, const LightFields& fields, Guide
   }
   gentle_gradient = static_cast<float>(std::max(kGentleGradient * densest * length * length / media.voxel(), 1e-30));
   if (even > 0) even_stride = std::clamp(kEvenThickness / (even * length), 1.0, kEvenStride);
-  for (const SolvedLight& g : fields.lights())
-    if (g.group.kind == LightGroup::Kind::kLocal) even_stride = 1;
+  for (const auto& light : fields.lights())
+    if (light->sharp() && !light->sharp()->sun()) even_stride = 1;
   // Light of many tints is coloured where it is scattered, of suns and of nodes together.
   if (!media.mixed_tints()) field_spacing = static_cast<float>(kNodesPerLookUp * fields.lattice().spacing / length);
 }
@@ -92,13 +92,13 @@ MarchScene::MarchScene(const std::vector<GuideMedia>& media, size_t time, const 
   if (all.size() <= kMostMarchedGrids && std::all_of(all.begin(), all.end(), looked_up_in_vectors))
     for (size_t i = 0; i < all.size(); ++i) grids.push_back(marched_grid(own_, i, colour, steps.length));
   for (size_t k = 0; k < fields.lights().size(); ++k) {
-    const SolvedLight& light = fields.lights()[k];
-    if (!light.group.sharp()) continue;
-    MarchedLight& to = lights.emplace_back(MarchedLight{k});
-    if (!light.group.sun) continue;
-    to.sun = &light.sun[time];
-    to.irradiance = static_cast<float>(in_colour(light.group.sun->irradiance(), colour));
-    to.varies = all.size() != 1 || !light.visible.empty();
+    const SharpLight* const light = fields.lights()[k]->sharp();
+    if (!light) continue;
+    MarchedLight& to = lights.emplace_back(MarchedLight{k, light});
+    if (!light->sun()) continue;
+    to.sun = &light->sun()->depth(time);
+    to.irradiance = static_cast<float>(in_colour(light->sun()->irradiance(), colour));
+    to.varies = all.size() != 1 || light->shadowed();
   }
 }
 
@@ -120,7 +120,7 @@ MarchedRay& MarchScene::aim(const Ray& ray, double t_max, double stride, double 
   }
   to.last_part = static_cast<uint32_t>(batch.parts.size());
   if (to.misses()) return to;
-  if (steps.even_stride > 1) own_.uneven_intervals(ray, t_max, to.uneven);
+  if (steps.even_stride > 1) own_.intervals(ray, t_max, to.uneven, /*uneven=*/true);
   for (size_t i = 0; i < grids.size(); ++i) {
     const Ray local = own_.media()[i].to_local(ray);
     set_place(to.grid[i], local.at(to.start), step * local.d);
@@ -134,8 +134,7 @@ MarchedRay& MarchScene::aim(const Ray& ray, double t_max, double stride, double 
     to.turned[k].irradiance = lights[k].irradiance;
     to.turned[k].g = std::numeric_limits<double>::quiet_NaN();
     if (own_.media().size() == 1)
-      set_phase(to.turned[k], glm::dot(fields_.lights()[lights[k].group].group.sun->axis(), ray.d), own_.mean_cosine(0),
-                1);
+      set_phase(to.turned[k], glm::dot(lights[k].light->sun()->towards(), ray.d), own_.mean_cosine(0), 1);
   }
   return to;
 }
@@ -185,26 +184,25 @@ void MarchScene::set_phase(TurnedLight& light, double cosine, double g, double s
 }
 
 void MarchScene::turn(MarchedRay& ray, size_t k, float t, float g) const {
-  const SolvedLight& light = fields_.lights()[lights[k].group];
+  const SharpLight& light = *lights[k].light;
   const dvec3 p = in_light(ray, t);
   TurnedLight& to = ray.turned[k];
-  if (!light.visible.empty()) to.visible = interpolated(fields_.lattice(), light.visible, p);
-  if (lights[k].sun) {
+  to.visible = light.visible(p);
+  if (const SunLight* const sun = light.sun()) {
     if (own_.media().size() == 1) return;
     // In steps, so that it seldom changes.
     constexpr double kSteps = 1024;
     const double rounded = std::round(static_cast<double>(g) * kSteps) / kSteps;
     if (to.g == rounded) return;
     to.g = rounded;
-    set_phase(to, glm::dot(light.group.sun->axis(), ray.ray.d), rounded, 1);
+    set_phase(to, glm::dot(sun->towards(), ray.ray.d), rounded, 1);
     return;
   }
-  const LocalLight local = local_light(*light.group.lights[0], p);
-  const double depth = interpolated(fields_.lattice(), light.depth, p);
-  to.irradiance = static_cast<float>(in_colour(local.irradiance, colour_));
-  to.depth = static_cast<float>(depth);
-  to.mean_depth = static_cast<float>(local.mean_depth(depth));
-  set_phase(to, glm::dot(local.towards, ray.ray.d), g, local.mean_cosine());
+  const ArrivingLight arriving = light.at(p);
+  to.irradiance = static_cast<float>(in_colour(arriving.irradiance, colour_));
+  to.depth = static_cast<float>(arriving.depth);
+  to.mean_depth = static_cast<float>(arriving.mean_depth());
+  set_phase(to, glm::dot(arriving.towards, ray.ray.d), g, arriving.mean_cosine());
 }
 
 dvec3 MarchScene::in_light(const MarchedRay& ray, float t) const {
@@ -223,7 +221,7 @@ void MarchScene::add_tinted(MarchedRay& ray, const MarchedFields& known, const f
   const double scale = fields_.scaled_extinction();
   size_t sharp = 0;
   for (size_t k = 0; k < fields_.lights().size(); ++k) {
-    const LightGroup& group = fields_.lights()[k].group;
+    const GuideLight& group = *fields_.lights()[k];
     double single = 0, forward = 0;
     dvec3 more(0);
     if (group.sharp()) {
@@ -240,7 +238,7 @@ void MarchScene::add_tinted(MarchedRay& ray, const MarchedFields& known, const f
         single = scale * w * at[s.single];
         forward = std::max(0.0, static_cast<double>(scaled) * at[s.single] - single);
       }
-      for (size_t order = 0; order < SolvedLight::kFirstOrder.size(); ++order)
+      for (size_t order = 0; order < GuideLight::kFirstOrder.size(); ++order)
         more += static_cast<double>(scaled) * at[s.orders + order] * tint.of_guide(order);
     }
     const dvec3 colour = group.colour_in(colour_);

@@ -9,6 +9,7 @@
 #include "render/guides/light_fields.h"
 #include "render/guides/media_line.h"
 #include "render/guides/node_fields.h"
+#include "render/guides/sharp_light.h"
 #include "render/transport/lane_scene.h"
 #include "volume/lane_grid.h"
 
@@ -44,6 +45,7 @@ struct MarchedGrid {
 /// A sun or a lamp.
 struct MarchedLight {
   size_t group;
+  const SharpLight* light;
   const SunDepth* sun = nullptr;  ///< optical depths towards it that are looked up in vectors; null for a lamp
   float irradiance = 0;           ///< of a sun
   bool varies = true;             ///< along a ray, so that MarchScene::turn is asked at every segment

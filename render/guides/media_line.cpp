@@ -90,7 +90,7 @@ void MediaLine::find_extent(Local& local) {
   return static_cast<double>(trilinear(values, x, y, vec3(p - dvec3(voxel)), gradient));
 }
 
-GuideMedia::Point MediaLine::look(double t, dvec3* gradient) {
+GuideMedia::Point MediaLine::look_up(double t, dvec3* gradient) {
   GuideMedia::Point point;
   if (gradient) *gradient = dvec3(0);
   dvec3 slope(0);

@@ -13,9 +13,9 @@ class MediaLine {
   /// Looks along a world ray from now on; its direction may have any length.
   void follow(const Ray& ray);
 
-  GuideMedia::Point at(double t) { return look(t, nullptr); }
+  GuideMedia::Point at(double t) { return look_up(t, nullptr); }
   /// @param gradient  of the extinction, world space
-  GuideMedia::Point at(double t, dvec3& gradient) { return look(t, &gradient); }
+  GuideMedia::Point at(double t, dvec3& gradient) { return look_up(t, &gradient); }
 
  private:
   /// A medium, and where the line was looked up last.
@@ -29,7 +29,7 @@ class MediaLine {
     const BrickGrid::Cell* cell = nullptr;
   };
   static void find_extent(Local& local);
-  GuideMedia::Point look(double t, dvec3* gradient);
+  GuideMedia::Point look_up(double t, dvec3* gradient);
   /// Density of a medium, and its gradient; local space. The gradient is left alone where there is no density.
   static double density(Local& local, double t, dvec3* gradient);
 

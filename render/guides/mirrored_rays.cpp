@@ -147,7 +147,7 @@ void MirroredRays::end(const Queued& queued, const std::optional<SurfaceHit>& hi
       const dvec3 emitted = march_.context_.surfaces->emitted(hit->surface, !at.inside);
       dvec3 reflected = march_.surfaces_.indirect_light_on(at);
       for (size_t k = 0; k < march_.fields_.lights().size() && !at.bsdf.delta(); ++k) {
-        const Lit lit = march_.surfaces_.light_on(at, march_.fields_.lights()[k]);
+        const Lit lit = march_.surfaces_.light_on(at, *march_.fields_.lights()[k]);
         reflected += lit.direct + lit.indirect;
       }
       add(path, transmittance * emitted, transmittance * reflected + peaks * (emitted + reflected));
@@ -166,21 +166,20 @@ void MirroredRays::end(const Queued& queued, const std::optional<SurfaceHit>& hi
                     backwards(sums.scaled, kOften, ray.d) + sums.tinted_direct + sums.tinted_indirect;
   for (size_t k = 0; k < sums.groups.size() && !march_.media_[0].mixed_tints(); ++k)
     scattered += (sums.groups[k].single + sums.groups[k].forward) * march_.tint_.once() *
-                 march_.fields_.lights()[k].group.colour_in(march_.colour_);
+                 march_.fields_.lights()[k]->colour_in(march_.colour_);
   add(path, dvec3(sums.emission), scattered);
 }
 
 dvec3 MirroredRays::lights_ahead(const Ray& ray, const FiniteLight* light, double distance, const Path& path) const {
-  const LightFields& fields = march_.fields_;
   // How much of a light is shown.
   const auto share = [&](const Light* of) {
     if (path.shown == Shown::kNone) return 0.0;
-    for (const SolvedLight& g : fields.lights()) {
-      if (!g.group.sharp() || g.group.lights[0] != of) continue;
+    for (const auto& group : march_.fields_.lights()) {
+      const SharpLight* const sharp = group->sharp();
+      if (!sharp || &base_of(sharp->light()) != of) continue;
       if (path.shown == Shown::kUngrouped) return 0.0;
       // Media were not marched.
-      if (path.only_lights)
-        return attenuation(g.group.sun ? g.sun_in_middle().at(ray.o) : interpolated(fields.lattice(), g.depth, ray.o));
+      if (path.only_lights) return attenuation(sharp->at(ray.o).depth);
     }
     return 1.0;
   };

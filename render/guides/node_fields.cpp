@@ -7,13 +7,14 @@
 #include "base/math.h"
 #include "base/parallel_for.h"
 #include "render/guides/forward_peak.h"
+#include "render/guides/sky_light.h"
 #include "volume/phase_function.h"
 
 namespace brume {
 namespace {
 
 constexpr double kCapMeanCosine = 0.96;  // of a cap of a 24th of the sphere
-constexpr size_t kOrders = SolvedLight::kFirstOrder.size();
+constexpr size_t kOrders = GuideLight::kFirstOrder.size();
 
 /// Of one medium, for cosines from -1 to 1.
 std::vector<ForwardPeak> tabulated_peaks(double g) {
@@ -36,9 +37,11 @@ struct NodeFields::Sky {
       : nodes(of), fields(lit), media(scattering) {
     if (fields.sky().empty()) return;
     for (size_t m = 0; m < media.media().size(); ++m) peaks.push_back(tabulated_peaks(media.mean_cosine(m)));
-    for (const SolvedLight& g : fields.lights()) {
+    for (const auto& light : fields.lights()) {
+      const GuideLight& g = *light;
       std::vector<double>& own = roots.emplace_back();
-      for (const double light : g.incoming) own.push_back(std::sqrt(light));
+      if (!g.sky()) continue;
+      for (const double radiance : g.sky()->incoming()) own.push_back(std::sqrt(radiance));
     }
   }
 
@@ -90,14 +93,15 @@ NodeFields::NodeFields(const LightFields& fields, const GuideMedia& media, Guide
   if (media.media().size() == 1)
     cap_phase_ = CapPhase(media.media()[0].phase(), 1.0 / static_cast<double>(ScatteringSolver::directions().size()));
   size_t count = 0;
-  for (const SolvedLight& g : fields.lights()) {
+  for (const auto& light : fields.lights()) {
+    const GuideLight& g = *light;
     Slots& s = slots_.emplace_back();
     s.orders = count;
     s.flux = count += kOrders;
     ++count;
-    if (g.group.sharp()) continue;
+    if (g.sharp()) continue;
     s.single = count++;
-    if (!g.group.sky()) continue;
+    if (!g.sky()) continue;
     s.root = count++;
     s.fourth_root = count++;
     s.forward = count++;
@@ -123,25 +127,26 @@ void NodeFields::fill_node(const ivec3& node, const Camera& camera, const Sky& s
   const dvec3 step = 0.75 * coarse.spacing * view;
   const NodeWeights here(coarse, p), before(coarse, p - step), behind(coarse, p + step);
   const Sky::AtNode sky_here = sky.at(i, p, view);
-  const auto towards_eye = [&](const Moments& light, const auto& at) {
+  const auto towards_eye = [&](const Source& light, const auto& at) {
     const double flux = view.x * at(light[1]) + view.y * at(light[2]) + view.z * at(light[3]);
     return static_cast<float>(std::max(0.0, at(light[0]) - flux));
   };
   const auto at_node = [&](const NodeValues& values) { return static_cast<double>(values[i]); };
   const auto coarsely = [&](const NodeValues& values) { return static_cast<double>(here(values)); };
   for (size_t k = 0; k < slots_.size(); ++k) {
-    const SolvedLight& g = fields_.lights()[k];
+    const GuideLight& g = *fields_.lights()[k];
     const Slots& s = slots_[k];
     for (size_t order = 0; order < kOrders; ++order)
-      out[s.orders + order] = order < SolvedLight::kFineGuides ? towards_eye(g.orders[order], at_node)
-                                                               : towards_eye(g.orders[order], coarsely);
+      out[s.orders + order] = order < GuideLight::kFineGuides ? towards_eye(g.orders[order], at_node)
+                                                              : towards_eye(g.orders[order], coarsely);
     const NodeValues& tail = g.orders.back()[0];
     out[s.flux] = behind(tail) - before(tail);
-    if (g.group.sky()) {
+    if (g.sky()) {
       double single = 0, forward = 0, root = 0, fourth_root = 0;
-      for (size_t d = 0; d < g.incoming.size(); ++d) {
-        single += g.incoming[d] * sky_here.single[d];
-        forward += g.incoming[d] * sky_here.forward[d];
+      const std::vector<double>& incoming = g.sky()->incoming();
+      for (size_t d = 0; d < incoming.size(); ++d) {
+        single += incoming[d] * sky_here.single[d];
+        forward += incoming[d] * sky_here.forward[d];
         root += sky.roots[k][d] * sky_here.root[d];
         fourth_root += std::sqrt(sky.roots[k][d]) * sky_here.fourth_root[d];
       }
@@ -149,7 +154,7 @@ void NodeFields::fill_node(const ivec3& node, const Camera& camera, const Sky& s
       out[s.forward] = static_cast<float>(forward);
       out[s.root] = static_cast<float>(root);
       out[s.fourth_root] = static_cast<float>(fourth_root);
-    } else if (!g.group.sharp()) {
+    } else if (!g.sharp()) {
       out[s.single] = towards_eye(g.once, at_node);
     }
   }
@@ -172,7 +177,7 @@ struct NodeLight {
         out[first + 3 * moment + static_cast<size_t>(c)] +=
             static_cast<float>(rgb[c] * (moment == 0 ? mean : flux[static_cast<int>(moment) - 1]));
   }
-  void add(size_t first, const Lattice& lattice, const Moments& light, const dvec3& rgb) const {
+  void add(size_t first, const Lattice& lattice, const Source& light, const dvec3& rgb) const {
     const NodeWeights around(lattice, p);
     const auto at = [&](size_t m) { return static_cast<double>(around(light[m])); };
     add(first, at(0), {at(1), at(2), at(3)}, rgb);
@@ -187,19 +192,20 @@ struct NodeLight {
       for (size_t d = 0; d < directions.size(); ++d)
         arriving.push_back(around.mean([&](size_t node) { return fields.sky()(node, d); }));
     }
-    for (const SolvedLight& g : fields.lights()) {
-      const dvec3 own = g.group.colour_in(colour);
+    for (const auto& light : fields.lights()) {
+      const GuideLight& g = *light;
+      const dvec3 own = g.colour_in(colour);
       for (size_t order = 0; order < g.orders.size(); ++order)
-        add(kOften, order < SolvedLight::kFineGuides ? fields.lattice() : fields.coarse_lattice(), g.orders[order],
+        add(kOften, order < GuideLight::kFineGuides ? fields.lattice() : fields.coarse_lattice(), g.orders[order],
             own * tints.of_guide(order));
       if (!g.once[0].empty()) add(kOnce, fields.lattice(), g.once, own * tints.once());
-      if (g.incoming.empty()) continue;
+      if (!g.sky()) continue;
       double mean = 0;
       dvec3 flux(0);
       for (size_t d = 0; d < directions.size(); ++d) {
-        const double light = g.incoming[d] * arriving[d];
-        mean += light;
-        flux += light * directions[d];
+        const double radiance = g.sky()->incoming()[d] * arriving[d];
+        mean += radiance;
+        flux += radiance * directions[d];
       }
       const double share = point.albedo / static_cast<double>(directions.size());
       add(kOnce, share * mean, 3 * point.g * share * flux, own * tints.once());

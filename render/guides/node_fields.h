@@ -34,11 +34,11 @@ class NodeFields {
  public:
   /// Where a group's fields lie among all.
   struct Slots {
-    size_t orders = 0;                             ///< one for each of SolvedLight::kFirstOrder
+    size_t orders = 0;                             ///< one for each of GuideLight::kFirstOrder
     size_t flux = 0;                               ///< change of the last one along the view
     size_t single = 0, root = 0, fourth_root = 0;  ///< scattered once; the last two of the sky's transmittances
     size_t forward = 0;                            ///< of the sky: scattered once or by forward peaks alone; else 0
-    size_t tail() const { return orders + SolvedLight::kFirstOrder.size() - 1; }
+    size_t tail() const { return orders + GuideLight::kFirstOrder.size() - 1; }
   };
 
   /// @param media  at the time at which the light was solved first

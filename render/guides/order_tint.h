@@ -16,7 +16,7 @@ class OrderTint {
   const dvec3& once() const { return once_; }
   /// Of light that was scattered by forward peaks.
   const dvec3& forward() const { return forward_; }
-  /// Of the mean number of scatterings that a guide of SolvedLight::kFirstOrder stands for.
+  /// Of the mean number of scatterings that a guide of GuideLight::kFirstOrder stands for.
   const dvec3& of_guide(size_t guide) const { return of_guide_[guide]; }
 
  private:

@@ -146,7 +146,7 @@ struct Segment {
 };
 
 /// The light of a sun or lamp on its way to the eye, and what is seen of it.
-struct SharpLight {
+struct TurnedLanes {
   Line place;  // on a sun's lattice
   Lane irradiance, visible, depth, mean_depth, phase[4], peak[8];
   Lane single, forward, octave[3], soft[4];  // as GroupSums
@@ -267,12 +267,13 @@ class RayMarch {
   }
 
   HWY_INLINE void step();
+  HWY_INLINE void take(M active, V middle, V length, V next, V thickness, const MediaAt& media);
   HWY_INLINE V step_length(M active, V t) const;
   HWY_INLINE MediaAt media_at(M active, V t) const;
   HWY_INLINE void add_grid(const MarchedGrid& grid, const V3& p, M active, MediaAt& sum) const;
   MediaAt media_point_by_point(M active, V t) const;
   void add_light(M mask);
-  HWY_INLINE void add_sharp_light(size_t k, M mask);
+  HWY_INLINE void add_turned_light(size_t k, M mask);
   HWY_INLINE V sun_depth(const SunDepth& sun, const V3& place, M mask) const;
   void add_fields(M mask);
   void end_parts(M ended, M opaque);
@@ -285,7 +286,7 @@ class RayMarch {
   MarchedRay* ray_[hn::MaxLanes(D())] = {};
   uint32_t part_[hn::MaxLanes(D())] = {};
   Line grid_[kMostMarchedGrids], nodes_;
-  SharpLight light_[kMostSharpLights];
+  TurnedLanes light_[kMostSharpLights];
   Lane stride_, offset_, t_, begin_, end_, segment_end_;
   // Transmittances with the extinction, a half, a quarter, an eighth of it, and without the forward peak.
   Lane left_, left2_, left4_, left8_, left_scaled_;
@@ -424,7 +425,17 @@ HWY_INLINE void RayMarch::step() {
     segment_end_.store(full, (hn::Floor(middle / light_step - offset) + 1.0f + offset) * light_step);
   }
 
-  // What a step takes of the light that is left, with the extinction and less of it.
+  take(active, middle, length, next, thickness, media);
+  t_.store(active, next);
+  // Where steps are lost in rounding the part has ended, too.
+  const M ended = hn::And(active, hn::Or(next >= end, next <= t));
+  const M opaque = hn::And(active, (fields_.octaves ? left8_ : left_).load() <= kOpaque);
+  if (!hn::AllFalse(d, hn::Or(ended, opaque))) end_parts(ended, opaque);
+}
+
+/// What a step takes of the light that is left, with the extinction and less of it.
+HWY_INLINE void RayMarch::take(M active, V middle, V length, V next, V thickness, const MediaAt& media) {
+  const M any = thickness > 0.0f;
   const V e8 = one_minus_attenuation(thickness * 0.125f), e4 = of_square(e8), e2 = of_square(e4), e = of_square(e2);
   // Without a forward peak both are the same to the last bit.
   const V e_scaled = scene_.scaled_extinction == 1 ? e : one_minus_attenuation(thickness * scene_.scaled_extinction);
@@ -450,7 +461,7 @@ HWY_INLINE void RayMarch::step() {
   }
   if (scene_.emits) {
     Lane straight, peaked, before;
-    const V inverse = 1.0f / hn::Max(extinction, set(1e-37f));
+    const V inverse = 1.0f / hn::Max(media.extinction, set(1e-37f));
     straight.store(hn::IfThenElse(any, w * inverse, left * length));
     peaked.store(hn::IfThenElse(any, scaled * (inverse * (1 / scene_.scaled_extinction)), left_scaled * length));
     before.store(depth_in_middle);
@@ -466,7 +477,7 @@ HWY_INLINE void RayMarch::step() {
   depth_.store(depth + thickness);
 
   // Distances from where anything was seen first keep what rounding would take from their squares' mean.
-  const M met = hn::And(any, opacity_.load() <= zero);
+  const M met = hn::And(any, opacity_.load() <= 0.0f);
   first_.store(met, middle);
   const V behind = middle - first_.load();
   opacity_.add(w);
@@ -475,12 +486,6 @@ HWY_INLINE void RayMarch::step() {
   density_.add(w * media.density);
   gradient_.store(gradient_.load() +
                   w / (brume::HWY_NAMESPACE::length(media.gradient) + scene_.steps.gentle_gradient) * media.gradient);
-
-  t_.store(active, next);
-  // Where steps are lost in rounding the part has ended, too.
-  const M ended = hn::And(active, hn::Or(next >= end, next <= t));
-  const M opaque = hn::And(active, (fields_.octaves ? left8_ : left_).load() <= kOpaque);
-  if (!hn::AllFalse(d, hn::Or(ended, opaque))) end_parts(ended, opaque);
 }
 
 void RayMarch::end_parts(M ended, M opaque) {
@@ -503,7 +508,7 @@ void RayMarch::end_parts(M ended, M opaque) {
 void RayMarch::add_light(M mask) {
   mask = hn::And(mask, segment_.thickness.load() > 0.0f);
   if (hn::AllFalse(D(), mask)) return;
-  for (size_t k = 0; k < scene_.lights.size(); ++k) add_sharp_light(k, mask);
+  for (size_t k = 0; k < scene_.lights.size(); ++k) add_turned_light(k, mask);
   const float spacing = scene_.steps.field_spacing;
   const auto longer = [&](const Lane& end, float than) {
     return hn::And(mask, end.load() - wide_.begin.load() > than);
@@ -595,9 +600,9 @@ HWY_INLINE V RayMarch::sun_depth(const SunDepth& sun, const V3& place, M mask) c
               cell.f[1]);
 }
 
-HWY_INLINE void RayMarch::add_sharp_light(size_t k, M mask) {
+HWY_INLINE void RayMarch::add_turned_light(size_t k, M mask) {
   const MarchedLight& known = scene_.lights[k];
-  SharpLight& light = light_[k];
+  TurnedLanes& light = light_[k];
   const V inverse = 1.0f / hn::Max(segment_.thickness.load(), set(1e-37f));
   const V distance = segment_.distance.load() * inverse, before = segment_.depth.load() * inverse;
   if (known.varies) {

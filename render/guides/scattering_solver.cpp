@@ -210,7 +210,7 @@ void ScatteringSolver::to_y_major(const NodeValues& z_major, NodeValues& y_major
   });
 }
 
-void ScatteringSolver::sweep_sources(const Moments& source, size_t count) {
+void ScatteringSolver::sweep_sources(const Emission& source, size_t count) {
   for (size_t a = 0; a < count; ++a) to_y_major(source[a], y_major_source_[a], false);
   parallel_for(static_cast<int>(bundles_.size()), task_, [&](int i) {
     Bundle& bundle = bundles_[static_cast<size_t>(i)];
@@ -239,13 +239,7 @@ std::vector<SweepBeam> ScatteringSolver::beams(const Bundle& bundle) const {
   return beams;
 }
 
-Moments ScatteringSolver::nothing() const {
-  Moments none;
-  for (NodeValues& values : none) values = NodeValues(lattice_.size());
-  return none;
-}
-
-void ScatteringSolver::gather(Moments& light) const {
+void ScatteringSolver::gather(Radiance& light) const {
   constexpr int kBlock = 16;
   constexpr float kShare = 1.0f / kDirections;
   const ivec3 n = lattice_.n;
@@ -309,27 +303,27 @@ SkyShares ScatteringSolver::arriving() const {
   return all;
 }
 
-Moments ScatteringSolver::entering(const std::vector<double>& incoming) {
+Radiance ScatteringSolver::entering(const std::vector<double>& incoming) {
   parallel_for(static_cast<int>(bundles_.size()), task_, [&](int i) {
     Bundle& bundle = bundles_[static_cast<size_t>(i)];
     std::vector<SweepBeam> swept = beams(bundle);
     for (size_t k = 0; k < swept.size(); ++k) swept[k].incoming = static_cast<float>(incoming[bundle.directions[k]]);
     sweep(near(bundle), {bundle.y_major ? y_major_scaled_.data() : scaled_.data(), {}, 0}, swept, bundle.moments());
   });
-  Moments light = nothing();
+  Radiance light = nothing<Radiance>();
   gather(light);
   return light;
 }
 
-Moments ScatteringSolver::emitted(const NodeValues& emission) {
+Radiance ScatteringSolver::emitted(const NodeValues& emission) {
   source_[0] = emission;
   sweep_sources(source_, 1);
-  Moments light = nothing();
+  Radiance light = nothing<Radiance>();
   gather(light);
   return light;
 }
 
-void ScatteringSolver::scatter(Moments& light) const {
+Source ScatteringSolver::scatter(Radiance light) const {
   each_row([&](size_t begin, size_t end) {
     for (size_t i = begin; i < end; ++i) {
       const float linear = albedo_[i] * linear_[i];
@@ -339,46 +333,38 @@ void ScatteringSolver::scatter(Moments& light) const {
       light[3][i] *= linear;
     }
   });
+  return Source::in_place_of(std::move(light));
 }
 
-void ScatteringSolver::transport(Moments& light) {
+Radiance ScatteringSolver::transport(Source scattered) {
   each_row([&](size_t begin, size_t end) {
     for (size_t a = 0; a < 4; ++a)
-      for (size_t i = begin; i < end; ++i) source_[a][i] = scaled_[i] * light[a][i];
+      for (size_t i = begin; i < end; ++i) source_[a][i] = scaled_[i] * scattered[a][i];
   });
-  transport_source(source_, light);
-}
-
-void ScatteringSolver::transport_source(const Moments& source, Moments& light) {
-  sweep_sources(source, 4);
+  sweep_sources(source_, 4);
+  Radiance light = Radiance::in_place_of(std::move(scattered));
   gather(light);
+  return light;
 }
 
-Moments ScatteringSolver::source_from(const ScatteringSolver& fine, const Moments& scattered) const {
-  Moments source;
+Radiance ScatteringSolver::transport(const Emission& emission) {
+  sweep_sources(emission, 4);
+  Radiance light = nothing<Radiance>();
+  gather(light);
+  return light;
+}
+
+Emission ScatteringSolver::emission_from(const ScatteringSolver& fine, const Source& scattered) const {
+  Emission emission;
   for (size_t a = 0; a < 4; ++a) {
     NodeValues leaving(fine.scaled_.size());
     for (size_t i = 0; i < leaving.size(); ++i) leaving[i] = 2 * fine.scaled_[i] * scattered[a][i];
-    source[a] = coarsened(fine.lattice_, leaving, lattice_, task_);
+    emission[a] = coarsened(fine.lattice_, leaving, lattice_, task_);
   }
-  return source;
+  return emission;
 }
 
-void ScatteringSolver::copy(const Moments& from, Moments& to) const {
-  each_row([&](size_t begin, size_t end) {
-    for (size_t a = 0; a < 4; ++a)
-      for (size_t i = begin; i < end; ++i) to[a][i] = from[a][i];
-  });
-}
-
-void ScatteringSolver::add(const Moments& from, Moments& to) const {
-  each_row([&](size_t begin, size_t end) {
-    for (size_t a = 0; a < 4; ++a)
-      for (size_t i = begin; i < end; ++i) to[a][i] += from[a][i];
-  });
-}
-
-double ScatteringSolver::total(const Moments& light) const {
+double ScatteringSolver::total(const Source& light) const {
   std::vector<double> sums(static_cast<size_t>(lattice_.n.x), 0.0);
   each_node([&](int x, int, int, size_t i) {
     if (extinction_[i] > 0) sums[static_cast<size_t>(x)] += light[0][i];

@@ -12,9 +12,24 @@
 
 namespace brume {
 
-/// The first two moments over directions at every node: of incident radiance, its mean and mean flux; of scattered
-/// radiance, the source function towards d is [0] + d . ([1], [2], [3]).
-using Moments = std::array<NodeValues, 4>;
+/// The first two moments over directions of a field, at every node.
+template <class Kind>
+struct Moments : std::array<NodeValues, 4> {
+  Moments() = default;
+  /// The memory of another kind's, for what is computed in its place.
+  template <class Other>
+  static Moments in_place_of(Moments<Other>&& other) {
+    Moments moments;
+    static_cast<std::array<NodeValues, 4>&>(moments) = std::move(other);
+    return moments;
+  }
+};
+/// Incident radiance: its mean, and its mean flux along x, y and z.
+using Radiance = Moments<struct RadianceKind>;
+/// Scattered radiance, the source function: towards d it is [0] + d . ([1], [2], [3]).
+using Source = Moments<struct SourceKind>;
+/// What nodes send out per spacing: extinction times the source function.
+using Emission = Moments<struct EmissionKind>;
 
 /// A number in [0, 1] for each node of a lattice and each of the solver's directions of travel, within 4e-5 of its
 /// root.
@@ -63,29 +78,36 @@ class ScatteringSolver {
   std::vector<uint8_t> near_media() const;
 
   /// Zeros. Fields are stored only at nodes within two cells of a medium, and are 0 elsewhere.
-  Moments nothing() const;
+  template <class Light>
+  Light nothing() const {
+    Light none;
+    for (NodeValues& values : none) values = NodeValues(lattice_.size());
+    return none;
+  }
   /// For each direction of travel, the transmittance from outside to the node, the forward peak counted as scattering.
   SkyShares arriving() const;
   /// Moments of radiance that enters from outside, for each direction, the forward peak not counted as scattering.
-  Moments entering(const std::vector<double>& incoming);
+  Radiance entering(const std::vector<double>& incoming);
   /// Moments of emitted light. @param emission  emission per spacing at the nodes
-  Moments emitted(const NodeValues& emission);
+  Radiance emitted(const NodeValues& emission);
 
-  /// Replaces incident radiance by the radiance that the media scatter of it: the source function.
-  void scatter(Moments& light) const;
-  /// Replaces the source function by incident radiance: streams scattered radiance to the next node, attenuating it
-  /// along each direction.
-  void transport(Moments& light);
-  /// The same of emission per spacing at the nodes: extinction times the source function.
-  /// @param light  nothing(), or what this made before
-  void transport_source(const Moments& source, Moments& light);
-  /// Emission per spacing of `fine`, whose lattice has half the spacing, at this lattice's nodes.
-  Moments source_from(const ScatteringSolver& fine, const Moments& scattered) const;
+  /// What the media scatter of incident radiance.
+  Source scatter(Radiance light) const;
+  /// Streams scattered radiance to the next node, attenuating it along each direction.
+  Radiance transport(Source scattered);
+  Radiance transport(const Emission& emission);
+  /// What `fine`, whose lattice has half the spacing, sends out at this lattice's nodes.
+  Emission emission_from(const ScatteringSolver& fine, const Source& scattered) const;
 
-  void copy(const Moments& from, Moments& to) const;
-  void add(const Moments& from, Moments& to) const;
+  template <class Light>
+  void add(const Light& from, Light& to) const {
+    each_row([&](size_t begin, size_t end) {
+      for (size_t a = 0; a < 4; ++a)
+        for (size_t i = begin; i < end; ++i) to[a][i] += from[a][i];
+    });
+  }
   /// Of the mean radiance, over the nodes with extinction in them.
-  double total(const Moments& light) const;
+  double total(const Source& light) const;
 
   /// Calls visit(x, y, z, index) for the inner nodes, on the task's threads.
   template <class Visit>
@@ -118,15 +140,15 @@ class ScatteringSolver {
   struct Bundle {
     bool y_major = false;
     std::vector<size_t> directions;
-    Moments light;  ///< sums over the directions, in the bundle's own order of nodes
+    std::array<NodeValues, 4> light;  ///< sums over the directions, in the bundle's own order of nodes
     std::array<float*, 4> moments() { return {light[0].data(), light[1].data(), light[2].data(), light[3].data()}; }
   };
   std::vector<SweepBeam> beams(const Bundle& bundle) const;
   /// Its domain, with results kept near the media.
   SweepDomain near(const Bundle& bundle) const;
-  void sweep_sources(const Moments& source, size_t count);
+  void sweep_sources(const Emission& source, size_t count);
   /// Sums of all bundles, near the media.
-  void gather(Moments& light) const;
+  void gather(Radiance& light) const;
   /// Calls body(begin, end) for the nodes of each row near the media.
   template <class Body>
   void each_row(const Body& body) const {
@@ -146,7 +168,7 @@ class ScatteringSolver {
   std::vector<SweepRow> rows_, y_major_rows_;                             // the nodes near the media
   NodeValues extinction_, scaled_, y_major_extinction_, y_major_scaled_;  // per spacing; without the forward peak
   NodeValues albedo_, linear_;  // of what is left of scattering, and three times its mean cosine
-  Moments source_, y_major_source_;
+  Emission source_, y_major_source_;
   std::array<Bundle, 6> bundles_;  // towards -x, x, -y, y, -z, z
   double mean_scale_ = 1;
 };

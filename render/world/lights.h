@@ -26,6 +26,14 @@ class Lights {
   size_t mesh_count() const { return meshes_.size(); }
   const std::vector<const Sun*>& suns() const { return suns_; }
   const std::vector<const PointLight*>& points() const { return points_; }
+  /// Calls visit(light) for all but the environment, each as the kind that it is.
+  template <class Visit>
+  void each_sharp(const Visit& visit) const {
+    for (const Sun* sun : suns_) visit(*sun);
+    for (const FiniteLight* light : finite_) visit(*light);
+    for (const PointLight* light : points_) visit(*light);
+    for (const MeshLight* light : meshes_) visit(*light);
+  }
   /// Null where the scene has none.
   const Environment* environment() const { return environment_; }
   /// Whether lights stand somewhere.

@@ -362,10 +362,9 @@ TEST(ScatteringSolver, KeepsTheEnergyOfAnEvenSky) {
   const GuideMedia guide_media(media, {}, 0);
   ScatteringSolver solver(Lattice::over(guide_media.lo(), guide_media.hi(), 1, 1000000), guide_media, kGrey, {});
   const std::vector<double> sky(ScatteringSolver::directions().size(), 1.0);
-  Moments light = solver.entering(sky), sum = light;
+  Radiance light = solver.entering(sky), sum = light;
   for (int order = 1; order < 120; ++order) {
-    solver.scatter(light);
-    solver.transport(light);
+    light = solver.transport(solver.scatter(std::move(light)));
     solver.add(light, sum);
   }
   const Lattice& l = solver.lattice();

@@ -1,0 +1,124 @@
+#include "render/guides/guide_lights.h"
+
+#include <algorithm>
+#include <map>
+#include <string>
+
+#include "render/guides/lit_surface.h"
+#include "render/guides/sharp_light.h"
+#include "render/guides/sky_light.h"
+
+namespace brume {
+namespace {
+
+// Lights beyond these share one group: each costs a sweep of the lattice for every order, and a filter dozens of
+// guides.
+constexpr size_t kMostSuns = 2, kMostLamps = 2;
+
+dvec3 of_mean_one(const dvec3& colour) {
+  const double mean = in_colour(colour, kGrey);
+  return mean > 0 ? colour / mean : dvec3(1);
+}
+
+/// What the media emit.
+class GlowLight final : public GuideLight {
+ public:
+  GlowLight() : GuideLight("glow", dvec3(1)) {}
+  Radiance arriving(const LightSolve& solve) override {
+    const Lattice& lattice = solve.solver.lattice();
+    NodeValues emission(lattice.size());
+    std::vector<dvec3> sums(static_cast<size_t>(lattice.n.x), dvec3(0));
+    solve.solver.each_node([&](int x, int y, int z, size_t i) {
+      const dvec3 here = solve.media().emission(lattice.node(x, y, z));
+      sums[static_cast<size_t>(x)] += here;
+      emission[i] = static_cast<float>(in_colour(here, solve.colour) * lattice.spacing);
+    });
+    dvec3 colours(0);
+    for (const dvec3& sum : sums) colours += sum;
+    colour = of_mean_one(colours);
+    return solve.solver.emitted(emission);
+  }
+  Lit onto(const LitSurfaces& around, const dvec3& p, const dvec3& normal) const override {
+    return around.ambient_light ? Lit{around.ambient_light->onto(p, normal).emitted, dvec3(0)} : Lit();
+  }
+};
+
+class LightFromSurfaces final : public GuideLight {
+ public:
+  explicit LightFromSurfaces(const dvec3& mean) : GuideLight("surfaces", mean) {}
+  bool from_surfaces() const override { return true; }
+  Radiance arriving(const LightSolve& solve) override {
+    Radiance light = solve.solver.nothing<Radiance>();
+    solve.solver.each_node([&](int x, int y, int z, size_t i) {
+      if (solve.solver.extinction()[i] == 0) return;
+      const std::array<double, 4> moments = solve.surface_light->at(solve.solver.lattice().node(x, y, z), solve.colour);
+      for (size_t a = 0; a < 4; ++a) light[a][i] = static_cast<float>(moments[a]);
+    });
+    return light;
+  }
+  Lit onto(const LitSurfaces& around, const dvec3& p, const dvec3& normal) const override {
+    return around.surface_light ? Lit{dvec3(0), around.surface_light->onto(p, normal)} : Lit();
+  }
+};
+
+struct Candidate {
+  KnownLight light;
+  dvec3 colour;
+  double importance;
+};
+
+}  // namespace
+
+std::vector<std::unique_ptr<GuideLight>> guide_lights(const Lights& lights, const GuideMedia& media,
+                                                      GuideColour colour) {
+  const dvec3 middle = 0.5 * (media.lo() + media.hi());
+  std::vector<Candidate> candidates;
+  lights.each_sharp([&](const auto& light) {
+    if (const double importance = light.importance(middle); importance > 0)
+      candidates.push_back({&light, of_mean_one(arriving_light(&light, middle).irradiance), importance});
+  });
+  std::stable_sort(candidates.begin(), candidates.end(),
+                   [](const Candidate& a, const Candidate& b) { return a.importance > b.importance; });
+
+  std::vector<std::unique_ptr<GuideLight>> guides;
+  std::map<std::string, int> named;
+  size_t suns = 0, lamps = 0;
+  std::vector<KnownLight> others;
+  dvec3 others_colour(0);
+  for (const Candidate& c : candidates) {
+    const bool sun = std::holds_alternative<const Sun*>(c.light);
+    if (sun ? suns++ >= kMostSuns : lamps++ >= kMostLamps) {
+      others.push_back(c.light);
+      others_colour += c.importance * c.colour;
+      continue;
+    }
+    std::string name = guide_word(c.light);
+    if (const int number = ++named[name]; number > 1) name += "_" + std::to_string(number);
+    if (sun)
+      guides.push_back(std::make_unique<SunLight>(name, c.colour, c.light));
+    else
+      guides.push_back(std::make_unique<LampLight>(name, c.colour, c.light));
+  }
+  if (!others.empty()) guides.push_back(other_lights(of_mean_one(others_colour), others));
+  const Environment& sky = *lights.environment();
+  if (!sky.black() && !sky.constant() && colour == kGrey) {
+    for (GuideColour channel = 0; channel < 3; ++channel) {
+      dvec3 own(0);
+      own[channel] = 1;
+      guides.push_back(std::make_unique<SkyLight>("sky", own, channel));
+    }
+  } else if (!sky.black()) {
+    dvec3 mean(0);
+    for (const dvec3& d : {dvec3(1, 0, 0), dvec3(-1, 0, 0), dvec3(0, 1, 0), dvec3(0, -1, 0), dvec3(0, 0, 1)})
+      mean += sky.radiance(d);
+    guides.push_back(std::make_unique<SkyLight>("sky", of_mean_one(mean)));
+  }
+  if (!media.emissions().empty()) guides.push_back(std::make_unique<GlowLight>());
+  return guides;
+}
+
+std::unique_ptr<GuideLight> light_from_surfaces(const dvec3& colour) {
+  return std::make_unique<LightFromSurfaces>(colour);
+}
+
+}  // namespace brume

@@ -1,0 +1,264 @@
+#include "render/guides/sharp_light.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "base/math.h"
+#include "render/guides/attenuation.h"
+#include "render/guides/lit_surface.h"
+
+namespace brume {
+namespace {
+
+constexpr size_t kMostSunNodes = 16000000;
+
+template <class... Answers>
+struct Answer : Answers... {
+  using Answers::operator()...;
+};
+
+/// Round lights are sampled along their axis, flat ones in their middle.
+ArrivingLight sampled_middle(const Light& light, const dvec3& p) {
+  const LightSample s = light.sample(p, light.centre() ? dvec2(0, 0.5) : dvec2(0.5));
+  if (!(s.pdf > 0)) return {};
+  const double radius = light.centre() ? std::max(0.0, glm::distance(*light.centre(), p) - s.distance) : 0;
+  return {s.wi, s.distance, s.radiance / s.pdf, radius};
+}
+
+/// As of a sphere of the same projected area.
+ArrivingLight mesh_as_sphere(const MeshLight& light, const dvec3& p) {
+  constexpr double kClear = 1.1;  // of the sphere's radius: shadow rays end before the mesh
+  const dvec3 to = light.middle() - p;
+  const double distance = glm::length(to);
+  if (!(distance > 0)) return {};
+  const dvec3 towards = to / distance;
+  const double area = light.projected_area(towards), radius = kClear * std::sqrt(area / kPi);
+  const double sine2 = std::min(1.0, area / (kPi * distance * distance));
+  const double solid_angle = 2 * kPi * sine2 / (1 + std::sqrt(1 - sine2));
+  return {towards, std::max(0.01 * distance, distance - radius), solid_angle * light.radiance(),
+          std::min(radius, 0.99 * distance)};
+}
+
+/// What arrives from a lamp in the cube around a node, on average: where the lamp is near, it differs much from place
+/// to place. Nothing is lit inside the lamp.
+ArrivingLight mean_over_cube(const KnownLight& light, const dvec3& node, double size) {
+  constexpr int kAcross = 4;
+  constexpr double kNear = 2.5;  // sizes
+  ArrivingLight mean = arriving_light(light, node);
+  const dvec3* const centre = base_of(light).centre();
+  if (!centre || glm::distance(*centre, node) > kNear * size) return mean;
+  const double share = 1.0 / (kAcross * kAcross * kAcross);
+  mean.irradiance = mean.towards = dvec3(0);
+  for (int i = 0; i < kAcross * kAcross * kAcross; ++i) {
+    const dvec3 place(i % kAcross, i / kAcross % kAcross, i / (kAcross * kAcross));
+    const dvec3 p = node + size * ((place + 0.5) / static_cast<double>(kAcross) - 0.5);
+    const ArrivingLight here = arriving_light(light, p);
+    if (here.distance > glm::distance(*centre, p)) continue;
+    mean.irradiance += share * here.irradiance;
+    mean.towards += share * in_colour(here.irradiance, kGrey) * here.towards;
+  }
+  const double all = in_colour(mean.irradiance, kGrey);
+  mean.towards = all > 0 ? mean.towards / all : dvec3(0);
+  return mean;
+}
+
+/// Optical depth from a point along a direction, through the lattice's own extinction, a node a step.
+double depth_along(const ScatteringSolver& solver, const dvec3& from, const dvec3& towards, double distance) {
+  const Lattice& lattice = solver.lattice();
+  const dvec3 start = lattice.to_lattice(from);
+  const double length = distance / lattice.spacing;
+  const int steps = static_cast<int>(std::min(std::ceil(length), 4096.0));
+  double depth = 0;
+  for (int s = 0; s < steps; ++s) {
+    const double share = std::min(1.0, length - s);
+    const dvec3 q = start + towards * (s + 0.5 * share);
+    if (glm::any(glm::lessThan(q, dvec3(0))) || glm::any(glm::greaterThan(q, dvec3(lattice.n - 1)))) break;
+    const ivec3 node = ivec3(glm::round(q));
+    depth += share * static_cast<double>(solver.extinction()[lattice.index(node.x, node.y, node.z)]);
+  }
+  return depth;
+}
+
+/// Adds light along one direction.
+void add_beam(Radiance& light, size_t node, double irradiance, const dvec3& towards) {
+  const double mean = irradiance / (4 * kPi);
+  light[0][node] += static_cast<float>(mean);
+  for (int a = 0; a < 3; ++a) light[static_cast<size_t>(a) + 1][node] -= static_cast<float>(mean * towards[a]);
+}
+
+/// Adds a lamp's light at a node. @return  the share that surfaces leave of it, and its depth
+std::pair<double, double> add_lamp(const LightSolve& solve, const KnownLight& light, size_t node, const dvec3& p,
+                                   Radiance& arriving) {
+  const ArrivingLight here = arriving_light(light, p);
+  const double share = solve.passage({p, here.towards}, here.distance);
+  const double depth = depth_along(solve.solver, p, here.towards, here.distance);
+  const ArrivingLight mean = mean_over_cube(light, p, solve.solver.lattice().spacing);
+  add_beam(arriving, node,
+           in_colour(mean.irradiance, solve.colour) * share * here.transmittance(solve.solver.mean_scale() * depth),
+           mean.mean_cosine() * mean.towards);
+  return {share, depth};
+}
+
+}  // namespace
+
+ArrivingLight arriving_light(const KnownLight& light, const dvec3& p) {
+  return std::visit(Answer{[](const Sun* sun) {
+                             return ArrivingLight{sun->axis(), kFar, sun->irradiance()};
+                           },
+                           [&](const FiniteLight* lamp) { return sampled_middle(*lamp, p); },
+                           [&](const PointLight* lamp) { return sampled_middle(*lamp, p); },
+                           [&](const MeshLight* mesh) { return mesh_as_sphere(*mesh, p); }},
+                    light);
+}
+
+const char* guide_word(const KnownLight& light) {
+  return std::visit(Answer{[](const Sun*) { return "sun"; },
+                           [](const FiniteLight* lamp) { return lamp->centre() ? "sphere" : "rectangle"; },
+                           [](const PointLight*) { return "point"; }, [](const MeshLight*) { return "mesh"; }},
+                    light);
+}
+
+bool has_extent(const KnownLight& light) {
+  return std::visit(Answer{[](const Sun* sun) { return !sun->delta(); }, [](const FiniteLight*) { return true; },
+                           [](const PointLight*) { return false; }, [](const MeshLight*) { return false; }},
+                    light);
+}
+
+std::optional<MetLight> met_by(const Ray& ray, const KnownLight& light) {
+  using Met = std::optional<MetLight>;
+  return std::visit(Answer{[&](const Sun* sun) {
+                             return Met({sun->radiance(ray.d), sun->pdf(ray.d)});
+                           },
+                           [&](const FiniteLight* lamp) {
+                             const double t = lamp->intersect(ray);
+                             return t > 0 ? Met({lamp->radiance(ray, t), lamp->pdf(ray, t)}) : Met();
+                           },
+                           [](const PointLight*) { return Met(); }, [](const MeshLight*) { return Met(); }},
+                    light);
+}
+
+double ArrivingLight::mean_cosine() const {
+  const double sine = radius / (distance + radius);
+  return radius > 0 ? 0.5 * (1 + std::sqrt(std::max(0.0, 1 - sine * sine))) : 1;
+}
+
+bool ArrivingLight::small() const {
+  constexpr double kSmall = 0.2;  // of the distance of its middle: all directions are alike
+  return !(distance > 0) || radius < kSmall * (distance + radius);
+}
+
+double ArrivingLight::mean_depth() const {
+  const double mean = small() ? 0 : transmittance(depth);
+  return mean > 0 ? -portable_log(mean) : depth;
+}
+
+double ArrivingLight::transmittance(double shortest) const {
+  constexpr int kRings = 4;
+  if (small()) return attenuation(shortest);
+  const double middle = distance + radius;
+  const double cap = 1 - std::sqrt(1 - radius / middle * (radius / middle));
+  double sum = 0;
+  for (int ring = 0; ring < kRings; ++ring) {
+    const double cosine = 1 - cap * (ring + 0.5) / kRings;
+    const double way =
+        middle * cosine - std::sqrt(std::max(0.0, radius * radius - middle * middle * (1 - cosine * cosine)));
+    sum += attenuation(shortest * way / distance);
+  }
+  return sum / kRings;
+}
+
+Lit SharpLight::onto(const LitSurfaces& around, const dvec3& p, const dvec3& normal) const {
+  Lit lit;
+  const ArrivingLight light = at(p);
+  const double cosine = glm::dot(light.towards, normal);
+  if (cosine > 0) lit.add(cosine / kPi * light.irradiance, around.transmitted(light_, light, p));
+  return lit;
+}
+
+ArrivingLight SunLight::at(const dvec3& p) const {
+  ArrivingLight light = arriving_light(light_, p);
+  light.depth = depth_[depth_.size() / 2].at(p);
+  return light;
+}
+
+Radiance SunLight::arriving(const LightSolve& solve) {
+  for (const GuideMedia& m : solve.times)
+    depth_.emplace_back(m, solve.colour, towards(), m.voxel(), kMostSunNodes, solve.task);
+  const ScatteringSolver& solver = solve.solver;
+  lattice_ = solver.lattice();
+  if (solve.surfaces) visible_ = NodeValues(lattice_.size());
+  Radiance light = solver.nothing<Radiance>();
+  solver.each_node([&](int x, int y, int z, size_t i) {
+    const dvec3 p = lattice_.node(x, y, z);
+    const double share = solve.passage({p, towards()}, kFar);
+    if (solve.surfaces) visible_[i] = static_cast<float>(share);
+    if (solver.extinction()[i] == 0) return;
+    const double depth = solver.mean_scale() * static_cast<double>(depth_[depth_.size() / 2].at(p));
+    add_beam(light, i, in_colour(irradiance(), solve.colour) * share * attenuation(depth), towards());
+  });
+  return light;
+}
+
+size_t SunLight::bytes() const {
+  size_t sum = visible_.size() * sizeof(float);
+  for (const SunDepth& depth : depth_) sum += depth.bytes();
+  return sum;
+}
+
+ArrivingLight LampLight::at(const dvec3& p) const {
+  ArrivingLight light = arriving_light(light_, p);
+  light.depth = interpolated(lattice_, depth_, p);
+  return light;
+}
+
+Radiance LampLight::arriving(const LightSolve& solve) {
+  lattice_ = solve.solver.lattice();
+  depth_ = NodeValues(lattice_.size());
+  if (solve.surfaces) visible_ = NodeValues(lattice_.size());
+  Radiance light = solve.solver.nothing<Radiance>();
+  solve.solver.each_node([&](int x, int y, int z, size_t i) {
+    const auto [share, depth] = add_lamp(solve, light_, i, lattice_.node(x, y, z), light);
+    depth_[i] = static_cast<float>(depth);
+    if (solve.surfaces) visible_[i] = static_cast<float>(share);
+  });
+  return light;
+}
+
+namespace {
+
+class OtherLights final : public GuideLight {
+ public:
+  OtherLights(const dvec3& mean, std::vector<KnownLight> lights)
+      : GuideLight("others", mean), lights_(std::move(lights)) {}
+
+  Radiance arriving(const LightSolve& solve) override {
+    Radiance light = solve.solver.nothing<Radiance>();
+    solve.solver.each_node([&](int x, int y, int z, size_t i) {
+      for (const KnownLight& own : lights_) add_lamp(solve, own, i, solve.solver.lattice().node(x, y, z), light);
+    });
+    return light;
+  }
+  Lit onto(const LitSurfaces& around, const dvec3& p, const dvec3& normal) const override {
+    Lit lit;
+    for (const KnownLight& own : lights_) {
+      ArrivingLight light = arriving_light(own, p);
+      const double cosine = glm::dot(light.towards, normal);
+      if (!(cosine > 0)) continue;
+      if (around.ambient_light)
+        light.depth = around.ambient_light->depth(p, light.towards, light.distance) / around.scale;
+      lit.add(cosine / kPi * light.irradiance, around.transmitted(own, light, p));
+    }
+    return lit;
+  }
+
+ private:
+  const std::vector<KnownLight> lights_;
+};
+
+}  // namespace
+
+std::unique_ptr<GuideLight> other_lights(const dvec3& colour, std::vector<KnownLight> lights) {
+  return std::make_unique<OtherLights>(colour, std::move(lights));
+}
+
+}  // namespace brume
