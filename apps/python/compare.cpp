@@ -127,7 +127,7 @@ py::dict compare(const py::object& picture, const py::object& reference, const p
   if (!second.is_none()) r2.emplace("second", second, numbers);
   if (x.sequence != r.sequence || (r2 && r2->sequence != r.sequence))
     throw InputError("picture, reference and second: expected sequences of all of them, or one frame of each");
-  const std::string sheet = contact_sheet.is_none() ? "" : to_path(contact_sheet);
+  const std::string sheet = to_optional_path(contact_sheet);
   if (x.sequence) return compare_sequence(x, r, r2, std::move(numbers), options, sheet, threads, progress);
   if (!sheet.empty()) throw InputError("contact_sheet: shows the frames of a sequence; expected lists, or frames");
   std::optional<ComparisonReport> report;

@@ -84,6 +84,10 @@ std::string to_path(py::handle path) {
   return py::reinterpret_steal<py::bytes>(bytes);
 }
 
+std::string to_optional_path(py::handle path) {
+  return path.is_none() ? "" : to_path(path);
+}
+
 bool is_path(py::handle value) {
   return PyUnicode_Check(value.ptr()) || PyBytes_Check(value.ptr()) || py::hasattr(value, "__fspath__");
 }

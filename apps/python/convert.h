@@ -21,6 +21,8 @@ py::str to_str(std::string_view text);
 std::string to_text(py::handle text);
 /// A path: str, bytes or os.PathLike. @throws py::type_error
 std::string to_path(py::handle path);
+/// The same; empty for None.
+std::string to_optional_path(py::handle path);
 /// camera__fov as the command line's "camera.fov".
 std::string to_key(py::handle keyword);
 /// Whether it is a str, bytes or os.PathLike.

@@ -154,7 +154,7 @@ py::object denoise(const py::object& layers, const py::object& filter, const std
   options.resume = resume;
   options.file.keep = keep_file;
   options.file.suffix = suffix;
-  if (!map.is_none()) options.file.map = to_path(map);
+  options.file.map = to_optional_path(map);
   if (!samples.is_none()) options.file.samples = to_int("samples", samples, 1, std::numeric_limits<int>::max());
   if (!filter.is_none()) options.filters = {parse_filter(to_text(filter))};
   if (options.filters.empty() && parameters.size() > 0)
@@ -162,16 +162,13 @@ py::object denoise(const py::object& layers, const py::object& filter, const std
                                  to_text(py::list(parameters.attr("keys")())[0])));
   for (const auto& [key, value] : parameters) options.filters[0].set(parameter_name(to_text(key)), to_toml(value));
 
-  const auto path_or_none = [](const py::object& path) {
-    return path.is_none() ? std::filesystem::path() : std::filesystem::path(to_path(path));
-  };
   std::vector<int> numbers;
   if (!frame_numbers.is_none()) numbers = parse_frames(to_text(frame_numbers));
   if (!output.is_none()) {
     if (!is_path(layers)) throw InputError("output: is for files; expected layers to be a path");
     if (!guides.is_none() && !is_path(guides)) throw InputError("output: is for files; expected guides to be a path");
-    const FrameFiles files{to_path(layers), path_or_none(guides), path_or_none(records), to_path(output),
-                           path_or_none(png)};
+    const FrameFiles files{to_path(layers), to_optional_path(guides), to_optional_path(records), to_path(output),
+                           to_optional_path(png)};
     return denoise_files(files, std::move(numbers), options, threads, progress);
   }
   if (!png.is_none() || !records.is_none() || !numbers.empty() || resume || options.file.asked() ||

@@ -175,8 +175,8 @@ py::object evaluate(const py::object& experiment, const py::object& filters, con
   Experiment& e = options.experiment;
   e = open_experiment(files);
   const bool only_scenes = e.text.empty();
-  if (!output.is_none()) options.output = to_path(output);
-  if (!cache.is_none()) options.cache = to_path(cache);
+  options.output = to_optional_path(output);
+  options.cache = to_optional_path(cache);
   options.command = "brume.evaluate of Python";
   if (!size.is_none()) e.size = to_int("size", size, 1, 65536);
   if (!spp.is_none()) e.spp = to_counts(spp);

@@ -20,9 +20,9 @@ LayersPointer guides(const py::object& like, const py::object& scene, const py::
   const bool is_file = is_path(like);
   const std::string file = is_file ? to_path(like) : std::string();
   if (!is_file) options.like = GuidedFrame::of(*to_layers(like), "the frame");
-  if (!volume.is_none()) options.volume = to_path(volume);
+  options.volume = to_optional_path(volume);
   if (!samples.is_none()) options.samples = to_int("samples", samples, 1, 1 << 24);
-  const std::string path = output.is_none() ? std::string() : to_path(output);
+  const std::string path = to_optional_path(output);
   if (!argument && changes.has_arrays()) throw InputError("arrays: expected a scene whose volumes or meshes they are");
 
   LayersPointer result;

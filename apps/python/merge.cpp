@@ -27,7 +27,7 @@ LayersPointer merge(const py::object& parts, const py::object& numbers, bool mer
   }
   if (!numbers.is_none()) options.numbers = parse_frames(to_text(numbers));
   options.mergeable = mergeable;
-  if (!output.is_none()) options.output = to_path(output);
+  options.output = to_optional_path(output);
   LayersPointer result;
   run_work({}, threads,
            [&](const Work& work) { result = std::make_shared<Layers>(merge_frames(options, host_of(work)).value()); });

@@ -27,10 +27,6 @@ class PythonWatcher : public RenderWatcher {
   const Work& work_;
 };
 
-std::filesystem::path to_optional_path(const py::object& path) {
-  return path.is_none() ? std::filesystem::path() : std::filesystem::path(to_path(path));
-}
-
 RenderOptions::Part to_part(const py::object& part) {
   const std::vector<int> numbers = to_ints("part", part, "(i, n)");
   if (numbers[0] < 1 || numbers[0] > numbers[1])
