@@ -11,7 +11,6 @@
 
 #include "base/error.h"
 #include "base/sequence.h"
-#include "base/text.h"
 #include "image/guide_names.h"
 #include "image/packed_half.h"
 #include "render/scene/scene_io.h"
