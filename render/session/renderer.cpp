@@ -127,9 +127,7 @@ void PreparedScene::prepare_lanes(const Task& task) {
     grid = LaneGrid(medium.walked(), scene_.render.majorant_scale, task);
   }
   for (const EmissionField& field : context_.emissions)
-    emission_grids_.push_back(LaneEmission::fits(field) && !field.shape().homogeneous()
-                                  ? LaneGrid(field.shape().bricks(), 1.0, task)
-                                  : LaneGrid());
+    emission_grids_.push_back(LaneEmission::fits(field) ? LaneGrid(field.shape().bricks(), 1.0, task) : LaneGrid());
   context_.lane_grids = lane_grids_;
   context_.emission_grids = emission_grids_;
   context_.displaced_grids = displaced_grids_;

@@ -43,16 +43,10 @@ void Surface(const LaneScene& scene, const PathStates& paths, const SlotList& ra
     hn::Store(value, d, density);
     queue.finished &= collided | close;
     queue.collect([&](size_t lane, size_t s) {
-      if (!(collided >> lane & 1)) {
+      if (collided >> lane & 1)
+        crossings.add(s, outside[lane], t[lane], -1, density[lane]);
+      else
         crossings.unsure.push(s);
-        return;
-      }
-      const size_t k = crossings.slots.count;
-      crossings.outside[k] = outside[lane];
-      crossings.inside[k] = t[lane];
-      crossings.below[k] = -1;
-      crossings.above[k] = density[lane];
-      crossings.slots.push(s);
     });
   };
   const auto load = [&](CellWalk::Buffer& buffer) BRUME_INLINE_LAMBDA {
@@ -122,14 +116,7 @@ void DisplacedSurface(const LaneScene& scene, const PathStates& paths, const Slo
     hn::Store(before, d, outside);
     hn::Store(value, d, above);
     queue.finished &= collided;
-    queue.collect([&](size_t lane, size_t s) {
-      const size_t n = crossings.slots.count;
-      crossings.outside[n] = outside[lane];
-      crossings.inside[n] = inside[lane];
-      crossings.below[n] = -1;
-      crossings.above[n] = above[lane];
-      crossings.slots.push(s);
-    });
+    queue.collect([&](size_t lane, size_t s) { crossings.add(s, outside[lane], inside[lane], -1, above[lane]); });
   };
   const auto load = [&](CellWalk::Buffer& buffer) BRUME_INLINE_LAMBDA {
     const M fresh =

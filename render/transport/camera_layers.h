@@ -31,6 +31,15 @@ struct IsosurfaceCrossings {
   Column<float> below, above;  ///< the densities there; negative where unknown
   SlotList slots;
   SlotList unsure;  ///< rays for which no sample was inside, but that passed close enough to have crossed the surface
+
+  void add(size_t slot, float t_outside, float t_inside, float density_below, float density_above) {
+    const size_t k = slots.count;
+    outside[k] = t_outside;
+    inside[k] = t_inside;
+    below[k] = density_below;
+    above[k] = density_above;
+    slots.push(slot);
+  }
 };
 
 /// Finds where the density along each ray first reaches `isosurface_density`, sampled once per voxel length from

@@ -103,11 +103,7 @@ void CameraRays::look_again(size_t medium) {
     const Ray local{dvec3(p_.flight.o[i]), dvec3(p_.flight.d[i])};
     const float iso = c_.lane_grids[medium].isosurface_density;
     const auto t = find_isosurface(c_.media[medium], local, iso, b_.layers.begin[i]);
-    if (!t) continue;
-    const size_t n = b_.crossings.slots.count;
-    b_.crossings.outside[n] = b_.crossings.inside[n] = static_cast<float>(*t);
-    b_.crossings.below[n] = b_.crossings.above[n] = iso;
-    b_.crossings.slots.push(i);
+    if (t) b_.crossings.add(i, static_cast<float>(*t), static_cast<float>(*t), iso, iso);
   }
 }
 

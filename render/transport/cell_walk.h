@@ -53,30 +53,24 @@ struct RayQueue {
 
 /// The lanes' random generators in memory, while lanes are refilled.
 struct GeneratorBuffer {
-  HWY_ALIGN uint32_t s0[RayQueue::kMost] = {}, s1[RayQueue::kMost] = {}, s2[RayQueue::kMost] = {},
-                     s3[RayQueue::kMost] = {};
+  HWY_ALIGN uint32_t s[4][RayQueue::kMost] = {};
+
   HWY_INLINE void store(const Generator& rng) {
     const DU du;
-    hn::Store(rng.s0, du, s0);
-    hn::Store(rng.s1, du, s1);
-    hn::Store(rng.s2, du, s2);
-    hn::Store(rng.s3, du, s3);
+    hn::Store(rng.s0, du, s[0]);
+    hn::Store(rng.s1, du, s[1]);
+    hn::Store(rng.s2, du, s[2]);
+    hn::Store(rng.s3, du, s[3]);
   }
   HWY_INLINE Generator load() const {
     const DU du;
-    return {hn::Load(du, s0), hn::Load(du, s1), hn::Load(du, s2), hn::Load(du, s3)};
+    return {hn::Load(du, s[0]), hn::Load(du, s[1]), hn::Load(du, s[2]), hn::Load(du, s[3])};
   }
   HWY_INLINE void fetch(const PathStates& paths, size_t slot, size_t lane) {
-    s0[lane] = paths.s0[slot];
-    s1[lane] = paths.s1[slot];
-    s2[lane] = paths.s2[slot];
-    s3[lane] = paths.s3[slot];
+    for (size_t k = 0; k < 4; ++k) s[k][lane] = paths.generator[k][slot];
   }
   HWY_INLINE void give_back(PathStates& paths, size_t slot, size_t lane) const {
-    paths.s0[slot] = s0[lane];
-    paths.s1[slot] = s1[lane];
-    paths.s2[slot] = s2[lane];
-    paths.s3[slot] = s3[lane];
+    for (size_t k = 0; k < 4; ++k) paths.generator[k][slot] = s[k][lane];
   }
 };
 
@@ -91,10 +85,11 @@ struct CellWalk {
 
   struct Buffer {
     Lanes3 o, d;
-    HWY_INLINE void fetch(const LocalRays& rays, size_t slot, size_t lane) {
-      o.set(lane, rays.o[slot]);
-      d.set(lane, rays.d[slot]);
+    HWY_INLINE void fetch(const Column3& origins, const Column3& directions, size_t slot, size_t lane) {
+      o.set(lane, origins[slot]);
+      d.set(lane, directions[slot]);
     }
+    HWY_INLINE void fetch(const LocalRays& rays, size_t slot, size_t lane) { fetch(rays.o, rays.d, slot, lane); }
   };
   HWY_INLINE void store(Buffer& b) const {
     b.o.store(o);

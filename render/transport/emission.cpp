@@ -114,19 +114,11 @@ namespace brume {
 
 HWY_EXPORT(Emission);
 
-LaneEmission::LaneEmission(const EmissionField& emission, const LaneGrid* grid)
-    : field(emission),
-      shape(field.shape()),
-      bounds(shape.homogeneous()
-                 ? *shape.homogeneous()
-                 : HomogeneousShape{HomogeneousShape::Shape::kBox, shape.support().first, shape.support().second}),
-      unit(lane_unit(shape)) {
-  if (!grid) {
-    coefficient = vec3(field.coefficient());
-    return;
-  }
-  box = {&shape.placement().to_local(), false, bounds.lo, bounds.hi, dvec3(0), unit};
-  set_cells(cells, *grid);
+LaneEmission::LaneEmission(const EmissionField& field, const LaneGrid& grid) {
+  const Medium& shape = field.shape();
+  const auto [lo, hi] = shape.support();
+  box = {&shape.placement().to_local(), false, lo, hi, dvec3(0), lane_unit(shape)};
+  set_cells(cells, grid);
   const EmissionRamp& ramp = field.ramp();
   const auto floats = [](const auto& values, const auto& of) {
     std::vector<float> result;
@@ -142,39 +134,13 @@ LaneEmission::LaneEmission(const EmissionField& emission, const LaneGrid* grid)
     const double width = ramp.stops()[i + 1] - ramp.stops()[i];
     inverse_widths.push_back(width > 0 ? static_cast<float>(1 / width) : 0.0f);
   }
-  cells.unit = static_cast<float>(unit);
+  cells.unit = static_cast<float>(box.unit);
   cells.blackbody = ramp.is_blackbody();
   cells.offset = static_cast<float>(ramp.offset());
   cells.scale = static_cast<float>(ramp.scale());
   cells.stops = stops.data();
   cells.inverse_widths = inverse_widths.data();
   cells.last = static_cast<int32_t>(ramp.entries().size()) - 2;
-}
-
-void LaneEmission::enter(const std::array<Ray, kPool>& rays, const std::array<double, kPool>& ends,
-                         const SlotList& slots, EmissionSegments& segments, std::array<double, kPool>& begin,
-                         SlotList& inside) const {
-  if (!shape.homogeneous()) {
-    enter_box(box, rays, ends, slots, segments.rays, begin, inside);
-    return;
-  }
-  for (const size_t i : slots) {
-    const auto [enters, leaves] = bounds.intersect(shape.to_local(rays[i]));
-    const double length = std::min(leaves, ends[i]) - std::max(enters, 0.0);
-    if (!(length > 0)) continue;
-    segments.rays.end[i] = static_cast<float>(length / unit);
-    inside.push(i);
-  }
-}
-
-void LaneEmission::integrate(PathStates& paths, const SlotList& rays, EmissionSegments& segments) const {
-  if (!shape.homogeneous()) {
-    lanes_emission(cells, paths, rays, segments);
-    return;
-  }
-  for (const size_t i : rays) {
-    segments.emitted.set(i, coefficient * (segments.rays.end[i] * static_cast<float>(unit)));
-  }
 }
 
 void lanes_emission(const EmissionCells& cells, PathStates& paths, const SlotList& rays, EmissionSegments& segments) {

@@ -28,27 +28,16 @@ struct EmissionSegments {
 
 /// An EmissionField as the kernels need it.
 struct LaneEmission {
-  /// @param grid  of its values; null for a homogeneous shape
-  LaneEmission(const EmissionField& emission, const LaneGrid* grid);
-  /// Whether it can hold a field: a still one, homogeneous or of a grid that single precision resolves.
+  /// @param grid  of its values
+  LaneEmission(const EmissionField& emission, const LaneGrid& grid);
+  /// Whether it can hold a field: a still grid that single precision resolves.
   static bool fits(const EmissionField& emission) {
-    return !emission.moves() && (emission.shape().homogeneous() || LaneGrid::fits(emission.shape().bricks()));
+    return !emission.moves() && !emission.shape().homogeneous() && LaneGrid::fits(emission.shape().bricks());
   }
   LaneEmission(const LaneEmission&) = delete;  // the cells refer to its table
   LaneEmission& operator=(const LaneEmission&) = delete;
 
-  /// Makes segments of the parts of flights inside the field. @param inside  gets the slots of those that meet it
-  void enter(const std::array<Ray, kPool>& rays, const std::array<double, kPool>& ends, const SlotList& slots,
-             EmissionSegments& segments, std::array<double, kPool>& begin, SlotList& inside) const;
-  /// The integral of the emission coefficient along each segment: lanes_emission, or in closed form.
-  void integrate(PathStates& paths, const SlotList& rays, EmissionSegments& segments) const;
-
-  const EmissionField& field;
-  const Medium& shape;
-  HomogeneousShape bounds;
-  LocalBox box;         ///< of a grid
-  vec3 coefficient{0};  ///< of a homogeneous shape
-  double unit;
+  LocalBox box;
   std::array<std::vector<float>, 3> table;
   std::vector<float> stops, inverse_widths;
   EmissionCells cells{};

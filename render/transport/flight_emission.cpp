@@ -11,16 +11,19 @@ FlightEmission::FlightEmission(const PathContext& context, PathStates& paths, Wo
   for (size_t f = 0; f < c_.emissions.size(); ++f) {
     const EmissionField& field = c_.emissions[f];
     if (LaneEmission::fits(field))
-      in_lanes_.emplace_back(field, field.shape().homogeneous() ? nullptr : &c_.emission_grids[f]);
+      in_lanes_.emplace_back(field, c_.emission_grids[f]);
     else
       one_by_one_.push_back(&field);
   }
 }
 
 bool FlightEmission::may_meet(const Ray& ray) const {
-  return !one_by_one_.empty() || std::any_of(in_lanes_.begin(), in_lanes_.end(), [&](const LaneEmission& field) {
-    const auto [enters, leaves] = field.bounds.intersect(field.shape.to_local(ray));
-    return std::max(enters, 0.0) < leaves;
+  return std::any_of(c_.emissions.begin(), c_.emissions.end(), [&](const EmissionField& field) {
+    const Medium& shape = field.shape();
+    const auto [lo, hi] = shape.support();
+    const HomogeneousShape box{HomogeneousShape::Shape::kBox, lo, hi};
+    const auto [enters, leaves] = shape.homogeneous().value_or(box).intersect(shape.to_local(ray));
+    return field.moves() || std::max(enters, 0.0) < leaves;
   });
 }
 
@@ -41,20 +44,17 @@ void FlightEmission::add(size_t i, const vec3& emitted) {
 void FlightEmission::add_in_lanes(const LaneEmission& field, std::initializer_list<const SlotList*> slots) {
   EmissionSegments& segments = b_.segments;
   b_.rays.clear();
-  for (const SlotList* list : slots) field.enter(w_.ray, w_.end, *list, segments, b_.point, b_.rays);
-  for (const size_t i : b_.rays) {
-    segments.stride[i] = static_cast<float>(emission_stride(p_.events[i]));
-  }
-  field.integrate(p_, b_.rays, segments);
-  for (const size_t i : b_.rays) {
-    add(i, segments.emitted[i]);
-  }
+  for (const SlotList* list : slots) enter_box(field.box, w_.ray, w_.end, *list, segments.rays, b_.point, b_.rays);
+  for (const size_t i : b_.rays) segments.stride[i] = static_cast<float>(emission_stride(p_.events[i]));
+  lanes_emission(field.cells, p_, b_.rays, segments);
+  for (const size_t i : b_.rays) add(i, segments.emitted[i]);
 }
 
 void FlightEmission::add_one_by_one(const EmissionField& field, std::initializer_list<const SlotList*> slots) {
   for (const SlotList* list : slots)
     for (const size_t i : *list) {
-      Rng rng = PathGenerator(p_, i).stream();
+      // A homogeneous shape asks for no random number.
+      Rng rng = field.shape().homogeneous() ? Rng(0) : PathGenerator(p_, i).stream();
       add(i, vec3(field.integrate(w_.ray[i], 0, w_.end[i], emission_stride(p_.events[i]), w_.time[i], rng)));
     }
 }

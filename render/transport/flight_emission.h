@@ -43,7 +43,7 @@ class FlightEmission {
   WorldPaths& w_;
   Buffers& b_;
   std::deque<LaneEmission> in_lanes_;
-  std::vector<const EmissionField*> one_by_one_;  ///< they move, or single precision does not resolve them
+  std::vector<const EmissionField*> one_by_one_;  ///< homogeneous, moving, or not resolved by single precision
 };
 
 }  // namespace brume

@@ -85,9 +85,10 @@ class Tracker {
     const D d;
     const V zero = hn::Zero(d), one = set(1.0f);
     const LocalRays& rays = kShadow ? paths_.shadow : paths_.flight;
+    const Column3& origins = kShadow && scene_.keeps_local ? paths_.flight.o : rays.o;
     generators_.store(rng_);
     const M fresh = mask_of(queue_.load([&](size_t lane, size_t s) {
-      buffer.fetch(rays, s, lane);
+      buffer.fetch(origins, rays.d, s, lane);
       generators_.fetch(paths_, s, lane);
       if (kEnds) result_[lane] = rays.end[s];
       if (kShadow) carried_[lane] = paths_.transmittance[s];

@@ -37,25 +37,25 @@ MediaFlights::MediaFlights(const PathContext& context, PathStates& paths, WorldP
     replays_.push_back(medium.chromatic() && !medium.homogeneous() ? std::make_unique<Replay>() : nullptr);
     placed_.push_back(medium.transform_moves() ? std::make_unique<Placements>() : nullptr);
     const auto [lo, hi] = medium.support();
-    bounds_.push_back(medium.homogeneous() ? *medium.homogeneous()
-                                           : HomogeneousShape{HomogeneousShape::Shape::kBox, lo, hi});
-    boxes_.push_back({placed_[m] ? placed_[m]->data() : &medium.placement().to_local(), placed_[m] != nullptr, lo, hi,
-                      medium.walked_shift(), scenes_[m].unit});
+    bounds_.push_back(medium.homogeneous().value_or(HomogeneousShape{HomogeneousShape::Shape::kBox, lo, hi}));
+    boxes_.push_back({placed_[m] ? placed_[m]->data() : &medium.placement().to_local(), placed_[m] != nullptr,
+                      bounds_[m].lo, bounds_[m].hi, medium.walked_shift(), scenes_[m].unit});
   }
 }
 
 MediaFlights::Start MediaFlights::start(size_t slot, const PathRequest& request) {
+  if (c_.plan.one_grid) return start_in_grid(slot, request);
   w_.ray[slot] = request.ray;
   w_.time[slot] = request.time;
   p_.time[slot] = static_cast<float>(request.time);
-  if (!c_.plan.one_grid) {
-    w_.medium[slot] = WorldPaths::kNoMedium;
-    for (size_t m = 0; m < placed_.size(); ++m)
-      if (placed_[m]) (*placed_[m])[slot] = c_.media[m].placement_at(request.time).to_local();
-    return {c_.surfaces || met_by(request.ray, request.time), 0};
-  }
-  w_.medium[slot] = 0;
-  w_.light[slot] = nullptr;
+  for (size_t m = 0; m < placed_.size(); ++m)
+    if (placed_[m]) (*placed_[m])[slot] = c_.media[m].placement_at(request.time).to_local();
+  return {c_.surfaces || met_by(request.ray, request.time), 0};
+}
+
+MediaFlights::Start MediaFlights::start_in_grid(size_t slot, const PathRequest& request) {
+  const bool ends = c_.plan.finite_lights || c_.plan.emission;  // else nothing asks for it
+  if (ends) w_.ray[slot] = request.ray;
   if (!(request.start.medium < EntryBound::kNever)) return {false, -1};
   const Medium& medium = c_.media[0];
   const double unit = scenes_[0].unit;
@@ -65,7 +65,7 @@ MediaFlights::Start MediaFlights::start(size_t slot, const PathRequest& request)
   if (!(entry < leaves)) return {false, -1};
   p_.flight.o.set(slot, vec3(local.at(entry)));
   p_.flight.d.set(slot, vec3(local.d * unit));
-  w_.begin[slot] = glm::dot(medium.to_world(dvec3(p_.flight.o[slot])) - request.ray.o, request.ray.d);
+  w_.begin[slot] = ends ? glm::dot(medium.to_world(dvec3(p_.flight.o[slot])) - request.ray.o, request.ray.d) : entry;
   return {true, surface < leaves ? static_cast<float>(std::max(surface - entry, 0.0) / unit) : -1.0f};
 }
 

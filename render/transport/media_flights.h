@@ -73,6 +73,7 @@ class MediaFlights {
     return (placed_[medium] ? (*placed_[medium])[slot] : c_.media[medium].placement().to_local())(ray);
   }
   std::pair<double, double> part_in_shape(size_t medium, size_t slot, const Ray& ray, double end) const;
+  Start start_in_grid(size_t slot, const PathRequest& request);
   bool met_by(const Ray& ray, double time) const;
   void passing(const SlotList& rays, const std::array<double, kPool>& end, std::array<vec3, kPool>& factor);
   void weigh_channels(const SlotList& rays);

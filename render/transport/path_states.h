@@ -38,7 +38,7 @@ struct LocalRays {
 /// State of the paths of one thread.
 struct PathStates {
   LocalRays flight;      // where Plan::one_grid from event to event, elsewhere for one flight through one medium
-  LocalRays shadow;      // towards the light sample, likewise
+  LocalRays shadow;      // towards the light sample, likewise; where Plan::one_grid from the flight's origin
   Column<float> travel;  // ray parameter of a flight's collision; only where flights can end before the grid does
   Column3 d;             // direction: world, unit
   Column3 throughput;
@@ -54,7 +54,7 @@ struct PathStates {
   Column<float> time;                  // in [0, 1] of the shutter; only where LaneScene::displaced
   Column<float> camera_transmittance;  // of the camera ray
   Column3 direct, indirect;
-  Column<uint32_t> s0, s1, s2, s3;  // generator: xoshiro128++
+  std::array<Column<uint32_t>, 4> generator;  // xoshiro128++
   Column<uint32_t> events;
   Column<uint32_t> request;  // which of the batch
 };

@@ -30,8 +30,7 @@ bool is_one_grid(const Plan& plan, const SceneMedia& media, const Lights& lights
   const auto& fields = media.emissions();
   return plan.media.size() == 1 && plan.media[0] == Precision::kLanes && !plan.chromatic && !plan.surfaces &&
          !plan.moving_media && !plan.layers.records && lights.all_solid() &&
-         std::all_of(fields.begin(), fields.end(),
-                     [](const EmissionField& e) { return LaneEmission::fits(e) && !e.shape().homogeneous(); });
+         std::all_of(fields.begin(), fields.end(), LaneEmission::fits);
 }
 
 }  // namespace

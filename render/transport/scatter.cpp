@@ -38,7 +38,8 @@ class Collisions {
         valid_bits_(valid_ >= 32 ? ~0u : (1u << valid_) - 1),
         everyone_(mask_of(valid_bits_)),
         slot_(hn::LoadU(DI(), slots_)),
-        rng_{get_u(paths.s0), get_u(paths.s1), get_u(paths.s2), get_u(paths.s3)},
+        rng_{get_u(paths.generator[0]), get_u(paths.generator[1]), get_u(paths.generator[2]),
+             get_u(paths.generator[3])},
         g_(std::abs(scene.g)) {
     // Angles are measured from the phase function's peak: a negative g is the positive one, mirrored.
     peak_ = gather3(paths.d, slot_) * (scene.g < 0 ? -1.0f : 1.0f);
@@ -63,7 +64,6 @@ class Collisions {
     scatter3(contribution, paths_.contribution, slot_);
     put(one, paths_.transmittance);
     if (scene_.keeps_local) {
-      scatter3(gather3(paths_.flight.o, slot_), paths_.shadow.o, slot_);
       scatter3(transform(scene_.local_from_world, s.wi), paths_.shadow.d, slot_);
     } else {
       scatter3(s.wi, paths_.wi, slot_);
@@ -115,10 +115,8 @@ class Collisions {
     scatter3(turned, paths_.d, slot_);
     if (scene_.keeps_local) scatter3(transform(scene_.local_from_world, turned), paths_.flight.d, slot_);
     scatter3(throughput_, paths_.throughput, slot_);
-    hn::ScatterIndex(rng_.s0, du, paths_.s0.data(), slot_);
-    hn::ScatterIndex(rng_.s1, du, paths_.s1.data(), slot_);
-    hn::ScatterIndex(rng_.s2, du, paths_.s2.data(), slot_);
-    hn::ScatterIndex(rng_.s3, du, paths_.s3.data(), slot_);
+    const VU generator[] = {rng_.s0, rng_.s1, rng_.s2, rng_.s3};
+    for (size_t k = 0; k < 4; ++k) hn::ScatterIndex(generator[k], du, paths_.generator[k].data(), slot_);
     push(bits_of(lives), alive);
   }
 
@@ -220,8 +218,10 @@ class Collisions {
     const dvec3 p = position(lane);
     LightSample sample = scene_.lights->sample_visible(p, choice, u);
     sample.radiance *= far_share(scene_.near_lights, sample.light, p);
-    scene_.world->note_light(s, sample, u, paths_.events[s] == 0);
-    if (scene_.keeps_local) paths_.shadow.end[s] = static_cast<float>(std::min(sample.distance / scene_.unit, 1e30));
+    if (scene_.keeps_local)
+      paths_.shadow.end[s] = static_cast<float>(std::min(sample.distance / scene_.unit, 1e30));
+    else
+      scene_.world->note_light(s, sample, u, paths_.events[s] == 0);
     return sample;
   }
 

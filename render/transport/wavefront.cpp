@@ -58,6 +58,7 @@ class Wavefront {
         w_(pool_.world),
         flights_(c_, p_, w_, counters_.tracking),
         camera_rays_(context, requests, p_, w_, flights_, pool_.camera_rays, pool_.samples) {
+    w_.any_surface = c_.surfaces != nullptr;
     if (c_.plan.emission) emission_.emplace(c_, p_, w_, *pool_.emission);
     if (!c_.plan.near_lights.empty()) near_flights_.emplace(c_, p_, w_, flights_, counters_.tracking);
     if (c_.surfaces) surfaces_.emplace(c_, p_, w_, pool_.samples, counters_);
@@ -119,9 +120,11 @@ class Wavefront {
       return;
     }
     free_.pop_back();
-    w_.past[i] = {};
-    w_.surface[i] = vec3(0);
-    w_.record[i] = request.record;
+    if (!c_.plan.one_grid) {
+      w_.past[i] = {};
+      w_.surface[i] = vec3(0);
+      w_.record[i] = request.record;
+    }
     p_.d.set(i, vec3(request.ray.d));
     p_.throughput.set(i, vec3(1));
     p_.direct.set(i, vec3(0));
@@ -196,8 +199,9 @@ class Wavefront {
     w_.end[i] = kUnbounded;
     w_.light[i] = nullptr;
     if (c_.plan.finite_lights) {
-      const double passed = w_.past[i].passed;
-      std::tie(w_.light[i], w_.end[i]) = c_.lights->nearest(w_.from_vertex(i), kUnbounded, camera, passed);
+      const double passed = past(i).passed;
+      std::tie(w_.light[i], w_.end[i]) =
+          c_.lights->nearest({w_.ray[i].o - passed * w_.ray[i].d, w_.ray[i].d}, kUnbounded, camera, passed);
       w_.end[i] -= passed;
     }
     if (c_.plan.one_grid) {
@@ -214,6 +218,12 @@ class Wavefront {
       w_.end[i] = hit->t;
       w_.on_surface[i] = true;
     }
+  }
+
+  /// What a path remembers of its vertices: in the one grid nothing.
+  const WorldPaths::Past& past(size_t i) const {
+    static constexpr WorldPaths::Past kNothing{};
+    return c_.plan.one_grid ? kNothing : w_.past[i];
   }
 
   /// A path's ray after its last event. Media leave the direction in single precision.
@@ -233,7 +243,7 @@ class Wavefront {
       if (p_.events[i] > 0) continue;
       const PathRequest& request = requests_[p_.request[i]];
       const std::span<const Medium> media = media_at(c_, request.time);
-      const Medium& medium = media[static_cast<size_t>(w_.medium[i])];
+      const Medium& medium = media[c_.plan.one_grid ? 0 : static_cast<size_t>(w_.medium[i])];
       const dvec3 at = position(i);
       PathSample& sample = pool_.samples[i];
       sample.flash = record_first_scatter(c_, media, medium, request.ray.o, at, request.ray.d, dvec3(p_.throughput[i]),
@@ -283,7 +293,7 @@ class Wavefront {
     for (const size_t i : pool_.shadows) {
       vec3 L = p_.contribution[i] * p_.transmittance[i];
       if (c_.plan.chromatic) L *= p_.shadow_colour[i];
-      if (w_.past[i].to_catcher)
+      if (past(i).to_catcher)
         pool_.samples[i].catcher += dvec3(L);
       else
         deposit(p_, w_, i, L, p_.events[i]);
@@ -307,9 +317,10 @@ class Wavefront {
   /// Adds the light found by a path that has left the medium, or has hit a light.
   void escape(size_t i) {
     const uint32_t events = p_.events[i];
-    const FiniteLight* const passes = w_.light[i] && !w_.light[i]->solid() ? w_.light[i] : nullptr;
+    const FiniteLight* const light = c_.plan.finite_lights ? w_.light[i] : nullptr;
+    const FiniteLight* const passes = light && !light->solid() ? light : nullptr;
     if (events > 0)
-      deposit(p_, w_, i, p_.throughput[i] * vec3(light_ahead(i)), events);
+      deposit(p_, w_, i, p_.throughput[i] * vec3(light_ahead(i, light)), events);
     else if (passes)
       w_.surface[i] += p_.throughput[i] * vec3(passes->radiance(w_.from_vertex(i), w_.past[i].passed + w_.end[i]));
     if (!passes) {
@@ -322,18 +333,18 @@ class Wavefront {
   }
 
   /// What a scattered path finds by its direction, weighted against light sampling.
-  dvec3 light_ahead(size_t i) const {
-    const WorldPaths::Past& past = w_.past[i];
+  dvec3 light_ahead(size_t i, const FiniteLight* light) const {
+    const WorldPaths::Past& past = this->past(i);
     const Ray ray = c_.plan.one_grid ? from_event(i) : w_.from_vertex(i);
-    const auto share = [&](const Light& light) {
-      return c_.plan.light_sampling ? c_.lights->choice_probability(light, ray.o) : 0.0;
+    const auto share = [&](const Light& of) {
+      return c_.plan.light_sampling ? c_.lights->choice_probability(of, ray.o) : 0.0;
     };
     // Straight through glass, light sampling has found it.
     const auto weight = [&](double pdf_light) {
       if (past.straight && pdf_light > 0) return 0.0;
       return past.specular ? 1.0 : balance(static_cast<double>(p_.pdf[i]), pdf_light);
     };
-    if (const FiniteLight* const light = w_.light[i]) {
+    if (light) {
       const double t = past.passed + w_.end[i];
       const dvec3 L = light->radiance(ray, t) * weight(share(*light) * light->pdf(ray, t));
       return past.on_surface ? L : L * far_share(c_.plan.near_lights, light, ray.o);
@@ -369,8 +380,8 @@ class Wavefront {
     const dvec3 throughput(p_.throughput[i]);
     PathSample s;
     if (keeps_samples()) s = pool_.samples[i];
-    s.surface = dvec3(w_.surface[i]);
-    if (w_.past[i].in_hole)
+    if (!c_.plan.one_grid) s.surface = dvec3(w_.surface[i]);
+    if (past(i).in_hole)
       s.transmittance = throughput;  // nothing is there, and alpha says so
     else if (c_.plan.first_collision.forced || p_.events[i] == 0)
       see_background(requests_[p_.request[i]].ray, c_.plan.chromatic ? throughput : dvec3(p_.camera_transmittance[i]),
@@ -380,7 +391,7 @@ class Wavefront {
     if (emission_) s.emission = dvec3(emission_->seen(i));
     s.single = dvec3(p_.direct[i]);
     s.indirect = dvec3(p_.indirect[i]);
-    deliver(p_.request[i], s, w_.past[i].first_on_surface);
+    deliver(p_.request[i], s, past(i).first_on_surface);
     counters_.longest = std::max<uint64_t>(counters_.longest, p_.events[i]);
     free_.push_back(i);
   }

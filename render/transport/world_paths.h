@@ -44,6 +44,7 @@ struct WorldPaths {
     double passed = 0;              ///< from the last vertex to the light that its ray passed and goes on from
   };
   std::array<Past, kPool> past;
+  bool any_surface = false;               ///< in the scene
   std::array<vec3, kPool> surface;        ///< light of surfaces that emit or are lit directly
   std::array<PathRecord*, kPool> record;  ///< to be filled; null where none is wanted
 
@@ -62,7 +63,8 @@ struct WorldPaths {
 /// The generator of one path, number by number; the lanes' Generator is the same one.
 class PathGenerator {
  public:
-  PathGenerator(PathStates& p, size_t slot) : s0_(p.s0[slot]), s1_(p.s1[slot]), s2_(p.s2[slot]), s3_(p.s3[slot]) {}
+  PathGenerator(PathStates& p, size_t slot)
+      : s0_(p.generator[0][slot]), s1_(p.generator[1][slot]), s2_(p.generator[2][slot]), s3_(p.generator[3][slot]) {}
 
   void seed(uint64_t seed) {
     const uint64_t a = mix64(seed), b = mix64(seed ^ 0xda3e39cb94b95bdbull) | 1u;  // never all zero
@@ -106,7 +108,7 @@ class PathGenerator {
 /// Direct and indirect light).
 inline void deposit(PathStates& p, WorldPaths& world, size_t i, const vec3& L, uint32_t events) {
   const bool direct = is_direct(events);
-  if (direct && world.past[i].first_on_surface) {
+  if (direct && world.any_surface && world.past[i].first_on_surface) {
     world.surface[i] += L;
     return;
   }

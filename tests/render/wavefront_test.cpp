@@ -364,7 +364,7 @@ struct MarchedRays {
     const size_t s = rays.count;
     pool->flight.o.set(s, o);
     pool->flight.d.set(s, d);
-    pool->s0[s] = static_cast<uint32_t>(s + 1);
+    pool->generator[0][s] = static_cast<uint32_t>(s + 1);
     rays.push(s);
   }
 };
