@@ -19,25 +19,25 @@ struct Sum {  // high + low
 /// Without error (Knuth's two-sum).
 template <class V>
 HWY_INLINE Sum<V> two_sum(V a, V b) {
-  const V sum = a + b, part = sum - a;
-  return {sum, a - (sum - part) + (b - part)};
+  const V sum = hn::Add(a, b), part = hn::Sub(sum, a);
+  return {sum, hn::Add(hn::Sub(a, hn::Sub(sum, part)), hn::Sub(b, part))};
 }
 /// Without error (Dekker), whether or not there is a fused multiply-add.
 template <class V>
 HWY_INLINE Sum<V> two_product(V a, V b) {
   const auto split = [](V v) {
-    const V scaled = v * hn::Set(hn::DFromV<V>(), 0x1p27 + 1), high = scaled - (scaled - v);
-    return Sum<V>{high, v - high};
+    const V scaled = hn::Mul(v, hn::Set(hn::DFromV<V>(), 0x1p27 + 1)), high = hn::Sub(scaled, hn::Sub(scaled, v));
+    return Sum<V>{high, hn::Sub(v, high)};
   };
   const Sum<V> x = split(a), y = split(b);
-  const V product = a * b, crossed = x.high * y.low + x.low * y.high;
-  return {product, x.low * y.low + (x.high * y.high - product + crossed)};
+  const V product = hn::Mul(a, b), crossed = hn::Add(hn::Mul(x.high, y.low), hn::Mul(x.low, y.high));
+  return {product, hn::Add(hn::Mul(x.low, y.low), hn::Add(hn::Sub(hn::Mul(x.high, y.high), product), crossed))};
 }
 template <class V>
 HWY_INLINE Sum<V> accumulated(Sum<V> total, V x) {
   const Sum<V> sum = two_sum(total.high, x);
-  const V low = total.low + sum.low, high = sum.high + low;
-  return {high, low - (high - sum.high)};
+  const V low = hn::Add(total.low, sum.low), high = hn::Add(sum.high, low);
+  return {high, hn::Sub(low, hn::Sub(high, sum.high))};
 }
 
 /// Adds every step-th row, or its squares, to the sums of one block (high parts, then low parts), from column i on, as
@@ -54,7 +54,7 @@ HWY_INLINE void add_columns(D d, size_t& i, double* state, size_t values, const 
     for (size_t s = first; s < count; s += step)
       for (size_t k = 0; k < kAtOnce; ++k) {
         auto x = hn::PromoteTo(d, hn::LoadU(d_float, rows + s * values + i + k * lanes));
-        if (kSquares) x = x * x;  // exact: 48 bits
+        if (kSquares) x = hn::Mul(x, x);  // exact: 48 bits
         sums[k] = accumulated(sums[k], x);
       }
     for (size_t k = 0; k < kAtOnce; ++k) {
@@ -99,9 +99,9 @@ void Means(const double* state, size_t first_group, size_t step, double n, doubl
       auto total = hn::Zero(d);
       for (size_t g = first_group; g < sums.groups(); g += step) {
         const double* const high = state + 2 * values * g + i;
-        total += (hn::LoadU(d, high) + hn::LoadU(d, high + values));
+        total = hn::Add(total, hn::Add(hn::LoadU(d, high), hn::LoadU(d, high + values)));
       }
-      hn::StoreU(total / hn::Set(d, n), d, result + i);
+      hn::StoreU(hn::Div(total, hn::Set(d, n)), d, result + i);
     }
   });
 }
@@ -122,13 +122,13 @@ void MeanVariances(const double* state, double n, double* result, const PixelSum
       for (size_t g = 1; g < groups; ++g) total = accumulated(accumulated(total, load(g).high), load(g).low);
       const Sum<V> squares = load(groups);
       const Sum<V> a = two_product(count, squares.high), b = two_product(total.high, total.high);
-      const V a_low = a.low + count * squares.low;
-      const V b_low = b.low + (total.high + total.high) * total.low;
+      const V a_low = hn::Add(a.low, hn::Mul(count, squares.low));
+      const V b_low = hn::Add(b.low, hn::Mul(hn::Add(total.high, total.high), total.low));
       const Sum<V> difference = two_sum(a.high, hn::Neg(b.high));
-      const V deviation = difference.high + (difference.low + (a_low - b_low));
+      const V deviation = hn::Add(difference.high, hn::Add(difference.low, hn::Sub(a_low, b_low)));
       // What is left of equal values is rounding.
-      const auto differs = hn::Gt(deviation, hn::Set(d, 1e-17) * a.high);
-      hn::StoreU(hn::IfThenElseZero(differs, deviation / hn::Set(d, n * n * (n - 1))), d, result + i);
+      const auto differs = hn::Gt(deviation, hn::Mul(hn::Set(d, 1e-17), a.high));
+      hn::StoreU(hn::IfThenElseZero(differs, hn::Div(deviation, hn::Set(d, n * n * (n - 1)))), d, result + i);
     }
   });
 }

@@ -57,7 +57,7 @@ size_t CountSmall(const float* HWY_RESTRICT values, size_t count, float zero, fl
   const auto origin = hn::Set(d, zero), most = hn::Set(d, limit);
   size_t small = 0, i = 0;
   for (; i + lanes <= count; i += lanes) {
-    const auto v = hn::Abs(hn::LoadU(d, values + i) - origin);
+    const auto v = hn::Abs(hn::Sub(hn::LoadU(d, values + i), origin));
     small += hn::CountTrue(d, hn::And(hn::Gt(v, hn::Zero(d)), hn::Lt(v, most)));
   }
   for (; i < count; ++i) {
@@ -78,8 +78,8 @@ void StoreRoots(const float* HWY_RESTRICT values, size_t count, float base, floa
     HWY_ALIGN int32_t out[16] = {};
     std::memcpy(in, values + i, n * sizeof(float));
     const auto v = hn::Load(d, in);
-    const auto share = signs ? hn::Abs(v) / over : (v - low) / over;
-    const auto root = hn::ConvertTo(di, hn::Sqrt(hn::Max(share, hn::Zero(d))) * top + half);
+    const auto share = signs ? hn::Div(hn::Abs(v), over) : hn::Div(hn::Sub(v, low), over);
+    const auto root = hn::ConvertTo(di, hn::Add(hn::Mul(hn::Sqrt(hn::Max(share, hn::Zero(d))), top), half));
     const auto sign = hn::And(hn::BroadcastSignBit(hn::BitCast(di, v)), hn::Set(di, signs ? 0x8000 : 0));
     hn::Store(hn::Or(root, sign), di, out);
     for (size_t k = 0; k < n; ++k) numbers[i + k] = static_cast<uint16_t>(out[k]);
@@ -97,10 +97,10 @@ void ReadRoots(const uint16_t* HWY_RESTRICT numbers, size_t count, float base, f
   each_vector(count, [&](size_t i, size_t n) {
     // Numbers of a row end in room for a vector.
     const auto bits = hn::PromoteTo(di, hn::LoadU(du16, numbers + i));
-    const auto root = hn::ConvertTo(d, hn::And(bits, magnitude)) * inverse;
-    const auto part = root * root * over;
+    const auto root = hn::Mul(hn::ConvertTo(d, hn::And(bits, magnitude)), inverse);
+    const auto part = hn::Mul(hn::Mul(root, root), over);
     const auto sign = hn::BitCast(d, hn::ShiftLeft<16>(hn::AndNot(magnitude, bits)));
-    const auto value = signs ? hn::Or(part, sign) : low + part;
+    const auto value = signs ? hn::Or(part, sign) : hn::Add(low, part);
     if (n == hn::Lanes(d)) return hn::StoreU(value, d, values + i);
     HWY_ALIGN float out[16] = {};
     hn::Store(value, d, out);
