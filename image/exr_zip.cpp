@@ -40,8 +40,8 @@ void Differences(const uint8_t* bytes, size_t count, uint8_t* result) {
   result[0] = bytes[0];
   size_t i = 1;
   for (; i + lanes <= count; i += lanes) {
-    const auto difference = hn::LoadU(d, bytes + i) - hn::LoadU(d, bytes + i - 1);
-    hn::StoreU(difference + hn::Set(d, 128), d, result + i);
+    const auto difference = hn::Sub(hn::LoadU(d, bytes + i), hn::LoadU(d, bytes + i - 1));
+    hn::StoreU(hn::Add(difference, hn::Set(d, 128)), d, result + i);
   }
   for (; i < count; ++i) result[i] = static_cast<uint8_t>(bytes[i] - bytes[i - 1] + 128);
 }

@@ -163,14 +163,6 @@ bool is_premultiplied(const Plane& weight, const Plane& edges, const RgbPlanes& 
   return error_by_alpha <= error_as_beside;
 }
 
-/// Means of 2 x 2 pixels, of fewer at the rim.
-Plane halved(const Plane& in, const Task& task) {
-  return make_plane((in.width() + 1) / 2, (in.height() + 1) / 2, quiet(task), [&](int x, int y) {
-    const int x1 = std::min(2 * x + 1, in.width() - 1), y1 = std::min(2 * y + 1, in.height() - 1);
-    return 0.25f * (in(2 * x, 2 * y) + in(x1, 2 * y) + in(2 * x, y1) + in(x1, y1));
-  });
-}
-
 /// A coarser plane between its pixels, linearly, at a pixel of the finer one.
 float between(const Plane& coarse, int x, int y) {
   const auto place = [](int at, int size, int& first, int& second) {
@@ -210,7 +202,7 @@ AlphaWeight alpha_weight(const Plane& alpha, const RgbPlanes& signal, const Plan
 EdgeFill::EdgeFill(const Plane& weight, const Task& task) {
   weights_.push_back(weight);
   while (weights_.back().width() > 1 || weights_.back().height() > 1) {
-    Plane coarser = halved(weights_.back(), task);
+    Plane coarser = halved(weights_.back(), 0.25f, task);
     weights_.push_back(std::move(coarser));
   }
 }
@@ -219,7 +211,7 @@ Plane EdgeFill::filled(const Plane& values, const Task& task) const {
   std::vector<Plane> levels;
   levels.push_back(values);
   while (levels.size() < weights_.size()) {
-    Plane coarser = halved(levels.back(), task);
+    Plane coarser = halved(levels.back(), 0.25f, task);
     levels.push_back(std::move(coarser));
   }
   Plane& top = levels.back();
@@ -227,9 +219,8 @@ Plane EdgeFill::filled(const Plane& values, const Task& task) const {
   for (size_t l = levels.size() - 1; l-- > 0;) {
     Plane& fine = levels[l];
     const Plane &coarse = levels[l + 1], &weight = weights_[l];
-    for_each_row(fine.height(), quiet(task), [&](int y) {
-      for (int x = 0; x < fine.width(); ++x)
-        if (weight(x, y) < 1) fine(x, y) += (1 - weight(x, y)) * between(coarse, x, y);
+    for_each_pixel(fine.width(), fine.height(), quiet(task), [&](int x, int y) {
+      if (weight(x, y) < 1) fine(x, y) += (1 - weight(x, y)) * between(coarse, x, y);
     });
   }
   return std::move(levels.front());

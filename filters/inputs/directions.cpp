@@ -13,7 +13,7 @@ std::vector<Plane> unit_directions(const RgbPlanes& mean, const Task& task) {
   std::vector<Plane> out(4, Plane(mean[0]->width(), mean[0]->height()));
   for_each_row(out[0].height(), quiet(task), [&](int y) {
     for (int x = 0; x < out[0].width(); ++x) {
-      const vec3 v((*mean[0])(x, y), (*mean[1])(x, y), (*mean[2])(x, y));
+      const vec3 v = color_at(mean, x, y);
       const float length = glm::length(v);
       const bool defined = length >= kCoherenceFloor;
       const vec3 unit = defined ? v / length : vec3(0);

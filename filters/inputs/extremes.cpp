@@ -17,7 +17,7 @@ constexpr double kAreaRatio = 4, kLoneRatio = 2, kAgreement = 3;
 constexpr double kReturnWindow = 32, kMostReturn = 0.03;  // deviation [px]; share of the light there
 
 double luminance_at(const RgbPlanes& rgb, int x, int y) {
-  return luminance(dvec3((*rgb[0])(x, y), (*rgb[1])(x, y), (*rgb[2])(x, y)));
+  return luminance(dvec3(color_at(rgb, x, y)));
 }
 
 /// Calls visit(x, y) for the pixels of a square around one, without it.

@@ -77,7 +77,7 @@ Recipe grey(std::string name, const LayerName& layer, bool complement) {
     const RgbPlanes rgb = frame.rgb(layer, which);
     Planes planes;
     planes.push_back(combine(*rgb[0], task, [&](int x, int y) {
-      const float m = luminance(vec3((*rgb[0])(x, y), (*rgb[1])(x, y), (*rgb[2])(x, y)));
+      const float m = luminance(color_at(rgb, x, y));
       return complement ? 1.0f - m : m;
     }));
     return planes;

@@ -17,13 +17,6 @@ void add_to(HalfPair& x, float factor, const HalfPair& y, const Task& task) {
   }
 }
 
-double sum_of(const Plane& plane) {
-  double sum = 0;
-  for (int y = 0; y < plane.height(); ++y)
-    for (const float v : plane.pixels(y)) sum += static_cast<double>(v);
-  return sum;
-}
-
 Plane brightness(const HalfPair& fit, const Task& task) {
   return make_plane(fit.a[0].width(), fit.a[0].height(), quiet(task), [&](int x, int y) {
     const auto at = [&](size_t c) { return 0.5f * (fit.a[c](x, y) + fit.b[c](x, y)); };

@@ -15,8 +15,6 @@ struct HalfPair {
 void add_to(Plane& x, float factor, const Plane& y, const Task& task);
 void add_to(HalfPair& x, float factor, const HalfPair& y, const Task& task);
 
-double sum_of(const Plane& plane);
-
 /// Luminance of the mean of both halves.
 Plane brightness(const HalfPair& fit, const Task& task);
 

@@ -65,12 +65,10 @@ Rgb corrected_variance(const RgbPlanes& mean, const RgbPlanes& variance, const R
     // One level for the three channels: a third of the scatter.
     Plane own(width, height), halves(width, height);
     for (size_t c = 0; c < 3; ++c)
-      for_each_row(height, quiet(task), [&](int y) {
-        for (int x = 0; x < width; ++x) {
-          const float d = (*half_a[c])(x, y) - (*half_b[c])(x, y);
-          own.row(y)[x] += std::min((*variance[c])(x, y), 1e30f);
-          halves.row(y)[x] += std::min(0.25f * d * d, 1e30f);
-        }
+      for_each_pixel(width, height, quiet(task), [&](int x, int y) {
+        const float d = (*half_a[c])(x, y) - (*half_b[c])(x, y);
+        own.row(y)[x] += std::min((*variance[c])(x, y), 1e30f);
+        halves.row(y)[x] += std::min(0.25f * d * d, 1e30f);
       });
     const Plane own_level = box_mean(own, kLevelRadius, task), halves_level = box_mean(halves, kLevelRadius, task);
     ratio = make_plane(width, height, quiet(task), [&](int x, int y) {
@@ -227,9 +225,8 @@ Plane limit_outliers(NoisySignal& signal, Outliers how, const Task& task) {
                          [&](int x, int y) { return signal.mean[c](x, y) * (1.0f - factor(x, y)); });
     const auto scale = [&](Plane& p, bool squared) {
       if (p.empty()) return;
-      for_each_row(height, quiet(task), [&](int y) {
-        for (int x = 0; x < width; ++x) p.row(y)[x] *= squared ? factor(x, y) * factor(x, y) : factor(x, y);
-      });
+      for_each_pixel(width, height, quiet(task),
+                     [&](int x, int y) { p.row(y)[x] *= squared ? factor(x, y) * factor(x, y) : factor(x, y); });
     };
     scale(signal.mean[c], false);
     scale(signal.half_a[c], false);
@@ -240,9 +237,7 @@ Plane limit_outliers(NoisySignal& signal, Outliers how, const Task& task) {
       const Plane spread = gaussian_blur(lost[c], 5, task);
       const auto add = [&](Plane& p) {
         if (p.empty()) return;
-        for_each_row(height, quiet(task), [&](int y) {
-          for (int x = 0; x < width; ++x) p.row(y)[x] += spread(x, y);
-        });
+        for_each_pixel(width, height, quiet(task), [&](int x, int y) { p.row(y)[x] += spread(x, y); });
       };
       add(signal.mean[c]);
       add(signal.half_a[c]);

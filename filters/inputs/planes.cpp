@@ -60,6 +60,25 @@ bool any_above_0(const Plane& plane, const Box& box) {
   return false;
 }
 
+Plane luminance_of(const RgbPlanes& rgb, const Task& task) {
+  return make_plane(rgb[0]->width(), rgb[0]->height(), quiet(task),
+                    [&](int x, int y) { return luminance(color_at(rgb, x, y)); });
+}
+
+double sum_of(const Plane& plane) {
+  double sum = 0;
+  for (int y = 0; y < plane.height(); ++y)
+    for (const float v : plane.pixels(y)) sum += static_cast<double>(v);
+  return sum;
+}
+
+Plane halved(const Plane& in, float factor, const Task& task) {
+  return make_plane((in.width() + 1) / 2, (in.height() + 1) / 2, quiet(task), [&](int x, int y) {
+    const int x1 = std::min(2 * x + 1, in.width() - 1), y1 = std::min(2 * y + 1, in.height() - 1);
+    return factor * (in(2 * x, 2 * y) + in(x1, 2 * y) + in(2 * x, y1) + in(x1, y1));
+  });
+}
+
 Plane box_mean(const Plane& in, int radius, const Task& task) {
   const int width = in.width(), height = in.height();
   Plane horizontal(width, height), out(width, height);

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "base/progress.h"
+#include "base/vec.h"
 #include "filters/kernels/box.h"
 #include "image/layers.h"
 
@@ -29,6 +30,14 @@ inline constexpr int kRowsPerTask = 8;
 /// Calls row(y) for every row, on the task's threads.
 void for_each_row(int height, const Task& task, const std::function<void(int)>& row);
 
+/// Calls visit(x, y) for every pixel, on the task's threads.
+template <class Visit>
+void for_each_pixel(int width, int height, const Task& task, const Visit& visit) {
+  for_each_row(height, task, [&](int y) {
+    for (int x = 0; x < width; ++x) visit(x, y);
+  });
+}
+
 /// A plane from a function of the pixel.
 template <class Function>
 Plane make_plane(int width, int height, const Task& task, const Function& value) {
@@ -39,6 +48,16 @@ Plane make_plane(int width, int height, const Task& task, const Function& value)
   });
   return out;
 }
+
+inline vec3 color_at(const RgbPlanes& rgb, int x, int y) {
+  return {(*rgb[0])(x, y), (*rgb[1])(x, y), (*rgb[2])(x, y)};
+}
+Plane luminance_of(const RgbPlanes& rgb, const Task& task);
+
+double sum_of(const Plane& plane);
+
+/// `factor` times the sums of 2 x 2 pixels; odd sizes repeat their last row or column.
+Plane halved(const Plane& in, float factor, const Task& task);
 
 /// Mean over the square of half width `radius`, clipped to the image.
 Plane box_mean(const Plane& in, int radius, const Task& task);

@@ -82,7 +82,7 @@ void visit_samples(const FilterFrame& frame, RepairedPixels* repaired,
       for (int x = 0; x < frame.width(); ++x) {
         for (size_t k = 0; k < samples.size(); ++k) {
           const RgbPlanes& b = frame.buckets[k];
-          samples[k] = vec3((*b[0])(x, y), (*b[1])(x, y), (*b[2])(x, y));
+          samples[k] = color_at(b, x, y);
         }
         visit(x, y, samples);
       }

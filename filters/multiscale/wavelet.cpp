@@ -101,9 +101,8 @@ void run(const Wavelet& p, const FilterFrame& frame, const FilterOutput& out, co
       task.check();
       task.report((static_cast<double>(c) * p.scales + s + 1) / (3.0 * p.scales));
     }
-    for_each_row(height, quiet(task), [&](int y) {
-      for (int x = 0; x < width; ++x) (*out[c])(x, y) = sum(x, y) + approximation(x, y);
-    });
+    for_each_pixel(width, height, quiet(task),
+                   [&](int x, int y) { (*out[c])(x, y) = sum(x, y) + approximation(x, y); });
   }
 }
 

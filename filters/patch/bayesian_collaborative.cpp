@@ -179,16 +179,6 @@ std::vector<ivec2> replace_out_of_range(Scale& s, float limit) {
   return found;
 }
 
-/// 2 x 2 pixels to one; odd sizes repeat their last row or column.
-Plane halved(const Plane& in, float factor, const Task& task) {
-  const int width = (in.width() + 1) / 2, height = (in.height() + 1) / 2;
-  return make_plane(width, height, quiet(task), [&](int x, int y) {
-    const int x0 = 2 * x, x1 = std::min(2 * x + 1, in.width() - 1), y0 = 2 * y,
-              y1 = std::min(2 * y + 1, in.height() - 1);
-    return factor * (in(x0, y0) + in(x1, y0) + in(x0, y1) + in(x1, y1));
-  });
-}
-
 /// Bilinear, pixel centres of the coarse grid lying between four fine ones.
 Plane doubled(const Plane& in, int width, int height, const Task& task) {
   return make_plane(width, height, quiet(task), [&](int x, int y) {
@@ -433,9 +423,7 @@ void run(const BayesianCollaborative& p, const FilterFrame& frame, const FilterO
         const Plane change = make_plane(low.width(), low.height(), quiet(task),
                                         [&](int x, int y) { return clean[c](x, y) - low(x, y); });
         const Plane up = doubled(change, fine[c].width(), fine[c].height(), task);
-        for_each_row(up.height(), quiet(task), [&](int y) {
-          for (int x = 0; x < up.width(); ++x) fine[c].row(y)[x] += up(x, y);
-        });
+        for_each_pixel(up.width(), up.height(), quiet(task), [&](int x, int y) { fine[c].row(y)[x] += up(x, y); });
       }
     // A low frequency that single samples lift or sink would lead beyond all values around.
     for (size_t c = 0; c < 3; ++c) {

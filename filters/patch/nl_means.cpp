@@ -70,9 +70,8 @@ void run(const NlMeans& p, const FilterFrame& frame, const FilterOutput& out, co
                                [&](const FilterFrame&f) { return frame.together ? f.values : f.half_b; },
                                share(task, 0.5, 1));
   for (size_t c = 0; c < 3; ++c)
-    for_each_row(frame.height(), quiet(task), [&](int y) {
-      for (int x = 0; x < frame.width(); ++x) (*out[c])(x, y) = 0.5f * (a[c](x, y) + b[c](x, y));
-    });
+    for_each_pixel(frame.width(), frame.height(), quiet(task),
+                   [&](int x, int y) { (*out[c])(x, y) = 0.5f * (a[c](x, y) + b[c](x, y)); });
 }
 
 const FilterEntry entry =

@@ -93,9 +93,8 @@ class Collaboration {
     const Plane total = std::move(sums_.back());
     sums_.pop_back();
     for (Plane& sum : sums_)
-      for_each_row(height_, quiet(task), [&](int y) {
-        for (int x = 0; x < width_; ++x)
-          if (total(x, y) > 0) sum(x, y) /= total(x, y);
+      for_each_pixel(width_, height_, quiet(task), [&](int x, int y) {
+        if (total(x, y) > 0) sum(x, y) /= total(x, y);
       });
     return std::move(sums_);
   }
@@ -111,11 +110,9 @@ class Collaboration {
       highest_.push_back(std::move(high));
       return;
     }
-    for_each_row(height_, quiet(task), [&](int y) {
-      for (int x = 0; x < width_; ++x) {
-        lowest_.back()(x, y) = std::min(lowest_.back()(x, y), low(x, y));
-        highest_.back()(x, y) = std::max(highest_.back()(x, y), high(x, y));
-      }
+    for_each_pixel(width_, height_, quiet(task), [&](int x, int y) {
+      lowest_.back()(x, y) = std::min(lowest_.back()(x, y), low(x, y));
+      highest_.back()(x, y) = std::max(highest_.back()(x, y), high(x, y));
     });
   }
   bool is_wanted(const Box& box) const {

@@ -59,20 +59,12 @@ Plane gradient_image(const std::vector<Feature>& features, int width, int height
     for (const Plane& channel : f.mean)
       for (const bool along_x : {true, false}) {
         const Plane g = sobel(channel, along_x, task);
-        for_each_row(height, quiet(task), [&](int y) {
-          for (int x = 0; x < width; ++x) squares.row(y)[x] += g(x, y) * g(x, y);
-        });
+        for_each_pixel(width, height, quiet(task), [&](int x, int y) { squares.row(y)[x] += g(x, y) * g(x, y); });
       }
-    for_each_row(height, quiet(task), [&](int y) {
-      for (int x = 0; x < width; ++x) largest.row(y)[x] = std::max(largest(x, y), std::sqrt(squares(x, y)));
-    });
+    for_each_pixel(width, height, quiet(task),
+                   [&](int x, int y) { largest.row(y)[x] = std::max(largest(x, y), std::sqrt(squares(x, y))); });
   }
   return largest;
-}
-
-Plane luminance_of(const RgbPlanes& rgb, const Task& task) {
-  return make_plane(rgb[0]->width(), rgb[0]->height(), quiet(task),
-                    [&](int x, int y) { return luminance(vec3((*rgb[0])(x, y), (*rgb[1])(x, y), (*rgb[2])(x, y))); });
 }
 
 /// How much each pixel is trusted as a neighbour: spikes not at all, what surrounds them half.
@@ -224,9 +216,8 @@ std::vector<Averages> filter_candidates(const FilterFrame& frame, const SmoothFe
   for (size_t c = 0; c < averaged.size(); ++c) {
     const Plane around = box_mean(*averaged[c], 2, task);
     for (Averages& a : candidates)
-      for_each_row(height, quiet(task), [&](int y) {
-        for (int x = 0; x < width; ++x)
-          if (a.weight(x, y) < 1e-8f) a.values[c](x, y) = around(x, y);
+      for_each_pixel(width, height, quiet(task), [&](int x, int y) {
+        if (a.weight(x, y) < 1e-8f) a.values[c](x, y) = around(x, y);
       });
   }
   return candidates;

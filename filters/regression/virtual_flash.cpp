@@ -225,11 +225,9 @@ void run(const VirtualFlash& p, const FilterFrame& frame, const FilterOutput& ou
     // Around the noisy mean itself, so that the averages stay in its interval whatever the weights.
     const RgbPlanes& signal = stack.frames[i]->signal;
     for (size_t c = 0; c < 3; ++c)
-      for_each_row(height, quiet(task), [&](int y) {
-        for (int x = 0; x < width; ++x) {
-          const float m = (*signal[c])(x, y), h = std::sqrt(second.intervals[i][c](x, y));
-          second.values[i][c](x, y) = std::clamp(second.values[i][c](x, y), m - h, m + h);
-        }
+      for_each_pixel(width, height, quiet(task), [&](int x, int y) {
+        const float m = (*signal[c])(x, y), h = std::sqrt(second.intervals[i][c](x, y));
+        second.values[i][c](x, y) = std::clamp(second.values[i][c](x, y), m - h, m + h);
       });
   }
   for (size_t i = 0; i < frames; ++i)

@@ -46,9 +46,8 @@ class Regression {
         variances_.push_back(&f.variance[c]);
       }
     const float exposure = static_cast<float>(frame.exposure);
-    light_ = make_plane(frame.width(), frame.height(), quiet(task), [&](int x, int y) {
-      return exposure * luminance(vec3((*frame.signal[0])(x, y), (*frame.signal[1])(x, y), (*frame.signal[2])(x, y)));
-    });
+    light_ = make_plane(frame.width(), frame.height(), quiet(task),
+                        [&](int x, int y) { return exposure * luminance(color_at(frame.signal, x, y)); });
     noise_ = make_plane(frame.width(), frame.height(), quiet(task), [&](int x, int y) {
       const auto s = [&](size_t c) { return std::sqrt((*frame.variance[c])(x, y)); };
       const float sum = exposure * luminance(vec3(s(0), s(1), s(2)));

@@ -20,19 +20,12 @@ constexpr float kBeyondNoise = 3;       // deviations from which on a difference
 
 using Pyramid = std::vector<std::vector<Plane>>;  // finest level first
 
-Plane halved(const Plane& in, const Task& task) {
-  return make_plane((in.width() + 1) / 2, (in.height() + 1) / 2, quiet(task), [&](int x, int y) {
-    const int u = std::min(2 * x + 1, in.width() - 1), v = std::min(2 * y + 1, in.height() - 1);
-    return 0.25f * ((in(2 * x, 2 * y) + in(u, 2 * y)) + (in(2 * x, v) + in(u, v)));
-  });
-}
-
 Pyramid pyramid(const std::vector<const Plane*>& planes, const Task& task) {
   Pyramid levels(1);
   for (const Plane* p : planes) levels[0].push_back(*p);
   while (std::min(levels.back()[0].width(), levels.back()[0].height()) >= 2 * kCoarsest) {
     std::vector<Plane> next;
-    for (const Plane& p : levels.back()) next.push_back(halved(p, task));
+    for (const Plane& p : levels.back()) next.push_back(halved(p, 0.25f, task));
     levels.push_back(std::move(next));
   }
   return levels;
@@ -155,11 +148,6 @@ Plane relative(Plane plane, const Task& task) {
   return plane;
 }
 
-Plane brightness(const RgbPlanes& p, const Task& task) {
-  return make_plane(p[0]->width(), p[0]->height(), quiet(task),
-                    [&](int x, int y) { return luminance(vec3((*p[0])(x, y), (*p[1])(x, y), (*p[2])(x, y))); });
-}
-
 bool is_guided(const Layers& frame) {
   return frame.has(guide_layer::opacity) && frame.has(guide_layer::predicted_indirect);
 }
@@ -169,10 +157,10 @@ std::vector<Plane> recognisable(const Layers& frame, const RgbPlanes& signal, bo
   std::vector<Plane> planes;
   if (guided) {
     planes.push_back(relative(frame.at(guide_layer::opacity.channel(0)), task));
-    planes.push_back(relative(brightness(frame.rgb(guide_layer::predicted_indirect), task), task));
+    planes.push_back(relative(luminance_of(frame.rgb(guide_layer::predicted_indirect), task), task));
     return planes;
   }
-  planes.push_back(relative(gaussian_blur(brightness(signal, task), kSmoothing, task), task));
+  planes.push_back(relative(gaussian_blur(luminance_of(signal, task), kSmoothing, task), task));
   return planes;
 }
 
@@ -192,12 +180,12 @@ Smoothed smoothed(const Plane& mean, const Plane& variance, const Task& task) {
 
 void forget_what_changed(const Layers& here, const Layers& there, const LayerName& signal, Alignment& alignment,
                          const Task& task) {
-  const Plane mean = brightness(here.rgb(signal), task),
-              variance = brightness(here.rgb(signal, statistic::mean_variance), task);
+  const Plane mean = luminance_of(here.rgb(signal), task),
+              variance = luminance_of(here.rgb(signal, statistic::mean_variance), task);
   const Smoothed own = smoothed(mean, variance, task);
   const Smoothed other =
-      smoothed(alignment.bring(brightness(there.rgb(signal), task), mean, task),
-               alignment.bring(brightness(there.rgb(signal, statistic::mean_variance), task), variance, task), task);
+      smoothed(alignment.bring(luminance_of(there.rgb(signal), task), mean, task),
+               alignment.bring(luminance_of(there.rgb(signal, statistic::mean_variance), task), variance, task), task);
   for (int y = 0; y < mean.height(); ++y)
     for (int x = 0; x < mean.width(); ++x) {
       const float d = other.mean(x, y) - own.mean(x, y);

@@ -17,7 +17,7 @@ double light_of(const Layers& layers, const std::vector<LayerName>& signals) {
   for (const LayerName& name : signals) {
     const RgbPlanes p = layers.rgb(name);
     for (int y = 0; y < layers.height(); ++y)
-      for (int x = 0; x < layers.width(); ++x) light += luminance(vec3((*p[0])(x, y), (*p[1])(x, y), (*p[2])(x, y)));
+      for (int x = 0; x < layers.width(); ++x) light += luminance(color_at(p, x, y));
   }
   return std::max(light, 1e-30);
 }

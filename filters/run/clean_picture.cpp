@@ -77,8 +77,8 @@ void settle_variance(const ForeignSignal& signal, Layers& frame, std::vector<std
   size_t lit = 0, without = 0;
   for (int y = 0; y < frame.height(); ++y)
     for (int x = 0; x < frame.width(); ++x) {
-      const vec3 m((*mean[0])(x, y), (*mean[1])(x, y), (*mean[2])(x, y));
-      const vec3 v((*variance[0])(x, y), (*variance[1])(x, y), (*variance[2])(x, y));
+      const vec3 m = color_at(mean, x, y);
+      const vec3 v = color_at({variance[0], variance[1], variance[2]}, x, y);
       const vec3 s(spatial[0](x, y), spatial[1](x, y), spatial[2](x, y));
       if (m == vec3(0)) continue;
       ++lit;

@@ -5,6 +5,7 @@
 #include "base/error.h"
 #include "filters/api/registry.h"
 #include "filters/api/requirements.h"
+#include "filters/run/apply.h"
 #include "tests/support/frames.h"
 
 namespace brume {

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <functional>
 #include <map>
 #include <string>
 
@@ -62,9 +61,6 @@ class Reference {
     for (const std::string& name : frame_.names())
       if (name.starts_with("guide.")) guides[name.substr(6, name.size() - 8)][name.back()] = values(name);
     const auto first = [](const std::string& name) { return name.substr(0, name.find('.')); };
-    const auto has = [&](const std::string& word) {
-      return std::any_of(guides.begin(), guides.end(), [&](const auto& g) { return first(g.first) == word; });
-    };
     const std::string expected = direct_ ? "predicted_direct" : "predicted_indirect";
     const auto add = [&](const Guide& guide, const std::vector<Fit>& fits) {
       for (const Fit fit : fits)
@@ -75,9 +71,11 @@ class Reference {
     };
     const std::vector<Fit> every = {kPredicted, kShape, kAll, kMedium, kFew}, none;
     add(guides.at("opacity"), every);
-    if (has("surface") || (direct_ && !has("background"))) add({{'Y', Values::Ones(n_)}}, every);
-    if (has(expected)) add(guides.at(expected), {kPredicted, kShape});
-    if (direct_ && has("background")) add(guides.at("background"), {kAll, kMedium, kFew});
+    const bool surfaces =
+        std::any_of(guides.begin(), guides.end(), [&](const auto& g) { return first(g.first) == "surface"; });
+    if (surfaces || (direct_ && !guides.contains("background"))) add({{'Y', Values::Ones(n_)}}, every);
+    if (guides.contains(expected)) add(guides.at(expected), {kPredicted, kShape});
+    if (direct_ && guides.contains("background")) add(guides.at("background"), {kAll, kMedium, kFew});
     base_ = columns_[kAll].size();
     for (const auto& [name, guide] : guides)
       if (const std::string word = first(name); word == "single")
@@ -96,10 +94,9 @@ class Reference {
     mask_ = (guides.at("opacity").begin()->second > 1e-3).cast<double>();
     for (int p = 0; p < n_; ++p) mask_[p] = std::max(mask_[p], std::min(1.0, (near(p, 1) * differ).sum()));
     for (const auto& [name, guide] : guides) {
-      const std::string word = first(name);
+      if (name == expected) level_ = brightness({guide.at('R'), guide.at('G'), guide.at('B')});
       for (const auto& [letter, v] : guide)
-        if (word == "surface" || word == "normal") mask_ = mask_.max((v != 0).cast<double>());
-      if (word == expected) level_ += brightness({guide.at('R'), guide.at('G'), guide.at('B')});
+        if (first(name) == "surface" || name == "normal") mask_ = mask_.max((v != 0).cast<double>());
     }
   }
 
@@ -131,15 +128,10 @@ class Reference {
     const Eigen::VectorXd variance = a.diagonal();
     for (int k = 0; k < m; ++k) {
       if (k == free) a.diagonal().tail(m - k) *= 1 + ridge;
-      if (!(a(k, k) > 3e-6 * variance[k])) {
-        a.row(k).setZero();
-        t.row(k).setZero();
-        a(k, k) = 1;
-      }
+      if (!(a(k, k) > 3e-6 * variance[k])) a.row(k).setZero(), t.row(k).setZero(), a(k, k) = 1;
       for (int j = k + 1; j < m; ++j) {
-        const double l = a(k, j) / a(k, k);
-        a.row(j).tail(m - j) -= l * a.row(k).tail(m - j);
-        t.row(j) -= l * t.row(k);
+        t.row(j) -= a(k, j) / a(k, k) * t.row(k);
+        a.row(j).tail(m - j) -= a(k, j) / a(k, k) * a.row(k).tail(m - j);
       }
     }
     return a.triangularView<Eigen::Upper>().solve(t);
@@ -248,10 +240,9 @@ class Reference {
       const Eigen::VectorXd pi = simplex_minimum(matrix(sums.row(p)).array() - matrix(sums.row(p)).minCoeff() +
                                                  5000 / mask_.sum() * (frame.array() - frame.minCoeff()));
       for (size_t half = 0; half < 2; ++half)
-        for (size_t c = 0; c < 3; ++c) {
-          out[half][c][p] = 0;
-          for (size_t i = 0; i < n; ++i) out[half][c][p] += pi[static_cast<int>(i)] * candidates_[i][half][c][p];
-        }
+        for (size_t c = 0; c < 3; ++c)
+          for (size_t i = 0; i < n; ++i)
+            out[half][c][p] += pi[static_cast<int>(i)] * (candidates_[i][half][c][p] - data_[half][c][p]);
     }
     return out;
   }
@@ -270,12 +261,8 @@ class Reference {
     const auto squares = [&](double most) -> Values {
       return (excess[0].abs().min(most).square() + excess[1].abs().min(most).square()) / 2;
     };
-    double deviation = 1e15;  // of the frame, without outliers
-    for (int round = 0; round < 30; ++round) {
-      const double next = std::sqrt(squares(limit * deviation).sum() / mask_.sum());
-      if (next > 0.999 * deviation) break;
-      deviation = next;
-    }
+    double deviation = 1e15, next = 1e14;  // of the frame, without outliers
+    for (; next < 0.999 * deviation; next = std::sqrt(squares(limit * deviation).sum() / mask_.sum())) deviation = next;
     const MatrixXd g = window(10), smooth = window(6);
     const Values local = (smooth * (g * (mask_ * squares(limit * deviation)).matrix())).array() /
                          (smooth * (g * mask_.matrix())).array();

@@ -129,9 +129,7 @@ Plane brightness_of(const std::vector<Guide>& guides, Signal signal, const Task&
   const bool predicted = std::any_of(guides.begin(), guides.end(), predicts);
   Plane bright(width, height);
   const auto add = [&](const auto& light) {
-    for_each_row(height, quiet(task), [&](int y) {
-      for (int x = 0; x < width; ++x) bright(x, y) += light(x, y);
-    });
+    for_each_pixel(width, height, quiet(task), [&](int x, int y) { bright(x, y) += light(x, y); });
   };
   for (const Guide& g : guides) {
     if (predicts(g))

@@ -28,9 +28,8 @@ Plane missed_by_both(const HalfPair& result, const HalfPair& data, const Plane& 
   Plane product(width, height);
   for (size_t c = 0; c < 3; ++c) {
     const Plane a = missed(data.a[c], result.a[c]), b = missed(data.b[c], result.b[c]);
-    for_each_row(height, quiet(task), [&](int y) {
-      for (int x = 0; x < width; ++x)
-        if (region(x, y) > 0) product(x, y) += a(x, y) * b(x, y) / (3 * around(x, y) * around(x, y));
+    for_each_pixel(width, height, quiet(task), [&](int x, int y) {
+      if (region(x, y) > 0) product(x, y) += a(x, y) * b(x, y) / (3 * around(x, y) * around(x, y));
     });
   }
   return product;
@@ -60,12 +59,10 @@ Plane squared_error(const HalfPair& result, const HalfPair& data, const std::vec
     const Plane n = local(noise, kErrorWindow), m = local(bias, kBiasWindow), m2 = local(square, kBiasWindow);
     // Neighbours that are averaged together count as one.
     const auto independent = static_cast<float>(kBiasWindow * kBiasWindow / (kMissedWindow * kMissedWindow));
-    for_each_row(height, quiet(task), [&](int y) {
-      for (int x = 0; x < width; ++x) {
-        const float error = std::sqrt(std::max(0.0f, m2(x, y) - m(x, y) * m(x, y)) / independent);
-        sum(x, y) +=
-            region.share(x, y) * (kNoiseShare * std::max(0.0f, n(x, y)) + kBiasShare * std::max(0.0f, m(x, y) - error));
-      }
+    for_each_pixel(width, height, quiet(task), [&](int x, int y) {
+      const float error = std::sqrt(std::max(0.0f, m2(x, y) - m(x, y) * m(x, y)) / independent);
+      sum(x, y) +=
+          region.share(x, y) * (kNoiseShare * std::max(0.0f, n(x, y)) + kBiasShare * std::max(0.0f, m(x, y) - error));
     });
   }
   return sum;

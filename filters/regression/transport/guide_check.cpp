@@ -9,6 +9,7 @@
 #include "filters/api/requirements.h"
 #include "filters/inputs/extremes.h"
 #include "filters/inputs/guide_layers.h"
+#include "filters/inputs/half_pair.h"
 #include "filters/regression/transport/lattice_regression.h"
 
 namespace brume {
@@ -19,28 +20,20 @@ constexpr float kAlmostNothing = 1e-7f;  // weight of pixels that are predicted 
 constexpr double kRidge = 2e-3, kGlobalRidge = 1e-4;
 constexpr int kBlock = 16;  // side of the squares whose errors count as independent [px]
 
-Plane grey(const RgbPlanes& rgb) {
-  Plane out(rgb[0]->width(), rgb[0]->height());
-  for (int y = 0; y < out.height(); ++y)
-    for (int x = 0; x < out.width(); ++x)
-      out(x, y) = luminance(vec3((*rgb[0])(x, y), (*rgb[1])(x, y), (*rgb[2])(x, y)));
-  return out;
-}
-
 /// Two pictures that know nothing of each other's noise, and where each is known.
 struct Trials {
   Plane a, b, weight_a, weight_b;
   bool halves;
 
-  explicit Trials(const Layers& frame) : halves(has_halves(frame, layer::beauty)) {
+  Trials(const Layers& frame, const Task& task) : halves(has_halves(frame, layer::beauty)) {
     const int width = frame.width(), height = frame.height();
     if (halves) {
-      a = grey(frame.rgb(layer::beauty, statistic::half_a));
-      b = grey(frame.rgb(layer::beauty, statistic::half_b));
+      a = luminance_of(frame.rgb(layer::beauty, statistic::half_a), task);
+      b = luminance_of(frame.rgb(layer::beauty, statistic::half_b), task);
       weight_a = weight_b = Plane(width, height, 1.0f);
       return;
     }
-    a = b = grey(frame.rgb(layer::beauty));
+    a = b = luminance_of(frame.rgb(layer::beauty), task);
     weight_a = weight_b = Plane(width, height, kAlmostNothing);
     for (int y = 0; y < height; ++y)
       for (int x = 0; x < width; ++x) ((x + y) % 2 == 0 ? weight_a : weight_b)(x, y) = 1;
@@ -80,18 +73,6 @@ Plane fitted(const Plane& target, const Columns& columns, const Plane& weight, d
       lattice_regression(problem, {window, whole ? kGlobalRidge : kRidge, whole ? 0.0 : 1.0}, task).front());
 }
 
-void add(Plane& to, const Plane& from) {
-  for (int y = 0; y < to.height(); ++y)
-    for (int x = 0; x < to.width(); ++x) to(x, y) += from(x, y);
-}
-
-Plane difference(const Plane& a, const Plane& b) {
-  Plane out(a.width(), a.height());
-  for (int y = 0; y < a.height(); ++y)
-    for (int x = 0; x < a.width(); ++x) out(x, y) = a(x, y) - b(x, y);
-  return out;
-}
-
 struct Stage {
   double window;  // deviation [px]; 0: the frame
   const Columns* columns;
@@ -107,8 +88,12 @@ Plane best_errors(const Trials& trials, const std::vector<Stage>& stages, const 
   Plane fit_a(width, height), fit_b(width, height), best;
   double least = std::numeric_limits<double>::infinity();
   for (const Stage& stage : stages) {
-    add(fit_a, fitted(difference(trials.a, fit_a), *stage.columns, trials.weight_a, stage.window, task));
-    add(fit_b, fitted(difference(trials.b, fit_b), *stage.columns, trials.weight_b, stage.window, task));
+    const auto refine = [&](Plane& fit, Plane left, const Plane& weight) {
+      add_to(left, -1, fit, task);
+      add_to(fit, 1, fitted(left, *stage.columns, weight, stage.window, task), task);
+    };
+    refine(fit_a, trials.a, trials.weight_a);
+    refine(fit_b, trials.b, trials.weight_b);
     if (&stage == &stages.front())
       first = make_plane(width, height, quiet(task), [&](int x, int y) { return 0.5f * (fit_a(x, y) + fit_b(x, y)); });
     Plane errors(width, height);
@@ -148,13 +133,12 @@ GuideCheck check_guides(const Layers& given, const Task& task) {
     const bool of_medium = guide.kind == GuideClass::kOpacity;
     if (of_medium || guide.kind == GuideClass::kSurface || guide.name == "normal")
       for (const ChannelView& channel : guide.channels)
-        for_each_row(height, quiet(task), [&](int y) {
-          for (int x = 0; x < width; ++x)
-            if (const float v = channel.plane()(x, y); of_medium ? v > kLeastOpacity : v != 0) mask(x, y) = 1;
+        for_each_pixel(width, height, quiet(task), [&](int x, int y) {
+          if (const float v = channel.plane()(x, y); of_medium ? v > kLeastOpacity : v != 0) mask(x, y) = 1;
         });
     if (guide.coloured)
       guides.push_back(&made.emplace_back(
-          grey({&guide.channels[0].plane(), &guide.channels[1].plane(), &guide.channels[2].plane()})));
+          luminance_of({&guide.channels[0].plane(), &guide.channels[1].plane(), &guide.channels[2].plane()}, task)));
     else
       for (const ChannelView& channel : guide.channels) guides.push_back(&channel.plane());
   }
@@ -162,7 +146,7 @@ GuideCheck check_guides(const Layers& given, const Task& task) {
     if (frame.has(l))
       for (const std::string& channel : l.channel_names()) features.push_back(&frame.at(channel));
 
-  const Trials trials(frame);
+  const Trials trials(frame, task);
   Plane level(width, height), ignored;
   few.push_back(&level);
   const Plane of_guides = best_errors(trials, {{0, &guides}, {16, &guides}, {4, &few}}, mask, level, task);

@@ -37,9 +37,8 @@ HalfPair local_lines(const HalfPair& data, const std::vector<const Plane*>& feat
     frame.values = {&values[0], &values[1], &values[2]};
     std::vector<Plane> lines = collaborative_regression({&frame, 1}, kRadius, quiet(task), &wanted);
     for (size_t c = 0; c < 3; ++c)
-      for_each_row(wanted.height(), quiet(task), [&](int y) {
-        for (int x = 0; x < wanted.width(); ++x)
-          if (!(wanted(x, y) > 0)) lines[c](x, y) = values[c](x, y);
+      for_each_pixel(wanted.width(), wanted.height(), quiet(task), [&](int x, int y) {
+        if (!(wanted(x, y) > 0)) lines[c](x, y) = values[c](x, y);
       });
     return Rgb{std::move(lines[0]), std::move(lines[1]), std::move(lines[2])};
   };

@@ -188,21 +188,19 @@ struct SureGain {
 
   SureGain(const Measures& m, double sure, double pixels, const Task& task)
       : gain(m.width(), m.height()), share(m.width(), m.height()) {
-    for_each_row(gain.height(), quiet(task), [&](int y) {
-      for (int x = 0; x < gain.width(); ++x) {
-        const auto mean = [&](size_t i) { return m.of[i](x, y) / m.of[Measures::kShare](x, y); };
-        const float n = m.of[Measures::kShare](x, y);
-        if (!(n > 1e-6f) || !(m.of[Measures::kGain](x, y) > 0)) continue;
-        const float b = mean(Measures::kGain), count = static_cast<float>(pixels) * n;
-        const float variance = std::max(0.0f, mean(Measures::kSquare) - b * b);
-        const float largest = std::sqrt(std::sqrt(mean(Measures::kFourth) * count));
-        const float low = b - static_cast<float>(sure) * std::sqrt(variance / count) - kLargeValue * largest / count;
-        if (!(low > 0)) continue;
-        const float a = std::max(mean(Measures::kLoss), 1e-30f);
-        share(x, y) = std::min(1.0f, low / a);
-        gain(x, y) = share(x, y) * (2 * low - share(x, y) * a);
-        any = true;
-      }
+    for_each_pixel(gain.width(), gain.height(), quiet(task), [&](int x, int y) {
+      const auto mean = [&](size_t i) { return m.of[i](x, y) / m.of[Measures::kShare](x, y); };
+      const float n = m.of[Measures::kShare](x, y);
+      if (!(n > 1e-6f) || !(m.of[Measures::kGain](x, y) > 0)) return;
+      const float b = mean(Measures::kGain), count = static_cast<float>(pixels) * n;
+      const float variance = std::max(0.0f, mean(Measures::kSquare) - b * b);
+      const float largest = std::sqrt(std::sqrt(mean(Measures::kFourth) * count));
+      const float low = b - static_cast<float>(sure) * std::sqrt(variance / count) - kLargeValue * largest / count;
+      if (!(low > 0)) return;
+      const float a = std::max(mean(Measures::kLoss), 1e-30f);
+      share(x, y) = std::min(1.0f, low / a);
+      gain(x, y) = share(x, y) * (2 * low - share(x, y) * a);
+      any = true;
     });
   }
 };

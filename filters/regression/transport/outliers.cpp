@@ -36,7 +36,7 @@ struct Excess {
     const auto relative = [&](const RgbPlanes& half) {
       return make_plane(width, height, quiet(task), [&](int x, int y) {
         if (!(mask(x, y) > 0)) return 0.0f;
-        const float l = luminance(vec3((*half[0])(x, y), (*half[1])(x, y), (*half[2])(x, y)));
+        const float l = luminance(color_at(half, x, y));
         return (l - level(x, y)) / (std::max(0.0f, level(x, y)) + floor);
       });
     };
@@ -182,18 +182,15 @@ void redistribute_energy(const Rgb& taken, Rgb& picture, const Plane& mask, cons
       return mask(x, y) > 0 ? 1.0f / std::max(base(x, y), least) : 0.0f;
     });
     const std::vector<Plane> back = local_ratio({&taken[c]}, base, weight, kReturnWindow, task);
-    for_each_row(mask.height(), quiet(task), [&](int y) {
-      for (int x = 0; x < mask.width(); ++x) picture[c](x, y) += back[0](x, y);
-    });
+    for_each_pixel(mask.width(), mask.height(), quiet(task), [&](int x, int y) { picture[c](x, y) += back[0](x, y); });
   }
 }
 
 void keep_within_neighbours(const RgbPlanes& data, const Plane& solid, Rgb& picture, const Task& task) {
   for (size_t c = 0; c < 3; ++c) {
     const Plane low = window_minimum(*data[c], 1, task), high = window_maximum(*data[c], 1, task);
-    for_each_row(solid.height(), quiet(task), [&](int y) {
-      for (int x = 0; x < solid.width(); ++x)
-        if (solid(x, y) > 0) picture[c](x, y) = std::clamp(picture[c](x, y), low(x, y), high(x, y));
+    for_each_pixel(solid.width(), solid.height(), quiet(task), [&](int x, int y) {
+      if (solid(x, y) > 0) picture[c](x, y) = std::clamp(picture[c](x, y), low(x, y), high(x, y));
     });
   }
 }

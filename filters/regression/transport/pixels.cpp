@@ -99,14 +99,13 @@ SurfaceShares::SurfaceShares(const std::vector<const Plane*>& normal, const std:
                              const Task& task) {
   const int width = normal[0]->width(), height = normal[0]->height();
   share = make_plane(width, height, quiet(task), [&](int x, int y) {
-    return std::min(1.0f, glm::length(vec3((*normal[0])(x, y), (*normal[1])(x, y), (*normal[2])(x, y))));
+    return std::min(1.0f, glm::length(color_at({normal[0], normal[1], normal[2]}, x, y)));
   });
   Plane change(width, height);
   for (const Plane* p : normal) {
     const Plane low = window_minimum(*p, kEdgeRadius, task), high = window_maximum(*p, kEdgeRadius, task);
-    for_each_row(height, quiet(task), [&](int y) {
-      for (int x = 0; x < width; ++x) change(x, y) += (high(x, y) - low(x, y)) / kEdgeOfNormals;
-    });
+    for_each_pixel(width, height, quiet(task),
+                   [&](int x, int y) { change(x, y) += (high(x, y) - low(x, y)) / kEdgeOfNormals; });
   }
   const auto add = [&](const auto& value) {
     Plane part = make_plane(width, height, quiet(task), value);

@@ -133,9 +133,8 @@ void run(const TransportRegression& p, const FilterFrame& frame, const FilterOut
   if (!own.halves && !known.surfaces.share.empty())
     keep_within_neighbours(frame.signal, known.surfaces.share, clean, task);
   for (size_t c = 0; c < 3; ++c)
-    for_each_row(height, quiet(task), [&](int y) {
-      for (int x = 0; x < width; ++x)
-        (*out[c])(x, y) = known.mask(x, y) > 0 ? clean[c](x, y) : (*frame.signal[c])(x, y);
+    for_each_pixel(width, height, quiet(task), [&](int x, int y) {
+      (*out[c])(x, y) = known.mask(x, y) > 0 ? clean[c](x, y) : (*frame.signal[c])(x, y);
     });
   task.report(1);
   if (!out.products) return;
