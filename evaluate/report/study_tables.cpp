@@ -14,11 +14,17 @@ bool repeats_another(const MethodResult& m) {
   return !m.command.empty() && m.tuning != Tuning::kDefault;
 }
 
-/// A study's error, and how many times that of the method as it is.
-std::vector<std::string> study_cells(const SceneResult& scene, const MethodResult& m) {
+/// A line of a study: what was done to a method, its error, and how many times that of the method as it is.
+std::vector<std::string> study_row(const SceneResult& scene, const MethodResult& m, const std::string& what,
+                                   const std::string& how) {
+  std::vector<std::string> row = {scene.name, fmt::format("{}", m.spp), m.id(), what, how};
+  if (!m.failed.empty()) {
+    row.insert(row.end(), {"failed: " + m.failed, ""});
+    return row;
+  }
   const MethodResult* whole = scene.find(m.filter, m.tuning, m.spp);
-  if (!m.failed.empty()) return {"failed: " + m.failed, ""};
-  return {interval(m.whole()), fmt::format("{:.3f}", m.whole().mean / whole->whole().mean)};
+  row.insert(row.end(), {interval(m.whole()), fmt::format("{:.3f}", m.whole().mean / whole->whole().mean)});
+  return row;
 }
 
 }  // namespace
@@ -29,12 +35,8 @@ Table ablation(const Evaluation& e) {
       "Lab RMS of the whole frame with a feature or guide left out, and with that one alone; times the error of the filter with all of them.",
       columns("scene | #spp | method | layer | how | #Lab RMS | #times")};
   for (const SceneResult& scene : e.scenes)
-    for (const AblationResult& a : scene.ablation) {
-      std::vector<std::string> row = {scene.name, fmt::format("{}", a.result.spp), a.result.id(), a.layer,
-                                      a.alone ? "alone" : "without"};
-      for (std::string& cell : study_cells(scene, a.result)) row.push_back(std::move(cell));
-      table.rows.push_back(std::move(row));
-    }
+    for (const AblationResult& a : scene.ablation)
+      table.rows.push_back(study_row(scene, a.result, a.layer, a.alone ? "alone" : "without"));
   return table;
 }
 
@@ -44,11 +46,8 @@ Table sensitivity(const Evaluation& e) {
       "Lab RMS of the whole frame with one parameter at each of its candidates, the others as they are; times the error of the filter as it is.",
       columns("scene | #spp | method | parameter | #value | #Lab RMS | #times")};
   for (const SceneResult& scene : e.scenes)
-    for (const SensitivityResult& s : scene.sensitivity) {
-      std::vector<std::string> row = {scene.name, fmt::format("{}", s.result.spp), s.result.id(), s.parameter, s.value};
-      for (std::string& cell : study_cells(scene, s.result)) row.push_back(std::move(cell));
-      table.rows.push_back(std::move(row));
-    }
+    for (const SensitivityResult& s : scene.sensitivity)
+      table.rows.push_back(study_row(scene, s.result, s.parameter, s.value));
   return table;
 }
 
