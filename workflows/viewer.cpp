@@ -121,7 +121,7 @@ std::vector<ViewSceneText::Layer> guides_in(const Layers& frame) {
       const auto [guide, meaning] = find_guide(name);
       layers.push_back(guide
                            ? ViewSceneText::Layer{name, meaning, 0, std::string(guide->list), std::string(guide->unit)}
-                           : ViewSceneText::Layer{name, name, 0, "other guides", "1"});
+                           : ViewSceneText::Layer{name, name, 0, "other guides", ""});
     }
     ++layers.back().channels;
   }
