@@ -1,39 +1,29 @@
 #pragma once
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 #include "base/math.h"
 #include "base/vec.h"
 
 namespace brume {
 
+#include "volume/henyey_greenstein.h"
+
 /// Henyey-Greenstein phase function; g in (-1, 1), positive forward. cos_theta lies between the propagation directions
 /// before and after the event: +1 goes straight on. Normalised to 1 over the sphere, so its value is its own sampling
-/// density.
-/// Source: Henyey, Greenstein 1941; the stable forms are derived in docs/estimators.md.
+/// density. A negative g is the positive one turned around.
+/// Source: Henyey, Greenstein 1941.
 struct HenyeyGreenstein {
   double g = 0;
 
-  /// [1/sr]. Nothing cancels: the denominator is a sum of two non-negative terms.
-  double value(double cos_theta) const {
-    const double a = std::abs(g), one_minus = 1.0 - a;
-    const double d = one_minus * one_minus + 2.0 * a * (1.0 - (g < 0 ? -cos_theta : cos_theta));
-    return (1.0 - g * g) / (4.0 * kPi * d * std::sqrt(d));
-  }
+  /// [1/sr]
+  double value(double cos_theta) const { return henyey_greenstein(std::abs(g), 1 - (g < 0 ? -cos_theta : cos_theta)); }
 
   /// Cosine of the scattering angle whose cumulative probability is xi.
   double sample_cosine(double xi) const {
-    const double s = 2.0 * xi - 1.0;
-    double c;
-    if (std::abs(g) < 0.5) {
-      // The textbook form times out its division by g: exact, isotropic at g = 0 without a branch.
-      const double d = 1.0 + g * s;
-      c = (s + g * (1.5 + 0.5 * s * s) + g * g * s + 0.5 * g * g * g * (s * s - 1.0)) / (d * d);
-    } else {
-      const double t = (1.0 - g * g) / (1.0 + g * s);
-      c = (1.0 + g * g - t * t) / (2.0 * g);
-    }
-    return std::clamp(c, -1.0, 1.0);
+    const double c = std::max(-1.0, 1 - sample_henyey_greenstein(std::abs(g), g < 0 ? 1 - xi : xi));
+    return g < 0 ? -c : c;
   }
 };
 

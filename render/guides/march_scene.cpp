@@ -20,10 +20,6 @@ constexpr double kNarrow = 0.99;         // mean cosine of directions that count
 // Rays count their steps from a multiple of so many, so that theirs and those of longer strides lie alike in all rays.
 constexpr double kCountedSteps = 6;
 
-double henyey_greenstein(double g, double c) {
-  return HenyeyGreenstein{g}.value(c);
-}
-
 void set_place(MarchedRay::Place& place, const dvec3& start, const dvec3& along) {
   for (int a = 0; a < 3; ++a) {
     place.start[a] = static_cast<float>(start[a]);
@@ -174,11 +170,11 @@ void MarchScene::emit(const MarchedRay& ray, float t, float straight, float scal
 // The phase function, octaves and forward peak.
 void MarchScene::set_phase(TurnedLight& light, double cosine, double g, double spread) const {
   const bool one = own_.media().size() == 1;
-  const double phase = spread < kNarrow ? henyey_greenstein(spread * g, cosine)
+  const double phase = spread < kNarrow ? HenyeyGreenstein{spread * g}.value(cosine)
                        : one            ? own_.media()[0].phase().value(cosine)
-                                        : henyey_greenstein(g, cosine);
+                                        : HenyeyGreenstein{g}.value(cosine);
   light.phase[0] = static_cast<float>(phase);
-  for (int i = 1; i < 4; ++i) light.phase[i] = static_cast<float>(henyey_greenstein(g / (1 << i), cosine));
+  for (int i = 1; i < 4; ++i) light.phase[i] = static_cast<float>(HenyeyGreenstein{g / (1 << i)}.value(cosine));
   const std::array<double, 8> peak = ForwardPeak(g, cosine).coefficients();
   std::copy(peak.begin(), peak.end(), light.peak);
 }

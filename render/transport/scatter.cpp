@@ -107,7 +107,7 @@ class Collisions {
     const V one = set(1.0f), xi = rng_.uniform(everyone_);
     const V one_minus = scene_.phase
                             ? each_lane(xi, valid_, [&](double x) { return 1.0 - scene_.phase->sample_cosine(x); })
-                            : phase_sample(g_, xi);
+                            : sample_henyey_greenstein(g_, xi);
     const V sin_theta = hn::Sqrt(hn::Max(one_minus * (2.0f - one_minus), hn::Zero(D())));
     const SinCosV phi = sincos_2pi(rng_.uniform(everyone_));
     const V3 turned = around(peak_, sin_theta * phi.cos, sin_theta * phi.sin, one - one_minus);
@@ -146,7 +146,7 @@ class Collisions {
 
   HWY_INLINE V phase_towards(const V3& wi) const {
     const V one_minus = one_minus_cos(peak_, wi);
-    if (!scene_.phase) return phase_value(g_, one_minus);
+    if (!scene_.phase) return henyey_greenstein(g_, one_minus);
     return each_lane(one_minus, valid_, [&](double x) { return scene_.phase->value(1.0 - x); });
   }
 

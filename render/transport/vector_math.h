@@ -79,6 +79,9 @@ HWY_INLINE V operator-(V a) {
 HWY_INLINE VI operator&(VI a, int b) {
   return hn::And(a, hn::Set(DI(), b));
 }
+HWY_INLINE V sqrt(V a) {
+  return hn::Sqrt(a);
+}
 
 /// A point, a direction or a colour in each lane.
 struct V3 {
@@ -277,18 +280,7 @@ HWY_INLINE V one_minus_cos(const V3& a, const V3& b) {
   return 0.5f * dot(d, d);
 }
 
-/// Henyey-Greenstein, g in [0, 1), and the sampling of it: 1 - cos for a number in [0, 1). Without cancellation; see
-/// volume/phase_function.h.
-HWY_INLINE V phase_value(float g, V one_minus) {
-  const V d = (1.0f - g) * (1.0f - g) + 2.0f * g * one_minus;
-  return (1.0f - g * g) * 0.0795774715f / (d * hn::Sqrt(d));
-}
-HWY_INLINE V phase_sample(float g, V xi) {
-  const V s = xi + xi - 1.0f, d = 1.0f + g * s;
-  const V t = (1.0f - g * g) / d;
-  const V one_minus = (1.0f - g) * ((1.0f - xi) * (t + (1.0f - g))) / d;
-  return hn::Min(hn::Max(one_minus, hn::Zero(D())), set(2.0f));
-}
+#include "volume/henyey_greenstein.h"
 
 /// Turns local (x, y, z) into the frame around the unit vector n, and makes it a unit vector again.
 HWY_INLINE V3 around(const V3& n, V x, V y, V z) {
