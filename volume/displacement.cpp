@@ -16,6 +16,7 @@ namespace brume {
 namespace {
 
 constexpr int kCell = BrickGrid::kCell, kStored = BrickGrid::kStored;
+constexpr double kFar = 1 << 28;  // voxels: what lies farther from the origin is refused
 
 /// Reads voxels one after another, by their index coordinates: neighbours lie in one cell.
 class VoxelReader {
@@ -240,7 +241,6 @@ class Extension {
       lo = glm::min(lo, at);
       hi = glm::max(hi, at);
     }
-    constexpr double kFar = 1 << 28;
     if (!(glm::all(glm::greaterThan(lo, dvec3(-kFar))) && glm::all(glm::lessThan(hi, dvec3(kFar)))))
       throw InputError(fmt::format("grid '{}' lies far outside of the density", velocity_.name));
     return {ivec3(glm::floor(lo)), ivec3(glm::ceil(hi))};
@@ -279,9 +279,8 @@ class Extension {
         voxels.high[c] += std::max(l, h);
       }
     const Range reach = over_shutter(voxels);
-    constexpr double kFar = 1 << 29;
-    useful_ = common(
-        box_, grown(density_box_, glm::max(reach.low, dvec3(-kFar)) - 1.0, glm::min(reach.high, dvec3(kFar)) + 1.0));
+    const dvec3 across(2 * kFar);
+    useful_ = common(box_, grown(density_box_, glm::max(reach.low, -across) - 1.0, glm::min(reach.high, across) + 1.0));
   }
 
   /// The velocity in voxels per frame where it is stored, and where that is.
