@@ -189,13 +189,22 @@ bool ExrInfo::deep() const {
   return !parts.empty() && std::all_of(parts.begin(), parts.end(), [](const Part& p) { return p.deep(); });
 }
 
-ExrInfo read_exr_info(const fs::path& path) try {
-  Imf::MultiPartInputFile file = open_exr(path);
+struct ExrFile::Open {
+  Imf::MultiPartInputFile file;
+};
+
+ExrFile::ExrFile(const fs::path& path) : path_(path), open_(new Open{open_exr(path)}) {}
+ExrFile::~ExrFile() = default;
+ExrFile::ExrFile(ExrFile&&) noexcept = default;
+
+const ExrInfo& ExrFile::info() const try {
+  if (info_) return *info_;
+  Imf::MultiPartInputFile& file = open_->file;
   ExrInfo info;
   for (int part = 0; part < file.parts(); ++part) {
     const Imf::Header& header = file.header(part);
     const bool deep = is_deep(header);
-    if (!deep) check_ends(file, part, path);
+    if (!deep) check_ends(file, part, path_);
     const PixelWindow data = window_of(header.dataWindow());
     info.display = window_of(header.displayWindow());
     if (part == 0) info.data = data;
@@ -218,9 +227,13 @@ ExrInfo read_exr_info(const fs::path& path) try {
     if (part == 0 && Imf::hasMultiView(header)) info.views = Imf::multiView(header);
     info.header.merge(attributes(header, file.parts() > 1));
   }
-  return info;
+  return info_.emplace(std::move(info));
 } catch (const std::bad_alloc& error) {
-  fail_reading(path.string(), error);
+  fail_reading(path_.string(), error);
+}
+
+ExrInfo read_exr_info(const fs::path& path) {
+  return ExrFile(path).info();
 }
 
 namespace {
@@ -297,9 +310,9 @@ Part read_part(Imf::MultiPartInputFile& file, int index, const fs::path& path,
 
 }  // namespace
 
-Layers read_exr(const fs::path& path, const std::function<bool(const std::string&)>& wanted) try {
-  Imf::MultiPartInputFile file = open_exr(path);
-  check_own_file(file, path, {});
+Layers ExrFile::read(const std::function<bool(const std::string&)>& wanted) const try {
+  Imf::MultiPartInputFile& file = open_->file;
+  check_own_file(file, path_, {});
   const PixelWindow display = window_of(file.header(0).displayWindow());
   std::map<std::string, Attribute> header_of_all;
   std::vector<Part> parts;
@@ -308,13 +321,13 @@ Layers read_exr(const fs::path& path, const std::function<bool(const std::string
   for (int index = 0; index < file.parts(); ++index) {
     const Imf::Header& header = file.header(index);
     if (is_deep(header)) {
-      if (++deep == file.parts()) fail_deep(path, part_label(file, index));
+      if (++deep == file.parts()) fail_deep(path_, part_label(file, index));
       continue;
     }
     if (window_of(header.displayWindow()) != display)
-      throw InputError(fmt::format("{}: its parts differ in size; expected one size", path.string()));
+      throw InputError(fmt::format("{}: its parts differ in size; expected one size", path_.string()));
     header_of_all.merge(attributes(header, file.parts() > 1));
-    Part part = read_part(file, index, path, wanted, bytes);
+    Part part = read_part(file, index, path_, wanted, bytes);
     if (!part.planes.empty()) parts.push_back(std::move(part));
   }
   PixelWindow data = parts.empty() ? window_of(file.header(0).dataWindow()) : parts[0].data;
@@ -322,7 +335,7 @@ Layers read_exr(const fs::path& path, const std::function<bool(const std::string
   const double pixels = (static_cast<double>(data.hi.x) - data.lo.x) * (static_cast<double>(data.hi.y) - data.lo.y);
   if (parts.size() > 1 && pixels > kMostPixelsOfParts)
     throw InputError(fmt::format("{}: its parts lie too far apart to be one frame: together they span {}",
-                                 path.string(), data.text()));
+                                 path_.string(), data.text()));
   Layers layers(data.width(), data.height());
   layers.header = std::move(header_of_all);
   place(layers, data, display);
@@ -340,7 +353,11 @@ Layers read_exr(const fs::path& path, const std::function<bool(const std::string
   }
   return layers;
 } catch (const std::bad_alloc& error) {
-  fail_reading(path.string(), error);
+  fail_reading(path_.string(), error);
+}
+
+Layers read_exr(const fs::path& path, const std::function<bool(const std::string&)>& wanted) {
+  return ExrFile(path).read(wanted);
 }
 
 Layers read_exr_state(const fs::path& path, const Task& task) try {

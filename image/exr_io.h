@@ -1,6 +1,8 @@
 #pragma once
 #include <filesystem>
 #include <functional>
+#include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -34,6 +36,27 @@ struct ExrInfo {
 
   /// Whether it has parts and none that is flat.
   bool deep() const;
+};
+
+/// An EXR that is open: what it holds is looked up once, its pixels are read when they are asked for.
+class ExrFile {
+ public:
+  /// @throws InputError: missing, not an EXR
+  explicit ExrFile(const std::filesystem::path& path);
+  ~ExrFile();
+  ExrFile(ExrFile&&) noexcept;
+
+  const std::filesystem::path& path() const { return path_; }
+  /// @throws InputError: truncated
+  const ExrInfo& info() const;
+  /// As read_exr().
+  Layers read(const std::function<bool(const std::string&)>& wanted = {}) const;
+
+ private:
+  struct Open;
+  std::filesystem::path path_;
+  std::unique_ptr<Open> open_;
+  mutable std::optional<ExrInfo> info_;
 };
 
 /// @throws InputError: missing, not an EXR, truncated

@@ -215,7 +215,7 @@ EvaluationScene foreign_scene(const ExperimentFrames& given, const Host& host) {
   scene.render = [references, given, &host](const FrameRequest& request, const Task&) {
     const bool is_reference = request.seed >= kReferenceSeed;
     const auto index = static_cast<size_t>(request.seed - (is_reference ? kReferenceSeed : kFirstNoisySeed));
-    return TimedFrame{read_frame((is_reference ? references : given.noisy).at(index), host), 0};
+    return TimedFrame{read_frame(ExrFile((is_reference ? references : given.noisy).at(index)), host), 0};
   };
   return scene;
 }

@@ -49,13 +49,11 @@ void check_has_guides(const std::string& path, const Layers& guides) {
 
 }  // namespace
 
-Layers read_frame(const std::filesystem::path& path, const Host& host, const std::set<std::string>& wanted,
-                  const ExrInfo* info) {
-  Layers frame = read_exr(path, [&](const std::string& name) { return wanted.empty() || wanted.contains(name); });
+Layers read_frame(const ExrFile& file, const Host& host, const std::set<std::string>& wanted) {
+  Layers frame = file.read([&](const std::string& name) { return wanted.empty() || wanted.contains(name); });
   if (frame.has(layer::beauty)) return frame;
-  if (wanted.contains("R")) frame = read_exr(path);
-  const ExrInfo own = info ? ExrInfo() : read_exr_info(path);
-  if (const std::string recognised = adopt_foreign_layers(frame, info ? info : &own); !recognised.empty())
+  if (wanted.contains("R")) frame = file.read();
+  if (const std::string recognised = adopt_foreign_layers(frame, &file.info()); !recognised.empty())
     host.say(Host::Word::kRemark, recognised);
   return frame;
 }

@@ -15,9 +15,7 @@ namespace brume {
 /// An EXR with brume's layer names, whoever wrote it. Says so when another renderer's are recognised.
 /// @param wanted  channels to load; empty: all. Another renderer's frame is loaded whole
 /// @throws InputError
-/// @param info  of the file, where its header was read; null: it is read where it is needed
-Layers read_frame(const std::filesystem::path& path, const Host& host, const std::set<std::string>& wanted = {},
-                  const ExrInfo* info = nullptr);
+Layers read_frame(const ExrFile& file, const Host& host, const std::set<std::string>& wanted = {});
 
 /// What is to be said of a frame that is cleaned and whose colours are not Rec. 709: that they stay as they are. Empty
 /// for others.

@@ -50,7 +50,7 @@ std::optional<ivec2> first_difference(const Layers& frame, const ChannelTriple& 
 }
 
 /// Refuses a file that has a picture under several names, unless they hold the same pixels. @throws InputError
-void check_alike(const std::string& path, const ExrInfo& info, const ForeignFrame& picture) {
+void check_alike(const ExrFile& file, const ForeignFrame& picture) {
   if (picture.alike.empty()) return;
   std::set<std::string> wanted(picture.target.begin(), picture.target.end());
   std::string names = name_in_map(picture.target);
@@ -60,7 +60,7 @@ void check_alike(const std::string& path, const ExrInfo& info, const ForeignFram
   }
   bool half = false, one_window = true;
   const ExrInfo::Channel* first = nullptr;
-  for (const ExrInfo::Channel& c : info.channels) {
+  for (const ExrInfo::Channel& c : file.info().channels) {
     if (!wanted.contains(c.name)) continue;
     if (!first) first = &c;
     half |= c.type == "half";
@@ -69,10 +69,11 @@ void check_alike(const std::string& path, const ExrInfo& info, const ForeignFram
   const auto fail = [&](const ChannelTriple& other, const std::string& how) {
     throw InputError(fmt::format(
         "{}: the picture could be any of its layers {}: {} and {} {}; say which in a mapping file: color = {} (--map, docs/frames.md)",
-        path, names, name_in_map(picture.target), name_in_map(other), how, name_in_map(picture.target)));
+        file.path().string(), names, name_in_map(picture.target), name_in_map(other), how,
+        name_in_map(picture.target)));
   };
   if (!one_window) fail(picture.alike[0], "cover different pixels");
-  const Layers frame = read_exr(path, [&](const std::string& name) { return wanted.contains(name); });
+  const Layers frame = file.read([&](const std::string& name) { return wanted.contains(name); });
   for (const ChannelTriple& other : picture.alike)
     if (const auto at = first_difference(frame, picture.target, other, half))
       fail(other, fmt::format("differ, first at pixel {},{}", at->x, at->y));
@@ -116,9 +117,9 @@ std::string told_alike(const ForeignFrame& picture) {
 
 class KeptFile : public OpenFrame {
  public:
-  KeptFile(const FrameFiles& files, ExrInfo info, const DenoiseOptions& options, std::vector<ForeignFrame> pictures,
+  KeptFile(const FrameFiles& files, ExrFile file, const DenoiseOptions& options, std::vector<ForeignFrame> pictures,
            const Host& host)
-      : OpenFrame(files, std::move(info), options, host), path_(files.frame.string()), pictures_(std::move(pictures)) {}
+      : OpenFrame(files, std::move(file), options, host), path_(files.frame.string()), pictures_(std::move(pictures)) {}
 
   bool ours() const override { return false; }
   Layers outline() const override;
@@ -131,7 +132,7 @@ class KeptFile : public OpenFrame {
   /// A frame of one pixel with the file's channels.
   Layers channel_names() const;
   /// What of a file is read to clean a picture. @param extra  channels under brume's names
-  Layers read_picture(const FrameFiles& files, const ExrInfo& info, const ForeignFrame& picture,
+  Layers read_picture(const FrameFiles& files, const ExrFile& file, const ForeignFrame& picture,
                       const std::set<std::string>& extra, bool guides) const;
   /// The same picture in the frames beside this one.
   std::list<NearbyPicture> read_nearby(const std::vector<FrameFiles>& near, const ForeignFrame& picture,
@@ -148,9 +149,9 @@ class KeptFile : public OpenFrame {
 
 Layers KeptFile::channel_names() const {
   Layers file(1, 1);
-  file.header = info_.header;
+  file.header = file_.info().header;
   for (const std::string& name : guide_names()) file.add(name);
-  for (const ExrInfo::Channel& c : info_.channels) file.add(c.name);
+  for (const ExrInfo::Channel& c : file_.info().channels) file.add(c.name);
   for (const ForeignFrame& picture : pictures_)
     for (const std::string& name : picture.channels()) file.add(name);
   return file;
@@ -172,7 +173,7 @@ Layers KeptFile::outline() const {
 std::string KeptFile::what_speaks_against_guides() const {
   const std::set<std::string> extra = guide_names();
   for (const ForeignFrame& picture : pictures_) {
-    const Layers file = read_picture(files_, info_, picture, {}, /*guides=*/true);
+    const Layers file = read_picture(files_, file_, picture, {}, /*guides=*/true);
     const std::string wrong = brume::what_speaks_against_guides(frame_of_signal(picture, picture.color, file, extra),
                                                                 files_.guides, host_.silent());
     if (!wrong.empty()) return wrong;
@@ -180,21 +181,21 @@ std::string KeptFile::what_speaks_against_guides() const {
   return "";
 }
 
-Layers KeptFile::read_picture(const FrameFiles& files, const ExrInfo& info, const ForeignFrame& picture,
+Layers KeptFile::read_picture(const FrameFiles& files, const ExrFile& file, const ForeignFrame& picture,
                               const std::set<std::string>& extra, bool guides) const {
   std::set<std::string> channels = extra;
   for (const std::string& name : picture.channels()) channels.insert(name);
-  Layers file = read_exr(files.frame, [&](const std::string& name) { return channels.contains(name); });
-  file = cut_to_light(std::move(file), picture, info);
-  if (guides) add_guides(files.guides, files.frame, file);
-  return file;
+  Layers frame = file.read([&](const std::string& name) { return channels.contains(name); });
+  frame = cut_to_light(std::move(frame), picture, file.info());
+  if (guides) add_guides(files.guides, files.frame, frame);
+  return frame;
 }
 
 void KeptFile::read(const DenoisePlan& plan) {
   plan_ = &plan;
   // Pixels are read picture by picture, as several of a large frame would not fit.
   const std::string& exposure = options_.picture.exposure;
-  exposure_ = choose_exposure(exposure, exposure == "auto" ? read_frame(path_, host_, {}, &info_) : channel_names());
+  exposure_ = choose_exposure(exposure, exposure == "auto" ? read_frame(file_, host_) : channel_names());
 }
 
 std::list<NearbyPicture> KeptFile::read_nearby(const std::vector<FrameFiles>& near, const ForeignFrame& picture,
@@ -205,11 +206,11 @@ std::list<NearbyPicture> KeptFile::read_nearby(const std::vector<FrameFiles>& ne
   for (const FrameFiles& other : near) {
     const std::string path = other.frame.string();
     try {
-      const ExrInfo info = read_exr_info(path);
+      const ExrFile file(other.frame);
       NearbyPicture& there = nearby.emplace_back();
-      there.pictures = pictures_of(path, info, options_.file);
+      there.pictures = pictures_of(path, file.info(), options_.file);
       const ForeignFrame& same = same_view(there.pictures, picture, path);
-      there.layers = read_picture(other, info, same, extra, guides);
+      there.layers = read_picture(other, file, same, extra, guides);
       if (plan_->sequence && there.layers.data_window() != window)
         throw InputError(fmt::format("{}: it has the pixels {}, {} has {}", path, there.layers.data_window().text(),
                                      path_, window.text()));
@@ -233,14 +234,14 @@ void KeptFile::clean(const FilterSettings& filter, const std::vector<FrameFiles>
   std::list<CleanPicture> cleaned;
   std::vector<ExrEdit> edits;
   std::optional<Layers> shown;  // the first picture, clean
-  if (const std::string line = note_of_colors(path_, info_.header, !files_.guides.empty()); !line.empty())
+  if (const std::string line = note_of_colors(path_, file_.info().header, !files_.guides.empty()); !line.empty())
     host_.note(line);
   std::map<std::string, Attribute> attributes = {{"brume.version", version_text()}};
   if (!plan_->inputs.empty()) attributes[std::string("brume.") + kMadeFrom] = plan_->inputs;
   for (ForeignFrame picture : pictures_) {
     const bool features = filter.uses_features() || filter.entry().guides;
     if (!features) picture.features.clear();
-    Layers file = read_picture(files_, info_, picture, extra, features);
+    Layers file = read_picture(files_, file_, picture, extra, features);
     // Several pictures may lie in parts of their own, each with its data window.
     const PixelWindow window = file.data_window();
     std::list<RecordReader> records;
@@ -250,7 +251,8 @@ void KeptFile::clean(const FilterSettings& filter, const std::vector<FrameFiles>
     if (first) shown = file.without_channels();
     CleanPicture& result = cleaned.emplace_back();
     try {
-      result = clean_picture(filter, picture, std::move(file), info_, how, host_.task(filter.entry().name), suffix);
+      result =
+          clean_picture(filter, picture, std::move(file), file_.info(), how, host_.task(filter.entry().name), suffix);
     } catch (const InputError& error) {
       throw InputError(fmt::format("{}: {}", path_, error.what()));
     }
@@ -285,7 +287,7 @@ std::string KeptFile::told(const ForeignFrame& picture, const FilterSettings& fi
                            const CleanPicture& result) const {
   const bool beside = !options_.file.suffix.empty();
   const size_t made = result.channels.size() + 3 * picture.alike.size(),
-               kept = info_.channels.size() - (beside ? 0 : made);
+               kept = file_.info().channels.size() - (beside ? 0 : made);
   return fmt::format("{}: cleaned {} with {}{}; {} channels {}, {} as they were ({:.1f} ms)", picture.label(),
                      join(result.cleaned), filter.entry().name, result.sum.empty() ? "" : ", " + result.sum, made,
                      beside ? "new" : "replaced", kept, 1e3 * result.seconds);
@@ -293,9 +295,10 @@ std::string KeptFile::told(const ForeignFrame& picture, const FilterSettings& fi
 
 }  // namespace
 
-std::unique_ptr<OpenFrame> open_kept_file(const FrameFiles& files, const ExrInfo& info, const DenoiseOptions& options,
+std::unique_ptr<OpenFrame> open_kept_file(const FrameFiles& files, ExrFile& file, const DenoiseOptions& options,
                                           const Host& host) {
   const FileOptions& how = options.file;
+  const ExrInfo& info = file.info();
   if (is_brume_frame(info) && !how.asked()) return nullptr;
   if (!how.suffix.empty() &&
       std::none_of(how.suffix.begin(), how.suffix.end(), [](unsigned char c) { return std::isalnum(c); }))
@@ -312,8 +315,8 @@ std::unique_ptr<OpenFrame> open_kept_file(const FrameFiles& files, const ExrInfo
     throw InputError(fmt::format(
         "{}: none of its channels is known to be a picture, as R G B or a layer named rgba or beauty would be; it has {}. Say which one to clean in a mapping file: color = \"LAYER\" (--map, docs/frames.md)",
         path, channels_text(info)));
-  for (const ForeignFrame& picture : pictures) check_alike(path, info, picture);
-  return std::make_unique<KeptFile>(files, info, options, std::move(pictures), host);
+  for (const ForeignFrame& picture : pictures) check_alike(file, picture);
+  return std::make_unique<KeptFile>(files, std::move(file), options, std::move(pictures), host);
 }
 
 }  // namespace brume

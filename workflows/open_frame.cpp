@@ -17,12 +17,12 @@ namespace {
 /// A frame whose layers have brume's names, and which is written as brume writes its own.
 class OwnFrame : public OpenFrame {
  public:
-  OwnFrame(const FrameFiles& files, ExrInfo info, const DenoiseOptions& options, FrameWindow& window, const Host& host)
-      : OpenFrame(files, std::move(info), options, host), window_(window) {}
+  OwnFrame(const FrameFiles& files, ExrFile file, const DenoiseOptions& options, FrameWindow& window, const Host& host)
+      : OpenFrame(files, std::move(file), options, host), window_(window) {}
 
   bool ours() const override { return true; }
   Layers outline() const override {
-    Layers outline = outline_of(info_);
+    Layers outline = outline_of(file_.info());
     for (const std::string& name : guide_names()) outline.add(name);
     return outline;
   }
@@ -48,7 +48,7 @@ std::string OwnFrame::what_speaks_against_guides() const {
     for (const std::string& name : layer::beauty.channel_names(which)) channels.insert(name);
   for (const LayerName& l : find_filter("transport_regression").can_use)
     for (const std::string& name : l.channel_names()) channels.insert(name);
-  return brume::what_speaks_against_guides(window_.get(files_, channels, host_, &info_), files_.guides, host_.silent());
+  return brume::what_speaks_against_guides(window_.get(files_, channels, host_, &file_), files_.guides, host_.silent());
 }
 
 void OwnFrame::read(const DenoisePlan& plan) {
@@ -58,7 +58,7 @@ void OwnFrame::read(const DenoisePlan& plan) {
   for (const FilterSettings& filter : plan.filters) channels.merge(readable_channels(filter, plan.how, known));
   for (const std::string& name : layer::noisy.channel_names()) channels.insert(name);
   window_.keep(files_, plan.others);
-  frame_ = &window_.get(files_, channels, host_, &info_);
+  frame_ = &window_.get(files_, channels, host_, &file_);
   if (const std::string line = note_of_colors(files_.frame.string(), frame_->header, !files_.guides.empty());
       !line.empty())
     host_.note(line);
@@ -125,15 +125,15 @@ CleanLayers run_filter(const FilterSettings& filter, const Layers& frame, const 
   return {std::move(clean), report.seconds};
 }
 
-OpenFrame::OpenFrame(const FrameFiles& files, ExrInfo info, const DenoiseOptions& options, const Host& host)
-    : files_(files), info_(std::move(info)), guides_(read_guide_outline(files.guides)), options_(options), host_(host) {
+OpenFrame::OpenFrame(const FrameFiles& files, ExrFile file, const DenoiseOptions& options, const Host& host)
+    : files_(files), file_(std::move(file)), guides_(read_guide_outline(files.guides)), options_(options), host_(host) {
   if (!files.records.empty()) records_.emplace(files.records);
 }
 
 std::string OpenFrame::what_forbids_guides() const {
   if (files_.guides.empty()) return "";
   Layers frame(1, 1);
-  frame.header = info_.header;
+  frame.header = file_.info().header;
   return of_one_scene(guides_, frame) ? "" : what_speaks_against_guides();
 }
 
@@ -148,10 +148,10 @@ std::set<std::string> OpenFrame::guide_names() const {
 }
 
 const Layers& FrameWindow::get(const FrameFiles& files, const std::set<std::string>& channels, const Host& host,
-                               const ExrInfo* info) {
+                               const ExrFile* file) {
   Entry& entry = frames_[files.frame];
   if (entry.layers && entry.channels == channels) return *entry.layers;
-  Layers frame = read_frame(files.frame, host, channels, info);
+  Layers frame = file ? read_frame(*file, host, channels) : read_frame(ExrFile(files.frame), host, channels);
   if (!files.guides.empty()) add_guides(files.guides, files.frame, frame);
   if (frame.has(layer::noisy))
     take_noisy(frame, host);
@@ -169,9 +169,9 @@ void FrameWindow::keep(const FrameFiles& own, const std::vector<FrameFiles>& oth
 
 std::unique_ptr<OpenFrame> open_frame(const FrameFiles& files, const DenoiseOptions& options, FrameWindow& window,
                                       const Host& host) {
-  ExrInfo info = read_exr_info(files.frame);
-  if (std::unique_ptr<OpenFrame> kept = open_kept_file(files, info, options, host)) return kept;
-  return std::make_unique<OwnFrame>(files, std::move(info), options, window, host);
+  ExrFile file(files.frame);
+  if (std::unique_ptr<OpenFrame> kept = open_kept_file(files, file, options, host)) return kept;
+  return std::make_unique<OwnFrame>(files, std::move(file), options, window, host);
 }
 
 }  // namespace brume

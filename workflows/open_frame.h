@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "image/exr_io.h"
 #include "image/foreign.h"
 #include "workflows/denoise_frame.h"
 
@@ -24,9 +25,9 @@ struct DenoisePlan {
 class FrameWindow {
  public:
   /// A frame as filters get it: with its guides, and raw where it is clean already. @throws InputError
-  /// @param info  of the file; null: not read yet
+  /// @param file  the frame's; null: not open yet
   const Layers& get(const FrameFiles& files, const std::set<std::string>& channels, const Host& host,
-                    const ExrInfo* info = nullptr);
+                    const ExrFile* file = nullptr);
   /// Lets go of all frames but these.
   void keep(const FrameFiles& own, const std::vector<FrameFiles>& others);
 
@@ -58,13 +59,13 @@ class OpenFrame {
                      const std::filesystem::path& output, const std::filesystem::path& preview) = 0;
 
  protected:
-  OpenFrame(const FrameFiles& files, ExrInfo info, const DenoiseOptions& options, const Host& host);
+  OpenFrame(const FrameFiles& files, ExrFile file, const DenoiseOptions& options, const Host& host);
   /// As the function of that name (workflows/frame.h).
   virtual std::string what_speaks_against_guides() const = 0;
   std::set<std::string> guide_names() const;
 
   FrameFiles files_;
-  const ExrInfo info_;
+  const ExrFile file_;
   Layers guides_;  // of one pixel
   const DenoiseOptions& options_;
   const Host& host_;
@@ -75,8 +76,8 @@ class OpenFrame {
 /// @throws InputError
 std::unique_ptr<OpenFrame> open_frame(const FrameFiles& files, const DenoiseOptions& options, FrameWindow& window,
                                       const Host& host);
-/// Nothing for a file that is to be written as brume writes its own.
-std::unique_ptr<OpenFrame> open_kept_file(const FrameFiles& files, const ExrInfo& info, const DenoiseOptions& options,
+/// Nothing for a file that is to be written as brume writes its own; else it takes the file.
+std::unique_ptr<OpenFrame> open_kept_file(const FrameFiles& files, ExrFile& file, const DenoiseOptions& options,
                                           const Host& host);
 
 /// The pictures that a mapping file names in an EXR. @throws InputError with the line underlined

@@ -77,7 +77,7 @@ struct Pictures {
   Pictures(const Options& o, std::optional<int> frame, const Host& host) {
     const auto read = [&](const std::string& name) {
       const std::string path = frame ? file_of_frame(name, *frame).string() : name;
-      return NamedFrame{path, read_frame(path, host)};
+      return NamedFrame{path, read_frame(ExrFile(path), host)};
     };
     picture = read(o.picture);
     reference = read(o.reference);

@@ -41,7 +41,7 @@ class Given {
   const std::string& name() const { return path_ ? *path_ : name_; }
   /// @param layer  that is compared; nothing: all
   NamedFrame frame(const std::optional<std::string>& layer, const Host& host) const {
-    if (path_) return {*path_, read_frame(*path_, host)};
+    if (path_) return {*path_, read_frame(ExrFile(*path_), host)};
     if (!layer) return {name_, *layers_};
     // Cut to the common window later, so that they are copies: of what is needed.
     const LayerName wanted{*layer, "RGB", ""};

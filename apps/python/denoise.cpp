@@ -52,7 +52,7 @@ class Given {
   const std::string& path() const { return path_; }
 
   const Layers& frame(const Host& host) {
-    if (!layers_) layers_ = std::make_shared<Layers>(read_frame(path_, host));
+    if (!layers_) layers_ = std::make_shared<Layers>(read_frame(ExrFile(path_), host));
     return *layers_;
   }
   /// Those of a frame; null where none are given.
