@@ -7,12 +7,14 @@
 #include <malloc.h>
 
 #include <cmath>
+#include <cstdio>
 #ifdef BRUME_OPENCV
 #include <opencv2/imgproc.hpp>
 #include <opencv2/photo.hpp>
 #include <opencv2/ximgproc/edge_filter.hpp>
 #endif
 
+#include "base/error.h"
 #include "base/rng.h"
 #include "filters/api/registry.h"
 #include "filters/run/apply.h"
@@ -72,6 +74,12 @@ const bool registered = [] {
   for (const FilterEntry* e : all_filters()) {
     if (e->records == FilterEntry::Records::kNeeds) continue;
     std::vector<FilterSettings> variants = {*e};
+    try {
+      variants[0].weights();
+    } catch (const InputError& error) {
+      std::fprintf(stderr, "left out: %s\n", error.what());
+      continue;
+    }
     for (const Parameter& p : e->parameters)
       if (p.name == "variant" || p.name == "domain" || p.name == "average" || p.name == "buffers" ||
           p.name == "choose" || p.name == "estimate")

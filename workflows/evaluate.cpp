@@ -63,6 +63,20 @@ void check_label(const Contender& contender) {
                       contender.external->words, label));
 }
 
+/// Leaves out learnt filters whose weights are not there, unless the user named the filters one by one.
+void check_weights(std::vector<Contender>& contenders, bool chosen, const Host& host) {
+  std::erase_if(contenders, [&](const Contender& contender) {
+    try {
+      contender.settings.weights();
+    } catch (const InputError& error) {
+      if (chosen) throw;
+      host.note(fmt::format("'{}' is left out: {}", contender.label, error.what()));
+      return true;
+    }
+    return false;
+  });
+}
+
 EvaluationSettings settings_of(const EvaluateOptions& o, const Host& host) {
   const Experiment& e = o.experiment;
   EvaluationSettings s;
@@ -76,6 +90,7 @@ EvaluationSettings settings_of(const EvaluateOptions& o, const Host& host) {
   for (const ExperimentFilter& filter : e.filters) s.contenders.push_back(contender_of(filter));
   s.contenders.insert(s.contenders.end(), o.others.begin(), o.others.end());
   for (const Contender& contender : s.contenders) check_label(contender);
+  check_weights(s.contenders, o.chosen_filters, host);
   for (size_t i = 0; i < s.contenders.size(); ++i)
     for (size_t k = 0; k < i; ++k)
       if (s.contenders[i].label == s.contenders[k].label)

@@ -14,10 +14,10 @@ nlohmann::json to_json(const FilterEntry& e) {
   const FilterSettings settings(e);
   for (const Parameter& p : e.parameters) {
     nlohmann::json j = {{"name", p.name}, {"default", to_json(settings.get(p))}, {"unit", p.unit}, {"help", p.help}};
-    if (p.choices.empty())
-      j["range"] = {p.lowest, p.highest};
-    else
+    if (!p.choices.empty())
       j["choices"] = p.choices;
+    else if (!p.is_text)
+      j["range"] = {p.lowest, p.highest};
     parameters.push_back(j);
   }
   nlohmann::json needs = nlohmann::json::array(), can_use = nlohmann::json::array();

@@ -218,8 +218,8 @@ namespace {
 /// Everything that decides what comes of a run.
 std::string key_of(const FilterRun& run, const FilterInput& input) {
   return fmt::format(
-      "filtered\n{} {}\ncomponent {}, parts {}\nbackground {}\nexposure {}\nfeatures {}\nwithout {}\ninput {}",
-      run.external ? run.external->external->key : run.filter->entry().name, run.filter->text(),
+      "filtered\n{} {}\nweights {}\ncomponent {}, parts {}\nbackground {}\nexposure {}\nfeatures {}\nwithout {}\ninput {}",
+      run.external ? run.external->external->key : run.filter->entry().name, run.filter->text(), run.filter->weights(),
       static_cast<int>(run.options.component), run.options.keep_parts, static_cast<int>(run.options.background),
       exact(run.options.exposure), join(run.options.features, " "), join(run.left_out, " "), input.key);
 }

@@ -125,8 +125,9 @@ bool Contender::reads_guides(const FilterSettings& run) const {
 }
 
 std::string Contender::key() const {
-  return fmt::format("{} {}\nfixed {}\npublished {}\nfeatures {}\nguides {}", settings.entry().name, settings.text(),
-                     join(fixed, " "), paper ? paper->text() : "", join(features, " "), guides);
+  return fmt::format("{} {}\nweights {}\nfixed {}\npublished {}\nfeatures {}\nguides {}", settings.entry().name,
+                     settings.text(), settings.weights(), join(fixed, " "), paper ? paper->text() : "",
+                     join(features, " "), guides);
 }
 
 namespace {

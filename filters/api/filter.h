@@ -48,6 +48,7 @@ struct Parameter {
   std::string name, unit, help;
   double lowest = 0, highest = 0;  ///< of a number
   bool integer = false;
+  bool is_text = false;              ///< any text
   std::vector<std::string> choices;  ///< not empty for a choice
   std::vector<Value> candidates;     ///< what an exhaustive search tries; empty: left at its default
   std::function<Value(const std::any&)> get;
@@ -114,6 +115,9 @@ struct FilterEntry {
   std::vector<Preset> presets;            ///< `paper` is as published
   std::vector<Parameter> parameters;
   std::any defaults;
+  /// Of a filter that a network has learnt: names the weights that it has with these parameters, in words that change
+  /// with them. Throws InputError, which says how to get them, where they are not there. Null: needs none.
+  std::function<std::string(const std::any&)> weights;
   std::function<void(Layers&)> settle;        ///< finishes what it produces once all tiles are there; may be null
   std::function<int(const std::any&)> apron;  ///< pixels read beyond a tile
   std::function<void(const std::any&, const FilterFrame&, const FilterOutput&, const Task&)> run;
@@ -144,6 +148,8 @@ class FilterSettings {
   std::vector<std::string> preferred_features() const {
     return entry_->feature_set ? names_of(entry_->feature_set(parameters_)) : std::vector<std::string>();
   }
+  /// The weights of a learnt filter; empty: it needs none. @throws InputError where they are not there
+  std::string weights() const { return entry_->weights ? entry_->weights(parameters_) : ""; }
   bool uses_noise_level() const { return entry_->noise_level && entry_->noise_level(parameters_); }
   void run(const FilterFrame& frame, const FilterOutput& out, const Task& task) const {
     entry_->run(parameters_, frame, out, task);
@@ -252,6 +258,11 @@ class Declaration {
   Declaration& seeded() { return entry_.seeded = true, *this; }
   /// Leaves the pixels where FilterFrame::medium is 0 to the gradient-kernel paper's rule.
   Declaration& background() { return entry_.background = true, *this; }
+  /// Is a network, which has its weights from files.
+  Declaration& learned(std::string (*weights)(const P&)) {
+    entry_.weights = [weights](const std::any& a) { return weights(std::any_cast<const P&>(a)); };
+    return *this;
+  }
   Declaration& scratch(int floats_per_pixel) { return entry_.scratch = floats_per_pixel, *this; }
 
   /// The preset `paper`: the parameters as published, "name=value,..." where they differ from the defaults.
@@ -280,6 +291,7 @@ class Declaration {
                 range.lowest,
                 range.highest,
                 std::integral<Number>,
+                false,
                 {},
                 {},
                 {},
@@ -297,7 +309,7 @@ class Declaration {
   template <class Enum>
   requires std::is_enum_v<Enum> Declaration& param(std::string name, Enum P::*member, std::vector<std::string> choices,
                                                    std::string help, std::vector<std::string> candidates = {}) {
-    Parameter p{std::move(name), "", std::move(help), 0, 0, false, choices, {}, {}, {}};
+    Parameter p{std::move(name), "", std::move(help), 0, 0, false, false, choices, {}, {}, {}};
     p.candidates.assign(candidates.begin(), candidates.end());
     p.get = [member, choices](const std::any& a) {
       return Parameter::Value(choices[static_cast<size_t>(std::any_cast<const P&>(a).*member)]);
@@ -305,6 +317,15 @@ class Declaration {
     p.set = [member, choices](std::any& a, const Parameter::Value& v) {
       for (size_t i = 0; i < choices.size(); ++i)
         if (choices[i] == std::get<std::string>(v)) std::any_cast<P&>(a).*member = static_cast<Enum>(i);
+    };
+    return entry_.parameters.push_back(std::move(p)), *this;
+  }
+  /// A text, such as the name of a file.
+  Declaration& param(std::string name, std::string P::*member, std::string help) {
+    Parameter p{std::move(name), "", std::move(help), 0, 0, false, true, {}, {}, {}, {}};
+    p.get = [member](const std::any& a) { return Parameter::Value(std::any_cast<const P&>(a).*member); };
+    p.set = [member](std::any& a, const Parameter::Value& v) {
+      std::any_cast<P&>(a).*member = std::get<std::string>(v);
     };
     return entry_.parameters.push_back(std::move(p)), *this;
   }

@@ -115,6 +115,7 @@ std::string Parameter::text(const Value& value) {
 }
 
 std::string Parameter::range() const {
+  if (is_text) return "a text";
   if (!choices.empty()) return "one of " + join(choices);
   return fmt::format("{} in {:.6g} .. {:.6g}{}", integer ? "an integer" : "a number", lowest, highest,
                      unit.empty() || unit == "1" ? "" : " " + unit);
@@ -162,6 +163,7 @@ void FilterSettings::assign(const std::string& parameter, const std::string& tex
     if (std::find(p->choices.begin(), p->choices.end(), text) == p->choices.end()) fail();
     return set(*p, text);
   }
+  if (p->is_text) return set(*p, text);
   char* end = nullptr;
   const double value = std::strtod(text.c_str(), &end);
   if (text.empty() || *end || !(value >= p->lowest && value <= p->highest) ||

@@ -225,6 +225,7 @@ std::set<std::string> readable_channels(const FilterSettings& settings, const Ap
 void check_requirements(const FilterSettings& filter, const Layers& frame, const ApplyOptions& wanted) {
   const ApplyOptions options = options_for(filter.entry(), frame, wanted);
   check_frame(filter, frame, options);
+  filter.weights();
   const FilterEntry& entry = filter.entry();
   if (!options.sequence.empty() && !entry.sequences) {
     std::vector<std::string> able;
