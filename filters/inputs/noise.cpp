@@ -20,20 +20,6 @@ Plane squared_half_difference(const RgbPlanes& a, const RgbPlanes& b, size_t c, 
   });
 }
 
-/// V where it is more than a quarter of its neighbours' median and than rounding.
-void lift(Plane& variance, const Plane& mean, const Task& task) {
-  const Plane median = median3x3(variance, task);
-  for_each_row(mean.height(), quiet(task), [&](int y) {
-    float* v = variance.row(y);
-    const float *m = median.row(y), *x_row = mean.row(y);
-    for (int x = 0; x < mean.width(); ++x) {
-      // Capped where squares leave the range of floats, so that later ratios stay numbers.
-      const float floor = std::min(1e-8f * x_row[x] * x_row[x] + 1e-12f, 1e30f);
-      v[x] = std::min(std::max(std::max(v[x], 0.25f * m[x]), floor), 1e30f);
-    }
-  });
-}
-
 Plane neighbourhood_variance(const Plane& mean, const Task& task) {
   return make_plane(mean.width(), mean.height(), quiet(task), [&](int x, int y) {
     double sum = 0, squares = 0;
@@ -50,6 +36,19 @@ Plane neighbourhood_variance(const Plane& mean, const Task& task) {
 }
 
 }  // namespace
+
+void lift_variance(Plane& variance, const Plane& mean, const Task& task) {
+  const Plane median = median3x3(variance, task);
+  for_each_row(mean.height(), quiet(task), [&](int y) {
+    float* v = variance.row(y);
+    const float *m = median.row(y), *x_row = mean.row(y);
+    for (int x = 0; x < mean.width(); ++x) {
+      // Capped where squares leave the range of floats, so that later ratios stay numbers.
+      const float floor = std::min(1e-8f * x_row[x] * x_row[x] + 1e-12f, 1e30f);
+      v[x] = std::min(std::max(std::max(v[x], 0.25f * m[x]), floor), 1e30f);
+    }
+  });
+}
 
 bool has_halves(const Layers& frame, const LayerName& signal) {
   return frame.has(signal, statistic::half_a) && frame.has(signal, statistic::half_b) &&
@@ -84,7 +83,7 @@ Rgb corrected_variance(const RgbPlanes& mean, const RgbPlanes& variance, const R
       if (lone && (*samples)(x, y) < 1.5f) return spatial(x, y);
       return (*variance[c])(x, y) * (ratio.empty() ? 1.0f : ratio(x, y));
     });
-    lift(out[c], *mean[c], task);
+    lift_variance(out[c], *mean[c], task);
   }
   return out;
 }
@@ -93,24 +92,7 @@ Rgb variance_of_halves(const RgbPlanes& mean, const RgbPlanes& half_a, const Rgb
   Rgb out;
   for (size_t c = 0; c < 3; ++c) {
     out[c] = box_mean(squared_half_difference(half_a, half_b, c, task), 2, task);
-    lift(out[c], *mean[c], task);
-  }
-  return out;
-}
-
-Rgb spatial_variance(const RgbPlanes& mean, const Task& task) {
-  Rgb out;
-  for (size_t c = 0; c < 3; ++c) {
-    const Plane& p = *mean[c];
-    const int width = p.width(), height = p.height();
-    const Plane response = make_plane(width, height, quiet(task), [&](int x, int y) {
-      const int l = std::max(0, x - 1), r = std::min(width - 1, x + 1);
-      const int a = std::max(0, y - 1), b = std::min(height - 1, y + 1);
-      const float d = p(l, a) + p(r, a) + p(l, b) + p(r, b) - 2 * (p(x, a) + p(x, b) + p(l, y) + p(r, y)) + 4 * p(x, y);
-      return d * d / 36.0f;
-    });
-    out[c] = box_mean(response, 4, task);
-    lift(out[c], p, task);
+    lift_variance(out[c], *mean[c], task);
   }
   return out;
 }

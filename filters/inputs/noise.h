@@ -8,7 +8,7 @@ namespace brume {
 /// Where the variance of a signal comes from.
 enum class NoiseSource {
   kLayers,   ///< the frame's mean_variance, its level corrected by the halves where there are any
-  kSpatial,  ///< the picture itself: what its second differences leave, for frames without statistics
+  kSpatial,  ///< the picture itself (filters/patch/picture_noise.h), for frames without statistics
 };
 
 /// Whether a frame has two half images of a signal that hold samples both: not where its header says that pixels have
@@ -27,9 +27,9 @@ Rgb corrected_variance(const RgbPlanes& mean, const RgbPlanes& variance, const R
 /// From the difference of two halves alone, averaged over 5 x 5 pixels.
 Rgb variance_of_halves(const RgbPlanes& mean, const RgbPlanes& half_a, const RgbPlanes& half_b, const Task& task);
 
-/// From the picture alone: the response to the mask [1 -2 1] x [1 -2 1], squared, averaged over 9 x 9 pixels. Fine
-/// detail counts as noise. Source: Immerkaer 1996, Fast noise variance estimation.
-Rgb spatial_variance(const RgbPlanes& mean, const Task& task);
+/// Raises a variance to a quarter of its neighbours' median, because a pixel that happened to stay black is no certain
+/// pixel, and to what rounding leaves of the mean.
+void lift_variance(Plane& variance, const Plane& mean, const Task& task);
 
 /// How much noise a picture carries, as one number: its standard deviation in CIE-Lab units. From the difference of the
 /// halves; without them from the variance, colour channels being taken to err together, as they do where samples are
@@ -64,6 +64,6 @@ struct NoisySignal {
 Plane limit_outliers(NoisySignal& signal, Outliers how, const Task& task);
 
 /// How far the functions above look.
-inline constexpr int kNoiseReach = 12, kOutlierReach = 17;
+inline constexpr int kNoiseReach = 32, kOutlierReach = 17;
 
 }  // namespace brume

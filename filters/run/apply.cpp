@@ -7,6 +7,7 @@
 
 #include "base/text.h"
 #include "filters/api/requirements.h"
+#include "filters/patch/picture_noise.h"
 #include "filters/run/filter_signal.h"
 
 namespace brume {
@@ -26,7 +27,7 @@ double noise_level(const Layers& layers, const LayerName& signal, const ApplyOpt
                    const Task& task) {
   const RgbPlanes mean = layers.rgb(signal);
   if (options.noise == NoiseSource::kSpatial) {
-    const Rgb variance = spatial_variance(mean, task);
+    const Rgb variance = picture_variance(mean, task);
     return lab_noise(mean, view(variance), {}, {}, options.exposure, medium);
   }
   if (has_halves(layers, signal))

@@ -13,6 +13,7 @@
 #include "filters/api/requirements.h"
 #include "filters/inputs/guide_layers.h"
 #include "filters/inputs/planes.h"
+#include "filters/patch/picture_noise.h"
 #include "image/exr_copy.h"
 
 namespace brume {
@@ -56,7 +57,7 @@ void settle_variance(const ForeignSignal& signal, Layers& frame, std::vector<std
   const bool unstated = signal.variance->meaning == VarianceMeaning::kUnstated;
   if (!unstated && !signal.variance->of_surfaces) return;
   const RgbPlanes mean = frame.rgb(layer::beauty);
-  const Rgb spatial = spatial_variance(mean, quiet(task));
+  const Rgb spatial = picture_variance(mean, quiet(task));
   const auto variance = frame.add_rgb(layer::beauty, statistic::mean_variance);
   if (unstated) {
     std::vector<float> ratios;
@@ -96,7 +97,7 @@ void settle_variance(const ForeignSignal& signal, Layers& frame, std::vector<std
 void estimate_features(Layers& frame, const Task& task) {
   for (const LayerName& l : {layer::albedo, layer::normal}) {
     if (!frame.has(l) || frame.has(l, statistic::mean_variance)) continue;
-    const Rgb variance = spatial_variance(frame.rgb(l), quiet(task));
+    const Rgb variance = picture_variance(frame.rgb(l), quiet(task));
     for (size_t c = 0; c < 3; ++c) frame.set(l.channel_of(statistic::mean_variance, c), variance[c]);
   }
 }
@@ -217,14 +218,15 @@ Layers without_signal(Layers frame) {
 class SignalFilter {
  public:
   SignalFilter(const FilterSettings& filter, const ForeignFrame& picture, Layers& file, const ExrInfo& info,
-               const ApplyOptions& options, const Task& task, CleanPicture& result)
+               const ApplyOptions& options, const Task& task, CleanPicture& result, Plane whole)
       : filter_(filter),
         picture_(picture),
         file_(file),
         info_(info),
         options_(options),
         others_(options.sequence),
-        result_(result) {
+        result_(result),
+        whole_(std::move(whole)) {
     options_.component = Component::kAll;
     options_.sequence.clear();
     extra_ = readable_channels(filter, options_, file);
@@ -241,6 +243,7 @@ class SignalFilter {
   void operator()(const ForeignSignal& signal, const Task& task) {
     add_unique(result_.notes, adopt_signal(picture_, signal, file_, frame_));
     settle_variance(signal, frame_, result_.notes, task);
+    if (!whole_.empty() && !signal.factor) frame_.set(layer::whole.channel(0), whole_);
     ApplyOptions options = options_;
     if (!picture_.passes.empty() && signal.name != kRest)
       options.light = signal.indirect ? layer::indirect : layer::direct;
@@ -301,6 +304,7 @@ class SignalFilter {
   const std::vector<SequenceFrame>& others_;
   CleanPicture& result_;
   std::set<std::string> extra_;
+  const Plane whole_;                                        // luminance of all parts; empty: there are none
   Layers frame_;                                             // without a signal between two runs
   std::vector<std::string> estimated_;                       // signals without statistics
   std::map<std::string, std::vector<std::string>> said_of_;  // notes, by their text: of which signals
@@ -343,7 +347,10 @@ CleanPicture clean_picture(const FilterSettings& filter, const ForeignFrame& pic
   };
 
   Parts parts;
+  Plane light;
   if (!picture.passes.empty()) {
+    const auto colors = planes(picture.color.channels);
+    light = luminance_of({colors[0], colors[1], colors[2]}, task);
     bool half = type_of(info, picture.color.channels[0]) == "half";
     for (const ForeignSignal& pass : picture.passes) {
       parts.add(pass, file);
@@ -358,7 +365,7 @@ CleanPicture clean_picture(const FilterSettings& filter, const ForeignFrame& pic
     }
   }
 
-  SignalFilter clean(filter, picture, file, info, options, task, result);
+  SignalFilter clean(filter, picture, file, info, options, task, result, std::move(light));
   for (size_t i = 0; i < signals.size(); ++i) {
     const auto colours = planes(signals[i].channels);
     const bool uniform = std::all_of(colours.begin(), colours.end(), [](const Plane* p) { return is_uniform(*p); });

@@ -6,6 +6,7 @@
 #include "base/peak_memory.h"
 #include "filters/api/registry.h"
 #include "filters/api/requirements.h"
+#include "filters/patch/picture_noise.h"
 
 namespace brume {
 namespace {
@@ -33,7 +34,7 @@ void read_signal(Signal& s, const Layers& layers, const LayerName& name, const R
   }
   if ((entry.can_use_statistics >= Statistics::kVariance && entry.signal_variance) || limits) {
     if (run.options.noise == NoiseSource::kSpatial)
-      s.own.variance = spatial_variance(s.mean, task);
+      s.own.variance = picture_variance(s.mean, task);
     else if (layers.has(name, statistic::mean_variance))
       s.own.variance = corrected_variance(s.mean, layers.rgb(name, statistic::mean_variance), s.half_a, s.half_b,
                                           layers.find(layer::sample_count.channel(0)), task);

@@ -49,8 +49,8 @@ struct Trials {
   /// The same where a pixel is left as it is.
   double squared_error_of_data(int x, int y) const {
     if (halves) return squared_error(a, b, x, y);
-    // Noise twice: once of the pixel, once of what it is held against (the mask of spatial_variance,
-    // filters/inputs/noise.h).
+    // Noise twice: once of the pixel, once of what it is held against. Source of the mask: Immerkaer 1996, Fast noise
+    // variance estimation.
     const int l = std::max(0, x - 1), r = std::min(a.width() - 1, x + 1);
     const int u = std::max(0, y - 1), d = std::min(a.height() - 1, y + 1);
     const double response = static_cast<double>(a(l, u) + a(r, u) + a(l, d) + a(r, d)) -

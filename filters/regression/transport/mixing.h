@@ -16,7 +16,8 @@ struct MixingFrame {
 /// improve and which has the box's size.
 using Proposal = std::function<const HalfPair&(const HalfPair& result, const Box& box, HalfPair& room)>;
 
-/// A candidate that costs too much to be made everywhere: within a box, where `wanted`, of its size, is above 0.
+/// A candidate that costs too much to be made everywhere: within a box, where `wanted`, of its size, is above 0. May be
+/// null.
 using LateProposal = std::function<HalfPair(const Box& box, const Plane& wanted)>;
 
 /// Moves a result towards candidates where the data prove that this lowers its error, and leaves it alone elsewhere.

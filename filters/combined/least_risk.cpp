@@ -1,0 +1,261 @@
+// Several ways to clean a picture, of which each pixel gets the mixture that the data prove best, and the data
+// themselves where none is proven better. docs/least_risk.md tells the method.
+
+#include <algorithm>
+#include <cmath>
+
+#include "base/error.h"
+#include "base/math.h"
+#include "base/rng.h"
+#include "filters/api/registry.h"
+#include "filters/patch/neighbourhood.h"
+#include "filters/regression/guided_filter.h"
+#include "filters/regression/transport/mixing.h"
+#include "filters/regression/transport/stacking.h"
+
+namespace brume {
+namespace {
+
+enum class Network { kAuto, kNone };
+
+struct LeastRisk {
+  float window = 12, caution = 300, sure = 2;
+  Network network = Network::kAuto;
+};
+
+constexpr float kStep = 0.25f;        // of the noise, over which a result's slope along it is measured
+constexpr double kLightWindow = 1.5;  // of the brightness that errors are relative to [px]
+// Gaussians: deviation of the narrowest [px]; each other is wider by the root of two.
+constexpr double kNarrowest = 0.7;
+constexpr int kGaussians = 7;
+// Regression on features: half widths of windows [px], ridge of features of range 1.
+constexpr int kFitRadii[] = {3, 8};
+constexpr float kRidge = 1e-3f;
+// Means over alike surroundings: half width of the search [px], deviations still taken as equal.
+constexpr int kSearchRadius = 6;
+constexpr float kStrengths[] = {0.35f, 0.5f};
+
+Rgb rgb_of(std::vector<Plane> planes) {
+  return {std::move(planes[0]), std::move(planes[1]), std::move(planes[2])};
+}
+
+/// a + factor * b
+Rgb sum(const Rgb& a, float factor, const Rgb& b, const Task& task) {
+  Rgb out = a;
+  for (size_t c = 0; c < 3; ++c) add_to(out[c], factor, b[c], task);
+  return out;
+}
+
+/// Another draw of the noise that the picture has: half of what its halves differ by; without halves normal numbers of
+/// its variance, alike in all colours.
+Rgb noise_of(const FilterFrame& frame, const Task& task) {
+  Rgb noise;
+  for (size_t c = 0; c < 3; ++c)
+    noise[c] = make_plane(frame.width(), frame.height(), quiet(task), [&](int x, int y) {
+      if (frame.half_a[0]) return 0.5f * ((*frame.half_a[c])(x, y) - (*frame.half_b[c])(x, y));
+      const ivec2 at = frame.origin + ivec2(x, y);
+      Rng random(SampleKey{.pixel = static_cast<uint32_t>(at.y * frame.frame_size.x + at.x)});
+      const double length = std::sqrt(-2 * std::log(random.uniform()));
+      return static_cast<float>(length * std::cos(2 * kPi * random.uniform())) * std::sqrt((*frame.variance[c])(x, y));
+    });
+  return noise;
+}
+
+/// A picture and its noise, as what each candidate is made from: the picture, and the picture moved along the noise.
+class Data {
+  const Task& task_;
+
+ public:
+  Data(const FilterFrame& frame, const Task& task)
+      : task_(task),
+        noise(noise_of(frame, task)),
+        here{*frame.signal[0], *frame.signal[1], *frame.signal[2]},
+        moved(sum(here, kStep, noise, task)),
+        halves(halves_of(here, noise)) {}
+
+  /// A result and its slope along the noise, as the two halves that a linear filter would make of the picture plus and
+  /// minus the noise: products of the one's result with the other's data then are Stein's estimate of the risk.
+  HalfPair halves_of(const Rgb& result, const Rgb& slope) const {
+    return {sum(result, 1, slope, task_), sum(result, -1, slope, task_)};
+  }
+  HalfPair halves_along(const Rgb& result_here, const Rgb& result_moved) const {
+    Rgb slope = sum(result_moved, -1, result_here, task_);
+    for (Plane& plane : slope)
+      for_each_pixel(plane.width(), plane.height(), quiet(task_), [&](int x, int y) { plane(x, y) /= kStep; });
+    return halves_of(result_here, slope);
+  }
+
+  const Rgb noise, here, moved;
+  const HalfPair halves;
+};
+
+/// Gaussians and the Gaussians of what they leave, 2 G - G G, whose bias is of the fourth order of their width.
+void add_gaussians(const Data& data, std::vector<StoredPair>& candidates, const Task& task) {
+  const auto blurred = [&](int k) {
+    const double deviation = kNarrowest * std::pow(2, 0.5 * k);
+    const auto blur = [&](const Rgb& of) {
+      Rgb out;
+      for (size_t c = 0; c < 3; ++c) out[c] = gaussian_blur(of[c], deviation, task);
+      return out;
+    };
+    return data.halves_of(blur(data.here), blur(data.noise));
+  };
+  HalfPair narrow = blurred(0);
+  for (int k = 1; k <= kGaussians; ++k) {
+    HalfPair wide = blurred(k);
+    HalfPair twice = narrow;
+    add_to(twice, 1, narrow, task);
+    add_to(twice, -1, wide, task);
+    candidates.emplace_back(twice, task);
+    narrow = std::move(wide);
+  }
+}
+
+/// In every window a linear function of the features, where there are any.
+void add_fits(const FilterFrame& frame, const Data& data, std::vector<StoredPair>& candidates, const Task& task) {
+  std::vector<const Plane*> features, inputs;
+  for (const Feature& f : *frame.features)
+    for (const Plane& plane : f.mean) features.push_back(&plane);
+  if (features.empty()) return;
+  for (const Rgb* rgb : {&data.here, &data.noise})
+    for (const Plane& plane : *rgb) inputs.push_back(&plane);
+  for (const int radius : kFitRadii) {
+    std::vector<Plane> fit = guided_filter(inputs, features, radius, kRidge, quiet(task));
+    const Rgb slope = {std::move(fit[3]), std::move(fit[4]), std::move(fit[5])};
+    candidates.emplace_back(data.halves_of(rgb_of(std::move(fit)), slope), task);
+  }
+}
+
+/// Means over pixels whose surroundings are alike in a clean picture, one for each strength.
+std::vector<Rgb> means_of_alike(const Rgb& noisy, const Rgb& clean, const Plane& variance, const Task& task) {
+  WeightModel model;
+  Distance& d = model.distances.emplace_back();
+  d.kind = Distance::Kind::kRatio;
+  d.guide = {&clean[0], &clean[1], &clean[2]};
+  d.variance = {&variance};
+  d.floor = 1e-20f;
+  d.patch = box_patch(1);
+  std::vector<Variant> variants;
+  for (const float strength : kStrengths) variants.push_back({1 / (strength * strength), nullptr, {}});
+  std::vector<Rgb> out;
+  for (Averages& a : weighted_averages(model, square_window(kSearchRadius), variants, view(noisy), nullptr, task))
+    out.push_back(rgb_of(std::move(a.values)));
+  return out;
+}
+
+/// @param pilot  a clean picture and its slope
+void add_means_of_alike(const FilterFrame& frame, const Data& data, const HalfPair& pilot,
+                        std::vector<StoredPair>& candidates, const Task& task) {
+  const Plane variance = make_plane(frame.width(), frame.height(), quiet(task), [&](int x, int y) {
+    return (*frame.variance[0])(x, y) + (*frame.variance[1])(x, y) + (*frame.variance[2])(x, y);
+  });
+  const Rgb clean = mean(pilot, task), slope = sum(clean, -1, pilot.b, task);
+  const std::vector<Rgb> here = means_of_alike(data.here, clean, variance, task),
+                         moved = means_of_alike(data.moved, sum(clean, kStep, slope, task), variance, task);
+  for (size_t i = 0; i < here.size(); ++i) candidates.emplace_back(data.halves_along(here[i], moved[i]), task);
+}
+
+/// Whether Open Image Denoise's weights are there.
+bool has_network() {
+  const FilterEntry& network = find_filter("oidn");
+  try {
+    return !network.weights(network.defaults).empty();
+  } catch (const InputError&) {
+    return false;
+  }
+}
+
+void add_network(const FilterFrame& frame, const Data& data, std::vector<StoredPair>& candidates, const Task& task) {
+  const FilterSettings network(find_filter("oidn"));
+  const auto result = [&](const Rgb& picture, const Task& part) {
+    FilterFrame f = frame;
+    f.signal = f.values = view(picture);
+    Rgb out;
+    network.run(f, {{&out[0], &out[1], &out[2]}}, part);
+    return out;
+  };
+  const Rgb here = result(data.here, share(task, 0, 0.5));
+  candidates.emplace_back(data.halves_along(here, result(data.moved, share(task, 0.5, 1))), task);
+}
+
+/// Errors count relative to brightness, as CIE-Lab sees them: of the whole picture, where the signal is a part of it.
+Plane weight_of_errors(const FilterFrame& frame, const Task& task) {
+  const Plane* const whole = frame.layers.find(layer::whole.channel(0));
+  const Plane light = gaussian_blur(whole ? *whole : luminance_of(frame.signal, task), kLightWindow, task);
+  double total = 0;
+  for (int y = 0; y < light.height(); ++y)
+    for (const float v : light.pixels(y)) total += std::abs(static_cast<double>(v));
+  const auto scale = static_cast<float>(total > 0 ? static_cast<double>(light.width()) * light.height() / total : 0.0);
+  return make_plane(light.width(), light.height(), quiet(task),
+                    [&](int x, int y) { return std::pow(scale * std::abs(light(x, y)) + 0.05f, -4.0f / 3); });
+}
+
+void run(const LeastRisk& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
+  const Data data(frame, task);
+  const Plane weight = weight_of_errors(frame, task);
+  const auto stacked = [&](const std::vector<StoredPair>& candidates) {
+    return blend(candidates, data.halves,
+                 stacking_weights(candidates, data.halves, weight,
+                                  {static_cast<double>(p.window), static_cast<double>(p.caution)}, task),
+                 task);
+  };
+  std::vector<StoredPair> candidates;
+  add_gaussians(data, candidates, task);
+  add_fits(frame, data, candidates, task);
+  task.report(0.2);
+  // All these are linear, but for the features' noise. What they make together is a candidate, and where alike
+  // surroundings are looked for.
+  const HalfPair pilot = stacked(candidates);
+  candidates.clear();
+  candidates.emplace_back(pilot, task);
+  add_means_of_alike(frame, data, pilot, candidates, task);
+  task.report(0.5);
+  if (p.network == Network::kAuto && has_network()) add_network(frame, data, candidates, share(task, 0.5, 0.9));
+
+  const HalfPair together = stacked(candidates);
+  std::vector<Proposal> proposals;
+  for (const HalfPair* pair : {&together, &data.halves})
+    proposals.emplace_back(
+        [pair](const HalfPair&, const Box& box, HalfPair& room) -> const HalfPair& { return room = cut(*pair, box); });
+  for (const StoredPair& candidate : candidates)
+    proposals.emplace_back([&candidate, &task](const HalfPair&, const Box& box, HalfPair& room) -> const HalfPair& {
+      candidate.read(box, room, task);
+      return room;
+    });
+  const std::vector<MixingRegion> regions = {
+      {Plane(frame.width(), frame.height(), 1.0f), static_cast<double>(p.sure), /*whole_steps=*/true}};
+  HalfPair result = data.halves;
+  mix(result, proposals, {}, {view(data.halves.a), view(data.halves.b), weight, regions}, task);
+  Rgb clean = mean(result, task);
+  for (size_t c = 0; c < 3; ++c) *out[c] = std::move(clean[c]);
+  task.report(1);
+}
+
+const FilterEntry entry =
+    declare<LeastRisk>("least_risk",
+                       "Several ways to clean a picture, mixed pixel by pixel as an unbiased estimate of their error "
+                       "says; the data where none is proven better.")
+        .merit(7, "where the frame has no guides: never worse than the noisy frame, and it converges")
+        .source(
+            "our own, docs/least_risk.md; risk: Stein 1981, Ramani, Blu and Unser 2008; halves out of one picture: Leiner et al. 2023; stacking: Breiman 1996")
+        .notes(
+            "Candidates: Gaussians of seven widths, each with what it leaves added back; regression on the frame's features; means over alike surroundings, looked for in what those make together; Open Image Denoise's network, where `./run oidn` has fetched its weights. Two half images show the noise; without them it is drawn from the variance, which without statistics is estimated from the picture.")
+        .paper("")
+        .statistics(Statistics::kVariance, Statistics::kHalves)
+        .features()
+        .can_use(layer::whole, layer::albedo, layer::normal)
+        .seeded()
+        .param("window", &LeastRisk::window, {1, 200}, "px",
+               "deviation of the Gaussian in which candidates are weighed against each other")
+        .param("caution", &LeastRisk::caution, {0, 1e6}, "1", "pull of these weights towards the frame's, in pixels")
+        .param("sure", &LeastRisk::sure, {0, 100}, "1",
+               "standard errors by which a candidate must be proven better than the data")
+        .param("network", &LeastRisk::network, {"auto", "none"},
+               "Open Image Denoise among the candidates: where its weights are there, or never")
+        .scratch(130)
+        .apron([](const LeastRisk& p) { return 48 + static_cast<int>(3 * p.window); })
+        .run(run);
+const Registration registration(entry);
+
+}  // namespace
+}  // namespace brume

@@ -1,0 +1,146 @@
+#include "filters/patch/picture_noise.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "filters/inputs/noise.h"
+#include "filters/patch/neighbourhood.h"
+
+namespace brume {
+namespace {
+
+// Half widths of the squares over which squares are averaged, and over which they are compared [px].
+constexpr int kMeanRadius = 4, kLevelRadius = 10;
+// Times the level at which single values are cut.
+constexpr float kFarAbove = 20;
+// Of the least of four means, for normal noise without anything else.
+constexpr float kLeastOfFour = 0.83f;
+// Of alike surroundings: how far they are looked for [px], deviations still taken as equal, rounds.
+constexpr int kSearchRadius = 5, kRounds = 2;
+constexpr float kStrength = 0.35f;
+// Shares of all that varies from pixel to pixel: up to the first there is detail in it, from the second on none.
+constexpr float kDetail = 0.3f, kNoise = 0.6f;
+
+/// Local means of values, none of which counts much more than most around it.
+Plane mean_without_peaks(const Plane& values, const Task& task) {
+  const int width = values.width(), height = values.height();
+  const Plane level = box_mean(make_plane(width, height, quiet(task),
+                                          [&](int x, int y) { return std::sqrt(std::sqrt(std::abs(values(x, y)))); }),
+                               kLevelRadius, task);
+  return box_mean(make_plane(width, height, quiet(task),
+                             [&](int x, int y) {
+                               const float root = level(x, y) * level(x, y), most = kFarAbove * root * root;
+                               return std::clamp(values(x, y), -most, most);
+                             }),
+                  kMeanRadius, task);
+}
+
+/// From the products of second differences at right angles.
+Plane variance_across_lines(const Plane& picture, const Task& task) {
+  const int width = picture.width(), height = picture.height();
+  const auto mirrored = [](int i, int n) {
+    i = i < 0 ? -i : i >= n ? 2 * (n - 1) - i : i;
+    return std::clamp(i, 0, n - 1);
+  };
+  const auto at = [&](int x, int y) { return picture(mirrored(x, width), mirrored(y, height)); };
+  Plane least;
+  for (const ivec2& along : {ivec2(1, 0), ivec2(1, 1), ivec2(2, 1), ivec2(1, 2)}) {
+    const Plane mean =
+        mean_without_peaks(make_plane(width, height, quiet(task),
+                                      [&](int x, int y) {
+                                        const auto second = [&](int dx, int dy) {
+                                          return at(x + dx, y + dy) + at(x - dx, y - dy) - 2 * picture(x, y);
+                                        };
+                                        return 0.25f * second(along.x, along.y) * second(-along.y, along.x);
+                                      }),
+                           task);
+    if (least.empty())
+      least = mean;
+    else
+      for_each_pixel(width, height, quiet(task),
+                     [&](int x, int y) { least(x, y) = std::min(least(x, y), mean(x, y)); });
+  }
+  return make_plane(width, height, quiet(task),
+                    [&](int x, int y) { return std::max(0.0f, least(x, y) / kLeastOfFour); });
+}
+
+/// From the response to the mask [1 -2 1] x [1 -2 1], in which fine detail counts as noise. Source: Immerkaer 1996,
+/// Fast noise variance estimation.
+Plane variance_with_detail(const Plane& picture, const Task& task) {
+  const int width = picture.width(), height = picture.height();
+  return box_mean(make_plane(width, height, quiet(task),
+                             [&](int x, int y) {
+                               const int l = std::max(0, x - 1), r = std::min(width - 1, x + 1);
+                               const int a = std::max(0, y - 1), b = std::min(height - 1, y + 1);
+                               const auto row = [&](int j) {
+                                 return picture(l, j) - 2 * picture(x, j) + picture(r, j);
+                               };
+                               const float d = row(a) - 2 * row(y) + row(b);
+                               return d * d / 36;
+                             }),
+                  kMeanRadius, task);
+}
+
+/// From what pixels in alike surroundings say. @param variance  a first estimate, by which likeness is judged
+Rgb variance_among_alike(const RgbPlanes& picture, const Rgb& variance, const Task& task) {
+  const int width = picture[0]->width(), height = picture[0]->height();
+  const Plane one(width, height, 1.0f);
+  const Plane total = make_plane(width, height, quiet(task), [&](int x, int y) {
+    return variance[0](x, y) + variance[1](x, y) + variance[2](x, y);
+  });
+  // The mean over 3 x 3 pixels but the middle one: nine eighths of the mean over all, less an eighth of the middle.
+  WeightModel model;
+  model.join = WeightModel::Join::kPatch;
+  Distance d;
+  d.kind = Distance::Kind::kRatio;
+  d.guide.assign(picture.begin(), picture.end());
+  d.variance = {&total};
+  d.floor = 1e-20f;
+  const float scale = 1 / (2 * kStrength * kStrength);
+  d.scale = -scale / 8;
+  model.distances.push_back(d);
+  d.scale = scale * 9 / 8;
+  d.patch = box_patch(1);
+  model.distances.push_back(d);
+  std::vector<Offset> others = square_window(kSearchRadius);
+  std::erase_if(others, [](const Offset& o) { return o.dx == 0 && o.dy == 0; });
+  const Variant plain;
+  const Averages alike = std::move(weighted_averages(model, others, {&plain, 1}, picture, &one, task)[0]);
+  Rgb out;
+  for (size_t c = 0; c < 3; ++c)
+    out[c] = mean_without_peaks(make_plane(width, height, quiet(task),
+                                           [&](int x, int y) {
+                                             if (!(alike.weight(x, y) > 1e-8f)) return variance[c](x, y);
+                                             const float rest = (*picture[c])(x, y) - alike.values[c](x, y);
+                                             return rest * rest / (1 + alike.noise(x, y));
+                                           }),
+                                task);
+  return out;
+}
+
+}  // namespace
+
+Rgb picture_variance(const RgbPlanes& picture, const Task& task) {
+  const int width = picture[0]->width(), height = picture[0]->height();
+  Rgb variance;
+  for (size_t c = 0; c < 3; ++c) variance[c] = variance_across_lines(*picture[c], task);
+  for (int round = 0; round < kRounds; ++round) {
+    const Rgb alike = variance_among_alike(picture, variance, task);
+    for (size_t c = 0; c < 3; ++c)
+      for_each_pixel(width, height, quiet(task),
+                     [&](int x, int y) { variance[c](x, y) = std::min(variance[c](x, y), alike[c](x, y)); });
+  }
+  for (size_t c = 0; c < 3; ++c) {
+    const Plane detailed = variance_with_detail(*picture[c], task);
+    for_each_pixel(width, height, quiet(task), [&](int x, int y) {
+      float& v = variance[c](x, y);
+      const float share = detailed(x, y) > 0 ? v / detailed(x, y) : 1;
+      const float noise = std::clamp((share - kDetail) / (kNoise - kDetail), 0.0f, 1.0f);
+      v += noise * std::max(0.0f, detailed(x, y) - v);
+    });
+    lift_variance(variance[c], *picture[c], task);
+  }
+  return variance;
+}
+
+}  // namespace brume
