@@ -213,7 +213,7 @@ Layers apply_filter(const FilterSettings& requested, const Layers& frame, const 
   const Run run{filter, options, features, ivec2(frame.width(), frame.height()),
                 separates_background(filter.entry(), source, options, r)};
   const TilePlan tiles = plan_tiles(run, frame, sources);
-  const std::vector<SignalLevel> levels = measure_levels(run, sources[0].as_recorded(), task, r);
+  const std::vector<SignalLevel> levels = measure_levels(run, sources[0].recorded(), task, r);
 
   Gathered gathered(run, frame);
   const Totals totals = filter_tiles(run, sources, tiles, levels, gathered, task);

@@ -13,13 +13,6 @@
 namespace brume {
 namespace {
 
-double mean_of(const Plane& plane) {
-  double sum = 0;
-  for (int y = 0; y < plane.height(); ++y)
-    for (const float v : plane.pixels(y)) sum += v;
-  return sum / (static_cast<double>(plane.width()) * plane.height());
-}
-
 /// Whether alpha has noise by what is known of the frame: by its statistics, or as brume's own, which is an estimate.
 bool is_noisy_alpha(const Layers& frame) {
   constexpr double kFew = 0.01;  // share of the pixels that are partly covered
@@ -78,7 +71,8 @@ Source::Source(const SequenceFrame& frame, const std::set<std::string>& readable
   for (const LayerName& signal : limited)
     if (const std::vector<Extreme> found = find_extremes(layers(), signal, task); !found.empty())
       extremes[signal.name] = limit_extremes(own_copy(), signal, found, task);
-  if (const Plane* count = layers().find(layer::sample_count.channel(0))) samples = mean_of(*count);
+  if (const Plane* count = layers().find(layer::sample_count.channel(0)))
+    samples = sum_of(*count) / (static_cast<double>(count->width()) * count->height());
 }
 
 void Source::weigh_by_alpha(const std::vector<LayerName>& signals, const std::vector<LayerName>& carried, bool goes_on,
@@ -104,7 +98,17 @@ void Source::weigh_by_alpha(const std::vector<LayerName>& signals, const std::ve
     }
     weights[signal.name] = std::move(weight);
   }
-  if (!changed.empty()) go_on_outside(std::move(changed));
+  if (changed.empty()) return;
+  goes_on_ = true;
+  const Layers& from = recorded();
+  given_.emplace(from.width(), from.height());
+  given_->header = from.header;
+  given_->lie_like(from);
+  for (const auto& [name, plane] : from.channels())
+    given_->set(name, Plane::view(plane, 0, 0, plane.width(), plane.height()));
+  for (auto& [name, plane] : changed) given_->set(name, std::move(plane));
+  for (const auto& [name, plane] : from.stored())
+    given_->set_stored(name, plane.view(0, 0, from.width(), from.height()));
 }
 
 void Source::align_with(const Source& target, const Alignment& alignment, const Task& task) {
@@ -114,8 +118,7 @@ void Source::align_with(const Source& target, const Alignment& alignment, const 
   for (const std::string& name : channels_)
     if (const Plane* own = target.layers().find(name))
       aligned.set(name, alignment.bring(layers().at(name), *own, task));
-  fixed_ = std::move(aligned);
-  own_ = true;
+  given_ = std::move(aligned);
 }
 
 Layers Source::crop_to(const Box& box) const {
@@ -129,22 +132,6 @@ Layers Source::crop_to(const Box& box) const {
   for (const auto& [name, plane] : layers().stored())
     part.set_stored(name, plane.view(box.x0, box.y0, box.width(), box.height()));
   return part;
-}
-
-void Source::go_on_outside(std::map<std::string, Plane> changed) {
-  goes_on_ = true;
-  own_before_ = own_;
-  if (own_) before_ = std::move(fixed_);
-  const Layers& from = as_recorded();
-  Layers now(from.width(), from.height());
-  now.header = from.header;
-  now.lie_like(from);
-  for (const auto& [name, plane] : from.channels())
-    if (!changed.contains(name)) now.set(name, Plane::view(plane, 0, 0, plane.width(), plane.height()));
-  for (auto& [name, plane] : changed) now.set(name, std::move(plane));
-  for (const auto& [name, plane] : from.stored()) now.set_stored(name, plane.view(0, 0, from.width(), from.height()));
-  fixed_ = std::move(now);
-  own_ = true;
 }
 
 std::vector<Source> read_sources(const FilterSettings& filter, const Layers& frame, const ApplyOptions& options,

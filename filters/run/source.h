@@ -1,5 +1,6 @@
 #pragma once
 #include <map>
+#include <optional>
 #include <set>
 #include <string>
 #include <vector>
@@ -19,9 +20,10 @@ class Source {
   /// @throws InputError for a signal without a finite pixel
   Source(const SequenceFrame& frame, const std::set<std::string>& readable, const std::vector<LayerName>& signals,
          const std::vector<LayerName>& limited, const Task& task);
-  const Layers& layers() const { return own_ ? fixed_ : *frame_; }
-  /// The same without what go_on_outside() made of it.
-  const Layers& as_recorded() const { return goes_on_ ? (own_before_ ? before_ : *frame_) : layers(); }
+  /// As it was recorded, repaired.
+  const Layers& recorded() const { return repaired_ ? *repaired_ : *frame_; }
+  /// As filters are to see it.
+  const Layers& layers() const { return given_ ? *given_ : recorded(); }
   /// Weighs signals by an alpha that tells without noise where they have light.
   /// @param goes_on  makes them go on outside of there, as filters are to see them
   /// @param carried  layers that go on where the first signal does
@@ -42,18 +44,15 @@ class Source {
   std::map<std::string_view, AlphaWeight> weights;  // by signal; none: alpha says nothing
 
  private:
-  void go_on_outside(std::map<std::string, Plane> changed);
+  /// The recorded layers, as a copy.
   Layers& own_copy() {
-    if (!own_) fixed_ = *frame_;
-    own_ = true;
-    return fixed_;
+    if (!repaired_) repaired_ = *frame_;
+    return *repaired_;
   }
 
-  bool own_ = false;  // fixed_ is what there is
   const Layers* frame_;
-  Layers fixed_;
-  bool goes_on_ = false, own_before_ = false;
-  Layers before_;  // what fixed_ was before it went on outside
+  std::optional<Layers> repaired_, given_;  // given_ may hold views of the others
+  bool goes_on_ = false;
   std::vector<std::string> channels_;
 };
 

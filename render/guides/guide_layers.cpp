@@ -5,32 +5,37 @@
 namespace brume {
 namespace {
 
-enum class Of { kAll, kEmission, kEmissionOrSurfaces, kSurfaces, kMirrors };  // scenes that have a layer
+using Contents = GuideLayers::Contents;  // of scenes that have a layer
+constexpr auto kAll = [](const Contents&) { return true; };
+constexpr auto kEmission = [](const Contents& c) { return c.emission; };
+constexpr auto kEmissionOrSurfaces = [](const Contents& c) { return c.emission || c.surfaces; };
+constexpr auto kSurfaces = [](const Contents& c) { return c.surfaces; };
+constexpr auto kMirrors = [](const Contents& c) { return c.mirrors; };
 
 struct Layer {
   const GuideName& name;
-  Of of;
+  bool (*of)(const Contents&);
   dvec3 (*value)(const GuideSums&);  // of layers with one channel, the first number
   bool once = false;                 // for all colours
 };
 using Sums = GuideSums;
 constexpr Layer kLayers[] = {
-    {guide_named("guide.opacity"), Of::kAll, [](const Sums& s) { return dvec3(s.opacity); }},
-    {guide_named("guide.depth"), Of::kAll, [](const Sums& s) { return dvec3(s.depth); }},
-    {guide_named("guide.spread"), Of::kAll, [](const Sums& s) { return dvec3(s.spread); }},
-    {guide_named("guide.gradient"), Of::kAll, [](const Sums& s) { return s.gradient; }},
-    {guide_named("guide.density"), Of::kAll, [](const Sums& s) { return dvec3(s.density); }, /*once=*/true},
-    {guide_named("guide.emission"), Of::kEmission, [](const Sums& s) { return dvec3(s.emission); }},
-    {guide_named("guide.single.emission"), Of::kEmission, [](const Sums& s) { return dvec3(s.emission_once); }},
-    {guide_named("guide.multiple.behind"), Of::kEmissionOrSurfaces, [](const Sums& s) { return dvec3(s.behind); }},
-    {guide_named("guide.background"), Of::kAll, [](const Sums& s) { return dvec3(s.background); }},
-    {guide_named("guide.surface_albedo"), Of::kSurfaces, [](const Sums& s) { return dvec3(s.surface_albedo); }},
-    {guide_named("guide.surface.indirect"), Of::kSurfaces, [](const Sums& s) { return dvec3(s.indirect); }},
-    {guide_named("guide.surface.mirrored"), Of::kMirrors, [](const Sums& s) { return s.mirrored; }},
-    {guide_named("guide.surface.mirrored_indirect"), Of::kMirrors, [](const Sums& s) { return s.mirrored_indirect; }},
-    {guide_named("guide.normal"), Of::kSurfaces, [](const Sums& s) { return dvec3(s.normal); }},
-    {guide_named("guide.surface_material"), Of::kSurfaces, [](const Sums& s) { return dvec3(s.material); }, true},
-    {guide_named("guide.surface_depth"), Of::kSurfaces, [](const Sums& s) { return dvec3(s.surface_depth); }},
+    {guide_named("guide.opacity"), kAll, [](const Sums& s) { return dvec3(s.opacity); }},
+    {guide_named("guide.depth"), kAll, [](const Sums& s) { return dvec3(s.depth); }},
+    {guide_named("guide.spread"), kAll, [](const Sums& s) { return dvec3(s.spread); }},
+    {guide_named("guide.gradient"), kAll, [](const Sums& s) { return s.gradient; }},
+    {guide_named("guide.density"), kAll, [](const Sums& s) { return dvec3(s.density); }, /*once=*/true},
+    {guide_named("guide.emission"), kEmission, [](const Sums& s) { return dvec3(s.emission); }},
+    {guide_named("guide.single.emission"), kEmission, [](const Sums& s) { return dvec3(s.emission_once); }},
+    {guide_named("guide.multiple.behind"), kEmissionOrSurfaces, [](const Sums& s) { return dvec3(s.behind); }},
+    {guide_named("guide.background"), kAll, [](const Sums& s) { return dvec3(s.background); }},
+    {guide_named("guide.surface_albedo"), kSurfaces, [](const Sums& s) { return dvec3(s.surface_albedo); }},
+    {guide_named("guide.surface.indirect"), kSurfaces, [](const Sums& s) { return dvec3(s.indirect); }},
+    {guide_named("guide.surface.mirrored"), kMirrors, [](const Sums& s) { return s.mirrored; }},
+    {guide_named("guide.surface.mirrored_indirect"), kMirrors, [](const Sums& s) { return s.mirrored_indirect; }},
+    {guide_named("guide.normal"), kSurfaces, [](const Sums& s) { return dvec3(s.normal); }},
+    {guide_named("guide.surface_material"), kSurfaces, [](const Sums& s) { return dvec3(s.material); }, true},
+    {guide_named("guide.surface_depth"), kSurfaces, [](const Sums& s) { return dvec3(s.surface_depth); }},
 };
 
 struct GroupLayer {
@@ -41,11 +46,11 @@ struct GroupLayer {
 constexpr auto kAny = [](const GuideLight&) { return true; };
 constexpr auto kSharp = [](const GuideLight& g) { return g.sharp() != nullptr; };
 constexpr auto kSharpOrSky = [](const GuideLight& g) { return g.sharp() || g.sky(); };
-constexpr auto kSurfaces = [](const GuideLight& g) { return g.from_surfaces(); };
+constexpr auto kFromSurfaces = [](const GuideLight& g) { return g.from_surfaces(); };
 constexpr auto kOthers = [](const GuideLight& g) { return !g.from_surfaces(); };
 constexpr GroupLayer kGroupLayers[] = {
     {guide_named("guide.single.LIGHT"), kOthers, [](const GroupSums& s) { return s.single; }},
-    {guide_named("guide.multiple.LIGHT_once"), kSurfaces, [](const GroupSums& s) { return s.single; }},
+    {guide_named("guide.multiple.LIGHT_once"), kFromSurfaces, [](const GroupSums& s) { return s.single; }},
     {guide_named("guide.multiple.LIGHT_half"), kSharp, [](const GroupSums& s) { return s.octave[0]; }},
     {guide_named("guide.multiple.LIGHT_quarter"), kSharp, [](const GroupSums& s) { return s.octave[1]; }},
     {guide_named("guide.multiple.LIGHT_eighth"), kSharp, [](const GroupSums& s) { return s.octave[2]; }},
@@ -91,23 +96,8 @@ GuideLayers::Planes GuideLayers::add(Layers& frame, const GuideName& name, const
 GuideLayers::GuideLayers(Layers& frame, const std::vector<std::unique_ptr<GuideLight>>& lights, GuideColour colour,
                          const Contents& contents)
     : lights_(lights), colour_(colour), contents_(contents) {
-  const auto has = [&](Of of) {
-    switch (of) {
-      case Of::kAll:
-        return true;
-      case Of::kEmission:
-        return contents.emission;
-      case Of::kEmissionOrSurfaces:
-        return contents.emission || contents.surfaces;
-      case Of::kSurfaces:
-        return contents.surfaces;
-      case Of::kMirrors:
-        return contents.mirrors;
-    }
-    return false;
-  };
   for (const Layer& layer : kLayers)
-    if (has(layer.of)) layers_.push_back({add(frame, layer.name, nullptr, layer.once), layer.value});
+    if (layer.of(contents)) layers_.push_back({add(frame, layer.name, nullptr, layer.once), layer.value});
   direct_ = add(frame, guide_named("guide.predicted_direct"));
   indirect_ = add(frame, guide_named("guide.predicted_indirect"));
   for (size_t g = 0; g < lights.size(); ++g) {

@@ -1,9 +1,8 @@
-#include "render/guides/guide_lights.h"
-
 #include <algorithm>
 #include <map>
 #include <string>
 
+#include "render/guides/guide_light.h"
 #include "render/guides/lit_surface.h"
 #include "render/guides/sharp_light.h"
 #include "render/guides/sky_light.h"

@@ -19,7 +19,8 @@ struct Lattice {
   double spacing = 1;
   ivec3 n{0};  ///< nodes along each axis, the border included
 
-  int row() const { return (n.z + kVector - 1) / kVector * kVector; }
+  static int padded(int count) { return (count + kVector - 1) / kVector * kVector; }
+  int row() const { return padded(n.z); }
   /// Of an array with a value for each node; the tail lets vectors be loaded beyond the last one.
   size_t size() const { return static_cast<size_t>(n.x) * n.y * row() + 2 * kVector; }
   size_t index(int x, int y, int z) const { return (static_cast<size_t>(x) * n.y + y) * row() + z; }

@@ -5,7 +5,7 @@
 #include <limits>
 #include <utility>
 
-#include "render/guides/guide_lights.h"
+#include "render/guides/guide_light.h"
 #include "render/guides/lit_surface.h"
 #include "render/guides/media_line.h"
 

@@ -113,28 +113,25 @@ dvec3 LitSurfaces::indirect_light_on(const ShadedPoint& at) const {
 }
 
 dvec3 LitSurfaces::reflected(const Ray& ray, const SurfaceHit& hit) const {
-  const dvec3 p = Surfaces::leave(hit, ray.at(hit.t), -ray.d);
-  const dvec3 normal = glm::dot(hit.shading, ray.d) > 0 ? -hit.shading : hit.shading;
-  const Bsdf bsdf = surfaces->bsdf(hit);
+  const ShadedPoint at(*surfaces, ray, hit);
   dvec3 sum(0);
-  if (bsdf.kind == Bsdf::Kind::kDiffuse) {
-    if (ambient_light) sum += ambient_light->onto(p, normal).scattered;
+  if (at.diffuse()) {
+    if (ambient_light) sum += ambient_light->onto(at.p, at.normal).scattered;
     for (const auto& group : groups) {
-      const Lit lit = group->onto(*this, p, normal);
+      const Lit lit = group->onto(*this, at.p, at.normal);
       sum += lit.direct + lit.indirect;
     }
-    return bsdf.albedo * sum;
+    return at.bsdf.albedo * sum;
   }
-  const Frame frame(normal);
   for (const auto& group : groups) {
     if (const SharpLight* const sharp = group->sharp()) {
-      const ArrivingLight light = sharp->at(p);
-      if (!(glm::dot(light.towards, normal) > 0)) continue;
-      const Lit shares = transmitted(sharp->light(), light, p);
+      const ArrivingLight light = sharp->at(at.p);
+      if (!(glm::dot(light.towards, at.normal) > 0)) continue;
+      const Lit shares = transmitted(sharp->light(), light, at.p);
       sum += light.irradiance * (shares.direct + shares.indirect) *
-             bsdf.value(in_frame(frame, -ray.d), in_frame(frame, light.towards), false);
-    } else if (group->sky() && bsdf.kind == Bsdf::Kind::kConductor) {
-      sum += bsdf.albedo * lights.environment()->radiance(glm::reflect(ray.d, normal)) * group->sky()->share();
+             at.bsdf.value(at.to_frame(at.wo), at.to_frame(light.towards), false);
+    } else if (group->sky() && at.bsdf.kind == Bsdf::Kind::kConductor) {
+      sum += at.bsdf.albedo * lights.environment()->radiance(glm::reflect(ray.d, at.normal)) * group->sky()->share();
     }
   }
   return sum;

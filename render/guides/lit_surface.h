@@ -10,10 +10,6 @@
 
 namespace brume {
 
-inline dvec3 in_frame(const Frame& frame, const dvec3& d) {
-  return {glm::dot(d, frame.x), glm::dot(d, frame.y), glm::dot(d, frame.z)};
-}
-
 /// A point of a surface as its shading sees it.
 struct ShadedPoint {
   ShadedPoint(const Surfaces& surfaces, const Ray& ray, const SurfaceHit& hit);
@@ -23,7 +19,7 @@ struct ShadedPoint {
   bool inside;       ///< of the solid
   Bsdf bsdf;
   Frame frame;
-  dvec3 to_frame(const dvec3& d) const { return in_frame(frame, d); }
+  dvec3 to_frame(const dvec3& d) const { return {glm::dot(d, frame.x), glm::dot(d, frame.y), glm::dot(d, frame.z)}; }
   bool diffuse() const { return bsdf.kind == Bsdf::Kind::kDiffuse; }
 };
 

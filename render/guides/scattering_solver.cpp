@@ -13,10 +13,6 @@ namespace {
 constexpr int kDirections = 24;
 constexpr int kNear = 4;  // nodes around the media in which light that has left them is followed
 
-int padded(int n) {
-  return (n + Lattice::kVector - 1) / Lattice::kVector * Lattice::kVector;
-}
-
 /// Whether a direction is swept along z, in arrays that have it slowest.
 bool lies(const dvec3& d) {
   return std::abs(d.z) > std::max(std::abs(d.x), std::abs(d.y));
@@ -90,7 +86,7 @@ ScatteringSolver::ScatteringSolver(const Lattice& lattice, const ScatteringSolve
 ScatteringSolver::ScatteringSolver(const Lattice& lattice, const Task& task) : lattice_(lattice), task_(quiet(task)) {
   const ivec3 n = lattice.n;
   z_major_ = {{n.x, n.y, n.z}, lattice.row(), nullptr};
-  y_major_ = {{n.z, n.x, n.y}, padded(n.y), nullptr};
+  y_major_ = {{n.z, n.x, n.y}, Lattice::padded(n.y), nullptr};
   for (NodeValues* field : {&extinction_, &scaled_, &albedo_, &linear_}) *field = NodeValues(lattice.size());
   for (NodeValues& values : source_) values = NodeValues(lattice.size());
   for (NodeValues& values : y_major_source_) values = NodeValues(y_major_.size());
@@ -185,7 +181,7 @@ void ScatteringSolver::find_rows() {
           }
         if (row.begin >= row.end) continue;
         row.begin = std::max(0, row.begin - kNear) / Lattice::kVector * Lattice::kVector;
-        row.end = std::min(domain.row, padded(row.end + kNear));
+        row.end = std::min(domain.row, Lattice::padded(row.end + kNear));
         near[static_cast<size_t>(x) * domain.n[1] + y] = row;
       }
     return near;

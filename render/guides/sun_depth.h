@@ -29,7 +29,6 @@ class SunDepth {
     dvec3 start{0}, along{0};
   };
   Line line(const Ray& ray) const { return {place(ray.o), sheared(ray.d)}; }
-  float at(const Line& line, double t) const { return at_place(line.start + t * line.along); }
   size_t bytes() const { return roots_.size() * sizeof(uint16_t); }
 
   /// Depths are kept as their roots in 16 bits: within 0.001 at a depth of 1, up to the largest that matters.

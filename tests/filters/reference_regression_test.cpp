@@ -16,32 +16,12 @@
 #include "render/scene/scene_io.h"
 #include "render/session/renderer.h"
 #include "tests/support/files.h"
+#include "tests/support/halves.h"
 
 namespace brume {
 namespace {
 
-using test::Colours;
-using test::Halves;
-using test::Values;
-
-Values values_of(const Plane& plane) {
-  Values v(plane.width() * plane.height());
-  for (int i = 0; i < v.size(); ++i) v[i] = plane(i % plane.width(), i / plane.width());
-  return v;
-}
-
-Halves halves_of(const HalfPair& pair) {
-  const auto colours = [](const Rgb& rgb) { return Colours{values_of(rgb[0]), values_of(rgb[1]), values_of(rgb[2])}; };
-  return {colours(pair.a), colours(pair.b)};
-}
-
-/// Root mean square difference where pixels are cleaned.
-double apart(const Halves& a, const Halves& b, const Values& mask) {
-  double squares = 0;
-  for (size_t half = 0; half < 2; ++half)
-    for (size_t c = 0; c < 3; ++c) squares += (mask * (a[half][c] - b[half][c]).square()).sum();
-  return std::sqrt(squares / (6 * mask.sum()));
-}
+using test::Halves, test::apart, test::halves_of;
 
 /// What the filter makes of a signal before it is mixed.
 struct Filtered {

@@ -12,6 +12,7 @@
 #include "render/guides/scattering_solver.h"
 #include "render/guides/sun_depth.h"
 #include "render/guides/sweep.h"
+#include "render/scene/scene_io.h"
 #include "render/session/renderer.h"
 #include "tests/support/files.h"
 #include "tests/support/targets.h"
@@ -128,6 +129,27 @@ TEST(Guides, HalfTheStepChangesNothingByMoreThanAHundredth) {
     const float allowed = name.find("gradient") != std::string::npos ? 0.2f : 0.015f;
     EXPECT_LE(difference, allowed * largest) << name;
     EXPECT_LE(std::sqrt(squares / (64 * 64)), 0.1 * allowed * largest) << name;
+  }
+}
+
+// Rays from rough metal take long steps: relative to what is seen in it, root mean square.
+TEST(Guides, HalfTheStepChangesWhatIsMirroredByLessThanAThousandth) {
+  for (const char* const file : {"floor_and_balls", "fire_room", "behind_glass"}) {
+    Scene scene = read_scene(test::source(std::string("bench/scenes/general/") + file + ".toml"));
+    scene.film.width = 64;
+    scene.film.height = 48;
+    const Layers whole = guides_of(scene), half = guides_of(scene, 0.35);
+    for (const std::string& name : whole.names()) {
+      if (!name.starts_with("guide.surface.mirrored")) continue;
+      const Plane &a = whole.at(name), &b = half.at(name);
+      double squares = 0, all = 0;
+      for (int y = 0; y < a.height(); ++y)
+        for (int x = 0; x < a.width(); ++x) {
+          squares += std::pow(a(x, y) - b(x, y), 2);
+          all += std::pow(b(x, y), 2);
+        }
+      EXPECT_LE(std::sqrt(squares), 1e-3 * std::sqrt(all)) << file << ": " << name;
+    }
   }
 }
 

@@ -33,6 +33,7 @@ using LateProposal = std::function<HalfPair(const Box& box, const Plane& wanted)
 /// large values after Bernstein. Each pixel takes the candidate, window and share of the largest sure gain. The first
 /// round is over the whole frame; others follow within boxes around tiles in which a round gained more than a twentieth
 /// of the noise that the result has, with the candidates that the round before took, and then with the late one.
+/// Definition: tests/support/reference_mixing, which tests/filters/mixing_test holds it to.
 void mix(HalfPair& result, const std::vector<Proposal>& proposals, const LateProposal& late, const MixingFrame& frame,
          const Task& task);
 
