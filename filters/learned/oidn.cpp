@@ -214,7 +214,8 @@ void run(const Oidn& p, const FilterFrame& frame, const FilterOutput& out, const
 
 const FilterEntry entry =
     declare<Oidn>("oidn", "Open Image Denoise: a network that has learnt from pairs of noisy and clean pictures.")
-        .merit(1, "of a frame that has neither guides nor statistics, and where surfaces are what is seen")
+        .merit(5.5,
+               "for frames of other renderers and others without guides, where `./run oidn` has fetched its weights")
         .source("Intel Open Image Denoise 2.3 (Afra 2019 to 2024); Ronneberger, Fischer and Brox 2015, U-Net")
         .notes(
             "`./run oidn` fetches the published weights (Apache 2.0; no part of brume) into build/oidn; `weights` or the variable BRUME_OIDN_WEIGHTS names another folder of them. Layers, transfer function, exposure and padding are the library's; the convolutions are brume's own, and agree with another evaluation to 1e-5 (tests/filters/oidn_test.cpp). Where brume was built with the library itself (CMake finds OpenImageDenoise 2), that is run with the weights that it brings, unless a folder is named. It reads neither statistics nor guides. No frame gets it unasked: what is recommended does not depend on files elsewhere.")
