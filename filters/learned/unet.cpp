@@ -47,9 +47,9 @@ struct FeatureMap {
   }
 };
 
-/// 3 x 3 taps over one picture, or over two of which the first has half the size: each of its pixels is taken for 2
-/// x 2. Of the three taps that a pixel has in a row, two then fall on one pixel of the half size, and their weights are
-/// added beforehand, which saves five of nine multiplications.
+/// 3 x 3 taps over one picture, or over two of which the first has half the size and stands for one whose pixels are
+/// repeated. Of three taps in a row, two then fall on one pixel of the half size; their weights are added beforehand,
+/// which saves five of nine multiplications.
 class Convolution {
  public:
   /// @param halved  channels of the source of half the size, which come first; 0: there is none
@@ -140,8 +140,8 @@ class Convolution {
   int inputs_, outputs_, halved_;
   std::vector<float> bias_, weights_;
   size_t stride_ = 0;  // floats of a block of outputs
-  std::array<std::vector<PackedTap>, 4>
-      taps_;  // for even and odd columns, in even and odd rows, where there are two sources
+  // For even and odd columns, in even and odd rows, where there are two sources.
+  std::array<std::vector<PackedTap>, 4> taps_;
 };
 
 /// Where the steps of a network leave their results: `input`, what is kept of each level for the way up, and two
@@ -161,7 +161,7 @@ struct Kind {
   bool pools = false, rectified = true;
 };
 
-/// Zeros around a map that reaches from the top to the bottom of what is seen.
+// Zeros around a map.
 void clear_above_and_below(const FeatureMap& map) {
   for (int b = 0; b < blocks_of(map.channels); ++b)
     for (const int y : {-1, map.height}) map.clear(b, -1, y, map.width + 2);
