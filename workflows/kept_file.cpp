@@ -239,7 +239,9 @@ void KeptFile::clean(const FilterSettings& filter, const std::vector<FrameFiles>
   std::map<std::string, Attribute> attributes = {{"brume.version", version_text()}};
   if (!plan_->inputs.empty()) attributes[std::string("brume.") + kMadeFrom] = plan_->inputs;
   for (ForeignFrame picture : pictures_) {
-    const bool features = filter.uses_features() || filter.entry().guides;
+    const auto is_read = [&](const ForeignFeature& feature) { return extra.contains(feature.layer.channel(0)); };
+    const bool features = filter.uses_features() || filter.entry().guides ||
+                          std::any_of(picture.features.begin(), picture.features.end(), is_read);
     if (!features) picture.features.clear();
     Layers file = read_picture(files_, file_, picture, extra, features);
     // Several pictures may lie in parts of their own, each with its data window.

@@ -13,6 +13,7 @@
 #include "base/text.h"
 #include "filters/api/registry.h"
 #include "filters/api/requirements.h"
+#include "filters/learned/oidn_library.h"
 #include "filters/learned/unet.h"
 
 namespace brume {
@@ -91,14 +92,26 @@ float exposure_of(const RgbPlanes& color, const Task& task) {
   return cells > 0 ? static_cast<float>(kGrey / std::exp2(sum / cells)) : 1.0f;
 }
 
-fs::path folder_of(const Oidn& p) {
+/// The folder that was named; empty: none was.
+fs::path named_folder(const Oidn& p) {
   if (!p.weights.empty()) return p.weights;
-  if (const char* const named = std::getenv("BRUME_OIDN_WEIGHTS"); named && *named) return named;
-  return BRUME_OIDN_FOLDER;  // where ./run oidn leaves them
+  const char* const named = std::getenv("BRUME_OIDN_WEIGHTS");
+  return named ? named : "";
+}
+
+fs::path folder_of(const Oidn& p) {
+  const fs::path named = named_folder(p);
+  return named.empty() ? BRUME_OIDN_FOLDER : named;  // where ./run oidn leaves them
+}
+
+/// Where brume is built with the library, that evaluates the networks that it brings.
+bool uses_library(const Oidn& p) {
+  return !oidn_library_version().empty() && named_folder(p).empty();
 }
 
 /// Names of files, sizes and times: another set of weights is another filter.
 std::string weights_in_use(const Oidn& p) {
+  if (uses_library(p)) return "of the library " + oidn_library_version();
   const fs::path folder = folder_of(p);
   std::vector<std::string> files;
   std::error_code error;
@@ -150,8 +163,17 @@ Mode mode_for(Mode asked, const Layers& layers) {
                          layers, "mode=color needs none, or ")));
 }
 
+void run_library(const Oidn& p, Mode mode, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
+  OidnPicture picture{frame.signal, {}, {}, mode == Mode::kPrefilter, static_cast<int>(p.quality)};
+  for (const LayerName& l : layers_of(mode))
+    (l == layer::albedo ? picture.albedo : picture.normal) = frame.layers.rgb(l);
+  Rgb clean = denoise_by_library(picture, task);
+  for (size_t c = 0; c < 3; ++c) *out[c] = std::move(clean[c]);
+}
+
 void run(const Oidn& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
   const Mode mode = mode_for(p.mode, frame.layers);
+  if (uses_library(p)) return run_library(p, mode, frame, out, task);
   const fs::path folder = folder_of(p);
   const float scale = exposure_of(frame.signal, task);
   const std::string size = p.quality == Quality::kFast ? "_small" : "",
@@ -192,9 +214,11 @@ void run(const Oidn& p, const FilterFrame& frame, const FilterOutput& out, const
 
 const FilterEntry entry =
     declare<Oidn>("oidn", "Open Image Denoise: a network that has learnt from pairs of noisy and clean pictures.")
-        .merit(1, "of a frame that has neither guides nor statistics")
-        .source("Afra 2019 to 2024, Intel Open Image Denoise 2.3, whose weights it reads (`./run oidn`)")
-        .notes("")
+        .merit(5.5,
+               "for frames of other renderers and others without guides, where `./run oidn` has fetched its weights")
+        .source("Intel Open Image Denoise 2.3 (Afra 2019 to 2024); Ronneberger, Fischer and Brox 2015, U-Net")
+        .notes(
+            "`./run oidn` fetches the published weights (Apache 2.0; no part of brume) into build/oidn; `weights` or the variable BRUME_OIDN_WEIGHTS names another folder of them. Layers, transfer function, exposure and padding are the library's; the convolutions are brume's own, and agree with another evaluation to 1e-5 (tests/filters/oidn_test.cpp). Where brume was built with the library itself (CMake finds OpenImageDenoise 2), that is run with the weights that it brings, unless a folder is named. It reads neither statistics nor guides. No frame gets it unasked: what is recommended does not depend on files elsewhere.")
         .can_use(layer::albedo, layer::normal)
         .within([](const Layers& layers, const LayerName&) {
           return Box{0, 0, layers.width(), layers.height()};

@@ -28,27 +28,28 @@ constexpr int blocks_of(int channels) {
   return (channels + kBlock - 1) / kBlock;
 }
 
-/// Channels of a picture, kBlock of them side by side, with a pixel of zeros around.
+/// Channels of a picture, kBlock of them side by side, or all where they are fewer, with a pixel of zeros around.
 struct FeatureMap {
   int channels, width, height;
+  int pixel = kBlock;  ///< floats
   float* data = nullptr;
 
-  size_t row_stride() const { return static_cast<size_t>(width + 2 + 2 * kBeyond) * kBlock; }
+  size_t row_stride() const { return static_cast<size_t>((width + 2 + 2 * kBeyond) * pixel); }
   size_t block_stride() const { return static_cast<size_t>(height + 2) * row_stride(); }
   /// What is read past the last row's end lies within.
   size_t size() const { return static_cast<size_t>(blocks_of(channels)) * block_stride() + 2 * kBeyond * kBlock; }
   float* at(int block, int x, int y) const {
     return data + static_cast<size_t>(block) * block_stride() + static_cast<size_t>(y + 1) * row_stride() +
-           static_cast<ptrdiff_t>(x + 1) * kBlock;
+           static_cast<ptrdiff_t>(x + 1) * pixel;
   }
   void clear(int block, int x, int y, int pixels = 1) const {
-    std::fill_n(at(block, x, y), static_cast<size_t>(pixels) * kBlock, 0.0f);
+    std::fill_n(at(block, x, y), static_cast<size_t>(pixels * pixel), 0.0f);
   }
 };
 
-/// 3 x 3 taps over one picture, or over two of which the first has half the size: each of its pixels is taken for 2
-/// x 2. Of the three taps that a pixel has in a row, two then fall on one pixel of the half size, and their weights are
-/// added beforehand, which saves five of nine multiplications.
+/// 3 x 3 taps over one picture, or over two of which the first has half the size and stands for one whose pixels are
+/// repeated. Of three taps in a row, two then fall on one pixel of the half size; their weights are added beforehand,
+/// which saves five of nine multiplications.
 class Convolution {
  public:
   /// @param halved  channels of the source of half the size, which come first; 0: there is none
@@ -92,7 +93,8 @@ class Convolution {
       for (const PackedTap& tap : taps_[doubles() ? static_cast<size_t>(2 * (y % 2) + px) : 0]) {
         const FeatureMap& source = sources[tap.half ? 0 : sources.size() - 1];
         taps.push_back({source.at(tap.block, tap.offset.x, (tap.half ? y / 2 : y) + tap.offset.y),
-                        (tap.half ? 1 : phases) * kBlock, weights_.data() + tap.matrix * kBlock * kBlock, tap.inputs});
+                        (tap.half ? 1 : phases) * source.pixel, weights_.data() + tap.matrix * kBlock * kBlock,
+                        tap.inputs});
       }
       kernels::convolve_row({taps.data(), taps.size(), bias_.data(), out + px * kBlock,
                              static_cast<ptrdiff_t>(phases) * kBlock, blocks(), static_cast<ptrdiff_t>(out_stride),
@@ -138,8 +140,8 @@ class Convolution {
   int inputs_, outputs_, halved_;
   std::vector<float> bias_, weights_;
   size_t stride_ = 0;  // floats of a block of outputs
-  std::array<std::vector<PackedTap>, 4>
-      taps_;  // for even and odd columns, in even and odd rows, where there are two sources
+  // For even and odd columns, in even and odd rows, where there are two sources.
+  std::array<std::vector<PackedTap>, 4> taps_;
 };
 
 /// Where the steps of a network leave their results: `input`, what is kept of each level for the way up, and two
@@ -159,7 +161,7 @@ struct Kind {
   bool pools = false, rectified = true;
 };
 
-/// Zeros around a map that reaches from the top to the bottom of what is seen.
+// Zeros around a map.
 void clear_above_and_below(const FeatureMap& map) {
   for (int b = 0; b < blocks_of(map.channels); ++b)
     for (const int y : {-1, map.height}) map.clear(b, -1, y, map.width + 2);
@@ -240,12 +242,14 @@ struct Unet::Network {
     tensors_.clear();
   }
 
+  FeatureMap input(int width, int height) const { return {inputs, width, height, inputs}; }
+
   /// The maps that a step reads and writes, without data.
   /// @param width, height  of the network's input
   template <class Visit>
   void for_each_step(int width, int height, const Visit& visit) const {
     std::array<FeatureMap, kSlots> maps{};
-    maps[kInput] = {inputs, width, height};
+    maps[kInput] = input(width, height);
     for (const Step& step : steps) {
       const FeatureMap& from = maps[step.from];
       FeatureMap to{step.convolution.outputs(), from.width, from.height};
@@ -259,7 +263,7 @@ struct Unet::Network {
   /// Floats of each slot.
   std::array<size_t, kSlots> sizes(int width, int height) const {
     std::array<size_t, kSlots> sizes{};
-    sizes[kInput] = FeatureMap{inputs, width, height}.size();
+    sizes[kInput] = input(width, height).size();
     for_each_step(width, height, [&](const Step& step, const auto&, const FeatureMap& to) {
       sizes[step.to] = std::max(sizes[step.to], to.size());
     });

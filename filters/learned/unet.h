@@ -22,7 +22,7 @@ class Unet {
   /// @param in  planes of one size, one for each input
   Rgb evaluate(const std::vector<const Plane*>& in, const Task& task, double memory = kMemory) const;
 
-  static constexpr double kMemory = 1.1e9;
+  static constexpr double kMemory = 1e9;
 
  private:
   struct Network;

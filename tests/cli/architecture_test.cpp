@@ -54,7 +54,7 @@ TEST(Architecture, RoomsWithinRoomsKnowEachOtherInOneDirection) {
       {"render", {"scene", "world", "transport", "guides", "film", "session"}},
       {"filters",
        {"kernels", "inputs", "api", "patch", "window", "regression", "regression/transport", "multiscale", "per_sample",
-        "run"}},
+        "learned", "run"}},
       {"evaluate", {"metrics", "protocol", "report"}}};
   int seen = 0;
   for (const auto& [house, rooms] : houses) {
@@ -83,6 +83,7 @@ TEST(Architecture, EachLibraryIsKnownToItsOwnFiles) {
       {"<Imf", {"image/exr_common.cpp", "image/exr_common.h", "image/exr_copy.cpp", "image/exr_io.cpp"}},
       {"<libdeflate", {"image/checksum.cpp", "image/exr_common.cpp", "image/exr_zip.cpp", "image/packed_half.cpp"}},
       {"<toml.hpp>", {"render/scene/toml_table.h"}},
+      {"<OpenImageDenoise/", {"filters/learned/oidn_library.cpp"}},
       {"<embree", {"render/world/surfaces.cpp"}},
       {"<boost/beast", {"apps/view/server.cpp"}},
       {"<boost/asio", {"apps/view/server.cpp"}}};
