@@ -64,7 +64,8 @@ FilesAt beside(const FrameFiles& files) {
     if (distance == 0) return files;
     FrameFiles there;
     there.distance = distance;
-    for (fs::path FrameFiles::*name : {&FrameFiles::frame, &FrameFiles::records, &FrameFiles::guides})
+    for (fs::path FrameFiles::*name :
+         {&FrameFiles::frame, &FrameFiles::second, &FrameFiles::records, &FrameFiles::guides})
       if (!(files.*name).empty()) there.*name = file_beside(files.*name, distance);
     return there;
   };
@@ -75,8 +76,8 @@ FilesAt of_frame(const FrameFiles& patterns, int frame) {
     FrameFiles files;
     files.distance = distance;
     if (frame + distance < 0) return files;
-    for (fs::path FrameFiles::*name :
-         {&FrameFiles::frame, &FrameFiles::records, &FrameFiles::guides, &FrameFiles::output, &FrameFiles::preview})
+    for (fs::path FrameFiles::*name : {&FrameFiles::frame, &FrameFiles::second, &FrameFiles::records,
+                                       &FrameFiles::guides, &FrameFiles::output, &FrameFiles::preview})
       if (!(patterns.*name).empty()) files.*name = file_of_frame(patterns.*name, frame + distance);
     return files;
   };
@@ -122,10 +123,10 @@ std::string made_from(const DenoisePlan& plan, const FrameFiles& own, const Deno
   for (const std::string& text :
        {options.picture.exposure, options.file.suffix, options.file.map.string(), std::to_string(options.file.samples)})
     add_text(text);
-  for (const fs::path& path : {own.frame, own.records, own.guides}) add_file(path);
+  for (const fs::path& path : {own.frame, own.second, own.records, own.guides}) add_file(path);
   for (const FrameFiles& files : plan.others) {
     add_text(std::to_string(files.distance));
-    for (const fs::path& path : {files.frame, files.records, files.guides}) add_file(path);
+    for (const fs::path& path : {files.frame, files.second, files.records, files.guides}) add_file(path);
   }
   return fmt::format("{:016x}", hash);
 }
@@ -226,10 +227,11 @@ class Denoiser {
       if (there.frame.empty()) continue;  // itself, or before frame 0
       if (absent(there.frame))
         missing.push_back(there.frame.filename().string());
-      else if (absent(there.guides) || absent(there.records))
-        missing.push_back(fmt::format("{} for {}",
-                                      (absent(there.guides) ? there.guides : there.records).filename().string(),
-                                      there.frame.filename().string()));
+      else if (const fs::path* const also = absent(there.guides)    ? &there.guides
+                                            : absent(there.records) ? &there.records
+                                            : absent(there.second)  ? &there.second
+                                                                    : nullptr)
+        missing.push_back(fmt::format("{} for {}", also->filename().string(), there.frame.filename().string()));
       else
         others.push_back(there);
     }
@@ -246,7 +248,7 @@ class Denoiser {
   /// @throws InputError before anything is computed
   void check_outputs(const DenoisePlan& plan, const FrameFiles& own) const {
     std::vector<fs::path> inputs = {own.frame};
-    for (const fs::path& also : {options_.file.map, own.guides})
+    for (const fs::path& also : {options_.file.map, own.guides, own.second})
       if (!also.empty()) inputs.push_back(also);
     for (const FrameFiles& files : plan.others) inputs.push_back(files.frame);
     for (size_t i = 0; i < plan.filters.size(); ++i) {

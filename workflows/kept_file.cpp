@@ -15,17 +15,21 @@
 #include "image/exr_copy.h"
 #include "image/exr_io.h"
 #include "workflows/open_frame.h"
+#include "workflows/second_frame.h"
 #include "workflows/version.h"
 
 namespace brume {
 namespace {
 
-/// The pictures of a file, by the user's map or by themselves. @throws InputError
-std::vector<ForeignFrame> pictures_of(const std::string& path, const ExrInfo& info, const FileOptions& options) {
+/// The pictures of a file, by the user's map or by themselves. @param second  whether another file holds their halves
+/// @throws InputError
+std::vector<ForeignFrame> pictures_of(const std::string& path, const ExrInfo& info, const FileOptions& options,
+                                      bool second) {
   std::vector<ForeignFrame> pictures = options.map.empty() ? recognise(info) : read_map(options.map, info);
   for (ForeignFrame& picture : pictures) {
     if (!picture.conflicts.empty()) throw InputError(fmt::format("{}: {}", path, join(picture.conflicts, "; ")));
     if (options.samples > 0) picture.samples = options.samples;
+    if (second) give_halves(picture);
   }
   return pictures;
 }
@@ -187,6 +191,13 @@ Layers KeptFile::read_picture(const FrameFiles& files, const ExrFile& file, cons
   for (const std::string& name : picture.channels()) channels.insert(name);
   Layers frame = file.read([&](const std::string& name) { return channels.contains(name); });
   frame = cut_to_light(std::move(frame), picture, file.info());
+  if (!files.second.empty()) {
+    const ExrFile other(files.second);
+    join_second(frame,
+                cut_to_light(other.read([&](const std::string& name) { return channels.contains(name); }), picture,
+                             other.info()),
+                halves_of_signals(picture), {path_, files.second.string()});
+  }
   if (guides) add_guides(files.guides, files.frame, frame);
   return frame;
 }
@@ -208,7 +219,7 @@ std::list<NearbyPicture> KeptFile::read_nearby(const std::vector<FrameFiles>& ne
     try {
       const ExrFile file(other.frame);
       NearbyPicture& there = nearby.emplace_back();
-      there.pictures = pictures_of(path, file.info(), options_.file);
+      there.pictures = pictures_of(path, file.info(), options_.file, !other.second.empty());
       const ForeignFrame& same = same_view(there.pictures, picture, path);
       there.layers = read_picture(other, file, same, extra, guides);
       if (plan_->sequence && there.layers.data_window() != window)
@@ -308,7 +319,7 @@ std::unique_ptr<OpenFrame> open_kept_file(const FrameFiles& files, ExrFile& file
   const std::string path = files.frame.string();
   if (info.deep())
     throw InputError(fmt::format("{}: part '{}' holds deep pixels; brume reads flat images", path, info.parts[0].name));
-  std::vector<ForeignFrame> pictures = pictures_of(path, info, how);
+  std::vector<ForeignFrame> pictures = pictures_of(path, info, how, !files.second.empty());
   const auto is_indirect = [](const ExrInfo::Channel& c) { return c.name == layer::indirect.channel(0); };
   if (pictures.empty() &&
       (is_brume_frame(info) || std::any_of(info.channels.begin(), info.channels.end(), is_indirect)))

@@ -9,6 +9,7 @@
 #include "filters/api/registry.h"
 #include "filters/api/requirements.h"
 #include "image/exr_io.h"
+#include "workflows/second_frame.h"
 #include "workflows/version.h"
 
 namespace brume {
@@ -23,6 +24,9 @@ class OwnFrame : public OpenFrame {
   bool ours() const override { return true; }
   Layers outline() const override {
     Layers outline = outline_of(file_.info());
+    if (!files_.second.empty())
+      for (const auto& [channel, halves] : halves_of_layers(outline))
+        for (const std::string& half : halves) outline.add(half);
     for (const std::string& name : guide_names()) outline.add(name);
     return outline;
   }
@@ -152,6 +156,9 @@ const Layers& FrameWindow::get(const FrameFiles& files, const std::set<std::stri
   Entry& entry = frames_[files.frame];
   if (entry.layers && entry.channels == channels) return *entry.layers;
   Layers frame = file ? read_frame(*file, host, channels) : read_frame(ExrFile(files.frame), host, channels);
+  if (!files.second.empty())
+    join_second(frame, read_frame(ExrFile(files.second), host, channels), halves_of_layers(frame),
+                {files.frame.string(), files.second.string()});
   if (!files.guides.empty()) add_guides(files.guides, files.frame, frame);
   if (frame.has(layer::noisy))
     take_noisy(frame, host);

@@ -150,8 +150,9 @@ void add_means_of_alike(const FilterFrame& frame, const Data& data, const HalfPa
     return (*frame.variance[0])(x, y) + (*frame.variance[1])(x, y) + (*frame.variance[2])(x, y);
   });
   const Rgb clean = mean(pilot, task), slope = sum(clean, -1, pilot.b, task);
-  const std::vector<Rgb> here = means_of_alike(data.here, clean, variance, task),
-                         moved = means_of_alike(data.moved, sum(clean, kStep, slope, task), variance, task);
+  const std::vector<Rgb> here = means_of_alike(data.here, clean, variance, share(task, 0, 0.5)),
+                         moved =
+                             means_of_alike(data.moved, sum(clean, kStep, slope, task), variance, share(task, 0.5, 1));
   for (size_t i = 0; i < here.size(); ++i) candidates.emplace_back(data.halves_along(here[i], moved[i]), task);
 }
 
@@ -208,8 +209,7 @@ void run(const LeastRisk& p, const FilterFrame& frame, const FilterOutput& out, 
   const HalfPair pilot = stacked(candidates);
   candidates.clear();
   candidates.emplace_back(pilot, task);
-  add_means_of_alike(frame, data, pilot, candidates, task);
-  task.report(0.5);
+  add_means_of_alike(frame, data, pilot, candidates, share(task, 0.2, 0.5));
   if (p.network == Network::kAuto && has_network()) add_network(frame, data, candidates, share(task, 0.5, 0.9));
 
   const HalfPair together = stacked(candidates);

@@ -19,7 +19,7 @@ constexpr float kLeastOfFour = 0.83f;
 constexpr int kSearchRadius = 5, kRounds = 2;
 constexpr float kStrength = 0.35f;
 // Shares of all that varies from pixel to pixel: up to the first there is detail in it, from the second on none.
-constexpr float kDetail = 0.3f, kNoise = 0.6f;
+constexpr float kDetail = 0.5f, kNoise = 0.9f;
 
 /// Local means of values, none of which counts much more than most around it.
 Plane mean_without_peaks(const Plane& values, const Task& task) {

@@ -54,7 +54,7 @@ TEST(Architecture, RoomsWithinRoomsKnowEachOtherInOneDirection) {
       {"render", {"scene", "world", "transport", "guides", "film", "session"}},
       {"filters",
        {"kernels", "inputs", "api", "patch", "window", "regression", "regression/transport", "multiscale", "per_sample",
-        "learned", "run"}},
+        "learned", "combined", "run"}},
       {"evaluate", {"metrics", "protocol", "report"}}};
   int seen = 0;
   for (const auto& [house, rooms] : houses) {
