@@ -98,4 +98,11 @@ void join_second(Layers& frame, const Layers& second, const HalvesOf& halves, co
     frame.header["samplesPerPixel"] = static_cast<int>(*a + *b);
 }
 
+Layers joined(const Layers& frame, const Layers& second, const std::array<std::string, 2>& names) {
+  Layers a = frame, b = second;
+  for (Layers* layers : {&a, &b}) adopt_foreign_layers(*layers);
+  join_second(a, b, halves_of_layers(a), names);
+  return a;
+}
+
 }  // namespace brume

@@ -23,4 +23,7 @@ void give_halves(ForeignFrame& picture);
 /// @throws InputError: another size, place or scene; a channel is missing; the very same pixels
 void join_second(Layers& frame, const Layers& second, const HalvesOf& halves, const std::array<std::string, 2>& names);
 
+/// The same of two frames of any renderer, in memory.
+Layers joined(const Layers& frame, const Layers& second, const std::array<std::string, 2>& names);
+
 }  // namespace brume

@@ -15,6 +15,7 @@
 #include "workflows/choices.h"
 #include "workflows/denoise_frame.h"
 #include "workflows/filters_json.h"
+#include "workflows/second_frame.h"
 
 namespace brume::python {
 namespace {
@@ -113,8 +114,10 @@ py::object denoise_files(const FrameFiles& files, std::vector<int> numbers, cons
     numbers = FramePattern::of(files.frame)->frames_on_disk();
     if (numbers.empty()) throw InputError(fmt::format("{}: no file of that name is there", files.frame.string()));
   }
-  for (const auto& [what, name] :
-       {std::pair("layers", &files.frame), {"output", &files.output}, {"png", &files.preview}})
+  for (const auto& [what, name] : {std::pair("layers", &files.frame),
+                                   {"second", &files.second},
+                                   {"output", &files.output},
+                                   {"png", &files.preview}})
     check_pattern(what, *name, numbers);
   if (options.resume && !sequence) throw InputError("resume leaves out the complete frames of a sequence");
   SequenceEnd end;
@@ -136,10 +139,11 @@ py::object denoise_files(const FrameFiles& files, std::vector<int> numbers, cons
 py::object denoise(const py::object& layers, const py::object& filter, const std::string& component,
                    const std::string& background, const std::string& noise, const std::string& outliers,
                    const py::object& features, const py::object& carry, const py::object& guides,
-                   const py::object& exposure, int tile, const py::object& extra_frames, const py::object& output,
-                   const py::object& png, const py::object& records, const py::object& frame_numbers, bool resume,
-                   bool keep_file, const std::string& suffix, const py::object& map, const py::object& samples,
-                   int threads, const py::object& progress, const py::kwargs& parameters) {
+                   const py::object& second, const py::object& exposure, int tile, const py::object& extra_frames,
+                   const py::object& output, const py::object& png, const py::object& records,
+                   const py::object& frame_numbers, bool resume, bool keep_file, const std::string& suffix,
+                   const py::object& map, const py::object& samples, int threads, const py::object& progress,
+                   const py::kwargs& parameters) {
   DenoiseOptions options;
   options.how.component = kComponents.of(component);
   options.how.background = kBackgrounds.of(background);
@@ -167,24 +171,36 @@ py::object denoise(const py::object& layers, const py::object& filter, const std
   if (!output.is_none()) {
     if (!is_path(layers)) throw InputError("output: is for files; expected layers to be a path");
     if (!guides.is_none() && !is_path(guides)) throw InputError("output: is for files; expected guides to be a path");
-    const FrameFiles files{to_path(layers), to_optional_path(guides), to_optional_path(records), to_path(output),
-                           to_optional_path(png)};
+    if (!second.is_none() && !is_path(second)) throw InputError("output: is for files; expected second to be a path");
+    FrameFiles files;
+    files.frame = to_path(layers);
+    files.second = to_optional_path(second);
+    files.guides = to_optional_path(guides);
+    files.records = to_optional_path(records);
+    files.output = to_path(output);
+    files.preview = to_optional_path(png);
     return denoise_files(files, std::move(numbers), options, threads, progress);
   }
   if (!png.is_none() || !records.is_none() || !numbers.empty() || resume || options.file.asked() ||
       options.file.samples > 0)
     throw InputError(
         "png, records, frame_numbers, resume, keep_file, suffix, map and samples are for files; expected output too");
+  if (is_sequence_of_frames(layers) && !second.is_none())
+    throw InputError("second: is of one frame, or of files and output");
   if (is_sequence_of_frames(layers))
     return denoise_list(py::reinterpret_borrow<py::sequence>(layers), guides, options, threads, progress);
   if (options.extra_frames.value_or(0) > 0)
     throw InputError("extra_frames: are those of a sequence; expected a list of frames, or files and output");
-  Given frame("the frame", layers), of_guides;
+  Given frame("the frame", layers), other, of_guides;
+  if (!second.is_none()) other = Given("second", second);
   if (!guides.is_none()) of_guides = Given("the guides", guides);
   LayersPointer result;
   run_work({progress}, threads, [&](const Work& work) {
     const Host host = host_of(work);
-    result = std::make_shared<Layers>(denoise_frame(frame.frame(host), of_guides.guides(), options, host));
+    const Layers& own = frame.frame(host);
+    std::optional<Layers> both;
+    if (!second.is_none()) both = joined(own, other.frame(host), {frame.name(), other.name()});
+    result = std::make_shared<Layers>(denoise_frame(both ? *both : own, of_guides.guides(), options, host));
   });
   return py::cast(result);
 }
@@ -195,12 +211,12 @@ void bind_denoise(py::module_& module) {
   module.def("denoise", &denoise, py::arg("layers"), py::arg("filter") = py::none(), py::kw_only(),
              py::arg("component") = "all", py::arg("background") = "default", py::arg("noise") = "layers",
              py::arg("outliers") = "extreme", py::arg("features") = py::none(), py::arg("carry") = py::tuple(),
-             py::arg("guides") = py::none(), py::arg("exposure") = "header", py::arg("tile") = 0,
-             py::arg("extra_frames") = py::none(), py::arg("output") = py::none(), py::arg("png") = py::none(),
-             py::arg("records") = py::none(), py::arg("frame_numbers") = py::none(), py::arg("resume") = false,
-             py::arg("keep_file") = false, py::arg("suffix") = "", py::arg("map") = py::none(),
-             py::arg("samples") = py::none(), py::arg("threads") = 0, py::arg("progress") = py::none(),
-             denoise_help().c_str());
+             py::arg("guides") = py::none(), py::arg("second") = py::none(), py::arg("exposure") = "header",
+             py::arg("tile") = 0, py::arg("extra_frames") = py::none(), py::arg("output") = py::none(),
+             py::arg("png") = py::none(), py::arg("records") = py::none(), py::arg("frame_numbers") = py::none(),
+             py::arg("resume") = false, py::arg("keep_file") = false, py::arg("suffix") = "",
+             py::arg("map") = py::none(), py::arg("samples") = py::none(), py::arg("threads") = 0,
+             py::arg("progress") = py::none(), denoise_help().c_str());
   module.def(
       "filters",
       [] {

@@ -10,6 +10,7 @@
 #include "filters/api/registry.h"
 #include "filters/patch/neighbourhood.h"
 #include "filters/regression/guided_filter.h"
+#include "filters/regression/regression.h"
 #include "filters/regression/transport/mixing.h"
 #include "filters/regression/transport/stacking.h"
 
@@ -34,6 +35,9 @@ constexpr float kRidge = 1e-3f;
 // Means over alike surroundings: half width of the search [px], deviations still taken as equal.
 constexpr int kSearchRadius = 6;
 constexpr float kStrengths[] = {0.35f, 0.5f};
+// Lines over alike surroundings, and features cleaned for them by their own: the same.
+constexpr int kLineRadius = 7, kFeatureRadius = 5, kFeaturePatch = 3;
+constexpr float kLineStrength = 1.5f, kFeatureStrength = 0.5f;
 
 Rgb rgb_of(std::vector<Plane> planes) {
   return {std::move(planes[0]), std::move(planes[1]), std::move(planes[2])};
@@ -126,8 +130,8 @@ void add_fits(const FilterFrame& frame, const Data& data, std::vector<StoredPair
   }
 }
 
-/// Means over pixels whose surroundings are alike in a clean picture, one for each strength.
-std::vector<Rgb> means_of_alike(const Rgb& noisy, const Rgb& clean, const Plane& variance, const Task& task) {
+/// How alike the surroundings of pixels are in a clean picture, in deviations of the noisy one.
+WeightModel likeness(const Rgb& clean, const Plane& variance) {
   WeightModel model;
   Distance& d = model.distances.emplace_back();
   d.kind = Distance::Kind::kRatio;
@@ -135,6 +139,12 @@ std::vector<Rgb> means_of_alike(const Rgb& noisy, const Rgb& clean, const Plane&
   d.variance = {&variance};
   d.floor = 1e-20f;
   d.patch = box_patch(1);
+  return model;
+}
+
+/// Means over pixels whose surroundings are alike in a clean picture, one for each strength.
+std::vector<Rgb> means_of_alike(const Rgb& noisy, const Rgb& clean, const Plane& variance, const Task& task) {
+  const WeightModel model = likeness(clean, variance);
   std::vector<Variant> variants;
   for (const float strength : kStrengths) variants.push_back({1 / (strength * strength), nullptr, {}});
   std::vector<Rgb> out;
@@ -154,6 +164,38 @@ void add_means_of_alike(const FilterFrame& frame, const Data& data, const HalfPa
                          moved =
                              means_of_alike(data.moved, sum(clean, kStep, slope, task), variance, share(task, 0.5, 1));
   for (size_t i = 0; i < here.size(); ++i) candidates.emplace_back(data.halves_along(here[i], moved[i]), task);
+}
+
+/// A feature with the noise that it has averaged away.
+std::vector<Plane> smooth(const Feature& f, const Task& task) {
+  const bool noisy = std::any_of(f.variance.begin(), f.variance.end(), [](const Plane& v) { return any_above_0(v); });
+  if (!noisy) return f.mean;
+  WeightModel model;
+  model.distances.push_back(noise_distance(pointers(f.mean), pointers(f.variance), kFeaturePatch, kFeatureStrength));
+  return weighted_average(model, square_window(kFeatureRadius), pointers(f.mean), quiet(task)).values;
+}
+
+/// In every window a line in position and features, over pixels whose surroundings are alike in the pilot.
+void add_lines(const FilterFrame& frame, const Data& data, const HalfPair& pilot, std::vector<StoredPair>& candidates,
+               const Task& task) {
+  const Plane variance = make_plane(frame.width(), frame.height(), quiet(task), [&](int x, int y) {
+    return (*frame.variance[0])(x, y) + (*frame.variance[1])(x, y) + (*frame.variance[2])(x, y);
+  });
+  const Rgb clean = mean(pilot, task);
+  std::vector<Plane> features;
+  for (const Feature& f : *frame.features)
+    for (Plane& plane : smooth(f, task)) features.push_back(std::move(plane));
+  if (features.empty()) return;
+  const Rgb slope = sum(clean, -1, pilot.b, task), clean_moved = sum(clean, kStep, slope, task);
+  const auto lines = [&](const Rgb& noisy, const Rgb& by) {
+    RegressionFrame here;
+    here.model = likeness(by, variance);
+    here.model.distances[0].scale = 1 / (kLineStrength * kLineStrength);
+    here.features = pointers(features);
+    for (const Plane& plane : noisy) here.values.push_back(&plane);
+    return rgb_of(collaborative_regression({&here, 1}, kLineRadius, task));
+  };
+  candidates.emplace_back(data.halves_along(lines(data.here, clean), lines(data.moved, clean_moved)), task);
 }
 
 /// Whether Open Image Denoise's weights are there.
@@ -209,22 +251,22 @@ void run(const LeastRisk& p, const FilterFrame& frame, const FilterOutput& out, 
   const HalfPair pilot = stacked(candidates);
   candidates.clear();
   candidates.emplace_back(pilot, task);
-  add_means_of_alike(frame, data, pilot, candidates, share(task, 0.2, 0.5));
+  add_means_of_alike(frame, data, pilot, candidates, share(task, 0.2, 0.4));
+  if (frame.half_a[0]) add_lines(frame, data, pilot, candidates, share(task, 0.4, 0.5));
   if (p.network == Network::kAuto && has_network()) add_network(frame, data, candidates, share(task, 0.5, 0.9));
 
-  const HalfPair together = stacked(candidates);
+  // Stacking chooses by means over windows; where the data prove better on a smaller scale, or one candidate does, the
+  // result is moved there.
+  HalfPair result = stacked(candidates);
   std::vector<Proposal> proposals;
-  for (const HalfPair* pair : {&together, &data.halves})
-    proposals.emplace_back(
-        [pair](const HalfPair&, const Box& box, HalfPair& room) -> const HalfPair& { return room = cut(*pair, box); });
+  proposals.emplace_back(
+      [&](const HalfPair&, const Box& box, HalfPair& room) -> const HalfPair& { return room = cut(data.halves, box); });
   for (const StoredPair& candidate : candidates)
     proposals.emplace_back([&candidate, &task](const HalfPair&, const Box& box, HalfPair& room) -> const HalfPair& {
       candidate.read(box, room, task);
       return room;
     });
-  const std::vector<MixingRegion> regions = {
-      {Plane(frame.width(), frame.height(), 1.0f), static_cast<double>(p.sure), /*whole_steps=*/true}};
-  HalfPair result = data.halves;
+  const std::vector<MixingRegion> regions = {{Plane(frame.width(), frame.height(), 1.0f), static_cast<double>(p.sure)}};
   mix(result, proposals, {}, {view(data.halves.a), view(data.halves.b), weight, regions}, task);
   Rgb clean = mean(result, task);
   for (size_t c = 0; c < 3; ++c) *out[c] = std::move(clean[c]);
@@ -249,7 +291,7 @@ const FilterEntry entry =
                "deviation of the Gaussian in which candidates are weighed against each other")
         .param("caution", &LeastRisk::caution, {0, 1e6}, "1", "pull of these weights towards the frame's, in pixels")
         .param("sure", &LeastRisk::sure, {0, 100}, "1",
-               "standard errors by which a candidate must be proven better than the data")
+               "standard errors by which the data, or one candidate, must be proven better than the stack")
         .param("network", &LeastRisk::network, {"auto", "none"},
                "Open Image Denoise among the candidates: where its weights are there, or never")
         .scratch(130)

@@ -186,7 +186,7 @@ struct SureGain {
   Plane gain, share;
   std::atomic<bool> any = false;
 
-  SureGain(const Measures& m, const MixingRegion& region, double pixels, const Task& task)
+  SureGain(const Measures& m, double sure, double pixels, const Task& task)
       : gain(m.width(), m.height()), share(m.width(), m.height()) {
     for_each_pixel(gain.width(), gain.height(), quiet(task), [&](int x, int y) {
       const auto mean = [&](size_t i) { return m.of[i](x, y) / m.of[Measures::kShare](x, y); };
@@ -195,12 +195,10 @@ struct SureGain {
       const float b = mean(Measures::kGain), count = static_cast<float>(pixels) * n;
       const float variance = std::max(0.0f, mean(Measures::kSquare) - b * b);
       const float largest = std::sqrt(std::sqrt(mean(Measures::kFourth) * count));
-      const float low =
-          b - static_cast<float>(region.sure) * std::sqrt(variance / count) - kLargeValue * largest / count;
+      const float low = b - static_cast<float>(sure) * std::sqrt(variance / count) - kLargeValue * largest / count;
       if (!(low > 0)) return;
       const float a = std::max(mean(Measures::kLoss), 1e-30f);
-      // A step as long as the mean says gains if the truth is above half of it.
-      share(x, y) = std::min(1.0f, (region.whole_steps && low > 0.5f * b ? b : low) / a);
+      share(x, y) = std::min(1.0f, low / a);
       gain(x, y) = share(x, y) * (2 * low - share(x, y) * a);
       any = true;
     });
@@ -213,7 +211,7 @@ void consider(int proposal, const Step& step, const MixingRegion& region, Best& 
     if (window.block > 2) measures = Measures(measures, task);
     const double s = window.deviation;
     // So many pixels count as much as the window.
-    const SureGain sure(measures.blurred(s / window.block, task), region, 4 * kPi * s * s, task);
+    const SureGain sure(measures.blurred(s / window.block, task), region.sure, 4 * kPi * s * s, task);
     if (!sure.any) continue;
     std::vector<BlockPlace> along;
     for (int x = 0; x < region.share.width(); ++x) along.emplace_back(x, window.block, sure.gain.width());
@@ -247,7 +245,7 @@ class MixedBox {
       data_.b[c] = part(*frame.half_b[c]);
     }
     for (const MixingRegion& region : frame.regions)
-      if (any_above_0(region.share, box)) regions_.push_back({part(region.share), region.sure, region.whole_steps});
+      if (any_above_0(region.share, box)) regions_.push_back({part(region.share), region.sure});
   }
   const Box& box() const { return box_; }
   const Plane& weight() const { return weight_; }

@@ -44,9 +44,6 @@ struct SurfaceShares {
 struct MixingRegion {
   Plane share;
   double sure;  ///< standard errors that a gain must exceed before a result is moved
-  /// Moved by the length that gains most in the mean, where the lower bound is above half of the mean; else by that of
-  /// the lower bound.
-  bool whole_steps = false;
 };
 
 /// Edges and materials of surfaces, and what shows none.
