@@ -121,7 +121,7 @@ void add_denoise(CLI::App& app, Common& common, Commands& commands) {
   add_component_options(command, o.component, o.background);
   command("--features", o.features,
           "of those that the frame has, use these: " + join(FeaturePlan::names(), ",") + ", or none");
-  command("--noise", o.noise, "where variance comes from: the frame's layers, or the picture's own second differences")
+  command("--noise", o.noise, "where variance comes from: the frame's layers, or the picture itself")
       ->check(one_of(kNoiseSources))
       ->capture_default_str();
   add_outlier_option(command, o.outliers);

@@ -117,8 +117,9 @@ struct FilterEntry {
   std::vector<Preset> presets;            ///< `paper` is as published
   std::vector<Parameter> parameters;
   std::any defaults;
-  /// Of a filter that a network has learnt: names the weights that it has with these parameters, in words that change
-  /// with them. Throws InputError, which says how to get them, where they are not there. Null: needs none.
+  bool learned = false;  ///< is a network, and nothing without its weights
+  /// Names the weights of networks that it has with these parameters, in words that change with them. Of one that is
+  /// learned: throws InputError, which says how to get them, where they are not there. Null: it reads none.
   std::function<std::string(const std::any&)> weights;
   std::function<void(Layers&)> settle;        ///< finishes what it produces once all tiles are there; may be null
   std::function<int(const std::any&)> apron;  ///< pixels read beyond a tile
@@ -150,7 +151,7 @@ class FilterSettings {
   std::vector<std::string> preferred_features() const {
     return entry_->feature_set ? names_of(entry_->feature_set(parameters_)) : std::vector<std::string>();
   }
-  /// The weights of a learnt filter; empty: it needs none. @throws InputError where they are not there
+  /// The weights that it has; empty: none. @throws InputError where it is learned and they are not there
   std::string weights() const { return entry_->weights ? entry_->weights(parameters_) : ""; }
   bool uses_noise_level() const { return entry_->noise_level && entry_->noise_level(parameters_); }
   void run(const FilterFrame& frame, const FilterOutput& out, const Task& task) const {
@@ -262,6 +263,11 @@ class Declaration {
   Declaration& background() { return entry_.background = true, *this; }
   /// Is a network, which has its weights from files.
   Declaration& learned(std::string (*weights)(const P&)) {
+    entry_.learned = true;
+    return uses_weights(weights);
+  }
+  /// Gains from files with weights, of which the function says which there are, and runs without.
+  Declaration& uses_weights(std::string (*weights)(const P&)) {
     entry_.weights = [weights](const std::any& a) { return weights(std::any_cast<const P&>(a)); };
     return *this;
   }

@@ -23,7 +23,7 @@ bool has_guides(const Layers& frame) {
 
 bool can_run(const FilterSettings& filter, const Layers& frame, const ApplyOptions& options) {
   if (filter.entry().guides && !has_guides(frame)) return false;
-  if (filter.entry().weights) return false;  // what is recommended does not depend on files elsewhere
+  if (filter.entry().learned) return false;  // what is recommended does not depend on files elsewhere
   try {
     check_requirements(filter, frame, options);
   } catch (const InputError&) {

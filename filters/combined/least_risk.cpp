@@ -130,81 +130,82 @@ void add_fits(const FilterFrame& frame, const Data& data, std::vector<StoredPair
   }
 }
 
-/// How alike the surroundings of pixels are in a clean picture, in deviations of the noisy one.
-WeightModel likeness(const Rgb& clean, const Plane& variance) {
-  WeightModel model;
-  Distance& d = model.distances.emplace_back();
-  d.kind = Distance::Kind::kRatio;
-  d.guide = {&clean[0], &clean[1], &clean[2]};
-  d.variance = {&variance};
-  d.floor = 1e-20f;
-  d.patch = box_patch(1);
-  return model;
+/// A nearly clean picture, by which pixels in alike surroundings are found; and the same moved along the noise.
+class Pilot {
+ public:
+  Pilot(const HalfPair& clean, const FilterFrame& frame, const Task& task)
+      : here_(mean(clean, task)),
+        moved_(sum(here_, kStep, sum(here_, -1, clean.b, task), task)),
+        variance_(make_plane(frame.width(), frame.height(), quiet(task), [&](int x, int y) {
+          return (*frame.variance[0])(x, y) + (*frame.variance[1])(x, y) + (*frame.variance[2])(x, y);
+        })) {}
+
+  /// exp(-d / k^2), d the mean squared distance of 3 x 3 pixels in units of the noisy picture's variance.
+  WeightModel weights(float k, bool moved) const {
+    WeightModel model;
+    Distance& d = model.distances.emplace_back();
+    d.kind = Distance::Kind::kRatio;
+    d.guide = moved ? pointers_to(moved_) : pointers_to(here_);
+    d.variance = {&variance_};
+    d.floor = 1e-20f;
+    d.scale = 1 / (k * k);
+    d.patch = box_patch(1);
+    return model;
+  }
+
+ private:
+  static std::vector<const Plane*> pointers_to(const Rgb& rgb) { return {&rgb[0], &rgb[1], &rgb[2]}; }
+
+  Rgb here_, moved_;
+  Plane variance_;
+};
+
+/// Means over pixels in alike surroundings, one candidate for each strength.
+void add_means_of_alike(const Data& data, const Pilot& pilot, std::vector<StoredPair>& candidates, const Task& task) {
+  const auto means = [&](const Rgb& noisy, bool moved, const Task& part) {
+    std::vector<Variant> variants;
+    for (const float k : kStrengths) variants.push_back({1 / (k * k), nullptr, {}});
+    return weighted_averages(pilot.weights(1, moved), square_window(kSearchRadius), variants, view(noisy), nullptr,
+                             part);
+  };
+  std::vector<Averages> here = means(data.here, false, share(task, 0, 0.5)),
+                        moved = means(data.moved, true, share(task, 0.5, 1));
+  for (size_t i = 0; i < here.size(); ++i)
+    candidates.emplace_back(data.halves_along(rgb_of(std::move(here[i].values)), rgb_of(std::move(moved[i].values))),
+                            task);
 }
 
-/// Means over pixels whose surroundings are alike in a clean picture, one for each strength.
-std::vector<Rgb> means_of_alike(const Rgb& noisy, const Rgb& clean, const Plane& variance, const Task& task) {
-  const WeightModel model = likeness(clean, variance);
-  std::vector<Variant> variants;
-  for (const float strength : kStrengths) variants.push_back({1 / (strength * strength), nullptr, {}});
-  std::vector<Rgb> out;
-  for (Averages& a : weighted_averages(model, square_window(kSearchRadius), variants, view(noisy), nullptr, task))
-    out.push_back(rgb_of(std::move(a.values)));
-  return out;
-}
-
-/// @param pilot  a clean picture and its slope
-void add_means_of_alike(const FilterFrame& frame, const Data& data, const HalfPair& pilot,
-                        std::vector<StoredPair>& candidates, const Task& task) {
-  const Plane variance = make_plane(frame.width(), frame.height(), quiet(task), [&](int x, int y) {
-    return (*frame.variance[0])(x, y) + (*frame.variance[1])(x, y) + (*frame.variance[2])(x, y);
-  });
-  const Rgb clean = mean(pilot, task), slope = sum(clean, -1, pilot.b, task);
-  const std::vector<Rgb> here = means_of_alike(data.here, clean, variance, share(task, 0, 0.5)),
-                         moved =
-                             means_of_alike(data.moved, sum(clean, kStep, slope, task), variance, share(task, 0.5, 1));
-  for (size_t i = 0; i < here.size(); ++i) candidates.emplace_back(data.halves_along(here[i], moved[i]), task);
-}
-
-/// A feature with the noise that it has averaged away.
+/// A feature, noise that it has averaged away over what is alike in it.
 std::vector<Plane> smooth(const Feature& f, const Task& task) {
-  const bool noisy = std::any_of(f.variance.begin(), f.variance.end(), [](const Plane& v) { return any_above_0(v); });
-  if (!noisy) return f.mean;
+  if (std::none_of(f.variance.begin(), f.variance.end(), [](const Plane& v) { return any_above_0(v); })) return f.mean;
   WeightModel model;
   model.distances.push_back(noise_distance(pointers(f.mean), pointers(f.variance), kFeaturePatch, kFeatureStrength));
   return weighted_average(model, square_window(kFeatureRadius), pointers(f.mean), quiet(task)).values;
 }
 
-/// In every window a line in position and features, over pixels whose surroundings are alike in the pilot.
-void add_lines(const FilterFrame& frame, const Data& data, const HalfPair& pilot, std::vector<StoredPair>& candidates,
+/// In every window a line in position and features, over pixels in alike surroundings.
+void add_lines(const FilterFrame& frame, const Data& data, const Pilot& pilot, std::vector<StoredPair>& candidates,
                const Task& task) {
-  const Plane variance = make_plane(frame.width(), frame.height(), quiet(task), [&](int x, int y) {
-    return (*frame.variance[0])(x, y) + (*frame.variance[1])(x, y) + (*frame.variance[2])(x, y);
-  });
-  const Rgb clean = mean(pilot, task);
   std::vector<Plane> features;
   for (const Feature& f : *frame.features)
     for (Plane& plane : smooth(f, task)) features.push_back(std::move(plane));
   if (features.empty()) return;
-  const Rgb slope = sum(clean, -1, pilot.b, task), clean_moved = sum(clean, kStep, slope, task);
-  const auto lines = [&](const Rgb& noisy, const Rgb& by) {
-    RegressionFrame here;
-    here.model = likeness(by, variance);
-    here.model.distances[0].scale = 1 / (kLineStrength * kLineStrength);
-    here.features = pointers(features);
-    for (const Plane& plane : noisy) here.values.push_back(&plane);
-    return rgb_of(collaborative_regression({&here, 1}, kLineRadius, task));
+  const auto lines = [&](const Rgb& noisy, bool moved, const Task& part) {
+    RegressionFrame window{pilot.weights(kLineStrength, moved), pointers(features), {}};
+    for (const Plane& plane : noisy) window.values.push_back(&plane);
+    return rgb_of(collaborative_regression({&window, 1}, kLineRadius, part));
   };
-  candidates.emplace_back(data.halves_along(lines(data.here, clean), lines(data.moved, clean_moved)), task);
+  const Rgb here = lines(data.here, false, share(task, 0, 0.5));
+  candidates.emplace_back(data.halves_along(here, lines(data.moved, true, share(task, 0.5, 1))), task);
 }
 
-/// Whether Open Image Denoise's weights are there.
-bool has_network() {
+/// Which of Open Image Denoise's weights are there; empty: none, or they are not wanted.
+std::string weights_in_use(const LeastRisk& p) {
   const FilterEntry& network = find_filter("oidn");
   try {
-    return !network.weights(network.defaults).empty();
+    return p.network == Network::kAuto ? network.weights(network.defaults) : "";
   } catch (const InputError&) {
-    return false;
+    return "";
   }
 }
 
@@ -248,12 +249,14 @@ void run(const LeastRisk& p, const FilterFrame& frame, const FilterOutput& out, 
   task.report(0.2);
   // All these are linear, but for the features' noise. What they make together is a candidate, and where alike
   // surroundings are looked for.
-  const HalfPair pilot = stacked(candidates);
+  const HalfPair linear = stacked(candidates);
   candidates.clear();
-  candidates.emplace_back(pilot, task);
-  add_means_of_alike(frame, data, pilot, candidates, share(task, 0.2, 0.4));
+  candidates.emplace_back(linear, task);
+  const Pilot pilot(linear, frame, task);
+  add_means_of_alike(data, pilot, candidates, share(task, 0.2, 0.4));
+  // Without halves single bright samples are not known as noise, and lines follow them.
   if (frame.half_a[0]) add_lines(frame, data, pilot, candidates, share(task, 0.4, 0.5));
-  if (p.network == Network::kAuto && has_network()) add_network(frame, data, candidates, share(task, 0.5, 0.9));
+  if (!weights_in_use(p).empty()) add_network(frame, data, candidates, share(task, 0.5, 0.9));
 
   // Stacking chooses by means over windows; where the data prove better on a smaller scale, or one candidate does, the
   // result is moved there.
@@ -281,11 +284,12 @@ const FilterEntry entry =
         .source(
             "our own, docs/least_risk.md; risk: Stein 1981, Ramani, Blu and Unser 2008; halves out of one picture: Leiner et al. 2023; stacking: Breiman 1996")
         .notes(
-            "Candidates: Gaussians of seven widths, each with what it leaves added back; regression on the frame's features; means over alike surroundings, looked for in what those make together; Open Image Denoise's network, where `./run oidn` has fetched its weights. Two half images show the noise; without them it is drawn from the variance, which without statistics is estimated from the picture.")
+            "Candidates: Gaussians of seven widths, each with what it leaves added back; regression on the frame's features; means over alike surroundings, looked for in what those make together, and where there are halves and features lines over them; Open Image Denoise's network, where `./run oidn` has fetched its weights. Two half images show the noise; without them it is drawn from the variance, which without statistics is estimated from the picture.")
         .paper("")
         .statistics(Statistics::kVariance, Statistics::kHalves)
         .features()
         .can_use(layer::whole, layer::albedo, layer::normal)
+        .uses_weights(weights_in_use)
         .seeded()
         .param("window", &LeastRisk::window, {1, 200}, "px",
                "deviation of the Gaussian in which candidates are weighed against each other")

@@ -66,7 +66,7 @@ TEST(AlphaWeight, NoFilterLeavesLightWhereAlphaIs0NorTakesAnyFromTheRim) {
   without.remove("A");
   double spilled = 0;
   for (const FilterEntry* e : all_filters()) {
-    if (e->records == FilterEntry::Records::kNeeds || e->weights) continue;
+    if (e->records == FilterEntry::Records::kNeeds || e->learned) continue;
     FilterSettings f(*e);
     if (f.entry().find("iterations")) f.set("iterations", "12");
     const auto [outside, rim] = outside_and_rim(apply_filter(f, frame, {}, {}));

@@ -40,7 +40,7 @@ TEST(CommonRules, TilesGiveTheSamePicture) {
   for (const FilterEntry* e : all_filters()) {
     // Draws by place, its tiles are held to the whole below; has tiles of its own, which oidn_test.cpp holds to the
     // whole.
-    if (e->records == FilterEntry::Records::kNeeds || e->weights) continue;
+    if (e->records == FilterEntry::Records::kNeeds || e->learned) continue;
     FilterSettings f(*e);
     if (f.entry().find("iterations")) f.set("iterations", "12");
     ApplyReport whole_report, report;
@@ -328,7 +328,7 @@ TEST(CommonRules, OneSampleAndUnequalCountsRun) {
   Layers unequal = sampled_frame(40, 30, 16, 0.3, 8, [](int, int, size_t) { return 1.0f; });
   put(unequal, layer::sample_count, "", [](int x, int, size_t) { return x < 20 ? 1.0f : 31.0f; });
   for (const FilterEntry* e : all_filters()) {
-    if (e->records == FilterEntry::Records::kNeeds || e->weights) continue;
+    if (e->records == FilterEntry::Records::kNeeds || e->learned) continue;
     for (const Layers* frame : {&one, &unequal}) {
       const Layers out = apply_filter(FilterSettings(*e), *frame, {}, {});
       for (const auto& [name, plane] : out.channels()) EXPECT_EQ(count_not_finite(plane), 0u) << e->name << " " << name;

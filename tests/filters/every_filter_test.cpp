@@ -31,7 +31,7 @@ std::vector<FilterSettings> every_filter() {
     return list.back();
   };
   for (const FilterEntry* e : all_filters()) {
-    if (e->weights) continue;  // what a network makes of flat and tiny pictures is in its weights: oidn_test.cpp
+    if (e->learned) continue;  // what a network makes of flat and tiny pictures is in its weights: oidn_test.cpp
     add(*e);
     const FilterSettings defaults(*e);
     for (const Parameter& p : e->parameters) {

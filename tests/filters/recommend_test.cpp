@@ -42,7 +42,7 @@ TEST(Recommend, NoFilterOfHigherMeritCouldRun) {
     EXPECT_NO_THROW(check_requirements(best.filter, frame, whole_picture()));
     for (const FilterEntry* e : filters_by_merit()) {
       if (e == &best.filter.entry()) break;
-      if (e->guides || e->weights)
+      if (e->guides || e->learned)
         continue;  // it would run, but is of little use without guides, or only on some machines
       EXPECT_THROW(check_requirements(FilterSettings(*e), frame, whole_picture()), InputError) << e->name;
     }
