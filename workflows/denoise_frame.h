@@ -15,9 +15,9 @@ namespace brume {
 /// The files of a frame, or of one beside it in its sequence; patterns for a whole sequence. Empty: there is none.
 struct FrameFiles {
   std::filesystem::path frame, guides, records;  ///< read
-  std::filesystem::path second;                  ///< read: the frame by another seed, as its other half
   std::filesystem::path output, preview;         ///< written
   int distance = 0;                              ///< in frames, to the one that is cleaned: before < 0 < after
+  std::filesystem::path second = {};             ///< read: the same frame by another seed, as its other half
 };
 
 /// How a file that is not written as brume writes its own is read, and given back.
