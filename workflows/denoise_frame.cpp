@@ -175,7 +175,10 @@ class Denoiser {
     const Layers outline = frame.outline();
     if (!frame.ours()) tell_clean(outline.text("brume.filter"), host_);
     plan.filters = options_.filters;
-    if (plan.filters.empty()) plan.filters = {recommended(frame, outline, own)};
+    if (plan.filters.empty()) {
+      if (frame.ours()) plan.how = as_recommended(plan.how, outline, host_);
+      plan.filters = {recommended(frame, outline, own, plan.how)};
+    }
     int frame_window = 0;
     for (const FilterSettings& filter : plan.filters) frame_window = std::max(frame_window, frame_window_of(filter));
     plan.others = others_within(frame_window, files_at);
@@ -183,8 +186,7 @@ class Denoiser {
   }
 
   /// The best filter that the frame's layers allow.
-  FilterSettings recommended(const OpenFrame& frame, const Layers& outline, const FrameFiles& own) {
-    ApplyOptions how = options_.how;
+  FilterSettings recommended(const OpenFrame& frame, const Layers& outline, const FrameFiles& own, ApplyOptions how) {
     if (!frame.ours()) {
       how.component = Component::kAll;  // of each signal
       if (!outline.has(layer::beauty, statistic::mean_variance) && !has_halves(outline, layer::beauty))

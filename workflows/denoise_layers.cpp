@@ -70,6 +70,7 @@ class GivenFrame {
 struct Choice {
   bool guides;  ///< whether they are used, its own and the others'
   FilterSettings filter;
+  ApplyOptions how;
   int window;  ///< frames before and after
 };
 
@@ -84,13 +85,14 @@ class MemoryDenoiser {
 
   Choice choose(const MemoryFrame& own) {
     const bool guides = own.guides && serve(*own.guides, own, host_);
-    const FilterSettings filter = filter_for(*own.frame, guides ? own.guides : nullptr);
-    return {guides, filter, options_.extra_frames.value_or(sequence_ ? filter.entry().frame_window : 0)};
+    ApplyOptions how = options_.how;
+    const FilterSettings filter = filter_for(*own.frame, guides ? own.guides : nullptr, how);
+    return {guides, filter, how, options_.extra_frames.value_or(sequence_ ? filter.entry().frame_window : 0)};
   }
 
   /// @param frames  by their distances from the one at 0
   Layers clean(const Choice& choice, std::map<int, MemoryFrame> frames) {
-    ApplyOptions how = options_.how;
+    ApplyOptions how = choice.how;
     std::map<int, GivenFrame> given;
     for (auto& [distance, frame] : frames) {
       if (!choice.guides) frame.guides = nullptr;
@@ -113,9 +115,12 @@ class MemoryDenoiser {
   }
 
  private:
-  FilterSettings filter_for(const Layers& frame, const NamedFrame* guides) {
+  /// @param how  as asked; then with what the filter needs
+  FilterSettings filter_for(const Layers& frame, const NamedFrame* guides, ApplyOptions& how) {
     if (!options_.filters.empty()) return options_.filters[0];
-    const Recommendation best = recommend_filter(outline_of(frame, guides), options_.how,
+    const Layers outline = outline_of(frame, guides);
+    how = as_recommended(how, outline, host_);
+    const Recommendation best = recommend_filter(outline, how,
                                                  /*sequence=*/options_.extra_frames.value_or(0) > 0);
     if (best.reason != told_) host_.log(best.reason);
     told_ = best.reason;

@@ -116,6 +116,16 @@ void tell_clean(const std::string& filter, const Host& host) {
         filter));
 }
 
+ApplyOptions as_recommended(const ApplyOptions& how, const Layers& outline, const Host& host) {
+  ApplyOptions options = how;
+  const LayerName signal = signals_of(how).front();
+  if (how.noise != NoiseSource::kLayers || outline.has(signal, statistic::mean_variance) || has_halves(outline, signal))
+    return options;
+  options.noise = NoiseSource::kSpatial;
+  host.note("the frame has no statistics: its noise is estimated from the picture (--noise spatial)");
+  return options;
+}
+
 void take_noisy(Layers& frame, const Host& host) {
   host.note("the frame is clean already: what it was made from, its layer noisy, is cleaned");
   for (size_t c = 0; c < 3; ++c) frame.set(layer::beauty.channel(c), frame.at(layer::noisy.channel(c)));

@@ -86,6 +86,10 @@ std::vector<ForeignFrame> read_map(const std::filesystem::path& path, const ExrI
 /// The header entry with what a frame of a sequence is made from.
 inline constexpr const char* kMadeFrom = "filterInputs";
 
+/// How a frame is cleaned by the filter that is best for it: its noise is estimated from the picture where it has no
+/// statistics, which is told.
+ApplyOptions as_recommended(const ApplyOptions& how, const Layers& outline, const Host& host);
+
 /// Tells that a frame was filtered before, and has no noisy layer to go back to.
 void tell_clean(const std::string& filter, const Host& host);
 /// Puts what a clean frame was made from in the place of the picture.

@@ -84,9 +84,10 @@ TEST_F(Defaults, DenoiseTakesTheBestFilterThatTheLayersAllow) {
   const std::string usual = chosen(rendered(""), with_statistics);
   const std::string plain = chosen(frame("plain.exr", {layer::beauty}), with_nothing);
   EXPECT_GE(merit(best), merit(usual));
-  EXPECT_GT(merit(usual), merit(plain));
+  EXPECT_GE(merit(usual), merit(plain));
   EXPECT_TRUE(holds(with_nothing, "more of brume render would make it better")) << with_nothing;
-  EXPECT_TRUE(holds(with_nothing, "statistics for nfor")) << with_nothing;
+  EXPECT_TRUE(holds(with_nothing, "the frame has no statistics: its noise is estimated from the picture"))
+      << with_nothing;
 }
 
 TEST_F(Defaults, DenoiseCleansTheWholePictureAndThePapersProtocolTheIndirectLight) {

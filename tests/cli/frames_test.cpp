@@ -160,7 +160,7 @@ TEST_F(Frames, ACyclesFrameComesBackWithItsPassesCleanAndTheirSumExact) {
 
 TEST_F(Frames, WithoutAFilterItTakesTheBestThatTheFileAllows) {
   write({{cycles_header(Imf::FLOAT), cycles_value}});
-  EXPECT_TRUE(holds(denoise(""), "Env with sbf"));
+  EXPECT_TRUE(holds(denoise(""), "Env with least_risk"));
   expect_sum(out, false);
 }
 

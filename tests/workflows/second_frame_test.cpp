@@ -69,7 +69,7 @@ struct Denoised {
 TEST(SecondFrame, GivesAFrameOfColoursHalvesAndTwiceTheSamples) {
   // nfor runs on frames with halves alone.
   const Denoised done(picture(1), picture(2), "least_risk:network=none"), nfor(picture(1), picture(2), "nfor");
-  EXPECT_EQ(nfor.error.find("half"), std::string::npos) << nfor.error;
+  EXPECT_EQ(nfor.error, "");
   EXPECT_LT(rms(done.clean, "R"), 0.02) << done.error;
   const Denoised wide(picture(1, "ViewLayer.Combined."), picture(2, "ViewLayer.Combined."), "least_risk:network=none");
   EXPECT_LT(rms(wide.clean, "ViewLayer.Combined.R"), 0.02) << wide.error;
@@ -98,7 +98,8 @@ TEST(SecondFrame, SaysWhatIsWrongWithIt) {
   const auto holds = [](const std::string& text, const char* part) { return text.find(part) != std::string::npos; };
   EXPECT_TRUE(holds(error(picture(1), picture(1)), "b.exr: it has the very pixels of"));
   EXPECT_TRUE(holds(error(picture(1), Layers(picture(2)).cut({{0, 0}, {40, 48}})), "it has the pixels 0,0,40,48"));
-  EXPECT_TRUE(holds(error(picture(1), picture(2, "beauty.")), "it has no channel B")) << error(picture(1), picture(2, "beauty."));
+  EXPECT_TRUE(holds(error(picture(1), picture(2, "beauty.")), "it has no channel B"))
+      << error(picture(1), picture(2, "beauty."));
   Layers a = picture(1), b = picture(2);
   a.header["sceneHash"] = std::string("1");
   b.header["sceneHash"] = std::string("2");
