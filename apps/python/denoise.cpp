@@ -171,7 +171,8 @@ py::object denoise(const py::object& layers, const py::object& filter, const std
   if (!output.is_none()) {
     if (!is_path(layers)) throw InputError("output: is for files; expected layers to be a path");
     if (!guides.is_none() && !is_path(guides)) throw InputError("output: is for files; expected guides to be a path");
-    if (!second.is_none() && !is_path(second)) throw InputError("output: is for files; expected second to be a path");
+    if (!second.is_none() && !is_path(second))
+      throw InputError("output: is for files; expected second_frame to be a path");
     FrameFiles files;
     files.frame = to_path(layers);
     files.second = to_optional_path(second);
@@ -186,13 +187,13 @@ py::object denoise(const py::object& layers, const py::object& filter, const std
     throw InputError(
         "png, records, frame_numbers, resume, keep_file, suffix, map and samples are for files; expected output too");
   if (is_sequence_of_frames(layers) && !second.is_none())
-    throw InputError("second: is of one frame, or of files and output");
+    throw InputError("second_frame: is of one frame, or of files and output");
   if (is_sequence_of_frames(layers))
     return denoise_list(py::reinterpret_borrow<py::sequence>(layers), guides, options, threads, progress);
   if (options.extra_frames.value_or(0) > 0)
     throw InputError("extra_frames: are those of a sequence; expected a list of frames, or files and output");
   Given frame("the frame", layers), other, of_guides;
-  if (!second.is_none()) other = Given("second", second);
+  if (!second.is_none()) other = Given("second_frame", second);
   if (!guides.is_none()) of_guides = Given("the guides", guides);
   LayersPointer result;
   run_work({progress}, threads, [&](const Work& work) {
@@ -211,7 +212,7 @@ void bind_denoise(py::module_& module) {
   module.def("denoise", &denoise, py::arg("layers"), py::arg("filter") = py::none(), py::kw_only(),
              py::arg("component") = "all", py::arg("background") = "default", py::arg("noise") = "layers",
              py::arg("outliers") = "extreme", py::arg("features") = py::none(), py::arg("carry") = py::tuple(),
-             py::arg("guides") = py::none(), py::arg("second") = py::none(), py::arg("exposure") = "header",
+             py::arg("guides") = py::none(), py::arg("second_frame") = py::none(), py::arg("exposure") = "header",
              py::arg("tile") = 0, py::arg("extra_frames") = py::none(), py::arg("output") = py::none(),
              py::arg("png") = py::none(), py::arg("records") = py::none(), py::arg("frame_numbers") = py::none(),
              py::arg("resume") = false, py::arg("keep_file") = false, py::arg("suffix") = "",

@@ -40,7 +40,7 @@ ARGUMENT_TYPES = {
     "features": "Iterable[str] | str | None",
     "carry": "Iterable[str] | str",
     "guides": "Path | Layers | None",
-    "second": "Path | Layers | None",
+    "second_frame": "Path | Layers | None",
     "experiment": "Path | Iterable[Path]",
     # Not Iterable, which a mapping with anything as its values is, too.
     "filters": "Mapping[str, Filter | str] | Sequence[Filter | str] | Filter | str | None",
@@ -262,10 +262,10 @@ def denoise_stubs(brume):
     stubs.append(stub(name, in_memory, result, text, overload=True))
     lists = with_type(with_type(with_type(arguments, "output", "None"), "layers", "list[Any] | tuple[Any, ...]"),
                       "guides", "list[Any] | tuple[Any, ...] | None")
-    lists = with_type(lists, "second", "None")
+    lists = with_type(lists, "second_frame", "None")
     stubs.append(stub(name, lists, "list[Layers]", "A sequence in memory.", overload=True))
     files = required(with_type(with_type(arguments, "layers", "Path"), "guides", "Path | None"), "output", "Path")
-    files = with_type(files, "second", "Path | None")
+    files = with_type(files, "second_frame", "Path | None")
     stubs.append(stub(name, files, FRAME_NUMBERS + " | None", "From file to file.", overload=True))
     return "\n".join(stubs)
 

@@ -20,8 +20,6 @@ namespace layer {
 inline constexpr LayerName error_bound{"error_bound", "RGB", "of a filter: the error's stochastic bound"};
 inline constexpr LayerName sampling_map{"sampling_map", "Y",
                                         "of a filter: samples per pixel to take next, their mean being one"};
-inline constexpr LayerName whole{"whole", "Y",
-                                 "luminance of the picture of which a signal is a part, where parts are cleaned"};
 inline constexpr LayerName noisy{"noisy", "RGB", "of a frame with a clean picture on top: the raw one"};
 inline constexpr LayerName clean_direct{"clean_direct", "RGB",
                                         "of a filter that cleans the parts apart: direct, clean"};

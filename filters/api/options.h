@@ -42,6 +42,7 @@ struct ApplyOptions {
   std::vector<LayerName> carried = {};
   /// Which light the beauty of a frame is, where it is a part: direct or indirect; no name: the whole.
   LayerName light = {};
+  const Plane* whole = nullptr;  ///< luminance of the picture that it is a part of; null: it is all there is
   RecordReader* records = nullptr;
   std::vector<SequenceFrame> sequence = {};  ///< for filters that look through time
   bool keep_parts = false;  ///< store the direct and indirect light, where they are cleaned by themselves, as

@@ -224,8 +224,7 @@ void add_network(const FilterFrame& frame, const Data& data, std::vector<StoredP
 
 /// Errors count relative to brightness, as CIE-Lab sees them: of the whole picture, where the signal is a part of it.
 Plane weight_of_errors(const FilterFrame& frame, const Task& task) {
-  const Plane* const whole = frame.layers.find(layer::whole.channel(0));
-  const Plane light = gaussian_blur(whole ? *whole : luminance_of(frame.signal, task), kLightWindow, task);
+  const Plane light = gaussian_blur(frame.whole ? *frame.whole : luminance_of(frame.signal, task), kLightWindow, task);
   double total = 0;
   for (int y = 0; y < light.height(); ++y)
     for (const float v : light.pixels(y)) total += std::abs(static_cast<double>(v));
@@ -288,8 +287,11 @@ const FilterEntry entry =
         .paper("")
         .statistics(Statistics::kVariance, Statistics::kHalves)
         .features()
-        .can_use(layer::whole, layer::albedo, layer::normal)
+        .can_use(layer::albedo, layer::normal)
         .uses_weights(weights_in_use)
+        .within([](const Layers& layers, const LayerName&) {
+          return Box{0, 0, layers.width(), layers.height()};
+        })
         .seeded()
         .param("window", &LeastRisk::window, {1, 200}, "px",
                "deviation of the Gaussian in which candidates are weighed against each other")
@@ -298,8 +300,8 @@ const FilterEntry entry =
                "standard errors by which the data, or one candidate, must be proven better than the stack")
         .param("network", &LeastRisk::network, {"auto", "none"},
                "Open Image Denoise among the candidates: where its weights are there, or never")
-        .scratch(130)
-        .apron([](const LeastRisk& p) { return 48 + static_cast<int>(3 * p.window); })
+        .scratch(60)
+        .apron([](const LeastRisk&) { return 0; })
         .run(run);
 const Registration registration(entry);
 

@@ -15,7 +15,8 @@ struct FilterFrame {
   RgbPlanes signal;  ///< linear RGB: what the weights are made from
   RgbPlanes values;  ///< what is averaged: the signal, or a layer that is carried along with the signal's weights
   const Layers& layers;
-  double exposure = 1.0;  ///< from radiance to display; perceptual filters work on signal * exposure
+  double exposure = 1.0;         ///< from radiance to display; perceptual filters work on signal * exposure
+  const Plane* whole = nullptr;  ///< luminance of the picture that the signal is a part of; null: not known
   /// Coverage, where the rest of the picture is to be treated as background: pixels at 0 get the bilateral filter with
   /// the gradient-kernel paper's settings. Null: the filter treats every pixel.
   const Plane* medium = nullptr;

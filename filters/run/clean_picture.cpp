@@ -243,8 +243,8 @@ class SignalFilter {
   void operator()(const ForeignSignal& signal, const Task& task) {
     add_unique(result_.notes, adopt_signal(picture_, signal, file_, frame_));
     settle_variance(signal, frame_, result_.notes, task);
-    if (!whole_.empty() && !signal.factor) frame_.set(layer::whole.channel(0), whole_);
     ApplyOptions options = options_;
+    if (!whole_.empty() && !signal.factor) options.whole = &whole_;
     if (!picture_.passes.empty() && signal.name != kRest)
       options.light = signal.indirect ? layer::indirect : layer::direct;
     if (!has_variance(frame_)) {

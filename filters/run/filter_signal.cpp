@@ -62,6 +62,7 @@ void read_signal(Signal& s, const Layers& layers, const LayerName& name, const R
 struct Prepared {
   Signal signal;
   std::vector<Feature> features;
+  Plane whole;  // a view
   FilterFrame frame;
 
   Prepared(const Run& run, const Source& source, const Layers& layers, const LayerName& name, const Task& task)
@@ -100,6 +101,11 @@ PreparedFrames prepare(const Run& run, const std::vector<Source>& sources, const
     f.distance = sources[i].distance;
     f.origin = {tile.outer.x0, tile.outer.y0};
     f.all_guides = run.options.all_guides;
+    if (i == 0 && run.options.whole) {
+      const Box& b = tile.outer;
+      prepared[0]->whole = Plane::view(*run.options.whole, b.x0, b.y0, b.width(), b.height());
+      f.whole = &prepared[0]->whole;
+    }
     f.typical_luminance = level.typical_luminance;
     f.lab_noise = level.lab_noise;
   }
