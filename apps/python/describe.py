@@ -240,6 +240,8 @@ def parameter_of(p):
     name += "_" if keyword.iskeyword(name) else ""
     kind = "Literal[{}]".format(", ".join(map(repr, p["choices"]))) if "choices" in p else "float"
     default = p["default"]
+    if kind == "float" and isinstance(default, str):
+        kind = "str"
     # Floats are stored in single precision, which has seven digits.
     return name, kind, repr(float(f"{default:.7g}") if isinstance(default, float) else default)
 

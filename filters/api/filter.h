@@ -88,6 +88,7 @@ struct FilterEntry {
   Statistics statistics = Statistics::kNone;  ///< that it needs
   Statistics can_use_statistics = Statistics::kNone;
   bool signal_variance = true;  ///< whether the variance is among them
+  bool makes_halves = false;    ///< its defaults run as well on frames without halves
   /// Whether it weighs by features or regresses on them with these parameters, whichever the frame has; null: never.
   std::function<bool(const std::any&)> features;
   /// Which it takes where the caller names none; null: all.
@@ -196,6 +197,8 @@ class Declaration {
     entry_.can_use_statistics = useful;
     return *this;
   }
+  /// At its defaults reads halves where there are any, and makes do without.
+  Declaration& makes_halves() { return entry_.makes_halves = true, *this; }
   /// Of the statistics, reads the halves and not the variance.
   Declaration& no_variance() { return entry_.signal_variance = false, *this; }
   /// Reads the variance of the layers it needs or can use, where the frame has it.

@@ -32,7 +32,8 @@ bool can_run(const FilterSettings& filter, const Layers& frame, const ApplyOptio
   // Where halves are of use, the defaults use them.
   const FilterEntry& entry = filter.entry();
   const bool halves = has_halves(frame, signals_of(options).front());
-  return halves || entry.statistics == Statistics::kNone || entry.can_use_statistics < Statistics::kHalves;
+  return halves || entry.makes_halves || entry.statistics == Statistics::kNone ||
+         entry.can_use_statistics < Statistics::kHalves;
 }
 
 bool has_features(const Layers& frame) {

@@ -50,17 +50,25 @@ Rgb sum(const Rgb& a, float factor, const Rgb& b, const Task& task) {
   return out;
 }
 
-/// Another draw of the noise that the picture has: half of what its halves differ by; without halves normal numbers of
-/// its variance, alike in all colours.
+/// Another draw of the noise that the picture has: half of what its halves differ by, with the sign that makes its sum
+/// positive, whichever half is which; without halves normal numbers of its variance, alike in all colours.
 Rgb noise_of(const FilterFrame& frame, const Task& task) {
   Rgb noise;
+  if (!frame.half_a[0]) {
+    for (size_t c = 0; c < 3; ++c)
+      noise[c] = make_plane(frame.width(), frame.height(), quiet(task), [&](int x, int y) {
+        const ivec2 at = frame.origin + ivec2(x, y);
+        Rng random(SampleKey{.pixel = static_cast<uint32_t>(at.y * frame.frame_size.x + at.x)});
+        const double length = std::sqrt(-2 * std::log(random.uniform()));
+        return static_cast<float>(length * std::cos(2 * kPi * random.uniform())) *
+               std::sqrt((*frame.variance[c])(x, y));
+      });
+    return noise;
+  }
+  const double sign = sum_of(*frame.half_a[1]) < sum_of(*frame.half_b[1]) ? -0.5 : 0.5;
   for (size_t c = 0; c < 3; ++c)
     noise[c] = make_plane(frame.width(), frame.height(), quiet(task), [&](int x, int y) {
-      if (frame.half_a[0]) return 0.5f * ((*frame.half_a[c])(x, y) - (*frame.half_b[c])(x, y));
-      const ivec2 at = frame.origin + ivec2(x, y);
-      Rng random(SampleKey{.pixel = static_cast<uint32_t>(at.y * frame.frame_size.x + at.x)});
-      const double length = std::sqrt(-2 * std::log(random.uniform()));
-      return static_cast<float>(length * std::cos(2 * kPi * random.uniform())) * std::sqrt((*frame.variance[c])(x, y));
+      return static_cast<float>(sign) * ((*frame.half_a[c])(x, y) - (*frame.half_b[c])(x, y));
     });
   return noise;
 }
@@ -286,6 +294,7 @@ const FilterEntry entry =
             "Candidates: Gaussians of seven widths, each with what it leaves added back; regression on the frame's features; means over alike surroundings, looked for in what those make together, and where there are halves and features lines over them; Open Image Denoise's network, where `./run oidn` has fetched its weights. Two half images show the noise; without them it is drawn from the variance, which without statistics is estimated from the picture.")
         .paper("")
         .statistics(Statistics::kVariance, Statistics::kHalves)
+        .makes_halves()
         .features()
         .can_use(layer::albedo, layer::normal)
         .uses_weights(weights_in_use)
@@ -301,7 +310,7 @@ const FilterEntry entry =
         .param("network", &LeastRisk::network, {"auto", "none"},
                "Open Image Denoise among the candidates: where its weights are there, or never")
         .scratch(60)
-        .apron([](const LeastRisk&) { return 0; })
+        .apron([](const LeastRisk&) { return 1 << 20; })
         .run(run);
 const Registration registration(entry);
 

@@ -222,7 +222,7 @@ TEST(Commands, ExplainAndReplay) {
 
 TEST(Commands, FiltersAsJson) {
   const json j = json::parse(run_brume("filters --json").out);
-  EXPECT_EQ(j["filters"].size(), 20u);
+  EXPECT_EQ(j["filters"].size(), 22u);
   EXPECT_EQ(run_brume("filters trilateral").out.find("gaussian"), std::string::npos);
 }
 

@@ -157,7 +157,7 @@ TEST(Output, FiltersAreATableAndEachHasItsDetails) {
     EXPECT_TRUE(holds("\n" + details, "\n" + name + "\n")) << name;
     ++filters;
   }
-  EXPECT_EQ(filters, 20);
+  EXPECT_EQ(filters, 22);
   EXPECT_LE(std::count(table.begin(), table.end(), '\n'), filters + 3);
   EXPECT_TRUE(holds(run_brume("filters bilateral").out, "--sigma-range"));
 }
