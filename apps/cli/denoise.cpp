@@ -49,8 +49,10 @@ DenoiseOptions parsed(const Options& o) {
 int run_sequence(const Options& o, const DenoiseOptions& options, const Host& host) {
   const std::vector<int> frames = parse_frames(o.frames);
   const FrameFiles& names = o.files;
-  for (const auto& [option, name] :
-       {std::pair("FRAME", &names.frame), {"--second", &names.second}, {"-o", &names.output}, {"--png", &names.preview}})
+  for (const auto& [option, name] : {std::pair("FRAME", &names.frame),
+                                     {"--second", &names.second},
+                                     {"-o", &names.output},
+                                     {"--png", &names.preview}})
     check_pattern(option, *name, frames);
   if (!o.video.empty()) {
     if (names.preview.empty())
@@ -113,8 +115,9 @@ void add_denoise(CLI::App& app, Common& common, Commands& commands) {
       ->allow_extra_args(false);
   command("-o,--output", o.files.output, "EXR to write; with several filters OUT.FILTER.exr each")->required();
   command("--png", o.files.preview, "also write a PNG");
-  command("--second", o.files.second,
-          "EXR of the same frame by another seed, of any renderer: the mean of both is cleaned, and the two are the halves that show its noise");
+  command(
+      "--second", o.files.second,
+      "EXR of the same frame by another seed, of any renderer: the mean of both is cleaned, and the two are the halves that show its noise");
   add_file_options(command, o.denoise.file);
   command("--guides", o.files.guides,
           "EXR with guides of this frame, by brume guides: what is known of the light without noise");

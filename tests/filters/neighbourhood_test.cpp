@@ -1,7 +1,6 @@
 // What filters are built from, against definitions written out in double.
 
 #include "filters/patch/neighbourhood.h"
-#include "filters/patch/picture_noise.h"
 
 #include <gtest/gtest.h>
 
@@ -13,6 +12,7 @@
 #include "filters/inputs/noise.h"
 #include "filters/kernels/histogram.h"
 #include "filters/kernels/regression.h"
+#include "filters/patch/picture_noise.h"
 #include "filters/patch/student.h"
 #include "filters/per_sample/mutual_information.h"
 #include "filters/regression/guided_filter.h"
