@@ -12,22 +12,15 @@
 #include <thread>
 
 #include "base/error.h"
+#include "tests/support/error_of.h"
 #include "tests/support/files.h"
 
 namespace brume {
 namespace {
 
+using test::error_of;
 namespace fs = std::filesystem;
 using Words = std::vector<std::string>;
-
-std::string error_of(const std::function<void()>& work) {
-  try {
-    work();
-  } catch (const InputError& error) {
-    return error.what();
-  }
-  return "";
-}
 
 Command shell(const std::string& script) {
   Command command;

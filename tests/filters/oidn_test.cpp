@@ -17,12 +17,14 @@
 #include "filters/learned/tza.h"
 #include "filters/learned/unet.h"
 #include "filters/run/apply.h"
+#include "tests/support/error_of.h"
 #include "tests/support/files.h"
 #include "tests/support/frames.h"
 
 namespace brume {
 namespace {
 
+using test::error_of;
 namespace fs = std::filesystem;
 
 template <class Number>
@@ -374,15 +376,6 @@ TEST(Oidn, TwiceTheLightIsTwiceTheResult) {
                b = apply_filter(weights.filter("color"), bright, beauty_alone(), {});
   for (int y = 0; y < 40; ++y)
     for (int x = 0; x < 50; ++x) ASSERT_NEAR(b.at("G")(x, y), 2 * a.at("G")(x, y), 1e-4 * (1 + b.at("G")(x, y)));
-}
-
-std::string error_of(const std::function<void()>& work) {
-  try {
-    work();
-  } catch (const InputError& error) {
-    return error.what();
-  }
-  return "";
 }
 
 TEST(Oidn, SaysWhatIsMissing) {
