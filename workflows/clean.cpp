@@ -90,7 +90,16 @@ LayerRequest Cleaner::request(const LayerRequest& wanted, int samples) {
   for (const LayerName& l : entry.needs) record(l);
   request.statistics = true;
   request.buckets = request.buckets || entry.statistics == Statistics::kBuckets;
-  request.guides = request.guides || entry.guides;
+  const std::vector<std::string> preferred = filter_.preferred_features();
+  request.guides = request.guides || entry.guides ||
+                   std::any_of(preferred.begin(), preferred.end(), FeaturePlan::is_of_guides);
+  if (!request.guides) {  // what it would miss without them
+    std::vector<LayerName> helpful = entry.can_use;
+    if (filter_.uses_features())
+      helpful.insert(helpful.end(), FeaturePlan::sources().begin(), FeaturePlan::sources().end());
+    for (const RecordedLayer& l : recordable_layers())
+      if (std::find(helpful.begin(), helpful.end(), l.name) != helpful.end()) record(l.name);
+  }
   try {
     apply_filter(filter_, trial_frame(request, samples), options_of(exposure_, outliers_), {});
   } catch (const InputError& error) {

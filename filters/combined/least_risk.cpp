@@ -50,9 +50,9 @@ Rgb sum(const Rgb& a, float factor, const Rgb& b, const Task& task) {
   return out;
 }
 
-/// Another draw of the noise that the picture has: half of what its halves differ by, with the sign that makes its sum
-/// positive, whichever half is which; without halves normal numbers of its variance, alike in all colours.
-Rgb noise_of(const FilterFrame& frame, const Task& task) {
+/// Another draw of the noise that the picture has: half of what its halves differ by; without halves normal numbers of
+/// its variance, alike in all colours.
+Rgb noise_of(const FilterFrame& frame, float sign, const Task& task) {
   Rgb noise;
   if (!frame.half_a[0]) {
     for (size_t c = 0; c < 3; ++c)
@@ -65,10 +65,9 @@ Rgb noise_of(const FilterFrame& frame, const Task& task) {
       });
     return noise;
   }
-  const double sign = sum_of(*frame.half_a[1]) < sum_of(*frame.half_b[1]) ? -0.5 : 0.5;
   for (size_t c = 0; c < 3; ++c)
     noise[c] = make_plane(frame.width(), frame.height(), quiet(task), [&](int x, int y) {
-      return static_cast<float>(sign) * ((*frame.half_a[c])(x, y) - (*frame.half_b[c])(x, y));
+      return 0.5f * sign * ((*frame.half_a[c])(x, y) - (*frame.half_b[c])(x, y));
     });
   return noise;
 }
@@ -80,7 +79,8 @@ class Data {
  public:
   Data(const FilterFrame& frame, const Task& task)
       : task_(task),
-        noise(noise_of(frame, task)),
+        sign(frame.half_a[0] && sum_of(*frame.half_a[1]) < sum_of(*frame.half_b[1]) ? -1.0f : 1.0f),
+        noise(noise_of(frame, sign, task)),
         here{*frame.signal[0], *frame.signal[1], *frame.signal[2]},
         moved(sum(here, kStep, noise, task)),
         halves(halves_of(here, noise)) {}
@@ -97,6 +97,7 @@ class Data {
     return halves_of(result_here, slope);
   }
 
+  const float sign;  ///< of half A in the noise, which makes its sum positive, whichever half is which
   const Rgb noise, here, moved;
   const HalfPair halves;
 };
@@ -123,18 +124,44 @@ void add_gaussians(const Data& data, std::vector<StoredPair>& candidates, const 
   }
 }
 
+/// What tells pixels apart, noise that it has averaged away over what is alike in it; and the same of features moved
+/// along their noise, which is often the picture's, as that of opacity.
+struct SmoothFeatures {
+  std::vector<Plane> here, moved;
+
+  SmoothFeatures(const FilterFrame& frame, const Data& data, const Task& task) {
+    for (const Feature& f : *frame.features) {
+      const bool noisy =
+          std::any_of(f.variance.begin(), f.variance.end(), [](const Plane& v) { return any_above_0(v); });
+      std::vector<Plane> along = f.mean;
+      for (size_t i = 0; i < along.size() && noisy; ++i) {
+        add_to(along[i], data.sign * 0.5f * kStep, f.half_a[i], task);
+        add_to(along[i], data.sign * -0.5f * kStep, f.half_b[i], task);
+      }
+      for (const auto& [to, mean] :
+           {std::pair(&here, &f.mean), std::pair(&moved, static_cast<const std::vector<Plane>*>(&along))})
+        for (Plane& plane : noisy ? smooth(*mean, f.variance, task) : std::vector(*mean))
+          to->push_back(std::move(plane));
+    }
+  }
+
+ private:
+  static std::vector<Plane> smooth(const std::vector<Plane>& mean, const std::vector<Plane>& variance,
+                                   const Task& task) {
+    WeightModel model;
+    model.distances.push_back(noise_distance(pointers(mean), pointers(variance), kFeaturePatch, kFeatureStrength));
+    return weighted_average(model, square_window(kFeatureRadius), pointers(mean), quiet(task)).values;
+  }
+};
+
 /// In every window a linear function of the features, where there are any.
-void add_fits(const FilterFrame& frame, const Data& data, std::vector<StoredPair>& candidates, const Task& task) {
-  std::vector<const Plane*> features, inputs;
-  for (const Feature& f : *frame.features)
-    for (const Plane& plane : f.mean) features.push_back(&plane);
-  if (features.empty()) return;
-  for (const Rgb* rgb : {&data.here, &data.noise})
-    for (const Plane& plane : *rgb) inputs.push_back(&plane);
+void add_fits(const Data& data, const SmoothFeatures& features, std::vector<StoredPair>& candidates, const Task& task) {
+  if (features.here.empty()) return;
   for (const int radius : kFitRadii) {
-    std::vector<Plane> fit = guided_filter(inputs, features, radius, kRidge, quiet(task));
-    const Rgb slope = {std::move(fit[3]), std::move(fit[4]), std::move(fit[5])};
-    candidates.emplace_back(data.halves_of(rgb_of(std::move(fit)), slope), task);
+    const auto fit = [&](const Rgb& noisy, const std::vector<Plane>& by) {
+      return rgb_of(guided_filter(view(noisy), pointers(by), radius, kRidge, quiet(task)));
+    };
+    candidates.emplace_back(data.halves_along(fit(data.here, features.here), fit(data.moved, features.moved)), task);
   }
 }
 
@@ -183,28 +210,16 @@ void add_means_of_alike(const Data& data, const Pilot& pilot, std::vector<Stored
                             task);
 }
 
-/// A feature, noise that it has averaged away over what is alike in it.
-std::vector<Plane> smooth(const Feature& f, const Task& task) {
-  if (std::none_of(f.variance.begin(), f.variance.end(), [](const Plane& v) { return any_above_0(v); })) return f.mean;
-  WeightModel model;
-  model.distances.push_back(noise_distance(pointers(f.mean), pointers(f.variance), kFeaturePatch, kFeatureStrength));
-  return weighted_average(model, square_window(kFeatureRadius), pointers(f.mean), quiet(task)).values;
-}
-
 /// In every window a line in position and features, over pixels in alike surroundings.
-void add_lines(const FilterFrame& frame, const Data& data, const Pilot& pilot, std::vector<StoredPair>& candidates,
-               const Task& task) {
-  std::vector<Plane> features;
-  for (const Feature& f : *frame.features)
-    for (Plane& plane : smooth(f, task)) features.push_back(std::move(plane));
-  if (features.empty()) return;
-  const auto lines = [&](const Rgb& noisy, bool moved, const Task& part) {
-    RegressionFrame window{pilot.weights(kLineStrength, moved), pointers(features), {}};
-    for (const Plane& plane : noisy) window.values.push_back(&plane);
+void add_lines(const Data& data, const SmoothFeatures& features, const Pilot& pilot,
+               std::vector<StoredPair>& candidates, const Task& task) {
+  if (features.here.empty()) return;
+  const auto lines = [&](const Rgb& noisy, const std::vector<Plane>& by, bool moved, const Task& part) {
+    RegressionFrame window{pilot.weights(kLineStrength, moved), pointers(by), {&noisy[0], &noisy[1], &noisy[2]}};
     return rgb_of(collaborative_regression({&window, 1}, kLineRadius, part));
   };
-  const Rgb here = lines(data.here, false, share(task, 0, 0.5));
-  candidates.emplace_back(data.halves_along(here, lines(data.moved, true, share(task, 0.5, 1))), task);
+  const Rgb here = lines(data.here, features.here, false, share(task, 0, 0.5));
+  candidates.emplace_back(data.halves_along(here, lines(data.moved, features.moved, true, share(task, 0.5, 1))), task);
 }
 
 /// Which of Open Image Denoise's weights are there; empty: none, or they are not wanted.
@@ -252,7 +267,8 @@ void run(const LeastRisk& p, const FilterFrame& frame, const FilterOutput& out, 
   };
   std::vector<StoredPair> candidates;
   add_gaussians(data, candidates, task);
-  add_fits(frame, data, candidates, task);
+  const SmoothFeatures features(frame, data, task);
+  add_fits(data, features, candidates, task);
   task.report(0.2);
   // All these are linear, but for the features' noise. What they make together is a candidate, and where alike
   // surroundings are looked for.
@@ -262,7 +278,7 @@ void run(const LeastRisk& p, const FilterFrame& frame, const FilterOutput& out, 
   const Pilot pilot(linear, frame, task);
   add_means_of_alike(data, pilot, candidates, share(task, 0.2, 0.4));
   // Without halves single bright samples are not known as noise, and lines follow them.
-  if (frame.half_a[0]) add_lines(frame, data, pilot, candidates, share(task, 0.4, 0.5));
+  if (frame.half_a[0]) add_lines(data, features, pilot, candidates, share(task, 0.4, 0.5));
   if (!weights_in_use(p).empty()) add_network(frame, data, candidates, share(task, 0.5, 0.9));
 
   // Stacking chooses by means over windows; where the data prove better on a smaller scale, or one candidate does, the

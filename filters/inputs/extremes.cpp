@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "filters/inputs/guide_layers.h"
 #include "filters/inputs/noise.h"
 #include "image/color.h"
 
@@ -59,9 +60,23 @@ float scaled(float value, double factor, bool squared) {
   return static_cast<float>(static_cast<double>(value) * (squared ? factor * factor : factor));
 }
 
-/// Adds to `factor` what returns the light taken from a pixel to its neighbourhood, as a share of the picture.
+/// What the guides expect of one colour of a signal; empty where the frame has none.
+Plane predicted(const Layers& frame, const LayerName& signal, size_t c, const Task& task) {
+  Plane sum;
+  for (const auto& [part, guide] : {std::pair(layer::direct, guide_layer::predicted_direct),
+                                    std::pair(layer::indirect, guide_layer::predicted_indirect)}) {
+    if (!(signal == part || signal == layer::beauty) || !frame.has(guide)) continue;
+    if (sum.empty()) sum = Plane(frame.width(), frame.height());
+    const Plane& part_of = frame.at(guide.channel(c));
+    for_each_pixel(frame.width(), frame.height(), quiet(task), [&](int x, int y) { sum(x, y) += part_of(x, y); });
+  }
+  return sum;
+}
+
+/// Adds to `factor` what returns the light taken from a pixel to its neighbourhood, as a share of the picture: at most
+/// kMostReturn, or what is there less than `expected`.
 /// @return what is lost
-double redistribute(double taken, const Extreme& from, const Plane& picture, Plane& factor) {
+double redistribute(double taken, const Extreme& from, const Plane& picture, const Plane& expected, Plane& factor) {
   const int width = picture.width(), height = picture.height(), radius = static_cast<int>(3 * kReturnWindow);
   std::vector<double> falloff(static_cast<size_t>(radius) + 1);
   for (size_t d = 0; d < falloff.size(); ++d)
@@ -69,14 +84,19 @@ double redistribute(double taken, const Extreme& from, const Plane& picture, Pla
   const auto weight = [&](int x, int y) {
     return falloff[static_cast<size_t>(std::abs(x - from.x))] * falloff[static_cast<size_t>(std::abs(y - from.y))];
   };
-  double light = 0;
-  for_each_around(from.x, from.y, radius, width, height,
-                  [&](int x, int y) { light += weight(x, y) * static_cast<double>(std::max(0.0f, picture(x, y))); });
-  const double share = light > 0 ? std::min(taken / light, kMostReturn) : 0.0;
+  double light = 0, given = 0, wanted = 0;
+  for_each_around(from.x, from.y, radius, width, height, [&](int x, int y) {
+    const double here = weight(x, y) * static_cast<double>(std::max(0.0f, picture(x, y)));
+    light += here;
+    given += here * static_cast<double>(factor(x, y));
+    if (!expected.empty()) wanted += weight(x, y) * static_cast<double>(std::max(0.0f, expected(x, y)));
+  });
+  const double most = std::max(kMostReturn, light > 0 ? (wanted - given) / light : 0.0);
+  const double share = light > 0 ? std::min(taken / light, most) : 0.0;
   for_each_around(from.x, from.y, radius, width, height, [&](int x, int y) {
     if (picture(x, y) > 0) factor(x, y) += static_cast<float>(share * weight(x, y));
   });
-  return share < kMostReturn && light > 0 ? 0.0 : taken - share * light;
+  return share < most && light > 0 ? 0.0 : taken - share * light;
 }
 
 }  // namespace
@@ -142,12 +162,13 @@ Extremes limit_extremes(Layers& frame, const LayerName& signal, const std::vecto
         removed.emplace_back(e, std::max(0.0, off));
       for (const auto& [plane, squared] : planes) (*plane)(e.x, e.y) = scaled((*plane)(e.x, e.y), e.factor, squared);
     }
+    if (removed.empty()) continue;
+    const Plane expected = predicted(frame, signal, c, task);
     Plane factor(width, height, 1.0f);
     for (const auto& [from, light] : removed) {
       taken[static_cast<int>(c)] += light;
-      lost[static_cast<int>(c)] += redistribute(light, from, mean, factor);
+      lost[static_cast<int>(c)] += redistribute(light, from, mean, expected, factor);
     }
-    if (removed.empty()) continue;
     for (const auto& [plane, squared] : planes)
       for_each_row(height, quiet(task), [&, plane = plane, squared = squared](int y) {
         for (int x = 0; x < width; ++x)

@@ -28,7 +28,8 @@ struct Extremes {
 
 /// Keeps single pixels from deciding about their whole neighbourhood, in any filter. One sample is brought down to the
 /// level of its surroundings. What it loses goes to its neighbourhood (Gaussian, 32 px) in proportion to the light
-/// there, each colour by itself, but a single pixel adds no more than 3 % to it; the rest is lost. What is real is
+/// there, each colour by itself, but a single pixel adds no more than 3 % to it, or than the guides' prediction says is
+/// missing there; the rest is lost. What is real is
 /// brought down for the filter, too, and `aside` holds what is to be put back. The signal's mean, halves, buckets and
 /// variance change alike.
 Extremes limit_extremes(Layers& frame, const LayerName& signal, const std::vector<Extreme>& found, const Task& task);

@@ -80,6 +80,8 @@ std::vector<StoredPair> cascade(RegressionInputs& inputs, const CascadeSettings&
   const auto window = [&](double share) {
     return LatticeWindow{settings.window * share, settings.ridge, settings.ridge_per_pixel};
   };
+  if (const Rgb& expected = inputs[0].known.expected; !expected[0].empty())
+    fits.candidates.emplace_back(HalfPair{expected, expected}, task);
   fits.refine({Fit::kPredicted, {0, kGlobalRidge, 0}, inputs[0].known[Fit::kPredicted].size()});
   fits.refine_aside({{Fit::kShape, window(1)}, {Fit::kShape, window(0.5)}, {Fit::kShape, window(0.25)}});
   task.report(0.35);

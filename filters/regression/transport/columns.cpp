@@ -216,6 +216,12 @@ TransportColumns::TransportColumns(const FilterFrame& frame, const Plane& one, c
     if (g.kind != GuideClass::kOpacity && !is_early(g)) add(role_of(g, signal), g);
   for (const Guide& g : guides)
     if (uses(role_of(g, signal), signal) & L) add_features_of(g, features, task);
+  for (const Guide& g : guides)
+    if (role_of(g, signal) == kExpected)
+      for (size_t c = 0; c < 3; ++c) {
+        if (expected[c].empty()) expected[c] = Plane(frame.width(), frame.height());
+        add_to(expected[c], 1, g.channels[c % g.channels.size()].plane(), task);
+      }
   bright = brightness_of(guides, signal, task, frame.width(), frame.height());
   if (const auto normal = planes_of(guides, "normal"); !normal.empty())
     surfaces = SurfaceShares(normal, planes_of(guides, "surface_material"), task);

@@ -43,6 +43,7 @@ struct TransportColumns {
   Plane mask;                   ///< 1 where guides know anything, or the halves differ
   std::vector<Plane> features;  ///< what tells pixels apart, each at most 1
   Plane bright;                 ///< a first idea of the brightness
+  Rgb expected;                 ///< the prediction of the signal; empty where there is none
   SurfaceShares surfaces;
   std::vector<std::string> names;
   bool guided = true;
