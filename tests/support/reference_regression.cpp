@@ -74,7 +74,11 @@ class Reference {
     const bool surfaces =
         std::any_of(guides.begin(), guides.end(), [&](const auto& g) { return first(g.first) == "surface"; });
     if (surfaces || (direct_ && !guides.contains("background"))) add({{'Y', Values::Ones(n_)}}, every);
-    if (guides.contains(expected)) add(guides.at(expected), {kPredicted, kShape});
+    if (guides.contains(expected)) {
+      add(guides.at(expected), {kPredicted, kShape});
+      const Colours& prediction = columns_[kPredicted].back();
+      candidates_.push_back({prediction, prediction});
+    }
     if (direct_ && guides.contains("background")) add(guides.at("background"), {kAll, kMedium, kFew});
     base_ = columns_[kAll].size();
     for (const auto& [name, guide] : guides)

@@ -17,7 +17,7 @@ using Halves = std::array<Colours, 2>;
 struct ReferenceRegression {
   Values mask;                     ///< 1 where pixels are cleaned
   Halves data;                     ///< outliers drawn in
-  std::vector<Halves> candidates;  ///< the fits of the cascade, and the data
+  std::vector<Halves> candidates;  ///< the prediction, the fits of the cascade, and the data
   Halves stacked;                  ///< what stacking makes of them
 };
 
