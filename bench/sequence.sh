@@ -2,16 +2,16 @@
 # What filters gain from looking through time (docs/sequences.md): sixteen frames of smoke, each filter alone and with as many
 # frames on either side as it declares; camera at rest, circling, and panning.
 #
-#   bench/sequence.sh BRUME FOLDER [FILTER ...]
+#   bench/sequence.sh BRUME FOLDER [FILTER ...]            KINDS="rest circle pan"; oidn needs ./run oidn
 set -eu
 cd "$(dirname "$0")/.."
 brume=$1 folder=$2
 shift 2
-filters=${*:-transport_regression nfor nl_means gradient_kernel virtual_flash}
+filters=${*:-transport_regression least_risk oidn nfor nl_means gradient_kernel virtual_flash}
 layers=direct,indirect,gradient,gradient_transmittance_weighted,coverage,transmittance,optical_depth,albedo,single,flash,guides
 number() { awk "BEGIN { printf \"%.6f\", $1 }"; }
 
-for kind in rest circle pan; do
+for kind in ${KINDS:-rest circle pan}; do
   mkdir -p "$folder/$kind"
   for frame in $(seq 22 37); do
     position="0,-6,1.15" look="0,0,1.15" x=$(number "0.12 * ($frame - 22)")
