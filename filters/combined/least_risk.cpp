@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <deque>
 
 #include "base/error.h"
 #include "base/math.h"
@@ -41,6 +42,10 @@ constexpr float kLineStrength = 1.5f, kFeatureStrength = 0.5f;
 
 Rgb rgb_of(std::vector<Plane> planes) {
   return {std::move(planes[0]), std::move(planes[1]), std::move(planes[2])};
+}
+
+std::vector<const Plane*> planes_of(const Rgb& rgb) {
+  return {&rgb[0], &rgb[1], &rgb[2]};
 }
 
 /// a + factor * b
@@ -91,10 +96,13 @@ class Data {
     return {sum(result, 1, slope, task_), sum(result, -1, slope, task_)};
   }
   HalfPair halves_along(const Rgb& result_here, const Rgb& result_moved) const {
-    Rgb slope = sum(result_moved, -1, result_here, task_);
-    for (Plane& plane : slope)
+    return halves_of(result_here, slope(result_here, result_moved));
+  }
+  Rgb slope(const Rgb& result_here, const Rgb& result_moved) const {
+    Rgb out = sum(result_moved, -1, result_here, task_);
+    for (Plane& plane : out)
       for_each_pixel(plane.width(), plane.height(), quiet(task_), [&](int x, int y) { plane(x, y) /= kStep; });
-    return halves_of(result_here, slope);
+    return out;
   }
 
   const float sign;  ///< of half A in the noise, which makes its sum positive, whichever half is which
@@ -103,7 +111,9 @@ class Data {
 };
 
 /// Gaussians and the Gaussians of what they leave, 2 G - G G, whose bias is of the fourth order of their width.
-void add_gaussians(const Data& data, std::vector<StoredPair>& candidates, const Task& task) {
+/// @param slope  of the picture along the noise
+void add_gaussians(const Data& data, const Rgb& picture, const Rgb& slope, std::vector<StoredPair>& candidates,
+                   const Task& task) {
   const auto blurred = [&](int k) {
     const double deviation = kNarrowest * std::pow(2, 0.5 * k);
     const auto blur = [&](const Rgb& of) {
@@ -111,7 +121,7 @@ void add_gaussians(const Data& data, std::vector<StoredPair>& candidates, const 
       for (size_t c = 0; c < 3; ++c) out[c] = gaussian_blur(of[c], deviation, task);
       return out;
     };
-    return data.halves_of(blur(data.here), blur(data.noise));
+    return data.halves_of(blur(picture), blur(slope));
   };
   HalfPair narrow = blurred(0);
   for (int k = 1; k <= kGaussians; ++k) {
@@ -165,6 +175,25 @@ void add_fits(const Data& data, const SmoothFeatures& features, std::vector<Stor
   }
 }
 
+/// Errors count relative to brightness, as CIE-Lab sees them: of the whole picture, where the signal is a part of it.
+Plane weight_of_errors(const FilterFrame& frame, const Task& task) {
+  const Plane light = gaussian_blur(frame.whole ? *frame.whole : luminance_of(frame.signal, task), kLightWindow, task);
+  double total = 0;
+  for (int y = 0; y < light.height(); ++y)
+    for (const float v : light.pixels(y)) total += std::abs(static_cast<double>(v));
+  const auto scale = static_cast<float>(total > 0 ? static_cast<double>(light.width()) * light.height() / total : 0.0);
+  return make_plane(light.width(), light.height(), quiet(task),
+                    [&](int x, int y) { return std::pow(scale * std::abs(light(x, y)) + 0.05f, -4.0f / 3); });
+}
+
+HalfPair stacked(const std::vector<StoredPair>& candidates, const Data& data, const Plane& weight, const LeastRisk& p,
+                 const Task& task) {
+  return blend(candidates, data.halves,
+               stacking_weights(candidates, data.halves, weight,
+                                {static_cast<double>(p.window), static_cast<double>(p.caution)}, task),
+               task);
+}
+
 /// A nearly clean picture, by which pixels in alike surroundings are found; and the same moved along the noise.
 class Pilot {
  public:
@@ -175,13 +204,18 @@ class Pilot {
           return (*frame.variance[0])(x, y) + (*frame.variance[1])(x, y) + (*frame.variance[2])(x, y);
         })) {}
 
-  /// exp(-d / k^2), d the mean squared distance of 3 x 3 pixels in units of the noisy picture's variance.
-  WeightModel weights(float k, bool moved) const {
+  /// exp(-d / k^2), d the mean squared distance of 3 x 3 pixels to those of `there`, in units of the noisy pictures'
+  /// variance. The noise of other frames does not move with this one's.
+  WeightModel weights(float k, bool moved, const Pilot& there) const {
     WeightModel model;
     Distance& d = model.distances.emplace_back();
     d.kind = Distance::Kind::kRatio;
-    d.guide = moved ? pointers_to(moved_) : pointers_to(here_);
+    d.guide = planes_of(moved ? moved_ : here_);
     d.variance = {&variance_};
+    if (&there != this) {
+      d.guide_there = planes_of(there.here_);
+      d.variance_there = {&there.variance_};
+    }
     d.floor = 1e-20f;
     d.scale = 1 / (k * k);
     d.patch = box_patch(1);
@@ -189,37 +223,108 @@ class Pilot {
   }
 
  private:
-  static std::vector<const Plane*> pointers_to(const Rgb& rgb) { return {&rgb[0], &rgb[1], &rgb[2]}; }
-
   Rgb here_, moved_;
   Plane variance_;
 };
 
-/// Means over pixels in alike surroundings, one candidate for each strength.
-void add_means_of_alike(const Data& data, const Pilot& pilot, std::vector<StoredPair>& candidates, const Task& task) {
-  const auto means = [&](const Rgb& noisy, bool moved, const Task& part) {
-    std::vector<Variant> variants;
-    for (const float k : kStrengths) variants.push_back({1 / (k * k), nullptr, {}});
-    return weighted_averages(pilot.weights(1, moved), square_window(kSearchRadius), variants, view(noisy), nullptr,
-                             part);
+/// A frame of a sequence.
+struct Frame {
+  const FilterFrame& frame;
+  Data data;
+  SmoothFeatures features;
+  HalfPair linear;  ///< what candidates make of it together that are linear, but for the features' noise
+  Pilot pilot;      ///< the same: where alike surroundings are looked for
+  Rgb moved;        ///< as it is, or moved, where it shows the frame to clean, along that frame's noise
+
+  /// @param nearby  of the frame to clean: the others; else none
+  /// @param cleaned  of the others: the frame to clean
+  Frame(const FilterFrame& of, const LeastRisk& p, const std::deque<Frame>& nearby, const Data* cleaned,
+        const Task& task)
+      : frame(of),
+        data(of, task),
+        features(of, data, task),
+        linear(stacked(linear_candidates(nearby, task), data, weight_of_errors(of, task), p, task)),
+        pilot(linear, of, task),
+        moved(cleaned ? moved_with(*cleaned, task) : data.moved) {}
+
+  const Rgb& noisy(bool along) const { return along ? moved : data.here; }
+
+ private:
+  std::vector<StoredPair> linear_candidates(const std::deque<Frame>& nearby, const Task& task) const {
+    std::vector<StoredPair> candidates;
+    add_gaussians(data, data.here, data.noise, candidates, task);
+    add_fits(data, features, candidates, task);
+    if (nearby.empty()) return candidates;
+    Rgb here = data.here, along = data.moved;
+    const float share = 1.0f / static_cast<float>(nearby.size() + 1);
+    for (size_t c = 0; c < 3; ++c) {
+      for (const Frame& other : nearby) {
+        add_to(here[c], 1, other.noisy(false)[c], task);
+        add_to(along[c], 1, other.noisy(true)[c], task);
+      }
+      for (Plane* const sum : {&here[c], &along[c]})
+        for_each_pixel(sum->width(), sum->height(), quiet(task), [&](int x, int y) { (*sum)(x, y) *= share; });
+    }
+    add_gaussians(data, here, data.slope(here, along), candidates, task);
+    return candidates;
+  }
+  /// Where nothing of another frame was found, alignment shows the frame to clean.
+  Rgb moved_with(const Data& cleaned, const Task& task) const {
+    Rgb out = data.here;
+    for_each_pixel(frame.width(), frame.height(), quiet(task), [&](int x, int y) {
+      for (size_t c = 0; c < 3; ++c)
+        if (data.here[c](x, y) != cleaned.here[c](x, y)) return;
+      for (size_t c = 0; c < 3; ++c) out[c](x, y) = cleaned.moved[c](x, y);
+    });
+    return out;
+  }
+};
+
+/// Means over pixels in alike surroundings, in all frames, one candidate for each strength.
+void add_means_of_alike(const Frame& own, const std::deque<Frame>& nearby, std::vector<StoredPair>& candidates,
+                        const Task& task) {
+  const std::vector<Offset> window = square_window(kSearchRadius);
+  const auto means = [&](bool moved, const Task& part) {
+    std::vector<Rgb> found;
+    if (nearby.empty()) {
+      std::vector<Variant> variants;
+      for (const float k : kStrengths) variants.push_back({1 / (k * k), nullptr, {}});
+      for (Averages& of : weighted_averages(own.pilot.weights(1, moved, own.pilot), window, variants,
+                                            view(own.noisy(moved)), nullptr, part))
+        found.push_back(rgb_of(std::move(of.values)));
+      return found;
+    }
+    for (const float k : kStrengths) {
+      std::vector<Slice> slices;
+      const auto add = [&](const Frame& f) {
+        slices.push_back({own.pilot.weights(k, moved, f.pilot), window, planes_of(f.noisy(moved))});
+      };
+      add(own);
+      for (const Frame& other : nearby) add(other);
+      found.push_back(rgb_of(average_over_frames(slices, view(own.noisy(moved)), part)));
+    }
+    return found;
   };
-  std::vector<Averages> here = means(data.here, false, share(task, 0, 0.5)),
-                        moved = means(data.moved, true, share(task, 0.5, 1));
-  for (size_t i = 0; i < here.size(); ++i)
-    candidates.emplace_back(data.halves_along(rgb_of(std::move(here[i].values)), rgb_of(std::move(moved[i].values))),
-                            task);
+  const std::vector<Rgb> here = means(false, share(task, 0, 0.5)), moved = means(true, share(task, 0.5, 1));
+  for (size_t i = 0; i < here.size(); ++i) candidates.emplace_back(own.data.halves_along(here[i], moved[i]), task);
 }
 
-/// In every window a line in position and features, over pixels in alike surroundings.
-void add_lines(const Data& data, const SmoothFeatures& features, const Pilot& pilot,
-               std::vector<StoredPair>& candidates, const Task& task) {
-  if (features.here.empty()) return;
-  const auto lines = [&](const Rgb& noisy, const std::vector<Plane>& by, bool moved, const Task& part) {
-    RegressionFrame window{pilot.weights(kLineStrength, moved), pointers(by), {&noisy[0], &noisy[1], &noisy[2]}};
-    return rgb_of(collaborative_regression({&window, 1}, kLineRadius, part));
+/// In every window a line in position and features, over pixels in alike surroundings, in all frames.
+void add_lines(const Frame& own, const std::deque<Frame>& nearby, std::vector<StoredPair>& candidates,
+               const Task& task) {
+  if (own.features.here.empty()) return;
+  const auto lines = [&](bool moved, const Task& part) {
+    std::vector<RegressionFrame> windows;
+    const auto add = [&](const Frame& f, const std::vector<Plane>& features) {
+      windows.push_back(
+          {own.pilot.weights(kLineStrength, moved, f.pilot), pointers(features), planes_of(f.noisy(moved))});
+    };
+    add(own, moved ? own.features.moved : own.features.here);
+    for (const Frame& other : nearby) add(other, other.features.here);
+    return rgb_of(collaborative_regression(windows, kLineRadius, part));
   };
-  const Rgb here = lines(data.here, features.here, false, share(task, 0, 0.5));
-  candidates.emplace_back(data.halves_along(here, lines(data.moved, features.moved, true, share(task, 0.5, 1))), task);
+  const Rgb here = lines(false, share(task, 0, 0.5));
+  candidates.emplace_back(own.data.halves_along(here, lines(true, share(task, 0.5, 1))), task);
 }
 
 /// Which of Open Image Denoise's weights are there; empty: none, or they are not wanted.
@@ -245,45 +350,26 @@ void add_network(const FilterFrame& frame, const Data& data, std::vector<StoredP
   candidates.emplace_back(data.halves_along(here, result(data.moved, share(task, 0.5, 1))), task);
 }
 
-/// Errors count relative to brightness, as CIE-Lab sees them: of the whole picture, where the signal is a part of it.
-Plane weight_of_errors(const FilterFrame& frame, const Task& task) {
-  const Plane light = gaussian_blur(frame.whole ? *frame.whole : luminance_of(frame.signal, task), kLightWindow, task);
-  double total = 0;
-  for (int y = 0; y < light.height(); ++y)
-    for (const float v : light.pixels(y)) total += std::abs(static_cast<double>(v));
-  const auto scale = static_cast<float>(total > 0 ? static_cast<double>(light.width()) * light.height() / total : 0.0);
-  return make_plane(light.width(), light.height(), quiet(task),
-                    [&](int x, int y) { return std::pow(scale * std::abs(light(x, y)) + 0.05f, -4.0f / 3); });
-}
-
 void run(const LeastRisk& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
-  const Data data(frame, task);
-  const Plane weight = weight_of_errors(frame, task);
-  const auto stacked = [&](const std::vector<StoredPair>& candidates) {
-    return blend(candidates, data.halves,
-                 stacking_weights(candidates, data.halves, weight,
-                                  {static_cast<double>(p.window), static_cast<double>(p.caution)}, task),
-                 task);
-  };
-  std::vector<StoredPair> candidates;
-  add_gaussians(data, candidates, task);
-  const SmoothFeatures features(frame, data, task);
-  add_fits(data, features, candidates, task);
+  std::deque<Frame> nearby;
+  if (!frame.nearby.empty()) {
+    const Data cleaned(frame, task);
+    for (const FilterFrame* other : frame.nearby) nearby.emplace_back(*other, p, std::deque<Frame>(), &cleaned, task);
+  }
+  const Frame own(frame, p, nearby, nullptr, task);
   task.report(0.2);
-  // All these are linear, but for the features' noise. What they make together is a candidate, and where alike
-  // surroundings are looked for.
-  const HalfPair linear = stacked(candidates);
-  candidates.clear();
-  candidates.emplace_back(linear, task);
-  const Pilot pilot(linear, frame, task);
-  add_means_of_alike(data, pilot, candidates, share(task, 0.2, 0.4));
+  const Data& data = own.data;
+  const Plane weight = weight_of_errors(frame, task);
+  std::vector<StoredPair> candidates;
+  candidates.emplace_back(own.linear, task);
+  add_means_of_alike(own, nearby, candidates, share(task, 0.2, 0.4));
   // Without halves single bright samples are not known as noise, and lines follow them.
-  if (frame.half_a[0]) add_lines(data, features, pilot, candidates, share(task, 0.4, 0.5));
+  if (frame.half_a[0]) add_lines(own, nearby, candidates, share(task, 0.4, 0.5));
   if (!weights_in_use(p).empty()) add_network(frame, data, candidates, share(task, 0.5, 0.9));
 
   // Stacking chooses by means over windows; where the data prove better on a smaller scale, or one candidate does, the
   // result is moved there.
-  HalfPair result = stacked(candidates);
+  HalfPair result = stacked(candidates, data, weight, p, task);
   std::vector<Proposal> proposals;
   proposals.emplace_back(
       [&](const HalfPair&, const Box& box, HalfPair& room) -> const HalfPair& { return room = cut(data.halves, box); });
@@ -318,6 +404,7 @@ const FilterEntry entry =
           return Box{0, 0, layers.width(), layers.height()};
         })
         .seeded()
+        .aligned_sequences()
         .param("window", &LeastRisk::window, {1, 200}, "px",
                "deviation of the Gaussian in which candidates are weighed against each other")
         .param("caution", &LeastRisk::caution, {0, 1e6}, "1", "pull of these weights towards the frame's, in pixels")

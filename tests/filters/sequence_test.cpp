@@ -79,7 +79,7 @@ double rms(const Layers& clean, const Layers& frame, const test::Value& truth) {
 }
 
 TEST(Sequence, MoreFramesOfTheSamePictureMakeItBetter) {
-  ASSERT_EQ(sequence_filters().size(), 6u);
+  ASSERT_EQ(sequence_filters().size(), 7u);
   const Shot shot(2);
   for (const FilterEntry* e : sequence_filters()) {
     ApplyOptions still = shot.options;
@@ -194,7 +194,7 @@ TEST(Sequence, SaysWhichFrameIsUnfit) {
     return text.find(part) != std::string::npos ? ::testing::AssertionSuccess() : ::testing::AssertionFailure() << text;
   };
   EXPECT_TRUE(
-      holds(message("bilateral", shot.options), "these look into the frames before and after: gradient_kernel, nfor"));
+      holds(message("bilateral", shot.options), "these look into the frames before and after: gradient_kernel, least_risk"));
   ApplyOptions options = shot.options;
   const Layers small = sampled_frame(20, 20, 8, 0.1, 1, scene(0));
   options.sequence[1].layers = &small;
