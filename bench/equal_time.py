@@ -26,13 +26,12 @@ MEDIA = ["data/scenes/cloud", "data/scenes/smoke", "data/scenes/fire", "bench/sc
 ROOMS = ["bench/scenes/kinds/dusty_room", "bench/scenes/kinds/lamp_room"]
 SCENES = MEDIA + [f"bench/scenes/general/{s}" for s in GENERAL] + ROOMS
 
-# What is run for each, and the line that it belongs to. A filter is tried with the features and the parts of light that it
-# can use, and on the picture alone, which is cheaper.
+# What is run for each, and the line that it belongs to. A rival's render records the features that its filter can use, and
+# nothing else; Open Image Denoise is tried without them, too, which is cheaper.
 CLEAN, TRACED, FILTERED, LEARNED = "--clean", "path tracing", "best filter without guides", "Open Image Denoise"
-METHODS = [(CLEAN, ["--clean"]), (TRACED, ["--layers", "none", "--no-statistics"])]
+METHODS = [(CLEAN, ["--clean"]), (TRACED, ["--no-statistics"])]
 METHODS += [(FILTERED, ["--clean-filter", f]) for f in ("sbf", "nfor", "least_risk:network=none")]
-METHODS += [(LEARNED, ["--clean-filter", f"oidn:quality={q}"] + more)
-            for q in ("high", "fast") for more in ([], ["--layers", "none"])]
+METHODS += [(LEARNED, ["--clean-filter", f"oidn:quality={q},mode={m}"]) for q in ("high", "fast") for m in ("auto", "color")]
 COLOURS = {CLEAN: "#0072b2", TRACED: "#888888", FILTERED: "#009e73", LEARNED: "#d55e00"}
 JUDGED = [4, 16]  # samples of --clean at whose seconds methods are compared
 CLEAN_SAMPLES = [1, 2, 4, 8, 16, 64]
@@ -49,7 +48,7 @@ class Bench:
         """Processor seconds of the program and what it starts."""
         width = self.options.size
         command = [self.program, "render", str(ROOT / f"{scene}.toml"), "--spp", str(spp), "--seed", str(seed), "--threads", "1",
-                   "-q", "-o", str(path)] + arguments
+                   "-q", "-o", str(path)] + arguments + ([] if arguments == ["--clean"] else ["--layers", "none"])
         if width:
             command += ["-D", f"film.width={width}", "-D", f"film.height={width * 3 // 4}"]
         before = os.times()
@@ -65,7 +64,7 @@ class Bench:
             path = self.options.output / f"{pathlib.Path(scene).stem}_{self.options.size}_{self.options.reference_spp}_{seed}.exr"
             if not path.exists():
                 half = path.with_suffix(".part.exr")
-                self.render(scene, half, self.options.reference_spp, seed, ["--layers", "none", "--no-statistics"])
+                self.render(scene, half, self.options.reference_spp, seed, ["--no-statistics"])
                 half.rename(path)
             paths.append(str(path))
         return paths
@@ -93,7 +92,7 @@ class Bench:
         dearest = 0
         for line, arguments in self.options.methods:
             points = []
-            first = 1 if "nfor" in arguments else 0  # which needs two halves
+            first = 1 if "nfor" in arguments else 0  # it needs two halves
             counts = CLEAN_SAMPLES if line == CLEAN else (2**i for i in range(first, 20))
             for spp in counts:
                 points.append([spp] + self.point(scene, arguments, spp))
