@@ -29,31 +29,6 @@ constexpr float kNodeThickness = 0.5f;
 constexpr float kOpaque = 2e-3f;     // transmittance of an eighth of the extinction at which a ray ends
 constexpr float kDeepestPeak = 600;  // as ForwardPeak
 
-/// e^r - 1 for |r| below 0.35, relative error below 1e-7.
-HWY_INLINE V small_expm1(V r) {
-  V p = (1.0f / 120) + r * ((1.0f / 720) + r * (1.0f / 5040));
-  p = (1.0f / 6) + r * ((1.0f / 24) + r * p);
-  return r + r * r * (0.5f + r * p);
-}
-
-/// 2^k and e^r - 1 of which e^x = 2^k e^r. Below e^-87 as there.
-struct SplitExponential {
-  V power, rest;
-  HWY_INLINE explicit SplitExponential(V x) {
-    const V within = hn::Min(hn::Max(x, set(-87.0f)), set(88.0f));
-    const V k = hn::Floor(within * std::numbers::log2e_v<float> + 0.5f);
-    // The high part of ln 2 has so few bits that its products with k are exact.
-    rest = small_expm1(within - k * 0.693359375f - k * -2.12194440e-4f);
-    power = hn::BitCast(D(), hn::ShiftLeft<23>(hn::ConvertTo(DI(), k) + 127));
-  }
-};
-
-/// e^x, relative error below 3e-7; 0 below -87.
-HWY_INLINE V exponential(V x) {
-  const SplitExponential e(x);
-  return hn::IfThenZeroElse(x < -87.0f, e.power + e.power * e.rest);
-}
-
 /// 1 - e^-x for x >= 0, relative error below 3e-7 for small x, too.
 HWY_INLINE V one_minus_attenuation(V x) {
   const SplitExponential e(-x);

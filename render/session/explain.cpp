@@ -69,8 +69,10 @@ std::string explain(const Plan& plan, const Scene& scene, const SceneMedia& medi
          plan.first_collision.forced ? "forced: camera rays scatter what does not pass" : "by chance");
     line("motion", plan.moving_media ? "media are placed anew for each path's time" : "none");
   }
-  line("emission",
-       plan.emission ? "stratified along each flight, one look-up per voxel (per four after a scattering)" : "none");
+  line("emission", !plan.emission ? "none"
+                   : plan.seen_emission
+                       ? "along camera rays one look-up per voxel, dimmed exactly; then one per four along each flight"
+                       : "stratified along each flight, one look-up per voxel (per four after a scattering)");
   line("light sampling", plan.light_sampling
                              ? "next-event estimation, ratio tracking, balance heuristic against direction sampling"
                              : "none: direction sampling only");

@@ -106,6 +106,158 @@ void Emission(const EmissionCells& cells, PathStates& paths, const SlotList& ray
   });
 }
 
+/// The optical depth that rays have crossed of a medium.
+struct DepthWalk {
+  const LaneScene& medium;
+  CellWalk walk;
+  V depth = hn::Zero(D()), end = hn::Zero(D());
+  CellWalk::Buffer buffer;
+  HWY_ALIGN float ends[RayQueue::kMost] = {};
+
+  explicit HWY_INLINE DepthWalk(const LaneScene& of) : medium(of), walk(of) {}
+
+  HWY_INLINE void fetch(const LocalRays& rays, size_t slot, size_t lane) {
+    buffer.fetch(rays, slot, lane);
+    ends[lane] = rays.end[slot];
+  }
+  HWY_INLINE void load(M fresh) {
+    walk.load(buffer, fresh);
+    depth = hn::IfThenElse(fresh, hn::Zero(D()), depth);
+    end = hn::IfThenElse(fresh, hn::Load(D(), ends), end);
+  }
+  HWY_INLINE M before(V parameter) const { return walk.t < hn::Min(parameter, end); }
+
+  /// Goes on to the next voxel, cell or end.
+  HWY_INLINE void step(M active, V to) {
+    const auto [cell, crossing, passes, looks] = walk.look(active);
+    const V reached = hn::Max(walk.t, hn::Min(hn::Min(crossing.until, next_plane()), hn::Min(to, end)));
+    if (!hn::AllFalse(D(), looks)) {
+      const V half = 0.5f * (reached - walk.t), middle = walk.t + half;
+      const V density = gauss(brick_of(medium, cell, looks), middle, half * 0.577350269f);
+      depth = hn::IfThenElse(looks, depth + half * density * medium.sigma, depth);
+    }
+    const M left = walk.cross(crossing, hn::Or(passes, hn::And(looks, reached >= crossing.until)));
+    walk.t = hn::IfThenElse(looks, reached, walk.t);
+    end = hn::IfThenElse(left, walk.t, end);
+  }
+
+ private:
+  /// Where the rays leave their voxels. Closer than kClose to a plane they have crossed it.
+  HWY_INLINE V next_plane() const {
+    constexpr float kClose = 1e-4f;
+    const V3 p = walk.at(walk.t);
+    const auto plane = [](V at, V o, V inverse) {
+      const V sign = hn::CopySign(set(1.0f), inverse), ahead = sign * at + kClose;
+      return (sign * (hn::Floor(ahead) + 1.0f) - o) * inverse;
+    };
+    return hn::Min(hn::Min(plane(p.x, walk.o.x, walk.inverse.x), plane(p.y, walk.o.y, walk.inverse.y)),
+                   plane(p.z, walk.o.z, walk.inverse.z));
+  }
+  /// The sum of the densities at both points of a voxel.
+  HWY_INLINE V gauss(VI brick, V middle, V apart) const {
+    const DI di;
+    const V3 q = walk.within(walk.at(middle));
+    const V highest = set(medium.cell - 1.0f);
+    const V3 voxel = min(floor(q), {highest, highest, highest}), at = q - voxel, d = walk.d * apart;
+    const VI stored = hn::Set(di, medium.stored);
+    const VI index = (hn::ConvertTo(di, voxel.x) * stored + hn::ConvertTo(di, voxel.y)) * stored +
+                     hn::ConvertTo(di, voxel.z) + brick;
+    const int Y = medium.stored, X = Y * Y;
+    const EntryPair a = entry_pair(medium.values, index), b = entry_pair(medium.values + Y, index),
+                    c = entry_pair(medium.values + X, index), e = entry_pair(medium.values + X + Y, index);
+    const auto value = [&](const V3& f) {
+      const auto along_z = [&](const EntryPair& pair) { return lerp(pair.first, pair.second, f.z); };
+      return lerp(lerp(along_z(a), along_z(b), f.y), lerp(along_z(c), along_z(e), f.y), f.x);
+    };
+    return value(at - d) + value(at + d);
+  }
+};
+
+void SeenEmission(const EmissionCells& cells, const LaneScene& medium, PathStates& paths, const SlotList& rays,
+                  EmissionSegments& segments, const DimmedSegments& dimmed) {
+  const D d;
+  constexpr size_t kMost = RayQueue::kMost;
+  // Below this transmittance one ray of four goes on.
+  constexpr float kLeast = 0.01f, kSurvival = 0.25f;
+  const V zero = hn::Zero(d), one = set(1.0f);
+  RayQueue queue(rays);
+  CellWalk walk(cells);
+  DepthWalk crossed(medium);
+  GeneratorBuffer generators;
+  Generator rng = generators.load();
+  HWY_ALIGN float ends[kMost] = {}, strides[kMost] = {}, scales[kMost] = {}, offsets[kMost] = {};
+  V end = zero, step = zero, offset = zero, scale = one, shift = zero;
+  V3 sum = zero3(), pending = zero3();  // pending: of the last look-up, at `wanted` of the walk through the medium
+  V wanted = zero, weight = one;
+  uint32_t over = 0;  // lanes that have left the field
+
+  const auto finish = [&]() BRUME_INLINE_LAMBDA {
+    Lanes3 emitted;
+    emitted.store(sum * cells.unit);
+    generators.store(rng);
+    queue.collect([&](size_t lane, size_t s) {
+      generators.give_back(paths, s, lane);
+      segments.emitted.set(s, emitted[lane]);
+    });
+  };
+  const auto load = [&](CellWalk::Buffer& buffer) BRUME_INLINE_LAMBDA {
+    generators.store(rng);
+    crossed.walk.store(crossed.buffer);
+    hn::Store(crossed.end, d, crossed.ends);
+    const uint32_t loaded = queue.load([&](size_t lane, size_t s) {
+      buffer.fetch(segments.rays, s, lane);
+      crossed.fetch(dimmed.rays, s, lane);
+      ends[lane] = segments.rays.end[s];
+      strides[lane] = segments.stride[s];
+      scales[lane] = dimmed.scale[s];
+      offsets[lane] = dimmed.offset[s];
+      generators.fetch(paths, s, lane);
+    });
+    const M fresh = mask_of(loaded);
+    over &= ~loaded;
+    walk.load(buffer, fresh);
+    crossed.load(fresh);
+    rng = generators.load();
+    end = hn::Load(d, ends);
+    step = hn::Load(d, strides) * voxel_length(walk);
+    scale = hn::Load(d, scales);
+    shift = hn::Load(d, offsets);
+    offset = hn::IfThenElse(fresh, rng.uniform(fresh), offset);
+    wanted = hn::IfThenElse(fresh, zero, wanted);
+    weight = hn::IfThenElse(fresh, one, weight);
+    sum = select(fresh, zero3(), sum);
+    pending = select(fresh, zero3(), pending);
+  };
+  drive(queue, walk, medium.stop, finish, load, [&](M active) BRUME_INLINE_LAMBDA {
+    const M behind = hn::And(active, crossed.before(wanted)), ready = hn::AndNot(behind, active);
+    if (2 * hn::CountTrue(d, behind) >= hn::CountTrue(d, active)) return crossed.step(behind, wanted);
+    const V transmittance = weight * exponential(-crossed.depth);
+    sum = select(ready, sum + pending * transmittance, sum);
+    pending = select(ready, zero3(), pending);
+    const M faint = hn::And(ready, transmittance < kLeast);
+    const M dies = hn::And(faint, rng.uniform(faint) >= kSurvival);
+    weight = hn::IfThenElse(faint, weight * (1 / kSurvival), weight);
+    const M ends_here = hn::Or(dies, hn::And(ready, mask_of(over)));
+    queue.end(ends_here);
+
+    const M goes_on = hn::AndNot(ends_here, ready);
+    const auto [cell_index, crossing, passes, looks] = walk.look(goes_on);
+    const V reached = hn::Min(hn::Min(walk.t + step, crossing.until), end);
+    if (!hn::AllFalse(d, looks)) {
+      const V at = walk.t + offset * (reached - walk.t);
+      const V value = interpolated(cells, brick_of(cells, cell_index, looks), walk.within(walk.at(at)));
+      M glows = looks;
+      const RampPlace ramp = place(cells, value, glows);
+      const auto colour = [&](int c) { return between_entries(cells.colour[c], ramp.entry, ramp.f); };
+      pending = select(glows, V3{colour(0), colour(1), colour(2)} * (reached - walk.t), pending);
+      wanted = hn::IfThenElse(glows, at * scale + shift, wanted);
+    }
+    const M left = walk.cross(crossing, hn::Or(passes, hn::And(looks, reached >= crossing.until)));
+    walk.t = hn::IfThenElse(looks, reached, walk.t);
+    over |= bits_of(hn::Or(left, hn::And(goes_on, walk.t >= end)));
+  });
+}
+
 }  // namespace brume::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();
 
@@ -113,6 +265,7 @@ HWY_AFTER_NAMESPACE();
 namespace brume {
 
 HWY_EXPORT(Emission);
+HWY_EXPORT(SeenEmission);
 
 LaneEmission::LaneEmission(const EmissionField& field, const LaneGrid& grid) {
   const Medium& shape = field.shape();
@@ -145,6 +298,11 @@ LaneEmission::LaneEmission(const EmissionField& field, const LaneGrid& grid) {
 
 void lanes_emission(const EmissionCells& cells, PathStates& paths, const SlotList& rays, EmissionSegments& segments) {
   HWY_DYNAMIC_DISPATCH(Emission)(cells, paths, rays, segments);
+}
+
+void lanes_seen_emission(const EmissionCells& cells, const LaneScene& medium, PathStates& paths, const SlotList& rays,
+                         EmissionSegments& segments, const DimmedSegments& dimmed) {
+  HWY_DYNAMIC_DISPATCH(SeenEmission)(cells, medium, paths, rays, segments, dimmed);
 }
 
 }  // namespace brume

@@ -26,6 +26,12 @@ struct EmissionSegments {
   Column3 emitted;       ///< the result
 };
 
+/// The same rays inside the one medium that dims what they see: parts of them in its coordinates and lane units.
+struct DimmedSegments {
+  LocalRays rays;
+  Column<float> scale, offset;  ///< ray parameters there: scale * those inside the emitting field + offset
+};
+
 /// An EmissionField as the kernels need it.
 struct LaneEmission {
   /// @param grid  of its values
@@ -46,5 +52,11 @@ struct LaneEmission {
 /// The integral of the emission coefficient along each segment, by stratified sampling: one look-up per stratum of
 /// `stride` voxels, all at the same relative offset, which is drawn once per segment.
 void lanes_emission(const EmissionCells& cells, PathStates& paths, const SlotList& rays, EmissionSegments& segments);
+
+/// What of it arrives at the rays' origins through a still grey medium: the same strata, each dimmed by the
+/// transmittance to its look-up, which is exact: density is trilinear, a cubic along a ray within a voxel, and two
+/// points integrate it (Gauss). Rays of little transmittance play Russian roulette.
+void lanes_seen_emission(const EmissionCells& cells, const LaneScene& medium, PathStates& paths, const SlotList& rays,
+                         EmissionSegments& segments, const DimmedSegments& dimmed);
 
 }  // namespace brume

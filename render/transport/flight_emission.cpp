@@ -27,6 +27,37 @@ bool FlightEmission::may_meet(const Ray& ray) const {
   });
 }
 
+void FlightEmission::see(const SlotList& slots, const LaneScene& medium) {
+  b_.camera.clear();
+  for (const size_t i : slots)
+    if (p_.events[i] == 0) b_.camera.push(i);
+  if (b_.camera.count > 0)
+    for (const LaneEmission& field : in_lanes_) see(field, medium);
+}
+
+void FlightEmission::see(const LaneEmission& field, const LaneScene& medium) {
+  b_.rays.clear();
+  enter_box(field.box, w_.ray, w_.end, b_.camera, b_.segments.rays, b_.point, b_.rays);
+  const auto [lo, hi] = medium.medium->support();
+  const LocalBox box{&medium.medium->placement().to_local(), false, lo, hi, medium.medium->walked_shift(), medium.unit};
+  DimmedSegments& dimmed = b_.dimmed;
+  for (const size_t i : b_.rays) {
+    b_.segments.stride[i] = static_cast<float>(emission_stride(0));
+    dimmed.rays.end[i] = -1;  // nothing is in the way
+    dimmed.rays.o.set(i, vec3(0));
+    dimmed.rays.d.set(i, vec3(1));
+    dimmed.scale[i] = dimmed.offset[i] = 0;
+  }
+  b_.in_medium.clear();
+  enter_box(box, w_.ray, w_.end, b_.rays, dimmed.rays, b_.medium_point, b_.in_medium);
+  for (const size_t i : b_.in_medium) {
+    dimmed.scale[i] = static_cast<float>(field.box.unit / medium.unit);
+    dimmed.offset[i] = static_cast<float>((b_.point[i] - b_.medium_point[i]) / medium.unit);
+  }
+  lanes_seen_emission(field.cells, medium, p_, b_.rays, b_.segments, dimmed);
+  for (const size_t i : b_.rays) add(i, b_.segments.emitted[i]);
+}
+
 void FlightEmission::add(std::initializer_list<const SlotList*> slots) {
   for (const LaneEmission& field : in_lanes_) add_in_lanes(field, slots);
   for (const EmissionField* field : one_by_one_) add_one_by_one(*field, slots);
@@ -45,6 +76,7 @@ void FlightEmission::add_in_lanes(const LaneEmission& field, std::initializer_li
   EmissionSegments& segments = b_.segments;
   b_.rays.clear();
   for (const SlotList* list : slots) enter_box(field.box, w_.ray, w_.end, *list, segments.rays, b_.point, b_.rays);
+  if (c_.plan.seen_emission) b_.rays.keep_if([&](size_t i) { return p_.events[i] > 0; });
   for (const size_t i : b_.rays) segments.stride[i] = static_cast<float>(emission_stride(p_.events[i]));
   lanes_emission(field.cells, p_, b_.rays, segments);
   for (const size_t i : b_.rays) add(i, segments.emitted[i]);

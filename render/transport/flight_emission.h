@@ -10,12 +10,16 @@ namespace brume {
 
 /// What fields emit along the flights (WorldPaths::ray up to end) of the paths on one thread. A flight passes a point
 /// with the probability of the transmittance to it, so no weight is needed. Scattering blurs: longer strata are enough
-/// after the first event.
+/// after the first event. Where one still grey grid is all that dims (Plan::seen_emission), what camera rays see is
+/// instead integrated through it, with its exact transmittance, before they fly.
 class FlightEmission {
  public:
   struct Buffers {
     std::array<vec3, kPool> seen;  ///< along camera rays
     EmissionSegments segments;
+    DimmedSegments dimmed;
+    SlotList camera, in_medium;
+    std::array<double, kPool> medium_point;  ///< ray parameters
     SlotList rays;
     std::array<double, kPool> point;  ///< ray parameters
     std::array<vec3, kPool> emitted, passing;
@@ -26,7 +30,9 @@ class FlightEmission {
   /// Whether a camera ray passes through a field.
   bool may_meet(const Ray& ray) const;
   void start(size_t slot) { b_.seen[slot] = vec3(0); }
-  /// Adds what is emitted along the flights of the slots.
+  /// Where Plan::seen_emission: adds what the camera rays of the slots see up to WorldPaths::end.
+  void see(const SlotList& slots, const LaneScene& medium);
+  /// Adds what is emitted along the flights of the slots; of camera rays only what see() does not.
   void add(std::initializer_list<const SlotList*> slots);
   /// The same where media are chromatic, before MediaFlights::Flown::weigh_channels: at one point of each flight,
   /// which each channel passes with its own probability.
@@ -34,6 +40,7 @@ class FlightEmission {
   vec3 seen(size_t slot) const { return b_.seen[slot]; }
 
  private:
+  void see(const LaneEmission& field, const LaneScene& medium);
   void add_in_lanes(const LaneEmission& field, std::initializer_list<const SlotList*> slots);
   void add_one_by_one(const EmissionField& field, std::initializer_list<const SlotList*> slots);
   void add(size_t slot, const vec3& emitted);

@@ -68,7 +68,10 @@ Plan make_plan(const Scene& scene, const SceneMedia& media, const Lights& lights
   plan.near_lights = choose_near_lights(all, lights, scene.render.near_lights);
   plan.interpolate = scene.render.lookup == "interpolated";
   plan.one_grid = is_one_grid(plan, media, lights);
-  if (plan.one_grid && !plan.emission) {  // emission is integrated along free flights
+  plan.seen_emission = plan.emission && plan.media.size() == 1 && plan.media[0] == Precision::kLanes &&
+                       !plan.chromatic && !plan.moving_media &&
+                       std::all_of(fields.begin(), fields.end(), LaneEmission::fits);
+  if (plan.one_grid && (!plan.emission || plan.seen_emission)) {  // else emission is integrated along free flights
     std::vector<Ray> rays;
     for (const PathRequest& r : coarse_requests(scene, plan, camera, 24, 1)) rays.push_back(r.ray);
     plan.first_collision = choose_first_collision(all[0], rays, scene.render.first_collision);

@@ -153,9 +153,15 @@ class Wavefront {
   /// Forced first collisions of the camera rays: the transmitted share sees the background, the rest goes on as paths.
   void fly_first() {
     find_ends(pool_.fresh);
+    see_emission(pool_.fresh);
     flights_.fly_first_in_grid(pool_.fresh, pool_.hits, pool_.escapes);
     for (const size_t i : pool_.escapes) escape(i);
     pool_.escapes.clear();
+  }
+
+  /// What camera rays see of what media emit, where that needs no flight.
+  void see_emission(const SlotList& rays) {
+    if (c_.plan.seen_emission) emission_->see(rays, flights_.scene(0));
   }
 
   // ---- flights
@@ -164,8 +170,10 @@ class Wavefront {
   void fly() {
     const SlotList& active = pool_.active;
     find_ends(active);
+    see_emission(active);
     if (c_.plan.one_grid) {
       find_ends(pool_.emission_only);
+      see_emission(pool_.emission_only);
       flights_.fly_in_grid(active, pool_.hits, pool_.escapes);
       for (const size_t i : pool_.emission_only) pool_.escapes.push(i);
       if (!emission_) return;

@@ -617,6 +617,47 @@ TEST(Wavefront, EmissionIsThatOfTheDefinition) {
   }
 }
 
+// Along a camera ray what flames send through their smoke needs no chance: against a sum over ten thousand steps, and
+// all samples of a pixel that one ray passes through are nearly alike. A bias of .2 % would be found.
+TEST(Wavefront, CameraRaysSeeFlamesThroughSmokeWithoutNoise) {
+  Scene scene = demo("fire", 8);
+  scene.surfaces.clear();
+  scene.lights.clear();
+  scene.environment.radiance = dvec3(0);
+  scene.volumes[0].albedo = dvec3(0);
+  scene.volumes[0].sigma_t = dvec3(40);
+  scene.camera.type = "orthographic";
+  scene.camera.width = 1e-6;
+  const SceneMedia media(scene, {});
+  for (const double x : {-0.2, 0.0, 0.15}) {
+    scene.camera.position = {x, -5, 0.5};
+    scene.camera.look_at = {x, 0, 0.5};
+    const PreparedScene prepared(scene, LayerRequest::of({"emission"}, true));
+    ASSERT_TRUE(prepared.plan().seen_emission);
+    const Layers frame = prepared.render(64, 1).layers;
+    const Medium& smoke = media.media()[0];
+    const EmissionField& flame = media.emissions()[0];
+    constexpr int kSteps = 10000;
+    double expected = 0, depth = 0;
+    const double step = 10.0 / kSteps;
+    for (int k = 0; k < kSteps; ++k) {
+      const dvec3 at = dvec3(x, -5 + step * (k + 0.5), 0.5) - media.world_shift();
+      const double thickness = step * smoke.extinction_per_density() * smoke.density(smoke.to_local(at));
+      expected += step * flame.coefficient(at).x * std::exp(-depth - 0.5 * thickness);
+      depth += thickness;
+    }
+    ASSERT_GT(expected, 0);
+    double mean = 0, variance = 0;
+    for (int y = 0; y < frame.height(); ++y)
+      for (int c = 0; c < frame.width(); ++c) {
+        mean += frame.at("emission.R")(c, y) / (8.0 * frame.height());
+        variance += 64 * frame.at("emission.mean_variance.R")(c, y) / (8.0 * frame.height());
+      }
+    EXPECT_NEAR(mean, expected, 2e-3 * expected) << x;
+    EXPECT_LT(std::sqrt(variance), 0.1 * expected) << x;  // of one sample; a random collision would leave more than 1
+  }
+}
+
 // Equilibrium furnace: smoke that glows as much as it absorbs from a sky of 1 shows 1 in every pixel. 5 standard errors
 // of the mean are below 0.3 %; those of each pixel cover it, and three scatterings that the pixel may lack by chance.
 TEST(Wavefront, InBalanceWithTheSkyIsInvisible) {
