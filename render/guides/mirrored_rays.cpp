@@ -145,9 +145,10 @@ void MirroredRays::end(const Queued& queued, const std::optional<SurfaceHit>& hi
     if (path.only_lights && !at.bsdf.delta()) return;
     if (!path.only_lights) {
       const dvec3 emitted = march_.context_.surfaces->emitted(hit->surface, !at.inside);
-      dvec3 reflected = march_.surfaces_.indirect_light_on(at);
+      const SurfaceLight::Around around = march_.surfaces_.around(at);
+      dvec3 reflected = at.bsdf.albedo * around.scattered;
       for (size_t k = 0; k < march_.fields_.lights().size() && !at.bsdf.delta(); ++k) {
-        const Lit lit = march_.surfaces_.light_on(at, *march_.fields_.lights()[k]);
+        const Lit lit = march_.surfaces_.light_on(at, around, *march_.fields_.lights()[k]);
         reflected += lit.direct + lit.indirect;
       }
       add(path, transmittance * emitted, transmittance * reflected + peaks * (emitted + reflected));
