@@ -6,6 +6,7 @@
 
 #include "base/math.h"
 #include "render/guides/attenuation.h"
+#include "volume/phase_function.h"
 
 namespace brume {
 namespace {
@@ -27,6 +28,23 @@ std::pair<double, double> inside_box(const dvec3& from, const dvec3& towards, co
   return {t0, t1};
 }
 
+/// How many times its mean a node sends in a direction: as a Henyey-Greenstein lobe of its mean cosine, which is exact
+/// where light of one direction is scattered once, and never negative.
+double turned_towards(const AmbientLight::Node& node, const dvec3& direction) {
+  constexpr double kEven = 0.1, kNarrow = 0.9;  // mean cosines
+  double mean = 0;
+  dvec3 flux(0);
+  for (size_t c = 0; c < 3; ++c) {
+    mean += static_cast<double>(node.scattered[c]);
+    for (size_t a = 0; a < 3; ++a) flux[static_cast<int>(a)] += static_cast<double>(node.scattered[3 * (a + 1) + c]);
+  }
+  if (!(mean > 0)) return 0;
+  const double along = glm::dot(flux, direction) / mean, length2 = glm::dot(flux, flux) / (mean * mean);
+  if (length2 < 9 * kEven * kEven) return std::max(0.0, 1 + along);
+  const double length = std::sqrt(length2), g = std::min(length / 3, kNarrow);
+  return 4 * kPi * HenyeyGreenstein{g}.value(along / length);
+}
+
 }  // namespace
 
 AmbientLight::AmbientLight(const Lattice& lattice, double scale)
@@ -37,7 +55,7 @@ bool AmbientLight::near(int x, int y, int z) const {
   for (int i = lo.x; i <= hi.x; ++i)
     for (int j = lo.y; j <= hi.y; ++j)
       for (int k = lo.z; k <= hi.z; ++k)
-        if (nodes_[index(i, j, k)].extinction > 0) return true;
+        if (extinction(i, j, k) > 0) return true;
   return false;
 }
 
@@ -61,14 +79,13 @@ AmbientLight::Incident AmbientLight::along(const dvec3& p, const dvec3& directio
     const double left = attenuation(depth), kept = attenuation(whole);
     const double seen = scaled * (depth > 1e-9 ? (1 - left) / depth : 1) * length,
                  seen_unscattered = transmittance * (whole > 1e-9 ? (1 - kept) / whole : 1) * length;
+    const double turned = turned_towards(*node, -direction);
     for (int c = 0; c < 3; ++c) {
       const auto k = static_cast<size_t>(c);
-      const auto of = [&](size_t moment) { return static_cast<double>(node->scattered[3 * moment + k]); };
       const double emitted = static_cast<double>(node->emitted[k]);
       light.emitted[c] += seen_unscattered * emitted;
       light.scattered[c] +=
-          seen * std::max(0.0, of(0) - (direction.x * of(1) + direction.y * of(2) + direction.z * of(3))) +
-          std::max(0.0, seen - seen_unscattered) * emitted;
+          seen * turned * static_cast<double>(node->scattered[k]) + std::max(0.0, seen - seen_unscattered) * emitted;
     }
     scaled *= left;
     transmittance *= kept;
@@ -80,11 +97,20 @@ double AmbientLight::depth(const dvec3& from, const dvec3& towards, double dista
   const dvec3 start = lattice_.to_lattice(from);
   auto [t, t_end] = inside_box(start, towards, dvec3(lattice_.n - 1));
   t_end = std::min(t_end, distance / lattice_.spacing);
+  const size_t y = lattice_.n.z, x = y * lattice_.n.y;
   double depth = 0;
   for (; t < t_end; t += 1) {
+    // Linear between the nodes: shadows on surfaces show them else.
     const double length = std::min(1.0, t_end - t);
-    if (const Node* const node = node_at(start + towards * (t + 0.5 * length)))
-      depth += static_cast<double>(node->extinction) * length;
+    const dvec3 place = start + towards * (t + 0.5 * length);
+    const ivec3 node = glm::clamp(ivec3(place), ivec3(0), lattice_.n - 2);
+    const dvec3 f = place - dvec3(node);
+    const Node* const first = &nodes_[index(node.x, node.y, node.z)];
+    const auto along_z = [&](const Node* at) {
+      return static_cast<double>(at[0].extinction) * (1 - f.z) + static_cast<double>(at[1].extinction) * f.z;
+    };
+    depth += length * ((along_z(first) * (1 - f.y) + along_z(first + y) * f.y) * (1 - f.x) +
+                       (along_z(first + x) * (1 - f.y) + along_z(first + x + y) * f.y) * f.x);
   }
   return depth;
 }

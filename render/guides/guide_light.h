@@ -7,6 +7,7 @@
 
 #include "render/guides/guide_media.h"
 #include "render/guides/scattering_solver.h"
+#include "render/guides/sky_parts.h"
 #include "render/guides/surface_light.h"
 #include "render/world/lights.h"
 #include "render/world/surfaces.h"
@@ -29,7 +30,7 @@ struct Lit {
 /// A scene whose light inside the media is being solved.
 struct LightSolve {
   const std::vector<GuideMedia>& times;  ///< of the shutter; the light is that of the middle
-  const Lights& lights;
+  const SkyParts& sky_parts;
   const Surfaces* surfaces;  ///< null where there are none
   GuideColour colour;
   ScatteringSolver& solver;           ///< of the fine lattice
@@ -88,8 +89,9 @@ class GuideLight {
 /// everything infinitely far but the suns is the sky; what the media emit is a group, too.
 /// @param surfaces  null where there are none
 /// @param colour    that they are wanted in: for kGrey a sky of many colours is three groups, its red, green and blue
-std::vector<std::unique_ptr<GuideLight>> guide_lights(const Lights& lights, const Surfaces* surfaces,
-                                                      const GuideMedia& media, GuideColour colour);
+std::vector<std::unique_ptr<GuideLight>> guide_lights(const Lights& lights, const SkyParts& sky,
+                                                      const Surfaces* surfaces, const GuideMedia& media,
+                                                      GuideColour colour);
 /// What surfaces send into the media, once LightSolve::surface_light is known.
 std::unique_ptr<GuideLight> light_from_surfaces(const dvec3& colour);
 

@@ -90,16 +90,19 @@ void add_meshes(const Lights& lights, const Surfaces& surfaces, const dvec3& mid
 
 }  // namespace
 
-std::vector<std::unique_ptr<GuideLight>> guide_lights(const Lights& lights, const Surfaces* surfaces,
-                                                      const GuideMedia& media, GuideColour colour) {
+std::vector<std::unique_ptr<GuideLight>> guide_lights(const Lights& lights, const SkyParts& sky,
+                                                      const Surfaces* surfaces, const GuideMedia& media,
+                                                      GuideColour colour) {
   const dvec3 middle = 0.5 * (media.lo() + media.hi());
   std::vector<Candidate> candidates;
-  lights.each_sharp([&](const auto& light) {
-    if constexpr (std::is_same_v<decltype(light), const MeshLight&>)
-      return;
-    else if (const double importance = light.importance(middle); importance > 0)
+  const auto add = [&](const auto& light) {
+    if (const double importance = light.importance(middle); importance > 0)
       candidates.push_back({&light, of_mean_one(arriving_light(&light, middle).irradiance), importance});
-  });
+  };
+  for (const Sun* sun : lights.suns()) add(*sun);
+  for (const auto& sun : sky.suns()) add(*sun);
+  for (const FiniteLight* lamp : lights.finite()) add(*lamp);
+  for (const PointLight* lamp : lights.points()) add(*lamp);
   std::stable_sort(candidates.begin(), candidates.end(),
                    [](const Candidate& a, const Candidate& b) { return a.importance > b.importance; });
 
@@ -124,14 +127,14 @@ std::vector<std::unique_ptr<GuideLight>> guide_lights(const Lights& lights, cons
   }
   if (!others.empty()) guides.push_back(other_lights(of_mean_one(others_colour), others));
   if (surfaces) add_meshes(lights, *surfaces, middle, guides);
-  const Environment& sky = *lights.environment();
-  if (!sky.black() && !sky.constant() && colour == kGrey) {
+  const bool dark = lights.environment()->black();
+  if (!dark && !sky.constant() && colour == kGrey) {
     for (GuideColour channel = 0; channel < 3; ++channel) {
       dvec3 own(0);
       own[channel] = 1;
       guides.push_back(std::make_unique<SkyLight>("sky", own, channel));
     }
-  } else if (!sky.black()) {
+  } else if (!dark) {
     dvec3 mean(0);
     for (const dvec3& d : {dvec3(1, 0, 0), dvec3(-1, 0, 0), dvec3(0, 1, 0), dvec3(0, -1, 0), dvec3(0, 0, 1)})
       mean += sky.radiance(d);

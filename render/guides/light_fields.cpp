@@ -74,7 +74,8 @@ double LightFields::most_nodes(double pixels) {
 }
 
 LightFields::LightFields(const std::vector<GuideMedia>& times, const Lights& lights, const Surfaces* surfaces,
-                         GuideColour colour, double detail, double pixels, const Task& task) {
+                         GuideColour colour, double detail, double pixels, const Task& task)
+    : sky_parts_(*lights.environment()) {
   const GuideMedia& media = times[times.size() / 2];
   const double wanted = kFreePathsPerNode * free_path(media, colour, task) / media.voxel();
   const double voxels = std::clamp(wanted, kVoxelsPerNode, kMostVoxelsPerNode) / detail;
@@ -100,8 +101,8 @@ LightFields::LightFields(const std::vector<GuideMedia>& times, const Lights& lig
     });
   }
   if (surfaces) surface_light_.emplace(media, *surfaces, *ambient_light_, task);
-  LightSolve solving{times, lights, surfaces, colour, solver, ambient_light(), surface_light(), sky_, quiet(task)};
-  for (std::unique_ptr<GuideLight>& light : guide_lights(lights, surfaces, media, colour)) {
+  LightSolve solving{times, sky_parts_, surfaces, colour, solver, ambient_light(), surface_light(), sky_, quiet(task)};
+  for (std::unique_ptr<GuideLight>& light : guide_lights(lights, sky_parts_, surfaces, media, colour)) {
     solve(*light, solving, coarse);
     lights_.push_back(std::move(light));
     task.check();
@@ -111,10 +112,9 @@ LightFields::LightFields(const std::vector<GuideMedia>& times, const Lights& lig
 }
 
 void LightFields::add_surface_light(LightSolve& solving, ScatteringSolver& coarse) {
-  const Environment& sky = *solving.lights.environment();
   SurfaceLight& light = *surface_light_;
-  light.gather(*ambient_light_, sky, solving.task);
-  light.exchange({lights_, scale_, solving.lights, solving.surfaces, &*ambient_light_, &light}, *ambient_light_,
+  light.gather(*ambient_light_, sky_parts_, solving.task);
+  light.exchange({lights_, scale_, sky_parts_, solving.surfaces, &*ambient_light_, &light}, *ambient_light_,
                  solving.task);
   if (light.colour() != dvec3(0)) {
     light.answer(scattered_by_media(light, coarse), solving.task);
@@ -122,7 +122,7 @@ void LightFields::add_surface_light(LightSolve& solving, ScatteringSolver& coars
     solve(*group, solving, coarse);
     lights_.push_back(std::move(group));
   }
-  light.gather(*ambient_light_, sky, solving.task);
+  light.gather(*ambient_light_, sky_parts_, solving.task);
 }
 
 AmbientLight LightFields::scattered_by_media(const SurfaceLight& light, ScatteringSolver& coarse) const {

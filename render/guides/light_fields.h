@@ -41,6 +41,7 @@ class LightFields {
   const SurfaceLight* surface_light() const { return surface_light_ ? &*surface_light_ : nullptr; }
   /// Null where there are no surfaces.
   const AmbientLight* ambient_light() const { return ambient_light_ ? &*ambient_light_ : nullptr; }
+  const SkyParts& sky_parts() const { return sky_parts_; }
   /// Nodes whose light may be asked for: those near the media.
   const std::vector<uint8_t>& near() const { return near_; }
   /// What the forward peak leaves of the extinction, on average.
@@ -62,6 +63,7 @@ class LightFields {
   std::vector<uint8_t> near_;
   std::vector<std::unique_ptr<GuideLight>> lights_;
   std::optional<AmbientLight> ambient_light_;
+  SkyParts sky_parts_;
   SkyShares sky_;
   std::optional<SurfaceLight> surface_light_;
   GuideColour colour_ = kGrey;

@@ -27,7 +27,7 @@ struct ShadedPoint {
 struct LitSurfaces {
   const std::vector<std::unique_ptr<GuideLight>>& groups;
   double scale;  ///< what the forward peak leaves of the extinction
-  const Lights& lights;
+  const SkyParts& sky;
   const Surfaces* surfaces;
   const AmbientLight* ambient_light;
   const SurfaceLight* surface_light;

@@ -193,7 +193,9 @@ dvec3 MirroredRays::lights_ahead(const Ray& ray, const FiniteLight* light, doubl
   for (const InfiniteLight* far : lights.infinite()) {
     const bool environment = far == lights.environment();
     if (environment && path.only_lights) continue;
-    const dvec3 radiance = far->radiance(ray.d);
+    // A rough surface before has the highlights of its suns.
+    const bool rest = environment && path.shown == Shown::kUngrouped;
+    const dvec3 radiance = rest ? march_.fields_.sky_parts().radiance(ray.d) : far->radiance(ray.d);
     if (radiance != dvec3(0)) sum += (environment ? 1.0 : share(far)) * radiance;
   }
   return sum;

@@ -37,7 +37,7 @@ void hide(const LightSolve& solve, SkyShares& sky) {
 }  // namespace
 
 Radiance SkyLight::arriving(const LightSolve& solve) {
-  const Environment& sky = *solve.lights.environment();
+  const SkyParts& sky = solve.sky_parts;
   const GuideColour own = solve.colour == kGrey ? channel : solve.colour;
   incoming_ = means_near(ScatteringSolver::directions(), sky.constant(),
                          [&](const dvec3& d) { return in_colour(sky.radiance(-d), own); });

@@ -13,7 +13,8 @@
 namespace brume {
 namespace {
 
-constexpr int kProbesAcross = 16;  // the longest side
+constexpr int kProbesAcross[] = {32, 24, 20, 16, 12, 8};  // the longest side, as many as there may be
+constexpr size_t kMostProbes = 3000;
 constexpr int kPointRays = 128, kProbeRays = 96;
 constexpr int kMostPanes = 8;         // of glass that a ray goes through, or mirrors that turn it
 constexpr size_t kBrightRays = 32;    // from each observer
@@ -48,7 +49,7 @@ Frame turned(Frame frame, size_t i) {
 /// The sky's mean radiance over cells of directions.
 class SkyCells {
  public:
-  explicit SkyCells(const Environment& sky) : constant_(sky.constant()) {
+  explicit SkyCells(const SkyParts& sky) : constant_(sky.constant()) {
     if (constant_) {
       cells_.assign(1, sky.radiance(dvec3(0, 0, 1)));
       return;
@@ -85,17 +86,14 @@ SurfaceLight::SurfaceLight(const GuideMedia& media, const Surfaces& surfaces, co
                            const Task& task)
     : surfaces_(surfaces),
       points_(surfaces, media, task),
-      // In the middle of cells: no probe stands on a floor below the media.
-      grid_(media.lo(), media.hi(), kProbesAcross),
       light_(points_.points().size()),
-      into_media_(static_cast<size_t>(grid_.count())),
       looked_at_(light_.size(), 0.0) {
   at_points_.directions = spiral_by_cosine(kPointRays);
   for (const SurfacePoints::Point& point : points_.points())
     at_points_.all.push_back({point.p, turned(Frame(point.normal), at_points_.all.size())});
   at_probes_.directions = spiral_of_directions(kProbeRays);
-  for (int i = 0; i < grid_.count(); ++i)
-    at_probes_.all.push_back({grid_.at(i), turned(Frame({0, 0, 1}), static_cast<size_t>(i))});
+  place_probes(media, nodes);
+  into_media_.resize(at_probes_.all.size());
   look(at_points_, surfaces, nodes, task);
   look(at_probes_, surfaces, nodes, task);
   for (size_t i = 0; i < light_.size(); ++i) {
@@ -104,6 +102,47 @@ SurfaceLight::SurfaceLight(const GuideMedia& media, const Surfaces& surfaces, co
     points_.points()[i].reach = kPointRays / sum;
   }
   find_sky_seen();
+}
+
+void SurfaceLight::place_probes(const GuideMedia& media, const AmbientLight& nodes) {
+  const Lattice& lattice = nodes.lattice();
+  for (const int across : kProbesAcross) {
+    // In the middle of cells: no probe stands on a floor below the media.
+    grid_ = ProbeGrid(media.lo(), media.hi(), across);
+    probe_.assign(static_cast<size_t>(grid_.count()), -1);
+    for (int x = 0; x < lattice.n.x; ++x)
+      for (int y = 0; y < lattice.n.y; ++y)
+        for (int z = 0; z < lattice.n.z; ++z) {
+          if (!(nodes.extinction(x, y, z) > 0)) continue;
+          for (const double corner : {-0.5, 0.5})
+            for (const int probe : grid_.around(lattice.node(x, y, z) + corner * lattice.spacing).probe)
+              probe_[static_cast<size_t>(probe)] = 0;
+        }
+    if (static_cast<size_t>(std::count(probe_.begin(), probe_.end(), 0)) <= kMostProbes) break;
+  }
+  for (size_t i = 0; i < probe_.size(); ++i) {
+    if (probe_[i] < 0) continue;
+    probe_[i] = static_cast<int>(at_probes_.all.size());
+    at_probes_.all.push_back({grid_.at(static_cast<int>(i)), turned(Frame({0, 0, 1}), i)});
+  }
+}
+
+template <class Visit>
+void SurfaceLight::each_probe(const dvec3& world, const Visit& visit) const {
+  constexpr double kHidden = 1e-3;
+  ProbeGrid::Around around = grid_.around(world);
+  double sum = 0;
+  for (size_t k = 0; k < 8; ++k) {
+    const int probe = probe_[static_cast<size_t>(around.probe[k])];
+    if (probe < 0)
+      around.weight[k] = 0;
+    else if (!at_probes_.all[static_cast<size_t>(probe)].outside)
+      around.weight[k] *= kHidden;
+    sum += around.weight[k];
+  }
+  for (size_t k = 0; k < 8 && sum > 0; ++k)
+    if (around.weight[k] > 0)
+      visit(static_cast<size_t>(probe_[static_cast<size_t>(around.probe[k])]), around.weight[k] / sum);
 }
 
 void SurfaceLight::look(Observers& observers, const Surfaces& surfaces, const AmbientLight& nodes, const Task& task) {
@@ -188,15 +227,14 @@ void SurfaceLight::find_sky_seen() {
 }
 
 SurfaceLight::SkySeen SurfaceLight::sky_seen(const dvec3& world) const {
-  const ProbeGrid::Around around = grid_.around(world);
   SkySeen mean{};
-  for (size_t k = 0; k < 8; ++k)
-    for (size_t b = 0; b < mean.size(); ++b)
-      mean[b] += around.weight[k] * sky_seen_at_[static_cast<size_t>(around.probe[k])][b];
+  each_probe(world, [&](size_t probe, double weight) {
+    for (size_t b = 0; b < mean.size(); ++b) mean[b] += weight * sky_seen_at_[probe][b];
+  });
   return mean;
 }
 
-void SurfaceLight::gather(const AmbientLight& nodes, const Environment& sky, const Task& task) {
+void SurfaceLight::gather(const AmbientLight& nodes, const SkyParts& sky, const Task& task) {
   const SkyCells radiance(sky);
   parallel_for(static_cast<int>(light_.size()), quiet(task), [&](int i) {
     const Observer& observer = at_points_.all[static_cast<size_t>(i)];
@@ -400,20 +438,11 @@ dvec3 SurfaceLight::colour() const {
 }
 
 std::array<double, 4> SurfaceLight::at(const dvec3& world, GuideColour colour) const {
-  constexpr double kHidden = 1e-3;
-  ProbeGrid::Around around = grid_.around(world);
-  double sum = 0;
-  for (size_t k = 0; k < 8; ++k) {
-    if (!at_probes_.all[static_cast<size_t>(around.probe[k])].outside) around.weight[k] *= kHidden;
-    sum += around.weight[k];
-  }
   std::array<double, 4> moments{};
-  for (size_t k = 0; k < 8 && sum > 0; ++k) {
-    const AtProbe& probe = into_media_[static_cast<size_t>(around.probe[k])];
-    const double weight = around.weight[k] / sum;
-    moments[0] += weight * in_colour(probe.mean, colour);
-    for (size_t a = 0; a < 3; ++a) moments[a + 1] += weight * in_colour(probe.flux.axis[a], colour);
-  }
+  each_probe(world, [&](size_t probe, double weight) {
+    moments[0] += weight * in_colour(into_media_[probe].mean, colour);
+    for (size_t a = 0; a < 3; ++a) moments[a + 1] += weight * in_colour(into_media_[probe].flux.axis[a], colour);
+  });
   return moments;
 }
 

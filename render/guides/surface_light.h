@@ -7,8 +7,8 @@
 #include "render/guides/ambient_light.h"
 #include "render/guides/guide_media.h"
 #include "render/guides/probe_grid.h"
+#include "render/guides/sky_parts.h"
 #include "render/guides/surface_points.h"
-#include "render/world/lights.h"
 
 namespace brume {
 
@@ -34,7 +34,7 @@ class SurfaceLight {
   Around onto(const dvec3& p, const dvec3& normal) const;
 
   /// Finds what of the sky's and the nodes' light is at the points; called again when nodes have got more of it.
-  void gather(const AmbientLight& nodes, const Environment& sky, const Task& task);
+  void gather(const AmbientLight& nodes, const SkyParts& sky, const Task& task);
   /// Finds what surfaces reflect of all that lights them from elsewhere.
   void exchange(const LitSurfaces& lit, const AmbientLight& nodes, const Task& task);
   /// Adds what they reflect of their own light after media have scattered it, any number of times.
@@ -109,6 +109,11 @@ class SurfaceLight {
     Flux flux;
   };
 
+  /// Puts probes where media are, as close together as their number allows.
+  void place_probes(const GuideMedia& media, const AmbientLight& nodes);
+  /// Calls visit(probe, weight), of sum 1, for the probes around a place.
+  template <class Visit>
+  void each_probe(const dvec3& world, const Visit& visit) const;
   void look(Observers& observers, const Surfaces& surfaces, const AmbientLight& nodes, const Task& task);
   void find_sky_seen();
   void find_bright(const std::vector<dvec3>& radiosity);
@@ -123,6 +128,7 @@ class SurfaceLight {
   const Surfaces& surfaces_;
   SurfacePoints points_;
   ProbeGrid grid_;
+  std::vector<int> probe_;  // of at_probes_, for each of the grid's; -1 far from media
   Observers at_points_{/*at_surfaces=*/true}, at_probes_{/*at_surfaces=*/false};
   std::vector<AtPoint> light_;
   std::vector<AtProbe> into_media_;

@@ -68,10 +68,8 @@ SurfacePoints::SurfacePoints(const Surfaces& surfaces, const GuideMedia& media, 
     if (points_.size() <= kMostPoints) break;
     wider *= 1.1 * std::sqrt(static_cast<double>(points_.size()) / kMostPoints);
   }
-  order_.resize(points_.size());
-  axis_.resize(points_.size());
-  for (size_t i = 0; i < order_.size(); ++i) order_[i] = static_cast<int>(i);
-  build(0, order_.size());
+  for (const Point& point : points_) tree_.push_back({point.p, point.normal, static_cast<int>(tree_.size()), 0});
+  build(0, tree_.size());
 }
 
 void SurfacePoints::spread(const Surfaces& surfaces, const GuideMedia& media, double wider) {
@@ -181,20 +179,18 @@ void SurfacePoints::build(size_t begin, size_t end) {
   if (end - begin < 2) return;
   dvec3 lo(kFar), hi(-kFar);
   for (size_t i = begin; i < end; ++i) {
-    const dvec3& p = points_[static_cast<size_t>(order_[i])].p;
-    lo = glm::min(lo, p);
-    hi = glm::max(hi, p);
+    lo = glm::min(lo, tree_[i].p);
+    hi = glm::max(hi, tree_[i].p);
   }
   const dvec3 size = hi - lo;
   int axis = size.y > size.x ? 1 : 0;
   if (size.z > size[axis]) axis = 2;
   const size_t middle = (begin + end) / 2;
-  const auto at = [&](size_t i) { return order_.begin() + static_cast<std::ptrdiff_t>(i); };
-  std::nth_element(at(begin), at(middle), at(end), [&](int a, int b) {
-    const double pa = points_[static_cast<size_t>(a)].p[axis], pb = points_[static_cast<size_t>(b)].p[axis];
-    return pa < pb || (pa == pb && a < b);
+  const auto at = [&](size_t i) { return tree_.begin() + static_cast<std::ptrdiff_t>(i); };
+  std::nth_element(at(begin), at(middle), at(end), [&](const Node& a, const Node& b) {
+    return a.p[axis] < b.p[axis] || (a.p[axis] == b.p[axis] && a.point < b.point);
   });
-  axis_[middle] = static_cast<uint8_t>(axis);
+  tree_[middle].axis = axis;
   build(begin, middle);
   build(middle + 1, end);
 }
@@ -222,12 +218,11 @@ struct SurfacePoints::Search {
 void SurfacePoints::search(size_t begin, size_t end, Search& found) const {
   if (begin >= end) return;
   const size_t middle = (begin + end) / 2;
-  const int i = order_[middle];
-  const Point& point = points_[static_cast<size_t>(i)];
-  const dvec3 to = point.p - found.p;
+  const Node& node = tree_[middle];
+  const dvec3 to = node.p - found.p;
   const double d2 = glm::dot(to, to);
-  if (d2 < found.farthest() && glm::dot(point.normal, found.normal) > kAlike) found.add(i, d2);
-  const double behind = -to[axis_[middle]];
+  if (d2 < found.farthest() && glm::dot(node.normal, found.normal) > kAlike) found.add(node.point, d2);
+  const double behind = -to[node.axis];
   const bool first = behind < 0;
   if (first)
     search(begin, middle, found);
@@ -242,13 +237,13 @@ void SurfacePoints::search(size_t begin, size_t end, Search& found) const {
 
 int SurfacePoints::nearest(const dvec3& p, const dvec3& normal) const {
   Search found{p, normal, 1};
-  search(0, order_.size(), found);
+  search(0, tree_.size(), found);
   return found.count ? found.point[0] : -1;
 }
 
 SurfacePoints::Around SurfacePoints::around(const dvec3& p, const dvec3& normal) const {
   Search found{p, normal, kAround + 1};
-  search(0, order_.size(), found);
+  search(0, tree_.size(), found);
   Around result;
   result.count = std::min(found.count, kAround);
   if (!result.count) return result;

@@ -47,8 +47,11 @@ class SurfacePoints {
 
   std::vector<Point> points_;
   // A k-d tree: the middle one of a range splits it along its axis.
-  std::vector<int> order_;
-  std::vector<uint8_t> axis_;
+  struct Node {
+    dvec3 p, normal;
+    int point, axis;
+  };
+  std::vector<Node> tree_;
 };
 
 }  // namespace brume
