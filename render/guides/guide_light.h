@@ -7,6 +7,8 @@
 
 #include "render/guides/guide_media.h"
 #include "render/guides/scattering_solver.h"
+#include "render/guides/sky_parts.h"
+#include "render/guides/surface_light.h"
 #include "render/world/lights.h"
 #include "render/world/surfaces.h"
 
@@ -15,7 +17,6 @@ namespace brume {
 struct LitSurfaces;
 class SharpLight;
 class SkyLight;
-class SurfaceLight;
 
 /// Radiance by the events that it comes from: the reflection alone, or scattering before it.
 struct Lit {
@@ -29,11 +30,12 @@ struct Lit {
 /// A scene whose light inside the media is being solved.
 struct LightSolve {
   const std::vector<GuideMedia>& times;  ///< of the shutter; the light is that of the middle
-  const Lights& lights;
+  const SkyParts& sky_parts;
   const Surfaces* surfaces;  ///< null where there are none
   GuideColour colour;
   ScatteringSolver& solver;           ///< of the fine lattice
-  const SurfaceLight* surface_light;  ///< null until it is known
+  const AmbientLight* ambient_light;  ///< null where there are no surfaces
+  const SurfaceLight* surface_light;  ///< the same
   SkyShares& sky;                     ///< made for the first light that needs it
   Task task;
 
@@ -62,8 +64,9 @@ class GuideLight {
 
   /// Its light in the media before any scattering there.
   virtual Radiance arriving(const LightSolve& solve) = 0;
-  /// What a diffuse surface of albedo 1 reflects of it at a point in front of it.
-  virtual Lit onto(const LitSurfaces& around, const dvec3& p, const dvec3& normal) const = 0;
+  /// What a diffuse surface of albedo 1 reflects of it at a point in front of it. @param around  the light there
+  virtual Lit onto(const LitSurfaces& surfaces, const SurfaceLight::Around& around, const dvec3& p,
+                   const dvec3& normal) const = 0;
 
   /// Light from one known direction at each point; null for any other.
   virtual const SharpLight* sharp() const { return nullptr; }
@@ -84,8 +87,10 @@ class GuideLight {
 
 /// The lights of a scene by their guides: suns and lamps one by one while they are few, the weaker ones together;
 /// everything infinitely far but the suns is the sky; what the media emit is a group, too.
-/// @param colour  that they are wanted in: for kGrey a sky of many colours is three groups, its red, green and blue
-std::vector<std::unique_ptr<GuideLight>> guide_lights(const Lights& lights, const GuideMedia& media,
+/// @param surfaces  null where there are none
+/// @param colour    that they are wanted in: for kGrey a sky of many colours is three groups, its red, green and blue
+std::vector<std::unique_ptr<GuideLight>> guide_lights(const Lights& lights, const SkyParts& sky,
+                                                      const Surfaces* surfaces, const GuideMedia& media,
                                                       GuideColour colour);
 /// What surfaces send into the media, once LightSolve::surface_light is known.
 std::unique_ptr<GuideLight> light_from_surfaces(const dvec3& colour);

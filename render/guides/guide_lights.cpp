@@ -4,6 +4,7 @@
 
 #include "render/guides/guide_light.h"
 #include "render/guides/lit_surface.h"
+#include "render/guides/mesh_light.h"
 #include "render/guides/sharp_light.h"
 #include "render/guides/sky_light.h"
 
@@ -12,7 +13,7 @@ namespace {
 
 // Lights beyond these share one group: each costs a sweep of the lattice for every order, and a filter dozens of
 // guides.
-constexpr size_t kMostSuns = 2, kMostLamps = 2;
+constexpr size_t kMostSuns = 2, kMostLamps = 2, kMostMeshes = 2;
 
 dvec3 of_mean_one(const dvec3& colour) {
   const double mean = in_colour(colour, kGrey);
@@ -37,8 +38,8 @@ class GlowLight final : public GuideLight {
     colour = of_mean_one(colours);
     return solve.solver.emitted(emission);
   }
-  Lit onto(const LitSurfaces& around, const dvec3& p, const dvec3& normal) const override {
-    return around.ambient_light ? Lit{around.ambient_light->onto(p, normal).emitted, dvec3(0)} : Lit();
+  Lit onto(const LitSurfaces&, const SurfaceLight::Around& around, const dvec3&, const dvec3&) const override {
+    return {around.emitted, dvec3(0)};
   }
 };
 
@@ -55,8 +56,8 @@ class LightFromSurfaces final : public GuideLight {
     });
     return light;
   }
-  Lit onto(const LitSurfaces& around, const dvec3& p, const dvec3& normal) const override {
-    return around.surface_light ? Lit{dvec3(0), around.surface_light->onto(p, normal)} : Lit();
+  Lit onto(const LitSurfaces&, const SurfaceLight::Around& around, const dvec3&, const dvec3&) const override {
+    return {dvec3(0), around.reflected};
   }
 };
 
@@ -66,16 +67,42 @@ struct Candidate {
   double importance;
 };
 
+/// The strongest emissive meshes, each a light; all others are one.
+void add_meshes(const Lights& lights, const Surfaces& surfaces, const dvec3& middle,
+                std::vector<std::unique_ptr<GuideLight>>& guides) {
+  std::vector<std::pair<double, uint32_t>> meshes;  // importance
+  for (uint32_t i = 0; i < surfaces.count(); ++i)
+    if (surfaces.settings(i).radiance != dvec3(0))
+      meshes.push_back({lights.mesh(surfaces.light_of(i)).importance(middle), i});
+  std::stable_sort(meshes.begin(), meshes.end(), [](const auto& a, const auto& b) { return a.first > b.first; });
+  for (size_t k = 0; k < meshes.size() && k <= kMostMeshes; ++k) {
+    const bool rest = k == kMostMeshes;
+    std::vector<uint32_t> own;
+    dvec3 colour(0);
+    for (size_t m = k; m < (rest ? meshes.size() : k + 1); ++m) {
+      own.push_back(meshes[m].second);
+      colour += meshes[m].first * of_mean_one(surfaces.settings(meshes[m].second).radiance);
+    }
+    guides.push_back(std::make_unique<EmittingMeshes>(k == 0 ? "mesh" : "mesh_" + std::to_string(k + 1),
+                                                      of_mean_one(colour), surfaces, own));
+  }
+}
+
 }  // namespace
 
-std::vector<std::unique_ptr<GuideLight>> guide_lights(const Lights& lights, const GuideMedia& media,
+std::vector<std::unique_ptr<GuideLight>> guide_lights(const Lights& lights, const SkyParts& sky,
+                                                      const Surfaces* surfaces, const GuideMedia& media,
                                                       GuideColour colour) {
   const dvec3 middle = 0.5 * (media.lo() + media.hi());
   std::vector<Candidate> candidates;
-  lights.each_sharp([&](const auto& light) {
+  const auto add = [&](const auto& light) {
     if (const double importance = light.importance(middle); importance > 0)
       candidates.push_back({&light, of_mean_one(arriving_light(&light, middle).irradiance), importance});
-  });
+  };
+  for (const Sun* sun : lights.suns()) add(*sun);
+  for (const auto& sun : sky.suns()) add(*sun);
+  for (const FiniteLight* lamp : lights.finite()) add(*lamp);
+  for (const PointLight* lamp : lights.points()) add(*lamp);
   std::stable_sort(candidates.begin(), candidates.end(),
                    [](const Candidate& a, const Candidate& b) { return a.importance > b.importance; });
 
@@ -99,14 +126,15 @@ std::vector<std::unique_ptr<GuideLight>> guide_lights(const Lights& lights, cons
       guides.push_back(std::make_unique<LampLight>(name, c.colour, c.light));
   }
   if (!others.empty()) guides.push_back(other_lights(of_mean_one(others_colour), others));
-  const Environment& sky = *lights.environment();
-  if (!sky.black() && !sky.constant() && colour == kGrey) {
+  if (surfaces) add_meshes(lights, *surfaces, middle, guides);
+  const bool dark = lights.environment()->black();
+  if (!dark && !sky.constant() && colour == kGrey) {
     for (GuideColour channel = 0; channel < 3; ++channel) {
       dvec3 own(0);
       own[channel] = 1;
       guides.push_back(std::make_unique<SkyLight>("sky", own, channel));
     }
-  } else if (!sky.black()) {
+  } else if (!dark) {
     dvec3 mean(0);
     for (const dvec3& d : {dvec3(1, 0, 0), dvec3(-1, 0, 0), dvec3(0, 1, 0), dvec3(0, -1, 0), dvec3(0, 0, 1)})
       mean += sky.radiance(d);

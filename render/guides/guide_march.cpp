@@ -30,7 +30,7 @@ GuideMarch::GuideMarch(const PathContext& context, const std::vector<GuideMedia>
       colour_(colour),
       sketch_(sketch),
       rays_(context, camera, media[0], media.size() > 1, sketch),
-      surfaces_{fields.lights(),  fields.scaled_extinction(), *context.lights,
+      surfaces_{fields.lights(),  fields.scaled_extinction(), fields.sky_parts(),
                 context.surfaces, fields.ambient_light(),     fields.surface_light()},
       reference_depth_(glm::distance(camera.ray(dvec2(0)).o, 0.5 * (media[0].lo() + media[0].hi()))),
       node_fields_(fields, media[0], colour, camera, task) {

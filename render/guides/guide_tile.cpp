@@ -125,9 +125,10 @@ void GuideTile::add_surface(const CameraRay& ray, const MarchedRay& marched, Gui
   sums.surface_depth += transmittance * (ray.hit->t - march_.reference_depth_);
   sums.material[static_cast<int>(at.bsdf.kind)] += static_cast<float>(transmittance);
   sums.background += scaled(march_.context_.surfaces->emitted(ray.hit->surface, !at.inside), transmittance);
-  dvec3 indirect = march_.surfaces_.indirect_light_on(at), leaving(0);
+  const SurfaceLight::Around around = march_.surfaces_.around(at);
+  dvec3 indirect = at.bsdf.albedo * around.scattered, leaving(0);
   for (size_t k = 0; k < sums.groups.size() && !at.bsdf.delta(); ++k) {
-    const Lit light = march_.surfaces_.light_on(at, *march_.fields_.lights()[k]);
+    const Lit light = march_.surfaces_.light_on(at, around, *march_.fields_.lights()[k]);
     sums.surface[k] += scaled(light.direct, transmittance);
     leaving += light.direct;
     indirect += light.indirect;

@@ -11,6 +11,7 @@ namespace brume {
 namespace {
 
 // Times of the shutter that are marched where anything moves; the light is solved for the one in the middle.
+constexpr double kSharpPeak = 0.75;  // mean cosine
 constexpr int kTimes = 9;
 constexpr double kMostDetail = 2, kSketch = 0.5;
 constexpr double kMostKept = 150e6;  // bytes of light of all colours
@@ -121,6 +122,38 @@ std::string Guides::explain() const {
                      names.empty() ? "nothing" : names, n.x, n.y, n.z, f.lattice().spacing / media_[0].voxel(),
                      colours_.size() > 1 ? ", for red, green and blue" : "", static_cast<double>(bytes()) / 1e6,
                      seconds_);
+}
+
+std::vector<std::string> Guides::left_out() const {
+  std::vector<std::string> texts;
+  if (media_[0].empty()) return {"everything: they are of media"};
+  const GuideMedia& media = media_[0];
+  const Surfaces* const surfaces = context_.surfaces;
+  bool glass = false, metal = false, catcher = false;
+  for (uint32_t i = 0; surfaces && i < surfaces->count(); ++i) {
+    const SurfaceSettings& s = surfaces->settings(i);
+    glass = glass || (s.material == "dielectric" && s.shadow != "straight");
+    metal = metal || s.material == "conductor";
+    catcher = catcher || s.role == "shadow_catcher";
+  }
+  for (const auto& light : fields_[0].lights())
+    if (light->name == "others" || light->name.starts_with("mesh"))
+      texts.push_back(
+          fmt::format("the phase function's peak for light of '{}': it is scattered by its mean cosine", light->name));
+  if (glass)
+    texts.push_back("light of suns and lamps through glass, bent or straight (unless its shadow is \"straight\")");
+  if (metal) texts.push_back("suns and lamps that metals throw onto other things as sharp caustics");
+  if (catcher) texts.push_back("shadow catchers");
+  if (surfaces && !media.media().empty())
+    texts.push_back("surfaces that stop light which the media have scattered before it is scattered again");
+  if (media_.size() > 1)
+    texts.push_back("motion in light scattered more often: it is that of the middle of the shutter");
+  for (size_t m = 0; m < media.media().size(); ++m)
+    if (media.mean_cosine(m) > kSharpPeak) {
+      texts.push_back("glory and other spikes of phase functions after more than one scattering");
+      break;
+    }
+  return texts;
 }
 
 }  // namespace brume

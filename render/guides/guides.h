@@ -47,8 +47,10 @@ class Guides {
   void record_stored(const Camera& camera, const ivec2& corner, Layers& frame, const Task& task,
                      const std::function<bool(const std::string& channel)>& stored) const;
 
-  /// Memory and time that it took, and what is left out, in one line.
+  /// Memory and time that it took, in one line.
   std::string explain() const;
+  /// What of this scene they do not know, or only roughly.
+  std::vector<std::string> left_out() const;
   size_t bytes() const;
 
  private:

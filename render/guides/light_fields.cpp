@@ -18,9 +18,10 @@ constexpr double kVoxelsPerNode = 2, kMostVoxelsPerNode = 4, kFreePathsPerNode =
 // Of them at a detail of 1, where media are large: as many for each pixel, within limits.
 constexpr double kNodesPerPixel = 12, kFewestNodes = 2.5e5;
 constexpr double kMostNodes = 1e6, kMostNodesInDetail = 4e6;
-constexpr double kNegligible = 2e-3;    // of all orders together, for the last one
-constexpr double kLargestRatio = 0.99;  // of an order to the one before, in the tail
-constexpr double kFineOrder = 2;        // scatterings of the orders on fine nodes, on average
+constexpr double kNegligible = 2e-3;        // of all orders together, for the last one
+constexpr double kNegligibleAnswer = 0.02;  // the same of light that only surfaces are to be sent
+constexpr double kLargestRatio = 0.99;      // of an order to the one before, in the tail
+constexpr double kFineOrder = 2;            // scatterings of the orders on fine nodes, on average
 
 /// Over a cube around a point.
 dvec3 mean_emission(const GuideMedia& media, const dvec3& middle, double size) {
@@ -73,7 +74,8 @@ double LightFields::most_nodes(double pixels) {
 }
 
 LightFields::LightFields(const std::vector<GuideMedia>& times, const Lights& lights, const Surfaces* surfaces,
-                         GuideColour colour, double detail, double pixels, const Task& task) {
+                         GuideColour colour, double detail, double pixels, const Task& task)
+    : sky_parts_(*lights.environment()) {
   const GuideMedia& media = times[times.size() / 2];
   const double wanted = kFreePathsPerNode * free_path(media, colour, task) / media.voxel();
   const double voxels = std::clamp(wanted, kVoxelsPerNode, kMostVoxelsPerNode) / detail;
@@ -86,7 +88,7 @@ LightFields::LightFields(const std::vector<GuideMedia>& times, const Lights& lig
   colour_ = colour;
   if (colour == kGrey && !media.media().empty()) tint_ = OrderTint(media.tint(0));
   if (surfaces) {
-    ambient_light_.emplace(media, coarse_, scale_);
+    ambient_light_.emplace(coarse_, scale_);
     if (colour == kGrey && media.mixed_tints()) node_tints_.resize(ambient_light_->nodes().size());
     coarse.each_node([&](int x, int y, int z, size_t i) {
       const size_t at = ambient_light_->index(x, y, z);
@@ -98,8 +100,9 @@ LightFields::LightFields(const std::vector<GuideMedia>& times, const Lights& lig
       node.emitted = {emission.x, emission.y, emission.z};
     });
   }
-  LightSolve solving{times, lights, surfaces, colour, solver, nullptr, sky_, quiet(task)};
-  for (std::unique_ptr<GuideLight>& light : guide_lights(lights, media, colour)) {
+  if (surfaces) surface_light_.emplace(media, *surfaces, *ambient_light_, task);
+  LightSolve solving{times, sky_parts_, surfaces, colour, solver, ambient_light(), surface_light(), sky_, quiet(task)};
+  for (std::unique_ptr<GuideLight>& light : guide_lights(lights, sky_parts_, surfaces, media, colour)) {
     solve(*light, solving, coarse);
     lights_.push_back(std::move(light));
     task.check();
@@ -109,22 +112,46 @@ LightFields::LightFields(const std::vector<GuideMedia>& times, const Lights& lig
 }
 
 void LightFields::add_surface_light(LightSolve& solving, ScatteringSolver& coarse) {
-  const Surfaces& surfaces = *solving.surfaces;
-  const Environment& sky = *solving.lights.environment();
-  ambient_light_->gather(surfaces, sky, solving.task);
-  const LitSurfaces lit{lights_, scale_, solving.lights, &surfaces, &*ambient_light_, nullptr};
-  const SurfaceLight& light = surface_light_.emplace(
-      solving.media(), surfaces, [&](const Ray& ray, const SurfaceHit& hit) { return lit.reflected(ray, hit); },
-      *ambient_light_, solving.task);
-  if (light.colour() == dvec3(0)) {
-    surface_light_.reset();
-    return;
+  SurfaceLight& light = *surface_light_;
+  light.gather(*ambient_light_, sky_parts_, solving.task);
+  light.exchange({lights_, scale_, sky_parts_, solving.surfaces, &*ambient_light_, &light}, *ambient_light_,
+                 solving.task);
+  if (light.colour() != dvec3(0)) {
+    light.answer(scattered_by_media(light, coarse), solving.task);
+    std::unique_ptr<GuideLight> group = light_from_surfaces(light.colour());
+    solve(*group, solving, coarse);
+    lights_.push_back(std::move(group));
   }
-  solving.surface_light = &light;
-  std::unique_ptr<GuideLight> group = light_from_surfaces(light.colour());
-  solve(*group, solving, coarse);
-  lights_.push_back(std::move(group));
-  ambient_light_->gather(surfaces, sky, solving.task);
+  light.gather(*ambient_light_, sky_parts_, solving.task);
+}
+
+AmbientLight LightFields::scattered_by_media(const SurfaceLight& light, ScatteringSolver& coarse) const {
+  AmbientLight scattering = *ambient_light_;
+  for (AmbientLight::Node& node : scattering.nodes()) node = {node.extinction};
+  Radiance arriving = coarse.nothing<Radiance>();
+  coarse.each_node([&](int x, int y, int z, size_t i) {
+    if (coarse.extinction()[i] == 0) return;
+    const std::array<double, 4> moments = light.at(coarse_.node(x, y, z), colour_);
+    for (size_t a = 0; a < 4; ++a) arriving[a][i] = static_cast<float>(moments[a]);
+  });
+  Source scattered = coarse.scatter(std::move(arriving)), sum = scattered;
+  double all = coarse.total(sum);
+  for (int order = 2; order <= kLastOrder; ++order) {
+    scattered = coarse.scatter(coarse.transport(std::move(scattered)));
+    coarse.add(scattered, sum);
+    const double own = coarse.total(scattered);
+    all += own;
+    if (own <= kNegligibleAnswer * all) break;
+  }
+  const vec3 colour(light.colour() * tint_.at(kFineOrder));
+  coarse.each_node([&](int x, int y, int z, size_t i) {
+    AmbientLight::Node& node = scattering.nodes()[scattering.index(x, y, z)];
+    for (size_t moment = 0; moment < 4; ++moment)
+      for (int c = 0; c < 3; ++c)
+        node.scattered[3 * moment + static_cast<size_t>(c)] =
+            coarse.scaled_extinction()[i] * colour[c] * sum[moment][i];
+  });
+  return scattering;
 }
 
 void LightFields::add_to_ambient(const GuideLight& light, const Source& fine_orders, const ScatteringSolver& fine,

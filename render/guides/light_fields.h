@@ -37,10 +37,11 @@ class LightFields {
   const std::vector<std::unique_ptr<GuideLight>>& lights() const { return lights_; }
   /// What arrives of SkyLight::incoming; empty without a sky.
   const SkyShares& sky() const { return sky_; }
-  /// Null where there are no surfaces, or no light on them.
+  /// Null where there are no surfaces.
   const SurfaceLight* surface_light() const { return surface_light_ ? &*surface_light_ : nullptr; }
   /// Null where there are no surfaces.
   const AmbientLight* ambient_light() const { return ambient_light_ ? &*ambient_light_ : nullptr; }
+  const SkyParts& sky_parts() const { return sky_parts_; }
   /// Nodes whose light may be asked for: those near the media.
   const std::vector<uint8_t>& near() const { return near_; }
   /// What the forward peak leaves of the extinction, on average.
@@ -55,11 +56,14 @@ class LightFields {
                       const ScatteringSolver& coarse);
   /// The ambient light, and one more group: what surfaces send into the media of all that lights them.
   void add_surface_light(LightSolve& solving, ScatteringSolver& coarse);
+  /// What the media scatter, any number of times, of light that surfaces send into them.
+  AmbientLight scattered_by_media(const SurfaceLight& light, ScatteringSolver& coarse) const;
 
   Lattice fine_, coarse_;
   std::vector<uint8_t> near_;
   std::vector<std::unique_ptr<GuideLight>> lights_;
   std::optional<AmbientLight> ambient_light_;
+  SkyParts sky_parts_;
   SkyShares sky_;
   std::optional<SurfaceLight> surface_light_;
   GuideColour colour_ = kGrey;

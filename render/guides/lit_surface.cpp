@@ -86,6 +86,17 @@ dvec3 LitSurfaces::unshadowed(const KnownLight& source, const ArrivingLight& lig
   return alike ? few : mean_of(4).first;
 }
 
+Lit LitSurfaces::shares(const dvec3& p, const dvec3& towards, double distance) const {
+  const double depth = ambient_light->depth(p, towards, distance), straight = attenuation(depth / scale);
+  return {dvec3(straight), dvec3(attenuation(depth) - straight)};
+}
+
+ArrivingLight LitSurfaces::arriving(const SharpLight& sharp, const dvec3& p) const {
+  ArrivingLight light = sharp.at(p);
+  if (!sharp.sun()) light.depth = ambient_light->depth(p, light.towards, light.distance) / scale;
+  return light;
+}
+
 Lit LitSurfaces::transmitted(const KnownLight& source, const ArrivingLight& light, const dvec3& p) const {
   const double scaled = scale * light.depth;
   if (!(scaled < kDark)) return {};
@@ -94,12 +105,12 @@ Lit LitSurfaces::transmitted(const KnownLight& source, const ArrivingLight& ligh
   return {straight * open, (attenuation(scaled) - straight) * open};
 }
 
-Lit LitSurfaces::light_on(const ShadedPoint& at, const GuideLight& group) const {
+Lit LitSurfaces::light_on(const ShadedPoint& at, const SurfaceLight::Around& around, const GuideLight& group) const {
   Lit lit;
   if (at.diffuse()) {
-    lit.add(at.bsdf.albedo, group.onto(*this, at.p, at.normal));
+    lit.add(at.bsdf.albedo, group.onto(*this, around, at.p, at.normal));
   } else if (const SharpLight* const sharp = group.sharp()) {
-    const ArrivingLight light = sharp->at(at.p);
+    const ArrivingLight light = arriving(*sharp, at.p);
     if (!(glm::dot(light.towards, at.normal) > 0)) return lit;
     if (const Lit shares = transmitted(sharp->light(), light, at.p); shares.direct != dvec3(0))
       lit.add(highlight(at, sharp->light()), shares);
@@ -107,31 +118,27 @@ Lit LitSurfaces::light_on(const ShadedPoint& at, const GuideLight& group) const 
   return lit;
 }
 
-dvec3 LitSurfaces::indirect_light_on(const ShadedPoint& at) const {
-  if (!ambient_light || !at.diffuse()) return dvec3(0);
-  return at.bsdf.albedo * ambient_light->onto(at.p, at.normal).scattered;
-}
-
 dvec3 LitSurfaces::reflected(const Ray& ray, const SurfaceHit& hit) const {
   const ShadedPoint at(*surfaces, ray, hit);
   dvec3 sum(0);
   if (at.diffuse()) {
-    if (ambient_light) sum += ambient_light->onto(at.p, at.normal).scattered;
+    const SurfaceLight::Around all = around(at);
+    sum += all.scattered;
     for (const auto& group : groups) {
-      const Lit lit = group->onto(*this, at.p, at.normal);
+      const Lit lit = group->onto(*this, all, at.p, at.normal);
       sum += lit.direct + lit.indirect;
     }
     return at.bsdf.albedo * sum;
   }
   for (const auto& group : groups) {
     if (const SharpLight* const sharp = group->sharp()) {
-      const ArrivingLight light = sharp->at(at.p);
+      const ArrivingLight light = arriving(*sharp, at.p);
       if (!(glm::dot(light.towards, at.normal) > 0)) continue;
       const Lit shares = transmitted(sharp->light(), light, at.p);
       sum += light.irradiance * (shares.direct + shares.indirect) *
              at.bsdf.value(at.to_frame(at.wo), at.to_frame(light.towards), false);
     } else if (group->sky() && at.bsdf.kind == Bsdf::Kind::kConductor) {
-      sum += at.bsdf.albedo * lights.environment()->radiance(glm::reflect(ray.d, at.normal)) * group->sky()->share();
+      sum += at.bsdf.albedo * sky.radiance(glm::reflect(ray.d, at.normal)) * group->sky()->share();
     }
   }
   return sum;

@@ -27,15 +27,17 @@ struct ShadedPoint {
 struct LitSurfaces {
   const std::vector<std::unique_ptr<GuideLight>>& groups;
   double scale;  ///< what the forward peak leaves of the extinction
-  const Lights& lights;
+  const SkyParts& sky;
   const Surfaces* surfaces;
-  const AmbientLight* ambient_light;  ///< null until it is gathered
-  const SurfaceLight* surface_light;  ///< the same
+  const AmbientLight* ambient_light;
+  const SurfaceLight* surface_light;
 
+  /// Light from all around that a diffuse surface of albedo 1 reflects; of any other none.
+  SurfaceLight::Around around(const ShadedPoint& at) const {
+    return surface_light && at.diffuse() ? surface_light->onto(at.p, at.normal) : SurfaceLight::Around();
+  }
   /// Light of a group that a surface reflects once, lit through the media, with shadows of surfaces.
-  Lit light_on(const ShadedPoint& at, const GuideLight& group) const;
-  /// What a diffuse surface reflects of all light that was scattered before it arrives from any direction.
-  dvec3 indirect_light_on(const ShadedPoint& at) const;
+  Lit light_on(const ShadedPoint& at, const SurfaceLight::Around& around, const GuideLight& group) const;
   /// Radiance that a surface sends back along a ray that hit it, of all groups; metals show highlights of suns and
   /// lamps, and of the sky what they mirror.
   dvec3 reflected(const Ray& ray, const SurfaceHit& hit) const;
@@ -43,8 +45,12 @@ struct LitSurfaces {
   /// Shares of a light that arrive at a point through the media and past surfaces; indirect: scattered by forward peaks
   /// alone.
   Lit transmitted(const KnownLight& source, const ArrivingLight& light, const dvec3& p) const;
+  /// The same through the media alone, along a direction.
+  Lit shares(const dvec3& p, const dvec3& towards, double distance) const;
 
  private:
+  /// What arrives of a light of known direction.
+  ArrivingLight arriving(const SharpLight& light, const dvec3& p) const;
   dvec3 unshadowed(const KnownLight& source, const ArrivingLight& light, const dvec3& p) const;
 };
 

@@ -145,9 +145,10 @@ void MirroredRays::end(const Queued& queued, const std::optional<SurfaceHit>& hi
     if (path.only_lights && !at.bsdf.delta()) return;
     if (!path.only_lights) {
       const dvec3 emitted = march_.context_.surfaces->emitted(hit->surface, !at.inside);
-      dvec3 reflected = march_.surfaces_.indirect_light_on(at);
+      const SurfaceLight::Around around = march_.surfaces_.around(at);
+      dvec3 reflected = at.bsdf.albedo * around.scattered;
       for (size_t k = 0; k < march_.fields_.lights().size() && !at.bsdf.delta(); ++k) {
-        const Lit lit = march_.surfaces_.light_on(at, *march_.fields_.lights()[k]);
+        const Lit lit = march_.surfaces_.light_on(at, around, *march_.fields_.lights()[k]);
         reflected += lit.direct + lit.indirect;
       }
       add(path, transmittance * emitted, transmittance * reflected + peaks * (emitted + reflected));
@@ -192,7 +193,9 @@ dvec3 MirroredRays::lights_ahead(const Ray& ray, const FiniteLight* light, doubl
   for (const InfiniteLight* far : lights.infinite()) {
     const bool environment = far == lights.environment();
     if (environment && path.only_lights) continue;
-    const dvec3 radiance = far->radiance(ray.d);
+    // A rough surface before has the highlights of its suns.
+    const bool rest = environment && path.shown == Shown::kUngrouped;
+    const dvec3 radiance = rest ? march_.fields_.sky_parts().radiance(ray.d) : far->radiance(ray.d);
     if (radiance != dvec3(0)) sum += (environment ? 1.0 : share(far)) * radiance;
   }
   return sum;

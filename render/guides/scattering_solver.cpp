@@ -269,7 +269,7 @@ void ScatteringSolver::gather(Radiance& light) const {
   });
 }
 
-SkyShares ScatteringSolver::arriving() const {
+SkyShares ScatteringSolver::arriving(bool peaks) const {
   SkyShares all(lattice_, directions().size());
   const ivec3 n = lattice_.n;
   // One bundle after another, so that few directions are held in full at once.
@@ -282,7 +282,9 @@ SkyShares ScatteringSolver::arriving() const {
       NodeValues& radiance = light[static_cast<size_t>(k)] = NodeValues(domain.size());
       beam.incoming = 1;
       beam.radiance = radiance.data();
-      sweep(domain, {bundle.y_major ? y_major_extinction_.data() : extinction_.data(), {}, 0}, {&beam, 1}, {});
+      const NodeValues& z_major = peaks ? scaled_ : extinction_;
+      const NodeValues& y_major = peaks ? y_major_scaled_ : y_major_extinction_;
+      sweep(domain, {bundle.y_major ? y_major.data() : z_major.data(), {}, 0}, {&beam, 1}, {});
     });
     parallel_for(n.x - 2, task_, [&](int i) {
       const int x = i + 1;

@@ -84,8 +84,9 @@ class ScatteringSolver {
     for (NodeValues& values : none) values = NodeValues(lattice_.size());
     return none;
   }
-  /// For each direction of travel, the transmittance from outside to the node, the forward peak counted as scattering.
-  SkyShares arriving() const;
+  /// For each direction of travel, the transmittance from outside to the node.
+  /// @param peaks  whether what forward peaks scatter arrives, too
+  SkyShares arriving(bool peaks) const;
   /// Moments of radiance that enters from outside, for each direction, the forward peak not counted as scattering.
   Radiance entering(const std::vector<double>& incoming);
   /// Moments of emitted light. @param emission  emission per spacing at the nodes

@@ -25,20 +25,6 @@ ArrivingLight sampled_middle(const Light& light, const dvec3& p) {
   return {s.wi, s.distance, s.radiance / s.pdf, radius};
 }
 
-/// As of a sphere of the same projected area.
-ArrivingLight mesh_as_sphere(const MeshLight& light, const dvec3& p) {
-  constexpr double kClear = 1.1;  // of the sphere's radius: shadow rays end before the mesh
-  const dvec3 to = light.middle() - p;
-  const double distance = glm::length(to);
-  if (!(distance > 0)) return {};
-  const dvec3 towards = to / distance;
-  const double area = light.projected_area(towards), radius = kClear * std::sqrt(area / kPi);
-  const double sine2 = std::min(1.0, area / (kPi * distance * distance));
-  const double solid_angle = 2 * kPi * sine2 / (1 + std::sqrt(1 - sine2));
-  return {towards, std::max(0.01 * distance, distance - radius), solid_angle * light.radiance(),
-          std::min(radius, 0.99 * distance)};
-}
-
 /// What arrives from a lamp in the cube around a node, on average: where the lamp is near, it differs much from place
 /// to place. Nothing is lit inside the lamp.
 ArrivingLight mean_over_cube(const KnownLight& light, const dvec3& node, double size) {
@@ -99,6 +85,30 @@ std::pair<double, double> add_lamp(const LightSolve& solve, const KnownLight& li
   return {share, depth};
 }
 
+/// What a surface reflects of a light by points of it: few, or more where parts of it are hidden.
+Lit lamp_onto(const KnownLight& lamp, const LitSurfaces& surfaces, const dvec3& p, const dvec3& normal) {
+  const auto by_points = [&](int across) {
+    Lit sum;
+    std::optional<dvec3> first;
+    bool alike = true;
+    for (int i = 0; i < across * across; ++i) {
+      const LightSample s =
+          base_of(lamp).sample(p, (dvec2(i % across, i / across) + 0.5) / static_cast<double>(across));
+      const double cosine = glm::dot(s.wi, normal);
+      if (!(s.pdf > 0) || !(cosine > 0) || s.radiance == dvec3(0)) continue;
+      const dvec3 open = surfaces.surfaces->passage({p, s.wi}, std::min(s.distance, kFar)).light;
+      if (!first) first = open;
+      alike = alike && open == *first;
+      if (open == dvec3(0)) continue;
+      sum.add(cosine / (kPi * s.pdf * across * across) * s.radiance * open, surfaces.shares(p, s.wi, s.distance));
+    }
+    return std::pair(sum, alike);
+  };
+  if (!has_extent(lamp)) return by_points(1).first;
+  const auto [few, alike] = by_points(2);
+  return alike ? few : by_points(4).first;
+}
+
 }  // namespace
 
 ArrivingLight arriving_light(const KnownLight& light, const dvec3& p) {
@@ -106,21 +116,20 @@ ArrivingLight arriving_light(const KnownLight& light, const dvec3& p) {
                              return ArrivingLight{sun->axis(), kFar, sun->irradiance()};
                            },
                            [&](const FiniteLight* lamp) { return sampled_middle(*lamp, p); },
-                           [&](const PointLight* lamp) { return sampled_middle(*lamp, p); },
-                           [&](const MeshLight* mesh) { return mesh_as_sphere(*mesh, p); }},
+                           [&](const PointLight* lamp) { return sampled_middle(*lamp, p); }},
                     light);
 }
 
 const char* guide_word(const KnownLight& light) {
   return std::visit(Answer{[](const Sun*) { return "sun"; },
                            [](const FiniteLight* lamp) { return lamp->centre() ? "sphere" : "rectangle"; },
-                           [](const PointLight*) { return "point"; }, [](const MeshLight*) { return "mesh"; }},
+                           [](const PointLight*) { return "point"; }},
                     light);
 }
 
 bool has_extent(const KnownLight& light) {
   return std::visit(Answer{[](const Sun* sun) { return !sun->delta(); }, [](const FiniteLight*) { return true; },
-                           [](const PointLight*) { return false; }, [](const MeshLight*) { return false; }},
+                           [](const PointLight*) { return false; }},
                     light);
 }
 
@@ -133,7 +142,7 @@ std::optional<MetLight> met_by(const Ray& ray, const KnownLight& light) {
                              const double t = lamp->intersect(ray);
                              return t > 0 ? Met({lamp->radiance(ray, t), lamp->pdf(ray, t)}) : Met();
                            },
-                           [](const PointLight*) { return Met(); }, [](const MeshLight*) { return Met(); }},
+                           [](const PointLight*) { return Met(); }},
                     light);
 }
 
@@ -167,11 +176,12 @@ double ArrivingLight::transmittance(double shortest) const {
   return sum / kRings;
 }
 
-Lit SharpLight::onto(const LitSurfaces& around, const dvec3& p, const dvec3& normal) const {
+Lit SunLight::onto(const LitSurfaces& surfaces, const SurfaceLight::Around&, const dvec3& p,
+                   const dvec3& normal) const {
   Lit lit;
   const ArrivingLight light = at(p);
   const double cosine = glm::dot(light.towards, normal);
-  if (cosine > 0) lit.add(cosine / kPi * light.irradiance, around.transmitted(light_, light, p));
+  if (cosine > 0) lit.add(cosine / kPi * light.irradiance, surfaces.transmitted(light_, light, p));
   return lit;
 }
 
@@ -203,6 +213,11 @@ size_t SunLight::bytes() const {
   size_t sum = visible_.size() * sizeof(float);
   for (const SunDepth& depth : depth_) sum += depth.bytes();
   return sum;
+}
+
+Lit LampLight::onto(const LitSurfaces& surfaces, const SurfaceLight::Around&, const dvec3& p,
+                    const dvec3& normal) const {
+  return lamp_onto(light_, surfaces, p, normal);
 }
 
 ArrivingLight LampLight::at(const dvec3& p) const {
@@ -238,16 +253,10 @@ class OtherLights final : public GuideLight {
     });
     return light;
   }
-  Lit onto(const LitSurfaces& around, const dvec3& p, const dvec3& normal) const override {
+  Lit onto(const LitSurfaces& surfaces, const SurfaceLight::Around&, const dvec3& p,
+           const dvec3& normal) const override {
     Lit lit;
-    for (const KnownLight& own : lights_) {
-      ArrivingLight light = arriving_light(own, p);
-      const double cosine = glm::dot(light.towards, normal);
-      if (!(cosine > 0)) continue;
-      if (around.ambient_light)
-        light.depth = around.ambient_light->depth(p, light.towards, light.distance) / around.scale;
-      lit.add(cosine / kPi * light.irradiance, around.transmitted(own, light, p));
-    }
+    for (const KnownLight& own : lights_) lit.add(dvec3(1), lamp_onto(own, surfaces, p, normal));
     return lit;
   }
 

@@ -13,7 +13,7 @@ class SunLight;
 
 /// Every kind of light that has a direction. The compiler asks for an answer to each question below for a new one,
 /// which Lights::each_sharp gives guide_lights().
-using KnownLight = std::variant<const Sun*, const FiniteLight*, const PointLight*, const MeshLight*>;
+using KnownLight = std::variant<const Sun*, const FiniteLight*, const PointLight*>;
 
 inline const Light& base_of(const KnownLight& light) {
   return *std::visit([](const auto* own) -> const Light* { return own; }, light);
@@ -58,7 +58,6 @@ class SharpLight : public GuideLight {
       : GuideLight(std::move(guide_name), guide_colour), light_(light) {}
 
   const SharpLight* sharp() const override { return this; }
-  Lit onto(const LitSurfaces& around, const dvec3& p, const dvec3& normal) const override;
   /// Parallel light; null for a lamp.
   virtual const SunLight* sun() const { return nullptr; }
   /// What arrives at a point of the media or of a surface.
@@ -79,6 +78,8 @@ class SunLight final : public SharpLight {
   using SharpLight::SharpLight;
   const SunLight* sun() const override { return this; }
   Radiance arriving(const LightSolve& solve) override;
+  Lit onto(const LitSurfaces& surfaces, const SurfaceLight::Around& around, const dvec3& p,
+           const dvec3& normal) const override;
   ArrivingLight at(const dvec3& p) const override;
   const dvec3& towards() const { return std::get<const Sun*>(light_)->axis(); }
   const dvec3& irradiance() const { return std::get<const Sun*>(light_)->irradiance(); }
@@ -94,6 +95,8 @@ class LampLight final : public SharpLight {
  public:
   using SharpLight::SharpLight;
   Radiance arriving(const LightSolve& solve) override;
+  Lit onto(const LitSurfaces& surfaces, const SurfaceLight::Around& around, const dvec3& p,
+           const dvec3& normal) const override;
   ArrivingLight at(const dvec3& p) const override;
   size_t bytes() const override { return (depth_.size() + visible_.size()) * sizeof(float); }
 

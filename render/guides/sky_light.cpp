@@ -7,34 +7,53 @@
 namespace brume {
 namespace {
 
-/// Where surfaces stand between the sky and the media.
-void hide_sky(const GuideMedia& media, const Surfaces& surfaces, std::vector<double>& incoming) {
-  // Sky visible from the corners of a box half as large as the media's.
-  const dvec3 middle = 0.5 * (media.lo() + media.hi()), half = 0.25 * (media.hi() - media.lo());
-  for (size_t k = 0; k < incoming.size(); ++k) {
-    double sum = 0;
-    for (int corner = 0; corner < 8; ++corner) {
-      const dvec3 p = middle + half * dvec3(corner & 1 ? 1 : -1, corner & 2 ? 1 : -1, corner & 4 ? 1 : -1);
-      if (!surfaces.intersect({p, -ScatteringSolver::directions()[k]}, kFar)) sum += incoming[k];
+/// Moments of the sky's light at the nodes where surfaces hide other parts of it from each.
+/// @param shares  that media leave of it
+Radiance behind_surfaces(const LightSolve& solve, const SkyShares& shares, const std::vector<double>& incoming) {
+  const auto& directions = ScatteringSolver::directions();
+  Radiance light = solve.solver.nothing<Radiance>();
+  solve.solver.each_node([&](int x, int y, int z, size_t i) {
+    if (solve.solver.extinction()[i] == 0) return;
+    const SurfaceLight::SkySeen seen = solve.surface_light->sky_seen(solve.solver.lattice().node(x, y, z));
+    for (size_t d = 0; d < directions.size(); ++d) {
+      const auto radiance =
+          static_cast<float>(incoming[d] * seen[d] / static_cast<double>(directions.size())) * shares(i, d);
+      light[0][i] += radiance;
+      for (int a = 0; a < 3; ++a)
+        light[static_cast<size_t>(a) + 1][i] += radiance * static_cast<float>(directions[d][a]);
     }
-    incoming[k] = sum / 8;
-  }
+  });
+  return light;
+}
+
+/// What surfaces leave of what media leave of the sky.
+void hide(const LightSolve& solve, SkyShares& sky) {
+  solve.solver.each_node([&](int x, int y, int z, size_t i) {
+    const SurfaceLight::SkySeen seen = solve.surface_light->sky_seen(solve.solver.lattice().node(x, y, z));
+    for (size_t d = 0; d < seen.size(); ++d) sky.set(i, d, static_cast<float>(seen[d]) * sky(i, d));
+  });
 }
 
 }  // namespace
 
 Radiance SkyLight::arriving(const LightSolve& solve) {
-  const Environment& sky = *solve.lights.environment();
+  const SkyParts& sky = solve.sky_parts;
   const GuideColour own = solve.colour == kGrey ? channel : solve.colour;
   incoming_ = means_near(ScatteringSolver::directions(), sky.constant(),
                          [&](const dvec3& d) { return in_colour(sky.radiance(-d), own); });
-  if (solve.surfaces) hide_sky(solve.media(), *solve.surfaces, incoming_);
-  if (solve.sky.empty()) solve.sky = solve.solver.arriving();
+  const bool unevenly = solve.surface_light && solve.surface_light->sky_seen_unevenly();
+  if (solve.sky.empty()) {
+    solve.sky = solve.solver.arriving(/*peaks=*/false);
+    if (unevenly) hide(solve, solve.sky);
+  }
+  if (unevenly) return behind_surfaces(solve, solve.solver.arriving(/*peaks=*/true), incoming_);
+  for (size_t d = 0; solve.surface_light && d < incoming_.size(); ++d)
+    incoming_[d] *= solve.surface_light->sky_seen()[d];
   return solve.solver.entering(incoming_);
 }
 
-Lit SkyLight::onto(const LitSurfaces& around, const dvec3& p, const dvec3& normal) const {
-  return around.ambient_light ? Lit{around.ambient_light->onto(p, normal).sky * share(), dvec3(0)} : Lit();
+Lit SkyLight::onto(const LitSurfaces&, const SurfaceLight::Around& around, const dvec3&, const dvec3&) const {
+  return {around.sky * share(), dvec3(0)};
 }
 
 }  // namespace brume

@@ -11,7 +11,8 @@ class SkyLight final : public GuideLight {
   using GuideLight::GuideLight;
   const SkyLight* sky() const override { return this; }
   Radiance arriving(const LightSolve& solve) override;
-  Lit onto(const LitSurfaces& around, const dvec3& p, const dvec3& normal) const override;
+  Lit onto(const LitSurfaces& surfaces, const SurfaceLight::Around& around, const dvec3& p,
+           const dvec3& normal) const override;
   /// Radiance outside, for each of ScatteringSolver::directions, that light travels along.
   const std::vector<double>& incoming() const { return incoming_; }
   /// What the group has of light whose colours are known.

@@ -1,36 +1,166 @@
 #include "render/guides/surface_light.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include "base/math.h"
 #include "base/parallel_for.h"
 #include "render/guides/attenuation.h"
+#include "render/guides/lattice.h"
+#include "render/guides/lit_surface.h"
+#include "render/guides/scattering_solver.h"
 
 namespace brume {
 namespace {
 
-constexpr int kProbesAcross = 24;  // the longest side
-constexpr int kDirections = 96;
-constexpr int kMostPanes = 8;  // of glass that a ray goes through, or mirrors that turn it
+constexpr int kProbesAcross[] = {32, 24, 20, 16, 12, 8};  // the longest side, as many as there may be
+constexpr size_t kMostProbes = 3000;
+constexpr int kPointRays = 128, kProbeRays = 96;
+constexpr int kMostPanes = 8;         // of glass that a ray goes through, or mirrors that turn it
+constexpr size_t kBrightRays = 32;    // from each observer
+constexpr double kBright = 4;         // of the mean radiance that observers see of surfaces
+constexpr double kNegligible = 1e-3;  // of all reflections, for the last one
+constexpr int kMostReflections = 64;
+constexpr double kUneven = 0.2;     // mean deviation from the mean share of the sky
+constexpr double kMostBacks = 0.5;  // of a probe's rays, that meet surfaces from behind
+constexpr double kGoldenRatio = 0.6180339887498949;
+
+/// Unit vectors around z, their number per solid angle as the cosine.
+std::vector<dvec3> spiral_by_cosine(int count) {
+  std::vector<dvec3> directions;
+  for (int i = 0; i < count; ++i) {
+    const double sine2 = (i + 0.5) / count, turn = i * kGoldenRatio;
+    const SinCos phi = portable_sincos_2pi(turn - std::floor(turn));
+    directions.push_back({std::sqrt(sine2) * phi.cos, std::sqrt(sine2) * phi.sin, std::sqrt(1 - sine2)});
+  }
+  return directions;
+}
+
+/// A frame turned around its z by golden angles, so that observers side by side do not look alike.
+Frame turned(Frame frame, size_t i) {
+  const double turn = static_cast<double>(i) * kGoldenRatio;
+  const SinCos phi = portable_sincos_2pi(turn - std::floor(turn));
+  const dvec3 x = frame.x, y = frame.y;
+  frame.x = phi.cos * x + phi.sin * y;
+  frame.y = phi.cos * y - phi.sin * x;
+  return frame;
+}
+
+/// The sky's mean radiance over cells of directions.
+class SkyCells {
+ public:
+  explicit SkyCells(const SkyParts& sky) : constant_(sky.constant()) {
+    if (constant_) {
+      cells_.assign(1, sky.radiance(dvec3(0, 0, 1)));
+      return;
+    }
+    for (int v = 0; v < kUp; ++v)
+      for (int u = 0; u < kAround; ++u) {
+        dvec3 sum(0);
+        for (int i = 0; i < kInside * kInside; ++i) {
+          const double z = 2 * (v + (i / kInside + 0.5) / kInside) / kUp - 1, r = std::sqrt(1 - z * z);
+          const SinCos phi = portable_sincos_2pi((u + (i % kInside + 0.5) / kInside) / kAround);
+          sum += sky.radiance({r * phi.cos, r * phi.sin, z});
+        }
+        cells_.push_back(sum / static_cast<double>(kInside * kInside));
+      }
+  }
+  dvec3 operator()(const dvec3& d) const {
+    if (constant_) return cells_[0];
+    double turn = std::atan2(d.y, d.x) / (2 * kPi);
+    turn -= std::floor(turn);
+    const int u = std::clamp(static_cast<int>(turn * kAround), 0, kAround - 1),
+              v = std::clamp(static_cast<int>(0.5 * (d.z + 1) * kUp), 0, kUp - 1);
+    return cells_[static_cast<size_t>(v * kAround + u)];
+  }
+
+ private:
+  static constexpr int kAround = 48, kUp = 24, kInside = 8;
+  bool constant_;
+  std::vector<dvec3> cells_;
+};
 
 }  // namespace
 
-SurfaceLight::SurfaceLight(const GuideMedia& media, const Surfaces& surfaces, const Reflected& reflected,
-                           const AmbientLight& ambient_light, const Task& task)
+SurfaceLight::SurfaceLight(const GuideMedia& media, const Surfaces& surfaces, const AmbientLight& nodes,
+                           const Task& task)
+    : surfaces_(surfaces),
+      points_(surfaces, media, task),
+      light_(points_.points().size()),
+      looked_at_(light_.size(), 0.0) {
+  at_points_.directions = spiral_by_cosine(kPointRays);
+  for (const SurfacePoints::Point& point : points_.points())
+    at_points_.all.push_back({point.p, turned(Frame(point.normal), at_points_.all.size())});
+  at_probes_.directions = spiral_of_directions(kProbeRays);
+  place_probes(media, nodes);
+  into_media_.resize(at_probes_.all.size());
+  look(at_points_, surfaces, nodes, task);
+  look(at_probes_, surfaces, nodes, task);
+  for (size_t i = 0; i < light_.size(); ++i) {
+    double sum = 0;
+    for (int k = 0; k < kPointRays; ++k) sum += 1 / static_cast<double>(at_points_.of(i)[k].distance);
+    points_.points()[i].reach = kPointRays / sum;
+  }
+  find_sky_seen();
+}
+
+void SurfaceLight::place_probes(const GuideMedia& media, const AmbientLight& nodes) {
+  const Lattice& lattice = nodes.lattice();
+  for (const int across : kProbesAcross) {
     // In the middle of cells: no probe stands on a floor below the media.
-    : grid_(media.lo(), media.hi(), kProbesAcross), probes_(static_cast<size_t>(grid_.count())) {
-  const std::vector<dvec3> directions = spiral_of_directions(kDirections);
-  parallel_for(grid_.count(), quiet(task), [&](int i) {
-    const dvec3 p = grid_.at(i);
-    Probe& probe = probes_[static_cast<size_t>(i)];
-    for (const dvec3& direction : directions) {
-      Ray ray{p, direction};
-      dvec3 left(1.0 / kDirections);
-      double before = 0;  // of the way through the media, to the first surface that is not glass
-      bool straight = true;
+    grid_ = ProbeGrid(media.lo(), media.hi(), across);
+    probe_.assign(static_cast<size_t>(grid_.count()), -1);
+    for (int x = 0; x < lattice.n.x; ++x)
+      for (int y = 0; y < lattice.n.y; ++y)
+        for (int z = 0; z < lattice.n.z; ++z) {
+          if (!(nodes.extinction(x, y, z) > 0)) continue;
+          for (const double corner : {-0.5, 0.5})
+            for (const int probe : grid_.around(lattice.node(x, y, z) + corner * lattice.spacing).probe)
+              probe_[static_cast<size_t>(probe)] = 0;
+        }
+    if (static_cast<size_t>(std::count(probe_.begin(), probe_.end(), 0)) <= kMostProbes) break;
+  }
+  for (size_t i = 0; i < probe_.size(); ++i) {
+    if (probe_[i] < 0) continue;
+    probe_[i] = static_cast<int>(at_probes_.all.size());
+    at_probes_.all.push_back({grid_.at(static_cast<int>(i)), turned(Frame({0, 0, 1}), i)});
+  }
+}
+
+template <class Visit>
+void SurfaceLight::each_probe(const dvec3& world, const Visit& visit) const {
+  constexpr double kHidden = 1e-3;
+  ProbeGrid::Around around = grid_.around(world);
+  double sum = 0;
+  for (size_t k = 0; k < 8; ++k) {
+    const int probe = probe_[static_cast<size_t>(around.probe[k])];
+    if (probe < 0)
+      around.weight[k] = 0;
+    else if (!at_probes_.all[static_cast<size_t>(probe)].outside)
+      around.weight[k] *= kHidden;
+    sum += around.weight[k];
+  }
+  for (size_t k = 0; k < 8 && sum > 0; ++k)
+    if (around.weight[k] > 0)
+      visit(static_cast<size_t>(probe_[static_cast<size_t>(around.probe[k])]), around.weight[k] / sum);
+}
+
+void SurfaceLight::look(Observers& observers, const Surfaces& surfaces, const AmbientLight& nodes, const Task& task) {
+  observers.seen.resize(observers.all.size() * observers.directions.size());
+  parallel_for(static_cast<int>(observers.all.size()), quiet(task), [&](int i) {
+    Observer& observer = observers.all[static_cast<size_t>(i)];
+    int backs = 0;
+    for (size_t k = 0; k < observers.directions.size(); ++k) {
+      Seen& seen = observers.seen[static_cast<size_t>(i) * observers.directions.size() + k];
+      Ray ray{observer.p, observer.frame.to_world(observers.directions[k])};
+      const dvec3 towards = ray.d;
+      double before = 0;  // of the way to the first surface that is not glass
+      Mirrored mirrored{k};
+      int point = kSky;
       for (int pane = 0; pane < kMostPanes; ++pane) {
         const auto hit = surfaces.intersect(ray, kFar);
         if (!hit) break;
+        const bool straight = mirrored.metals.empty();
         if (straight) before += hit->t;
         const Bsdf bsdf = surfaces.bsdf(*hit);
         const dvec3 there = ray.at(hit->t);
@@ -38,42 +168,295 @@ SurfaceLight::SurfaceLight(const GuideMedia& media, const Surfaces& surfaces, co
           ray.o = Surfaces::leave(*hit, there, ray.d);
           continue;
         }
-        straight = false;
-        const dvec3 light = left * reflected(ray, *hit);
-        if (bsdf.kind != Bsdf::Kind::kConductor) {
-          const dvec3 arriving = light * attenuation(ambient_light.depth(p, direction, before));
-          probe.cube.add(arriving, direction);
-          probe.light[0] += arriving;
-          for (int a = 0; a < 3; ++a) probe.light[a + 1] -= arriving * direction[a];
+        const bool back = glm::dot(hit->normal, ray.d) > 0;
+        if (straight) backs += back ? 1 : 0;
+        if (bsdf.kind == Bsdf::Kind::kDiffuse) {
+          point = bsdf.albedo == dvec3(0) ? kBlack : points_.nearest(there, back ? -hit->normal : hit->normal);
+          if (point < 0) point = kBlack;
           break;
         }
-        // What a metal mirrors of other surfaces.
-        left *= bsdf.albedo;
+        mirrored.metals.push_back({ray, *hit});
+        mirrored.share *= bsdf.albedo;
         ray.d = glm::reflect(ray.d, hit->normal);
         ray.o = Surfaces::leave(*hit, there, ray.d);
       }
+      const bool straight = mirrored.metals.empty();
+      if (straight && point == kSky) before = kFar;
+      if (straight) {
+        seen.point = point;
+      } else {
+        mirrored.point = point;
+        observer.mirrored.push_back(std::move(mirrored));
+      }
+      seen.distance = static_cast<float>(before);
+      seen.transmittance = static_cast<float>(attenuation(nodes.depth(observer.p, towards, before)));
+    }
+    observer.outside = backs < kMostBacks * static_cast<double>(observers.directions.size());
+  });
+}
+
+void SurfaceLight::find_sky_seen() {
+  const std::vector<dvec3>& bins = ScatteringSolver::directions();
+  sky_seen_at_.resize(at_probes_.all.size());
+  for (size_t i = 0; i < sky_seen_at_.size(); ++i) {
+    SkySeen count{};
+    double all = 0;
+    for (size_t k = 0; k < at_probes_.directions.size(); ++k) {
+      const dvec3 d = at_probes_.all[i].frame.to_world(at_probes_.directions[k]);
+      size_t nearest = 0;
+      for (size_t b = 1; b < bins.size(); ++b)
+        if (glm::dot(bins[b], d) < glm::dot(bins[nearest], d)) nearest = b;
+      ++count[nearest];
+      if (at_probes_.of(i)[k].point != kSky) continue;
+      ++sky_seen_at_[i][nearest];
+      ++all;
+    }
+    for (size_t b = 0; b < bins.size(); ++b) {
+      double& share = sky_seen_at_[i][b];
+      share = count[b] > 0 ? share / count[b] : all / static_cast<double>(at_probes_.directions.size());
+      sky_seen_[b] += share / static_cast<double>(sky_seen_at_.size());
+    }
+  }
+  double sum = 0, apart = 0;
+  for (const SkySeen& seen : sky_seen_at_)
+    for (size_t b = 0; b < bins.size(); ++b) {
+      sum += sky_seen_[b];
+      apart += std::abs(seen[b] - sky_seen_[b]);
+    }
+  sky_seen_unevenly_ = apart > kUneven * sum;
+}
+
+SurfaceLight::SkySeen SurfaceLight::sky_seen(const dvec3& world) const {
+  SkySeen mean{};
+  each_probe(world, [&](size_t probe, double weight) {
+    for (size_t b = 0; b < mean.size(); ++b) mean[b] += weight * sky_seen_at_[probe][b];
+  });
+  return mean;
+}
+
+void SurfaceLight::gather(const AmbientLight& nodes, const SkyParts& sky, const Task& task) {
+  const SkyCells radiance(sky);
+  parallel_for(static_cast<int>(light_.size()), quiet(task), [&](int i) {
+    const Observer& observer = at_points_.all[static_cast<size_t>(i)];
+    AtPoint& light = light_[static_cast<size_t>(i)];
+    light.sky = light.sky_by_peaks = light.emitted = light.scattered = {};
+    for (size_t k = 0; k < at_points_.directions.size(); ++k) {
+      const Seen& seen = at_points_.of(static_cast<size_t>(i))[k];
+      const dvec3 d = observer.frame.to_world(at_points_.directions[k]);
+      // Share of the hemisphere by the cosine, over the cosine.
+      const double share = 1 / (kPi * at_points_.density(at_points_.directions[k].z));
+      const AmbientLight::Incident incident = nodes.along(observer.p, d, static_cast<double>(seen.distance));
+      light.emitted.add(share * incident.emitted, d);
+      light.scattered.add(share * incident.scattered, d);
+      if (seen.point != kSky) continue;
+      const dvec3 from_sky = share * radiance(d);
+      light.sky.add(incident.transmittance * from_sky, d);
+      light.sky_by_peaks.add(std::max(0.0, incident.scaled_transmittance - incident.transmittance) * from_sky, d);
     }
   });
-  for (const Probe& probe : probes_) colour_ += probe.light[0];
-  const double mean = in_colour(colour_, kGrey);
-  colour_ = mean > 0 ? colour_ / mean : dvec3(0);
+}
+
+// Points that are much brighter than what is seen of surfaces on average; of many, some stand for all.
+void SurfaceLight::find_bright(const std::vector<dvec3>& radiosity) {
+  std::vector<double> seen(radiosity.size(), 0.0);
+  double sum = 0;
+  for (const Observers* observers : {&at_points_, &at_probes_})
+    for (const Seen& s : observers->seen)
+      if (s.point >= 0) {
+        ++seen[static_cast<size_t>(s.point)];
+        sum += in_colour(radiosity[static_cast<size_t>(s.point)], kGrey);
+      }
+  const double mean = sum / static_cast<double>(at_points_.seen.size() + at_probes_.seen.size());
+  std::vector<double> power(radiosity.size(), 0.0);
+  double all = 0;
+  for (size_t i = 0; i < radiosity.size(); ++i) {
+    const double own = in_colour(radiosity[i], kGrey);
+    if (seen[i] == 0 || !(own > kBright * mean)) continue;
+    power[i] = own * points_.points()[i].area;
+    all += power[i];
+  }
+  double next = 0.5;
+  for (size_t i = 0; i < power.size(); ++i) {
+    if (!(power[i] > 0)) continue;
+    const double share = std::min(1.0, power[i] / all * kBrightRays);
+    looked_at_[i] = share / points_.points()[i].area;
+    next -= share;
+    if (next > 0) continue;
+    next += 1;
+    bright_.push_back(i);
+  }
+}
+
+/// Calls visit(radiosity's point, share that arrives, direction, ray) for all that an observer's rays meet.
+template <class Visit>
+void SurfaceLight::each_ray(const Observers& observers, size_t i, const Visit& visit) const {
+  const Observer& observer = observers.all[i];
+  const Seen* const seen = observers.of(i);
+  for (size_t k = 0; k < observers.directions.size(); ++k)
+    if (seen[k].point >= 0) visit(static_cast<size_t>(seen[k].point), dvec3(seen[k].transmittance), k);
+  for (const Mirrored& m : observer.mirrored)
+    if (m.point >= 0)
+      visit(static_cast<size_t>(m.point), static_cast<double>(seen[m.ray].transmittance) * m.share, m.ray);
+}
+
+void SurfaceLight::send(const std::vector<dvec3>& radiosity, bool bright, const AmbientLight& nodes,
+                        std::vector<Flux>& to_points, std::vector<AtProbe>& to_probes, const Task& task) const {
+  const auto towards = [&](const Observers& observers, size_t i, const auto& add) {
+    const Observer& observer = observers.all[i];
+    const auto direction = [&](size_t k) { return observer.frame.to_world(observers.directions[k]); };
+    each_ray(observers, i, [&](size_t point, const dvec3& share, size_t k) {
+      const dvec3 d = direction(k);
+      double density = observers.density(observers.directions[k].z);
+      if (bright && looked_at_[point] > 0) {
+        const SurfacePoints::Point& there = points_.points()[point];
+        const double distance = static_cast<double>(observers.of(i)[k].distance);
+        density += looked_at_[point] * distance * distance / std::max(1e-3, -glm::dot(d, there.normal));
+      }
+      add(share * radiosity[point] / density, d);
+    });
+    if (!bright) return;
+    for (const Mirrored& m : observer.mirrored)
+      add(static_cast<double>(observers.of(i)[m.ray].transmittance) * m.own /
+              observers.density(observers.directions[m.ray].z),
+          direction(m.ray));
+    for (const size_t point : bright_) {
+      const SurfacePoints::Point& there = points_.points()[point];
+      const dvec3 to = there.p - observer.p;
+      const double distance2 = glm::dot(to, to), distance = std::sqrt(distance2);
+      if (!(distance2 > 0)) continue;
+      const dvec3 d = to / distance;
+      const double facing = -glm::dot(d, there.normal), cosine = glm::dot(d, observer.frame.z);
+      if (!(facing > 0) || (observers.at_surfaces && !(cosine > 0))) continue;
+      const dvec3 left = surfaces_.passage({observer.p, d}, distance).light;
+      if (left == dvec3(0)) continue;
+      const double density = looked_at_[point] * distance2 / facing + observers.density(cosine);
+      add(attenuation(nodes.depth(observer.p, d, distance)) * left * radiosity[point] / density, d);
+    }
+  };
+  parallel_for(static_cast<int>(to_points.size()), quiet(task), [&](int i) {
+    Flux& sum = to_points[static_cast<size_t>(i)];
+    towards(at_points_, static_cast<size_t>(i), [&](const dvec3& light, const dvec3& d) { sum.add(light / kPi, d); });
+  });
+  parallel_for(static_cast<int>(to_probes.size()), quiet(task), [&](int i) {
+    AtProbe& sum = to_probes[static_cast<size_t>(i)];
+    towards(at_probes_, static_cast<size_t>(i), [&](const dvec3& light, const dvec3& d) {
+      sum.mean += light / (4 * kPi);
+      sum.flux.add(light / (4 * kPi), -d);
+    });
+  });
+}
+
+std::vector<dvec3> SurfaceLight::later_reflections(const std::vector<Flux>& arriving, const Task& task) const {
+  std::vector<dvec3> radiosity(arriving.size()), next(arriving.size()), sum(arriving.size(), dvec3(0));
+  const auto add = [&] {
+    double own = 0;
+    for (size_t i = 0; i < sum.size(); ++i) {
+      sum[i] += radiosity[i];
+      own += points_.points()[i].area * in_colour(radiosity[i], kGrey);
+    }
+    return own;
+  };
+  for (size_t i = 0; i < arriving.size(); ++i) {
+    const SurfacePoints::Point& point = points_.points()[i];
+    radiosity[i] = point.albedo * arriving[i].onto(point.normal);
+  }
+  double all = add();
+  for (int reflection = 1; reflection < kMostReflections; ++reflection) {
+    parallel_for(static_cast<int>(next.size()), quiet(task), [&](int i) {
+      dvec3 light(0);
+      each_ray(at_points_, static_cast<size_t>(i),
+               [&](size_t point, const dvec3& share, size_t) { light += share * radiosity[point]; });
+      next[static_cast<size_t>(i)] = points_.points()[static_cast<size_t>(i)].albedo * light / double{kPointRays};
+    });
+    radiosity.swap(next);
+    const double own = add();
+    all += own;
+    if (own <= kNegligible * all) break;
+  }
+  return sum;
+}
+
+void SurfaceLight::exchange(const LitSurfaces& lit, const AmbientLight& nodes, const Task& task) {
+  std::vector<dvec3> radiosity(light_.size(), dvec3(0));
+  parallel_for(static_cast<int>(light_.size()), quiet(task), [&](int i) {
+    const auto& samples = points_.points()[static_cast<size_t>(i)].samples;
+    for (const auto& [ray, hit] : samples)
+      radiosity[static_cast<size_t>(i)] += lit.reflected(ray, hit) / static_cast<double>(samples.size());
+  });
+  for (Observers* const observers : {&at_points_, &at_probes_})
+    parallel_for(static_cast<int>(observers->all.size()), quiet(task), [&](int i) {
+      for (Mirrored& m : observers->all[static_cast<size_t>(i)].mirrored) {
+        dvec3 left(1);
+        for (const auto& [ray, hit] : m.metals) {
+          m.own += left * lit.reflected(ray, hit);
+          left *= surfaces_.bsdf(hit).albedo;
+        }
+      }
+    });
+  find_bright(radiosity);
+  std::vector<Flux> arriving(light_.size());
+  send(radiosity, /*bright=*/true, nodes, arriving, into_media_, task);
+  send(later_reflections(arriving, task), /*bright=*/false, nodes, arriving, into_media_, task);
+  for (size_t i = 0; i < light_.size(); ++i) light_[i].reflected = arriving[i];
+}
+
+void SurfaceLight::answer(const AmbientLight& nodes, const Task& task) {
+  constexpr double kLargestRatio = 0.95;
+  std::vector<Flux> scattered(light_.size()), arriving(light_.size());
+  parallel_for(static_cast<int>(light_.size()), quiet(task), [&](int i) {
+    const Observer& observer = at_points_.all[static_cast<size_t>(i)];
+    for (size_t k = 0; k < at_points_.directions.size(); ++k) {
+      const dvec3 d = observer.frame.to_world(at_points_.directions[k]);
+      const Seen& seen = at_points_.of(static_cast<size_t>(i))[k];
+      scattered[static_cast<size_t>(i)].add(nodes.along(observer.p, d, static_cast<double>(seen.distance)).scattered /
+                                                (kPi * at_points_.density(at_points_.directions[k].z)),
+                                            d);
+    }
+  });
+  std::vector<AtProbe> more(into_media_.size());
+  send(later_reflections(scattered, task), /*bright=*/false, nodes, arriving, more, task);
+  double before = 0, after = 0;
+  for (size_t i = 0; i < more.size(); ++i) {
+    before += in_colour(into_media_[i].mean, kGrey);
+    after += in_colour(more[i].mean, kGrey);
+  }
+  // Each time as much less.
+  const double times = before > 0 ? 1 / (1 - std::min(after / before, kLargestRatio)) : 0;
+  for (size_t i = 0; i < more.size(); ++i) {
+    into_media_[i].mean += times * more[i].mean;
+    for (size_t a = 0; a < 3; ++a) into_media_[i].flux.axis[a] += times * more[i].flux.axis[a];
+  }
+  for (size_t i = 0; i < light_.size(); ++i)
+    for (size_t a = 0; a < 3; ++a) light_[i].reflected.axis[a] += times * arriving[i].axis[a];
+}
+
+dvec3 SurfaceLight::colour() const {
+  dvec3 sum(0);
+  for (const AtProbe& probe : into_media_) sum += probe.mean;
+  const double mean = in_colour(sum, kGrey);
+  return mean > 0 ? sum / mean : dvec3(0);
 }
 
 std::array<double, 4> SurfaceLight::at(const dvec3& world, GuideColour colour) const {
-  const ProbeGrid::Around around = grid_.around(world);
   std::array<double, 4> moments{};
-  for (size_t k = 0; k < 8; ++k)
-    for (size_t a = 0; a < 4; ++a)
-      moments[a] += around.weight[k] * in_colour(probes_[static_cast<size_t>(around.probe[k])].light[a], colour);
+  each_probe(world, [&](size_t probe, double weight) {
+    moments[0] += weight * in_colour(into_media_[probe].mean, colour);
+    for (size_t a = 0; a < 3; ++a) moments[a + 1] += weight * in_colour(into_media_[probe].flux.axis[a], colour);
+  });
   return moments;
 }
 
-dvec3 SurfaceLight::onto(const dvec3& world, const dvec3& normal) const {
-  const ProbeGrid::Around around = grid_.before(world, normal, [](int) { return true; });
-  dvec3 sum(0);
-  for (size_t k = 0; k < 8; ++k)
-    sum += around.weight[k] * probes_[static_cast<size_t>(around.probe[k])].cube.onto(normal);
-  return sum;
+SurfaceLight::Around SurfaceLight::onto(const dvec3& p, const dvec3& normal) const {
+  const SurfacePoints::Around around = points_.around(p, normal);
+  AtPoint mean;
+  for (size_t k = 0; k < around.count; ++k) {
+    const AtPoint& own = light_[static_cast<size_t>(around.point[k])];
+    for (Flux AtPoint::*kind :
+         {&AtPoint::sky, &AtPoint::sky_by_peaks, &AtPoint::emitted, &AtPoint::scattered, &AtPoint::reflected})
+      for (size_t a = 0; a < 3; ++a) (mean.*kind).axis[a] += around.weight[k] * (own.*kind).axis[a];
+  }
+  return {mean.sky.onto(normal), mean.emitted.onto(normal),
+          mean.scattered.onto(normal) + mean.sky_by_peaks.onto(normal), mean.reflected.onto(normal)};
 }
 
 }  // namespace brume

@@ -1,42 +1,142 @@
 #pragma once
 #include <array>
-#include <functional>
+#include <utility>
 #include <vector>
 
 #include "base/progress.h"
 #include "render/guides/ambient_light.h"
 #include "render/guides/guide_media.h"
 #include "render/guides/probe_grid.h"
-#include "render/world/surfaces.h"
+#include "render/guides/sky_parts.h"
+#include "render/guides/surface_points.h"
 
 namespace brume {
 
-/// Light that comes off surfaces, as the media meet it: mean radiance and flux of every colour on a coarse grid of
-/// probes in the box around the media, from rays in fixed directions.
+struct LitSurfaces;
+
+/// Light from all around at points spread over the surfaces, and what they reflect of it to one another and into the
+/// media, any number of times: radiosity, by rays whose ends are found once.
+///
+/// Each point looks along rays over its hemisphere, each probe of a grid in the media along rays all around. What they
+/// meet is a point of a surface or the sky; media on the way attenuate it and add their own light. Small bright parts
+/// of surfaces, as the sun's patch in a room, are looked at along rays of their own, too; both kinds of rays are
+/// weighted by the balance heuristic.
 class SurfaceLight {
  public:
-  /// Radiance that a surface sends back along a ray that hit it.
-  using Reflected = std::function<dvec3(const Ray& ray, const SurfaceHit& hit)>;
+  /// @param nodes  whose extinction is known
+  SurfaceLight(const GuideMedia& media, const Surfaces& surfaces, const AmbientLight& nodes, const Task& task);
 
-  SurfaceLight(const GuideMedia& media, const Surfaces& surfaces, const Reflected& reflected,
-               const AmbientLight& ambient_light, const Task& task);
+  /// RGB that a diffuse surface of albedo 1 reflects: of the sky and of emission, unscattered; of all light that was
+  /// scattered in the media; and of what other surfaces send.
+  struct Around {
+    dvec3 sky{0}, emitted{0}, scattered{0}, reflected{0};
+  };
+  Around onto(const dvec3& p, const dvec3& normal) const;
 
-  /// Of mean 1; black where no surface sends any light.
-  dvec3 colour() const { return colour_; }
-  /// Moments of the light on its way at a point, in a colour: mean radiance, mean flux.
+  /// Finds what of the sky's and the nodes' light is at the points; called again when nodes have got more of it.
+  void gather(const AmbientLight& nodes, const SkyParts& sky, const Task& task);
+  /// Finds what surfaces reflect of all that lights them from elsewhere.
+  void exchange(const LitSurfaces& lit, const AmbientLight& nodes, const Task& task);
+  /// Adds what they reflect of their own light after media have scattered it, any number of times.
+  /// @param nodes  that scatter nothing but what surfaces sent into the media
+  void answer(const AmbientLight& nodes, const Task& task);
+
+  /// Of the light that surfaces send into the media, of mean 1; black where there is none.
+  dvec3 colour() const;
+  /// Moments of that light at a place, in a colour: mean radiance, mean flux.
   std::array<double, 4> at(const dvec3& world, GuideColour colour) const;
-  /// Mean radiance over the hemisphere of a normal, by the cosine: what a diffuse surface of albedo 1 reflects. RGB.
-  dvec3 onto(const dvec3& world, const dvec3& normal) const;
+
+  /// Share of the sky that surfaces leave in the media, for each of ScatteringSolver::directions.
+  using SkySeen = std::array<double, 24>;
+  /// On average.
+  const SkySeen& sky_seen() const { return sky_seen_; }
+  SkySeen sky_seen(const dvec3& world) const;
+  /// Whether it differs much from place to place, as behind a window.
+  bool sky_seen_unevenly() const { return sky_seen_unevenly_; }
 
  private:
-  struct Probe {
-    dvec3 light[4]{};  ///< RGB of each moment
-    AmbientCube cube;
+  static constexpr int kSky = -1, kBlack = -2;  // instead of points
+  /// What an observer sees along one of its rays.
+  struct Seen {
+    float distance = 0, transmittance = 1;  ///< of the media, but for the forward peak
+    int point = kBlack;
+  };
+  /// What metals show in a ray.
+  struct Mirrored {
+    size_t ray;
+    std::vector<std::pair<Ray, SurfaceHit>> metals = {};  ///< one behind the other
+    dvec3 own{0};                                         ///< what they send of lights that shine on them
+    dvec3 share{1};                                       ///< of what is seen in them
+    int point = kBlack;                                   ///< that is
+  };
+  struct Observer {
+    dvec3 p;
+    Frame frame;
+    std::vector<Mirrored> mirrored = {};
+    bool outside = true;  ///< of solids
+  };
+  /// Observers with rays in the same directions of their frames.
+  struct Observers {
+    bool at_surfaces;  ///< rays over hemispheres, spread by the cosine; else over spheres, evenly
+    std::vector<Observer> all = {};
+    std::vector<dvec3> directions = {};
+    std::vector<Seen> seen = {};  ///< along the rays of one after the other
+
+    const Seen* of(size_t i) const { return seen.data() + i * directions.size(); }
+    /// Rays per solid angle. @param cosine  to the normal
+    double density(double cosine) const {
+      return static_cast<double>(directions.size()) * (at_surfaces ? cosine / kPi : 1 / (4 * kPi));
+    }
+  };
+  /// Sums of light times the direction that it comes from: of them, what a diffuse surface of albedo 1 reflects follows
+  /// for the normal of their hemisphere, and well enough for normals near it.
+  struct Flux {
+    std::array<dvec3, 3> axis{};
+    void add(const dvec3& radiance, const dvec3& direction) {
+      for (int a = 0; a < 3; ++a) axis[static_cast<size_t>(a)] += direction[a] * radiance;
+    }
+    dvec3 onto(const dvec3& normal) const {
+      return glm::max(normal.x * axis[0] + normal.y * axis[1] + normal.z * axis[2], dvec3(0));
+    }
+  };
+  /// At a point: of the sky, unscattered and by forward peaks; what media emit; what they scatter; what surfaces send.
+  struct AtPoint {
+    Flux sky, sky_by_peaks, emitted, scattered, reflected;
+  };
+  /// At a probe: what surfaces send, its mean and its flux against where it comes from.
+  struct AtProbe {
+    dvec3 mean{0};
+    Flux flux;
   };
 
+  /// Puts probes where media are, as close together as their number allows.
+  void place_probes(const GuideMedia& media, const AmbientLight& nodes);
+  /// Calls visit(probe, weight), of sum 1, for the probes around a place.
+  template <class Visit>
+  void each_probe(const dvec3& world, const Visit& visit) const;
+  void look(Observers& observers, const Surfaces& surfaces, const AmbientLight& nodes, const Task& task);
+  void find_sky_seen();
+  void find_bright(const std::vector<dvec3>& radiosity);
+  template <class Visit>
+  void each_ray(const Observers& observers, size_t i, const Visit& visit) const;
+  /// Adds what surfaces of a radiosity send to the points and probes. @param bright  look at bright parts
+  void send(const std::vector<dvec3>& radiosity, bool bright, const AmbientLight& nodes, std::vector<Flux>& to_points,
+            std::vector<AtProbe>& to_probes, const Task& task) const;
+  /// All later reflections of light that arrives at the points.
+  std::vector<dvec3> later_reflections(const std::vector<Flux>& arriving, const Task& task) const;
+
+  const Surfaces& surfaces_;
+  SurfacePoints points_;
   ProbeGrid grid_;
-  std::vector<Probe> probes_;
-  dvec3 colour_{0};
+  std::vector<int> probe_;  // of at_probes_, for each of the grid's; -1 far from media
+  Observers at_points_{/*at_surfaces=*/true}, at_probes_{/*at_surfaces=*/false};
+  std::vector<AtPoint> light_;
+  std::vector<AtProbe> into_media_;
+  std::vector<double> looked_at_;  // rays towards each point, per area around it; 0: it is not bright
+  std::vector<size_t> bright_;     // points that there are such rays towards
+  SkySeen sky_seen_{};
+  std::vector<SkySeen> sky_seen_at_;  // each probe
+  bool sky_seen_unevenly_ = false;
 };
 
 }  // namespace brume

@@ -95,7 +95,10 @@ std::string explain(const Plan& plan, const Scene& scene, const SceneMedia& medi
   line("camera", std::string(plan.lens ? "thin lens" : "pinhole") + (plan.shutter ? ", motion over the shutter" : ""));
   line("isosurface", plan.isosurface ? "looked for once per path, for gradient and coverage" : "not looked for");
   if (plan.marched()) line("marched layers", "once per path, one look-up per voxel length");
-  if (guides) line("guides", guides->explain());
+  if (guides) {
+    line("guides", guides->explain());
+    for (const std::string& missing : guides->left_out()) line("  leave out", missing);
+  }
   line("layers", "beauty, alpha, sample_count, invalid_count" + std::string(plan.layers.text().empty() ? "" : ", ") +
                      join(plan.layers.text()) +
                      (plan.layers.statistics ? "; each with mean_variance, half_a, half_b" : "") +
