@@ -54,6 +54,43 @@ HWY_INLINE void add_tile(D d, const float* HWY_RESTRICT rows, const float* HWY_R
   }
 }
 
+/// Four pixels of four columns at a time, turned from rows of pixels to rows of columns.
+void PackColumns(const ColumnRows& from, const float* HWY_RESTRICT factors, size_t count, float* const* out) {
+  const float* HWY_RESTRICT base = from.rows[0];
+  for (size_t k = 0; k < from.columns; k += 4) {
+    size_t x = 0;
+#if HWY_TARGET != HWY_SCALAR
+    const hn::FixedTag<float, 4> d;
+    const hn::RepartitionToWide<decltype(d)> wide;
+    for (; x + 4 <= count; x += 4) {
+      const auto column = [&](size_t i) {
+        const auto value =
+            hn::LoadU(d, from.rows[k + i] + x) - hn::Set(d, from.offsets[k + i]) * hn::LoadU(d, base + x);
+        return hn::LoadU(d, factors + x) * (hn::Set(d, from.scales[k + i]) * value);
+      };
+      const auto a = column(0), b = column(1), c = column(2), e = column(3);
+      const auto ab_low = hn::InterleaveLower(d, a, b), ab_high = hn::InterleaveUpper(d, a, b),
+                 ce_low = hn::InterleaveLower(d, c, e), ce_high = hn::InterleaveUpper(d, c, e);
+      const auto low = [&](auto ab, auto ce) {
+        return hn::BitCast(d, hn::InterleaveLower(wide, hn::BitCast(wide, ab), hn::BitCast(wide, ce)));
+      };
+      const auto high = [&](auto ab, auto ce) {
+        return hn::BitCast(d, hn::InterleaveUpper(wide, hn::BitCast(wide, ab), hn::BitCast(wide, ce)));
+      };
+      hn::StoreU(low(ab_low, ce_low), d, out[x] + k);
+      hn::StoreU(high(ab_low, ce_low), d, out[x + 1] + k);
+      hn::StoreU(low(ab_high, ce_high), d, out[x + 2] + k);
+      hn::StoreU(high(ab_high, ce_high), d, out[x + 3] + k);
+    }
+#endif
+    for (; x < count; ++x)
+      for (size_t i = k; i < k + 4; ++i) {
+        const float level = from.offsets[i] * base[x];
+        out[x][i] = factors[x] * (from.scales[i] * (from.rows[i][x] - level));
+      }
+  }
+}
+
 void AddProducts(const float* HWY_RESTRICT vectors, size_t count, size_t stride, size_t columns,
                  float* HWY_RESTRICT products) {
   const hn::CappedTag<float, kVector> d;
@@ -95,6 +132,7 @@ HWY_AFTER_NAMESPACE();
 
 #if HWY_ONCE
 namespace brume::kernels {
+HWY_EXPORT(PackColumns);
 HWY_EXPORT(AddProducts);
 HWY_EXPORT(PredictRow);
 
@@ -109,6 +147,10 @@ size_t product_floats(size_t columns, size_t stride) {
   size_t floats = 0;
   for (size_t i = 0; i < columns; i += 4) floats += 4 * (stride - i / 16 * 16);
   return floats;
+}
+
+void pack_columns(const ColumnRows& from, const float* factors, size_t count, float* const* out) {
+  HWY_DYNAMIC_DISPATCH(PackColumns)(from, factors, count, out);
 }
 
 void add_products(const float* vectors, size_t count, size_t stride, size_t columns, float* products) {

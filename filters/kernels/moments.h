@@ -12,6 +12,15 @@ size_t product_floats(size_t columns, size_t stride);
 /// Where the product of columns i <= j lies.
 size_t product_index(size_t i, size_t j, size_t stride);
 
+/// Columns as they are packed: scale * (row - offset * first row).
+struct ColumnRows {
+  const float* const* rows;       ///< of each column, a value for each pixel
+  const float *offsets, *scales;  ///< of each column
+  size_t columns;                 ///< a multiple of 4
+};
+/// out[x][k] = factors[x] * column k at pixel x, for `count` pixels.
+void pack_columns(const ColumnRows& from, const float* factors, size_t count, float* const* out);
+
 /// products += sum over `count` pixels of v v^T, the part above the diagonal.
 /// @param vectors  `count` times `stride`
 void add_products(const float* vectors, size_t count, size_t stride, size_t columns, float* products);

@@ -9,7 +9,7 @@
 namespace brume {
 namespace {
 
-constexpr int kSamplesPerVoxel = 2;      // of displaced densities, along each axis
+constexpr int kSamplesPerVoxel = 1;      // of displaced densities, along each axis
 constexpr double kMostResampled = 16e6;  // points
 
 /// By Simpson's rule in the cosine, finer towards the forward peak.
@@ -80,9 +80,13 @@ double in_colour(const dvec3& rgb, GuideColour colour) {
 // Displaced densities are looked up many times: they are resampled once, unless that would take much memory.
 Medium GuideMedia::resampled(const Medium& medium, const Task& task) {
   if (!medium.displacement()) return medium;
-  const dvec3 cells(medium.walked().cells());
-  const double voxels = cells.x * cells.y * cells.z * std::pow(medium.walked().cell_size(), 3);
-  if (voxels * std::pow(kSamplesPerVoxel, 3) > kMostResampled) return medium;
+  const BrickGrid& envelope = medium.walked();
+  const ivec3 n = envelope.cells();
+  double cells = 0;
+  for (int x = 0; x < n.x; ++x)
+    for (int y = 0; y < n.y; ++y)
+      for (int z = 0; z < n.z; ++z) cells += envelope.cell({x, y, z}).majorant > 0 ? 1 : 0;
+  if (cells * std::pow(kSamplesPerVoxel * envelope.cell_size(), 3) > kMostResampled) return medium;
   return medium.resampled(kSamplesPerVoxel, *resampled_.emplace_back(std::make_shared<BrickGrid>()), task);
 }
 

@@ -24,6 +24,7 @@ GuideTile::GuideTile(const GuideMarch& march) : march_(march), mirrored_(march) 
 
 void GuideTile::record(const ivec2& corner, const ivec2& from, const ivec2& to, const GuideLayers& layers) {
   traced_.clear();
+  mirrored_.begin_tile();
   const PixelRays& rays = march_.rays_;
   const int across = rays.across();
   std::vector<size_t> plain, at_edges;

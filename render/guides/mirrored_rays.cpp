@@ -1,6 +1,7 @@
 #include "render/guides/mirrored_rays.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include "base/math.h"
@@ -15,7 +16,10 @@ constexpr int kMostBounces = 2;        // of a ray off the outside of metals and
 constexpr int kMostFaces = 8;          // of glass, crossed or met from within
 constexpr double kLeastWeight = 0.02;  // of a branch at a glass face; the other one has its light
 constexpr int kLobeRays = 16;          // of a rough surface, seen by a camera ray
-constexpr int kLightsAcross = 4;       // rays of a camera ray's square of film that look for small lights in mirrors
+constexpr int kLightsAcross = 8;       // rays along a side of a pixel that look for small lights in smooth surfaces
+// Around where a corner's ray ends, over how far the other corners' end from there; where not all come there [rad].
+constexpr double kSpread = 1.5, kUnknownSpread = 0.5;
+constexpr double kFainter = 4;  // the corners' rays follow branches of so many times less weight
 constexpr double kGoldenRatio = 0.6180339887498949;
 constexpr double kLongestStep = 6;  // of rays that stand for many directions
 
@@ -35,28 +39,18 @@ void MirroredRays::add(const Path& path, const dvec3& direct, const dvec3& indir
 void MirroredRays::start(const CameraSample& camera, const ShadedPoint& at, const SurfaceHit& hit, double transmittance,
                          double peaks, GuideSums& pixel) {
   const bool smooth = at.bsdf.delta();
-  const Lights& lights = *march_.context_.lights;
   Path path{&pixel, transmittance, peaks};
   path.shown = smooth ? Shown::kNone : Shown::kUngrouped;
   scatter(at, hit, path);
-  if (!smooth || (lights.suns().empty() && lights.finite().empty())) return;
-  // Small lights, by rays that meet surfaces alone.
-  constexpr int kRays = kLightsAcross * kLightsAcross;
-  path.shown = Shown::kAll;
-  path.only_lights = true;
-  path.throughput = dvec3(1.0 / kRays);
-  for (int i = 0; i < kRays; ++i) {
-    const dvec2 off = (dvec2(i % kLightsAcross, i / kLightsAcross) + 0.5) / static_cast<double>(kLightsAcross) - 0.5;
-    CameraSample sample = camera;
-    sample.film += camera.cell * off;
-    const Ray ray = march_.rays_.ray(sample);
-    const std::optional<SurfaceHit> own = march_.context_.surfaces->intersect(ray, kFar);
-    if (own && own->surface == hit.surface) scatter(ShadedPoint(*march_.context_.surfaces, ray, *own), *own, path);
-  }
+  if (smooth) show_lights(camera, hit.surface, path);
 }
 
-// Queues the lobe's directions, or both of smooth glass.
-void MirroredRays::scatter(const ShadedPoint& at, const SurfaceHit& hit, const Path& path) {
+bool MirroredRays::Path::may_go_on() const {
+  return bounces <= kMostBounces && faces <= kMostFaces;
+}
+
+template <class Visit>
+void MirroredRays::branch(const ShadedPoint& at, const SurfaceHit& hit, const Path& path, const Visit& visit) const {
   const Bsdf& bsdf = at.bsdf;
   const dvec3 wo = at.to_frame(at.wo);
   const dvec3 outside = at.inside ? -hit.normal : hit.normal;
@@ -71,12 +65,9 @@ void MirroredRays::scatter(const ShadedPoint& at, const SurfaceHit& hit, const P
     next.largest *= max_component(weight);
     next.spread += rough ? 2 * bsdf.alpha() / std::sqrt(rays) : 0;
     (sample.transmitted || at.inside ? next.faces : next.bounces)++;
-    if (!path.only_lights && (rough || path.shown != Shown::kNone))
-      next.shown = rough ? Shown::kUngrouped : Shown::kAll;
-    if (next.bounces <= kMostBounces && next.faces <= kMostFaces)
-      queue_.push_back({next, {Surfaces::leave(hit, at.on, d), d}});
-    else if (!path.only_lights)
-      add(next, march_.context_.lights->environment()->radiance(d), dvec3(0));
+    next.branches = 2 * next.branches + (sample.transmitted ? 1 : 0);
+    if (rough || path.shown != Shown::kNone) next.shown = rough ? Shown::kUngrouped : Shown::kAll;
+    visit(next, Ray{Surfaces::leave(hit, at.on, d), d});
   };
   for (int i = 0; i < rays; ++i) {
     dvec3 u(0);
@@ -99,68 +90,161 @@ void MirroredRays::scatter(const ShadedPoint& at, const SurfaceHit& hit, const P
   }
 }
 
+void MirroredRays::scatter(const ShadedPoint& at, const SurfaceHit& hit, const Path& path) {
+  branch(at, hit, path, [&](const Path& next, const Ray& ray) {
+    if (next.may_go_on())
+      queue_.push_back({next, ray});
+    else
+      add(next, march_.context_.lights->environment()->radiance(ray.d), dvec3(0));
+  });
+}
+
+MirroredRays::Met MirroredRays::meet(const Ray& ray) const {
+  const std::optional<SurfaceHit> hit = march_.context_.surfaces->intersect(ray, kFar);
+  const auto [light, distance] = march_.context_.lights->nearest(ray, hit ? hit->t : kFar, /*seen=*/false);
+  return {hit, light, distance};
+}
+
+template <class End>
+void MirroredRays::follow_smooth(const ShadedPoint& at, const SurfaceHit& hit, const Path& path, const End& end) const {
+  branch(at, hit, path, [&](Path next, const Ray& ray) {
+    if (!next.may_go_on()) return;
+    const Met met = meet(ray);
+    if (met.light || !met.hit) {
+      end(next, ray, met);
+      return;
+    }
+    const ShadedPoint there(*march_.context_.surfaces, ray, *met.hit);
+    next.again = true;
+    if (there.bsdf.delta()) follow_smooth(there, *met.hit, next, end);
+  });
+}
+
+void MirroredRays::show_lights(const CameraSample& camera, uint32_t surface, Path path) {
+  const Surfaces& surfaces = *march_.context_.surfaces;
+  if (!may_show_lights(ivec2(glm::floor(camera.film)))) return;
+  const int across = std::max(1, static_cast<int>(std::lround(kLightsAcross * camera.cell)));
+  path.shown = Shown::kAll;
+  path.throughput = dvec3(1.0 / (across * across));
+  for (int i = 0; i < across * across; ++i) {
+    const dvec2 off = (dvec2(i % across, i / across) + 0.5) / static_cast<double>(across) - 0.5;
+    CameraSample sample = camera;
+    sample.film += camera.cell * off;
+    const Ray ray = march_.rays_.ray(sample);
+    const std::optional<SurfaceHit> own = surfaces.intersect(ray, kFar);
+    if (!own || own->surface != surface) continue;
+    follow_smooth(ShadedPoint(surfaces, ray, *own), *own, path, [&](const Path& end, const Ray& last, const Met& met) {
+      add(end, lights_ahead(last, met, end.shown, /*marched=*/false), dvec3(0));
+    });
+  }
+}
+
+const std::vector<MirroredRays::CornerEnd>& MirroredRays::ends_at(const ivec2& corner) {
+  const auto [place, fresh] = corners_.try_emplace({corner.x, corner.y});
+  std::vector<CornerEnd>& ends = place->second;
+  if (!fresh) return ends;
+  const Ray ray = march_.rays_.ray({dvec2(corner)});
+  const std::optional<SurfaceHit> hit = march_.rays_.first_hit(ray);
+  if (!hit) return ends;
+  const ShadedPoint at(*march_.context_.surfaces, ray, *hit);
+  Path path;
+  path.largest = kFainter;
+  if (at.bsdf.delta())
+    follow_smooth(at, *hit, path, [&](const Path& end, const Ray& last, const Met&) {
+      ends.push_back({end.branches, last});
+    });
+  return ends;
+}
+
+// Rays of a lens or shutter go elsewhere than those of the corners.
+bool MirroredRays::may_show_lights(const ivec2& pixel) {
+  const Lights& lights = *march_.context_.lights;
+  if (lights.finite().empty() &&
+      std::all_of(lights.suns().begin(), lights.suns().end(), [](auto* sun) { return sun->delta(); }))
+    return false;
+  if (march_.rays_.blurred()) return true;
+  std::array<const std::vector<CornerEnd>*, 4> corners;
+  for (int i = 0; i < 4; ++i) corners[static_cast<size_t>(i)] = &ends_at(pixel + ivec2(i % 2, i / 2));
+  for (const auto* const corner : corners)
+    for (const CornerEnd& end : *corner) {
+      double spread = 0;
+      for (const auto* const other : corners) {
+        const auto same =
+            std::find_if(other->begin(), other->end(), [&](const CornerEnd& e) { return e.branches == end.branches; });
+        spread =
+            std::max(spread, same != other->end() ? kSpread * glm::distance(same->ray.d, end.ray.d) : kUnknownSpread);
+      }
+      if (light_within(end.ray, spread)) return true;
+    }
+  return false;
+}
+
+/// @param spread  around the ray [rad]
+bool MirroredRays::light_within(const Ray& ray, double spread) const {
+  const Lights& lights = *march_.context_.lights;
+  for (const Sun* sun : lights.suns())
+    if (!sun->delta() && glm::distance(ray.d, sun->axis()) < spread + std::sqrt(2 * sun->one_minus_cos())) return true;
+  for (const FiniteLight* light : lights.finite()) {
+    // Middle and edges of it.
+    std::array<dvec3, 9> towards;
+    dvec3 middle(0);
+    for (size_t i = 0; i < towards.size(); ++i)
+      middle += towards[i] = light->sample(ray.o, 0.5 * dvec2(i % 3, i / 3)).wi;
+    middle = glm::normalize(middle);
+    double radius = 0;
+    for (const dvec3& d : towards) radius = std::max(radius, glm::distance(d, middle));
+    if (glm::distance(ray.d, middle) < spread + radius) return true;
+  }
+  return false;
+}
+
 void MirroredRays::follow(const MarchScene& scene) {
-  const PathContext& context = march_.context_;
-  struct Met {
-    Queued queued;
-    std::optional<SurfaceHit> hit;
-    const FiniteLight* light;
-    double distance;
-  };
-  std::vector<Met> met;
+  std::vector<std::pair<Queued, Met>> met;
   while (!queue_.empty()) {
     met.clear();
     batch_.clear();
     while (!queue_.empty() && met.size() < kTogether) {
       const Queued& next = queue_.front();
-      const std::optional<SurfaceHit> hit = context.surfaces->intersect(next.ray, kFar);
-      const auto [light, distance] = context.lights->nearest(next.ray, hit ? hit->t : kFar, /*seen=*/false);
+      const Met there = meet(next.ray);
       GuideSums& sums = sums_[met.size()];
       sums.clear();
-      if (next.path.only_lights) {
-        batch_.rays.emplace_back();
-      } else if (MarchedRay& ray = scene.aim(next.ray, distance, 1, 0, march_.node_light_.lattice, sums, batch_);
-                 !ray.misses()) {
+      MarchedRay& ray = scene.aim(next.ray, there.distance, 1, 0, march_.node_light_.lattice, sums, batch_);
+      if (!ray.misses()) {
         const double entry = ray.start / scene.steps.length + static_cast<double>(batch_.parts[ray.first_part].x);
         ray.stride = static_cast<float>(std::clamp(0.5 * next.path.spread * entry, 1.0, kLongestStep));
       }
-      met.push_back({next, hit, light, distance});
+      met.emplace_back(next, there);
       queue_.pop_front();
     }
     march_rays(scene, {march_.node_light_, nullptr, /*octaves=*/false}, batch_);
-    for (size_t i = 0; i < met.size(); ++i)
-      end(met[i].queued, met[i].hit, met[i].light, met[i].distance, batch_.rays[i]);
+    for (size_t i = 0; i < met.size(); ++i) end(met[i].first, met[i].second, batch_.rays[i]);
   }
 }
 
-void MirroredRays::end(const Queued& queued, const std::optional<SurfaceHit>& hit, const FiniteLight* light,
-                       double distance, const MarchedRay& marched) {
+void MirroredRays::end(const Queued& queued, const Met& met, const MarchedRay& marched) {
   const auto& [path, ray] = queued;
   const double transmittance = marched.transmittance,
                peaks = std::max(0.0, static_cast<double>(marched.scaled_transmittance) - transmittance);
-  if (light || !hit) {
-    add(path, transmittance * lights_ahead(ray, light, distance, path), dvec3(0));
+  if (met.light || !met.hit) {
+    add(path, transmittance * lights_ahead(ray, met, path.shown, /*marched=*/true), dvec3(0));
   } else {
-    const ShadedPoint at(*march_.context_.surfaces, ray, *hit);
-    if (path.only_lights && !at.bsdf.delta()) return;
-    if (!path.only_lights) {
-      const dvec3 emitted = march_.context_.surfaces->emitted(hit->surface, !at.inside);
-      const SurfaceLight::Around around = march_.surfaces_.around(at);
-      dvec3 reflected = at.bsdf.albedo * around.scattered;
-      for (size_t k = 0; k < march_.fields_.lights().size() && !at.bsdf.delta(); ++k) {
-        const Lit lit = march_.surfaces_.light_on(at, around, *march_.fields_.lights()[k]);
-        reflected += lit.direct + lit.indirect;
-      }
-      add(path, transmittance * emitted, transmittance * reflected + peaks * (emitted + reflected));
+    const ShadedPoint at(*march_.context_.surfaces, ray, *met.hit);
+    const dvec3 emitted = march_.context_.surfaces->emitted(met.hit->surface, !at.inside);
+    const SurfaceLight::Around around = march_.surfaces_.around(at);
+    dvec3 reflected = at.bsdf.albedo * around.scattered;
+    for (size_t k = 0; k < march_.fields_.lights().size() && !at.bsdf.delta(); ++k) {
+      const Lit lit = march_.surfaces_.light_on(at, around, *march_.fields_.lights()[k]);
+      reflected += lit.direct + lit.indirect;
     }
+    add(path, transmittance * emitted, transmittance * reflected + peaks * (emitted + reflected));
     if (!at.diffuse()) {
       Path next = path;
       next.throughput *= transmittance + peaks;
       next.again = true;
-      scatter(at, *hit, next);
+      scatter(at, *met.hit, next);
     }
   }
-  if (path.only_lights || marched.misses()) return;
+  if (marched.misses()) return;
   // What the media send.
   const GuideSums& sums = *marched.sums;
   dvec3 scattered = dvec3(sums.emission_once) + dvec3(sums.behind) + backwards(sums.plain, kOnce, ray.d) +
@@ -171,30 +255,29 @@ void MirroredRays::end(const Queued& queued, const std::optional<SurfaceHit>& hi
   add(path, dvec3(sums.emission), scattered);
 }
 
-dvec3 MirroredRays::lights_ahead(const Ray& ray, const FiniteLight* light, double distance, const Path& path) const {
+dvec3 MirroredRays::lights_ahead(const Ray& ray, const Met& met, Shown shown, bool marched) const {
   // How much of a light is shown.
   const auto share = [&](const Light* of) {
-    if (path.shown == Shown::kNone) return 0.0;
+    if (shown == Shown::kNone) return 0.0;
     for (const auto& group : march_.fields_.lights()) {
       const SharpLight* const sharp = group->sharp();
       if (!sharp || &base_of(sharp->light()) != of) continue;
-      if (path.shown == Shown::kUngrouped) return 0.0;
-      // Media were not marched.
-      if (path.only_lights) return attenuation(sharp->at(ray.o).depth);
+      if (shown == Shown::kUngrouped) return 0.0;
+      if (!marched) return attenuation(sharp->at(ray.o).depth);
     }
     return 1.0;
   };
-  if (light) {
-    const double shown = share(light);
-    return shown > 0 ? shown * light->radiance(ray, distance) : dvec3(0);
+  if (met.light) {
+    const double seen = share(met.light);
+    return seen > 0 ? seen * met.light->radiance(ray, met.distance) : dvec3(0);
   }
   const Lights& lights = *march_.context_.lights;
   dvec3 sum(0);
   for (const InfiniteLight* far : lights.infinite()) {
     const bool environment = far == lights.environment();
-    if (environment && path.only_lights) continue;
+    if (environment && !marched) continue;
     // A rough surface before has the highlights of its suns.
-    const bool rest = environment && path.shown == Shown::kUngrouped;
+    const bool rest = environment && shown == Shown::kUngrouped;
     const dvec3 radiance = rest ? march_.fields_.sky_parts().radiance(ray.d) : far->radiance(ray.d);
     if (radiance != dvec3(0)) sum += (environment ? 1.0 : share(far)) * radiance;
   }

@@ -1,5 +1,8 @@
 #pragma once
+#include <cstdint>
 #include <deque>
+#include <map>
+#include <utility>
 #include <vector>
 
 #include "render/guides/guide_march.h"
@@ -9,10 +12,15 @@ namespace brume {
 /// What metals and glass show: rays that go on from them in fixed directions, until they meet something else. They are
 /// marched as camera rays are, but that light which was scattered more often comes from a coarse table for all
 /// directions. Each generation is marched together.
+///
+/// Suns and lamps that smooth surfaces show are small against a pixel. They are looked for by many rays that meet
+/// surfaces alone, in the pixels where rays through the corners end near a light.
 class MirroredRays {
  public:
   explicit MirroredRays(const GuideMarch& march);
 
+  /// Forgets what the corners of another tile's pixels show.
+  void begin_tile() { corners_.clear(); }
   /// Queues the rays that show what a camera ray sees at a surface. @param transmittance  of the camera ray
   /// @param peaks  what it has more by forward peaks   @param pixel  gathers what they see
   void start(const CameraSample& camera, const ShadedPoint& at, const SurfaceHit& hit, double transmittance,
@@ -25,25 +33,51 @@ class MirroredRays {
   /// highlights, or where small ones are looked for by more rays.
   enum class Shown { kNone, kUngrouped, kAll };
   struct Path {
-    GuideSums* pixel;
-    double transmittance, peaks;  ///< of the camera ray
-    dvec3 throughput{1};          ///< of surfaces and media behind it
-    double largest = 1;           ///< of the surfaces' throughput, the largest colour's
-    double spread = 0;            ///< of the directions that it stands for [rad]
+    GuideSums* pixel = nullptr;
+    double transmittance = 1, peaks = 0;  ///< of the camera ray
+    dvec3 throughput{1};                  ///< of surfaces and media behind it
+    double largest = 1;                   ///< of the surfaces' throughput, the largest colour's
+    double spread = 0;                    ///< of the directions that it stands for [rad]
     int bounces = 0, faces = 0;
     bool again = false;  ///< it went on from a surface that was seen in another one: all it sees is indirect light
     Shown shown = Shown::kAll;
-    bool only_lights = false;  ///< the media are not marched
+    uint64_t branches = 1;  ///< a binary digit for each surface so far: whether it went through
+    bool may_go_on() const;
   };
   struct Queued {
     Path path;
     Ray ray;
   };
+  /// Calls visit(path, ray) for the directions of a lobe, or both of smooth glass.
+  template <class Visit>
+  void branch(const ShadedPoint& at, const SurfaceHit& hit, const Path& path, const Visit& visit) const;
   void scatter(const ShadedPoint& at, const SurfaceHit& hit, const Path& path);
-  void end(const Queued& queued, const std::optional<SurfaceHit>& hit, const FiniteLight* light, double distance,
-           const MarchedRay& marched);
+  /// What a ray meets first.
+  struct Met {
+    std::optional<SurfaceHit> hit;
+    const FiniteLight* light;
+    double distance;  ///< to either
+  };
+  Met meet(const Ray& ray) const;
+  void end(const Queued& queued, const Met& met, const MarchedRay& marched);
   /// Of a ray that meets no surface: the light that it ends on, or everything infinitely far.
-  dvec3 lights_ahead(const Ray& ray, const FiniteLight* light, double distance, const Path& path) const;
+  /// @param marched  whether the media were; else they attenuate suns and lamps, and the sky is left out
+  dvec3 lights_ahead(const Ray& ray, const Met& met, Shown shown, bool marched) const;
+
+  /// Looks for suns and lamps in the square of film that a camera ray stands for. @param path  of the camera ray
+  void show_lights(const CameraSample& camera, uint32_t surface, Path path);
+  /// Calls end(path, ray, met) for all rays that smooth surfaces alone turn.
+  template <class End>
+  void follow_smooth(const ShadedPoint& at, const SurfaceHit& hit, const Path& path, const End& end) const;
+  /// Where a ray through a corner of a pixel ends, and how it came there.
+  struct CornerEnd {
+    uint64_t branches;
+    Ray ray;
+  };
+  /// None where the surface there is not smooth.
+  const std::vector<CornerEnd>& ends_at(const ivec2& corner);
+  bool may_show_lights(const ivec2& pixel);
+  bool light_within(const Ray& ray, double spread) const;
   /// Adds radiance that comes straight from a light, or from anything else.
   void add(const Path& path, const dvec3& direct, const dvec3& indirect) const;
 
@@ -52,6 +86,8 @@ class MirroredRays {
   // Of those that are marched now.
   MarchBatch batch_;
   std::vector<GuideSums> sums_;
+  std::map<std::pair<int, int>, std::vector<CornerEnd>>
+      corners_;  // of the tile's pixels, as far as they were asked for
 };
 
 }  // namespace brume

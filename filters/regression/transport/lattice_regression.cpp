@@ -40,50 +40,82 @@ struct Shape : BlockLattice {
 // Pixels of a row that are packed at a time, so that what is packed stays in cache.
 constexpr int kChunk = 64;
 
-/// The columns' values of some pixels of a row, `stride` floats from one to the next.
-/// @param room  for twice so many pixels
-void pack_columns(const LatticePixels& p, int y, int from, int to, size_t stride, const float* factors, float* room,
-                  float* out) {
-  const int count = to - from;
-  const float* base = p.columns[0].values.row(y, from, to, room);
-  for (size_t k = 0; k < p.columns.size(); ++k) {
-    const LatticeColumn& c = p.columns[k];
-    const float* v = k == 0 ? base : c.values.row(y, from, to, room + count);
-    float* place = out + k;
-    for (int i = 0; i < count; ++i, place += stride) *place = factors[i] * (c.scale * (v[i] - c.offset * base[i]));
+/// The columns of some pixels, one row after another.
+class PackedColumns {
+ public:
+  /// @param most  pixels at a time
+  PackedColumns(const LatticePixels& pixels, int most)
+      : pixels_(pixels),
+        most_(static_cast<size_t>(most)),
+        room_((pixels.columns.size() + 1) * most_),
+        rows_((pixels.columns.size() + 3) / 4 * 4, room_.data() + pixels.columns.size() * most_),  // behind them zeros
+        offsets_(rows_.size()),
+        scales_(rows_.size()) {
+    for (size_t k = 0; k < pixels.columns.size(); ++k) {
+      offsets_[k] = pixels.columns[k].offset;
+      scales_[k] = pixels.columns[k].scale;
+    }
   }
-}
+  /// out[x][k] = factors[x] times column k at the pixels from..to of a row.
+  void pack(int y, int from, int to, const float* factors, float* const* out) {
+    for (size_t k = 0; k < pixels_.columns.size(); ++k)
+      rows_[k] = pixels_.columns[k].values.row(y, from, to, room_.data() + k * most_);
+    kernels::pack_columns({rows_.data(), offsets_.data(), scales_.data(), rows_.size()}, factors,
+                          static_cast<size_t>(to - from), out);
+  }
+
+ private:
+  const LatticePixels& pixels_;
+  size_t most_;
+  std::vector<float> room_;
+  std::vector<const float*> rows_;
+  std::vector<float> offsets_, scales_;
+};
 
 /// Adds up the pixels of a row of blocks.
 void add_blocks(const LatticePixels& p, const Shape& s, int row, float* nodes) {
   const int width = p.weight->width(), height = p.weight->height(), side = s.block;
   const int first_row = row * side, last_row = std::min(height, first_row + side);
-  std::vector<float> vectors(static_cast<size_t>(side) * static_cast<size_t>(side) * s.stride);
-  std::vector<float> root(static_cast<size_t>(side)), room(2 * root.size());
-  for (int b = 0; b < s.across; ++b) {
-    const int from = b * side, to = std::min(width, from + side);
-    float* node = nodes + static_cast<size_t>(b) * s.node;
-    size_t packed = 0;
+  const int together = std::max(1, kChunk / side);  // blocks
+  const size_t block = static_cast<size_t>(side) * static_cast<size_t>(side) * s.stride;
+  std::vector<float> vectors(static_cast<size_t>(together) * block), root(static_cast<size_t>(together * side));
+  std::vector<float*> places(root.size());
+  std::vector<size_t> packed(static_cast<size_t>(together));
+  PackedColumns columns(p, together * side);
+  for (int b0 = 0; b0 < s.across; b0 += together) {
+    const int begin = b0 * side, end = std::min(width, begin + together * side);
+    std::fill(packed.begin(), packed.end(), 0);
     for (int y = first_row; y < last_row; ++y) {
       const float* w = p.weight->row(y);
-      bool any = false;
-      for (int x = from; x < to; ++x) {
-        root[static_cast<size_t>(x - from)] = w[x] > 0 ? std::sqrt(w[x]) : 0.0f;
-        any |= w[x] > 0;
-        node[s.products] += w[x];
-        node[s.products + 1] += w[x] * w[x];
+      bool any_at_all = false;
+      for (int b = b0; b * side < end; ++b) {
+        float* const node = nodes + static_cast<size_t>(b) * s.node;
+        size_t& count = packed[static_cast<size_t>(b - b0)];
+        float* const own = vectors.data() + static_cast<size_t>(b - b0) * block + count * s.stride;
+        bool any = false;
+        for (int x = b * side; x < std::min(end, (b + 1) * side); ++x) {
+          const auto i = static_cast<size_t>(x - begin);
+          root[i] = w[x] > 0 ? std::sqrt(w[x]) : 0.0f;
+          places[i] = own + static_cast<size_t>(x - b * side) * s.stride;
+          any |= w[x] > 0;
+          node[s.products] += w[x];
+          node[s.products + 1] += w[x] * w[x];
+        }
+        // Rows of a block that count nothing are written over.
+        if (any) count += static_cast<size_t>(std::min(end, (b + 1) * side) - b * side);
+        any_at_all |= any;
       }
-      if (!any) continue;
-      float* line = vectors.data() + packed * s.stride;
-      pack_columns(p, y, from, to, s.stride, root.data(), room.data(), line);
+      if (!any_at_all) continue;
+      columns.pack(y, begin, end, root.data(), places.data());
       for (size_t t = 0; t < s.targets; ++t) {
-        const float* v = p.targets[t]->row(y);
-        for (int x = from; x < to; ++x)
-          line[static_cast<size_t>(x - from) * s.stride + s.columns + t] = root[static_cast<size_t>(x - from)] * v[x];
+        const float* const v = p.targets[t]->row(y) + begin;
+        for (size_t i = 0; i < static_cast<size_t>(end - begin); ++i) places[i][s.columns + t] = root[i] * v[i];
       }
-      packed += static_cast<size_t>(to - from);
     }
-    if (packed) kernels::add_products(vectors.data(), packed, s.stride, s.columns, node);
+    for (int b = b0; b * side < end; ++b)
+      if (const size_t count = packed[static_cast<size_t>(b - b0)])
+        kernels::add_products(vectors.data() + static_cast<size_t>(b - b0) * block, count, s.stride, s.columns,
+                              nodes + static_cast<size_t>(b) * s.node);
   }
 }
 
@@ -209,10 +241,12 @@ std::vector<Plane> predict(const LatticePixels& p, const Shape& s, const Lattice
     const std::vector<float> coefficients = down.between(nodes, y);
     std::vector<float> vectors(static_cast<size_t>(kChunk) * s.used);
     const std::vector<float> ones(static_cast<size_t>(kChunk), 1.0f);
-    std::vector<float> room(2 * ones.size());
+    std::vector<float*> places;
+    for (size_t i = 0; i < ones.size(); ++i) places.push_back(vectors.data() + i * s.used);
+    PackedColumns columns(p, kChunk);
     for (int begin = from; begin < to; begin += kChunk) {
       const int end = std::min(to, begin + kChunk);
-      pack_columns(p, y, begin, end, s.used, ones.data(), room.data(), vectors.data());
+      columns.pack(y, begin, end, ones.data(), places.data());
       std::vector<float*> results;
       for (Plane& plane : out) results.push_back(plane.row(y) + begin);
       const size_t first = 3 * static_cast<size_t>(begin);
