@@ -50,15 +50,6 @@ double turned_towards(const AmbientLight::Node& node, const dvec3& direction) {
 AmbientLight::AmbientLight(const Lattice& lattice, double scale)
     : lattice_(lattice), scale_(scale), nodes_(static_cast<size_t>(lattice.n.x) * lattice.n.y * lattice.n.z) {}
 
-bool AmbientLight::near(int x, int y, int z) const {
-  const ivec3 lo = glm::max(ivec3(x, y, z) - 1, ivec3(0)), hi = glm::min(ivec3(x, y, z) + 1, lattice_.n - 1);
-  for (int i = lo.x; i <= hi.x; ++i)
-    for (int j = lo.y; j <= hi.y; ++j)
-      for (int k = lo.z; k <= hi.z; ++k)
-        if (extinction(i, j, k) > 0) return true;
-  return false;
-}
-
 const AmbientLight::Node* AmbientLight::node_at(const dvec3& place) const {
   const ivec3 node(glm::floor(place + 0.5));
   if (glm::any(glm::lessThan(node, ivec3(0))) || glm::any(glm::greaterThanEqual(node, lattice_.n))) return nullptr;

@@ -24,8 +24,6 @@ class AmbientLight {
   size_t index(int x, int y, int z) const { return (static_cast<size_t>(x) * lattice_.n.y + y) * lattice_.n.z + z; }
 
   float extinction(int x, int y, int z) const { return nodes_[index(x, y, z)].extinction; }
-  /// Whether a node or one of its 26 neighbours has any extinction.
-  bool near(int x, int y, int z) const;
 
   /// RGB that arrives at a point from a direction, of what lies nearer than a distance.
   struct Incident {

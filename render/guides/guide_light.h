@@ -33,9 +33,9 @@ struct LightSolve {
   const SkyParts& sky_parts;
   const Surfaces* surfaces;  ///< null where there are none
   GuideColour colour;
-  ScatteringSolver& solver;           ///< of the fine lattice
-  const AmbientLight* ambient_light;  ///< null where there are no surfaces
-  const SurfaceLight* surface_light;  ///< the same
+  ScatteringSolver& solver;  ///< of the fine lattice
+  const Lattice& coarse;
+  const SurfaceLight* surface_light;  ///< null where there are no surfaces
   SkyShares& sky;                     ///< made for the first light that needs it
   Task task;
 

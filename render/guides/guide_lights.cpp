@@ -67,6 +67,26 @@ struct Candidate {
   double importance;
 };
 
+/// In grey media lights of many colours are three, their red, green and blue.
+void add_others(const std::vector<KnownLight>& others, const dvec3& sum, const dvec3& middle, GuideColour colour,
+                std::vector<std::unique_ptr<GuideLight>>& guides) {
+  constexpr double kAlike = 0.1;  // of the mean colour
+  const dvec3 mean = of_mean_one(sum);
+  const bool alike = std::all_of(others.begin(), others.end(), [&](const KnownLight& light) {
+    const dvec3 apart = of_mean_one(arriving_light(light, middle).irradiance) - mean;
+    return max_component(glm::abs(apart)) < kAlike;
+  });
+  if (alike || colour != kGrey) {
+    guides.push_back(other_lights(mean, others, kGrey));
+    return;
+  }
+  for (GuideColour channel = 0; channel < 3; ++channel) {
+    dvec3 own(0);
+    own[channel] = 1;
+    guides.push_back(other_lights(own, others, channel));
+  }
+}
+
 /// The strongest emissive meshes, each a light; all others are one.
 void add_meshes(const Lights& lights, const Surfaces& surfaces, const dvec3& middle,
                 std::vector<std::unique_ptr<GuideLight>>& guides) {
@@ -125,7 +145,7 @@ std::vector<std::unique_ptr<GuideLight>> guide_lights(const Lights& lights, cons
     else
       guides.push_back(std::make_unique<LampLight>(name, c.colour, c.light));
   }
-  if (!others.empty()) guides.push_back(other_lights(of_mean_one(others_colour), others));
+  if (!others.empty()) add_others(others, others_colour, middle, colour, guides);
   if (surfaces) add_meshes(lights, *surfaces, middle, guides);
   const bool dark = lights.environment()->black();
   if (!dark && !sky.constant() && colour == kGrey) {

@@ -137,7 +137,7 @@ std::vector<std::string> Guides::left_out() const {
     catcher = catcher || s.role == "shadow_catcher";
   }
   for (const auto& light : fields_[0].lights())
-    if (light->name == "others" || light->name.starts_with("mesh"))
+    if (light->channel <= 0 && (light->name == "others" || light->name.starts_with("mesh")))
       texts.push_back(
           fmt::format("the phase function's peak for light of '{}': it is scattered by its mean cosine", light->name));
   if (glass)

@@ -101,7 +101,7 @@ LightFields::LightFields(const std::vector<GuideMedia>& times, const Lights& lig
     });
   }
   if (surfaces) surface_light_.emplace(media, *surfaces, *ambient_light_, task);
-  LightSolve solving{times, sky_parts_, surfaces, colour, solver, ambient_light(), surface_light(), sky_, quiet(task)};
+  LightSolve solving{times, sky_parts_, surfaces, colour, solver, coarse_, surface_light(), sky_, quiet(task)};
   for (std::unique_ptr<GuideLight>& light : guide_lights(lights, sky_parts_, surfaces, media, colour)) {
     solve(*light, solving, coarse);
     lights_.push_back(std::move(light));

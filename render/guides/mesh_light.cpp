@@ -6,6 +6,7 @@
 #include "base/math.h"
 #include "render/guides/attenuation.h"
 #include "render/guides/lit_surface.h"
+#include "render/guides/sharp_light.h"
 
 namespace brume {
 namespace {
@@ -13,7 +14,7 @@ namespace {
 constexpr double kClear = 1 - 1e-4;  // of the way to a disc: shadow rays end before the mesh
 
 constexpr size_t kCandidates = 16;  // for each disc
-constexpr size_t kGroups = 8;       // of all meshes together, at least one of each
+constexpr size_t kGroups = 16;      // of all meshes together, at least one of each
 
 /// Calls visit(irradiance across the direction, direction, disc) for the discs of a group that shine at a point.
 template <class Group, class Visit>
@@ -114,30 +115,16 @@ void EmittingMeshes::spread(const Surfaces& surfaces, uint32_t surface, size_t g
 
 Radiance EmittingMeshes::arriving(const LightSolve& solve) {
   const ScatteringSolver& solver = solve.solver;
-  const AmbientLight& nodes = *solve.ambient_light;
-  const Lattice& coarse = nodes.lattice();
   Radiance light = solver.nothing<Radiance>();
   for (const Group& group : groups_) {
-    NodeValues depth(coarse.size()), open(coarse.size());
-    parallel_for(coarse.n.x, solve.task, [&](int x) {
-      for (int y = 0; y < coarse.n.y; ++y)
-        for (int z = 0; z < coarse.n.z; ++z) {
-          if (!nodes.near(x, y, z)) continue;
-          const dvec3 p = coarse.node(x, y, z);
-          const Disc* const disc = brightest(group, p);
-          if (!disc) continue;
-          const dvec3 to = disc->p - p;
-          const double distance = glm::length(to);
-          depth[coarse.index(x, y, z)] = static_cast<float>(nodes.depth(p, to / distance, distance));
-          open[coarse.index(x, y, z)] = static_cast<float>(solve.passage({p, to / distance}, kClear * distance));
-        }
+    const LightShares shares(solve, [&](const dvec3& p) {
+      const Disc* const disc = brightest(group, p);
+      return disc ? kClear * (disc->p - p) : dvec3(0);
     });
     solver.each_node([&](int x, int y, int z, size_t i) {
       if (solver.extinction()[i] == 0) return;
       const dvec3 p = solver.lattice().node(x, y, z);
-      const NodeWeights around(coarse, p);
-      const double share =
-          static_cast<double>(around(open)) * attenuation(static_cast<double>(around(depth))) / (4 * kPi);
+      const double share = shares.at(p) / (4 * kPi);
       if (!(share > 0)) return;
       each_disc(group, p, [&](const dvec3& irradiance, const dvec3& towards, const Disc&) {
         const double mean = share * in_colour(irradiance, solve.colour);

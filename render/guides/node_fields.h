@@ -12,7 +12,7 @@ namespace brume {
 
 /// Fields at the nodes of a lattice, all of a node's side by side, so that one look-up brings them all.
 struct NodeTable {
-  static constexpr size_t kMost = 96;  ///< fields; arrays of sums of them have room for so many
+  static constexpr size_t kMost = 128;  ///< fields; arrays of sums of them have room for so many
 
   NodeTable() = default;
   NodeTable(const Lattice& nodes, size_t fields)

@@ -65,6 +65,19 @@ double depth_along(const ScatteringSolver& solver, const dvec3& from, const dvec
   return depth;
 }
 
+/// Whether there are media between a node of the coarse lattice and the next ones.
+bool any_media_near(const ScatteringSolver& solver, const dvec3& p) {
+  constexpr int kBetween = 2;  // nodes of the fine lattice
+  const Lattice& lattice = solver.lattice();
+  const ivec3 node(glm::round(lattice.to_lattice(p)));
+  const ivec3 lo = glm::max(node - kBetween, ivec3(0)), hi = glm::min(node + kBetween, lattice.n - 1);
+  for (int x = lo.x; x <= hi.x; ++x)
+    for (int y = lo.y; y <= hi.y; ++y)
+      for (int z = lo.z; z <= hi.z; ++z)
+        if (solver.extinction()[lattice.index(x, y, z)] > 0) return true;
+  return false;
+}
+
 /// Adds light along one direction.
 void add_beam(Radiance& light, size_t node, double irradiance, const dvec3& towards) {
   const double mean = irradiance / (4 * kPi);
@@ -72,17 +85,11 @@ void add_beam(Radiance& light, size_t node, double irradiance, const dvec3& towa
   for (int a = 0; a < 3; ++a) light[static_cast<size_t>(a) + 1][node] -= static_cast<float>(mean * towards[a]);
 }
 
-/// Adds a lamp's light at a node. @return  the share that surfaces leave of it, and its depth
-std::pair<double, double> add_lamp(const LightSolve& solve, const KnownLight& light, size_t node, const dvec3& p,
-                                   Radiance& arriving) {
-  const ArrivingLight here = arriving_light(light, p);
-  const double share = solve.passage({p, here.towards}, here.distance);
-  const double depth = depth_along(solve.solver, p, here.towards, here.distance);
+/// Adds a lamp's light at a node. @param share  what surfaces and media leave of it
+void add_lamp(const LightSolve& solve, const KnownLight& light, size_t node, const dvec3& p, double share,
+              Radiance& arriving) {
   const ArrivingLight mean = mean_over_cube(light, p, solve.solver.lattice().spacing);
-  add_beam(arriving, node,
-           in_colour(mean.irradiance, solve.colour) * share * here.transmittance(solve.solver.mean_scale() * depth),
-           mean.mean_cosine() * mean.towards);
-  return {share, depth};
+  add_beam(arriving, node, in_colour(mean.irradiance, solve.colour) * share, mean.mean_cosine() * mean.towards);
 }
 
 /// What a surface reflects of a light by points of it: few, or more where parts of it are hidden.
@@ -232,7 +239,11 @@ Radiance LampLight::arriving(const LightSolve& solve) {
   if (solve.surfaces) visible_ = NodeValues(lattice_.size());
   Radiance light = solve.solver.nothing<Radiance>();
   solve.solver.each_node([&](int x, int y, int z, size_t i) {
-    const auto [share, depth] = add_lamp(solve, light_, i, lattice_.node(x, y, z), light);
+    const dvec3 p = lattice_.node(x, y, z);
+    const ArrivingLight here = arriving_light(light_, p);
+    const double share = solve.passage({p, here.towards}, here.distance);
+    const double depth = depth_along(solve.solver, p, here.towards, here.distance);
+    add_lamp(solve, light_, i, p, share * here.transmittance(solve.solver.mean_scale() * depth), light);
     depth_[i] = static_cast<float>(depth);
     if (solve.surfaces) visible_[i] = static_cast<float>(share);
   });
@@ -243,20 +254,31 @@ namespace {
 
 class OtherLights final : public GuideLight {
  public:
-  OtherLights(const dvec3& mean, std::vector<KnownLight> lights)
-      : GuideLight("others", mean), lights_(std::move(lights)) {}
+  OtherLights(const dvec3& mean, std::vector<KnownLight> lights, GuideColour only)
+      : GuideLight("others", mean, only), lights_(std::move(lights)) {}
 
   Radiance arriving(const LightSolve& solve) override {
     Radiance light = solve.solver.nothing<Radiance>();
-    solve.solver.each_node([&](int x, int y, int z, size_t i) {
-      for (const KnownLight& own : lights_) add_lamp(solve, own, i, solve.solver.lattice().node(x, y, z), light);
-    });
+    LightSolve own_colour = solve;
+    if (solve.colour == kGrey) own_colour.colour = channel;
+    for (const KnownLight& lamp : lights_) {
+      const LightShares shares(solve, [&](const dvec3& p) {
+        const ArrivingLight here = arriving_light(lamp, p);
+        return here.distance * here.towards;
+      });
+      solve.solver.each_node([&](int x, int y, int z, size_t i) {
+        if (solve.solver.extinction()[i] == 0) return;
+        const dvec3 p = solve.solver.lattice().node(x, y, z);
+        if (const double share = shares.at(p); share > 0) add_lamp(own_colour, lamp, i, p, share, light);
+      });
+    }
     return light;
   }
   Lit onto(const LitSurfaces& surfaces, const SurfaceLight::Around&, const dvec3& p,
            const dvec3& normal) const override {
     Lit lit;
-    for (const KnownLight& own : lights_) lit.add(dvec3(1), lamp_onto(own, surfaces, p, normal));
+    const dvec3 own = channel == kGrey ? dvec3(1) : colour;
+    for (const KnownLight& lamp : lights_) lit.add(own, lamp_onto(lamp, surfaces, p, normal));
     return lit;
   }
 
@@ -266,8 +288,24 @@ class OtherLights final : public GuideLight {
 
 }  // namespace
 
-std::unique_ptr<GuideLight> other_lights(const dvec3& colour, std::vector<KnownLight> lights) {
-  return std::make_unique<OtherLights>(colour, std::move(lights));
+std::unique_ptr<GuideLight> other_lights(const dvec3& colour, std::vector<KnownLight> lights, GuideColour only) {
+  return std::make_unique<OtherLights>(colour, std::move(lights), only);
+}
+
+void LightShares::look(const LightSolve& solve, const ivec3& node, const dvec3& to) {
+  const double distance = glm::length(to);
+  if (!(distance > 0)) return;
+  const dvec3 p = lattice_.node(node.x, node.y, node.z), towards = to / distance;
+  if (!any_media_near(solve.solver, p)) return;
+  const size_t i = lattice_.index(node.x, node.y, node.z);
+  open_[i] = static_cast<float>(solve.passage({p, towards}, distance));
+  if (open_[i] > 0)
+    depth_[i] = static_cast<float>(solve.solver.mean_scale() * depth_along(solve.solver, p, towards, distance));
+}
+
+double LightShares::at(const dvec3& p) const {
+  const NodeWeights around(lattice_, p);
+  return static_cast<double>(around(open_)) * attenuation(static_cast<double>(around(depth_)));
 }
 
 }  // namespace brume

@@ -104,7 +104,29 @@ class LampLight final : public SharpLight {
   NodeValues depth_;
 };
 
-/// Suns and lamps that share their guides.
-std::unique_ptr<GuideLight> other_lights(const dvec3& colour, std::vector<KnownLight> lights);
+/// Suns and lamps that share their guides. @param only  a colour channel of theirs, or kGrey
+std::unique_ptr<GuideLight> other_lights(const dvec3& colour, std::vector<KnownLight> lights, GuideColour only);
+
+/// What surfaces leave of a light at the nodes, and its optical depth without the forward peak: known at those of the
+/// coarse lattice.
+class LightShares {
+ public:
+  /// @param target  called as target(p) for the vector that leads from a point to the light; 0 where it does not shine
+  template <class Target>
+  LightShares(const LightSolve& solve, const Target& target)
+      : lattice_(solve.coarse), open_(lattice_.size()), depth_(lattice_.size()) {
+    parallel_for(lattice_.n.x, solve.task, [&](int x) {
+      for (int y = 0; y < lattice_.n.y; ++y)
+        for (int z = 0; z < lattice_.n.z; ++z) look(solve, {x, y, z}, target(lattice_.node(x, y, z)));
+    });
+  }
+  double at(const dvec3& p) const;
+
+ private:
+  void look(const LightSolve& solve, const ivec3& node, const dvec3& to);
+
+  const Lattice& lattice_;
+  NodeValues open_, depth_;
+};
 
 }  // namespace brume

@@ -19,6 +19,7 @@ constexpr int kPointRays = 128, kProbeRays = 96;
 constexpr int kMostPanes = 8;         // of glass that a ray goes through, or mirrors that turn it
 constexpr size_t kBrightRays = 32;    // from each observer
 constexpr double kBright = 4;         // of the mean radiance that observers see of surfaces
+constexpr double kLeastReach = 1e-3;  // of a point's part
 constexpr double kNegligible = 1e-3;  // of all reflections, for the last one
 constexpr int kMostReflections = 64;
 constexpr double kUneven = 0.2;     // mean deviation from the mean share of the sky
@@ -99,7 +100,8 @@ SurfaceLight::SurfaceLight(const GuideMedia& media, const Surfaces& surfaces, co
   for (size_t i = 0; i < light_.size(); ++i) {
     double sum = 0;
     for (int k = 0; k < kPointRays; ++k) sum += 1 / static_cast<double>(at_points_.of(i)[k].distance);
-    points_.points()[i].reach = kPointRays / sum;
+    SurfacePoints::Point& point = points_.points()[i];
+    point.reach = std::max(kPointRays / sum, kLeastReach * std::sqrt(point.area));
   }
   find_sky_seen();
 }
