@@ -128,6 +128,10 @@ def clean_frames(results):
 
     ratios("over the best without guides", lambda s, n, r: best(s, n, without, r)[0])
     ratios("over the best that was given guides", lambda s, n, r: best(s, n, given, r)[0])
+    for label in ("oidn", "least_risk"):
+        for m in shown:
+            if m["label"] == label:
+                ratios(f"over {label}", lambda s, n, r, m=m: mean(s, n, m, region=r))
     ratios("over gradient_kernel", lambda s, n, r: mean(s, n, kernel, region=r))
     ratios("whole frame, over the best other filter", lambda s, n, r: best(s, n, other, r)[0], region="frame")
 
@@ -150,7 +154,7 @@ def whole_frames(results):
     methods = {m["id"]: m for m in results["methods"] if m["setting"] in ("none", "default")}
     ours = next(m["id"] for m in methods.values() if m["filter"] == OURS)
     counts = results["spp"]
-    ratios, without = {n: [] for n in counts}, {n: [] for n in counts}
+    ratios, without, learned = ({n: [] for n in counts} for _ in range(3))
     print("| scene | " + " | ".join(f"{n} spp: path tracing, ours, best other" for n in counts) + " |")
     print("|---|" + "---|" * len(counts))
     for scene in (s["name"] for s in results["scenes"]):
@@ -163,9 +167,12 @@ def whole_frames(results):
             ratios[n].append(rms[ours] / rms[other])
             without[n].append(rms[ours] / min(v for m, v in rms.items() if m != ours and methods[m]["filter"]
                                               and "guides" not in methods[m]["label"]))
+            learned[n] += [rms[ours] / v for m, v in rms.items() if methods[m]["label"] == "oidn"]
             cells.append(f"{noisy:.2f}, {rms[ours]:.2f}, {rms[other]:.2f} {methods[other]['label']} ({ratios[n][-1]:.2f})")
         print(f"| {scene} | " + " | ".join(cells) + " |")
-    for name, of in (("the best other", ratios), ("the best without guides", without)):
+    for name, of in (("the best other", ratios), ("the best without guides", without), ("oidn", learned)):
+        if not all(of.values()):
+            continue
         means = [f"{math.exp(sum(map(math.log, r)) / len(r)):.2f}" for r in of.values()]
         print(f"| geometric mean of ours over {name} | " + " | ".join(means) + " |")
 
