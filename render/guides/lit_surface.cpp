@@ -138,7 +138,9 @@ dvec3 LitSurfaces::reflected(const Ray& ray, const SurfaceHit& hit) const {
       sum += light.irradiance * (shares.direct + shares.indirect) *
              at.bsdf.value(at.to_frame(at.wo), at.to_frame(light.towards), false);
     } else if (group->sky() && at.bsdf.kind == Bsdf::Kind::kConductor) {
-      sum += at.bsdf.albedo * sky.radiance(glm::reflect(ray.d, at.normal)) * group->sky()->share();
+      const dvec3 mirrored = glm::reflect(ray.d, at.normal);
+      if (!surfaces->intersect({at.p, mirrored}, kFar))
+        sum += at.bsdf.albedo * sky.radiance(mirrored) * group->sky()->share();
     }
   }
   return sum;

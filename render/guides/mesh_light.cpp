@@ -16,6 +16,12 @@ constexpr double kClear = 1 - 1e-4;  // of the way to a disc: shadow rays end be
 constexpr size_t kCandidates = 16;  // for each disc
 constexpr size_t kGroups = 16;      // of all meshes together, at least one of each
 
+/// Mean of max(0, cosine) over cosines that are spread evenly around a mean.
+double facing_share(double mean, double spread) {
+  if (mean >= spread) return mean;
+  return mean <= -spread ? 0 : (mean + spread) * (mean + spread) / (4 * spread);
+}
+
 /// Calls visit(irradiance across the direction, direction, disc) for the discs of a group that shine at a point.
 template <class Group, class Visit>
 void each_disc(const Group& group, const dvec3& p, const Visit& visit) {
@@ -24,10 +30,10 @@ void each_disc(const Group& group, const dvec3& p, const Visit& visit) {
     const double distance2 = glm::dot(to, to);
     if (!(distance2 > 0)) continue;
     const dvec3 towards = to / std::sqrt(distance2);
-    const double facing = -glm::dot(towards, disc.normal);
+    const double cosine = -glm::dot(towards, disc.normal);
+    const double facing = facing_share(cosine, disc.spread) + (disc.two_sided ? facing_share(-cosine, disc.spread) : 0);
     // As of a disc on its axis, also where it is near.
-    if (facing > 0 || disc.two_sided)
-      visit(disc.radiance * (disc.area * std::abs(facing) / (distance2 + disc.area / kPi)), towards, disc);
+    if (facing > 0) visit(disc.radiance * (disc.area * facing / (distance2 + disc.area / kPi)), towards, disc);
   }
 }
 
@@ -47,9 +53,9 @@ auto brightest(const Group& group, const dvec3& p) {
 }
 
 /// Puts discs that lie and face alike side by side: halves along the longest side, of places and normals.
+/// @param by_normal  how much of the longest side of places a change of the normal by 1 counts
 template <class Disc>
-void order(Disc* discs, size_t count, size_t together) {
-  constexpr double kTurn = 0.3;  // of the longest side, as much as a change of the normal by 1
+void order(Disc* discs, size_t count, size_t together, double by_normal) {
   if (count <= together) return;
   dvec3 lo(kFar), hi(-kFar), normal_lo(1), normal_hi(-1);
   for (size_t i = 0; i < count; ++i) {
@@ -58,7 +64,7 @@ void order(Disc* discs, size_t count, size_t together) {
     normal_lo = glm::min(normal_lo, discs[i].normal);
     normal_hi = glm::max(normal_hi, discs[i].normal);
   }
-  const dvec3 size = hi - lo, turn = kTurn * max_component(size) * (normal_hi - normal_lo);
+  const dvec3 size = hi - lo, turn = by_normal * max_component(size) * (normal_hi - normal_lo);
   int axis = 0;
   const auto side = [&](int a) { return a < 3 ? size[a] : turn[a - 3]; };
   for (int a = 1; a < 6; ++a)
@@ -66,8 +72,8 @@ void order(Disc* discs, size_t count, size_t together) {
   const auto place = [&](const Disc& disc) { return axis < 3 ? disc.p[axis] : disc.normal[axis - 3]; };
   std::stable_sort(discs, discs + count, [&](const Disc& a, const Disc& b) { return place(a) < place(b); });
   const size_t half = (count / together + 1) / 2 * together;
-  order(discs, half, together);
-  order(discs + half, count - half, together);
+  order(discs, half, together, by_normal);
+  order(discs + half, count - half, together, by_normal);
 }
 
 }  // namespace
@@ -101,15 +107,22 @@ void EmittingMeshes::spread(const Surfaces& surfaces, uint32_t surface, size_t g
       if (u.x + u.y > 1) u = 1.0 - u;
       const dvec3 p = a + u.x * (b - a) + u.y * (c - a);
       const SurfaceSettings& settings = surfaces.settings(surface);
-      discs.push_back({dvec3(moved * glm::dvec4(p, 1.0)), mesh.normal(i), settings.radiance, kCandidates * each,
-                       settings.two_sided});
+      discs.push_back({dvec3(moved * glm::dvec4(p, 1.0)), mesh.normal(i), settings.radiance, double{kCandidates} * each,
+                       0, settings.two_sided});
     }
     before += own;
   }
-  order(discs.data(), count, kCandidates);
+  order(discs.data(), count, kOfGroup * kCandidates, 0);
   for (size_t g = 0; g < groups; ++g) {
+    order(discs.data() + g * kOfGroup * kCandidates, kOfGroup * kCandidates, kCandidates, 1);
     Group& group = groups_.emplace_back();
-    for (size_t k = 0; k < kOfGroup; ++k) group[k] = discs[(g * kOfGroup + k) * kCandidates + kCandidates / 2];
+    for (size_t k = 0; k < kOfGroup; ++k) {
+      const Disc* const alike = discs.data() + (g * kOfGroup + k) * kCandidates;
+      group[k] = alike[kCandidates / 2];
+      group[k].normal = dvec3(0);
+      for (size_t i = 0; i < kCandidates; ++i) group[k].normal += alike[i].normal / double{kCandidates};
+      group[k].spread = std::sqrt(3 * std::max(0.0, 1 - glm::dot(group[k].normal, group[k].normal)));
+    }
   }
 }
 

@@ -20,8 +20,9 @@ class EmittingMeshes final : public GuideLight {
  private:
   static constexpr size_t kOfGroup = 8;
   struct Disc {
-    dvec3 p{0}, normal{0}, radiance{0};
+    dvec3 p{0}, normal{0}, radiance{0};  ///< normal: the mean over its area, shorter where that is bent
     double area = 0;
+    double spread = 0;  ///< of the cosines to the normals of its area, evenly to both sides of the mean
     bool two_sided = false;
   };
   using Group = std::array<Disc, kOfGroup>;

@@ -12,7 +12,7 @@ namespace brume {
 class SunLight;
 
 /// Every kind of light that has a direction. The compiler asks for an answer to each question below for a new one,
-/// which Lights::each_sharp gives guide_lights().
+/// which guide_lights() lists.
 using KnownLight = std::variant<const Sun*, const FiniteLight*, const PointLight*>;
 
 inline const Light& base_of(const KnownLight& light) {

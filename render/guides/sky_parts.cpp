@@ -13,8 +13,14 @@ constexpr int kAround = 360, kUp = 180;  // cells of directions
 constexpr int kInside = 2;               // directions in each of them, squared
 constexpr size_t kMostSuns = 2;
 constexpr double kBright = 5;              // times the mean
+constexpr double kEdge = 1.3;              // times a sun's surroundings: what is left in its place
 constexpr double kWide = 12, kClear = 18;  // degrees: where a sun ends, and its surroundings
 constexpr double kLeastShare = 0.03;       // of all light
+
+/// Of a sky's radiance within a sun's bounds.
+dvec3 left_of(const dvec3& radiance, const dvec3& around) {
+  return glm::min(radiance, kEdge * around);
+}
 
 double cosine_of(double degrees) {
   return portable_sincos_2pi(degrees / 360).cos;
@@ -61,31 +67,31 @@ bool SkyParts::take_brightest(std::vector<Cell>& cells, double mean) {
   for (const Cell& cell : cells)
     if (is_bright(cell) && glm::dot(cell.d, axis) > wide) middle += cell.bright * cell.solid_angle * cell.d;
   axis = glm::normalize(middle);
-  dvec3 around(0), light(0);
-  double around_angle = 0, angle = 0;
+  dvec3 around(0);
+  double around_angle = 0;
   bool small = true;
   for (const Cell& cell : cells) {
     const double cosine = glm::dot(cell.d, axis);
-    if (cosine < clear) continue;
-    if (cosine > wide && is_bright(cell)) {
-      light += cell.solid_angle * cell.radiance;
-      angle += cell.solid_angle;
-    } else {
-      small = small && !is_bright(cell);
-      around += cell.solid_angle * cell.radiance;
-      around_angle += cell.solid_angle;
-    }
+    if (cosine < clear || cosine > wide) continue;
+    small = small && !is_bright(cell);
+    around += cell.solid_angle * cell.radiance;
+    around_angle += cell.solid_angle;
   }
   around /= around_angle;
-  light = glm::max(light - angle * around, dvec3(0));
-  const bool matters = in_colour(light, kGrey) > kLeastShare * 4 * kPi * mean;
+  const double highest = brightest->bright, base = in_colour(around, kGrey);
+  dvec3 light(0);
+  for (const Cell& cell : cells)
+    if (glm::dot(cell.d, axis) > wide) light += cell.solid_angle * (cell.radiance - left_of(cell.radiance, around));
+  const bool taken = small && in_colour(light, kGrey) > kLeastShare * 4 * kPi * mean;
   if (sun_.empty()) sun_.assign(cells.size(), -1);
-  for (size_t i = 0; i < cells.size(); ++i)
-    if (is_bright(cells[i]) && glm::dot(cells[i].d, axis) > wide) {
-      cells[i].bright = 0;
-      if (small && matters) sun_[i] = static_cast<int>(suns_.size());
-    }
-  if (!small || !matters) return true;
+  for (size_t i = 0; i < cells.size(); ++i) {
+    if (!(glm::dot(cells[i].d, axis) > wide)) continue;
+    if (taken) sun_[i] = static_cast<int>(suns_.size());
+    cells[i].bright = 0;
+  }
+  if (!taken) return true;
+  // As large as all of it would be if it were as bright as its brightest cell.
+  const double angle = in_colour(light, kGrey) / (highest - base);
   LightSettings sun;
   sun.type = "sun";
   sun.direction = axis;
@@ -109,7 +115,7 @@ dvec3 SkyParts::radiance(const dvec3& d) const {
   const dvec3 whole = sky_.radiance(d);
   if (suns_.empty()) return whole;
   const int sun = sun_[cell_of(d)];
-  return sun < 0 ? whole : around_[static_cast<size_t>(sun)];
+  return sun < 0 ? whole : left_of(whole, around_[static_cast<size_t>(sun)]);
 }
 
 }  // namespace brume

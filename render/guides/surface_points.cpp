@@ -26,12 +26,14 @@ struct Triangle {
   double area() const { return 0.5 * glm::length(glm::cross(b - a, c - a)); }
 };
 
-/// Visits parts of a triangle that are no larger than a limit, halved along the longest edge.
+/// Visits parts of a triangle that are neither larger nor much longer than a limit, halved along the longest edge.
 template <class Limit, class Visit>
 void divide(const Triangle& t, const Limit& largest, const Visit& visit, int depth = 0) {
   constexpr int kMostDepth = 24;
-  if (depth == kMostDepth || t.area() <= largest(t.middle())) return visit(t);
-  const double ab = glm::distance(t.a, t.b), bc = glm::distance(t.b, t.c), ca = glm::distance(t.c, t.a);
+  constexpr double kLongest = 8;  // edge, squared, by the largest area
+  const auto length2 = [](const dvec3& edge) { return glm::dot(edge, edge); };
+  const double ab = length2(t.b - t.a), bc = length2(t.c - t.b), ca = length2(t.a - t.c), limit = largest(t.middle());
+  if (depth == kMostDepth || (t.area() <= limit && std::max({ab, bc, ca}) <= kLongest * limit)) return visit(t);
   const Triangle turned = ab >= bc && ab >= ca ? t : bc >= ca ? Triangle{t.b, t.c, t.a} : Triangle{t.c, t.a, t.b};
   const dvec3 middle = 0.5 * (turned.a + turned.b);
   divide({turned.a, middle, turned.c}, largest, visit, depth + 1);
