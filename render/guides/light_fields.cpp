@@ -18,7 +18,7 @@ constexpr double kVoxelsPerNode = 2, kMostVoxelsPerNode = 4, kFreePathsPerNode =
 // Of them at a detail of 1, where media are large: as many for each pixel, within limits.
 constexpr double kNodesPerPixel = 12, kFewestNodes = 2.5e5;
 constexpr double kMostNodes = 1e6, kMostNodesInDetail = 4e6;
-constexpr double kNegligible = 2e-3;        // of all orders together, for the last one
+constexpr double kNegligible = 5e-3;        // of all orders together, for the last one
 constexpr double kNegligibleAnswer = 0.02;  // the same of light that only surfaces are to be sent
 constexpr double kLargestRatio = 0.99;      // of an order to the one before, in the tail
 constexpr double kFineOrder = 2;            // scatterings of the orders on fine nodes, on average

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <limits>
 
 #include "base/math.h"
@@ -19,6 +20,7 @@ constexpr double kNodesPerLookUp = 0.5;  // of the spacing of nodes, between two
 constexpr double kNarrow = 0.99;         // mean cosine of directions that count as one
 // Rays count their steps from a multiple of so many, so that theirs and those of longer strides lie alike in all rays.
 constexpr double kCountedSteps = 6;
+constexpr int kTurns = 4096;  // angles at which phase functions are tabulated
 
 void set_place(MarchedRay::Place& place, const dvec3& start, const dvec3& along) {
   for (int a = 0; a < 3; ++a) {
@@ -96,6 +98,11 @@ MarchScene::MarchScene(const std::vector<GuideMedia>& media, size_t time, const 
     to.irradiance = static_cast<float>(in_colour(light->sun()->irradiance(), colour));
     to.varies = all.size() != 1 || light->shadowed();
   }
+  const bool any_lamp = std::any_of(lights.begin(), lights.end(), [](const MarchedLight& l) { return !l.sun; });
+  for (int i = 0; any_lamp && all.size() == 1 && i <= kTurns; ++i) {
+    const double sine = static_cast<double>(i) / kTurns;
+    turn_exactly(turned_.emplace_back(), 1 - 2 * sine * sine, own_.mean_cosine(0), 1);
+  }
 }
 
 MarchedRay& MarchScene::aim(const Ray& ray, double t_max, double stride, double offset, const Lattice& nodes,
@@ -167,8 +174,22 @@ void MarchScene::emit(const MarchedRay& ray, float t, float straight, float scal
   ray.sums->behind += vec3(emission * (peaks - once));
 }
 
-// The phase function, octaves and forward peak.
+// Of one medium, whose mean cosine is the same everywhere, the exact terms are interpolated.
 void MarchScene::set_phase(TurnedLight& light, double cosine, double g, double spread) const {
+  if (turned_.empty() || spread < kNarrow) {
+    turn_exactly(light, cosine, g, spread);
+    return;
+  }
+  const double place = std::sqrt(std::clamp(0.5 * (1 - cosine), 0.0, 1.0)) * kTurns;
+  const auto first = std::min(static_cast<size_t>(place), static_cast<size_t>(kTurns - 1));
+  const auto share = static_cast<float>(place - static_cast<double>(first));
+  const TurnedLight &a = turned_[first], &b = turned_[first + 1];
+  for (size_t i = 0; i < std::size(a.phase); ++i) light.phase[i] = a.phase[i] + share * (b.phase[i] - a.phase[i]);
+  for (size_t i = 0; i < std::size(a.peak); ++i) light.peak[i] = a.peak[i] + share * (b.peak[i] - a.peak[i]);
+}
+
+// The phase function, octaves and forward peak.
+void MarchScene::turn_exactly(TurnedLight& light, double cosine, double g, double spread) const {
   const bool one = own_.media().size() == 1;
   const double phase = spread < kNarrow ? HenyeyGreenstein{spread * g}.value(cosine)
                        : one            ? own_.media()[0].phase().value(cosine)

@@ -151,11 +151,13 @@ class MarchScene {
  private:
   dvec3 point(const MarchedRay& ray, float t) const { return ray.ray.at(ray.start + steps.length * t); }
   void set_phase(TurnedLight& light, double cosine, double g, double spread) const;
+  void turn_exactly(TurnedLight& light, double cosine, double g, double spread) const;
 
   const std::vector<GuideMedia>& media_;
   const GuideMedia& own_;  // of the time
   const LightFields& fields_;
   const GuideColour colour_;
+  std::vector<TurnedLight> turned_;  // of one medium and narrow light: by the sine of half the angle, evenly
 };
 
 }  // namespace brume

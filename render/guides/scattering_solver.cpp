@@ -30,7 +30,7 @@ ScatteringSolver::ScatteringSolver(const Lattice& lattice, const GuideMedia& med
     : ScatteringSolver(lattice, task) {
   // Means over cubes around the nodes, from lines along rows of them.
   const double cube = lattice.spacing;
-  const int inner = std::clamp(static_cast<int>(std::lround(cube / media.voxel())), 1, 4);
+  const int inner = std::clamp(static_cast<int>(std::lround(cube / media.voxel())), 1, 3);
   fill([&](int x, int y, std::vector<NodeMedia>& row) {
     static thread_local std::vector<std::pair<double, double>> parts;
     MediaLine line(media, colour);
