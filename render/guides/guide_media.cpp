@@ -9,7 +9,7 @@
 namespace brume {
 namespace {
 
-constexpr int kSamplesPerVoxel = 1;      // of displaced densities, along each axis
+constexpr int kSamplesPerVoxel = 2;      // of displaced densities, along each axis
 constexpr double kMostResampled = 16e6;  // points
 
 /// By Simpson's rule in the cosine, finer towards the forward peak.
