@@ -91,8 +91,8 @@ LayerRequest Cleaner::request(const LayerRequest& wanted, int samples) {
   request.statistics = true;
   request.buckets = request.buckets || entry.statistics == Statistics::kBuckets;
   const std::vector<std::string> preferred = filter_.preferred_features();
-  request.guides = request.guides || entry.guides ||
-                   std::any_of(preferred.begin(), preferred.end(), FeaturePlan::is_of_guides);
+  request.guides =
+      request.guides || entry.guides || std::any_of(preferred.begin(), preferred.end(), FeaturePlan::is_of_guides);
   if (!request.guides) {  // what it would miss without them
     std::vector<LayerName> helpful = entry.can_use;
     if (filter_.uses_features())

@@ -182,9 +182,11 @@ TEST_F(Clean, RecordedPartsAreCleanTooAndAddUp) {
   EXPECT_LT(clean, 0.1 * noisy);
 }
 
-// Denoisers made for surfaces read albedo and normal, bilateral ones transmittance: the render records what they can use.
+// Denoisers made for surfaces read albedo and normal, bilateral ones transmittance: the render records what they can
+// use.
 TEST_F(Clean, RecordsTheFeaturesOfItsFilter) {
-  for (const auto& [filter, layer] : {std::pair("sbf", "transmittance.R"), {"guided", "transmittance.R"}, {"least_risk", "normal.X"}}) {
+  for (const auto& [filter, layer] :
+       {std::pair("sbf", "transmittance.R"), {"guided", "transmittance.R"}, {"least_risk", "normal.X"}}) {
     const auto r = run_brume("render " + kSmoke + kTiny + "--spp 4 --clean-filter " + filter + " -o " + path("f.exr"));
     ASSERT_EQ(r.status, 0) << r.err;
     EXPECT_NE(read_exr(folder_ / "f.exr").find(layer), nullptr) << filter;

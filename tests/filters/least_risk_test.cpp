@@ -116,8 +116,8 @@ TEST(LeastRisk, IsNeverWorseThanTheNoisyPicture) {
       }
 }
 
-// The opacity of thin smoke at few samples: what it says of a pixel is how many of its samples met the smoke, and so is the
-// picture. A fit to it keeps all the noise, and its errors by one half and by the other are the same.
+// The opacity of thin smoke at few samples: what it says of a pixel is how many of its samples met the smoke, and so is
+// the picture. A fit to it keeps all the noise, and its errors by one half and by the other are the same.
 TEST(LeastRisk, IsNotLedByAFeatureThatHasThePicturesNoise) {
   const Picture& flat = pictures()[0];
   Layers frame = noisy(flat, 0.1, 5, Known::kHalves);

@@ -193,8 +193,8 @@ TEST(Sequence, SaysWhichFrameIsUnfit) {
   const auto holds = [](const std::string& text, const std::string& part) {
     return text.find(part) != std::string::npos ? ::testing::AssertionSuccess() : ::testing::AssertionFailure() << text;
   };
-  EXPECT_TRUE(
-      holds(message("bilateral", shot.options), "these look into the frames before and after: gradient_kernel, least_risk"));
+  EXPECT_TRUE(holds(message("bilateral", shot.options),
+                    "these look into the frames before and after: gradient_kernel, least_risk"));
   ApplyOptions options = shot.options;
   const Layers small = sampled_frame(20, 20, 8, 0.1, 1, scene(0));
   options.sequence[1].layers = &small;
