@@ -81,7 +81,7 @@ class GuideLight {
   const std::string name;     ///< of its guides: "sun", "sphere_2", "others", "sky", "glow", "surfaces"
   const GuideColour channel;  ///< the only one that it has light of, or kGrey: of a sky of many colours in grey media
   dvec3 colour;
-  Source once;                 ///< scattered for the first time in the media; empty where that is known by direction
+  Radiance unscattered;        ///< arriving(); empty where that is known by direction
   std::vector<Source> orders;  ///< for each of kFirstOrder, scattered
 };
 

@@ -129,6 +129,13 @@ GuideMedia::Point GuideMedia::at(const dvec3& world, GuideColour colour) const {
   return line.at(0);
 }
 
+double GuideMedia::scattering(size_t medium, const dvec3& world, GuideColour colour) const {
+  const Medium& m = media_[medium];
+  const Constants& c = constants_[medium];
+  const auto k = static_cast<size_t>(colour - kGrey);
+  return m.density(m.to_local(world)) * c.per_density[k] * c.albedo[k];
+}
+
 dvec3 GuideMedia::emission(const dvec3& world) const {
   dvec3 sum(0);
   for (const EmissionField& field : emissions_) sum += field.coefficient(world);

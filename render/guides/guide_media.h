@@ -59,6 +59,8 @@ class GuideMedia {
     dvec3 tint{1};       ///< of the light scattered here; only in grey
   };
   Point at(const dvec3& world, GuideColour colour) const;
+  /// Scattering coefficient of one medium [1 / world unit].
+  double scattering(size_t medium, const dvec3& world, GuideColour colour) const;
   /// Emission coefficient [radiance / world unit].
   dvec3 emission(const dvec3& world) const;
 

@@ -18,16 +18,12 @@ void GuideSums::collect(const LightFields& lights, const NodeFields& nodes) {
     std::copy(own.tail, own.tail + 3, out.tail.begin());
     for (size_t order = 0; order < out.orders.size(); ++order) out.orders[order] = scaled[s.orders + order];
     out.flux = scaled[s.flux];
-    if (group.sky()) {
-      out.single = own.single;
-      out.forward = own.forward / lights.scaled_extinction() - own.single;
-      out.soft[0] = plain[s.root];
-      out.soft[1] = plain[s.fourth_root];
-    } else if (!group.sharp()) {
-      // These fields are per extinction without the forward peak.
-      out.single = lights.scaled_extinction() * plain[s.single];
-      out.forward = std::max(0.0, scaled[s.single] - out.single);
-    }
+    if (group.sharp()) continue;
+    out.single = own.single;
+    out.forward = own.forward / lights.scaled_extinction() - own.single;
+    if (!group.sky()) continue;
+    out.soft[0] = plain[s.root];
+    out.soft[1] = plain[s.fourth_root];
   }
 }
 

@@ -177,10 +177,11 @@ void LightFields::add_to_ambient(const GuideLight& light, const Source& fine_ord
 void LightFields::solve(GuideLight& light, const LightSolve& solving, ScatteringSolver& coarse) {
   constexpr auto& first = GuideLight::kFirstOrder;
   ScatteringSolver& fine = solving.solver;
-  Source scattered = fine.scatter(light.arriving(solving));
+  Radiance arriving = light.arriving(solving);
+  if (!light.sharp() && !light.sky()) light.unscattered = arriving;
+  Source scattered = fine.scatter(std::move(arriving));
   for (size_t g = 0; g < first.size(); ++g)
     light.orders.push_back(g < GuideLight::kFineGuides ? fine.nothing<Source>() : coarse.nothing<Source>());
-  if (!light.sharp() && !light.sky()) light.once = scattered;
   Source fine_orders;
   if (ambient_light_) fine_orders = scattered;
   size_t g = 0;
@@ -219,7 +220,7 @@ size_t LightFields::bytes() const {
   size_t floats = 0, others = sky_.bytes();
   for (const auto& light : lights_) {
     others += light->bytes();
-    for (const NodeValues& v : light->once) floats += v.size();
+    for (const NodeValues& v : light->unscattered) floats += v.size();
     for (const Source& order : light->orders)
       for (const NodeValues& v : order) floats += v.size();
   }

@@ -247,13 +247,9 @@ void MarchScene::add_tinted(MarchedRay& ray, const MarchedFields& known, const f
     }
     if (known.groups) {
       const NodeFields::Slots& s = (*known.groups)[k];
-      if (group.sky()) {
+      if (!group.sharp()) {
         single = static_cast<double>(w) * albedo * at[s.single];
         forward = scaled / scale * albedo * at[s.forward] - single;
-      } else if (!group.sharp()) {
-        // These fields are per extinction without the forward peak.
-        single = scale * w * at[s.single];
-        forward = std::max(0.0, static_cast<double>(scaled) * at[s.single] - single);
       }
       for (size_t order = 0; order < GuideLight::kFirstOrder.size(); ++order)
         more += static_cast<double>(scaled) * at[s.orders + order] * tint.of_guide(order);

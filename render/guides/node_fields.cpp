@@ -92,6 +92,7 @@ NodeFields::NodeFields(const LightFields& fields, const GuideMedia& media, Guide
     : fields_(fields), media_(media), colour_(colour) {
   if (media.media().size() == 1)
     cap_phase_ = CapPhase(media.media()[0].phase(), 1.0 / static_cast<double>(ScatteringSolver::directions().size()));
+  for (const Medium& medium : media.media()) phases_.emplace_back(medium.phase());
   size_t count = 0;
   for (const auto& light : fields.lights()) {
     const GuideLight& g = *light;
@@ -101,10 +102,10 @@ NodeFields::NodeFields(const LightFields& fields, const GuideMedia& media, Guide
     ++count;
     if (g.sharp()) continue;
     s.single = count++;
+    s.forward = count++;
     if (!g.sky()) continue;
     s.root = count++;
     s.fourth_root = count++;
-    s.forward = count++;
   }
   count = (count + 3) / 4 * 4;
   if (count > NodeTable::kMost) throw std::logic_error("more lights have guides of their own than the march holds");
@@ -155,9 +156,27 @@ void NodeFields::fill_node(const ivec3& node, const Camera& camera, const Sky& s
       out[s.root] = static_cast<float>(root);
       out[s.fourth_root] = static_cast<float>(fourth_root);
     } else if (!g.sharp()) {
-      out[s.single] = towards_eye(g.once, at_node);
+      out[s.single] = out[s.forward] = static_cast<float>(scattered_once(g, i, p, view));
     }
   }
+}
+
+/// Per albedo. The light is taken to come evenly from a cap whose mean and flux are its own.
+double NodeFields::scattered_once(const GuideLight& light, size_t node, const dvec3& p, const dvec3& view) const {
+  const auto at = [&](size_t moment) { return static_cast<double>(light.unscattered[moment][node]); };
+  const double mean = at(0);
+  if (!(mean > 0)) return 0;
+  const dvec3 flux(at(1), at(2), at(3));
+  const double length = glm::length(flux), cosine = length > 0 ? glm::dot(flux, -view) / length : 0;
+  const auto phase = [&](size_t medium) { return phases_[medium].value(cosine, std::min(1.0, length / mean)); };
+  double sum = 0, all = 0, even = 0;
+  for (size_t m = 0; m < phases_.size(); ++m) {
+    const double own = phases_.size() == 1 ? 1 : media_.scattering(m, p, colour_);
+    sum += own * phase(m);
+    all += own;
+    even += phase(m) / static_cast<double>(phases_.size());
+  }
+  return 4 * kPi * mean * (all > 0 ? sum / all : even);
 }
 
 namespace {
@@ -177,10 +196,11 @@ struct NodeLight {
         out[first + 3 * moment + static_cast<size_t>(c)] +=
             static_cast<float>(rgb[c] * (moment == 0 ? mean : flux[static_cast<int>(moment) - 1]));
   }
-  void add(size_t first, const Lattice& lattice, const Source& light, const dvec3& rgb) const {
+  template <class Light>
+  void add(size_t first, const Lattice& lattice, const Light& light, const dvec3& rgb, double linear = 1) const {
     const NodeWeights around(lattice, p);
     const auto at = [&](size_t m) { return static_cast<double>(around(light[m])); };
-    add(first, at(0), {at(1), at(2), at(3)}, rgb);
+    add(first, at(0), linear * dvec3(at(1), at(2), at(3)), rgb);
   }
   void add_all() const {
     const auto& directions = ScatteringSolver::directions();
@@ -198,7 +218,8 @@ struct NodeLight {
       for (size_t order = 0; order < g.orders.size(); ++order)
         add(kOften, order < GuideLight::kFineGuides ? fields.lattice() : fields.coarse_lattice(), g.orders[order],
             own * tints.of_guide(order));
-      if (!g.once[0].empty()) add(kOnce, fields.lattice(), g.once, own * tints.once());
+      if (!g.unscattered[0].empty())
+        add(kOnce, fields.lattice(), g.unscattered, point.albedo * own * tints.once(), 3 * point.g);
       if (!g.sky()) continue;
       double mean = 0;
       dvec3 flux(0);

@@ -34,10 +34,10 @@ class NodeFields {
  public:
   /// Where a group's fields lie among all.
   struct Slots {
-    size_t orders = 0;                             ///< one for each of GuideLight::kFirstOrder
-    size_t flux = 0;                               ///< change of the last one along the view
-    size_t single = 0, root = 0, fourth_root = 0;  ///< scattered once; the last two of the sky's transmittances
-    size_t forward = 0;                            ///< of the sky: scattered once or by forward peaks alone; else 0
+    size_t orders = 0;                 ///< one for each of GuideLight::kFirstOrder
+    size_t flux = 0;                   ///< change of the last one along the view
+    size_t single = 0, forward = 0;    ///< scattered once; once or by forward peaks alone. Not of SharpLight
+    size_t root = 0, fourth_root = 0;  ///< of the sky's transmittances
     size_t tail() const { return orders + GuideLight::kFirstOrder.size() - 1; }
   };
 
@@ -52,11 +52,13 @@ class NodeFields {
  private:
   struct Sky;
   void fill_node(const ivec3& node, const Camera& camera, const Sky& sky);
+  double scattered_once(const GuideLight& light, size_t node, const dvec3& p, const dvec3& view) const;
 
   const LightFields& fields_;
   const GuideMedia& media_;
   const GuideColour colour_;
   CapPhase cap_phase_;  // of the only medium
+  std::vector<CapPhases> phases_;
   std::vector<Slots> slots_;
   NodeTable table_;
 };

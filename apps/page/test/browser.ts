@@ -17,16 +17,21 @@ export async function pixels(canvas: Locator): Promise<string> {
   return canvas.evaluate((c) => (c as HTMLCanvasElement).toDataURL());
 }
 
+/** Red, green, blue and alpha in its middle; read from a copy, as browsers warn of canvases that are read often. */
+export async function middleOf(canvas: Locator): Promise<number[]> {
+  return canvas.evaluate((c) => {
+    const { width, height } = c as HTMLCanvasElement;
+    const middle = new OffscreenCanvas(1, 1).getContext("2d", { willReadFrequently: true })!;
+    if (width) middle.drawImage(c as HTMLCanvasElement, -Math.floor(width / 2), -Math.floor(height / 2));
+    return [...middle.getImageData(0, 0, 1, 1).data];
+  });
+}
+
 /** Waits until a canvas shows something, and something else than `before`. */
 export async function drawn(canvas: Locator, before = ""): Promise<string> {
   for (let i = 0; i < 600; ++i) {
     const now = await pixels(canvas);
-    const empty = await canvas.evaluate((c) => {
-      const { width, height } = c as HTMLCanvasElement;
-      const middle = new OffscreenCanvas(1, 1).getContext("2d", { willReadFrequently: true })!;
-      if (width) middle.drawImage(c as HTMLCanvasElement, -width / 2, -height / 2);
-      return !middle.getImageData(0, 0, 1, 1).data[3];
-    });
+    const empty = !(await middleOf(canvas))[3];
     if (!empty && now !== before) return now;
     await new Promise((resolve) => setTimeout(resolve, 50));
   }

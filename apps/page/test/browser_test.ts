@@ -11,7 +11,7 @@ import { fromBase64, inflate, unpredict } from "../src/half";
 import { errorMap } from "../src/library";
 import { Picture } from "../src/picture";
 import type { PictureEntry, Results } from "../src/results";
-import { chromium, comesTo, drawn, pixels, violations } from "./browser";
+import { chromium, comesTo, drawn, middleOf, pixels, violations } from "./browser";
 import { fixture } from "./fixture";
 
 declare const PAGE_FOLDER: string;
@@ -658,14 +658,7 @@ describe("A minus B", () => {
   test("in the grid is A minus each: nothing is left at A itself", async () => {
     const context = await reader();
     const page = await open(context, made, "mode=grid&show=difference&error=luminance&a=noisy");
-    const centre = (method: string) =>
-      page
-        .locator(".tile", { hasText: method })
-        .locator("canvas")
-        .evaluate((c) => {
-          const { width, height } = c as HTMLCanvasElement;
-          return [...(c as HTMLCanvasElement).getContext("2d")!.getImageData(width / 2, height / 2, 1, 1).data];
-        });
+    const centre = (method: string) => middleOf(page.locator(".tile", { hasText: method }).locator("canvas"));
     for (const canvas of await page.locator(".tile canvas").all()) await drawn(canvas);
     const none = await centre("A − path tracing");
     assert.ok(Math.max(...none.slice(0, 3)) < 40, `black where nothing differs: ${none}`);

@@ -9,7 +9,7 @@ import { dirname, join } from "node:path";
 import test, { after, before, describe } from "node:test";
 import { fileURLToPath } from "node:url";
 import type { Browser, BrowserContext, Locator, Page } from "playwright-core";
-import { chromium, comesTo, drawn, pixels, violations } from "./browser";
+import { chromium, comesTo, drawn, middleOf, pixels, violations } from "./browser";
 import { withFake, type Fake, type FakeOptions } from "./view_fake";
 
 declare const PAGE_FOLDER: string;
@@ -573,13 +573,7 @@ describe("the page with a made-up program", () => {
     await page.keyboard.press("ArrowRight");
     await comesTo(async () => (await last(page)).moving, false);
     await page.getByText("noisy: not there yet").waitFor();
-    await comesTo(async () => {
-      const alpha = await picture(page).evaluate((c) => {
-        const { width, height } = c as HTMLCanvasElement;
-        return (c as HTMLCanvasElement).getContext("2d")!.getImageData(width / 2, height / 2, 1, 1).data[3];
-      });
-      return alpha;
-    }, 0);
+    await comesTo(async () => (await middleOf(picture(page)))[3], 0);
     await page.getByRole("button", { name: "PNG" }).click();
     await page.getByText("There is no layer “noisy” yet").waitFor();
     // Something moves: the picture stands in, under its own name.
