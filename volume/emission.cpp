@@ -179,7 +179,6 @@ void EmissionField::offer(const Ray& world, double t_min, double t_max, double s
   visit(world, t_min, t_max, stride, time, rng, [&](double t, const dvec3& part) { point.offer(t, part, rng); });
 }
 
-/// The part of a ray in a homogeneous shape.
 std::pair<double, double> EmissionField::inside(const Ray& world, double t_min, double t_max, double time) const {
   const auto [t0, t1] = shape_.homogeneous()->intersect(shape_.placement_at(time).to_local(world));
   return {std::max(t0, t_min), std::min(t1, t_max)};

@@ -60,16 +60,20 @@ class EmittingPoint {
     if (!(size > 0)) return;
     total_ += size;
     if (!(rng.uniform() * total_ < size)) return;
+    source_ = source;
     t_ = t;
     colour_ = part / size;
   }
+  size_t source = 0;  ///< whose parts are offered, to be set by the caller
   bool any() const { return total_ > 0; }
+  size_t chosen_source() const { return source_; }
   double t() const { return t_; }
   dvec3 value() const { return colour_ * total_; }
 
  private:
   double t_ = 0, total_ = 0;
   dvec3 colour_{0};
+  size_t source_ = 0;
 };
 
 /// A field that emits: coefficient [radiance per world unit] = ramp(value), independent of extinction, so that flames
@@ -90,6 +94,8 @@ class EmissionField {
   /// Offers the look-ups of that integral to a point.
   void offer(const Ray& world, double t_min, double t_max, double stride, double time, Rng& rng,
              EmittingPoint& point) const;
+  /// The part of a ray in a homogeneous shape; empty (first > second) where it misses it.
+  std::pair<double, double> inside(const Ray& world, double t_min, double t_max, double time) const;
   /// The coefficient of a homogeneous shape.
   const dvec3& coefficient() const { return coefficient_; }
   /// The coefficient at a world point, of a field that does not move.
@@ -109,7 +115,6 @@ class EmissionField {
  private:
   template <class Visit>
   void visit(const Ray& world, double t_min, double t_max, double stride, double time, Rng& rng, Visit&& visitor) const;
-  std::pair<double, double> inside(const Ray& world, double t_min, double t_max, double time) const;
 
   Medium shape_;
   dvec3 coefficient_{0};  // of a homogeneous shape

@@ -76,7 +76,11 @@ std::string explain(const Plan& plan, const Scene& scene, const SceneMedia& medi
   line("light sampling", plan.light_sampling
                              ? "next-event estimation, ratio tracking, balance heuristic against direction sampling"
                              : "none: direction sampling only");
-  if (lights.sampled_count() > 1) line("  choice", "one light by its estimated irradiance at the vertex");
+  if (lights.choice().count() > 1) line("  choice", "one light by its estimated irradiance at the vertex");
+  if (lights.choice().count() > lights.choice(false).count())
+    line("  fire", fmt::format("its points, from surfaces and {} of {} media; elsewhere directions find it",
+                               std::count(plan.samples_fields.begin(), plan.samples_fields.end(), true),
+                               plan.samples_fields.size()));
   if (!plan.near_lights.empty()) line("  near lights", "sampled along flights too, equiangularly");
   if (scene.render.indirect_limit > 0)
     line("indirect limit",

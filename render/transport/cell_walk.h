@@ -247,20 +247,31 @@ HWY_INLINE V between_entries(const float* table, VI index, V f) {
   return lerp(pair.first, pair.second, f);
 }
 
-/// The interpolated density at points of cells, q relative to the cell in [0, cell].
+/// Points in voxels, the cubes between eight values.
+struct InVoxel {
+  VI index;  ///< of the lowest corner's value
+  V3 f;      ///< relative to that corner, in [0, 1]
+};
+
 /// @param brick  offsets from brick_of
-HWY_INLINE V interpolated(const LaneCells& grid, VI brick, const V3& q) {
+/// @param q      points relative to the cell, in [0, cell]
+HWY_INLINE InVoxel voxel_at(const LaneCells& grid, VI brick, const V3& q) {
   const DI di;
   const V highest = set(grid.cell - 1.0f);
-  const V x0 = hn::Min(hn::Floor(q.x), highest), y0 = hn::Min(hn::Floor(q.y), highest),
-          z0 = hn::Min(hn::Floor(q.z), highest);
-  const V fx = q.x - x0, fy = q.y - y0, fz = q.z - z0;
+  const V3 at = min(floor(q), {highest, highest, highest});
   const VI stored = hn::Set(di, grid.stored);
-  VI index = (hn::ConvertTo(di, x0) * stored + hn::ConvertTo(di, y0)) * stored + hn::ConvertTo(di, z0);
-  index = index + brick;
-  const auto along_z = [&](int offset) { return between_entries(grid.values + offset, index, fz); };
+  const VI index = (hn::ConvertTo(di, at.x) * stored + hn::ConvertTo(di, at.y)) * stored + hn::ConvertTo(di, at.z);
+  return {index + brick, q - at};
+}
+
+/// The density between the eight values.
+HWY_INLINE V interpolated(const LaneCells& grid, const InVoxel& at) {
+  const auto along_z = [&](int offset) { return between_entries(grid.values + offset, at.index, at.f.z); };
   const int Y = grid.stored, X = Y * Y;
-  return lerp(lerp(along_z(0), along_z(Y), fy), lerp(along_z(X), along_z(X + Y), fy), fx);
+  return lerp(lerp(along_z(0), along_z(Y), at.f.y), lerp(along_z(X), along_z(X + Y), at.f.y), at.f.x);
+}
+HWY_INLINE V interpolated(const LaneCells& grid, VI brick, const V3& q) {
+  return interpolated(grid, voxel_at(grid, brick, q));
 }
 
 /// The interpolated density at points anywhere.

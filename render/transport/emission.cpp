@@ -52,19 +52,23 @@ HWY_INLINE RampPlace place(const EmissionCells& cells, V value, M& glows) {
   return {entry, hn::Min(hn::Max((value - from) * inverse, zero), set(1.0f))};
 }
 
-void Emission(const EmissionCells& cells, PathStates& paths, const SlotList& rays, EmissionSegments& segments) {
-  const D d;
-  constexpr size_t kMost = RayQueue::kMost;
-  const V zero = hn::Zero(d);
-  RayQueue queue(rays);
-  CellWalk walk(cells);
+/// Paths through an emitting field, one per lane.
+struct EmissionWalk {
+  const EmissionCells& cells;
+  PathStates& paths;
+  EmissionSegments& segments;
+  RayQueue queue;
+  CellWalk walk;
   GeneratorBuffer generators;
   Generator rng = generators.load();
-  HWY_ALIGN float ends[kMost] = {}, strides[kMost] = {};
-  V end = zero, step = zero, offset = zero;
+  HWY_ALIGN float ends[RayQueue::kMost] = {}, strides[RayQueue::kMost] = {};
+  V end = hn::Zero(D()), stratum = end, offset = end;
   V3 sum = zero3();
 
-  const auto finish = [&]() BRUME_INLINE_LAMBDA {
+  HWY_INLINE EmissionWalk(const EmissionCells& field, PathStates& states, const SlotList& rays, EmissionSegments& parts)
+      : cells(field), paths(states), segments(parts), queue(rays), walk(field) {}
+
+  HWY_INLINE void finish() {
     Lanes3 emitted;
     emitted.store(sum * cells.unit);
     generators.store(rng);
@@ -72,37 +76,74 @@ void Emission(const EmissionCells& cells, PathStates& paths, const SlotList& ray
       generators.give_back(paths, s, lane);
       segments.emitted.set(s, emitted[lane]);
     });
-  };
-  const auto load = [&](CellWalk::Buffer& buffer) BRUME_INLINE_LAMBDA {
+  }
+
+  /// Refills free lanes. @param fetch  (lane, slot) fetches what else belongs to a path. Returns which are fresh
+  template <class Fetch>
+  HWY_INLINE uint32_t load(CellWalk::Buffer& buffer, Fetch&& fetch) {
     generators.store(rng);
-    const M fresh = mask_of(queue.load([&](size_t lane, size_t s) {
+    const uint32_t loaded = queue.load([&](size_t lane, size_t s) {
       buffer.fetch(segments.rays, s, lane);
       ends[lane] = segments.rays.end[s];
       strides[lane] = segments.stride[s];
       generators.fetch(paths, s, lane);
-    }));
+      fetch(lane, s);
+    });
+    const M fresh = mask_of(loaded);
     walk.load(buffer, fresh);
     rng = generators.load();
-    end = hn::Load(d, ends);
-    step = hn::Load(d, strides) * voxel_length(walk);
+    end = hn::Load(D(), ends);
+    stratum = hn::Load(D(), strides) * voxel_length(walk);
     offset = hn::IfThenElse(fresh, rng.uniform(fresh), offset);
     sum = select(fresh, zero3(), sum);
-  };
-  drive(queue, walk, nullptr, finish, load, [&](M active) BRUME_INLINE_LAMBDA {
+    return loaded;
+  }
+
+  /// Crosses a stratum, or what is empty ahead. @param found  (glows, t, part, voxel) gets the look-up at the ray
+  /// parameter t, where it glows. Returns who has left the field
+  template <class Found>
+  HWY_INLINE M step(M active, Found&& found) {
+    const D d;
     const auto [cell_index, crossing, passes, looks] = walk.look(active);
-    const V reached = hn::Min(hn::Min(walk.t + step, crossing.until), end);
+    const V reached = hn::Min(hn::Min(walk.t + stratum, crossing.until), end);
     if (!hn::AllFalse(d, looks)) {
-      const V3 p = walk.at(walk.t + offset * (reached - walk.t));
-      const V value = interpolated(cells, brick_of(cells, cell_index, looks), walk.within(p));
+      const V t = walk.t + offset * (reached - walk.t);
+      const InVoxel voxel = voxel_at(cells, brick_of(cells, cell_index, looks), walk.within(walk.at(t)));
       M glows = looks;
-      const RampPlace at = place(cells, value, glows);
-      const V part = hn::IfThenElseZero(glows, reached - walk.t);
+      const RampPlace at = place(cells, interpolated(cells, voxel), glows);
       const auto colour = [&](int c) { return between_entries(cells.colour[c], at.entry, at.f); };
-      sum += V3{colour(0), colour(1), colour(2)} * part;
+      found(glows, t, V3{colour(0), colour(1), colour(2)} * hn::IfThenElseZero(glows, reached - walk.t), voxel);
     }
     const M left = walk.cross(crossing, hn::Or(passes, hn::And(looks, reached >= crossing.until)));
     walk.t = hn::IfThenElse(looks, reached, walk.t);
-    queue.end(hn::Or(left, hn::And(active, walk.t >= end)));
+    return hn::Or(left, hn::And(active, walk.t >= end));
+  }
+};
+
+void Emission(const EmissionCells& cells, PathStates& paths, const SlotList& rays, EmissionSegments& segments) {
+  const D d;
+  EmissionWalk e(cells, paths, rays, segments);
+  HWY_ALIGN float befores[RayQueue::kMost] = {}, rivals[RayQueue::kMost] = {};
+  V before = hn::Zero(d), rival = before;
+  const auto finish = [&]() BRUME_INLINE_LAMBDA { e.finish(); };
+  const auto load = [&](CellWalk::Buffer& buffer) BRUME_INLINE_LAMBDA {
+    e.load(buffer, [&](size_t lane, size_t s) {
+      befores[lane] = segments.before[s];
+      rivals[lane] = segments.rival[s];
+    });
+    before = hn::Load(d, befores);
+    rival = hn::Load(d, rivals);
+  };
+  drive(e.queue, e.walk, nullptr, finish, load, [&](M active) BRUME_INLINE_LAMBDA {
+    e.queue.end(e.step(active, [&](M glows, V t, const V3& part, const InVoxel& voxel) BRUME_INLINE_LAMBDA {
+      if (!cells.densities) {
+        e.sum += part;
+        return;
+      }
+      const VI index = hn::IfThenElseZero(hn::RebindMask(DI(), glows), voxel.index);
+      const V r = before + t, density = hn::GatherIndex(d, cells.densities, index);
+      e.sum += part * (1.0f / (1.0f + rival * density * r * r));
+    }));
   });
 }
 
@@ -176,85 +217,51 @@ struct DepthWalk {
 void SeenEmission(const EmissionCells& cells, const LaneScene& medium, PathStates& paths, const SlotList& rays,
                   EmissionSegments& segments, const DimmedSegments& dimmed) {
   const D d;
-  constexpr size_t kMost = RayQueue::kMost;
   // Below this transmittance one ray of four goes on.
   constexpr float kLeast = 0.01f, kSurvival = 0.25f;
   const V zero = hn::Zero(d), one = set(1.0f);
-  RayQueue queue(rays);
-  CellWalk walk(cells);
+  EmissionWalk e(cells, paths, rays, segments);
   DepthWalk crossed(medium);
-  GeneratorBuffer generators;
-  Generator rng = generators.load();
-  HWY_ALIGN float ends[kMost] = {}, strides[kMost] = {}, scales[kMost] = {}, offsets[kMost] = {};
-  V end = zero, step = zero, offset = zero, scale = one, shift = zero;
-  V3 sum = zero3(), pending = zero3();  // pending: of the last look-up, at `wanted` of the walk through the medium
+  HWY_ALIGN float scales[RayQueue::kMost] = {}, offsets[RayQueue::kMost] = {};
+  V scale = one, shift = zero;
+  V3 pending = zero3();  // of the last look-up, at `wanted` of the walk through the medium
   V wanted = zero, weight = one;
   uint32_t over = 0;  // lanes that have left the field
 
-  const auto finish = [&]() BRUME_INLINE_LAMBDA {
-    Lanes3 emitted;
-    emitted.store(sum * cells.unit);
-    generators.store(rng);
-    queue.collect([&](size_t lane, size_t s) {
-      generators.give_back(paths, s, lane);
-      segments.emitted.set(s, emitted[lane]);
-    });
-  };
+  const auto finish = [&]() BRUME_INLINE_LAMBDA { e.finish(); };
   const auto load = [&](CellWalk::Buffer& buffer) BRUME_INLINE_LAMBDA {
-    generators.store(rng);
     crossed.walk.store(crossed.buffer);
     hn::Store(crossed.end, d, crossed.ends);
-    const uint32_t loaded = queue.load([&](size_t lane, size_t s) {
-      buffer.fetch(segments.rays, s, lane);
+    const uint32_t loaded = e.load(buffer, [&](size_t lane, size_t s) {
       crossed.fetch(dimmed.rays, s, lane);
-      ends[lane] = segments.rays.end[s];
-      strides[lane] = segments.stride[s];
       scales[lane] = dimmed.scale[s];
       offsets[lane] = dimmed.offset[s];
-      generators.fetch(paths, s, lane);
     });
     const M fresh = mask_of(loaded);
     over &= ~loaded;
-    walk.load(buffer, fresh);
     crossed.load(fresh);
-    rng = generators.load();
-    end = hn::Load(d, ends);
-    step = hn::Load(d, strides) * voxel_length(walk);
     scale = hn::Load(d, scales);
     shift = hn::Load(d, offsets);
-    offset = hn::IfThenElse(fresh, rng.uniform(fresh), offset);
     wanted = hn::IfThenElse(fresh, zero, wanted);
     weight = hn::IfThenElse(fresh, one, weight);
-    sum = select(fresh, zero3(), sum);
     pending = select(fresh, zero3(), pending);
   };
-  drive(queue, walk, medium.stop, finish, load, [&](M active) BRUME_INLINE_LAMBDA {
+  drive(e.queue, e.walk, medium.stop, finish, load, [&](M active) BRUME_INLINE_LAMBDA {
     const M behind = hn::And(active, crossed.before(wanted)), ready = hn::AndNot(behind, active);
     if (2 * hn::CountTrue(d, behind) >= hn::CountTrue(d, active)) return crossed.step(behind, wanted);
     const V transmittance = weight * exponential(-crossed.depth);
-    sum = select(ready, sum + pending * transmittance, sum);
+    e.sum = select(ready, e.sum + pending * transmittance, e.sum);
     pending = select(ready, zero3(), pending);
     const M faint = hn::And(ready, transmittance < kLeast);
-    const M dies = hn::And(faint, rng.uniform(faint) >= kSurvival);
+    const M dies = hn::And(faint, e.rng.uniform(faint) >= kSurvival);
     weight = hn::IfThenElse(faint, weight * (1 / kSurvival), weight);
     const M ends_here = hn::Or(dies, hn::And(ready, mask_of(over)));
-    queue.end(ends_here);
-
-    const M goes_on = hn::AndNot(ends_here, ready);
-    const auto [cell_index, crossing, passes, looks] = walk.look(goes_on);
-    const V reached = hn::Min(hn::Min(walk.t + step, crossing.until), end);
-    if (!hn::AllFalse(d, looks)) {
-      const V at = walk.t + offset * (reached - walk.t);
-      const V value = interpolated(cells, brick_of(cells, cell_index, looks), walk.within(walk.at(at)));
-      M glows = looks;
-      const RampPlace ramp = place(cells, value, glows);
-      const auto colour = [&](int c) { return between_entries(cells.colour[c], ramp.entry, ramp.f); };
-      pending = select(glows, V3{colour(0), colour(1), colour(2)} * (reached - walk.t), pending);
-      wanted = hn::IfThenElse(glows, at * scale + shift, wanted);
-    }
-    const M left = walk.cross(crossing, hn::Or(passes, hn::And(looks, reached >= crossing.until)));
-    walk.t = hn::IfThenElse(looks, reached, walk.t);
-    over |= bits_of(hn::Or(left, hn::And(goes_on, walk.t >= end)));
+    e.queue.end(ends_here);
+    over |= bits_of(
+        e.step(hn::AndNot(ends_here, ready), [&](M glows, V t, const V3& part, const InVoxel&) BRUME_INLINE_LAMBDA {
+          pending = select(glows, part, pending);
+          wanted = hn::IfThenElse(glows, t * scale + shift, wanted);
+        }));
   });
 }
 
@@ -267,7 +274,8 @@ namespace brume {
 HWY_EXPORT(Emission);
 HWY_EXPORT(SeenEmission);
 
-LaneEmission::LaneEmission(const EmissionField& field, const LaneGrid& grid) {
+LaneEmission::LaneEmission(const EmissionField& field, const LaneGrid& grid, const FieldLight* field_light)
+    : light(field_light) {
   const Medium& shape = field.shape();
   const auto [lo, hi] = shape.support();
   box = {&shape.placement().to_local(), false, lo, hi, dvec3(0), lane_unit(shape)};
@@ -288,6 +296,7 @@ LaneEmission::LaneEmission(const EmissionField& field, const LaneGrid& grid) {
     inverse_widths.push_back(width > 0 ? static_cast<float>(1 / width) : 0.0f);
   }
   cells.unit = static_cast<float>(box.unit);
+  cells.densities = light ? light->densities().data() : nullptr;
   cells.blackbody = ramp.is_blackbody();
   cells.offset = static_cast<float>(ramp.offset());
   cells.scale = static_cast<float>(ramp.scale());

@@ -5,6 +5,7 @@
 #include "render/transport/lane_scene.h"
 #include "render/transport/local_rays.h"
 #include "render/transport/path_states.h"
+#include "render/world/field_light.h"
 
 namespace brume {
 
@@ -17,13 +18,18 @@ struct EmissionCells : LaneCells {
   const float* stops;           ///< of colours, one for each entry
   const float* inverse_widths;  ///< 1 / the distance from a stop to the next; 0 where they coincide
   float unit;                   ///< lane_unit() of the field
+  const float* densities;       ///< FieldLight::densities(); null where the field is no light
 };
 
 /// The parts of flights inside an emitting field, by slot.
 struct EmissionSegments {
   LocalRays rays;        ///< in the field's coordinates and lane units
   Column<float> stride;  ///< length of a stratum [voxels]
-  Column3 emitted;       ///< the result
+  /// From the path's last vertex to where the part begins, in lane units; and what times FieldLight::densities() and
+  /// the squared distance is how many times denser light samples of the vertex are there than directions. 0: there are
+  /// none.
+  Column<float> before, rival;
+  Column3 emitted;  ///< the result
 };
 
 /// The same rays inside the one medium that dims what they see: parts of them in its coordinates and lane units.
@@ -34,8 +40,9 @@ struct DimmedSegments {
 
 /// An EmissionField as the kernels need it.
 struct LaneEmission {
-  /// @param grid  of its values
-  LaneEmission(const EmissionField& emission, const LaneGrid& grid);
+  /// @param grid   of its values
+  /// @param light  that it is; null where it is none
+  LaneEmission(const EmissionField& emission, const LaneGrid& grid, const FieldLight* light);
   /// Whether it can hold a field: a still grid that single precision resolves.
   static bool fits(const EmissionField& emission) {
     return !emission.moves() && !emission.shape().homogeneous() && LaneGrid::fits(emission.shape().bricks());
@@ -43,6 +50,7 @@ struct LaneEmission {
   LaneEmission(const LaneEmission&) = delete;  // the cells refer to its table
   LaneEmission& operator=(const LaneEmission&) = delete;
 
+  const FieldLight* light;
   LocalBox box;
   std::array<std::vector<float>, 3> table;
   std::vector<float> stops, inverse_widths;
@@ -50,7 +58,8 @@ struct LaneEmission {
 };
 
 /// The integral of the emission coefficient along each segment, by stratified sampling: one look-up per stratum of
-/// `stride` voxels, all at the same relative offset, which is drawn once per segment.
+/// `stride` voxels, all at the same relative offset, which is drawn once per segment. Where light samples of the path's
+/// last vertex find the field, too, each look-up has its weight against them.
 void lanes_emission(const EmissionCells& cells, PathStates& paths, const SlotList& rays, EmissionSegments& segments);
 
 /// What of it arrives at the rays' origins through a still grey medium: the same strata, each dimmed by the

@@ -11,9 +11,9 @@ FlightEmission::FlightEmission(const PathContext& context, PathStates& paths, Wo
   for (size_t f = 0; f < c_.emissions.size(); ++f) {
     const EmissionField& field = c_.emissions[f];
     if (LaneEmission::fits(field))
-      in_lanes_.emplace_back(field, c_.emission_grids[f]);
+      in_lanes_.emplace_back(field, c_.emission_grids[f], c_.lights->field(f));
     else
-      one_by_one_.push_back(&field);
+      one_by_one_.push_back(f);
   }
 }
 
@@ -60,7 +60,7 @@ void FlightEmission::see(const LaneEmission& field, const LaneScene& medium) {
 
 void FlightEmission::add(std::initializer_list<const SlotList*> slots) {
   for (const LaneEmission& field : in_lanes_) add_in_lanes(field, slots);
-  for (const EmissionField* field : one_by_one_) add_one_by_one(*field, slots);
+  for (const size_t field : one_by_one_) add_one_by_one(field, slots);
 }
 
 /// Adds light that is emitted along the flight of a path.
@@ -72,22 +72,56 @@ void FlightEmission::add(size_t i, const vec3& emitted) {
     deposit(p_, w_, i, L, p_.events[i]);
 }
 
+/// How many times denser light samples of a path's last vertex are than directions, per density of the light and
+/// squared distance. Straight through glass they alone count.
+double FlightEmission::rival(size_t i, const FieldLight& light) const {
+  const WorldPaths::Past& past = w_.past_of(i, c_.plan);
+  if (p_.events[i] == 0 || !c_.plan.light_sampling || !past.samples_fields) return 0;
+  if (past.straight) return 1e30;
+  if (past.specular) return 0;
+  const dvec3 vertex = w_.ray[i].o - past.passed * w_.ray[i].d;
+  return c_.lights->choice().probability(light, vertex) / static_cast<double>(p_.pdf[i]);
+}
+
+/// Of what a field emits at a point of a path's flight, against light samples.
+double FlightEmission::weight(size_t i, size_t field, double t) const {
+  const FieldLight* const light = c_.lights->field(field);
+  if (!light || p_.events[i] == 0) return 1;
+  const double r = w_.past_of(i, c_.plan).passed + t;
+  return 1 / (1 + rival(i, *light) * light->density(w_.ray[i].at(t)) * r * r);
+}
+
 void FlightEmission::add_in_lanes(const LaneEmission& field, std::initializer_list<const SlotList*> slots) {
   EmissionSegments& segments = b_.segments;
   b_.rays.clear();
   for (const SlotList* list : slots) enter_box(field.box, w_.ray, w_.end, *list, segments.rays, b_.point, b_.rays);
   if (c_.plan.seen_emission) b_.rays.keep_if([&](size_t i) { return p_.events[i] > 0; });
-  for (const size_t i : b_.rays) segments.stride[i] = static_cast<float>(emission_stride(p_.events[i]));
+  for (const size_t i : b_.rays) {
+    segments.stride[i] = static_cast<float>(emission_stride(p_.events[i]));
+    if (!field.light) continue;
+    const double unit = field.box.unit;
+    segments.before[i] = static_cast<float>((w_.past_of(i, c_.plan).passed + b_.point[i]) / unit);
+    segments.rival[i] = static_cast<float>(rival(i, *field.light) * unit * unit);
+  }
   lanes_emission(field.cells, p_, b_.rays, segments);
   for (const size_t i : b_.rays) add(i, segments.emitted[i]);
 }
 
-void FlightEmission::add_one_by_one(const EmissionField& field, std::initializer_list<const SlotList*> slots) {
+void FlightEmission::add_one_by_one(size_t number, std::initializer_list<const SlotList*> slots) {
+  const EmissionField& field = c_.emissions[number];
   for (const SlotList* list : slots)
     for (const size_t i : *list) {
-      // A homogeneous shape asks for no random number.
-      Rng rng = field.shape().homogeneous() ? Rng(0) : PathGenerator(p_, i).stream();
-      add(i, vec3(field.integrate(w_.ray[i], 0, w_.end[i], emission_stride(p_.events[i]), w_.time[i], rng)));
+      if (!field.shape().homogeneous()) {
+        Rng rng = PathGenerator(p_, i).stream();
+        add(i, vec3(field.integrate(w_.ray[i], 0, w_.end[i], emission_stride(p_.events[i]), w_.time[i], rng)));
+        continue;
+      }
+      const auto [begin, end] = field.inside(w_.ray[i], 0, w_.end[i], w_.time[i]);
+      if (!(begin < end)) continue;
+      double part = end - begin;
+      if (p_.events[i] > 0 && c_.lights->field(number))
+        part *= weight(i, number, begin + PathGenerator(p_, i).uniform() * (end - begin));
+      add(i, vec3(field.coefficient() * part));
     }
 }
 
@@ -96,11 +130,13 @@ void FlightEmission::add_by_channel(const SlotList& slots, MediaFlights::Flown& 
   for (const size_t i : slots) {
     Rng rng = PathGenerator(p_, i).stream();
     EmittingPoint point;
-    for (const EmissionField& field : c_.emissions)
-      field.offer(w_.ray[i], 0, w_.end[i], emission_stride(p_.events[i]), w_.time[i], rng, point);
+    for (size_t f = 0; f < c_.emissions.size(); ++f) {
+      point.source = f;
+      c_.emissions[f].offer(w_.ray[i], 0, w_.end[i], emission_stride(p_.events[i]), w_.time[i], rng, point);
+    }
     if (!point.any()) continue;
     b_.point[i] = point.t();
-    b_.emitted[i] = vec3(point.value());
+    b_.emitted[i] = vec3(point.value() * weight(i, point.chosen_source(), point.t()));
     b_.rays.push(i);
   }
   flown.passing(b_.rays, b_.point, b_.passing);

@@ -10,7 +10,8 @@ namespace brume {
 
 /// What fields emit along the flights (WorldPaths::ray up to end) of the paths on one thread. A flight passes a point
 /// with the probability of the transmittance to it, so no weight is needed. Scattering blurs: longer strata are enough
-/// after the first event. Where one still grey grid is all that dims (Plan::seen_emission), what camera rays see is
+/// after the first event, whose light samples find the fields, too: there each look-up has its weight against those
+/// (FieldLight). Where one still grey grid is all that dims (Plan::seen_emission), what camera rays see is
 /// instead integrated through it, with its exact transmittance, before they fly.
 class FlightEmission {
  public:
@@ -42,15 +43,17 @@ class FlightEmission {
  private:
   void see(const LaneEmission& field, const LaneScene& medium);
   void add_in_lanes(const LaneEmission& field, std::initializer_list<const SlotList*> slots);
-  void add_one_by_one(const EmissionField& field, std::initializer_list<const SlotList*> slots);
+  void add_one_by_one(size_t field, std::initializer_list<const SlotList*> slots);
   void add(size_t slot, const vec3& emitted);
+  double rival(size_t slot, const FieldLight& light) const;
+  double weight(size_t slot, size_t field, double t) const;
 
   const PathContext& c_;
   PathStates& p_;
   WorldPaths& w_;
   Buffers& b_;
   std::deque<LaneEmission> in_lanes_;
-  std::vector<const EmissionField*> one_by_one_;  ///< homogeneous, moving, or not resolved by single precision
+  std::vector<size_t> one_by_one_;  ///< homogeneous, moving, or not resolved by single precision
 };
 
 }  // namespace brume

@@ -66,14 +66,14 @@ void set_displacement(LaneScene& s, const Displacement& displacement, const Disp
 }
 
 void set_lights(LaneScene& s, const Lights& lights, bool recorded) {
-  if (lights.local() || recorded || lights.suns().size() > kMostLaneSuns) {
+  if (lights.local() || s.samples_fields || recorded || lights.suns().size() > kMostLaneSuns) {
     s.lights = &lights;
     return;
   }
   double end = 0;
   const dvec3 anywhere(0);
   for (const Sun* sun : lights.suns()) {
-    const double share = lights.choice_probability(*sun, anywhere);
+    const double share = lights.choice(false).probability(*sun, anywhere);
     if (!(share > 0)) continue;
     LaneScene::SunLight& lane_sun = s.suns[s.sun_count++];
     const Frame frame(sun->axis());
@@ -89,7 +89,7 @@ void set_lights(LaneScene& s, const Lights& lights, bool recorded) {
     lane_sun.share = static_cast<float>(share);
     lane_sun.share_end = static_cast<float>(end += share);
   }
-  const double share = lights.choice_probability(*lights.environment(), anywhere);
+  const double share = lights.choice(false).probability(*lights.environment(), anywhere);
   if (share > 0) {
     s.environment = lights.environment();
     s.environment_share = static_cast<float>(share);
@@ -114,6 +114,7 @@ LaneScene lane_scene(const PathContext& context, size_t number, WorldPaths& worl
   s.roulette_start = context.roulette_start;
   s.max_events = context.max_events;
   s.interpolate = context.plan.interpolate;
+  s.samples_fields = context.plan.samples_fields[number];
   if (context.plan.light_sampling) set_lights(s, *context.lights, context.plan.layers.records);
   s.near_lights = context.plan.near_lights;
   s.world = &world;

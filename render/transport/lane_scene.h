@@ -74,6 +74,7 @@ struct LaneScene : LaneCells {
   /// All lights, where one has a position, so that the choice between them depends on the point, or where records want
   /// to know what was drawn; else null, and the suns and the environment above are used.
   const Lights* lights = nullptr;
+  bool samples_fields = false;             ///< Plan::samples_fields
   std::span<const NearLight> near_lights;  ///< the part of their light that is left to collisions is sampled there
   const Medium* medium;
   WorldPaths* world;         ///< of the paths

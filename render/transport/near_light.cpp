@@ -6,7 +6,7 @@ std::vector<NearLight> choose_near_lights(std::span<const Medium> media, const L
                                           std::string_view setting) {
   std::vector<NearLight> near;
   if (setting == "off") return near;
-  for (const Light* light : lights.sampled()) {
+  for (const Light* light : lights.choice(false).lights()) {
     const dvec3* position = light->centre();
     if (!position) continue;
     double sigma = 0;

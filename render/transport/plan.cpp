@@ -25,6 +25,19 @@ Precision precision_for(const Medium& m) {
 
 namespace {
 
+constexpr double kSeldomFound = 0.5;
+
+/// Whether most of a medium is so far from a field that emits that directions drawn by the phase function seldom find
+/// it.
+bool far_from_fields(const Medium& medium, const SceneMedia& media, const Lights& lights) {
+  const auto [centre, radius] = medium.bounding_sphere();
+  for (size_t f = 0; f < media.emissions().size(); ++f) {
+    const FieldLight* const light = lights.field(f);
+    if (light && light->seldom_found(centre, radius * radius / 3) > kSeldomFound) return true;
+  }
+  return false;
+}
+
 /// Whether all there is lies in one still grid, but for still fields that emit.
 bool is_one_grid(const Plan& plan, const SceneMedia& media, const Lights& lights) {
   const auto& fields = media.emissions();
@@ -39,7 +52,10 @@ Plan make_plan(const Scene& scene, const SceneMedia& media, const Lights& lights
                const Camera& camera, const LayerRequest& layers) {
   Plan plan;
   const auto& all = media.media();
-  for (const Medium& m : all) plan.media.push_back(precision_for(m));
+  for (const Medium& m : all) {
+    plan.media.push_back(precision_for(m));
+    plan.samples_fields.push_back(far_from_fields(m, media, lights));
+  }
   plan.chromatic = std::any_of(all.begin(), all.end(), [](const Medium& m) { return m.chromatic(); });
   plan.moving_media = std::any_of(all.begin(), all.end(), [](const Medium& m) { return m.moves(); });
   plan.surfaces = surfaces != nullptr;

@@ -49,10 +49,10 @@ class Collisions {
   /// Samples one light. @param shadows  gets those that are worth a shadow ray
   HWY_INLINE void sample_light(SlotList& shadows) {
     const V zero = hn::Zero(D()), one = set(1.0f);
-    const size_t lights =
-        scene_.lights ? scene_.lights->sampled_count() : scene_.sun_count + (scene_.environment != nullptr);
+    const size_t lights = scene_.lights ? scene_.lights->choice(scene_.samples_fields).count()
+                                        : scene_.sun_count + (scene_.environment != nullptr);
     if (lights == 0) return;
-    const V choice = lights > 1 ? rng_.uniform(everyone_) : zero;
+    const V choice = lights > 1 || scene_.samples_fields ? rng_.uniform(everyone_) : zero;
     const V u1 = rng_.uniform(everyone_), u2 = rng_.uniform(everyone_);
     Sample s{{zero, zero, one}, zero3(), zero, hn::FirstN(D(), 0)};
     const M chosen = sample_suns(choice, u1, u2, s);
@@ -216,7 +216,7 @@ class Collisions {
       return sample;
     }
     const dvec3 p = position(lane);
-    LightSample sample = scene_.lights->sample_visible(p, choice, u);
+    LightSample sample = scene_.lights->sample_visible(p, choice, u, scene_.samples_fields);
     sample.radiance *= far_share(scene_.near_lights, sample.light, p);
     if (scene_.keeps_local)
       paths_.shadow.end[s] = static_cast<float>(std::min(sample.distance / scene_.unit, 1e30));

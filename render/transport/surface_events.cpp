@@ -86,7 +86,7 @@ void SurfaceEvents::emit(size_t i, const Vertex& v, const dvec3& radiance) {
   double pdf_light = 0;
   if (c_.plan.light_sampling) {
     const MeshLight& light = c_.lights->mesh(c_.surfaces->light_of(v.hit.surface));
-    pdf_light = c_.lights->choice_probability(light, w_.from_vertex(i).o) *
+    pdf_light = c_.lights->choice(past.samples_fields).probability(light, w_.from_vertex(i).o) *
                 light.pdf(past.passed + v.hit.t, glm::dot(v.wo, v.hit.normal));
   }
   if (past.straight && pdf_light > 0) return;
@@ -103,7 +103,7 @@ void SurfaceEvents::sample_light(size_t i, const Vertex& v, const dvec3& from, b
   PathGenerator rng(p_, i);
   const double choice = rng.uniform();
   const dvec2 u = rng.pair();
-  const LightSample light = c_.lights->sample(from, choice, u);
+  const LightSample light = c_.lights->choice().sample(from, choice, u);
   w_.note_light(i, light, u, p_.events[i] == 1);
   if (!(light.pdf > 0)) return;
   const auto [value, pdf] = v.scattering(light.wi);
@@ -148,6 +148,7 @@ bool SurfaceEvents::scatter(size_t i, const Vertex& v) {
   // Light sampling sees past straight transmissions alone.
   past.straight = past.sampled_light && v.settings.shadow == "straight" && out.wi.z * v.wo_local.z < 0;
   past.sampled_light = !past.specular || past.straight;
+  past.samples_fields = !past.straight || past.samples_fields;
   past.on_surface = true;
   past.passed = 0;
   p_.pdf[i] = static_cast<float>(out.pdf);

@@ -207,7 +207,7 @@ class Wavefront {
     w_.end[i] = kUnbounded;
     w_.light[i] = nullptr;
     if (c_.plan.finite_lights) {
-      const double passed = past(i).passed;
+      const double passed = w_.past_of(i, c_.plan).passed;
       std::tie(w_.light[i], w_.end[i]) =
           c_.lights->nearest({w_.ray[i].o - passed * w_.ray[i].d, w_.ray[i].d}, kUnbounded, camera, passed);
       w_.end[i] -= passed;
@@ -226,12 +226,6 @@ class Wavefront {
       w_.end[i] = hit->t;
       w_.on_surface[i] = true;
     }
-  }
-
-  /// What a path remembers of its vertices: in the one grid nothing.
-  const WorldPaths::Past& past(size_t i) const {
-    static constexpr WorldPaths::Past kNothing{};
-    return c_.plan.one_grid ? kNothing : w_.past[i];
   }
 
   /// A path's ray after its last event. Media leave the direction in single precision.
@@ -284,7 +278,9 @@ class Wavefront {
     for (const size_t i : pool_.hits) {
       if (w_.medium[i] != static_cast<int32_t>(medium)) continue;
       w_.ray[i].o = position(i);
-      w_.past[i] = {.sampled_light = true, .first_on_surface = w_.past[i].first_on_surface};
+      w_.past[i] = {.sampled_light = true,
+                    .samples_fields = c_.plan.samples_fields[medium],
+                    .first_on_surface = w_.past[i].first_on_surface};
       w_.shadow_end[i] = kUnbounded;
       mine.push(i);
     }
@@ -301,7 +297,7 @@ class Wavefront {
     for (const size_t i : pool_.shadows) {
       vec3 L = p_.contribution[i] * p_.transmittance[i];
       if (c_.plan.chromatic) L *= p_.shadow_colour[i];
-      if (past(i).to_catcher)
+      if (w_.past_of(i, c_.plan).to_catcher)
         pool_.samples[i].catcher += dvec3(L);
       else
         deposit(p_, w_, i, L, p_.events[i]);
@@ -342,10 +338,10 @@ class Wavefront {
 
   /// What a scattered path finds by its direction, weighted against light sampling.
   dvec3 light_ahead(size_t i, const FiniteLight* light) const {
-    const WorldPaths::Past& past = this->past(i);
+    const WorldPaths::Past& past = w_.past_of(i, c_.plan);
     const Ray ray = c_.plan.one_grid ? from_event(i) : w_.from_vertex(i);
     const auto share = [&](const Light& of) {
-      return c_.plan.light_sampling ? c_.lights->choice_probability(of, ray.o) : 0.0;
+      return c_.plan.light_sampling ? c_.lights->choice(past.samples_fields).probability(of, ray.o) : 0.0;
     };
     // Straight through glass, light sampling has found it.
     const auto weight = [&](double pdf_light) {
@@ -389,7 +385,7 @@ class Wavefront {
     PathSample s;
     if (keeps_samples()) s = pool_.samples[i];
     if (!c_.plan.one_grid) s.surface = dvec3(w_.surface[i]);
-    if (past(i).in_hole)
+    if (w_.past_of(i, c_.plan).in_hole)
       s.transmittance = throughput;  // nothing is there, and alpha says so
     else if (c_.plan.first_collision.forced || p_.events[i] == 0)
       see_background(requests_[p_.request[i]].ray, c_.plan.chromatic ? throughput : dvec3(p_.camera_transmittance[i]),
@@ -399,7 +395,7 @@ class Wavefront {
     if (emission_) s.emission = dvec3(emission_->seen(i));
     s.single = dvec3(p_.direct[i]);
     s.indirect = dvec3(p_.indirect[i]);
-    deliver(p_.request[i], s, past(i).first_on_surface);
+    deliver(p_.request[i], s, w_.past_of(i, c_.plan).first_on_surface);
     counters_.longest = std::max<uint64_t>(counters_.longest, p_.events[i]);
     free_.push_back(i);
   }

@@ -8,6 +8,7 @@
 #include "render/transport/estimator.h"
 #include "render/transport/path_record.h"
 #include "render/transport/path_states.h"
+#include "render/transport/plan.h"
 #include "render/world/lights.h"
 #include "render/world/surfaces.h"
 
@@ -37,6 +38,7 @@ struct WorldPaths {
     bool specular = false;          ///< the last one was a mirror or clear glass
     bool sampled_light = false;     ///< since one that sampled a light, it has gone at most straight through surfaces
     bool straight = false;          ///< and at least through one
+    bool samples_fields = false;    ///< that light may have been a field that emits
     bool on_surface = false;        ///< the last one was on a surface
     bool first_on_surface = false;  ///< the first event was on a surface
     bool in_hole = false;           ///< it ended on a holdout
@@ -50,6 +52,13 @@ struct WorldPaths {
 
   /// A path's ray from its last vertex on, which lies `past.passed` before it.
   Ray from_vertex(size_t slot) const { return {ray[slot].o - past[slot].passed * ray[slot].d, ray[slot].d}; }
+
+  /// What a path remembers of its vertices; where Plan::one_grid they are all alike.
+  const Past& past_of(size_t slot, const Plan& plan) const {
+    static constexpr Past kNone{}, kSamplesFields{.samples_fields = true};
+    if (!plan.one_grid) return past[slot];
+    return plan.samples_fields[0] ? kSamplesFields : kNone;
+  }
 
   /// Keeps how far a light sample is, and, of the first event, what was drawn.
   void note_light(size_t slot, const LightSample& sample, const dvec2& u, bool first) {

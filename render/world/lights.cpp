@@ -2,6 +2,8 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+
 #include "render/world/sky.h"
 
 namespace brume {
@@ -13,6 +15,60 @@ bool shines(const Light& light) {
 }
 
 }  // namespace
+
+LightChoice::LightChoice(std::vector<const Light*> lights) : lights_(std::move(lights)) {
+  for (const Light* light : lights_)
+    same_everywhere_ = same_everywhere_ && dynamic_cast<const InfiniteLight*>(light) != nullptr;
+  fields_alone_ = !lights_.empty() && std::all_of(lights_.begin(), lights_.end(), [](const Light* light) {
+    return dynamic_cast<const FieldLight*>(light) != nullptr;
+  });
+  if (!same_everywhere_) return;
+  double total = 0;
+  for (const Light* light : lights_) total += light->importance(dvec3(0));
+  for (const Light* light : lights_) share_.push_back(light->importance(dvec3(0)) / total);
+}
+
+LightSample LightChoice::sample(const dvec3& p, double choice, const dvec2& u) const {
+  size_t i = 0;
+  double share = 1;
+  if (same_everywhere_) {
+    while (i + 1 < share_.size() && choice >= share_[i]) choice -= share_[i++];
+    share = share_[i];
+  } else {
+    const double total = this->total(p);
+    double left = choice * total, importance = 0;
+    for (; i < lights_.size(); ++i) {
+      importance = lights_[i]->importance(p);
+      if (left < importance) break;
+      if (i + 1 == lights_.size()) {
+        if (fields_alone_) return {};
+        break;
+      }
+      left -= importance;
+    }
+    share = importance / total;
+  }
+  LightSample s = lights_[i]->sample(p, u);
+  s.pdf *= share;
+  s.light = lights_[i];
+  s.index = i;
+  return s;
+}
+
+double LightChoice::probability(const Light& light, const dvec3& p) const {
+  const auto found = std::find(lights_.begin(), lights_.end(), &light);
+  if (found == lights_.end()) return 0;
+  if (same_everywhere_) return share_[static_cast<size_t>(found - lights_.begin())];
+  const double total = this->total(p);
+  return total > 0 ? light.importance(p) / total : 0.0;
+}
+
+double LightChoice::total(const dvec3& p) const {
+  double total = 0;
+  for (const Light* light : lights_)
+    total += fields_alone_ ? static_cast<const FieldLight*>(light)->irradiance(p) : light->importance(p);
+  return total;
+}
 
 Lights::Lights(const Scene& scene, const dvec3& world_shift, const Task& task) {
   auto environment = std::make_unique<Environment>(scene.environment, task);
@@ -51,52 +107,35 @@ size_t Lights::add_mesh(const TriangleMesh& mesh, const dvec3& radiance, bool tw
   return meshes_.size() - 1;
 }
 
+void Lights::add_field(const EmissionField& field, const Task& task) {
+  fields_.push_back(nullptr);
+  if (!FieldLight::fits(field)) return;
+  auto light = std::make_unique<FieldLight>(field, task);
+  if (!shines(*light)) return;
+  fields_.back() = light.get();
+  all_.push_back(std::move(light));
+}
+
 void Lights::finish(const std::string& mode) {
   if (mode == "none") return;
+  std::vector<const Light*> sampled;
   for (const auto& light : all_) {
     const bool sky = light.get() == environment_;
     // Phase sampling finds a constant sky without noise; a shadow ray per event would only cost.
     if (sky && (environment_->black() || (environment_->constant() && mode != "all"))) continue;
-    if (!shines(*light)) continue;
-    sampled_.push_back(light.get());
-    same_everywhere_ = same_everywhere_ && dynamic_cast<const InfiniteLight*>(light.get()) != nullptr;
+    if (shines(*light)) sampled.push_back(light.get());
   }
-  if (!same_everywhere_) return;
-  double total = 0;
-  for (const Light* light : sampled_) total += light->importance(dvec3(0));
-  for (const Light* light : sampled_) share_.push_back(light->importance(dvec3(0)) / total);
+  all_choice_ = LightChoice(sampled);
+  std::erase_if(sampled, [](const Light* light) { return dynamic_cast<const FieldLight*>(light) != nullptr; });
+  choice_without_fields_ = LightChoice(std::move(sampled));
 }
 
 bool Lights::any_delta() const {
   return std::any_of(all_.begin(), all_.end(), [](const auto& light) { return light->delta(); });
 }
 
-LightSample Lights::sample(const dvec3& p, double choice, const dvec2& u) const {
-  size_t i = 0;
-  double share = 1;
-  if (same_everywhere_) {
-    while (i + 1 < share_.size() && choice >= share_[i]) choice -= share_[i++];
-    share = share_[i];
-  } else {
-    double total = 0;
-    for (const Light* light : sampled_) total += light->importance(p);
-    double left = choice * total, importance = 0;
-    for (; i < sampled_.size(); ++i) {
-      importance = sampled_[i]->importance(p);
-      if (left < importance || i + 1 == sampled_.size()) break;
-      left -= importance;
-    }
-    share = importance / total;
-  }
-  LightSample s = sampled_[i]->sample(p, u);
-  s.pdf *= share;
-  s.light = sampled_[i];
-  s.index = i;
-  return s;
-}
-
-LightSample Lights::sample_visible(const dvec3& p, double choice, const dvec2& u) const {
-  LightSample s = sample(p, choice, u);
+LightSample Lights::sample_visible(const dvec3& p, double choice, const dvec2& u, bool fields) const {
+  LightSample s = this->choice(fields).sample(p, choice, u);
   if (s.pdf > 0 && blocked({p, s.wi}, s.distance, s.light)) s.radiance = dvec3(0);
   return s;
 }
@@ -119,20 +158,6 @@ bool Lights::blocked(const Ray& shadow, double distance, const Light* from) cons
     if (t > 0 && t < distance) return true;
   }
   return false;
-}
-
-double Lights::choice_probability(const Light& light, const dvec3& p) const {
-  double total = 0, own = 0;
-  for (size_t i = 0; i < sampled_.size(); ++i) {
-    if (same_everywhere_) {
-      if (sampled_[i] == &light) return share_[i];
-      continue;
-    }
-    const double importance = sampled_[i]->importance(p);
-    total += importance;
-    if (sampled_[i] == &light) own = importance;
-  }
-  return total > 0 ? own / total : 0.0;
 }
 
 bool Lights::any() const {

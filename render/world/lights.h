@@ -5,9 +5,33 @@
 #include <vector>
 
 #include "render/world/environment.h"
+#include "render/world/field_light.h"
 #include "render/world/light_kinds.h"
 
 namespace brume {
+
+/// Lights that next-event estimation chooses among, by their importance at the vertex. Among fields alone it often
+/// chooses none where directions find them well.
+class LightChoice {
+ public:
+  LightChoice() = default;
+  explicit LightChoice(std::vector<const Light*> lights);
+
+  const std::vector<const Light*>& lights() const { return lights_; }
+  size_t count() const { return lights_.size(); }
+  /// A direction to one of them, its pdf including the probability of choosing that one from p.
+  LightSample sample(const dvec3& p, double choice, const dvec2& u) const;
+  /// Probability that sample() picks the light from p; 0 for one that is never picked.
+  double probability(const Light& light, const dvec3& p) const;
+
+ private:
+  double total(const dvec3& p) const;
+
+  std::vector<const Light*> lights_;
+  bool fields_alone_ = false;
+  bool same_everywhere_ = true;  // only infinite lights: the choice does not depend on the point
+  std::vector<double> share_;    // where same_everywhere_
+};
 
 /// All lights of a scene, and which of them next-event estimation aims at.
 class Lights {
@@ -17,12 +41,16 @@ class Lights {
   Lights(const Scene& scene, const dvec3& world_shift, const Task& task = {});
   /// A mesh that emits; returns its number for mesh().
   size_t add_mesh(const TriangleMesh& mesh, const dvec3& radiance, bool two_sided);
+  /// A field that emits; fields keep their order. One that moves or emits nothing is no light.
+  void add_field(const EmissionField& field, const Task& task = {});
   /// To be called once all lights are there.
   void finish(const std::string& mode);
 
   const std::vector<const InfiniteLight*>& infinite() const { return infinite_; }
   const std::vector<const FiniteLight*>& finite() const { return finite_; }
   const MeshLight& mesh(size_t i) const { return *meshes_[i]; }
+  /// Null for a field that is no light.
+  const FieldLight* field(size_t i) const { return i < fields_.size() ? fields_[i] : nullptr; }
   size_t mesh_count() const { return meshes_.size(); }
   const std::vector<const Sun*>& suns() const { return suns_; }
   const std::vector<const PointLight*>& points() const { return points_; }
@@ -56,16 +84,12 @@ class Lights {
 
   /// Whether anything shines.
   bool any() const;
-  bool any_sampled() const { return !sampled_.empty(); }
-  size_t sampled_count() const { return sampled_.size(); }
-  const std::vector<const Light*>& sampled() const { return sampled_; }
+  bool any_sampled() const { return all_choice_.count() > 0; }
   bool any_delta() const;
-  /// A direction to one light, its pdf including the probability of choosing that light from p.
-  LightSample sample(const dvec3& p, double choice, const dvec2& u) const;
-  /// The same, without radiance where another finite light is in the way.
-  LightSample sample_visible(const dvec3& p, double choice, const dvec2& u) const;
-  /// Probability that sample() picks the light from p; 0 for one that is never picked.
-  double choice_probability(const Light& light, const dvec3& p) const;
+  /// What a vertex chooses among. @param fields  whether it samples fields that emit
+  const LightChoice& choice(bool fields = true) const { return fields ? all_choice_ : choice_without_fields_; }
+  /// A sample of the choice without radiance where another finite light is in the way.
+  LightSample sample_visible(const dvec3& p, double choice, const dvec2& u, bool fields) const;
   /// Lights of no power, and what the environment has to say.
   std::vector<std::string> notes() const;
 
@@ -74,12 +98,11 @@ class Lights {
   std::vector<const InfiniteLight*> infinite_;
   std::vector<const FiniteLight*> finite_;
   std::vector<const MeshLight*> meshes_;
+  std::vector<const FieldLight*> fields_;
   std::vector<const Sun*> suns_;
   std::vector<const PointLight*> points_;
   const Environment* environment_ = nullptr;
-  std::vector<const Light*> sampled_;
-  bool same_everywhere_ = true;  // only infinite lights: the choice does not depend on the point
-  std::vector<double> share_;    // of the sampled lights, where same_everywhere_
+  LightChoice all_choice_, choice_without_fields_;
 };
 
 }  // namespace brume

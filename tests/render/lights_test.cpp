@@ -211,7 +211,7 @@ TEST(Lights, ChoiceFollowsTheEstimatedContribution) {
   scene.lights.push_back(sun_settings(1));
   Lights lights(scene, dvec3(0));
   lights.finish("auto");
-  ASSERT_EQ(lights.sampled_count(), 41u);
+  ASSERT_EQ(lights.choice().count(), 41u);
   const dvec3 p(0.4, 0.1, 0.3);
   double sum = 0, exact = 0;
   for (const SphereLight* light : [&] {
@@ -219,21 +219,21 @@ TEST(Lights, ChoiceFollowsTheEstimatedContribution) {
          for (const FiniteLight* f : lights.finite()) spheres.push_back(static_cast<const SphereLight*>(f));
          return spheres;
        }()) {
-    sum += lights.choice_probability(*light, p);
+    sum += lights.choice().probability(*light, p);
     exact += 20 / light->pdf(p);
   }
   for (const PointLight* light : lights.points()) {
-    sum += lights.choice_probability(*light, p);
+    sum += lights.choice().probability(*light, p);
     exact += light->sample(p, {0, 0}).radiance.x;
   }
-  sum += lights.choice_probability(*lights.suns()[0], p);
+  sum += lights.choice().probability(*lights.suns()[0], p);
   exact += lights.suns()[0]->disc_radiance().x / lights.suns()[0]->pdf(lights.suns()[0]->axis());
   EXPECT_NEAR(sum, 1, 1e-12);
   Rng rng(5);
   RunningStatistics s;
   for (int i = 0; i < 100000; ++i) {
     const double choice = rng.uniform(), u = rng.uniform();
-    const LightSample l = lights.sample(p, choice, {u, rng.uniform()});
+    const LightSample l = lights.choice().sample(p, choice, {u, rng.uniform()});
     s.add(l.radiance.x / l.pdf);
   }
   EXPECT_NEAR(s.mean, exact, 5 * std::sqrt(s.mean_variance()));
