@@ -2,13 +2,16 @@
 #define HWY_TARGET_INCLUDE "render/transport/emission.cpp"
 #include "render/transport/emission.h"
 
+#include <hwy/aligned_allocator.h>
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 
 #include <algorithm>
 #include <bit>
 #include <cstring>
+#include <new>
 #include <numbers>
+#include <span>
 
 #include "volume/lane_grid.h"
 
@@ -214,45 +217,108 @@ struct DepthWalk {
   }
 };
 
-void SeenEmission(const EmissionCells& cells, const LaneScene& medium, PathStates& paths, const SlotList& rays,
-                  EmissionSegments& segments, const DimmedSegments& dimmed) {
+/// The optical depth of a medium along rays through an emitting field, whose ray parameters it is asked for.
+struct Dimming {
+  const DimmedSegments& of;
+  const bool grid;
+  DepthWalk crossed;
+  HWY_ALIGN float scales[RayQueue::kMost] = {}, offsets[RayQueue::kMost] = {};
+  V scale = hn::Zero(D()), offset = scale;
+
+  explicit HWY_INLINE Dimming(const DimmedSegments& dimmed)
+      : of(dimmed), grid(dimmed.medium->values != nullptr), crossed(*dimmed.medium) {}
+
+  HWY_INLINE void store() {
+    if (grid) crossed.walk.store(crossed.buffer);
+    hn::Store(crossed.end, D(), crossed.ends);
+  }
+  HWY_INLINE void fetch(size_t lane, size_t slot) {
+    if (grid)
+      crossed.fetch(of.rays, slot, lane);
+    else
+      crossed.ends[lane] = of.rays.end[slot];
+    scales[lane] = of.scale[slot];
+    offsets[lane] = of.offset[slot];
+  }
+  HWY_INLINE void load(M fresh) {
+    const D d;
+    if (grid)
+      crossed.load(fresh);
+    else
+      crossed.end = hn::Load(d, crossed.ends);
+    scale = hn::Load(d, scales);
+    offset = hn::Load(d, offsets);
+  }
+  /// Which rays have yet to walk on before their depth up to t is known.
+  HWY_INLINE M behind(M active, V t) const {
+    return grid ? hn::And(active, crossed.before(t * scale + offset)) : hn::FirstN(D(), 0);
+  }
+  HWY_INLINE void step(M behind, V t) { crossed.step(behind, t * scale + offset); }
+  HWY_INLINE V depth(V t) const {
+    return grid ? crossed.depth : hn::Min(hn::Max(t * scale + offset, hn::Zero(D())), crossed.end);
+  }
+};
+
+void SeenEmission(const EmissionCells& cells, std::span<const std::unique_ptr<DimmedSegments>> media, PathStates& paths,
+                  const SlotList& rays, EmissionSegments& segments) {
   const D d;
   // Below this transmittance one ray of four goes on.
   constexpr float kLeast = 0.01f, kSurvival = 0.25f;
   const V zero = hn::Zero(d), one = set(1.0f);
   EmissionWalk e(cells, paths, rays, segments);
-  DepthWalk crossed(medium);
-  HWY_ALIGN float scales[RayQueue::kMost] = {}, offsets[RayQueue::kMost] = {};
-  V scale = one, shift = zero;
-  V3 pending = zero3();  // of the last look-up, at `wanted` of the walk through the medium
+  // A container's own code would not be compiled for these vectors.
+  const auto memory = hwy::AllocateAligned<uint8_t>(media.size() * sizeof(Dimming));
+  const std::span<Dimming> dimming(reinterpret_cast<Dimming*>(memory.get()), media.size());
+  bool chromatic = false;
+  const StopSignal* stop = nullptr;
+  for (size_t m = 0; m < media.size(); ++m) {
+    new (&dimming[m]) Dimming(*media[m]);
+    chromatic = chromatic || media[m]->medium->chromatic;
+    stop = media[m]->medium->stop;
+  }
+  V3 pending = zero3();  // of the last look-up, at `wanted`
   V wanted = zero, weight = one;
   uint32_t over = 0;  // lanes that have left the field
 
   const auto finish = [&]() BRUME_INLINE_LAMBDA { e.finish(); };
   const auto load = [&](CellWalk::Buffer& buffer) BRUME_INLINE_LAMBDA {
-    crossed.walk.store(crossed.buffer);
-    hn::Store(crossed.end, d, crossed.ends);
+    for (Dimming& medium : dimming) medium.store();
     const uint32_t loaded = e.load(buffer, [&](size_t lane, size_t s) {
-      crossed.fetch(dimmed.rays, s, lane);
-      scales[lane] = dimmed.scale[s];
-      offsets[lane] = dimmed.offset[s];
+      for (Dimming& medium : dimming) medium.fetch(lane, s);
     });
     const M fresh = mask_of(loaded);
     over &= ~loaded;
-    crossed.load(fresh);
-    scale = hn::Load(d, scales);
-    shift = hn::Load(d, offsets);
+    for (Dimming& medium : dimming) medium.load(fresh);
     wanted = hn::IfThenElse(fresh, zero, wanted);
     weight = hn::IfThenElse(fresh, one, weight);
     pending = select(fresh, zero3(), pending);
   };
-  drive(e.queue, e.walk, medium.stop, finish, load, [&](M active) BRUME_INLINE_LAMBDA {
-    const M behind = hn::And(active, crossed.before(wanted)), ready = hn::AndNot(behind, active);
-    if (2 * hn::CountTrue(d, behind) >= hn::CountTrue(d, active)) return crossed.step(behind, wanted);
-    const V transmittance = weight * exponential(-crossed.depth);
-    e.sum = select(ready, e.sum + pending * transmittance, e.sum);
+  const auto transmittance = [&]() BRUME_INLINE_LAMBDA -> V3 {
+    if (!chromatic) {
+      V depth = zero;
+      for (const Dimming& medium : dimming) depth = depth + medium.depth(wanted);
+      const V passes = exponential(-depth);
+      return {passes, passes, passes};
+    }
+    V3 depths = zero3();
+    for (const Dimming& medium : dimming) depths += set3(medium.of.medium->extinction_ratio) * medium.depth(wanted);
+    return {exponential(-depths.x), exponential(-depths.y), exponential(-depths.z)};
+  };
+  drive(e.queue, e.walk, stop, finish, load, [&](M active) BRUME_INLINE_LAMBDA {
+    M ready = active;
+    for (Dimming& medium : dimming) {
+      const M behind = medium.behind(active, wanted);
+      if (2 * hn::CountTrue(d, behind) >= hn::CountTrue(d, active)) return medium.step(behind, wanted);
+      ready = hn::AndNot(behind, ready);
+    }
+    if (hn::AllFalse(d, ready)) {
+      for (Dimming& medium : dimming) medium.step(medium.behind(active, wanted), wanted);
+      return;
+    }
+    const V3 passes = transmittance() * weight;
+    e.sum = select(ready, e.sum + pending * passes, e.sum);
     pending = select(ready, zero3(), pending);
-    const M faint = hn::And(ready, transmittance < kLeast);
+    const M faint = hn::And(ready, max_component(passes) < kLeast);
     const M dies = hn::And(faint, e.rng.uniform(faint) >= kSurvival);
     weight = hn::IfThenElse(faint, weight * (1 / kSurvival), weight);
     const M ends_here = hn::Or(dies, hn::And(ready, mask_of(over)));
@@ -260,7 +326,7 @@ void SeenEmission(const EmissionCells& cells, const LaneScene& medium, PathState
     over |= bits_of(
         e.step(hn::AndNot(ends_here, ready), [&](M glows, V t, const V3& part, const InVoxel&) BRUME_INLINE_LAMBDA {
           pending = select(glows, part, pending);
-          wanted = hn::IfThenElse(glows, t * scale + shift, wanted);
+          wanted = hn::IfThenElse(glows, t, wanted);
         }));
   });
 }
@@ -309,9 +375,9 @@ void lanes_emission(const EmissionCells& cells, PathStates& paths, const SlotLis
   HWY_DYNAMIC_DISPATCH(Emission)(cells, paths, rays, segments);
 }
 
-void lanes_seen_emission(const EmissionCells& cells, const LaneScene& medium, PathStates& paths, const SlotList& rays,
-                         EmissionSegments& segments, const DimmedSegments& dimmed) {
-  HWY_DYNAMIC_DISPATCH(SeenEmission)(cells, medium, paths, rays, segments, dimmed);
+void lanes_seen_emission(const EmissionCells& cells, std::span<const std::unique_ptr<DimmedSegments>> media,
+                         PathStates& paths, const SlotList& rays, EmissionSegments& segments) {
+  HWY_DYNAMIC_DISPATCH(SeenEmission)(cells, media, paths, rays, segments);
 }
 
 }  // namespace brume

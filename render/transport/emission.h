@@ -1,5 +1,7 @@
 #pragma once
 #include <array>
+#include <memory>
+#include <span>
 #include <vector>
 
 #include "render/transport/lane_scene.h"
@@ -32,10 +34,14 @@ struct EmissionSegments {
   Column3 emitted;  ///< the result
 };
 
-/// The same rays inside the one medium that dims what they see: parts of them in its coordinates and lane units.
+/// The same rays through one of the media that dim what they see.
 struct DimmedSegments {
+  const LaneScene* medium;
+  /// In a grid the parts inside it, in its coordinates and lane units. In a homogeneous shape only `end`: the optical
+  /// depth of all of it.
   LocalRays rays;
-  Column<float> scale, offset;  ///< ray parameters there: scale * those inside the emitting field + offset
+  /// Ray parameters there, or the optical depth in the shape: scale * ray parameter inside the emitting field + offset.
+  Column<float> scale, offset;
 };
 
 /// An EmissionField as the kernels need it.
@@ -62,10 +68,10 @@ struct LaneEmission {
 /// last vertex find the field, too, each look-up has its weight against them.
 void lanes_emission(const EmissionCells& cells, PathStates& paths, const SlotList& rays, EmissionSegments& segments);
 
-/// What of it arrives at the rays' origins through a still grey medium: the same strata, each dimmed by the
+/// What of it arrives at the rays' origins through media that stand still: the same strata, each dimmed by the
 /// transmittance to its look-up, which is exact: density is trilinear, a cubic along a ray within a voxel, and two
 /// points integrate it (Gauss). Rays of little transmittance play Russian roulette.
-void lanes_seen_emission(const EmissionCells& cells, const LaneScene& medium, PathStates& paths, const SlotList& rays,
-                         EmissionSegments& segments, const DimmedSegments& dimmed);
+void lanes_seen_emission(const EmissionCells& cells, std::span<const std::unique_ptr<DimmedSegments>> media,
+                         PathStates& paths, const SlotList& rays, EmissionSegments& segments);
 
 }  // namespace brume

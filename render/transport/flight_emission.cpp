@@ -27,35 +27,56 @@ bool FlightEmission::may_meet(const Ray& ray) const {
   });
 }
 
-void FlightEmission::see(const SlotList& slots, const LaneScene& medium) {
+void FlightEmission::see(const SlotList& slots, const MediaFlights& flights) {
   b_.camera.clear();
   for (const size_t i : slots)
     if (p_.events[i] == 0) b_.camera.push(i);
   if (b_.camera.count > 0)
-    for (const LaneEmission& field : in_lanes_) see(field, medium);
+    for (const LaneEmission& field : in_lanes_) see(field, flights);
 }
 
-void FlightEmission::see(const LaneEmission& field, const LaneScene& medium) {
+void FlightEmission::see(const LaneEmission& field, const MediaFlights& flights) {
   b_.rays.clear();
   enter_box(field.box, w_.ray, w_.end, b_.camera, b_.segments.rays, b_.point, b_.rays);
-  const auto [lo, hi] = medium.medium->support();
-  const LocalBox box{&medium.medium->placement().to_local(), false, lo, hi, medium.medium->walked_shift(), medium.unit};
-  DimmedSegments& dimmed = b_.dimmed;
+  for (const size_t i : b_.rays) b_.segments.stride[i] = static_cast<float>(emission_stride(0));
+  while (b_.dimmed.size() < flights.count()) b_.dimmed.push_back(std::make_unique<DimmedSegments>());
+  b_.dimmed.resize(flights.count());
+  for (size_t m = 0; m < flights.count(); ++m) dim(field, m, flights.scene(m));
+  lanes_seen_emission(field.cells, b_.dimmed, p_, b_.rays, b_.segments);
+  for (const size_t i : b_.rays) add(i, b_.segments.emitted[i]);
+}
+
+/// Where camera rays that see a field cross a medium.
+void FlightEmission::dim(const LaneEmission& field, size_t number, const LaneScene& scene) {
+  DimmedSegments& dimmed = *b_.dimmed[number];
+  dimmed.medium = &scene;
+  const Medium& medium = c_.media[number];
   for (const size_t i : b_.rays) {
-    b_.segments.stride[i] = static_cast<float>(emission_stride(0));
-    dimmed.rays.end[i] = -1;  // nothing is in the way
+    dimmed.rays.end[i] = medium.homogeneous() ? 0 : -1;  // nothing is in the way
     dimmed.rays.o.set(i, vec3(0));
     dimmed.rays.d.set(i, vec3(1));
     dimmed.scale[i] = dimmed.offset[i] = 0;
   }
+  if (medium.homogeneous()) {
+    const double sigma = medium.extinction_per_density();
+    for (const size_t i : b_.rays) {
+      const auto [enters, leaves] = medium.homogeneous()->intersect(medium.to_local(w_.ray[i]));
+      const double begin = std::max(enters, 0.0), end = std::min(leaves, w_.end[i]);
+      if (!(begin < end)) continue;
+      dimmed.rays.end[i] = static_cast<float>(sigma * (end - begin));
+      dimmed.scale[i] = static_cast<float>(sigma * field.box.unit);
+      dimmed.offset[i] = static_cast<float>(sigma * (b_.point[i] - begin));
+    }
+    return;
+  }
+  const auto [lo, hi] = medium.support();
+  const LocalBox box{&medium.placement().to_local(), false, lo, hi, medium.walked_shift(), scene.unit};
   b_.in_medium.clear();
   enter_box(box, w_.ray, w_.end, b_.rays, dimmed.rays, b_.medium_point, b_.in_medium);
   for (const size_t i : b_.in_medium) {
-    dimmed.scale[i] = static_cast<float>(field.box.unit / medium.unit);
-    dimmed.offset[i] = static_cast<float>((b_.point[i] - b_.medium_point[i]) / medium.unit);
+    dimmed.scale[i] = static_cast<float>(field.box.unit / scene.unit);
+    dimmed.offset[i] = static_cast<float>((b_.point[i] - b_.medium_point[i]) / scene.unit);
   }
-  lanes_seen_emission(field.cells, medium, p_, b_.rays, b_.segments, dimmed);
-  for (const size_t i : b_.rays) add(i, b_.segments.emitted[i]);
 }
 
 void FlightEmission::add(std::initializer_list<const SlotList*> slots) {
@@ -128,6 +149,7 @@ void FlightEmission::add_one_by_one(size_t number, std::initializer_list<const S
 void FlightEmission::add_by_channel(const SlotList& slots, MediaFlights::Flown& flown) {
   b_.rays.clear();
   for (const size_t i : slots) {
+    if (c_.plan.seen_emission && p_.events[i] == 0) continue;
     Rng rng = PathGenerator(p_, i).stream();
     EmittingPoint point;
     for (size_t f = 0; f < c_.emissions.size(); ++f) {

@@ -11,14 +11,14 @@ namespace brume {
 /// What fields emit along the flights (WorldPaths::ray up to end) of the paths on one thread. A flight passes a point
 /// with the probability of the transmittance to it, so no weight is needed. Scattering blurs: longer strata are enough
 /// after the first event, whose light samples find the fields, too: there each look-up has its weight against those
-/// (FieldLight). Where one still grey grid is all that dims (Plan::seen_emission), what camera rays see is
-/// instead integrated through it, with its exact transmittance, before they fly.
+/// (FieldLight). Where media stand still (Plan::seen_emission), what camera rays see is instead
+/// integrated through them, with their exact transmittance, before they fly.
 class FlightEmission {
  public:
   struct Buffers {
     std::array<vec3, kPool> seen;  ///< along camera rays
     EmissionSegments segments;
-    DimmedSegments dimmed;
+    std::vector<std::unique_ptr<DimmedSegments>> dimmed;  ///< for each medium; where Plan::seen_emission
     SlotList camera, in_medium;
     std::array<double, kPool> medium_point;  ///< ray parameters
     SlotList rays;
@@ -32,7 +32,7 @@ class FlightEmission {
   bool may_meet(const Ray& ray) const;
   void start(size_t slot) { b_.seen[slot] = vec3(0); }
   /// Where Plan::seen_emission: adds what the camera rays of the slots see up to WorldPaths::end.
-  void see(const SlotList& slots, const LaneScene& medium);
+  void see(const SlotList& slots, const MediaFlights& flights);
   /// Adds what is emitted along the flights of the slots; of camera rays only what see() does not.
   void add(std::initializer_list<const SlotList*> slots);
   /// The same where media are chromatic, before MediaFlights::Flown::weigh_channels: at one point of each flight,
@@ -41,7 +41,8 @@ class FlightEmission {
   vec3 seen(size_t slot) const { return b_.seen[slot]; }
 
  private:
-  void see(const LaneEmission& field, const LaneScene& medium);
+  void see(const LaneEmission& field, const MediaFlights& flights);
+  void dim(const LaneEmission& field, size_t medium, const LaneScene& scene);
   void add_in_lanes(const LaneEmission& field, std::initializer_list<const SlotList*> slots);
   void add_one_by_one(size_t field, std::initializer_list<const SlotList*> slots);
   void add(size_t slot, const vec3& emitted);

@@ -84,8 +84,8 @@ Plan make_plan(const Scene& scene, const SceneMedia& media, const Lights& lights
   plan.near_lights = choose_near_lights(all, lights, scene.render.near_lights);
   plan.interpolate = scene.render.lookup == "interpolated";
   plan.one_grid = is_one_grid(plan, media, lights);
-  plan.seen_emission = plan.emission && plan.media.size() == 1 && plan.media[0] == Precision::kLanes &&
-                       !plan.chromatic && !plan.moving_media &&
+  plan.seen_emission = plan.emission && plan.has_media() && !plan.moving_media &&
+                       std::find(plan.media.begin(), plan.media.end(), Precision::kDouble) == plan.media.end() &&
                        std::all_of(fields.begin(), fields.end(), LaneEmission::fits);
   if (plan.one_grid && (!plan.emission || plan.seen_emission)) {  // else emission is integrated along free flights
     std::vector<Ray> rays;

@@ -27,7 +27,7 @@ struct Plan {
   bool finite_lights = false;        ///< analytic lights that rays can end on
   bool surfaces = false;             ///< triangle meshes
   bool emission = false;             ///< fields that emit
-  bool seen_emission = false;        ///< integrated along camera rays through the one still grey grid that dims them
+  bool seen_emission = false;        ///< integrated along camera rays, through media that stand still
   bool lens = false, shutter = false;
   bool one_grid = false;               ///< paths live in the local coordinates of the one grid that there is
   bool interpolate = false;            ///< interpolate all eight voxels around a point, do not draw one

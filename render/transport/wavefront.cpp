@@ -161,7 +161,7 @@ class Wavefront {
 
   /// What camera rays see of what media emit, where that needs no flight.
   void see_emission(const SlotList& rays) {
-    if (c_.plan.seen_emission) emission_->see(rays, flights_.scene(0));
+    if (c_.plan.seen_emission) emission_->see(rays, flights_);
   }
 
   // ---- flights

@@ -29,6 +29,7 @@ LightChoice::LightChoice(std::vector<const Light*> lights) : lights_(std::move(l
 }
 
 LightSample LightChoice::sample(const dvec3& p, double choice, const dvec2& u) const {
+  if (lights_.empty()) return {};
   size_t i = 0;
   double share = 1;
   if (same_everywhere_) {

@@ -105,7 +105,7 @@ class Tracer {
     const Ray whole = from_vertex();
     if (light) {
       const double t = passed_ + t_max;
-      find_light(light->radiance(whole, t), lights_.choice().probability(*light, whole.o) * light->pdf(whole, t),
+      find_light(light->radiance(whole, t), lights_.choice(false).probability(*light, whole.o) * light->pdf(whole, t),
                  light->solid() ? s_.background : s_.surface);
       if (!light->solid()) {  // its light is added, and the ray goes on
         passed_ = t;
@@ -115,7 +115,7 @@ class Tracer {
     } else {
       for (const InfiniteLight* sky : lights_.infinite())
         if (events_ > 0 || sky->visible())
-          find_light(sky->radiance(ray_.d), lights_.choice().probability(*sky, whole.o) * sky->pdf(ray_.d),
+          find_light(sky->radiance(ray_.d), lights_.choice(false).probability(*sky, whole.o) * sky->pdf(ray_.d),
                      s_.background);
     }
     if (events_ == 0) s_.transmittance = weight_;
@@ -207,7 +207,7 @@ class Tracer {
   /// Next-event estimation at a vertex. @param from  the surface it lies on; null in a medium
   dvec3 sampled_light(const dvec3& p, double choice, const dvec2& u, const Scattering& scattering,
                       const SurfaceHit* from, bool shadowed = true, bool only_technique = false) {
-    const LightSample light = lights_.choice().sample(p, choice, u);
+    const LightSample light = lights_.choice(only_technique).sample(p, choice, u);
     if (!(light.pdf > 0)) return dvec3(0);
     const auto [value, pdf] = scattering(light.wi);
     const Ray shadow{from ? Surfaces::leave(*from, p, light.wi) : p, light.wi};
@@ -288,7 +288,7 @@ class Tracer {
       const MeshLight& light = lights_.mesh(scene_.surfaces->light_of(hit.surface));
       find_light(
           settings.radiance,
-          lights_.choice().probability(light, from_vertex().o) * light.pdf(passed_ + hit.t, glm::dot(wo, hit.normal)),
+          lights_.choice(false).probability(light, from_vertex().o) * light.pdf(passed_ + hit.t, glm::dot(wo, hit.normal)),
           s_.surface);
       if (events_ == 0) s_.surface_emission = s_.surface - before;
     }
