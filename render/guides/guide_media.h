@@ -74,7 +74,7 @@ class GuideMedia {
 
  private:
   friend class MediaLine;
-  Medium resampled(const Medium& medium, const Task& task);
+  Medium resampled(const Medium& medium, double time, const Task& task);
 
   std::vector<std::shared_ptr<BrickGrid>> resampled_;  // of those that are displaced
   std::vector<Medium> media_, displaced_;              // as they are looked up, and before they were resampled
