@@ -153,9 +153,9 @@ dvec3 GuideMedia::emission(const dvec3& world) const {
 }
 
 dvec3 GuideMedia::followed(const dvec3& world, const GuideMedia& other) const {
+  if (this == &other) return world;
   for (size_t i = 0; i < media_.size(); ++i)
-    if (media_[i].density(media_[i].to_local(world)) > 0)
-      return other.displaced_[i].to_world(displaced_[i].to_local(world));
+    if (media_.size() == 1 || media_[i].density(media_[i].to_local(world)) > 0) return moved(i, world, other);
   return world;
 }
 
