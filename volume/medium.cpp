@@ -70,7 +70,7 @@ Medium Medium::at_time(double time) const {
   return moved;
 }
 
-Medium Medium::resampled(int per_voxel, BrickGrid& bricks, const Task& task) const {
+Medium Medium::resampled(int per_voxel, BrickGrid& bricks, const SampleDensity& sample, const Task& task) const {
   if (!displacement_) return *this;
   const double spacing = 1.0 / per_voxel;  // of the lattice, whose index coordinates are local ones over it
   const auto [lo, hi] = support();
@@ -94,13 +94,8 @@ Medium Medium::resampled(int per_voxel, BrickGrid& bricks, const Task& task) con
     for (int y = first.y; y <= last.y; ++y)
       for (int z = first.z; z <= last.z; ++z)
         if (may_hold({x, y, z})) blocks.emplace_back(kCell * ivec3(x, y, z));
-  const auto sample = [&](const ivec3& corner, float* values) {
-    for (int x = 0; x <= kCell; ++x)
-      for (int y = 0; y <= kCell; ++y)
-        for (int z = 0; z <= kCell; ++z)
-          *values++ = static_cast<float>(density(spacing * dvec3(corner + ivec3(x, y, z))));
-  };
-  bricks = BrickGrid::build(box, blocks, sample, task);
+  bricks = BrickGrid::build(
+      box, blocks, [&](const ivec3& corner, float* values) { sample(spacing * dvec3(corner), spacing, values); }, task);
   Medium still = *this;
   still.displacement_ = nullptr;
   still.bricks_ = &bricks;

@@ -1,5 +1,6 @@
 #pragma once
 #include <array>
+#include <functional>
 #include <limits>
 #include <optional>
 
@@ -88,7 +89,10 @@ class Medium {
   /// displaced is looked up far faster so. Any other medium as it is.
   /// @param per_voxel  points of the lattice along a voxel
   /// @param bricks     is given the density; must outlive the medium
-  Medium resampled(int per_voxel, BrickGrid& bricks, const Task& task) const;
+  /// @param sample     finds the density at kCell + 1 points of the finer lattice along each axis, z fastest, from a
+  ///                   local point on, the given distance apart
+  using SampleDensity = std::function<void(const dvec3& first, double spacing, float* values)>;
+  Medium resampled(int per_voxel, BrickGrid& bricks, const SampleDensity& sample, const Task& task) const;
 
   bool empty() const { return !homogeneous_ && (bricks_ == nullptr || bricks_->empty()); }
   const std::optional<HomogeneousShape>& homogeneous() const { return homogeneous_; }

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 
+#include "render/guides/lane_media.h"
 #include "render/guides/media_line.h"
 
 namespace brume {
@@ -77,8 +78,9 @@ double in_colour(const dvec3& rgb, GuideColour colour) {
   return colour == kGrey ? (rgb.x + rgb.y + rgb.z) / 3 : rgb[colour];
 }
 
-// Displaced densities are looked up many times: they are resampled once, unless that would take much memory.
-Medium GuideMedia::resampled(const Medium& medium, const Task& task) {
+// Displaced densities are looked up many times: they are resampled once, unless that would take much memory or single
+// precision is not enough.
+Medium GuideMedia::resampled(const Medium& medium, double time, const Task& task) {
   if (!medium.displacement()) return medium;
   const BrickGrid& envelope = medium.walked();
   const ivec3 n = envelope.cells();
@@ -86,8 +88,15 @@ Medium GuideMedia::resampled(const Medium& medium, const Task& task) {
   for (int x = 0; x < n.x; ++x)
     for (int y = 0; y < n.y; ++y)
       for (int z = 0; z < n.z; ++z) cells += envelope.cell({x, y, z}).majorant > 0 ? 1 : 0;
-  if (cells * std::pow(kSamplesPerVoxel * envelope.cell_size(), 3) > kMostResampled) return medium;
-  return medium.resampled(kSamplesPerVoxel, *resampled_.emplace_back(std::make_shared<BrickGrid>()), task);
+  if (cells * std::pow(kSamplesPerVoxel * envelope.cell_size(), 3) > kMostResampled || !DisplacedSamples::fits(medium))
+    return medium;
+  const DisplacedSamples samples(medium, time);
+  return medium.resampled(
+      kSamplesPerVoxel, *resampled_.emplace_back(std::make_shared<BrickGrid>()),
+      [&](const dvec3& first, double spacing, float* values) {
+        samples.sample(first, spacing, BrickGrid::kCell + 1, values);
+      },
+      task);
 }
 
 GuideMedia::GuideMedia(std::span<const Medium> media, std::span<const EmissionField> emissions, double time,
@@ -101,7 +110,7 @@ GuideMedia::GuideMedia(std::span<const Medium> media, std::span<const EmissionFi
   };
   for (const Medium& m : media) {
     displaced_.push_back(m.at_time(time));
-    media_.push_back(resampled(displaced_.back(), task));
+    media_.push_back(resampled(displaced_.back(), time, task));
     mean_cosine_.push_back(mean_cosine_of(m.phase()));
     coloured_ = coloured_ || m.chromatic() || m.coloured();
     Constants& c = constants_.emplace_back();
@@ -117,7 +126,8 @@ GuideMedia::GuideMedia(std::span<const Medium> media, std::span<const EmissionFi
     mixed_tints_ = mixed_tints_ || (!coloured_ && glm::distance(c.tint, constants_[0].tint) > 1e-9);
   for (const EmissionField& e : emissions) {
     const EmissionField now = e.at_time(time);
-    emissions_.push_back(now.shape().displacement() ? EmissionField(resampled(now.shape(), task), now.ramp()) : now);
+    emissions_.push_back(now.shape().displacement() ? EmissionField(resampled(now.shape(), time, task), now.ramp())
+                                                    : now);
     take(now.shape());
   }
   if (!std::isfinite(voxel_)) voxel_ = max_component(hi_ - lo_) / 128;
@@ -143,9 +153,9 @@ dvec3 GuideMedia::emission(const dvec3& world) const {
 }
 
 dvec3 GuideMedia::followed(const dvec3& world, const GuideMedia& other) const {
+  if (this == &other) return world;
   for (size_t i = 0; i < media_.size(); ++i)
-    if (media_[i].density(media_[i].to_local(world)) > 0)
-      return other.displaced_[i].to_world(displaced_[i].to_local(world));
+    if (media_.size() == 1 || media_[i].density(media_[i].to_local(world)) > 0) return moved(i, world, other);
   return world;
 }
 

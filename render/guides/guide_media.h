@@ -66,6 +66,10 @@ class GuideMedia {
 
   /// Where what scatters at a world point is at another time of the shutter: that of `other`, of the same scene.
   dvec3 followed(const dvec3& world, const GuideMedia& other) const;
+  /// The same of one of the media, wherever it is.
+  dvec3 moved(size_t medium, const dvec3& world, const GuideMedia& other) const {
+    return other.displaced_[medium].to_world(displaced_[medium].to_local(world));
+  }
 
   /// The parts of a world ray in which anything may be found, in order and apart from one another.
   /// @param uneven  only those in which anything changes from voxel to voxel; elsewhere media are homogeneous
@@ -74,7 +78,7 @@ class GuideMedia {
 
  private:
   friend class MediaLine;
-  Medium resampled(const Medium& medium, const Task& task);
+  Medium resampled(const Medium& medium, double time, const Task& task);
 
   std::vector<std::shared_ptr<BrickGrid>> resampled_;  // of those that are displaced
   std::vector<Medium> media_, displaced_;              // as they are looked up, and before they were resampled

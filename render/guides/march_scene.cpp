@@ -16,7 +16,7 @@ namespace {
 constexpr double kGentleGradient = 0.03;
 // Steps at once where all media are homogeneous and no lamp is near, as far as they are as thin as this.
 constexpr double kEvenStride = 4, kEvenThickness = 0.02;
-constexpr double kNodesPerLookUp = 0.5;  // of the spacing of nodes, between two look-ups of their fields
+constexpr double kNodesPerLookUp = 0.75;  // of the spacing of nodes, between two look-ups of their fields
 constexpr double kNarrow = 0.99;         // mean cosine of directions that count as one
 // Rays count their steps from a multiple of so many, so that theirs and those of longer strides lie alike in all rays.
 constexpr double kCountedSteps = 6;
@@ -78,9 +78,10 @@ MarchSteps::MarchSteps(const GuideMedia& media, const LightFields& fields, Guide
 MarchScene::MarchScene(const std::vector<GuideMedia>& media, size_t time, const LightFields& fields, GuideColour colour,
                        const MarchSteps& march_steps)
     : steps(march_steps),
+      nodes(fields.lattice()),
       emits(!media[time].emissions().empty()),
       mixed_tints(media[time].mixed_tints()),
-      follows(time != media.size() / 2),
+      follows(time != media.size() / 2 && media[time].media().size() > 1),
       scaled_extinction(static_cast<float>(fields.scaled_extinction())),
       media_(media),
       own_(media[time]),
@@ -93,10 +94,12 @@ MarchScene::MarchScene(const std::vector<GuideMedia>& media, size_t time, const 
     const SharpLight* const light = fields.lights()[k]->sharp();
     if (!light) continue;
     MarchedLight& to = lights.emplace_back(MarchedLight{k, light});
+    to.visible = light->visible_at_nodes();
+    to.depth = light->depth_at_nodes();
     if (!light->sun()) continue;
     to.sun = &light->sun()->depth(time);
     to.irradiance = static_cast<float>(in_colour(light->sun()->irradiance(), colour));
-    to.varies = all.size() != 1 || light->shadowed();
+    to.varies = all.size() != 1;
   }
   const bool any_lamp = std::any_of(lights.begin(), lights.end(), [](const MarchedLight& l) { return !l.sun; });
   for (int i = 0; any_lamp && all.size() == 1 && i <= kTurns; ++i) {
@@ -105,7 +108,7 @@ MarchScene::MarchScene(const std::vector<GuideMedia>& media, size_t time, const 
   }
 }
 
-MarchedRay& MarchScene::aim(const Ray& ray, double t_max, double stride, double offset, const Lattice& nodes,
+MarchedRay& MarchScene::aim(const Ray& ray, double t_max, double stride, double offset, const Lattice& table,
                             GuideSums& sums, MarchBatch& batch) const {
   MarchedRay& to = batch.rays.emplace_back();
   const double step = steps.length;
@@ -129,7 +132,13 @@ MarchedRay& MarchScene::aim(const Ray& ray, double t_max, double stride, double 
     set_place(to.grid[i], local.at(to.start), step * local.d);
   }
   if (grids.empty()) to.line.emplace(own_, colour_).follow(ray);
-  set_place(to.nodes, nodes.to_lattice(ray.at(to.start)), step / nodes.spacing * ray.d);
+  // The only medium's light was solved where it was in the middle of the shutter, a line of it was a line there, too.
+  const GuideMedia& middle = media_[media_.size() / 2];
+  const bool alone = own_.media().size() == 1;
+  const dvec3 start = ray.at(to.start), end = ray.at(to.start + step);
+  const dvec3 lit_start = alone ? own_.moved(0, start, middle) : start,
+              lit_end = alone ? own_.moved(0, end, middle) : end;
+  set_place(to.nodes, table.to_lattice(lit_start), (lit_end - lit_start) / table.spacing);
   for (size_t k = 0; k < lights.size(); ++k) {
     if (!lights[k].sun) continue;
     const SunDepth::Line line = lights[k].sun->line(ray);
@@ -200,13 +209,9 @@ void MarchScene::turn_exactly(TurnedLight& light, double cosine, double g, doubl
   std::copy(peak.begin(), peak.end(), light.peak);
 }
 
-void MarchScene::turn(MarchedRay& ray, size_t k, float t, float g) const {
-  const SharpLight& light = *lights[k].light;
-  const dvec3 p = in_light(ray, t);
+void MarchScene::turn(MarchedRay& ray, size_t k, float t, float g, float depth) const {
   TurnedLight& to = ray.turned[k];
-  to.visible = light.visible(p);
-  if (const SunLight* const sun = light.sun()) {
-    if (own_.media().size() == 1) return;
+  if (const SunLight* const sun = lights[k].light->sun()) {
     // In steps, so that it seldom changes.
     constexpr double kSteps = 1024;
     const double rounded = std::round(static_cast<double>(g) * kSteps) / kSteps;
@@ -215,16 +220,15 @@ void MarchScene::turn(MarchedRay& ray, size_t k, float t, float g) const {
     set_phase(to, glm::dot(sun->towards(), ray.ray.d), rounded, 1);
     return;
   }
-  const ArrivingLight arriving = light.at(p);
+  ArrivingLight arriving = arriving_light(lights[k].light->light(), in_light(ray, t));
+  arriving.depth = depth;
   to.irradiance = static_cast<float>(in_colour(arriving.irradiance, colour_));
-  to.depth = static_cast<float>(arriving.depth);
   to.mean_depth = static_cast<float>(arriving.mean_depth());
   set_phase(to, glm::dot(arriving.towards, ray.ray.d), g, arriving.mean_cosine());
 }
 
 dvec3 MarchScene::in_light(const MarchedRay& ray, float t) const {
-  const dvec3 p = point(ray, t);
-  return follows ? own_.followed(p, media_[media_.size() / 2]) : p;
+  return own_.followed(point(ray, t), media_[media_.size() / 2]);
 }
 
 void MarchScene::add_tinted(MarchedRay& ray, const MarchedFields& known, const float* at, float w, float scaled,

@@ -46,16 +46,17 @@ struct MarchedGrid {
 struct MarchedLight {
   size_t group;
   const SharpLight* light;
-  const SunDepth* sun = nullptr;  ///< optical depths towards it that are looked up in vectors; null for a lamp
-  float irradiance = 0;           ///< of a sun
-  bool varies = true;             ///< along a ray, so that MarchScene::turn is asked at every segment
+  const SunDepth* sun = nullptr;   ///< optical depths towards it that are looked up in vectors; null for a lamp
+  float irradiance = 0;            ///< of a sun
+  bool varies = true;              ///< along a ray, so that MarchScene::turn is asked at every segment
+  const float* visible = nullptr;  ///< share that surfaces leave, at the fields' nodes; null: all of it
+  const float* depth = nullptr;    ///< of a lamp: optical depth towards it, at the same nodes
 };
 
 /// Light of a sun or lamp as it turns towards the eye.
 struct TurnedLight {
-  float irradiance = 0, visible = 1;
-  float depth = 0,
-        mean_depth = 0;           ///< of a lamp: towards its middle; of the mean transmittance of all directions to it
+  float irradiance = 0;
+  float mean_depth = 0;           ///< of a lamp: of the mean transmittance of all directions to it
   float phase[4] = {};            ///< with the mean cosine, a half, a quarter, an eighth of it
   float peak[8] = {};             ///< ForwardPeak::coefficients
   double g = 0;                   ///< that those of a sun were made for
@@ -117,15 +118,16 @@ class MarchScene {
              const MarchSteps& steps);
 
   const MarchSteps steps;
+  const Lattice& nodes;              ///< of what is known of lights
   std::vector<MarchedGrid> grids;    ///< of all media; empty: media are looked up point by point
   std::vector<MarchedLight> lights;  ///< suns and lamps with guides of their own
   bool emits, mixed_tints;
-  bool follows;             ///< light was solved where what scatters it stood at another time
+  bool follows;             ///< light was solved where each of several media stood at another time
   float scaled_extinction;  ///< share of the extinction without the forward peak
 
   /// A ray to march. @param t_max  where it ends
   /// @return it, in the batch
-  MarchedRay& aim(const Ray& ray, double t_max, double stride, double offset, const Lattice& nodes, GuideSums& sums,
+  MarchedRay& aim(const Ray& ray, double t_max, double stride, double offset, const Lattice& table, GuideSums& sums,
                   MarchBatch& batch) const;
 
   // What the march asks point by point, t steps from the start of a ray.
@@ -139,8 +141,9 @@ class MarchScene {
   /// Adds emission. @param straight  length of what emits times its transmittance
   /// @param scaled  the same without the forward peak   @param depth  optical depth before it
   void emit(const MarchedRay& ray, float t, float straight, float scaled, float depth) const;
-  /// Sets ray.turned of a light. @param g  mean cosine there
-  void turn(MarchedRay& ray, size_t light, float t, float g) const;
+  /// Sets ray.turned of a light. @param g  mean cosine there   @param depth  of a lamp: optical depth towards its
+  /// middle
+  void turn(MarchedRay& ray, size_t light, float t, float g, float depth) const;
   /// Where the light of what is there was solved: it may move. World space
   dvec3 in_light(const MarchedRay& ray, float t) const;
   /// Adds light that media of unlike tints scatter at one place.

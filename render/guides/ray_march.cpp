@@ -123,14 +123,12 @@ struct Segment {
 /// The light of a sun or lamp on its way to the eye, and what is seen of it.
 struct TurnedLanes {
   Line place;  // on a sun's lattice
-  Lane irradiance, visible, depth, mean_depth, phase[4], peak[8];
+  Lane irradiance, mean_depth, phase[4], peak[8];
   Lane single, forward, octave[3], soft[4];  // as GroupSums
   Lane last_single, last_forward;            // of the last segment
 
   void set(size_t lane, const TurnedLight& light) {
     irradiance[lane] = light.irradiance;
-    visible[lane] = light.visible;
-    depth[lane] = light.depth;
     mean_depth[lane] = light.mean_depth;
     for (size_t i = 0; i < 4; ++i) phase[i][lane] = light.phase[i];
     for (size_t i = 0; i < 8; ++i) peak[i][lane] = light.peak[i];
@@ -171,7 +169,11 @@ struct Cell {
 class RayMarch {
  public:
   RayMarch(const MarchScene& scene, const MarchedFields& fields, MarchBatch& batch)
-      : scene_(scene), fields_(fields), batch_(batch) {}
+      : scene_(scene),
+        fields_(fields),
+        batch_(batch),
+        to_lights_(static_cast<float>(fields.table.lattice.spacing / scene.nodes.spacing)),
+        lights_origin_((fields.table.lattice.origin - scene.nodes.origin) / scene.nodes.spacing) {}
 
   void run() {
     for (size_t lane = 0; lane < hn::Lanes(D()); ++lane) refill(lane);
@@ -250,12 +252,17 @@ class RayMarch {
   void add_light(M mask);
   HWY_INLINE void add_turned_light(size_t k, M mask);
   HWY_INLINE V sun_depth(const SunDepth& sun, const V3& place, M mask) const;
+  HWY_INLINE V3 place_at_nodes(M mask, V t) const;
+  HWY_INLINE V at_nodes(const float* values, const Cell& cell, M mask) const;
   void add_fields(M mask);
   void end_parts(M ended, M opaque);
 
   const MarchScene& scene_;
   const MarchedFields& fields_;
   MarchBatch& batch_;
+  // From places on the lattice of the fields to those on the one of what is known of lights.
+  const float to_lights_;
+  const vec3 lights_origin_;
   size_t next_ = 0;
   uint32_t busy_ = 0;
   MarchedRay* ray_[hn::MaxLanes(D())] = {};
@@ -501,15 +508,7 @@ void RayMarch::add_fields(M mask) {
   const NodeTable& table = fields_.table;
   const ivec3& n = table.lattice.n;
   const V inverse = 1.0f / hn::Max(wide_.thickness.load(), set(1e-37f)), distance = wide_.distance.load() * inverse;
-  V3 p = nodes_.at(distance);
-  if (scene_.follows) {
-    Lanes3 moved;
-    for_each_lane(mask, distance, [&](size_t lane, MarchedRay& ray, float t) {
-      moved.set(lane, vec3(table.lattice.to_lattice(scene_.in_light(ray, t))));
-    });
-    p = moved.load();
-  }
-  const Cell cell(p, n);
+  const Cell cell(place_at_nodes(mask, distance), n);
   HWY_ALIGN int32_t first[hn::MaxLanes(DI())];
   hn::Store((cell.node[0] * n.y + cell.node[1]) * n.z + cell.node[2], DI(), first);
   Lane weight[8], albedo;
@@ -560,6 +559,26 @@ void RayMarch::add_fields(M mask) {
   wide_.clear(mask);
 }
 
+/// On the fields' lattice, where the light was solved.
+HWY_INLINE V3 RayMarch::place_at_nodes(M mask, V t) const {
+  if (!scene_.follows) return nodes_.at(t);
+  Lanes3 moved;
+  for_each_lane(mask, t, [&](size_t lane, MarchedRay& ray, float at) {
+    moved.set(lane, vec3(fields_.table.lattice.to_lattice(scene_.in_light(ray, at))));
+  });
+  return moved.load();
+}
+
+/// Of one of NodeValues.
+HWY_INLINE V RayMarch::at_nodes(const float* values, const Cell& cell, M mask) const {
+  const Lattice& nodes = scene_.nodes;
+  const int row = nodes.row(), plane = row * nodes.n.y;
+  const VI index =
+      hn::IfThenElseZero(hn::RebindMask(DI(), mask), cell.node[0] * plane + cell.node[1] * row + cell.node[2]);
+  const auto along = [&](int offset) { return between_entries(values + offset, index, cell.f[2]); };
+  return lerp(lerp(along(0), along(row), cell.f[1]), lerp(along(plane), along(plane + row), cell.f[1]), cell.f[0]);
+}
+
 HWY_INLINE V RayMarch::sun_depth(const SunDepth& sun, const V3& place, M mask) const {
   const ivec3& n = sun.nodes();
   const Cell cell(place, n);
@@ -580,21 +599,29 @@ HWY_INLINE void RayMarch::add_turned_light(size_t k, M mask) {
   TurnedLanes& light = light_[k];
   const V inverse = 1.0f / hn::Max(segment_.thickness.load(), set(1e-37f));
   const V distance = segment_.distance.load() * inverse, before = segment_.depth.load() * inverse;
+  V visible = set(1.0f), depth = hn::Zero(D());
+  if (known.visible || known.depth) {
+    const V3 place = place_at_nodes(mask, distance) * to_lights_ +
+                     V3{set(lights_origin_.x), set(lights_origin_.y), set(lights_origin_.z)};
+    const Cell cell(place, scene_.nodes.n);
+    if (known.visible) visible = at_nodes(known.visible, cell, mask);
+    if (known.depth) depth = at_nodes(known.depth, cell, mask);
+  }
   if (known.varies) {
-    Lane g;
+    Lane g, towards_middle;
     g.store(segment_.g.load() * inverse);
+    towards_middle.store(depth);
     for_each_lane(mask, distance, [&](size_t lane, MarchedRay& ray, float t) {
-      scene_.turn(ray, k, t, g[lane]);
+      scene_.turn(ray, k, t, g[lane], towards_middle[lane]);
       light.set(lane, ray.turned[k]);
     });
   }
   // Optical depths towards its middle, and of all directions to it.
-  const V tau = known.sun ? sun_depth(*known.sun, light.place.at(distance), mask) : light.depth.load();
+  const V tau = known.sun ? sun_depth(*known.sun, light.place.at(distance), mask) : depth;
   const V mean_tau = known.sun ? tau : light.mean_depth.load();
   const V v16 = exponential(tau * (-1.0f / 16)), v8 = v16 * v16, v4 = v8 * v8, v2 = v4 * v4;
   const V arriving = known.sun ? v2 * v2 : exponential(-mean_tau);
-  const V irradiance =
-      hn::IfThenElseZero(mask, light.irradiance.load() * (segment_.albedo.load() * inverse) * light.visible.load());
+  const V irradiance = hn::IfThenElseZero(mask, light.irradiance.load() * (segment_.albedo.load() * inverse) * visible);
   const V lit = segment_.w.load() * irradiance;
   // ForwardPeak::repeated times what arrives: exponentials that would overflow are multiplied first.
   const V peak = hn::Min((1 - scene_.scaled_extinction) * (tau + before), set(kDeepestPeak));

@@ -362,14 +362,23 @@ Emission ScatteringSolver::emission_from(const ScatteringSolver& fine, const Sou
   return emission;
 }
 
-double ScatteringSolver::total(const Source& light) const {
+template <class Value>
+double ScatteringSolver::sum_over_media(const Value& value) const {
   std::vector<double> sums(static_cast<size_t>(lattice_.n.x), 0.0);
   each_node([&](int x, int, int, size_t i) {
-    if (extinction_[i] > 0) sums[static_cast<size_t>(x)] += light[0][i];
+    if (extinction_[i] > 0) sums[static_cast<size_t>(x)] += value(i);
   });
   double sum = 0;
   for (const double s : sums) sum += s;
   return sum;
+}
+
+double ScatteringSolver::total(const Source& light) const {
+  return sum_over_media([&](size_t i) { return static_cast<double>(light[0][i]); });
+}
+
+double ScatteringSolver::product(const NodeValues& a, const NodeValues& b) const {
+  return sum_over_media([&](size_t i) { return static_cast<double>(a[i]) * static_cast<double>(b[i]); });
 }
 
 }  // namespace brume

@@ -109,6 +109,8 @@ class ScatteringSolver {
   }
   /// Of the mean radiance, over the nodes with extinction in them.
   double total(const Source& light) const;
+  /// Of two fields, over the same nodes.
+  double product(const NodeValues& a, const NodeValues& b) const;
 
   /// Calls visit(x, y, z, index) for the inner nodes, on the task's threads.
   template <class Visit>
@@ -135,6 +137,8 @@ class ScatteringSolver {
   /// @param sample  called as sample(x, y, row) to set the nodes of a row that are not its border
   template <class Sample>
   void fill(const Sample& sample);
+  template <class Value>
+  double sum_over_media(const Value& value) const;
   void find_rows();
   void to_y_major(const NodeValues& z_major, NodeValues& y_major, bool everywhere) const;
   /// Directions with the same largest component and its sign: they are swept together.

@@ -62,9 +62,10 @@ class SharpLight : public GuideLight {
   virtual const SunLight* sun() const { return nullptr; }
   /// What arrives at a point of the media or of a surface.
   virtual ArrivingLight at(const dvec3& p) const = 0;
-  /// Share of it that surfaces leave in the media.
-  float visible(const dvec3& p) const { return visible_.empty() ? 1 : interpolated(lattice_, visible_, p); }
-  bool shadowed() const { return !visible_.empty(); }
+  /// Share of it that surfaces leave at the fine lattice's nodes; null: all of it.
+  const float* visible_at_nodes() const { return visible_.empty() ? nullptr : visible_.data(); }
+  /// Optical depth towards a lamp at the same nodes; null for a sun.
+  virtual const float* depth_at_nodes() const { return nullptr; }
   const KnownLight& light() const { return light_; }
 
  protected:
@@ -98,6 +99,7 @@ class LampLight final : public SharpLight {
   Lit onto(const LitSurfaces& surfaces, const SurfaceLight::Around& around, const dvec3& p,
            const dvec3& normal) const override;
   ArrivingLight at(const dvec3& p) const override;
+  const float* depth_at_nodes() const override { return depth_.data(); }
   size_t bytes() const override { return (depth_.size() + visible_.size()) * sizeof(float); }
 
  private:

@@ -5,7 +5,7 @@
 #include <limits>
 
 #include "base/parallel_for.h"
-#include "render/guides/media_line.h"
+#include "render/guides/lane_media.h"
 
 namespace brume {
 
@@ -42,34 +42,25 @@ SunDepth::SunDepth(const GuideMedia& media, GuideColour colour, const dvec3& tow
   const bool upwards = towards[axis_] > 0;
   const double length = spacing / std::abs(towards[axis_]);  // between nodes of a column [world units]
   const int inner = std::max(1, static_cast<int>(std::lround(length / media.voxel())));
+  // The columns' nodes farthest from the light, and the next ones towards it.
+  const int first = upwards ? 0 : n_.x - 1, step = upwards ? 1 : -1;
+  const LaneMedia lanes(media, colour);
+  constexpr int kMost = LaneMedia::Lines::kMost;
   parallel_for(n_.y, quiet(task), [&](int u) {
-    std::vector<std::pair<double, double>> parts;
-    MediaLine line(media, colour);
-    for (int v = 0; v < n_.z; ++v) {
-      uint16_t* const column = roots_.data() + (static_cast<size_t>(u) * n_.z + v) * n_.x;
-      // The column's node farthest from the light, and the ray from there towards it.
-      const int first = upwards ? 0 : n_.x - 1, step = upwards ? 1 : -1;
-      dvec3 start = origin_;
+    std::vector<float> depths(static_cast<size_t>(n_.x) * kMost);
+    for (int v = 0; v < n_.z; v += kMost) {
+      dvec3 start = origin_, across(0);
       const double along = first * spacing;
       start[axis_] += along;
       start[u_] += u * spacing + along * slope_u_;
       start[v_] += v * spacing + along * slope_v_;
-      const Ray ray{start, towards};
-      media.intervals(ray, (n_.x - 1) * length, parts);
-      if (parts.empty()) continue;
-      line.follow(ray);
-      // Node by node from the light on.
-      double depth = 0;
-      size_t part = parts.size();
-      for (int k = n_.x - 2; k >= 0; --k) {
-        const double t0 = k * length, t1 = t0 + length;
-        while (part > 0 && parts[part - 1].first >= t1) --part;
-        if (part > 0 && parts[part - 1].second > t0) {
-          double sum = 0;
-          for (int i = 0; i < inner; ++i) sum += line.at(t0 + (i + 0.5) / inner * length).sigma_t;
-          depth += sum * length / inner;
-        }
-        if (depth > 0) column[first + step * k] = root_of(depth);
+      across[v_] = spacing;
+      lanes.depths({start, across, towards, length, n_.x, inner}, depths.data());
+      for (int lane = 0; lane < std::min(kMost, n_.z - v); ++lane) {
+        uint16_t* const column = roots_.data() + (static_cast<size_t>(u) * n_.z + v + lane) * n_.x;
+        for (int k = 0; k < n_.x; ++k)
+          if (const float depth = depths[static_cast<size_t>(k * kMost + lane)]; depth > 0)
+            column[first + step * k] = root_of(depth);
       }
     }
   });

@@ -54,8 +54,8 @@ class SunDepth {
     const float r = kRootStep * static_cast<float>(root);
     return r * r;
   }
-  static uint16_t root_of(double depth) {
-    return static_cast<uint16_t>(std::sqrt(std::min(static_cast<float>(depth), kLargest)) / kRootStep + 0.5f);
+  static uint16_t root_of(float depth) {
+    return static_cast<uint16_t>(std::sqrt(std::min(depth, kLargest)) / kRootStep + 0.5f);
   }
   ivec3 n_{0};                                        // along, u, v
   std::vector<uint16_t, LazyZeros<uint16_t>> roots_;  // v fastest but for the column, which is contiguous

@@ -20,19 +20,6 @@ namespace brume::HWY_NAMESPACE {
 
 #include "render/transport/vector_math.h"
 
-/// Four neighbours in the plane that the light comes from, by their distance from the node in floats, and their
-/// weights.
-struct Upwind {
-  std::ptrdiff_t offset[4];
-  V weight[4];
-  HWY_INLINE V operator()(const float* node) const {
-    const D d;
-    V sum = weight[0] * hn::LoadU(d, node + offset[0]);
-    for (int i = 1; i < 4; ++i) sum = sum + weight[i] * hn::LoadU(d, node + offset[i]);
-    return sum;
-  }
-};
-
 /// Where the ray through a node comes from in the plane before: a corner of a square, and how far from it.
 struct Footpoint {
   std::ptrdiff_t corner_across, corner_row;
@@ -46,11 +33,20 @@ struct Footpoint {
     std::tie(corner_across, across) = split(direction[axis_across]);
     std::tie(corner_row, row) = split(direction[2]);
   }
-  /// @param back  from a node to the one straight before it   @param next  from there to its neighbour across
-  Upwind upwind(std::ptrdiff_t back, std::ptrdiff_t next) const {
-    const std::ptrdiff_t first = back + corner_across * next + corner_row;
-    return {{first, first + 1, first + next, first + next + 1},
-            {set((1 - across) * (1 - row)), set((1 - across) * row), set(across * (1 - row)), set(across * row)}};
+  std::ptrdiff_t offset(std::ptrdiff_t next_across) const { return corner_across * next_across + corner_row; }
+};
+
+/// A value at the footpoint of a node: between four neighbours in the plane that the light comes from.
+struct Upwind {
+  float weight[4];
+  explicit Upwind(const Footpoint& foot)
+      : weight{(1 - foot.across) * (1 - foot.row), (1 - foot.across) * foot.row, foot.across * (1 - foot.row),
+               foot.across * foot.row} {}
+  /// @param first  of the four   @param next  to its neighbour across
+  HWY_INLINE V operator()(const float* first, std::ptrdiff_t next) const {
+    const D d;
+    return weight[0] * hn::LoadU(d, first) + weight[1] * hn::LoadU(d, first + 1) +
+           weight[2] * hn::LoadU(d, first + next) + weight[3] * hn::LoadU(d, first + next + 1);
   }
 };
 
@@ -67,10 +63,15 @@ struct TwoPlanes {
 /// A beam on its way, and what it passes from one plane to the next.
 struct Beam {
   Footpoint foot;
+  Upwind upwind;
   float length;  // of its way between two planes
   TwoPlanes light, gained;
+  // In the row that is swept: footpoints' first neighbours, and the row itself.
+  const float *extinction_before = nullptr, *light_before = nullptr, *gained_before = nullptr;
+  float *light_row = nullptr, *gained_row = nullptr;
   Beam(const SweepBeam& b, size_t axis_along, size_t plane_size)
       : foot(b.direction, 1 - axis_along, std::abs(b.direction[axis_along])),
+        upwind(foot),
         length(static_cast<float>(1 / std::abs(b.direction[axis_along]))),
         light(plane_size, b.incoming),
         gained(plane_size, 0.0f) {}
@@ -85,8 +86,7 @@ class Sweep {
         beams_(beams),
         moments_(moments),
         along_(std::abs(beams[0].direction[0]) >= std::abs(beams[0].direction[1]) ? 0 : 1),
-        sign_(beams[0].direction[along_] > 0 ? 1 : -1),
-        sums_(4 * static_cast<size_t>(domain.row)) {
+        sign_(beams[0].direction[along_] > 0 ? 1 : -1) {
     const size_t plane = static_cast<size_t>(domain.n[1 - along_]) * domain.row;
     border_.assign(plane + 2 * Lattice::kVector, 0.0f);
     state_.reserve(beams.size());
@@ -115,57 +115,73 @@ class Sweep {
         of[along_ == 0 ? static_cast<size_t>(p) * domain_.n[1] + r : static_cast<size_t>(r) * domain_.n[1] + p];
     return part.begin < part.end ? part : SweepRow{};
   }
-  float* sums(size_t moment) { return sums_.data() + moment * static_cast<size_t>(domain_.row); }
 
   void sweep_row(int p, int r, bool at_border) {
-    const std::ptrdiff_t row = p * stride(along_) + r * stride(1 - along_);
+    const std::ptrdiff_t row = p * stride(along_) + r * stride(1 - along_), in_plane = r * stride(1);
     const SweepRow part = part_of(domain_.rows, p, r), kept = part_of(domain_.kept, p, r);
-    std::fill(sums_.begin(), sums_.end(), 0.0f);
-    for (size_t k = 0; k < beams_.size(); ++k) sweep_beam(beams_[k], state_[k], row, r, at_border, part, kept);
-    if (!moments_[0]) return;
-    for (size_t i = 0; i < 4; ++i) std::copy(sums(i) + kept.begin, sums(i) + kept.end, moments_[i] + row + kept.begin);
+    const std::ptrdiff_t next = at_border ? domain_.row : stride(1 - along_);
+    const float* const behind =
+        at_border ? border_.data() + Lattice::kVector + in_plane : media_.extinction + row - sign_ * stride(along_);
+    for (size_t k = 0; k < state_.size(); ++k) {
+      Beam& beam = state_[k];
+      beam.light_row = beam.light.now + in_plane;
+      beam.gained_row = beam.gained.now + in_plane;
+      beam.extinction_before = behind + beam.foot.offset(next);
+      beam.light_before = beam.light.before + in_plane + beam.foot.offset(domain_.row);
+      beam.gained_before = beam.gained.before + in_plane + beam.foot.offset(domain_.row);
+      const auto clear = [&](int from, int to) {
+        std::fill(beam.light_row + from, beam.light_row + to, beams_[k].incoming);
+        std::fill(beam.gained_row + from, beam.gained_row + to, 0.0f);
+      };
+      clear(0, part.begin);
+      clear(part.end, domain_.row);
+    }
+    if (media_.sources == 4)
+      sweep_part<4>(row, part, kept, next);
+    else if (media_.sources == 1)
+      sweep_part<1>(row, part, kept, next);
+    else
+      sweep_part<0>(row, part, kept, next);
+    for (size_t k = 0; k < state_.size(); ++k) {
+      // The border, in whose last vector the row ends.
+      float* const light_row = state_[k].light_row;
+      light_row[0] = beams_[k].incoming;
+      std::fill(light_row + domain_.n[2] - 1, light_row + domain_.row, beams_[k].incoming);
+      if (beams_[k].radiance)
+        std::copy(light_row + kept.begin, light_row + kept.end, beams_[k].radiance + row + kept.begin);
+    }
   }
 
-  void sweep_beam(const SweepBeam& b, Beam& beam, std::ptrdiff_t row, int r, bool at_border, const SweepRow& part,
-                  const SweepRow& kept) {
+  /// All beams through a vector of nodes after another.
+  template <size_t kSources>
+  void sweep_part(std::ptrdiff_t row, const SweepRow& part, const SweepRow& kept, std::ptrdiff_t next) {
     const D d;
-    const std::ptrdiff_t in_plane = r * stride(1);
-    const Upwind extinction =
-        at_border ? beam.foot.upwind(0, domain_.row) : beam.foot.upwind(-sign_ * stride(along_), stride(1 - along_));
-    const float* const behind = at_border ? border_.data() + Lattice::kVector + in_plane : media_.extinction + row;
-    const Upwind light_before = beam.foot.upwind(beam.light.before - beam.light.now, domain_.row);
-    const Upwind gained_before = beam.foot.upwind(beam.gained.before - beam.gained.now, domain_.row);
-    const V length = set(beam.length), half_length = set(0.5f * beam.length);
-    float *const light_row = beam.light.now + in_plane, *const gained_row = beam.gained.now + in_plane;
-    const auto clear = [&](int from, int to) {
-      std::fill(light_row + from, light_row + to, b.incoming);
-      std::fill(gained_row + from, gained_row + to, 0.0f);
-    };
-    clear(0, part.begin);
-    clear(part.end, domain_.row);
     for (int z = part.begin; z < part.end; z += static_cast<int>(hn::Lanes(d))) {
-      const V tau = half_length * (extinction(behind + z) + hn::LoadU(d, media_.extinction + row + z));
-      // exp(-tau) = 1 / (1 + tau m), by the exponential's series; (1 - exp(-tau)) / tau is m / (1 + tau m).
-      const V m = 1.0f + tau * (0.5f + tau * (1.0f / 6 + tau * (1.0f / 24)));
-      const V transmitted = 1.0f / (1.0f + tau * m);
-      V light = light_before(light_row + z) * transmitted;
-      if (media_.sources > 0) {
-        V gain = b.factor[0] * hn::LoadU(d, media_.source[0] + row + z);
-        for (size_t i = 1; i < media_.sources; ++i)
-          gain = gain + b.factor[i] * hn::LoadU(d, media_.source[i] + row + z);
-        gain = hn::Max(gain, hn::Zero(d));
-        hn::StoreU(gain, d, gained_row + z);
-        const V mean = 0.5f * (gained_before(gained_row + z) + gain);
-        light = light + length * mean * (m * transmitted);
+      const V extinction = hn::LoadU(d, media_.extinction + row + z);
+      V source[4], sum[4] = {hn::Zero(d), hn::Zero(d), hn::Zero(d), hn::Zero(d)};
+      for (size_t i = 0; i < kSources; ++i) source[i] = hn::LoadU(d, media_.source[i] + row + z);
+      for (size_t k = 0; k < state_.size(); ++k) {
+        const SweepBeam& b = beams_[k];
+        const Beam& beam = state_[k];
+        const V tau = 0.5f * beam.length * (beam.upwind(beam.extinction_before + z, next) + extinction);
+        // exp(-tau) = 1 / (1 + tau m), by the exponential's series; (1 - exp(-tau)) / tau is m / (1 + tau m).
+        const V m = 1.0f + tau * (0.5f + tau * (1.0f / 6 + tau * (1.0f / 24)));
+        const V transmitted = 1.0f / (1.0f + tau * m);
+        V light = beam.upwind(beam.light_before + z, domain_.row) * transmitted;
+        if constexpr (kSources > 0) {
+          V gain = b.factor[0] * source[0];
+          for (size_t i = 1; i < kSources; ++i) gain = gain + b.factor[i] * source[i];
+          gain = hn::Max(gain, hn::Zero(d));
+          hn::StoreU(gain, d, beam.gained_row + z);
+          const V mean = 0.5f * (beam.upwind(beam.gained_before + z, domain_.row) + gain);
+          light = light + beam.length * mean * (m * transmitted);
+        }
+        hn::StoreU(light, d, beam.light_row + z);
+        for (size_t i = 0; i < 4; ++i) sum[i] = sum[i] + b.factor[i] * light;
       }
-      hn::StoreU(light, d, light_row + z);
-      if (moments_[0])
-        for (size_t i = 0; i < 4; ++i) hn::StoreU(hn::LoadU(d, sums(i) + z) + b.factor[i] * light, d, sums(i) + z);
+      if (moments_[0] && z >= kept.begin && z < kept.end)
+        for (size_t i = 0; i < 4; ++i) hn::StoreU(sum[i], d, moments_[i] + row + z);
     }
-    // The border, in whose last vector the row ends.
-    light_row[0] = b.incoming;
-    std::fill(light_row + domain_.n[2] - 1, light_row + domain_.row, b.incoming);
-    if (b.radiance) std::copy(light_row + kept.begin, light_row + kept.end, b.radiance + row + kept.begin);
   }
 
   const SweepDomain& domain_;
@@ -175,7 +191,6 @@ class Sweep {
   const size_t along_;  // the axis that planes follow one another on
   const int sign_;
   std::vector<Beam> state_;
-  std::vector<float> sums_;  // of a row's moments
   // What lies behind the first plane: no extinction, with room before its first node.
   std::vector<float> border_;
 };

@@ -1,0 +1,154 @@
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "render/guides/lane_media.cpp"
+#include "render/guides/lane_media.h"
+
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <cstring>
+#include <numbers>
+
+HWY_BEFORE_NAMESPACE();
+namespace brume::HWY_NAMESPACE {
+
+#include "render/transport/cell_walk.h"
+
+HWY_INLINE V3 set3(const dvec3& v) {
+  return {set(static_cast<float>(v.x)), set(static_cast<float>(v.y)), set(static_cast<float>(v.z))};
+}
+
+/// As density_at(), but that nothing is looked up where no lane meets a brick.
+HWY_INLINE V density_of_grid(const LaneCells& grid, const V3& p) {
+  const D d;
+  const DI di;
+  const V3 cell = floor(p * grid.inverse_cell);
+  const auto within = [](V c, float n) { return hn::And(c >= 0.0f, c < n); };
+  const M inside = hn::And(within(cell.x, grid.nx), hn::And(within(cell.y, grid.ny), within(cell.z, grid.nz)));
+  if (hn::AllFalse(d, inside)) return hn::Zero(d);
+  const V row = cell.x * grid.ny + cell.y;
+  const VI index =
+      hn::IfThenElseZero(hn::RebindMask(di, inside), hn::ConvertTo(di, row) * grid.nz_int + hn::ConvertTo(di, cell.z));
+  const VI brick = hn::GatherIndex(di, grid.brick, index);
+  const M found = hn::And(inside, hn::RebindMask(d, brick > -1));
+  if (hn::AllFalse(d, found)) return hn::Zero(d);
+  const V3 q = select(found, p - cell * grid.cell, zero3());
+  return hn::IfThenElseZero(found, interpolated(grid, hn::Max(brick, hn::Zero(di)), q));
+}
+
+HWY_INLINE V density_of_shape(const HomogeneousShape& shape, const V3& p) {
+  const dvec3 half = 0.5 * (shape.hi - shape.lo);
+  const V3 q = (p - set3(0.5 * (shape.lo + shape.hi))) * set3(1.0 / half);
+  const bool sphere = shape.shape == HomogeneousShape::Shape::kSphere;
+  const V from_middle = sphere ? dot(q, q) : max_component(max(q, zero3() - q));
+  return hn::IfThenElseZero(from_middle <= 1.0f, set(1.0f));
+}
+
+/// A line of each lane in a medium's coordinates.
+struct LocalLines {
+  dvec3 start, across, step;
+  HWY_INLINE V3 at(V lane, int k) const { return set3(start + static_cast<double>(k) * step) + set3(across) * lane; }
+};
+
+V Density(const LaneMedia::Part& part, const LocalLines& lines, int k, V lane) {
+  if (part.grid) return density_of_grid(part.cells, lines.at(lane, k));
+  if (part.medium->homogeneous()) return density_of_shape(*part.medium->homogeneous(), lines.at(lane, k));
+  HWY_ALIGN Lanes number, density;
+  hn::Store(lane, D(), number);
+  for (size_t i = 0; i < hn::Lanes(D()); ++i)
+    density[i] = static_cast<float>(part.medium->density(lines.start + static_cast<double>(k) * lines.step +
+                                                         static_cast<double>(number[i]) * lines.across));
+  return hn::Load(D(), density);
+}
+
+void SumDepths(const std::vector<LaneMedia::Part>& parts, const LaneMedia::Lines& lines, float* depths) {
+  const D d;
+  constexpr int kMost = LaneMedia::Lines::kMost;
+  std::vector<LocalLines> local;
+  const double step = lines.length / lines.inner;
+  for (const LaneMedia::Part& part : parts) {
+    const Ray ray = part.medium->to_local(Ray{lines.start + 0.5 * step * lines.along, lines.along});
+    local.push_back({ray.o, part.medium->to_local(Ray{lines.start, lines.across}).d, step * ray.d});
+  }
+  for (int first = 0; first < kMost; first += static_cast<int>(hn::Lanes(d))) {
+    const V lane = hn::Iota(d, static_cast<float>(first));
+    V depth = hn::Zero(d);
+    hn::StoreU(depth, d, depths + (lines.nodes - 1) * kMost + first);
+    for (int node = lines.nodes - 2; node >= 0; --node) {
+      V sum = hn::Zero(d);
+      for (size_t m = 0; m < parts.size(); ++m)
+        for (int i = 0; i < lines.inner; ++i)
+          sum = sum +
+                Density(parts[m], local[m], node * lines.inner + i, lane) * static_cast<float>(parts[m].sigma_t * step);
+      depth = depth + hn::Max(sum, hn::Zero(d));
+      hn::StoreU(depth, d, depths + node * kMost + first);
+    }
+  }
+}
+
+void SampleDisplaced(const LaneScene& scene, float frame, const dvec3& first, double spacing, int across,
+                     float* values) {
+  const D d;
+  const size_t count = static_cast<size_t>(across) * across * across;
+  HWY_ALIGN Lanes x, y, z, found;
+  for (size_t i = 0; i < count; i += hn::Lanes(d)) {
+    const size_t many = std::min(hn::Lanes(d), count - i);
+    for (size_t lane = 0; lane < hn::Lanes(d); ++lane) {
+      const auto k = static_cast<int>(std::min(i + lane, count - 1));
+      x[lane] = static_cast<float>(first.x + spacing * (k / (across * across)));
+      y[lane] = static_cast<float>(first.y + spacing * (k / across % across));
+      z[lane] = static_cast<float>(first.z + spacing * (k % across));
+    }
+    const V3 p{hn::Load(d, x), hn::Load(d, y), hn::Load(d, z)};
+    hn::Store(displaced_density(scene, p + set3(scene.origin_shift), set(frame)), d, found);
+    std::copy_n(found, many, values + i);
+  }
+}
+
+}  // namespace brume::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace brume {
+
+HWY_EXPORT(SumDepths);
+HWY_EXPORT(SampleDisplaced);
+
+LaneMedia::LaneMedia(const GuideMedia& media, GuideColour colour) {
+  for (size_t i = 0; i < media.media().size(); ++i) {
+    const Medium& m = media.media()[i];
+    Part& part = parts_.emplace_back(Part{&m, media.constants(i).per_density[static_cast<size_t>(colour + 1)], {}});
+    part.grid = !m.homogeneous() && !m.displacement() && !m.bricks().empty() && LaneGrid::fits(m.bricks());
+    if (part.grid) part.stored = LaneGrid::of_values(m.bricks());
+  }
+  for (Part& part : parts_) set_cells(part.cells, part.stored);
+}
+
+void LaneMedia::depths(const Lines& lines, float* depths) const {
+  HWY_DYNAMIC_DISPATCH(SumDepths)(parts_, lines, depths);
+}
+
+bool DisplacedSamples::fits(const Medium& medium) {
+  return LaneGrid::fits(medium.bricks()) && LaneGrid::fits(medium.displacement()->envelope);
+}
+
+DisplacedSamples::DisplacedSamples(const Medium& medium, double time) {
+  const Displacement& displacement = *medium.displacement();
+  grids_.density = LaneGrid::of_values(medium.bricks());
+  set_cells(scene_.density, grids_.density);
+  for (size_t a = 0; a < 3; ++a) {
+    grids_.displacement[a] = LaneGrid::of_values(displacement.field.parts[a]);
+    set_cells(scene_.displacement[a], grids_.displacement[a]);
+    scene_.origin_shift[a] = static_cast<float>(displacement.origin_shift[static_cast<int>(a)]);
+  }
+  frame_ = static_cast<float>(displacement.open + (displacement.close - displacement.open) * time);
+}
+
+void DisplacedSamples::sample(const dvec3& first, double spacing, int across, float* values) const {
+  HWY_DYNAMIC_DISPATCH(SampleDisplaced)(scene_, frame_, first, spacing, across, values);
+}
+
+}  // namespace brume
+#endif
