@@ -83,7 +83,7 @@ std::vector<StoredPair> cascade(RegressionInputs& inputs, const CascadeSettings&
   if (const Rgb& expected = inputs[0].known.expected; !expected[0].empty())
     fits.candidates.emplace_back(HalfPair{expected, expected}, task);
   fits.refine({Fit::kPredicted, {0, kGlobalRidge, 0}, inputs[0].known[Fit::kPredicted].size()});
-  fits.refine_aside({{Fit::kShape, window(1)}, {Fit::kShape, window(0.5)}, {Fit::kShape, window(0.25)}});
+  fits.refine_aside({{Fit::kShape, window(1)}, {Fit::kShape, window(0.25)}});
   task.report(0.35);
   for (const double ridge : kRidgesOfFrame) fits.refine({Fit::kAll, {0, kGlobalRidge, ridge}});
   weigh_by_fits(inputs, settings.power, data, task);

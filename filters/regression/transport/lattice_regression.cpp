@@ -1,11 +1,11 @@
 #include "filters/regression/transport/lattice_regression.h"
 
-#include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
 
 #include "base/parallel_for.h"
 #include "filters/kernels/moments.h"
+#include "filters/kernels/regression.h"
 #include "filters/regression/transport/block_lattice.h"
 
 namespace brume {
@@ -119,61 +119,60 @@ void add_blocks(const LatticePixels& p, const Shape& s, int row, float* nodes) {
   }
 }
 
-/// Solves the normal equations of one node.
+/// Solves the normal equations of nodes, several at a time.
 class Solver {
  public:
   Solver(const Shape& shape, size_t free, const LatticeWindow& window)
-      : s_(shape), free_(free), window_(window), a_(s_.columns, s_.columns), b_(s_.columns, s_.targets) {}
+      : s_(shape),
+        free_(free),
+        window_(window),
+        a_(kernels::kTogether * s_.columns * (s_.columns + 1) / 2),
+        b_(kernels::kTogether * s_.columns * s_.targets),
+        variance_(kernels::kTogether * s_.columns) {}
 
-  /// @param sums  products and counts    @param out  coefficients, then the node's weight; zeroed before
+  /// @param sums  products and counts of `nodes` nodes    @param out  coefficients, then the node's weight; zeroed
+  /// before
   template <class Number>
-  void solve(const Number* sums, float* out) {
-    const size_t n = s_.columns, m = s_.targets;
-    const double weight = static_cast<double>(sums[s_.products]), squares = static_cast<double>(sums[s_.products + 1]);
-    if (!(weight > 0)) return;
-    const double pixels = weight * weight / std::max(squares, 1e-30);
-    for (size_t i = 0; i < n; ++i) {
-      const auto mean = [&](size_t j) {
-        return static_cast<double>(sums[kernels::product_index(i, j, s_.stride)]) / weight;
-      };
-      for (size_t j = i; j < n; ++j) a_(i, j) = mean(j);
-      for (size_t t = 0; t < m; ++t) b_(i, t) = mean(n + t);
-    }
-    const Eigen::VectorXd variance = a_.diagonal();
-    const double ridge = window_.ridge + window_.ridge_per_pixel / pixels;
-    // Elimination without square roots, A = U^T D U. The free columns go first, so that what is left of the diagonal
-    // is the others' variance given them; a column that those before explain to rounding drops out.
-    for (size_t i = 0; i < n; ++i) {
-      const auto explained = [&](size_t k) { return !(a_(k, k) > kDependent * variance[k]); };
-      for (size_t k = i; i == free_ && k < n; ++k) a_(k, k) = explained(k) ? 0 : a_(k, k) + ridge * a_(k, k);
-      auto row = a_.row(i).tail(n - i - 1);
-      if (explained(i)) {
-        row.setZero();
-        b_.row(i).setZero();
-        continue;
+  void solve(const Number* sums, size_t nodes, float* out) {
+    size_t chosen[kernels::kTogether], count = 0;
+    for (size_t i = 0; i < nodes; ++i) {
+      if (sums[i * s_.node + s_.products] > 0) chosen[count++] = i;
+      if (count < kernels::kTogether && (i + 1 < nodes || count == 0)) continue;
+      double ridge[kernels::kTogether] = {};
+      for (size_t x = 0; x < kernels::kTogether; ++x) ridge[x] = load(sums + chosen[x < count ? x : 0] * s_.node, x);
+      kernels::solve_together(a_.data(), b_.data(), variance_.data(), s_.columns, s_.targets, free_, ridge, kDependent);
+      for (size_t x = 0; x < count; ++x) {
+        float* const to = out + chosen[x] * s_.coefficients;
+        for (size_t k = 0; k < s_.columns; ++k)
+          for (size_t t = 0; t < s_.targets; ++t)
+            to[t * s_.used + k] = static_cast<float>(b_[(k * s_.targets + t) * kernels::kTogether + x]);
+        to[s_.weight()] = static_cast<float>(sums[chosen[x] * s_.node + s_.products]);
       }
-      const double inverse = 1.0 / a_(i, i);
-      for (size_t j = i + 1; j < n; ++j) {
-        const double l = a_(i, j) * inverse;
-        if (l == 0) continue;
-        a_.row(j).tail(n - j) -= l * a_.row(i).tail(n - j);
-        b_.row(j) -= l * b_.row(i);
-      }
-      row *= inverse;
-      b_.row(i) *= inverse;
+      count = 0;
     }
-    for (size_t i = n; i-- > 0;) {
-      for (size_t j = i + 1; j < n; ++j) b_.row(i) -= a_(i, j) * b_.row(j);
-      for (size_t t = 0; t < m; ++t) out[t * s_.used + i] = static_cast<float>(b_(i, t));
-    }
-    out[s_.weight()] = static_cast<float>(weight);
   }
 
  private:
+  /// A node's means of products, as the x-th of those that are solved together; returns its ridge.
+  template <class Number>
+  double load(const Number* sums, size_t x) {
+    const double weight = static_cast<double>(sums[s_.products]), squares = static_cast<double>(sums[s_.products + 1]);
+    const double share = 1 / weight;
+    double *a = a_.data() + x, *b = b_.data() + x;
+    for (size_t i = 0; i < s_.columns; ++i) {
+      const Number* const row = sums + kernels::product_index(i, i, s_.stride);
+      for (size_t j = 0; j < s_.columns - i; ++j, a += kernels::kTogether) *a = share * static_cast<double>(row[j]);
+      for (size_t j = s_.columns - i; j < s_.columns - i + s_.targets; ++j, b += kernels::kTogether)
+        *b = share * static_cast<double>(row[j]);
+    }
+    const double pixels = weight * weight / std::max(squares, 1e-30);
+    return window_.ridge + window_.ridge_per_pixel / pixels;
+  }
+
   const Shape& s_;
   size_t free_;
   const LatticeWindow& window_;
-  Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> a_, b_;
+  std::vector<double> a_, b_, variance_;
 };
 
 /// Coefficients of every node, their weights behind them, from sums that are blurred along the rows already.
@@ -184,12 +183,11 @@ LatticeRows solve_nodes(const LatticeProblem& p, const LatticeWindow& window, co
     const std::vector<float> blurred = blurred_down(sums, r, taps);
     std::vector<float>& out = nodes[static_cast<size_t>(r)];
     out.assign(static_cast<size_t>(s.across) * s.coefficients, 0.0f);
-    Solver solver(s, p.free, window);
+    Solver(s, p.free, window).solve(blurred.data(), static_cast<size_t>(s.across), out.data());
+    // Coefficients are averaged by weight.
     for (int i = 0; i < s.across; ++i) {
-      float* to = out.data() + static_cast<size_t>(i) * s.coefficients;
-      solver.solve(blurred.data() + static_cast<size_t>(i) * s.node, to);
-      // Coefficients are averaged by weight.
-      for (size_t k = 0; k < s.weight(); ++k) to[k] *= to[s.weight()];
+      float* const node = out.data() + static_cast<size_t>(i) * s.coefficients;
+      for (size_t k = 0; k < s.weight(); ++k) node[k] *= node[s.weight()];
     }
   });
   return nodes;
@@ -202,7 +200,7 @@ std::vector<float> solve_frame(const LatticeProblem& p, const LatticeWindow& win
   for (const std::vector<float>& row : sums)
     for (size_t i = 0; i < row.size(); ++i) whole[i % s.node] += static_cast<double>(row[i]);
   std::vector<float> node(s.coefficients), nodes;
-  Solver(s, p.free, window).solve(whole.data(), node.data());
+  Solver(s, p.free, window).solve(whole.data(), 1, node.data());
   for (int b = 0; b < s.across; ++b) nodes.insert(nodes.end(), node.begin(), node.end());
   return nodes;
 }
