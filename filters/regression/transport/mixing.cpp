@@ -29,7 +29,7 @@ constexpr double kShareWindow = 1.5;  // over which shares are smoothed [px]
 // Where a round gains less than this share of the noise in a tile of so many pixels, or of a tile's usual noise if that
 // is more, there is no other, nor in those around it.
 constexpr float kWorthwhile = 0.05f;
-constexpr int kTile = 64, kTilesAround = 1;
+constexpr int kTile = 32, kTilesAround = 1;
 
 /// Where pixels lie between the middles of blocks, linearly.
 struct BlockPlaces {
