@@ -100,32 +100,39 @@ Plane gaussian_blur(const Plane& in, double sigma, const Task& task) {
   const int width = in.width(), height = in.height(), radius = std::max(1, static_cast<int>(std::ceil(3 * sigma)));
   std::vector<float> taps;
   for (int j = -radius; j <= radius; ++j) taps.push_back(static_cast<float>(std::exp(-j * j / (2 * sigma * sigma))));
-  // The same pass twice, with a transposition in between, would cost more than columns that are summed row by row.
-  Plane horizontal = Plane::unset(width, height), out = Plane::unset(width, height);
   const size_t w = static_cast<size_t>(width), r = static_cast<size_t>(radius);
-  const auto along = [&](const float* row, float* to) {
-    std::vector<float> wide(w + 2 * r, 0.0f);
-    std::memcpy(wide.data() + r, row, w * sizeof(float));
-    std::vector<const float*> rows;
-    for (size_t j = 0; j <= 2 * r; ++j) rows.push_back(wide.data() + j);
-    kernels::weighted_sum_rows(rows.data(), taps.data(), 2 * radius + 1, to, width);
-  };
-  std::vector<float> across(w);
-  along(std::vector<float>(w, 1.0f).data(), across.data());
-  for_each_row(height, quiet(task), [&](int y) {
-    along(in.row(y), horizontal.row(y));
-    for (int x = 0; x < width; ++x) horizontal.row(y)[x] /= across[static_cast<size_t>(x)];
-  });
-  for_each_row(height, quiet(task), [&](int y) {
-    std::vector<const float*> rows;
-    const int first = std::max(0, y - radius), last = std::min(height - 1, y + radius);
-    float total = 0;
-    for (int q = first; q <= last; ++q) {
-      rows.push_back(horizontal.row(q));
-      total += taps[static_cast<size_t>(q - y + radius)];
+  // A row with zeros on either side, and the places from which it is summed along.
+  struct Wide {
+    std::vector<float> row;
+    std::vector<const float*> places;
+    Wide(size_t width_, size_t radius_) : row(width_ + 2 * radius_) {
+      for (size_t j = 0; j <= 2 * radius_; ++j) places.push_back(row.data() + j);
     }
-    kernels::weighted_sum_rows(rows.data(), taps.data() + (first - y + radius), last - first + 1, out.row(y), width);
-    for (int x = 0; x < width; ++x) out.row(y)[x] /= total;
+  };
+  const auto along = [&](const Wide& wide, float* to) {
+    kernels::weighted_sum_rows(wide.places.data(), taps.data(), 2 * radius + 1, to, width);
+  };
+  std::vector<float> across(w);  // sums of the taps within the row
+  Wide ones(w, r);
+  std::fill_n(ones.row.data() + r, w, 1.0f);
+  along(ones, across.data());
+  Plane out = Plane::unset(width, height);
+  parallel_for((height + kRowsPerTask - 1) / kRowsPerTask, quiet(task), [&](int band) {
+    Wide down(w, r);
+    std::vector<const float*> rows;
+    for (int y = band * kRowsPerTask; y < std::min(height, (band + 1) * kRowsPerTask); ++y) {
+      const int first = std::max(0, y - radius), last = std::min(height - 1, y + radius);
+      rows.clear();
+      float total = 0;
+      for (int q = first; q <= last; ++q) {
+        rows.push_back(in.row(q));
+        total += taps[static_cast<size_t>(q - y + radius)];
+      }
+      kernels::weighted_sum_rows(rows.data(), taps.data() + (first - y + radius), last - first + 1, down.row.data() + r,
+                                 width);
+      along(down, out.row(y));
+      for (size_t x = 0; x < w; ++x) out.row(y)[x] /= total * across[x];
+    }
   });
   return out;
 }

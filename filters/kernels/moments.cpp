@@ -5,6 +5,8 @@
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 
+#include <algorithm>
+
 HWY_BEFORE_NAMESPACE();
 namespace brume::kernels::HWY_NAMESPACE {
 
@@ -91,6 +93,49 @@ void PackColumns(const ColumnRows& from, const float* HWY_RESTRICT factors, size
   }
 }
 
+void AddColumnsUp(const ColumnRows& from, const float* HWY_RESTRICT coefficients, size_t stride, size_t targets,
+                  size_t count, float* const* out) {
+  constexpr size_t kRun = 64;
+  for (size_t t = 0; t < targets; ++t) std::fill_n(out[t], count, 0.0f);
+  for (size_t first = 0; first < count; first += kRun) {
+    const size_t n = std::min(kRun, count - first);
+    const float* HWY_RESTRICT base = from.rows[0] + first;
+    for (size_t k = 0; k < from.columns; ++k) {
+      const float* HWY_RESTRICT row = from.rows[k] + first;
+      float column[kRun];
+      for (size_t x = 0; x < n; ++x) column[x] = from.scales[k] * (row[x] - from.offsets[k] * base[x]);
+      for (size_t t = 0; t < targets; ++t) {
+        const float c = coefficients[t * stride + k];
+        float* HWY_RESTRICT to = out[t] + first;
+        for (size_t x = 0; x < n; ++x) to[x] += c * column[x];
+      }
+    }
+  }
+}
+
+// Sixteen sums side by side, so that their order is the same whatever the width of a vector.
+void AddWeightedProducts(const float* HWY_RESTRICT weights, const float* HWY_RESTRICT u, const float* HWY_RESTRICT v,
+                         size_t count, WeightedProducts& sums) {
+  float w[kVector] = {}, uu[kVector] = {}, uv[kVector] = {}, vv[kVector] = {};
+  const auto add = [&](size_t i, size_t x) HWY_ATTR {
+    const float wu = weights[x] * u[x], wv = weights[x] * v[x];
+    w[i] += weights[x];
+    uu[i] += wu * u[x];
+    uv[i] += wu * v[x];
+    vv[i] += wv * v[x];
+  };
+  size_t x = 0;
+  for (; x + kVector <= count; x += kVector)
+    for (size_t i = 0; i < kVector; ++i) add(i, x + i);
+  for (size_t i = 0; x < count; ++x, ++i) add(i, x);
+  for (size_t i = 0; i < kVector; ++i) {
+    sums.weights += static_cast<double>(w[i]);
+    sums.uu += static_cast<double>(uu[i]);
+    sums.uv += static_cast<double>(uv[i]);
+    sums.vv += static_cast<double>(vv[i]);
+  }
+}
+
 void AddProducts(const float* HWY_RESTRICT vectors, size_t count, size_t stride, size_t columns,
                  float* HWY_RESTRICT products) {
   const hn::CappedTag<float, kVector> d;
@@ -133,6 +178,8 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace brume::kernels {
 HWY_EXPORT(PackColumns);
+HWY_EXPORT(AddColumnsUp);
+HWY_EXPORT(AddWeightedProducts);
 HWY_EXPORT(AddProducts);
 HWY_EXPORT(PredictRow);
 
@@ -151,6 +198,15 @@ size_t product_floats(size_t columns, size_t stride) {
 
 void pack_columns(const ColumnRows& from, const float* factors, size_t count, float* const* out) {
   HWY_DYNAMIC_DISPATCH(PackColumns)(from, factors, count, out);
+}
+
+void add_columns_up(const ColumnRows& from, const float* coefficients, size_t stride, size_t targets, size_t count,
+                    float* const* out) {
+  HWY_DYNAMIC_DISPATCH(AddColumnsUp)(from, coefficients, stride, targets, count, out);
+}
+
+void add_weighted_products(const float* weights, const float* u, const float* v, size_t count, WeightedProducts& sums) {
+  HWY_DYNAMIC_DISPATCH(AddWeightedProducts)(weights, u, v, count, sums);
 }
 
 void add_products(const float* vectors, size_t count, size_t stride, size_t columns, float* products) {

@@ -20,6 +20,15 @@ struct ColumnRows {
 };
 /// out[x][k] = factors[x] * column k at pixel x, for `count` pixels.
 void pack_columns(const ColumnRows& from, const float* factors, size_t count, float* const* out);
+/// out[t][x] = sum over columns of coefficients[t * stride + k] * column k at pixel x, for `count` pixels.
+void add_columns_up(const ColumnRows& from, const float* coefficients, size_t stride, size_t targets, size_t count,
+                    float* const* out);
+
+/// Sums over a row of weights, and of them times u^2, u v and v^2.
+struct WeightedProducts {
+  double weights = 0, uu = 0, uv = 0, vv = 0;
+};
+void add_weighted_products(const float* weights, const float* u, const float* v, size_t count, WeightedProducts& sums);
 
 /// products += sum over `count` pixels of v v^T, the part above the diagonal.
 /// @param vectors  `count` times `stride`

@@ -60,6 +60,48 @@ void SolveRows(float* a, float* b, int n, int m, int count, size_t stride, float
   }
 }
 
+/// to -= l * v
+HWY_INLINE void subtract(const double* HWY_RESTRICT l, const double* HWY_RESTRICT v, double* HWY_RESTRICT to) {
+  for (size_t x = 0; x < kTogether; ++x) to[x] -= l[x] * v[x];
+}
+HWY_INLINE void scale(const double* HWY_RESTRICT factor, double* HWY_RESTRICT to) {
+  for (size_t x = 0; x < kTogether; ++x) to[x] *= factor[x];
+}
+
+void SolveTogether(double* a, double* b, double* HWY_RESTRICT variance, size_t n, size_t m, size_t free,
+                   const double* HWY_RESTRICT ridge, double dependent) {
+  const auto entry = [&](size_t i, size_t j) { return a + kTogether * (i * (2 * n - i + 1) / 2 + j - i); };
+  const auto rhs = [&](size_t i, size_t t) { return b + kTogether * (i * m + t); };
+  for (size_t i = 0; i < n; ++i) std::copy_n(entry(i, i), kTogether, variance + kTogether * i);
+  for (size_t i = 0; i < n; ++i) {
+    const auto left = [&](size_t k, size_t x) {
+      const double d = entry(k, k)[x];
+      return d > dependent * variance[kTogether * k + x] ? d : 0.0;
+    };
+    // What is left of the diagonal now is the other columns' variance given the free ones.
+    for (size_t k = i; i == free && k < n; ++k)
+      for (size_t x = 0; x < kTogether; ++x) entry(k, k)[x] = (1 + ridge[x]) * left(k, x);
+    double inverse[kTogether];
+    for (size_t x = 0; x < kTogether; ++x) inverse[x] = left(i, x) > 0 ? 1 / left(i, x) : 0.0;
+    for (size_t j = i + 1; j < n; ++j) {
+      double l[kTogether];
+      bool any = false;
+      for (size_t x = 0; x < kTogether; ++x) {
+        l[x] = entry(i, j)[x] * inverse[x];
+        any |= l[x] != 0;
+      }
+      if (!any) continue;
+      for (size_t k = j; k < n; ++k) subtract(l, entry(i, k), entry(j, k));
+      for (size_t t = 0; t < m; ++t) subtract(l, rhs(i, t), rhs(j, t));
+    }
+    for (size_t j = i + 1; j < n; ++j) scale(inverse, entry(i, j));
+    for (size_t t = 0; t < m; ++t) scale(inverse, rhs(i, t));
+  }
+  for (size_t i = n; i-- > 0;)
+    for (size_t j = i + 1; j < n; ++j)
+      for (size_t t = 0; t < m; ++t) subtract(entry(i, j), rhs(j, t), rhs(i, t));
+}
+
 namespace hn = hwy::HWY_NAMESPACE;
 using D = hn::CappedTag<float, kRegressionLanes>;
 using V = hn::Vec<D>;
@@ -281,11 +323,17 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace brume::kernels {
 HWY_EXPORT(SolveRows);
+HWY_EXPORT(SolveTogether);
 HWY_EXPORT(AccumulateNormal);
 HWY_EXPORT(ScatterPrediction);
 
 void solve_rows(float* a, float* b, int n, int m, int count, size_t stride, float ridge, float floor) {
   HWY_DYNAMIC_DISPATCH(SolveRows)(a, b, n, m, count, stride, ridge, floor);
+}
+
+void solve_together(double* a, double* b, double* variance, size_t n, size_t m, size_t free, const double* ridge,
+                    double dependent) {
+  HWY_DYNAMIC_DISPATCH(SolveTogether)(a, b, variance, n, m, free, ridge, dependent);
 }
 
 void accumulate_normal(const RegressionRow& row, const float* weights, size_t weight_step, int dy, float* scratch,

@@ -10,6 +10,17 @@ namespace brume::kernels {
 /// grows by ridge * (itself) + floor * A_00 first, so that a column of zeros has the solution 0.
 void solve_rows(float* a, float* b, int n, int m, int count, size_t stride, float ridge, float floor);
 
+/// Normal equations that solve_together() solves side by side.
+inline constexpr size_t kTogether = 8;
+/// Solves A b = t for kTogether symmetric A, by elimination without square roots, A = U^T D U. From column `free` on
+/// diagonals grow by `ridge` of what the columns before leave of them; a column that those before explain to all but
+/// `dependent` of itself gets 0.
+/// @param a  the upper triangle, row by row, of kTogether numbers each; becomes U but for its diagonal
+/// @param b  n times m such; becomes the solution
+/// @param variance  room for n such
+void solve_together(double* a, double* b, double* variance, size_t n, size_t m, size_t free, const double* ridge,
+                    double dependent);
+
 /// Place of entry (row <= column) of the upper triangle.
 inline int triangle(int row, int column, int n) {
   return row * n - row * (row - 1) / 2 + column - row;

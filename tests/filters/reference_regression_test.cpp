@@ -58,7 +58,7 @@ class EveryScene : public testing::TestWithParam<const char*> {};
 // in 16 bits; in others its windows are sums over blocks, too, and its coefficients lie between nodes.
 TEST_P(EveryScene, IsFittedAsDefined) {
   constexpr double kOutliers = 0.004, kFrame = 0.001, kWindows = 0.06, kStacked = 0.06;
-  constexpr size_t kWholeFrame[] = {0, 1, 5, 6};  // the prediction, and fits to the frame
+  constexpr size_t kWholeFrame[] = {0, 1, 4, 5};  // the prediction, and fits to the frame
   Scene scene = read_scene(test::source(GetParam()));
   scene.film.width = 32;
   scene.film.height = 24;

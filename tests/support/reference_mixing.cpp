@@ -129,11 +129,8 @@ Halves ReferenceMixing::mixed(Halves result, std::vector<Candidate> candidates, 
     return gained > 0.05 * before;
   };
   if (!next_round(candidates)) return result;
-  std::vector<Candidate> own = candidates;
-  for (int i = 0; i < 2 && next_round(own); ++i) {
-  }
   candidates.push_back([&](const Halves&) { return late; });
-  for (int i = 0; i < 3 && next_round(candidates); ++i) {
+  for (int i = 0; i < 2 && next_round(candidates); ++i) {
   }
   return result;
 }

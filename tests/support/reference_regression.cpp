@@ -189,7 +189,7 @@ class Reference {
     sum_.fill({Values::Zero(n_), Values::Zero(n_), Values::Zero(n_)});
     refine(kPredicted, 0, 1e-4, 0, columns_[kPredicted].size());
     const Halves left = left_, sum = sum_;
-    for (const double s : {16, 8, 4}) refine(kShape, s, 2e-3, 1);
+    for (const double s : {16, 4}) refine(kShape, s, 2e-3, 1);
     left_ = left, sum_ = sum;
     for (const double ridge : {1e4, 1.0}) refine(kAll, 0, 1e-4, ridge);
     // Weights now follow what was found, averaged over 3 x 3 pixels, which joins the columns of narrow windows.

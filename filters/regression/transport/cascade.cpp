@@ -22,15 +22,18 @@ struct Fits {
   }
   void refine(const FitStep& step) {
     const auto left = [](const RegressionInput& q) { return std::array{view(q.left.a), view(q.left.b)}; };
-    const auto take = [&](size_t i, size_t c, Plane a, Plane b) {
-      add_to(inputs[i].left.a[c], -1, a, task);
-      add_to(inputs[i].left.b[c], -1, b, task);
-      if (i > 0) return;
-      add_to(sum.a[c], 1, a, task);
-      add_to(sum.b[c], 1, b, task);
+    std::vector<std::vector<HalfPair>> found(1 + step.window.then.size(), std::vector<HalfPair>(inputs.size()));
+    const auto keep = [&](size_t m, size_t i, size_t c, Plane a, Plane b) {
+      found[m][i].a[c] = std::move(a);
+      found[m][i].b[c] = std::move(b);
     };
-    fit(inputs, step, left, take, task);
-    candidates.emplace_back(sum, task);
+    fit(inputs, step, left, keep, task);
+    for (std::vector<HalfPair>& of_inputs : found) {
+      for (size_t i = 0; i < inputs.size(); ++i) add_to(inputs[i].left, -1, of_inputs[i], task);
+      add_to(sum, 1, of_inputs[0], task);
+      of_inputs.clear();
+      candidates.emplace_back(sum, task);
+    }
   }
   /// The same, after which only the candidates stay.
   void refine_aside(const std::vector<FitStep>& steps) {
@@ -83,9 +86,11 @@ std::vector<StoredPair> cascade(RegressionInputs& inputs, const CascadeSettings&
   if (const Rgb& expected = inputs[0].known.expected; !expected[0].empty())
     fits.candidates.emplace_back(HalfPair{expected, expected}, task);
   fits.refine({Fit::kPredicted, {0, kGlobalRidge, 0}, inputs[0].known[Fit::kPredicted].size()});
-  fits.refine_aside({{Fit::kShape, window(1)}, {Fit::kShape, window(0.5)}, {Fit::kShape, window(0.25)}});
+  std::vector<FitStep> shapes = {{Fit::kShape, window(1)}};
+  if (settings.narrow_shapes) shapes.push_back({Fit::kShape, window(0.25)});
+  fits.refine_aside(shapes);
   task.report(0.35);
-  for (const double ridge : kRidgesOfFrame) fits.refine({Fit::kAll, {0, kGlobalRidge, ridge}});
+  fits.refine({Fit::kAll, {0, kGlobalRidge, kRidgesOfFrame[0], {kRidgesOfFrame[1]}}});
   weigh_by_fits(inputs, settings.power, data, task);
   data.clear();
   fits.refine({Fit::kAll, window(1)});

@@ -12,6 +12,7 @@ struct CascadeSettings {
   double window;                  ///< deviation of the widest of its Gaussian windows but the frame [px]
   double ridge, ridge_per_pixel;  ///< pull of scaled coefficients towards 0, and the same over the pixels of a window
   float power;                    ///< pixels weigh as their brightness to minus this power
+  bool narrow_shapes = true;      ///< whether shapes are fitted in the narrowest window, too
 };
 
 /// Fits of the frame to clean: first what is predicted, then wide windows with many columns, and narrower and narrower

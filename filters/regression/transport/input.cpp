@@ -64,8 +64,8 @@ void fit(const RegressionInputs& inputs, const FitStep& step,
       return known;
     };
     const auto hand_on = [&](size_t i, std::vector<Plane> found) {
-      for (size_t k = 0; k < colours.size(); ++k)
-        take(i, colours[k], std::move(found[2 * k]), std::move(found[2 * k + 1]));
+      for (size_t k = 0; k < found.size() / 2; ++k)
+        take(k / colours.size(), i, colours[k % colours.size()], std::move(found[2 * k]), std::move(found[2 * k + 1]));
     };
     LatticeProblem problem{pixels(inputs[0]), step.free};
     for (size_t i = 1; i < inputs.size(); ++i) problem.nearby.push_back(pixels(inputs[i]));

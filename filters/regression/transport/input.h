@@ -42,8 +42,8 @@ struct FitStep {
   size_t free = 0;  ///< so many columns are not shrunk
 };
 
-/// What becomes of a fit to an input: its colour c of both halves.
-using TakeFit = std::function<void(size_t input, size_t c, Plane a, Plane b)>;
+/// What becomes of a fit to an input: its colour c of both halves, of the step's first fit or one of those `then`.
+using TakeFit = std::function<void(size_t fit, size_t input, size_t c, Plane a, Plane b)>;
 
 /// Fits both halves of all inputs with the same coefficients, each colour by itself; those with the same columns
 /// together.

@@ -1,11 +1,11 @@
 #include "filters/regression/transport/lattice_regression.h"
 
-#include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
 
 #include "base/parallel_for.h"
 #include "filters/kernels/moments.h"
+#include "filters/kernels/regression.h"
 #include "filters/regression/transport/block_lattice.h"
 
 namespace brume {
@@ -58,10 +58,13 @@ class PackedColumns {
   }
   /// out[x][k] = factors[x] times column k at the pixels from..to of a row.
   void pack(int y, int from, int to, const float* factors, float* const* out) {
+    kernels::pack_columns(rows(y, from, to), factors, static_cast<size_t>(to - from), out);
+  }
+  /// The pixels from..to of a row.
+  kernels::ColumnRows rows(int y, int from, int to) {
     for (size_t k = 0; k < pixels_.columns.size(); ++k)
       rows_[k] = pixels_.columns[k].values.row(y, from, to, room_.data() + k * most_);
-    kernels::pack_columns({rows_.data(), offsets_.data(), scales_.data(), rows_.size()}, factors,
-                          static_cast<size_t>(to - from), out);
+    return {rows_.data(), offsets_.data(), scales_.data(), rows_.size()};
   }
 
  private:
@@ -77,21 +80,28 @@ void add_blocks(const LatticePixels& p, const Shape& s, int row, float* nodes) {
   const int width = p.weight->width(), height = p.weight->height(), side = s.block;
   const int first_row = row * side, last_row = std::min(height, first_row + side);
   const int together = std::max(1, kChunk / side);  // blocks
-  const size_t block = static_cast<size_t>(side) * static_cast<size_t>(side) * s.stride;
+  const auto most = static_cast<size_t>(std::max(side, kChunk)),
+             block = most * s.stride;  // pixels of a block at a time
   std::vector<float> vectors(static_cast<size_t>(together) * block), root(static_cast<size_t>(together * side));
   std::vector<float*> places(root.size());
   std::vector<size_t> packed(static_cast<size_t>(together));
   PackedColumns columns(p, together * side);
+  const auto add_packed = [&](int b, size_t at) {
+    if (packed[at] > 0)
+      kernels::add_products(vectors.data() + at * block, packed[at], s.stride, s.columns,
+                            nodes + static_cast<size_t>(b) * s.node);
+    packed[at] = 0;
+  };
   for (int b0 = 0; b0 < s.across; b0 += together) {
     const int begin = b0 * side, end = std::min(width, begin + together * side);
-    std::fill(packed.begin(), packed.end(), 0);
     for (int y = first_row; y < last_row; ++y) {
       const float* w = p.weight->row(y);
       bool any_at_all = false;
       for (int b = b0; b * side < end; ++b) {
         float* const node = nodes + static_cast<size_t>(b) * s.node;
-        size_t& count = packed[static_cast<size_t>(b - b0)];
-        float* const own = vectors.data() + static_cast<size_t>(b - b0) * block + count * s.stride;
+        const auto at = static_cast<size_t>(b - b0);
+        if (packed[at] + static_cast<size_t>(side) > most) add_packed(b, at);
+        float* const own = vectors.data() + at * block + packed[at] * s.stride;
         bool any = false;
         for (int x = b * side; x < std::min(end, (b + 1) * side); ++x) {
           const auto i = static_cast<size_t>(x - begin);
@@ -102,7 +112,7 @@ void add_blocks(const LatticePixels& p, const Shape& s, int row, float* nodes) {
           node[s.products + 1] += w[x] * w[x];
         }
         // Rows of a block that count nothing are written over.
-        if (any) count += static_cast<size_t>(std::min(end, (b + 1) * side) - b * side);
+        if (any) packed[at] += static_cast<size_t>(std::min(end, (b + 1) * side) - b * side);
         any_at_all |= any;
       }
       if (!any_at_all) continue;
@@ -112,68 +122,64 @@ void add_blocks(const LatticePixels& p, const Shape& s, int row, float* nodes) {
         for (size_t i = 0; i < static_cast<size_t>(end - begin); ++i) places[i][s.columns + t] = root[i] * v[i];
       }
     }
-    for (int b = b0; b * side < end; ++b)
-      if (const size_t count = packed[static_cast<size_t>(b - b0)])
-        kernels::add_products(vectors.data() + static_cast<size_t>(b - b0) * block, count, s.stride, s.columns,
-                              nodes + static_cast<size_t>(b) * s.node);
+    for (int b = b0; b * side < end; ++b) add_packed(b, static_cast<size_t>(b - b0));
   }
 }
 
-/// Solves the normal equations of one node.
+/// Solves the normal equations of nodes, several at a time.
 class Solver {
  public:
   Solver(const Shape& shape, size_t free, const LatticeWindow& window)
-      : s_(shape), free_(free), window_(window), a_(s_.columns, s_.columns), b_(s_.columns, s_.targets) {}
+      : s_(shape),
+        free_(free),
+        window_(window),
+        a_(kernels::kTogether * s_.columns * (s_.columns + 1) / 2),
+        b_(kernels::kTogether * s_.columns * s_.targets),
+        variance_(kernels::kTogether * s_.columns) {}
 
-  /// @param sums  products and counts    @param out  coefficients, then the node's weight; zeroed before
+  /// @param sums  products and counts of `nodes` nodes    @param out  coefficients, then the node's weight; zeroed
+  /// before
   template <class Number>
-  void solve(const Number* sums, float* out) {
-    const size_t n = s_.columns, m = s_.targets;
-    const double weight = static_cast<double>(sums[s_.products]), squares = static_cast<double>(sums[s_.products + 1]);
-    if (!(weight > 0)) return;
-    const double pixels = weight * weight / std::max(squares, 1e-30);
-    for (size_t i = 0; i < n; ++i) {
-      const auto mean = [&](size_t j) {
-        return static_cast<double>(sums[kernels::product_index(i, j, s_.stride)]) / weight;
-      };
-      for (size_t j = i; j < n; ++j) a_(i, j) = mean(j);
-      for (size_t t = 0; t < m; ++t) b_(i, t) = mean(n + t);
-    }
-    const Eigen::VectorXd variance = a_.diagonal();
-    const double ridge = window_.ridge + window_.ridge_per_pixel / pixels;
-    // Elimination without square roots, A = U^T D U. The free columns go first, so that what is left of the diagonal
-    // is the others' variance given them; a column that those before explain to rounding drops out.
-    for (size_t i = 0; i < n; ++i) {
-      const auto explained = [&](size_t k) { return !(a_(k, k) > kDependent * variance[k]); };
-      for (size_t k = i; i == free_ && k < n; ++k) a_(k, k) = explained(k) ? 0 : a_(k, k) + ridge * a_(k, k);
-      auto row = a_.row(i).tail(n - i - 1);
-      if (explained(i)) {
-        row.setZero();
-        b_.row(i).setZero();
-        continue;
+  void solve(const Number* sums, size_t nodes, float* out) {
+    size_t chosen[kernels::kTogether], count = 0;
+    for (size_t i = 0; i < nodes; ++i) {
+      if (sums[i * s_.node + s_.products] > 0) chosen[count++] = i;
+      if (count < kernels::kTogether && (i + 1 < nodes || count == 0)) continue;
+      double ridge[kernels::kTogether] = {};
+      for (size_t x = 0; x < kernels::kTogether; ++x) ridge[x] = load(sums + chosen[x < count ? x : 0] * s_.node, x);
+      kernels::solve_together(a_.data(), b_.data(), variance_.data(), s_.columns, s_.targets, free_, ridge, kDependent);
+      for (size_t x = 0; x < count; ++x) {
+        float* const to = out + chosen[x] * s_.coefficients;
+        for (size_t k = 0; k < s_.columns; ++k)
+          for (size_t t = 0; t < s_.targets; ++t)
+            to[t * s_.used + k] = static_cast<float>(b_[(k * s_.targets + t) * kernels::kTogether + x]);
+        to[s_.weight()] = static_cast<float>(sums[chosen[x] * s_.node + s_.products]);
       }
-      const double inverse = 1.0 / a_(i, i);
-      for (size_t j = i + 1; j < n; ++j) {
-        const double l = a_(i, j) * inverse;
-        if (l == 0) continue;
-        a_.row(j).tail(n - j) -= l * a_.row(i).tail(n - j);
-        b_.row(j) -= l * b_.row(i);
-      }
-      row *= inverse;
-      b_.row(i) *= inverse;
+      count = 0;
     }
-    for (size_t i = n; i-- > 0;) {
-      for (size_t j = i + 1; j < n; ++j) b_.row(i) -= a_(i, j) * b_.row(j);
-      for (size_t t = 0; t < m; ++t) out[t * s_.used + i] = static_cast<float>(b_(i, t));
-    }
-    out[s_.weight()] = static_cast<float>(weight);
   }
 
  private:
+  /// A node's means of products, as the x-th of those that are solved together; returns its ridge.
+  template <class Number>
+  double load(const Number* sums, size_t x) {
+    const double weight = static_cast<double>(sums[s_.products]), squares = static_cast<double>(sums[s_.products + 1]);
+    const double share = 1 / weight;
+    double *a = a_.data() + x, *b = b_.data() + x;
+    for (size_t i = 0; i < s_.columns; ++i) {
+      const Number* const row = sums + kernels::product_index(i, i, s_.stride);
+      for (size_t j = 0; j < s_.columns - i; ++j, a += kernels::kTogether) *a = share * static_cast<double>(row[j]);
+      for (size_t j = s_.columns - i; j < s_.columns - i + s_.targets; ++j, b += kernels::kTogether)
+        *b = share * static_cast<double>(row[j]);
+    }
+    const double pixels = weight * weight / std::max(squares, 1e-30);
+    return window_.ridge + window_.ridge_per_pixel / pixels;
+  }
+
   const Shape& s_;
   size_t free_;
   const LatticeWindow& window_;
-  Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> a_, b_;
+  std::vector<double> a_, b_, variance_;
 };
 
 /// Coefficients of every node, their weights behind them, from sums that are blurred along the rows already.
@@ -184,26 +190,13 @@ LatticeRows solve_nodes(const LatticeProblem& p, const LatticeWindow& window, co
     const std::vector<float> blurred = blurred_down(sums, r, taps);
     std::vector<float>& out = nodes[static_cast<size_t>(r)];
     out.assign(static_cast<size_t>(s.across) * s.coefficients, 0.0f);
-    Solver solver(s, p.free, window);
+    Solver(s, p.free, window).solve(blurred.data(), static_cast<size_t>(s.across), out.data());
+    // Coefficients are averaged by weight.
     for (int i = 0; i < s.across; ++i) {
-      float* to = out.data() + static_cast<size_t>(i) * s.coefficients;
-      solver.solve(blurred.data() + static_cast<size_t>(i) * s.node, to);
-      // Coefficients are averaged by weight.
-      for (size_t k = 0; k < s.weight(); ++k) to[k] *= to[s.weight()];
+      float* const node = out.data() + static_cast<size_t>(i) * s.coefficients;
+      for (size_t k = 0; k < s.weight(); ++k) node[k] *= node[s.weight()];
     }
   });
-  return nodes;
-}
-
-/// A row of nodes that all have the coefficients of the frame as one window.
-std::vector<float> solve_frame(const LatticeProblem& p, const LatticeWindow& window, const Shape& s,
-                               const LatticeRows& sums) {
-  std::vector<double> whole(s.node);
-  for (const std::vector<float>& row : sums)
-    for (size_t i = 0; i < row.size(); ++i) whole[i % s.node] += static_cast<double>(row[i]);
-  std::vector<float> node(s.coefficients), nodes;
-  Solver(s, p.free, window).solve(whole.data(), node.data());
-  for (int b = 0; b < s.across; ++b) nodes.insert(nodes.end(), node.begin(), node.end());
   return nodes;
 }
 
@@ -262,6 +255,74 @@ std::vector<Plane> predict(const LatticePixels& p, const Shape& s, const Lattice
   return out;
 }
 
+/// Sums over all nodes.
+std::vector<double> sum_of_nodes(const LatticeRows& sums, const Shape& s) {
+  std::vector<double> whole(s.node);
+  for (const std::vector<float>& row : sums)
+    for (size_t i = 0; i < row.size(); ++i) whole[i % s.node] += static_cast<double>(row[i]);
+  return whole;
+}
+
+/// Takes what coefficients explain off the targets' products.
+void explain(const Shape& s, const float* coefficients, std::vector<double>& sums) {
+  for (size_t t = 0; t < s.targets; ++t)
+    for (size_t i = 0; i < s.columns; ++i) {
+      double& product = sums[kernels::product_index(i, s.columns + t, s.stride)];
+      for (size_t j = 0; j < s.columns; ++j)
+        product -= static_cast<double>(coefficients[t * s.used + j]) *
+                   sums[kernels::product_index(std::min(i, j), std::max(i, j), s.stride)];
+    }
+}
+
+/// Predictions with the same coefficients everywhere, those of each fit one after another.
+std::vector<Plane> predict_frame(const LatticePixels& p, const Shape& s, const std::vector<float>& coefficients,
+                                 const Task& task) {
+  constexpr int kRun = 4 * kChunk;
+  const int width = p.weight->width(), height = p.weight->height();
+  std::vector<Plane> out;
+  for (size_t t = 0; t < coefficients.size() / s.used; ++t) out.push_back(Plane::unset(width, height));
+  for_each_row(height, quiet(task), [&](int y) {
+    PackedColumns columns(p, kRun);
+    std::vector<float*> results(out.size());
+    for (int from = 0; from < width; from += kRun) {
+      const int to = std::min(width, from + kRun);
+      for (size_t t = 0; t < out.size(); ++t) results[t] = out[t].row(y) + from;
+      kernels::add_columns_up(columns.rows(y, from, to), coefficients.data(), s.used, out.size(),
+                              static_cast<size_t>(to - from), results.data());
+    }
+    const float* const w = p.weight->row(y);
+    for (Plane& plane : out)
+      for (int x = 0; x < width; ++x) plane(x, y) = w[x] > 0 ? plane(x, y) : 0.0f;
+  });
+  return out;
+}
+
+/// One window, the frame.
+std::vector<Plane> frame_regression(const LatticeProblem& problem, const LatticeWindow& window, const Task& task,
+                                    const std::function<void(size_t, std::vector<Plane>)>& take) {
+  const Shape s(problem, kGlobalBlock);
+  LatticeRows rows(static_cast<size_t>(s.down));
+  parallel_for(s.down, quiet(task), [&](int r) {
+    std::vector<float>& row = rows[static_cast<size_t>(r)];
+    row.assign(static_cast<size_t>(s.across) * s.node, 0.0f);
+    add_blocks(problem, s, r, row.data());
+    for (const LatticePixels& other : problem.nearby) add_blocks(other, s, r, row.data());
+  });
+  task.check();
+  std::vector<double> sums = sum_of_nodes(rows, s);
+  std::vector<float> coefficients;
+  for (size_t fit = 0; fit <= window.then.size(); ++fit) {
+    const LatticeWindow step{0, window.ridge, fit == 0 ? window.ridge_per_pixel : window.then[fit - 1]};
+    std::vector<float> node(s.coefficients);
+    Solver(s, problem.free, step).solve(sums.data(), 1, node.data());
+    coefficients.insert(coefficients.end(), node.data(), node.data() + s.weight());
+    explain(s, node.data(), sums);
+  }
+  for (size_t i = 0; take && i < problem.nearby.size(); ++i)
+    take(i, predict_frame(problem.nearby[i], s, coefficients, task));
+  return predict_frame(problem, s, coefficients, task);
+}
+
 }  // namespace
 
 std::vector<LatticeColumn> standardised(std::vector<LatticeColumn> columns, const Plane& weight, const Task& task) {
@@ -269,23 +330,11 @@ std::vector<LatticeColumn> standardised(std::vector<LatticeColumn> columns, cons
     const ChannelView &column = columns[static_cast<size_t>(i)].values, &first = columns[0].values;
     const int width = weight.width();
     std::vector<float> room(2 * static_cast<size_t>(width));
-    double base = 0, cross = 0, own = 0, total = 0;
-    for (int y = 0; y < weight.height(); ++y) {
-      const float *const w = weight.row(y), *const c = column.row(y, 0, width, room.data()),
-                         *const b = first.row(y, 0, width, room.data() + width);
-      // Sums of one row in float, of all rows in double.
-      float bases = 0, crosses = 0, owns = 0, totals = 0;
-      for (int x = 0; x < weight.width(); ++x) {
-        owns += w[x] * c[x] * c[x];
-        crosses += w[x] * c[x] * b[x];
-        bases += w[x] * b[x] * b[x];
-        totals += w[x];
-      }
-      base += static_cast<double>(bases);
-      cross += static_cast<double>(crosses);
-      own += static_cast<double>(owns);
-      total += static_cast<double>(totals);
-    }
+    kernels::WeightedProducts sums;
+    for (int y = 0; y < weight.height(); ++y)
+      kernels::add_weighted_products(weight.row(y), first.row(y, 0, width, room.data() + width),
+                                     column.row(y, 0, width, room.data()), static_cast<size_t>(width), sums);
+    const auto [total, base, cross, own] = sums;
     const double offset = i == 0 || !(base > 0) ? 0.0 : cross / base;
     const double left = own - offset * cross;
     const bool nothing = !(total > 0) || !(left > kDependent * own);
@@ -297,23 +346,21 @@ std::vector<LatticeColumn> standardised(std::vector<LatticeColumn> columns, cons
 
 std::vector<Plane> lattice_regression(const LatticeProblem& problem, const LatticeWindow& window, const Task& task,
                                       const std::function<void(size_t, std::vector<Plane>)>& take) {
-  const bool global = !(window.deviation > 0);
-  const Shape s(problem, global ? kGlobalBlock : BlockLattice::block_for(window.deviation));
+  if (!(window.deviation > 0)) return frame_regression(problem, window, task, take);
+  const Shape s(problem, BlockLattice::block_for(window.deviation));
   const double in_blocks = window.deviation / s.block;
-  const std::vector<float> taps = lattice_taps(global ? 1 : in_blocks);
+  const std::vector<float> taps = lattice_taps(in_blocks);
   LatticeRows sums(static_cast<size_t>(s.down));
   parallel_for(s.down, quiet(task), [&](int r) {
-    std::vector<float>& row = sums[static_cast<size_t>(r)];
-    row.assign(static_cast<size_t>(s.across) * s.node, 0.0f);
+    std::vector<float> row(static_cast<size_t>(s.across) * s.node);
     add_blocks(problem, s, r, row.data());
     for (const LatticePixels& other : problem.nearby) add_blocks(other, s, r, row.data());
-    if (!global) row = blurred_along(row, s.node, taps);
+    sums[static_cast<size_t>(r)] = blurred_along(row, s.node, taps);
   });
   task.check();
-  LatticeRows nodes = global ? LatticeRows(static_cast<size_t>(s.down), solve_frame(problem, window, s, sums))
-                             : solve_nodes(problem, window, s, sums, taps, task);
+  LatticeRows nodes = solve_nodes(problem, window, s, sums, taps, task);
   sums.clear();
-  if (!global) nodes = smooth(std::move(nodes), s, kCoefficientBlur * in_blocks, task);
+  nodes = smooth(std::move(nodes), s, kCoefficientBlur * in_blocks, task);
   for (size_t i = 0; take && i < problem.nearby.size(); ++i) take(i, predict(problem.nearby[i], s, nodes, task));
   return predict(problem, s, nodes, task);
 }

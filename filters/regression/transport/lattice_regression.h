@@ -35,6 +35,8 @@ struct LatticeWindow {
   double deviation = 0;        ///< of the Gaussian window [px]; 0: one window, the frame
   double ridge = 0;            ///< on the scaled columns' correlation matrix
   double ridge_per_pixel = 0;  ///< the same, over the effective number of pixels in the window
+  /// Of the frame as one window: such ridges of further fits, each to what the one before leaves.
+  std::vector<double> then = {};
 };
 
 /// Local linear regression at the price of a few passes: products of columns and targets are added up in blocks of
@@ -42,7 +44,7 @@ struct LatticeWindow {
 /// that are not free are scaled to unit variance (given the free ones) and shrunk by a ridge; coefficients are smoothed
 /// on the lattice and interpolated by quadratic B-splines. The same bits for any number of threads.
 /// @param take  is given the predictions for the frames nearby, one frame after another; null: not collected
-/// @return  a prediction of each target
+/// @return  a prediction of each target; then, of each, by the further fits
 std::vector<Plane> lattice_regression(
     const LatticeProblem& problem, const LatticeWindow& window, const Task& task,
     const std::function<void(size_t nearby, std::vector<Plane> predictions)>& take = nullptr);

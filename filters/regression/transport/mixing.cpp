@@ -6,10 +6,13 @@
 #include <bit>
 #include <cmath>
 #include <numeric>
+#include <optional>
 
 #include "base/math.h"
 #include "base/parallel_for.h"
 #include "filters/inputs/half_pair.h"
+#include "filters/kernels/mixing.h"
+#include "filters/kernels/rows.h"
 
 namespace brume {
 namespace {
@@ -20,38 +23,44 @@ struct Window {
   int block;
 };
 constexpr Window kWindows[] = {{3, 2}, {6, 4}, {12, 8}, {28, 16}};  // each block twice as wide as the one before
-constexpr int kRounds = 3;
-constexpr float kLargeValue = 1.5f;   // of the largest value over the pixels of a window, taken off a gain
+constexpr int kRounds = 2;                                          // after the first one
 constexpr double kFirefly = 0.999;    // quantile of gains at which single pixels are cut: none decides alone
 constexpr double kShareWindow = 1.5;  // over which shares are smoothed [px]
 // Where a round gains less than this share of the noise in a tile of so many pixels, or of a tile's usual noise if that
 // is more, there is no other, nor in those around it.
 constexpr float kWorthwhile = 0.05f;
-constexpr int kTile = 64, kTilesAround = 1;
+constexpr int kTile = 32, kTilesAround = 1;
 
-/// Between the middles of blocks, linearly.
-struct BlockPlace {
-  int first, second;
-  float share;  // of the second
+/// Where pixels lie between the middles of blocks, linearly.
+struct BlockPlaces {
+  std::vector<int> first, second;
+  std::vector<float> share;  // of the second
 
-  BlockPlace(int pixel, int block, int count) {
-    const float at = (static_cast<float>(pixel) + 0.5f) / static_cast<float>(block) - 0.5f;
-    first = std::clamp(static_cast<int>(std::floor(at)), 0, count - 1);
-    second = std::min(first + 1, count - 1);
-    share = std::clamp(at - static_cast<float>(first), 0.0f, 1.0f);
+  BlockPlaces(int pixels, int block, int count) {
+    for (int i = 0; i < pixels; ++i) {
+      const float at = (static_cast<float>(i) + 0.5f) / static_cast<float>(block) - 0.5f;
+      first.push_back(std::clamp(static_cast<int>(std::floor(at)), 0, count - 1));
+      second.push_back(std::min(first.back() + 1, count - 1));
+      share.push_back(std::clamp(at - static_cast<float>(first.back()), 0.0f, 1.0f));
+    }
   }
-  float of(const float* blocks) const { return blocks[first] + share * (blocks[second] - blocks[first]); }
+  kernels::BlockPlaces view() const { return {first.data(), second.data(), share.data()}; }
+  /// A row of blocks between two, for a row of pixels; whether any is above 0.
+  bool row_between(const Plane& blocks, int y, std::vector<float>& row) const {
+    const auto i = static_cast<size_t>(y);
+    const float *top = blocks.row(first[i]), *bottom = blocks.row(second[i]);
+    bool any = false;
+    for (size_t x = 0; x < row.size(); ++x) {
+      row[x] = top[x] + share[i] * (bottom[x] - top[x]);
+      any |= row[x] > 0;
+    }
+    return any;
+  }
 };
 
-/// A row of blocks between two; whether any is above 0.
-bool row_between(const Plane& blocks, const BlockPlace& y, std::vector<float>& row) {
-  const float *top = blocks.row(y.first), *bottom = blocks.row(y.second);
-  bool any = false;
-  for (size_t i = 0; i < row.size(); ++i) {
-    row[i] = top[i] + y.share * (bottom[i] - top[i]);
-    any |= row[i] > 0;
-  }
-  return any;
+kernels::HalfRows rows_of(const HalfPair& p, int x, int y) {
+  const auto at = [&](const Plane& plane) { return plane.row(y) + x; };
+  return {{at(p.a[0]), at(p.a[1]), at(p.a[2]), at(p.b[0]), at(p.b[1]), at(p.b[2])}};
 }
 
 /// What a step towards a candidate would change at each pixel: of its gain the part linear in the step, and of its loss
@@ -60,45 +69,27 @@ struct Step {
   Plane gain, loss;
   float most = 0;  ///< gains are cut at plus and minus this
 
-  Step(const HalfPair& from, const HalfPair& to, const MixingFrame& frame, const Task& task)
-      : gain(frame.weight.width(), frame.weight.height()), loss(frame.weight.width(), frame.weight.height()) {
+  Step(const HalfPair& from, const HalfPair& to, const HalfPair& data, const Plane& weight, const Task& task)
+      : gain(Plane::unset(weight.width(), weight.height())), loss(Plane::unset(weight.width(), weight.height())) {
     for_each_row(gain.height(), quiet(task), [&](int y) {
-      const float* const weight = frame.weight.row(y);
-      for (int x0 = 0; x0 < gain.width(); x0 += kAtOnce) {
-        const int x1 = std::min(x0 + kAtOnce, gain.width());
-        if (std::any_of(weight + x0, weight + x1, [](float w) { return w > 0; }))
-          for (size_t c = 0; c < 3; ++c) add_colour(from, to, frame, c, y, x0, x1);
-      }
+      kernels::step_row(rows_of(from, 0, y), rows_of(to, 0, y), rows_of(data, 0, y), weight.row(y), gain.row(y),
+                        loss.row(y), gain.width());
     });
     most = largest_but_fireflies(task);
   }
 
  private:
-  static constexpr int kAtOnce = 64;
-
-  void add_colour(const HalfPair& from, const HalfPair& to, const MixingFrame& frame, size_t c, int y, int x0, int x1) {
-    const float *from_a = from.a[c].row(y), *from_b = from.b[c].row(y), *to_a = to.a[c].row(y), *to_b = to.b[c].row(y),
-                *data_a = frame.half_a[c]->row(y), *data_b = frame.half_b[c]->row(y), *weight = frame.weight.row(y);
-    float* __restrict g = gain.row(y), * __restrict l = loss.row(y);
-    for (int x = x0; x < x1; ++x) {
-      const float ta = from_a[x], tb = from_b[x], da = to_a[x] - ta, db = to_b[x] - tb, w = weight[x] * (1.0f / 3);
-      g[x] += w * (0.5f * ((data_b[x] - ta) * da + (data_a[x] - tb) * db) + 0.25f * (tb - ta) * (db - da));
-      l[x] += w * (0.25f * (da + db) * (da + db));
-    }
-  }
-
   /// The quantile kFirefly of the gains' sizes, up to a hundredth of it: their bits are counted without the last ones.
   float largest_but_fireflies(const Task& task) const {
-    constexpr int kDropped = 16, kStrips = 16;
-    std::array<std::vector<uint32_t>, kStrips> counts;
-    parallel_for(kStrips, quiet(task), [&](int strip) {
+    constexpr int kDropped = 16, kRows = 256;
+    std::vector<std::vector<uint32_t>> counts(static_cast<size_t>((gain.height() + kRows - 1) / kRows));
+    parallel_for(static_cast<int>(counts.size()), quiet(task), [&](int strip) {
       std::vector<uint32_t>& count = counts[static_cast<size_t>(strip)];
       count.resize(1u << (32 - kDropped - 1));
-      for (int y = strip * gain.height() / kStrips; y < (strip + 1) * gain.height() / kStrips; ++y)
-        for (const float v : gain.pixels(y))
-          if (v != 0) ++count[std::bit_cast<uint32_t>(std::abs(v)) >> kDropped];
+      for (int y = strip * kRows; y < std::min(gain.height(), (strip + 1) * kRows); ++y)
+        for (const float v : gain.pixels(y)) count[std::bit_cast<uint32_t>(std::abs(v)) >> kDropped] += v != 0;
     });
-    for (size_t strip = 1; strip < kStrips; ++strip)
+    for (size_t strip = 1; strip < counts.size(); ++strip)
       for (size_t i = 0; i < counts[0].size(); ++i) counts[0][i] += counts[strip][i];
     const uint64_t total = std::accumulate(counts[0].begin(), counts[0].end(), uint64_t{0});
     if (total == 0) return 0;
@@ -118,12 +109,19 @@ struct Best {
       : gain(width, height), share(width, height), proposal(static_cast<size_t>(width) * height, -1) {}
   int& of(int x, int y) { return proposal[static_cast<size_t>(y) * gain.width() + x]; }
   int of(int x, int y) const { return proposal[static_cast<size_t>(y) * gain.width() + x]; }
+  bool any_of(int taken, const Box& box) const {
+    for (int y = box.y0; y < box.y1; ++y) {
+      const int* const row = proposal.data() + static_cast<size_t>(y) * gain.width();
+      if (std::find(row + box.x0, row + box.x1, taken) != row + box.x1) return true;
+    }
+    return false;
+  }
 };
 
-/// What is averaged over windows, as means over blocks; what lies beyond the picture's edge counts as nothing.
+/// What is averaged over windows (kernels/mixing.h), as means over blocks; what lies beyond the picture's edge counts
+/// as nothing.
 struct Measures {
-  enum { kShare, kGain, kSquare, kFourth, kLoss, kCount };  ///< the gain's powers and the loss times the region's share
-  std::array<Plane, kCount> of;
+  std::array<Plane, kernels::kMeasures> of;
 
   int width() const { return of[0].width(); }
   int height() const { return of[0].height(); }
@@ -131,51 +129,40 @@ struct Measures {
   /// Over blocks of two by two pixels.
   Measures(const Step& step, const Plane& region, const Task& task)
       : Measures((region.width() + 1) / 2, (region.height() + 1) / 2) {
-    fold(region.height(), task, [&](int y, Sums& sums) {
-      const float *const share = region.row(y), *const gain = step.gain.row(y), *const loss = step.loss.row(y);
-      const float most = step.most;
-      const size_t count = static_cast<size_t>(region.width());
-      float *n = sums[kShare].data(), *g1 = sums[kGain].data(), *g2 = sums[kSquare].data(), *g4 = sums[kFourth].data(),
-            *l = sums[kLoss].data();
-      for (size_t x = 0; x < count; ++x) {
-        const float w = share[x], g = std::min(std::max(gain[x], -most), most), square = w * g * g;
-        n[x] += w;
-        g1[x] += w * g;
-        g2[x] += square;
-        g4[x] += square * g * g;
-        l[x] += w * loss[x];
-      }
+    fold(region.width(), region.height(), task, [&](int y, float* const* sums) {
+      kernels::measure_row(region.row(y), step.gain.row(y), step.loss.row(y), step.most, sums, region.width());
     });
   }
   /// Over blocks twice as wide.
   Measures(const Measures& fine, const Task& task) : Measures((fine.width() + 1) / 2, (fine.height() + 1) / 2) {
-    fold(fine.height(), task, [&](int y, Sums& sums) {
-      for (size_t i = 0; i < kCount; ++i) {
+    fold(fine.width(), fine.height(), task, [&](int y, float* const* sums) {
+      for (size_t i = 0; i < kernels::kMeasures; ++i) {
         const float* const row = fine.of[i].row(y);
-        for (size_t x = 0; x < static_cast<size_t>(fine.width()); ++x) sums[i][x] += row[x];
+        for (int x = 0; x < fine.width(); ++x) sums[i][x] += row[x];
       }
     });
   }
   Measures blurred(double deviation, const Task& task) const {
     Measures out(0, 0);
-    for (size_t i = 0; i < kCount; ++i) out.of[i] = gaussian_blur(of[i], deviation, task);
+    for (size_t i = 0; i < kernels::kMeasures; ++i) out.of[i] = gaussian_blur(of[i], deviation, task);
     return out;
   }
 
  private:
-  using Sums = std::array<std::vector<float>, kCount>;  // over two rows of a finer grid
-
-  Measures(int width, int height) { of.fill(Plane(width, height)); }
-  /// @param add  called as add(y, sums) for two rows of a finer grid
+  Measures(int width, int height) {
+    for (Plane& plane : of) plane = Plane::unset(width, height);
+  }
+  /// @param columns, rows  of a finer grid    @param add  called as add(y, sums) for two of these rows
   template <class Add>
-  void fold(int rows, const Task& task, const Add& add) {
-    for_each_row(height(), quiet(task), [&](int block) {
-      Sums sums;
-      for (std::vector<float>& row : sums) row.assign(2 * static_cast<size_t>(width()), 0.0f);
-      for (int y = 2 * block; y < std::min(rows, 2 * block + 2); ++y) add(y, sums);
-      for (size_t i = 0; i < kCount; ++i) {
-        float* const to = of[i].row(block);
-        for (size_t x = 0; x < static_cast<size_t>(width()); ++x) to[x] = 0.25f * (sums[i][2 * x] + sums[i][2 * x + 1]);
+  void fold(int columns, int rows, const Task& task, const Add& add) {
+    parallel_for((height() + kRowsPerTask - 1) / kRowsPerTask, quiet(task), [&](int band) {
+      Plane room(columns + 1, static_cast<int>(kernels::kMeasures));
+      std::array<float*, kernels::kMeasures> sums;
+      for (size_t i = 0; i < kernels::kMeasures; ++i) sums[i] = room.row(static_cast<int>(i));
+      for (int block = band * kRowsPerTask; block < std::min(height(), (band + 1) * kRowsPerTask); ++block) {
+        room.fill(0);
+        for (int y = 2 * block; y < std::min(rows, 2 * block + 2); ++y) add(y, sums.data());
+        for (size_t i = 0; i < kernels::kMeasures; ++i) kernels::halve_row(sums[i], 0.25f, of[i].row(block), width());
       }
     });
   }
@@ -187,57 +174,89 @@ struct SureGain {
   std::atomic<bool> any = false;
 
   SureGain(const Measures& m, double sure, double pixels, const Task& task)
-      : gain(m.width(), m.height()), share(m.width(), m.height()) {
-    for_each_pixel(gain.width(), gain.height(), quiet(task), [&](int x, int y) {
-      const auto mean = [&](size_t i) { return m.of[i](x, y) / m.of[Measures::kShare](x, y); };
-      const float n = m.of[Measures::kShare](x, y);
-      if (!(n > 1e-6f) || !(m.of[Measures::kGain](x, y) > 0)) return;
-      const float b = mean(Measures::kGain), count = static_cast<float>(pixels) * n;
-      const float variance = std::max(0.0f, mean(Measures::kSquare) - b * b);
-      const float largest = std::sqrt(std::sqrt(mean(Measures::kFourth) * count));
-      const float low = b - static_cast<float>(sure) * std::sqrt(variance / count) - kLargeValue * largest / count;
-      if (!(low > 0)) return;
-      const float a = std::max(mean(Measures::kLoss), 1e-30f);
-      share(x, y) = std::min(1.0f, low / a);
-      gain(x, y) = share(x, y) * (2 * low - share(x, y) * a);
-      any = true;
+      : gain(Plane::unset(m.width(), m.height())), share(Plane::unset(m.width(), m.height())) {
+    for_each_row(gain.height(), quiet(task), [&](int y) {
+      std::array<const float*, kernels::kMeasures> means;
+      for (size_t i = 0; i < means.size(); ++i) means[i] = m.of[i].row(y);
+      if (kernels::sure_row(means.data(), static_cast<float>(sure), static_cast<float>(pixels), gain.row(y),
+                            share.row(y), gain.width()))
+        any = true;
     });
   }
 };
 
 void consider(int proposal, const Step& step, const MixingRegion& region, Best& best, const Task& task) {
   Measures measures(step, region.share, task);
+  const int width = region.share.width(), height = region.share.height();
   for (const Window& window : kWindows) {
     if (window.block > 2) measures = Measures(measures, task);
     const double s = window.deviation;
     // So many pixels count as much as the window.
     const SureGain sure(measures.blurred(s / window.block, task), region.sure, 4 * kPi * s * s, task);
     if (!sure.any) continue;
-    std::vector<BlockPlace> along;
-    for (int x = 0; x < region.share.width(); ++x) along.emplace_back(x, window.block, sure.gain.width());
-    for_each_row(region.share.height(), quiet(task), [&](int y) {
-      const BlockPlace down(y, window.block, sure.gain.height());
+    const BlockPlaces along(width, window.block, sure.gain.width()), down(height, window.block, sure.gain.height());
+    for_each_row(height, quiet(task), [&](int y) {
       std::vector<float> gains(static_cast<size_t>(sure.gain.width())), shares(gains.size());
-      if (!row_between(sure.gain, down, gains)) return;
-      row_between(sure.share, down, shares);
-      for (int x = 0; x < region.share.width(); ++x) {
-        if (!(region.share(x, y) > 0)) continue;
-        const BlockPlace& at = along[static_cast<size_t>(x)];
-        const float found = at.of(gains.data());
-        if (!(found > best.gain(x, y))) continue;
-        best.gain(x, y) = found;
-        best.share(x, y) = at.of(shares.data());
-        best.of(x, y) = proposal;
-      }
+      if (!down.row_between(sure.gain, y, gains)) return;
+      down.row_between(sure.share, y, shares);
+      kernels::take_row(along.view(), gains.data(), shares.data(), region.share.row(y), proposal, best.gain.row(y),
+                        best.share.row(y), &best.of(0, y), width);
     });
   }
+}
+
+/// Smooths shares over a few pixels, a tile of the picture at a time.
+class TileBlur {
+ public:
+  static constexpr int kWidth = 64, kHeight = 16, kRadius = 5;  // of tiles; 3 deviations
+
+  TileBlur() : rows_(kWidth + 2 * kRadius, kHeight + 2 * kRadius), wide_(kWidth + 2 * kRadius, 1) {
+    for (int j = -kRadius; j <= kRadius; ++j) {
+      taps_.push_back(static_cast<float>(std::exp(-j * j / (2 * kShareWindow * kShareWindow))));
+      along_.push_back(wide_.row(0) + kRadius + j);
+    }
+  }
+  /// Calls made(y, blurred) for each row of a tile; sums of the taps times value(x, y), which is 0 outside of the
+  /// picture.
+  template <class Value, class Made>
+  void run(const Box& tile, int width, int height, const Value& value, const Made& made) {
+    const int r = kRadius;
+    rows_.fill(0);
+    const Box from = tile.grown(r, width, height);
+    for (int y = from.y0; y < from.y1; ++y)
+      for (int x = from.x0; x < from.x1; ++x) rows_(x - tile.x0 + r, y - tile.y0 + r) = value(x, y);
+    std::array<const float*, 2 * kRadius + 1> down;
+    float blurred[kWidth];
+    for (int y = tile.y0; y < tile.y1; ++y) {
+      for (int j = 0; j <= 2 * r; ++j) down[static_cast<size_t>(j)] = rows_.row(y - tile.y0 + j);
+      kernels::weighted_sum_rows(down.data(), taps_.data(), 2 * r + 1, wide_.row(0), kWidth + 2 * r);
+      kernels::weighted_sum_rows(along_.data(), taps_.data(), 2 * r + 1, blurred, tile.width());
+      made(y, blurred);
+    }
+  }
+
+ private:
+  Plane rows_, wide_;
+  std::vector<float> taps_;
+  std::vector<const float*> along_;
+};
+
+/// Calls visit(tile, index) for every tile of a picture, on the task's threads.
+template <class Visit>
+void for_each_tile(int width, int height, const Task& task, const Visit& visit) {
+  const int across = (width + TileBlur::kWidth - 1) / TileBlur::kWidth,
+            down = (height + TileBlur::kHeight - 1) / TileBlur::kHeight;
+  parallel_for(across * down, quiet(task), [&](int i) {
+    const int x0 = i % across * TileBlur::kWidth, y0 = i / across * TileBlur::kHeight;
+    visit(Box{x0, y0, std::min(width, x0 + TileBlur::kWidth), std::min(height, y0 + TileBlur::kHeight)}, i);
+  });
 }
 
 /// A box of the frame while steps are taken in it.
 class MixedBox {
  public:
   /// @param result  within the box    @param weight  of squared errors, within the box
-  MixedBox(const Box& box, HalfPair result, Plane weight, const MixingFrame& frame)
+  MixedBox(const Box& box, HalfPair result, Plane weight, const MixingFrame& frame, const Task& task)
       : box_(box), result_(std::move(result)), weight_(std::move(weight)), moved_(box.width(), box.height()) {
     const auto part = [&](const Plane& of) { return Plane::view(of, box.x0, box.y0, box.width(), box.height()); };
     for (size_t c = 0; c < 3; ++c) {
@@ -245,7 +264,10 @@ class MixedBox {
       data_.b[c] = part(*frame.half_b[c]);
     }
     for (const MixingRegion& region : frame.regions)
-      if (any_above_0(region.share, box)) regions_.push_back({part(region.share), region.sure});
+      if (any_above_0(region.share, box)) {
+        regions_.push_back({part(region.share), region.sure});
+        spread_.push_back(spread_of(regions_.back().share, task));
+      }
   }
   const Box& box() const { return box_; }
   const Plane& weight() const { return weight_; }
@@ -257,14 +279,13 @@ class MixedBox {
   /// @param usual_noise  of a tile; found where it is below 0
   /// @return  the weight where another round may be worth its time, elsewhere 0; empty: nowhere
   Plane round(std::vector<const Proposal*>& proposals, const Plane& weight, double& usual_noise, const Task& task) {
-    const MixingFrame here{view(data_.a), view(data_.b), weight, regions_};
-    const std::vector<Best> best = best_steps(proposals, here, task);
-    Plane next = worth_another_round(best, here, usual_noise, task);
+    const std::vector<Best> best = best_steps(proposals, weight, task);
+    Plane next = worth_another_round(best, weight, usual_noise, task);
     std::vector<bool> taken(proposals.size());
     for (const Best& b : best)
       for (const int m : b.proposal)
         if (m >= 0) taken[static_cast<size_t>(m)] = true;
-    result_ = moved_by(best, taken, proposals, here, task);
+    result_ = moved_by(best, taken, proposals, weight, task);
     std::vector<const Proposal*> left;
     for (size_t m = 0; m < proposals.size(); ++m)
       if (taken[m]) left.push_back(proposals[m]);
@@ -274,53 +295,66 @@ class MixedBox {
 
  private:
   /// The best step for each pixel, region by region.
-  std::vector<Best> best_steps(const std::vector<const Proposal*>& proposals, const MixingFrame& frame,
-                               const Task& task) {
+  std::vector<Best> best_steps(const std::vector<const Proposal*>& proposals, const Plane& weight, const Task& task) {
     std::vector<Best> best(regions_.size(), Best(box_.width(), box_.height()));
     for (size_t m = 0; m < proposals.size(); ++m) {
       task.check();
-      const Step step(result_, (*proposals[m])(result_, box_, room_), frame, task);
+      const Step step(result_, (*proposals[m])(result_, box_, room_), data_, weight, task);
       for (size_t r = 0; r < regions_.size(); ++r) consider(static_cast<int>(m), step, regions_[r], best[r], task);
     }
     return best;
   }
 
+  /// A region's share over the sum of its neighbours': what blurred shares are multiplied by to stay within the region.
+  static Plane spread_of(const Plane& region, const Task& task) {
+    Plane spread = Plane::unset(region.width(), region.height());
+    for_each_tile(region.width(), region.height(), task, [&](const Box& tile, int) {
+      TileBlur().run(
+          tile, region.width(), region.height(), [&](int x, int y) { return region(x, y); },
+          [&](int y, const float* around) {
+            for (int x = tile.x0; x < tile.x1; ++x)
+              spread(x, y) = region(x, y) > 0 ? region(x, y) / around[x - tile.x0] : 0.0f;
+          });
+    });
+    return spread;
+  }
+
   /// Takes the steps, each region by itself, with shares that are smooth over a few pixels.
   HalfPair moved_by(const std::vector<Best>& best, const std::vector<bool>& taken,
-                    const std::vector<const Proposal*>& proposals, const MixingFrame& frame, const Task& task) {
+                    const std::vector<const Proposal*>& proposals, const Plane& weight, const Task& task) {
     const int width = box_.width(), height = box_.height();
     HalfPair next = result_;
     for (size_t m = 0; m < proposals.size(); ++m) {
       if (!taken[m]) continue;
       const HalfPair& candidate = (*proposals[m])(result_, box_, room_);
-      for (size_t r = 0; r < regions_.size(); ++r) {
-        const Plane& region = regions_[r].share;
-        Plane share = make_plane(width, height, quiet(task), [&](int x, int y) {
-          return best[r].of(x, y) == static_cast<int>(m) ? region(x, y) * best[r].share(x, y) : 0.0f;
-        });
-        if (!any_above_0(share)) continue;
-        share = gaussian_blur(share, kShareWindow, task);
-        const Plane around = gaussian_blur(region, kShareWindow, task);
-        for_each_row(height, quiet(task), [&](int y) {
-          for (int x = 0; x < width; ++x) {
-            if (!(share(x, y) > 0) || !(region(x, y) > 0) || !(frame.weight(x, y) > 0)) continue;
-            const float s = region(x, y) * share(x, y) / around(x, y);
-            moved_(x, y) = 1;
-            for (size_t c = 0; c < 3; ++c) {
-              next.a[c](x, y) += s * (candidate.a[c](x, y) - result_.a[c](x, y));
-              next.b[c](x, y) += s * (candidate.b[c](x, y) - result_.b[c](x, y));
-            }
-          }
-        });
-      }
+      const auto proposal = static_cast<int>(m);
+      for_each_tile(width, height, task, [&](const Box& tile, int) {
+        std::optional<TileBlur> blur;
+        for (size_t r = 0; r < regions_.size(); ++r) {
+          if (!best[r].any_of(proposal, tile.grown(TileBlur::kRadius, width, height))) continue;
+          if (!blur) blur.emplace();
+          blur->run(
+              tile, width, height,
+              [&](int x, int y) {
+                return best[r].of(x, y) == proposal ? regions_[r].share(x, y) * best[r].share(x, y) : 0.0f;
+              },
+              [&](int y, const float* share) {
+                float* const result[] = {next.a[0].row(y) + tile.x0, next.a[1].row(y) + tile.x0,
+                                         next.a[2].row(y) + tile.x0, next.b[0].row(y) + tile.x0,
+                                         next.b[1].row(y) + tile.x0, next.b[2].row(y) + tile.x0};
+                kernels::move_row(share, spread_[r].row(y) + tile.x0, weight.row(y) + tile.x0,
+                                  rows_of(result_, tile.x0, y), rows_of(candidate, tile.x0, y), result,
+                                  moved_.row(y) + tile.x0, tile.width());
+              });
+        }
+      });
     }
     return next;
   }
 
   /// The weight near tiles in which the last round gained enough, elsewhere 0; empty where there is no such tile.
-  Plane worth_another_round(const std::vector<Best>& best, const MixingFrame& frame, double& usual_noise,
+  Plane worth_another_round(const std::vector<Best>& best, const Plane& weight, double& usual_noise,
                             const Task& task) const {
-    const Plane& weight = frame.weight;
     const int across = (weight.width() + kTile - 1) / kTile, down = (weight.height() + kTile - 1) / kTile;
     Plane gain(across, down), noise(across, down), near(across, down);
     parallel_for(down, quiet(task), [&](int tile) {
@@ -334,7 +368,7 @@ class MixedBox {
           }
           noise(x / kTile, tile) += weight(x, y) * squares;
           for (size_t r = 0; r < best.size(); ++r)
-            gain(x / kTile, tile) += frame.regions[r].share(x, y) * best[r].gain(x, y);
+            gain(x / kTile, tile) += regions_[r].share(x, y) * best[r].gain(x, y);
         }
     });
     if (usual_noise < 0) {
@@ -360,6 +394,7 @@ class MixedBox {
   HalfPair result_, data_, room_;
   Plane weight_, moved_;
   std::vector<MixingRegion> regions_;
+  std::vector<Plane> spread_;
 };
 
 /// Boxes of whole tiles around what is above 0, none of which overlap.
@@ -407,34 +442,26 @@ void mix(HalfPair& result, const std::vector<Proposal>& proposals, const LatePro
   double usual_noise = -1;
   Plane worthwhile, moved;
   {
-    MixedBox whole(whole_frame, std::move(result), {}, frame);
+    MixedBox whole(whole_frame, std::move(result), {}, frame, task);
     worthwhile = whole.round(all, frame.weight, usual_noise, task);
     result = std::move(whole.result());
     moved = whole.moved();
   }
   if (worthwhile.empty()) return;
   for (const Box& box : boxes_around(worthwhile)) {
-    MixedBox part(box, cut(result, box), crop(worthwhile, box), frame);
+    MixedBox part(box, cut(result, box), crop(worthwhile, box), frame, task);
     std::vector<const Proposal*> own = all;
-    const auto rounds = [&](int most) {
-      Plane weight = part.weight();
-      for (int round = 0; round < most && !weight.empty() && !own.empty(); ++round)
-        weight = part.round(own, weight, usual_noise, task);
-    };
-    rounds(kRounds - 1);
-    if (!late) {
-      rounds(1);
-      paste(part.result(), box, result);
-      continue;
-    }
-    Plane wanted = make_plane(box.width(), box.height(), quiet(task), [&](int x, int y) {
-      return part.weight()(x, y) > 0 && (part.moved()(x, y) > 0 || moved(box.x0 + x, box.y0 + y) > 0) ? 1.0f : 0.0f;
-    });
-    const HalfPair lines = late(box, wanted);
+    HalfPair lines;
     const Proposal proposal = [&](const HalfPair&, const Box&, HalfPair&) -> const HalfPair& { return lines; };
-    own = all;
-    own.push_back(&proposal);
-    rounds(kRounds);
+    if (late) {
+      lines = late(box, make_plane(box.width(), box.height(), quiet(task), [&](int x, int y) {
+                     return part.weight()(x, y) > 0 && moved(box.x0 + x, box.y0 + y) > 0 ? 1.0f : 0.0f;
+                   }));
+      own.push_back(&proposal);
+    }
+    Plane weight = part.weight();
+    for (int round = 0; round < kRounds && !weight.empty() && !own.empty(); ++round)
+      weight = part.round(own, weight, usual_noise, task);
     paste(part.result(), box, result);
   }
 }

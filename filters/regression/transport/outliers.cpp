@@ -153,7 +153,7 @@ ClampedHalves draw_outliers_in(RegressionInputs& inputs, float power, double lim
   for (const Fit fit : {Fit::kPredicted, Fit::kShape, Fit::kAll}) own[fit].standardise(inputs[0].weight, task);
   for (RegressionInput& q : inputs) q.known.scale_like(own);
   std::vector<HalfPair> fits(inputs.size());
-  const auto keep = [&](size_t i, size_t c, Plane a, Plane b) {
+  const auto keep = [&](size_t, size_t i, size_t c, Plane a, Plane b) {
     fits[i].a[c] = std::move(a);
     fits[i].b[c] = std::move(b);
   };

@@ -27,6 +27,9 @@ struct TransportRegression {
 
 // Gaussian windows of local means of what a result misses [px], and of the brightness that errors are relative to.
 constexpr double kLocalMeans[] = {1, 2, 4}, kLightWindow = 1.5;
+// With fewer samples per pixel, fits of many columns in narrow windows only follow the noise, and so do local lines,
+// unless the guides fail so that more than this share of the data's squared error is left.
+constexpr double kFewSamples = 8, kMostLeft = 0.5;
 
 void say_what_is_missing(const FilterFrame& frame, bool guided, bool halves, std::vector<std::string>& notes) {
   const bool foreign = !frame.layers.text(kForeignRenderer).empty();
@@ -58,10 +61,24 @@ HalfPair with_local_mean(const HalfPair& result, const HalfPair& data, const Box
   return {corrected(result.a, data.a), corrected(result.b, data.b)};
 }
 
+/// Squared error of a result, its bias and its noise as both halves show them, over that of the data.
+double error_left(const HalfPair& result, const HalfPair& data, const Plane& weight) {
+  double left = 0, noise = 0;
+  for (size_t c = 0; c < 3; ++c)
+    for (int y = 0; y < weight.height(); ++y)
+      for (int x = 0; x < weight.width(); ++x) {
+        const float a = data.a[c](x, y), b = data.b[c](x, y), ta = result.a[c](x, y), tb = result.b[c](x, y);
+        left += static_cast<double>(weight(x, y) * ((a - ta) * (b - tb) + 0.25f * (ta - tb) * (ta - tb)));
+        noise += static_cast<double>(weight(x, y) * 0.25f * (a - b) * (a - b));
+      }
+  return noise > 0 ? left / noise : 0.0;
+}
+
 /// Moves what the fits say together to what single fits, the data and their local means say where those prove better.
 /// @param over_frames  of a sequence, the data with the noise of its frames' mean
+/// @param few          whether there are few samples
 void improve(HalfPair& result, const std::vector<StoredPair>& candidates, const HalfPair& data,
-             const std::optional<HalfPair>& over_frames, const TransportColumns& known, const Task& task) {
+             const std::optional<HalfPair>& over_frames, const TransportColumns& known, bool few, const Task& task) {
   const int width = known.mask.width(), height = known.mask.height();
   // Relative errors, as CIE-Lab sees them.
   const Plane light = gaussian_blur(brightness(result, task), kLightWindow, task);
@@ -97,7 +114,8 @@ void improve(HalfPair& result, const std::vector<StoredPair>& candidates, const 
       features.push_back(Plane::view(feature, box.x0, box.y0, box.width(), box.height()));
     return local_lines(cut(data, box), pointers(features), wanted, task);
   };
-  mix(result, proposals, lines, {view(data.a), view(data.b), weight, regions}, task);
+  const bool with_lines = !few || error_left(result, data, weight) > kMostLeft;
+  mix(result, proposals, with_lines ? lines : nullptr, {view(data.a), view(data.b), weight, regions}, task);
 }
 
 void run(const TransportRegression& p, const FilterFrame& frame, const FilterOutput& out, const Task& task) {
@@ -108,6 +126,7 @@ void run(const TransportRegression& p, const FilterFrame& frame, const FilterOut
   const TransportColumns& known = own.known;
   if (out.notes) say_what_is_missing(frame, known.guided, own.halves, *out.notes);
   const double samples = std::max(1.0, frame.samples);
+  const bool few = frame.samples > 0 && frame.samples < kFewSamples;
   const double limit = static_cast<double>(p.limit) * std::max(1.0, std::pow(samples / 16, 0.25));
   // Noise grows with light that paths find; direct light holds background, too, so that its brightness says nothing.
   const float power = frame.name == layer::direct ? 0.0f : p.weight_power;
@@ -116,7 +135,7 @@ void run(const TransportRegression& p, const FilterFrame& frame, const FilterOut
 
   std::optional<HalfPair> over_frames;
   const std::vector<StoredPair> candidates =
-      cascade(inputs, {p.window, p.ridge, p.ridge_per_pixel, power}, over_frames, task);
+      cascade(inputs, {p.window, p.ridge, p.ridge_per_pixel, power, !few}, over_frames, task);
   own.left = {};
   // The data are a candidate themselves: with many samples nothing is nearer to the truth.
   const HalfPair data{std::move(clamped.a), std::move(clamped.b)};
@@ -126,7 +145,7 @@ void run(const TransportRegression& p, const FilterFrame& frame, const FilterOut
                              {static_cast<double>(p.stacking_window), static_cast<double>(p.caution)}, task),
             task);
   task.report(0.7);
-  improve(chosen, candidates, data, over_frames, known, task);
+  improve(chosen, candidates, data, over_frames, known, few, task);
   Rgb clean = mean(chosen, task);
   redistribute_energy(clamped.taken, clean, known.mask, task);
   for (size_t c = 0; c < 3; ++c) add_to(clean[c], 1, clamped.points[c], task);
