@@ -1,10 +1,10 @@
 #!/bin/sh
 # brume against Blender's Cycles on the same pictures, in one run on one machine: needs the package blender. Cycles renders
 # two seeds of each; its time is what bpy.ops.render takes, loading left out. These scenes need the reference scenes beside
-# the project and are left out where those are not there. After them scenes of several media, colours and meshes, which are
+# the project and are left out where those are not there. After them scenes of several media, colours, meshes and fire, which are
 # in the clone, by processor time, four seeds and 64 bounces in both.
 #
-#   bench/against_cycles.sh [FOLDER FOR CYCLES' FRAMES]      SCENES="cloud ..." GENERAL="two_volumes ..." SPP=64
+#   bench/against_cycles.sh [FOLDER FOR CYCLES' FRAMES]      SCENES="cloud ..." GENERAL="general/two_volumes ..." SPP=64
 set -eu
 cd "$(dirname "$0")/.."
 references=../shared/references/cycles
@@ -31,8 +31,9 @@ for scene in $scenes; do
   echo "brume:"
   build/release/bench/brume_efficiency bench/scenes/$name.toml
 done
-for scene in ${GENERAL-two_volumes floor_and_balls coloured_cloud}; do
-  file=bench/scenes/general/$scene.toml
+for scene in ${GENERAL-general/two_volumes general/floor_and_balls general/coloured_cloud cycles_explosion cycles_fire_room}; do
+  file=bench/scenes/$scene.toml
+  scene=${scene#general/}
   frames=""
   seconds=0
   for seed in 1 2 3 4; do

@@ -3,7 +3,7 @@
 #   blender -b --factory-startup --python bench/cycles_scene.py -- SCENE.toml OUT.exr SPP SEED
 #
 # Takes what the scenes of bench/scenes/general use: a pinhole camera, an even sky, suns and sphere lamps, density grids
-# of any extinction and albedo with one Henyey-Greenstein lobe, diffuse and metal meshes. Anything else ends it with an
+# of any extinction and albedo with one Henyey-Greenstein lobe, black bodies in grey ones, diffuse and metal meshes. Anything else ends it with an
 # error. Grids of Cycles lie half a voxel beside brume's.
 import math
 import os
@@ -53,12 +53,17 @@ def material(name):
 
 
 def add_volume(v):
-    known(v, "volume key", "file", "grid", "sigma_t", "albedo", "g", "object_to_world")
+    known(v, "volume key", "file", "grid", "sigma_t", "albedo", "g", "object_to_world", "temperature_grid", "temperature_scale",
+          "blackbody_intensity", "blackbody_law")
     volume = bpy.data.volumes.new("volume")
     volume.filepath = os.path.join(folder, v["file"])
     volume.render.space, volume.render.step_size, volume.render.precision = "WORLD", 0.0, "FULL"
     link(volume, "volume", v.get("object_to_world"))
     made, tree, output = material("medium")
+    volume.materials.append(made)
+    made.cycles.volume_sampling = "MULTIPLE_IMPORTANCE"
+    if "blackbody_intensity" in v:
+        return add_fire(v, tree, output)
     node = tree.nodes.new
     grid, scale, add = node("ShaderNodeAttribute"), node("ShaderNodeMath"), node("ShaderNodeAddShader")
     scatter, absorption = node("ShaderNodeVolumeScatter"), node("ShaderNodeVolumeAbsorption")
@@ -76,8 +81,27 @@ def add_volume(v):
         tree.links.new(scale.outputs[0], part.inputs["Density"])
         tree.links.new(part.outputs[0], add.inputs[slot])
     tree.links.new(add.outputs[0], output.inputs["Volume"])
-    volume.materials.append(made)
-    made.cycles.volume_sampling = "MULTIPLE_IMPORTANCE"
+
+
+def add_fire(v, tree, output):
+    if v["temperature_grid"] != "auto" or v.get("blackbody_law") != "stefan_boltzmann" or isinstance(v["sigma_t"], list):
+        sys.exit(f'{scene_file}: this comparison has fire in grey smoke alone, with temperature_grid = "auto", '
+                 'blackbody_law = "stefan_boltzmann"')
+    shader = tree.nodes.new("ShaderNodeVolumePrincipled")
+    inputs = shader.inputs
+    inputs["Color"].default_value = rgb(v["albedo"]) + [1]
+    inputs["Absorption Color"].default_value = [0, 0, 0, 1]
+    inputs["Anisotropy"].default_value = v.get("g", 0.0)
+    inputs["Blackbody Intensity"].default_value = v["blackbody_intensity"]
+    inputs["Density Attribute"].default_value = inputs["Temperature Attribute"].default_value = ""
+    for name, factor, slot in ((v.get("grid", "density"), v["sigma_t"], "Density"),
+                               ("temperature", v["temperature_scale"], "Temperature")):
+        grid, scale = tree.nodes.new("ShaderNodeAttribute"), tree.nodes.new("ShaderNodeMath")
+        grid.attribute_name, scale.operation = name, "MULTIPLY"
+        scale.inputs[1].default_value = factor
+        tree.links.new(grid.outputs["Fac"], scale.inputs[0])
+        tree.links.new(scale.outputs[0], inputs[slot])
+    tree.links.new(shader.outputs[0], output.inputs["Volume"])
 
 
 def add_light(l):

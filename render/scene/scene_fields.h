@@ -78,7 +78,7 @@ void describe(Visitor& v, RenderSettings& r) {
   v({"roulette_start", "", "scatterings after which Russian roulette begins", 1, 1e9}, r.roulette_start);
   v({.key = "light_sampling",
      .help =
-         "auto: next-event estimation towards all lights but a constant environment, which phase sampling finds without noise; all: that one too; none: phase sampling only",
+         "auto: next-event estimation towards all lights, fire among them, but a constant environment, which phase sampling finds without noise; all: that one too; none: phase sampling only",
      .choices = {"auto", "all", "none"}},
     r.light_sampling);
   v({"surface_density", "of the maximum", "density of the medium's isosurface, for the gradient and coverage layers",
