@@ -29,6 +29,7 @@ class GuideMarch {
 
  private:
   friend class GuideTile;
+  friend class LitPixels;
   friend class MirroredRays;
 
   const PathContext& context_;

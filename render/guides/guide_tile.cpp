@@ -18,12 +18,13 @@ vec3 scaled(const dvec3& colour, double value) {
 
 }  // namespace
 
-GuideTile::GuideTile(const GuideMarch& march) : march_(march), mirrored_(march) {
+GuideTile::GuideTile(const GuideMarch& march) : march_(march), lit_(march), mirrored_(march) {
   for (int i = 0; i < kSide * kSide; ++i) pixels_.emplace_back(march.fields_.lights().size());
 }
 
 void GuideTile::record(const ivec2& corner, const ivec2& from, const ivec2& to, const GuideLayers& layers) {
   traced_.clear();
+  lit_.begin_tile();
   mirrored_.begin_tile();
   const PixelRays& rays = march_.rays_;
   const int across = rays.across();
@@ -63,18 +64,18 @@ void GuideTile::trace_rays(const std::vector<size_t>& pixels, int ray, int acros
   batch_.clear();
   const double time = march_.rays_.sample(traced_[pixels[0]].at, ray, across).time;
   const MarchScene& scene = march_.scenes_[static_cast<size_t>(time * static_cast<double>(march_.scenes_.size()))];
-  for (const size_t p : pixels) begin(p, march_.rays_.sample(traced_[p].at, ray, across), scene);
+  for (const size_t p : pixels) begin(p, ray, march_.rays_.sample(traced_[p].at, ray, across), scene);
   march_rays(scene, {march_.node_fields_.table(), &march_.node_fields_.slots(), /*octaves=*/true}, batch_);
   for (size_t i = 0; i < rays_.size(); ++i) end(rays_[i], batch_.rays[i]);
   mirrored_.follow(scene);
 }
 
 // The first surface or light that is seen ends a ray.
-void GuideTile::begin(size_t pixel, const CameraSample& sample, const MarchScene& scene) {
+void GuideTile::begin(size_t pixel, int number, const CameraSample& sample, const MarchScene& scene) {
   const Ray ray = march_.rays_.ray(sample);
   const std::optional<SurfaceHit> hit = march_.rays_.first_hit(ray);
   const auto [light, distance] = march_.context_.lights->nearest(ray, hit ? hit->t : kFar, /*seen=*/true);
-  rays_.push_back({pixel, sample, hit, light, distance});
+  rays_.push_back({pixel, number, sample, hit, light, distance});
   scene.aim(ray,
             light ? distance
             : hit ? hit->t
@@ -126,10 +127,16 @@ void GuideTile::add_surface(const CameraRay& ray, const MarchedRay& marched, Gui
   sums.surface_depth += transmittance * (ray.hit->t - march_.reference_depth_);
   sums.material[static_cast<int>(at.bsdf.kind)] += static_cast<float>(transmittance);
   sums.background += scaled(march_.context_.surfaces->emitted(ray.hit->surface, !at.inside), transmittance);
-  const SurfaceLight::Around around = march_.surfaces_.around(at);
-  dvec3 indirect = at.bsdf.albedo * around.scattered, leaving(0);
+  const Traced& pixel = traced_[ray.pixel];
+  const LitPixels::Light* const lit =
+      at.diffuse() ? &lit_.at(pixel.at, ray.number, pixel.across, *ray.hit, at) : nullptr;
+  dvec3 indirect = lit ? at.bsdf.albedo * lit->scattered : dvec3(0), leaving(0);
   for (size_t k = 0; k < sums.groups.size() && !at.bsdf.delta(); ++k) {
-    const Lit light = march_.surfaces_.light_on(at, around, *march_.fields_.lights()[k]);
+    Lit light;
+    if (lit)
+      light.add(at.bsdf.albedo, lit->groups[k]);
+    else
+      light = march_.surfaces_.light_on(at, {}, *march_.fields_.lights()[k]);
     sums.surface[k] += scaled(light.direct, transmittance);
     leaving += light.direct;
     indirect += light.indirect;

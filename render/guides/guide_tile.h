@@ -2,6 +2,7 @@
 #include <vector>
 
 #include "render/guides/guide_march.h"
+#include "render/guides/lit_pixels.h"
 #include "render/guides/mirrored_rays.h"
 
 namespace brume {
@@ -29,6 +30,7 @@ class GuideTile {
   /// A camera ray and what ends it.
   struct CameraRay {
     size_t pixel;
+    int number;  ///< of the pixel's rays
     CameraSample sample;
     std::optional<SurfaceHit> hit;
     const FiniteLight* light;
@@ -38,12 +40,13 @@ class GuideTile {
   void trace(const std::vector<size_t>& pixels, int across);
   /// One ray of each of the pixels.
   void trace_rays(const std::vector<size_t>& pixels, int ray, int across);
-  void begin(size_t pixel, const CameraSample& sample, const MarchScene& scene);
+  void begin(size_t pixel, int ray, const CameraSample& sample, const MarchScene& scene);
   void end(const CameraRay& ray, const MarchedRay& marched);
   void add_media(const MarchedRay& marched, GuideSums& sums) const;
   void add_surface(const CameraRay& ray, const MarchedRay& marched, GuideSums& sums);
 
   const GuideMarch& march_;
+  LitPixels lit_;
   MirroredRays mirrored_;
   std::vector<GuideSums> pixels_;
   std::vector<Traced> traced_;

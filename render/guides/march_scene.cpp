@@ -16,8 +16,8 @@ namespace {
 constexpr double kGentleGradient = 0.03;
 // Steps at once where all media are homogeneous and no lamp is near, as far as they are as thin as this.
 constexpr double kEvenStride = 4, kEvenThickness = 0.02;
-constexpr double kNodesPerLookUp = 0.75;  // of the spacing of nodes, between two look-ups of their fields
-constexpr double kNarrow = 0.99;         // mean cosine of directions that count as one
+constexpr double kNodesPerLookUp = 1;  // of the spacing of nodes, between two look-ups of their fields
+constexpr double kNarrow = 0.99;       // mean cosine of directions that count as one
 // Rays count their steps from a multiple of so many, so that theirs and those of longer strides lie alike in all rays.
 constexpr double kCountedSteps = 6;
 constexpr int kTurns = 4096;  // angles at which phase functions are tabulated

@@ -163,7 +163,7 @@ Lit EmittingMeshes::onto(const LitSurfaces& surfaces, const SurfaceLight::Around
     });
     return sum;
   };
-  // Shadows of one disc for its group; of each where groups differ.
+  // Shadows of one disc for its group; of each where neighbouring groups differ.
   struct Arriving {
     const Group* group;
     const Disc* brightest;
@@ -176,10 +176,11 @@ Lit EmittingMeshes::onto(const LitSurfaces& surfaces, const SurfaceLight::Around
       const Disc* const disc = brightest(group, p);
       arriving.push_back({&group, disc, irradiance, passage(*disc)});
     }
-  const bool alike =
-      std::all_of(arriving.begin(), arriving.end(), [&](const Arriving& a) { return a.open == arriving[0].open; });
   Lit lit;
-  for (const Arriving& a : arriving) {
+  for (size_t i = 0; i < arriving.size(); ++i) {
+    const Arriving& a = arriving[i];
+    const bool alike =
+        (i == 0 || arriving[i - 1].open == a.open) && (i + 1 == arriving.size() || arriving[i + 1].open == a.open);
     const dvec3 light = alike ? a.irradiance * a.open : lights(*a.group, passage);
     if (light == dvec3(0)) continue;
     const dvec3 to = a.brightest->p - p;

@@ -26,7 +26,7 @@ constexpr float kThinStep = 0.03f;
 constexpr float kLightSteps = 2, kLightThickness = 0.12f;
 // Optical depth of the steps that share one look-up of the fields at nodes.
 constexpr float kNodeThickness = 0.5f;
-constexpr float kOpaque = 2e-3f;     // transmittance of an eighth of the extinction at which a ray ends
+constexpr float kOpaque = 6e-3f;     // transmittance of an eighth of the extinction at which a ray ends
 constexpr float kDeepestPeak = 600;  // as ForwardPeak
 
 /// 1 - e^-x for x >= 0, relative error below 3e-7 for small x, too.
