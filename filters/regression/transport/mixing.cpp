@@ -23,7 +23,7 @@ struct Window {
   int block;
 };
 constexpr Window kWindows[] = {{3, 2}, {6, 4}, {12, 8}, {28, 16}};  // each block twice as wide as the one before
-constexpr int kRounds = 2;                                          // after the first one
+constexpr int kRounds = 3;                                          // after the first one
 constexpr double kFirefly = 0.999;    // quantile of gains at which single pixels are cut: none decides alone
 constexpr double kShareWindow = 1.5;  // over which shares are smoothed [px]
 // Where a round gains less than this share of the noise in a tile of so many pixels, or of a tile's usual noise if that
