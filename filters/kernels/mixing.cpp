@@ -54,19 +54,29 @@ void HalveRow(const float* HWY_RESTRICT in, float factor, float* HWY_RESTRICT ou
 
 bool SureRow(const float* const* means, float sure, float pixels, float* HWY_RESTRICT gain, float* HWY_RESTRICT share,
              int width) {
+  constexpr int kRun = 16;
   const float *of_region = means[0], *of_gain = means[1], *of_square = means[2], *of_fourth = means[3],
               *of_loss = means[4];
   int any = 0;
-  for (int x = 0; x < width; ++x) {
-    const float n = larger(of_region[x], 1e-6f), inverse = 1.0f / n, count = pixels * n;
-    const float b = of_gain[x] * inverse, variance = larger(of_square[x] * inverse - b * b, 0.0f);
-    const float largest = std::sqrt(std::sqrt(of_fourth[x] * inverse * count));
-    const float low = b - sure * std::sqrt(variance / count) - kLargeValue * largest / count;
-    const bool proven = of_region[x] > 1e-6f && low > 0;
-    const float a = larger(of_loss[x] * inverse, 1e-30f), s = smaller(low / a, 1.0f);
-    share[x] = proven ? s : 0.0f;
-    gain[x] = proven ? s * (2 * low - s * a) : 0.0f;
-    any |= proven;
+  for (int first = 0; first < width; first += kRun) {
+    const int last = first + kRun < width ? first + kRun : width;
+    int possible = 0;
+    for (int x = first; x < last; ++x) {
+      gain[x] = share[x] = 0;
+      possible |= of_gain[x] > 0;
+    }
+    if (!possible) continue;
+    for (int x = first; x < last; ++x) {
+      const float n = larger(of_region[x], 1e-6f), inverse = 1.0f / n, count = pixels * n;
+      const float b = of_gain[x] * inverse, variance = larger(of_square[x] * inverse - b * b, 0.0f);
+      const float largest = std::sqrt(std::sqrt(of_fourth[x] * inverse * count));
+      const float low = b - (sure * std::sqrt(variance * count) + kLargeValue * largest) / count;
+      const bool proven = of_region[x] > 1e-6f && low > 0;
+      const float a = larger(of_loss[x] * inverse, 1e-30f), s = smaller(low / a, 1.0f);
+      share[x] = proven ? s : 0.0f;
+      gain[x] = proven ? s * (2 * low - s * a) : 0.0f;
+      any |= proven;
+    }
   }
   return any != 0;
 }

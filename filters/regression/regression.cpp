@@ -60,7 +60,7 @@ constexpr int kBlockWidth = 64, kLeastBlockHeight = 20;
 
 class Collaboration {
  public:
-  Collaboration(std::span<const RegressionFrame> frames, int radius, const Plane* wanted, int every, const Task& task)
+  Collaboration(std::span<const RegressionFrame> frames, int radius, const Plane* wanted, const Task& task)
       : frames_(frames),
         radius_(radius),
         side_(2 * radius + 1),
@@ -72,7 +72,6 @@ class Collaboration {
         plane_(kStride * static_cast<size_t>(block_height_)),
         shape_(radius, kBlockWidth, block_height_),
         wanted_(wanted),
-        every_(every),
         sums_(frames[0].values.size() + 1, Plane(width_, height_)) {
     for (size_t c = 0; c < frames[0].values.size(); ++c)
       for (const RegressionFrame& f : frames) add_bounds(*f.values[c], &f == &frames[0], task);
@@ -157,7 +156,7 @@ class Collaboration {
       block.copies.push_back(shape_.copy(frames_[f], box));
     }
     for (int y = box.y0; y < box.y1; ++y)
-      if (y % every_ == 0 && is_wanted({box.x0, y, box.x1, y + 1})) fit_row(block, y);
+      if (is_wanted({box.x0, y, box.x1, y + 1})) fit_row(block, y);
     const Box reached = box.grown(radius_, width_, height_);
     for (size_t c = 0; c < sums_.size(); ++c)
       for (int y = reached.y0; y < reached.y1; ++y) {
@@ -211,7 +210,6 @@ class Collaboration {
   const size_t plane_;  // of a block's weights [floats]
   const Surroundings shape_;
   const Plane* const wanted_;
-  const int every_;  // rows from one with centres to the next
   std::vector<Plane> lowest_, highest_;
   std::vector<Plane> sums_;  // of predictions; last, of their weights
 };
@@ -219,8 +217,8 @@ class Collaboration {
 }  // namespace
 
 std::vector<Plane> collaborative_regression(std::span<const RegressionFrame> frames, int radius, const Task& task,
-                                            const Plane* wanted, int every) {
-  return Collaboration(frames, radius, wanted, every, task).run(task);
+                                            const Plane* wanted) {
+  return Collaboration(frames, radius, wanted, task).run(task);
 }
 
 }  // namespace brume

@@ -18,8 +18,7 @@ struct RegressionFrame {
 /// predictions
 ///                are those for the frame to clean
 /// @param wanted  null: all; else lines are fitted near the pixels above 0 alone, and what no line reaches is 0
-/// @param every   lines are fitted around the pixels of every so many-th row
 std::vector<Plane> collaborative_regression(std::span<const RegressionFrame> frames, int radius, const Task& task,
-                                            const Plane* wanted = nullptr, int every = 1);
+                                            const Plane* wanted = nullptr);
 
 }  // namespace brume

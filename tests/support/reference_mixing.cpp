@@ -130,7 +130,7 @@ Halves ReferenceMixing::mixed(Halves result, std::vector<Candidate> candidates, 
   };
   if (!next_round(candidates)) return result;
   candidates.push_back([&](const Halves&) { return late; });
-  for (int i = 0; i < 2 && next_round(candidates); ++i) {
+  for (int i = 0; i < 3 && next_round(candidates); ++i) {
   }
   return result;
 }

@@ -53,10 +53,12 @@ Plane squared_error(const HalfPair& result, const HalfPair& data, const std::vec
   for (const MixingRegion& region : regions) {
     const Plane bias = missed_by_both(result, data, region.share, task);
     const Plane square = make_plane(width, height, quiet(task), [&](int x, int y) { return bias(x, y) * bias(x, y); });
-    const auto local = [&](const Plane& plane, double window) {
-      return std::move(local_ratio({&plane}, one, region.share, window, task)[0]);
+    const auto local = [&](const std::vector<const Plane*>& planes, double window) {
+      return local_ratio(planes, one, region.share, window, task);
     };
-    const Plane n = local(noise, kErrorWindow), m = local(bias, kBiasWindow), m2 = local(square, kBiasWindow);
+    const Plane n = std::move(local({&noise}, kErrorWindow)[0]);
+    const std::vector<Plane> moments = local({&bias, &square}, kBiasWindow);
+    const Plane &m = moments[0], &m2 = moments[1];
     // Neighbours that are averaged together count as one.
     const auto independent = static_cast<float>(kBiasWindow * kBiasWindow / (kMissedWindow * kMissedWindow));
     for_each_pixel(width, height, quiet(task), [&](int x, int y) {

@@ -7,7 +7,6 @@ namespace {
 
 // Half widths of a window and of its non-local means' patches [px], and noise deviations still taken as equal.
 constexpr int kRadius = 6, kPatch = 3;
-constexpr int kRows = 2;  // lines are fitted around the pixels of every second row: those of the next are much alike
 constexpr float kStrength = 0.8f;
 constexpr double kVarianceWindow = 2;  // over which the halves' difference is averaged [px]
 
@@ -36,7 +35,7 @@ HalfPair local_lines(const HalfPair& data, const std::vector<const Plane*>& feat
     frame.model.distances.push_back(noise_distance(noisy, noisy, kPatch, kStrength));
     frame.features = features;
     frame.values = {&values[0], &values[1], &values[2]};
-    std::vector<Plane> lines = collaborative_regression({&frame, 1}, kRadius, quiet(task), &wanted, kRows);
+    std::vector<Plane> lines = collaborative_regression({&frame, 1}, kRadius, quiet(task), &wanted);
     for (size_t c = 0; c < 3; ++c)
       for_each_pixel(wanted.width(), wanted.height(), quiet(task), [&](int x, int y) {
         if (!(wanted(x, y) > 0)) lines[c](x, y) = values[c](x, y);

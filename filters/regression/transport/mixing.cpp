@@ -23,7 +23,7 @@ struct Window {
   int block;
 };
 constexpr Window kWindows[] = {{3, 2}, {6, 4}, {12, 8}, {28, 16}};  // each block twice as wide as the one before
-constexpr int kRounds = 2;                                          // after the first one
+constexpr int kRounds = 3;                                          // after the first one
 constexpr double kFirefly = 0.999;    // quantile of gains at which single pixels are cut: none decides alone
 constexpr double kShareWindow = 1.5;  // over which shares are smoothed [px]
 // Where a round gains less than this share of the noise in a tile of so many pixels, or of a tile's usual noise if that
@@ -263,14 +263,13 @@ class MixedBox {
       data_.a[c] = part(*frame.half_a[c]);
       data_.b[c] = part(*frame.half_b[c]);
     }
-    for (const MixingRegion& region : frame.regions)
-      if (any_above_0(region.share, box)) {
-        regions_.push_back({part(region.share), region.sure});
-        spread_.push_back(spread_of(regions_.back().share, task));
-      }
+    for (const MixingRegion& region : frame.regions) {
+      MixingRegion here{part(region.share), region.sure};
+      if (!is_weighed(here.share)) continue;
+      spread_.push_back(spread_of(here.share, task));
+      regions_.push_back(std::move(here));
+    }
   }
-  const Box& box() const { return box_; }
-  const Plane& weight() const { return weight_; }
   HalfPair& result() { return result_; }
   /// 1 where the result was moved, elsewhere 0.
   const Plane& moved() const { return moved_; }
@@ -278,14 +277,14 @@ class MixedBox {
   /// Takes the best steps once, and leaves only candidates that were taken.
   /// @param usual_noise  of a tile; found where it is below 0
   /// @return  the weight where another round may be worth its time, elsewhere 0; empty: nowhere
-  Plane round(std::vector<const Proposal*>& proposals, const Plane& weight, double& usual_noise, const Task& task) {
-    const std::vector<Best> best = best_steps(proposals, weight, task);
-    Plane next = worth_another_round(best, weight, usual_noise, task);
+  Plane round(std::vector<const Proposal*>& proposals, double& usual_noise, const Task& task) {
+    const std::vector<Best> best = best_steps(proposals, task);
+    Plane next = worth_another_round(best, usual_noise, task);
     std::vector<bool> taken(proposals.size());
     for (const Best& b : best)
       for (const int m : b.proposal)
         if (m >= 0) taken[static_cast<size_t>(m)] = true;
-    result_ = moved_by(best, taken, proposals, weight, task);
+    result_ = moved_by(best, taken, proposals, task);
     std::vector<const Proposal*> left;
     for (size_t m = 0; m < proposals.size(); ++m)
       if (taken[m]) left.push_back(proposals[m]);
@@ -294,12 +293,18 @@ class MixedBox {
   }
 
  private:
+  bool is_weighed(const Plane& share) const {
+    for (int y = 0; y < share.height(); ++y)
+      for (int x = 0; x < share.width(); ++x)
+        if (share(x, y) > 0 && weight_(x, y) > 0) return true;
+    return false;
+  }
   /// The best step for each pixel, region by region.
-  std::vector<Best> best_steps(const std::vector<const Proposal*>& proposals, const Plane& weight, const Task& task) {
+  std::vector<Best> best_steps(const std::vector<const Proposal*>& proposals, const Task& task) {
     std::vector<Best> best(regions_.size(), Best(box_.width(), box_.height()));
     for (size_t m = 0; m < proposals.size(); ++m) {
       task.check();
-      const Step step(result_, (*proposals[m])(result_, box_, room_), data_, weight, task);
+      const Step step(result_, (*proposals[m])(result_, box_, room_), data_, weight_, task);
       for (size_t r = 0; r < regions_.size(); ++r) consider(static_cast<int>(m), step, regions_[r], best[r], task);
     }
     return best;
@@ -321,7 +326,7 @@ class MixedBox {
 
   /// Takes the steps, each region by itself, with shares that are smooth over a few pixels.
   HalfPair moved_by(const std::vector<Best>& best, const std::vector<bool>& taken,
-                    const std::vector<const Proposal*>& proposals, const Plane& weight, const Task& task) {
+                    const std::vector<const Proposal*>& proposals, const Task& task) {
     const int width = box_.width(), height = box_.height();
     HalfPair next = result_;
     for (size_t m = 0; m < proposals.size(); ++m) {
@@ -342,7 +347,7 @@ class MixedBox {
                 float* const result[] = {next.a[0].row(y) + tile.x0, next.a[1].row(y) + tile.x0,
                                          next.a[2].row(y) + tile.x0, next.b[0].row(y) + tile.x0,
                                          next.b[1].row(y) + tile.x0, next.b[2].row(y) + tile.x0};
-                kernels::move_row(share, spread_[r].row(y) + tile.x0, weight.row(y) + tile.x0,
+                kernels::move_row(share, spread_[r].row(y) + tile.x0, weight_.row(y) + tile.x0,
                                   rows_of(result_, tile.x0, y), rows_of(candidate, tile.x0, y), result,
                                   moved_.row(y) + tile.x0, tile.width());
               });
@@ -353,20 +358,19 @@ class MixedBox {
   }
 
   /// The weight near tiles in which the last round gained enough, elsewhere 0; empty where there is no such tile.
-  Plane worth_another_round(const std::vector<Best>& best, const Plane& weight, double& usual_noise,
-                            const Task& task) const {
-    const int across = (weight.width() + kTile - 1) / kTile, down = (weight.height() + kTile - 1) / kTile;
+  Plane worth_another_round(const std::vector<Best>& best, double& usual_noise, const Task& task) const {
+    const int across = (weight_.width() + kTile - 1) / kTile, down = (weight_.height() + kTile - 1) / kTile;
     Plane gain(across, down), noise(across, down), near(across, down);
     parallel_for(down, quiet(task), [&](int tile) {
-      for (int y = tile * kTile; y < std::min(weight.height(), (tile + 1) * kTile); ++y)
-        for (int x = 0; x < weight.width(); ++x) {
-          if (!(weight(x, y) > 0)) continue;
+      for (int y = tile * kTile; y < std::min(weight_.height(), (tile + 1) * kTile); ++y)
+        for (int x = 0; x < weight_.width(); ++x) {
+          if (!(weight_(x, y) > 0)) continue;
           float squares = 0;
           for (size_t c = 0; c < 3; ++c) {
             const float d = result_.a[c](x, y) - result_.b[c](x, y);
             squares += d * d / 12;
           }
-          noise(x / kTile, tile) += weight(x, y) * squares;
+          noise(x / kTile, tile) += weight_(x, y) * squares;
           for (size_t r = 0; r < best.size(); ++r)
             gain(x / kTile, tile) += regions_[r].share(x, y) * best[r].gain(x, y);
         }
@@ -386,8 +390,8 @@ class MixedBox {
         for (int v = box.y0; v < box.y1; ++v) std::fill(near.row(v) + box.x0, near.row(v) + box.x1, 1.0f);
       }
     if (!any) return {};
-    return make_plane(weight.width(), weight.height(), quiet(task),
-                      [&](int x, int y) { return weight(x, y) * near(x / kTile, y / kTile); });
+    return make_plane(weight_.width(), weight_.height(), quiet(task),
+                      [&](int x, int y) { return weight_(x, y) * near(x / kTile, y / kTile); });
   }
 
   Box box_;
@@ -432,37 +436,57 @@ void paste(const HalfPair& part, const Box& box, HalfPair& to) {
     }
 }
 
+Box shifted(const Box& box, int x, int y) {
+  return {box.x0 + x, box.y0 + y, box.x1 + x, box.y1 + y};
+}
+
+/// Rounds within boxes of the frame.
+struct Rounds {
+  const MixingFrame& frame;
+  const Task& task;
+  HalfPair& result;
+  double usual_noise = -1;
+
+  /// One round within a box, and others in boxes around what that leaves to be done.
+  /// @param weight  within the box
+  void run(const Box& box, const Plane& weight, std::vector<const Proposal*> proposals, int rounds) {
+    MixedBox part(box, cut(result, box), weight, frame, task);
+    const Plane left = part.round(proposals, usual_noise, task);
+    paste(part.result(), box, result);
+    if (rounds == 1 || left.empty()) return;
+    for (const Box& b : boxes_around(left)) run(shifted(b, box.x0, box.y0), crop(left, b), proposals, rounds - 1);
+  }
+};
+
 }  // namespace
 
 void mix(HalfPair& result, const std::vector<Proposal>& proposals, const LateProposal& late, const MixingFrame& frame,
          const Task& task) {
   std::vector<const Proposal*> all;
   for (const Proposal& p : proposals) all.push_back(&p);
-  const Box whole_frame{0, 0, frame.weight.width(), frame.weight.height()};
-  double usual_noise = -1;
-  Plane worthwhile, moved;
+  Rounds rounds{frame, task, result};
+  Plane left, moved;
   {
-    MixedBox whole(whole_frame, std::move(result), {}, frame, task);
-    worthwhile = whole.round(all, frame.weight, usual_noise, task);
+    MixedBox whole({0, 0, frame.weight.width(), frame.weight.height()}, std::move(result), frame.weight, frame, task);
+    left = whole.round(all, rounds.usual_noise, task);
     result = std::move(whole.result());
     moved = whole.moved();
   }
-  if (worthwhile.empty()) return;
-  for (const Box& box : boxes_around(worthwhile)) {
-    MixedBox part(box, cut(result, box), crop(worthwhile, box), frame, task);
+  if (left.empty()) return;
+  for (const Box& box : boxes_around(left)) {
+    const Plane weight = crop(left, box);
     std::vector<const Proposal*> own = all;
     HalfPair lines;
-    const Proposal proposal = [&](const HalfPair&, const Box&, HalfPair&) -> const HalfPair& { return lines; };
+    const Proposal proposal = [&](const HalfPair&, const Box& part, HalfPair& room) -> const HalfPair& {
+      return room = cut(lines, shifted(part, -box.x0, -box.y0));
+    };
     if (late) {
       lines = late(box, make_plane(box.width(), box.height(), quiet(task), [&](int x, int y) {
-                     return part.weight()(x, y) > 0 && moved(box.x0 + x, box.y0 + y) > 0 ? 1.0f : 0.0f;
+                     return weight(x, y) > 0 && moved(box.x0 + x, box.y0 + y) > 0 ? 1.0f : 0.0f;
                    }));
       own.push_back(&proposal);
     }
-    Plane weight = part.weight();
-    for (int round = 0; round < kRounds && !weight.empty() && !own.empty(); ++round)
-      weight = part.round(own, weight, usual_noise, task);
-    paste(part.result(), box, result);
+    rounds.run(box, weight, own, kRounds);
   }
 }
 

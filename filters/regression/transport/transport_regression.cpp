@@ -29,7 +29,7 @@ struct TransportRegression {
 constexpr double kLocalMeans[] = {1, 2, 4}, kLightWindow = 1.5;
 // With fewer samples per pixel, fits of many columns in narrow windows only follow the noise, and so do local lines,
 // unless the guides fail so that more than this share of the data's squared error is left.
-constexpr double kFewSamples = 8, kMostLeft = 0.5;
+constexpr double kFewSamples = 8, kMostLeft = 0.15;
 
 void say_what_is_missing(const FilterFrame& frame, bool guided, bool halves, std::vector<std::string>& notes) {
   const bool foreign = !frame.layers.text(kForeignRenderer).empty();
