@@ -20,7 +20,7 @@ void GuideSums::collect(const LightFields& lights, const NodeFields& nodes) {
     out.flux = scaled[s.flux];
     if (group.sharp()) continue;
     out.single = own.single;
-    out.forward = own.forward / lights.scaled_extinction() - own.single;
+    out.forward = own.forward - own.single;
     if (!group.sky()) continue;
     out.soft[0] = plain[s.root];
     out.soft[1] = plain[s.fourth_root];

@@ -32,7 +32,7 @@ struct GuideTotals {
 
 /// What one pixel gathers; every ray adds to it.
 struct GuideSums : GuideTotals {
-  /// Of fields that GuideSums::plain and scaled do not weigh enough: by w2, w4, w8; by albedo times w and scaled.
+  /// Of fields that GuideSums::plain and scaled do not weigh enough: by w2, w4, w8; by albedo times w and unpeaked.
   struct FieldSums {
     float tail[3] = {}, single = 0, forward = 0;
   };

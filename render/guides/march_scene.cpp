@@ -82,6 +82,7 @@ MarchScene::MarchScene(const std::vector<GuideMedia>& media, size_t time, const 
       emits(!media[time].emissions().empty()),
       mixed_tints(media[time].mixed_tints()),
       follows(time != media.size() / 2 && media[time].media().size() > 1),
+      mixed_peaks(media[time].media().size() > 1),
       scaled_extinction(static_cast<float>(fields.scaled_extinction())),
       media_(media),
       own_(media[time]),
@@ -172,12 +173,12 @@ float MarchScene::even_steps(const MarchedRay& ray, float t, float end) const {
 }
 
 // Emission that comes straight to the eye, and that which forward peaks scatter once or more on the way.
-void MarchScene::emit(const MarchedRay& ray, float t, float straight, float scaled, float depth) const {
+void MarchScene::emit(const MarchedRay& ray, float t, float straight, float by_peaks, float depth) const {
   const dvec3 emission = own_.emission(point(ray, t));
   if (emission == dvec3(0)) return;
-  const double unscattered = steps.length * straight, all = steps.length * scaled;
+  const double unscattered = steps.length * straight, all = steps.length * by_peaks;
   const double peaks = std::max(0.0, all - unscattered);
-  const double once = std::min(unscattered * (1 - fields_.scaled_extinction()) * depth, peaks);
+  const double once = std::min(unscattered * depth, peaks);
   ray.sums->emission += vec3(emission * unscattered);
   ray.sums->emission_once += vec3(emission * once);
   ray.sums->behind += vec3(emission * (peaks - once));
@@ -232,14 +233,13 @@ dvec3 MarchScene::in_light(const MarchedRay& ray, float t) const {
 }
 
 void MarchScene::add_tinted(MarchedRay& ray, const MarchedFields& known, const float* at, float w, float scaled,
-                            float albedo, const dvec3& once) const {
+                            float unpeaked, float albedo, const dvec3& once) const {
   // In steps, so that it seldom changes.
   constexpr double kSteps = 4096;
   const dvec3 rounded = glm::round(once * kSteps) / kSteps;
   if (rounded != ray.tint.once()) ray.tint = OrderTint(rounded);
   const OrderTint& tint = ray.tint;
   GuideSums& sums = *ray.sums;
-  const double scale = fields_.scaled_extinction();
   size_t sharp = 0;
   for (size_t k = 0; k < fields_.lights().size(); ++k) {
     const GuideLight& group = *fields_.lights()[k];
@@ -253,7 +253,7 @@ void MarchScene::add_tinted(MarchedRay& ray, const MarchedFields& known, const f
       const NodeFields::Slots& s = (*known.groups)[k];
       if (!group.sharp()) {
         single = static_cast<double>(w) * albedo * at[s.single];
-        forward = scaled / scale * albedo * at[s.forward] - single;
+        forward = static_cast<double>(unpeaked) * albedo * at[s.forward] - single;
       }
       for (size_t order = 0; order < GuideLight::kFirstOrder.size(); ++order)
         more += static_cast<double>(scaled) * at[s.orders + order] * tint.of_guide(order);

@@ -123,7 +123,8 @@ class MarchScene {
   std::vector<MarchedLight> lights;  ///< suns and lamps with guides of their own
   bool emits, mixed_tints;
   bool follows;             ///< light was solved where each of several media stood at another time
-  float scaled_extinction;  ///< share of the extinction without the forward peak
+  bool mixed_peaks;         ///< media differ in their forward peaks
+  float scaled_extinction;  ///< share of the extinction without the forward peak, on average
 
   /// A ray to march. @param t_max  where it ends
   /// @return it, in the batch
@@ -139,8 +140,8 @@ class MarchScene {
   /// How many steps can be taken at once from t on.
   float even_steps(const MarchedRay& ray, float t, float end) const;
   /// Adds emission. @param straight  length of what emits times its transmittance
-  /// @param scaled  the same without the forward peak   @param depth  optical depth before it
-  void emit(const MarchedRay& ray, float t, float straight, float scaled, float depth) const;
+  /// @param by_peaks  the same where forward peaks dim nothing   @param depth  optical depth of peaks before it
+  void emit(const MarchedRay& ray, float t, float straight, float by_peaks, float depth) const;
   /// Sets ray.turned of a light. @param g  mean cosine there   @param depth  of a lamp: optical depth towards its
   /// middle
   void turn(MarchedRay& ray, size_t light, float t, float g, float depth) const;
@@ -148,8 +149,8 @@ class MarchScene {
   dvec3 in_light(const MarchedRay& ray, float t) const;
   /// Adds light that media of unlike tints scatter at one place.
   /// @param fields  there   @param tint  of light scattered once
-  void add_tinted(MarchedRay& ray, const MarchedFields& known, const float* fields, float w, float scaled, float albedo,
-                  const dvec3& tint) const;
+  void add_tinted(MarchedRay& ray, const MarchedFields& known, const float* fields, float w, float scaled,
+                  float unpeaked, float albedo, const dvec3& tint) const;
 
  private:
   dvec3 point(const MarchedRay& ray, float t) const { return ray.ray.at(ray.start + steps.length * t); }

@@ -60,7 +60,9 @@ struct NodeFields::Sky {
     const auto& directions = ScatteringSolver::directions();
     const auto count = static_cast<double>(directions.size());
     const bool one = peaks.size() == 1;
-    const double g = one ? 0 : media.at(p, nodes.colour_).g;
+    const GuideMedia::Point here = one ? GuideMedia::Point{} : media.at(p, nodes.colour_);
+    const double g = here.g;
+    const double left = here.sigma_t > 0 ? 1 - here.albedo * peak_weight(g) : fields.scaled_extinction();
     double weights = 0;
     for (size_t d = 0; d < directions.size(); ++d) {
       const double c = glm::dot(directions[d], -view), share = fields.sky()(node, d);
@@ -68,7 +70,7 @@ struct NodeFields::Sky {
       weights += weight;
       if (!(share > 0)) continue;
       result.single[d] = weight * share;
-      const double depth = (1 - fields.scaled_extinction()) * std::max(0.0, -portable_log(share));
+      const double depth = (1 - left) * std::max(0.0, -portable_log(share));
       if (depth > 0) result.forward[d] = 4 * kPi / count * share * peak(g, c).repeated(depth);
       result.root[d] = std::sqrt(share) / count;
       result.fourth_root[d] = std::sqrt(std::sqrt(share)) / count;

@@ -90,15 +90,17 @@ struct Line {
 };
 
 /// Part of a ray whose light is looked up at once: weights of what is seen of it, with the extinction, a half, a
-/// quarter, an eighth of it, and without the forward peak; sums over it, weighted by thickness.
+/// quarter, an eighth of it, and without the forward peak, also as a share of that extinction; sums over it, weighted
+/// by thickness.
 struct Segment {
-  Lane begin, end, w, w2, w4, w8, scaled, thickness, distance, depth, albedo, g;
-  Lane tint[3];  // times albedo
+  Lane begin, end, w, w2, w4, w8, scaled, unpeaked, thickness, distance, peaks, albedo, g;  // peaks: peaks_ before it
+  Lane tint[3];                                                                             // times albedo
 
   template <class Visit>
   static HWY_INLINE void each_sum(Visit&& visit) {
-    for (Lane Segment::*sum : {&Segment::w, &Segment::w2, &Segment::w4, &Segment::w8, &Segment::scaled,
-                               &Segment::thickness, &Segment::distance, &Segment::depth, &Segment::albedo, &Segment::g})
+    for (Lane Segment::*sum :
+         {&Segment::w, &Segment::w2, &Segment::w4, &Segment::w8, &Segment::scaled, &Segment::unpeaked,
+          &Segment::thickness, &Segment::distance, &Segment::peaks, &Segment::albedo, &Segment::g})
       visit([sum](auto& of) -> auto& { return of.*sum; });
     for (int c = 0; c < 3; ++c) visit([c](auto& of) -> auto& { return of.tint[c]; });
   }
@@ -210,7 +212,8 @@ class RayMarch {
     stride_[lane] = ray.stride;
     offset_[lane] = ray.offset;
     for (Lane* one : {&left_, &left2_, &left4_, &left8_, &left_scaled_}) (*one)[lane] = 1;
-    for (Lane* sum : {&depth_, &extinction_, &opacity_, &first_, &distance_, &distance2_, &density_}) (*sum)[lane] = 0;
+    for (Lane* sum : {&depth_, &peaks_, &extinction_, &opacity_, &first_, &distance_, &distance2_, &density_})
+      (*sum)[lane] = 0;
     gradient_.set(lane, vec3(0));
     segment_.clear_lane(lane);
     wide_.clear_lane(lane);
@@ -251,6 +254,7 @@ class RayMarch {
   MediaAt media_point_by_point(M active, V t) const;
   void add_light(M mask);
   HWY_INLINE void add_turned_light(size_t k, M mask);
+  HWY_INLINE V scale_of(V albedo, V g) const;
   HWY_INLINE V sun_depth(const SunDepth& sun, const V3& place, M mask) const;
   HWY_INLINE V3 place_at_nodes(M mask, V t) const;
   HWY_INLINE V at_nodes(const float* values, const Cell& cell, M mask) const;
@@ -272,7 +276,8 @@ class RayMarch {
   Lane stride_, offset_, t_, begin_, end_, segment_end_;
   // Transmittances with the extinction, a half, a quarter, an eighth of it, and without the forward peak.
   Lane left_, left2_, left4_, left8_, left_scaled_;
-  Lane depth_, extinction_;  // optical depth so far; at the last step
+  Lane depth_, peaks_;  // optical depth so far; and of forward peaks alone
+  Lane extinction_;     // at the last step
   Lane opacity_, first_, distance_, distance2_, density_;
   Lanes3 gradient_;
   Segment segment_, wide_;  // whose light of suns and lamps, and of fields at nodes, is not added yet
@@ -415,25 +420,37 @@ HWY_INLINE void RayMarch::step() {
   if (!hn::AllFalse(d, hn::Or(ended, opaque))) end_parts(ended, opaque);
 }
 
+/// What the forward peak leaves of the extinction, as peak_weight() has it; where there is one medium, on average.
+HWY_INLINE V RayMarch::scale_of(V albedo, V g) const {
+  if (!scene_.mixed_peaks) return set(scene_.scaled_extinction);
+  const V positive = hn::Max(g, hn::Zero(D())),
+          share = hn::Min(set(1.0f), positive * (1 / static_cast<float>(kNarrowPeak)));
+  const V squares = share * share;
+  return 1.0f - albedo * (positive * positive * squares * squares);
+}
+
 /// What a step takes of the light that is left, with the extinction and less of it.
 HWY_INLINE void RayMarch::take(M active, V middle, V length, V next, V thickness, const MediaAt& media) {
   const M any = thickness > 0.0f;
   const V e8 = one_minus_attenuation(thickness * 0.125f), e4 = of_square(e8), e2 = of_square(e4), e = of_square(e2);
   // Without a forward peak both are the same to the last bit.
-  const V e_scaled = scene_.scaled_extinction == 1 ? e : one_minus_attenuation(thickness * scene_.scaled_extinction);
-  const V left = left_.load(), left_scaled = left_scaled_.load(), depth = depth_.load();
+  const V scale = scale_of(media.albedo, media.g);
+  const V e_scaled = hn::AllTrue(D(), scale == 1.0f) ? e : one_minus_attenuation(thickness * scale);
+  const V left = left_.load(), left_scaled = left_scaled_.load(), depth = depth_.load(), peaks = peaks_.load();
   const V w = left * e, scaled = left_scaled * e_scaled;
   const V w2 = left2_.load() * e2, w4 = left4_.load() * e4, w8 = left8_.load() * e8;
-  const V depth_in_middle = depth + 0.5f * thickness, scattered = thickness * media.albedo;
+  const V peaked = thickness * (1.0f - scale), peaks_in_middle = peaks + 0.5f * peaked,
+          scattered = thickness * media.albedo;
   segment_.end.store(any, next);
   segment_.w.add(w);
   segment_.w2.add(w2);
   segment_.w4.add(w4);
   segment_.w8.add(w8);
   segment_.scaled.add(scaled);
+  segment_.unpeaked.add(scaled / scale);
   segment_.thickness.add(thickness);
   segment_.distance.add(thickness * middle);
-  segment_.depth.add(thickness * depth_in_middle);
+  segment_.peaks.add(thickness * peaks_in_middle);
   segment_.albedo.add(scattered);
   segment_.g.add(thickness * media.g);
   if (scene_.mixed_tints) {
@@ -442,13 +459,13 @@ HWY_INLINE void RayMarch::take(M active, V middle, V length, V next, V thickness
     segment_.tint[2].add(scattered * media.tint.z);
   }
   if (scene_.emits) {
-    Lane straight, peaked, before;
+    Lane straight, by_peaks, before;
     const V inverse = 1.0f / hn::Max(media.extinction, set(1e-37f));
     straight.store(hn::IfThenElse(any, w * inverse, left * length));
-    peaked.store(hn::IfThenElse(any, scaled * (inverse * (1 / scene_.scaled_extinction)), left_scaled * length));
-    before.store(depth_in_middle);
+    by_peaks.store(hn::IfThenElse(any, scaled / scale * inverse, left_scaled * length));
+    before.store(peaks_in_middle);
     for_each_lane(active, middle, [&](size_t lane, MarchedRay& ray, float at) {
-      scene_.emit(ray, at, straight[lane], peaked[lane], before[lane]);
+      scene_.emit(ray, at, straight[lane], by_peaks[lane], before[lane]);
     });
   }
   left_.store(left - w);
@@ -457,6 +474,7 @@ HWY_INLINE void RayMarch::take(M active, V middle, V length, V next, V thickness
   left8_.store(left8_.load() - w8);
   left_scaled_.store(left_scaled - scaled);
   depth_.store(depth + thickness);
+  peaks_.store(peaks + peaked);
 
   // Distances from where anything was seen first keep what rounding would take from their squares' mean.
   const M met = hn::And(any, opacity_.load() <= 0.0f);
@@ -545,7 +563,7 @@ void RayMarch::add_fields(M mask) {
       sums.tail[2] += wide_.w8[lane] * tail;
       if (!slots.forward) continue;
       sums.single += wide_.w[lane] * albedo[lane] * at[slots.single];
-      sums.forward += wide_.scaled[lane] * albedo[lane] * at[slots.forward];
+      sums.forward += wide_.unpeaked[lane] * albedo[lane] * at[slots.forward];
     }
     if (!scene_.mixed_tints || !(wide_.albedo[lane] > 0)) return;
     for (size_t k = 0; k < scene_.lights.size(); ++k) {
@@ -553,7 +571,7 @@ void RayMarch::add_fields(M mask) {
       ray.turned[k].forward = light_[k].last_forward[lane];
     }
     const dvec3 tint(wide_.tint[0][lane], wide_.tint[1][lane], wide_.tint[2][lane]);
-    scene_.add_tinted(ray, fields_, at, wide_.w[lane], wide_.scaled[lane], albedo[lane],
+    scene_.add_tinted(ray, fields_, at, wide_.w[lane], wide_.scaled[lane], wide_.unpeaked[lane], albedo[lane],
                       tint / static_cast<double>(wide_.albedo[lane]));
   });
   wide_.clear(mask);
@@ -598,7 +616,7 @@ HWY_INLINE void RayMarch::add_turned_light(size_t k, M mask) {
   const MarchedLight& known = scene_.lights[k];
   TurnedLanes& light = light_[k];
   const V inverse = 1.0f / hn::Max(segment_.thickness.load(), set(1e-37f));
-  const V distance = segment_.distance.load() * inverse, before = segment_.depth.load() * inverse;
+  const V distance = segment_.distance.load() * inverse, before = segment_.peaks.load() * inverse;
   V visible = set(1.0f), depth = hn::Zero(D());
   if (known.visible || known.depth) {
     const V3 place = place_at_nodes(mask, distance) * to_lights_ +
@@ -624,7 +642,8 @@ HWY_INLINE void RayMarch::add_turned_light(size_t k, M mask) {
   const V irradiance = hn::IfThenElseZero(mask, light.irradiance.load() * (segment_.albedo.load() * inverse) * visible);
   const V lit = segment_.w.load() * irradiance;
   // ForwardPeak::repeated times what arrives: exponentials that would overflow are multiplied first.
-  const V peak = hn::Min((1 - scene_.scaled_extinction) * (tau + before), set(kDeepestPeak));
+  const V scale = scale_of(segment_.albedo.load() * inverse, segment_.g.load() * inverse);
+  const V peak = hn::Min((1.0f - scale) * tau + before, set(kDeepestPeak));
   V terms = light.peak[6].load();
   for (size_t i = 6; i-- > 0;) terms = light.peak[i].load() + peak * terms;
   const V repeated = arriving * (peak * terms) + light.peak[7].load() * (exponential(peak - mean_tau) - arriving);
