@@ -19,7 +19,7 @@ constexpr double kVoxelsPerNode = 2, kMostVoxelsPerNode = 4, kFreePathsPerNode =
 constexpr double kNodesPerPixel = 12, kFewestNodes = 2.5e5;
 constexpr double kMostNodes = 1e6, kMostNodesInDetail = 4e6;
 constexpr double kNegligible = 5e-3;        // of all orders together, for the last one
-constexpr double kNegligibleTail = 2e-3;    // the same of what one more order changes in the sum of the last ones
+constexpr double kNegligibleTail = 1e-3;    // the same of what one more order changes in the sum of the last ones
 constexpr double kNegligibleAnswer = 0.02;  // the same of light that only surfaces are to be sent
 constexpr double kLargestRatio = 0.99;      // of an order to the one before, in the tail
 constexpr size_t kMostOfTail = 12;          // orders of the tail that its sum is made of
