@@ -31,9 +31,9 @@ using LateProposal = std::function<HalfPair(const Box& box, const Plane& wanted)
 /// and every product pairs what one half's fit says with the other half's data, so that noise drops out of the mean.
 /// In place of b stands a lower bound of it over a Gaussian window: so many standard errors less, and a term for single
 /// large values after Bernstein. Each pixel takes the candidate, window and share of the largest sure gain. The first
-/// round is over the whole frame; three others follow within boxes around tiles in which it gained more than a
-/// twentieth of the noise that the result has, with the candidates that it took and the late one. Definition:
-/// tests/support/reference_mixing, which tests/filters/mixing_test holds it to.
+/// round is over the whole frame; up to three others follow, each within boxes around tiles in which the one before
+/// gained more than a twentieth of the noise that the result has, with the candidates that it took and the late one.
+/// Definition: tests/support/reference_mixing, which tests/filters/mixing_test holds it to.
 void mix(HalfPair& result, const std::vector<Proposal>& proposals, const LateProposal& late, const MixingFrame& frame,
          const Task& task);
 
