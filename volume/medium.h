@@ -85,13 +85,12 @@ class Medium {
   bool transform_moves() const { return end_.has_value(); }
   /// The medium as it is at a time in [0, 1] of the shutter.
   Medium at_time(double time) const;
+  /// Finds the density at kCell + 1 points along each axis, z fastest, from a local point on, a distance apart.
+  using SampleDensity = std::function<void(const dvec3& first, double spacing, float* values)>;
   /// The medium with its density as it is now at the points of a finer lattice, linear between them: one that is
   /// displaced is looked up far faster so. Any other medium as it is.
   /// @param per_voxel  points of the lattice along a voxel
   /// @param bricks     is given the density; must outlive the medium
-  /// @param sample     finds the density at kCell + 1 points of the finer lattice along each axis, z fastest, from a
-  ///                   local point on, the given distance apart
-  using SampleDensity = std::function<void(const dvec3& first, double spacing, float* values)>;
   Medium resampled(int per_voxel, BrickGrid& bricks, const SampleDensity& sample, const Task& task) const;
 
   bool empty() const { return !homogeneous_ && (bricks_ == nullptr || bricks_->empty()); }

@@ -11,6 +11,7 @@
 #include <cstring>
 #include <numbers>
 
+#include "render/guides/forward_peak.h"
 #include "volume/lane_grid.h"
 
 HWY_BEFORE_NAMESPACE();
