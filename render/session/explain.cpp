@@ -79,8 +79,8 @@ std::string explain(const Plan& plan, const Scene& scene, const SceneMedia& medi
   if (lights.choice().count() > 1) line("  choice", "one light by its estimated irradiance at the vertex");
   if (lights.choice().count() > lights.choice(false).count())
     line("  fire", fmt::format("its points, from surfaces and {} of {} media; elsewhere directions find it",
-                               std::count(plan.samples_fields.begin(), plan.samples_fields.end(), true),
-                               plan.samples_fields.size()));
+                               std::count(plan.far_from_fire.begin(), plan.far_from_fire.end(), true),
+                               plan.far_from_fire.size()));
   if (!plan.near_lights.empty()) line("  near lights", "sampled along flights too, equiangularly");
   if (scene.render.indirect_limit > 0)
     line("indirect limit",

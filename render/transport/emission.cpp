@@ -312,7 +312,8 @@ void SeenEmission(const EmissionCells& cells, std::span<const std::unique_ptr<Di
       ready = hn::AndNot(behind, ready);
     }
     if (hn::AllFalse(d, ready)) {
-      for (Dimming& medium : dimming) medium.step(medium.behind(active, wanted), wanted);
+      for (Dimming& medium : dimming)
+        if (medium.grid) medium.step(medium.behind(active, wanted), wanted);
       return;
     }
     const V3 passes = transmittance() * weight;

@@ -54,7 +54,7 @@ Plan make_plan(const Scene& scene, const SceneMedia& media, const Lights& lights
   const auto& all = media.media();
   for (const Medium& m : all) {
     plan.media.push_back(precision_for(m));
-    plan.samples_fields.push_back(far_from_fields(m, media, lights));
+    plan.far_from_fire.push_back(far_from_fields(m, media, lights));
   }
   plan.chromatic = std::any_of(all.begin(), all.end(), [](const Medium& m) { return m.chromatic(); });
   plan.moving_media = std::any_of(all.begin(), all.end(), [](const Medium& m) { return m.moves(); });

@@ -19,15 +19,15 @@ Precision precision_for(const Medium& medium);
 
 /// What exists in this render, decided once: paths model nothing else.
 struct Plan {
-  std::vector<Precision> media;      ///< of each that scatters or absorbs
-  bool chromatic = false;            ///< the extinction of some has a colour
-  bool moving_media = false;         ///< some change over the shutter
-  bool light_sampling = false;       ///< next-event estimation towards at least one light
-  std::vector<bool> samples_fields;  ///< by medium: towards fields that emit, too; vertices on surfaces always do
-  bool finite_lights = false;        ///< analytic lights that rays can end on
-  bool surfaces = false;             ///< triangle meshes
-  bool emission = false;             ///< fields that emit
-  bool seen_emission = false;        ///< integrated along camera rays, through media that stand still
+  std::vector<Precision> media;     ///< of each that scatters or absorbs
+  bool chromatic = false;           ///< the extinction of some has a colour
+  bool moving_media = false;        ///< some change over the shutter
+  bool light_sampling = false;      ///< next-event estimation towards at least one light
+  std::vector<bool> far_from_fire;  ///< by medium: its vertices sample fields that emit, as those on surfaces do
+  bool finite_lights = false;       ///< analytic lights that rays can end on
+  bool surfaces = false;            ///< triangle meshes
+  bool emission = false;            ///< fields that emit
+  bool seen_emission = false;       ///< integrated along camera rays, through media that stand still
   bool lens = false, shutter = false;
   bool one_grid = false;               ///< paths live in the local coordinates of the one grid that there is
   bool interpolate = false;            ///< interpolate all eight voxels around a point, do not draw one
@@ -45,6 +45,7 @@ struct Plan {
 
   LayerRequest layers;
 
+  bool samples_fields(size_t medium) const { return medium < far_from_fire.size() && far_from_fire[medium]; }
   bool marched() const { return weighted_gradient || optical_depth; }
   bool has_media() const { return !media.empty(); }
 };

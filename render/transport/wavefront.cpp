@@ -279,7 +279,7 @@ class Wavefront {
       if (w_.medium[i] != static_cast<int32_t>(medium)) continue;
       w_.ray[i].o = position(i);
       w_.past[i] = {.sampled_light = true,
-                    .samples_fields = c_.plan.samples_fields[medium],
+                    .samples_fields = c_.plan.samples_fields(medium),
                     .first_on_surface = w_.past[i].first_on_surface};
       w_.shadow_end[i] = kUnbounded;
       mine.push(i);

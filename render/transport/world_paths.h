@@ -57,7 +57,7 @@ struct WorldPaths {
   const Past& past_of(size_t slot, const Plan& plan) const {
     static constexpr Past kNone{}, kSamplesFields{.samples_fields = true};
     if (!plan.one_grid) return past[slot];
-    return plan.samples_fields[0] ? kSamplesFields : kNone;
+    return plan.samples_fields(0) ? kSamplesFields : kNone;
   }
 
   /// Keeps how far a light sample is, and, of the first event, what was drawn.
