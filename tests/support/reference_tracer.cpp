@@ -286,10 +286,10 @@ class Tracer {
     if ((front || settings.two_sided) && settings.radiance != dvec3(0)) {
       const dvec3 before = s_.surface;
       const MeshLight& light = lights_.mesh(scene_.surfaces->light_of(hit.surface));
-      find_light(
-          settings.radiance,
-          lights_.choice(false).probability(light, from_vertex().o) * light.pdf(passed_ + hit.t, glm::dot(wo, hit.normal)),
-          s_.surface);
+      find_light(settings.radiance,
+                 lights_.choice(false).probability(light, from_vertex().o) *
+                     light.pdf(passed_ + hit.t, glm::dot(wo, hit.normal)),
+                 s_.surface);
       if (events_ == 0) s_.surface_emission = s_.surface - before;
     }
     if (events_ == 0) {
