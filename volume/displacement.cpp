@@ -427,65 +427,86 @@ class Extension {
     return range;
   }
 
-  /// The cells without a velocity everywhere that the density may arrive at.
+  /// The cells without a velocity everywhere that the density may arrive at: as far as it moves, or half as far again
+  /// and again until there are not too many of them.
   void find_arrivals(std::vector<std::string>& notes) {
     if (known_.empty()) return;
+    constexpr size_t kMostCells = 1 << 18;
     constexpr double kFarthest = 1024;  // voxels
-    constexpr size_t kMostCells = 1 << 21;
-    double farthest = 0;
-    bool cut = false;
+    double farthest = 0, followed = kFarthest;
+    std::vector<Range> moves;
+    std::vector<ivec3> from;
     const std::array parts{CellRanges(field_.parts[0]), CellRanges(field_.parts[1]), CellRanges(field_.parts[2])};
     const ivec3 first = density_.origin() >> 3;
     density_.each_cell([&](const ivec3& local) {
       const ivec3 c = first + local;
       Range v = range_in(parts, c);
-      if (!known_everywhere(c))
-        for (int x = -1; x <= 1; ++x)
-          for (int y = -1; y <= 1; ++y)
-            for (int z = -1; z <= 1; ++z) v.include(range_in(parts, c + ivec3(x, y, z)));
-      const VoxelBox own{kCell * c, kCell * (c + 1)};
+      if (!known_everywhere(c)) each_around(c, [&](const ivec3& near) { v.include(range_in(parts, near)); });
       for (const double t : {open_, close_}) {
-        Range whole{glm::min(v.low * t, v.high * t), glm::max(v.low * t, v.high * t)};
-        const double length = std::max(max_component(glm::abs(whole.low)), max_component(glm::abs(whole.high)));
-        if (length == 0) continue;
-        if (length > kFarthest) {
-          farthest = std::max(farthest, length);
-          whole.low *= kFarthest / length, whole.high *= kFarthest / length;
-        }
-        const VoxelBox all = grown(own, whole.low - 1.0, whole.high + 1.0);
-        if (each_cell_of(all, [&](const ivec3& to) { return known_everywhere(to); })) continue;
-        const int steps = std::max(1, static_cast<int>(std::ceil(std::min(length, kFarthest) / (kCell / 2))));
-        for (int k = 0; k <= steps; ++k) {
-          const double share = static_cast<double>(k) / steps;
-          each_cell_of(grown(own, whole.low * share - 1.0, whole.high * share + 1.0), [&](const ivec3& to) {
-            if (known_everywhere(to)) return true;
-            if (arrivals_.size() < kMostCells)
-              arrivals_.try_emplace(to);
-            else
-              cut = true;
-            return !cut;
-          });
-        }
+        const Range move{glm::min(v.low * t, v.high * t), glm::max(v.low * t, v.high * t)};
+        if (length(move) == 0) continue;
+        moves.push_back(move);
+        from.push_back(c);
+        farthest = std::max(farthest, length(move));
       }
     });
-    if (farthest > 0)
+    for (;; followed /= 2) {
+      std::vector<VoxelBox> boxes;  // of cells
+      for (size_t i = 0; i < moves.size(); ++i) {
+        const double share = std::min(1.0, followed / length(moves[i]));
+        const VoxelBox own{kCell * from[i], kCell * (from[i] + 1)};
+        const VoxelBox all = grown(own, moves[i].low * share - 1.0, moves[i].high * share + 1.0);
+        boxes.push_back({all.lo >> 3, all.hi >> 3});
+      }
+      arrivals_.clear();
+      each_cell_in_any(std::move(boxes), [&](const ivec3& to) {
+        if (arrivals_.size() <= kMostCells && !known_everywhere(to)) arrivals_.push_back(to);
+      });
+      if (arrivals_.size() <= kMostCells || followed < 1) break;
+    }
+    if (farthest > followed)
       notes.push_back(fmt::format(
           "grid '{}' moves the density by up to {:.3g} voxels while the shutter is open; where no velocity is stored it is followed for {} of them: is velocity_scale right?",
-          velocity_.name, farthest, kFarthest));
-    if (cut)
-      notes.push_back(
-          fmt::format("grid '{}' moves the density so far that not all of its arrivals are followed", velocity_.name));
+          velocity_.name, farthest, followed));
+  }
+  static double length(const Range& move) {
+    return std::max(max_component(glm::abs(move.low)), max_component(glm::abs(move.high)));
   }
 
-  /// Whether all cells that a box of voxels reaches are so; ends at the first that is not.
-  template <class Test>
-  static bool each_cell_of(const VoxelBox& box, const Test& test) {
-    const ivec3 lo = box.lo >> 3, hi = box.hi >> 3;
-    for (int x = lo.x; x <= hi.x; ++x)
-      for (int y = lo.y; y <= hi.y; ++y)
-        for (int z = lo.z; z <= hi.z; ++z)
-          if (!test(ivec3(x, y, z))) return false;
-    return true;
+  /// Calls do_cell once for each cell that lies in one or more boxes, which hold their corners. Sweeps a plane along x
+  /// in which the corners of the boxes that it cuts are counted, so that boxes may be many, large and alike.
+  template <class DoCell>
+  static void each_cell_in_any(std::vector<VoxelBox> boxes, const DoCell& do_cell) {
+    if (boxes.empty()) return;
+    VoxelBox all = boxes[0];
+    for (const VoxelBox& box : boxes) all = {glm::min(all.lo, box.lo), glm::max(all.hi, box.hi)};
+    const int height = all.hi.y - all.lo.y + 1, width = all.hi.z - all.lo.z + 1;
+    std::vector<int> corners(static_cast<size_t>(height + 1) * static_cast<size_t>(width + 1));
+    const auto at = [&](int y, int z) {
+      return static_cast<size_t>(y) * static_cast<size_t>(width + 1) + static_cast<size_t>(z);
+    };
+    const auto count = [&](const VoxelBox& box, int sign) {
+      const ivec3 lo = box.lo - all.lo, hi = box.hi - all.lo + 1;
+      corners[at(lo.y, lo.z)] += sign, corners[at(hi.y, hi.z)] += sign;
+      corners[at(lo.y, hi.z)] -= sign, corners[at(hi.y, lo.z)] -= sign;
+    };
+    std::vector<VoxelBox> ending = boxes;
+    std::sort(boxes.begin(), boxes.end(), [](const VoxelBox& a, const VoxelBox& b) { return a.lo.x < b.lo.x; });
+    std::sort(ending.begin(), ending.end(), [](const VoxelBox& a, const VoxelBox& b) { return a.hi.x < b.hi.x; });
+    size_t begun = 0, ended = 0;
+    for (int x = all.lo.x; x <= all.hi.x; ++x) {
+      for (; begun < boxes.size() && boxes[begun].lo.x == x; ++begun) count(boxes[begun], 1);
+      for (; ended < ending.size() && ending[ended].hi.x < x; ++ended) count(ending[ended], -1);
+      std::vector<int> above(static_cast<size_t>(width));
+      for (int y = 0; y < height; ++y) {
+        int along = 0;
+        for (int z = 0; z < width; ++z) {
+          along += corners[at(y, z)];
+          above[static_cast<size_t>(z)] += along;
+          if (above[static_cast<size_t>(z)] > 0) do_cell(all.lo + ivec3(x - all.lo.x, y, z));
+        }
+      }
+    }
   }
 
   /// The mean of the velocities that are known in a cell.
@@ -511,43 +532,48 @@ class Extension {
 
   /// Means of whole cells, from those that know a velocity outwards, layer by layer.
   void flood() {
-    std::vector<ivec3> open;
-    for (const auto& [c, nothing] : arrivals_)
-      for (int k = 0; k < 27; ++k) {
-        const ivec3 near = c + ivec3(k / 9, k / 3 % 3, k % 3) - 1;
+    std::vector<ivec3> next;
+    for (const ivec3& c : arrivals_)
+      each_around(c, [&](const ivec3& near) {
         const auto [mean, fresh] = means_.try_emplace(near);
-        if (!fresh) continue;
+        if (!fresh) return;
         mean->second = mean_in(near);
-        if (!mean->second) open.push_back(near);
-      }
-    // In one order, whatever that of the map is: sums depend on it.
-    std::sort(open.begin(), open.end(),
-              [](const ivec3& a, const ivec3& b) { return std::tie(a.x, a.y, a.z) < std::tie(b.x, b.y, b.z); });
+        if (!mean->second) next.push_back(near);
+      });
     std::vector<std::pair<ivec3, vec3>> layer;
-    while (!open.empty()) {
+    while (!next.empty()) {
       task_.check();
       layer.clear();
-      std::vector<ivec3> rest;
-      for (const ivec3& c : open) {
+      for (const ivec3& c : next) {
         vec3 sum(0);
         float weight = 0;
-        for (int k = 0; k < 27; ++k) {
-          const ivec3 step = ivec3(k / 9, k / 3 % 3, k % 3) - 1;
-          const auto near = means_.find(c + step);
-          if (near == means_.end() || !near->second) continue;
+        each_around(c, [&](const ivec3& near) {
+          const auto mean = means_.find(near);
+          if (mean == means_.end() || !mean->second) return;
+          const ivec3 step = near - c;
           const float w = 1.0f / static_cast<float>(step.x * step.x + step.y * step.y + step.z * step.z);
-          sum += w * *near->second;
+          sum += w * *mean->second;
           weight += w;
-        }
-        if (weight > 0)
-          layer.emplace_back(c, sum / weight);
-        else
-          rest.push_back(c);
+        });
+        if (weight > 0) layer.emplace_back(c, sum / weight);
       }
-      if (layer.empty()) break;
+      next.clear();
       for (const auto& [c, mean] : layer) means_[c] = mean;
-      open = std::move(rest);
+      for (const auto& [c, mean] : layer)
+        each_around(c, [&](const ivec3& near) {
+          const auto unknown = means_.find(near);
+          if (unknown != means_.end() && !unknown->second) next.push_back(near);
+        });
+      std::sort(next.begin(), next.end(), by_coordinates);
+      next.erase(std::unique(next.begin(), next.end()), next.end());
     }
+  }
+  template <class DoCell>
+  static void each_around(const ivec3& c, const DoCell& do_cell) {
+    for (int k = 0; k < 27; ++k) do_cell(c + ivec3(k / 9, k / 3 % 3, k % 3) - 1);
+  }
+  static bool by_coordinates(const ivec3& a, const ivec3& b) {
+    return std::tie(a.x, a.y, a.z) < std::tie(b.x, b.y, b.z);
   }
 
   /// One component of the means of a cell and those around it.
@@ -613,12 +639,11 @@ class Extension {
     flood();
     std::vector<ivec3> blocks;
     VoxelBox box = box_;
-    for (const auto& [c, nothing] : arrivals_) {
+    for (const ivec3& c : arrivals_) {
       blocks.push_back(kCell * c);
       enclose(box, {kCell * c, kCell * c + kCell - 1});
     }
-    std::sort(blocks.begin(), blocks.end(),
-              [](const ivec3& a, const ivec3& b) { return std::tie(a.x, a.y, a.z) < std::tie(b.x, b.y, b.z); });
+    std::sort(blocks.begin(), blocks.end(), by_coordinates);
     known_.each_cell([&](const ivec3& c) { blocks.push_back(known_.origin() + kCell * c); });
     VectorBricks extended;
     for (size_t a = 0; a < 3; ++a)
@@ -641,11 +666,13 @@ class Extension {
       return;
     }
     std::vector<float> known(static_cast<size_t>(kWide) * kWide * kWide), products(known.size());
-    read_cube<kWide>(known_, lo - kNear, known.data());
-    read_cube<kWide>(part, lo - kNear, products.data());
-    for (size_t i = 0; i < known.size(); ++i) products[i] *= known[i];
     std::array<float, BrickGrid::kBrick> weight{}, product{};
-    if (std::any_of(known.begin(), known.end(), [](float k) { return k > 0; })) {
+    bool any = false;
+    each_around(lo >> 3, [&](const ivec3& near) { any = any || known_cell(near); });
+    if (any) {
+      read_cube<kWide>(known_, lo - kNear, known.data());
+      read_cube<kWide>(part, lo - kNear, products.data());
+      for (size_t i = 0; i < known.size(); ++i) products[i] *= known[i];
       sum_around(known, weight.data());
       sum_around(products, product.data());
     }
@@ -678,7 +705,7 @@ class Extension {
   VectorBricks field_;
   BrickGrid known_;            // 1 where a velocity is known
   std::vector<uint8_t> full_;  // by brick of known_: whether all its voxels are
-  CellMap<char> arrivals_;
+  std::vector<ivec3> arrivals_;
   CellMap<std::optional<vec3>> means_;
 };
 
