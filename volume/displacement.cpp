@@ -431,7 +431,6 @@ class Extension {
   /// and again until there are not too many of them.
   void find_arrivals(std::vector<std::string>& notes) {
     if (known_.empty()) return;
-    constexpr size_t kMostCells = 1 << 18;
     constexpr double kFarthest = 1024;  // voxels
     double farthest = 0, followed = kFarthest;
     std::vector<Range> moves;
@@ -450,6 +449,7 @@ class Extension {
         farthest = std::max(farthest, length(move));
       }
     });
+    const size_t most = std::max<size_t>(1 << 16, 2 * from.size());
     for (;; followed /= 2) {
       std::vector<VoxelBox> boxes;  // of cells
       for (size_t i = 0; i < moves.size(); ++i) {
@@ -460,9 +460,9 @@ class Extension {
       }
       arrivals_.clear();
       each_cell_in_any(std::move(boxes), [&](const ivec3& to) {
-        if (arrivals_.size() <= kMostCells && !known_everywhere(to)) arrivals_.push_back(to);
+        if (arrivals_.size() <= most && !known_everywhere(to)) arrivals_.push_back(to);
       });
-      if (arrivals_.size() <= kMostCells || followed < 1) break;
+      if (arrivals_.size() <= most || followed < 1) break;
     }
     if (farthest > followed)
       notes.push_back(fmt::format(

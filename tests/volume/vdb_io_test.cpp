@@ -600,6 +600,17 @@ TEST(LoadDisplacement, MadVelocitiesEndWithANote) {
   ASSERT_EQ(notes.size(), 1u);
   EXPECT_TRUE(holds(notes[0], "grid 'vel' moves the density by up to 4e+07 voxels")) << notes[0];
   EXPECT_LT(d.field.bytes() + d.envelope.bytes(), 200e6);
+
+  // Neighbours that fly apart to all sides may arrive anywhere around.
+  const MovingBalls storm{{dvec3(0), dvec3(5, 0, 0), dvec3(0, 5, 5)},
+                          {dvec3(300, -200, 100), dvec3(-200, 300, -300), dvec3(100, 0, 300)}};
+  write(folder / "s.vdb", {storm.density_grid(), storm.velocity_grid()});
+  notes.clear();
+  const Displacement wild =
+      load_displacement(folder / "s.vdb", "", load_scalar(folder / "s.vdb", {}), 1.0, -0.5, 0.5, notes);
+  ASSERT_EQ(notes.size(), 1u);
+  EXPECT_TRUE(holds(notes[0], "it is followed for")) << notes[0];
+  EXPECT_LT(wild.field.bytes() + wild.envelope.bytes(), 1e9);
 }
 
 TEST(LoadDensity, LevelSetsPointsAndFrustumsAreRefusedWithAWayOut) {
