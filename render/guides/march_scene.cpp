@@ -14,8 +14,9 @@ namespace {
 
 // Of the largest density in a voxel: gradients below it count less, because their direction means little.
 constexpr double kGentleGradient = 0.03;
-// Steps at once where all media are homogeneous and no lamp is near, as far as they are as thin as this.
-constexpr double kEvenStride = 4, kEvenThickness = 0.02;
+// Steps at once where all media are homogeneous, as far as they are as thin as this: so many in shadows that a sun
+// casts through grids, elsewhere as far as the light at nodes is linear; and of the distance to a lamp.
+constexpr double kEvenStride = 4, kEvenThickness = 0.1, kEvenNodes = 0.5, kEvenDistance = 1.0 / 16;
 constexpr double kNodesPerLookUp = 1;  // of the spacing of nodes, between two look-ups of their fields
 constexpr double kNarrow = 0.99;       // mean cosine of directions that count as one
 // Rays count their steps from a multiple of so many, so that theirs and those of longer strides lie alike in all rays.
@@ -68,9 +69,10 @@ MarchSteps::MarchSteps(const GuideMedia& media, const LightFields& fields, Guide
     if (m.homogeneous()) even += sigma_t;
   }
   gentle_gradient = static_cast<float>(std::max(kGentleGradient * densest * length * length / media.voxel(), 1e-30));
-  if (even > 0) even_stride = std::clamp(kEvenThickness / (even * length), 1.0, kEvenStride);
+  double most = kEvenNodes * fields.lattice().spacing / length;
   for (const auto& light : fields.lights())
-    if (light->sharp() && !light->sharp()->sun()) even_stride = 1;
+    if (light->sharp() && light->sharp()->sun() && media.media().size() > 1) most = std::min(most, kEvenStride);
+  if (even > 0) even_stride = std::max(1.0, std::min(kEvenThickness / (even * length), most));
   // Light of many tints is coloured where it is scattered, of suns and of nodes together.
   if (!media.mixed_tints()) field_spacing = static_cast<float>(kNodesPerLookUp * fields.lattice().spacing / length);
 }
@@ -168,8 +170,15 @@ float MarchScene::even_steps(const MarchedRay& ray, float t, float end) const {
       to = std::min(to, begin);
       break;
     }
+  double longest = to - from;
+  const dvec3 p = ray.ray.at(from);
+  for (const MarchedLight& light : lights) {
+    if (light.sun) continue;
+    const dvec3* const centre = base_of(light.light->light()).centre();
+    longest = centre ? std::min(longest, kEvenDistance * glm::distance(*centre, p)) : 0;
+  }
   return static_cast<float>(
-      std::min(steps.even_stride, std::floor((to - from) / (step * static_cast<double>(ray.stride)))));
+      std::min(steps.even_stride, std::floor(longest / (step * static_cast<double>(ray.stride)))));
 }
 
 // Emission that comes straight to the eye, and that which forward peaks scatter once or more on the way.

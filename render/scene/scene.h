@@ -1,4 +1,5 @@
 #pragma once
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <filesystem>
@@ -182,5 +183,13 @@ struct Scene {
   std::string hash;            ///< of every value that decides the picture, the files' contents included
   std::string settings;        ///< a line for each of them that is not at its default: "camera.fov = 30"
 };
+
+/// A medium without an end.
+inline bool is_everywhere(const VolumeSettings& volume) {
+  return volume.shape == "everywhere";
+}
+inline bool has_everywhere(const Scene& scene) {
+  return std::any_of(scene.volumes.begin(), scene.volumes.end(), is_everywhere);
+}
 
 }  // namespace brume

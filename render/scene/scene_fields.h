@@ -145,8 +145,9 @@ void describe(Visitor& v, VolumeSettings& s) {
      "name of the density grid; empty: density, smoke, fog and such names of other programs, or a file's only grid of numbers whatever its name. Several grids of one name are density[0], density[1], grids without a name [0], [1], as brume info lists them"},
     s.grid);
   v({.key = "shape",
-     .help = "grid: the file's density; box, sphere: density 1 everywhere inside lo .. hi",
-     .choices = {"grid", "box", "sphere"}},
+     .help =
+         "grid: the file's density; box, sphere: density 1 everywhere inside lo .. hi; everywhere: density 1 around camera and lamps, as far as light matters (ten mean free paths on): no light reaches the scene from infinity then",
+     .choices = {"grid", "box", "sphere", "everywhere"}},
     s.shape);
   v({"lo", "scene units", "box, sphere: lowest corner of the box (around the sphere)"}, s.lo);
   v({"hi", "scene units", "box, sphere: highest corner"}, s.hi);

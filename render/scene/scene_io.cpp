@@ -84,6 +84,8 @@ void check_volume(Parser& parser, VolumeSettings& v, const toml::value& table) {
   if (v.shape != "grid") {
     conflict({"file", "grid", "albedo_grid", "temperature_grid", "flame_grid", "velocity_grid"},
              fmt::format("shape = \"{}\"", v.shape));
+    if (v.shape == "everywhere")
+      conflict({"lo", "hi", "object_to_world", "object_to_world_end"}, "shape = \"everywhere\"");
     if (!glm::all(glm::lessThan(v.lo, v.hi))) fail_at("'lo' is not below 'hi'", table, "expected a box with a volume");
   }
   for (const auto& [key, phase] :

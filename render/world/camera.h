@@ -27,6 +27,9 @@ class Camera {
     return orthographic_ ? open_.forward : glm::normalize(p - (open_.position - world_shift_));
   }
 
+  /// In world coordinates. @param time  in [0, 1] of the shutter
+  dvec3 position(double time) const { return at(time).position; }
+
   ivec2 film_size() const { return {width_, height_}; }
   bool moves() const { return moves_; }
   bool has_lens() const { return lens_radius_ > 0; }

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 
+#include "render/world/everywhere.h"
 #include "render/world/sky.h"
 
 namespace brume {
@@ -72,15 +73,20 @@ double LightChoice::total(const dvec3& p) const {
 }
 
 Lights::Lights(const Scene& scene, const dvec3& world_shift, const Task& task) {
-  auto environment = std::make_unique<Environment>(scene.environment, task);
+  const dvec3 from_infinity = light_from_infinity(scene);
+  EnvironmentSettings around = scene.environment;
+  around.radiance *= from_infinity;
+  auto environment = std::make_unique<Environment>(around, task);
   environment_ = environment.get();
   if (!environment->black()) infinite_.push_back(environment_);
   all_.push_back(std::move(environment));
   std::vector<LightSettings> settings = scene.lights;
   if (scene.environment.sky == "preetham" && scene.environment.sky_sun)
     settings.push_back(preetham_sun(scene.environment));
-  for (const LightSettings& s : settings) {
+  for (LightSettings& s : settings) {
     if (s.type == "sun") {
+      s.irradiance *= from_infinity;
+      if (s.irradiance == dvec3(0)) continue;
       auto light = std::make_unique<Sun>(s);
       suns_.push_back(light.get());
       infinite_.push_back(light.get());

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include "base/error.h"
+#include "render/world/everywhere.h"
 #include "volume/array_volume.h"
 #include "volume/majorant_cost.h"
 #include "volume/volume_grids.h"
@@ -178,9 +179,13 @@ class SceneMedia::Loader {
   }
 
   void load_shape() {
-    const HomogeneousShape shape{v_.shape == "box" ? HomogeneousShape::Shape::kBox : HomogeneousShape::Shape::kSphere,
-                                 v_.lo, v_.hi};
-    shift_world_to(dvec3(v_.object_to_world * glm::dvec4(0.5 * (v_.lo + v_.hi), 1.0)));
+    HomogeneousShape shape{v_.shape == "sphere" ? HomogeneousShape::Shape::kSphere : HomogeneousShape::Shape::kBox,
+                           v_.lo, v_.hi};
+    if (is_everywhere(v_)) {
+      const EverywhereBox box = everywhere_box(scene_, v_);
+      shape.lo = box.lo, shape.hi = box.hi;
+    }
+    shift_world_to(dvec3(v_.object_to_world * glm::dvec4(0.5 * (shape.lo + shape.hi), 1.0)));
     Medium medium(shape, world_from_object(), {v_.sigma_t, v_.albedo}, phase_of(v_));
     if (moves_ && shutter_opens_) medium.set_motion(translation(-into_.world_shift_) * v_.object_to_world_end);
     if (v_.emission != dvec3(0)) into_.emissions_.emplace_back(medium, v_.emission);
