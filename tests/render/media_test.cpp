@@ -91,6 +91,34 @@ TEST(HomogeneousMedium, SemiInfiniteSlabs) {
   }
 }
 
+// Without an end: what glows evenly is everywhere as bright as it emits over its absorption, whatever it scatters; of a
+// lamp e^-depth arrives, of the sky and of suns nothing.
+TEST(HomogeneousMedium, Everywhere) {
+  Scene s = through_the_middle();
+  s.volumes.push_back(solid("everywhere", 0.2, 0.5));
+  s.volumes[0].g = 0.5;
+  s.volumes[0].emission = dvec3(0.06);
+  s.environment.radiance = dvec3(1000);
+  s.lights.push_back(sun({0, 1, 0}, 1000));
+  const PreparedScene glow(s, {});
+  const test::Mean m = test::mean_radiance(glow.render(2000, 6, {}).layers);
+  EXPECT_NEAR(m.value.x, 0.6, 4.5 * m.error.x);
+  EXPECT_LT(4.5 * m.error.x, 0.01 * 0.6);
+  EXPECT_TRUE(std::any_of(glow.notes().begin(), glow.notes().end(), [](const std::string& note) {
+    return note.rfind("a volume is everywhere: no light of the environment or a sun", 0) == 0;
+  }));
+
+  s.volumes[0] = solid("everywhere", 0.1, 0);
+  LightSettings lamp;
+  lamp.type = "sphere";
+  lamp.radius = 5;
+  lamp.radiance = dvec3(2);
+  lamp.position = dvec3(0, 10, 0);
+  lamp.visible_to_camera = true;
+  s.lights.push_back(lamp);
+  EXPECT_NEAR(test::mean_radiance(PreparedScene(s, {}).render(400, 6, {}).layers).value.x, 2 * std::exp(-2.5), 0.02);
+}
+
 // Of light that starts evenly inside an absorbing ball, the share that escapes: the power through the surface, seen by
 // an orthographic camera that frames the ball, over the power emitted.
 TEST(Emission, EscapeProbabilityOfABall) {
