@@ -53,6 +53,8 @@ struct PhaseFunction {
 
   static PhaseFunction henyey_greenstein(double g) { return {{g}, {}, 0.0}; }
   static PhaseFunction two_lobes(double g, double g2, double second_weight) { return {{g}, {g2, 0}, second_weight}; }
+  /// Dust grains; g = 0 and alpha = 1 is Rayleigh's.
+  static PhaseFunction draine(double g, double alpha) { return {{}, {g, alpha}, 1.0}; }
   /// Water droplets of one diameter in micrometres, 5 .. 50: a forward spike and a body.
   /// Source: Jendersie, d'Eon 2023, An Approximate Mie Scattering Function for Fog and Cloud Rendering, eq. 4-7.
   static PhaseFunction mie(double droplet_diameter);

@@ -68,7 +68,7 @@ struct VolumeSettings {
   std::vector<std::vector<double>> remap;
   double max_density = 0;
   std::string phase = "henyey_greenstein";
-  double g = 0.0, g2 = 0.0, lobe_weight = 0.5, droplet_diameter = 20.0;
+  double g = 0.0, g2 = 0.0, lobe_weight = 0.5, droplet_diameter = 20.0, draine_alpha = 1.0;
   std::string albedo_grid = "none";
   dvec3 emission{0};
   std::string temperature_grid = "none";

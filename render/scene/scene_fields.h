@@ -172,12 +172,14 @@ void describe(Visitor& v, VolumeSettings& s) {
   v({"max_density", "", "voxels above are taken as this, after remap: what a few damaged voxels need; 0: no limit", 0},
     s.max_density);
   v({.key = "phase",
-     .help = "henyey_greenstein: g; two_lobes: g and g2 mixed by lobe_weight; mie: water droplets of droplet_diameter",
-     .choices = {"henyey_greenstein", "two_lobes", "mie"}},
+     .help =
+         "henyey_greenstein: g; two_lobes: g and g2 mixed by lobe_weight; mie: water droplets of droplet_diameter, as the fit of Jendersie and d'Eon; draine: dust, henyey_greenstein of g >= 0 times 1 + draine_alpha cos^2; rayleigh: air, draine of 0 and 1",
+     .choices = {"henyey_greenstein", "two_lobes", "mie", "draine", "rayleigh"}},
     s.phase);
   v({"g", "1", "mean cosine, positive forward", -0.999, 0.999}, s.g);
   v({"g2", "1", "two_lobes: mean cosine of the second lobe", -0.999, 0.999}, s.g2);
   v({"lobe_weight", "1", "two_lobes: share of the second lobe", 0, 1}, s.lobe_weight);
+  v({"draine_alpha", "1", "draine: weight of the squared cosine", 0, 1e3}, s.draine_alpha);
   v({"droplet_diameter", "micrometres", "mie: of the droplets", 5, 50}, s.droplet_diameter);
   v({"albedo_grid", "",
      "colour grid that multiplies albedo; none, or auto: color, Cd and such names, if there is one; or three grids, such as Cd_r, Cd_g, Cd_b"},

@@ -88,11 +88,16 @@ void check_volume(Parser& parser, VolumeSettings& v, const toml::value& table) {
       conflict({"lo", "hi", "object_to_world", "object_to_world_end"}, "shape = \"everywhere\"");
     if (!glm::all(glm::lessThan(v.lo, v.hi))) fail_at("'lo' is not below 'hi'", table, "expected a box with a volume");
   }
-  for (const auto& [key, phase] :
-       {std::pair("g2", "two_lobes"), {"lobe_weight", "two_lobes"}, {"droplet_diameter", "mie"}})
+  for (const auto& [key, phase] : {std::pair("g2", "two_lobes"),
+                                   {"lobe_weight", "two_lobes"},
+                                   {"droplet_diameter", "mie"},
+                                   {"draine_alpha", "draine"}})
     if (parser.has(key) && v.phase != phase)
       fail_at(fmt::format("'{}' has no meaning for phase = \"{}\"", key, v.phase), table.at(key),
               fmt::format("set phase = \"{}\", or remove it", phase));
+  if (v.phase == "rayleigh") conflict({"g"}, "phase = \"rayleigh\"");
+  if (v.phase == "draine" && v.g < 0)
+    fail_at("'g' of phase = \"draine\" is negative", table.at("g"), "expected 0 .. 0.999");
   if (by_parts) {
     conflict({"sigma_t", "albedo"}, "sigma_a and sigma_s");
     v.sigma_t = v.sigma_a + v.sigma_s;

@@ -2,6 +2,9 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <tuple>
+
 #include "base/error.h"
 #include "render/world/everywhere.h"
 #include "volume/array_volume.h"
@@ -20,8 +23,21 @@ namespace {
 
 PhaseFunction phase_of(const VolumeSettings& v) {
   if (v.phase == "two_lobes") return PhaseFunction::two_lobes(v.g, v.g2, v.lobe_weight);
+  if (v.phase == "draine") return PhaseFunction::draine(v.g, v.draine_alpha);
+  if (v.phase == "rayleigh") return PhaseFunction::draine(0, 1);
   if (v.phase == "mie") return PhaseFunction::mie(v.droplet_diameter);
   return PhaseFunction::henyey_greenstein(v.g);
+}
+
+/// Whether the same fields are read for both, wherever they lie and whatever they are made of.
+bool reads_the_same(const VolumeSettings& a, const VolumeSettings& b) {
+  const auto read = [](const VolumeSettings& v) {
+    const bool arrays = v.grids && v.grids->of_arrays();
+    return std::tuple(v.shape, v.file, v.grid, v.convert_level_set, v.remap, v.max_density, v.albedo_grid,
+                      v.temperature_grid, v.flame_grid, v.velocity_grid, v.velocity_scale, v.placement.voxel_size,
+                      v.placement.origin, arrays ? v.grids->content : std::string());
+  };
+  return read(a) == read(b);
 }
 
 constexpr const char* kAuto = "auto";
@@ -125,18 +141,25 @@ class SceneMedia::Loader {
     if (moves_) check_transform(v_.object_to_world_end, "object_to_world_end");
     if (moves_ && !shutter_opens_)
       note("a volume moves but camera.shutter opens and closes at once: it is rendered where it starts");
+    const std::vector<VolumeSettings>& all = scene_.volumes;
+    const size_t own = into_.volumes_.size();
+    const auto same = std::find_if(all.begin(), all.begin() + static_cast<std::ptrdiff_t>(own),
+                                   [&](const VolumeSettings& other) { return reads_the_same(other, v_); });
+    into_.volumes_.push_back(nullptr);
     if (v_.shape != "grid") {
       load_shape();
       return;
     }
-    into_.volumes_.push_back(std::make_shared<Volume>());
-    volume_ = into_.volumes_.back().get();
+    fresh_ = &*same == &v_;
+    into_.volumes_[own] = fresh_ ? std::make_shared<Volume>() : into_.volumes_[static_cast<size_t>(same - all.begin())];
+    volume_ = into_.volumes_[own].get();
     load_density();
     if (v_.temperature_grid != "none") load_temperature();
     if (v_.flame_grid != "none") load_flame();
     // Last: what bounds moving fields reads them in the cells they were loaded in.
-    for (ScalarField* field : {&volume_->density, &volume_->temperature, &volume_->flame})
-      field->bricks = field->bricks.recut(cell_size_for(field->bricks), task_);
+    if (fresh_)
+      for (ScalarField* field : {&volume_->density, &volume_->temperature, &volume_->flame})
+        field->bricks = field->bricks.recut(cell_size_for(field->bricks), task_);
     check_majorants();
     check_range(volume_->density);
   }
@@ -157,14 +180,19 @@ class SceneMedia::Loader {
     return shared ? std::max(kWide, scene_.render.cell_size) : scene_.render.cell_size;
   }
   bool of_arrays() const { return v_.grids && v_.grids->of_arrays(); }
-  /// Arrays lie where the scene says, files' grids where the file does.
-  template <class Field>
-  void place(Field& field) const {
+  /// Unless an earlier volume did. Arrays lie where the scene says, files' grids where the file does.
+  template <class Field, class Read>
+  void read_into(Field& field, const Read& read) {
+    if (!fresh_) return;
+    field = read();
+    adopt(field.notes);
     if (!of_arrays()) return;
     field.world_from_index = translation(v_.placement.origin);
     for (int a = 0; a < 3; ++a) field.world_from_index[a][a] = v_.placement.voxel_size[a];
   }
-  void count(const std::string& name, size_t bytes) { into_.parts_.push_back({file_ + ": " + name, bytes}); }
+  void count(const std::string& name, size_t bytes) {
+    if (fresh_) into_.parts_.push_back({file_ + ": " + name, bytes});
+  }
 
   /// The first volume's middle becomes the world's origin.
   void shift_world_to(const dvec3& middle) {
@@ -199,14 +227,10 @@ class SceneMedia::Loader {
     options.limit = v_.max_density;
     ScalarField& density = volume_->density;
     const bool unchanged = !options.convert_level_set && options.remap.empty() && !(options.limit > 0);
-    if (of_arrays())
-      density = v_.grids->density ? adjusted_density(*v_.grids->density, options, task_) : ScalarField();
-    else if (v_.grids && v_.grids->density && unchanged)
-      density = *v_.grids->density;
-    else
-      density = load_scalar(v_.file, options, task_);
-    place(density);
-    adopt(density.notes);
+    read_into(density, [&] {
+      if (of_arrays()) return v_.grids->density ? adjusted_density(*v_.grids->density, options, task_) : ScalarField();
+      return v_.grids && v_.grids->density && unchanged ? *v_.grids->density : load_scalar(v_.file, options, task_);
+    });
     count(density.summary.name, density.bricks.bytes());
     if (const BrickGrid& b = density.bricks; !b.empty()) {
       const dvec3 middle = 0.5 * (b.support_lo() + b.support_hi()) + dvec3(b.origin());
@@ -267,17 +291,21 @@ class SceneMedia::Loader {
 
   void load_colour_into(Medium& medium) {
     VectorField& colour = volume_->colour;
-    colour = v_.grids && v_.grids->colour ? *v_.grids->colour : load_colour_field(v_.file, v_.albedo_grid, task_);
-    adopt(colour.notes);
+    read_into(colour, [&] {
+      return v_.grids && v_.grids->colour ? *v_.grids->colour : load_colour_field(v_.file, v_.albedo_grid, task_);
+    });
     const auto& parts = colour.bricks.parts;
     if (v_.albedo_grid == kAuto && parts[0].empty() && parts[1].empty() && parts[2].empty()) return;
-    place(colour);
     const dmat4 to_origin = translation(dvec3(colour.bricks.parts[0].origin()));
     medium.set_colour(colour.bricks, Placement(world_from(colour.world_from_index) * to_origin));
     count("albedo colour", colour.bricks.bytes());
   }
 
   void displace(Medium& shape, const ScalarField& field, Displacement& displacement) {
+    if (!fresh_) {
+      if (!displacement.envelope.empty()) shape.set_displacement(displacement);
+      return;
+    }
     const dvec2& shutter = scene_.camera.shutter;
     try {
       if (of_arrays()) {
@@ -317,11 +345,10 @@ class SceneMedia::Loader {
 
   void load_temperature() {
     ScalarField& temperature = volume_->temperature;
-    temperature = v_.grids && v_.grids->temperature
-                      ? *v_.grids->temperature
-                      : load_field(v_.file, v_.temperature_grid, GridUse::kTemperature, task_);
-    place(temperature);
-    adopt(temperature.notes);
+    read_into(temperature, [&] {
+      return v_.grids && v_.grids->temperature ? *v_.grids->temperature
+                                               : load_field(v_.file, v_.temperature_grid, GridUse::kTemperature, task_);
+    });
     if (temperature.bricks.empty()) return;
     check_range(temperature);
     count("temperature", temperature.bricks.bytes());
@@ -354,9 +381,10 @@ class SceneMedia::Loader {
 
   void load_flame() {
     ScalarField& flame = volume_->flame;
-    flame = v_.grids && v_.grids->flame ? *v_.grids->flame : load_field(v_.file, v_.flame_grid, GridUse::kFlame, task_);
-    place(flame);
-    adopt(flame.notes);
+    read_into(flame, [&] {
+      return v_.grids && v_.grids->flame ? *v_.grids->flame
+                                         : load_field(v_.file, v_.flame_grid, GridUse::kFlame, task_);
+    });
     check_range(flame);
     count("flame", flame.bricks.bytes());
     add_emission(flame, volume_->flame_displacement, fire_ramp(v_));
@@ -368,6 +396,7 @@ class SceneMedia::Loader {
   const Task& task_;
   const std::string file_, named_;  // how notes and errors call the volume
   const bool moves_, shutter_opens_;
+  bool fresh_ = true;   // no volume before this one reads the same
   bool still_ = false;  // the file has no velocity
   Volume* volume_ = nullptr;
 };

@@ -290,6 +290,28 @@ TEST(SeveralMedia, SuperpositionIsOneMedium) {
   }
 }
 
+// Volumes of one file are read once; all that is done with its grids, motion and fire too, is as of files apart.
+TEST(SeveralMedia, EqualFilesAreReadOnce) {
+  const test::TemporaryFolder folder;
+  Scene s = test::scene_of(test::source("data/volumes/fire.vdb"), 3, 0.5, 0.2);
+  s.film.width = s.film.height = 16;
+  s.volumes[0].flame_grid = "auto";
+  s.volumes.push_back(s.volumes[0]);
+  s.volumes[1].object_to_world[3] = glm::dvec4(1, 0.5, 0, 1);
+  s.volumes[1].sigma_t = dvec3(1);
+  Scene apart = s;
+  apart.volumes[1].file = folder / "copy.vdb";
+  std::filesystem::copy_file(s.volumes[0].file, apart.volumes[1].file);
+  EXPECT_EQ(SceneMedia(s, {}).parts().size(), 2u);
+  EXPECT_EQ(SceneMedia(apart, {}).parts().size(), 4u);
+  for (Scene* scene : {&s, &apart}) {
+    scene->camera.shutter = dvec2(0, 0.001);
+    scene->volumes[0].velocity_grid = scene->volumes[1].velocity_grid = "auto";
+  }
+  test::expect_same_bits(PreparedScene(s, {}).render(4, 1, {}).layers,
+                         PreparedScene(apart, {}).render(4, 1, {}).layers);
+}
+
 // The flash image: the direct component plus a lamp's share that makes up for the indirect light that is left out.
 TEST(Flash, MakesUpForTheIndirectLight) {
   Scene s = read_scene(test::source("data/scenes/cloud.toml"));

@@ -68,15 +68,17 @@ TEST(HenyeyGreenstein, SampledDirectionsFollowTheDensity) {
 // Draine, two lobes and the Mie fit: normalised, and 64 bins of the cosine whose probabilities come from integrating
 // the density, 200000 draws: a bin that is off by 10 % would be found.
 TEST(PhaseFunction, MixturesAreNormalisedAndSampledByTheirDensity) {
-  PhaseFunction small_g{{0.0}, {0.01, 3.0}, 1.0}, body{{0.2}, {0.6, 20.0}, 1.0};
   const PhaseFunction cases[] = {PhaseFunction::two_lobes(0.8, -0.4, 0.3),
                                  PhaseFunction::mie(5),
                                  PhaseFunction::mie(20),
                                  PhaseFunction::mie(50),
-                                 small_g,
-                                 body};
+                                 PhaseFunction::draine(0.01, 3),
+                                 PhaseFunction::draine(0.6, 20),
+                                 PhaseFunction::draine(0, 1)};
   Rng rng(7);
   int which = 0;
+  for (const double c : {-1.0, -0.3, 0.0, 0.7})
+    EXPECT_NEAR(PhaseFunction::draine(0, 1).value(c), 3 * (1 + c * c) / (16 * kPi), 1e-15) << "Rayleigh's";
   for (const PhaseFunction& phase : cases) {
     constexpr int kBins = 64;
     // Finer towards the forward peak: cos = 1 - 2 x^3.
