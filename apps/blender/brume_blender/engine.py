@@ -10,7 +10,7 @@ import numpy as np
 
 from . import exr, passes, program
 from .child import DONE, MISSED, CannotStart, Child, Progress, Update
-from .properties import preferred_program, wanted_passes
+from .properties import lacking_passes, preferred_program, wanted_passes
 from .translate import CannotTranslate, translate
 from .window import window_of
 
@@ -85,14 +85,16 @@ class _Frame:
 
     def __init__(self, engine, depsgraph):
         self._engine, self._depsgraph = engine, depsgraph
-        self._scene = depsgraph.scene
-        self._layer = self._scene.view_layers[depsgraph.view_layer.name]
+        self._original, self._scene = depsgraph.scene, depsgraph.scene_eval  # whose settings may be animated
+        self._layer = self._original.view_layers[depsgraph.view_layer.name]
         self._window = window_of(self._scene.render, engine.resolution_x, engine.resolution_y)
         self._transparent = self._scene.render.film_transparent
         self._passes, unknown = wanted_passes(self._layer)
         if unknown:
             known = ", ".join((*passes.LAYERS, *passes.GIVEN))
             raise Problem(f"View layer {self._layer.name}: brume has no layer '{unknown[0]}'; it has {known}")
+        if lacking := lacking_passes(self._layer):
+            engine.say(f"View layer {self._layer.name}: brume has no pass {', '.join(lacking)}; there is none in the result")
         if self._scene.render.use_multiview:
             raise Problem("brume renders one eye; switch off Output Properties > Stereoscopy")
         self._result = None
@@ -128,9 +130,9 @@ class _Frame:
     def _translate(self):
         translation = translate(
             self._depsgraph,
-            self._scene,
+            self._original,
             self._folder,
-            frame=self._scene.frame_current,
+            frame=self._original.frame_current,
             width=self._window.film_width,
             height=self._window.film_height,
             set_frame=self._engine.frame_set,

@@ -7,6 +7,7 @@ things that it is about.
 Knows bpy, mathutils and NumPy alone.
 """
 
+import math
 from dataclasses import dataclass, field
 
 import bpy
@@ -22,7 +23,7 @@ from .notes import CannotTranslate, LeftOut, Notes
 from .placement import matrices_of
 from .surfaces import Surfaces
 from .toml_text import Table, toml_text
-from .volumes import file_of, volume_tables
+from .volumes import file_of, volume_shader_of, volume_tables
 from .world import world_tables
 
 __all__ = ["CannotTranslate", "Translation", "translate"]
@@ -46,6 +47,7 @@ def translate(depsgraph, scene, folder, *, frame=None, width=None, height=None, 
     """Writes the meshes and pictures of a scene into a folder and returns the scene's text.
 
     @param depsgraph  evaluated, of a render or the viewport, at `frame`
+    @param scene      the original; its animated settings are read from the depsgraph's
     @param frame      the scene's own unless given
     @param width, height  of the film [px]; the scene's own unless given
     @param set_frame  function of (frame, subframe) that evaluates the depsgraph at another time, as RenderEngine.frame_set
@@ -63,12 +65,19 @@ def translate(depsgraph, scene, folder, *, frame=None, width=None, height=None, 
 
 class _Translator:
     def __init__(self, depsgraph, scene, folder, frame, size, set_frame):
-        self._depsgraph, self._scene, self._folder = depsgraph, scene, folder
+        self._depsgraph, self._original, self._folder = depsgraph, scene, folder
         self._frame = scene.frame_current if frame is None else frame
-        own = film_size(scene)
+        stretch = scene.render.frame_map_old / scene.render.frame_map_new
+        self._frame_of_files = math.floor(self._frame * stretch)  # Time Stretching
+        own = film_size(self._scene)
         self._width, self._height = size[0] or own[0], size[1] or own[1]
         self._notes = Notes()
         self._set_frame = set_frame
+
+    @property
+    def _scene(self):
+        """Evaluated, at the time at which the depsgraph is."""
+        return self._depsgraph.scene_eval
 
     def run(self):
         aspect = pixel_aspect_of(self._scene)
@@ -96,14 +105,14 @@ class _Translator:
 
     def _world(self):
         try:
-            return world_tables(self._scene, self._layer, self._folder, self._notes)
+            return world_tables(self._depsgraph, self._scene, self._layer, self._folder, self._notes)
         except LeftOut as reason:
             self._notes.say(self._scene.world.name, f"the world is left out: {reason}")
             return [Table("[environment]")]
 
     def _view_layer(self):
         layer = self._depsgraph.view_layer
-        return self._scene.view_layers.get(layer.name, layer)
+        return self._original.view_layers.get(layer.name, layer)
 
     def _comment(self):
         source = " ".join(bpy.path.basename(bpy.data.filepath).split()) or "A scene"
@@ -125,7 +134,7 @@ class _Translator:
 
     def _materials(self, thing):
         override = self._layer.material_override
-        return [override] if override is not None else [slot.material for slot in thing.material_slots]
+        return [override.evaluated_get(self._depsgraph)] if override is not None else [slot.material for slot in thing.material_slots]
 
     def _object(self, instance, thing):
         kind = thing.type
@@ -149,17 +158,31 @@ class _Translator:
         if self._motion is not None and self._motion.deforms(thing):
             self._notes.say(thing.name, "its deformation is left out of the motion blur")
         if thing.type == "VOLUME":
+            self._say_visibility(thing)
             shutter = self._motion and self._motion.shutter
-            file = file_of(thing, instance.matrix_world, shutter, self._scene, self._frame)
+            file = file_of(thing, instance.matrix_world, shutter, self._scene, self._frame_of_files)
             if file.grids is not None:
                 say_clipped(self._camera, thing.name, file.corners, instance.matrix_world, self._notes)
             return volume_tables(thing, self._materials(thing), file, matrices, self._notes)
         self._say_particles(thing)
         say_clipped(self._camera, thing.name, thing.bound_box, instance.matrix_world, self._notes)
         domain = domain_of(thing)
+        if domain is not None or volume_shader_of(self._materials(thing)) is not None:
+            self._say_visibility(thing)
         if domain is not None:
-            return domain_tables(thing, self._materials(thing), domain, self._frame, matrices, self._motion, self._scene, self._notes)
+            return domain_tables(thing, self._materials(thing), domain, self._frame_of_files, matrices, self._motion, self._scene, self._notes)
         return self._surfaces.tables(thing, self._materials(thing), matrices)
+
+    def _say_visibility(self, thing):
+        """Of a volume, or of the fog in a mesh."""
+        kinds = ("camera", "diffuse", "glossy", "transmission", "shadow")
+        unseen = [kind for kind in kinds if not getattr(thing, "visible_" + kind)]
+        if thing.original.indirect_only_get(view_layer=self._layer) and "camera" not in unseen:
+            unseen.insert(0, "camera")
+        if unseen:
+            self._notes.say(thing.name, f"its volume is seen by rays of every kind in brume, {' and '.join(unseen)} too")
+        if thing.is_holdout or thing.original.holdout_get(view_layer=self._layer):
+            self._notes.say(thing.name, "its volume is no holdout in brume; it is rendered")
 
     def _say_particles(self, thing):
         if any(system.settings.type == "HAIR" and system.settings.render_type == "PATH" for system in thing.particle_systems):

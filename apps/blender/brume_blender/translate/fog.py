@@ -33,8 +33,6 @@ def fog_table(thing, shader_plug, points, matrices, notes):
     set_coefficients(table, sums["scatter"], sums["absorption"], _at_most_two(lobes, thing.name, notes))
     if sums["emission"].any():
         table.set(emission=sums["emission"])
-    if not thing.visible_camera:
-        notes.say(thing.name, "its fog is seen by the camera in brume")
     return table
 
 

@@ -131,8 +131,6 @@ def volume_tables(thing, materials, file, matrices, notes):
     if shader_plug is None and "density" not in file.grids:
         raise LeftOut(f"it has no material, and its file no grid 'density'; it has: {', '.join(file.grids) or 'none'}")
     shader = VolumeShader(shader_plug, thing.name, file, notes)
-    if not thing.visible_camera:
-        notes.say(thing.name, "the volume is seen by the camera in brume")
     tables, hosts = [], []  # hosts: (grid, table) that emit nothing yet
     parts = media(shader, file.grids, thing.name, notes)
     for part in parts:

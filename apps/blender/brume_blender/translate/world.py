@@ -14,11 +14,11 @@ BAKED = (1024, 512)  # of a world that is computed
 LARGEST = (8192, 4096)
 
 
-def world_tables(scene, layer, folder, notes):
+def world_tables(depsgraph, scene, layer, folder, notes):
     """[environment], and lights that a sky brings. @param layer  the view layer"""
     table = Table("[environment]")
     world = getattr(layer, "world_override", None) or scene.world  # Blender 4.3
-    world, lights = world if layer.use_sky else None, []
+    world, lights = world.evaluated_get(depsgraph) if world is not None and layer.use_sky else None, []
     tree = tree_of(world) if world is not None else None
     shader = output_of(tree, "Surface")
     if world is not None and tree is None:
