@@ -136,6 +136,7 @@ class _Frame:
             width=self._window.film_width,
             height=self._window.film_height,
             set_frame=self._engine.frame_set,
+            bakes=os.path.join(bpy.app.tempdir, "grids_baked_for_brume"),
         )
         for note in translation.notes:
             self._engine.say(note)

@@ -137,6 +137,7 @@ class BRUME_RENDER_PT_performance(_BrumePanel, bpy.types.Panel):
         row = layout.row()
         row.active = render.threads_mode == "FIXED"
         row.prop(render, "threads")
+        layout.prop(context.scene.brume, "bake_millions")
 
 
 class BRUME_VIEWLAYER_PT_passes(_BrumePanel, bpy.types.Panel):

@@ -4,6 +4,7 @@ import bpy
 from bpy.props import BoolProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
 from . import passes, program
+from .translate.baking import MILLIONS
 
 DEFAULT_FILTER = "transport_regression"
 
@@ -65,6 +66,14 @@ class BrumeSceneSettings(bpy.types.PropertyGroup):
         description="The most that one path may bring after its first scattering, as in Cycles; 0: no limit, and no bias",
         default=10,
         min=0,
+    )
+    bake_millions: FloatProperty(
+        name="Baked Voxels",
+        description="Millions of voxels that what a volume shader's nodes compute is baked into at most, a volume",
+        default=MILLIONS,
+        min=0.01,
+        soft_max=256,
+        precision=0,
     )
     use_clean: BoolProperty(
         name="Clean",

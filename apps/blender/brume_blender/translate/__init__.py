@@ -11,7 +11,9 @@ import math
 from dataclasses import dataclass, field
 
 import bpy
+import numpy as np
 
+from .baking import MILLIONS, bake
 from .camera import camera_of, camera_table, say_clipped
 from .files import Folder
 from .film import film_size, film_table, pixel_aspect_of
@@ -21,6 +23,7 @@ from .meshes import MESH_LIKE
 from .motion import motion_of
 from .notes import CannotTranslate, LeftOut, Notes
 from .placement import matrices_of
+from .places import Place
 from .surfaces import Surfaces
 from .toml_text import Table, toml_text
 from .volumes import file_of, volume_shader_of, volume_tables
@@ -43,7 +46,7 @@ class Translation:
     volumes: int = 0  # how many there are to render
 
 
-def translate(depsgraph, scene, folder, *, frame=None, width=None, height=None, set_frame=None, scene_folder=None):
+def translate(depsgraph, scene, folder, *, frame=None, width=None, height=None, set_frame=None, scene_folder=None, bakes=None):
     """Writes the meshes and pictures of a scene into a folder and returns the scene's text.
 
     @param depsgraph  evaluated, of a render or the viewport, at `frame`
@@ -53,9 +56,10 @@ def translate(depsgraph, scene, folder, *, frame=None, width=None, height=None, 
     @param set_frame  function of (frame, subframe) that evaluates the depsgraph at another time, as RenderEngine.frame_set
                       and Scene.frame_set do: for motion blur, which is left out without it
     @param scene_folder  where the scene file is to lie, at which its names of files start; `folder` unless given
+    @param bakes  folder in which baked grids are kept for later renders; `folder` unless given
     @throws CannotTranslate: there is no camera, or one of which brume has no counterpart; a volume's file is not there
     """
-    files = Folder(folder, scene_folder)
+    files = Folder(folder, scene_folder, bakes)
     try:
         return _Translator(depsgraph, scene, files, frame, (width, height), set_frame).run()
     except CannotTranslate:
@@ -160,18 +164,31 @@ class _Translator:
         if thing.type == "VOLUME":
             self._say_visibility(thing)
             shutter = self._motion and self._motion.shutter
-            file = file_of(thing, instance.matrix_world, shutter, self._scene, self._frame_of_files)
+            file = file_of(thing, instance.matrix_world, shutter, self._scene, self._frame_of_files, self._folder)
             if file.grids is not None:
                 say_clipped(self._camera, thing.name, file.corners, instance.matrix_world, self._notes)
-            return volume_tables(thing, self._materials(thing), file, matrices, self._notes)
+            return volume_tables(thing, self._materials(thing), file, self._place(instance), self._bake, matrices, self._notes)
         self._say_particles(thing)
         say_clipped(self._camera, thing.name, thing.bound_box, instance.matrix_world, self._notes)
         domain = domain_of(thing)
         if domain is not None or volume_shader_of(self._materials(thing)) is not None:
             self._say_visibility(thing)
         if domain is not None:
-            return domain_tables(thing, self._materials(thing), domain, self._frame_of_files, matrices, self._motion, self._scene, self._notes)
-        return self._surfaces.tables(thing, self._materials(thing), matrices)
+            return domain_tables(
+                thing, self._materials(thing), domain, self._frame_of_files, self._place(instance, thing.bound_box), self._bake,
+                matrices, self._motion, self._scene, self._notes,
+            )  # fmt: skip
+        return self._surfaces.tables(thing, self._materials(thing), self._place(instance, thing.bound_box), matrices)
+
+    def _place(self, instance, box=None):
+        """@param box  corners of the object's texture space; None: there is none"""
+        corners = np.array([corner[:] for corner in box]) if box is not None else None
+        box = None if corners is None else (corners.min(0), corners.max(0))
+        return Place(instance.object, instance.matrix_world, self._depsgraph, box, instance.random_id)
+
+    def _bake(self, shader, source):
+        settings = getattr(self._scene, "brume", None)
+        return bake(shader, source, self._folder, 1e6 * (settings.bake_millions if settings else MILLIONS), self._notes)
 
     def _say_visibility(self, thing):
         """Of a volume, or of the fog in a mesh."""

@@ -10,9 +10,9 @@ from .volume_parts import joined, set_coefficients
 from .volume_shaders import SIGMA, VolumeShader
 
 
-def fog_table(thing, shader_plug, points, matrices, notes):
+def fog_table(thing, shader_plug, points, place, matrices, notes):
     """A homogeneous volume. @param points  the mesh's vertices, (N, 3), in its own space   @throws LeftOut"""
-    shader = VolumeShader(shader_plug, thing.name, None, notes)
+    shader = VolumeShader(shader_plug, thing.name, None, place, notes)
     sums = {"scatter": np.zeros(3), "absorption": np.zeros(3), "emission": np.zeros(3)}
     lobes = []
     for closure in shader.closures:

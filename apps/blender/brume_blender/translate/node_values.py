@@ -55,10 +55,10 @@ class Values:
             self._known[key] = self._computed(source)
         return self._known[key], kind
 
-    def generated(self):
-        """@throws UnknownNode"""
+    def generated(self, plug):
+        """Texture coordinates of a node that is given none. @throws UnknownNode"""
         if not hasattr(self._leaves, "generated"):
-            raise UnknownNode("texture coordinates of a surface")
+            raise UnknownNode(plug.node.bl_label)
         return self._leaves.generated()
 
     def _computed(self, plug):
@@ -144,7 +144,8 @@ def _blended(node, factor, a, b, clamp):
 def _looked_up(table, x):
     """Linear between entries that lie evenly on [0, 1], constant beyond."""
     at = np.clip(x, 0, 1) * (len(table) - 1)
-    return np.stack([np.interp(at, np.arange(len(table)), table[:, c]) for c in range(table.shape[1])], -1)
+    low = np.minimum(at.astype(int), len(table) - 2)
+    return table[low] + (at - low)[..., None] * (table[low + 1] - table[low])
 
 
 def _colour_ramp(values, plug):

@@ -32,7 +32,7 @@ class Surfaces:
             self._geometries[key] = geometry
         return key, self._geometries[key]
 
-    def tables(self, thing, materials, matrices):
+    def tables(self, thing, materials, place, matrices):
         """[[surfaces]] of an instance, one for each of its materials that has faces, and [[volumes]] of its fog.
         @param materials  of its slots
         @param matrices  (as the shutter opens, as it closes), the second None where it stands still"""
@@ -43,7 +43,7 @@ class Surfaces:
         fog = volume_shader_of(materials)
         if fog is not None:
             try:
-                tables.append(fog_table(thing, fog, geometry.points, matrices, self._notes))
+                tables.append(fog_table(thing, fog, geometry.points, place, matrices, self._notes))
             except LeftOut as reason:
                 self._notes.say(thing.name, f"its fog is left out: {reason}")
         slots = np.minimum(geometry.materials, max(len(materials) - 1, 0))

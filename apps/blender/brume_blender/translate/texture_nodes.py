@@ -29,7 +29,7 @@ class _Inputs:
 
     def _vector(self):
         plug = self._plug.input("Vector")
-        return np.asarray(self._values.colour(plug) if plug.resolve().socket.is_output else self._values.generated(), float)
+        return np.asarray(self._values.colour(plug) if plug.resolve().socket.is_output else self._values.generated(self._plug), float)
 
     def number(self, name, default=0.0):
         return self._read.get(name, np.asarray(default))

@@ -198,6 +198,9 @@ class _Directions(_LightPath):
         super().__init__(0.0)
         self._directions, self._background = directions, background
 
+    def generated(self):
+        return self._directions
+
     def __call__(self, plug):
         node = plug.node
         if node.type == "TEX_COORD" and plug.socket.name in ("Generated", "Normal", "Object"):
