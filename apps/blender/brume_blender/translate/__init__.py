@@ -12,11 +12,13 @@ from dataclasses import dataclass, field
 
 import bpy
 import numpy as np
+from mathutils import Vector
 
 from .baking import MILLIONS, bake
 from .camera import camera_of, camera_table, say_clipped
 from .files import Folder
 from .film import film_size, film_table, pixel_aspect_of
+from .fog import world_fog_table
 from .fluids import domain_of, domain_tables
 from .lights import light_table
 from .meshes import MESH_LIKE
@@ -27,7 +29,7 @@ from .places import Place
 from .surfaces import Surfaces
 from .toml_text import Table, toml_text
 from .volumes import file_of, volume_shader_of, volume_tables
-from .world import world_tables
+from .world import world_of, world_tables
 
 __all__ = ["CannotTranslate", "Translation", "translate"]
 
@@ -77,6 +79,7 @@ class _Translator:
         self._width, self._height = size[0] or own[0], size[1] or own[1]
         self._notes = Notes()
         self._set_frame = set_frame
+        self._reach = 0.0  # from the origin to what lies farthest from it
 
     @property
     def _scene(self):
@@ -89,16 +92,20 @@ class _Translator:
         camera_of(self._depsgraph, self._scene)  # none, none at all
         self._motion = motion_of(self._depsgraph, self._scene, self._frame, self._set_frame, size, self._notes)
         self._layer = self._view_layer()
-        self._surfaces = Surfaces(self._folder, self._notes, self._layer)
+        self._surfaces = Surfaces(self._folder, self._notes, self._layer, self._bake)
         self._camera = camera_of(self._depsgraph, self._scene)
         head = [
             Table("[render]").set(frame=max(self._frame, 0)),
             camera_table(self._depsgraph, self._camera, self._motion, *size, self._notes),
             film_table(self._scene, self._width, self._height, self._notes),
-            *self._world(),
         ]
-        tables = self._objects()
-        text = "\n".join(["\n".join(self._comment()), f"name = {toml_text(self._scene.name)}\n", *(t.text() for t in head + tables)])
+        tables, far = self._objects(), self._world()
+        if (fog := self._world_fog()) is not None:
+            # Nothing from infinitely far away comes through it.
+            far = [Table("[environment]"), fog]
+            tables = [table for table in tables if not table.holds(type="sun")]
+        tables = head + far + tables
+        text = "\n".join(["\n".join(self._comment()), f"name = {toml_text(self._scene.name)}\n", *(t.text() for t in tables)])
         return Translation(
             text,
             self._notes.lines(),
@@ -113,6 +120,15 @@ class _Translator:
         except LeftOut as reason:
             self._notes.say(self._scene.world.name, f"the world is left out: {reason}")
             return [Table("[environment]")]
+
+    def _world_fog(self):
+        world = world_of(self._depsgraph, self._scene, self._layer)
+        reach = max(self._reach, self._camera.matrix_world.translation.length)
+        try:
+            return world_fog_table(world, self._depsgraph, reach, self._notes)
+        except LeftOut as reason:
+            self._notes.say(world.name, f"its volume is left out: {reason}")
+            return None
 
     def _view_layer(self):
         layer = self._depsgraph.view_layer
@@ -129,6 +145,7 @@ class _Translator:
             if not instance.show_self or instance.object.hide_render:
                 continue
             thing = instance.object
+            self._reach = max([self._reach, *((instance.matrix_world @ Vector(corner)).length for corner in thing.bound_box)])
             try:
                 tables += self._object(instance, thing)
             except LeftOut as reason:

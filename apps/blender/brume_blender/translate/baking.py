@@ -49,6 +49,8 @@ def bake(shader, source, folder, most_voxels, notes):
 
 
 def _needs_bake(shader, closure, source):
+    if source.virtual:
+        return True
     used = shader.used(closure)
     if not used:
         return False  # a number, or nothing that Cycles would render

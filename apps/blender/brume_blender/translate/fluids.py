@@ -30,7 +30,7 @@ def domain_of(thing):
 class FluidCache:
     """The files of a domain's cache at one frame, as volume_tables reads a VDB file."""
 
-    colours, factor, least = (), 1.0, 0.0
+    colours, factor, least, virtual = (), 1.0, 0.0, False
 
     def __init__(self, thing, settings, frame, shutter, scene, notes):
         if settings.cache_data_format != "OPENVDB":

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .fog import fog_table
+from .fog import fog_tables
 from .materials import surface_of
 from .meshes import Geometry, write_ply
 from .notes import LeftOut
@@ -14,7 +14,8 @@ from .volumes import volume_shader_of
 class Surfaces:
     """Writes each mesh once, however many instances it has."""
 
-    def __init__(self, folder, notes, view_layer):
+    def __init__(self, folder, notes, view_layer, bake):
+        self._bake = bake  # baking.bake, of a shader and its source
         self._folder, self._notes, self._view_layer = folder, notes, view_layer
         self._textures = Textures(folder, notes)
         self._geometries, self._written, self._surfaces = {}, {}, {}
@@ -43,7 +44,7 @@ class Surfaces:
         fog = volume_shader_of(materials)
         if fog is not None:
             try:
-                tables.append(fog_table(thing, fog, geometry.points, place, matrices, self._notes))
+                tables += fog_tables(thing, fog, geometry, place, self._bake, matrices, self._notes)
             except LeftOut as reason:
                 self._notes.say(thing.name, f"its fog is left out: {reason}")
         slots = np.minimum(geometry.materials, max(len(materials) - 1, 0))

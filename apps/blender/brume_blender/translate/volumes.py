@@ -21,6 +21,8 @@ COLOUR_TYPES = ("vec3s", "vec3d", "vec3i")
 class GridFile:
     """A VDB file, and how it lies in the world."""
 
+    virtual = False  # grids that are in no file until they are baked
+
     def __init__(self, path, grids, colours=(), index_offset=0.0, velocity=None, corners=(), factor=1.0, least=0.0):
         """@param velocity  (grid, world units of the file per frame for one unit of it), or None
         @param corners  of the boxes around its grids of numbers, in the file's space
@@ -166,18 +168,22 @@ def volume_tables(thing, materials, file, place, bake, matrices, notes):
     if shader_plug is None and "density" not in file.grids:
         raise LeftOut(f"it has no material, and its file no grid 'density'; it has: {', '.join(file.grids) or 'none'}")
     shader = VolumeShader(shader_plug, thing.name, file, place, notes)
-    baked = bake(shader, file)
+    return tables_of(thing.name, shader, bake(shader, file), file, matrices, notes)
+
+
+def tables_of(name, shader, baked, file, matrices, notes):
+    """@param baked  baking.Baked: what the shader is made of   @throws LeftOut"""
     tables, hosts = [], []  # hosts: (grid, table) that emit nothing yet
-    parts = merged(media(shader, baked.closures, file.grids, thing.name, notes) + baked.parts)
+    parts = merged(media(shader, baked.closures, file.grids, name, notes) + baked.parts)
     for part in parts:
         tables.append(file.table(matrices, part.grid))
         hosts.append((part.grid, tables[-1]))
         set_medium(tables[-1], part)
         if part.colour_grid and not part.sigma_a.any():
-            notes.say(thing.name, f"what its colours '{part.colour_grid}' do not scatter is absorbed")
-    for glow in [*glows(shader, baked.closures, thing.name, notes), *baked.glows]:
+            notes.say(name, f"what its colours '{part.colour_grid}' do not scatter is absorbed")
+    for glow in [*glows(shader, baked.closures, name, notes), *baked.glows]:
         if not glow.grid:
-            _glow_everywhere(glow, parts, file, thing.name, notes)
+            _glow_everywhere(glow, parts, file, name, notes)
         host = next((h for h in hosts if file.same_file(h[0], glow.grid)), None)
         if host is None:
             host = (glow.grid, file.table(matrices, glow.grid).set(sigma_t=0))
@@ -186,7 +192,7 @@ def volume_tables(thing, materials, file, place, bake, matrices, notes):
             hosts.remove(host)
         glow.set(host[1], file.stored(glow.grid))
     if not tables:
-        notes.say(thing.name, "its volume shader neither scatters, absorbs nor emits")
+        notes.say(name, "its volume shader neither scatters, absorbs nor emits")
     return tables
 
 
