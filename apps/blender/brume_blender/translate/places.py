@@ -32,7 +32,7 @@ class Place:
         if self._box is None:
             return points
         lo, hi = self._box
-        return (points - lo) / np.where(hi > lo, hi - lo, 1)
+        return 0.5 + (points - 0.5 * (lo + hi)) / np.where(hi > lo, hi - lo, 2)  # flat ones are two wide
 
     def _coordinates(self, node, name, points):
         if name == "Generated":
