@@ -15,6 +15,11 @@ from .translate import CannotTranslate, translate
 from .window import window_of
 
 LOOK = 0.05  # seconds between two looks at Esc
+# What the program remarks in words of scene files, by how it begins, in Blender's; empty: not at all.
+IN_BLENDERS_WORDS = {
+    "the scene has no [[volumes]]": "",
+    "one sample per pixel makes no two halves": "Samples is 1: two or more tell the cleaning how noisy the picture is",
+}
 
 
 class Problem(Exception):
@@ -120,7 +125,9 @@ class _Frame:
         with Child(path, self._arguments()) as child:
             status = self._listen(child)
             for remark in child.remarks():
-                self._engine.say(remark)
+                known = [words for begin, words in IN_BLENDERS_WORDS.items() if remark.startswith(begin)]
+                if known != [""]:
+                    self._engine.say(known[0] if known else remark)
             if status == MISSED:
                 self._engine.say(child.problem(status))
             elif status != DONE:
