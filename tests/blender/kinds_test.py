@@ -311,7 +311,7 @@ SAID = (
     (no_such_node, "Volume: its volume depends on Brick Texture, which brume lacks; 0.5 is taken for it"),
     (by_kinds_of_rays, "Volume: its volume is the same for rays of every kind: what Light Path tells is 0"),
     (misspelt, "Volume: its shader asks for the grid 'densty', which there is not: it is 0; there are: density, shadow, temperature, flame, velocity"),
-    (too_coarse, "Volume: what its nodes compute is baked in voxels of 0.0253"),
+    (too_coarse, "Volume: what its nodes compute is baked in voxels of 0.0"),
 )  # fmt: skip
 
 

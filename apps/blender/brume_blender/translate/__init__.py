@@ -145,7 +145,6 @@ class _Translator:
             if not instance.show_self or instance.object.hide_render:
                 continue
             thing = instance.object
-            self._reach = max([self._reach, *((instance.matrix_world @ Vector(corner)).length for corner in thing.bound_box)])
             try:
                 tables += self._object(instance, thing)
             except LeftOut as reason:
@@ -183,10 +182,10 @@ class _Translator:
             shutter = self._motion and self._motion.shutter
             file = file_of(thing, instance.matrix_world, shutter, self._scene, self._frame_of_files, self._folder)
             if file.grids is not None:
-                say_clipped(self._camera, thing.name, file.corners, instance.matrix_world, self._notes)
+                self._say_clipped(thing, file.corners, instance.matrix_world)
             return volume_tables(thing, self._materials(thing), file, self._place(instance), self._bake, matrices, self._notes)
         self._say_particles(thing)
-        say_clipped(self._camera, thing.name, thing.bound_box, instance.matrix_world, self._notes)
+        self._say_clipped(thing, thing.bound_box, instance.matrix_world)
         domain = domain_of(thing)
         if domain is not None or volume_shader_of(self._materials(thing)) is not None:
             self._say_visibility(thing)
@@ -196,6 +195,10 @@ class _Translator:
                 matrices, self._motion, self._scene, self._notes,
             )  # fmt: skip
         return self._surfaces.tables(thing, self._materials(thing), self._place(instance, thing.bound_box), matrices)
+
+    def _say_clipped(self, thing, corners, matrix):
+        self._reach = max([self._reach, *((matrix @ Vector(corner)).length for corner in corners)])
+        say_clipped(self._camera, thing.name, corners, matrix, self._notes)
 
     def _place(self, instance, box=None):
         """@param box  corners of the object's texture space; None: there is none"""

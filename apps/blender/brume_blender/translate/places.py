@@ -11,7 +11,7 @@ class Place:
 
     def __init__(self, thing, world, depsgraph=None, box=None, random_id=0):
         self._thing, self._world, self._depsgraph, self._box = thing, np.array(world), depsgraph, box
-        self._random = random_id / 0xFFFFFFFF
+        self._random = (random_id & 0xFFFFFFFF) / 0xFFFFFFFF  # Python has it signed
         self.paths = False  # whether Light Path was asked for
 
     def leaf(self, plug, points):
